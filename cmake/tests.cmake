@@ -1,0 +1,17 @@
+# Every tests/test_*.c is one cmocka program and one CTest entry. Tests may include the library's private headers.
+pkg_check_modules(CMOCKA REQUIRED IMPORTED_TARGET cmocka) # plain C, works under sanitizers
+file(GLOB SG_TESTS CONFIGURE_DEPENDS tests/test_*.c)
+foreach(source ${SG_TESTS})
+    get_filename_component(name ${source} NAME_WE)
+    add_executable(${name} ${source})
+    target_include_directories(${name} PRIVATE src tests)
+    target_link_libraries(${name} PRIVATE splatguard sg_flags PkgConfig::CMOCKA PkgConfig::SPNG PkgConfig::TURBOJPEG
+        PkgConfig::WEBP PkgConfig::JANSSON Threads::Threads m)
+    target_compile_definitions(${name} PRIVATE SG_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
+    add_test(NAME ${name} COMMAND ${name})
+    set_tests_properties(${name} PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 900)
+endforeach()
+file(GLOB SG_TEST_PARTS CONFIGURE_DEPENDS tests/*.cmake)
+foreach(part ${SG_TEST_PARTS})
+    include(${part})
+endforeach()

@@ -1,0 +1,62 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef SPLATGUARD_CONTEXT_H
+#define SPLATGUARD_CONTEXT_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "error.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum sg_log_level { SG_LOG_ERROR, SG_LOG_WARN, SG_LOG_INFO, SG_LOG_DEBUG };
+
+/* What a byte is for. Every allocation of the library carries one of these. */
+enum sg_mem_tag {
+    SG_MEM_MISC,        /* parsers, names, small tables                              */
+    SG_MEM_IMAGES,      /* decoded photos, masks                                     */
+    SG_MEM_MODEL,       /* Gaussian parameters                                       */
+    SG_MEM_OPTIMISER,   /* Adam moments, densification statistics                    */
+    SG_MEM_SPLATS,      /* projected Gaussians of one view and their gradients       */
+    SG_MEM_INSTANCES,   /* tile lists, sort keys, per-instance gradients             */
+    SG_MEM_FRAME,       /* render target, loss gradient, loss scratch                */
+    SG_MEM_TAGS
+};
+
+/* A context owns the thread pool, the memory ledger, the logger and the last error.
+ * Thread safety: one call at a time per context; different contexts are independent. */
+typedef struct sg_ctx sg_ctx;
+
+struct sg_ctx_params {
+    int threads;         /* worker threads, 1..256; 0 = one per online CPU. Default 0. Results do not depend on it. */
+    uint64_t max_memory; /* bytes the ledger may hold at once; 0 = no limit. Default 0. */
+    void (*log)(void *priv, enum sg_log_level level, const char *message); /* NULL = silent. Default NULL. */
+    void *log_priv;
+};
+
+/* params may be NULL for the defaults. On success *out is owned by the caller; free with sg_ctx_destroy. */
+int sg_ctx_create(sg_ctx **out, const struct sg_ctx_params *params);
+
+/* NULL-safe; sets *ctx to NULL. Objects made with the context must be destroyed first. */
+void sg_ctx_destroy(sg_ctx **ctx);
+
+/* Message of the last failed call, "" if none; valid until the next call on this context. */
+const char *sg_last_error(const sg_ctx *ctx);
+
+int sg_ctx_threads(const sg_ctx *ctx);
+
+/* Bytes held now and at most so far under one tag; tag SG_MEM_TAGS asks for the total. */
+uint64_t sg_mem_current(const sg_ctx *ctx, enum sg_mem_tag tag);
+uint64_t sg_mem_peak(const sg_ctx *ctx, enum sg_mem_tag tag);
+const char *sg_mem_tag_name(enum sg_mem_tag tag);
+
+/* "0.1.0" of the library that is linked. */
+const char *sg_version(void);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,45 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef SPLATGUARD_EVAL_H
+#define SPLATGUARD_EVAL_H
+
+#include <stdint.h>
+
+#include "context.h"
+#include "render.h"
+#include "scene.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* PSNR in dB of one joint mean squared error over width x height x 3 bytes; +inf for equal images (reported as 100). */
+double sg_psnr_u8(const uint8_t *a, const uint8_t *b, int width, int height);
+
+/* SSIM (Wang et al. 2004): 11-tap Gaussian window, sigma 1.5, zero padding, mean over channels and pixels.
+ * a, b: height x width x 3 bytes. Scratch goes through ctx. */
+int sg_ssim_u8(sg_ctx *ctx, const uint8_t *a, const uint8_t *b, int width, int height, double *out);
+
+/* Planar float render, clamped to [0,1] and rounded to 8 bits, as the stock evaluation does through PNG files. */
+void sg_quantise(const float *planar, int width, int height, uint8_t *rgb);
+
+struct sg_view_score {
+    double psnr, ssim;
+};
+
+struct sg_eval {
+    size_t views;
+    double psnr, ssim;         /* means over the views */
+    double fps, fps_mean;      /* from the median and the mean frame time; 0 unless timed */
+    struct sg_view_score *per_view; /* views entries; owned by the eval: sg_eval_clear */
+};
+
+/* Renders n views and compares them with their photos. time_fps: after 10 warm-up frames renders all views 3 times. */
+int sg_evaluate(sg_ctx *ctx, sg_renderer *renderer, const struct sg_view *views, size_t n, int time_fps,
+                struct sg_eval *out);
+void sg_eval_clear(sg_ctx *ctx, struct sg_eval *eval);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

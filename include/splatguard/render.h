@@ -1,0 +1,50 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef SPLATGUARD_RENDER_H
+#define SPLATGUARD_RENDER_H
+
+#include <stdbool.h>
+
+#include "camera.h"
+#include "context.h"
+#include "model.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+struct sg_render_params {
+    float background[3];     /* 0..1. Default black. */
+    bool reference_tiles;    /* keep every tile of the 3-sigma square, as the reference. Default false. */
+    uint64_t max_instances;  /* (Gaussian, tile) pairs held at once; more are processed in bands. Default 1 << 24. */
+};
+#define SG_RENDER_DEFAULTS .max_instances = 1u << 24
+#define sg_render_params(...) (&(struct sg_render_params){SG_RENDER_DEFAULTS, __VA_ARGS__})
+
+/* What a view cost. */
+struct sg_render_stats {
+    uint64_t visible;   /* Gaussians that pass the cull */
+    uint64_t instances; /* (Gaussian, tile) pairs */
+    uint64_t pairs;     /* (Gaussian, pixel) pairs evaluated; 0 where the backend does not count */
+    uint64_t max_tile;  /* longest tile list */
+    uint32_t bands;     /* bands the image was processed in */
+};
+
+/* A renderer holds a copy of a model on a backend ("cpu" or "ref"). Thread safety: unsafe. */
+typedef struct sg_renderer sg_renderer;
+
+/* cpu: NULL = best variant this machine has, else "baseline", "avx2", "avx512", "neon".
+ * params may be NULL. The model is copied. */
+int sg_renderer_create(sg_ctx *ctx, const char *backend, const char *cpu, const struct sg_model *model,
+                       const struct sg_render_params *params, sg_renderer **out);
+void sg_renderer_destroy(sg_renderer **renderer);
+
+/* rgb: 3 planes of height x width floats, not clamped; alpha, depth: one plane each or NULL (depth is the
+ * alpha-weighted sum of z in camera space; divide by alpha for the mean). stats may be NULL. */
+int sg_render(sg_renderer *renderer, const struct sg_camera *camera, float *rgb, float *alpha, float *depth,
+              struct sg_render_stats *stats);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,80 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef SPLATGUARD_SCENE_H
+#define SPLATGUARD_SCENE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "camera.h"
+#include "context.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum sg_scene_format {
+    SG_FORMAT_AUTO,       /* recognised by the folder's content */
+    SG_FORMAT_BLENDER,    /* transforms_train.json, transforms_test.json */
+    SG_FORMAT_COLMAP,     /* sparse/0 or sparse, images/ */
+    SG_FORMAT_NERFSTUDIO, /* transforms.json */
+};
+
+struct sg_scene_params {
+    enum sg_scene_format format; /* default SG_FORMAT_AUTO */
+    const char *images;          /* image folder below the scene, COLMAP only; NULL = "images" */
+    int resolution;   /* the reference's -r: 1, 2, 4, 8 divide the size; -1 = at most 1600 wide; other = target width.
+                         Default -1. */
+    double downscale; /* divides the size after the resolution rule, 1..64. Default 1. */
+    bool white_background;  /* RGBA is composited on white instead of black. Default false. */
+    bool eval;              /* hold test views out of training. Default false: every view trains
+                               (Blender: its test file is then not loaded). */
+    int test_every;         /* every N-th view by sorted name is a test view (COLMAP, nerfstudio). Default 8. */
+    bool centred_principal; /* ignore cx, cy as the reference does. Default false. */
+    const char *masks;      /* folder of masks (white = use) with the images' names; NULL = "masks" if present */
+    uint64_t max_pixels;    /* per image. Default 1 << 28. */
+    uint64_t max_images;    /* Default 1 << 16. */
+    uint64_t max_points;    /* Default 1 << 27. */
+};
+
+#define SG_SCENE_DEFAULTS                                                                                    \
+    .format = SG_FORMAT_AUTO, .resolution = -1, .downscale = 1, .test_every = 8, .max_pixels = 1u << 28,     \
+    .max_images = 1u << 16, .max_points = 1u << 27
+#define sg_scene_params(...) (&(struct sg_scene_params){SG_SCENE_DEFAULTS, __VA_ARGS__})
+
+/* One view: a photo, its undistorted pinhole camera and its optional mask. */
+struct sg_view {
+    char *name;              /* base name up to the FIRST dot, as the reference */
+    char *path;              /* file it was decoded from */
+    struct sg_camera camera; /* for the size of rgb */
+    int file_width, file_height; /* size before any downscale, for cameras.json */
+    uint8_t *rgb;            /* height x width x 3, row-major, sRGB bytes as in the file, composited */
+    uint8_t *mask;           /* height x width, 0 = ignored in the loss, 255 = used; NULL = all used */
+};
+
+/* Thread safety: read-only after loading. */
+struct sg_scene {
+    enum sg_scene_format format; /* as recognised */
+    char *path;
+    struct sg_view *train, *test; /* train: name order for COLMAP and nerfstudio, file order for Blender */
+    size_t n_train, n_test;
+    size_t n_points;       /* 0 if the scene has none */
+    float *points;         /* n_points x 3 positions */
+    uint8_t *point_colors; /* n_points x 3 */
+    bool white_background;
+    double center[3];      /* mean of the train camera centres */
+    double extent;         /* 1.1 x largest distance of a train camera centre from their mean */
+};
+
+/* Loads cameras, points and images (decoded in parallel, undistorted, resampled). params may be NULL.
+ * On success the caller owns *out. Errors: SG_ERR_INPUT, SG_ERR_BUDGET. */
+int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *params, struct sg_scene **out);
+void sg_scene_destroy(sg_ctx *ctx, struct sg_scene **scene);
+
+const char *sg_scene_format_name(enum sg_scene_format format);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

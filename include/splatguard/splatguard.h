@@ -1,0 +1,15 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef SPLATGUARD_SPLATGUARD_H
+#define SPLATGUARD_SPLATGUARD_H
+
+#include "camera.h"
+#include "context.h"
+#include "error.h"
+#include "eval.h"
+#include "model.h"
+#include "render.h"
+#include "scene.h"
+#include "synth.h"
+#include "train.h"
+
+#endif

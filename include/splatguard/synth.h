@@ -1,0 +1,31 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef SPLATGUARD_SYNTH_H
+#define SPLATGUARD_SYNTH_H
+
+#include "context.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* The project's own ray-traced scene: exact cameras, surface points, known answers. */
+struct sg_synth_params {
+    int width, height;     /* pixels, 16..4096. Default 400 x 400. */
+    int train_views;       /* 4..4096. Default 60. */
+    int test_views;        /* 1..4096. Default 12. */
+    int points;            /* surface points in the COLMAP layout, 4..10 million. Default 20000. */
+    int samples;           /* anti-aliasing samples per pixel and axis, 1..8. Default 3. */
+    uint64_t seed;         /* Default 0. Same parameters, same bytes. */
+};
+
+#define SG_SYNTH_DEFAULTS .width = 400, .height = 400, .train_views = 60, .test_views = 12, .points = 20000, .samples = 3
+#define sg_synth_params(...) (&(struct sg_synth_params){SG_SYNTH_DEFAULTS, __VA_ARGS__})
+
+/* Writes DIR/blender and DIR/colmap. DIR must not exist or be empty. params may be NULL. */
+int sg_synth_write(sg_ctx *ctx, const char *dir, const struct sg_synth_params *params);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

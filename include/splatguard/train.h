@@ -1,0 +1,101 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef SPLATGUARD_TRAIN_H
+#define SPLATGUARD_TRAIN_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "context.h"
+#include "model.h"
+#include "render.h"
+#include "scene.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Defaults are those of the reference (Kerbl et al. 2023, the 2023 release). */
+struct sg_train_params {
+    int iterations;                /* 1..10 million. Default 30000. */
+    uint64_t seed;                 /* Default 42. */
+    int sh_degree;                 /* 0..3. Default 3. */
+    int sh_interval;               /* iterations between degree raises. Default 1000. */
+    bool white_background;         /* Default false. */
+    bool random_background;        /* a random colour each iteration. Default false. */
+    float lambda_dssim;            /* weight of 1-SSIM, 0..1. Default 0.2. */
+    float position_lr_init;        /* x scene extent. Default 1.6e-4. */
+    float position_lr_final;       /* x scene extent. Default 1.6e-6. */
+    int position_lr_max_steps;     /* Default 30000. */
+    float feature_lr;              /* f_dc; f_rest uses 1/20. Default 0.0025. */
+    float opacity_lr;              /* Default 0.05. */
+    float scaling_lr;              /* Default 0.005. */
+    float rotation_lr;             /* Default 0.001. */
+    float percent_dense;           /* clone below, split above this share of the extent. Default 0.01. */
+    int densification_interval;    /* Default 100. */
+    int densify_from_iter;         /* Default 500. */
+    int densify_until_iter;        /* Default 15000. */
+    float densify_grad_threshold;  /* view-space gradient, NDC. Default 0.0002. */
+    int opacity_reset_interval;    /* Default 3000. */
+    uint64_t init_points;          /* random points when the scene has none. Default 100000. */
+    uint64_t max_gaussians;        /* growth stops there; 0 = no limit. Default 0. */
+    uint64_t max_instances;        /* see sg_render_params. Default 1 << 24. */
+    bool reference_tiles;          /* see sg_render_params. Default false. */
+    const char *backend;           /* "cpu" or "ref". Default "cpu". */
+    const char *cpu;               /* CPU variant; NULL = best. Default NULL. */
+};
+
+#define SG_TRAIN_DEFAULTS                                                                                              \
+    .iterations = 30000, .seed = 42, .sh_degree = 3, .sh_interval = 1000, .lambda_dssim = 0.2f,                        \
+    .position_lr_init = 1.6e-4f, .position_lr_final = 1.6e-6f, .position_lr_max_steps = 30000, .feature_lr = 0.0025f,  \
+    .opacity_lr = 0.05f, .scaling_lr = 0.005f, .rotation_lr = 0.001f, .percent_dense = 0.01f,                          \
+    .densification_interval = 100, .densify_from_iter = 500, .densify_until_iter = 15000,                              \
+    .densify_grad_threshold = 0.0002f, .opacity_reset_interval = 3000, .init_points = 100000,                          \
+    .max_instances = 1u << 24, .backend = "cpu"
+#define sg_train_params(...) (&(struct sg_train_params){SG_TRAIN_DEFAULTS, __VA_ARGS__})
+
+/* What one iteration did. */
+struct sg_train_step {
+    int iteration;        /* 1-based */
+    size_t view;          /* index into scene->train */
+    double loss, l1, ssim, psnr; /* of this view, before the update; psnr on unclamped values */
+    size_t gaussians;     /* after densification */
+    size_t cloned, split, pruned; /* of this iteration's densification, else 0 */
+    struct sg_render_stats render;
+};
+
+/* Seconds spent per stage since creation (wall clock). */
+struct sg_train_times {
+    double project, bin, raster, loss, raster_backward, update, densify;
+};
+
+/* Thread safety: unsafe. The scene must outlive the trainer and is not changed. */
+typedef struct sg_trainer sg_trainer;
+
+/* initial may be NULL: points of the scene, or random ones. It is copied. params may be NULL. */
+int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
+                      const struct sg_train_params *params, sg_trainer **out);
+void sg_trainer_destroy(sg_trainer **trainer);
+
+/* One iteration. step may be NULL. After an error the trainer can still be saved and destroyed. */
+int sg_trainer_step(sg_trainer *trainer, struct sg_train_step *step);
+
+/* Iterations done so far. */
+int sg_trainer_iteration(const sg_trainer *trainer);
+size_t sg_trainer_gaussians(const sg_trainer *trainer);
+void sg_trainer_times(const sg_trainer *trainer, struct sg_train_times *out);
+
+/* "avx512", "ref", ...: what the backend really runs. */
+const char *sg_trainer_variant(const sg_trainer *trainer);
+
+/* A copy of the current model; the caller owns *out. */
+int sg_trainer_model(sg_trainer *trainer, struct sg_model **out);
+
+/* The whole state: a trainer restored from it continues to the very bytes of an uninterrupted run. */
+int sg_trainer_save(sg_trainer *trainer, const char *path);
+int sg_trainer_load(sg_trainer *trainer, const char *path);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

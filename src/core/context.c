@@ -1,0 +1,237 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "internal.h"
+#include "threads.h"
+
+#define ALIGN 64 /* a cache line, and the widest vector */
+
+/* Stands before every allocation of the ledger. */
+struct header {
+    size_t bytes; /* with this header */
+    enum sg_mem_tag tag;
+};
+
+struct counter {
+    atomic_uint_least64_t current, peak;
+};
+
+struct sg_ctx {
+    struct sg_ctx_params params;
+    sg_pool *pool;
+    pthread_mutex_t error_lock;
+    char error[1024];
+    struct counter memory[SG_MEM_TAGS + 1]; /* the last one is the total */
+};
+
+int sg_ctx_create(sg_ctx **out, const struct sg_ctx_params *params)
+{
+    *out = NULL;
+    sg_ctx *ctx = calloc(1, sizeof(*ctx));
+    if (!ctx)
+        return SG_ERR_BUDGET;
+    if (params)
+        ctx->params = *params;
+    int threads = ctx->params.threads;
+    if (threads == 0) {
+        long online = sysconf(_SC_NPROCESSORS_ONLN);
+        threads = online < 1 ? 1 : online > 256 ? 256 : (int) online;
+    }
+    if (threads < 1 || threads > 256 || sg_pool_create(&ctx->pool, threads)) {
+        free(ctx);
+        return threads < 1 || threads > 256 ? SG_ERR_USAGE : SG_ERR_INTERNAL;
+    }
+    pthread_mutex_init(&ctx->error_lock, NULL);
+    *out = ctx;
+    return SG_OK;
+}
+
+void sg_ctx_destroy(sg_ctx **ctx)
+{
+    if (!ctx || !*ctx)
+        return;
+    sg_pool_destroy(&(*ctx)->pool);
+    pthread_mutex_destroy(&(*ctx)->error_lock);
+    free(*ctx);
+    *ctx = NULL;
+}
+
+const char *sg_last_error(const sg_ctx *ctx)
+{
+    return ctx->error;
+}
+
+int sg_fail(sg_ctx *ctx, int code, const char *format, ...)
+{
+    va_list args;
+    va_start(args, format);
+    pthread_mutex_lock(&ctx->error_lock);
+    if (!ctx->error[0])
+        vsnprintf(ctx->error, sizeof(ctx->error), format, args);
+    pthread_mutex_unlock(&ctx->error_lock);
+    va_end(args);
+    return code;
+}
+
+void sg_clear_error(sg_ctx *ctx)
+{
+    pthread_mutex_lock(&ctx->error_lock);
+    ctx->error[0] = 0;
+    pthread_mutex_unlock(&ctx->error_lock);
+}
+
+void sg_log(sg_ctx *ctx, enum sg_log_level level, const char *format, ...)
+{
+    if (!ctx->params.log)
+        return;
+    char text[1024];
+    va_list args;
+    va_start(args, format);
+    vsnprintf(text, sizeof(text), format, args);
+    va_end(args);
+    ctx->params.log(ctx->params.log_priv, level, text);
+}
+
+int sg_ctx_threads(const sg_ctx *ctx)
+{
+    return sg_pool_threads(ctx->pool);
+}
+
+void sg_parallel_for(sg_ctx *ctx, size_t n, void (*fn)(void *, size_t, int), void *arg)
+{
+    sg_pool_run(ctx->pool, n, fn, arg);
+}
+
+const char *sg_version(void)
+{
+    return SG_VERSION;
+}
+
+const char *sg_mem_tag_name(enum sg_mem_tag tag)
+{
+    static const char *names[SG_MEM_TAGS + 1] = {
+        [SG_MEM_MISC] = "misc",     [SG_MEM_IMAGES] = "images",       [SG_MEM_MODEL] = "model",
+        [SG_MEM_OPTIMISER] = "optimiser", [SG_MEM_SPLATS] = "splats", [SG_MEM_INSTANCES] = "instances",
+        [SG_MEM_FRAME] = "frame",   [SG_MEM_TAGS] = "total",
+    };
+    return names[tag];
+}
+
+uint64_t sg_mem_current(const sg_ctx *ctx, enum sg_mem_tag tag)
+{
+    return atomic_load_explicit(&ctx->memory[tag].current, memory_order_relaxed);
+}
+
+uint64_t sg_mem_peak(const sg_ctx *ctx, enum sg_mem_tag tag)
+{
+    return atomic_load_explicit(&ctx->memory[tag].peak, memory_order_relaxed);
+}
+
+static uint64_t charge(struct counter *c, size_t bytes)
+{
+    uint64_t now = atomic_fetch_add_explicit(&c->current, bytes, memory_order_relaxed) + bytes;
+    uint64_t peak = atomic_load_explicit(&c->peak, memory_order_relaxed);
+    while (now > peak &&
+           !atomic_compare_exchange_weak_explicit(&c->peak, &peak, now, memory_order_relaxed, memory_order_relaxed))
+        ;
+    return now;
+}
+
+static void discharge(struct counter *c, size_t bytes)
+{
+    atomic_fetch_sub_explicit(&c->current, bytes, memory_order_relaxed);
+}
+
+void *sg_alloc_raw(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size)
+{
+    size_t bytes;
+    if (__builtin_mul_overflow(count, size, &bytes) || bytes > SIZE_MAX / 2 - 2 * ALIGN) {
+        sg_fail(ctx, SG_ERR_BUDGET, "memory: %zu items of %zu bytes for %s exceed the address space", count, size,
+                sg_mem_tag_name(tag));
+        return NULL;
+    }
+    bytes = (bytes + 2 * ALIGN - 1) / ALIGN * ALIGN;
+    /* Refuse before touching the peak, so that a refusal leaves the ledger as it was. */
+    uint64_t held = sg_mem_current(ctx, SG_MEM_TAGS);
+    struct header *h = NULL;
+    if (!ctx->params.max_memory || held + bytes <= ctx->params.max_memory)
+        h = aligned_alloc(ALIGN, bytes);
+    if (!h) {
+        sg_fail(ctx, SG_ERR_BUDGET, "memory: %zu bytes for %s refused: %llu held, limit %llu", bytes,
+                sg_mem_tag_name(tag), (unsigned long long) held, (unsigned long long) ctx->params.max_memory);
+        return NULL;
+    }
+    *h = (struct header){bytes, tag};
+    charge(&ctx->memory[tag], bytes);
+    charge(&ctx->memory[SG_MEM_TAGS], bytes);
+    return (char *) h + ALIGN;
+}
+
+void *sg_alloc(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size)
+{
+    void *memory = sg_alloc_raw(ctx, tag, count, size);
+    if (memory)
+        memset(memory, 0, count * size);
+    return memory;
+}
+
+void sg_free(sg_ctx *ctx, void *memory)
+{
+    if (!memory)
+        return;
+    struct header *h = (struct header *) ((char *) memory - ALIGN);
+    discharge(&ctx->memory[h->tag], h->bytes);
+    discharge(&ctx->memory[SG_MEM_TAGS], h->bytes);
+    free(h);
+}
+
+int sg_grow(sg_ctx *ctx, enum sg_mem_tag tag, void *array, size_t *capacity, size_t need, size_t keep, size_t size)
+{
+    if (need <= *capacity)
+        return SG_OK;
+    void *old;
+    memcpy(&old, array, sizeof(old));
+    size_t grown = *capacity + *capacity / 2;
+    if (grown < need)
+        grown = need;
+    if (!keep) { /* free first: the peak is then the larger of the two, not their sum */
+        sg_free(ctx, old);
+        old = NULL;
+        memcpy(array, &old, sizeof(old));
+        *capacity = 0;
+    }
+    void *fresh = sg_alloc_raw(ctx, tag, grown, size);
+    if (!fresh)
+        return SG_ERR_BUDGET;
+    if (keep)
+        memcpy(fresh, old, keep * size);
+    sg_free(ctx, old);
+    memcpy(array, &fresh, sizeof(fresh));
+    *capacity = grown;
+    return SG_OK;
+}
+
+char *sg_strf(sg_ctx *ctx, const char *format, ...)
+{
+    va_list args;
+    va_start(args, format);
+    int n = vsnprintf(NULL, 0, format, args);
+    va_end(args);
+    char *text = n < 0 ? NULL : sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) n + 1, 1);
+    if (!text)
+        return NULL;
+    va_start(args, format);
+    vsnprintf(text, (size_t) n + 1, format, args);
+    va_end(args);
+    return text;
+}
+
+char *sg_strdup(sg_ctx *ctx, const char *text)
+{
+    return sg_strf(ctx, "%s", text);
+}

@@ -1,0 +1,141 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "file.h"
+
+#include <errno.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+int sg_file_create(sg_ctx *ctx, struct sg_file_writer *w, const char *path)
+{
+    *w = (struct sg_file_writer){0};
+    w->path = sg_strdup(ctx, path);
+    w->temporary = sg_strf(ctx, "%s.tmp%ld", path, (long) getpid());
+    if (!w->path || !w->temporary) {
+        sg_file_abandon(ctx, w);
+        return SG_ERR_BUDGET;
+    }
+    w->stream = fopen(w->temporary, "wb");
+    if (!w->stream) {
+        int code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write: %s", path, strerror(errno));
+        sg_free(ctx, w->temporary); /* nothing of ours to remove */
+        w->temporary = NULL;
+        sg_file_abandon(ctx, w);
+        return code;
+    }
+    return SG_OK;
+}
+
+int sg_file_commit(sg_ctx *ctx, struct sg_file_writer *w)
+{
+    int failed = ferror(w->stream) | fflush(w->stream);
+    failed |= fsync(fileno(w->stream));
+    failed |= fclose(w->stream);
+    w->stream = NULL;
+    if (!failed)
+        failed = rename(w->temporary, w->path);
+    int code = SG_OK;
+    if (failed)
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write: %s", w->path, strerror(errno ? errno : EIO));
+    else {
+        sg_free(ctx, w->temporary);
+        w->temporary = NULL;
+    }
+    sg_file_abandon(ctx, w);
+    return code;
+}
+
+void sg_file_abandon(sg_ctx *ctx, struct sg_file_writer *w)
+{
+    if (w->stream)
+        fclose(w->stream);
+    if (w->temporary)
+        unlink(w->temporary);
+    sg_free(ctx, w->temporary);
+    sg_free(ctx, w->path);
+    *w = (struct sg_file_writer){0};
+}
+
+int sg_file_write(sg_ctx *ctx, const char *path, const void *data, size_t size)
+{
+    struct sg_file_writer w;
+    int code = sg_file_create(ctx, &w, path);
+    if (code)
+        return code;
+    fwrite(data, 1, size, w.stream);
+    return sg_file_commit(ctx, &w);
+}
+
+int sg_file_read(sg_ctx *ctx, const char *path, uint64_t max_bytes, char **data, size_t *size)
+{
+    int code = SG_OK;
+    *data = NULL;
+    FILE *f = fopen(path, "rb");
+    struct stat st;
+    if (!f || fstat(fileno(f), &st)) {
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read: %s", path, strerror(errno));
+        goto done;
+    }
+    if (!S_ISREG(st.st_mode)) {
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found a folder or device, expected a file", path);
+        goto done;
+    }
+    if ((uint64_t) st.st_size > max_bytes) {
+        code = sg_fail(ctx, SG_ERR_BUDGET, "%s: found %lld bytes, the limit is %llu", path, (long long) st.st_size,
+                       (unsigned long long) max_bytes);
+        goto done;
+    }
+    *data = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) st.st_size + 1, 1);
+    if (!*data) {
+        code = SG_ERR_BUDGET;
+        goto done;
+    }
+    *size = fread(*data, 1, (size_t) st.st_size, f);
+    if (*size != (size_t) st.st_size) {
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found %zu bytes, expected %lld: cannot read on", path, *size,
+                       (long long) st.st_size);
+        sg_free(ctx, *data);
+        *data = NULL;
+        goto done;
+    }
+    (*data)[*size] = 0;
+done:
+    if (f)
+        fclose(f);
+    return code;
+}
+
+bool sg_file_exists(const char *path)
+{
+    struct stat st;
+    return !stat(path, &st) && S_ISREG(st.st_mode);
+}
+
+bool sg_dir_exists(const char *path)
+{
+    struct stat st;
+    return !stat(path, &st) && S_ISDIR(st.st_mode);
+}
+
+int sg_dir_create(sg_ctx *ctx, const char *path)
+{
+    char *copy = sg_strdup(ctx, path);
+    if (!copy)
+        return SG_ERR_BUDGET;
+    int code = SG_OK;
+    for (char *p = copy + 1;; p++) {
+        if (*p && *p != '/')
+            continue;
+        char kept = *p;
+        *p = 0;
+        if (mkdir(copy, 0777) && !(errno == EEXIST && sg_dir_exists(copy))) {
+            code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot create the folder: %s", copy, strerror(errno));
+            break;
+        }
+        *p = kept;
+        if (!kept)
+            break;
+    }
+    sg_free(ctx, copy);
+    return code;
+}

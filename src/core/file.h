@@ -1,0 +1,30 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Files that appear whole, and files that are read with a limit. */
+#ifndef SG_CORE_FILE_H
+#define SG_CORE_FILE_H
+
+#include <stdbool.h>
+#include <stdio.h>
+
+#include "internal.h"
+
+/* Writes go to a temporary name beside the target; commit syncs and renames, abandon removes. */
+struct sg_file_writer {
+    FILE *stream;
+    char *path, *temporary;
+};
+int sg_file_create(sg_ctx *ctx, struct sg_file_writer *w, const char *path);
+/* Checks every earlier write of the stream: one place to report a full disk. */
+int sg_file_commit(sg_ctx *ctx, struct sg_file_writer *w);
+void sg_file_abandon(sg_ctx *ctx, struct sg_file_writer *w); /* safe after commit, and on a zeroed writer */
+
+/* Whole file into memory with a zero byte after it. Larger than max_bytes: SG_ERR_BUDGET. Free with sg_free. */
+int sg_file_read(sg_ctx *ctx, const char *path, uint64_t max_bytes, char **data, size_t *size);
+int sg_file_write(sg_ctx *ctx, const char *path, const void *data, size_t size);
+
+bool sg_file_exists(const char *path);
+bool sg_dir_exists(const char *path);
+/* mkdir -p */
+int sg_dir_create(sg_ctx *ctx, const char *path);
+
+#endif

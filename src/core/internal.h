@@ -1,0 +1,33 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The library's private services, all reached through a context: errors, log, tagged memory, threads. */
+#ifndef SG_CORE_INTERNAL_H
+#define SG_CORE_INTERNAL_H
+
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "splatguard/context.h"
+
+/* Records the message and returns code. Safe from worker threads: the first failure since the last sg_clear_error wins. */
+__attribute__((format(printf, 3, 4))) int sg_fail(sg_ctx *ctx, int code, const char *format, ...);
+void sg_clear_error(sg_ctx *ctx);
+
+__attribute__((format(printf, 3, 4))) void sg_log(sg_ctx *ctx, enum sg_log_level level, const char *format, ...);
+
+/* 64-byte aligned, zeroed. NULL after recording SG_ERR_BUDGET, on overflow of count x size too. Thread safe. */
+void *sg_alloc(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size);
+/* Same, contents undefined. */
+void *sg_alloc_raw(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size);
+/* Grows *array (may point to NULL) to hold at least `need` items, keeping the first `keep`; amortised. */
+int sg_grow(sg_ctx *ctx, enum sg_mem_tag tag, void *array, size_t *capacity, size_t need, size_t keep, size_t size);
+void sg_free(sg_ctx *ctx, void *memory); /* NULL-safe, thread safe */
+char *sg_strdup(sg_ctx *ctx, const char *text);
+__attribute__((format(printf, 2, 3))) char *sg_strf(sg_ctx *ctx, const char *format, ...);
+
+/* Calls fn(arg, i, thread) for every i in 0..n-1, each once, on the pool and the calling thread; returns when all are
+ * done. Items are handed out in rising order. thread is 0..threads-1: use it for scratch, never for results. */
+void sg_parallel_for(sg_ctx *ctx, size_t n, void (*fn)(void *arg, size_t i, int thread), void *arg);
+
+#endif
