@@ -1,0 +1,47 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "backend.h"
+
+#include <string.h>
+
+int sg_backend_create(sg_ctx *ctx, const char *name, const char *cpu, struct sg_backend **out)
+{
+    *out = NULL;
+    if (!strcmp(name, "cpu"))
+        return sg_backend_create_cpu(ctx, cpu, out);
+    if (!strcmp(name, "ref"))
+        return sg_backend_create_ref(ctx, out);
+    return sg_fail(ctx, SG_ERR_USAGE, "backend: found \"%s\", expected cpu or ref", name);
+}
+
+void sg_backend_destroy(struct sg_backend **backend)
+{
+    if (backend && *backend)
+        (*backend)->ops->destroy(*backend);
+    if (backend)
+        *backend = NULL;
+}
+
+int sg_optimiser_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_optimiser *o)
+{
+    const size_t capacity = (count + SG_LANES - 1) / SG_LANES * SG_LANES, planes = (size_t) sg_param_count(sh_degree);
+    *o = (struct sg_optimiser){.capacity = capacity};
+    o->m = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, planes * sizeof(float));
+    o->v = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, planes * sizeof(float));
+    o->grad_sum = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
+    o->grad_count = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
+    o->max_radius = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
+    if (o->m && o->v && o->grad_sum && o->grad_count && o->max_radius)
+        return SG_OK;
+    sg_optimiser_clear(ctx, o);
+    return SG_ERR_BUDGET;
+}
+
+void sg_optimiser_clear(sg_ctx *ctx, struct sg_optimiser *o)
+{
+    sg_free(ctx, o->m);
+    sg_free(ctx, o->v);
+    sg_free(ctx, o->grad_sum);
+    sg_free(ctx, o->grad_count);
+    sg_free(ctx, o->max_radius);
+    *o = (struct sg_optimiser){0};
+}

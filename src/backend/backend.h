@@ -1,0 +1,134 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The seam between what training does and where it is computed. A backend holds the model, its optimiser state and the
+ * buffers of one view; host memory crosses only where a function says so. Inputs are validated by the callers.
+ *
+ * One view goes project -> rasterize -> loss -> rasterize_backward -> update; each stage uses what the one before left. */
+#ifndef SG_BACKEND_H
+#define SG_BACKEND_H
+
+#include "core/internal.h"
+#include "splatguard/camera.h"
+#include "splatguard/model.h"
+#include "splatguard/render.h"
+#include "splatguard/train.h"
+
+/* Host copy of what training knows beside the parameters. All arrays belong to it; see sg_optimiser_create. */
+struct sg_optimiser {
+    size_t capacity;
+    float *m, *v;       /* Adam moments, laid out as sg_model.params */
+    float *grad_sum;    /* per Gaussian: sum of view-space gradient norms (NDC) */
+    float *grad_count;  /* views it was visible in */
+    float *max_radius;  /* largest screen radius, pixels */
+};
+int sg_optimiser_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_optimiser *out);
+void sg_optimiser_clear(sg_ctx *ctx, struct sg_optimiser *optimiser);
+
+enum sg_group { SG_G_XYZ, SG_G_OPACITY, SG_G_SCALE, SG_G_ROT, SG_G_DC, SG_G_REST, SG_GROUPS };
+
+/* One Adam step per group: p -= rate m / (sqrt(v) root + eps), rate = lr / (1 - beta1^t), root = 1 / sqrt(1 - beta2^t).
+ * A group with rate 0 keeps its parameters and its moments. */
+struct sg_update {
+    bool adam;        /* false: no group moves */
+    float rate[SG_GROUPS], root[SG_GROUPS];
+    bool statistics;  /* add this view to grad_sum, grad_count and max_radius */
+};
+
+struct sg_loss_params {
+    float lambda_dssim;
+    const uint8_t *target; /* host, height x width x 3 */
+    const uint8_t *mask;   /* host, height x width, or NULL */
+};
+
+struct sg_loss_value {
+    double l1, ssim; /* means over all values; masked-out pixels count as equal */
+    double mse;      /* on unclamped values */
+    double total;    /* (1 - lambda) l1 + lambda (1 - ssim) */
+};
+
+enum sg_edit_kind { SG_EDIT_COPY, SG_EDIT_CHILD };
+
+/* A change of the set of Gaussians: survivors keep their order, then the appended ones follow in theirs. */
+struct sg_edit {
+    const uint8_t *keep;         /* one byte per present Gaussian */
+    size_t kept;                 /* number of non-zero bytes */
+    size_t appended;
+    const uint32_t *source;      /* appended entries: index before the edit */
+    const uint8_t *kind;         /* enum sg_edit_kind */
+    uint64_t seed, stream;       /* of the children's positions: normal (seed, SG_RNG_SPLIT, stream, 3 entry + axis) */
+};
+
+struct sg_backend {
+    const struct sg_backend_ops *ops;
+    sg_ctx *ctx;
+    struct sg_train_times times; /* wall seconds per stage, summed */
+};
+
+struct sg_backend_ops {
+    const char *name;
+    void (*destroy)(struct sg_backend *);
+    const char *(*variant)(const struct sg_backend *);
+
+    /* Host to device and back. optimiser may be NULL: zeros on upload, left out on download. Downloads expect objects of
+     * the present count and SH degree. */
+    int (*upload)(struct sg_backend *, const struct sg_model *, const struct sg_optimiser *);
+    int (*download)(struct sg_backend *, struct sg_model *, struct sg_optimiser *);
+    size_t (*count)(const struct sg_backend *);
+
+    /* Projects every Gaussian; colours of SH degree sh_degree. */
+    int (*project)(struct sg_backend *, const struct sg_camera *, int sh_degree, const struct sg_render_params *);
+    /* Tile lists and image. auxiliary: alpha and depth too. */
+    int (*rasterize)(struct sg_backend *, bool auxiliary, struct sg_render_stats *);
+    /* Device to host: 3 planes, 1 plane, 1 plane; alpha and depth may be NULL. */
+    int (*read_image)(struct sg_backend *, float *rgb, float *alpha, float *depth);
+
+    /* Photometric loss of the image and dL/dimage. */
+    int (*loss)(struct sg_backend *, const struct sg_loss_params *, struct sg_loss_value *);
+    /* Host to device: replaces dL/dimage (3 planes). */
+    int (*write_image_gradient)(struct sg_backend *, const float *gradient);
+    /* dL/dimage to gradients of the splats. */
+    int (*rasterize_backward)(struct sg_backend *);
+    /* Gradients of the splats to parameters, fused with Adam: parameter gradients are never stored. */
+    int (*update)(struct sg_backend *, const struct sg_update *);
+    /* Device to host: dL/d parameters of the last view, in a model-shaped object. For tests and sensitivities. */
+    int (*read_gradients)(struct sg_backend *, struct sg_model *);
+
+    /* Device to host for densification: mean view-space gradient, opacity (activated), largest scale (activated), max
+     * radius; any may be NULL, `count` values each. */
+    int (*read_statistics)(struct sg_backend *, float *gradient, float *opacity, float *scale, float *radius);
+    /* Applies the edit to parameters and moments (appended: zero) and clears the statistics. */
+    int (*edit)(struct sg_backend *, const struct sg_edit *);
+    /* opacity = min(opacity, limit); zeroes the opacity moments. */
+    int (*reset_opacity)(struct sg_backend *, float limit);
+};
+
+/* name: "cpu" or "ref"; cpu: variant or NULL. Unknown or unsupported: SG_ERR_USAGE. */
+int sg_backend_create(sg_ctx *ctx, const char *name, const char *cpu, struct sg_backend **out);
+void sg_backend_destroy(struct sg_backend **backend);
+
+int sg_backend_create_cpu(sg_ctx *ctx, const char *cpu, struct sg_backend **out);
+int sg_backend_create_ref(sg_ctx *ctx, struct sg_backend **out);
+
+/* Screen radius in whole pixels and the reference's tile rectangle [x0, x1) x [y0, y1) of it. Integer-exact on every
+ * backend. False: the rectangle is empty. */
+struct sg_tile_rect {
+    int x0, y0, x1, y1;
+};
+static inline bool sg_tile_rect(float x, float y, float sigma, int grid_x, int grid_y, int *radius,
+                                struct sg_tile_rect *r)
+{
+    float rad = 3.0f * sigma;
+    rad = rad < 1e6f ? rad : 1e6f;
+    *radius = (int) rad + ((float) (int) rad < rad);
+    /* Clamped before the conversion: an int cannot hold every float. Truncation toward zero as in the reference. */
+    const float px = x < -1e8f ? -1e8f : x > 1e8f ? 1e8f : x, py = y < -1e8f ? -1e8f : y > 1e8f ? 1e8f : y;
+    const float fr = (float) *radius;
+#define SG_CLAMP_TILE(v, n) ((v) < 0 ? 0 : (v) > (n) ? (n) : (v))
+    r->x0 = SG_CLAMP_TILE((int) ((px - fr) / 16.0f), grid_x);
+    r->x1 = SG_CLAMP_TILE((int) ((px + fr + 15.0f) / 16.0f), grid_x);
+    r->y0 = SG_CLAMP_TILE((int) ((py - fr) / 16.0f), grid_y);
+    r->y1 = SG_CLAMP_TILE((int) ((py + fr + 15.0f) / 16.0f), grid_y);
+#undef SG_CLAMP_TILE
+    return r->x0 < r->x1 && r->y0 < r->y1;
+}
+
+#endif

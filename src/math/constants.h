@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The numbers of 3D Gaussian Splatting (Kerbl et al. 2023 and its released code), in one place. */
+#ifndef SG_MATH_CONSTANTS_H
+#define SG_MATH_CONSTANTS_H
+
+#define SG_TILE 16                  /* pixels a side */
+#define SG_ALPHA_MIN (1.0f / 255.0f) /* below it a pair is skipped */
+#define SG_ALPHA_MAX 0.99f
+#define SG_T_MIN 1e-4f              /* transmittance at which a pixel stops */
+#define SG_Z_MIN 0.2f               /* cull in front of it */
+#define SG_BLUR 0.3f                /* added to the diagonal of the 2D covariance, pixels squared */
+#define SG_GUARD 1.3f               /* tangent clamp, in half fields of view */
+
+#define SG_ADAM_BETA1 0.9f
+#define SG_ADAM_BETA2 0.999f
+#define SG_ADAM_EPS 1e-15f
+
+#define SG_PRUNE_OPACITY 0.005f
+#define SG_RESET_OPACITY 0.01f
+#define SG_SPLIT_CHILDREN 2
+#define SG_SPLIT_SHRINK 1.6f        /* 0.8 x children */
+#define SG_PRUNE_EXTENT 0.1f        /* largest scale kept after the first reset, in scene extents */
+
+#define SG_SH_C0 0.28209479177387814f
+
+#endif
