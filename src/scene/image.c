@@ -1,0 +1,228 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "scene/image.h"
+
+#include <spng.h>
+#include <string.h>
+#include <turbojpeg.h>
+#include <webp/decode.h>
+
+#include "core/file.h"
+
+/* Ancillary chunks (profiles, text) are of no use here; these bounds stop them from costing memory. */
+#define PNG_CHUNK_BYTES (16u << 20)
+#define PNG_CACHE_BYTES (32u << 20)
+
+static int allocate(sg_ctx *ctx, const char *name, uint64_t width, uint64_t height, int channels, uint64_t max_pixels,
+                    struct sg_image *out)
+{
+    if (width < 1 || height < 1 || width > SG_IMAGE_SIDE_MAX || height > SG_IMAGE_SIDE_MAX)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: image header: found %llu x %llu pixels, expected sides of 1..%d", name,
+                       (unsigned long long) width, (unsigned long long) height, SG_IMAGE_SIDE_MAX);
+    if (width * height > max_pixels)
+        return sg_fail(ctx, SG_ERR_BUDGET, "%s: image header: found %llu x %llu pixels, the limit is %llu pixels", name,
+                       (unsigned long long) width, (unsigned long long) height, (unsigned long long) max_pixels);
+    out->pixels = sg_alloc_raw(ctx, SG_MEM_IMAGES, (size_t) (width * height), (size_t) channels);
+    if (!out->pixels)
+        return SG_ERR_BUDGET;
+    out->width = (int) width;
+    out->height = (int) height;
+    out->channels = channels;
+    return SG_OK;
+}
+
+static int decode_png(sg_ctx *ctx, const char *name, const void *data, size_t size, uint64_t max_pixels,
+                      struct sg_image *out)
+{
+    int code = SG_OK, failed;
+    uint8_t *wide = NULL;
+    spng_ctx *png = spng_ctx_new(0);
+    if (!png)
+        return sg_fail(ctx, SG_ERR_BUDGET, "%s: no memory for the PNG decoder", name);
+    struct spng_ihdr ihdr;
+    struct spng_trns trns;
+    failed = spng_set_image_limits(png, SG_IMAGE_SIDE_MAX, SG_IMAGE_SIDE_MAX);
+    if (!failed)
+        failed = spng_set_chunk_limits(png, PNG_CHUNK_BYTES, PNG_CACHE_BYTES);
+    if (!failed)
+        failed = spng_set_png_buffer(png, data, size);
+    if (!failed)
+        failed = spng_get_ihdr(png, &ihdr);
+    if (failed)
+        goto bad;
+    bool grey = ihdr.color_type == SPNG_COLOR_TYPE_GRAYSCALE;
+    bool alpha = ihdr.color_type == SPNG_COLOR_TYPE_GRAYSCALE_ALPHA ||
+                 ihdr.color_type == SPNG_COLOR_TYPE_TRUECOLOR_ALPHA || !spng_get_trns(png, &trns);
+    code = allocate(ctx, name, ihdr.width, ihdr.height, alpha ? 4 : grey ? 1 : 3, max_pixels, out);
+    if (code)
+        goto done;
+    size_t pixels = (size_t) ihdr.width * ihdr.height;
+    if (grey && !alpha && ihdr.bit_depth == 16) { /* the library has no 16 to 8 bit path for grey alone */
+        wide = sg_alloc_raw(ctx, SG_MEM_IMAGES, pixels, 2);
+        if (!wide) {
+            code = SG_ERR_BUDGET;
+            goto done;
+        }
+        failed = spng_decode_image(png, wide, pixels * 2, SPNG_FMT_RAW, 0); /* big endian */
+        for (size_t i = 0; i < pixels && !failed; i++)
+            out->pixels[i] = wide[2 * i];
+    } else {
+        int format = alpha ? SPNG_FMT_RGBA8 : grey ? SPNG_FMT_G8 : SPNG_FMT_RGB8;
+        failed = spng_decode_image(png, out->pixels, pixels * (size_t) out->channels, format, SPNG_DECODE_TRNS);
+    }
+    if (!failed)
+        goto done;
+bad:
+    code = sg_fail(ctx, SG_ERR_INPUT, "%s: PNG data: %s", name, spng_strerror(failed));
+done:
+    sg_free(ctx, wide);
+    spng_ctx_free(png);
+    return code;
+}
+
+static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t size, uint64_t max_pixels,
+                       struct sg_image *out)
+{
+    int code = SG_OK, width, height, subsampling, space;
+    tjhandle jpeg = tjInitDecompress();
+    if (!jpeg)
+        return sg_fail(ctx, SG_ERR_BUDGET, "%s: no memory for the JPEG decoder", name);
+    if (tjDecompressHeader3(jpeg, data, size, &width, &height, &subsampling, &space) &&
+        tjGetErrorCode(jpeg) == TJERR_FATAL) {
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG header: %s", name, tjGetErrorStr2(jpeg));
+        goto done;
+    }
+    if (space != TJCS_RGB && space != TJCS_YCbCr && space != TJCS_GRAY) {
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG header: found CMYK colours, expected RGB or grey", name);
+        goto done;
+    }
+    bool grey = space == TJCS_GRAY;
+    code = allocate(ctx, name, (uint64_t) width, (uint64_t) height, grey ? 1 : 3, max_pixels, out);
+    if (code)
+        goto done;
+    /* Few scans: a progressive file may else spend minutes on one photo. */
+    if (tjDecompress2(jpeg, data, size, out->pixels, width, 0, height, grey ? TJPF_GRAY : TJPF_RGB,
+                      TJFLAG_ACCURATEDCT | TJFLAG_LIMITSCANS)) {
+        const char *what = tjGetErrorStr2(jpeg);
+        /* Some cameras pad before the end marker; every other complaint means damaged or missing pixels. */
+        if (tjGetErrorCode(jpeg) == TJERR_WARNING && strstr(what, "extraneous bytes"))
+            sg_log(ctx, SG_LOG_WARN, "%s: %s", name, what);
+        else
+            code = sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG data: %s", name, what);
+    }
+done:
+    tjDestroy(jpeg);
+    return code;
+}
+
+static int decode_webp(sg_ctx *ctx, const char *name, const void *data, size_t size, uint64_t max_pixels,
+                       struct sg_image *out)
+{
+    WebPBitstreamFeatures info;
+    if (WebPGetFeatures(data, size, &info) != VP8_STATUS_OK)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: WebP header: damaged or cut short", name);
+    if (info.has_animation)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: WebP header: found an animation, expected one picture", name);
+    int code =
+        allocate(ctx, name, (uint64_t) info.width, (uint64_t) info.height, info.has_alpha ? 4 : 3, max_pixels, out);
+    if (code)
+        return code;
+    int stride = out->width * out->channels;
+    size_t bytes = (size_t) stride * (size_t) out->height;
+    const uint8_t *done = info.has_alpha ? WebPDecodeRGBAInto(data, size, out->pixels, bytes, stride)
+                                         : WebPDecodeRGBInto(data, size, out->pixels, bytes, stride);
+    return done ? SG_OK : sg_fail(ctx, SG_ERR_INPUT, "%s: WebP data: damaged or cut short", name);
+}
+
+int sg_image_decode(sg_ctx *ctx, const char *name, const void *data, size_t size, uint64_t max_pixels,
+                    struct sg_image *out)
+{
+    static const uint8_t png[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
+    const uint8_t *head = data;
+    int code;
+    *out = (struct sg_image){0};
+    if (size >= 8 && !memcmp(head, png, 8))
+        code = decode_png(ctx, name, data, size, max_pixels, out);
+    else if (size >= 3 && head[0] == 0xff && head[1] == 0xd8 && head[2] == 0xff)
+        code = decode_jpeg(ctx, name, data, size, max_pixels, out);
+    else if (size >= 12 && !memcmp(head, "RIFF", 4) && !memcmp(head + 8, "WEBP", 4))
+        code = decode_webp(ctx, name, data, size, max_pixels, out);
+    else
+        code = sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: first bytes: found no known signature, expected a PNG, JPEG or WebP image", name);
+    if (code)
+        sg_image_clear(ctx, out);
+    return code;
+}
+
+int sg_image_read(sg_ctx *ctx, const char *path, uint64_t max_pixels, struct sg_image *out)
+{
+    char *data;
+    size_t size;
+    *out = (struct sg_image){0};
+    /* An uncompressed 16-bit RGBA file is 8 bytes a pixel; the rest is for metadata. */
+    uint64_t limit = max_pixels > UINT64_MAX / 16 ? UINT64_MAX : max_pixels * 8 + (64u << 20);
+    int code = sg_file_read(ctx, path, limit, &data, &size);
+    if (code)
+        return code;
+    code = sg_image_decode(ctx, path, data, size, max_pixels, out);
+    sg_free(ctx, data);
+    return code;
+}
+
+int sg_image_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, int width, int height, int channels)
+{
+    if (width < 1 || height < 1 || (channels != 1 && channels != 3 && channels != 4))
+        return sg_fail(ctx, SG_ERR_USAGE, "%s: cannot write a PNG of %d x %d pixels with %d channels", path, width,
+                       height, channels);
+    struct sg_file_writer w;
+    int code = sg_file_create(ctx, &w, path);
+    if (code)
+        return code;
+    struct spng_ihdr ihdr = {.width = (uint32_t) width, .height = (uint32_t) height, .bit_depth = 8};
+    ihdr.color_type = channels == 1   ? SPNG_COLOR_TYPE_GRAYSCALE
+                      : channels == 3 ? SPNG_COLOR_TYPE_TRUECOLOR
+                                      : SPNG_COLOR_TYPE_TRUECOLOR_ALPHA;
+    int failed = SPNG_EMEM;
+    spng_ctx *png = spng_ctx_new(SPNG_CTX_ENCODER);
+    if (png)
+        failed = spng_set_png_file(png, w.stream);
+    if (!failed)
+        failed = spng_set_ihdr(png, &ihdr);
+    if (!failed)
+        failed = spng_encode_image(png, pixels, (size_t) width * (size_t) height * (size_t) channels, SPNG_FMT_PNG,
+                                   SPNG_ENCODE_FINALIZE);
+    spng_ctx_free(png);
+    if (failed) {
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write the PNG: %s", path, spng_strerror(failed));
+        sg_file_abandon(ctx, &w);
+        return code;
+    }
+    return sg_file_commit(ctx, &w);
+}
+
+void sg_image_clear(sg_ctx *ctx, struct sg_image *image)
+{
+    sg_free(ctx, image->pixels);
+    *image = (struct sg_image){0};
+}
+
+void sg_image_flatten(const struct sg_image *image, bool white, uint8_t *rgb)
+{
+    size_t pixels = (size_t) image->width * (size_t) image->height;
+    const uint8_t *p = image->pixels;
+    if (image->channels == 3) {
+        memcpy(rgb, p, pixels * 3);
+        return;
+    }
+    if (image->channels == 1) {
+        for (size_t i = 0; i < pixels; i++)
+            rgb[3 * i] = rgb[3 * i + 1] = rgb[3 * i + 2] = p[i];
+        return;
+    }
+    double background = white ? 1 : 0;
+    for (size_t i = 0; i < pixels; i++, p += 4) {
+        double a = p[3] / 255.0;
+        for (int c = 0; c < 3; c++)
+            rgb[3 * i + (size_t) c] = (uint8_t) (255.0 * (p[c] / 255.0 * a + background * (1 - a)));
+    }
+}

@@ -1,0 +1,39 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Photos in, pictures out: PNG, JPEG and WebP files as 8-bit pixels. */
+#ifndef SG_SCENE_IMAGE_H
+#define SG_SCENE_IMAGE_H
+
+#include "core/internal.h"
+
+#define SG_IMAGE_SIDE_MAX 65535 /* pixels; what a JPEG can hold */
+
+/* 8-bit pixels, row-major, interleaved; channels: 1 grey, 3 RGB, 4 RGBA (not premultiplied). */
+struct sg_image {
+    int width, height, channels;
+    uint8_t *pixels;
+};
+
+/* The format is recognised by content, never by extension. 16-bit samples keep their high byte, palettes are looked up,
+ * grey with alpha becomes RGBA. More than max_pixels pixels: SG_ERR_BUDGET, before anything is allocated for them.
+ * Safe from worker threads. The caller owns out->pixels: sg_image_clear. */
+int sg_image_read(sg_ctx *ctx, const char *path, uint64_t max_pixels, struct sg_image *out);
+
+/* Same from memory; name stands for the file in messages. */
+int sg_image_decode(sg_ctx *ctx, const char *name, const void *data, size_t size, uint64_t max_pixels,
+                    struct sg_image *out);
+
+/* 8-bit PNG of 1, 3 or 4 channels. The file appears whole or not at all. */
+int sg_image_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, int width, int height, int channels);
+
+void sg_image_clear(sg_ctx *ctx, struct sg_image *image); /* safe on a zeroed image */
+
+/* RGB of any image: grey is repeated, alpha is composited on white or black in double precision and truncated, as the
+ * reference does for RGBA renders (at alpha 255 this is exact). rgb: height x width x 3. */
+void sg_image_flatten(const struct sg_image *image, bool white, uint8_t *rgb);
+
+/* Antialiased bicubic resampling (Keys 1981, a = -0.5; the support widens when shrinking), rows then columns, rounded
+ * to 8 bits after each pass: what Pillow does. dst: dst_height x dst_width x channels. */
+int sg_resample(sg_ctx *ctx, const uint8_t *src, int width, int height, int channels, uint8_t *dst, int dst_width,
+                int dst_height);
+
+#endif
