@@ -99,16 +99,16 @@ static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t s
     code = allocate(ctx, name, (uint64_t) width, (uint64_t) height, grey ? 1 : 3, max_pixels, out);
     if (code)
         goto done;
-    /* Few scans: a progressive file may else spend minutes on one photo. */
-    if (tjDecompress2(jpeg, data, size, out->pixels, width, 0, height, grey ? TJPF_GRAY : TJPF_RGB,
-                      TJFLAG_ACCURATEDCT | TJFLAG_LIMITSCANS)) {
-        const char *what = tjGetErrorStr2(jpeg);
-        /* Some cameras pad before the end marker; every other complaint means damaged or missing pixels. */
-        if (tjGetErrorCode(jpeg) == TJERR_WARNING && strstr(what, "extraneous bytes"))
-            sg_log(ctx, SG_LOG_WARN, "%s: %s", name, what);
-        else
-            code = sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG data: %s", name, what);
+    /* Few scans: a progressive file may else spend minutes on one photo. Some cameras pad before the end marker; every
+     * other complaint means damaged or missing pixels, and the first one shows which it is. */
+    int format = grey ? TJPF_GRAY : TJPF_RGB, flags = TJFLAG_ACCURATEDCT | TJFLAG_LIMITSCANS;
+    int failed = tjDecompress2(jpeg, data, size, out->pixels, width, 0, height, format, flags | TJFLAG_STOPONWARNING);
+    if (failed && tjGetErrorCode(jpeg) == TJERR_WARNING && strstr(tjGetErrorStr2(jpeg), "extraneous bytes")) {
+        failed = tjDecompress2(jpeg, data, size, out->pixels, width, 0, height, format, flags);
+        failed = failed && !strstr(tjGetErrorStr2(jpeg), "extraneous bytes");
     }
+    if (failed)
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG data: %s", name, tjGetErrorStr2(jpeg));
 done:
     tjDestroy(jpeg);
     return code;

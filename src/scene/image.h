@@ -31,8 +31,8 @@ void sg_image_clear(sg_ctx *ctx, struct sg_image *image); /* safe on a zeroed im
  * reference does for RGBA renders (at alpha 255 this is exact). rgb: height x width x 3. */
 void sg_image_flatten(const struct sg_image *image, bool white, uint8_t *rgb);
 
-/* Antialiased bicubic resampling (Keys 1981, a = -0.5; the support widens when shrinking), rows then columns, rounded
- * to 8 bits after each pass: what Pillow does. dst: dst_height x dst_width x channels. */
+/* Antialiased bicubic resampling (Keys 1981, a = -0.5; the support widens when shrinking), along rows then along
+ * columns, rounded to 8 bits after each pass: what Pillow does. dst: dst_height x dst_width x channels. */
 int sg_resample(sg_ctx *ctx, const uint8_t *src, int width, int height, int channels, uint8_t *dst, int dst_width,
                 int dst_height);
 

@@ -1,0 +1,72 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The format of the NeRF synthetic scenes (Mildenhall et al. 2020): transforms_train.json and transforms_test.json. */
+#include <stdio.h>
+
+#include "core/file.h"
+#include "scene/transforms.h"
+
+bool sg_is_blender(sg_ctx *ctx, const char *dir)
+{
+    return sg_has_file(ctx, dir, "transforms_train.json");
+}
+
+int sg_blender_parse(sg_ctx *ctx, const char *file, const char *data, size_t size, uint64_t max_images, bool test,
+                     struct sg_shots *shots)
+{
+    json_t *root, *frames;
+    size_t first = shots->count;
+    int code = sg_transforms_load(ctx, file, data, size, max_images, &root, &frames);
+    if (code)
+        return code;
+    struct sg_lens lens = {0};
+    code = sg_json_lens(ctx, root, file, &lens);
+    if (!code && !(lens.angle_x > 0) && !(lens.fx > 0))
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no usable \"camera_angle_x\", expected an angle in radians", file);
+    for (size_t i = 0; i < json_array_size(frames) && !code; i++) {
+        char where[512];
+        struct sg_shot *shot;
+        snprintf(where, sizeof(where), "%s: frame %zu", file, i);
+        code = sg_transforms_frame(ctx, json_array_get(frames, i), where, &lens, max_images, shots, &shot);
+        if (!code)
+            shot->test = test;
+    }
+    if (!code)
+        code = sg_shots_check_names(ctx, shots, first, file);
+    json_decref(root);
+    return code;
+}
+
+static int read_split(sg_ctx *ctx, const char *dir, const char *name, const struct sg_scene_params *params, bool test,
+                      struct sg_shots *shots)
+{
+    char *data = NULL, *tried = NULL;
+    size_t size, first = shots->count;
+    char *file = sg_strf(ctx, "%s/%s", dir, name);
+    int code = file ? sg_file_read(ctx, file, SG_JSON_BYTES, &data, &size) : SG_ERR_BUDGET;
+    if (!code)
+        code = sg_blender_parse(ctx, file, data, size, params->max_images, test, shots);
+    for (size_t i = first; i < shots->count && !code; i++) {
+        struct sg_shot *shot = &shots->items[i];
+        code = sg_find_photo(ctx, dir, shot->file, &shot->path, &tried);
+        if (!code && !shot->path)
+            code = sg_fail(ctx, SG_ERR_INPUT, "%s: frame %zu: found no image, tried %s", file, i - first, tried);
+    }
+    sg_free(ctx, tried);
+    sg_free(ctx, data);
+    sg_free(ctx, file);
+    return code;
+}
+
+int sg_read_blender(sg_ctx *ctx, const char *dir, const struct sg_scene_params *params, struct sg_shots *shots,
+                    struct sg_points *points)
+{
+    int code = read_split(ctx, dir, "transforms_train.json", params, false, shots);
+    if (!code && params->eval)
+        code = read_split(ctx, dir, "transforms_test.json", params, true, shots);
+    if (code || !sg_has_file(ctx, dir, "points3d.ply")) /* where the reference looks, and leaves its random points */
+        return code;
+    char *path = sg_strf(ctx, "%s/points3d.ply", dir);
+    code = path ? sg_read_point_file(ctx, path, params->max_points, points) : SG_ERR_BUDGET;
+    sg_free(ctx, path);
+    return code;
+}

@@ -1,0 +1,253 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* COLMAP folders: which files there are, what a camera model means here, where the photos lie. */
+#include "scene/colmap.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/file.h"
+
+#define MODEL_BYTES                                                                                                    \
+    (UINT64_C(1) << 34) /* 2D observations of large scenes fill gigabytes; the ledger has its own limit */
+#define CAMERA_SIDE_MAX (1 << 20)
+
+static const struct {
+    const char *name;
+    int params;
+} models[] = {
+    {"SIMPLE_PINHOLE", 3},
+    {"PINHOLE", 4},
+    {"SIMPLE_RADIAL", 4},
+    {"RADIAL", 5},
+    {"OPENCV", 8},
+    {"OPENCV_FISHEYE", 8},
+    {"FULL_OPENCV", 12},
+    {"FOV", 5},
+    {"SIMPLE_RADIAL_FISHEYE", 4},
+    {"RADIAL_FISHEYE", 5},
+    {"THIN_PRISM_FISHEYE", 12},
+};
+enum { SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, MODELS = sizeof(models) / sizeof(*models) };
+
+const char *sg_colmap_model_name(int model)
+{
+    return model >= 0 && model < MODELS ? models[model].name : NULL;
+}
+
+int sg_colmap_model_params(int model)
+{
+    return model >= 0 && model < MODELS ? models[model].params : -1;
+}
+
+int sg_colmap_model_find(const char *name)
+{
+    for (int i = 0; i < MODELS; i++)
+        if (!strcmp(models[i].name, name))
+            return i;
+    return -1;
+}
+
+int sg_colmap_add_camera(sg_ctx *ctx, struct sg_colmap_cameras *cameras, const char *where, uint32_t id, int model,
+                         uint64_t width, uint64_t height, const double *p)
+{
+    if (model > OPENCV)
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found camera model %s, expected SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL or OPENCV: "
+                       "undistort the images first (colmap image_undistorter)",
+                       where, models[model].name);
+    if (width < 1 || height < 1 || width > CAMERA_SIDE_MAX || height > CAMERA_SIDE_MAX)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found a camera of %llu x %llu pixels, expected sides of 1..%d", where,
+                       (unsigned long long) width, (unsigned long long) height, CAMERA_SIDE_MAX);
+    struct sg_lens lens = {.width = (int) width, .height = (int) height, .has_principal = true};
+    bool two = model == PINHOLE || model == OPENCV; /* focal lengths */
+    lens.fx = p[0];
+    lens.fy = p[two];
+    lens.cx = p[1 + two];
+    lens.cy = p[2 + two];
+    if (model >= SIMPLE_RADIAL)
+        lens.k1 = p[3 + two];
+    if (model >= RADIAL)
+        lens.k2 = p[4 + two];
+    if (model == OPENCV) {
+        lens.p1 = p[6];
+        lens.p2 = p[7];
+    }
+    if (!(lens.fy > 0)) /* the lens alone would take 0 for "not given" */
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found focal length %g, expected a positive one", where, lens.fy);
+    int code = sg_lens_check(ctx, &lens, where);
+    if (!code)
+        code = sg_grow(ctx, SG_MEM_MISC, &cameras->items, &cameras->capacity, cameras->count + 1, cameras->count,
+                       sizeof(*cameras->items));
+    if (!code)
+        cameras->items[cameras->count++] = (struct sg_colmap_camera){id, lens};
+    return code;
+}
+
+static int by_id(const void *a, const void *b)
+{
+    const struct sg_colmap_camera *x = a, *y = b;
+    return (x->id > y->id) - (x->id < y->id);
+}
+
+int sg_colmap_sort_cameras(sg_ctx *ctx, struct sg_colmap_cameras *cameras, const char *file)
+{
+    if (!cameras->count)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found no camera, expected at least one", file);
+    qsort(cameras->items, cameras->count, sizeof(*cameras->items), by_id);
+    for (size_t i = 1; i < cameras->count; i++)
+        if (cameras->items[i].id == cameras->items[i - 1].id)
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: found camera id %u twice, expected distinct ids", file,
+                           cameras->items[i].id);
+    return SG_OK;
+}
+
+int sg_colmap_add_image(sg_ctx *ctx, struct sg_shots *shots, uint64_t max, const struct sg_colmap_cameras *cameras,
+                        const char *where, uint32_t camera, const double q[4], const double t[3], const char *name)
+{
+    struct sg_colmap_camera key = {.id = camera};
+    const struct sg_colmap_camera *found =
+        cameras->count ? bsearch(&key, cameras->items, cameras->count, sizeof(key), by_id) : NULL;
+    if (!found)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: image \"%s\": found camera id %u, expected one of the %zu cameras",
+                       where, name, camera, cameras->count);
+    struct sg_shot *shot;
+    int code = sg_shots_add(ctx, shots, max, where, name, &shot);
+    if (code)
+        return code;
+    shot->lens = found->lens;
+    return sg_pose_from_quaternion(ctx, q, t, where, shot->R, shot->t);
+}
+
+static const char *const folders[] = {"sparse/0", "sparse"};
+
+/* "DIR/sparse/0" or "DIR/sparse", whichever holds a model; NULL if neither does. *text: which encoding. */
+static char *find_model(sg_ctx *ctx, const char *dir, bool *text)
+{
+    for (int i = 0; i < 2; i++) {
+        char *folder = sg_strf(ctx, "%s/%s", dir, folders[i]);
+        if (!folder)
+            return NULL;
+        *text = false;
+        if (sg_has_file(ctx, folder, "images.bin") && sg_has_file(ctx, folder, "cameras.bin"))
+            return folder;
+        *text = true;
+        if (sg_has_file(ctx, folder, "images.txt") && sg_has_file(ctx, folder, "cameras.txt"))
+            return folder;
+        sg_free(ctx, folder);
+    }
+    return NULL;
+}
+
+bool sg_is_colmap(sg_ctx *ctx, const char *dir)
+{
+    bool text;
+    char *folder = find_model(ctx, dir, &text);
+    sg_free(ctx, folder);
+    return folder != NULL;
+}
+
+/* Reads FOLDER/NAME whole; *path is set for messages and is the caller's. */
+static int read_part(sg_ctx *ctx, const char *folder, const char *name, char **path, char **data, size_t *size)
+{
+    *path = sg_strf(ctx, "%s/%s", folder, name);
+    return *path ? sg_file_read(ctx, *path, MODEL_BYTES, data, size) : SG_ERR_BUDGET;
+}
+
+/* <images>/<name>, or <images>/<base name> for photos that were moved out of their sub-folders. */
+static int find_photos(sg_ctx *ctx, const char *dir, const char *images, const char *file, struct sg_shots *shots)
+{
+    for (size_t i = 0; i < shots->count; i++) {
+        struct sg_shot *shot = &shots->items[i];
+        const char *base = sg_base_name(shot->file);
+        shot->path = sg_strf(ctx, "%s/%s/%s", dir, images, shot->file);
+        if (!shot->path)
+            return SG_ERR_BUDGET;
+        if (sg_file_exists(shot->path))
+            continue;
+        if (base == shot->file)
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: image \"%s\": found no file %s", file, shot->file, shot->path);
+        char *other = sg_strf(ctx, "%s/%s/%s", dir, images, base);
+        int code = other ? SG_OK : SG_ERR_BUDGET;
+        if (other && !sg_file_exists(other))
+            code = sg_fail(ctx, SG_ERR_INPUT, "%s: image \"%s\": found neither %s nor %s", file, shot->file, shot->path,
+                           other);
+        sg_free(ctx, shot->path);
+        shot->path = other;
+        if (code)
+            return code;
+    }
+    return SG_OK;
+}
+
+static int read_points(sg_ctx *ctx, const char *folder, uint64_t max_points, struct sg_points *points)
+{
+    char *path = NULL, *data = NULL;
+    size_t size;
+    int code = SG_OK;
+    if (sg_has_file(ctx, folder, "points3D.bin")) {
+        code = read_part(ctx, folder, "points3D.bin", &path, &data, &size);
+        if (!code)
+            code = sg_colmap_points_bin(ctx, path, data, size, max_points, points);
+    } else if (sg_has_file(ctx, folder, "points3D.txt")) {
+        code = read_part(ctx, folder, "points3D.txt", &path, &data, &size);
+        if (!code)
+            code = sg_colmap_points_txt(ctx, path, data, size, max_points, points);
+    } else if (sg_has_file(ctx, folder, "points3D.ply")) {
+        path = sg_strf(ctx, "%s/points3D.ply", folder);
+        code = path ? sg_read_point_file(ctx, path, max_points, points) : SG_ERR_BUDGET;
+    }
+    sg_free(ctx, data);
+    sg_free(ctx, path);
+    return code;
+}
+
+int sg_read_colmap(sg_ctx *ctx, const char *dir, const struct sg_scene_params *params, struct sg_shots *shots,
+                   struct sg_points *points)
+{
+    bool text = false;
+    size_t size;
+    struct sg_colmap_cameras cameras = {0};
+    char *cameras_path = NULL, *images_path = NULL, *data = NULL;
+    int code = SG_ERR_INPUT;
+    char *folder = find_model(ctx, dir, &text);
+    if (!folder) {
+        sg_fail(ctx, code,
+                "%s: found no COLMAP model, expected images and cameras (.bin or .txt) in sparse/0 or sparse", dir);
+        goto done;
+    }
+    code = read_part(ctx, folder, text ? "cameras.txt" : "cameras.bin", &cameras_path, &data, &size);
+    if (code)
+        goto done;
+    code = text ? sg_colmap_cameras_txt(ctx, cameras_path, data, size, &cameras)
+                : sg_colmap_cameras_bin(ctx, cameras_path, data, size, &cameras);
+    if (code)
+        goto done;
+    sg_free(ctx, data);
+    data = NULL;
+    code = read_part(ctx, folder, text ? "images.txt" : "images.bin", &images_path, &data, &size);
+    if (code)
+        goto done;
+    code = text ? sg_colmap_images_txt(ctx, images_path, data, size, params->max_images, &cameras, shots)
+                : sg_colmap_images_bin(ctx, images_path, data, size, params->max_images, &cameras, shots);
+    if (code)
+        goto done;
+    sg_free(ctx, data); /* before the points: both files can be large */
+    data = NULL;
+    code = sg_shots_check_names(ctx, shots, 0, images_path);
+    if (!code)
+        code = find_photos(ctx, dir, params->images ? params->images : "images", images_path, shots);
+    if (!code)
+        code = read_points(ctx, folder, params->max_points, points);
+    if (code)
+        goto done;
+    sg_shots_sort(shots);
+    for (size_t i = 0; i < shots->count; i++)
+        shots->items[i].test = params->eval && i % (size_t) params->test_every == 0;
+done:
+    sg_free(ctx, data);
+    sg_free(ctx, cameras.items);
+    sg_free(ctx, cameras_path);
+    sg_free(ctx, images_path);
+    sg_free(ctx, folder);
+    return code;
+}

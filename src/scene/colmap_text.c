@@ -1,0 +1,170 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* COLMAP's text files: one record a line (images: two), fields separated by blanks, # starts a comment line. */
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "scene/colmap.h"
+
+struct lines {
+    const char *file;
+    char *at, *end;
+    uint64_t number; /* of the line last returned, from 1 */
+};
+
+static char *next_line(struct lines *l)
+{
+    if (l->at >= l->end)
+        return NULL;
+    char *line = l->at, *stop = memchr(line, '\n', (size_t) (l->end - line));
+    if (!stop)
+        stop = l->end;
+    *stop = 0; /* the data has a byte to spare at its end */
+    if (stop > line && stop[-1] == '\r')
+        stop[-1] = 0;
+    l->at = stop + 1;
+    l->number++;
+    return line;
+}
+
+static bool is_comment(const char *line)
+{
+    return *line == '#';
+}
+
+static bool is_blank(const char *line)
+{
+    return !line[strspn(line, " \t")];
+}
+
+/* Next line with a record, NULL at the end. */
+static char *next_record(struct lines *l)
+{
+    char *line;
+    do
+        line = next_line(l);
+    while (line && (is_comment(line) || is_blank(line)));
+    return line;
+}
+
+static bool field_ends(const char *p)
+{
+    return !*p || *p == ' ' || *p == '\t';
+}
+
+static bool get_number(char **p, double *out)
+{
+    char *end;
+    *out = strtod(*p, &end);
+    bool ok = end != *p && field_ends(end);
+    *p = end;
+    return ok;
+}
+
+static bool get_whole(char **p, uint64_t max, uint64_t *out)
+{
+    char *s = *p + strspn(*p, " \t"), *end;
+    *p = s;
+    if (*s < '0' || *s > '9') /* strtoull would take a minus */
+        return false;
+    errno = 0;
+    *out = strtoull(s, &end, 10);
+    bool ok = !errno && *out <= max && field_ends(end);
+    *p = end;
+    return ok;
+}
+
+static int bad_line(sg_ctx *ctx, const struct lines *l, const char *expected)
+{
+    return sg_fail(ctx, SG_ERR_INPUT, "%s: line %llu: found a malformed record, expected \"%s\"", l->file,
+                   (unsigned long long) l->number, expected);
+}
+
+int sg_colmap_cameras_txt(sg_ctx *ctx, const char *file, char *data, size_t size, struct sg_colmap_cameras *out)
+{
+    struct lines l = {file, data, data + size, 0};
+    int code = SG_OK;
+    for (char *p; !code && (p = next_record(&l));) {
+        char where[512], name[32];
+        uint64_t id, width, height;
+        bool ok = get_whole(&p, UINT32_MAX, &id);
+        p += strspn(p, " \t");
+        size_t length = strcspn(p, " \t");
+        if (!ok || length >= sizeof(name))
+            return bad_line(ctx, &l, "ID MODEL WIDTH HEIGHT PARAMS");
+        memcpy(name, p, length);
+        name[length] = 0;
+        p += length;
+        snprintf(where, sizeof(where), "%s: line %llu", file, (unsigned long long) l.number);
+        int model = sg_colmap_model_find(name);
+        if (model < 0)
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: found camera model \"%s\", expected one of COLMAP's", where, name);
+        double params[SG_COLMAP_PARAMS_MAX];
+        ok = get_whole(&p, UINT32_MAX, &width) && get_whole(&p, UINT32_MAX, &height);
+        for (int k = 0; k < sg_colmap_model_params(model) && ok; k++)
+            ok = get_number(&p, &params[k]);
+        if (!ok || !is_blank(p))
+            return sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: found a malformed camera, expected width, height and %d numbers for %s", where,
+                           sg_colmap_model_params(model), name);
+        code = sg_colmap_add_camera(ctx, out, where, (uint32_t) id, model, width, height, params);
+    }
+    return code ? code : sg_colmap_sort_cameras(ctx, out, file);
+}
+
+int sg_colmap_images_txt(sg_ctx *ctx, const char *file, char *data, size_t size, uint64_t max_images,
+                         const struct sg_colmap_cameras *cameras, struct sg_shots *out)
+{
+    struct lines l = {file, data, data + size, 0};
+    int code = SG_OK;
+    for (char *p; !code && (p = next_record(&l));) {
+        char where[512];
+        uint64_t id, camera = 0;
+        double q[4], t[3];
+        bool ok = get_whole(&p, UINT32_MAX, &id);
+        for (int k = 0; k < 4 && ok; k++)
+            ok = get_number(&p, &q[k]);
+        for (int k = 0; k < 3 && ok; k++)
+            ok = get_number(&p, &t[k]);
+        if (!ok || !get_whole(&p, UINT32_MAX, &camera) || is_blank(p))
+            return bad_line(ctx, &l, "ID QW QX QY QZ TX TY TZ CAMERA_ID NAME");
+        p += strspn(p, " \t"); /* a name may hold blanks: it is the rest of the line */
+        snprintf(where, sizeof(where), "%s: line %llu", file, (unsigned long long) l.number);
+        code = sg_colmap_add_image(ctx, out, max_images, cameras, where, (uint32_t) camera, q, t, p);
+        next_line(&l); /* its 2D points, possibly an empty line */
+    }
+    return code;
+}
+
+int sg_colmap_points_txt(sg_ctx *ctx, const char *file, char *data, size_t size, uint64_t max_points,
+                         struct sg_points *out)
+{
+    struct lines l = {file, data, data + size, 0};
+    size_t room_xyz = 0, room_rgb = 0;
+    for (char *p; (p = next_record(&l));) {
+        uint64_t id, rgb[3];
+        double xyz[3];
+        bool ok = get_whole(&p, UINT64_MAX, &id);
+        for (int k = 0; k < 3 && ok; k++)
+            ok = get_number(&p, &xyz[k]) && fabs(xyz[k]) < 1e30;
+        for (int k = 0; k < 3 && ok; k++)
+            ok = get_whole(&p, 255, &rgb[k]);
+        if (!ok)
+            return bad_line(ctx, &l, "ID X Y Z R G B ERROR TRACK");
+        if (out->count >= max_points)
+            return sg_fail(ctx, SG_ERR_BUDGET, "%s: line %llu: found more than %llu points, which is the limit", file,
+                           (unsigned long long) l.number, (unsigned long long) max_points);
+        size_t n = out->count;
+        if (sg_grow(ctx, SG_MEM_MISC, &out->xyz, &room_xyz, n + 1, n, 3 * sizeof(float)) ||
+            sg_grow(ctx, SG_MEM_MISC, &out->rgb, &room_rgb, n + 1, n, 3))
+            return SG_ERR_BUDGET;
+        for (size_t k = 0; k < 3; k++) {
+            out->xyz[3 * n + k] = (float) xyz[k];
+            out->rgb[3 * n + k] = (uint8_t) rgb[k];
+        }
+        out->count++;
+    }
+    return SG_OK;
+}

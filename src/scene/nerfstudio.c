@@ -1,0 +1,155 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* transforms.json as nerfstudio (Tancik et al. 2023) and instant-ngp (Mueller et al. 2022) write it.
+ * "applied_transform" is not undone: the writer applied it to poses and points alike, so both are in one frame. */
+#include <stdio.h>
+#include <string.h>
+
+#include "core/file.h"
+#include "scene/transforms.h"
+
+bool sg_is_nerfstudio(sg_ctx *ctx, const char *dir)
+{
+    return sg_has_file(ctx, dir, "transforms.json");
+}
+
+/* The names of the list called key as an object, for quick look-up; NULL if there is no such list. */
+static int get_list(sg_ctx *ctx, const json_t *root, const char *key, const char *file, json_t **set)
+{
+    size_t i;
+    json_t *entry;
+    const json_t *list = json_object_get(root, key);
+    *set = NULL;
+    if (!list || json_is_null(list))
+        return SG_OK;
+    *set = json_object();
+    if (!json_is_array(list))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: \"%s\": found something else, expected an array of names", file, key);
+    json_array_foreach(list, i, entry)
+    {
+        const char *name = json_string_value(entry);
+        if (!name)
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: %s[%zu]: found something else, expected a string", file, key, i);
+        while (name[0] == '.' && name[1] == '/')
+            name += 2;
+        if (json_object_set_new(*set, name, json_true()))
+            return sg_fail(ctx, SG_ERR_BUDGET, "%s: %s: no memory for the list", file, key);
+    }
+    return SG_OK;
+}
+
+/* The file's own split: what it names as test, else as validation, is held out; what no list names is left out. */
+static int split_by_lists(sg_ctx *ctx, const json_t *root, const char *file, struct sg_shots *shots, bool *listed)
+{
+    json_t *train = NULL, *test = NULL;
+    int code = get_list(ctx, root, "train_filenames", file, &train);
+    if (!code)
+        code = get_list(ctx, root, "test_filenames", file, &test);
+    if (!code && !test)
+        code = get_list(ctx, root, "val_filenames", file, &test);
+    *listed = train || test;
+    size_t unused = 0;
+    for (size_t i = 0; i < shots->count && *listed && !code; i++) {
+        struct sg_shot *shot = &shots->items[i];
+        shot->test = json_object_get(test, shot->file) != NULL;
+        shot->unused = !shot->test && train && !json_object_get(train, shot->file);
+        unused += shot->unused;
+    }
+    if (unused)
+        sg_log(ctx, SG_LOG_WARN, "%s: %zu of %zu frames are in no split and stay unused", file, unused, shots->count);
+    json_decref(train);
+    json_decref(test);
+    return code;
+}
+
+int sg_nerfstudio_parse(sg_ctx *ctx, const char *file, const char *data, size_t size,
+                        const struct sg_scene_params *params, struct sg_shots *shots, char **points_file, bool *listed)
+{
+    json_t *root, *frames;
+    *points_file = NULL;
+    *listed = false;
+    int code = sg_transforms_load(ctx, file, data, size, params->max_images, &root, &frames);
+    if (code)
+        return code;
+    struct sg_lens common = {0};
+    const char *points = NULL;
+    code = sg_json_lens(ctx, root, file, &common);
+    for (size_t i = 0; i < json_array_size(frames) && !code; i++) {
+        char where[512];
+        struct sg_shot *shot;
+        struct sg_lens lens = common;
+        const json_t *frame = json_array_get(frames, i);
+        snprintf(where, sizeof(where), "%s: frame %zu", file, i);
+        code = sg_json_lens(ctx, frame, where, &lens); /* a frame may have its own camera */
+        if (!code)
+            code = sg_transforms_frame(ctx, frame, where, &lens, params->max_images, shots, &shot);
+    }
+    if (!code && params->eval)
+        code = split_by_lists(ctx, root, file, shots, listed);
+    if (!code)
+        code = sg_json_text(ctx, root, "ply_file_path", file, &points);
+    if (!code && points) {
+        if (!sg_path_is_inside(points))
+            code = sg_fail(ctx, SG_ERR_INPUT, "%s: \"ply_file_path\": found \"%s\", expected a path inside the scene",
+                           file, points);
+        else if (!(*points_file = sg_strdup(ctx, points)))
+            code = SG_ERR_BUDGET;
+    }
+    json_decref(root);
+    return code;
+}
+
+/* Frames without a photo are common in published captures: they are skipped, with one warning for all. */
+static int find_photos(sg_ctx *ctx, const char *dir, const char *file, struct sg_shots *shots)
+{
+    size_t missing = 0, wanted = 0, first = 0;
+    for (size_t i = 0; i < shots->count; i++) {
+        struct sg_shot *shot = &shots->items[i];
+        if (shot->unused)
+            continue;
+        wanted++;
+        int code = sg_find_photo(ctx, dir, shot->file, &shot->path, NULL);
+        if (code)
+            return code;
+        if (!shot->path && !missing++)
+            first = i;
+    }
+    if (missing == wanted)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found none of the %zu frames' images, the first is %s/%s", file, wanted,
+                       dir, shots->items[first].file);
+    if (missing)
+        sg_log(ctx, SG_LOG_WARN, "%s: %zu of %zu frames have no image and are skipped, the first is %s", file, missing,
+               wanted, shots->items[first].file);
+    sg_shots_drop(ctx, shots);
+    return SG_OK;
+}
+
+int sg_read_nerfstudio(sg_ctx *ctx, const char *dir, const struct sg_scene_params *params, struct sg_shots *shots,
+                       struct sg_points *points)
+{
+    char *data = NULL, *points_file = NULL, *path = NULL;
+    size_t size;
+    bool listed = false;
+    char *file = sg_strf(ctx, "%s/transforms.json", dir);
+    int code = file ? sg_file_read(ctx, file, SG_JSON_BYTES, &data, &size) : SG_ERR_BUDGET;
+    if (!code)
+        code = sg_nerfstudio_parse(ctx, file, data, size, params, shots, &points_file, &listed);
+    if (!code)
+        code = find_photos(ctx, dir, file, shots);
+    if (!code)
+        code = sg_shots_check_names(ctx, shots, 0, file);
+    if (!code && points_file) {
+        path = sg_strf(ctx, "%s/%s", dir, points_file);
+        code = path ? sg_read_point_file(ctx, path, params->max_points, points) : SG_ERR_BUDGET;
+    }
+    if (code)
+        goto done;
+    sg_shots_sort(shots);
+    for (size_t i = 0; i < shots->count && params->eval && !listed; i++)
+        shots->items[i].test = i % (size_t) params->test_every == 0;
+done:
+    sg_free(ctx, path);
+    sg_free(ctx, points_file);
+    sg_free(ctx, data);
+    sg_free(ctx, file);
+    return code;
+}

@@ -1,0 +1,219 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Loading a scene: which format, its reader, masks, photos, extent. */
+#include "splatguard/scene.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "core/file.h"
+#include "scene/reader.h"
+
+static const struct {
+    const char *name;
+    bool (*is)(sg_ctx *ctx, const char *dir);
+    int (*read)(sg_ctx *ctx, const char *dir, const struct sg_scene_params *params, struct sg_shots *shots,
+                struct sg_points *points);
+} formats[] = {
+    [SG_FORMAT_AUTO] = {"auto", NULL, NULL},
+    [SG_FORMAT_BLENDER] = {"blender", sg_is_blender, sg_read_blender},
+    [SG_FORMAT_COLMAP] = {"colmap", sg_is_colmap, sg_read_colmap},
+    [SG_FORMAT_NERFSTUDIO] = {"nerfstudio", sg_is_nerfstudio, sg_read_nerfstudio},
+};
+
+const char *sg_scene_format_name(enum sg_scene_format format)
+{
+    return (unsigned) format < sizeof(formats) / sizeof(*formats) ? formats[format].name : "unknown";
+}
+
+static int check_params(sg_ctx *ctx, const struct sg_scene_params *p)
+{
+    if ((unsigned) p->format > SG_FORMAT_NERFSTUDIO)
+        return sg_fail(ctx, SG_ERR_USAGE, "scene parameters: found format %d, expected one of enum sg_scene_format",
+                       (int) p->format);
+    if (p->resolution != -1 && (p->resolution < 1 || p->resolution > 16384))
+        return sg_fail(ctx, SG_ERR_USAGE, "scene parameters: found resolution %d, expected -1 or 1..16384",
+                       p->resolution);
+    if (!(p->downscale >= 1 && p->downscale <= 64))
+        return sg_fail(ctx, SG_ERR_USAGE, "scene parameters: found downscale %g, expected 1..64", p->downscale);
+    if (p->test_every < 1)
+        return sg_fail(ctx, SG_ERR_USAGE, "scene parameters: found test_every %d, expected 1 or more", p->test_every);
+    return SG_OK;
+}
+
+/* The order is the reference's: a COLMAP model wins over transforms_train.json. */
+static int recognise(sg_ctx *ctx, const char *dir, enum sg_scene_format *format)
+{
+    static const enum sg_scene_format order[] = {SG_FORMAT_COLMAP, SG_FORMAT_BLENDER, SG_FORMAT_NERFSTUDIO};
+    for (size_t i = 0; i < sizeof(order) / sizeof(*order); i++)
+        if (formats[order[i]].is(ctx, dir)) {
+            *format = order[i];
+            return SG_OK;
+        }
+    return sg_fail(ctx, SG_ERR_INPUT,
+                   "%s: found no scene, looked for sparse/0/images.bin and cameras.bin (or .txt, or in sparse/), "
+                   "transforms_train.json and transforms.json",
+                   dir);
+}
+
+/* Masks are optional a photo: NAME, its base name, either with .png added, or its base name up to the last dot .png. */
+static int find_masks(sg_ctx *ctx, const char *dir, const struct sg_scene_params *params, struct sg_shots *shots)
+{
+    int code = SG_OK;
+    size_t found = 0;
+    char *folder = sg_strf(ctx, "%s/%s", dir, params->masks ? params->masks : "masks");
+    if (!folder)
+        return SG_ERR_BUDGET;
+    if (!sg_dir_exists(folder)) {
+        if (params->masks)
+            code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no such folder, expected masks", folder);
+        goto done;
+    }
+    for (size_t i = 0; i < shots->count; i++) {
+        struct sg_shot *shot = &shots->items[i];
+        const char *base = sg_base_name(shot->path), *dot = strrchr(base, '.');
+        int stem = dot ? (int) (dot - base) : (int) strlen(base);
+        for (int k = 0; k < 5 && !shot->mask; k++) {
+            char *path = k == 0   ? sg_strf(ctx, "%s/%s", folder, shot->file)
+                         : k == 1 ? sg_strf(ctx, "%s/%s.png", folder, shot->file)
+                         : k == 2 ? sg_strf(ctx, "%s/%s", folder, base)
+                         : k == 3 ? sg_strf(ctx, "%s/%s.png", folder, base)
+                                  : sg_strf(ctx, "%s/%.*s.png", folder, stem, base);
+            if (!path) {
+                code = SG_ERR_BUDGET;
+                goto done;
+            }
+            if (sg_file_exists(path))
+                shot->mask = path;
+            else
+                sg_free(ctx, path);
+        }
+        found += shot->mask != NULL;
+    }
+    if (found < shots->count)
+        sg_log(ctx, SG_LOG_WARN, "%s: %zu of %zu images have no mask and are used whole", folder, shots->count - found,
+               shots->count);
+done:
+    sg_free(ctx, folder);
+    return code;
+}
+
+static void camera_center(const struct sg_camera *c, double center[3])
+{
+    for (int i = 0; i < 3; i++)
+        center[i] = -(c->R[i] * c->t[0] + c->R[3 + i] * c->t[1] + c->R[6 + i] * c->t[2]);
+}
+
+static void measure(struct sg_scene *scene)
+{
+    double c[3], farthest = 0;
+    for (size_t i = 0; i < scene->n_train; i++) {
+        camera_center(&scene->train[i].camera, c);
+        for (int k = 0; k < 3; k++)
+            scene->center[k] += c[k] / (double) scene->n_train;
+    }
+    for (size_t i = 0; i < scene->n_train; i++) {
+        double d2 = 0;
+        camera_center(&scene->train[i].camera, c);
+        for (int k = 0; k < 3; k++)
+            d2 += (c[k] - scene->center[k]) * (c[k] - scene->center[k]);
+        farthest = fmax(farthest, sqrt(d2));
+    }
+    scene->extent = 1.1 * farthest;
+}
+
+/* Deals the views, loaded in the shots' order, to train and test. */
+static int deal(sg_ctx *ctx, struct sg_scene *scene, const struct sg_shots *shots, struct sg_view *views)
+{
+    size_t n_test = 0;
+    for (size_t i = 0; i < shots->count; i++)
+        n_test += shots->items[i].test;
+    if (n_test == shots->count)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found no view to train on (%zu test views), expected at least one",
+                       scene->path, n_test);
+    scene->train = sg_alloc(ctx, SG_MEM_MISC, shots->count - n_test, sizeof(*views));
+    scene->test = n_test ? sg_alloc(ctx, SG_MEM_MISC, n_test, sizeof(*views)) : NULL;
+    if (!scene->train || (n_test && !scene->test))
+        return SG_ERR_BUDGET;
+    for (size_t i = 0; i < shots->count; i++) {
+        if (shots->items[i].test)
+            scene->test[scene->n_test++] = views[i];
+        else
+            scene->train[scene->n_train++] = views[i];
+        views[i] = (struct sg_view){0};
+    }
+    return SG_OK;
+}
+
+int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *params, struct sg_scene **out)
+{
+    struct sg_shots shots = {0};
+    struct sg_points points = {0};
+    struct sg_view *views = NULL;
+    struct sg_scene *scene = NULL;
+    const struct sg_scene_params defaults = {SG_SCENE_DEFAULTS};
+    sg_clear_error(ctx);
+    *out = NULL;
+    if (!params)
+        params = &defaults;
+    int code = check_params(ctx, params);
+    if (code)
+        return code;
+    if (!sg_dir_exists(path))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found no such folder, expected a scene", path);
+    scene = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*scene));
+    if (!scene)
+        return SG_ERR_BUDGET;
+    scene->path = sg_strdup(ctx, path);
+    code = scene->path ? SG_OK : SG_ERR_BUDGET;
+    scene->format = params->format;
+    scene->white_background = params->white_background;
+    if (!code && scene->format == SG_FORMAT_AUTO)
+        code = recognise(ctx, path, &scene->format);
+    if (!code)
+        code = formats[scene->format].read(ctx, path, params, &shots, &points);
+    scene->points = points.xyz; /* also after a failure: the scene frees them */
+    scene->point_colors = points.rgb;
+    scene->n_points = points.count;
+    if (!code && !shots.count)
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no images, expected at least one", path);
+    if (!code)
+        code = find_masks(ctx, path, params, &shots);
+    if (code)
+        goto done;
+    views = sg_alloc(ctx, SG_MEM_MISC, shots.count, sizeof(*views));
+    code = views ? sg_views_load(ctx, params, &shots, views) : SG_ERR_BUDGET;
+    if (!code)
+        code = deal(ctx, scene, &shots, views);
+    if (code)
+        goto done;
+    measure(scene);
+    sg_log(ctx, SG_LOG_INFO, "%s: %s scene, %zu train and %zu test views, %zu points, extent %.4g", path,
+           sg_scene_format_name(scene->format), scene->n_train, scene->n_test, scene->n_points, scene->extent);
+    *out = scene;
+    scene = NULL;
+done:
+    for (size_t i = 0; i < shots.count && views; i++)
+        sg_view_clear(ctx, &views[i]);
+    sg_free(ctx, views);
+    sg_shots_clear(ctx, &shots);
+    sg_scene_destroy(ctx, &scene);
+    return code;
+}
+
+void sg_scene_destroy(sg_ctx *ctx, struct sg_scene **scene)
+{
+    if (!scene || !*scene)
+        return;
+    struct sg_scene *s = *scene;
+    for (size_t i = 0; i < s->n_train; i++)
+        sg_view_clear(ctx, &s->train[i]);
+    for (size_t i = 0; i < s->n_test; i++)
+        sg_view_clear(ctx, &s->test[i]);
+    sg_free(ctx, s->train);
+    sg_free(ctx, s->test);
+    sg_free(ctx, s->points);
+    sg_free(ctx, s->point_colors);
+    sg_free(ctx, s->path);
+    sg_free(ctx, s);
+    *scene = NULL;
+}

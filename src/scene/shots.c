@@ -1,0 +1,223 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The list of shots, and the checks every format needs: names, poses, lenses. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/file.h"
+#include "scene/reader.h"
+#include "splatguard/model.h"
+
+#define LENS_MAX 1e7  /* pixels; beyond this a focal length or principal point is noise */
+#define POSE_MAX 1e12 /* scene units, so that squared distances stay finite in single precision products */
+
+const char *sg_base_name(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+    return slash ? slash + 1 : path;
+}
+
+bool sg_path_is_inside(const char *path)
+{
+    if (*path == '/')
+        return false;
+    for (const char *p = path; p; p = strchr(p, '/')) {
+        p += *p == '/';
+        if (p[0] == '.' && p[1] == '.' && (p[2] == '/' || !p[2]))
+            return false;
+    }
+    return true;
+}
+
+int sg_shots_add(sg_ctx *ctx, struct sg_shots *shots, uint64_t max, const char *where, const char *file,
+                 struct sg_shot **out)
+{
+    const char *base = sg_base_name(file);
+    int length = (int) strcspn(base, ".");
+    if (!length)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found image name \"%s\", expected the name of a file", where, file);
+    if (!sg_path_is_inside(file))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found image name \"%s\", expected a path inside the scene", where, file);
+    if (shots->count >= max)
+        return sg_fail(ctx, SG_ERR_BUDGET, "%s: found more than %llu images, which is the limit", where,
+                       (unsigned long long) max);
+    if (sg_grow(ctx, SG_MEM_MISC, &shots->items, &shots->capacity, shots->count + 1, shots->count,
+                sizeof(*shots->items)))
+        return SG_ERR_BUDGET;
+    struct sg_shot *shot = &shots->items[shots->count];
+    *shot = (struct sg_shot){0};
+    shots->count++; /* counted at once, so that sg_shots_clear frees what was made */
+    shot->file = sg_strdup(ctx, file);
+    shot->name = sg_strf(ctx, "%.*s", length, base);
+    if (!shot->file || !shot->name)
+        return SG_ERR_BUDGET;
+    *out = shot;
+    return SG_OK;
+}
+
+static void clear_shot(sg_ctx *ctx, struct sg_shot *shot)
+{
+    sg_free(ctx, shot->file);
+    sg_free(ctx, shot->name);
+    sg_free(ctx, shot->path);
+    sg_free(ctx, shot->mask);
+}
+
+void sg_shots_clear(sg_ctx *ctx, struct sg_shots *shots)
+{
+    for (size_t i = 0; i < shots->count; i++)
+        clear_shot(ctx, &shots->items[i]);
+    sg_free(ctx, shots->items);
+    *shots = (struct sg_shots){0};
+}
+
+void sg_shots_drop(sg_ctx *ctx, struct sg_shots *shots)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < shots->count; i++)
+        if (shots->items[i].path)
+            shots->items[kept++] = shots->items[i];
+        else
+            clear_shot(ctx, &shots->items[i]);
+    shots->count = kept;
+}
+
+static int by_name(const void *a, const void *b)
+{
+    const struct sg_shot *x = a, *y = b;
+    int order = strcmp(x->name, y->name);
+    return order ? order : strcmp(x->file, y->file);
+}
+
+void sg_shots_sort(struct sg_shots *shots)
+{
+    if (shots->count)
+        qsort(shots->items, shots->count, sizeof(*shots->items), by_name);
+}
+
+static int by_pointed_name(const void *a, const void *b)
+{
+    return by_name(*(const struct sg_shot *const *) a, *(const struct sg_shot *const *) b);
+}
+
+int sg_shots_check_names(sg_ctx *ctx, const struct sg_shots *shots, size_t first, const char *where)
+{
+    size_t n = shots->count - first;
+    const struct sg_shot **sorted = sg_alloc(ctx, SG_MEM_MISC, n ? n : 1, sizeof(*sorted));
+    if (!sorted)
+        return SG_ERR_BUDGET;
+    for (size_t i = 0; i < n; i++)
+        sorted[i] = &shots->items[first + i];
+    qsort(sorted, n, sizeof(*sorted), by_pointed_name);
+    int code = SG_OK;
+    for (size_t i = 1; i < n && !code; i++)
+        if (!strcmp(sorted[i - 1]->name, sorted[i]->name))
+            code = sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: images \"%s\" and \"%s\": found the same name \"%s\" twice, expected distinct names",
+                           where, sorted[i - 1]->file, sorted[i]->file, sorted[i]->name);
+    sg_free(ctx, sorted);
+    return code;
+}
+
+static bool within(double x, double limit) /* false for NaN */
+{
+    return fabs(x) <= limit;
+}
+
+int sg_lens_check(sg_ctx *ctx, const struct sg_lens *lens, const char *where)
+{
+    bool focal_x = lens->fx > 0 || (lens->angle_x > 0 && lens->angle_x < 3.14159);
+    bool focal_y = lens->fy >= 0 && lens->angle_y >= 0 && lens->angle_y < 3.14159;
+    if (!focal_x || !focal_y || !within(lens->fx, LENS_MAX) || !within(lens->fy, LENS_MAX))
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found focal lengths %g, %g pixels and fields of view %g, %g radians, expected positive "
+                       "finite ones",
+                       where, lens->fx, lens->fy, lens->angle_x, lens->angle_y);
+    if (lens->has_principal && (!within(lens->cx, LENS_MAX) || !within(lens->cy, LENS_MAX)))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found principal point (%g, %g), expected pixels", where, lens->cx,
+                       lens->cy);
+    if (!isfinite(lens->k1) || !isfinite(lens->k2) || !isfinite(lens->p1) || !isfinite(lens->p2))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found distortion %g %g %g %g, expected finite coefficients", where,
+                       lens->k1, lens->k2, lens->p1, lens->p2);
+    return SG_OK;
+}
+
+int sg_pose_from_opengl(sg_ctx *ctx, const double m[16], const char *where, double R[9], double t[3])
+{
+    for (int i = 0; i < 16; i++)
+        if (!within(m[i], POSE_MAX))
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: found %g in the pose, expected finite numbers", where, m[i]);
+    if (!within(m[12], 1e-6) || !within(m[13], 1e-6) || !within(m[14], 1e-6) || !within(m[15] - 1, 1e-6))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found %g %g %g %g as last row of the pose, expected 0 0 0 1", where,
+                       m[12], m[13], m[14], m[15]);
+    /* Some exporters leave the scene's scale in the rotation. It changes no projection, so take it out. */
+    double a[9], squares = 0;
+    for (int i = 0; i < 9; i++) {
+        a[i] = m[i / 3 * 4 + i % 3] * (i % 3 ? -1 : 1); /* OpenGL to COLMAP axes: y and z turn round */
+        squares += a[i] * a[i];
+    }
+    double scale = sqrt(squares / 3), worst = 0;
+    for (int i = 0; i < 9; i++)
+        a[i] /= scale;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            double off = fabs(a[i] * a[j] + a[3 + i] * a[3 + j] + a[6 + i] * a[6 + j] - (i == j));
+            worst = off <= worst ? worst : off; /* takes NaN */
+        }
+    double det =
+        a[0] * (a[4] * a[8] - a[5] * a[7]) - a[1] * (a[3] * a[8] - a[5] * a[6]) + a[2] * (a[3] * a[7] - a[4] * a[6]);
+    if (!(scale > 1e-12) || !(worst < 1e-2) || !(det > 0))
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found a pose that cannot be inverted to a camera (scale %g, determinant %g), expected a "
+                       "rotation and a position",
+                       where, scale, det);
+    for (int i = 0; i < 3; i++) /* inverse by cofactors; the transpose would not undo rounding in the file */
+        for (int j = 0; j < 3; j++) {
+            int r0 = (j + 1) % 3, r1 = (j + 2) % 3, c0 = (i + 1) % 3, c1 = (i + 2) % 3;
+            R[3 * i + j] = (a[3 * r0 + c0] * a[3 * r1 + c1] - a[3 * r0 + c1] * a[3 * r1 + c0]) / det;
+        }
+    for (int i = 0; i < 3; i++)
+        t[i] = -(R[3 * i] * m[3] + R[3 * i + 1] * m[7] + R[3 * i + 2] * m[11]);
+    return SG_OK;
+}
+
+int sg_pose_from_quaternion(sg_ctx *ctx, const double q[4], const double v[3], const char *where, double R[9],
+                            double t[3])
+{
+    double n = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+    if (!(n > 1e-9) || !within(n, 1e9))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found quaternion %g %g %g %g, expected one of length 1", where, q[0],
+                       q[1], q[2], q[3]);
+    if (!within(v[0], POSE_MAX) || !within(v[1], POSE_MAX) || !within(v[2], POSE_MAX))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found translation %g %g %g, expected finite numbers", where, v[0], v[1],
+                       v[2]);
+    double w = q[0] / n, x = q[1] / n, y = q[2] / n, z = q[3] / n;
+    const double r[9] = {
+        1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
+        2 * (x * y + w * z),     1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+        2 * (x * z - w * y),     2 * (y * z + w * x),     1 - 2 * (x * x + y * y),
+    };
+    memcpy(R, r, sizeof(r));
+    memcpy(t, v, 3 * sizeof(*t));
+    return SG_OK;
+}
+
+bool sg_has_file(sg_ctx *ctx, const char *dir, const char *name)
+{
+    char *path = sg_strf(ctx, "%s/%s", dir, name);
+    bool found = path && sg_file_exists(path);
+    sg_free(ctx, path);
+    return found;
+}
+
+int sg_read_point_file(sg_ctx *ctx, const char *path, uint64_t max_points, struct sg_points *points)
+{
+    int code = sg_points_read_ply(ctx, path, max_points, &points->xyz, &points->rgb, &points->count);
+    if (code || points->rgb)
+        return code;
+    points->rgb = sg_alloc_raw(ctx, SG_MEM_MISC, points->count ? points->count : 1, 3);
+    if (!points->rgb)
+        return SG_ERR_BUDGET;
+    memset(points->rgb, 128, points->count * 3); /* no colours in the file: start from grey */
+    return SG_OK;
+}

@@ -1,0 +1,191 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "scene/transforms.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "core/file.h"
+
+int sg_transforms_load(sg_ctx *ctx, const char *file, const char *data, size_t size, uint64_t max_frames, json_t **root,
+                       json_t **frames)
+{
+    json_error_t error;
+    *root = json_loadb(data, size, JSON_REJECT_DUPLICATES, &error);
+    if (!*root)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d, column %d: JSON: %s", file, error.line, error.column,
+                       error.text);
+    int code = SG_OK;
+    *frames = json_object_get(*root, "frames");
+    if (!json_is_array(*frames) || !json_array_size(*frames))
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no \"frames\", expected an array of at least one frame", file);
+    else if (json_array_size(*frames) > max_frames)
+        code = sg_fail(ctx, SG_ERR_BUDGET, "%s: frames: found %zu, the limit is %llu", file, json_array_size(*frames),
+                       (unsigned long long) max_frames);
+    if (code) {
+        json_decref(*root);
+        *root = *frames = NULL;
+    }
+    return code;
+}
+
+int sg_json_number(sg_ctx *ctx, const json_t *object, const char *key, const char *where, double *out)
+{
+    const json_t *value = json_object_get(object, key);
+    if (!value || json_is_null(value))
+        return SG_OK;
+    if (!json_is_number(value))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: \"%s\": found something else, expected a number", where, key);
+    *out = json_number_value(value);
+    return SG_OK;
+}
+
+int sg_json_text(sg_ctx *ctx, const json_t *object, const char *key, const char *where, const char **out)
+{
+    const json_t *value = json_object_get(object, key);
+    if (!value || json_is_null(value))
+        return SG_OK;
+    if (!json_is_string(value))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: \"%s\": found something else, expected a string", where, key);
+    *out = json_string_value(value);
+    return SG_OK;
+}
+
+static int get_side(sg_ctx *ctx, const json_t *object, const char *key, const char *where, int *side)
+{
+    double v = 0;
+    int code = sg_json_number(ctx, object, key, where, &v);
+    if (code || v == 0)
+        return code;
+    if (!(v >= 1 && v <= 1 << 20) || v != floor(v)) /* some writers make it 1080.0 */
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: \"%s\": found %g, expected a whole number of pixels", where, key, v);
+    *side = (int) v;
+    return SG_OK;
+}
+
+int sg_json_lens(sg_ctx *ctx, const json_t *object, const char *where, struct sg_lens *lens)
+{
+    static const char *const unsupported[] = {"k3", "k4", "k5", "k6"};
+    double centre[2] = {NAN, NAN};
+    const struct {
+        const char *key;
+        double *value;
+    } numbers[] = {
+        {"fl_x", &lens->fx},
+        {"fl_y", &lens->fy},
+        {"camera_angle_x", &lens->angle_x},
+        {"camera_angle_y", &lens->angle_y},
+        {"cx", &centre[0]},
+        {"cy", &centre[1]},
+        {"k1", &lens->k1},
+        {"k2", &lens->k2},
+        {"p1", &lens->p1},
+        {"p2", &lens->p2},
+    };
+    int code = get_side(ctx, object, "w", where, &lens->width);
+    if (!code)
+        code = get_side(ctx, object, "h", where, &lens->height);
+    for (size_t i = 0; i < sizeof(numbers) / sizeof(*numbers) && !code; i++)
+        code = sg_json_number(ctx, object, numbers[i].key, where, numbers[i].value);
+    for (size_t i = 0; i < sizeof(unsupported) / sizeof(*unsupported) && !code; i++) {
+        double k = 0;
+        code = sg_json_number(ctx, object, unsupported[i], where, &k);
+        if (!code && k != 0)
+            code = sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: found distortion %s = %g, expected only k1 k2 p1 p2: undistort the images first", where,
+                           unsupported[i], k);
+    }
+    if (code)
+        return code;
+    const char *model = "OPENCV";
+    code = sg_json_text(ctx, object, "camera_model", where, &model);
+    if (code)
+        return code;
+    static const char *const accepted[] = {"OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL"};
+    bool known = false;
+    for (size_t i = 0; i < sizeof(accepted) / sizeof(*accepted); i++)
+        known |= !strcmp(model, accepted[i]);
+    if (!known || json_is_true(json_object_get(object, "is_fisheye")))
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found camera model %s, expected OPENCV, PINHOLE, SIMPLE_PINHOLE, RADIAL or SIMPLE_RADIAL: "
+                       "undistort the images first",
+                       where, known ? "fisheye" : model);
+    if (isnan(centre[0]) != isnan(centre[1]))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found one of cx and cy, expected both", where);
+    if (!isnan(centre[0])) {
+        lens->has_principal = true;
+        lens->cx = centre[0];
+        lens->cy = centre[1];
+    }
+    return SG_OK;
+}
+
+static int get_pose(sg_ctx *ctx, const json_t *frame, const char *where, struct sg_shot *shot)
+{
+    double m[16] = {[15] = 1};
+    const json_t *rows = json_object_get(frame, "transform_matrix");
+    size_t n = json_array_size(rows); /* 0 for anything but an array */
+    bool ok = n == 3 || n == 4;
+    for (size_t i = 0; i < n && ok; i++) {
+        const json_t *row = json_array_get(rows, i);
+        ok = json_array_size(row) == 4;
+        for (size_t j = 0; j < 4 && ok; j++) {
+            const json_t *value = json_array_get(row, j);
+            ok = json_is_number(value);
+            m[4 * i + j] = json_number_value(value);
+        }
+    }
+    if (!ok)
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: \"transform_matrix\": found none or a malformed one, expected 4 rows of 4 "
+                       "numbers",
+                       where);
+    return sg_pose_from_opengl(ctx, m, where, shot->R, shot->t);
+}
+
+int sg_transforms_frame(sg_ctx *ctx, const json_t *frame, const char *where, const struct sg_lens *lens,
+                        uint64_t max_images, struct sg_shots *shots, struct sg_shot **shot)
+{
+    const char *file = NULL;
+    int code = sg_json_text(ctx, frame, "file_path", where, &file);
+    if (!code && !file)
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no \"file_path\", expected the name of an image", where);
+    if (code)
+        return code;
+    while (file[0] == '.' && file[1] == '/')
+        file += 2;
+    code = sg_shots_add(ctx, shots, max_images, where, file, shot);
+    if (code)
+        return code;
+    (*shot)->lens = *lens;
+    code = sg_lens_check(ctx, lens, where);
+    return code ? code : get_pose(ctx, frame, where, *shot);
+}
+
+int sg_find_photo(sg_ctx *ctx, const char *dir, const char *file, char **path, char **tried)
+{
+    static const char *const suffixes[] = {"", ".png", ".jpg", ".jpeg", ".webp"};
+    const char *dot = strrchr(sg_base_name(file), '.');
+    /* A name that ends in a known suffix is not lengthened; one with a dot elsewhere may be. */
+    bool complete = false;
+    for (size_t i = 1; i < sizeof(suffixes) / sizeof(*suffixes); i++)
+        complete |= dot && !strcasecmp(dot, suffixes[i]);
+    size_t n = complete ? 1 : sizeof(suffixes) / sizeof(*suffixes);
+    *path = NULL;
+    for (size_t i = 0; i < n; i++) {
+        *path = sg_strf(ctx, "%s/%s%s", dir, file, suffixes[i]);
+        if (!*path)
+            return SG_ERR_BUDGET;
+        if (sg_file_exists(*path))
+            return SG_OK;
+        sg_free(ctx, *path);
+        *path = NULL;
+    }
+    if (tried) {
+        *tried = complete ? sg_strf(ctx, "%s/%s", dir, file)
+                          : sg_strf(ctx, "%s/%s, also with .png, .jpg, .jpeg or .webp added", dir, file);
+        if (!*tried)
+            return SG_ERR_BUDGET;
+    }
+    return SG_OK;
+}

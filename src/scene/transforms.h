@@ -1,0 +1,28 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What the two JSON formats share: loading, numbers, poses, frames. */
+#ifndef SG_SCENE_TRANSFORMS_H
+#define SG_SCENE_TRANSFORMS_H
+
+#include <jansson.h>
+
+#include "scene/reader.h"
+
+#define SG_JSON_BYTES (UINT64_C(1) << 28)
+
+/* The document, an object with an array "frames" that is not empty and not longer than max_frames. Release with
+ * json_decref. */
+int sg_transforms_load(sg_ctx *ctx, const char *file, const char *data, size_t size, uint64_t max_frames, json_t **root,
+                       json_t **frames);
+/* Leaves *out alone where the key is absent or null. */
+int sg_json_number(sg_ctx *ctx, const json_t *object, const char *key, const char *where, double *out);
+int sg_json_text(sg_ctx *ctx, const json_t *object, const char *key, const char *where, const char **out);
+/* Intrinsics given in object replace those of *lens. */
+int sg_json_lens(sg_ctx *ctx, const json_t *object, const char *where, struct sg_lens *lens);
+/* One entry of "frames" as a shot with the given lens. */
+int sg_transforms_frame(sg_ctx *ctx, const json_t *frame, const char *where, const struct sg_lens *lens,
+                        uint64_t max_images, struct sg_shots *shots, struct sg_shot **shot);
+/* First of dir/file, dir/file.png, .jpg, .jpeg, .webp that exists, NULL if none. *tried (if not NULL): the list of
+ * names, for a message; the caller's. */
+int sg_find_photo(sg_ctx *ctx, const char *dir, const char *file, char **path, char **tried);
+
+#endif

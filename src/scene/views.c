@@ -1,0 +1,230 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* From a shot to a view: decode, composite, undistort, resample, and the camera that belongs to the result. */
+#include <math.h>
+#include <stdatomic.h>
+#include <string.h>
+
+#include "scene/image.h"
+#include "scene/reader.h"
+
+#define SIDE_MAX 16384 /* of a view, see struct sg_camera */
+
+struct job {
+    sg_ctx *ctx;
+    const struct sg_scene_params *params;
+    const struct sg_shot *shots;
+    struct sg_view *views;
+    atomic_int code; /* of the first failure; the others stop */
+};
+
+/* The reference's resolution rule, in double precision and with its roundings, then the downscale. */
+static int target_size(sg_ctx *ctx, const struct sg_scene_params *p, const char *path, int width, int height, int *w,
+                       int *h)
+{
+    double tw, th;
+    int r = p->resolution;
+    if (r == 1 || r == 2 || r == 4 || r == 8) {
+        tw = rint((double) width / r); /* half to even */
+        th = rint((double) height / r);
+    } else {
+        double factor = r > 0 ? (double) width / r : width > 1600 ? width / 1600.0 : 1;
+        tw = trunc(width / factor);
+        th = trunc(height / factor);
+    }
+    if (p->downscale != 1) {
+        tw = rint(tw / p->downscale);
+        th = rint(th / p->downscale);
+    }
+    tw = tw < 1 ? 1 : tw;
+    th = th < 1 ? 1 : th;
+    if (tw > SIDE_MAX || th > SIDE_MAX || tw * th > (double) p->max_pixels)
+        return sg_fail(ctx, SG_ERR_BUDGET,
+                       "%s: resampled size: found %.0f x %.0f pixels, expected sides up to %d and at "
+                       "most %llu pixels",
+                       path, tw, th, SIDE_MAX, (unsigned long long) p->max_pixels);
+    *w = (int) tw;
+    *h = (int) th;
+    return SG_OK;
+}
+
+/* The lens for a photo of width x height: same field of view, whatever size the numbers were given for. */
+static int fit_lens(sg_ctx *ctx, const struct sg_shot *shot, int width, int height, struct sg_lens *lens)
+{
+    *lens = shot->lens;
+    double sx = lens->width ? (double) width / lens->width : 1, sy = lens->height ? (double) height / lens->height : 1;
+    double own = lens->width ? lens->width : width, own_y = lens->height ? lens->height : height;
+    if (!(lens->fx > 0))
+        lens->fx = own / (2 * tan(lens->angle_x / 2));
+    if (!(lens->fy > 0))
+        lens->fy = lens->angle_y > 0 ? own_y / (2 * tan(lens->angle_y / 2)) : lens->fx; /* square pixels */
+    lens->fx *= sx;
+    lens->fy *= sy;
+    lens->cx = lens->has_principal ? lens->cx * sx : width / 2.0;
+    lens->cy = lens->has_principal ? lens->cy * sy : height / 2.0;
+    lens->width = width;
+    lens->height = height;
+    if (!(lens->fx > 1e-6) || !(lens->fy > 1e-6) || !(lens->fx < 1e12) || !(lens->fy < 1e12))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found focal lengths %g, %g pixels, expected usable ones", shot->path,
+                       lens->fx, lens->fy);
+    return SG_OK;
+}
+
+static bool is_distorted(const struct sg_lens *lens)
+{
+    return lens->k1 != 0 || lens->k2 != 0 || lens->p1 != 0 || lens->p2 != 0;
+}
+
+/* The mask of a shot at the photo's size, 0 or 255. */
+static int load_mask(struct job *job, const struct sg_shot *shot, int width, int height, uint8_t **out)
+{
+    sg_ctx *ctx = job->ctx;
+    struct sg_image image = {0};
+    size_t pixels = (size_t) width * (size_t) height;
+    uint8_t *grey = NULL;
+    int code = sg_image_read(ctx, shot->mask, job->params->max_pixels, &image);
+    if (code)
+        return code;
+    size_t n = (size_t) image.width * (size_t) image.height, step = (size_t) image.channels;
+    for (size_t i = 0; i < n && step > 1; i++) { /* in place: the read position is never behind */
+        const uint8_t *p = image.pixels + i * step;
+        image.pixels[i] = (uint8_t) ((p[0] + p[1] + p[2]) / 3);
+    }
+    grey = sg_alloc_raw(ctx, SG_MEM_IMAGES, pixels, 1);
+    code = grey ? sg_resample(ctx, image.pixels, image.width, image.height, 1, grey, width, height) : SG_ERR_BUDGET;
+    sg_image_clear(ctx, &image);
+    for (size_t i = 0; i < pixels && !code; i++)
+        grey[i] = grey[i] > 127 ? 255 : 0;
+    *out = grey;
+    return code;
+}
+
+/* Resamples *plane in place of itself if the size differs. */
+static int resize(sg_ctx *ctx, uint8_t **plane, int width, int height, int channels, int w, int h)
+{
+    if (!*plane || (w == width && h == height))
+        return SG_OK;
+    uint8_t *small = sg_alloc_raw(ctx, SG_MEM_IMAGES, (size_t) w * (size_t) h, (size_t) channels);
+    int code = small ? sg_resample(ctx, *plane, width, height, channels, small, w, h) : SG_ERR_BUDGET;
+    sg_free(ctx, *plane);
+    *plane = small;
+    return code;
+}
+
+static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view *view)
+{
+    sg_ctx *ctx = job->ctx;
+    const struct sg_scene_params *params = job->params;
+    struct sg_image image = {0};
+    struct sg_lens lens;
+    uint8_t *valid = NULL, *pinhole = NULL;
+    int w = 0, h = 0;
+    view->name = sg_strdup(ctx, shot->name);
+    view->path = sg_strdup(ctx, shot->path);
+    if (!view->name || !view->path)
+        return SG_ERR_BUDGET;
+    int code = sg_image_read(ctx, shot->path, params->max_pixels, &image);
+    if (code)
+        return code;
+    const int width = image.width, height = image.height;
+    const size_t pixels = (size_t) width * (size_t) height;
+    view->file_width = width;
+    view->file_height = height;
+    if (image.channels == 3) { /* already what is wanted: take it over */
+        view->rgb = image.pixels;
+        image.pixels = NULL;
+    } else {
+        view->rgb = sg_alloc_raw(ctx, SG_MEM_IMAGES, pixels, 3);
+        if (!view->rgb) {
+            code = SG_ERR_BUDGET;
+            goto done;
+        }
+        sg_image_flatten(&image, params->white_background, view->rgb);
+    }
+    sg_image_clear(ctx, &image);
+    code = target_size(ctx, params, shot->path, width, height, &w, &h);
+    if (!code)
+        code = fit_lens(ctx, shot, width, height, &lens);
+    if (!code && shot->mask)
+        code = load_mask(job, shot, width, height, &view->mask);
+    if (code)
+        goto done;
+    if (is_distorted(&lens)) {
+        size_t lost;
+        pinhole = sg_alloc_raw(ctx, SG_MEM_IMAGES, pixels, 3);
+        valid = sg_alloc_raw(ctx, SG_MEM_IMAGES, pixels, 1);
+        code = pinhole && valid ? sg_undistort(ctx, &lens, width, height, view->rgb, pinhole, valid, view->mask, &lost)
+                                : SG_ERR_BUDGET;
+        if (code)
+            goto done;
+        sg_free(ctx, view->rgb);
+        view->rgb = pinhole;
+        pinhole = NULL;
+        if (lost == pixels) {
+            code = sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: found distortion %g %g %g %g that leaves no pixel of the photo, "
+                           "expected that of a real lens",
+                           shot->path, lens.k1, lens.k2, lens.p1, lens.p2);
+            goto done;
+        }
+        if (!lost) {
+            sg_free(ctx, valid);
+            valid = NULL;
+        }
+    }
+    code = resize(ctx, &view->rgb, width, height, 3, w, h);
+    if (!code)
+        code = resize(ctx, &view->mask, width, height, 1, w, h);
+    if (!code)
+        code = resize(ctx, &valid, width, height, 1, w, h);
+    if (code)
+        goto done;
+    size_t n = (size_t) w * (size_t) h;
+    for (size_t i = 0; i < n && view->mask; i++)
+        view->mask[i] = view->mask[i] > 127 ? 255 : 0;
+    for (size_t i = 0; i < n && valid; i++) /* strict: a pixel with a share of black outside is a wrong target */
+        valid[i] = valid[i] == 255 && (!view->mask || view->mask[i]) ? 255 : 0;
+    if (valid) {
+        sg_free(ctx, view->mask);
+        view->mask = valid;
+        valid = NULL;
+    }
+    double sx = (double) w / width, sy = (double) h / height;
+    view->camera = (struct sg_camera){.width = w, .height = h, .fx = lens.fx * sx, .fy = lens.fy * sy};
+    view->camera.cx = params->centred_principal ? w / 2.0 : lens.cx * sx;
+    view->camera.cy = params->centred_principal ? h / 2.0 : lens.cy * sy;
+    memcpy(view->camera.R, shot->R, sizeof(shot->R));
+    memcpy(view->camera.t, shot->t, sizeof(shot->t));
+done:
+    sg_image_clear(ctx, &image);
+    sg_free(ctx, pinhole);
+    sg_free(ctx, valid);
+    return code;
+}
+
+static void load_one(void *arg, size_t i, int thread)
+{
+    struct job *job = arg;
+    (void) thread;
+    if (atomic_load(&job->code))
+        return;
+    int code = load_view(job, &job->shots[i], &job->views[i]), none = 0;
+    if (code)
+        atomic_compare_exchange_strong(&job->code, &none, code);
+}
+
+int sg_views_load(sg_ctx *ctx, const struct sg_scene_params *params, const struct sg_shots *shots,
+                  struct sg_view *views)
+{
+    struct job job = {.ctx = ctx, .params = params, .shots = shots->items, .views = views};
+    sg_parallel_for(ctx, shots->count, load_one, &job);
+    return atomic_load(&job.code);
+}
+
+void sg_view_clear(sg_ctx *ctx, struct sg_view *view)
+{
+    sg_free(ctx, view->name);
+    sg_free(ctx, view->path);
+    sg_free(ctx, view->rgb);
+    sg_free(ctx, view->mask);
+    *view = (struct sg_view){0};
+}
