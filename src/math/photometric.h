@@ -11,8 +11,8 @@
 
 /* Gaussian, sigma 1.5, normalised to sum 1. */
 static const float sg_ssim_window[SG_SSIM_TAPS] = {
-    0.00102838008f, 0.00759875813f, 0.03600077212f, 0.10936068950f, 0.21300552785f, 0.26601172486f,
-    0.21300552785f, 0.10936068950f, 0.03600077212f, 0.00759875813f, 0.00102838008f};
+    0.00102838008f, 0.00759875814f, 0.03600077213f, 0.10936068951f, 0.21300553771f, 0.26601172486f,
+    0.21300553771f, 0.10936068951f, 0.03600077213f, 0.00759875814f, 0.00102838008f};
 
 /* m1 = w*x, m2 = w*y, xx = w*x^2, yy = w*y^2, xy = w*xy. Returns S; *d_m, *d_xx, *d_xy are dS/d(m1) with the
  * second moments' dependence folded in, dS/d(xx) and dS/d(xy). */

@@ -1,0 +1,455 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The CPU backend: drives the kernels over the thread pool. Work is cut into pieces that do not depend on the number of
+ * threads, and every sum is taken in a fixed order, so that any number of threads gives the same bytes. */
+#include <stdatomic.h>
+#include <string.h>
+#include <time.h>
+
+#include "backend/host_model.h"
+#include "bin.h"
+#include "dispatch.h"
+
+#define BLOCKS_PER_PIECE 64 /* of SG_LANES Gaussians */
+#define ROWS_PER_PIECE 8
+
+struct cpu_backend {
+    struct sg_backend base;
+    const struct cpu_kernels *kernels;
+    struct sg_host_model model;
+    struct sg_camera camera;
+    struct sg_render_params params;
+    int degree;
+    struct cpu_splat *splats;
+    struct bins bins;
+    float *slots;     /* per instance of the band: splat gradients */
+    float *band_sums; /* per Gaussian over the bands; unused with one band */
+    float *rgb, *alpha, *depth, *gradient, *target, *maps;
+    double *sums;
+    float *row_scratch; /* of the loss, per thread */
+    size_t cap_splats, cap_slots, cap_band_sums;
+    size_t pixels;      /* the frame buffers' size */
+    size_t aux_pixels;  /* alpha and depth */
+    size_t loss_pixels; /* target and maps */
+    size_t sums_rows, scratch_width;
+};
+
+static double seconds(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
+}
+
+static void lap(double *start, double *sum)
+{
+    const double now = seconds();
+    *sum += now - *start;
+    *start = now;
+}
+
+static void destroy(struct sg_backend *base)
+{
+    struct cpu_backend *b = (struct cpu_backend *) base;
+    sg_ctx *ctx = base->ctx;
+    sg_host_clear(ctx, &b->model);
+    bins_clear(ctx, &b->bins);
+    void *owned[] = {b->splats,   b->slots,  b->band_sums, b->rgb,  b->alpha,      b->depth,
+                     b->gradient, b->target, b->maps,      b->sums, b->row_scratch};
+    for (size_t i = 0; i < sizeof(owned) / sizeof(owned[0]); i++)
+        sg_free(ctx, owned[i]);
+    sg_free(ctx, b);
+}
+
+static const char *variant(const struct sg_backend *base)
+{
+    return ((const struct cpu_backend *) base)->kernels->name;
+}
+
+static int upload(struct sg_backend *base, const struct sg_model *m, const struct sg_optimiser *o)
+{
+    return sg_host_upload(base->ctx, &((struct cpu_backend *) base)->model, m, o);
+}
+
+static int download(struct sg_backend *base, struct sg_model *m, struct sg_optimiser *o)
+{
+    return sg_host_download(&((struct cpu_backend *) base)->model, m, o);
+}
+
+static size_t count(const struct sg_backend *base)
+{
+    return ((const struct cpu_backend *) base)->model.count;
+}
+
+static size_t pieces(size_t n)
+{
+    const size_t blocks = (n + SG_LANES - 1) / SG_LANES;
+    return (blocks + BLOCKS_PER_PIECE - 1) / BLOCKS_PER_PIECE;
+}
+
+static size_t piece_end(size_t n, size_t piece)
+{
+    const size_t blocks = (n + SG_LANES - 1) / SG_LANES, end = (piece + 1) * BLOCKS_PER_PIECE;
+    return end < blocks ? end : blocks;
+}
+
+struct project_job {
+    const struct cpu_kernels *kernels;
+    struct cpu_project_args args;
+};
+
+static void project_piece(void *arg, size_t piece, int thread)
+{
+    (void) thread;
+    const struct project_job *j = arg;
+    j->kernels->project(&j->args, piece * BLOCKS_PER_PIECE, piece_end(j->args.count, piece));
+}
+
+/* Replaces *buffer by one of n items; contents undefined. */
+static int refit(sg_ctx *ctx, float **buffer, size_t n)
+{
+    sg_free(ctx, *buffer);
+    *buffer = sg_alloc_raw(ctx, SG_MEM_FRAME, n, sizeof(float));
+    return *buffer ? SG_OK : SG_ERR_BUDGET;
+}
+
+static int do_project(struct sg_backend *base, const struct sg_camera *camera, int sh_degree,
+                      const struct sg_render_params *params)
+{
+    struct cpu_backend *b = (struct cpu_backend *) base;
+    sg_ctx *ctx = base->ctx;
+    double clock = seconds();
+    b->camera = *camera;
+    b->params = *params;
+    b->degree = sh_degree;
+    const size_t n = b->model.count, pixels = (size_t) camera->width * (size_t) camera->height;
+    if (sg_grow(ctx, SG_MEM_SPLATS, &b->splats, &b->cap_splats, n, 0, sizeof(*b->splats)))
+        return SG_ERR_BUDGET;
+    if (pixels > b->pixels) {
+        b->pixels = 0;
+        if (refit(ctx, &b->rgb, 3 * pixels) || refit(ctx, &b->gradient, 3 * pixels))
+            return SG_ERR_BUDGET;
+        b->pixels = pixels;
+    }
+    struct project_job job = {b->kernels,
+                              {.params = b->model.params,
+                               .count = n,
+                               .planes = b->model.planes,
+                               .degree = sh_degree,
+                               .camera = &b->camera,
+                               .splats = b->splats}};
+    sg_parallel_for(ctx, pieces(n), project_piece, &job);
+    lap(&clock, &base->times.project);
+    const int code = bins_make(ctx, &b->bins, b->splats, n, camera->width, camera->height, params->reference_tiles,
+                               params->max_instances);
+    lap(&clock, &base->times.bin);
+    return code;
+}
+
+struct raster_job {
+    uint64_t (*kernel)(const struct cpu_raster_args *, int);
+    struct cpu_raster_args args;
+    atomic_uint_least64_t pairs;
+};
+
+static void raster_tile(void *arg, size_t i, int thread)
+{
+    (void) thread;
+    struct raster_job *j = arg;
+    const uint64_t pairs = j->kernel(&j->args, j->args.first_tile + (int) i);
+    atomic_fetch_add_explicit(&j->pairs, pairs, memory_order_relaxed);
+}
+
+static struct cpu_raster_args raster_args(const struct cpu_backend *b, int band)
+{
+    struct cpu_raster_args a = {.width = b->camera.width,
+                                .height = b->camera.height,
+                                .grid_x = b->bins.grid_x,
+                                .splats = b->splats,
+                                .instances = b->bins.instances,
+                                .tile_start = b->bins.tile_start,
+                                .first_tile = b->bins.bands[band].first,
+                                .rgb = b->rgb,
+                                .gradient = b->gradient,
+                                .slots = b->slots};
+    memcpy(a.background, b->params.background, sizeof(a.background));
+    return a;
+}
+
+static size_t band_tiles(const struct cpu_backend *b, int band)
+{
+    return (size_t) (b->bins.bands[band].end - b->bins.bands[band].first);
+}
+
+static int rasterize(struct sg_backend *base, bool auxiliary, struct sg_render_stats *stats)
+{
+    struct cpu_backend *b = (struct cpu_backend *) base;
+    sg_ctx *ctx = base->ctx;
+    uint64_t pairs = 0;
+    const size_t pixels = (size_t) b->camera.width * (size_t) b->camera.height;
+    if (auxiliary && pixels > b->aux_pixels) {
+        b->aux_pixels = 0;
+        if (refit(ctx, &b->alpha, pixels) || refit(ctx, &b->depth, pixels))
+            return SG_ERR_BUDGET;
+        b->aux_pixels = pixels;
+    }
+    for (int band = 0; band < b->bins.band_count; band++) {
+        double clock = seconds();
+        if (bins_band(ctx, &b->bins, b->splats, band))
+            return SG_ERR_BUDGET;
+        lap(&clock, &base->times.bin);
+        struct raster_job job = {.kernel = b->kernels->raster, .args = raster_args(b, band)};
+        if (auxiliary)
+            job.args.alpha = b->alpha, job.args.depth = b->depth;
+        sg_parallel_for(ctx, band_tiles(b, band), raster_tile, &job);
+        pairs += job.pairs;
+        lap(&clock, &base->times.raster);
+    }
+    if (stats)
+        *stats = (struct sg_render_stats){.visible = b->bins.visible,
+                                          .instances = b->bins.total,
+                                          .pairs = pairs,
+                                          .max_tile = b->bins.max_tile,
+                                          .bands = (uint32_t) b->bins.band_count};
+    return SG_OK;
+}
+
+static int read_image(struct sg_backend *base, float *rgb, float *alpha, float *depth)
+{
+    const struct cpu_backend *b = (const struct cpu_backend *) base;
+    const size_t pixels = (size_t) b->camera.width * (size_t) b->camera.height;
+    memcpy(rgb, b->rgb, 3 * pixels * sizeof(float));
+    if (alpha)
+        memcpy(alpha, b->alpha, pixels * sizeof(float));
+    if (depth)
+        memcpy(depth, b->depth, pixels * sizeof(float));
+    return SG_OK;
+}
+
+static int write_image_gradient(struct sg_backend *base, const float *gradient)
+{
+    struct cpu_backend *b = (struct cpu_backend *) base;
+    memcpy(b->gradient, gradient, 3 * (size_t) b->camera.width * (size_t) b->camera.height * sizeof(float));
+    return SG_OK;
+}
+
+struct loss_job {
+    const struct cpu_kernels *kernels;
+    struct cpu_loss_args args;
+    float *scratch;
+    size_t scratch_stride;
+    int pass;
+};
+
+static void loss_rows(void *arg, size_t piece, int thread)
+{
+    const struct loss_job *j = arg;
+    const int per_channel = (j->args.height + ROWS_PER_PIECE - 1) / ROWS_PER_PIECE;
+    const int channel = (int) piece / per_channel, first = (int) piece % per_channel * ROWS_PER_PIECE;
+    float *scratch = j->scratch + (size_t) thread * j->scratch_stride;
+    for (int y = first; y < first + ROWS_PER_PIECE && y < j->args.height; y++)
+        if (j->pass == 0)
+            j->kernels->loss_target(&j->args, channel, y);
+        else if (j->pass == 1)
+            j->kernels->loss_forward(&j->args, channel, y, scratch);
+        else
+            j->kernels->loss_backward(&j->args, channel, y, scratch);
+}
+
+static int reserve_loss(struct cpu_backend *b)
+{
+    sg_ctx *ctx = b->base.ctx;
+    const size_t pixels = (size_t) b->camera.width * (size_t) b->camera.height, rows = (size_t) b->camera.height;
+    if (pixels > b->loss_pixels) {
+        b->loss_pixels = 0;
+        if (refit(ctx, &b->target, 3 * pixels) || refit(ctx, &b->maps, 9 * pixels))
+            return SG_ERR_BUDGET;
+        b->loss_pixels = pixels;
+    }
+    const size_t width = (size_t) b->camera.width;
+    if (width > b->scratch_width) {
+        b->scratch_width = 0;
+        if (refit(ctx, &b->row_scratch, (size_t) sg_ctx_threads(ctx) * 5 * CPU_LOSS_STRIDE(width)))
+            return SG_ERR_BUDGET;
+        b->scratch_width = width;
+    }
+    return sg_grow(ctx, SG_MEM_FRAME, &b->sums, &b->sums_rows, rows, 0, 9 * sizeof(double));
+}
+
+static int loss(struct sg_backend *base, const struct sg_loss_params *p, struct sg_loss_value *out)
+{
+    struct cpu_backend *b = (struct cpu_backend *) base;
+    double clock = seconds();
+    if (reserve_loss(b))
+        return SG_ERR_BUDGET;
+    struct loss_job job = {.kernels = b->kernels,
+                           .args = {.width = b->camera.width,
+                                    .height = b->camera.height,
+                                    .rgb = b->rgb,
+                                    .params = p,
+                                    .target = b->target,
+                                    .maps = b->maps,
+                                    .gradient = b->gradient,
+                                    .sums = b->sums},
+                           .scratch = b->row_scratch,
+                           .scratch_stride = 5 * CPU_LOSS_STRIDE((size_t) b->camera.width)};
+    const size_t work = 3 * (size_t) ((b->camera.height + ROWS_PER_PIECE - 1) / ROWS_PER_PIECE);
+    for (job.pass = 0; job.pass < 3; job.pass++)
+        sg_parallel_for(base->ctx, work, loss_rows, &job);
+    double sums[3] = {0};
+    for (int row = 0; row < 3 * b->camera.height; row++)
+        for (int k = 0; k < 3; k++)
+            sums[k] += b->sums[3 * row + k];
+    const double values = 3.0 * (double) b->camera.width * (double) b->camera.height;
+    out->l1 = sums[0] / values, out->mse = sums[1] / values, out->ssim = sums[2] / values;
+    out->total = (1 - (double) p->lambda_dssim) * out->l1 + (double) p->lambda_dssim * (1 - out->ssim);
+    lap(&clock, &base->times.loss);
+    return SG_OK;
+}
+
+struct band_sum_job {
+    const struct cpu_backend *b;
+};
+
+static void band_sum_piece(void *arg, size_t piece, int thread)
+{
+    (void) thread;
+    const struct cpu_backend *b = ((const struct band_sum_job *) arg)->b;
+    const size_t n = b->model.count, stop = piece_end(n, piece) * SG_LANES;
+    for (size_t i = piece * BLOCKS_PER_PIECE * SG_LANES; i < stop && i < n; i++)
+        for (size_t k = b->bins.slot_start[i]; k < b->bins.slot_start[i + 1]; k++)
+            for (size_t j = 0; j < 9; j++)
+                b->band_sums[i * CPU_SLOT_FLOATS + j] += b->slots[k * CPU_SLOT_FLOATS + j];
+}
+
+static int rasterize_backward(struct sg_backend *base)
+{
+    struct cpu_backend *b = (struct cpu_backend *) base;
+    sg_ctx *ctx = base->ctx;
+    const bool banded = b->bins.band_count > 1;
+    if (banded) {
+        if (sg_grow(ctx, SG_MEM_SPLATS, &b->band_sums, &b->cap_band_sums, b->model.count, 0,
+                    CPU_SLOT_FLOATS * sizeof(float)))
+            return SG_ERR_BUDGET;
+        memset(b->band_sums, 0, b->model.count * CPU_SLOT_FLOATS * sizeof(float));
+    }
+    for (int band = 0; band < b->bins.band_count; band++) {
+        double clock = seconds();
+        if (bins_band(ctx, &b->bins, b->splats, band))
+            return SG_ERR_BUDGET;
+        lap(&clock, &base->times.bin);
+        const size_t instances = b->bins.tile_start[band_tiles(b, band)];
+        if (sg_grow(ctx, SG_MEM_INSTANCES, &b->slots, &b->cap_slots, instances, 0, CPU_SLOT_FLOATS * sizeof(float)))
+            return SG_ERR_BUDGET;
+        struct raster_job job = {.kernel = b->kernels->raster_backward, .args = raster_args(b, band)};
+        sg_parallel_for(ctx, band_tiles(b, band), raster_tile, &job);
+        if (banded)
+            sg_parallel_for(ctx, pieces(b->model.count), band_sum_piece, &(struct band_sum_job){b});
+        lap(&clock, &base->times.raster_backward);
+    }
+    return SG_OK;
+}
+
+struct update_job {
+    const struct cpu_kernels *kernels;
+    struct cpu_update_args args;
+};
+
+static void update_piece(void *arg, size_t piece, int thread)
+{
+    (void) thread;
+    const struct update_job *j = arg;
+    j->kernels->update(&j->args, piece * BLOCKS_PER_PIECE, piece_end(j->args.count, piece));
+}
+
+static void run_update(struct cpu_backend *b, const struct sg_update *u, float *gradients)
+{
+    struct sg_host_model *h = &b->model;
+    const bool banded = b->bins.band_count > 1;
+    struct update_job job = {b->kernels,
+                             {.camera = &b->camera,
+                              .params = h->params,
+                              .m = h->opt.m,
+                              .v = h->opt.v,
+                              .grad_sum = h->opt.grad_sum,
+                              .grad_count = h->opt.grad_count,
+                              .max_radius = h->opt.max_radius,
+                              .count = h->count,
+                              .planes = h->planes,
+                              .degree = b->degree,
+                              .splats = b->splats,
+                              .slots = banded ? b->band_sums : b->slots,
+                              .slot_start = banded ? NULL : b->bins.slot_start,
+                              .gradients = gradients,
+                              .update = u}};
+    sg_parallel_for(b->base.ctx, pieces(h->count), update_piece, &job);
+}
+
+static int update(struct sg_backend *base, const struct sg_update *u)
+{
+    double clock = seconds();
+    if (u->adam || u->statistics)
+        run_update((struct cpu_backend *) base, u, NULL);
+    lap(&clock, &base->times.update);
+    return SG_OK;
+}
+
+static int read_gradients(struct sg_backend *base, struct sg_model *out)
+{
+    struct cpu_backend *b = (struct cpu_backend *) base;
+    memset(out->params, 0, out->capacity * (size_t) b->model.planes * sizeof(float));
+    run_update(b, &(struct sg_update){0}, out->params);
+    return SG_OK;
+}
+
+static int read_statistics(struct sg_backend *base, float *gradient, float *opacity, float *scale, float *radius)
+{
+    sg_host_statistics(base->ctx, &((struct cpu_backend *) base)->model, gradient, opacity, scale, radius);
+    return SG_OK;
+}
+
+static int edit(struct sg_backend *base, const struct sg_edit *e)
+{
+    return sg_host_edit(base->ctx, &((struct cpu_backend *) base)->model, e);
+}
+
+static int reset_opacity(struct sg_backend *base, float limit)
+{
+    sg_host_reset_opacity(&((struct cpu_backend *) base)->model, limit);
+    return SG_OK;
+}
+
+static const struct sg_backend_ops ops = {
+    .name = "cpu",
+    .destroy = destroy,
+    .variant = variant,
+    .upload = upload,
+    .download = download,
+    .count = count,
+    .project = do_project,
+    .rasterize = rasterize,
+    .read_image = read_image,
+    .loss = loss,
+    .write_image_gradient = write_image_gradient,
+    .rasterize_backward = rasterize_backward,
+    .update = update,
+    .read_gradients = read_gradients,
+    .read_statistics = read_statistics,
+    .edit = edit,
+    .reset_opacity = reset_opacity,
+};
+
+int sg_backend_create_cpu(sg_ctx *ctx, const char *cpu, struct sg_backend **out)
+{
+    const struct cpu_kernels *kernels;
+    int code = sg_cpu_select(ctx, cpu, &kernels);
+    if (code)
+        return code;
+    struct cpu_backend *b = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*b));
+    if (!b)
+        return SG_ERR_BUDGET;
+    b->base = (struct sg_backend){.ops = &ops, .ctx = ctx};
+    b->kernels = kernels;
+    b->bins.band = -1;
+    *out = &b->base;
+    return SG_OK;
+}

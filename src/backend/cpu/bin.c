@@ -1,0 +1,395 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "bin.h"
+
+#include <stdatomic.h>
+#include <string.h>
+
+#include "math/real_f32.h"
+
+#include "math/tiles.h"
+
+#define CHUNK 4096      /* Gaussians a piece of work, in index order */
+#define ORDER_CHUNKS 16 /* pieces of the sorted order; fixed, so that nothing depends on the number of threads */
+#define RADIX_BITS 11
+#define RADIX (1 << RADIX_BITS)
+
+/* First and end tile of row ty that a splat touches, within its rectangle. One function for counting and emitting. */
+static void __attribute__((noinline))
+row_tiles(const struct bins *b, const struct cpu_splat *s, const struct ellipse *e, const struct ellipse_rows *rows,
+          int ty, int x0, int x1, int *first, int *end)
+{
+    *first = x0, *end = x1;
+    if (b->reference_tiles)
+        return;
+    float left, right;
+    const float top = (float) (ty * SG_TILE) - s->y;
+    if (!ellipse_row_span(e, rows, top, top + (SG_TILE - 1), &left, &right)) {
+        *end = x0;
+        return;
+    }
+    const float scale = 1.0f / SG_TILE, lo = (float) x0, hi = (float) x1;
+    const int c0 = (int) r_max(r_min((s->x + left + 1) * scale, hi), lo);
+    const int c1 = (int) r_max(r_min((s->x + right + SG_TILE) * scale, hi), lo);
+    *first = c0, *end = c1 > c0 ? c1 : c0;
+}
+
+static struct ellipse ellipse_of(const struct cpu_splat *s)
+{
+    return (struct ellipse){s->k, s->slope, s->var, s->ic};
+}
+
+struct extent_job {
+    struct bins *b;
+    struct cpu_splat *splats;
+    atomic_uint_least64_t visible;
+};
+
+static void extent_chunk(void *arg, size_t chunk, int thread)
+{
+    (void) thread;
+    struct extent_job *job = arg;
+    struct bins *b = job->b;
+    const size_t end = (chunk + 1) * CHUNK < b->count ? (chunk + 1) * CHUNK : b->count;
+    uint64_t visible = 0;
+    for (size_t i = chunk * CHUNK; i < end; i++) {
+        struct cpu_splat *s = &job->splats[i];
+        struct bin_extent *o = &b->extents[i];
+        struct sg_tile_rect r;
+        int radius;
+        *o = (struct bin_extent){0};
+        if (!(s->radius > 0))
+            continue;
+        if (!sg_tile_rect(s->x, s->y, s->radius, b->grid_x, b->grid_y, &radius, &r)) {
+            s->radius = 0;
+            continue;
+        }
+        visible++;
+        if (!(s->opacity > 0))
+            continue;
+        /* Shrink the rectangle to the rows and columns that are touched at all. */
+        const struct ellipse e = ellipse_of(s);
+        const struct ellipse_rows rows = ellipse_rows(&e);
+        int x0 = r.x1, x1 = r.x0, y0 = r.y1, y1 = r.y0;
+        uint64_t tiles = 0;
+        const int width = r.x1 - r.x0;
+        const bool small = width * (r.y1 - r.y0) <= 64;
+        for (int ty = r.y0; ty < r.y1; ty++) {
+            int first, last;
+            row_tiles(b, s, &e, &rows, ty, r.x0, r.x1, &first, &last);
+            if (first == last)
+                continue;
+            x0 = first < x0 ? first : x0, x1 = last > x1 ? last : x1;
+            y0 = ty < y0 ? ty : y0, y1 = ty + 1;
+            if (small)
+                tiles |= (~(uint64_t) 0 >> (64 - (last - first))) << ((ty - r.y0) * width + first - r.x0);
+        }
+        if (x0 >= x1)
+            continue;
+        if (small) /* bits stay relative to the reference's rectangle */
+            *o = (struct bin_extent){(uint16_t) r.x0, (uint16_t) r.y0, (uint16_t) r.x1, (uint16_t) r.y1, tiles};
+        else
+            *o = (struct bin_extent){(uint16_t) x0, (uint16_t) y0, (uint16_t) x1, (uint16_t) y1, 0};
+    }
+    atomic_fetch_add_explicit(&job->visible, visible, memory_order_relaxed);
+}
+
+/* Runs the last argument for each tile of splat i in row-major order, with `tile` its index. */
+#define EACH_TILE(b, s, i, tile, ...)                                                                                  \
+    do {                                                                                                               \
+        const struct bin_extent *e_ = &(b)->extents[i];                                                                \
+        if (e_->tiles) {                                                                                               \
+            const int w_ = e_->x1 - e_->x0;                                                                            \
+            for (uint64_t left_ = e_->tiles; left_; left_ &= left_ - 1) {                                              \
+                const int bit_ = __builtin_ctzll(left_);                                                               \
+                const int tile = (e_->y0 + bit_ / w_) * (b)->grid_x + e_->x0 + bit_ % w_;                              \
+                __VA_ARGS__;                                                                                           \
+            }                                                                                                          \
+        } else if (e_->x1 > e_->x0) {                                                                                  \
+            const struct ellipse el_ = ellipse_of(s);                                                                  \
+            const struct ellipse_rows rows_ = ellipse_rows(&el_);                                                      \
+            for (int ty_ = e_->y0; ty_ < e_->y1; ty_++) {                                                              \
+                int first_, end_;                                                                                      \
+                row_tiles(b, s, &el_, &rows_, ty_, e_->x0, e_->x1, &first_, &end_);                                    \
+                for (int tx_ = first_; tx_ < end_; tx_++) {                                                            \
+                    const int tile = ty_ * (b)->grid_x + tx_;                                                          \
+                    __VA_ARGS__;                                                                                       \
+                }                                                                                                      \
+            }                                                                                                          \
+        }                                                                                                              \
+    } while (0)
+
+/* Depth order: least significant digit first, stable, on the bits of the depth above the near limit. */
+static uint32_t depth_key(float z)
+{
+    const float near = SG_Z_MIN;
+    uint32_t bits, base;
+    memcpy(&bits, &z, 4);
+    memcpy(&base, &near, 4);
+    return bits - base;
+}
+
+struct sort_job {
+    struct bins *b;
+    const struct cpu_splat *splats;
+    const struct bin_entry *from;
+    struct bin_entry *to;
+    int shift;
+    uint32_t (*histogram)[RADIX];
+    size_t *chunk_start; /* of the drawn splats of each index chunk */
+    size_t n;
+};
+
+static size_t order_begin(size_t n, size_t chunk)
+{
+    return n * chunk / ORDER_CHUNKS;
+}
+
+static void count_drawn(void *arg, size_t chunk, int thread)
+{
+    (void) thread;
+    struct sort_job *j = arg;
+    const size_t end = (chunk + 1) * CHUNK < j->b->count ? (chunk + 1) * CHUNK : j->b->count;
+    size_t n = 0;
+    for (size_t i = chunk * CHUNK; i < end; i++)
+        n += j->b->extents[i].x1 > j->b->extents[i].x0;
+    j->chunk_start[chunk] = n;
+}
+
+static void list_drawn(void *arg, size_t chunk, int thread)
+{
+    (void) thread;
+    struct sort_job *j = arg;
+    const size_t end = (chunk + 1) * CHUNK < j->b->count ? (chunk + 1) * CHUNK : j->b->count;
+    struct bin_entry *to = j->to + j->chunk_start[chunk];
+    for (size_t i = chunk * CHUNK; i < end; i++)
+        if (j->b->extents[i].x1 > j->b->extents[i].x0)
+            *to++ = (struct bin_entry){depth_key(j->splats[i].z), (uint32_t) i};
+}
+
+static void count_digits(void *arg, size_t chunk, int thread)
+{
+    (void) thread;
+    struct sort_job *j = arg;
+    uint32_t *h = j->histogram[chunk];
+    memset(h, 0, sizeof(j->histogram[0]));
+    for (size_t i = order_begin(j->n, chunk); i < order_begin(j->n, chunk + 1); i++)
+        h[j->from[i].key >> j->shift & (RADIX - 1)]++;
+}
+
+static void place_digits(void *arg, size_t chunk, int thread)
+{
+    (void) thread;
+    struct sort_job *j = arg;
+    uint32_t *h = j->histogram[chunk];
+    for (size_t i = order_begin(j->n, chunk); i < order_begin(j->n, chunk + 1); i++)
+        j->to[h[j->from[i].key >> j->shift & (RADIX - 1)]++] = j->from[i];
+}
+
+static int sort_by_depth(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats)
+{
+    const size_t chunks = (b->count + CHUNK - 1) / CHUNK;
+    struct sort_job j = {.b = b, .splats = splats};
+    j.chunk_start = sg_alloc_raw(ctx, SG_MEM_INSTANCES, chunks + 1, sizeof(size_t));
+    j.histogram = sg_alloc_raw(ctx, SG_MEM_INSTANCES, ORDER_CHUNKS, sizeof(j.histogram[0]));
+    int code = SG_ERR_BUDGET;
+    if (!j.chunk_start || !j.histogram)
+        goto done;
+    sg_parallel_for(ctx, chunks, count_drawn, &j);
+    size_t sum = 0;
+    for (size_t c = 0; c < chunks; c++) {
+        const size_t n = j.chunk_start[c];
+        j.chunk_start[c] = sum;
+        sum += n;
+    }
+    b->drawn = j.n = sum;
+    if (sg_grow(ctx, SG_MEM_INSTANCES, &b->order, &b->cap_order, sum, 0, sizeof(*b->order)) ||
+        sg_grow(ctx, SG_MEM_INSTANCES, &b->order_swap, &b->cap_swap, sum, 0, sizeof(*b->order)))
+        goto done;
+    j.to = b->order;
+    sg_parallel_for(ctx, chunks, list_drawn, &j);
+    for (j.shift = 0; j.shift < 32; j.shift += RADIX_BITS) {
+        j.from = b->order, j.to = b->order_swap;
+        sg_parallel_for(ctx, ORDER_CHUNKS, count_digits, &j);
+        uint32_t at = 0;
+        bool one_digit = false;
+        for (int d = 0; d < RADIX; d++) {
+            const uint32_t before = at;
+            for (int c = 0; c < ORDER_CHUNKS; c++) {
+                const uint32_t n = j.histogram[c][d];
+                j.histogram[c][d] = at;
+                at += n;
+            }
+            one_digit |= at - before == j.n;
+        }
+        if (one_digit)
+            continue;
+        sg_parallel_for(ctx, ORDER_CHUNKS, place_digits, &j);
+        struct bin_entry *swap = b->order;
+        b->order = b->order_swap, b->order_swap = swap;
+        const size_t cap = b->cap_order;
+        b->cap_order = b->cap_swap, b->cap_swap = cap;
+    }
+    code = SG_OK;
+done:
+    sg_free(ctx, j.chunk_start);
+    sg_free(ctx, j.histogram);
+    return code;
+}
+
+struct tile_job {
+    struct bins *b;
+    const struct cpu_splat *splats;
+    size_t tiles;   /* of the whole image */
+    int first, end; /* of the band */
+};
+
+static void count_tiles(void *arg, size_t chunk, int thread)
+{
+    (void) thread;
+    struct tile_job *j = arg;
+    uint32_t *h = j->b->histogram + chunk * j->tiles;
+    memset(h, 0, j->tiles * sizeof(*h));
+    for (size_t k = order_begin(j->b->drawn, chunk); k < order_begin(j->b->drawn, chunk + 1); k++) {
+        const uint32_t i = j->b->order[k].splat;
+        EACH_TILE(j->b, &j->splats[i], i, tile, h[tile]++);
+    }
+}
+
+static int cut_bands(sg_ctx *ctx, struct bins *b, size_t tiles, uint64_t limit)
+{
+    b->band_count = 0;
+    for (size_t tile = 0; tile < tiles;) {
+        uint64_t sum = b->tile_total[tile];
+        size_t end = tile + 1;
+        while (end < tiles && sum + b->tile_total[end] <= limit)
+            sum += b->tile_total[end++];
+        if (sum > UINT32_MAX)
+            return sg_fail(ctx, SG_ERR_BUDGET, "render: one tile has %llu instances, at most %u are supported",
+                           (unsigned long long) sum, UINT32_MAX);
+        if (sg_grow(ctx, SG_MEM_INSTANCES, &b->bands, &b->cap_bands, (size_t) b->band_count + 1, (size_t) b->band_count,
+                    sizeof(*b->bands)))
+            return SG_ERR_BUDGET;
+        b->bands[b->band_count++] = (struct bin_band){(int) tile, (int) end};
+        tile = end;
+    }
+    return SG_OK;
+}
+
+int bins_make(sg_ctx *ctx, struct bins *b, struct cpu_splat *splats, size_t count, int width, int height,
+              bool reference_tiles, uint64_t max_instances)
+{
+    b->grid_x = (width + SG_TILE - 1) / SG_TILE, b->grid_y = (height + SG_TILE - 1) / SG_TILE;
+    const size_t tiles = (size_t) b->grid_x * (size_t) b->grid_y;
+    b->reference_tiles = reference_tiles;
+    b->count = count;
+    b->band = -1;
+    b->total = b->max_tile = 0;
+    if (sg_grow(ctx, SG_MEM_SPLATS, &b->extents, &b->cap_extents, count, 0, sizeof(*b->extents)) ||
+        sg_grow(ctx, SG_MEM_INSTANCES, &b->histogram, &b->cap_histogram, tiles * ORDER_CHUNKS, 0, sizeof(uint32_t)) ||
+        sg_grow(ctx, SG_MEM_INSTANCES, &b->tile_total, &b->cap_total, tiles, 0, sizeof(uint64_t)))
+        return SG_ERR_BUDGET;
+    struct extent_job job = {.b = b, .splats = splats};
+    sg_parallel_for(ctx, (count + CHUNK - 1) / CHUNK, extent_chunk, &job);
+    b->visible = job.visible;
+    if (sort_by_depth(ctx, b, splats))
+        return SG_ERR_BUDGET;
+    struct tile_job tile_job = {.b = b, .splats = splats, .tiles = tiles};
+    sg_parallel_for(ctx, ORDER_CHUNKS, count_tiles, &tile_job);
+    for (size_t t = 0; t < tiles; t++) {
+        uint64_t sum = 0;
+        for (size_t c = 0; c < ORDER_CHUNKS; c++)
+            sum += b->histogram[c * tiles + t];
+        b->tile_total[t] = sum;
+        b->total += sum;
+        b->max_tile = sum > b->max_tile ? sum : b->max_tile;
+    }
+    return cut_bands(ctx, b, tiles, max_instances < UINT32_MAX ? max_instances : UINT32_MAX);
+}
+
+static void count_slots(void *arg, size_t chunk, int thread)
+{
+    (void) thread;
+    struct tile_job *j = arg;
+    struct bins *b = j->b;
+    const bool whole = b->band_count == 1;
+    const size_t end = (chunk + 1) * CHUNK < b->count ? (chunk + 1) * CHUNK : b->count;
+    for (size_t i = chunk * CHUNK; i < end; i++) {
+        uint32_t n = 0;
+        if (whole && b->extents[i].tiles)
+            n = (uint32_t) __builtin_popcountll(b->extents[i].tiles);
+        else
+            EACH_TILE(b, &j->splats[i], i, tile, n += tile >= j->first && tile < j->end);
+        b->slot_start[i] = n;
+    }
+}
+
+static void emit(void *arg, size_t chunk, int thread)
+{
+    (void) thread;
+    struct tile_job *j = arg;
+    struct bins *b = j->b;
+    uint32_t *cursor = b->histogram + chunk * j->tiles;
+    for (size_t k = order_begin(b->drawn, chunk); k < order_begin(b->drawn, chunk + 1); k++) {
+        const uint32_t i = b->order[k].splat;
+        uint32_t slot = b->slot_start[i];
+        EACH_TILE(b, &j->splats[i], i, tile, {
+            if (tile >= j->first && tile < j->end)
+                b->instances[cursor[tile]++] = (struct cpu_instance){i, slot++};
+        });
+    }
+}
+
+int bins_band(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats, int band)
+{
+    if (b->band == band)
+        return SG_OK;
+    const size_t tiles = (size_t) b->grid_x * (size_t) b->grid_y;
+    const struct bin_band range = b->bands[band];
+    const size_t band_tiles = (size_t) (range.end - range.first);
+    uint64_t total = 0;
+    for (int t = range.first; t < range.end; t++)
+        total += b->tile_total[t];
+    struct tile_job job = {.b = b, .splats = splats, .tiles = tiles, .first = range.first, .end = range.end};
+    if (b->band >= 0) /* emitting turned the counts into positions */
+        sg_parallel_for(ctx, ORDER_CHUNKS, count_tiles, &job);
+    b->band = -1;
+    if (sg_grow(ctx, SG_MEM_INSTANCES, &b->slot_start, &b->cap_slots, b->count + 1, 0, sizeof(uint32_t)) ||
+        sg_grow(ctx, SG_MEM_INSTANCES, &b->tile_start, &b->cap_tiles, band_tiles + 1, 0, sizeof(uint32_t)) ||
+        sg_grow(ctx, SG_MEM_INSTANCES, &b->instances, &b->cap_instances, total, 0, sizeof(*b->instances)))
+        return SG_ERR_BUDGET;
+    sg_parallel_for(ctx, (b->count + CHUNK - 1) / CHUNK, count_slots, &job);
+    uint32_t at = 0;
+    for (size_t i = 0; i <= b->count; i++) {
+        const uint32_t n = i < b->count ? b->slot_start[i] : 0;
+        b->slot_start[i] = at;
+        at += n;
+    }
+    at = 0;
+    for (size_t t = 0; t < band_tiles; t++) {
+        b->tile_start[t] = at;
+        for (size_t c = 0; c < ORDER_CHUNKS; c++) {
+            uint32_t *h = &b->histogram[c * tiles + (size_t) range.first + t];
+            const uint32_t n = *h;
+            *h = at;
+            at += n;
+        }
+    }
+    b->tile_start[band_tiles] = at;
+    sg_parallel_for(ctx, ORDER_CHUNKS, emit, &job);
+    b->band = band;
+    return SG_OK;
+}
+
+void bins_clear(sg_ctx *ctx, struct bins *b)
+{
+    sg_free(ctx, b->extents);
+    sg_free(ctx, b->order);
+    sg_free(ctx, b->order_swap);
+    sg_free(ctx, b->histogram);
+    sg_free(ctx, b->tile_total);
+    sg_free(ctx, b->bands);
+    sg_free(ctx, b->slot_start);
+    sg_free(ctx, b->tile_start);
+    sg_free(ctx, b->instances);
+    *b = (struct bins){.band = -1};
+}

@@ -1,0 +1,54 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Tile lists: which splats each tile draws, front to back. */
+#ifndef SG_CPU_BIN_H
+#define SG_CPU_BIN_H
+
+#include "kernels.h"
+
+struct bin_extent {
+    uint16_t x0, y0, x1, y1; /* tiles touched lie in [x0, x1) x [y0, y1) */
+    uint64_t tiles;          /* bit (y - y0) (x1 - x0) + x - x0, if there are at most 64 */
+};
+
+struct bin_entry {
+    uint32_t key, splat;
+};
+
+/* A run of tiles in row-major order whose lists are held at once. */
+struct bin_band {
+    int first, end;
+};
+
+struct bins {
+    /* of a view */
+    int grid_x, grid_y;
+    bool reference_tiles;
+    size_t count;
+    struct bin_extent *extents;
+    struct bin_entry *order, *order_swap; /* drawn splats by depth, then index */
+    size_t drawn;
+    uint64_t visible, total, max_tile;
+    uint32_t *histogram; /* per chunk of the order and tile */
+    uint64_t *tile_total;
+    struct bin_band *bands;
+    int band_count;
+    /* of the present band */
+    int band; /* -1: none */
+    uint32_t *slot_start; /* count + 1: first slot of each Gaussian, in index order */
+    uint32_t *tile_start; /* tiles of the band + 1 */
+    struct cpu_instance *instances;
+    /* capacities */
+    size_t cap_extents, cap_order, cap_swap, cap_histogram, cap_total, cap_bands, cap_slots, cap_tiles, cap_instances;
+};
+
+/* Finds the tiles of every splat, sorts by depth and cuts the image into bands of at most max_instances (or one tile).
+ * Splats whose reference rectangle is empty get radius 0. */
+int bins_make(sg_ctx *ctx, struct bins *b, struct cpu_splat *splats, size_t count, int width, int height,
+              bool reference_tiles, uint64_t max_instances);
+
+/* Fills the lists of one band. */
+int bins_band(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats, int band);
+
+void bins_clear(sg_ctx *ctx, struct bins *b);
+
+#endif

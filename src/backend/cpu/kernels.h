@@ -1,0 +1,90 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The kernels that exist once per instruction set, and the records they share with the driver. */
+#ifndef SG_CPU_KERNELS_H
+#define SG_CPU_KERNELS_H
+
+#include "backend/backend.h"
+
+/* One projected Gaussian: a cache line. Conic values are prescaled so that log2 of the Gaussian is
+ * dx (A dx + B dy) + C dy^2. Opacity 0 marks what is never drawn. */
+struct cpu_splat {
+    float x, y, A, B, C, opacity;
+    float r, g, b;
+    float z;
+    float k, slope, var, ic; /* see math/tiles.h */
+    float radius;            /* standard deviation along the longer axis; 0 = not visible */
+    float unused;
+};
+
+/* One entry of a tile's list. */
+struct cpu_instance {
+    uint32_t splat, slot; /* slot: where the backward pass leaves its gradient */
+};
+
+#define CPU_SLOT_FLOATS 12 /* 9 used: sum w, w dx, w dy, w dx^2, w dx dy, w dy^2, r, g, b */
+
+struct cpu_project_args {
+    const float *params;
+    size_t count;
+    int planes, degree;
+    const struct sg_camera *camera;
+    struct cpu_splat *splats;
+};
+
+struct cpu_raster_args {
+    int width, height, grid_x;
+    const struct cpu_splat *splats;
+    const struct cpu_instance *instances;
+    const uint32_t *tile_start; /* first instance of a tile; tile_start[tile + 1] ends it; indexed from first_tile */
+    int first_tile;
+    float background[3];
+    float *rgb;            /* 3 planes, written by forward, read by backward */
+    float *alpha, *depth;  /* planes or NULL */
+    const float *gradient; /* 3 planes */
+    float *slots;
+};
+
+struct cpu_update_args {
+    const struct sg_camera *camera;
+    float *params, *m, *v;
+    float *grad_sum, *grad_count, *max_radius;
+    size_t count;
+    int planes, degree;
+    const struct cpu_splat *splats;
+    const float *slots;           /* gradients summed over this band */
+    const uint32_t *slot_start;   /* count + 1 */
+    float *gradients;             /* NULL, or where to store parameter gradients, as params */
+    const struct sg_update *update;
+};
+
+struct cpu_loss_args {
+    int width, height;
+    const float *rgb;
+    const struct sg_loss_params *params;
+    float *target;   /* 3 planes: params->target as floats */
+    float *maps;     /* per channel dS/dm1, dS/dxx, dS/dxy: 9 planes */
+    float *gradient; /* 3 planes */
+    double *sums;    /* |d|, d^2, S per channel and row */
+};
+
+/* Floats of one row buffer: the loss kernels' scratch holds five. */
+#define CPU_LOSS_STRIDE(width) (((width) + 15) / 16 * 16 + 2 * SG_LANES)
+
+struct cpu_kernels {
+    const char *name;
+    void (*project)(const struct cpu_project_args *, size_t first_block, size_t end_block);
+    /* Returns the number of (Gaussian, pixel) pairs evaluated. */
+    uint64_t (*raster)(const struct cpu_raster_args *, int tile);
+    uint64_t (*raster_backward)(const struct cpu_raster_args *, int tile);
+    void (*update)(const struct cpu_update_args *, size_t first_block, size_t end_block);
+    /* One row of one channel, in this order for all rows: target as floats; moments, SSIM, its partial derivatives;
+     * dL/dimage. scratch: 5 row buffers. */
+    void (*loss_target)(const struct cpu_loss_args *, int channel, int y);
+    void (*loss_forward)(const struct cpu_loss_args *, int channel, int y, float *scratch);
+    void (*loss_backward)(const struct cpu_loss_args *, int channel, int y, float *scratch);
+};
+
+extern const struct cpu_kernels sg_cpu_kernels_baseline, sg_cpu_kernels_avx2, sg_cpu_kernels_avx512,
+    sg_cpu_kernels_neon;
+
+#endif

@@ -1,0 +1,23 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* For the files compiled once per instruction set: SG_ISA is the variant's name. */
+#ifndef SG_KERNELS_LOCAL_H
+#define SG_KERNELS_LOCAL_H
+
+#include "simd.h"
+
+#include "backend/cpu/kernels.h"
+#include "math/constants.h"
+
+#define SG_PASTE_(a, b) a##_##b
+#define SG_PASTE(a, b) SG_PASTE_(a, b)
+#define KERNEL(name) SG_PASTE(sg_cpu_##name, SG_ISA)
+
+void KERNEL(project)(const struct cpu_project_args *, size_t, size_t);
+uint64_t KERNEL(raster)(const struct cpu_raster_args *, int);
+uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *, int);
+void KERNEL(update)(const struct cpu_update_args *, size_t, size_t);
+void KERNEL(loss_target)(const struct cpu_loss_args *, int, int);
+void KERNEL(loss_forward)(const struct cpu_loss_args *, int, int, float *);
+void KERNEL(loss_backward)(const struct cpu_loss_args *, int, int, float *);
+
+#endif

@@ -1,0 +1,92 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* One tile, front to back: Kerbl et al. 2023, algorithm 2. */
+#include "tile.h"
+
+struct part_state {
+    real t, r, g, b, depth;
+    mask alive; /* pixels that still let light through */
+};
+
+SIMD void store_part(const struct cpu_raster_args *a, float *plane, int x0, int y0, int part, real value)
+{
+    float lanes[LANES];
+    r_store(lanes, value);
+    for (int i = 0; i < LANES; i += BLOCK) {
+        const int y = y0 + (part * LANES + i) / BLOCK;
+        for (int x = 0; x < BLOCK && y < a->height && x0 + x < a->width; x++)
+            plane[(size_t) y * (size_t) a->width + (size_t) (x0 + x)] = lanes[i + x];
+    }
+}
+
+SIMD uint64_t draw(const struct cpu_raster_args *a, int tile, bool depth)
+{
+    const int x0 = tile % a->grid_x * SG_TILE, y0 = tile / a->grid_x * SG_TILE;
+    const size_t first = a->tile_start[tile - a->first_tile], end = a->tile_start[tile - a->first_tile + 1];
+    struct part_state states[BLOCKS][PARTS];
+    struct batch batch;
+    uint64_t pairs = 0;
+    for (int block = 0; block < BLOCKS; block++)
+        for (int part = 0; part < PARTS; part++) {
+            const real px = part_x(part) + (float) (x0 + block % 4 * BLOCK);
+            const real py = part_y(part) + (float) (y0 + block / 4 * BLOCK);
+            states[block][part] = (struct part_state){.t = r_set(1), .alive = part_inside(a, px, py)};
+        }
+
+    bool anyone = true;
+    for (size_t at = first; at < end && anyone; at += BATCH) {
+        batch_load(&batch, a, at, end - at < BATCH ? (int) (end - at) : BATCH, x0, y0);
+        anyone = false;
+        for (int block = 0; block < BLOCKS; block++)
+            for (int part = 0; part < PARTS; part++) {
+                struct part_state s = states[block][part];
+                if (!m_any(s.alive))
+                    continue;
+                const real px = part_x(part) + (float) (x0 + block % 4 * BLOCK);
+                const real py = part_y(part) + (float) (y0 + block / 4 * BLOCK);
+                const uint8_t *list = batch.list[block];
+                int i = 0;
+                for (const int n = batch.length[block]; i < n; i++) {
+                    const struct cpu_splat *splat = &batch.splats[list[i]];
+                    const struct pair p = pair_eval(splat, px, py);
+                    const real next = s.t - s.t * p.alpha;
+                    const mask stop = r_and(r_and(s.alive, p.drawable), r_lt(next, r_set(SG_T_MIN)));
+                    s.alive = m_andnot(s.alive, stop);
+                    const mask blend = r_and(s.alive, p.drawable);
+                    const real weight = p.alpha * s.t;
+                    s.r = r_fma_if(blend, s.r, weight, r_set(splat->r));
+                    s.g = r_fma_if(blend, s.g, weight, r_set(splat->g));
+                    s.b = r_fma_if(blend, s.b, weight, r_set(splat->b));
+                    if (depth)
+                        s.depth = r_fma_if(blend, s.depth, weight, r_set(splat->z));
+                    s.t = r_sel(blend, next, s.t);
+                    if (!m_any(s.alive)) {
+                        i++;
+                        break;
+                    }
+                }
+                pairs += (uint64_t) i * LANES;
+                states[block][part] = s;
+                anyone |= m_any(s.alive);
+            }
+    }
+
+    const size_t plane = (size_t) a->width * (size_t) a->height;
+    for (int block = 0; block < BLOCKS; block++)
+        for (int part = 0; part < PARTS; part++) {
+            const struct part_state *s = &states[block][part];
+            const int bx = x0 + block % 4 * BLOCK, by = y0 + block / 4 * BLOCK;
+            store_part(a, a->rgb, bx, by, part, s->r + s->t * a->background[0]);
+            store_part(a, a->rgb + plane, bx, by, part, s->g + s->t * a->background[1]);
+            store_part(a, a->rgb + 2 * plane, bx, by, part, s->b + s->t * a->background[2]);
+            if (depth) {
+                store_part(a, a->alpha, bx, by, part, 1 - s->t);
+                store_part(a, a->depth, bx, by, part, s->depth);
+            }
+        }
+    return pairs;
+}
+
+uint64_t KERNEL(raster)(const struct cpu_raster_args *a, int tile)
+{
+    return a->depth ? draw(a, tile, true) : draw(a, tile, false);
+}

@@ -1,0 +1,99 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Gradients of one tile's pixels with respect to its splats.
+ *
+ * The published code walks back to front. We walk front to back again: with q = colour . g and the prefix
+ * P_i = sum of alpha_j T_j q_j over j <= i, the light behind splat i is image . g - P_i, so that
+ *     dL/dalpha_i = T_i q_i - (image . g - P_i) / (1 - alpha_i)
+ * needs no state from the forward pass but the image, stops where it stopped, and covers the background. All gradients
+ * of position and conic are moments of w = opacity G dL/dalpha about the splat's centre. */
+#include "tile.h"
+
+struct part_state {
+    real t, prefix, total;
+    real g[3];
+    mask alive;
+};
+
+SIMD real load_part(const struct cpu_raster_args *a, const float *plane, int x0, int y0, int part)
+{
+    float lanes[LANES] = {0};
+    for (int i = 0; i < LANES; i += BLOCK) {
+        const int y = y0 + (part * LANES + i) / BLOCK;
+        for (int x = 0; x < BLOCK && y < a->height && x0 + x < a->width; x++)
+            lanes[i + x] = plane[(size_t) y * (size_t) a->width + (size_t) (x0 + x)];
+    }
+    return r_load(lanes);
+}
+
+uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *a, int tile)
+{
+    const int x0 = tile % a->grid_x * SG_TILE, y0 = tile / a->grid_x * SG_TILE;
+    const size_t first = a->tile_start[tile - a->first_tile], end = a->tile_start[tile - a->first_tile + 1];
+    const size_t plane = (size_t) a->width * (size_t) a->height;
+    struct part_state states[BLOCKS][PARTS];
+    struct batch batch;
+    _Alignas(64) float sums[BATCH][16];
+    uint64_t pairs = 0;
+    if (first == end)
+        return 0;
+    for (int block = 0; block < BLOCKS; block++)
+        for (int part = 0; part < PARTS; part++) {
+            const int bx = x0 + block % 4 * BLOCK, by = y0 + block / 4 * BLOCK;
+            struct part_state *s = &states[block][part];
+            *s = (struct part_state){.t = r_set(1)};
+            for (int ch = 0; ch < 3; ch++) {
+                s->g[ch] = load_part(a, a->gradient + (size_t) ch * plane, bx, by, part);
+                s->total += s->g[ch] * load_part(a, a->rgb + (size_t) ch * plane, bx, by, part);
+            }
+            s->alive = part_inside(a, part_x(part) + (float) bx, part_y(part) + (float) by);
+        }
+
+    bool anyone = true;
+    size_t at = first;
+    for (; at < end && anyone; at += BATCH) {
+        const int count = end - at < BATCH ? (int) (end - at) : BATCH;
+        batch_load(&batch, a, at, count, x0, y0);
+        memset(sums, 0, sizeof(sums[0]) * (size_t) count);
+        anyone = false;
+        for (int block = 0; block < BLOCKS; block++)
+            for (int part = 0; part < PARTS; part++) {
+                struct part_state s = states[block][part];
+                if (!m_any(s.alive))
+                    continue;
+                const real px = part_x(part) + (float) (x0 + block % 4 * BLOCK);
+                const real py = part_y(part) + (float) (y0 + block / 4 * BLOCK);
+                const uint8_t *list = batch.list[block];
+                int i = 0;
+                for (const int n = batch.length[block]; i < n; i++) {
+                    const struct cpu_splat *splat = &batch.splats[list[i]];
+                    const struct pair p = pair_eval(splat, px, py);
+                    const real next = s.t - s.t * p.alpha;
+                    const mask stop = r_and(r_and(s.alive, p.drawable), r_lt(next, r_set(SG_T_MIN)));
+                    s.alive = m_andnot(s.alive, stop);
+                    const mask blend = r_and(s.alive, p.drawable);
+                    const real weight = r_keep(blend, p.alpha * s.t);
+                    const real q = splat->r * s.g[0] + splat->g * s.g[1] + splat->b * s.g[2];
+                    s.prefix = s.prefix + weight * q;
+                    const real dalpha = s.t * q - (s.total - s.prefix) * r_reciprocal(1 - p.alpha);
+                    s.t = r_sel(blend, next, s.t);
+                    const real w = r_keep(blend, p.raw * dalpha), wx = w * p.dx, wy = w * p.dy;
+                    const real v[9] = {
+                        w, wx, wy, wx * p.dx, wx * p.dy, wy * p.dy, weight * s.g[0], weight * s.g[1], weight * s.g[2]};
+                    r_add_sums9(sums[list[i]], v);
+                    if (!m_any(s.alive)) {
+                        i++;
+                        break;
+                    }
+                }
+                pairs += (uint64_t) i * LANES;
+                states[block][part] = s;
+                anyone |= m_any(s.alive);
+            }
+        for (int i = 0; i < count; i++)
+            memcpy(a->slots + (size_t) a->instances[at + (size_t) i].slot * CPU_SLOT_FLOATS, sums[i],
+                   CPU_SLOT_FLOATS * sizeof(float));
+    }
+    for (; at < end; at++) /* behind everything: no pixel sees them */
+        memset(a->slots + (size_t) a->instances[at].slot * CPU_SLOT_FLOATS, 0, CPU_SLOT_FLOATS * sizeof(float));
+    return pairs;
+}

@@ -1,0 +1,223 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* `real` as a vector of LANES floats, so that src/math and the kernels are written once for every instruction set.
+ * Arithmetic is the compiler's vector extension; what it cannot say well is here. */
+#ifndef SG_SIMD_H
+#define SG_SIMD_H
+
+#include <stdbool.h>
+#include <stdint.h>
+#include <string.h>
+
+#if defined(__x86_64__)
+#include <immintrin.h>
+#elif defined(__aarch64__)
+#include <arm_neon.h>
+#endif
+
+#if defined(__AVX512F__)
+#define LANES 16
+#elif defined(__AVX2__)
+#define LANES 8
+#else
+#define LANES 4
+#endif
+
+typedef float scalar;
+typedef float real __attribute__((vector_size(4 * LANES)));
+typedef int32_t ireal __attribute__((vector_size(4 * LANES)));
+
+#define SIMD static inline __attribute__((always_inline))
+
+SIMD real r_set(float a) { return a - (real){0}; }
+SIMD ireal i_set(int32_t a) { return a - (ireal){0}; }
+SIMD real r_load(const float *p) { real v; memcpy(&v, p, sizeof(v)); return v; }
+SIMD void r_store(float *p, real v) { memcpy(p, &v, sizeof(v)); }
+SIMD real r_lane(void) /* 0, 1, 2, ... */
+{
+    real v;
+    for (int i = 0; i < LANES; i++)
+        v[i] = (float) i;
+    return v;
+}
+SIMD real r_from_int(ireal a) { return __builtin_convertvector(a, real); }
+SIMD ireal r_to_int(real a) { return __builtin_convertvector(a, ireal); } /* truncates; callers clamp first */
+
+#if LANES == 16
+typedef __mmask16 mask;
+#define r_lt(a, b) _mm512_cmp_ps_mask((__m512) (a), (__m512) (b), _CMP_LT_OQ)
+#define r_le(a, b) _mm512_cmp_ps_mask((__m512) (a), (__m512) (b), _CMP_LE_OQ)
+#define r_and(a, b) ((mask) ((a) & (b)))
+#define m_andnot(a, b) ((mask) ((a) & ~(b))) /* a and not b */
+#define m_any(a) ((a) != 0)
+#define m_all ((mask) 0xffff)
+#define m_bits(a) ((uint32_t) (a))
+SIMD real r_sel(mask m, real a, real b) { return (real) _mm512_mask_blend_ps(m, (__m512) b, (__m512) a); }
+SIMD real r_max(real a, real b) { return (real) _mm512_max_ps((__m512) a, (__m512) b); }
+SIMD real r_min(real a, real b) { return (real) _mm512_min_ps((__m512) a, (__m512) b); }
+SIMD real r_sqrt(real a) { return (real) _mm512_sqrt_ps((__m512) a); }
+SIMD ireal i_sel(mask m, ireal a, ireal b) { return (ireal) _mm512_mask_blend_epi32(m, (__m512i) b, (__m512i) a); }
+/* a + b c where m, else a */
+SIMD real r_fma_if(mask m, real a, real b, real c)
+{
+    return (real) _mm512_mask3_fmadd_ps((__m512) b, (__m512) c, (__m512) a, m);
+}
+SIMD real r_keep(mask m, real a) { return (real) _mm512_maskz_mov_ps(m, (__m512) a); }
+/* 1/a within 2 ulp: estimate and one Newton step. */
+SIMD real r_reciprocal(real a)
+{
+    const real x = (real) _mm512_rcp14_ps((__m512) a);
+    return x * ((float) 2 - a * x);
+}
+#else
+typedef ireal mask;
+#define r_lt(a, b) ((mask) ((a) < (b)))
+#define r_le(a, b) ((mask) ((a) <= (b)))
+#define r_and(a, b) ((a) & (b))
+#define m_andnot(a, b) ((a) & ~(b))
+#define m_all (i_set(-1))
+SIMD ireal i_sel(mask m, ireal a, ireal b) { return (m & a) | (~m & b); }
+SIMD real r_keep(mask m, real a) { return (real) (m & (ireal) a); }
+SIMD real r_reciprocal(real a) { return (float) 1 / a; }
+#if LANES == 8
+#define m_bits(a) ((uint32_t) _mm256_movemask_ps((__m256) (a)))
+SIMD real r_sel(mask m, real a, real b) { return (real) _mm256_blendv_ps((__m256) b, (__m256) a, (__m256) m); }
+SIMD real r_max(real a, real b) { return (real) _mm256_max_ps((__m256) a, (__m256) b); }
+SIMD real r_min(real a, real b) { return (real) _mm256_min_ps((__m256) a, (__m256) b); }
+SIMD real r_sqrt(real a) { return (real) _mm256_sqrt_ps((__m256) a); }
+#elif defined(__x86_64__)
+#define m_bits(a) ((uint32_t) _mm_movemask_ps((__m128) (a)))
+SIMD real r_sel(mask m, real a, real b) { return (real) i_sel(m, (ireal) a, (ireal) b); }
+SIMD real r_max(real a, real b) { return (real) _mm_max_ps((__m128) a, (__m128) b); }
+SIMD real r_min(real a, real b) { return (real) _mm_min_ps((__m128) a, (__m128) b); }
+SIMD real r_sqrt(real a) { return (real) _mm_sqrt_ps((__m128) a); }
+#elif defined(__aarch64__)
+SIMD uint32_t m_bits(mask a)
+{
+    const uint32x4_t weight = {1, 2, 4, 8};
+    return vaddvq_u32(vandq_u32((uint32x4_t) a, weight));
+}
+SIMD real r_sel(mask m, real a, real b) { return (real) vbslq_f32((uint32x4_t) m, (float32x4_t) a, (float32x4_t) b); }
+/* As on x86: the second operand where either is NaN. */
+SIMD real r_max(real a, real b) { return r_sel(a > b, a, b); }
+SIMD real r_min(real a, real b) { return r_sel(a < b, a, b); }
+SIMD real r_sqrt(real a) { return (real) vsqrtq_f32((float32x4_t) a); }
+#else
+SIMD uint32_t m_bits(mask a)
+{
+    uint32_t bits = 0;
+    for (int i = 0; i < LANES; i++)
+        bits |= (uint32_t) (a[i] & 1) << i;
+    return bits;
+}
+SIMD real r_sel(mask m, real a, real b) { return (real) i_sel(m, (ireal) a, (ireal) b); }
+SIMD real r_max(real a, real b) { return r_sel(a > b, a, b); }
+SIMD real r_min(real a, real b) { return r_sel(a < b, a, b); }
+SIMD real r_sqrt(real a)
+{
+    real out;
+    for (int i = 0; i < LANES; i++)
+        out[i] = __builtin_sqrtf(a[i]);
+    return out;
+}
+#endif
+#define m_any(a) (m_bits(a) != 0)
+SIMD real r_fma_if(mask m, real a, real b, real c) { return a + r_keep(m, b * c); }
+#endif
+
+/* 2^y: minimax polynomial of degree 5, relative error 8e-8. y below -126 gives about 0, above 127 is not allowed. */
+SIMD real r_exp2(real y)
+{
+#if LANES == 16
+    const __m512 f = _mm512_reduce_ps((__m512) y, 1 /* y - floor(y) */);
+    const real x = (real) f;
+    real p = x * 1.8775766733667028e-3f + 8.98934009471393e-3f;
+    p = p * x + 5.582631805003992e-2f;
+    p = p * x + 2.4015361704533342e-1f;
+    p = p * x + 6.931530732000758e-1f;
+    p = p * x + 9.999999250635297e-1f;
+    return (real) _mm512_scalef_ps((__m512) p, (__m512) y);
+#else
+    const real magic = r_set(0x1.8p23f), z = r_max(y, r_set(-126));
+    const real shifted = z + magic, x = z - (shifted - magic); /* nearest integer in the low bits */
+    real p = x * 1.3276471979286704e-3f + 9.675541334209831e-3f;
+    p = p * x + 5.550713273543075e-2f;
+    p = p * x + 2.402211972384865e-1f;
+    p = p * x + 6.93146967064733e-1f;
+    p = p * x + 1.0000000716546822f;
+    return (real) ((ireal) p + ((ireal) shifted << 23));
+#endif
+}
+
+/* e^x for |x| < 87; beyond, 0 or a large number. */
+SIMD real r_exp(real x)
+{
+    /* The product is split so that large x keep their relative accuracy. */
+    const real y = r_min(x * 1.44269502f, r_set(127));
+    const real low = r_max(r_min(x, r_set(128)), r_set(-128)) * 1.925963033e-8f;
+    return r_exp2(y) * ((float) 1 + low * 0.693147181f);
+}
+
+/* Natural logarithm of a positive normal number, absolute error 1e-5: for bounds, not for values. */
+SIMD real r_log(real x)
+{
+    const ireal bits = (ireal) x;
+    const real e = r_from_int((bits >> 23) - 127);
+    const real m = (real) ((bits & 0x7fffff) | 0x3f800000) - (float) 1;
+    real p = m * -3.443596493494142e-2f + 1.4603304864526429e-1f;
+    p = p * m - 3.030363642244506e-1f;
+    p = p * m + 4.691741355628358e-1f;
+    p = p * m - 7.204261771838789e-1f;
+    p = p * m + 1.4426829202470193f;
+    return (e + p * m) * 0.693147181f;
+}
+
+SIMD float r_sum(real v)
+{
+#if LANES == 16
+    return _mm512_reduce_add_ps((__m512) v);
+#else
+    float s = 0;
+    for (int i = 0; i < LANES; i++)
+        s += v[i];
+    return s;
+#endif
+}
+
+/* acc[0..8] += the lane sums of v[0..8]; acc is 16 floats, 64-byte aligned, acc[9..15] is scratch. */
+SIMD void r_add_sums9(float *acc, const real *v)
+{
+#if LANES == 16
+    __m512 q[2];
+    for (int i = 0; i < 2; i++) { /* q[i]: per 128-bit lane the partial sums of four vectors */
+        const __m512 a = (__m512) v[4 * i], b = (__m512) v[4 * i + 1], c = (__m512) v[4 * i + 2],
+                     d = (__m512) v[4 * i + 3];
+        const __m512 ab = _mm512_add_ps(_mm512_unpacklo_ps(a, b), _mm512_unpackhi_ps(a, b));
+        const __m512 cd = _mm512_add_ps(_mm512_unpacklo_ps(c, d), _mm512_unpackhi_ps(c, d));
+        q[i] = _mm512_add_ps(
+            _mm512_castpd_ps(_mm512_unpacklo_pd(_mm512_castps_pd(ab), _mm512_castps_pd(cd))),
+            _mm512_castpd_ps(_mm512_unpackhi_pd(_mm512_castps_pd(ab), _mm512_castps_pd(cd))));
+    }
+    __m512 e = (__m512) v[8];
+    e = _mm512_add_ps(e, _mm512_permute_ps(e, _MM_SHUFFLE(2, 3, 0, 1)));
+    e = _mm512_add_ps(e, _mm512_permute_ps(e, _MM_SHUFFLE(1, 0, 3, 2)));
+    const __m512 x = _mm512_add_ps(_mm512_shuffle_f32x4(q[0], q[1], 0x44), _mm512_shuffle_f32x4(q[0], q[1], 0xee));
+    const __m512 y = _mm512_add_ps(e, _mm512_shuffle_f32x4(e, e, 0xee));
+    const __m512 z = _mm512_add_ps(_mm512_shuffle_f32x4(x, y, 0x88), _mm512_shuffle_f32x4(x, y, 0xdd));
+    _mm512_store_ps(acc, _mm512_add_ps(_mm512_load_ps(acc), z));
+#elif LANES == 8
+    __m256 q[2];
+    for (int i = 0; i < 2; i++) {
+        const __m256 ab = _mm256_hadd_ps((__m256) v[4 * i], (__m256) v[4 * i + 1]);
+        const __m256 cd = _mm256_hadd_ps((__m256) v[4 * i + 2], (__m256) v[4 * i + 3]);
+        q[i] = _mm256_hadd_ps(ab, cd);
+    }
+    const __m256 s = _mm256_add_ps(_mm256_permute2f128_ps(q[0], q[1], 0x20), _mm256_permute2f128_ps(q[0], q[1], 0x31));
+    _mm256_store_ps(acc, _mm256_add_ps(_mm256_load_ps(acc), s));
+    acc[8] += r_sum(v[8]);
+#else
+    for (int i = 0; i < 9; i++)
+        acc[i] += r_sum(v[i]);
+#endif
+}
+
+#endif

@@ -1,0 +1,16 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "kernels.h"
+
+#define SG_STRING_(a) #a
+#define SG_STRING(a) SG_STRING_(a)
+
+const struct cpu_kernels KERNEL(kernels) = {
+    .name = SG_STRING(SG_ISA),
+    .project = KERNEL(project),
+    .raster = KERNEL(raster),
+    .raster_backward = KERNEL(raster_backward),
+    .update = KERNEL(update),
+    .loss_target = KERNEL(loss_target),
+    .loss_forward = KERNEL(loss_forward),
+    .loss_backward = KERNEL(loss_backward),
+};

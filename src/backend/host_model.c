@@ -1,0 +1,177 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "host_model.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "core/rng.h"
+#include "math/constants.h"
+
+static size_t block_bytes(const struct sg_host_model *h)
+{
+    return (size_t) h->planes * SG_LANES * sizeof(float);
+}
+
+static size_t blocks(size_t count)
+{
+    return (count + SG_LANES - 1) / SG_LANES;
+}
+
+int sg_host_upload(sg_ctx *ctx, struct sg_host_model *h, const struct sg_model *m, const struct sg_optimiser *o)
+{
+    struct sg_host_model n = {.count = m->count,
+                              .capacity = blocks(m->count) * SG_LANES,
+                              .sh_degree = m->sh_degree,
+                              .planes = sg_param_count(m->sh_degree)};
+    n.params = sg_alloc(ctx, SG_MEM_MODEL, n.capacity, (size_t) n.planes * sizeof(float));
+    if (!n.params || sg_optimiser_create(ctx, m->count, m->sh_degree, &n.opt)) {
+        sg_free(ctx, n.params);
+        return SG_ERR_BUDGET;
+    }
+    const size_t bytes = blocks(m->count) * block_bytes(&n);
+    memcpy(n.params, m->params, bytes);
+    if (o) {
+        memcpy(n.opt.m, o->m, bytes);
+        memcpy(n.opt.v, o->v, bytes);
+        memcpy(n.opt.grad_sum, o->grad_sum, m->count * sizeof(float));
+        memcpy(n.opt.grad_count, o->grad_count, m->count * sizeof(float));
+        memcpy(n.opt.max_radius, o->max_radius, m->count * sizeof(float));
+    }
+    sg_host_clear(ctx, h);
+    *h = n;
+    return SG_OK;
+}
+
+int sg_host_download(const struct sg_host_model *h, struct sg_model *m, struct sg_optimiser *o)
+{
+    const size_t bytes = blocks(h->count) * block_bytes(h);
+    memcpy(m->params, h->params, bytes);
+    if (o) {
+        memcpy(o->m, h->opt.m, bytes);
+        memcpy(o->v, h->opt.v, bytes);
+        memcpy(o->grad_sum, h->opt.grad_sum, h->count * sizeof(float));
+        memcpy(o->grad_count, h->opt.grad_count, h->count * sizeof(float));
+        memcpy(o->max_radius, h->opt.max_radius, h->count * sizeof(float));
+    }
+    return SG_OK;
+}
+
+struct statistics_job {
+    const struct sg_host_model *h;
+    float *gradient, *opacity, *scale, *radius;
+};
+
+#define STATISTICS_CHUNK 4096
+
+static void statistics_chunk(void *arg, size_t chunk, int thread)
+{
+    (void) thread;
+    const struct statistics_job *j = arg;
+    const struct sg_host_model *h = j->h;
+    const size_t end = (chunk + 1) * STATISTICS_CHUNK < h->count ? (chunk + 1) * STATISTICS_CHUNK : h->count;
+    for (size_t i = chunk * STATISTICS_CHUNK; i < end; i++) {
+        if (j->gradient)
+            j->gradient[i] = h->opt.grad_count[i] > 0 ? h->opt.grad_sum[i] / h->opt.grad_count[i] : 0;
+        if (j->opacity)
+            j->opacity[i] = 1 / (1 + expf(-h->params[sg_param_index(h->planes, i, SG_P_OPACITY)]));
+        if (j->scale) {
+            float s = h->params[sg_param_index(h->planes, i, SG_P_SCALE)];
+            for (int k = 1; k < 3; k++)
+                s = fmaxf(s, h->params[sg_param_index(h->planes, i, SG_P_SCALE + k)]);
+            j->scale[i] = expf(s);
+        }
+        if (j->radius)
+            j->radius[i] = h->opt.max_radius[i];
+    }
+}
+
+void sg_host_statistics(sg_ctx *ctx, const struct sg_host_model *h, float *gradient, float *opacity, float *scale,
+                        float *radius)
+{
+    struct statistics_job job = {h, gradient, opacity, scale, radius};
+    sg_parallel_for(ctx, (h->count + STATISTICS_CHUNK - 1) / STATISTICS_CHUNK, statistics_chunk, &job);
+}
+
+static void copy_planes(float *to, size_t i, const float *from, size_t j, int planes)
+{
+    float *a = to + sg_param_index(planes, i, 0);
+    const float *b = from + sg_param_index(planes, j, 0);
+    for (int p = 0; p < planes; p++)
+        a[p * SG_LANES] = b[p * SG_LANES];
+}
+
+/* A child is drawn from its parent as from a distribution, and shrunk (Kerbl et al. 2023, section 5.2). */
+static void make_child(float *params, size_t i, int planes, const struct sg_edit *e, size_t entry)
+{
+    float *p = params + sg_param_index(planes, i, 0);
+#define AT(plane) p[(plane) *SG_LANES]
+    float n[3], q[4], len = 0;
+    for (int k = 0; k < 3; k++)
+        n[k] = expf(AT(SG_P_SCALE + k)) * sg_rng_normal(e->seed, SG_RNG_SPLIT, e->stream, 3 * entry + (size_t) k);
+    for (int k = 0; k < 4; k++)
+        len += AT(SG_P_ROT + k) * AT(SG_P_ROT + k);
+    len = fmaxf(sqrtf(len), 1e-12f);
+    for (int k = 0; k < 4; k++)
+        q[k] = AT(SG_P_ROT + k) / len;
+    const float r = q[0], x = q[1], y = q[2], z = q[3];
+    AT(SG_P_XYZ) += (1 - 2 * (y * y + z * z)) * n[0] + 2 * (x * y - r * z) * n[1] + 2 * (x * z + r * y) * n[2];
+    AT(SG_P_XYZ + 1) += 2 * (x * y + r * z) * n[0] + (1 - 2 * (x * x + z * z)) * n[1] + 2 * (y * z - r * x) * n[2];
+    AT(SG_P_XYZ + 2) += 2 * (x * z - r * y) * n[0] + 2 * (y * z + r * x) * n[1] + (1 - 2 * (x * x + y * y)) * n[2];
+    for (int k = 0; k < 3; k++)
+        AT(SG_P_SCALE + k) -= logf(SG_SPLIT_SHRINK);
+#undef AT
+}
+
+/* Survivors, then (parameters only; new moments are zero) the appended ones. */
+static float *edited(sg_ctx *ctx, enum sg_mem_tag tag, const struct sg_host_model *h, const float *array,
+                     size_t capacity, const struct sg_edit *e, bool parameters)
+{
+    float *fresh = sg_alloc(ctx, tag, capacity, (size_t) h->planes * sizeof(float));
+    size_t to = 0;
+    for (size_t i = 0; fresh && i < h->count; i++)
+        if (e->keep[i])
+            copy_planes(fresh, to++, array, i, h->planes);
+    for (size_t k = 0; fresh && parameters && k < e->appended; k++, to++) {
+        copy_planes(fresh, to, array, e->source[k], h->planes);
+        if (e->kind[k] == SG_EDIT_CHILD)
+            make_child(fresh, to, h->planes, e, k);
+    }
+    return fresh;
+}
+
+int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *e)
+{
+    struct sg_host_model n = *h;
+    n.count = e->kept + e->appended;
+    n.capacity = n.opt.capacity = blocks(n.count) * SG_LANES;
+    n.params = edited(ctx, SG_MEM_MODEL, h, h->params, n.capacity, e, true);
+    n.opt.m = edited(ctx, SG_MEM_OPTIMISER, h, h->opt.m, n.capacity, e, false);
+    n.opt.v = edited(ctx, SG_MEM_OPTIMISER, h, h->opt.v, n.capacity, e, false);
+    n.opt.grad_sum = sg_alloc(ctx, SG_MEM_OPTIMISER, n.capacity, sizeof(float));
+    n.opt.grad_count = sg_alloc(ctx, SG_MEM_OPTIMISER, n.capacity, sizeof(float));
+    n.opt.max_radius = sg_alloc(ctx, SG_MEM_OPTIMISER, n.capacity, sizeof(float));
+    if (!n.params || !n.opt.m || !n.opt.v || !n.opt.grad_sum || !n.opt.grad_count || !n.opt.max_radius) {
+        sg_host_clear(ctx, &n); /* the model is as it was */
+        return SG_ERR_BUDGET;
+    }
+    sg_host_clear(ctx, h);
+    *h = n;
+    return SG_OK;
+}
+
+void sg_host_reset_opacity(struct sg_host_model *h, float limit)
+{
+    const float logit = logf(limit / (1 - limit));
+    for (size_t i = 0; i < h->count; i++) {
+        const size_t at = sg_param_index(h->planes, i, SG_P_OPACITY);
+        h->params[at] = fminf(h->params[at], logit);
+        h->opt.m[at] = h->opt.v[at] = 0;
+    }
+}
+
+void sg_host_clear(sg_ctx *ctx, struct sg_host_model *h)
+{
+    sg_free(ctx, h->params);
+    sg_optimiser_clear(ctx, &h->opt);
+    *h = (struct sg_host_model){0};
+}

@@ -1,0 +1,34 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The model and optimiser state of a backend that computes in host memory, and the stages that only move it. */
+#ifndef SG_HOST_MODEL_H
+#define SG_HOST_MODEL_H
+
+#include "backend.h"
+
+struct sg_host_model {
+    size_t count, capacity; /* Gaussians; capacity is a multiple of SG_LANES */
+    int sh_degree, planes;
+    float *params;
+    struct sg_optimiser opt;
+};
+
+int sg_host_upload(sg_ctx *ctx, struct sg_host_model *h, const struct sg_model *m, const struct sg_optimiser *o);
+int sg_host_download(const struct sg_host_model *h, struct sg_model *m, struct sg_optimiser *o);
+void sg_host_statistics(sg_ctx *ctx, const struct sg_host_model *h, float *gradient, float *opacity, float *scale,
+                        float *radius);
+int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *edit);
+void sg_host_reset_opacity(struct sg_host_model *h, float limit);
+void sg_host_clear(sg_ctx *ctx, struct sg_host_model *h);
+
+/* Which Adam group a plane belongs to. */
+static inline enum sg_group sg_plane_group(int plane)
+{
+    return plane < SG_P_OPACITY   ? SG_G_XYZ
+           : plane < SG_P_SCALE   ? SG_G_OPACITY
+           : plane < SG_P_ROT     ? SG_G_SCALE
+           : plane < SG_P_SH      ? SG_G_ROT
+           : plane < SG_P_SH + 3  ? SG_G_DC
+                                  : SG_G_REST;
+}
+
+#endif

@@ -1,0 +1,346 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The scalar backend: ref/render.h behind the stage table. Slow on purpose. */
+#include <string.h>
+
+#include "math/real_f32.h"
+
+#include "backend/host_model.h"
+#include "math/adam.h"
+#include "math/photometric.h"
+#include "render.h"
+
+struct ref_backend {
+    struct sg_backend base;
+    struct sg_host_model model;
+    struct ref_splat *splats;
+    size_t splats_capacity;
+    struct ref_entry *list;
+    size_t list_capacity;
+    struct ref_image image;
+    size_t pixels_capacity;
+    float *gradient, *scratch; /* 3 planes; 3 x 3 planes */
+    struct view view;
+    struct sg_render_params params;
+    int degree, grid_x, grid_y;
+};
+
+static void destroy(struct sg_backend *base)
+{
+    struct ref_backend *b = (struct ref_backend *) base;
+    sg_ctx *ctx = base->ctx;
+    sg_host_clear(ctx, &b->model);
+    sg_free(ctx, b->splats);
+    sg_free(ctx, b->list);
+    sg_free(ctx, b->image.rgb);
+    sg_free(ctx, b->image.t);
+    sg_free(ctx, b->image.depth);
+    sg_free(ctx, b->image.last);
+    sg_free(ctx, b->gradient);
+    sg_free(ctx, b->scratch);
+    sg_free(ctx, b);
+}
+
+static const char *variant(const struct sg_backend *base)
+{
+    (void) base;
+    return "ref";
+}
+
+static int upload(struct sg_backend *base, const struct sg_model *m, const struct sg_optimiser *o)
+{
+    return sg_host_upload(base->ctx, &((struct ref_backend *) base)->model, m, o);
+}
+
+static int download(struct sg_backend *base, struct sg_model *m, struct sg_optimiser *o)
+{
+    return sg_host_download(&((struct ref_backend *) base)->model, m, o);
+}
+
+static size_t count(const struct sg_backend *base)
+{
+    return ((const struct ref_backend *) base)->model.count;
+}
+
+static void gather(const struct ref_backend *b, size_t i, float *planes)
+{
+    memset(planes, 0, SG_PARAMS_MAX * sizeof(*planes));
+    for (int p = 0; p < b->model.planes; p++)
+        planes[p] = b->model.params[sg_param_index(b->model.planes, i, p)];
+}
+
+static int reserve_frame(struct ref_backend *b, size_t pixels)
+{
+    if (pixels <= b->pixels_capacity)
+        return SG_OK;
+    sg_ctx *ctx = b->base.ctx;
+    size_t c[6] = {0};
+    sg_free(ctx, b->image.rgb);
+    sg_free(ctx, b->image.t);
+    sg_free(ctx, b->image.depth);
+    sg_free(ctx, b->image.last);
+    sg_free(ctx, b->gradient);
+    sg_free(ctx, b->scratch);
+    b->image = (struct ref_image){0};
+    b->gradient = b->scratch = NULL;
+    b->pixels_capacity = 0;
+    if (sg_grow(ctx, SG_MEM_FRAME, &b->image.rgb, &c[0], pixels, 0, 3 * sizeof(float)) ||
+        sg_grow(ctx, SG_MEM_FRAME, &b->image.t, &c[1], pixels, 0, sizeof(float)) ||
+        sg_grow(ctx, SG_MEM_FRAME, &b->image.depth, &c[2], pixels, 0, sizeof(float)) ||
+        sg_grow(ctx, SG_MEM_FRAME, &b->image.last, &c[3], pixels, 0, sizeof(int)) ||
+        sg_grow(ctx, SG_MEM_FRAME, &b->gradient, &c[4], pixels, 0, 3 * sizeof(float)) ||
+        sg_grow(ctx, SG_MEM_FRAME, &b->scratch, &c[5], pixels, 0, 5 * sizeof(float)))
+        return SG_ERR_BUDGET;
+    b->pixels_capacity = pixels;
+    return SG_OK;
+}
+
+static int do_project(struct sg_backend *base, const struct sg_camera *camera, int sh_degree,
+                      const struct sg_render_params *params)
+{
+    struct ref_backend *b = (struct ref_backend *) base;
+    const size_t n = b->model.count;
+    if (sg_grow(base->ctx, SG_MEM_SPLATS, &b->splats, &b->splats_capacity, n, 0, sizeof(*b->splats)) ||
+        sg_grow(base->ctx, SG_MEM_INSTANCES, &b->list, &b->list_capacity, n, 0, sizeof(*b->list)) ||
+        reserve_frame(b, (size_t) camera->width * (size_t) camera->height))
+        return SG_ERR_BUDGET;
+    b->view = view_make(camera);
+    b->params = *params;
+    b->degree = sh_degree;
+    b->image.width = camera->width, b->image.height = camera->height;
+    b->grid_x = (camera->width + SG_TILE - 1) / SG_TILE, b->grid_y = (camera->height + SG_TILE - 1) / SG_TILE;
+    for (size_t i = 0; i < n; i++) {
+        float planes[SG_PARAMS_MAX];
+        gather(b, i, planes);
+        ref_project(&b->view, planes, sh_degree, b->grid_x, b->grid_y, &b->splats[i]);
+    }
+    return SG_OK;
+}
+
+/* Calls fn for every pixel of every tile with the tile's list. */
+static void each_pixel(struct ref_backend *b, struct sg_render_stats *stats,
+                       void (*fn)(struct ref_backend *, size_t entries, int x, int y))
+{
+    for (int ty = 0; ty < b->grid_y; ty++)
+        for (int tx = 0; tx < b->grid_x; tx++) {
+            const size_t m = ref_tile_list(b->splats, b->model.count, tx, ty, b->list);
+            if (stats) {
+                stats->instances += m;
+                stats->max_tile = m > stats->max_tile ? m : stats->max_tile;
+            }
+            for (int y = ty * SG_TILE; y < (ty + 1) * SG_TILE && y < b->image.height; y++)
+                for (int x = tx * SG_TILE; x < (tx + 1) * SG_TILE && x < b->image.width; x++)
+                    fn(b, m, x, y);
+        }
+}
+
+static void pixel_forward(struct ref_backend *b, size_t entries, int x, int y)
+{
+    ref_pixel_forward(b->splats, b->list, entries, x, y, b->params.background, &b->image);
+}
+
+static void pixel_backward(struct ref_backend *b, size_t entries, int x, int y)
+{
+    (void) entries;
+    ref_pixel_backward(b->splats, b->list, x, y, b->params.background, &b->image, b->gradient);
+}
+
+static int rasterize(struct sg_backend *base, bool auxiliary, struct sg_render_stats *stats)
+{
+    (void) auxiliary;
+    struct ref_backend *b = (struct ref_backend *) base;
+    struct sg_render_stats s = {.bands = 1};
+    for (size_t i = 0; i < b->model.count; i++)
+        s.visible += b->splats[i].radius > 0;
+    each_pixel(b, &s, pixel_forward);
+    if (stats)
+        *stats = s;
+    return SG_OK;
+}
+
+static int rasterize_backward(struct sg_backend *base)
+{
+    struct ref_backend *b = (struct ref_backend *) base;
+    for (size_t i = 0; i < b->model.count; i++) {
+        struct ref_splat *s = &b->splats[i];
+        s->g = (struct splat_grad){0};
+        s->g_o = s->g_rgb[0] = s->g_rgb[1] = s->g_rgb[2] = 0;
+    }
+    each_pixel(b, NULL, pixel_backward);
+    return SG_OK;
+}
+
+static size_t pixels(const struct ref_backend *b)
+{
+    return (size_t) b->image.width * (size_t) b->image.height;
+}
+
+static int read_image(struct sg_backend *base, float *rgb, float *alpha, float *depth)
+{
+    const struct ref_backend *b = (const struct ref_backend *) base;
+    memcpy(rgb, b->image.rgb, 3 * pixels(b) * sizeof(float));
+    for (size_t i = 0; alpha && i < pixels(b); i++)
+        alpha[i] = 1 - b->image.t[i];
+    if (depth)
+        memcpy(depth, b->image.depth, pixels(b) * sizeof(float));
+    return SG_OK;
+}
+
+static int write_image_gradient(struct sg_backend *base, const float *gradient)
+{
+    struct ref_backend *b = (struct ref_backend *) base;
+    memcpy(b->gradient, gradient, 3 * pixels(b) * sizeof(float));
+    return SG_OK;
+}
+
+/* Sum of the window over values at (x, y), zero outside. */
+static float window_sum(const float *values, int stride, int width, int height, int x, int y)
+{
+    double sum = 0;
+    for (int j = -SG_SSIM_RADIUS; j <= SG_SSIM_RADIUS; j++)
+        for (int i = -SG_SSIM_RADIUS; i <= SG_SSIM_RADIUS; i++)
+            if (x + i >= 0 && x + i < width && y + j >= 0 && y + j < height)
+                sum += (double) sg_ssim_window[i + SG_SSIM_RADIUS] * (double) sg_ssim_window[j + SG_SSIM_RADIUS] *
+                       (double) values[((size_t) (y + j) * (size_t) width + (size_t) (x + i)) * (size_t) stride];
+    return (float) sum;
+}
+
+static int loss(struct sg_backend *base, const struct sg_loss_params *p, struct sg_loss_value *out)
+{
+    struct ref_backend *b = (struct ref_backend *) base;
+    const int w = b->image.width, h = b->image.height;
+    const size_t n = pixels(b);
+    const float unit = 1 / (3 * (float) n);
+    double l1 = 0, mse = 0, ssim = 0;
+    float *X = b->scratch, *Y = X + n, *M = X + 2 * n, *XX = X + 3 * n, *XY = X + 4 * n;
+    for (int ch = 0; ch < 3; ch++) {
+        const float *img = b->image.rgb + (size_t) ch * n;
+        float *grad = b->gradient + (size_t) ch * n;
+        for (size_t i = 0; i < n; i++) {
+            X[i] = img[i];
+            Y[i] = p->mask && !p->mask[i] ? img[i] : (float) p->target[3 * i + (size_t) ch] / 255.0f;
+            const float d = X[i] - Y[i];
+            l1 += (double) fabsf(d);
+            mse += (double) d * (double) d;
+            grad[i] = (1 - p->lambda_dssim) * unit * (float) ((d > 0) - (d < 0));
+        }
+        for (int y = 0; y < h; y++)
+            for (int x = 0; x < w; x++) {
+                double m1 = 0, m2 = 0, xx = 0, yy = 0, xy = 0;
+                for (int j = -SG_SSIM_RADIUS; j <= SG_SSIM_RADIUS; j++)
+                    for (int i = -SG_SSIM_RADIUS; i <= SG_SSIM_RADIUS; i++) {
+                        if (x + i < 0 || x + i >= w || y + j < 0 || y + j >= h)
+                            continue;
+                        const size_t at = (size_t) (y + j) * (size_t) w + (size_t) (x + i);
+                        const double k =
+                            (double) sg_ssim_window[i + SG_SSIM_RADIUS] * (double) sg_ssim_window[j + SG_SSIM_RADIUS];
+                        const double a = (double) X[at], c = (double) Y[at];
+                        m1 += k * a, m2 += k * c, xx += k * a * a, yy += k * c * c, xy += k * a * c;
+                    }
+                const size_t at = (size_t) y * (size_t) w + (size_t) x;
+                ssim += (double) ssim_point((float) m1, (float) m2, (float) xx, (float) yy, (float) xy, &M[at], &XX[at],
+                                            &XY[at]);
+            }
+        for (int y = 0; y < h; y++)
+            for (int x = 0; x < w; x++) {
+                const size_t at = (size_t) y * (size_t) w + (size_t) x;
+                const float ds = window_sum(M, 1, w, h, x, y) + 2 * X[at] * window_sum(XX, 1, w, h, x, y) +
+                                 Y[at] * window_sum(XY, 1, w, h, x, y);
+                grad[at] -= p->lambda_dssim * unit * ds;
+            }
+        for (size_t i = 0; p->mask && i < n; i++)
+            if (!p->mask[i])
+                grad[i] = 0; /* the target is the image itself there: no pull */
+    }
+    const double values = 3 * (double) n;
+    out->l1 = l1 / values, out->mse = mse / values, out->ssim = ssim / values;
+    out->total = (1 - (double) p->lambda_dssim) * out->l1 + (double) p->lambda_dssim * (1 - out->ssim);
+    return SG_OK;
+}
+
+static int update(struct sg_backend *base, const struct sg_update *u)
+{
+    struct ref_backend *b = (struct ref_backend *) base;
+    struct sg_host_model *h = &b->model;
+    for (size_t i = 0; i < h->count; i++) {
+        const struct ref_splat *s = &b->splats[i];
+        if (u->statistics && s->radius) {
+            const float gx = s->g.x * b->view.half_w, gy = s->g.y * b->view.half_h;
+            h->opt.grad_sum[i] += sqrtf(gx * gx + gy * gy);
+            h->opt.grad_count[i] += 1;
+            h->opt.max_radius[i] = fmaxf(h->opt.max_radius[i], (float) s->radius);
+        }
+        if (!u->adam)
+            continue;
+        float planes[SG_PARAMS_MAX], g[SG_PARAMS_MAX];
+        gather(b, i, planes);
+        ref_parameter_gradient(&b->view, s, planes, b->degree, g);
+        for (int p = 0; p < h->planes; p++) {
+            const enum sg_group group = sg_plane_group(p);
+            const size_t at = sg_param_index(h->planes, i, p);
+            if (u->rate[group] > 0)
+                h->params[at] =
+                    adam_step(h->params[at], g[p], &h->opt.m[at], &h->opt.v[at], u->rate[group], u->root[group]);
+        }
+    }
+    return SG_OK;
+}
+
+static int read_gradients(struct sg_backend *base, struct sg_model *out)
+{
+    struct ref_backend *b = (struct ref_backend *) base;
+    for (size_t i = 0; i < b->model.count; i++) {
+        float planes[SG_PARAMS_MAX], g[SG_PARAMS_MAX];
+        gather(b, i, planes);
+        ref_parameter_gradient(&b->view, &b->splats[i], planes, b->degree, g);
+        for (int p = 0; p < b->model.planes; p++)
+            out->params[sg_param_index(b->model.planes, i, p)] = g[p];
+    }
+    return SG_OK;
+}
+
+static int read_statistics(struct sg_backend *base, float *gradient, float *opacity, float *scale, float *radius)
+{
+    sg_host_statistics(base->ctx, &((struct ref_backend *) base)->model, gradient, opacity, scale, radius);
+    return SG_OK;
+}
+
+static int edit(struct sg_backend *base, const struct sg_edit *e)
+{
+    return sg_host_edit(base->ctx, &((struct ref_backend *) base)->model, e);
+}
+
+static int reset_opacity(struct sg_backend *base, float limit)
+{
+    sg_host_reset_opacity(&((struct ref_backend *) base)->model, limit);
+    return SG_OK;
+}
+
+static const struct sg_backend_ops ops = {
+    .name = "ref",
+    .destroy = destroy,
+    .variant = variant,
+    .upload = upload,
+    .download = download,
+    .count = count,
+    .project = do_project,
+    .rasterize = rasterize,
+    .read_image = read_image,
+    .loss = loss,
+    .write_image_gradient = write_image_gradient,
+    .rasterize_backward = rasterize_backward,
+    .update = update,
+    .read_gradients = read_gradients,
+    .read_statistics = read_statistics,
+    .edit = edit,
+    .reset_opacity = reset_opacity,
+};
+
+int sg_backend_create_ref(sg_ctx *ctx, struct sg_backend **out)
+{
+    struct ref_backend *b = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*b));
+    if (!b)
+        return SG_ERR_BUDGET;
+    b->base = (struct sg_backend){.ops = &ops, .ctx = ctx};
+    *out = &b->base;
+    return SG_OK;
+}

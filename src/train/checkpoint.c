@@ -1,0 +1,156 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The trainer's whole state in one file: a header, then parameters, moments and statistics as they lie in memory
+ * (little endian float32), then a checksum of everything before it. */
+#include <string.h>
+
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+#include "core/file.h"
+#include "trainer.h"
+
+#define MAGIC "SGCKPT\0\1" /* the last byte is the version */
+
+struct header {
+    char magic[8];
+    uint64_t count;
+    int32_t sh_degree, iteration;
+    int32_t adam_steps[SG_GROUPS];
+    uint64_t seed, views;
+    double extent;
+};
+
+struct sink {
+    FILE *stream;
+    XXH3_state_t hash;
+};
+
+static void put(struct sink *s, const void *data, size_t bytes)
+{
+    XXH3_64bits_update(&s->hash, data, bytes);
+    fwrite(data, 1, bytes, s->stream); /* errors surface when the file is committed */
+}
+
+/* The arrays of a checkpoint in file order, with their sizes. */
+struct part {
+    void *data;
+    size_t bytes;
+};
+
+static int parts_of(struct sg_model *m, struct sg_optimiser *o, struct part parts[6])
+{
+    const size_t blocks = (m->count + SG_LANES - 1) / SG_LANES * SG_LANES;
+    const size_t planes = blocks * (size_t) sg_param_count(m->sh_degree) * sizeof(float);
+    parts[0] = (struct part){m->params, planes};
+    parts[1] = (struct part){o->m, planes};
+    parts[2] = (struct part){o->v, planes};
+    parts[3] = (struct part){o->grad_sum, m->count * sizeof(float)};
+    parts[4] = (struct part){o->grad_count, m->count * sizeof(float)};
+    parts[5] = (struct part){o->max_radius, m->count * sizeof(float)};
+    return 6;
+}
+
+int sg_trainer_save(sg_trainer *t, const char *path)
+{
+    sg_ctx *ctx = t->ctx;
+    sg_clear_error(ctx);
+    struct sg_model *m = NULL;
+    struct sg_optimiser o = {0};
+    struct sg_file_writer w = {0};
+    struct sink sink;
+    int code = sg_model_create(ctx, sg_trainer_gaussians(t), t->sh_degree, &m);
+    if (code || (code = sg_optimiser_create(ctx, m->count, m->sh_degree, &o)) ||
+        (code = t->backend->ops->download(t->backend, m, &o)) || (code = sg_file_create(ctx, &w, path)))
+        goto done;
+    struct header h = {.count = m->count,
+                       .sh_degree = m->sh_degree,
+                       .iteration = t->iteration,
+                       .seed = t->params.seed,
+                       .views = t->scene->n_train,
+                       .extent = t->extent};
+    memcpy(h.magic, MAGIC, sizeof(h.magic));
+    for (int g = 0; g < SG_GROUPS; g++)
+        h.adam_steps[g] = t->adam_steps[g];
+    sink.stream = w.stream;
+    XXH3_64bits_reset(&sink.hash);
+    put(&sink, &h, sizeof(h));
+    struct part parts[6];
+    for (int i = 0, n = parts_of(m, &o, parts); i < n; i++)
+        put(&sink, parts[i].data, parts[i].bytes);
+    const uint64_t digest = XXH3_64bits_digest(&sink.hash);
+    fwrite(&digest, sizeof(digest), 1, w.stream);
+    code = sg_file_commit(ctx, &w);
+done:
+    sg_file_abandon(ctx, &w);
+    sg_optimiser_clear(ctx, &o);
+    sg_model_destroy(ctx, &m);
+    return code;
+}
+
+int sg_trainer_load(sg_trainer *t, const char *path)
+{
+    sg_ctx *ctx = t->ctx;
+    sg_clear_error(ctx);
+    struct sg_model *m = NULL;
+    struct sg_optimiser o = {0};
+    struct header h;
+    int code = SG_OK;
+    FILE *f = fopen(path, "rb");
+    if (!f)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read the checkpoint", path);
+    if (fread(&h, sizeof(h), 1, f) != 1 || memcmp(h.magic, MAGIC, sizeof(h.magic))) {
+        code = sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: byte 0: found another kind of file, expected a checkpoint of this version", path);
+        goto done;
+    }
+    if (h.sh_degree != t->sh_degree || h.views != t->scene->n_train || h.seed != t->params.seed ||
+        h.extent != t->extent || h.iteration < 0 || !h.count) {
+        code =
+            sg_fail(ctx, SG_ERR_INPUT,
+                    "%s: found SH degree %d, %llu views, seed %llu, extent %.9g; expected those of this scene and run: "
+                    "%d, %zu, %llu, %.9g",
+                    path, h.sh_degree, (unsigned long long) h.views, (unsigned long long) h.seed, h.extent,
+                    t->sh_degree, t->scene->n_train, (unsigned long long) t->params.seed, t->extent);
+        goto done;
+    }
+    /* The file's own length says whether the count can be true before anything is allocated for it. */
+    const long long at = ftell(f);
+    fseek(f, 0, SEEK_END);
+    const long long size = ftell(f);
+    fseek(f, (long) at, SEEK_SET);
+    const uint64_t per_gaussian = (uint64_t) sg_param_count(h.sh_degree) * 3 * sizeof(float) + 3 * sizeof(float);
+    if (size < at || h.count > (uint64_t) (size - at) / per_gaussian) {
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found %lld bytes, expected room for %llu Gaussians", path, size,
+                       (unsigned long long) h.count);
+        goto done;
+    }
+    if ((code = sg_model_create(ctx, (size_t) h.count, h.sh_degree, &m)) ||
+        (code = sg_optimiser_create(ctx, m->count, m->sh_degree, &o)))
+        goto done;
+    XXH3_state_t hash;
+    XXH3_64bits_reset(&hash);
+    XXH3_64bits_update(&hash, &h, sizeof(h));
+    struct part parts[6];
+    uint64_t digest = 0;
+    bool whole = true;
+    for (int i = 0, n = parts_of(m, &o, parts); i < n && whole; i++) {
+        whole = fread(parts[i].data, 1, parts[i].bytes, f) == parts[i].bytes;
+        XXH3_64bits_update(&hash, parts[i].data, parts[i].bytes);
+    }
+    whole = whole && fread(&digest, sizeof(digest), 1, f) == 1;
+    if (!whole || digest != XXH3_64bits_digest(&hash)) {
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found a truncated or altered checkpoint: the checksum does not match",
+                       path);
+        goto done;
+    }
+    if ((code = t->backend->ops->upload(t->backend, m, &o)))
+        goto done;
+    t->iteration = h.iteration;
+    for (int g = 0; g < SG_GROUPS; g++)
+        t->adam_steps[g] = h.adam_steps[g];
+done:
+    fclose(f);
+    sg_optimiser_clear(ctx, &o);
+    sg_model_destroy(ctx, &m);
+    return code;
+}

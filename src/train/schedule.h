@@ -1,0 +1,50 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What happens at which iteration: pure functions of the parameters, so that they can be read and tested alone. */
+#ifndef SG_SCHEDULE_H
+#define SG_SCHEDULE_H
+
+#include <math.h>
+
+#include "core/rng.h"
+#include "splatguard/train.h"
+
+static inline bool sg_densifies(const struct sg_train_params *p, int it)
+{
+    return it < p->densify_until_iter && it > p->densify_from_iter && it % p->densification_interval == 0;
+}
+
+/* The extra reset on white keeps the background from being explained by opaque white Gaussians. */
+static inline bool sg_resets_opacity(const struct sg_train_params *p, int it)
+{
+    return it < p->densify_until_iter &&
+           (it % p->opacity_reset_interval == 0 || (p->white_background && it == p->densify_from_iter));
+}
+
+/* Active at iteration it: raised at its start whenever it is divisible by the interval. */
+static inline int sg_active_degree(const struct sg_train_params *p, int it)
+{
+    const int d = it / p->sh_interval;
+    return d < p->sh_degree ? d : p->sh_degree;
+}
+
+/* Log-linear from init to final. */
+static inline double sg_position_lr(const struct sg_train_params *p, int it)
+{
+    double u = (double) it / p->position_lr_max_steps;
+    u = u > 1 ? 1 : u;
+    return exp((1 - u) * log((double) p->position_lr_init) + u * log((double) p->position_lr_final));
+}
+
+/* Order of views in an epoch: Fisher-Yates, the same distribution as drawing from a shrinking stack. */
+static inline void sg_view_order(uint64_t seed, uint64_t epoch, uint32_t *order, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        order[i] = (uint32_t) i;
+    for (size_t i = n; i > 1; i--) {
+        const size_t j = (size_t) (sg_rng_u64(seed, SG_RNG_VIEWS, epoch, i) % i);
+        const uint32_t swap = order[i - 1];
+        order[i - 1] = order[j], order[j] = swap;
+    }
+}
+
+#endif

@@ -1,0 +1,250 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The training loop of Kerbl et al. 2023 in the order of the released code. */
+#include "trainer.h"
+
+#include <math.h>
+#include <string.h>
+#include <time.h>
+
+#include "densify.h"
+#include "math/constants.h"
+#include "schedule.h"
+
+static int check_params(sg_ctx *ctx, const struct sg_train_params *p, const struct sg_scene *scene)
+{
+    const struct {
+        const char *name;
+        double value, low, high;
+    } ranges[] = {
+        {"iterations", p->iterations, 1, 1e7},
+        {"sh-degree", p->sh_degree, 0, 3},
+        {"sh-interval", p->sh_interval, 1, 1e7},
+        {"lambda-dssim", (double) p->lambda_dssim, 0, 1},
+        {"position-lr-init", (double) p->position_lr_init, 1e-12, 1e3},
+        {"position-lr-final", (double) p->position_lr_final, 1e-12, 1e3},
+        {"position-lr-max-steps", p->position_lr_max_steps, 1, 1e9},
+        {"feature-lr", (double) p->feature_lr, 0, 1e3},
+        {"opacity-lr", (double) p->opacity_lr, 0, 1e3},
+        {"scaling-lr", (double) p->scaling_lr, 0, 1e3},
+        {"rotation-lr", (double) p->rotation_lr, 0, 1e3},
+        {"percent-dense", (double) p->percent_dense, 0, 1e3},
+        {"densification-interval", p->densification_interval, 1, 1e7},
+        {"densify-from-iter", p->densify_from_iter, 0, 1e9},
+        {"densify-until-iter", p->densify_until_iter, 0, 1e9},
+        {"densify-grad-threshold", (double) p->densify_grad_threshold, 0, 1e9},
+        {"opacity-reset-interval", p->opacity_reset_interval, 1, 1e9},
+        {"init-points", (double) p->init_points, 4, 1e8},
+        {"max-instances", (double) p->max_instances, 1, 4e9},
+    };
+    for (size_t i = 0; i < sizeof(ranges) / sizeof(ranges[0]); i++)
+        if (!(ranges[i].value >= ranges[i].low && ranges[i].value <= ranges[i].high))
+            return sg_fail(ctx, SG_ERR_USAGE, "%s: found %g, expected %g to %g", ranges[i].name, ranges[i].value,
+                           ranges[i].low, ranges[i].high);
+    if (!scene->n_train)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found no training view, expected at least one", scene->path);
+    return SG_OK;
+}
+
+static int initial_model(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *p,
+                         struct sg_model **out)
+{
+    if (scene->n_points)
+        return sg_model_init_points(ctx, scene->points, scene->point_colors, scene->n_points, p->sh_degree, out);
+    return sg_model_init_random(ctx, p->init_points, p->seed, p->sh_degree, out);
+}
+
+int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
+                      const struct sg_train_params *params, sg_trainer **out)
+{
+    sg_clear_error(ctx);
+    *out = NULL;
+    struct sg_model *made = NULL;
+    sg_trainer *t = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*t));
+    if (!t)
+        return SG_ERR_BUDGET;
+    t->ctx = ctx;
+    t->scene = scene;
+    t->params = params ? *params : *sg_train_params();
+    /* One camera has no extent; 1 keeps the learning rates finite and moving. */
+    t->extent = scene->extent > 0 ? scene->extent : 1;
+    t->epoch = UINT64_MAX;
+    int code = check_params(ctx, &t->params, scene);
+    if (code)
+        goto fail;
+    if (!initial) {
+        if ((code = initial_model(ctx, scene, &t->params, &made)))
+            goto fail;
+        initial = made;
+    }
+    t->sh_degree = initial->sh_degree;
+    if (t->params.sh_degree > initial->sh_degree)
+        t->params.sh_degree = initial->sh_degree;
+    if ((code = sg_backend_create(ctx, t->params.backend ? t->params.backend : "cpu", t->params.cpu, &t->backend)) ||
+        (code = t->backend->ops->upload(t->backend, initial, NULL)))
+        goto fail;
+    t->order = sg_alloc(ctx, SG_MEM_MISC, scene->n_train, sizeof(*t->order));
+    if (!t->order) {
+        code = SG_ERR_BUDGET;
+        goto fail;
+    }
+    sg_model_destroy(ctx, &made);
+    *out = t;
+    return SG_OK;
+fail:
+    sg_model_destroy(ctx, &made);
+    sg_trainer_destroy(&t);
+    return code;
+}
+
+void sg_trainer_destroy(sg_trainer **trainer)
+{
+    if (!trainer || !*trainer)
+        return;
+    sg_trainer *t = *trainer;
+    sg_backend_destroy(&t->backend);
+    sg_free(t->ctx, t->order);
+    sg_free(t->ctx, t);
+    *trainer = NULL;
+}
+
+static size_t pick_view(sg_trainer *t, int it)
+{
+    const uint64_t n = t->scene->n_train, epoch = (uint64_t) (it - 1) / n;
+    if (epoch != t->epoch) {
+        sg_view_order(t->params.seed, epoch, t->order, t->scene->n_train);
+        t->epoch = epoch;
+    }
+    return t->order[(uint64_t) (it - 1) % n];
+}
+
+static void background(const sg_trainer *t, int it, float *out)
+{
+    for (int ch = 0; ch < 3; ch++)
+        out[ch] = t->params.random_background
+                      ? sg_rng_uniform(t->params.seed, SG_RNG_BACKGROUND, (uint64_t) it, (uint64_t) ch)
+                  : t->params.white_background ? 1.0f
+                                               : 0.0f;
+}
+
+/* Advances the step counters of the groups that move and fills in their rates. */
+static void prepare_adam(sg_trainer *t, int it, bool hold_opacity, struct sg_update *u)
+{
+    const struct sg_train_params *p = &t->params;
+    const double lr[SG_GROUPS] = {
+        [SG_G_XYZ] = sg_position_lr(p, it) * t->extent,
+        [SG_G_OPACITY] = (double) p->opacity_lr,
+        [SG_G_SCALE] = (double) p->scaling_lr,
+        [SG_G_ROT] = (double) p->rotation_lr,
+        [SG_G_DC] = (double) p->feature_lr,
+        [SG_G_REST] = (double) p->feature_lr / 20,
+    };
+    u->adam = true;
+    for (int g = 0; g < SG_GROUPS; g++) {
+        if (g == SG_G_OPACITY && hold_opacity)
+            continue;
+        t->adam_steps[g]++;
+        u->rate[g] = (float) (lr[g] / (1 - pow((double) SG_ADAM_BETA1, t->adam_steps[g])));
+        u->root[g] = (float) (1 / sqrt(1 - pow((double) SG_ADAM_BETA2, t->adam_steps[g])));
+    }
+}
+
+static double seconds(void)
+{
+    struct timespec ts;
+    clock_gettime(CLOCK_MONOTONIC, &ts);
+    return (double) ts.tv_sec + 1e-9 * (double) ts.tv_nsec;
+}
+
+static int densify(sg_trainer *t, int it, struct sg_train_step *step)
+{
+    const struct sg_train_params *p = &t->params;
+    struct sg_densify_result r;
+    const double start = seconds();
+    const int code =
+        sg_densify(t->backend,
+                   &(struct sg_densify_params){
+                       .gradient = p->densify_grad_threshold,
+                       .split_scale = (float) ((double) p->percent_dense * t->extent),
+                       .prune_scale = it > p->opacity_reset_interval ? (float) (SG_PRUNE_EXTENT * t->extent) : 0,
+                       .max_gaussians = p->max_gaussians,
+                       .seed = p->seed,
+                       .stream = (uint64_t) it},
+                   &r);
+    step->cloned = r.cloned, step->split = r.split, step->pruned = r.pruned;
+    t->backend->times.densify += seconds() - start;
+    return code;
+}
+
+int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
+{
+    sg_clear_error(t->ctx);
+    const struct sg_train_params *p = &t->params;
+    const struct sg_backend_ops *ops = t->backend->ops;
+    const int it = t->iteration + 1;
+    struct sg_train_step step = {.iteration = it, .view = pick_view(t, it)};
+    const struct sg_view *view = &t->scene->train[step.view];
+    struct sg_render_params render = {.max_instances = p->max_instances, .reference_tiles = p->reference_tiles};
+    struct sg_loss_value value;
+    int code;
+    background(t, it, render.background);
+
+    if ((code = ops->project(t->backend, &view->camera, sg_active_degree(p, it), &render)) ||
+        (code = ops->rasterize(t->backend, false, &step.render)) ||
+        (code = ops->loss(t->backend, &(struct sg_loss_params){p->lambda_dssim, view->rgb, view->mask}, &value)) ||
+        (code = ops->rasterize_backward(t->backend)))
+        return code;
+
+    /* The released code rebuilds every tensor when it densifies and the opacity tensor when it resets: gradients are
+     * lost and Adam stands still for them in that iteration. The last iteration takes no step either. */
+    const bool densifies = sg_densifies(p, it), resets = sg_resets_opacity(p, it);
+    struct sg_update update = {.statistics = it < p->densify_until_iter};
+    if (!densifies && it < p->iterations)
+        prepare_adam(t, it, resets, &update);
+    if ((code = ops->update(t->backend, &update)))
+        return code;
+    if (densifies && (code = densify(t, it, &step)))
+        return code;
+    if (resets && (code = ops->reset_opacity(t->backend, SG_RESET_OPACITY)))
+        return code;
+
+    t->iteration = it;
+    step.loss = value.total, step.l1 = value.l1, step.ssim = value.ssim;
+    step.psnr = -10 * log10(value.mse > 1e-10 ? value.mse : 1e-10);
+    step.gaussians = ops->count(t->backend);
+    if (out)
+        *out = step;
+    return SG_OK;
+}
+
+int sg_trainer_iteration(const sg_trainer *t)
+{
+    return t->iteration;
+}
+
+size_t sg_trainer_gaussians(const sg_trainer *t)
+{
+    return t->backend->ops->count(t->backend);
+}
+
+void sg_trainer_times(const sg_trainer *t, struct sg_train_times *out)
+{
+    *out = t->backend->times;
+}
+
+const char *sg_trainer_variant(const sg_trainer *t)
+{
+    return t->backend->ops->variant(t->backend);
+}
+
+int sg_trainer_model(sg_trainer *t, struct sg_model **out)
+{
+    sg_clear_error(t->ctx);
+    int code = sg_model_create(t->ctx, sg_trainer_gaussians(t), t->sh_degree, out);
+    if (code)
+        return code;
+    if ((code = t->backend->ops->download(t->backend, *out, NULL)))
+        sg_model_destroy(t->ctx, out);
+    else
+        (*out)->active_sh_degree = sg_active_degree(&t->params, t->iteration);
+    return code;
+}
