@@ -1,0 +1,236 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Decoding, writing and resampling of images. */
+#include "scene_files.h"
+
+#include <spng.h>
+#include <turbojpeg.h>
+#include <webp/encode.h>
+
+#define MAX_PIXELS (1u << 20)
+
+/* Encodes raw samples as any kind of PNG, in memory. */
+static void *encode_png(int width, int height, int color, int depth, const void *samples, size_t size,
+                        struct spng_plte *palette, struct spng_trns *trns, size_t *bytes)
+{
+    int error;
+    struct spng_ihdr ihdr = {.width = (uint32_t) width,
+                             .height = (uint32_t) height,
+                             .bit_depth = (uint8_t) depth,
+                             .color_type = (uint8_t) color};
+    spng_ctx *png = spng_ctx_new(SPNG_CTX_ENCODER);
+    spng_set_option(png, SPNG_ENCODE_TO_BUFFER, 1);
+    assert_int_equal(spng_set_ihdr(png, &ihdr), 0);
+    if (palette)
+        assert_int_equal(spng_set_plte(png, palette), 0);
+    if (trns)
+        assert_int_equal(spng_set_trns(png, trns), 0);
+    assert_int_equal(spng_encode_image(png, samples, size, SPNG_FMT_PNG, SPNG_ENCODE_FINALIZE), 0);
+    void *data = spng_get_png_buffer(png, bytes, &error);
+    spng_ctx_free(png);
+    return data;
+}
+
+static void expect_pixels(struct fixture *f, void *data, size_t size, int channels, const uint8_t *expected, size_t n)
+{
+    struct sg_image image;
+    if (sg_image_decode(f->ctx, "x.png", data, size, MAX_PIXELS, &image))
+        fail_msg("%s", sg_last_error(f->ctx));
+    assert_int_equal(image.channels, channels);
+    assert_int_equal((size_t) image.width * (size_t) image.height * (size_t) channels, n);
+    assert_memory_equal(image.pixels, expected, n);
+    sg_image_clear(f->ctx, &image);
+    free(data);
+}
+
+static void every_kind_of_png(void **state)
+{
+    struct fixture *f = *state;
+    size_t size;
+    uint16_t deep[6] = {0x1234, 0xff00, 0x00ff, 0x8001, 0x7fff, 0xabcd};
+    void *data = encode_png(2, 1, SPNG_COLOR_TYPE_TRUECOLOR, 16, deep, sizeof(deep), NULL, NULL, &size);
+    expect_pixels(f, data, size, 3, (const uint8_t[]){0x12, 0xff, 0x00, 0x80, 0x7f, 0xab}, 6);
+    data = encode_png(3, 2, SPNG_COLOR_TYPE_GRAYSCALE, 16, deep, sizeof(deep), NULL, NULL, &size);
+    expect_pixels(f, data, size, 1, (const uint8_t[]){0x12, 0xff, 0x00, 0x80, 0x7f, 0xab}, 6);
+    data = encode_png(8, 1, SPNG_COLOR_TYPE_GRAYSCALE, 1, "\xa5", 1, NULL, NULL, &size);
+    expect_pixels(f, data, size, 1, (const uint8_t[]){255, 0, 255, 0, 0, 255, 0, 255}, 8);
+    data = encode_png(2, 1, SPNG_COLOR_TYPE_GRAYSCALE_ALPHA, 8, "\x10\x20\x30\x40", 4, NULL, NULL, &size);
+    expect_pixels(f, data, size, 4, (const uint8_t[]){0x10, 0x10, 0x10, 0x20, 0x30, 0x30, 0x30, 0x40}, 8);
+    struct spng_plte palette = {.n_entries = 2, .entries = {{1, 2, 3, 0}, {200, 100, 50, 0}}};
+    data = encode_png(2, 1, SPNG_COLOR_TYPE_INDEXED, 8, "\1\0", 2, &palette, NULL, &size);
+    expect_pixels(f, data, size, 3, (const uint8_t[]){200, 100, 50, 1, 2, 3}, 6);
+    struct spng_trns trns = {.n_type3_entries = 1, .type3_alpha = {9}};
+    data = encode_png(2, 1, SPNG_COLOR_TYPE_INDEXED, 8, "\1\0", 2, &palette, &trns, &size);
+    expect_pixels(f, data, size, 4, (const uint8_t[]){200, 100, 50, 255, 1, 2, 3, 9}, 8);
+}
+
+static void png_round_trip(void **state)
+{
+    struct fixture *f = *state;
+    uint8_t pixels[5 * 3 * 4];
+    for (size_t i = 0; i < sizeof(pixels); i++)
+        pixels[i] = (uint8_t) (i * 37);
+    for (int channels = 1; channels <= 4; channels++) {
+        struct sg_image image;
+        sg_clear_error(f->ctx);
+        int code = sg_image_write_png(f->ctx, at(f, "a.png"), pixels, 5, 3, channels);
+        if (channels == 2) {
+            assert_int_equal(code, SG_ERR_USAGE);
+            continue;
+        }
+        assert_int_equal(code, SG_OK);
+        assert_int_equal(sg_image_read(f->ctx, at(f, "a.png"), MAX_PIXELS, &image), SG_OK);
+        assert_int_equal(image.width, 5);
+        assert_int_equal(image.height, 3);
+        assert_int_equal(image.channels, channels);
+        assert_memory_equal(image.pixels, pixels, (size_t) (15 * channels));
+        sg_image_clear(f->ctx, &image);
+    }
+}
+
+static void jpeg_and_webp_by_content(void **state)
+{
+    struct fixture *f = *state;
+    uint8_t rgb[32 * 24 * 3];
+    for (size_t i = 0; i < sizeof(rgb); i++)
+        rgb[i] = i % 3 == 0 ? 200 : i % 3 == 1 ? 100 : 50;
+    tjhandle jpeg = tjInitCompress();
+    unsigned char *jpeg_data = NULL;
+    unsigned long jpeg_size = 0;
+    assert_int_equal(tjCompress2(jpeg, rgb, 32, 0, 24, TJPF_RGB, &jpeg_data, &jpeg_size, TJSAMP_444, 95, 0), 0);
+    struct sg_image image;
+    put(f, "really-a-jpeg.png", jpeg_data, jpeg_size); /* the content decides */
+    assert_int_equal(sg_image_read(f->ctx, at(f, "really-a-jpeg.png"), MAX_PIXELS, &image), SG_OK);
+    assert_int_equal(image.width, 32);
+    assert_int_equal(image.height, 24);
+    for (int c = 0; c < 3; c++)
+        assert_in_range(image.pixels[300 + c] + 2 - rgb[c], 0, 4);
+    sg_image_clear(f->ctx, &image);
+    /* cut anywhere: an error, never grey filling */
+    for (unsigned long cut = 0; cut < jpeg_size - 2; cut += 7) {
+        sg_clear_error(f->ctx);
+        assert_int_equal(sg_image_decode(f->ctx, "x", jpeg_data, cut, MAX_PIXELS, &image), SG_ERR_INPUT);
+        assert_null(image.pixels);
+    }
+    tjFree(jpeg_data);
+    tjDestroy(jpeg);
+    uint8_t *webp = NULL;
+    size_t webp_size = WebPEncodeLosslessRGB(rgb, 32, 24, 32 * 3, &webp);
+    sg_clear_error(f->ctx);
+    assert_int_equal(sg_image_decode(f->ctx, "x", webp, webp_size, MAX_PIXELS, &image), SG_OK);
+    assert_int_equal(image.channels, 3);
+    assert_memory_equal(image.pixels, rgb, sizeof(rgb));
+    sg_image_clear(f->ctx, &image);
+    for (size_t cut = 0; cut < webp_size - 1; cut++) {
+        sg_clear_error(f->ctx);
+        assert_int_equal(sg_image_decode(f->ctx, "x", webp, cut, MAX_PIXELS, &image), SG_ERR_INPUT);
+    }
+    WebPFree(webp);
+}
+
+static void damaged_png(void **state)
+{
+    struct fixture *f = *state;
+    struct sg_image image;
+    char *data;
+    size_t size;
+    put_png(f, "a.png", 40, 30, 3, 1);
+    assert_int_equal(sg_file_read(f->ctx, at(f, "a.png"), MAX_PIXELS, &data, &size), SG_OK);
+    for (size_t cut = 0; cut + 20 < size; cut++) { /* 12 bytes of IEND, 8 of checksums: the pixels are whole without */
+        sg_clear_error(f->ctx);
+        assert_int_equal(sg_image_decode(f->ctx, "a.png", data, cut, MAX_PIXELS, &image), SG_ERR_INPUT);
+        assert_null(image.pixels);
+    }
+    data[60] ^= 0x55;
+    sg_clear_error(f->ctx);
+    assert_int_equal(sg_image_decode(f->ctx, "a.png", data, size, MAX_PIXELS, &image), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(f->ctx), "a.png"));
+    sg_free(f->ctx, data);
+}
+
+static void bomb_is_refused_before_allocation(void **state)
+{
+    struct fixture *f = *state;
+    struct sg_image image;
+    char *data;
+    size_t size;
+    put_png(f, "a.png", 100, 100, 1, 1);
+    assert_int_equal(sg_file_read(f->ctx, at(f, "a.png"), MAX_PIXELS, &data, &size), SG_OK);
+    uint64_t peak = sg_mem_peak(f->ctx, SG_MEM_IMAGES);
+    sg_clear_error(f->ctx);
+    assert_int_equal(sg_image_decode(f->ctx, "a.png", data, size, 9999, &image), SG_ERR_BUDGET);
+    assert_non_null(strstr(sg_last_error(f->ctx), "100 x 100"));
+    assert_int_equal(sg_mem_peak(f->ctx, SG_MEM_IMAGES), peak);
+    sg_clear_error(f->ctx);
+    assert_int_equal(sg_image_decode(f->ctx, "a.png", data, size, 10000, &image), SG_OK);
+    sg_image_clear(f->ctx, &image);
+    sg_free(f->ctx, data);
+}
+
+static void flatten_truncates(void **state)
+{
+    (void) state;
+    uint8_t pixels[] = {255, 10, 100, 255, 200, 200, 0, 128, 77, 88, 99, 0}, rgb[9];
+    struct sg_image image = {3, 1, 4, pixels};
+    sg_image_flatten(&image, true, rgb);
+    /* 200 * 128/255 + 127 = 227.39; 0 + 127 */
+    const uint8_t white[] = {255, 10, 100, 227, 227, 127, 255, 255, 255};
+    assert_memory_equal(rgb, white, 9);
+    sg_image_flatten(&image, false, rgb);
+    const uint8_t black[] = {255, 10, 100, 100, 100, 0, 0, 0, 0}; /* 100.39 */
+    assert_memory_equal(rgb, black, 9);
+    for (int v = 0; v < 256; v++) { /* opaque pixels pass unchanged */
+        uint8_t one[4] = {(uint8_t) v, (uint8_t) v, (uint8_t) v, 255};
+        sg_image_flatten(&(struct sg_image){1, 1, 4, one}, true, rgb);
+        assert_int_equal(rgb[0], v);
+    }
+}
+
+/* Expected values: the definition evaluated in double precision by an independent script. */
+static void resample_known_values(void **state)
+{
+    struct fixture *f = *state;
+    static const struct {
+        int w, h, W, H;
+        uint8_t expected[64];
+    } cases[] = {
+        {7, 5, 3, 2, {90, 139, 126, 129, 125, 142}},
+        {4, 3, 6, 5, {0,   7,   34,  59,  86,  102, 29,  53,  91,  118, 148, 168, 98, 122, 159,
+                      193, 230, 254, 178, 117, 64,  112, 157, 186, 224, 106, 0,   49, 100, 130}},
+        {13, 11, 13, 4, {88,  75,  130, 165, 116, 101, 157, 112, 168, 49,  83,  140, 189, 147, 145, 135, 91,  168,
+                         129, 156, 87,  119, 161, 75,  108, 192, 147, 143, 132, 123, 122, 161, 99,  101, 174, 89,
+                         211, 74,  194, 148, 109, 122, 163, 174, 131, 128, 115, 97,  168, 144, 42,  197}},
+        {16, 16, 3, 3, {126, 123, 126, 135, 129, 129, 140, 126, 133}},
+    };
+    for (size_t k = 0; k < sizeof(cases) / sizeof(*cases); k++) {
+        int w = cases[k].w, h = cases[k].h, W = cases[k].W, H = cases[k].H;
+        uint8_t src[256 * 3], dst[64 * 3];
+        for (int channels = 1; channels <= 3; channels += 2) {
+            for (int i = 0; i < w * h * channels; i++) {
+                int x = i / channels % w, y = i / channels / w;
+                src[i] = (uint8_t) (x * 37 + y * 101 + x * y * 13);
+            }
+            assert_int_equal(sg_resample(f->ctx, src, w, h, channels, dst, W, H), SG_OK);
+            for (int i = 0; i < W * H * channels; i++)
+                assert_int_equal(dst[i], cases[k].expected[i / channels]);
+        }
+    }
+    uint8_t flat[50 * 40], small[7 * 5];
+    memset(flat, 201, sizeof(flat));
+    assert_int_equal(sg_resample(f->ctx, flat, 50, 40, 1, small, 7, 5), SG_OK);
+    for (size_t i = 0; i < sizeof(small); i++)
+        assert_int_equal(small[i], 201);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        scene_test(every_kind_of_png),
+        scene_test(png_round_trip),
+        scene_test(jpeg_and_webp_by_content),
+        scene_test(damaged_png),
+        scene_test(bomb_is_refused_before_allocation),
+        scene_test(flatten_truncates),
+        scene_test(resample_known_values),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
