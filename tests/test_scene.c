@@ -1,0 +1,317 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What the readers make of well-formed scenes. */
+#include "colmap_files.h"
+
+#include <math.h>
+
+#define POSE(x) "\"transform_matrix\":[[1,0,0," #x "],[0,0.8,-0.6,2],[0,0.6,0.8,3],[0,0,0,1]]"
+
+static void close_to(double a, double b)
+{
+    if (!(fabs(a - b) < 1e-9))
+        fail_msg("%.12g is not %.12g", a, b);
+}
+
+static void put_blender(struct fixture *f)
+{
+    put_text(f, "transforms_train.json",
+             "{\"camera_angle_x\":1.0,\"frames\":[{\"file_path\":\"./train/b\"," POSE(
+                 5) "},"
+                    "{\"file_path\":\"train/a.png\"," POSE(-5) "},{\"file_path\":\"train/c\"," POSE(0) "}]}");
+    put_text(f, "transforms_test.json", "{\"camera_angle_x\":1.0,\"frames\":[{\"file_path\":\"test/b\"," POSE(7) "}]}");
+    put_png(f, "train/a.png", 20, 10, 4, 1);
+    put_png(f, "train/b.png", 20, 10, 4, 2);
+    put_png(f, "train/c.png", 20, 10, 3, 3);
+    put_png(f, "test/b.png", 20, 10, 4, 4);
+}
+
+static void blender(void **state)
+{
+    struct fixture *f = *state;
+    put_blender(f);
+    struct sg_scene *s = load(f, NULL);
+    assert_int_equal(s->format, SG_FORMAT_BLENDER);
+    assert_string_equal(sg_scene_format_name(s->format), "blender");
+    assert_int_equal(s->n_train, 3);
+    assert_int_equal(s->n_test, 0);
+    assert_int_equal(s->n_points, 0);
+    assert_string_equal(s->train[0].name, "b"); /* file order */
+    assert_string_equal(s->train[1].name, "a");
+    const struct sg_camera *c = &s->train[0].camera;
+    assert_int_equal(c->width, 20);
+    assert_int_equal(c->height, 10);
+    close_to(c->fx, 20 / (2 * tan(0.5)));
+    close_to(c->fy, c->fx);
+    close_to(c->cx, 10);
+    close_to(c->cy, 5);
+    /* camera-to-world with columns y and z turned round, then inverted */
+    const double R[9] = {1, 0, 0, 0, -0.8, -0.6, 0, 0.6, -0.8};
+    for (int i = 0; i < 9; i++)
+        close_to(c->R[i], R[i]);
+    close_to(c->t[0], -5);
+    close_to(c->t[1], 0.8 * 2 + 0.6 * 3);
+    close_to(c->t[2], -0.6 * 2 + 0.8 * 3);
+    close_to(s->center[0], 0);
+    close_to(s->center[1], 2);
+    close_to(s->extent, 1.1 * 5);
+    /* black background, truncated: pixel 0 of seed 2 is 62, 69, 76 at alpha 83 */
+    assert_int_equal(s->train[0].rgb[0], 62 * 83 / 255);
+    assert_int_equal(s->train[0].rgb[2], 76 * 83 / 255);
+    sg_scene_destroy(f->ctx, &s);
+    assert_null(s);
+
+    s = load(f, sg_scene_params(.eval = true, .white_background = true, .downscale = 2));
+    assert_int_equal(s->n_test, 1);
+    assert_string_equal(s->test[0].name, "b");
+    assert_int_equal(s->test[0].camera.width, 10);
+    assert_int_equal(s->test[0].camera.height, 5);
+    assert_int_equal(s->test[0].file_width, 20);
+    close_to(s->test[0].camera.fx, 10 / (2 * tan(0.5)));
+    close_to(s->test[0].camera.cx, 5);
+    sg_scene_destroy(f->ctx, &s);
+}
+
+/* Nine images 0..8, out of order, two cameras, each encoding. */
+static void put_colmap(struct fixture *f, bool text)
+{
+    const double pinhole[] = {30, 40, 11, 6}, simple[] = {50, 10, 5};
+    struct bytes b = {.size = 0};
+    if (text) {
+        put_text(f, "sparse/0/cameras.txt", "# comment\n7 PINHOLE 20 10 30 40 11 6\n3 SIMPLE_RADIAL 20 10 50 10 5 0\n");
+    } else {
+        add(&b, 2, 8);
+        add_camera(&b, 7, 1, 20, 10, pinhole, 4);
+        add_camera(&b, 3, 0, 20, 10, simple, 3);
+        put_bytes(f, "sparse/0/cameras.bin", &b);
+    }
+    b.size = 0;
+    add(&b, 9, 8);
+    char lines[4096] = "# comment\n";
+    for (int k = 0; k < 9; k++) {
+        int i = (k * 5 + 3) % 9;
+        char name[32];
+        snprintf(name, sizeof(name), "im %d.x.png", i);
+        add_image(&b, 100 + i, i == 4 ? 3 : 7, name, i, k % 3);
+        snprintf(lines + strlen(lines), 200, "%d 1 0 0 0 %d 0 0 %d %s\n%s\n", 100 + i, -i, i == 4 ? 3 : 7, name,
+                 k % 3 ? "1.5 2.5 -1 3.5 4.5 6" : "");
+        char path[64];
+        snprintf(path, sizeof(path), "images/im %d.x.png", i);
+        put_png(f, path, 20, 10, 3, i);
+    }
+    if (text)
+        put_text(f, "sparse/0/images.txt", lines);
+    else
+        put_bytes(f, "sparse/0/images.bin", &b);
+    b.size = 0;
+    add(&b, 2, 8);
+    add_point(&b, 1, 1, -2, 3.5, 10, 2);
+    add_point(&b, 9, 4, 5, 6, 255, 0);
+    if (text)
+        put_text(f, "sparse/0/points3D.txt", "1 1 -2 3.5 10 20 30 0.5 1 2 3 4\r\n9 4 5 6 255 20 30 0.5");
+    else
+        put_bytes(f, "sparse/0/points3D.bin", &b);
+}
+
+static void check_colmap(struct fixture *f)
+{
+    struct sg_scene *s = load(f, sg_scene_params(.eval = true, .test_every = 4));
+    assert_int_equal(s->format, SG_FORMAT_COLMAP);
+    assert_int_equal(s->n_train, 6);
+    assert_int_equal(s->n_test, 3);
+    assert_string_equal(s->test[0].name, "im 0"); /* up to the first dot */
+    assert_string_equal(s->test[1].name, "im 4");
+    assert_string_equal(s->test[2].name, "im 8");
+    assert_string_equal(s->train[0].name, "im 1");
+    const struct sg_camera *c = &s->train[1].camera;
+    close_to(c->fx, 30);
+    close_to(c->fy, 40);
+    close_to(c->cx, 11);
+    close_to(c->cy, 6);
+    close_to(c->R[0], 1);
+    close_to(c->t[0], -2);
+    assert_int_equal(s->train[1].rgb[5], (uint8_t) (5 * 7 + 2 * 31));
+    close_to(s->test[1].camera.fy, 50); /* the other camera */
+    close_to(s->test[1].camera.cx, 10);
+    assert_null(s->train[0].mask);
+    assert_int_equal(s->n_points, 2);
+    assert_true(s->points[1] == -2 && s->points[2] == 3.5f && s->points[3] == 4);
+    assert_int_equal(s->point_colors[0], 10);
+    assert_int_equal(s->point_colors[3], 255);
+    assert_int_equal(s->point_colors[5], 30);
+    sg_scene_destroy(f->ctx, &s);
+    s = load(f, sg_scene_params(.centred_principal = true));
+    assert_int_equal(s->n_train, 9);
+    assert_int_equal(s->n_test, 0);
+    close_to(s->train[0].camera.cx, 10);
+    close_to(s->extent, 1.1 * 4);
+    sg_scene_destroy(f->ctx, &s);
+}
+
+static void colmap_binary(void **state)
+{
+    put_colmap(*state, false);
+    check_colmap(*state);
+}
+
+static void colmap_text(void **state)
+{
+    put_colmap(*state, true);
+    check_colmap(*state);
+}
+
+/* The photo may have another size than the camera says: the field of view stays. */
+static void colmap_other_size_and_folder(void **state)
+{
+    struct fixture *f = *state;
+    put_text(f, "sparse/cameras.txt", "1 PINHOLE 40 20 60 80 22 12\n");
+    put_text(f, "sparse/images.txt", "1 1 0 0 0 0 0 0 1 deep/a.png\n\n2 1 0 0 0 1 0 0 1 b.png\n\n");
+    put_png(f, "images_2/a.png", 20, 10, 1, 0); /* base name only */
+    put_png(f, "images_2/b.png", 20, 10, 3, 0);
+    struct sg_scene *s = load(f, sg_scene_params(.images = "images_2"));
+    close_to(s->train[0].camera.fx, 30);
+    close_to(s->train[0].camera.fy, 40);
+    close_to(s->train[0].camera.cx, 11);
+    close_to(s->train[0].camera.cy, 6);
+    assert_int_equal(s->train[0].rgb[3], 7); /* grey is repeated */
+    assert_int_equal(s->train[0].rgb[5], 7);
+    sg_scene_destroy(f->ctx, &s);
+}
+
+static void resolution_rule(void **state)
+{
+    static const struct {
+        int width, height, resolution;
+        double downscale;
+        int w, h;
+    } cases[] = {
+        {21, 11, 2, 1, 10, 6}, /* 10.5 and 5.5: half to even */
+        {1601, 801, -1, 1, 1599, 800},
+        /* 1601 / (1601 / 1600.) truncated, as the reference */ {1600, 7, -1, 1, 1600, 7},
+        {90, 47, 30, 1, 30, 15},
+        {90, 47, 1, 3, 30, 16},
+        {3200, 10, -1, 4, 400, 1},
+        {10, 3, 8, 1, 1, 1},
+    };
+    for (size_t i = 0; i < sizeof(cases) / sizeof(*cases); i++) {
+        struct fixture *f = *state;
+        put_text(f, "transforms_train.json", "{\"camera_angle_x\":1.0,\"frames\":[{\"file_path\":\"a\"," POSE(5) "}]}");
+        put_png(f, "a.png", cases[i].width, cases[i].height, 3, 1);
+        struct sg_scene *s =
+            load(f, sg_scene_params(.resolution = cases[i].resolution, .downscale = cases[i].downscale));
+        assert_int_equal(s->train[0].camera.width, cases[i].w);
+        assert_int_equal(s->train[0].camera.height, cases[i].h);
+        close_to(s->train[0].camera.fx, cases[i].w / (2 * tan(0.5)));
+        assert_int_equal(s->train[0].file_width, cases[i].width);
+        sg_scene_destroy(f->ctx, &s);
+    }
+}
+
+#define FRAME(name, x) "{\"file_path\":\"" name "\"," POSE(x) "}"
+
+static void nerfstudio(void **state)
+{
+    struct fixture *f = *state;
+    put_text(f, "transforms.json",
+             "{\"w\":20.0,\"h\":10,\"fl_x\":30,\"fl_y\":40,\"cx\":11,\"cy\":6,\"k1\":0,\"camera_model\":\"OPENCV\","
+             "\"applied_transform\":[[1,0,0,0],[0,0,1,0],[0,-1,0,0]],"
+             "\"frames\":[" FRAME("images/d.png", 4) "," FRAME("./images/c.png", 3) "," FRAME(
+                 "images/gone.png", 9) ","
+                                       "{\"file_path\":\"images/b.png\",\"fl_x\":35,\"cx\":10,\"cy\":5," POSE(
+                                           2) "}," FRAME("images/gone2.png", 9) "," FRAME("images/a.png", 1) "]}");
+    for (char c = 'a'; c <= 'd'; c++)
+        put_png(f, (char[]){'i', 'm', 'a', 'g', 'e', 's', '/', c, '.', 'p', 'n', 'g', 0}, 20, 10, 3, c);
+    struct sg_scene *s = load(f, sg_scene_params(.eval = true, .test_every = 3));
+    assert_int_equal(f->warnings, 1);
+    assert_int_equal(s->format, SG_FORMAT_NERFSTUDIO);
+    assert_int_equal(s->n_train, 2);
+    assert_int_equal(s->n_test, 2);
+    assert_string_equal(s->test[0].name, "a");
+    assert_string_equal(s->test[1].name, "d");
+    assert_string_equal(s->train[0].name, "b");
+    close_to(s->train[0].camera.fx, 35);
+    close_to(s->train[0].camera.fy, 40);
+    close_to(s->train[0].camera.cx, 10);
+    close_to(s->train[1].camera.fx, 30);
+    close_to(s->train[1].camera.cy, 6);
+    close_to(s->train[1].camera.t[0], -3);
+    close_to(s->train[1].camera.R[4], -0.8);
+    sg_scene_destroy(f->ctx, &s);
+}
+
+static void nerfstudio_own_split(void **state)
+{
+    struct fixture *f = *state;
+    put_text(f, "transforms.json",
+             "{\"camera_angle_x\":1,\"train_filenames\":[\"images/b.png\",\"images/a.png\"],"
+             "\"test_filenames\":[\"./images/c.png\"],\"frames\":[" FRAME("images/a.png", 4) "," FRAME(
+                 "images/b.png", 3) "," FRAME("images/c.png", 9) "," FRAME("images/d.png", 9) "]}");
+    for (char c = 'a'; c <= 'd'; c++)
+        put_png(f, (char[]){'i', 'm', 'a', 'g', 'e', 's', '/', c, '.', 'p', 'n', 'g', 0}, 20, 10, 3, c);
+    struct sg_scene *s = load(f, sg_scene_params(.eval = true));
+    assert_int_equal(s->n_train, 2);
+    assert_int_equal(s->n_test, 1);
+    assert_string_equal(s->test[0].name, "c");
+    close_to(s->train[0].camera.fy, 20 / (2 * tan(0.5)));
+    sg_scene_destroy(f->ctx, &s);
+    s = load(f, NULL);
+    assert_int_equal(s->n_train, 4);
+    sg_scene_destroy(f->ctx, &s);
+}
+
+static void masks(void **state)
+{
+    struct fixture *f = *state;
+    put_colmap(f, true);
+    uint8_t grey[40 * 20];
+    for (int i = 0; i < 40 * 20; i++)
+        grey[i] = i % 40 < 20 ? 127 : 128;
+    put(f, "masks/x", "", 0);
+    assert_int_equal(sg_image_write_png(f->ctx, at(f, "masks/im 1.x.png"), grey, 40, 20, 1), SG_OK);
+    assert_int_equal(sg_image_write_png(f->ctx, at(f, "masks/im 2.x.png.png"), grey, 40, 20, 1), SG_OK);
+    struct sg_scene *s = load(f, NULL);
+    assert_int_equal(f->warnings, 1); /* seven views without */
+    assert_null(s->train[0].mask);
+    for (int k = 1; k <= 2; k++) {
+        assert_non_null(s->train[k].mask);
+        for (int i = 0; i < 200; i++)
+            assert_int_equal(s->train[k].mask[i], i % 20 < 10 ? 0 : 255);
+    }
+    sg_scene_destroy(f->ctx, &s);
+    expect_failure(f, sg_scene_params(.masks = "nowhere"), SG_ERR_INPUT, "nowhere", "folder", NULL);
+}
+
+static void threads_do_not_matter(void **state)
+{
+    struct fixture *f = *state;
+    sg_ctx *seven;
+    struct sg_scene *a, *b;
+    put_colmap(f, false);
+    assert_int_equal(sg_ctx_create(&seven, &(struct sg_ctx_params){.threads = 7}), SG_OK);
+    a = load(f, sg_scene_params(.downscale = 1.5));
+    assert_int_equal(sg_scene_load(seven, f->dir, sg_scene_params(.downscale = 1.5), &b), SG_OK);
+    for (size_t i = 0; i < a->n_train; i++) {
+        size_t n = (size_t) (a->train[i].camera.width * a->train[i].camera.height) * 3;
+        assert_string_equal(a->train[i].name, b->train[i].name);
+        assert_memory_equal(a->train[i].rgb, b->train[i].rgb, n);
+        assert_memory_equal(&a->train[i].camera, &b->train[i].camera, sizeof(struct sg_camera));
+    }
+    sg_scene_destroy(f->ctx, &a);
+    sg_scene_destroy(seven, &b);
+    sg_ctx_destroy(&seven);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        scene_test(blender),
+        scene_test(colmap_binary),
+        scene_test(colmap_text),
+        scene_test(colmap_other_size_and_folder),
+        scene_test(resolution_rule),
+        scene_test(nerfstudio),
+        scene_test(nerfstudio_own_split),
+        scene_test(masks),
+        scene_test(threads_do_not_matter),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
