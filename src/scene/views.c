@@ -110,13 +110,41 @@ static int resize(sg_ctx *ctx, uint8_t **plane, int width, int height, int chann
     return code;
 }
 
+/* Takes the lens distortion out of the view's pixels and mask. *valid: which pixels the photo has, NULL if all. */
+static int straighten(sg_ctx *ctx, const struct sg_shot *shot, const struct sg_lens *lens, struct sg_view *view,
+                      uint8_t **valid)
+{
+    size_t pixels = (size_t) lens->width * (size_t) lens->height, lost;
+    uint8_t *pinhole = sg_alloc_raw(ctx, SG_MEM_IMAGES, pixels, 3);
+    *valid = sg_alloc_raw(ctx, SG_MEM_IMAGES, pixels, 1);
+    int code = SG_ERR_BUDGET;
+    if (pinhole && *valid)
+        code = sg_undistort(ctx, lens, lens->width, lens->height, view->rgb, pinhole, *valid, view->mask, &lost);
+    if (code) {
+        sg_free(ctx, pinhole);
+        return code;
+    }
+    sg_free(ctx, view->rgb);
+    view->rgb = pinhole;
+    if (lost == pixels)
+        return sg_fail(
+            ctx, SG_ERR_INPUT,
+            "%s: found distortion %g %g %g %g that leaves no pixel of the photo, expected that of a real lens",
+            shot->path, lens->k1, lens->k2, lens->p1, lens->p2);
+    if (!lost) {
+        sg_free(ctx, *valid);
+        *valid = NULL;
+    }
+    return SG_OK;
+}
+
 static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view *view)
 {
     sg_ctx *ctx = job->ctx;
     const struct sg_scene_params *params = job->params;
     struct sg_image image = {0};
     struct sg_lens lens;
-    uint8_t *valid = NULL, *pinhole = NULL;
+    uint8_t *valid = NULL;
     int w = 0, h = 0;
     view->name = sg_strdup(ctx, shot->name);
     view->path = sg_strdup(ctx, shot->path);
@@ -148,30 +176,10 @@ static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view
         code = load_mask(job, shot, width, height, &view->mask);
     if (code)
         goto done;
-    if (is_distorted(&lens)) {
-        size_t lost;
-        pinhole = sg_alloc_raw(ctx, SG_MEM_IMAGES, pixels, 3);
-        valid = sg_alloc_raw(ctx, SG_MEM_IMAGES, pixels, 1);
-        code = pinhole && valid ? sg_undistort(ctx, &lens, width, height, view->rgb, pinhole, valid, view->mask, &lost)
-                                : SG_ERR_BUDGET;
-        if (code)
-            goto done;
-        sg_free(ctx, view->rgb);
-        view->rgb = pinhole;
-        pinhole = NULL;
-        if (lost == pixels) {
-            code = sg_fail(ctx, SG_ERR_INPUT,
-                           "%s: found distortion %g %g %g %g that leaves no pixel of the photo, "
-                           "expected that of a real lens",
-                           shot->path, lens.k1, lens.k2, lens.p1, lens.p2);
-            goto done;
-        }
-        if (!lost) {
-            sg_free(ctx, valid);
-            valid = NULL;
-        }
-    }
-    code = resize(ctx, &view->rgb, width, height, 3, w, h);
+    if (is_distorted(&lens))
+        code = straighten(ctx, shot, &lens, view, &valid);
+    if (!code)
+        code = resize(ctx, &view->rgb, width, height, 3, w, h);
     if (!code)
         code = resize(ctx, &view->mask, width, height, 1, w, h);
     if (!code)
@@ -196,7 +204,6 @@ static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view
     memcpy(view->camera.t, shot->t, sizeof(shot->t));
 done:
     sg_image_clear(ctx, &image);
-    sg_free(ctx, pinhole);
     sg_free(ctx, valid);
     return code;
 }
