@@ -5,6 +5,7 @@
 
 #define SG_TILE 16                  /* pixels a side */
 #define SG_ALPHA_MIN (1.0f / 255.0f) /* below it a pair is skipped */
+#define SG_LOG2_ALPHA_MIN -7.99435344f /* log2 of it */
 #define SG_ALPHA_MAX 0.99f
 #define SG_T_MIN 1e-4f              /* transmittance at which a pixel stops */
 #define SG_Z_MIN 0.2f               /* cull in front of it */

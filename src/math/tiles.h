@@ -22,10 +22,11 @@ struct ellipse_rows {
     real yr;   /* y of the rightmost point; the leftmost is at -yr */
 };
 
-/* 2 ln(255 opacity), widened where the evaluated conic is inexact because a c / det is large. */
+/* 2 ln(255 opacity), widened (at most doubled) where the evaluated conic is inexact because a c / det is large. */
 static inline real ellipse_border(real opacity, real a, real c, real det)
 {
-    return (scalar) 2 * r_log((scalar) 255 * opacity) * ((scalar) 1 + (scalar) 1e-6 * (a * c / det)) + (scalar) 0.02;
+    const real widen = r_min((scalar) 1e-6 * (a * c / det), r_set(1));
+    return (scalar) 2 * r_log((scalar) 255 * opacity) * ((scalar) 1 + widen) + (scalar) 0.02;
 }
 
 static inline struct ellipse_rows ellipse_rows(const struct ellipse *e)

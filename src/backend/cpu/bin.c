@@ -355,8 +355,10 @@ int bins_band(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats, int b
     b->band = -1;
     if (sg_grow(ctx, SG_MEM_INSTANCES, &b->slot_start, &b->cap_slots, b->count + 1, 0, sizeof(uint32_t)) ||
         sg_grow(ctx, SG_MEM_INSTANCES, &b->tile_start, &b->cap_tiles, band_tiles + 1, 0, sizeof(uint32_t)) ||
-        sg_grow(ctx, SG_MEM_INSTANCES, &b->instances, &b->cap_instances, total, 0, sizeof(*b->instances)))
+        sg_grow(ctx, SG_MEM_INSTANCES, &b->instances, &b->cap_instances, total + CPU_PREFETCH, 0,
+                sizeof(*b->instances)))
         return SG_ERR_BUDGET;
+    memset(b->instances + total, 0, CPU_PREFETCH * sizeof(*b->instances));
     sg_parallel_for(ctx, (b->count + CHUNK - 1) / CHUNK, count_slots, &job);
     uint32_t at = 0;
     for (size_t i = 0; i <= b->count; i++) {

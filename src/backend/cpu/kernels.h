@@ -5,15 +5,15 @@
 
 #include "backend/backend.h"
 
-/* One projected Gaussian: a cache line. Conic values are prescaled so that log2 of the Gaussian is
- * dx (A dx + B dy) + C dy^2. Opacity 0 marks what is never drawn. */
+/* One projected Gaussian: a cache line. Conic values are prescaled so that log2 of opacity x Gaussian is
+ * dx (A dx + B dy) + C dy^2 + peak. Opacity 0 marks what is never drawn. */
 struct cpu_splat {
     float x, y, A, B, C, opacity;
     float r, g, b;
     float z;
     float k, slope, var, ic; /* see math/tiles.h */
     float radius;            /* standard deviation along the longer axis; 0 = not visible */
-    float unused;
+    float peak;              /* log2 opacity */
 };
 
 /* One entry of a tile's list. */
@@ -21,6 +21,7 @@ struct cpu_instance {
     uint32_t splat, slot; /* slot: where the backward pass leaves its gradient */
 };
 
+#define CPU_PREFETCH 16 /* instances; as many zero ones follow the last */
 #define CPU_SLOT_FLOATS 12 /* 9 used: sum w, w dx, w dy, w dx^2, w dx dy, w dy^2, r, g, b */
 
 struct cpu_project_args {

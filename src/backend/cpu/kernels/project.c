@@ -2,6 +2,8 @@
 /* Gaussians to splats, LANES at a time. */
 #include "kernels.h"
 
+#include <math.h>
+
 #include "math/projection.h"
 #include "math/sh.h"
 #include "math/tiles.h"
@@ -63,11 +65,11 @@ void KERNEL(project)(const struct cpu_project_args *a, size_t first, size_t end)
             r_store(out[12], 1 / s.A);
             r_store(out[13], ic);
             r_store(out[14], r_keep(good, s.sigma));
-            r_store(out[15], r_set(0));
             for (int lane = 0; lane < LANES && base + (size_t) lane < a->count; lane++) {
                 float *to = (float *) &a->splats[base + (size_t) lane];
-                for (int i = 0; i < 16; i++)
+                for (int i = 0; i < 15; i++)
                     to[i] = out[i][lane];
+                to[15] = to[5] > 0 ? log2f(to[5]) : 0;
             }
         }
 }

@@ -2,9 +2,10 @@
 /* One tile, front to back: Kerbl et al. 2023, algorithm 2. */
 #include "tile.h"
 
+/* chain is the product of all (1 - alpha) so far. It never rises, so "the pixel has not stopped" is chain >= SG_T_MIN, and
+ * the loop's only dependency from pair to pair is one multiplication. t is its last value before the stop. */
 struct part_state {
-    real t, r, g, b, depth;
-    mask alive; /* pixels that still let light through */
+    real chain, t, r, g, b, depth;
 };
 
 SIMD void store_part(const struct cpu_raster_args *a, float *plane, int x0, int y0, int part, real value)
@@ -29,7 +30,7 @@ SIMD uint64_t draw(const struct cpu_raster_args *a, int tile, bool depth)
         for (int part = 0; part < PARTS; part++) {
             const real px = part_x(part) + (float) (x0 + block % 4 * BLOCK);
             const real py = part_y(part) + (float) (y0 + block / 4 * BLOCK);
-            states[block][part] = (struct part_state){.t = r_set(1), .alive = part_inside(a, px, py)};
+            states[block][part] = (struct part_state){.chain = r_keep(part_inside(a, px, py), r_set(1)), .t = r_set(1)};
         }
 
     bool anyone = true;
@@ -39,34 +40,33 @@ SIMD uint64_t draw(const struct cpu_raster_args *a, int tile, bool depth)
         for (int block = 0; block < BLOCKS; block++)
             for (int part = 0; part < PARTS; part++) {
                 struct part_state s = states[block][part];
-                if (!m_any(s.alive))
+                if (!m_any(r_le(r_set(SG_T_MIN), s.chain)))
                     continue;
                 const real px = part_x(part) + (float) (x0 + block % 4 * BLOCK);
                 const real py = part_y(part) + (float) (y0 + block / 4 * BLOCK);
                 const uint8_t *list = batch.list[block];
                 int i = 0;
-                for (const int n = batch.length[block]; i < n; i++) {
-                    const struct cpu_splat *splat = &batch.splats[list[i]];
-                    const struct pair p = pair_eval(splat, px, py);
-                    const real next = s.t - s.t * p.alpha;
-                    const mask stop = r_and(r_and(s.alive, p.drawable), r_lt(next, r_set(SG_T_MIN)));
-                    s.alive = m_andnot(s.alive, stop);
-                    const mask blend = r_and(s.alive, p.drawable);
-                    const real weight = p.alpha * s.t;
-                    s.r = r_fma_if(blend, s.r, weight, r_set(splat->r));
-                    s.g = r_fma_if(blend, s.g, weight, r_set(splat->g));
-                    s.b = r_fma_if(blend, s.b, weight, r_set(splat->b));
-                    if (depth)
-                        s.depth = r_fma_if(blend, s.depth, weight, r_set(splat->z));
-                    s.t = r_sel(blend, next, s.t);
-                    if (!m_any(s.alive)) {
-                        i++;
-                        break;
+                const int n = batch.length[block];
+                for (bool open = true; i < n && open; i += GROUP) {
+                    struct pairs p;
+                    pairs_eval(&p, &batch, list + i, px, py);
+                    mask last = m_all;
+                    for (int u = 0; u < GROUP; u++) {
+                        const real weight = p.alpha[u] * s.chain;
+                        s.chain = s.chain - weight;
+                        last = r_le(r_set(SG_T_MIN), s.chain);
+                        s.r = r_fma_if(last, s.r, weight, r_set(p.splat[u]->r));
+                        s.g = r_fma_if(last, s.g, weight, r_set(p.splat[u]->g));
+                        s.b = r_fma_if(last, s.b, weight, r_set(p.splat[u]->b));
+                        if (depth)
+                            s.depth = r_fma_if(last, s.depth, weight, r_set(p.splat[u]->z));
+                        s.t = r_sel(last, s.chain, s.t);
                     }
+                    open = m_any(last);
                 }
-                pairs += (uint64_t) i * LANES;
+                pairs += (uint64_t) (i < n ? i : n) * LANES;
                 states[block][part] = s;
-                anyone |= m_any(s.alive);
+                anyone |= m_any(r_le(r_set(SG_T_MIN), s.chain));
             }
     }
 

@@ -9,9 +9,8 @@
 #include "tile.h"
 
 struct part_state {
-    real t, prefix, total;
+    real chain, prefix, total; /* chain: as in the forward pass */
     real g[3];
-    mask alive;
 };
 
 SIMD real load_part(const struct cpu_raster_args *a, const float *plane, int x0, int y0, int part)
@@ -32,7 +31,7 @@ uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *a, int tile)
     const size_t plane = (size_t) a->width * (size_t) a->height;
     struct part_state states[BLOCKS][PARTS];
     struct batch batch;
-    _Alignas(64) float sums[BATCH][16];
+    _Alignas(64) float sums[BATCH + 1][16]; /* the last row takes the padding */
     uint64_t pairs = 0;
     if (first == end)
         return 0;
@@ -40,12 +39,12 @@ uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *a, int tile)
         for (int part = 0; part < PARTS; part++) {
             const int bx = x0 + block % 4 * BLOCK, by = y0 + block / 4 * BLOCK;
             struct part_state *s = &states[block][part];
-            *s = (struct part_state){.t = r_set(1)};
+            *s = (struct part_state){0};
             for (int ch = 0; ch < 3; ch++) {
                 s->g[ch] = load_part(a, a->gradient + (size_t) ch * plane, bx, by, part);
                 s->total += s->g[ch] * load_part(a, a->rgb + (size_t) ch * plane, bx, by, part);
             }
-            s->alive = part_inside(a, part_x(part) + (float) bx, part_y(part) + (float) by);
+            s->chain = r_keep(part_inside(a, part_x(part) + (float) bx, part_y(part) + (float) by), r_set(1));
         }
 
     bool anyone = true;
@@ -58,36 +57,43 @@ uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *a, int tile)
         for (int block = 0; block < BLOCKS; block++)
             for (int part = 0; part < PARTS; part++) {
                 struct part_state s = states[block][part];
-                if (!m_any(s.alive))
+                if (!m_any(r_le(r_set(SG_T_MIN), s.chain)))
                     continue;
                 const real px = part_x(part) + (float) (x0 + block % 4 * BLOCK);
                 const real py = part_y(part) + (float) (y0 + block / 4 * BLOCK);
                 const uint8_t *list = batch.list[block];
                 int i = 0;
-                for (const int n = batch.length[block]; i < n; i++) {
-                    const struct cpu_splat *splat = &batch.splats[list[i]];
-                    const struct pair p = pair_eval(splat, px, py);
-                    const real next = s.t - s.t * p.alpha;
-                    const mask stop = r_and(r_and(s.alive, p.drawable), r_lt(next, r_set(SG_T_MIN)));
-                    s.alive = m_andnot(s.alive, stop);
-                    const mask blend = r_and(s.alive, p.drawable);
-                    const real weight = r_keep(blend, p.alpha * s.t);
-                    const real q = splat->r * s.g[0] + splat->g * s.g[1] + splat->b * s.g[2];
-                    s.prefix = s.prefix + weight * q;
-                    const real dalpha = s.t * q - (s.total - s.prefix) * r_reciprocal(1 - p.alpha);
-                    s.t = r_sel(blend, next, s.t);
-                    const real w = r_keep(blend, p.raw * dalpha), wx = w * p.dx, wy = w * p.dy;
-                    const real v[9] = {
-                        w, wx, wy, wx * p.dx, wx * p.dy, wy * p.dy, weight * s.g[0], weight * s.g[1], weight * s.g[2]};
-                    r_add_sums9(sums[list[i]], v);
-                    if (!m_any(s.alive)) {
-                        i++;
-                        break;
+                const int n = batch.length[block];
+                for (bool open = true; i < n && open; i += GROUP) {
+                    struct pairs p;
+                    pairs_eval(&p, &batch, list + i, px, py);
+                    mask last = m_all;
+                    for (int u = 0; u < GROUP; u++) {
+                        const struct cpu_splat *splat = p.splat[u];
+                        const real t = s.chain;
+                        s.chain = t - t * p.alpha[u];
+                        last = r_le(r_set(SG_T_MIN), s.chain);
+                        const real weight = r_keep(last, p.alpha[u] * t);
+                        const real q = splat->r * s.g[0] + splat->g * s.g[1] + splat->b * s.g[2];
+                        s.prefix = s.prefix + weight * q;
+                        const real dalpha = t * q - (s.total - s.prefix) * r_reciprocal(1 - p.alpha[u]);
+                        const real w = r_keep(last, p.raw[u] * dalpha), wx = w * p.dx[u], wy = w * p.dy[u];
+                        const real v[9] = {w,
+                                           wx,
+                                           wy,
+                                           wx * p.dx[u],
+                                           wx * p.dy[u],
+                                           wy * p.dy[u],
+                                           weight * s.g[0],
+                                           weight * s.g[1],
+                                           weight * s.g[2]};
+                        r_add_sums9(sums[list[i + u]], v);
                     }
+                    open = m_any(last);
                 }
-                pairs += (uint64_t) i * LANES;
+                pairs += (uint64_t) (i < n ? i : n) * LANES;
                 states[block][part] = s;
-                anyone |= m_any(s.alive);
+                anyone |= m_any(r_le(r_set(SG_T_MIN), s.chain));
             }
         for (int i = 0; i < count; i++)
             memcpy(a->slots + (size_t) a->instances[at + (size_t) i].slot * CPU_SLOT_FLOATS, sums[i],

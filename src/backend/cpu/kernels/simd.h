@@ -124,36 +124,37 @@ SIMD real r_sqrt(real a)
 SIMD real r_fma_if(mask m, real a, real b, real c) { return a + r_keep(m, b * c); }
 #endif
 
-/* 2^y: minimax polynomial of degree 5, relative error 8e-8. y below -126 gives about 0, above 127 is not allowed. */
-SIMD real r_exp2(real y)
+/* 2^y for -126 <= y < 127: minimax polynomial of degree 4, relative error 2.6e-6. The integer part moves by additions and
+ * shifts, which run beside the multiplications; the dedicated AVX-512 instructions do not. */
+SIMD real r_exp2_split(real y, real *fraction)
 {
-#if LANES == 16
-    const __m512 f = _mm512_reduce_ps((__m512) y, 1 /* y - floor(y) */);
-    const real x = (real) f;
-    real p = x * 1.8775766733667028e-3f + 8.98934009471393e-3f;
-    p = p * x + 5.582631805003992e-2f;
-    p = p * x + 2.4015361704533342e-1f;
-    p = p * x + 6.931530732000758e-1f;
-    p = p * x + 9.999999250635297e-1f;
-    return (real) _mm512_scalef_ps((__m512) p, (__m512) y);
-#else
-    const real magic = r_set(0x1.8p23f), z = r_max(y, r_set(-126));
-    const real shifted = z + magic, x = z - (shifted - magic); /* nearest integer in the low bits */
-    real p = x * 1.3276471979286704e-3f + 9.675541334209831e-3f;
-    p = p * x + 5.550713273543075e-2f;
-    p = p * x + 2.402211972384865e-1f;
-    p = p * x + 6.93146967064733e-1f;
-    p = p * x + 1.0000000716546822f;
-    return (real) ((ireal) p + ((ireal) shifted << 23));
-#endif
+    const real shifted = y + 0x1.8p23f; /* the nearest integer is in the low bits */
+    *fraction = y - (shifted - 0x1.8p23f);
+    return shifted;
 }
 
-/* e^x for |x| < 87; beyond, 0 or a large number. */
+SIMD real r_exp2_join(real x, real shifted)
+{
+    real p = x * 9.570101908081146e-3f + 5.5917860319303916e-2f;
+    p = p * x + 2.4024744827944053e-1f;
+    p = p * x + 6.931218147367708e-1f;
+    p = p * x + 9.999992614457144e-1f;
+    return (real) ((ireal) p + ((ireal) shifted << 23));
+}
+
+SIMD real r_exp2(real y)
+{
+    real x;
+    const real shifted = r_exp2_split(y, &x);
+    return r_exp2_join(x, shifted);
+}
+
+/* e^x for |x| < 87, relative error 3e-6; beyond, as at 87. */
 SIMD real r_exp(real x)
 {
     /* The product is split so that large x keep their relative accuracy. */
-    const real y = r_min(x * 1.44269502f, r_set(127));
-    const real low = r_max(r_min(x, r_set(128)), r_set(-128)) * 1.925963033e-8f;
+    const real y = r_max(r_min(x * 1.44269502f, r_set(126)), r_set(-126));
+    const real low = r_max(r_min(x, r_set(88)), r_set(-88)) * 1.925963033e-8f;
     return r_exp2(y) * ((float) 1 + low * 0.693147181f);
 }
 

@@ -13,11 +13,12 @@
 #define BLOCK 4                  /* pixels a side */
 #define BLOCKS 16                /* a tile */
 #define PARTS (16 / LANES)       /* vectors a block */
+#define GROUP 4                  /* pairs evaluated together, so that their latencies overlap */
 
 struct batch {
-    _Alignas(64) struct cpu_splat splats[BATCH];
+    _Alignas(64) struct cpu_splat splats[BATCH + 1]; /* the last one is never drawn: it pads lists to whole groups */
     _Alignas(64) float x[BATCH], y[BATCH], k[BATCH], slope[BATCH], var[BATCH], ic[BATCH];
-    uint8_t list[BLOCKS][BATCH + 16]; /* 16: a vector may be stored at the end */
+    uint8_t list[BLOCKS][BATCH + 16]; /* 16: a vector may be stored, and a group padded, at the end */
     int length[BLOCKS];
 };
 
@@ -60,9 +61,10 @@ SIMD void batch_append(struct batch *b, int first, ireal bits)
 }
 
 /* Loads n instances and sorts them into the blocks' lists. x0, y0: the tile's first pixel. */
-SIMD void batch_load(struct batch *b, const struct cpu_raster_args *a, size_t first, int n, int x0, int y0)
+__attribute__((noinline)) static void batch_load(struct batch *b, const struct cpu_raster_args *a, size_t first, int n, int x0, int y0)
 {
     for (int i = 0; i < n; i++) {
+        __builtin_prefetch(&a->splats[a->instances[first + (size_t) i + CPU_PREFETCH].splat]);
         const struct cpu_splat *s = &a->splats[a->instances[first + (size_t) i].splat];
         b->splats[i] = *s;
         b->x[i] = s->x, b->y[i] = s->y, b->k[i] = s->k;
@@ -75,6 +77,7 @@ SIMD void batch_load(struct batch *b, const struct cpu_raster_args *a, size_t fi
     }
     for (int block = 0; block < BLOCKS; block++)
         b->length[block] = 0;
+    b->splats[BATCH] = (struct cpu_splat){.peak = -100}; /* under every cut-off */
     for (int i = 0; i < n; i += LANES) {
         const real x = r_load(&b->x[i]) - (float) x0, y = r_load(&b->y[i]);
         const struct ellipse e = {r_load(&b->k[i]), r_load(&b->slope[i]), r_load(&b->var[i]), r_load(&b->ic[i])};
@@ -92,23 +95,35 @@ SIMD void batch_load(struct batch *b, const struct cpu_raster_args *a, size_t fi
         }
         batch_append(b, i, bits);
     }
+    for (int block = 0; block < BLOCKS; block++)
+        memset(&b->list[block][b->length[block]], BATCH, GROUP - 1);
 }
 
-/* One splat against the pixels of a part. */
-struct pair {
-    real dx, dy, raw, alpha;
-    mask drawable; /* neither skip test of the forward pass applies */
+/* GROUP splats of a list against the pixels of a part, a step of all before the next step of any. raw is the opacity before
+ * the 0.99 clamp; where a skip test of Kerbl et al. applies both are 0, which blends nothing and has no gradient. */
+struct pairs {
+    const struct cpu_splat *splat[GROUP];
+    real dx[GROUP], dy[GROUP], raw[GROUP], alpha[GROUP];
 };
 
-SIMD struct pair pair_eval(const struct cpu_splat *s, real px, real py)
+SIMD void pairs_eval(struct pairs *p, const struct batch *b, const uint8_t *list, real px, real py)
 {
-    struct pair p;
-    p.dx = s->x - px, p.dy = s->y - py;
-    const real power = p.dx * (s->A * p.dx + s->B * p.dy) + s->C * p.dy * p.dy;
-    p.raw = s->opacity * r_exp2(power);
-    p.alpha = r_min(p.raw, r_set(SG_ALPHA_MAX));
-    p.drawable = r_and(r_le(power, r_set(0)), r_le(r_set(SG_ALPHA_MIN), p.alpha));
-    return p;
+    real power[GROUP], shifted[GROUP], x[GROUP], e[GROUP];
+#define EACH for (int u = 0; u < GROUP; u++)
+    EACH p->splat[u] = &b->splats[list[u]];
+    EACH p->dx[u] = p->splat[u]->x - px;
+    EACH p->dy[u] = p->splat[u]->y - py;
+    EACH x[u] = p->splat[u]->B * p->dy[u];
+    EACH e[u] = p->splat[u]->C * p->dy[u];
+    EACH x[u] = p->splat[u]->A * p->dx[u] + x[u];
+    EACH e[u] = e[u] * p->dy[u] + p->splat[u]->peak;
+    EACH power[u] = p->dx[u] * x[u] + e[u];
+    EACH shifted[u] = r_exp2_split(power[u], &x[u]);
+    EACH e[u] = r_exp2_join(x[u], shifted[u]); /* lists hold splats whose ellipse is near: no underflow */
+    EACH p->raw[u] =
+        r_keep(r_and(r_le(power[u], r_set(p->splat[u]->peak)), r_le(r_set(SG_LOG2_ALPHA_MIN), power[u])), e[u]);
+    EACH p->alpha[u] = r_min(p->raw[u], r_set(SG_ALPHA_MAX));
+#undef EACH
 }
 
 /* Pixels of the image among a part's. */
