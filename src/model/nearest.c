@@ -1,0 +1,133 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Exact three nearest neighbours with a k-d tree kept as a permutation: no outlier or cluster makes it quadratic. */
+#include "nearest.h"
+
+#include <math.h>
+
+#define LEAF 16
+#define PIECE 1024
+
+struct tree {
+    const float *xyz;
+    uint32_t *index; /* a node is a range of it; its median splits it along its widest axis */
+    uint8_t *axis;   /* of the node whose median is here */
+    float *out;
+    size_t n;
+};
+
+/* Puts the element of rank k where it belongs, smaller ones before it (Hoare 1961), ties by index. */
+static void select_rank(const struct tree *t, size_t low, size_t high, size_t k, int axis)
+{
+    uint32_t *a = t->index;
+    const float *x = t->xyz + axis;
+    while (low < high) {
+        const uint32_t pivot = a[low + (high - low) / 2];
+        const float value = x[3 * (size_t) pivot];
+        size_t i = low, j = high;
+        for (;;) {
+            while (x[3 * (size_t) a[i]] < value || (x[3 * (size_t) a[i]] == value && a[i] < pivot))
+                i++;
+            while (x[3 * (size_t) a[j]] > value || (x[3 * (size_t) a[j]] == value && a[j] > pivot))
+                j--;
+            if (i >= j)
+                break;
+            const uint32_t swap = a[i];
+            a[i++] = a[j], a[j--] = swap;
+        }
+        if (k <= j)
+            high = j;
+        else
+            low = j + 1;
+    }
+}
+
+static void build(struct tree *t, size_t low, size_t high) /* [low, high) */
+{
+    while (high - low > LEAF) {
+        float lo[3] = {INFINITY, INFINITY, INFINITY}, hi[3] = {-INFINITY, -INFINITY, -INFINITY};
+        for (size_t i = low; i < high; i++)
+            for (int k = 0; k < 3; k++) {
+                const float v = t->xyz[3 * (size_t) t->index[i] + (size_t) k];
+                lo[k] = fminf(lo[k], v), hi[k] = fmaxf(hi[k], v);
+            }
+        int axis = 0;
+        for (int k = 1; k < 3; k++)
+            axis = hi[k] - lo[k] > hi[axis] - lo[axis] ? k : axis;
+        const size_t middle = low + (high - low) / 2;
+        select_rank(t, low, high - 1, middle, axis);
+        t->axis[middle] = (uint8_t) axis;
+        build(t, low, middle);
+        low = middle + 1;
+    }
+}
+
+struct best {
+    size_t self;
+    float d[3]; /* ascending */
+};
+
+static void offer(const struct tree *t, struct best *b, size_t other)
+{
+    if (other == b->self)
+        return;
+    float d = 0;
+    for (int k = 0; k < 3; k++) {
+        const float e = t->xyz[3 * b->self + (size_t) k] - t->xyz[3 * other + (size_t) k];
+        d += e * e;
+    }
+    if (d >= b->d[2])
+        return;
+    int at = 2;
+    for (; at > 0 && d < b->d[at - 1]; at--)
+        b->d[at] = b->d[at - 1];
+    b->d[at] = d;
+}
+
+static void visit(const struct tree *t, struct best *b, size_t low, size_t high)
+{
+    while (high - low > LEAF) {
+        const size_t middle = low + (high - low) / 2;
+        const int axis = t->axis[middle];
+        const float e = t->xyz[3 * b->self + (size_t) axis] - t->xyz[3 * (size_t) t->index[middle] + (size_t) axis];
+        offer(t, b, t->index[middle]);
+        const bool left = e < 0;
+        visit(t, b, left ? low : middle + 1, left ? middle : high);
+        if (e * e >= b->d[2])
+            return;
+        if (left)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    for (size_t i = low; i < high; i++)
+        offer(t, b, t->index[i]);
+}
+
+static void query_piece(void *arg, size_t piece, int thread)
+{
+    (void) thread;
+    const struct tree *t = arg;
+    const size_t end = (piece + 1) * PIECE < t->n ? (piece + 1) * PIECE : t->n;
+    for (size_t i = piece * PIECE; i < end; i++) {
+        struct best b = {.self = t->index[i], .d = {INFINITY, INFINITY, INFINITY}};
+        visit(t, &b, 0, t->n);
+        t->out[b.self] = (b.d[0] + b.d[1] + b.d[2]) / 3;
+    }
+}
+
+int sg_nearest3(sg_ctx *ctx, const float *xyz, size_t n, float *out)
+{
+    struct tree t = {.xyz = xyz, .out = out, .n = n};
+    t.index = sg_alloc_raw(ctx, SG_MEM_MISC, n, sizeof(*t.index));
+    t.axis = sg_alloc_raw(ctx, SG_MEM_MISC, n, sizeof(*t.axis));
+    const int code = t.index && t.axis ? SG_OK : SG_ERR_BUDGET;
+    if (!code) {
+        for (size_t i = 0; i < n; i++)
+            t.index[i] = (uint32_t) i;
+        build(&t, 0, n);
+        sg_parallel_for(ctx, (n + PIECE - 1) / PIECE, query_piece, &t);
+    }
+    sg_free(ctx, t.index);
+    sg_free(ctx, t.axis);
+    return code;
+}
