@@ -7,7 +7,7 @@
 #include "nearest.h"
 #include "splatguard/model.h"
 
-#define MIN_SQUARED_SCALE 1e-7f /* of coincident points */
+#define MIN_SQUARED_SCALE 1e-7f   /* of coincident points */
 #define INITIAL_LOGIT -2.1972246f /* opacity 0.1 */
 
 int sg_model_init_points(sg_ctx *ctx, const float *xyz, const uint8_t *rgb, size_t n, int sh_degree,

@@ -50,19 +50,22 @@ SIMD uint64_t draw(const struct cpu_raster_args *a, int tile, bool depth)
                 for (bool open = true; i < n && open; i += GROUP) {
                     struct pairs p;
                     pairs_eval(&p, &batch, list + i, px, py);
-                    mask last = m_all;
+                    mask last[GROUP];
+                    real weight[GROUP];
                     for (int u = 0; u < GROUP; u++) {
-                        const real weight = p.alpha[u] * s.chain;
-                        s.chain = s.chain - weight;
-                        last = r_le(r_set(SG_T_MIN), s.chain);
-                        s.r = r_fma_if(last, s.r, weight, r_set(p.splat[u]->r));
-                        s.g = r_fma_if(last, s.g, weight, r_set(p.splat[u]->g));
-                        s.b = r_fma_if(last, s.b, weight, r_set(p.splat[u]->b));
-                        if (depth)
-                            s.depth = r_fma_if(last, s.depth, weight, r_set(p.splat[u]->z));
-                        s.t = r_sel(last, s.chain, s.t);
+                        weight[u] = p.alpha[u] * s.chain;
+                        s.chain = s.chain - s.chain * p.alpha[u];
+                        last[u] = r_le(r_set(SG_T_MIN), s.chain);
+                        s.t = r_sel(last[u], s.chain, s.t);
                     }
-                    open = m_any(last);
+                    for (int u = 0; u < GROUP; u++) {
+                        s.r = r_fma_if(last[u], s.r, weight[u], r_set(p.splat[u]->r));
+                        s.g = r_fma_if(last[u], s.g, weight[u], r_set(p.splat[u]->g));
+                        s.b = r_fma_if(last[u], s.b, weight[u], r_set(p.splat[u]->b));
+                        if (depth)
+                            s.depth = r_fma_if(last[u], s.depth, weight[u], r_set(p.splat[u]->z));
+                    }
+                    open = m_any(last[GROUP - 1]);
                 }
                 pairs += (uint64_t) (i < n ? i : n) * LANES;
                 states[block][part] = s;

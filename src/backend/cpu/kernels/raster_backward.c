@@ -67,29 +67,38 @@ uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *a, int tile)
                 for (bool open = true; i < n && open; i += GROUP) {
                     struct pairs p;
                     pairs_eval(&p, &batch, list + i, px, py);
-                    mask last = m_all;
+                    /* What runs from pair to pair first, so that the long part below is independent. */
+                    mask last[GROUP];
+                    real t[GROUP], weight[GROUP], q[GROUP], behind[GROUP];
+                    for (int u = 0; u < GROUP; u++) {
+                        t[u] = s.chain;
+                        s.chain = t[u] - t[u] * p.alpha[u];
+                        last[u] = r_le(r_set(SG_T_MIN), s.chain);
+                    }
                     for (int u = 0; u < GROUP; u++) {
                         const struct cpu_splat *splat = p.splat[u];
-                        const real t = s.chain;
-                        s.chain = t - t * p.alpha[u];
-                        last = r_le(r_set(SG_T_MIN), s.chain);
-                        const real weight = r_keep(last, p.alpha[u] * t);
-                        const real q = splat->r * s.g[0] + splat->g * s.g[1] + splat->b * s.g[2];
-                        s.prefix = s.prefix + weight * q;
-                        const real dalpha = t * q - (s.total - s.prefix) * r_reciprocal(1 - p.alpha[u]);
-                        const real w = r_keep(last, p.raw[u] * dalpha), wx = w * p.dx[u], wy = w * p.dy[u];
+                        weight[u] = r_keep(last[u], p.alpha[u] * t[u]);
+                        q[u] = splat->r * s.g[0] + splat->g * s.g[1] + splat->b * s.g[2];
+                    }
+                    for (int u = 0; u < GROUP; u++) {
+                        s.prefix = s.prefix + weight[u] * q[u];
+                        behind[u] = s.total - s.prefix;
+                    }
+                    for (int u = 0; u < GROUP; u++) {
+                        const real dalpha = t[u] * q[u] - behind[u] * r_reciprocal(1 - p.alpha[u]);
+                        const real w = r_keep(last[u], p.raw[u] * dalpha), wx = w * p.dx[u], wy = w * p.dy[u];
                         const real v[9] = {w,
                                            wx,
                                            wy,
                                            wx * p.dx[u],
                                            wx * p.dy[u],
                                            wy * p.dy[u],
-                                           weight * s.g[0],
-                                           weight * s.g[1],
-                                           weight * s.g[2]};
+                                           weight[u] * s.g[0],
+                                           weight[u] * s.g[1],
+                                           weight[u] * s.g[2]};
                         r_add_sums9(sums[list[i + u]], v);
                     }
-                    open = m_any(last);
+                    open = m_any(last[GROUP - 1]);
                 }
                 pairs += (uint64_t) (i < n ? i : n) * LANES;
                 states[block][part] = s;

@@ -1,0 +1,41 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <jansson.h>
+
+#include "core/file.h"
+#include "splatguard/model.h"
+
+/* Camera to world, focal lengths for the size of the photo's file. */
+static json_t *camera_json(const struct sg_view *v, int id)
+{
+    const struct sg_camera *c = &v->camera;
+    json_t *rotation = json_array(), *position = json_array();
+    for (int i = 0; i < 3; i++) {
+        json_array_append_new(rotation, json_pack("[f,f,f]", c->R[i], c->R[3 + i], c->R[6 + i]));
+        json_array_append_new(position,
+                              json_real(-(c->R[i] * c->t[0] + c->R[3 + i] * c->t[1] + c->R[6 + i] * c->t[2])));
+    }
+    return json_pack("{s:i,s:s,s:i,s:i,s:o,s:o,s:f,s:f}", "id", id, "img_name", v->name, "width", v->file_width,
+                     "height", v->file_height, "position", position, "rotation", rotation, "fy",
+                     c->fy * v->file_height / c->height, "fx", c->fx * v->file_width / c->width);
+}
+
+int sg_cameras_write_json(sg_ctx *ctx, const struct sg_scene *scene, const char *path)
+{
+    sg_clear_error(ctx);
+    json_t *list = json_array();
+    for (size_t i = 0; i < scene->n_test + scene->n_train; i++)
+        json_array_append_new(
+            list, camera_json(i < scene->n_test ? &scene->test[i] : &scene->train[i - scene->n_test], (int) i));
+    char *text = json_dumps(list, JSON_COMPACT);
+    int code = SG_ERR_BUDGET;
+    if (text && json_array_size(list) == scene->n_test + scene->n_train) {
+        size_t n = 0;
+        while (text[n])
+            n++;
+        code = sg_file_write(ctx, path, text, n);
+    } else
+        sg_fail(ctx, code, "%s: out of memory", path);
+    free(text);
+    json_decref(list);
+    return code;
+}

@@ -1,0 +1,66 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <math.h>
+#include <stdlib.h>
+
+#include "core/internal.h"
+#include "math/constants.h"
+#include "splatguard/model.h"
+
+static int ascending(const void *a, const void *b)
+{
+    const float x = *(const float *) a, y = *(const float *) b;
+    return (x > y) - (x < y);
+}
+
+/* Nearest rank. */
+static void percentiles(float *values, size_t n, double out[5])
+{
+    static const double at[5] = {0.01, 0.25, 0.5, 0.75, 0.99};
+    qsort(values, n, sizeof(*values), ascending);
+    for (int k = 0; k < 5; k++)
+        out[k] = n ? (double) values[(size_t) (at[k] * (double) (n - 1) + 0.5)] : NAN;
+}
+
+int sg_model_inspect(sg_ctx *ctx, const struct sg_model *m, struct sg_model_info *out)
+{
+    sg_clear_error(ctx);
+    *out = (struct sg_model_info){.count = m->count, .sh_degree = m->sh_degree};
+    float *scale = sg_alloc_raw(ctx, SG_MEM_MISC, m->count, sizeof(float));
+    float *opacity = sg_alloc_raw(ctx, SG_MEM_MISC, m->count, sizeof(float));
+    if (!scale || !opacity) {
+        sg_free(ctx, scale);
+        sg_free(ctx, opacity);
+        return SG_ERR_BUDGET;
+    }
+    for (int k = 0; k < 3; k++)
+        out->min[k] = INFINITY, out->max[k] = -INFINITY;
+    const int planes = sg_param_count(m->sh_degree);
+    size_t n = 0;
+    for (size_t i = 0; i < m->count; i++) {
+        bool finite = true;
+        for (int p = 0; p < planes; p++)
+            finite &= isfinite(*sg_model_at(m, i, p)) != 0;
+        if (!finite) {
+            out->nonfinite++;
+            continue;
+        }
+        float largest = -INFINITY, rotation = 0;
+        for (int k = 0; k < 3; k++) {
+            const double x = (double) *sg_model_at(m, i, SG_P_XYZ + k);
+            out->min[k] = fmin(out->min[k], x), out->max[k] = fmax(out->max[k], x);
+            largest = fmaxf(largest, *sg_model_at(m, i, SG_P_SCALE + k));
+        }
+        for (int k = 0; k < 4; k++)
+            rotation += *sg_model_at(m, i, SG_P_ROT + k) * *sg_model_at(m, i, SG_P_ROT + k);
+        scale[n] = expf(largest);
+        opacity[n] = 1 / (1 + expf(-*sg_model_at(m, i, SG_P_OPACITY)));
+        out->zero_rotation += !(rotation > 0);
+        out->transparent += opacity[n] < SG_ALPHA_MIN;
+        n++;
+    }
+    percentiles(scale, n, out->scale_percentile);
+    percentiles(opacity, n, out->opacity_percentile);
+    sg_free(ctx, scale);
+    sg_free(ctx, opacity);
+    return SG_OK;
+}

@@ -1,0 +1,135 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Gaussians as PLY: the property names and order of the 3DGS release (Kerbl et al. 2023). In the file f_rest is
+ * channel-major, in the store SH is coefficient-major. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/file.h"
+#include "ply.h"
+#include "splatguard/model.h"
+
+#define REST 45 /* f_rest properties at degree 3 */
+#define FILE_COLUMNS 62
+#define MAX_FILE_BYTES ((uint64_t) 1 << 36)
+
+/* Column of each of the 62 properties -> store plane, -1 = always 0 (normals). */
+static int column_plane(int column)
+{
+    if (column < 3)
+        return SG_P_XYZ + column;
+    if (column < 6)
+        return -1;
+    if (column < 9)
+        return SG_P_SH + column - 6;
+    if (column < 9 + REST) {
+        const int k = (column - 9) % 15 + 1, channel = (column - 9) / 15;
+        return SG_P_SH + 3 * k + channel;
+    }
+    column -= 9 + REST;
+    return column == 0 ? SG_P_OPACITY : column < 4 ? SG_P_SCALE + column - 1 : SG_P_ROT + column - 4;
+}
+
+int sg_model_write_ply(sg_ctx *ctx, const struct sg_model *m, const char *path)
+{
+    sg_clear_error(ctx);
+    struct sg_file_writer w;
+    int code = sg_file_create(ctx, &w, path);
+    if (code)
+        return code;
+    FILE *f = w.stream;
+    fprintf(f, "ply\nformat binary_little_endian 1.0\ncomment splatguard %s\nelement vertex %zu\n", sg_version(),
+            m->count);
+    static const char *const fixed[] = {"x", "y", "z", "nx", "ny", "nz"};
+    for (int i = 0; i < 6; i++)
+        fprintf(f, "property float %s\n", fixed[i]);
+    for (int i = 0; i < 3; i++)
+        fprintf(f, "property float f_dc_%d\n", i);
+    for (int i = 0; i < REST; i++)
+        fprintf(f, "property float f_rest_%d\n", i);
+    fprintf(f, "property float opacity\n");
+    for (int i = 0; i < 3; i++)
+        fprintf(f, "property float scale_%d\n", i);
+    for (int i = 0; i < 4; i++)
+        fprintf(f, "property float rot_%d\n", i);
+    fprintf(f, "end_header\n");
+    const int planes = sg_param_count(m->sh_degree);
+    for (size_t i = 0; i < m->count; i++) {
+        float row[FILE_COLUMNS];
+        for (int c = 0; c < FILE_COLUMNS; c++) {
+            const int plane = column_plane(c);
+            row[c] = plane >= 0 && plane < planes ? *sg_model_at(m, i, plane) : 0;
+        }
+        fwrite(row, sizeof(row), 1, f); /* little endian hosts only, as the store itself */
+    }
+    return sg_file_commit(ctx, &w);
+}
+
+/* Property index of every plane, and the degree, from the names. */
+static int map_columns(sg_ctx *ctx, const struct ply *p, int *degree, int *column)
+{
+    char name[32];
+    int rest = 0;
+    for (int i = 0; i < p->properties; i++)
+        rest += !strncmp(p->property[i].name, "f_rest_", 7);
+    for (*degree = 0; *degree <= 3 && 3 * ((*degree + 1) * (*degree + 1) - 1) != rest;)
+        ++*degree;
+    if (*degree > 3)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found %d f_rest properties, expected 0, 9, 24 or 45", p->path, rest);
+    const int per_channel = rest / 3;
+    for (int plane = 0; plane < sg_param_count(*degree); plane++) {
+        if (plane < SG_P_OPACITY)
+            snprintf(name, sizeof(name), "%c", 'x' + plane);
+        else if (plane == SG_P_OPACITY)
+            snprintf(name, sizeof(name), "opacity");
+        else if (plane < SG_P_ROT)
+            snprintf(name, sizeof(name), "scale_%d", plane - SG_P_SCALE);
+        else if (plane < SG_P_SH)
+            snprintf(name, sizeof(name), "rot_%d", plane - SG_P_ROT);
+        else if (plane < SG_P_SH + 3)
+            snprintf(name, sizeof(name), "f_dc_%d", plane - SG_P_SH);
+        else {
+            const int k = (plane - SG_P_SH) / 3, channel = (plane - SG_P_SH) % 3;
+            snprintf(name, sizeof(name), "f_rest_%d", channel * per_channel + k - 1);
+        }
+        column[plane] = ply_find(p, name);
+        if (column[plane] < 0)
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no property %s, expected a 3D Gaussian model", p->path,
+                           name);
+    }
+    return SG_OK;
+}
+
+int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussians, struct sg_model **out)
+{
+    sg_clear_error(ctx);
+    *out = NULL;
+    char *data;
+    size_t size;
+    struct ply p;
+    struct sg_model *m = NULL;
+    int degree, column[SG_PARAMS_MAX];
+    double row[PLY_MAX_PROPERTIES];
+    int code = sg_file_read(ctx, path, MAX_FILE_BYTES, &data, &size);
+    if (code)
+        return code;
+    if ((code = ply_open(ctx, &p, path, data, size, max_gaussians)) || (code = map_columns(ctx, &p, &degree, column)) ||
+        (code = sg_model_create(ctx, (size_t) p.rows, degree, &m)))
+        goto done;
+    if (!p.rows) {
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found 0 Gaussians, expected at least one", path);
+        goto done;
+    }
+    for (uint64_t i = 0; i < p.rows; i++) {
+        if ((code = ply_row(ctx, &p, i, row)))
+            goto done;
+        for (int plane = 0; plane < sg_param_count(degree); plane++)
+            *sg_model_at(m, (size_t) i, plane) = (float) row[column[plane]];
+    }
+    *out = m;
+    m = NULL;
+done:
+    sg_model_destroy(ctx, &m);
+    sg_free(ctx, data);
+    return code;
+}

@@ -1,0 +1,41 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* PLY containers: a header that says what the bytes mean, and rows of a chosen element as doubles. */
+#ifndef SG_PLY_H
+#define SG_PLY_H
+
+#include "core/internal.h"
+
+#define PLY_MAX_PROPERTIES 256
+
+enum ply_format { PLY_ASCII, PLY_LITTLE, PLY_BIG };
+enum ply_type { PLY_I8, PLY_U8, PLY_I16, PLY_U16, PLY_I32, PLY_U32, PLY_F32, PLY_F64 };
+
+struct ply_property {
+    char name[32];
+    enum ply_type type;
+    bool list;
+    enum ply_type length_type; /* of a list */
+};
+
+/* An open file in memory, positioned at the rows of its element `vertex`. */
+struct ply {
+    const char *path;
+    const char *data; /* whole file */
+    size_t size, at;  /* next byte to parse */
+    enum ply_format format;
+    uint64_t rows;
+    int properties;
+    struct ply_property property[PLY_MAX_PROPERTIES];
+};
+
+/* Parses the header and skips elements before `vertex`. The row count is checked against the file's size (and
+ * max_rows) before it is believed. Errors name the line. */
+int ply_open(sg_ctx *ctx, struct ply *p, const char *path, const char *data, size_t size, uint64_t max_rows);
+
+/* Index of a property that is not a list, or -1. */
+int ply_find(const struct ply *p, const char *name);
+
+/* Next row: one double per property (0 for lists, whose contents are skipped). float32 values are exact. */
+int ply_row(sg_ctx *ctx, struct ply *p, uint64_t row, double *values);
+
+#endif

@@ -1,0 +1,76 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Point clouds as PLY: x y z nx ny nz float, red green blue uchar, as the 3DGS release caches them. */
+#include <stdio.h>
+
+#include "core/file.h"
+#include "ply.h"
+#include "splatguard/model.h"
+
+#define MAX_FILE_BYTES ((uint64_t) 1 << 36)
+
+int sg_points_read_ply(sg_ctx *ctx, const char *path, uint64_t max_points, float **xyz, uint8_t **rgb, size_t *n)
+{
+    char *data;
+    size_t size;
+    struct ply p;
+    double row[PLY_MAX_PROPERTIES];
+    *xyz = NULL, *rgb = NULL, *n = 0;
+    int code = sg_file_read(ctx, path, MAX_FILE_BYTES, &data, &size);
+    if (code)
+        return code;
+    if ((code = ply_open(ctx, &p, path, data, size, max_points)))
+        goto done;
+    const int at[3] = {ply_find(&p, "x"), ply_find(&p, "y"), ply_find(&p, "z")};
+    const int colour[3] = {ply_find(&p, "red"), ply_find(&p, "green"), ply_find(&p, "blue")};
+    const bool coloured = colour[0] >= 0 && colour[1] >= 0 && colour[2] >= 0;
+    if (at[0] < 0 || at[1] < 0 || at[2] < 0) {
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no properties x, y and z, expected a point cloud", path);
+        goto done;
+    }
+    *xyz = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) p.rows, 3 * sizeof(float));
+    *rgb = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) p.rows, 3);
+    if (!*xyz || !*rgb) {
+        code = SG_ERR_BUDGET;
+        goto done;
+    }
+    for (uint64_t i = 0; i < p.rows && !(code = ply_row(ctx, &p, i, row)); i++)
+        for (int k = 0; k < 3; k++) {
+            (*xyz)[3 * i + (uint64_t) k] = (float) row[at[k]];
+            double c = coloured ? row[colour[k]] : 127;
+            if (coloured && p.property[colour[k]].type >= PLY_F32) /* 0..1 */
+                c = c * 255 + 0.5;
+            (*rgb)[3 * i + (uint64_t) k] = (uint8_t) (c > 0 ? c < 255 ? c : 255 : 0); /* NaN: 0 */
+        }
+    *n = (size_t) p.rows;
+done:
+    if (code)
+        sg_points_destroy(ctx, xyz, rgb);
+    sg_free(ctx, data);
+    return code;
+}
+
+int sg_points_write_ply(sg_ctx *ctx, const char *path, const float *xyz, const uint8_t *rgb, size_t n)
+{
+    struct sg_file_writer w;
+    int code = sg_file_create(ctx, &w, path);
+    if (code)
+        return code;
+    fprintf(w.stream,
+            "ply\nformat binary_little_endian 1.0\nelement vertex %zu\nproperty float x\nproperty float y\n"
+            "property float z\nproperty float nx\nproperty float ny\nproperty float nz\nproperty uchar red\n"
+            "property uchar green\nproperty uchar blue\nend_header\n",
+            n);
+    for (size_t i = 0; i < n; i++) {
+        const float row[6] = {xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2], 0, 0, 0};
+        fwrite(row, sizeof(row), 1, w.stream);
+        fwrite(rgb + 3 * i, 3, 1, w.stream);
+    }
+    return sg_file_commit(ctx, &w);
+}
+
+void sg_points_destroy(sg_ctx *ctx, float **xyz, uint8_t **rgb)
+{
+    sg_free(ctx, *xyz);
+    sg_free(ctx, *rgb);
+    *xyz = NULL, *rgb = NULL;
+}
