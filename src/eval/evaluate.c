@@ -1,0 +1,90 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <math.h>
+#include <stdlib.h>
+#include <time.h>
+
+#include "core/internal.h"
+#include "splatguard/eval.h"
+
+#define WARM_UP 10
+#define ROUNDS 3
+#define EQUAL_PSNR 100.0 /* reported for identical images, whose PSNR is infinite */
+
+static double seconds(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
+}
+
+static int ascending(const void *a, const void *b)
+{
+    const double x = *(const double *) a, y = *(const double *) b;
+    return (x > y) - (x < y);
+}
+
+static int time_frames(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t n, float *rgb,
+                       struct sg_eval *out)
+{
+    double *frames = sg_alloc_raw(ctx, SG_MEM_MISC, ROUNDS * n, sizeof(double)), sum = 0;
+    int code = frames ? SG_OK : SG_ERR_BUDGET;
+    for (size_t i = 0; i < WARM_UP && !code; i++)
+        code = sg_render(r, &views[i % n].camera, rgb, NULL, NULL, NULL);
+    for (size_t i = 0; i < ROUNDS * n && !code; i++) {
+        const double start = seconds();
+        code = sg_render(r, &views[i % n].camera, rgb, NULL, NULL, NULL);
+        sum += frames[i] = seconds() - start;
+    }
+    if (!code) {
+        qsort(frames, ROUNDS * n, sizeof(double), ascending);
+        out->fps = 1 / frames[ROUNDS * n / 2];
+        out->fps_mean = (double) (ROUNDS * n) / sum;
+    }
+    sg_free(ctx, frames);
+    return code;
+}
+
+int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t n, int time_fps, struct sg_eval *out)
+{
+    sg_clear_error(ctx);
+    *out = (struct sg_eval){.views = n};
+    if (!n)
+        return sg_fail(ctx, SG_ERR_INPUT, "evaluation: found no views, expected at least one");
+    size_t pixels = 0;
+    for (size_t i = 0; i < n; i++) {
+        const size_t p = (size_t) views[i].camera.width * (size_t) views[i].camera.height;
+        pixels = p > pixels ? p : pixels;
+    }
+    int code = SG_ERR_BUDGET;
+    float *rgb = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float));
+    uint8_t *bytes = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3);
+    out->per_view = sg_alloc(ctx, SG_MEM_MISC, n, sizeof(*out->per_view));
+    if (!rgb || !bytes || !out->per_view)
+        goto done;
+    for (size_t i = 0; i < n; i++) {
+        const struct sg_camera *c = &views[i].camera;
+        struct sg_view_score *score = &out->per_view[i];
+        if ((code = sg_render(r, c, rgb, NULL, NULL, NULL)))
+            goto done;
+        sg_quantise(rgb, c->width, c->height, bytes);
+        if ((code = sg_ssim_u8(ctx, bytes, views[i].rgb, c->width, c->height, &score->ssim)))
+            goto done;
+        score->psnr = fmin(sg_psnr_u8(bytes, views[i].rgb, c->width, c->height), EQUAL_PSNR);
+        out->psnr += score->psnr / (double) n;
+        out->ssim += score->ssim / (double) n;
+    }
+    if (time_fps)
+        code = time_frames(ctx, r, views, n, rgb, out);
+done:
+    sg_free(ctx, rgb);
+    sg_free(ctx, bytes);
+    if (code)
+        sg_eval_clear(ctx, out);
+    return code;
+}
+
+void sg_eval_clear(sg_ctx *ctx, struct sg_eval *eval)
+{
+    sg_free(ctx, eval->per_view);
+    *eval = (struct sg_eval){0};
+}
