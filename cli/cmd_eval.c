@@ -1,0 +1,78 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <math.h>
+#include <stdlib.h>
+
+#include "model_views.h"
+
+struct eval_config {
+    struct model_options m;
+    bool json, per_view;
+};
+
+static const struct option eval_options[] = {
+    MODEL_OPTIONS(struct eval_config),
+    {"json", 0, OPT_FLAG, offsetof(struct eval_config, json), 0, 0, NULL, NULL, "Print one JSON object.", true},
+    {"per-view", 0, OPT_FLAG, offsetof(struct eval_config, per_view), 0, 0, NULL, NULL, "Print each view's values too.",
+     true},
+    SCENE_OPTIONS(struct eval_config, m.scene, true),
+    {0},
+};
+
+static const struct eval_config defaults = {.m = {MODEL_OPTION_DEFAULTS}};
+
+static void print_json(const struct eval_config *c, const struct model_views *v, const struct sg_eval *e)
+{
+    json_t *root = json_pack("{s:f,s:f,s:f,s:i,s:I}", "psnr", e->psnr, "ssim", e->ssim, "fps", e->fps, "views",
+                             (int) e->views, "gaussians", (json_int_t) v->model->count);
+    json_t *list = c->per_view ? json_array() : NULL;
+    for (size_t i = 0; list && i < e->views; i++)
+        json_array_append_new(list, json_pack("{s:s,s:f,s:f}", "name", v->views[i].name, "psnr", e->per_view[i].psnr,
+                                              "ssim", e->per_view[i].ssim));
+    if (list)
+        json_object_set_new(root, "per_view", list);
+    char *text = json_dumps(root, JSON_REAL_PRECISION(8));
+    printf("%s\n", text ? text : "{}");
+    free(text);
+    json_decref(root);
+}
+
+static int run_eval(const void *config, const char *const *positional, int count)
+{
+    (void) count;
+    const struct eval_config *c = config;
+    struct model_views v;
+    struct sg_eval e = {0};
+    int code = model_views_open(&v, positional[0], &c->m);
+    if (!code) {
+        const int error = sg_evaluate(v.ctx, v.renderer, v.views, v.n, 1, &e);
+        if (error)
+            code = report(v.ctx, error);
+        else if (c->json)
+            print_json(c, &v, &e);
+        else {
+            for (size_t i = 0; c->per_view && i < e.views; i++)
+                printf("%-32s PSNR %7.3f  SSIM %.4f\n", v.views[i].name, e.per_view[i].psnr, e.per_view[i].ssim);
+            printf("PSNR %.3f  SSIM %.4f  FPS %.1f (mean %.1f)  %zu views  %zu Gaussians\n", e.psnr, e.ssim, e.fps,
+                   e.fps_mean, e.views, v.model->count);
+        }
+        if (v.ctx)
+            sg_eval_clear(v.ctx, &e);
+    }
+    model_views_close(&v);
+    return code;
+}
+
+const struct command command_eval = {
+    .name = "eval",
+    .arguments = "RUN|MODEL.ply --scene SCENE [options]",
+    .summary = "Measures PSNR, SSIM and rendering speed.",
+    .description =
+        "Renders the views of SCENE and compares them with the photos, clamped and rounded to 8 bits. A run's "
+        "folder brings its own scene options.",
+    .options = eval_options,
+    .config_size = sizeof(struct eval_config),
+    .defaults = &defaults,
+    .min_positional = 1,
+    .max_positional = 1,
+    .run = run_eval,
+};

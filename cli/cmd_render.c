@@ -1,0 +1,146 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/file.h"
+#include "model_views.h"
+#include "scene/image.h"
+
+struct render_config {
+    struct model_options m;
+    const char *output;
+    bool pfm, depth;
+};
+
+static const struct option render_options[] = {
+    {"Output", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
+    {"output", 'o', OPT_STRING, offsetof(struct render_config, output), 0, 0, NULL, "DIR", "Folder for the images.",
+     true},
+    {"float", 0, OPT_FLAG, offsetof(struct render_config, pfm), 0, 0, NULL, NULL,
+     "Write PFM (32-bit float, not clamped) instead of PNG.", true},
+    {"depth", 0, OPT_FLAG, offsetof(struct render_config, depth), 0, 0, NULL, NULL,
+     "Write NAME_depth too: mean depth in scene units (PFM), or nearest white to farthest black (PNG).", true},
+    MODEL_OPTIONS(struct render_config),
+    SCENE_OPTIONS(struct render_config, m.scene, true),
+    {0},
+};
+
+static const struct render_config defaults = {.m = {MODEL_OPTION_DEFAULTS}};
+
+/* PFM stores rows bottom to top; a negative scale says little endian. */
+static int write_pfm(sg_ctx *ctx, const char *path, const float *planes, int width, int height, int channels)
+{
+    struct sg_file_writer w;
+    int code = sg_file_create(ctx, &w, path);
+    if (code)
+        return code;
+    fprintf(w.stream, "%s\n%d %d\n-1.0\n", channels == 3 ? "PF" : "Pf", width, height);
+    const size_t plane = (size_t) width * (size_t) height;
+    for (int y = height - 1; y >= 0; y--)
+        for (int x = 0; x < width; x++)
+            for (int ch = 0; ch < channels; ch++)
+                fwrite(&planes[(size_t) ch * plane + (size_t) y * (size_t) width + (size_t) x], sizeof(float), 1,
+                       w.stream);
+    return sg_file_commit(ctx, &w);
+}
+
+/* Where alpha is too small for a depth the picture is black. */
+static void depth_picture(const float *depth, const float *alpha, size_t n, uint8_t *out)
+{
+    float near = 1e30f, far = 0;
+    for (size_t i = 0; i < n; i++)
+        if (alpha[i] > 0.5f) {
+            near = depth[i] < near ? depth[i] : near;
+            far = depth[i] > far ? depth[i] : far;
+        }
+    for (size_t i = 0; i < n; i++)
+        out[i] = alpha[i] > 0.5f ? (uint8_t) (255 - (far > near ? 225 * (depth[i] - near) / (far - near) : 0)) : 0;
+}
+
+struct buffers {
+    float *rgb, *alpha, *depth;
+    uint8_t *bytes;
+};
+
+static int render_view(const struct render_config *c, struct model_views *v, const struct sg_view *view,
+                       const struct buffers *b)
+{
+    const int w = view->camera.width, h = view->camera.height;
+    const size_t n = (size_t) w * (size_t) h;
+    int error = sg_render(v->renderer, &view->camera, b->rgb, b->alpha, b->depth, NULL);
+    char *path = sg_strf(v->ctx, "%s/%s.%s", c->output, view->name, c->pfm ? "pfm" : "png");
+    char *depth_path = sg_strf(v->ctx, "%s/%s_depth.%s", c->output, view->name, c->pfm ? "pfm" : "png");
+    if (!error && !(path && depth_path))
+        error = SG_ERR_BUDGET;
+    if (!error && c->pfm)
+        error = write_pfm(v->ctx, path, b->rgb, w, h, 3);
+    else if (!error) {
+        sg_quantise(b->rgb, w, h, b->bytes);
+        error = sg_image_write_png(v->ctx, path, b->bytes, w, h, 3);
+    }
+    if (!error && c->depth) {
+        for (size_t i = 0; i < n; i++) /* the weighted sum becomes the mean */
+            b->depth[i] = b->alpha[i] > 0 ? b->depth[i] / b->alpha[i] : 0;
+        if (c->pfm)
+            error = write_pfm(v->ctx, depth_path, b->depth, w, h, 1);
+        else {
+            depth_picture(b->depth, b->alpha, n, b->bytes);
+            error = sg_image_write_png(v->ctx, depth_path, b->bytes, w, h, 1);
+        }
+    }
+    sg_free(v->ctx, path);
+    sg_free(v->ctx, depth_path);
+    return error;
+}
+
+static int run_render(const void *config, const char *const *positional, int count)
+{
+    (void) count;
+    const struct render_config *c = config;
+    struct model_views v;
+    if (!c->output) {
+        fprintf(stderr, "splatguard render: missing -o DIR\n");
+        return 1;
+    }
+    int code = model_views_open(&v, positional[0], &c->m);
+    if (!code) {
+        size_t pixels = 0;
+        for (size_t i = 0; i < v.n; i++) {
+            const size_t n = (size_t) v.views[i].camera.width * (size_t) v.views[i].camera.height;
+            pixels = n > pixels ? n : pixels;
+        }
+        struct buffers b = {.rgb = sg_alloc_raw(v.ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float)),
+                            .bytes = sg_alloc_raw(v.ctx, SG_MEM_FRAME, pixels, 3)};
+        if (c->depth) {
+            b.alpha = sg_alloc_raw(v.ctx, SG_MEM_FRAME, pixels, sizeof(float));
+            b.depth = sg_alloc_raw(v.ctx, SG_MEM_FRAME, pixels, sizeof(float));
+        }
+        int error =
+            b.rgb && b.bytes && (!c->depth || (b.alpha && b.depth)) ? sg_dir_create(v.ctx, c->output) : SG_ERR_BUDGET;
+        for (size_t i = 0; i < v.n && !error; i++)
+            error = render_view(c, &v, &v.views[i], &b);
+        code = error ? report(v.ctx, error) : 0;
+        if (!code && !c->m.quiet)
+            fprintf(stderr, "%zu views rendered to %s\n", v.n, c->output);
+        sg_free(v.ctx, b.rgb);
+        sg_free(v.ctx, b.bytes);
+        sg_free(v.ctx, b.alpha);
+        sg_free(v.ctx, b.depth);
+    }
+    model_views_close(&v);
+    return code;
+}
+
+const struct command command_render = {
+    .name = "render",
+    .arguments = "RUN|MODEL.ply --scene SCENE -o DIR [options]",
+    .summary = "Renders the views of a scene to images.",
+    .description = "Renders a model from the cameras of SCENE, one image a view under the view's name.",
+    .options = render_options,
+    .config_size = sizeof(struct render_config),
+    .defaults = &defaults,
+    .min_positional = 1,
+    .max_positional = 1,
+    .run = run_render,
+};

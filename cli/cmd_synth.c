@@ -1,0 +1,62 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "commands.h"
+
+struct synth_config {
+    struct sg_synth_params p;
+    const char *output;
+    int threads;
+};
+
+#define S(field) offsetof(struct synth_config, field)
+#define INTEGER(name, field, low, high, help)                                                                          \
+    {                                                                                                                  \
+        name, 0, OPT_INT, S(field), low, high, NULL, "N", help, false                                                  \
+    }
+
+static const struct option synth_options[] = {
+    {"Output", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
+    {"output", 'o', OPT_STRING, S(output), 0, 0, NULL, "DIR", "Folder to make; must not exist or be empty.", true},
+    INTEGER("width", p.width, 16, 4096, "Image width in pixels."),
+    INTEGER("height", p.height, 16, 4096, "Image height in pixels."),
+    INTEGER("train-views", p.train_views, 4, 4096, "Views to train on."),
+    INTEGER("test-views", p.test_views, 1, 4096, "Views to hold out."),
+    INTEGER("points", p.points, 4, 10000000, "Surface points of the COLMAP layout."),
+    INTEGER("samples", p.samples, 1, 8, "Anti-aliasing samples per pixel and axis."),
+    {"seed", 0, OPT_U64, S(p.seed), 0, 9e15, NULL, "S", "Same options and seed, same bytes.", false},
+    {"threads", 'j', OPT_INT, S(threads), 0, 256, NULL, "T", "Worker threads; 0 = one per CPU.", true},
+    {0},
+};
+
+static const struct synth_config defaults = {.p = {SG_SYNTH_DEFAULTS}};
+
+static int run_synth(const void *config, const char *const *positional, int count)
+{
+    (void) positional, (void) count;
+    const struct synth_config *c = config;
+    sg_ctx *ctx;
+    if (!c->output) {
+        fprintf(stderr, "splatguard synth: missing -o DIR\n");
+        return 1;
+    }
+    int code = open_context(&ctx, c->threads, false);
+    if (code)
+        return code;
+    const int error = sg_synth_write(ctx, c->output, &c->p);
+    code = error ? report(ctx, error) : 0;
+    if (!code)
+        fprintf(stderr, "%d + %d views of %d x %d written to %s/blender and %s/colmap\n", c->p.train_views,
+                c->p.test_views, c->p.width, c->p.height, c->output, c->output);
+    sg_ctx_destroy(&ctx);
+    return code;
+}
+
+const struct command command_synth = {
+    .name = "synth",
+    .arguments = "-o DIR [options]",
+    .summary = "Makes a ray-traced scene with exact cameras, to train and test on.",
+    .description = "Ray-traces the project's own scene and writes it in Blender and in COLMAP layout.",
+    .options = synth_options,
+    .config_size = sizeof(struct synth_config),
+    .defaults = &defaults,
+    .run = run_synth,
+};

@@ -1,0 +1,90 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "commands.h"
+
+static const struct command *const commands[] = {&command_train, &command_eval, &command_render, &command_synth,
+                                                 &command_info};
+#define COMMANDS (sizeof(commands) / sizeof(commands[0]))
+
+static void usage(FILE *out)
+{
+    fprintf(out, "splatguard %s: 3D Gaussian Splatting from photos that nobody vouches for\n\n", sg_version());
+    for (size_t i = 0; i < COMMANDS; i++)
+        fprintf(out, "  splatguard %-7s %s\n      %s\n", commands[i]->name, commands[i]->arguments,
+                commands[i]->summary);
+    fprintf(
+        out,
+        "\nsplatguard COMMAND --help lists the options of a command.\n"
+        "Exit codes: 0 ok, 1 usage, 2 bad input, 3 over budget, 4 internal error, 130 interrupted (after saving).\n");
+}
+
+static void man(void)
+{
+    printf(".TH SPLATGUARD 1 \"\" \"splatguard %s\"\n.SH NAME\nsplatguard \\- train, render and measure 3D Gaussian "
+           "Splatting scenes\n.SH SYNOPSIS\n",
+           sg_version());
+    for (size_t i = 0; i < COMMANDS; i++)
+        printf(".B splatguard %s\n.RI [ options ]\n.br\n", commands[i]->name);
+    printf(".SH COMMANDS\n");
+    for (size_t i = 0; i < COMMANDS; i++)
+        options_man(commands[i], stdout);
+    printf(
+        ".SH EXIT STATUS\n0 ok, 1 usage, 2 bad input, 3 over budget, 4 internal error, 130 interrupted after saving.\n"
+        ".SH ENVIRONMENT\n.TP\n.B SG_CPU\nCPU variant to use, as \\-\\-cpu.\n");
+}
+
+static void markdown(void)
+{
+    printf("# Options\n\nMade by `splatguard help --markdown`; a test keeps it up to date. Names may be written with "
+           "underscores as in the reference (`--densify_grad_threshold`), values as `--name value` or "
+           "`--name=value`.\n\n");
+    for (size_t i = 0; i < COMMANDS; i++)
+        options_markdown(commands[i], stdout);
+}
+
+static int run(const struct command *c, int argc, char **argv)
+{
+    const char *positional[OPTIONS_MAX_POSITIONAL];
+    int count, code;
+    void *config = malloc(c->config_size);
+    if (!config)
+        return 4;
+    code = options_parse(c, argc, argv, config, positional, &count, NULL);
+    if (code == 0 && count < c->min_positional) {
+        fprintf(stderr, "splatguard %s: missing argument; usage: splatguard %s %s\n", c->name, c->name, c->arguments);
+        code = 1;
+    }
+    if (code == 0)
+        code = c->run(config, positional, count);
+    free(config);
+    return code < 0 ? 0 : code;
+}
+
+int main(int argc, char **argv)
+{
+    const char *name = argc > 1 ? argv[1] : "--help";
+    if (!strcmp(name, "--version") || !strcmp(name, "version")) {
+        printf("splatguard %s\n", sg_version());
+        return 0;
+    }
+    if (!strcmp(name, "--help") || !strcmp(name, "-h") || !strcmp(name, "help")) {
+        if (argc > 2 && !strcmp(argv[2], "--man"))
+            man();
+        else if (argc > 2 && !strcmp(argv[2], "--markdown"))
+            markdown();
+        else
+            usage(argc > 1 ? stdout : stderr);
+        return argc > 1 ? 0 : 1;
+    }
+    for (size_t i = 0; i < COMMANDS; i++)
+        if (!strcmp(name, commands[i]->name)) {
+            const int code = run(commands[i], argc - 2, argv + 2);
+            /* Output that did not arrive is a failure too. */
+            return fflush(stdout) || ferror(stdout) ? (code ? code : 2) : code;
+        }
+    fprintf(stderr, "splatguard: unknown command \"%s\"; splatguard --help lists them\n", name);
+    return 1;
+}

@@ -1,0 +1,339 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "options.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static void *value_of(const struct option *o, void *config)
+{
+    return (char *) config + o->offset;
+}
+
+/* Dashes and underscores are the same in option names. */
+static bool same_name(const char *a, const char *b, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        const char x = a[i] == '_' ? '-' : a[i], y = b[i] == '_' ? '-' : b[i];
+        if (x != y || !x)
+            return false;
+    }
+    return !b[n];
+}
+
+/* Levenshtein distance of short names. */
+static size_t distance(const char *a, size_t n, const char *b)
+{
+    size_t row[64], m = strlen(b);
+    if (n > 62 || m > 62)
+        return 64;
+    for (size_t j = 0; j <= m; j++)
+        row[j] = j;
+    for (size_t i = 1; i <= n; i++) {
+        size_t diagonal = row[0];
+        row[0] = i;
+        for (size_t j = 1; j <= m; j++) {
+            const char x = a[i - 1] == '_' ? '-' : a[i - 1];
+            size_t best = diagonal + (x != b[j - 1]);
+            diagonal = row[j];
+            best = row[j] + 1 < best ? row[j] + 1 : best;
+            row[j] = row[j - 1] + 1 < best ? row[j - 1] + 1 : best;
+        }
+    }
+    return row[m];
+}
+
+static int unknown(const struct command *c, const char *name, size_t n)
+{
+    const struct option *near = NULL;
+    size_t best = 4;
+    for (const struct option *o = c->options; o->name; o++) {
+        const size_t d = o->type == OPT_GROUP ? 64 : distance(name, n, o->name);
+        if (d < best)
+            best = d, near = o;
+    }
+    fprintf(stderr, "splatguard %s: unknown option --%.*s", c->name, (int) n, name);
+    if (near)
+        fprintf(stderr, "; did you mean --%s?", near->name);
+    fprintf(stderr, "\n");
+    return 1;
+}
+
+static int bad_value(const struct command *c, const struct option *o, const char *text, const char *expected)
+{
+    fprintf(stderr, "splatguard %s: --%s: found \"%s\", expected %s\n", c->name, o->name, text, expected);
+    return 1;
+}
+
+static int set_choice(const struct command *c, const struct option *o, int *value, const char *text)
+{
+    const char *p = o->choices;
+    for (int i = 0; *p; i++) {
+        const size_t n = strcspn(p, "|");
+        if (strlen(text) == n && !memcmp(p, text, n)) {
+            *value = i;
+            return 0;
+        }
+        p += n + (p[n] == '|');
+    }
+    char expected[160];
+    snprintf(expected, sizeof(expected), "one of %s", o->choices);
+    return bad_value(c, o, text, expected);
+}
+
+int options_set(const struct command *c, const struct option *o, void *config, const char *text)
+{
+    void *value = value_of(o, config);
+    char expected[96], *end;
+    errno = 0;
+    switch (o->type) {
+    case OPT_FLAG:
+        *(bool *) value = true;
+        return 0;
+    case OPT_STRING:
+        *(const char **) value = text;
+        return 0;
+    case OPT_CHOICE:
+        return set_choice(c, o, value, text);
+    case OPT_FLOAT:
+    case OPT_DOUBLE: {
+        const double v = strtod(text, &end);
+        snprintf(expected, sizeof(expected), "a number from %g to %g", o->low, o->high);
+        if (end == text || *end || !(v >= o->low && v <= o->high))
+            return bad_value(c, o, text, expected);
+        if (o->type == OPT_FLOAT)
+            *(float *) value = (float) v;
+        else
+            *(double *) value = v;
+        return 0;
+    }
+    default: {
+        snprintf(expected, sizeof(expected), "a whole number from %.0f to %.0f", o->low, o->high);
+        const long long v = strtoll(text, &end, 10);
+        if (end == text || *end || errno || (double) v < o->low || (double) v > o->high)
+            return bad_value(c, o, text, expected);
+        if (o->type == OPT_INT)
+            *(int *) value = (int) v;
+        else
+            *(uint64_t *) value = (uint64_t) v;
+        return 0;
+    }
+    }
+}
+
+static const struct option *find(const struct command *c, const char *name, size_t n)
+{
+    for (const struct option *o = c->options; o->name; o++)
+        if (o->type != OPT_GROUP && (same_name(name, o->name, n) || (n == 1 && o->letter && *name == o->letter)))
+            return o;
+    return NULL;
+}
+
+int options_parse(const struct command *c, int argc, char **argv, void *config, const char **positional, int *count,
+                  bool *given)
+{
+    memcpy(config, c->defaults, c->config_size);
+    *count = 0;
+    bool only_positional = false;
+    for (int i = 0; i < argc; i++) {
+        const char *a = argv[i];
+        if (only_positional || a[0] != '-' || !a[1]) {
+            if (*count >= c->max_positional) {
+                fprintf(stderr, "splatguard %s: unexpected argument \"%s\"\n", c->name, a);
+                return 1;
+            }
+            positional[(*count)++] = a;
+            continue;
+        }
+        if (!strcmp(a, "--")) {
+            only_positional = true;
+            continue;
+        }
+        if (!strcmp(a, "--help") || !strcmp(a, "-h")) {
+            options_help(c, stdout);
+            return -1;
+        }
+        const char *name = a + (a[1] == '-' ? 2 : 1), *text = strchr(name, '=');
+        const size_t n = text ? (size_t) (text - name) : strlen(name);
+        const struct option *o = find(c, name, n);
+        if (!o || (a[1] != '-' && n > 1))
+            return unknown(c, name, n);
+        if (o->type == OPT_FLAG && text) {
+            fprintf(stderr, "splatguard %s: --%s takes no value\n", c->name, o->name);
+            return 1;
+        }
+        if (o->type != OPT_FLAG) {
+            text = text ? text + 1 : i + 1 < argc ? argv[++i] : NULL;
+            if (!text) {
+                fprintf(stderr, "splatguard %s: --%s: found no value, expected %s\n", c->name, o->name, o->argument);
+                return 1;
+            }
+        }
+        if (options_set(c, o, config, text))
+            return 1;
+        if (given)
+            given[o - c->options] = true;
+    }
+    return 0;
+}
+
+/* The value as text; returns false if there is nothing to show. */
+static bool show(const struct option *o, const void *config, char *text, size_t size)
+{
+    const void *value = (const char *) config + o->offset;
+    switch (o->type) {
+    case OPT_INT:
+        snprintf(text, size, "%d", *(const int *) value);
+        return true;
+    case OPT_U64:
+        snprintf(text, size, "%llu", (unsigned long long) *(const uint64_t *) value);
+        return true;
+    case OPT_FLOAT:
+        snprintf(text, size, "%.7g", (double) *(const float *) value);
+        return true;
+    case OPT_DOUBLE:
+        snprintf(text, size, "%.15g", *(const double *) value);
+        return true;
+    case OPT_STRING:
+        if (!*(const char *const *) value)
+            return false;
+        snprintf(text, size, "%s", *(const char *const *) value);
+        return true;
+    case OPT_CHOICE: {
+        const char *p = o->choices;
+        for (int i = *(const int *) value; i > 0; i--)
+            p += strcspn(p, "|") + 1;
+        snprintf(text, size, "%.*s", (int) strcspn(p, "|"), p);
+        return true;
+    }
+    default:
+        return false;
+    }
+}
+
+json_t *options_to_json(const struct command *c, const void *config)
+{
+    json_t *object = json_object();
+    for (const struct option *o = c->options; o->name; o++) {
+        char text[4096];
+        const void *value = (const char *) config + o->offset;
+        if (o->type == OPT_GROUP || o->transient)
+            continue;
+        json_t *v = json_null();
+        if (o->type == OPT_FLAG)
+            v = json_boolean(*(const bool *) value);
+        else if (o->type == OPT_INT)
+            v = json_integer(*(const int *) value);
+        else if (o->type == OPT_U64)
+            v = json_integer((json_int_t) * (const uint64_t *) value);
+        else if (show(o, config, text, sizeof(text)))
+            v = o->type == OPT_FLOAT || o->type == OPT_DOUBLE ? json_real(strtod(text, NULL)) : json_string(text);
+        json_object_set_new(object, o->name, v);
+    }
+    return object;
+}
+
+int options_from_json(const struct command *c, void *config, const json_t *object, const char *path)
+{
+    const char *key;
+    json_t *v;
+    json_object_foreach((json_t *) object, key, v)
+    {
+        const struct option *o = find(c, key, strlen(key));
+        char text[64];
+        if (!o || o->transient) {
+            fprintf(stderr, "%s: found an unknown option \"%s\"\n", path, key);
+            return 1;
+        }
+        if (json_is_null(v))
+            continue;
+        if (o->type == OPT_FLAG) {
+            *(bool *) value_of(o, config) = json_is_true(v);
+            continue;
+        }
+        if (json_is_integer(v))
+            snprintf(text, sizeof(text), "%lld", (long long) json_integer_value(v));
+        else if (json_is_real(v))
+            snprintf(text, sizeof(text), "%.17g", json_real_value(v));
+        else if (!json_is_string(v)) {
+            fprintf(stderr, "%s: option \"%s\": found another kind of value than expected\n", path, key);
+            return 1;
+        }
+        if (options_set(c, o, config, json_is_string(v) ? json_string_value(v) : text))
+            return 1;
+    }
+    return 0;
+}
+
+void options_help(const struct command *c, FILE *out)
+{
+    fprintf(out, "splatguard %s %s\n\n%s\n", c->name, c->arguments, c->description);
+    for (const struct option *o = c->options; o->name; o++) {
+        char left[64], value[128];
+        if (o->type == OPT_GROUP) {
+            fprintf(out, "\n%s:\n", o->name);
+            continue;
+        }
+        snprintf(left, sizeof(left), "%s%c%s--%s %s", o->letter ? "-" : "", o->letter ? o->letter : ' ',
+                 o->letter ? ", " : "  ", o->name, o->argument ? o->argument : "");
+        fprintf(out, "  %s%-34s %s", o->letter ? "" : " ", left, o->help);
+        if (show(o, c->defaults, value, sizeof(value)))
+            fprintf(out, " [%s]", value);
+        fprintf(out, "\n");
+    }
+}
+
+void options_markdown(const struct command *c, FILE *out)
+{
+    fprintf(out, "## splatguard %s\n\n    splatguard %s %s\n\n%s\n", c->name, c->name, c->arguments, c->description);
+    for (const struct option *o = c->options; o->name; o++) {
+        char value[128];
+        if (o->type == OPT_GROUP) {
+            fprintf(out, "\n### %s\n\n| option | meaning | default |\n|---|---|---|\n", o->name);
+            continue;
+        }
+        fprintf(out, "| `--%s%s%s`", o->name, o->argument ? " " : "", o->argument ? o->argument : "");
+        if (o->letter)
+            fprintf(out, ", `-%c`", o->letter);
+        fprintf(out, " | %s | %s |\n", o->help, show(o, c->defaults, value, sizeof(value)) ? value : "");
+    }
+    fprintf(out, "\n");
+}
+
+/* roff treats a leading dash, dot or backslash specially. */
+static void roff(FILE *out, const char *text)
+{
+    for (; *text; text++) {
+        if (*text == '-' || *text == '\\')
+            fputc('\\', out);
+        fputc(*text, out);
+    }
+}
+
+void options_man(const struct command *c, FILE *out)
+{
+    fprintf(out, ".SS splatguard %s ", c->name);
+    roff(out, c->arguments);
+    fprintf(out, "\n");
+    roff(out, c->description);
+    fprintf(out, "\n");
+    for (const struct option *o = c->options; o->name; o++) {
+        char value[128];
+        if (o->type == OPT_GROUP)
+            continue;
+        fprintf(out, ".TP\n\\fB");
+        if (o->letter)
+            fprintf(out, "\\-%c, ", o->letter);
+        fprintf(out, "\\-\\-");
+        roff(out, o->name);
+        fprintf(out, "\\fR \\fI%s\\fR\n", o->argument ? o->argument : "");
+        roff(out, o->help);
+        if (show(o, c->defaults, value, sizeof(value))) {
+            fprintf(out, " Default: ");
+            roff(out, value);
+            fprintf(out, ".");
+        }
+        fprintf(out, "\n");
+    }
+}

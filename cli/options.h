@@ -1,0 +1,54 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* One table per command: parsing, --help, the man page, docs/options.md and config.json all come from it. */
+#ifndef CLI_OPTIONS_H
+#define CLI_OPTIONS_H
+
+#include <jansson.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+
+enum option_type { OPT_FLAG, OPT_INT, OPT_U64, OPT_FLOAT, OPT_DOUBLE, OPT_STRING, OPT_CHOICE, OPT_GROUP };
+
+struct option {
+    const char *name; /* without dashes in front; underscores are accepted for its dashes. OPT_GROUP: a heading */
+    char letter;      /* short form or 0 */
+    enum option_type type;
+    size_t offset;        /* of the value in the command's config */
+    double low, high;     /* allowed range of numbers */
+    const char *choices;  /* OPT_CHOICE: "auto|blender|..."; the value is an int index */
+    const char *argument; /* shown in --help, NULL for flags */
+    const char *help;
+    bool transient; /* not part of a run: left out of config.json, allowed when resuming */
+};
+
+struct command {
+    const char *name, *arguments, *summary, *description;
+    const struct option *options; /* ends with a NULL name */
+    size_t config_size;
+    const void *defaults;
+    int min_positional, max_positional;
+    int (*run)(const void *config, const char *const *positional, int count);
+};
+
+#define OPTIONS_MAX_POSITIONAL 4
+
+/* Fills config (defaults first) and positional. Returns 0, or 1 after printing what is wrong, or -1 if --help was
+ * printed. given (may be NULL): one bool per table entry, set where the command line has it. */
+int options_parse(const struct command *c, int argc, char **argv, void *config, const char **positional, int *count,
+                  bool *given);
+
+/* Sets one option from text. Returns 0 or 1 after printing what is wrong. */
+int options_set(const struct command *c, const struct option *o, void *config, const char *text);
+
+/* All lasting options as a JSON object, and back (unknown keys are refused by name). Strings set from JSON live as long
+ * as the object. */
+json_t *options_to_json(const struct command *c, const void *config);
+int options_from_json(const struct command *c, void *config, const json_t *object, const char *path);
+
+void options_help(const struct command *c, FILE *out);
+void options_markdown(const struct command *c, FILE *out);
+void options_man(const struct command *c, FILE *out);
+
+#endif

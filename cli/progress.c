@@ -1,0 +1,47 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "progress.h"
+
+#include <stdio.h>
+#include <time.h>
+#include <unistd.h>
+
+double monotonic_seconds(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
+}
+
+void progress_begin(struct progress *p, bool quiet, int done, int iterations)
+{
+    *p = (struct progress){.quiet = quiet, .terminal = isatty(STDERR_FILENO), .first = done, .iterations = iterations};
+    p->start = p->shown = monotonic_seconds();
+    p->line_every = iterations >= 5000 ? 500 : iterations >= 20 ? iterations / 10 : 1;
+}
+
+void progress_step(struct progress *p, const struct sg_train_step *s)
+{
+    const double keep = p->any ? 0.98 : 0;
+    p->loss = keep * p->loss + (1 - keep) * s->loss;
+    p->psnr = keep * p->psnr + (1 - keep) * s->psnr;
+    p->any = true;
+    const double now = monotonic_seconds();
+    const bool last = s->iteration == p->iterations;
+    if (p->quiet || !(last || (p->terminal ? now - p->shown > 0.1 : s->iteration % p->line_every == 0)))
+        return;
+    p->shown = now;
+    const double rate = (s->iteration - p->first) / (now - p->start);
+    const int eta = (int) ((p->iterations - s->iteration) / rate + 0.5);
+    fprintf(stderr, "%s%6d/%d  %6.1f it/s  ETA %d:%02d:%02d  %8zu Gaussians  loss %.4f  PSNR %.2f%s",
+            p->terminal ? "\r" : "", s->iteration, p->iterations, rate, eta / 3600, eta / 60 % 60, eta % 60,
+            s->gaussians, p->loss, p->psnr, p->terminal ? " \033[K" : "\n");
+    if (last)
+        progress_break(p);
+    fflush(stderr);
+}
+
+void progress_break(struct progress *p)
+{
+    if (p->terminal && !p->quiet)
+        fputc('\n', stderr);
+}

@@ -1,0 +1,205 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "run_folder.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+char *run_path(const char *run, const char *name)
+{
+    char *path;
+    return asprintf(&path, "%s/%s", run, name) < 0 ? NULL : path;
+}
+
+static int cannot(const char *what, const char *path)
+{
+    fprintf(stderr, "splatguard: %s: cannot %s: %s\n", path, what, strerror(errno));
+    return 2;
+}
+
+/* To a temporary name, synced, then renamed. */
+static int write_whole(const char *path, const char *text, size_t size)
+{
+    char *temporary;
+    if (asprintf(&temporary, "%s.tmp%ld", path, (long) getpid()) < 0)
+        return 4;
+    int code = 0;
+    FILE *f = fopen(temporary, "wb");
+    if (!f)
+        code = cannot("write", path);
+    else {
+        const bool written = fwrite(text, 1, size, f) == size && !fflush(f) && !fsync(fileno(f));
+        if (fclose(f) || !written || rename(temporary, path)) {
+            code = cannot("write", path);
+            unlink(temporary);
+        }
+    }
+    free(temporary);
+    return code;
+}
+
+int run_write_json(const char *path, const json_t *value)
+{
+    char *text = json_dumps(value, JSON_INDENT(2) | JSON_REAL_PRECISION(9));
+    if (!text)
+        return 4;
+    size_t n = strlen(text);
+    text[n] = '\n'; /* in place of the final zero: the length is passed on */
+    const int code = write_whole(path, text, n + 1);
+    free(text);
+    return code;
+}
+
+static int make_dirs(const char *path)
+{
+    char *copy = strdup(path);
+    int code = copy ? 0 : 4;
+    for (char *p = copy ? copy + 1 : NULL; p && !code; p++)
+        if (!*p || *p == '/') {
+            const char kept = *p;
+            *p = 0;
+            if (mkdir(copy, 0777) && errno != EEXIST)
+                code = cannot("create the folder", copy);
+            *p = kept;
+            if (!kept)
+                break;
+        }
+    free(copy);
+    return code;
+}
+
+/* The text that viewers of the reference parse. */
+static int write_cfg_args(const struct train_config *c)
+{
+    char *text, *path = run_path(c->output, "cfg_args");
+    const int n = asprintf(&text,
+                           "Namespace(data_device='cpu', eval=%s, images='%s', model_path='%s', resolution=%d, "
+                           "sh_degree=%d, source_path='%s', white_background=%s)",
+                           c->eval ? "True" : "False", c->scene.params.images ? c->scene.params.images : "images",
+                           c->output, c->scene.params.resolution, c->train.sh_degree, c->source,
+                           c->train.white_background ? "True" : "False");
+    const int code = n < 0 || !path ? 4 : write_whole(path, text, (size_t) n);
+    if (n >= 0)
+        free(text);
+    free(path);
+    return code;
+}
+
+extern const struct command command_train;
+
+static int write_config(const struct train_config *c, const char *variant)
+{
+    char *path = run_path(c->output, "config.json"), *absolute = realpath(c->source, NULL);
+    json_t *options = options_to_json(&command_train, c);
+    if (absolute)
+        json_object_set_new(options, "source-path", json_string(absolute));
+    json_t *root = json_pack("{s:s,s:s,s:o}", "version", sg_version(), "cpu_variant", variant, "options", options);
+    const int code = root && path ? run_write_json(path, root) : 4;
+    json_decref(root);
+    free(absolute);
+    free(path);
+    return code;
+}
+
+static int write_input(sg_ctx *ctx, const char *run, const struct sg_model *m)
+{
+    char *path = run_path(run, "input.ply");
+    float *xyz = malloc(m->count * 3 * sizeof(float));
+    uint8_t *rgb = malloc(m->count * 3);
+    int code = path && xyz && rgb ? 0 : 4;
+    for (size_t i = 0; i < 3 * m->count && !code; i++) {
+        xyz[i] = *sg_model_at(m, i / 3, SG_P_XYZ + (int) (i % 3));
+        const float c = (*sg_model_at(m, i / 3, SG_P_SH + (int) (i % 3)) * 0.28209479f + 0.5f) * 255 + 0.5f;
+        rgb[i] = (uint8_t) (c > 0 ? c < 255 ? c : 255 : 0);
+    }
+    if (!code) {
+        const int error = sg_points_write_ply(ctx, path, xyz, rgb, m->count);
+        code = error ? report(ctx, error) : 0;
+    }
+    free(xyz);
+    free(rgb);
+    free(path);
+    return code;
+}
+
+int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene *scene, const struct sg_model *initial,
+               const char *variant)
+{
+    char *config = run_path(c->output, "config.json"), *cameras = run_path(c->output, "cameras.json");
+    int code = config && cameras ? 0 : 4;
+    if (!code && !c->force && !access(config, F_OK)) {
+        fprintf(stderr, "splatguard: %s: found an earlier run; continue it with --resume or replace it with --force\n",
+                c->output);
+        code = 2;
+    }
+    if (!code)
+        code = make_dirs(c->output);
+    if (!code) { /* leftovers of a replaced run must not be mistaken for this one's */
+        static const char *const old[] = {"summary.json", "log.jsonl", "checkpoint.bin"};
+        for (size_t i = 0; i < sizeof(old) / sizeof(old[0]); i++) {
+            char *path = run_path(c->output, old[i]);
+            if (path)
+                unlink(path);
+            free(path);
+        }
+        const int error = sg_cameras_write_json(ctx, scene, cameras);
+        code = error ? report(ctx, error) : 0;
+    }
+    if (!code)
+        code = write_input(ctx, c->output, initial);
+    if (!code)
+        code = write_cfg_args(c);
+    if (!code)
+        code = write_config(c, variant);
+    free(config);
+    free(cameras);
+    return code;
+}
+
+int run_save_model(sg_ctx *ctx, const char *run, sg_trainer *trainer)
+{
+    char *folder, *path = NULL;
+    if (asprintf(&folder, "%s/point_cloud/iteration_%d", run, sg_trainer_iteration(trainer)) < 0)
+        return 4;
+    int code = make_dirs(folder);
+    struct sg_model *m = NULL;
+    if (!code && !(path = run_path(folder, "point_cloud.ply")))
+        code = 4;
+    if (!code) {
+        int error = sg_trainer_model(trainer, &m);
+        if (!error)
+            error = sg_model_write_ply(ctx, m, path);
+        code = error ? report(ctx, error) : 0;
+    }
+    sg_model_destroy(ctx, &m);
+    free(folder);
+    free(path);
+    return code;
+}
+
+int run_save_checkpoint(sg_ctx *ctx, const char *run, sg_trainer *trainer)
+{
+    char *path = run_path(run, "checkpoint.bin");
+    const int error = path ? sg_trainer_save(trainer, path) : SG_ERR_INTERNAL;
+    free(path);
+    return error ? report(ctx, error) : 0;
+}
+
+int run_read_config(const char *run, struct train_config *c, json_t **keep)
+{
+    char *path = run_path(run, "config.json");
+    json_error_t error;
+    json_t *root = path ? json_load_file(path, JSON_REJECT_DUPLICATES, &error) : NULL;
+    int code = 0;
+    *keep = root;
+    if (!root) {
+        fprintf(stderr, "splatguard: %s: line %d: %s; expected the config.json of a run\n", path, error.line,
+                error.text);
+        code = 2;
+    } else if (options_from_json(&command_train, c, json_object_get(root, "options"), path))
+        code = 2;
+    free(path);
+    return code;
+}

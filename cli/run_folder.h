@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A run's folder: the reference's layout (point_cloud/iteration_N/point_cloud.ply, cameras.json, input.ply, cfg_args)
+ * plus config.json, summary.json, log.jsonl and checkpoint.bin. Every file appears whole. */
+#ifndef CLI_RUN_FOLDER_H
+#define CLI_RUN_FOLDER_H
+
+#include "train_config.h"
+
+/* Paths are RUN/name; the caller frees. */
+char *run_path(const char *run, const char *name);
+
+/* Writes JSON, indented. Returns an exit code after printing what is wrong. */
+int run_write_json(const char *path, const json_t *value);
+
+/* Creates the folder and writes what is known before training. Refuses a folder that holds a run unless force. */
+int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene *scene, const struct sg_model *initial,
+               const char *variant);
+
+/* Model and checkpoint of the trainer's present iteration. */
+int run_save_model(sg_ctx *ctx, const char *run, sg_trainer *trainer);
+int run_save_checkpoint(sg_ctx *ctx, const char *run, sg_trainer *trainer);
+
+/* Reads RUN/config.json into c; *keep owns the strings. Returns an exit code. */
+int run_read_config(const char *run, struct train_config *c, json_t **keep);
+
+#endif

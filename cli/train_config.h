@@ -1,0 +1,17 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef CLI_TRAIN_CONFIG_H
+#define CLI_TRAIN_CONFIG_H
+
+#include "commands.h"
+
+struct train_config {
+    const char *source, *output, *init;
+    struct scene_options scene;
+    struct sg_train_params train;
+    int backend; /* index of BACKENDS */
+    bool resume, force, quiet, eval;
+    int threads, save_every, eval_every, log_every;
+};
+#define BACKENDS "cpu|ref"
+
+#endif
