@@ -125,7 +125,7 @@ int options_set(const struct command *c, const struct option *o, void *config, c
 static const struct option *find(const struct command *c, const char *name, size_t n)
 {
     for (const struct option *o = c->options; o->name; o++)
-        if (o->type != OPT_GROUP && (same_name(name, o->name, n) || (n == 1 && o->letter && *name == o->letter)))
+        if (o->type != OPT_GROUP && (same_name(name, o->name, n) || (n == 1 && *name == o->letter)))
             return o;
     return NULL;
 }
@@ -154,17 +154,20 @@ int options_parse(const struct command *c, int argc, char **argv, void *config, 
             options_help(c, stdout);
             return -1;
         }
-        const char *name = a + (a[1] == '-' ? 2 : 1), *text = strchr(name, '=');
-        const size_t n = text ? (size_t) (text - name) : strlen(name);
+        const bool brief = a[1] != '-'; /* -w, -j 2, -j2 */
+        const char *name = a + (brief ? 1 : 2), *text = brief && name[1] ? name + 1 : strchr(name, '=');
+        const size_t n = brief ? 1 : text ? (size_t) (text - name) : strlen(name);
         const struct option *o = find(c, name, n);
-        if (!o || (a[1] != '-' && n > 1))
+        if (!o)
             return unknown(c, name, n);
+        if (!brief && text)
+            text++;
         if (o->type == OPT_FLAG && text) {
             fprintf(stderr, "splatguard %s: --%s takes no value\n", c->name, o->name);
             return 1;
         }
         if (o->type != OPT_FLAG) {
-            text = text ? text + 1 : i + 1 < argc ? argv[++i] : NULL;
+            text = text ? text : i + 1 < argc ? argv[++i] : NULL;
             if (!text) {
                 fprintf(stderr, "splatguard %s: --%s: found no value, expected %s\n", c->name, o->name, o->argument);
                 return 1;
@@ -275,9 +278,9 @@ void options_help(const struct command *c, FILE *out)
             fprintf(out, "\n%s:\n", o->name);
             continue;
         }
-        snprintf(left, sizeof(left), "%s%c%s--%s %s", o->letter ? "-" : "", o->letter ? o->letter : ' ',
-                 o->letter ? ", " : "  ", o->name, o->argument ? o->argument : "");
-        fprintf(out, "  %s%-34s %s", o->letter ? "" : " ", left, o->help);
+        const char brief[] = {'-', o->letter, ',', ' ', 0};
+        snprintf(left, sizeof(left), "%s--%s %s", o->letter ? brief : "    ", o->name, o->argument ? o->argument : "");
+        fprintf(out, "  %-36s %s", left, o->help);
         if (show(o, c->defaults, value, sizeof(value)))
             fprintf(out, " [%s]", value);
         fprintf(out, "\n");
