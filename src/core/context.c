@@ -115,9 +115,9 @@ const char *sg_version(void)
 const char *sg_mem_tag_name(enum sg_mem_tag tag)
 {
     static const char *names[SG_MEM_TAGS + 1] = {
-        [SG_MEM_MISC] = "misc",     [SG_MEM_IMAGES] = "images",       [SG_MEM_MODEL] = "model",
+        [SG_MEM_MISC] = "misc",           [SG_MEM_IMAGES] = "images", [SG_MEM_MODEL] = "model",
         [SG_MEM_OPTIMISER] = "optimiser", [SG_MEM_SPLATS] = "splats", [SG_MEM_INSTANCES] = "instances",
-        [SG_MEM_FRAME] = "frame",   [SG_MEM_TAGS] = "total",
+        [SG_MEM_FRAME] = "frame",         [SG_MEM_TAGS] = "total",
     };
     return names[tag];
 }
