@@ -63,7 +63,7 @@ static inline void ref_project(const struct view *v, const real *params, int deg
         real c = (real) 0.5;
         for (int k = 0; k < (degree + 1) * (degree + 1); k++)
             c += basis[k] * params[SG_P_SH + 3 * k + ch];
-        finite = finite && c - c == 0;
+        finite = finite && c < (real) SG_COLOUR_MAX && c > (real) -SG_COLOUR_MAX;
         o->clamped[ch] = c < 0;
         o->rgb[ch] = o->clamped[ch] ? 0 : c;
     }

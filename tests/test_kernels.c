@@ -1,0 +1,271 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Every CPU variant against the scalar oracle through the stage table, on random and on nasty models. */
+#include "backend/backend.h"
+#include "backend/cpu/dispatch.h"
+#include "support.h"
+
+struct outcome {
+    int width, height;
+    float *rgb, *alpha, *depth;
+    struct sg_render_stats stats;
+    struct sg_loss_value loss;
+    struct sg_model *gradients, *updated;
+    float *mean_gradient, *radius;
+};
+
+static void *must(size_t n, size_t size)
+{
+    void *p = calloc(n ? n : 1, size);
+    assert_non_null(p);
+    return p;
+}
+
+static struct outcome run(sg_ctx *ctx, const char *backend, const char *cpu, const struct sg_model *m,
+                          const struct sg_camera *camera, struct sg_render_params params, bool masked)
+{
+    const size_t pixels = (size_t) camera->width * (size_t) camera->height;
+    struct outcome o = {.width = camera->width, .height = camera->height};
+    struct sg_backend *b;
+    assert_int_equal(sg_backend_create(ctx, backend, cpu, &b), SG_OK);
+    assert_int_equal(b->ops->upload(b, m, NULL), SG_OK);
+    o.rgb = must(3 * pixels, sizeof(float)), o.alpha = must(pixels, sizeof(float)),
+    o.depth = must(pixels, sizeof(float));
+    o.mean_gradient = must(m->count, sizeof(float)), o.radius = must(m->count, sizeof(float));
+    uint8_t *target = must(3 * pixels, 1), *mask = must(pixels, 1);
+    for (size_t i = 0; i < 3 * pixels; i++)
+        target[i] = (uint8_t) draw(9, i, 0, 255);
+    for (size_t i = 0; i < pixels; i++)
+        mask[i] = i % 7 < 5 ? 255 : 0;
+    assert_int_equal(b->ops->project(b, camera, m->sh_degree, &params), SG_OK);
+    assert_int_equal(b->ops->rasterize(b, true, &o.stats), SG_OK);
+    assert_int_equal(b->ops->read_image(b, o.rgb, o.alpha, o.depth), SG_OK);
+    assert_int_equal(b->ops->loss(b, &(struct sg_loss_params){0.2f, target, masked ? mask : NULL}, &o.loss), SG_OK);
+    assert_int_equal(b->ops->rasterize_backward(b), SG_OK);
+    assert_int_equal(sg_model_create(ctx, m->count, m->sh_degree, &o.gradients), SG_OK);
+    assert_int_equal(b->ops->read_gradients(b, o.gradients), SG_OK);
+    struct sg_update u = {.adam = true, .statistics = true};
+    for (int g = 0; g < SG_GROUPS; g++)
+        u.rate[g] = 0.01f * (float) (g + 1), u.root[g] = 30;
+    assert_int_equal(b->ops->update(b, &u), SG_OK);
+    assert_int_equal(sg_model_create(ctx, m->count, m->sh_degree, &o.updated), SG_OK);
+    assert_int_equal(b->ops->download(b, o.updated, NULL), SG_OK);
+    assert_int_equal(b->ops->read_statistics(b, o.mean_gradient, NULL, NULL, o.radius), SG_OK);
+    sg_backend_destroy(&b);
+    free(target);
+    free(mask);
+    return o;
+}
+
+static void clear(sg_ctx *ctx, struct outcome *o)
+{
+    free(o->rgb);
+    free(o->alpha);
+    free(o->depth);
+    free(o->mean_gradient);
+    free(o->radius);
+    sg_model_destroy(ctx, &o->gradients);
+    sg_model_destroy(ctx, &o->updated);
+}
+
+/* Tight, but for a bounded share of values that flipped at a cut-off. */
+static void assert_close(const char *what, const float *a, const float *b, size_t n, float absolute, float relative,
+                         double share)
+{
+    size_t off = 0, worst = 0;
+    float most = -1;
+    for (size_t i = 0; i < n; i++) {
+        const float d = fabsf(a[i] - b[i]), excess = d - (absolute + relative * fabsf(b[i]));
+        if (!(excess <= 0)) {
+            off++;
+            if (!(d <= most))
+                most = d, worst = i;
+        }
+    }
+    if ((double) off > share * (double) n + 1e-9)
+        fail_msg("%s: %zu of %zu values are off, worst at %zu: found %.9g, expected %.9g", what, off, n, worst,
+                 (double) a[worst], (double) b[worst]);
+}
+
+static void compare(const char *name, const struct outcome *o, const struct outcome *ref)
+{
+    const size_t pixels = (size_t) o->width * (size_t) o->height;
+    char what[64];
+#define NAMED(text) (snprintf(what, sizeof(what), "%s: %s", name, text), what)
+    assert_close(NAMED("image"), o->rgb, ref->rgb, 3 * pixels, 2e-5f, 2e-5f, 0.003);
+    assert_close(NAMED("image, anywhere"), o->rgb, ref->rgb, 3 * pixels, 0.02f, 0.01f, 0);
+    assert_close(NAMED("alpha"), o->alpha, ref->alpha, pixels, 2e-5f, 0, 0.003);
+    assert_close(NAMED("depth"), o->depth, ref->depth, pixels, 1e-4f, 1e-4f, 0.003);
+    assert_int_equal(o->stats.visible, ref->stats.visible);
+    assert_float_equal(o->loss.l1, ref->loss.l1, 1e-5);
+    assert_float_equal(o->loss.ssim, ref->loss.ssim, 1e-4);
+    assert_float_equal(o->loss.mse, ref->loss.mse, 1e-5 * (1 + ref->loss.mse));
+    const int planes = sg_param_count(o->gradients->sh_degree);
+    for (int p = 0; p < planes; p++) {
+        const size_t n = o->gradients->count;
+        float *a = must(n, sizeof(float)), *b = must(n, sizeof(float)), largest = 0;
+        for (size_t i = 0; i < n; i++) {
+            a[i] = *sg_model_at(o->gradients, i, p), b[i] = *sg_model_at(ref->gradients, i, p);
+            largest = fmaxf(largest, fabsf(b[i]));
+        }
+        snprintf(what, sizeof(what), "%s: gradient of plane %d", name, p);
+        assert_close(what, a, b, n, 2e-4f * largest + 1e-9f, 5e-3f, 0.02);
+        free(a);
+        free(b);
+    }
+    assert_close(NAMED("statistics"), o->mean_gradient, ref->mean_gradient, o->gradients->count, 1e-6f, 5e-3f, 0.02);
+    assert_close(NAMED("radius"), o->radius, ref->radius, o->gradients->count, 1.01f, 0, 0);
+}
+
+/* All variants on one model; the first two render parameter sets must agree with each other too. */
+static void check_model(const struct sg_model *m, const struct sg_camera *camera, bool masked)
+{
+    sg_ctx *ctx = make_context(2);
+    struct sg_render_params params = {SG_RENDER_DEFAULTS, .background = {0.1f, 0.4f, 0.8f}};
+    struct outcome ref = run(ctx, "ref", NULL, m, camera, params, masked);
+    const struct cpu_kernels *variants[4];
+    const int n = sg_cpu_variants(variants);
+    for (int i = 0; i < n; i++) {
+        struct outcome o = run(ctx, "cpu", variants[i]->name, m, camera, params, masked);
+        compare(variants[i]->name, &o, &ref);
+        params.reference_tiles = true;
+        struct outcome tiles = run(ctx, "cpu", variants[i]->name, m, camera, params, masked);
+        params.reference_tiles = false;
+        assert_int_equal(tiles.stats.visible, ref.stats.visible);
+        assert_true(o.stats.instances <= tiles.stats.instances);
+        assert_close("culled tiles", o.rgb, tiles.rgb, 3 * (size_t) o.width * (size_t) o.height, 1e-6f, 0, 0);
+        clear(ctx, &o);
+        clear(ctx, &tiles);
+    }
+    clear(ctx, &ref);
+    sg_ctx_destroy(&ctx);
+}
+
+static void test_random(void **state)
+{
+    (void) state;
+    static const int sizes[][2] = {{100, 75}, {17, 33}, {1, 1}, {64, 48}};
+    sg_ctx *ctx = make_context(1);
+    for (int i = 0; i < 4; i++)
+        for (int degree = 0; degree <= 3; degree += 3) {
+            struct sg_model *m = make_model(ctx, 301, degree, (uint64_t) (10 + i));
+            const struct sg_camera c = make_camera(sizes[i][0], sizes[i][1], 3);
+            check_model(m, &c, i % 2 == 1);
+            sg_model_destroy(ctx, &m);
+        }
+    sg_ctx_destroy(&ctx);
+}
+
+static void test_reference_instances(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m = make_model(ctx, 500, 1, 3);
+    const struct sg_camera c = make_camera(150, 110, 3);
+    struct sg_render_params params = {SG_RENDER_DEFAULTS, .reference_tiles = true};
+    struct outcome ref = run(ctx, "ref", NULL, m, &c, params, false);
+    const struct cpu_kernels *variants[4];
+    for (int i = 0, n = sg_cpu_variants(variants); i < n; i++) {
+        struct outcome o = run(ctx, "cpu", variants[i]->name, m, &c, params, false);
+        /* The oracle lists Gaussians that are too transparent to be drawn; the kernels do not. */
+        size_t faint = 0;
+        for (size_t k = 0; k < m->count; k++)
+            faint += *sg_model_at(m, k, SG_P_OPACITY) < -5.5f;
+        assert_int_equal(faint, 0);
+        assert_int_equal(o.stats.instances, ref.stats.instances);
+        assert_int_equal(o.stats.max_tile, ref.stats.max_tile);
+        clear(ctx, &o);
+    }
+    clear(ctx, &ref);
+    sg_model_destroy(ctx, &m);
+    sg_ctx_destroy(&ctx);
+}
+
+/* What files from strangers may hold. Nothing may crash, and sound Gaussians must not suffer. */
+static void test_nasty(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    const float bad[] = {NAN, INFINITY, -INFINITY, 1e38f, -1e38f, 1e-38f, 0};
+    const size_t count = sizeof(bad) / sizeof(bad[0]);
+    struct sg_model *m = make_model(ctx, SG_PARAMS_MAX * count + 40, 3, 5);
+    for (int p = 0; p < SG_PARAMS_MAX; p++)
+        for (size_t k = 0; k < count; k++)
+            *sg_model_at(m, (size_t) p * count + k, p) = bad[k];
+    for (size_t i = 0; i < 10; i++) { /* behind and inside the camera, needles, a zero quaternion, certain opacity */
+        const size_t at = SG_PARAMS_MAX * count + i;
+        *sg_model_at(m, at, SG_P_XYZ + 2) = i < 3 ? -3.0f - (float) i * 0.1f : 0.2f;
+        *sg_model_at(m, at, SG_P_SCALE) = i == 4 ? 4.0f : -3.0f;
+        *sg_model_at(m, at, SG_P_SCALE + 1) = i == 5 ? -20.0f : -3.0f;
+        if (i == 6)
+            for (int k = 0; k < 4; k++)
+                *sg_model_at(m, at, SG_P_ROT + k) = 0;
+        if (i == 7)
+            *sg_model_at(m, at, SG_P_OPACITY) = 40;
+        if (i == 8)
+            *sg_model_at(m, at, SG_P_OPACITY) = -40;
+    }
+    const struct sg_camera c = make_camera(61, 47, 3);
+    const struct cpu_kernels *variants[4];
+    for (int i = 0, n = sg_cpu_variants(variants); i < n; i++) {
+        struct outcome o =
+            run(ctx, "cpu", variants[i]->name, m, &c, (struct sg_render_params){SG_RENDER_DEFAULTS}, false);
+        for (size_t k = 0; k < 3u * 61 * 47; k++)
+            assert_true(isfinite(o.rgb[k]));
+        for (size_t k = SG_PARAMS_MAX * count + 10; k < m->count; k++)
+            for (int p = 0; p < SG_PARAMS_MAX; p++)
+                assert_true(isfinite(*sg_model_at(o.gradients, k, p)));
+        clear(ctx, &o);
+    }
+    sg_model_destroy(ctx, &m);
+    sg_ctx_destroy(&ctx);
+}
+
+static void test_nothing_visible(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m = make_model(ctx, 33, 1, 2);
+    for (size_t i = 0; i < m->count; i++)
+        *sg_model_at(m, i, SG_P_XYZ + 2) = -50;
+    const struct sg_camera c = make_camera(40, 30, 3);
+    check_model(m, &c, false);
+    sg_model_destroy(ctx, &m);
+    sg_ctx_destroy(&ctx);
+}
+
+/* However small the bands: the very same bytes. */
+static void test_bands(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_model(ctx, 400, 2, 8);
+    const struct sg_camera c = make_camera(120, 90, 3);
+    struct sg_render_params params = {SG_RENDER_DEFAULTS};
+    struct outcome one = run(ctx, "cpu", NULL, m, &c, params, false);
+    assert_int_equal(one.stats.bands, 1);
+    static const uint64_t limits[] = {1, 7, 100, 500};
+    for (int i = 0; i < 4; i++) {
+        params.max_instances = limits[i];
+        struct outcome o = run(ctx, "cpu", NULL, m, &c, params, false);
+        assert_true(o.stats.bands > 1);
+        assert_memory_equal(o.rgb, one.rgb, 3 * 120 * 90 * sizeof(float));
+        assert_memory_equal(o.gradients->params, one.gradients->params,
+                            m->count * (size_t) sg_param_count(2) * sizeof(float));
+        assert_memory_equal(o.updated->params, one.updated->params,
+                            m->count * (size_t) sg_param_count(2) * sizeof(float));
+        clear(ctx, &o);
+    }
+    clear(ctx, &one);
+    sg_model_destroy(ctx, &m);
+    sg_ctx_destroy(&ctx);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_random), cmocka_unit_test(test_reference_instances),
+        cmocka_unit_test(test_nasty),  cmocka_unit_test(test_nothing_visible),
+        cmocka_unit_test(test_bands),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
