@@ -2,7 +2,7 @@
 /* Every CPU variant against the scalar oracle through the stage table, on random and on nasty models. */
 #include "backend/backend.h"
 #include "backend/cpu/dispatch.h"
-#include "support.h"
+#include "models.h"
 
 struct outcome {
     int width, height;

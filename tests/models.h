@@ -1,0 +1,75 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What the tests of rendering and training share: contexts, cameras, random models. */
+#ifndef TESTS_MODELS_H
+#define TESTS_MODELS_H
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/rng.h"
+#include "splatguard/splatguard.h"
+
+static inline sg_ctx *make_context(int threads)
+{
+    sg_ctx *ctx;
+    assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = threads}), SG_OK);
+    return ctx;
+}
+
+/* Random in [low, high), the k-th of a test's seed. */
+static inline float draw(uint64_t seed, uint64_t k, float low, float high)
+{
+    return low + (high - low) * sg_rng_uniform(seed, SG_RNG_SYNTH, 77, k);
+}
+
+/* Looks at the origin from a distance, slightly turned. */
+static inline struct sg_camera make_camera(int width, int height, double distance)
+{
+    const double a = 0.3, b = -0.2;
+    const double R[9] = {cos(a), 0, sin(a), sin(a) * sin(b), cos(b), -cos(a) * sin(b), -sin(a) * cos(b), sin(b),
+                         cos(a) * cos(b)};
+    struct sg_camera c = {.width = width,
+                          .height = height,
+                          .fx = 0.9 * width + 5,
+                          .fy = 0.9 * width + 9,
+                          .cx = 0.5 * width + 0.7,
+                          .cy = 0.5 * height - 0.4,
+                          .t = {0.05, -0.03, distance}};
+    memcpy(c.R, R, sizeof(R));
+    return c;
+}
+
+/* Gaussians in [-1, 1]^3 of assorted shapes, opacities and colours. */
+static inline struct sg_model *make_model(sg_ctx *ctx, size_t n, int degree, uint64_t seed)
+{
+    struct sg_model *m;
+    assert_int_equal(sg_model_create(ctx, n, degree, &m), SG_OK);
+    uint64_t k = 0;
+    for (size_t i = 0; i < n; i++)
+        for (int p = 0; p < sg_param_count(degree); p++) {
+            float v;
+            if (p < SG_P_OPACITY)
+                v = draw(seed, k++, -1, 1);
+            else if (p == SG_P_OPACITY)
+                v = draw(seed, k++, -4, 5);
+            else if (p < SG_P_ROT)
+                v = draw(seed, k++, -5, -1.5f);
+            else if (p < SG_P_SH)
+                v = draw(seed, k++, -1, 1);
+            else
+                v = p < SG_P_SH + 3 ? draw(seed, k++, -1.8f, 2.5f) : draw(seed, k++, -0.3f, 0.3f);
+            *sg_model_at(m, i, p) = v;
+        }
+    return m;
+}
+
+#endif
