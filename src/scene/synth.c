@@ -1,347 +1,250 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Views of the synthetic scene: cameras, images, and the two folder layouts. */
+/* Views of the project's own scene, as folders that any trainer reads. */
 #include "splatguard/synth.h"
 
 #include <dirent.h>
-#include <math.h>
+#include <errno.h>
+#include <stdatomic.h>
 #include <string.h>
 
 #include "core/file.h"
 #include "core/rng.h"
-#include "image.h"
-#include "splatguard/camera.h"
-#include "synth_scene.h"
+#include "scene/image.h"
+#include "scene/synth_files.h"
 
-#define ANGLE_X 0.6911112070083618 /* horizontal field of view, as NeRF-Synthetic */
-#define RADIUS 4.0
+#define ANGLE_X 0.6911112070083618 /* of the NeRF synthetic cameras */
+#define DISTANCE 4.0
+#define TEST_EVERY 8 /* of the COLMAP layout: view 0, 8, 16... in the order of names */
+#define PICK_TRIES 256
+#define PICK_BLOCK 256
+
+enum draw { DRAW_SCENE, DRAW_CAMERAS, DRAW_POINTS }; /* streams of random numbers; the scene has the first */
 
 struct synth {
     sg_ctx *ctx;
     const char *dir;
     struct sg_synth_params p;
     struct synth_scene scene;
-    int views; /* train, then test */
-    double focal;
-    /* COLMAP order: names rise with the index, every 8th is a test view while there are any. */
-    int *colmap_order, colmap_count;
+    struct synth_camera *cameras; /* train views, then test views */
+    int n_cameras, colmap_test;   /* test views of the COLMAP layout */
+    int *order, *place;           /* camera of each COLMAP view, and back; place -1: not in that layout */
+    struct synth_point *points;
+    atomic_int code;
 };
-
-struct pose {
-    struct vec at, right, down, forward;
-};
-
-/* Train views spiral over the upper hemisphere, test views run a ring of their own through it. */
-static struct pose pose_of(const struct synth *s, int view)
-{
-    double azimuth, elevation;
-    if (view < s->p.train_views) {
-        const double u = (view + 0.5) / s->p.train_views;
-        azimuth = 2.399963229728653 * view; /* golden angle */
-        elevation = asin(0.03 + 0.92 * u);
-    } else {
-        const double u = (view - s->p.train_views + 0.5) / s->p.test_views;
-        azimuth = 6.283185307179586 * u + 0.4;
-        elevation = 0.55 + 0.30 * sin(12.566370614359172 * u);
-    }
-    struct pose p;
-    p.forward = (struct vec){-cos(elevation) * cos(azimuth), -cos(elevation) * sin(azimuth), -sin(elevation)};
-    p.at = vec_add(vec_scale(p.forward, -RADIUS), (struct vec){0, 0, -0.12});
-    p.right = vec_unit(vec_cross(p.forward, (struct vec){0, 0, 1}));
-    p.down = vec_cross(p.forward, p.right);
-    return p;
-}
-
-static struct vec ray(const struct synth *s, const struct pose *p, double x, double y)
-{
-    const struct vec d = vec_add(p->forward, vec_add(vec_scale(p->right, (x - 0.5 * s->p.width) / s->focal),
-                                                     vec_scale(p->down, (y - 0.5 * s->p.height) / s->focal)));
-    return vec_unit(d);
-}
-
-static uint8_t encode(double linear) /* sRGB */
-{
-    const double v = linear <= 0 ? 0 : linear >= 1 ? 1 : linear;
-    const double c = v <= 0.0031308 ? 12.92 * v : 1.055 * pow(v, 1 / 2.4) - 0.055;
-    return (uint8_t) (255 * c + 0.5);
-}
-
-/* Straight alpha: the mean colour of the samples that hit, and their share. */
-static void pixel(const struct synth *s, const struct pose *pose, int x, int y, uint8_t *rgba)
-{
-    const int n = s->p.samples;
-    struct vec sum = {0};
-    int hits = 0;
-    for (int k = 0; k < n * n; k++) {
-        const double jx = (k % n + 0.5) / n, jy = (k / n + 0.5) / n;
-        const struct vec d = ray(s, pose, x + jx, y + jy);
-        struct hit hit;
-        if (!synth_trace(&s->scene, pose->at, d, &hit))
-            continue;
-        const int light = (k * 5 + 3) % (n * n); /* another cell of the light than of the pixel */
-        const double jitter[2] = {(light % n + 0.5) / n, (light / n + 0.5) / n};
-        sum = vec_add(sum, synth_shade(&s->scene, d, &hit, jitter));
-        hits++;
-    }
-    memset(rgba, 0, 4);
-    if (!hits)
-        return;
-    sum = vec_scale(sum, 1.0 / hits);
-    rgba[0] = encode(sum.x), rgba[1] = encode(sum.y), rgba[2] = encode(sum.z);
-    rgba[3] = (uint8_t) ((255 * hits + n * n / 2) / (n * n));
-}
-
-static int write_view(struct synth *s, int view, const uint8_t *rgba, uint8_t *rgb)
-{
-    const bool train = view < s->p.train_views;
-    char *path = sg_strf(s->ctx, "%s/blender/%s/r_%d.png", s->dir, train ? "train" : "test",
-                         train ? view : view - s->p.train_views);
-    int code = path ? sg_image_write_png(s->ctx, path, rgba, s->p.width, s->p.height, 4) : SG_ERR_BUDGET;
-    sg_free(s->ctx, path);
-    for (int i = 0; i < s->colmap_count && !code; i++) {
-        if (s->colmap_order[i] != view)
-            continue;
-        const size_t n = (size_t) s->p.width * (size_t) s->p.height;
-        for (size_t k = 0; k < 3 * n; k++) /* on black */
-            rgb[k] = (uint8_t) ((rgba[4 * (k / 3) + k % 3] * rgba[4 * (k / 3) + 3] + 127) / 255);
-        path = sg_strf(s->ctx, "%s/colmap/images/%05d.png", s->dir, i);
-        code = path ? sg_image_write_png(s->ctx, path, rgb, s->p.width, s->p.height, 3) : SG_ERR_BUDGET;
-        sg_free(s->ctx, path);
-    }
-    return code;
-}
-
-static void render_view(void *arg, size_t view, int thread)
-{
-    (void) thread;
-    struct synth *s = arg;
-    const size_t n = (size_t) s->p.width * (size_t) s->p.height;
-    if (sg_last_error(s->ctx)[0])
-        return; /* another view failed */
-    uint8_t *rgba = sg_alloc_raw(s->ctx, SG_MEM_IMAGES, n, 4), *rgb = sg_alloc_raw(s->ctx, SG_MEM_IMAGES, n, 3);
-    if (rgba && rgb) {
-        const struct pose pose = pose_of(s, (int) view);
-        for (size_t i = 0; i < n; i++)
-            pixel(s, &pose, (int) (i % (size_t) s->p.width), (int) (i / (size_t) s->p.width), rgba + 4 * i);
-        write_view(s, (int) view, rgba, rgb);
-    }
-    sg_free(s->ctx, rgba);
-    sg_free(s->ctx, rgb);
-}
-
-static int write_transforms(struct synth *s, bool train)
-{
-    char *path = sg_strf(s->ctx, "%s/blender/transforms_%s.json", s->dir, train ? "train" : "test");
-    struct sg_file_writer w = {0};
-    int code = path ? sg_file_create(s->ctx, &w, path) : SG_ERR_BUDGET;
-    if (!code) {
-        const int first = train ? 0 : s->p.train_views, count = train ? s->p.train_views : s->p.test_views;
-        fprintf(w.stream, "{\n \"camera_angle_x\": %.17g,\n \"frames\": [", ANGLE_X);
-        for (int i = 0; i < count; i++) {
-            const struct pose p = pose_of(s, first + i);
-            /* OpenGL camera axes: x right, y up, z backwards. */
-            const double m[3][4] = {{p.right.x, -p.down.x, -p.forward.x, p.at.x},
-                                    {p.right.y, -p.down.y, -p.forward.y, p.at.y},
-                                    {p.right.z, -p.down.z, -p.forward.z, p.at.z}};
-            fprintf(w.stream, "%s\n  {\"file_path\": \"./%s/r_%d\", \"transform_matrix\": [", i ? "," : "",
-                    train ? "train" : "test", i);
-            for (int r = 0; r < 3; r++)
-                fprintf(w.stream, "[%.17g, %.17g, %.17g, %.17g], ", m[r][0], m[r][1], m[r][2], m[r][3]);
-            fprintf(w.stream, "[0, 0, 0, 1]]}");
-        }
-        fprintf(w.stream, "\n ]\n}\n");
-        code = sg_file_commit(s->ctx, &w);
-    }
-    sg_free(s->ctx, path);
-    return code;
-}
-
-static void put_i32(FILE *f, int32_t v)
-{
-    fwrite(&v, sizeof(v), 1, f);
-}
-static void put_u64(FILE *f, uint64_t v)
-{
-    fwrite(&v, sizeof(v), 1, f);
-}
-static void put_f64(FILE *f, double v)
-{
-    fwrite(&v, sizeof(v), 1, f);
-}
-
-/* Rows right, down, forward are the world-to-camera rotation; Shepperd's method (1978). */
-static void quaternion(const struct pose *p, double q[4])
-{
-    const double m[3][3] = {{p->right.x, p->right.y, p->right.z},
-                            {p->down.x, p->down.y, p->down.z},
-                            {p->forward.x, p->forward.y, p->forward.z}};
-    const double trace = m[0][0] + m[1][1] + m[2][2];
-    int i = 0;
-    if (trace > 0) {
-        const double r = sqrt(1 + trace);
-        q[0] = 0.5 * r;
-        q[1] = 0.5 * (m[2][1] - m[1][2]) / r, q[2] = 0.5 * (m[0][2] - m[2][0]) / r;
-        q[3] = 0.5 * (m[1][0] - m[0][1]) / r;
-        return;
-    }
-    i = m[1][1] > m[i][i] ? 1 : i;
-    i = m[2][2] > m[i][i] ? 2 : i;
-    const int j = (i + 1) % 3, k = (i + 2) % 3;
-    const double r = sqrt(1 + m[i][i] - m[j][j] - m[k][k]);
-    q[0] = 0.5 * (m[k][j] - m[j][k]) / r;
-    q[1 + i] = 0.5 * r;
-    q[1 + j] = 0.5 * (m[j][i] + m[i][j]) / r;
-    q[1 + k] = 0.5 * (m[k][i] + m[i][k]) / r;
-}
-
-static void put_cameras(struct synth *s, FILE *f)
-{
-    put_u64(f, 1);
-    put_i32(f, 1);
-    put_i32(f, 1); /* PINHOLE */
-    put_u64(f, (uint64_t) s->p.width);
-    put_u64(f, (uint64_t) s->p.height);
-    put_f64(f, s->focal);
-    put_f64(f, s->focal);
-    put_f64(f, 0.5 * s->p.width);
-    put_f64(f, 0.5 * s->p.height);
-}
-
-static void put_images(struct synth *s, FILE *f)
-{
-    put_u64(f, (uint64_t) s->colmap_count);
-    for (int i = 0; i < s->colmap_count; i++) {
-        const struct pose p = pose_of(s, s->colmap_order[i]);
-        double q[4];
-        quaternion(&p, q);
-        put_i32(f, i + 1);
-        for (int k = 0; k < 4; k++)
-            put_f64(f, q[k]);
-        put_f64(f, -vec_dot(p.right, p.at));
-        put_f64(f, -vec_dot(p.down, p.at));
-        put_f64(f, -vec_dot(p.forward, p.at));
-        put_i32(f, 1);
-        char name[32];
-        snprintf(name, sizeof(name), "%05d.png", i);
-        fwrite(name, strlen(name) + 1, 1, f);
-        put_u64(f, 0);
-    }
-}
-
-/* Points where random rays of the views meet the surface, with the colour seen there. */
-static void put_points(struct synth *s, FILE *f)
-{
-    put_u64(f, (uint64_t) s->p.points);
-    uint64_t draw = 0;
-    for (int i = 0; i < s->p.points;) {
-        const int view = (int) (sg_rng_u64(s->p.seed, SG_RNG_SYNTH, 2, draw++) % (uint64_t) s->p.train_views);
-        const double x = (double) sg_rng_uniform(s->p.seed, SG_RNG_SYNTH, 2, draw++) * s->p.width;
-        const double y = (double) sg_rng_uniform(s->p.seed, SG_RNG_SYNTH, 2, draw++) * s->p.height;
-        const struct pose p = pose_of(s, view);
-        const struct vec d = ray(s, &p, x, y);
-        struct hit hit;
-        if (!synth_trace(&s->scene, p.at, d, &hit))
-            continue;
-        const struct vec c = synth_shade(&s->scene, d, &hit, (const double[2]){0.5, 0.5});
-        put_u64(f, (uint64_t) ++i);
-        put_f64(f, hit.point.x);
-        put_f64(f, hit.point.y);
-        put_f64(f, hit.point.z);
-        const uint8_t rgb[3] = {encode(c.x), encode(c.y), encode(c.z)};
-        fwrite(rgb, 3, 1, f);
-        put_f64(f, 0);
-        put_u64(f, 0);
-    }
-}
-
-static int write_colmap(struct synth *s, const char *name, void (*put)(struct synth *, FILE *))
-{
-    char *path = sg_strf(s->ctx, "%s/colmap/sparse/0/%s", s->dir, name);
-    struct sg_file_writer w = {0};
-    int code = path ? sg_file_create(s->ctx, &w, path) : SG_ERR_BUDGET;
-    if (!code) {
-        put(s, w.stream);
-        code = sg_file_commit(s->ctx, &w);
-    }
-    sg_free(s->ctx, path);
-    return code;
-}
-
-static int make_dirs(struct synth *s)
-{
-    static const char *const names[] = {"blender/train", "blender/test", "colmap/images", "colmap/sparse/0"};
-    DIR *d = opendir(s->dir);
-    int entries = 0;
-    while (d && readdir(d))
-        entries++;
-    if (d)
-        closedir(d);
-    if (entries > 2)
-        return sg_fail(s->ctx, SG_ERR_INPUT, "%s: found a folder with content, expected a new or empty one", s->dir);
-    int code = SG_OK;
-    for (size_t i = 0; i < sizeof(names) / sizeof(names[0]) && !code; i++) {
-        char *path = sg_strf(s->ctx, "%s/%s", s->dir, names[i]);
-        code = path ? sg_dir_create(s->ctx, path) : SG_ERR_BUDGET;
-        sg_free(s->ctx, path);
-    }
-    return code;
-}
 
 static int check(sg_ctx *ctx, const struct sg_synth_params *p)
 {
     const struct {
         const char *name;
         int value, low, high;
-    } ranges[] = {{"width", p->width, 16, 4096},
-                  {"height", p->height, 16, 4096},
-                  {"train-views", p->train_views, 4, 4096},
-                  {"test-views", p->test_views, 1, 4096},
-                  {"points", p->points, 4, 10000000},
-                  {"samples", p->samples, 1, 8}};
-    for (size_t i = 0; i < sizeof(ranges) / sizeof(ranges[0]); i++)
+    } ranges[] = {
+        {"width", p->width, 16, 4096},
+        {"height", p->height, 16, 4096},
+        {"train_views", p->train_views, 4, 4096},
+        {"test_views", p->test_views, 1, 4096},
+        {"points", p->points, 4, 10000000},
+        {"samples", p->samples, 1, 8},
+    };
+    for (size_t i = 0; i < sizeof(ranges) / sizeof(*ranges); i++)
         if (ranges[i].value < ranges[i].low || ranges[i].value > ranges[i].high)
             return sg_fail(ctx, SG_ERR_USAGE, "synth: %s: found %d, expected %d to %d", ranges[i].name, ranges[i].value,
                            ranges[i].low, ranges[i].high);
     return SG_OK;
 }
 
-static void order_colmap(struct synth *s)
+static int check_empty(sg_ctx *ctx, const char *dir)
 {
-    int train = 0, test = s->p.train_views;
-    while (train < s->p.train_views || test < s->views) {
-        const bool wants_test = s->colmap_count % 8 == 0;
-        if (wants_test ? test == s->views : train == s->p.train_views)
-            break; /* what is left would land in the wrong split */
-        s->colmap_order[s->colmap_count++] = wants_test ? test++ : train++;
+    DIR *d = opendir(dir);
+    if (!d)
+        return errno == ENOENT
+                   ? SG_OK
+                   : sg_fail(ctx, SG_ERR_INPUT, "%s: %s, expected a new or empty folder", dir, strerror(errno));
+    const struct dirent *entry;
+    int code = SG_OK;
+    while (!code && (entry = readdir(d)))
+        if (strcmp(entry->d_name, ".") && strcmp(entry->d_name, ".."))
+            code = sg_fail(ctx, SG_ERR_INPUT, "%s: found \"%s\" in it, expected a new or empty folder", dir,
+                           entry->d_name);
+    closedir(d);
+    return code;
+}
+
+/* Base 2 mirrored at the point: every beginning of the sequence is even (van der Corput 1935). */
+static double mirrored(unsigned i)
+{
+    double x = 0, digit = 0.5;
+    for (; i; i >>= 1, digit *= 0.5)
+        x += digit * (i & 1);
+    return x;
+}
+
+/* Even over the upper hemisphere but for the rim, where the table top is a line, and the pole. Any number of views of
+ * the sequence is evenly spread: the layouts take different numbers of test views. */
+static void place_cameras(struct synth *s)
+{
+    for (int i = 0; i < s->n_cameras; i++) {
+        const bool test = i >= s->p.train_views;
+        const unsigned k = (unsigned) (test ? i - s->p.train_views : i);
+        const uint64_t draw = 2 * (uint64_t) i;
+        const double du = (double) sg_rng_uniform(s->p.seed, SG_RNG_SYNTH, DRAW_CAMERAS, draw) - 0.5;
+        const double dv = (double) sg_rng_uniform(s->p.seed, SG_RNG_SYNTH, DRAW_CAMERAS, draw + 1) - 0.5;
+        const double height = test ? 0.16 + 0.64 * mirrored(k + 1) : 0.05 + 0.90 * (mirrored(k + 1) + 0.01 * du);
+        const double azimuth = 2.39996322972865332 * k + (test ? 1.1 : -1.4) + 0.08 * dv;
+        const double flat = sqrt(1 - height * height);
+        s->cameras[i] = synth_camera_at(scale(vec(flat * cos(azimuth), flat * sin(azimuth), height), DISTANCE),
+                                        vec(0, 0, 0), s->p.width, s->p.height, ANGLE_X);
     }
+}
+
+static void order_views(struct synth *s)
+{
+    for (int i = 0; i < s->n_cameras; i++)
+        s->place[i] = -1;
+    int train = 0, test = s->p.train_views;
+    for (int k = 0; k < s->p.train_views + s->colmap_test; k++) {
+        s->order[k] = k % TEST_EVERY ? train++ : test++;
+        s->place[s->order[k]] = k;
+    }
+}
+
+static int make_folders(struct synth *s)
+{
+    static const char *const folders[] = {"blender/train", "blender/test", "colmap/images", "colmap/sparse/0"};
+    int code = check_empty(s->ctx, s->dir);
+    for (size_t i = 0; i < sizeof(folders) / sizeof(*folders) && !code; i++) {
+        char *path = sg_strf(s->ctx, "%s/%s", s->dir, folders[i]);
+        code = path ? sg_dir_create(s->ctx, path) : SG_ERR_BUDGET;
+        sg_free(s->ctx, path);
+    }
+    return code;
+}
+
+static int write_blender_picture(struct synth *s, int view, const uint8_t *rgba)
+{
+    const bool test = view >= s->p.train_views;
+    const int number = test ? view - s->p.train_views : view;
+    if (test && number >= s->p.test_views)
+        return SG_OK; /* only the COLMAP layout needs it */
+    char *path = sg_strf(s->ctx, "%s/blender/%s/r_%d.png", s->dir, test ? "test" : "train", number);
+    const int code = path ? sg_image_write_png(s->ctx, path, rgba, s->p.width, s->p.height, 4) : SG_ERR_BUDGET;
+    sg_free(s->ctx, path);
+    return code;
+}
+
+static int write_colmap_picture(struct synth *s, int view, uint8_t *rgba)
+{
+    if (s->place[view] < 0)
+        return SG_OK;
+    const struct sg_image image = {s->p.width, s->p.height, 4, rgba};
+    uint8_t *rgb = sg_alloc_raw(s->ctx, SG_MEM_IMAGES, (size_t) s->p.width * (size_t) s->p.height, 3);
+    char *path = sg_strf(s->ctx, "%s/colmap/images/" SYNTH_COLMAP_NAME, s->dir, s->place[view]);
+    int code = SG_ERR_BUDGET;
+    if (rgb && path) {
+        sg_image_flatten(&image, false, rgb);
+        code = sg_image_write_png(s->ctx, path, rgb, s->p.width, s->p.height, 3);
+    }
+    sg_free(s->ctx, path);
+    sg_free(s->ctx, rgb);
+    return code;
+}
+
+static void make_view(void *arg, size_t i, int thread)
+{
+    (void) thread;
+    struct synth *s = arg;
+    if (atomic_load(&s->code))
+        return; /* another view failed */
+    const int view = (int) i;
+    uint8_t *rgba = sg_alloc_raw(s->ctx, SG_MEM_IMAGES, (size_t) s->p.width * (size_t) s->p.height, 4);
+    int code = rgba ? synth_render(s->ctx, &s->scene, &s->cameras[view], s->p.samples, rgba) : SG_ERR_BUDGET;
+    if (!code)
+        code = write_blender_picture(s, view, rgba);
+    if (!code)
+        code = write_colmap_picture(s, view, rgba);
+    if (code)
+        atomic_store(&s->code, code);
+    sg_free(s->ctx, rgba);
+}
+
+static void pick_block(void *arg, size_t block, int thread)
+{
+    (void) thread;
+    struct synth *s = arg;
+    const int first = (int) block * PICK_BLOCK;
+    for (int i = first; i < first + PICK_BLOCK && i < s->p.points; i++) {
+        const struct synth_camera *c = &s->cameras[i % s->p.train_views];
+        struct synth_point *p = &s->points[i];
+        uint64_t draw = (uint64_t) i * 2 * PICK_TRIES;
+        bool found = false;
+        for (int k = 0; k < PICK_TRIES && !found; k++, draw += 2) {
+            p->x = c->width * (double) sg_rng_uniform(s->p.seed, SG_RNG_SYNTH, DRAW_POINTS, draw);
+            p->y = c->height * (double) sg_rng_uniform(s->p.seed, SG_RNG_SYNTH, DRAW_POINTS, draw + 1);
+            found = synth_pick(&s->scene, c, p->x, p->y, &p->p, p->rgb);
+        }
+        if (!found) { /* a very flat or tall picture: its middle shows the scene for certain */
+            p->x = 0.5 * c->width;
+            p->y = 0.5 * c->height;
+            synth_pick(&s->scene, c, p->x, p->y, &p->p, p->rgb);
+        }
+    }
+}
+
+/* These files make the folders readable as scenes, so they come last, each layout's main file at the end. */
+static int write_models(struct synth *s)
+{
+    char *blender = sg_strf(s->ctx, "%s/blender", s->dir), *sparse = sg_strf(s->ctx, "%s/colmap/sparse/0", s->dir);
+    const struct synth_colmap model = {s->cameras,       s->order,  s->place,   s->p.train_views + s->colmap_test,
+                                       s->p.train_views, s->points, s->p.points};
+    int code = blender && sparse ? synth_write_colmap(s->ctx, sparse, &model) : SG_ERR_BUDGET;
+    if (!code)
+        code = synth_write_transforms(s->ctx, blender, "test", s->cameras + s->p.train_views, s->p.test_views, ANGLE_X);
+    if (!code)
+        code = synth_write_transforms(s->ctx, blender, "train", s->cameras, s->p.train_views, ANGLE_X);
+    sg_free(s->ctx, sparse);
+    sg_free(s->ctx, blender);
+    return code;
 }
 
 int sg_synth_write(sg_ctx *ctx, const char *dir, const struct sg_synth_params *params)
 {
     sg_clear_error(ctx);
-    struct synth s = {.ctx = ctx, .dir = dir, .p = params ? *params : (struct sg_synth_params){SG_SYNTH_DEFAULTS}};
-    int code = check(ctx, &s.p);
+    const struct sg_synth_params defaults = {SG_SYNTH_DEFAULTS}, *p = params ? params : &defaults;
+    int code = check(ctx, p);
     if (code)
         return code;
-    s.views = s.p.train_views + s.p.test_views;
-    s.focal = 0.5 * s.p.width / tan(0.5 * ANGLE_X);
-    s.colmap_order = sg_alloc(ctx, SG_MEM_MISC, (size_t) s.views, sizeof(int));
-    if (!s.colmap_order)
+    struct synth *s = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*s));
+    if (!s)
         return SG_ERR_BUDGET;
-    order_colmap(&s);
-    synth_scene_build(&s.scene, s.p.seed);
-    if ((code = make_dirs(&s)))
-        goto done;
-    sg_parallel_for(ctx, (size_t) s.views, render_view, &s);
-    if (sg_last_error(ctx)[0]) {
-        code = SG_ERR_INPUT;
+    s->ctx = ctx;
+    s->dir = dir;
+    s->p = *p;
+    s->colmap_test = (p->train_views + TEST_EVERY - 2) / (TEST_EVERY - 1);
+    s->n_cameras = p->train_views + (p->test_views > s->colmap_test ? p->test_views : s->colmap_test);
+    const size_t n = (size_t) s->n_cameras;
+    if (!(s->cameras = sg_alloc(ctx, SG_MEM_MISC, n, sizeof(*s->cameras))) ||
+        !(s->order = sg_alloc(ctx, SG_MEM_MISC, n, sizeof(*s->order))) ||
+        !(s->place = sg_alloc(ctx, SG_MEM_MISC, n, sizeof(*s->place))) ||
+        !(s->points = sg_alloc(ctx, SG_MEM_MISC, (size_t) p->points, sizeof(*s->points)))) {
+        code = SG_ERR_BUDGET;
         goto done;
     }
-    /* What makes the folders scenes comes last: an interrupted run leaves none. */
-    if ((code = write_colmap(&s, "points3D.bin", put_points)) || (code = write_colmap(&s, "images.bin", put_images)) ||
-        (code = write_colmap(&s, "cameras.bin", put_cameras)) || (code = write_transforms(&s, false)))
+    code = make_folders(s);
+    if (code)
         goto done;
-    code = write_transforms(&s, true);
+    synth_scene_build(&s->scene, p->seed);
+    place_cameras(s);
+    order_views(s);
+    sg_parallel_for(ctx, n, make_view, s);
+    code = atomic_load(&s->code);
+    if (code)
+        goto done;
+    sg_parallel_for(ctx, ((size_t) p->points + PICK_BLOCK - 1) / PICK_BLOCK, pick_block, s);
+    code = write_models(s);
 done:
-    sg_free(ctx, s.colmap_order);
+    sg_free(ctx, s->points);
+    sg_free(ctx, s->place);
+    sg_free(ctx, s->order);
+    sg_free(ctx, s->cameras);
+    sg_free(ctx, s);
     return code;
 }

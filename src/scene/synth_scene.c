@@ -1,139 +1,259 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "synth_scene.h"
-
-#include <math.h>
+#include "scene/synth_scene.h"
 
 #include "core/rng.h"
+#include "scene/synth_materials.h"
 
-struct vec vec_unit(struct vec a)
+#define TABLE (-0.42) /* height of the table top */
+#define PI 3.14159265358979323846
+
+struct builder {
+    struct synth_scene *scene;
+    uint64_t seed, draw;
+};
+
+/* In [-size, size). */
+static double jitter(struct builder *b, double size)
 {
-    return vec_scale(a, 1 / sqrt(vec_dot(a, a)));
+    return size * (2 * (double) sg_rng_uniform(b->seed, SG_RNG_SYNTH, 0, b->draw++) - 1);
 }
 
-static struct solid *add(struct synth_scene *s, struct solid solid)
+static void put(struct builder *b, struct solid solid)
 {
-    struct vec half = {0};
-    switch (solid.kind) {
-    case SOLID_SPHERE:
-        solid.centre = solid.a, solid.bound = solid.r;
-        break;
-    case SOLID_BOX:
-        solid.centre = solid.a, solid.bound = sqrt(vec_dot(solid.b, solid.b));
-        break;
-    case SOLID_CAPSULE:
-        solid.centre = vec_scale(vec_add(solid.a, solid.b), 0.5);
-        half = vec_scale(vec_sub(solid.b, solid.a), 0.5);
-        solid.bound = sqrt(vec_dot(half, half)) + solid.r;
-        break;
-    default:
-        solid.centre = solid.a, solid.bound = sqrt(solid.r * solid.r + solid.b.z * solid.b.z);
-    }
-    solid.bound = solid.bound * solid.bound * 1.0001;
-    s->solids[s->count] = solid;
-    return &s->solids[s->count++];
+    struct synth_scene *s = b->scene;
+    s->solids[s->n_solids++] = solid;
+    s->objects[s->n_objects - 1].count++;
 }
 
-static void rod(struct synth_scene *s, struct vec a, struct vec b, double r, struct vec colour, enum material m)
+/* Opens an object that stands at (x, y, z above the table), turned by `turn` around z and leaning back by `lean`. */
+static void place(struct builder *b, double x, double y, double z, double turn, double lean)
 {
-    add(s, (struct solid){.kind = SOLID_CAPSULE, .material = m, .a = a, .b = b, .r = r, .colour = colour});
+    struct synth_scene *s = b->scene;
+    const double c = cos(turn), sn = sin(turn), cl = cos(lean), sl = sin(lean);
+    s->objects[s->n_objects++] = (struct synth_object){
+        .x = vec(c, sn, 0),
+        .y = vec(-sn * cl, c * cl, -sl),
+        .z = vec(-sn * sl, c * sl, cl),
+        .origin = vec(x, y, TABLE + z),
+        .first = s->n_solids,
+    };
 }
 
-/* A wire cube with diagonals, balanced on the marble block. */
-static void lattice(struct synth_scene *s, struct vec at, double side, double angle)
+static void place_loosely(struct builder *b, double x, double y, double z, double turn)
 {
-    struct vec corner[8];
-    const double c = cos(angle), k = sin(angle);
-    for (int i = 0; i < 8; i++) {
-        const double x = (i & 1 ? side : -side), y = (i & 2 ? side : -side), z = (i & 4 ? side : -side);
-        corner[i] = vec_add(at, (struct vec){c * x - k * y, k * x + c * y, z});
-    }
-    const struct vec brass = {0.85, 0.62, 0.25}, steel = {0.55, 0.58, 0.62};
-    for (int i = 0; i < 8; i++)
-        for (int bit = 1; bit < 8; bit <<= 1)
-            if (!(i & bit))
-                rod(s, corner[i], corner[i | bit], 0.014, brass, MATERIAL_METAL);
-    rod(s, corner[0], corner[7], 0.008, steel, MATERIAL_METAL);
-    rod(s, corner[1], corner[6], 0.008, steel, MATERIAL_METAL);
-    rod(s, corner[2], corner[5], 0.008, steel, MATERIAL_METAL);
-    rod(s, corner[3], corner[4], 0.008, steel, MATERIAL_METAL);
+    const double dx = jitter(b, 0.025), dy = jitter(b, 0.025), dturn = jitter(b, 0.15);
+    place(b, x + dx, y + dy, z, turn + dturn, 0);
 }
 
-/* A leaning ladder of thin rungs. */
-static void ladder(struct synth_scene *s, struct vec foot, struct vec top, struct vec across)
+static void table(struct builder *b)
 {
-    const struct vec red = {0.75, 0.16, 0.12};
-    rod(s, vec_sub(foot, across), vec_sub(top, across), 0.013, red, MATERIAL_MATTE);
-    rod(s, vec_add(foot, across), vec_add(top, across), 0.013, red, MATERIAL_MATTE);
-    for (int i = 1; i < 9; i++) {
-        const struct vec at = vec_add(foot, vec_scale(vec_sub(top, foot), i / 9.0));
-        rod(s, vec_sub(at, across), vec_add(at, across), 0.008, red, MATERIAL_MATTE);
+    place(b, 0, 0, 0, 0, 0);
+    put(b, solid_cylinder(vec(0, 0, -0.05), 1.22, 0.05, 0.025, MATERIAL_FLOOR));
+    for (int i = 0; i < 3; i++) {
+        const double angle = 2 * PI * i / 3;
+        put(b, solid_sphere(vec(0.95 * cos(angle), 0.95 * sin(angle), -0.13), 0.06, MATERIAL_BRASS));
     }
 }
 
-void synth_scene_build(struct synth_scene *s, uint64_t seed)
+static void pedestal(struct builder *b)
 {
-    s->count = 0;
-    /* Seed 0 is the scene of the pictures; others nudge the solids that stand free. */
-    double nudge[8];
-    for (int i = 0; i < 8; i++)
-        nudge[i] = seed ? 0.12 * ((double) sg_rng_uniform(seed, SG_RNG_SYNTH, 1, (uint64_t) i) - 0.5) : 0;
+    place_loosely(b, 0.02, 0.12, 0, 0.35);
+    put(b, solid_box(vec(0, 0, 0.035), vec(0.25, 0.25, 0.035), 0.012, MATERIAL_MARBLE));
+    put(b, solid_cylinder(vec(0, 0, 0.27), 0.165, 0.22, 0.01, MATERIAL_MARBLE));
+    put(b, solid_torus(vec(0, 0, 0.085), 0.165, 0.028, MATERIAL_MARBLE));
+    put(b, solid_torus(vec(0, 0, 0.465), 0.165, 0.022, MATERIAL_BRASS));
+    put(b, solid_box(vec(0, 0, 0.515), vec(0.23, 0.23, 0.03), 0.012, MATERIAL_MARBLE));
+}
 
-    add(s, (struct solid){.kind = SOLID_DISC,
-                          .material = MATERIAL_WOOD,
-                          .a = {0, 0, -0.62},
-                          .b = {0, 0, 0.06},
-                          .r = 1.25,
-                          .colour = {0.62, 0.40, 0.22}});
-    add(s, (struct solid){.kind = SOLID_DISC,
-                          .material = MATERIAL_CHECKER,
-                          .a = {0, 0, -0.53},
-                          .b = {0, 0, 0.03},
-                          .r = 1.08,
-                          .colour = {0.82, 0.80, 0.74}});
-    add(s, (struct solid){.kind = SOLID_BOX,
-                          .material = MATERIAL_MARBLE,
-                          .a = {-0.30, 0.33, -0.22},
-                          .b = {0.26, 0.26, 0.28},
-                          .turn = 0.35 + nudge[0],
-                          .colour = {0.90, 0.89, 0.86}});
-    lattice(s, (struct vec){-0.30, 0.33, 0.29}, 0.20, 0.35 + nudge[0] + 0.4);
-    add(s, (struct solid){.kind = SOLID_SPHERE,
-                          .material = MATERIAL_GLOSSY,
-                          .a = {-0.30, 0.33, 0.27},
-                          .r = 0.10,
-                          .colour = {0.90, 0.35, 0.08}});
-    add(s, (struct solid){.kind = SOLID_SPHERE,
-                          .material = MATERIAL_GLOSSY,
-                          .a = {0.48 + nudge[1], 0.20 + nudge[2], -0.20},
-                          .r = 0.30,
-                          .colour = {0.05, 0.22, 0.42}});
-    add(s, (struct solid){.kind = SOLID_SPHERE,
-                          .material = MATERIAL_GRADIENT,
-                          .a = {-0.62 + nudge[3], -0.30 + nudge[4], -0.31},
-                          .r = 0.19,
-                          .colour = {0.85, 0.75, 0.35}});
-    add(s, (struct solid){.kind = SOLID_BOX,
-                          .material = MATERIAL_PLAQUE,
-                          .a = {0.10, -0.62, -0.32},
-                          .b = {0.52, 0.035, 0.18},
-                          .turn = 0.12,
-                          .colour = {0.93, 0.91, 0.84}});
-    add(s, (struct solid){.kind = SOLID_DISC,
-                          .material = MATERIAL_WOOD,
-                          .a = {0.30 + nudge[5], 0.72, -0.30},
-                          .b = {0, 0, 0.20},
-                          .r = 0.15,
-                          .colour = {0.45, 0.26, 0.14}});
-    add(s, (struct solid){.kind = SOLID_SPHERE,
-                          .material = MATERIAL_MATTE,
-                          .a = {0.30 + nudge[5], 0.72, 0.04},
-                          .r = 0.14,
-                          .colour = {0.20, 0.52, 0.24}});
-    ladder(s, (struct vec){-0.78, 0.10, -0.50}, (struct vec){-0.52, 0.28, 0.42}, (struct vec){-0.06, 0.087, 0});
-    for (int i = 0; i < 12; i++) { /* a picket of thin posts along the rim */
-        const double angle = 2.2 + 0.13 * i;
-        const struct vec foot = {0.98 * cos(angle + 3.6), 0.98 * sin(angle + 3.6), -0.50};
-        rod(s, foot, vec_add(foot, (struct vec){0, 0, 0.26 + 0.05 * (i % 3)}), 0.010, (struct vec){0.92, 0.92, 0.90},
-            MATERIAL_MATTE);
+/* The edges of an icosahedron standing on one corner, around a lacquered ball. */
+static void lattice_ball(struct builder *b)
+{
+    const double radius = 0.33, wire = 0.0125, z = 1 / sqrt(5), ring = 2 / sqrt(5);
+    struct vec corner[12] = {{0, 0, -radius}, {0, 0, radius}};
+    for (int i = 0; i < 5; i++) {
+        const double low = 2 * PI * i / 5, high = low + PI / 5;
+        corner[2 + i] = scale(vec(ring * cos(low), ring * sin(low), -z), radius);
+        corner[7 + i] = scale(vec(ring * cos(high), ring * sin(high), z), radius);
     }
+    const struct synth_object pedestal_at = b->scene->objects[b->scene->n_objects - 1];
+    const double turn = 0.2 + jitter(b, 0.6);
+    place(b, pedestal_at.origin.x, pedestal_at.origin.y, 0.545 + radius + wire, turn, 0);
+    put(b, solid_sphere(vec(0, 0, 0), 0.165, MATERIAL_LACQUER));
+    put(b, solid_capsule(vec(0, 0, -radius), vec(0, 0, -0.16), 0.02, MATERIAL_BRASS));
+    const double edge = radius * 1.0514622242382672; /* of an icosahedron around which a unit sphere is drawn */
+    for (int i = 0; i < 12; i++) {
+        put(b, solid_sphere(corner[i], 2 * wire, MATERIAL_BRASS));
+        for (int j = i + 1; j < 12; j++)
+            if (length(sub(corner[j], corner[i])) < 1.01 * edge)
+                put(b, solid_capsule(corner[i], corner[j], wire, MATERIAL_BRASS));
+    }
+}
+
+static void crate(struct builder *b)
+{
+    const double h = 0.21;
+    place_loosely(b, -0.60, 0.28, 0, 0.45);
+    put(b, solid_box(vec(0, 0, h), vec(h, h, h), 0.008, MATERIAL_PLANKS));
+    for (int i = 0; i < 4; i++) /* steel corner posts */
+        put(b, solid_box(vec(i & 1 ? h : -h, i & 2 ? h : -h, h), vec(0.018, 0.018, h + 0.006), 0.008, MATERIAL_STEEL));
+    put(b, solid_sphere(vec(0, 0.02, 2 * h + 0.17), 0.17, MATERIAL_MATTE));
+    /* the ladder leans on the crate's front, which is -y */
+    const struct vec foot = vec(-0.03, -0.44, 0.015), head = vec(-0.03, -0.205, 0.60);
+    const struct vec side = vec(0.085, 0, 0);
+    put(b, solid_capsule(sub(foot, side), sub(head, side), 0.015, MATERIAL_TIMBER));
+    put(b, solid_capsule(add(foot, side), add(head, side), 0.015, MATERIAL_TIMBER));
+    for (int i = 1; i < 8; i++) {
+        const struct vec p = mix(foot, head, i / 8.0);
+        put(b, solid_capsule(sub(p, side), add(p, side), 0.010, MATERIAL_PAINT));
+    }
+}
+
+/* A spoked wheel on a fork: its axle lies along the object's z, which the lean of 90 degrees brings to the horizontal.
+ */
+static void wheel(struct builder *b)
+{
+    const double radius = 0.30, tyre = 0.035;
+    const double x = 0.70 + jitter(b, 0.02), y = 0.20 + jitter(b, 0.02), turn = 0.9 + jitter(b, 0.2);
+    place(b, x, y, radius + tyre + 0.04, turn, PI / 2);
+    put(b, solid_torus(vec(0, 0, 0), radius, tyre, MATERIAL_RUBBER));
+    put(b, solid_torus(vec(0, 0, 0), radius - 0.035, 0.016, MATERIAL_CHROME));
+    put(b, solid_capsule(vec(0, 0, -0.085), vec(0, 0, 0.085), 0.018, MATERIAL_STEEL));
+    put(b, solid_cylinder(vec(0, 0, 0), 0.045, 0.05, 0.012, MATERIAL_LACQUER));
+    for (int i = 0; i < 20; i++) { /* alternate flanges, crossed as on a bicycle */
+        const double rim = 2 * PI * i / 20, hub = rim + (i & 2 ? 0.9 : -0.9), z = i & 1 ? 0.04 : -0.04;
+        put(b, solid_capsule(vec(0.04 * cos(hub), 0.04 * sin(hub), z),
+                             vec((radius - 0.04) * cos(rim), (radius - 0.04) * sin(rim), 0), 0.007, MATERIAL_STEEL));
+    }
+    for (int i = -1; i <= 1; i += 2) { /* the stand: down is +y here */
+        put(b, solid_capsule(vec(0, 0, 0.08 * i), vec(-0.13, radius + tyre + 0.02, 0.12 * i), 0.012, MATERIAL_BRASS));
+        put(b, solid_capsule(vec(0, 0, 0.08 * i), vec(0.13, radius + tyre + 0.02, 0.12 * i), 0.012, MATERIAL_BRASS));
+    }
+}
+
+static void plaque(struct builder *b)
+{
+    const double lean = 0.38, turn = jitter(b, 0.06);
+    place(b, 0, -0.80, PLAQUE_HIGH * cos(lean) + 0.012, turn, lean);
+    put(b, solid_box(vec(0, 0, 0), vec(PLAQUE_WIDE, 0.022, PLAQUE_HIGH), 0.008, MATERIAL_PLAQUE));
+    for (int i = -1; i <= 1; i += 2) /* struts behind */
+        put(b, solid_capsule(vec(0.34 * i, 0.02, 0.06), vec(0.34 * i, 0.17, -0.075), 0.012, MATERIAL_BRASS));
+}
+
+static void chart(struct builder *b)
+{
+    const double lean = 0.16, turn = PI + jitter(b, 0.1);
+    place(b, 0.05, 0.80, 0.06 + CHART_HIGH, turn, lean);
+    put(b, solid_box(vec(0, 0, 0), vec(CHART_WIDE, 0.016, CHART_HIGH), 0.006, MATERIAL_CHART));
+    for (int i = -1; i <= 1; i += 2) {
+        put(b, solid_capsule(vec(0.25 * i, 0, -CHART_HIGH), vec(0.25 * i, -0.045, -CHART_HIGH - 0.06), 0.014,
+                             MATERIAL_TIMBER));
+        put(b,
+            solid_capsule(vec(0.25 * i, 0.016, 0.12), vec(0.25 * i, 0.20, -CHART_HIGH - 0.08), 0.012, MATERIAL_TIMBER));
+    }
+}
+
+static void fence(struct builder *b)
+{
+    const double radius = 1.12, from = 2.15, to = 3.75;
+    place(b, 0, 0, 0, 0, 0);
+    const int pickets = 21;
+    struct vec last = vec(0, 0, 0);
+    for (int i = 0; i < pickets; i++) {
+        const double angle = from + (to - from) * i / (pickets - 1);
+        const struct vec p = vec(radius * cos(angle), radius * sin(angle), 0);
+        const bool post = i % 5 == 0;
+        put(b, solid_capsule(along(p, vec(0, 0, 1), 0.01), along(p, vec(0, 0, 1), post ? 0.235 : 0.205),
+                             post ? 0.017 : 0.010, MATERIAL_PAINT));
+        if (post)
+            put(b, solid_sphere(along(p, vec(0, 0, 1), 0.262), 0.024, MATERIAL_BRASS));
+        for (int rail = 0; rail < 2 && i; rail++) {
+            const struct vec up = vec(0, 0, rail ? 0.165 : 0.065);
+            put(b, solid_capsule(add(last, up), add(p, up), 0.007, MATERIAL_PAINT));
+        }
+        last = p;
+    }
+}
+
+static void small_things(struct builder *b)
+{
+    place_loosely(b, -0.42, -0.36, 0.185, 0);
+    put(b, solid_sphere(vec(0, 0, 0), 0.185, MATERIAL_CHROME));
+    place_loosely(b, 0.44, -0.36, 0, 0.3);
+    put(b, solid_torus(vec(0, 0, 0.075), 0.165, 0.075, MATERIAL_CERAMIC));
+    put(b, solid_sphere(vec(0, 0, 0.135), 0.12, MATERIAL_TERRACOTTA));
+    place_loosely(b, 0.88, -0.22, 0, 0.4);
+    put(b, solid_cylinder(vec(0, 0, 0.05), 0.075, 0.05, 0.02, MATERIAL_TERRACOTTA));
+    put(b, solid_sphere(vec(0, 0, 0.165), 0.065, MATERIAL_LACQUER));
+    place_loosely(b, -0.80, -0.30, 0, 0.2);
+    put(b, solid_box(vec(0, 0, 0.08), vec(0.08, 0.08, 0.08), 0.02, MATERIAL_CERAMIC));
+    put(b, solid_box(vec(0.01, 0, 0.215), vec(0.055, 0.055, 0.055), 0.012, MATERIAL_PAINT));
+    put(b, solid_sphere(vec(0.01, 0, 0.315), 0.045, MATERIAL_BRASS));
+}
+
+static void bound_objects(struct synth_scene *s)
+{
+    for (int i = 0; i < s->n_objects; i++) {
+        struct synth_object *o = &s->objects[i];
+        struct vec low = s->solids[o->first].middle, high = low;
+        for (int k = o->first; k < o->first + o->count; k++) {
+            const struct solid *p = &s->solids[k];
+            low = vec(fmin(low.x, p->middle.x - p->bound), fmin(low.y, p->middle.y - p->bound),
+                      fmin(low.z, p->middle.z - p->bound));
+            high = vec(fmax(high.x, p->middle.x + p->bound), fmax(high.y, p->middle.y + p->bound),
+                       fmax(high.z, p->middle.z + p->bound));
+        }
+        const struct vec middle = scale(add(low, high), 0.5);
+        for (int k = o->first; k < o->first + o->count; k++)
+            o->bound = fmax(o->bound, length(sub(s->solids[k].middle, middle)) + s->solids[k].bound);
+        o->middle = add(o->origin, to_world_direction(o, middle));
+        s->bound = fmax(s->bound, length(o->middle) + o->bound);
+    }
+}
+
+void synth_scene_build(struct synth_scene *scene, uint64_t seed)
+{
+    struct builder b = {scene, seed, 0};
+    *scene = (struct synth_scene){0};
+    table(&b);
+    pedestal(&b);
+    lattice_ball(&b);
+    crate(&b);
+    wheel(&b);
+    plaque(&b);
+    chart(&b);
+    fence(&b);
+    small_things(&b);
+    bound_objects(scene);
+}
+
+struct synth_hit synth_trace(const struct synth_scene *scene, struct vec origin, struct vec direction)
+{
+    struct synth_hit hit = {.solid = -1, .t = 1e9};
+    const double b = dot(origin, direction), far2 = dot(origin, origin) - b * b;
+    if (far2 > scene->bound * scene->bound)
+        return hit;
+    for (int i = 0; i < scene->n_objects; i++) {
+        const struct synth_object *o = &scene->objects[i];
+        const struct vec q = sub(o->middle, origin);
+        const double s = dot(q, direction);
+        const struct vec nearest = along(q, direction, -s);
+        if (dot(nearest, nearest) > o->bound * o->bound || s < -o->bound || s - o->bound > hit.t)
+            continue;
+        const struct vec lo = to_local(o, origin), ld = to_local_direction(o, direction);
+        for (int k = o->first; k < o->first + o->count; k++) {
+            const double t = solid_hit(&scene->solids[k], lo, ld, hit.t);
+            if (t < hit.t) {
+                hit.t = t;
+                hit.object = i;
+                hit.solid = k;
+                hit.local = along(lo, ld, t);
+            }
+        }
+    }
+    if (hit.solid >= 0) {
+        hit.local_n = solid_normal(&scene->solids[hit.solid], hit.local);
+        hit.n = to_world_direction(&scene->objects[hit.object], hit.local_n);
+        hit.p = along(origin, direction, hit.t);
+    }
+    return hit;
 }

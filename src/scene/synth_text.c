@@ -1,36 +1,82 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The words on the plaque, from a 5 x 7 dot font. */
+/* Every glyph is a few polylines on a grid of 5 x 7 points, written as pairs of digits (column, row from below);
+ * a blank lifts the pen. */
+#include "scene/synth_text.h"
+
+#include <math.h>
+#include <stddef.h>
 #include <string.h>
 
-#include "synth_scene.h"
+#define UNITS 6   /* height of a capital */
+#define ADVANCE 6 /* from one glyph to the next: 4 of ink, 2 of air */
 
-static const char letters[] = "SPLATGURD0123456789.-";
-static const char *const glyphs[] = {
-    "01110100011000001110000011000101110", "11110100011000111110100001000010000", "10000100001000010000100001000011111",
-    "01110100011000111111100011000110001", "11111001000010000100001000010000100", "01110100011000010111100011000101111",
-    "10001100011000110001100011000101110", "11110100011000111110101001001010001", "11110100011000110001100011000111110",
-    "01110100011001110101110011000101110", "00100011000010000100001000010001110", "01110100010000100110010001000011111",
-    "11111000100010000010000011000101110", "00010001100101010010111110001000010", "11111100001111000001000011000101110",
-    "00110010001000011110100011000101110", "11111000010001000100010000100001000", "01110100011000101110100011000101110",
-    "01110100011000101111000010001001100", "00000000000000000000000000110001100", "00000000000000011111000000000000000",
+static const char *const letters[26] = {
+    "0004264440 0242",             /* A */
+    "0300063645443303 3342413000", /* B */
+    "4536160501103041",            /* C */
+    "00062644422000",              /* D */
+    "46060040 0333",               /* E */
+    "460600 0333",                 /* F */
+    "45361605011030414323",        /* G */
+    "0006 4046 0343",              /* H */
+    "1030 2026 1636",              /* I */
+    "4641301001",                  /* J */
+    "0006 4602 1340",              /* K */
+    "060040",                      /* L */
+    "0006234640",                  /* M */
+    "00064046",                    /* N */
+    "011030414536160501",          /* O */
+    "00063645443303",              /* P */
+    "011030414536160501 2240",     /* Q */
+    "00063645443303 2340",         /* R */
+    "453616050413334241301001",    /* S */
+    "0646 2620",                   /* T */
+    "060110304146",                /* U */
+    "062046",                      /* V */
+    "0610233046",                  /* W */
+    "0046 0640",                   /* X */
+    "062346 2320",                 /* Y */
+    "06460040",                    /* Z */
 };
-/* A large line above a line of fine print. */
-static const char *const lines[2] = {"SPLATGUARD", "3.14159-26535-89793-23846"};
-static const double bottom[2] = {0.42, 0.12}, height[2] = {0.42, 0.13};
 
-bool synth_text(double u, double v)
+static const char *const digits[10] = {
+    "011030414536160501 1135",  "152620 1030", "05163645440040",
+    "064624344341301001",       "30360242",    "460603334241301001",
+    "453616050110304142331302", "064610",      "13040516364544331302011030414233",
+    "011030414536160504133344",
+};
+
+static const char *glyph(char c)
 {
-    for (int line = 0; line < 2; line++) {
-        const double y = (v - bottom[line]) / height[line];
-        if (y < 0 || y >= 1)
-            continue;
-        const int columns = 6 * (int) strlen(lines[line]) - 1;
-        const double x = (u - 0.06) / 0.88 * columns;
-        if (x < 0 || x >= columns)
-            return false;
-        const int column = (int) x % 6, row = (int) ((1 - y) * 6.9999);
-        const char *at = strchr(letters, lines[line][(int) x / 6]);
-        return at && column < 5 && glyphs[at - letters][5 * row + column] == '1';
+    if (c >= 'A' && c <= 'Z')
+        return letters[c - 'A'];
+    if (c >= '0' && c <= '9')
+        return digits[c - '0'];
+    return c == '.' ? "2020" : c == '-' ? "1333" : c == '/' ? "0046" : c == '+' ? "1333 2224" : "";
+}
+
+static double distance2(double x, double y, const char *from, const char *to)
+{
+    const double ax = from[0] - '0', ay = from[1] - '0', bx = to[0] - '0' - ax, by = to[1] - '0' - ay;
+    const double l2 = bx * bx + by * by, px = x - ax, py = y - ay;
+    const double t = l2 > 0 ? fmin(fmax((px * bx + py * by) / l2, 0), 1) : 0;
+    const double dx = px - t * bx, dy = py - t * by;
+    return dx * dx + dy * dy;
+}
+
+bool synth_text_ink(const char *text, double x, double y, double size, double weight)
+{
+    const double unit = size / UNITS, half = weight * UNITS;
+    const double n = (double) strlen(text), row = y / unit;
+    const double column = x / unit + (n * ADVANCE - 2) / 2;
+    const double cell = floor((column + 1) / ADVANCE), at = column - cell * ADVANCE;
+    if (row < -half || row > UNITS + half || cell < 0 || cell >= n)
+        return false;
+    for (const char *p = glyph(text[(size_t) cell]); p[0]; p += 2) {
+        if (p[0] == ' ')
+            p++;
+        if (p[2] && p[2] != ' ' && distance2(at, row, p, p + 2) < half * half)
+            return true;
     }
     return false;
 }

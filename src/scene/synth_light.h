@@ -1,0 +1,20 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Light on a surface point. */
+#ifndef SG_SCENE_SYNTH_LIGHT_H
+#define SG_SCENE_SYNTH_LIGHT_H
+
+#include "scene/synth_scene.h"
+
+/* What other solids let through: slow to find, equal for all eyes, and smooth enough to share within a pixel. */
+struct synth_exposure {
+    double key; /* part of the lamp in sight, 0..1 */
+    double sky; /* part of the sky in sight, cosine-weighted, 0..1 */
+};
+
+struct synth_exposure synth_expose(const struct synth_scene *scene, const struct synth_hit *hit);
+
+/* Linear colour in [0, 1]^3, tone-mapped, that leaves the point against the direction of sight. */
+struct vec synth_shade(const struct synth_scene *scene, const struct synth_hit *hit, struct vec sight,
+                       struct synth_exposure exposure);
+
+#endif

@@ -1,0 +1,30 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Cameras and pictures of the scene. */
+#ifndef SG_SCENE_SYNTH_RENDER_H
+#define SG_SCENE_SYNTH_RENDER_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "core/internal.h"
+#include "scene/synth_scene.h"
+
+/* A pinhole; the three axes are unit vectors. */
+struct synth_camera {
+    struct vec centre, right, up, forward;
+    int width, height;
+    double focal; /* pixels; the principal point is the middle of the image */
+};
+
+struct synth_camera synth_camera_at(struct vec centre, struct vec target, int width, int height, double angle_x);
+
+/* height x width x 4 bytes: sRGB, straight alpha, 0 where nothing is. samples: per pixel and axis, where they matter.
+ */
+int synth_render(sg_ctx *ctx, const struct synth_scene *scene, const struct synth_camera *camera, int samples,
+                 uint8_t *rgba);
+
+/* The surface point behind image position (x, y), pixel corners at integers, and its colour seen from there. */
+bool synth_pick(const struct synth_scene *scene, const struct synth_camera *camera, double x, double y,
+                struct vec *point, uint8_t rgb[3]);
+
+#endif
