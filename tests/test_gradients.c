@@ -268,7 +268,7 @@ static double ssim_mean(const double *x, const double *y, double *gradient)
                     m1 += k * a, m2 += k * b, xx += k * a * a, yy += k * b * b, xy += k * a * b;
                 }
             const int at = r * SIDE + c;
-            sum += ssim_point(m1, m2, xx, yy, xy, &M[at], &XX[at], &XY[at]);
+            sum += ssim_point(m1, m2, xx + yy, xy, &M[at], &XX[at], &XY[at]);
         }
     for (int r = 0; gradient && r < TALL; r++)
         for (int c = 0; c < SIDE; c++) {

@@ -9,7 +9,7 @@
 #include "math/photometric.h"
 #include "splatguard/eval.h"
 
-#define MOMENTS 5
+#define MOMENTS 4
 
 struct job {
     const uint8_t *a, *b;
@@ -25,7 +25,7 @@ static void accumulate(const struct job *j, int y, double weight, double *sums)
         const double a = j->a[at] / 255.0, b = j->b[at] / 255.0;
         double *s = sums + MOMENTS * x;
         s[0] += weight * a, s[1] += weight * b;
-        s[2] += weight * a * a, s[3] += weight * b * b, s[4] += weight * a * b;
+        s[2] += weight * (a * a + b * b), s[3] += weight * a * b;
     }
 }
 
@@ -47,7 +47,7 @@ static void row(void *arg, size_t y, int thread)
                 for (int i = 0; i < MOMENTS; i++)
                     m[i] += (double) sg_ssim_window[k + SG_SSIM_RADIUS] * sums[MOMENTS * (3 * (x + k) + ch) + i];
             }
-            total += ssim_point(m[0], m[1], m[2], m[3], m[4], &unused[0], &unused[1], &unused[2]);
+            total += ssim_point(m[0], m[1], m[2], m[3], &unused[0], &unused[1], &unused[2]);
         }
     j->rows[y] = total;
 }

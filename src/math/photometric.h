@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* SSIM (Wang et al. 2004) at one position and its partial derivatives, from the five windowed moments.
+/* SSIM (Wang et al. 2004) at one position and its partial derivatives, from the windowed moments.
  * Include a real_*.h or simd.h first. */
 #ifndef SG_MATH_PHOTOMETRIC_H
 #define SG_MATH_PHOTOMETRIC_H
@@ -14,13 +14,13 @@ static const float sg_ssim_window[SG_SSIM_TAPS] = {
     0.00102838008f, 0.00759875814f, 0.03600077213f, 0.10936068951f, 0.21300553771f, 0.26601172486f,
     0.21300553771f, 0.10936068951f, 0.03600077213f, 0.00759875814f, 0.00102838008f};
 
-/* m1 = w*x, m2 = w*y, xx = w*x^2, yy = w*y^2, xy = w*xy. Returns S; *d_m, *d_xx, *d_xy are dS/d(m1) with the
- * second moments' dependence folded in, dS/d(xx) and dS/d(xy). */
-static inline real ssim_point(real m1, real m2, real xx, real yy, real xy, real *d_m, real *d_xx, real *d_xy)
+/* m1 = w*x, m2 = w*y, squares = w*(x^2 + y^2), xy = w*xy: the variances are only ever used as a sum. Returns S; *d_m is
+ * dS/d(m1) with the second moments' dependence folded in, *d_xx = dS/d(squares), *d_xy = dS/d(xy). */
+static inline real ssim_point(real m1, real m2, real squares, real xy, real *d_m, real *d_xx, real *d_xy)
 {
     const scalar c1 = SG_SSIM_C1, c2 = SG_SSIM_C2, two = 2;
     const real a1 = two * m1 * m2 + c1, a2 = two * (xy - m1 * m2) + c2;
-    const real b1 = m1 * m1 + m2 * m2 + c1, b2 = xx - m1 * m1 + yy - m2 * m2 + c2;
+    const real b1 = m1 * m1 + m2 * m2 + c1, b2 = squares - m1 * m1 - m2 * m2 + c2;
     const real inv = (scalar) 1 / (b1 * b2), s = a1 * a2 * inv;
     const real p_a1 = a2 * inv, p_a2 = a1 * inv, p_b1 = -s * b2 * inv, p_b2 = -s * b1 * inv;
     *d_m = two * (m2 * (p_a1 - p_a2) + m1 * (p_b1 - p_b2));

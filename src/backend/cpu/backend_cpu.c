@@ -122,7 +122,8 @@ static int do_project(struct sg_backend *base, const struct sg_camera *camera, i
     b->params = *params;
     b->degree = sh_degree;
     const size_t n = b->model.count, pixels = (size_t) camera->width * (size_t) camera->height;
-    if (sg_grow(ctx, SG_MEM_SPLATS, &b->splats, &b->cap_splats, n, 0, sizeof(*b->splats)))
+    if (sg_grow(ctx, SG_MEM_SPLATS, &b->splats, &b->cap_splats, n, 0, sizeof(*b->splats)) ||
+        bins_begin(ctx, &b->bins, n, camera->width, camera->height, params->reference_tiles))
         return SG_ERR_BUDGET;
     if (pixels > b->pixels) {
         b->pixels = 0;
@@ -136,11 +137,14 @@ static int do_project(struct sg_backend *base, const struct sg_camera *camera, i
                                .planes = b->model.planes,
                                .degree = sh_degree,
                                .camera = &b->camera,
-                               .splats = b->splats}};
+                               .grid_x = b->bins.grid_x,
+                               .grid_y = b->bins.grid_y,
+                               .reference_tiles = params->reference_tiles,
+                               .splats = b->splats,
+                               .extents = b->bins.extents}};
     sg_parallel_for(ctx, pieces(n), project_piece, &job);
     lap(&clock, &base->times.project);
-    const int code = bins_make(ctx, &b->bins, b->splats, n, camera->width, camera->height, params->reference_tiles,
-                               params->max_instances);
+    const int code = bins_make(ctx, &b->bins, b->splats, params->max_instances);
     lap(&clock, &base->times.bin);
     return code;
 }
@@ -194,7 +198,7 @@ static int rasterize(struct sg_backend *base, bool auxiliary, struct sg_render_s
     }
     for (int band = 0; band < b->bins.band_count; band++) {
         double clock = seconds();
-        if (bins_band(ctx, &b->bins, b->splats, band))
+        if (bins_band(ctx, &b->bins, band))
             return SG_ERR_BUDGET;
         lap(&clock, &base->times.bin);
         struct raster_job job = {.kernel = b->kernels->raster, .args = raster_args(b, band)};
@@ -268,7 +272,7 @@ static int reserve_loss(struct cpu_backend *b)
     const size_t width = (size_t) b->camera.width;
     if (width > b->scratch_width) {
         b->scratch_width = 0;
-        if (refit(ctx, &b->row_scratch, (size_t) sg_ctx_threads(ctx) * 5 * CPU_LOSS_STRIDE(width)))
+        if (refit(ctx, &b->row_scratch, (size_t) sg_ctx_threads(ctx) * CPU_LOSS_ROWS * CPU_LOSS_STRIDE(width)))
             return SG_ERR_BUDGET;
         b->scratch_width = width;
     }
@@ -291,7 +295,7 @@ static int loss(struct sg_backend *base, const struct sg_loss_params *p, struct 
                                     .gradient = b->gradient,
                                     .sums = b->sums},
                            .scratch = b->row_scratch,
-                           .scratch_stride = 5 * CPU_LOSS_STRIDE((size_t) b->camera.width)};
+                           .scratch_stride = CPU_LOSS_ROWS * CPU_LOSS_STRIDE((size_t) b->camera.width)};
     const size_t work = 3 * (size_t) ((b->camera.height + ROWS_PER_PIECE - 1) / ROWS_PER_PIECE);
     for (job.pass = 0; job.pass < 3; job.pass++)
         sg_parallel_for(base->ctx, work, loss_rows, &job);
@@ -334,7 +338,7 @@ static int rasterize_backward(struct sg_backend *base)
     }
     for (int band = 0; band < b->bins.band_count; band++) {
         double clock = seconds();
-        if (bins_band(ctx, &b->bins, b->splats, band))
+        if (bins_band(ctx, &b->bins, band))
             return SG_ERR_BUDGET;
         lap(&clock, &base->times.bin);
         const size_t instances = b->bins.tile_start[band_tiles(b, band)];

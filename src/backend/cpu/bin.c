@@ -33,83 +33,26 @@ row_tiles(const struct bins *b, const struct cpu_splat *s, const struct ellipse 
     *first = c0, *end = c1 > c0 ? c1 : c0;
 }
 
-static struct ellipse ellipse_of(const struct cpu_splat *s)
-{
-    return (struct ellipse){s->k, s->slope, s->var, s->ic};
-}
-
-struct extent_job {
-    struct bins *b;
-    struct cpu_splat *splats;
-    atomic_uint_least64_t visible;
-};
-
-static void extent_chunk(void *arg, size_t chunk, int thread)
-{
-    (void) thread;
-    struct extent_job *job = arg;
-    struct bins *b = job->b;
-    const size_t end = (chunk + 1) * CHUNK < b->count ? (chunk + 1) * CHUNK : b->count;
-    uint64_t visible = 0;
-    for (size_t i = chunk * CHUNK; i < end; i++) {
-        struct cpu_splat *s = &job->splats[i];
-        struct bin_extent *o = &b->extents[i];
-        struct sg_tile_rect r;
-        int radius;
-        *o = (struct bin_extent){0};
-        if (!(s->radius > 0))
-            continue;
-        if (!sg_tile_rect(s->x, s->y, s->radius, b->grid_x, b->grid_y, &radius, &r)) {
-            s->radius = 0;
-            continue;
-        }
-        visible++;
-        if (!(s->opacity > 0))
-            continue;
-        /* Shrink the rectangle to the rows and columns that are touched at all. */
-        const struct ellipse e = ellipse_of(s);
-        const struct ellipse_rows rows = ellipse_rows(&e);
-        int x0 = r.x1, x1 = r.x0, y0 = r.y1, y1 = r.y0;
-        uint64_t tiles = 0;
-        const int width = r.x1 - r.x0;
-        const bool small = width * (r.y1 - r.y0) <= 64;
-        for (int ty = r.y0; ty < r.y1; ty++) {
-            int first, last;
-            row_tiles(b, s, &e, &rows, ty, r.x0, r.x1, &first, &last);
-            if (first == last)
-                continue;
-            x0 = first < x0 ? first : x0, x1 = last > x1 ? last : x1;
-            y0 = ty < y0 ? ty : y0, y1 = ty + 1;
-            if (small)
-                tiles |= (~(uint64_t) 0 >> (64 - (last - first))) << ((ty - r.y0) * width + first - r.x0);
-        }
-        if (x0 >= x1)
-            continue;
-        if (small) /* bits stay relative to the reference's rectangle */
-            *o = (struct bin_extent){(uint16_t) r.x0, (uint16_t) r.y0, (uint16_t) r.x1, (uint16_t) r.y1, tiles};
-        else
-            *o = (struct bin_extent){(uint16_t) x0, (uint16_t) y0, (uint16_t) x1, (uint16_t) y1, 0};
-    }
-    atomic_fetch_add_explicit(&job->visible, visible, memory_order_relaxed);
-}
-
 /* Runs the last argument for each tile of splat i in row-major order, with `tile` its index. */
-#define EACH_TILE(b, s, i, tile, ...)                                                                                  \
+#define EACH_TILE(b, i, tile, ...)                                                                                     \
     do {                                                                                                               \
-        const struct bin_extent *e_ = &(b)->extents[i];                                                                \
+        const struct cpu_extent *e_ = &(b)->extents[i];                                                                \
+        const int width_ = e_->x1 - e_->x0;                                                                            \
         if (e_->tiles) {                                                                                               \
-            const int w_ = e_->x1 - e_->x0;                                                                            \
-            for (uint64_t left_ = e_->tiles; left_; left_ &= left_ - 1) {                                              \
-                const int bit_ = __builtin_ctzll(left_);                                                               \
-                const int tile = (e_->y0 + bit_ / w_) * (b)->grid_x + e_->x0 + bit_ % w_;                              \
-                __VA_ARGS__;                                                                                           \
-            }                                                                                                          \
-        } else if (e_->x1 > e_->x0) {                                                                                  \
-            const struct ellipse el_ = ellipse_of(s);                                                                  \
+            const uint32_t row_ = (1u << width_) - 1;                                                                  \
+            int first_ = e_->y0 * (b)->grid_x + e_->x0;                                                                \
+            for (uint32_t left_ = e_->tiles; left_; left_ >>= width_, first_ += (b)->grid_x)                           \
+                for (uint32_t bits_ = left_ & row_; bits_; bits_ &= bits_ - 1) {                                       \
+                    const int tile = first_ + __builtin_ctz(bits_);                                                    \
+                    __VA_ARGS__;                                                                                       \
+                }                                                                                                      \
+        } else if (width_ > 0) {                                                                                       \
+            const struct cpu_splat *s_ = &(b)->splats[i];                                                              \
+            const struct ellipse el_ = {s_->k, s_->slope, s_->var, s_->ic};                                            \
             const struct ellipse_rows rows_ = ellipse_rows(&el_);                                                      \
             for (int ty_ = e_->y0; ty_ < e_->y1; ty_++) {                                                              \
                 int first_, end_;                                                                                      \
-                row_tiles(b, s, &el_, &rows_, ty_, e_->x0, e_->x1, &first_, &end_);                                    \
+                row_tiles(b, s_, &el_, &rows_, ty_, e_->x0, e_->x1, &first_, &end_);                                   \
                 for (int tx_ = first_; tx_ < end_; tx_++) {                                                            \
                     const int tile = ty_ * (b)->grid_x + tx_;                                                          \
                     __VA_ARGS__;                                                                                       \
@@ -130,13 +73,13 @@ static uint32_t depth_key(float z)
 
 struct sort_job {
     struct bins *b;
-    const struct cpu_splat *splats;
     const struct bin_entry *from;
     struct bin_entry *to;
     int shift;
     uint32_t (*histogram)[RADIX];
     size_t *chunk_start; /* of the drawn splats of each index chunk */
     size_t n;
+    atomic_uint_least64_t visible;
 };
 
 static size_t order_begin(size_t n, size_t chunk)
@@ -150,9 +93,13 @@ static void count_drawn(void *arg, size_t chunk, int thread)
     struct sort_job *j = arg;
     const size_t end = (chunk + 1) * CHUNK < j->b->count ? (chunk + 1) * CHUNK : j->b->count;
     size_t n = 0;
-    for (size_t i = chunk * CHUNK; i < end; i++)
+    uint64_t visible = 0;
+    for (size_t i = chunk * CHUNK; i < end; i++) {
         n += j->b->extents[i].x1 > j->b->extents[i].x0;
+        visible += j->b->splats[i].radius > 0;
+    }
     j->chunk_start[chunk] = n;
+    atomic_fetch_add_explicit(&j->visible, visible, memory_order_relaxed);
 }
 
 static void list_drawn(void *arg, size_t chunk, int thread)
@@ -163,7 +110,7 @@ static void list_drawn(void *arg, size_t chunk, int thread)
     struct bin_entry *to = j->to + j->chunk_start[chunk];
     for (size_t i = chunk * CHUNK; i < end; i++)
         if (j->b->extents[i].x1 > j->b->extents[i].x0)
-            *to++ = (struct bin_entry){depth_key(j->splats[i].z), (uint32_t) i};
+            *to++ = (struct bin_entry){depth_key(j->b->splats[i].z), (uint32_t) i};
 }
 
 static void count_digits(void *arg, size_t chunk, int thread)
@@ -185,10 +132,10 @@ static void place_digits(void *arg, size_t chunk, int thread)
         j->to[h[j->from[i].key >> j->shift & (RADIX - 1)]++] = j->from[i];
 }
 
-static int sort_by_depth(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats)
+static int sort_by_depth(sg_ctx *ctx, struct bins *b)
 {
     const size_t chunks = (b->count + CHUNK - 1) / CHUNK;
-    struct sort_job j = {.b = b, .splats = splats};
+    struct sort_job j = {.b = b};
     j.chunk_start = sg_alloc_raw(ctx, SG_MEM_INSTANCES, chunks + 1, sizeof(size_t));
     j.histogram = sg_alloc_raw(ctx, SG_MEM_INSTANCES, ORDER_CHUNKS, sizeof(j.histogram[0]));
     int code = SG_ERR_BUDGET;
@@ -202,6 +149,7 @@ static int sort_by_depth(sg_ctx *ctx, struct bins *b, const struct cpu_splat *sp
         sum += n;
     }
     b->drawn = j.n = sum;
+    b->visible = j.visible;
     if (sg_grow(ctx, SG_MEM_INSTANCES, &b->order, &b->cap_order, sum, 0, sizeof(*b->order)) ||
         sg_grow(ctx, SG_MEM_INSTANCES, &b->order_swap, &b->cap_swap, sum, 0, sizeof(*b->order)))
         goto done;
@@ -238,7 +186,6 @@ done:
 
 struct tile_job {
     struct bins *b;
-    const struct cpu_splat *splats;
     size_t tiles;   /* of the whole image */
     int first, end; /* of the band */
 };
@@ -251,7 +198,7 @@ static void count_tiles(void *arg, size_t chunk, int thread)
     memset(h, 0, j->tiles * sizeof(*h));
     for (size_t k = order_begin(j->b->drawn, chunk); k < order_begin(j->b->drawn, chunk + 1); k++) {
         const uint32_t i = j->b->order[k].splat;
-        EACH_TILE(j->b, &j->splats[i], i, tile, h[tile]++);
+        EACH_TILE(j->b, i, tile, h[tile]++);
     }
 }
 
@@ -275,25 +222,25 @@ static int cut_bands(sg_ctx *ctx, struct bins *b, size_t tiles, uint64_t limit)
     return SG_OK;
 }
 
-int bins_make(sg_ctx *ctx, struct bins *b, struct cpu_splat *splats, size_t count, int width, int height,
-              bool reference_tiles, uint64_t max_instances)
+int bins_begin(sg_ctx *ctx, struct bins *b, size_t count, int width, int height, bool reference_tiles)
 {
     b->grid_x = (width + SG_TILE - 1) / SG_TILE, b->grid_y = (height + SG_TILE - 1) / SG_TILE;
-    const size_t tiles = (size_t) b->grid_x * (size_t) b->grid_y;
     b->reference_tiles = reference_tiles;
     b->count = count;
     b->band = -1;
+    return sg_grow(ctx, SG_MEM_SPLATS, &b->extents, &b->cap_extents, count, 0, sizeof(*b->extents));
+}
+
+int bins_make(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats, uint64_t max_instances)
+{
+    const size_t tiles = (size_t) b->grid_x * (size_t) b->grid_y;
+    b->splats = splats;
     b->total = b->max_tile = 0;
-    if (sg_grow(ctx, SG_MEM_SPLATS, &b->extents, &b->cap_extents, count, 0, sizeof(*b->extents)) ||
-        sg_grow(ctx, SG_MEM_INSTANCES, &b->histogram, &b->cap_histogram, tiles * ORDER_CHUNKS, 0, sizeof(uint32_t)) ||
-        sg_grow(ctx, SG_MEM_INSTANCES, &b->tile_total, &b->cap_total, tiles, 0, sizeof(uint64_t)))
+    if (sg_grow(ctx, SG_MEM_INSTANCES, &b->histogram, &b->cap_histogram, tiles * ORDER_CHUNKS, 0, sizeof(uint32_t)) ||
+        sg_grow(ctx, SG_MEM_INSTANCES, &b->tile_total, &b->cap_total, tiles, 0, sizeof(uint64_t)) ||
+        sort_by_depth(ctx, b))
         return SG_ERR_BUDGET;
-    struct extent_job job = {.b = b, .splats = splats};
-    sg_parallel_for(ctx, (count + CHUNK - 1) / CHUNK, extent_chunk, &job);
-    b->visible = job.visible;
-    if (sort_by_depth(ctx, b, splats))
-        return SG_ERR_BUDGET;
-    struct tile_job tile_job = {.b = b, .splats = splats, .tiles = tiles};
+    struct tile_job tile_job = {.b = b, .tiles = tiles};
     sg_parallel_for(ctx, ORDER_CHUNKS, count_tiles, &tile_job);
     for (size_t t = 0; t < tiles; t++) {
         uint64_t sum = 0;
@@ -316,9 +263,9 @@ static void count_slots(void *arg, size_t chunk, int thread)
     for (size_t i = chunk * CHUNK; i < end; i++) {
         uint32_t n = 0;
         if (whole && b->extents[i].tiles)
-            n = (uint32_t) __builtin_popcountll(b->extents[i].tiles);
+            n = (uint32_t) __builtin_popcount(b->extents[i].tiles);
         else
-            EACH_TILE(b, &j->splats[i], i, tile, n += tile >= j->first && tile < j->end);
+            EACH_TILE(b, i, tile, n += tile >= j->first && tile < j->end);
         b->slot_start[i] = n;
     }
 }
@@ -332,14 +279,14 @@ static void emit(void *arg, size_t chunk, int thread)
     for (size_t k = order_begin(b->drawn, chunk); k < order_begin(b->drawn, chunk + 1); k++) {
         const uint32_t i = b->order[k].splat;
         uint32_t slot = b->slot_start[i];
-        EACH_TILE(b, &j->splats[i], i, tile, {
+        EACH_TILE(b, i, tile, {
             if (tile >= j->first && tile < j->end)
                 b->instances[cursor[tile]++] = (struct cpu_instance){i, slot++};
         });
     }
 }
 
-int bins_band(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats, int band)
+int bins_band(sg_ctx *ctx, struct bins *b, int band)
 {
     if (b->band == band)
         return SG_OK;
@@ -349,7 +296,7 @@ int bins_band(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats, int b
     uint64_t total = 0;
     for (int t = range.first; t < range.end; t++)
         total += b->tile_total[t];
-    struct tile_job job = {.b = b, .splats = splats, .tiles = tiles, .first = range.first, .end = range.end};
+    struct tile_job job = {.b = b, .tiles = tiles, .first = range.first, .end = range.end};
     if (b->band >= 0) /* emitting turned the counts into positions */
         sg_parallel_for(ctx, ORDER_CHUNKS, count_tiles, &job);
     b->band = -1;

@@ -5,11 +5,6 @@
 
 #include "kernels.h"
 
-struct bin_extent {
-    uint16_t x0, y0, x1, y1; /* tiles touched lie in [x0, x1) x [y0, y1) */
-    uint64_t tiles;          /* bit (y - y0) (x1 - x0) + x - x0, if there are at most 64 */
-};
-
 struct bin_entry {
     uint32_t key, splat;
 };
@@ -24,7 +19,8 @@ struct bins {
     int grid_x, grid_y;
     bool reference_tiles;
     size_t count;
-    struct bin_extent *extents;
+    const struct cpu_splat *splats;
+    struct cpu_extent *extents;
     struct bin_entry *order, *order_swap; /* drawn splats by depth, then index */
     size_t drawn;
     uint64_t visible, total, max_tile;
@@ -41,13 +37,15 @@ struct bins {
     size_t cap_extents, cap_order, cap_swap, cap_histogram, cap_total, cap_bands, cap_slots, cap_tiles, cap_instances;
 };
 
-/* Finds the tiles of every splat, sorts by depth and cuts the image into bands of at most max_instances (or one tile).
- * Splats whose reference rectangle is empty get radius 0. */
-int bins_make(sg_ctx *ctx, struct bins *b, struct cpu_splat *splats, size_t count, int width, int height,
-              bool reference_tiles, uint64_t max_instances);
+/* Begins a view: room for the extents that projection writes. */
+int bins_begin(sg_ctx *ctx, struct bins *b, size_t count, int width, int height, bool reference_tiles);
+
+/* Sorts the projected splats by depth and cuts the image into bands of at most max_instances (or one tile). The splats must
+ * stay until the view is done. */
+int bins_make(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats, uint64_t max_instances);
 
 /* Fills the lists of one band. */
-int bins_band(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats, int band);
+int bins_band(sg_ctx *ctx, struct bins *b, int band);
 
 void bins_clear(sg_ctx *ctx, struct bins *b);
 

@@ -12,9 +12,17 @@ struct cpu_splat {
     float r, g, b;
     float z;
     float k, slope, var, ic; /* see math/tiles.h */
-    float radius;            /* standard deviation along the longer axis; 0 = not visible */
+    float radius;            /* in whole pixels, as the reference; 0 = not visible */
     float peak;              /* log2 opacity */
 };
+
+/* The tiles a splat touches: bit (y - y0) (x1 - x0) + x - x0 of `tiles` for the rectangle [x0, x1) x [y0, y1). Rectangles of
+ * more than CPU_MASK_TILES tiles have no bits: their rows are worked out each time they are needed. */
+struct cpu_extent {
+    uint16_t x0, y0, x1, y1;
+    uint32_t tiles;
+};
+#define CPU_MASK_TILES 31
 
 /* One entry of a tile's list. */
 struct cpu_instance {
@@ -29,7 +37,10 @@ struct cpu_project_args {
     size_t count;
     int planes, degree;
     const struct sg_camera *camera;
+    int grid_x, grid_y;
+    bool reference_tiles;
     struct cpu_splat *splats;
+    struct cpu_extent *extents;
 };
 
 struct cpu_raster_args {
@@ -68,7 +79,8 @@ struct cpu_loss_args {
     double *sums;    /* |d|, d^2, S per channel and row */
 };
 
-/* Floats of one row buffer: the loss kernels' scratch holds five. */
+/* Floats of one row buffer: the loss kernels' scratch holds CPU_LOSS_ROWS. */
+#define CPU_LOSS_ROWS 4
 #define CPU_LOSS_STRIDE(width) (((width) + 15) / 16 * 16 + 2 * SG_LANES)
 
 struct cpu_kernels {
@@ -79,7 +91,7 @@ struct cpu_kernels {
     uint64_t (*raster_backward)(const struct cpu_raster_args *, int tile);
     void (*update)(const struct cpu_update_args *, size_t first_block, size_t end_block);
     /* One row of one channel, in this order for all rows: target as floats; moments, SSIM, its partial derivatives;
-     * dL/dimage. scratch: 5 row buffers. */
+     * dL/dimage. scratch: CPU_LOSS_ROWS row buffers. */
     void (*loss_target)(const struct cpu_loss_args *, int channel, int y);
     void (*loss_forward)(const struct cpu_loss_args *, int channel, int y, float *scratch);
     void (*loss_backward)(const struct cpu_loss_args *, int channel, int y, float *scratch);

@@ -237,7 +237,7 @@ static int loss(struct sg_backend *base, const struct sg_loss_params *p, struct 
                         m1 += k * a, m2 += k * c, xx += k * a * a, yy += k * c * c, xy += k * a * c;
                     }
                 const size_t at = (size_t) y * (size_t) w + (size_t) x;
-                ssim += (double) ssim_point((float) m1, (float) m2, (float) xx, (float) yy, (float) xy, &M[at], &XX[at],
+                ssim += (double) ssim_point((float) m1, (float) m2, (float) (xx + yy), (float) xy, &M[at], &XX[at],
                                             &XY[at]);
             }
         for (int y = 0; y < h; y++)

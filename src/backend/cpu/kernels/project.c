@@ -10,7 +10,68 @@
 
 #define LOG2E 1.4426950408889634f
 
-/* Activated values and colour of the Gaussians at p (first lane of the first plane). */
+/* The reference's screen radius and tile rectangle, as sg_tile_rect. */
+struct rects {
+    real radius;
+    ireal x0, y0, x1, y1;
+};
+
+SIMD struct rects tile_rects(const struct cpu_project_args *a, real x, real y, real sigma)
+{
+    const real reach = r_min(3 * sigma, r_set(1e6f)), whole = r_from_int(r_to_int(reach));
+    const real radius = whole + r_keep(r_lt(whole, reach), r_set(1));
+    const real gx = r_set((float) a->grid_x), gy = r_set((float) a->grid_y), zero = r_set(0);
+    const float scale = 1.0f / SG_TILE;
+#define EDGE(v, limit) r_to_int(r_min(r_max((v) *scale, zero), limit))
+    return (struct rects){radius, EDGE(x - radius, gx), EDGE(y - radius, gy), EDGE(x + radius + (SG_TILE - 1), gx),
+                          EDGE(y + radius + (SG_TILE - 1), gy)};
+#undef EDGE
+}
+
+/* Bits of the tiles that the ellipses touch, where the rectangle is small. */
+SIMD ireal tile_bits(const struct cpu_project_args *a, const struct rects *r, const struct ellipse *e, real x, real y,
+                     mask small)
+{
+    const ireal width = r->x1 - r->x0, height = r->y1 - r->y0, one = i_set(1);
+    if (a->reference_tiles)
+        return (one << (width * height)) - one;
+    const struct ellipse_rows rows = ellipse_rows(e);
+    const real lo = r_from_int(r->x0), hi = r_from_int(r->x1);
+    const float scale = 1.0f / SG_TILE;
+    ireal bits = i_set(0);
+    for (int row = 0;; row++) {
+        const mask inside = r_and(small, r_lt(r_set((float) row), r_from_int(height)));
+        if (!m_any(inside))
+            return bits;
+        real left, right;
+        const real top = r_from_int(r->y0 + row) * (float) SG_TILE - y;
+        const mask hit = ellipse_row_span(e, &rows, top, top + (float) (SG_TILE - 1), &left, &right);
+        const ireal c0 = r_to_int(r_max(r_min((x + left + 1) * scale, hi), lo)) - r->x0;
+        const ireal c1 = r_to_int(r_max(r_min((x + right + SG_TILE) * scale, hi), lo)) - r->x0;
+        const mask some = r_and(r_and(inside, hit), r_lt(r_from_int(c0), r_from_int(c1)));
+        bits |= i_sel(some, ((one << c1) - (one << c0)) << (row * width), i_set(0));
+    }
+}
+
+SIMD void store_extents(const struct cpu_project_args *a, size_t base, const struct rects *r, ireal bits, mask drawn,
+                        mask small)
+{
+    int32_t x0[LANES], y0[LANES], x1[LANES], y1[LANES], tiles[LANES];
+    memcpy(x0, &r->x0, sizeof(x0));
+    memcpy(y0, &r->y0, sizeof(y0));
+    memcpy(x1, &r->x1, sizeof(x1));
+    memcpy(y1, &r->y1, sizeof(y1));
+    memcpy(tiles, &bits, sizeof(tiles));
+    const uint32_t d = m_bits(drawn), s = m_bits(small);
+    for (int lane = 0; lane < LANES && base + (size_t) lane < a->count; lane++) {
+        const bool is_small = s >> lane & 1, any = (d >> lane & 1) && (!is_small || tiles[lane]);
+        a->extents[base + (size_t) lane] =
+            any ? (struct cpu_extent){(uint16_t) x0[lane], (uint16_t) y0[lane], (uint16_t) x1[lane],
+                                      (uint16_t) y1[lane], is_small ? (uint32_t) tiles[lane] : 0}
+                : (struct cpu_extent){0};
+    }
+}
+
 void KERNEL(project)(const struct cpu_project_args *a, size_t first, size_t end)
 {
     const struct view v = view_make(a->camera);
@@ -45,9 +106,15 @@ void KERNEL(project)(const struct cpu_project_args *a, size_t first, size_t end)
                 good = r_and(good, r_and(r_lt(rgb[ch], r_set(SG_COLOUR_MAX)), r_lt(r_set(-SG_COLOUR_MAX), rgb[ch])));
                 rgb[ch] = r_max(rgb[ch], r_set(0));
             }
+            const struct rects rect = tile_rects(a, s.x, s.y, s.sigma);
+            const real area = r_from_int((rect.x1 - rect.x0) * (rect.y1 - rect.y0));
+            good = r_and(good, r_and(r_lt(r_from_int(rect.x0), r_from_int(rect.x1)),
+                                     r_lt(r_from_int(rect.y0), r_from_int(rect.y1))));
             const mask drawn = r_and(good, r_le(r_set(SG_ALPHA_MIN), opacity));
-            const real safe = r_sel(drawn, opacity, r_set(1));
-            const real k = ellipse_border(safe, s.a, s.c, s.det);
+            const mask small = r_and(drawn, r_le(area, r_set(CPU_MASK_TILES)));
+            const real safe = r_sel(drawn, opacity, r_set(1)), ic = 1 / s.c;
+            const struct ellipse e = {ellipse_border(safe, s.a, s.c, s.det), s.b * ic, 1 / s.A, ic};
+            store_extents(a, base, &rect, tile_bits(a, &rect, &e, s.x, s.y, small), drawn, small);
 
             float out[16][LANES];
             r_store(out[0], s.x);
@@ -59,12 +126,11 @@ void KERNEL(project)(const struct cpu_project_args *a, size_t first, size_t end)
             for (int ch = 0; ch < 3; ch++)
                 r_store(out[6 + ch], rgb[ch]);
             r_store(out[9], s.z);
-            r_store(out[10], k);
-            const real ic = 1 / s.c;
-            r_store(out[11], s.b * ic);
-            r_store(out[12], 1 / s.A);
-            r_store(out[13], ic);
-            r_store(out[14], r_keep(good, s.sigma));
+            r_store(out[10], e.k);
+            r_store(out[11], e.slope);
+            r_store(out[12], e.var);
+            r_store(out[13], e.ic);
+            r_store(out[14], r_keep(good, rect.radius));
             for (int lane = 0; lane < LANES && base + (size_t) lane < a->count; lane++) {
                 float *to = (float *) &a->splats[base + (size_t) lane];
                 for (int i = 0; i < 15; i++)

@@ -87,8 +87,7 @@ void KERNEL(update)(const struct cpu_update_args *a, size_t first, size_t end)
                         const size_t i = base + (size_t) lane;
                         a->grad_sum[i] += norm[lane];
                         a->grad_count[i] += 1;
-                        const float radius = __builtin_ceilf(3 * l.radius[lane]);
-                        a->max_radius[i] = radius > a->max_radius[i] ? radius : a->max_radius[i];
+                        a->max_radius[i] = l.radius[lane] > a->max_radius[i] ? l.radius[lane] : a->max_radius[i];
                     }
             }
             if (!a->update->adam && !a->gradients)
