@@ -4,12 +4,17 @@
  */
 #include "scene/synth_light.h"
 
+#include <stdbool.h>
+
 #include "scene/synth_materials.h"
 
 #define PI 3.14159265358979323846
 #define GOLDEN_ANGLE 2.39996322972865332
 #define OFFSET 1e-3 /* rays start this far above a surface */
-#define RAYS_MAX 48
+#define LAMP_RAYS 32
+#define SKY_RAYS 32
+#define RAYS_MAX 32
+#define QUICK_SLACK 1e-5f /* above the rounding of the quick tests */
 #define BOUNCES 2
 
 static const struct vec lamp = {2.5, -3.1, 4.6};
@@ -23,39 +28,110 @@ static const double occlusion_reach = 0.7;
 struct bundle {
     struct vec origin, axis;
     double slope, length;
+    int from; /* solid they leave */
+    bool any; /* any hit will do: reach becomes 0 */
     int n;
     struct vec direction[RAYS_MAX];
     double reach[RAYS_MAX]; /* shrinks to the first hit */
 };
 
-static bool touches(const struct bundle *b, struct vec centre, double radius)
+/* Directions for the quick test that most rays fail: single precision and by component, for the compiler's vectors. */
+struct fan {
+    float x[RAYS_MAX], y[RAYS_MAX], z[RAYS_MAX];
+    int near[RAYS_MAX]; /* result: may the ray hit? */
+    int ray[RAYS_MAX];  /* number in the bundle */
+    int n;
+};
+
+static bool touches(const struct bundle *b, struct vec origin, struct vec axis, struct vec centre, double radius)
 {
-    const struct vec q = sub(centre, b->origin);
-    const double s = dot(q, b->axis), q2 = dot(q, q);
+    const struct vec q = sub(centre, origin);
+    const double s = dot(q, axis), q2 = dot(q, q);
     if (s < -radius || q2 > (b->length + radius) * (b->length + radius))
         return false;
-    return sqrt(fmax(q2 - s * s, 0)) <= b->slope * s + radius * sqrt(1 + b->slope * b->slope);
+    return sqrt(larger(q2 - s * s, 0)) <= b->slope * s + radius * sqrt(1 + b->slope * b->slope);
+}
+
+static void near_sphere(struct fan *f, struct vec q, double radius)
+{
+    const float x = (float) q.x, y = (float) q.y, z = (float) q.z, back = (float) -radius;
+    const float limit = (float) (dot(q, q) - radius * radius) - QUICK_SLACK;
+    for (int i = 0; i < f->n; i++) {
+        const float s = f->x[i] * x + f->y[i] * y + f->z[i] * z;
+        f->near[i] = (s * s >= limit) & (s >= back);
+    }
+}
+
+/* Against the endless cylinder around a capsule: its ends lie in it. q: from the ray's origin to the capsule's a. */
+static void near_capsule(struct fan *f, struct vec q, struct vec axis, double radius)
+{
+    const float x = (float) axis.x, y = (float) axis.y, z = (float) axis.z;
+    const float qx = (float) q.x, qy = (float) q.y, qz = (float) q.z;
+    const float aa = (float) dot(axis, axis), aq = (float) dot(axis, q);
+    const float c = (float) (dot(axis, axis) * (dot(q, q) - radius * radius) - dot(axis, q) * dot(axis, q));
+    for (int i = 0; i < f->n; i++) {
+        const float ad = f->x[i] * x + f->y[i] * y + f->z[i] * z, dq = f->x[i] * qx + f->y[i] * qy + f->z[i] * qz;
+        const float a = aa - ad * ad, b = aa * dq - aq * ad;
+        f->near[i] = b * b - a * c >= -QUICK_SLACK;
+    }
+}
+
+static void turn_fan(const struct synth_object *o, const struct bundle *b, struct vec origin, const struct fan *world,
+                     struct fan *local)
+{
+    local->n = 0;
+    for (int i = 0; i < world->n; i++) {
+        if (!world->near[i] || b->reach[i] <= 0)
+            continue;
+        const struct vec d = to_local_direction(o, b->direction[i]);
+        if (!meets_box(o, origin, d, b->reach[i]))
+            continue;
+        local->x[local->n] = (float) d.x;
+        local->y[local->n] = (float) d.y;
+        local->z[local->n] = (float) d.z;
+        local->ray[local->n++] = i;
+    }
+}
+
+static void cast_at_object(const struct synth_scene *scene, const struct synth_object *o, struct bundle *b,
+                           const struct fan *world)
+{
+    const struct vec origin = to_local(o, b->origin), axis = to_local_direction(o, b->axis);
+    struct fan f;
+    turn_fan(o, b, origin, world, &f);
+    for (int k = o->first; k < o->first + o->count && f.n; k++) {
+        const struct solid *s = &scene->solids[k];
+        if ((k == b->from && solid_is_convex(s)) || !touches(b, origin, axis, s->middle, s->bound))
+            continue;
+        if (s->kind == SOLID_CAPSULE)
+            near_capsule(&f, sub(s->a, origin), sub(s->b, s->a), s->r);
+        else
+            near_sphere(&f, sub(s->middle, origin), s->bound);
+        for (int i = 0; i < f.n; i++) {
+            double *reach = &b->reach[f.ray[i]];
+            if (!f.near[i] || *reach <= 0)
+                continue;
+            const double t = solid_hit(s, origin, to_local_direction(o, b->direction[f.ray[i]]), *reach);
+            if (t < *reach)
+                *reach = b->any ? 0 : t;
+        }
+    }
 }
 
 static void cast(const struct synth_scene *scene, struct bundle *b)
 {
+    struct fan world = {.n = b->n};
+    for (int r = 0; r < b->n; r++) {
+        world.x[r] = (float) b->direction[r].x;
+        world.y[r] = (float) b->direction[r].y;
+        world.z[r] = (float) b->direction[r].z;
+    }
     for (int i = 0; i < scene->n_objects; i++) {
         const struct synth_object *o = &scene->objects[i];
-        if (!touches(b, o->middle, o->bound))
+        if (!touches(b, b->origin, b->axis, o->middle, o->bound))
             continue;
-        struct bundle local = {.slope = b->slope, .length = b->length};
-        local.origin = to_local(o, b->origin);
-        local.axis = to_local_direction(o, b->axis);
-        for (int k = o->first; k < o->first + o->count; k++) {
-            const struct solid *s = &scene->solids[k];
-            if (!touches(&local, s->middle, s->bound))
-                continue;
-            for (; local.n < b->n; local.n++) /* once, and only if some solid needs it */
-                local.direction[local.n] = to_local_direction(o, b->direction[local.n]);
-            for (int r = 0; r < b->n; r++)
-                if (b->reach[r] > 0)
-                    b->reach[r] = solid_hit(s, local.origin, local.direction[r], b->reach[r]);
-        }
+        near_sphere(&world, sub(o->middle, b->origin), o->bound);
+        cast_at_object(scene, o, b, &world);
     }
 }
 
@@ -67,37 +143,45 @@ static void spiral(int i, int n, double *x, double *y)
     *y = r * sin(angle);
 }
 
-static double lamp_in_sight(const struct synth_scene *scene, struct vec p, struct vec n, int rays)
+static double lamp_in_sight(const struct synth_scene *scene, const struct synth_hit *hit, int rays)
 {
-    const struct vec to_lamp = sub(lamp, p);
+    const struct vec p = hit->p, n = hit->n, to_lamp = sub(lamp, p);
     const double distance = length(to_lamp);
     if (dot(to_lamp, n) < -lamp_radius)
         return 0;
-    struct bundle b = {.origin = along(p, n, OFFSET), .axis = scale(to_lamp, 1 / distance), .n = rays};
+    struct bundle b = {.origin = along(p, n, OFFSET),
+                       .axis = scale(to_lamp, 1 / distance),
+                       .from = hit->solid,
+                       .any = true,
+                       .n = rays};
     b.slope = lamp_radius / distance * 1.01;
     b.length = distance + lamp_radius;
     struct vec u, v;
-    double full[RAYS_MAX];
     frame(b.axis, &u, &v);
     for (int i = 0; i < rays; i++) {
         double x, y;
         spiral(i, rays, &x, &y);
         const struct vec q = add(to_lamp, add(scale(u, x * lamp_radius), scale(v, y * lamp_radius)));
-        full[i] = length(q);
-        b.direction[i] = scale(q, 1 / full[i]);
-        b.reach[i] = full[i];
+        b.reach[i] = length(q);
+        b.direction[i] = scale(q, 1 / b.reach[i]);
     }
     cast(scene, &b);
     int seen = 0;
     for (int i = 0; i < rays; i++)
-        seen += b.reach[i] >= full[i];
+        seen += b.reach[i] > 0;
     return (double) seen / rays;
 }
 
 /* Occluders count less with distance, and not at all at the end of the reach: what lies there is lit itself. */
-static double sky_in_sight(const struct synth_scene *scene, struct vec p, struct vec n, int rays)
+static double sky_in_sight(const struct synth_scene *scene, const struct synth_hit *hit, int rays)
 {
-    struct bundle b = {.origin = along(p, n, OFFSET), .axis = n, .slope = 1e6, .length = occlusion_reach, .n = rays};
+    const struct vec n = hit->n;
+    struct bundle b = {.origin = along(hit->p, n, OFFSET),
+                       .axis = n,
+                       .from = hit->solid,
+                       .slope = 1e6,
+                       .length = occlusion_reach,
+                       .n = rays};
     struct vec u, v;
     frame(n, &u, &v);
     for (int i = 0; i < rays; i++) {
@@ -117,7 +201,7 @@ static double sky_in_sight(const struct synth_scene *scene, struct vec p, struct
 
 struct synth_exposure synth_expose(const struct synth_scene *scene, const struct synth_hit *hit)
 {
-    return (struct synth_exposure){lamp_in_sight(scene, hit->p, hit->n, 40), sky_in_sight(scene, hit->p, hit->n, 40)};
+    return (struct synth_exposure){lamp_in_sight(scene, hit, LAMP_RAYS), sky_in_sight(scene, hit, SKY_RAYS)};
 }
 
 /* What a mirror sees where no solid is; `sharp` adds the lamps of the studio. */
@@ -137,7 +221,7 @@ static struct vec surroundings(struct vec d, bool sharp)
     const double facing = dot(d, w), x = fabs(dot(d, u) / facing), y = fabs(dot(d, v) / facing);
     if (facing > 0)
         c = along(c, vec(1.5, 1.65, 1.9),
-                  (1 - smooth_step(0.28, 0.30, fmax(x, y))) * smooth_step(0.012, 0.022, fmin(x, y)));
+                  (1 - smooth_step(0.28, 0.30, larger(x, y))) * smooth_step(0.012, 0.022, smaller(x, y)));
     return c;
 }
 
@@ -147,31 +231,30 @@ static struct vec radiance(const struct synth_scene *scene, const struct synth_h
     const struct solid *solid = &scene->solids[hit->solid];
     const struct surface s = synth_surface((enum material) solid->material, hit->local, hit->local_n);
     const struct vec n = hit->n, to_lamp = normalise(sub(lamp, hit->p));
-    const double cosine = fmax(dot(n, to_lamp), 0) * exposure.key, view = fmax(-dot(n, sight), 0);
+    const double cosine = larger(dot(n, to_lamp), 0) * exposure.key, view = larger(-dot(n, sight), 0);
 
     /* light that bounces between near surfaces brightens what occludes (Jimenez et al. 2016) */
     const struct vec sky = mix(ground_colour, sky_colour, 0.5 + 0.5 * n.z), closed = scale(s.albedo, 1 - exposure.sky);
     const struct vec open =
         vec(exposure.sky / (1 - closed.x), exposure.sky / (1 - closed.y), exposure.sky / (1 - closed.z));
-    struct vec light = mul(add(sky, scale(fill_colour, fmax(dot(n, fill_direction), 0))), open);
+    struct vec light = mul(add(sky, scale(fill_colour, larger(dot(n, fill_direction), 0))), open);
     light = along(light, lamp_colour, cosine);
     struct vec sum = mul(scale(light, 0.62), s.albedo);
     if (!(s.specular.x > 0))
         return sum;
 
     const double f = pow(1 - view, 5);
-    const struct vec fresnel = add(scale(s.specular, 1 - f), scale(vec(1, 1, 1), f * fmin(4 * s.specular.x, 1)));
+    const struct vec fresnel = add(scale(s.specular, 1 - f), scale(vec(1, 1, 1), f * smaller(4 * s.specular.x, 1)));
     const struct vec half = normalise(sub(to_lamp, sight));
-    const double highlight = (s.shininess + 8) / (8 * PI) * pow(fmax(dot(n, half), 0), s.shininess) * cosine;
-    sum = add(sum, mul(scale(lamp_colour, fmin(highlight, 12) * 0.4 * (1 - s.mirror)), fresnel));
+    const double highlight = (s.shininess + 8) / (8 * PI) * pow(larger(dot(n, half), 0), s.shininess) * cosine;
+    sum = add(sum, mul(scale(lamp_colour, smaller(highlight, 12) * 0.4 * (1 - s.mirror)), fresnel));
     const struct vec mirrored = along(sight, n, 2 * view);
     struct vec seen = scale(surroundings(mirrored, false), exposure.sky);
     if (s.mirror > 0 && bounces > 0) {
         const struct synth_hit next = synth_trace(scene, along(hit->p, n, OFFSET), mirrored);
         struct vec sharp = surroundings(mirrored, true);
         if (next.solid >= 0) {
-            const struct synth_exposure there = {lamp_in_sight(scene, next.p, next.n, 8),
-                                                 sky_in_sight(scene, next.p, next.n, 10)};
+            const struct synth_exposure there = {lamp_in_sight(scene, &next, 4), sky_in_sight(scene, &next, 8)};
             sharp = radiance(scene, &next, mirrored, there, bounces - 1);
         }
         seen = mix(seen, sharp, s.mirror);

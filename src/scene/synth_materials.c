@@ -98,7 +98,7 @@ static struct surface floor_surface(struct vec p, struct vec n)
         return metal(vec(0.78, 0.54, 0.22), 90, 0);
     const double side = 0.2;
     const int64_t i = (int64_t) floor(p.x / side + 0.5), j = (int64_t) floor(p.y / side + 0.5);
-    const double edge = fmax(fabs(p.x / side - (double) i), fabs(p.y / side - (double) j));
+    const double edge = larger(fabs(p.x / side - (double) i), fabs(p.y / side - (double) j));
     const struct vec q = add(p, vec((double) i * 3.1, (double) j * 2.3, (double) (i * j)));
     struct vec colour = (i + j) & 1 ? marble(q, vec(0.050, 0.115, 0.090), vec(0.20, 0.30, 0.25))
                                     : marble(q, vec(0.70, 0.66, 0.58), vec(0.42, 0.38, 0.33));
@@ -129,7 +129,7 @@ static struct surface plaque(struct vec p, struct vec n)
     const struct surface frame_brass = metal(vec(0.82, 0.58, 0.25), 70, 0.25);
     if (n.y > -0.9)
         return frame_brass;
-    const double border = fmax(fabs(p.x) - PLAQUE_WIDE, fabs(p.z) - PLAQUE_HIGH);
+    const double border = larger(fabs(p.x) - PLAQUE_WIDE, fabs(p.z) - PLAQUE_HIGH);
     if (border > -0.016 || (border < -0.024 && border > -0.030))
         return frame_brass;
     const bool printed = synth_text_ink("SPLATGUARD", p.x, p.z - 0.005, 0.105, 0.075) ||
@@ -151,7 +151,7 @@ static struct surface chart(struct vec p, struct vec n)
     };
     if (n.y > -0.9)
         return glossy(wood(p, oak, oak_late), 0.02, 20, 0);
-    if (fmax(fabs(p.x) - CHART_WIDE, fabs(p.z) - CHART_HIGH) > -0.02)
+    if (larger(fabs(p.x) - CHART_WIDE, fabs(p.z) - CHART_HIGH) > -0.02)
         return glossy(wood(p, walnut, walnut_late), 0.03, 40, 0);
     for (size_t i = 0; i < sizeof(lines) / sizeof(*lines); i++)
         if (synth_text_ink(lines[i].text, p.x, p.z - lines[i].row, lines[i].size, 0.08))

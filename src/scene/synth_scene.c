@@ -152,25 +152,26 @@ static void chart(struct builder *b)
     }
 }
 
+/* Sections between two posts are objects of their own: small bounds. */
 static void fence(struct builder *b)
 {
-    const double radius = 1.12, from = 2.15, to = 3.75;
-    place(b, 0, 0, 0, 0, 0);
-    const int pickets = 21;
-    struct vec last = vec(0, 0, 0);
-    for (int i = 0; i < pickets; i++) {
-        const double angle = from + (to - from) * i / (pickets - 1);
-        const struct vec p = vec(radius * cos(angle), radius * sin(angle), 0);
-        const bool post = i % 5 == 0;
-        put(b, solid_capsule(along(p, vec(0, 0, 1), 0.01), along(p, vec(0, 0, 1), post ? 0.235 : 0.205),
-                             post ? 0.017 : 0.010, MATERIAL_PAINT));
+    const double radius = 1.12, from = 2.15, step = 0.08;
+    const int sections = 4, pickets = 5;
+    for (int i = 0; i <= sections * pickets; i++) {
+        const double angle = from + step * i, next = angle + step;
+        const struct vec up = vec(0, 0, 1), p = vec(radius * cos(angle), radius * sin(angle), 0);
+        const struct vec q = vec(radius * cos(next), radius * sin(next), 0);
+        const bool post = i % pickets == 0;
+        if (post && i < sections * pickets)
+            place(b, 0, 0, 0, 0, 0);
+        put(b, solid_capsule(along(p, up, 0.01), along(p, up, post ? 0.235 : 0.205), post ? 0.017 : 0.010,
+                             MATERIAL_PAINT));
         if (post)
-            put(b, solid_sphere(along(p, vec(0, 0, 1), 0.262), 0.024, MATERIAL_BRASS));
-        for (int rail = 0; rail < 2 && i; rail++) {
-            const struct vec up = vec(0, 0, rail ? 0.165 : 0.065);
-            put(b, solid_capsule(add(last, up), add(p, up), 0.007, MATERIAL_PAINT));
+            put(b, solid_sphere(along(p, up, 0.262), 0.024, MATERIAL_BRASS));
+        if (i < sections * pickets) {
+            put(b, solid_capsule(along(p, up, 0.065), along(q, up, 0.065), 0.007, MATERIAL_PAINT));
+            put(b, solid_capsule(along(p, up, 0.165), along(q, up, 0.165), 0.007, MATERIAL_PAINT));
         }
-        last = p;
     }
 }
 
@@ -194,19 +195,19 @@ static void bound_objects(struct synth_scene *s)
 {
     for (int i = 0; i < s->n_objects; i++) {
         struct synth_object *o = &s->objects[i];
-        struct vec low = s->solids[o->first].middle, high = low;
+        o->low = vec(HUGE_VAL, HUGE_VAL, HUGE_VAL);
+        o->high = scale(o->low, -1);
         for (int k = o->first; k < o->first + o->count; k++) {
-            const struct solid *p = &s->solids[k];
-            low = vec(fmin(low.x, p->middle.x - p->bound), fmin(low.y, p->middle.y - p->bound),
-                      fmin(low.z, p->middle.z - p->bound));
-            high = vec(fmax(high.x, p->middle.x + p->bound), fmax(high.y, p->middle.y + p->bound),
-                       fmax(high.z, p->middle.z + p->bound));
+            struct vec low, high;
+            solid_box_around(&s->solids[k], &low, &high);
+            o->low = vec(smaller(o->low.x, low.x), smaller(o->low.y, low.y), smaller(o->low.z, low.z));
+            o->high = vec(larger(o->high.x, high.x), larger(o->high.y, high.y), larger(o->high.z, high.z));
         }
-        const struct vec middle = scale(add(low, high), 0.5);
+        const struct vec middle = scale(add(o->low, o->high), 0.5);
         for (int k = o->first; k < o->first + o->count; k++)
-            o->bound = fmax(o->bound, length(sub(s->solids[k].middle, middle)) + s->solids[k].bound);
+            o->bound = larger(o->bound, length(sub(s->solids[k].middle, middle)) + s->solids[k].bound);
         o->middle = add(o->origin, to_world_direction(o, middle));
-        s->bound = fmax(s->bound, length(o->middle) + o->bound);
+        s->bound = larger(s->bound, length(o->middle) + o->bound);
     }
 }
 
@@ -234,12 +235,11 @@ struct synth_hit synth_trace(const struct synth_scene *scene, struct vec origin,
         return hit;
     for (int i = 0; i < scene->n_objects; i++) {
         const struct synth_object *o = &scene->objects[i];
-        const struct vec q = sub(o->middle, origin);
-        const double s = dot(q, direction);
-        const struct vec nearest = along(q, direction, -s);
-        if (dot(nearest, nearest) > o->bound * o->bound || s < -o->bound || s - o->bound > hit.t)
+        if (!meets_sphere(o->middle, o->bound, origin, direction, hit.t))
             continue;
         const struct vec lo = to_local(o, origin), ld = to_local_direction(o, direction);
+        if (!meets_box(o, lo, ld, hit.t))
+            continue;
         for (int k = o->first; k < o->first + o->count; k++) {
             const double t = solid_hit(&scene->solids[k], lo, ld, hit.t);
             if (t < hit.t) {

@@ -9,7 +9,7 @@
 #include "scene/synth_solids.h"
 
 #define SYNTH_SOLIDS_MAX 256
-#define SYNTH_OBJECTS_MAX 16
+#define SYNTH_OBJECTS_MAX 24
 
 /* A rigid group of solids. */
 struct synth_object {
@@ -17,6 +17,7 @@ struct synth_object {
     int first, count;           /* its solids */
     struct vec middle;          /* of the bounding sphere, in the world */
     double bound;
+    struct vec low, high; /* bounding box, in its own frame */
 };
 
 /* Read-only once built: any thread may trace rays in it. */
@@ -43,6 +44,16 @@ static inline struct vec to_local(const struct synth_object *o, struct vec p)
 static inline struct vec to_world_direction(const struct synth_object *o, struct vec d)
 {
     return along(along(scale(o->x, d.x), o->y, d.y), o->z, d.z);
+}
+
+/* Does a ray in the frame of the object meet its bounding box? */
+static inline bool meets_box(const struct synth_object *o, struct vec origin, struct vec direction, double reach)
+{
+    const struct vec inverse = vec(1 / direction.x, 1 / direction.y, 1 / direction.z);
+    const struct vec a = mul(sub(o->low, origin), inverse), b = mul(sub(o->high, origin), inverse);
+    const double from = larger(larger(smaller(a.x, b.x), smaller(a.y, b.y)), larger(smaller(a.z, b.z), 0));
+    const double to = smaller(smaller(larger(a.x, b.x), larger(a.y, b.y)), smaller(larger(a.z, b.z), reach));
+    return from <= to;
 }
 
 struct synth_hit {

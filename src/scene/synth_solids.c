@@ -35,19 +35,27 @@ struct solid solid_torus(struct vec centre, double major, double minor, int mate
     return (struct solid){SOLID_TORUS, material, centre, half, major, minor, centre, major + minor};
 }
 
+void solid_box_around(const struct solid *s, struct vec *low, struct vec *high)
+{
+    const bool round = s->kind == SOLID_SPHERE || s->kind == SOLID_CAPSULE;
+    const struct vec half = round ? vec(s->r, s->r, s->r) : s->b, end = round ? s->b : s->a;
+    *low = sub(vec(smaller(s->a.x, end.x), smaller(s->a.y, end.y), smaller(s->a.z, end.z)), half);
+    *high = add(vec(larger(s->a.x, end.x), larger(s->a.y, end.y), larger(s->a.z, end.z)), half);
+}
+
 static double distance(const struct solid *s, struct vec p)
 {
     const struct vec q = sub(p, s->a);
     if (s->kind == SOLID_BOX) {
         const double x = fabs(q.x) - s->b.x + s->rim, y = fabs(q.y) - s->b.y + s->rim, z = fabs(q.z) - s->b.z + s->rim;
-        const double inside = fmin(fmax(x, fmax(y, z)), 0);
-        return length(vec(fmax(x, 0), fmax(y, 0), fmax(z, 0))) + inside - s->rim;
+        const double inside = smaller(larger(x, larger(y, z)), 0);
+        return length(vec(larger(x, 0), larger(y, 0), larger(z, 0))) + inside - s->rim;
     }
     const double ring = sqrt(q.x * q.x + q.y * q.y) - s->r;
     if (s->kind == SOLID_TORUS)
         return sqrt(ring * ring + q.z * q.z) - s->rim;
-    const double x = ring + s->rim, z = fabs(q.z) - s->b.z + s->rim, u = fmax(x, 0), v = fmax(z, 0);
-    return sqrt(u * u + v * v) + fmin(fmax(x, z), 0) - s->rim;
+    const double x = ring + s->rim, z = fabs(q.z) - s->b.z + s->rim, u = larger(x, 0), v = larger(z, 0);
+    return sqrt(u * u + v * v) + smaller(larger(x, z), 0) - s->rim;
 }
 
 static double march(const struct solid *s, struct vec o, struct vec d, double reach)
@@ -56,8 +64,8 @@ static double march(const struct solid *s, struct vec o, struct vec d, double re
     const double x0 = (-s->b.x - q.x) * inverse.x, x1 = (s->b.x - q.x) * inverse.x;
     const double y0 = (-s->b.y - q.y) * inverse.y, y1 = (s->b.y - q.y) * inverse.y;
     const double z0 = (-s->b.z - q.z) * inverse.z, z1 = (s->b.z - q.z) * inverse.z;
-    double t = fmax(fmax(fmin(x0, x1), fmin(y0, y1)), fmax(fmin(z0, z1), 0));
-    const double end = fmin(fmin(fmax(x0, x1), fmax(y0, y1)), fmin(fmax(z0, z1), reach));
+    double t = larger(larger(smaller(x0, x1), smaller(y0, y1)), larger(smaller(z0, z1), 0));
+    const double end = smaller(smaller(larger(x0, x1), larger(y0, y1)), smaller(larger(z0, z1), reach));
     for (int i = 0; i < MARCH_STEPS && t < end; i++) {
         const double step = distance(s, along(o, d, t));
         if (step < MARCH_CLOSE)
@@ -100,10 +108,7 @@ double solid_hit(const struct solid *s, struct vec o, struct vec d, double reach
 {
     if (s->kind == SOLID_SPHERE)
         return hit_sphere(s->a, s->r, o, d, reach);
-    const struct vec q = sub(s->middle, o);
-    const double b = dot(q, d);
-    const struct vec nearest = along(q, d, -b);
-    if (dot(nearest, nearest) > s->bound * s->bound || b < -s->bound || b - s->bound > reach)
+    if (!meets_sphere(s->middle, s->bound, o, d, reach))
         return reach;
     return s->kind == SOLID_CAPSULE ? hit_capsule(s, o, d, reach) : march(s, o, d, reach);
 }

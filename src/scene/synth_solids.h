@@ -3,6 +3,8 @@
 #ifndef SG_SCENE_SYNTH_SOLIDS_H
 #define SG_SCENE_SYNTH_SOLIDS_H
 
+#include <stdbool.h>
+
 #include "scene/synth_vec.h"
 
 enum solid_kind { SOLID_SPHERE, SOLID_CAPSULE, SOLID_BOX, SOLID_CYLINDER, SOLID_TORUS };
@@ -23,8 +25,26 @@ struct solid solid_box(struct vec centre, struct vec half, double rounding, int 
 struct solid solid_cylinder(struct vec centre, double radius, double half_height, double rounding, int material);
 struct solid solid_torus(struct vec centre, double major, double minor, int material);
 
+void solid_box_around(const struct solid *s, struct vec *low, struct vec *high);
+
 /* Smallest distance in (0, reach) at which the ray enters the solid, or reach. direction has length 1. */
 double solid_hit(const struct solid *s, struct vec origin, struct vec direction, double reach);
+
+/* Does the ray meet the bounding sphere before reach? */
+static inline bool meets_sphere(struct vec middle, double radius, struct vec origin, struct vec direction, double reach)
+{
+    const struct vec q = sub(middle, origin);
+    const double s = dot(q, direction);
+    const struct vec nearest = along(q, direction, -s);
+    return dot(nearest, nearest) <= radius * radius && s >= -radius && s - radius <= reach;
+}
+
+/* A ray that leaves a convex solid never meets it again. */
+static inline bool solid_is_convex(const struct solid *s)
+{
+    return s->kind != SOLID_TORUS;
+}
+
 struct vec solid_normal(const struct solid *s, struct vec p);
 
 #endif

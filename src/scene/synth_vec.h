@@ -65,6 +65,17 @@ static inline struct vec mix(struct vec a, struct vec b, double t)
     return along(scale(a, 1 - t), b, t);
 }
 
+/* fmin and fmax without their care for NaN, which costs a call. */
+static inline double smaller(double a, double b)
+{
+    return a < b ? a : b;
+}
+
+static inline double larger(double a, double b)
+{
+    return a > b ? a : b;
+}
+
 static inline double clamp01(double x)
 {
     return x < 0 ? 0 : x > 1 ? 1 : x;
