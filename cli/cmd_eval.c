@@ -26,8 +26,8 @@ static void print_json(const struct eval_config *c, const struct model_views *v,
                              (int) e->views, "gaussians", (json_int_t) v->model->count);
     json_t *list = c->per_view ? json_array() : NULL;
     for (size_t i = 0; list && i < e->views; i++)
-        json_array_append_new(list, json_pack("{s:s,s:f,s:f}", "name", v->views[i].name, "psnr", e->per_view[i].psnr,
-                                              "ssim", e->per_view[i].ssim));
+        json_array_append_new(list, json_pack("{s:o,s:f,s:f}", "name", text_json(v->views[i].name), "psnr",
+                                              e->per_view[i].psnr, "ssim", e->per_view[i].ssim));
     if (list)
         json_object_set_new(root, "per_view", list);
     char *text = json_dumps(root, JSON_REAL_PRECISION(8));
@@ -36,13 +36,13 @@ static void print_json(const struct eval_config *c, const struct model_views *v,
     json_decref(root);
 }
 
-static int run_eval(const void *config, const char *const *positional, int count)
+static int run_eval(const void *config, const bool *given, const char *const *positional, int count)
 {
     (void) count;
-    const struct eval_config *c = config;
+    struct eval_config copy = *(const struct eval_config *) config, *c = &copy;
     struct model_views v;
     struct sg_eval e = {0};
-    int code = model_views_open(&v, positional[0], &c->m);
+    int code = model_views_open(&v, positional[0], &command_eval, given, c, &c->m);
     if (!code) {
         const int error = sg_evaluate(v.ctx, v.renderer, v.views, v.n, 1, &e);
         if (error)

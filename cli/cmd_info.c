@@ -53,15 +53,15 @@ static void print_text(const char *path, const struct sg_model_info *i)
         printf("  unused     %zu Gaussians have an opacity below 1/255 and are never drawn\n", i->transparent);
 }
 
-static int run_info(const void *config, const char *const *positional, int count)
+static int run_info(const void *config, const bool *given, const char *const *positional, int count)
 {
-    (void) count;
+    (void) given, (void) count;
     const struct info_config *c = config;
     sg_ctx *ctx;
     struct sg_model *model = NULL;
     struct sg_model_info info;
-    char *path = find_model(positional[0]);
-    int code = path ? open_context(&ctx, 1, true) : 2;
+    char *path = find_model(positional[0], 0);
+    int code = path ? open_context(&ctx, 1, 0, true) : 2;
     if (!code) {
         int error = sg_model_read_ply(ctx, path, UINT32_MAX, &model);
         if (!error)

@@ -94,16 +94,16 @@ static int render_view(const struct render_config *c, struct model_views *v, con
     return error;
 }
 
-static int run_render(const void *config, const char *const *positional, int count)
+static int run_render(const void *config, const bool *given, const char *const *positional, int count)
 {
     (void) count;
-    const struct render_config *c = config;
+    struct render_config copy = *(const struct render_config *) config, *c = &copy;
     struct model_views v;
     if (!c->output) {
         fprintf(stderr, "splatguard render: missing -o DIR\n");
         return 1;
     }
-    int code = model_views_open(&v, positional[0], &c->m);
+    int code = model_views_open(&v, positional[0], &command_render, given, c, &c->m);
     if (!code) {
         size_t pixels = 0;
         for (size_t i = 0; i < v.n; i++) {

@@ -29,16 +29,16 @@ static const struct option synth_options[] = {
 
 static const struct synth_config defaults = {.p = {SG_SYNTH_DEFAULTS}};
 
-static int run_synth(const void *config, const char *const *positional, int count)
+static int run_synth(const void *config, const bool *given, const char *const *positional, int count)
 {
-    (void) positional, (void) count;
+    (void) given, (void) positional, (void) count;
     const struct synth_config *c = config;
     sg_ctx *ctx;
     if (!c->output) {
         fprintf(stderr, "splatguard synth: missing -o DIR\n");
         return 1;
     }
-    int code = open_context(&ctx, c->threads, false);
+    int code = open_context(&ctx, c->threads, 0, false);
     if (code)
         return code;
     const int error = sg_synth_write(ctx, c->output, &c->p);

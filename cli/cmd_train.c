@@ -1,15 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include <errno.h>
-#include <math.h>
-#include <stdlib.h>
 #include <string.h>
-#include <sys/resource.h>
 #include <time.h>
-#include <unistd.h>
 
 #include "interrupt.h"
-#include "progress.h"
-#include "run_folder.h"
+#include "train_run.h"
 
 #define T(field) offsetof(struct train_config, field)
 #define INTEGER(name, field, low, high, help)                                                                          \
@@ -32,6 +26,8 @@ static const struct option train_options[] = {
      true},
     {"eval", 0, OPT_FLAG, T(eval), 0, 0, NULL, NULL, "Hold the test views out and measure PSNR and SSIM on them.",
      false},
+    {"max-memory", 0, OPT_BYTES, T(max_memory), 0, 9e15, NULL, "BYTES",
+     "Refuse to allocate more, e.g. 1500M; 0 = no limit.", true},
     {"resume", 0, OPT_FLAG, T(resume), 0, 0, NULL, NULL,
      "Continue RUN from its checkpoint with its own options: same bytes as an uninterrupted run.", true},
     {"force", 0, OPT_FLAG, T(force), 0, 0, NULL, NULL, "Replace an earlier run in the folder.", true},
@@ -83,21 +79,9 @@ static const struct option train_options[] = {
 static const struct train_config defaults = {
     .scene = {SCENE_OPTION_DEFAULTS},
     .train = {SG_TRAIN_DEFAULTS},
+    .save_every = 7000,
+    .eval_every = 7000,
     .log_every = 100,
-};
-
-struct run {
-    struct train_config *c;
-    sg_ctx *ctx;
-    struct sg_scene *scene;
-    sg_trainer *trainer;
-    FILE *log;
-    struct progress progress;
-    size_t max_gaussians;
-    uint64_t max_instances;
-    double seconds, cpu_seconds; /* of training alone, this session */
-    struct sg_eval last;         /* newest measurement */
-    int last_at;                 /* its iteration, 0 = none */
 };
 
 static double cpu_now(void)
@@ -108,174 +92,130 @@ static double cpu_now(void)
 }
 
 /* Measures the test views; fps only on request. */
-static int measure(struct run *r, int time_fps)
+static int measure(struct train_run *r, int time_fps)
 {
+    const struct train_config *c = r->config;
     struct sg_model *m = NULL;
     sg_renderer *renderer = NULL;
-    struct sg_render_params params = {SG_RENDER_DEFAULTS};
+    struct sg_render_params params = {.max_instances = c->train.max_instances,
+                                      .reference_tiles = c->train.reference_tiles};
     for (int ch = 0; ch < 3; ch++)
-        params.background[ch] = r->c->train.white_background ? 1 : 0;
-    params.max_instances = r->c->train.max_instances;
+        params.background[ch] = c->train.white_background ? 1 : 0;
     int error = sg_trainer_model(r->trainer, &m);
     if (!error)
-        error = sg_renderer_create(r->ctx, r->c->train.backend, r->c->train.cpu, m, &params, &renderer);
+        error = sg_renderer_create(r->ctx, c->train.backend, c->train.cpu, m, &params, &renderer);
     if (!error) {
-        sg_eval_clear(r->ctx, &r->last);
-        error = sg_evaluate(r->ctx, renderer, r->scene->test, r->scene->n_test, time_fps, &r->last);
-        r->last_at = sg_trainer_iteration(r->trainer);
+        sg_eval_clear(r->ctx, &r->eval);
+        error = sg_evaluate(r->ctx, renderer, r->scene->test, r->scene->n_test, time_fps, &r->eval);
     }
     sg_renderer_destroy(&renderer);
     sg_model_destroy(r->ctx, &m);
     if (error)
         return report(r->ctx, error);
-    if (!r->c->quiet) {
+    r->evaluated = sg_trainer_iteration(r->trainer);
+    if (!c->quiet) {
         progress_break(&r->progress);
-        fprintf(stderr, "iteration %d: PSNR %.3f, SSIM %.4f on %zu test views\n", r->last_at, r->last.psnr,
-                r->last.ssim, r->last.views);
+        fprintf(stderr, "iteration %d: PSNR %.3f, SSIM %.4f on %zu test views\n", r->evaluated, r->eval.psnr,
+                r->eval.ssim, r->eval.views);
     }
-    return 0;
+    return train_log_eval(r);
 }
 
-static int log_json(struct run *r, json_t *line)
+static int save(struct train_run *r)
 {
-    char *text = json_dumps(line, JSON_COMPACT | JSON_REAL_PRECISION(8));
-    const bool bad = !text || fprintf(r->log, "%s\n", text) < 0 || fflush(r->log);
-    free(text);
-    json_decref(line);
-    if (bad)
-        fprintf(stderr, "splatguard: %s/log.jsonl: cannot write: %s\n", r->c->output, strerror(errno));
-    return bad ? 2 : 0;
+    /* The log's line at a checkpoint carries the totals that a resumed run goes on from. */
+    int code = train_log_step(r);
+    if (!code)
+        code = run_save_model(r->ctx, r->config->output, r->trainer);
+    return code ? code : run_save_checkpoint(r->ctx, r->config->output, r->trainer);
 }
 
-static json_t *times_json(const sg_trainer *t)
+static bool due(int iteration, int every)
 {
-    struct sg_train_times s;
-    sg_trainer_times(t, &s);
-    return json_pack("{s:f,s:f,s:f,s:f,s:f,s:f,s:f}", "project", s.project, "bin", s.bin, "raster", s.raster, "loss",
-                     s.loss, "raster_backward", s.raster_backward, "update", s.update, "densify", s.densify);
+    return every && iteration % every == 0;
 }
 
-/* Everything that is due after an iteration. */
-static int after_step(struct run *r, const struct sg_train_step *s)
+/* Everything that is due after an iteration; the end has its own. */
+static int after_step(struct train_run *r)
 {
-    const struct train_config *c = r->c;
+    const struct sg_train_step *s = &r->step;
+    const struct train_config *c = r->config;
     const bool last = s->iteration == c->train.iterations;
     int code = 0;
     progress_step(&r->progress, s);
-    if (s->gaussians > r->max_gaussians)
-        r->max_gaussians = s->gaussians;
-    if (s->render.instances > r->max_instances)
-        r->max_instances = s->render.instances;
-    if (s->iteration % c->log_every == 0 || last || s->iteration == 1)
-        code = log_json(r, json_pack("{s:i,s:f,s:f,s:f,s:f,s:s,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:f}", "iteration",
-                                     s->iteration, "loss", s->loss, "l1", s->l1, "ssim", s->ssim, "psnr", s->psnr,
-                                     "view", r->scene->train[s->view].name, "gaussians", (json_int_t) s->gaussians,
-                                     "cloned", (json_int_t) s->cloned, "split", (json_int_t) s->split, "pruned",
-                                     (json_int_t) s->pruned, "visible", (json_int_t) s->render.visible, "instances",
-                                     (json_int_t) s->render.instances, "pairs", (json_int_t) s->render.pairs, "seconds",
-                                     r->seconds));
-    if (!code && c->eval && c->eval_every && s->iteration % c->eval_every == 0 && !last && !(code = measure(r, 0)))
-        code = log_json(r, json_pack("{s:i,s:f,s:f}", "iteration", s->iteration, "test_psnr", r->last.psnr, "test_ssim",
-                                     r->last.ssim));
-    if (!code && c->save_every && s->iteration % c->save_every == 0 && !last &&
-        !(code = run_save_model(r->ctx, c->output, r->trainer)))
-        code = run_save_checkpoint(r->ctx, c->output, r->trainer);
+    if (s->gaussians > r->totals.max_gaussians)
+        r->totals.max_gaussians = s->gaussians;
+    if (s->render.instances > r->totals.max_instances)
+        r->totals.max_instances = s->render.instances;
+    if (due(s->iteration, c->log_every) || last || s->iteration == 1)
+        code = train_log_step(r);
+    if (!code && c->eval && due(s->iteration, c->eval_every) && !last)
+        code = measure(r, 0);
+    if (!code && due(s->iteration, c->save_every) && !last)
+        code = save(r);
     return code;
 }
 
-static int loop(struct run *r)
+static int loop(struct train_run *r)
 {
     int code = 0;
-    while (!code && sg_trainer_iteration(r->trainer) < r->c->train.iterations && !interrupted()) {
-        struct sg_train_step step;
+    while (!code && sg_trainer_iteration(r->trainer) < r->config->train.iterations && !interrupted()) {
         const double start = monotonic_seconds(), cpu = cpu_now();
-        const int error = sg_trainer_step(r->trainer, &step);
-        r->seconds += monotonic_seconds() - start;
-        r->cpu_seconds += cpu_now() - cpu;
+        const int error = sg_trainer_step(r->trainer, &r->step);
+        r->totals.seconds += monotonic_seconds() - start;
+        r->totals.cpu_seconds += cpu_now() - cpu;
         if (error) {
+            /* The model so far is worth keeping; the checkpoint stays, for this iteration is half done. */
             progress_break(&r->progress);
-            return report(r->ctx, error);
+            code = report(r->ctx, error);
+            run_save_model(r->ctx, r->config->output, r->trainer);
+            return code;
         }
-        code = after_step(r, &step);
+        code = after_step(r);
     }
-    return code;
-}
-
-static json_t *cpu_name(void)
-{
-    char line[256];
-    FILE *f = fopen("/proc/cpuinfo", "r");
-    json_t *name = NULL;
-    while (f && !name && fgets(line, sizeof(line), f)) {
-        char *value = strchr(line, ':');
-        if (!strncmp(line, "model name", 10) && value) {
-            value[strcspn(value, "\n")] = 0;
-            name = json_string(value + 2);
-        }
-    }
-    if (f)
-        fclose(f);
-    return name ? name : json_string("unknown");
-}
-
-static int write_summary(struct run *r)
-{
-    struct rusage usage;
-    getrusage(RUSAGE_SELF, &usage);
-    json_t *ledger = json_object();
-    for (int tag = 0; tag < SG_MEM_TAGS; tag++)
-        json_object_set_new(ledger, sg_mem_tag_name((enum sg_mem_tag) tag),
-                            json_integer((json_int_t) sg_mem_peak(r->ctx, (enum sg_mem_tag) tag)));
-    const int done = sg_trainer_iteration(r->trainer);
-    json_t *s = json_pack(
-        "{s:s,s:i,s:b,s:I,s:I,s:I,s:f,s:f,s:f,s:I,s:I,s:o,s:o,s:s,s:o,s:i,s:i,s:i}", "version", sg_version(),
-        "iterations", done, "interrupted",
-        done<r->c->train.iterations, "max_gaussians", (json_int_t) r->max_gaussians, "final_gaussians",
-             (json_int_t) sg_trainer_gaussians(r->trainer), "max_instances", (json_int_t) r->max_instances,
-             "train_seconds", r->seconds, "cpu_seconds", r->cpu_seconds, "iterations_per_second", r->seconds> 0
-            ? (done - r->progress.first) / r->seconds
-            : 0.0,
-        "peak_rss_bytes", (json_int_t) usage.ru_maxrss * 1024, "peak_ledger_bytes",
-        (json_int_t) sg_mem_peak(r->ctx, SG_MEM_TAGS), "peak_ledger_bytes_by_tag", ledger, "stage_seconds",
-        times_json(r->trainer), "variant", sg_trainer_variant(r->trainer), "machine", cpu_name(), "threads",
-        sg_ctx_threads(r->ctx), "train_views", (int) r->scene->n_train, "test_views", (int) r->scene->n_test);
-    if (s && r->last_at == done && r->last.views) {
-        json_object_set_new(s, "psnr", json_real(r->last.psnr));
-        json_object_set_new(s, "ssim", json_real(r->last.ssim));
-        json_object_set_new(s, "fps", json_real(r->last.fps));
-    }
-    char *path = run_path(r->c->output, "summary.json");
-    const int code = s && path ? run_write_json(path, s) : 4;
-    free(path);
-    json_decref(s);
     return code;
 }
 
 /* Ends the run: what there is, is saved, interrupted or not. */
-static int finish(struct run *r)
+static int finish(struct train_run *r)
 {
-    const bool cut = sg_trainer_iteration(r->trainer) < r->c->train.iterations;
+    const bool cut = sg_trainer_iteration(r->trainer) < r->config->train.iterations;
     if (cut)
         progress_break(&r->progress);
-    int code = run_save_model(r->ctx, r->c->output, r->trainer);
-    if (!code)
-        code = run_save_checkpoint(r->ctx, r->c->output, r->trainer);
-    if (!code && r->c->eval && !cut)
+    int code = save(r);
+    if (!code && r->config->eval && !cut)
         code = measure(r, 1);
     if (!code)
-        code = write_summary(r);
+        code = train_summary_write(r);
     if (!code && cut) {
         fprintf(stderr, "interrupted at iteration %d; saved. Continue with: splatguard train --resume %s\n",
-                sg_trainer_iteration(r->trainer), r->c->output);
+                sg_trainer_iteration(r->trainer), r->config->output);
         code = 130;
     }
     return code;
 }
 
-/* Trainer on the loaded scene, from points, a model or the checkpoint. */
-static int start(struct run *r)
+static int restore(struct train_run *r, const char *variant)
 {
-    struct train_config *c = r->c;
+    char *path = run_path(r->config->output, "checkpoint.bin");
+    if (!path)
+        return 4;
+    const int error = sg_trainer_load(r->trainer, path);
+    free(path);
+    if (error)
+        return report(r->ctx, error);
+    if (variant && strcmp(variant, sg_trainer_variant(r->trainer)))
+        fprintf(stderr,
+                "warning: the run was made with %s and goes on with %s: results can differ in the last digits\n",
+                variant, sg_trainer_variant(r->trainer));
+    /* Iterations may have been raised. */
+    return run_write_config(r->config, variant ? variant : sg_trainer_variant(r->trainer));
+}
+
+/* Trainer on the loaded scene, from points, a model or the checkpoint. */
+static int start(struct train_run *r, const char *variant)
+{
+    const struct train_config *c = r->config;
     struct sg_model *initial = NULL;
     int error = 0, code = 0;
     if (c->init)
@@ -283,58 +223,70 @@ static int start(struct run *r)
     if (!error)
         error = sg_trainer_create(r->ctx, r->scene, initial, &c->train, &r->trainer);
     sg_model_destroy(r->ctx, &initial);
-    if (!error && c->resume) {
-        char *path = run_path(c->output, "checkpoint.bin");
-        error = path ? sg_trainer_load(r->trainer, path) : SG_ERR_INTERNAL;
-        free(path);
-    }
-    if (!error && !c->resume && !(error = sg_trainer_model(r->trainer, &initial)))
-        code = run_create(r->ctx, c, r->scene, initial, sg_trainer_variant(r->trainer));
-    sg_model_destroy(r->ctx, &initial);
     if (error)
         return report(r->ctx, error);
-    if (code)
-        return code;
-    r->max_gaussians = sg_trainer_gaussians(r->trainer);
-    char *path = run_path(c->output, "log.jsonl");
-    r->log = path ? fopen(path, c->resume ? "ab" : "wb") : NULL;
-    if (!r->log) {
-        fprintf(stderr, "splatguard: %s: cannot write: %s\n", path, strerror(errno));
-        code = 2;
-    }
-    free(path);
-    return code;
+    if (c->resume)
+        code = restore(r, variant);
+    else if ((error = sg_trainer_model(r->trainer, &initial)))
+        code = report(r->ctx, error);
+    else
+        code = run_create(r->ctx, c, r->scene, initial, sg_trainer_variant(r->trainer));
+    sg_model_destroy(r->ctx, &initial);
+    r->totals.max_gaussians = sg_trainer_gaussians(r->trainer);
+    return code ? code : train_log_open(r);
 }
 
-/* RUN's own options; of the command line only what does not change the result, and more iterations, count. */
-static int adopt_run(struct train_config *c, const char *scene_argument, json_t **keep)
+/* RUN's own options. The command line may say where the scene is now, ask for more iterations, and change what does not
+ * touch the result; anything else that differs is refused. */
+static int adopt_run(struct train_config *c, const bool *given, const char *argument, json_t **keep)
 {
     struct train_config now = *c;
-    if (!c->output)
-        now.output = scene_argument;
-    if (!now.output) {
-        fprintf(stderr, "splatguard train: --resume needs the run's folder\n");
+    const struct command *t = &command_train;
+    now.source = now.output && argument ? argument : now.source;
+    now.output = now.output ? now.output : argument;
+    if (!now.output || now.force) {
+        fprintf(stderr, now.force ? "splatguard train: --resume and --force exclude each other\n"
+                                  : "splatguard train: --resume needs the run's folder\n");
         return 1;
     }
     *c = defaults;
     int code = run_read_config(now.output, c, keep);
+    if (code)
+        return code;
     c->output = now.output;
     c->resume = true;
     c->quiet = now.quiet;
     c->threads = now.threads;
-    if (now.train.iterations != defaults.train.iterations && now.train.iterations > c->train.iterations)
+    c->max_memory = now.max_memory;
+    c->source = now.source ? now.source : c->source;
+    if (now.train.iterations > c->train.iterations && options_given(t, given, T(train.iterations)))
         c->train.iterations = now.train.iterations;
-    return code;
+    c->save_every = options_given(t, given, T(save_every)) ? now.save_every : c->save_every;
+    c->eval_every = options_given(t, given, T(eval_every)) ? now.eval_every : c->eval_every;
+    c->log_every = options_given(t, given, T(log_every)) ? now.log_every : c->log_every;
+    now.source = c->source;
+    return options_conflict(t, given, &now, c);
 }
 
-static int run_train(const void *config, const char *const *positional, int count)
+/* The parts of the configuration that follow from others. */
+static void settle(struct train_config *c)
+{
+    static const char *const backends[] = {"cpu", "ref"};
+    c->train.backend = backends[c->backend];
+    c->train.cpu = cpu_variant(c->train.cpu);
+    c->train.white_background = c->scene.params.white_background;
+    c->scene.params.format = (enum sg_scene_format) c->scene.format;
+    c->scene.params.eval = c->eval;
+}
+
+static int run_train(const void *config, const bool *given, const char *const *positional, int count)
 {
     struct train_config c = *(const struct train_config *) config;
-    struct run r = {.c = &c};
+    struct train_run r = {.config = &c};
     json_t *keep = NULL;
     int code = 0;
     if (c.resume)
-        code = adopt_run(&c, count ? positional[0] : NULL, &keep);
+        code = adopt_run(&c, given, count ? positional[0] : NULL, &keep);
     else if (count)
         c.source = positional[0];
     if (!code && (!c.source || !c.output)) {
@@ -342,15 +294,12 @@ static int run_train(const void *config, const char *const *positional, int coun
                 command_train.arguments);
         code = 1;
     }
+    if (!code && !c.resume && !c.force)
+        code = run_refuse_earlier(c.output);
     if (code)
         goto done;
-    static const char *const backends[] = {"cpu", "ref"};
-    c.train.backend = backends[c.backend];
-    c.train.cpu = cpu_variant(c.train.cpu);
-    c.train.white_background = c.scene.params.white_background;
-    c.scene.params.format = (enum sg_scene_format) c.scene.format;
-    c.scene.params.eval = c.eval;
-    if ((code = open_context(&r.ctx, c.threads, c.quiet)))
+    settle(&c);
+    if ((code = open_context(&r.ctx, c.threads, c.max_memory, c.quiet)))
         goto done;
     const int error = sg_scene_load(r.ctx, c.source, &c.scene.params, &r.scene);
     if (error) {
@@ -362,17 +311,17 @@ static int run_train(const void *config, const char *const *positional, int coun
         code = 2;
         goto done;
     }
-    if ((code = start(&r)))
+    if ((code = start(&r, json_string_value(json_object_get(keep, "cpu_variant")))))
         goto done;
     interrupt_catch();
     progress_begin(&r.progress, c.quiet, sg_trainer_iteration(r.trainer), c.train.iterations);
     if (!(code = loop(&r)))
         code = finish(&r);
 done:
-    if (r.log)
-        fclose(r.log);
+    if (r.log && fclose(r.log) && !code)
+        code = 2;
     if (r.ctx) {
-        sg_eval_clear(r.ctx, &r.last);
+        sg_eval_clear(r.ctx, &r.eval);
         sg_trainer_destroy(&r.trainer);
         sg_scene_destroy(r.ctx, &r.scene);
     }

@@ -92,15 +92,15 @@ int exit_code(int error);
 int report(const sg_ctx *ctx, int error);
 
 /* A context that logs warnings to stderr (info too unless quiet). Returns an exit code. */
-int open_context(sg_ctx **ctx, int threads, bool quiet);
+int open_context(sg_ctx **ctx, int threads, uint64_t max_memory, bool quiet);
 
 /* --cpu, else SG_CPU, else NULL. */
 const char *cpu_variant(const char *option);
 
-/* MODEL.ply, or the newest point_cloud of a run folder, as text the caller frees. NULL after printing what is wrong. */
-char *find_model(const char *path);
+bool is_dir(const char *path);
 
-/* The run's own scene options from RUN/config.json, unless MODEL is a file or has none. `keep` owns the strings. */
-int run_scene_options(const char *model, struct scene_options *scene, json_t **keep);
+/* MODEL.ply, or the point_cloud of an iteration (0 = the newest) of a run folder, as text the caller frees. NULL after
+ * printing what is wrong. */
+char *find_model(const char *path, int iteration);
 
 #endif

@@ -50,17 +50,30 @@ static int run(const struct command *c, int argc, char **argv)
     const char *positional[OPTIONS_MAX_POSITIONAL];
     int count, code;
     void *config = malloc(c->config_size);
-    if (!config)
+    bool *given = calloc(options_count(c), sizeof(*given));
+    if (!config || !given) {
+        free(config);
+        free(given);
         return 4;
-    code = options_parse(c, argc, argv, config, positional, &count, NULL);
+    }
+    code = options_parse(c, argc, argv, config, positional, &count, given);
     if (code == 0 && count < c->min_positional) {
         fprintf(stderr, "splatguard %s: missing argument; usage: splatguard %s %s\n", c->name, c->name, c->arguments);
         code = 1;
     }
     if (code == 0)
-        code = c->run(config, positional, count);
+        code = c->run(config, given, positional, count);
     free(config);
+    free(given);
     return code < 0 ? 0 : code;
+}
+
+static const struct command *find(const char *name)
+{
+    for (size_t i = 0; i < COMMANDS; i++)
+        if (!strcmp(name, commands[i]->name))
+            return commands[i];
+    return NULL;
 }
 
 int main(int argc, char **argv)
@@ -75,16 +88,17 @@ int main(int argc, char **argv)
             man();
         else if (argc > 2 && !strcmp(argv[2], "--markdown"))
             markdown();
+        else if (argc > 2 && find(argv[2]))
+            options_help(find(argv[2]), stdout);
         else
             usage(argc > 1 ? stdout : stderr);
         return argc > 1 ? 0 : 1;
     }
-    for (size_t i = 0; i < COMMANDS; i++)
-        if (!strcmp(name, commands[i]->name)) {
-            const int code = run(commands[i], argc - 2, argv + 2);
-            /* Output that did not arrive is a failure too. */
-            return fflush(stdout) || ferror(stdout) ? (code ? code : 2) : code;
-        }
+    if (find(name)) {
+        const int code = run(find(name), argc - 2, argv + 2);
+        /* Output that did not arrive is a failure too. */
+        return fflush(stdout) || ferror(stdout) ? (code ? code : 2) : code;
+    }
     fprintf(stderr, "splatguard: unknown command \"%s\"; splatguard --help lists them\n", name);
     return 1;
 }

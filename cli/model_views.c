@@ -2,45 +2,101 @@
 #include "model_views.h"
 
 #include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
 
-int model_views_open(struct model_views *v, const char *model, const struct model_options *options)
+/* What another trainer's folder says in cfg_args. Its text is Python, of which only plain cases are read. */
+static void read_cfg_args(const char *run, const struct command *command, const bool *given, void *config,
+                          struct scene_options *scene)
 {
-    struct model_options o = *options;
-    json_t *keep = NULL;
+    char *path = NULL, *text = NULL;
+    size_t room = 0;
+    FILE *f = asprintf(&path, "%s/cfg_args", run) < 0 ? NULL : fopen(path, "rb");
+    if (f && getline(&text, &room, f) > 0) {
+        const char *white = strstr(text, "white_background=True"), *resolution = strstr(text, "resolution=");
+        const ptrdiff_t white_at = (char *) &scene->params.white_background - (char *) config;
+        const ptrdiff_t resolution_at = (char *) &scene->params.resolution - (char *) config;
+        int n;
+        if (white && !options_given(command, given, (size_t) white_at))
+            scene->params.white_background = true;
+        if (resolution && sscanf(resolution, "resolution=%d", &n) == 1 && n >= -1 && n && n <= 16384 &&
+            !options_given(command, given, (size_t) resolution_at))
+            scene->params.resolution = n;
+    }
+    if (f)
+        fclose(f);
+    free(text);
+    free(path);
+}
+
+static int adopt_run(struct model_views *v, const char *run, const struct command *command, const bool *given,
+                     void *config, struct model_options *o)
+{
+    char *path = NULL;
+    int code = 0;
+    if (!is_dir(run))
+        return 0;
+    if (asprintf(&path, "%s/config.json", run) < 0)
+        return 4;
+    if (access(path, F_OK)) {
+        read_cfg_args(run, command, given, config, &o->scene);
+        goto done;
+    }
+    json_error_t error;
+    v->run = json_load_file(path, JSON_REJECT_DUPLICATES, &error);
+    const json_t *options = json_object_get(v->run, "options");
+    if (!options) {
+        fprintf(stderr, "splatguard: %s: line %d: %s; expected the config.json of a run\n", path, error.line,
+                v->run ? "found no options" : error.text);
+        code = 2;
+    } else if (options_adopt(command, "Scene", given, config, options, path))
+        code = 2;
+    if (!o->scene_path)
+        o->scene_path = json_string_value(json_object_get(options, "source-path"));
+    if (!code && o->split == 0 && json_is_false(json_object_get(options, "eval")))
+        fprintf(stderr, "warning: the run was trained without --eval: it has seen the test views\n");
+done:
+    free(path);
+    return code;
+}
+
+int model_views_open(struct model_views *v, const char *model, const struct command *command, const bool *given,
+                     void *config, struct model_options *o)
+{
     static const char *const backends[] = {"cpu", "ref"};
     *v = (struct model_views){0};
-    char *path = find_model(model);
-    int code = path ? run_scene_options(model, &o.scene, &keep) : 2;
-    if (!code && !o.scene_path) {
-        fprintf(stderr, "splatguard: --scene SCENE is missing\n");
+    char *path = find_model(model, o->iteration);
+    int code = path ? adopt_run(v, model, command, given, config, o) : 2;
+    if (!code && !o->scene_path) {
+        fprintf(stderr, "splatguard %s: missing --scene SCENE\n", command->name);
         code = 1;
     }
     if (!code)
-        code = open_context(&v->ctx, o.threads, o.quiet);
+        code = open_context(&v->ctx, o->threads, 0, o->quiet);
     if (code)
         goto done;
-    o.scene.params.format = (enum sg_scene_format) o.scene.format;
-    o.scene.params.eval = true;
+    o->scene.params.format = (enum sg_scene_format) o->scene.format;
+    o->scene.params.eval = true;
     for (int ch = 0; ch < 3; ch++)
-        o.render.background[ch] = o.scene.params.white_background ? 1 : 0;
+        o->render.background[ch] = o->scene.params.white_background ? 1 : 0;
     int error = sg_model_read_ply(v->ctx, path, UINT32_MAX, &v->model);
     if (!error)
-        error = sg_scene_load(v->ctx, o.scene_path, &o.scene.params, &v->scene);
+        error = sg_scene_load(v->ctx, o->scene_path, &o->scene.params, &v->scene);
     if (!error)
-        error = sg_renderer_create(v->ctx, backends[o.backend], cpu_variant(o.cpu), v->model, &o.render, &v->renderer);
+        error =
+            sg_renderer_create(v->ctx, backends[o->backend], cpu_variant(o->cpu), v->model, &o->render, &v->renderer);
     if (error)
         code = report(v->ctx, error);
     else {
-        v->views = o.split == 0 ? v->scene->test : v->scene->train;
-        v->n = o.split == 0 ? v->scene->n_test : v->scene->n_train;
+        v->views = o->split == 0 ? v->scene->test : v->scene->train;
+        v->n = o->split == 0 ? v->scene->n_test : v->scene->n_train;
         if (!v->n) {
-            fprintf(stderr, "splatguard: %s: found no %s views\n", o.scene_path, o.split == 0 ? "test" : "train");
+            fprintf(stderr, "splatguard: %s: found no %s views\n", o->scene_path, o->split == 0 ? "test" : "train");
             code = 2;
         }
     }
 done:
     free(path);
-    json_decref(keep);
     return code;
 }
 
@@ -52,4 +108,5 @@ void model_views_close(struct model_views *v)
         sg_scene_destroy(v->ctx, &v->scene);
     }
     sg_ctx_destroy(&v->ctx);
+    json_decref(v->run);
 }

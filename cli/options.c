@@ -82,6 +82,14 @@ static int set_choice(const struct command *c, const struct option *o, int *valu
     return bad_value(c, o, text, expected);
 }
 
+/* What config.json keeps, so that a resumed run has the same number. */
+static double fifteen_digits(double v)
+{
+    char text[32];
+    snprintf(text, sizeof(text), "%.15g", v);
+    return strtod(text, NULL);
+}
+
 int options_set(const struct command *c, const struct option *o, void *config, const char *text)
 {
     void *value = value_of(o, config);
@@ -92,6 +100,8 @@ int options_set(const struct command *c, const struct option *o, void *config, c
         *(bool *) value = true;
         return 0;
     case OPT_STRING:
+        if (!text[0]) /* an empty folder name would mean the root */
+            return bad_value(c, o, text, "a name");
         *(const char **) value = text;
         return 0;
     case OPT_CHOICE:
@@ -105,12 +115,14 @@ int options_set(const struct command *c, const struct option *o, void *config, c
         if (o->type == OPT_FLOAT)
             *(float *) value = (float) v;
         else
-            *(double *) value = v;
+            *(double *) value = fifteen_digits(v);
         return 0;
     }
     default: {
         snprintf(expected, sizeof(expected), "a whole number from %.0f to %.0f", o->low, o->high);
-        const long long v = strtoll(text, &end, 10);
+        long long v = strtoll(text, &end, 10);
+        if (o->type == OPT_BYTES && end != text && *end && !end[1] && strchr("KMG", *end) && v < 1ll << 30)
+            v <<= *end++ == 'K' ? 10 : end[-1] == 'M' ? 20 : 30;
         if (end == text || *end || errno || (double) v < o->low || (double) v > o->high)
             return bad_value(c, o, text, expected);
         if (o->type == OPT_INT)
@@ -134,10 +146,15 @@ int options_parse(const struct command *c, int argc, char **argv, void *config, 
                   bool *given)
 {
     memcpy(config, c->defaults, c->config_size);
+    memset(given, 0, options_count(c) * sizeof(*given));
     *count = 0;
     bool only_positional = false;
     for (int i = 0; i < argc; i++) {
         const char *a = argv[i];
+        if (!a[0]) {
+            fprintf(stderr, "splatguard %s: found an empty argument\n", c->name);
+            return 1;
+        }
         if (only_positional || a[0] != '-' || !a[1]) {
             if (*count >= c->max_positional) {
                 fprintf(stderr, "splatguard %s: unexpected argument \"%s\"\n", c->name, a);
@@ -175,8 +192,7 @@ int options_parse(const struct command *c, int argc, char **argv, void *config, 
         }
         if (options_set(c, o, config, text))
             return 1;
-        if (given)
-            given[o - c->options] = true;
+        given[o - c->options] = true;
     }
     return 0;
 }
@@ -190,10 +206,15 @@ static bool show(const struct option *o, const void *config, char *text, size_t 
         snprintf(text, size, "%d", *(const int *) value);
         return true;
     case OPT_U64:
+    case OPT_BYTES:
         snprintf(text, size, "%llu", (unsigned long long) *(const uint64_t *) value);
         return true;
     case OPT_FLOAT:
-        snprintf(text, size, "%.7g", (double) *(const float *) value);
+        for (int digits = 6; digits <= 9; digits++) { /* the shortest that reads back the same */
+            snprintf(text, size, "%.*g", digits, (double) *(const float *) value);
+            if (strtof(text, NULL) == *(const float *) value)
+                break;
+        }
         return true;
     case OPT_DOUBLE:
         snprintf(text, size, "%.15g", *(const double *) value);
@@ -215,6 +236,24 @@ static bool show(const struct option *o, const void *config, char *text, size_t 
     }
 }
 
+json_t *text_json(const char *text)
+{
+    json_t *value = json_string(text);
+    if (value)
+        return value;
+    char copy[4096]; /* names of files need not be UTF-8; JSON must be */
+    size_t n = 0;
+    for (; text[n] && n < sizeof(copy) - 1; n++)
+        copy[n] = text[n] > 0 ? text[n] : '?';
+    copy[n] = 0;
+    return json_string(copy);
+}
+
+json_t *number_json(double v)
+{
+    return v - v == 0 ? json_real(v) : json_null();
+}
+
 json_t *options_to_json(const struct command *c, const void *config)
 {
     json_t *object = json_object();
@@ -231,10 +270,38 @@ json_t *options_to_json(const struct command *c, const void *config)
         else if (o->type == OPT_U64)
             v = json_integer((json_int_t) * (const uint64_t *) value);
         else if (show(o, config, text, sizeof(text)))
-            v = o->type == OPT_FLOAT || o->type == OPT_DOUBLE ? json_real(strtod(text, NULL)) : json_string(text);
+            v = o->type == OPT_FLOAT || o->type == OPT_DOUBLE ? json_real(strtod(text, NULL)) : text_json(text);
         json_object_set_new(object, o->name, v);
     }
     return object;
+}
+
+/* One value of a run's options. */
+static int set_json(const struct command *c, const struct option *o, void *config, const json_t *v, const char *path)
+{
+    const bool number = o->type != OPT_FLAG && o->type != OPT_STRING && o->type != OPT_CHOICE;
+    char text[64];
+    if (json_is_null(v))
+        return 0;
+    if (o->type == OPT_FLAG ? !json_is_boolean(v) : number ? !json_is_number(v) : !json_is_string(v)) {
+        fprintf(stderr, "splatguard: %s: option \"%s\": found another kind of value, expected %s\n", path, o->name,
+                o->type == OPT_FLAG ? "true or false"
+                : number            ? "a number"
+                                    : "a text");
+        return 1;
+    }
+    if (o->type == OPT_FLAG) {
+        *(bool *) value_of(o, config) = json_is_true(v);
+        return 0;
+    }
+    if (json_is_integer(v))
+        snprintf(text, sizeof(text), "%lld", (long long) json_integer_value(v));
+    else if (json_is_real(v))
+        snprintf(text, sizeof(text), "%.17g", json_real_value(v));
+    const int code = options_set(c, o, config, number ? text : json_string_value(v));
+    if (code)
+        fprintf(stderr, "splatguard: in %s\n", path);
+    return code;
 }
 
 int options_from_json(const struct command *c, void *config, const json_t *object, const char *path)
@@ -244,27 +311,66 @@ int options_from_json(const struct command *c, void *config, const json_t *objec
     json_object_foreach((json_t *) object, key, v)
     {
         const struct option *o = find(c, key, strlen(key));
-        char text[64];
         if (!o || o->transient) {
-            fprintf(stderr, "%s: found an unknown option \"%s\"\n", path, key);
+            fprintf(stderr, "splatguard: %s: found an unknown option \"%s\"\n", path, key);
             return 1;
         }
-        if (json_is_null(v))
+        if (set_json(c, o, config, v, path))
+            return 1;
+    }
+    return 0;
+}
+
+int options_adopt(const struct command *c, const char *group, const bool *given, void *config, const json_t *object,
+                  const char *path)
+{
+    bool inside = false;
+    for (const struct option *o = c->options; o->name; o++) {
+        if (o->type == OPT_GROUP) {
+            inside = !strcmp(o->name, group);
+            continue;
+        }
+        const json_t *v = inside && !given[o - c->options] ? json_object_get(object, o->name) : NULL;
+        if (v && set_json(c, o, config, v, path))
+            return 1;
+    }
+    return 0;
+}
+
+bool options_given(const struct command *c, const bool *given, size_t offset)
+{
+    for (const struct option *o = c->options; o->name; o++)
+        if (o->type != OPT_GROUP && o->offset == offset && given[o - c->options])
+            return true;
+    return false;
+}
+
+size_t options_count(const struct command *c)
+{
+    size_t n = 0;
+    while (c->options[n].name)
+        n++;
+    return n;
+}
+
+int options_conflict(const struct command *c, const bool *given, const void *config, const void *run)
+{
+    for (const struct option *o = c->options; o->name; o++) {
+        char now[4096] = "on", then[4096] = "off";
+        if (o->type == OPT_GROUP || o->transient || !given[o - c->options])
             continue;
         if (o->type == OPT_FLAG) {
-            *(bool *) value_of(o, config) = json_is_true(v);
-            continue;
+            if (*(const bool *) ((const char *) run + o->offset))
+                continue;
+        } else {
+            if (!show(o, run, then, sizeof(then)))
+                snprintf(then, sizeof(then), "not set");
+            if (show(o, config, now, sizeof(now)) && !strcmp(now, then))
+                continue;
         }
-        if (json_is_integer(v))
-            snprintf(text, sizeof(text), "%lld", (long long) json_integer_value(v));
-        else if (json_is_real(v))
-            snprintf(text, sizeof(text), "%.17g", json_real_value(v));
-        else if (!json_is_string(v)) {
-            fprintf(stderr, "%s: option \"%s\": found another kind of value than expected\n", path, key);
-            return 1;
-        }
-        if (options_set(c, o, config, json_is_string(v) ? json_string_value(v) : text))
-            return 1;
+        fprintf(stderr, "splatguard %s: --%s: found %s, but the run has %s, and a resumed run keeps its options\n",
+                c->name, o->name, now, then);
+        return 1;
     }
     return 0;
 }

@@ -9,7 +9,7 @@
 #include <stdint.h>
 #include <stdio.h>
 
-enum option_type { OPT_FLAG, OPT_INT, OPT_U64, OPT_FLOAT, OPT_DOUBLE, OPT_STRING, OPT_CHOICE, OPT_GROUP };
+enum option_type { OPT_FLAG, OPT_INT, OPT_U64, OPT_BYTES, OPT_FLOAT, OPT_DOUBLE, OPT_STRING, OPT_CHOICE, OPT_GROUP };
 
 struct option {
     const char *name; /* without dashes in front; underscores are accepted for its dashes. OPT_GROUP: a heading */
@@ -29,23 +29,38 @@ struct command {
     size_t config_size;
     const void *defaults;
     int min_positional, max_positional;
-    int (*run)(const void *config, const char *const *positional, int count);
+    /* given: one bool per table entry, set where the command line has the option. Returns an exit code. */
+    int (*run)(const void *config, const bool *given, const char *const *positional, int count);
 };
 
 #define OPTIONS_MAX_POSITIONAL 4
 
 /* Fills config (defaults first) and positional. Returns 0, or 1 after printing what is wrong, or -1 if --help was
- * printed. given (may be NULL): one bool per table entry, set where the command line has it. */
+ * printed. given: one bool per table entry, set where the command line has it. */
 int options_parse(const struct command *c, int argc, char **argv, void *config, const char **positional, int *count,
                   bool *given);
 
 /* Sets one option from text. Returns 0 or 1 after printing what is wrong. */
 int options_set(const struct command *c, const struct option *o, void *config, const char *text);
 
+/* Values for JSON: text that is not UTF-8 gets question marks, a number that is not finite becomes null. */
+json_t *text_json(const char *text);
+json_t *number_json(double v);
+
 /* All lasting options as a JSON object, and back (unknown keys are refused by name). Strings set from JSON live as long
  * as the object. */
 json_t *options_to_json(const struct command *c, const void *config);
 int options_from_json(const struct command *c, void *config, const json_t *object, const char *path);
+
+/* Takes the options of one group of the table that the command line did not give from a run's options. */
+int options_adopt(const struct command *c, const char *group, const bool *given, void *config, const json_t *object,
+                  const char *path);
+
+bool options_given(const struct command *c, const bool *given, size_t offset);
+size_t options_count(const struct command *c);
+
+/* Refuses lasting options of the command line that differ from those of the run being continued. */
+int options_conflict(const struct command *c, const bool *given, const void *config, const void *run);
 
 void options_help(const struct command *c, FILE *out);
 void options_markdown(const struct command *c, FILE *out);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "run_folder.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,8 +20,7 @@ static int cannot(const char *what, const char *path)
     return 2;
 }
 
-/* To a temporary name, synced, then renamed. */
-static int write_whole(const char *path, const char *text, size_t size)
+int run_write_file(const char *path, const char *text, size_t size)
 {
     char *temporary;
     if (asprintf(&temporary, "%s.tmp%ld", path, (long) getpid()) < 0)
@@ -42,12 +42,12 @@ static int write_whole(const char *path, const char *text, size_t size)
 
 int run_write_json(const char *path, const json_t *value)
 {
-    char *text = json_dumps(value, JSON_INDENT(2) | JSON_REAL_PRECISION(9));
+    char *text = json_dumps(value, JSON_INDENT(2) | JSON_REAL_PRECISION(15));
     if (!text)
         return 4;
     size_t n = strlen(text);
     text[n] = '\n'; /* in place of the final zero: the length is passed on */
-    const int code = write_whole(path, text, n + 1);
+    const int code = run_write_file(path, text, n + 1);
     free(text);
     return code;
 }
@@ -70,31 +70,46 @@ static int make_dirs(const char *path)
     return code;
 }
 
+/* A Python string literal. */
+static void put_quoted(FILE *out, const char *text)
+{
+    fputc('\'', out);
+    for (; *text; text++) {
+        if (*text == '\'' || *text == '\\')
+            fputc('\\', out);
+        fputc(*text == '\n' ? ' ' : *text, out);
+    }
+    fputc('\'', out);
+}
+
 /* The text that viewers of the reference parse. */
 static int write_cfg_args(const struct train_config *c)
 {
-    char *text, *path = run_path(c->output, "cfg_args");
-    const int n = asprintf(&text,
-                           "Namespace(data_device='cpu', eval=%s, images='%s', model_path='%s', resolution=%d, "
-                           "sh_degree=%d, source_path='%s', white_background=%s)",
-                           c->eval ? "True" : "False", c->scene.params.images ? c->scene.params.images : "images",
-                           c->output, c->scene.params.resolution, c->train.sh_degree, c->source,
-                           c->train.white_background ? "True" : "False");
-    const int code = n < 0 || !path ? 4 : write_whole(path, text, (size_t) n);
-    if (n >= 0)
-        free(text);
+    char *text = NULL, *path = run_path(c->output, "cfg_args"), *absolute = realpath(c->source, NULL);
+    size_t size = 0;
+    FILE *out = open_memstream(&text, &size);
+    if (out) {
+        fprintf(out, "Namespace(data_device='cpu', eval=%s, images=", c->eval ? "True" : "False");
+        put_quoted(out, c->scene.params.images ? c->scene.params.images : "images");
+        fprintf(out, ", model_path=");
+        put_quoted(out, c->output);
+        fprintf(out, ", resolution=%d, sh_degree=%d, source_path=", c->scene.params.resolution, c->train.sh_degree);
+        put_quoted(out, absolute ? absolute : c->source);
+        fprintf(out, ", white_background=%s)", c->train.white_background ? "True" : "False");
+    }
+    const int code = !out || fclose(out) || !path ? 4 : run_write_file(path, text, size);
+    free(text);
     free(path);
+    free(absolute);
     return code;
 }
 
-extern const struct command command_train;
-
-static int write_config(const struct train_config *c, const char *variant)
+int run_write_config(const struct train_config *c, const char *variant)
 {
     char *path = run_path(c->output, "config.json"), *absolute = realpath(c->source, NULL);
     json_t *options = options_to_json(&command_train, c);
     if (absolute)
-        json_object_set_new(options, "source-path", json_string(absolute));
+        json_object_set_new(options, "source-path", text_json(absolute));
     json_t *root = json_pack("{s:s,s:s,s:o}", "version", sg_version(), "cpu_variant", variant, "options", options);
     const int code = root && path ? run_write_json(path, root) : 4;
     json_decref(root);
@@ -124,26 +139,55 @@ static int write_input(sg_ctx *ctx, const char *run, const struct sg_model *m)
     return code;
 }
 
+int run_refuse_earlier(const char *run)
+{
+    static const char *const signs[] = {"config.json", "checkpoint.bin", "point_cloud"};
+    for (size_t i = 0; i < sizeof(signs) / sizeof(signs[0]); i++) {
+        char *path = run_path(run, signs[i]);
+        const bool found = path && !access(path, F_OK);
+        free(path);
+        if (found || !path) {
+            fprintf(stderr,
+                    "splatguard: %s: found an earlier run (%s); continue it with --resume or replace it with --force\n",
+                    run, signs[i]);
+            return 2;
+        }
+    }
+    return 0;
+}
+
+/* Leftovers of a replaced run must not be mistaken for the new one's. Only files that a run writes are touched. */
+static void remove_earlier(const char *run)
+{
+    static const char *const files[] = {"summary.json", "log.jsonl", "checkpoint.bin"};
+    char path[4096];
+    for (size_t i = 0; i < sizeof(files) / sizeof(files[0]); i++) {
+        snprintf(path, sizeof(path), "%s/%s", run, files[i]);
+        unlink(path);
+    }
+    snprintf(path, sizeof(path), "%s/point_cloud", run);
+    DIR *d = opendir(path);
+    for (struct dirent *e; d && (e = readdir(d));) {
+        int n;
+        char rest;
+        if (sscanf(e->d_name, "iteration_%d%c", &n, &rest) != 1)
+            continue;
+        snprintf(path, sizeof(path), "%s/point_cloud/iteration_%d/point_cloud.ply", run, n);
+        unlink(path);
+        *strrchr(path, '/') = 0;
+        rmdir(path);
+    }
+    if (d)
+        closedir(d);
+}
+
 int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene *scene, const struct sg_model *initial,
                const char *variant)
 {
-    char *config = run_path(c->output, "config.json"), *cameras = run_path(c->output, "cameras.json");
-    int code = config && cameras ? 0 : 4;
-    if (!code && !c->force && !access(config, F_OK)) {
-        fprintf(stderr, "splatguard: %s: found an earlier run; continue it with --resume or replace it with --force\n",
-                c->output);
-        code = 2;
-    }
-    if (!code)
-        code = make_dirs(c->output);
-    if (!code) { /* leftovers of a replaced run must not be mistaken for this one's */
-        static const char *const old[] = {"summary.json", "log.jsonl", "checkpoint.bin"};
-        for (size_t i = 0; i < sizeof(old) / sizeof(old[0]); i++) {
-            char *path = run_path(c->output, old[i]);
-            if (path)
-                unlink(path);
-            free(path);
-        }
+    char *cameras = run_path(c->output, "cameras.json");
+    int code = cameras ? make_dirs(c->output) : 4;
+    if (!code) {
+        remove_earlier(c->output);
         const int error = sg_cameras_write_json(ctx, scene, cameras);
         code = error ? report(ctx, error) : 0;
     }
@@ -152,8 +196,7 @@ int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene 
     if (!code)
         code = write_cfg_args(c);
     if (!code)
-        code = write_config(c, variant);
-    free(config);
+        code = run_write_config(c, variant);
     free(cameras);
     return code;
 }
@@ -195,8 +238,8 @@ int run_read_config(const char *run, struct train_config *c, json_t **keep)
     int code = 0;
     *keep = root;
     if (!root) {
-        fprintf(stderr, "splatguard: %s: line %d: %s; expected the config.json of a run\n", path, error.line,
-                error.text);
+        fprintf(stderr, "splatguard: %s: line %d: %s; expected the config.json of a run\n", path ? path : run,
+                path ? error.line : 0, path ? error.text : "out of memory");
         code = 2;
     } else if (options_from_json(&command_train, c, json_object_get(root, "options"), path))
         code = 2;

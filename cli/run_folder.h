@@ -12,7 +12,17 @@ char *run_path(const char *run, const char *name);
 /* Writes JSON, indented. Returns an exit code after printing what is wrong. */
 int run_write_json(const char *path, const json_t *value);
 
-/* Creates the folder and writes what is known before training. Refuses a folder that holds a run unless force. */
+/* To a temporary name, synced, then renamed. */
+int run_write_file(const char *path, const char *text, size_t size);
+
+/* config.json: the version, the CPU variant and all lasting options. */
+int run_write_config(const struct train_config *c, const char *variant);
+
+/* Fails if the folder holds a run. */
+int run_refuse_earlier(const char *run);
+
+/* Creates the folder and writes what is known before training. What an earlier run
+ * left goes. */
 int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene *scene, const struct sg_model *initial,
                const char *variant);
 

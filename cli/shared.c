@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include "commands.h"
 
@@ -37,15 +38,17 @@ static void log_line(void *priv, enum sg_log_level level, const char *message)
 {
     const bool *quiet = priv;
     if (level <= SG_LOG_WARN || (level == SG_LOG_INFO && !*quiet))
-        fprintf(stderr, "%s%s\n", level <= SG_LOG_WARN ? "warning: " : "", message);
+        fprintf(stderr, "%s%s%s\n", isatty(STDERR_FILENO) ? "\r\033[K" : "", level <= SG_LOG_WARN ? "warning: " : "",
+                message);
 }
 
-int open_context(sg_ctx **ctx, int threads, bool quiet)
+int open_context(sg_ctx **ctx, int threads, uint64_t max_memory, bool quiet)
 {
     static bool quiet_log;
     quiet_log = quiet;
-    const int code =
-        sg_ctx_create(ctx, &(struct sg_ctx_params){.threads = threads, .log = log_line, .log_priv = &quiet_log});
+    const int code = sg_ctx_create(
+        ctx,
+        &(struct sg_ctx_params){.threads = threads, .max_memory = max_memory, .log = log_line, .log_priv = &quiet_log});
     if (code)
         fprintf(stderr, "splatguard: cannot start %d threads\n", threads);
     return exit_code(code);
@@ -57,61 +60,34 @@ const char *cpu_variant(const char *option)
     return option ? option : environment && environment[0] ? environment : NULL;
 }
 
-static bool is_dir(const char *path)
+bool is_dir(const char *path)
 {
     struct stat st;
     return !stat(path, &st) && S_ISDIR(st.st_mode);
 }
 
-char *find_model(const char *path)
+char *find_model(const char *path, int iteration)
 {
-    char *found = NULL;
+    char *found = NULL, *folder = NULL;
     if (!is_dir(path))
         return strdup(path);
-    char folder[4096];
-    snprintf(folder, sizeof(folder), "%s/point_cloud", path);
-    DIR *d = opendir(folder);
-    long newest = -1;
+    if (asprintf(&folder, "%s/point_cloud", path) < 0)
+        return NULL;
+    DIR *d = iteration ? NULL : opendir(folder);
+    int newest = iteration;
     for (struct dirent *e; d && (e = readdir(d));) {
-        long n;
+        int n;
         char rest;
-        if (sscanf(e->d_name, "iteration_%ld%c", &n, &rest) == 1 && n > newest)
+        if (sscanf(e->d_name, "iteration_%d%c", &n, &rest) == 1 && n > newest)
             newest = n;
     }
     if (d)
         closedir(d);
-    if (newest < 0)
+    if (!newest)
         fprintf(stderr, "splatguard: %s: found no point_cloud/iteration_N/point_cloud.ply, expected a run folder\n",
                 path);
-    else if (asprintf(&found, "%s/iteration_%ld/point_cloud.ply", folder, newest) < 0)
+    else if (asprintf(&found, "%s/iteration_%d/point_cloud.ply", folder, newest) < 0)
         found = NULL;
+    free(folder);
     return found;
-}
-
-int run_scene_options(const char *model, struct scene_options *scene, json_t **keep)
-{
-    *keep = NULL;
-    if (!is_dir(model))
-        return 0;
-    char path[4096];
-    snprintf(path, sizeof(path), "%s/config.json", model);
-    json_error_t error;
-    json_t *config = json_load_file(path, JSON_REJECT_DUPLICATES, &error);
-    if (!config)
-        return 0; /* another trainer's folder */
-    json_t *o = json_object_get(config, "options"), *v;
-    if ((v = json_object_get(o, "images")) && json_is_string(v))
-        scene->params.images = json_string_value(v);
-    if ((v = json_object_get(o, "masks")) && json_is_string(v))
-        scene->params.masks = json_string_value(v);
-    if ((v = json_object_get(o, "resolution")) && json_is_integer(v))
-        scene->params.resolution = (int) json_integer_value(v);
-    if ((v = json_object_get(o, "downscale")) && json_is_number(v))
-        scene->params.downscale = json_number_value(v);
-    if ((v = json_object_get(o, "test-every")) && json_is_integer(v))
-        scene->params.test_every = (int) json_integer_value(v);
-    scene->params.white_background |= json_is_true(json_object_get(o, "white-background"));
-    scene->params.centred_principal |= json_is_true(json_object_get(o, "centred-principal"));
-    *keep = config;
-    return 0;
 }

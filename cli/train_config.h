@@ -10,6 +10,7 @@ struct train_config {
     struct sg_train_params train;
     int backend; /* index of BACKENDS */
     bool resume, force, quiet, eval;
+    uint64_t max_memory;
     int threads, save_every, eval_every, log_every;
 };
 #define BACKENDS "cpu|ref"

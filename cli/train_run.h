@@ -1,0 +1,37 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A training in progress, and what it tells: log.jsonl, progress and summary.json. */
+#ifndef CLI_TRAIN_RUN_H
+#define CLI_TRAIN_RUN_H
+
+#include "progress.h"
+#include "run_folder.h"
+
+/* Of the whole run: a resumed one goes on from those in its log. */
+struct train_totals {
+    double seconds, cpu_seconds; /* of training alone, without evaluation and files */
+    uint64_t max_gaussians, max_instances;
+};
+
+struct train_run {
+    struct train_config *config;
+    sg_ctx *ctx;
+    struct sg_scene *scene;
+    sg_trainer *trainer;
+    FILE *log;
+    struct progress progress;
+    struct train_totals totals;
+    struct sg_train_step step; /* newest */
+    int logged;                /* iteration of the newest line */
+    struct sg_eval eval;       /* newest measurement */
+    int evaluated;             /* its iteration, 0 = none */
+};
+
+/* Opens log.jsonl. When resuming, lines of iterations after the checkpoint go, and the totals come from the last one
+ * left. These three return an exit code after printing what is wrong. */
+int train_log_open(struct train_run *r);
+int train_log_step(struct train_run *r); /* once per iteration; does nothing the second time */
+int train_log_eval(struct train_run *r);
+
+int train_summary_write(struct train_run *r);
+
+#endif

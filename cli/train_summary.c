@@ -1,0 +1,91 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+
+#include "train_run.h"
+
+/* The processor's name, so that every figure says where it comes from. */
+static json_t *machine(void)
+{
+    char line[256];
+    FILE *f = fopen("/proc/cpuinfo", "r");
+    json_t *name = NULL;
+    while (f && !name && fgets(line, sizeof(line), f)) {
+        const char *value = strchr(line, ':');
+        line[strcspn(line, "\n")] = 0;
+        if (!strncmp(line, "model name", 10) && value)
+            name = text_json(value + strspn(value, ": \t"));
+    }
+    if (f)
+        fclose(f);
+    return name ? name : json_string("unknown");
+}
+
+static json_t *ledger(const sg_ctx *ctx)
+{
+    json_t *tags = json_object();
+    for (int tag = 0; tag < SG_MEM_TAGS; tag++)
+        json_object_set_new(tags, sg_mem_tag_name((enum sg_mem_tag) tag),
+                            json_integer((json_int_t) sg_mem_peak(ctx, (enum sg_mem_tag) tag)));
+    return tags;
+}
+
+static json_t *stages(const sg_trainer *trainer)
+{
+    struct sg_train_times t;
+    sg_trainer_times(trainer, &t);
+    const struct {
+        const char *name;
+        double seconds;
+    } all[] = {{"project", t.project}, {"bin", t.bin},       {"raster", t.raster},
+               {"loss", t.loss},       {"update", t.update}, {"raster_backward", t.raster_backward},
+               {"densify", t.densify}};
+    json_t *object = json_object();
+    for (size_t i = 0; i < sizeof(all) / sizeof(all[0]); i++)
+        json_object_set_new(object, all[i].name, number_json(all[i].seconds));
+    return object;
+}
+
+int train_summary_write(struct train_run *r)
+{
+    const struct train_totals *t = &r->totals;
+    const int done = sg_trainer_iteration(r->trainer);
+    struct rusage usage;
+    getrusage(RUSAGE_SELF, &usage);
+    json_t *s = json_object();
+#define PUT(key, value) json_object_set_new(s, key, value)
+#define COUNT(key, value) PUT(key, json_integer((json_int_t) (value)))
+    PUT("version", json_string(sg_version()));
+    PUT("scene", text_json(r->config->source));
+    COUNT("iterations", done);
+    PUT("interrupted", json_boolean(done < r->config->train.iterations));
+    COUNT("max_gaussians", t->max_gaussians);
+    COUNT("final_gaussians", sg_trainer_gaussians(r->trainer));
+    COUNT("max_instances", t->max_instances);
+    PUT("train_seconds", number_json(t->seconds));
+    PUT("cpu_seconds", number_json(t->cpu_seconds));
+    PUT("iterations_per_second", number_json(t->seconds > 0 ? done / t->seconds : 0));
+    COUNT("peak_rss_bytes", (uint64_t) usage.ru_maxrss * 1024);
+    COUNT("peak_ledger_bytes", sg_mem_peak(r->ctx, SG_MEM_TAGS));
+    PUT("peak_ledger_bytes_by_tag", ledger(r->ctx));
+    PUT("stage_seconds", stages(r->trainer));
+    PUT("variant", json_string(sg_trainer_variant(r->trainer)));
+    PUT("machine", machine());
+    COUNT("threads", sg_ctx_threads(r->ctx));
+    COUNT("train_views", r->scene->n_train);
+    COUNT("test_views", r->scene->n_test);
+    if (r->eval.views && r->evaluated == done) {
+        PUT("psnr", number_json(r->eval.psnr));
+        PUT("ssim", number_json(r->eval.ssim));
+        PUT("fps", number_json(r->eval.fps));
+        PUT("fps_mean", number_json(r->eval.fps_mean));
+    }
+#undef COUNT
+#undef PUT
+    char *path = run_path(r->config->output, "summary.json");
+    const int code = path ? run_write_json(path, s) : 4;
+    free(path);
+    json_decref(s);
+    return code;
+}
