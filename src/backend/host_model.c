@@ -92,14 +92,6 @@ void sg_host_statistics(sg_ctx *ctx, const struct sg_host_model *h, float *gradi
     sg_parallel_for(ctx, (h->count + STATISTICS_CHUNK - 1) / STATISTICS_CHUNK, statistics_chunk, &job);
 }
 
-static void copy_planes(float *to, size_t i, const float *from, size_t j, int planes)
-{
-    float *a = to + sg_param_index(planes, i, 0);
-    const float *b = from + sg_param_index(planes, j, 0);
-    for (int p = 0; p < planes; p++)
-        a[p * SG_LANES] = b[p * SG_LANES];
-}
-
 /* A child is drawn from its parent as from a distribution, and shrunk (Kerbl et al. 2023, section 5.2). */
 static void make_child(float *params, size_t i, int planes, const struct sg_edit *e, size_t entry)
 {
@@ -122,34 +114,75 @@ static void make_child(float *params, size_t i, int planes, const struct sg_edit
 #undef AT
 }
 
-/* Survivors, then (parameters only; new moments are zero) the appended ones. */
-static float *edited(sg_ctx *ctx, enum sg_mem_tag tag, const struct sg_host_model *h, const float *array,
-                     size_t capacity, const struct sg_edit *e, bool parameters)
+/* Rows of one array after an edit. */
+struct edit_job {
+    const struct sg_edit *edit;
+    const float *from;
+    float *to;
+    const uint32_t *source; /* of every row: its index before */
+    size_t count, copied;   /* rows; of which copied from before, the rest are zero */
+    int planes;
+    bool parameters;
+};
+
+#define EDIT_BLOCKS 64 /* a piece of work */
+
+static void edit_piece(void *arg, size_t piece, int thread)
 {
-    float *fresh = sg_alloc(ctx, tag, capacity, (size_t) h->planes * sizeof(float));
-    size_t to = 0;
-    for (size_t i = 0; fresh && i < h->count; i++)
-        if (e->keep[i])
-            copy_planes(fresh, to++, array, i, h->planes);
-    for (size_t k = 0; fresh && parameters && k < e->appended; k++, to++) {
-        copy_planes(fresh, to, array, e->source[k], h->planes);
-        if (e->kind[k] == SG_EDIT_CHILD)
-            make_child(fresh, to, h->planes, e, k);
+    (void) thread;
+    const struct edit_job *j = arg;
+    const size_t first = piece * EDIT_BLOCKS * SG_LANES, stop = first + EDIT_BLOCKS * SG_LANES;
+    for (size_t i = first; i < stop && i < j->count; i++) {
+        float *to = j->to + sg_param_index(j->planes, i, 0);
+        const float *from = i < j->copied ? j->from + sg_param_index(j->planes, j->source[i], 0) : NULL;
+        for (int p = 0; p < j->planes; p++)
+            to[p * SG_LANES] = from ? from[p * SG_LANES] : 0;
+        const size_t entry = i - j->edit->kept;
+        if (j->parameters && i >= j->edit->kept && j->edit->kind[entry] == SG_EDIT_CHILD)
+            make_child(j->to, i, j->planes, j->edit, entry);
     }
-    return fresh;
+}
+
+static float *edited(sg_ctx *ctx, enum sg_mem_tag tag, const struct sg_host_model *h, const float *array,
+                     size_t capacity, const struct sg_edit *e, const uint32_t *source)
+{
+    const bool parameters = tag == SG_MEM_MODEL; /* moments of appended rows are zero */
+    struct edit_job job = {.edit = e,
+                           .from = array,
+                           .source = source,
+                           .count = e->kept + e->appended,
+                           .copied = e->kept + (parameters ? e->appended : 0),
+                           .planes = h->planes,
+                           .parameters = parameters};
+    job.to = sg_alloc_raw(ctx, tag, capacity, (size_t) h->planes * sizeof(float));
+    if (!job.to)
+        return NULL;
+    if (capacity > job.count) /* lanes past the end */
+        memset(job.to + (capacity / SG_LANES - 1) * (size_t) h->planes * SG_LANES, 0, block_bytes(h));
+    sg_parallel_for(ctx, (job.count + EDIT_BLOCKS * SG_LANES - 1) / (EDIT_BLOCKS * SG_LANES), edit_piece, &job);
+    return job.to;
 }
 
 int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *e)
 {
-    struct sg_host_model n = *h;
-    n.count = e->kept + e->appended;
+    struct sg_host_model n = {.count = e->kept + e->appended, .sh_degree = h->sh_degree, .planes = h->planes};
     n.capacity = n.opt.capacity = blocks(n.count) * SG_LANES;
-    n.params = edited(ctx, SG_MEM_MODEL, h, h->params, n.capacity, e, true);
-    n.opt.m = edited(ctx, SG_MEM_OPTIMISER, h, h->opt.m, n.capacity, e, false);
-    n.opt.v = edited(ctx, SG_MEM_OPTIMISER, h, h->opt.v, n.capacity, e, false);
-    n.opt.grad_sum = sg_alloc(ctx, SG_MEM_OPTIMISER, n.capacity, sizeof(float));
-    n.opt.grad_count = sg_alloc(ctx, SG_MEM_OPTIMISER, n.capacity, sizeof(float));
-    n.opt.max_radius = sg_alloc(ctx, SG_MEM_OPTIMISER, n.capacity, sizeof(float));
+    uint32_t *source = sg_alloc_raw(ctx, SG_MEM_MODEL, n.count, sizeof(*source));
+    size_t to = 0;
+    for (size_t i = 0; source && i < h->count; i++)
+        if (e->keep[i])
+            source[to++] = (uint32_t) i;
+    if (source && e->appended)
+        memcpy(source + to, e->source, e->appended * sizeof(*source));
+    if (source) {
+        n.params = edited(ctx, SG_MEM_MODEL, h, h->params, n.capacity, e, source);
+        n.opt.m = edited(ctx, SG_MEM_OPTIMISER, h, h->opt.m, n.capacity, e, source);
+        n.opt.v = edited(ctx, SG_MEM_OPTIMISER, h, h->opt.v, n.capacity, e, source);
+        n.opt.grad_sum = sg_alloc(ctx, SG_MEM_OPTIMISER, n.capacity, sizeof(float));
+        n.opt.grad_count = sg_alloc(ctx, SG_MEM_OPTIMISER, n.capacity, sizeof(float));
+        n.opt.max_radius = sg_alloc(ctx, SG_MEM_OPTIMISER, n.capacity, sizeof(float));
+    }
+    sg_free(ctx, source);
     if (!n.params || !n.opt.m || !n.opt.v || !n.opt.grad_sum || !n.opt.grad_count || !n.opt.max_radius) {
         sg_host_clear(ctx, &n); /* the model is as it was */
         return SG_ERR_BUDGET;

@@ -16,6 +16,7 @@ static inline real r_sqrt(real a) { return sqrtf(a); }
 static inline real r_exp(real a) { return expf(a); }
 static inline real r_log(real a) { return logf(a); }
 static inline real r_set(scalar a) { return a; }
+static inline real r_reciprocal(real a) { return 1 / a; }
 #define r_lt(a, b) ((a) < (b))
 #define r_le(a, b) ((a) <= (b))
 #define r_and(a, b) ((a) && (b))
