@@ -132,14 +132,25 @@ uint64_t sg_mem_peak(const sg_ctx *ctx, enum sg_mem_tag tag)
     return atomic_load_explicit(&ctx->memory[tag].peak, memory_order_relaxed);
 }
 
-static uint64_t charge(struct counter *c, size_t bytes)
+static void raise_peak(struct counter *c, uint64_t now)
 {
-    uint64_t now = atomic_fetch_add_explicit(&c->current, bytes, memory_order_relaxed) + bytes;
     uint64_t peak = atomic_load_explicit(&c->peak, memory_order_relaxed);
     while (now > peak &&
            !atomic_compare_exchange_weak_explicit(&c->peak, &peak, now, memory_order_relaxed, memory_order_relaxed))
         ;
-    return now;
+}
+
+/* Adds to the total unless that passes the limit. In one step: threads asking at once cannot share the last room. */
+static bool reserve(sg_ctx *ctx, size_t bytes, uint64_t *held)
+{
+    struct counter *total = &ctx->memory[SG_MEM_TAGS];
+    *held = atomic_load_explicit(&total->current, memory_order_relaxed);
+    do {
+        if (ctx->params.max_memory && *held + bytes > ctx->params.max_memory)
+            return false;
+    } while (!atomic_compare_exchange_weak_explicit(&total->current, held, *held + bytes, memory_order_relaxed,
+                                                    memory_order_relaxed));
+    return true;
 }
 
 static void discharge(struct counter *c, size_t bytes)
@@ -156,19 +167,23 @@ void *sg_alloc_raw(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size)
         return NULL;
     }
     bytes = (bytes + 2 * ALIGN - 1) / ALIGN * ALIGN;
-    /* Refuse before touching the peak, so that a refusal leaves the ledger as it was. */
-    uint64_t held = sg_mem_current(ctx, SG_MEM_TAGS);
+    uint64_t held;
     struct header *h = NULL;
-    if (!ctx->params.max_memory || held + bytes <= ctx->params.max_memory)
+    if (reserve(ctx, bytes, &held)) {
         h = aligned_alloc(ALIGN, bytes);
+        if (!h)
+            discharge(&ctx->memory[SG_MEM_TAGS], bytes);
+    }
     if (!h) {
         sg_fail(ctx, SG_ERR_BUDGET, "memory: %zu bytes for %s refused: %llu held, limit %llu", bytes,
                 sg_mem_tag_name(tag), (unsigned long long) held, (unsigned long long) ctx->params.max_memory);
         return NULL;
     }
     *h = (struct header){bytes, tag};
-    charge(&ctx->memory[tag], bytes);
-    charge(&ctx->memory[SG_MEM_TAGS], bytes);
+    /* Peaks only once it is granted, so that a refusal leaves the ledger as it was. */
+    struct counter *own = &ctx->memory[tag];
+    raise_peak(&ctx->memory[SG_MEM_TAGS], held + bytes);
+    raise_peak(own, atomic_fetch_add_explicit(&own->current, bytes, memory_order_relaxed) + bytes);
     return (char *) h + ALIGN;
 }
 
