@@ -20,6 +20,16 @@ struct header {
     double extent;
 };
 
+#define MAX_ITERATION 10000000 /* of struct sg_train_params; counting on from it overflows nothing */
+
+static bool counters_sound(const struct header *h)
+{
+    bool sound = h->iteration >= 0 && h->iteration <= MAX_ITERATION;
+    for (int g = 0; g < SG_GROUPS; g++)
+        sound = sound && h->adam_steps[g] >= 0 && h->adam_steps[g] <= h->iteration;
+    return sound;
+}
+
 struct sink {
     FILE *stream;
     XXH3_state_t hash;
@@ -104,13 +114,21 @@ int sg_trainer_load(sg_trainer *t, const char *path)
         goto done;
     }
     if (h.sh_degree != t->sh_degree || h.views != t->scene->n_train || h.seed != t->params.seed ||
-        h.extent != t->extent || h.iteration < 0 || !h.count) {
+        h.extent != t->extent || !h.count) {
         code =
             sg_fail(ctx, SG_ERR_INPUT,
                     "%s: found SH degree %d, %llu views, seed %llu, extent %.9g; expected those of this scene and run: "
                     "%d, %zu, %llu, %.9g",
                     path, h.sh_degree, (unsigned long long) h.views, (unsigned long long) h.seed, h.extent,
                     t->sh_degree, t->scene->n_train, (unsigned long long) t->params.seed, t->extent);
+        goto done;
+    }
+    if (!counters_sound(&h)) {
+        code =
+            sg_fail(ctx, SG_ERR_INPUT,
+                    "%s: byte %zu: found iteration %d with %d steps of positions, expected 0 to %d and no more steps "
+                    "than iterations",
+                    path, offsetof(struct header, iteration), h.iteration, h.adam_steps[SG_G_XYZ], MAX_ITERATION);
         goto done;
     }
     /* The file's own length says whether the count can be true before anything is allocated for it. */

@@ -1,0 +1,219 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Checkpoints nobody vouches for: whatever is in the file, loading refuses it by name and changes nothing. */
+#include <limits.h>
+#include <unistd.h>
+
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+#include "models.h"
+#include "train/trainer.h"
+
+#define SIDE 20
+#define HEADER 72 /* of the format: magic, count, degree, iteration, 6 step counters, seed, views, extent */
+#define AT_COUNT 8
+#define AT_DEGREE 16
+#define AT_ITERATION 20
+#define AT_STEPS 24
+#define AT_SEED 48
+#define AT_VIEWS 56
+#define AT_EXTENT 64
+
+struct fixture {
+    sg_ctx *ctx;
+    struct sg_view views[2];
+    struct sg_scene scene;
+    struct sg_model *start;
+    sg_trainer *trainer;
+    char path[32];
+    char *data; /* a sound checkpoint after 3 iterations */
+    size_t size;
+};
+
+static char *slurp(const char *path, size_t *size)
+{
+    FILE *f = fopen(path, "rb");
+    assert_non_null(f);
+    fseek(f, 0, SEEK_END);
+    *size = (size_t) ftell(f);
+    rewind(f);
+    char *data = malloc(*size);
+    assert_non_null(data);
+    assert_int_equal(fread(data, 1, *size, f), *size);
+    fclose(f);
+    return data;
+}
+
+static void spill(const char *path, const char *data, size_t size)
+{
+    FILE *f = fopen(path, "wb");
+    assert_non_null(f);
+    assert_int_equal(fwrite(data, 1, size, f), size);
+    fclose(f);
+}
+
+static int setup(void **state)
+{
+    struct fixture *f = calloc(1, sizeof(*f));
+    f->ctx = make_context(1);
+    for (int v = 0; v < 2; v++) {
+        f->views[v].name = (char *) "view";
+        f->views[v].camera = make_camera(SIDE, SIDE, 3 + v);
+        f->views[v].rgb = malloc(3 * SIDE * SIDE);
+        for (size_t i = 0; i < 3 * SIDE * SIDE; i++)
+            f->views[v].rgb[i] = (uint8_t) draw(1, i, 0, 255.9f);
+    }
+    f->scene = (struct sg_scene){.path = (char *) "memory", .train = f->views, .n_train = 2, .extent = 3};
+    f->start = make_model(f->ctx, 37, 1, 2);
+    assert_int_equal(sg_trainer_create(f->ctx, &f->scene, f->start, NULL, &f->trainer), SG_OK);
+    for (int i = 0; i < 3; i++)
+        assert_int_equal(sg_trainer_step(f->trainer, NULL), SG_OK);
+    strcpy(f->path, "/tmp/sg_ckpt_XXXXXX");
+    close(mkstemp(f->path));
+    assert_int_equal(sg_trainer_save(f->trainer, f->path), SG_OK);
+    f->data = slurp(f->path, &f->size);
+    *state = f;
+    return 0;
+}
+
+static int teardown(void **state)
+{
+    struct fixture *f = *state;
+    unlink(f->path);
+    free(f->data);
+    sg_trainer_destroy(&f->trainer);
+    sg_model_destroy(f->ctx, &f->start);
+    assert_int_equal(sg_mem_current(f->ctx, SG_MEM_TAGS), 0);
+    sg_ctx_destroy(&f->ctx);
+    for (int v = 0; v < 2; v++)
+        free(f->views[v].rgb);
+    free(f);
+    return 0;
+}
+
+static void seal(char *data, size_t size)
+{
+    const uint64_t digest = XXH3_64bits(data, size - 8);
+    memcpy(data + size - 8, &digest, 8);
+}
+
+/* The file as it is now must be refused with a message that names it, and the state must stay. */
+static void expect_refusal(struct fixture *f, const char *what)
+{
+    size_t size;
+    const int code = sg_trainer_load(f->trainer, f->path);
+    if (code != SG_ERR_INPUT)
+        fail_msg("%s: loading returned %d, expected SG_ERR_INPUT", what, code);
+    if (!strstr(sg_last_error(f->ctx), f->path))
+        fail_msg("%s: message \"%s\" does not name the file", what, sg_last_error(f->ctx));
+    assert_int_equal(sg_trainer_iteration(f->trainer), 3);
+    assert_int_equal(sg_trainer_save(f->trainer, f->path), SG_OK);
+    char *after = slurp(f->path, &size);
+    assert_int_equal(size, f->size);
+    assert_memory_equal(after, f->data, size);
+    free(after);
+}
+
+static void test_every_cut(void **state)
+{
+    struct fixture *f = *state;
+    char what[64];
+    for (size_t n = 0; n < f->size; n += n < 100 ? 1 : 997) {
+        spill(f->path, f->data, n);
+        snprintf(what, sizeof(what), "cut to %zu bytes", n);
+        expect_refusal(f, what);
+    }
+    spill(f->path, f->data, f->size - 1);
+    expect_refusal(f, "last byte missing");
+}
+
+static void test_every_flip(void **state)
+{
+    struct fixture *f = *state;
+    char what[64];
+    for (size_t n = 0; n < f->size; n += n < HEADER ? 1 : 211) {
+        f->data[n] ^= 0x10;
+        spill(f->path, f->data, f->size);
+        f->data[n] ^= 0x10;
+        snprintf(what, sizeof(what), "byte %zu altered", n);
+        expect_refusal(f, what);
+    }
+}
+
+/* The checksum keeps accidents out, not people: every field must be sound although it matches. */
+static void test_sealed_lies(void **state)
+{
+    struct fixture *f = *state;
+    const struct {
+        const char *what;
+        size_t at;
+        uint64_t value;
+        size_t bytes;
+    } lies[] = {
+        {"no Gaussians", AT_COUNT, 0, 8},
+        {"more Gaussians than bytes", AT_COUNT, 38, 8},
+        {"Gaussians that overflow a size", AT_COUNT, UINT64_MAX / 16, 8},
+        {"most Gaussians", AT_COUNT, UINT64_MAX, 8},
+        {"Gaussians past 32 bits", AT_COUNT, (uint64_t) 1 << 32, 8},
+        {"negative degree", AT_DEGREE, (uint32_t) -1, 4},
+        {"other degree", AT_DEGREE, 2, 4},
+        {"absurd degree", AT_DEGREE, INT_MAX, 4},
+        {"negative iteration", AT_ITERATION, (uint32_t) -5, 4},
+        {"last iteration an int holds", AT_ITERATION, INT_MAX, 4},
+        {"negative step counter", AT_STEPS, (uint32_t) -1, 4},
+        {"more steps than iterations", AT_STEPS + 4, 4, 4},
+        {"last step an int holds", AT_STEPS + 20, INT_MAX, 4},
+        {"other seed", AT_SEED, 43, 8},
+        {"other scene", AT_VIEWS, 3, 8},
+        {"NaN extent", AT_EXTENT, 0x7ff8000000000000u, 8},
+    };
+    for (size_t i = 0; i < sizeof(lies) / sizeof(lies[0]); i++) {
+        char *bad = malloc(f->size);
+        memcpy(bad, f->data, f->size);
+        memcpy(bad + lies[i].at, &lies[i].value, lies[i].bytes); /* little endian, as the file */
+        seal(bad, f->size);
+        spill(f->path, bad, f->size);
+        free(bad);
+        expect_refusal(f, lies[i].what);
+    }
+}
+
+/* Parameters may be anything a float can be: training goes on without harm to the process. */
+static void test_sealed_garbage(void **state)
+{
+    struct fixture *f = *state;
+    char *bad = malloc(f->size);
+    memcpy(bad, f->data, f->size);
+    for (size_t i = HEADER; i + 8 < f->size; i++)
+        bad[i] = (char) (int) draw(5, i, -128, 127.9f);
+    seal(bad, f->size);
+    spill(f->path, bad, f->size);
+    free(bad);
+    assert_int_equal(sg_trainer_load(f->trainer, f->path), SG_OK);
+    for (int i = 0; i < 3; i++) {
+        struct sg_train_step step;
+        assert_int_equal(sg_trainer_step(f->trainer, &step), SG_OK);
+        assert_true(isfinite(step.loss));
+    }
+}
+
+static void test_other_files(void **state)
+{
+    struct fixture *f = *state;
+    assert_int_equal(sg_trainer_load(f->trainer, "/nonexistent/file"), SG_ERR_INPUT);
+    assert_int_equal(sg_trainer_load(f->trainer, "/tmp"), SG_ERR_INPUT);
+    spill(f->path, "ply\nformat binary", 17);
+    expect_refusal(f, "a PLY file");
+    assert_int_equal(sg_trainer_save(f->trainer, "/nonexistent/file"), SG_ERR_INPUT);
+    assert_int_equal(sg_trainer_step(f->trainer, NULL), SG_OK);
+}
+
+int main(void)
+{
+#define ONE(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
+    const struct CMUnitTest tests[] = {
+        ONE(test_every_cut),      ONE(test_every_flip),  ONE(test_sealed_lies),
+        ONE(test_sealed_garbage), ONE(test_other_files),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
