@@ -1,0 +1,300 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What an iteration costs, stage by stage, next to what the machine could do. Prints Markdown; sweeps go to a CSV file
+ * too.
+ *
+ *     bench [--quick] [--threads T] [--cpu VARIANT] [--model MODEL.ply] [--csv FILE]
+ *
+ * Without --model the Gaussians lie on the surfaces of our own making: flat, overlapping discs of the size that
+ * training leaves, seen whole in a square image. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "backend/cpu/dispatch.h"
+#include "core/internal.h"
+#include "core/rng.h"
+#include "roofline.h"
+#include "splatguard/splatguard.h"
+
+#define STAGES 6
+static const char *const stage_names[STAGES] = {"project", "bin", "raster", "loss", "raster backward", "update"};
+
+struct result {
+    size_t gaussians;
+    int side, threads;
+    double total, stage[STAGES]; /* median seconds */
+    struct sg_render_stats stats;
+};
+
+static double seconds(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
+}
+
+static int ascending(const void *a, const void *b)
+{
+    const double x = *(const double *) a, y = *(const double *) b;
+    return (x > y) - (x < y);
+}
+
+static double median(double *v, int n)
+{
+    qsort(v, (size_t) n, sizeof(*v), ascending);
+    return v[n / 2];
+}
+
+static void fail(const sg_ctx *ctx, const char *what)
+{
+    fprintf(stderr, "bench: %s: %s\n", what, ctx ? sg_last_error(ctx) : "");
+    exit(4);
+}
+
+/* Discs on three nested spheres and a ground plane, scaled to cover the surface a few times. */
+static struct sg_model *surface_model(sg_ctx *ctx, size_t n)
+{
+    struct sg_model *m;
+    if (sg_model_create(ctx, n, 3, &m))
+        fail(ctx, "model");
+    static const float radius[] = {1.0f, 0.7f, 0.45f};
+    const float spacing = sqrtf(25.0f / (float) n);
+    for (size_t i = 0; i < n; i++) {
+        float u[12];
+        for (int k = 0; k < 12; k++)
+            u[k] = sg_rng_uniform(1, SG_RNG_INIT, i, (uint64_t) k);
+        const float z = 2 * u[0] - 1, a = 6.2831853f * u[1], s = sqrtf(1 - z * z), r = radius[(int) (u[2] * 3)];
+        const bool ground = u[3] < 0.3f;
+        const float normal[3] = {ground ? 0 : s * cosf(a), ground ? -1 : s * sinf(a), ground ? 0 : z};
+        const float p[3] = {ground ? 2.4f * u[0] - 1.2f : r * normal[0], ground ? 0.9f : r * normal[1],
+                            ground ? 2.4f * u[1] - 1.2f : r * normal[2]};
+        for (int k = 0; k < 3; k++) {
+            *sg_model_at(m, i, SG_P_XYZ + k) = p[k];
+            *sg_model_at(m, i, SG_P_SH + k) = 3 * u[4 + k] - 1.5f;
+        }
+        /* The turn that takes z to the normal. */
+        const float w = 1 + normal[2];
+        *sg_model_at(m, i, SG_P_ROT) = w;
+        *sg_model_at(m, i, SG_P_ROT + 1) = -normal[1];
+        *sg_model_at(m, i, SG_P_ROT + 2) = normal[0];
+        const float size = logf(spacing * (0.25f + 0.5f * u[7]));
+        *sg_model_at(m, i, SG_P_SCALE) = size;
+        *sg_model_at(m, i, SG_P_SCALE + 1) = size - 1.2f * u[8];
+        *sg_model_at(m, i, SG_P_SCALE + 2) = size - 2.5f;
+        *sg_model_at(m, i, SG_P_OPACITY) = 6 * u[9] - 3;
+        for (int k = 3; k < 48; k++)
+            *sg_model_at(m, i, SG_P_SH + k) = 0.1f * (sg_rng_uniform(2, SG_RNG_INIT, i, (uint64_t) k) - 0.5f);
+    }
+    return m;
+}
+
+/* Median times of whole training iterations (degree 3, no densification) on one view. */
+static struct result measure(const struct sg_model *model, int side, int threads, const char *cpu, int rounds)
+{
+    sg_ctx *ctx;
+    sg_trainer *t;
+    if (sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = threads}))
+        fail(NULL, "context");
+    struct sg_view view = {.name = (char *) "bench",
+                           .camera = {.width = side,
+                                      .height = side,
+                                      .fx = 1.39 * side,
+                                      .fy = 1.39 * side,
+                                      .cx = 0.5 * side,
+                                      .cy = 0.5 * side,
+                                      .R = {1, 0, 0, 0, 0.94, -0.342, 0, 0.342, 0.94},
+                                      .t = {0, 0, 3.6}}};
+    view.rgb = malloc(3 * (size_t) side * (size_t) side);
+    for (size_t i = 0; i < 3 * (size_t) side * (size_t) side; i++)
+        view.rgb[i] = (uint8_t) (i * 2654435761u >> 13);
+    struct sg_scene scene = {.path = (char *) "bench", .train = &view, .n_train = 1, .extent = 4};
+    const struct sg_train_params params = {SG_TRAIN_DEFAULTS, .cpu = cpu, .sh_interval = 1, .densify_until_iter = 0};
+    if (sg_trainer_create(ctx, &scene, model, &params, &t))
+        fail(ctx, "trainer");
+    struct result r = {.gaussians = model->count, .side = side, .threads = threads};
+    double *total = malloc((size_t) rounds * sizeof(double)), *stage[STAGES];
+    for (int k = 0; k < STAGES; k++)
+        stage[k] = malloc((size_t) rounds * sizeof(double));
+    for (int i = -5; i < rounds; i++) { /* five to warm up, with rising degree */
+        struct sg_train_times before, after;
+        struct sg_train_step step;
+        sg_trainer_times(t, &before);
+        const double start = seconds();
+        if (sg_trainer_step(t, &step))
+            fail(ctx, "step");
+        const double spent = seconds() - start;
+        sg_trainer_times(t, &after);
+        r.stats = step.render;
+        if (i < 0)
+            continue;
+        total[i] = spent;
+        stage[0][i] = after.project - before.project;
+        stage[1][i] = after.bin - before.bin;
+        stage[2][i] = after.raster - before.raster;
+        stage[3][i] = after.loss - before.loss;
+        stage[4][i] = after.raster_backward - before.raster_backward;
+        stage[5][i] = after.update - before.update;
+    }
+    r.total = median(total, rounds);
+    for (int k = 0; k < STAGES; k++) {
+        r.stage[k] = median(stage[k], rounds);
+        free(stage[k]);
+    }
+    free(total);
+    free(view.rgb);
+    sg_trainer_destroy(&t);
+    sg_ctx_destroy(&ctx);
+    return r;
+}
+
+static void print_stages(const struct result *r, const struct roofline *m)
+{
+    const double pixels = (double) r->side * r->side, pairs = (double) r->stats.pairs, t = r->threads;
+    const double n = (double) r->gaussians;
+    printf(
+        "\n%zu Gaussians, %dx%d, %d threads: **%.1f ms** an iteration. %.1f evaluated pairs per pixel, %.2f instances "
+        "per Gaussian, longest tile list %llu.\n\n",
+        r->gaussians, r->side, r->side, r->threads, 1e3 * r->total, pairs / pixels, (double) r->stats.instances / n,
+        (unsigned long long) r->stats.max_tile);
+    printf("| stage | ms | share | rate | roofline | of it |\n|---|---|---|---|---|---|\n");
+    const double bytes[STAGES] = {
+        n * (59 * 4 + 64 + 12),
+        (double) r->stats.instances * 8 + n * 40,
+        0,
+        0,
+        0,
+        n * (59 * 4 * 6 + 64) + (double) r->stats.instances * 48,
+    };
+    for (int k = 0; k < STAGES; k++) {
+        printf("| %s | %.2f | %.0f %% |", stage_names[k], 1e3 * r->stage[k], 100 * r->stage[k] / r->total);
+        if (k == 2 || k == 4) {
+            const double rate = pairs / r->stage[k] / t, best = k == 2 ? m->forward : m->backward;
+            printf(" %.2f G pairs/s a core | %.2f full lanes | %.0f %% |\n", 1e-9 * rate, 1e-9 * best,
+                   100 * rate / best);
+        } else if (k == 3) {
+            /* 7 windowed maps of 2 x 11 taps, 3 channels */
+            const double flops = pixels * 3 * 7 * 44 / r->stage[k] / t;
+            printf(" %.1f GFLOP/s a core | %.0f FMA peak | %.0f %% |\n", 1e-9 * flops, 1e-9 * m->flops,
+                   100 * flops / m->flops);
+        } else {
+            const double rate = bytes[k] / r->stage[k];
+            printf(" %.1f GB/s | %.1f stream | %.0f %% |\n", 1e-9 * rate, 1e-9 * m->bandwidth,
+                   100 * rate / m->bandwidth);
+        }
+    }
+}
+
+static void csv_row(FILE *csv, const char *sweep, const struct result *r)
+{
+    if (!csv)
+        return;
+    fprintf(csv, "%s,%zu,%d,%d,%.3f", sweep, r->gaussians, r->side, r->threads, 1e3 * r->total);
+    for (int k = 0; k < STAGES; k++)
+        fprintf(csv, ",%.3f", 1e3 * r->stage[k]);
+    fprintf(csv, ",%.2f,%.3f\n", (double) r->stats.pairs / r->side / r->side,
+            (double) r->stats.instances / (double) r->gaussians);
+}
+
+static void print_row(const struct result *r)
+{
+    printf("| %zu | %d | %.1f |", r->gaussians, r->side, 1e3 * r->total);
+    for (int k = 0; k < STAGES; k++)
+        printf(" %.2f |", 1e3 * r->stage[k]);
+    printf(" %.1f | %.2f |\n", (double) r->stats.pairs / r->side / r->side,
+           (double) r->stats.instances / (double) r->gaussians);
+}
+
+static void table_head(void)
+{
+    printf("| Gaussians | side | ms |");
+    for (int k = 0; k < STAGES; k++)
+        printf(" %s |", stage_names[k]);
+    printf(" pairs/pixel | instances/Gaussian |\n|---|---|---|");
+    for (int k = 0; k < STAGES + 2; k++)
+        printf("---|");
+    printf("\n");
+}
+
+int main(int argc, char **argv)
+{
+    int threads = 2, quick = 0;
+    const char *cpu = NULL, *path = NULL, *csv_path = NULL;
+    for (int i = 1; i < argc; i++) {
+        if (!strcmp(argv[i], "--quick"))
+            quick = 1;
+        else if (!strcmp(argv[i], "--threads") && i + 1 < argc)
+            threads = atoi(argv[++i]);
+        else if (!strcmp(argv[i], "--cpu") && i + 1 < argc)
+            cpu = argv[++i];
+        else if (!strcmp(argv[i], "--model") && i + 1 < argc)
+            path = argv[++i];
+        else if (!strcmp(argv[i], "--csv") && i + 1 < argc)
+            csv_path = argv[++i];
+        else {
+            fprintf(stderr, "usage: bench [--quick] [--threads T] [--cpu VARIANT] [--model MODEL.ply] [--csv FILE]\n");
+            return 1;
+        }
+    }
+    sg_ctx *ctx;
+    const struct cpu_kernels *kernels;
+    if (sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = threads}))
+        fail(NULL, "context");
+    if (sg_cpu_select(ctx, cpu, &kernels))
+        fail(ctx, "kernels");
+    FILE *csv = csv_path ? fopen(csv_path, "w") : NULL;
+    if (csv)
+        fprintf(csv, "sweep,gaussians,side,threads,ms,project,bin,raster,loss,raster_backward,update,pairs_per_pixel,"
+                     "instances_per_gaussian\n");
+    const struct roofline machine = roofline_measure(ctx, kernels);
+    printf(
+        "splatguard %s, kernels %s. Machine: stream %.1f GB/s with %d threads, FMA %.0f GFLOP/s a core; pairs on full "
+        "lanes %.2f G/s forward, %.2f G/s backward a core.\n",
+        sg_version(), kernels->name, 1e-9 * machine.bandwidth, threads, 1e-9 * machine.flops, 1e-9 * machine.forward,
+        1e-9 * machine.backward);
+
+    const int rounds = quick ? 9 : 31;
+    struct sg_model *m;
+    if (path ? sg_model_read_ply(ctx, path, UINT32_MAX, &m) : (m = surface_model(ctx, 300000), 0))
+        fail(ctx, "model");
+    struct result r = measure(m, 800, threads, cpu, rounds);
+    print_stages(&r, &machine);
+    csv_row(csv, "headline", &r);
+    if (threads > 1) {
+        const struct result one = measure(m, 800, 1, cpu, rounds / 2);
+        printf("\nScaling, threads 1 to %d: %.1f to %.1f ms, %.2fx (", threads, 1e3 * one.total, 1e3 * r.total,
+               one.total / r.total);
+        for (int k = 0; k < STAGES; k++)
+            printf("%s%s %.2fx", k ? ", " : "", stage_names[k], one.stage[k] / r.stage[k]);
+        printf(").\n");
+        csv_row(csv, "threads", &one);
+    }
+    sg_model_destroy(ctx, &m);
+    if (!path) {
+        static const size_t counts[] = {10000, 30000, 100000, 300000, 1000000};
+        printf("\nBy Gaussians:\n\n");
+        table_head();
+        for (int i = 0; i < (quick ? 3 : 5); i++) {
+            m = surface_model(ctx, counts[i]);
+            r = measure(m, 800, threads, cpu, rounds / 2);
+            sg_model_destroy(ctx, &m);
+            print_row(&r);
+            csv_row(csv, "gaussians", &r);
+        }
+        static const int sides[] = {200, 400, 800, 1600};
+        printf("\nBy pixels:\n\n");
+        table_head();
+        for (int i = 0; i < (quick ? 2 : 4); i++) {
+            m = surface_model(ctx, 100000);
+            r = measure(m, sides[i], threads, cpu, rounds / 2);
+            sg_model_destroy(ctx, &m);
+            print_row(&r);
+            csv_row(csv, "pixels", &r);
+        }
+    }
+    if (csv)
+        fclose(csv);
+    sg_ctx_destroy(&ctx);
+    return 0;
+}

@@ -1,0 +1,139 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "roofline.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <time.h>
+
+static double seconds(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
+}
+
+#define STREAM_FLOATS ((size_t) 1 << 25) /* 128 MiB: beyond every cache */
+#define PIECES 256
+
+static void stream_piece(void *arg, size_t piece, int thread)
+{
+    (void) thread;
+    float *p = (float *) arg + piece * (STREAM_FLOATS / PIECES);
+    for (size_t i = 0; i < STREAM_FLOATS / PIECES; i++)
+        p[i] = p[i] * 0.999f + 1.0f;
+}
+
+static double bandwidth(sg_ctx *ctx)
+{
+    float *p = calloc(STREAM_FLOATS, sizeof(float));
+    double best = 0;
+    for (int i = 0; i < 8; i++) {
+        const double start = seconds();
+        sg_parallel_for(ctx, PIECES, stream_piece, p);
+        best = fmax(best, 2 * sizeof(float) * (double) STREAM_FLOATS / (seconds() - start));
+    }
+    free(p);
+    return best;
+}
+
+/* Twelve independent chains of the widest multiply-add that this file was compiled for, times their number of lanes. */
+#if defined(__x86_64__)
+#define MULTIPLY_ADD(name, attribute, type, lanes)                                                                     \
+    __attribute__((target(attribute), noinline)) static double name(long rounds)                                       \
+    {                                                                                                                  \
+        type x[12] = {{0}};                                                                                            \
+        const type a = (type){0} + 0.999f, b = (type){0} + 1.0f;                                                       \
+        for (long i = 0; i < rounds; i++)                                                                              \
+            for (int k = 0; k < 12; k++)                                                                               \
+                x[k] = x[k] * a + b;                                                                                   \
+        float sum = 0;                                                                                                 \
+        for (int k = 0; k < 12; k++)                                                                                   \
+            sum += x[k][0];                                                                                            \
+        return (double) sum;                                                                                           \
+    }
+typedef float f16 __attribute__((vector_size(64)));
+typedef float f8 __attribute__((vector_size(32)));
+MULTIPLY_ADD(fma_avx512, "avx512f", f16, 16)
+MULTIPLY_ADD(fma_avx2, "avx2,fma", f8, 8)
+#endif
+
+static double flops(void)
+{
+    const long rounds = 5000000;
+    double best = 0;
+    for (int i = 0; i < 5; i++) {
+        volatile double sink = 0;
+        int lanes = 4;
+        const double start = seconds();
+#if defined(__x86_64__)
+        if (__builtin_cpu_supports("avx512f"))
+            sink = fma_avx512(rounds), lanes = 16;
+        else if (__builtin_cpu_supports("fma"))
+            sink = fma_avx2(rounds), lanes = 8;
+#endif
+        (void) sink;
+        best = fmax(best, 2.0 * lanes * 12 * (double) rounds / (seconds() - start));
+    }
+    return best;
+}
+
+/* One tile under many wide, faint splats: no pixel stops early and no lane idles. */
+static void pairs(const struct cpu_kernels *kernels, struct roofline *out)
+{
+    enum { N = 1280, ROUNDS = 60 };
+    struct cpu_splat *splats = aligned_alloc(64, (N + 1) * sizeof(*splats));
+    struct cpu_instance *instances = calloc(N + CPU_PREFETCH, sizeof(*instances));
+    float *slots = calloc(N, CPU_SLOT_FLOATS * sizeof(float)), rgb[768], gradient[768];
+    const float opacity = 0.0055f;
+    for (uint32_t i = 0; i < N; i++) {
+        splats[i] = (struct cpu_splat){.x = 8,
+                                       .y = 8,
+                                       .A = -1e-4f,
+                                       .C = -1e-4f,
+                                       .opacity = opacity,
+                                       .r = 0.5f,
+                                       .g = 0.4f,
+                                       .b = 0.3f,
+                                       .z = 1,
+                                       .k = 2 * logf(255 * opacity) + 0.02f,
+                                       .var = 7000,
+                                       .ic = 1 / 7000.0f,
+                                       .radius = 80,
+                                       .peak = log2f(opacity)};
+        instances[i] = (struct cpu_instance){i, i};
+    }
+    for (int i = 0; i < 768; i++)
+        gradient[i] = 0.1f;
+    const uint32_t start[2] = {0, N};
+    const struct cpu_raster_args a = {.width = 16,
+                                      .height = 16,
+                                      .grid_x = 1,
+                                      .splats = splats,
+                                      .instances = instances,
+                                      .tile_start = start,
+                                      .rgb = rgb,
+                                      .gradient = gradient,
+                                      .slots = slots};
+    for (int i = 0; i < 7; i++) {
+        uint64_t n = 0;
+        double t = seconds();
+        for (int k = 0; k < ROUNDS; k++)
+            n += kernels->raster(&a, 0);
+        out->forward = fmax(out->forward, (double) n / (seconds() - t));
+        n = 0;
+        t = seconds();
+        for (int k = 0; k < ROUNDS; k++)
+            n += kernels->raster_backward(&a, 0);
+        out->backward = fmax(out->backward, (double) n / (seconds() - t));
+    }
+    free(splats);
+    free(instances);
+    free(slots);
+}
+
+struct roofline roofline_measure(sg_ctx *ctx, const struct cpu_kernels *kernels)
+{
+    struct roofline r = {.bandwidth = bandwidth(ctx), .flops = flops()};
+    pairs(kernels, &r);
+    return r;
+}

@@ -1,0 +1,6 @@
+# The benchmark reaches below the public API. It is built always, so that it cannot rot, and never run by the tests.
+add_executable(splatguard_bench bench/bench.c bench/roofline.c)
+set_target_properties(splatguard_bench PROPERTIES OUTPUT_NAME bench)
+target_include_directories(splatguard_bench PRIVATE src bench)
+target_link_libraries(splatguard_bench PRIVATE splatguard sg_flags Threads::Threads m)
+target_compile_options(splatguard_bench PRIVATE -O3 -ffp-contract=fast)
