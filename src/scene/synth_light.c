@@ -209,7 +209,7 @@ static struct vec surroundings(struct vec d, bool sharp)
 {
     const double horizon = smooth_step(-0.25, 0.12, d.z);
     struct vec c =
-        mix(vec(0.085, 0.075, 0.070), mix(vec(0.70, 0.66, 0.60), vec(0.24, 0.34, 0.52), clamp01(d.z * 1.1)), horizon);
+        mix(vec(0.085, 0.075, 0.070), mix(vec(0.52, 0.50, 0.47), vec(0.10, 0.18, 0.34), clamp01(d.z * 1.1)), horizon);
     if (!sharp)
         return scale(c, 0.9);
     const double to_lamp = dot(d, normalise(lamp));
@@ -265,7 +265,7 @@ static struct vec radiance(const struct synth_scene *scene, const struct synth_h
 /* Narkowicz' fit (2015) of the ACES film curve. */
 static double film(double x)
 {
-    x *= 0.72;
+    x *= 0.60;
     return clamp01(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14));
 }
 

@@ -77,7 +77,7 @@ static struct surface glossy(struct vec albedo, double reflectance, double shini
 
 static struct surface metal(struct vec colour, double shininess, double mirror)
 {
-    return (struct surface){scale(colour, 0.22), colour, shininess, mirror};
+    return (struct surface){scale(colour, 0.22 * (1 - mirror)), colour, shininess, mirror};
 }
 
 static struct surface floor_surface(struct vec p, struct vec n)
@@ -132,7 +132,7 @@ static struct surface plaque(struct vec p, struct vec n)
     const double border = larger(fabs(p.x) - PLAQUE_WIDE, fabs(p.z) - PLAQUE_HIGH);
     if (border > -0.016 || (border < -0.024 && border > -0.030))
         return frame_brass;
-    const bool printed = synth_text_ink("SPLATGUARD", p.x, p.z - 0.005, 0.105, 0.075) ||
+    const bool printed = synth_text_ink("SPLATGUARD", p.x, p.z - 0.012, 0.095, 0.075) ||
                          synth_text_ink("3D GAUSSIAN SPLATTING", p.x, p.z + 0.057, 0.036, 0.07) ||
                          synth_text_ink("0123456789 - EVERY RAY ACCOUNTED FOR", p.x, p.z + 0.1, 0.020, 0.075);
     if (printed)
@@ -192,7 +192,8 @@ struct surface synth_surface(enum material material, struct vec p, struct vec n)
     case MATERIAL_CERAMIC:
         return glossy(mix(vec(0.010, 0.155, 0.20), vec(0.020, 0.33, 0.30), turbulence(scale(p, 11), 3)), 0.05, 400, 1);
     case MATERIAL_MATTE:
-        return matte(mix(vec(0.78, 0.30, 0.075), vec(0.16, 0.19, 0.62), smooth_step(-0.19, 0.19, p.z + 0.35 * p.x)));
+        return matte(
+            mix(vec(0.78, 0.30, 0.075), vec(0.16, 0.19, 0.62), smooth_step(-0.16, 0.16, p.z - 0.59 + 0.35 * p.x)));
     case MATERIAL_TERRACOTTA:
         return matte(scale(vec(0.50, 0.18, 0.085), 0.75 + 0.5 * turbulence(scale(p, 40), 3)));
     case MATERIAL_RUBBER:

@@ -4,7 +4,7 @@
 #include "core/rng.h"
 #include "scene/synth_materials.h"
 
-#define TABLE (-0.42) /* height of the table top */
+#define TABLE (-0.32) /* height of the table top */
 #define PI 3.14159265358979323846
 
 struct builder {
