@@ -40,7 +40,7 @@ static void markdown(void)
 {
     printf("# Options\n\nMade by `splatguard help --markdown`; a test keeps it up to date. Names may be written with "
            "underscores as in the reference (`--densify_grad_threshold`), values as `--name value` or "
-           "`--name=value`.\n\n");
+           "`--name=value`.\n");
     for (size_t i = 0; i < COMMANDS; i++)
         options_markdown(commands[i], stdout);
 }

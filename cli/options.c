@@ -197,8 +197,7 @@ int options_parse(const struct command *c, int argc, char **argv, void *config, 
     return 0;
 }
 
-/* The value as text; returns false if there is nothing to show. */
-static bool show(const struct option *o, const void *config, char *text, size_t size)
+bool options_show(const struct option *o, const void *config, char *text, size_t size)
 {
     const void *value = (const char *) config + o->offset;
     switch (o->type) {
@@ -269,7 +268,7 @@ json_t *options_to_json(const struct command *c, const void *config)
             v = json_integer(*(const int *) value);
         else if (o->type == OPT_U64)
             v = json_integer((json_int_t) * (const uint64_t *) value);
-        else if (show(o, config, text, sizeof(text)))
+        else if (options_show(o, config, text, sizeof(text)))
             v = o->type == OPT_FLOAT || o->type == OPT_DOUBLE ? json_real(strtod(text, NULL)) : text_json(text);
         json_object_set_new(object, o->name, v);
     }
@@ -363,9 +362,9 @@ int options_conflict(const struct command *c, const bool *given, const void *con
             if (*(const bool *) ((const char *) run + o->offset))
                 continue;
         } else {
-            if (!show(o, run, then, sizeof(then)))
+            if (!options_show(o, run, then, sizeof(then)))
                 snprintf(then, sizeof(then), "not set");
-            if (show(o, config, now, sizeof(now)) && !strcmp(now, then))
+            if (options_show(o, config, now, sizeof(now)) && !strcmp(now, then))
                 continue;
         }
         fprintf(stderr, "splatguard %s: --%s: found %s, but the run has %s, and a resumed run keeps its options\n",
@@ -373,76 +372,4 @@ int options_conflict(const struct command *c, const bool *given, const void *con
         return 1;
     }
     return 0;
-}
-
-void options_help(const struct command *c, FILE *out)
-{
-    fprintf(out, "splatguard %s %s\n\n%s\n", c->name, c->arguments, c->description);
-    for (const struct option *o = c->options; o->name; o++) {
-        char left[64], value[128];
-        if (o->type == OPT_GROUP) {
-            fprintf(out, "\n%s:\n", o->name);
-            continue;
-        }
-        const char brief[] = {'-', o->letter, ',', ' ', 0};
-        snprintf(left, sizeof(left), "%s--%s %s", o->letter ? brief : "    ", o->name, o->argument ? o->argument : "");
-        fprintf(out, "  %-36s %s", left, o->help);
-        if (show(o, c->defaults, value, sizeof(value)))
-            fprintf(out, " [%s]", value);
-        fprintf(out, "\n");
-    }
-}
-
-void options_markdown(const struct command *c, FILE *out)
-{
-    fprintf(out, "## splatguard %s\n\n    splatguard %s %s\n\n%s\n", c->name, c->name, c->arguments, c->description);
-    for (const struct option *o = c->options; o->name; o++) {
-        char value[128];
-        if (o->type == OPT_GROUP) {
-            fprintf(out, "\n### %s\n\n| option | meaning | default |\n|---|---|---|\n", o->name);
-            continue;
-        }
-        fprintf(out, "| `--%s%s%s`", o->name, o->argument ? " " : "", o->argument ? o->argument : "");
-        if (o->letter)
-            fprintf(out, ", `-%c`", o->letter);
-        fprintf(out, " | %s | %s |\n", o->help, show(o, c->defaults, value, sizeof(value)) ? value : "");
-    }
-    fprintf(out, "\n");
-}
-
-/* roff treats a leading dash, dot or backslash specially. */
-static void roff(FILE *out, const char *text)
-{
-    for (; *text; text++) {
-        if (*text == '-' || *text == '\\')
-            fputc('\\', out);
-        fputc(*text, out);
-    }
-}
-
-void options_man(const struct command *c, FILE *out)
-{
-    fprintf(out, ".SS splatguard %s ", c->name);
-    roff(out, c->arguments);
-    fprintf(out, "\n");
-    roff(out, c->description);
-    fprintf(out, "\n");
-    for (const struct option *o = c->options; o->name; o++) {
-        char value[128];
-        if (o->type == OPT_GROUP)
-            continue;
-        fprintf(out, ".TP\n\\fB");
-        if (o->letter)
-            fprintf(out, "\\-%c, ", o->letter);
-        fprintf(out, "\\-\\-");
-        roff(out, o->name);
-        fprintf(out, "\\fR \\fI%s\\fR\n", o->argument ? o->argument : "");
-        roff(out, o->help);
-        if (show(o, c->defaults, value, sizeof(value))) {
-            fprintf(out, " Default: ");
-            roff(out, value);
-            fprintf(out, ".");
-        }
-        fprintf(out, "\n");
-    }
 }

@@ -62,6 +62,9 @@ size_t options_count(const struct command *c);
 /* Refuses lasting options of the command line that differ from those of the run being continued. */
 int options_conflict(const struct command *c, const bool *given, const void *config, const void *run);
 
+/* The value as text; returns false if there is nothing to show: flags, unset names. */
+bool options_show(const struct option *o, const void *config, char *text, size_t size);
+
 void options_help(const struct command *c, FILE *out);
 void options_markdown(const struct command *c, FILE *out);
 void options_man(const struct command *c, FILE *out);

@@ -1,0 +1,11 @@
+# Every tests/cli/*.sh drives the tool from a shell, in a folder of its own.
+if(TARGET splatguard_tool)
+    file(GLOB SG_CLI_TESTS CONFIGURE_DEPENDS tests/cli/*.sh)
+    list(FILTER SG_CLI_TESTS EXCLUDE REGEX "/common\\.sh$")
+    foreach(script ${SG_CLI_TESTS})
+        get_filename_component(name ${script} NAME_WE)
+        add_test(NAME cli_${name} COMMAND sh ${script} $<TARGET_FILE:splatguard_tool> ${PROJECT_SOURCE_DIR}
+            ${PROJECT_BINARY_DIR}/cli-tests/${name})
+        set_tests_properties(cli_${name} PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 900)
+    endforeach()
+endif()

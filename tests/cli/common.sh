@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: Apache-2.0
+# Sourced by every script: TOOL SOURCE WORK come from CTest. Each script starts in an empty folder.
+set -u
+tool=$1 source_dir=$2 work=$3
+unset SG_CPU
+rm -rf "$work" && mkdir -p "$work" && cd "$work" || exit 1
+
+fail() { echo "FAILED: $*" >&2; [ -f err ] && sed 's/^/  stderr: /' err >&2; exit 1; }
+
+# expect CODE ARGUMENTS...: runs the tool; its output goes to the files out and err.
+expect() {
+    code=$1; shift
+    "$tool" "$@" >out 2>err
+    got=$?
+    [ $got -eq "$code" ] || fail "splatguard $*: exit code $got, expected $code"
+}
+
+# says WORDS: the last run's stderr has them.
+says() { grep -qF -- "$1" err || fail "stderr does not say: $1"; }
+
+# A scene and options with which everything that can happen in a training happens in a second or two.
+small_scene() { expect 0 synth -o scene --width 64 --height 48 --train-views 6 --test-views 2 --points 300 --samples 1; }
+short="--iterations 120 --sh-interval 20 --densify-from-iter 10 --densification-interval 20 \
+    --opacity-reset-interval 50 --densify-until-iter 100 --log-every 30 --quiet"

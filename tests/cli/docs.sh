@@ -1,0 +1,13 @@
+# SPDX-License-Identifier: Apache-2.0
+# docs/options.md and the man page say what the option tables say.
+. "$(dirname "$0")/common.sh"
+expect 0 help --markdown
+cmp out "$source_dir/docs/options.md" || fail "docs/options.md is out of date: splatguard help --markdown >docs/options.md"
+expect 0 help --man
+for option in iterations densify grad scene per split; do
+    grep -q "$option" out || fail "the man page lacks $option"
+done
+if command -v man >/dev/null 2>&1 && command -v groff >/dev/null 2>&1; then
+    cp out splatguard.1
+    [ -z "$(groff -man -Tutf8 -wall splatguard.1 2>&1 >/dev/null)" ] || fail "groff complains: $(groff -man -Tutf8 -wall splatguard.1 2>&1 >/dev/null | head -5)"
+fi

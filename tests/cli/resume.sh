@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+# An interrupted and resumed run ends with the bytes of an uninterrupted one.
+. "$(dirname "$0")/common.sh"
+small_scene
+options="$short --eval --init-points 500 --iterations 6000 --save-every 0 --eval-every 0"
+
+"$tool" train scene/blender -o cut $options 2>err &
+pid=$!
+for wait in 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20; do # until training is under way
+    sleep 0.1
+    [ -s cut/log.jsonl ] && break
+done
+sleep 0.3
+kill -INT $pid
+wait $pid
+code=$?
+[ $code = 130 ] || fail "interrupted: exit code $code, expected 130"
+says 'train --resume cut'
+grep -q '"interrupted": true' cut/summary.json || fail "summary.json does not say interrupted"
+[ -s cut/checkpoint.bin ] || fail "nothing saved"
+reached=$(sed -n 's/.*"iterations": \([0-9]*\).*/\1/p' cut/summary.json)
+
+# What would change the result is refused.
+expect 1 train --resume cut --lambda-dssim 0.5; says '--lambda-dssim: found 0.5, but the run has 0.2'
+expect 1 train --resume cut --white-background; says '--white-background: found on, but the run has off'
+expect 1 train --resume cut --iterations 50; says '--iterations'
+expect 1 train --resume cut --force; says 'exclude each other'
+
+# The end comes at once from here: both runs stop 60 iterations later.
+sed -i "s/\"iterations\": 6000/\"iterations\": $((reached + 60))/" cut/config.json
+echo '{"iteration":999999,"loss":0}' >>cut/log.jsonl # as a killed run leaves it
+expect 0 train --resume cut --threads 1 --quiet --seed 42
+expect 0 train scene/blender -o whole $options --iterations $((reached + 60)) --threads 2
+last=point_cloud/iteration_$((reached + 60))/point_cloud.ply
+cmp cut/$last whole/$last || fail "the models differ after resuming at $reached"
+cmp cut/checkpoint.bin whole/checkpoint.bin || fail "the checkpoints differ"
+grep -q 999999 cut/log.jsonl && fail "the log keeps iterations beyond the checkpoint"
+for key in max_gaussians final_gaussians psnr; do
+    [ "$(grep "\"$key\"" cut/summary.json)" = "$(grep "\"$key\"" whole/summary.json)" ] || fail "$key differs"
+done
+
+# More iterations can be asked for, and the scene may have moved.
+mv scene moved
+expect 2 train --resume cut --iterations $((reached + 70)) --quiet
+expect 0 train moved/blender -o cut --resume --iterations $((reached + 70)) --quiet
+[ -s cut/point_cloud/iteration_$((reached + 70))/point_cloud.ply ] || fail "--iterations is not raised"
+grep -q "\"iterations\": $((reached + 70))" cut/config.json || fail "config.json keeps the old end"
+
+# Damage is found.
+printf 'x' | dd of=cut/checkpoint.bin bs=1 seek=5000 conv=notrunc 2>/dev/null
+expect 2 train moved/blender -o cut --resume -q; says checkpoint.bin
+sed -i 's/"seed": 42/"sead": 42/' cut/config.json
+expect 2 train --resume cut -q; says 'unknown option "sead"'
+sed -i 's/"sead": 42/"images": 42/' cut/config.json
+expect 2 train --resume cut -q; says config.json
+echo '{' >cut/config.json
+expect 2 train --resume cut -q; says config.json

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+# Train, look at the run folder, measure and render it.
+. "$(dirname "$0")/common.sh"
+small_scene
+
+expect 0 train scene/blender -o run --eval $short --init-points 500 --save-every 60 --eval-every 60
+[ ! -s err ] || fail "--quiet is not quiet"
+for file in config.json summary.json log.jsonl checkpoint.bin cameras.json input.ply cfg_args \
+    point_cloud/iteration_60/point_cloud.ply point_cloud/iteration_120/point_cloud.ply; do
+    [ -s run/$file ] || fail "run/$file is missing"
+done
+[ -z "$(find run -name '*.tmp*')" ] || fail "temporary files are left: $(find run -name '*.tmp*')"
+for key in max_gaussians final_gaussians iterations train_seconds cpu_seconds iterations_per_second peak_rss_bytes \
+    peak_ledger_bytes peak_ledger_bytes_by_tag psnr ssim fps stage_seconds version variant machine threads; do
+    grep -q "\"$key\":" run/summary.json || fail "summary.json has no $key"
+done
+grep -q '"densification-interval": 20' run/config.json || fail "config.json does not hold the options"
+grep -q "^Namespace(.*sh_degree=3, source_path='/.*white_background=False)$" run/cfg_args || fail cfg_args
+[ "$(grep -c '"loss"' run/log.jsonl)" = 5 ] || fail "log.jsonl: expected iterations 1, 30, 60, 90, 120"
+
+# The measured values of training are those of eval on the saved model.
+expect 0 eval run --json
+grep -Eq '^\{"psnr": [0-9.]+, "ssim": [0-9.]+, "fps": [0-9.]+, "views": 2, "gaussians": [0-9]+\}$' out || fail "$(cat out)"
+psnr=$(sed 's/.*"psnr": \([0-9.]*\).*/\1/' out)
+grep -q "\"psnr\": ${psnr%?}" run/summary.json || fail "eval says $psnr, summary.json $(grep psnr run/summary.json)"
+model=run/point_cloud/iteration_120/point_cloud.ply
+expect 0 eval $model --scene scene/blender --json --per_view
+grep -q "\"psnr\": $psnr" out || fail "the PLY alone measures differently: $(cat out), run: $psnr"
+expect 0 eval run --iteration 60 --json
+grep -q "\"psnr\": $psnr" out && fail "--iteration 60 measures the newest model"
+expect 2 eval run --iteration 61; says iteration_61
+expect 1 eval $model; says 'missing --scene'
+# The command line wins over the run's own options.
+expect 0 eval run -w --json
+grep -q "\"psnr\": $psnr" out && fail "-w made no difference"
+
+expect 0 render run -o images --depth
+[ "$(ls images)" = "$(printf 'r_0.png\nr_0_depth.png\nr_1.png\nr_1_depth.png')" ] || fail "rendered: $(ls images)"
+expect 0 render run -o floats --float --split train --quiet
+[ "$(ls floats | wc -l)" = 6 ] || fail "rendered: $(ls floats)"
+[ "$(head -n 2 floats/r_0.pfm | tr "\n" " ")" = "PF 64 48 " ] || fail "not a PFM"
+[ "$(wc -c <floats/r_0.pfm)" = $((14 + 64 * 48 * 12)) ] || fail "PFM of $(wc -c <floats/r_0.pfm) bytes"
+
+expect 0 info run; grep -q 'SH degree 3' out || fail "$(cat out)"
+expect 0 info $model --json; grep -q '"nonfinite": 0' out || fail "$(cat out)"
+
+# An earlier run is never overwritten by accident; --force removes what it left.
+expect 2 train scene/blender -o run $short; says 'found an earlier run'
+expect 0 train scene/colmap -o run --force --eval --iterations 20 --quiet
+[ "$(ls run/point_cloud)" = iteration_20 ] || fail "--force left $(ls run/point_cloud)"
+[ "$(grep -c '"loss"' run/log.jsonl)" = 2 ] || fail "--force left the log"
+
+# Starting from a model; CPU variants and the environment.
+expect 0 train scene/blender -o from --init run/point_cloud/iteration_20/point_cloud.ply --iterations 2 -q
+SG_CPU=baseline expect 0 train scene/blender -o base --iterations 2 --init-points 100 -q
+grep -q '"cpu_variant": "baseline"' base/config.json || [ "$(uname -m)" != x86_64 ] || fail "SG_CPU is ignored"
+expect 1 train scene/blender -o none --iterations 2 --cpu abacus --init-points 100 -q
