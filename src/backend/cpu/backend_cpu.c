@@ -172,6 +172,8 @@ static struct cpu_raster_args raster_args(const struct cpu_backend *b, int band)
                                 .instances = b->bins.instances,
                                 .tile_start = b->bins.tile_start,
                                 .first_tile = b->bins.bands[band].first,
+                                .hits = b->bins.hits,
+                                .reached = b->bins.reached,
                                 .rgb = b->rgb,
                                 .gradient = b->gradient,
                                 .slots = b->slots};
@@ -344,7 +346,10 @@ static int rasterize_backward(struct sg_backend *base)
         const size_t instances = b->bins.tile_start[band_tiles(b, band)];
         if (sg_grow(ctx, SG_MEM_INSTANCES, &b->slots, &b->cap_slots, instances, 0, CPU_SLOT_FLOATS * sizeof(float)))
             return SG_ERR_BUDGET;
-        struct raster_job job = {.kernel = b->kernels->raster_backward, .args = raster_args(b, band)};
+        struct raster_job job = {.kernel = b->kernels->raster, .args = raster_args(b, band)};
+        if (banded) /* this band's blocks are not at hand any more: draw it again */
+            sg_parallel_for(ctx, band_tiles(b, band), raster_tile, &job);
+        job.kernel = b->kernels->raster_backward;
         sg_parallel_for(ctx, band_tiles(b, band), raster_tile, &job);
         if (banded)
             sg_parallel_for(ctx, pieces(b->model.count), band_sum_piece, &(struct band_sum_job){b});

@@ -10,6 +10,7 @@
 
 #define CHUNK 4096      /* Gaussians a piece of work, in index order */
 #define ORDER_CHUNKS 16 /* pieces of the sorted order; fixed, so that nothing depends on the number of threads */
+#define AHEAD 16        /* entries of the order to prefetch: they point all over the model */
 #define RADIX_BITS 11
 #define RADIX (1 << RADIX_BITS)
 
@@ -198,6 +199,8 @@ static void count_tiles(void *arg, size_t chunk, int thread)
     memset(h, 0, j->tiles * sizeof(*h));
     for (size_t k = order_begin(j->b->drawn, chunk); k < order_begin(j->b->drawn, chunk + 1); k++) {
         const uint32_t i = j->b->order[k].splat;
+        if (k + AHEAD < j->b->drawn)
+            __builtin_prefetch(&j->b->extents[j->b->order[k + AHEAD].splat]);
         EACH_TILE(j->b, i, tile, h[tile]++);
     }
 }
@@ -278,6 +281,10 @@ static void emit(void *arg, size_t chunk, int thread)
     uint32_t *cursor = b->histogram + chunk * j->tiles;
     for (size_t k = order_begin(b->drawn, chunk); k < order_begin(b->drawn, chunk + 1); k++) {
         const uint32_t i = b->order[k].splat;
+        if (k + AHEAD < b->drawn) {
+            __builtin_prefetch(&b->extents[b->order[k + AHEAD].splat]);
+            __builtin_prefetch(&b->slot_start[b->order[k + AHEAD].splat]);
+        }
         uint32_t slot = b->slot_start[i];
         EACH_TILE(b, i, tile, {
             if (tile >= j->first && tile < j->end)
@@ -302,6 +309,8 @@ int bins_band(sg_ctx *ctx, struct bins *b, int band)
     b->band = -1;
     if (sg_grow(ctx, SG_MEM_INSTANCES, &b->slot_start, &b->cap_slots, b->count + 1, 0, sizeof(uint32_t)) ||
         sg_grow(ctx, SG_MEM_INSTANCES, &b->tile_start, &b->cap_tiles, band_tiles + 1, 0, sizeof(uint32_t)) ||
+        sg_grow(ctx, SG_MEM_INSTANCES, &b->reached, &b->cap_reached, band_tiles, 0, sizeof(uint32_t)) ||
+        sg_grow(ctx, SG_MEM_INSTANCES, &b->hits, &b->cap_hits, total, 0, sizeof(uint16_t)) ||
         sg_grow(ctx, SG_MEM_INSTANCES, &b->instances, &b->cap_instances, total + CPU_PREFETCH, 0,
                 sizeof(*b->instances)))
         return SG_ERR_BUDGET;
@@ -340,5 +349,7 @@ void bins_clear(sg_ctx *ctx, struct bins *b)
     sg_free(ctx, b->slot_start);
     sg_free(ctx, b->tile_start);
     sg_free(ctx, b->instances);
+    sg_free(ctx, b->hits);
+    sg_free(ctx, b->reached);
     *b = (struct bins){.band = -1};
 }

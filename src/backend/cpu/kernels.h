@@ -49,6 +49,8 @@ struct cpu_raster_args {
     const struct cpu_instance *instances;
     const uint32_t *tile_start; /* first instance of a tile; tile_start[tile + 1] ends it; indexed from first_tile */
     int first_tile;
+    uint16_t *hits;        /* per instance: 4x4 blocks of the tile it can touch; written by forward, read by backward */
+    uint32_t *reached;     /* per tile, from first_tile: end of the instances that any pixel was still open for */
     float background[3];
     float *rgb;            /* 3 planes, written by forward, read by backward */
     float *alpha, *depth;  /* planes or NULL */

@@ -2,8 +2,8 @@
 /* One tile, front to back: Kerbl et al. 2023, algorithm 2. */
 #include "tile.h"
 
-/* chain is the product of all (1 - alpha) so far. It never rises, so "the pixel has not stopped" is chain >= SG_T_MIN, and
- * the loop's only dependency from pair to pair is one multiplication. t is its last value before the stop. */
+/* chain is the product of all (1 - alpha) so far. It never rises, so "the pixel has not stopped" is chain >= SG_T_MIN,
+ * and the loop's only dependency from pair to pair is one multiplication. t is its last value before the stop. */
 struct part_state {
     real chain, t, r, g, b, depth;
 };
@@ -34,8 +34,13 @@ SIMD uint64_t draw(const struct cpu_raster_args *a, int tile, bool depth)
         }
 
     bool anyone = true;
+    size_t reached = first;
     for (size_t at = first; at < end && anyone; at += BATCH) {
-        batch_load(&batch, a, at, end - at < BATCH ? (int) (end - at) : BATCH, x0, y0);
+        const int count = end - at < BATCH ? (int) (end - at) : BATCH;
+        batch_load(&batch, a, at, count);
+        batch_find(&batch, count, x0, y0, a->hits + at);
+        batch_list(&batch, a->hits + at, count);
+        reached = at + (size_t) count;
         anyone = false;
         for (int block = 0; block < BLOCKS; block++)
             for (int part = 0; part < PARTS; part++) {
@@ -73,6 +78,7 @@ SIMD uint64_t draw(const struct cpu_raster_args *a, int tile, bool depth)
             }
     }
 
+    a->reached[tile - a->first_tile] = (uint32_t) reached;
     const size_t plane = (size_t) a->width * (size_t) a->height;
     for (int block = 0; block < BLOCKS; block++)
         for (int part = 0; part < PARTS; part++) {

@@ -49,9 +49,11 @@ uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *a, int tile)
 
     bool anyone = true;
     size_t at = first;
-    for (; at < end && anyone; at += BATCH) {
-        const int count = end - at < BATCH ? (int) (end - at) : BATCH;
-        batch_load(&batch, a, at, count, x0, y0);
+    const size_t reached = a->reached[tile - a->first_tile]; /* the forward pass knows the blocks up to there */
+    for (; at < reached && anyone; at += BATCH) {
+        const int count = reached - at < BATCH ? (int) (reached - at) : BATCH;
+        batch_load(&batch, a, at, count);
+        batch_list(&batch, a->hits + at, count);
         memset(sums, 0, sizeof(sums[0]) * (size_t) count);
         anyone = false;
         for (int block = 0; block < BLOCKS; block++)
@@ -108,7 +110,7 @@ uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *a, int tile)
             memcpy(a->slots + (size_t) a->instances[at + (size_t) i].slot * CPU_SLOT_FLOATS, sums[i],
                    CPU_SLOT_FLOATS * sizeof(float));
     }
-    for (; at < end; at++) /* behind everything: no pixel sees them */
+    for (at = at < reached ? at : reached; at < end; at++) /* behind everything: no pixel sees them */
         memset(a->slots + (size_t) a->instances[at].slot * CPU_SLOT_FLOATS, 0, CPU_SLOT_FLOATS * sizeof(float));
     return pairs;
 }

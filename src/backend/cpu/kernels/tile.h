@@ -17,7 +17,6 @@
 
 struct batch {
     _Alignas(64) struct cpu_splat splats[BATCH + 1]; /* the last one is never drawn: it pads lists to whole groups */
-    _Alignas(64) float x[BATCH], y[BATCH], k[BATCH], slope[BATCH], var[BATCH], ic[BATCH];
     uint8_t list[BLOCKS][BATCH + 16]; /* 16: a vector may be stored, and a group padded, at the end */
     int length[BLOCKS];
 };
@@ -39,48 +38,27 @@ SIMD real part_y(int part)
     return v;
 }
 
-/* Appends the indices first + lane of set bits to the lists of the blocks. */
-SIMD void batch_append(struct batch *b, int first, ireal bits)
-{
-#if LANES == 16
-    const __m512i index =
-        _mm512_add_epi32(_mm512_set1_epi32(first), _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15));
-    for (int block = 0; block < BLOCKS; block++) {
-        const __mmask16 m = _mm512_test_epi32_mask((__m512i) bits, _mm512_set1_epi32(1 << block));
-        const __m128i packed = _mm512_cvtepi32_epi8(_mm512_maskz_compress_epi32(m, index));
-        _mm_storeu_si128((__m128i *) &b->list[block][b->length[block]], packed);
-        b->length[block] += __builtin_popcount(m);
-    }
-#else
-    for (int lane = 0; lane < LANES; lane++)
-        for (uint32_t left = (uint32_t) bits[lane]; left; left &= left - 1) {
-            const int block = __builtin_ctz(left);
-            b->list[block][b->length[block]++] = (uint8_t) (first + lane);
-        }
-#endif
-}
-
-/* Loads n instances and sorts them into the blocks' lists. x0, y0: the tile's first pixel. */
-__attribute__((noinline)) static void batch_load(struct batch *b, const struct cpu_raster_args *a, size_t first, int n, int x0, int y0)
+/* Copies n instances' splats. The gathering loads miss the caches, so they are announced well ahead. */
+SIMD void batch_load(struct batch *b, const struct cpu_raster_args *a, size_t first, int n)
 {
     for (int i = 0; i < n; i++) {
         __builtin_prefetch(&a->splats[a->instances[first + (size_t) i + CPU_PREFETCH].splat]);
-        const struct cpu_splat *s = &a->splats[a->instances[first + (size_t) i].splat];
-        b->splats[i] = *s;
-        b->x[i] = s->x, b->y[i] = s->y, b->k[i] = s->k;
-        b->slope[i] = s->slope, b->var[i] = s->var, b->ic[i] = s->ic;
+        b->splats[i] = a->splats[a->instances[first + (size_t) i].splat];
     }
-    for (int i = n; i % LANES; i++) { /* never hit */
-        b->x[i] = b->y[i] = 1e9f;
-        b->k[i] = b->slope[i] = 0;
-        b->var[i] = b->ic[i] = 1;
-    }
-    for (int block = 0; block < BLOCKS; block++)
-        b->length[block] = 0;
-    b->splats[BATCH] = (struct cpu_splat){.peak = -100}; /* under every cut-off */
+}
+
+/* Which blocks each splat can touch, a bit a block. x0, y0: the tile's first pixel. */
+SIMD void batch_find(const struct batch *b, int n, int x0, int y0, uint16_t *hits)
+{
     for (int i = 0; i < n; i += LANES) {
-        const real x = r_load(&b->x[i]) - (float) x0, y = r_load(&b->y[i]);
-        const struct ellipse e = {r_load(&b->k[i]), r_load(&b->slope[i]), r_load(&b->var[i]), r_load(&b->ic[i])};
+        float in[6][LANES] = {{0}};
+        for (int lane = 0; lane < LANES; lane++) { /* past the end: whatever, those bits are not used */
+            const struct cpu_splat *s = &b->splats[i + lane < n ? i + lane : n - 1];
+            in[0][lane] = s->x, in[1][lane] = s->y, in[2][lane] = s->k;
+            in[3][lane] = s->slope, in[4][lane] = s->var, in[5][lane] = s->ic;
+        }
+        const real x = r_load(in[0]) - (float) x0, y = r_load(in[1]);
+        const struct ellipse e = {r_load(in[2]), r_load(in[3]), r_load(in[4]), r_load(in[5])};
         const struct ellipse_rows rows = ellipse_rows(&e);
         ireal bits = {0};
         for (int row = 0; row < 4; row++) {
@@ -93,8 +71,39 @@ __attribute__((noinline)) static void batch_load(struct batch *b, const struct c
             const ireal span = (i_set(1) << c1) - (i_set(1) << c0); /* bits c0 .. c1 - 1 */
             bits |= i_sel(r_and(hit, r_le(left, right)), (span & 15) << (4 * row), i_set(0));
         }
-        batch_append(b, i, bits);
+        int32_t lanes[LANES];
+        memcpy(lanes, &bits, sizeof(lanes));
+        for (int lane = 0; lane < LANES && i + lane < n; lane++)
+            hits[i + lane] = (uint16_t) lanes[lane];
     }
+}
+
+/* The blocks' lists from the bits, padded to whole groups with a splat that is under every cut-off. */
+SIMD void batch_list(struct batch *b, const uint16_t *hits, int n)
+{
+    for (int block = 0; block < BLOCKS; block++)
+        b->length[block] = 0;
+#if LANES == 16
+    __m512i index = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+    for (int i = 0; i < n; i += 16) {
+        const __mmask16 valid = (__mmask16) (n - i < 16 ? (1 << (n - i)) - 1 : 0xffff);
+        const __m512i bits = _mm512_cvtepu16_epi32(_mm256_maskz_loadu_epi16(valid, hits + i));
+        for (int block = 0; block < BLOCKS; block++) {
+            const __mmask16 m = _mm512_test_epi32_mask(bits, _mm512_set1_epi32(1 << block));
+            const __m128i packed = _mm512_cvtepi32_epi8(_mm512_maskz_compress_epi32(m, index));
+            _mm_storeu_si128((__m128i *) &b->list[block][b->length[block]], packed);
+            b->length[block] += __builtin_popcount(m);
+        }
+        index = _mm512_add_epi32(index, _mm512_set1_epi32(16));
+    }
+#else
+    for (int i = 0; i < n; i++)
+        for (uint32_t left = hits[i]; left; left &= left - 1) {
+            const int block = __builtin_ctz(left);
+            b->list[block][b->length[block]++] = (uint8_t) i;
+        }
+#endif
+    b->splats[BATCH] = (struct cpu_splat){.peak = -100};
     for (int block = 0; block < BLOCKS; block++)
         memset(&b->list[block][b->length[block]], BATCH, GROUP - 1);
 }
