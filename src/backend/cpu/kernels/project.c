@@ -100,8 +100,8 @@ void KERNEL(project)(const struct cpu_project_args *a, size_t first, size_t end)
             for (int k = 0; k < coefficients; k++)
                 for (int ch = 0; ch < 3; ch++)
                     rgb[ch] += basis[k] * r_load(p + (SG_P_SH + 3 * k + ch) * SG_LANES);
-            /* NaN fails every comparison. */
-            mask good = r_and(s.visible, r_le(opacity, r_set(1)));
+            /* NaN fails every comparison; r_exp would hide it. */
+            mask good = r_and(s.visible, r_le(planes[SG_P_OPACITY], planes[SG_P_OPACITY]));
             for (int ch = 0; ch < 3; ch++) {
                 good = r_and(good, r_and(r_lt(rgb[ch], r_set(SG_COLOUR_MAX)), r_lt(r_set(-SG_COLOUR_MAX), rgb[ch])));
                 rgb[ch] = r_max(rgb[ch], r_set(0));
