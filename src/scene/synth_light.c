@@ -11,7 +11,7 @@
 #define PI 3.14159265358979323846
 #define GOLDEN_ANGLE 2.39996322972865332
 #define OFFSET 1e-3 /* rays start this far above a surface */
-#define LAMP_RAYS 32
+#define LAMP_RAYS 24
 #define SKY_RAYS 32
 #define RAYS_MAX 32
 #define QUICK_SLACK 1e-5f /* above the rounding of the quick tests */

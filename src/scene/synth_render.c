@@ -5,7 +5,7 @@
 
 #include "scene/synth_light.h"
 
-#define CONTRAST 0.018 /* of display values, below which neighbours count as equal */
+#define CONTRAST 0.024 /* of display values, below which neighbours count as equal */
 #define SHARED 6       /* surfaces of one pixel whose exposure is kept */
 
 struct sample {
