@@ -54,6 +54,7 @@ static void row(void *arg, size_t y, int thread)
 
 int sg_ssim_u8(sg_ctx *ctx, const uint8_t *a, const uint8_t *b, int width, int height, double *out)
 {
+    sg_clear_error(ctx);
     struct job j = {.a = a, .b = b, .width = width, .height = height};
     j.rows = sg_alloc_raw(ctx, SG_MEM_FRAME, (size_t) height, sizeof(double));
     j.scratch =
