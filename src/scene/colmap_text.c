@@ -88,7 +88,7 @@ int sg_colmap_cameras_txt(sg_ctx *ctx, const char *file, char *data, size_t size
     int code = SG_OK;
     for (char *p; !code && (p = next_record(&l));) {
         char where[512], name[32];
-        uint64_t id, width, height;
+        uint64_t id, width = 0, height = 0;
         bool ok = get_whole(&p, UINT32_MAX, &id);
         p += strspn(p, " \t");
         size_t length = strcspn(p, " \t");
