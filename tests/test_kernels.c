@@ -271,14 +271,15 @@ static void draw_model(sg_ctx *ctx, struct sg_backend *b, const struct sg_model 
     assert_int_equal(b->ops->read_gradients(b, o->gradient), SG_OK);
 }
 
-/* The variants and the oracle agree on who is drawn, on the pixels, and that gradients are finite. */
-static void check_one(sg_ctx *ctx, struct sg_backend **backends, const struct sg_model *m, const char *what)
+/* Nothing but finite values; exact_too: the variants and the oracle agree on who is drawn and on the pixels. */
+static void check_one(sg_ctx *ctx, struct sg_backend **backends, const struct sg_model *m, bool exact_too,
+                      const char *what)
 {
     static struct view_of_one ref, o;
     draw_model(ctx, backends[variant_count - 1], m, &ref);
     for (int v = 0; v < variant_count; v++) {
         draw_model(ctx, backends[v], m, &o);
-        if (o.stats.visible != ref.stats.visible)
+        if (exact_too && o.stats.visible != ref.stats.visible)
             fail_msg("%s: %s: %llu visible, expected %llu", name_of(v), what, (unsigned long long) o.stats.visible,
                      (unsigned long long) ref.stats.visible);
         int off = 0;
@@ -286,7 +287,7 @@ static void check_one(sg_ctx *ctx, struct sg_backend **backends, const struct sg
             if (!isfinite(o.rgb[i]))
                 fail_msg("%s: %s: pixel value %d is %g", name_of(v), what, i, (double) o.rgb[i]);
             const float tolerance = 1e-4f * (1 + fabsf(ref.rgb[i]));
-            off += !(fabsf(o.rgb[i] - ref.rgb[i]) <= tolerance);
+            off += exact_too && !(fabsf(o.rgb[i] - ref.rgb[i]) <= tolerance);
         }
         if (off > 12)
             fail_msg("%s: %s: %d values differ from the oracle's", name_of(v), what, off);
@@ -317,7 +318,9 @@ static void test_hostile_planes(void **state)
             snprintf(what, sizeof(what), "plane %d is %g", p, (double) bad[k]);
             memcpy(m->params, good->params, SG_LANES * (size_t) sg_param_count(1) * sizeof(float));
             *sg_model_at(m, 1, p) = bad[k];
-            check_one(ctx, backends, m, what);
+            /* Of a needle the determinant cancels: what is left is rounding, which differs. */
+            const bool needle = p >= SG_P_SCALE && p < SG_P_ROT && bad[k] > 2;
+            check_one(ctx, backends, m, !needle, what);
         }
     for (int v = 0; v < variant_count; v++)
         sg_backend_destroy(&backends[v]);
@@ -348,20 +351,7 @@ static void test_needles(void **state)
             for (int i = 0; i < 4; i++)
                 *sg_model_at(m, 0, SG_P_ROT + i) = draw(30, k++, -1, 1);
             *sg_model_at(m, 0, SG_P_OPACITY) = 2;
-            if (length < 2) /* of longer ones the determinant cancels: every rounding shows */
-                check_one(ctx, backends, m, what);
-            else
-                for (int v = 0; v < variant_count; v++) {
-                    static struct view_of_one o;
-                    draw_model(ctx, backends[v], m, &o);
-                    for (int i = 0; i < 3 * SIDE * SIDE; i++)
-                        assert_true(isfinite(o.rgb[i]));
-                    for (int p = 0; p < sg_param_count(0); p++)
-                        if (!isfinite(*sg_model_at(o.gradient, 0, p)))
-                            fail_msg("%s: %s: gradient of plane %d is %g", name_of(v), what, p,
-                                     (double) *sg_model_at(o.gradient, 0, p));
-                    sg_model_destroy(ctx, &o.gradient);
-                }
+            check_one(ctx, backends, m, length < 2, what); /* longer: as above */
         }
     for (int v = 0; v < variant_count; v++)
         sg_backend_destroy(&backends[v]);

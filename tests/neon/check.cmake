@@ -1,0 +1,21 @@
+# Compiles kernels, backends and core for aarch64 with the tests that compare them with the oracle, and runs those.
+file(GLOB kernels ${SOURCE}/src/backend/cpu/kernels/*.c)
+file(GLOB sources ${SOURCE}/src/core/*.c ${SOURCE}/src/backend/*.c ${SOURCE}/src/backend/ref/*.c
+    ${SOURCE}/src/backend/cpu/*.c)
+set(flags -std=gnu11 -O2 -Wall -Wextra -Werror -Wno-psabi -fno-math-errno -fno-trapping-math -D_GNU_SOURCE
+    -DSG_VERSION="${VERSION}" -I${SOURCE}/tests/neon -I${SOURCE}/include -I${SOURCE}/src -I${SOURCE}/tests)
+file(MAKE_DIRECTORY ${BUILD})
+execute_process(COMMAND ${CC} ${flags} -DSG_ISA=neon -O3 -ffp-contract=fast -c ${kernels} WORKING_DIRECTORY ${BUILD}
+    COMMAND_ERROR_IS_FATAL ANY)
+execute_process(COMMAND ${CC} ${flags} -ffp-contract=off -c ${sources} ${SOURCE}/src/model/store.c
+    WORKING_DIRECTORY ${BUILD} COMMAND_ERROR_IS_FATAL ANY)
+set(objects)
+foreach(source ${kernels} ${sources} store.c)
+    get_filename_component(name ${source} NAME_WLE)
+    list(APPEND objects ${BUILD}/${name}.o)
+endforeach()
+foreach(test ${TESTS})
+    execute_process(COMMAND ${CC} ${flags} -ffp-contract=off ${SOURCE}/tests/${test}.c ${objects} -static -pthread -lm
+        -o ${BUILD}/${test} COMMAND_ERROR_IS_FATAL ANY)
+    execute_process(COMMAND ${QEMU} ${BUILD}/${test} COMMAND_ERROR_IS_FATAL ANY)
+endforeach()
