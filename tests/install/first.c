@@ -1,0 +1,15 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <splatguard/splatguard.h>
+#include <stdio.h>
+
+int main(void)
+{
+    sg_ctx *ctx = NULL;
+    struct sg_model *model = NULL;
+    int rc = sg_ctx_create(&ctx, NULL);
+    if (rc == SG_OK) rc = sg_model_init_random(ctx, 1000, 1, 3, &model);
+    printf("splatguard %s: %zu Gaussians\n", sg_version(), model ? model->count : (size_t) 0);
+    sg_model_destroy(ctx, &model);
+    sg_ctx_destroy(&ctx);
+    return rc == SG_OK ? 0 : 1;
+}
