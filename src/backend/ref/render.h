@@ -81,7 +81,8 @@ static inline size_t ref_tile_list(const struct ref_splat *splats, size_t n, int
         if (s->radius && tx >= s->rect.x0 && tx < s->rect.x1 && ty >= s->rect.y0 && ty < s->rect.y1)
             list[m++] = (struct ref_entry){(float) s->s.z, (uint32_t) i};
     }
-    qsort(list, m, sizeof(*list), ref_entry_compare);
+    if (m) /* of no Gaussians there is no list */
+        qsort(list, m, sizeof(*list), ref_entry_compare);
     return m;
 }
 
