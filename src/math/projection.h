@@ -113,9 +113,9 @@ static inline void project(const struct view *v, const real *xyz, const real *sc
     o->c = T1[0] * w0 + T1[1] * w1 + T1[2] * w2 + (scalar) SG_BLUR;
     o->det = o->a * o->c - o->b * o->b;
     /* The reference culls det == 0; in exact arithmetic det > 0.09, so negative means that float overflowed or
-     * cancelled and the conic would be garbage. */
+     * cancelled and the conic would be garbage. Beyond 1e16 (a splat of 1e8 pixels) the gradient would overflow. */
     const real big = r_set((scalar) 1e30);
-    const mask sound = r_and(r_lt(r_set(0), o->det), r_lt(o->det, big));
+    const mask sound = r_and(r_lt(r_set(0), o->det), r_lt(r_max(o->a, o->c), r_set((scalar) 1e16)));
     const real det = r_sel(sound, o->det, r_set(1));
     const real idet = one / det;
     o->A = o->c * idet, o->B = -o->b * idet, o->C = o->a * idet;
