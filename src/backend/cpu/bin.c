@@ -151,6 +151,10 @@ static int sort_by_depth(sg_ctx *ctx, struct bins *b)
     }
     b->drawn = j.n = sum;
     b->visible = j.visible;
+    if (!sum) {
+        code = SG_OK;
+        goto done;
+    }
     if (sg_grow(ctx, SG_MEM_INSTANCES, &b->order, &b->cap_order, sum, 0, sizeof(*b->order)) ||
         sg_grow(ctx, SG_MEM_INSTANCES, &b->order_swap, &b->cap_swap, sum, 0, sizeof(*b->order)))
         goto done;
