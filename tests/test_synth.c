@@ -227,29 +227,29 @@ static void solids_meet_rays_where_a_sphere_does(void **state)
 {
     (void) state;
     const struct vec o = {0.1, -0.2, 0.3}, cube = {1, 1, 1};
-    const struct solid sphere = solid_sphere(o, 1, 0);
+    const struct solid sphere = sg_solid_sphere(o, 1, 0);
     const struct solid others[] = {
-        solid_capsule(o, vec(o.x, o.y, o.z + 1e-9), 1, 0),
-        solid_box(o, cube, 1, 0),
-        solid_cylinder(o, 1, 1, 1, 0),
-        solid_torus(o, 0, 1, 0),
+        sg_solid_capsule(o, vec(o.x, o.y, o.z + 1e-9), 1, 0),
+        sg_solid_box(o, cube, 1, 0),
+        sg_solid_cylinder(o, 1, 1, 1, 0),
+        sg_solid_torus(o, 0, 1, 0),
     };
     int hits = 0;
     for (int i = 0; i < 2000; i++) {
         const double a = 2.4 * i, z = 1 - (i + 0.5) / 1000, r = sqrt(1 - z * z), b = 0.7 * i;
         const struct vec from = scale(vec(r * cos(a), r * sin(a), z), 3);
         const struct vec d = normalise(sub(vec(1.3 * cos(b), 1.3 * sin(b), 0.4 * cos(3 * b)), from));
-        const double t = solid_hit(&sphere, from, d, 9), far = length(cross(sub(o, from), d));
+        const double t = sg_solid_hit(&sphere, from, d, 9), far = length(cross(sub(o, from), d));
         assert_true(t == 9 ? far > 1 - 1e-9 : far < 1 + 1e-9);
         hits += t < 9;
         for (size_t k = 0; k < 4 && fabs(far - 1) > 1e-2; k++) { /* a march may pass where the ray only grazes */
-            const double other = solid_hit(&others[k], from, d, 9);
+            const double other = sg_solid_hit(&others[k], from, d, 9);
             if (!(fabs(other - t) < 2e-3))
                 fail_msg("solid %zu, far %g: %g is not %g", k, far, other, t);
             if (t < 9) {
                 const struct vec p = along(from, d, other);
-                assert_true(length(sub(solid_normal(&others[k], p), solid_normal(&sphere, p))) < 1e-2);
-                assert_true(solid_hit(&others[k], from, d, 0.5 * t) == 0.5 * t); /* out of reach */
+                assert_true(length(sub(sg_solid_normal(&others[k], p), sg_solid_normal(&sphere, p))) < 1e-2);
+                assert_true(sg_solid_hit(&others[k], from, d, 0.5 * t) == 0.5 * t); /* out of reach */
             }
         }
     }
@@ -259,18 +259,18 @@ static void solids_meet_rays_where_a_sphere_does(void **state)
 static void print_is_where_the_strokes_are(void **state)
 {
     (void) state;
-    assert_true(synth_text_ink("I", 0, 0.5, 1, 0.08));  /* a stem in the middle */
-    assert_false(synth_text_ink("O", 0, 0.5, 1, 0.08)); /* a hole */
-    assert_true(synth_text_ink("O", -1.0 / 3, 0.5, 1, 0.08));
-    assert_true(synth_text_ink("IOI", -1, 0.5, 1, 0.08)); /* glyphs are one size apart */
-    assert_false(synth_text_ink("IOI", 0, 0.5, 1, 0.08));
-    assert_true(synth_text_ink("L", 0, 0, 1, 0.08) && !synth_text_ink("L", 0, 1, 1, 0.08)); /* upright */
-    assert_true(synth_text_ink(".", 0, 0, 1, 0.08));
+    assert_true(sg_synth_text_ink("I", 0, 0.5, 1, 0.08));  /* a stem in the middle */
+    assert_false(sg_synth_text_ink("O", 0, 0.5, 1, 0.08)); /* a hole */
+    assert_true(sg_synth_text_ink("O", -1.0 / 3, 0.5, 1, 0.08));
+    assert_true(sg_synth_text_ink("IOI", -1, 0.5, 1, 0.08)); /* glyphs are one size apart */
+    assert_false(sg_synth_text_ink("IOI", 0, 0.5, 1, 0.08));
+    assert_true(sg_synth_text_ink("L", 0, 0, 1, 0.08) && !sg_synth_text_ink("L", 0, 1, 1, 0.08)); /* upright */
+    assert_true(sg_synth_text_ink(".", 0, 0, 1, 0.08));
     for (int c = 0; c < 128; c++) { /* characters without a glyph are blank */
         const char text[2] = {(char) c, 0};
         int inked = 0;
         for (int i = 0; i < 40 * 60; i++)
-            inked += synth_text_ink(text, (i % 40 - 20) / 20.0, (i / 40 - 15) / 30.0, 1, 0.08);
+            inked += sg_synth_text_ink(text, (i % 40 - 20) / 20.0, (i / 40 - 15) / 30.0, 1, 0.08);
         const bool known = (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || (c && strchr(".-/+", c));
         assert_int_equal(inked > 0, known);
     }

@@ -91,8 +91,8 @@ static void place_cameras(struct synth *s)
         const double height = test ? 0.16 + 0.64 * mirrored(k + 1) : 0.05 + 0.90 * (mirrored(k + 1) + 0.01 * du);
         const double azimuth = 2.39996322972865332 * k + (test ? 1.1 : -1.4) + 0.08 * dv;
         const double flat = sqrt(1 - height * height);
-        s->cameras[i] = synth_camera_at(scale(vec(flat * cos(azimuth), flat * sin(azimuth), height), DISTANCE),
-                                        vec(0, 0, 0), s->p.width, s->p.height, ANGLE_X);
+        s->cameras[i] = sg_synth_camera_at(scale(vec(flat * cos(azimuth), flat * sin(azimuth), height), DISTANCE),
+                                           vec(0, 0, 0), s->p.width, s->p.height, ANGLE_X);
     }
 }
 
@@ -156,7 +156,7 @@ static void make_view(void *arg, size_t i, int thread)
         return; /* another view failed */
     const int view = (int) i;
     uint8_t *rgba = sg_alloc_raw(s->ctx, SG_MEM_IMAGES, (size_t) s->p.width * (size_t) s->p.height, 4);
-    int code = rgba ? synth_render(s->ctx, &s->scene, &s->cameras[view], s->p.samples, rgba) : SG_ERR_BUDGET;
+    int code = rgba ? sg_synth_render(s->ctx, &s->scene, &s->cameras[view], s->p.samples, rgba) : SG_ERR_BUDGET;
     if (!code)
         code = write_blender_picture(s, view, rgba);
     if (!code)
@@ -179,12 +179,12 @@ static void pick_block(void *arg, size_t block, int thread)
         for (int k = 0; k < PICK_TRIES && !found; k++, draw += 2) {
             p->x = c->width * (double) sg_rng_uniform(s->p.seed, SG_RNG_SYNTH, DRAW_POINTS, draw);
             p->y = c->height * (double) sg_rng_uniform(s->p.seed, SG_RNG_SYNTH, DRAW_POINTS, draw + 1);
-            found = synth_pick(&s->scene, c, p->x, p->y, &p->p, p->rgb);
+            found = sg_synth_pick(&s->scene, c, p->x, p->y, &p->p, p->rgb);
         }
         if (!found) { /* a very flat or tall picture: its middle shows the scene for certain */
             p->x = 0.5 * c->width;
             p->y = 0.5 * c->height;
-            synth_pick(&s->scene, c, p->x, p->y, &p->p, p->rgb);
+            sg_synth_pick(&s->scene, c, p->x, p->y, &p->p, p->rgb);
         }
     }
 }
@@ -195,11 +195,12 @@ static int write_models(struct synth *s)
     char *blender = sg_strf(s->ctx, "%s/blender", s->dir), *sparse = sg_strf(s->ctx, "%s/colmap/sparse/0", s->dir);
     const struct synth_colmap model = {s->cameras,       s->order,  s->place,   s->p.train_views + s->colmap_test,
                                        s->p.train_views, s->points, s->p.points};
-    int code = blender && sparse ? synth_write_colmap(s->ctx, sparse, &model) : SG_ERR_BUDGET;
+    int code = blender && sparse ? sg_synth_write_colmap(s->ctx, sparse, &model) : SG_ERR_BUDGET;
     if (!code)
-        code = synth_write_transforms(s->ctx, blender, "test", s->cameras + s->p.train_views, s->p.test_views, ANGLE_X);
+        code =
+            sg_synth_write_transforms(s->ctx, blender, "test", s->cameras + s->p.train_views, s->p.test_views, ANGLE_X);
     if (!code)
-        code = synth_write_transforms(s->ctx, blender, "train", s->cameras, s->p.train_views, ANGLE_X);
+        code = sg_synth_write_transforms(s->ctx, blender, "train", s->cameras, s->p.train_views, ANGLE_X);
     sg_free(s->ctx, sparse);
     sg_free(s->ctx, blender);
     return code;
@@ -231,7 +232,7 @@ int sg_synth_write(sg_ctx *ctx, const char *dir, const struct sg_synth_params *p
     code = make_folders(s);
     if (code)
         goto done;
-    synth_scene_build(&s->scene, p->seed);
+    sg_synth_scene_build(&s->scene, p->seed);
     place_cameras(s);
     order_views(s);
     sg_parallel_for(ctx, n, make_view, s);

@@ -6,8 +6,8 @@
 
 #include "core/file.h"
 
-int synth_write_transforms(sg_ctx *ctx, const char *folder, const char *split, const struct synth_camera *cameras,
-                           int count, double angle_x)
+int sg_synth_write_transforms(sg_ctx *ctx, const char *folder, const char *split, const struct synth_camera *cameras,
+                              int count, double angle_x)
 {
     struct sg_file_writer w = {0};
     char *path = sg_strf(ctx, "%s/transforms_%s.json", folder, split);
@@ -132,7 +132,7 @@ static void put_points(FILE *f, const struct synth_colmap *m)
     }
 }
 
-int synth_write_colmap(sg_ctx *ctx, const char *folder, const struct synth_colmap *model)
+int sg_synth_write_colmap(sg_ctx *ctx, const char *folder, const struct synth_colmap *model)
 {
     static const struct {
         const char *name;

@@ -13,7 +13,7 @@ struct synth_point {
 };
 
 /* transforms_SPLIT.json with frames ./SPLIT/r_0 ... */
-int synth_write_transforms(sg_ctx *ctx, const char *folder, const char *split, const struct synth_camera *cameras,
+int sg_synth_write_transforms(sg_ctx *ctx, const char *folder, const char *split, const struct synth_camera *cameras,
                            int count, double angle_x);
 
 /* View k of images.bin is cameras[order[k]]; view_of is the inverse for the cameras that have points, the first `views`
@@ -29,6 +29,6 @@ struct synth_colmap {
 #define SYNTH_COLMAP_NAME "view_%04d.png"
 
 /* cameras.bin, images.bin and points3D.bin. */
-int synth_write_colmap(sg_ctx *ctx, const char *folder, const struct synth_colmap *model);
+int sg_synth_write_colmap(sg_ctx *ctx, const char *folder, const struct synth_colmap *model);
 
 #endif

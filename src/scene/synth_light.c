@@ -111,7 +111,7 @@ static void cast_at_object(const struct synth_scene *scene, const struct synth_o
             double *reach = &b->reach[f.ray[i]];
             if (!f.near[i] || *reach <= 0)
                 continue;
-            const double t = solid_hit(s, origin, to_local_direction(o, b->direction[f.ray[i]]), *reach);
+            const double t = sg_solid_hit(s, origin, to_local_direction(o, b->direction[f.ray[i]]), *reach);
             if (t < *reach)
                 *reach = b->any ? 0 : t;
         }
@@ -199,7 +199,7 @@ static double sky_in_sight(const struct synth_scene *scene, const struct synth_h
     return sum / rays;
 }
 
-struct synth_exposure synth_expose(const struct synth_scene *scene, const struct synth_hit *hit)
+struct synth_exposure sg_synth_expose(const struct synth_scene *scene, const struct synth_hit *hit)
 {
     return (struct synth_exposure){lamp_in_sight(scene, hit, LAMP_RAYS), sky_in_sight(scene, hit, SKY_RAYS)};
 }
@@ -229,7 +229,7 @@ static struct vec radiance(const struct synth_scene *scene, const struct synth_h
                            struct synth_exposure exposure, int bounces)
 {
     const struct solid *solid = &scene->solids[hit->solid];
-    const struct surface s = synth_surface((enum material) solid->material, hit->local, hit->local_n);
+    const struct surface s = sg_synth_surface((enum material) solid->material, hit->local, hit->local_n);
     const struct vec n = hit->n, to_lamp = normalise(sub(lamp, hit->p));
     const double cosine = larger(dot(n, to_lamp), 0) * exposure.key, view = larger(-dot(n, sight), 0);
 
@@ -251,7 +251,7 @@ static struct vec radiance(const struct synth_scene *scene, const struct synth_h
     const struct vec mirrored = along(sight, n, 2 * view);
     struct vec seen = scale(surroundings(mirrored, false), exposure.sky);
     if (s.mirror > 0 && bounces > 0) {
-        const struct synth_hit next = synth_trace(scene, along(hit->p, n, OFFSET), mirrored);
+        const struct synth_hit next = sg_synth_trace(scene, along(hit->p, n, OFFSET), mirrored);
         struct vec sharp = surroundings(mirrored, true);
         if (next.solid >= 0) {
             const struct synth_exposure there = {lamp_in_sight(scene, &next, 4), sky_in_sight(scene, &next, 8)};
@@ -269,8 +269,8 @@ static double film(double x)
     return clamp01(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14));
 }
 
-struct vec synth_shade(const struct synth_scene *scene, const struct synth_hit *hit, struct vec sight,
-                       struct synth_exposure exposure)
+struct vec sg_synth_shade(const struct synth_scene *scene, const struct synth_hit *hit, struct vec sight,
+                          struct synth_exposure exposure)
 {
     const struct vec c = radiance(scene, hit, sight, exposure, BOUNCES);
     return vec(film(c.x), film(c.y), film(c.z));

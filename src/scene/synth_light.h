@@ -11,10 +11,10 @@ struct synth_exposure {
     double sky; /* part of the sky in sight, cosine-weighted, 0..1 */
 };
 
-struct synth_exposure synth_expose(const struct synth_scene *scene, const struct synth_hit *hit);
+struct synth_exposure sg_synth_expose(const struct synth_scene *scene, const struct synth_hit *hit);
 
 /* Linear colour in [0, 1]^3, tone-mapped, that leaves the point against the direction of sight. */
-struct vec synth_shade(const struct synth_scene *scene, const struct synth_hit *hit, struct vec sight,
+struct vec sg_synth_shade(const struct synth_scene *scene, const struct synth_hit *hit, struct vec sight,
                        struct synth_exposure exposure);
 
 #endif

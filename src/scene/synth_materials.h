@@ -31,7 +31,7 @@ struct surface {
 };
 
 /* p and n in the frame of the object, so that a texture moves with it. */
-struct surface synth_surface(enum material material, struct vec p, struct vec n);
+struct surface sg_synth_surface(enum material material, struct vec p, struct vec n);
 
 /* Half sides of the printed faces, which look along -y of their object. */
 #define PLAQUE_WIDE 0.54

@@ -20,7 +20,7 @@ struct shared {
     int count;
 };
 
-struct synth_camera synth_camera_at(struct vec centre, struct vec target, int width, int height, double angle_x)
+struct synth_camera sg_synth_camera_at(struct vec centre, struct vec target, int width, int height, double angle_x)
 {
     struct synth_camera c = {.centre = centre, .width = width, .height = height};
     c.forward = normalise(sub(target, centre));
@@ -50,17 +50,17 @@ static struct sample take(const struct synth_scene *scene, const struct synth_ca
                           struct shared *shared)
 {
     const struct vec d = ray(camera, x, y);
-    const struct synth_hit hit = synth_trace(scene, camera->centre, d);
+    const struct synth_hit hit = sg_synth_trace(scene, camera->centre, d);
     struct sample s = {.solid = hit.solid, .n = hit.n};
     if (hit.solid < 0)
         return s;
     int i = 0;
     while (i < shared->count && (shared->surface[i].solid != hit.solid || dot(shared->surface[i].n, hit.n) < 0.9))
         i++;
-    s.exposure = i < shared->count ? shared->surface[i].exposure : synth_expose(scene, &hit);
+    s.exposure = i < shared->count ? shared->surface[i].exposure : sg_synth_expose(scene, &hit);
     if (i == shared->count && i < SHARED)
         shared->surface[shared->count++] = s;
-    s.colour = synth_shade(scene, &hit, d, s.exposure);
+    s.colour = sg_synth_shade(scene, &hit, d, s.exposure);
     return s;
 }
 
@@ -121,8 +121,8 @@ static void resolve_row(const struct synth_scene *scene, const struct synth_came
     }
 }
 
-int synth_render(sg_ctx *ctx, const struct synth_scene *scene, const struct synth_camera *camera, int samples,
-                 uint8_t *rgba)
+int sg_synth_render(sg_ctx *ctx, const struct synth_scene *scene, const struct synth_camera *camera, int samples,
+                    uint8_t *rgba)
 {
     const size_t width = (size_t) camera->width;
     struct sample *probes = sg_alloc(ctx, SG_MEM_FRAME, 3 * width, sizeof(*probes));
@@ -143,14 +143,14 @@ int synth_render(sg_ctx *ctx, const struct synth_scene *scene, const struct synt
     return SG_OK;
 }
 
-bool synth_pick(const struct synth_scene *scene, const struct synth_camera *camera, double x, double y,
-                struct vec *point, uint8_t rgb[3])
+bool sg_synth_pick(const struct synth_scene *scene, const struct synth_camera *camera, double x, double y,
+                   struct vec *point, uint8_t rgb[3])
 {
     const struct vec d = ray(camera, x, y);
-    const struct synth_hit hit = synth_trace(scene, camera->centre, d);
+    const struct synth_hit hit = sg_synth_trace(scene, camera->centre, d);
     if (hit.solid < 0)
         return false;
-    const struct vec c = synth_shade(scene, &hit, d, synth_expose(scene, &hit));
+    const struct vec c = sg_synth_shade(scene, &hit, d, sg_synth_expose(scene, &hit));
     *point = hit.p;
     rgb[0] = to_byte(c.x);
     rgb[1] = to_byte(c.y);

@@ -29,7 +29,7 @@ struct synth_scene {
 };
 
 /* The seed moves and turns the objects a little. */
-void synth_scene_build(struct synth_scene *scene, uint64_t seed);
+void sg_synth_scene_build(struct synth_scene *scene, uint64_t seed);
 
 static inline struct vec to_local_direction(const struct synth_object *o, struct vec d)
 {
@@ -63,6 +63,6 @@ struct synth_hit {
     struct vec local, local_n;
 };
 
-struct synth_hit synth_trace(const struct synth_scene *scene, struct vec origin, struct vec direction);
+struct synth_hit sg_synth_trace(const struct synth_scene *scene, struct vec origin, struct vec direction);
 
 #endif

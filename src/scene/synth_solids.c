@@ -7,35 +7,35 @@
 #define MARCH_CLOSE 1e-5
 #define GRADIENT_STEP 1e-4
 
-struct solid solid_sphere(struct vec centre, double radius, int material)
+struct solid sg_solid_sphere(struct vec centre, double radius, int material)
 {
     return (struct solid){SOLID_SPHERE, material, centre, centre, radius, 0, centre, radius};
 }
 
-struct solid solid_capsule(struct vec a, struct vec b, double radius, int material)
+struct solid sg_solid_capsule(struct vec a, struct vec b, double radius, int material)
 {
     return (struct solid){
         SOLID_CAPSULE, material, a, b, radius, 0, scale(add(a, b), 0.5), 0.5 * length(sub(b, a)) + radius};
 }
 
-struct solid solid_box(struct vec centre, struct vec half, double rounding, int material)
+struct solid sg_solid_box(struct vec centre, struct vec half, double rounding, int material)
 {
     return (struct solid){SOLID_BOX, material, centre, half, 0, rounding, centre, length(half)};
 }
 
-struct solid solid_cylinder(struct vec centre, double radius, double half_height, double rounding, int material)
+struct solid sg_solid_cylinder(struct vec centre, double radius, double half_height, double rounding, int material)
 {
     const struct vec half = vec(radius, radius, half_height);
     return (struct solid){SOLID_CYLINDER, material, centre, half, radius, rounding, centre, hypot(radius, half_height)};
 }
 
-struct solid solid_torus(struct vec centre, double major, double minor, int material)
+struct solid sg_solid_torus(struct vec centre, double major, double minor, int material)
 {
     const struct vec half = vec(major + minor, major + minor, minor);
     return (struct solid){SOLID_TORUS, material, centre, half, major, minor, centre, major + minor};
 }
 
-void solid_box_around(const struct solid *s, struct vec *low, struct vec *high)
+void sg_solid_box_around(const struct solid *s, struct vec *low, struct vec *high)
 {
     const bool round = s->kind == SOLID_SPHERE || s->kind == SOLID_CAPSULE;
     const struct vec half = round ? vec(s->r, s->r, s->r) : s->b, end = round ? s->b : s->a;
@@ -104,7 +104,7 @@ static double hit_capsule(const struct solid *s, struct vec o, struct vec d, dou
     return hit_sphere(s->b, s->r, o, d, near_a);
 }
 
-double solid_hit(const struct solid *s, struct vec o, struct vec d, double reach)
+double sg_solid_hit(const struct solid *s, struct vec o, struct vec d, double reach)
 {
     if (s->kind == SOLID_SPHERE)
         return hit_sphere(s->a, s->r, o, d, reach);
@@ -113,7 +113,7 @@ double solid_hit(const struct solid *s, struct vec o, struct vec d, double reach
     return s->kind == SOLID_CAPSULE ? hit_capsule(s, o, d, reach) : march(s, o, d, reach);
 }
 
-struct vec solid_normal(const struct solid *s, struct vec p)
+struct vec sg_solid_normal(const struct solid *s, struct vec p)
 {
     if (s->kind == SOLID_SPHERE)
         return normalise(sub(p, s->a));

@@ -18,17 +18,17 @@ struct solid {
     double bound;      /* its radius */
 };
 
-struct solid solid_sphere(struct vec centre, double radius, int material);
-struct solid solid_capsule(struct vec a, struct vec b, double radius, int material);
-struct solid solid_box(struct vec centre, struct vec half, double rounding, int material);
+struct solid sg_solid_sphere(struct vec centre, double radius, int material);
+struct solid sg_solid_capsule(struct vec a, struct vec b, double radius, int material);
+struct solid sg_solid_box(struct vec centre, struct vec half, double rounding, int material);
 /* Around the z axis. */
-struct solid solid_cylinder(struct vec centre, double radius, double half_height, double rounding, int material);
-struct solid solid_torus(struct vec centre, double major, double minor, int material);
+struct solid sg_solid_cylinder(struct vec centre, double radius, double half_height, double rounding, int material);
+struct solid sg_solid_torus(struct vec centre, double major, double minor, int material);
 
-void solid_box_around(const struct solid *s, struct vec *low, struct vec *high);
+void sg_solid_box_around(const struct solid *s, struct vec *low, struct vec *high);
 
 /* Smallest distance in (0, reach) at which the ray enters the solid, or reach. direction has length 1. */
-double solid_hit(const struct solid *s, struct vec origin, struct vec direction, double reach);
+double sg_solid_hit(const struct solid *s, struct vec origin, struct vec direction, double reach);
 
 /* Does the ray meet the bounding sphere before reach? */
 static inline bool meets_sphere(struct vec middle, double radius, struct vec origin, struct vec direction, double reach)
@@ -45,6 +45,6 @@ static inline bool solid_is_convex(const struct solid *s)
     return s->kind != SOLID_TORUS;
 }
 
-struct vec solid_normal(const struct solid *s, struct vec p);
+struct vec sg_solid_normal(const struct solid *s, struct vec p);
 
 #endif

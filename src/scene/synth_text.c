@@ -64,7 +64,7 @@ static double distance2(double x, double y, const char *from, const char *to)
     return dx * dx + dy * dy;
 }
 
-bool synth_text_ink(const char *text, double x, double y, double size, double weight)
+bool sg_synth_text_ink(const char *text, double x, double y, double size, double weight)
 {
     const double unit = size / UNITS, half = weight * UNITS;
     const double n = (double) strlen(text), row = y / unit;

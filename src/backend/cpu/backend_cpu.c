@@ -52,7 +52,7 @@ static void destroy(struct sg_backend *base)
     struct cpu_backend *b = (struct cpu_backend *) base;
     sg_ctx *ctx = base->ctx;
     sg_host_clear(ctx, &b->model);
-    bins_clear(ctx, &b->bins);
+    sg_bins_clear(ctx, &b->bins);
     void *owned[] = {b->splats,   b->slots,  b->band_sums, b->rgb,  b->alpha,      b->depth,
                      b->gradient, b->target, b->maps,      b->sums, b->row_scratch};
     for (size_t i = 0; i < sizeof(owned) / sizeof(owned[0]); i++)
@@ -123,7 +123,7 @@ static int do_project(struct sg_backend *base, const struct sg_camera *camera, i
     b->degree = sh_degree;
     const size_t n = b->model.count, pixels = (size_t) camera->width * (size_t) camera->height;
     if (sg_grow(ctx, SG_MEM_SPLATS, &b->splats, &b->cap_splats, n, 0, sizeof(*b->splats)) ||
-        bins_begin(ctx, &b->bins, n, camera->width, camera->height, params->reference_tiles))
+        sg_bins_begin(ctx, &b->bins, n, camera->width, camera->height, params->reference_tiles))
         return SG_ERR_BUDGET;
     if (pixels > b->pixels) {
         b->pixels = 0;
@@ -144,7 +144,7 @@ static int do_project(struct sg_backend *base, const struct sg_camera *camera, i
                                .extents = b->bins.extents}};
     sg_parallel_for(ctx, pieces(n), project_piece, &job);
     lap(&clock, &base->times.project);
-    const int code = bins_make(ctx, &b->bins, b->splats, params->max_instances);
+    const int code = sg_bins_make(ctx, &b->bins, b->splats, params->max_instances);
     lap(&clock, &base->times.bin);
     return code;
 }
@@ -200,7 +200,7 @@ static int rasterize(struct sg_backend *base, bool auxiliary, struct sg_render_s
     }
     for (int band = 0; band < b->bins.band_count; band++) {
         double clock = seconds();
-        if (bins_band(ctx, &b->bins, band))
+        if (sg_bins_band(ctx, &b->bins, band))
             return SG_ERR_BUDGET;
         lap(&clock, &base->times.bin);
         struct raster_job job = {.kernel = b->kernels->raster, .args = raster_args(b, band)};
@@ -340,7 +340,7 @@ static int rasterize_backward(struct sg_backend *base)
     }
     for (int band = 0; band < b->bins.band_count; band++) {
         double clock = seconds();
-        if (bins_band(ctx, &b->bins, band))
+        if (sg_bins_band(ctx, &b->bins, band))
             return SG_ERR_BUDGET;
         lap(&clock, &base->times.bin);
         const size_t instances = b->bins.tile_start[band_tiles(b, band)];

@@ -229,7 +229,7 @@ static int cut_bands(sg_ctx *ctx, struct bins *b, size_t tiles, uint64_t limit)
     return SG_OK;
 }
 
-int bins_begin(sg_ctx *ctx, struct bins *b, size_t count, int width, int height, bool reference_tiles)
+int sg_bins_begin(sg_ctx *ctx, struct bins *b, size_t count, int width, int height, bool reference_tiles)
 {
     b->grid_x = (width + SG_TILE - 1) / SG_TILE, b->grid_y = (height + SG_TILE - 1) / SG_TILE;
     b->reference_tiles = reference_tiles;
@@ -238,7 +238,7 @@ int bins_begin(sg_ctx *ctx, struct bins *b, size_t count, int width, int height,
     return sg_grow(ctx, SG_MEM_SPLATS, &b->extents, &b->cap_extents, count, 0, sizeof(*b->extents));
 }
 
-int bins_make(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats, uint64_t max_instances)
+int sg_bins_make(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats, uint64_t max_instances)
 {
     const size_t tiles = (size_t) b->grid_x * (size_t) b->grid_y;
     b->splats = splats;
@@ -297,7 +297,7 @@ static void emit(void *arg, size_t chunk, int thread)
     }
 }
 
-int bins_band(sg_ctx *ctx, struct bins *b, int band)
+int sg_bins_band(sg_ctx *ctx, struct bins *b, int band)
 {
     if (b->band == band)
         return SG_OK;
@@ -342,7 +342,7 @@ int bins_band(sg_ctx *ctx, struct bins *b, int band)
     return SG_OK;
 }
 
-void bins_clear(sg_ctx *ctx, struct bins *b)
+void sg_bins_clear(sg_ctx *ctx, struct bins *b)
 {
     sg_free(ctx, b->extents);
     sg_free(ctx, b->order);

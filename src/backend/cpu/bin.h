@@ -40,15 +40,15 @@ struct bins {
 };
 
 /* Begins a view: room for the extents that projection writes. */
-int bins_begin(sg_ctx *ctx, struct bins *b, size_t count, int width, int height, bool reference_tiles);
+int sg_bins_begin(sg_ctx *ctx, struct bins *b, size_t count, int width, int height, bool reference_tiles);
 
 /* Sorts the projected splats by depth and cuts the image into bands of at most max_instances (or one tile). The splats must
  * stay until the view is done. */
-int bins_make(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats, uint64_t max_instances);
+int sg_bins_make(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats, uint64_t max_instances);
 
 /* Fills the lists of one band. */
-int bins_band(sg_ctx *ctx, struct bins *b, int band);
+int sg_bins_band(sg_ctx *ctx, struct bins *b, int band);
 
-void bins_clear(sg_ctx *ctx, struct bins *b);
+void sg_bins_clear(sg_ctx *ctx, struct bins *b);
 
 #endif
