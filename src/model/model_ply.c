@@ -92,7 +92,7 @@ static int map_columns(sg_ctx *ctx, const struct ply *p, int *degree, int *colum
             const int k = (plane - SG_P_SH) / 3, channel = (plane - SG_P_SH) % 3;
             snprintf(name, sizeof(name), "f_rest_%d", channel * per_channel + k - 1);
         }
-        column[plane] = ply_find(p, name);
+        column[plane] = sg_ply_find(p, name);
         if (column[plane] < 0)
             return sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no property %s, expected a 3D Gaussian model", p->path,
                            name);
@@ -113,7 +113,7 @@ int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussians, str
     int code = sg_file_read(ctx, path, MAX_FILE_BYTES, &data, &size);
     if (code)
         return code;
-    if ((code = ply_open(ctx, &p, path, data, size, max_gaussians)) || (code = map_columns(ctx, &p, &degree, column)) ||
+    if ((code = sg_ply_open(ctx, &p, path, data, size, max_gaussians)) || (code = map_columns(ctx, &p, &degree, column)) ||
         (code = sg_model_create(ctx, (size_t) p.rows, degree, &m)))
         goto done;
     if (!p.rows) {
@@ -121,7 +121,7 @@ int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussians, str
         goto done;
     }
     for (uint64_t i = 0; i < p.rows; i++) {
-        if ((code = ply_row(ctx, &p, i, row)))
+        if ((code = sg_ply_row(ctx, &p, i, row)))
             goto done;
         for (int plane = 0; plane < sg_param_count(degree); plane++)
             *sg_model_at(m, (size_t) i, plane) = (float) row[column[plane]];

@@ -30,12 +30,12 @@ struct ply {
 
 /* Parses the header and skips elements before `vertex`. The row count is checked against the file's size (and
  * max_rows) before it is believed. Errors name the line. */
-int ply_open(sg_ctx *ctx, struct ply *p, const char *path, const char *data, size_t size, uint64_t max_rows);
+int sg_ply_open(sg_ctx *ctx, struct ply *p, const char *path, const char *data, size_t size, uint64_t max_rows);
 
 /* Index of a property that is not a list, or -1. */
-int ply_find(const struct ply *p, const char *name);
+int sg_ply_find(const struct ply *p, const char *name);
 
 /* Next row: one double per property (0 for lists, whose contents are skipped). float32 values are exact. */
-int ply_row(sg_ctx *ctx, struct ply *p, uint64_t row, double *values);
+int sg_ply_row(sg_ctx *ctx, struct ply *p, uint64_t row, double *values);
 
 #endif

@@ -120,7 +120,7 @@ static int number(sg_ctx *ctx, struct ply *p, uint64_t row, enum ply_type type, 
     return SG_OK;
 }
 
-int ply_row(sg_ctx *ctx, struct ply *p, uint64_t row, double *values)
+int sg_ply_row(sg_ctx *ctx, struct ply *p, uint64_t row, double *values)
 {
     for (int i = 0; i < p->properties; i++) {
         const struct ply_property *q = &p->property[i];
@@ -144,7 +144,7 @@ int ply_row(sg_ctx *ctx, struct ply *p, uint64_t row, double *values)
     return SG_OK;
 }
 
-int ply_find(const struct ply *p, const char *name)
+int sg_ply_find(const struct ply *p, const char *name)
 {
     for (int i = 0; i < p->properties; i++)
         if (!p->property[i].list && !strcmp(p->property[i].name, name))
@@ -158,7 +158,7 @@ static int skip_rows(sg_ctx *ctx, struct ply *p)
     double values[PLY_MAX_PROPERTIES];
     int code = SG_OK;
     for (uint64_t row = 0; row < p->rows && !code && p->properties; row++)
-        code = ply_row(ctx, p, row, values);
+        code = sg_ply_row(ctx, p, row, values);
     return code;
 }
 
@@ -184,7 +184,7 @@ static int parse_property(sg_ctx *ctx, struct ply *p, const char *line, int numb
     return SG_OK;
 }
 
-int ply_open(sg_ctx *ctx, struct ply *p, const char *path, const char *data, size_t size, uint64_t max_rows)
+int sg_ply_open(sg_ctx *ctx, struct ply *p, const char *path, const char *data, size_t size, uint64_t max_rows)
 {
     /* Elements in file order; those before `vertex` are skipped by a second walk of the header. */
     char line[MAX_LINE], format[32], name[64];

@@ -18,10 +18,10 @@ int sg_points_read_ply(sg_ctx *ctx, const char *path, uint64_t max_points, float
     int code = sg_file_read(ctx, path, MAX_FILE_BYTES, &data, &size);
     if (code)
         return code;
-    if ((code = ply_open(ctx, &p, path, data, size, max_points)))
+    if ((code = sg_ply_open(ctx, &p, path, data, size, max_points)))
         goto done;
-    const int at[3] = {ply_find(&p, "x"), ply_find(&p, "y"), ply_find(&p, "z")};
-    const int colour[3] = {ply_find(&p, "red"), ply_find(&p, "green"), ply_find(&p, "blue")};
+    const int at[3] = {sg_ply_find(&p, "x"), sg_ply_find(&p, "y"), sg_ply_find(&p, "z")};
+    const int colour[3] = {sg_ply_find(&p, "red"), sg_ply_find(&p, "green"), sg_ply_find(&p, "blue")};
     const bool coloured = colour[0] >= 0 && colour[1] >= 0 && colour[2] >= 0;
     if (at[0] < 0 || at[1] < 0 || at[2] < 0) {
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no properties x, y and z, expected a point cloud", path);
@@ -33,7 +33,7 @@ int sg_points_read_ply(sg_ctx *ctx, const char *path, uint64_t max_points, float
         code = SG_ERR_BUDGET;
         goto done;
     }
-    for (uint64_t i = 0; i < p.rows && !(code = ply_row(ctx, &p, i, row)); i++)
+    for (uint64_t i = 0; i < p.rows && !(code = sg_ply_row(ctx, &p, i, row)); i++)
         for (int k = 0; k < 3; k++) {
             (*xyz)[3 * i + (uint64_t) k] = (float) row[at[k]];
             double c = coloured ? row[colour[k]] : 127;
