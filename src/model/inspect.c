@@ -12,7 +12,15 @@ static int ascending(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Nearest rank. */
+static bool all_finite(const struct sg_model *m, size_t i, int first, int end)
+{
+    for (int p = first; p < end; p++)
+        if (!isfinite(*sg_model_at(m, i, p)))
+            return false;
+    return true;
+}
+
+/* Nearest rank; NaN of nothing. */
 static void percentiles(float *values, size_t n, double out[5])
 {
     static const double at[5] = {0.01, 0.25, 0.5, 0.75, 0.99};
@@ -37,24 +45,22 @@ int sg_model_inspect(sg_ctx *ctx, const struct sg_model *m, struct sg_model_info
     const int planes = sg_param_count(m->sh_degree);
     size_t n = 0;
     for (size_t i = 0; i < m->count; i++) {
-        bool finite = true;
-        for (int p = 0; p < planes; p++)
-            finite &= isfinite(*sg_model_at(m, i, p)) != 0;
-        if (!finite) {
+        bool turned = false;
+        for (int k = 0; k < 4; k++)
+            turned |= *sg_model_at(m, i, SG_P_ROT + k) != 0; /* a NaN is no zero: it is counted as not finite */
+        out->zero_rotation += !turned;
+        if (all_finite(m, i, SG_P_XYZ, SG_P_XYZ + 3))
+            for (int k = 0; k < 3; k++) {
+                const double x = (double) *sg_model_at(m, i, SG_P_XYZ + k);
+                out->min[k] = fmin(out->min[k], x), out->max[k] = fmax(out->max[k], x);
+            }
+        if (!all_finite(m, i, 0, planes)) {
             out->nonfinite++;
             continue;
         }
-        float largest = -INFINITY, rotation = 0;
-        for (int k = 0; k < 3; k++) {
-            const double x = (double) *sg_model_at(m, i, SG_P_XYZ + k);
-            out->min[k] = fmin(out->min[k], x), out->max[k] = fmax(out->max[k], x);
-            largest = fmaxf(largest, *sg_model_at(m, i, SG_P_SCALE + k));
-        }
-        for (int k = 0; k < 4; k++)
-            rotation += *sg_model_at(m, i, SG_P_ROT + k) * *sg_model_at(m, i, SG_P_ROT + k);
-        scale[n] = expf(largest);
+        const float *s = sg_model_at(m, i, SG_P_SCALE);
+        scale[n] = expf(fmaxf(fmaxf(s[0], s[SG_LANES]), s[2 * SG_LANES]));
         opacity[n] = 1 / (1 + expf(-*sg_model_at(m, i, SG_P_OPACITY)));
-        out->zero_rotation += !(rotation > 0);
         out->transparent += opacity[n] < SG_ALPHA_MIN;
         n++;
     }

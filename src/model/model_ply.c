@@ -75,7 +75,8 @@ static int map_columns(sg_ctx *ctx, const struct ply *p, int *degree, int *colum
     for (*degree = 0; *degree <= 3 && 3 * ((*degree + 1) * (*degree + 1) - 1) != rest;)
         ++*degree;
     if (*degree > 3)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found %d f_rest properties, expected 0, 9, 24 or 45", p->path, rest);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: header: found %d f_rest properties, expected 0, 9, 24 or 45", p->path,
+                       rest);
     const int per_channel = rest / 3;
     for (int plane = 0; plane < sg_param_count(*degree); plane++) {
         if (plane < SG_P_OPACITY)
@@ -109,26 +110,28 @@ int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussians, str
     struct ply p;
     struct sg_model *m = NULL;
     int degree, column[SG_PARAMS_MAX];
-    double row[PLY_MAX_PROPERTIES];
+    float row[PLY_MAX_PROPERTIES];
     int code = sg_file_read(ctx, path, MAX_FILE_BYTES, &data, &size);
     if (code)
         return code;
-    if ((code = sg_ply_open(ctx, &p, path, data, size, max_gaussians)) || (code = map_columns(ctx, &p, &degree, column)) ||
-        (code = sg_model_create(ctx, (size_t) p.rows, degree, &m)))
+    if ((code = sg_ply_open(ctx, &p, path, data, size, max_gaussians)) || (code = map_columns(ctx, &p, &degree, column)))
         goto done;
     if (!p.rows) {
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found 0 Gaussians, expected at least one", path);
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: header: found 0 Gaussians, expected at least one", path);
         goto done;
     }
+    if ((code = sg_model_create(ctx, (size_t) p.rows, degree, &m)))
+        goto done;
     for (uint64_t i = 0; i < p.rows; i++) {
         if ((code = sg_ply_row(ctx, &p, i, row)))
             goto done;
         for (int plane = 0; plane < sg_param_count(degree); plane++)
-            *sg_model_at(m, (size_t) i, plane) = (float) row[column[plane]];
+            *sg_model_at(m, (size_t) i, plane) = row[column[plane]];
     }
     *out = m;
     m = NULL;
 done:
+    sg_ply_close(&p);
     sg_model_destroy(ctx, &m);
     sg_free(ctx, data);
     return code;

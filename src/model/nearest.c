@@ -6,6 +6,7 @@
 
 #define LEAF 16
 #define PIECE 1024
+#define HASTE 40 /* rounds of selection a random order never needs */
 
 struct tree {
     const float *xyz;
@@ -15,24 +16,53 @@ struct tree {
     size_t n;
 };
 
-/* Puts the element of rank k where it belongs, smaller ones before it (Hoare 1961), ties by index. */
+static bool before(const struct tree *t, uint32_t a, uint32_t b, int axis) /* ties by index: no two are equal */
+{
+    const float x = t->xyz[3 * (size_t) a + (size_t) axis], y = t->xyz[3 * (size_t) b + (size_t) axis];
+    return x < y || (x == y && a < b);
+}
+
+static void swap(uint32_t *a, uint32_t *b)
+{
+    const uint32_t kept = *a;
+    *a = *b, *b = kept;
+}
+
+static void select_rank(const struct tree *t, size_t low, size_t high, size_t k, int axis);
+
+/* Median of the medians of five (Blum et al. 1973): between 30 and 70 % of the range lie on each side of it. */
+static uint32_t fair_pivot(const struct tree *t, size_t low, size_t high, int axis)
+{
+    uint32_t *a = t->index;
+    size_t groups = 0;
+    for (size_t g = low; g + 5 <= high + 1; g += 5, groups++) {
+        for (size_t i = g + 1; i < g + 5; i++)
+            for (size_t j = i; j > g && before(t, a[j], a[j - 1], axis); j--)
+                swap(&a[j], &a[j - 1]);
+        swap(&a[low + groups], &a[g + 2]);
+    }
+    if (groups < 2)
+        return a[low];
+    select_rank(t, low, low + groups - 1, low + groups / 2, axis);
+    return a[low + groups / 2];
+}
+
+/* Puts the element of rank k where it belongs, smaller ones before it (Hoare 1961). A file made to defeat the cheap
+ * pivot costs HASTE rounds, then every round is linear for sure. */
 static void select_rank(const struct tree *t, size_t low, size_t high, size_t k, int axis)
 {
     uint32_t *a = t->index;
-    const float *x = t->xyz + axis;
-    while (low < high) {
-        const uint32_t pivot = a[low + (high - low) / 2];
-        const float value = x[3 * (size_t) pivot];
+    for (int round = 0; low < high; round++) {
+        const uint32_t pivot = round < HASTE ? a[low + (high - low) / 2] : fair_pivot(t, low, high, axis);
         size_t i = low, j = high;
         for (;;) {
-            while (x[3 * (size_t) a[i]] < value || (x[3 * (size_t) a[i]] == value && a[i] < pivot))
+            while (before(t, a[i], pivot, axis))
                 i++;
-            while (x[3 * (size_t) a[j]] > value || (x[3 * (size_t) a[j]] == value && a[j] > pivot))
+            while (before(t, pivot, a[j], axis))
                 j--;
             if (i >= j)
                 break;
-            const uint32_t swap = a[i];
-            a[i++] = a[j], a[j--] = swap;
+            swap(&a[i++], &a[j--]);
         }
         if (k <= j)
             high = j;

@@ -13,7 +13,8 @@ int sg_points_read_ply(sg_ctx *ctx, const char *path, uint64_t max_points, float
     char *data;
     size_t size;
     struct ply p;
-    double row[PLY_MAX_PROPERTIES];
+    float row[PLY_MAX_PROPERTIES];
+    sg_clear_error(ctx);
     *xyz = NULL, *rgb = NULL, *n = 0;
     int code = sg_file_read(ctx, path, MAX_FILE_BYTES, &data, &size);
     if (code)
@@ -35,14 +36,15 @@ int sg_points_read_ply(sg_ctx *ctx, const char *path, uint64_t max_points, float
     }
     for (uint64_t i = 0; i < p.rows && !(code = sg_ply_row(ctx, &p, i, row)); i++)
         for (int k = 0; k < 3; k++) {
-            (*xyz)[3 * i + (uint64_t) k] = (float) row[at[k]];
-            double c = coloured ? row[colour[k]] : 127;
+            (*xyz)[3 * i + (uint64_t) k] = row[at[k]];
+            float c = coloured ? row[colour[k]] : 127;
             if (coloured && p.property[colour[k]].type >= PLY_F32) /* 0..1 */
-                c = c * 255 + 0.5;
+                c = c * 255 + 0.5f;
             (*rgb)[3 * i + (uint64_t) k] = (uint8_t) (c > 0 ? c < 255 ? c : 255 : 0); /* NaN: 0 */
         }
     *n = (size_t) p.rows;
 done:
+    sg_ply_close(&p);
     if (code)
         sg_points_destroy(ctx, xyz, rgb);
     sg_free(ctx, data);
@@ -51,6 +53,7 @@ done:
 
 int sg_points_write_ply(sg_ctx *ctx, const char *path, const float *xyz, const uint8_t *rgb, size_t n)
 {
+    sg_clear_error(ctx);
     struct sg_file_writer w;
     int code = sg_file_create(ctx, &w, path);
     if (code)

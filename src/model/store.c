@@ -4,6 +4,7 @@
 
 int sg_model_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_model **out)
 {
+    sg_clear_error(ctx);
     *out = NULL;
     if (sh_degree < 0 || sh_degree > 3)
         return sg_fail(ctx, SG_ERR_USAGE, "model: found SH degree %d, expected 0 to 3", sh_degree);
