@@ -207,6 +207,13 @@ static void test_file_refusals(void **state)
     sg_clear_error(ctx);
     assert_int_equal(sg_file_write(ctx, path, "x", 1), SG_ERR_INPUT);
     assert_non_null(strstr(sg_last_error(ctx), path));
+    snprintf(path, sizeof(path), "%s/pipe", folder); /* neither waited for nor replaced */
+    assert_int_equal(mkfifo(path, 0600), 0);
+    sg_clear_error(ctx);
+    assert_int_equal(sg_file_read(ctx, path, 100, &data, &size), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(ctx), "expected a file"));
+    assert_int_equal(sg_file_write(ctx, path, "x", 1), SG_ERR_INPUT);
+    assert_false(sg_file_exists(path));
     if (sg_file_exists("/dev/full") || !access("/dev/full", W_OK)) { /* a full disk is noticed at the commit */
         snprintf(path, sizeof(path), "%s/full", folder);
         struct sg_file_writer w;

@@ -2,6 +2,7 @@
 #include "file.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -9,13 +10,17 @@
 int sg_file_create(sg_ctx *ctx, struct sg_file_writer *w, const char *path)
 {
     *w = (struct sg_file_writer){0};
+    struct stat st;
+    if (!stat(path, &st) && !S_ISREG(st.st_mode)) /* renaming would replace /dev/null */
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write: found a folder or device, expected a file", path);
     w->path = sg_strdup(ctx, path);
     w->temporary = sg_strf(ctx, "%s.tmp%ld", path, (long) getpid());
     if (!w->path || !w->temporary) {
         sg_file_abandon(ctx, w);
         return SG_ERR_BUDGET;
     }
-    w->stream = fopen(w->temporary, "wb");
+    unlink(w->temporary); /* left behind by a namesake */
+    w->stream = fopen(w->temporary, "wbx");
     if (!w->stream) {
         int code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write: %s", path, strerror(errno));
         sg_free(ctx, w->temporary); /* nothing of ours to remove */
@@ -70,7 +75,8 @@ int sg_file_read(sg_ctx *ctx, const char *path, uint64_t max_bytes, char **data,
 {
     int code = SG_OK;
     *data = NULL;
-    FILE *f = fopen(path, "rb");
+    const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK); /* a pipe must not make us wait */
+    FILE *f = fd >= 0 ? fdopen(fd, "rb") : NULL;
     struct stat st;
     if (!f || fstat(fileno(f), &st)) {
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read: %s", path, strerror(errno));
@@ -102,6 +108,8 @@ int sg_file_read(sg_ctx *ctx, const char *path, uint64_t max_bytes, char **data,
 done:
     if (f)
         fclose(f);
+    else if (fd >= 0)
+        close(fd);
     return code;
 }
 
