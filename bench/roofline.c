@@ -41,7 +41,9 @@ static double bandwidth(sg_ctx *ctx)
 #define MULTIPLY_ADD(name, attribute, type, lanes)                                                                     \
     __attribute__((target(attribute), noinline)) static double name(long rounds)                                       \
     {                                                                                                                  \
-        type x[12] = {{0}};                                                                                            \
+        type x[12];                                                                                                    \
+        for (int k = 0; k < 12; k++)                                                                                   \
+            x[k] = (type){0} + (float) k; /* all different, or they would be computed once */                          \
         const type a = (type){0} + 0.999f, b = (type){0} + 1.0f;                                                       \
         for (long i = 0; i < rounds; i++)                                                                              \
             for (int k = 0; k < 12; k++)                                                                               \
@@ -88,8 +90,8 @@ static void pairs(const struct cpu_kernels *kernels, struct roofline *out)
     for (uint32_t i = 0; i < N; i++) {
         splats[i] = (struct cpu_splat){.x = 8,
                                        .y = 8,
-                                       .A = -1e-4f,
-                                       .C = -1e-4f,
+                                       .across = 0.01f,
+                                       .down = 0.01f,
                                        .opacity = opacity,
                                        .r = 0.5f,
                                        .g = 0.4f,

@@ -5,10 +5,10 @@
 
 #include "backend/backend.h"
 
-/* One projected Gaussian: a cache line. Conic values are prescaled so that log2 of opacity x Gaussian is
- * dx (A dx + B dy) + C dy^2 + peak. Opacity 0 marks what is never drawn. */
+/* One projected Gaussian: a cache line. With the conic as a sum of squares (math/tiles.h), log2 of opacity x Gaussian is
+ * peak - (across dx - shear dy)^2 - (down dy)^2: above the peak by no rounding. Opacity 0 marks what is never drawn. */
 struct cpu_splat {
-    float x, y, A, B, C, opacity;
+    float x, y, across, shear, down, opacity;
     float r, g, b;
     float z;
     float k, slope, var, ic; /* see math/tiles.h */

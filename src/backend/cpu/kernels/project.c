@@ -119,9 +119,10 @@ void KERNEL(project)(const struct cpu_project_args *a, size_t first, size_t end)
             float out[16][LANES];
             r_store(out[0], s.x);
             r_store(out[1], s.y);
-            r_store(out[2], s.A * (-0.5f * LOG2E));
-            r_store(out[3], s.B * -LOG2E);
-            r_store(out[4], s.C * (-0.5f * LOG2E));
+            const real across = r_sqrt(s.A * (0.5f * LOG2E));
+            r_store(out[2], across);
+            r_store(out[3], across * e.slope);
+            r_store(out[4], r_sqrt(ic * (0.5f * LOG2E)));
             r_store(out[5], r_keep(drawn, opacity));
             for (int ch = 0; ch < 3; ch++)
                 r_store(out[6 + ch], rgb[ch]);

@@ -52,7 +52,7 @@ SIMD uint64_t draw(const struct cpu_raster_args *a, int tile, bool depth)
                 const uint8_t *list = batch.list[block];
                 int i = 0;
                 const int n = batch.length[block];
-                for (bool open = true; i < n && open; i += GROUP) {
+                while (i < n) {
                     struct pairs p;
                     pairs_eval(&p, &batch, list + i, px, py);
                     mask last[GROUP];
@@ -70,7 +70,9 @@ SIMD uint64_t draw(const struct cpu_raster_args *a, int tile, bool depth)
                         if (depth)
                             s.depth = r_fma_if(last[u], s.depth, weight[u], r_set(p.splat[u]->z));
                     }
-                    open = m_any(last[GROUP - 1]);
+                    i += GROUP;
+                    if (!m_any(last[GROUP - 1]))
+                        break;
                 }
                 pairs += (uint64_t) (i < n ? i : n) * LANES;
                 states[block][part] = s;

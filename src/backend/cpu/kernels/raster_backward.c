@@ -5,8 +5,9 @@
  * P_i = sum of alpha_j T_j q_j over j <= i, the light behind splat i is image . g - P_i, so that
  *     dL/dalpha_i = T_i q_i - (image . g - P_i) / (1 - alpha_i)
  * needs no state from the forward pass but the image, stops where it stopped, and covers the background. All gradients
- * of position and conic are moments of w = opacity G dL/dalpha about the splat's centre. */
-#include "tile.h"
+ * of position and conic are moments of w = opacity G dL/dalpha: summed about the tile's centre, where they are the same
+ * few functions of the pixel for every splat, and moved to the splat's centre once a tile. */
+#include "moments.h"
 
 struct part_state {
     real chain, prefix, total; /* chain: as in the forward pass */
@@ -24,6 +25,21 @@ SIMD real load_part(const struct cpu_raster_args *a, const float *plane, int x0,
     return r_load(lanes);
 }
 
+/* Moments about the tile's centre (x, y) to moments about the splat's. */
+SIMD void store_slot(float *slot, const float *sums, const struct cpu_splat *s, float x, float y)
+{
+    const float dx = x - s->x, dy = y - s->y;
+    slot[0] = sums[0];
+    slot[1] = sums[3] + dx * sums[0];
+    slot[2] = sums[1] + dy * sums[0];
+    slot[3] = sums[5] + dx * (sums[3] + slot[1]);
+    slot[4] = sums[4] + dx * sums[1] + dy * slot[1];
+    slot[5] = sums[2] + dy * (sums[1] + slot[2]);
+    slot[6] = sums[6];
+    slot[7] = sums[7];
+    slot[8] = sums[8];
+}
+
 uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *a, int tile)
 {
     const int x0 = tile % a->grid_x * SG_TILE, y0 = tile / a->grid_x * SG_TILE;
@@ -31,7 +47,7 @@ uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *a, int tile)
     const size_t plane = (size_t) a->width * (size_t) a->height;
     struct part_state states[BLOCKS][PARTS];
     struct batch batch;
-    _Alignas(64) float sums[BATCH + 1][16]; /* the last row takes the padding */
+    _Alignas(64) float sums[BATCH + 1][SUMS]; /* the last row takes the padding */
     uint64_t pairs = 0;
     if (first == end)
         return 0;
@@ -64,14 +80,16 @@ uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *a, int tile)
                 const real px = part_x(part) + (float) (x0 + block % 4 * BLOCK);
                 const real py = part_y(part) + (float) (y0 + block / 4 * BLOCK);
                 const uint8_t *list = batch.list[block];
+                struct window window;
+                window_make(&window, s.g, block, part);
                 int i = 0;
                 const int n = batch.length[block];
-                for (bool open = true; i < n && open; i += GROUP) {
+                while (i < n) {
                     struct pairs p;
                     pairs_eval(&p, &batch, list + i, px, py);
                     /* What runs from pair to pair first, so that the long part below is independent. */
                     mask last[GROUP];
-                    real t[GROUP], weight[GROUP], q[GROUP], behind[GROUP];
+                    real t[GROUP], weight[GROUP], q[GROUP], behind[GROUP], w[GROUP];
                     for (int u = 0; u < GROUP; u++) {
                         t[u] = s.chain;
                         s.chain = t[u] - t[u] * p.alpha[u];
@@ -88,27 +106,20 @@ uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *a, int tile)
                     }
                     for (int u = 0; u < GROUP; u++) {
                         const real dalpha = t[u] * q[u] - behind[u] * r_reciprocal(1 - p.alpha[u]);
-                        const real w = r_keep(last[u], p.raw[u] * dalpha), wx = w * p.dx[u], wy = w * p.dy[u];
-                        const real v[9] = {w,
-                                           wx,
-                                           wy,
-                                           wx * p.dx[u],
-                                           wx * p.dy[u],
-                                           wy * p.dy[u],
-                                           weight[u] * s.g[0],
-                                           weight[u] * s.g[1],
-                                           weight[u] * s.g[2]};
-                        r_add_sums9(sums[list[i + u]], v);
+                        w[u] = r_keep(r_and(last[u], p.drawn[u]), p.raw[u] * dalpha);
                     }
-                    open = m_any(last[GROUP - 1]);
+                    window_add(&window, w, weight, sums, list + i);
+                    i += GROUP;
+                    if (!m_any(last[GROUP - 1]))
+                        break;
                 }
                 pairs += (uint64_t) (i < n ? i : n) * LANES;
                 states[block][part] = s;
                 anyone |= m_any(r_le(r_set(SG_T_MIN), s.chain));
             }
         for (int i = 0; i < count; i++)
-            memcpy(a->slots + (size_t) a->instances[at + (size_t) i].slot * CPU_SLOT_FLOATS, sums[i],
-                   CPU_SLOT_FLOATS * sizeof(float));
+            store_slot(a->slots + (size_t) a->instances[at + (size_t) i].slot * CPU_SLOT_FLOATS, sums[i],
+                       &batch.splats[i], (float) x0 - centred(0), (float) y0 - centred(0));
     }
     for (at = at < reached ? at : reached; at < end; at++) /* behind everything: no pixel sees them */
         memset(a->slots + (size_t) a->instances[at].slot * CPU_SLOT_FLOATS, 0, CPU_SLOT_FLOATS * sizeof(float));

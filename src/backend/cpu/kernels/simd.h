@@ -62,6 +62,8 @@ SIMD real r_fma_if(mask m, real a, real b, real c)
     return (real) _mm512_mask3_fmadd_ps((__m512) b, (__m512) c, (__m512) a, m);
 }
 SIMD real r_keep(mask m, real a) { return (real) _mm512_maskz_mov_ps(m, (__m512) a); }
+/* The lesser where m, else 0. */
+SIMD real r_min_keep(mask m, real a, real b) { return (real) _mm512_maskz_min_ps(m, (__m512) a, (__m512) b); }
 /* 1/a within 2 ulp: estimate and one Newton step. */
 SIMD real r_reciprocal(real a)
 {
@@ -121,6 +123,7 @@ SIMD real r_sqrt(real a)
 }
 #endif
 #define m_any(a) (m_bits(a) != 0)
+SIMD real r_min_keep(mask m, real a, real b) { return r_keep(m, r_min(a, b)); }
 SIMD real r_fma_if(mask m, real a, real b, real c) { return a + r_keep(m, b * c); }
 #endif
 
@@ -181,43 +184,6 @@ SIMD float r_sum(real v)
     for (int i = 0; i < LANES; i++)
         s += v[i];
     return s;
-#endif
-}
-
-/* acc[0..8] += the lane sums of v[0..8]; acc is 16 floats, 64-byte aligned, acc[9..15] is scratch. */
-SIMD void r_add_sums9(float *acc, const real *v)
-{
-#if LANES == 16
-    __m512 q[2];
-    for (int i = 0; i < 2; i++) { /* q[i]: per 128-bit lane the partial sums of four vectors */
-        const __m512 a = (__m512) v[4 * i], b = (__m512) v[4 * i + 1], c = (__m512) v[4 * i + 2],
-                     d = (__m512) v[4 * i + 3];
-        const __m512 ab = _mm512_add_ps(_mm512_unpacklo_ps(a, b), _mm512_unpackhi_ps(a, b));
-        const __m512 cd = _mm512_add_ps(_mm512_unpacklo_ps(c, d), _mm512_unpackhi_ps(c, d));
-        q[i] = _mm512_add_ps(
-            _mm512_castpd_ps(_mm512_unpacklo_pd(_mm512_castps_pd(ab), _mm512_castps_pd(cd))),
-            _mm512_castpd_ps(_mm512_unpackhi_pd(_mm512_castps_pd(ab), _mm512_castps_pd(cd))));
-    }
-    __m512 e = (__m512) v[8];
-    e = _mm512_add_ps(e, _mm512_permute_ps(e, _MM_SHUFFLE(2, 3, 0, 1)));
-    e = _mm512_add_ps(e, _mm512_permute_ps(e, _MM_SHUFFLE(1, 0, 3, 2)));
-    const __m512 x = _mm512_add_ps(_mm512_shuffle_f32x4(q[0], q[1], 0x44), _mm512_shuffle_f32x4(q[0], q[1], 0xee));
-    const __m512 y = _mm512_add_ps(e, _mm512_shuffle_f32x4(e, e, 0xee));
-    const __m512 z = _mm512_add_ps(_mm512_shuffle_f32x4(x, y, 0x88), _mm512_shuffle_f32x4(x, y, 0xdd));
-    _mm512_store_ps(acc, _mm512_add_ps(_mm512_load_ps(acc), z));
-#elif LANES == 8
-    __m256 q[2];
-    for (int i = 0; i < 2; i++) {
-        const __m256 ab = _mm256_hadd_ps((__m256) v[4 * i], (__m256) v[4 * i + 1]);
-        const __m256 cd = _mm256_hadd_ps((__m256) v[4 * i + 2], (__m256) v[4 * i + 3]);
-        q[i] = _mm256_hadd_ps(ab, cd);
-    }
-    const __m256 s = _mm256_add_ps(_mm256_permute2f128_ps(q[0], q[1], 0x20), _mm256_permute2f128_ps(q[0], q[1], 0x31));
-    _mm256_store_ps(acc, _mm256_add_ps(_mm256_load_ps(acc), s));
-    acc[8] += r_sum(v[8]);
-#else
-    for (int i = 0; i < 9; i++)
-        acc[i] += r_sum(v[i]);
 #endif
 }
 

@@ -109,29 +109,29 @@ SIMD void batch_list(struct batch *b, const uint16_t *hits, int n)
 }
 
 /* GROUP splats of a list against the pixels of a part, a step of all before the next step of any. raw is the opacity before
- * the 0.99 clamp; where a skip test of Kerbl et al. applies both are 0, which blends nothing and has no gradient. */
+ * the 0.99 clamp; where a skip test of Kerbl et al. applies, a pixel is not drawn and its alpha is 0. */
 struct pairs {
     const struct cpu_splat *splat[GROUP];
-    real dx[GROUP], dy[GROUP], raw[GROUP], alpha[GROUP];
+    mask drawn[GROUP];
+    real raw[GROUP], alpha[GROUP];
 };
 
 SIMD void pairs_eval(struct pairs *p, const struct batch *b, const uint8_t *list, real px, real py)
 {
-    real power[GROUP], shifted[GROUP], x[GROUP], e[GROUP];
+    real dx[GROUP], dy[GROUP], power[GROUP], shifted[GROUP], x[GROUP], e[GROUP];
 #define EACH for (int u = 0; u < GROUP; u++)
     EACH p->splat[u] = &b->splats[list[u]];
-    EACH p->dx[u] = p->splat[u]->x - px;
-    EACH p->dy[u] = p->splat[u]->y - py;
-    EACH x[u] = p->splat[u]->B * p->dy[u];
-    EACH e[u] = p->splat[u]->C * p->dy[u];
-    EACH x[u] = p->splat[u]->A * p->dx[u] + x[u];
-    EACH e[u] = e[u] * p->dy[u] + p->splat[u]->peak;
-    EACH power[u] = p->dx[u] * x[u] + e[u];
+    EACH dx[u] = px - p->splat[u]->x;
+    EACH dy[u] = py - p->splat[u]->y;
+    EACH x[u] = p->splat[u]->shear * dy[u];
+    EACH e[u] = p->splat[u]->down * dy[u];
+    EACH x[u] = p->splat[u]->across * dx[u] - x[u];
+    EACH e[u] = p->splat[u]->peak - e[u] * e[u];
+    EACH power[u] = e[u] - x[u] * x[u];
     EACH shifted[u] = r_exp2_split(power[u], &x[u]);
-    EACH e[u] = r_exp2_join(x[u], shifted[u]); /* lists hold splats whose ellipse is near: no underflow */
-    EACH p->raw[u] =
-        r_keep(r_and(r_le(power[u], r_set(p->splat[u]->peak)), r_le(r_set(SG_LOG2_ALPHA_MIN), power[u])), e[u]);
-    EACH p->alpha[u] = r_min(p->raw[u], r_set(SG_ALPHA_MAX));
+    EACH p->raw[u] = r_exp2_join(x[u], shifted[u]); /* lists hold splats whose ellipse is near: no underflow */
+    EACH p->drawn[u] = r_le(r_set(SG_LOG2_ALPHA_MIN), power[u]);
+    EACH p->alpha[u] = r_min_keep(p->drawn[u], p->raw[u], r_set(SG_ALPHA_MAX));
 #undef EACH
 }
 

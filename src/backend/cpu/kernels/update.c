@@ -72,8 +72,8 @@ void KERNEL(update)(const struct cpu_update_args *a, size_t first, size_t end)
             struct projection pr;
             project(&view, planes + SG_P_XYZ, planes + SG_P_SCALE, planes + SG_P_ROT, &s, &pr);
             const struct splat_grad g = {
-                .x = -(s.A * sums[1] + s.B * sums[2]),
-                .y = -(s.C * sums[2] + s.B * sums[1]),
+                .x = s.A * sums[1] + s.B * sums[2],
+                .y = s.C * sums[2] + s.B * sums[1],
                 .A = -0.5f * sums[3],
                 .Bh = -0.5f * sums[4],
                 .C = -0.5f * sums[5],
