@@ -90,18 +90,17 @@ static void pairs(const struct cpu_kernels *kernels, struct roofline *out)
     for (uint32_t i = 0; i < N; i++) {
         splats[i] = (struct cpu_splat){.x = 8,
                                        .y = 8,
+                                       .reach = 4900,
+                                       .taper = 1,
+                                       .ymax = 70,
+                                       .radius = 80,
                                        .across = 0.01f,
                                        .down = 0.01f,
-                                       .opacity = opacity,
+                                       .peak = log2f(opacity),
                                        .r = 0.5f,
                                        .g = 0.4f,
                                        .b = 0.3f,
-                                       .z = 1,
-                                       .k = 2 * logf(255 * opacity) + 0.02f,
-                                       .var = 7000,
-                                       .ic = 1 / 7000.0f,
-                                       .radius = 80,
-                                       .peak = log2f(opacity)};
+                                       .z = 1};
         instances[i] = (struct cpu_instance){i, i};
     }
     for (int i = 0; i < 768; i++)

@@ -13,6 +13,7 @@ typedef bool mask;
 
 static inline real r_sel(mask m, real a, real b) { return m ? a : b; }
 static inline real r_sqrt(real a) { return sqrt(a); }
+static inline real r_root(real a) { return sqrt(a); } /* vectors may round it within 1e-4 */
 static inline real r_exp(real a) { return exp(a); }
 static inline real r_log(real a) { return log(a); }
 static inline real r_set(scalar a) { return a; }

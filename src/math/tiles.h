@@ -10,41 +10,35 @@
 #include "constants.h"
 
 struct ellipse {
-    real k;     /* q at the border, with a margin for rounding */
-    real slope; /* of the line of conditional means, dx/dy */
-    real var;   /* conditional variance of x */
-    real ic;    /* 1/c */
+    real slope;  /* of the line of conditional means, dx/dy */
+    real reach;  /* k var: square of the half width at the centre's height */
+    real taper;  /* var / c: what it loses per square of y */
+    real ymax;   /* half height */
+    real yright; /* y of the rightmost point; the leftmost is at -yright */
 };
 
-/* Derived values that every row shares. */
-struct ellipse_rows {
-    real ymax; /* half height */
-    real yr;   /* y of the rightmost point; the leftmost is at -yr */
-};
-
-/* 2 ln(255 opacity), widened (at most doubled) where the evaluated conic is inexact because a c / det is large. */
+/* q at the border: 2 ln(255 opacity), widened (at most doubled) where the evaluated conic is inexact because a c / det is
+ * large, and by more than the error of r_root. */
 static inline real ellipse_border(real opacity, real a, real c, real det)
 {
     const real widen = r_min((scalar) 1e-6 * (a * c / det), r_set(1));
     return (scalar) 2 * r_log((scalar) 255 * opacity) * ((scalar) 1 + widen) + (scalar) 0.02;
 }
 
-static inline struct ellipse_rows ellipse_rows(const struct ellipse *e)
+/* k: q at the border. */
+static inline struct ellipse ellipse_make(real k, real slope, real var, real c)
 {
-    const real c = (scalar) 1 / e->ic;
-    const real reach = e->slope * e->slope * c + e->var; /* variance of x */
-    return (struct ellipse_rows){r_sqrt(e->k * c), e->slope * c * r_sqrt(e->k / reach)};
+    return (struct ellipse){slope, k * var, var / c, r_sqrt(k * c), slope * c * r_sqrt(k / (slope * slope * c + var))};
 }
 
 /* Horizontal extent of the ellipse between rows y0 <= y1 (relative to its centre). False: it does not reach them. */
-static inline mask ellipse_row_span(const struct ellipse *e, const struct ellipse_rows *r, real y0, real y1, real *x0,
-                                    real *x1)
+static inline mask ellipse_row_span(const struct ellipse *e, real y0, real y1, real *x0, real *x1)
 {
-    const real ya = r_min(r_max(r->yr, y0), y1), yb = r_min(r_max(-r->yr, y0), y1);
+    const real ya = r_min(r_max(e->yright, y0), y1), yb = r_min(r_max(-e->yright, y0), y1);
     const real zero = r_set(0);
-    *x1 = e->slope * ya + r_sqrt(r_max(e->k - ya * ya * e->ic, zero) * e->var);
-    *x0 = e->slope * yb - r_sqrt(r_max(e->k - yb * yb * e->ic, zero) * e->var);
-    return r_and(r_le(y0, r->ymax), r_le(-r->ymax, y1));
+    *x1 = e->slope * ya + r_root(r_max(e->reach - ya * ya * e->taper, zero));
+    *x0 = e->slope * yb - r_root(r_max(e->reach - yb * yb * e->taper, zero));
+    return r_and(r_le(y0, e->ymax), r_le(-e->ymax, y1));
 }
 
 #endif

@@ -16,15 +16,15 @@
 
 /* First and end tile of row ty that a splat touches, within its rectangle. One function for counting and emitting. */
 static void __attribute__((noinline))
-row_tiles(const struct bins *b, const struct cpu_splat *s, const struct ellipse *e, const struct ellipse_rows *rows,
-          int ty, int x0, int x1, int *first, int *end)
+row_tiles(const struct bins *b, const struct cpu_splat *s, const struct ellipse *e, int ty, int x0, int x1,
+          int *first, int *end)
 {
     *first = x0, *end = x1;
     if (b->reference_tiles)
         return;
     float left, right;
     const float top = (float) (ty * SG_TILE) - s->y;
-    if (!ellipse_row_span(e, rows, top, top + (SG_TILE - 1), &left, &right)) {
+    if (!ellipse_row_span(e, top, top + (SG_TILE - 1), &left, &right)) {
         *end = x0;
         return;
     }
@@ -49,11 +49,10 @@ row_tiles(const struct bins *b, const struct cpu_splat *s, const struct ellipse 
                 }                                                                                                      \
         } else if (width_ > 0) {                                                                                       \
             const struct cpu_splat *s_ = &(b)->splats[i];                                                              \
-            const struct ellipse el_ = {s_->k, s_->slope, s_->var, s_->ic};                                            \
-            const struct ellipse_rows rows_ = ellipse_rows(&el_);                                                      \
+            const struct ellipse el_ = {s_->slope, s_->reach, s_->taper, s_->ymax, s_->yright};                        \
             for (int ty_ = e_->y0; ty_ < e_->y1; ty_++) {                                                              \
                 int first_, end_;                                                                                      \
-                row_tiles(b, s_, &el_, &rows_, ty_, e_->x0, e_->x1, &first_, &end_);                                   \
+                row_tiles(b, s_, &el_, ty_, e_->x0, e_->x1, &first_, &end_);                                           \
                 for (int tx_ = first_; tx_ < end_; tx_++) {                                                            \
                     const int tile = ty_ * (b)->grid_x + tx_;                                                          \
                     __VA_ARGS__;                                                                                       \

@@ -6,14 +6,13 @@
 #include "backend/backend.h"
 
 /* One projected Gaussian: a cache line. With the conic as a sum of squares (math/tiles.h), log2 of opacity x Gaussian is
- * peak - (across dx - shear dy)^2 - (down dy)^2: above the peak by no rounding. Opacity 0 marks what is never drawn. */
+ * peak - (across dx - shear dy)^2 - (down dy)^2: above the peak by no rounding. */
 struct cpu_splat {
-    float x, y, across, shear, down, opacity;
-    float r, g, b;
-    float z;
-    float k, slope, var, ic; /* see math/tiles.h */
-    float radius;            /* in whole pixels, as the reference; 0 = not visible */
-    float peak;              /* log2 opacity */
+    float x, y;
+    float slope, reach, taper, ymax, yright; /* struct ellipse */
+    float radius;                            /* in whole pixels, as the reference; 0 = not visible */
+    float across, shear, down, peak;         /* peak: log2 opacity */
+    float r, g, b, z;
 };
 
 /* The tiles a splat touches: bit (y - y0) (x1 - x0) + x - x0 of `tiles` for the rectangle [x0, x1) x [y0, y1). Rectangles of

@@ -35,7 +35,6 @@ SIMD ireal tile_bits(const struct cpu_project_args *a, const struct rects *r, co
     const ireal width = r->x1 - r->x0, height = r->y1 - r->y0, one = i_set(1);
     if (a->reference_tiles)
         return (one << (width * height)) - one;
-    const struct ellipse_rows rows = ellipse_rows(e);
     const real lo = r_from_int(r->x0), hi = r_from_int(r->x1);
     const float scale = 1.0f / SG_TILE;
     ireal bits = i_set(0);
@@ -45,7 +44,7 @@ SIMD ireal tile_bits(const struct cpu_project_args *a, const struct rects *r, co
             return bits;
         real left, right;
         const real top = r_from_int(r->y0 + row) * (float) SG_TILE - y;
-        const mask hit = ellipse_row_span(e, &rows, top, top + (float) (SG_TILE - 1), &left, &right);
+        const mask hit = ellipse_row_span(e, top, top + (float) (SG_TILE - 1), &left, &right);
         const ireal c0 = r_to_int(r_max(r_min((x + left + 1) * scale, hi), lo)) - r->x0;
         const ireal c1 = r_to_int(r_max(r_min((x + right + SG_TILE) * scale, hi), lo)) - r->x0;
         const mask some = r_and(r_and(inside, hit), r_lt(r_from_int(c0), r_from_int(c1)));
@@ -112,31 +111,35 @@ void KERNEL(project)(const struct cpu_project_args *a, size_t first, size_t end)
                                      r_lt(r_from_int(rect.y0), r_from_int(rect.y1))));
             const mask drawn = r_and(good, r_le(r_set(SG_ALPHA_MIN), opacity));
             const mask small = r_and(drawn, r_le(area, r_set(CPU_MASK_TILES)));
-            const real safe = r_sel(drawn, opacity, r_set(1)), ic = 1 / s.c;
-            const struct ellipse e = {ellipse_border(safe, s.a, s.c, s.det), s.b * ic, 1 / s.A, ic};
+            const real safe = r_sel(drawn, opacity, r_set(1)), var = 1 / s.A;
+            const struct ellipse e = ellipse_make(ellipse_border(safe, s.a, s.c, s.det), s.b / s.c, var, s.c);
             store_extents(a, base, &rect, tile_bits(a, &rect, &e, s.x, s.y, small), drawn, small);
 
-            float out[16][LANES];
-            r_store(out[0], s.x);
-            r_store(out[1], s.y);
             const real across = r_sqrt(s.A * (0.5f * LOG2E));
-            r_store(out[2], across);
-            r_store(out[3], across * e.slope);
-            r_store(out[4], r_sqrt(ic * (0.5f * LOG2E)));
-            r_store(out[5], r_keep(drawn, opacity));
-            for (int ch = 0; ch < 3; ch++)
-                r_store(out[6 + ch], rgb[ch]);
-            r_store(out[9], s.z);
-            r_store(out[10], e.k);
-            r_store(out[11], e.slope);
-            r_store(out[12], e.var);
-            r_store(out[13], e.ic);
-            r_store(out[14], r_keep(good, rect.radius));
+            const real fields[16] = {s.x,
+                                     s.y,
+                                     e.slope,
+                                     e.reach,
+                                     e.taper,
+                                     e.ymax,
+                                     e.yright,
+                                     r_keep(good, rect.radius),
+                                     across,
+                                     across * e.slope,
+                                     r_sqrt(0.5f * LOG2E / s.c),
+                                     safe,
+                                     rgb[0],
+                                     rgb[1],
+                                     rgb[2],
+                                     s.z};
+            float out[16][LANES];
+            for (int i = 0; i < 16; i++)
+                r_store(out[i], fields[i]);
             for (int lane = 0; lane < LANES && base + (size_t) lane < a->count; lane++) {
                 float *to = (float *) &a->splats[base + (size_t) lane];
-                for (int i = 0; i < 15; i++)
+                for (int i = 0; i < 16; i++)
                     to[i] = out[i][lane];
-                to[15] = to[5] > 0 ? log2f(to[5]) : 0;
+                a->splats[base + (size_t) lane].peak = log2f(out[11][lane]);
             }
         }
 }

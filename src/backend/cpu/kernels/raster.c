@@ -14,8 +14,14 @@ SIMD void store_part(const struct cpu_raster_args *a, float *plane, int x0, int 
     r_store(lanes, value);
     for (int i = 0; i < LANES; i += BLOCK) {
         const int y = y0 + (part * LANES + i) / BLOCK;
-        for (int x = 0; x < BLOCK && y < a->height && x0 + x < a->width; x++)
-            plane[(size_t) y * (size_t) a->width + (size_t) (x0 + x)] = lanes[i + x];
+        if (y >= a->height)
+            break;
+        float *row = plane + (size_t) y * (size_t) a->width + (size_t) x0;
+        if (x0 + BLOCK <= a->width)
+            memcpy(row, lanes + i, BLOCK * sizeof(float));
+        else
+            for (int x = 0; x0 + x < a->width; x++)
+                row[x] = lanes[i + x];
     }
 }
 

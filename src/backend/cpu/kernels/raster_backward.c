@@ -19,8 +19,14 @@ SIMD real load_part(const struct cpu_raster_args *a, const float *plane, int x0,
     float lanes[LANES] = {0};
     for (int i = 0; i < LANES; i += BLOCK) {
         const int y = y0 + (part * LANES + i) / BLOCK;
-        for (int x = 0; x < BLOCK && y < a->height && x0 + x < a->width; x++)
-            lanes[i + x] = plane[(size_t) y * (size_t) a->width + (size_t) (x0 + x)];
+        if (y >= a->height)
+            break;
+        const float *row = plane + (size_t) y * (size_t) a->width + (size_t) x0;
+        if (x0 + BLOCK <= a->width)
+            memcpy(lanes + i, row, BLOCK * sizeof(float));
+        else
+            for (int x = 0; x0 + x < a->width; x++)
+                lanes[i + x] = row[x];
     }
     return r_load(lanes);
 }

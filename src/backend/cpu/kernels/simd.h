@@ -62,6 +62,11 @@ SIMD real r_fma_if(mask m, real a, real b, real c)
     return (real) _mm512_mask3_fmadd_ps((__m512) b, (__m512) c, (__m512) a, m);
 }
 SIMD real r_keep(mask m, real a) { return (real) _mm512_maskz_mov_ps(m, (__m512) a); }
+/* Square root within 1e-4: for bounds, not for values. */
+SIMD real r_root(real a)
+{
+    return a * (real) _mm512_rsqrt14_ps(_mm512_max_ps((__m512) a, _mm512_set1_ps(1e-35f)));
+}
 /* The lesser where m, else 0. */
 SIMD real r_min_keep(mask m, real a, real b) { return (real) _mm512_maskz_min_ps(m, (__m512) a, (__m512) b); }
 /* 1/a within 2 ulp: estimate and one Newton step. */
@@ -123,6 +128,7 @@ SIMD real r_sqrt(real a)
 }
 #endif
 #define m_any(a) (m_bits(a) != 0)
+SIMD real r_root(real a) { return r_sqrt(a); }
 SIMD real r_min_keep(mask m, real a, real b) { return r_keep(m, r_min(a, b)); }
 SIMD real r_fma_if(mask m, real a, real b, real c) { return a + r_keep(m, b * c); }
 #endif

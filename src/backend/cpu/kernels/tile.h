@@ -21,6 +21,8 @@ struct batch {
     int length[BLOCKS];
 };
 
+typedef uint16_t halves __attribute__((vector_size(2 * LANES)));
+
 /* Offsets of a part's pixels from the block's corner. */
 SIMD real part_x(int part)
 {
@@ -38,43 +40,73 @@ SIMD real part_y(int part)
     return v;
 }
 
-/* Copies n instances' splats. The gathering loads miss the caches, so they are announced well ahead. */
+/* Copies n instances' splats, then zeroes to whole vectors. The gathering loads miss the caches, so they are announced well
+ * ahead. */
 SIMD void batch_load(struct batch *b, const struct cpu_raster_args *a, size_t first, int n)
 {
     for (int i = 0; i < n; i++) {
         __builtin_prefetch(&a->splats[a->instances[first + (size_t) i + CPU_PREFETCH].splat]);
         b->splats[i] = a->splats[a->instances[first + (size_t) i].splat];
     }
+    for (int i = n; i % LANES; i++)
+        b->splats[i] = (struct cpu_splat){0};
+}
+
+#define FIELDS 8
+
+/* The first FIELDS floats of LANES splats, transposed. */
+SIMD void splat_fields(const struct cpu_splat *s, real out[FIELDS])
+{
+#if LANES == 16
+    __m512d rows[8], half[8];
+    for (int i = 0; i < 8; i++) { /* row i % 4 + 8 (i / 4), and the one four below it */
+        const float *row = (const float *) &s[i % 4 + i / 4 * 8];
+        rows[i] = _mm512_castps_pd(_mm512_insertf32x8(_mm512_castps256_ps512(_mm256_load_ps(row)),
+                                                      _mm256_load_ps(row + 4 * sizeof(*s) / sizeof(float)), 1));
+    }
+    for (int i = 0; i < 8; i += 4) {
+        const __m512d a = (__m512d) _mm512_unpacklo_ps((__m512) rows[i], (__m512) rows[i + 1]);
+        const __m512d b = (__m512d) _mm512_unpackhi_ps((__m512) rows[i], (__m512) rows[i + 1]);
+        const __m512d c = (__m512d) _mm512_unpacklo_ps((__m512) rows[i + 2], (__m512) rows[i + 3]);
+        const __m512d d = (__m512d) _mm512_unpackhi_ps((__m512) rows[i + 2], (__m512) rows[i + 3]);
+        half[i] = _mm512_unpacklo_pd(a, c), half[i + 1] = _mm512_unpackhi_pd(a, c);
+        half[i + 2] = _mm512_unpacklo_pd(b, d), half[i + 3] = _mm512_unpackhi_pd(b, d);
+    }
+    for (int i = 0; i < 4; i++) {
+        out[i] = (real) _mm512_shuffle_f32x4((__m512) half[i], (__m512) half[i + 4], 0x88);
+        out[i + 4] = (real) _mm512_shuffle_f32x4((__m512) half[i], (__m512) half[i + 4], 0xdd);
+    }
+#else
+    float lanes[FIELDS][LANES];
+    for (int lane = 0; lane < LANES; lane++)
+        for (int i = 0; i < FIELDS; i++)
+            lanes[i][lane] = ((const float *) &s[lane])[i];
+    for (int i = 0; i < FIELDS; i++)
+        out[i] = r_load(lanes[i]);
+#endif
 }
 
 /* Which blocks each splat can touch, a bit a block. x0, y0: the tile's first pixel. */
 SIMD void batch_find(const struct batch *b, int n, int x0, int y0, uint16_t *hits)
 {
     for (int i = 0; i < n; i += LANES) {
-        float in[6][LANES] = {{0}};
-        for (int lane = 0; lane < LANES; lane++) { /* past the end: whatever, those bits are not used */
-            const struct cpu_splat *s = &b->splats[i + lane < n ? i + lane : n - 1];
-            in[0][lane] = s->x, in[1][lane] = s->y, in[2][lane] = s->k;
-            in[3][lane] = s->slope, in[4][lane] = s->var, in[5][lane] = s->ic;
-        }
-        const real x = r_load(in[0]) - (float) x0, y = r_load(in[1]);
-        const struct ellipse e = {r_load(in[2]), r_load(in[3]), r_load(in[4]), r_load(in[5])};
-        const struct ellipse_rows rows = ellipse_rows(&e);
+        real in[FIELDS];
+        splat_fields(&b->splats[i], in);
+        const real x = in[0] - (float) x0, y = in[1];
+        const struct ellipse e = {in[2], in[3], in[4], in[5], in[6]};
         ireal bits = {0};
         for (int row = 0; row < 4; row++) {
             real left, right;
             const real top = (float) (y0 + row * BLOCK) - y;
-            const mask hit = ellipse_row_span(&e, &rows, top, top + (float) (BLOCK - 1), &left, &right);
+            const mask hit = ellipse_row_span(&e, top, top + (float) (BLOCK - 1), &left, &right);
             /* Blocks whose pixel centres 4c .. 4c + 3 meet [x + left, x + right]; the clamps keep the conversion sane. */
             const ireal c0 = r_to_int(r_max(r_min((x + left + 1) * 0.25f, r_set(4)), r_set(0)));
             const ireal c1 = r_to_int(r_max(r_min((x + right + 4) * 0.25f, r_set(4)), r_set(0)));
             const ireal span = (i_set(1) << c1) - (i_set(1) << c0); /* bits c0 .. c1 - 1 */
             bits |= i_sel(r_and(hit, r_le(left, right)), (span & 15) << (4 * row), i_set(0));
         }
-        int32_t lanes[LANES];
-        memcpy(lanes, &bits, sizeof(lanes));
-        for (int lane = 0; lane < LANES && i + lane < n; lane++)
-            hits[i + lane] = (uint16_t) lanes[lane];
+        const halves found = __builtin_convertvector(bits, halves);
+        memcpy(hits + i, &found, sizeof(uint16_t) * (size_t) (n - i < LANES ? n - i : LANES));
     }
 }
 
