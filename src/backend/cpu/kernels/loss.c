@@ -39,11 +39,12 @@ SIMD void row_store(float *row, int i, int width, real v)
     }
 }
 
+/* The window along a row. It is symmetric: one multiplication for two taps. */
 SIMD real along(const float *row, int i)
 {
-    real s = r_load(row + i - SG_SSIM_RADIUS) * sg_ssim_window[0];
-    for (int k = 1; k < SG_SSIM_TAPS; k++)
-        s += r_load(row + i + k - SG_SSIM_RADIUS) * sg_ssim_window[k];
+    real s = r_load(row + i) * sg_ssim_window[SG_SSIM_RADIUS];
+    for (int k = 1; k <= SG_SSIM_RADIUS; k++)
+        s += (r_load(row + i - k) + r_load(row + i + k)) * sg_ssim_window[SG_SSIM_RADIUS - k];
     return s;
 }
 
