@@ -76,7 +76,6 @@ struct sort_job {
     const struct bin_entry *from;
     struct bin_entry *to;
     int shift;
-    uint32_t (*histogram)[RADIX];
     size_t *chunk_start; /* of the drawn splats of each index chunk */
     size_t n;
     atomic_uint_least64_t visible;
@@ -98,7 +97,7 @@ static void count_drawn(void *arg, size_t chunk, int thread)
         n += j->b->extents[i].x1 > j->b->extents[i].x0;
         visible += j->b->splats[i].radius > 0;
     }
-    j->chunk_start[chunk] = n;
+    j->b->chunk_start[chunk] = n;
     atomic_fetch_add_explicit(&j->visible, visible, memory_order_relaxed);
 }
 
@@ -107,7 +106,7 @@ static void list_drawn(void *arg, size_t chunk, int thread)
     (void) thread;
     struct sort_job *j = arg;
     const size_t end = (chunk + 1) * CHUNK < j->b->count ? (chunk + 1) * CHUNK : j->b->count;
-    struct bin_entry *to = j->to + j->chunk_start[chunk];
+    struct bin_entry *to = j->to + j->b->chunk_start[chunk];
     for (size_t i = chunk * CHUNK; i < end; i++)
         if (j->b->extents[i].x1 > j->b->extents[i].x0)
             *to++ = (struct bin_entry){depth_key(j->b->splats[i].z), (uint32_t) i};
@@ -117,8 +116,8 @@ static void count_digits(void *arg, size_t chunk, int thread)
 {
     (void) thread;
     struct sort_job *j = arg;
-    uint32_t *h = j->histogram[chunk];
-    memset(h, 0, sizeof(j->histogram[0]));
+    uint32_t *h = j->b->digits + chunk * RADIX;
+    memset(h, 0, RADIX * sizeof(*h));
     for (size_t i = order_begin(j->n, chunk); i < order_begin(j->n, chunk + 1); i++)
         h[j->from[i].key >> j->shift & (RADIX - 1)]++;
 }
@@ -127,53 +126,61 @@ static void place_digits(void *arg, size_t chunk, int thread)
 {
     (void) thread;
     struct sort_job *j = arg;
-    uint32_t *h = j->histogram[chunk];
+    uint32_t *h = j->b->digits + chunk * RADIX;
     for (size_t i = order_begin(j->n, chunk); i < order_begin(j->n, chunk + 1); i++)
         j->to[h[j->from[i].key >> j->shift & (RADIX - 1)]++] = j->from[i];
+}
+
+/* From counts per chunk and key to where each chunk puts its first element of each key. start: `keys` + 1 numbers, set to the
+ * first place of each key. */
+static void place_counts(uint32_t *counts, size_t keys, size_t stride, uint32_t *start)
+{
+    memset(start, 0, (keys + 1) * sizeof(*start));
+    for (size_t c = 0; c < ORDER_CHUNKS; c++)
+        for (size_t k = 0; k < keys; k++)
+            start[k + 1] += counts[c * stride + k];
+    for (size_t k = 0; k < keys; k++)
+        start[k + 1] += start[k];
+    for (size_t c = 0; c < ORDER_CHUNKS; c++) /* leaves each key's end, which is the next one's start */
+        for (size_t k = 0; k < keys; k++) {
+            const uint32_t n = counts[c * stride + k];
+            counts[c * stride + k] = start[k];
+            start[k] += n;
+        }
+    memmove(start + 1, start, keys * sizeof(*start));
+    start[0] = 0;
 }
 
 static int sort_by_depth(sg_ctx *ctx, struct bins *b)
 {
     const size_t chunks = (b->count + CHUNK - 1) / CHUNK;
     struct sort_job j = {.b = b};
-    j.chunk_start = sg_alloc_raw(ctx, SG_MEM_INSTANCES, chunks + 1, sizeof(size_t));
-    j.histogram = sg_alloc_raw(ctx, SG_MEM_INSTANCES, ORDER_CHUNKS, sizeof(j.histogram[0]));
-    int code = SG_ERR_BUDGET;
-    if (!j.chunk_start || !j.histogram)
-        goto done;
+    if (sg_grow(ctx, SG_MEM_INSTANCES, &b->chunk_start, &b->cap_chunks, chunks, 0, sizeof(size_t)) ||
+        sg_grow(ctx, SG_MEM_INSTANCES, &b->digits, &b->cap_digits, ORDER_CHUNKS * RADIX, 0, sizeof(uint32_t)))
+        return SG_ERR_BUDGET;
     sg_parallel_for(ctx, chunks, count_drawn, &j);
     size_t sum = 0;
     for (size_t c = 0; c < chunks; c++) {
-        const size_t n = j.chunk_start[c];
-        j.chunk_start[c] = sum;
+        const size_t n = b->chunk_start[c];
+        b->chunk_start[c] = sum;
         sum += n;
     }
     b->drawn = j.n = sum;
     b->visible = j.visible;
-    if (!sum) {
-        code = SG_OK;
-        goto done;
-    }
+    if (!sum)
+        return SG_OK;
     if (sg_grow(ctx, SG_MEM_INSTANCES, &b->order, &b->cap_order, sum, 0, sizeof(*b->order)) ||
         sg_grow(ctx, SG_MEM_INSTANCES, &b->order_swap, &b->cap_swap, sum, 0, sizeof(*b->order)))
-        goto done;
+        return SG_ERR_BUDGET;
     j.to = b->order;
     sg_parallel_for(ctx, chunks, list_drawn, &j);
     for (j.shift = 0; j.shift < 32; j.shift += RADIX_BITS) {
+        uint32_t start[RADIX + 1];
         j.from = b->order, j.to = b->order_swap;
         sg_parallel_for(ctx, ORDER_CHUNKS, count_digits, &j);
-        uint32_t at = 0;
-        bool one_digit = false;
-        for (int d = 0; d < RADIX; d++) {
-            const uint32_t before = at;
-            for (int c = 0; c < ORDER_CHUNKS; c++) {
-                const uint32_t n = j.histogram[c][d];
-                j.histogram[c][d] = at;
-                at += n;
-            }
-            one_digit |= at - before == j.n;
-        }
-        if (one_digit)
+        place_counts(b->digits, RADIX, RADIX, start);
+        const uint32_t first = j.from[0].key >> j.shift & (RADIX - 1);
+        if (start[first + 1] - start[first] == j.n) /* all alike */
             continue;
         sg_parallel_for(ctx, ORDER_CHUNKS, place_digits, &j);
         struct bin_entry *swap = b->order;
@@ -181,11 +188,7 @@ static int sort_by_depth(sg_ctx *ctx, struct bins *b)
         const size_t cap = b->cap_order;
         b->cap_order = b->cap_swap, b->cap_swap = cap;
     }
-    code = SG_OK;
-done:
-    sg_free(ctx, j.chunk_start);
-    sg_free(ctx, j.histogram);
-    return code;
+    return SG_OK;
 }
 
 struct tile_job {
@@ -248,13 +251,13 @@ int sg_bins_make(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats, ui
         return SG_ERR_BUDGET;
     struct tile_job tile_job = {.b = b, .tiles = tiles};
     sg_parallel_for(ctx, ORDER_CHUNKS, count_tiles, &tile_job);
+    memset(b->tile_total, 0, tiles * sizeof(*b->tile_total));
+    for (size_t c = 0; c < ORDER_CHUNKS; c++)
+        for (size_t t = 0; t < tiles; t++)
+            b->tile_total[t] += b->histogram[c * tiles + t];
     for (size_t t = 0; t < tiles; t++) {
-        uint64_t sum = 0;
-        for (size_t c = 0; c < ORDER_CHUNKS; c++)
-            sum += b->histogram[c * tiles + t];
-        b->tile_total[t] = sum;
-        b->total += sum;
-        b->max_tile = sum > b->max_tile ? sum : b->max_tile;
+        b->total += b->tile_total[t];
+        b->max_tile = b->tile_total[t] > b->max_tile ? b->tile_total[t] : b->max_tile;
     }
     return cut_bands(ctx, b, tiles, max_instances < UINT32_MAX ? max_instances : UINT32_MAX);
 }
@@ -325,17 +328,7 @@ int sg_bins_band(sg_ctx *ctx, struct bins *b, int band)
         b->slot_start[i] = at;
         at += n;
     }
-    at = 0;
-    for (size_t t = 0; t < band_tiles; t++) {
-        b->tile_start[t] = at;
-        for (size_t c = 0; c < ORDER_CHUNKS; c++) {
-            uint32_t *h = &b->histogram[c * tiles + (size_t) range.first + t];
-            const uint32_t n = *h;
-            *h = at;
-            at += n;
-        }
-    }
-    b->tile_start[band_tiles] = at;
+    place_counts(b->histogram + range.first, band_tiles, tiles, b->tile_start);
     sg_parallel_for(ctx, ORDER_CHUNKS, emit, &job);
     b->band = band;
     return SG_OK;
@@ -346,6 +339,8 @@ void sg_bins_clear(sg_ctx *ctx, struct bins *b)
     sg_free(ctx, b->extents);
     sg_free(ctx, b->order);
     sg_free(ctx, b->order_swap);
+    sg_free(ctx, b->digits);
+    sg_free(ctx, b->chunk_start);
     sg_free(ctx, b->histogram);
     sg_free(ctx, b->tile_total);
     sg_free(ctx, b->bands);

@@ -22,6 +22,8 @@ struct bins {
     const struct cpu_splat *splats;
     struct cpu_extent *extents;
     struct bin_entry *order, *order_swap; /* drawn splats by depth, then index */
+    uint32_t *digits;    /* counts of the sort, per chunk of the order and digit */
+    size_t *chunk_start; /* drawn splats before each chunk of splats */
     size_t drawn;
     uint64_t visible, total, max_tile;
     uint32_t *histogram; /* per chunk of the order and tile */
@@ -36,7 +38,8 @@ struct bins {
     uint16_t *hits;    /* see cpu_raster_args; for the band's instances and tiles */
     uint32_t *reached;
     /* capacities */
-    size_t cap_extents, cap_order, cap_swap, cap_histogram, cap_total, cap_bands, cap_slots, cap_tiles, cap_instances, cap_hits, cap_reached;
+    size_t cap_extents, cap_order, cap_swap, cap_digits, cap_chunks, cap_histogram, cap_total, cap_bands, cap_slots,
+        cap_tiles, cap_instances, cap_hits, cap_reached;
 };
 
 /* Begins a view: room for the extents that projection writes. */
