@@ -47,7 +47,8 @@ struct sg_loss_value {
 
 enum sg_edit_kind { SG_EDIT_COPY, SG_EDIT_CHILD };
 
-/* A change of the set of Gaussians: survivors keep their order, then the appended ones follow in theirs. */
+/* A change of the set of Gaussians: survivors in their order, then the appended ones in theirs; from a few thousand on, the
+ * backend puts them all into an order of its own that nothing but the model and the edit decides. */
 struct sg_edit {
     const uint8_t *keep;         /* one byte per present Gaussian */
     size_t kept;                 /* number of non-zero bytes */

@@ -6,6 +6,7 @@
 
 #include "core/rng.h"
 #include "math/constants.h"
+#include "morton.h"
 
 static size_t block_bytes(const struct sg_host_model *h)
 {
@@ -119,8 +120,9 @@ struct edit_job {
     const struct sg_edit *edit;
     const float *from;
     float *to;
-    const uint32_t *source; /* of every row: its index before */
-    size_t count, copied;   /* rows; of which copied from before, the rest are zero */
+    const uint32_t *source; /* of every item, those kept and then those appended: its index before */
+    const uint32_t *order;  /* of every row: its item */
+    size_t count, copied;   /* items; of which copied from before, the rest are zero */
     int planes;
     bool parameters;
 };
@@ -133,23 +135,25 @@ static void edit_piece(void *arg, size_t piece, int thread)
     const struct edit_job *j = arg;
     const size_t first = piece * EDIT_BLOCKS * SG_LANES, stop = first + EDIT_BLOCKS * SG_LANES;
     for (size_t i = first; i < stop && i < j->count; i++) {
+        const size_t item = j->order[i];
         float *to = j->to + sg_param_index(j->planes, i, 0);
-        const float *from = i < j->copied ? j->from + sg_param_index(j->planes, j->source[i], 0) : NULL;
+        const float *from = item < j->copied ? j->from + sg_param_index(j->planes, j->source[item], 0) : NULL;
         for (int p = 0; p < j->planes; p++)
             to[p * SG_LANES] = from ? from[p * SG_LANES] : 0;
-        const size_t entry = i - j->edit->kept;
-        if (j->parameters && i >= j->edit->kept && j->edit->kind[entry] == SG_EDIT_CHILD)
+        const size_t entry = item - j->edit->kept;
+        if (j->parameters && item >= j->edit->kept && j->edit->kind[entry] == SG_EDIT_CHILD)
             make_child(j->to, i, j->planes, j->edit, entry);
     }
 }
 
 static float *edited(sg_ctx *ctx, enum sg_mem_tag tag, const struct sg_host_model *h, const float *array,
-                     size_t capacity, const struct sg_edit *e, const uint32_t *source)
+                     size_t capacity, const struct sg_edit *e, const uint32_t *source, const uint32_t *order)
 {
     const bool parameters = tag == SG_MEM_MODEL; /* moments of appended rows are zero */
     struct edit_job job = {.edit = e,
                            .from = array,
                            .source = source,
+                           .order = order,
                            .count = e->kept + e->appended,
                            .copied = e->kept + (parameters ? e->appended : 0),
                            .planes = h->planes,
@@ -163,25 +167,34 @@ static float *edited(sg_ctx *ctx, enum sg_mem_tag tag, const struct sg_host_mode
     return job.to;
 }
 
+#define ORDER_FROM 4096 /* Gaussians: fewer stay in the caches, however they lie */
+
 int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *e)
 {
     struct sg_host_model n = {.count = e->kept + e->appended, .sh_degree = h->sh_degree, .planes = h->planes};
     n.capacity = n.opt.capacity = blocks(n.count) * SG_LANES;
     uint32_t *source = sg_alloc_raw(ctx, SG_MEM_MODEL, n.count, sizeof(*source));
+    uint32_t *order = sg_alloc_raw(ctx, SG_MEM_MODEL, n.count, sizeof(*order));
+    int code = source && order ? SG_OK : SG_ERR_BUDGET;
     size_t to = 0;
-    for (size_t i = 0; source && i < h->count; i++)
+    for (size_t i = 0; !code && i < h->count; i++)
         if (e->keep[i])
             source[to++] = (uint32_t) i;
-    if (source && e->appended)
+    if (!code && e->appended)
         memcpy(source + to, e->source, e->appended * sizeof(*source));
-    if (source) {
-        n.params = edited(ctx, SG_MEM_MODEL, h, h->params, n.capacity, e, source);
-        n.opt.m = edited(ctx, SG_MEM_OPTIMISER, h, h->opt.m, n.capacity, e, source);
-        n.opt.v = edited(ctx, SG_MEM_OPTIMISER, h, h->opt.v, n.capacity, e, source);
+    for (size_t i = 0; !code && i < n.count; i++)
+        order[i] = (uint32_t) i;
+    if (!code && n.count >= ORDER_FROM)
+        code = sg_morton_order(ctx, h->params, h->planes, h->count, source, n.count, order);
+    if (!code) {
+        n.params = edited(ctx, SG_MEM_MODEL, h, h->params, n.capacity, e, source, order);
+        n.opt.m = edited(ctx, SG_MEM_OPTIMISER, h, h->opt.m, n.capacity, e, source, order);
+        n.opt.v = edited(ctx, SG_MEM_OPTIMISER, h, h->opt.v, n.capacity, e, source, order);
         n.opt.grad_sum = sg_alloc(ctx, SG_MEM_OPTIMISER, n.capacity, sizeof(float));
         n.opt.grad_count = sg_alloc(ctx, SG_MEM_OPTIMISER, n.capacity, sizeof(float));
         n.opt.max_radius = sg_alloc(ctx, SG_MEM_OPTIMISER, n.capacity, sizeof(float));
     }
+    sg_free(ctx, order);
     sg_free(ctx, source);
     if (!n.params || !n.opt.m || !n.opt.v || !n.opt.grad_sum || !n.opt.grad_count || !n.opt.max_radius) {
         sg_host_clear(ctx, &n); /* the model is as it was */

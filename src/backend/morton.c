@@ -1,0 +1,91 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "morton.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "splatguard/model.h"
+
+#define SAMPLES 1024
+#define AXIS_BITS 10
+#define CELLS (1 << AXIS_BITS)
+
+struct item {
+    uint32_t key, index;
+};
+
+static int ascending(const void *a, const void *b)
+{
+    const float x = *(const float *) a, y = *(const float *) b;
+    return (x > y) - (x < y);
+}
+
+/* The lattice spans all but the outermost fiftieths: strays must not push everything else into one cell. */
+static void lattice(const float *params, int planes, size_t count, int axis, float *low, float *per_unit)
+{
+    float sample[SAMPLES];
+    size_t n = 0;
+    for (size_t k = 0; k < SAMPLES; k++) {
+        const float v = params[sg_param_index(planes, k * count / SAMPLES, SG_P_XYZ + axis)];
+        if (isfinite(v))
+            sample[n++] = v;
+    }
+    *low = *per_unit = 0;
+    if (!n)
+        return;
+    qsort(sample, n, sizeof(*sample), ascending);
+    *low = sample[n / 50];
+    const float span = sample[n - 1 - n / 50] - *low;
+    *per_unit = span > 0 && isfinite(span) ? CELLS / span : 0;
+}
+
+static uint32_t spread(uint32_t v) /* two zeros before each bit of ten */
+{
+    v = (v | v << 16) & 0x030000ff;
+    v = (v | v << 8) & 0x0300f00f;
+    v = (v | v << 4) & 0x030c30c3;
+    return (v | v << 2) & 0x09249249;
+}
+
+int sg_morton_order(sg_ctx *ctx, const float *params, int planes, size_t count, const uint32_t *source, size_t n,
+                    uint32_t *order)
+{
+    struct item *from = sg_alloc_raw(ctx, SG_MEM_MODEL, n, sizeof(*from));
+    struct item *to = sg_alloc_raw(ctx, SG_MEM_MODEL, n, sizeof(*to));
+    int code = SG_ERR_BUDGET;
+    if (!from || !to)
+        goto done;
+    float low[3], per_unit[3];
+    for (int axis = 0; axis < 3; axis++)
+        lattice(params, planes, count, axis, &low[axis], &per_unit[axis]);
+    for (size_t i = 0; i < n; i++) {
+        uint32_t key = 0;
+        for (int axis = 0; axis < 3; axis++) {
+            const float v = (params[sg_param_index(planes, source[i], SG_P_XYZ + axis)] - low[axis]) * per_unit[axis];
+            key |= spread((uint32_t) (v > 0 ? v < CELLS - 1 ? v : CELLS - 1 : 0)) << axis; /* NaN: 0 */
+        }
+        from[i] = (struct item){key, (uint32_t) i};
+    }
+    for (int shift = 0; shift < 3 * AXIS_BITS; shift += AXIS_BITS) {
+        uint32_t start[CELLS] = {0}, sum = 0;
+        for (size_t i = 0; i < n; i++)
+            start[from[i].key >> shift & (CELLS - 1)]++;
+        for (int d = 0; d < CELLS; d++) {
+            const uint32_t here = start[d];
+            start[d] = sum;
+            sum += here;
+        }
+        for (size_t i = 0; i < n; i++)
+            to[start[from[i].key >> shift & (CELLS - 1)]++] = from[i];
+        struct item *swap = from;
+        from = to, to = swap;
+    }
+    for (size_t i = 0; i < n; i++)
+        order[i] = from[i].index;
+    code = SG_OK;
+done:
+    sg_free(ctx, from);
+    sg_free(ctx, to);
+    return code;
+}

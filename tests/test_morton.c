@@ -1,0 +1,114 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The order along a space-filling curve, and edits large enough to use it. */
+#include "backend/morton.h"
+
+#include "backend/host_model.h"
+#include "models.h"
+
+enum { N = 20000 };
+
+static float distance(const struct sg_model *m, size_t a, size_t b)
+{
+    float d = 0;
+    for (int k = 0; k < 3; k++)
+        d += fabsf(*sg_model_at(m, a, k) - *sg_model_at(m, b, k));
+    return d;
+}
+
+/* A permutation in which neighbours are near: strays and NaNs neither disturb it nor get lost. */
+static void test_order(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m = make_model(ctx, N, 0, 3);
+    for (size_t i = 0; i < 50; i++) {
+        *sg_model_at(m, 7 * i, 0) = 1e30f;
+        *sg_model_at(m, 7 * i + 1, 1) = NAN;
+        *sg_model_at(m, 7 * i + 2, 2) = -INFINITY;
+    }
+    uint32_t *source = malloc(N * sizeof(*source)), *order = malloc(N * sizeof(*order));
+    uint8_t *seen = calloc(N, 1);
+    for (uint32_t i = 0; i < N; i++)
+        source[i] = i;
+    assert_int_equal(sg_morton_order(ctx, m->params, sg_param_count(0), N, source, N, order), SG_OK);
+    double before = 0, after = 0;
+    for (size_t i = 0; i < N; i++) {
+        assert_true(order[i] < N && !seen[order[i]]++);
+        if (i && isfinite(distance(m, i, i - 1)) && distance(m, i, i - 1) < 10)
+            before += (double) distance(m, i, i - 1);
+        if (i && isfinite(distance(m, order[i], order[i - 1])) && distance(m, order[i], order[i - 1]) < 10)
+            after += (double) distance(m, order[i], order[i - 1]);
+    }
+    assert_true(after < 0.1 * before);
+    free(source);
+    free(order);
+    free(seen);
+    sg_model_destroy(ctx, &m);
+    sg_ctx_destroy(&ctx);
+}
+
+static int by_bits(const void *a, const void *b)
+{
+    return memcmp(a, b, 3 * sizeof(float));
+}
+
+/* Whatever the order, the edit's Gaussians are those: survivors with moments, copies without. */
+static void test_edit(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(3);
+    struct sg_model *m = make_model(ctx, N, 1, 9);
+    struct sg_optimiser o;
+    assert_int_equal(sg_optimiser_create(ctx, N, 1, &o), SG_OK);
+    const int planes = sg_param_count(1);
+    for (size_t i = 0; i < N; i++)
+        for (int p = 0; p < planes; p++)
+            o.m[sg_param_index(planes, i, p)] = *sg_model_at(m, i, p) + 1;
+    struct sg_host_model h = {0};
+    assert_int_equal(sg_host_upload(ctx, &h, m, &o), SG_OK);
+    uint8_t *keep = calloc(N, 1), *kind = calloc(N, 1);
+    uint32_t *source = malloc(N * sizeof(*source));
+    struct sg_edit e = {.keep = keep, .source = source, .kind = kind};
+    for (uint32_t i = 0; i < N; i++) {
+        keep[i] = i % 3 != 0;
+        e.kept += keep[i];
+        if (i % 5 == 0)
+            source[e.appended++] = i;
+    }
+    float(*expected)[3] = malloc((e.kept + e.appended) * sizeof(*expected)), (*found)[3] = malloc(
+        (e.kept + e.appended) * sizeof(*found));
+    size_t n = 0;
+    for (uint32_t i = 0; i < N; i++) {
+        const float x = *sg_model_at(m, i, 0), c = *sg_model_at(m, i, planes - 1);
+        if (keep[i])
+            memcpy(expected[n++], (float[]){x, c, x + 1}, sizeof(*expected));
+        if (i % 5 == 0)
+            memcpy(expected[n++], (float[]){x, c, 0}, sizeof(*expected));
+    }
+    assert_int_equal(sg_host_edit(ctx, &h, &e), SG_OK);
+    assert_int_equal(h.count, n);
+    for (size_t i = 0; i < n; i++) {
+        found[i][0] = h.params[sg_param_index(planes, i, 0)];
+        found[i][1] = h.params[sg_param_index(planes, i, planes - 1)];
+        found[i][2] = h.opt.m[sg_param_index(planes, i, 0)];
+    }
+    qsort(expected, n, sizeof(*expected), by_bits);
+    qsort(found, n, sizeof(*found), by_bits);
+    assert_memory_equal(expected, found, n * sizeof(*found));
+    free(keep);
+    free(kind);
+    free(source);
+    free(expected);
+    free(found);
+    sg_host_clear(ctx, &h);
+    sg_optimiser_clear(ctx, &o);
+    sg_model_destroy(ctx, &m);
+    assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+    sg_ctx_destroy(&ctx);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_order), cmocka_unit_test(test_edit)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
