@@ -398,6 +398,85 @@ static void test_opacity_limits(void **state)
     }
 }
 
+/* Black: the coefficients of a point of byte 0 give a colour of about zero, by rounding on either side. It must be able to
+ * grow; a colour that is truly negative must not. */
+static void test_black(void **state)
+{
+    (void) state;
+    static struct view_of_one o;
+    for (int v = 0; v < variant_count; v++) {
+        sg_ctx *ctx = make_context(1);
+        struct sg_backend *b = backend_of(ctx, v);
+        const float corners[12] = {0, 0, 0, 0.5f, 0, 0, 0, 0.5f, 0, 0, 0, 0.5f};
+        const uint8_t colours[12] = {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0};
+        struct sg_model *m;
+        assert_int_equal(sg_model_init_points(ctx, corners, colours, 4, 0, &m), SG_OK);
+        for (int ch = 0; ch < 3; ch++)
+            *sg_model_at(m, 1, SG_P_SH + ch) -= 0.01f;
+        draw_model(ctx, b, m, &o);
+        for (size_t i = 0; i < 4; i++)
+            for (int ch = 0; ch < 3; ch++)
+                if ((*sg_model_at(o.gradient, i, SG_P_SH + ch) == 0) != (i == 1))
+                    fail_msg("%s: Gaussian %zu, channel %d: gradient %g", name_of(v), i, ch,
+                             (double) *sg_model_at(o.gradient, i, SG_P_SH + ch));
+        sg_model_destroy(ctx, &o.gradient);
+        sg_model_destroy(ctx, &m);
+        sg_backend_destroy(&b);
+        sg_ctx_destroy(&ctx);
+    }
+}
+
+/* The gradient that densification looks at, by moving the image under one Gaussian: half the image's size is one unit. */
+static void test_view_space_gradient(void **state)
+{
+    (void) state;
+    enum { W = 47, H = 29 };
+    static float rgb[3 * W * H], weight[3 * W * H];
+    for (size_t i = 0; i < 3 * W * H; i++) /* smooth: its derivative along the image is what is measured */
+        weight[i] = sinf(0.21f * (float) (i % W) + 0.13f * (float) (i / W));
+    for (int v = 0; v < variant_count; v++) {
+        sg_ctx *ctx = make_context(1);
+        struct sg_backend *b = backend_of(ctx, v);
+        struct sg_model *m = make_model(ctx, 1, 0, 21);
+        for (int k = 0; k < 3; k++) {
+            *sg_model_at(m, 0, SG_P_XYZ + k) = 0.05f * (float) k;
+            *sg_model_at(m, 0, SG_P_SCALE + k) = -1.5f - 0.3f * (float) k;
+        }
+        *sg_model_at(m, 0, SG_P_OPACITY) = 1;
+        const struct sg_render_params params = {SG_RENDER_DEFAULTS};
+        struct sg_camera camera = make_camera(W, H, 3);
+        double slope[2];
+        for (int axis = 0; axis < 2; axis++) {
+            double *c = axis ? &camera.cy : &camera.cx, loss[2] = {0, 0};
+            for (int side = 0; side < 2; side++) {
+                *c += side ? 0.5 : -0.25;
+                assert_int_equal(b->ops->upload(b, m, NULL), SG_OK);
+                assert_int_equal(b->ops->project(b, &camera, 0, &params), SG_OK);
+                assert_int_equal(b->ops->rasterize(b, false, NULL), SG_OK);
+                assert_int_equal(b->ops->read_image(b, rgb, NULL, NULL), SG_OK);
+                for (int i = 0; i < 3 * W * H; i++)
+                    loss[side] += (double) rgb[i] * (double) weight[i];
+            }
+            *c -= 0.25;
+            slope[axis] = (loss[1] - loss[0]) / 0.5 * (axis ? H : W) / 2;
+        }
+        assert_int_equal(b->ops->project(b, &camera, 0, &params), SG_OK);
+        assert_int_equal(b->ops->rasterize(b, false, NULL), SG_OK);
+        assert_int_equal(b->ops->write_image_gradient(b, weight), SG_OK);
+        assert_int_equal(b->ops->rasterize_backward(b), SG_OK);
+        struct sg_update u = {.statistics = true};
+        assert_int_equal(b->ops->update(b, &u), SG_OK);
+        float gradient;
+        assert_int_equal(b->ops->read_statistics(b, &gradient, NULL, NULL, NULL), SG_OK);
+        const double expected = hypot(slope[0], slope[1]);
+        if (!(fabs((double) gradient - expected) < 0.02 * expected))
+            fail_msg("%s: view-space gradient %g, expected %g", name_of(v), (double) gradient, expected);
+        sg_model_destroy(ctx, &m);
+        sg_backend_destroy(&b);
+        sg_ctx_destroy(&ctx);
+    }
+}
+
 /* No Gaussian at all: the background, and every stage runs. */
 static void test_empty_model(void **state)
 {
@@ -430,7 +509,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_loss),    cmocka_unit_test(test_adam),           cmocka_unit_test(test_hostile_planes),
-        cmocka_unit_test(test_needles), cmocka_unit_test(test_opacity_limits), cmocka_unit_test(test_empty_model),
+        cmocka_unit_test(test_needles), cmocka_unit_test(test_opacity_limits), cmocka_unit_test(test_black),
+        cmocka_unit_test(test_view_space_gradient), cmocka_unit_test(test_empty_model),
     };
     return cmocka_run_group_tests(tests, find_variants, NULL);
 }

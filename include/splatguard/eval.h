@@ -33,7 +33,7 @@ struct sg_eval {
     struct sg_view_score *per_view; /* views entries; owned by the eval: sg_eval_clear */
 };
 
-/* Renders n views and compares them with their photos. time_fps: after 10 warm-up frames renders all views 3 times. */
+/* Renders n views and compares them with their photos, but for pixels that a view's mask leaves out. time_fps: after 10 warm-up frames renders all views 3 times. */
 int sg_evaluate(sg_ctx *ctx, sg_renderer *renderer, const struct sg_view *views, size_t n, int time_fps,
                 struct sg_eval *out);
 void sg_eval_clear(sg_ctx *ctx, struct sg_eval *eval);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 #include <time.h>
 
 #include "core/internal.h"
@@ -44,6 +45,32 @@ static int time_frames(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views,
     return code;
 }
 
+/* Pixels that the mask leaves out are taken from the render, as in the loss; PSNR is then of the others alone. */
+static double used_share(const uint8_t *mask, const uint8_t *render, size_t pixels, uint8_t *photo)
+{
+    size_t used = 0;
+    for (size_t i = 0; i < pixels; i++)
+        if (mask[i])
+            used++;
+        else
+            memcpy(photo + 3 * i, render + 3 * i, 3);
+    return (double) used / (double) pixels;
+}
+
+static int score_view(sg_ctx *ctx, const struct sg_view *v, const uint8_t *render, uint8_t *photo,
+                      struct sg_view_score *score)
+{
+    const int w = v->camera.width, h = v->camera.height;
+    const size_t pixels = (size_t) w * (size_t) h;
+    double share = 1;
+    memcpy(photo, v->rgb, 3 * pixels);
+    if (v->mask)
+        share = used_share(v->mask, render, pixels, photo);
+    const int code = sg_ssim_u8(ctx, render, photo, w, h, &score->ssim);
+    score->psnr = share > 0 ? fmin(sg_psnr_u8(render, photo, w, h) + 10 * log10(share), EQUAL_PSNR) : EQUAL_PSNR;
+    return code;
+}
+
 int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t n, int time_fps, struct sg_eval *out)
 {
     sg_clear_error(ctx);
@@ -58,8 +85,9 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
     int code = SG_ERR_BUDGET;
     float *rgb = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float));
     uint8_t *bytes = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3);
+    uint8_t *photo = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3);
     out->per_view = sg_alloc(ctx, SG_MEM_MISC, n, sizeof(*out->per_view));
-    if (!rgb || !bytes || !out->per_view)
+    if (!rgb || !bytes || !photo || !out->per_view)
         goto done;
     for (size_t i = 0; i < n; i++) {
         const struct sg_camera *c = &views[i].camera;
@@ -67,9 +95,8 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
         if ((code = sg_render(r, c, rgb, NULL, NULL, NULL)))
             goto done;
         sg_quantise(rgb, c->width, c->height, bytes);
-        if ((code = sg_ssim_u8(ctx, bytes, views[i].rgb, c->width, c->height, &score->ssim)))
+        if ((code = score_view(ctx, &views[i], bytes, photo, score)))
             goto done;
-        score->psnr = fmin(sg_psnr_u8(bytes, views[i].rgb, c->width, c->height), EQUAL_PSNR);
         out->psnr += score->psnr / (double) n;
         out->ssim += score->ssim / (double) n;
     }
@@ -78,6 +105,7 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
 done:
     sg_free(ctx, rgb);
     sg_free(ctx, bytes);
+    sg_free(ctx, photo);
     if (code)
         sg_eval_clear(ctx, out);
     return code;

@@ -20,7 +20,9 @@ static inline real ssim_point(real m1, real m2, real squares, real xy, real *d_m
 {
     const scalar c1 = SG_SSIM_C1, c2 = SG_SSIM_C2, two = 2;
     const real a1 = two * m1 * m2 + c1, a2 = two * (xy - m1 * m2) + c2;
-    const real b1 = m1 * m1 + m2 * m2 + c1, b2 = squares - m1 * m1 - m2 * m2 + c2;
+    const real b1 = m1 * m1 + m2 * m2 + c1;
+    /* In exact arithmetic a variance; of values far above 1 its rounding may be below -c2. */
+    const real b2 = r_max(squares - m1 * m1 - m2 * m2, r_set(0)) + c2;
     const real inv = (scalar) 1 / (b1 * b2), s = a1 * a2 * inv;
     const real p_a1 = a2 * inv, p_a2 = a1 * inv, p_b1 = -s * b2 * inv, p_b2 = -s * b1 * inv;
     *d_m = two * (m2 * (p_a1 - p_a2) + m1 * (p_b1 - p_b2));

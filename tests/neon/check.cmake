@@ -7,10 +7,10 @@ set(flags -std=gnu11 -O2 -Wall -Wextra -Werror -Wno-psabi -fno-math-errno -fno-t
 file(MAKE_DIRECTORY ${BUILD})
 execute_process(COMMAND ${CC} ${flags} -DSG_ISA=neon -O3 -ffp-contract=fast -c ${kernels} WORKING_DIRECTORY ${BUILD}
     COMMAND_ERROR_IS_FATAL ANY)
-execute_process(COMMAND ${CC} ${flags} -ffp-contract=off -c ${sources} ${SOURCE}/src/model/store.c
+execute_process(COMMAND ${CC} ${flags} -ffp-contract=off -c ${sources} ${SOURCE}/src/model/store.c ${SOURCE}/src/model/init.c ${SOURCE}/src/model/nearest.c
     WORKING_DIRECTORY ${BUILD} COMMAND_ERROR_IS_FATAL ANY)
 set(objects)
-foreach(source ${kernels} ${sources} store.c)
+foreach(source ${kernels} ${sources} store.c init.c nearest.c)
     get_filename_component(name ${source} NAME_WLE)
     list(APPEND objects ${BUILD}/${name}.o)
 endforeach()

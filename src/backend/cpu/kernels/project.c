@@ -103,7 +103,8 @@ void KERNEL(project)(const struct cpu_project_args *a, size_t first, size_t end)
             mask good = r_and(s.visible, r_le(planes[SG_P_OPACITY], planes[SG_P_OPACITY]));
             for (int ch = 0; ch < 3; ch++) {
                 good = r_and(good, r_and(r_lt(rgb[ch], r_set(SG_COLOUR_MAX)), r_lt(r_set(-SG_COLOUR_MAX), rgb[ch])));
-                rgb[ch] = r_max(rgb[ch], r_set(0));
+                /* The backward pass knows the clamped by their 0. */
+                rgb[ch] = r_sel(r_lt(rgb[ch], r_set(-SG_COLOUR_ROUNDING)), r_set(0), r_max(rgb[ch], r_set(1e-30f)));
             }
             const struct rects rect = tile_rects(a, s.x, s.y, s.sigma);
             const real area = r_from_int((rect.x1 - rect.x0) * (rect.y1 - rect.y0));
