@@ -147,6 +147,7 @@ static int after_step(struct train_run *r)
         r->totals.max_gaussians = s->gaussians;
     if (s->render.instances > r->totals.max_instances)
         r->totals.max_instances = s->render.instances;
+    r->cloned += s->cloned, r->split += s->split, r->pruned += s->pruned;
     if (due(s->iteration, c->log_every) || last || s->iteration == 1)
         code = train_log_step(r);
     if (!code && c->eval && due(s->iteration, c->eval_every) && !last)
@@ -169,6 +170,7 @@ static int loop(struct train_run *r)
             progress_break(&r->progress);
             code = report(r->ctx, error);
             run_save_model(r->ctx, r->config->output, r->trainer);
+            train_summary_write(r);
             return code;
         }
         code = after_step(r);
@@ -218,7 +220,7 @@ static int start(struct train_run *r, const char *variant)
     const struct train_config *c = r->config;
     struct sg_model *initial = NULL;
     int error = 0, code = 0;
-    if (c->init)
+    if (c->init && !c->resume) /* the checkpoint has what became of it */
         error = sg_model_read_ply(r->ctx, c->init, UINT32_MAX, &initial);
     if (!error)
         error = sg_trainer_create(r->ctx, r->scene, initial, &c->train, &r->trainer);
@@ -259,6 +261,8 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
     c->threads = now.threads;
     c->max_memory = now.max_memory;
     c->source = now.source ? now.source : c->source;
+    c->train.cpu = now.train.cpu ? now.train.cpu /* for a machine without the run's: the last digits may differ */
+                                 : json_string_value(json_object_get(*keep, "cpu_variant"));
     if (now.train.iterations > c->train.iterations && options_given(t, given, T(train.iterations)))
         c->train.iterations = now.train.iterations;
     c->save_every = options_given(t, given, T(save_every)) ? now.save_every : c->save_every;

@@ -121,7 +121,7 @@ int options_set(const struct command *c, const struct option *o, void *config, c
     default: {
         snprintf(expected, sizeof(expected), "a whole number from %.0f to %.0f", o->low, o->high);
         long long v = strtoll(text, &end, 10);
-        if (o->type == OPT_BYTES && end != text && *end && !end[1] && strchr("KMG", *end) && v < 1ll << 30)
+        if (o->type == OPT_BYTES && end != text && *end && !end[1] && strchr("KMG", *end) && v >= 0 && v < 1ll << 30)
             v <<= *end++ == 'K' ? 10 : end[-1] == 'M' ? 20 : 30;
         if (end == text || *end || errno || (double) v < o->low || (double) v > o->high)
             return bad_value(c, o, text, expected);

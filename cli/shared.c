@@ -78,8 +78,11 @@ char *find_model(const char *path, int iteration)
     for (struct dirent *e; d && (e = readdir(d));) {
         int n;
         char rest;
-        if (sscanf(e->d_name, "iteration_%d%c", &n, &rest) == 1 && n > newest)
+        char *file = NULL;
+        if (sscanf(e->d_name, "iteration_%d%c", &n, &rest) == 1 && n > newest &&
+            asprintf(&file, "%s/%s/point_cloud.ply", folder, e->d_name) > 0 && !access(file, F_OK))
             newest = n;
+        free(file);
     }
     if (d)
         closedir(d);

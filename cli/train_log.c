@@ -78,15 +78,17 @@ int train_log_step(struct train_run *r)
     if (r->logged == s->iteration || !s->iteration)
         return 0;
     r->logged = s->iteration;
-    return write_line(
-        r, json_pack("{s:i,s:o,s:o,s:o,s:o,s:o,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:o,s:o}", "iteration", s->iteration,
-                     "loss", number_json(s->loss), "l1", number_json(s->l1), "ssim", number_json(s->ssim), "psnr",
-                     number_json(s->psnr), "view", text_json(r->scene->train[s->view].name), "gaussians",
-                     (json_int_t) s->gaussians, "cloned", (json_int_t) s->cloned, "split", (json_int_t) s->split,
-                     "pruned", (json_int_t) s->pruned, "visible", (json_int_t) s->render.visible, "instances",
-                     (json_int_t) s->render.instances, "max_tile", (json_int_t) s->render.max_tile, "max_gaussians",
-                     (json_int_t) t->max_gaussians, "max_instances", (json_int_t) t->max_instances, "train_seconds",
-                     number_json(t->seconds), "cpu_seconds", number_json(t->cpu_seconds)));
+    json_t *line =
+        json_pack("{s:i,s:o,s:o,s:o,s:o,s:o,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:o,s:o}", "iteration", s->iteration,
+                  "loss", number_json(s->loss), "l1", number_json(s->l1), "ssim", number_json(s->ssim), "psnr",
+                  number_json(s->psnr), "view", text_json(r->scene->train[s->view].name), "gaussians",
+                  (json_int_t) s->gaussians, "cloned", (json_int_t) r->cloned, "split", (json_int_t) r->split, "pruned",
+                  (json_int_t) r->pruned, "visible", (json_int_t) s->render.visible, "instances",
+                  (json_int_t) s->render.instances, "max_tile", (json_int_t) s->render.max_tile, "max_gaussians",
+                  (json_int_t) t->max_gaussians, "max_instances", (json_int_t) t->max_instances, "train_seconds",
+                  number_json(t->seconds), "cpu_seconds", number_json(t->cpu_seconds));
+    r->cloned = r->split = r->pruned = 0;
+    return write_line(r, line);
 }
 
 int train_log_eval(struct train_run *r)

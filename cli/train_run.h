@@ -22,6 +22,7 @@ struct train_run {
     struct train_totals totals;
     struct sg_train_step step; /* newest */
     int logged;                /* iteration of the newest line */
+    uint64_t cloned, split, pruned; /* since then */
     struct sg_eval eval;       /* newest measurement */
     int evaluated;             /* its iteration, 0 = none */
 };

@@ -10,14 +10,15 @@
 #include "train/trainer.h"
 
 #define SIDE 20
-#define HEADER 72 /* of the format: magic, count, degree, iteration, 6 step counters, seed, views, extent */
+#define HEADER 80 /* of the format: magic, count, degree, iteration, 6 step counters, start degree, 0, seed, views, extent */
 #define AT_COUNT 8
 #define AT_DEGREE 16
 #define AT_ITERATION 20
 #define AT_STEPS 24
-#define AT_SEED 48
-#define AT_VIEWS 56
-#define AT_EXTENT 64
+#define AT_START 48
+#define AT_SEED 56
+#define AT_VIEWS 64
+#define AT_EXTENT 72
 
 struct fixture {
     sg_ctx *ctx;
@@ -163,6 +164,8 @@ static void test_sealed_lies(void **state)
         {"negative step counter", AT_STEPS, (uint32_t) -1, 4},
         {"more steps than iterations", AT_STEPS + 4, 4, 4},
         {"last step an int holds", AT_STEPS + 20, INT_MAX, 4},
+        {"negative start degree", AT_START, (uint32_t) -1, 4},
+        {"absurd start degree", AT_START, 4, 4},
         {"other seed", AT_SEED, 43, 8},
         {"other scene", AT_VIEWS, 3, 8},
         {"NaN extent", AT_EXTENT, 0x7ff8000000000000u, 8},

@@ -149,6 +149,21 @@ static void evaluation_measures_a_flat_view(void **state)
     assert_true(e.fps > 0 && e.fps_mean > 0);
     sg_eval_clear(ctx, &e);
 
+    /* What a mask leaves out does not count, however wrong; PSNR is that of the rest. */
+    uint8_t mask[24 * 20];
+    for (int i = 0; i < 24 * 20; i++)
+        mask[i] = i < 100 ? 0 : 255;
+    memset(views[0].rgb, 0, 300);
+    views[0].mask = mask;
+    assert_int_equal(sg_evaluate(ctx, r, views, 1, 0, &e), SG_OK);
+    assert_true(fabs(e.psnr - off) < 1e-9);
+    sg_eval_clear(ctx, &e);
+    memset(mask, 0, sizeof(mask));
+    assert_int_equal(sg_evaluate(ctx, r, views, 1, 0, &e), SG_OK);
+    assert_true(e.psnr == 100 && fabs(e.ssim - 1) < 1e-9);
+    sg_eval_clear(ctx, &e);
+    views[0].mask = NULL;
+
     assert_int_equal(sg_evaluate(ctx, r, views, 1, 0, &e), SG_OK);
     assert_true(e.fps == 0 && e.fps_mean == 0); /* not timed */
     sg_eval_clear(ctx, &e);

@@ -177,6 +177,24 @@ static void colmap_other_size_and_folder(void **state)
     sg_scene_destroy(f->ctx, &s);
 }
 
+/* A rig's photos have the same names in other folders; alpha is dropped, as the reference does for photos. */
+static void colmap_rig(void **state)
+{
+    struct fixture *f = *state;
+    const uint8_t faint[8] = {10, 20, 30, 0, 40, 50, 60, 128};
+    put_text(f, "sparse/cameras.txt", "1 PINHOLE 2 1 2 2 1 0.5\n");
+    put_text(f, "sparse/images.txt", "1 1 0 0 0 0 0 0 1 left/001.png\n\n2 1 0 0 0 1 0 0 1 right/001.png\n\n");
+    put(f, "images/left/001.png", "", 0);
+    assert_int_equal(sg_image_write_png(f->ctx, at(f, "images/left/001.png"), faint, 2, 1, 4), SG_OK);
+    put_png(f, "images/right/001.png", 2, 1, 3, 0);
+    struct sg_scene *s = load(f, NULL);
+    assert_int_equal(s->n_train, 2);
+    assert_string_equal(s->train[0].name, "left_001");
+    assert_string_equal(s->train[1].name, "right_001");
+    assert_memory_equal(s->train[0].rgb, ((uint8_t[]){10, 20, 30, 40, 50, 60}), 6);
+    sg_scene_destroy(f->ctx, &s);
+}
+
 static void resolution_rule(void **state)
 {
     static const struct {
@@ -221,7 +239,7 @@ static void nerfstudio(void **state)
     for (char c = 'a'; c <= 'd'; c++)
         put_png(f, (char[]){'i', 'm', 'a', 'g', 'e', 's', '/', c, '.', 'p', 'n', 'g', 0}, 20, 10, 3, c);
     struct sg_scene *s = load(f, sg_scene_params(.eval = true, .test_every = 3));
-    assert_int_equal(f->warnings, 1);
+    assert_int_equal(f->warnings, 2); /* missing photos, no points */
     assert_int_equal(s->format, SG_FORMAT_NERFSTUDIO);
     assert_int_equal(s->n_train, 2);
     assert_int_equal(s->n_test, 2);
@@ -307,6 +325,7 @@ int main(void)
         scene_test(colmap_binary),
         scene_test(colmap_text),
         scene_test(colmap_other_size_and_folder),
+        scene_test(colmap_rig),
         scene_test(resolution_rule),
         scene_test(nerfstudio),
         scene_test(nerfstudio_own_split),

@@ -99,7 +99,7 @@ static void json_files(void **state)
     expect_failure(f, NULL, SG_ERR_INPUT, "frame 0", "/a, also with .png", NULL);
     put_png(f, "a.png", 20, 10, 3, 1);
     expect_failure(f, sg_scene_params(.eval = true), SG_ERR_INPUT, "transforms_test.json", NULL);
-    expect_failure(f, sg_scene_params(.max_pixels = 199), SG_ERR_BUDGET, "a.png", "20 x 10", NULL);
+    expect_failure(f, sg_scene_params(.max_pixels = 199), SG_ERR_INPUT, "a.png", "20 x 10", NULL);
     static const char *const outside[] = {"/etc/passwd", "../a", "x/../../a", "..", "b/.."};
     for (size_t i = 0; i < sizeof(outside) / sizeof(*outside); i++) {
         snprintf(text, sizeof(text), "{\"camera_angle_x\":1,\"frames\":[{\"file_path\":\"%s\",%s}]}", outside[i], pose);
@@ -110,7 +110,7 @@ static void json_files(void **state)
              "{\"camera_angle_x\":1,\"frames\":[{\"file_path\":\"a\",%s},{\"file_path\":\"./a.png\",%s}]}", pose, pose);
     put_text(f, "transforms_train.json", text);
     expect_failure(f, NULL, SG_ERR_INPUT, "transforms_train.json", "same name", "a.png", NULL);
-    expect_failure(f, sg_scene_params(.max_images = 1), SG_ERR_BUDGET, "frames", "limit is 1", NULL);
+    expect_failure(f, sg_scene_params(.max_images = 1), SG_ERR_INPUT, "frames", "limit is 1", NULL);
     put_blender(f, "1", pose);
     put_text(f, "a.png", "this is no image");
     expect_failure(f, NULL, SG_ERR_INPUT, "a.png", "signature", NULL);
@@ -207,7 +207,7 @@ static void colmap_counts(void **state)
             put_bytes(f, names[n], &b);
             struct sg_scene *scene;
             int code = sg_scene_load(f->ctx, f->dir, NULL, &scene);
-            assert_true(code == SG_ERR_INPUT || code == SG_ERR_BUDGET);
+            assert_int_equal(code, SG_ERR_INPUT);
             assert_non_null(strstr(sg_last_error(f->ctx), names[n]));
             put_bytes(f, names[n], files[n]);
         }
@@ -223,8 +223,8 @@ static void colmap_counts(void **state)
     put_bytes(f, "sparse/0/points3D.bin", &b);
     expect_failure(f, NULL, SG_ERR_INPUT, "points3D.bin", "point id 1", "track", NULL);
     put_bytes(f, "sparse/0/points3D.bin", &p);
-    expect_failure(f, sg_scene_params(.max_points = 1), SG_ERR_BUDGET, "points3D.bin", "limit is 1", NULL);
-    expect_failure(f, sg_scene_params(.max_images = 1), SG_ERR_BUDGET, "images.bin", "limit is 1", NULL);
+    expect_failure(f, sg_scene_params(.max_points = 1), SG_ERR_INPUT, "points3D.bin", "limit is 1", NULL);
+    expect_failure(f, sg_scene_params(.max_images = 1), SG_ERR_INPUT, "images.bin", "limit is 1", NULL);
 }
 
 static void colmap_cameras(void **state)

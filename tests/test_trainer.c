@@ -41,6 +41,7 @@ static struct fixture make_fixture(int threads)
     sg_renderer_destroy(&r);
     f.scene = (struct sg_scene){.path = (char *) "fixture", .train = NULL, .n_train = VIEWS, .extent = 2};
     assert_int_equal(sg_model_create(f.ctx, f.truth->count, 1, &f.start), SG_OK);
+    f.start->active_sh_degree = 0;
     memcpy(f.start->params, f.truth->params, f.truth->capacity * (size_t) sg_param_count(1) * sizeof(float));
     for (size_t i = 0; i < f.start->count; i++)
         for (int p = 0; p < SG_P_SH + 3; p++)
@@ -214,11 +215,13 @@ static void test_schedule(void **state)
     const struct sg_train_params p = {SG_TRAIN_DEFAULTS};
     struct sg_train_params white = p;
     white.white_background = true;
-    assert_int_equal(sg_active_degree(&p, 999), 0);
-    assert_int_equal(sg_active_degree(&p, 1000), 1);
-    assert_int_equal(sg_active_degree(&p, 2000), 2);
-    assert_int_equal(sg_active_degree(&p, 3000), 3);
-    assert_int_equal(sg_active_degree(&p, 30000), 3);
+    assert_int_equal(sg_active_degree(&p, 0, 999), 0);
+    assert_int_equal(sg_active_degree(&p, 0, 1000), 1);
+    assert_int_equal(sg_active_degree(&p, 0, 2000), 2);
+    assert_int_equal(sg_active_degree(&p, 0, 3000), 3);
+    assert_int_equal(sg_active_degree(&p, 0, 30000), 3);
+    assert_int_equal(sg_active_degree(&p, 2, 999), 2);
+    assert_int_equal(sg_active_degree(&p, 2, 5000), 3);
     int densifications = 0, steps = 0;
     for (int it = 1; it <= 30000; it++) {
         densifications += sg_densifies(&p, it);

@@ -63,8 +63,7 @@ int sg_model_init_random(sg_ctx *ctx, size_t n, uint64_t seed, int sh_degree, st
 /* Reads a 3DGS PLY (binary little or big endian, or ASCII; any property order; SH degree 0..3). active = stored degree. */
 int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussians, struct sg_model **out);
 
-/* Writes the 62-property layout of the reference, binary little endian; SH above the model's degree is written as 0.
- * The file appears whole or not at all. */
+/* Writes the layout of the reference, binary little endian: 62 properties at SH degree 3, fewer f_rest below. The file appears whole or not at all. */
 int sg_model_write_ply(sg_ctx *ctx, const struct sg_model *model, const char *path);
 
 /* Point cloud PLY (x y z, optional red green blue). Arrays are owned by the caller: free with sg_points_destroy. */

@@ -71,23 +71,36 @@ int sg_file_write(sg_ctx *ctx, const char *path, const void *data, size_t size)
     return sg_file_commit(ctx, &w);
 }
 
+int sg_file_open(sg_ctx *ctx, const char *path, FILE **out)
+{
+    const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    struct stat st;
+    *out = NULL;
+    if (fd < 0 || fstat(fd, &st))
+        sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read: %s", path, strerror(errno));
+    else if (!S_ISREG(st.st_mode))
+        sg_fail(ctx, SG_ERR_INPUT, "%s: found a folder or device, expected a file", path);
+    else if (!(*out = fdopen(fd, "rb")))
+        sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read: %s", path, strerror(errno));
+    if (fd >= 0 && !*out)
+        close(fd);
+    return *out ? SG_OK : SG_ERR_INPUT;
+}
+
 int sg_file_read(sg_ctx *ctx, const char *path, uint64_t max_bytes, char **data, size_t *size)
 {
-    int code = SG_OK;
-    *data = NULL;
-    const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK); /* a pipe must not make us wait */
-    FILE *f = fd >= 0 ? fdopen(fd, "rb") : NULL;
+    FILE *f;
     struct stat st;
-    if (!f || fstat(fileno(f), &st)) {
+    *data = NULL;
+    int code = sg_file_open(ctx, path, &f);
+    if (code)
+        return code;
+    if (fstat(fileno(f), &st)) {
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read: %s", path, strerror(errno));
         goto done;
     }
-    if (!S_ISREG(st.st_mode)) {
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found a folder or device, expected a file", path);
-        goto done;
-    }
     if ((uint64_t) st.st_size > max_bytes) {
-        code = sg_fail(ctx, SG_ERR_BUDGET, "%s: found %lld bytes, the limit is %llu", path, (long long) st.st_size,
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found %lld bytes, the limit is %llu", path, (long long) st.st_size,
                        (unsigned long long) max_bytes);
         goto done;
     }
@@ -106,10 +119,7 @@ int sg_file_read(sg_ctx *ctx, const char *path, uint64_t max_bytes, char **data,
     }
     (*data)[*size] = 0;
 done:
-    if (f)
-        fclose(f);
-    else if (fd >= 0)
-        close(fd);
+    fclose(f);
     return code;
 }
 

@@ -18,7 +18,10 @@ int sg_file_create(sg_ctx *ctx, struct sg_file_writer *w, const char *path);
 int sg_file_commit(sg_ctx *ctx, struct sg_file_writer *w);
 void sg_file_abandon(sg_ctx *ctx, struct sg_file_writer *w); /* safe after commit, and on a zeroed writer */
 
-/* Whole file into memory with a zero byte after it. Larger than max_bytes: SG_ERR_BUDGET. Free with sg_free. */
+/* For reading, from a regular file: pipes and devices are refused without waiting for them. */
+int sg_file_open(sg_ctx *ctx, const char *path, FILE **out);
+
+/* Whole file into memory with a zero byte after it. Larger than max_bytes: SG_ERR_INPUT. Free with sg_free. */
 int sg_file_read(sg_ctx *ctx, const char *path, uint64_t max_bytes, char **data, size_t *size);
 int sg_file_write(sg_ctx *ctx, const char *path, const void *data, size_t size);
 

@@ -11,7 +11,8 @@ static inline real adam_step(real p, real g, real *m, real *v, scalar rate, scal
     const scalar b1 = (scalar) SG_ADAM_BETA1, b2 = (scalar) SG_ADAM_BETA2;
     *m = b1 * *m + ((scalar) 1 - b1) * g;
     *v = b2 * *v + ((scalar) 1 - b2) * g * g;
-    return p - rate * *m * r_reciprocal(r_sqrt(*v) * root + (scalar) SG_ADAM_EPS);
+    /* The bound keeps the fast reciprocal of an infinite moment from being NaN. */
+    return p - rate * *m * r_reciprocal(r_min(r_sqrt(*v) * root, r_set((scalar) 1e30)) + (scalar) SG_ADAM_EPS);
 }
 
 #endif

@@ -9,12 +9,10 @@
 #include "ply.h"
 #include "splatguard/model.h"
 
-#define REST 45 /* f_rest properties at degree 3 */
-#define FILE_COLUMNS 62
 #define MAX_FILE_BYTES ((uint64_t) 1 << 36)
 
-/* Column of each of the 62 properties -> store plane, -1 = always 0 (normals). */
-static int column_plane(int column)
+/* Store plane of a column of a file with `rest` f_rest properties; -1: always 0 (normals). */
+static int column_plane(int column, int rest)
 {
     if (column < 3)
         return SG_P_XYZ + column;
@@ -22,11 +20,11 @@ static int column_plane(int column)
         return -1;
     if (column < 9)
         return SG_P_SH + column - 6;
-    if (column < 9 + REST) {
-        const int k = (column - 9) % 15 + 1, channel = (column - 9) / 15;
+    if (column < 9 + rest) {
+        const int k = (column - 9) % (rest / 3) + 1, channel = (column - 9) / (rest / 3);
         return SG_P_SH + 3 * k + channel;
     }
-    column -= 9 + REST;
+    column -= 9 + rest;
     return column == 0 ? SG_P_OPACITY : column < 4 ? SG_P_SCALE + column - 1 : SG_P_ROT + column - 4;
 }
 
@@ -45,7 +43,8 @@ int sg_model_write_ply(sg_ctx *ctx, const struct sg_model *m, const char *path)
         fprintf(f, "property float %s\n", fixed[i]);
     for (int i = 0; i < 3; i++)
         fprintf(f, "property float f_dc_%d\n", i);
-    for (int i = 0; i < REST; i++)
+    const int planes = sg_param_count(m->sh_degree), rest = planes - SG_P_SH - 3;
+    for (int i = 0; i < rest; i++)
         fprintf(f, "property float f_rest_%d\n", i);
     fprintf(f, "property float opacity\n");
     for (int i = 0; i < 3; i++)
@@ -53,14 +52,14 @@ int sg_model_write_ply(sg_ctx *ctx, const struct sg_model *m, const char *path)
     for (int i = 0; i < 4; i++)
         fprintf(f, "property float rot_%d\n", i);
     fprintf(f, "end_header\n");
-    const int planes = sg_param_count(m->sh_degree);
+    const int columns = 17 + rest;
     for (size_t i = 0; i < m->count; i++) {
-        float row[FILE_COLUMNS];
-        for (int c = 0; c < FILE_COLUMNS; c++) {
-            const int plane = column_plane(c);
-            row[c] = plane >= 0 && plane < planes ? *sg_model_at(m, i, plane) : 0;
+        float row[17 + SG_PARAMS_MAX];
+        for (int c = 0; c < columns; c++) {
+            const int plane = column_plane(c, rest);
+            row[c] = plane >= 0 ? *sg_model_at(m, i, plane) : 0;
         }
-        fwrite(row, sizeof(row), 1, f); /* little endian hosts only, as the store itself */
+        fwrite(row, sizeof(float), (size_t) columns, f); /* little endian hosts only, as the store itself */
     }
     return sg_file_commit(ctx, &w);
 }
@@ -131,7 +130,6 @@ int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussians, str
     *out = m;
     m = NULL;
 done:
-    sg_ply_close(&p);
     sg_model_destroy(ctx, &m);
     sg_free(ctx, data);
     return code;

@@ -3,8 +3,6 @@
 #ifndef SG_PLY_H
 #define SG_PLY_H
 
-#include <locale.h>
-
 #include "core/internal.h"
 
 #define PLY_MAX_PROPERTIES 256 /* of all elements together */
@@ -32,7 +30,6 @@ struct ply {
     const char *data; /* whole file, a zero byte after it */
     size_t size, at;  /* next byte to parse */
     enum ply_format format;
-    locale_t numbers; /* decimal points in ASCII files, whatever the program's locale */
     uint64_t rows;    /* of the element being read */
     int properties;
     const struct ply_property *property;
@@ -42,9 +39,8 @@ struct ply {
 };
 
 /* Parses the header and skips elements before `vertex`. The row count is checked against the file's size and
- * max_rows before it is believed. data must outlive p. sg_ply_close afterwards, on failure too. */
+ * max_rows before it is believed. data must outlive p. */
 int sg_ply_open(sg_ctx *ctx, struct ply *p, const char *path, const char *data, size_t size, uint64_t max_rows);
-void sg_ply_close(struct ply *p);
 
 /* Fills format, element[] and all[]; leaves p->at at the first byte of the body. Errors name the line. */
 int sg_ply_parse_header(sg_ctx *ctx, struct ply *p);

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Rows of PLY files, in any of the three encodings. */
-#include <stdlib.h>
 #include <string.h>
 
+#include "core/numbers.h"
 #include "ply.h"
 
 static const size_t type_size[] = {1, 1, 2, 2, 4, 4, 4, 8};
@@ -69,7 +69,7 @@ static int text_value(sg_ctx *ctx, struct ply *p, uint64_t row, enum ply_type ty
     const char *word = p->data + p->at;
     char *end;
     /* strtof where the file says float: rounding once, a printed float returns to its bits. */
-    *out = type == PLY_F32 ? (double) strtof_l(word, &end, p->numbers) : strtod_l(word, &end, p->numbers);
+    *out = type == PLY_F32 ? (double) sg_strtof(word, &end) : sg_strtod(word, &end);
     if (end == word || (*end && !is_space(*end)) || (!*end && end < p->data + p->size))
         return sg_fail(ctx, SG_ERR_INPUT, "%s: byte %zu, row %llu: found \"%.20s\", expected a number", p->path, p->at,
                        (unsigned long long) row, word);
@@ -164,9 +164,6 @@ static int enter(sg_ctx *ctx, struct ply *p, const struct ply_element *e)
 int sg_ply_open(sg_ctx *ctx, struct ply *p, const char *path, const char *data, size_t size, uint64_t max_rows)
 {
     *p = (struct ply){.path = path, .data = data, .size = size};
-    p->numbers = newlocale(LC_ALL_MASK, "C", (locale_t) 0);
-    if (!p->numbers)
-        return sg_fail(ctx, SG_ERR_INTERNAL, "%s: cannot make the C locale", path);
     int code = sg_ply_parse_header(ctx, p);
     float ignored[PLY_MAX_PROPERTIES];
     for (int e = 0; e < p->elements && !code; e++) {
@@ -175,7 +172,7 @@ int sg_ply_open(sg_ctx *ctx, struct ply *p, const char *path, const char *data, 
             if (!p->properties)
                 return sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no property of element vertex", path);
             if (p->rows > max_rows)
-                return sg_fail(ctx, SG_ERR_BUDGET, "%s: header: found %llu rows, the limit is %llu", path,
+                return sg_fail(ctx, SG_ERR_INPUT, "%s: header: found %llu rows, the limit is %llu", path,
                                (unsigned long long) p->rows, (unsigned long long) max_rows);
             return SG_OK;
         }
@@ -183,11 +180,4 @@ int sg_ply_open(sg_ctx *ctx, struct ply *p, const char *path, const char *data, 
             code = sg_ply_row(ctx, p, row, ignored);
     }
     return code ? code : sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no element vertex, expected one", path);
-}
-
-void sg_ply_close(struct ply *p)
-{
-    if (p->numbers)
-        freelocale(p->numbers);
-    p->numbers = (locale_t) 0;
 }

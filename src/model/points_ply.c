@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Point clouds as PLY: x y z nx ny nz float, red green blue uchar, as the 3DGS release caches them. */
+#include <math.h>
 #include <stdio.h>
 
 #include "core/file.h"
@@ -34,9 +35,12 @@ int sg_points_read_ply(sg_ctx *ctx, const char *path, uint64_t max_points, float
         code = SG_ERR_BUDGET;
         goto done;
     }
-    for (uint64_t i = 0; i < p.rows && !(code = sg_ply_row(ctx, &p, i, row)); i++)
+    for (uint64_t i = 0; i < p.rows && !code && !(code = sg_ply_row(ctx, &p, i, row)); i++)
         for (int k = 0; k < 3; k++) {
             (*xyz)[3 * i + (uint64_t) k] = row[at[k]];
+            if (!isfinite(row[at[k]]) && !code)
+                code = sg_fail(ctx, SG_ERR_INPUT, "%s: row %llu: found a coordinate that is not finite", path,
+                               (unsigned long long) i);
             float c = coloured ? row[colour[k]] : 127;
             if (coloured && p.property[colour[k]].type >= PLY_F32) /* 0..1 */
                 c = c * 255 + 0.5f;
@@ -44,7 +48,6 @@ int sg_points_read_ply(sg_ctx *ctx, const char *path, uint64_t max_points, float
         }
     *n = (size_t) p.rows;
 done:
-    sg_ply_close(&p);
     if (code)
         sg_points_destroy(ctx, xyz, rgb);
     sg_free(ctx, data);

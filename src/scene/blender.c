@@ -4,6 +4,7 @@
 
 #include "core/file.h"
 #include "scene/transforms.h"
+#include "splatguard/model.h"
 
 bool sg_is_blender(sg_ctx *ctx, const char *dir)
 {
@@ -66,7 +67,8 @@ int sg_read_blender(sg_ctx *ctx, const char *dir, const struct sg_scene_params *
     if (code || !sg_has_file(ctx, dir, "points3d.ply")) /* where the reference looks, and leaves its random points */
         return code;
     char *path = sg_strf(ctx, "%s/points3d.ply", dir);
-    code = path ? sg_read_point_file(ctx, path, params->max_points, points) : SG_ERR_BUDGET;
+    code = path ? sg_points_read_ply(ctx, path, params->max_points, &points->xyz, &points->rgb, &points->count)
+                : SG_ERR_BUDGET;
     sg_free(ctx, path);
     return code;
 }

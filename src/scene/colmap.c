@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "core/file.h"
+#include "splatguard/model.h"
 
 #define MODEL_BYTES                                                                                                    \
     (UINT64_C(1) << 34) /* 2D observations of large scenes fill gigabytes; the ledger has its own limit */
@@ -115,6 +116,7 @@ int sg_colmap_add_image(sg_ctx *ctx, struct sg_shots *shots, uint64_t max, const
     if (code)
         return code;
     shot->lens = found->lens;
+    shot->drop_alpha = true;
     return sg_pose_from_quaternion(ctx, q, t, where, shot->R, shot->t);
 }
 
@@ -184,7 +186,11 @@ static int read_points(sg_ctx *ctx, const char *folder, uint64_t max_points, str
     char *path = NULL, *data = NULL;
     size_t size;
     int code = SG_OK;
-    if (sg_has_file(ctx, folder, "points3D.bin")) {
+    if (sg_has_file(ctx, folder, "points3D.ply")) { /* first, as the reference */
+        path = sg_strf(ctx, "%s/points3D.ply", folder);
+        code = path ? sg_points_read_ply(ctx, path, max_points, &points->xyz, &points->rgb, &points->count)
+                    : SG_ERR_BUDGET;
+    } else if (sg_has_file(ctx, folder, "points3D.bin")) {
         code = read_part(ctx, folder, "points3D.bin", &path, &data, &size);
         if (!code)
             code = sg_colmap_points_bin(ctx, path, data, size, max_points, points);
@@ -192,9 +198,6 @@ static int read_points(sg_ctx *ctx, const char *folder, uint64_t max_points, str
         code = read_part(ctx, folder, "points3D.txt", &path, &data, &size);
         if (!code)
             code = sg_colmap_points_txt(ctx, path, data, size, max_points, points);
-    } else if (sg_has_file(ctx, folder, "points3D.ply")) {
-        path = sg_strf(ctx, "%s/points3D.ply", folder);
-        code = path ? sg_read_point_file(ctx, path, max_points, points) : SG_ERR_BUDGET;
     }
     sg_free(ctx, data);
     sg_free(ctx, path);

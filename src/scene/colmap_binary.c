@@ -47,7 +47,7 @@ static int get_count(sg_ctx *ctx, struct cursor *c, const char *what, size_t lea
                        left(c), what);
     *count = get(c, 8);
     if (*count > max)
-        return sg_fail(ctx, SG_ERR_BUDGET, "%s: byte 0: found a count of %llu %ss, the limit is %llu", c->file,
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: byte 0: found a count of %llu %ss, the limit is %llu", c->file,
                        (unsigned long long) *count, what, (unsigned long long) max);
     if (*count > left(c) / least_bytes)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: byte 0: found a count of %llu %ss, expected at most the %zu that fit",

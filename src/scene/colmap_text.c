@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/numbers.h"
 #include "scene/colmap.h"
 
 struct lines {
@@ -57,7 +58,7 @@ static bool field_ends(const char *p)
 static bool get_number(char **p, double *out)
 {
     char *end;
-    *out = strtod(*p, &end);
+    *out = sg_strtod(*p, &end);
     bool ok = end != *p && field_ends(end);
     *p = end;
     return ok;
@@ -154,7 +155,7 @@ int sg_colmap_points_txt(sg_ctx *ctx, const char *file, char *data, size_t size,
         if (!ok)
             return bad_line(ctx, &l, "ID X Y Z R G B ERROR TRACK");
         if (out->count >= max_points)
-            return sg_fail(ctx, SG_ERR_BUDGET, "%s: line %llu: found more than %llu points, which is the limit", file,
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: line %llu: found more than %llu points, which is the limit", file,
                            (unsigned long long) l.number, (unsigned long long) max_points);
         size_t n = out->count;
         if (sg_grow(ctx, SG_MEM_MISC, &out->xyz, &room_xyz, n + 1, n, 3 * sizeof(float)) ||

@@ -19,7 +19,7 @@ static int allocate(sg_ctx *ctx, const char *name, uint64_t width, uint64_t heig
         return sg_fail(ctx, SG_ERR_INPUT, "%s: image header: found %llu x %llu pixels, expected sides of 1..%d", name,
                        (unsigned long long) width, (unsigned long long) height, SG_IMAGE_SIDE_MAX);
     if (width * height > max_pixels)
-        return sg_fail(ctx, SG_ERR_BUDGET, "%s: image header: found %llu x %llu pixels, the limit is %llu pixels", name,
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: image header: found %llu x %llu pixels, the limit is %llu pixels", name,
                        (unsigned long long) width, (unsigned long long) height, (unsigned long long) max_pixels);
     out->pixels = sg_alloc_raw(ctx, SG_MEM_IMAGES, (size_t) (width * height), (size_t) channels);
     if (!out->pixels)
@@ -206,7 +206,7 @@ void sg_image_clear(sg_ctx *ctx, struct sg_image *image)
     *image = (struct sg_image){0};
 }
 
-void sg_image_flatten(const struct sg_image *image, bool white, uint8_t *rgb)
+void sg_image_flatten(const struct sg_image *image, enum sg_alpha alpha, uint8_t *rgb)
 {
     size_t pixels = (size_t) image->width * (size_t) image->height;
     const uint8_t *p = image->pixels;
@@ -219,9 +219,9 @@ void sg_image_flatten(const struct sg_image *image, bool white, uint8_t *rgb)
             rgb[3 * i] = rgb[3 * i + 1] = rgb[3 * i + 2] = p[i];
         return;
     }
-    double background = white ? 1 : 0;
+    double background = alpha == SG_ALPHA_ON_WHITE ? 1 : 0;
     for (size_t i = 0; i < pixels; i++, p += 4) {
-        double a = p[3] / 255.0;
+        double a = alpha == SG_ALPHA_DROP ? 1 : p[3] / 255.0;
         for (int c = 0; c < 3; c++)
             rgb[3 * i + (size_t) c] = (uint8_t) (255.0 * (p[c] / 255.0 * a + background * (1 - a)));
     }

@@ -14,7 +14,7 @@ struct sg_image {
 };
 
 /* The format is recognised by content, never by extension. 16-bit samples keep their high byte, palettes are looked up,
- * grey with alpha becomes RGBA. More than max_pixels pixels: SG_ERR_BUDGET, before anything is allocated for them.
+ * grey with alpha becomes RGBA. More than max_pixels pixels: SG_ERR_INPUT, before anything is allocated for them.
  * Safe from worker threads. The caller owns out->pixels: sg_image_clear. */
 int sg_image_read(sg_ctx *ctx, const char *path, uint64_t max_pixels, struct sg_image *out);
 
@@ -27,9 +27,11 @@ int sg_image_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, int
 
 void sg_image_clear(sg_ctx *ctx, struct sg_image *image); /* safe on a zeroed image */
 
-/* RGB of any image: grey is repeated, alpha is composited on white or black in double precision and truncated, as the
- * reference does for RGBA renders (at alpha 255 this is exact). rgb: height x width x 3. */
-void sg_image_flatten(const struct sg_image *image, bool white, uint8_t *rgb);
+enum sg_alpha { SG_ALPHA_ON_BLACK, SG_ALPHA_ON_WHITE, SG_ALPHA_DROP };
+
+/* RGB of any image: grey is repeated; alpha is composited in double precision and truncated, as the reference does for
+ * Blender's renders (at alpha 255 this is exact), or dropped, as it does for COLMAP's photos. rgb: height x width x 3. */
+void sg_image_flatten(const struct sg_image *image, enum sg_alpha alpha, uint8_t *rgb);
 
 /* Antialiased bicubic resampling (Keys 1981, a = -0.5; the support widens when shrinking), along rows then along
  * columns, rounded to 8 bits after each pass: what Pillow does. dst: dst_height x dst_width x channels. */

@@ -6,6 +6,7 @@
 
 #include "core/file.h"
 #include "scene/transforms.h"
+#include "splatguard/model.h"
 
 bool sg_is_nerfstudio(sg_ctx *ctx, const char *dir)
 {
@@ -139,7 +140,8 @@ int sg_read_nerfstudio(sg_ctx *ctx, const char *dir, const struct sg_scene_param
         code = sg_shots_check_names(ctx, shots, 0, file);
     if (!code && points_file) {
         path = sg_strf(ctx, "%s/%s", dir, points_file);
-        code = path ? sg_read_point_file(ctx, path, params->max_points, points) : SG_ERR_BUDGET;
+        code = path ? sg_points_read_ply(ctx, path, params->max_points, &points->xyz, &points->rgb, &points->count)
+                    : SG_ERR_BUDGET;
     }
     if (code)
         goto done;

@@ -24,6 +24,7 @@ struct sg_shot {
     char *mask; /* where its mask is, or NULL */
     struct sg_lens lens;
     double R[9], t[3]; /* world to camera, as struct sg_camera */
+    bool drop_alpha;   /* instead of compositing it */
     bool test, unused; /* unused: in neither half of the scene's own split */
 };
 
@@ -48,7 +49,7 @@ void sg_shots_clear(sg_ctx *ctx, struct sg_shots *shots);
 void sg_shots_drop(sg_ctx *ctx, struct sg_shots *shots); /* removes the shots without a path */
 void sg_shots_sort(struct sg_shots *shots);              /* by view name, byte order */
 bool sg_path_is_inside(const char *path);                /* relative and without ".." */
-/* Two shots from index first on must not share a view name. */
+/* View names from index first on become distinct: all are made of whole paths where two base names are the same. */
 int sg_shots_check_names(sg_ctx *ctx, const struct sg_shots *shots, size_t first, const char *where);
 const char *sg_base_name(const char *path);
 /* Every coefficient finite, focal lengths or angles usable. */
@@ -72,7 +73,6 @@ bool sg_is_nerfstudio(sg_ctx *ctx, const char *dir);
 
 /* "dir/name" is a regular file. */
 bool sg_has_file(sg_ctx *ctx, const char *dir, const char *name);
-int sg_read_point_file(sg_ctx *ctx, const char *path, uint64_t max_points, struct sg_points *points);
 
 /* Parsers alone, on memory: file is only a name for messages. No photo is looked for. *points_file: the named PLY or
  * NULL, the caller's; *listed: the file brought its own split. */

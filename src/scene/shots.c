@@ -39,7 +39,7 @@ int sg_shots_add(sg_ctx *ctx, struct sg_shots *shots, uint64_t max, const char *
     if (!sg_path_is_inside(file))
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found image name \"%s\", expected a path inside the scene", where, file);
     if (shots->count >= max)
-        return sg_fail(ctx, SG_ERR_BUDGET, "%s: found more than %llu images, which is the limit", where,
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found more than %llu images, which is the limit", where,
                        (unsigned long long) max);
     if (sg_grow(ctx, SG_MEM_MISC, &shots->items, &shots->capacity, shots->count + 1, shots->count,
                 sizeof(*shots->items)))
@@ -100,16 +100,37 @@ static int by_pointed_name(const void *a, const void *b)
     return by_name(*(const struct sg_shot *const *) a, *(const struct sg_shot *const *) b);
 }
 
+/* Rigs of cameras name photos by folder (left/001.jpg, right/001.jpg): the path without extension, "/" as "_". */
+static int rename_by_path(sg_ctx *ctx, struct sg_shot *shot)
+{
+    const char *dot = strrchr(sg_base_name(shot->file), '.');
+    char *name = sg_strf(ctx, "%.*s", (int) (dot ? (size_t) (dot - shot->file) : strlen(shot->file)), shot->file);
+    if (!name)
+        return SG_ERR_BUDGET;
+    for (char *c = name; *c; c++)
+        *c = *c == '/' ? '_' : *c;
+    sg_free(ctx, shot->name);
+    shot->name = name;
+    return SG_OK;
+}
+
 int sg_shots_check_names(sg_ctx *ctx, const struct sg_shots *shots, size_t first, const char *where)
 {
     size_t n = shots->count - first;
-    const struct sg_shot **sorted = sg_alloc(ctx, SG_MEM_MISC, n ? n : 1, sizeof(*sorted));
+    struct sg_shot **sorted = sg_alloc(ctx, SG_MEM_MISC, n ? n : 1, sizeof(*sorted));
     if (!sorted)
         return SG_ERR_BUDGET;
     for (size_t i = 0; i < n; i++)
         sorted[i] = &shots->items[first + i];
     qsort(sorted, n, sizeof(*sorted), by_pointed_name);
     int code = SG_OK;
+    bool twice = false;
+    for (size_t i = 1; i < n; i++)
+        twice |= !strcmp(sorted[i - 1]->name, sorted[i]->name);
+    for (size_t i = 0; i < n && twice && !code; i++)
+        code = rename_by_path(ctx, sorted[i]);
+    if (twice && !code)
+        qsort(sorted, n, sizeof(*sorted), by_pointed_name);
     for (size_t i = 1; i < n && !code; i++)
         if (!strcmp(sorted[i - 1]->name, sorted[i]->name))
             code = sg_fail(ctx, SG_ERR_INPUT,
@@ -208,16 +229,4 @@ bool sg_has_file(sg_ctx *ctx, const char *dir, const char *name)
     bool found = path && sg_file_exists(path);
     sg_free(ctx, path);
     return found;
-}
-
-int sg_read_point_file(sg_ctx *ctx, const char *path, uint64_t max_points, struct sg_points *points)
-{
-    int code = sg_points_read_ply(ctx, path, max_points, &points->xyz, &points->rgb, &points->count);
-    if (code || points->rgb)
-        return code;
-    points->rgb = sg_alloc_raw(ctx, SG_MEM_MISC, points->count ? points->count : 1, 3);
-    if (!points->rgb)
-        return SG_ERR_BUDGET;
-    memset(points->rgb, 128, points->count * 3); /* no colours in the file: start from grey */
-    return SG_OK;
 }

@@ -140,7 +140,7 @@ static int write_colmap_picture(struct synth *s, int view, uint8_t *rgba)
     char *path = sg_strf(s->ctx, "%s/colmap/images/" SYNTH_COLMAP_NAME, s->dir, s->place[view]);
     int code = SG_ERR_BUDGET;
     if (rgb && path) {
-        sg_image_flatten(&image, false, rgb);
+        sg_image_flatten(&image, SG_ALPHA_ON_BLACK, rgb);
         code = sg_image_write_png(s->ctx, path, rgb, s->p.width, s->p.height, 3);
     }
     sg_free(s->ctx, path);

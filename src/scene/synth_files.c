@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "core/file.h"
+#include "core/numbers.h"
 
 int sg_synth_write_transforms(sg_ctx *ctx, const char *folder, const char *split, const struct synth_camera *cameras,
                               int count, double angle_x)
@@ -14,6 +15,7 @@ int sg_synth_write_transforms(sg_ctx *ctx, const char *folder, const char *split
     int code = path ? sg_file_create(ctx, &w, path) : SG_ERR_BUDGET;
     if (code)
         goto done;
+    const locale_t before = uselocale(sg_c_locale());
     fprintf(w.stream, "{\n    \"camera_angle_x\": %.17g,\n    \"frames\": [", angle_x);
     for (int i = 0; i < count; i++) {
         const struct synth_camera *c = &cameras[i];
@@ -30,6 +32,7 @@ int sg_synth_write_transforms(sg_ctx *ctx, const char *folder, const char *split
         fprintf(w.stream, "\n                [0, 0, 0, 1]\n            ]\n        }");
     }
     fprintf(w.stream, "\n    ]\n}\n");
+    uselocale(before);
     code = sg_file_commit(ctx, &w);
 done:
     sg_file_abandon(ctx, &w);

@@ -20,7 +20,7 @@ int sg_transforms_load(sg_ctx *ctx, const char *file, const char *data, size_t s
     if (!json_is_array(*frames) || !json_array_size(*frames))
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no \"frames\", expected an array of at least one frame", file);
     else if (json_array_size(*frames) > max_frames)
-        code = sg_fail(ctx, SG_ERR_BUDGET, "%s: frames: found %zu, the limit is %llu", file, json_array_size(*frames),
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: frames: found %zu, the limit is %llu", file, json_array_size(*frames),
                        (unsigned long long) max_frames);
     if (code) {
         json_decref(*root);

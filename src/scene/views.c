@@ -38,7 +38,7 @@ static int target_size(sg_ctx *ctx, const struct sg_scene_params *p, const char 
     tw = tw < 1 ? 1 : tw;
     th = th < 1 ? 1 : th;
     if (tw > SIDE_MAX || th > SIDE_MAX || tw * th > (double) p->max_pixels)
-        return sg_fail(ctx, SG_ERR_BUDGET,
+        return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: resampled size: found %.0f x %.0f pixels, expected sides up to %d and at "
                        "most %llu pixels",
                        path, tw, th, SIDE_MAX, (unsigned long long) p->max_pixels);
@@ -166,7 +166,11 @@ static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view
             code = SG_ERR_BUDGET;
             goto done;
         }
-        sg_image_flatten(&image, params->white_background, view->rgb);
+        sg_image_flatten(&image,
+                         shot->drop_alpha           ? SG_ALPHA_DROP
+                         : params->white_background ? SG_ALPHA_ON_WHITE
+                                                    : SG_ALPHA_ON_BLACK,
+                         view->rgb);
     }
     sg_image_clear(ctx, &image);
     code = target_size(ctx, params, shot->path, width, height, &w, &h);

@@ -9,13 +9,14 @@
 #include "core/file.h"
 #include "trainer.h"
 
-#define MAGIC "SGCKPT\0\1" /* the last byte is the version */
+#define MAGIC "SGCKPT\0\2" /* the last byte is the version */
 
 struct header {
     char magic[8];
     uint64_t count;
     int32_t sh_degree, iteration;
     int32_t adam_steps[SG_GROUPS];
+    int32_t start_degree, unused;
     uint64_t seed, views;
     double extent;
 };
@@ -75,6 +76,7 @@ int sg_trainer_save(sg_trainer *t, const char *path)
     struct header h = {.count = m->count,
                        .sh_degree = m->sh_degree,
                        .iteration = t->iteration,
+                       .start_degree = t->start_degree,
                        .seed = t->params.seed,
                        .views = t->scene->n_train,
                        .extent = t->extent};
@@ -104,23 +106,23 @@ int sg_trainer_load(sg_trainer *t, const char *path)
     struct sg_model *m = NULL;
     struct sg_optimiser o = {0};
     struct header h;
-    int code = SG_OK;
-    FILE *f = fopen(path, "rb");
-    if (!f)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read the checkpoint", path);
+    FILE *f;
+    int code = sg_file_open(ctx, path, &f);
+    if (code)
+        return code;
     if (fread(&h, sizeof(h), 1, f) != 1 || memcmp(h.magic, MAGIC, sizeof(h.magic))) {
         code = sg_fail(ctx, SG_ERR_INPUT,
                        "%s: byte 0: found another kind of file, expected a checkpoint of this version", path);
         goto done;
     }
-    if (h.sh_degree != t->sh_degree || h.views != t->scene->n_train || h.seed != t->params.seed ||
+    if (h.sh_degree < 0 || h.sh_degree > 3 || h.start_degree < 0 || h.start_degree > 3 || h.views != t->scene->n_train || h.seed != t->params.seed ||
         h.extent != t->extent || !h.count) {
         code =
             sg_fail(ctx, SG_ERR_INPUT,
-                    "%s: found SH degree %d, %llu views, seed %llu, extent %.9g; expected those of this scene and run: "
-                    "%d, %zu, %llu, %.9g",
+                    "%s: found SH degree %d, %llu views, seed %llu, extent %.9g; expected 0 to 3 and those of this scene and "
+                    "run: %zu, %llu, %.9g",
                     path, h.sh_degree, (unsigned long long) h.views, (unsigned long long) h.seed, h.extent,
-                    t->sh_degree, t->scene->n_train, (unsigned long long) t->params.seed, t->extent);
+                    t->scene->n_train, (unsigned long long) t->params.seed, t->extent);
         goto done;
     }
     if (!counters_sound(&h)) {
@@ -163,6 +165,9 @@ int sg_trainer_load(sg_trainer *t, const char *path)
     }
     if ((code = t->backend->ops->upload(t->backend, m, &o)))
         goto done;
+    t->sh_degree = h.sh_degree; /* of the model the run began with, which need not be here any more */
+    t->start_degree = h.start_degree;
+    t->params.sh_degree = h.sh_degree < t->params.sh_degree ? h.sh_degree : t->params.sh_degree;
     t->iteration = h.iteration;
     for (int g = 0; g < SG_GROUPS; g++)
         t->adam_steps[g] = h.adam_steps[g];

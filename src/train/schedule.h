@@ -20,10 +20,10 @@ static inline bool sg_resets_opacity(const struct sg_train_params *p, int it)
            (it % p->opacity_reset_interval == 0 || (p->white_background && it == p->densify_from_iter));
 }
 
-/* Active at iteration it: raised at its start whenever it is divisible by the interval. */
-static inline int sg_active_degree(const struct sg_train_params *p, int it)
+/* Active at iteration it: raised at its start whenever it is divisible by the interval. start: of the initial model. */
+static inline int sg_active_degree(const struct sg_train_params *p, int start, int it)
 {
-    const int d = it / p->sh_interval;
+    const int d = start + it / p->sh_interval;
     return d < p->sh_degree ? d : p->sh_degree;
 }
 

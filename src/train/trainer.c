@@ -77,6 +77,7 @@ int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg
         initial = made;
     }
     t->sh_degree = initial->sh_degree;
+    t->start_degree = initial->active_sh_degree;
     if (t->params.sh_degree > initial->sh_degree)
         t->params.sh_degree = initial->sh_degree;
     if ((code = sg_backend_create(ctx, t->params.backend ? t->params.backend : "cpu", t->params.cpu, &t->backend)) ||
@@ -188,7 +189,7 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     int code;
     background(t, it, render.background);
 
-    if ((code = ops->project(t->backend, &view->camera, sg_active_degree(p, it), &render)) ||
+    if ((code = ops->project(t->backend, &view->camera, sg_active_degree(p, t->start_degree, it), &render)) ||
         (code = ops->rasterize(t->backend, false, &step.render)) ||
         (code = ops->loss(t->backend, &(struct sg_loss_params){p->lambda_dssim, view->rgb, view->mask}, &value)) ||
         (code = ops->rasterize_backward(t->backend)))
@@ -245,6 +246,6 @@ int sg_trainer_model(sg_trainer *t, struct sg_model **out)
     if ((code = t->backend->ops->download(t->backend, *out, NULL)))
         sg_model_destroy(t->ctx, out);
     else
-        (*out)->active_sh_degree = sg_active_degree(&t->params, t->iteration);
+        (*out)->active_sh_degree = sg_active_degree(&t->params, t->start_degree, t->iteration);
     return code;
 }

@@ -13,6 +13,7 @@ struct sg_trainer {
     struct sg_backend *backend;
     double extent;
     int sh_degree; /* stored */
+    int start_degree; /* active at iteration 0 */
     int iteration;
     int adam_steps[SG_GROUPS];
     uint64_t epoch; /* that `order` is for */

@@ -46,6 +46,16 @@ expect 0 train moved/blender -o cut --resume --iterations $((reached + 70)) --qu
 [ -s cut/point_cloud/iteration_$((reached + 70))/point_cloud.ply ] || fail "--iterations is not raised"
 grep -q "\"iterations\": $((reached + 70))" cut/config.json || fail "config.json keeps the old end"
 
+# A run that began with a model begins with its SH degree, and does not need its file again.
+expect 0 train moved/blender -o warm $short --iterations 40 --sh-interval 1000 --init cut/$last --save-every 20 --eval
+cp cut/$last first.ply
+expect 0 train moved/blender -o again $short --iterations 40 --sh-interval 1000 --init first.ply --save-every 20 --eval
+rm first.ply
+expect 0 eval warm --json
+psnr=$(sed 's/.*"psnr": \([0-9.]*\).*/\1/' out)
+grep -q "\"psnr\": ${psnr%?}" warm/summary.json || fail "eval says $psnr, summary.json $(grep psnr warm/summary.json)"
+expect 0 train --resume again --iterations 50 -q
+
 # Damage is found.
 printf 'x' | dd of=cut/checkpoint.bin bs=1 seek=5000 conv=notrunc 2>/dev/null
 expect 2 train moved/blender -o cut --resume -q; says checkpoint.bin
