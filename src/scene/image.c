@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "scene/image.h"
 
+#include <errno.h>
 #include <spng.h>
 #include <string.h>
 #include <turbojpeg.h>
@@ -193,7 +194,8 @@ int sg_image_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, int
                                    SPNG_ENCODE_FINALIZE);
     spng_ctx_free(png);
     if (failed) {
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write the PNG: %s", path, spng_strerror(failed));
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write the PNG: %s", path,
+                       ferror(w.stream) ? strerror(errno) : spng_strerror(failed));
         sg_file_abandon(ctx, &w);
         return code;
     }
