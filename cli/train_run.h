@@ -20,11 +20,11 @@ struct train_run {
     FILE *log;
     struct progress progress;
     struct train_totals totals;
-    struct sg_train_step step; /* newest */
-    int logged;                /* iteration of the newest line */
+    struct sg_train_step step;      /* newest */
+    int logged;                     /* iteration of the newest line */
     uint64_t cloned, split, pruned; /* since then */
-    struct sg_eval eval;       /* newest measurement */
-    int evaluated;             /* its iteration, 0 = none */
+    struct sg_eval eval;            /* newest measurement */
+    int evaluated;                  /* its iteration, 0 = none */
 };
 
 /* Opens log.jsonl. When resuming, lines of iterations after the checkpoint go, and the totals come from the last one

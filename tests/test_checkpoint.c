@@ -10,7 +10,8 @@
 #include "train/trainer.h"
 
 #define SIDE 20
-#define HEADER 80 /* of the format: magic, count, degree, iteration, 6 step counters, start degree, 0, seed, views, extent */
+#define HEADER                                                                                                         \
+    80 /* of the format: magic, count, degree, iteration, 6 step counters, start degree, 0, seed, views, extent */
 #define AT_COUNT 8
 #define AT_DEGREE 16
 #define AT_ITERATION 20

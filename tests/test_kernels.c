@@ -398,8 +398,8 @@ static void test_opacity_limits(void **state)
     }
 }
 
-/* Black: the coefficients of a point of byte 0 give a colour of about zero, by rounding on either side. It must be able to
- * grow; a colour that is truly negative must not. */
+/* Black: the coefficients of a point of byte 0 give a colour of about zero, by rounding on either side. It must be able
+ * to grow; a colour that is truly negative must not. */
 static void test_black(void **state)
 {
     (void) state;
@@ -426,7 +426,8 @@ static void test_black(void **state)
     }
 }
 
-/* The gradient that densification looks at, by moving the image under one Gaussian: half the image's size is one unit. */
+/* The gradient that densification looks at, by moving the image under one Gaussian: half the image's size is one unit.
+ */
 static void test_view_space_gradient(void **state)
 {
     (void) state;
@@ -508,9 +509,14 @@ static void test_empty_model(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_loss),    cmocka_unit_test(test_adam),           cmocka_unit_test(test_hostile_planes),
-        cmocka_unit_test(test_needles), cmocka_unit_test(test_opacity_limits), cmocka_unit_test(test_black),
-        cmocka_unit_test(test_view_space_gradient), cmocka_unit_test(test_empty_model),
+        cmocka_unit_test(test_loss),
+        cmocka_unit_test(test_adam),
+        cmocka_unit_test(test_hostile_planes),
+        cmocka_unit_test(test_needles),
+        cmocka_unit_test(test_opacity_limits),
+        cmocka_unit_test(test_black),
+        cmocka_unit_test(test_view_space_gradient),
+        cmocka_unit_test(test_empty_model),
     };
     return cmocka_run_group_tests(tests, find_variants, NULL);
 }

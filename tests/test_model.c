@@ -228,12 +228,14 @@ static void test_layout(void **state)
     assert_int_equal(sg_model_write_ply(f->ctx, m, at(f, "m.ply")), SG_OK);
     assert_int_equal(sg_file_read(f->ctx, at(f, "m.ply"), 1 << 20, (void *) &data, &size), SG_OK);
     assert_memory_equal(data, "ply\nformat binary_little_endian 1.0\n", 36);
-    const char *begin = "element vertex 2\nproperty float x\nproperty float y\n"
-                        "property float z\nproperty float nx\nproperty float ny\nproperty float nz\n"
-                        "property float f_dc_0\nproperty float f_dc_1\nproperty float f_dc_2\nproperty float f_rest_0\n";
-    const char *end = "property float f_rest_44\nproperty float opacity\nproperty float scale_0\nproperty float scale_1\n"
-                      "property float scale_2\nproperty float rot_0\nproperty float rot_1\nproperty float rot_2\n"
-                      "property float rot_3\nend_header\n";
+    const char *begin =
+        "element vertex 2\nproperty float x\nproperty float y\n"
+        "property float z\nproperty float nx\nproperty float ny\nproperty float nz\n"
+        "property float f_dc_0\nproperty float f_dc_1\nproperty float f_dc_2\nproperty float f_rest_0\n";
+    const char *end =
+        "property float f_rest_44\nproperty float opacity\nproperty float scale_0\nproperty float scale_1\n"
+        "property float scale_2\nproperty float rot_0\nproperty float rot_1\nproperty float rot_2\n"
+        "property float rot_3\nend_header\n";
     assert_non_null(strstr(data, begin));
     const char *body = strstr(data, end);
     assert_non_null(body);
@@ -291,9 +293,9 @@ static void test_points(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        scene_test(test_nearest),    scene_test(test_init_points), scene_test(test_init_refusals),
-        scene_test(test_init_random), scene_test(test_inspect),    scene_test(test_round_trip),
-        scene_test(test_layout),     scene_test(test_write_refusals), scene_test(test_points),
+        scene_test(test_nearest),     scene_test(test_init_points),    scene_test(test_init_refusals),
+        scene_test(test_init_random), scene_test(test_inspect),        scene_test(test_round_trip),
+        scene_test(test_layout),      scene_test(test_write_refusals), scene_test(test_points),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -75,8 +75,8 @@ static void test_edit(void **state)
         if (i % 5 == 0)
             source[e.appended++] = i;
     }
-    float(*expected)[3] = malloc((e.kept + e.appended) * sizeof(*expected)), (*found)[3] = malloc(
-        (e.kept + e.appended) * sizeof(*found));
+    float(*expected)[3] = malloc((e.kept + e.appended) * sizeof(*expected)),
+    (*found)[3] = malloc((e.kept + e.appended) * sizeof(*found));
     size_t n = 0;
     for (uint32_t i = 0; i < N; i++) {
         const float x = *sg_model_at(m, i, 0), c = *sg_model_at(m, i, planes - 1);

@@ -66,7 +66,8 @@ static void put_model(struct fixture *f, const struct sg_model *m, enum encoding
     }
     struct text t = {0};
     char line[128];
-    int n = snprintf(line, sizeof(line), "ply\r\nformat %s 1.0\r\ncomment by nobody\r\nelement camera 2\r\n", formats[e]);
+    int n =
+        snprintf(line, sizeof(line), "ply\r\nformat %s 1.0\r\ncomment by nobody\r\nelement camera 2\r\n", formats[e]);
     append(&t, line, (size_t) n);
     const char *camera = "property list uchar float ignored\r\nproperty float y\r\n";
     append(&t, camera, strlen(camera));
@@ -169,16 +170,29 @@ static void test_hostile_headers(void **state)
         {"ply\nformat ascii 1.0\nelement face 0\nend_header\n", "no element vertex", SG_ERR_INPUT},
         {"ply\nformat ascii 1.0\nelement vertex 4\nend_header\n", "no property", SG_ERR_INPUT},
         {"ply\nformat ascii 1.0\nelement vertex 0\n" GOOD "end_header\n", "found 0", SG_ERR_INPUT},
-        {"ply\nformat ascii 1.0\nelement vertex 1\n" GOOD "property float f_rest_0\nend_header\n" "1 2 3 4 5 6 7 8 9 10 11 12 13 14 15\n", "1 f_rest", SG_ERR_INPUT},
+        {"ply\nformat ascii 1.0\nelement vertex 1\n" GOOD "property float f_rest_0\nend_header\n"
+         "1 2 3 4 5 6 7 8 9 10 11 12 13 14 15\n",
+         "1 f_rest", SG_ERR_INPUT},
         {"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n", "no property", SG_ERR_INPUT},
-        {"ply\nformat ascii 1.0\nelement vertex 1\n" GOOD "end_header\n1 2 3 4 5 6 7 8 9 ten 11 12 13 14\n", "ten", SG_ERR_INPUT},
-        {"ply\nformat ascii 1.0\nelement vertex 1\n" GOOD "end_header\n1 2 3 4 5 6 7 8 9 10 11 12 13\n", "end of the file", SG_ERR_INPUT},
-        {"ply\nformat binary_little_endian 1.0\nelement vertex 1844674407370955161\n" GOOD "end_header\n1234", "expected 1844674407370955161 rows", SG_ERR_INPUT},
-        {"ply\nformat binary_little_endian 1.0\nelement vertex 400000000000000000\n" GOOD "end_header\n1234", "rows", SG_ERR_INPUT},
-        {"ply\nformat ascii 1.0\nelement other 1\nproperty list uint float q\nelement vertex 1\n" GOOD "end_header\n4000000000 1\n", "list of 4e+09", SG_ERR_INPUT},
-        {"ply\nformat ascii 1.0\nelement other 1\nproperty list int float q\nelement vertex 1\n" GOOD "end_header\n-1 1 2 3 4 5 6 7 8 9 10 11 12 13 14\n", "list of -1", SG_ERR_INPUT},
-        {"ply\nformat ascii 1.0\nelement other 1844674407370955161\nelement vertex 1\n" GOOD "end_header\n1 2 3\n", "rows", SG_ERR_INPUT},
-        {"ply\nformat ascii 1.0\nelement vertex 3\n" GOOD "end_header\n1 2 3 4 5 6 7 8 9 10 11 12 13 14\n1 2 3 4 5 6 7 8 9 10 11 12 13 14\n1 2 3 4 5 6 7 8 9 10 11 12 13 14\n", "limit is 2", SG_ERR_INPUT},
+        {"ply\nformat ascii 1.0\nelement vertex 1\n" GOOD "end_header\n1 2 3 4 5 6 7 8 9 ten 11 12 13 14\n", "ten",
+         SG_ERR_INPUT},
+        {"ply\nformat ascii 1.0\nelement vertex 1\n" GOOD "end_header\n1 2 3 4 5 6 7 8 9 10 11 12 13\n",
+         "end of the file", SG_ERR_INPUT},
+        {"ply\nformat binary_little_endian 1.0\nelement vertex 1844674407370955161\n" GOOD "end_header\n1234",
+         "expected 1844674407370955161 rows", SG_ERR_INPUT},
+        {"ply\nformat binary_little_endian 1.0\nelement vertex 400000000000000000\n" GOOD "end_header\n1234", "rows",
+         SG_ERR_INPUT},
+        {"ply\nformat ascii 1.0\nelement other 1\nproperty list uint float q\nelement vertex 1\n" GOOD
+         "end_header\n4000000000 1\n",
+         "list of 4e+09", SG_ERR_INPUT},
+        {"ply\nformat ascii 1.0\nelement other 1\nproperty list int float q\nelement vertex 1\n" GOOD
+         "end_header\n-1 1 2 3 4 5 6 7 8 9 10 11 12 13 14\n",
+         "list of -1", SG_ERR_INPUT},
+        {"ply\nformat ascii 1.0\nelement other 1844674407370955161\nelement vertex 1\n" GOOD "end_header\n1 2 3\n",
+         "rows", SG_ERR_INPUT},
+        {"ply\nformat ascii 1.0\nelement vertex 3\n" GOOD "end_header\n1 2 3 4 5 6 7 8 9 10 11 12 13 14\n1 2 3 4 5 6 7 "
+                                                          "8 9 10 11 12 13 14\n1 2 3 4 5 6 7 8 9 10 11 12 13 14\n",
+         "limit is 2", SG_ERR_INPUT},
     };
     for (size_t i = 0; i < sizeof(cases) / sizeof(*cases); i++) {
         struct sg_model *m = (void *) f;
@@ -213,8 +227,10 @@ static void test_endless_headers(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        scene_test(test_encodings),       scene_test(test_every_cut),
-        scene_test(test_hostile_headers), scene_test(test_endless_headers),
+        scene_test(test_encodings),
+        scene_test(test_every_cut),
+        scene_test(test_hostile_headers),
+        scene_test(test_endless_headers),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

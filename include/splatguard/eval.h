@@ -28,12 +28,13 @@ struct sg_view_score {
 
 struct sg_eval {
     size_t views;
-    double psnr, ssim;         /* means over the views */
-    double fps, fps_mean;      /* from the median and the mean frame time; 0 unless timed */
+    double psnr, ssim;              /* means over the views */
+    double fps, fps_mean;           /* from the median and the mean frame time; 0 unless timed */
     struct sg_view_score *per_view; /* views entries; owned by the eval: sg_eval_clear */
 };
 
-/* Renders n views and compares them with their photos, but for pixels that a view's mask leaves out. time_fps: after 10 warm-up frames renders all views 3 times. */
+/* Renders n views and compares them with their photos, but for pixels that a view's mask leaves out. time_fps: after 10
+ * warm-up frames renders all views 3 times. */
 int sg_evaluate(sg_ctx *ctx, sg_renderer *renderer, const struct sg_view *views, size_t n, int time_fps,
                 struct sg_eval *out);
 void sg_eval_clear(sg_ctx *ctx, struct sg_eval *eval);

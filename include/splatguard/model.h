@@ -14,28 +14,31 @@ extern "C" {
 
 /* Parameter planes of one Gaussian, as stored (before activation). */
 enum sg_param {
-    SG_P_XYZ = 0,      /* 3: position, scene units */
-    SG_P_OPACITY = 3,  /* 1: logit */
-    SG_P_SCALE = 4,    /* 3: natural log of the standard deviation */
-    SG_P_ROT = 7,      /* 4: quaternion w x y z, not necessarily normalised */
-    SG_P_SH = 11,      /* 3 (d+1)^2: coefficient k of channel c is plane SG_P_SH + 3k + c; k = 0 is f_dc */
+    SG_P_XYZ = 0,     /* 3: position, scene units */
+    SG_P_OPACITY = 3, /* 1: logit */
+    SG_P_SCALE = 4,   /* 3: natural log of the standard deviation */
+    SG_P_ROT = 7,     /* 4: quaternion w x y z, not necessarily normalised */
+    SG_P_SH = 11,     /* 3 (d+1)^2: coefficient k of channel c is plane SG_P_SH + 3k + c; k = 0 is f_dc */
     SG_PARAMS_MAX = 59
 };
 
 #define SG_LANES 16 /* Gaussians per block of the store */
 
 /* Number of parameter planes at SH degree 0..3: 14, 23, 38, 59. */
-static inline int sg_param_count(int sh_degree) { return SG_P_SH + 3 * (sh_degree + 1) * (sh_degree + 1); }
+static inline int sg_param_count(int sh_degree)
+{
+    return SG_P_SH + 3 * (sh_degree + 1) * (sh_degree + 1);
+}
 
 /* The Gaussian store: structure of arrays in blocks of SG_LANES Gaussians. Plane p of Gaussian i is
  * params[sg_param_index(planes, i, p)]. Lanes past count in the last block are zero.
  * Thread safety: none; the owner synchronises. */
 struct sg_model {
-    size_t count;    /* Gaussians */
-    size_t capacity; /* allocated, a multiple of SG_LANES */
-    int sh_degree;   /* degree stored, 0..3 */
+    size_t count;         /* Gaussians */
+    size_t capacity;      /* allocated, a multiple of SG_LANES */
+    int sh_degree;        /* degree stored, 0..3 */
     int active_sh_degree; /* degree used for rendering, 0..sh_degree */
-    float *params;   /* capacity x planes floats, 64-byte aligned */
+    float *params;        /* capacity x planes floats, 64-byte aligned */
 };
 
 static inline size_t sg_param_index(int planes, size_t i, int p)
@@ -60,10 +63,11 @@ int sg_model_init_points(sg_ctx *ctx, const float *xyz, const uint8_t *rgb, size
 /* n grey points drawn uniformly from [-1.3, 1.3]^3, the reference's start for scenes without points. */
 int sg_model_init_random(sg_ctx *ctx, size_t n, uint64_t seed, int sh_degree, struct sg_model **out);
 
-/* Reads a 3DGS PLY (binary little or big endian, or ASCII; any property order; SH degree 0..3). active = stored degree. */
+/* Reads a 3DGS PLY: binary or ASCII, any property order, SH degree 0..3 (active = stored). */
 int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussians, struct sg_model **out);
 
-/* Writes the layout of the reference, binary little endian: 62 properties at SH degree 3, fewer f_rest below. The file appears whole or not at all. */
+/* Writes the layout of the reference, binary little endian: 62 properties at SH degree 3, fewer f_rest below. The file
+ * appears whole or not at all. */
 int sg_model_write_ply(sg_ctx *ctx, const struct sg_model *model, const char *path);
 
 /* Point cloud PLY (x y z, optional red green blue). Arrays are owned by the caller: free with sg_points_destroy. */
@@ -78,12 +82,12 @@ int sg_cameras_write_json(sg_ctx *ctx, const struct sg_scene *scene, const char 
 struct sg_model_info {
     size_t count;
     int sh_degree;
-    double min[3], max[3];       /* bounds of the finite positions */
-    double scale_percentile[5];  /* largest standard deviation per Gaussian: 1, 25, 50, 75, 99 % */
+    double min[3], max[3];      /* bounds of the finite positions */
+    double scale_percentile[5]; /* largest standard deviation per Gaussian: 1, 25, 50, 75, 99 % */
     double opacity_percentile[5];
-    size_t nonfinite;            /* Gaussians with a NaN or infinity in any plane */
-    size_t zero_rotation;        /* quaternions of length 0 */
-    size_t transparent;          /* opacity < 1/255: never drawn */
+    size_t nonfinite;     /* Gaussians with a NaN or infinity in any plane */
+    size_t zero_rotation; /* quaternions of length 0 */
+    size_t transparent;   /* opacity < 1/255: never drawn */
 };
 int sg_model_inspect(sg_ctx *ctx, const struct sg_model *model, struct sg_model_info *out);
 

@@ -2,7 +2,7 @@
 /* The seam between what training does and where it is computed. A backend holds the model, its optimiser state and the
  * buffers of one view; host memory crosses only where a function says so. Inputs are validated by the callers.
  *
- * One view goes project -> rasterize -> loss -> rasterize_backward -> update; each stage uses what the one before left. */
+ * One view goes project -> rasterize -> loss -> rasterize_backward -> update; each uses what the one before left. */
 #ifndef SG_BACKEND_H
 #define SG_BACKEND_H
 
@@ -15,10 +15,10 @@
 /* Host copy of what training knows beside the parameters. All arrays belong to it; see sg_optimiser_create. */
 struct sg_optimiser {
     size_t capacity;
-    float *m, *v;       /* Adam moments, laid out as sg_model.params */
-    float *grad_sum;    /* per Gaussian: sum of view-space gradient norms (NDC) */
-    float *grad_count;  /* views it was visible in */
-    float *max_radius;  /* largest screen radius, pixels */
+    float *m, *v;      /* Adam moments, laid out as sg_model.params */
+    float *grad_sum;   /* per Gaussian: sum of view-space gradient norms (NDC) */
+    float *grad_count; /* views it was visible in */
+    float *max_radius; /* largest screen radius, pixels */
 };
 int sg_optimiser_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_optimiser *out);
 void sg_optimiser_clear(sg_ctx *ctx, struct sg_optimiser *optimiser);
@@ -28,9 +28,9 @@ enum sg_group { SG_G_XYZ, SG_G_OPACITY, SG_G_SCALE, SG_G_ROT, SG_G_DC, SG_G_REST
 /* One Adam step per group: p -= rate m / (sqrt(v) root + eps), rate = lr / (1 - beta1^t), root = 1 / sqrt(1 - beta2^t).
  * A group with rate 0 keeps its parameters and its moments. */
 struct sg_update {
-    bool adam;        /* false: no group moves */
+    bool adam; /* false: no group moves */
     float rate[SG_GROUPS], root[SG_GROUPS];
-    bool statistics;  /* add this view to grad_sum, grad_count and max_radius */
+    bool statistics; /* add this view to grad_sum, grad_count and max_radius */
 };
 
 struct sg_loss_params {
@@ -47,15 +47,15 @@ struct sg_loss_value {
 
 enum sg_edit_kind { SG_EDIT_COPY, SG_EDIT_CHILD };
 
-/* A change of the set of Gaussians: survivors in their order, then the appended ones in theirs; from a few thousand on, the
- * backend puts them all into an order of its own that nothing but the model and the edit decides. */
+/* A change of the set of Gaussians: survivors in their order, then the appended ones in theirs; from a few thousand on,
+ * the backend puts them all into an order of its own that nothing but the model and the edit decides. */
 struct sg_edit {
-    const uint8_t *keep;         /* one byte per present Gaussian */
-    size_t kept;                 /* number of non-zero bytes */
+    const uint8_t *keep; /* one byte per present Gaussian */
+    size_t kept;         /* number of non-zero bytes */
     size_t appended;
-    const uint32_t *source;      /* appended entries: index before the edit */
-    const uint8_t *kind;         /* enum sg_edit_kind */
-    uint64_t seed, stream;       /* of the children's positions: normal (seed, SG_RNG_SPLIT, stream, 3 entry + axis) */
+    const uint32_t *source; /* appended entries: index before the edit */
+    const uint8_t *kind;    /* enum sg_edit_kind */
+    uint64_t seed, stream;  /* of the children's positions: normal (seed, SG_RNG_SPLIT, stream, 3 entry + axis) */
 };
 
 struct sg_backend {
@@ -69,8 +69,8 @@ struct sg_backend_ops {
     void (*destroy)(struct sg_backend *);
     const char *(*variant)(const struct sg_backend *);
 
-    /* Host to device and back. optimiser may be NULL: zeros on upload, left out on download. Downloads expect objects of
-     * the present count and SH degree. */
+    /* Host to device and back. optimiser may be NULL: zeros on upload, left out on download. Downloads expect objects
+     * of the present count and SH degree. */
     int (*upload)(struct sg_backend *, const struct sg_model *, const struct sg_optimiser *);
     int (*download)(struct sg_backend *, struct sg_model *, struct sg_optimiser *);
     size_t (*count)(const struct sg_backend *);

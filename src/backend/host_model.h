@@ -23,12 +23,12 @@ void sg_host_clear(sg_ctx *ctx, struct sg_host_model *h);
 /* Which Adam group a plane belongs to. */
 static inline enum sg_group sg_plane_group(int plane)
 {
-    return plane < SG_P_OPACITY   ? SG_G_XYZ
-           : plane < SG_P_SCALE   ? SG_G_OPACITY
-           : plane < SG_P_ROT     ? SG_G_SCALE
-           : plane < SG_P_SH      ? SG_G_ROT
-           : plane < SG_P_SH + 3  ? SG_G_DC
-                                  : SG_G_REST;
+    return plane < SG_P_OPACITY  ? SG_G_XYZ
+           : plane < SG_P_SCALE  ? SG_G_OPACITY
+           : plane < SG_P_ROT    ? SG_G_SCALE
+           : plane < SG_P_SH     ? SG_G_ROT
+           : plane < SG_P_SH + 3 ? SG_G_DC
+                                 : SG_G_REST;
 }
 
 #endif

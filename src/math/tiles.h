@@ -17,8 +17,8 @@ struct ellipse {
     real yright; /* y of the rightmost point; the leftmost is at -yright */
 };
 
-/* q at the border: 2 ln(255 opacity), widened (at most doubled) where the evaluated conic is inexact because a c / det is
- * large, and by more than the error of r_root. */
+/* q at the border: 2 ln(255 opacity), widened (at most doubled) where the evaluated conic is inexact because a c / det
+ * is large, and by more than the error of r_root. */
 static inline real ellipse_border(real opacity, real a, real c, real det)
 {
     const real widen = r_min((scalar) 1e-6 * (a * c / det), r_set(1));

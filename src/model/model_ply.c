@@ -113,7 +113,8 @@ int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussians, str
     int code = sg_file_read(ctx, path, MAX_FILE_BYTES, &data, &size);
     if (code)
         return code;
-    if ((code = sg_ply_open(ctx, &p, path, data, size, max_gaussians)) || (code = map_columns(ctx, &p, &degree, column)))
+    if ((code = sg_ply_open(ctx, &p, path, data, size, max_gaussians)) ||
+        (code = map_columns(ctx, &p, &degree, column)))
         goto done;
     if (!p.rows) {
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: header: found 0 Gaussians, expected at least one", path);

@@ -30,7 +30,7 @@ struct ply {
     const char *data; /* whole file, a zero byte after it */
     size_t size, at;  /* next byte to parse */
     enum ply_format format;
-    uint64_t rows;    /* of the element being read */
+    uint64_t rows; /* of the element being read */
     int properties;
     const struct ply_property *property;
     int elements, total;

@@ -188,8 +188,8 @@ int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *p
         goto done;
     measure(scene);
     if (!scene->n_points && scene->format != SG_FORMAT_BLENDER)
-        sg_log(ctx, SG_LOG_WARN, "%s: found no points: training starts from random ones in a cube of 2.6 units about the origin",
-               path);
+        sg_log(ctx, SG_LOG_WARN,
+               "%s: found no points: training starts from random ones in a cube of 2.6 units about the origin", path);
     sg_log(ctx, SG_LOG_INFO, "%s: %s scene, %zu train and %zu test views, %zu points, extent %.4g", path,
            sg_scene_format_name(scene->format), scene->n_train, scene->n_test, scene->n_points, scene->extent);
     *out = scene;

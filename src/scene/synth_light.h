@@ -15,6 +15,6 @@ struct synth_exposure sg_synth_expose(const struct synth_scene *scene, const str
 
 /* Linear colour in [0, 1]^3, tone-mapped, that leaves the point against the direction of sight. */
 struct vec sg_synth_shade(const struct synth_scene *scene, const struct synth_hit *hit, struct vec sight,
-                       struct synth_exposure exposure);
+                          struct synth_exposure exposure);
 
 #endif

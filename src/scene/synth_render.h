@@ -21,10 +21,10 @@ struct synth_camera sg_synth_camera_at(struct vec centre, struct vec target, int
 /* height x width x 4 bytes: sRGB, straight alpha, 0 where nothing is. samples: per pixel and axis, where they matter.
  */
 int sg_synth_render(sg_ctx *ctx, const struct synth_scene *scene, const struct synth_camera *camera, int samples,
-                 uint8_t *rgba);
+                    uint8_t *rgba);
 
 /* The surface point behind image position (x, y), pixel corners at integers, and its colour seen from there. */
 bool sg_synth_pick(const struct synth_scene *scene, const struct synth_camera *camera, double x, double y,
-                struct vec *point, uint8_t rgb[3]);
+                   struct vec *point, uint8_t rgb[3]);
 
 #endif

@@ -115,14 +115,14 @@ int sg_trainer_load(sg_trainer *t, const char *path)
                        "%s: byte 0: found another kind of file, expected a checkpoint of this version", path);
         goto done;
     }
-    if (h.sh_degree < 0 || h.sh_degree > 3 || h.start_degree < 0 || h.start_degree > 3 || h.views != t->scene->n_train || h.seed != t->params.seed ||
-        h.extent != t->extent || !h.count) {
-        code =
-            sg_fail(ctx, SG_ERR_INPUT,
-                    "%s: found SH degree %d, %llu views, seed %llu, extent %.9g; expected 0 to 3 and those of this scene and "
-                    "run: %zu, %llu, %.9g",
-                    path, h.sh_degree, (unsigned long long) h.views, (unsigned long long) h.seed, h.extent,
-                    t->scene->n_train, (unsigned long long) t->params.seed, t->extent);
+    if (h.sh_degree < 0 || h.sh_degree > 3 || h.start_degree < 0 || h.start_degree > 3 ||
+        h.views != t->scene->n_train || h.seed != t->params.seed || h.extent != t->extent || !h.count) {
+        code = sg_fail(
+            ctx, SG_ERR_INPUT,
+            "%s: found SH degree %d, %llu views, seed %llu, extent %.9g; expected 0 to 3 and those of this scene and "
+            "run: %zu, %llu, %.9g",
+            path, h.sh_degree, (unsigned long long) h.views, (unsigned long long) h.seed, h.extent, t->scene->n_train,
+            (unsigned long long) t->params.seed, t->extent);
         goto done;
     }
     if (!counters_sound(&h)) {

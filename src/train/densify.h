@@ -6,9 +6,9 @@
 #include "backend/backend.h"
 
 struct sg_densify_params {
-    float gradient;        /* a mean view-space gradient of this or more densifies */
-    float split_scale;     /* scene units: larger Gaussians split, others are cloned */
-    float prune_scale;     /* scene units: larger ones are removed; 0 = off */
+    float gradient;         /* a mean view-space gradient of this or more densifies */
+    float split_scale;      /* scene units: larger Gaussians split, others are cloned */
+    float prune_scale;      /* scene units: larger ones are removed; 0 = off */
     uint64_t max_gaussians; /* growth stops there; 0 = no limit */
     uint64_t seed, stream;  /* of the children's positions */
 };

@@ -12,7 +12,7 @@ struct sg_trainer {
     struct sg_train_params params;
     struct sg_backend *backend;
     double extent;
-    int sh_degree; /* stored */
+    int sh_degree;    /* stored */
     int start_degree; /* active at iteration 0 */
     int iteration;
     int adam_steps[SG_GROUPS];

@@ -7,7 +7,8 @@ int main(void)
     sg_ctx *ctx = NULL;
     struct sg_model *model = NULL;
     int rc = sg_ctx_create(&ctx, NULL);
-    if (rc == SG_OK) rc = sg_model_init_random(ctx, 1000, 1, 3, &model);
+    if (rc == SG_OK)
+        rc = sg_model_init_random(ctx, 1000, 1, 3, &model);
     printf("splatguard %s: %zu Gaussians\n", sg_version(), model ? model->count : (size_t) 0);
     sg_model_destroy(ctx, &model);
     sg_ctx_destroy(&ctx);

@@ -15,9 +15,8 @@
 #define RADIX (1 << RADIX_BITS)
 
 /* First and end tile of row ty that a splat touches, within its rectangle. One function for counting and emitting. */
-static void __attribute__((noinline))
-row_tiles(const struct bins *b, const struct cpu_splat *s, const struct ellipse *e, int ty, int x0, int x1,
-          int *first, int *end)
+static void __attribute__((noinline)) row_tiles(const struct bins *b, const struct cpu_splat *s,
+                                                const struct ellipse *e, int ty, int x0, int x1, int *first, int *end)
 {
     *first = x0, *end = x1;
     if (b->reference_tiles)
@@ -131,8 +130,8 @@ static void place_digits(void *arg, size_t chunk, int thread)
         j->to[h[j->from[i].key >> j->shift & (RADIX - 1)]++] = j->from[i];
 }
 
-/* From counts per chunk and key to where each chunk puts its first element of each key. start: `keys` + 1 numbers, set to the
- * first place of each key. */
+/* From counts per chunk and key to where each chunk puts its first element of each key. start: `keys` + 1 numbers, set
+ * to the first place of each key. */
 static void place_counts(uint32_t *counts, size_t keys, size_t stride, uint32_t *start)
 {
     memset(start, 0, (keys + 1) * sizeof(*start));

@@ -22,8 +22,8 @@ struct bins {
     const struct cpu_splat *splats;
     struct cpu_extent *extents;
     struct bin_entry *order, *order_swap; /* drawn splats by depth, then index */
-    uint32_t *digits;    /* counts of the sort, per chunk of the order and digit */
-    size_t *chunk_start; /* drawn splats before each chunk of splats */
+    uint32_t *digits;                     /* counts of the sort, per chunk of the order and digit */
+    size_t *chunk_start;                  /* drawn splats before each chunk of splats */
     size_t drawn;
     uint64_t visible, total, max_tile;
     uint32_t *histogram; /* per chunk of the order and tile */
@@ -31,11 +31,11 @@ struct bins {
     struct bin_band *bands;
     int band_count;
     /* of the present band */
-    int band; /* -1: none */
+    int band;             /* -1: none */
     uint32_t *slot_start; /* count + 1: first slot of each Gaussian, in index order */
     uint32_t *tile_start; /* tiles of the band + 1 */
     struct cpu_instance *instances;
-    uint16_t *hits;    /* see cpu_raster_args; for the band's instances and tiles */
+    uint16_t *hits; /* see cpu_raster_args; for the band's instances and tiles */
     uint32_t *reached;
     /* capacities */
     size_t cap_extents, cap_order, cap_swap, cap_digits, cap_chunks, cap_histogram, cap_total, cap_bands, cap_slots,
@@ -45,8 +45,8 @@ struct bins {
 /* Begins a view: room for the extents that projection writes. */
 int sg_bins_begin(sg_ctx *ctx, struct bins *b, size_t count, int width, int height, bool reference_tiles);
 
-/* Sorts the projected splats by depth and cuts the image into bands of at most max_instances (or one tile). The splats must
- * stay until the view is done. */
+/* Sorts the projected splats by depth and cuts the image into bands of at most max_instances (or one tile). The splats
+ * must stay until the view is done. */
 int sg_bins_make(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats, uint64_t max_instances);
 
 /* Fills the lists of one band. */

@@ -5,8 +5,8 @@
 
 #include "backend/backend.h"
 
-/* One projected Gaussian: a cache line. With the conic as a sum of squares (math/tiles.h), log2 of opacity x Gaussian is
- * peak - (across dx - shear dy)^2 - (down dy)^2: above the peak by no rounding. */
+/* One projected Gaussian: a cache line. With the conic as a sum of squares (math/tiles.h), log2 of opacity x Gaussian
+ * is peak - (across dx - shear dy)^2 - (down dy)^2: above the peak by no rounding. */
 struct cpu_splat {
     float x, y;
     float slope, reach, taper, ymax, yright; /* struct ellipse */
@@ -15,8 +15,8 @@ struct cpu_splat {
     float r, g, b, z;
 };
 
-/* The tiles a splat touches: bit (y - y0) (x1 - x0) + x - x0 of `tiles` for the rectangle [x0, x1) x [y0, y1). Rectangles of
- * more than CPU_MASK_TILES tiles have no bits: their rows are worked out each time they are needed. */
+/* The tiles a splat touches: bit (y - y0) (x1 - x0) + x - x0 of `tiles` for the rectangle [x0, x1) x [y0, y1).
+ * Rectangles of more than CPU_MASK_TILES tiles have no bits: their rows are worked out each time they are needed. */
 struct cpu_extent {
     uint16_t x0, y0, x1, y1;
     uint32_t tiles;
@@ -28,7 +28,7 @@ struct cpu_instance {
     uint32_t splat, slot; /* slot: where the backward pass leaves its gradient */
 };
 
-#define CPU_PREFETCH 16 /* instances; as many zero ones follow the last */
+#define CPU_PREFETCH 16    /* instances; as many zero ones follow the last */
 #define CPU_SLOT_FLOATS 12 /* 9 used: sum w, w dx, w dy, w dx^2, w dx dy, w dy^2, r, g, b */
 
 struct cpu_project_args {
@@ -48,8 +48,8 @@ struct cpu_raster_args {
     const struct cpu_instance *instances;
     const uint32_t *tile_start; /* first instance of a tile; tile_start[tile + 1] ends it; indexed from first_tile */
     int first_tile;
-    uint16_t *hits;        /* per instance: 4x4 blocks of the tile it can touch; written by forward, read by backward */
-    uint32_t *reached;     /* per tile, from first_tile: end of the instances that any pixel was still open for */
+    uint16_t *hits;    /* per instance: 4x4 blocks of the tile it can touch; written by forward, read by backward */
+    uint32_t *reached; /* per tile, from first_tile: end of the instances that any pixel was still open for */
     float background[3];
     float *rgb;            /* 3 planes, written by forward, read by backward */
     float *alpha, *depth;  /* planes or NULL */
@@ -64,9 +64,9 @@ struct cpu_update_args {
     size_t count;
     int planes, degree;
     const struct cpu_splat *splats;
-    const float *slots;           /* gradients summed over this band */
-    const uint32_t *slot_start;   /* count + 1 */
-    float *gradients;             /* NULL, or where to store parameter gradients, as params */
+    const float *slots;         /* gradients summed over this band */
+    const uint32_t *slot_start; /* count + 1 */
+    float *gradients;           /* NULL, or where to store parameter gradients, as params */
     const struct sg_update *update;
 };
 

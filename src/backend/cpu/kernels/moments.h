@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Sums over a block's pixels for the backward pass, of each splat of a group: w and its moments about the tile's centre up
- * to the second, and the colour gradients. With AVX-512 a group is transposed, so that its four splats share all shuffles. */
+/* Sums over a block's pixels for the backward pass, of each splat of a group: w and its moments about the tile's centre
+ * up to the second, and the colour gradients. With AVX-512 a group is transposed, so that its four splats share all
+ * shuffles. */
 #ifndef SG_KERNELS_MOMENTS_H
 #define SG_KERNELS_MOMENTS_H
 
@@ -133,7 +134,14 @@ SIMD void window_add(const struct window *o, const real *w, const real *weight, 
 {
     for (int u = 0; u < GROUP; u++) {
         const real wx = w[u] * o->x, wy = w[u] * o->y;
-        const real v[9] = {w[u], wy, wy * o->y, wx, wx * o->y, wx * o->x, weight[u] * o->g[0], weight[u] * o->g[1],
+        const real v[9] = {w[u],
+                           wy,
+                           wy * o->y,
+                           wx,
+                           wx * o->y,
+                           wx * o->x,
+                           weight[u] * o->g[0],
+                           weight[u] * o->g[1],
                            weight[u] * o->g[2]};
         r_add_sums9(sums[list[u]], v);
     }
