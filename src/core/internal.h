@@ -10,8 +10,7 @@
 
 #include "splatguard/context.h"
 
-/* Records the message and returns code. Safe from worker threads: the first failure since the last sg_clear_error wins.
- */
+/* Records the message and returns code. Thread safe: the first failure since the last sg_clear_error wins. */
 __attribute__((format(printf, 3, 4))) int sg_fail(sg_ctx *ctx, int code, const char *format, ...);
 void sg_clear_error(sg_ctx *ctx);
 

@@ -30,8 +30,7 @@ void sg_image_clear(sg_ctx *ctx, struct sg_image *image); /* safe on a zeroed im
 enum sg_alpha { SG_ALPHA_ON_BLACK, SG_ALPHA_ON_WHITE, SG_ALPHA_DROP };
 
 /* RGB of any image: grey is repeated; alpha is composited in double precision and truncated, as the reference does for
- * Blender's renders (at alpha 255 this is exact), or dropped, as it does for COLMAP's photos. rgb: height x width x 3.
- */
+ * Blender's renders (at alpha 255 this is exact), or dropped, as for COLMAP's photos. rgb: height x width x 3. */
 void sg_image_flatten(const struct sg_image *image, enum sg_alpha alpha, uint8_t *rgb);
 
 /* Antialiased bicubic resampling (Keys 1981, a = -0.5; the support widens when shrinking), along rows then along

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* One round lamp with soft shadows, ambient occlusion under a sky, Blinn's highlights (1977) and traced reflections
- * with Schlick's Fresnel term (1994). Every point uses the same directions: no noise, and all views agree on a shadow.
- */
+ * with Schlick's Fresnel term (1994). All points use the same directions: no noise, and views agree on shadows. */
 #include "scene/synth_light.h"
 
 #include <stdbool.h>

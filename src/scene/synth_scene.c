@@ -109,8 +109,7 @@ static void crate(struct builder *b)
     }
 }
 
-/* A spoked wheel on a fork: its axle lies along the object's z, which the lean of 90 degrees brings to the horizontal.
- */
+/* A spoked wheel on a fork: its axle lies along the object's z; the lean of 90 degrees lays that flat. */
 static void wheel(struct builder *b)
 {
     const double radius = 0.30, tyre = 0.035;
