@@ -38,7 +38,7 @@ int sg_densify(struct sg_backend *backend, const struct sg_densify_params *p, st
     if ((code = backend->ops->read_statistics(backend, gradient, opacity, scale, NULL)))
         goto done;
 
-    /* Who grows. At the limit the remaining room goes to the lowest indices, i.e. the oldest Gaussians. */
+    /* Who grows. At the limit the remaining room goes to the first in the model's order. */
     size_t room = !p->max_gaussians ? SIZE_MAX : p->max_gaussians > n ? p->max_gaussians - n : 0;
     enum { STAYS, CLONES, SPLITS };
     for (size_t i = 0; i < n; i++) {
