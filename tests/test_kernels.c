@@ -107,7 +107,7 @@ static void check_loss(const struct cpu_kernels *k, int w, int h, bool masked, f
             rgb[ch * n + i] = same ? (float) target[3 * i + ch] * (1.0f / 255.0f) : draw(2, 3 * i + ch, -0.2f, 1.3f);
         }
     }
-    const struct sg_loss_params p = {lambda, target, masked ? used : NULL};
+    const struct sg_loss_params p = {lambda, target, masked ? used : NULL, NULL};
     const struct cpu_loss_args a = {.width = w,
                                     .height = h,
                                     .rgb = rgb,
@@ -199,7 +199,7 @@ static void test_adam(void **state)
             u.rate[SG_G_SCALE] = 0; /* held: neither parameters nor moments move */
             assert_int_equal(b->ops->project(b, &camera, 1, &params), SG_OK);
             assert_int_equal(b->ops->rasterize(b, false, NULL), SG_OK);
-            assert_int_equal(b->ops->loss(b, &(struct sg_loss_params){0.2f, target, NULL}, &value), SG_OK);
+            assert_int_equal(b->ops->loss(b, &(struct sg_loss_params){0.2f, target, NULL, NULL}, &value), SG_OK);
             assert_int_equal(b->ops->rasterize_backward(b), SG_OK);
             assert_int_equal(b->ops->read_gradients(b, g), SG_OK);
             assert_int_equal(b->ops->update(b, &u), SG_OK);
@@ -398,6 +398,69 @@ static void test_opacity_limits(void **state)
     }
 }
 
+/* A target of planes is the same as one of bytes with its values; and gradients kept over views are one view's sum. */
+static void test_planes_and_kept_gradients(void **state)
+{
+    (void) state;
+    static struct view_of_one o;
+    static uint8_t bytes[3 * SIDE * SIDE];
+    static float planes[3 * SIDE * SIDE];
+    for (size_t i = 0; i < SIDE * SIDE; i++)
+        for (size_t ch = 0; ch < 3; ch++) {
+            bytes[3 * i + ch] = (uint8_t) draw(13, 3 * i + ch, 0, 255.9f);
+            planes[ch * SIDE * SIDE + i] = (float) bytes[3 * i + ch] * (1.0f / 255);
+        }
+    for (int v = 0; v < variant_count; v++) {
+        sg_ctx *ctx = make_context(2);
+        struct sg_backend *b = backend_of(ctx, v);
+        struct sg_model *m = make_model(ctx, 40, 1, 6), *once, *thrice;
+        struct sg_loss_value a, c;
+        draw_model(ctx, b, m, &o);
+        sg_model_destroy(ctx, &o.gradient);
+        assert_int_equal(b->ops->loss(b, &(struct sg_loss_params){.lambda_dssim = 0.2f, .target = bytes}, &a), SG_OK);
+        assert_int_equal(b->ops->loss(b, &(struct sg_loss_params){.lambda_dssim = 0.2f, .planes = planes}, &c), SG_OK);
+        assert_float_equal(a.total, c.total, 1e-6);
+        /* With beta1 = 0.9 and a first step, the moment m is a tenth of the gradient: read it off. */
+        struct sg_update u = {.accumulate = true};
+        for (int g = 0; g < SG_GROUPS; g++)
+            u.rate[g] = 1e-30f, u.root[g] = 1;
+        struct sg_optimiser moments[2];
+        struct sg_model **out[2] = {&once, &thrice};
+        for (int k = 0; k < 2; k++) {
+            assert_int_equal(b->ops->upload(b, m, NULL), SG_OK);
+            for (int view = 0; view < (k ? 3 : 1); view++) {
+                const struct sg_render_params params = {SG_RENDER_DEFAULTS};
+                struct sg_camera camera = make_camera(SIDE, SIDE, 3);
+                assert_int_equal(b->ops->project(b, &camera, 1, &params), SG_OK);
+                assert_int_equal(b->ops->rasterize(b, false, NULL), SG_OK);
+                assert_int_equal(b->ops->loss(b, &(struct sg_loss_params){.lambda_dssim = 0.2f, .planes = planes}, &c),
+                                 SG_OK);
+                assert_int_equal(b->ops->rasterize_backward(b), SG_OK);
+                u.adam = view == (k ? 2 : 0);
+                assert_int_equal(b->ops->update(b, &u), SG_OK);
+            }
+            assert_int_equal(sg_model_create(ctx, m->count, 1, out[k]), SG_OK);
+            assert_int_equal(sg_optimiser_create(ctx, m->count, 1, &moments[k]), SG_OK);
+            assert_int_equal(b->ops->download(b, *out[k], &moments[k]), SG_OK);
+        }
+        for (size_t i = 0; i < m->count; i++)
+            for (int p = 0; p < sg_param_count(1); p++) {
+                const size_t at = sg_param_index(sg_param_count(1), i, p);
+                if (!(fabsf(moments[1].m[at] - 3 * moments[0].m[at]) <= 1e-5f * fabsf(moments[1].m[at]) + 1e-12f))
+                    fail_msg("%s: Gaussian %zu, plane %d: %g, expected three times %g", name_of(v), i, p,
+                             (double) moments[1].m[at], (double) moments[0].m[at]);
+            }
+        sg_optimiser_clear(ctx, &moments[0]);
+        sg_optimiser_clear(ctx, &moments[1]);
+        sg_model_destroy(ctx, &once);
+        sg_model_destroy(ctx, &thrice);
+        sg_model_destroy(ctx, &m);
+        sg_backend_destroy(&b);
+        assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+        sg_ctx_destroy(&ctx);
+    }
+}
+
 /* Black: the coefficients of a point of byte 0 give a colour of about zero, by rounding on either side. It must be able
  * to grow; a colour that is truly negative must not. */
 static void test_black(void **state)
@@ -509,13 +572,10 @@ static void test_empty_model(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_loss),
-        cmocka_unit_test(test_adam),
-        cmocka_unit_test(test_hostile_planes),
-        cmocka_unit_test(test_needles),
-        cmocka_unit_test(test_opacity_limits),
-        cmocka_unit_test(test_black),
-        cmocka_unit_test(test_view_space_gradient),
+        cmocka_unit_test(test_loss),           cmocka_unit_test(test_adam),
+        cmocka_unit_test(test_hostile_planes), cmocka_unit_test(test_needles),
+        cmocka_unit_test(test_opacity_limits), cmocka_unit_test(test_planes_and_kept_gradients),
+        cmocka_unit_test(test_black),          cmocka_unit_test(test_view_space_gradient),
         cmocka_unit_test(test_empty_model),
     };
     return cmocka_run_group_tests(tests, find_variants, NULL);

@@ -31,12 +31,15 @@ struct sg_update {
     bool adam; /* false: no group moves */
     float rate[SG_GROUPS], root[SG_GROUPS];
     bool statistics; /* add this view to grad_sum, grad_count and max_radius */
+    bool accumulate; /* gradients add up over the updates without adam; the next one with adam takes the sum. Lost when
+                        the model is edited. */
 };
 
 struct sg_loss_params {
     float lambda_dssim;
     const uint8_t *target; /* host, height x width x 3 */
     const uint8_t *mask;   /* host, height x width, or NULL */
+    const float *planes;   /* host, 3 planes: a target that is no photo, instead of `target`; or NULL */
 };
 
 struct sg_loss_value {

@@ -215,9 +215,17 @@ void sg_host_reset_opacity(struct sg_host_model *h, float limit)
     }
 }
 
+int sg_host_keep_gradients(sg_ctx *ctx, struct sg_host_model *h)
+{
+    if (!h->kept)
+        h->kept = sg_alloc(ctx, SG_MEM_OPTIMISER, h->capacity, (size_t) h->planes * sizeof(float));
+    return h->kept ? SG_OK : SG_ERR_BUDGET;
+}
+
 void sg_host_clear(sg_ctx *ctx, struct sg_host_model *h)
 {
     sg_free(ctx, h->params);
+    sg_free(ctx, h->kept);
     sg_optimiser_clear(ctx, &h->opt);
     *h = (struct sg_host_model){0};
 }

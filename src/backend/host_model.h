@@ -10,6 +10,7 @@ struct sg_host_model {
     int sh_degree, planes;
     float *params;
     struct sg_optimiser opt;
+    float *kept; /* gradients of sg_update.accumulate, laid out as params; NULL while none are */
 };
 
 int sg_host_upload(sg_ctx *ctx, struct sg_host_model *h, const struct sg_model *m, const struct sg_optimiser *o);
@@ -18,6 +19,7 @@ void sg_host_statistics(sg_ctx *ctx, const struct sg_host_model *h, float *gradi
                         float *radius);
 int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *edit);
 void sg_host_reset_opacity(struct sg_host_model *h, float limit);
+int sg_host_keep_gradients(sg_ctx *ctx, struct sg_host_model *h); /* makes room in `kept`, zeroed */
 void sg_host_clear(sg_ctx *ctx, struct sg_host_model *h);
 
 /* Which Adam group a plane belongs to. */

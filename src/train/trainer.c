@@ -185,13 +185,15 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     struct sg_train_step step = {.iteration = it, .view = pick_view(t, it)};
     const struct sg_view *view = &t->scene->train[step.view];
     struct sg_render_params render = {.max_instances = p->max_instances, .reference_tiles = p->reference_tiles};
+    const struct sg_loss_params loss = {
+        .lambda_dssim = p->lambda_dssim, .target = view->rgb, .mask = view->mask};
     struct sg_loss_value value;
     int code;
     background(t, it, render.background);
 
     if ((code = ops->project(t->backend, &view->camera, sg_active_degree(p, t->start_degree, it), &render)) ||
         (code = ops->rasterize(t->backend, false, &step.render)) ||
-        (code = ops->loss(t->backend, &(struct sg_loss_params){p->lambda_dssim, view->rgb, view->mask}, &value)) ||
+        (code = ops->loss(t->backend, &loss, &value)) ||
         (code = ops->rasterize_backward(t->backend)))
         return code;
 

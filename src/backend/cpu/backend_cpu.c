@@ -388,6 +388,7 @@ static void run_update(struct cpu_backend *b, const struct sg_update *u, float *
                               .splats = b->splats,
                               .slots = banded ? b->band_sums : b->slots,
                               .slot_start = banded ? NULL : b->bins.slot_start,
+                              .kept = u->accumulate ? h->kept : NULL,
                               .gradients = gradients,
                               .update = u}};
     sg_parallel_for(b->base.ctx, pieces(h->count), update_piece, &job);
@@ -396,7 +397,9 @@ static void run_update(struct cpu_backend *b, const struct sg_update *u, float *
 static int update(struct sg_backend *base, const struct sg_update *u)
 {
     double clock = seconds();
-    if (u->adam || u->statistics)
+    if (u->accumulate && sg_host_keep_gradients(base->ctx, &((struct cpu_backend *) base)->model))
+        return SG_ERR_BUDGET;
+    if (u->adam || u->statistics || u->accumulate)
         run_update((struct cpu_backend *) base, u, NULL);
     lap(&clock, &base->times.update);
     return SG_OK;

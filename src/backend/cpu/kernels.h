@@ -66,6 +66,7 @@ struct cpu_update_args {
     const struct cpu_splat *splats;
     const float *slots;         /* gradients summed over this band */
     const uint32_t *slot_start; /* count + 1 */
+    float *kept;                /* NULL, or gradients of earlier views, as params */
     float *gradients;           /* NULL, or where to store parameter gradients, as params */
     const struct sg_update *update;
 };

@@ -217,7 +217,9 @@ static int loss(struct sg_backend *base, const struct sg_loss_params *p, struct 
         float *grad = b->gradient + (size_t) ch * n;
         for (size_t i = 0; i < n; i++) {
             X[i] = img[i];
-            Y[i] = p->mask && !p->mask[i] ? img[i] : (float) p->target[3 * i + (size_t) ch] / 255.0f;
+            Y[i] = p->mask && !p->mask[i] ? img[i]
+                   : p->planes            ? p->planes[(size_t) ch * n + i]
+                                          : (float) p->target[3 * i + (size_t) ch] / 255.0f;
             const float d = X[i] - Y[i];
             l1 += (double) fabsf(d);
             mse += (double) d * (double) d;
@@ -261,6 +263,8 @@ static int update(struct sg_backend *base, const struct sg_update *u)
 {
     struct ref_backend *b = (struct ref_backend *) base;
     struct sg_host_model *h = &b->model;
+    if (u->accumulate && sg_host_keep_gradients(base->ctx, h))
+        return SG_ERR_BUDGET;
     for (size_t i = 0; i < h->count; i++) {
         const struct ref_splat *s = &b->splats[i];
         if (u->statistics && s->radius) {
@@ -269,7 +273,7 @@ static int update(struct sg_backend *base, const struct sg_update *u)
             h->opt.grad_count[i] += 1;
             h->opt.max_radius[i] = fmaxf(h->opt.max_radius[i], (float) s->radius);
         }
-        if (!u->adam)
+        if (!u->adam && !u->accumulate)
             continue;
         float planes[SG_PARAMS_MAX], g[SG_PARAMS_MAX];
         gather(b, i, planes);
@@ -277,7 +281,11 @@ static int update(struct sg_backend *base, const struct sg_update *u)
         for (int p = 0; p < h->planes; p++) {
             const enum sg_group group = sg_plane_group(p);
             const size_t at = sg_param_index(h->planes, i, p);
-            if (u->rate[group] > 0)
+            if (u->accumulate) {
+                g[p] += h->kept[at];
+                h->kept[at] = u->adam ? 0 : g[p];
+            }
+            if (u->adam && u->rate[group] > 0)
                 h->params[at] =
                     adam_step(h->params[at], g[p], &h->opt.m[at], &h->opt.v[at], u->rate[group], u->root[group]);
         }

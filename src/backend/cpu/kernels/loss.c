@@ -12,8 +12,15 @@ void KERNEL(loss_target)(const struct cpu_loss_args *a, int channel, int y)
 {
     const size_t at = (size_t) y * (size_t) a->width, plane = (size_t) a->width * (size_t) a->height;
     const float *x = a->rgb + (size_t) channel * plane + at;
-    const uint8_t *t = a->params->target + 3 * at + channel, *m = a->params->mask ? a->params->mask + at : NULL;
+    const uint8_t *m = a->params->mask ? a->params->mask + at : NULL;
     float *out = a->target + (size_t) channel * plane + at;
+    if (a->params->planes) {
+        const float *planes = a->params->planes + (size_t) channel * plane + at;
+        for (int i = 0; i < a->width; i++)
+            out[i] = m && !m[i] ? x[i] : planes[i];
+        return;
+    }
+    const uint8_t *t = a->params->target + 3 * at + channel;
     for (int i = 0; i < a->width; i++)
         out[i] = m && !m[i] ? x[i] : (float) t[3 * i] * (1.0f / 255.0f);
 }

@@ -90,7 +90,7 @@ void KERNEL(update)(const struct cpu_update_args *a, size_t first, size_t end)
                         a->max_radius[i] = l.radius[lane] > a->max_radius[i] ? l.radius[lane] : a->max_radius[i];
                     }
             }
-            if (!a->update->adam && !a->gradients)
+            if (!a->update->adam && !a->gradients && !a->kept)
                 continue;
 
             real out[SG_PARAMS_MAX];
@@ -124,6 +124,11 @@ void KERNEL(update)(const struct cpu_update_args *a, size_t first, size_t end)
             const int planes_active = SG_P_SH + 3 * coefficients;
             for (int plane = 0; plane < planes_active; plane++)
                 out[plane] = r_keep(visible, out[plane]); /* culled lanes hold garbage */
+            for (int plane = 0; a->kept && plane < planes_active; plane++) {
+                float *kept = a->kept + offset + plane * SG_LANES;
+                out[plane] += r_load(kept);
+                r_store(kept, a->update->adam ? r_set(0) : out[plane]);
+            }
             for (int plane = 0; a->gradients && plane < planes_active; plane++)
                 r_store(a->gradients + offset + plane * SG_LANES, out[plane]);
             if (a->update->adam)
