@@ -2,6 +2,7 @@
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "core/file.h"
 #include "model_views.h"
@@ -94,6 +95,31 @@ static int render_view(const struct render_config *c, struct model_views *v, con
     return error;
 }
 
+static bool same_file(const char *a, const char *b)
+{
+    struct stat x, y;
+    return !stat(a, &x) && !stat(b, &y) && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
+}
+
+/* Renders have the photos' names: they must not take their places. */
+static int refuse_photos(const struct model_views *v, const char *output)
+{
+    const struct sg_scene *s = v->scene;
+    for (size_t i = 0; i < s->n_train + s->n_test; i++) {
+        const struct sg_view *view = i < s->n_train ? &s->train[i] : &s->test[i - s->n_train];
+        char *path;
+        if (asprintf(&path, "%s/%s.png", output, view->name) < 0)
+            return 4;
+        const bool same = same_file(path, view->path);
+        free(path);
+        if (same) {
+            fprintf(stderr, "splatguard: %s: found the photo %s there, expected another folder\n", output, view->path);
+            return 2;
+        }
+    }
+    return 0;
+}
+
 static int run_render(const void *config, const bool *given, const char *const *positional, int count)
 {
     (void) count;
@@ -104,6 +130,8 @@ static int run_render(const void *config, const bool *given, const char *const *
         return 1;
     }
     int code = model_views_open(&v, positional[0], &command_render, given, c, &c->m);
+    if (!code)
+        code = refuse_photos(&v, c->output);
     if (!code) {
         size_t pixels = 0;
         for (size_t i = 0; i < v.n; i++) {

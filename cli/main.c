@@ -1,4 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+#include <errno.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -76,12 +78,23 @@ static const struct command *find(const char *name)
     return NULL;
 }
 
+/* Output that did not arrive is a failure too. */
+static int flushed(int code)
+{
+    errno = 0;
+    if (!fflush(stdout) && !ferror(stdout))
+        return code;
+    fprintf(stderr, "splatguard: standard output: cannot write: %s\n", strerror(errno ? errno : EIO));
+    return code ? code : 2;
+}
+
 int main(int argc, char **argv)
 {
     const char *name = argc > 1 ? argv[1] : "--help";
+    signal(SIGPIPE, SIG_IGN); /* `| head` must not cost a training: what cannot be written is noticed at the end */
     if (!strcmp(name, "--version") || !strcmp(name, "version")) {
         printf("splatguard %s\n", sg_version());
-        return 0;
+        return flushed(0);
     }
     if (!strcmp(name, "--help") || !strcmp(name, "-h") || !strcmp(name, "help")) {
         if (argc > 2 && !strcmp(argv[2], "--man"))
@@ -90,15 +103,15 @@ int main(int argc, char **argv)
             markdown();
         else if (argc > 2 && find(argv[2]))
             options_help(find(argv[2]), stdout);
-        else
+        else if (argc > 2) {
+            fprintf(stderr, "splatguard: unknown command \"%s\"; splatguard --help lists them\n", argv[2]);
+            return 1;
+        } else
             usage(argc > 1 ? stdout : stderr);
-        return argc > 1 ? 0 : 1;
+        return argc > 1 ? flushed(0) : 1;
     }
-    if (find(name)) {
-        const int code = run(find(name), argc - 2, argv + 2);
-        /* Output that did not arrive is a failure too. */
-        return fflush(stdout) || ferror(stdout) ? (code ? code : 2) : code;
-    }
+    if (find(name))
+        return flushed(run(find(name), argc - 2, argv + 2));
     fprintf(stderr, "splatguard: unknown command \"%s\"; splatguard --help lists them\n", name);
     return 1;
 }

@@ -49,11 +49,13 @@ static int unknown(const struct command *c, const char *name, size_t n)
     const struct option *near = NULL;
     size_t best = 4;
     for (const struct option *o = c->options; o->name; o++) {
-        const size_t d = o->type == OPT_GROUP ? 64 : distance(name, n, o->name);
+        size_t d = o->type == OPT_GROUP ? 64 : distance(name, n, o->name);
+        if (o->type != OPT_GROUP && n > 2 && !strncmp(name, o->name, n))
+            d = 0; /* the beginning of a name */
         if (d < best)
             best = d, near = o;
     }
-    fprintf(stderr, "splatguard %s: unknown option --%.*s", c->name, (int) n, name);
+    fprintf(stderr, "splatguard %s: unknown option %s%.*s", c->name, n > 1 ? "--" : "-", (int) n, name);
     if (near)
         fprintf(stderr, "; did you mean --%s?", near->name);
     fprintf(stderr, "\n");
@@ -121,8 +123,8 @@ int options_set(const struct command *c, const struct option *o, void *config, c
     default: {
         snprintf(expected, sizeof(expected), "a whole number from %.0f to %.0f", o->low, o->high);
         long long v = strtoll(text, &end, 10);
-        if (o->type == OPT_BYTES && end != text && *end && !end[1] && strchr("KMG", *end) && v >= 0 && v < 1ll << 30)
-            v <<= *end++ == 'K' ? 10 : end[-1] == 'M' ? 20 : 30;
+        if (o->type == OPT_BYTES && end != text && *end && !end[1] && strchr("KMGkmg", *end) && v >= 0 && v < 1ll << 30)
+            v <<= (*end | 32) == 'k' ? 10 : (*end | 32) == 'm' ? 20 : 30, end++;
         if (end == text || *end || errno || (double) v < o->low || (double) v > o->high)
             return bad_value(c, o, text, expected);
         if (o->type == OPT_INT)

@@ -139,6 +139,18 @@ static int write_input(sg_ctx *ctx, const char *run, const struct sg_model *m)
     return code;
 }
 
+/* Hidden files do not count: some systems put them everywhere. */
+static bool has_other_files(const char *folder)
+{
+    DIR *d = opendir(folder);
+    bool found = false;
+    for (struct dirent *e; d && !found && (e = readdir(d));)
+        found = e->d_name[0] != '.';
+    if (d)
+        closedir(d);
+    return found;
+}
+
 int run_refuse_earlier(const char *run)
 {
     static const char *const signs[] = {"config.json", "checkpoint.bin", "point_cloud"};
@@ -153,7 +165,29 @@ int run_refuse_earlier(const char *run)
             return 2;
         }
     }
+    if (has_other_files(run)) {
+        fprintf(stderr, "splatguard: %s: found other files, expected a new or empty folder for the run\n", run);
+        return 2;
+    }
     return 0;
+}
+
+/* What a killed process was writing: NAME.tmpPID. */
+static void remove_temporary(const char *run)
+{
+    char path[4096];
+    DIR *d = opendir(run);
+    for (struct dirent *e; d && (e = readdir(d));) {
+        const char *dot = strrchr(e->d_name, '.');
+        long pid;
+        char rest;
+        if (!dot || sscanf(dot, ".tmp%ld%c", &pid, &rest) != 1)
+            continue;
+        snprintf(path, sizeof(path), "%s/%s", run, e->d_name);
+        unlink(path);
+    }
+    if (d)
+        closedir(d);
 }
 
 /* Leftovers of a replaced run must not be mistaken for the new one's. Only files that a run writes are touched. */
@@ -161,6 +195,7 @@ static void remove_earlier(const char *run)
 {
     static const char *const files[] = {"summary.json", "log.jsonl", "checkpoint.bin"};
     char path[4096];
+    remove_temporary(run);
     for (size_t i = 0; i < sizeof(files) / sizeof(files[0]); i++) {
         snprintf(path, sizeof(path), "%s/%s", run, files[i]);
         unlink(path);

@@ -11,7 +11,7 @@
 
 #define SIDE 20
 #define HEADER                                                                                                         \
-    80 /* of the format: magic, count, degree, iteration, 6 step counters, start degree, 0, seed, views, extent */
+    80 /* of the format: magic, count, degree, iteration, 6 step counters, start degree, cameras, seed, views, extent */
 #define AT_COUNT 8
 #define AT_DEGREE 16
 #define AT_ITERATION 20
@@ -167,6 +167,7 @@ static void test_sealed_lies(void **state)
         {"last step an int holds", AT_STEPS + 20, INT_MAX, 4},
         {"negative start degree", AT_START, (uint32_t) -1, 4},
         {"absurd start degree", AT_START, 4, 4},
+        {"other cameras", AT_START + 4, 7, 4},
         {"other seed", AT_SEED, 43, 8},
         {"other scene", AT_VIEWS, 3, 8},
         {"NaN extent", AT_EXTENT, 0x7ff8000000000000u, 8},

@@ -66,13 +66,23 @@ const char *sg_last_error(const sg_ctx *ctx)
     return ctx->error;
 }
 
+/* Messages quote files; what would steer a terminal becomes "?". */
+static void make_printable(char *text)
+{
+    for (unsigned char *c = (unsigned char *) text; *c; c++)
+        if (*c < ' ' || *c == 127 || (c[0] == 0xc2 && c[1] >= 0x80 && c[1] < 0xa0))
+            *c = '?';
+}
+
 int sg_fail(sg_ctx *ctx, int code, const char *format, ...)
 {
     va_list args;
     va_start(args, format);
     pthread_mutex_lock(&ctx->error_lock);
-    if (!ctx->error[0])
+    if (!ctx->error[0]) {
         vsnprintf(ctx->error, sizeof(ctx->error), format, args);
+        make_printable(ctx->error);
+    }
     pthread_mutex_unlock(&ctx->error_lock);
     va_end(args);
     return code;
@@ -94,6 +104,7 @@ void sg_log(sg_ctx *ctx, enum sg_log_level level, const char *format, ...)
     va_start(args, format);
     vsnprintf(text, sizeof(text), format, args);
     va_end(args);
+    make_printable(text);
     ctx->params.log(ctx->params.log_priv, level, text);
 }
 
@@ -175,8 +186,13 @@ void *sg_alloc_raw(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size)
             discharge(&ctx->memory[SG_MEM_TAGS], bytes);
     }
     if (!h) {
-        sg_fail(ctx, SG_ERR_BUDGET, "memory: %zu bytes for %s refused: %llu held, limit %llu", bytes,
-                sg_mem_tag_name(tag), (unsigned long long) held, (unsigned long long) ctx->params.max_memory);
+        const unsigned long long limit = ctx->params.max_memory;
+        if (limit && held + bytes > limit)
+            sg_fail(ctx, SG_ERR_BUDGET, "memory: %zu bytes for %s refused: %llu held, limit %llu", bytes,
+                    sg_mem_tag_name(tag), (unsigned long long) held, limit);
+        else
+            sg_fail(ctx, SG_ERR_BUDGET, "memory: the system has no %zu bytes for %s: %llu held", bytes,
+                    sg_mem_tag_name(tag), (unsigned long long) held);
         return NULL;
     }
     *h = (struct header){bytes, tag};

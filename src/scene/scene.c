@@ -187,6 +187,8 @@ int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *p
     if (code)
         goto done;
     measure(scene);
+    if (scene->extent < 1e-6)
+        sg_log(ctx, SG_LOG_WARN, "%s: found all training cameras in one place: positions will hardly learn", path);
     if (!scene->n_points && scene->format != SG_FORMAT_BLENDER)
         sg_log(ctx, SG_LOG_WARN,
                "%s: found no points: training starts from random ones in a cube of 2.6 units about the origin", path);

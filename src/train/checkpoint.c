@@ -16,7 +16,8 @@ struct header {
     uint64_t count;
     int32_t sh_degree, iteration;
     int32_t adam_steps[SG_GROUPS];
-    int32_t start_degree, unused;
+    int32_t start_degree;
+    uint32_t cameras; /* hash of the training views' names and cameras */
     uint64_t seed, views;
     double extent;
 };
@@ -29,6 +30,22 @@ static bool counters_sound(const struct header *h)
     for (int g = 0; g < SG_GROUPS; g++)
         sound = sound && h->adam_steps[g] >= 0 && h->adam_steps[g] <= h->iteration;
     return sound;
+}
+
+static uint32_t cameras_hash(const struct sg_scene *scene)
+{
+    XXH3_state_t hash;
+    XXH3_64bits_reset(&hash);
+    for (size_t i = 0; i < scene->n_train; i++) {
+        const struct sg_view *v = &scene->train[i];
+        const struct sg_camera *c = &v->camera;
+        const double numbers[] = {c->width, c->height, c->fx, c->fy, c->cx, c->cy};
+        XXH3_64bits_update(&hash, v->name, strlen(v->name) + 1);
+        XXH3_64bits_update(&hash, numbers, sizeof(numbers));
+        XXH3_64bits_update(&hash, c->R, sizeof(c->R));
+        XXH3_64bits_update(&hash, c->t, sizeof(c->t));
+    }
+    return (uint32_t) XXH3_64bits_digest(&hash);
 }
 
 struct sink {
@@ -77,6 +94,7 @@ int sg_trainer_save(sg_trainer *t, const char *path)
                        .sh_degree = m->sh_degree,
                        .iteration = t->iteration,
                        .start_degree = t->start_degree,
+                       .cameras = cameras_hash(t->scene),
                        .seed = t->params.seed,
                        .views = t->scene->n_train,
                        .extent = t->extent};
@@ -125,6 +143,11 @@ int sg_trainer_load(sg_trainer *t, const char *path)
             (unsigned long long) t->params.seed, t->extent);
         goto done;
     }
+    if (h.cameras != cameras_hash(t->scene)) {
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found a run on other training views, expected those of %s", path,
+                       t->scene->path);
+        goto done;
+    }
     if (!counters_sound(&h)) {
         code =
             sg_fail(ctx, SG_ERR_INPUT,
@@ -157,7 +180,7 @@ int sg_trainer_load(sg_trainer *t, const char *path)
         whole = fread(parts[i].data, 1, parts[i].bytes, f) == parts[i].bytes;
         XXH3_64bits_update(&hash, parts[i].data, parts[i].bytes);
     }
-    whole = whole && fread(&digest, sizeof(digest), 1, f) == 1;
+    whole = whole && fread(&digest, sizeof(digest), 1, f) == 1 && fgetc(f) == EOF;
     if (!whole || digest != XXH3_64bits_digest(&hash)) {
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: found a truncated or altered checkpoint: the checksum does not match",
                        path);

@@ -24,6 +24,17 @@ expect 2 train scene/blender -o file/run $short --init-points 300; says file
 expect 2 render run -o file/images; says file
 [ -w /dev/full ] && { "$tool" info $model >/dev/full 2>err; [ $? = 2 ] || fail "a full device is not noticed"; }
 
+# Photos are never overwritten, nor other people's folders used.
+sum=$(cat scene/blender/*/*.png | cksum)
+expect 2 render run --split train -o scene/blender/train; says 'found the photo'
+expect 2 train scene/blender -o scene/colmap $short; says 'found other files'
+[ "$sum" = "$(cat scene/blender/*/*.png | cksum)" ] || fail "the photos changed"
+
+# What a file says cannot steer the terminal.
+printf 'ply\nformat \033[31mred 1.0\n' >colour.ply
+expect 2 info colour.ply; says 'format ?[31mred'
+grep -q "$(printf '\033')" err && fail "control characters of a file reach the terminal"
+
 # A disk that fills up on the way, by a limit on the size of files.
 small_disk() { # BLOCKS ARGUMENTS...
     (trap '' XFSZ; ulimit -f "$1" || exit 77; shift; "$tool" "$@" >out 2>err)

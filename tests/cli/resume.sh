@@ -20,6 +20,10 @@ grep -q '"interrupted": true' cut/summary.json || fail "summary.json does not sa
 [ -s cut/checkpoint.bin ] || fail "nothing saved"
 reached=$(sed -n 's/.*"iterations": \([0-9]*\).*/\1/p' cut/summary.json)
 
+# A reader that goes away costs nothing.
+"$tool" train scene/blender -o piped ${short% --quiet} --init-points 500 2>&1 | head -n 1 >/dev/null
+[ -s piped/summary.json ] || fail "a closed pipe stops training"
+
 # What would change the result is refused.
 expect 1 train --resume cut --lambda-dssim 0.5; says '--lambda-dssim: found 0.5, but the run has 0.2'
 expect 1 train --resume cut --white-background; says '--white-background: found on, but the run has off'
@@ -55,6 +59,10 @@ expect 0 eval warm --json
 psnr=$(sed 's/.*"psnr": \([0-9.]*\).*/\1/' out)
 grep -q "\"psnr\": ${psnr%?}" warm/summary.json || fail "eval says $psnr, summary.json $(grep psnr warm/summary.json)"
 expect 0 train --resume again --iterations 50 -q
+
+# Another scene of the same size is another scene.
+expect 0 synth -o other --width 64 --height 48 --train-views 6 --test-views 2 --points 300 --samples 1 --seed 5
+expect 2 train other/blender -o again --resume --iterations 60 -q; says 'those of this scene and run'
 
 # Damage is found.
 printf 'x' | dd of=cut/checkpoint.bin bs=1 seek=5000 conv=notrunc 2>/dev/null
