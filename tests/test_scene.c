@@ -177,6 +177,36 @@ static void colmap_other_size_and_folder(void **state)
     sg_scene_destroy(f->ctx, &s);
 }
 
+static void nerfstudio_masks(void **state)
+{
+    struct fixture *f = *state;
+    const char *frame = "{\"fl_x\":30,\"frames\":[{\"file_path\":\"a.png\",\"mask_path\":\"%s\"," POSE(1) "}]}";
+    char text[1024];
+    const uint8_t mask[4] = {0, 255, 255, 0};
+    snprintf(text, sizeof(text), frame, "m/a.png");
+    put_text(f, "transforms.json", text);
+    put_png(f, "a.png", 2, 2, 3, 1);
+    expect_failure(f, NULL, SG_ERR_INPUT, "transforms.json", "found no mask", "m/a.png", NULL);
+    put(f, "m/a.png", "", 0);
+    assert_int_equal(sg_image_write_png(f->ctx, at(f, "m/a.png"), mask, 2, 2, 1), SG_OK);
+    struct sg_scene *s = load(f, NULL);
+    assert_memory_equal(s->train[0].mask, mask, 4);
+    sg_scene_destroy(f->ctx, &s);
+    snprintf(text, sizeof(text), frame, "../m/a.png");
+    put_text(f, "transforms.json", text);
+    expect_failure(f, NULL, SG_ERR_INPUT, "frame 0", "mask_path", NULL);
+}
+
+/* Without the lines of 2D points every other image would go unnoticed. */
+static void colmap_text_without_points(void **state)
+{
+    struct fixture *f = *state;
+    put_text(f, "sparse/cameras.txt", "1 PINHOLE 2 1 2 2 1 0.5\n");
+    put_text(f, "sparse/images.txt", "1 1 0 0 0 0 0 0 1 a.png\n2 1 0 0 0 1 0 0 1 b.png\n");
+    put_png(f, "images/a.png", 2, 1, 3, 0);
+    expect_failure(f, NULL, SG_ERR_INPUT, "images.txt: line 2", "2D points", NULL);
+}
+
 /* A rig's photos have the same names in other folders; alpha is dropped, as the reference does for photos. */
 static void colmap_rig(void **state)
 {
@@ -323,6 +353,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         scene_test(blender),     scene_test(colmap_binary),
         scene_test(colmap_text), scene_test(colmap_other_size_and_folder),
+        scene_test(nerfstudio_masks),
+        scene_test(colmap_text_without_points),
         scene_test(colmap_rig),  scene_test(resolution_rule),
         scene_test(nerfstudio),  scene_test(nerfstudio_own_split),
         scene_test(masks),       scene_test(threads_do_not_matter),

@@ -134,7 +134,14 @@ int sg_colmap_images_txt(sg_ctx *ctx, const char *file, char *data, size_t size,
         p += strspn(p, " \t"); /* a name may hold blanks: it is the rest of the line */
         snprintf(where, sizeof(where), "%s: line %llu", file, (unsigned long long) l.number);
         code = sg_colmap_add_image(ctx, out, max_images, cameras, where, (uint32_t) camera, q, t, p);
-        next_line(&l); /* its 2D points, possibly an empty line */
+        /* Its 2D points, three numbers each, possibly an empty line. A file without them would lose every other image. */
+        char *points = next_line(&l);
+        size_t words = 0;
+        for (; !code && points && *points; words++, points += strcspn(points, " \t"))
+            if (!*(points += strspn(points, " \t")))
+                break;
+        if (words % 3)
+            code = bad_line(ctx, &l, "2D points, three numbers each, or an empty line");
     }
     return code;
 }

@@ -62,6 +62,20 @@ static int split_by_lists(sg_ctx *ctx, const json_t *root, const char *file, str
     return code;
 }
 
+/* Relative to the scene until the photos are looked for. */
+static int read_mask_path(sg_ctx *ctx, const json_t *frame, const char *where, struct sg_shot *shot)
+{
+    const char *mask = NULL;
+    const int code = sg_json_text(ctx, frame, "mask_path", where, &mask);
+    if (code || !mask)
+        return code;
+    if (!sg_path_is_inside(mask))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: \"mask_path\": found \"%s\", expected a path inside the scene", where,
+                       mask);
+    shot->mask = sg_strdup(ctx, mask);
+    return shot->mask ? SG_OK : SG_ERR_BUDGET;
+}
+
 int sg_nerfstudio_parse(sg_ctx *ctx, const char *file, const char *data, size_t size,
                         const struct sg_scene_params *params, struct sg_shots *shots, char **points_file, bool *listed)
 {
@@ -83,6 +97,8 @@ int sg_nerfstudio_parse(sg_ctx *ctx, const char *file, const char *data, size_t 
         code = sg_json_lens(ctx, frame, where, &lens); /* a frame may have its own camera */
         if (!code)
             code = sg_transforms_frame(ctx, frame, where, &lens, params->max_images, shots, &shot);
+        if (!code)
+            code = read_mask_path(ctx, frame, where, shot);
     }
     if (!code && params->eval)
         code = split_by_lists(ctx, root, file, shots, listed);
@@ -113,6 +129,15 @@ static int find_photos(sg_ctx *ctx, const char *dir, const char *file, struct sg
             return code;
         if (!shot->path && !missing++)
             first = i;
+        if (!shot->mask)
+            continue;
+        char *mask = sg_strf(ctx, "%s/%s", dir, shot->mask);
+        if (!mask)
+            return SG_ERR_BUDGET;
+        sg_free(ctx, shot->mask);
+        shot->mask = mask;
+        if (shot->path && !sg_file_exists(mask))
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: frame of %s: found no mask %s", file, shot->file, mask);
     }
     if (missing == wanted)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found none of the %zu frames' images, the first is %s/%s", file, wanted,
