@@ -2,6 +2,7 @@
 #ifndef SPLATGUARD_SPLATGUARD_H
 #define SPLATGUARD_SPLATGUARD_H
 
+#include "attack.h"
 #include "camera.h"
 #include "context.h"
 #include "error.h"

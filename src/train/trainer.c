@@ -108,7 +108,7 @@ void sg_trainer_destroy(sg_trainer **trainer)
     *trainer = NULL;
 }
 
-static size_t pick_view(sg_trainer *t, int it)
+size_t sg_trainer_pick_view(sg_trainer *t, int it)
 {
     const uint64_t n = t->scene->n_train, epoch = (uint64_t) (it - 1) / n;
     if (epoch != t->epoch) {
@@ -127,7 +127,18 @@ static void background(const sg_trainer *t, int it, float *out)
                                                : 0.0f;
 }
 
-/* Advances the step counters of the groups that move and fills in their rates. */
+void sg_trainer_adam(sg_trainer *t, const double lr[SG_GROUPS], bool hold_opacity, struct sg_update *u)
+{
+    u->adam = true;
+    for (int g = 0; g < SG_GROUPS; g++) {
+        if (g == SG_G_OPACITY && hold_opacity)
+            continue;
+        t->adam_steps[g]++;
+        u->rate[g] = (float) (lr[g] / (1 - pow((double) SG_ADAM_BETA1, t->adam_steps[g])));
+        u->root[g] = (float) (1 / sqrt(1 - pow((double) SG_ADAM_BETA2, t->adam_steps[g])));
+    }
+}
+
 static void prepare_adam(sg_trainer *t, int it, bool hold_opacity, struct sg_update *u)
 {
     const struct sg_train_params *p = &t->params;
@@ -139,14 +150,7 @@ static void prepare_adam(sg_trainer *t, int it, bool hold_opacity, struct sg_upd
         [SG_G_DC] = (double) p->feature_lr,
         [SG_G_REST] = (double) p->feature_lr / 20,
     };
-    u->adam = true;
-    for (int g = 0; g < SG_GROUPS; g++) {
-        if (g == SG_G_OPACITY && hold_opacity)
-            continue;
-        t->adam_steps[g]++;
-        u->rate[g] = (float) (lr[g] / (1 - pow((double) SG_ADAM_BETA1, t->adam_steps[g])));
-        u->root[g] = (float) (1 / sqrt(1 - pow((double) SG_ADAM_BETA2, t->adam_steps[g])));
-    }
+    sg_trainer_adam(t, lr, hold_opacity, u);
 }
 
 static double seconds(void)
@@ -182,7 +186,7 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     const struct sg_train_params *p = &t->params;
     const struct sg_backend_ops *ops = t->backend->ops;
     const int it = t->iteration + 1;
-    struct sg_train_step step = {.iteration = it, .view = pick_view(t, it)};
+    struct sg_train_step step = {.iteration = it, .view = sg_trainer_pick_view(t, it)};
     const struct sg_view *view = &t->scene->train[step.view];
     struct sg_render_params render = {.max_instances = p->max_instances, .reference_tiles = p->reference_tiles};
     const struct sg_loss_params loss = {

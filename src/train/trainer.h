@@ -20,4 +20,10 @@ struct sg_trainer {
     uint32_t *order;
 };
 
+/* The view of iteration it: every epoch visits all views in a random order. */
+size_t sg_trainer_pick_view(sg_trainer *t, int it);
+
+/* Advances the step counters of the groups that move and fills in their rates. */
+void sg_trainer_adam(sg_trainer *t, const double lr[SG_GROUPS], bool hold_opacity, struct sg_update *u);
+
 #endif

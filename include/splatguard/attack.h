@@ -1,0 +1,95 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef SPLATGUARD_ATTACK_H
+#define SPLATGUARD_ATTACK_H
+
+#include "context.h"
+#include "model.h"
+#include "scene.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* What the inner loop of the attack makes large. Only the sign of its gradient is used. */
+enum sg_tv_form {
+    SG_TV_VERTICAL2, /* twice the sum of |x[row] - x[row + 1]|: what the published code computes */
+    SG_TV_ANISO,     /* sum of |vertical| + |horizontal| differences */
+    SG_TV_ISO        /* sum of sqrt(vertical^2 + horizontal^2 + 1e-12) of the differences to the next row and column */
+};
+
+/* Poison-splat (Lu et al. 2025, "Poison-splat: Computation Cost Attack on 3D Gaussian Splatting"). */
+struct sg_attack_params {
+    float epsilon;                /* bound on |poison - photo|, values in [0, 1]; INFINITY = none. Default 16/255. */
+    int iterations;               /* views visited. 1..10 million. Default 36000. */
+    int inner;                    /* ascent steps a visit, 0..1000. Default 15. */
+    float step;                   /* size of an ascent step. Default 2/255. */
+    enum sg_tv_form tv;           /* Default SG_TV_VERTICAL2. */
+    int update_interval;          /* views whose gradients are summed for one step of the decoy. 1..1000. Default 1. */
+    bool move_positions;          /* the decoy's positions learn at 1.6e-4 x extent. Default false: frozen. */
+    float lambda_dssim;           /* Default 0.2. */
+    float feature_lr;             /* f_dc; f_rest uses 1/20. Default 0.0025. */
+    float opacity_lr;             /* Default 0.05. */
+    float scaling_lr;             /* Default 0.005. */
+    float rotation_lr;            /* Default 0.001. */
+    float percent_dense;          /* Default 0.01. */
+    int densification_interval;   /* Default 100. */
+    float densify_grad_threshold; /* Default 0.0002. */
+    uint64_t seed;                /* Default 42. */
+    uint64_t max_gaussians;       /* of the decoy; 0 = no limit. Default 0. */
+    uint64_t max_instances;       /* see sg_render_params. Default 1 << 24. */
+    const char *backend;          /* "cpu" or "ref". Default "cpu". */
+    const char *cpu;              /* CPU variant; NULL = best. Default NULL. */
+};
+
+#define SG_ATTACK_DEFAULTS                                                                                             \
+    .epsilon = 16 / 255.0f, .iterations = 36000, .inner = 15, .step = 2 / 255.0f, .update_interval = 1,                \
+    .lambda_dssim = 0.2f, .feature_lr = 0.0025f, .opacity_lr = 0.05f, .scaling_lr = 0.005f, .rotation_lr = 0.001f,     \
+    .percent_dense = 0.01f, .densification_interval = 100, .densify_grad_threshold = 0.0002f, .seed = 42,              \
+    .max_instances = 1u << 24, .backend = "cpu"
+#define sg_attack_params(...) (&(struct sg_attack_params){SG_ATTACK_DEFAULTS, __VA_ARGS__})
+
+/* What one visit of a view did. */
+struct sg_attack_step {
+    int iteration;        /* 1-based */
+    size_t view;          /* index into scene->train */
+    double loss, l1, ssim, psnr; /* of the decoy's render against the ascended image */
+    double tv;            /* of the ascended image: mean over its values, by the form of the parameters */
+    size_t gaussians;     /* of the decoy, after densification */
+    double inner_seconds; /* spent on ascent */
+    uint64_t inner_bytes; /* moved by it, counted once a step: image read and written, photo read */
+};
+
+/* Thread safety: unsafe. The scene must outlive the attack and is not changed. */
+typedef struct sg_attack sg_attack;
+
+/* Poisons are made for all training views of the scene: load it with eval = false. proxy: a model trained on the scene,
+ * which is copied. Renders are on black, whatever the scene's background. params may be NULL. Errors: SG_ERR_USAGE for
+ * values out of range, SG_ERR_INPUT where the proxy does not fit the scene, SG_ERR_BUDGET. */
+int sg_attack_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *proxy,
+                     const struct sg_attack_params *params, sg_attack **out);
+void sg_attack_destroy(sg_attack **attack);
+
+/* One iteration. step may be NULL. */
+int sg_attack_step(sg_attack *attack, struct sg_attack_step *step);
+int sg_attack_iteration(const sg_attack *attack);
+
+/* The poison of a training view: the decoy's render within epsilon of the photo, rounded to 8 bits.
+ * rgb: height x width x 3. */
+int sg_attack_poison(sg_attack *attack, size_t view, uint8_t *rgb);
+
+/* A copy of the decoy; the caller owns *out. */
+int sg_attack_decoy(sg_attack *attack, struct sg_model **out);
+
+/* The whole state, whole between two steps of the decoy: at iterations divisible by update_interval, else SG_ERR_USAGE.
+ * An attack restored from it continues to the very bytes of an uninterrupted one. */
+int sg_attack_save(sg_attack *attack, const char *path);
+int sg_attack_load(sg_attack *attack, const char *path);
+
+/* Total variation of height x width x 3 bytes by a form: mean over the values, in grey levels. */
+double sg_total_variation(const uint8_t *rgb, int width, int height, enum sg_tv_form form);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,252 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Poison-splat (Lu et al. 2025): a decoy model is pushed towards images of large total variation; the poison of a view
+ * is what the decoy shows there, within epsilon of the photo, so that all views agree on it. The decoy learns as the
+ * victim does, but with constant rates, frozen positions, and densification all the time. */
+#include "splatguard/attack.h"
+
+#include <math.h>
+#include <time.h>
+
+#include "ascent.h"
+#include "math/constants.h"
+#include "splatguard/eval.h"
+#include "train/densify.h"
+#include "train/trainer.h"
+
+#define POSITION_LR 1.6e-4
+
+struct sg_attack {
+    struct sg_attack_params params;
+    sg_trainer *trainer;            /* the decoy with its optimiser: only its state is used, not its schedule */
+    float *image, *photo, *scratch; /* 3, 3 and 6 planes of the largest view */
+};
+
+static int check_params(sg_ctx *ctx, const struct sg_attack_params *p)
+{
+    const struct {
+        const char *name;
+        double value, low, high;
+    } ranges[] = {
+        {"epsilon", (double) p->epsilon, 0, INFINITY},
+        {"iterations", p->iterations, 1, 1e7},
+        {"inner", p->inner, 0, 1000},
+        {"step", (double) p->step, 0, 1},
+        {"update-interval", p->update_interval, 1, 1000},
+        {"lambda-dssim", (double) p->lambda_dssim, 0, 1},
+        {"feature-lr", (double) p->feature_lr, 0, 1},
+        {"opacity-lr", (double) p->opacity_lr, 0, 1},
+        {"scaling-lr", (double) p->scaling_lr, 0, 1},
+        {"rotation-lr", (double) p->rotation_lr, 0, 1},
+        {"percent-dense", (double) p->percent_dense, 0, 1},
+        {"densification-interval", p->densification_interval, 1, 1e7},
+        {"densify-grad-threshold", (double) p->densify_grad_threshold, 0, 1e30},
+        {"tv", p->tv, SG_TV_VERTICAL2, SG_TV_ISO},
+    };
+    for (size_t i = 0; i < sizeof(ranges) / sizeof(ranges[0]); i++)
+        if (!(ranges[i].value >= ranges[i].low && ranges[i].value <= ranges[i].high))
+            return sg_fail(ctx, SG_ERR_USAGE, "%s: found %g, expected %g to %g", ranges[i].name, ranges[i].value,
+                           ranges[i].low, ranges[i].high);
+    return SG_OK;
+}
+
+static int allocate(sg_attack *a, const struct sg_scene *scene)
+{
+    sg_ctx *ctx = a->trainer->ctx;
+    size_t pixels = 0;
+    for (size_t i = 0; i < scene->n_train; i++) {
+        const struct sg_camera *c = &scene->train[i].camera;
+        const size_t n = (size_t) c->width * (size_t) c->height;
+        pixels = n > pixels ? n : pixels;
+    }
+    a->image = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float));
+    a->photo = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float));
+    a->scratch = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 6 * sizeof(float));
+    return a->image && a->photo && a->scratch ? SG_OK : SG_ERR_BUDGET;
+}
+
+int sg_attack_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *proxy,
+                     const struct sg_attack_params *params, sg_attack **out)
+{
+    sg_clear_error(ctx);
+    *out = NULL;
+    const struct sg_attack_params p = params ? *params : *sg_attack_params();
+    int code = check_params(ctx, &p);
+    if (code)
+        return code;
+    if (!scene->n_train)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found no training views, expected at least one to poison", scene->path);
+    sg_attack *a = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*a));
+    if (!a)
+        return SG_ERR_BUDGET;
+    a->params = p;
+    code = sg_trainer_create(ctx, scene, proxy,
+                             sg_train_params(.iterations = p.iterations, .seed = p.seed, .lambda_dssim = p.lambda_dssim,
+                                             .max_gaussians = p.max_gaussians, .max_instances = p.max_instances,
+                                             .backend = p.backend, .cpu = p.cpu),
+                             &a->trainer);
+    if (!code)
+        code = allocate(a, scene);
+    if (code) {
+        if (a->trainer)
+            sg_attack_destroy(&a);
+        else
+            sg_free(ctx, a);
+        return code;
+    }
+    *out = a;
+    return SG_OK;
+}
+
+void sg_attack_destroy(sg_attack **attack)
+{
+    if (!attack || !*attack)
+        return;
+    sg_attack *a = *attack;
+    sg_ctx *ctx = a->trainer->ctx;
+    sg_trainer_destroy(&a->trainer);
+    sg_free(ctx, a->image);
+    sg_free(ctx, a->photo);
+    sg_free(ctx, a->scratch);
+    sg_free(ctx, a);
+    *attack = NULL;
+}
+
+static double seconds(void)
+{
+    struct timespec ts;
+    clock_gettime(CLOCK_MONOTONIC, &ts);
+    return (double) ts.tv_sec + 1e-9 * (double) ts.tv_nsec;
+}
+
+/* The decoy's render of a view into a->image, the photo into a->photo. */
+static int render(sg_attack *a, size_t index, struct sg_render_stats *stats)
+{
+    const sg_trainer *t = a->trainer;
+    const struct sg_view *view = &t->scene->train[index];
+    const struct sg_backend_ops *ops = t->backend->ops;
+    const size_t n = (size_t) view->camera.width * (size_t) view->camera.height;
+    const struct sg_render_params params = {.max_instances = a->params.max_instances}; /* black */
+    int code;
+    if ((code = ops->project(t->backend, &view->camera, t->start_degree, &params)) ||
+        (code = ops->rasterize(t->backend, false, stats)) || (code = ops->read_image(t->backend, a->image, NULL, NULL)))
+        return code;
+    for (size_t ch = 0; ch < 3; ch++)
+        for (size_t i = 0; i < n; i++)
+            a->photo[ch * n + i] = (float) view->rgb[3 * i + ch] / 255.0f;
+    return SG_OK;
+}
+
+static int densify(sg_attack *a, int it)
+{
+    const struct sg_attack_params *p = &a->params;
+    sg_trainer *t = a->trainer;
+    struct sg_densify_result result;
+    return sg_densify(t->backend,
+                      &(struct sg_densify_params){.gradient = p->densify_grad_threshold,
+                                                  .split_scale = (float) ((double) p->percent_dense * t->extent),
+                                                  .prune_scale = (float) (SG_PRUNE_EXTENT * t->extent),
+                                                  .max_gaussians = p->max_gaussians,
+                                                  .seed = p->seed,
+                                                  .stream = (uint64_t) it},
+                      &result);
+}
+
+int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
+{
+    const struct sg_attack_params *p = &a->params;
+    sg_trainer *t = a->trainer;
+    sg_clear_error(t->ctx);
+    const struct sg_backend_ops *ops = t->backend->ops;
+    const int it = t->iteration + 1;
+    struct sg_attack_step step = {.iteration = it, .view = sg_trainer_pick_view(t, it)};
+    const struct sg_view *view = &t->scene->train[step.view];
+    const int w = view->camera.width, h = view->camera.height;
+    const size_t values = 3 * (size_t) w * (size_t) h;
+    struct sg_loss_value value;
+    int code = render(a, step.view, NULL);
+    if (code)
+        return code;
+
+    if (isfinite(p->epsilon)) /* from the render as a picture, not yet near the photo */
+        for (size_t i = 0; i < values; i++)
+            a->image[i] = fminf(fmaxf(a->image[i], 0), 1);
+    const double start = seconds();
+    sg_ascend(t->ctx, &(struct ascent){p->epsilon, p->step, p->inner, p->tv}, a->photo, w, h, a->image, a->scratch);
+    step.inner_seconds = seconds() - start;
+    step.inner_bytes = (uint64_t) p->inner * values * 3 * sizeof(float);
+
+    if ((code = ops->loss(t->backend, &(struct sg_loss_params){.lambda_dssim = p->lambda_dssim, .planes = a->image},
+                          &value)) ||
+        (code = ops->rasterize_backward(t->backend)))
+        return code;
+
+    /* As in training, where the decoy is densified its gradients are lost. */
+    const bool densifies = it % p->densification_interval == 0 && it != p->iterations;
+    struct sg_update update = {.statistics = true, .accumulate = p->update_interval > 1};
+    if (!densifies && it % p->update_interval == 0) {
+        const double lr[SG_GROUPS] = {
+            [SG_G_XYZ] = p->move_positions ? POSITION_LR * t->extent : 0,
+            [SG_G_OPACITY] = (double) p->opacity_lr,
+            [SG_G_SCALE] = (double) p->scaling_lr,
+            [SG_G_ROT] = (double) p->rotation_lr,
+            [SG_G_DC] = (double) p->feature_lr,
+            [SG_G_REST] = (double) p->feature_lr / 20,
+        };
+        sg_trainer_adam(t, lr, false, &update);
+    }
+    if ((code = ops->update(t->backend, &update)) || (densifies && (code = densify(a, it))))
+        return code;
+
+    t->iteration = it;
+    step.loss = value.total, step.l1 = value.l1, step.ssim = value.ssim;
+    step.psnr = -10 * log10(value.mse > 1e-10 ? value.mse : 1e-10);
+    step.tv = sg_tv_planes(a->image, w, h, p->tv) / (double) values;
+    step.gaussians = ops->count(t->backend);
+    if (out)
+        *out = step;
+    return SG_OK;
+}
+
+int sg_attack_iteration(const sg_attack *a)
+{
+    return a->trainer->iteration;
+}
+
+int sg_attack_poison(sg_attack *a, size_t index, uint8_t *rgb)
+{
+    sg_trainer *t = a->trainer;
+    sg_clear_error(t->ctx);
+    if (index >= t->scene->n_train)
+        return sg_fail(t->ctx, SG_ERR_USAGE, "poison: found view %zu, expected one of %zu", index, t->scene->n_train);
+    const int code = render(a, index, NULL);
+    if (code)
+        return code;
+    const struct sg_camera *c = &t->scene->train[index].camera;
+    const float e = a->params.epsilon;
+    for (size_t i = 0; i < 3 * (size_t) c->width * (size_t) c->height; i++)
+        a->image[i] = fminf(fmaxf(fminf(fmaxf(a->image[i], a->photo[i] - e), a->photo[i] + e), 0), 1);
+    sg_quantise(a->image, c->width, c->height, rgb);
+    return SG_OK;
+}
+
+int sg_attack_decoy(sg_attack *a, struct sg_model **out)
+{
+    const int code = sg_trainer_model(a->trainer, out);
+    if (!code)
+        (*out)->active_sh_degree = a->trainer->start_degree;
+    return code;
+}
+
+int sg_attack_save(sg_attack *a, const char *path)
+{
+    sg_clear_error(a->trainer->ctx);
+    if (a->trainer->iteration % a->params.update_interval)
+        return sg_fail(a->trainer->ctx, SG_ERR_USAGE, "attack: found iteration %d, expected a multiple of %d",
+                       a->trainer->iteration, a->params.update_interval);
+    return sg_trainer_save(a->trainer, path);
+}
+
+int sg_attack_load(sg_attack *a, const char *path)
+{
+    return sg_trainer_load(a->trainer, path);
+}

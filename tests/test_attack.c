@@ -1,0 +1,316 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Poison-splat: total variation and its gradients, the bound, and the loop around them. */
+#include "attack/ascent.h"
+
+#include <unistd.h>
+
+#include "models.h"
+
+static const char *const form_names[] = {"vertical2", "aniso", "iso"};
+
+static double tv_of_channel(const double *plane, int w, int h, enum sg_tv_form form)
+{
+    double sum = 0;
+    for (int y = 0; y < h; y++)
+        for (int x = 0; x < w; x++) {
+            const double here = plane[y * w + x];
+            const double v = y + 1 < h ? plane[(y + 1) * w + x] - here : 0;
+            const double u = x + 1 < w ? plane[y * w + x + 1] - here : 0;
+            sum += form == SG_TV_VERTICAL2 ? 2 * fabs(v)
+                   : form == SG_TV_ANISO   ? fabs(v) + fabs(u)
+                                           : sqrt(v * v + u * u + 1e-12);
+        }
+    return sum;
+}
+
+/* Against differences of a double-precision sum, on values so far apart that no sign flips. */
+static void test_gradients(void **state)
+{
+    (void) state;
+    enum { W = 7, H = 5 };
+    for (int form = SG_TV_VERTICAL2; form <= SG_TV_ISO; form++) {
+        double exact[W * H];
+        float plane[W * H], norms[W * H], found[W];
+        for (int i = 0; i < W * H; i++)
+            exact[i] = (double) (plane[i] = draw(3, (uint64_t) i, 0, 1));
+        for (int y = 0; y < H; y++)
+            for (int x = 0; x < W; x++) {
+                const float v = y + 1 < H ? plane[(y + 1) * W + x] - plane[y * W + x] : 0;
+                const float u = x + 1 < W ? plane[y * W + x + 1] - plane[y * W + x] : 0;
+                norms[y * W + x] = 1 / sqrtf(v * v + u * u + 1e-12f);
+            }
+        for (int y = 0; y < H; y++) {
+            sg_tv_gradient_row(plane, norms, W, H, y, (enum sg_tv_form) form, found);
+            for (int x = 0; x < W; x++) {
+                const double kept = exact[y * W + x], step = 1e-5;
+                exact[y * W + x] = kept + step;
+                const double more = tv_of_channel(exact, W, H, (enum sg_tv_form) form);
+                exact[y * W + x] = kept - step;
+                const double less = tv_of_channel(exact, W, H, (enum sg_tv_form) form);
+                exact[y * W + x] = kept;
+                const double expected = (more - less) / (2 * step);
+                if (!(fabs((double) found[x] - expected) < 2e-3))
+                    fail_msg("%s at %d, %d: %g, expected %g", form_names[form], x, y, (double) found[x], expected);
+            }
+        }
+    }
+}
+
+/* The published form sees no horizontal differences, and in a ramp only its ends. */
+static void test_ramps(void **state)
+{
+    (void) state;
+    enum { N = 6 };
+    float along[N * N], down[N * N], g[N];
+    for (int i = 0; i < N * N; i++)
+        along[i] = (float) (i % N) / N, down[i] = (float) (i / N) / N;
+    for (int y = 0; y < N; y++) {
+        sg_tv_gradient_row(along, NULL, N, N, y, SG_TV_VERTICAL2, g);
+        for (int x = 0; x < N; x++)
+            assert_true(g[x] == 0);
+        sg_tv_gradient_row(down, NULL, N, N, y, SG_TV_VERTICAL2, g);
+        for (int x = 0; x < N; x++)
+            assert_true(g[x] == (y == 0 ? -2.0f : y == N - 1 ? 2.0f : 0));
+    }
+}
+
+/* Whatever the image and however many steps: inside the ball and the range, larger in total variation, and the same
+ * bytes for any number of threads. */
+static void test_ascent(void **state)
+{
+    (void) state;
+    enum { W = 37, H = 23, VALUES = 3 * W * H };
+    static float photo[VALUES], start[VALUES], x[2][VALUES], scratch[2 * VALUES];
+    for (int form = SG_TV_VERTICAL2; form <= SG_TV_ISO; form++)
+        for (uint64_t seed = 0; seed < 12; seed++) {
+            const float epsilon = seed % 4 == 3 ? INFINITY : (float) (8 * (seed % 4)) / 255;
+            for (uint64_t i = 0; i < VALUES; i++) {
+                photo[i] = floorf(draw(seed, i, 0, 255.99f)) / 255;
+                start[i] = seed % 2 ? draw(seed + 100, i, 0, 1) : photo[i];
+            }
+            const struct ascent a = {epsilon, 2 / 255.0f, (int) (seed * 3), (enum sg_tv_form) form};
+            for (int k = 0; k < 2; k++) {
+                sg_ctx *ctx = make_context(k ? 3 : 1);
+                memcpy(x[k], start, sizeof(start));
+                sg_ascend(ctx, &a, photo, W, H, x[k], scratch);
+                sg_ctx_destroy(&ctx);
+            }
+            assert_memory_equal(x[0], x[1], sizeof(start));
+            for (int i = 0; i < VALUES && a.steps; i++)
+                if (!(x[0][i] >= 0 && x[0][i] <= 1 && fabsf(x[0][i] - photo[i]) <= epsilon + 1e-6f))
+                    fail_msg("%s, seed %llu: %g from %g", form_names[form], (unsigned long long) seed, (double) x[0][i],
+                             (double) photo[i]);
+            if (a.steps && epsilon > 0 && !(seed % 2))
+                assert_true(sg_tv_planes(x[0], W, H, a.form) > sg_tv_planes(photo, W, H, a.form));
+        }
+}
+
+static void test_byte_variation(void **state)
+{
+    (void) state;
+    /* 2 x 2 pixels of grey 10 20 / 40 80 */
+    const uint8_t rgb[12] = {10, 10, 10, 20, 20, 20, 40, 40, 40, 80, 80, 80};
+    assert_float_equal(sg_total_variation(rgb, 2, 2, SG_TV_VERTICAL2), 2 * (30 + 60) / 4.0, 1e-9);
+    assert_float_equal(sg_total_variation(rgb, 2, 2, SG_TV_ANISO), (30 + 60 + 10 + 40) / 4.0, 1e-9);
+    assert_float_equal(sg_total_variation(rgb, 2, 2, SG_TV_ISO), (sqrt(30 * 30 + 100) + 60 + 40) / 4.0, 1e-9);
+}
+
+/* ---- the loop ---- */
+
+#define SIDE 40
+#define VIEWS 4
+
+struct fixture {
+    sg_ctx *ctx;
+    struct sg_scene scene;
+    struct sg_view views[VIEWS];
+    struct sg_model *proxy;
+};
+
+/* The proxy has learned its photos perfectly: they are its renders. */
+static int set_up(void **state)
+{
+    struct fixture *f = calloc(1, sizeof(*f));
+    *state = f;
+    f->ctx = make_context(2);
+    f->proxy = make_model(f->ctx, 150, 1, 21);
+    f->proxy->active_sh_degree = 1;
+    sg_renderer *r;
+    assert_int_equal(sg_renderer_create(f->ctx, "ref", NULL, f->proxy, NULL, &r), SG_OK);
+    float *rgb = malloc(3 * SIDE * SIDE * sizeof(float));
+    for (int i = 0; i < VIEWS; i++) {
+        struct sg_view *v = &f->views[i];
+        v->name = (char *) "view";
+        v->camera = make_camera(SIDE, SIDE, 2.6 + 0.2 * i);
+        v->camera.t[0] += 0.15 * (i - 2);
+        v->rgb = malloc(3 * SIDE * SIDE);
+        assert_int_equal(sg_render(r, &v->camera, rgb, NULL, NULL, NULL), SG_OK);
+        sg_quantise(rgb, SIDE, SIDE, v->rgb);
+    }
+    free(rgb);
+    sg_renderer_destroy(&r);
+    f->scene = (struct sg_scene){.path = (char *) "fixture", .train = f->views, .n_train = VIEWS, .extent = 2};
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    struct fixture *f = *state;
+    for (int i = 0; i < VIEWS; i++)
+        free(f->views[i].rgb);
+    sg_model_destroy(f->ctx, &f->proxy);
+    const bool leaked = sg_mem_current(f->ctx, SG_MEM_TAGS) != 0;
+    sg_ctx_destroy(&f->ctx);
+    free(f);
+    return leaked;
+}
+
+static sg_attack *begin(struct fixture *f, const struct sg_attack_params *p)
+{
+    sg_attack *a;
+    if (sg_attack_create(f->ctx, &f->scene, f->proxy, p, &a))
+        fail_msg("%s", sg_last_error(f->ctx));
+    return a;
+}
+
+static size_t advance(struct fixture *f, sg_attack *a, int steps)
+{
+    struct sg_attack_step s = {0};
+    for (int i = 0; i < steps; i++)
+        if (sg_attack_step(a, &s))
+            fail_msg("%s", sg_last_error(f->ctx));
+    return s.gaussians;
+}
+
+#define SHORT SG_ATTACK_DEFAULTS, .iterations = 200, .densification_interval = 20
+
+/* The decoy grows, the written poison stays within the bound, and it varies more than the photo. */
+static void test_bounded(void **state)
+{
+    struct fixture *f = *state;
+    for (int form = SG_TV_VERTICAL2; form <= SG_TV_ISO; form++) {
+        sg_attack *a = begin(f, &(struct sg_attack_params){SHORT, .tv = (enum sg_tv_form) form});
+        const size_t grown = advance(f, a, 200);
+        if (!(grown > f->proxy->count * 5 / 4))
+            fail_msg("%s: %zu Gaussians from %zu", form_names[form], grown, f->proxy->count);
+        for (size_t v = 0; v < VIEWS; v++) {
+            uint8_t poison[3 * SIDE * SIDE];
+            assert_int_equal(sg_attack_poison(a, v, poison), SG_OK);
+            int most = 0;
+            for (int i = 0; i < 3 * SIDE * SIDE; i++)
+                most = abs(poison[i] - f->views[v].rgb[i]) > most ? abs(poison[i] - f->views[v].rgb[i]) : most;
+            assert_true(most <= 16 && most >= 8);
+            assert_true(sg_total_variation(poison, SIDE, SIDE, (enum sg_tv_form) form) >
+                        1.05 * sg_total_variation(f->views[v].rgb, SIDE, SIDE, (enum sg_tv_form) form));
+        }
+        sg_attack_destroy(&a);
+    }
+}
+
+/* Without a bound the poison leaves the photo, and the decoy's growth goes with it. */
+static void test_unbounded(void **state)
+{
+    struct fixture *f = *state;
+    sg_attack *a = begin(f, &(struct sg_attack_params){SHORT, .epsilon = INFINITY});
+    assert_true(advance(f, a, 200) > f->proxy->count * 5 / 4);
+    uint8_t poison[3 * SIDE * SIDE];
+    assert_int_equal(sg_attack_poison(a, 0, poison), SG_OK);
+    int most = 0;
+    for (int i = 0; i < 3 * SIDE * SIDE; i++)
+        most = abs(poison[i] - f->views[0].rgb[i]) > most ? abs(poison[i] - f->views[0].rgb[i]) : most;
+    assert_true(most > 64);
+    sg_attack_destroy(&a);
+}
+
+/* Positions stay unless asked to move; growth copies them. */
+static void test_positions(void **state)
+{
+    struct fixture *f = *state;
+    for (int moves = 0; moves < 2; moves++) {
+        sg_attack *a =
+            begin(f, &(struct sg_attack_params){SHORT, .move_positions = moves, .densification_interval = 1000});
+        struct sg_model *decoy;
+        advance(f, a, 10);
+        assert_int_equal(sg_attack_decoy(a, &decoy), SG_OK);
+        assert_int_equal(decoy->active_sh_degree, 1);
+        int moved = 0;
+        for (size_t i = 0; i < decoy->count; i++)
+            for (int k = 0; k < 3; k++)
+                moved += *sg_model_at(decoy, i, k) != *sg_model_at(f->proxy, i, k);
+        assert_int_equal(moved > 0, moves);
+        sg_model_destroy(f->ctx, &decoy);
+        sg_attack_destroy(&a);
+    }
+}
+
+/* Saved and restored, with gradients summed over views too: the very bytes. */
+static void test_resume(void **state)
+{
+    struct fixture *f = *state;
+    char path[] = "/tmp/sg-attack-XXXXXX";
+    close(mkstemp(path));
+    for (int interval = 1; interval <= 5; interval += 4) {
+        const struct sg_attack_params p = {SHORT, .update_interval = interval, .epsilon = INFINITY};
+        sg_attack *whole = begin(f, &p), *first = begin(f, &p), *second = begin(f, &p);
+        struct sg_model *a, *b;
+        advance(f, whole, 100);
+        advance(f, first, 45);
+        assert_int_equal(sg_attack_save(first, path), SG_OK);
+        assert_int_equal(sg_attack_load(second, path), SG_OK);
+        assert_int_equal(sg_attack_iteration(second), 45);
+        advance(f, second, 55);
+        assert_int_equal(sg_attack_decoy(whole, &a), SG_OK);
+        assert_int_equal(sg_attack_decoy(second, &b), SG_OK);
+        assert_int_equal(a->count, b->count);
+        assert_memory_equal(a->params, b->params, a->capacity * (size_t) sg_param_count(1) * sizeof(float));
+        if (interval > 1) {
+            advance(f, first, 1);
+            assert_int_equal(sg_attack_save(first, path), SG_ERR_USAGE); /* gradients are being summed */
+        }
+        sg_model_destroy(f->ctx, &a);
+        sg_model_destroy(f->ctx, &b);
+        sg_attack_destroy(&whole);
+        sg_attack_destroy(&first);
+        sg_attack_destroy(&second);
+    }
+    unlink(path);
+}
+
+static void test_refusals(void **state)
+{
+    struct fixture *f = *state;
+    sg_attack *a = (void *) f;
+    const struct sg_attack_params bad[] = {
+        {SHORT, .epsilon = -1},   {SHORT, .epsilon = NAN},        {SHORT, .inner = -1},
+        {SHORT, .step = NAN},     {SHORT, .update_interval = 0},  {SHORT, .iterations = 0},
+        {SHORT, .opacity_lr = 2}, {SHORT, .backend = "nonsense"}, {SHORT, .tv = 3}};
+    for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); i++) {
+        assert_int_equal(sg_attack_create(f->ctx, &f->scene, f->proxy, &bad[i], &a), SG_ERR_USAGE);
+        assert_null(a);
+        assert_true(sg_last_error(f->ctx)[0]);
+    }
+    struct sg_scene empty = f->scene;
+    empty.n_train = 0;
+    assert_int_equal(sg_attack_create(f->ctx, &empty, f->proxy, NULL, &a), SG_ERR_INPUT);
+    a = begin(f, NULL);
+    uint8_t byte;
+    assert_int_equal(sg_attack_poison(a, VIEWS, &byte), SG_ERR_USAGE);
+    sg_attack_destroy(&a);
+}
+
+int main(void)
+{
+#define LOOP(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_gradients),
+        cmocka_unit_test(test_ramps),
+        cmocka_unit_test(test_ascent),
+        cmocka_unit_test(test_byte_variation),
+        LOOP(test_bounded),
+        LOOP(test_unbounded),
+        LOOP(test_positions),
+        LOOP(test_resume),
+        LOOP(test_refusals),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
