@@ -169,7 +169,9 @@ static int loop(struct train_run *r)
             /* The model so far is worth keeping; the checkpoint stays, for this iteration is half done. */
             progress_break(&r->progress);
             code = report(r->ctx, error);
-            run_save_model(r->ctx, r->config->output, r->trainer);
+            const int done = sg_trainer_iteration(r->trainer);
+            if (done > 0 && !run_save_model(r->ctx, r->config->output, r->trainer))
+                fprintf(stderr, "the model of iteration %d is saved in %s\n", done, r->config->output);
             train_summary_write(r);
             return code;
         }
