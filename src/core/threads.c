@@ -17,14 +17,27 @@ struct sg_pool {
     struct worker *workers;
     pthread_mutex_t lock;
     pthread_cond_t start, done;
-    unsigned long generation; /* of the job; all below guarded by lock */
-    int running;
-    bool quit;
+    atomic_ulong generation; /* of the job; written under lock, as are the next four */
+    atomic_bool quit;
     void (*fn)(void *, size_t, int);
     void *arg;
     size_t n;
     atomic_size_t next;
+    atomic_int running;
 };
+
+/* An iteration is some twenty jobs with little between them, and to sleep and wake costs as much as a small job: look a few
+ * ten microseconds before sleeping. */
+#define LOOKS 1000
+
+static void pause_core(void)
+{
+#if defined(__x86_64__)
+    __builtin_ia32_pause();
+#elif defined(__aarch64__)
+    __asm__ volatile("isb");
+#endif
+}
 
 static void work(sg_pool *pool, int index)
 {
@@ -40,22 +53,22 @@ static void *worker_main(void *arg)
 {
     struct worker *w = arg;
     sg_pool *pool = w->pool;
-    unsigned long seen = 0;
-    pthread_mutex_lock(&pool->lock);
-    for (;;) {
-        while (pool->generation == seen && !pool->quit)
-            pthread_cond_wait(&pool->start, &pool->lock);
-        if (pool->quit)
-            break;
-        seen = pool->generation;
-        pthread_mutex_unlock(&pool->lock);
-        work(pool, w->index);
+    for (unsigned long seen = 0;; seen++) {
+        for (int i = 0; i < LOOKS && atomic_load(&pool->generation) == seen && !atomic_load(&pool->quit); i++)
+            pause_core();
         pthread_mutex_lock(&pool->lock);
-        if (--pool->running == 0)
+        while (atomic_load(&pool->generation) == seen && !atomic_load(&pool->quit))
+            pthread_cond_wait(&pool->start, &pool->lock);
+        pthread_mutex_unlock(&pool->lock);
+        if (atomic_load(&pool->quit))
+            return NULL;
+        work(pool, w->index);
+        if (atomic_fetch_sub(&pool->running, 1) == 1) { /* under the lock, or the waiter could miss it */
+            pthread_mutex_lock(&pool->lock);
             pthread_cond_signal(&pool->done);
+            pthread_mutex_unlock(&pool->lock);
+        }
     }
-    pthread_mutex_unlock(&pool->lock);
-    return NULL;
 }
 
 int sg_pool_create(sg_pool **out, int threads)
@@ -89,7 +102,7 @@ void sg_pool_destroy(sg_pool **p)
     if (!pool)
         return;
     pthread_mutex_lock(&pool->lock);
-    pool->quit = true;
+    atomic_store(&pool->quit, true);
     pthread_cond_broadcast(&pool->start);
     pthread_mutex_unlock(&pool->lock);
     for (int i = 1; i < pool->threads; i++)
@@ -119,13 +132,17 @@ void sg_pool_run(sg_pool *pool, size_t n, void (*fn)(void *, size_t, int), void 
     pool->arg = arg;
     pool->n = n;
     atomic_store_explicit(&pool->next, 0, memory_order_relaxed);
-    pool->running = pool->threads - 1;
-    pool->generation++;
+    atomic_store(&pool->running, pool->threads - 1);
+    atomic_fetch_add(&pool->generation, 1);
     pthread_cond_broadcast(&pool->start);
     pthread_mutex_unlock(&pool->lock);
     work(pool, 0);
+    for (int i = 0; i < LOOKS && atomic_load(&pool->running); i++)
+        pause_core();
+    if (!atomic_load(&pool->running))
+        return;
     pthread_mutex_lock(&pool->lock);
-    while (pool->running)
+    while (atomic_load(&pool->running))
         pthread_cond_wait(&pool->done, &pool->lock);
     pthread_mutex_unlock(&pool->lock);
 }

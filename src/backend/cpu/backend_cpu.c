@@ -10,7 +10,6 @@
 #include "dispatch.h"
 
 #define BLOCKS_PER_PIECE 64 /* of SG_LANES Gaussians */
-#define ROWS_PER_PIECE 8
 
 struct cpu_backend {
     struct sg_backend base;
@@ -25,12 +24,11 @@ struct cpu_backend {
     float *band_sums; /* per Gaussian over the bands; unused with one band */
     float *rgb, *alpha, *depth, *gradient, *target, *maps;
     double *sums;
-    float *row_scratch; /* of the loss, per thread */
     size_t cap_splats, cap_slots, cap_band_sums;
     size_t pixels;      /* the frame buffers' size */
     size_t aux_pixels;  /* alpha and depth */
     size_t loss_pixels; /* target and maps */
-    size_t sums_rows, scratch_width;
+    size_t sums_rows;
 };
 
 static double seconds(void)
@@ -54,7 +52,7 @@ static void destroy(struct sg_backend *base)
     sg_host_clear(ctx, &b->model);
     sg_bins_clear(ctx, &b->bins);
     void *owned[] = {b->splats,   b->slots,  b->band_sums, b->rgb,  b->alpha,      b->depth,
-                     b->gradient, b->target, b->maps,      b->sums, b->row_scratch};
+                     b->gradient, b->target, b->maps,      b->sums};
     for (size_t i = 0; i < sizeof(owned) / sizeof(owned[0]); i++)
         sg_free(ctx, owned[i]);
     sg_free(ctx, b);
@@ -241,24 +239,20 @@ static int write_image_gradient(struct sg_backend *base, const float *gradient)
 struct loss_job {
     const struct cpu_kernels *kernels;
     struct cpu_loss_args args;
-    float *scratch;
-    size_t scratch_stride;
-    int pass;
+    int channel, pass;
 };
 
 static void loss_rows(void *arg, size_t piece, int thread)
 {
     const struct loss_job *j = arg;
-    const int per_channel = (j->args.height + ROWS_PER_PIECE - 1) / ROWS_PER_PIECE;
-    const int channel = (int) piece / per_channel, first = (int) piece % per_channel * ROWS_PER_PIECE;
-    float *scratch = j->scratch + (size_t) thread * j->scratch_stride;
-    for (int y = first; y < first + ROWS_PER_PIECE && y < j->args.height; y++)
-        if (j->pass == 0)
-            j->kernels->loss_target(&j->args, channel, y);
-        else if (j->pass == 1)
-            j->kernels->loss_forward(&j->args, channel, y, scratch);
-        else
-            j->kernels->loss_backward(&j->args, channel, y, scratch);
+    const int y = (int) piece * CPU_LOSS_ROWS;
+    (void) thread;
+    if (j->pass == 0)
+        j->kernels->loss_target(&j->args, j->channel, y);
+    else if (j->pass == 1)
+        j->kernels->loss_forward(&j->args, j->channel, y);
+    else
+        j->kernels->loss_backward(&j->args, j->channel, y);
 }
 
 static int reserve_loss(struct cpu_backend *b)
@@ -267,16 +261,9 @@ static int reserve_loss(struct cpu_backend *b)
     const size_t pixels = (size_t) b->camera.width * (size_t) b->camera.height, rows = (size_t) b->camera.height;
     if (pixels > b->loss_pixels) {
         b->loss_pixels = 0;
-        if (refit(ctx, &b->target, 3 * pixels) || refit(ctx, &b->maps, 9 * pixels))
+        if (refit(ctx, &b->target, 3 * pixels) || refit(ctx, &b->maps, 3 * pixels))
             return SG_ERR_BUDGET;
         b->loss_pixels = pixels;
-    }
-    const size_t width = (size_t) b->camera.width;
-    if (width > b->scratch_width) {
-        b->scratch_width = 0;
-        if (refit(ctx, &b->row_scratch, (size_t) sg_ctx_threads(ctx) * CPU_LOSS_ROWS * CPU_LOSS_STRIDE(width)))
-            return SG_ERR_BUDGET;
-        b->scratch_width = width;
     }
     return sg_grow(ctx, SG_MEM_FRAME, &b->sums, &b->sums_rows, rows, 0, 9 * sizeof(double));
 }
@@ -295,12 +282,11 @@ static int loss(struct sg_backend *base, const struct sg_loss_params *p, struct 
                                     .target = b->target,
                                     .maps = b->maps,
                                     .gradient = b->gradient,
-                                    .sums = b->sums},
-                           .scratch = b->row_scratch,
-                           .scratch_stride = CPU_LOSS_ROWS * CPU_LOSS_STRIDE((size_t) b->camera.width)};
-    const size_t work = 3 * (size_t) ((b->camera.height + ROWS_PER_PIECE - 1) / ROWS_PER_PIECE);
-    for (job.pass = 0; job.pass < 3; job.pass++)
-        sg_parallel_for(base->ctx, work, loss_rows, &job);
+                                    .sums = b->sums}};
+    const size_t work = ((size_t) b->camera.height + CPU_LOSS_ROWS - 1) / CPU_LOSS_ROWS;
+    for (job.channel = 0; job.channel < 3; job.channel++)
+        for (job.pass = 0; job.pass < 3; job.pass++)
+            sg_parallel_for(base->ctx, work, loss_rows, &job);
     double sums[3] = {0};
     for (int row = 0; row < 3 * b->camera.height; row++)
         for (int k = 0; k < 3; k++)

@@ -76,14 +76,12 @@ struct cpu_loss_args {
     const float *rgb;
     const struct sg_loss_params *params;
     float *target;   /* 3 planes: params->target as floats */
-    float *maps;     /* per channel dS/dm1, dS/dxx, dS/dxy: 9 planes */
+    float *maps;     /* of the channel at work: dS/dm1, dS/dxx, dS/dxy */
     float *gradient; /* 3 planes */
     double *sums;    /* |d|, d^2, S per channel and row */
 };
 
-/* Floats of one row buffer: the loss kernels' scratch holds CPU_LOSS_ROWS. */
-#define CPU_LOSS_ROWS 4
-#define CPU_LOSS_STRIDE(width) (((width) + 15) / 16 * 16 + 2 * SG_LANES)
+#define CPU_LOSS_ROWS 4 /* rows of a piece of the loss */
 
 struct cpu_kernels {
     const char *name;
@@ -92,11 +90,11 @@ struct cpu_kernels {
     uint64_t (*raster)(const struct cpu_raster_args *, int tile);
     uint64_t (*raster_backward)(const struct cpu_raster_args *, int tile);
     void (*update)(const struct cpu_update_args *, size_t first_block, size_t end_block);
-    /* One row of one channel, in this order for all rows: target as floats; moments, SSIM, its partial derivatives;
-     * dL/dimage. scratch: CPU_LOSS_ROWS row buffers. */
+    /* The CPU_LOSS_ROWS rows of one channel that begin at row y, in this order for all rows of a channel: target as floats;
+     * moments, SSIM, its partial derivatives; dL/dimage. */
     void (*loss_target)(const struct cpu_loss_args *, int channel, int y);
-    void (*loss_forward)(const struct cpu_loss_args *, int channel, int y, float *scratch);
-    void (*loss_backward)(const struct cpu_loss_args *, int channel, int y, float *scratch);
+    void (*loss_forward)(const struct cpu_loss_args *, int channel, int y);
+    void (*loss_backward)(const struct cpu_loss_args *, int channel, int y);
 };
 
 extern const struct cpu_kernels sg_cpu_kernels_baseline, sg_cpu_kernels_avx2, sg_cpu_kernels_avx512,

@@ -17,7 +17,7 @@ uint64_t KERNEL(raster)(const struct cpu_raster_args *, int);
 uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *, int);
 void KERNEL(update)(const struct cpu_update_args *, size_t, size_t);
 void KERNEL(loss_target)(const struct cpu_loss_args *, int, int);
-void KERNEL(loss_forward)(const struct cpu_loss_args *, int, int, float *);
-void KERNEL(loss_backward)(const struct cpu_loss_args *, int, int, float *);
+void KERNEL(loss_forward)(const struct cpu_loss_args *, int, int);
+void KERNEL(loss_backward)(const struct cpu_loss_args *, int, int);
 
 #endif

@@ -1,146 +1,197 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* L1 and SSIM with their gradient, a row at a time: down the columns first, then along the row. Every row is its own
- * piece of work, so sums do not depend on how rows are dealt out. */
+/* L1 and SSIM with their gradient, one channel after the other, so that what one pass leaves is still in the cache for the
+ * next. A piece of work is CPU_LOSS_ROWS rows, in chunks of columns that fit the first-level cache: the window down the columns
+ * first, for the piece's rows together, then along each row. Sums are kept by row: they do not depend on how rows are dealt out. */
 #include "kernels.h"
 
 #include "math/photometric.h"
 
-#define PAD SG_LANES /* zeros on both sides of a row buffer */
+#define ROWS CPU_LOSS_ROWS
+#define REACH (ROWS + 2 * SG_SSIM_RADIUS) /* rows that a piece reads */
+#define CHUNK 416                         /* the most columns at a time */
+#define PAD SG_LANES                      /* columns on both sides of a chunk, of which the window reads the nearest */
 
-/* Row y of the channel's target as floats; where masked out, the render itself. */
+/* The target as floats; where masked out, the render itself. */
 void KERNEL(loss_target)(const struct cpu_loss_args *a, int channel, int y)
 {
-    const size_t at = (size_t) y * (size_t) a->width, plane = (size_t) a->width * (size_t) a->height;
-    const float *x = a->rgb + (size_t) channel * plane + at;
-    const uint8_t *m = a->params->mask ? a->params->mask + at : NULL;
-    float *out = a->target + (size_t) channel * plane + at;
-    if (a->params->planes) {
-        const float *planes = a->params->planes + (size_t) channel * plane + at;
-        for (int i = 0; i < a->width; i++)
-            out[i] = m && !m[i] ? x[i] : planes[i];
-        return;
-    }
-    const uint8_t *t = a->params->target + 3 * at + channel;
-    for (int i = 0; i < a->width; i++)
-        out[i] = m && !m[i] ? x[i] : (float) t[3 * i] * (1.0f / 255.0f);
+    const size_t plane = (size_t) a->width * (size_t) a->height, first = (size_t) y * (size_t) a->width;
+    const size_t end = y + ROWS < a->height ? first + ROWS * (size_t) a->width : plane;
+    const float *x = a->rgb + (size_t) channel * plane;
+    const float *planes = a->params->planes ? a->params->planes + (size_t) channel * plane : NULL;
+    const uint8_t *used = a->params->mask, *t = a->params->target + channel;
+    float *out = a->target + (size_t) channel * plane;
+    for (size_t i = first; i < end; i++)
+        out[i] = used && !used[i] ? x[i] : planes ? planes[i] : (float) t[3 * i] * (1.0f / 255.0f);
 }
 
-/* Lanes of a row from i on, zeros past its end. */
+/* Columns at a time: of `width`, equal parts. */
+SIMD int chunk_columns(int width)
+{
+    const int chunks = (width + CHUNK - 1) / CHUNK;
+    return ((width + chunks - 1) / chunks + LANES - 1) / LANES * LANES;
+}
+
+/* Lanes of a row from column i on, zeros past its end. */
 SIMD real row_load(const float *row, int i, int width)
 {
-    if (i + LANES <= width)
-        return r_load(row + i);
-    float lanes[LANES] = {0};
-    memcpy(lanes, row + i, (size_t) (width - i) * sizeof(float));
-    return r_load(lanes);
+    return i + LANES <= width ? r_load(row + i) : r_load_part(row + i, width - i);
+}
+
+/* A column of vectors: LANES pixels of each row that a piece reads, `stride` floats apart. */
+struct column {
+    const float *first;
+    ptrdiff_t stride;
+};
+
+/* Columns at the image's edges are copied, with zeros outside. */
+static __attribute__((noinline)) struct column edge_column(const float *plane, int i, int top, int width, int height,
+                                                           float copy[REACH * LANES])
+{
+    for (int j = 0; j < REACH; j++) {
+        const bool inside = top + j >= 0 && top + j < height && i >= 0 && i < width;
+        r_store(copy + j * LANES, inside ? row_load(plane + (ptrdiff_t) (top + j) * width, i, width) : r_set(0));
+    }
+    return (struct column){copy, LANES};
+}
+
+SIMD struct column find_column(const float *plane, int i, int y, int width, int height, float copy[REACH * LANES])
+{
+    const int top = y - SG_SSIM_RADIUS;
+    if (top >= 0 && top + REACH <= height && i >= 0 && i + LANES <= width)
+        return (struct column){plane + (ptrdiff_t) top * width + i, width};
+    return edge_column(plane, i, top, width, height, copy);
 }
 
 SIMD void row_store(float *row, int i, int width, real v)
 {
     if (i + LANES <= width)
         r_store(row + i, v);
-    else {
-        float lanes[LANES];
-        r_store(lanes, v);
-        memcpy(row + i, lanes, (size_t) (width - i) * sizeof(float));
+    else
+        r_store_part(row + i, width - i, v);
+}
+
+/* The window down a column for each of the piece's rows. It is symmetric: one multiplication for two taps. */
+SIMD void down(const real v[REACH], float out[ROWS][CHUNK + 2 * PAD], int column)
+{
+#pragma GCC unroll 8
+    for (int r = 0; r < ROWS; r++) {
+        const real *at = v + r + SG_SSIM_RADIUS;
+        real s = at[0] * sg_ssim_window[SG_SSIM_RADIUS];
+#pragma GCC unroll 8
+        for (int k = 1; k <= SG_SSIM_RADIUS; k++)
+            s += (at[-k] + at[k]) * sg_ssim_window[SG_SSIM_RADIUS - k];
+        r_store(out[r] + column, s);
     }
 }
 
-/* The window along a row. It is symmetric: one multiplication for two taps. */
-SIMD real along(const float *row, int i)
+/* The window along a row. */
+SIMD real along(const float *row)
 {
-    real s = r_load(row + i) * sg_ssim_window[SG_SSIM_RADIUS];
+    real near[2 * SG_SSIM_RADIUS + 1];
+    r_load_around(row, near);
+    real s = near[SG_SSIM_RADIUS] * sg_ssim_window[SG_SSIM_RADIUS];
+#pragma GCC unroll 8
     for (int k = 1; k <= SG_SSIM_RADIUS; k++)
-        s += (r_load(row + i - k) + r_load(row + i + k)) * sg_ssim_window[SG_SSIM_RADIUS - k];
+        s += (near[SG_SSIM_RADIUS - k] + near[SG_SSIM_RADIUS + k]) * sg_ssim_window[SG_SSIM_RADIUS - k];
     return s;
 }
 
-/* Zeros around `count` row buffers of `stride` floats; returns the first pixel of the first. */
-SIMD float *clear_pads(float *scratch, int count, int stride, int width)
+void KERNEL(loss_forward)(const struct cpu_loss_args *a, int channel, int y)
 {
-    for (int m = 0; m < count; m++) {
-        memset(scratch + m * stride, 0, PAD * sizeof(float));
-        memset(scratch + m * stride + PAD + width, 0, (size_t) (stride - PAD - width) * sizeof(float));
-    }
-    return scratch + PAD;
-}
-
-void KERNEL(loss_forward)(const struct cpu_loss_args *a, int channel, int y, float *scratch)
-{
-    const int w = a->width, stride = CPU_LOSS_STRIDE(w);
-    const size_t plane = (size_t) w * (size_t) a->height, at = (size_t) y * (size_t) w;
+    const int w = a->width, chunk = chunk_columns(w), count = a->height - y < ROWS ? a->height - y : ROWS;
+    const size_t plane = (size_t) w * (size_t) a->height;
     const float *x = a->rgb + (size_t) channel * plane, *t = a->target + (size_t) channel * plane;
-    const int j0 = y < SG_SSIM_RADIUS ? -y : -SG_SSIM_RADIUS;
-    const int j1 = a->height - 1 - y < SG_SSIM_RADIUS ? a->height - 1 - y : SG_SSIM_RADIUS;
-    float *rows = clear_pads(scratch, 4, stride, w);
-    real l1 = r_set(0), l2 = r_set(0), ssim = r_set(0);
-    for (int i = 0; i < w; i += LANES) {
-        real m1 = r_set(0), m2 = m1, squares = m1, xy = m1;
-        for (int j = j0; j <= j1; j++) {
-            const ptrdiff_t row = (ptrdiff_t) at + (ptrdiff_t) j * w;
-            const real vx = row_load(x + row, i, w), vt = row_load(t + row, i, w);
-            const float k = sg_ssim_window[j + SG_SSIM_RADIUS];
-            const real kx = vx * k, kt = vt * k;
-            m1 += kx, m2 += kt;
-            squares += kx * vx, xy += kx * vt;
-            squares += kt * vt;
+    real l1[ROWS], l2[ROWS], ssim[ROWS];
+    for (int r = 0; r < ROWS; r++)
+        l1[r] = l2[r] = ssim[r] = r_set(0);
+    _Alignas(64) float moments[4][ROWS][CHUNK + 2 * PAD]; /* of x, t, xx + tt, xt */
+    for (int c = 0; c < w; c += chunk) {
+        const int end = w - c < chunk ? w - c : chunk;
+        for (int i = -PAD; i < end + PAD; i += LANES) {
+            float copies[2][REACH * LANES];
+            const struct column xs = find_column(x, c + i, y, w, a->height, copies[0]);
+            const struct column ts = find_column(t, c + i, y, w, a->height, copies[1]);
+            real v[REACH];
+#pragma GCC unroll 16
+            for (int j = 0; j < REACH; j++)
+                v[j] = r_load(xs.first + j * xs.stride);
+            down(v, moments[0], i + PAD);
+#pragma GCC unroll 16
+            for (int j = 0; j < REACH; j++)
+                v[j] = r_load(ts.first + j * ts.stride);
+            down(v, moments[1], i + PAD);
+#pragma GCC unroll 16
+            for (int j = 0; j < REACH; j++) {
+                const real vx = r_load(xs.first + j * xs.stride);
+                v[j] = v[j] * v[j] + vx * vx;
+            }
+            down(v, moments[2], i + PAD);
+#pragma GCC unroll 16
+            for (int j = 0; j < REACH; j++)
+                v[j] = r_load(xs.first + j * xs.stride) * r_load(ts.first + j * ts.stride);
+            down(v, moments[3], i + PAD);
         }
-        row_store(rows, i, w, m1);
-        row_store(rows + stride, i, w, m2);
-        row_store(rows + 2 * stride, i, w, squares);
-        row_store(rows + 3 * stride, i, w, xy);
-        const real d = row_load(x + at, i, w) - row_load(t + at, i, w);
-        l1 += r_max(d, -d);
-        l2 += d * d;
-    }
-    for (int i = 0; i < w; i += LANES) {
-        real d_m, d_xx, d_xy;
-        const real s = ssim_point(along(rows, i), along(rows + stride, i), along(rows + 2 * stride, i),
-                                  along(rows + 3 * stride, i), &d_m, &d_xx, &d_xy);
-        ssim += r_keep(r_lt(r_lane() + (float) i, r_set((float) w)), s);
-        float *maps = a->maps + 3 * (size_t) channel * plane + at;
-        row_store(maps, i, w, d_m);
-        row_store(maps + plane, i, w, d_xx);
-        row_store(maps + 2 * plane, i, w, d_xy);
+        for (int r = 0; r < count; r++) {
+            const size_t at = (size_t) (y + r) * (size_t) w;
+            float *maps = a->maps + at;
+            for (int i = 0; i < end; i += LANES) {
+                real d_m, d_xx, d_xy;
+                const real s = ssim_point(along(moments[0][r] + i + PAD), along(moments[1][r] + i + PAD),
+                                          along(moments[2][r] + i + PAD), along(moments[3][r] + i + PAD), &d_m, &d_xx, &d_xy);
+                ssim[r] += r_keep(r_lt(r_lane() + (float) i, r_set((float) end)), s);
+                row_store(maps, c + i, w, d_m);
+                row_store(maps + plane, c + i, w, d_xx);
+                row_store(maps + 2 * plane, c + i, w, d_xy);
+                const real d = row_load(x + at, c + i, w) - row_load(t + at, c + i, w);
+                l1[r] += r_max(d, -d);
+                l2[r] += d * d;
+            }
+        }
     }
     double *sums = a->sums + 3 * ((size_t) channel * (size_t) a->height + (size_t) y);
-    sums[0] = (double) r_sum(l1), sums[1] = (double) r_sum(l2), sums[2] = (double) r_sum(ssim);
+    for (int r = 0; r < count; r++, sums += 3)
+        sums[0] = (double) r_sum(l1[r]), sums[1] = (double) r_sum(l2[r]), sums[2] = (double) r_sum(ssim[r]);
 }
 
-void KERNEL(loss_backward)(const struct cpu_loss_args *a, int channel, int y, float *scratch)
+void KERNEL(loss_backward)(const struct cpu_loss_args *a, int channel, int y)
 {
-    const int w = a->width, stride = CPU_LOSS_STRIDE(w);
-    const size_t plane = (size_t) w * (size_t) a->height, at = (size_t) y * (size_t) w;
-    const float *maps = a->maps + 3 * (size_t) channel * plane;
-    const float *x = a->rgb + (size_t) channel * plane + at, *t = a->target + (size_t) channel * plane + at;
-    float *out = a->gradient + (size_t) channel * plane + at;
-    const int j0 = y < SG_SSIM_RADIUS ? -y : -SG_SSIM_RADIUS;
-    const int j1 = a->height - 1 - y < SG_SSIM_RADIUS ? a->height - 1 - y : SG_SSIM_RADIUS;
-    float *rows = clear_pads(scratch, 3, stride, w);
-    for (int i = 0; i < w; i += LANES) {
-        real s[3] = {r_set(0), r_set(0), r_set(0)};
-        for (int j = j0; j <= j1; j++) {
-            const ptrdiff_t row = (ptrdiff_t) at + (ptrdiff_t) j * w;
-            for (int m = 0; m < 3; m++)
-                s[m] += row_load(maps + (size_t) m * plane + row, i, w) * sg_ssim_window[j + SG_SSIM_RADIUS];
-        }
-        for (int m = 0; m < 3; m++)
-            row_store(rows + m * stride, i, w, s[m]);
-    }
+    const int w = a->width, chunk = chunk_columns(w), count = a->height - y < ROWS ? a->height - y : ROWS;
+    const size_t plane = (size_t) w * (size_t) a->height;
     const float unit = 1 / (3 * (float) plane), lambda = a->params->lambda_dssim;
     const float l1 = (1 - lambda) * unit, dssim = -lambda * unit;
-    const uint8_t *used = a->params->mask ? a->params->mask + at : NULL;
-    for (int i = 0; i < w; i += LANES) {
-        const real vx = row_load(x, i, w), vt = row_load(t, i, w), zero = r_set(0);
-        const real ds = along(rows, i) + 2 * vx * along(rows + stride, i) + vt * along(rows + 2 * stride, i);
-        const real sign = r_keep(r_lt(vt, vx), r_set(1)) - r_keep(r_lt(vx, vt), r_set(1));
-        real g = l1 * sign + dssim * ds;
-        if (used) { /* no pull where the target is the render itself */
-            real keep = zero;
-            for (int k = 0; k < LANES && i + k < w; k++)
-                keep[k] = used[i + k] ? 1.0f : 0.0f;
-            g *= keep;
+    _Alignas(64) float maps[3][ROWS][CHUNK + 2 * PAD];
+    for (int c = 0; c < w; c += chunk) {
+        const int end = w - c < chunk ? w - c : chunk;
+        for (int i = -PAD; i < end + PAD; i += LANES)
+            for (int m = 0; m < 3; m++) {
+                float copy[REACH * LANES];
+                const struct column col =
+                    find_column(a->maps + (size_t) m * plane, c + i, y, w, a->height, copy);
+                real v[REACH];
+#pragma GCC unroll 16
+                for (int j = 0; j < REACH; j++)
+                    v[j] = r_load(col.first + j * col.stride);
+                down(v, maps[m], i + PAD);
+            }
+        for (int r = 0; r < count; r++) {
+            const size_t at = (size_t) (y + r) * (size_t) w;
+            const float *x = a->rgb + (size_t) channel * plane + at, *t = a->target + (size_t) channel * plane + at;
+            float *out = a->gradient + (size_t) channel * plane + at;
+            const uint8_t *used = a->params->mask ? a->params->mask + at : NULL;
+            for (int i = 0; i < end; i += LANES) {
+                const real vx = row_load(x, c + i, w), vt = row_load(t, c + i, w);
+                const real ds = along(maps[0][r] + i + PAD) + 2 * vx * along(maps[1][r] + i + PAD) +
+                                vt * along(maps[2][r] + i + PAD);
+                const real sign = r_keep(r_lt(vt, vx), r_set(1)) - r_keep(r_lt(vx, vt), r_set(1));
+                real g = l1 * sign + dssim * ds;
+                if (used) { /* no pull where the target is the render itself */
+                    real keep = r_set(0);
+                    for (int k = 0; k < LANES && i + k < end; k++)
+                        keep[k] = used[c + i + k] ? 1.0f : 0.0f;
+                    g *= keep;
+                }
+                row_store(out, c + i, w, g);
+            }
         }
-        row_store(out, i, w, g);
     }
 }

@@ -32,6 +32,33 @@ SIMD real r_set(float a) { return a - (real){0}; }
 SIMD ireal i_set(int32_t a) { return a - (ireal){0}; }
 SIMD real r_load(const float *p) { real v; memcpy(&v, p, sizeof(v)); return v; }
 SIMD void r_store(float *p, real v) { memcpy(p, &v, sizeof(v)); }
+#if defined(__AVX512F__)
+SIMD real r_load_part(const float *p, int count) { return (real) _mm512_maskz_loadu_ps((__mmask16) ((1u << count) - 1), p); }
+SIMD void r_store_part(float *p, int count, real v) { _mm512_mask_storeu_ps(p, (__mmask16) ((1u << count) - 1), (__m512) v); }
+#else
+/* The first `count` < LANES lanes; the others are zero. */
+SIMD real r_load_part(const float *p, int count)
+{
+    real v = {0};
+    memcpy(&v, p, (size_t) count * sizeof(float));
+    return v;
+}
+SIMD void r_store_part(float *p, int count, real v) { memcpy(p, &v, (size_t) count * sizeof(float)); }
+#endif
+/* near[k] = the lanes from p + k - 5 on, k = 0..10. p is aligned to a vector where that helps. */
+SIMD void r_load_around(const float *p, real near[11])
+{
+#if LANES == 16 /* shifts of three aligned loads: a load across two cache lines costs two */
+    const __m512i a = _mm512_load_si512(p - 16), b = _mm512_load_si512(p), c = _mm512_load_si512(p + 16);
+    near[5] = (real) b;
+#define AROUND(k) near[5 - (k)] = (real) _mm512_alignr_epi32(b, a, 16 - (k)), near[5 + (k)] = (real) _mm512_alignr_epi32(c, b, k)
+    AROUND(1), AROUND(2), AROUND(3), AROUND(4), AROUND(5);
+#undef AROUND
+#else
+    for (int k = 0; k < 11; k++)
+        near[k] = r_load(p + k - 5);
+#endif
+}
 SIMD real r_lane(void) /* 0, 1, 2, ... */
 {
     real v;
