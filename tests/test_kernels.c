@@ -90,16 +90,16 @@ static struct exact_loss exact(const float *rgb, const uint8_t *target, const ui
     return o;
 }
 
-static void check_loss(const struct cpu_kernels *k, int w, int h, bool masked, float lambda, bool same)
+static void check_loss(const struct cpu_kernels *k, int w, int h, int rows, bool masked, float lambda, bool same)
 {
     const size_t n = (size_t) w * (size_t) h;
     float *rgb = malloc(3 * n * sizeof(float)), *gradient = malloc(3 * n * sizeof(float));
-    float *target_f = malloc(3 * n * sizeof(float)), *maps = malloc(3 * n * sizeof(float));
+    float *scratch = malloc(CPU_LOSS_SCRATCH((size_t) w) * sizeof(float));
     double *sums = malloc(9 * (size_t) h * sizeof(double));
     uint8_t *target = malloc(3 * n), *used = malloc(n);
-    assert_true(rgb && gradient && target_f && maps && sums && target && used);
-    for (size_t i = 0; i < 3 * n; i++)
-        maps[i] = NAN; /* must not be read unwritten */
+    assert_true(rgb && gradient && scratch && sums && target && used);
+    for (size_t i = 0; i < CPU_LOSS_SCRATCH((size_t) w); i++)
+        scratch[i] = NAN; /* must not be read unwritten */
     for (size_t i = 0; i < n; i++) {
         used[i] = draw(3, i, 0, 1) < 0.7f ? 255 : 0;
         for (size_t ch = 0; ch < 3; ch++) {
@@ -108,23 +108,11 @@ static void check_loss(const struct cpu_kernels *k, int w, int h, bool masked, f
         }
     }
     const struct sg_loss_params p = {lambda, target, masked ? used : NULL, NULL};
-    const struct cpu_loss_args a = {.width = w,
-                                    .height = h,
-                                    .rgb = rgb,
-                                    .params = &p,
-                                    .target = target_f,
-                                    .maps = maps,
-                                    .gradient = gradient,
-                                    .sums = sums};
+    const struct cpu_loss_args a = {
+        .width = w, .height = h, .rgb = rgb, .params = &p, .gradient = gradient, .sums = sums};
     for (int ch = 0; ch < 3; ch++)
-        for (int pass = 0; pass < 3; pass++)
-            for (int y = 0; y < h; y += CPU_LOSS_ROWS)
-                if (pass == 0)
-                    k->loss_target(&a, ch, y);
-                else if (pass == 1)
-                    k->loss_forward(&a, ch, y);
-                else
-                    k->loss_backward(&a, ch, y);
+        for (int y = 0; y < h; y += rows)
+            k->loss(&a, ch, y, y + rows < h ? y + rows : h, scratch);
     double l1 = 0, mse = 0, ssim = 0;
     for (int i = 0; i < 3 * h; i++)
         l1 += sums[3 * i], mse += sums[3 * i + 1], ssim += sums[3 * i + 2];
@@ -145,7 +133,7 @@ static void check_loss(const struct cpu_kernels *k, int w, int h, bool masked, f
         if (masked && !used[i % n])
             assert_true(gradient[i] == 0);
     }
-    void *owned[] = {rgb, gradient, target_f, maps, sums, target, used, e.gradient};
+    void *owned[] = {rgb, gradient, scratch, sums, target, used, e.gradient};
     for (size_t i = 0; i < sizeof(owned) / sizeof(owned[0]); i++)
         free(owned[i]);
 }
@@ -153,14 +141,14 @@ static void check_loss(const struct cpu_kernels *k, int w, int h, bool masked, f
 static void test_loss(void **state)
 {
     (void) state;
-    static const int sizes[][2] = {{1, 1}, {3, 40}, {40, 2}, {16, 16}, {17, 33}, {31, 15}, {64, 12}, {530, 19}};
+    static const int sizes[][2] = {{1, 1}, {3, 40}, {40, 2}, {16, 16}, {17, 33}, {31, 15}, {64, 12}, {530, 99}};
     const struct cpu_kernels *variants[4];
     for (int v = 0, n = sg_cpu_variants(variants); v < n; v++)
         for (int s = 0; s < 8; s++)
             for (int masked = 0; masked < 2; masked++) {
-                check_loss(variants[v], sizes[s][0], sizes[s][1], masked, 0.2f, false);
-                check_loss(variants[v], sizes[s][0], sizes[s][1], masked, 1, false);
-                check_loss(variants[v], sizes[s][0], sizes[s][1], masked, 0.2f, true);
+                check_loss(variants[v], sizes[s][0], sizes[s][1], 23, masked, 0.2f, false);
+                check_loss(variants[v], sizes[s][0], sizes[s][1], sizes[s][1], masked, 1, false);
+                check_loss(variants[v], sizes[s][0], sizes[s][1], 5, masked, 0.2f, true);
             }
 }
 

@@ -22,12 +22,12 @@ struct cpu_backend {
     struct bins bins;
     float *slots;     /* per instance of the band: splat gradients */
     float *band_sums; /* per Gaussian over the bands; unused with one band */
-    float *rgb, *alpha, *depth, *gradient, *target, *maps;
+    float *rgb, *alpha, *depth, *gradient, *loss_scratch;
     double *sums;
     size_t cap_splats, cap_slots, cap_band_sums;
-    size_t pixels;      /* the frame buffers' size */
-    size_t aux_pixels;  /* alpha and depth */
-    size_t loss_pixels; /* target and maps */
+    size_t pixels;     /* the frame buffers' size */
+    size_t aux_pixels; /* alpha and depth */
+    size_t loss_scratch_floats;
     size_t sums_rows;
 };
 
@@ -51,8 +51,8 @@ static void destroy(struct sg_backend *base)
     sg_ctx *ctx = base->ctx;
     sg_host_clear(ctx, &b->model);
     sg_bins_clear(ctx, &b->bins);
-    void *owned[] = {b->splats,   b->slots,  b->band_sums, b->rgb,  b->alpha,      b->depth,
-                     b->gradient, b->target, b->maps,      b->sums};
+    void *owned[] = {b->splats, b->slots,    b->band_sums,    b->rgb, b->alpha,
+                     b->depth,  b->gradient, b->loss_scratch, b->sums};
     for (size_t i = 0; i < sizeof(owned) / sizeof(owned[0]); i++)
         sg_free(ctx, owned[i]);
     sg_free(ctx, b);
@@ -239,54 +239,45 @@ static int write_image_gradient(struct sg_backend *base, const float *gradient)
 struct loss_job {
     const struct cpu_kernels *kernels;
     struct cpu_loss_args args;
-    int channel, pass;
+    int rows; /* of a piece */
+    float *scratch;
 };
 
 static void loss_rows(void *arg, size_t piece, int thread)
 {
     const struct loss_job *j = arg;
-    const int y = (int) piece * CPU_LOSS_ROWS;
-    (void) thread;
-    if (j->pass == 0)
-        j->kernels->loss_target(&j->args, j->channel, y);
-    else if (j->pass == 1)
-        j->kernels->loss_forward(&j->args, j->channel, y);
-    else
-        j->kernels->loss_backward(&j->args, j->channel, y);
-}
-
-static int reserve_loss(struct cpu_backend *b)
-{
-    sg_ctx *ctx = b->base.ctx;
-    const size_t pixels = (size_t) b->camera.width * (size_t) b->camera.height, rows = (size_t) b->camera.height;
-    if (pixels > b->loss_pixels) {
-        b->loss_pixels = 0;
-        if (refit(ctx, &b->target, 3 * pixels) || refit(ctx, &b->maps, 3 * pixels))
-            return SG_ERR_BUDGET;
-        b->loss_pixels = pixels;
-    }
-    return sg_grow(ctx, SG_MEM_FRAME, &b->sums, &b->sums_rows, rows, 0, 9 * sizeof(double));
+    const int first = (int) (piece / 3) * j->rows, end = first + j->rows;
+    j->kernels->loss(&j->args, (int) (piece % 3), first, end < j->args.height ? end : j->args.height,
+                     j->scratch + (size_t) thread * CPU_LOSS_SCRATCH((size_t) j->args.width));
 }
 
 static int loss(struct sg_backend *base, const struct sg_loss_params *p, struct sg_loss_value *out)
 {
     struct cpu_backend *b = (struct cpu_backend *) base;
     double clock = seconds();
-    if (reserve_loss(b))
+    const int height = b->camera.height, threads = sg_ctx_threads(base->ctx);
+    const size_t scratch = (size_t) threads * CPU_LOSS_SCRATCH((size_t) b->camera.width);
+    if (scratch > b->loss_scratch_floats) {
+        b->loss_scratch_floats = 0;
+        if (refit(base->ctx, &b->loss_scratch, scratch))
+            return SG_ERR_BUDGET;
+        b->loss_scratch_floats = scratch;
+    }
+    if (sg_grow(base->ctx, SG_MEM_FRAME, &b->sums, &b->sums_rows, (size_t) height, 0, 9 * sizeof(double)))
         return SG_ERR_BUDGET;
+    /* Each piece computes ten rows that are its neighbours': the fewer the better, but the threads should end together.
+     */
+    const int rows = height / (2 * threads) + 1;
     struct loss_job job = {.kernels = b->kernels,
                            .args = {.width = b->camera.width,
-                                    .height = b->camera.height,
+                                    .height = height,
                                     .rgb = b->rgb,
                                     .params = p,
-                                    .target = b->target,
-                                    .maps = b->maps,
                                     .gradient = b->gradient,
-                                    .sums = b->sums}};
-    const size_t work = ((size_t) b->camera.height + CPU_LOSS_ROWS - 1) / CPU_LOSS_ROWS;
-    for (job.channel = 0; job.channel < 3; job.channel++)
-        for (job.pass = 0; job.pass < 3; job.pass++)
-            sg_parallel_for(base->ctx, work, loss_rows, &job);
+                                    .sums = b->sums},
+                           .rows = rows < CPU_LOSS_STEP ? CPU_LOSS_STEP : rows,
+                           .scratch = b->loss_scratch};
+    sg_parallel_for(base->ctx, 3 * (((size_t) height + (size_t) job.rows - 1) / (size_t) job.rows), loss_rows, &job);
     double sums[3] = {0};
     for (int row = 0; row < 3 * b->camera.height; row++)
         for (int k = 0; k < 3; k++)

@@ -73,15 +73,15 @@ struct cpu_update_args {
 
 struct cpu_loss_args {
     int width, height;
-    const float *rgb;
+    float *rgb; /* is only read */
     const struct sg_loss_params *params;
-    float *target;   /* 3 planes: params->target as floats */
-    float *maps;     /* of the channel at work: dS/dm1, dS/dxx, dS/dxy */
     float *gradient; /* 3 planes */
     double *sums;    /* |d|, d^2, S per channel and row */
 };
 
-#define CPU_LOSS_ROWS 4 /* rows of a piece of the loss */
+#define CPU_LOSS_STEP 16 /* rows at a time */
+#define CPU_LOSS_STRIDE(width) (((width) + 15) / 16 * 16)
+#define CPU_LOSS_SCRATCH(width) ((4 * CPU_LOSS_STEP + 50) * CPU_LOSS_STRIDE(width)) /* floats */
 
 struct cpu_kernels {
     const char *name;
@@ -90,11 +90,8 @@ struct cpu_kernels {
     uint64_t (*raster)(const struct cpu_raster_args *, int tile);
     uint64_t (*raster_backward)(const struct cpu_raster_args *, int tile);
     void (*update)(const struct cpu_update_args *, size_t first_block, size_t end_block);
-    /* The CPU_LOSS_ROWS rows of one channel that begin at row y, in this order for all rows of a channel: target as floats;
-     * moments, SSIM, its partial derivatives; dL/dimage. */
-    void (*loss_target)(const struct cpu_loss_args *, int channel, int y);
-    void (*loss_forward)(const struct cpu_loss_args *, int channel, int y);
-    void (*loss_backward)(const struct cpu_loss_args *, int channel, int y);
+    /* Rows first to end - 1 of a channel: sums and gradient. scratch: CPU_LOSS_SCRATCH(width) floats. */
+    void (*loss)(const struct cpu_loss_args *, int channel, int first, int end, float *scratch);
 };
 
 extern const struct cpu_kernels sg_cpu_kernels_baseline, sg_cpu_kernels_avx2, sg_cpu_kernels_avx512,

@@ -1,27 +1,37 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* L1 and SSIM with their gradient, one channel after the other, so that what one pass leaves is still in the cache for the
- * next. A piece of work is CPU_LOSS_ROWS rows, in chunks of columns that fit the first-level cache: the window down the columns
- * first, for the piece's rows together, then along each row. Sums are kept by row: they do not depend on how rows are dealt out. */
+/* L1 and SSIM with their gradient. A piece of work is a range of one channel's rows. It goes down the image with two
+ * bands of rows that fit the second-level cache: the target as floats, and behind it the partial derivatives of SSIM,
+ * from which the gradient follows. The window is applied to ROWS rows together, in chunks of columns that fit the
+ * first-level cache: down the columns first, then along each row. Sums are kept by row: they do not depend on how rows
+ * are dealt out. */
 #include "kernels.h"
 
 #include "math/photometric.h"
 
-#define ROWS CPU_LOSS_ROWS
-#define REACH (ROWS + 2 * SG_SSIM_RADIUS) /* rows that a piece reads */
+#define ROWS 4                            /* rows together */
+#define REACH (ROWS + 2 * SG_SSIM_RADIUS) /* rows that they read */
 #define CHUNK 416                         /* the most columns at a time */
 #define PAD SG_LANES                      /* columns on both sides of a chunk, of which the window reads the nearest */
 
-/* The target as floats; where masked out, the render itself. */
-void KERNEL(loss_target)(const struct cpu_loss_args *a, int channel, int y)
+/* Rows first to end - 1 of an image. */
+struct band {
+    float *rows;
+    ptrdiff_t stride; /* in floats */
+    int width, first, end;
+};
+
+SIMD float *band_row(const struct band *b, int y)
 {
-    const size_t plane = (size_t) a->width * (size_t) a->height, first = (size_t) y * (size_t) a->width;
-    const size_t end = y + ROWS < a->height ? first + ROWS * (size_t) a->width : plane;
-    const float *x = a->rgb + (size_t) channel * plane;
-    const float *planes = a->params->planes ? a->params->planes + (size_t) channel * plane : NULL;
-    const uint8_t *used = a->params->mask, *t = a->params->target + channel;
-    float *out = a->target + (size_t) channel * plane;
-    for (size_t i = first; i < end; i++)
-        out[i] = used && !used[i] ? x[i] : planes ? planes[i] : (float) t[3 * i] * (1.0f / 255.0f);
+    return b->rows + (y - b->first) * b->stride;
+}
+
+/* Forgets the rows above `first`. */
+static void band_slide(struct band *b, int first)
+{
+    if (first <= b->first)
+        return;
+    memmove(b->rows, band_row(b, first), (size_t) (b->end - first) * (size_t) b->stride * sizeof(float));
+    b->first = first;
 }
 
 /* Columns at a time: of `width`, equal parts. */
@@ -37,31 +47,6 @@ SIMD real row_load(const float *row, int i, int width)
     return i + LANES <= width ? r_load(row + i) : r_load_part(row + i, width - i);
 }
 
-/* A column of vectors: LANES pixels of each row that a piece reads, `stride` floats apart. */
-struct column {
-    const float *first;
-    ptrdiff_t stride;
-};
-
-/* Columns at the image's edges are copied, with zeros outside. */
-static __attribute__((noinline)) struct column edge_column(const float *plane, int i, int top, int width, int height,
-                                                           float copy[REACH * LANES])
-{
-    for (int j = 0; j < REACH; j++) {
-        const bool inside = top + j >= 0 && top + j < height && i >= 0 && i < width;
-        r_store(copy + j * LANES, inside ? row_load(plane + (ptrdiff_t) (top + j) * width, i, width) : r_set(0));
-    }
-    return (struct column){copy, LANES};
-}
-
-SIMD struct column find_column(const float *plane, int i, int y, int width, int height, float copy[REACH * LANES])
-{
-    const int top = y - SG_SSIM_RADIUS;
-    if (top >= 0 && top + REACH <= height && i >= 0 && i + LANES <= width)
-        return (struct column){plane + (ptrdiff_t) top * width + i, width};
-    return edge_column(plane, i, top, width, height, copy);
-}
-
 SIMD void row_store(float *row, int i, int width, real v)
 {
     if (i + LANES <= width)
@@ -70,7 +55,33 @@ SIMD void row_store(float *row, int i, int width, real v)
         r_store_part(row + i, width - i, v);
 }
 
-/* The window down a column for each of the piece's rows. It is symmetric: one multiplication for two taps. */
+/* A column of vectors: LANES pixels of each of REACH rows, `stride` floats apart. */
+struct column {
+    const float *first;
+    ptrdiff_t stride;
+};
+
+/* Columns at the edges are copied, with zeros outside. */
+static __attribute__((noinline)) struct column edge_column(const struct band *b, int i, int top,
+                                                           float copy[REACH * LANES])
+{
+    for (int j = 0; j < REACH; j++) {
+        const bool inside = top + j >= b->first && top + j < b->end && i >= 0 && i < b->width;
+        r_store(copy + j * LANES, inside ? row_load(band_row(b, top + j), i, b->width) : r_set(0));
+    }
+    return (struct column){copy, LANES};
+}
+
+/* What the window reads for ROWS rows from y on, in the columns from i on. */
+SIMD struct column find_column(const struct band *b, int i, int y, float copy[REACH * LANES])
+{
+    const int top = y - SG_SSIM_RADIUS;
+    if (top >= b->first && top + REACH <= b->end && i >= 0 && i + LANES <= b->width)
+        return (struct column){band_row(b, top) + i, b->stride};
+    return edge_column(b, i, top, copy);
+}
+
+/* The window down a column for each of ROWS rows. It is symmetric: one multiplication for two taps. */
 SIMD void down(const real v[REACH], float out[ROWS][CHUNK + 2 * PAD], int column)
 {
 #pragma GCC unroll 8
@@ -96,92 +107,95 @@ SIMD real along(const float *row)
     return s;
 }
 
-void KERNEL(loss_forward)(const struct cpu_loss_args *a, int channel, int y)
+/* Partial derivatives of SSIM at rows y to y + count - 1, count <= ROWS; of those that the piece owns also the sums. */
+SIMD void forward(const struct band *image, const struct band *target, const struct band maps[3], int y, int count,
+                  double *sums, int first, int end)
 {
-    const int w = a->width, chunk = chunk_columns(w), count = a->height - y < ROWS ? a->height - y : ROWS;
-    const size_t plane = (size_t) w * (size_t) a->height;
-    const float *x = a->rgb + (size_t) channel * plane, *t = a->target + (size_t) channel * plane;
+    const int w = image->width, chunk = chunk_columns(w);
     real l1[ROWS], l2[ROWS], ssim[ROWS];
     for (int r = 0; r < ROWS; r++)
         l1[r] = l2[r] = ssim[r] = r_set(0);
     _Alignas(64) float moments[4][ROWS][CHUNK + 2 * PAD]; /* of x, t, xx + tt, xt */
     for (int c = 0; c < w; c += chunk) {
-        const int end = w - c < chunk ? w - c : chunk;
-        for (int i = -PAD; i < end + PAD; i += LANES) {
+        const int width = w - c < chunk ? w - c : chunk;
+        for (int i = -PAD; i < width + PAD; i += LANES) {
             float copies[2][REACH * LANES];
-            const struct column xs = find_column(x, c + i, y, w, a->height, copies[0]);
-            const struct column ts = find_column(t, c + i, y, w, a->height, copies[1]);
+            const struct column x = find_column(image, c + i, y, copies[0]);
+            const struct column t = find_column(target, c + i, y, copies[1]);
             real v[REACH];
 #pragma GCC unroll 16
             for (int j = 0; j < REACH; j++)
-                v[j] = r_load(xs.first + j * xs.stride);
+                v[j] = r_load(x.first + j * x.stride);
             down(v, moments[0], i + PAD);
 #pragma GCC unroll 16
             for (int j = 0; j < REACH; j++)
-                v[j] = r_load(ts.first + j * ts.stride);
+                v[j] = r_load(t.first + j * t.stride);
             down(v, moments[1], i + PAD);
 #pragma GCC unroll 16
             for (int j = 0; j < REACH; j++) {
-                const real vx = r_load(xs.first + j * xs.stride);
+                const real vx = r_load(x.first + j * x.stride);
                 v[j] = v[j] * v[j] + vx * vx;
             }
             down(v, moments[2], i + PAD);
 #pragma GCC unroll 16
             for (int j = 0; j < REACH; j++)
-                v[j] = r_load(xs.first + j * xs.stride) * r_load(ts.first + j * ts.stride);
+                v[j] = r_load(x.first + j * x.stride) * r_load(t.first + j * t.stride);
             down(v, moments[3], i + PAD);
         }
         for (int r = 0; r < count; r++) {
-            const size_t at = (size_t) (y + r) * (size_t) w;
-            float *maps = a->maps + at;
-            for (int i = 0; i < end; i += LANES) {
+            const float *x = band_row(image, y + r), *t = band_row(target, y + r);
+            float *d_ms = band_row(&maps[0], y + r), *d_xxs = band_row(&maps[1], y + r),
+                  *d_xys = band_row(&maps[2], y + r);
+            for (int i = 0; i < width; i += LANES) {
                 real d_m, d_xx, d_xy;
-                const real s = ssim_point(along(moments[0][r] + i + PAD), along(moments[1][r] + i + PAD),
-                                          along(moments[2][r] + i + PAD), along(moments[3][r] + i + PAD), &d_m, &d_xx, &d_xy);
-                ssim[r] += r_keep(r_lt(r_lane() + (float) i, r_set((float) end)), s);
-                row_store(maps, c + i, w, d_m);
-                row_store(maps + plane, c + i, w, d_xx);
-                row_store(maps + 2 * plane, c + i, w, d_xy);
-                const real d = row_load(x + at, c + i, w) - row_load(t + at, c + i, w);
+                const real s =
+                    ssim_point(along(moments[0][r] + i + PAD), along(moments[1][r] + i + PAD),
+                               along(moments[2][r] + i + PAD), along(moments[3][r] + i + PAD), &d_m, &d_xx, &d_xy);
+                ssim[r] += r_keep(r_lt(r_lane() + (float) i, r_set((float) width)), s);
+                row_store(d_ms, c + i, w, d_m);
+                row_store(d_xxs, c + i, w, d_xx);
+                row_store(d_xys, c + i, w, d_xy);
+                const real d = row_load(x, c + i, w) - row_load(t, c + i, w);
                 l1[r] += r_max(d, -d);
                 l2[r] += d * d;
             }
         }
     }
-    double *sums = a->sums + 3 * ((size_t) channel * (size_t) a->height + (size_t) y);
-    for (int r = 0; r < count; r++, sums += 3)
-        sums[0] = (double) r_sum(l1[r]), sums[1] = (double) r_sum(l2[r]), sums[2] = (double) r_sum(ssim[r]);
+    for (int r = 0; r < count; r++)
+        if (y + r >= first && y + r < end) {
+            double *row = sums + 3 * (y + r);
+            row[0] = (double) r_sum(l1[r]), row[1] = (double) r_sum(l2[r]), row[2] = (double) r_sum(ssim[r]);
+        }
 }
 
-void KERNEL(loss_backward)(const struct cpu_loss_args *a, int channel, int y)
+/* dL/dimage at rows y to y + count - 1, count <= ROWS. */
+SIMD void backward(const struct cpu_loss_args *a, const struct band *image, const struct band *target,
+                   const struct band maps[3], int y, int count, float *gradient)
 {
-    const int w = a->width, chunk = chunk_columns(w), count = a->height - y < ROWS ? a->height - y : ROWS;
-    const size_t plane = (size_t) w * (size_t) a->height;
-    const float unit = 1 / (3 * (float) plane), lambda = a->params->lambda_dssim;
+    const int w = a->width, chunk = chunk_columns(w);
+    const float unit = 1 / (3 * (float) w * (float) a->height), lambda = a->params->lambda_dssim;
     const float l1 = (1 - lambda) * unit, dssim = -lambda * unit;
-    _Alignas(64) float maps[3][ROWS][CHUNK + 2 * PAD];
+    _Alignas(64) float windowed[3][ROWS][CHUNK + 2 * PAD];
     for (int c = 0; c < w; c += chunk) {
         const int end = w - c < chunk ? w - c : chunk;
         for (int i = -PAD; i < end + PAD; i += LANES)
             for (int m = 0; m < 3; m++) {
                 float copy[REACH * LANES];
-                const struct column col =
-                    find_column(a->maps + (size_t) m * plane, c + i, y, w, a->height, copy);
+                const struct column col = find_column(&maps[m], c + i, y, copy);
                 real v[REACH];
 #pragma GCC unroll 16
                 for (int j = 0; j < REACH; j++)
                     v[j] = r_load(col.first + j * col.stride);
-                down(v, maps[m], i + PAD);
+                down(v, windowed[m], i + PAD);
             }
         for (int r = 0; r < count; r++) {
-            const size_t at = (size_t) (y + r) * (size_t) w;
-            const float *x = a->rgb + (size_t) channel * plane + at, *t = a->target + (size_t) channel * plane + at;
-            float *out = a->gradient + (size_t) channel * plane + at;
-            const uint8_t *used = a->params->mask ? a->params->mask + at : NULL;
+            const float *x = band_row(image, y + r), *t = band_row(target, y + r);
+            float *out = gradient + (size_t) (y + r) * (size_t) w;
+            const uint8_t *used = a->params->mask ? a->params->mask + (size_t) (y + r) * (size_t) w : NULL;
             for (int i = 0; i < end; i += LANES) {
                 const real vx = row_load(x, c + i, w), vt = row_load(t, c + i, w);
-                const real ds = along(maps[0][r] + i + PAD) + 2 * vx * along(maps[1][r] + i + PAD) +
-                                vt * along(maps[2][r] + i + PAD);
+                const real ds = along(windowed[0][r] + i + PAD) + 2 * vx * along(windowed[1][r] + i + PAD) +
+                                vt * along(windowed[2][r] + i + PAD);
                 const real sign = r_keep(r_lt(vt, vx), r_set(1)) - r_keep(r_lt(vx, vt), r_set(1));
                 real g = l1 * sign + dssim * ds;
                 if (used) { /* no pull where the target is the render itself */
@@ -193,5 +207,58 @@ void KERNEL(loss_backward)(const struct cpu_loss_args *a, int channel, int y)
                 row_store(out, c + i, w, g);
             }
         }
+    }
+}
+
+/* The target's next row as floats; where masked out, the render itself. */
+SIMD void next_target(const struct cpu_loss_args *a, int channel, struct band *target)
+{
+    const int y = target->end++;
+    const size_t row = (size_t) y * (size_t) a->width, plane = (size_t) a->width * (size_t) a->height;
+    const float *x = a->rgb + (size_t) channel * plane + row;
+    const float *values = a->params->planes ? a->params->planes + (size_t) channel * plane + row : NULL;
+    const uint8_t *used = a->params->mask ? a->params->mask + row : NULL;
+    const uint8_t *bytes = a->params->target + 3 * row + channel;
+    float *out = band_row(target, y);
+    for (int i = 0; i < a->width; i++)
+        out[i] = used && !used[i] ? x[i] : values ? values[i] : (float) bytes[3 * i] * (1.0f / 255.0f);
+}
+
+SIMD int least(int a, int b)
+{
+    return a < b ? a : b;
+}
+
+SIMD int most(int a, int b)
+{
+    return a > b ? a : b;
+}
+
+/* Three bands of derivatives follow each step of CPU_LOSS_STEP rows 5 rows ahead, and the target 10. */
+void KERNEL(loss)(const struct cpu_loss_args *a, int channel, int first, int end, float *scratch)
+{
+    const int w = a->width, h = a->height;
+    const ptrdiff_t stride = CPU_LOSS_STRIDE(w);
+    const size_t plane = (size_t) channel * (size_t) w * (size_t) h;
+    const struct band image = {a->rgb + plane, w, w, 0, h};
+    const int top = most(first - SG_SSIM_RADIUS, 0), above = most(top - SG_SSIM_RADIUS, 0);
+    struct band target = {scratch, stride, w, above, above}, maps[3];
+    scratch += (CPU_LOSS_STEP + 4 * SG_SSIM_RADIUS) * stride;
+    for (int m = 0; m < 3; m++, scratch += (CPU_LOSS_STEP + 2 * SG_SSIM_RADIUS) * stride)
+        maps[m] = (struct band){scratch, stride, w, top, top};
+    for (int y = first; y < end; y += CPU_LOSS_STEP) {
+        const int stop = least(y + CPU_LOSS_STEP, end), ready = least(stop + SG_SSIM_RADIUS, h);
+        band_slide(&target, y - 2 * SG_SSIM_RADIUS);
+        while (target.end < least(ready + SG_SSIM_RADIUS, h))
+            next_target(a, channel, &target);
+        for (int m = 0; m < 3; m++)
+            band_slide(&maps[m], y - SG_SSIM_RADIUS);
+        for (int row = maps[0].end; row < ready; row += ROWS)
+            forward(&image, &target, maps, row, least(ROWS, ready - row), a->sums + 3 * (ptrdiff_t) channel * h, first,
+                    end);
+        for (int m = 0; m < 3; m++)
+            maps[m].end = ready;
+        for (int row = y; row < stop; row += ROWS)
+            backward(a, &image, &target, maps, row, least(ROWS, stop - row), a->gradient + plane);
     }
 }

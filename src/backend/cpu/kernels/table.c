@@ -10,7 +10,5 @@ const struct cpu_kernels KERNEL(kernels) = {
     .raster = KERNEL(raster),
     .raster_backward = KERNEL(raster_backward),
     .update = KERNEL(update),
-    .loss_target = KERNEL(loss_target),
-    .loss_forward = KERNEL(loss_forward),
-    .loss_backward = KERNEL(loss_backward),
+    .loss = KERNEL(loss),
 };
