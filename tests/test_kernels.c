@@ -113,6 +113,15 @@ static void check_loss(const struct cpu_kernels *k, int w, int h, int rows, bool
     for (int ch = 0; ch < 3; ch++)
         for (int y = 0; y < h; y += rows)
             k->loss(&a, ch, y, y + rows < h ? y + rows : h, scratch);
+    float *whole = malloc(3 * n * sizeof(float));
+    double *whole_sums = malloc(9 * (size_t) h * sizeof(double));
+    assert_true(whole && whole_sums);
+    struct cpu_loss_args all = a;
+    all.gradient = whole, all.sums = whole_sums;
+    for (int ch = 0; ch < 3; ch++)
+        k->loss(&all, ch, 0, h, scratch);
+    assert_memory_equal(gradient, whole, 3 * n * sizeof(float)); /* however the rows are dealt out */
+    assert_memory_equal(sums, whole_sums, 9 * (size_t) h * sizeof(double));
     double l1 = 0, mse = 0, ssim = 0;
     for (int i = 0; i < 3 * h; i++)
         l1 += sums[3 * i], mse += sums[3 * i + 1], ssim += sums[3 * i + 2];
@@ -133,7 +142,7 @@ static void check_loss(const struct cpu_kernels *k, int w, int h, int rows, bool
         if (masked && !used[i % n])
             assert_true(gradient[i] == 0);
     }
-    void *owned[] = {rgb, gradient, scratch, sums, target, used, e.gradient};
+    void *owned[] = {rgb, gradient, scratch, whole, whole_sums, sums, target, used, e.gradient};
     for (size_t i = 0; i < sizeof(owned) / sizeof(owned[0]); i++)
         free(owned[i]);
 }

@@ -2,8 +2,9 @@
 /* L1 and SSIM with their gradient. A piece of work is a range of one channel's rows. It goes down the image with two
  * bands of rows that fit the second-level cache: the target as floats, and behind it the partial derivatives of SSIM,
  * from which the gradient follows. The window is applied to ROWS rows together, in chunks of columns that fit the
- * first-level cache: down the columns first, then along each row. Sums are kept by row: they do not depend on how rows
- * are dealt out. */
+ * first-level cache: down the columns first, then along each row.
+ * Sums are kept by row, and a row's values must not depend on where in a piece it lies: copies of code that the
+ * compiler makes may be rounded differently, hence r_fma and functions that are not inlined. */
 #include "kernels.h"
 
 #include "math/photometric.h"
@@ -90,7 +91,7 @@ SIMD void down(const real v[REACH], float out[ROWS][CHUNK + 2 * PAD], int column
         real s = at[0] * sg_ssim_window[SG_SSIM_RADIUS];
 #pragma GCC unroll 8
         for (int k = 1; k <= SG_SSIM_RADIUS; k++)
-            s += (at[-k] + at[k]) * sg_ssim_window[SG_SSIM_RADIUS - k];
+            s = r_fma(at[-k] + at[k], r_set(sg_ssim_window[SG_SSIM_RADIUS - k]), s);
         r_store(out[r] + column, s);
     }
 }
@@ -107,14 +108,55 @@ SIMD real along(const float *row)
     return s;
 }
 
+struct row_sums {
+    real l1, l2, ssim;
+};
+
+/* Along `width` pixels of a row: SSIM and its partial derivatives from the moments of x, t, xx + tt, xt. */
+static __attribute__((noinline)) void derive_row(const float *x, const float *t, const float *const moments[4],
+                                                 float *const derivatives[3], int width, struct row_sums *sums)
+{
+    struct row_sums s = *sums;
+    for (int i = 0; i < width; i += LANES) {
+        real d_m, d_xx, d_xy;
+        const real value = ssim_point(along(moments[0] + i), along(moments[1] + i), along(moments[2] + i),
+                                      along(moments[3] + i), &d_m, &d_xx, &d_xy);
+        s.ssim += r_keep(r_lt(r_lane() + (float) i, r_set((float) width)), value);
+        row_store(derivatives[0], i, width, d_m);
+        row_store(derivatives[1], i, width, d_xx);
+        row_store(derivatives[2], i, width, d_xy);
+        const real d = row_load(x, i, width) - row_load(t, i, width);
+        s.l1 += r_max(d, -d);
+        s.l2 += d * d;
+    }
+    *sums = s;
+}
+
+/* Along `width` pixels of a row: dL/dimage from the derivatives under the window. */
+static __attribute__((noinline)) void gradient_row(const float *x, const float *t, const float *const derivatives[3],
+                                                   const uint8_t *used, float l1, float dssim, int width, float *out)
+{
+    for (int i = 0; i < width; i += LANES) {
+        const real vx = row_load(x, i, width), vt = row_load(t, i, width);
+        const real ds = along(derivatives[0] + i) + 2 * vx * along(derivatives[1] + i) + vt * along(derivatives[2] + i);
+        const real sign = r_keep(r_lt(vt, vx), r_set(1)) - r_keep(r_lt(vx, vt), r_set(1));
+        real g = l1 * sign + dssim * ds;
+        if (used) { /* no pull where the target is the render itself */
+            real keep = r_set(0);
+            for (int k = 0; k < LANES && i + k < width; k++)
+                keep[k] = used[i + k] ? 1.0f : 0.0f;
+            g *= keep;
+        }
+        row_store(out, i, width, g);
+    }
+}
+
 /* Partial derivatives of SSIM at rows y to y + count - 1, count <= ROWS; of those that the piece owns also the sums. */
 SIMD void forward(const struct band *image, const struct band *target, const struct band maps[3], int y, int count,
                   double *sums, int first, int end)
 {
     const int w = image->width, chunk = chunk_columns(w);
-    real l1[ROWS], l2[ROWS], ssim[ROWS];
-    for (int r = 0; r < ROWS; r++)
-        l1[r] = l2[r] = ssim[r] = r_set(0);
+    struct row_sums row[ROWS] = {0};
     _Alignas(64) float moments[4][ROWS][CHUNK + 2 * PAD]; /* of x, t, xx + tt, xt */
     for (int c = 0; c < w; c += chunk) {
         const int width = w - c < chunk ? w - c : chunk;
@@ -134,37 +176,26 @@ SIMD void forward(const struct band *image, const struct band *target, const str
 #pragma GCC unroll 16
             for (int j = 0; j < REACH; j++) {
                 const real vx = r_load(x.first + j * x.stride);
-                v[j] = v[j] * v[j] + vx * vx;
+                v[j] = r_fma(v[j], v[j], vx * vx);
             }
             down(v, moments[2], i + PAD);
 #pragma GCC unroll 16
             for (int j = 0; j < REACH; j++)
-                v[j] = r_load(x.first + j * x.stride) * r_load(t.first + j * t.stride);
+                v[j] = r_fma(r_load(x.first + j * x.stride), r_load(t.first + j * t.stride), r_set(0));
             down(v, moments[3], i + PAD);
         }
         for (int r = 0; r < count; r++) {
-            const float *x = band_row(image, y + r), *t = band_row(target, y + r);
-            float *d_ms = band_row(&maps[0], y + r), *d_xxs = band_row(&maps[1], y + r),
-                  *d_xys = band_row(&maps[2], y + r);
-            for (int i = 0; i < width; i += LANES) {
-                real d_m, d_xx, d_xy;
-                const real s =
-                    ssim_point(along(moments[0][r] + i + PAD), along(moments[1][r] + i + PAD),
-                               along(moments[2][r] + i + PAD), along(moments[3][r] + i + PAD), &d_m, &d_xx, &d_xy);
-                ssim[r] += r_keep(r_lt(r_lane() + (float) i, r_set((float) width)), s);
-                row_store(d_ms, c + i, w, d_m);
-                row_store(d_xxs, c + i, w, d_xx);
-                row_store(d_xys, c + i, w, d_xy);
-                const real d = row_load(x, c + i, w) - row_load(t, c + i, w);
-                l1[r] += r_max(d, -d);
-                l2[r] += d * d;
-            }
+            const float *const m[4] = {moments[0][r] + PAD, moments[1][r] + PAD, moments[2][r] + PAD,
+                                       moments[3][r] + PAD};
+            float *const d[3] = {band_row(&maps[0], y + r) + c, band_row(&maps[1], y + r) + c,
+                                 band_row(&maps[2], y + r) + c};
+            derive_row(band_row(image, y + r) + c, band_row(target, y + r) + c, m, d, width, &row[r]);
         }
     }
     for (int r = 0; r < count; r++)
         if (y + r >= first && y + r < end) {
-            double *row = sums + 3 * (y + r);
-            row[0] = (double) r_sum(l1[r]), row[1] = (double) r_sum(l2[r]), row[2] = (double) r_sum(ssim[r]);
+            double *to = sums + 3 * (y + r);
+            to[0] = (double) r_sum(row[r].l1), to[1] = (double) r_sum(row[r].l2), to[2] = (double) r_sum(row[r].ssim);
         }
 }
 
@@ -177,8 +208,8 @@ SIMD void backward(const struct cpu_loss_args *a, const struct band *image, cons
     const float l1 = (1 - lambda) * unit, dssim = -lambda * unit;
     _Alignas(64) float windowed[3][ROWS][CHUNK + 2 * PAD];
     for (int c = 0; c < w; c += chunk) {
-        const int end = w - c < chunk ? w - c : chunk;
-        for (int i = -PAD; i < end + PAD; i += LANES)
+        const int width = w - c < chunk ? w - c : chunk;
+        for (int i = -PAD; i < width + PAD; i += LANES)
             for (int m = 0; m < 3; m++) {
                 float copy[REACH * LANES];
                 const struct column col = find_column(&maps[m], c + i, y, copy);
@@ -189,23 +220,10 @@ SIMD void backward(const struct cpu_loss_args *a, const struct band *image, cons
                 down(v, windowed[m], i + PAD);
             }
         for (int r = 0; r < count; r++) {
-            const float *x = band_row(image, y + r), *t = band_row(target, y + r);
-            float *out = gradient + (size_t) (y + r) * (size_t) w;
-            const uint8_t *used = a->params->mask ? a->params->mask + (size_t) (y + r) * (size_t) w : NULL;
-            for (int i = 0; i < end; i += LANES) {
-                const real vx = row_load(x, c + i, w), vt = row_load(t, c + i, w);
-                const real ds = along(windowed[0][r] + i + PAD) + 2 * vx * along(windowed[1][r] + i + PAD) +
-                                vt * along(windowed[2][r] + i + PAD);
-                const real sign = r_keep(r_lt(vt, vx), r_set(1)) - r_keep(r_lt(vx, vt), r_set(1));
-                real g = l1 * sign + dssim * ds;
-                if (used) { /* no pull where the target is the render itself */
-                    real keep = r_set(0);
-                    for (int k = 0; k < LANES && i + k < end; k++)
-                        keep[k] = used[c + i + k] ? 1.0f : 0.0f;
-                    g *= keep;
-                }
-                row_store(out, c + i, w, g);
-            }
+            const size_t at = (size_t) (y + r) * (size_t) w + (size_t) c;
+            const float *const d[3] = {windowed[0][r] + PAD, windowed[1][r] + PAD, windowed[2][r] + PAD};
+            gradient_row(band_row(image, y + r) + c, band_row(target, y + r) + c, d,
+                         a->params->mask ? a->params->mask + at : NULL, l1, dssim, width, gradient + at);
         }
     }
 }
