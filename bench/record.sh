@@ -19,5 +19,5 @@ git diff --quiet HEAD -- src include bench cmake || { echo 'commit first: result
     build/bench "$@" --csv "$out.csv"
 } >"$out.md.new"
 mv "$out.md.new" "$out.md"
-command -v gnuplot >/dev/null && gnuplot -e "csv='$out.csv'; svg='$out.svg'" bench/scaling.gp
+grep -q "^pixels" "$out.csv" && command -v gnuplot >/dev/null && gnuplot -e "csv='$out.csv'; svg='$out.svg'" bench/scaling.gp
 cat "$out.md"
