@@ -7,7 +7,7 @@ cd "$(dirname "$0")/.."
 name=$1
 shift
 out=bench/results/$name
-git diff --quiet HEAD -- src include bench cmake || { echo 'commit first: results name a commit' >&2; exit 1; }
+git diff --quiet HEAD -- src include bench cmake ':!bench/results' || { echo 'commit first: results name a commit' >&2; exit 1; }
 {
     echo "# Benchmark: $name"
     echo
@@ -19,5 +19,7 @@ git diff --quiet HEAD -- src include bench cmake || { echo 'commit first: result
     build/bench "$@" --csv "$out.csv"
 } >"$out.md.new"
 mv "$out.md.new" "$out.md"
-grep -q "^pixels" "$out.csv" && command -v gnuplot >/dev/null && gnuplot -e "csv='$out.csv'; svg='$out.svg'" bench/scaling.gp
+if grep -q '^pixels' "$out.csv" && command -v gnuplot >/dev/null; then
+    gnuplot -e "csv='$out.csv'; svg='$out.svg'" bench/scaling.gp
+fi
 cat "$out.md"
