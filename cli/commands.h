@@ -5,13 +5,14 @@
 #include "options.h"
 #include "splatguard/splatguard.h"
 
-extern const struct command command_train, command_eval, command_render, command_synth, command_info;
+extern const struct command command_train, command_eval, command_render, command_synth, command_info, command_attack;
 
 /* What scenes and threads need, shared by the commands that load one. */
 struct scene_options {
     struct sg_scene_params params;
     int format; /* index of SCENE_FORMATS, which are in the order of enum sg_scene_format */
 };
+#define BACKENDS "cpu|ref"
 #define SCENE_FORMATS "auto|blender|colmap|nerfstudio"
 #define SCENE_OPTION_DEFAULTS .params = {SG_SCENE_DEFAULTS}
 

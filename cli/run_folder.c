@@ -52,7 +52,7 @@ int run_write_json(const char *path, const json_t *value)
     return code;
 }
 
-static int make_dirs(const char *path)
+int run_make_dirs(const char *path)
 {
     char *copy = strdup(path);
     int code = copy ? 0 : 4;
@@ -140,7 +140,7 @@ static int write_input(sg_ctx *ctx, const char *run, const struct sg_model *m)
 }
 
 /* Hidden files do not count: some systems put them everywhere. */
-static bool has_other_files(const char *folder)
+bool run_has_other_files(const char *folder)
 {
     DIR *d = opendir(folder);
     bool found = false;
@@ -165,7 +165,7 @@ int run_refuse_earlier(const char *run)
             return 2;
         }
     }
-    if (has_other_files(run)) {
+    if (run_has_other_files(run)) {
         fprintf(stderr, "splatguard: %s: found other files, expected a new or empty folder for the run\n", run);
         return 2;
     }
@@ -220,7 +220,7 @@ int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene 
                const char *variant)
 {
     char *cameras = run_path(c->output, "cameras.json");
-    int code = cameras ? make_dirs(c->output) : 4;
+    int code = cameras ? run_make_dirs(c->output) : 4;
     if (!code) {
         remove_earlier(c->output);
         const int error = sg_cameras_write_json(ctx, scene, cameras);
@@ -241,7 +241,7 @@ int run_save_model(sg_ctx *ctx, const char *run, sg_trainer *trainer)
     char *folder, *path = NULL;
     if (asprintf(&folder, "%s/point_cloud/iteration_%d", run, sg_trainer_iteration(trainer)) < 0)
         return 4;
-    int code = make_dirs(folder);
+    int code = run_make_dirs(folder);
     struct sg_model *m = NULL;
     if (!code && !(path = run_path(folder, "point_cloud.ply")))
         code = 4;

@@ -12,6 +12,12 @@ char *run_path(const char *run, const char *name);
 /* Writes JSON, indented. Returns an exit code after printing what is wrong. */
 int run_write_json(const char *path, const json_t *value);
 
+/* mkdir -p. */
+int run_make_dirs(const char *path);
+
+/* The folder holds files that are not hidden. */
+bool run_has_other_files(const char *folder);
+
 /* To a temporary name, synced, then renamed. */
 int run_write_file(const char *path, const char *text, size_t size);
 

@@ -13,6 +13,5 @@ struct train_config {
     uint64_t max_memory;
     int threads, save_every, eval_every, log_every;
 };
-#define BACKENDS "cpu|ref"
 
 #endif

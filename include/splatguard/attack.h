@@ -50,13 +50,13 @@ struct sg_attack_params {
 
 /* What one visit of a view did. */
 struct sg_attack_step {
-    int iteration;        /* 1-based */
-    size_t view;          /* index into scene->train */
+    int iteration;               /* 1-based */
+    size_t view;                 /* index into scene->train */
     double loss, l1, ssim, psnr; /* of the decoy's render against the ascended image */
-    double tv;            /* of the ascended image: mean over its values, by the form of the parameters */
-    size_t gaussians;     /* of the decoy, after densification */
-    double inner_seconds; /* spent on ascent */
-    uint64_t inner_bytes; /* moved by it, counted once a step: image read and written, photo read */
+    double tv;                   /* of the ascended image: mean over its values, by the form of the parameters */
+    size_t gaussians;            /* of the decoy, after densification */
+    double inner_seconds;        /* spent on ascent */
+    uint64_t inner_bytes;        /* moved by it, counted once a step: image read and written, photo read */
 };
 
 /* Thread safety: unsafe. The scene must outlive the attack and is not changed. */
@@ -84,6 +84,44 @@ int sg_attack_decoy(sg_attack *attack, struct sg_model **out);
  * An attack restored from it continues to the very bytes of an uninterrupted one. */
 int sg_attack_save(sg_attack *attack, const char *path);
 int sg_attack_load(sg_attack *attack, const char *path);
+
+/* Attacks that look at each photo alone, for comparison: what they add does not agree between views.
+ * SG_NAIVE_NOISE: the photo plus normal noise of unit variance cut off at epsilon, that is nearly +-epsilon everywhere.
+ * SG_NAIVE_TV: `inner` ascent steps from the photo. rgb: height x width x 3. Needs a finite epsilon, else SG_ERR_USAGE.
+ */
+enum sg_naive_attack { SG_NAIVE_NOISE, SG_NAIVE_TV };
+int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, const struct sg_attack_params *params,
+                    enum sg_naive_attack method, uint8_t *rgb);
+
+/* In [0, 1): for choosing which views to poison. */
+float sg_attack_draw(uint64_t seed, uint64_t view);
+
+/* How a poisoned copy of a scene is written. */
+struct sg_poison_files {
+    enum sg_poison_save { SG_POISON_AUTO, SG_POISON_PNG, SG_POISON_JPEG } save; /* default: JPEG for COLMAP, else PNG */
+    int jpeg_quality;                                                           /* 1..100. Default 75. */
+    bool full_chroma;                                                           /* JPEG 4:4:4. Default false: 4:2:0. */
+};
+#define SG_POISON_FILE_DEFAULTS .jpeg_quality = 75
+
+/* What one written image is, next to its photo. */
+struct sg_poison_report {
+    char *file;                 /* below the folder; owned by the report: sg_poison_report_clear */
+    double linf;                /* largest difference in the file as written, in grey levels */
+    double psnr;                /* dB; 100 for equal images */
+    double tv_before, tv_after; /* sg_total_variation of photo and file, SG_TV_ANISO */
+};
+void sg_poison_report_clear(sg_ctx *ctx, struct sg_poison_report *report);
+
+/* The folder with cameras and points as the scene has them: transforms and points of Blender scenes and models of
+ * COLMAP are copied; nerfstudio scenes and photos whose lens distortion was taken out get a transforms.json for the
+ * images as they are written. */
+int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_poison_files *files,
+                            const char *folder);
+/* Writes the image of a view (of train or test), and its mask. rgb: height x width x 3. report may be NULL. */
+int sg_poisoned_scene_image(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view,
+                            const struct sg_poison_files *files, const char *folder, const uint8_t *rgb,
+                            struct sg_poison_report *report);
 
 /* Total variation of height x width x 3 bytes by a form: mean over the values, in grey levels. */
 double sg_total_variation(const uint8_t *rgb, int width, int height, enum sg_tv_form form);

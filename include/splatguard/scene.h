@@ -45,7 +45,9 @@ struct sg_scene_params {
 /* One view: a photo, its undistorted pinhole camera and its optional mask. */
 struct sg_view {
     char *name;              /* base name up to the FIRST dot, as the reference */
+    char *file;              /* the photo as the scene's own files name it */
     char *path;              /* file it was decoded from */
+    bool undistorted;        /* rgb is not as photographed: the lens' distortion was taken out */
     struct sg_camera camera; /* for the size of rgb */
     int file_width, file_height; /* size before any downscale, for cameras.json */
     uint8_t *rgb;            /* height x width x 3, row-major, sRGB bytes as in the file, composited */

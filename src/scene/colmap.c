@@ -166,6 +166,14 @@ static int find_photos(sg_ctx *ctx, const char *dir, const char *images, const c
             return SG_ERR_BUDGET;
         if (sg_file_exists(shot->path))
             continue;
+        char *converted;
+        if (sg_find_converted(ctx, shot->path, &converted))
+            return SG_ERR_BUDGET;
+        if (converted) {
+            sg_free(ctx, shot->path);
+            shot->path = converted;
+            continue;
+        }
         if (base == shot->file)
             return sg_fail(ctx, SG_ERR_INPUT, "%s: image \"%s\": found no file %s", file, shot->file, shot->path);
         char *other = sg_strf(ctx, "%s/%s/%s", dir, images, base);

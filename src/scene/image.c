@@ -202,6 +202,25 @@ int sg_image_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, int
     return sg_file_commit(ctx, &w);
 }
 
+int sg_image_write_jpeg(sg_ctx *ctx, const char *path, const uint8_t *rgb, int width, int height, int quality,
+                        bool full_chroma)
+{
+    unsigned char *data = NULL;
+    unsigned long size = 0;
+    int code = SG_OK;
+    tjhandle jpeg = tjInitCompress();
+    if (!jpeg)
+        return sg_fail(ctx, SG_ERR_BUDGET, "%s: cannot start the JPEG encoder", path);
+    if (tjCompress2(jpeg, rgb, width, 0, height, TJPF_RGB, &data, &size, full_chroma ? TJSAMP_444 : TJSAMP_420, quality,
+                    TJFLAG_ACCURATEDCT))
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write the JPEG: %s", path, tjGetErrorStr2(jpeg));
+    if (!code)
+        code = sg_file_write(ctx, path, data, size);
+    tjFree(data);
+    tjDestroy(jpeg);
+    return code;
+}
+
 void sg_image_clear(sg_ctx *ctx, struct sg_image *image)
 {
     sg_free(ctx, image->pixels);

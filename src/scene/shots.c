@@ -17,6 +17,24 @@ const char *sg_base_name(const char *path)
     return slash ? slash + 1 : path;
 }
 
+int sg_find_converted(sg_ctx *ctx, const char *path, char **out)
+{
+    static const char *const suffixes[] = {".JPG", ".jpg", ".jpeg", ".png", ".PNG", ".webp"};
+    const char *dot = strrchr(sg_base_name(path), '.');
+    *out = NULL;
+    for (size_t i = 0; dot && i < sizeof(suffixes) / sizeof(suffixes[0]); i++) {
+        char *other = sg_strf(ctx, "%.*s%s", (int) (dot - path), path, suffixes[i]);
+        if (!other)
+            return SG_ERR_BUDGET;
+        if (sg_file_exists(other)) {
+            *out = other;
+            return SG_OK;
+        }
+        sg_free(ctx, other);
+    }
+    return SG_OK;
+}
+
 bool sg_path_is_inside(const char *path)
 {
     if (*path == '/')

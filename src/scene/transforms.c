@@ -181,8 +181,15 @@ int sg_find_photo(sg_ctx *ctx, const char *dir, const char *file, char **path, c
         sg_free(ctx, *path);
         *path = NULL;
     }
+    if (complete) {
+        char *named = sg_strf(ctx, "%s/%s", dir, file);
+        const int code = named ? sg_find_converted(ctx, named, path) : SG_ERR_BUDGET;
+        sg_free(ctx, named);
+        if (code || *path)
+            return code;
+    }
     if (tried) {
-        *tried = complete ? sg_strf(ctx, "%s/%s", dir, file)
+        *tried = complete ? sg_strf(ctx, "%s/%s, also with other suffixes", dir, file)
                           : sg_strf(ctx, "%s/%s, also with .png, .jpg, .jpeg or .webp added", dir, file);
         if (!*tried)
             return SG_ERR_BUDGET;

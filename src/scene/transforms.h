@@ -21,7 +21,7 @@ int sg_json_lens(sg_ctx *ctx, const json_t *object, const char *where, struct sg
 /* One entry of "frames" as a shot with the given lens. */
 int sg_transforms_frame(sg_ctx *ctx, const json_t *frame, const char *where, const struct sg_lens *lens,
                         uint64_t max_images, struct sg_shots *shots, struct sg_shot **shot);
-/* First of dir/file, dir/file.png, .jpg, .jpeg, .webp that exists, NULL if none. *tried (if not NULL): the list of
+/* First of dir/file, dir/file.png, .jpg, .jpeg, .webp that exists, or a converted one, NULL if none. *tried (if not NULL): the list of
  * names, for a message; the caller's. */
 int sg_find_photo(sg_ctx *ctx, const char *dir, const char *file, char **path, char **tried);
 

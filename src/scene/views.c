@@ -147,8 +147,9 @@ static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view
     uint8_t *valid = NULL;
     int w = 0, h = 0;
     view->name = sg_strdup(ctx, shot->name);
+    view->file = sg_strdup(ctx, shot->file);
     view->path = sg_strdup(ctx, shot->path);
-    if (!view->name || !view->path)
+    if (!view->name || !view->file || !view->path)
         return SG_ERR_BUDGET;
     int code = sg_image_read(ctx, shot->path, params->max_pixels, &image);
     if (code)
@@ -180,7 +181,8 @@ static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view
         code = load_mask(job, shot, width, height, &view->mask);
     if (code)
         goto done;
-    if (is_distorted(&lens))
+    view->undistorted = is_distorted(&lens);
+    if (view->undistorted)
         code = straighten(ctx, shot, &lens, view, &valid);
     if (!code)
         code = resize(ctx, &view->rgb, width, height, 3, w, h);
@@ -234,6 +236,7 @@ int sg_views_load(sg_ctx *ctx, const struct sg_scene_params *params, const struc
 void sg_view_clear(sg_ctx *ctx, struct sg_view *view)
 {
     sg_free(ctx, view->name);
+    sg_free(ctx, view->file);
     sg_free(ctx, view->path);
     sg_free(ctx, view->rgb);
     sg_free(ctx, view->mask);

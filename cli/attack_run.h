@@ -1,0 +1,34 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* An attack in progress, and what it leaves: attack/log.jsonl, the poisoned scene, poison.json. */
+#ifndef CLI_ATTACK_RUN_H
+#define CLI_ATTACK_RUN_H
+
+#include "attack_config.h"
+#include "progress.h"
+#include "run_folder.h"
+
+struct attack_run {
+    struct attack_config *config;
+    sg_ctx *ctx;
+    struct sg_scene *scene;
+    sg_attack *attack;
+    const char *proxy; /* path of its model */
+    size_t proxy_gaussians;
+    FILE *log;
+    struct progress progress;
+    struct sg_attack_step step; /* newest */
+    int logged;                 /* iteration of the newest line */
+    struct {
+        double seconds, inner_seconds, inner_bytes;
+        uint64_t max_gaussians;
+    } totals; /* of the whole attack: a resumed one goes on from those in its log */
+};
+
+/* These return an exit code after printing what is wrong. */
+int attack_log_open(struct attack_run *r); /* when resuming, lines after the checkpoint go */
+int attack_log_step(struct attack_run *r);
+
+/* The poisoned scene, then poison.json. */
+int attack_write(struct attack_run *r);
+
+#endif

@@ -1,0 +1,219 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+
+#include "attack_run.h"
+#include "interrupt.h"
+
+static int cannot(const struct attack_run *r, const char *what)
+{
+    fprintf(stderr, "splatguard: %s/attack/log.jsonl: cannot %s: %s\n", r->config->output, what,
+            strerror(errno ? errno : EIO));
+    return 2;
+}
+
+/* A killed attack may have logged beyond its checkpoint: those iterations will be done and logged again. */
+static int trim(struct attack_run *r, const char *path)
+{
+    FILE *in = fopen(path, "rb");
+    if (!in)
+        return 0; /* nothing to keep */
+    char *kept = NULL, *line = NULL;
+    size_t size = 0, room = 0;
+    FILE *out = open_memstream(&kept, &size);
+    while (out && getline(&line, &room, in) > 0) {
+        json_t *value = json_loads(line, 0, NULL);
+        const json_t *iteration = json_object_get(value, "iteration");
+        if (json_is_integer(iteration) && json_integer_value(iteration) <= sg_attack_iteration(r->attack)) {
+            fputs(line, out);
+            r->logged = (int) json_integer_value(iteration);
+            r->totals.seconds = json_number_value(json_object_get(value, "seconds"));
+            r->totals.inner_seconds = json_number_value(json_object_get(value, "inner_seconds"));
+            r->totals.inner_bytes = json_number_value(json_object_get(value, "inner_bytes"));
+            r->totals.max_gaussians = (uint64_t) json_integer_value(json_object_get(value, "max_gaussians"));
+        }
+        json_decref(value);
+    }
+    fclose(in);
+    free(line);
+    if (!out || fclose(out))
+        return 4;
+    const int code = run_write_file(path, kept, size);
+    free(kept);
+    return code;
+}
+
+int attack_log_open(struct attack_run *r)
+{
+    char *path = run_path(r->config->output, "attack/log.jsonl");
+    int code = !path ? 4 : r->config->resume ? trim(r, path) : 0;
+    if (!code && !(r->log = fopen(path, r->config->resume ? "ab" : "wb")))
+        code = cannot(r, "write");
+    free(path);
+    return code;
+}
+
+int attack_log_step(struct attack_run *r)
+{
+    const struct sg_attack_step *s = &r->step;
+    if (r->logged == s->iteration || !s->iteration)
+        return 0;
+    r->logged = s->iteration;
+    json_t *line =
+        json_pack("{s:i,s:I,s:o,s:o,s:o,s:o,s:o,s:I,s:o,s:o,s:o}", "iteration", s->iteration, "gaussians",
+                  (json_int_t) s->gaussians, "loss", number_json(s->loss), "l1", number_json(s->l1), "ssim",
+                  number_json(s->ssim), "psnr", number_json(s->psnr), "tv", number_json(s->tv), "max_gaussians",
+                  (json_int_t) r->totals.max_gaussians, "seconds", number_json(r->totals.seconds), "inner_seconds",
+                  number_json(r->totals.inner_seconds), "inner_bytes", number_json(r->totals.inner_bytes));
+    char *text = json_dumps(line, JSON_COMPACT | JSON_REAL_PRECISION(8));
+    errno = 0;
+    const bool bad = !text || fprintf(r->log, "%s\n", text) < 0 || fflush(r->log);
+    free(text);
+    json_decref(line);
+    return bad ? cannot(r, "write") : 0;
+}
+
+/* [iteration, Gaussians] of every line of the log. */
+static json_t *growth(const struct attack_run *r)
+{
+    json_t *curve = json_array();
+    char *path = run_path(r->config->output, "attack/log.jsonl"), *line = NULL;
+    size_t room = 0;
+    FILE *in = path && r->attack ? fopen(path, "rb") : NULL;
+    while (in && getline(&line, &room, in) > 0) {
+        json_t *value = json_loads(line, 0, NULL);
+        if (value)
+            json_array_append_new(
+                curve, json_pack("[O,O]", json_object_get(value, "iteration"), json_object_get(value, "gaussians")));
+        json_decref(value);
+    }
+    if (in)
+        fclose(in);
+    free(line);
+    free(path);
+    return curve;
+}
+
+/* Which views are poisoned: round(ratio n) of them, those with the least draws. */
+static bool *choose(const struct attack_run *r)
+{
+    const size_t n = r->scene->n_train, wanted = (size_t) lround((double) r->config->ratio * (double) n);
+    bool *chosen = calloc(n ? n : 1, sizeof(*chosen));
+    for (size_t k = 0; chosen && k < wanted; k++) {
+        size_t best = n;
+        for (size_t i = 0; i < n; i++)
+            if (!chosen[i] &&
+                (best == n || sg_attack_draw(r->config->attack.seed, i) < sg_attack_draw(r->config->attack.seed, best)))
+                best = i;
+        chosen[best] = true;
+    }
+    return chosen;
+}
+
+static int poison(struct attack_run *r, size_t view, uint8_t *rgb)
+{
+    const struct attack_config *c = r->config;
+    int error;
+    if (c->method == METHOD_POISON_SPLAT)
+        error = sg_attack_poison(r->attack, view, rgb);
+    else
+        error = sg_attack_naive(r->ctx, &r->scene->train[view], view, &c->attack,
+                                c->method == METHOD_NOISE ? SG_NAIVE_NOISE : SG_NAIVE_TV, rgb);
+    return error;
+}
+
+/* Means and the worst case over the images, for people. */
+struct tally {
+    size_t poisoned;
+    double linf, psnr, before, after;
+};
+
+static int write_views(struct attack_run *r, const bool *chosen, json_t *images, struct tally *t)
+{
+    const struct attack_config *c = r->config;
+    const struct sg_scene *scene = r->scene;
+    int error = sg_poisoned_scene_begin(r->ctx, scene, &c->files, c->output);
+    for (size_t i = 0; i < scene->n_train + scene->n_test && !error; i++) {
+        const bool train = i < scene->n_train;
+        const struct sg_view *view = train ? &scene->train[i] : &scene->test[i - scene->n_train];
+        struct sg_poison_report p = {0};
+        uint8_t *rgb = malloc(3 * (size_t) view->camera.width * (size_t) view->camera.height);
+        if (!rgb)
+            return SG_ERR_INTERNAL;
+        if (train && chosen[i])
+            error = poison(r, i, rgb);
+        if (!error)
+            error = sg_poisoned_scene_image(r->ctx, scene, view, &c->files, c->output,
+                                            train && chosen[i] ? rgb : view->rgb, &p);
+        free(rgb);
+        if (!error)
+            json_array_append_new(images, json_pack("{s:o,s:o,s:b,s:o,s:o,s:o,s:o}", "name", text_json(view->name),
+                                                    "file", text_json(p.file), "poisoned", train && chosen[i], "linf",
+                                                    number_json(p.linf), "psnr", number_json(p.psnr), "tv_before",
+                                                    number_json(p.tv_before), "tv_after", number_json(p.tv_after)));
+        if (!error && train && chosen[i]) {
+            t->poisoned++;
+            t->linf = p.linf > t->linf ? p.linf : t->linf;
+            t->psnr += p.psnr, t->before += p.tv_before, t->after += p.tv_after;
+        }
+        sg_poison_report_clear(r->ctx, &p);
+    }
+    return error;
+}
+
+int attack_write(struct attack_run *r)
+{
+    const struct attack_config *c = r->config;
+    struct tally t = {0};
+    json_t *images = json_array();
+    bool *chosen = choose(r);
+    char *path = run_path(c->output, "poison.json");
+    int code = chosen && path ? 0 : 4;
+    const int error = code ? 0 : write_views(r, chosen, images, &t);
+    if (error)
+        code = report(r->ctx, error);
+    if (!code) {
+        struct rusage usage;
+        getrusage(RUSAGE_SELF, &usage);
+        const double n = t.poisoned ? (double) t.poisoned : 1;
+        json_t *root = json_pack("{s:s,s:o,s:o,s:o}", "version", sg_version(), "options",
+                                 options_to_json(&command_attack, c), "images", images, "growth", growth(r));
+        images = NULL;
+#define PUT(key, value) json_object_set_new(root, key, value)
+        PUT("epsilon_levels", number_json(255 * (double) c->attack.epsilon)); /* null: no bound */
+        PUT("poisoned_images", json_integer((json_int_t) t.poisoned));
+        PUT("clean_images", json_integer((json_int_t) (r->scene->n_train + r->scene->n_test - t.poisoned)));
+        PUT("linf_max", number_json(t.linf));
+        PUT("psnr_mean", number_json(t.psnr / n));
+        PUT("tv_before_mean", number_json(t.before / n));
+        PUT("tv_after_mean", number_json(t.after / n));
+        if (r->attack) {
+            PUT("schedule", json_pack("{s:i,s:i,s:i}", "iterations", c->attack.iterations, "inner", c->attack.inner,
+                                      "update-interval", c->attack.update_interval));
+            PUT("proxy", text_json(r->proxy));
+            PUT("proxy_gaussians", json_integer((json_int_t) r->proxy_gaussians));
+            PUT("decoy_max_gaussians", json_integer((json_int_t) r->totals.max_gaussians));
+            PUT("attack_seconds", number_json(r->totals.seconds));
+            PUT("inner_seconds", number_json(r->totals.inner_seconds));
+            PUT("inner_gigabytes_per_second",
+                number_json(r->totals.inner_seconds > 0 ? 1e-9 * r->totals.inner_bytes / r->totals.inner_seconds : 0));
+        }
+        PUT("peak_rss_bytes", json_integer((json_int_t) usage.ru_maxrss * 1024));
+        PUT("threads", json_integer(sg_ctx_threads(r->ctx)));
+#undef PUT
+        code = run_write_json(path, root);
+        json_decref(root);
+        if (!code && !c->quiet)
+            fprintf(stderr,
+                    "%zu poisoned images in %s: largest change %.0f grey levels, PSNR %.2f dB, total variation %.2f to "
+                    "%.2f\n",
+                    t.poisoned, c->output, t.linf, t.psnr / n, t.before / n, t.after / n);
+    }
+    json_decref(images);
+    free(chosen);
+    free(path);
+    return code;
+}

@@ -1,0 +1,509 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* splatguard attack: proxy, decoy, poisons. While it runs, POISONED/attack holds the proxy's run, the checkpoint and
+ * the log; poison.json comes last and marks a finished attack. */
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "attack_run.h"
+#include "interrupt.h"
+
+#define A(field) offsetof(struct attack_config, field)
+#define INTEGER(name, field, low, high, help)                                                                          \
+    {                                                                                                                  \
+        name, 0, OPT_INT, A(field), low, high, NULL, "N", help, false                                                  \
+    }
+#define RATE(name, field, help)                                                                                        \
+    {                                                                                                                  \
+        name, 0, OPT_FLOAT, A(attack.field), 0, 1, NULL, "X", help, false                                              \
+    }
+
+static const struct option attack_options[] = {
+    {"Run", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
+    {"output", 'o', OPT_STRING, A(output), 0, 0, NULL, "POISONED", "Folder to write the poisoned scene to.", true},
+    {"source-path", 's', OPT_STRING, A(source), 0, 0, NULL, "SCENE", "Another way to name the scene.", false},
+    {"seed", 0, OPT_U64, A(attack.seed), 0, 9e15, NULL, "S", "Seed of every random draw.", false},
+    {"threads", 'j', OPT_INT, A(threads), 0, 256, NULL, "T", "Worker threads; 0 = one per CPU. Results are the same.",
+     true},
+    {"max-memory", 0, OPT_BYTES, A(max_memory), 0, 9e15, NULL, "BYTES",
+     "Refuse to allocate more, e.g. 1500M; 0 = no limit.", true},
+    {"resume", 0, OPT_FLAG, A(resume), 0, 0, NULL, NULL,
+     "Continue an interrupted attack with its own options: same bytes as an uninterrupted one.", true},
+    {"force", 0, OPT_FLAG, A(force), 0, 0, NULL, NULL, "Replace an earlier attack in the folder.", true},
+    {"quiet", 'q', OPT_FLAG, A(quiet), 0, 0, NULL, NULL, "No progress.", true},
+    INTEGER("save-every", save_every, 0, 10000000, "Save a checkpoint every N iterations; 0 = when interrupted only."),
+    {"backend", 0, OPT_CHOICE, A(backend), 0, 0, BACKENDS, "NAME", "cpu, or ref: the slow scalar oracle.", false},
+    {"cpu", 0, OPT_STRING, A(attack.cpu), 0, 0, NULL, "VARIANT",
+     "Instruction set: baseline, avx2, avx512 or neon; the best by default (or SG_CPU).", false},
+    {"Scene", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
+    {"format", 0, OPT_CHOICE, A(scene.format), 0, 0, SCENE_FORMATS, "FORMAT",
+     "Layout of the scene folder: " SCENE_FORMATS ".", false},
+    {"images", 'i', OPT_STRING, A(scene.params.images), 0, 0, NULL, "DIR",
+     "COLMAP: image folder below the scene, e.g. images_4.", false},
+    {"resolution", 'r', OPT_INT, A(scene.params.resolution), -1, 16384, NULL, "R",
+     "1, 2, 4, 8 divide the size; -1 limits the width to 1600; other numbers are the target width.", false},
+    {"downscale", 0, OPT_DOUBLE, A(scene.params.downscale), 1, 64, NULL, "F",
+     "Divides the image size further; the poisoned images have the reduced size.", false},
+    {"test-every", 0, OPT_INT, A(scene.params.test_every), 2, 1000000, NULL, "N",
+     "With --views train: every N-th view by name is a test view (COLMAP, nerfstudio).", false},
+    {"centred-principal", 0, OPT_FLAG, A(scene.params.centred_principal), 0, 0, NULL, NULL,
+     "Ignore cx and cy, as the reference does.", false},
+    {"masks", 0, OPT_STRING, A(scene.params.masks), 0, 0, NULL, "DIR",
+     "Folder of masks, white = use; found by itself if called masks.", false},
+    {"views", 0, OPT_CHOICE, A(views), 0, 0, "all|train", "WHICH",
+     "Poison all views of COLMAP and nerfstudio scenes, or leave the test views clean. Blender's test file always "
+     "stays "
+     "clean.",
+     false},
+    {"Attack", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
+    {"method", 0, OPT_CHOICE, A(method), 0, 0, "poison-splat|noise|tv-per-view", "NAME",
+     "Poison-splat, or a naive attack to compare with: +-epsilon noise, ascent of each photo alone.", false},
+    {"epsilon", 0, OPT_STRING, A(epsilon), 0, 0, NULL, "LEVELS",
+     "Bound on every value's change in grey levels (8, 16, 24), or inf.", false},
+    {"preset", 0, OPT_CHOICE, A(preset), 0, 0, "auto|ns|mip|tt", "NAME",
+     "The published schedules for NeRF-Synthetic, Mip-NeRF 360, Tanks and Temples; auto: ns for Blender scenes, else "
+     "mip.",
+     false},
+    INTEGER("iterations", iterations, 0, 10000000, "Views visited; 0 = the preset's (6000 to 36000)."),
+    INTEGER("inner", inner, 0, 1000, "Ascent steps a visit; 0 = the preset's (15 or 25; tv-per-view 100)."),
+    INTEGER("update-interval", update_interval, 0, 1000,
+            "Views whose gradients are summed for one step of the decoy; 0 = the preset's (1 or 10)."),
+    {"step", 0, OPT_FLOAT, A(grey_step), 0, 255, NULL, "LEVELS", "Size of an ascent step in grey levels.", false},
+    {"tv", 0, OPT_CHOICE, A(tv), 0, 0, "vertical2|aniso|iso", "FORM",
+     "Total variation to raise: vertical differences only, as published; both directions; root of their squares.",
+     false},
+    {"ratio", 0, OPT_FLOAT, A(ratio), 0, 1, NULL, "X", "Poison only this share of the views, drawn by seed.", false},
+    {"Proxy and decoy", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
+    {"proxy", 0, OPT_STRING, A(proxy), 0, 0, NULL, "MODEL",
+     "A model of the clean scene (PLY or run folder); else one is trained.", false},
+    INTEGER("proxy-iterations", proxy_iterations, 1, 10000000, "Iterations of the proxy that is trained."),
+    {"keep-decoy", 0, OPT_FLAG, A(keep_decoy), 0, 0, NULL, NULL, "Save the decoy as attack/decoy.ply.", true},
+    {"move-positions", 0, OPT_FLAG, A(attack.move_positions), 0, 0, NULL, NULL,
+     "Let the decoy's positions learn; the published attack freezes them.", false},
+    {"lambda-dssim", 0, OPT_FLOAT, A(attack.lambda_dssim), 0, 1, NULL, "X", "Weight of 1 - SSIM against L1.", false},
+    RATE("feature-lr", feature_lr, "Colour; higher SH degrees learn at a twentieth."),
+    RATE("opacity-lr", opacity_lr, "Opacity."),
+    RATE("scaling-lr", scaling_lr, "Scale."),
+    RATE("rotation-lr", rotation_lr, "Rotation."),
+    RATE("percent-dense", percent_dense, "Split Gaussians larger than this share of the extent, clone smaller ones."),
+    INTEGER("densification-interval", attack.densification_interval, 1, 10000000, "Iterations between densifications."),
+    {"densify-grad-threshold", 0, OPT_FLOAT, A(attack.densify_grad_threshold), 0, 1000, NULL, "X",
+     "Mean view-space gradient that makes a Gaussian grow.", false},
+    {"max-gaussians", 0, OPT_U64, A(attack.max_gaussians), 0, 4e9, NULL, "N",
+     "Growth of the decoy stops there; 0 = no limit.", false},
+    {"max-instances", 0, OPT_U64, A(attack.max_instances), 1, 4e9, NULL, "N",
+     "(Gaussian, tile) pairs held at once; views with more are processed in bands, with the same result.", false},
+    {"Files", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
+    {"save", 0, OPT_CHOICE, A(save), 0, 0, "auto|png|jpg", "FORMAT",
+     "auto: JPEG for COLMAP scenes, as published, else PNG. JPEG does not keep the bound.", false},
+    INTEGER("jpeg-quality", files.jpeg_quality, 1, 100, "JPEG quality."),
+    {"jpeg-chroma", 0, OPT_CHOICE, A(chroma), 0, 0, "420|444", "FORMAT", "JPEG chroma subsampling.", false},
+    {0},
+};
+
+static const struct attack_config defaults = {
+    .epsilon = "16",
+    .scene = {SCENE_OPTION_DEFAULTS},
+    .attack = {SG_ATTACK_DEFAULTS},
+    .files = {SG_POISON_FILE_DEFAULTS},
+    .grey_step = 2,
+    .proxy_iterations = 30000,
+    .save_every = 5000,
+    .ratio = 1,
+};
+
+/* The published schedules by experiment: see docs/attack.md. */
+static void apply_preset(struct attack_config *c, enum sg_scene_format format)
+{
+    struct schedule {
+        int iterations, inner, update_interval;
+    };
+    const bool bounded = isfinite(c->attack.epsilon), strong = c->attack.epsilon > 20 / 255.0f;
+    const struct schedule ns = !bounded ? (struct schedule){6000, 25, 10}
+                               : strong ? (struct schedule){24000, 25, 1}
+                                        : (struct schedule){36000, 15, 1};
+    const struct schedule mip = bounded ? (struct schedule){12000, 25, 1} : (struct schedule){6000, 25, 1};
+    const struct schedule tt = bounded ? (struct schedule){36000, 25, 1} : (struct schedule){6000, 25, 10};
+    enum attack_preset preset = (enum attack_preset) c->preset;
+    if (preset == PRESET_AUTO)
+        preset = format == SG_FORMAT_BLENDER ? PRESET_NS : PRESET_MIP;
+    const struct schedule s = preset == PRESET_NS ? ns : preset == PRESET_MIP ? mip : tt;
+    c->attack.iterations = c->iterations ? c->iterations : s.iterations;
+    c->attack.inner = c->inner ? c->inner : c->method == METHOD_TV_PER_VIEW ? 100 : s.inner;
+    c->attack.update_interval = c->update_interval ? c->update_interval : s.update_interval;
+}
+
+/* The parts of the configuration that follow from others. */
+static int settle(struct attack_config *c)
+{
+    static const char *const backends[] = {"cpu", "ref"};
+    char *end;
+    const double levels = strtod(c->epsilon, &end);
+    if (end == c->epsilon || *end || !(levels >= 0) || (isfinite(levels) && levels > 255)) {
+        fprintf(stderr, "splatguard attack: --epsilon: found \"%s\", expected 0 to 255 grey levels, or inf\n",
+                c->epsilon);
+        return 1;
+    }
+    if (!isfinite(levels) && c->method != METHOD_POISON_SPLAT) {
+        fprintf(stderr, "splatguard attack: --epsilon inf goes with --method poison-splat only\n");
+        return 1;
+    }
+    c->attack.epsilon = (float) (levels / 255);
+    c->attack.step = c->grey_step / 255;
+    c->attack.tv = (enum sg_tv_form) c->tv;
+    c->attack.backend = backends[c->backend];
+    c->attack.cpu = cpu_variant(c->attack.cpu);
+    c->files.save = (enum sg_poison_save) c->save;
+    c->files.full_chroma = c->chroma == 1;
+    c->scene.params.format = (enum sg_scene_format) c->scene.format;
+    return 0;
+}
+
+/* The scene must survive: the output may not be it, or lie in it, or hold it. */
+static int check_places(const struct attack_config *c)
+{
+    char *scene = realpath(c->source, NULL), *out = realpath(c->output, NULL), *up = NULL;
+    int code = 0;
+    if (!scene) {
+        fprintf(stderr, "splatguard: %s: cannot open the scene: %s\n", c->source, strerror(errno));
+        return 2;
+    }
+    if (!out) { /* not made yet: where its folder is */
+        char *copy = strdup(c->output), *slash = copy ? strrchr(copy, '/') : NULL;
+        if (slash && slash != copy)
+            *slash = 0;
+        up = realpath(slash ? slash == copy ? "/" : copy : ".", NULL);
+        free(copy);
+    }
+    const char *place = out ? out : up;
+    if (place) {
+        const size_t s = strlen(scene), p = strlen(place);
+        const bool within = !strncmp(place, scene, s) && (place[s] == '/' || (!place[s] && true));
+        const bool holds = out && !strncmp(scene, place, p) && scene[p] == '/';
+        if (within || holds) {
+            fprintf(stderr, "splatguard: %s: found the output %s the scene %s, expected a folder apart from it\n",
+                    c->output, holds ? "around" : "in", c->source);
+            code = 2;
+        }
+    }
+    free(scene);
+    free(out);
+    free(up);
+    return code;
+}
+
+static int refuse_earlier(const char *output)
+{
+    char *path = run_path(output, "poison.json"), *state = run_path(output, "attack");
+    int code = 0;
+    if (path && state && (!access(path, F_OK) || !access(state, F_OK))) {
+        fprintf(stderr,
+                "splatguard: %s: found an earlier attack; continue it with --resume or replace it with --force\n",
+                output);
+        code = 2;
+    } else if (run_has_other_files(output)) {
+        fprintf(stderr, "splatguard: %s: found other files, expected a new or empty folder\n", output);
+        code = 2;
+    }
+    free(path);
+    free(state);
+    return code;
+}
+
+static void remove_earlier(const char *output)
+{
+    static const char *const files[] = {"poison.json", "attack/checkpoint.bin", "attack/log.jsonl", "attack/decoy.ply"};
+    for (size_t i = 0; i < sizeof(files) / sizeof(files[0]); i++) {
+        char *path = run_path(output, files[i]);
+        if (path)
+            unlink(path);
+        free(path);
+    }
+}
+
+/* Scenes of Blender bring test photos of their own, which stay clean; where there are none, nothing is missing. */
+static int load_scene(struct attack_run *r)
+{
+    struct attack_config *c = r->config;
+    char *test = run_path(c->source, "transforms_test.json"), *train = run_path(c->source, "transforms_train.json");
+    const bool blender = test && train && !access(test, F_OK) && !access(train, F_OK);
+    free(test);
+    free(train);
+    c->scene.params.eval = blender || c->views == VIEWS_TRAIN;
+    int error = sg_scene_load(r->ctx, c->source, &c->scene.params, &r->scene);
+    if (error == SG_ERR_INPUT && blender) { /* or their photos are not here */
+        c->scene.params.eval = false;
+        error = sg_scene_load(r->ctx, c->source, &c->scene.params, &r->scene);
+    }
+    return error ? report(r->ctx, error) : 0;
+}
+
+/* Trains the proxy as `splatguard train` does, into POISONED/attack/proxy, or goes on with it. */
+static int train_proxy(const struct attack_config *c, char **model)
+{
+    const struct command *train = &command_train;
+    struct train_config t = *(const struct train_config *) train->defaults;
+    bool *given = calloc(options_count(train), sizeof(*given));
+    char *folder = run_path(c->output, "attack/proxy"), *done = folder ? run_path(folder, "summary.json") : NULL;
+    char *begun = folder ? run_path(folder, "checkpoint.bin") : NULL;
+    int code = given && folder && done && begun ? 0 : 4;
+    if (code || (c->resume && !access(done, F_OK) && access(begun, F_OK)))
+        goto done;
+    t.source = c->source;
+    t.output = folder;
+    t.train.iterations = c->proxy_iterations;
+    t.train.seed = c->attack.seed;
+    t.train.max_instances = c->attack.max_instances;
+    t.train.cpu = c->attack.cpu;
+    t.backend = c->backend;
+    t.scene = c->scene;
+    t.scene.params.eval = false;
+    t.eval = c->views == VIEWS_TRAIN;
+    t.eval_every = 0;
+    t.threads = c->threads;
+    t.max_memory = c->max_memory;
+    t.quiet = c->quiet;
+    t.resume = c->resume && !access(begun, F_OK);
+    t.force = !t.resume;
+    if (!c->quiet)
+        fprintf(stderr, "training the proxy\n");
+    code = train->run(&t, given, NULL, 0);
+    if (!code)
+        unlink(begun); /* marks it as whole; its model is what counts */
+done:
+    *model = code ? NULL : find_model(folder, 0);
+    free(given);
+    free(folder);
+    free(done);
+    free(begun);
+    return code ? code : *model ? 0 : 2;
+}
+
+static double seconds_since(double start)
+{
+    return monotonic_seconds() - start;
+}
+
+static int checkpoint(struct attack_run *r)
+{
+    char *path = run_path(r->config->output, "attack/checkpoint.bin");
+    const int code = path ? attack_log_step(r) : 4, error = path && !code ? sg_attack_save(r->attack, path) : 0;
+    free(path);
+    return error ? report(r->ctx, error) : code;
+}
+
+static int loop(struct attack_run *r)
+{
+    const struct attack_config *c = r->config;
+    int code = 0, done = sg_attack_iteration(r->attack);
+    /* An interrupted attack goes on to where its state is whole. */
+    while (!code && done < c->attack.iterations && (!interrupted() || done % c->attack.update_interval)) {
+        const double start = monotonic_seconds();
+        const int error = sg_attack_step(r->attack, &r->step);
+        r->totals.seconds += seconds_since(start);
+        if (error) {
+            progress_break(&r->progress);
+            return report(r->ctx, error);
+        }
+        done = r->step.iteration;
+        r->totals.inner_seconds += r->step.inner_seconds;
+        r->totals.inner_bytes += (double) r->step.inner_bytes;
+        if (r->step.gaussians > r->totals.max_gaussians)
+            r->totals.max_gaussians = r->step.gaussians;
+        progress_step(&r->progress, &(struct sg_train_step){.iteration = done,
+                                                            .loss = r->step.loss,
+                                                            .psnr = r->step.psnr,
+                                                            .gaussians = r->step.gaussians});
+        if (done % 100 == 0 || done == 1 || done == c->attack.iterations)
+            code = attack_log_step(r);
+        if (!code && c->save_every && done % c->save_every == 0 && done % c->attack.update_interval == 0 &&
+            done < c->attack.iterations)
+            code = checkpoint(r);
+    }
+    if (!code && done < c->attack.iterations) {
+        progress_break(&r->progress);
+        code = checkpoint(r);
+        if (!code)
+            fprintf(stderr, "interrupted at iteration %d; saved. Continue with: splatguard attack --resume %s\n", done,
+                    c->output);
+        return code ? code : 130;
+    }
+    return code;
+}
+
+static int start_decoy(struct attack_run *r, const char *proxy)
+{
+    struct sg_model *model = NULL;
+    char *saved = run_path(r->config->output, "attack/checkpoint.bin");
+    int error = sg_model_read_ply(r->ctx, proxy, UINT32_MAX, &model), code = saved ? 0 : 4;
+    if (!error)
+        r->proxy_gaussians = model->count;
+    if (!error)
+        error = sg_attack_create(r->ctx, r->scene, model, &r->config->attack, &r->attack);
+    sg_model_destroy(r->ctx, &model);
+    if (!error && !code && r->config->resume && !access(saved, F_OK))
+        error = sg_attack_load(r->attack, saved);
+    free(saved);
+    if (error)
+        return report(r->ctx, error);
+    return code ? code : attack_log_open(r);
+}
+
+static int save_decoy(struct attack_run *r)
+{
+    struct sg_model *decoy = NULL;
+    char *path = run_path(r->config->output, "attack/decoy.ply");
+    int error = path ? sg_attack_decoy(r->attack, &decoy) : SG_ERR_INTERNAL;
+    if (!error)
+        error = sg_model_write_ply(r->ctx, decoy, path);
+    sg_model_destroy(r->ctx, &decoy);
+    free(path);
+    return error ? report(r->ctx, error) : 0;
+}
+
+/* Everything between the options and the files, for one method. */
+static int run(struct attack_run *r)
+{
+    struct attack_config *c = r->config;
+    char *model = NULL;
+    int code = 0;
+    const bool splat = c->method == METHOD_POISON_SPLAT;
+    if (splat && c->proxy && !(model = find_model(c->proxy, 0)))
+        return 2;
+    if (splat && !c->proxy && (code = train_proxy(c, &model)))
+        return code;
+    interrupt_catch();
+    code = load_scene(r);
+    if (!code) {
+        apply_preset(c, r->scene->format);
+        r->proxy = model;
+    }
+    if (!code && splat)
+        code = start_decoy(r, model);
+    if (!code && splat) {
+        progress_begin(&r->progress, c->quiet, sg_attack_iteration(r->attack), c->attack.iterations);
+        code = loop(r);
+    }
+    if (!code && c->keep_decoy && splat)
+        code = save_decoy(r);
+    if (!code)
+        code = attack_write(r);
+    if (!code) {
+        char *saved = run_path(c->output, "attack/checkpoint.bin");
+        if (saved)
+            unlink(saved);
+        free(saved);
+    }
+    free(model);
+    return code;
+}
+
+/* The attack's own options; the command line may change what does not touch the result. */
+static int adopt(struct attack_config *c, const bool *given, const char *argument, json_t **keep)
+{
+    struct attack_config now = *c;
+    const char *output = now.output ? now.output : argument;
+    if (!output || now.force) {
+        fprintf(stderr, now.force ? "splatguard attack: --resume and --force exclude each other\n"
+                                  : "splatguard attack: --resume needs the poisoned folder\n");
+        return 1;
+    }
+    char *path = run_path(output, "attack/config.json");
+    json_error_t error;
+    *keep = path ? json_load_file(path, JSON_REJECT_DUPLICATES, &error) : NULL;
+    int code = 0;
+    *c = defaults;
+    if (!*keep) {
+        fprintf(stderr, "splatguard: %s: line %d: %s; expected the config.json of an attack\n", path ? path : output,
+                path ? error.line : 0, path ? error.text : "out of memory");
+        code = 2;
+    } else if (options_from_json(&command_attack, c, json_object_get(*keep, "options"), path))
+        code = 2;
+    free(path);
+    if (code)
+        return code;
+    c->output = output;
+    c->resume = true;
+    c->quiet = now.quiet, c->threads = now.threads, c->max_memory = now.max_memory, c->keep_decoy = now.keep_decoy;
+    if (!now.source || (now.output == NULL && argument))
+        now.source = c->source;
+    return options_conflict(&command_attack, given, &now, c);
+}
+
+static int write_config(const struct attack_config *c)
+{
+    char *path = run_path(c->output, "attack/config.json"), *absolute = realpath(c->source, NULL);
+    json_t *options = options_to_json(&command_attack, c);
+    if (absolute)
+        json_object_set_new(options, "source-path", text_json(absolute));
+    json_t *root = json_pack("{s:s,s:o}", "version", sg_version(), "options", options);
+    const int code = root && path ? run_write_json(path, root) : 4;
+    json_decref(root);
+    free(absolute);
+    free(path);
+    return code;
+}
+
+static int run_attack(const void *config, const bool *given, const char *const *positional, int count)
+{
+    struct attack_config c = *(const struct attack_config *) config;
+    struct attack_run r = {.config = &c};
+    json_t *keep = NULL;
+    int code = 0;
+    if (c.resume)
+        code = adopt(&c, given, count ? positional[0] : NULL, &keep);
+    else if (count)
+        c.source = (char *) (uintptr_t) positional[0];
+    if (!code && (!c.source || !c.output)) {
+        fprintf(stderr, "splatguard attack: missing %s; usage: splatguard attack %s\n",
+                c.source ? "-o POISONED" : "SCENE", command_attack.arguments);
+        code = 1;
+    }
+    if (!code)
+        code = settle(&c);
+    if (!code)
+        code = check_places(&c);
+    if (!code && !c.resume && !c.force)
+        code = refuse_earlier(c.output);
+    if (!code && !c.resume) {
+        char *state = run_path(c.output, "attack");
+        code = state ? run_make_dirs(state) : 4;
+        free(state);
+        if (!code) {
+            remove_earlier(c.output);
+            code = write_config(&c);
+        }
+    }
+    if (!code)
+        code = open_context(&r.ctx, c.threads, c.max_memory, c.quiet);
+    if (!code)
+        code = run(&r);
+    if (r.log && fclose(r.log) && !code)
+        code = 2;
+    if (r.ctx) {
+        sg_attack_destroy(&r.attack);
+        sg_scene_destroy(r.ctx, &r.scene);
+    }
+    sg_ctx_destroy(&r.ctx);
+    json_decref(keep);
+    return code;
+}
+
+const struct command command_attack = {
+    .name = "attack",
+    .arguments = "SCENE -o POISONED [options]",
+    .summary = "Makes a poisoned copy of a scene, to measure what it costs a victim.",
+    .description =
+        "Writes POISONED, a scene in the layout of SCENE whose images make training expensive (Poison-splat, Lu "
+        "et al. 2025), and poison.json, which says what was done to each image. For red teams and measurements; "
+        "SCENE is not changed. Ctrl-C saves; `attack --resume POISONED` continues.",
+    .options = attack_options,
+    .config_size = sizeof(struct attack_config),
+    .defaults = &defaults,
+    .max_positional = 1,
+    .run = run_attack,
+};

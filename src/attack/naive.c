@@ -1,0 +1,45 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The attacks that Poison-splat is compared with: perturbations that do not agree between views. */
+#include <math.h>
+
+#include "ascent.h"
+#include "core/rng.h"
+#include "splatguard/eval.h"
+
+float sg_attack_draw(uint64_t seed, uint64_t view)
+{
+    return sg_rng_uniform(seed, SG_RNG_POISONED, 0, view);
+}
+
+static float within(float low, float v, float high)
+{
+    return fminf(fmaxf(v, low), high);
+}
+
+int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, const struct sg_attack_params *params,
+                    enum sg_naive_attack method, uint8_t *rgb)
+{
+    const struct sg_attack_params p = params ? *params : *sg_attack_params();
+    const int w = view->camera.width, h = view->camera.height;
+    const size_t n = (size_t) w * (size_t) h;
+    sg_clear_error(ctx);
+    if (!(p.epsilon >= 0 && p.epsilon <= 1))
+        return sg_fail(ctx, SG_ERR_USAGE, "epsilon: found %g, expected 0 to 255 grey levels for this method",
+                       255 * (double) p.epsilon);
+    float *photo = sg_alloc_raw(ctx, SG_MEM_FRAME, 12 * n, sizeof(float));
+    if (!photo)
+        return SG_ERR_BUDGET;
+    float *x = photo + 3 * n, *scratch = photo + 6 * n;
+    for (size_t ch = 0; ch < 3; ch++)
+        for (size_t i = 0; i < n; i++) {
+            const float v = (float) view->rgb[3 * i + ch] / 255.0f;
+            const float noise = method == SG_NAIVE_NOISE ? sg_rng_normal(p.seed, SG_RNG_NOISE, index, ch * n + i) : 0;
+            photo[ch * n + i] = v;
+            x[ch * n + i] = within(0, v + within(-p.epsilon, noise, p.epsilon), 1);
+        }
+    if (method == SG_NAIVE_TV)
+        sg_ascend(ctx, &(struct ascent){p.epsilon, p.step, p.inner, p.tv}, photo, w, h, x, scratch);
+    sg_quantise(x, w, h, rgb);
+    sg_free(ctx, photo);
+    return SG_OK;
+}

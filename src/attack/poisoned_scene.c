@@ -1,0 +1,218 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A copy of a scene with other images, in the layout that the scene came in. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include <jansson.h>
+
+#include "core/file.h"
+#include "core/numbers.h"
+#include "scene/image.h"
+#include "scene/reader.h"
+#include "splatguard/attack.h"
+#include "splatguard/eval.h"
+#include "splatguard/model.h"
+
+#define COPY_BYTES (UINT64_C(1) << 36) /* COLMAP's points can be large; what is copied has been read before */
+#define CLOUD "points.ply"
+
+static int copy(sg_ctx *ctx, const char *from, const char *to, const char *name)
+{
+    char *source = sg_strf(ctx, "%s/%s", from, name), *target = sg_strf(ctx, "%s/%s", to, name), *data = NULL;
+    size_t size;
+    int code = source && target ? SG_OK : SG_ERR_BUDGET;
+    if (!code && sg_file_exists(source)) {
+        char *slash = strrchr(target, '/');
+        *slash = 0;
+        code = sg_dir_create(ctx, target);
+        *slash = '/';
+        if (!code)
+            code = sg_file_read(ctx, source, COPY_BYTES, &data, &size);
+        if (!code)
+            code = sg_file_write(ctx, target, data, size);
+    }
+    sg_free(ctx, data);
+    sg_free(ctx, source);
+    sg_free(ctx, target);
+    return code;
+}
+
+/* The scene's own camera files do not hold for photos without their distortion. */
+static bool needs_transforms(const struct sg_scene *scene)
+{
+    bool any = scene->format == SG_FORMAT_NERFSTUDIO;
+    for (size_t i = 0; i < scene->n_train; i++)
+        any |= scene->train[i].undistorted;
+    for (size_t i = 0; i < scene->n_test; i++)
+        any |= scene->test[i].undistorted;
+    return any;
+}
+
+/* Where the view's image goes, below the folder. */
+static char *image_file(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view,
+                        const struct sg_poison_files *files)
+{
+    const bool jpeg =
+        files->save == SG_POISON_JPEG || (files->save == SG_POISON_AUTO && scene->format == SG_FORMAT_COLMAP);
+    const char *file = !strncmp(view->file, "./", 2) ? view->file + 2 : view->file;
+    const char *dot = strrchr(sg_base_name(file), '.');
+    const bool photo = dot && (!strcasecmp(dot, ".png") || !strcasecmp(dot, ".jpg") || !strcasecmp(dot, ".jpeg") ||
+                               !strcasecmp(dot, ".webp"));
+    const bool was_jpeg = photo && (!strcasecmp(dot, ".jpg") || !strcasecmp(dot, ".jpeg"));
+    return sg_strf(ctx, "%s%.*s%s", scene->format == SG_FORMAT_COLMAP ? "images/" : "",
+                   (int) (photo ? (size_t) (dot - file) : strlen(file)), file, jpeg ? was_jpeg ? dot : ".jpg" : ".png");
+}
+
+static int put_frames(sg_ctx *ctx, FILE *f, const struct sg_scene *scene, const struct sg_poison_files *files,
+                      const struct sg_view *views, size_t n, bool *first)
+{
+    for (size_t i = 0; i < n; i++) {
+        const struct sg_camera *c = &views[i].camera;
+        char *file = image_file(ctx, scene, &views[i], files);
+        json_t *name = file ? json_string(file) : NULL;
+        char *quoted = name ? json_dumps(name, JSON_ENCODE_ANY) : NULL;
+        sg_free(ctx, file);
+        json_decref(name);
+        if (!quoted)
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: the name is not UTF-8, as JSON needs it", views[i].path);
+        fprintf(f,
+                "%s\n    {\"file_path\": %s, \"w\": %d, \"h\": %d,\n     \"fl_x\": %.17g, \"fl_y\": %.17g, "
+                "\"cx\": %.17g, \"cy\": %.17g,\n     \"transform_matrix\": [",
+                *first ? "" : ",", quoted, c->width, c->height, c->fx, c->fy, c->cx, c->cy);
+        free(quoted);
+        *first = false;
+        /* camera-to-world with OpenGL axes: y up, z backward */
+        for (int r = 0; r < 3; r++)
+            fprintf(f, "[%.17g, %.17g, %.17g, %.17g], ", c->R[r], -c->R[3 + r], -c->R[6 + r],
+                    -(c->R[r] * c->t[0] + c->R[3 + r] * c->t[1] + c->R[6 + r] * c->t[2]));
+        fprintf(f, "[0, 0, 0, 1]]}");
+    }
+    return SG_OK;
+}
+
+static int write_transforms(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_poison_files *files,
+                            const char *folder)
+{
+    struct sg_file_writer w = {0};
+    char *path = sg_strf(ctx, "%s/transforms.json", folder), *cloud = sg_strf(ctx, "%s/" CLOUD, folder);
+    int code = path && cloud ? SG_OK : SG_ERR_BUDGET;
+    if (!code && scene->n_points)
+        code = sg_points_write_ply(ctx, cloud, scene->points, scene->point_colors, scene->n_points);
+    if (!code)
+        code = sg_file_create(ctx, &w, path);
+    if (!code) {
+        const locale_t before = uselocale(sg_c_locale());
+        bool first = true;
+        fprintf(w.stream, "{\n  \"camera_model\": \"PINHOLE\",\n%s  \"frames\": [",
+                scene->n_points ? "  \"ply_file_path\": \"" CLOUD "\",\n" : "");
+        code = put_frames(ctx, w.stream, scene, files, scene->train, scene->n_train, &first);
+        if (!code)
+            code = put_frames(ctx, w.stream, scene, files, scene->test, scene->n_test, &first);
+        fprintf(w.stream, "\n  ]\n}\n");
+        uselocale(before);
+        if (!code)
+            code = sg_file_commit(ctx, &w);
+    }
+    sg_file_abandon(ctx, &w);
+    sg_free(ctx, path);
+    sg_free(ctx, cloud);
+    return code;
+}
+
+int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_poison_files *files,
+                            const char *folder)
+{
+    static const char *const blender[] = {"transforms_train.json", "transforms_test.json", "transforms_val.json",
+                                          "points3d.ply", NULL};
+    static const char *const colmap[] = {
+        "sparse/0/cameras.bin", "sparse/0/images.bin",   "sparse/0/points3D.bin", "sparse/0/cameras.txt",
+        "sparse/0/images.txt",  "sparse/0/points3D.txt", "sparse/0/points3D.ply", "sparse/cameras.bin",
+        "sparse/images.bin",    "sparse/points3D.bin",   "sparse/cameras.txt",    "sparse/images.txt",
+        "sparse/points3D.txt",  "sparse/points3D.ply",   "poses_bounds.npy",      NULL};
+    sg_clear_error(ctx);
+    int code = sg_dir_create(ctx, folder);
+    if (!code && needs_transforms(scene))
+        return write_transforms(ctx, scene, files, folder);
+    for (const char *const *name = scene->format == SG_FORMAT_BLENDER ? blender : colmap; *name && !code; name++)
+        code = copy(ctx, scene->path, folder, *name);
+    return code;
+}
+
+static int measure(sg_ctx *ctx, const struct sg_view *view, const char *path, struct sg_poison_report *report)
+{
+    const int w = view->camera.width, h = view->camera.height;
+    struct sg_image image = {0};
+    int code = sg_image_read(ctx, path, UINT64_C(1) << 28, &image);
+    if (code)
+        return code;
+    int largest = 0;
+    for (size_t i = 0; i < 3 * (size_t) w * (size_t) h; i++) {
+        const int d = abs(image.pixels[i] - view->rgb[i]);
+        largest = d > largest ? d : largest;
+    }
+    report->linf = largest;
+    report->psnr = fmin(sg_psnr_u8(view->rgb, image.pixels, w, h), 100);
+    report->tv_before = sg_total_variation(view->rgb, w, h, SG_TV_ANISO);
+    report->tv_after = sg_total_variation(image.pixels, w, h, SG_TV_ANISO);
+    sg_image_clear(ctx, &image);
+    return SG_OK;
+}
+
+/* FOLDER/FILE, whose own folder is made. NULL without memory or that folder. */
+static char *place(sg_ctx *ctx, const char *folder, const char *file)
+{
+    char *path = sg_strf(ctx, "%s/%s", folder, file);
+    if (!path)
+        return NULL;
+    char *slash = strrchr(path, '/');
+    *slash = 0;
+    const int code = sg_dir_create(ctx, path);
+    *slash = '/';
+    if (code)
+        sg_free(ctx, path);
+    return code ? NULL : path;
+}
+
+static int write_mask(sg_ctx *ctx, const struct sg_view *view, const char *folder, const char *file)
+{
+    char *name = sg_strf(ctx, "masks/%s.png", !strncmp(file, "images/", 7) ? file + 7 : file);
+    char *path = name ? place(ctx, folder, name) : NULL;
+    const int code =
+        path ? sg_image_write_png(ctx, path, view->mask, view->camera.width, view->camera.height, 1) : SG_ERR_INPUT;
+    sg_free(ctx, name);
+    sg_free(ctx, path);
+    return code;
+}
+
+int sg_poisoned_scene_image(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view,
+                            const struct sg_poison_files *files, const char *folder, const uint8_t *rgb,
+                            struct sg_poison_report *report)
+{
+    const int w = view->camera.width, h = view->camera.height;
+    sg_clear_error(ctx);
+    char *file = image_file(ctx, scene, view, files), *path = file ? place(ctx, folder, file) : NULL;
+    int code = path ? SG_OK : SG_ERR_INPUT;
+    if (!code && !strcmp(file + strlen(file) - 4, ".png"))
+        code = sg_image_write_png(ctx, path, rgb, w, h, 3);
+    else if (!code)
+        code = sg_image_write_jpeg(ctx, path, rgb, w, h, files->jpeg_quality, files->full_chroma);
+    if (!code && view->mask)
+        code = write_mask(ctx, view, folder, file);
+    if (report)
+        *report = (struct sg_poison_report){0};
+    if (!code && report && !(code = measure(ctx, view, path, report))) {
+        report->file = file;
+        file = NULL;
+    }
+    sg_free(ctx, file);
+    sg_free(ctx, path);
+    return code;
+}
+
+void sg_poison_report_clear(sg_ctx *ctx, struct sg_poison_report *report)
+{
+    sg_free(ctx, report->file);
+    *report = (struct sg_poison_report){0};
+}

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+# Poisoned scenes: layout, bound, resume, growth, refusals.
+. "$(dirname "$0")/common.sh"
+small_scene
+options="--proxy-iterations 200 --iterations 200 --inner 5 --densification-interval 20 --seed 3 --quiet"
+
+# Blender: PNG within the bound, test photos clean, the scene untouched; it loads like the clean one.
+find scene -type f -exec cksum {} + | sort >before
+expect 0 attack scene/blender -o poisoned $options --keep-decoy
+find scene -type f -exec cksum {} + | sort >after
+cmp before after || fail "the scene has changed"
+[ -s poisoned/attack/decoy.ply ] || fail "no decoy"
+[ ! -e poisoned/attack/checkpoint.bin ] || fail "the checkpoint is left"
+grep -q '"linf_max": 16.0' poisoned/poison.json || fail "the bound: $(grep linf_max poisoned/poison.json)"
+grep -q '"poisoned_images": 6' poisoned/poison.json && grep -q '"clean_images": 2' poisoned/poison.json || fail "the counts"
+expect 0 train poisoned -o victim $short --eval --init-points 500 --iterations 40
+expect 0 train scene/blender -o clean $short --eval --init-points 500 --iterations 40
+cmp victim/cameras.json clean/cameras.json || fail "the cameras differ"
+
+# Golden: the decoy grows as it did, whatever the instruction set.
+expect 0 attack scene/colmap -o golden $options --iterations 400 --save png
+curve=$(sed -n 's/.*"gaussians":\([0-9]*\).*/\1/p' golden/attack/log.jsonl | tr '\n' ' ')
+set -- $curve
+for expected in 300 5480 22800 34400 42000; do
+    [ "$1" -ge $((expected * 95 / 100)) ] && [ "$1" -le $((expected * 105 / 100)) ] || fail "the decoy grows along $curve"
+    shift
+done
+
+# The same bytes, also in two parts and with another number of threads.
+expect 0 attack scene/blender -o again $options --threads 1
+"$tool" attack scene/blender -o cut $options --proxy poisoned/attack/proxy --iterations 20000 2>err &
+pid=$!
+for wait in 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30; do
+    sleep 0.1
+    [ -s cut/attack/log.jsonl ] && break
+done
+kill -INT $pid
+wait $pid
+code=$?
+[ $code = 130 ] || fail "interrupted: exit code $code, expected 130"
+says 'attack --resume cut'
+[ ! -e cut/poison.json ] || fail "an unfinished attack looks finished"
+reached=$(sed -n '$s/{"iteration":\([0-9]*\).*/\1/p' cut/attack/log.jsonl)
+expect 1 attack --resume cut --epsilon 8; says '--epsilon'
+sed -i "s/\"iterations\": 20000/\"iterations\": $((reached + 20))/" cut/attack/config.json
+expect 0 attack --resume cut --quiet
+expect 0 attack scene/blender -o whole $options --iterations $((reached + 20)) --proxy poisoned/attack/proxy
+for image in poisoned/train/*.png; do
+    cmp "$image" "again/train/${image##*/}" || fail "another number of threads, other poisons"
+    cmp "cut/train/${image##*/}" "whole/train/${image##*/}" || fail "resumed at $reached, other poisons"
+done
+
+# An interrupted proxy goes on too.
+"$tool" attack scene/blender -o early $options --proxy-iterations 20000 2>err &
+pid=$!
+sleep 1
+kill -INT $pid
+wait $pid
+[ $? = 130 ] || fail "interrupted in the proxy"
+[ -s early/attack/proxy/checkpoint.bin ] || fail "the proxy is not saved"
+
+# COLMAP: JPEG as published, PNG on request; the cameras name other suffixes.
+expect 0 attack scene/colmap -o jpeg $options --epsilon inf --iterations 20
+ls jpeg/images/*.jpg >/dev/null || fail "no JPEG"
+[ -s jpeg/sparse/0/points3D.bin ] || fail "no points"
+expect 0 train jpeg -o victim $short --force --iterations 20
+expect 0 attack scene/colmap -o png $options --method noise --save png --epsilon 8 --downscale 2 --ratio 0.5 --views train
+grep -q '"linf_max": 8.0' png/poison.json || fail "the bound of noise"
+grep -q '"poisoned_images": 3' png/poison.json || fail "the ratio: $(grep poisoned_images png/poison.json)"
+expect 0 train png -o victim $short --force --iterations 20 --eval
+expect 0 attack scene/colmap -o tv $options --method tv-per-view --inner 3 --tv aniso --save png
+grep -q '"linf_max": 6.0' tv/poison.json || fail "the steps of tv-per-view"
+
+# What cannot work is said before anything is written.
+expect 1 attack scene/blender; says 'missing -o POISONED'
+expect 1 attack scene/blender -o x --epsilon much; says '--epsilon'
+expect 1 attack scene/blender -o x --method noise --epsilon inf; says 'poison-splat only'
+expect 2 attack scene/blender -o scene/blender; says 'in the scene'
+expect 2 attack scene/blender -o scene/blender/x; says 'in the scene'
+expect 2 attack scene/blender -o scene; says 'around the scene'
+expect 2 attack scene/blender -o poisoned; says 'earlier attack'
+expect 2 attack scene/blender -o victim; says 'other files'
+expect 2 attack nowhere -o x; says nowhere
+expect 2 attack scene/blender -o x --proxy nowhere.ply; says nowhere.ply
+[ ! -e scene/blender/x ] || fail "something was written into the scene"
