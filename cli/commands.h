@@ -5,7 +5,8 @@
 #include "options.h"
 #include "splatguard/splatguard.h"
 
-extern const struct command command_train, command_eval, command_render, command_synth, command_info, command_attack;
+extern const struct command command_train, command_eval, command_render, command_synth, command_info, command_attack,
+    command_compare;
 
 /* What scenes and threads need, shared by the commands that load one. */
 struct scene_options {

@@ -33,7 +33,7 @@ struct command {
     int (*run)(const void *config, const bool *given, const char *const *positional, int count);
 };
 
-#define OPTIONS_MAX_POSITIONAL 4
+#define OPTIONS_MAX_POSITIONAL 64
 
 /* Fills config (defaults first) and positional. Returns 0, or 1 after printing what is wrong, or -1 if --help was
  * printed. given: one bool per table entry, set where the command line has it. */

@@ -83,3 +83,11 @@ expect 2 attack scene/blender -o victim; says 'other files'
 expect 2 attack nowhere -o x; says nowhere
 expect 2 attack scene/blender -o x --proxy nowhere.ply; says nowhere.ply
 [ ! -e scene/blender/x ] || fail "something was written into the scene"
+
+# Runs next to each other.
+expect 0 compare clean victim; grep -q 'Gaussians, most' out || fail "compare's table"
+expect 0 compare clean victim --json; grep -q '"ratios_to_first"' out || fail "compare's JSON"
+expect 0 compare clean victim --csv; [ "$(wc -l <out)" = 3 ] || fail "compare's CSV"
+expect 0 compare clean victim --scene scene/blender --quiet
+expect 2 compare clean nowhere; says nowhere/summary.json
+expect 1 compare clean --json --csv; says 'exclude each other'

@@ -1,0 +1,219 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* splatguard compare: what runs cost and what they give, next to each other. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "model_views.h"
+#include "run_folder.h"
+
+struct compare_config {
+    struct model_options m;
+    bool json, csv;
+};
+
+static const struct option compare_options[] = {
+    {"json", 0, OPT_FLAG, offsetof(struct compare_config, json), 0, 0, NULL, NULL,
+     "Print a JSON array, one object a run.", true},
+    {"csv", 0, OPT_FLAG, offsetof(struct compare_config, csv), 0, 0, NULL, NULL,
+     "Print comma-separated values, one line a run.", true},
+    MODEL_OPTIONS(struct compare_config),
+    SCENE_OPTIONS(struct compare_config, m.scene, true),
+    {0},
+};
+
+static const struct compare_config defaults = {.m = {MODEL_OPTION_DEFAULTS}};
+
+/* The instance list stands apart from the model: what a poisoned scene costs is mostly there. */
+enum {
+    MAX_GAUSSIANS,
+    FINAL_GAUSSIANS,
+    SECONDS,
+    RSS,
+    LEDGER,
+    MODEL,
+    INSTANCES,
+    IMAGES,
+    PAIRS,
+    FPS,
+    PSNR,
+    SSIM,
+    METRICS
+};
+
+static const struct {
+    const char *key, *title, *format;
+    double scale;
+    bool ratio; /* means something */
+} metrics[METRICS] = {
+    [MAX_GAUSSIANS] = {"max_gaussians", "Gaussians, most", "%.0f", 1, true},
+    [FINAL_GAUSSIANS] = {"final_gaussians", "Gaussians, final", "%.0f", 1, true},
+    [SECONDS] = {"train_seconds", "training, s", "%.0f", 1, true},
+    [RSS] = {"peak_rss_bytes", "process peak, MB", "%.0f", 1e-6, true},
+    [LEDGER] = {"peak_ledger_bytes", "own peak, MB", "%.0f", 1e-6, true},
+    [MODEL] = {"model_bytes", "  model and moments, MB", "%.0f", 1e-6, true},
+    [INSTANCES] = {"instance_bytes", "  instance list, MB", "%.0f", 1e-6, true},
+    [IMAGES] = {"image_bytes", "  images, MB", "%.0f", 1e-6, true},
+    [PAIRS] = {"max_instances", "instances, most", "%.0f", 1, true},
+    [FPS] = {"fps", "frames a second", "%.1f", 1, true},
+    [PSNR] = {"psnr", "PSNR, dB", "%.2f", 1, false},
+    [SSIM] = {"ssim", "SSIM", "%.4f", 1, false},
+};
+
+struct run {
+    const char *path;
+    double value[METRICS]; /* NaN = not known */
+};
+
+static double number(const json_t *object, const char *key)
+{
+    const json_t *v = json_object_get(object, key);
+    return json_is_number(v) ? json_number_value(v) : NAN;
+}
+
+static int read_run(struct run *r, const char *path)
+{
+    char *file = run_path(path, "summary.json");
+    json_error_t error;
+    json_t *s = file ? json_load_file(file, JSON_REJECT_DUPLICATES, &error) : NULL;
+    r->path = path;
+    if (!s) {
+        fprintf(stderr, "splatguard: %s: line %d: %s; expected the summary.json of a run\n", file ? file : path,
+                file ? error.line : 0, file ? error.text : "out of memory");
+        free(file);
+        return 2;
+    }
+    const json_t *tags = json_object_get(s, "peak_ledger_bytes_by_tag");
+    for (int m = 0; m < METRICS; m++)
+        r->value[m] = number(s, metrics[m].key);
+    r->value[MODEL] = number(tags, "model") + number(tags, "optimiser");
+    r->value[INSTANCES] = number(tags, "instances");
+    r->value[IMAGES] = number(tags, "images");
+    if (json_is_true(json_object_get(s, "interrupted")))
+        fprintf(stderr, "warning: %s: the run was interrupted\n", path);
+    json_decref(s);
+    free(file);
+    return 0;
+}
+
+/* On the views of --scene instead of what the run measured itself. */
+static int measure(struct run *r, const struct compare_config *config, const bool *given)
+{
+    struct compare_config c = *config;
+    struct model_views v;
+    struct sg_eval e = {0};
+    int code = model_views_open(&v, r->path, &command_compare, given, &c, &c.m);
+    if (!code) {
+        const int error = sg_evaluate(v.ctx, v.renderer, v.views, v.n, 1, &e);
+        code = error ? report(v.ctx, error) : 0;
+        r->value[FPS] = e.fps, r->value[PSNR] = e.psnr, r->value[SSIM] = e.ssim;
+        sg_eval_clear(v.ctx, &e);
+    }
+    model_views_close(&v);
+    return code;
+}
+
+static double ratio(const struct run *runs, int i, int m)
+{
+    return runs[i].value[m] / runs[0].value[m];
+}
+
+static void print_table(const struct run *runs, int n)
+{
+    char text[64];
+    printf("%-24s", "");
+    for (int i = 0; i < n; i++) {
+        const size_t length = strlen(runs[i].path);
+        printf("  %20s", length > 20 ? runs[i].path + length - 20 : runs[i].path);
+    }
+    printf("\n");
+    for (int m = 0; m < METRICS; m++) {
+        printf("%-24s", metrics[m].title);
+        for (int i = 0; i < n; i++) {
+            char times[24] = "";
+            const double v = runs[i].value[m] * metrics[m].scale;
+            if (i && metrics[m].ratio && isfinite(ratio(runs, i, m)))
+                snprintf(times, sizeof(times), " (%.2fx)", ratio(runs, i, m));
+            snprintf(text, sizeof(text), metrics[m].format, v);
+            snprintf(text + strlen(text), sizeof(text) - strlen(text), "%s", times);
+            printf("  %20s", isfinite(v) ? text : "-");
+        }
+        printf("\n");
+    }
+}
+
+static void print_csv(const struct run *runs, int n)
+{
+    printf("run");
+    for (int m = 0; m < METRICS; m++)
+        printf(",%s", metrics[m].key);
+    printf("\n");
+    for (int i = 0; i < n; i++) {
+        printf("\"");
+        for (const char *p = runs[i].path; *p; p++)
+            printf(*p == '"' ? "\"\"" : "%c", *p);
+        printf("\"");
+        for (int m = 0; m < METRICS; m++)
+            if (isfinite(runs[i].value[m]))
+                printf(",%.10g", runs[i].value[m]);
+            else
+                printf(",");
+        printf("\n");
+    }
+}
+
+static void print_json(const struct run *runs, int n)
+{
+    json_t *list = json_array();
+    for (int i = 0; i < n; i++) {
+        json_t *r = json_pack("{s:o}", "run", text_json(runs[i].path)), *ratios = json_object();
+        for (int m = 0; m < METRICS; m++) {
+            json_object_set_new(r, metrics[m].key, number_json(runs[i].value[m]));
+            if (metrics[m].ratio)
+                json_object_set_new(ratios, metrics[m].key, number_json(ratio(runs, i, m)));
+        }
+        json_object_set_new(r, "ratios_to_first", ratios);
+        json_array_append_new(list, r);
+    }
+    char *text = json_dumps(list, JSON_INDENT(2) | JSON_REAL_PRECISION(10));
+    printf("%s\n", text ? text : "[]");
+    free(text);
+    json_decref(list);
+}
+
+static int run_compare(const void *config, const bool *given, const char *const *positional, int count)
+{
+    const struct compare_config *c = config;
+    struct run *runs = calloc((size_t) count, sizeof(*runs));
+    int code = runs ? 0 : 4;
+    if (c->json && c->csv) {
+        fprintf(stderr, "splatguard compare: --json and --csv exclude each other\n");
+        code = 1;
+    }
+    for (int i = 0; i < count && !code; i++) {
+        code = read_run(&runs[i], positional[i]);
+        if (!code && c->m.scene_path)
+            code = measure(&runs[i], c, given);
+    }
+    if (!code)
+        (c->json ? print_json : c->csv ? print_csv : print_table)(runs, count);
+    free(runs);
+    return code;
+}
+
+const struct command command_compare = {
+    .name = "compare",
+    .arguments = "RUN... [--scene SCENE] [options]",
+    .summary = "Prints what runs cost and give next to each other.",
+    .description =
+        "Gaussians, time, memory by kind, rendering speed and quality of runs of `splatguard train`, with ratios to "
+        "the "
+        "first. With --scene, PSNR, SSIM and speed are measured anew on its views: give the clean scene to runs on "
+        "poisoned copies of it (and --downscale as the attack had it).",
+    .options = compare_options,
+    .config_size = sizeof(struct compare_config),
+    .defaults = &defaults,
+    .min_positional = 1,
+    .max_positional = OPTIONS_MAX_POSITIONAL,
+    .run = run_compare,
+};
