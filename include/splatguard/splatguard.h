@@ -10,6 +10,7 @@
 #include "model.h"
 #include "render.h"
 #include "scene.h"
+#include "spectrum.h"
 #include "synth.h"
 #include "train.h"
 

@@ -91,3 +91,11 @@ expect 0 compare clean victim --csv; [ "$(wc -l <out)" = 3 ] || fail "compare's 
 expect 0 compare clean victim --scene scene/blender --quiet
 expect 2 compare clean nowhere; says nowhere/summary.json
 expect 1 compare clean --json --csv; says 'exclude each other'
+
+# Spectra.
+expect 0 spectrum scene/blender/train/r_0.png poisoned/train/r_0.png -o spectrum.png
+grep -q 'anisotropy' out && [ -s spectrum.png ] || fail "spectrum"
+expect 0 spectrum spectrum.png --json; grep -q '"band_share"' out || fail "spectrum's JSON"
+expect 2 spectrum nowhere.png; says nowhere.png
+expect 2 spectrum scene/blender/transforms_train.json; says transforms_train.json
+expect 1 spectrum spectrum.png --bins 6; says 'divisible by 4'

@@ -1,0 +1,162 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* splatguard spectrum: where the energy of images is, as numbers and as a picture. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "scene/image.h"
+#include "spectrum_picture.h"
+
+#include "commands.h"
+
+struct spectrum_config {
+    const char *output;
+    struct sg_spectrum_params p;
+    double gain;
+    bool json;
+};
+
+#define TITLE_MAX 28 /* letters: what fits above an image */
+
+#define S(field) offsetof(struct spectrum_config, field)
+static const struct option spectrum_options[] = {
+    {"output", 'o', OPT_STRING, S(output), 0, 0, NULL, "OUT.png", "Draw the picture into this file.", true},
+    {"json", 0, OPT_FLAG, S(json), 0, 0, NULL, NULL, "Print a JSON array, one object an image.", true},
+    {"gain", 0, OPT_DOUBLE, S(gain), 0.01, 255, NULL, "X", "How much differences from the first image are magnified.",
+     true},
+    {"low", 0, OPT_DOUBLE, S(p.low), 0, 1, NULL, "X", "Lower edge of the band, as a part of the Nyquist frequency.",
+     true},
+    {"high", 0, OPT_DOUBLE, S(p.high), 0, 1, NULL, "X", "Upper edge of the band.", true},
+    {"bins", 0, OPT_INT, S(p.bins), 4, SG_SPECTRUM_BINS_MAX, NULL, "N",
+     "Directions over the full circle; divisible by 4.", true},
+    {0},
+};
+
+static const struct spectrum_config defaults = {.p = {SG_SPECTRUM_DEFAULTS}, .gain = 8};
+
+static int load(sg_ctx *ctx, const char *path, const struct spectrum_config *c, struct picture_image *out)
+{
+    struct sg_image image = {0};
+    int error = sg_image_read(ctx, path, UINT64_C(1) << 28, &image);
+    if (error)
+        return error;
+    const size_t n = (size_t) image.width * (size_t) image.height;
+    uint8_t *rgb = malloc(3 * n);
+    float *amplitude = malloc(n * sizeof(float));
+    out->title = strlen(path) > TITLE_MAX ? path + strlen(path) - TITLE_MAX : path;
+    out->width = image.width, out->height = image.height;
+    out->rgb = rgb, out->amplitude = amplitude; /* freed by the caller */
+    error = rgb && amplitude ? SG_OK : SG_ERR_BUDGET;
+    if (!error) {
+        sg_image_flatten(&image, SG_ALPHA_ON_BLACK, rgb);
+        error = sg_spectrum_measure(ctx, rgb, image.width, image.height, &c->p, &out->spectrum, amplitude);
+    }
+    sg_image_clear(ctx, &image);
+    return error;
+}
+
+static json_t *numbers(const double *values, int n)
+{
+    json_t *list = json_array();
+    for (int i = 0; i < n; i++)
+        json_array_append_new(list, number_json(values[i]));
+    return list;
+}
+
+static void print_json(const struct picture_image *images, int n, const char *const *paths)
+{
+    json_t *list = json_array();
+    for (int k = 0; k < n; k++) {
+        const struct sg_spectrum *s = &images[k].spectrum;
+        json_array_append_new(
+            list,
+            json_pack("{s:o,s:i,s:i,s:f,s:f,s:f,s:o,s:o,s:o}", "image", text_json(paths[k]), "width", images[k].width,
+                      "height", images[k].height, "entropy", s->entropy, "anisotropy", s->anisotropy, "band_share",
+                      s->band_share, "total_variation",
+                      json_pack("{s:f,s:f}", "aniso",
+                                sg_total_variation(images[k].rgb, images[k].width, images[k].height, SG_TV_ANISO),
+                                "vertical2",
+                                sg_total_variation(images[k].rgb, images[k].width, images[k].height, SG_TV_VERTICAL2)),
+                      "angular", numbers(s->angular, s->bins), "radial", numbers(s->radial, SG_SPECTRUM_RINGS)));
+    }
+    char *text = json_dumps(list, JSON_INDENT(2) | JSON_REAL_PRECISION(8));
+    printf("%s\n", text ? text : "[]");
+    free(text);
+    json_decref(list);
+}
+
+static void print_lines(const struct picture_image *images, int n, const char *const *paths)
+{
+    for (int k = 0; k < n; k++) {
+        const struct sg_spectrum *s = &images[k].spectrum;
+        const double both = sg_total_variation(images[k].rgb, images[k].width, images[k].height, SG_TV_ANISO);
+        const double vertical =
+            sg_total_variation(images[k].rgb, images[k].width, images[k].height, SG_TV_VERTICAL2) / 2;
+        printf("%s: %d x %d, anisotropy %.4f, %.3f %% of the energy in the band, total variation %.2f down + %.2f "
+               "across\n",
+               paths[k], images[k].width, images[k].height, s->anisotropy, 100 * s->band_share, vertical,
+               both - vertical);
+    }
+}
+
+static int draw(sg_ctx *ctx, const struct spectrum_config *c, const struct picture_image *images, int n)
+{
+    uint8_t *rgb = NULL;
+    int width, height;
+    int error = picture_draw(ctx, images, n, c->gain, &rgb, &width, &height);
+    if (!error)
+        error = sg_image_write_png(ctx, c->output, rgb, width, height, 3);
+    free(rgb);
+    return error;
+}
+
+static int run_spectrum(const void *config, const bool *given, const char *const *positional, int count)
+{
+    (void) given;
+    const struct spectrum_config *c = config;
+    struct picture_image images[OPTIONS_MAX_POSITIONAL] = {0};
+    sg_ctx *ctx;
+    if (c->p.bins % 4) {
+        fprintf(stderr, "splatguard spectrum: --bins: found %d, expected a number divisible by 4\n", c->p.bins);
+        return 1;
+    }
+    if (c->output && count > PICTURE_IMAGES_MAX) {
+        fprintf(stderr, "splatguard spectrum: found %d images, expected at most %d in a picture\n", count,
+                PICTURE_IMAGES_MAX);
+        return 1;
+    }
+    int code = open_context(&ctx, 0, 0, false);
+    if (code)
+        return code;
+    for (int k = 0; k < count && !code; k++) {
+        const int error = load(ctx, positional[k], c, &images[k]);
+        code = error ? report(ctx, error) : 0;
+    }
+    if (!code && c->output) {
+        const int error = draw(ctx, c, images, count);
+        code = error ? report(ctx, error) : 0;
+    }
+    if (!code)
+        (c->json ? print_json : print_lines)(images, count, positional);
+    for (int k = 0; k < count; k++) {
+        free((void *) (uintptr_t) images[k].rgb);
+        free((void *) (uintptr_t) images[k].amplitude);
+    }
+    sg_ctx_destroy(&ctx);
+    return code;
+}
+
+const struct command command_spectrum = {
+    .name = "spectrum",
+    .arguments = "IMAGE... [-o OUT.png] [options]",
+    .summary = "Shows where the energy of images is: spectrum, directions, frequencies.",
+    .description =
+        "Measures the Fourier spectrum of images: how much of their energy lies in a band of high frequencies, how "
+        "it is spread over directions (anisotropy 0 = evenly), and total variation. With -o, draws photos, "
+        "differences from the first, spectra and distributions.",
+    .options = spectrum_options,
+    .config_size = sizeof(struct spectrum_config),
+    .defaults = &defaults,
+    .min_positional = 1,
+    .max_positional = OPTIONS_MAX_POSITIONAL,
+    .run = run_spectrum,
+};

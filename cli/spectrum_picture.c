@@ -1,0 +1,245 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "spectrum_picture.h"
+
+#include <ctype.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "scene/image.h"
+#include "scene/synth_text.h"
+
+#define CELL 320 /* pixels, the longer side of an image */
+#define GAP 16
+#define TITLE 30
+#define PLOT 260 /* height of a plot */
+#define AXIS 44  /* left of a plot and below it, for its labels */
+
+struct canvas {
+    uint8_t *rgb;
+    int width, height;
+};
+
+static const uint8_t colours[PICTURE_IMAGES_MAX][3] = {{0x22, 0x66, 0xaa}, {0xcc, 0x33, 0x44}, {0x22, 0x88, 0x44},
+                                                       {0xbb, 0x88, 0x00}, {0x88, 0x33, 0xaa}, {0x44, 0x44, 0x44}};
+static const uint8_t ink[3] = {0x33, 0x33, 0x33}, faint[3] = {0xdd, 0xdd, 0xdd};
+
+static void blend(struct canvas *c, int x, int y, const uint8_t colour[3], double alpha)
+{
+    if (x < 0 || y < 0 || x >= c->width || y >= c->height)
+        return;
+    uint8_t *p = c->rgb + 3 * ((size_t) y * (size_t) c->width + (size_t) x);
+    for (int k = 0; k < 3; k++)
+        p[k] = (uint8_t) (p[k] + (colour[k] - p[k]) * alpha + 0.5);
+}
+
+static void line(struct canvas *c, double x0, double y0, double x1, double y1, double radius, const uint8_t colour[3])
+{
+    const double dx = x1 - x0, dy = y1 - y0, length2 = dx * dx + dy * dy;
+    for (int y = (int) (fmin(y0, y1) - radius - 1); y <= (int) (fmax(y0, y1) + radius + 2); y++)
+        for (int x = (int) (fmin(x0, x1) - radius - 1); x <= (int) (fmax(x0, x1) + radius + 2); x++) {
+            double along = length2 > 0 ? ((x - x0) * dx + (y - y0) * dy) / length2 : 0;
+            along = fmin(fmax(along, 0), 1);
+            const double cover = radius + 0.5 - hypot(x - x0 - along * dx, y - y0 - along * dy);
+            if (cover > 0)
+                blend(c, x, y, colour, fmin(cover, 1));
+        }
+}
+
+/* The stroke font has capitals only. Centred on x, standing on y. */
+static void text(struct canvas *c, double x, double y, double size, const uint8_t colour[3], const char *words)
+{
+    char capitals[64];
+    size_t n = 0;
+    for (; words[n] && n < sizeof(capitals) - 1; n++)
+        capitals[n] = isalnum((unsigned char) words[n]) || strchr(".-/+ ", words[n])
+                          ? (char) toupper((unsigned char) words[n])
+                          : '-';
+    capitals[n] = 0;
+    const int reach = (int) (size * (double) n * 0.6) + 4;
+    for (int py = (int) (y - size) - 2; py <= (int) y + 2; py++)
+        for (int px = (int) x - reach; px <= (int) x + reach; px++) {
+            int hits = 0;
+            for (int s = 0; s < 16; s++)
+                hits +=
+                    sg_synth_text_ink(capitals, px + (s % 4 + 0.5) / 4 - x, y - (py + (s / 4 + 0.5) / 4), size, 0.07);
+            if (hits)
+                blend(c, px, py, colour, hits / 16.0);
+        }
+}
+
+/* Scales pixels to w x h at (x, y). */
+static int place(sg_ctx *ctx, struct canvas *c, const uint8_t *rgb, int width, int height, int x, int y, int w, int h)
+{
+    uint8_t *small = malloc(3 * (size_t) w * (size_t) h);
+    int code = small ? sg_resample(ctx, rgb, width, height, 3, small, w, h) : SG_ERR_BUDGET;
+    for (int row = 0; row < h && !code; row++)
+        memcpy(c->rgb + 3 * ((size_t) (y + row) * (size_t) c->width + (size_t) x),
+               small + 3 * (size_t) row * (size_t) w, 3 * (size_t) w);
+    free(small);
+    return code;
+}
+
+static int draw_difference(sg_ctx *ctx, struct canvas *c, const struct picture_image *a, const struct picture_image *b,
+                           double gain, int x, int y, int w, int h)
+{
+    const size_t n = 3 * (size_t) a->width * (size_t) a->height;
+    uint8_t *d = malloc(n);
+    if (!d)
+        return SG_ERR_BUDGET;
+    for (size_t i = 0; i < n; i++)
+        d[i] = (uint8_t) (fmin(fmax(127.5 + gain * (b->rgb[i] - a->rgb[i]), 0), 255) + 0.5);
+    const int code = place(ctx, c, d, a->width, a->height, x, y, w, h);
+    free(d);
+    return code;
+}
+
+/* One scale for all columns, so that brightness can be compared: from the median of the first to its maximum. */
+static int draw_amplitude(sg_ctx *ctx, struct canvas *c, const struct picture_image *p, float low, float high, int x,
+                          int y)
+{
+    const size_t n = (size_t) p->width * (size_t) p->height;
+    uint8_t *grey = malloc(3 * n);
+    if (!grey)
+        return SG_ERR_BUDGET;
+    for (size_t i = 0; i < n; i++)
+        memset(grey + 3 * i, (int) (255 * fminf(fmaxf((p->amplitude[i] - low) / (high - low), 0), 1) + 0.5f), 3);
+    const int code = place(ctx, c, grey, p->width, p->height, x, y, CELL, CELL);
+    free(grey);
+    return code;
+}
+
+struct plot {
+    int x, y, w, h; /* of the area inside the axes */
+    double low, high;
+};
+
+static void axes(struct canvas *c, const struct plot *p, const char *title, const char *const ticks[], int n_ticks)
+{
+    for (int i = 0; i < n_ticks; i++) {
+        const double x = p->x + (double) i / (n_ticks - 1) * p->w;
+        line(c, x, p->y, x, p->y + p->h, 0, faint);
+        text(c, x, p->y + p->h + 16, 10, ink, ticks[i]);
+    }
+    line(c, p->x, p->y, p->x, p->y + p->h, 0.3, ink);
+    line(c, p->x, p->y + p->h, p->x + p->w, p->y + p->h, 0.3, ink);
+    text(c, p->x + p->w / 2.0, p->y + p->h + 34, 10, ink, title);
+}
+
+static void curve(struct canvas *c, const struct plot *p, const double *values, int n, const uint8_t colour[3])
+{
+    for (int i = 0; i + 1 < n; i++) {
+        double y[2];
+        for (int k = 0; k < 2; k++)
+            y[k] = p->y + p->h * (1 - fmin(fmax((values[i + k] - p->low) / (p->high - p->low), 0), 1));
+        line(c, p->x + (i + 0.5) / n * p->w, y[0], p->x + (i + 1.5) / n * p->w, y[1], 1, colour);
+    }
+}
+
+static void draw_plots(struct canvas *c, const struct picture_image *images, int n, int top)
+{
+    static const char *const directions[] = {"-90", "-45", "0", "45", "90"};
+    static const char *const frequencies[] = {"0", "0.125", "0.25", "0.375", "0.5"};
+    const int half = (c->width - 3 * GAP) / 2;
+    struct plot a = {GAP + AXIS, top, half - AXIS - GAP, PLOT - AXIS, 0, 0}, r = a;
+    r.x += half + GAP;
+    double angular[PICTURE_IMAGES_MAX][SG_SPECTRUM_BINS_MAX / 2], radial[PICTURE_IMAGES_MAX][SG_SPECTRUM_RINGS];
+    r.low = INFINITY, r.high = -INFINITY;
+    for (int k = 0; k < n; k++) {
+        const struct sg_spectrum *s = &images[k].spectrum;
+        /* Directions from -90 to 90 degrees; the other half of a real image's spectrum is the same. */
+        for (int b = 0; b < s->bins / 2; b++) {
+            angular[k][b] = 2 * s->angular[s->bins / 4 + b];
+            a.high = fmax(a.high, 1.1 * angular[k][b]);
+        }
+        for (int i = 0; i < SG_SPECTRUM_RINGS; i++) {
+            if (!(s->radial[i] > 0)) /* small images have empty rings */
+                radial[k][i] = i ? radial[k][i - 1] : log10(fmax(s->radial[1], 1e-12));
+            else
+                radial[k][i] = log10(s->radial[i]);
+            r.low = fmin(r.low, radial[k][i]), r.high = fmax(r.high, radial[k][i]);
+        }
+    }
+    r.low = floor(r.low), r.high = fmax(ceil(r.high), r.low + 1);
+    a.high = a.high > 0 ? a.high : 1;
+    axes(c, &a, "ENERGY BY DEGREES", directions, 5);
+    axes(c, &r, "LOG10 ENERGY BY CYCLES/PIXEL", frequencies, 5);
+    for (int tick = 0; tick <= 4; tick++) {
+        char label[32];
+        snprintf(label, sizeof(label), "%.2f", a.high * tick / 4);
+        text(c, a.x - 22, a.y + a.h * (1 - tick / 4.0) + 5, 10, ink, label);
+        snprintf(label, sizeof(label), "%.1f", r.low + (r.high - r.low) * tick / 4);
+        text(c, r.x - 22, r.y + r.h * (1 - tick / 4.0) + 5, 10, ink, label);
+    }
+    for (int k = 0; k < n; k++) {
+        curve(c, &a, angular[k], images[k].spectrum.bins / 2, colours[k]);
+        curve(c, &r, radial[k], SG_SPECTRUM_RINGS, colours[k]);
+    }
+}
+
+static int compare_floats(const void *a, const void *b)
+{
+    const float x = *(const float *) a, y = *(const float *) b;
+    return (x > y) - (x < y);
+}
+
+/* What is black and what is white in the spectra. */
+static int find_range(const struct picture_image *p, float *low, float *high)
+{
+    const size_t n = (size_t) p->width * (size_t) p->height;
+    float *sorted = malloc(n * sizeof(float));
+    if (!sorted)
+        return SG_ERR_BUDGET;
+    memcpy(sorted, p->amplitude, n * sizeof(float));
+    qsort(sorted, n, sizeof(float), compare_floats);
+    *low = sorted[n / 50];
+    *high = fmaxf(sorted[n - 1 - n / 1000], *low + 1e-3f);
+    free(sorted);
+    return SG_OK;
+}
+
+int picture_draw(sg_ctx *ctx, const struct picture_image *images, int n, double gain, uint8_t **rgb, int *width,
+                 int *height)
+{
+    int tallest = 1;
+    bool differences = false;
+    for (int k = 0; k < n; k++) {
+        const double scale = (double) CELL / (images[k].width > images[k].height ? images[k].width : images[k].height);
+        const int h = (int) fmax(images[k].height * scale, 1);
+        tallest = h > tallest ? h : tallest;
+        differences |= k && images[k].width == images[0].width && images[k].height == images[0].height;
+    }
+    const int columns = n > 1 ? n : 2; /* room for the plots */
+    const int photos = TITLE, changes = photos + tallest + GAP,
+              spectra = differences ? changes + tallest + GAP + 14 : changes;
+    const int plots = spectra + CELL + GAP;
+    struct canvas c = {.width = columns * (CELL + GAP) + GAP, .height = plots + PLOT + GAP};
+    c.rgb = malloc(3 * (size_t) c.width * (size_t) c.height);
+    float low = 0, high = 1;
+    int code = c.rgb ? find_range(&images[0], &low, &high) : SG_ERR_BUDGET;
+    if (c.rgb)
+        memset(c.rgb, 255, 3 * (size_t) c.width * (size_t) c.height);
+    for (int k = 0; k < n && !code; k++) {
+        const struct picture_image *p = &images[k];
+        const double scale = (double) CELL / (p->width > p->height ? p->width : p->height);
+        const int w = (int) fmax(p->width * scale, 1), h = (int) fmax(p->height * scale, 1), x = GAP + k * (CELL + GAP);
+        text(&c, x + CELL / 2.0, photos - 10, 13, colours[k], p->title);
+        code = place(ctx, &c, p->rgb, p->width, p->height, x + (CELL - w) / 2, photos, w, h);
+        if (!code && k && p->width == images[0].width && p->height == images[0].height) {
+            char label[48];
+            snprintf(label, sizeof(label), "DIFFERENCE X %.3g", gain);
+            code = draw_difference(ctx, &c, &images[0], p, gain, x + (CELL - w) / 2, changes, w, h);
+            text(&c, x + CELL / 2.0, changes + h + 16, 10, ink, label);
+        }
+        if (!code)
+            code = draw_amplitude(ctx, &c, p, low, high, x, spectra);
+    }
+    if (!code)
+        draw_plots(&c, images, n, plots);
+    if (code)
+        free(c.rgb);
+    else
+        *rgb = c.rgb, *width = c.width, *height = c.height;
+    return code;
+}

@@ -1,0 +1,121 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "splatguard/spectrum.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "fft.h"
+
+#define TAU 6.283185307179586
+
+/* Signed frequency of a row or column of the transform, in cycles a pixel. */
+static double frequency(int k, int n)
+{
+    return (double) (k <= (n - 1) / 2 ? k : k - n) / n;
+}
+
+/* Exact multiples of a bin, as the axes are, belong to the upper one on every machine. */
+static int bin_of(double fu, double fv, int bins)
+{
+    const int b = (int) floor((atan2(fu, fv) + TAU / 2) * bins / TAU + 1e-9);
+    return b % bins;
+}
+
+struct sums {
+    double total, ring[SG_SPECTRUM_RINGS], ring_count[SG_SPECTRUM_RINGS];
+};
+
+/* Adds one channel. Half of the coefficients stand for their conjugates too. */
+static void add_channel(const float complex *f, int width, int height, const struct sg_spectrum_params *p,
+                        struct sums *sums, struct sg_spectrum *out)
+{
+    const int columns = (int) SG_FFT_COLUMNS(width);
+    for (int u = 0; u < height; u++)
+        for (int v = 0; v < columns; v++) {
+            const double fu = frequency(u, height), fv = (double) v / width, r = hypot(fu, fv) / 0.5;
+            const double twins = v == 0 || 2 * v == width ? 1 : 2;
+            const double re = (double) crealf(f[(size_t) u * (size_t) columns + (size_t) v]);
+            const double im = (double) cimagf(f[(size_t) u * (size_t) columns + (size_t) v]);
+            const double energy = re * re + im * im;
+            const int ring = (int) (r * SG_SPECTRUM_RINGS);
+            if (r <= 0)
+                continue;
+            sums->total += twins * energy;
+            if (ring < SG_SPECTRUM_RINGS)
+                sums->ring[ring] += twins * energy, sums->ring_count[ring] += twins;
+            /* The Nyquist lines have no direction. */
+            if (!(r >= p->low && r <= p->high) || 2 * v == width || 2 * u == height)
+                continue;
+            /* Of the pair with v = 0 both are here; where v > 0 the conjugate is counted at its own direction. */
+            const int upper =
+                v > 0 || fu > 0 ? bin_of(fu, fv, p->bins) : (bin_of(-fu, fv, p->bins) + p->bins / 2) % p->bins;
+            out->angular[upper] += energy;
+            if (v > 0)
+                out->angular[(upper + p->bins / 2) % p->bins] += energy;
+        }
+}
+
+/* ln(1 + |F|) with the zero frequency in the middle. */
+static void centre(const float complex *f, int width, int height, float *amplitude)
+{
+    const int columns = (int) SG_FFT_COLUMNS(width);
+    for (int y = 0; y < height; y++)
+        for (int x = 0; x < width; x++) {
+            int u = (y - height / 2 + height) % height, v = (x - width / 2 + width) % width;
+            if (v >= columns)
+                u = (height - u) % height, v = width - v;
+            amplitude[(size_t) y * (size_t) width + (size_t) x] = log1pf(cabsf(f[u * columns + v]));
+        }
+}
+
+static void finish(struct sums *sums, double pixels, struct sg_spectrum *out)
+{
+    double band = 0, entropy = 0;
+    for (int b = 0; b < out->bins; b++)
+        band += out->angular[b];
+    const bool empty = !(band > 1e-12 * 9 * pixels * pixels); /* rounding of a flat image */
+    out->band_share = empty ? 0 : band / sums->total;
+    for (int b = 0; b < out->bins; b++) {
+        out->angular[b] = empty ? 0 : out->angular[b] / band;
+        entropy -= out->angular[b] > 0 ? out->angular[b] * log(out->angular[b]) : 0;
+    }
+    out->entropy = empty ? 1 : entropy / log(out->bins);
+    out->anisotropy = 1 - out->entropy;
+    for (int i = 0; i < SG_SPECTRUM_RINGS; i++)
+        out->radial[i] = sums->ring_count[i] > 0 ? sums->ring[i] / sums->ring_count[i] / pixels : 0;
+}
+
+int sg_spectrum_measure(sg_ctx *ctx, const uint8_t *rgb, int width, int height, const struct sg_spectrum_params *params,
+                        struct sg_spectrum *out, float *amplitude)
+{
+    const struct sg_spectrum_params p = params ? *params : *sg_spectrum_params();
+    const size_t pixels = (size_t) width * (size_t) height;
+    sg_clear_error(ctx);
+    if (!(p.low >= 0 && p.high >= p.low && p.high <= 1) || p.bins < 2 || p.bins > SG_SPECTRUM_BINS_MAX || p.bins % 2)
+        return sg_fail(
+            ctx, SG_ERR_USAGE,
+            "spectrum: found a band of %g to %g in %d directions, expected 0 to 1 and an even number up to %d", p.low,
+            p.high, p.bins, SG_SPECTRUM_BINS_MAX);
+    float *image = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, sizeof(float));
+    float complex *f = sg_alloc_raw(ctx, SG_MEM_FRAME, (size_t) height * SG_FFT_COLUMNS(width), sizeof(*f));
+    int code = image && f ? SG_OK : SG_ERR_BUDGET;
+    struct sums sums = {0};
+    *out = (struct sg_spectrum){.bins = p.bins};
+    for (int channel = 0; channel < 3 && !code; channel++) {
+        for (size_t i = 0; i < pixels; i++)
+            image[i] = (float) rgb[3 * i + (size_t) channel] * (1.0f / 255);
+        if (!(code = sg_fft_forward(ctx, image, width, height, f)))
+            add_channel(f, width, height, &p, &sums, out);
+    }
+    if (!code)
+        finish(&sums, (double) pixels, out);
+    if (!code && amplitude) {
+        for (size_t i = 0; i < pixels; i++)
+            image[i] = (float) (rgb[3 * i] + rgb[3 * i + 1] + rgb[3 * i + 2]) * (1.0f / 765);
+        if (!(code = sg_fft_forward(ctx, image, width, height, f)))
+            centre(f, width, height, amplitude);
+    }
+    sg_free(ctx, image);
+    sg_free(ctx, f);
+    return code;
+}
