@@ -2,6 +2,7 @@
 #include "ascent.h"
 
 #include <math.h>
+#include <string.h>
 
 #define ROWS 16 /* a piece of work */
 #define ISO_FLOOR 1e-12f
@@ -11,38 +12,29 @@ static float sign(float v)
     return (float) ((v > 0) - (v < 0));
 }
 
-/* Differences to the next row and column, 0 where there is none. */
-static float down(const float *row, const float *below, int i)
-{
-    return below ? below[i] - row[i] : 0;
-}
-
+/* The difference to the next column, 0 where there is none. */
 static float right(const float *row, int width, int i)
 {
     return i + 1 < width ? row[i + 1] - row[i] : 0;
 }
 
-static void iso_norms_row(const float *plane, int width, int height, int y, float *norms)
+/* 1 / the root of pixel i's term. */
+static float iso_weight(const float *row, const float *below, int width, int i)
 {
-    const float *row = plane + (size_t) y * (size_t) width, *below = y + 1 < height ? row + width : NULL;
-    for (int i = 0; i < width; i++) {
-        const float v = down(row, below, i), h = right(row, width, i);
-        norms[i] = 1 / sqrtf(v * v + h * h + ISO_FLOOR);
-    }
+    const float v = below[i] - row[i], h = right(row, width, i);
+    return 1 / sqrtf(v * v + h * h + ISO_FLOOR);
 }
 
-void sg_tv_gradient_row(const float *plane, const float *norms, int width, int height, int y, enum sg_tv_form form,
-                        float *out)
+void sg_tv_gradient_row(const float *plane, int width, int height, int y, enum sg_tv_form form, float *out)
 {
     const float *row = plane + (size_t) y * (size_t) width;
     const float *above = y > 0 ? row - width : row,
                 *below = y + 1 < height ? row + width : row; /* none: no difference */
     if (form == SG_TV_ISO) {
-        const float *n = norms + (size_t) y * (size_t) width, *n_above = y > 0 ? n - width : n;
         for (int i = 0; i < width; i++) {
-            const float own = -((below[i] - row[i]) + right(row, width, i)) * n[i];
-            const float up = (row[i] - above[i]) * n_above[i];
-            out[i] = own + up + (i > 0 ? (row[i] - row[i - 1]) * n[i - 1] : 0);
+            const float own = -((below[i] - row[i]) + right(row, width, i)) * iso_weight(row, below, width, i);
+            const float up = (row[i] - above[i]) * iso_weight(above, row, width, i);
+            out[i] = own + up + (i > 0 ? (row[i] - row[i - 1]) * iso_weight(row, below, width, i - 1) : 0);
         }
         return;
     }
@@ -55,21 +47,22 @@ void sg_tv_gradient_row(const float *plane, const float *norms, int width, int h
 }
 
 struct job {
-    const struct ascent *a;
-    const float *photo, *from;
-    float *to, *norms;
-    int width, height;
+    const struct cpu_kernels *kernels;
+    struct cpu_ascend_args args;
 };
 
-static void norms_piece(void *arg, size_t piece, int thread)
+static void scalar_row(const struct cpu_ascend_args *a, size_t r)
 {
-    (void) thread;
-    const struct job *j = arg;
-    const size_t first = piece * ROWS, all = 3 * (size_t) j->height, plane = (size_t) j->width * (size_t) j->height;
-    for (size_t r = first; r < first + ROWS && r < all; r++) {
-        const size_t channel = r / (size_t) j->height;
-        iso_norms_row(j->from + channel * plane, j->width, j->height, (int) (r % (size_t) j->height),
-                      j->norms + r * (size_t) j->width);
+    const size_t channel = r / (size_t) a->height, plane = (size_t) a->width * (size_t) a->height;
+    const size_t at = r * (size_t) a->width;
+    const float *x = a->from + at, *v = a->photo + at;
+    float *to = a->to + at;
+    sg_tv_gradient_row(a->from + channel * plane, a->width, a->height, (int) (r % (size_t) a->height),
+                       (enum sg_tv_form) a->form, to);
+    for (int i = 0; i < a->width; i++) {
+        float y = x[i] + a->step * sign(to[i]);
+        y = fminf(fmaxf(y, v[i] - a->epsilon), v[i] + a->epsilon);
+        to[i] = fminf(fmaxf(y, 0), 1);
     }
 }
 
@@ -77,50 +70,62 @@ static void step_piece(void *arg, size_t piece, int thread)
 {
     (void) thread;
     const struct job *j = arg;
-    const struct ascent *a = j->a;
-    const size_t first = piece * ROWS, all = 3 * (size_t) j->height, plane = (size_t) j->width * (size_t) j->height;
-    for (size_t r = first; r < first + ROWS && r < all; r++) {
-        const size_t channel = r / (size_t) j->height, at = r * (size_t) j->width;
-        const float *x = j->from + at, *v = j->photo + at;
-        float *to = j->to + at;
-        sg_tv_gradient_row(j->from + channel * plane, j->norms ? j->norms + channel * plane : NULL, j->width, j->height,
-                           (int) (r % (size_t) j->height), a->form, to);
-        for (int i = 0; i < j->width; i++) {
-            float y = x[i] + a->step * sign(to[i]);
-            y = fminf(fmaxf(y, v[i] - a->epsilon), v[i] + a->epsilon);
-            to[i] = fminf(fmaxf(y, 0), 1);
-        }
-    }
+    const size_t first = piece * ROWS, all = 3 * (size_t) j->args.height;
+    for (size_t r = first; r < first + ROWS && r < all; r++)
+        (j->kernels ? j->kernels->ascend : scalar_row)(&j->args, r);
 }
 
 void sg_ascend(sg_ctx *ctx, const struct ascent *a, const float *photo, int width, int height, float *x, float *scratch)
 {
     const size_t values = 3 * (size_t) width * (size_t) height, pieces = (3 * (size_t) height + ROWS - 1) / ROWS;
-    float *from = x, *to = scratch;
+    struct job j = {.kernels = a->kernels,
+                    .args = {.epsilon = a->epsilon,
+                             .step = a->step,
+                             .form = a->form,
+                             .width = width,
+                             .height = height,
+                             .photo = photo,
+                             .from = x,
+                             .to = scratch}};
     for (int k = 0; k < a->steps; k++) {
-        struct job j = {a, photo, from, to, a->form == SG_TV_ISO ? scratch + values : NULL, width, height};
-        if (j.norms)
-            sg_parallel_for(ctx, pieces, norms_piece, &j);
         sg_parallel_for(ctx, pieces, step_piece, &j);
-        float *swap = from;
-        from = to, to = swap;
+        float *next = k % 2 ? scratch : x;
+        j.args.from = j.args.to;
+        j.args.to = next;
     }
-    for (size_t i = 0; from != x && i < values; i++)
-        x[i] = from[i];
+    if (a->steps % 2)
+        memcpy(x, scratch, values * sizeof(float));
 }
 
-double sg_tv_planes(const float *planes, int width, int height, enum sg_tv_form form)
+struct variation {
+    const float *planes;
+    int width, height;
+    enum sg_tv_form form;
+    double *rows;
+};
+
+static void variation_row(void *arg, size_t r, int thread)
 {
+    (void) thread;
+    const struct variation *j = arg;
+    const int w = j->width;
+    const float *row = j->planes + r * (size_t) w, *below = (r + 1) % (size_t) j->height ? row + w : row;
     double sum = 0;
-    for (int r = 0; r < 3 * height; r++) {
-        const float *row = planes + (size_t) r * (size_t) width, *below = (r + 1) % height ? row + width : NULL;
-        for (int i = 0; i < width; i++) {
-            const double v = (double) down(row, below, i), h = (double) right(row, width, i);
-            sum += form == SG_TV_VERTICAL2 ? 2 * fabs(v)
-                   : form == SG_TV_ANISO   ? fabs(v) + fabs(h)
-                                           : sqrt(v * v + h * h + (double) ISO_FLOOR);
-        }
+    for (int i = 0; i < w; i++) {
+        const double v = (double) (below[i] - row[i]), h = (double) right(row, w, i);
+        sum += j->form == SG_TV_VERTICAL2 ? 2 * fabs(v)
+               : j->form == SG_TV_ANISO   ? fabs(v) + fabs(h)
+                                          : sqrt(v * v + h * h + (double) ISO_FLOOR);
     }
+    j->rows[r] = sum;
+}
+
+double sg_tv_planes(sg_ctx *ctx, const float *planes, int width, int height, enum sg_tv_form form, double *rows)
+{
+    sg_parallel_for(ctx, 3 * (size_t) height, variation_row, &(struct variation){planes, width, height, form, rows});
+    double sum = 0;
+    for (int r = 0; r < 3 * height; r++)
+        sum += rows[r];
     return sum;
 }
 

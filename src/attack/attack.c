@@ -5,9 +5,11 @@
 #include "splatguard/attack.h"
 
 #include <math.h>
+#include <string.h>
 #include <time.h>
 
 #include "ascent.h"
+#include "backend/cpu/dispatch.h"
 #include "math/constants.h"
 #include "splatguard/eval.h"
 #include "train/densify.h"
@@ -17,8 +19,10 @@
 
 struct sg_attack {
     struct sg_attack_params params;
-    sg_trainer *trainer;            /* the decoy with its optimiser: only its state is used, not its schedule */
-    float *image, *photo, *scratch; /* 3, 3 and 6 planes of the largest view */
+    sg_trainer *trainer;               /* the decoy with its optimiser: only its state is used, not its schedule */
+    float *image, *photo, *scratch;    /* 3 planes each of the largest view */
+    double *rows;                      /* 3 sums a row of the highest */
+    const struct cpu_kernels *kernels; /* NULL with the oracle */
 };
 
 static int check_params(sg_ctx *ctx, const struct sg_attack_params *p)
@@ -53,15 +57,18 @@ static int allocate(sg_attack *a, const struct sg_scene *scene)
 {
     sg_ctx *ctx = a->trainer->ctx;
     size_t pixels = 0;
+    int height = 0;
     for (size_t i = 0; i < scene->n_train; i++) {
         const struct sg_camera *c = &scene->train[i].camera;
         const size_t n = (size_t) c->width * (size_t) c->height;
         pixels = n > pixels ? n : pixels;
+        height = c->height > height ? c->height : height;
     }
     a->image = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float));
     a->photo = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float));
-    a->scratch = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 6 * sizeof(float));
-    return a->image && a->photo && a->scratch ? SG_OK : SG_ERR_BUDGET;
+    a->scratch = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float));
+    a->rows = sg_alloc_raw(ctx, SG_MEM_FRAME, (size_t) height, 3 * sizeof(double));
+    return a->image && a->photo && a->scratch && a->rows ? SG_OK : SG_ERR_BUDGET;
 }
 
 int sg_attack_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *proxy,
@@ -84,6 +91,8 @@ int sg_attack_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_
                                              .max_gaussians = p.max_gaussians, .max_instances = p.max_instances,
                                              .backend = p.backend, .cpu = p.cpu),
                              &a->trainer);
+    if (!code && strcmp(p.backend, "ref"))
+        code = sg_cpu_select(ctx, p.cpu, &a->kernels);
     if (!code)
         code = allocate(a, scene);
     if (code) {
@@ -107,6 +116,7 @@ void sg_attack_destroy(sg_attack **attack)
     sg_free(ctx, a->image);
     sg_free(ctx, a->photo);
     sg_free(ctx, a->scratch);
+    sg_free(ctx, a->rows);
     sg_free(ctx, a);
     *attack = NULL;
 }
@@ -169,9 +179,10 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
 
     if (isfinite(p->epsilon)) /* from the render as a picture, not yet near the photo */
         for (size_t i = 0; i < values; i++)
-            a->image[i] = fminf(fmaxf(a->image[i], 0), 1);
+            a->image[i] = a->image[i] > 0 ? a->image[i] < 1 ? a->image[i] : 1 : 0;
     const double start = seconds();
-    sg_ascend(t->ctx, &(struct ascent){p->epsilon, p->step, p->inner, p->tv}, a->photo, w, h, a->image, a->scratch);
+    sg_ascend(t->ctx, &(struct ascent){p->epsilon, p->step, p->inner, p->tv, a->kernels}, a->photo, w, h, a->image,
+              a->scratch);
     step.inner_seconds = seconds() - start;
     step.inner_bytes = (uint64_t) p->inner * values * 3 * sizeof(float);
 
@@ -200,7 +211,7 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
     t->iteration = it;
     step.loss = value.total, step.l1 = value.l1, step.ssim = value.ssim;
     step.psnr = -10 * log10(value.mse > 1e-10 ? value.mse : 1e-10);
-    step.tv = sg_tv_planes(a->image, w, h, p->tv) / (double) values;
+    step.tv = sg_tv_planes(t->ctx, a->image, w, h, p->tv, a->rows) / (double) values;
     step.gaussians = ops->count(t->backend);
     if (out)
         *out = step;

@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "ascent.h"
+#include "backend/cpu/dispatch.h"
 #include "core/rng.h"
 #include "splatguard/eval.h"
 
@@ -26,7 +27,11 @@ int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, con
     if (!(p.epsilon >= 0 && p.epsilon <= 1))
         return sg_fail(ctx, SG_ERR_USAGE, "epsilon: found %g, expected 0 to 255 grey levels for this method",
                        255 * (double) p.epsilon);
-    float *photo = sg_alloc_raw(ctx, SG_MEM_FRAME, 12 * n, sizeof(float));
+    const struct cpu_kernels *kernels;
+    const int code = sg_cpu_select(ctx, p.cpu, &kernels);
+    if (code)
+        return code;
+    float *photo = sg_alloc_raw(ctx, SG_MEM_FRAME, 9 * n, sizeof(float));
     if (!photo)
         return SG_ERR_BUDGET;
     float *x = photo + 3 * n, *scratch = photo + 6 * n;
@@ -38,7 +43,7 @@ int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, con
             x[ch * n + i] = within(0, v + within(-p.epsilon, noise, p.epsilon), 1);
         }
     if (method == SG_NAIVE_TV)
-        sg_ascend(ctx, &(struct ascent){p.epsilon, p.step, p.inner, p.tv}, photo, w, h, x, scratch);
+        sg_ascend(ctx, &(struct ascent){p.epsilon, p.step, p.inner, p.tv, kernels}, photo, w, h, x, scratch);
     sg_quantise(x, w, h, rgb);
     sg_free(ctx, photo);
     return SG_OK;

@@ -83,6 +83,14 @@ struct cpu_loss_args {
 #define CPU_LOSS_STRIDE(width) (((width) + 15) / 16 * 16)
 #define CPU_LOSS_SCRATCH(width) ((4 * CPU_LOSS_STEP + 50) * CPU_LOSS_STRIDE(width)) /* floats */
 
+struct cpu_ascend_args {
+    float epsilon, step;
+    int form; /* enum sg_tv_form */
+    int width, height;
+    const float *photo, *from; /* 3 planes each */
+    float *to;
+};
+
 struct cpu_kernels {
     const char *name;
     void (*project)(const struct cpu_project_args *, size_t first_block, size_t end_block);
@@ -92,6 +100,8 @@ struct cpu_kernels {
     void (*update)(const struct cpu_update_args *, size_t first_block, size_t end_block);
     /* Rows first to end - 1 of a channel: sums and gradient. scratch: CPU_LOSS_SCRATCH(width) floats. */
     void (*loss)(const struct cpu_loss_args *, int channel, int first, int end, float *scratch);
+    /* One of the 3 x height rows. */
+    void (*ascend)(const struct cpu_ascend_args *, size_t row);
 };
 
 extern const struct cpu_kernels sg_cpu_kernels_baseline, sg_cpu_kernels_avx2, sg_cpu_kernels_avx512,

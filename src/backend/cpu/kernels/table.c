@@ -11,4 +11,5 @@ const struct cpu_kernels KERNEL(kernels) = {
     .raster_backward = KERNEL(raster_backward),
     .update = KERNEL(update),
     .loss = KERNEL(loss),
+    .ascend = KERNEL(ascend),
 };

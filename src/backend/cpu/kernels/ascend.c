@@ -1,0 +1,77 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A step up the total variation, a row at a time: sg_tv_gradient_row and the projection of sg_ascend in one pass. */
+#include "kernels.h"
+
+#include "splatguard/attack.h"
+
+/* LANES pixels of a row with those to their left and right; at the ends of the row, themselves. */
+struct run {
+    real left, here, right;
+};
+
+SIMD struct run load_run(const float *row, int i, int width)
+{
+    if (i > 0 && i + LANES < width)
+        return (struct run){r_load(row + i - 1), r_load(row + i), r_load(row + i + 1)};
+    float copy[LANES + 2];
+    for (int k = 0; k < LANES + 2; k++) {
+        const int at = i + k - 1;
+        copy[k] = row[at < 0 ? 0 : at < width ? at : width - 1];
+    }
+    return (struct run){r_load(copy), r_load(copy + 1), r_load(copy + 2)};
+}
+
+SIMD real sign(real v)
+{
+    return r_keep(r_lt(r_set(0), v), r_set(1)) - r_keep(r_lt(v, r_set(0)), r_set(1));
+}
+
+/* 1 / the root of the term of a pixel with these differences to the next row and column. */
+SIMD real weight(real v, real h)
+{
+    return 1 / r_sqrt(v * v + h * h + 1e-12f);
+}
+
+SIMD real gradient(enum sg_tv_form form, struct run above, struct run row, struct run below)
+{
+    if (form == SG_TV_ISO)
+        return (row.here - above.here) * weight(row.here - above.here, above.right - above.here) +
+               (row.here - row.left) * weight(below.left - row.left, row.here - row.left) -
+               ((below.here - row.here) + (row.right - row.here)) * weight(below.here - row.here, row.right - row.here);
+    const real vertical = sign(row.here - above.here) + sign(row.here - below.here);
+    return form == SG_TV_ANISO ? vertical + sign(row.here - row.left) + sign(row.here - row.right) : vertical;
+}
+
+SIMD void ascend(const struct cpu_ascend_args *a, size_t r, enum sg_tv_form form)
+{
+    const int w = a->width, y = (int) (r % (size_t) a->height);
+    const size_t at = r * (size_t) w;
+    const float *row = a->from + at, *above = y > 0 ? row - w : row, *below = y + 1 < a->height ? row + w : row;
+    for (int i = 0; i < w; i += LANES) {
+        const int count = w - i < LANES ? w - i : LANES;
+        const struct run x = load_run(row, i, w);
+        const real g = gradient(form, load_run(above, i, w), x, load_run(below, i, w));
+        const real photo = count == LANES ? r_load(a->photo + at + i) : r_load_part(a->photo + at + i, count);
+        real v = x.here + a->step * sign(g);
+        v = r_min(r_max(v, photo - a->epsilon), photo + a->epsilon);
+        v = r_min(r_max(v, r_set(0)), r_set(1));
+        if (count == LANES)
+            r_store(a->to + at + i, v);
+        else
+            r_store_part(a->to + at + i, count, v);
+    }
+}
+
+void KERNEL(ascend)(const struct cpu_ascend_args *a, size_t row)
+{
+    switch (a->form) {
+    case SG_TV_ISO:
+        ascend(a, row, SG_TV_ISO);
+        return;
+    case SG_TV_ANISO:
+        ascend(a, row, SG_TV_ANISO);
+        return;
+    default:
+        ascend(a, row, SG_TV_VERTICAL2);
+    }
+}
