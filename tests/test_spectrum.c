@@ -5,6 +5,7 @@
 #include <complex.h>
 
 #include "models.h"
+#include "spectral/anisotropy.h"
 
 static uint8_t *image_of(int w, int h, double (*value)(int x, int y))
 {
@@ -112,8 +113,93 @@ static void test_whole(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* ---- the anisotropy loss ---- */
+
+static double loss_of(sg_ctx *ctx, int w, int h, const struct sg_spectrum_params *p, const float *x, float *gradient)
+{
+    struct sg_anisotropy *a;
+    assert_int_equal(sg_anisotropy_create(ctx, w, h, p, &a), SG_OK);
+    const double loss = sg_anisotropy_loss(a, x, gradient);
+    sg_anisotropy_destroy(&a);
+    return loss;
+}
+
+/* Against differences of the loss itself, at odd, even and prime sides; and it does not change with the image's scale.
+ */
+static void test_gradient(void **state)
+{
+    (void) state;
+    static const int sizes[][2] = {{12, 9}, {9, 12}, {13, 11}, {16, 16}};
+    sg_ctx *ctx = make_context(2);
+    for (int k = 0; k < 4; k++) {
+        const int w = sizes[k][0], h = sizes[k][1], n = 3 * w * h;
+        float x[3 * 256], g[3 * 256];
+        for (int i = 0; i < n; i++)
+            x[i] = draw(7, (uint64_t) i, 0, 1);
+        const double loss = loss_of(ctx, w, h, NULL, x, g);
+        assert_true(loss > 0 && loss < 1);
+        double along = 0, size = 0;
+        for (int i = 0; i < n; i++)
+            along += (double) (x[i] * g[i]), size += (double) fabsf(g[i]);
+        assert_true(fabs(along) < 1e-3 * size);
+        for (int i = 0; i < n; i += 7) {
+            const float kept = x[i], step = 0.02f;
+            x[i] = kept + step;
+            const double more = loss_of(ctx, w, h, NULL, x, NULL);
+            x[i] = kept - step;
+            const double less = loss_of(ctx, w, h, NULL, x, NULL);
+            x[i] = kept;
+            const double expected = (more - less) / (2 * (double) step);
+            if (fabs((double) g[i] - expected) > 0.02 * fabs(expected) + 2e-3 * size / n)
+                fail_msg("%d x %d, value %d: %g, expected %g", w, h, i, (double) g[i], expected);
+        }
+    }
+    sg_ctx_destroy(&ctx);
+}
+
+static void test_loss(void **state)
+{
+    (void) state;
+    enum { N = 512, PRIME = 1063 };
+    sg_ctx *ctx = make_context(1), *three = make_context(3);
+    float *x = malloc(3 * N * N * sizeof(float)), *turned = malloc(3 * N * N * sizeof(float));
+    float *g = malloc(3 * N * N * sizeof(float)), *again = malloc(3 * N * N * sizeof(float));
+    for (uint64_t i = 0; i < 3 * N * N; i++)
+        x[i] = draw(8, i, 0, 1);
+    assert_true(loss_of(ctx, N, N, NULL, x, g) < 1e-3); /* white noise */
+    loss_of(three, N, N, NULL, x, again);
+    assert_memory_equal(g, again, 3 * N * N * sizeof(float));
+    loss_of(ctx, PRIME, 17, NULL, x, NULL);
+    for (int i = 0; i < 3 * N * N; i++) /* across at 0.3 cycles a pixel, as near as the side allows */
+        x[i] = 0.5f + 0.4f * (float) cos(6.283185307179586 * 154 / N * (i % N));
+    assert_float_equal(loss_of(ctx, N, N, NULL, x, NULL), 1 - log(2) / log(36), 1e-4);
+    for (int ch = 0; ch < 3; ch++)
+        for (int i = 0; i < N * N; i++) {
+            const float v = i % N > 200 && i % N < 260 ? draw(9, (uint64_t) (i / N), 0, 1) : 0.2f;
+            x[ch * N * N + i] = turned[ch * N * N + i % N * N + (N - 1 - i / N)] = v;
+        }
+    assert_float_equal(loss_of(ctx, N, N, NULL, x, NULL), loss_of(ctx, N, N, NULL, turned, NULL), 1e-5);
+    for (int i = 0; i < 3 * N * N; i++)
+        x[i] = 0.3f;
+    assert_true(loss_of(ctx, N, N, NULL, x, g) == 0 && g[5] == 0);
+    /* The picture of `spectrum` and the loss agree. */
+    uint8_t *rgb = malloc(3 * 60 * 44);
+    for (int i = 0; i < 60 * 44; i++)
+        for (int ch = 0; ch < 3; ch++) {
+            rgb[3 * i + ch] = (uint8_t) (i * 7 % 60 * (ch + 1) + i / 60);
+            x[ch * 60 * 44 + i] = (float) rgb[3 * i + ch] / 255;
+        }
+    struct sg_spectrum s;
+    assert_int_equal(sg_spectrum_measure(ctx, rgb, 60, 44, NULL, &s, NULL), SG_OK);
+    assert_float_equal(loss_of(ctx, 60, 44, NULL, x, NULL), s.anisotropy, 1e-5);
+    free(rgb), free(x), free(turned), free(g), free(again);
+    sg_ctx_destroy(&ctx);
+    sg_ctx_destroy(&three);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_known), cmocka_unit_test(test_whole)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_known), cmocka_unit_test(test_whole),
+                                       cmocka_unit_test(test_gradient), cmocka_unit_test(test_loss)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,17 +1,29 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Two-dimensional Fourier transforms of real images. */
+/* Two-dimensional Fourier transforms of real images, not normalised. Plans are made by estimate, so that the same size
+ * gives the same bytes. */
 #ifndef SG_SPECTRAL_FFT_H
 #define SG_SPECTRAL_FFT_H
 
 #include <complex.h>
+#include <fftw3.h>
 
 #include "core/internal.h"
+#include "splatguard/spectrum.h"
 
 /* Columns of a half spectrum: horizontal frequencies 0 .. width / 2. */
 #define SG_FFT_COLUMNS(width) ((size_t) (width) / 2 + 1)
 
-/* image: height x width, kept. out: height x SG_FFT_COLUMNS(width), not normalised. Both from sg_alloc_raw. Plans are
- * made by estimate, so that the same size gives the same bytes. Thread safe. */
-int sg_fft_forward(sg_ctx *ctx, float *image, int width, int height, float complex *out);
+/* Plans for image (height x width) to f (height x SG_FFT_COLUMNS(width)), and back, which destroys f; also for other
+ * arrays, whatever their alignment. backward may be NULL. Thread safe, unlike FFTW's planner. */
+int sg_fft_plan(sg_ctx *ctx, int width, int height, float *image, float complex *f, fftwf_plan *forward,
+                fftwf_plan *backward);
+void sg_fft_forget(fftwf_plan plan); /* may be NULL */
+
+/* Direction of the coefficient in row u and column v of a half spectrum, `outside` if it is not in the band. The
+ * Nyquist lines have none. That of its conjugate is bins / 2 further. */
+int sg_spectrum_bin(int u, int v, int width, int height, const struct sg_spectrum_params *p, int outside);
+
+/* |frequency| of that coefficient as a part of the Nyquist frequency. */
+double sg_spectrum_radius(int u, int v, int width, int height);
 
 #endif

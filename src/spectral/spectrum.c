@@ -2,24 +2,8 @@
 #include "splatguard/spectrum.h"
 
 #include <math.h>
-#include <string.h>
 
 #include "fft.h"
-
-#define TAU 6.283185307179586
-
-/* Signed frequency of a row or column of the transform, in cycles a pixel. */
-static double frequency(int k, int n)
-{
-    return (double) (k <= (n - 1) / 2 ? k : k - n) / n;
-}
-
-/* Exact multiples of a bin, as the axes are, belong to the upper one on every machine. */
-static int bin_of(double fu, double fv, int bins)
-{
-    const int b = (int) floor((atan2(fu, fv) + TAU / 2) * bins / TAU + 1e-9);
-    return b % bins;
-}
 
 struct sums {
     double total, ring[SG_SPECTRUM_RINGS], ring_count[SG_SPECTRUM_RINGS];
@@ -32,26 +16,21 @@ static void add_channel(const float complex *f, int width, int height, const str
     const int columns = (int) SG_FFT_COLUMNS(width);
     for (int u = 0; u < height; u++)
         for (int v = 0; v < columns; v++) {
-            const double fu = frequency(u, height), fv = (double) v / width, r = hypot(fu, fv) / 0.5;
-            const double twins = v == 0 || 2 * v == width ? 1 : 2;
+            const double r = sg_spectrum_radius(u, v, width, height), twins = v == 0 || 2 * v == width ? 1 : 2;
             const double re = (double) crealf(f[(size_t) u * (size_t) columns + (size_t) v]);
             const double im = (double) cimagf(f[(size_t) u * (size_t) columns + (size_t) v]);
             const double energy = re * re + im * im;
-            const int ring = (int) (r * SG_SPECTRUM_RINGS);
+            const int ring = (int) (r * SG_SPECTRUM_RINGS), bin = sg_spectrum_bin(u, v, width, height, p, -1);
             if (r <= 0)
                 continue;
             sums->total += twins * energy;
             if (ring < SG_SPECTRUM_RINGS)
                 sums->ring[ring] += twins * energy, sums->ring_count[ring] += twins;
-            /* The Nyquist lines have no direction. */
-            if (!(r >= p->low && r <= p->high) || 2 * v == width || 2 * u == height)
+            if (bin < 0)
                 continue;
-            /* Of the pair with v = 0 both are here; where v > 0 the conjugate is counted at its own direction. */
-            const int upper =
-                v > 0 || fu > 0 ? bin_of(fu, fv, p->bins) : (bin_of(-fu, fv, p->bins) + p->bins / 2) % p->bins;
-            out->angular[upper] += energy;
-            if (v > 0)
-                out->angular[(upper + p->bins / 2) % p->bins] += energy;
+            out->angular[bin] += energy;
+            if (v > 0) /* its conjugate, which is not stored */
+                out->angular[(bin + p->bins / 2) % p->bins] += energy;
         }
 }
 
@@ -98,23 +77,25 @@ int sg_spectrum_measure(sg_ctx *ctx, const uint8_t *rgb, int width, int height, 
             p.high, p.bins, SG_SPECTRUM_BINS_MAX);
     float *image = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, sizeof(float));
     float complex *f = sg_alloc_raw(ctx, SG_MEM_FRAME, (size_t) height * SG_FFT_COLUMNS(width), sizeof(*f));
-    int code = image && f ? SG_OK : SG_ERR_BUDGET;
+    fftwf_plan plan = NULL;
+    int code = image && f ? sg_fft_plan(ctx, width, height, image, f, &plan, NULL) : SG_ERR_BUDGET;
     struct sums sums = {0};
     *out = (struct sg_spectrum){.bins = p.bins};
     for (int channel = 0; channel < 3 && !code; channel++) {
         for (size_t i = 0; i < pixels; i++)
             image[i] = (float) rgb[3 * i + (size_t) channel] * (1.0f / 255);
-        if (!(code = sg_fft_forward(ctx, image, width, height, f)))
-            add_channel(f, width, height, &p, &sums, out);
+        fftwf_execute(plan);
+        add_channel(f, width, height, &p, &sums, out);
     }
     if (!code)
         finish(&sums, (double) pixels, out);
     if (!code && amplitude) {
         for (size_t i = 0; i < pixels; i++)
             image[i] = (float) (rgb[3 * i] + rgb[3 * i + 1] + rgb[3 * i + 2]) * (1.0f / 765);
-        if (!(code = sg_fft_forward(ctx, image, width, height, f)))
-            centre(f, width, height, amplitude);
+        fftwf_execute(plan);
+        centre(f, width, height, amplitude);
     }
+    sg_fft_forget(plan);
     sg_free(ctx, image);
     sg_free(ctx, f);
     return code;
