@@ -76,6 +76,10 @@ static const struct option attack_options[] = {
     {"tv", 0, OPT_CHOICE, A(tv), 0, 0, "vertical2|aniso|iso", "FORM",
      "Total variation to raise: vertical differences only, as published; both directions; root of their squares.",
      false},
+    {"spectral-weight", 0, OPT_FLOAT, A(attack.spectral_weight), 0, 1e6, NULL, "X",
+     "Against a spectral defense: also keep the poison's energy even over directions; 1 = as much as a neighbour's "
+     "step.",
+     false},
     {"ratio", 0, OPT_FLOAT, A(ratio), 0, 1, NULL, "X", "Poison only this share of the views, drawn by seed.", false},
     {"Proxy and decoy", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
     {"proxy", 0, OPT_STRING, A(proxy), 0, 0, NULL, "MODEL",

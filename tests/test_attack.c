@@ -88,7 +88,7 @@ static void test_ascent(void **state)
                 photo[i] = floorf(draw(seed, i, 0, 255.99f)) / 255;
                 start[i] = seed % 2 ? draw(seed + 100, i, 0, 1) : photo[i];
             }
-            struct ascent a = {epsilon, 2 / 255.0f, (int) (seed * 3), (enum sg_tv_form) form, NULL};
+            struct ascent a = {epsilon, 2 / 255.0f, (int) (seed * 3), (enum sg_tv_form) form, NULL, NULL, 0, NULL};
             memcpy(x[0], start, sizeof(start));
             sg_ascend(ctx, &a, photo, W, H, x[0], scratch);
             for (int v = 0; v < n; v++) {
@@ -123,6 +123,38 @@ static void test_ascent(void **state)
             if (a.steps && epsilon > 0 && !(seed % 2))
                 assert_true(sg_tv_planes(ctx, x[0], W, H, a.form, rows) > sg_tv_planes(ctx, photo, W, H, a.form, rows));
         }
+    sg_ctx_destroy(&ctx);
+}
+
+/* An attacker who knows the defense: the same ball, with less anisotropy than without the term, for any variant. */
+static void test_spectral(void **state)
+{
+    (void) state;
+    enum { W = 48, H = 40, VALUES = 3 * W * H };
+    static float photo[VALUES], x[VALUES], scratch[VALUES], extra[VALUES];
+    const struct cpu_kernels *variants[4];
+    const int n = sg_cpu_variants(variants);
+    sg_ctx *ctx = make_context(2);
+    struct sg_anisotropy *loss;
+    assert_int_equal(sg_anisotropy_create(ctx, W, H, NULL, &loss), SG_OK);
+    for (uint64_t i = 0; i < VALUES; i++)
+        photo[i] = draw(11, i, 0.3f, 0.7f);
+    for (int v = -1; v < n; v++) {
+        double found[2];
+        for (int with = 0; with < 2; with++) {
+            const struct ascent a = {16 / 255.0f,        2 / 255.0f, 10,   SG_TV_VERTICAL2, v < 0 ? NULL : variants[v],
+                                     with ? loss : NULL, 3,          extra};
+            memcpy(x, photo, sizeof(x));
+            sg_ascend(ctx, &a, photo, W, H, x, scratch);
+            found[with] = sg_anisotropy_loss(loss, x, NULL);
+            for (int i = 0; i < VALUES; i++)
+                assert_true(fabsf(x[i] - photo[i]) <= a.epsilon + 1e-6f);
+        }
+        if (!(found[1] < 0.5 * found[0]))
+            fail_msg("%s: anisotropy %g with the term, %g without", v < 0 ? "oracle" : variants[v]->name, found[1],
+                     found[0]);
+    }
+    sg_anisotropy_destroy(&loss);
     sg_ctx_destroy(&ctx);
 }
 
@@ -326,6 +358,7 @@ int main(void)
         cmocka_unit_test(test_gradients),
         cmocka_unit_test(test_ramps),
         cmocka_unit_test(test_ascent),
+        cmocka_unit_test(test_spectral),
         cmocka_unit_test(test_byte_variation),
         LOOP(test_bounded),
         LOOP(test_unbounded),

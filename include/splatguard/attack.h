@@ -19,20 +19,23 @@ enum sg_tv_form {
 
 /* Poison-splat (Lu et al. 2025, "Poison-splat: Computation Cost Attack on 3D Gaussian Splatting"). */
 struct sg_attack_params {
-    float epsilon;                /* bound on |poison - photo|, values in [0, 1]; INFINITY = none. Default 16/255. */
-    int iterations;               /* views visited. 1..10 million. Default 36000. */
-    int inner;                    /* ascent steps a visit, 0..1000. Default 15. */
-    float step;                   /* size of an ascent step. Default 2/255. */
-    enum sg_tv_form tv;           /* Default SG_TV_VERTICAL2. */
-    int update_interval;          /* views whose gradients are summed for one step of the decoy. 1..1000. Default 1. */
-    bool move_positions;          /* the decoy's positions learn at 1.6e-4 x extent. Default false: frozen. */
-    float lambda_dssim;           /* Default 0.2. */
-    float feature_lr;             /* f_dc; f_rest uses 1/20. Default 0.0025. */
-    float opacity_lr;             /* Default 0.05. */
-    float scaling_lr;             /* Default 0.005. */
-    float rotation_lr;            /* Default 0.001. */
-    float percent_dense;          /* Default 0.01. */
-    int densification_interval;   /* Default 100. */
+    float epsilon;              /* bound on |poison - photo|, values in [0, 1]; INFINITY = none. Default 16/255. */
+    int iterations;             /* views visited. 1..10 million. Default 36000. */
+    int inner;                  /* ascent steps a visit, 0..1000. Default 15. */
+    float step;                 /* size of an ascent step. Default 2/255. */
+    enum sg_tv_form tv;         /* Default SG_TV_VERTICAL2. */
+    float spectral_weight;      /* against a spectral defense: the ascent also lowers the image's anisotropy loss (band
+                                   and directions of SG_SPECTRUM_DEFAULTS). The weight of its gradient, scaled to a mean
+                                   of 1, next to that of the total variation, whose terms are 1 a neighbour. Default 0. */
+    int update_interval;        /* views whose gradients are summed for one step of the decoy. 1..1000. Default 1. */
+    bool move_positions;        /* the decoy's positions learn at 1.6e-4 x extent. Default false: frozen. */
+    float lambda_dssim;         /* Default 0.2. */
+    float feature_lr;           /* f_dc; f_rest uses 1/20. Default 0.0025. */
+    float opacity_lr;           /* Default 0.05. */
+    float scaling_lr;           /* Default 0.005. */
+    float rotation_lr;          /* Default 0.001. */
+    float percent_dense;        /* Default 0.01. */
+    int densification_interval; /* Default 100. */
     float densify_grad_threshold; /* Default 0.0002. */
     uint64_t seed;                /* Default 42. */
     uint64_t max_gaussians;       /* of the decoy; 0 = no limit. Default 0. */

@@ -60,7 +60,7 @@ static void scalar_row(const struct cpu_ascend_args *a, size_t r)
     sg_tv_gradient_row(a->from + channel * plane, a->width, a->height, (int) (r % (size_t) a->height),
                        (enum sg_tv_form) a->form, to);
     for (int i = 0; i < a->width; i++) {
-        float y = x[i] + a->step * sign(to[i]);
+        float y = x[i] + a->step * sign(to[i] + (a->extra ? a->extra[at + (size_t) i] : 0));
         y = fminf(fmaxf(y, v[i] - a->epsilon), v[i] + a->epsilon);
         to[i] = fminf(fmaxf(y, 0), 1);
     }
@@ -73,6 +73,19 @@ static void step_piece(void *arg, size_t piece, int thread)
     const size_t first = piece * ROWS, all = 3 * (size_t) j->args.height;
     for (size_t r = first; r < first + ROWS && r < all; r++)
         (j->kernels ? j->kernels->ascend : scalar_row)(&j->args, r);
+}
+
+/* Down the anisotropy loss, its mean absolute value scaled to the weight. */
+static const float *spectral_descent(const struct ascent *a, const float *x, size_t values)
+{
+    double sum = 0;
+    sg_anisotropy_loss(a->spectral, x, a->extra);
+    for (size_t i = 0; i < values; i++)
+        sum += (double) fabsf(a->extra[i]);
+    const float scale = sum > 0 ? (float) (-(double) a->spectral_weight * (double) values / sum) : 0;
+    for (size_t i = 0; i < values; i++)
+        a->extra[i] *= scale;
+    return a->extra;
 }
 
 void sg_ascend(sg_ctx *ctx, const struct ascent *a, const float *photo, int width, int height, float *x, float *scratch)
@@ -88,6 +101,8 @@ void sg_ascend(sg_ctx *ctx, const struct ascent *a, const float *photo, int widt
                              .from = x,
                              .to = scratch}};
     for (int k = 0; k < a->steps; k++) {
+        if (a->spectral)
+            j.args.extra = spectral_descent(a, j.args.from, values);
         sg_parallel_for(ctx, pieces, step_piece, &j);
         float *next = k % 2 ? scratch : x;
         j.args.from = j.args.to;

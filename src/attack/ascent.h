@@ -4,6 +4,7 @@
 #define SG_ASCENT_H
 
 #include "backend/cpu/kernels.h"
+#include "spectral/anisotropy.h"
 #include "splatguard/attack.h"
 
 struct ascent {
@@ -12,6 +13,9 @@ struct ascent {
     int steps;
     enum sg_tv_form form;
     const struct cpu_kernels *kernels; /* NULL: the scalar oracle */
+    struct sg_anisotropy *spectral;    /* NULL, or what is lowered beside, for images of this size */
+    float spectral_weight;
+    float *extra; /* 3 planes, with spectral */
 };
 
 /* x: 3 planes, changed in place; photo: 3 planes. scratch: 3 planes. Same bytes for any number of threads.

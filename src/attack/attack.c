@@ -19,9 +19,12 @@
 
 struct sg_attack {
     struct sg_attack_params params;
-    sg_trainer *trainer;               /* the decoy with its optimiser: only its state is used, not its schedule */
-    float *image, *photo, *scratch;    /* 3 planes each of the largest view */
-    double *rows;                      /* 3 sums a row of the highest */
+    sg_trainer *trainer;            /* the decoy with its optimiser: only its state is used, not its schedule */
+    float *image, *photo, *scratch; /* 3 planes each of the largest view */
+    double *rows;                   /* 3 sums a row of the highest */
+    float *extra;                   /* 3 planes more with a spectral term */
+    struct sg_anisotropy *spectral; /* for the size of the newest view */
+    int spectral_width, spectral_height;
     const struct cpu_kernels *kernels; /* NULL with the oracle */
 };
 
@@ -44,6 +47,7 @@ static int check_params(sg_ctx *ctx, const struct sg_attack_params *p)
         {"percent-dense", (double) p->percent_dense, 0, 1},
         {"densification-interval", p->densification_interval, 1, 1e7},
         {"densify-grad-threshold", (double) p->densify_grad_threshold, 0, 1e30},
+        {"spectral-weight", (double) p->spectral_weight, 0, 1e6},
         {"tv", p->tv, SG_TV_VERTICAL2, SG_TV_ISO},
     };
     for (size_t i = 0; i < sizeof(ranges) / sizeof(ranges[0]); i++)
@@ -68,6 +72,8 @@ static int allocate(sg_attack *a, const struct sg_scene *scene)
     a->photo = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float));
     a->scratch = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float));
     a->rows = sg_alloc_raw(ctx, SG_MEM_FRAME, (size_t) height, 3 * sizeof(double));
+    if (a->params.spectral_weight > 0 && !(a->extra = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float))))
+        return SG_ERR_BUDGET;
     return a->image && a->photo && a->scratch && a->rows ? SG_OK : SG_ERR_BUDGET;
 }
 
@@ -117,6 +123,8 @@ void sg_attack_destroy(sg_attack **attack)
     sg_free(ctx, a->photo);
     sg_free(ctx, a->scratch);
     sg_free(ctx, a->rows);
+    sg_free(ctx, a->extra);
+    sg_anisotropy_destroy(&a->spectral);
     sg_free(ctx, a);
     *attack = NULL;
 }
@@ -143,6 +151,25 @@ static int render(sg_attack *a, size_t index, struct sg_render_stats *stats)
     for (size_t ch = 0; ch < 3; ch++)
         for (size_t i = 0; i < n; i++)
             a->photo[ch * n + i] = (float) view->rgb[3 * i + ch] / 255.0f;
+    return SG_OK;
+}
+
+/* The inner maximisation: a->image becomes the target. */
+static int ascend(sg_attack *a, int width, int height)
+{
+    const struct sg_attack_params *p = &a->params;
+    sg_ctx *ctx = a->trainer->ctx;
+    if (p->spectral_weight > 0 && (width != a->spectral_width || height != a->spectral_height)) {
+        sg_anisotropy_destroy(&a->spectral);
+        const int code = sg_anisotropy_create(ctx, width, height, NULL, &a->spectral);
+        if (code)
+            return code;
+        a->spectral_width = width, a->spectral_height = height;
+    }
+    sg_ascend(
+        ctx,
+        &(struct ascent){p->epsilon, p->step, p->inner, p->tv, a->kernels, a->spectral, p->spectral_weight, a->extra},
+        a->photo, width, height, a->image, a->scratch);
     return SG_OK;
 }
 
@@ -181,8 +208,8 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
         for (size_t i = 0; i < values; i++)
             a->image[i] = a->image[i] > 0 ? a->image[i] < 1 ? a->image[i] : 1 : 0;
     const double start = seconds();
-    sg_ascend(t->ctx, &(struct ascent){p->epsilon, p->step, p->inner, p->tv, a->kernels}, a->photo, w, h, a->image,
-              a->scratch);
+    if ((code = ascend(a, w, h)))
+        return code;
     step.inner_seconds = seconds() - start;
     step.inner_bytes = (uint64_t) p->inner * values * 3 * sizeof(float);
 

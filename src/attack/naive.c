@@ -28,10 +28,10 @@ int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, con
         return sg_fail(ctx, SG_ERR_USAGE, "epsilon: found %g, expected 0 to 255 grey levels for this method",
                        255 * (double) p.epsilon);
     const struct cpu_kernels *kernels;
-    const int code = sg_cpu_select(ctx, p.cpu, &kernels);
+    int code = sg_cpu_select(ctx, p.cpu, &kernels);
     if (code)
         return code;
-    float *photo = sg_alloc_raw(ctx, SG_MEM_FRAME, 9 * n, sizeof(float));
+    float *photo = sg_alloc_raw(ctx, SG_MEM_FRAME, 12 * n, sizeof(float));
     if (!photo)
         return SG_ERR_BUDGET;
     float *x = photo + 3 * n, *scratch = photo + 6 * n;
@@ -42,9 +42,13 @@ int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, con
             photo[ch * n + i] = v;
             x[ch * n + i] = within(0, v + within(-p.epsilon, noise, p.epsilon), 1);
         }
-    if (method == SG_NAIVE_TV)
-        sg_ascend(ctx, &(struct ascent){p.epsilon, p.step, p.inner, p.tv, kernels}, photo, w, h, x, scratch);
+    struct ascent a = {p.epsilon, p.step, p.inner, p.tv, kernels, NULL, p.spectral_weight, photo + 9 * n};
+    if (method == SG_NAIVE_TV && p.spectral_weight > 0)
+        code = sg_anisotropy_create(ctx, w, h, NULL, &a.spectral);
+    if (method == SG_NAIVE_TV && !code)
+        sg_ascend(ctx, &a, photo, w, h, x, scratch);
+    sg_anisotropy_destroy(&a.spectral);
     sg_quantise(x, w, h, rgb);
     sg_free(ctx, photo);
-    return SG_OK;
+    return code;
 }

@@ -88,6 +88,7 @@ struct cpu_ascend_args {
     int form; /* enum sg_tv_form */
     int width, height;
     const float *photo, *from; /* 3 planes each */
+    const float *extra;        /* NULL, or 3 planes to add to the gradient */
     float *to;
 };
 

@@ -50,7 +50,9 @@ SIMD void ascend(const struct cpu_ascend_args *a, size_t r, enum sg_tv_form form
     for (int i = 0; i < w; i += LANES) {
         const int count = w - i < LANES ? w - i : LANES;
         const struct run x = load_run(row, i, w);
-        const real g = gradient(form, load_run(above, i, w), x, load_run(below, i, w));
+        real g = gradient(form, load_run(above, i, w), x, load_run(below, i, w));
+        if (a->extra)
+            g += count == LANES ? r_load(a->extra + at + i) : r_load_part(a->extra + at + i, count);
         const real photo = count == LANES ? r_load(a->photo + at + i) : r_load_part(a->photo + at + i, count);
         real v = x.here + a->step * sign(g);
         v = r_min(r_max(v, photo - a->epsilon), photo + a->epsilon);
