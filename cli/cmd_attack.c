@@ -167,36 +167,46 @@ static int settle(struct attack_config *c)
     return 0;
 }
 
+/* The path without links and dots, or that of the nearest folder above that exists. NULL without memory. */
+static char *existing_place(const char *path)
+{
+    char *copy = strdup(path), *found = copy ? realpath(copy, NULL) : NULL;
+    while (copy && !found) {
+        char *slash = strrchr(copy, '/');
+        if (slash == copy)
+            slash[1] = 0;
+        else if (slash)
+            *slash = 0;
+        found = realpath(slash ? copy : ".", NULL);
+        if (!slash || slash == copy)
+            break;
+    }
+    free(copy);
+    return found;
+}
+
+static bool is_within(const char *path, const char *folder)
+{
+    const size_t n = strlen(folder);
+    return !strncmp(path, folder, n) && (path[n] == '/' || !path[n]);
+}
+
 /* The scene must survive: the output may not be it, or lie in it, or hold it. */
 static int check_places(const struct attack_config *c)
 {
-    char *scene = realpath(c->source, NULL), *out = realpath(c->output, NULL), *up = NULL;
-    int code = 0;
+    char *scene = realpath(c->source, NULL), *out = realpath(c->output, NULL), *place = existing_place(c->output);
+    int code = place ? 0 : 4;
     if (!scene) {
         fprintf(stderr, "splatguard: %s: cannot open the scene: %s\n", c->source, strerror(errno));
-        return 2;
-    }
-    if (!out) { /* not made yet: where its folder is */
-        char *copy = strdup(c->output), *slash = copy ? strrchr(copy, '/') : NULL;
-        if (slash && slash != copy)
-            *slash = 0;
-        up = realpath(slash ? slash == copy ? "/" : copy : ".", NULL);
-        free(copy);
-    }
-    const char *place = out ? out : up;
-    if (place) {
-        const size_t s = strlen(scene), p = strlen(place);
-        const bool within = !strncmp(place, scene, s) && (place[s] == '/' || (!place[s] && true));
-        const bool holds = out && !strncmp(scene, place, p) && scene[p] == '/';
-        if (within || holds) {
-            fprintf(stderr, "splatguard: %s: found the output %s the scene %s, expected a folder apart from it\n",
-                    c->output, holds ? "around" : "in", c->source);
-            code = 2;
-        }
+        code = 2;
+    } else if (place && (is_within(place, scene) || (out && is_within(scene, out)))) {
+        fprintf(stderr, "splatguard: %s: found the output %s the scene %s, expected a folder apart from it\n",
+                c->output, is_within(place, scene) ? "in" : "around", c->source);
+        code = 2;
     }
     free(scene);
     free(out);
-    free(up);
+    free(place);
     return code;
 }
 
