@@ -1,0 +1,192 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A poisoned scene loads like the clean one: names, cameras, points, masks, in every layout. */
+#include <math.h>
+
+#include "scene_files.h"
+#include "splatguard/attack.h"
+
+#define W 24
+#define H 16
+
+static void put_photos(struct fixture *f, const char *const *names, int n)
+{
+    uint8_t rgb[3 * W * H];
+    for (int k = 0; k < n; k++) {
+        for (int i = 0; i < 3 * W * H; i++)
+            rgb[i] = (uint8_t) (40 + i * (k + 3) % 150);
+        put_text(f, names[k], "");
+        assert_int_equal(sg_image_write_png(f->ctx, at(f, names[k]), rgb, W, H, 3), SG_OK);
+    }
+}
+
+/* Raises every value by 5 and writes the scene to "out"; returns it loaded again. */
+static struct sg_scene *poison(struct fixture *f, const struct sg_scene *clean, const struct sg_poison_files *files,
+                               bool eval)
+{
+    char folder[600];
+    snprintf(folder, sizeof(folder), "%s/out", f->dir);
+    assert_int_equal(sg_poisoned_scene_begin(f->ctx, clean, files, folder), SG_OK);
+    for (size_t i = 0; i < clean->n_train + clean->n_test; i++) {
+        const struct sg_view *v = i < clean->n_train ? &clean->train[i] : &clean->test[i - clean->n_train];
+        const int n = 3 * v->camera.width * v->camera.height;
+        struct sg_poison_report report;
+        uint8_t *rgb = malloc((size_t) n);
+        for (int k = 0; k < n; k++)
+            rgb[k] = (uint8_t) (v->rgb[k] + 5);
+        assert_int_equal(sg_poisoned_scene_image(f->ctx, clean, v, files, folder, rgb, &report), SG_OK);
+        if (files->save != SG_POISON_JPEG) {
+            assert_true(report.linf == 5);
+            assert_float_equal(report.psnr, 20 * log10(255.0 / 5), 1e-6);
+            assert_float_equal(report.tv_before, report.tv_after, 1e-9);
+        }
+        sg_poison_report_clear(f->ctx, &report);
+        free(rgb);
+    }
+    struct sg_scene *loaded;
+    const int code = sg_scene_load(f->ctx, folder, sg_scene_params(.eval = eval), &loaded);
+    if (code)
+        fail_msg("%s", sg_last_error(f->ctx));
+    return loaded;
+}
+
+static void same_views(const struct sg_view *a, const struct sg_view *b, size_t n, bool exact)
+{
+    for (size_t i = 0; i < n; i++) {
+        const struct sg_camera *p = &a[i].camera, *q = &b[i].camera;
+        assert_string_equal(a[i].name, b[i].name);
+        assert_true(p->width == q->width && p->height == q->height);
+        const double pairs[][2] = {{p->fx, q->fx}, {p->fy, q->fy}, {p->cx, q->cx}, {p->cy, q->cy}};
+        for (int k = 0; k < 4; k++)
+            assert_float_equal(pairs[k][0], pairs[k][1], 1e-9 * fabs(pairs[k][0]));
+        for (int k = 0; k < 12; k++)
+            assert_float_equal(k < 9 ? p->R[k] : p->t[k - 9], k < 9 ? q->R[k] : q->t[k - 9], 1e-9);
+        assert_true(!a[i].mask == !b[i].mask);
+        if (a[i].mask)
+            assert_memory_equal(a[i].mask, b[i].mask, (size_t) (p->width * p->height));
+        for (int k = 0; k < 3 * p->width * p->height && exact; k++)
+            assert_int_equal((uint8_t) (a[i].rgb[k] + 5), b[i].rgb[k]);
+    }
+}
+
+static void check(struct fixture *f, const struct sg_scene_params *params, enum sg_poison_save save,
+                  enum sg_scene_format format)
+{
+    struct sg_scene *clean, *poisoned;
+    if (sg_scene_load(f->ctx, f->dir, params, &clean))
+        fail_msg("%s", sg_last_error(f->ctx));
+    poisoned = poison(f, clean, &(struct sg_poison_files){save, 75, false}, params->eval);
+    assert_int_equal(poisoned->format, format);
+    assert_int_equal(clean->n_train, poisoned->n_train);
+    assert_int_equal(clean->n_test, poisoned->n_test);
+    assert_int_equal(clean->n_points, poisoned->n_points);
+    if (clean->n_points) {
+        assert_memory_equal(clean->points, poisoned->points, 3 * clean->n_points * sizeof(float));
+        assert_memory_equal(clean->point_colors, poisoned->point_colors, 3 * clean->n_points);
+    }
+    assert_float_equal(clean->extent, poisoned->extent, 1e-9);
+    same_views(clean->train, poisoned->train, clean->n_train, save != SG_POISON_JPEG);
+    same_views(clean->test, poisoned->test, clean->n_test, save != SG_POISON_JPEG);
+    sg_scene_destroy(f->ctx, &clean);
+    sg_scene_destroy(f->ctx, &poisoned);
+}
+
+static void test_blender(void **state)
+{
+    struct fixture *f = *state;
+    static const char *const photos[] = {"train/r.0.png", "train/b.png", "test/a.png"};
+    put_photos(f, photos, 3);
+    put_text(f, "transforms_train.json",
+             "{\"camera_angle_x\":0.7,\"frames\":[{\"file_path\":\"./train/r.0\",\"transform_matrix\":"
+             "[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]},{\"file_path\":\"train/b.png\",\"transform_matrix\":"
+             "[[0,-1,0,4],[1,0,0,5],[0,0,1,6],[0,0,0,1]]}]}");
+    put_text(f, "transforms_test.json",
+             "{\"camera_angle_x\":0.7,\"frames\":[{\"file_path\":\"test/a\",\"transform_matrix\":"
+             "[[1,0,0,1],[0,1,0,2],[0,0,1,8],[0,0,0,1]]}]}");
+    check(f, sg_scene_params(.eval = true), SG_POISON_AUTO, SG_FORMAT_BLENDER);
+    check(f, sg_scene_params(.eval = true, .downscale = 2), SG_POISON_AUTO, SG_FORMAT_BLENDER);
+}
+
+static void put_colmap(struct fixture *f, const char *camera)
+{
+    static const char *const photos[] = {"images/a.JPG", "images/sub/b.png"};
+    put_photos(f, photos, 2);
+    put_text(f, "sparse/0/cameras.txt", camera);
+    put_text(f, "sparse/0/images.txt", "1 1 0 0 0 1 2 3 1 a.JPG\n5 5 -1\n2 0.6 0.8 0 0 3 2 1 1 sub/b.png\n6 6 -1\n");
+    put_text(f, "sparse/0/points3D.txt", "1 1 2 3 10 20 30 0.5 1 0\n2 4 5 6 40 50 60 0.5 2 0\n");
+}
+
+static void test_colmap(void **state)
+{
+    struct fixture *f = *state;
+    put_colmap(f, "1 PINHOLE 24 16 30 31 12.5 7.5\n");
+    check(f, sg_scene_params(.downscale = 2), SG_POISON_PNG, SG_FORMAT_COLMAP);
+    check(f, sg_scene_params(), SG_POISON_PNG, SG_FORMAT_COLMAP);
+}
+
+static void test_colmap_jpeg(void **state)
+{
+    struct fixture *f = *state;
+    put_colmap(f, "1 PINHOLE 24 16 30 31 12.5 7.5\n");
+    check(f, sg_scene_params(), SG_POISON_JPEG, SG_FORMAT_COLMAP);
+    assert_true(sg_file_exists(at(f, "out/images/a.JPG")) && sg_file_exists(at(f, "out/images/sub/b.jpg")));
+}
+
+/* Distorted photos are written without their distortion, which the scene's own camera file would put in again. */
+static void test_distorted(void **state)
+{
+    struct fixture *f = *state;
+    put_colmap(f, "1 SIMPLE_RADIAL 24 16 20 12 8 -0.2\n");
+    check(f, sg_scene_params(), SG_POISON_PNG, SG_FORMAT_NERFSTUDIO);
+}
+
+static void test_nerfstudio(void **state)
+{
+    struct fixture *f = *state;
+    static const char *const photos[] = {"images/1.png", "images/2.png"};
+    put_photos(f, photos, 2);
+    put_text(f, "cloud.ply",
+             "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+             "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n1 2 3 4 5 6\n");
+    put_text(
+        f, "transforms.json",
+        "{\"w\":24,\"h\":16,\"fl_x\":22,\"fl_y\":21,\"cx\":11,\"cy\":8,\"k1\":0.1,\"ply_file_path\":\"cloud.ply\","
+        "\"frames\":[{\"file_path\":\"images/1.png\",\"transform_matrix\":[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]},"
+        "{\"file_path\":\"images/2.png\",\"transform_matrix\":[[0,-1,0,4],[1,0,0,5],[0,0,1,6],[0,0,0,1]]}]}");
+    check(f, sg_scene_params(), SG_POISON_AUTO, SG_FORMAT_NERFSTUDIO);
+}
+
+static void test_naive(void **state)
+{
+    struct fixture *f = *state;
+    uint8_t photo[3 * W * H], out[3 * W * H], again[3 * W * H];
+    struct sg_view view = {.camera = {.width = W, .height = H}, .rgb = photo};
+    for (int i = 0; i < 3 * W * H; i++)
+        photo[i] = (uint8_t) (i * 31 % 256);
+    for (int method = SG_NAIVE_NOISE; method <= SG_NAIVE_TV; method++) {
+        const struct sg_attack_params *p = sg_attack_params(.epsilon = 8 / 255.0f, .inner = 20);
+        assert_int_equal(sg_attack_naive(f->ctx, &view, 3, p, (enum sg_naive_attack) method, out), SG_OK);
+        assert_int_equal(sg_attack_naive(f->ctx, &view, 3, p, (enum sg_naive_attack) method, again), SG_OK);
+        assert_memory_equal(out, again, sizeof(out));
+        int at_bound = 0;
+        for (int i = 0; i < 3 * W * H; i++) {
+            const int d = abs(out[i] - photo[i]);
+            assert_true(d <= 8);
+            at_bound += d == 8;
+        }
+        assert_true(at_bound > W * H); /* a third */
+        assert_int_equal(sg_attack_naive(f->ctx, &view, 3, sg_attack_params(.epsilon = INFINITY),
+                                         (enum sg_naive_attack) method, out),
+                         SG_ERR_USAGE);
+    }
+    assert_int_equal(sg_attack_naive(f->ctx, &view, 4, sg_attack_params(), SG_NAIVE_NOISE, again), SG_OK);
+    assert_int_equal(sg_attack_naive(f->ctx, &view, 5, sg_attack_params(), SG_NAIVE_NOISE, out), SG_OK);
+    assert_memory_not_equal(out, again, sizeof(out));
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {scene_test(test_blender),     scene_test(test_colmap),
+                                       scene_test(test_colmap_jpeg), scene_test(test_distorted),
+                                       scene_test(test_nerfstudio),  scene_test(test_naive)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
