@@ -30,10 +30,7 @@ done
 expect 0 attack scene/blender -o again $options --threads 1
 "$tool" attack scene/blender -o cut $options --proxy poisoned/attack/proxy --iterations 20000 2>err &
 pid=$!
-for wait in 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30; do
-    sleep 0.1
-    [ -s cut/attack/log.jsonl ] && break
-done
+wait_for cut/attack/log.jsonl
 kill -INT $pid
 wait $pid
 code=$?
@@ -53,7 +50,7 @@ done
 # An interrupted proxy goes on too.
 "$tool" attack scene/blender -o early $options --proxy-iterations 20000 2>err &
 pid=$!
-sleep 1
+wait_for early/attack/proxy/log.jsonl
 kill -INT $pid
 wait $pid
 [ $? = 130 ] || fail "interrupted in the proxy"

@@ -18,6 +18,16 @@ expect() {
 # says WORDS: the last run's stderr has them.
 says() { grep -qF -- "$1" err || fail "stderr does not say: $1"; }
 
+# Until a file of a tool in the background has something in it.
+wait_for() {
+    waited=0
+    until [ -s "$1" ]; do
+        waited=$((waited + 1))
+        [ $waited -le 600 ] || fail "no $1 after a minute"
+        sleep 0.1
+    done
+}
+
 # A scene and options with which everything that can happen in a training happens in a second or two.
 small_scene() { expect 0 synth -o scene --width 64 --height 48 --train-views 6 --test-views 2 --points 300 --samples 1; }
 short="--iterations 120 --sh-interval 20 --densify-from-iter 10 --densification-interval 20 \

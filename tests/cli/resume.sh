@@ -6,10 +6,7 @@ options="$short --eval --init-points 500 --iterations 6000 --save-every 0 --eval
 
 "$tool" train scene/blender -o cut $options 2>err &
 pid=$!
-for wait in 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20; do # until training is under way
-    sleep 0.1
-    [ -s cut/log.jsonl ] && break
-done
+wait_for cut/log.jsonl
 sleep 0.3
 kill -INT $pid
 wait $pid
