@@ -260,12 +260,70 @@ static void test_bands(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Against brute force in the oracle; the sum over the Gaussians is that over the pixels; bands change nothing. */
+static void test_hits(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_model(ctx, 700, 1, 12);
+    *sg_model_at(m, 5, SG_P_XYZ) = 1000; /* nobody sees it */
+    const struct sg_camera cameras[] = {make_camera(90, 70, 3), make_camera(49, 33, 2), make_camera(64, 64, 40)};
+    const struct sg_camera *const views[] = {&cameras[0], &cameras[1], &cameras[2]};
+    const struct cpu_kernels *variants[4];
+    double *ref = must(m->count, sizeof(double)), *hits = must(m->count, sizeof(double));
+    struct sg_render_params params = {SG_RENDER_DEFAULTS};
+    for (int kind = SG_HIT_PIXELS; kind <= SG_HIT_WEIGHT; kind++) {
+        double blended = 0;
+        struct sg_backend *b;
+        assert_int_equal(sg_backend_create(ctx, "ref", NULL, &b), SG_OK);
+        assert_int_equal(b->ops->upload(b, m, NULL), SG_OK);
+        assert_int_equal(b->ops->count_hits(b, views, 3, &params, (enum sg_hit) kind, ref), SG_OK);
+        for (int v = 0; v < 3 && kind == SG_HIT_WEIGHT; v++) { /* weights of a pixel add up to its alpha */
+            const size_t pixels = (size_t) cameras[v].width * (size_t) cameras[v].height;
+            float *rgb = must(3 * pixels, sizeof(float)), *alpha = must(pixels, sizeof(float));
+            assert_int_equal(b->ops->project(b, views[v], 0, &params), SG_OK);
+            assert_int_equal(b->ops->rasterize(b, true, NULL), SG_OK);
+            assert_int_equal(b->ops->read_image(b, rgb, alpha, NULL), SG_OK);
+            for (size_t i = 0; i < pixels; i++)
+                blended += (double) alpha[i];
+            free(rgb);
+            free(alpha);
+        }
+        sg_backend_destroy(&b);
+        double sum = 0, zeros = 0;
+        for (size_t i = 0; i < m->count; i++)
+            sum += ref[i], zeros += ref[i] == 0;
+        assert_true(sum > 100 && zeros >= 1 && ref[5] == 0);
+        if (kind == SG_HIT_WEIGHT)
+            assert_float_equal(sum, blended, 1e-4 * blended);
+        for (int k = 0, n = sg_cpu_variants(variants); k < n; k++)
+            for (uint64_t limit = 1 << 20; limit; limit = limit > 40 ? 40 : 0) {
+                size_t off = 0;
+                params.max_instances = limit;
+                assert_int_equal(sg_backend_create(ctx, "cpu", variants[k]->name, &b), SG_OK);
+                assert_int_equal(b->ops->upload(b, m, NULL), SG_OK);
+                assert_int_equal(b->ops->count_hits(b, views, 3, &params, (enum sg_hit) kind, hits), SG_OK);
+                for (size_t i = 0; i < m->count; i++) {
+                    off += fabs(hits[i] - ref[i]) > 1e-3 * (1 + ref[i]);
+                    assert_true(fabs(hits[i] - ref[i]) <= 3 + 0.01 * ref[i]);
+                }
+                assert_true(off <= m->count / 100); /* pairs at a cut-off */
+                sg_backend_destroy(&b);
+            }
+        params.max_instances = 1 << 20;
+    }
+    free(ref);
+    free(hits);
+    sg_model_destroy(ctx, &m);
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_random), cmocka_unit_test(test_reference_instances),
         cmocka_unit_test(test_nasty),  cmocka_unit_test(test_nothing_visible),
-        cmocka_unit_test(test_bands),
+        cmocka_unit_test(test_bands),         cmocka_unit_test(test_hits),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

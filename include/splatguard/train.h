@@ -66,6 +66,7 @@ struct sg_train_step {
 /* Seconds spent per stage since creation (wall clock). */
 struct sg_train_times {
     double project, bin, raster, loss, raster_backward, update, densify;
+    double regularise, count; /* of the defense: spectral loss and total variation; counting hits */
 };
 
 /* Thread safety: unsafe. The scene must outlive the trainer and is not changed. */

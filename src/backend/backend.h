@@ -61,6 +61,13 @@ struct sg_edit {
     uint64_t seed, stream;  /* of the children's positions: normal (seed, SG_RNG_SPLIT, stream, 3 entry + axis) */
 };
 
+/* What counts as a hit of a Gaussian in a view. */
+enum sg_hit {
+    SG_HIT_PIXELS, /* each pixel it is blended in (the indicator of LightGaussian, Fan et al. 2024) */
+    SG_HIT_VIEWS,  /* the view, if it is blended in any pixel */
+    SG_HIT_WEIGHT, /* each pixel, by its weight there: alpha x transmittance */
+};
+
 struct sg_backend {
     const struct sg_backend_ops *ops;
     sg_ctx *ctx;
@@ -95,6 +102,11 @@ struct sg_backend_ops {
     int (*update)(struct sg_backend *, const struct sg_update *);
     /* Device to host: dL/d parameters of the last view, in a model-shaped object. For tests and sensitivities. */
     int (*read_gradients)(struct sg_backend *, struct sg_model *);
+
+    /* Device to host: hits over n views, one value per Gaussian. No colour is computed; the view that was being processed
+     * is lost. */
+    int (*count_hits)(struct sg_backend *, const struct sg_camera *const *views, size_t n,
+                      const struct sg_render_params *, enum sg_hit, double *hits);
 
     /* Device to host for densification: mean view-space gradient, opacity (activated), largest scale (activated), max
      * radius; any may be NULL, `count` values each. */

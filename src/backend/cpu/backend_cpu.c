@@ -371,6 +371,69 @@ static void run_update(struct cpu_backend *b, const struct sg_update *u, float *
     sg_parallel_for(b->base.ctx, pieces(h->count), update_piece, &job);
 }
 
+struct hit_job {
+    const struct cpu_backend *b;
+    uint8_t *seen; /* NULL, or per Gaussian: blended somewhere in this view */
+    double *hits;
+};
+
+/* Adds up a band's slots, as the update does with gradients. */
+static void hit_piece(void *arg, size_t piece, int thread)
+{
+    (void) thread;
+    const struct hit_job *j = arg;
+    const struct bins *bins = &j->b->bins;
+    const size_t n = j->b->model.count, stop = piece_end(n, piece) * SG_LANES;
+    for (size_t i = piece * BLOCKS_PER_PIECE * SG_LANES; i < stop && i < n; i++)
+        for (size_t k = bins->slot_start[i]; k < bins->slot_start[i + 1]; k++) {
+            if (!j->seen)
+                j->hits[i] += (double) j->b->slots[k];
+            else if (j->b->slots[k] > 0 && !j->seen[i])
+                j->seen[i] = 1, j->hits[i] += 1;
+        }
+}
+
+static int count_view(struct cpu_backend *b, enum sg_hit kind, struct hit_job *job)
+{
+    sg_ctx *ctx = b->base.ctx;
+    for (int band = 0; band < b->bins.band_count; band++) {
+        if (sg_bins_band(ctx, &b->bins, band))
+            return SG_ERR_BUDGET;
+        const size_t instances = b->bins.tile_start[band_tiles(b, band)];
+        if (sg_grow(ctx, SG_MEM_INSTANCES, &b->slots, &b->cap_slots, (instances + CPU_SLOT_FLOATS - 1) / CPU_SLOT_FLOATS,
+                    0, CPU_SLOT_FLOATS * sizeof(float)))
+            return SG_ERR_BUDGET;
+        struct raster_job raster = {.kernel = b->kernels->raster_count, .args = raster_args(b, band)};
+        raster.args.weigh = kind == SG_HIT_WEIGHT;
+        sg_parallel_for(ctx, band_tiles(b, band), raster_tile, &raster);
+        sg_parallel_for(ctx, pieces(b->model.count), hit_piece, job);
+    }
+    return SG_OK;
+}
+
+static int count_hits(struct sg_backend *base, const struct sg_camera *const *views, size_t n,
+                      const struct sg_render_params *params, enum sg_hit kind, double *hits)
+{
+    struct cpu_backend *b = (struct cpu_backend *) base;
+    const struct sg_train_times before = base->times;
+    double clock = seconds();
+    struct hit_job job = {.b = b, .hits = hits};
+    memset(hits, 0, b->model.count * sizeof(*hits));
+    if (kind == SG_HIT_VIEWS && !(job.seen = sg_alloc_raw(base->ctx, SG_MEM_SPLATS, b->model.count, 1)))
+        return SG_ERR_BUDGET;
+    int code = SG_OK;
+    for (size_t v = 0; v < n && !code; v++) {
+        if (job.seen)
+            memset(job.seen, 0, b->model.count);
+        if (!(code = do_project(base, views[v], 0, params)))
+            code = count_view(b, kind, &job);
+    }
+    sg_free(base->ctx, job.seen);
+    base->times = before; /* counting is its own stage */
+    lap(&clock, &base->times.count);
+    return code;
+}
+
 static int update(struct sg_backend *base, const struct sg_update *u)
 {
     double clock = seconds();
@@ -421,6 +484,7 @@ static const struct sg_backend_ops ops = {
     .write_image_gradient = write_image_gradient,
     .rasterize_backward = rasterize_backward,
     .update = update,
+    .count_hits = count_hits,
     .read_gradients = read_gradients,
     .read_statistics = read_statistics,
     .edit = edit,

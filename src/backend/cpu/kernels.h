@@ -54,7 +54,8 @@ struct cpu_raster_args {
     float *rgb;            /* 3 planes, written by forward, read by backward */
     float *alpha, *depth;  /* planes or NULL */
     const float *gradient; /* 3 planes */
-    float *slots;
+    float *slots;          /* raster_count: one float per instance */
+    bool weigh;            /* raster_count: sums alpha x transmittance, else counts blended pixels */
 };
 
 struct cpu_update_args {
@@ -98,6 +99,7 @@ struct cpu_kernels {
     /* Returns the number of (Gaussian, pixel) pairs evaluated. */
     uint64_t (*raster)(const struct cpu_raster_args *, int tile);
     uint64_t (*raster_backward)(const struct cpu_raster_args *, int tile);
+    uint64_t (*raster_count)(const struct cpu_raster_args *, int tile);
     void (*update)(const struct cpu_update_args *, size_t first_block, size_t end_block);
     /* Rows first to end - 1 of a channel: sums and gradient. scratch: CPU_LOSS_SCRATCH(width) floats. */
     void (*loss)(const struct cpu_loss_args *, int channel, int first, int end, float *scratch);

@@ -259,6 +259,32 @@ static int loss(struct sg_backend *base, const struct sg_loss_params *p, struct 
     return SG_OK;
 }
 
+static void pixel_pairs(struct ref_backend *b, size_t entries, int x, int y)
+{
+    ref_pixel_count(b->splats, b->list, entries, x, y, false);
+}
+
+static void pixel_weights(struct ref_backend *b, size_t entries, int x, int y)
+{
+    ref_pixel_count(b->splats, b->list, entries, x, y, true);
+}
+
+static int count_hits(struct sg_backend *base, const struct sg_camera *const *views, size_t n,
+                      const struct sg_render_params *params, enum sg_hit kind, double *hits)
+{
+    struct ref_backend *b = (struct ref_backend *) base;
+    memset(hits, 0, b->model.count * sizeof(*hits));
+    for (size_t v = 0; v < n; v++) {
+        const int code = do_project(base, views[v], 0, params);
+        if (code)
+            return code;
+        each_pixel(b, NULL, kind == SG_HIT_WEIGHT ? pixel_weights : pixel_pairs);
+        for (size_t i = 0; i < b->model.count; i++)
+            hits[i] += kind == SG_HIT_VIEWS ? b->splats[i].hits > 0 : b->splats[i].hits;
+    }
+    return SG_OK;
+}
+
 static int update(struct sg_backend *base, const struct sg_update *u)
 {
     struct ref_backend *b = (struct ref_backend *) base;
@@ -337,6 +363,7 @@ static const struct sg_backend_ops ops = {
     .write_image_gradient = write_image_gradient,
     .rasterize_backward = rasterize_backward,
     .update = update,
+    .count_hits = count_hits,
     .read_gradients = read_gradients,
     .read_statistics = read_statistics,
     .edit = edit,

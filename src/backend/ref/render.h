@@ -21,6 +21,7 @@ struct ref_splat {
     /* gradients of the loss */
     struct splat_grad g;
     real g_o, g_rgb[3];
+    double hits; /* of this view */
 };
 
 struct ref_entry {
@@ -124,6 +125,23 @@ static inline void ref_pixel_forward(const struct ref_splat *splats, const struc
     image->t[at] = t;
     image->depth[at] = depth;
     image->last[at] = last;
+}
+
+/* Adds 1, or the weight in the pixel's colour, to each splat that is blended. */
+static inline void ref_pixel_count(struct ref_splat *splats, const struct ref_entry *list, size_t m, int ix, int iy,
+                                   bool weigh)
+{
+    real t = 1;
+    for (size_t k = 0; k < m; k++) {
+        real dx, dy, gauss, alpha;
+        if (!ref_pair(&splats[list[k].id], ix, iy, &dx, &dy, &gauss, &alpha))
+            continue;
+        const real next = t * (1 - alpha);
+        if (next < (real) SG_T_MIN)
+            break;
+        splats[list[k].id].hits += weigh ? (double) (alpha * t) : 1;
+        t = next;
+    }
 }
 
 /* gradient: dL/dimage, 3 planes. Adds to the splats' gradients. */

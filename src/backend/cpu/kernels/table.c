@@ -9,6 +9,7 @@ const struct cpu_kernels KERNEL(kernels) = {
     .project = KERNEL(project),
     .raster = KERNEL(raster),
     .raster_backward = KERNEL(raster_backward),
+    .raster_count = KERNEL(raster_count),
     .update = KERNEL(update),
     .loss = KERNEL(loss),
     .ascend = KERNEL(ascend),

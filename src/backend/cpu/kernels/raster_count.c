@@ -1,0 +1,76 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The forward pass without colour: what each instance contributes to its tile. */
+#include "tile.h"
+
+/* See raster.c: the product of all (1 - alpha) so far; 0 outside the image. */
+struct part_state {
+    real chain;
+};
+
+SIMD uint64_t tally(const struct cpu_raster_args *a, int tile, bool weigh)
+{
+    const int x0 = tile % a->grid_x * SG_TILE, y0 = tile / a->grid_x * SG_TILE;
+    const size_t first = a->tile_start[tile - a->first_tile], end = a->tile_start[tile - a->first_tile + 1];
+    struct part_state states[BLOCKS][PARTS];
+    struct batch batch;
+    float sum[BATCH + 1];
+    uint64_t pairs = 0;
+    for (int block = 0; block < BLOCKS; block++)
+        for (int part = 0; part < PARTS; part++) {
+            const real px = part_x(part) + (float) (x0 + block % 4 * BLOCK);
+            const real py = part_y(part) + (float) (y0 + block / 4 * BLOCK);
+            states[block][part].chain = r_keep(part_inside(a, px, py), r_set(1));
+        }
+
+    bool anyone = true;
+    for (size_t at = first; at < end; at += BATCH) {
+        const int count = end - at < BATCH ? (int) (end - at) : BATCH;
+        memset(sum, 0, sizeof(sum));
+        if (anyone) {
+            batch_load(&batch, a, at, count);
+            batch_find(&batch, count, x0, y0, a->hits + at);
+            batch_list(&batch, a->hits + at, count);
+            anyone = false;
+            for (int block = 0; block < BLOCKS; block++)
+                for (int part = 0; part < PARTS; part++) {
+                    real chain = states[block][part].chain;
+                    if (!m_any(r_le(r_set(SG_T_MIN), chain)))
+                        continue;
+                    const real px = part_x(part) + (float) (x0 + block % 4 * BLOCK);
+                    const real py = part_y(part) + (float) (y0 + block / 4 * BLOCK);
+                    const uint8_t *list = batch.list[block];
+                    const int n = batch.length[block];
+                    int i = 0;
+                    while (i < n) {
+                        struct pairs p;
+                        mask blended[GROUP], open = m_all;
+                        real weight[GROUP];
+                        pairs_eval(&p, &batch, list + i, px, py);
+                        for (int u = 0; u < GROUP; u++) {
+                            weight[u] = p.alpha[u] * chain;
+                            chain = chain - chain * p.alpha[u];
+                            open = r_le(r_set(SG_T_MIN), chain);
+                            blended[u] = r_and(p.drawn[u], open);
+                        }
+                        for (int u = 0; u < GROUP; u++) /* padding adds to the last one, which nobody reads */
+                            sum[list[i + u]] += weigh ? r_sum(r_keep(blended[u], weight[u]))
+                                                      : (float) __builtin_popcount(m_bits(blended[u]));
+                        i += GROUP;
+                        if (!m_any(open))
+                            break;
+                    }
+                    pairs += (uint64_t) (i < n ? i : n) * LANES;
+                    states[block][part].chain = chain;
+                    anyone |= m_any(r_le(r_set(SG_T_MIN), chain));
+                }
+        }
+        for (int i = 0; i < count; i++)
+            a->slots[a->instances[at + (size_t) i].slot] = sum[i];
+    }
+    return pairs;
+}
+
+uint64_t KERNEL(raster_count)(const struct cpu_raster_args *a, int tile)
+{
+    return a->weigh ? tally(a, tile, true) : tally(a, tile, false);
+}
