@@ -146,7 +146,7 @@ static void test_spectral(void **state)
                                      with ? loss : NULL, 3,          extra};
             memcpy(x, photo, sizeof(x));
             sg_ascend(ctx, &a, photo, W, H, x, scratch);
-            found[with] = sg_anisotropy_loss(loss, x, NULL);
+            found[with] = sg_anisotropy_loss(loss, x, 1, NULL);
             for (int i = 0; i < VALUES; i++)
                 assert_true(fabsf(x[i] - photo[i]) <= a.epsilon + 1e-6f);
         }

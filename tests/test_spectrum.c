@@ -115,44 +115,95 @@ static void test_whole(void **state)
 
 /* ---- the anisotropy loss ---- */
 
-static double loss_of(sg_ctx *ctx, int w, int h, const struct sg_spectrum_params *p, const float *x, float *gradient)
+static double loss_of(sg_ctx *ctx, int w, int h, const struct sg_anisotropy_params *p, const float *x, float *gradient)
 {
     struct sg_anisotropy *a;
     assert_int_equal(sg_anisotropy_create(ctx, w, h, p, &a), SG_OK);
-    const double loss = sg_anisotropy_loss(a, x, gradient);
+    if (gradient)
+        memset(gradient, 0, 3 * (size_t) w * (size_t) h * sizeof(float));
+    const double loss = sg_anisotropy_loss(a, x, 1, gradient);
     sg_anisotropy_destroy(&a);
     return loss;
 }
 
-/* Against differences of the loss itself, at odd, even and prime sides; and it does not change with the image's scale.
- */
+/* Against differences of the loss itself along random directions, for every option at odd, even, prime and continued
+ * sides; and it does not change with the image's scale. */
 static void test_gradient(void **state)
 {
     (void) state;
-    static const int sizes[][2] = {{12, 9}, {9, 12}, {13, 11}, {16, 16}};
+    static const int sizes[][2] = {{12, 9}, {9, 12}, {13, 11}, {16, 16}, {33, 40}, {263, 12}, {20, 257}, {263, 257}};
     sg_ctx *ctx = make_context(2);
-    for (int k = 0; k < 4; k++) {
-        const int w = sizes[k][0], h = sizes[k][1], n = 3 * w * h;
-        float x[3 * 256], g[3 * 256];
-        for (int i = 0; i < n; i++)
-            x[i] = draw(7, (uint64_t) i, 0, 1);
-        const double loss = loss_of(ctx, w, h, NULL, x, g);
-        assert_true(loss > 0 && loss < 1);
-        double along = 0, size = 0;
-        for (int i = 0; i < n; i++)
-            along += (double) (x[i] * g[i]), size += (double) fabsf(g[i]);
-        assert_true(fabs(along) < 1e-3 * size);
-        for (int i = 0; i < n; i += 7) {
-            const float kept = x[i], step = 0.02f;
-            x[i] = kept + step;
-            const double more = loss_of(ctx, w, h, NULL, x, NULL);
-            x[i] = kept - step;
-            const double less = loss_of(ctx, w, h, NULL, x, NULL);
-            x[i] = kept;
-            const double expected = (more - less) / (2 * (double) step);
-            if (fabs((double) g[i] - expected) > 0.02 * fabs(expected) + 2e-3 * size / n)
-                fail_msg("%d x %d, value %d: %g, expected %g", w, h, i, (double) g[i], expected);
+    const size_t most = 3 * 263 * 257;
+    float *x = malloc(most * sizeof(float)), *g = malloc(most * sizeof(float)), *moved = malloc(most * sizeof(float));
+    for (int k = 0; k < 8; k++)
+        for (int option = 0; option < 8; option++) {
+            const int w = sizes[k][0], h = sizes[k][1], n = 3 * w * h;
+            const struct sg_anisotropy_params *p =
+                sg_anisotropy_params(.energy = (enum sg_energy) (option & 1), .channels = (enum sg_channels) (option >> 1 & 1),
+                                     .exact_size = option >> 2);
+            for (int i = 0; i < n; i++) /* structure in it, so that the loss has somewhere to go */
+                x[i] = draw(7, (uint64_t) i, 0, 1) * (i % 3 ? 0.3f : 1);
+            const double loss = loss_of(ctx, w, h, p, x, g);
+            assert_true(loss > 0 && loss < 1);
+            double along = 0, size = 0;
+            for (int i = 0; i < n; i++)
+                along += (double) x[i] * (double) g[i], size += (double) fabsf(g[i]);
+            assert_true(fabs(along) < 1e-3 * size);
+            for (uint64_t d = 0; d < 4; d++) {
+                const double step = 0.01 / sqrt(n);
+                double slope = 0, change = 0, scale = 0;
+                for (int side = -1; side <= 1; side += 2) {
+                    for (int i = 0; i < n; i++) /* half along the gradient's signs: a slope well above rounding */
+                        moved[i] = x[i] + (float) (side * step) * ((g[i] > 0 ? 1 : -1) + draw(d, (uint64_t) i, -1, 1));
+                    change += side * loss_of(ctx, w, h, p, moved, NULL);
+                }
+                for (int i = 0; i < n; i++) {
+                    const double by = (g[i] > 0 ? 1 : -1) + (double) draw(d, (uint64_t) i, -1, 1);
+                    slope += by * (double) g[i], scale += fabs(by * (double) g[i]);
+                }
+                change /= 2 * step;
+                if (fabs(change - slope) > 2e-2 * scale)
+                    fail_msg("%d x %d, option %d: %g, expected %g", w, h, option, slope, change);
+            }
         }
+    free(x), free(g), free(moved);
+    sg_ctx_destroy(&ctx);
+}
+
+/* The continued image's loss and gradient stay near those of the exact size. */
+static void test_friendly(void **state)
+{
+    (void) state;
+    static const int sizes[][2] = {{521, 347}, {389, 400}, {262, 257}};
+    assert_int_equal(sg_anisotropy_side(1559, false), 1560);
+    assert_int_equal(sg_anisotropy_side(1039, false), 1040);
+    assert_int_equal(sg_anisotropy_side(1039, true), 1039);
+    assert_int_equal(sg_anisotropy_side(251, false), 251);
+    assert_int_equal(sg_anisotropy_side(400, false), 400);
+    sg_ctx *ctx = make_context(1);
+    for (int k = 0; k < 3; k++) {
+        const int w = sizes[k][0], h = sizes[k][1], n = 3 * w * h;
+        float *x = malloc((size_t) n * sizeof(float)), *g[2];
+        for (int i = 0; i < n; i++) { /* edges, a texture of rows, some noise */
+            const int at = i % (w * h), px = at % w, py = at / w;
+            x[i] = 0.5f + 0.2f * (float) ((px / 37 + py / 23) % 2) + 0.05f * (float) cos(1.7 * py + 0.1 * px) +
+                   draw(3, (uint64_t) i, -0.03f, 0.03f);
+        }
+        double loss[2], dot = 0, norm[2] = {0};
+        for (int exact = 0; exact < 2; exact++) {
+            g[exact] = malloc((size_t) n * sizeof(float));
+            loss[exact] = loss_of(ctx, w, h, sg_anisotropy_params(.exact_size = exact), x, g[exact]);
+        }
+        for (int i = 0; i < n; i++) {
+            dot += (double) g[0][i] * (double) g[1][i];
+            for (int e = 0; e < 2; e++)
+                norm[e] += (double) g[e][i] * (double) g[e][i];
+        }
+        const double cosine = dot / sqrt(norm[0] * norm[1]);
+        if (fabs(loss[0] - loss[1]) > 0.05 * loss[1] || cosine < 0.95 || sqrt(norm[0] / norm[1]) > 1.1)
+            fail_msg("%d x %d: loss %g, exact %g, cosine %g, length %g", w, h, loss[0], loss[1], cosine,
+                     sqrt(norm[0] / norm[1]));
+        free(x), free(g[0]), free(g[1]);
     }
     sg_ctx_destroy(&ctx);
 }
@@ -200,6 +251,7 @@ static void test_loss(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_known), cmocka_unit_test(test_whole),
-                                       cmocka_unit_test(test_gradient), cmocka_unit_test(test_loss)};
+                                       cmocka_unit_test(test_gradient), cmocka_unit_test(test_friendly),
+                                       cmocka_unit_test(test_loss)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -2,6 +2,7 @@
 #ifndef SPLATGUARD_SPECTRUM_H
 #define SPLATGUARD_SPECTRUM_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "context.h"
@@ -19,6 +20,21 @@ struct sg_spectrum_params {
 };
 #define SG_SPECTRUM_DEFAULTS .low = 0.3, .high = 0.9, .bins = 36
 #define sg_spectrum_params(...) (&(struct sg_spectrum_params){SG_SPECTRUM_DEFAULTS, __VA_ARGS__})
+
+/* What a coefficient counts, and of which planes. */
+enum sg_energy { SG_ENERGY_POWER /* |F|^2 */, SG_ENERGY_AMPLITUDE /* |F| */ };
+enum sg_channels { SG_CHANNELS_SUM /* of the energies of red, green and blue */, SG_CHANNELS_LUMA /* of 0.299 R + ... */ };
+
+/* The anisotropy loss: 1 - entropy of the band's energy over the directions, over ln bins. */
+struct sg_anisotropy_params {
+    struct sg_spectrum_params band;
+    enum sg_energy energy;     /* Default SG_ENERGY_POWER. */
+    enum sg_channels channels; /* Default SG_CHANNELS_SUM. */
+    bool exact_size;           /* Transform awkward sides as they are, not continued to the next quick one. Default
+                                  false. */
+};
+#define SG_ANISOTROPY_DEFAULTS .band = {SG_SPECTRUM_DEFAULTS}
+#define sg_anisotropy_params(...) (&(struct sg_anisotropy_params){SG_ANISOTROPY_DEFAULTS, __VA_ARGS__})
 
 /* Where the energy of an image is: |DFT|^2, summed over the channels, without the constant term. */
 struct sg_spectrum {

@@ -79,7 +79,8 @@ static void step_piece(void *arg, size_t piece, int thread)
 static const float *spectral_descent(const struct ascent *a, const float *x, size_t values)
 {
     double sum = 0;
-    sg_anisotropy_loss(a->spectral, x, a->extra);
+    memset(a->extra, 0, values * sizeof(float));
+    sg_anisotropy_loss(a->spectral, x, 1, a->extra);
     for (size_t i = 0; i < values; i++)
         sum += (double) fabsf(a->extra[i]);
     const float scale = sum > 0 ? (float) (-(double) a->spectral_weight * (double) values / sum) : 0;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The anisotropy loss of an image: 1 - H / ln B, H the entropy of its energy |DFT|^2 (summed over the channels) in a
- * band of frequencies over B directions. 0 = the same in all directions. */
+/* The anisotropy loss of an image: 1 - H / ln B, H the entropy of its spectral energy in a band of frequencies over B
+ * directions. 0 = the same in all directions. */
 #ifndef SG_SPECTRAL_ANISOTROPY_H
 #define SG_SPECTRAL_ANISOTROPY_H
 
@@ -10,12 +10,18 @@
 /* For one size: plans, table of directions, room. Thread safety: unsafe. */
 struct sg_anisotropy;
 
-int sg_anisotropy_create(sg_ctx *ctx, int width, int height, const struct sg_spectrum_params *params,
+/* params may be NULL. Sides with prime factors over 13 are slow to transform; from 256 pixels on, such a side grows to
+ * the next one without, unless params ask for the exact size: the new pixels lead from the last row or column to the
+ * first, and loss and gradient are those of the image so continued. */
+int sg_anisotropy_create(sg_ctx *ctx, int width, int height, const struct sg_anisotropy_params *params,
                          struct sg_anisotropy **out);
 void sg_anisotropy_destroy(struct sg_anisotropy **a);
 
-/* planes: 3 planes of height x width. gradient: NULL, or 3 planes for dL/dplanes. Flat images have loss and gradient 0.
- * Same bytes for any number of threads. */
-double sg_anisotropy_loss(struct sg_anisotropy *a, const float *planes, float *gradient);
+/* planes: 3 planes of height x width. gradient: NULL, or 3 planes to add weight x dL/dplanes to. Flat images have loss
+ * and gradient 0. Same bytes for any number of threads. */
+double sg_anisotropy_loss(struct sg_anisotropy *a, const float *planes, double weight, float *gradient);
+
+/* The side that is transformed for one of n pixels. */
+int sg_anisotropy_side(int n, bool exact);
 
 #endif

@@ -23,6 +23,28 @@ int sg_fft_plan(sg_ctx *ctx, int width, int height, float *image, float complex 
     return sg_fail(ctx, SG_ERR_BUDGET, "no Fourier transform of %d x %d pixels", width, height);
 }
 
+int sg_fft_plan_rows(sg_ctx *ctx, int width, int count, int row, int stride, float *image, float complex *f,
+                     fftwf_plan *forward, fftwf_plan *backward)
+{
+    pthread_mutex_lock(&planner);
+    *forward = fftwf_plan_many_dft_r2c(1, &width, count, image, NULL, 1, row, f, NULL, 1, stride, FFTW_ESTIMATE);
+    *backward = fftwf_plan_many_dft_c2r(1, &width, count, f, NULL, 1, stride, image, NULL, 1, row, FFTW_ESTIMATE);
+    pthread_mutex_unlock(&planner);
+    return *forward && *backward ? SG_OK : sg_fail(ctx, SG_ERR_BUDGET, "no Fourier transform of %d pixels", width);
+}
+
+int sg_fft_plan_columns(sg_ctx *ctx, int height, int count, int stride, float complex *f, fftwf_plan *forward,
+                        fftwf_plan *backward)
+{
+    pthread_mutex_lock(&planner);
+    *forward = fftwf_plan_many_dft(1, &height, count, f, NULL, stride, 1, f, NULL, stride, 1, FFTW_FORWARD,
+                                   FFTW_ESTIMATE);
+    *backward = fftwf_plan_many_dft(1, &height, count, f, NULL, stride, 1, f, NULL, stride, 1, FFTW_BACKWARD,
+                                    FFTW_ESTIMATE);
+    pthread_mutex_unlock(&planner);
+    return *forward && *backward ? SG_OK : sg_fail(ctx, SG_ERR_BUDGET, "no Fourier transform of %d pixels", height);
+}
+
 void sg_fft_forget(fftwf_plan plan)
 {
     if (!plan)

@@ -17,6 +17,14 @@
  * arrays, whatever their alignment. backward may be NULL. Thread safe, unlike FFTW's planner. */
 int sg_fft_plan(sg_ctx *ctx, int width, int height, float *image, float complex *f, fftwf_plan *forward,
                 fftwf_plan *backward);
+/* Plans for the two halves of that, a part at a time: `count` rows of `width` values, row floats apart, to rows of f,
+ * stride coefficients apart, and back, which destroys them; `count` neighbouring columns of f, in place. image, f: as
+ * aligned as what the plans are used on, that is to 64 bytes; row, stride: multiples of 64 bytes. */
+int sg_fft_plan_rows(sg_ctx *ctx, int width, int count, int row, int stride, float *image, float complex *f,
+                     fftwf_plan *forward, fftwf_plan *backward);
+int sg_fft_plan_columns(sg_ctx *ctx, int height, int count, int stride, float complex *f, fftwf_plan *forward,
+                        fftwf_plan *backward);
+
 void sg_fft_forget(fftwf_plan plan); /* may be NULL */
 
 /* Direction of the coefficient in row u and column v of a half spectrum, `outside` if it is not in the band. The
