@@ -6,6 +6,7 @@
 #include <stdint.h>
 
 #include "context.h"
+#include "defense.h"
 #include "model.h"
 #include "render.h"
 #include "scene.h"
@@ -40,6 +41,7 @@ struct sg_train_params {
     uint64_t max_gaussians;        /* growth stops there; 0 = no limit. Default 0. */
     uint64_t max_instances;        /* see sg_render_params. Default 1 << 24. */
     bool reference_tiles;          /* see sg_render_params. Default false. */
+    struct sg_defense_params defense;
     const char *backend;           /* "cpu" or "ref". Default "cpu". */
     const char *cpu;               /* CPU variant; NULL = best. Default NULL. */
 };
@@ -50,7 +52,7 @@ struct sg_train_params {
     .opacity_lr = 0.05f, .scaling_lr = 0.005f, .rotation_lr = 0.001f, .percent_dense = 0.01f,                          \
     .densification_interval = 100, .densify_from_iter = 500, .densify_until_iter = 15000,                              \
     .densify_grad_threshold = 0.0002f, .opacity_reset_interval = 3000, .init_points = 100000,                          \
-    .max_instances = 1u << 24, .backend = "cpu"
+    .max_instances = 1u << 24, .defense = {SG_DEFENSE_DEFAULTS}, .backend = "cpu"
 #define sg_train_params(...) (&(struct sg_train_params){SG_TRAIN_DEFAULTS, __VA_ARGS__})
 
 /* What one iteration did. */
@@ -61,6 +63,7 @@ struct sg_train_step {
     size_t gaussians;     /* after densification */
     size_t cloned, split, pruned; /* of this iteration's densification, else 0 */
     struct sg_render_stats render;
+    struct sg_defense_step defense;
 };
 
 /* Seconds spent per stage since creation (wall clock). */

@@ -7,6 +7,7 @@
 #define SG_BACKEND_H
 
 #include "core/internal.h"
+#include "spectral/regulariser.h"
 #include "splatguard/camera.h"
 #include "splatguard/model.h"
 #include "splatguard/render.h"
@@ -61,13 +62,6 @@ struct sg_edit {
     uint64_t seed, stream;  /* of the children's positions: normal (seed, SG_RNG_SPLIT, stream, 3 entry + axis) */
 };
 
-/* What counts as a hit of a Gaussian in a view. */
-enum sg_hit {
-    SG_HIT_PIXELS, /* each pixel it is blended in (the indicator of LightGaussian, Fan et al. 2024) */
-    SG_HIT_VIEWS,  /* the view, if it is blended in any pixel */
-    SG_HIT_WEIGHT, /* each pixel, by its weight there: alpha x transmittance */
-};
-
 struct sg_backend {
     const struct sg_backend_ops *ops;
     sg_ctx *ctx;
@@ -94,6 +88,8 @@ struct sg_backend_ops {
 
     /* Photometric loss of the image and dL/dimage. */
     int (*loss)(struct sg_backend *, const struct sg_loss_params *, struct sg_loss_value *);
+    /* Adds the gradients of the defense's losses to dL/dimage. */
+    int (*regularise)(struct sg_backend *, const struct sg_regulariser_params *, struct sg_regulariser_value *);
     /* Host to device: replaces dL/dimage (3 planes). */
     int (*write_image_gradient)(struct sg_backend *, const float *gradient);
     /* dL/dimage to gradients of the splats. */

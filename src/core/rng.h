@@ -8,7 +8,7 @@
 #include <stdint.h>
 
 /* What the draws are for; mixed into the stream so that two uses never share numbers. */
-enum sg_rng_use { SG_RNG_VIEWS = 1, SG_RNG_INIT = 2, SG_RNG_SPLIT = 3, SG_RNG_BACKGROUND = 4, SG_RNG_SYNTH = 5, SG_RNG_NOISE = 6, SG_RNG_POISONED = 7 };
+enum sg_rng_use { SG_RNG_VIEWS = 1, SG_RNG_INIT = 2, SG_RNG_SPLIT = 3, SG_RNG_BACKGROUND = 4, SG_RNG_SYNTH = 5, SG_RNG_NOISE = 6, SG_RNG_POISONED = 7, SG_RNG_COUNTED = 8 };
 
 static inline uint64_t sg_rng_mix(uint64_t x) /* the finaliser of splitmix64 (Steele et al. 2014) */
 {

@@ -18,11 +18,11 @@
 struct sg_anisotropy {
     sg_ctx *ctx;
     struct sg_anisotropy_params params;
-    int width, height; /* of the image */
-    int w, h;          /* of what is transformed */
-    int planes;        /* transformed */
-    int columns;       /* that reach into the band, the first ones */
-    size_t row, stride; /* floats of a row buffer, coefficients of a row */
+    int width, height;                                       /* of the image */
+    int w, h;                                                /* of what is transformed */
+    int planes;                                              /* transformed */
+    int columns;                                             /* that reach into the band, the first ones */
+    size_t row, stride;                                      /* floats of a row buffer, coefficients of a row */
     fftwf_plan rows[2], rows_back[2], cols[2], cols_back[2]; /* of a whole piece; of the last one */
     uint8_t *direction;                                      /* h x columns: bin of each coefficient */
     float *buffers;                                          /* a thread: ROWS rows */
@@ -85,8 +85,8 @@ static int make_plans(struct sg_anisotropy *a)
         if (rows && sg_fft_plan_rows(a->ctx, a->w, rows, (int) a->row, (int) a->stride, a->buffers, a->f,
                                      &a->rows[last], &a->rows_back[last]))
             return SG_ERR_BUDGET;
-        if (columns && sg_fft_plan_columns(a->ctx, a->h, columns, (int) a->stride, a->f, &a->cols[last],
-                                           &a->cols_back[last]))
+        if (columns &&
+            sg_fft_plan_columns(a->ctx, a->h, columns, (int) a->stride, a->f, &a->cols[last], &a->cols_back[last]))
             return SG_ERR_BUDGET;
     }
     return SG_OK;

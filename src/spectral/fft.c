@@ -37,10 +37,10 @@ int sg_fft_plan_columns(sg_ctx *ctx, int height, int count, int stride, float co
                         fftwf_plan *backward)
 {
     pthread_mutex_lock(&planner);
-    *forward = fftwf_plan_many_dft(1, &height, count, f, NULL, stride, 1, f, NULL, stride, 1, FFTW_FORWARD,
-                                   FFTW_ESTIMATE);
-    *backward = fftwf_plan_many_dft(1, &height, count, f, NULL, stride, 1, f, NULL, stride, 1, FFTW_BACKWARD,
-                                    FFTW_ESTIMATE);
+    *forward =
+        fftwf_plan_many_dft(1, &height, count, f, NULL, stride, 1, f, NULL, stride, 1, FFTW_FORWARD, FFTW_ESTIMATE);
+    *backward =
+        fftwf_plan_many_dft(1, &height, count, f, NULL, stride, 1, f, NULL, stride, 1, FFTW_BACKWARD, FFTW_ESTIMATE);
     pthread_mutex_unlock(&planner);
     return *forward && *backward ? SG_OK : sg_fail(ctx, SG_ERR_BUDGET, "no Fourier transform of %d pixels", height);
 }

@@ -29,6 +29,7 @@ struct cpu_backend {
     size_t aux_pixels; /* alpha and depth */
     size_t loss_scratch_floats;
     size_t sums_rows;
+    struct sg_regulariser regulariser;
 };
 
 static double seconds(void)
@@ -51,6 +52,7 @@ static void destroy(struct sg_backend *base)
     sg_ctx *ctx = base->ctx;
     sg_host_clear(ctx, &b->model);
     sg_bins_clear(ctx, &b->bins);
+    sg_regulariser_clear(ctx, &b->regulariser);
     void *owned[] = {b->splats, b->slots,    b->band_sums,    b->rgb, b->alpha,
                      b->depth,  b->gradient, b->loss_scratch, b->sums};
     for (size_t i = 0; i < sizeof(owned) / sizeof(owned[0]); i++)
@@ -289,6 +291,16 @@ static int loss(struct sg_backend *base, const struct sg_loss_params *p, struct 
     return SG_OK;
 }
 
+static int regularise(struct sg_backend *base, const struct sg_regulariser_params *p, struct sg_regulariser_value *out)
+{
+    struct cpu_backend *b = (struct cpu_backend *) base;
+    double clock = seconds();
+    const int code = sg_regularise(base->ctx, &b->regulariser, p, b->rgb, b->camera.width, b->camera.height,
+                                   b->gradient, out);
+    lap(&clock, &base->times.regularise);
+    return code;
+}
+
 struct band_sum_job {
     const struct cpu_backend *b;
 };
@@ -481,6 +493,7 @@ static const struct sg_backend_ops ops = {
     .rasterize = rasterize,
     .read_image = read_image,
     .loss = loss,
+    .regularise = regularise,
     .write_image_gradient = write_image_gradient,
     .rasterize_backward = rasterize_backward,
     .update = update,

@@ -22,6 +22,7 @@ struct ref_backend {
     struct view view;
     struct sg_render_params params;
     int degree, grid_x, grid_y;
+    struct sg_regulariser regulariser;
 };
 
 static void destroy(struct sg_backend *base)
@@ -29,6 +30,7 @@ static void destroy(struct sg_backend *base)
     struct ref_backend *b = (struct ref_backend *) base;
     sg_ctx *ctx = base->ctx;
     sg_host_clear(ctx, &b->model);
+    sg_regulariser_clear(ctx, &b->regulariser);
     sg_free(ctx, b->splats);
     sg_free(ctx, b->list);
     sg_free(ctx, b->image.rgb);
@@ -285,6 +287,13 @@ static int count_hits(struct sg_backend *base, const struct sg_camera *const *vi
     return SG_OK;
 }
 
+static int regularise(struct sg_backend *base, const struct sg_regulariser_params *p, struct sg_regulariser_value *out)
+{
+    struct ref_backend *b = (struct ref_backend *) base;
+    return sg_regularise(base->ctx, &b->regulariser, p, b->image.rgb, b->image.width, b->image.height, b->gradient,
+                         out);
+}
+
 static int update(struct sg_backend *base, const struct sg_update *u)
 {
     struct ref_backend *b = (struct ref_backend *) base;
@@ -360,6 +369,7 @@ static const struct sg_backend_ops ops = {
     .rasterize = rasterize,
     .read_image = read_image,
     .loss = loss,
+    .regularise = regularise,
     .write_image_gradient = write_image_gradient,
     .rasterize_backward = rasterize_backward,
     .update = update,

@@ -1,0 +1,77 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The spectral defense ("Spectral Defense Against Resource-Targeting Attack in 3D Gaussian Splatting"): training on
+ * images that may be poisoned. In space, Gaussians of high frequency are pruned; in the image, renders are kept smooth
+ * and even over directions. */
+#ifndef SPLATGUARD_DEFENSE_H
+#define SPLATGUARD_DEFENSE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "spectrum.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Which size of a Gaussian its frequency response exp(-2 pi^2 t^2 sigma^2) is of. The paper's text names the smallest
+ * eigenvalue of the covariance, its formula the square of a size; both rank alike and weigh hits differently. */
+enum sg_filter_sigma { SG_SIGMA_STD /* the smallest scale */, SG_SIGMA_EIGEN /* its square */ };
+
+/* What counts as a hit of a Gaussian in a view. */
+enum sg_hit {
+    SG_HIT_PIXELS, /* each pixel it is blended in (the indicator of LightGaussian, Fan et al. 2024) */
+    SG_HIT_VIEWS,  /* the view, if it is blended in any pixel */
+    SG_HIT_WEIGHT  /* each pixel, by its weight there: alpha x transmittance */
+};
+
+/* Which Gaussians are "the lowest share rho of N". */
+enum sg_prune_rule {
+    SG_PRUNE_EXACT,    /* floor(rho N) of them */
+    SG_PRUNE_THRESHOLD /* all with at most the score at rank trunc(rho (N - 1)): ties go together (LightGaussian) */
+};
+
+enum sg_prune_views { SG_VIEWS_RANDOM /* a fresh sample each time */, SG_VIEWS_ALL };
+
+enum sg_tv_norm { SG_TV_NORM_L2 /* mean squares of differences */, SG_TV_NORM_L1 /* mean absolute differences */ };
+
+struct sg_defense_params {
+    bool on; /* Default false; the rest is then unused. */
+    /* In space: score = (1 - exp(-2 pi^2 t^2 sigma^2))^alpha x hits; the lowest share rho is removed. */
+    double rho;       /* 0..0.5; 0 = no filter. Default 0.03. */
+    bool automatic;   /* rho follows the run's own growth (docs/defense.md). Default false. */
+    double frequency; /* t, cycles per scene unit. Default 8. */
+    double exponent;  /* alpha. Default 2. */
+    int views;        /* K*, training views that hits are counted in. Default 48. */
+    int interval;     /* T_prune, iterations. Default 100. */
+    int from, until;  /* iterations, exclusive: as densification, or the model dies out. Default 500, 15000. */
+    enum sg_filter_sigma sigma; /* Default SG_SIGMA_STD. */
+    enum sg_hit hit;            /* Default SG_HIT_PIXELS. */
+    enum sg_prune_rule rule;    /* Default SG_PRUNE_EXACT. */
+    enum sg_prune_views sample; /* Default SG_VIEWS_RANDOM. */
+    /* In the image: loss + lambda (anisotropy_scale L_ani + tv_scale L_tv) of the render. */
+    double lambda;           /* Default 4. */
+    double anisotropy_scale; /* Default 1. */
+    double tv_scale;         /* Default 1. */
+    enum sg_tv_norm tv;      /* Default SG_TV_NORM_L2. */
+    struct sg_anisotropy_params spectrum;
+};
+
+#define SG_DEFENSE_DEFAULTS                                                                                            \
+    .rho = 0.03, .frequency = 8, .exponent = 2, .views = 48, .interval = 100, .from = 500, .until = 15000,             \
+    .lambda = 4, .anisotropy_scale = 1, .tv_scale = 1, .spectrum = {SG_ANISOTROPY_DEFAULTS}
+
+/* What one iteration's defense did. */
+struct sg_defense_step {
+    double anisotropy, total_variation; /* L_ani and L_tv of the render */
+    bool filtered;                      /* the filter ran */
+    double rho;                         /* share asked for */
+    size_t scored, removed, unseen;     /* Gaussians; unseen: without a hit in the sampled views */
+    double score[3];                    /* ln score at the 10th, 50th and 90th percentile, of those with a hit */
+};
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,140 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "regulariser.h"
+
+#include <math.h>
+#include <string.h>
+
+/* ---- total variation ---- */
+
+struct tv_job {
+    const float *planes;
+    float *gradient;
+    int width, height;
+    float vertical, horizontal; /* weight of a difference's gradient */
+    enum sg_tv_norm norm;
+    double *rows; /* per row: vertical and horizontal sums */
+};
+
+#define LANES 16 /* sums side by side, so that compilers may vectorise them */
+
+/* Sum over x of the norm of b - a. */
+static double row_sum(const float *a, const float *b, int n, enum sg_tv_norm norm)
+{
+    float part[LANES] = {0};
+    double sum = 0;
+    int x = 0;
+    for (; x + LANES <= n; x += LANES)
+        for (int k = 0; k < LANES; k++) {
+            const float d = b[x + k] - a[x + k];
+            part[k] += norm == SG_TV_NORM_L2 ? d * d : fabsf(d);
+        }
+    for (; x < n; x++) {
+        const float d = b[x] - a[x];
+        part[0] += norm == SG_TV_NORM_L2 ? d * d : fabsf(d);
+    }
+    for (int k = 0; k < LANES; k++)
+        sum += (double) part[k];
+    return sum;
+}
+
+/* Adds the pull of the differences b - a to b's gradient. */
+static void add_pull(const float *restrict a, const float *restrict b, int n, float weight, enum sg_tv_norm norm,
+                     float *restrict to)
+{
+    if (norm == SG_TV_NORM_L2)
+        for (int x = 0; x < n; x++)
+            to[x] += 2 * weight * (b[x] - a[x]);
+    else
+        for (int x = 0; x < n; x++)
+            to[x] += weight * (float) ((b[x] > a[x]) - (b[x] < a[x]));
+}
+
+static void tv_row(void *arg, size_t r, int thread)
+{
+    (void) thread;
+    const struct tv_job *j = arg;
+    const int w = j->width, y = (int) (r % (size_t) j->height);
+    const float *row = j->planes + r * (size_t) w;
+    const bool above = y > 0, below = y + 1 < j->height;
+    j->rows[2 * r] = below ? row_sum(row, row + w, w, j->norm) : 0;
+    j->rows[2 * r + 1] = row_sum(row, row + 1, w - 1, j->norm);
+    if (!j->gradient)
+        return;
+    float *to = j->gradient + r * (size_t) w;
+    if (above)
+        add_pull(row - w, row, w, j->vertical, j->norm, to);
+    if (below)
+        add_pull(row + w, row, w, j->vertical, j->norm, to);
+    add_pull(row, row + 1, w - 1, j->horizontal, j->norm, to + 1);
+    add_pull(row + 1, row, w - 1, j->horizontal, j->norm, to);
+}
+
+double sg_tv_loss(sg_ctx *ctx, const float *planes, int width, int height, enum sg_tv_norm norm, double weight,
+                  float *gradient, double *rows)
+{
+    const double vertical = 3.0 * (height - 1) * width, horizontal = 3.0 * height * (width - 1);
+    struct tv_job j = {.planes = planes,
+                       .gradient = gradient,
+                       .width = width,
+                       .height = height,
+                       .vertical = vertical > 0 ? (float) (weight / vertical) : 0,
+                       .horizontal = horizontal > 0 ? (float) (weight / horizontal) : 0,
+                       .norm = norm,
+                       .rows = rows};
+    const size_t n = 3 * (size_t) height;
+    double sums[2] = {0};
+    sg_parallel_for(ctx, n, tv_row, &j);
+    for (size_t r = 0; r < n; r++)
+        sums[0] += rows[2 * r], sums[1] += rows[2 * r + 1];
+    return (vertical > 0 ? sums[0] / vertical : 0) + (horizontal > 0 ? sums[1] / horizontal : 0);
+}
+
+/* ---- both ---- */
+
+/* The plan for a size: one at hand, or a new one in the place of that used longest ago. */
+static int plan_of(sg_ctx *ctx, struct sg_regulariser *r, const struct sg_regulariser_params *p, int width, int height,
+                   struct sg_anisotropy **out)
+{
+    int oldest = 0;
+    for (int i = 0; i < SG_REGULARISER_SIZES; i++) {
+        if (r->sizes[i].plan && r->sizes[i].width == width && r->sizes[i].height == height) {
+            r->sizes[i].used = ++r->clock;
+            *out = r->sizes[i].plan;
+            return SG_OK;
+        }
+        if (r->sizes[i].used < r->sizes[oldest].used)
+            oldest = i;
+    }
+    sg_anisotropy_destroy(&r->sizes[oldest].plan);
+    r->sizes[oldest].width = width, r->sizes[oldest].height = height, r->sizes[oldest].used = ++r->clock;
+    const int code = sg_anisotropy_create(ctx, width, height, &p->spectrum, &r->sizes[oldest].plan);
+    *out = r->sizes[oldest].plan;
+    return code;
+}
+
+int sg_regularise(sg_ctx *ctx, struct sg_regulariser *r, const struct sg_regulariser_params *p, const float *planes,
+                  int width, int height, float *gradient, struct sg_regulariser_value *out)
+{
+    struct sg_anisotropy *plan;
+    *out = (struct sg_regulariser_value){0};
+    if (p->anisotropy != 0) {
+        const int code = plan_of(ctx, r, p, width, height, &plan);
+        if (code)
+            return code;
+        out->anisotropy = sg_anisotropy_loss(plan, planes, p->anisotropy, gradient);
+    }
+    if (p->total_variation != 0) {
+        if (sg_grow(ctx, SG_MEM_FRAME, &r->rows, &r->cap_rows, 6 * (size_t) height, 0, sizeof(double)))
+            return SG_ERR_BUDGET;
+        out->total_variation = sg_tv_loss(ctx, planes, width, height, p->tv, p->total_variation, gradient, r->rows);
+    }
+    return SG_OK;
+}
+
+void sg_regulariser_clear(sg_ctx *ctx, struct sg_regulariser *r)
+{
+    for (int i = 0; i < SG_REGULARISER_SIZES; i++)
+        sg_anisotropy_destroy(&r->sizes[i].plan);
+    sg_free(ctx, r->rows);
+    *r = (struct sg_regulariser){0};
+}
