@@ -15,6 +15,11 @@
         name, 0, OPT_FLOAT, T(train.field), 0, 1000, NULL, "X", help, false                                            \
     }
 
+#define DOUBLE(name, field, low, high, help)                                                                           \
+    {                                                                                                                  \
+        name, 0, OPT_DOUBLE, T(train.defense.field), low, high, NULL, "X", help, false                                 \
+    }
+
 static const struct option train_options[] = {
     {"Run", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
     {"output", 'o', OPT_STRING, T(output), 0, 0, NULL, "RUN", "Folder to write the run to.", true},
@@ -68,6 +73,44 @@ static const struct option train_options[] = {
             "Iterations between opacity resets."),
     {"max-gaussians", 0, OPT_U64, T(train.max_gaussians), 0, 4e9, NULL, "N", "Growth stops there; 0 = no limit.",
      false},
+    {"Defense", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
+    {"defense", 0, OPT_CHOICE, T(defense), 0, 0, "off|spectral", "NAME",
+     "Against poisoned photos: prune Gaussians of high frequency, keep renders smooth and even over directions.",
+     false},
+    {"preset", 0, OPT_CHOICE, T(preset), 0, 0, "auto|ns|tt|mip", "NAME",
+     "The paper's rho and lambda for NeRF-Synthetic, Tanks and Temples, Mip-NeRF 360; auto: rho from the run's own "
+     "growth.",
+     false},
+    DOUBLE("rho", rho, -1, 0.5, "Share of the Gaussians that the filter removes at a time; -1 = the preset's."),
+    DOUBLE("filter-frequency", frequency, 1e-9, 1e9, "Reference frequency t, cycles per scene unit."),
+    DOUBLE("filter-exponent", exponent, 0, 100, "Exponent alpha of the frequency weight."),
+    INTEGER("filter-views", train.defense.views, 1, 10000000, "Training views that hits are counted in."),
+    INTEGER("filter-interval", train.defense.interval, 1, 10000000, "Iterations between removals."),
+    INTEGER("filter-from", train.defense.from, -1, 1000000000, "Remove after this iteration; -1 = as densification."),
+    INTEGER("filter-until", train.defense.until, -1, 1000000000,
+            "Remove before this iteration; -1 = as densification."),
+    {"filter-sigma", 0, OPT_CHOICE, T(train.defense.sigma), 0, 0, "std|eigen", "NAME",
+     "Size in the frequency weight: smallest scale, or its square (the smallest eigenvalue).", false},
+    {"filter-hits", 0, OPT_CHOICE, T(train.defense.hit), 0, 0, "pixels|views|weight", "NAME",
+     "Hits of a Gaussian: pixels it is blended in, views, or its weight in the pixels.", false},
+    {"filter-rule", 0, OPT_CHOICE, T(train.defense.rule), 0, 0, "exact|threshold", "NAME",
+     "Remove exactly the share, or all up to the score there (LightGaussian's rule).", false},
+    {"filter-sample", 0, OPT_CHOICE, T(train.defense.sample), 0, 0, "random|all", "NAME",
+     "Views to count in: a new sample each time, or all.", false},
+    DOUBLE("lambda", lambda, -1, 1e6, "Weight of the two losses on renders; -1 = the preset's."),
+    DOUBLE("anisotropy-scale", anisotropy_scale, 0, 1e6, "Times lambda: weight of the spectrum's anisotropy."),
+    DOUBLE("tv-scale", tv_scale, 0, 1e6, "Times lambda: weight of the total variation."),
+    {"tv-norm", 0, OPT_CHOICE, T(train.defense.tv), 0, 0, "l2|l1", "NAME",
+     "Total variation: mean of squared or of absolute differences.", false},
+    DOUBLE("band-low", spectrum.band.low, 0, 1, "Lower edge of the band, as a part of the Nyquist frequency."),
+    DOUBLE("band-high", spectrum.band.high, 0, 1, "Upper edge of the band."),
+    INTEGER("bins", train.defense.spectrum.band.bins, 2, SG_SPECTRUM_BINS_MAX, "Directions of the spectrum, even."),
+    {"energy", 0, OPT_CHOICE, T(train.defense.spectrum.energy), 0, 0, "power|amplitude", "NAME",
+     "What a coefficient of the spectrum counts.", false},
+    {"channels", 0, OPT_CHOICE, T(train.defense.spectrum.channels), 0, 0, "sum|luma", "NAME",
+     "Energy of all three channels, or of the luma.", false},
+    {"exact-spectrum", 0, OPT_FLAG, T(train.defense.spectrum.exact_size), 0, 0, NULL, NULL,
+     "Transform awkward image sides as they are; by default they are continued to the next quick length.", false},
     {"Rasteriser", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
     {"max-instances", 0, OPT_U64, T(train.max_instances), 1, 4e9, NULL, "N",
      "(Gaussian, tile) pairs held at once; views with more are processed in bands, with the same result.", false},
@@ -78,7 +121,7 @@ static const struct option train_options[] = {
 
 static const struct train_config defaults = {
     .scene = {SCENE_OPTION_DEFAULTS},
-    .train = {SG_TRAIN_DEFAULTS},
+    .train = {SG_TRAIN_DEFAULTS, .defense = {SG_DEFENSE_DEFAULTS, .rho = -1, .lambda = -1}},
     .save_every = 7000,
     .eval_every = 7000,
     .log_every = 100,
@@ -148,7 +191,11 @@ static int after_step(struct train_run *r)
     if (s->render.instances > r->totals.max_instances)
         r->totals.max_instances = s->render.instances;
     r->cloned += s->cloned, r->split += s->split, r->pruned += s->pruned;
-    if (due(s->iteration, c->log_every) || last || s->iteration == 1)
+    if (s->defense.filtered) {
+        r->totals.filter_events++, r->totals.filter_removed += s->defense.removed;
+        code = train_log_filter(r);
+    }
+    if (!code && (due(s->iteration, c->log_every) || last || s->iteration == 1))
         code = train_log_step(r);
     if (!code && c->eval && due(s->iteration, c->eval_every) && !last)
         code = measure(r, 0);
@@ -274,6 +321,18 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
     return options_conflict(t, given, &now, c);
 }
 
+static void settle_defense(struct train_config *c)
+{
+    static const struct {
+        double rho, lambda;
+    } presets[] = {
+        [DEFENSE_AUTO] = {-1, 4}, [DEFENSE_NS] = {0.03, 4}, [DEFENSE_TT] = {0.045, 4}, [DEFENSE_MIP] = {0.05, 5}};
+    struct sg_defense_params *d = &c->train.defense;
+    d->on = c->defense;
+    d->rho = d->rho < 0 ? presets[c->preset].rho : d->rho;
+    d->lambda = d->lambda < 0 ? presets[c->preset].lambda : d->lambda;
+}
+
 /* The parts of the configuration that follow from others. */
 static void settle(struct train_config *c)
 {
@@ -281,6 +340,7 @@ static void settle(struct train_config *c)
     c->train.backend = backends[c->backend];
     c->train.cpu = cpu_variant(c->train.cpu);
     c->train.white_background = c->scene.params.white_background;
+    settle_defense(c);
     c->scene.params.format = (enum sg_scene_format) c->scene.format;
     c->scene.params.eval = c->eval;
 }

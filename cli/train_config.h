@@ -4,11 +4,13 @@
 
 #include "commands.h"
 
+enum defense_preset { DEFENSE_AUTO, DEFENSE_NS, DEFENSE_TT, DEFENSE_MIP };
+
 struct train_config {
     const char *source, *output, *init;
     struct scene_options scene;
     struct sg_train_params train;
-    int backend; /* index of BACKENDS */
+    int backend, defense, preset; /* indices of choices */
     bool resume, force, quiet, eval;
     uint64_t max_memory;
     int threads, save_every, eval_every, log_every;

@@ -20,6 +20,8 @@ static void take_totals(struct train_totals *t, const json_t *line)
     t->cpu_seconds = json_number_value(json_object_get(line, "cpu_seconds"));
     t->max_gaussians = (uint64_t) json_integer_value(json_object_get(line, "max_gaussians"));
     t->max_instances = (uint64_t) json_integer_value(json_object_get(line, "max_instances"));
+    t->filter_events = (uint64_t) json_integer_value(json_object_get(line, "filter_events"));
+    t->filter_removed = (uint64_t) json_integer_value(json_object_get(line, "filter_removed"));
 }
 
 /* A killed run may have logged beyond its checkpoint: those iterations will be done and logged again. */
@@ -35,10 +37,13 @@ static int trim(struct train_run *r, const char *path)
     while (out && getline(&line, &room, in) > 0) {
         json_t *value = json_loads(line, 0, NULL);
         const json_t *iteration = json_object_get(value, "iteration");
+        if (!iteration)
+            iteration = json_object_get(value, "filter");
         if (json_is_integer(iteration) && json_integer_value(iteration) <= done) {
             fputs(line, out);
             take_totals(&r->totals, value);
-            r->logged = (int) json_integer_value(iteration);
+            if (json_object_get(value, "train_seconds"))
+                r->logged = (int) json_integer_value(iteration);
         }
         json_decref(value);
     }
@@ -88,7 +93,24 @@ int train_log_step(struct train_run *r)
                   (json_int_t) t->max_gaussians, "max_instances", (json_int_t) t->max_instances, "train_seconds",
                   number_json(t->seconds), "cpu_seconds", number_json(t->cpu_seconds));
     r->cloned = r->split = r->pruned = 0;
+    if (r->config->train.defense.on) {
+        json_object_set_new(line, "anisotropy", number_json(s->defense.anisotropy));
+        json_object_set_new(line, "total_variation", number_json(s->defense.total_variation));
+        json_object_set_new(line, "filter_events", json_integer((json_int_t) t->filter_events));
+        json_object_set_new(line, "filter_removed", json_integer((json_int_t) t->filter_removed));
+    }
     return write_line(r, line);
+}
+
+int train_log_filter(struct train_run *r)
+{
+    const struct sg_defense_step *d = &r->step.defense;
+    return write_line(r, json_pack("{s:i,s:o,s:I,s:I,s:o,s:[o,o,o],s:I}", "filter", r->step.iteration, "rho",
+                                   number_json(d->rho), "scored", (json_int_t) d->scored, "removed",
+                                   (json_int_t) d->removed, "unseen_share",
+                                   number_json(d->scored ? (double) d->unseen / (double) d->scored : 0),
+                                   "log_score_percentiles", number_json(d->score[0]), number_json(d->score[1]),
+                                   number_json(d->score[2]), "gaussians", (json_int_t) r->step.gaussians));
 }
 
 int train_log_eval(struct train_run *r)

@@ -10,6 +10,7 @@
 struct train_totals {
     double seconds, cpu_seconds; /* of training alone, without evaluation and files */
     uint64_t max_gaussians, max_instances;
+    uint64_t filter_events, filter_removed; /* of the defense */
 };
 
 struct train_run {
@@ -31,6 +32,7 @@ struct train_run {
  * left. These three return an exit code after printing what is wrong. */
 int train_log_open(struct train_run *r);
 int train_log_step(struct train_run *r); /* once per iteration; does nothing the second time */
+int train_log_filter(struct train_run *r);
 int train_log_eval(struct train_run *r);
 
 int train_summary_write(struct train_run *r);

@@ -38,9 +38,11 @@ static json_t *stages(const sg_trainer *trainer)
     const struct {
         const char *name;
         double seconds;
-    } all[] = {{"project", t.project}, {"bin", t.bin},       {"raster", t.raster},
-               {"loss", t.loss},       {"update", t.update}, {"raster_backward", t.raster_backward},
-               {"densify", t.densify}};
+    } all[] = {{"project", t.project}, {"bin", t.bin},
+               {"raster", t.raster},   {"loss", t.loss},
+               {"update", t.update},   {"raster_backward", t.raster_backward},
+               {"densify", t.densify}, {"regularise", t.regularise},
+               {"count", t.count}};
     json_t *object = json_object();
     for (size_t i = 0; i < sizeof(all) / sizeof(all[0]); i++)
         json_object_set_new(object, all[i].name, number_json(all[i].seconds));
@@ -63,6 +65,9 @@ int train_summary_write(struct train_run *r)
     COUNT("max_gaussians", t->max_gaussians);
     COUNT("final_gaussians", sg_trainer_gaussians(r->trainer));
     COUNT("max_instances", t->max_instances);
+    if (r->config->train.defense.on)
+        PUT("defense", json_pack("{s:I,s:I}", "filter_events", (json_int_t) t->filter_events, "filter_removed",
+                                 (json_int_t) t->filter_removed));
     PUT("train_seconds", number_json(t->seconds));
     PUT("cpu_seconds", number_json(t->cpu_seconds));
     PUT("iterations_per_second", number_json(t->seconds > 0 ? done / t->seconds : 0));

@@ -49,7 +49,7 @@ static struct outcome run(sg_ctx *ctx, const char *backend, const char *cpu, con
     assert_int_equal(b->ops->update(b, &u), SG_OK);
     assert_int_equal(sg_model_create(ctx, m->count, m->sh_degree, &o.updated), SG_OK);
     assert_int_equal(b->ops->download(b, o.updated, NULL), SG_OK);
-    assert_int_equal(b->ops->read_statistics(b, o.mean_gradient, NULL, NULL, o.radius), SG_OK);
+    assert_int_equal(b->ops->read_statistics(b, &(struct sg_statistics){.gradient = o.mean_gradient, .radius = o.radius}), SG_OK);
     sg_backend_destroy(&b);
     free(target);
     free(mask);

@@ -49,6 +49,15 @@ struct sg_loss_value {
     double total;    /* (1 - lambda) l1 + lambda (1 - ssim) */
 };
 
+/* What decides about Gaussians: where to put `count` values of each; any may be NULL. */
+struct sg_statistics {
+    float *gradient;     /* mean view-space gradient since the last edit */
+    float *opacity;      /* activated */
+    float *largest;      /* of the three scales, activated */
+    float *log_smallest; /* of the three scales, its logarithm: as stored */
+    float *radius;       /* largest since the last edit, pixels */
+};
+
 enum sg_edit_kind { SG_EDIT_COPY, SG_EDIT_CHILD };
 
 /* A change of the set of Gaussians: survivors in their order, then the appended ones in theirs; from a few thousand on,
@@ -59,6 +68,7 @@ struct sg_edit {
     size_t appended;
     const uint32_t *source; /* appended entries: index before the edit */
     const uint8_t *kind;    /* enum sg_edit_kind */
+    bool statistics;        /* the survivors keep theirs, else all are cleared */
     uint64_t seed, stream;  /* of the children's positions: normal (seed, SG_RNG_SPLIT, stream, 3 entry + axis) */
 };
 
@@ -99,15 +109,14 @@ struct sg_backend_ops {
     /* Device to host: dL/d parameters of the last view, in a model-shaped object. For tests and sensitivities. */
     int (*read_gradients)(struct sg_backend *, struct sg_model *);
 
-    /* Device to host: hits over n views, one value per Gaussian. No colour is computed; the view that was being processed
-     * is lost. */
+    /* Device to host: hits over n views, one value per Gaussian. No colour is computed; the view that was being
+     * processed is lost. */
     int (*count_hits)(struct sg_backend *, const struct sg_camera *const *views, size_t n,
                       const struct sg_render_params *, enum sg_hit, double *hits);
 
-    /* Device to host for densification: mean view-space gradient, opacity (activated), largest scale (activated), max
-     * radius; any may be NULL, `count` values each. */
-    int (*read_statistics)(struct sg_backend *, float *gradient, float *opacity, float *scale, float *radius);
-    /* Applies the edit to parameters and moments (appended: zero) and clears the statistics. */
+    /* Device to host. */
+    int (*read_statistics)(struct sg_backend *, const struct sg_statistics *);
+    /* Applies the edit to parameters, moments (appended: zero) and statistics. */
     int (*edit)(struct sg_backend *, const struct sg_edit *);
     /* opacity = min(opacity, limit); zeroes the opacity moments. */
     int (*reset_opacity)(struct sg_backend *, float limit);

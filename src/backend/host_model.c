@@ -59,7 +59,7 @@ int sg_host_download(const struct sg_host_model *h, struct sg_model *m, struct s
 
 struct statistics_job {
     const struct sg_host_model *h;
-    float *gradient, *opacity, *scale, *radius;
+    struct sg_statistics out;
 };
 
 #define STATISTICS_CHUNK 4096
@@ -71,25 +71,24 @@ static void statistics_chunk(void *arg, size_t chunk, int thread)
     const struct sg_host_model *h = j->h;
     const size_t end = (chunk + 1) * STATISTICS_CHUNK < h->count ? (chunk + 1) * STATISTICS_CHUNK : h->count;
     for (size_t i = chunk * STATISTICS_CHUNK; i < end; i++) {
-        if (j->gradient)
-            j->gradient[i] = h->opt.grad_count[i] > 0 ? h->opt.grad_sum[i] / h->opt.grad_count[i] : 0;
-        if (j->opacity)
-            j->opacity[i] = 1 / (1 + expf(-h->params[sg_param_index(h->planes, i, SG_P_OPACITY)]));
-        if (j->scale) {
-            float s = h->params[sg_param_index(h->planes, i, SG_P_SCALE)];
-            for (int k = 1; k < 3; k++)
-                s = fmaxf(s, h->params[sg_param_index(h->planes, i, SG_P_SCALE + k)]);
-            j->scale[i] = expf(s);
-        }
-        if (j->radius)
-            j->radius[i] = h->opt.max_radius[i];
+        const float *p = h->params + sg_param_index(h->planes, i, SG_P_SCALE);
+        const float s[3] = {p[0], p[SG_LANES], p[2 * SG_LANES]};
+        if (j->out.gradient)
+            j->out.gradient[i] = h->opt.grad_count[i] > 0 ? h->opt.grad_sum[i] / h->opt.grad_count[i] : 0;
+        if (j->out.opacity)
+            j->out.opacity[i] = 1 / (1 + expf(-h->params[sg_param_index(h->planes, i, SG_P_OPACITY)]));
+        if (j->out.largest)
+            j->out.largest[i] = expf(fmaxf(fmaxf(s[0], s[1]), s[2]));
+        if (j->out.log_smallest)
+            j->out.log_smallest[i] = fminf(fminf(s[0], s[1]), s[2]);
+        if (j->out.radius)
+            j->out.radius[i] = h->opt.max_radius[i];
     }
 }
 
-void sg_host_statistics(sg_ctx *ctx, const struct sg_host_model *h, float *gradient, float *opacity, float *scale,
-                        float *radius)
+void sg_host_statistics(sg_ctx *ctx, const struct sg_host_model *h, const struct sg_statistics *out)
 {
-    struct statistics_job job = {h, gradient, opacity, scale, radius};
+    struct statistics_job job = {h, *out};
     sg_parallel_for(ctx, (h->count + STATISTICS_CHUNK - 1) / STATISTICS_CHUNK, statistics_chunk, &job);
 }
 
@@ -194,9 +193,16 @@ int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *e)
         n.opt.grad_count = sg_alloc(ctx, SG_MEM_OPTIMISER, n.capacity, sizeof(float));
         n.opt.max_radius = sg_alloc(ctx, SG_MEM_OPTIMISER, n.capacity, sizeof(float));
     }
+    const bool done = n.params && n.opt.m && n.opt.v && n.opt.grad_sum && n.opt.grad_count && n.opt.max_radius;
+    for (size_t i = 0; done && e->statistics && i < n.count; i++)
+        if (order[i] < e->kept) {
+            n.opt.grad_sum[i] = h->opt.grad_sum[source[order[i]]];
+            n.opt.grad_count[i] = h->opt.grad_count[source[order[i]]];
+            n.opt.max_radius[i] = h->opt.max_radius[source[order[i]]];
+        }
     sg_free(ctx, order);
     sg_free(ctx, source);
-    if (!n.params || !n.opt.m || !n.opt.v || !n.opt.grad_sum || !n.opt.grad_count || !n.opt.max_radius) {
+    if (!done) {
         sg_host_clear(ctx, &n); /* the model is as it was */
         return SG_ERR_BUDGET;
     }

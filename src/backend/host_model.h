@@ -15,8 +15,7 @@ struct sg_host_model {
 
 int sg_host_upload(sg_ctx *ctx, struct sg_host_model *h, const struct sg_model *m, const struct sg_optimiser *o);
 int sg_host_download(const struct sg_host_model *h, struct sg_model *m, struct sg_optimiser *o);
-void sg_host_statistics(sg_ctx *ctx, const struct sg_host_model *h, float *gradient, float *opacity, float *scale,
-                        float *radius);
+void sg_host_statistics(sg_ctx *ctx, const struct sg_host_model *h, const struct sg_statistics *out);
 int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *edit);
 void sg_host_reset_opacity(struct sg_host_model *h, float limit);
 int sg_host_keep_gradients(sg_ctx *ctx, struct sg_host_model *h); /* makes room in `kept`, zeroed */

@@ -35,7 +35,8 @@ int sg_densify(struct sg_backend *backend, const struct sg_densify_params *p, st
     if (!stats || !plan.keep || !plan.kind || !plan.source)
         goto done;
     float *gradient = stats, *opacity = stats + n, *scale = stats + 2 * n;
-    if ((code = backend->ops->read_statistics(backend, gradient, opacity, scale, NULL)))
+    if ((code = backend->ops->read_statistics(
+             backend, &(struct sg_statistics){.gradient = gradient, .opacity = opacity, .largest = scale})))
         goto done;
 
     /* Who grows. At the limit the remaining room goes to the first in the model's order. */

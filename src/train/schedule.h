@@ -20,6 +20,13 @@ static inline bool sg_resets_opacity(const struct sg_train_params *p, int it)
            (it % p->opacity_reset_interval == 0 || (p->white_background && it == p->densify_from_iter));
 }
 
+static inline bool sg_filters(const struct sg_train_params *p, int it)
+{
+    const struct sg_defense_params *d = &p->defense;
+    return d->on && d->rho != 0 && it > (d->from < 0 ? p->densify_from_iter : d->from) &&
+           it < (d->until < 0 ? p->densify_until_iter : d->until) && it % d->interval == 0;
+}
+
 /* Active at iteration it: raised at its start whenever it is divisible by the interval. start: of the initial model. */
 static inline int sg_active_degree(const struct sg_train_params *p, int start, int it)
 {

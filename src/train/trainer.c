@@ -6,16 +6,52 @@
 #include <string.h>
 #include <time.h>
 
+#include "defense/filter.h"
 #include "densify.h"
 #include "math/constants.h"
 #include "schedule.h"
 
+struct range {
+    const char *name;
+    double value, low, high;
+};
+
+static int check_ranges(sg_ctx *ctx, const struct range *r, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        if (!(r[i].value >= r[i].low && r[i].value <= r[i].high))
+            return sg_fail(ctx, SG_ERR_USAGE, "%s: found %g, expected %g to %g", r[i].name, r[i].value, r[i].low,
+                           r[i].high);
+    return SG_OK;
+}
+
+static int check_defense(sg_ctx *ctx, const struct sg_defense_params *d)
+{
+    const struct sg_spectrum_params *band = &d->spectrum.band;
+    const struct range ranges[] = {
+        {"rho", d->rho, -1, 0.5},
+        {"filter-frequency", d->frequency, 1e-9, 1e9},
+        {"filter-exponent", d->exponent, 0, 100},
+        {"filter-views", d->views, 1, 1e7},
+        {"filter-interval", d->interval, 1, 1e7},
+        {"filter-from", d->from, -1, 1e9},
+        {"filter-until", d->until, -1, 1e9},
+        {"lambda", d->lambda, 0, 1e6},
+        {"anisotropy-scale", d->anisotropy_scale, 0, 1e6},
+        {"tv-scale", d->tv_scale, 0, 1e6},
+        {"band-low", band->low, 0, 1},
+        {"band-high", band->high, band->low, 1},
+        {"bins", band->bins, 2, SG_SPECTRUM_BINS_MAX},
+    };
+    const int code = check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
+    if (!code && band->bins % 2)
+        return sg_fail(ctx, SG_ERR_USAGE, "bins: found %d, expected an even number", band->bins);
+    return code;
+}
+
 static int check_params(sg_ctx *ctx, const struct sg_train_params *p, const struct sg_scene *scene)
 {
-    const struct {
-        const char *name;
-        double value, low, high;
-    } ranges[] = {
+    const struct range ranges[] = {
         {"iterations", p->iterations, 1, 1e7},
         {"sh-degree", p->sh_degree, 0, 3},
         {"sh-interval", p->sh_interval, 1, 1e7},
@@ -36,10 +72,11 @@ static int check_params(sg_ctx *ctx, const struct sg_train_params *p, const stru
         {"init-points", (double) p->init_points, 4, 1e8},
         {"max-instances", (double) p->max_instances, 1, 4e9},
     };
-    for (size_t i = 0; i < sizeof(ranges) / sizeof(ranges[0]); i++)
-        if (!(ranges[i].value >= ranges[i].low && ranges[i].value <= ranges[i].high))
-            return sg_fail(ctx, SG_ERR_USAGE, "%s: found %g, expected %g to %g", ranges[i].name, ranges[i].value,
-                           ranges[i].low, ranges[i].high);
+    int code = check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
+    if (!code)
+        code = check_defense(ctx, &p->defense);
+    if (code)
+        return code;
     if (!scene->n_train)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found no training view, expected at least one", scene->path);
     return SG_OK;
@@ -180,6 +217,19 @@ static int densify(sg_trainer *t, int it, struct sg_train_step *step)
     return code;
 }
 
+static int regularise(sg_trainer *t, struct sg_defense_step *step)
+{
+    const struct sg_defense_params *d = &t->params.defense;
+    const struct sg_regulariser_params p = {.anisotropy = d->lambda * d->anisotropy_scale,
+                                            .total_variation = d->lambda * d->tv_scale,
+                                            .tv = d->tv,
+                                            .spectrum = d->spectrum};
+    struct sg_regulariser_value value;
+    const int code = t->backend->ops->regularise(t->backend, &p, &value);
+    step->anisotropy = value.anisotropy, step->total_variation = value.total_variation;
+    return code;
+}
+
 int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
 {
     sg_clear_error(t->ctx);
@@ -189,27 +239,28 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     struct sg_train_step step = {.iteration = it, .view = sg_trainer_pick_view(t, it)};
     const struct sg_view *view = &t->scene->train[step.view];
     struct sg_render_params render = {.max_instances = p->max_instances, .reference_tiles = p->reference_tiles};
-    const struct sg_loss_params loss = {
-        .lambda_dssim = p->lambda_dssim, .target = view->rgb, .mask = view->mask};
+    const struct sg_defense_params *d = &p->defense;
+    const struct sg_loss_params loss = {.lambda_dssim = p->lambda_dssim, .target = view->rgb, .mask = view->mask};
     struct sg_loss_value value;
     int code;
     background(t, it, render.background);
 
     if ((code = ops->project(t->backend, &view->camera, sg_active_degree(p, t->start_degree, it), &render)) ||
-        (code = ops->rasterize(t->backend, false, &step.render)) ||
-        (code = ops->loss(t->backend, &loss, &value)) ||
-        (code = ops->rasterize_backward(t->backend)))
+        (code = ops->rasterize(t->backend, false, &step.render)) || (code = ops->loss(t->backend, &loss, &value)) ||
+        (d->on && (code = regularise(t, &step.defense))) || (code = ops->rasterize_backward(t->backend)))
         return code;
 
     /* The released code rebuilds every tensor when it densifies and the opacity tensor when it resets: gradients are
      * lost and Adam stands still for them in that iteration. The last iteration takes no step either. */
-    const bool densifies = sg_densifies(p, it), resets = sg_resets_opacity(p, it);
+    const bool densifies = sg_densifies(p, it), filters = sg_filters(p, it), resets = sg_resets_opacity(p, it);
     struct sg_update update = {.statistics = it < p->densify_until_iter};
-    if (!densifies && it < p->iterations)
+    if (!densifies && !filters && it < p->iterations)
         prepare_adam(t, it, resets, &update);
     if ((code = ops->update(t->backend, &update)))
         return code;
     if (densifies && (code = densify(t, it, &step)))
+        return code;
+    if (filters && (code = sg_filter(t->backend, t->scene, d, &render, d->rho, p->seed, it, &step.defense)))
         return code;
     if (resets && (code = ops->reset_opacity(t->backend, SG_RESET_OPACITY)))
         return code;

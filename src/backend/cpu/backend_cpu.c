@@ -295,8 +295,8 @@ static int regularise(struct sg_backend *base, const struct sg_regulariser_param
 {
     struct cpu_backend *b = (struct cpu_backend *) base;
     double clock = seconds();
-    const int code = sg_regularise(base->ctx, &b->regulariser, p, b->rgb, b->camera.width, b->camera.height,
-                                   b->gradient, out);
+    const int code =
+        sg_regularise(base->ctx, &b->regulariser, p, b->rgb, b->camera.width, b->camera.height, b->gradient, out);
     lap(&clock, &base->times.regularise);
     return code;
 }
@@ -412,8 +412,8 @@ static int count_view(struct cpu_backend *b, enum sg_hit kind, struct hit_job *j
         if (sg_bins_band(ctx, &b->bins, band))
             return SG_ERR_BUDGET;
         const size_t instances = b->bins.tile_start[band_tiles(b, band)];
-        if (sg_grow(ctx, SG_MEM_INSTANCES, &b->slots, &b->cap_slots, (instances + CPU_SLOT_FLOATS - 1) / CPU_SLOT_FLOATS,
-                    0, CPU_SLOT_FLOATS * sizeof(float)))
+        if (sg_grow(ctx, SG_MEM_INSTANCES, &b->slots, &b->cap_slots,
+                    (instances + CPU_SLOT_FLOATS - 1) / CPU_SLOT_FLOATS, 0, CPU_SLOT_FLOATS * sizeof(float)))
             return SG_ERR_BUDGET;
         struct raster_job raster = {.kernel = b->kernels->raster_count, .args = raster_args(b, band)};
         raster.args.weigh = kind == SG_HIT_WEIGHT;
@@ -465,9 +465,9 @@ static int read_gradients(struct sg_backend *base, struct sg_model *out)
     return SG_OK;
 }
 
-static int read_statistics(struct sg_backend *base, float *gradient, float *opacity, float *scale, float *radius)
+static int read_statistics(struct sg_backend *base, const struct sg_statistics *out)
 {
-    sg_host_statistics(base->ctx, &((struct cpu_backend *) base)->model, gradient, opacity, scale, radius);
+    sg_host_statistics(base->ctx, &((struct cpu_backend *) base)->model, out);
     return SG_OK;
 }
 

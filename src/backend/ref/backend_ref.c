@@ -341,9 +341,9 @@ static int read_gradients(struct sg_backend *base, struct sg_model *out)
     return SG_OK;
 }
 
-static int read_statistics(struct sg_backend *base, float *gradient, float *opacity, float *scale, float *radius)
+static int read_statistics(struct sg_backend *base, const struct sg_statistics *out)
 {
-    sg_host_statistics(base->ctx, &((struct ref_backend *) base)->model, gradient, opacity, scale, radius);
+    sg_host_statistics(base->ctx, &((struct ref_backend *) base)->model, out);
     return SG_OK;
 }
 

@@ -1,0 +1,196 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "filter.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "core/rng.h"
+
+double sg_filter_log_weight(const struct sg_defense_params *p, float log_smallest)
+{
+    const double pi = 3.14159265358979323846, power = p->sigma == SG_SIGMA_EIGEN ? 4 : 2;
+    const double u = 2 * pi * pi * p->frequency * p->frequency * exp(power * (double) log_smallest);
+    return u > 0 ? p->exponent * log(-expm1(-u)) : -INFINITY;
+}
+
+/* The views to count in: all, or a sample without replacement that depends on seed and iteration only. */
+static size_t sample_views(const struct sg_scene *scene, const struct sg_defense_params *p, uint64_t seed, int it,
+                           const struct sg_camera **views)
+{
+    const size_t n = scene->n_train, wanted = (size_t) p->views;
+    for (size_t i = 0; i < n; i++)
+        views[i] = &scene->train[i].camera;
+    if (p->sample == SG_VIEWS_ALL || wanted >= n)
+        return n;
+    for (size_t i = 0; i < wanted; i++) {
+        const size_t j = i + (size_t) (sg_rng_u64(seed, SG_RNG_COUNTED, (uint64_t) it, i) % (n - i));
+        const struct sg_camera *swap = views[i];
+        views[i] = views[j], views[j] = swap;
+    }
+    return wanted;
+}
+
+struct score_job {
+    const struct sg_defense_params *p;
+    struct sg_scores *s;
+};
+
+#define CHUNK 4096
+
+static void score_chunk(void *arg, size_t chunk, int thread)
+{
+    (void) thread;
+    const struct score_job *j = arg;
+    const size_t end = (chunk + 1) * CHUNK < j->s->count ? (chunk + 1) * CHUNK : j->s->count;
+    for (size_t i = chunk * CHUNK; i < end; i++) {
+        const double hits = j->s->score[i];
+        j->s->score[i] = hits > 0 ? sg_filter_log_weight(j->p, j->s->log_smallest[i]) + log(hits) : -INFINITY;
+    }
+}
+
+int sg_score(struct sg_backend *backend, const struct sg_scene *scene, const struct sg_defense_params *p,
+             const struct sg_render_params *render, uint64_t seed, int it, struct sg_scores *out)
+{
+    sg_ctx *ctx = backend->ctx;
+    const size_t n = backend->ops->count(backend);
+    *out = (struct sg_scores){.count = n};
+    const struct sg_camera **views = sg_alloc_raw(ctx, SG_MEM_MISC, scene->n_train, sizeof(*views));
+    out->score = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*out->score));
+    out->log_smallest = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*out->log_smallest));
+    out->keys = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*out->keys));
+    int code = views && out->score && out->log_smallest && out->keys ? SG_OK : SG_ERR_BUDGET;
+    if (!code)
+        code = backend->ops->count_hits(backend, views, sample_views(scene, p, seed, it, views), render, p->hit,
+                                        out->score);
+    if (!code)
+        code = backend->ops->read_statistics(backend, &(struct sg_statistics){.log_smallest = out->log_smallest});
+    sg_free(ctx, views);
+    if (code) {
+        sg_scores_clear(ctx, out);
+        return code;
+    }
+    for (size_t i = 0; i < n; i++)
+        out->unseen += !(out->score[i] > 0);
+    sg_parallel_for(ctx, (n + CHUNK - 1) / CHUNK, score_chunk, &(struct score_job){p, out});
+    return SG_OK;
+}
+
+void sg_scores_clear(sg_ctx *ctx, struct sg_scores *s)
+{
+    sg_free(ctx, s->score);
+    sg_free(ctx, s->log_smallest);
+    sg_free(ctx, s->keys);
+    *s = (struct sg_scores){0};
+}
+
+/* An integer that orders as the number does. */
+static uint64_t key_of(double v)
+{
+    uint64_t bits;
+    v += 0.0; /* one zero */
+    memcpy(&bits, &v, sizeof(bits));
+    return bits >> 63 ? ~bits : bits | UINT64_C(1) << 63;
+}
+
+static double of_key(uint64_t key)
+{
+    const uint64_t bits = key >> 63 ? key & ~(UINT64_C(1) << 63) : ~key;
+    double v;
+    memcpy(&v, &bits, sizeof(v));
+    return v;
+}
+
+/* The key at rank k: sixteen bits at a time, from the highest. */
+static uint64_t select_key(const uint64_t *keys, size_t n, size_t k)
+{
+    size_t count[1 << 16];
+    uint64_t found = 0;
+    for (int shift = 48; shift >= 0; shift -= 16) {
+        const uint64_t above = shift == 48 ? 0 : ~UINT64_C(0) << (shift + 16);
+        memset(count, 0, sizeof(count));
+        for (size_t i = 0; i < n; i++)
+            if ((keys[i] & above) == found)
+                count[keys[i] >> shift & 0xffff]++;
+        size_t digit = 0;
+        while (k >= count[digit])
+            k -= count[digit++];
+        found |= (uint64_t) digit << shift;
+    }
+    return found;
+}
+
+double sg_scores_rank(const struct sg_scores *s, size_t k)
+{
+    for (size_t i = 0; i < s->count; i++)
+        s->keys[i] = key_of(s->score[i]);
+    return of_key(select_key(s->keys, s->count, k));
+}
+
+void sg_scores_remove(const struct sg_scores *s, size_t k, uint8_t *keep)
+{
+    if (!k)
+        return;
+    /* First by score: all below the last one to go, and of its equals as many as are left. */
+    size_t n = 0;
+    for (size_t i = 0; i < s->count; i++)
+        if (keep[i])
+            s->keys[n++] = key_of(s->score[i]);
+    const double last = of_key(select_key(s->keys, n, k - 1));
+    n = 0;
+    for (size_t i = 0; i < s->count; i++) {
+        if (!keep[i])
+            continue;
+        if (s->score[i] < last)
+            keep[i] = 0, k--;
+        else if (s->score[i] == last)
+            s->keys[n++] = key_of((double) s->log_smallest[i]);
+    }
+    /* Then the equals, by thickness and index. */
+    const uint64_t thickness = select_key(s->keys, n, k - 1);
+    for (size_t i = 0; i < s->count; i++)
+        if (keep[i] && s->score[i] == last && key_of((double) s->log_smallest[i]) < thickness)
+            keep[i] = 0, k--;
+    for (size_t i = 0; i < s->count && k; i++)
+        if (keep[i] && s->score[i] == last && key_of((double) s->log_smallest[i]) == thickness)
+            keep[i] = 0, k--;
+}
+
+int sg_filter(struct sg_backend *backend, const struct sg_scene *scene, const struct sg_defense_params *p,
+              const struct sg_render_params *render, double rho, uint64_t seed, int it, struct sg_defense_step *out)
+{
+    sg_ctx *ctx = backend->ctx;
+    struct sg_scores s;
+    int code = sg_score(backend, scene, p, render, seed, it, &s);
+    if (code)
+        return code;
+    const size_t n = s.count, seen = n - s.unseen;
+    uint8_t *keep = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, 1);
+    code = keep ? SG_OK : SG_ERR_BUDGET;
+    if (!code) {
+        memset(keep, 1, n);
+        size_t lowest = (size_t) (rho * (double) n);
+        if (p->rule == SG_PRUNE_THRESHOLD && rho > 0) {
+            const double limit = sg_scores_rank(&s, (size_t) (rho * (double) (n - 1)));
+            lowest = 0;
+            for (size_t i = 0; i < n; i++)
+                lowest += s.score[i] <= limit;
+        }
+        lowest = lowest < n ? lowest : n - 1; /* a model has at least one */
+        sg_scores_remove(&s, lowest, keep);
+        *out = (struct sg_defense_step){.anisotropy = out->anisotropy,
+                                        .total_variation = out->total_variation,
+                                        .filtered = true,
+                                        .rho = rho,
+                                        .scored = n,
+                                        .removed = lowest,
+                                        .unseen = s.unseen};
+        for (int k = 0; k < 3 && seen; k++)
+            out->score[k] =
+                sg_scores_rank(&s, s.unseen + (size_t) ((double) (seen - 1) * (double[]){0.1, 0.5, 0.9}[k]));
+        if (lowest)
+            code = backend->ops->edit(backend, &(struct sg_edit){.keep = keep, .kept = n - lowest, .statistics = true});
+    }
+    sg_free(ctx, keep);
+    sg_scores_clear(ctx, &s);
+    return code;
+}

@@ -1,0 +1,230 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The frequency filter: scores, ranks, and what training makes of them. */
+#include <unistd.h>
+
+#include "core/rng.h"
+#include "defense/filter.h"
+#include "train/schedule.h"
+#include "training.h"
+
+static void test_weight(void **state)
+{
+    (void) state;
+    struct sg_defense_params p = {SG_DEFENSE_DEFAULTS};
+    /* S = 1/2 at s = 0.0234 for t = 8 */
+    const double half = log(sqrt(log(2) / (2 * M_PI * M_PI * 64)));
+    assert_float_equal(exp(half), 0.0234, 1e-4);
+    assert_float_equal(sg_filter_log_weight(&p, (float) half), 2 * log(0.5), 1e-5);
+    /* Small scales: (2 pi^2 t^2 s^2)^alpha, where 1 - exp would be 0 in float, and far below. */
+    const double small[] = {1e-6, 2e-6, 1e-12, 1e-30};
+    for (int i = 0; i < 4; i++)
+        assert_float_equal(sg_filter_log_weight(&p, (float) log(small[i])),
+                           2 * log(2 * M_PI * M_PI * 64 * small[i] * small[i]), 1e-4);
+    p.sigma = SG_SIGMA_EIGEN;
+    assert_float_equal(sg_filter_log_weight(&p, (float) log(1e-6)), 2 * log(2 * M_PI * M_PI * 64 * 1e-24), 1e-4);
+    p.sigma = SG_SIGMA_STD;
+    assert_float_equal(sg_filter_log_weight(&p, 20), 0, 1e-12); /* no frequency at all */
+    assert_true(sg_filter_log_weight(&p, -INFINITY) == -INFINITY);
+    assert_true(sg_filter_log_weight(&p, -1e30f) == -INFINITY);
+    assert_true(sg_filter_log_weight(&p, NAN) == -INFINITY);
+    assert_float_equal(sg_filter_log_weight(&p, INFINITY), 0, 0);
+}
+
+struct ranked {
+    double score;
+    float thickness;
+    size_t index;
+};
+
+static int by_rank(const void *a, const void *b)
+{
+    const struct ranked *x = a, *y = b;
+    if (x->score != y->score)
+        return x->score < y->score ? -1 : 1;
+    if (x->thickness != y->thickness)
+        return x->thickness < y->thickness ? -1 : 1;
+    return x->index < y->index ? -1 : 1;
+}
+
+/* Against a sort, with many equals at every level. */
+static void test_ranks(void **state)
+{
+    (void) state;
+    enum { N = 3000 };
+    double score[N];
+    float thickness[N];
+    uint64_t keys[N];
+    uint8_t keep[N];
+    struct ranked sorted[N];
+    const struct sg_scores s = {N, 0, score, thickness, keys};
+    for (int kind = 0; kind < 4; kind++) {
+        size_t kept = 0, rank = 0;
+        for (size_t i = 0; i < N; i++) {
+            const float v = draw((uint64_t) kind, i, -30, 5);
+            score[i] = kind == 0 ? (double) v : i % 3 == 0 ? -INFINITY : (double) roundf(v / 10);
+            thickness[i] = kind == 2 ? 1 : roundf(draw(9, i, -5, 5));
+            keep[i] = kind != 3 || i % 4 != 1;
+            if (keep[i])
+                sorted[kept++] = (struct ranked){score[i], thickness[i], i};
+        }
+        qsort(sorted, kept, sizeof(sorted[0]), by_rank);
+        for (size_t k = 0; k < N && kind != 3; k += 97)
+            assert_true(sg_scores_rank(&s, k) == sorted[k].score);
+        for (size_t step = 1; rank + step < kept; rank += step, step = step * 3 + 1) {
+            sg_scores_remove(&s, step, keep); /* a little more each time */
+            for (size_t k = 0; k < kept; k++)
+                assert_int_equal(keep[sorted[k].index], k >= rank + step);
+        }
+        sg_scores_remove(&s, kept - rank, keep);
+        for (size_t k = 0; k < N; k++)
+            assert_int_equal(keep[k], 0);
+    }
+}
+
+/* Six Gaussians in a row before a camera: who goes, and why. */
+static void test_filter(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m, *after;
+    struct sg_backend *b;
+    const struct sg_render_params render = {SG_RENDER_DEFAULTS};
+    struct sg_view view = {.camera = make_camera(96, 96, 4)};
+    const struct sg_scene scene = {.train = &view, .n_train = 1};
+    struct sg_defense_params p = {SG_DEFENSE_DEFAULTS, .on = true};
+    assert_int_equal(sg_model_create(ctx, 6, 0, &m), SG_OK);
+    for (size_t i = 0; i < 6; i++) { /* the same disc, ever thicker; 3 is behind the camera */
+        *sg_model_at(m, i, SG_P_XYZ) = (float) i * 0.5f - 1.25f;
+        *sg_model_at(m, i, SG_P_XYZ + 2) = i == 3 ? -50 : 0;
+        for (int k = 0; k < 3; k++)
+            *sg_model_at(m, i, SG_P_SCALE + k) = k == 2 ? logf(1e-6f * (float) (i + 1)) : logf(0.06f);
+        *sg_model_at(m, i, SG_P_ROT) = 1;
+        *sg_model_at(m, i, SG_P_OPACITY) = 2;
+    }
+    const struct {
+        double rho;
+        enum sg_prune_rule rule;
+        size_t removed;
+        float first; /* x of the thinnest left */
+    } cases[] = {
+        {0.1, SG_PRUNE_EXACT, 0, -1.25f},      {0.17, SG_PRUNE_EXACT, 1, -1.25f},     {0.34, SG_PRUNE_EXACT, 2, -0.75f},
+        {0.17, SG_PRUNE_THRESHOLD, 1, -1.25f}, {0.41, SG_PRUNE_THRESHOLD, 3, -0.25f},
+    };
+    for (size_t c = 0; c < sizeof(cases) / sizeof(cases[0]); c++) {
+        struct sg_defense_step step = {.anisotropy = 3};
+        p.rule = cases[c].rule;
+        assert_int_equal(sg_backend_create(ctx, "cpu", NULL, &b), SG_OK);
+        assert_int_equal(b->ops->upload(b, m, NULL), SG_OK);
+        assert_int_equal(sg_filter(b, &scene, &p, &render, cases[c].rho, 42, 600, &step), SG_OK);
+        assert_true(step.filtered && step.scored == 6 && step.unseen == 1 && step.anisotropy == 3);
+        assert_int_equal(step.removed, cases[c].removed);
+        assert_int_equal(b->ops->count(b), 6 - cases[c].removed);
+        assert_true(step.score[0] < step.score[1] && step.score[1] < step.score[2]);
+        assert_int_equal(sg_model_create(ctx, 6 - cases[c].removed, 0, &after), SG_OK);
+        assert_int_equal(b->ops->download(b, after, NULL), SG_OK);
+        assert_float_equal(*sg_model_at(after, 0, 0), cases[c].first, 0);
+        for (size_t i = 0; i < after->count && cases[c].removed; i++) /* what nobody saw went first */
+            assert_true(*sg_model_at(after, i, SG_P_XYZ + 2) > -1);
+        sg_model_destroy(ctx, &after);
+        sg_backend_destroy(&b);
+    }
+    sg_model_destroy(ctx, &m);
+    sg_ctx_destroy(&ctx);
+}
+
+static struct sg_train_params defended(void)
+{
+    struct sg_train_params p = short_params();
+    p.defense.on = true, p.defense.rho = 0.07, p.defense.interval = 5, p.defense.views = 3;
+    return p;
+}
+
+/* Counts at every event, the window, and statistics that outlive an event of their own. */
+static void test_events(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(2);
+    struct sg_train_params p = defended();
+    for (int interval = 5; interval <= 7; interval++) {
+        sg_trainer *t;
+        int events = 0;
+        p.defense.interval = interval, p.defense.from = interval == 6 ? 12 : -1,
+        p.defense.until = interval == 6 ? 30 : -1;
+        f.scene.train = f.views;
+        assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_OK);
+        for (int it = 1; it <= 40; it++) {
+            struct sg_train_step s;
+            const size_t before = sg_trainer_gaussians(t);
+            assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+            assert_true(s.defense.anisotropy > 0 && s.defense.total_variation > 0);
+            const bool due = it % interval == 0 && it > (interval == 6 ? 12 : 5) && it < (interval == 6 ? 30 : 35);
+            assert_int_equal(s.defense.filtered, due);
+            assert_int_equal(s.defense.scored, due ? before + s.cloned + s.split - s.pruned : 0);
+            assert_int_equal(s.defense.removed, (size_t) (0.07 * (double) s.defense.scored));
+            assert_int_equal(s.gaussians, before + s.cloned + s.split - s.pruned - s.defense.removed);
+            events += due;
+        }
+        assert_true(events >= 2);
+        sg_trainer_destroy(&t);
+    }
+    clear_fixture(&f);
+}
+
+static void test_same_bytes(void **state)
+{
+    (void) state;
+    const struct sg_train_params p = defended();
+    char path[] = "/tmp/sg_checkpoint_XXXXXX";
+    close(mkstemp(path));
+    struct fixture one = make_fixture(1), three = make_fixture(3);
+    struct sg_model *a = train(&one, &p, 40, path, NULL, NULL);
+    struct sg_model *b = train(&three, &p, 40, NULL, NULL, NULL);
+    struct sg_model *c = train(&three, &p, 40, NULL, path, NULL);
+    assert_same(a, b);
+    assert_same(a, c);
+    sg_model_destroy(one.ctx, &a);
+    sg_model_destroy(three.ctx, &b);
+    sg_model_destroy(three.ctx, &c);
+    unlink(path);
+    clear_fixture(&one);
+    clear_fixture(&three);
+}
+
+static void test_refusals(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(1);
+    const struct sg_train_params good = defended();
+    static const struct {
+        const char *name;
+        double value;
+    } cases[] = {{"rho", 1}, {"filter-views", 0}, {"band-high", 0.1}, {"bins", 255}, {"bins", 7}, {"lambda", -1}};
+    f.scene.train = f.views;
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
+        struct sg_train_params p = good;
+        sg_trainer *t;
+        const char *name = cases[i].name;
+        if (!strcmp(name, "rho"))
+            p.defense.rho = cases[i].value;
+        else if (!strcmp(name, "filter-views"))
+            p.defense.views = (int) cases[i].value;
+        else if (!strcmp(name, "band-high"))
+            p.defense.spectrum.band.high = cases[i].value;
+        else if (!strcmp(name, "bins"))
+            p.defense.spectrum.band.bins = (int) cases[i].value;
+        else
+            p.defense.lambda = cases[i].value;
+        assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_ERR_USAGE);
+        assert_non_null(strstr(sg_last_error(f.ctx), name));
+        assert_non_null(strstr(sg_last_error(f.ctx), "expected"));
+    }
+    clear_fixture(&f);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_weight),     cmocka_unit_test(test_ranks),
+                                       cmocka_unit_test(test_filter),     cmocka_unit_test(test_events),
+                                       cmocka_unit_test(test_same_bytes), cmocka_unit_test(test_refusals)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

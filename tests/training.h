@@ -1,0 +1,100 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A tiny scene to train on, for the tests of training. */
+#ifndef TESTS_TRAINING_H
+#define TESTS_TRAINING_H
+
+#include "models.h"
+
+#define SIDE 48
+#define VIEWS 6
+
+/* Photos of a known model, rendered by the oracle; the trainer starts from its shaken copy. */
+struct fixture {
+    sg_ctx *ctx;
+    struct sg_scene scene;
+    struct sg_view views[VIEWS];
+    struct sg_model *truth, *start;
+};
+
+static inline struct fixture make_fixture(int threads)
+{
+    struct fixture f = {.ctx = make_context(threads)};
+    f.truth = make_model(f.ctx, 120, 1, 21);
+    sg_renderer *r;
+    assert_int_equal(sg_renderer_create(f.ctx, "ref", NULL, f.truth, NULL, &r), SG_OK);
+    float *rgb = malloc(3 * SIDE * SIDE * sizeof(float));
+    for (int i = 0; i < VIEWS; i++) {
+        struct sg_view *v = &f.views[i];
+        v->name = (char *) "view";
+        v->camera = make_camera(SIDE, SIDE, 2.6 + 0.2 * i);
+        v->camera.t[0] += 0.15 * (i - 2);
+        v->rgb = malloc(3 * SIDE * SIDE);
+        assert_int_equal(sg_render(r, &v->camera, rgb, NULL, NULL, NULL), SG_OK);
+        sg_quantise(rgb, SIDE, SIDE, v->rgb);
+    }
+    free(rgb);
+    sg_renderer_destroy(&r);
+    f.scene = (struct sg_scene){.path = (char *) "fixture", .train = NULL, .n_train = VIEWS, .extent = 2};
+    assert_int_equal(sg_model_create(f.ctx, f.truth->count, 1, &f.start), SG_OK);
+    f.start->active_sh_degree = 0;
+    memcpy(f.start->params, f.truth->params, f.truth->capacity * (size_t) sg_param_count(1) * sizeof(float));
+    for (size_t i = 0; i < f.start->count; i++)
+        for (int p = 0; p < SG_P_SH + 3; p++)
+            *sg_model_at(f.start, i, p) += draw(4, i * 64 + (size_t) p, -0.15f, 0.15f);
+    return f;
+}
+
+static inline void clear_fixture(struct fixture *f)
+{
+    for (int i = 0; i < VIEWS; i++)
+        free(f->views[i].rgb);
+    sg_model_destroy(f->ctx, &f->truth);
+    sg_model_destroy(f->ctx, &f->start);
+    sg_ctx_destroy(&f->ctx);
+}
+
+/* Densifies from iteration 10 on, resets at 20, ends at 40. */
+static inline struct sg_train_params short_params(void)
+{
+    return (struct sg_train_params){SG_TRAIN_DEFAULTS,
+                                    .iterations = 40,
+                                    .sh_interval = 8,
+                                    .densify_from_iter = 5,
+                                    .densification_interval = 5,
+                                    .densify_until_iter = 35,
+                                    .opacity_reset_interval = 20,
+                                    .densify_grad_threshold = 0.0001f};
+}
+
+static inline struct sg_model *train(struct fixture *f, const struct sg_train_params *p, int iterations,
+                                     const char *save_at_20, const char *load, double *losses)
+{
+    sg_trainer *t;
+    struct sg_model *m;
+    f->scene.train = f->views;
+    assert_int_equal(sg_trainer_create(f->ctx, &f->scene, f->start, p, &t), SG_OK);
+    if (load)
+        assert_int_equal(sg_trainer_load(t, load), SG_OK);
+    while (sg_trainer_iteration(t) < iterations) {
+        struct sg_train_step s;
+        assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+        assert_int_equal(s.gaussians, sg_trainer_gaussians(t));
+        if (losses)
+            losses[s.iteration - 1] = s.loss;
+        if (save_at_20 && s.iteration == 20)
+            assert_int_equal(sg_trainer_save(t, save_at_20), SG_OK);
+    }
+    assert_int_equal(sg_trainer_model(t, &m), SG_OK);
+    sg_trainer_destroy(&t);
+    return m;
+}
+
+static inline void assert_same(const struct sg_model *a, const struct sg_model *b)
+{
+    assert_int_equal(a->count, b->count);
+    for (size_t i = 0; i < a->count; i++)
+        for (int p = 0; p < sg_param_count(a->sh_degree); p++)
+            assert_memory_equal(sg_model_at(a, i, p), sg_model_at(b, i, p), sizeof(float));
+}
+
+#endif
