@@ -25,7 +25,7 @@ int sg_host_upload(sg_ctx *ctx, struct sg_host_model *h, const struct sg_model *
                               .sh_degree = m->sh_degree,
                               .planes = sg_param_count(m->sh_degree)};
     n.params = sg_alloc(ctx, SG_MEM_MODEL, n.capacity, (size_t) n.planes * sizeof(float));
-    if (!n.params || sg_optimiser_create(ctx, m->count, m->sh_degree, &n.opt)) {
+    if (!n.params || (o && sg_optimiser_create(ctx, m->count, m->sh_degree, &n.opt))) {
         sg_free(ctx, n.params);
         return SG_ERR_BUDGET;
     }
@@ -43,11 +43,22 @@ int sg_host_upload(sg_ctx *ctx, struct sg_host_model *h, const struct sg_model *
     return SG_OK;
 }
 
+int sg_host_learn(sg_ctx *ctx, struct sg_host_model *h)
+{
+    return h->opt.m ? SG_OK : sg_optimiser_create(ctx, h->count, h->sh_degree, &h->opt);
+}
+
 int sg_host_download(const struct sg_host_model *h, struct sg_model *m, struct sg_optimiser *o)
 {
     const size_t bytes = blocks(h->count) * block_bytes(h);
     memcpy(m->params, h->params, bytes);
-    if (o) {
+    if (o && !h->opt.m) {
+        memset(o->m, 0, bytes);
+        memset(o->v, 0, bytes);
+        memset(o->grad_sum, 0, h->count * sizeof(float));
+        memset(o->grad_count, 0, h->count * sizeof(float));
+        memset(o->max_radius, 0, h->count * sizeof(float));
+    } else if (o) {
         memcpy(o->m, h->opt.m, bytes);
         memcpy(o->v, h->opt.v, bytes);
         memcpy(o->grad_sum, h->opt.grad_sum, h->count * sizeof(float));
@@ -74,7 +85,7 @@ static void statistics_chunk(void *arg, size_t chunk, int thread)
         const float *p = h->params + sg_param_index(h->planes, i, SG_P_SCALE);
         const float s[3] = {p[0], p[SG_LANES], p[2 * SG_LANES]};
         if (j->out.gradient)
-            j->out.gradient[i] = h->opt.grad_count[i] > 0 ? h->opt.grad_sum[i] / h->opt.grad_count[i] : 0;
+            j->out.gradient[i] = h->opt.m && h->opt.grad_count[i] > 0 ? h->opt.grad_sum[i] / h->opt.grad_count[i] : 0;
         if (j->out.opacity)
             j->out.opacity[i] = 1 / (1 + expf(-h->params[sg_param_index(h->planes, i, SG_P_OPACITY)]));
         if (j->out.largest)
@@ -82,7 +93,7 @@ static void statistics_chunk(void *arg, size_t chunk, int thread)
         if (j->out.log_smallest)
             j->out.log_smallest[i] = fminf(fminf(s[0], s[1]), s[2]);
         if (j->out.radius)
-            j->out.radius[i] = h->opt.max_radius[i];
+            j->out.radius[i] = h->opt.m ? h->opt.max_radius[i] : 0;
     }
 }
 
@@ -185,16 +196,20 @@ int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *e)
         order[i] = (uint32_t) i;
     if (!code && n.count >= ORDER_FROM)
         code = sg_morton_order(ctx, h->params, h->planes, h->count, source, n.count, order);
+    bool done = false;
     if (!code) {
         n.params = edited(ctx, SG_MEM_MODEL, h, h->params, n.capacity, e, source, order);
+        done = n.params;
+    }
+    if (done && h->opt.m) {
         n.opt.m = edited(ctx, SG_MEM_OPTIMISER, h, h->opt.m, n.capacity, e, source, order);
         n.opt.v = edited(ctx, SG_MEM_OPTIMISER, h, h->opt.v, n.capacity, e, source, order);
         n.opt.grad_sum = sg_alloc(ctx, SG_MEM_OPTIMISER, n.capacity, sizeof(float));
         n.opt.grad_count = sg_alloc(ctx, SG_MEM_OPTIMISER, n.capacity, sizeof(float));
         n.opt.max_radius = sg_alloc(ctx, SG_MEM_OPTIMISER, n.capacity, sizeof(float));
+        done = n.opt.m && n.opt.v && n.opt.grad_sum && n.opt.grad_count && n.opt.max_radius;
     }
-    const bool done = n.params && n.opt.m && n.opt.v && n.opt.grad_sum && n.opt.grad_count && n.opt.max_radius;
-    for (size_t i = 0; done && e->statistics && i < n.count; i++)
+    for (size_t i = 0; done && h->opt.m && e->statistics && i < n.count; i++)
         if (order[i] < e->kept) {
             n.opt.grad_sum[i] = h->opt.grad_sum[source[order[i]]];
             n.opt.grad_count[i] = h->opt.grad_count[source[order[i]]];
@@ -217,7 +232,8 @@ void sg_host_reset_opacity(struct sg_host_model *h, float limit)
     for (size_t i = 0; i < h->count; i++) {
         const size_t at = sg_param_index(h->planes, i, SG_P_OPACITY);
         h->params[at] = fminf(h->params[at], logit);
-        h->opt.m[at] = h->opt.v[at] = 0;
+        if (h->opt.m)
+            h->opt.m[at] = h->opt.v[at] = 0;
     }
 }
 

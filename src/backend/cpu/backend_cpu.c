@@ -449,7 +449,8 @@ static int count_hits(struct sg_backend *base, const struct sg_camera *const *vi
 static int update(struct sg_backend *base, const struct sg_update *u)
 {
     double clock = seconds();
-    if (u->accumulate && sg_host_keep_gradients(base->ctx, &((struct cpu_backend *) base)->model))
+    struct sg_host_model *h = &((struct cpu_backend *) base)->model;
+    if (sg_host_learn(base->ctx, h) || (u->accumulate && sg_host_keep_gradients(base->ctx, h)))
         return SG_ERR_BUDGET;
     if (u->adam || u->statistics || u->accumulate)
         run_update((struct cpu_backend *) base, u, NULL);

@@ -298,7 +298,7 @@ static int update(struct sg_backend *base, const struct sg_update *u)
 {
     struct ref_backend *b = (struct ref_backend *) base;
     struct sg_host_model *h = &b->model;
-    if (u->accumulate && sg_host_keep_gradients(base->ctx, h))
+    if (sg_host_learn(base->ctx, h) || (u->accumulate && sg_host_keep_gradients(base->ctx, h)))
         return SG_ERR_BUDGET;
     for (size_t i = 0; i < h->count; i++) {
         const struct ref_splat *s = &b->splats[i];
