@@ -31,8 +31,6 @@ static const struct option train_options[] = {
      true},
     {"eval", 0, OPT_FLAG, T(eval), 0, 0, NULL, NULL, "Hold the test views out and measure PSNR and SSIM on them.",
      false},
-    {"max-memory", 0, OPT_BYTES, T(max_memory), 0, 9e15, NULL, "BYTES",
-     "Refuse to allocate more, e.g. 1500M; 0 = no limit.", true},
     {"resume", 0, OPT_FLAG, T(resume), 0, 0, NULL, NULL,
      "Continue RUN from its checkpoint with its own options: same bytes as an uninterrupted run.", true},
     {"force", 0, OPT_FLAG, T(force), 0, 0, NULL, NULL, "Replace an earlier run in the folder.", true},
@@ -71,7 +69,18 @@ static const struct option train_options[] = {
     RATE("densify-grad-threshold", densify_grad_threshold, "Mean view-space gradient that makes a Gaussian grow."),
     INTEGER("opacity-reset-interval", train.opacity_reset_interval, 1, 1000000000,
             "Iterations between opacity resets."),
-    {"max-gaussians", 0, OPT_U64, T(train.max_gaussians), 0, 4e9, NULL, "N", "Growth stops there; 0 = no limit.",
+    {"Budgets", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
+    {"max-gaussians", 0, OPT_U64, T(train.max_gaussians), 0, 4e9, NULL, "N",
+     "Most Gaussians; from there on new ones take the place of those that the defense's filter scores lowest. 0 = no "
+     "limit.",
+     false},
+    {"max-memory", 0, OPT_BYTES, T(max_memory), 0, 9e15, NULL, "BYTES",
+     "Most memory of the whole process, e.g. 1500M or 4G: limits Gaussians and tile lists to what fits. 0 = no limit.",
+     true},
+    {"max-time", 0, OPT_TIME, T(max_time), 0, 1e9, NULL, "TIME",
+     "Most time until the model is trained, e.g. 90s, 10m or 2h: iterations are skipped so that the schedule still "
+     "ends. "
+     "0 = no limit.",
      false},
     {"Defense", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
     {"defense", 0, OPT_CHOICE, T(defense), 0, 0, "off|spectral", "NAME",
@@ -173,9 +182,10 @@ static int save(struct train_run *r)
     return code ? code : run_save_checkpoint(r->ctx, r->config->output, r->trainer);
 }
 
-static bool due(int iteration, int every)
+/* Where time is short, a step goes over several iterations. */
+static bool due(const struct train_run *r, int every)
 {
-    return every && iteration % every == 0;
+    return every && r->step.iteration / every > r->before / every;
 }
 
 /* Everything that is due after an iteration; the end has its own. */
@@ -195,11 +205,11 @@ static int after_step(struct train_run *r)
         r->totals.filter_events++, r->totals.filter_removed += s->defense.removed;
         code = train_log_filter(r);
     }
-    if (!code && (due(s->iteration, c->log_every) || last || s->iteration == 1))
+    if (!code && (due(r, c->log_every) || last || s->iteration == 1))
         code = train_log_step(r);
-    if (!code && c->eval && due(s->iteration, c->eval_every) && !last)
+    if (!code && c->eval && due(r, c->eval_every) && !last)
         code = measure(r, 0);
-    if (!code && due(s->iteration, c->save_every) && !last)
+    if (!code && due(r, c->save_every) && !last)
         code = save(r);
     return code;
 }
@@ -209,6 +219,7 @@ static int loop(struct train_run *r)
     int code = 0;
     while (!code && sg_trainer_iteration(r->trainer) < r->config->train.iterations && !interrupted()) {
         const double start = monotonic_seconds(), cpu = cpu_now();
+        r->before = sg_trainer_iteration(r->trainer);
         const int error = sg_trainer_step(r->trainer, &r->step);
         r->totals.seconds += monotonic_seconds() - start;
         r->totals.cpu_seconds += cpu_now() - cpu;
@@ -217,9 +228,13 @@ static int loop(struct train_run *r)
             progress_break(&r->progress);
             code = report(r->ctx, error);
             const int done = sg_trainer_iteration(r->trainer);
-            if (done > 0 && !run_save_model(r->ctx, r->config->output, r->trainer))
+            if (done > 0 && !run_save_model(r->ctx, r->config->output, r->trainer)) {
                 fprintf(stderr, "the model of iteration %d is saved in %s\n", done, r->config->output);
-            train_summary_write(r);
+                code = error == SG_ERR_BUDGET ? 0 : code; /* a smaller model than asked for, but a model */
+            }
+            r->cut = true;
+            if (train_summary_write(r) && !code)
+                code = 2;
             return code;
         }
         code = after_step(r);
@@ -269,6 +284,11 @@ static int start(struct train_run *r, const char *variant)
     const struct train_config *c = r->config;
     struct sg_model *initial = NULL;
     int error = 0, code = 0;
+    if (c->max_time > 0) { /* reading the photos has taken some of it */
+        struct sg_train_params *p = &r->config->train;
+        p->max_seconds = c->max_time - (monotonic_seconds() - r->begun);
+        p->max_seconds = p->max_seconds > 1e-3 ? p->max_seconds : 1e-3;
+    }
     if (c->init && !c->resume) /* the checkpoint has what became of it */
         error = sg_model_read_ply(r->ctx, c->init, UINT32_MAX, &initial);
     if (!error)
@@ -348,7 +368,7 @@ static void settle(struct train_config *c)
 static int run_train(const void *config, const bool *given, const char *const *positional, int count)
 {
     struct train_config c = *(const struct train_config *) config;
-    struct train_run r = {.config = &c};
+    struct train_run r = {.config = &c, .begun = monotonic_seconds()};
     json_t *keep = NULL;
     int code = 0;
     if (c.resume)
@@ -381,7 +401,7 @@ static int run_train(const void *config, const bool *given, const char *const *p
         goto done;
     interrupt_catch();
     progress_begin(&r.progress, c.quiet, sg_trainer_iteration(r.trainer), c.train.iterations);
-    if (!(code = loop(&r)))
+    if (!(code = loop(&r)) && !r.cut)
         code = finish(&r);
 done:
     if (r.log && fclose(r.log) && !code)

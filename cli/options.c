@@ -95,7 +95,7 @@ static double fifteen_digits(double v)
 int options_set(const struct command *c, const struct option *o, void *config, const char *text)
 {
     void *value = value_of(o, config);
-    char expected[96], *end;
+    char expected[128], *end;
     errno = 0;
     switch (o->type) {
     case OPT_FLAG:
@@ -109,9 +109,13 @@ int options_set(const struct command *c, const struct option *o, void *config, c
     case OPT_CHOICE:
         return set_choice(c, o, value, text);
     case OPT_FLOAT:
-    case OPT_DOUBLE: {
-        const double v = strtod(text, &end);
-        snprintf(expected, sizeof(expected), "a number from %g to %g", o->low, o->high);
+    case OPT_DOUBLE:
+    case OPT_TIME: {
+        double v = strtod(text, &end);
+        snprintf(expected, sizeof(expected), "a number from %g to %g%s", o->low, o->high,
+                 o->type == OPT_TIME ? ", of seconds or with s, m or h" : "");
+        if (o->type == OPT_TIME && end != text && *end && !end[1] && strchr("smh", *end))
+            v *= *end == 's' ? 1 : *end == 'm' ? 60 : 3600, end++;
         if (end == text || *end || !(v >= o->low && v <= o->high))
             return bad_value(c, o, text, expected);
         if (o->type == OPT_FLOAT)
@@ -218,6 +222,7 @@ bool options_show(const struct option *o, const void *config, char *text, size_t
         }
         return true;
     case OPT_DOUBLE:
+    case OPT_TIME:
         snprintf(text, size, "%.15g", *(const double *) value);
         return true;
     case OPT_STRING:
@@ -271,7 +276,8 @@ json_t *options_to_json(const struct command *c, const void *config)
         else if (o->type == OPT_U64)
             v = json_integer((json_int_t) * (const uint64_t *) value);
         else if (options_show(o, config, text, sizeof(text)))
-            v = o->type == OPT_FLOAT || o->type == OPT_DOUBLE ? json_real(strtod(text, NULL)) : text_json(text);
+            v = o->type == OPT_FLOAT || o->type == OPT_DOUBLE || o->type == OPT_TIME ? json_real(strtod(text, NULL))
+                                                                                     : text_json(text);
         json_object_set_new(object, o->name, v);
     }
     return object;

@@ -9,7 +9,18 @@
 #include <stdint.h>
 #include <stdio.h>
 
-enum option_type { OPT_FLAG, OPT_INT, OPT_U64, OPT_BYTES, OPT_FLOAT, OPT_DOUBLE, OPT_STRING, OPT_CHOICE, OPT_GROUP };
+enum option_type {
+    OPT_FLAG,
+    OPT_INT,
+    OPT_U64,
+    OPT_BYTES,
+    OPT_FLOAT,
+    OPT_DOUBLE,
+    OPT_TIME,
+    OPT_STRING,
+    OPT_CHOICE,
+    OPT_GROUP
+};
 
 struct option {
     const char *name; /* without dashes in front; underscores are accepted for its dashes. OPT_GROUP: a heading */

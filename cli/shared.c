@@ -2,6 +2,7 @@
 /* What several commands need: contexts, errors, finding a run's model and its scene options. */
 #include <dirent.h>
 #include <errno.h>
+#include <malloc.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -42,10 +43,34 @@ static void log_line(void *priv, enum sg_log_level level, const char *message)
                 message);
 }
 
+/* Bytes of the process that the library's ledger does not see: code, stacks, other libraries' own memory. */
+static uint64_t outside_ledger(void)
+{
+    unsigned long long pages = 0;
+    FILE *f = fopen("/proc/self/statm", "r");
+    if (f && fscanf(f, "%*u %llu", &pages) != 1)
+        pages = 0;
+    if (f)
+        fclose(f);
+    return pages * (uint64_t) sysconf(_SC_PAGESIZE) + (24 << 20);
+}
+
 int open_context(sg_ctx **ctx, int threads, uint64_t max_memory, bool quiet)
 {
     static bool quiet_log;
     quiet_log = quiet;
+    if (max_memory) {
+        const uint64_t outside = outside_ledger(), least = outside + (8 << 20);
+        /* What is freed goes back to the system at once. */
+        mallopt(M_MMAP_THRESHOLD, 1 << 20);
+        if (max_memory < least) {
+            fprintf(stderr,
+                    "splatguard: --max-memory: found %llu bytes, expected at least %llu for the process itself\n",
+                    (unsigned long long) max_memory, (unsigned long long) least);
+            return 3;
+        }
+        max_memory -= outside;
+    }
     const int code = sg_ctx_create(
         ctx,
         &(struct sg_ctx_params){.threads = threads, .max_memory = max_memory, .log = log_line, .log_priv = &quiet_log});

@@ -13,6 +13,7 @@ struct train_config {
     int backend, defense, preset; /* indices of choices */
     bool resume, force, quiet, eval;
     uint64_t max_memory;
+    double max_time;
     int threads, save_every, eval_every, log_every;
 };
 

@@ -21,7 +21,10 @@ struct train_run {
     FILE *log;
     struct progress progress;
     struct train_totals totals;
+    double begun;                   /* the command, on the monotonic clock */
     struct sg_train_step step;      /* newest */
+    int before;                     /* iteration before it */
+    bool cut;                       /* ended by an error */
     int logged;                     /* iteration of the newest line */
     uint64_t cloned, split, pruned; /* since then */
     struct sg_eval eval;            /* newest measurement */

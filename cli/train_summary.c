@@ -49,6 +49,21 @@ static json_t *stages(const sg_trainer *trainer)
     return object;
 }
 
+/* The limits of the run and those that it met. */
+static json_t *budget(const struct train_run *r)
+{
+    struct sg_train_limits l;
+    sg_trainer_limits(r->trainer, &l);
+    json_t *binding = json_array();
+    if (l.gaussians_bound || r->cut)
+        json_array_append_new(binding, json_string(l.by_memory || r->cut ? "memory" : "gaussians"));
+    if (l.time_bound)
+        json_array_append_new(binding, json_string("time"));
+    return json_pack("{s:I,s:I,s:o,s:o}", "max_gaussians", (json_int_t) l.max_gaussians, "max_memory",
+                     (json_int_t) r->config->max_memory, "max_time", number_json(r->config->max_time), "binding",
+                     binding);
+}
+
 int train_summary_write(struct train_run *r)
 {
     const struct train_totals *t = &r->totals;
@@ -68,6 +83,7 @@ int train_summary_write(struct train_run *r)
     if (r->config->train.defense.on)
         PUT("defense", json_pack("{s:I,s:I}", "filter_events", (json_int_t) t->filter_events, "filter_removed",
                                  (json_int_t) t->filter_removed));
+    PUT("budget", budget(r));
     PUT("train_seconds", number_json(t->seconds));
     PUT("cpu_seconds", number_json(t->cpu_seconds));
     PUT("iterations_per_second", number_json(t->seconds > 0 ? done / t->seconds : 0));

@@ -11,7 +11,8 @@
 
 #define SIDE 20
 #define HEADER                                                                                                         \
-    80 /* of the format: magic, count, degree, iteration, 6 step counters, start degree, cameras, seed, views, extent */
+    104 /* of the format: magic, count, degree, iteration, 6 step counters, start degree, cameras, seed, views, extent \
+         */
 #define AT_COUNT 8
 #define AT_DEGREE 16
 #define AT_ITERATION 20
@@ -20,6 +21,8 @@
 #define AT_SEED 56
 #define AT_VIEWS 64
 #define AT_EXTENT 72
+#define AT_VISITED 80
+#define AT_SPENT 88
 
 struct fixture {
     sg_ctx *ctx;
@@ -170,6 +173,9 @@ static void test_sealed_lies(void **state)
         {"other cameras", AT_START + 4, 7, 4},
         {"other seed", AT_SEED, 43, 8},
         {"other scene", AT_VIEWS, 3, 8},
+        {"more visits than iterations", AT_VISITED, 4, 8},
+        {"negative time", AT_SPENT, 0xbff0000000000000u, 8},
+        {"NaN time", AT_SPENT, 0x7ff8000000000000u, 8},
         {"NaN extent", AT_EXTENT, 0x7ff8000000000000u, 8},
     };
     for (size_t i = 0; i < sizeof(lies) / sizeof(lies[0]); i++) {

@@ -132,18 +132,18 @@ static void test_schedule(void **state)
     assert_int_equal(sg_active_degree(&p, 2, 5000), 3);
     int densifications = 0, steps = 0;
     for (int it = 1; it <= 30000; it++) {
-        densifications += sg_densifies(&p, it);
-        steps += it <= 600 && !sg_densifies(&p, it);
+        densifications += sg_densifies(&p, it - 1, it);
+        steps += it <= 600 && !sg_densifies(&p, it - 1, it);
     }
     assert_int_equal(densifications, 144); /* 600, 700, ..., 14900 */
     assert_int_equal(steps, 599);
-    assert_false(sg_densifies(&p, 500));
-    assert_true(sg_densifies(&p, 600));
-    assert_false(sg_densifies(&p, 15000));
-    assert_false(sg_resets_opacity(&p, 500));
-    assert_true(sg_resets_opacity(&white, 500));
-    assert_true(sg_resets_opacity(&p, 3000) && sg_resets_opacity(&p, 12000));
-    assert_false(sg_resets_opacity(&p, 15000));
+    assert_false(sg_densifies(&p, 500 - 1, 500));
+    assert_true(sg_densifies(&p, 600 - 1, 600));
+    assert_false(sg_densifies(&p, 15000 - 1, 15000));
+    assert_false(sg_resets_opacity(&p, 499, 500));
+    assert_true(sg_resets_opacity(&white, 499, 500));
+    assert_true(sg_resets_opacity(&p, 2999, 3000) && sg_resets_opacity(&p, 11999, 12000));
+    assert_false(sg_resets_opacity(&p, 14999, 15000));
     assert_float_equal(sg_position_lr(&p, 0), 1.6e-4, 1e-10);
     assert_float_equal(sg_position_lr(&p, 30000), 1.6e-6, 1e-12);
     assert_float_equal(sg_position_lr(&p, 15000), 1.6e-5, 1e-11);

@@ -15,13 +15,13 @@ enum sg_log_level { SG_LOG_ERROR, SG_LOG_WARN, SG_LOG_INFO, SG_LOG_DEBUG };
 
 /* What a byte is for. Every allocation of the library carries one of these. */
 enum sg_mem_tag {
-    SG_MEM_MISC,        /* parsers, names, small tables                              */
-    SG_MEM_IMAGES,      /* decoded photos, masks                                     */
-    SG_MEM_MODEL,       /* Gaussian parameters                                       */
-    SG_MEM_OPTIMISER,   /* Adam moments, densification statistics                    */
-    SG_MEM_SPLATS,      /* projected Gaussians of one view and their gradients       */
-    SG_MEM_INSTANCES,   /* tile lists, sort keys, per-instance gradients             */
-    SG_MEM_FRAME,       /* render target, loss gradient, loss scratch                */
+    SG_MEM_MISC,      /* parsers, names, small tables                              */
+    SG_MEM_IMAGES,    /* decoded photos, masks                                     */
+    SG_MEM_MODEL,     /* Gaussian parameters                                       */
+    SG_MEM_OPTIMISER, /* Adam moments, densification statistics                    */
+    SG_MEM_SPLATS,    /* projected Gaussians of one view and their gradients       */
+    SG_MEM_INSTANCES, /* tile lists, sort keys, per-instance gradients             */
+    SG_MEM_FRAME,     /* render target, loss gradient, loss scratch                */
     SG_MEM_TAGS
 };
 
@@ -46,6 +46,9 @@ void sg_ctx_destroy(sg_ctx **ctx);
 const char *sg_last_error(const sg_ctx *ctx);
 
 int sg_ctx_threads(const sg_ctx *ctx);
+
+/* sg_ctx_params.max_memory. */
+uint64_t sg_mem_limit(const sg_ctx *ctx);
 
 /* Bytes held now and at most so far under one tag; tag SG_MEM_TAGS asks for the total. */
 uint64_t sg_mem_current(const sg_ctx *ctx, enum sg_mem_tag tag);

@@ -23,7 +23,10 @@ struct sg_spectrum_params {
 
 /* What a coefficient counts, and of which planes. */
 enum sg_energy { SG_ENERGY_POWER /* |F|^2 */, SG_ENERGY_AMPLITUDE /* |F| */ };
-enum sg_channels { SG_CHANNELS_SUM /* of the energies of red, green and blue */, SG_CHANNELS_LUMA /* of 0.299 R + ... */ };
+enum sg_channels {
+    SG_CHANNELS_SUM /* of the energies of red, green and blue */,
+    SG_CHANNELS_LUMA /* of 0.299 R + ... */
+};
 
 /* The anisotropy loss: 1 - entropy of the band's energy over the directions, over ln bins. */
 struct sg_anisotropy_params {

@@ -17,33 +17,38 @@ extern "C" {
 
 /* Defaults are those of the reference (Kerbl et al. 2023, the 2023 release). */
 struct sg_train_params {
-    int iterations;                /* 1..10 million. Default 30000. */
-    uint64_t seed;                 /* Default 42. */
-    int sh_degree;                 /* 0..3. Default 3. */
-    int sh_interval;               /* iterations between degree raises. Default 1000. */
-    bool white_background;         /* Default false. */
-    bool random_background;        /* a random colour each iteration. Default false. */
-    float lambda_dssim;            /* weight of 1-SSIM, 0..1. Default 0.2. */
-    float position_lr_init;        /* x scene extent. Default 1.6e-4. */
-    float position_lr_final;       /* x scene extent. Default 1.6e-6. */
-    int position_lr_max_steps;     /* Default 30000. */
-    float feature_lr;              /* f_dc; f_rest uses 1/20. Default 0.0025. */
-    float opacity_lr;              /* Default 0.05. */
-    float scaling_lr;              /* Default 0.005. */
-    float rotation_lr;             /* Default 0.001. */
-    float percent_dense;           /* clone below, split above this share of the extent. Default 0.01. */
-    int densification_interval;    /* Default 100. */
-    int densify_from_iter;         /* Default 500. */
-    int densify_until_iter;        /* Default 15000. */
-    float densify_grad_threshold;  /* view-space gradient, NDC. Default 0.0002. */
-    int opacity_reset_interval;    /* Default 3000. */
-    uint64_t init_points;          /* random points when the scene has none. Default 100000. */
-    uint64_t max_gaussians;        /* growth stops there; 0 = no limit. Default 0. */
-    uint64_t max_instances;        /* see sg_render_params. Default 1 << 24. */
-    bool reference_tiles;          /* see sg_render_params. Default false. */
+    int iterations;               /* 1..10 million. Default 30000. */
+    uint64_t seed;                /* Default 42. */
+    int sh_degree;                /* 0..3. Default 3. */
+    int sh_interval;              /* iterations between degree raises. Default 1000. */
+    bool white_background;        /* Default false. */
+    bool random_background;       /* a random colour each iteration. Default false. */
+    float lambda_dssim;           /* weight of 1-SSIM, 0..1. Default 0.2. */
+    float position_lr_init;       /* x scene extent. Default 1.6e-4. */
+    float position_lr_final;      /* x scene extent. Default 1.6e-6. */
+    int position_lr_max_steps;    /* Default 30000. */
+    float feature_lr;             /* f_dc; f_rest uses 1/20. Default 0.0025. */
+    float opacity_lr;             /* Default 0.05. */
+    float scaling_lr;             /* Default 0.005. */
+    float rotation_lr;            /* Default 0.001. */
+    float percent_dense;          /* clone below, split above this share of the extent. Default 0.01. */
+    int densification_interval;   /* Default 100. */
+    int densify_from_iter;        /* Default 500. */
+    int densify_until_iter;       /* Default 15000. */
+    float densify_grad_threshold; /* view-space gradient, NDC. Default 0.0002. */
+    int opacity_reset_interval;   /* Default 3000. */
+    uint64_t init_points;         /* random points when the scene has none. Default 100000. */
+    /* Budgets; 0 = none. Where the context limits memory, the trainer further limits itself to what fits. */
+    uint64_t max_gaussians;  /* from there on new ones take the place of those scored lowest. Default 0. */
+    double max_seconds;      /* of all steps: the schedule advances by iterations or by time, whichever is
+                                ahead, so that a run cut short still ends as a whole one. Default 0. */
+    double (*clock)(void *); /* seconds from any start, never backwards; NULL = the system's. Default NULL. */
+    void *clock_arg;
+    uint64_t max_instances; /* see sg_render_params. Default 1 << 24. */
+    bool reference_tiles;   /* see sg_render_params. Default false. */
     struct sg_defense_params defense;
-    const char *backend;           /* "cpu" or "ref". Default "cpu". */
-    const char *cpu;               /* CPU variant; NULL = best. Default NULL. */
+    const char *backend; /* "cpu" or "ref". Default "cpu". */
+    const char *cpu;     /* CPU variant; NULL = best. Default NULL. */
 };
 
 #define SG_TRAIN_DEFAULTS                                                                                              \
@@ -57,10 +62,10 @@ struct sg_train_params {
 
 /* What one iteration did. */
 struct sg_train_step {
-    int iteration;        /* 1-based */
-    size_t view;          /* index into scene->train */
-    double loss, l1, ssim, psnr; /* of this view, before the update; psnr on unclamped values */
-    size_t gaussians;     /* after densification */
+    int iteration;                /* 1-based */
+    size_t view;                  /* index into scene->train */
+    double loss, l1, ssim, psnr;  /* of this view, before the update; psnr on unclamped values */
+    size_t gaussians;             /* after densification */
     size_t cloned, split, pruned; /* of this iteration's densification, else 0 */
     struct sg_render_stats render;
     struct sg_defense_step defense;
@@ -83,8 +88,17 @@ void sg_trainer_destroy(sg_trainer **trainer);
 /* One iteration. step may be NULL. After an error the trainer can still be saved and destroyed. */
 int sg_trainer_step(sg_trainer *trainer, struct sg_train_step *step);
 
-/* Iterations done so far. */
+/* Iterations done so far, those that a lack of time skipped included. */
 int sg_trainer_iteration(const sg_trainer *trainer);
+
+/* What limits the run, as far as it is known, and whether it has. */
+struct sg_train_limits {
+    uint64_t max_gaussians; /* 0 = none */
+    bool by_memory;         /* that limit comes from the context's max_memory */
+    uint64_t max_instances;
+    bool gaussians_bound, time_bound;
+};
+void sg_trainer_limits(const sg_trainer *trainer, struct sg_train_limits *out);
 size_t sg_trainer_gaussians(const sg_trainer *trainer);
 void sg_trainer_times(const sg_trainer *trainer, struct sg_train_times *out);
 

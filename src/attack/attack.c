@@ -182,7 +182,7 @@ static int densify(sg_attack *a, int it)
                       &(struct sg_densify_params){.gradient = p->densify_grad_threshold,
                                                   .split_scale = (float) ((double) p->percent_dense * t->extent),
                                                   .prune_scale = (float) (SG_PRUNE_EXTENT * t->extent),
-                                                  .max_gaussians = p->max_gaussians,
+                                                  .max_gaussians = t->budget.gaussians,
                                                   .seed = p->seed,
                                                   .stream = (uint64_t) it},
                       &result);

@@ -133,6 +133,11 @@ const char *sg_mem_tag_name(enum sg_mem_tag tag)
     return names[tag];
 }
 
+uint64_t sg_mem_limit(const sg_ctx *ctx)
+{
+    return ctx->params.max_memory;
+}
+
 uint64_t sg_mem_current(const sg_ctx *ctx, enum sg_mem_tag tag)
 {
     return atomic_load_explicit(&ctx->memory[tag].current, memory_order_relaxed);

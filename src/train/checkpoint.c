@@ -9,7 +9,7 @@
 #include "core/file.h"
 #include "trainer.h"
 
-#define MAGIC "SGCKPT\0\2" /* the last byte is the version */
+#define MAGIC "SGCKPT\0\3" /* the last byte is the version */
 
 struct header {
     char magic[8];
@@ -20,6 +20,9 @@ struct header {
     uint32_t cameras; /* hash of the training views' names and cameras */
     uint64_t seed, views;
     double extent;
+    uint64_t steps;
+    double spent; /* seconds */
+    uint32_t gaussians_bound, time_bound;
 };
 
 #define MAX_ITERATION 10000000 /* of struct sg_train_params; counting on from it overflows nothing */
@@ -29,7 +32,7 @@ static bool counters_sound(const struct header *h)
     bool sound = h->iteration >= 0 && h->iteration <= MAX_ITERATION;
     for (int g = 0; g < SG_GROUPS; g++)
         sound = sound && h->adam_steps[g] >= 0 && h->adam_steps[g] <= h->iteration;
-    return sound;
+    return sound && h->steps <= (uint64_t) h->iteration && h->spent >= 0 && h->spent < 1e12;
 }
 
 static uint32_t cameras_hash(const struct sg_scene *scene)
@@ -97,7 +100,11 @@ int sg_trainer_save(sg_trainer *t, const char *path)
                        .cameras = cameras_hash(t->scene),
                        .seed = t->params.seed,
                        .views = t->scene->n_train,
-                       .extent = t->extent};
+                       .extent = t->extent,
+                       .steps = t->steps,
+                       .spent = t->params.max_seconds > 0 ? sg_trainer_elapsed(t) : 0, /* else the same bytes always */
+                       .gaussians_bound = t->gaussians_bound,
+                       .time_bound = t->time_bound};
     memcpy(h.magic, MAGIC, sizeof(h.magic));
     for (int g = 0; g < SG_GROUPS; g++)
         h.adam_steps[g] = t->adam_steps[g];
@@ -192,6 +199,10 @@ int sg_trainer_load(sg_trainer *t, const char *path)
     t->start_degree = h.start_degree;
     t->params.sh_degree = h.sh_degree < t->params.sh_degree ? h.sh_degree : t->params.sh_degree;
     t->iteration = h.iteration;
+    t->steps = h.steps;
+    t->spent = h.spent;
+    t->started = t->params.clock(t->params.clock_arg);
+    t->gaussians_bound = h.gaussians_bound, t->time_bound = h.time_bound;
     for (int g = 0; g < SG_GROUPS; g++)
         t->adam_steps[g] = h.adam_steps[g];
 done:

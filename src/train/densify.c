@@ -2,6 +2,7 @@
 #include "densify.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "math/constants.h"
@@ -9,8 +10,10 @@
 /* Clones take the place after all survivors, then the first children, then the second, in index order: the order of the
  * released code. The screen-size test of the paper is left out because it is dead there: the radii are cleared by the
  * clone step before they are read. */
+enum { STAYS, CLONES, SPLITS, GOES };
+
 struct plan {
-    uint8_t *keep, *kind;
+    uint8_t *keep, *kind; /* keep: first what becomes of each, then whether it stays */
     uint32_t *source;
     size_t appended;
 };
@@ -19,6 +22,71 @@ static void append(struct plan *p, size_t source, enum sg_edit_kind kind)
 {
     p->source[p->appended] = (uint32_t) source;
     p->kind[p->appended++] = (uint8_t) kind;
+}
+
+static int descending(const void *a, const void *b)
+{
+    const float x = *(const float *) a, y = *(const float *) b;
+    return (x < y) - (x > y);
+}
+
+/* Marks the lowest scored to go, or the last ones where nothing tells them apart: what is above the limit, and as many
+ * more as would grow, within params->replace. Returns an error code. */
+static int make_room(struct sg_backend *backend, const struct sg_densify_params *p, struct plan *plan, size_t n,
+                     size_t wish, size_t *goes)
+{
+    const size_t limit = p->max_gaussians, surplus = n > limit ? n - limit : 0, short_of = n + wish - limit;
+    const size_t most = surplus + (size_t) ((double) p->replace * (double) n);
+    *goes = surplus;
+    if (!p->score) {
+        memset(plan->keep + n - surplus, GOES, surplus);
+        return SG_OK;
+    }
+    struct sg_scores scores;
+    const int code = p->score(p->arg, &scores);
+    if (code)
+        return code;
+    *goes = short_of < most ? short_of : most;
+    *goes = *goes < n ? *goes : n - 1;
+    uint8_t *stays = sg_alloc_raw(backend->ctx, SG_MEM_OPTIMISER, n, 1);
+    if (stays) {
+        memset(stays, 1, n);
+        sg_scores_remove(&scores, *goes, stays);
+        for (size_t i = 0; i < n; i++)
+            plan->keep[i] = stays[i] ? plan->keep[i] : GOES;
+    }
+    sg_free(backend->ctx, stays);
+    sg_scores_clear(backend->ctx, &scores);
+    return stays ? SG_OK : SG_ERR_BUDGET;
+}
+
+/* Of those that would grow, the steepest `room` may, the first of equals. */
+static int choose_growth(struct sg_backend *backend, struct plan *plan, const float *gradient, size_t n, size_t room,
+                         bool *limited)
+{
+    float *wishes = sg_alloc_raw(backend->ctx, SG_MEM_OPTIMISER, n, sizeof(*wishes));
+    size_t wish = 0, above = 0;
+    if (!wishes)
+        return SG_ERR_BUDGET;
+    for (size_t i = 0; i < n; i++)
+        if (plan->keep[i] == CLONES || plan->keep[i] == SPLITS)
+            wishes[wish++] = gradient[i];
+    *limited = wish > room;
+    if (*limited) {
+        qsort(wishes, wish, sizeof(*wishes), descending);
+        const float least = room ? wishes[room - 1] : INFINITY;
+        while (above < room && wishes[above] > least)
+            above++;
+        size_t equals = room - above;
+        for (size_t i = 0; i < n; i++)
+            if ((plan->keep[i] == CLONES || plan->keep[i] == SPLITS) && !(gradient[i] > least)) {
+                const bool grows = gradient[i] == least && equals > 0;
+                equals -= grows;
+                plan->keep[i] = grows ? plan->keep[i] : STAYS;
+            }
+    }
+    sg_free(backend->ctx, wishes);
+    return SG_OK;
 }
 
 int sg_densify(struct sg_backend *backend, const struct sg_densify_params *p, struct sg_densify_result *result)
@@ -39,17 +107,18 @@ int sg_densify(struct sg_backend *backend, const struct sg_densify_params *p, st
              backend, &(struct sg_statistics){.gradient = gradient, .opacity = opacity, .largest = scale})))
         goto done;
 
-    /* Who grows. At the limit the remaining room goes to the first in the model's order. */
-    size_t room = !p->max_gaussians ? SIZE_MAX : p->max_gaussians > n ? p->max_gaussians - n : 0;
-    enum { STAYS, CLONES, SPLITS };
+    /* Who grows: one more of each, whether it is cloned or split. */
+    size_t wish = 0;
     for (size_t i = 0; i < n; i++) {
-        plan.keep[i] = STAYS;
-        if (!(gradient[i] >= p->gradient) || !room)
-            continue;
-        plan.keep[i] = scale[i] <= p->split_scale ? CLONES : SPLITS;
-        room--;
+        plan.keep[i] = gradient[i] >= p->gradient ? scale[i] <= p->split_scale ? CLONES : SPLITS : STAYS;
+        wish += plan.keep[i] != STAYS;
     }
-    /* A Gaussian and its copies share opacity, so that they are pruned together; children are smaller. */
+    if (p->max_gaussians && n + wish > p->max_gaussians &&
+        ((code = make_room(backend, p, &plan, n, wish, &result->replaced)) ||
+         (code =
+              choose_growth(backend, &plan, gradient, n, p->max_gaussians - (n - result->replaced), &result->limited))))
+        goto done;
+        /* A Gaussian and its copies share opacity, so that they are pruned together; children are smaller. */
 #define DIES(i, s) (opacity[i] < SG_PRUNE_OPACITY || (p->prune_scale > 0 && (s) > p->prune_scale))
     for (size_t i = 0; i < n; i++)
         if (plan.keep[i] == CLONES) {
@@ -70,7 +139,7 @@ int sg_densify(struct sg_backend *backend, const struct sg_densify_params *p, st
             }
     size_t kept = 0;
     for (size_t i = 0; i < n; i++) {
-        const bool parent = plan.keep[i] == SPLITS, dies = DIES(i, scale[i]);
+        const bool parent = plan.keep[i] == SPLITS, dies = plan.keep[i] == GOES || DIES(i, scale[i]);
         result->pruned += !parent && dies;
         plan.keep[i] = !parent && !dies;
         kept += plan.keep[i];

@@ -3,18 +3,25 @@
 #ifndef SG_DENSIFY_H
 #define SG_DENSIFY_H
 
-#include "backend/backend.h"
+#include "defense/filter.h"
 
 struct sg_densify_params {
     float gradient;         /* a mean view-space gradient of this or more densifies */
     float split_scale;      /* scene units: larger Gaussians split, others are cloned */
     float prune_scale;      /* scene units: larger ones are removed; 0 = off */
-    uint64_t max_gaussians; /* growth stops there; 0 = no limit */
-    uint64_t seed, stream;  /* of the children's positions */
+    uint64_t max_gaussians; /* of the model afterwards; 0 = no limit */
+    /* Called where the limit binds: the lowest scored make room for what grows most, but for at most this share of the
+     * model at a time, so that what is new has time to show its worth. NULL: growth stops at the limit. */
+    int (*score)(void *arg, struct sg_scores *out);
+    void *arg;
+    float replace;
+    uint64_t seed, stream; /* of the children's positions */
 };
 
 struct sg_densify_result {
     size_t cloned, split, pruned;
+    size_t replaced; /* of those pruned: for their score */
+    bool limited;    /* something could not grow */
 };
 
 int sg_densify(struct sg_backend *backend, const struct sg_densify_params *params, struct sg_densify_result *result);

@@ -8,23 +8,31 @@
 #include "core/rng.h"
 #include "splatguard/train.h"
 
-static inline bool sg_densifies(const struct sg_train_params *p, int it)
+/* Something that is due every `every` iterations is due in a step from iteration `before` to `it`. Steps are longer
+ * than one where a run's time is short. */
+static inline bool sg_due(int before, int it, int every)
 {
-    return it < p->densify_until_iter && it > p->densify_from_iter && it % p->densification_interval == 0;
+    return it / every > before / every;
+}
+
+static inline bool sg_densifies(const struct sg_train_params *p, int before, int it)
+{
+    return it < p->densify_until_iter && it > p->densify_from_iter && sg_due(before, it, p->densification_interval);
 }
 
 /* The extra reset on white keeps the background from being explained by opaque white Gaussians. */
-static inline bool sg_resets_opacity(const struct sg_train_params *p, int it)
+static inline bool sg_resets_opacity(const struct sg_train_params *p, int before, int it)
 {
     return it < p->densify_until_iter &&
-           (it % p->opacity_reset_interval == 0 || (p->white_background && it == p->densify_from_iter));
+           (sg_due(before, it, p->opacity_reset_interval) ||
+            (p->white_background && before < p->densify_from_iter && it >= p->densify_from_iter));
 }
 
-static inline bool sg_filters(const struct sg_train_params *p, int it)
+static inline bool sg_filters(const struct sg_train_params *p, int before, int it)
 {
     const struct sg_defense_params *d = &p->defense;
     return d->on && d->rho != 0 && it > (d->from < 0 ? p->densify_from_iter : d->from) &&
-           it < (d->until < 0 ? p->densify_until_iter : d->until) && it % d->interval == 0;
+           it < (d->until < 0 ? p->densify_until_iter : d->until) && sg_due(before, it, d->interval);
 }
 
 /* Active at iteration it: raised at its start whenever it is divisible by the interval. start: of the initial model. */

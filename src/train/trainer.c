@@ -71,6 +71,7 @@ static int check_params(sg_ctx *ctx, const struct sg_train_params *p, const stru
         {"opacity-reset-interval", p->opacity_reset_interval, 1, 1e9},
         {"init-points", (double) p->init_points, 4, 1e8},
         {"max-instances", (double) p->max_instances, 1, 4e9},
+        {"max-time", p->max_seconds, 0, 1e9},
     };
     int code = check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
     if (!code)
@@ -88,6 +89,34 @@ static int initial_model(sg_ctx *ctx, const struct sg_scene *scene, const struct
     if (scene->n_points)
         return sg_model_init_points(ctx, scene->points, scene->point_colors, scene->n_points, p->sh_degree, out);
     return sg_model_init_random(ctx, p->init_points, p->seed, p->sh_degree, out);
+}
+
+static double system_clock(void *unused)
+{
+    struct timespec ts;
+    (void) unused;
+    clock_gettime(CLOCK_MONOTONIC, &ts);
+    return (double) ts.tv_sec + 1e-9 * (double) ts.tv_nsec;
+}
+
+/* Every so many-th Gaussian, so that `limit` are left. */
+static int thin_out(sg_trainer *t, uint64_t limit)
+{
+    const size_t n = t->backend->ops->count(t->backend);
+    if (!limit || n <= limit)
+        return SG_OK;
+    uint8_t *keep = sg_alloc(t->ctx, SG_MEM_MISC, n, 1);
+    if (!keep)
+        return SG_ERR_BUDGET;
+    for (size_t k = 0; k < limit; k++)
+        keep[(size_t) ((double) n * (double) k / (double) limit)] = 1;
+    const int code = t->backend->ops->edit(t->backend, &(struct sg_edit){.keep = keep, .kept = limit});
+    sg_free(t->ctx, keep);
+    if (!code)
+        sg_log(t->ctx, SG_LOG_WARN, "%zu initial Gaussians are more than the limit: training starts from %llu of them",
+               n, (unsigned long long) limit);
+    t->gaussians_bound = true;
+    return code;
 }
 
 int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
@@ -108,6 +137,9 @@ int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg
     int code = check_params(ctx, &t->params, scene);
     if (code)
         goto fail;
+    t->params.clock = t->params.clock ? t->params.clock : system_clock;
+    if ((code = sg_budget_plan(ctx, scene, &t->params, initial ? initial->sh_degree : t->params.sh_degree, &t->budget)))
+        goto fail;
     if (!initial) {
         if ((code = initial_model(ctx, scene, &t->params, &made)))
             goto fail;
@@ -118,7 +150,7 @@ int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg
     if (t->params.sh_degree > initial->sh_degree)
         t->params.sh_degree = initial->sh_degree;
     if ((code = sg_backend_create(ctx, t->params.backend ? t->params.backend : "cpu", t->params.cpu, &t->backend)) ||
-        (code = t->backend->ops->upload(t->backend, initial, NULL)))
+        (code = t->backend->ops->upload(t->backend, initial, NULL)) || (code = thin_out(t, t->budget.gaussians)))
         goto fail;
     t->order = sg_alloc(ctx, SG_MEM_MISC, scene->n_train, sizeof(*t->order));
     if (!t->order) {
@@ -126,6 +158,7 @@ int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg
         goto fail;
     }
     sg_model_destroy(ctx, &made);
+    t->started = t->params.clock(t->params.clock_arg);
     *out = t;
     return SG_OK;
 fail:
@@ -145,14 +178,14 @@ void sg_trainer_destroy(sg_trainer **trainer)
     *trainer = NULL;
 }
 
-size_t sg_trainer_pick_view(sg_trainer *t, int it)
+size_t sg_trainer_pick_view(sg_trainer *t, uint64_t step)
 {
-    const uint64_t n = t->scene->n_train, epoch = (uint64_t) (it - 1) / n;
+    const uint64_t n = t->scene->n_train, epoch = (step - 1) / n;
     if (epoch != t->epoch) {
         sg_view_order(t->params.seed, epoch, t->order, t->scene->n_train);
         t->epoch = epoch;
     }
-    return t->order[(uint64_t) (it - 1) % n];
+    return t->order[(step - 1) % n];
 }
 
 static void background(const sg_trainer *t, int it, float *out)
@@ -190,30 +223,65 @@ static void prepare_adam(sg_trainer *t, int it, bool hold_opacity, struct sg_upd
     sg_trainer_adam(t, lr, hold_opacity, u);
 }
 
-static double seconds(void)
+double sg_trainer_elapsed(const sg_trainer *t)
 {
-    struct timespec ts;
-    clock_gettime(CLOCK_MONOTONIC, &ts);
-    return (double) ts.tv_sec + 1e-9 * (double) ts.tv_nsec;
+    return t->spent + t->params.clock(t->params.clock_arg) - t->started;
 }
 
-static int densify(sg_trainer *t, int it, struct sg_train_step *step)
+/* One more, or as many as the time that will have passed asks for; so the last one begins while there is time for it.
+ */
+static int next_iteration(sg_trainer *t)
+{
+    const struct sg_train_params *p = &t->params;
+    const int next = t->iteration + 1;
+    if (!(p->max_seconds > 0))
+        return next;
+    /* From one step to the next, so that what the caller does between them counts. */
+    const double now = sg_trainer_elapsed(t), step = t->steps_here ? now - t->step_begun : 0;
+    const double share = (now + step) / p->max_seconds;
+    t->step_begun = now;
+    t->steps_here = true;
+    const int by_time = share < 1 ? (int) (share * p->iterations) : p->iterations;
+    t->time_bound |= by_time > next;
+    return by_time > next ? by_time : next;
+}
+
+/* What there is of the filter's share, for Gaussians that give way at the limit. */
+#define REPLACED 0.03f
+
+struct score_call {
+    sg_trainer *t;
+    const struct sg_render_params *render;
+    int it;
+};
+
+static int score_model(void *arg, struct sg_scores *out)
+{
+    const struct score_call *c = arg;
+    return sg_score(c->t->backend, c->t->scene, &c->t->params.defense, c->render, c->t->params.seed, c->it, out);
+}
+
+static int densify(sg_trainer *t, int it, const struct sg_render_params *render, struct sg_train_step *step)
 {
     const struct sg_train_params *p = &t->params;
     struct sg_densify_result r;
-    const double start = seconds();
+    const double start = system_clock(NULL), counted = t->backend->times.count;
     const int code =
         sg_densify(t->backend,
                    &(struct sg_densify_params){
                        .gradient = p->densify_grad_threshold,
                        .split_scale = (float) ((double) p->percent_dense * t->extent),
                        .prune_scale = it > p->opacity_reset_interval ? (float) (SG_PRUNE_EXTENT * t->extent) : 0,
-                       .max_gaussians = p->max_gaussians,
+                       .max_gaussians = t->budget.gaussians,
+                       .score = score_model,
+                       .arg = &(struct score_call){t, render, it},
+                       .replace = REPLACED,
                        .seed = p->seed,
                        .stream = (uint64_t) it},
                    &r);
     step->cloned = r.cloned, step->split = r.split, step->pruned = r.pruned;
-    t->backend->times.densify += seconds() - start;
+    t->gaussians_bound |= r.replaced || r.limited;
+    t->backend->times.densify += system_clock(NULL) - start - (t->backend->times.count - counted);
     return code;
 }
 
@@ -235,10 +303,10 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     sg_clear_error(t->ctx);
     const struct sg_train_params *p = &t->params;
     const struct sg_backend_ops *ops = t->backend->ops;
-    const int it = t->iteration + 1;
-    struct sg_train_step step = {.iteration = it, .view = sg_trainer_pick_view(t, it)};
+    const int before = t->iteration, it = next_iteration(t);
+    struct sg_train_step step = {.iteration = it, .view = sg_trainer_pick_view(t, t->steps + 1)};
     const struct sg_view *view = &t->scene->train[step.view];
-    struct sg_render_params render = {.max_instances = p->max_instances, .reference_tiles = p->reference_tiles};
+    struct sg_render_params render = {.max_instances = t->budget.instances, .reference_tiles = p->reference_tiles};
     const struct sg_defense_params *d = &p->defense;
     const struct sg_loss_params loss = {.lambda_dssim = p->lambda_dssim, .target = view->rgb, .mask = view->mask};
     struct sg_loss_value value;
@@ -252,13 +320,14 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
 
     /* The released code rebuilds every tensor when it densifies and the opacity tensor when it resets: gradients are
      * lost and Adam stands still for them in that iteration. The last iteration takes no step either. */
-    const bool densifies = sg_densifies(p, it), filters = sg_filters(p, it), resets = sg_resets_opacity(p, it);
+    const bool densifies = sg_densifies(p, before, it), filters = sg_filters(p, before, it);
+    const bool resets = sg_resets_opacity(p, before, it);
     struct sg_update update = {.statistics = it < p->densify_until_iter};
     if (!densifies && !filters && it < p->iterations)
         prepare_adam(t, it, resets, &update);
     if ((code = ops->update(t->backend, &update)))
         return code;
-    if (densifies && (code = densify(t, it, &step)))
+    if (densifies && (code = densify(t, it, &render, &step)))
         return code;
     if (filters && (code = sg_filter(t->backend, t->scene, d, &render, d->rho, p->seed, it, &step.defense)))
         return code;
@@ -266,6 +335,7 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
         return code;
 
     t->iteration = it;
+    t->steps++;
     step.loss = value.total, step.l1 = value.l1, step.ssim = value.ssim;
     step.psnr = -10 * log10(value.mse > 1e-10 ? value.mse : 1e-10);
     step.gaussians = ops->count(t->backend);
@@ -277,6 +347,15 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
 int sg_trainer_iteration(const sg_trainer *t)
 {
     return t->iteration;
+}
+
+void sg_trainer_limits(const sg_trainer *t, struct sg_train_limits *out)
+{
+    *out = (struct sg_train_limits){.max_gaussians = t->budget.gaussians,
+                                    .by_memory = t->budget.by_memory,
+                                    .max_instances = t->budget.instances,
+                                    .gaussians_bound = t->gaussians_bound,
+                                    .time_bound = t->time_bound};
 }
 
 size_t sg_trainer_gaussians(const sg_trainer *t)

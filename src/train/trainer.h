@@ -3,6 +3,7 @@
 #define SG_TRAINER_H
 
 #include "backend/backend.h"
+#include "budget.h"
 #include "splatguard/train.h"
 
 /* All of a run's state is here and in the backend; random draws depend on the iteration only. */
@@ -15,13 +16,22 @@ struct sg_trainer {
     int sh_degree;    /* stored */
     int start_degree; /* active at iteration 0 */
     int iteration;
+    uint64_t steps; /* as many, unless time is short */
+    double spent;   /* seconds of the steps before the clock's `started` */
+    double started, step_begun;
+    bool steps_here; /* step_begun is known */
+    struct sg_budget budget;
+    bool gaussians_bound, time_bound;
     int adam_steps[SG_GROUPS];
     uint64_t epoch; /* that `order` is for */
     uint32_t *order;
 };
 
-/* The view of iteration it: every epoch visits all views in a random order. */
-size_t sg_trainer_pick_view(sg_trainer *t, int it);
+/* The view of the it-th step (from 1): every epoch visits all views in a random order. */
+size_t sg_trainer_pick_view(sg_trainer *t, uint64_t step);
+
+/* Seconds of all steps, those before a checkpoint included. */
+double sg_trainer_elapsed(const sg_trainer *t);
 
 /* Advances the step counters of the groups that move and fills in their rates. */
 void sg_trainer_adam(sg_trainer *t, const double lr[SG_GROUPS], bool hold_opacity, struct sg_update *u);

@@ -51,7 +51,7 @@ small_disk 1 render run --scene scene/blender -o full_pictures -q
 small_disk 1 synth -o full_scene --width 64 --height 48 --train-views 4 --test-views 2 --points 300 --samples 1
 
 # Budget: refused with 3, by name, before anything is written for it.
-expect 3 train scene/blender -o r3 $short --init-points 300000 --max-memory 20M; says 'limit 20971520'
+expect 3 train scene/blender -o r3 $short --init-points 300000 --max-memory 20M; says 'expected at least'
 [ ! -e r3 ] || fail "a run folder was made for a training that cannot start"
 : >scene/blender/train/r_3.png
 expect 2 train scene/blender -o r4 $short; says r_3.png

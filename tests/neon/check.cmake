@@ -8,9 +8,10 @@ file(MAKE_DIRECTORY ${BUILD})
 execute_process(COMMAND ${CC} ${flags} -DSG_ISA=neon -O3 -ffp-contract=fast -c ${kernels} WORKING_DIRECTORY ${BUILD}
     COMMAND_ERROR_IS_FATAL ANY)
 execute_process(COMMAND ${CC} ${flags} -ffp-contract=off -c ${sources} ${SOURCE}/src/model/store.c ${SOURCE}/src/model/init.c ${SOURCE}/src/model/nearest.c
+    ${SOURCE}/tests/neon/no_fft.c
     WORKING_DIRECTORY ${BUILD} COMMAND_ERROR_IS_FATAL ANY)
 set(objects)
-foreach(source ${kernels} ${sources} store.c init.c nearest.c)
+foreach(source ${kernels} ${sources} store.c init.c nearest.c no_fft.c)
     get_filename_component(name ${source} NAME_WLE)
     list(APPEND objects ${BUILD}/${name}.o)
 endforeach()

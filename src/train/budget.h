@@ -1,0 +1,21 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What a run may hold: the context's limit on memory, turned into limits on Gaussians and tile lists before it starts.
+ */
+#ifndef SG_TRAIN_BUDGET_H
+#define SG_TRAIN_BUDGET_H
+
+#include "core/internal.h"
+#include "splatguard/train.h"
+
+struct sg_budget {
+    uint64_t gaussians; /* 0 = no limit */
+    uint64_t instances; /* held at once */
+    bool by_memory;     /* `gaussians` comes from the limit on memory */
+};
+
+/* Of a run on this scene, whose images are in memory. SG_ERR_BUDGET with an estimate where not even a small model
+ * fits. */
+int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *params, int sh_degree,
+                   struct sg_budget *out);
+
+#endif

@@ -1,0 +1,261 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Hard budgets: on Gaussians, on memory, on time. */
+#include <unistd.h>
+
+#include "core/internal.h"
+#include "math/constants.h"
+#include "train/densify.h"
+#include "train/schedule.h"
+#include "train/trainer.h"
+#include "training.h"
+
+/* Whatever wants to grow, dies or is scored how: never above the limit, full where enough want to, and no one goes that
+ * is scored above one who stays. */
+struct random_scores {
+    sg_ctx *ctx;
+    uint64_t seed;
+    size_t n;
+};
+
+static int random_score(void *arg, struct sg_scores *out)
+{
+    const struct random_scores *r = arg;
+    *out = (struct sg_scores){.count = r->n,
+                              .score = sg_alloc_raw(r->ctx, SG_MEM_MISC, r->n, sizeof(double)),
+                              .log_smallest = sg_alloc_raw(r->ctx, SG_MEM_MISC, r->n, sizeof(float)),
+                              .keys = sg_alloc_raw(r->ctx, SG_MEM_MISC, r->n, sizeof(uint64_t))};
+    for (size_t i = 0; i < r->n; i++)
+        out->score[i] = (double) draw(r->seed, i, -20, 5), out->log_smallest[i] = 0;
+    return SG_OK;
+}
+
+static void test_growth(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(2);
+    for (uint64_t seed = 0; seed < 60; seed++) {
+        const size_t n = 20 + (size_t) draw(seed, 1, 0, 300);
+        const size_t limit = 10 + (size_t) draw(seed, 2, 0, 400);
+        struct sg_model *m = make_model(ctx, n, 0, seed);
+        struct sg_backend *b;
+        struct sg_optimiser o;
+        struct random_scores r = {ctx, seed, n};
+        assert_int_equal(sg_optimiser_create(ctx, n, 0, &o), SG_OK);
+        size_t wish = 0, dying = 0;
+        for (size_t i = 0; i < n; i++) {
+            o.grad_count[i] = 1;
+            o.grad_sum[i] = (float) (int) draw(seed + 100, i, 0, 10); /* many equals */
+            wish += o.grad_sum[i] >= 4;
+            dying += *sg_model_at(m, i, SG_P_OPACITY) < logf(SG_PRUNE_OPACITY / (1 - SG_PRUNE_OPACITY));
+            *sg_model_at(m, i, SG_P_XYZ) = (float) i; /* a name */
+        }
+        assert_int_equal(sg_backend_create(ctx, "cpu", NULL, &b), SG_OK);
+        assert_int_equal(b->ops->upload(b, m, &o), SG_OK);
+        struct sg_densify_params p = {.gradient = 4,
+                                      .split_scale = draw(seed, 3, 0.01f, 0.2f),
+                                      .max_gaussians = limit,
+                                      .score = seed % 5 ? random_score : NULL,
+                                      .arg = &r,
+                                      .replace = draw(seed, 4, 0, 0.2f),
+                                      .seed = seed};
+        struct sg_densify_result result;
+        assert_int_equal(sg_densify(b, &p, &result), SG_OK);
+        const size_t count = b->ops->count(b);
+        assert_true(count <= limit && count > 0);
+        if (dying == 0 && n + wish >= limit + result.replaced) /* those who went may have wished to grow */
+            assert_true(count + result.replaced >= limit);
+        if (n + wish <= limit)
+            assert_true(result.replaced == 0 && !result.limited);
+        if (seed % 5 && result.replaced) { /* the highest of those who went is below the lowest who stayed */
+            struct sg_model *after;
+            double lowest = 1e9, highest = -1e9;
+            assert_int_equal(sg_model_create(ctx, count, 0, &after), SG_OK);
+            assert_int_equal(b->ops->download(b, after, NULL), SG_OK);
+            uint8_t *stayed = calloc(n, 1);
+            for (size_t i = 0; i < count; i++) {
+                const float name = *sg_model_at(after, i, SG_P_XYZ);
+                if (name == floorf(name) && name < (float) n)
+                    stayed[(size_t) name] = 1;
+            }
+            for (size_t i = 0; i < n; i++) {
+                const bool whole = o.grad_sum[i] < 4; /* neither split nor a candidate for it */
+                const double score = (double) draw(seed, i, -20, 5);
+                if (!whole)
+                    continue;
+                if (stayed[i])
+                    lowest = fmin(lowest, score);
+                else
+                    highest = fmax(highest, score);
+            }
+            if (dying == 0)
+                assert_true(highest < lowest);
+            free(stayed);
+            sg_model_destroy(ctx, &after);
+        }
+        sg_optimiser_clear(ctx, &o);
+        sg_backend_destroy(&b);
+        sg_model_destroy(ctx, &m);
+    }
+    sg_ctx_destroy(&ctx);
+}
+
+/* A run at its limit, defended or not. */
+static void test_limit(void **state)
+{
+    (void) state;
+    for (int on = 0; on < 2; on++) {
+        struct fixture f = make_fixture(2);
+        struct sg_train_params p = short_params();
+        struct sg_train_limits limits;
+        sg_trainer *t;
+        p.max_gaussians = 130, p.densify_grad_threshold = 1e-6f;
+        p.defense.on = on, p.defense.interval = 5, p.defense.rho = 0.02;
+        f.scene.train = f.views;
+        assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_OK);
+        size_t most = 0;
+        while (sg_trainer_iteration(t) < p.iterations) {
+            struct sg_train_step s;
+            assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+            assert_true(s.gaussians <= 130);
+            most = s.gaussians > most ? s.gaussians : most;
+        }
+        assert_true(most >= 127);
+        sg_trainer_limits(t, &limits);
+        assert_true(limits.gaussians_bound && !limits.by_memory && !limits.time_bound);
+        sg_trainer_destroy(&t);
+        /* Fewer than it begins with: thinned out evenly. */
+        p.max_gaussians = 50;
+        assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_OK);
+        assert_int_equal(sg_trainer_gaussians(t), 50);
+        assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+        sg_trainer_destroy(&t);
+        clear_fixture(&f);
+    }
+}
+
+/* Growth that would take all memory ends where the context's limit is, without an error. */
+static void test_memory(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(1);
+    sg_ctx *whole = f.ctx, *ctx;
+    struct sg_train_params p = short_params();
+    const uint64_t limit = 16 << 20;
+    p.densify_grad_threshold = 1e-9f, p.iterations = 160, p.densify_until_iter = 150, p.densification_interval = 3;
+    f.scene.train = f.views;
+    for (int bands = 0; bands < 2; bands++) {
+        struct sg_train_limits limits;
+        sg_trainer *t;
+        char path[] = "/tmp/sg_checkpoint_XXXXXX";
+        close(mkstemp(path));
+        assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 2, .max_memory = limit}), SG_OK);
+        p.max_instances = bands ? 700 : 1 << 24;
+        p.defense.on = bands, p.defense.rho = 0.01, p.defense.interval = 3;
+        assert_int_equal(sg_trainer_create(ctx, &f.scene, f.start, &p, &t), SG_OK);
+        sg_trainer_limits(t, &limits);
+        assert_true(limits.by_memory && limits.max_gaussians > 1000 && limits.max_gaussians < 12000);
+        while (sg_trainer_iteration(t) < p.iterations) {
+            struct sg_train_step s;
+            const int code = sg_trainer_step(t, &s);
+            if (code)
+                fail_msg("%s", sg_last_error(ctx));
+            if (s.iteration % 50 == 0)
+                assert_int_equal(sg_trainer_save(t, path), SG_OK);
+        }
+        sg_trainer_limits(t, &limits);
+        assert_true(limits.gaussians_bound);
+        assert_true(sg_mem_peak(ctx, SG_MEM_TAGS) <= limit);
+        if (!bands)
+            assert_true(sg_trainer_gaussians(t) > limits.max_gaussians * 9 / 10);
+        sg_trainer_destroy(&t);
+        unlink(path);
+        sg_ctx_destroy(&ctx);
+    }
+    /* What cannot fit at all is refused before it starts. */
+    sg_trainer *t;
+    assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = 4 << 20}), SG_OK);
+    assert_int_equal(sg_trainer_create(ctx, &f.scene, f.start, &p, &t), SG_ERR_BUDGET);
+    assert_non_null(strstr(sg_last_error(ctx), "expected at least"));
+    sg_ctx_destroy(&ctx);
+    assert_ptr_equal(f.ctx, whole);
+    clear_fixture(&f);
+}
+
+static double fake_clock(void *arg)
+{
+    double *now = arg;
+    return *now;
+}
+
+/* Steps of a second each: the run ends in time and as a whole one, resumed or not. */
+static void test_time(void **state)
+{
+    (void) state;
+    char path[] = "/tmp/sg_checkpoint_XXXXXX";
+    close(mkstemp(path));
+    struct fixture f = make_fixture(1);
+    struct sg_train_params p = short_params();
+    double now = 1000;
+    p.iterations = 400, p.densification_interval = 20, p.densify_from_iter = 40, p.densify_until_iter = 300;
+    p.opacity_reset_interval = 150;
+    p.clock = fake_clock, p.clock_arg = &now;
+    f.scene.train = f.views;
+    for (int cut = 0; cut < 2; cut++) {
+        static const double limits[] = {100, 7.5, 0.001};
+        for (int k = 0; k < 3; k++) {
+            struct sg_train_limits l;
+            struct sg_train_step s;
+            int steps = 0, densified = 0, before = 0;
+            sg_trainer *t;
+            p.max_seconds = limits[k];
+            assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_OK);
+            const double begin = now;
+            double away = 0;
+            while (sg_trainer_iteration(t) < p.iterations) {
+                assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+                densified += sg_densifies(&p, before, s.iteration);
+                assert_true(s.iteration > before);
+                before = s.iteration;
+                now += 1; /* the step's own time is seen by the next one */
+                steps++;
+                if (cut && steps == 3 && before < p.iterations) { /* time away does not count */
+                    assert_int_equal(sg_trainer_save(t, path), SG_OK);
+                    sg_trainer_destroy(&t);
+                    now += 5000, away += 5000;
+                    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_OK);
+                    assert_int_equal(sg_trainer_load(t, path), SG_OK);
+                }
+            }
+            assert_int_equal(s.iteration, 400);
+            assert_true(now - begin - away <= fmax(limits[k] + 1, 2)); /* the first step tells how long one is */
+            assert_int_equal(t->steps, steps);
+            if (k == 0) /* a hundred steps: every densification took place */
+                assert_int_equal(densified, 12);
+            sg_trainer_limits(t, &l);
+            assert_true(l.time_bound && !l.gaussians_bound);
+            sg_trainer_destroy(&t);
+        }
+    }
+    /* Time enough: every iteration. */
+    sg_trainer *t;
+    struct sg_train_limits l;
+    p.max_seconds = 1000, p.iterations = 60;
+    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_OK);
+    for (int it = 1; it <= 60; it++, now += 1) {
+        struct sg_train_step s;
+        assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+        assert_int_equal(s.iteration, it);
+    }
+    sg_trainer_limits(t, &l);
+    assert_false(l.time_bound);
+    sg_trainer_destroy(&t);
+    unlink(path);
+    clear_fixture(&f);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_growth), cmocka_unit_test(test_limit),
+                                       cmocka_unit_test(test_memory), cmocka_unit_test(test_time)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
