@@ -6,7 +6,7 @@
 #include "splatguard/splatguard.h"
 
 extern const struct command command_train, command_eval, command_render, command_synth, command_info, command_attack,
-    command_compare, command_spectrum;
+    command_compare, command_spectrum, command_audit;
 
 /* What scenes and threads need, shared by the commands that load one. */
 struct scene_options {

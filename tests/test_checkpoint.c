@@ -11,7 +11,7 @@
 
 #define SIDE 20
 #define HEADER                                                                                                         \
-    104 /* of the format: magic, count, degree, iteration, 6 step counters, start degree, cameras, seed, views, extent \
+    112 /* of the format: magic, count, degree, iteration, 6 step counters, start degree, cameras, seed, views, extent \
          */
 #define AT_COUNT 8
 #define AT_DEGREE 16
@@ -23,6 +23,7 @@
 #define AT_EXTENT 72
 #define AT_VISITED 80
 #define AT_SPENT 88
+#define AT_GROWTH 96
 
 struct fixture {
     sg_ctx *ctx;
@@ -176,6 +177,8 @@ static void test_sealed_lies(void **state)
         {"more visits than iterations", AT_VISITED, 4, 8},
         {"negative time", AT_SPENT, 0xbff0000000000000u, 8},
         {"NaN time", AT_SPENT, 0x7ff8000000000000u, 8},
+        {"negative growth", AT_GROWTH, 0xbff0000000000000u, 8},
+        {"NaN growth", AT_GROWTH, 0x7ff8000000000000u, 8},
         {"NaN extent", AT_EXTENT, 0x7ff8000000000000u, 8},
     };
     for (size_t i = 0; i < sizeof(lies) / sizeof(lies[0]); i++) {

@@ -170,10 +170,38 @@ static void test_events(void **state)
     clear_fixture(&f);
 }
 
+/* Half of what grows, of late. */
+static void test_automatic(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(2);
+    struct sg_train_params p = defended();
+    sg_trainer *t;
+    double growth = 0;
+    int events = 0;
+    p.defense.rho = -1;
+    f.scene.train = f.views;
+    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_OK);
+    for (int it = 1; it <= 40; it++) {
+        struct sg_train_step s;
+        const size_t before = sg_trainer_gaussians(t);
+        assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+        if (!s.defense.filtered)
+            continue;
+        const double share = (double) (s.cloned + s.split) / (double) before;
+        growth = events++ ? growth + (share - growth) / 4 : share;
+        assert_float_equal(s.defense.rho, growth / 2, 1e-12);
+    }
+    assert_true(events > 3 && growth > 0);
+    sg_trainer_destroy(&t);
+    clear_fixture(&f);
+}
+
 static void test_same_bytes(void **state)
 {
     (void) state;
-    const struct sg_train_params p = defended();
+    struct sg_train_params p = defended();
+    p.defense.rho = -1; /* has state of its own */
     char path[] = "/tmp/sg_checkpoint_XXXXXX";
     close(mkstemp(path));
     struct fixture one = make_fixture(1), three = make_fixture(3);
@@ -223,8 +251,9 @@ static void test_refusals(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_weight),     cmocka_unit_test(test_ranks),
-                                       cmocka_unit_test(test_filter),     cmocka_unit_test(test_events),
-                                       cmocka_unit_test(test_same_bytes), cmocka_unit_test(test_refusals)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_weight),    cmocka_unit_test(test_ranks),
+                                       cmocka_unit_test(test_filter),    cmocka_unit_test(test_events),
+                                       cmocka_unit_test(test_automatic), cmocka_unit_test(test_same_bytes),
+                                       cmocka_unit_test(test_refusals)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

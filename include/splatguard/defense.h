@@ -51,7 +51,7 @@ struct sg_defense_params {
     enum sg_prune_views sample; /* Default SG_VIEWS_RANDOM. */
     /* In the image: loss + lambda (anisotropy_scale L_ani + tv_scale L_tv) of the render. */
     double lambda;           /* Default 4. */
-    double anisotropy_scale; /* Default 1. */
+    double anisotropy_scale; /* Default 0.005: docs/defense.md has the sweep. */
     double tv_scale;         /* Default 1. */
     enum sg_tv_norm tv;      /* Default SG_TV_NORM_L2. */
     struct sg_anisotropy_params spectrum;
@@ -59,7 +59,7 @@ struct sg_defense_params {
 
 #define SG_DEFENSE_DEFAULTS                                                                                            \
     .rho = 0.03, .frequency = 8, .exponent = 2, .views = 48, .interval = 100, .from = -1, .until = -1, .lambda = 4,    \
-    .anisotropy_scale = 1, .tv_scale = 1, .spectrum = {SG_ANISOTROPY_DEFAULTS}
+    .anisotropy_scale = 0.005, .tv_scale = 1, .spectrum = {SG_ANISOTROPY_DEFAULTS}
 
 /* What one iteration's defense did. */
 struct sg_defense_step {

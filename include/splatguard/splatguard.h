@@ -3,8 +3,10 @@
 #define SPLATGUARD_SPLATGUARD_H
 
 #include "attack.h"
+#include "audit.h"
 #include "camera.h"
 #include "context.h"
+#include "defense.h"
 #include "error.h"
 #include "eval.h"
 #include "model.h"

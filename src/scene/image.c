@@ -170,15 +170,10 @@ int sg_image_read(sg_ctx *ctx, const char *path, uint64_t max_pixels, struct sg_
     return code;
 }
 
-int sg_image_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, int width, int height, int channels)
+/* To a stream, or to memory of the C library where there is none. Returns spng's code. */
+static int encode_png(FILE *stream, void **data, size_t *size, const uint8_t *pixels, int width, int height,
+                      int channels)
 {
-    if (width < 1 || height < 1 || (channels != 1 && channels != 3 && channels != 4))
-        return sg_fail(ctx, SG_ERR_USAGE, "%s: cannot write a PNG of %d x %d pixels with %d channels", path, width,
-                       height, channels);
-    struct sg_file_writer w;
-    int code = sg_file_create(ctx, &w, path);
-    if (code)
-        return code;
     struct spng_ihdr ihdr = {.width = (uint32_t) width, .height = (uint32_t) height, .bit_depth = 8};
     ihdr.color_type = channels == 1   ? SPNG_COLOR_TYPE_GRAYSCALE
                       : channels == 3 ? SPNG_COLOR_TYPE_TRUECOLOR
@@ -186,13 +181,33 @@ int sg_image_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, int
     int failed = SPNG_EMEM;
     spng_ctx *png = spng_ctx_new(SPNG_CTX_ENCODER);
     if (png)
-        failed = spng_set_png_file(png, w.stream);
+        failed = stream ? spng_set_png_file(png, stream) : spng_set_option(png, SPNG_ENCODE_TO_BUFFER, 1);
     if (!failed)
         failed = spng_set_ihdr(png, &ihdr);
     if (!failed)
         failed = spng_encode_image(png, pixels, (size_t) width * (size_t) height * (size_t) channels, SPNG_FMT_PNG,
                                    SPNG_ENCODE_FINALIZE);
+    if (!failed && !stream)
+        *data = spng_get_png_buffer(png, size, &failed);
     spng_ctx_free(png);
+    return failed;
+}
+
+static int png_possible(sg_ctx *ctx, const char *name, int width, int height, int channels)
+{
+    if (width >= 1 && height >= 1 && (channels == 1 || channels == 3 || channels == 4))
+        return SG_OK;
+    return sg_fail(ctx, SG_ERR_USAGE, "%s: cannot write a PNG of %d x %d pixels with %d channels", name, width, height,
+                   channels);
+}
+
+int sg_image_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, int width, int height, int channels)
+{
+    struct sg_file_writer w;
+    int code = png_possible(ctx, path, width, height, channels);
+    if (code || (code = sg_file_create(ctx, &w, path)))
+        return code;
+    const int failed = encode_png(w.stream, NULL, NULL, pixels, width, height, channels);
     if (failed) {
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write the PNG: %s", path,
                        ferror(w.stream) ? strerror(errno) : spng_strerror(failed));
@@ -200,6 +215,17 @@ int sg_image_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, int
         return code;
     }
     return sg_file_commit(ctx, &w);
+}
+
+int sg_image_encode_png(sg_ctx *ctx, const uint8_t *pixels, int width, int height, int channels, void **data,
+                        size_t *size)
+{
+    *data = NULL;
+    const int code = png_possible(ctx, "memory", width, height, channels);
+    if (code)
+        return code;
+    const int failed = encode_png(NULL, data, size, pixels, width, height, channels);
+    return failed ? sg_fail(ctx, SG_ERR_BUDGET, "cannot encode a PNG: %s", spng_strerror(failed)) : SG_OK;
 }
 
 int sg_image_write_jpeg(sg_ctx *ctx, const char *path, const uint8_t *rgb, int width, int height, int quality,

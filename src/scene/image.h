@@ -25,6 +25,10 @@ int sg_image_decode(sg_ctx *ctx, const char *name, const void *data, size_t size
 /* 8-bit PNG of 1, 3 or 4 channels. The file appears whole or not at all. */
 int sg_image_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, int width, int height, int channels);
 
+/* The same into memory: free(*data). */
+int sg_image_encode_png(sg_ctx *ctx, const uint8_t *pixels, int width, int height, int channels, void **data,
+                        size_t *size);
+
 /* Baseline JPEG of RGB pixels. quality: 1..100. full_chroma: 4:4:4 instead of 4:2:0. */
 int sg_image_write_jpeg(sg_ctx *ctx, const char *path, const uint8_t *rgb, int width, int height, int quality,
                         bool full_chroma);

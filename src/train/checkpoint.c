@@ -22,6 +22,7 @@ struct header {
     double extent;
     uint64_t steps;
     double spent; /* seconds */
+    double growth;
     uint32_t gaussians_bound, time_bound;
 };
 
@@ -32,7 +33,8 @@ static bool counters_sound(const struct header *h)
     bool sound = h->iteration >= 0 && h->iteration <= MAX_ITERATION;
     for (int g = 0; g < SG_GROUPS; g++)
         sound = sound && h->adam_steps[g] >= 0 && h->adam_steps[g] <= h->iteration;
-    return sound && h->steps <= (uint64_t) h->iteration && h->spent >= 0 && h->spent < 1e12;
+    return sound && h->steps <= (uint64_t) h->iteration && h->spent >= 0 && h->spent < 1e12 && h->growth >= 0 &&
+           h->growth <= 1;
 }
 
 static uint32_t cameras_hash(const struct sg_scene *scene)
@@ -103,6 +105,7 @@ int sg_trainer_save(sg_trainer *t, const char *path)
                        .extent = t->extent,
                        .steps = t->steps,
                        .spent = t->params.max_seconds > 0 ? sg_trainer_elapsed(t) : 0, /* else the same bytes always */
+                       .growth = t->growth,
                        .gaussians_bound = t->gaussians_bound,
                        .time_bound = t->time_bound};
     memcpy(h.magic, MAGIC, sizeof(h.magic));
@@ -201,6 +204,7 @@ int sg_trainer_load(sg_trainer *t, const char *path)
     t->iteration = h.iteration;
     t->steps = h.steps;
     t->spent = h.spent;
+    t->growth = h.growth;
     t->started = t->params.clock(t->params.clock_arg);
     t->gaussians_bound = h.gaussians_bound, t->time_bound = h.time_bound;
     for (int g = 0; g < SG_GROUPS; g++)

@@ -246,7 +246,18 @@ static int next_iteration(sg_trainer *t)
     return by_time > next ? by_time : next;
 }
 
-/* What there is of the filter's share, for Gaussians that give way at the limit. */
+/* The filter's share where it follows growth: less than what grows, so that no model dies out of it, whatever its
+ * scene; enough that growth which pays in no other view does not stay. docs/defense.md has the sweep. */
+#define GROWTH_PACE 0.25
+#define GROWTH_SHARE 0.5
+
+static double filter_share(const sg_trainer *t)
+{
+    const double rho = t->params.defense.rho;
+    return rho >= 0 ? rho : fmin(GROWTH_SHARE * t->growth, 0.5);
+}
+
+/* Most that gives way at a densification where a budget binds. */
 #define REPLACED 0.03f
 
 struct score_call {
@@ -266,6 +277,7 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
     const struct sg_train_params *p = &t->params;
     struct sg_densify_result r;
     const double start = system_clock(NULL), counted = t->backend->times.count;
+    const size_t n = t->backend->ops->count(t->backend);
     const int code =
         sg_densify(t->backend,
                    &(struct sg_densify_params){
@@ -281,6 +293,8 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
                    &r);
     step->cloned = r.cloned, step->split = r.split, step->pruned = r.pruned;
     t->gaussians_bound |= r.replaced || r.limited;
+    const double grown = (double) (r.cloned + r.split) / (double) n;
+    t->growth += (grown - t->growth) * (t->growth > 0 ? GROWTH_PACE : 1);
     t->backend->times.densify += system_clock(NULL) - start - (t->backend->times.count - counted);
     return code;
 }
@@ -329,7 +343,7 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
         return code;
     if (densifies && (code = densify(t, it, &render, &step)))
         return code;
-    if (filters && (code = sg_filter(t->backend, t->scene, d, &render, d->rho, p->seed, it, &step.defense)))
+    if (filters && (code = sg_filter(t->backend, t->scene, d, &render, filter_share(t), p->seed, it, &step.defense)))
         return code;
     if (resets && (code = ops->reset_opacity(t->backend, SG_RESET_OPACITY)))
         return code;

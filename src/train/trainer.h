@@ -20,6 +20,7 @@ struct sg_trainer {
     double spent;   /* seconds of the steps before the clock's `started` */
     double started, step_begun;
     bool steps_here; /* step_begun is known */
+    double growth;   /* share of the Gaussians that grow at a densification, of late */
     struct sg_budget budget;
     bool gaussians_bound, time_bound;
     int adam_steps[SG_GROUPS];

@@ -1,0 +1,186 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The audit as one page without any other file. Names come from strangers: all text is escaped. */
+#include "audit_report.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "scene/image.h"
+
+#include "run_folder.h"
+
+#define SHOWN 3   /* photos from each end of the ranking */
+#define PANEL 360 /* pixels, the longer side */
+#define HEAT 4.0f /* grey levels of oscillation that are drawn brightest */
+
+static void put_text(FILE *f, const char *text)
+{
+    for (; *text; text++)
+        if (strchr("<>&\"'", *text))
+            fprintf(f, "&#%d;", *text);
+        else
+            fputc(*text, f);
+}
+
+static void put_base64(FILE *f, const uint8_t *data, size_t n)
+{
+    static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    for (size_t i = 0; i < n; i += 3) {
+        const unsigned a = data[i], b = i + 1 < n ? data[i + 1] : 0, c = i + 2 < n ? data[i + 2] : 0;
+        const unsigned word = a << 16 | b << 8 | c;
+        fputc(digits[word >> 18], f);
+        fputc(digits[word >> 12 & 63], f);
+        fputc(i + 1 < n ? digits[word >> 6 & 63] : '=', f);
+        fputc(i + 2 < n ? digits[word & 63] : '=', f);
+    }
+}
+
+/* Black, red, yellow, white. */
+static void heat(float t, uint8_t *rgb)
+{
+    t = t < 0 ? 0 : t > 1 ? 1 : t;
+    for (int ch = 0; ch < 3; ch++) {
+        const float v = 3 * t - (float) ch;
+        rgb[ch] = (uint8_t) (255 * (v < 0 ? 0 : v > 1 ? 1 : v));
+    }
+}
+
+static int put_picture(sg_ctx *ctx, FILE *f, const uint8_t *rgb, int w, int h, const char *title)
+{
+    const int side = w > h ? w : h, pw = w * PANEL / side > 0 ? w * PANEL / side : 1,
+              ph = h * PANEL / side > 0 ? h * PANEL / side : 1;
+    uint8_t *small = malloc(3 * (size_t) pw * (size_t) ph);
+    void *png = NULL;
+    size_t size = 0;
+    int code = small ? sg_resample(ctx, rgb, w, h, 3, small, pw, ph) : SG_ERR_BUDGET;
+    if (!code)
+        code = sg_image_encode_png(ctx, small, pw, ph, 3, &png, &size);
+    if (!code) {
+        fprintf(f, "<figure><img alt=\"%s\" width=%d height=%d src=\"data:image/png;base64,", title, pw, ph);
+        put_base64(f, png, size);
+        fprintf(f, "\"><figcaption>%s</figcaption></figure>\n", title);
+    }
+    free(png);
+    free(small);
+    return code;
+}
+
+/* Photo, where it oscillates, and its spectrum. */
+static int put_view(sg_ctx *ctx, FILE *f, const struct sg_view *v, const struct sg_audit_image *image)
+{
+    const int w = v->camera.width, h = v->camera.height, across = (w + 15) / 16, below = (h + 15) / 16;
+    const size_t pixels = (size_t) w * (size_t) h;
+    float *map = malloc((size_t) across * (size_t) below * sizeof(float)), *amplitude = malloc(pixels * sizeof(float));
+    uint8_t *rgb = malloc(3 * pixels);
+    struct sg_audit_features features;
+    struct sg_spectrum spectrum;
+    fprintf(f, "<h3>");
+    put_text(f, image->name);
+    fprintf(f, ": %s, score %.3f</h3>\n<div class=row>\n", sg_audit_verdict_name(image->verdict), image->score);
+    int code = map && amplitude && rgb ? put_picture(ctx, f, v->rgb, w, h, "photo") : SG_ERR_BUDGET;
+    if (!code)
+        code = sg_audit_measure(ctx, v->rgb, w, h, &features, map);
+    if (!code) {
+        for (size_t i = 0; i < pixels; i++)
+            heat(map[i / (size_t) w / 16 * (size_t) across + i % (size_t) w / 16] / HEAT, rgb + 3 * i);
+        code = put_picture(ctx, f, rgb, w, h, "oscillation: white = 4 grey levels and more");
+    }
+    if (!code)
+        code = sg_spectrum_measure(ctx, v->rgb, w, h, NULL, &spectrum, amplitude);
+    if (!code) {
+        float most = 0;
+        for (size_t i = 0; i < pixels; i++)
+            most = amplitude[i] > most ? amplitude[i] : most;
+        for (size_t i = 0; i < pixels; i++)
+            heat(most > 0 ? amplitude[i] / most : 0, rgb + 3 * i);
+        code = put_picture(ctx, f, rgb, w, h, "amplitude spectrum: zero frequency in the middle");
+    }
+    fprintf(f, "</div>\n");
+    free(map);
+    free(amplitude);
+    free(rgb);
+    return code;
+}
+
+static const struct sg_audit_image *ranked_by;
+
+static int by_score(const void *a, const void *b)
+{
+    const size_t x = *(const size_t *) a, y = *(const size_t *) b;
+    if (ranked_by[x].score != ranked_by[y].score)
+        return ranked_by[x].score < ranked_by[y].score ? 1 : -1;
+    return x < y ? -1 : 1;
+}
+
+static void put_head(FILE *f, const struct sg_scene *scene, const struct sg_audit *a)
+{
+    fprintf(f,
+            "<!doctype html>\n<html lang=en><meta charset=utf-8><meta name=viewport content=\"width=device-width\">\n"
+            "<title>Audit</title>\n<style>\n"
+            "body{font:16px/1.5 system-ui,sans-serif;margin:2em auto;max-width:1140px;padding:0 1em;color:#222}\n"
+            "table{border-collapse:collapse}td,th{padding:.1em .8em;text-align:right;border-bottom:1px solid #ddd}\n"
+            "td:first-child,th:first-child{text-align:left}.row{display:flex;flex-wrap:wrap;gap:12px}\n"
+            "figure{margin:0}figcaption{font-size:13px;color:#666}\n"
+            ".clean{color:#2a7}.suspicious{color:#b80}.poisoned{color:#c33}\n</style>\n<h1>");
+    put_text(f, scene->path);
+    fprintf(f,
+            ": <span class=%s>%s</span></h1>\n<p>Score %.3f. Of %zu photos %zu poisoned, %zu suspicious, %zu clean.\n",
+            sg_audit_verdict_name(a->verdict), sg_audit_verdict_name(a->verdict), a->score, a->count,
+            a->verdicts[SG_AUDIT_POISONED], a->verdicts[SG_AUDIT_SUSPICIOUS], a->verdicts[SG_AUDIT_CLEAN]);
+    if (a->count_reasons) {
+        fprintf(f, "<ul>\n");
+        for (size_t i = 0; i < a->count_reasons; i++) {
+            fprintf(f, "<li>");
+            put_text(f, a->reasons[i]);
+            fprintf(f, "\n");
+        }
+        fprintf(f, "</ul>\n");
+    }
+}
+
+static void put_table(FILE *f, const struct sg_audit *a, const size_t *order)
+{
+    fprintf(f,
+            "<h2>All photos</h2>\n<table><tr><th>photo<th>verdict<th>score<th>oscillation down<th>across<th>in quiet "
+            "parts<th>share of variation<th>evenness<th>spectral slope<th>anisotropy\n");
+    for (size_t i = 0; i < a->count; i++) {
+        const struct sg_audit_image *m = &a->images[order[i]];
+        const struct sg_audit_features *x = &m->features;
+        fprintf(f, "<tr><td>");
+        put_text(f, m->name);
+        fprintf(f, "<td class=%s>%s<td>%.3f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.3f\n",
+                sg_audit_verdict_name(m->verdict), sg_audit_verdict_name(m->verdict), m->score, x->osc_down,
+                x->osc_across, x->osc_quiet, x->osc_share, x->evenness, x->slope, x->anisotropy);
+    }
+    fprintf(f, "</table>\n");
+}
+
+int audit_report(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_audit *a, const char *path)
+{
+    char *page = NULL;
+    size_t size = 0;
+    size_t *order = malloc((a->count + 1) * sizeof(*order));
+    FILE *f = open_memstream(&page, &size);
+    int code = order && f ? SG_OK : SG_ERR_BUDGET;
+    for (size_t i = 0; i < a->count && !code; i++)
+        order[i] = i;
+    if (!code) {
+        ranked_by = a->images;
+        qsort(order, a->count, sizeof(*order), by_score);
+        put_head(f, scene, a);
+        fprintf(f, "<h2>Highest and lowest scores</h2>\n");
+    }
+    for (size_t i = 0; i < a->count && !code; i++)
+        if (i < SHOWN || i + SHOWN >= a->count)
+            code = put_view(ctx, f, &scene->train[order[i]], &a->images[order[i]]);
+    if (!code)
+        put_table(f, a, order);
+    if (f && fclose(f) && !code)
+        code = SG_ERR_BUDGET;
+    code = code ? report(ctx, code) : run_write_file(path, page, size);
+    free(page);
+    free(order);
+    return code;
+}

@@ -1,0 +1,106 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* splatguard audit: are these photos poisoned? */
+#include <stdlib.h>
+#include <string.h>
+
+#include "audit_report.h"
+#include "commands.h"
+
+struct audit_config {
+    struct scene_options scene;
+    const char *report;
+    bool json, quiet;
+    int threads;
+    uint64_t max_memory;
+};
+
+#define A(field) offsetof(struct audit_config, field)
+static const struct option audit_options[] = {
+    {"Output", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
+    {"json", 0, OPT_FLAG, A(json), 0, 0, NULL, NULL, "Print one JSON object.", true},
+    {"report", 0, OPT_STRING, A(report), 0, 0, NULL, "OUT.html",
+     "Write a page with the reasons, spectra and heat maps of the most suspicious and the least suspicious photos.",
+     true},
+    {"threads", 'j', OPT_INT, A(threads), 0, 256, NULL, "T", "Worker threads; 0 = one per CPU.", true},
+    {"max-memory", 0, OPT_BYTES, A(max_memory), 0, 9e15, NULL, "BYTES", "Most memory of the process; 0 = no limit.",
+     true},
+    {"quiet", 'q', OPT_FLAG, A(quiet), 0, 0, NULL, NULL, "No messages.", true},
+    SCENE_OPTIONS(struct audit_config, scene, true),
+    {0},
+};
+
+static const struct audit_config defaults = {.scene = {SCENE_OPTION_DEFAULTS}};
+
+static json_t *features(const struct sg_audit_features *f)
+{
+    return json_pack("{s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o}", "tv_down", number_json(f->tv_down), "tv_across",
+                     number_json(f->tv_across), "osc_down", number_json(f->osc_down), "osc_across",
+                     number_json(f->osc_across), "osc_share", number_json(f->osc_share), "osc_quiet",
+                     number_json(f->osc_quiet), "evenness", number_json(f->evenness), "slope", number_json(f->slope),
+                     "anisotropy", number_json(f->anisotropy));
+}
+
+static void print_json(const struct sg_audit *a)
+{
+    json_t *images = json_array();
+    for (size_t i = 0; i < a->count; i++)
+        json_array_append_new(images, json_pack("{s:o,s:o,s:s,s:o}", "name", text_json(a->images[i].name), "score",
+                                                number_json(a->images[i].score), "verdict",
+                                                sg_audit_verdict_name(a->images[i].verdict), "features",
+                                                features(&a->images[i].features)));
+    json_t *root = json_pack("{s:s,s:o,s:o}", "verdict", sg_audit_verdict_name(a->verdict), "score",
+                             number_json(a->score), "images", images);
+    char *text = json_dumps(root, JSON_INDENT(1) | JSON_REAL_PRECISION(6));
+    printf("%s\n", text ? text : "{}");
+    free(text);
+    json_decref(root);
+}
+
+static void print_text(const struct sg_audit *a)
+{
+    printf("%s: score %.3f; of %zu images %zu poisoned, %zu suspicious, %zu clean\n", sg_audit_verdict_name(a->verdict),
+           a->score, a->count, a->verdicts[SG_AUDIT_POISONED], a->verdicts[SG_AUDIT_SUSPICIOUS],
+           a->verdicts[SG_AUDIT_CLEAN]);
+}
+
+static int run_audit(const void *config, const bool *given, const char *const *positional, int count)
+{
+    (void) given, (void) count;
+    struct audit_config c = *(const struct audit_config *) config;
+    sg_ctx *ctx;
+    struct sg_scene *scene = NULL;
+    struct sg_audit *audit = NULL;
+    int code = open_context(&ctx, c.threads, c.max_memory, c.quiet);
+    if (code)
+        return code;
+    c.scene.params.format = (enum sg_scene_format) c.scene.format;
+    int error = sg_scene_load(ctx, positional[0], &c.scene.params, &scene);
+    if (!error)
+        error = sg_audit_scene(ctx, scene, &audit);
+    if (error)
+        code = report(ctx, error);
+    else if (c.json)
+        print_json(audit);
+    else
+        print_text(audit);
+    if (!code && c.report)
+        code = audit_report(ctx, scene, audit, c.report);
+    sg_audit_destroy(ctx, &audit);
+    sg_scene_destroy(ctx, &scene);
+    sg_ctx_destroy(&ctx);
+    return code;
+}
+
+const struct command command_audit = {
+    .name = "audit",
+    .arguments = "SCENE [options]",
+    .summary = "Tells poisoned photos from clean ones, before training.",
+    .description = "Looks for what an attack on the cost of training has to leave in photos: fine oscillation, "
+                   "everywhere, in every photo. Exit status 0 whatever the verdict.",
+    .options = audit_options,
+    .config_size = sizeof(struct audit_config),
+    .defaults = &defaults,
+    .min_positional = 1,
+    .max_positional = 1,
+    .run = run_audit,
+};

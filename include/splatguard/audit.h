@@ -1,0 +1,60 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Tells poisoned photos from clean ones before training, from the pixels alone: an attack that makes training dear has
+ * to fill the photos with fine oscillation, everywhere, and in every photo. */
+#ifndef SPLATGUARD_AUDIT_H
+#define SPLATGUARD_AUDIT_H
+
+#include "scene.h"
+#include "spectrum.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum sg_audit_verdict { SG_AUDIT_CLEAN, SG_AUDIT_SUSPICIOUS, SG_AUDIT_POISONED };
+
+/* What is measured of one image. Differences are between neighbouring pixels' luma, in grey levels. */
+struct sg_audit_features {
+    double tv_down, tv_across; /* mean absolute difference to the next row, to the next column */
+    double osc_down, osc_across; /* mean oscillation: at local extremes, the lesser of both differences, else 0 */
+    double osc_share;  /* of all variation, what local extremes carry */
+    double osc_quiet;  /* oscillation of the quiet parts: the 25th percentile over blocks of 16 x 16 pixels */
+    double evenness;   /* median over mean of the blocks' oscillation: 1 = everywhere alike */
+    double slope;      /* ln of the spectrum's mean energy at 0.7..0.95 of the Nyquist frequency over that at 0.35..0.55 */
+    double anisotropy; /* of the spectrum, see spectrum.h */
+};
+
+struct sg_audit_image {
+    const char *name; /* the view's */
+    struct sg_audit_features features;
+    double score; /* 0..1 */
+    enum sg_audit_verdict verdict;
+};
+
+#define SG_AUDIT_REASONS_MAX 5
+
+struct sg_audit {
+    size_t count;
+    struct sg_audit_image *images; /* of the training views, in their order */
+    double score;                  /* of the set */
+    enum sg_audit_verdict verdict;
+    size_t verdicts[3]; /* images of each */
+    size_t count_reasons;
+    char *reasons[SG_AUDIT_REASONS_MAX]; /* sentences: what speaks for a poison */
+};
+
+/* The caller owns *out. Errors: SG_ERR_BUDGET. Thread safety: as the context. */
+int sg_audit_scene(sg_ctx *ctx, const struct sg_scene *scene, struct sg_audit **out);
+void sg_audit_destroy(sg_ctx *ctx, struct sg_audit **audit);
+
+const char *sg_audit_verdict_name(enum sg_audit_verdict verdict);
+
+/* One image, rgb: height x width x 3. map: NULL, or (height + 15) / 16 x (width + 15) / 16 floats for the blocks'
+ * oscillation in grey levels. */
+int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, int width, int height, struct sg_audit_features *out, float *map);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
