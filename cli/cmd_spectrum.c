@@ -9,7 +9,7 @@
 #include "commands.h"
 
 struct spectrum_config {
-    const char *output;
+    const char *output, *crop;
     struct sg_spectrum_params p;
     double gain;
     bool json;
@@ -23,6 +23,7 @@ static const struct option spectrum_options[] = {
     {"json", 0, OPT_FLAG, S(json), 0, 0, NULL, NULL, "Print a JSON array, one object an image.", true},
     {"gain", 0, OPT_DOUBLE, S(gain), 0.01, 255, NULL, "X", "How much differences from the first image are magnified.",
      true},
+    {"crop", 0, OPT_STRING, S(crop), 0, 0, NULL, "X,Y,W,H", "Also draw this part of every image, magnified.", true},
     {"low", 0, OPT_DOUBLE, S(p.low), 0, 1, NULL, "X", "Lower edge of the band, as a part of the Nyquist frequency.",
      true},
     {"high", 0, OPT_DOUBLE, S(p.high), 0, 1, NULL, "X", "Upper edge of the band.", true},
@@ -98,11 +99,29 @@ static void print_lines(const struct picture_image *images, int n, const char *c
     }
 }
 
-static int draw(sg_ctx *ctx, const struct spectrum_config *c, const struct picture_image *images, int n)
+static int parse_crop(const char *text, const struct picture_image *images, int n, struct picture_crop *crop)
+{
+    char rest;
+    if (!text)
+        return 0;
+    const bool four = sscanf(text, "%d,%d,%d,%d%c", &crop->x, &crop->y, &crop->width, &crop->height, &rest) == 4;
+    for (int k = 0; k < n; k++)
+        if (!four || crop->x < 0 || crop->y < 0 || crop->width < 1 || crop->height < 1 ||
+            crop->width > images[k].width || crop->x > images[k].width - crop->width ||
+            crop->height > images[k].height || crop->y > images[k].height - crop->height) {
+            fprintf(stderr, "splatguard spectrum: --crop: found \"%s\", expected X,Y,W,H within %d x %d pixels\n", text,
+                    images[k].width, images[k].height);
+            return 1;
+        }
+    return 0;
+}
+
+static int draw(sg_ctx *ctx, const struct spectrum_config *c, const struct picture_image *images, int n,
+                const struct picture_crop *crop)
 {
     uint8_t *rgb = NULL;
     int width, height;
-    int error = picture_draw(ctx, images, n, c->gain, &rgb, &width, &height);
+    int error = picture_draw(ctx, images, n, c->gain, crop, &rgb, &width, &height);
     if (!error)
         error = sg_image_write_png(ctx, c->output, rgb, width, height, 3);
     free(rgb);
@@ -131,8 +150,11 @@ static int run_spectrum(const void *config, const bool *given, const char *const
         const int error = load(ctx, positional[k], c, &images[k]);
         code = error ? report(ctx, error) : 0;
     }
+    struct picture_crop crop = {0};
+    if (!code)
+        code = parse_crop(c->crop, images, count, &crop);
     if (!code && c->output) {
-        const int error = draw(ctx, c, images, count);
+        const int error = draw(ctx, c, images, count, &crop);
         code = error ? report(ctx, error) : 0;
     }
     if (!code)

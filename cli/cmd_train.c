@@ -86,6 +86,10 @@ static const struct option train_options[] = {
     {"defense", 0, OPT_CHOICE, T(defense), 0, 0, "off|spectral", "NAME",
      "Against poisoned photos: prune Gaussians of high frequency, keep renders smooth and even over directions.",
      false},
+    {"audit", 0, OPT_CHOICE, T(audit), 0, 0, "off|warn|refuse|defend", "MODE",
+     "Look at the photos first (see `audit`): say what is found, refuse poisoned ones with exit status 2, or turn the "
+     "defense on unless they are clean.",
+     false},
     {"preset", 0, OPT_CHOICE, T(preset), 0, 0, "auto|ns|tt|mip", "NAME",
      "The paper's rho and lambda for NeRF-Synthetic, Tanks and Temples, Mip-NeRF 360; auto: rho from the run's own "
      "growth.",
@@ -109,8 +113,9 @@ static const struct option train_options[] = {
     DOUBLE("lambda", lambda, -1, 1e6, "Weight of the two losses on renders; -1 = the preset's."),
     DOUBLE("anisotropy-scale", anisotropy_scale, 0, 1e6, "Times lambda: weight of the spectrum's anisotropy."),
     DOUBLE("tv-scale", tv_scale, 0, 1e6, "Times lambda: weight of the total variation."),
-    {"tv-norm", 0, OPT_CHOICE, T(train.defense.tv), 0, 0, "l2|l1", "NAME",
-     "Total variation: mean of squared or of absolute differences.", false},
+    {"tv-norm", 0, OPT_CHOICE, T(train.defense.tv), 0, 0, "l2|l1|huber", "NAME",
+     "Total variation: mean of squared or of absolute differences; huber: squared up to 16 grey levels, then linear.",
+     false},
     DOUBLE("band-low", spectrum.band.low, 0, 1, "Lower edge of the band, as a part of the Nyquist frequency."),
     DOUBLE("band-high", spectrum.band.high, 0, 1, "Upper edge of the band."),
     INTEGER("bins", train.defense.spectrum.band.bins, 2, SG_SPECTRUM_BINS_MAX, "Directions of the spectrum, even."),
@@ -365,6 +370,34 @@ static void settle(struct train_config *c)
     c->scene.params.eval = c->eval;
 }
 
+/* Before a run begins. With `defend`, the run's own options say afterwards that it is defended. */
+static int audit(struct train_run *r)
+{
+    struct train_config *c = r->config;
+    struct sg_audit *found = NULL;
+    if (c->audit == AUDIT_OFF)
+        return 0;
+    const int error = sg_audit_scene(r->ctx, r->scene, &found);
+    if (error)
+        return report(r->ctx, error);
+    const enum sg_audit_verdict verdict = found->verdict;
+    r->audit = sg_audit_verdict_name(verdict), r->audit_score = found->score;
+    if (verdict != SG_AUDIT_CLEAN || !c->quiet)
+        fprintf(stderr, "%saudit: the photos look %s, score %.3f\n", verdict != SG_AUDIT_CLEAN ? "warning: " : "",
+                r->audit, found->score);
+    for (size_t i = 0; i < found->count_reasons && verdict != SG_AUDIT_CLEAN; i++)
+        fprintf(stderr, "  %s\n", found->reasons[i]);
+    sg_audit_destroy(r->ctx, &found);
+    if (c->audit == AUDIT_REFUSE && verdict == SG_AUDIT_POISONED) {
+        fprintf(stderr, "splatguard: %s: found poisoned photos, expected clean ones (--audit refuse)\n", c->source);
+        return 2;
+    }
+    if (c->audit == AUDIT_DEFEND && verdict != SG_AUDIT_CLEAN)
+        c->defense = 1;
+    settle_defense(c);
+    return 0;
+}
+
 static int run_train(const void *config, const bool *given, const char *const *positional, int count)
 {
     struct train_config c = *(const struct train_config *) config;
@@ -397,6 +430,8 @@ static int run_train(const void *config, const bool *given, const char *const *p
         code = 2;
         goto done;
     }
+    if (!c.resume && (code = audit(&r)))
+        goto done;
     if ((code = start(&r, json_string_value(json_object_get(keep, "cpu_variant")))))
         goto done;
     interrupt_catch();

@@ -95,6 +95,18 @@ static int draw_difference(sg_ctx *ctx, struct canvas *c, const struct picture_i
     return code;
 }
 
+/* Magnified without smoothing: what matters here is pixels. */
+static void draw_crop(struct canvas *c, const struct picture_image *p, const struct picture_crop *crop, int x, int y,
+                      int w, int h)
+{
+    for (int row = 0; row < h; row++)
+        for (int column = 0; column < w; column++) {
+            const size_t from = (size_t) (crop->y + row * crop->height / h) * (size_t) p->width +
+                                (size_t) (crop->x + column * crop->width / w);
+            memcpy(c->rgb + 3 * ((size_t) (y + row) * (size_t) c->width + (size_t) (x + column)), p->rgb + 3 * from, 3);
+        }
+}
+
 /* One scale for all columns, so that brightness can be compared: from the median of the first to its maximum. */
 static int draw_amplitude(sg_ctx *ctx, struct canvas *c, const struct picture_image *p, float low, float high, int x,
                           int y)
@@ -199,8 +211,8 @@ static int find_range(const struct picture_image *p, float *low, float *high)
     return SG_OK;
 }
 
-int picture_draw(sg_ctx *ctx, const struct picture_image *images, int n, double gain, uint8_t **rgb, int *width,
-                 int *height)
+int picture_draw(sg_ctx *ctx, const struct picture_image *images, int n, double gain, const struct picture_crop *crop,
+                 uint8_t **rgb, int *width, int *height)
 {
     int tallest = 1;
     bool differences = false;
@@ -211,7 +223,9 @@ int picture_draw(sg_ctx *ctx, const struct picture_image *images, int n, double 
         differences |= k && images[k].width == images[0].width && images[k].height == images[0].height;
     }
     const int columns = n > 1 ? n : 2; /* room for the plots */
-    const int photos = TITLE, changes = photos + tallest + GAP,
+    const double enlarged = crop->width ? (double) CELL / (crop->width > crop->height ? crop->width : crop->height) : 0;
+    const int crop_w = (int) (crop->width * enlarged), crop_h = (int) (crop->height * enlarged);
+    const int photos = TITLE, crops = photos + tallest + GAP, changes = crop_h ? crops + crop_h + GAP : crops,
               spectra = differences ? changes + tallest + GAP + 14 : changes;
     const int plots = spectra + CELL + GAP;
     struct canvas c = {.width = columns * (CELL + GAP) + GAP, .height = plots + PLOT + GAP};
@@ -226,6 +240,8 @@ int picture_draw(sg_ctx *ctx, const struct picture_image *images, int n, double 
         const int w = (int) fmax(p->width * scale, 1), h = (int) fmax(p->height * scale, 1), x = GAP + k * (CELL + GAP);
         text(&c, x + CELL / 2.0, photos - 10, 13, colours[k], p->title);
         code = place(ctx, &c, p->rgb, p->width, p->height, x + (CELL - w) / 2, photos, w, h);
+        if (!code && crop_h)
+            draw_crop(&c, p, crop, x + (CELL - crop_w) / 2, crops, crop_w, crop_h);
         if (!code && k && p->width == images[0].width && p->height == images[0].height) {
             char label[48];
             snprintf(label, sizeof(label), "DIFFERENCE X %.3g", gain);

@@ -15,9 +15,14 @@ struct picture_image {
     struct sg_spectrum spectrum;
 };
 
-/* Draws photos, differences from the first where sizes agree, spectra, and the angular and radial distributions of all.
- * The caller frees *rgb. Returns a library error. */
-int picture_draw(sg_ctx *ctx, const struct picture_image *images, int n, double gain, uint8_t **rgb, int *width,
-                 int *height);
+/* A part of an image, in pixels; width 0: none. */
+struct picture_crop {
+    int x, y, width, height;
+};
+
+/* Draws photos, the same crop of all, differences from the first where sizes agree, spectra, and the angular and radial
+ * distributions of all. The caller frees *rgb. Returns a library error. */
+int picture_draw(sg_ctx *ctx, const struct picture_image *images, int n, double gain, const struct picture_crop *crop,
+                 uint8_t **rgb, int *width, int *height);
 
 #endif

@@ -6,11 +6,13 @@
 
 enum defense_preset { DEFENSE_AUTO, DEFENSE_NS, DEFENSE_TT, DEFENSE_MIP };
 
+enum audit_mode { AUDIT_OFF, AUDIT_WARN, AUDIT_REFUSE, AUDIT_DEFEND };
+
 struct train_config {
     const char *source, *output, *init;
     struct scene_options scene;
     struct sg_train_params train;
-    int backend, defense, preset; /* indices of choices */
+    int backend, defense, preset, audit; /* indices of choices */
     bool resume, force, quiet, eval;
     uint64_t max_memory;
     double max_time;

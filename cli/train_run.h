@@ -21,6 +21,8 @@ struct train_run {
     FILE *log;
     struct progress progress;
     struct train_totals totals;
+    const char *audit; /* the verdict, or NULL */
+    double audit_score;
     double begun;                   /* the command, on the monotonic clock */
     struct sg_train_step step;      /* newest */
     int before;                     /* iteration before it */

@@ -83,6 +83,8 @@ int train_summary_write(struct train_run *r)
     if (r->config->train.defense.on)
         PUT("defense", json_pack("{s:I,s:I}", "filter_events", (json_int_t) t->filter_events, "filter_removed",
                                  (json_int_t) t->filter_removed));
+    if (r->audit)
+        PUT("audit", json_pack("{s:s,s:o}", "verdict", r->audit, "score", number_json(r->audit_score)));
     PUT("budget", budget(r));
     PUT("train_seconds", number_json(t->seconds));
     PUT("cpu_seconds", number_json(t->cpu_seconds));

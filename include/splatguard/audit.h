@@ -15,12 +15,12 @@ enum sg_audit_verdict { SG_AUDIT_CLEAN, SG_AUDIT_SUSPICIOUS, SG_AUDIT_POISONED }
 
 /* What is measured of one image. Differences are between neighbouring pixels' luma, in grey levels. */
 struct sg_audit_features {
-    double tv_down, tv_across; /* mean absolute difference to the next row, to the next column */
+    double tv_down, tv_across;   /* mean absolute difference to the next row, to the next column */
     double osc_down, osc_across; /* mean oscillation: at local extremes, the lesser of both differences, else 0 */
-    double osc_share;  /* of all variation, what local extremes carry */
-    double osc_quiet;  /* oscillation of the quiet parts: the 25th percentile over blocks of 16 x 16 pixels */
-    double evenness;   /* median over mean of the blocks' oscillation: 1 = everywhere alike */
-    double slope;      /* ln of the spectrum's mean energy at 0.7..0.95 of the Nyquist frequency over that at 0.35..0.55 */
+    double osc_share;            /* of all variation, what local extremes carry */
+    double osc_quiet;            /* oscillation of the quiet parts: the 25th percentile over blocks of 16 x 16 pixels */
+    double evenness;             /* median over mean of the blocks' oscillation: 1 = everywhere alike */
+    double slope; /* ln of the spectrum's mean energy at 0.7..0.95 of the Nyquist frequency over that at 0.35..0.55 */
     double anisotropy; /* of the spectrum, see spectrum.h */
 };
 

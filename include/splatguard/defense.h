@@ -33,7 +33,13 @@ enum sg_prune_rule {
 
 enum sg_prune_views { SG_VIEWS_RANDOM /* a fresh sample each time */, SG_VIEWS_ALL };
 
-enum sg_tv_norm { SG_TV_NORM_L2 /* mean squares of differences */, SG_TV_NORM_L1 /* mean absolute differences */ };
+/* What a difference d between neighbouring values counts. */
+enum sg_tv_norm {
+    SG_TV_NORM_L2,   /* d^2 */
+    SG_TV_NORM_L1,   /* |d| */
+    SG_TV_NORM_HUBER /* d^2 up to SG_TV_EDGE, from there on linear: fine oscillation as with L2, edges as with L1 */
+};
+#define SG_TV_EDGE (16.0f / 255)
 
 struct sg_defense_params {
     bool on; /* Default false; the rest is then unused. */

@@ -17,56 +17,88 @@ struct tv_job {
 
 #define LANES 16 /* sums side by side, so that compilers may vectorise them */
 
+static inline float norm_of(float d, enum sg_tv_norm norm)
+{
+    const float size = fabsf(d);
+    switch (norm) {
+    case SG_TV_NORM_L2:
+        return d * d;
+    case SG_TV_NORM_L1:
+        return size;
+    default:
+        return size < SG_TV_EDGE ? d * d : SG_TV_EDGE * (2 * size - SG_TV_EDGE);
+    }
+}
+
+static inline float slope_of(float d, enum sg_tv_norm norm)
+{
+    switch (norm) {
+    case SG_TV_NORM_L2:
+        return 2 * d;
+    case SG_TV_NORM_L1:
+        return (float) ((d > 0) - (d < 0));
+    default:
+        return 2 * (d > SG_TV_EDGE ? SG_TV_EDGE : d < -SG_TV_EDGE ? -SG_TV_EDGE : d);
+    }
+}
+
 /* Sum over x of the norm of b - a. */
-static double row_sum(const float *a, const float *b, int n, enum sg_tv_norm norm)
+static inline double row_sum(const float *a, const float *b, int n, enum sg_tv_norm norm)
 {
     float part[LANES] = {0};
     double sum = 0;
     int x = 0;
     for (; x + LANES <= n; x += LANES)
-        for (int k = 0; k < LANES; k++) {
-            const float d = b[x + k] - a[x + k];
-            part[k] += norm == SG_TV_NORM_L2 ? d * d : fabsf(d);
-        }
-    for (; x < n; x++) {
-        const float d = b[x] - a[x];
-        part[0] += norm == SG_TV_NORM_L2 ? d * d : fabsf(d);
-    }
+        for (int k = 0; k < LANES; k++)
+            part[k] += norm_of(b[x + k] - a[x + k], norm);
+    for (; x < n; x++)
+        part[0] += norm_of(b[x] - a[x], norm);
     for (int k = 0; k < LANES; k++)
         sum += (double) part[k];
     return sum;
 }
 
 /* Adds the pull of the differences b - a to b's gradient. */
-static void add_pull(const float *restrict a, const float *restrict b, int n, float weight, enum sg_tv_norm norm,
-                     float *restrict to)
+static inline void add_pull(const float *restrict a, const float *restrict b, int n, float weight, enum sg_tv_norm norm,
+                            float *restrict to)
 {
-    if (norm == SG_TV_NORM_L2)
-        for (int x = 0; x < n; x++)
-            to[x] += 2 * weight * (b[x] - a[x]);
-    else
-        for (int x = 0; x < n; x++)
-            to[x] += weight * (float) ((b[x] > a[x]) - (b[x] < a[x]));
+    for (int x = 0; x < n; x++)
+        to[x] += weight * slope_of(b[x] - a[x], norm);
 }
 
-static void tv_row(void *arg, size_t r, int thread)
+static inline void row_of(const struct tv_job *j, size_t r, enum sg_tv_norm norm)
 {
-    (void) thread;
-    const struct tv_job *j = arg;
     const int w = j->width, y = (int) (r % (size_t) j->height);
     const float *row = j->planes + r * (size_t) w;
     const bool above = y > 0, below = y + 1 < j->height;
-    j->rows[2 * r] = below ? row_sum(row, row + w, w, j->norm) : 0;
-    j->rows[2 * r + 1] = row_sum(row, row + 1, w - 1, j->norm);
+    j->rows[2 * r] = below ? row_sum(row, row + w, w, norm) : 0;
+    j->rows[2 * r + 1] = row_sum(row, row + 1, w - 1, norm);
     if (!j->gradient)
         return;
     float *to = j->gradient + r * (size_t) w;
     if (above)
-        add_pull(row - w, row, w, j->vertical, j->norm, to);
+        add_pull(row - w, row, w, j->vertical, norm, to);
     if (below)
-        add_pull(row + w, row, w, j->vertical, j->norm, to);
-    add_pull(row, row + 1, w - 1, j->horizontal, j->norm, to + 1);
-    add_pull(row + 1, row, w - 1, j->horizontal, j->norm, to);
+        add_pull(row + w, row, w, j->vertical, norm, to);
+    add_pull(row, row + 1, w - 1, j->horizontal, norm, to + 1);
+    add_pull(row + 1, row, w - 1, j->horizontal, norm, to);
+}
+
+/* A copy of the loops for each norm. */
+static void tv_row(void *arg, size_t r, int thread)
+{
+    (void) thread;
+    const struct tv_job *j = arg;
+    switch (j->norm) {
+    case SG_TV_NORM_L2:
+        row_of(j, r, SG_TV_NORM_L2);
+        return;
+    case SG_TV_NORM_L1:
+        row_of(j, r, SG_TV_NORM_L1);
+        return;
+    default:
+        row_of(j, r, SG_TV_NORM_HUBER);
+    }
 }
 
 double sg_tv_loss(sg_ctx *ctx, const float *planes, int width, int height, enum sg_tv_norm norm, double weight,

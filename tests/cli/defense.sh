@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+# The defense and the budgets from the command line.
+. "$(dirname "$0")/common.sh"
+small_scene
+field() { tr -d ' \n' <"$1/summary.json" | grep -o "\"$2\":[^,}]*" | head -n 1 | cut -d: -f2; }
+
+# Defended: events are logged and counted; interrupted and resumed, the same bytes.
+defended="--defense spectral --preset ns --filter-interval 20 --filter-views 4"
+expect 0 train scene/blender -o plain $short --init-points 2000
+expect 0 train scene/blender -o defended $short --init-points 2000 $defended
+events=$(grep -c '"filter":' defended/log.jsonl)
+[ "$events" = 4 ] || fail "$events events are logged, expected 4"
+[ "$(field defended filter_events)" = 4 ] && [ "$(field defended filter_removed)" -gt 0 ] || fail "the defense's totals"
+expect 0 train scene/blender -o whole $short --init-points 2000 $defended --iterations 1500 --densify-until-iter 1400
+"$tool" train scene/blender -o parts $short --init-points 2000 $defended --iterations 1500 --densify-until-iter 1400 2>err &
+pid=$!
+wait_for parts/log.jsonl
+kill -INT $pid
+wait $pid
+[ $? = 130 ] || fail "interrupting a defended run"
+expect 0 train --resume parts --quiet
+cmp parts/point_cloud/iteration_1500/point_cloud.ply whole/point_cloud/iteration_1500/point_cloud.ply ||
+    fail "a resumed run differs"
+expect 1 train --resume parts --rho 0.2
+says 'rho'
+
+# With auto, rho is never the growth itself.
+expect 0 train scene/colmap -o auto $short --defense spectral --filter-interval 20
+[ "$(field auto filter_events)" = 4 ] || fail "auto does not filter"
+
+# Gaussians.
+expect 0 train scene/blender -o few $short --init-points 400 --max-gaussians 500 --densify-grad-threshold 0.00001
+[ "$(field few max_gaussians)" -le 500 ] || fail "more Gaussians than allowed"
+grep -q '"gaussians"' few/summary.json || fail "the summary does not say what was binding"
+expect 0 train scene/blender -o fewer $short --init-points 400 --max-gaussians 100
+[ "$(field fewer max_gaussians)" -le 100 ] || fail "more Gaussians than allowed from the start"
+
+# Memory: of the whole process.
+expect 0 train scene/blender -o lean $short --init-points 400 --max-memory 60M --densify-grad-threshold 0.0000001 --eval \
+    --densification-interval 5
+[ "$(field lean peak_rss_bytes)" -le 62914560 ] || fail "peak $(field lean peak_rss_bytes) bytes, allowed 60M"
+grep -q '"memory"' lean/summary.json || fail "the summary does not say that memory was binding"
+expect 3 train scene/blender -o none $short --max-memory 36M
+says 'expected at least'
+[ ! -e none/summary.json ] || fail "a run that cannot fit has begun"
+
+# Time: less than asked for, a model at the end.
+expect 0 train scene/blender -o brief --init-points 400 --quiet --iterations 1000000 --max-time 2s
+[ "$(field brief iterations)" = 1000000 ] || fail "the schedule did not end"
+grep -q '"time"' brief/summary.json || fail "the summary does not say that time was binding"
+[ -s brief/point_cloud/iteration_1000000/point_cloud.ply ] || fail "no model"
+expect 1 train scene/blender -o brief2 --max-time 2x
+says 'found "2x"'
+
+# Values out of range.
+for bad in "--rho 1" "--band-low 0.9 --band-high 0.3" "--bins 255" "--bins 7" "--filter-views 0" "--max-time -1"; do
+    expect 1 train scene/blender -o bad --defense spectral $bad
+    says 'expected'
+done
+
+# Audit: numbers of every photo, a page; training takes the verdict into account.
+expect 0 audit scene/blender --json --report page.html -q
+grep -q '"verdict": "clean"' out || fail "the clean scene is not clean: $(head -n 3 out)"
+[ "$(grep -c '"name"' out)" = 6 ] || fail "not every photo is listed"
+grep -q 'data:image/png;base64,' page.html || fail "no pictures in the report"
+expect 0 attack scene/blender -o noisy --method noise --epsilon 16 -q
+expect 0 audit noisy --json -q
+grep -q '"verdict": "poisoned"' out || fail "noise is not found: $(head -n 3 out)"
+expect 2 train noisy -o refused $short --audit refuse
+says 'expected clean ones'
+[ ! -e refused ] || fail "a refused run has begun"
+expect 0 train noisy -o guarded $short --init-points 400 --audit defend --filter-interval 20
+grep -q '"filter_events"' guarded/summary.json || fail "the audit did not turn the defense on"
+expect 0 train scene/blender -o trusting $short --init-points 400 --audit defend
+grep -q '"filter_events"' trusting/summary.json && fail "the audit turned the defense on for clean photos"
+exit 0
