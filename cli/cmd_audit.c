@@ -33,11 +33,12 @@ static const struct audit_config defaults = {.scene = {SCENE_OPTION_DEFAULTS}};
 
 static json_t *features(const struct sg_audit_features *f)
 {
-    return json_pack("{s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o}", "tv_down", number_json(f->tv_down), "tv_across",
+    return json_pack("{s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o}", "tv_down", number_json(f->tv_down), "tv_across",
                      number_json(f->tv_across), "osc_down", number_json(f->osc_down), "osc_across",
                      number_json(f->osc_across), "osc_share", number_json(f->osc_share), "osc_quiet",
-                     number_json(f->osc_quiet), "evenness", number_json(f->evenness), "slope", number_json(f->slope),
-                     "anisotropy", number_json(f->anisotropy));
+                     number_json(f->osc_quiet), "osc_chroma", number_json(f->osc_chroma), "evenness",
+                     number_json(f->evenness), "slope", number_json(f->slope), "anisotropy",
+                     number_json(f->anisotropy));
 }
 
 static void print_json(const struct sg_audit *a)
@@ -48,8 +49,11 @@ static void print_json(const struct sg_audit *a)
                                                 number_json(a->images[i].score), "verdict",
                                                 sg_audit_verdict_name(a->images[i].verdict), "features",
                                                 features(&a->images[i].features)));
-    json_t *root = json_pack("{s:s,s:o,s:o}", "verdict", sg_audit_verdict_name(a->verdict), "score",
-                             number_json(a->score), "images", images);
+    json_t *reasons = json_array();
+    for (size_t i = 0; i < a->count_reasons; i++)
+        json_array_append_new(reasons, json_string(a->reasons[i]));
+    json_t *root = json_pack("{s:s,s:o,s:o,s:o}", "verdict", sg_audit_verdict_name(a->verdict), "score",
+                             number_json(a->score), "reasons", reasons, "images", images);
     char *text = json_dumps(root, JSON_INDENT(1) | JSON_REAL_PRECISION(6));
     printf("%s\n", text ? text : "{}");
     free(text);
@@ -61,6 +65,8 @@ static void print_text(const struct sg_audit *a)
     printf("%s: score %.3f; of %zu images %zu poisoned, %zu suspicious, %zu clean\n", sg_audit_verdict_name(a->verdict),
            a->score, a->count, a->verdicts[SG_AUDIT_POISONED], a->verdicts[SG_AUDIT_SUSPICIOUS],
            a->verdicts[SG_AUDIT_CLEAN]);
+    for (size_t i = 0; i < a->count_reasons; i++)
+        printf("  %s\n", a->reasons[i]);
 }
 
 static int run_audit(const void *config, const bool *given, const char *const *positional, int count)

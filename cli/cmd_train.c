@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+#include <math.h>
 #include <string.h>
 #include <time.h>
 
@@ -91,10 +92,13 @@ static const struct option train_options[] = {
      "defense on unless they are clean.",
      false},
     {"preset", 0, OPT_CHOICE, T(preset), 0, 0, "auto|ns|tt|mip", "NAME",
-     "The paper's rho and lambda for NeRF-Synthetic, Tanks and Temples, Mip-NeRF 360; auto: rho from the run's own "
-     "growth.",
+     "The paper's rho and lambda for NeRF-Synthetic, Tanks and Temples, Mip-NeRF 360; auto: a share of the run's own "
+     "growth, and both the stronger the more the photos look poisoned (see `audit`).",
      false},
-    DOUBLE("rho", rho, -1, 0.5, "Share of the Gaussians that the filter removes at a time; -1 = the preset's."),
+    DOUBLE(
+        "rho", rho, -1, 0.5,
+        "Share of the Gaussians that the filter removes at a time; -0.9 to 0: minus the share of what grew; -1 = the "
+        "preset's."),
     DOUBLE("filter-frequency", frequency, 1e-9, 1e9, "Reference frequency t, cycles per scene unit."),
     DOUBLE("filter-exponent", exponent, 0, 100, "Exponent alpha of the frequency weight."),
     INTEGER("filter-views", train.defense.views, 1, 10000000, "Training views that hits are counted in."),
@@ -346,15 +350,18 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
     return options_conflict(t, given, &now, c);
 }
 
-static void settle_defense(struct train_config *c)
+/* suspicion: 0..1, of the photos; decides only with preset auto. */
+static void settle_defense(struct train_config *c, double suspicion)
 {
-    static const struct {
+    const struct {
         double rho, lambda;
-    } presets[] = {
-        [DEFENSE_AUTO] = {-1, 4}, [DEFENSE_NS] = {0.03, 4}, [DEFENSE_TT] = {0.045, 4}, [DEFENSE_MIP] = {0.05, 5}};
+    } presets[] = {[DEFENSE_AUTO] = {-0.1 - 0.2 * suspicion, 4 * suspicion},
+                   [DEFENSE_NS] = {0.03, 4},
+                   [DEFENSE_TT] = {0.045, 4},
+                   [DEFENSE_MIP] = {0.05, 5}};
     struct sg_defense_params *d = &c->train.defense;
     d->on = c->defense;
-    d->rho = d->rho < 0 ? presets[c->preset].rho : d->rho;
+    d->rho = d->rho <= -1 ? presets[c->preset].rho : d->rho;
     d->lambda = d->lambda < 0 ? presets[c->preset].lambda : d->lambda;
 }
 
@@ -365,18 +372,21 @@ static void settle(struct train_config *c)
     c->train.backend = backends[c->backend];
     c->train.cpu = cpu_variant(c->train.cpu);
     c->train.white_background = c->scene.params.white_background;
-    settle_defense(c);
     c->scene.params.format = (enum sg_scene_format) c->scene.format;
     c->scene.params.eval = c->eval;
 }
 
-/* Before a run begins. With `defend`, the run's own options say afterwards that it is defended. */
+/* Before a run begins: what the photos look like, and the defense that follows from it. */
 static int audit(struct train_run *r)
 {
     struct train_config *c = r->config;
     struct sg_audit *found = NULL;
-    if (c->audit == AUDIT_OFF)
+    const bool automatic = c->preset == DEFENSE_AUTO && (c->defense || c->audit == AUDIT_DEFEND) &&
+                           (c->train.defense.rho <= -1 || c->train.defense.lambda < 0);
+    if (c->audit == AUDIT_OFF && !automatic) {
+        settle_defense(c, 1);
         return 0;
+    }
     const int error = sg_audit_scene(r->ctx, r->scene, &found);
     if (error)
         return report(r->ctx, error);
@@ -394,7 +404,7 @@ static int audit(struct train_run *r)
     }
     if (c->audit == AUDIT_DEFEND && verdict != SG_AUDIT_CLEAN)
         c->defense = 1;
-    settle_defense(c);
+    settle_defense(c, fmin(fmax((r->audit_score - 0.3) / 0.6, 0), 1));
     return 0;
 }
 
@@ -430,7 +440,9 @@ static int run_train(const void *config, const bool *given, const char *const *p
         code = 2;
         goto done;
     }
-    if (!c.resume && (code = audit(&r)))
+    if (c.resume)
+        settle_defense(&c, 0); /* its options say all */
+    else if ((code = audit(&r)))
         goto done;
     if ((code = start(&r, json_string_value(json_object_get(keep, "cpu_variant")))))
         goto done;

@@ -17,9 +17,11 @@ enum sg_audit_verdict { SG_AUDIT_CLEAN, SG_AUDIT_SUSPICIOUS, SG_AUDIT_POISONED }
 struct sg_audit_features {
     double tv_down, tv_across;   /* mean absolute difference to the next row, to the next column */
     double osc_down, osc_across; /* mean oscillation: at local extremes, the lesser of both differences, else 0 */
-    double osc_share;            /* of all variation, what local extremes carry */
-    double osc_quiet;            /* oscillation of the quiet parts: the 25th percentile over blocks of 16 x 16 pixels */
-    double evenness;             /* median over mean of the blocks' oscillation: 1 = everywhere alike */
+    double osc_share; /* of all variation and two grey levels a pixel more, what local extremes carry */
+    double osc_quiet; /* oscillation of the quiet parts: the 25th percentile over the blocks of 16 x 16 pixels that are
+                         not of one colour */
+    double osc_chroma; /* oscillation of red - green and of blue - green, both directions */
+    double evenness;   /* median over mean of the blocks' oscillation: 1 = everywhere alike */
     double slope; /* ln of the spectrum's mean energy at 0.7..0.95 of the Nyquist frequency over that at 0.35..0.55 */
     double anisotropy; /* of the spectrum, see spectrum.h */
 };

@@ -44,13 +44,13 @@ enum sg_tv_norm {
 struct sg_defense_params {
     bool on; /* Default false; the rest is then unused. */
     /* In space: score = (1 - exp(-2 pi^2 t^2 sigma^2))^alpha x hits; the lowest share rho is removed. */
-    double rho;                 /* 0..0.5; 0 = no filter, -1 = from the run's own growth. Default 0.03. */
-    double frequency;           /* t, cycles per scene unit. Default 8. */
-    double exponent;            /* alpha. Default 2. */
-    int views;                  /* K*, training views that hits are counted in. Default 48. */
-    int interval;               /* T_prune, iterations. Default 100. */
-    int from, until;            /* iterations, exclusive; -1 = as densification: pruning beyond it the model dies out.
-                                   Default -1. */
+    double rho;       /* 0..0.5; 0 = no filter; -0.9..0: minus this share of what grew of late. Default 0.03. */
+    double frequency; /* t, cycles per scene unit. Default 8. */
+    double exponent;  /* alpha. Default 2. */
+    int views;        /* K*, training views that hits are counted in. Default 48. */
+    int interval;     /* T_prune, iterations. Default 100. */
+    int from, until;  /* iterations, exclusive; -1 = as densification: pruning beyond it the model dies out.
+                         Default -1. */
     enum sg_filter_sigma sigma; /* Default SG_SIGMA_STD. */
     enum sg_hit hit;            /* Default SG_HIT_PIXELS. */
     enum sg_prune_rule rule;    /* Default SG_PRUNE_EXACT. */
@@ -59,13 +59,13 @@ struct sg_defense_params {
     double lambda;           /* Default 4. */
     double anisotropy_scale; /* Default 0.005: docs/defense.md has the sweep. */
     double tv_scale;         /* Default 1. */
-    enum sg_tv_norm tv;      /* Default SG_TV_NORM_L2. */
+    enum sg_tv_norm tv;      /* Default SG_TV_NORM_HUBER. */
     struct sg_anisotropy_params spectrum;
 };
 
 #define SG_DEFENSE_DEFAULTS                                                                                            \
     .rho = 0.03, .frequency = 8, .exponent = 2, .views = 48, .interval = 100, .from = -1, .until = -1, .lambda = 4,    \
-    .anisotropy_scale = 0.005, .tv_scale = 1, .spectrum = {SG_ANISOTROPY_DEFAULTS}
+    .anisotropy_scale = 0.005, .tv_scale = 1, .tv = SG_TV_NORM_HUBER, .spectrum = {SG_ANISOTROPY_DEFAULTS}
 
 /* What one iteration's defense did. */
 struct sg_defense_step {

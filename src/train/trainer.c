@@ -29,7 +29,7 @@ static int check_defense(sg_ctx *ctx, const struct sg_defense_params *d)
 {
     const struct sg_spectrum_params *band = &d->spectrum.band;
     const struct range ranges[] = {
-        {"rho", d->rho, -1, 0.5},
+        {"rho", d->rho, -0.9, 0.5},
         {"filter-frequency", d->frequency, 1e-9, 1e9},
         {"filter-exponent", d->exponent, 0, 100},
         {"filter-views", d->views, 1, 1e7},
@@ -246,15 +246,13 @@ static int next_iteration(sg_trainer *t)
     return by_time > next ? by_time : next;
 }
 
-/* The filter's share where it follows growth: less than what grows, so that no model dies out of it, whatever its
- * scene; enough that growth which pays in no other view does not stay. docs/defense.md has the sweep. */
+/* A share of what grows leaves growth positive: no model dies out of it, whatever its scene. */
 #define GROWTH_PACE 0.25
-#define GROWTH_SHARE 0.5
 
 static double filter_share(const sg_trainer *t)
 {
     const double rho = t->params.defense.rho;
-    return rho >= 0 ? rho : fmin(GROWTH_SHARE * t->growth, 0.5);
+    return rho >= 0 ? rho : fmin(-rho * t->growth, 0.5);
 }
 
 /* Most that gives way at a densification where a budget binds. */

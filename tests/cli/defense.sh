@@ -58,19 +58,24 @@ for bad in "--rho 1" "--band-low 0.9 --band-high 0.3" "--bins 255" "--bins 7" "-
     says 'expected'
 done
 
-# Audit: numbers of every photo, a page; training takes the verdict into account.
+# Audit: numbers of every photo, a page; training takes the verdict into account. Photos, not thumbnails: what is fine
+# texture at 64 pixels looks like an attack.
+rm -rf scene
+expect 0 synth -o scene --train-views 4 --test-views 1 --points 300
+brief="$short --iterations 40 --init-points 400"
 expect 0 audit scene/blender --json --report page.html -q
 grep -q '"verdict": "clean"' out || fail "the clean scene is not clean: $(head -n 3 out)"
-[ "$(grep -c '"name"' out)" = 6 ] || fail "not every photo is listed"
+[ "$(grep -c '"name"' out)" = 4 ] || fail "not every photo is listed"
 grep -q 'data:image/png;base64,' page.html || fail "no pictures in the report"
 expect 0 attack scene/blender -o noisy --method noise --epsilon 16 -q
 expect 0 audit noisy --json -q
 grep -q '"verdict": "poisoned"' out || fail "noise is not found: $(head -n 3 out)"
-expect 2 train noisy -o refused $short --audit refuse
+grep -q 'oscillate' out || fail "no reasons"
+expect 2 train noisy -o refused --audit refuse -q
 says 'expected clean ones'
 [ ! -e refused ] || fail "a refused run has begun"
-expect 0 train noisy -o guarded $short --init-points 400 --audit defend --filter-interval 20
+expect 0 train noisy -o guarded $brief --audit defend --filter-interval 20
 grep -q '"filter_events"' guarded/summary.json || fail "the audit did not turn the defense on"
-expect 0 train scene/blender -o trusting $short --init-points 400 --audit defend
+expect 0 train scene/blender -o trusting $brief --audit defend
 grep -q '"filter_events"' trusting/summary.json && fail "the audit turned the defense on for clean photos"
 exit 0

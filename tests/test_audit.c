@@ -1,0 +1,126 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The audit on images whose features are known. */
+#include "models.h"
+
+#define W 160
+#define H 112
+
+static uint8_t image[3 * W * H];
+
+static uint8_t clamp(double v)
+{
+    return (uint8_t) (v < 0 ? 0 : v > 255 ? 255 : v + 0.5);
+}
+
+/* Smooth shading with a few edges, and `noise` grey levels on top: in rows only, or in every pixel. */
+static void paint(double noise, bool rows, uint64_t seed)
+{
+    for (int y = 0; y < H; y++)
+        for (int x = 0; x < W; x++)
+            for (int ch = 0; ch < 3; ch++) {
+                const double base = 90 + 40 * sin(x * 0.05 + ch) + 30 * cos(y * 0.04) + (x / 40 + y / 30) % 2 * 30;
+                const uint64_t at = rows ? (uint64_t) y : (uint64_t) ((y * W + x) * 3 + ch);
+                const double sign = draw(seed, at, -1, 1) > 0 ? 1 : -1;
+                image[3 * (y * W + x) + ch] = clamp(base + noise * (rows ? y % 2 ? 1 : -1 : sign));
+            }
+}
+
+static struct sg_audit_features measure(sg_ctx *ctx, float *map)
+{
+    struct sg_audit_features f;
+    assert_int_equal(sg_audit_measure(ctx, image, W, H, &f, map), SG_OK);
+    return f;
+}
+
+static void test_features(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    memset(image, 77, sizeof(image));
+    struct sg_audit_features f = measure(ctx, NULL);
+    assert_true(f.tv_down == 0 && f.osc_down == 0 && f.osc_share == 0 && f.osc_quiet == 0 && f.evenness == 0);
+    /* Rows that alternate by 20 levels: every inner pixel is an extreme, all variation is in them, none across. */
+    for (int y = 0; y < H; y++)
+        memset(image + 3 * W * y, y % 2 ? 110 : 90, 3 * W);
+    float map[(H + 15) / 16 * ((W + 15) / 16)];
+    f = measure(ctx, map);
+    assert_float_equal(f.tv_down, 20, 1e-9);
+    assert_float_equal(f.osc_down, 20, 1e-9);
+    assert_true(f.osc_across == 0 && f.tv_across == 0 && f.osc_chroma == 0);
+    assert_float_equal(f.osc_share, 20.0 / 22, 1e-9);     /* two levels more below the line */
+    assert_float_equal(map[(W + 15) / 16 + 1], 10, 1e-5); /* of both directions' mean */
+    assert_float_equal(f.evenness, 1, 0.2);
+    /* A ramp has variation and no oscillation. */
+    for (int i = 0; i < 3 * W * H; i++)
+        image[i] = (uint8_t) (i / 3 / W * 2);
+    f = measure(ctx, NULL);
+    assert_float_equal(f.tv_down, 2, 0.01);
+    assert_true(f.osc_down == 0 && f.osc_share == 0);
+    /* White noise has a flat spectrum, without direction, in all colours. */
+    for (int i = 0; i < 3 * W * H; i++)
+        image[i] = clamp(128 + 40 * (double) draw(3, (uint64_t) i, -1, 1));
+    f = measure(ctx, NULL);
+    assert_float_equal(f.slope, 0, 0.1);
+    assert_true(f.anisotropy < 0.01 && f.osc_share > 0.6 && f.evenness > 0.9 && f.osc_chroma > 5);
+    /* Any size. */
+    for (int w = 1; w < 4; w++)
+        for (int h = 1; h < 4; h++)
+            assert_int_equal(sg_audit_measure(ctx, image, w, h, &f, map), SG_OK);
+    assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+    sg_ctx_destroy(&ctx);
+}
+
+static struct sg_audit *audit(sg_ctx *ctx, const double *noise, int n, bool rows)
+{
+    struct sg_view views[12];
+    struct sg_audit *a;
+    for (int i = 0; i < n; i++) {
+        paint(noise[i], rows, (uint64_t) i);
+        views[i] = (struct sg_view){.name = (char *) "photo", .camera = {.width = W, .height = H}};
+        views[i].rgb = malloc(sizeof(image));
+        memcpy(views[i].rgb, image, sizeof(image));
+    }
+    const struct sg_scene scene = {.train = views, .n_train = (size_t) n};
+    assert_int_equal(sg_audit_scene(ctx, &scene, &a), SG_OK);
+    for (int i = 0; i < n; i++)
+        free(views[i].rgb);
+    assert_int_equal(a->count, n);
+    assert_int_equal(a->verdicts[0] + a->verdicts[1] + a->verdicts[2], n);
+    return a;
+}
+
+static void test_verdicts(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(2);
+    static const double levels[] = {0, 1, 4, 8, 16};
+    for (int rows = 0; rows < 2; rows++) {
+        double before = -1;
+        for (int k = 0; k < 5; k++) {
+            struct sg_audit *a = audit(ctx, (double[]){levels[k], levels[k], levels[k]}, 3, rows);
+            assert_true(a->score >= before); /* the more noise the worse */
+            before = a->score;
+            if (levels[k] <= 1)
+                assert_true(a->verdict == SG_AUDIT_CLEAN && a->count_reasons == 0);
+            if (levels[k] >= 8)
+                assert_true(a->verdict == SG_AUDIT_POISONED && a->count_reasons > 0);
+            sg_audit_destroy(ctx, &a);
+        }
+    }
+    /* Two of twelve: each is found, and the set is not called clean. */
+    double few[12] = {0};
+    few[3] = few[8] = 16;
+    struct sg_audit *a = audit(ctx, few, 12, false);
+    for (int i = 0; i < 12; i++)
+        assert_int_equal(a->images[i].verdict, few[i] > 0 ? SG_AUDIT_POISONED : SG_AUDIT_CLEAN);
+    assert_int_equal(a->verdict, SG_AUDIT_SUSPICIOUS);
+    sg_audit_destroy(ctx, &a);
+    assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+    sg_ctx_destroy(&ctx);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_features), cmocka_unit_test(test_verdicts)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
