@@ -80,6 +80,8 @@ static const struct option attack_options[] = {
      "Against a spectral defense: also keep the poison's energy even over directions; 1 = as much as a neighbour's "
      "step.",
      false},
+    {"scale-floor", 0, OPT_FLOAT, A(attack.scale_floor), 0, 1e6, NULL, "X",
+     "Against a filter of thin Gaussians: smallest scale in the decoy, scene units; 0 = none.", false},
     {"ratio", 0, OPT_FLOAT, A(ratio), 0, 1, NULL, "X", "Poison only this share of the views, drawn by seed.", false},
     {"Proxy and decoy", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
     {"proxy", 0, OPT_STRING, A(proxy), 0, 0, NULL, "MODEL",

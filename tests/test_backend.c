@@ -39,7 +39,8 @@ static struct outcome run(sg_ctx *ctx, const char *backend, const char *cpu, con
     assert_int_equal(b->ops->project(b, camera, m->sh_degree, &params), SG_OK);
     assert_int_equal(b->ops->rasterize(b, true, &o.stats), SG_OK);
     assert_int_equal(b->ops->read_image(b, o.rgb, o.alpha, o.depth), SG_OK);
-    assert_int_equal(b->ops->loss(b, &(struct sg_loss_params){0.2f, target, masked ? mask : NULL, NULL}, &o.loss), SG_OK);
+    assert_int_equal(b->ops->loss(b, &(struct sg_loss_params){0.2f, target, masked ? mask : NULL, NULL}, &o.loss),
+                     SG_OK);
     assert_int_equal(b->ops->rasterize_backward(b), SG_OK);
     assert_int_equal(sg_model_create(ctx, m->count, m->sh_degree, &o.gradients), SG_OK);
     assert_int_equal(b->ops->read_gradients(b, o.gradients), SG_OK);
@@ -49,7 +50,8 @@ static struct outcome run(sg_ctx *ctx, const char *backend, const char *cpu, con
     assert_int_equal(b->ops->update(b, &u), SG_OK);
     assert_int_equal(sg_model_create(ctx, m->count, m->sh_degree, &o.updated), SG_OK);
     assert_int_equal(b->ops->download(b, o.updated, NULL), SG_OK);
-    assert_int_equal(b->ops->read_statistics(b, &(struct sg_statistics){.gradient = o.mean_gradient, .radius = o.radius}), SG_OK);
+    assert_int_equal(
+        b->ops->read_statistics(b, &(struct sg_statistics){.gradient = o.mean_gradient, .radius = o.radius}), SG_OK);
     sg_backend_destroy(&b);
     free(target);
     free(mask);
@@ -318,12 +320,39 @@ static void test_hits(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+static void test_floor(void **state)
+{
+    (void) state;
+    static const char *const names[] = {"cpu", "ref"};
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m = make_model(ctx, 70, 0, 2), *after;
+    assert_int_equal(sg_model_create(ctx, 70, 0, &after), SG_OK);
+    for (int k = 0; k < 2; k++) {
+        struct sg_backend *b;
+        assert_int_equal(sg_backend_create(ctx, names[k], NULL, &b), SG_OK);
+        assert_int_equal(b->ops->upload(b, m, NULL), SG_OK);
+        assert_int_equal(b->ops->floor_scale(b, 0.05f), SG_OK);
+        assert_int_equal(b->ops->download(b, after, NULL), SG_OK);
+        for (size_t i = 0; i < 70; i++)
+            for (int p = 0; p < sg_param_count(0); p++) {
+                const float v = *sg_model_at(m, i, p);
+                assert_float_equal(*sg_model_at(after, i, p),
+                                   p >= SG_P_SCALE && p < SG_P_ROT ? fmaxf(v, logf(0.05f)) : v, 0);
+            }
+        sg_backend_destroy(&b);
+    }
+    sg_model_destroy(ctx, &m);
+    sg_model_destroy(ctx, &after);
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_random), cmocka_unit_test(test_reference_instances),
         cmocka_unit_test(test_nasty),  cmocka_unit_test(test_nothing_visible),
-        cmocka_unit_test(test_bands),         cmocka_unit_test(test_hits),
+        cmocka_unit_test(test_bands),  cmocka_unit_test(test_hits),
+        cmocka_unit_test(test_floor),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

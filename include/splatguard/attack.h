@@ -27,6 +27,8 @@ struct sg_attack_params {
     float spectral_weight;      /* against a spectral defense: the ascent also lowers the image's anisotropy loss (band
                                    and directions of SG_SPECTRUM_DEFAULTS). The weight of its gradient, scaled to a mean
                                    of 1, next to that of the total variation, whose terms are 1 a neighbour. Default 0. */
+    float scale_floor;          /* against a filter of thin Gaussians: the decoy's smallest scale, scene units, so that the
+                                   poison is one that fat Gaussians can show. 0 = none. Default 0. */
     int update_interval;        /* views whose gradients are summed for one step of the decoy. 1..1000. Default 1. */
     bool move_positions;        /* the decoy's positions learn at 1.6e-4 x extent. Default false: frozen. */
     float lambda_dssim;         /* Default 0.2. */

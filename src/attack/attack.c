@@ -48,6 +48,7 @@ static int check_params(sg_ctx *ctx, const struct sg_attack_params *p)
         {"densification-interval", p->densification_interval, 1, 1e7},
         {"densify-grad-threshold", (double) p->densify_grad_threshold, 0, 1e30},
         {"spectral-weight", (double) p->spectral_weight, 0, 1e6},
+        {"scale-floor", (double) p->scale_floor, 0, 1e6},
         {"tv", p->tv, SG_TV_VERTICAL2, SG_TV_ISO},
     };
     for (size_t i = 0; i < sizeof(ranges) / sizeof(ranges[0]); i++)
@@ -233,6 +234,10 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
         sg_trainer_adam(t, lr, false, &update);
     }
     if ((code = ops->update(t->backend, &update)) || (densifies && (code = densify(a, it))))
+        return code;
+    /* As often as the decoy grows: what learning takes off a scale in between is little. */
+    if (p->scale_floor > 0 && (densifies || it == p->iterations) &&
+        (code = ops->floor_scale(t->backend, p->scale_floor)))
         return code;
 
     t->iteration = it;

@@ -118,6 +118,8 @@ struct sg_backend_ops {
     int (*read_statistics)(struct sg_backend *, const struct sg_statistics *);
     /* Applies the edit to parameters, moments (appended: zero) and statistics. */
     int (*edit)(struct sg_backend *, const struct sg_edit *);
+    /* Scales = max(scales, smallest), activated; for attacks. */
+    int (*floor_scale)(struct sg_backend *, float smallest);
     /* opacity = min(opacity, limit); zeroes the opacity moments. */
     int (*reset_opacity)(struct sg_backend *, float limit);
 };

@@ -226,6 +226,16 @@ int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *e)
     return SG_OK;
 }
 
+void sg_host_floor_scale(struct sg_host_model *h, float smallest)
+{
+    const float least = logf(smallest);
+    for (size_t i = 0; i < h->count; i++)
+        for (int k = 0; k < 3; k++) {
+            float *scale = &h->params[sg_param_index(h->planes, i, SG_P_SCALE + k)];
+            *scale = fmaxf(*scale, least);
+        }
+}
+
 void sg_host_reset_opacity(struct sg_host_model *h, float limit)
 {
     const float logit = logf(limit / (1 - limit));

@@ -18,6 +18,7 @@ int sg_host_learn(sg_ctx *ctx, struct sg_host_model *h); /* makes room for the o
 int sg_host_download(const struct sg_host_model *h, struct sg_model *m, struct sg_optimiser *o);
 void sg_host_statistics(sg_ctx *ctx, const struct sg_host_model *h, const struct sg_statistics *out);
 int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *edit);
+void sg_host_floor_scale(struct sg_host_model *h, float smallest);
 void sg_host_reset_opacity(struct sg_host_model *h, float limit);
 int sg_host_keep_gradients(sg_ctx *ctx, struct sg_host_model *h); /* makes room in `kept`, zeroed */
 void sg_host_clear(sg_ctx *ctx, struct sg_host_model *h);

@@ -352,6 +352,12 @@ static int edit(struct sg_backend *base, const struct sg_edit *e)
     return sg_host_edit(base->ctx, &((struct ref_backend *) base)->model, e);
 }
 
+static int floor_scale(struct sg_backend *base, float smallest)
+{
+    sg_host_floor_scale(&((struct ref_backend *) base)->model, smallest);
+    return SG_OK;
+}
+
 static int reset_opacity(struct sg_backend *base, float limit)
 {
     sg_host_reset_opacity(&((struct ref_backend *) base)->model, limit);
@@ -377,6 +383,7 @@ static const struct sg_backend_ops ops = {
     .read_gradients = read_gradients,
     .read_statistics = read_statistics,
     .edit = edit,
+    .floor_scale = floor_scale,
     .reset_opacity = reset_opacity,
 };
 
