@@ -212,13 +212,16 @@ static void transform_columns(void *arg, size_t piece, int thread)
     (void) thread;
     fftwf_execute_dft(a->cols[c.count < COLUMNS], c.f, c.f);
     for (int u = 0; u < a->h; u++) {
-        const float complex *f = c.f + (size_t) u * a->stride;
+        const float *f = (const float *) (c.f + (size_t) u * a->stride);
         const uint8_t *bin = a->direction + u * a->columns + c.first;
-        for (int v = 0; v < c.count; v++) {
-            const float re = crealf(f[v]), im = cimagf(f[v]), e = re * re + im * im;
-            double *to = c.first + v ? energy : whole;
-            to[bin[v]] += (double) (amplitude ? sqrtf(e) : e);
-        }
+        float e[COLUMNS] = {0};
+        for (int v = 0; v < c.count; v++)
+            e[v] = f[2 * v] * f[2 * v] + f[2 * v + 1] * f[2 * v + 1];
+        for (int v = 0; v < c.count && amplitude; v++)
+            e[v] = sqrtf(e[v]);
+        (c.first ? energy : whole)[bin[0]] += (double) e[0];
+        for (int v = 1; v < c.count; v++)
+            energy[bin[v]] += (double) e[v];
     }
     double *sums = a->energy + piece * (size_t) bins;
     memset(sums, 0, (size_t) bins * sizeof(double));
