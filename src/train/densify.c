@@ -7,11 +7,11 @@
 
 #include "math/constants.h"
 
+enum { STAYS, CLONES, SPLITS, GOES };
+
 /* Clones take the place after all survivors, then the first children, then the second, in index order: the order of the
  * released code. The screen-size test of the paper is left out because it is dead there: the radii are cleared by the
  * clone step before they are read. */
-enum { STAYS, CLONES, SPLITS, GOES };
-
 struct plan {
     uint8_t *keep, *kind; /* keep: first what becomes of each, then whether it stays */
     uint32_t *source;
@@ -113,12 +113,14 @@ int sg_densify(struct sg_backend *backend, const struct sg_densify_params *p, st
         plan.keep[i] = gradient[i] >= p->gradient ? scale[i] <= p->split_scale ? CLONES : SPLITS : STAYS;
         wish += plan.keep[i] != STAYS;
     }
-    if (p->max_gaussians && n + wish > p->max_gaussians &&
-        ((code = make_room(backend, p, &plan, n, wish, &result->replaced)) ||
-         (code =
-              choose_growth(backend, &plan, gradient, n, p->max_gaussians - (n - result->replaced), &result->limited))))
-        goto done;
-        /* A Gaussian and its copies share opacity, so that they are pruned together; children are smaller. */
+    if (p->max_gaussians && n + wish > p->max_gaussians) {
+        if ((code = make_room(backend, p, &plan, n, wish, &result->replaced)))
+            goto done;
+        const size_t room = p->max_gaussians - (n - result->replaced);
+        if ((code = choose_growth(backend, &plan, gradient, n, room, &result->limited)))
+            goto done;
+    }
+    /* A Gaussian and its copies share opacity, so that they are pruned together; children are smaller. */
 #define DIES(i, s) (opacity[i] < SG_PRUNE_OPACITY || (p->prune_scale > 0 && (s) > p->prune_scale))
     for (size_t i = 0; i < n; i++)
         if (plan.keep[i] == CLONES) {

@@ -83,12 +83,40 @@ static int check_params(sg_ctx *ctx, const struct sg_train_params *p, const stru
     return SG_OK;
 }
 
-static int initial_model(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *p,
+/* The k-th of `limit` items taken evenly out of n. */
+static size_t evenly(size_t n, size_t k, size_t limit)
+{
+    return (size_t) ((uint64_t) n * k / limit);
+}
+
+static void say_thinned(sg_ctx *ctx, size_t n, size_t limit)
+{
+    sg_log(ctx, SG_LOG_WARN, "%zu initial Gaussians are more than fit: training starts from %zu of them", n, limit);
+}
+
+/* Of at most `limit` Gaussians, 0 = any number: thinned out before they cost more than their points. */
+static int initial_model(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *p, uint64_t limit,
                          struct sg_model **out)
 {
-    if (scene->n_points)
-        return sg_model_init_points(ctx, scene->points, scene->point_colors, scene->n_points, p->sh_degree, out);
-    return sg_model_init_random(ctx, p->init_points, p->seed, p->sh_degree, out);
+    const size_t n = scene->n_points ? scene->n_points : p->init_points;
+    if (limit && n > limit)
+        say_thinned(ctx, n, limit);
+    if (!scene->n_points)
+        return sg_model_init_random(ctx, limit && n > limit ? limit : n, p->seed, p->sh_degree, out);
+    if (!limit || n <= limit)
+        return sg_model_init_points(ctx, scene->points, scene->point_colors, n, p->sh_degree, out);
+    float *points = sg_alloc_raw(ctx, SG_MEM_MISC, limit, 3 * sizeof(*points));
+    uint8_t *colors = sg_alloc_raw(ctx, SG_MEM_MISC, limit, 3);
+    int code = points && colors ? SG_OK : SG_ERR_BUDGET;
+    for (size_t k = 0; k < limit && !code; k++) {
+        memcpy(points + 3 * k, scene->points + 3 * evenly(n, k, limit), 3 * sizeof(*points));
+        memcpy(colors + 3 * k, scene->point_colors + 3 * evenly(n, k, limit), 3);
+    }
+    if (!code)
+        code = sg_model_init_points(ctx, points, colors, limit, p->sh_degree, out);
+    sg_free(ctx, points);
+    sg_free(ctx, colors);
+    return code;
 }
 
 static double system_clock(void *unused)
@@ -99,7 +127,7 @@ static double system_clock(void *unused)
     return (double) ts.tv_sec + 1e-9 * (double) ts.tv_nsec;
 }
 
-/* Every so many-th Gaussian, so that `limit` are left. */
+/* A model that was given, if it is larger than fits. */
 static int thin_out(sg_trainer *t, uint64_t limit)
 {
     const size_t n = t->backend->ops->count(t->backend);
@@ -109,12 +137,10 @@ static int thin_out(sg_trainer *t, uint64_t limit)
     if (!keep)
         return SG_ERR_BUDGET;
     for (size_t k = 0; k < limit; k++)
-        keep[(size_t) ((double) n * (double) k / (double) limit)] = 1;
+        keep[evenly(n, k, limit)] = 1;
     const int code = t->backend->ops->edit(t->backend, &(struct sg_edit){.keep = keep, .kept = limit});
     sg_free(t->ctx, keep);
-    if (!code)
-        sg_log(t->ctx, SG_LOG_WARN, "%zu initial Gaussians are more than the limit: training starts from %llu of them",
-               n, (unsigned long long) limit);
+    say_thinned(t->ctx, n, limit);
     t->gaussians_bound = true;
     return code;
 }
@@ -141,9 +167,11 @@ int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg
     if ((code = sg_budget_plan(ctx, scene, &t->params, initial ? initial->sh_degree : t->params.sh_degree, &t->budget)))
         goto fail;
     if (!initial) {
-        if ((code = initial_model(ctx, scene, &t->params, &made)))
+        if ((code = initial_model(ctx, scene, &t->params, t->budget.gaussians, &made)))
             goto fail;
         initial = made;
+        t->gaussians_bound =
+            t->budget.gaussians && initial->count < (scene->n_points ? scene->n_points : t->params.init_points);
     }
     t->sh_degree = initial->sh_degree;
     t->start_degree = initial->active_sh_degree;
