@@ -41,7 +41,7 @@ static const struct option attack_options[] = {
      "Instruction set: baseline, avx2, avx512 or neon; the best by default (or SG_CPU).", false},
     {"Scene", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
     {"format", 0, OPT_CHOICE, A(scene.format), 0, 0, SCENE_FORMATS, "FORMAT",
-     "Layout of the scene folder: " SCENE_FORMATS ".", false},
+     "Layout of the scene folder.", false},
     {"images", 'i', OPT_STRING, A(scene.params.images), 0, 0, NULL, "DIR",
      "COLMAP: image folder below the scene, e.g. images_4.", false},
     {"resolution", 'r', OPT_INT, A(scene.params.resolution), -1, 16384, NULL, "R",

@@ -28,7 +28,7 @@ struct scene_options {
          0,                                                                                                            \
          SCENE_FORMATS,                                                                                                \
          "FORMAT",                                                                                                     \
-         "Layout of the scene folder: " SCENE_FORMATS ".",                                                             \
+         "Layout of the scene folder.",                                                             \
          transient_},                                                                                                  \
         {"images",                                                                                                     \
          'i',                                                                                                          \

@@ -25,6 +25,12 @@ static void wrap(FILE *out, const char *text, size_t indent, size_t column)
     fputc('\n', out);
 }
 
+/* What is written behind the name: the choices where there are some. */
+static const char *argument_of(const struct option *o)
+{
+    return o->choices ? o->choices : o->argument ? o->argument : "";
+}
+
 void options_help(const struct command *c, FILE *out)
 {
     fprintf(out, "splatguard %s %s\n\n", c->name, c->arguments);
@@ -36,8 +42,7 @@ void options_help(const struct command *c, FILE *out)
             continue;
         }
         const char brief[] = {'-', o->letter, ',', ' ', 0};
-        snprintf(left, sizeof(left), "  %s--%s %s", o->letter ? brief : "    ", o->name,
-                 o->argument ? o->argument : "");
+        snprintf(left, sizeof(left), "  %s--%s %s", o->letter ? brief : "    ", o->name, argument_of(o));
         const bool has_value = options_show(o, c->defaults, value, sizeof(value));
         snprintf(help, sizeof(help), has_value ? "%s [%s]" : "%s", o->help, value);
         if (strlen(left) >= HELP_INDENT)
@@ -64,7 +69,9 @@ void options_markdown(const struct command *c, FILE *out)
             fprintf(out, "\n### %s: %s\n\n| option | meaning | default |\n|---|---|---|\n", c->name, o->name);
             continue;
         }
-        fprintf(out, "| `--%s%s%s`", o->name, o->argument ? " " : "", o->argument ? o->argument : "");
+        fprintf(out, "| `--%s%s", o->name, argument_of(o)[0] ? " " : "");
+        cell(out, argument_of(o));
+        fprintf(out, "`");
         if (o->letter)
             fprintf(out, ", `-%c`", o->letter);
         fprintf(out, " | ");
@@ -101,7 +108,7 @@ void options_man(const struct command *c, FILE *out)
             fprintf(out, "\\-%c, ", o->letter);
         fprintf(out, "\\-\\-");
         roff(out, o->name);
-        fprintf(out, "\\fR \\fI%s\\fR\n", o->argument ? o->argument : "");
+        fprintf(out, "\\fR \\fI%s\\fR\n", argument_of(o));
         roff(out, o->help);
         if (options_show(o, c->defaults, value, sizeof(value))) {
             fprintf(out, " Default: ");
