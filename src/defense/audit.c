@@ -256,10 +256,11 @@ int sg_audit_scene(sg_ctx *ctx, const struct sg_scene *scene, struct sg_audit **
         code = code ? code : conclude(ctx, a);
     }
     sg_free(ctx, codes);
-    if (code)
+    if (code) { /* another thread's measurement may have cleared the message */
+        sg_fail(ctx, code, "%s: audit: a photo could not be measured", scene->path);
         sg_audit_destroy(ctx, &a);
-    else
-        *out = a;
+    }
+    *out = a;
     return code;
 }
 
