@@ -10,10 +10,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "backend/cpu/dispatch.h"
 #include "backend/morton.h"
+#include "core/clock.h"
 #include "core/internal.h"
 #include "core/rng.h"
 #include "roofline.h"
@@ -28,13 +28,6 @@ struct result {
     double total, stage[STAGES]; /* median seconds */
     struct sg_render_stats stats;
 };
-
-static double seconds(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
-}
 
 static int ascending(const void *a, const void *b)
 {
@@ -141,10 +134,10 @@ static struct result measure(const struct sg_model *model, int side, int threads
         struct sg_train_times before, after;
         struct sg_train_step step;
         sg_trainer_times(t, &before);
-        const double start = seconds();
+        const double start = sg_seconds();
         if (sg_trainer_step(t, &step))
             fail(ctx, "step");
-        const double spent = seconds() - start;
+        const double spent = sg_seconds() - start;
         sg_trainer_times(t, &after);
         r.stats = step.render;
         if (i < 0)

@@ -3,14 +3,8 @@
 
 #include <math.h>
 #include <stdlib.h>
-#include <time.h>
 
-static double seconds(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
-}
+#include "core/clock.h"
 
 #define STREAM_FLOATS ((size_t) 1 << 25) /* 128 MiB: beyond every cache */
 #define PIECES 256
@@ -28,9 +22,9 @@ static double bandwidth(sg_ctx *ctx)
     float *p = calloc(STREAM_FLOATS, sizeof(float));
     double best = 0;
     for (int i = 0; i < 8; i++) {
-        const double start = seconds();
+        const double start = sg_seconds();
         sg_parallel_for(ctx, PIECES, stream_piece, p);
-        best = fmax(best, 2 * sizeof(float) * (double) STREAM_FLOATS / (seconds() - start));
+        best = fmax(best, 2 * sizeof(float) * (double) STREAM_FLOATS / (sg_seconds() - start));
     }
     free(p);
     return best;
@@ -66,7 +60,7 @@ static double flops(void)
     for (int i = 0; i < 5; i++) {
         volatile double sink = 0;
         int lanes = 4;
-        const double start = seconds();
+        const double start = sg_seconds();
 #if defined(__x86_64__)
         if (__builtin_cpu_supports("avx512f"))
             sink = fma_avx512(rounds), lanes = 16;
@@ -74,7 +68,7 @@ static double flops(void)
             sink = fma_avx2(rounds), lanes = 8;
 #endif
         (void) sink;
-        best = fmax(best, 2.0 * lanes * 12 * (double) rounds / (seconds() - start));
+        best = fmax(best, 2.0 * lanes * 12 * (double) rounds / (sg_seconds() - start));
     }
     return best;
 }
@@ -121,15 +115,15 @@ static void pairs(const struct cpu_kernels *kernels, struct roofline *out)
                                       .slots = slots};
     for (int i = 0; i < 7; i++) {
         uint64_t n = 0;
-        double t = seconds();
+        double t = sg_seconds();
         for (int k = 0; k < ROUNDS; k++)
             n += kernels->raster(&a, 0);
-        out->forward = fmax(out->forward, (double) n / (seconds() - t));
+        out->forward = fmax(out->forward, (double) n / (sg_seconds() - t));
         n = 0;
-        t = seconds();
+        t = sg_seconds();
         for (int k = 0; k < ROUNDS; k++)
             n += kernels->raster_backward(&a, 0);
-        out->backward = fmax(out->backward, (double) n / (seconds() - t));
+        out->backward = fmax(out->backward, (double) n / (sg_seconds() - t));
     }
     free(splats);
     free(instances);

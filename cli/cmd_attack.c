@@ -301,7 +301,7 @@ done:
 
 static double seconds_since(double start)
 {
-    return monotonic_seconds() - start;
+    return sg_seconds() - start;
 }
 
 static int checkpoint(struct attack_run *r)
@@ -318,7 +318,7 @@ static int loop(struct attack_run *r)
     int code = 0, done = sg_attack_iteration(r->attack);
     /* An interrupted attack goes on to where its state is whole. */
     while (!code && done < c->attack.iterations && (!interrupted() || done % c->attack.update_interval)) {
-        const double start = monotonic_seconds();
+        const double start = sg_seconds();
         const int error = sg_attack_step(r->attack, &r->step);
         r->totals.seconds += seconds_since(start);
         if (error) {

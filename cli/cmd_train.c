@@ -227,10 +227,10 @@ static int loop(struct train_run *r)
 {
     int code = 0;
     while (!code && sg_trainer_iteration(r->trainer) < r->config->train.iterations && !interrupted()) {
-        const double start = monotonic_seconds(), cpu = cpu_now();
+        const double start = sg_seconds(), cpu = cpu_now();
         r->before = sg_trainer_iteration(r->trainer);
         const int error = sg_trainer_step(r->trainer, &r->step);
-        r->totals.seconds += monotonic_seconds() - start;
+        r->totals.seconds += sg_seconds() - start;
         r->totals.cpu_seconds += cpu_now() - cpu;
         if (error) {
             /* The model so far is worth keeping; the checkpoint stays, for this iteration is half done. */
@@ -295,7 +295,7 @@ static int start(struct train_run *r, const char *variant)
     int error = 0, code = 0;
     if (c->max_time > 0) { /* reading the photos has taken some of it */
         struct sg_train_params *p = &r->config->train;
-        p->max_seconds = c->max_time - (monotonic_seconds() - r->begun);
+        p->max_seconds = c->max_time - (sg_seconds() - r->begun);
         p->max_seconds = p->max_seconds > 1e-3 ? p->max_seconds : 1e-3;
     }
     if (c->init && !c->resume) /* the checkpoint has what became of it */
@@ -411,7 +411,7 @@ static int audit(struct train_run *r)
 static int run_train(const void *config, const bool *given, const char *const *positional, int count)
 {
     struct train_config c = *(const struct train_config *) config;
-    struct train_run r = {.config = &c, .begun = monotonic_seconds()};
+    struct train_run r = {.config = &c, .begun = sg_seconds()};
     json_t *keep = NULL;
     int code = 0;
     if (c.resume)

@@ -3,6 +3,7 @@
 #ifndef CLI_PROGRESS_H
 #define CLI_PROGRESS_H
 
+#include "core/clock.h"
 #include "splatguard/splatguard.h"
 
 struct progress {
@@ -12,8 +13,6 @@ struct progress {
     double loss, psnr;   /* exponential means */
     bool any;
 };
-
-double monotonic_seconds(void);
 
 void progress_begin(struct progress *p, bool quiet, int done, int iterations);
 void progress_step(struct progress *p, const struct sg_train_step *step);

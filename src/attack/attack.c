@@ -6,10 +6,10 @@
 
 #include <math.h>
 #include <string.h>
-#include <time.h>
 
 #include "ascent.h"
 #include "backend/cpu/dispatch.h"
+#include "core/clock.h"
 #include "math/constants.h"
 #include "splatguard/eval.h"
 #include "train/densify.h"
@@ -130,13 +130,6 @@ void sg_attack_destroy(sg_attack **attack)
     *attack = NULL;
 }
 
-static double seconds(void)
-{
-    struct timespec ts;
-    clock_gettime(CLOCK_MONOTONIC, &ts);
-    return (double) ts.tv_sec + 1e-9 * (double) ts.tv_nsec;
-}
-
 /* The decoy's render of a view into a->image, the photo into a->photo. */
 static int render(sg_attack *a, size_t index, struct sg_render_stats *stats)
 {
@@ -208,10 +201,10 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
     if (isfinite(p->epsilon)) /* from the render as a picture, not yet near the photo */
         for (size_t i = 0; i < values; i++)
             a->image[i] = a->image[i] > 0 ? a->image[i] < 1 ? a->image[i] : 1 : 0;
-    const double start = seconds();
+    const double start = sg_seconds();
     if ((code = ascend(a, w, h)))
         return code;
-    step.inner_seconds = seconds() - start;
+    step.inner_seconds = sg_seconds() - start;
     step.inner_bytes = (uint64_t) p->inner * values * 3 * sizeof(float);
 
     if ((code = ops->loss(t->backend, &(struct sg_loss_params){.lambda_dssim = p->lambda_dssim, .planes = a->image},

@@ -2,21 +2,14 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
+#include "core/clock.h"
 #include "core/internal.h"
 #include "splatguard/eval.h"
 
 #define WARM_UP 10
 #define ROUNDS 3
 #define EQUAL_PSNR 100.0 /* reported for identical images, whose PSNR is infinite */
-
-static double seconds(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
-}
 
 static int ascending(const void *a, const void *b)
 {
@@ -32,9 +25,9 @@ static int time_frames(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views,
     for (size_t i = 0; i < WARM_UP && !code; i++)
         code = sg_render(r, &views[i % n].camera, rgb, NULL, NULL, NULL);
     for (size_t i = 0; i < ROUNDS * n && !code; i++) {
-        const double start = seconds();
+        const double start = sg_seconds();
         code = sg_render(r, &views[i % n].camera, rgb, NULL, NULL, NULL);
-        sum += frames[i] = seconds() - start;
+        sum += frames[i] = sg_seconds() - start;
     }
     if (!code) {
         qsort(frames, ROUNDS * n, sizeof(double), ascending);

@@ -4,8 +4,8 @@
 
 #include <math.h>
 #include <string.h>
-#include <time.h>
 
+#include "core/clock.h"
 #include "defense/filter.h"
 #include "densify.h"
 #include "math/constants.h"
@@ -121,10 +121,8 @@ static int initial_model(sg_ctx *ctx, const struct sg_scene *scene, const struct
 
 static double system_clock(void *unused)
 {
-    struct timespec ts;
     (void) unused;
-    clock_gettime(CLOCK_MONOTONIC, &ts);
-    return (double) ts.tv_sec + 1e-9 * (double) ts.tv_nsec;
+    return sg_seconds();
 }
 
 /* A model that was given, if it is larger than fits. */
@@ -302,7 +300,7 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
 {
     const struct sg_train_params *p = &t->params;
     struct sg_densify_result r;
-    const double start = system_clock(NULL), counted = t->backend->times.count;
+    const double start = sg_seconds(), counted = t->backend->times.count;
     const size_t n = t->backend->ops->count(t->backend);
     const int code =
         sg_densify(t->backend,
@@ -321,7 +319,7 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
     t->gaussians_bound |= r.replaced || r.limited;
     const double grown = (double) (r.cloned + r.split) / (double) n;
     t->growth += (grown - t->growth) * (t->growth > 0 ? GROWTH_PACE : 1);
-    t->backend->times.densify += system_clock(NULL) - start - (t->backend->times.count - counted);
+    t->backend->times.densify += sg_seconds() - start - (t->backend->times.count - counted);
     return code;
 }
 

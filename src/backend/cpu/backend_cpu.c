@@ -3,10 +3,10 @@
  * threads, and every sum is taken in a fixed order, so that any number of threads gives the same bytes. */
 #include <stdatomic.h>
 #include <string.h>
-#include <time.h>
 
 #include "backend/host_model.h"
 #include "bin.h"
+#include "core/clock.h"
 #include "dispatch.h"
 
 #define BLOCKS_PER_PIECE 64 /* of SG_LANES Gaussians */
@@ -32,16 +32,9 @@ struct cpu_backend {
     struct sg_regulariser regulariser;
 };
 
-static double seconds(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
-}
-
 static void lap(double *start, double *sum)
 {
-    const double now = seconds();
+    const double now = sg_seconds();
     *sum += now - *start;
     *start = now;
 }
@@ -117,7 +110,7 @@ static int do_project(struct sg_backend *base, const struct sg_camera *camera, i
 {
     struct cpu_backend *b = (struct cpu_backend *) base;
     sg_ctx *ctx = base->ctx;
-    double clock = seconds();
+    double clock = sg_seconds();
     b->camera = *camera;
     b->params = *params;
     b->degree = sh_degree;
@@ -199,7 +192,7 @@ static int rasterize(struct sg_backend *base, bool auxiliary, struct sg_render_s
         b->aux_pixels = pixels;
     }
     for (int band = 0; band < b->bins.band_count; band++) {
-        double clock = seconds();
+        double clock = sg_seconds();
         if (sg_bins_band(ctx, &b->bins, band))
             return SG_ERR_BUDGET;
         lap(&clock, &base->times.bin);
@@ -256,7 +249,7 @@ static void loss_rows(void *arg, size_t piece, int thread)
 static int loss(struct sg_backend *base, const struct sg_loss_params *p, struct sg_loss_value *out)
 {
     struct cpu_backend *b = (struct cpu_backend *) base;
-    double clock = seconds();
+    double clock = sg_seconds();
     const int height = b->camera.height, threads = sg_ctx_threads(base->ctx);
     const size_t scratch = (size_t) threads * CPU_LOSS_SCRATCH((size_t) b->camera.width);
     if (scratch > b->loss_scratch_floats) {
@@ -294,7 +287,7 @@ static int loss(struct sg_backend *base, const struct sg_loss_params *p, struct 
 static int regularise(struct sg_backend *base, const struct sg_regulariser_params *p, struct sg_regulariser_value *out)
 {
     struct cpu_backend *b = (struct cpu_backend *) base;
-    double clock = seconds();
+    double clock = sg_seconds();
     const int code =
         sg_regularise(base->ctx, &b->regulariser, p, b->rgb, b->camera.width, b->camera.height, b->gradient, out);
     lap(&clock, &base->times.regularise);
@@ -328,7 +321,7 @@ static int rasterize_backward(struct sg_backend *base)
         memset(b->band_sums, 0, b->model.count * CPU_SLOT_FLOATS * sizeof(float));
     }
     for (int band = 0; band < b->bins.band_count; band++) {
-        double clock = seconds();
+        double clock = sg_seconds();
         if (sg_bins_band(ctx, &b->bins, band))
             return SG_ERR_BUDGET;
         lap(&clock, &base->times.bin);
@@ -428,7 +421,7 @@ static int count_hits(struct sg_backend *base, const struct sg_camera *const *vi
 {
     struct cpu_backend *b = (struct cpu_backend *) base;
     const struct sg_train_times before = base->times;
-    double clock = seconds();
+    double clock = sg_seconds();
     struct hit_job job = {.b = b, .hits = hits};
     memset(hits, 0, b->model.count * sizeof(*hits));
     if (kind == SG_HIT_VIEWS && !(job.seen = sg_alloc_raw(base->ctx, SG_MEM_SPLATS, b->model.count, 1)))
@@ -448,7 +441,7 @@ static int count_hits(struct sg_backend *base, const struct sg_camera *const *vi
 
 static int update(struct sg_backend *base, const struct sg_update *u)
 {
-    double clock = seconds();
+    double clock = sg_seconds();
     struct sg_host_model *h = &((struct cpu_backend *) base)->model;
     if (sg_host_learn(base->ctx, h) || (u->accumulate && sg_host_keep_gradients(base->ctx, h)))
         return SG_ERR_BUDGET;
