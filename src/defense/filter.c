@@ -177,13 +177,9 @@ int sg_filter(struct sg_backend *backend, const struct sg_scene *scene, const st
         }
         lowest = lowest < n ? lowest : n - 1; /* a model has at least one */
         sg_scores_remove(&s, lowest, keep);
-        *out = (struct sg_defense_step){.anisotropy = out->anisotropy,
-                                        .total_variation = out->total_variation,
-                                        .filtered = true,
-                                        .rho = rho,
-                                        .scored = n,
-                                        .removed = lowest,
-                                        .unseen = s.unseen};
+        out->filtered = true;
+        out->rho = rho;
+        out->scored = n, out->removed = lowest, out->unseen = s.unseen;
         for (int k = 0; k < 3 && seen; k++)
             out->score[k] =
                 sg_scores_rank(&s, s.unseen + (size_t) ((double) (seen - 1) * (double[]){0.1, 0.5, 0.9}[k]));

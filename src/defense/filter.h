@@ -33,7 +33,7 @@ double sg_scores_rank(const struct sg_scores *s, size_t k);
  * number of those set. */
 void sg_scores_remove(const struct sg_scores *s, size_t k, uint8_t *keep);
 
-/* Removes the share rho. */
+/* Removes the share rho. out: all but the losses. */
 int sg_filter(struct sg_backend *backend, const struct sg_scene *scene, const struct sg_defense_params *p,
               const struct sg_render_params *render, double rho, uint64_t seed, int it, struct sg_defense_step *out);
 

@@ -9,18 +9,12 @@
 /* FFTW's planner is the only part of it that threads must not share. */
 static pthread_mutex_t planner = PTHREAD_MUTEX_INITIALIZER;
 
-int sg_fft_plan(sg_ctx *ctx, int width, int height, float *image, float complex *f, fftwf_plan *forward,
-                fftwf_plan *backward)
+int sg_fft_plan(sg_ctx *ctx, int width, int height, float *image, float complex *f, fftwf_plan *plan)
 {
-    const unsigned flags = FFTW_ESTIMATE | FFTW_UNALIGNED;
     pthread_mutex_lock(&planner);
-    *forward = fftwf_plan_dft_r2c_2d(height, width, image, f, flags | FFTW_PRESERVE_INPUT);
-    if (backward)
-        *backward = fftwf_plan_dft_c2r_2d(height, width, f, image, flags | FFTW_DESTROY_INPUT);
+    *plan = fftwf_plan_dft_r2c_2d(height, width, image, f, FFTW_ESTIMATE | FFTW_UNALIGNED | FFTW_PRESERVE_INPUT);
     pthread_mutex_unlock(&planner);
-    if (*forward && (!backward || *backward))
-        return SG_OK;
-    return sg_fail(ctx, SG_ERR_BUDGET, "no Fourier transform of %d x %d pixels", width, height);
+    return *plan ? SG_OK : sg_fail(ctx, SG_ERR_BUDGET, "no Fourier transform of %d x %d pixels", width, height);
 }
 
 int sg_fft_plan_rows(sg_ctx *ctx, int width, int count, int row, int stride, float *image, float complex *f,

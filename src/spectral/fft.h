@@ -13,13 +13,13 @@
 /* Columns of a half spectrum: horizontal frequencies 0 .. width / 2. */
 #define SG_FFT_COLUMNS(width) ((size_t) (width) / 2 + 1)
 
-/* Plans for image (height x width) to f (height x SG_FFT_COLUMNS(width)), and back, which destroys f; also for other
- * arrays, whatever their alignment. backward may be NULL. Thread safe, unlike FFTW's planner. */
-int sg_fft_plan(sg_ctx *ctx, int width, int height, float *image, float complex *f, fftwf_plan *forward,
-                fftwf_plan *backward);
-/* Plans for the two halves of that, a part at a time: `count` rows of `width` values, row floats apart, to rows of f,
- * stride coefficients apart, and back, which destroys them; `count` neighbouring columns of f, in place. image, f: as
- * aligned as what the plans are used on, that is to 64 bytes; row, stride: multiples of 64 bytes. */
+/* A plan for image (height x width) to f (height x SG_FFT_COLUMNS(width)); also for other arrays, whatever their
+ * alignment. Thread safe, unlike FFTW's planner. */
+int sg_fft_plan(sg_ctx *ctx, int width, int height, float *image, float complex *f, fftwf_plan *plan);
+
+/* Plans for the two halves of that, a part at a time, and back: `count` rows of `width` values, row floats apart, to
+ * rows of f, stride coefficients apart, which going back destroys; `count` neighbouring columns of f, in place. image,
+ * f: as aligned as what the plans are used on, that is to 64 bytes; row, stride: multiples of 64 bytes. */
 int sg_fft_plan_rows(sg_ctx *ctx, int width, int count, int row, int stride, float *image, float complex *f,
                      fftwf_plan *forward, fftwf_plan *backward);
 int sg_fft_plan_columns(sg_ctx *ctx, int height, int count, int stride, float complex *f, fftwf_plan *forward,

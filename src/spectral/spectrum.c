@@ -78,7 +78,7 @@ int sg_spectrum_measure(sg_ctx *ctx, const uint8_t *rgb, int width, int height, 
     float *image = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, sizeof(float));
     float complex *f = sg_alloc_raw(ctx, SG_MEM_FRAME, (size_t) height * SG_FFT_COLUMNS(width), sizeof(*f));
     fftwf_plan plan = NULL;
-    int code = image && f ? sg_fft_plan(ctx, width, height, image, f, &plan, NULL) : SG_ERR_BUDGET;
+    int code = image && f ? sg_fft_plan(ctx, width, height, image, f, &plan) : SG_ERR_BUDGET;
     struct sums sums = {0};
     *out = (struct sg_spectrum){.bins = p.bins};
     for (int channel = 0; channel < 3 && !code; channel++) {

@@ -2,16 +2,11 @@
 /* The forward pass without colour: what each instance contributes to its tile. */
 #include "tile.h"
 
-/* See raster.c: the product of all (1 - alpha) so far; 0 outside the image. */
-struct part_state {
-    real chain;
-};
-
 SIMD uint64_t tally(const struct cpu_raster_args *a, int tile, bool weigh)
 {
     const int x0 = tile % a->grid_x * SG_TILE, y0 = tile / a->grid_x * SG_TILE;
     const size_t first = a->tile_start[tile - a->first_tile], end = a->tile_start[tile - a->first_tile + 1];
-    struct part_state states[BLOCKS][PARTS];
+    real chains[BLOCKS][PARTS]; /* see raster.c: the product of all (1 - alpha) so far; 0 outside the image */
     struct batch batch;
     float sum[BATCH + 1];
     uint64_t pairs = 0;
@@ -19,7 +14,7 @@ SIMD uint64_t tally(const struct cpu_raster_args *a, int tile, bool weigh)
         for (int part = 0; part < PARTS; part++) {
             const real px = part_x(part) + (float) (x0 + block % 4 * BLOCK);
             const real py = part_y(part) + (float) (y0 + block / 4 * BLOCK);
-            states[block][part].chain = r_keep(part_inside(a, px, py), r_set(1));
+            chains[block][part] = r_keep(part_inside(a, px, py), r_set(1));
         }
 
     bool anyone = true;
@@ -33,7 +28,7 @@ SIMD uint64_t tally(const struct cpu_raster_args *a, int tile, bool weigh)
             anyone = false;
             for (int block = 0; block < BLOCKS; block++)
                 for (int part = 0; part < PARTS; part++) {
-                    real chain = states[block][part].chain;
+                    real chain = chains[block][part];
                     if (!m_any(r_le(r_set(SG_T_MIN), chain)))
                         continue;
                     const real px = part_x(part) + (float) (x0 + block % 4 * BLOCK);
@@ -60,7 +55,7 @@ SIMD uint64_t tally(const struct cpu_raster_args *a, int tile, bool weigh)
                             break;
                     }
                     pairs += (uint64_t) (i < n ? i : n) * LANES;
-                    states[block][part].chain = chain;
+                    chains[block][part] = chain;
                     anyone |= m_any(r_le(r_set(SG_T_MIN), chain));
                 }
         }
