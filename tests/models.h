@@ -72,4 +72,24 @@ static inline struct sg_model *make_model(sg_ctx *ctx, size_t n, int degree, uin
     return m;
 }
 
+/* Square photos of a model by the oracle, from n places. The caller frees each rgb. */
+static inline void make_photos(sg_ctx *ctx, const struct sg_model *m, int side, struct sg_view *views, int n)
+{
+    const size_t values = 3 * (size_t) side * (size_t) side;
+    sg_renderer *r;
+    assert_int_equal(sg_renderer_create(ctx, "ref", NULL, m, NULL, &r), SG_OK);
+    float *rgb = malloc(values * sizeof(float));
+    for (int i = 0; i < n; i++) {
+        struct sg_view *v = &views[i];
+        v->name = (char *) "view";
+        v->camera = make_camera(side, side, 2.6 + 0.2 * i);
+        v->camera.t[0] += 0.15 * (i - 2);
+        v->rgb = malloc(values);
+        assert_int_equal(sg_render(r, &v->camera, rgb, NULL, NULL, NULL), SG_OK);
+        sg_quantise(rgb, side, side, v->rgb);
+    }
+    free(rgb);
+    sg_renderer_destroy(&r);
+}
+
 #endif

@@ -188,20 +188,7 @@ static int set_up(void **state)
     f->ctx = make_context(2);
     f->proxy = make_model(f->ctx, 150, 1, 21);
     f->proxy->active_sh_degree = 1;
-    sg_renderer *r;
-    assert_int_equal(sg_renderer_create(f->ctx, "ref", NULL, f->proxy, NULL, &r), SG_OK);
-    float *rgb = malloc(3 * SIDE * SIDE * sizeof(float));
-    for (int i = 0; i < VIEWS; i++) {
-        struct sg_view *v = &f->views[i];
-        v->name = (char *) "view";
-        v->camera = make_camera(SIDE, SIDE, 2.6 + 0.2 * i);
-        v->camera.t[0] += 0.15 * (i - 2);
-        v->rgb = malloc(3 * SIDE * SIDE);
-        assert_int_equal(sg_render(r, &v->camera, rgb, NULL, NULL, NULL), SG_OK);
-        sg_quantise(rgb, SIDE, SIDE, v->rgb);
-    }
-    free(rgb);
-    sg_renderer_destroy(&r);
+    make_photos(f->ctx, f->proxy, SIDE, f->views, VIEWS);
     f->scene = (struct sg_scene){.path = (char *) "fixture", .train = f->views, .n_train = VIEWS, .extent = 2};
     return 0;
 }

@@ -110,8 +110,7 @@ static void test_limit(void **state)
         sg_trainer *t;
         p.max_gaussians = 130, p.densify_grad_threshold = 1e-6f;
         p.defense.on = on, p.defense.interval = 5, p.defense.rho = 0.02;
-        f.scene.train = f.views;
-        assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_OK);
+        t = begin_training(&f, &p);
         size_t most = 0;
         while (sg_trainer_iteration(t) < p.iterations) {
             struct sg_train_step s;
@@ -125,7 +124,7 @@ static void test_limit(void **state)
         sg_trainer_destroy(&t);
         /* Fewer than it begins with: thinned out evenly. */
         p.max_gaussians = 50;
-        assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_OK);
+        t = begin_training(&f, &p);
         assert_int_equal(sg_trainer_gaussians(t), 50);
         assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
         sg_trainer_destroy(&t);
@@ -199,7 +198,6 @@ static void test_time(void **state)
     p.iterations = 400, p.densification_interval = 20, p.densify_from_iter = 40, p.densify_until_iter = 300;
     p.opacity_reset_interval = 150;
     p.clock = fake_clock, p.clock_arg = &now;
-    f.scene.train = f.views;
     for (int cut = 0; cut < 2; cut++) {
         static const double limits[] = {100, 7.5, 0.001};
         for (int k = 0; k < 3; k++) {
@@ -208,7 +206,7 @@ static void test_time(void **state)
             int steps = 0, densified = 0, before = 0;
             sg_trainer *t;
             p.max_seconds = limits[k];
-            assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_OK);
+            t = begin_training(&f, &p);
             const double begin = now;
             double away = 0;
             while (sg_trainer_iteration(t) < p.iterations) {
@@ -222,7 +220,7 @@ static void test_time(void **state)
                     assert_int_equal(sg_trainer_save(t, path), SG_OK);
                     sg_trainer_destroy(&t);
                     now += 5000, away += 5000;
-                    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_OK);
+                    t = begin_training(&f, &p);
                     assert_int_equal(sg_trainer_load(t, path), SG_OK);
                 }
             }
@@ -240,7 +238,7 @@ static void test_time(void **state)
     sg_trainer *t;
     struct sg_train_limits l;
     p.max_seconds = 1000, p.iterations = 60;
-    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_OK);
+    t = begin_training(&f, &p);
     for (int it = 1; it <= 60; it++, now += 1) {
         struct sg_train_step s;
         assert_int_equal(sg_trainer_step(t, &s), SG_OK);

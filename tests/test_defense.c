@@ -150,8 +150,7 @@ static void test_events(void **state)
         int events = 0;
         p.defense.interval = interval, p.defense.from = interval == 6 ? 12 : -1,
         p.defense.until = interval == 6 ? 30 : -1;
-        f.scene.train = f.views;
-        assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_OK);
+        t = begin_training(&f, &p);
         for (int it = 1; it <= 40; it++) {
             struct sg_train_step s;
             const size_t before = sg_trainer_gaussians(t);
@@ -180,8 +179,7 @@ static void test_automatic(void **state)
     double growth = 0;
     int events = 0;
     p.defense.rho = -0.3;
-    f.scene.train = f.views;
-    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_OK);
+    t = begin_training(&f, &p);
     for (int it = 1; it <= 40; it++) {
         struct sg_train_step s;
         const size_t before = sg_trainer_gaussians(t);
@@ -226,7 +224,8 @@ static void test_refusals(void **state)
     static const struct {
         const char *name;
         double value;
-    } cases[] = {{"rho", 1}, {"rho", -1}, {"filter-views", 0}, {"band-high", 0.1}, {"bins", 255}, {"bins", 7}, {"lambda", -1}};
+    } cases[] = {{"rho", 1},    {"rho", -1}, {"filter-views", 0}, {"band-high", 0.1},
+                 {"bins", 255}, {"bins", 7}, {"lambda", -1}};
     f.scene.train = f.views;
     for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
         struct sg_train_params p = good;

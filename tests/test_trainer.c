@@ -48,8 +48,7 @@ static void test_resume(void **state)
     const size_t size = fread(data, 1, 1 << 22, file);
     fclose(file);
     sg_trainer *t;
-    f.scene.train = f.views;
-    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_OK);
+    t = begin_training(&f, &p);
     for (int kind = 0; kind < 4; kind++) {
         char *bad = malloc(size);
         memcpy(bad, data, size);
@@ -166,8 +165,7 @@ static void test_adam_steps(void **state)
     p.white_background = true; /* resets at densify_from_iter too, which does not densify */
     struct fixture f = make_fixture(1);
     sg_trainer *t;
-    f.scene.train = f.views;
-    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_OK);
+    t = begin_training(&f, &p);
     for (int it = 1; it <= 40; it++)
         assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
     /* 40 - densifications at 10, 15, ..., 30 - the last iteration */

@@ -20,20 +20,7 @@ static inline struct fixture make_fixture(int threads)
 {
     struct fixture f = {.ctx = make_context(threads)};
     f.truth = make_model(f.ctx, 120, 1, 21);
-    sg_renderer *r;
-    assert_int_equal(sg_renderer_create(f.ctx, "ref", NULL, f.truth, NULL, &r), SG_OK);
-    float *rgb = malloc(3 * SIDE * SIDE * sizeof(float));
-    for (int i = 0; i < VIEWS; i++) {
-        struct sg_view *v = &f.views[i];
-        v->name = (char *) "view";
-        v->camera = make_camera(SIDE, SIDE, 2.6 + 0.2 * i);
-        v->camera.t[0] += 0.15 * (i - 2);
-        v->rgb = malloc(3 * SIDE * SIDE);
-        assert_int_equal(sg_render(r, &v->camera, rgb, NULL, NULL, NULL), SG_OK);
-        sg_quantise(rgb, SIDE, SIDE, v->rgb);
-    }
-    free(rgb);
-    sg_renderer_destroy(&r);
+    make_photos(f.ctx, f.truth, SIDE, f.views, VIEWS);
     f.scene = (struct sg_scene){.path = (char *) "fixture", .train = NULL, .n_train = VIEWS, .extent = 2};
     assert_int_equal(sg_model_create(f.ctx, f.truth->count, 1, &f.start), SG_OK);
     f.start->active_sh_degree = 0;
@@ -66,13 +53,19 @@ static inline struct sg_train_params short_params(void)
                                     .densify_grad_threshold = 0.0001f};
 }
 
+static inline sg_trainer *begin_training(struct fixture *f, const struct sg_train_params *p)
+{
+    sg_trainer *t;
+    f->scene.train = f->views;
+    assert_int_equal(sg_trainer_create(f->ctx, &f->scene, f->start, p, &t), SG_OK);
+    return t;
+}
+
 static inline struct sg_model *train(struct fixture *f, const struct sg_train_params *p, int iterations,
                                      const char *save_at_20, const char *load, double *losses)
 {
-    sg_trainer *t;
+    sg_trainer *t = begin_training(f, p);
     struct sg_model *m;
-    f->scene.train = f->views;
-    assert_int_equal(sg_trainer_create(f->ctx, &f->scene, f->start, p, &t), SG_OK);
     if (load)
         assert_int_equal(sg_trainer_load(t, load), SG_OK);
     while (sg_trainer_iteration(t) < iterations) {
