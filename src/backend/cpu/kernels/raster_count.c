@@ -8,7 +8,8 @@ SIMD uint64_t tally(const struct cpu_raster_args *a, int tile, bool weigh)
     const size_t first = a->tile_start[tile - a->first_tile], end = a->tile_start[tile - a->first_tile + 1];
     real chains[BLOCKS][PARTS]; /* see raster.c: the product of all (1 - alpha) so far; 0 outside the image */
     struct batch batch;
-    float sum[BATCH + 1];
+    float weights[BATCH + 1];
+    int32_t pixels[BATCH + 1];
     uint64_t pairs = 0;
     for (int block = 0; block < BLOCKS; block++)
         for (int part = 0; part < PARTS; part++) {
@@ -20,7 +21,8 @@ SIMD uint64_t tally(const struct cpu_raster_args *a, int tile, bool weigh)
     bool anyone = true;
     for (size_t at = first; at < end; at += BATCH) {
         const int count = end - at < BATCH ? (int) (end - at) : BATCH;
-        memset(sum, 0, sizeof(sum));
+        memset(weights, 0, sizeof(weights));
+        memset(pixels, 0, sizeof(pixels));
         if (anyone) {
             batch_load(&batch, a, at, count);
             batch_find(&batch, count, x0, y0, a->hits + at);
@@ -48,8 +50,10 @@ SIMD uint64_t tally(const struct cpu_raster_args *a, int tile, bool weigh)
                             blended[u] = r_and(p.drawn[u], open);
                         }
                         for (int u = 0; u < GROUP; u++) /* padding adds to the last one, which nobody reads */
-                            sum[list[i + u]] += weigh ? r_sum(r_keep(blended[u], weight[u]))
-                                                      : (float) __builtin_popcount(m_bits(blended[u]));
+                            if (weigh)
+                                weights[list[i + u]] += r_sum(r_keep(blended[u], weight[u]));
+                            else
+                                pixels[list[i + u]] += __builtin_popcount(m_bits(blended[u]));
                         i += GROUP;
                         if (!m_any(open))
                             break;
@@ -60,7 +64,7 @@ SIMD uint64_t tally(const struct cpu_raster_args *a, int tile, bool weigh)
                 }
         }
         for (int i = 0; i < count; i++)
-            a->slots[a->instances[at + (size_t) i].slot] = sum[i];
+            a->slots[a->instances[at + (size_t) i].slot] = weigh ? weights[i] : (float) pixels[i];
     }
     return pairs;
 }
