@@ -241,7 +241,7 @@ static int loop(struct train_run *r)
                 fprintf(stderr, "the model of iteration %d is saved in %s\n", done, r->config->output);
                 code = error == SG_ERR_BUDGET ? 0 : code; /* a smaller model than asked for, but a model */
             }
-            r->cut = true;
+            r->error = error;
             if (train_summary_write(r) && !code)
                 code = 2;
             return code;
@@ -448,7 +448,7 @@ static int run_train(const void *config, const bool *given, const char *const *p
         goto done;
     interrupt_catch();
     progress_begin(&r.progress, c.quiet, sg_trainer_iteration(r.trainer), c.train.iterations);
-    if (!(code = loop(&r)) && !r.cut)
+    if (!(code = loop(&r)) && !r.error)
         code = finish(&r);
 done:
     if (r.log && fclose(r.log) && !code)

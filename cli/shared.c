@@ -28,10 +28,18 @@ int exit_code(int error)
     }
 }
 
+/* Of --max-memory, if it was given. */
+static struct {
+    uint64_t whole, outside;
+} memory;
+
 int report(const sg_ctx *ctx, int error)
 {
     const char *text = ctx ? sg_last_error(ctx) : "";
     fprintf(stderr, "splatguard: %s\n", text[0] ? text : "internal error");
+    if (error == SG_ERR_BUDGET && memory.whole)
+        fprintf(stderr, "the limit is --max-memory, %llu bytes, less %llu for the process itself\n",
+                (unsigned long long) memory.whole, (unsigned long long) memory.outside);
     return exit_code(error);
 }
 
@@ -69,6 +77,7 @@ int open_context(sg_ctx **ctx, int threads, uint64_t max_memory, bool quiet)
                     (unsigned long long) max_memory, (unsigned long long) least);
             return 3;
         }
+        memory.whole = max_memory, memory.outside = outside;
         max_memory -= outside;
     }
     const int code = sg_ctx_create(

@@ -26,7 +26,7 @@ struct train_run {
     double begun;                   /* the command, on the monotonic clock */
     struct sg_train_step step;      /* newest */
     int before;                     /* iteration before it */
-    bool cut;                       /* ended by an error */
+    int error;                      /* that ended it, or SG_OK */
     int logged;                     /* iteration of the newest line */
     uint64_t cloned, split, pruned; /* since then */
     struct sg_eval eval;            /* newest measurement */

@@ -55,8 +55,9 @@ static json_t *budget(const struct train_run *r)
     struct sg_train_limits l;
     sg_trainer_limits(r->trainer, &l);
     json_t *binding = json_array();
-    if (l.gaussians_bound || r->cut)
-        json_array_append_new(binding, json_string(l.by_memory || r->cut ? "memory" : "gaussians"));
+    const bool out_of_memory = r->error == SG_ERR_BUDGET;
+    if (l.gaussians_bound || out_of_memory)
+        json_array_append_new(binding, json_string(l.by_memory || out_of_memory ? "memory" : "gaussians"));
     if (l.time_bound)
         json_array_append_new(binding, json_string("time"));
     return json_pack("{s:I,s:I,s:o,s:o}", "max_gaussians", (json_int_t) l.max_gaussians, "max_memory",

@@ -43,6 +43,7 @@ grep -aqE '__(asan|tsan)_init' "$tool" || # sanitizers hold memory of their own
 grep -q '"memory"' lean/summary.json || fail "the summary does not say that memory was binding"
 expect 3 train scene/blender -o none $short --max-memory 36M
 says 'expected at least'
+says 'the limit is --max-memory, 37748736 bytes, less'
 [ ! -e none/summary.json ] || fail "a run that cannot fit has begun"
 
 # Time: less than asked for, a model at the end.
