@@ -368,6 +368,7 @@ static void run_update(struct cpu_backend *b, const struct sg_update *u, float *
                               .planes = h->planes,
                               .degree = b->degree,
                               .splats = b->splats,
+                              .extents = b->bins.extents,
                               .slots = banded ? b->band_sums : b->slots,
                               .slot_start = banded ? NULL : b->bins.slot_start,
                               .kept = u->accumulate ? h->kept : NULL,

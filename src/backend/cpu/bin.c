@@ -94,7 +94,7 @@ static void count_drawn(void *arg, size_t chunk, int thread)
     uint64_t visible = 0;
     for (size_t i = chunk * CHUNK; i < end; i++) {
         n += j->b->extents[i].x1 > j->b->extents[i].x0;
-        visible += j->b->splats[i].radius > 0;
+        visible += j->b->extents[i].x1 > 0;
     }
     j->b->chunk_start[chunk] = n;
     atomic_fetch_add_explicit(&j->visible, visible, memory_order_relaxed);

@@ -5,18 +5,19 @@
 
 #include "backend/backend.h"
 
-/* One projected Gaussian: a cache line. With the conic as a sum of squares (math/tiles.h), log2 of opacity x Gaussian
+/* One projected Gaussian: a cache line; undefined where the extent says that it is not visible. With the conic as a sum of squares (math/tiles.h), log2 of opacity x Gaussian
  * is peak - (across dx - shear dy)^2 - (down dy)^2: above the peak by no rounding. */
 struct cpu_splat {
     float x, y;
     float slope, reach, taper, ymax, yright; /* struct ellipse */
-    float radius;                            /* in whole pixels, as the reference; 0 = not visible */
+    float radius;                            /* in whole pixels, as the reference */
     float across, shear, down, peak;         /* peak: log2 opacity */
     float r, g, b, z;
 };
 
 /* The tiles a splat touches: bit (y - y0) (x1 - x0) + x - x0 of `tiles` for the rectangle [x0, x1) x [y0, y1).
- * Rectangles of more than CPU_MASK_TILES tiles have no bits: their rows are worked out each time they are needed. */
+ * Rectangles of more than CPU_MASK_TILES tiles have no bits: their rows are worked out each time they are needed.
+ * x1 = x0: draws nothing; x1 = 0: is not visible, as the reference counts views. */
 struct cpu_extent {
     uint16_t x0, y0, x1, y1;
     uint32_t tiles;
@@ -65,6 +66,7 @@ struct cpu_update_args {
     size_t count;
     int planes, degree;
     const struct cpu_splat *splats;
+    const struct cpu_extent *extents;
     const float *slots;         /* gradients summed over this band */
     const uint32_t *slot_start; /* count + 1 */
     float *kept;                /* NULL, or gradients of earlier views, as params */

@@ -3,6 +3,7 @@
 #include "kernels.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "math/projection.h"
 #include "math/sh.h"
@@ -52,8 +53,8 @@ SIMD ireal tile_bits(const struct cpu_project_args *a, const struct rects *r, co
     }
 }
 
-SIMD void store_extents(const struct cpu_project_args *a, size_t base, const struct rects *r, ireal bits, mask drawn,
-                        mask small)
+SIMD void store_extents(const struct cpu_project_args *a, size_t base, const struct rects *r, ireal bits, mask visible,
+                        mask drawn, mask small)
 {
     int32_t x0[LANES], y0[LANES], x1[LANES], y1[LANES], tiles[LANES];
     memcpy(x0, &r->x0, sizeof(x0));
@@ -61,13 +62,13 @@ SIMD void store_extents(const struct cpu_project_args *a, size_t base, const str
     memcpy(x1, &r->x1, sizeof(x1));
     memcpy(y1, &r->y1, sizeof(y1));
     memcpy(tiles, &bits, sizeof(tiles));
-    const uint32_t d = m_bits(drawn), s = m_bits(small);
+    const uint32_t v = m_bits(visible), d = m_bits(drawn), s = m_bits(small);
     for (int lane = 0; lane < LANES && base + (size_t) lane < a->count; lane++) {
         const bool is_small = s >> lane & 1, any = (d >> lane & 1) && (!is_small || tiles[lane]);
         a->extents[base + (size_t) lane] =
             any ? (struct cpu_extent){(uint16_t) x0[lane], (uint16_t) y0[lane], (uint16_t) x1[lane],
                                       (uint16_t) y1[lane], is_small ? (uint32_t) tiles[lane] : 0}
-                : (struct cpu_extent){0};
+                : (struct cpu_extent){.x0 = v >> lane & 1, .x1 = v >> lane & 1};
     }
 }
 
@@ -87,6 +88,16 @@ void KERNEL(project)(const struct cpu_project_args *a, size_t first, size_t end)
             struct splat s;
             struct projection pr;
             project(&v, planes + SG_P_XYZ, planes + SG_P_SCALE, planes + SG_P_ROT, &s, &pr);
+            const struct rects rect = tile_rects(a, s.x, s.y, s.sigma);
+            /* NaN fails every comparison; r_exp would hide it. */
+            mask good = r_and(s.visible, r_le(planes[SG_P_OPACITY], planes[SG_P_OPACITY]));
+            good = r_and(good, r_and(r_lt(r_from_int(rect.x0), r_from_int(rect.x1)),
+                                     r_lt(r_from_int(rect.y0), r_from_int(rect.y1))));
+            if (!m_any(good)) { /* neighbours in memory are neighbours in space: mostly all or none */
+                const size_t left = a->count - base, n = left < LANES ? left : LANES;
+                memset(a->extents + base, 0, n * sizeof(*a->extents));
+                continue;
+            }
             const real opacity = 1 / (1 + r_exp(-planes[SG_P_OPACITY]));
 
             real d[3], basis[16], rgb[3];
@@ -99,22 +110,17 @@ void KERNEL(project)(const struct cpu_project_args *a, size_t first, size_t end)
             for (int k = 0; k < coefficients; k++)
                 for (int ch = 0; ch < 3; ch++)
                     rgb[ch] += basis[k] * r_load(p + (SG_P_SH + 3 * k + ch) * SG_LANES);
-            /* NaN fails every comparison; r_exp would hide it. */
-            mask good = r_and(s.visible, r_le(planes[SG_P_OPACITY], planes[SG_P_OPACITY]));
             for (int ch = 0; ch < 3; ch++) {
                 good = r_and(good, r_and(r_lt(rgb[ch], r_set(SG_COLOUR_MAX)), r_lt(r_set(-SG_COLOUR_MAX), rgb[ch])));
                 /* The backward pass knows the clamped by their 0. */
                 rgb[ch] = r_sel(r_lt(rgb[ch], r_set(-SG_COLOUR_ROUNDING)), r_set(0), r_max(rgb[ch], r_set(1e-30f)));
             }
-            const struct rects rect = tile_rects(a, s.x, s.y, s.sigma);
             const real area = r_from_int((rect.x1 - rect.x0) * (rect.y1 - rect.y0));
-            good = r_and(good, r_and(r_lt(r_from_int(rect.x0), r_from_int(rect.x1)),
-                                     r_lt(r_from_int(rect.y0), r_from_int(rect.y1))));
             const mask drawn = r_and(good, r_le(r_set(SG_ALPHA_MIN), opacity));
             const mask small = r_and(drawn, r_le(area, r_set(CPU_MASK_TILES)));
             const real safe = r_sel(drawn, opacity, r_set(1)), var = 1 / s.A;
             const struct ellipse e = ellipse_make(ellipse_border(safe, s.a, s.c, s.det), s.b / s.c, var, s.c);
-            store_extents(a, base, &rect, tile_bits(a, &rect, &e, s.x, s.y, small), drawn, small);
+            store_extents(a, base, &rect, tile_bits(a, &rect, &e, s.x, s.y, small), good, drawn, small);
 
             const real across = r_sqrt(s.A * (0.5f * LOG2E));
             const real fields[16] = {s.x,
@@ -124,7 +130,7 @@ void KERNEL(project)(const struct cpu_project_args *a, size_t first, size_t end)
                                      e.taper,
                                      e.ymax,
                                      e.yright,
-                                     r_keep(good, rect.radius),
+                                     rect.radius,
                                      across,
                                      across * e.slope,
                                      r_sqrt(0.5f * LOG2E / s.c),

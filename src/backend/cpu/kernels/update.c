@@ -13,14 +13,24 @@ struct lanes {
 };
 
 /* Adds up the slots of each Gaussian in tile order: the same order for any number of threads or bands. */
-SIMD void gather(const struct cpu_update_args *a, size_t base, struct lanes *l)
+/* Adds up the slots of each Gaussian in tile order: the same order for any number of threads or bands. False: none is
+ * visible. */
+SIMD bool gather(const struct cpu_update_args *a, size_t base, struct lanes *l)
 {
+    const size_t left = a->count - base, n = left < LANES ? left : LANES;
+    bool any = false;
+    for (size_t lane = 0; lane < n; lane++)
+        any |= a->extents[base + lane].x1 > 0;
+    if (!any)
+        return false;
     memset(l, 0, sizeof(*l));
-    for (int lane = 0; lane < LANES && base + (size_t) lane < a->count; lane++) {
-        const size_t i = base + (size_t) lane;
+    for (size_t lane = 0; lane < n; lane++) {
+        const size_t i = base + lane;
         const struct cpu_splat *s = &a->splats[i];
+        if (!a->extents[i].x1)
+            continue;
         l->r[lane] = s->r, l->g[lane] = s->g, l->b[lane] = s->b;
-        l->visible[lane] = s->radius > 0;
+        l->visible[lane] = 1;
         l->radius[lane] = s->radius;
         const size_t first = a->slot_start ? a->slot_start[i] : i, end = a->slot_start ? a->slot_start[i + 1] : i + 1;
         float sum[9] = {0};
@@ -30,6 +40,72 @@ SIMD void gather(const struct cpu_update_args *a, size_t base, struct lanes *l)
         for (int j = 0; j < 9; j++)
             l->sums[j][lane] = sum[j];
     }
+    return true;
+}
+
+/* Gradients of the parameters, and the statistics of densification. */
+SIMD void pull(const struct cpu_update_args *a, const struct view *view, size_t base, const float *params,
+               const struct lanes *l, real *out)
+{
+    const int coefficients = (a->degree + 1) * (a->degree + 1);
+    const mask visible = r_lt(r_set(0), r_load(l->visible));
+    real sums[9], planes[SG_P_SH];
+    for (int j = 0; j < 9; j++)
+        sums[j] = r_load(l->sums[j]);
+    for (int i = 0; i < SG_P_SH; i++)
+        planes[i] = r_load(params + i * SG_LANES);
+    struct splat s;
+    struct projection pr;
+    project(view, planes + SG_P_XYZ, planes + SG_P_SCALE, planes + SG_P_ROT, &s, &pr);
+    const struct splat_grad g = {
+        .x = s.A * sums[1] + s.B * sums[2],
+        .y = s.C * sums[2] + s.B * sums[1],
+        .A = -0.5f * sums[3],
+        .Bh = -0.5f * sums[4],
+        .C = -0.5f * sums[5],
+    };
+    if (a->update->statistics) {
+        const real gx = g.x * view->half_w, gy = g.y * view->half_h;
+        float norm[LANES];
+        r_store(norm, r_sqrt(gx * gx + gy * gy));
+        for (int lane = 0; lane < LANES; lane++)
+            if (l->visible[lane] > 0) {
+                const size_t i = base + (size_t) lane;
+                a->grad_sum[i] += norm[lane];
+                a->grad_count[i] += 1;
+                a->max_radius[i] = l->radius[lane] > a->max_radius[i] ? l->radius[lane] : a->max_radius[i];
+            }
+    }
+    if (!a->update->adam && !a->gradients && !a->kept)
+        return;
+
+    project_backward(view, &pr, &s, &g, out + SG_P_XYZ, out + SG_P_SCALE, out + SG_P_ROT);
+    /* d opacity = sum w / o, d logit = o (1 - o) d opacity */
+    out[SG_P_OPACITY] = sums[0] * (1 - 1 / (1 + r_exp(-planes[SG_P_OPACITY])));
+    real dir[3], basis[16], weight[16], d[3], rgb[3];
+    for (int i = 0; i < 3; i++)
+        dir[i] = planes[i] - view->centre[i];
+    const real inv = 1 / r_sqrt(dir[0] * dir[0] + dir[1] * dir[1] + dir[2] * dir[2]);
+    for (int i = 0; i < 3; i++)
+        dir[i] *= inv;
+    sh_basis(a->degree, dir[0], dir[1], dir[2], basis);
+    /* A colour clamped at 0 passes nothing. */
+    rgb[0] = r_keep(r_lt(r_set(0), r_load(l->r)), sums[6]);
+    rgb[1] = r_keep(r_lt(r_set(0), r_load(l->g)), sums[7]);
+    rgb[2] = r_keep(r_lt(r_set(0), r_load(l->b)), sums[8]);
+    for (int k = 0; k < coefficients; k++) {
+        weight[k] = r_set(0);
+        for (int ch = 0; ch < 3; ch++) {
+            weight[k] += rgb[ch] * r_load(params + (SG_P_SH + 3 * k + ch) * SG_LANES);
+            out[SG_P_SH + 3 * k + ch] = basis[k] * rgb[ch];
+        }
+    }
+    sh_direction_gradient(a->degree, dir[0], dir[1], dir[2], weight, d);
+    const real dot = d[0] * dir[0] + d[1] * dir[1] + d[2] * dir[2];
+    for (int i = 0; i < 3; i++)
+        out[SG_P_XYZ + i] += (d[i] - dir[i] * dot) * inv;
+    for (int plane = 0; plane < SG_P_SH + 3 * coefficients; plane++)
+        out[plane] = r_keep(visible, out[plane]); /* culled lanes hold garbage */
 }
 
 SIMD void adam(const struct cpu_update_args *a, float *p, float *m, float *v, const real *gradient, int planes)
@@ -50,7 +126,8 @@ SIMD void adam(const struct cpu_update_args *a, float *p, float *m, float *v, co
 void KERNEL(update)(const struct cpu_update_args *a, size_t first, size_t end)
 {
     const struct view view = view_make(a->camera);
-    const int coefficients = (a->degree + 1) * (a->degree + 1);
+    /* Planes of SH degrees not yet active have zero gradient and zero moments: nothing to do. */
+    const int planes = SG_P_SH + 3 * (a->degree + 1) * (a->degree + 1);
     for (size_t block = first; block < end; block++)
         for (int half = 0; half < SG_LANES; half += LANES) {
             const size_t base = block * SG_LANES + (size_t) half;
@@ -59,79 +136,20 @@ void KERNEL(update)(const struct cpu_update_args *a, size_t first, size_t end)
             const size_t offset = block * (size_t) a->planes * SG_LANES + (size_t) half;
             float *params = a->params + offset;
             struct lanes l;
-            gather(a, base, &l);
-            real sums[9];
-            for (int j = 0; j < 9; j++)
-                sums[j] = r_load(l.sums[j]);
-            const mask visible = r_lt(r_set(0), r_load(l.visible));
-
-            real planes[SG_P_SH];
-            for (int i = 0; i < SG_P_SH; i++)
-                planes[i] = r_load(params + i * SG_LANES);
-            struct splat s;
-            struct projection pr;
-            project(&view, planes + SG_P_XYZ, planes + SG_P_SCALE, planes + SG_P_ROT, &s, &pr);
-            const struct splat_grad g = {
-                .x = s.A * sums[1] + s.B * sums[2],
-                .y = s.C * sums[2] + s.B * sums[1],
-                .A = -0.5f * sums[3],
-                .Bh = -0.5f * sums[4],
-                .C = -0.5f * sums[5],
-            };
-            if (a->update->statistics) {
-                const real gx = g.x * view.half_w, gy = g.y * view.half_h;
-                float norm[LANES];
-                r_store(norm, r_sqrt(gx * gx + gy * gy));
-                for (int lane = 0; lane < LANES && base + (size_t) lane < a->count; lane++)
-                    if (l.visible[lane] > 0) {
-                        const size_t i = base + (size_t) lane;
-                        a->grad_sum[i] += norm[lane];
-                        a->grad_count[i] += 1;
-                        a->max_radius[i] = l.radius[lane] > a->max_radius[i] ? l.radius[lane] : a->max_radius[i];
-                    }
-            }
-            if (!a->update->adam && !a->gradients && !a->kept)
-                continue;
-
             real out[SG_PARAMS_MAX];
-            project_backward(&view, &pr, &s, &g, out + SG_P_XYZ, out + SG_P_SCALE, out + SG_P_ROT);
-            /* d opacity = sum w / o, d logit = o (1 - o) d opacity */
-            out[SG_P_OPACITY] = sums[0] * (1 - 1 / (1 + r_exp(-planes[SG_P_OPACITY])));
-            real dir[3], basis[16], weight[16], d[3], rgb[3];
-            for (int i = 0; i < 3; i++)
-                dir[i] = planes[i] - view.centre[i];
-            const real inv = 1 / r_sqrt(dir[0] * dir[0] + dir[1] * dir[1] + dir[2] * dir[2]);
-            for (int i = 0; i < 3; i++)
-                dir[i] *= inv;
-            sh_basis(a->degree, dir[0], dir[1], dir[2], basis);
-            /* A colour clamped at 0 passes nothing. */
-            rgb[0] = r_keep(r_lt(r_set(0), r_load(l.r)), sums[6]);
-            rgb[1] = r_keep(r_lt(r_set(0), r_load(l.g)), sums[7]);
-            rgb[2] = r_keep(r_lt(r_set(0), r_load(l.b)), sums[8]);
-            for (int k = 0; k < coefficients; k++) {
-                weight[k] = r_set(0);
-                for (int ch = 0; ch < 3; ch++) {
-                    weight[k] += rgb[ch] * r_load(params + (SG_P_SH + 3 * k + ch) * SG_LANES);
-                    out[SG_P_SH + 3 * k + ch] = basis[k] * rgb[ch];
-                }
-            }
-            sh_direction_gradient(a->degree, dir[0], dir[1], dir[2], weight, d);
-            const real dot = d[0] * dir[0] + d[1] * dir[1] + d[2] * dir[2];
-            for (int i = 0; i < 3; i++)
-                out[SG_P_XYZ + i] += (d[i] - dir[i] * dot) * inv;
-
-            /* Planes of SH degrees not yet active have zero gradient and zero moments: nothing to do. */
-            const int planes_active = SG_P_SH + 3 * coefficients;
-            for (int plane = 0; plane < planes_active; plane++)
-                out[plane] = r_keep(visible, out[plane]); /* culled lanes hold garbage */
-            for (int plane = 0; a->kept && plane < planes_active; plane++) {
+            if (gather(a, base, &l))
+                pull(a, &view, base, params, &l, out);
+            else
+                for (int plane = 0; plane < planes; plane++)
+                    out[plane] = r_set(0);
+            for (int plane = 0; a->kept && plane < planes; plane++) {
                 float *kept = a->kept + offset + plane * SG_LANES;
                 out[plane] += r_load(kept);
                 r_store(kept, a->update->adam ? r_set(0) : out[plane]);
             }
-            for (int plane = 0; a->gradients && plane < planes_active; plane++)
+            for (int plane = 0; a->gradients && plane < planes; plane++)
                 r_store(a->gradients + offset + plane * SG_LANES, out[plane]);
             if (a->update->adam)
-                adam(a, params, a->m + offset, a->v + offset, out, planes_active);
+                adam(a, params, a->m + offset, a->v + offset, out, planes);
         }
 }
