@@ -20,12 +20,13 @@
 #include "splatguard/splatguard.h"
 
 #define STAGES 6
+enum { REGULARISE = STAGES, COUNT, TIMES };
 static const char *const stage_names[STAGES] = {"project", "bin", "raster", "loss", "raster backward", "update"};
 
 struct result {
     size_t gaussians;
     int side, threads;
-    double total, stage[STAGES]; /* median seconds */
+    double total, stage[TIMES]; /* median seconds */
     struct sg_render_stats stats;
 };
 
@@ -103,8 +104,12 @@ static struct sg_model *surface_model(sg_ctx *ctx, size_t n)
     return ordered(ctx, m);
 }
 
-/* Median times of whole training iterations (degree 3, no densification) on one view. */
-static struct result measure(const struct sg_model *model, int side, int threads, const char *cpu, int rounds)
+#define VIEWS 8 /* all alike */
+
+/* Median times of whole training iterations (degree 3, no densification). With a filter it counts in each, in VIEWS
+ * views, and removes nothing. */
+static struct result measure(const struct sg_model *model, int side, int threads, const char *cpu, int rounds,
+                             const struct sg_defense_params *defense)
 {
     sg_ctx *ctx;
     sg_trainer *t;
@@ -122,13 +127,17 @@ static struct result measure(const struct sg_model *model, int side, int threads
     view.rgb = malloc(3 * (size_t) side * (size_t) side);
     for (size_t i = 0; i < 3 * (size_t) side * (size_t) side; i++)
         view.rgb[i] = (uint8_t) (i * 2654435761u >> 13);
-    struct sg_scene scene = {.path = (char *) "bench", .train = &view, .n_train = 1, .extent = 4};
-    const struct sg_train_params params = {SG_TRAIN_DEFAULTS, .cpu = cpu, .sh_interval = 1, .densify_until_iter = 0};
+    struct sg_view views[VIEWS];
+    for (int i = 0; i < VIEWS; i++)
+        views[i] = view;
+    struct sg_scene scene = {.path = (char *) "bench", .train = views, .n_train = VIEWS, .extent = 4};
+    struct sg_train_params params = {SG_TRAIN_DEFAULTS, .cpu = cpu, .sh_interval = 1, .densify_until_iter = 0};
+    params.defense = *defense;
     if (sg_trainer_create(ctx, &scene, model, &params, &t))
         fail(ctx, "trainer");
     struct result r = {.gaussians = model->count, .side = side, .threads = threads};
-    double *total = malloc((size_t) rounds * sizeof(double)), *stage[STAGES];
-    for (int k = 0; k < STAGES; k++)
+    double *total = malloc((size_t) rounds * sizeof(double)), *stage[TIMES];
+    for (int k = 0; k < TIMES; k++)
         stage[k] = malloc((size_t) rounds * sizeof(double));
     for (int i = -5; i < rounds; i++) { /* five to warm up, with rising degree */
         struct sg_train_times before, after;
@@ -149,9 +158,11 @@ static struct result measure(const struct sg_model *model, int side, int threads
         stage[3][i] = after.loss - before.loss;
         stage[4][i] = after.raster_backward - before.raster_backward;
         stage[5][i] = after.update - before.update;
+        stage[REGULARISE][i] = after.regularise - before.regularise;
+        stage[COUNT][i] = after.count - before.count;
     }
     r.total = median(total, rounds);
-    for (int k = 0; k < STAGES; k++) {
+    for (int k = 0; k < TIMES; k++) {
         r.stage[k] = median(stage[k], rounds);
         free(stage[k]);
     }
@@ -208,6 +219,17 @@ static void print_stages(const struct result *r, const struct roofline *m)
                    100 * rate / m->bandwidth);
         }
     }
+}
+
+/* Parts of the defense as it is by default: losses in every iteration, 48 counting passes in 100. */
+static void print_defense(const struct result *plain, const struct result *smooth, const struct result *counting)
+{
+    const double losses = 1e3 * smooth->stage[REGULARISE], pass = 1e3 * counting->stage[COUNT] / VIEWS;
+    const double each = losses + 0.48 * pass;
+    printf(
+        "\nThe defense: losses %.2f ms, a counting pass %.2f ms and so %.2f ms an iteration; together %.1f ms, %.0f %% "
+        "of %.1f ms.\n",
+        losses, pass, 0.48 * pass, each, 0.1 * each / plain->total, 1e3 * plain->total);
 }
 
 static void csv_row(FILE *csv, const char *sweep, const struct result *r)
@@ -284,15 +306,25 @@ int main(int argc, char **argv)
         fail(ctx, "model");
     /* The speed of memory that is shared with others drifts: one thread and all take turns, and of each the middle one
      * of three counts. */
-    struct result all[3], single[3];
+    const struct sg_defense_params off = {SG_DEFENSE_DEFAULTS};
+    struct sg_defense_params smooth_only = off, count_only = off;
+    smooth_only.on = count_only.on = true;
+    smooth_only.rho = count_only.lambda = 0;
+    count_only.rho = 1e-9;
+    count_only.interval = 1, count_only.from = 0, count_only.until = 1000000;
+    struct result all[3], single[3], smooth[3], counting[3];
     for (int i = 0; i < 3; i++) {
-        all[i] = measure(m, 800, threads, cpu, rounds);
+        all[i] = measure(m, 800, threads, cpu, rounds, &off);
+        smooth[i] = measure(m, 800, threads, cpu, rounds, &smooth_only);
+        counting[i] = measure(m, 800, threads, cpu, rounds / 2, &count_only);
         if (threads > 1)
-            single[i] = measure(m, 800, 1, cpu, rounds / 2);
+            single[i] = measure(m, 800, 1, cpu, rounds / 2, &off);
     }
     struct result r = middle(all);
     print_stages(&r, &machine);
     csv_row(csv, "headline", &r);
+    const struct result with_losses = middle(smooth), with_counts = middle(counting);
+    print_defense(&r, &with_losses, &with_counts);
     if (threads > 1) {
         const struct result one = middle(single);
         printf("\nScaling, threads 1 to %d: %.1f to %.1f ms, %.2fx (", threads, 1e3 * one.total, 1e3 * r.total,
@@ -309,7 +341,7 @@ int main(int argc, char **argv)
         table_head();
         for (int i = 0; i < (quick ? 3 : 5); i++) {
             m = surface_model(ctx, counts[i]);
-            r = measure(m, 800, threads, cpu, rounds / 2);
+            r = measure(m, 800, threads, cpu, rounds / 2, &off);
             sg_model_destroy(ctx, &m);
             print_row(&r);
             csv_row(csv, "gaussians", &r);
@@ -319,7 +351,7 @@ int main(int argc, char **argv)
         table_head();
         for (int i = 0; i < (quick ? 2 : 4); i++) {
             m = surface_model(ctx, 100000);
-            r = measure(m, sides[i], threads, cpu, rounds / 2);
+            r = measure(m, sides[i], threads, cpu, rounds / 2, &off);
             sg_model_destroy(ctx, &m);
             print_row(&r);
             csv_row(csv, "pixels", &r);

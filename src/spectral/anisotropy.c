@@ -13,6 +13,7 @@
 #define OUTSIDE 255  /* of the band; directions are fewer */
 #define ROWS 16      /* a piece of work */
 #define COLUMNS 16   /* a piece of work: two cache lines */
+#define APART 4      /* sums of a bin */
 #define EXACT_TO 256 /* sides this short are never continued */
 
 struct sg_anisotropy {
@@ -207,8 +208,8 @@ static void transform_columns(void *arg, size_t piece, int thread)
     const struct column_piece c = column_piece(a, piece);
     const bool amplitude = a->params.energy == SG_ENERGY_AMPLITUDE;
     const int bins = a->params.band.bins;
-    double energy[256] = {0}; /* of OUTSIDE too: no branch */
-    double whole[256] = {0};  /* of column 0, which has its conjugates itself; the others do not store theirs */
+    double energy[APART][256] = {0}; /* of OUTSIDE too: no branch; neighbours often share a bin, but not its sum */
+    double whole[256] = {0};         /* of column 0, which has its conjugates itself; the others do not store theirs */
     (void) thread;
     fftwf_execute_dft(a->cols[c.count < COLUMNS], c.f, c.f);
     for (int u = 0; u < a->h; u++) {
@@ -219,15 +220,16 @@ static void transform_columns(void *arg, size_t piece, int thread)
             e[v] = f[2 * v] * f[2 * v] + f[2 * v + 1] * f[2 * v + 1];
         for (int v = 0; v < c.count && amplitude; v++)
             e[v] = sqrtf(e[v]);
-        (c.first ? energy : whole)[bin[0]] += (double) e[0];
+        (c.first ? energy[0] : whole)[bin[0]] += (double) e[0];
         for (int v = 1; v < c.count; v++)
-            energy[bin[v]] += (double) e[v];
+            energy[v % APART][bin[v]] += (double) e[v];
     }
     double *sums = a->energy + piece * (size_t) bins;
     memset(sums, 0, (size_t) bins * sizeof(double));
     for (int b = 0; b < bins; b++) {
-        sums[b] += whole[b] + energy[b];
-        sums[(b + bins / 2) % bins] += energy[b];
+        const double sum = (energy[0][b] + energy[1][b]) + (energy[2][b] + energy[3][b]);
+        sums[b] += whole[b] + sum;
+        sums[(b + bins / 2) % bins] += sum;
     }
 }
 

@@ -15,7 +15,7 @@ struct tv_job {
     double *rows; /* per row: vertical and horizontal sums */
 };
 
-#define LANES 16 /* sums side by side, so that compilers may vectorise them */
+#define LANES 16 /* pixels side by side, so that compilers may vectorise them */
 
 /* d, cut off at the edge: without branches, which loops would not become vectors with. */
 static inline float cut(float d)
@@ -49,30 +49,31 @@ static inline double row_sum(const float *a, const float *b, int n, enum sg_tv_n
     return sum;
 }
 
-/* Adds the pull of the differences b - a to b's gradient. */
-static inline void add_pull(const float *restrict a, const float *restrict b, int n, float weight, enum sg_tv_norm norm,
-                            float *restrict to)
+/* Adds the gradient of n pixels, given with those around them. */
+static inline void add_pull(const struct tv_job *j, const float *here, const float *above, const float *below,
+                            const float *left, const float *right, int n, enum sg_tv_norm norm, float *restrict to)
 {
+    const float vertical = j->vertical, horizontal = j->horizontal;
     for (int x = 0; x < n; x++)
-        to[x] += weight * slope_of(b[x] - a[x], norm);
+        to[x] += vertical * (slope_of(here[x] - above[x], norm) - slope_of(below[x] - here[x], norm)) +
+                 horizontal * (slope_of(here[x] - left[x], norm) - slope_of(right[x] - here[x], norm));
 }
 
+/* Beyond the border is what is at it, from where nothing pulls. */
 static inline void row_of(const struct tv_job *j, size_t r, enum sg_tv_norm norm)
 {
-    const int w = j->width, y = (int) (r % (size_t) j->height);
+    const int w = j->width, y = (int) (r % (size_t) j->height), last = w - 1;
     const float *row = j->planes + r * (size_t) w;
-    const bool above = y > 0, below = y + 1 < j->height;
-    j->rows[2 * r] = below ? row_sum(row, row + w, w, norm) : 0;
-    j->rows[2 * r + 1] = row_sum(row, row + 1, w - 1, norm);
+    const float *above = y > 0 ? row - w : row, *below = y + 1 < j->height ? row + w : row;
+    j->rows[2 * r] = row_sum(row, below, w, norm);
+    j->rows[2 * r + 1] = row_sum(row, row + 1, last, norm);
     if (!j->gradient)
         return;
     float *to = j->gradient + r * (size_t) w;
-    if (above)
-        add_pull(row - w, row, w, j->vertical, norm, to);
-    if (below)
-        add_pull(row + w, row, w, j->vertical, norm, to);
-    add_pull(row, row + 1, w - 1, j->horizontal, norm, to + 1);
-    add_pull(row + 1, row, w - 1, j->horizontal, norm, to);
+    add_pull(j, row, above, below, row, row + (w > 1), 1, norm, to);
+    add_pull(j, row + 1, above + 1, below + 1, row, row + 2, w - 2, norm, to + 1);
+    if (w > 1)
+        add_pull(j, row + last, above + last, below + last, row + last - 1, row + last, 1, norm, to + last);
 }
 
 /* A copy of the loops for each norm. */
