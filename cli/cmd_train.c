@@ -72,7 +72,7 @@ static const struct option train_options[] = {
             "Iterations between opacity resets."),
     {"Budgets", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
     {"max-gaussians", 0, OPT_U64, T(train.max_gaussians), 0, 4e9, NULL, "N",
-     "Most Gaussians; from there on new ones take the place of those that the defense's filter scores lowest. 0 = no "
+     "Most Gaussians; at the limit, new ones take the place of those that the defense's filter scores lowest. 0 = no "
      "limit.",
      false},
     {"max-memory", 0, OPT_BYTES, T(max_memory), 0, 9e15, NULL, "BYTES",
@@ -93,7 +93,7 @@ static const struct option train_options[] = {
      false},
     {"preset", 0, OPT_CHOICE, T(preset), 0, 0, "auto|ns|tt|mip", "NAME",
      "The paper's rho and lambda for NeRF-Synthetic, Tanks and Temples, Mip-NeRF 360; auto: a share of the run's own "
-     "growth, and both the stronger the more the photos look poisoned (see `audit`).",
+     "growth, and for each photo the more lambda the more it looks poisoned (see `audit`).",
      false},
     DOUBLE(
         "rho", rho, -1, 0.5,
@@ -114,7 +114,8 @@ static const struct option train_options[] = {
      "Remove exactly the share, or all up to the score there (LightGaussian's rule).", false},
     {"filter-sample", 0, OPT_CHOICE, T(train.defense.sample), 0, 0, "random|all", "NAME",
      "Views to count in: a new sample each time, or all.", false},
-    DOUBLE("lambda", lambda, -1, 1e6, "Weight of the two losses on renders; -1 = the preset's."),
+    DOUBLE("lambda", lambda, -1, 1e6,
+           "Weight of the two losses on renders (auto: of photos that look poisoned); -1 = the preset's."),
     DOUBLE("anisotropy-scale", anisotropy_scale, 0, 1e6, "Times lambda: weight of the spectrum's anisotropy."),
     DOUBLE("tv-scale", tv_scale, 0, 1e6, "Times lambda: weight of the total variation."),
     {"tv-norm", 0, OPT_CHOICE, T(train.defense.tv), 0, 0, "l2|l1|huber", "NAME",
@@ -350,12 +351,13 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
     return options_conflict(t, given, &now, c);
 }
 
-/* suspicion: 0..1, of the photos; decides only with preset auto. */
+/* suspicion: 0..1, of the photos; decides only with preset auto. Its rho has few digits, so that config.json gives a
+ * resumed run the same number. */
 static void settle_defense(struct train_config *c, double suspicion)
 {
     const struct {
         double rho, lambda;
-    } presets[] = {[DEFENSE_AUTO] = {-0.1 - 0.2 * suspicion, 4 * suspicion},
+    } presets[] = {[DEFENSE_AUTO] = {-round(1e6 * (0.1 + 0.2 * suspicion)) / 1e6, 4},
                    [DEFENSE_NS] = {0.03, 4},
                    [DEFENSE_TT] = {0.045, 4},
                    [DEFENSE_MIP] = {0.05, 5}};
@@ -363,6 +365,24 @@ static void settle_defense(struct train_config *c, double suspicion)
     d->on = c->defense;
     d->rho = d->rho <= -1 ? presets[c->preset].rho : d->rho;
     d->lambda = d->lambda < 0 ? presets[c->preset].lambda : d->lambda;
+}
+
+/* With preset auto each photo is smoothed as much as it looks poisoned, and rho follows from all. */
+static int settle_automatic(struct train_run *r, const struct sg_audit *found)
+{
+    double sum = 0;
+    if (!(r->shares = malloc(found->count * sizeof(*r->shares)))) {
+        fprintf(stderr, "splatguard: out of memory\n");
+        return 3;
+    }
+    for (size_t i = 0; i < found->count; i++) {
+        const double suspicion = fmin(fmax((found->images[i].score - 0.3) / 0.6, 0), 1);
+        r->shares[i] = (float) suspicion;
+        sum += suspicion;
+    }
+    settle_defense(r->config, sum / (double) found->count);
+    r->config->train.defense.shares = r->shares;
+    return 0;
 }
 
 /* The parts of the configuration that follow from others. */
@@ -376,36 +396,44 @@ static void settle(struct train_config *c)
     c->scene.params.eval = c->eval;
 }
 
-/* Before a run begins: what the photos look like, and the defense that follows from it. */
+/* Says what was found, and does what --audit asks for. */
+static int heed(struct train_config *c, const struct sg_audit *found)
+{
+    const bool clean = found->verdict == SG_AUDIT_CLEAN;
+    if (!clean || !c->quiet)
+        fprintf(stderr, "%saudit: the photos look %s, score %.3f\n",
+                clean ? "" : "warning: ", sg_audit_verdict_name(found->verdict), found->score);
+    for (size_t i = 0; i < found->count_reasons && !clean; i++)
+        fprintf(stderr, "  %s\n", found->reasons[i]);
+    if (c->audit == AUDIT_REFUSE && found->verdict == SG_AUDIT_POISONED) {
+        fprintf(stderr, "splatguard: %s: found poisoned photos, expected clean ones (--audit refuse)\n", c->source);
+        return 2;
+    }
+    if (c->audit == AUDIT_DEFEND && !clean)
+        c->defense = 1;
+    return 0;
+}
+
+/* What the photos look like, and the defense that follows from it. A resumed run has decided whether there is one. */
 static int audit(struct train_run *r)
 {
     struct train_config *c = r->config;
     struct sg_audit *found = NULL;
-    const bool automatic = c->preset == DEFENSE_AUTO && (c->defense || c->audit == AUDIT_DEFEND) &&
-                           (c->train.defense.rho <= -1 || c->train.defense.lambda < 0);
-    if (c->audit == AUDIT_OFF && !automatic) {
+    if (c->audit == AUDIT_OFF && !(c->defense && c->preset == DEFENSE_AUTO)) {
         settle_defense(c, 1);
         return 0;
     }
     const int error = sg_audit_scene(r->ctx, r->scene, &found);
     if (error)
         return report(r->ctx, error);
-    const enum sg_audit_verdict verdict = found->verdict;
-    r->audit = sg_audit_verdict_name(verdict), r->audit_score = found->score;
-    if (verdict != SG_AUDIT_CLEAN || !c->quiet)
-        fprintf(stderr, "%saudit: the photos look %s, score %.3f\n", verdict != SG_AUDIT_CLEAN ? "warning: " : "",
-                r->audit, found->score);
-    for (size_t i = 0; i < found->count_reasons && verdict != SG_AUDIT_CLEAN; i++)
-        fprintf(stderr, "  %s\n", found->reasons[i]);
+    r->audit = sg_audit_verdict_name(found->verdict), r->audit_score = found->score;
+    int code = c->resume ? 0 : heed(c, found);
+    if (!code && c->defense && c->preset == DEFENSE_AUTO)
+        code = settle_automatic(r, found);
+    else
+        settle_defense(c, 1);
     sg_audit_destroy(r->ctx, &found);
-    if (c->audit == AUDIT_REFUSE && verdict == SG_AUDIT_POISONED) {
-        fprintf(stderr, "splatguard: %s: found poisoned photos, expected clean ones (--audit refuse)\n", c->source);
-        return 2;
-    }
-    if (c->audit == AUDIT_DEFEND && verdict != SG_AUDIT_CLEAN)
-        c->defense = 1;
-    settle_defense(c, fmin(fmax((r->audit_score - 0.3) / 0.6, 0), 1));
-    return 0;
+    return code;
 }
 
 static int run_train(const void *config, const bool *given, const char *const *positional, int count)
@@ -440,11 +468,7 @@ static int run_train(const void *config, const bool *given, const char *const *p
         code = 2;
         goto done;
     }
-    if (c.resume)
-        settle_defense(&c, 0); /* its options say all */
-    else if ((code = audit(&r)))
-        goto done;
-    if ((code = start(&r, json_string_value(json_object_get(keep, "cpu_variant")))))
+    if ((code = audit(&r)) || (code = start(&r, json_string_value(json_object_get(keep, "cpu_variant")))))
         goto done;
     interrupt_catch();
     progress_begin(&r.progress, c.quiet, sg_trainer_iteration(r.trainer), c.train.iterations);
@@ -459,6 +483,7 @@ done:
         sg_scene_destroy(r.ctx, &r.scene);
     }
     sg_ctx_destroy(&r.ctx);
+    free(r.shares);
     json_decref(keep);
     return code;
 }

@@ -216,6 +216,36 @@ static void test_same_bytes(void **state)
     clear_fixture(&three);
 }
 
+/* A view's share of lambda: nothing for all is lambda 0, everything is none given, and half is half of lambda. */
+static void test_shares(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(2);
+    struct sg_train_params p = defended();
+    struct sg_model *models[2][3];
+    for (int shared = 0; shared < 2; shared++)
+        for (int k = 0; k < 3; k++) {
+            float shares[VIEWS];
+            for (size_t i = 0; i < VIEWS; i++)
+                shares[i] = 0.5f * (float) k;
+            p.defense.shares = shared ? shares : NULL;
+            p.defense.lambda = shared ? 3 : 1.5 * k;
+            models[shared][k] = train(&f, &p, 30, NULL, NULL, NULL);
+        }
+    for (int k = 0; k < 3; k++)
+        assert_same(models[0][k], models[1][k]);
+    for (int shared = 0; shared < 2; shared++)
+        for (int k = 0; k < 3; k++)
+            sg_model_destroy(f.ctx, &models[shared][k]);
+    float wrong[VIEWS] = {[1] = NAN};
+    p.defense.shares = wrong;
+    sg_trainer *t;
+    f.scene.train = f.views;
+    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_ERR_USAGE);
+    assert_non_null(strstr(sg_last_error(f.ctx), "share of a view"));
+    clear_fixture(&f);
+}
+
 static void test_refusals(void **state)
 {
     (void) state;
@@ -253,6 +283,6 @@ int main(void)
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_weight),    cmocka_unit_test(test_ranks),
                                        cmocka_unit_test(test_filter),    cmocka_unit_test(test_events),
                                        cmocka_unit_test(test_automatic), cmocka_unit_test(test_same_bytes),
-                                       cmocka_unit_test(test_refusals)};
+                                       cmocka_unit_test(test_shares),    cmocka_unit_test(test_refusals)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -57,6 +57,8 @@ struct sg_defense_params {
     enum sg_prune_views sample; /* Default SG_VIEWS_RANDOM. */
     /* In the image: loss + lambda (anisotropy_scale L_ani + tv_scale L_tv) of the render. */
     double lambda;           /* Default 4. */
+    const float *shares;     /* NULL, or of each training view, 0..1: how much of lambda it gets, so that photos which
+                                look clean are not smoothed. Borrowed as long as the trainer. */
     double anisotropy_scale; /* Default 0.005: docs/defense.md has the sweep. */
     double tv_scale;         /* Default 1. */
     enum sg_tv_norm tv;      /* Default SG_TV_NORM_HUBER. */

@@ -80,7 +80,9 @@ static int check_params(sg_ctx *ctx, const struct sg_train_params *p, const stru
         return code;
     if (!scene->n_train)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found no training view, expected at least one", scene->path);
-    return SG_OK;
+    for (size_t i = 0; p->defense.shares && i < scene->n_train && !code; i++)
+        code = check_ranges(ctx, &(struct range){"share of a view", (double) p->defense.shares[i], 0, 1}, 1);
+    return code;
 }
 
 /* The k-th of `limit` items taken evenly out of n. */
@@ -323,11 +325,12 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
     return code;
 }
 
-static int regularise(sg_trainer *t, struct sg_defense_step *step)
+static int regularise(sg_trainer *t, size_t view, struct sg_defense_step *step)
 {
     const struct sg_defense_params *d = &t->params.defense;
-    const struct sg_regulariser_params p = {.anisotropy = d->lambda * d->anisotropy_scale,
-                                            .total_variation = d->lambda * d->tv_scale,
+    const double lambda = d->shares ? d->lambda * (double) d->shares[view] : d->lambda;
+    const struct sg_regulariser_params p = {.anisotropy = lambda * d->anisotropy_scale,
+                                            .total_variation = lambda * d->tv_scale,
                                             .tv = d->tv,
                                             .spectrum = d->spectrum};
     struct sg_regulariser_value value;
@@ -353,7 +356,7 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
 
     if ((code = ops->project(t->backend, &view->camera, sg_active_degree(p, t->start_degree, it), &render)) ||
         (code = ops->rasterize(t->backend, false, &step.render)) || (code = ops->loss(t->backend, &loss, &value)) ||
-        (d->on && (code = regularise(t, &step.defense))) || (code = ops->rasterize_backward(t->backend)))
+        (d->on && (code = regularise(t, step.view, &step.defense))) || (code = ops->rasterize_backward(t->backend)))
         return code;
 
     /* The released code rebuilds every tensor when it densifies and the opacity tensor when it resets: gradients are

@@ -11,8 +11,9 @@ expect 0 train scene/blender -o defended $short --init-points 2000 $defended
 events=$(grep -c '"filter":' defended/log.jsonl)
 [ "$events" = 4 ] || fail "$events events are logged, expected 4"
 [ "$(field defended filter_events)" = 4 ] && [ "$(field defended filter_removed)" -gt 0 ] || fail "the defense's totals"
-expect 0 train scene/blender -o whole $short --init-points 2000 $defended --iterations 1500 --densify-until-iter 1400
-"$tool" train scene/blender -o parts $short --init-points 2000 $defended --iterations 1500 --densify-until-iter 1400 2>err &
+automatic="--defense spectral --filter-interval 20 --filter-views 4 --iterations 1500 --densify-until-iter 1400"
+expect 0 train scene/blender -o whole $short --init-points 2000 $automatic
+"$tool" train scene/blender -o parts $short --init-points 2000 $automatic 2>err &
 pid=$!
 wait_for parts/log.jsonl
 kill -INT $pid
