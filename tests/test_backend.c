@@ -241,6 +241,8 @@ static void test_bands(void **state)
     (void) state;
     sg_ctx *ctx = make_context(2);
     struct sg_model *m = make_model(ctx, 400, 2, 8);
+    for (size_t i = 0; i < 5; i++) /* all over the image */
+        *sg_model_at(m, i, SG_P_SCALE) = *sg_model_at(m, i, SG_P_SCALE + 1) = 1;
     const struct sg_camera c = make_camera(120, 90, 3);
     struct sg_render_params params = {SG_RENDER_DEFAULTS};
     struct outcome one = run(ctx, "cpu", NULL, m, &c, params, false);

@@ -33,8 +33,9 @@ static void __attribute__((noinline)) row_tiles(const struct bins *b, const stru
     *first = c0, *end = c1 > c0 ? c1 : c0;
 }
 
-/* Runs the last argument for each tile of splat i in row-major order, with `tile` its index. */
-#define EACH_TILE(b, i, tile, ...)                                                                                     \
+/* Runs the last argument for each tile of splat i in row-major order, with `tile` its index; of large splats only for
+ * those in rows low to high - 1, so that many bands do not each walk over all of an image. */
+#define EACH_TILE(b, i, low, high, tile, ...)                                                                          \
     do {                                                                                                               \
         const struct cpu_extent *e_ = &(b)->extents[i];                                                                \
         const int width_ = e_->x1 - e_->x0;                                                                            \
@@ -49,7 +50,8 @@ static void __attribute__((noinline)) row_tiles(const struct bins *b, const stru
         } else if (width_ > 0) {                                                                                       \
             const struct cpu_splat *s_ = &(b)->splats[i];                                                              \
             const struct ellipse el_ = {s_->slope, s_->reach, s_->taper, s_->ymax, s_->yright};                        \
-            for (int ty_ = e_->y0; ty_ < e_->y1; ty_++) {                                                              \
+            const int y0_ = e_->y0 > (low) ? e_->y0 : (low), y1_ = e_->y1 < (high) ? e_->y1 : (high);                  \
+            for (int ty_ = y0_; ty_ < y1_; ty_++) {                                                                    \
                 int first_, end_;                                                                                      \
                 row_tiles(b, s_, &el_, ty_, e_->x0, e_->x1, &first_, &end_);                                           \
                 for (int tx_ = first_; tx_ < end_; tx_++) {                                                            \
@@ -194,6 +196,7 @@ struct tile_job {
     struct bins *b;
     size_t tiles;   /* of the whole image */
     int first, end; /* of the band */
+    int low, high;  /* its rows */
 };
 
 static void count_tiles(void *arg, size_t chunk, int thread)
@@ -201,12 +204,15 @@ static void count_tiles(void *arg, size_t chunk, int thread)
     (void) thread;
     struct tile_job *j = arg;
     uint32_t *h = j->b->histogram + chunk * j->tiles;
-    memset(h, 0, j->tiles * sizeof(*h));
+    memset(h + j->first, 0, (size_t) (j->end - j->first) * sizeof(*h));
     for (size_t k = order_begin(j->b->drawn, chunk); k < order_begin(j->b->drawn, chunk + 1); k++) {
         const uint32_t i = j->b->order[k].splat;
         if (k + AHEAD < j->b->drawn)
             __builtin_prefetch(&j->b->extents[j->b->order[k + AHEAD].splat]);
-        EACH_TILE(j->b, i, tile, h[tile]++);
+        EACH_TILE(j->b, i, j->low, j->high, tile, {
+            if (tile >= j->first && tile < j->end)
+                h[tile]++;
+        });
     }
 }
 
@@ -248,7 +254,7 @@ int sg_bins_make(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats, ui
         sg_grow(ctx, SG_MEM_INSTANCES, &b->tile_total, &b->cap_total, tiles, 0, sizeof(uint64_t)) ||
         sort_by_depth(ctx, b))
         return SG_ERR_BUDGET;
-    struct tile_job tile_job = {.b = b, .tiles = tiles};
+    struct tile_job tile_job = {.b = b, .tiles = tiles, .end = (int) tiles, .high = b->grid_y};
     sg_parallel_for(ctx, ORDER_CHUNKS, count_tiles, &tile_job);
     memset(b->tile_total, 0, tiles * sizeof(*b->tile_total));
     for (size_t c = 0; c < ORDER_CHUNKS; c++)
@@ -273,7 +279,7 @@ static void count_slots(void *arg, size_t chunk, int thread)
         if (whole && b->extents[i].tiles)
             n = (uint32_t) __builtin_popcount(b->extents[i].tiles);
         else
-            EACH_TILE(b, i, tile, n += tile >= j->first && tile < j->end);
+            EACH_TILE(b, i, j->low, j->high, tile, n += tile >= j->first && tile < j->end);
         b->slot_start[i] = n;
     }
 }
@@ -291,7 +297,7 @@ static void emit(void *arg, size_t chunk, int thread)
             __builtin_prefetch(&b->slot_start[b->order[k + AHEAD].splat]);
         }
         uint32_t slot = b->slot_start[i];
-        EACH_TILE(b, i, tile, {
+        EACH_TILE(b, i, j->low, j->high, tile, {
             if (tile >= j->first && tile < j->end)
                 b->instances[cursor[tile]++] = (struct cpu_instance){i, slot++};
         });
@@ -308,7 +314,12 @@ int sg_bins_band(sg_ctx *ctx, struct bins *b, int band)
     uint64_t total = 0;
     for (int t = range.first; t < range.end; t++)
         total += b->tile_total[t];
-    struct tile_job job = {.b = b, .tiles = tiles, .first = range.first, .end = range.end};
+    struct tile_job job = {.b = b,
+                           .tiles = tiles,
+                           .first = range.first,
+                           .end = range.end,
+                           .low = range.first / b->grid_x,
+                           .high = (range.end - 1) / b->grid_x + 1};
     if (b->band >= 0) /* emitting turned the counts into positions */
         sg_parallel_for(ctx, ORDER_CHUNKS, count_tiles, &job);
     b->band = -1;
