@@ -51,7 +51,7 @@ static int put_picture(sg_ctx *ctx, FILE *f, const uint8_t *rgb, int w, int h, c
 {
     const int side = w > h ? w : h, pw = w * PANEL / side > 0 ? w * PANEL / side : 1,
               ph = h * PANEL / side > 0 ? h * PANEL / side : 1;
-    uint8_t *small = malloc(3 * (size_t) pw * (size_t) ph);
+    uint8_t *small = sg_alloc_raw(ctx, SG_MEM_MISC, 3 * (size_t) pw, (size_t) ph);
     void *png = NULL;
     size_t size = 0;
     int code = small ? sg_resample(ctx, rgb, w, h, 3, small, pw, ph) : SG_ERR_BUDGET;
@@ -63,7 +63,7 @@ static int put_picture(sg_ctx *ctx, FILE *f, const uint8_t *rgb, int w, int h, c
         fprintf(f, "\"><figcaption>%s</figcaption></figure>\n", title);
     }
     free(png);
-    free(small);
+    sg_free(ctx, small);
     return code;
 }
 
@@ -72,8 +72,9 @@ static int put_view(sg_ctx *ctx, FILE *f, const struct sg_view *v, const struct 
 {
     const int w = v->camera.width, h = v->camera.height, across = (w + 15) / 16, below = (h + 15) / 16;
     const size_t pixels = (size_t) w * (size_t) h;
-    float *map = malloc((size_t) across * (size_t) below * sizeof(float)), *amplitude = malloc(pixels * sizeof(float));
-    uint8_t *rgb = malloc(3 * pixels);
+    float *map = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) across * (size_t) below, sizeof(*map));
+    float *amplitude = sg_alloc_raw(ctx, SG_MEM_MISC, pixels, sizeof(*amplitude));
+    uint8_t *rgb = sg_alloc_raw(ctx, SG_MEM_MISC, pixels, 3);
     struct sg_audit_features features;
     struct sg_spectrum spectrum;
     fprintf(f, "<h3>");
@@ -98,9 +99,9 @@ static int put_view(sg_ctx *ctx, FILE *f, const struct sg_view *v, const struct 
         code = put_picture(ctx, f, rgb, w, h, "amplitude spectrum: zero frequency in the middle");
     }
     fprintf(f, "</div>\n");
-    free(map);
-    free(amplitude);
-    free(rgb);
+    sg_free(ctx, map);
+    sg_free(ctx, amplitude);
+    sg_free(ctx, rgb);
     return code;
 }
 

@@ -250,6 +250,8 @@ int sg_audit_scene(sg_ctx *ctx, const struct sg_scene *scene, struct sg_audit **
         a->count = scene->n_train;
         sg_parallel_for(ctx, a->count, audit_view, &(struct audit_job){ctx, scene, a, codes});
         for (size_t i = 0; i < a->count; i++) {
+            if (codes[i] == SG_ERR_BUDGET) /* all threads at once were too many */
+                audit_view(&(struct audit_job){ctx, scene, a, codes}, i, 0);
             code = code ? code : codes[i];
             a->verdicts[a->images[i].verdict]++;
         }
