@@ -30,7 +30,7 @@ static const struct option attack_options[] = {
     {"threads", 'j', OPT_INT, A(threads), 0, 256, NULL, "T", "Worker threads; 0 = one per CPU. Results are the same.",
      true},
     {"max-memory", 0, OPT_BYTES, A(max_memory), 0, 9e15, NULL, "BYTES",
-     "Refuse to allocate more, e.g. 1500M; 0 = no limit.", true},
+     "Refuse to allocate more, e.g. 1500M; 0 = no limit.", false},
     {"resume", 0, OPT_FLAG, A(resume), 0, 0, NULL, NULL,
      "Continue an interrupted attack with its own options: same bytes as an uninterrupted one.", true},
     {"force", 0, OPT_FLAG, A(force), 0, 0, NULL, NULL, "Replace an earlier attack in the folder.", true},
@@ -40,8 +40,7 @@ static const struct option attack_options[] = {
     {"cpu", 0, OPT_STRING, A(attack.cpu), 0, 0, NULL, "VARIANT",
      "Instruction set: baseline, avx2, avx512 or neon; the best by default (or SG_CPU).", false},
     {"Scene", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
-    {"format", 0, OPT_CHOICE, A(scene.format), 0, 0, SCENE_FORMATS, "FORMAT",
-     "Layout of the scene folder.", false},
+    {"format", 0, OPT_CHOICE, A(scene.format), 0, 0, SCENE_FORMATS, "FORMAT", "Layout of the scene folder.", false},
     {"images", 'i', OPT_STRING, A(scene.params.images), 0, 0, NULL, "DIR",
      "COLMAP: image folder below the scene, e.g. images_4.", false},
     {"resolution", 'r', OPT_INT, A(scene.params.resolution), -1, 16384, NULL, "R",
@@ -258,6 +257,15 @@ static int load_scene(struct attack_run *r)
     return error ? report(r->ctx, error) : 0;
 }
 
+/* 3 unless a run's summary says that it took all its iterations. */
+static int whole(const char *summary, int iterations)
+{
+    json_t *s = json_load_file(summary, 0, NULL);
+    const bool all = json_integer_value(json_object_get(s, "iterations")) == iterations;
+    json_decref(s);
+    return all ? 0 : 3;
+}
+
 /* Trains the proxy as `splatguard train` does, into POISONED/attack/proxy, or goes on with it. */
 static int train_proxy(const struct attack_config *c, char **model)
 {
@@ -288,6 +296,8 @@ static int train_proxy(const struct attack_config *c, char **model)
     if (!c->quiet)
         fprintf(stderr, "training the proxy\n");
     code = train->run(&t, given, NULL, 0);
+    if (!code && (code = whole(done, c->proxy_iterations)))
+        fprintf(stderr, "splatguard: %s: memory did not suffice for the proxy\n", folder);
     if (!code)
         unlink(begun); /* marks it as whole; its model is what counts */
 done:
@@ -444,7 +454,8 @@ static int adopt(struct attack_config *c, const bool *given, const char *argumen
         return code;
     c->output = output;
     c->resume = true;
-    c->quiet = now.quiet, c->threads = now.threads, c->max_memory = now.max_memory, c->keep_decoy = now.keep_decoy;
+    c->quiet = now.quiet, c->threads = now.threads, c->keep_decoy = now.keep_decoy;
+    c->max_memory = options_given(&command_attack, given, A(max_memory)) ? now.max_memory : c->max_memory;
     if (!now.source || (now.output == NULL && argument))
         now.source = c->source;
     return options_conflict(&command_attack, given, &now, c);

@@ -137,7 +137,7 @@ static int render(sg_attack *a, size_t index, struct sg_render_stats *stats)
     const struct sg_view *view = &t->scene->train[index];
     const struct sg_backend_ops *ops = t->backend->ops;
     const size_t n = (size_t) view->camera.width * (size_t) view->camera.height;
-    const struct sg_render_params params = {.max_instances = a->params.max_instances}; /* black */
+    const struct sg_render_params params = {.max_instances = t->budget.instances}; /* black */
     int code;
     if ((code = ops->project(t->backend, &view->camera, t->start_degree, &params)) ||
         (code = ops->rasterize(t->backend, false, stats)) || (code = ops->read_image(t->backend, a->image, NULL, NULL)))

@@ -160,27 +160,24 @@ static int measure(sg_ctx *ctx, const struct sg_view *view, const char *path, st
     return SG_OK;
 }
 
-/* FOLDER/FILE, whose own folder is made. NULL without memory or that folder. */
-static char *place(sg_ctx *ctx, const char *folder, const char *file)
+/* FOLDER/FILE, whose own folder is made. */
+static int place(sg_ctx *ctx, const char *folder, const char *file, char **path)
 {
-    char *path = sg_strf(ctx, "%s/%s", folder, file);
-    if (!path)
-        return NULL;
-    char *slash = strrchr(path, '/');
+    if (!(*path = sg_strf(ctx, "%s/%s", folder, file)))
+        return SG_ERR_BUDGET;
+    char *slash = strrchr(*path, '/');
     *slash = 0;
-    const int code = sg_dir_create(ctx, path);
+    const int code = sg_dir_create(ctx, *path);
     *slash = '/';
-    if (code)
-        sg_free(ctx, path);
-    return code ? NULL : path;
+    return code;
 }
 
 static int write_mask(sg_ctx *ctx, const struct sg_view *view, const char *folder, const char *file)
 {
-    char *name = sg_strf(ctx, "masks/%s.png", !strncmp(file, "images/", 7) ? file + 7 : file);
-    char *path = name ? place(ctx, folder, name) : NULL;
-    const int code =
-        path ? sg_image_write_png(ctx, path, view->mask, view->camera.width, view->camera.height, 1) : SG_ERR_INPUT;
+    char *name = sg_strf(ctx, "masks/%s.png", !strncmp(file, "images/", 7) ? file + 7 : file), *path = NULL;
+    int code = name ? place(ctx, folder, name, &path) : SG_ERR_BUDGET;
+    if (!code)
+        code = sg_image_write_png(ctx, path, view->mask, view->camera.width, view->camera.height, 1);
     sg_free(ctx, name);
     sg_free(ctx, path);
     return code;
@@ -192,8 +189,8 @@ int sg_poisoned_scene_image(sg_ctx *ctx, const struct sg_scene *scene, const str
 {
     const int w = view->camera.width, h = view->camera.height;
     sg_clear_error(ctx);
-    char *file = image_file(ctx, scene, view, files), *path = file ? place(ctx, folder, file) : NULL;
-    int code = path ? SG_OK : SG_ERR_INPUT;
+    char *file = image_file(ctx, scene, view, files), *path = NULL;
+    int code = file ? place(ctx, folder, file, &path) : SG_ERR_BUDGET;
     if (!code && !strcmp(file + strlen(file) - 4, ".png"))
         code = sg_image_write_png(ctx, path, rgb, w, h, 3);
     else if (!code)
