@@ -77,7 +77,7 @@ static const struct option train_options[] = {
      false},
     {"max-memory", 0, OPT_BYTES, T(max_memory), 0, 9e15, NULL, "BYTES",
      "Most memory of the whole process, e.g. 1500M or 4G: limits Gaussians and tile lists to what fits. 0 = no limit.",
-     true},
+     false},
     {"max-time", 0, OPT_TIME, T(max_time), 0, 1e9, NULL, "TIME",
      "Most time until the model is trained, e.g. 90s, 10m or 2h: iterations are skipped so that the schedule still "
      "ends. "
@@ -153,13 +153,15 @@ static double cpu_now(void)
     return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
 }
 
-/* Measures the test views; fps only on request. */
+/* Measures the test views; fps only on request. Where memory is short for that, the run goes on without. */
 static int measure(struct train_run *r, int time_fps)
 {
     const struct train_config *c = r->config;
     struct sg_model *m = NULL;
     sg_renderer *renderer = NULL;
-    struct sg_render_params params = {.max_instances = c->train.max_instances,
+    struct sg_train_limits limits;
+    sg_trainer_limits(r->trainer, &limits);
+    struct sg_render_params params = {.max_instances = limits.max_instances,
                                       .reference_tiles = c->train.reference_tiles};
     for (int ch = 0; ch < 3; ch++)
         params.background[ch] = c->train.white_background ? 1 : 0;
@@ -172,8 +174,12 @@ static int measure(struct train_run *r, int time_fps)
     }
     sg_renderer_destroy(&renderer);
     sg_model_destroy(r->ctx, &m);
-    if (error)
-        return report(r->ctx, error);
+    if (error) {
+        const int code = report(r->ctx, error);
+        if (error == SG_ERR_BUDGET)
+            fprintf(stderr, "the test views are not measured\n");
+        return error == SG_ERR_BUDGET ? 0 : code;
+    }
     r->evaluated = sg_trainer_iteration(r->trainer);
     if (!c->quiet) {
         progress_break(&r->progress);
@@ -217,10 +223,10 @@ static int after_step(struct train_run *r)
     }
     if (!code && (due(r, c->log_every) || last || s->iteration == 1))
         code = train_log_step(r);
-    if (!code && c->eval && due(r, c->eval_every) && !last)
-        code = measure(r, 0);
     if (!code && due(r, c->save_every) && !last)
         code = save(r);
+    if (!code && c->eval && due(r, c->eval_every) && !last)
+        code = measure(r, 0);
     return code;
 }
 
@@ -294,12 +300,9 @@ static int start(struct train_run *r, const char *variant)
     const struct train_config *c = r->config;
     struct sg_model *initial = NULL;
     int error = 0, code = 0;
-    if (c->max_time > 0) { /* reading the photos has taken some of it */
-        struct sg_train_params *p = &r->config->train;
-        p->max_seconds = c->max_time - (sg_seconds() - r->begun);
-        p->max_seconds = p->max_seconds > 1e-3 ? p->max_seconds : 1e-3;
-    }
-    if (c->init && !c->resume) /* the checkpoint has what became of it */
+    r->config->train.max_seconds = c->max_time;
+    r->config->train.seconds_before = sg_seconds() - r->begun; /* reading the photos */
+    if (c->init && !c->resume)                                 /* the checkpoint has what became of it */
         error = sg_model_read_ply(r->ctx, c->init, UINT32_MAX, &initial);
     if (!error)
         error = sg_trainer_create(r->ctx, r->scene, initial, &c->train, &r->trainer);
@@ -338,7 +341,7 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
     c->resume = true;
     c->quiet = now.quiet;
     c->threads = now.threads;
-    c->max_memory = now.max_memory;
+    c->max_memory = options_given(t, given, T(max_memory)) ? now.max_memory : c->max_memory;
     c->source = now.source ? now.source : c->source;
     c->train.cpu = now.train.cpu ? now.train.cpu /* for a machine without the run's: the last digits may differ */
                                  : json_string_value(json_object_get(*keep, "cpu_variant"));

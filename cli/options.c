@@ -273,7 +273,7 @@ json_t *options_to_json(const struct command *c, const void *config)
             v = json_boolean(*(const bool *) value);
         else if (o->type == OPT_INT)
             v = json_integer(*(const int *) value);
-        else if (o->type == OPT_U64)
+        else if (o->type == OPT_U64 || o->type == OPT_BYTES)
             v = json_integer((json_int_t) * (const uint64_t *) value);
         else if (options_show(o, config, text, sizeof(text)))
             v = o->type == OPT_FLOAT || o->type == OPT_DOUBLE || o->type == OPT_TIME ? json_real(strtod(text, NULL))

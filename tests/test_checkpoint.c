@@ -171,6 +171,7 @@ static void test_sealed_lies(void **state)
         {"last step an int holds", AT_STEPS + 20, INT_MAX, 4},
         {"negative start degree", AT_START, (uint32_t) -1, 4},
         {"absurd start degree", AT_START, 4, 4},
+        {"start degree beyond what is stored", AT_START, 3, 4},
         {"other cameras", AT_START + 4, 7, 4},
         {"other seed", AT_SEED, 43, 8},
         {"other scene", AT_VIEWS, 3, 8},

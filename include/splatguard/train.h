@@ -42,6 +42,7 @@ struct sg_train_params {
     uint64_t max_gaussians;  /* from there on new ones take the place of those scored lowest. Default 0. */
     double max_seconds;      /* of all steps: the schedule advances by iterations or by time, whichever is
                                 ahead, so that a run cut short still ends as a whole one. Default 0. */
+    double seconds_before;   /* that count already, e.g. for reading the photos. Default 0. */
     double (*clock)(void *); /* seconds from any start, never backwards; NULL = the system's. Default NULL. */
     void *clock_arg;
     uint64_t max_instances; /* see sg_render_params. Default 1 << 24. */

@@ -143,14 +143,14 @@ int sg_trainer_load(sg_trainer *t, const char *path)
                        "%s: byte 0: found another kind of file, expected a checkpoint of this version", path);
         goto done;
     }
-    if (h.sh_degree < 0 || h.sh_degree > 3 || h.start_degree < 0 || h.start_degree > 3 ||
+    if (h.sh_degree < 0 || h.sh_degree > 3 || h.start_degree < 0 || h.start_degree > h.sh_degree ||
         h.views != t->scene->n_train || h.seed != t->params.seed || h.extent != t->extent || !h.count) {
-        code = sg_fail(
-            ctx, SG_ERR_INPUT,
-            "%s: found SH degree %d, %llu views, seed %llu, extent %.9g; expected 0 to 3 and those of this scene and "
-            "run: %zu, %llu, %.9g",
-            path, h.sh_degree, (unsigned long long) h.views, (unsigned long long) h.seed, h.extent, t->scene->n_train,
-            (unsigned long long) t->params.seed, t->extent);
+        code = sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found SH degree %d, %d to begin with, %llu views, seed %llu, extent %.9g; expected 0 to 3, "
+                       "no more than "
+                       "that, and those of this scene and run: %zu, %llu, %.9g",
+                       path, h.sh_degree, h.start_degree, (unsigned long long) h.views, (unsigned long long) h.seed,
+                       h.extent, t->scene->n_train, (unsigned long long) t->params.seed, t->extent);
         goto done;
     }
     if (h.cameras != cameras_hash(t->scene)) {
@@ -203,7 +203,7 @@ int sg_trainer_load(sg_trainer *t, const char *path)
     t->params.sh_degree = h.sh_degree < t->params.sh_degree ? h.sh_degree : t->params.sh_degree;
     t->iteration = h.iteration;
     t->steps = h.steps;
-    t->spent = h.spent;
+    t->spent = h.spent + t->params.seconds_before;
     t->growth = h.growth;
     t->started = t->params.clock(t->params.clock_arg);
     t->gaussians_bound = h.gaussians_bound, t->time_bound = h.time_bound;

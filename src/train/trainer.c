@@ -72,6 +72,7 @@ static int check_params(sg_ctx *ctx, const struct sg_train_params *p, const stru
         {"init-points", (double) p->init_points, 4, 1e8},
         {"max-instances", (double) p->max_instances, 1, 4e9},
         {"max-time", p->max_seconds, 0, 1e9},
+        {"seconds before", p->seconds_before, 0, 1e9},
     };
     int code = check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
     if (!code)
@@ -187,6 +188,7 @@ int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg
     }
     sg_model_destroy(ctx, &made);
     t->started = t->params.clock(t->params.clock_arg);
+    t->spent = t->params.seconds_before;
     *out = t;
     return SG_OK;
 fail:
@@ -264,9 +266,11 @@ static int next_iteration(sg_trainer *t)
     const int next = t->iteration + 1;
     if (!(p->max_seconds > 0))
         return next;
-    /* From one step to the next, so that what the caller does between them counts. */
-    const double now = sg_trainer_elapsed(t), step = t->steps_here ? now - t->step_begun : 0;
-    const double share = (now + step) / p->max_seconds;
+    /* From one step to the next, so that what the caller always does between them counts; the lesser of two, since now
+     * and then it does more: saves, measures. */
+    const double now = sg_trainer_elapsed(t), gap = t->steps_here ? now - t->step_begun : 0;
+    const double share = (now + (t->gap > 0 ? fmin(gap, t->gap) : gap)) / p->max_seconds;
+    t->gap = gap;
     t->step_begun = now;
     t->steps_here = true;
     const int by_time = share < 1 ? (int) (share * p->iterations) : p->iterations;
@@ -279,8 +283,9 @@ static int next_iteration(sg_trainer *t)
 
 static double filter_share(const sg_trainer *t)
 {
-    const double rho = t->params.defense.rho;
-    return rho >= 0 ? rho : fmin(-rho * t->growth, 0.5);
+    const struct sg_defense_params *d = &t->params.defense;
+    const double events = fmax((double) t->params.densification_interval / d->interval, 1); /* between two growths */
+    return d->rho >= 0 ? d->rho : fmin(-d->rho * t->growth / events, 0.5);
 }
 
 /* Most that gives way at a densification where a budget binds. */
@@ -364,10 +369,14 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     const bool densifies = sg_densifies(p, before, it), filters = sg_filters(p, before, it);
     const bool resets = sg_resets_opacity(p, before, it);
     struct sg_update update = {.statistics = it < p->densify_until_iter};
+    int steps_before[SG_GROUPS];
+    memcpy(steps_before, t->adam_steps, sizeof(steps_before));
     if (!densifies && !filters && it < p->iterations)
         prepare_adam(t, it, resets, &update);
-    if ((code = ops->update(t->backend, &update)))
+    if ((code = ops->update(t->backend, &update))) {
+        memcpy(t->adam_steps, steps_before, sizeof(steps_before)); /* no step was taken */
         return code;
+    }
     if (densifies && (code = densify(t, it, &render, &step)))
         return code;
     if (filters && (code = sg_filter(t->backend, t->scene, d, &render, filter_share(t), p->seed, it, &step.defense)))

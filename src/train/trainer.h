@@ -19,6 +19,7 @@ struct sg_trainer {
     uint64_t steps; /* as many, unless time is short */
     double spent;   /* seconds of the steps before the clock's `started` */
     double started, step_begun;
+    double gap;      /* between the beginnings of the newest two steps; 0 = not known */
     bool steps_here; /* step_begun is known */
     double growth;   /* share of the Gaussians that grow at a densification, of late */
     struct sg_budget budget;

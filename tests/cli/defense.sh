@@ -42,6 +42,7 @@ expect 0 train scene/blender -o lean $short --init-points 400 --max-memory 60M -
 grep -aqE '__(asan|tsan)_init' "$tool" || # sanitizers hold memory of their own
     [ "$(field lean peak_rss_bytes)" -le 62914560 ] || fail "peak $(field lean peak_rss_bytes) bytes, allowed 60M"
 grep -q '"memory"' lean/summary.json || fail "the summary does not say that memory was binding"
+grep -q '"max-memory": 62914560' lean/config.json || fail "a resumed run would not know its limit on memory"
 expect 3 train scene/blender -o none $short --max-memory 36M
 says 'expected at least'
 says 'the limit is --max-memory, 37748736 bytes, less'
