@@ -5,8 +5,9 @@
 
 #include "backend/backend.h"
 
-/* One projected Gaussian: a cache line; undefined where the extent says that it is not visible. With the conic as a sum of squares (math/tiles.h), log2 of opacity x Gaussian
- * is peak - (across dx - shear dy)^2 - (down dy)^2: above the peak by no rounding. */
+/* One projected Gaussian: a cache line; undefined where the extent says that it is not visible. With the conic as a sum
+ * of squares (math/tiles.h), log2 of opacity x Gaussian is peak - (across dx - shear dy)^2 - (down dy)^2: above the
+ * peak by no rounding. */
 struct cpu_splat {
     float x, y;
     float slope, reach, taper, ymax, yright; /* struct ellipse */
