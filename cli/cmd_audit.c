@@ -52,8 +52,12 @@ static void print_json(const struct sg_audit *a)
     json_t *reasons = json_array();
     for (size_t i = 0; i < a->count_reasons; i++)
         json_array_append_new(reasons, json_string(a->reasons[i]));
-    json_t *root = json_pack("{s:s,s:o,s:o,s:o}", "verdict", sg_audit_verdict_name(a->verdict), "score",
-                             number_json(a->score), "reasons", reasons, "images", images);
+    json_t *counts = json_object();
+    for (int v = 0; v < 3; v++)
+        json_object_set_new(counts, sg_audit_verdict_name((enum sg_audit_verdict) v),
+                            json_integer((json_int_t) a->verdicts[v]));
+    json_t *root = json_pack("{s:s,s:o,s:o,s:o,s:o}", "verdict", sg_audit_verdict_name(a->verdict), "score",
+                             number_json(a->score), "counts", counts, "reasons", reasons, "images", images);
     char *text = json_dumps(root, JSON_INDENT(1) | JSON_REAL_PRECISION(6));
     printf("%s\n", text ? text : "{}");
     free(text);

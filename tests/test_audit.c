@@ -114,6 +114,8 @@ static void test_verdicts(void **state)
     for (int i = 0; i < 12; i++)
         assert_int_equal(a->images[i].verdict, few[i] > 0 ? SG_AUDIT_POISONED : SG_AUDIT_CLEAN);
     assert_int_equal(a->verdict, SG_AUDIT_SUSPICIOUS);
+    assert_int_equal(a->count_reasons, 1);
+    assert_string_equal(a->reasons[0], "2 of the 12 photos look poisoned");
     sg_audit_destroy(ctx, &a);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
     sg_ctx_destroy(&ctx);

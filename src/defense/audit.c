@@ -186,11 +186,13 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
     /* A few poisoned photos among clean ones are an attack too. */
     if (a->verdict == SG_AUDIT_CLEAN && 10 * a->verdicts[SG_AUDIT_POISONED] >= a->count)
         a->verdict = SG_AUDIT_SUSPICIOUS;
+    const size_t poisoned = a->verdicts[SG_AUDIT_POISONED];
     const double quiet = MEDIAN(features.osc_quiet), share = MEDIAN(features.osc_share);
     const double colour = MEDIAN(features.osc_chroma);
     const double down = MEDIAN(features.osc_down), across = MEDIAN(features.osc_across);
     if (a->verdict == SG_AUDIT_CLEAN)
         goto done;
+    REASON(poisoned && 2 * poisoned < a->count, "%zu of the %zu photos look poisoned", poisoned, a->count);
     REASON(quiet > 1,
            "quiet parts of the photos oscillate by %.1f grey levels a pixel; those of clean ones by less than 1",
            quiet);
