@@ -360,7 +360,7 @@ static void settle_defense(struct train_config *c, double suspicion)
 {
     const struct {
         double rho, lambda;
-    } presets[] = {[DEFENSE_AUTO] = {-round(1e6 * (0.1 + 0.2 * suspicion)) / 1e6, 4},
+    } presets[] = {[DEFENSE_AUTO] = {-round(1e6 * (0.1 + 0.35 * suspicion)) / 1e6, 6},
                    [DEFENSE_NS] = {0.03, 4},
                    [DEFENSE_TT] = {0.045, 4},
                    [DEFENSE_MIP] = {0.05, 5}};
