@@ -33,30 +33,36 @@ static void __attribute__((noinline)) row_tiles(const struct bins *b, const stru
     *first = c0, *end = c1 > c0 ? c1 : c0;
 }
 
-/* Runs the last argument for each tile of splat i in row-major order, with `tile` its index; of large splats only for
- * those in rows low to high - 1, so that many bands do not each walk over all of an image. */
-#define EACH_TILE(b, i, low, high, tile, ...)                                                                          \
+/* Runs the last argument for each tile of splat i in the job's band, in row-major order, with `tile` its index. Rows
+ * outside the band are not walked over. */
+#define EACH_TILE(job, i, tile, ...)                                                                                   \
     do {                                                                                                               \
-        const struct cpu_extent *e_ = &(b)->extents[i];                                                                \
+        const struct bins *b_ = (job)->b;                                                                              \
+        const struct cpu_extent *e_ = &b_->extents[i];                                                                 \
         const int width_ = e_->x1 - e_->x0;                                                                            \
         if (e_->tiles) {                                                                                               \
             const uint32_t row_ = (1u << width_) - 1;                                                                  \
-            int first_ = e_->y0 * (b)->grid_x + e_->x0;                                                                \
-            for (uint32_t left_ = e_->tiles; left_; left_ >>= width_, first_ += (b)->grid_x)                           \
+            int first_ = e_->y0 * b_->grid_x + e_->x0;                                                                 \
+            for (uint32_t left_ = e_->tiles; left_; left_ >>= width_, first_ += b_->grid_x)                            \
                 for (uint32_t bits_ = left_ & row_; bits_; bits_ &= bits_ - 1) {                                       \
                     const int tile = first_ + __builtin_ctz(bits_);                                                    \
-                    __VA_ARGS__;                                                                                       \
+                    if (tile >= (job)->first && tile < (job)->end) {                                                   \
+                        __VA_ARGS__;                                                                                   \
+                    }                                                                                                  \
                 }                                                                                                      \
         } else if (width_ > 0) {                                                                                       \
-            const struct cpu_splat *s_ = &(b)->splats[i];                                                              \
+            const struct cpu_splat *s_ = &b_->splats[i];                                                               \
             const struct ellipse el_ = {s_->slope, s_->reach, s_->taper, s_->ymax, s_->yright};                        \
-            const int y0_ = e_->y0 > (low) ? e_->y0 : (low), y1_ = e_->y1 < (high) ? e_->y1 : (high);                  \
+            const int y0_ = e_->y0 > (job)->low ? e_->y0 : (job)->low;                                                 \
+            const int y1_ = e_->y1 < (job)->high ? e_->y1 : (job)->high;                                               \
             for (int ty_ = y0_; ty_ < y1_; ty_++) {                                                                    \
                 int first_, end_;                                                                                      \
-                row_tiles(b, s_, &el_, ty_, e_->x0, e_->x1, &first_, &end_);                                           \
+                row_tiles(b_, s_, &el_, ty_, e_->x0, e_->x1, &first_, &end_);                                          \
                 for (int tx_ = first_; tx_ < end_; tx_++) {                                                            \
-                    const int tile = ty_ * (b)->grid_x + tx_;                                                          \
-                    __VA_ARGS__;                                                                                       \
+                    const int tile = ty_ * b_->grid_x + tx_;                                                           \
+                    if (tile >= (job)->first && tile < (job)->end) {                                                   \
+                        __VA_ARGS__;                                                                                   \
+                    }                                                                                                  \
                 }                                                                                                      \
             }                                                                                                          \
         }                                                                                                              \
@@ -209,10 +215,7 @@ static void count_tiles(void *arg, size_t chunk, int thread)
         const uint32_t i = j->b->order[k].splat;
         if (k + AHEAD < j->b->drawn)
             __builtin_prefetch(&j->b->extents[j->b->order[k + AHEAD].splat]);
-        EACH_TILE(j->b, i, j->low, j->high, tile, {
-            if (tile >= j->first && tile < j->end)
-                h[tile]++;
-        });
+        EACH_TILE(j, i, tile, h[tile]++);
     }
 }
 
@@ -279,7 +282,7 @@ static void count_slots(void *arg, size_t chunk, int thread)
         if (whole && b->extents[i].tiles)
             n = (uint32_t) __builtin_popcount(b->extents[i].tiles);
         else
-            EACH_TILE(b, i, j->low, j->high, tile, n += tile >= j->first && tile < j->end);
+            EACH_TILE(j, i, tile, n++);
         b->slot_start[i] = n;
     }
 }
@@ -297,10 +300,7 @@ static void emit(void *arg, size_t chunk, int thread)
             __builtin_prefetch(&b->slot_start[b->order[k + AHEAD].splat]);
         }
         uint32_t slot = b->slot_start[i];
-        EACH_TILE(b, i, j->low, j->high, tile, {
-            if (tile >= j->first && tile < j->end)
-                b->instances[cursor[tile]++] = (struct cpu_instance){i, slot++};
-        });
+        EACH_TILE(j, i, tile, b->instances[cursor[tile]++] = (struct cpu_instance){i, slot++});
     }
 }
 
