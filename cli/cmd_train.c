@@ -176,9 +176,10 @@ static int measure(struct train_run *r, int time_fps)
     sg_model_destroy(r->ctx, &m);
     if (error) {
         const int code = report(r->ctx, error);
-        if (error == SG_ERR_BUDGET)
-            fprintf(stderr, "the test views are not measured\n");
-        return error == SG_ERR_BUDGET ? 0 : code;
+        if (error != SG_ERR_BUDGET)
+            return code;
+        fprintf(stderr, "the test views are not measured\n");
+        return 0;
     }
     r->evaluated = sg_trainer_iteration(r->trainer);
     if (!c->quiet) {

@@ -147,8 +147,7 @@ int sg_trainer_load(sg_trainer *t, const char *path)
         h.views != t->scene->n_train || h.seed != t->params.seed || h.extent != t->extent || !h.count) {
         code = sg_fail(ctx, SG_ERR_INPUT,
                        "%s: found SH degree %d, %d to begin with, %llu views, seed %llu, extent %.9g; expected 0 to 3, "
-                       "no more than "
-                       "that, and those of this scene and run: %zu, %llu, %.9g",
+                       "no more than that, and those of this scene and run: %zu, %llu, %.9g",
                        path, h.sh_degree, h.start_degree, (unsigned long long) h.views, (unsigned long long) h.seed,
                        h.extent, t->scene->n_train, (unsigned long long) t->params.seed, t->extent);
         goto done;
