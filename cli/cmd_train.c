@@ -157,23 +157,13 @@ static double cpu_now(void)
 static int measure(struct train_run *r, int time_fps)
 {
     const struct train_config *c = r->config;
-    struct sg_model *m = NULL;
     sg_renderer *renderer = NULL;
-    struct sg_train_limits limits;
-    sg_trainer_limits(r->trainer, &limits);
-    struct sg_render_params params = {.max_instances = limits.max_instances,
-                                      .reference_tiles = c->train.reference_tiles};
-    for (int ch = 0; ch < 3; ch++)
-        params.background[ch] = c->train.white_background ? 1 : 0;
-    int error = sg_trainer_model(r->trainer, &m);
-    if (!error)
-        error = sg_renderer_create(r->ctx, c->train.backend, c->train.cpu, m, &params, &renderer);
+    int error = sg_trainer_renderer(r->trainer, &renderer);
     if (!error) {
         sg_eval_clear(r->ctx, &r->eval);
         error = sg_evaluate(r->ctx, renderer, r->scene->test, r->scene->n_test, time_fps, &r->eval);
     }
     sg_renderer_destroy(&renderer);
-    sg_model_destroy(r->ctx, &m);
     if (error) {
         const int code = report(r->ctx, error);
         if (error != SG_ERR_BUDGET)

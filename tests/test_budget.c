@@ -161,6 +161,12 @@ static void test_memory(void **state)
             if (s.iteration % 50 == 0)
                 assert_int_equal(sg_trainer_save(t, path), SG_OK);
         }
+        sg_renderer *renderer;
+        struct sg_eval eval;
+        assert_int_equal(sg_trainer_renderer(t, &renderer), SG_OK);
+        assert_int_equal(sg_evaluate(ctx, renderer, f.views, 1, 0, &eval), SG_OK);
+        sg_eval_clear(ctx, &eval);
+        sg_renderer_destroy(&renderer);
         sg_trainer_limits(t, &limits);
         assert_true(limits.gaussians_bound);
         assert_true(sg_mem_peak(ctx, SG_MEM_TAGS) <= limit);

@@ -107,8 +107,51 @@ static void test_edit(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* An edit holds one array twice, and where memory runs out the model is as it was, or edited and without moments. */
+static void test_edit_memory(void **state)
+{
+    (void) state;
+    sg_ctx *plenty = make_context(1);
+    struct sg_model *m = make_model(plenty, N, 1, 9);
+    struct sg_optimiser o;
+    assert_int_equal(sg_optimiser_create(plenty, N, 1, &o), SG_OK);
+    const size_t more = N / 2;
+    uint8_t *keep = malloc(N), *kind = calloc(more, 1);
+    uint32_t *source = calloc(more, sizeof(*source));
+    memset(keep, 1, N);
+    const struct sg_edit e = {.keep = keep, .kept = N, .appended = more, .source = source, .kind = kind};
+    const uint64_t array = N * (uint64_t) sg_param_count(1) * sizeof(float), rest = N * UINT64_C(32);
+    int as_was = 0, edited = 0, done = 0;
+    /* Up to 3 arrays of old and new size and one more of the new, and what is small. */
+    for (uint64_t limit = 3 * array + rest; limit <= 6 * array + 2 * rest; limit += rest / 8) {
+        sg_ctx *ctx;
+        struct sg_host_model h = {0};
+        assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = limit}), SG_OK);
+        assert_int_equal(sg_host_upload(ctx, &h, m, &o), SG_OK);
+        const int code = sg_host_edit(ctx, &h, &e);
+        assert_true(code == SG_OK || code == SG_ERR_BUDGET);
+        assert_int_equal(h.count, code && h.opt.m ? N : N + more);
+        as_was += code && h.opt.m;
+        edited += code && !h.opt.m;
+        done += !code && h.opt.m;
+        assert_int_equal(sg_host_learn(ctx, &h), SG_OK);
+        assert_int_equal(h.opt.capacity, h.capacity);
+        sg_host_clear(ctx, &h);
+        assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+        sg_ctx_destroy(&ctx);
+    }
+    assert_true(as_was > 0 && edited > 0 && done > 0);
+    free(keep);
+    free(kind);
+    free(source);
+    sg_optimiser_clear(plenty, &o);
+    sg_model_destroy(plenty, &m);
+    sg_ctx_destroy(&plenty);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_order), cmocka_unit_test(test_edit)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_order), cmocka_unit_test(test_edit),
+                                       cmocka_unit_test(test_edit_memory)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

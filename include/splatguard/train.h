@@ -96,7 +96,6 @@ int sg_trainer_iteration(const sg_trainer *trainer);
 struct sg_train_limits {
     uint64_t max_gaussians; /* 0 = none */
     bool by_memory;         /* that limit comes from the context's max_memory */
-    uint64_t max_instances;
     bool gaussians_bound, time_bound;
 };
 void sg_trainer_limits(const sg_trainer *trainer, struct sg_train_limits *out);
@@ -108,6 +107,10 @@ const char *sg_trainer_variant(const sg_trainer *trainer);
 
 /* A copy of the current model; the caller owns *out. */
 int sg_trainer_model(sg_trainer *trainer, struct sg_model **out);
+
+/* Draws the current model in the run's own buffers, without a copy, on white or black as the run says. It lasts until
+ * the trainer's next step or its end; the caller destroys *out. */
+int sg_trainer_renderer(sg_trainer *trainer, sg_renderer **out);
 
 /* The whole state: a trainer restored from it continues to the very bytes of an uninterrupted run. */
 int sg_trainer_save(sg_trainer *trainer, const char *path);

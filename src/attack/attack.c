@@ -18,6 +18,7 @@
 #define POSITION_LR 1.6e-4
 
 struct sg_attack {
+    sg_ctx *ctx;
     struct sg_attack_params params;
     sg_trainer *trainer;            /* the decoy with its optimiser: only its state is used, not its schedule */
     float *image, *photo, *scratch; /* 3 planes each of the largest view */
@@ -58,9 +59,8 @@ static int check_params(sg_ctx *ctx, const struct sg_attack_params *p)
     return SG_OK;
 }
 
-static int allocate(sg_attack *a, const struct sg_scene *scene)
+static int allocate(sg_ctx *ctx, sg_attack *a, const struct sg_scene *scene)
 {
-    sg_ctx *ctx = a->trainer->ctx;
     size_t pixels = 0;
     int height = 0;
     for (size_t i = 0; i < scene->n_train; i++) {
@@ -93,20 +93,18 @@ int sg_attack_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_
     if (!a)
         return SG_ERR_BUDGET;
     a->params = p;
-    code = sg_trainer_create(ctx, scene, proxy,
-                             sg_train_params(.iterations = p.iterations, .seed = p.seed, .lambda_dssim = p.lambda_dssim,
-                                             .max_gaussians = p.max_gaussians, .max_instances = p.max_instances,
-                                             .backend = p.backend, .cpu = p.cpu),
-                             &a->trainer);
+    a->ctx = ctx;
+    code = allocate(ctx, a, scene); /* first: the trainer plans with what is left */
+    if (!code)
+        code = sg_trainer_open(ctx, scene, proxy,
+                               sg_train_params(.iterations = p.iterations, .seed = p.seed,
+                                               .lambda_dssim = p.lambda_dssim, .max_gaussians = p.max_gaussians,
+                                               .max_instances = p.max_instances, .backend = p.backend, .cpu = p.cpu),
+                               p.update_interval > 1, &a->trainer);
     if (!code && strcmp(p.backend, "ref"))
         code = sg_cpu_select(ctx, p.cpu, &a->kernels);
-    if (!code)
-        code = allocate(a, scene);
     if (code) {
-        if (a->trainer)
-            sg_attack_destroy(&a);
-        else
-            sg_free(ctx, a);
+        sg_attack_destroy(&a);
         return code;
     }
     *out = a;
@@ -118,7 +116,7 @@ void sg_attack_destroy(sg_attack **attack)
     if (!attack || !*attack)
         return;
     sg_attack *a = *attack;
-    sg_ctx *ctx = a->trainer->ctx;
+    sg_ctx *ctx = a->ctx;
     sg_trainer_destroy(&a->trainer);
     sg_free(ctx, a->image);
     sg_free(ctx, a->photo);
@@ -215,6 +213,8 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
     /* As in training, where the decoy is densified its gradients are lost. */
     const bool densifies = it % p->densification_interval == 0 && it != p->iterations;
     struct sg_update update = {.statistics = true, .accumulate = p->update_interval > 1};
+    int steps_before[SG_GROUPS];
+    memcpy(steps_before, t->adam_steps, sizeof(steps_before));
     if (!densifies && it % p->update_interval == 0) {
         const double lr[SG_GROUPS] = {
             [SG_G_XYZ] = p->move_positions ? POSITION_LR * t->extent : 0,
@@ -226,7 +226,9 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
         };
         sg_trainer_adam(t, lr, false, &update);
     }
-    if ((code = ops->update(t->backend, &update)) || (densifies && (code = densify(a, it))))
+    if ((code = ops->update(t->backend, &update)))
+        memcpy(t->adam_steps, steps_before, sizeof(steps_before)); /* no step was taken */
+    if (code || (densifies && (code = densify(a, it))))
         return code;
     /* As often as the decoy grows: what learning takes off a scale in between is little. */
     if (p->scale_floor > 0 && (densifies || it == p->iterations) &&

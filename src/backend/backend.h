@@ -83,9 +83,12 @@ struct sg_backend_ops {
     void (*destroy)(struct sg_backend *);
     const char *(*variant)(const struct sg_backend *);
 
-    /* Host to device and back. optimiser may be NULL: zeros on upload, left out on download. Downloads expect objects
-     * of the present count and SH degree. */
+    /* Host to device. optimiser NULL: zeros. */
     int (*upload)(struct sg_backend *, const struct sg_model *, const struct sg_optimiser *);
+    /* The same, and takes the arrays of both, so that a host never holds them twice. */
+    int (*adopt)(struct sg_backend *, struct sg_model *, struct sg_optimiser *);
+    /* Device to host, objects of the present count and SH degree. What is NULL, an object or an array of the
+     * optimiser, is left out. */
     int (*download)(struct sg_backend *, struct sg_model *, struct sg_optimiser *);
     size_t (*count)(const struct sg_backend *);
 
@@ -116,7 +119,8 @@ struct sg_backend_ops {
 
     /* Device to host. */
     int (*read_statistics)(struct sg_backend *, const struct sg_statistics *);
-    /* Applies the edit to parameters, moments (appended: zero) and statistics. */
+    /* Applies the edit to parameters, moments (appended: zero) and statistics. Where memory runs out the model is as
+     * it was, or edited and without moments. */
     int (*edit)(struct sg_backend *, const struct sg_edit *);
     /* Scales = max(scales, smallest), activated; for attacks. */
     int (*floor_scale)(struct sg_backend *, float smallest);

@@ -43,27 +43,43 @@ int sg_host_upload(sg_ctx *ctx, struct sg_host_model *h, const struct sg_model *
     return SG_OK;
 }
 
+void sg_host_adopt(sg_ctx *ctx, struct sg_host_model *h, struct sg_model *m, struct sg_optimiser *o)
+{
+    sg_host_clear(ctx, h);
+    *h = (struct sg_host_model){.count = m->count,
+                                .capacity = m->capacity,
+                                .sh_degree = m->sh_degree,
+                                .planes = sg_param_count(m->sh_degree),
+                                .params = m->params,
+                                .opt = *o};
+    m->params = NULL;
+    *o = (struct sg_optimiser){0};
+}
+
 int sg_host_learn(sg_ctx *ctx, struct sg_host_model *h)
 {
     return h->opt.m ? SG_OK : sg_optimiser_create(ctx, h->count, h->sh_degree, &h->opt);
 }
 
+static void copy_out(float *to, const float *from, size_t bytes)
+{
+    if (to && from)
+        memcpy(to, from, bytes);
+    else if (to)
+        memset(to, 0, bytes);
+}
+
 int sg_host_download(const struct sg_host_model *h, struct sg_model *m, struct sg_optimiser *o)
 {
-    const size_t bytes = blocks(h->count) * block_bytes(h);
-    memcpy(m->params, h->params, bytes);
-    if (o && !h->opt.m) {
-        memset(o->m, 0, bytes);
-        memset(o->v, 0, bytes);
-        memset(o->grad_sum, 0, h->count * sizeof(float));
-        memset(o->grad_count, 0, h->count * sizeof(float));
-        memset(o->max_radius, 0, h->count * sizeof(float));
-    } else if (o) {
-        memcpy(o->m, h->opt.m, bytes);
-        memcpy(o->v, h->opt.v, bytes);
-        memcpy(o->grad_sum, h->opt.grad_sum, h->count * sizeof(float));
-        memcpy(o->grad_count, h->opt.grad_count, h->count * sizeof(float));
-        memcpy(o->max_radius, h->opt.max_radius, h->count * sizeof(float));
+    const size_t bytes = blocks(h->count) * block_bytes(h), each = h->count * sizeof(float);
+    if (m)
+        memcpy(m->params, h->params, bytes);
+    if (o) {
+        copy_out(o->m, h->opt.m, bytes);
+        copy_out(o->v, h->opt.v, bytes);
+        copy_out(o->grad_sum, h->opt.grad_sum, each);
+        copy_out(o->grad_count, h->opt.grad_count, each);
+        copy_out(o->max_radius, h->opt.max_radius, each);
     }
     return SG_OK;
 }
@@ -179,51 +195,82 @@ static float *edited(sg_ctx *ctx, enum sg_mem_tag tag, const struct sg_host_mode
 
 #define ORDER_FROM 4096 /* Gaussians: fewer stay in the caches, however they lie */
 
+/* Where everything goes: source and order of struct edit_job, to be freed by the caller. */
+static int edit_order(sg_ctx *ctx, const struct sg_host_model *h, const struct sg_edit *e, uint32_t **source,
+                      uint32_t **order)
+{
+    const size_t n = e->kept + e->appended;
+    *source = sg_alloc_raw(ctx, SG_MEM_MODEL, n, sizeof(**source));
+    *order = sg_alloc_raw(ctx, SG_MEM_MODEL, n, sizeof(**order));
+    if (!*source || !*order)
+        return SG_ERR_BUDGET;
+    size_t to = 0;
+    for (size_t i = 0; i < h->count; i++)
+        if (e->keep[i])
+            (*source)[to++] = (uint32_t) i;
+    if (e->appended)
+        memcpy(*source + to, e->source, e->appended * sizeof(**source));
+    for (size_t i = 0; i < n; i++)
+        (*order)[i] = (uint32_t) i;
+    return n < ORDER_FROM ? SG_OK : sg_morton_order(ctx, h->params, h->planes, h->count, *source, n, *order);
+}
+
+/* Replaces one array by what the edit makes of it, so that only one exists twice at any time. */
+static bool replace(sg_ctx *ctx, enum sg_mem_tag tag, const struct sg_host_model *h, float **array, size_t capacity,
+                    const struct sg_edit *e, const uint32_t *source, const uint32_t *order)
+{
+    float *made = edited(ctx, tag, h, *array, capacity, e, source, order);
+    if (!made)
+        return false;
+    sg_free(ctx, *array);
+    *array = made;
+    return true;
+}
+
 int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *e)
 {
-    struct sg_host_model n = {.count = e->kept + e->appended, .sh_degree = h->sh_degree, .planes = h->planes};
-    n.capacity = n.opt.capacity = blocks(n.count) * SG_LANES;
-    uint32_t *source = sg_alloc_raw(ctx, SG_MEM_MODEL, n.count, sizeof(*source));
-    uint32_t *order = sg_alloc_raw(ctx, SG_MEM_MODEL, n.count, sizeof(*order));
-    int code = source && order ? SG_OK : SG_ERR_BUDGET;
-    size_t to = 0;
-    for (size_t i = 0; !code && i < h->count; i++)
-        if (e->keep[i])
-            source[to++] = (uint32_t) i;
-    if (!code && e->appended)
-        memcpy(source + to, e->source, e->appended * sizeof(*source));
-    for (size_t i = 0; !code && i < n.count; i++)
-        order[i] = (uint32_t) i;
-    if (!code && n.count >= ORDER_FROM)
-        code = sg_morton_order(ctx, h->params, h->planes, h->count, source, n.count, order);
-    bool done = false;
-    if (!code) {
-        n.params = edited(ctx, SG_MEM_MODEL, h, h->params, n.capacity, e, source, order);
-        done = n.params;
+    const size_t count = e->kept + e->appended, capacity = blocks(count) * SG_LANES;
+    const bool learns = h->opt.m;
+    struct sg_optimiser fresh = {.capacity = capacity}; /* the statistics */
+    uint32_t *source = NULL, *order = NULL;
+    sg_free(ctx, h->kept);
+    h->kept = NULL;
+    int code = edit_order(ctx, h, e, &source, &order);
+    if (!code && learns) {
+        fresh.grad_sum = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
+        fresh.grad_count = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
+        fresh.max_radius = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
+        code = fresh.grad_sum && fresh.grad_count && fresh.max_radius ? SG_OK : SG_ERR_BUDGET;
     }
-    if (done && h->opt.m) {
-        n.opt.m = edited(ctx, SG_MEM_OPTIMISER, h, h->opt.m, n.capacity, e, source, order);
-        n.opt.v = edited(ctx, SG_MEM_OPTIMISER, h, h->opt.v, n.capacity, e, source, order);
-        n.opt.grad_sum = sg_alloc(ctx, SG_MEM_OPTIMISER, n.capacity, sizeof(float));
-        n.opt.grad_count = sg_alloc(ctx, SG_MEM_OPTIMISER, n.capacity, sizeof(float));
-        n.opt.max_radius = sg_alloc(ctx, SG_MEM_OPTIMISER, n.capacity, sizeof(float));
-        done = n.opt.m && n.opt.v && n.opt.grad_sum && n.opt.grad_count && n.opt.max_radius;
-    }
-    for (size_t i = 0; done && h->opt.m && e->statistics && i < n.count; i++)
+    for (size_t i = 0; !code && learns && e->statistics && i < count; i++)
         if (order[i] < e->kept) {
-            n.opt.grad_sum[i] = h->opt.grad_sum[source[order[i]]];
-            n.opt.grad_count[i] = h->opt.grad_count[source[order[i]]];
-            n.opt.max_radius[i] = h->opt.max_radius[source[order[i]]];
+            fresh.grad_sum[i] = h->opt.grad_sum[source[order[i]]];
+            fresh.grad_count[i] = h->opt.grad_count[source[order[i]]];
+            fresh.max_radius[i] = h->opt.max_radius[source[order[i]]];
         }
+    if (!code && !replace(ctx, SG_MEM_MODEL, h, &h->params, capacity, e, source, order))
+        code = SG_ERR_BUDGET;
+    if (code) { /* the model is as it was */
+        sg_optimiser_clear(ctx, &fresh);
+        goto done;
+    }
+    if (learns && (!replace(ctx, SG_MEM_OPTIMISER, h, &h->opt.m, capacity, e, source, order) ||
+                   !replace(ctx, SG_MEM_OPTIMISER, h, &h->opt.v, capacity, e, source, order))) {
+        code = SG_ERR_BUDGET; /* the model is edited and has no moments */
+        sg_optimiser_clear(ctx, &fresh);
+        sg_optimiser_clear(ctx, &h->opt);
+    } else {
+        sg_free(ctx, h->opt.grad_sum);
+        sg_free(ctx, h->opt.grad_count);
+        sg_free(ctx, h->opt.max_radius);
+        fresh.m = h->opt.m, fresh.v = h->opt.v;
+        h->opt = fresh;
+    }
+    h->count = count, h->capacity = capacity;
+done:
     sg_free(ctx, order);
     sg_free(ctx, source);
-    if (!done) {
-        sg_host_clear(ctx, &n); /* the model is as it was */
-        return SG_ERR_BUDGET;
-    }
-    sg_host_clear(ctx, h);
-    *h = n;
-    return SG_OK;
+    return code;
 }
 
 void sg_host_floor_scale(struct sg_host_model *h, float smallest)

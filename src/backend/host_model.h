@@ -10,13 +10,15 @@ struct sg_host_model {
     int sh_degree, planes;
     float *params;
     struct sg_optimiser opt; /* nothing before the first update: a model that is only drawn needs none */
-    float *kept; /* gradients of sg_update.accumulate, laid out as params; NULL while none are */
+    float *kept;             /* gradients of sg_update.accumulate, laid out as params; NULL while none are */
 };
 
 int sg_host_upload(sg_ctx *ctx, struct sg_host_model *h, const struct sg_model *m, const struct sg_optimiser *o);
+void sg_host_adopt(sg_ctx *ctx, struct sg_host_model *h, struct sg_model *m, struct sg_optimiser *o);
 int sg_host_learn(sg_ctx *ctx, struct sg_host_model *h); /* makes room for the optimiser's state, zeroed */
 int sg_host_download(const struct sg_host_model *h, struct sg_model *m, struct sg_optimiser *o);
 void sg_host_statistics(sg_ctx *ctx, const struct sg_host_model *h, const struct sg_statistics *out);
+/* Where memory runs out the model is as it was, or edited and without moments. */
 int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *edit);
 void sg_host_floor_scale(struct sg_host_model *h, float smallest);
 void sg_host_reset_opacity(struct sg_host_model *h, float limit);

@@ -25,7 +25,7 @@ static uint64_t largest_view(const struct sg_view *views, size_t n, uint64_t thr
     return most;
 }
 
-int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *p, int sh_degree,
+int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *p, int sh_degree, bool sums,
                    struct sg_budget *out)
 {
     *out = (struct sg_budget){.gaussians = p->max_gaussians, .instances = p->max_instances};
@@ -36,8 +36,10 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
     const uint64_t view =
         largest_view(scene->test, scene->n_test, threads, largest_view(scene->train, scene->n_train, threads, 0));
     const uint64_t parameters = (uint64_t) sg_param_count(sh_degree) * sizeof(float);
-    /* Parameters, two moments and the statistics, all twice: an edit, or a checkpoint, has the old and the new. */
-    const uint64_t each = 2 * (3 * parameters + 3 * sizeof(float)) + VIEW_BYTES + PLAN_BYTES + LISTED * LIST_BYTES;
+    /* Parameters, two moments and sums of gradients; an edit, or a checkpoint, has one array more, and all statistics
+     * twice. */
+    const uint64_t each =
+        (sums ? 5 : 4) * parameters + 6 * sizeof(float) + VIEW_BYTES + PLAN_BYTES + LISTED * LIST_BYTES;
     const uint64_t fixed = sg_mem_current(ctx, SG_MEM_TAGS) + view + FIXED_BYTES;
     if (limit < fixed + LEAST * each)
         return sg_fail(ctx, SG_ERR_BUDGET,

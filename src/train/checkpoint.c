@@ -64,23 +64,14 @@ static void put(struct sink *s, const void *data, size_t bytes)
     fwrite(data, 1, bytes, s->stream); /* errors surface when the file is committed */
 }
 
-/* The arrays of a checkpoint in file order, with their sizes. */
-struct part {
-    void *data;
-    size_t bytes;
-};
+#define PARTS 6
 
-static int parts_of(struct sg_model *m, struct sg_optimiser *o, struct part parts[6])
+/* Bytes of each array of a checkpoint in file order: parameters, two moments, three statistics. */
+static void sizes_of(const struct sg_model *m, size_t bytes[PARTS])
 {
-    const size_t blocks = (m->count + SG_LANES - 1) / SG_LANES * SG_LANES;
-    const size_t planes = blocks * (size_t) sg_param_count(m->sh_degree) * sizeof(float);
-    parts[0] = (struct part){m->params, planes};
-    parts[1] = (struct part){o->m, planes};
-    parts[2] = (struct part){o->v, planes};
-    parts[3] = (struct part){o->grad_sum, m->count * sizeof(float)};
-    parts[4] = (struct part){o->grad_count, m->count * sizeof(float)};
-    parts[5] = (struct part){o->max_radius, m->count * sizeof(float)};
-    return 6;
+    const size_t planes = m->capacity * (size_t) sg_param_count(m->sh_degree) * sizeof(float);
+    for (int i = 0; i < PARTS; i++)
+        bytes[i] = i < 3 ? planes : m->count * sizeof(float);
 }
 
 int sg_trainer_save(sg_trainer *t, const char *path)
@@ -88,12 +79,10 @@ int sg_trainer_save(sg_trainer *t, const char *path)
     sg_ctx *ctx = t->ctx;
     sg_clear_error(ctx);
     struct sg_model *m = NULL;
-    struct sg_optimiser o = {0};
     struct sg_file_writer w = {0};
     struct sink sink;
     int code = sg_model_create(ctx, sg_trainer_gaussians(t), t->sh_degree, &m);
-    if (code || (code = sg_optimiser_create(ctx, m->count, m->sh_degree, &o)) ||
-        (code = t->backend->ops->download(t->backend, m, &o)) || (code = sg_file_create(ctx, &w, path)))
+    if (code || (code = sg_file_create(ctx, &w, path)))
         goto done;
     struct header h = {.count = m->count,
                        .sh_degree = m->sh_degree,
@@ -114,15 +103,24 @@ int sg_trainer_save(sg_trainer *t, const char *path)
     sink.stream = w.stream;
     XXH3_64bits_reset(&sink.hash);
     put(&sink, &h, sizeof(h));
-    struct part parts[6];
-    for (int i = 0, n = parts_of(m, &o, parts); i < n; i++)
-        put(&sink, parts[i].data, parts[i].bytes);
+    /* One array at a time through the model's own: a second copy of all would be the largest thing that a run holds. */
+    struct sg_optimiser parts[PARTS] = {[1].m = m->params,
+                                        [2].v = m->params,
+                                        [3].grad_sum = m->params,
+                                        [4].grad_count = m->params,
+                                        [5].max_radius = m->params};
+    size_t bytes[PARTS];
+    sizes_of(m, bytes);
+    for (int i = 0; i < PARTS; i++) {
+        if ((code = t->backend->ops->download(t->backend, i == 0 ? m : NULL, &parts[i])))
+            goto done;
+        put(&sink, m->params, bytes[i]);
+    }
     const uint64_t digest = XXH3_64bits_digest(&sink.hash);
     fwrite(&digest, sizeof(digest), 1, w.stream);
     code = sg_file_commit(ctx, &w);
 done:
     sg_file_abandon(ctx, &w);
-    sg_optimiser_clear(ctx, &o);
     sg_model_destroy(ctx, &m);
     return code;
 }
@@ -182,12 +180,14 @@ int sg_trainer_load(sg_trainer *t, const char *path)
     XXH3_state_t hash;
     XXH3_64bits_reset(&hash);
     XXH3_64bits_update(&hash, &h, sizeof(h));
-    struct part parts[6];
+    float *parts[PARTS] = {m->params, o.m, o.v, o.grad_sum, o.grad_count, o.max_radius};
+    size_t bytes[PARTS];
+    sizes_of(m, bytes);
     uint64_t digest = 0;
     bool whole = true;
-    for (int i = 0, n = parts_of(m, &o, parts); i < n && whole; i++) {
-        whole = fread(parts[i].data, 1, parts[i].bytes, f) == parts[i].bytes;
-        XXH3_64bits_update(&hash, parts[i].data, parts[i].bytes);
+    for (int i = 0; i < PARTS && whole; i++) {
+        whole = fread(parts[i], 1, bytes[i], f) == bytes[i];
+        XXH3_64bits_update(&hash, parts[i], bytes[i]);
     }
     whole = whole && fread(&digest, sizeof(digest), 1, f) == 1 && fgetc(f) == EOF;
     if (!whole || digest != XXH3_64bits_digest(&hash)) {
@@ -195,7 +195,7 @@ int sg_trainer_load(sg_trainer *t, const char *path)
                        path);
         goto done;
     }
-    if ((code = t->backend->ops->upload(t->backend, m, &o)))
+    if ((code = t->backend->ops->adopt(t->backend, m, &o)))
         goto done;
     t->sh_degree = h.sh_degree; /* of the model the run began with, which need not be here any more */
     t->start_degree = h.start_degree;

@@ -1,42 +1,50 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "splatguard/render.h"
-
-#include "backend/backend.h"
+#include "renderer.h"
 
 struct sg_renderer {
     sg_ctx *ctx;
     struct sg_backend *backend;
+    bool borrowed;
     struct sg_render_params params;
     int degree;
 };
+
+int sg_renderer_borrow(struct sg_backend *backend, int sh_degree, const struct sg_render_params *params,
+                       sg_renderer **out)
+{
+    *out = sg_alloc(backend->ctx, SG_MEM_MISC, 1, sizeof(**out));
+    if (!*out)
+        return SG_ERR_BUDGET;
+    **out = (struct sg_renderer){
+        .ctx = backend->ctx, .backend = backend, .borrowed = true, .params = *params, .degree = sh_degree};
+    return SG_OK;
+}
 
 int sg_renderer_create(sg_ctx *ctx, const char *backend, const char *cpu, const struct sg_model *model,
                        const struct sg_render_params *params, sg_renderer **out)
 {
     sg_clear_error(ctx);
     *out = NULL;
-    sg_renderer *r = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*r));
-    if (!r)
-        return SG_ERR_BUDGET;
-    r->ctx = ctx;
-    r->params = params ? *params : *sg_render_params();
-    r->degree = model->active_sh_degree;
-    int code = sg_backend_create(ctx, backend ? backend : "cpu", cpu, &r->backend);
-    if (!code)
-        code = r->backend->ops->upload(r->backend, model, NULL);
-    if (code) {
-        sg_renderer_destroy(&r);
+    struct sg_backend *b;
+    int code = sg_backend_create(ctx, backend ? backend : "cpu", cpu, &b);
+    if (code)
         return code;
-    }
-    *out = r;
-    return SG_OK;
+    code = b->ops->upload(b, model, NULL);
+    if (!code)
+        code = sg_renderer_borrow(b, model->active_sh_degree, params ? params : sg_render_params(), out);
+    if (code)
+        sg_backend_destroy(&b);
+    else
+        (*out)->borrowed = false;
+    return code;
 }
 
 void sg_renderer_destroy(sg_renderer **renderer)
 {
     if (!renderer || !*renderer)
         return;
-    sg_backend_destroy(&(*renderer)->backend);
+    if (!(*renderer)->borrowed)
+        sg_backend_destroy(&(*renderer)->backend);
     sg_free((*renderer)->ctx, *renderer);
     *renderer = NULL;
 }
@@ -52,8 +60,13 @@ int sg_render(sg_renderer *r, const struct sg_camera *camera, float *rgb, float 
         return sg_fail(r->ctx, SG_ERR_USAGE, "render: found focal lengths %g and %g, expected positive ones",
                        camera->fx, camera->fy);
     const struct sg_backend_ops *ops = r->backend->ops;
+    const struct sg_train_times times = r->backend->times;
     int code = ops->project(r->backend, camera, r->degree, &r->params);
     if (!code)
         code = ops->rasterize(r->backend, alpha || depth, stats);
-    return code ? code : ops->read_image(r->backend, rgb, alpha, depth);
+    if (!code)
+        code = ops->read_image(r->backend, rgb, alpha, depth);
+    if (r->borrowed)
+        r->backend->times = times;
+    return code;
 }

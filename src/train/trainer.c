@@ -9,6 +9,7 @@
 #include "defense/filter.h"
 #include "densify.h"
 #include "math/constants.h"
+#include "renderer.h"
 #include "schedule.h"
 
 struct range {
@@ -149,6 +150,12 @@ static int thin_out(sg_trainer *t, uint64_t limit)
 int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
                       const struct sg_train_params *params, sg_trainer **out)
 {
+    return sg_trainer_open(ctx, scene, initial, params, false, out);
+}
+
+int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
+                    const struct sg_train_params *params, bool sums, sg_trainer **out)
+{
     sg_clear_error(ctx);
     *out = NULL;
     struct sg_model *made = NULL;
@@ -165,7 +172,8 @@ int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg
     if (code)
         goto fail;
     t->params.clock = t->params.clock ? t->params.clock : system_clock;
-    if ((code = sg_budget_plan(ctx, scene, &t->params, initial ? initial->sh_degree : t->params.sh_degree, &t->budget)))
+    if ((code = sg_budget_plan(ctx, scene, &t->params, initial ? initial->sh_degree : t->params.sh_degree, sums,
+                               &t->budget)))
         goto fail;
     if (!initial) {
         if ((code = initial_model(ctx, scene, &t->params, t->budget.gaussians, &made)))
@@ -403,7 +411,6 @@ void sg_trainer_limits(const sg_trainer *t, struct sg_train_limits *out)
 {
     *out = (struct sg_train_limits){.max_gaussians = t->budget.gaussians,
                                     .by_memory = t->budget.by_memory,
-                                    .max_instances = t->budget.instances,
                                     .gaussians_bound = t->gaussians_bound,
                                     .time_bound = t->time_bound};
 }
@@ -421,6 +428,16 @@ void sg_trainer_times(const sg_trainer *t, struct sg_train_times *out)
 const char *sg_trainer_variant(const sg_trainer *t)
 {
     return t->backend->ops->variant(t->backend);
+}
+
+int sg_trainer_renderer(sg_trainer *t, sg_renderer **out)
+{
+    sg_clear_error(t->ctx);
+    struct sg_render_params render = {.max_instances = t->budget.instances,
+                                      .reference_tiles = t->params.reference_tiles};
+    for (int ch = 0; ch < 3; ch++)
+        render.background[ch] = t->params.white_background ? 1 : 0;
+    return sg_renderer_borrow(t->backend, sg_active_degree(&t->params, t->start_degree, t->iteration), &render, out);
 }
 
 int sg_trainer_model(sg_trainer *t, struct sg_model **out)

@@ -29,6 +29,10 @@ struct sg_trainer {
     uint32_t *order;
 };
 
+/* As sg_trainer_create, for one who sums gradients over views (struct sg_update, accumulate) if `sums`. */
+int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
+                    const struct sg_train_params *params, bool sums, sg_trainer **out);
+
 /* The view of the it-th step (from 1): every epoch visits all views in a random order. */
 size_t sg_trainer_pick_view(sg_trainer *t, uint64_t step);
 

@@ -53,6 +53,12 @@ static int upload(struct sg_backend *base, const struct sg_model *m, const struc
     return sg_host_upload(base->ctx, &((struct ref_backend *) base)->model, m, o);
 }
 
+static int adopt(struct sg_backend *base, struct sg_model *m, struct sg_optimiser *o)
+{
+    sg_host_adopt(base->ctx, &((struct ref_backend *) base)->model, m, o);
+    return SG_OK;
+}
+
 static int download(struct sg_backend *base, struct sg_model *m, struct sg_optimiser *o)
 {
     return sg_host_download(&((struct ref_backend *) base)->model, m, o);
@@ -369,6 +375,7 @@ static const struct sg_backend_ops ops = {
     .destroy = destroy,
     .variant = variant,
     .upload = upload,
+    .adopt = adopt,
     .download = download,
     .count = count,
     .project = do_project,
