@@ -136,9 +136,11 @@ static int write_views(struct attack_run *r, const bool *chosen, json_t *images,
     const struct attack_config *c = r->config;
     const struct sg_scene *scene = r->scene;
     int error = sg_poisoned_scene_begin(r->ctx, scene, &c->files, c->output);
-    for (size_t i = 0; i < scene->n_train + scene->n_test && !error; i++) {
-        const bool train = i < scene->n_train;
-        const struct sg_view *view = train ? &scene->train[i] : &scene->test[i - scene->n_train];
+    /* The training views last: should a scene name a photo in both splits, its poison stands. */
+    for (size_t k = 0; k < scene->n_train + scene->n_test && !error; k++) {
+        const bool train = k >= scene->n_test;
+        const size_t i = train ? k - scene->n_test : k;
+        const struct sg_view *view = train ? &scene->train[i] : &scene->test[i];
         struct sg_poison_report p = {0};
         uint8_t *rgb = malloc(3 * (size_t) view->camera.width * (size_t) view->camera.height);
         if (!rgb)

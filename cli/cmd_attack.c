@@ -231,7 +231,8 @@ static int refuse_earlier(const char *output)
 
 static void remove_earlier(const char *output)
 {
-    static const char *const files[] = {"poison.json", "attack/checkpoint.bin", "attack/log.jsonl", "attack/decoy.ply"};
+    static const char *const files[] = {"poison.json",      "attack/checkpoint.bin",     "attack/log.jsonl",
+                                        "attack/decoy.ply", "attack/proxy/summary.json", "attack/proxy/checkpoint.bin"};
     for (size_t i = 0; i < sizeof(files) / sizeof(files[0]); i++) {
         char *path = run_path(output, files[i]);
         if (path)
@@ -252,6 +253,11 @@ static int load_scene(struct attack_run *r)
     int error = sg_scene_load(r->ctx, c->source, &c->scene.params, &r->scene);
     if (error == SG_ERR_INPUT && blender) { /* or their photos are not here */
         c->scene.params.eval = false;
+        error = sg_scene_load(r->ctx, c->source, &c->scene.params, &r->scene);
+    }
+    if (!error && c->scene.params.eval && c->views == VIEWS_ALL && r->scene->format != SG_FORMAT_BLENDER) {
+        c->scene.params.eval = false; /* another layout lies in the same folder, and is the one that is read */
+        sg_scene_destroy(r->ctx, &r->scene);
         error = sg_scene_load(r->ctx, c->source, &c->scene.params, &r->scene);
     }
     return error ? report(r->ctx, error) : 0;

@@ -19,25 +19,25 @@ enum sg_tv_form {
 
 /* Poison-splat (Lu et al. 2025, "Poison-splat: Computation Cost Attack on 3D Gaussian Splatting"). */
 struct sg_attack_params {
-    float epsilon;              /* bound on |poison - photo|, values in [0, 1]; INFINITY = none. Default 16/255. */
-    int iterations;             /* views visited. 1..10 million. Default 36000. */
-    int inner;                  /* ascent steps a visit, 0..1000. Default 15. */
-    float step;                 /* size of an ascent step. Default 2/255. */
-    enum sg_tv_form tv;         /* Default SG_TV_VERTICAL2. */
-    float spectral_weight;      /* against a spectral defense: the ascent also lowers the image's anisotropy loss (band
-                                   and directions of SG_SPECTRUM_DEFAULTS). The weight of its gradient, scaled to a mean
-                                   of 1, next to that of the total variation, whose terms are 1 a neighbour. Default 0. */
-    float scale_floor;          /* against a filter of thin Gaussians: the decoy's smallest scale, scene units, so that the
-                                   poison is one that fat Gaussians can show. 0 = none. Default 0. */
-    int update_interval;        /* views whose gradients are summed for one step of the decoy. 1..1000. Default 1. */
-    bool move_positions;        /* the decoy's positions learn at 1.6e-4 x extent. Default false: frozen. */
-    float lambda_dssim;         /* Default 0.2. */
-    float feature_lr;           /* f_dc; f_rest uses 1/20. Default 0.0025. */
-    float opacity_lr;           /* Default 0.05. */
-    float scaling_lr;           /* Default 0.005. */
-    float rotation_lr;          /* Default 0.001. */
-    float percent_dense;        /* Default 0.01. */
-    int densification_interval; /* Default 100. */
+    float epsilon;         /* bound on |poison - photo|, values in [0, 1]; INFINITY = none. Default 16/255. */
+    int iterations;        /* views visited. 1..10 million. Default 36000. */
+    int inner;             /* ascent steps a visit, 0..1000. Default 15. */
+    float step;            /* size of an ascent step. Default 2/255. */
+    enum sg_tv_form tv;    /* Default SG_TV_VERTICAL2. */
+    float spectral_weight; /* against a spectral defense: the ascent also lowers the image's anisotropy loss (band
+                              and directions of SG_SPECTRUM_DEFAULTS). The weight of its gradient, scaled to a mean
+                              of 1, next to that of the total variation, whose terms are 1 a neighbour. Default 0. */
+    float scale_floor;     /* against a filter of thin Gaussians: the decoy's smallest scale, scene units, so that the
+                              poison is one that fat Gaussians can show. 0 = none. Default 0. */
+    int update_interval;   /* views whose gradients are summed for one step of the decoy. 1..1000. Default 1. */
+    bool move_positions;   /* the decoy's positions learn at 1.6e-4 x extent. Default false: frozen. */
+    float lambda_dssim;    /* Default 0.2. */
+    float feature_lr;      /* f_dc; f_rest uses 1/20. Default 0.0025. */
+    float opacity_lr;      /* Default 0.05. */
+    float scaling_lr;      /* Default 0.005. */
+    float rotation_lr;     /* Default 0.001. */
+    float percent_dense;   /* Default 0.01. */
+    int densification_interval;   /* Default 100. */
     float densify_grad_threshold; /* Default 0.0002. */
     uint64_t seed;                /* Default 42. */
     uint64_t max_gaussians;       /* of the decoy; 0 = no limit. Default 0. */
@@ -120,10 +120,11 @@ void sg_poison_report_clear(sg_ctx *ctx, struct sg_poison_report *report);
 
 /* The folder with cameras and points as the scene has them: transforms and points of Blender scenes and models of
  * COLMAP are copied; nerfstudio scenes and photos whose lens distortion was taken out get a transforms.json for the
- * images as they are written. */
+ * images as they are written. Cameras that another set left there are removed. */
 int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_poison_files *files,
                             const char *folder);
-/* Writes the image of a view (of train or test), and its mask. rgb: height x width x 3. report may be NULL. */
+/* Writes the image of a view (of train or test), and its mask; what another set left there under the name with another
+ * ending is removed. rgb: height x width x 3. report may be NULL. */
 int sg_poisoned_scene_image(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view,
                             const struct sg_poison_files *files, const char *folder, const uint8_t *rgb,
                             struct sg_poison_report *report);

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include <unistd.h>
 
 #include <jansson.h>
 
@@ -18,16 +19,23 @@
 #define COPY_BYTES (UINT64_C(1) << 36) /* COLMAP's points can be large; what is copied has been read before */
 #define CLOUD "points.ply"
 
+/* The folder that a file goes to. */
+static int make_place(sg_ctx *ctx, char *path)
+{
+    char *slash = strrchr(path, '/');
+    *slash = 0;
+    const int code = sg_dir_create(ctx, path);
+    *slash = '/';
+    return code;
+}
+
 static int copy(sg_ctx *ctx, const char *from, const char *to, const char *name)
 {
     char *source = sg_strf(ctx, "%s/%s", from, name), *target = sg_strf(ctx, "%s/%s", to, name), *data = NULL;
     size_t size;
     int code = source && target ? SG_OK : SG_ERR_BUDGET;
     if (!code && sg_file_exists(source)) {
-        char *slash = strrchr(target, '/');
-        *slash = 0;
-        code = sg_dir_create(ctx, target);
-        *slash = '/';
+        code = make_place(ctx, target);
         if (!code)
             code = sg_file_read(ctx, source, COPY_BYTES, &data, &size);
         if (!code)
@@ -121,6 +129,35 @@ static int write_transforms(sg_ctx *ctx, const struct sg_scene *scene, const str
     return code;
 }
 
+/* An earlier set in the same folder must not be read instead of this one: cameras of another layout. */
+static int remove_cameras(sg_ctx *ctx, const char *folder, const char *const *names)
+{
+    for (; *names; names++) {
+        char *path = sg_strf(ctx, "%s/%s", folder, *names);
+        if (!path)
+            return SG_ERR_BUDGET;
+        unlink(path);
+        sg_free(ctx, path);
+    }
+    return SG_OK;
+}
+
+/* Or its photos with other endings. */
+static int remove_namesakes(sg_ctx *ctx, const char *path)
+{
+    static const char *const endings[] = {".png", ".jpg", ".jpeg", ".webp", ".PNG", ".JPG", ".JPEG", ".WEBP"};
+    const size_t stem = (size_t) (strrchr(path, '.') - path);
+    for (size_t i = 0; i < sizeof(endings) / sizeof(*endings); i++) {
+        char *other = sg_strf(ctx, "%.*s%s", (int) stem, path, endings[i]);
+        if (!other)
+            return SG_ERR_BUDGET;
+        if (strcmp(other, path))
+            unlink(other);
+        sg_free(ctx, other);
+    }
+    return SG_OK;
+}
+
 int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_poison_files *files,
                             const char *folder)
 {
@@ -132,7 +169,14 @@ int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene, const str
         "sparse/images.bin",    "sparse/points3D.bin",   "sparse/cameras.txt",    "sparse/images.txt",
         "sparse/points3D.txt",  "sparse/points3D.ply",   "poses_bounds.npy",      NULL};
     sg_clear_error(ctx);
+    static const char *const own[] = {"transforms.json", NULL};
     int code = sg_dir_create(ctx, folder);
+    if (!code)
+        code = remove_cameras(ctx, folder, blender);
+    if (!code)
+        code = remove_cameras(ctx, folder, colmap);
+    if (!code)
+        code = remove_cameras(ctx, folder, own);
     if (!code && needs_transforms(scene))
         return write_transforms(ctx, scene, files, folder);
     for (const char *const *name = scene->format == SG_FORMAT_BLENDER ? blender : colmap; *name && !code; name++)
@@ -160,25 +204,15 @@ static int measure(sg_ctx *ctx, const struct sg_view *view, const char *path, st
     return SG_OK;
 }
 
-/* FOLDER/FILE, whose own folder is made. */
-static int place(sg_ctx *ctx, const char *folder, const char *file, char **path)
-{
-    if (!(*path = sg_strf(ctx, "%s/%s", folder, file)))
-        return SG_ERR_BUDGET;
-    char *slash = strrchr(*path, '/');
-    *slash = 0;
-    const int code = sg_dir_create(ctx, *path);
-    *slash = '/';
-    return code;
-}
-
 static int write_mask(sg_ctx *ctx, const struct sg_view *view, const char *folder, const char *file)
 {
-    char *name = sg_strf(ctx, "masks/%s.png", !strncmp(file, "images/", 7) ? file + 7 : file), *path = NULL;
-    int code = name ? place(ctx, folder, name, &path) : SG_ERR_BUDGET;
-    if (!code)
+    const char *base = !strncmp(file, "images/", 7) ? file + 7 : file;
+    char *path = sg_strf(ctx, "%s/masks/%s.png", folder, base);
+    int code = path ? SG_OK : SG_ERR_BUDGET;
+    if (!code && !view->mask)
+        unlink(path); /* of another set */
+    else if (!code && !(code = make_place(ctx, path)))
         code = sg_image_write_png(ctx, path, view->mask, view->camera.width, view->camera.height, 1);
-    sg_free(ctx, name);
     sg_free(ctx, path);
     return code;
 }
@@ -189,13 +223,15 @@ int sg_poisoned_scene_image(sg_ctx *ctx, const struct sg_scene *scene, const str
 {
     const int w = view->camera.width, h = view->camera.height;
     sg_clear_error(ctx);
-    char *file = image_file(ctx, scene, view, files), *path = NULL;
-    int code = file ? place(ctx, folder, file, &path) : SG_ERR_BUDGET;
+    char *file = image_file(ctx, scene, view, files), *path = file ? sg_strf(ctx, "%s/%s", folder, file) : NULL;
+    int code = path ? make_place(ctx, path) : SG_ERR_BUDGET;
     if (!code && !strcmp(file + strlen(file) - 4, ".png"))
         code = sg_image_write_png(ctx, path, rgb, w, h, 3);
     else if (!code)
         code = sg_image_write_jpeg(ctx, path, rgb, w, h, files->jpeg_quality, files->full_chroma);
-    if (!code && view->mask)
+    if (!code)
+        code = remove_namesakes(ctx, path);
+    if (!code)
         code = write_mask(ctx, view, folder, file);
     if (report)
         *report = (struct sg_poison_report){0};

@@ -65,6 +65,12 @@ expect 0 attack scene/colmap -o png $options --method noise --save png --epsilon
 grep -q '"linf_max": 8.0' png/poison.json || fail "the bound of noise"
 grep -q '"poisoned_images": 3' png/poison.json || fail "the ratio: $(grep poisoned_images png/poison.json)"
 expect 0 train png -o victim $short --force --iterations 20 --eval
+# What an earlier set left in the folder is not read instead.
+expect 0 attack scene/colmap -o png $options --method noise --save jpg --force
+expect 0 attack scene/colmap -o png $options --method noise --save png --force
+[ -z "$(ls png/images | grep -v '\.png$')" ] || fail "earlier photos: $(ls png/images)"
+expect 0 attack scene/blender -o png $options --method noise --force
+expect 0 train png -o victim $short --force --iterations 20 --init-points 500; [ ! -e png/sparse/0/cameras.bin ] || fail "earlier cameras"
 expect 0 attack scene/colmap -o tv $options --method tv-per-view --inner 3 --tv aniso --save png
 grep -q '"linf_max": 6.0' tv/poison.json || fail "the steps of tv-per-view"
 
