@@ -10,22 +10,22 @@
 
 static int cannot(const struct attack_run *r, const char *what)
 {
-    fprintf(stderr, "splatguard: %s/attack/log.jsonl: cannot %s: %s\n", r->config->output, what,
-            strerror(errno ? errno : EIO));
+    say(stderr, "splatguard: %s/attack/log.jsonl: cannot %s: %s\n", r->config->output, what,
+        strerror(errno ? errno : EIO));
     return 2;
 }
 
 /* A killed attack may have logged beyond its checkpoint: those iterations will be done and logged again. */
 static int trim(struct attack_run *r, const char *path)
 {
-    FILE *in = fopen(path, "rb");
+    FILE *in = run_open(path, LOG_BYTES);
     if (!in)
         return 0; /* nothing to keep */
     char *kept = NULL, *line = NULL;
     size_t size = 0, room = 0;
     FILE *out = open_memstream(&kept, &size);
     while (out && getline(&line, &room, in) > 0) {
-        json_t *value = json_loads(line, 0, NULL);
+        json_t *value = room > LOG_LINE_BYTES ? NULL : json_loads(line, 0, NULL);
         const json_t *iteration = json_object_get(value, "iteration");
         if (json_is_integer(iteration) && json_integer_value(iteration) <= sg_attack_iteration(r->attack)) {
             fputs(line, out);
@@ -50,7 +50,7 @@ int attack_log_open(struct attack_run *r)
 {
     char *path = run_path(r->config->output, "attack/log.jsonl");
     int code = !path ? 4 : r->config->resume ? trim(r, path) : 0;
-    if (!code && !(r->log = fopen(path, r->config->resume ? "ab" : "wb")))
+    if (!code && !(r->log = run_open_log(path, r->config->resume)))
         code = cannot(r, "write");
     free(path);
     return code;
@@ -82,9 +82,9 @@ static json_t *growth(const struct attack_run *r)
     json_t *curve = json_array();
     char *path = run_path(r->config->output, "attack/log.jsonl"), *line = NULL;
     size_t room = 0;
-    FILE *in = path && r->attack ? fopen(path, "rb") : NULL;
+    FILE *in = path && r->attack ? run_open(path, LOG_BYTES) : NULL;
     while (in && getline(&line, &room, in) > 0) {
-        json_t *value = json_loads(line, 0, NULL);
+        json_t *value = room > LOG_LINE_BYTES ? NULL : json_loads(line, 0, NULL);
         if (value)
             json_array_append_new(
                 curve, json_pack("[O,O]", json_object_get(value, "iteration"), json_object_get(value, "gaussians")));
@@ -140,6 +140,8 @@ static int write_views(struct attack_run *r, const bool *chosen, json_t *images,
     for (size_t k = 0; k < scene->n_train + scene->n_test && !error; k++) {
         const bool train = k >= scene->n_test;
         const size_t i = train ? k - scene->n_test : k;
+        if (interrupted())
+            return SG_ERR_INTERRUPTED;
         const struct sg_view *view = train ? &scene->train[i] : &scene->test[i];
         struct sg_poison_report p = {0};
         uint8_t *rgb = malloc(3 * (size_t) view->camera.width * (size_t) view->camera.height);
@@ -176,7 +178,7 @@ int attack_write(struct attack_run *r)
     int code = chosen && path ? 0 : 4;
     const int error = code ? 0 : write_views(r, chosen, images, &t);
     if (error)
-        code = report(r->ctx, error);
+        code = error == SG_ERR_INTERRUPTED ? exit_code(error) : report(r->ctx, error);
     if (!code) {
         struct rusage usage;
         getrusage(RUSAGE_SELF, &usage);
@@ -209,10 +211,10 @@ int attack_write(struct attack_run *r)
         code = run_write_json(path, root);
         json_decref(root);
         if (!code && !c->quiet)
-            fprintf(stderr,
-                    "%zu poisoned images in %s: largest change %.0f grey levels, PSNR %.2f dB, total variation %.2f to "
-                    "%.2f\n",
-                    t.poisoned, c->output, t.linf, t.psnr / n, t.before / n, t.after / n);
+            say(stderr,
+                "%zu poisoned images in %s: largest change %.0f grey levels, PSNR %.2f dB, total variation %.2f to "
+                "%.2f\n",
+                t.poisoned, c->output, t.linf, t.psnr / n, t.before / n, t.after / n);
     }
     json_decref(images);
     free(chosen);

@@ -149,12 +149,11 @@ static int settle(struct attack_config *c)
     char *end;
     const double levels = strtod(c->epsilon, &end);
     if (end == c->epsilon || *end || !(levels >= 0) || (isfinite(levels) && levels > 255)) {
-        fprintf(stderr, "splatguard attack: --epsilon: found \"%s\", expected 0 to 255 grey levels, or inf\n",
-                c->epsilon);
+        say(stderr, "splatguard attack: --epsilon: found \"%s\", expected 0 to 255 grey levels, or inf\n", c->epsilon);
         return 1;
     }
     if (!isfinite(levels) && c->method != METHOD_POISON_SPLAT) {
-        fprintf(stderr, "splatguard attack: --epsilon inf goes with --method poison-splat only\n");
+        say(stderr, "splatguard attack: --epsilon inf goes with --method poison-splat only\n");
         return 1;
     }
     c->attack.epsilon = (float) (levels / 255);
@@ -198,11 +197,11 @@ static int check_places(const struct attack_config *c)
     char *scene = realpath(c->source, NULL), *out = realpath(c->output, NULL), *place = existing_place(c->output);
     int code = place ? 0 : 4;
     if (!scene) {
-        fprintf(stderr, "splatguard: %s: cannot open the scene: %s\n", c->source, strerror(errno));
+        say(stderr, "splatguard: %s: cannot open the scene: %s\n", c->source, strerror(errno));
         code = 2;
     } else if (place && (is_within(place, scene) || (out && is_within(scene, out)))) {
-        fprintf(stderr, "splatguard: %s: found the output %s the scene %s, expected a folder apart from it\n",
-                c->output, is_within(place, scene) ? "in" : "around", c->source);
+        say(stderr, "splatguard: %s: found the output %s the scene %s, expected a folder apart from it\n", c->output,
+            is_within(place, scene) ? "in" : "around", c->source);
         code = 2;
     }
     free(scene);
@@ -216,12 +215,11 @@ static int refuse_earlier(const char *output)
     char *path = run_path(output, "poison.json"), *state = run_path(output, "attack");
     int code = 0;
     if (path && state && (!access(path, F_OK) || !access(state, F_OK))) {
-        fprintf(stderr,
-                "splatguard: %s: found an earlier attack; continue it with --resume or replace it with --force\n",
-                output);
+        say(stderr, "splatguard: %s: found an earlier attack; continue it with --resume or replace it with --force\n",
+            output);
         code = 2;
     } else if (run_has_other_files(output)) {
-        fprintf(stderr, "splatguard: %s: found other files, expected a new or empty folder\n", output);
+        say(stderr, "splatguard: %s: found other files, expected a new or empty folder\n", output);
         code = 2;
     }
     free(path);
@@ -266,7 +264,8 @@ static int load_scene(struct attack_run *r)
 /* 3 unless a run's summary says that it took all its iterations. */
 static int whole(const char *summary, int iterations)
 {
-    json_t *s = json_load_file(summary, 0, NULL);
+    json_error_t error;
+    json_t *s = run_read_json(summary, &error);
     const bool all = json_integer_value(json_object_get(s, "iterations")) == iterations;
     json_decref(s);
     return all ? 0 : 3;
@@ -300,10 +299,10 @@ static int train_proxy(const struct attack_config *c, char **model)
     t.resume = c->resume && !access(begun, F_OK);
     t.force = !t.resume;
     if (!c->quiet)
-        fprintf(stderr, "training the proxy\n");
+        say(stderr, "training the proxy\n");
     code = train->run(&t, given, NULL, 0);
     if (!code && (code = whole(done, c->proxy_iterations)))
-        fprintf(stderr, "splatguard: %s: memory did not suffice for the proxy\n", folder);
+        say(stderr, "splatguard: %s: memory did not suffice for the proxy\n", folder);
     if (!code)
         unlink(begun); /* marks it as whole; its model is what counts */
 done:
@@ -360,8 +359,8 @@ static int loop(struct attack_run *r)
         progress_break(&r->progress);
         code = checkpoint(r);
         if (!code)
-            fprintf(stderr, "interrupted at iteration %d; saved. Continue with: splatguard attack --resume %s\n", done,
-                    c->output);
+            say(stderr, "interrupted at iteration %d; saved. Continue with: splatguard attack --resume %s\n", done,
+                c->output);
         return code ? code : 130;
     }
     return code;
@@ -397,19 +396,20 @@ static int save_decoy(struct attack_run *r)
     return error ? report(r->ctx, error) : 0;
 }
 
-/* Everything between the options and the files, for one method. */
-static int run(struct attack_run *r)
+/* Everything between the scene, which is loaded, and the end. */
+static int run(struct attack_run *r, const char *proxy)
 {
     struct attack_config *c = r->config;
-    char *model = NULL;
     int code = 0;
     const bool splat = c->method == METHOD_POISON_SPLAT;
-    if (splat && c->proxy && !(model = find_model(c->proxy, 0)))
-        return 2;
-    if (splat && !c->proxy && (code = train_proxy(c, &model)))
-        return code;
+    char *model = proxy ? strdup(proxy) : NULL;
+    if (splat && !model) { /* which loads the scene for itself */
+        sg_scene_destroy(r->ctx, &r->scene);
+        code = train_proxy(c, &model);
+        if (!code)
+            code = load_scene(r);
+    }
     interrupt_catch();
-    code = load_scene(r);
     if (!code) {
         apply_preset(c, r->scene->format);
         r->proxy = model;
@@ -422,8 +422,11 @@ static int run(struct attack_run *r)
     }
     if (!code && c->keep_decoy && splat)
         code = save_decoy(r);
-    if (!code)
-        code = attack_write(r);
+    if (!code && (code = attack_write(r)) == exit_code(SG_ERR_INTERRUPTED)) {
+        const int failed = splat ? checkpoint(r) : 0;
+        say(stderr, "interrupted while writing. Continue with: splatguard attack --resume %s\n", c->output);
+        code = failed ? failed : code;
+    }
     if (!code) {
         char *saved = run_path(c->output, "attack/checkpoint.bin");
         if (saved)
@@ -440,18 +443,18 @@ static int adopt(struct attack_config *c, const bool *given, const char *argumen
     struct attack_config now = *c;
     const char *output = now.output ? now.output : argument;
     if (!output || now.force) {
-        fprintf(stderr, now.force ? "splatguard attack: --resume and --force exclude each other\n"
-                                  : "splatguard attack: --resume needs the poisoned folder\n");
+        say(stderr, now.force ? "splatguard attack: --resume and --force exclude each other\n"
+                              : "splatguard attack: --resume needs the poisoned folder\n");
         return 1;
     }
     char *path = run_path(output, "attack/config.json");
     json_error_t error;
-    *keep = path ? json_load_file(path, JSON_REJECT_DUPLICATES, &error) : NULL;
+    *keep = path ? run_read_json(path, &error) : NULL;
     int code = 0;
     *c = defaults;
     if (!*keep) {
-        fprintf(stderr, "splatguard: %s: line %d: %s; expected the config.json of an attack\n", path ? path : output,
-                path ? error.line : 0, path ? error.text : "out of memory");
+        say(stderr, "splatguard: %s: line %d: %s; expected the config.json of an attack\n", path ? path : output,
+            path ? error.line : 0, path ? error.text : "out of memory");
         code = 2;
     } else if (options_from_json(&command_attack, c, json_object_get(*keep, "options"), path))
         code = 2;
@@ -492,8 +495,8 @@ static int run_attack(const void *config, const bool *given, const char *const *
     else if (count)
         c.source = (char *) (uintptr_t) positional[0];
     if (!code && (!c.source || !c.output)) {
-        fprintf(stderr, "splatguard attack: missing %s; usage: splatguard attack %s\n",
-                c.source ? "-o POISONED" : "SCENE", command_attack.arguments);
+        say(stderr, "splatguard attack: missing %s; usage: splatguard attack %s\n", c.source ? "-o POISONED" : "SCENE",
+            command_attack.arguments);
         code = 1;
     }
     if (!code)
@@ -502,6 +505,14 @@ static int run_attack(const void *config, const bool *given, const char *const *
         code = check_places(&c);
     if (!code && !c.resume && !c.force)
         code = refuse_earlier(c.output);
+    if (!code)
+        code = open_context(&r.ctx, c.threads, c.max_memory, c.quiet);
+    if (!code)
+        code = load_scene(&r);
+    char *proxy = NULL;
+    if (!code && c.method == METHOD_POISON_SPLAT && c.proxy && !(proxy = find_model(c.proxy, 0)))
+        code = 2;
+    /* Nothing of an earlier attack goes before this one can begin. */
     if (!code && !c.resume) {
         char *state = run_path(c.output, "attack");
         code = state ? run_make_dirs(state) : 4;
@@ -512,9 +523,8 @@ static int run_attack(const void *config, const bool *given, const char *const *
         }
     }
     if (!code)
-        code = open_context(&r.ctx, c.threads, c.max_memory, c.quiet);
-    if (!code)
-        code = run(&r);
+        code = run(&r, proxy);
+    free(proxy);
     if (r.log && fclose(r.log) && !code)
         code = 2;
     if (r.ctx) {

@@ -75,11 +75,11 @@ static int read_run(struct run *r, const char *path)
 {
     char *file = run_path(path, "summary.json");
     json_error_t error;
-    json_t *s = file ? json_load_file(file, JSON_REJECT_DUPLICATES, &error) : NULL;
+    json_t *s = file ? run_read_json(file, &error) : NULL;
     r->path = path;
     if (!s) {
-        fprintf(stderr, "splatguard: %s: line %d: %s; expected the summary.json of a run\n", file ? file : path,
-                file ? error.line : 0, file ? error.text : "out of memory");
+        say(stderr, "splatguard: %s: line %d: %s; expected the summary.json of a run\n", file ? file : path,
+            file ? error.line : 0, file ? error.text : "out of memory");
         free(file);
         return 2;
     }
@@ -90,7 +90,7 @@ static int read_run(struct run *r, const char *path)
     r->value[INSTANCES] = number(tags, "instances");
     r->value[IMAGES] = number(tags, "images");
     if (json_is_true(json_object_get(s, "interrupted")))
-        fprintf(stderr, "warning: %s: the run was interrupted\n", path);
+        say(stderr, "warning: %s: the run was interrupted\n", path);
     json_decref(s);
     free(file);
     return 0;
@@ -187,7 +187,7 @@ static int run_compare(const void *config, const bool *given, const char *const 
     struct run *runs = calloc((size_t) count, sizeof(*runs));
     int code = runs ? 0 : 4;
     if (c->json && c->csv) {
-        fprintf(stderr, "splatguard compare: --json and --csv exclude each other\n");
+        say(stderr, "splatguard compare: --json and --csv exclude each other\n");
         code = 1;
     }
     for (int i = 0; i < count && !code; i++) {

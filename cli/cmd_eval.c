@@ -51,7 +51,7 @@ static int run_eval(const void *config, const bool *given, const char *const *po
             print_json(c, &v, &e);
         else {
             for (size_t i = 0; c->per_view && i < e.views; i++)
-                printf("%-32s PSNR %7.3f  SSIM %.4f\n", v.views[i].name, e.per_view[i].psnr, e.per_view[i].ssim);
+                say(stdout, "%-32s PSNR %7.3f  SSIM %.4f\n", v.views[i].name, e.per_view[i].psnr, e.per_view[i].ssim);
             printf("PSNR %.3f  SSIM %.4f  FPS %.1f (mean %.1f)  %zu views  %zu Gaussians\n", e.psnr, e.ssim, e.fps,
                    e.fps_mean, e.views, v.model->count);
         }

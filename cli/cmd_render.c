@@ -113,7 +113,7 @@ static int refuse_photos(const struct model_views *v, const char *output)
         const bool same = same_file(path, view->path);
         free(path);
         if (same) {
-            fprintf(stderr, "splatguard: %s: found the photo %s there, expected another folder\n", output, view->path);
+            say(stderr, "splatguard: %s: found the photo %s there, expected another folder\n", output, view->path);
             return 2;
         }
     }
@@ -126,7 +126,7 @@ static int run_render(const void *config, const bool *given, const char *const *
     struct render_config copy = *(const struct render_config *) config, *c = &copy;
     struct model_views v;
     if (!c->output) {
-        fprintf(stderr, "splatguard render: missing -o DIR\n");
+        say(stderr, "splatguard render: missing -o DIR\n");
         return 1;
     }
     int code = model_views_open(&v, positional[0], &command_render, given, c, &c->m);
@@ -150,7 +150,7 @@ static int run_render(const void *config, const bool *given, const char *const *
             error = render_view(c, &v, &v.views[i], &b);
         code = error ? report(v.ctx, error) : 0;
         if (!code && !c->m.quiet)
-            fprintf(stderr, "%zu views rendered to %s\n", v.n, c->output);
+            say(stderr, "%zu views rendered to %s\n", v.n, c->output);
         sg_free(v.ctx, b.rgb);
         sg_free(v.ctx, b.bytes);
         sg_free(v.ctx, b.alpha);

@@ -109,8 +109,8 @@ static int parse_crop(const char *text, const struct picture_image *images, int 
         if (!four || crop->x < 0 || crop->y < 0 || crop->width < 1 || crop->height < 1 ||
             crop->width > images[k].width || crop->x > images[k].width - crop->width ||
             crop->height > images[k].height || crop->y > images[k].height - crop->height) {
-            fprintf(stderr, "splatguard spectrum: --crop: found \"%s\", expected X,Y,W,H within %d x %d pixels\n", text,
-                    images[k].width, images[k].height);
+            say(stderr, "splatguard spectrum: --crop: found \"%s\", expected X,Y,W,H within %d x %d pixels\n", text,
+                images[k].width, images[k].height);
             return 1;
         }
     return 0;
@@ -135,12 +135,12 @@ static int run_spectrum(const void *config, const bool *given, const char *const
     struct picture_image images[OPTIONS_MAX_POSITIONAL] = {0};
     sg_ctx *ctx;
     if (c->p.bins % 4) {
-        fprintf(stderr, "splatguard spectrum: --bins: found %d, expected a number divisible by 4\n", c->p.bins);
+        say(stderr, "splatguard spectrum: --bins: found %d, expected a number divisible by 4\n", c->p.bins);
         return 1;
     }
     if (c->output && count > PICTURE_IMAGES_MAX) {
-        fprintf(stderr, "splatguard spectrum: found %d images, expected at most %d in a picture\n", count,
-                PICTURE_IMAGES_MAX);
+        say(stderr, "splatguard spectrum: found %d images, expected at most %d in a picture\n", count,
+            PICTURE_IMAGES_MAX);
         return 1;
     }
     int code = open_context(&ctx, 0, 0, false);

@@ -35,7 +35,7 @@ static int run_synth(const void *config, const bool *given, const char *const *p
     const struct synth_config *c = config;
     sg_ctx *ctx;
     if (!c->output) {
-        fprintf(stderr, "splatguard synth: missing -o DIR\n");
+        say(stderr, "splatguard synth: missing -o DIR\n");
         return 1;
     }
     int code = open_context(&ctx, c->threads, 0, false);
@@ -44,8 +44,8 @@ static int run_synth(const void *config, const bool *given, const char *const *p
     const int error = sg_synth_write(ctx, c->output, &c->p);
     code = error ? report(ctx, error) : 0;
     if (!code)
-        fprintf(stderr, "%d + %d views of %d x %d written to %s/blender and %s/colmap\n", c->p.train_views,
-                c->p.test_views, c->p.width, c->p.height, c->output, c->output);
+        say(stderr, "%d + %d views of %d x %d written to %s/blender and %s/colmap\n", c->p.train_views, c->p.test_views,
+            c->p.width, c->p.height, c->output, c->output);
     sg_ctx_destroy(&ctx);
     return code;
 }

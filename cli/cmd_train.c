@@ -168,14 +168,14 @@ static int measure(struct train_run *r, int time_fps)
         const int code = report(r->ctx, error);
         if (error != SG_ERR_BUDGET)
             return code;
-        fprintf(stderr, "the test views are not measured\n");
+        say(stderr, "the test views are not measured\n");
         return 0;
     }
     r->evaluated = sg_trainer_iteration(r->trainer);
     if (!c->quiet) {
         progress_break(&r->progress);
-        fprintf(stderr, "iteration %d: PSNR %.3f, SSIM %.4f on %zu test views\n", r->evaluated, r->eval.psnr,
-                r->eval.ssim, r->eval.views);
+        say(stderr, "iteration %d: PSNR %.3f, SSIM %.4f on %zu test views\n", r->evaluated, r->eval.psnr, r->eval.ssim,
+            r->eval.views);
     }
     return train_log_eval(r);
 }
@@ -236,7 +236,7 @@ static int loop(struct train_run *r)
             code = report(r->ctx, error);
             const int done = sg_trainer_iteration(r->trainer);
             if (done > 0 && !run_save_model(r->ctx, r->config->output, r->trainer)) {
-                fprintf(stderr, "the model of iteration %d is saved in %s\n", done, r->config->output);
+                say(stderr, "the model of iteration %d is saved in %s\n", done, r->config->output);
                 code = error == SG_ERR_BUDGET ? 0 : code; /* a smaller model than asked for, but a model */
             }
             r->error = error;
@@ -261,8 +261,8 @@ static int finish(struct train_run *r)
     if (!code)
         code = train_summary_write(r);
     if (!code && cut) {
-        fprintf(stderr, "interrupted at iteration %d; saved. Continue with: splatguard train --resume %s\n",
-                sg_trainer_iteration(r->trainer), r->config->output);
+        say(stderr, "interrupted at iteration %d; saved. Continue with: splatguard train --resume %s\n",
+            sg_trainer_iteration(r->trainer), r->config->output);
         code = 130;
     }
     return code;
@@ -278,9 +278,8 @@ static int restore(struct train_run *r, const char *variant)
     if (error)
         return report(r->ctx, error);
     if (variant && strcmp(variant, sg_trainer_variant(r->trainer)))
-        fprintf(stderr,
-                "warning: the run was made with %s and goes on with %s: results can differ in the last digits\n",
-                variant, sg_trainer_variant(r->trainer));
+        say(stderr, "warning: the run was made with %s and goes on with %s: results can differ in the last digits\n",
+            variant, sg_trainer_variant(r->trainer));
     /* Iterations may have been raised. */
     return run_write_config(r->config, variant ? variant : sg_trainer_variant(r->trainer));
 }
@@ -292,9 +291,9 @@ static int start(struct train_run *r, const char *variant)
     struct sg_model *initial = NULL;
     int error = 0, code = 0;
     r->config->train.max_seconds = c->max_time;
-    r->config->train.seconds_before = sg_seconds() - r->begun; /* reading the photos */
-    if (c->init && !c->resume)                                 /* the checkpoint has what became of it */
+    if (c->init && !c->resume) /* the checkpoint has what became of it */
         error = sg_model_read_ply(r->ctx, c->init, UINT32_MAX, &initial);
+    r->config->train.seconds_before = sg_seconds() - r->begun; /* reading photos and model */
     if (!error)
         error = sg_trainer_create(r->ctx, r->scene, initial, &c->train, &r->trainer);
     sg_model_destroy(r->ctx, &initial);
@@ -320,8 +319,8 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
     now.source = now.output && argument ? argument : now.source;
     now.output = now.output ? now.output : argument;
     if (!now.output || now.force) {
-        fprintf(stderr, now.force ? "splatguard train: --resume and --force exclude each other\n"
-                                  : "splatguard train: --resume needs the run's folder\n");
+        say(stderr, now.force ? "splatguard train: --resume and --force exclude each other\n"
+                              : "splatguard train: --resume needs the run's folder\n");
         return 1;
     }
     *c = defaults;
@@ -366,7 +365,7 @@ static int settle_automatic(struct train_run *r, const struct sg_audit *found)
 {
     double sum = 0;
     if (!(r->shares = malloc(found->count * sizeof(*r->shares)))) {
-        fprintf(stderr, "splatguard: out of memory\n");
+        say(stderr, "splatguard: out of memory\n");
         return 3;
     }
     for (size_t i = 0; i < found->count; i++) {
@@ -395,12 +394,12 @@ static int heed(struct train_config *c, const struct sg_audit *found)
 {
     const bool clean = found->verdict == SG_AUDIT_CLEAN;
     if (!clean || !c->quiet)
-        fprintf(stderr, "%saudit: the photos look %s, score %.3f\n",
-                clean ? "" : "warning: ", sg_audit_verdict_name(found->verdict), found->score);
+        say(stderr, "%saudit: the photos look %s, score %.3f\n",
+            clean ? "" : "warning: ", sg_audit_verdict_name(found->verdict), found->score);
     for (size_t i = 0; i < found->count_reasons && !clean; i++)
-        fprintf(stderr, "  %s\n", found->reasons[i]);
+        say(stderr, "  %s\n", found->reasons[i]);
     if (c->audit == AUDIT_REFUSE && found->verdict == SG_AUDIT_POISONED) {
-        fprintf(stderr, "splatguard: %s: found poisoned photos, expected clean ones (--audit refuse)\n", c->source);
+        say(stderr, "splatguard: %s: found poisoned photos, expected clean ones (--audit refuse)\n", c->source);
         return 2;
     }
     if (c->audit == AUDIT_DEFEND && !clean)
@@ -441,8 +440,8 @@ static int run_train(const void *config, const bool *given, const char *const *p
     else if (count)
         c.source = positional[0];
     if (!code && (!c.source || !c.output)) {
-        fprintf(stderr, "splatguard train: missing %s; usage: splatguard train %s\n", c.source ? "-o RUN" : "SCENE",
-                command_train.arguments);
+        say(stderr, "splatguard train: missing %s; usage: splatguard train %s\n", c.source ? "-o RUN" : "SCENE",
+            command_train.arguments);
         code = 1;
     }
     if (!code && !c.resume && !c.force)
@@ -458,7 +457,7 @@ static int run_train(const void *config, const bool *given, const char *const *p
         goto done;
     }
     if (c.eval && !r.scene->n_test) {
-        fprintf(stderr, "splatguard: %s: found no test views, needed for --eval\n", c.source);
+        say(stderr, "splatguard: %s: found no test views, needed for --eval\n", c.source);
         code = 2;
         goto done;
     }

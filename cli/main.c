@@ -61,7 +61,7 @@ static int run(const struct command *c, int argc, char **argv)
     }
     code = options_parse(c, argc, argv, config, positional, &count, given);
     if (code == 0 && count < c->min_positional) {
-        fprintf(stderr, "splatguard %s: missing argument; usage: splatguard %s %s\n", c->name, c->name, c->arguments);
+        say(stderr, "splatguard %s: missing argument; usage: splatguard %s %s\n", c->name, c->name, c->arguments);
         code = 1;
     }
     if (code == 0)
@@ -85,7 +85,7 @@ static int flushed(int code)
     errno = 0;
     if (!fflush(stdout) && !ferror(stdout))
         return code;
-    fprintf(stderr, "splatguard: standard output: cannot write: %s\n", strerror(errno ? errno : EIO));
+    say(stderr, "splatguard: standard output: cannot write: %s\n", strerror(errno ? errno : EIO));
     return code ? code : 2;
 }
 
@@ -105,7 +105,7 @@ int main(int argc, char **argv)
         else if (argc > 2 && find(argv[2]))
             options_help(find(argv[2]), stdout);
         else if (argc > 2) {
-            fprintf(stderr, "splatguard: unknown command \"%s\"; splatguard --help lists them\n", argv[2]);
+            say(stderr, "splatguard: unknown command \"%s\"; splatguard --help lists them\n", argv[2]);
             return 1;
         } else
             usage(argc > 1 ? stdout : stderr);
@@ -113,6 +113,6 @@ int main(int argc, char **argv)
     }
     if (find(name))
         return flushed(run(find(name), argc - 2, argv + 2));
-    fprintf(stderr, "splatguard: unknown command \"%s\"; splatguard --help lists them\n", name);
+    say(stderr, "splatguard: unknown command \"%s\"; splatguard --help lists them\n", name);
     return 1;
 }

@@ -5,13 +5,15 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "run_folder.h"
+
 /* What another trainer's folder says in cfg_args. Its text is Python, of which only plain cases are read. */
 static void read_cfg_args(const char *run, const struct command *command, const bool *given, void *config,
                           struct scene_options *scene)
 {
     char *path = NULL, *text = NULL;
     size_t room = 0;
-    FILE *f = asprintf(&path, "%s/cfg_args", run) < 0 ? NULL : fopen(path, "rb");
+    FILE *f = asprintf(&path, "%s/cfg_args", run) < 0 ? NULL : run_open(path, LOG_LINE_BYTES);
     if (f && getline(&text, &room, f) > 0) {
         const char *white = strstr(text, "white_background=True"), *resolution = strstr(text, "resolution=");
         const ptrdiff_t white_at = (char *) &scene->params.white_background - (char *) config;
@@ -43,18 +45,18 @@ static int adopt_run(struct model_views *v, const char *run, const struct comman
         goto done;
     }
     json_error_t error;
-    v->run = json_load_file(path, JSON_REJECT_DUPLICATES, &error);
+    v->run = run_read_json(path, &error);
     const json_t *options = json_object_get(v->run, "options");
     if (!options) {
-        fprintf(stderr, "splatguard: %s: line %d: %s; expected the config.json of a run\n", path, error.line,
-                v->run ? "found no options" : error.text);
+        say(stderr, "splatguard: %s: line %d: %s; expected the config.json of a run\n", path, error.line,
+            v->run ? "found no options" : error.text);
         code = 2;
     } else if (options_adopt(command, "Scene", given, config, options, path))
         code = 2;
     if (!o->scene_path)
         o->scene_path = json_string_value(json_object_get(options, "source-path"));
     if (!code && o->split == 0 && json_is_false(json_object_get(options, "eval")))
-        fprintf(stderr, "warning: the run was trained without --eval: it has seen the test views\n");
+        say(stderr, "warning: the run was trained without --eval: it has seen the test views\n");
 done:
     free(path);
     return code;
@@ -68,7 +70,7 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
     char *path = find_model(model, o->iteration);
     int code = path ? adopt_run(v, model, command, given, config, o) : 2;
     if (!code && !o->scene_path) {
-        fprintf(stderr, "splatguard %s: missing --scene SCENE\n", command->name);
+        say(stderr, "splatguard %s: missing --scene SCENE\n", command->name);
         code = 1;
     }
     if (!code)
@@ -91,7 +93,7 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
         v->views = o->split == 0 ? v->scene->test : v->scene->train;
         v->n = o->split == 0 ? v->scene->n_test : v->scene->n_train;
         if (!v->n) {
-            fprintf(stderr, "splatguard: %s: found no %s views\n", o->scene_path, o->split == 0 ? "test" : "train");
+            say(stderr, "splatguard: %s: found no %s views\n", o->scene_path, o->split == 0 ? "test" : "train");
             code = 2;
         }
     }

@@ -55,16 +55,16 @@ static int unknown(const struct command *c, const char *name, size_t n)
         if (d < best)
             best = d, near = o;
     }
-    fprintf(stderr, "splatguard %s: unknown option %s%.*s", c->name, n > 1 ? "--" : "-", (int) n, name);
+    say(stderr, "splatguard %s: unknown option %s%.*s", c->name, n > 1 ? "--" : "-", (int) n, name);
     if (near)
-        fprintf(stderr, "; did you mean --%s?", near->name);
-    fprintf(stderr, "\n");
+        say(stderr, "; did you mean --%s?", near->name);
+    say(stderr, "\n");
     return 1;
 }
 
 static int bad_value(const struct command *c, const struct option *o, const char *text, const char *expected)
 {
-    fprintf(stderr, "splatguard %s: --%s: found \"%s\", expected %s\n", c->name, o->name, text, expected);
+    say(stderr, "splatguard %s: --%s: found \"%s\", expected %s\n", c->name, o->name, text, expected);
     return 1;
 }
 
@@ -158,12 +158,12 @@ int options_parse(const struct command *c, int argc, char **argv, void *config, 
     for (int i = 0; i < argc; i++) {
         const char *a = argv[i];
         if (!a[0]) {
-            fprintf(stderr, "splatguard %s: found an empty argument\n", c->name);
+            say(stderr, "splatguard %s: found an empty argument\n", c->name);
             return 1;
         }
         if (only_positional || a[0] != '-' || !a[1]) {
             if (*count >= c->max_positional) {
-                fprintf(stderr, "splatguard %s: unexpected argument \"%s\"\n", c->name, a);
+                say(stderr, "splatguard %s: unexpected argument \"%s\"\n", c->name, a);
                 return 1;
             }
             positional[(*count)++] = a;
@@ -186,13 +186,13 @@ int options_parse(const struct command *c, int argc, char **argv, void *config, 
         if (!brief && text)
             text++;
         if (o->type == OPT_FLAG && text) {
-            fprintf(stderr, "splatguard %s: --%s takes no value\n", c->name, o->name);
+            say(stderr, "splatguard %s: --%s takes no value\n", c->name, o->name);
             return 1;
         }
         if (o->type != OPT_FLAG) {
             text = text ? text : i + 1 < argc ? argv[++i] : NULL;
             if (!text) {
-                fprintf(stderr, "splatguard %s: --%s: found no value, expected %s\n", c->name, o->name, o->argument);
+                say(stderr, "splatguard %s: --%s: found no value, expected %s\n", c->name, o->name, o->argument);
                 return 1;
             }
         }
@@ -291,10 +291,10 @@ static int set_json(const struct command *c, const struct option *o, void *confi
     if (json_is_null(v))
         return 0;
     if (o->type == OPT_FLAG ? !json_is_boolean(v) : number ? !json_is_number(v) : !json_is_string(v)) {
-        fprintf(stderr, "splatguard: %s: option \"%s\": found another kind of value, expected %s\n", path, o->name,
-                o->type == OPT_FLAG ? "true or false"
-                : number            ? "a number"
-                                    : "a text");
+        say(stderr, "splatguard: %s: option \"%s\": found another kind of value, expected %s\n", path, o->name,
+            o->type == OPT_FLAG ? "true or false"
+            : number            ? "a number"
+                                : "a text");
         return 1;
     }
     if (o->type == OPT_FLAG) {
@@ -307,7 +307,7 @@ static int set_json(const struct command *c, const struct option *o, void *confi
         snprintf(text, sizeof(text), "%.17g", json_real_value(v));
     const int code = options_set(c, o, config, number ? text : json_string_value(v));
     if (code)
-        fprintf(stderr, "splatguard: in %s\n", path);
+        say(stderr, "splatguard: in %s\n", path);
     return code;
 }
 
@@ -319,7 +319,7 @@ int options_from_json(const struct command *c, void *config, const json_t *objec
     {
         const struct option *o = find(c, key, strlen(key));
         if (!o || o->transient) {
-            fprintf(stderr, "splatguard: %s: found an unknown option \"%s\"\n", path, key);
+            say(stderr, "splatguard: %s: found an unknown option \"%s\"\n", path, key);
             return 1;
         }
         if (set_json(c, o, config, v, path))
@@ -375,8 +375,8 @@ int options_conflict(const struct command *c, const bool *given, const void *con
             if (options_show(o, config, now, sizeof(now)) && !strcmp(now, then))
                 continue;
         }
-        fprintf(stderr, "splatguard %s: --%s: found %s, but the run has %s, and a resumed run keeps its options\n",
-                c->name, o->name, now, then);
+        say(stderr, "splatguard %s: --%s: found %s, but the run has %s, and a resumed run keeps its options\n", c->name,
+            o->name, now, then);
         return 1;
     }
     return 0;

@@ -9,6 +9,9 @@
 #include <stdint.h>
 #include <stdio.h>
 
+/* Prints what may quote files or options: control characters other than line ends become "?". */
+__attribute__((format(printf, 2, 3))) void say(FILE *to, const char *format, ...);
+
 enum option_type {
     OPT_FLAG,
     OPT_INT,

@@ -3,10 +3,13 @@
 
 #include <dirent.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
+
+#define JSON_BYTES (4 << 20) /* a config or summary has a few thousand */
 
 char *run_path(const char *run, const char *name)
 {
@@ -16,7 +19,7 @@ char *run_path(const char *run, const char *name)
 
 static int cannot(const char *what, const char *path)
 {
-    fprintf(stderr, "splatguard: %s: cannot %s: %s\n", path, what, strerror(errno));
+    say(stderr, "splatguard: %s: cannot %s: %s\n", path, what, strerror(errno));
     return 2;
 }
 
@@ -26,7 +29,14 @@ int run_write_file(const char *path, const char *text, size_t size)
     if (asprintf(&temporary, "%s.tmp%ld", path, (long) getpid()) < 0)
         return 4;
     int code = 0;
-    FILE *f = fopen(temporary, "wb");
+    struct stat st;
+    if (!stat(path, &st) && !S_ISREG(st.st_mode)) { /* renaming would replace /dev/null */
+        say(stderr, "splatguard: %s: cannot write: found a folder or device, expected a file\n", path);
+        free(temporary);
+        return 2;
+    }
+    unlink(temporary); /* left behind by a namesake, or laid there as a link */
+    FILE *f = fopen(temporary, "wbx");
     if (!f)
         code = cannot("write", path);
     else {
@@ -38,6 +48,42 @@ int run_write_file(const char *path, const char *text, size_t size)
     }
     free(temporary);
     return code;
+}
+
+FILE *run_open(const char *path, uint64_t most)
+{
+    const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    struct stat st;
+    FILE *f = NULL;
+    errno = 0;
+    if (fd >= 0 && !fstat(fd, &st) && (!S_ISREG(st.st_mode) || (uint64_t) st.st_size > most))
+        errno = S_ISREG(st.st_mode) ? EFBIG : EINVAL;
+    else if (fd >= 0)
+        f = fdopen(fd, "rb");
+    if (fd >= 0 && !f)
+        close(fd);
+    return f;
+}
+
+json_t *run_read_json(const char *path, json_error_t *error)
+{
+    *error = (json_error_t){0};
+    FILE *f = run_open(path, JSON_BYTES);
+    json_t *root = f ? json_loadf(f, JSON_REJECT_DUPLICATES, error) : NULL;
+    if (f)
+        fclose(f);
+    else
+        snprintf(error->text, sizeof(error->text), "cannot read: %s", strerror(errno));
+    return root;
+}
+
+FILE *run_open_log(const char *path, bool append)
+{
+    const int fd = open(path, O_WRONLY | O_CREAT | O_CLOEXEC | O_NOFOLLOW | (append ? O_APPEND : O_TRUNC), 0666);
+    FILE *f = fd < 0 ? NULL : fdopen(fd, append ? "ab" : "wb");
+    if (fd >= 0 && !f)
+        close(fd);
+    return f;
 }
 
 int run_write_json(const char *path, const json_t *value)
@@ -159,14 +205,14 @@ int run_refuse_earlier(const char *run)
         const bool found = path && !access(path, F_OK);
         free(path);
         if (found || !path) {
-            fprintf(stderr,
-                    "splatguard: %s: found an earlier run (%s); continue it with --resume or replace it with --force\n",
-                    run, signs[i]);
+            say(stderr,
+                "splatguard: %s: found an earlier run (%s); continue it with --resume or replace it with --force\n",
+                run, signs[i]);
             return 2;
         }
     }
     if (run_has_other_files(run)) {
-        fprintf(stderr, "splatguard: %s: found other files, expected a new or empty folder for the run\n", run);
+        say(stderr, "splatguard: %s: found other files, expected a new or empty folder for the run\n", run);
         return 2;
     }
     return 0;
@@ -269,12 +315,12 @@ int run_read_config(const char *run, struct train_config *c, json_t **keep)
 {
     char *path = run_path(run, "config.json");
     json_error_t error;
-    json_t *root = path ? json_load_file(path, JSON_REJECT_DUPLICATES, &error) : NULL;
+    json_t *root = path ? run_read_json(path, &error) : NULL;
     int code = 0;
     *keep = root;
     if (!root) {
-        fprintf(stderr, "splatguard: %s: line %d: %s; expected the config.json of a run\n", path ? path : run,
-                path ? error.line : 0, path ? error.text : "out of memory");
+        say(stderr, "splatguard: %s: line %d: %s; expected the config.json of a run\n", path ? path : run,
+            path ? error.line : 0, path ? error.text : "out of memory");
         code = 2;
     } else if (options_from_json(&command_train, c, json_object_get(root, "options"), path))
         code = 2;

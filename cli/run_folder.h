@@ -12,6 +12,15 @@ char *run_path(const char *run, const char *name);
 /* Writes JSON, indented. Returns an exit code after printing what is wrong. */
 int run_write_json(const char *path, const json_t *value);
 
+/* A run may come from a stranger. To read: only a file, and of at most so many bytes; NULL with errno. */
+FILE *run_open(const char *path, uint64_t most);
+/* NULL with error->text. */
+json_t *run_read_json(const char *path, json_error_t *error);
+/* log.jsonl to write, but through no link. NULL with errno. */
+FILE *run_open_log(const char *path, bool append);
+#define LOG_BYTES (UINT64_C(1) << 28) /* and a line has a few hundred: */
+#define LOG_LINE_BYTES 65536
+
 /* mkdir -p. */
 int run_make_dirs(const char *path);
 

@@ -36,10 +36,10 @@ static struct {
 int report(const sg_ctx *ctx, int error)
 {
     const char *text = ctx ? sg_last_error(ctx) : "";
-    fprintf(stderr, "splatguard: %s\n", text[0] ? text : "internal error");
+    say(stderr, "splatguard: %s\n", text[0] ? text : "internal error");
     if (error == SG_ERR_BUDGET && memory.whole)
-        fprintf(stderr, "the limit is --max-memory, %llu bytes, less %llu for the process itself\n",
-                (unsigned long long) memory.whole, (unsigned long long) memory.outside);
+        say(stderr, "the limit is --max-memory, %llu bytes, less %llu for the process itself\n",
+            (unsigned long long) memory.whole, (unsigned long long) memory.outside);
     return exit_code(error);
 }
 
@@ -47,8 +47,8 @@ static void log_line(void *priv, enum sg_log_level level, const char *message)
 {
     const bool *quiet = priv;
     if (level <= SG_LOG_WARN || (level == SG_LOG_INFO && !*quiet))
-        fprintf(stderr, "%s%s%s\n", isatty(STDERR_FILENO) ? "\r\033[K" : "", level <= SG_LOG_WARN ? "warning: " : "",
-                message);
+        say(stderr, "%s%s%s\n", isatty(STDERR_FILENO) ? "\r\033[K" : "", level <= SG_LOG_WARN ? "warning: " : "",
+            message);
 }
 
 /* Bytes of the process that the library's ledger does not see: code, stacks, other libraries' own memory. */
@@ -72,9 +72,8 @@ int open_context(sg_ctx **ctx, int threads, uint64_t max_memory, bool quiet)
         /* What is freed goes back to the system at once. */
         mallopt(M_MMAP_THRESHOLD, 1 << 20);
         if (max_memory < least) {
-            fprintf(stderr,
-                    "splatguard: --max-memory: found %llu bytes, expected at least %llu for the process itself\n",
-                    (unsigned long long) max_memory, (unsigned long long) least);
+            say(stderr, "splatguard: --max-memory: found %llu bytes, expected at least %llu for the process itself\n",
+                (unsigned long long) max_memory, (unsigned long long) least);
             return 3;
         }
         memory.whole = max_memory, memory.outside = outside;
@@ -84,7 +83,7 @@ int open_context(sg_ctx **ctx, int threads, uint64_t max_memory, bool quiet)
         ctx,
         &(struct sg_ctx_params){.threads = threads, .max_memory = max_memory, .log = log_line, .log_priv = &quiet_log});
     if (code)
-        fprintf(stderr, "splatguard: cannot start %d threads\n", threads);
+        say(stderr, "splatguard: cannot start %d threads\n", threads);
     return exit_code(code);
 }
 
@@ -121,8 +120,7 @@ char *find_model(const char *path, int iteration)
     if (d)
         closedir(d);
     if (!newest)
-        fprintf(stderr, "splatguard: %s: found no point_cloud/iteration_N/point_cloud.ply, expected a run folder\n",
-                path);
+        say(stderr, "splatguard: %s: found no point_cloud/iteration_N/point_cloud.ply, expected a run folder\n", path);
     else if (asprintf(&found, "%s/iteration_%d/point_cloud.ply", folder, newest) < 0)
         found = NULL;
     free(folder);

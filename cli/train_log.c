@@ -7,8 +7,7 @@
 
 static int cannot(const struct train_run *r, const char *what)
 {
-    fprintf(stderr, "splatguard: %s/log.jsonl: cannot %s: %s\n", r->config->output, what,
-            strerror(errno ? errno : EIO));
+    say(stderr, "splatguard: %s/log.jsonl: cannot %s: %s\n", r->config->output, what, strerror(errno ? errno : EIO));
     return 2;
 }
 
@@ -27,7 +26,7 @@ static void take_totals(struct train_totals *t, const json_t *line)
 /* A killed run may have logged beyond its checkpoint: those iterations will be done and logged again. */
 static int trim(struct train_run *r, const char *path)
 {
-    FILE *in = fopen(path, "rb");
+    FILE *in = run_open(path, LOG_BYTES);
     if (!in)
         return 0; /* nothing to keep */
     char *kept = NULL, *line = NULL;
@@ -35,7 +34,7 @@ static int trim(struct train_run *r, const char *path)
     const int done = sg_trainer_iteration(r->trainer);
     FILE *out = open_memstream(&kept, &size);
     while (out && getline(&line, &room, in) > 0) {
-        json_t *value = json_loads(line, 0, NULL);
+        json_t *value = room > LOG_LINE_BYTES ? NULL : json_loads(line, 0, NULL);
         const json_t *iteration = json_object_get(value, "iteration");
         if (!iteration)
             iteration = json_object_get(value, "filter");
@@ -60,7 +59,7 @@ int train_log_open(struct train_run *r)
 {
     char *path = run_path(r->config->output, "log.jsonl");
     int code = !path ? 4 : r->config->resume ? trim(r, path) : 0;
-    if (!code && !(r->log = fopen(path, r->config->resume ? "ab" : "wb")))
+    if (!code && !(r->log = run_open_log(path, r->config->resume)))
         code = cannot(r, "write");
     free(path);
     return code;

@@ -87,6 +87,50 @@ static void png_round_trip(void **state)
     }
 }
 
+/* Zeros before the end marker are some cameras' padding; all else that is too much or missing is damage. */
+static void damaged_jpeg(void **state)
+{
+    struct fixture *f = *state;
+    uint8_t rgb[3 * 32 * 24];
+    for (size_t i = 0; i < sizeof(rgb); i++)
+        rgb[i] = (uint8_t) (i * i / 7);
+    tjhandle jpeg = tjInitCompress();
+    struct sg_image plain, image;
+    for (int progressive = 0; progressive < 2; progressive++) {
+        unsigned char *data = NULL;
+        unsigned long size = 0;
+        uint8_t changed[16384];
+        assert_int_equal(tjCompress2(jpeg, rgb, 32, 0, 24, TJPF_RGB, &data, &size, TJSAMP_444, 95,
+                                     progressive ? TJFLAG_PROGRESSIVE : 0),
+                         0);
+        assert_true(size + 100 < sizeof(changed));
+        assert_int_equal(sg_image_decode(f->ctx, "x", data, size, MAX_PIXELS, &plain), SG_OK);
+        /* padded, and something behind the end */
+        memcpy(changed, data, size - 2);
+        memset(changed + size - 2, 0, 50);
+        memcpy(changed + size + 48, "\xff\xd9more", 6);
+        assert_int_equal(sg_image_decode(f->ctx, "x", changed, size + 54, MAX_PIXELS, &image), SG_OK);
+        assert_memory_equal(plain.pixels, image.pixels, sizeof(rgb));
+        sg_image_clear(f->ctx, &image);
+        sg_image_clear(f->ctx, &plain);
+        /* stray bytes between header segments, which would hide that most of the picture is missing */
+        memcpy(changed, data, 20);
+        memset(changed + 20, 0, 3);
+        memcpy(changed + 23, data + 20, size - 20);
+        assert_int_equal(sg_image_decode(f->ctx, "x", changed, size / 2, MAX_PIXELS, &image), SG_ERR_INPUT);
+        /* what the decoder holds of a progressive photo counts */
+        sg_ctx *small;
+        assert_int_equal(sg_ctx_create(&small, &(struct sg_ctx_params){.threads = 1, .max_memory = 6000}), SG_OK);
+        assert_int_equal(sg_image_decode(small, "x", data, size, MAX_PIXELS, &image),
+                         progressive ? SG_ERR_BUDGET : SG_OK);
+        sg_image_clear(small, &image);
+        sg_ctx_destroy(&small);
+        tjFree(data);
+    }
+    tjDestroy(jpeg);
+    assert_int_equal(sg_image_decode(f->ctx, "x", "\xff\xd8\xff\xd9", 4, MAX_PIXELS, &image), SG_ERR_INPUT);
+}
+
 static void jpeg_and_webp_by_content(void **state)
 {
     struct fixture *f = *state;
@@ -227,13 +271,9 @@ static void resample_known_values(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        scene_test(every_kind_of_png),
-        scene_test(png_round_trip),
-        scene_test(jpeg_and_webp_by_content),
-        scene_test(damaged_png),
-        scene_test(bomb_is_refused_before_allocation),
-        scene_test(flatten_truncates),
-        scene_test(resample_known_values),
+        scene_test(every_kind_of_png), scene_test(png_round_trip),        scene_test(jpeg_and_webp_by_content),
+        scene_test(damaged_jpeg),      scene_test(damaged_png),           scene_test(bomb_is_refused_before_allocation),
+        scene_test(flatten_truncates), scene_test(resample_known_values),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -39,22 +39,27 @@ static void check_nearest(sg_ctx *ctx, const float *xyz, size_t n)
     free(out);
 }
 
-/* Clouds, lines, heaps of equal points, and an order that defeats a middle pivot's choice. */
+/* Clouds, lines, heaps of equal points, an order that defeats a middle pivot's choice, and a grid whose searches have a
+ * line of as many points in reach of every plane that splits it. */
 static void test_nearest(void **state)
 {
     struct fixture *f = *state;
     enum { N = 3000 };
     static float xyz[3 * N];
     static const size_t sizes[] = {4, 5, 16, 17, 33, 1000, N};
-    for (int shape = 0; shape < 5; shape++) {
+    for (int shape = 0; shape < 6; shape++) {
         for (size_t i = 0; i < N; i++) {
             const float u = draw(1, i, -5, 5), v = draw(2, i, -5, 5), w = draw(3, i, -5, 5);
             const float organ = (float) (i < N / 2 ? i : N - i);
-            const float p[5][3] = {{u, v, w},
+            const float p[6][3] = {{u, v, w},
                                    {u, 0, 0},
                                    {floorf(u), floorf(v), floorf(w)},
                                    {organ, organ, organ},
-                                   {u * 1e-20f, v * 1e15f, w}};
+                                   {u * 1e-20f, v * 1e15f, w},
+                                   {i == 0  ? 1e7f
+                                    : i % 2 ? -1e-3f * (float) i / N
+                                            : 1,
+                                    i % 2 ? 0 : 1e3f * (float) (i / 2 % 40), i % 2 ? 0 : 1e3f * (float) (i / 80)}};
             memcpy(&xyz[3 * i], p[shape], sizeof(p[shape]));
         }
         for (size_t s = 0; s < sizeof(sizes) / sizeof(*sizes); s++)

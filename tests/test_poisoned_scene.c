@@ -155,6 +155,28 @@ static void test_nerfstudio(void **state)
     check(f, sg_scene_params(), SG_POISON_AUTO, SG_FORMAT_NERFSTUDIO);
 }
 
+/* Cameras of a rig share photo names; their masks are told apart by folder. */
+static void test_rig_masks(void **state)
+{
+    struct fixture *f = *state;
+    static const char *const photos[] = {"images/l/1.png", "images/r/1.png"};
+    put_photos(f, photos, 2);
+    for (int k = 0; k < 2; k++) {
+        uint8_t mask[W * H];
+        for (int i = 0; i < W * H; i++)
+            mask[i] = i % (3 + k) ? 255 : 0;
+        put_text(f, k ? "m/r.png" : "m/l.png", "");
+        assert_int_equal(sg_image_write_png(f->ctx, at(f, k ? "m/r.png" : "m/l.png"), mask, W, H, 1), SG_OK);
+    }
+    put_text(f, "transforms.json",
+             "{\"w\":24,\"h\":16,\"fl_x\":22,\"fl_y\":21,\"cx\":12,\"cy\":8,\"frames\":["
+             "{\"file_path\":\"images/l/1.png\",\"mask_path\":\"m/l.png\",\"transform_matrix\":"
+             "[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]},"
+             "{\"file_path\":\"images/r/1.png\",\"mask_path\":\"m/r.png\",\"transform_matrix\":"
+             "[[0,-1,0,4],[1,0,0,5],[0,0,1,6],[0,0,0,1]]}]}");
+    check(f, sg_scene_params(), SG_POISON_AUTO, SG_FORMAT_NERFSTUDIO);
+}
+
 static void test_naive(void **state)
 {
     struct fixture *f = *state;
@@ -187,6 +209,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {scene_test(test_blender),     scene_test(test_colmap),
                                        scene_test(test_colmap_jpeg), scene_test(test_distorted),
-                                       scene_test(test_nerfstudio),  scene_test(test_naive)};
+                                       scene_test(test_nerfstudio),  scene_test(test_rig_masks),
+                                       scene_test(test_naive)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

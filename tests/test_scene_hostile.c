@@ -362,6 +362,28 @@ static void memory_limit_is_an_error(void **state)
     fail_msg("20 kB are not enough for a photo of 600 bytes");
 }
 
+/* A parser's nodes are many times the text they come from. */
+static void json_counts_as_memory(void **state)
+{
+    struct fixture *f = *state;
+    enum { NODES = 100000 };
+    struct sg_scene *scene;
+    char *text = malloc(3 * NODES + 300);
+    sg_ctx *small;
+    put_png(f, "a.png", 4, 4, 3, 1);
+    size_t n = (size_t) sprintf(text, "{\"x\":[");
+    for (int i = 0; i < NODES; i++)
+        n += (size_t) sprintf(text + n, "%s{}", i ? "," : "");
+    sprintf(text + n, "],\"camera_angle_x\":1,\"frames\":[{\"file_path\":\"a.png\",\"transform_matrix\":"
+                      "[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]}]}");
+    put_text(f, "transforms.json", text);
+    free(text);
+    assert_int_equal(sg_ctx_create(&small, &(struct sg_ctx_params){.threads = 1, .max_memory = 20 << 20}), SG_OK);
+    assert_int_equal(sg_scene_load(small, f->dir, NULL, &scene), SG_ERR_BUDGET);
+    sg_ctx_destroy(&small);
+    sg_scene_destroy(f->ctx, &(struct sg_scene *){load(f, NULL)});
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -377,6 +399,7 @@ int main(void)
         scene_test(colmap_images),
         scene_test(colmap_text),
         scene_test(memory_limit_is_an_error),
+        scene_test(json_counts_as_memory),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

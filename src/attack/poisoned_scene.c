@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <jansson.h>
@@ -16,7 +17,7 @@
 #include "splatguard/eval.h"
 #include "splatguard/model.h"
 
-#define COPY_BYTES (UINT64_C(1) << 36) /* COLMAP's points can be large; what is copied has been read before */
+#define COPY_BYTES (UINT64_C(1) << 36) /* COLMAP's points can be large; mostly it has been read before */
 #define CLOUD "points.ply"
 
 /* The folder that a file goes to. */
@@ -29,12 +30,26 @@ static int make_place(sg_ctx *ctx, char *path)
     return code;
 }
 
-static int copy(sg_ctx *ctx, const char *from, const char *to, const char *name)
+/* A file that the reader made sense of may be a link to it. Any other is copied unseen: there a link could hand out
+ * what is not the scene's. */
+static bool may_follow(sg_ctx *ctx, const struct sg_scene *scene, const char *name)
 {
+    if (scene->format == SG_FORMAT_COLMAP)
+        return sg_colmap_reads(ctx, scene->path, name);
+    return !strcmp(name, "transforms_train.json") || !strcmp(name, "points3d.ply") ||
+           (!strcmp(name, "transforms_test.json") && scene->n_test);
+}
+
+static int copy(sg_ctx *ctx, const struct sg_scene *scene, const char *to, const char *name)
+{
+    const char *from = scene->path;
+    struct stat st;
     char *source = sg_strf(ctx, "%s/%s", from, name), *target = sg_strf(ctx, "%s/%s", to, name), *data = NULL;
     size_t size;
     int code = source && target ? SG_OK : SG_ERR_BUDGET;
-    if (!code && sg_file_exists(source)) {
+    if (!code && !lstat(source, &st) && S_ISLNK(st.st_mode) && !may_follow(ctx, scene, name))
+        sg_log(ctx, SG_LOG_WARN, "%s: a link to a file that training does not read: not copied", source);
+    else if (!code && sg_file_exists(source)) {
         code = make_place(ctx, target);
         if (!code)
             code = sg_file_read(ctx, source, COPY_BYTES, &data, &size);
@@ -180,7 +195,7 @@ int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene, const str
     if (!code && needs_transforms(scene))
         return write_transforms(ctx, scene, files, folder);
     for (const char *const *name = scene->format == SG_FORMAT_BLENDER ? blender : colmap; *name && !code; name++)
-        code = copy(ctx, scene->path, folder, *name);
+        code = copy(ctx, scene, folder, *name);
     return code;
 }
 
@@ -204,10 +219,11 @@ static int measure(sg_ctx *ctx, const struct sg_view *view, const char *path, st
     return SG_OK;
 }
 
-static int write_mask(sg_ctx *ctx, const struct sg_view *view, const char *folder, const char *file)
+/* Where the reader looks first: the name in the scene's own files. */
+static int write_mask(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view, const char *folder,
+                      const char *file)
 {
-    const char *base = !strncmp(file, "images/", 7) ? file + 7 : file;
-    char *path = sg_strf(ctx, "%s/masks/%s.png", folder, base);
+    char *path = sg_strf(ctx, "%s/masks/%s.png", folder, needs_transforms(scene) ? file : view->file);
     int code = path ? SG_OK : SG_ERR_BUDGET;
     if (!code && !view->mask)
         unlink(path); /* of another set */
@@ -232,7 +248,7 @@ int sg_poisoned_scene_image(sg_ctx *ctx, const struct sg_scene *scene, const str
     if (!code)
         code = remove_namesakes(ctx, path);
     if (!code)
-        code = write_mask(ctx, view, folder, file);
+        code = write_mask(ctx, scene, view, folder, file);
     if (report)
         *report = (struct sg_poison_report){0};
     if (!code && report && !(code = measure(ctx, view, path, report))) {

@@ -66,8 +66,7 @@ const char *sg_last_error(const sg_ctx *ctx)
     return ctx->error;
 }
 
-/* Messages quote files; what would steer a terminal becomes "?". */
-static void make_printable(char *text)
+void sg_make_printable(char *text)
 {
     for (unsigned char *c = (unsigned char *) text; *c; c++)
         if (*c < ' ' || *c == 127 || (c[0] == 0xc2 && c[1] >= 0x80 && c[1] < 0xa0))
@@ -81,7 +80,7 @@ int sg_fail(sg_ctx *ctx, int code, const char *format, ...)
     pthread_mutex_lock(&ctx->error_lock);
     if (!ctx->error[0]) {
         vsnprintf(ctx->error, sizeof(ctx->error), format, args);
-        make_printable(ctx->error);
+        sg_make_printable(ctx->error);
     }
     pthread_mutex_unlock(&ctx->error_lock);
     va_end(args);
@@ -104,7 +103,7 @@ void sg_log(sg_ctx *ctx, enum sg_log_level level, const char *format, ...)
     va_start(args, format);
     vsnprintf(text, sizeof(text), format, args);
     va_end(args);
-    make_printable(text);
+    sg_make_printable(text);
     ctx->params.log(ctx->params.log_priv, level, text);
 }
 

@@ -14,6 +14,9 @@
 __attribute__((format(printf, 3, 4))) int sg_fail(sg_ctx *ctx, int code, const char *format, ...);
 void sg_clear_error(sg_ctx *ctx);
 
+/* Messages quote files; what would steer a terminal becomes "?". */
+void sg_make_printable(char *text);
+
 __attribute__((format(printf, 3, 4))) void sg_log(sg_ctx *ctx, enum sg_log_level level, const char *format, ...);
 
 /* 64-byte aligned, zeroed. NULL after recording SG_ERR_BUDGET, on overflow of count x size too. Thread safe. */

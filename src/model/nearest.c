@@ -1,17 +1,21 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Exact three nearest neighbours with a k-d tree kept as a permutation: no outlier or cluster makes it quadratic. */
+/* Three nearest neighbours with a k-d tree kept as a permutation: exact, unless a search meets PATIENCE leaves, which
+ * happens where somebody placed the points for it. So nothing makes it quadratic. */
 #include "nearest.h"
 
 #include <math.h>
 
 #define LEAF 16
 #define PIECE 1024
-#define HASTE 40 /* rounds of selection a random order never needs */
+#define APART 8      /* at least as many items are between two medians */
+#define PATIENCE 512 /* leaves; a search in photographed scenes meets ten */
+#define HASTE 40     /* rounds of selection a random order never needs */
 
 struct tree {
     const float *xyz;
     uint32_t *index; /* a node is a range of it; its median splits it along its widest axis */
     uint8_t *axis;   /* of the node whose median is here */
+    float (*box)[6]; /* of the node whose median is in these APART: lowest and highest coordinates */
     float *out;
     size_t n;
 };
@@ -86,6 +90,8 @@ static void build(struct tree *t, size_t low, size_t high) /* [low, high) */
         const size_t middle = low + (high - low) / 2;
         select_rank(t, low, high - 1, middle, axis);
         t->axis[middle] = (uint8_t) axis;
+        for (int k = 0; k < 3; k++)
+            t->box[middle / APART][k] = lo[k], t->box[middle / APART][3 + k] = hi[k];
         build(t, low, middle);
         low = middle + 1;
     }
@@ -94,6 +100,7 @@ static void build(struct tree *t, size_t low, size_t high) /* [low, high) */
 struct best {
     size_t self;
     float d[3]; /* ascending */
+    int leaves; /* met */
 };
 
 static void offer(const struct tree *t, struct best *b, size_t other)
@@ -113,10 +120,23 @@ static void offer(const struct tree *t, struct best *b, size_t other)
     b->d[at] = d;
 }
 
+/* No point of the box can be nearer: every step rounds as in `offer`, and rounding keeps the order. */
+static float box_distance(const struct tree *t, size_t self, const float box[6])
+{
+    float d = 0;
+    for (int k = 0; k < 3; k++) {
+        const float v = t->xyz[3 * self + (size_t) k], e = fmaxf(fmaxf(box[k] - v, v - box[3 + k]), 0);
+        d += e * e;
+    }
+    return d;
+}
+
 static void visit(const struct tree *t, struct best *b, size_t low, size_t high)
 {
     while (high - low > LEAF) {
         const size_t middle = low + (high - low) / 2;
+        if (b->leaves >= PATIENCE || box_distance(t, b->self, t->box[middle / APART]) >= b->d[2])
+            return;
         const int axis = t->axis[middle];
         const float e = t->xyz[3 * b->self + (size_t) axis] - t->xyz[3 * (size_t) t->index[middle] + (size_t) axis];
         offer(t, b, t->index[middle]);
@@ -129,6 +149,7 @@ static void visit(const struct tree *t, struct best *b, size_t low, size_t high)
         else
             high = middle;
     }
+    b->leaves++;
     for (size_t i = low; i < high; i++)
         offer(t, b, t->index[i]);
 }
@@ -150,7 +171,8 @@ int sg_nearest3(sg_ctx *ctx, const float *xyz, size_t n, float *out)
     struct tree t = {.xyz = xyz, .out = out, .n = n};
     t.index = sg_alloc_raw(ctx, SG_MEM_MISC, n, sizeof(*t.index));
     t.axis = sg_alloc_raw(ctx, SG_MEM_MISC, n, sizeof(*t.axis));
-    const int code = t.index && t.axis ? SG_OK : SG_ERR_BUDGET;
+    t.box = sg_alloc_raw(ctx, SG_MEM_MISC, n / APART + 1, sizeof(*t.box));
+    const int code = t.index && t.axis && t.box ? SG_OK : SG_ERR_BUDGET;
     if (!code) {
         for (size_t i = 0; i < n; i++)
             t.index[i] = (uint32_t) i;
@@ -159,5 +181,6 @@ int sg_nearest3(sg_ctx *ctx, const float *xyz, size_t n, float *out)
     }
     sg_free(ctx, t.index);
     sg_free(ctx, t.axis);
+    sg_free(ctx, t.box);
     return code;
 }

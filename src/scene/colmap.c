@@ -148,6 +148,22 @@ bool sg_is_colmap(sg_ctx *ctx, const char *dir)
     return folder != NULL;
 }
 
+bool sg_colmap_reads(sg_ctx *ctx, const char *dir, const char *name)
+{
+    bool text, reads = false;
+    char *folder = find_model(ctx, dir, &text), *path = folder ? sg_strf(ctx, "%s/%s", dir, name) : NULL;
+    const char *const points[] = {"points3D.ply", "points3D.bin", "points3D.txt"};
+    const char *names[] = {text ? "cameras.txt" : "cameras.bin", text ? "images.txt" : "images.bin", NULL};
+    for (int i = 0; i < 3 && path && !names[2]; i++)
+        names[2] = sg_has_file(ctx, folder, points[i]) ? points[i] : NULL;
+    const size_t n = folder ? strlen(folder) : 0;
+    for (int i = 0; i < 3 && path && names[i]; i++)
+        reads |= !strncmp(path, folder, n) && path[n] == '/' && !strcmp(path + n + 1, names[i]);
+    sg_free(ctx, folder);
+    sg_free(ctx, path);
+    return reads;
+}
+
 /* Reads FOLDER/NAME whole; *path is set for messages and is the caller's. */
 static int read_part(sg_ctx *ctx, const char *folder, const char *name, char **path, char **data, size_t *size)
 {

@@ -80,16 +80,52 @@ done:
     return code;
 }
 
+/* A progressive photo is held whole as coefficients, 2 bytes each, before the first pixel comes out. */
+static bool is_progressive(const uint8_t *data, size_t size)
+{
+    for (size_t i = 2; i + 4 <= size && data[i] == 0xff;) {
+        const uint8_t marker = data[i + 1];
+        if (marker == 0xff || marker == 0x01 || (marker >= 0xd0 && marker <= 0xd7)) {
+            i += marker == 0xff ? 1 : 2;
+            continue;
+        }
+        if (marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc)
+            return marker != 0xc0 && marker != 0xc1;
+        i += 2 + ((size_t) data[i + 2] << 8 | data[i + 3]);
+    }
+    return true; /* of what is not understood the worst is believed */
+}
+
+/* Some cameras put zeros before the end marker. *end: behind the last byte before them, and up to two zeros that the
+ * pixels may end in. Returns how many zeros those are, or -1 where there is no padding. */
+static int find_padding(const uint8_t *data, size_t size, size_t *end)
+{
+    while (size >= 2 && !(data[size - 2] == 0xff && data[size - 1] == 0xd9))
+        size--;
+    if (size < 3 || data[size - 3])
+        return -1;
+    *end = size - 2;
+    while (*end && !data[*end - 1])
+        --*end;
+    return size - 2 - *end < 2 ? (int) (size - 2 - *end) : 2;
+}
+
 static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t size, uint64_t max_pixels,
                        struct sg_image *out)
 {
-    int code = SG_OK, width, height, subsampling, space;
+    int code = SG_OK, width = 0, height = 0, subsampling = -1, space = -1;
+    uint8_t *padded = NULL;
+    void *room = NULL; /* never touched: what the decoder holds, in the ledger */
     tjhandle jpeg = tjInitDecompress();
     if (!jpeg)
         return sg_fail(ctx, SG_ERR_BUDGET, "%s: no memory for the JPEG decoder", name);
     if (tjDecompressHeader3(jpeg, data, size, &width, &height, &subsampling, &space) &&
         tjGetErrorCode(jpeg) == TJERR_FATAL) {
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG header: %s", name, tjGetErrorStr2(jpeg));
+        goto done;
+    }
+    if (space < 0 || width < 1 || height < 1) { /* tables without a picture pass as a header */
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG header: found no picture", name);
         goto done;
     }
     if (space != TJCS_RGB && space != TJCS_YCbCr && space != TJCS_GRAY) {
@@ -100,17 +136,31 @@ static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t s
     code = allocate(ctx, name, (uint64_t) width, (uint64_t) height, grey ? 1 : 3, max_pixels, out);
     if (code)
         goto done;
-    /* Few scans: a progressive file may else spend minutes on one photo. Some cameras pad before the end marker; every
-     * other complaint means damaged or missing pixels, and the first one shows which it is. */
-    int format = grey ? TJPF_GRAY : TJPF_RGB, flags = TJFLAG_ACCURATEDCT | TJFLAG_LIMITSCANS;
-    int failed = tjDecompress2(jpeg, data, size, out->pixels, width, 0, height, format, flags | TJFLAG_STOPONWARNING);
-    if (failed && tjGetErrorCode(jpeg) == TJERR_WARNING && strstr(tjGetErrorStr2(jpeg), "extraneous bytes")) {
-        failed = tjDecompress2(jpeg, data, size, out->pixels, width, 0, height, format, flags);
-        failed = failed && !strstr(tjGetErrorStr2(jpeg), "extraneous bytes");
+    if (is_progressive(data, size) &&
+        !(room = sg_alloc_raw(ctx, SG_MEM_IMAGES, (size_t) width * (size_t) height, grey ? 2 : 6))) {
+        code = SG_ERR_BUDGET;
+        goto done;
+    }
+    /* Few scans: a progressive file may else spend minutes on one photo. But for padding every complaint means damaged
+     * or missing pixels. */
+    int format = grey ? TJPF_GRAY : TJPF_RGB, flags = TJFLAG_ACCURATEDCT | TJFLAG_LIMITSCANS | TJFLAG_STOPONWARNING;
+    int failed = tjDecompress2(jpeg, data, size, out->pixels, width, 0, height, format, flags);
+    size_t end = 0;
+    const int zeros = failed && tjGetErrorCode(jpeg) == TJERR_WARNING ? find_padding(data, size, &end) : -1;
+    if (zeros >= 0 && !(padded = sg_alloc(ctx, SG_MEM_MISC, end + 4, 1))) {
+        code = SG_ERR_BUDGET;
+        goto done;
+    }
+    for (int k = 0; k <= zeros && failed; k++) {
+        memcpy(padded, data, end);
+        memcpy(padded + end + k, (uint8_t[]){0xff, 0xd9}, 2);
+        failed = tjDecompress2(jpeg, padded, end + (size_t) k + 2, out->pixels, width, 0, height, format, flags);
     }
     if (failed)
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG data: %s", name, tjGetErrorStr2(jpeg));
 done:
+    sg_free(ctx, padded);
+    sg_free(ctx, room);
     tjDestroy(jpeg);
     return code;
 }
@@ -127,10 +177,15 @@ static int decode_webp(sg_ctx *ctx, const char *name, const void *data, size_t s
         allocate(ctx, name, (uint64_t) info.width, (uint64_t) info.height, info.has_alpha ? 4 : 3, max_pixels, out);
     if (code)
         return code;
+    /* Never touched: the decoder's own pixels, in the ledger. */
+    void *room = sg_alloc_raw(ctx, SG_MEM_IMAGES, (size_t) info.width * (size_t) info.height, 4);
+    if (!room)
+        return SG_ERR_BUDGET;
     int stride = out->width * out->channels;
     size_t bytes = (size_t) stride * (size_t) out->height;
     const uint8_t *done = info.has_alpha ? WebPDecodeRGBAInto(data, size, out->pixels, bytes, stride)
                                          : WebPDecodeRGBInto(data, size, out->pixels, bytes, stride);
+    sg_free(ctx, room);
     return done ? SG_OK : sg_fail(ctx, SG_ERR_INPUT, "%s: WebP data: damaged or cut short", name);
 }
 

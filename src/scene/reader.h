@@ -52,8 +52,8 @@ bool sg_path_is_inside(const char *path);                /* relative and without
 /* View names from index first on become distinct: all are made of whole paths where two base names are the same. */
 int sg_shots_check_names(sg_ctx *ctx, const struct sg_shots *shots, size_t first, const char *where);
 const char *sg_base_name(const char *path);
-/* The same path with another suffix of photos (.JPG, .jpg, .jpeg, .png, .PNG, .webp) if there is such a file: photos that
- * were converted keep their place. *out: NULL if there is none. */
+/* The same path with another suffix of photos (.JPG, .jpg, .jpeg, .png, .PNG, .webp) if there is such a file: photos
+ * that were converted keep their place. *out: NULL if there is none. */
 int sg_find_converted(sg_ctx *ctx, const char *path, char **out);
 /* Every coefficient finite, focal lengths or angles usable. */
 int sg_lens_check(sg_ctx *ctx, const struct sg_lens *lens, const char *where);
@@ -72,6 +72,7 @@ int sg_read_nerfstudio(sg_ctx *ctx, const char *dir, const struct sg_scene_param
                        struct sg_points *points);
 bool sg_is_blender(sg_ctx *ctx, const char *dir);
 bool sg_is_colmap(sg_ctx *ctx, const char *dir);
+bool sg_colmap_reads(sg_ctx *ctx, const char *dir, const char *name); /* DIR/NAME is part of the model it reads */
 bool sg_is_nerfstudio(sg_ctx *ctx, const char *dir);
 
 /* "dir/name" is a regular file. */

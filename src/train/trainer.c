@@ -172,6 +172,8 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_m
     if (code)
         goto fail;
     t->params.clock = t->params.clock ? t->params.clock : system_clock;
+    t->started = t->params.clock(t->params.clock_arg);
+    t->spent = t->params.seconds_before;
     if ((code = sg_budget_plan(ctx, scene, &t->params, initial ? initial->sh_degree : t->params.sh_degree, sums,
                                &t->budget)))
         goto fail;
@@ -195,8 +197,6 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_m
         goto fail;
     }
     sg_model_destroy(ctx, &made);
-    t->started = t->params.clock(t->params.clock_arg);
-    t->spent = t->params.seconds_before;
     *out = t;
     return SG_OK;
 fail:

@@ -84,7 +84,13 @@ expect 2 attack scene/blender -o scene/blender/x/y/z; says 'in the scene'
 expect 2 attack scene/blender -o scene; says 'around the scene'
 expect 2 attack scene/blender -o poisoned; says 'earlier attack'
 expect 2 attack scene/blender -o victim; says 'other files'
-expect 2 attack nowhere -o x; says nowhere
+expect 2 attack nowhere -o x; says nowhere; [ ! -e x ] || fail "a folder was made for no scene"
+mkdir empty; expect 2 attack empty -o poisoned --force; [ -s poisoned/poison.json ] || fail "a failed attack took the earlier one"
+# Links are followed where the reader follows them, not to what nobody reads.
+cp -r scene/colmap linked; ln -s /etc/passwd linked/poses_bounds.npy; mv linked/sparse/0/cameras.bin cameras.bin
+ln -s "$PWD/cameras.bin" linked/sparse/0/cameras.bin
+expect 0 attack linked -o unlinked --method noise --save png
+[ ! -e unlinked/poses_bounds.npy ] && cmp cameras.bin unlinked/sparse/0/cameras.bin || fail "links"
 expect 2 attack scene/blender -o x --proxy nowhere.ply; says nowhere.ply
 [ ! -e scene/blender/x ] || fail "something was written into the scene"
 

@@ -35,6 +35,13 @@ printf 'ply\nformat \033[31mred 1.0\n' >colour.ply
 expect 2 info colour.ply; says 'format ?[31mred'
 grep -q "$(printf '\033')" err && fail "control characters of a file reach the terminal"
 
+mkdir hostile; mkfifo hostile/summary.json hostile/config.json hostile/report
+expect 2 compare hostile; says 'hostile/summary.json'
+expect 2 train --resume hostile; says 'hostile/config.json'
+expect 2 audit scene/blender --report hostile/report; says 'hostile/report'; [ -p hostile/report ] || fail "a pipe was replaced"
+rm hostile/config.json; printf '{"options": {"\\u001b[31m": 1}}' >hostile/config.json
+expect 2 train --resume hostile; grep -q "$(printf '\033')" err && fail "control characters of options reach the terminal"
+
 # A disk that fills up on the way, by a limit on the size of files.
 small_disk() { # BLOCKS ARGUMENTS...
     (trap '' XFSZ; ulimit -f "$1" || exit 77; shift; "$tool" "$@" >out 2>err)
