@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include <math.h>
 #include <string.h>
-#include <time.h>
 
 #include "interrupt.h"
 #include "train_run.h"
@@ -146,170 +144,6 @@ static const struct train_config defaults = {
     .log_every = 100,
 };
 
-static double cpu_now(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-    return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
-}
-
-/* Measures the test views; fps only on request. Where memory is short for that, the run goes on without. */
-static int measure(struct train_run *r, int time_fps)
-{
-    const struct train_config *c = r->config;
-    sg_renderer *renderer = NULL;
-    int error = sg_trainer_renderer(r->trainer, &renderer);
-    if (!error) {
-        sg_eval_clear(r->ctx, &r->eval);
-        error = sg_evaluate(r->ctx, renderer, r->scene->test, r->scene->n_test, time_fps, &r->eval);
-    }
-    sg_renderer_destroy(&renderer);
-    if (error) {
-        const int code = report(r->ctx, error);
-        if (error != SG_ERR_BUDGET)
-            return code;
-        say(stderr, "the test views are not measured\n");
-        return 0;
-    }
-    r->evaluated = sg_trainer_iteration(r->trainer);
-    if (!c->quiet) {
-        progress_break(&r->progress);
-        say(stderr, "iteration %d: PSNR %.3f, SSIM %.4f on %zu test views\n", r->evaluated, r->eval.psnr, r->eval.ssim,
-            r->eval.views);
-    }
-    return train_log_eval(r);
-}
-
-static int save(struct train_run *r)
-{
-    /* The log's line at a checkpoint carries the totals that a resumed run goes on from. */
-    int code = train_log_step(r);
-    if (!code)
-        code = run_save_model(r->ctx, r->config->output, r->trainer);
-    return code ? code : run_save_checkpoint(r->ctx, r->config->output, r->trainer);
-}
-
-/* Where time is short, a step goes over several iterations. */
-static bool due(const struct train_run *r, int every)
-{
-    return every && r->step.iteration / every > r->before / every;
-}
-
-/* Everything that is due after an iteration; the end has its own. */
-static int after_step(struct train_run *r)
-{
-    const struct sg_train_step *s = &r->step;
-    const struct train_config *c = r->config;
-    const bool last = s->iteration == c->train.iterations;
-    int code = 0;
-    progress_step(&r->progress, s);
-    if (s->gaussians > r->totals.max_gaussians)
-        r->totals.max_gaussians = s->gaussians;
-    if (s->render.instances > r->totals.max_instances)
-        r->totals.max_instances = s->render.instances;
-    r->cloned += s->cloned, r->split += s->split, r->pruned += s->pruned;
-    if (s->defense.filtered) {
-        r->totals.filter_events++, r->totals.filter_removed += s->defense.removed;
-        code = train_log_filter(r);
-    }
-    if (!code && (due(r, c->log_every) || last || s->iteration == 1))
-        code = train_log_step(r);
-    if (!code && due(r, c->save_every) && !last)
-        code = save(r);
-    if (!code && c->eval && due(r, c->eval_every) && !last)
-        code = measure(r, 0);
-    return code;
-}
-
-static int loop(struct train_run *r)
-{
-    int code = 0;
-    while (!code && sg_trainer_iteration(r->trainer) < r->config->train.iterations && !interrupted()) {
-        const double start = sg_seconds(), cpu = cpu_now();
-        r->before = sg_trainer_iteration(r->trainer);
-        const int error = sg_trainer_step(r->trainer, &r->step);
-        r->totals.seconds += sg_seconds() - start;
-        r->totals.cpu_seconds += cpu_now() - cpu;
-        if (error) {
-            /* The model so far is worth keeping; the checkpoint stays, for this iteration is half done. */
-            progress_break(&r->progress);
-            code = report(r->ctx, error);
-            const int done = sg_trainer_iteration(r->trainer);
-            if (done > 0 && !run_save_model(r->ctx, r->config->output, r->trainer)) {
-                say(stderr, "the model of iteration %d is saved in %s\n", done, r->config->output);
-                code = error == SG_ERR_BUDGET ? 0 : code; /* a smaller model than asked for, but a model */
-            }
-            r->error = error;
-            if (train_summary_write(r) && !code)
-                code = 2;
-            return code;
-        }
-        code = after_step(r);
-    }
-    return code;
-}
-
-/* Ends the run: what there is, is saved, interrupted or not. */
-static int finish(struct train_run *r)
-{
-    const bool cut = sg_trainer_iteration(r->trainer) < r->config->train.iterations;
-    if (cut)
-        progress_break(&r->progress);
-    int code = save(r);
-    if (!code && r->config->eval && !cut)
-        code = measure(r, 1);
-    if (!code)
-        code = train_summary_write(r);
-    if (!code && cut) {
-        say(stderr, "interrupted at iteration %d; saved. Continue with: splatguard train --resume %s\n",
-            sg_trainer_iteration(r->trainer), r->config->output);
-        code = 130;
-    }
-    return code;
-}
-
-static int restore(struct train_run *r, const char *variant)
-{
-    char *path = run_path(r->config->output, "checkpoint.bin");
-    if (!path)
-        return 4;
-    const int error = sg_trainer_load(r->trainer, path);
-    free(path);
-    if (error)
-        return report(r->ctx, error);
-    if (variant && strcmp(variant, sg_trainer_variant(r->trainer)))
-        say(stderr, "warning: the run was made with %s and goes on with %s: results can differ in the last digits\n",
-            variant, sg_trainer_variant(r->trainer));
-    /* Iterations may have been raised. */
-    return run_write_config(r->config, variant ? variant : sg_trainer_variant(r->trainer));
-}
-
-/* Trainer on the loaded scene, from points, a model or the checkpoint. */
-static int start(struct train_run *r, const char *variant)
-{
-    const struct train_config *c = r->config;
-    struct sg_model *initial = NULL;
-    int error = 0, code = 0;
-    r->config->train.max_seconds = c->max_time;
-    if (c->init && !c->resume) /* the checkpoint has what became of it */
-        error = sg_model_read_ply(r->ctx, c->init, UINT32_MAX, &initial);
-    r->config->train.seconds_before = sg_seconds() - r->begun; /* reading photos and model */
-    if (!error)
-        error = sg_trainer_create(r->ctx, r->scene, initial, &c->train, &r->trainer);
-    sg_model_destroy(r->ctx, &initial);
-    if (error)
-        return report(r->ctx, error);
-    if (c->resume)
-        code = restore(r, variant);
-    else if ((error = sg_trainer_model(r->trainer, &initial)))
-        code = report(r->ctx, error);
-    else
-        code = run_create(r->ctx, c, r->scene, initial, sg_trainer_variant(r->trainer));
-    sg_model_destroy(r->ctx, &initial);
-    r->totals.max_gaussians = sg_trainer_gaussians(r->trainer);
-    return code ? code : train_log_open(r);
-}
-
 /* RUN's own options. The command line may say where the scene is now, ask for more iterations, and change what does not
  * touch the result; anything else that differs is refused. */
 static int adopt_run(struct train_config *c, const bool *given, const char *argument, json_t **keep)
@@ -344,40 +178,6 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
     return options_conflict(t, given, &now, c);
 }
 
-/* suspicion: 0..1, of the photos; decides only with preset auto. Its rho has few digits, so that config.json gives a
- * resumed run the same number. */
-static void settle_defense(struct train_config *c, double suspicion)
-{
-    const struct {
-        double rho, lambda;
-    } presets[] = {[DEFENSE_AUTO] = {-round(1e6 * (0.1 + 0.35 * suspicion)) / 1e6, 6},
-                   [DEFENSE_NS] = {0.03, 4},
-                   [DEFENSE_TT] = {0.045, 4},
-                   [DEFENSE_MIP] = {0.05, 5}};
-    struct sg_defense_params *d = &c->train.defense;
-    d->on = c->defense;
-    d->rho = d->rho <= -1 ? presets[c->preset].rho : d->rho;
-    d->lambda = d->lambda < 0 ? presets[c->preset].lambda : d->lambda;
-}
-
-/* With preset auto each photo is smoothed as much as it looks poisoned, and rho follows from all. */
-static int settle_automatic(struct train_run *r, const struct sg_audit *found)
-{
-    double sum = 0;
-    if (!(r->shares = malloc(found->count * sizeof(*r->shares)))) {
-        say(stderr, "splatguard: out of memory\n");
-        return 3;
-    }
-    for (size_t i = 0; i < found->count; i++) {
-        const double suspicion = fmin(fmax((found->images[i].score - 0.3) / 0.6, 0), 1);
-        r->shares[i] = (float) suspicion;
-        sum += suspicion;
-    }
-    settle_defense(r->config, sum / (double) found->count);
-    r->config->train.defense.shares = r->shares;
-    return 0;
-}
-
 /* The parts of the configuration that follow from others. */
 static void settle(struct train_config *c)
 {
@@ -387,46 +187,6 @@ static void settle(struct train_config *c)
     c->train.white_background = c->scene.params.white_background;
     c->scene.params.format = (enum sg_scene_format) c->scene.format;
     c->scene.params.eval = c->eval;
-}
-
-/* Says what was found, and does what --audit asks for. */
-static int heed(struct train_config *c, const struct sg_audit *found)
-{
-    const bool clean = found->verdict == SG_AUDIT_CLEAN;
-    if (!clean || !c->quiet)
-        say(stderr, "%saudit: the photos look %s, score %.3f\n",
-            clean ? "" : "warning: ", sg_audit_verdict_name(found->verdict), found->score);
-    for (size_t i = 0; i < found->count_reasons && !clean; i++)
-        say(stderr, "  %s\n", found->reasons[i]);
-    if (c->audit == AUDIT_REFUSE && found->verdict == SG_AUDIT_POISONED) {
-        say(stderr, "splatguard: %s: found poisoned photos, expected clean ones (--audit refuse)\n", c->source);
-        return 2;
-    }
-    if (c->audit == AUDIT_DEFEND && !clean)
-        c->defense = 1;
-    return 0;
-}
-
-/* What the photos look like, and the defense that follows from it. A resumed run has decided whether there is one. */
-static int audit(struct train_run *r)
-{
-    struct train_config *c = r->config;
-    struct sg_audit *found = NULL;
-    if (c->audit == AUDIT_OFF && !(c->defense && c->preset == DEFENSE_AUTO)) {
-        settle_defense(c, 1);
-        return 0;
-    }
-    const int error = sg_audit_scene(r->ctx, r->scene, &found);
-    if (error)
-        return report(r->ctx, error);
-    r->audit = sg_audit_verdict_name(found->verdict), r->audit_score = found->score;
-    int code = c->resume ? 0 : heed(c, found);
-    if (!code && c->defense && c->preset == DEFENSE_AUTO)
-        code = settle_automatic(r, found);
-    else
-        settle_defense(c, 1);
-    sg_audit_destroy(r->ctx, &found);
-    return code;
 }
 
 static int run_train(const void *config, const bool *given, const char *const *positional, int count)
@@ -461,12 +221,11 @@ static int run_train(const void *config, const bool *given, const char *const *p
         code = 2;
         goto done;
     }
-    if ((code = audit(&r)) || (code = start(&r, json_string_value(json_object_get(keep, "cpu_variant")))))
+    if ((code = train_decide(&r)) || (code = train_start(&r, json_string_value(json_object_get(keep, "cpu_variant")))))
         goto done;
     interrupt_catch();
     progress_begin(&r.progress, c.quiet, sg_trainer_iteration(r.trainer), c.train.iterations);
-    if (!(code = loop(&r)) && !r.error)
-        code = finish(&r);
+    code = train_whole(&r);
 done:
     if (r.log && fclose(r.log) && !code)
         code = 2;

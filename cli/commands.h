@@ -19,17 +19,16 @@ struct scene_options {
 
 /* The scene rows of an option table; `scene_` is the `struct scene_options` member of `config`. */
 #define SCENE_OPTIONS(config, scene_, transient_)                                                                      \
-    {"Scene", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},                                                         \
-        {"format",                                                                                                     \
-         0,                                                                                                            \
-         OPT_CHOICE,                                                                                                   \
-         offsetof(config, scene_.format),                                                                              \
-         0,                                                                                                            \
-         0,                                                                                                            \
-         SCENE_FORMATS,                                                                                                \
-         "FORMAT",                                                                                                     \
-         "Layout of the scene folder.",                                                             \
-         transient_},                                                                                                  \
+    {"Scene", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false}, {"format",                                              \
+                                                                0,                                                     \
+                                                                OPT_CHOICE,                                            \
+                                                                offsetof(config, scene_.format),                       \
+                                                                0,                                                     \
+                                                                0,                                                     \
+                                                                SCENE_FORMATS,                                         \
+                                                                "FORMAT",                                              \
+                                                                "Layout of the scene folder.",                         \
+                                                                transient_},                                           \
         {"images",                                                                                                     \
          'i',                                                                                                          \
          OPT_STRING,                                                                                                   \

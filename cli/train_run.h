@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A training in progress, and what it tells: log.jsonl, progress and summary.json. */
+/* A training in progress: from its photos to its files. */
 #ifndef CLI_TRAIN_RUN_H
 #define CLI_TRAIN_RUN_H
 
@@ -34,8 +34,21 @@ struct train_run {
     int evaluated;                  /* its iteration, 0 = none */
 };
 
+/* All of these return an exit code after printing what is wrong. */
+
+/* The defense that follows from the options and the photos. A resumed run has decided whether there is one. */
+int train_decide(struct train_run *r);
+
+/* Trainer on the loaded scene, from points, a model or the checkpoint. variant: the CPU's when the run began, or NULL.
+ */
+int train_start(struct train_run *r, const char *variant);
+
+/* All iterations that are left, with what is due between them and at the end; what there is, is saved, interrupted or
+ * not. */
+int train_whole(struct train_run *r);
+
 /* Opens log.jsonl. When resuming, lines of iterations after the checkpoint go, and the totals come from the last one
- * left. These three return an exit code after printing what is wrong. */
+ * left. */
 int train_log_open(struct train_run *r);
 int train_log_step(struct train_run *r); /* once per iteration; does nothing the second time */
 int train_log_filter(struct train_run *r);

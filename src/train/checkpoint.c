@@ -125,6 +125,46 @@ done:
     return code;
 }
 
+/* Reads the header and believes it only where it fits this run and the file's length. */
+static int read_header(sg_trainer *t, FILE *f, const char *path, struct header *h)
+{
+    sg_ctx *ctx = t->ctx;
+    if (fread(h, sizeof(*h), 1, f) != 1 || memcmp(h->magic, MAGIC, sizeof(h->magic)))
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: byte 0: found another kind of file, expected a checkpoint of this version", path);
+
+    if (h->sh_degree < 0 || h->sh_degree > 3 || h->start_degree < 0 || h->start_degree > h->sh_degree ||
+        h->views != t->scene->n_train || h->seed != t->params.seed || h->extent != t->extent || !h->count)
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found SH degree %d, %d to begin with, %llu views, seed %llu, extent %.9g; expected 0 to 3, "
+                       "no more than that, and those of this scene and run: %zu, %llu, %.9g",
+                       path, h->sh_degree, h->start_degree, (unsigned long long) h->views, (unsigned long long) h->seed,
+                       h->extent, t->scene->n_train, (unsigned long long) t->params.seed, t->extent);
+
+    if (h->cameras != cameras_hash(t->scene))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found a run on other training views, expected those of %s", path,
+                       t->scene->path);
+
+    if (!counters_sound(h))
+        return sg_fail(
+            ctx, SG_ERR_INPUT,
+            "%s: byte %zu: found iteration %d with %d steps of positions, expected 0 to %d and no more steps "
+            "than iterations",
+            path, offsetof(struct header, iteration), h->iteration, h->adam_steps[SG_G_XYZ], MAX_ITERATION);
+
+    /* The file's own length says whether the count can be true before anything is allocated for it. */
+    const long long at = ftell(f);
+    fseek(f, 0, SEEK_END);
+    const long long size = ftell(f);
+    fseek(f, (long) at, SEEK_SET);
+    const uint64_t per_gaussian = (uint64_t) sg_param_count(h->sh_degree) * 3 * sizeof(float) + 3 * sizeof(float);
+    if (size < at || h->count > (uint64_t) (size - at) / per_gaussian)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found %lld bytes, expected room for %llu Gaussians", path, size,
+                       (unsigned long long) h->count);
+
+    return SG_OK;
+}
+
 int sg_trainer_load(sg_trainer *t, const char *path)
 {
     sg_ctx *ctx = t->ctx;
@@ -136,44 +176,8 @@ int sg_trainer_load(sg_trainer *t, const char *path)
     int code = sg_file_open(ctx, path, &f);
     if (code)
         return code;
-    if (fread(&h, sizeof(h), 1, f) != 1 || memcmp(h.magic, MAGIC, sizeof(h.magic))) {
-        code = sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: byte 0: found another kind of file, expected a checkpoint of this version", path);
+    if ((code = read_header(t, f, path, &h)))
         goto done;
-    }
-    if (h.sh_degree < 0 || h.sh_degree > 3 || h.start_degree < 0 || h.start_degree > h.sh_degree ||
-        h.views != t->scene->n_train || h.seed != t->params.seed || h.extent != t->extent || !h.count) {
-        code = sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: found SH degree %d, %d to begin with, %llu views, seed %llu, extent %.9g; expected 0 to 3, "
-                       "no more than that, and those of this scene and run: %zu, %llu, %.9g",
-                       path, h.sh_degree, h.start_degree, (unsigned long long) h.views, (unsigned long long) h.seed,
-                       h.extent, t->scene->n_train, (unsigned long long) t->params.seed, t->extent);
-        goto done;
-    }
-    if (h.cameras != cameras_hash(t->scene)) {
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found a run on other training views, expected those of %s", path,
-                       t->scene->path);
-        goto done;
-    }
-    if (!counters_sound(&h)) {
-        code =
-            sg_fail(ctx, SG_ERR_INPUT,
-                    "%s: byte %zu: found iteration %d with %d steps of positions, expected 0 to %d and no more steps "
-                    "than iterations",
-                    path, offsetof(struct header, iteration), h.iteration, h.adam_steps[SG_G_XYZ], MAX_ITERATION);
-        goto done;
-    }
-    /* The file's own length says whether the count can be true before anything is allocated for it. */
-    const long long at = ftell(f);
-    fseek(f, 0, SEEK_END);
-    const long long size = ftell(f);
-    fseek(f, (long) at, SEEK_SET);
-    const uint64_t per_gaussian = (uint64_t) sg_param_count(h.sh_degree) * 3 * sizeof(float) + 3 * sizeof(float);
-    if (size < at || h.count > (uint64_t) (size - at) / per_gaussian) {
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found %lld bytes, expected room for %llu Gaussians", path, size,
-                       (unsigned long long) h.count);
-        goto done;
-    }
     if ((code = sg_model_create(ctx, (size_t) h.count, h.sh_degree, &m)) ||
         (code = sg_optimiser_create(ctx, m->count, m->sh_degree, &o)))
         goto done;

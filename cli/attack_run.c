@@ -1,0 +1,203 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* An attack from its proxy to its last file. */
+#include "attack_run.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "interrupt.h"
+
+/* Scenes of Blender bring test photos of their own, which stay clean; where there are none, nothing is missing. */
+int attack_load(struct attack_run *r)
+{
+    struct attack_config *c = r->config;
+    char *test = run_path(c->source, "transforms_test.json"), *train = run_path(c->source, "transforms_train.json");
+    const bool blender = test && train && !access(test, F_OK) && !access(train, F_OK);
+    free(test);
+    free(train);
+    c->scene.params.eval = blender || c->views == VIEWS_TRAIN;
+    int error = sg_scene_load(r->ctx, c->source, &c->scene.params, &r->scene);
+    if (error == SG_ERR_INPUT && blender) { /* or their photos are not here */
+        c->scene.params.eval = false;
+        error = sg_scene_load(r->ctx, c->source, &c->scene.params, &r->scene);
+    }
+    if (!error && c->scene.params.eval && c->views == VIEWS_ALL && r->scene->format != SG_FORMAT_BLENDER) {
+        c->scene.params.eval = false; /* another layout lies in the same folder, and is the one that is read */
+        sg_scene_destroy(r->ctx, &r->scene);
+        error = sg_scene_load(r->ctx, c->source, &c->scene.params, &r->scene);
+    }
+    return error ? report(r->ctx, error) : 0;
+}
+
+/* 3 unless a run's summary says that it took all its iterations. */
+static int whole(const char *summary, int iterations)
+{
+    json_error_t error;
+    json_t *s = run_read_json(summary, &error);
+    const bool all = json_integer_value(json_object_get(s, "iterations")) == iterations;
+    json_decref(s);
+    return all ? 0 : 3;
+}
+
+/* Trains the proxy as `splatguard train` does, into POISONED/attack/proxy, or goes on with it. */
+static int train_proxy(const struct attack_config *c, char **model)
+{
+    const struct command *train = &command_train;
+    struct train_config t = *(const struct train_config *) train->defaults;
+    bool *given = calloc(options_count(train), sizeof(*given));
+    char *folder = run_path(c->output, "attack/proxy"), *done = folder ? run_path(folder, "summary.json") : NULL;
+    char *begun = folder ? run_path(folder, "checkpoint.bin") : NULL;
+    int code = given && folder && done && begun ? 0 : 4;
+    if (code || (c->resume && !access(done, F_OK) && access(begun, F_OK)))
+        goto done;
+    t.source = c->source;
+    t.output = folder;
+    t.train.iterations = c->proxy_iterations;
+    t.train.seed = c->attack.seed;
+    t.train.max_instances = c->attack.max_instances;
+    t.train.cpu = c->attack.cpu;
+    t.backend = c->backend;
+    t.scene = c->scene;
+    t.scene.params.eval = false;
+    t.eval = c->views == VIEWS_TRAIN;
+    t.eval_every = 0;
+    t.threads = c->threads;
+    t.max_memory = c->max_memory;
+    t.quiet = c->quiet;
+    t.resume = c->resume && !access(begun, F_OK);
+    t.force = !t.resume;
+    if (!c->quiet)
+        say(stderr, "training the proxy\n");
+    code = train->run(&t, given, NULL, 0);
+    if (!code && (code = whole(done, c->proxy_iterations)))
+        say(stderr, "splatguard: %s: memory did not suffice for the proxy\n", folder);
+    if (!code)
+        unlink(begun); /* marks it as whole; its model is what counts */
+done:
+    *model = code ? NULL : find_model(folder, 0);
+    free(given);
+    free(folder);
+    free(done);
+    free(begun);
+    return code ? code : *model ? 0 : 2;
+}
+
+static double seconds_since(double start)
+{
+    return sg_seconds() - start;
+}
+
+static int checkpoint(struct attack_run *r)
+{
+    char *path = run_path(r->config->output, "attack/checkpoint.bin");
+    const int code = path ? attack_log_step(r) : 4, error = path && !code ? sg_attack_save(r->attack, path) : 0;
+    free(path);
+    return error ? report(r->ctx, error) : code;
+}
+
+static int loop(struct attack_run *r)
+{
+    const struct attack_config *c = r->config;
+    int code = 0, done = sg_attack_iteration(r->attack);
+    /* An interrupted attack goes on to where its state is whole. */
+    while (!code && done < c->attack.iterations && (!interrupted() || done % c->attack.update_interval)) {
+        const double start = sg_seconds();
+        const int error = sg_attack_step(r->attack, &r->step);
+        r->totals.seconds += seconds_since(start);
+        if (error) {
+            progress_break(&r->progress);
+            return report(r->ctx, error);
+        }
+        done = r->step.iteration;
+        r->totals.inner_seconds += r->step.inner_seconds;
+        r->totals.inner_bytes += (double) r->step.inner_bytes;
+        if (r->step.gaussians > r->totals.max_gaussians)
+            r->totals.max_gaussians = r->step.gaussians;
+        progress_step(&r->progress, &(struct sg_train_step){.iteration = done,
+                                                            .loss = r->step.loss,
+                                                            .psnr = r->step.psnr,
+                                                            .gaussians = r->step.gaussians});
+        if (done % 100 == 0 || done == 1 || done == c->attack.iterations)
+            code = attack_log_step(r);
+        if (!code && c->save_every && done % c->save_every == 0 && done % c->attack.update_interval == 0 &&
+            done < c->attack.iterations)
+            code = checkpoint(r);
+    }
+    if (!code && done < c->attack.iterations) {
+        progress_break(&r->progress);
+        code = checkpoint(r);
+        if (!code)
+            say(stderr, "interrupted at iteration %d; saved. Continue with: splatguard attack --resume %s\n", done,
+                c->output);
+        return code ? code : 130;
+    }
+    return code;
+}
+
+static int start_decoy(struct attack_run *r, const char *proxy)
+{
+    struct sg_model *model = NULL;
+    char *saved = run_path(r->config->output, "attack/checkpoint.bin");
+    int error = sg_model_read_ply(r->ctx, proxy, UINT32_MAX, &model), code = saved ? 0 : 4;
+    if (!error)
+        r->proxy_gaussians = model->count;
+    if (!error)
+        error = sg_attack_create(r->ctx, r->scene, model, &r->config->attack, &r->attack);
+    sg_model_destroy(r->ctx, &model);
+    if (!error && !code && r->config->resume && !access(saved, F_OK))
+        error = sg_attack_load(r->attack, saved);
+    free(saved);
+    if (error)
+        return report(r->ctx, error);
+    return code ? code : attack_log_open(r);
+}
+
+static int save_decoy(struct attack_run *r)
+{
+    struct sg_model *decoy = NULL;
+    char *path = run_path(r->config->output, "attack/decoy.ply");
+    int error = path ? sg_attack_decoy(r->attack, &decoy) : SG_ERR_INTERNAL;
+    if (!error)
+        error = sg_model_write_ply(r->ctx, decoy, path);
+    sg_model_destroy(r->ctx, &decoy);
+    free(path);
+    return error ? report(r->ctx, error) : 0;
+}
+
+int attack_whole(struct attack_run *r, const char *proxy)
+{
+    struct attack_config *c = r->config;
+    int code = 0;
+    const bool splat = c->method == METHOD_POISON_SPLAT;
+    char *model = proxy ? strdup(proxy) : NULL;
+    if (splat && !model) { /* which loads the scene for itself */
+        sg_scene_destroy(r->ctx, &r->scene);
+        code = train_proxy(c, &model);
+        if (!code)
+            code = attack_load(r);
+    }
+    interrupt_catch();
+    r->proxy = model;
+    if (!code && splat)
+        code = start_decoy(r, model);
+    if (!code && splat) {
+        progress_begin(&r->progress, c->quiet, sg_attack_iteration(r->attack), c->attack.iterations);
+        code = loop(r);
+    }
+    if (!code && c->keep_decoy && splat)
+        code = save_decoy(r);
+    if (!code && (code = attack_write(r)) == exit_code(SG_ERR_INTERRUPTED)) {
+        const int failed = splat ? checkpoint(r) : 0;
+        say(stderr, "interrupted while writing. Continue with: splatguard attack --resume %s\n", c->output);
+        code = failed ? failed : code;
+    }
+    if (!code) {
+        char *saved = run_path(c->output, "attack/checkpoint.bin");
+        if (saved)
+            unlink(saved);
+        free(saved);
+    }
+    free(model);
+    return code;
+}
