@@ -136,12 +136,12 @@ static double logistic(double x)
     return 1 / (1 + exp(-x));
 }
 
-/* A logistic regression on sets of the four scenes of docs/defense.md, clean and poisoned, each weighing the same. */
+/* A logistic regression on sets of the four scenes of docs/defense.md, clean ones at several sizes and poisoned ones,
+ * each scene weighing the same. */
 static double evidence(const struct sg_audit_features *f)
 {
-    return 1.45 * log(f->osc_quiet + 0.1) + 10.7 * f->osc_share +
-           1.9 * fabs(log((f->osc_down + 0.2) / (f->osc_across + 0.2))) + 1.24 * log(f->osc_chroma + 0.02) -
-           3.3 * f->evenness + 1.2;
+    return 3.3 * log(f->osc_quiet + 0.1) + 14.6 * f->osc_share +
+           4.3 * fabs(log((f->osc_down + 0.2) / (f->osc_across + 0.2))) - 9.5 * f->evenness + 1.4;
 }
 
 #define SUSPICIOUS 0.6 /* score */
