@@ -20,12 +20,12 @@ static int trim(struct attack_run *r, const char *path)
 {
     FILE *in = run_open(path, LOG_BYTES);
     if (!in)
-        return 0; /* nothing to keep */
+        return errno == ENOENT ? 0 : cannot(r, "read");
     char *kept = NULL, *line = NULL;
     size_t size = 0, room = 0;
     FILE *out = open_memstream(&kept, &size);
-    while (out && getline(&line, &room, in) > 0) {
-        json_t *value = room > LOG_LINE_BYTES ? NULL : json_loads(line, 0, NULL);
+    for (ssize_t n; out && (n = getline(&line, &room, in)) > 0;) {
+        json_t *value = n > LOG_LINE_BYTES ? NULL : json_loads(line, 0, NULL);
         const json_t *iteration = json_object_get(value, "iteration");
         if (json_is_integer(iteration) && json_integer_value(iteration) <= sg_attack_iteration(r->attack)) {
             fputs(line, out);
@@ -83,8 +83,8 @@ static json_t *growth(const struct attack_run *r)
     char *path = run_path(r->config->output, "attack/log.jsonl"), *line = NULL;
     size_t room = 0;
     FILE *in = path && r->attack ? run_open(path, LOG_BYTES) : NULL;
-    while (in && getline(&line, &room, in) > 0) {
-        json_t *value = room > LOG_LINE_BYTES ? NULL : json_loads(line, 0, NULL);
+    for (ssize_t n; in && (n = getline(&line, &room, in)) > 0;) {
+        json_t *value = n > LOG_LINE_BYTES ? NULL : json_loads(line, 0, NULL);
         if (value)
             json_array_append_new(
                 curve, json_pack("[O,O]", json_object_get(value, "iteration"), json_object_get(value, "gaussians")));

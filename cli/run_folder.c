@@ -55,7 +55,6 @@ FILE *run_open(const char *path, uint64_t most)
     const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     struct stat st;
     FILE *f = NULL;
-    errno = 0;
     if (fd >= 0 && !fstat(fd, &st) && (!S_ISREG(st.st_mode) || (uint64_t) st.st_size > most))
         errno = S_ISREG(st.st_mode) ? EFBIG : EINVAL;
     else if (fd >= 0)
@@ -79,8 +78,14 @@ json_t *run_read_json(const char *path, json_error_t *error)
 
 FILE *run_open_log(const char *path, bool append)
 {
-    const int fd = open(path, O_WRONLY | O_CREAT | O_CLOEXEC | O_NOFOLLOW | (append ? O_APPEND : O_TRUNC), 0666);
-    FILE *f = fd < 0 ? NULL : fdopen(fd, append ? "ab" : "wb");
+    const int how = O_WRONLY | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK | (append ? O_APPEND : O_TRUNC);
+    const int fd = open(path, how, 0666);
+    struct stat st;
+    FILE *f = NULL;
+    if (fd >= 0 && !fstat(fd, &st) && !S_ISREG(st.st_mode))
+        errno = EINVAL;
+    else if (fd >= 0)
+        f = fdopen(fd, append ? "ab" : "wb");
     if (fd >= 0 && !f)
         close(fd);
     return f;

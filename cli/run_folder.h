@@ -18,8 +18,8 @@ FILE *run_open(const char *path, uint64_t most);
 json_t *run_read_json(const char *path, json_error_t *error);
 /* log.jsonl to write, but through no link. NULL with errno. */
 FILE *run_open_log(const char *path, bool append);
-#define LOG_BYTES (UINT64_C(1) << 28) /* and a line has a few hundred: */
-#define LOG_LINE_BYTES 65536
+#define LOG_BYTES (UINT64_C(1) << 30)
+#define LOG_LINE_BYTES 65536 /* ours have a few hundred */
 
 /* mkdir -p. */
 int run_make_dirs(const char *path);

@@ -46,9 +46,9 @@ int report(const sg_ctx *ctx, int error)
 static void log_line(void *priv, enum sg_log_level level, const char *message)
 {
     const bool *quiet = priv;
-    if (level <= SG_LOG_WARN || (level == SG_LOG_INFO && !*quiet))
-        say(stderr, "%s%s%s\n", isatty(STDERR_FILENO) ? "\r\033[K" : "", level <= SG_LOG_WARN ? "warning: " : "",
-            message);
+    if (level <= SG_LOG_WARN || (level == SG_LOG_INFO && !*quiet)) /* the message is printable */
+        fprintf(stderr, "%s%s%s\n", isatty(STDERR_FILENO) ? "\r\033[K" : "", level <= SG_LOG_WARN ? "warning: " : "",
+                message);
 }
 
 /* Bytes of the process that the library's ledger does not see: code, stacks, other libraries' own memory. */

@@ -28,13 +28,13 @@ static int trim(struct train_run *r, const char *path)
 {
     FILE *in = run_open(path, LOG_BYTES);
     if (!in)
-        return 0; /* nothing to keep */
+        return errno == ENOENT ? 0 : cannot(r, "read");
     char *kept = NULL, *line = NULL;
     size_t size = 0, room = 0;
     const int done = sg_trainer_iteration(r->trainer);
     FILE *out = open_memstream(&kept, &size);
-    while (out && getline(&line, &room, in) > 0) {
-        json_t *value = room > LOG_LINE_BYTES ? NULL : json_loads(line, 0, NULL);
+    for (ssize_t n; out && (n = getline(&line, &room, in)) > 0;) {
+        json_t *value = n > LOG_LINE_BYTES ? NULL : json_loads(line, 0, NULL);
         const json_t *iteration = json_object_get(value, "iteration");
         if (!iteration)
             iteration = json_object_get(value, "filter");

@@ -278,7 +278,7 @@ int sg_attack_decoy(sg_attack *a, struct sg_model **out)
 int sg_attack_save(sg_attack *a, const char *path)
 {
     sg_clear_error(a->trainer->ctx);
-    if (a->trainer->iteration % a->params.update_interval)
+    if (a->trainer->iteration % a->params.update_interval && a->trainer->iteration != a->params.iterations)
         return sg_fail(a->trainer->ctx, SG_ERR_USAGE, "attack: found iteration %d, expected a multiple of %d",
                        a->trainer->iteration, a->params.update_interval);
     return sg_trainer_save(a->trainer, path);

@@ -173,6 +173,23 @@ static int remove_namesakes(sg_ctx *ctx, const char *path)
     return SG_OK;
 }
 
+/* Nothing is removed or written through a link. */
+static int refuse_links(sg_ctx *ctx, const char *folder)
+{
+    static const char *const names[] = {"sparse", "sparse/0", "images", "masks", "train", "test"};
+    int code = SG_OK;
+    for (size_t i = 0; i < sizeof(names) / sizeof(*names) && !code; i++) {
+        struct stat st;
+        char *path = sg_strf(ctx, "%s/%s", folder, names[i]);
+        if (!path)
+            return SG_ERR_BUDGET;
+        if (!lstat(path, &st) && S_ISLNK(st.st_mode))
+            code = sg_fail(ctx, SG_ERR_INPUT, "%s: found a link, expected a folder of the poisoned scene's own", path);
+        sg_free(ctx, path);
+    }
+    return code;
+}
+
 int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_poison_files *files,
                             const char *folder)
 {
@@ -186,6 +203,8 @@ int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene, const str
     sg_clear_error(ctx);
     static const char *const own[] = {"transforms.json", NULL};
     int code = sg_dir_create(ctx, folder);
+    if (!code)
+        code = refuse_links(ctx, folder);
     if (!code)
         code = remove_cameras(ctx, folder, blender);
     if (!code)
@@ -241,12 +260,12 @@ int sg_poisoned_scene_image(sg_ctx *ctx, const struct sg_scene *scene, const str
     sg_clear_error(ctx);
     char *file = image_file(ctx, scene, view, files), *path = file ? sg_strf(ctx, "%s/%s", folder, file) : NULL;
     int code = path ? make_place(ctx, path) : SG_ERR_BUDGET;
+    if (!code)
+        code = remove_namesakes(ctx, path);
     if (!code && !strcmp(file + strlen(file) - 4, ".png"))
         code = sg_image_write_png(ctx, path, rgb, w, h, 3);
     else if (!code)
         code = sg_image_write_jpeg(ctx, path, rgb, w, h, files->jpeg_quality, files->full_chroma);
-    if (!code)
-        code = remove_namesakes(ctx, path);
     if (!code)
         code = write_mask(ctx, scene, view, folder, file);
     if (report)

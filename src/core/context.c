@@ -215,6 +215,15 @@ void *sg_alloc(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size)
     return memory;
 }
 
+int sg_reserve(sg_ctx *ctx, enum sg_mem_tag tag, uint64_t bytes, void **room)
+{
+    *room = NULL;
+    if (!sg_mem_limit(ctx))
+        return SG_OK;
+    *room = sg_alloc_raw(ctx, tag, bytes < SIZE_MAX ? (size_t) bytes : SIZE_MAX, 1);
+    return *room ? SG_OK : SG_ERR_BUDGET;
+}
+
 void sg_free(sg_ctx *ctx, void *memory)
 {
     if (!memory)

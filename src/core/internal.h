@@ -25,6 +25,9 @@ void *sg_alloc(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size);
 void *sg_alloc_raw(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size);
 /* Grows *array (may point to NULL) to hold at least `need` items, keeping the first `keep`; amortised. */
 int sg_grow(sg_ctx *ctx, enum sg_mem_tag tag, void *array, size_t *capacity, size_t need, size_t keep, size_t size);
+/* Room that nobody touches and sg_free gives back: it stands in the ledger for what another library allocates for
+ * itself. Nothing where there is no limit. */
+int sg_reserve(sg_ctx *ctx, enum sg_mem_tag tag, uint64_t bytes, void **room);
 void sg_free(sg_ctx *ctx, void *memory); /* NULL-safe, thread safe */
 char *sg_strdup(sg_ctx *ctx, const char *text);
 __attribute__((format(printf, 2, 3))) char *sg_strf(sg_ctx *ctx, const char *format, ...);

@@ -14,26 +14,26 @@ bool sg_is_blender(sg_ctx *ctx, const char *dir)
 int sg_blender_parse(sg_ctx *ctx, const char *file, const char *data, size_t size, uint64_t max_images, bool test,
                      struct sg_shots *shots)
 {
-    json_t *root, *frames;
+    struct sg_transforms doc;
     size_t first = shots->count;
-    int code = sg_transforms_load(ctx, file, data, size, max_images, &root, &frames);
+    int code = sg_transforms_load(ctx, file, data, size, max_images, &doc);
     if (code)
         return code;
     struct sg_lens lens = {0};
-    code = sg_json_lens(ctx, root, file, &lens);
+    code = sg_json_lens(ctx, doc.root, file, &lens);
     if (!code && !(lens.angle_x > 0) && !(lens.fx > 0))
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no usable \"camera_angle_x\", expected an angle in radians", file);
-    for (size_t i = 0; i < json_array_size(frames) && !code; i++) {
+    for (size_t i = 0; i < json_array_size(doc.frames) && !code; i++) {
         char where[512];
         struct sg_shot *shot;
         snprintf(where, sizeof(where), "%s: frame %zu", file, i);
-        code = sg_transforms_frame(ctx, json_array_get(frames, i), where, &lens, max_images, shots, &shot);
+        code = sg_transforms_frame(ctx, json_array_get(doc.frames, i), where, &lens, max_images, shots, &shot);
         if (!code)
             shot->test = test;
     }
     if (!code)
         code = sg_shots_check_names(ctx, shots, first, file);
-    json_decref(root);
+    sg_transforms_clear(ctx, &doc);
     return code;
 }
 

@@ -12,6 +12,7 @@
 /* Ancillary chunks (profiles, text) are of no use here; these bounds stop them from costing memory. */
 #define PNG_CHUNK_BYTES (16u << 20)
 #define PNG_CACHE_BYTES (32u << 20)
+#define WEBP_TABLE_BYTES 20000 /* five Huffman codes with the largest colour cache */
 
 static int allocate(sg_ctx *ctx, const char *name, uint64_t width, uint64_t height, int channels, uint64_t max_pixels,
                     struct sg_image *out)
@@ -80,42 +81,53 @@ done:
     return code;
 }
 
-/* A progressive photo is held whole as coefficients, 2 bytes each, before the first pixel comes out. */
-static bool is_progressive(const uint8_t *data, size_t size)
+/* What a JPEG's markers tell, read without belief in what they say. */
+struct outline {
+    bool whole; /* decoded by way of all coefficients, 2 bytes each: progressive, or one scan a colour */
+    size_t end; /* of the end marker, 0 = none was found */
+};
+
+static struct outline outline_of(const uint8_t *data, size_t size)
 {
-    for (size_t i = 2; i + 4 <= size && data[i] == 0xff;) {
+    struct outline o = {.whole = true}; /* of what is not understood the worst */
+    int colours = 0;
+    for (size_t i = 2; i + 4 < size && data[i] == 0xff;) {
         const uint8_t marker = data[i + 1];
-        if (marker == 0xff || marker == 0x01 || (marker >= 0xd0 && marker <= 0xd7)) {
-            i += marker == 0xff ? 1 : 2;
+        if (marker == 0xff) { /* fill */
+            i++;
             continue;
         }
-        if (marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc)
-            return marker != 0xc0 && marker != 0xc1;
-        i += 2 + ((size_t) data[i + 2] << 8 | data[i + 3]);
+        if (marker == 0xd9)
+            o.end = i;
+        if (o.end)
+            break;
+        const size_t length = (size_t) data[i + 2] << 8 | data[i + 3];
+        if (marker == 0xda) { /* pixels follow; stuffed and restart markers are among them */
+            o.whole = o.whole || data[i + 4] < colours;
+            for (i += 2 + length; i + 1 < size; i++)
+                if (data[i] == 0xff && data[i + 1] && data[i + 1] != 0xff && (data[i + 1] & 0xf8) != 0xd0)
+                    break;
+            if (i + 1 < size && data[i + 1] == 0xd9) {
+                o.end = i;
+                break;
+            }
+            continue;
+        }
+        if (marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc && i + 9 < size) {
+            o.whole = marker > 0xc1;
+            colours = data[i + 9];
+        }
+        i += 2 + length;
     }
-    return true; /* of what is not understood the worst is believed */
-}
-
-/* Some cameras put zeros before the end marker. *end: behind the last byte before them, and up to two zeros that the
- * pixels may end in. Returns how many zeros those are, or -1 where there is no padding. */
-static int find_padding(const uint8_t *data, size_t size, size_t *end)
-{
-    while (size >= 2 && !(data[size - 2] == 0xff && data[size - 1] == 0xd9))
-        size--;
-    if (size < 3 || data[size - 3])
-        return -1;
-    *end = size - 2;
-    while (*end && !data[*end - 1])
-        --*end;
-    return size - 2 - *end < 2 ? (int) (size - 2 - *end) : 2;
+    return o;
 }
 
 static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t size, uint64_t max_pixels,
                        struct sg_image *out)
 {
     int code = SG_OK, width = 0, height = 0, subsampling = -1, space = -1;
-    uint8_t *padded = NULL;
-    void *room = NULL; /* never touched: what the decoder holds, in the ledger */
+    uint8_t *stripped = NULL;
+    void *room = NULL;
     tjhandle jpeg = tjInitDecompress();
     if (!jpeg)
         return sg_fail(ctx, SG_ERR_BUDGET, "%s: no memory for the JPEG decoder", name);
@@ -132,34 +144,40 @@ static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t s
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG header: found CMYK colours, expected RGB or grey", name);
         goto done;
     }
-    bool grey = space == TJCS_GRAY;
+    const bool grey = space == TJCS_GRAY;
+    const struct outline outline = outline_of(data, size);
     code = allocate(ctx, name, (uint64_t) width, (uint64_t) height, grey ? 1 : 3, max_pixels, out);
+    if (!code && outline.whole)
+        code = sg_reserve(ctx, SG_MEM_IMAGES, (uint64_t) width * (uint64_t) height * (grey ? 2 : 6), &room);
     if (code)
         goto done;
-    if (is_progressive(data, size) &&
-        !(room = sg_alloc_raw(ctx, SG_MEM_IMAGES, (size_t) width * (size_t) height, grey ? 2 : 6))) {
-        code = SG_ERR_BUDGET;
-        goto done;
-    }
-    /* Few scans: a progressive file may else spend minutes on one photo. But for padding every complaint means damaged
-     * or missing pixels. */
-    int format = grey ? TJPF_GRAY : TJPF_RGB, flags = TJFLAG_ACCURATEDCT | TJFLAG_LIMITSCANS | TJFLAG_STOPONWARNING;
+    /* Few scans: a progressive file may else spend minutes on one photo. Every complaint means damaged or missing
+     * pixels, */
+    const int format = grey ? TJPF_GRAY : TJPF_RGB;
+    const int flags = TJFLAG_ACCURATEDCT | TJFLAG_LIMITSCANS | TJFLAG_STOPONWARNING;
     int failed = tjDecompress2(jpeg, data, size, out->pixels, width, 0, height, format, flags);
-    size_t end = 0;
-    const int zeros = failed && tjGetErrorCode(jpeg) == TJERR_WARNING ? find_padding(data, size, &end) : -1;
-    if (zeros >= 0 && !(padded = sg_alloc(ctx, SG_MEM_MISC, end + 4, 1))) {
+    /* but for zeros that some cameras put before the end marker. How many are the pixels' own is found by halving. */
+    size_t least = outline.end, most = outline.end;
+    while (least && !((const uint8_t *) data)[least - 1])
+        least--;
+    if (failed && least < most && !(stripped = sg_alloc_raw(ctx, SG_MEM_MISC, most + 2, 1))) {
         code = SG_ERR_BUDGET;
         goto done;
     }
-    for (int k = 0; k <= zeros && failed; k++) {
-        memcpy(padded, data, end);
-        memcpy(padded + end + k, (uint8_t[]){0xff, 0xd9}, 2);
-        failed = tjDecompress2(jpeg, padded, end + (size_t) k + 2, out->pixels, width, 0, height, format, flags);
+    while (failed && least < most && tjGetErrorCode(jpeg) == TJERR_WARNING) {
+        const size_t end = least + (most - least) / 2;
+        memcpy(stripped, data, end);
+        memcpy(stripped + end, (uint8_t[]){0xff, 0xd9}, 2);
+        failed = tjDecompress2(jpeg, stripped, end + 2, out->pixels, width, 0, height, format, flags);
+        if (failed && strstr(tjGetErrorStr2(jpeg), "extraneous"))
+            most = end;
+        else
+            least = end + 1;
     }
     if (failed)
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG data: %s", name, tjGetErrorStr2(jpeg));
 done:
-    sg_free(ctx, padded);
+    sg_free(ctx, stripped);
     sg_free(ctx, room);
     tjDestroy(jpeg);
     return code;
@@ -177,10 +195,15 @@ static int decode_webp(sg_ctx *ctx, const char *name, const void *data, size_t s
         allocate(ctx, name, (uint64_t) info.width, (uint64_t) info.height, info.has_alpha ? 4 : 3, max_pixels, out);
     if (code)
         return code;
-    /* Never touched: the decoder's own pixels, in the ledger. */
-    void *room = sg_alloc_raw(ctx, SG_MEM_IMAGES, (size_t) info.width * (size_t) info.height, 4);
-    if (!room)
-        return SG_ERR_BUDGET;
+    /* The decoder's own pixels, and of lossless parts (alpha is one) its tables: one set for 4 x 4 pixels, each of at
+     * least 20 bits in the file. */
+    const uint64_t pixels = (uint64_t) info.width * (uint64_t) info.height;
+    uint64_t tables = info.format == 2 || info.has_alpha ? (uint64_t) size * 8 / 20 : 0;
+    tables = tables < pixels / 16 + 1 ? tables : pixels / 16 + 1;
+    tables = tables < 65536 ? tables : 65536;
+    void *room;
+    if ((code = sg_reserve(ctx, SG_MEM_IMAGES, 4 * pixels + tables * WEBP_TABLE_BYTES, &room)))
+        return code;
     int stride = out->width * out->channels;
     size_t bytes = (size_t) stride * (size_t) out->height;
     const uint8_t *done = info.has_alpha ? WebPDecodeRGBAInto(data, size, out->pixels, bytes, stride)

@@ -79,20 +79,20 @@ static int read_mask_path(sg_ctx *ctx, const json_t *frame, const char *where, s
 int sg_nerfstudio_parse(sg_ctx *ctx, const char *file, const char *data, size_t size,
                         const struct sg_scene_params *params, struct sg_shots *shots, char **points_file, bool *listed)
 {
-    json_t *root, *frames;
+    struct sg_transforms doc;
     *points_file = NULL;
     *listed = false;
-    int code = sg_transforms_load(ctx, file, data, size, params->max_images, &root, &frames);
+    int code = sg_transforms_load(ctx, file, data, size, params->max_images, &doc);
     if (code)
         return code;
     struct sg_lens common = {0};
     const char *points = NULL;
-    code = sg_json_lens(ctx, root, file, &common);
-    for (size_t i = 0; i < json_array_size(frames) && !code; i++) {
+    code = sg_json_lens(ctx, doc.root, file, &common);
+    for (size_t i = 0; i < json_array_size(doc.frames) && !code; i++) {
         char where[512];
         struct sg_shot *shot;
         struct sg_lens lens = common;
-        const json_t *frame = json_array_get(frames, i);
+        const json_t *frame = json_array_get(doc.frames, i);
         snprintf(where, sizeof(where), "%s: frame %zu", file, i);
         code = sg_json_lens(ctx, frame, where, &lens); /* a frame may have its own camera */
         if (!code)
@@ -101,9 +101,9 @@ int sg_nerfstudio_parse(sg_ctx *ctx, const char *file, const char *data, size_t 
             code = read_mask_path(ctx, frame, where, shot);
     }
     if (!code && params->eval)
-        code = split_by_lists(ctx, root, file, shots, listed);
+        code = split_by_lists(ctx, doc.root, file, shots, listed);
     if (!code)
-        code = sg_json_text(ctx, root, "ply_file_path", file, &points);
+        code = sg_json_text(ctx, doc.root, "ply_file_path", file, &points);
     if (!code && points) {
         if (!sg_path_is_inside(points))
             code = sg_fail(ctx, SG_ERR_INPUT, "%s: \"ply_file_path\": found \"%s\", expected a path inside the scene",
@@ -111,7 +111,7 @@ int sg_nerfstudio_parse(sg_ctx *ctx, const char *file, const char *data, size_t 
         else if (!(*points_file = sg_strdup(ctx, points)))
             code = SG_ERR_BUDGET;
     }
-    json_decref(root);
+    sg_transforms_clear(ctx, &doc);
     return code;
 }
 

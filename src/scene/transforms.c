@@ -8,40 +8,42 @@
 #include "core/file.h"
 
 /* At most what the parser holds of a text: every value begins after one of these marks, or is in a string. */
-static size_t parsed_bytes(const char *data, size_t size)
+static uint64_t parsed_bytes(const char *data, size_t size)
 {
-    size_t bytes = 2 * size;
+    uint64_t bytes = 2 * (uint64_t) size;
     for (size_t i = 0; i < size; i++)
         bytes += data[i] == '{' || data[i] == '[' ? 320 : data[i] == ',' || data[i] == ':' ? 96 : 0;
     return bytes;
 }
 
-int sg_transforms_load(sg_ctx *ctx, const char *file, const char *data, size_t size, uint64_t max_frames, json_t **root,
-                       json_t **frames)
+int sg_transforms_load(sg_ctx *ctx, const char *file, const char *data, size_t size, uint64_t max_frames,
+                       struct sg_transforms *out)
 {
     json_error_t error;
-    *root = NULL;
-    /* The parser allocates for itself. Room that is never touched stands for that in the ledger meanwhile. */
-    void *room = sg_alloc_raw(ctx, SG_MEM_MISC, parsed_bytes(data, size), 1);
-    if (!room)
-        return SG_ERR_BUDGET;
-    *root = json_loadb(data, size, JSON_REJECT_DUPLICATES, &error);
-    sg_free(ctx, room);
-    if (!*root)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d, column %d: JSON: %s", file, error.line, error.column,
-                       error.text);
-    int code = SG_OK;
-    *frames = json_object_get(*root, "frames");
-    if (!json_is_array(*frames) || !json_array_size(*frames))
+    *out = (struct sg_transforms){0};
+    int code = sg_reserve(ctx, SG_MEM_MISC, parsed_bytes(data, size), &out->room);
+    if (code)
+        return code;
+    out->root = json_loadb(data, size, JSON_REJECT_DUPLICATES, &error);
+    out->frames = json_object_get(out->root, "frames");
+    if (!out->root)
+        code =
+            sg_fail(ctx, SG_ERR_INPUT, "%s: line %d, column %d: JSON: %s", file, error.line, error.column, error.text);
+    else if (!json_is_array(out->frames) || !json_array_size(out->frames))
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no \"frames\", expected an array of at least one frame", file);
-    else if (json_array_size(*frames) > max_frames)
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: frames: found %zu, the limit is %llu", file, json_array_size(*frames),
-                       (unsigned long long) max_frames);
-    if (code) {
-        json_decref(*root);
-        *root = *frames = NULL;
-    }
+    else if (json_array_size(out->frames) > max_frames)
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: frames: found %zu, the limit is %llu", file,
+                       json_array_size(out->frames), (unsigned long long) max_frames);
+    if (code)
+        sg_transforms_clear(ctx, out);
     return code;
+}
+
+void sg_transforms_clear(sg_ctx *ctx, struct sg_transforms *t)
+{
+    json_decref(t->root);
+    sg_free(ctx, t->room);
+    *t = (struct sg_transforms){0};
 }
 
 int sg_json_number(sg_ctx *ctx, const json_t *object, const char *key, const char *where, double *out)

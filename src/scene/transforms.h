@@ -9,10 +9,15 @@
 
 #define SG_JSON_BYTES (UINT64_C(1) << 28)
 
-/* The document, an object with an array "frames" that is not empty and not longer than max_frames. Release with
- * json_decref. */
-int sg_transforms_load(sg_ctx *ctx, const char *file, const char *data, size_t size, uint64_t max_frames, json_t **root,
-                       json_t **frames);
+struct sg_transforms {
+    json_t *root, *frames; /* an object and its array, not empty */
+    void *room;            /* the parser's memory, in the ledger */
+};
+
+/* At most max_frames. */
+int sg_transforms_load(sg_ctx *ctx, const char *file, const char *data, size_t size, uint64_t max_frames,
+                       struct sg_transforms *out);
+void sg_transforms_clear(sg_ctx *ctx, struct sg_transforms *transforms);
 /* Leaves *out alone where the key is absent or null. */
 int sg_json_number(sg_ctx *ctx, const json_t *object, const char *key, const char *where, double *out);
 int sg_json_text(sg_ctx *ctx, const json_t *object, const char *key, const char *where, const char **out);
@@ -21,8 +26,8 @@ int sg_json_lens(sg_ctx *ctx, const json_t *object, const char *where, struct sg
 /* One entry of "frames" as a shot with the given lens. */
 int sg_transforms_frame(sg_ctx *ctx, const json_t *frame, const char *where, const struct sg_lens *lens,
                         uint64_t max_images, struct sg_shots *shots, struct sg_shot **shot);
-/* First of dir/file, dir/file.png, .jpg, .jpeg, .webp that exists, or a converted one, NULL if none. *tried (if not NULL): the list of
- * names, for a message; the caller's. */
+/* First of dir/file, dir/file.png, .jpg, .jpeg, .webp that exists, or a converted one, NULL if none. *tried (if not
+ * NULL): the list of names, for a message; the caller's. */
 int sg_find_photo(sg_ctx *ctx, const char *dir, const char *file, char **path, char **tried);
 
 #endif

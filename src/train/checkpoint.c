@@ -206,7 +206,7 @@ int sg_trainer_load(sg_trainer *t, const char *path)
     t->params.sh_degree = h.sh_degree < t->params.sh_degree ? h.sh_degree : t->params.sh_degree;
     t->iteration = h.iteration;
     t->steps = h.steps;
-    t->spent = h.spent + t->params.seconds_before;
+    t->spent = h.spent + sg_trainer_elapsed(t); /* what it took to come here counts */
     t->growth = h.growth;
     t->started = t->params.clock(t->params.clock_arg);
     t->gaussians_bound = h.gaussians_bound, t->time_bound = h.time_bound;

@@ -39,6 +39,7 @@ mkdir hostile; mkfifo hostile/summary.json hostile/config.json hostile/report
 expect 2 compare hostile; says 'hostile/summary.json'
 expect 2 train --resume hostile; says 'hostile/config.json'
 expect 2 audit scene/blender --report hostile/report; says 'hostile/report'; [ -p hostile/report ] || fail "a pipe was replaced"
+expect 2 compare nowhere; says 'No such file'
 rm hostile/config.json; printf '{"options": {"\\u001b[31m": 1}}' >hostile/config.json
 expect 2 train --resume hostile; grep -q "$(printf '\033')" err && fail "control characters of options reach the terminal"
 
