@@ -85,6 +85,8 @@ static void cell(FILE *out, const char *text)
 void options_markdown(const struct command *c, FILE *out)
 {
     fprintf(out, "\n## splatguard %s\n\n    splatguard %s %s\n\n%s\n", c->name, c->name, c->arguments, c->description);
+    if (c->options->name && c->options->type != OPT_GROUP)
+        fprintf(out, "\n| option | meaning | default |\n|---|---|---|\n");
     for (const struct option *o = c->options; o->name; o++) {
         char value[128];
         if (o->type == OPT_GROUP) {
