@@ -119,6 +119,7 @@ static struct outline outline_of(const uint8_t *data, size_t size)
         }
         i += 2 + length;
     }
+    o.whole = o.whole || !o.end;
     return o;
 }
 
@@ -151,12 +152,12 @@ static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t s
         code = sg_reserve(ctx, SG_MEM_IMAGES, (uint64_t) width * (uint64_t) height * (grey ? 2 : 6), &room);
     if (code)
         goto done;
-    /* Few scans: a progressive file may else spend minutes on one photo. Every complaint means damaged or missing
-     * pixels, */
+    /* Few scans: a progressive file may else spend minutes on one photo. A complaint means damaged or missing pixels,
+     * with one exception. */
     const int format = grey ? TJPF_GRAY : TJPF_RGB;
     const int flags = TJFLAG_ACCURATEDCT | TJFLAG_LIMITSCANS | TJFLAG_STOPONWARNING;
     int failed = tjDecompress2(jpeg, data, size, out->pixels, width, 0, height, format, flags);
-    /* but for zeros that some cameras put before the end marker. How many are the pixels' own is found by halving. */
+    /* Some cameras put zeros before the end marker. How many are the pixels' own is found by halving. */
     size_t least = outline.end, most = outline.end;
     while (least && !((const uint8_t *) data)[least - 1])
         least--;
