@@ -15,6 +15,7 @@ struct attack_run {
     const char *proxy; /* path of its model */
     size_t proxy_gaussians;
     FILE *log;
+    char *log_path;
     struct progress progress;
     struct sg_attack_step step; /* newest */
     int logged;                 /* iteration of the newest line */

@@ -1,5 +1,4 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -7,53 +6,27 @@
 
 #include "attack_run.h"
 #include "interrupt.h"
+#include "run_log.h"
 
-static int cannot(const struct attack_run *r, const char *what)
+/* Lines up to the checkpoint stay. */
+static bool take(void *arg, const json_t *line)
 {
-    say(stderr, "splatguard: %s/attack/log.jsonl: cannot %s: %s\n", r->config->output, what,
-        strerror(errno ? errno : EIO));
-    return 2;
-}
-
-/* A killed attack may have logged beyond its checkpoint: those iterations will be done and logged again. */
-static int trim(struct attack_run *r, const char *path)
-{
-    FILE *in = run_open(path, LOG_BYTES);
-    if (!in)
-        return errno == ENOENT ? 0 : cannot(r, "read");
-    char *kept = NULL, *line = NULL;
-    size_t size = 0, room = 0;
-    FILE *out = open_memstream(&kept, &size);
-    for (ssize_t n; out && (n = getline(&line, &room, in)) > 0;) {
-        json_t *value = n > LOG_LINE_BYTES ? NULL : json_loads(line, 0, NULL);
-        const json_t *iteration = json_object_get(value, "iteration");
-        if (json_is_integer(iteration) && json_integer_value(iteration) <= sg_attack_iteration(r->attack)) {
-            fputs(line, out);
-            r->logged = (int) json_integer_value(iteration);
-            r->totals.seconds = json_number_value(json_object_get(value, "seconds"));
-            r->totals.inner_seconds = json_number_value(json_object_get(value, "inner_seconds"));
-            r->totals.inner_bytes = json_number_value(json_object_get(value, "inner_bytes"));
-            r->totals.max_gaussians = (uint64_t) json_integer_value(json_object_get(value, "max_gaussians"));
-        }
-        json_decref(value);
-    }
-    fclose(in);
-    free(line);
-    if (!out || fclose(out))
-        return 4;
-    const int code = run_write_file(path, kept, size);
-    free(kept);
-    return code;
+    struct attack_run *r = arg;
+    const json_t *iteration = json_object_get(line, "iteration");
+    if (!json_is_integer(iteration) || json_integer_value(iteration) > sg_attack_iteration(r->attack))
+        return false;
+    r->logged = (int) json_integer_value(iteration);
+    r->totals.seconds = json_number_value(json_object_get(line, "seconds"));
+    r->totals.inner_seconds = json_number_value(json_object_get(line, "inner_seconds"));
+    r->totals.inner_bytes = json_number_value(json_object_get(line, "inner_bytes"));
+    r->totals.max_gaussians = (uint64_t) json_integer_value(json_object_get(line, "max_gaussians"));
+    return true;
 }
 
 int attack_log_open(struct attack_run *r)
 {
-    char *path = run_path(r->config->output, "attack/log.jsonl");
-    int code = !path ? 4 : r->config->resume ? trim(r, path) : 0;
-    if (!code && !(r->log = run_open_log(path, r->config->resume)))
-        code = cannot(r, "write");
-    free(path);
-    return code;
+    r->log_path = run_path(r->config->output, "attack/log.jsonl");
+    return r->log_path ? run_log_open(r->log_path, r->config->resume ? take : NULL, r, &r->log) : 4;
 }
 
 int attack_log_step(struct attack_run *r)
@@ -68,33 +41,15 @@ int attack_log_step(struct attack_run *r)
                   number_json(s->ssim), "psnr", number_json(s->psnr), "tv", number_json(s->tv), "max_gaussians",
                   (json_int_t) r->totals.max_gaussians, "seconds", number_json(r->totals.seconds), "inner_seconds",
                   number_json(r->totals.inner_seconds), "inner_bytes", number_json(r->totals.inner_bytes));
-    char *text = json_dumps(line, JSON_COMPACT | JSON_REAL_PRECISION(8));
-    errno = 0;
-    const bool bad = !text || fprintf(r->log, "%s\n", text) < 0 || fflush(r->log);
-    free(text);
-    json_decref(line);
-    return bad ? cannot(r, "write") : 0;
+    return run_log_line(r->log, r->log_path, line);
 }
 
-/* [iteration, Gaussians] of every line of the log. */
-static json_t *growth(const struct attack_run *r)
+/* [iteration, Gaussians] of a line of the log. */
+static bool add_growth(void *curve, const json_t *line)
 {
-    json_t *curve = json_array();
-    char *path = run_path(r->config->output, "attack/log.jsonl"), *line = NULL;
-    size_t room = 0;
-    FILE *in = path && r->attack ? run_open(path, LOG_BYTES) : NULL;
-    for (ssize_t n; in && (n = getline(&line, &room, in)) > 0;) {
-        json_t *value = n > LOG_LINE_BYTES ? NULL : json_loads(line, 0, NULL);
-        if (value)
-            json_array_append_new(
-                curve, json_pack("[O,O]", json_object_get(value, "iteration"), json_object_get(value, "gaussians")));
-        json_decref(value);
-    }
-    if (in)
-        fclose(in);
-    free(line);
-    free(path);
-    return curve;
+    json_array_append_new(curve,
+                          json_pack("[O,O]", json_object_get(line, "iteration"), json_object_get(line, "gaussians")));
+    return true;
 }
 
 /* Which views are poisoned: round(ratio n) of them, those with the least draws. */
@@ -183,8 +138,11 @@ int attack_write(struct attack_run *r)
         struct rusage usage;
         getrusage(RUSAGE_SELF, &usage);
         const double n = t.poisoned ? (double) t.poisoned : 1;
+        json_t *growth = json_array();
+        if (r->attack)
+            run_log_read(r->log_path, add_growth, growth);
         json_t *root = json_pack("{s:s,s:o,s:o,s:o}", "version", sg_version(), "options",
-                                 options_to_json(&command_attack, c), "images", images, "growth", growth(r));
+                                 options_to_json(&command_attack, c), "images", images, "growth", growth);
         images = NULL;
 #define PUT(key, value) json_object_set_new(root, key, value)
         PUT("epsilon_levels", number_json(255 * (double) c->attack.epsilon)); /* null: no bound */

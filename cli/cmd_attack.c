@@ -328,6 +328,7 @@ static int run_attack(const void *config, const bool *given, const char *const *
         code = attack_whole(&r, proxy);
     }
     free(proxy);
+    free(r.log_path);
     if (r.log && fclose(r.log) && !code)
         code = 2;
     if (r.ctx) {

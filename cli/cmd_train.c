@@ -236,6 +236,7 @@ done:
     }
     sg_ctx_destroy(&r.ctx);
     free(r.shares);
+    free(r.log_path);
     json_decref(keep);
     return code;
 }

@@ -7,13 +7,15 @@
 
 #include "run_folder.h"
 
+#define CFG_ARGS_BYTES 65536 /* others have a few hundred */
+
 /* What another trainer's folder says in cfg_args. Its text is Python, of which only plain cases are read. */
 static void read_cfg_args(const char *run, const struct command *command, const bool *given, void *config,
                           struct scene_options *scene)
 {
     char *path = NULL, *text = NULL;
     size_t room = 0;
-    FILE *f = asprintf(&path, "%s/cfg_args", run) < 0 ? NULL : run_open(path, LOG_LINE_BYTES);
+    FILE *f = asprintf(&path, "%s/cfg_args", run) < 0 ? NULL : run_open(path, CFG_ARGS_BYTES);
     if (f && getline(&text, &room, f) > 0) {
         const char *white = strstr(text, "white_background=True"), *resolution = strstr(text, "resolution=");
         const ptrdiff_t white_at = (char *) &scene->params.white_background - (char *) config;

@@ -3,11 +3,12 @@
 
 #include <dirent.h>
 #include <errno.h>
-#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
+
+#include "core/file.h"
 
 #define JSON_BYTES (4 << 20) /* a config or summary has a few thousand */
 
@@ -17,34 +18,30 @@ char *run_path(const char *run, const char *name)
     return asprintf(&path, "%s/%s", run, name) < 0 ? NULL : path;
 }
 
-static int cannot(const char *what, const char *path)
+int run_cannot(const char *what, const char *path)
 {
-    say(stderr, "splatguard: %s: cannot %s: %s\n", path, what, strerror(errno));
+    say(stderr, "splatguard: %s: cannot %s: %s\n", path, what, strerror(errno ? errno : EIO));
     return 2;
 }
 
 int run_write_file(const char *path, const char *text, size_t size)
 {
     char *temporary;
+    if (!sg_replaceable(path)) {
+        say(stderr, "splatguard: %s: cannot write: found a folder or device, expected a file\n", path);
+        return 2;
+    }
     if (asprintf(&temporary, "%s.tmp%ld", path, (long) getpid()) < 0)
         return 4;
     int code = 0;
-    struct stat st;
-    if (!stat(path, &st) && !S_ISREG(st.st_mode)) { /* renaming would replace /dev/null */
-        say(stderr, "splatguard: %s: cannot write: found a folder or device, expected a file\n", path);
-        free(temporary);
-        return 2;
-    }
-    unlink(temporary); /* left behind by a namesake, or laid there as a link */
-    FILE *f = fopen(temporary, "wbx");
+    FILE *f = sg_temporary_open(temporary);
+    if (f)
+        fwrite(text, 1, size, f); /* errors surface at the end */
     if (!f)
-        code = cannot("write", path);
-    else {
-        const bool written = fwrite(text, 1, size, f) == size && !fflush(f) && !fsync(fileno(f));
-        if (fclose(f) || !written || rename(temporary, path)) {
-            code = cannot("write", path);
-            unlink(temporary);
-        }
+        code = run_cannot("write", path);
+    else if (!sg_temporary_finish(f, temporary, path)) {
+        code = run_cannot("write", path);
+        unlink(temporary);
     }
     free(temporary);
     return code;
@@ -52,15 +49,13 @@ int run_write_file(const char *path, const char *text, size_t size)
 
 FILE *run_open(const char *path, uint64_t most)
 {
-    const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    FILE *f = sg_regular_open(path);
     struct stat st;
-    FILE *f = NULL;
-    if (fd >= 0 && !fstat(fd, &st) && (!S_ISREG(st.st_mode) || (uint64_t) st.st_size > most))
-        errno = S_ISREG(st.st_mode) ? EFBIG : EINVAL;
-    else if (fd >= 0)
-        f = fdopen(fd, "rb");
-    if (fd >= 0 && !f)
-        close(fd);
+    if (f && (fstat(fileno(f), &st) || (uint64_t) st.st_size > most)) {
+        fclose(f);
+        f = NULL;
+        errno = EFBIG;
+    }
     return f;
 }
 
@@ -74,21 +69,6 @@ json_t *run_read_json(const char *path, json_error_t *error)
     else
         snprintf(error->text, sizeof(error->text), "cannot read: %s", strerror(errno));
     return root;
-}
-
-FILE *run_open_log(const char *path, bool append)
-{
-    const int how = O_WRONLY | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK | (append ? O_APPEND : O_TRUNC);
-    const int fd = open(path, how, 0666);
-    struct stat st;
-    FILE *f = NULL;
-    if (fd >= 0 && !fstat(fd, &st) && !S_ISREG(st.st_mode))
-        errno = EINVAL;
-    else if (fd >= 0)
-        f = fdopen(fd, append ? "ab" : "wb");
-    if (fd >= 0 && !f)
-        close(fd);
-    return f;
 }
 
 int run_write_json(const char *path, const json_t *value)
@@ -112,7 +92,7 @@ int run_make_dirs(const char *path)
             const char kept = *p;
             *p = 0;
             if (mkdir(copy, 0777) && errno != EEXIST)
-                code = cannot("create the folder", copy);
+                code = run_cannot("create the folder", copy);
             *p = kept;
             if (!kept)
                 break;

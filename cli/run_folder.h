@@ -9,6 +9,9 @@
 /* Paths are RUN/name; the caller frees. */
 char *run_path(const char *run, const char *name);
 
+/* Says so, with errno; returns the exit code 2. */
+int run_cannot(const char *what, const char *path);
+
 /* Writes JSON, indented. Returns an exit code after printing what is wrong. */
 int run_write_json(const char *path, const json_t *value);
 
@@ -16,11 +19,6 @@ int run_write_json(const char *path, const json_t *value);
 FILE *run_open(const char *path, uint64_t most);
 /* NULL with error->text. */
 json_t *run_read_json(const char *path, json_error_t *error);
-/* log.jsonl to write, but through no link. NULL with errno. */
-FILE *run_open_log(const char *path, bool append);
-#define LOG_BYTES (UINT64_C(1) << 30)
-#define LOG_LINE_BYTES 65536 /* ours have a few hundred */
-
 /* mkdir -p. */
 int run_make_dirs(const char *path);
 

@@ -19,6 +19,7 @@ struct train_run {
     struct sg_scene *scene;
     sg_trainer *trainer;
     FILE *log;
+    char *log_path;
     struct progress progress;
     struct train_totals totals;
     const char *audit; /* the verdict, or NULL */

@@ -7,11 +7,46 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+FILE *sg_regular_open(const char *path)
+{
+    const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    struct stat st;
+    FILE *f = NULL;
+    if (fd >= 0 && !fstat(fd, &st)) {
+        if (S_ISREG(st.st_mode))
+            f = fdopen(fd, "rb");
+        else
+            errno = EINVAL;
+    }
+    if (fd >= 0 && !f)
+        close(fd);
+    return f;
+}
+
+bool sg_replaceable(const char *path)
+{
+    struct stat st;
+    return stat(path, &st) || S_ISREG(st.st_mode);
+}
+
+FILE *sg_temporary_open(const char *path)
+{
+    unlink(path); /* left behind by a namesake, or laid there */
+    return fopen(path, "wbx");
+}
+
+bool sg_temporary_finish(FILE *stream, const char *temporary, const char *path)
+{
+    int failed = ferror(stream) | fflush(stream);
+    failed |= fsync(fileno(stream));
+    failed |= fclose(stream);
+    return !failed && !rename(temporary, path);
+}
+
 int sg_file_create(sg_ctx *ctx, struct sg_file_writer *w, const char *path)
 {
     *w = (struct sg_file_writer){0};
-    struct stat st;
-    if (!stat(path, &st) && !S_ISREG(st.st_mode)) /* renaming would replace /dev/null */
+    if (!sg_replaceable(path))
         return sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write: found a folder or device, expected a file", path);
     w->path = sg_strdup(ctx, path);
     w->temporary = sg_strf(ctx, "%s.tmp%ld", path, (long) getpid());
@@ -19,8 +54,7 @@ int sg_file_create(sg_ctx *ctx, struct sg_file_writer *w, const char *path)
         sg_file_abandon(ctx, w);
         return SG_ERR_BUDGET;
     }
-    unlink(w->temporary); /* left behind by a namesake */
-    w->stream = fopen(w->temporary, "wbx");
+    w->stream = sg_temporary_open(w->temporary);
     if (!w->stream) {
         int code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write: %s", path, strerror(errno));
         sg_free(ctx, w->temporary); /* nothing of ours to remove */
@@ -33,14 +67,10 @@ int sg_file_create(sg_ctx *ctx, struct sg_file_writer *w, const char *path)
 
 int sg_file_commit(sg_ctx *ctx, struct sg_file_writer *w)
 {
-    int failed = ferror(w->stream) | fflush(w->stream);
-    failed |= fsync(fileno(w->stream));
-    failed |= fclose(w->stream);
+    const bool done = sg_temporary_finish(w->stream, w->temporary, w->path);
     w->stream = NULL;
-    if (!failed)
-        failed = rename(w->temporary, w->path);
     int code = SG_OK;
-    if (failed)
+    if (!done)
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write: %s", w->path, strerror(errno ? errno : EIO));
     else {
         sg_free(ctx, w->temporary);
@@ -73,18 +103,11 @@ int sg_file_write(sg_ctx *ctx, const char *path, const void *data, size_t size)
 
 int sg_file_open(sg_ctx *ctx, const char *path, FILE **out)
 {
-    const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-    struct stat st;
-    *out = NULL;
-    if (fd < 0 || fstat(fd, &st))
-        sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read: %s", path, strerror(errno));
-    else if (!S_ISREG(st.st_mode))
-        sg_fail(ctx, SG_ERR_INPUT, "%s: found a folder or device, expected a file", path);
-    else if (!(*out = fdopen(fd, "rb")))
-        sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read: %s", path, strerror(errno));
-    if (fd >= 0 && !*out)
-        close(fd);
-    return *out ? SG_OK : SG_ERR_INPUT;
+    *out = sg_regular_open(path);
+    if (*out)
+        return SG_OK;
+    return errno == EINVAL ? sg_fail(ctx, SG_ERR_INPUT, "%s: found a folder or device, expected a file", path)
+                           : sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read: %s", path, strerror(errno));
 }
 
 int sg_file_read(sg_ctx *ctx, const char *path, uint64_t max_bytes, char **data, size_t *size)

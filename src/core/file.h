@@ -8,6 +8,12 @@
 
 #include "internal.h"
 
+/* What both the functions below and those without a context are made of. NULL or false: see errno. */
+FILE *sg_regular_open(const char *path);   /* to read; EINVAL: a pipe, device or folder, and nothing waits for it */
+bool sg_replaceable(const char *path);     /* nothing is there, or a file: renaming would replace /dev/null */
+FILE *sg_temporary_open(const char *path); /* to write; goes through no link that lies there */
+bool sg_temporary_finish(FILE *stream, const char *temporary, const char *path); /* synced, closed, renamed */
+
 /* Writes go to a temporary name beside the target; commit syncs and renames, abandon removes. */
 struct sg_file_writer {
     FILE *stream;
