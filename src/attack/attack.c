@@ -59,8 +59,9 @@ static int check_params(sg_ctx *ctx, const struct sg_attack_params *p)
     return SG_OK;
 }
 
-static int allocate(sg_ctx *ctx, sg_attack *a, const struct sg_scene *scene)
+static int allocate(sg_attack *a, const struct sg_scene *scene)
 {
+    sg_ctx *ctx = a->ctx;
     size_t pixels = 0;
     int height = 0;
     for (size_t i = 0; i < scene->n_train; i++) {
@@ -94,7 +95,7 @@ int sg_attack_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_
         return SG_ERR_BUDGET;
     a->params = p;
     a->ctx = ctx;
-    code = allocate(ctx, a, scene); /* first: the trainer plans with what is left */
+    code = allocate(a, scene); /* first: the trainer plans with what is left */
     if (!code)
         code = sg_trainer_open(ctx, scene, proxy,
                                sg_train_params(.iterations = p.iterations, .seed = p.seed,
@@ -212,23 +213,17 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
 
     /* As in training, where the decoy is densified its gradients are lost. */
     const bool densifies = it % p->densification_interval == 0 && it != p->iterations;
-    struct sg_update update = {.statistics = true, .accumulate = p->update_interval > 1};
-    int steps_before[SG_GROUPS];
-    memcpy(steps_before, t->adam_steps, sizeof(steps_before));
-    if (!densifies && it % p->update_interval == 0) {
-        const double lr[SG_GROUPS] = {
-            [SG_G_XYZ] = p->move_positions ? POSITION_LR * t->extent : 0,
-            [SG_G_OPACITY] = (double) p->opacity_lr,
-            [SG_G_SCALE] = (double) p->scaling_lr,
-            [SG_G_ROT] = (double) p->rotation_lr,
-            [SG_G_DC] = (double) p->feature_lr,
-            [SG_G_REST] = (double) p->feature_lr / 20,
-        };
-        sg_trainer_adam(t, lr, false, &update);
-    }
-    if ((code = ops->update(t->backend, &update)))
-        memcpy(t->adam_steps, steps_before, sizeof(steps_before)); /* no step was taken */
-    if (code || (densifies && (code = densify(a, it))))
+    const bool moves = !densifies && it % p->update_interval == 0;
+    const struct sg_update update = {.statistics = true, .accumulate = p->update_interval > 1};
+    const double lr[SG_GROUPS] = {
+        [SG_G_XYZ] = p->move_positions ? POSITION_LR * t->extent : 0,
+        [SG_G_OPACITY] = (double) p->opacity_lr,
+        [SG_G_SCALE] = (double) p->scaling_lr,
+        [SG_G_ROT] = (double) p->rotation_lr,
+        [SG_G_DC] = (double) p->feature_lr,
+        [SG_G_REST] = (double) p->feature_lr / 20,
+    };
+    if ((code = sg_trainer_update(t, moves ? lr : NULL, false, update)) || (densifies && (code = densify(a, it))))
         return code;
     /* As often as the decoy grows: what learning takes off a scale in between is little. */
     if (p->scale_floor > 0 && (densifies || it == p->iterations) &&

@@ -235,30 +235,22 @@ static void background(const sg_trainer *t, int it, float *out)
                                                : 0.0f;
 }
 
-void sg_trainer_adam(sg_trainer *t, const double lr[SG_GROUPS], bool hold_opacity, struct sg_update *u)
+int sg_trainer_update(sg_trainer *t, const double *lr, bool hold_opacity, struct sg_update u)
 {
-    u->adam = true;
-    for (int g = 0; g < SG_GROUPS; g++) {
+    int steps[SG_GROUPS];
+    memcpy(steps, t->adam_steps, sizeof(steps));
+    u.adam = lr;
+    for (int g = 0; lr && g < SG_GROUPS; g++) {
         if (g == SG_G_OPACITY && hold_opacity)
             continue;
-        t->adam_steps[g]++;
-        u->rate[g] = (float) (lr[g] / (1 - pow((double) SG_ADAM_BETA1, t->adam_steps[g])));
-        u->root[g] = (float) (1 / sqrt(1 - pow((double) SG_ADAM_BETA2, t->adam_steps[g])));
+        steps[g]++;
+        u.rate[g] = (float) (lr[g] / (1 - pow((double) SG_ADAM_BETA1, steps[g])));
+        u.root[g] = (float) (1 / sqrt(1 - pow((double) SG_ADAM_BETA2, steps[g])));
     }
-}
-
-static void prepare_adam(sg_trainer *t, int it, bool hold_opacity, struct sg_update *u)
-{
-    const struct sg_train_params *p = &t->params;
-    const double lr[SG_GROUPS] = {
-        [SG_G_XYZ] = sg_position_lr(p, it) * t->extent,
-        [SG_G_OPACITY] = (double) p->opacity_lr,
-        [SG_G_SCALE] = (double) p->scaling_lr,
-        [SG_G_ROT] = (double) p->rotation_lr,
-        [SG_G_DC] = (double) p->feature_lr,
-        [SG_G_REST] = (double) p->feature_lr / 20,
-    };
-    sg_trainer_adam(t, lr, hold_opacity, u);
+    const int code = t->backend->ops->update(t->backend, &u);
+    if (!code)
+        memcpy(t->adam_steps, steps, sizeof(steps));
+    return code;
 }
 
 double sg_trainer_elapsed(const sg_trainer *t)
@@ -376,15 +368,18 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
      * lost and Adam stands still for them in that iteration. The last iteration takes no step either. */
     const bool densifies = sg_densifies(p, before, it), filters = sg_filters(p, before, it);
     const bool resets = sg_resets_opacity(p, before, it);
-    struct sg_update update = {.statistics = it < p->densify_until_iter};
-    int steps_before[SG_GROUPS];
-    memcpy(steps_before, t->adam_steps, sizeof(steps_before));
-    if (!densifies && !filters && it < p->iterations)
-        prepare_adam(t, it, resets, &update);
-    if ((code = ops->update(t->backend, &update))) {
-        memcpy(t->adam_steps, steps_before, sizeof(steps_before)); /* no step was taken */
+    const double lr[SG_GROUPS] = {
+        [SG_G_XYZ] = sg_position_lr(p, it) * t->extent,
+        [SG_G_OPACITY] = (double) p->opacity_lr,
+        [SG_G_SCALE] = (double) p->scaling_lr,
+        [SG_G_ROT] = (double) p->rotation_lr,
+        [SG_G_DC] = (double) p->feature_lr,
+        [SG_G_REST] = (double) p->feature_lr / 20,
+    };
+    const bool moves = !densifies && !filters && it < p->iterations;
+    const struct sg_update update = {.statistics = it < p->densify_until_iter};
+    if ((code = sg_trainer_update(t, moves ? lr : NULL, resets, update)))
         return code;
-    }
     if (densifies && (code = densify(t, it, &render, &step)))
         return code;
     if (filters && (code = sg_filter(t->backend, t->scene, d, &render, filter_share(t), p->seed, it, &step.defense)))

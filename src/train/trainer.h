@@ -39,7 +39,8 @@ size_t sg_trainer_pick_view(sg_trainer *t, uint64_t step);
 /* Seconds of all steps, those before a checkpoint included. */
 double sg_trainer_elapsed(const sg_trainer *t);
 
-/* Advances the step counters of the groups that move and fills in their rates. */
-void sg_trainer_adam(sg_trainer *t, const double lr[SG_GROUPS], bool hold_opacity, struct sg_update *u);
+/* The backend's update, with an Adam step at these rates unless lr is NULL. The step counters advance with it, or stay
+ * where it fails. hold_opacity: that group does not move. */
+int sg_trainer_update(sg_trainer *t, const double *lr, bool hold_opacity, struct sg_update u);
 
 #endif
