@@ -83,11 +83,6 @@ done:
     return code ? code : *model ? 0 : 2;
 }
 
-static double seconds_since(double start)
-{
-    return sg_seconds() - start;
-}
-
 static int checkpoint(struct attack_run *r)
 {
     char *path = run_path(r->config->output, "attack/checkpoint.bin");
@@ -104,7 +99,7 @@ static int loop(struct attack_run *r)
     while (!code && done < c->attack.iterations && (!interrupted() || done % c->attack.update_interval)) {
         const double start = sg_seconds();
         const int error = sg_attack_step(r->attack, &r->step);
-        r->totals.seconds += seconds_since(start);
+        r->totals.seconds += sg_seconds() - start;
         if (error) {
             progress_break(&r->progress);
             return report(r->ctx, error);

@@ -2,29 +2,7 @@
 /* The option tables as text for people: --help, docs/options.md and the man page. */
 #include <string.h>
 
-#include "core/internal.h"
 #include "options.h"
-
-void say(FILE *to, const char *format, ...)
-{
-    char *text = NULL;
-    va_list args;
-    va_start(args, format);
-    const int n = vasprintf(&text, format, args);
-    va_end(args);
-    for (char *line = text; n >= 0 && line;) {
-        char *end = strchr(line, '\n');
-        if (end)
-            *end = 0;
-        sg_make_printable(line);
-        if (end)
-            *end++ = '\n';
-        line = end;
-    }
-    if (n >= 0)
-        fputs(text, to);
-    free(text);
-}
 
 #define HELP_WIDTH 100
 #define HELP_INDENT 34

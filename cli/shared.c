@@ -9,6 +9,28 @@
 #include <unistd.h>
 
 #include "commands.h"
+#include "core/internal.h"
+
+void say(FILE *to, const char *format, ...)
+{
+    char *text = NULL;
+    va_list args;
+    va_start(args, format);
+    const int n = vasprintf(&text, format, args);
+    va_end(args);
+    for (char *line = text; n >= 0 && line;) {
+        char *end = strchr(line, '\n');
+        if (end)
+            *end = 0;
+        sg_make_printable(line);
+        if (end)
+            *end++ = '\n';
+        line = end;
+    }
+    if (n >= 0)
+        fputs(text, to);
+    free(text);
+}
 
 int exit_code(int error)
 {

@@ -42,9 +42,8 @@ static bool may_follow(sg_ctx *ctx, const struct sg_scene *scene, const char *na
 
 static int copy(sg_ctx *ctx, const struct sg_scene *scene, const char *to, const char *name)
 {
-    const char *from = scene->path;
     struct stat st;
-    char *source = sg_strf(ctx, "%s/%s", from, name), *target = sg_strf(ctx, "%s/%s", to, name), *data = NULL;
+    char *source = sg_strf(ctx, "%s/%s", scene->path, name), *target = sg_strf(ctx, "%s/%s", to, name), *data = NULL;
     size_t size;
     int code = source && target ? SG_OK : SG_ERR_BUDGET;
     if (!code && !lstat(source, &st) && S_ISLNK(st.st_mode) && !may_follow(ctx, scene, name))
@@ -200,17 +199,14 @@ int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene, const str
         "sparse/0/images.txt",  "sparse/0/points3D.txt", "sparse/0/points3D.ply", "sparse/cameras.bin",
         "sparse/images.bin",    "sparse/points3D.bin",   "sparse/cameras.txt",    "sparse/images.txt",
         "sparse/points3D.txt",  "sparse/points3D.ply",   "poses_bounds.npy",      NULL};
-    sg_clear_error(ctx);
     static const char *const own[] = {"transforms.json", NULL};
+    static const char *const *const layouts[] = {blender, colmap, own};
+    sg_clear_error(ctx);
     int code = sg_dir_create(ctx, folder);
     if (!code)
         code = refuse_links(ctx, folder);
-    if (!code)
-        code = remove_cameras(ctx, folder, blender);
-    if (!code)
-        code = remove_cameras(ctx, folder, colmap);
-    if (!code)
-        code = remove_cameras(ctx, folder, own);
+    for (size_t i = 0; i < sizeof(layouts) / sizeof(*layouts) && !code; i++)
+        code = remove_cameras(ctx, folder, layouts[i]);
     if (!code && needs_transforms(scene))
         return write_transforms(ctx, scene, files, folder);
     for (const char *const *name = scene->format == SG_FORMAT_BLENDER ? blender : colmap; *name && !code; name++)

@@ -91,7 +91,7 @@ static struct outline outline_of(const uint8_t *data, size_t size)
 {
     struct outline o = {.whole = true}; /* of what is not understood the worst */
     int colours = 0;
-    for (size_t i = 2; i + 4 < size && data[i] == 0xff;) {
+    for (size_t i = 2; i + 1 < size && data[i] == 0xff;) {
         const uint8_t marker = data[i + 1];
         if (marker == 0xff) { /* fill */
             i++;
@@ -99,25 +99,20 @@ static struct outline outline_of(const uint8_t *data, size_t size)
         }
         if (marker == 0xd9)
             o.end = i;
-        if (o.end)
+        if (o.end || i + 4 >= size)
             break;
-        const size_t length = (size_t) data[i + 2] << 8 | data[i + 3];
+        const size_t begin = i + 2;
+        i = begin + ((size_t) data[begin] << 8 | data[begin + 1]);
         if (marker == 0xda) { /* pixels follow; stuffed and restart markers are among them */
-            o.whole = o.whole || data[i + 4] < colours;
-            for (i += 2 + length; i + 1 < size; i++)
-                if (data[i] == 0xff && data[i + 1] && data[i + 1] != 0xff && (data[i + 1] & 0xf8) != 0xd0)
-                    break;
-            if (i + 1 < size && data[i + 1] == 0xd9) {
-                o.end = i;
-                break;
-            }
-            continue;
-        }
-        if (marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc && i + 9 < size) {
+            o.whole = o.whole || data[begin + 2] < colours;
+            while (i + 1 < size &&
+                   !(data[i] == 0xff && data[i + 1] && data[i + 1] != 0xff && (data[i + 1] & 0xf8) != 0xd0))
+                i++;
+        } else if (marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc &&
+                   begin + 7 < size) {
             o.whole = marker > 0xc1;
-            colours = data[i + 9];
+            colours = data[begin + 7];
         }
-        i += 2 + length;
     }
     o.whole = o.whole || !o.end;
     return o;
