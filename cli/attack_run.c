@@ -184,8 +184,10 @@ int attack_whole(struct attack_run *r, const char *proxy)
         code = save_decoy(r);
     if (!code && (code = attack_write(r)) == exit_code(SG_ERR_INTERRUPTED)) {
         const int failed = splat ? checkpoint(r) : 0;
-        say(stderr, "interrupted while writing. Continue with: splatguard attack --resume %s\n", c->output);
-        code = failed ? failed : code;
+        if (failed)
+            code = failed;
+        else
+            say(stderr, "interrupted while writing. Continue with: splatguard attack --resume %s\n", c->output);
     }
     if (!code) {
         char *saved = run_path(c->output, "attack/checkpoint.bin");

@@ -97,7 +97,8 @@ static const struct option train_options[] = {
         "rho", rho, -1, 0.5,
         "Share of the Gaussians that the filter removes at a time; -0.9 to 0: minus the share of what grew; -1 = the "
         "preset's."),
-    DOUBLE("filter-frequency", frequency, 1e-9, 1e9, "Reference frequency t, cycles per scene unit."),
+    DOUBLE("filter-frequency", frequency, 0, 1e9,
+           "Reference frequency t, cycles per scene unit; 0 = the preset's: 8, auto: 41.6 in the scene's extent."),
     DOUBLE("filter-exponent", exponent, 0, 100, "Exponent alpha of the frequency weight."),
     INTEGER("filter-views", train.defense.views, 1, 10000000, "Training views that hits are counted in."),
     INTEGER("filter-interval", train.defense.interval, 1, 10000000, "Iterations between removals."),
@@ -138,7 +139,8 @@ static const struct option train_options[] = {
 
 static const struct train_config defaults = {
     .scene = {SCENE_OPTION_DEFAULTS},
-    .train = {SG_TRAIN_DEFAULTS, .defense = {SG_DEFENSE_DEFAULTS, .rho = -1, .lambda = -1}},
+    .train = {SG_TRAIN_DEFAULTS, .defense = {SG_DEFENSE_DEFAULTS, .rho = PRESET_RHO, .lambda = PRESET_LAMBDA,
+                                             .frequency = PRESET_FREQUENCY}},
     .save_every = 7000,
     .eval_every = 7000,
     .log_every = 100,
@@ -209,7 +211,7 @@ static int run_train(const void *config, const bool *given, const char *const *p
     if (code)
         goto done;
     settle(&c);
-    if ((code = open_context(&r.ctx, c.threads, c.max_memory, c.quiet)))
+    if ((code = open_context(&r.ctx, c.threads, c.max_memory, c.quiet)) || (code = train_check(&r, given)))
         goto done;
     const int error = sg_scene_load(r.ctx, c.source, &c.scene.params, &r.scene);
     if (error) {

@@ -84,8 +84,7 @@ static int set_choice(const struct command *c, const struct option *o, int *valu
     return bad_value(c, o, text, expected);
 }
 
-/* What config.json keeps, so that a resumed run has the same number. */
-static double fifteen_digits(double v)
+double options_number(double v)
 {
     char text[32];
     snprintf(text, sizeof(text), "%.15g", v);
@@ -121,11 +120,12 @@ int options_set(const struct command *c, const struct option *o, void *config, c
         if (o->type == OPT_FLOAT)
             *(float *) value = (float) v;
         else
-            *(double *) value = fifteen_digits(v);
+            *(double *) value = options_number(v);
         return 0;
     }
     default: {
-        snprintf(expected, sizeof(expected), "a whole number from %.0f to %.0f", o->low, o->high);
+        snprintf(expected, sizeof(expected), "a whole number from %.0f to %.0f%s", o->low, o->high,
+                 o->type == OPT_BYTES ? ", of bytes or with K, M or G" : "");
         long long v = strtoll(text, &end, 10);
         if (o->type == OPT_BYTES && end != text && *end && !end[1] && strchr("KMGkmg", *end) && v >= 0 && v < 1ll << 30)
             v <<= (*end | 32) == 'k' ? 10 : (*end | 32) == 'm' ? 20 : 30, end++;

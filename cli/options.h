@@ -70,6 +70,9 @@ int options_from_json(const struct command *c, void *config, const json_t *objec
 int options_adopt(const struct command *c, const char *group, const bool *given, void *config, const json_t *object,
                   const char *path);
 
+/* v as config.json keeps it, so that a resumed run has the same number. */
+double options_number(double v);
+
 bool options_given(const struct command *c, const bool *given, size_t offset);
 size_t options_count(const struct command *c);
 

@@ -6,6 +6,11 @@
 
 enum defense_preset { DEFENSE_AUTO, DEFENSE_NS, DEFENSE_TT, DEFENSE_MIP };
 
+/* What stands for "the preset's". */
+#define PRESET_RHO (-1.0)
+#define PRESET_LAMBDA (-1.0)
+#define PRESET_FREQUENCY 0.0
+
 enum audit_mode { AUDIT_OFF, AUDIT_WARN, AUDIT_REFUSE, AUDIT_DEFEND };
 
 struct train_config {

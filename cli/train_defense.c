@@ -1,40 +1,65 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Which defense a run gets: what was asked for, and with preset auto what the photos look like. */
-#include <math.h>
+#include <stdlib.h>
+#include <string.h>
 
 #include "train_run.h"
 
-/* suspicion: 0..1, of the photos; decides only with preset auto. Its rho has few digits, so that config.json gives a
- * resumed run the same number. */
-static void settle_defense(struct train_config *c, double suspicion)
+/* What the preset decides, where the options do not. */
+static void settle_defense(struct train_config *c, const struct sg_defense_params *preset)
+{
+    struct sg_defense_params *d = &c->train.defense;
+    d->on = c->defense;
+    d->rho = d->rho == PRESET_RHO ? preset->rho : d->rho;
+    d->lambda = d->lambda == PRESET_LAMBDA ? preset->lambda : d->lambda;
+    d->frequency = d->frequency == PRESET_FREQUENCY ? preset->frequency : d->frequency;
+    d->shares = preset->shares;
+}
+
+/* The paper's rho and lambda for its datasets; for auto, what holds without photos. */
+static struct sg_defense_params published(int preset)
 {
     const struct {
         double rho, lambda;
-    } presets[] = {[DEFENSE_AUTO] = {-round(1e6 * (0.1 + 0.35 * suspicion)) / 1e6, 6},
-                   [DEFENSE_NS] = {0.03, 4},
-                   [DEFENSE_TT] = {0.045, 4},
-                   [DEFENSE_MIP] = {0.05, 5}};
-    struct sg_defense_params *d = &c->train.defense;
-    d->on = c->defense;
-    d->rho = d->rho <= -1 ? presets[c->preset].rho : d->rho;
-    d->lambda = d->lambda < 0 ? presets[c->preset].lambda : d->lambda;
+    } of[] = {[DEFENSE_NS] = {0.03, 4}, [DEFENSE_TT] = {0.045, 4}, [DEFENSE_MIP] = {0.05, 5}};
+    struct sg_defense_params p = {SG_DEFENSE_DEFAULTS};
+    if (preset != DEFENSE_AUTO)
+        p.rho = of[preset].rho, p.lambda = of[preset].lambda;
+    return p;
 }
 
-/* With preset auto each photo is smoothed as much as it looks poisoned, and rho follows from all. */
+int train_check(const struct train_run *r, const bool *given)
+{
+    struct train_config c = *r->config;
+    const struct option *o = command_train.options;
+    const bool defends = c.defense || c.audit == AUDIT_DEFEND, limited = c.train.max_gaussians || c.max_memory;
+    bool inside = false;
+    for (size_t i = 0; o[i].name && !defends && !c.resume; i++) {
+        inside = o[i].type == OPT_GROUP ? !strcmp(o[i].name, "Defense") : inside;
+        const bool decides = !strcmp(o[i].name, "defense") || !strcmp(o[i].name, "audit");
+        const bool ranks = limited && !strncmp(o[i].name, "filter-", 7); /* those that stay at the limit */
+        if (inside && given[i] && !decides && !ranks) {
+            say(stderr, "splatguard train: --%s: found without a defense, expected --defense spectral with it\n",
+                o[i].name);
+            return 1;
+        }
+    }
+    const struct sg_defense_params preset = published(c.preset);
+    settle_defense(&c, &preset);
+    const int error = sg_train_check(r->ctx, &c.train);
+    return error ? report(r->ctx, error) : 0;
+}
+
 static int settle_automatic(struct train_run *r, const struct sg_audit *found)
 {
-    double sum = 0;
+    struct sg_defense_params preset = {SG_DEFENSE_DEFAULTS};
     if (!(r->shares = malloc(found->count * sizeof(*r->shares)))) {
         say(stderr, "splatguard: out of memory\n");
         return 3;
     }
-    for (size_t i = 0; i < found->count; i++) {
-        const double suspicion = fmin(fmax((found->images[i].score - 0.3) / 0.6, 0), 1);
-        r->shares[i] = (float) suspicion;
-        sum += suspicion;
-    }
-    settle_defense(r->config, sum / (double) found->count);
-    r->config->train.defense.shares = r->shares;
+    sg_defense_automatic(found, r->scene->extent, r->shares, &preset);
+    preset.rho = options_number(preset.rho), preset.frequency = options_number(preset.frequency);
+    settle_defense(r->config, &preset);
     return 0;
 }
 
@@ -60,8 +85,9 @@ int train_decide(struct train_run *r)
 {
     struct train_config *c = r->config;
     struct sg_audit *found = NULL;
+    const struct sg_defense_params preset = published(c->preset);
     if (c->audit == AUDIT_OFF && !(c->defense && c->preset == DEFENSE_AUTO)) {
-        settle_defense(c, 1);
+        settle_defense(c, &preset);
         return 0;
     }
     const int error = sg_audit_scene(r->ctx, r->scene, &found);
@@ -72,7 +98,7 @@ int train_decide(struct train_run *r)
     if (!code && c->defense && c->preset == DEFENSE_AUTO)
         code = settle_automatic(r, found);
     else
-        settle_defense(c, 1);
+        settle_defense(c, &preset);
     sg_audit_destroy(r->ctx, &found);
     return code;
 }

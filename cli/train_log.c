@@ -2,6 +2,31 @@
 #include "run_log.h"
 #include "train_run.h"
 
+#define PARTS 4
+
+static const struct {
+    const char *name;
+    size_t offset;
+} parts[PARTS] = {{"anisotropy", offsetof(struct sg_train_times, anisotropy)},
+                  {"total_variation", offsetof(struct sg_train_times, total_variation)},
+                  {"count", offsetof(struct sg_train_times, count)},
+                  {"prune", offsetof(struct sg_train_times, prune)}};
+
+static double *part(struct sg_train_times *t, int k)
+{
+    return (double *) ((char *) t + parts[k].offset);
+}
+
+json_t *train_log_parts(const struct train_run *r)
+{
+    struct sg_train_times before = r->totals.parts, here;
+    json_t *object = json_object();
+    sg_trainer_times(r->trainer, &here);
+    for (int k = 0; k < PARTS; k++)
+        json_object_set_new(object, parts[k].name, number_json(*part(&before, k) + *part(&here, k)));
+    return object;
+}
+
 static void take_totals(struct train_totals *t, const json_t *line)
 {
     if (!json_object_get(line, "train_seconds"))
@@ -12,6 +37,9 @@ static void take_totals(struct train_totals *t, const json_t *line)
     t->max_instances = (uint64_t) json_integer_value(json_object_get(line, "max_instances"));
     t->filter_events = (uint64_t) json_integer_value(json_object_get(line, "filter_events"));
     t->filter_removed = (uint64_t) json_integer_value(json_object_get(line, "filter_removed"));
+    for (int k = 0; k < PARTS; k++)
+        *part(&t->parts, k) =
+            json_number_value(json_object_get(json_object_get(line, "defense_seconds"), parts[k].name));
 }
 
 /* Lines up to the checkpoint, of iterations and of the filter, stay. */
@@ -57,6 +85,7 @@ int train_log_step(struct train_run *r)
         json_object_set_new(line, "total_variation", number_json(s->defense.total_variation));
         json_object_set_new(line, "filter_events", json_integer((json_int_t) t->filter_events));
         json_object_set_new(line, "filter_removed", json_integer((json_int_t) t->filter_removed));
+        json_object_set_new(line, "defense_seconds", train_log_parts(r));
     }
     return run_log_line(r->log, r->log_path, line);
 }

@@ -47,7 +47,32 @@ static int save(struct train_run *r)
     int code = train_log_step(r);
     if (!code)
         code = run_save_model(r->ctx, r->config->output, r->trainer);
-    return code ? code : run_save_checkpoint(r->ctx, r->config->output, r->trainer);
+    if (code)
+        return code;
+    code = run_save_checkpoint(r->ctx, r->config->output, r->trainer);
+    r->resumable = !code;
+    if (code == exit_code(SG_ERR_BUDGET)) {
+        say(stderr, "the model is saved without a checkpoint: this run cannot be resumed\n");
+        return 0; /* the model is what was asked for */
+    }
+    return code;
+}
+
+#define STARVING 10 /* removals */
+
+/* A fixed rho above the scene's growth eats the model up. */
+static void watch_filter(struct train_run *r)
+{
+    const size_t n = r->step.gaussians;
+    r->shrinks = n < r->first_gaussians && n < r->filtered_gaussians ? r->shrinks + 1 : 0;
+    r->filtered_gaussians = n;
+    if (r->shrinks != STARVING)
+        return;
+    progress_break(&r->progress);
+    say(stderr,
+        "warning: the filter has removed more than grew %d times in a row, from fewer Gaussians than at first: "
+        "%zu; rho is too high for this scene\n",
+        STARVING, n);
 }
 
 /* Where time is short, a step goes over several iterations. */
@@ -71,6 +96,7 @@ static int after_step(struct train_run *r)
     r->cloned += s->cloned, r->split += s->split, r->pruned += s->pruned;
     if (s->defense.filtered) {
         r->totals.filter_events++, r->totals.filter_removed += s->defense.removed;
+        watch_filter(r);
         code = train_log_filter(r);
     }
     if (!code && (due(r, c->log_every) || last || s->iteration == 1))
@@ -122,8 +148,9 @@ static int finish(struct train_run *r)
     if (!code)
         code = train_summary_write(r);
     if (!code && cut) {
-        say(stderr, "interrupted at iteration %d; saved. Continue with: splatguard train --resume %s\n",
-            sg_trainer_iteration(r->trainer), r->config->output);
+        say(stderr, "interrupted at iteration %d; saved\n", sg_trainer_iteration(r->trainer));
+        if (r->resumable)
+            say(stderr, "Continue with: splatguard train --resume %s\n", r->config->output);
         code = 130;
     }
     return code;
@@ -173,6 +200,7 @@ int train_start(struct train_run *r, const char *variant)
 
 int train_whole(struct train_run *r)
 {
+    r->first_gaussians = r->filtered_gaussians = sg_trainer_gaussians(r->trainer);
     const int code = loop(r);
     return code || r->error ? code : finish(r);
 }

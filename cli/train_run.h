@@ -11,6 +11,7 @@ struct train_totals {
     double seconds, cpu_seconds; /* of training alone, without evaluation and files */
     uint64_t max_gaussians, max_instances;
     uint64_t filter_events, filter_removed; /* of the defense */
+    struct sg_train_times parts;            /* seconds of the processes before; of the defense only */
 };
 
 struct train_run {
@@ -24,18 +25,25 @@ struct train_run {
     struct train_totals totals;
     const char *audit; /* the verdict, or NULL */
     double audit_score;
-    float *shares;                  /* of lambda, a training view each, or NULL */
-    double begun;                   /* the command, on the monotonic clock */
-    struct sg_train_step step;      /* newest */
-    int before;                     /* iteration before it */
-    int error;                      /* that ended it, or SG_OK */
-    int logged;                     /* iteration of the newest line */
-    uint64_t cloned, split, pruned; /* since then */
-    struct sg_eval eval;            /* newest measurement */
-    int evaluated;                  /* its iteration, 0 = none */
+    float *shares;                              /* of lambda, a training view each, or NULL */
+    double begun;                               /* the command, on the monotonic clock */
+    struct sg_train_step step;                  /* newest */
+    int before;                                 /* iteration before it */
+    int error;                                  /* that ended it, or SG_OK */
+    int logged;                                 /* iteration of the newest line */
+    uint64_t cloned, split, pruned;             /* since then */
+    size_t first_gaussians, filtered_gaussians; /* at the beginning of the process, after the newest removal */
+    int shrinks;                                /* removals in a row after which there were fewer than ever */
+    bool resumable;                             /* the newest checkpoint is of the newest model */
+    struct sg_eval eval;                        /* newest measurement */
+    int evaluated;                              /* its iteration, 0 = none */
 };
 
 /* All of these return an exit code after printing what is wrong. */
+
+/* Values that no run can have, before anything is read; and options of a defense that is not asked for, unless resumed.
+ */
+int train_check(const struct train_run *r, const bool *given);
 
 /* The defense that follows from the options and the photos. A resumed run has decided whether there is one. */
 int train_decide(struct train_run *r);
@@ -54,6 +62,9 @@ int train_log_open(struct train_run *r);
 int train_log_step(struct train_run *r); /* once per iteration; does nothing the second time */
 int train_log_filter(struct train_run *r);
 int train_log_eval(struct train_run *r);
+
+/* {"anisotropy": seconds, ...} of the defense's parts, of the whole run. The caller owns it. */
+json_t *train_log_parts(const struct train_run *r);
 
 int train_summary_write(struct train_run *r);
 

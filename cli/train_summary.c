@@ -38,11 +38,9 @@ static json_t *stages(const sg_trainer *trainer)
     const struct {
         const char *name;
         double seconds;
-    } all[] = {{"project", t.project}, {"bin", t.bin},
-               {"raster", t.raster},   {"loss", t.loss},
-               {"update", t.update},   {"raster_backward", t.raster_backward},
-               {"densify", t.densify}, {"regularise", t.regularise},
-               {"count", t.count}};
+    } all[] = {{"project", t.project}, {"bin", t.bin},       {"raster", t.raster},
+               {"loss", t.loss},       {"update", t.update}, {"raster_backward", t.raster_backward},
+               {"densify", t.densify}};
     json_t *object = json_object();
     for (size_t i = 0; i < sizeof(all) / sizeof(all[0]); i++)
         json_object_set_new(object, all[i].name, number_json(all[i].seconds));
@@ -82,8 +80,8 @@ int train_summary_write(struct train_run *r)
     COUNT("final_gaussians", sg_trainer_gaussians(r->trainer));
     COUNT("max_instances", t->max_instances);
     if (r->config->train.defense.on)
-        PUT("defense", json_pack("{s:I,s:I}", "filter_events", (json_int_t) t->filter_events, "filter_removed",
-                                 (json_int_t) t->filter_removed));
+        PUT("defense", json_pack("{s:I,s:I,s:o}", "filter_events", (json_int_t) t->filter_events, "filter_removed",
+                                 (json_int_t) t->filter_removed, "seconds", train_log_parts(r)));
     if (r->audit)
         PUT("audit", json_pack("{s:s,s:o}", "verdict", r->audit, "score", number_json(r->audit_score)));
     PUT("budget", budget(r));

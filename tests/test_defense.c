@@ -4,6 +4,7 @@
 
 #include "core/rng.h"
 #include "defense/filter.h"
+#include "splatguard/audit.h"
 #include "train/schedule.h"
 #include "training.h"
 
@@ -169,30 +170,62 @@ static void test_events(void **state)
     clear_fixture(&f);
 }
 
-/* Three tenths of what grows, of late. */
-static void test_automatic(void **state)
+/* Three tenths of what grows between two removals, of late; nothing once nothing grows. */
+static void test_share_of_growth(void **state)
 {
     (void) state;
     struct fixture f = make_fixture(2);
-    struct sg_train_params p = defended();
-    sg_trainer *t;
-    double growth = 0;
-    int events = 0;
-    p.defense.rho = -0.3;
-    t = begin_training(&f, &p);
-    for (int it = 1; it <= 40; it++) {
-        struct sg_train_step s;
-        const size_t before = sg_trainer_gaussians(t);
-        assert_int_equal(sg_trainer_step(t, &s), SG_OK);
-        if (!s.defense.filtered)
-            continue;
-        const double share = (double) (s.cloned + s.split) / (double) before;
-        growth = events++ ? growth + (share - growth) / 4 : share;
-        assert_float_equal(s.defense.rho, 0.3 * growth, 1e-12);
+    for (int interval = 2; interval <= 10; interval += interval == 2 ? 3 : 5) { /* growth comes every 5 iterations */
+        struct sg_train_params p = defended();
+        double growth = 0;
+        int events = 0;
+        p.defense.rho = -0.3, p.defense.interval = interval, p.defense.until = 50;
+        sg_trainer *t = begin_training(&f, &p);
+        for (int it = 1; it < 50; it++) {
+            struct sg_train_step s;
+            const size_t before = sg_trainer_gaussians(t);
+            assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+            const double share = (double) (s.cloned + s.split) / (double) before;
+            if (s.cloned + s.split)
+                growth = growth > 0 ? growth + (share - growth) / 4 : share;
+            if (!s.defense.filtered)
+                continue;
+            assert_float_equal(s.defense.rho, it < 35 ? fmin(0.3 * growth * interval / 5, 0.5) : 0, 1e-12);
+            assert_true(it < 35 || !s.defense.removed);
+            events += it < 35 && s.defense.removed;
+        }
+        assert_true(events >= 2 && growth > 0);
+        sg_trainer_destroy(&t);
     }
-    assert_true(events > 3 && growth > 0);
-    sg_trainer_destroy(&t);
     clear_fixture(&f);
+}
+
+/* Clean photos are hardly touched, weak poisons a little; and a scene's units do not matter. */
+static void test_automatic(void **state)
+{
+    (void) state;
+    struct sg_audit_image images[2] = {{.score = 0.02, .features = {.osc_down = 3, .osc_across = 3}},
+                                       {.score = 0.25, .features = {.osc_down = 9, .osc_across = 9}}};
+    const struct sg_audit audit = {.count = 2, .images = images};
+    struct sg_defense_params p = {SG_DEFENSE_DEFAULTS};
+    float shares[2];
+    sg_defense_automatic(&audit, 5.2, shares, &p);
+    assert_true(shares[0] == 0 && shares[1] == 0 && p.shares == shares);
+    assert_float_equal(p.rho, -0.1, 1e-12);
+    assert_float_equal(p.frequency, 8, 1e-12);
+    images[0].score = images[1].score = 1;
+    images[0].features = (struct sg_audit_features){.osc_down = 1.5, .osc_across = 0.8};
+    sg_defense_automatic(&audit, 5.2, shares, &p);
+    assert_float_equal(p.lambda * (double) shares[0], 6, 1e-6); /* weak */
+    assert_float_equal(p.lambda * (double) shares[1], 12, 1e-6);
+    assert_float_equal(p.rho, -(0.1 + 0.35 * (0.25 + 1) / 2), 1e-12);
+    const double weight = sg_filter_log_weight(&p, -4);
+    for (double units = 1e-3; units <= 1e3; units *= 1e3) {
+        sg_defense_automatic(&audit, 5.2 * units, shares, &p);
+        assert_float_equal(sg_filter_log_weight(&p, (float) (-4 + log(units))), weight, 1e-5);
+    }
+    sg_defense_automatic(&audit, 1e-30, shares, &p);
+    assert_true(p.frequency <= 1e9);
 }
 
 static void test_same_bytes(void **state)
@@ -280,9 +313,9 @@ static void test_refusals(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_weight),    cmocka_unit_test(test_ranks),
-                                       cmocka_unit_test(test_filter),    cmocka_unit_test(test_events),
-                                       cmocka_unit_test(test_automatic), cmocka_unit_test(test_same_bytes),
-                                       cmocka_unit_test(test_shares),    cmocka_unit_test(test_refusals)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_weight),     cmocka_unit_test(test_ranks),     cmocka_unit_test(test_filter),
+        cmocka_unit_test(test_events),     cmocka_unit_test(test_automatic), cmocka_unit_test(test_share_of_growth),
+        cmocka_unit_test(test_same_bytes), cmocka_unit_test(test_shares),    cmocka_unit_test(test_refusals)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

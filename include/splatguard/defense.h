@@ -69,9 +69,16 @@ struct sg_defense_params {
     .rho = 0.03, .frequency = 8, .exponent = 2, .views = 48, .interval = 100, .from = -1, .until = -1, .lambda = 4,    \
     .anisotropy_scale = 0.005, .tv_scale = 1, .tv = SG_TV_NORM_HUBER, .spectrum = {SG_ANISOTROPY_DEFAULTS}
 
+struct sg_audit;
+
+/* Preset auto: sets rho, frequency, lambda and shares by what the audit found, so that clean photos are hardly touched,
+ * whatever the scene's units. extent: the scene's. shares: memory for one number a training view, which params borrows.
+ */
+void sg_defense_automatic(const struct sg_audit *audit, double extent, float *shares, struct sg_defense_params *params);
+
 /* What one iteration's defense did. */
 struct sg_defense_step {
-    double anisotropy, total_variation; /* L_ani and L_tv of the render */
+    double anisotropy, total_variation; /* L_ani and L_tv of the render; NAN = not weighed, not measured */
     bool filtered;                      /* the filter ran */
     double rho;                         /* share asked for */
     size_t scored, removed, unseen;     /* Gaussians; unseen: without a hit in the sampled views */

@@ -61,6 +61,9 @@ struct sg_train_params {
     .max_instances = 1u << 24, .defense = {SG_DEFENSE_DEFAULTS}, .backend = "cpu"
 #define sg_train_params(...) (&(struct sg_train_params){SG_TRAIN_DEFAULTS, __VA_ARGS__})
 
+/* SG_ERR_USAGE, naming the value and its range, where sg_trainer_create would refuse the parameters. */
+int sg_train_check(sg_ctx *ctx, const struct sg_train_params *params);
+
 /* What one iteration did. */
 struct sg_train_step {
     int iteration;                /* 1-based */
@@ -75,7 +78,7 @@ struct sg_train_step {
 /* Seconds spent per stage since creation (wall clock). */
 struct sg_train_times {
     double project, bin, raster, loss, raster_backward, update, densify;
-    double regularise, count; /* of the defense: spectral loss and total variation; counting hits */
+    double anisotropy, total_variation, count, prune; /* of the defense; prune: ranking and removal */
 };
 
 /* Thread safety: unsafe. The scene must outlive the trainer and is not changed. */

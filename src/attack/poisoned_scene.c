@@ -65,10 +65,10 @@ static int copy(sg_ctx *ctx, const struct sg_scene *scene, const char *to, const
 static bool needs_transforms(const struct sg_scene *scene)
 {
     bool any = scene->format == SG_FORMAT_NERFSTUDIO;
-    for (size_t i = 0; i < scene->n_train; i++)
-        any |= scene->train[i].undistorted;
-    for (size_t i = 0; i < scene->n_test; i++)
-        any |= scene->test[i].undistorted;
+    for (size_t i = 0; i < scene->n_train && !any; i++)
+        any = scene->train[i].undistorted;
+    for (size_t i = 0; i < scene->n_test && !any; i++)
+        any = scene->test[i].undistorted;
     return any;
 }
 

@@ -100,17 +100,17 @@ static double of_key(uint64_t key)
     return v;
 }
 
-/* The key at rank k: sixteen bits at a time, from the highest. */
+/* The key at rank k: eight bits at a time, from the highest. */
 static uint64_t select_key(const uint64_t *keys, size_t n, size_t k)
 {
-    size_t count[1 << 16];
+    size_t count[256];
     uint64_t found = 0;
-    for (int shift = 48; shift >= 0; shift -= 16) {
-        const uint64_t above = shift == 48 ? 0 : ~UINT64_C(0) << (shift + 16);
+    for (int shift = 56; shift >= 0; shift -= 8) {
+        const uint64_t above = shift == 56 ? 0 : ~UINT64_C(0) << (shift + 8);
         memset(count, 0, sizeof(count));
         for (size_t i = 0; i < n; i++)
             if ((keys[i] & above) == found)
-                count[keys[i] >> shift & 0xffff]++;
+                count[keys[i] >> shift & 0xff]++;
         size_t digit = 0;
         while (k >= count[digit])
             k -= count[digit++];

@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "core/clock.h"
+
 /* ---- total variation ---- */
 
 struct tv_job {
@@ -140,18 +142,21 @@ int sg_regularise(sg_ctx *ctx, struct sg_regulariser *r, const struct sg_regular
                   int width, int height, float *gradient, struct sg_regulariser_value *out)
 {
     struct sg_anisotropy *plan;
-    *out = (struct sg_regulariser_value){0};
+    *out = (struct sg_regulariser_value){.anisotropy = NAN, .total_variation = NAN};
+    const double start = sg_seconds();
     if (p->anisotropy != 0) {
         const int code = plan_of(ctx, r, p, width, height, &plan);
         if (code)
             return code;
         out->anisotropy = sg_anisotropy_loss(plan, planes, p->anisotropy, gradient);
     }
+    const double between = sg_seconds();
     if (p->total_variation != 0) {
         if (sg_grow(ctx, SG_MEM_FRAME, &r->rows, &r->cap_rows, 6 * (size_t) height, 0, sizeof(double)))
             return SG_ERR_BUDGET;
         out->total_variation = sg_tv_loss(ctx, planes, width, height, p->tv, p->total_variation, gradient, r->rows);
     }
+    out->anisotropy_seconds = between - start, out->total_variation_seconds = sg_seconds() - between;
     return SG_OK;
 }
 

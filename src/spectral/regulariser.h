@@ -13,7 +13,8 @@ struct sg_regulariser_params {
 };
 
 struct sg_regulariser_value {
-    double anisotropy, total_variation; /* the losses, without their weights */
+    double anisotropy, total_variation; /* the losses, without their weights; NAN = not measured */
+    double anisotropy_seconds, total_variation_seconds;
 };
 
 /* Plans for the newest few image sizes; start zeroed. Thread safety: unsafe. */
@@ -35,8 +36,8 @@ int sg_regularise(sg_ctx *ctx, struct sg_regulariser *r, const struct sg_regular
                   const float *planes, int width, int height, float *gradient, struct sg_regulariser_value *out);
 void sg_regulariser_clear(sg_ctx *ctx, struct sg_regulariser *r);
 
-/* Mean over the vertical differences plus mean over the horizontal ones of d^2 or |d|. gradient: adds weight x its own.
- * rows: scratch, 3 x height x 2. */
+/* Mean over the vertical differences plus mean over the horizontal ones of the norm of d. gradient: adds weight x its
+ * own. rows: scratch, 3 x height x 2. */
 double sg_tv_loss(sg_ctx *ctx, const float *planes, int width, int height, enum sg_tv_norm norm, double weight,
                   float *gradient, double *rows);
 

@@ -46,12 +46,14 @@ static int check_defense(sg_ctx *ctx, const struct sg_defense_params *d)
     };
     const int code = check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
     if (!code && band->bins % 2)
-        return sg_fail(ctx, SG_ERR_USAGE, "bins: found %d, expected an even number", band->bins);
+        return sg_fail(ctx, SG_ERR_USAGE, "bins: found %d, expected an even number from 2 to %d", band->bins,
+                       SG_SPECTRUM_BINS_MAX);
     return code;
 }
 
-static int check_params(sg_ctx *ctx, const struct sg_train_params *p, const struct sg_scene *scene)
+int sg_train_check(sg_ctx *ctx, const struct sg_train_params *p)
 {
+    sg_clear_error(ctx);
     const struct range ranges[] = {
         {"iterations", p->iterations, 1, 1e7},
         {"sh-degree", p->sh_degree, 0, 3},
@@ -75,9 +77,16 @@ static int check_params(sg_ctx *ctx, const struct sg_train_params *p, const stru
         {"max-time", p->max_seconds, 0, 1e9},
         {"seconds before", p->seconds_before, 0, 1e9},
     };
-    int code = check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
-    if (!code)
-        code = check_defense(ctx, &p->defense);
+    const int code = check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
+    if (!code && p->max_gaussians && p->max_gaussians < 4)
+        return sg_fail(ctx, SG_ERR_USAGE, "max-gaussians: found %llu, expected 0 (no limit) or at least 4",
+                       (unsigned long long) p->max_gaussians);
+    return code ? code : check_defense(ctx, &p->defense);
+}
+
+static int check_scene(sg_ctx *ctx, const struct sg_train_params *p, const struct sg_scene *scene)
+{
+    int code = sg_train_check(ctx, p);
     if (code)
         return code;
     if (!scene->n_train)
@@ -168,7 +177,7 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_m
     /* One camera has no extent; 1 keeps the learning rates finite and moving. */
     t->extent = scene->extent > 0 ? scene->extent : 1;
     t->epoch = UINT64_MAX;
-    int code = check_params(ctx, &t->params, scene);
+    int code = check_scene(ctx, &t->params, scene);
     if (code)
         goto fail;
     t->params.clock = t->params.clock ? t->params.clock : system_clock;
@@ -281,11 +290,13 @@ static int next_iteration(sg_trainer *t)
 /* A share of what grows leaves growth positive: no model dies out of it, whatever its scene. */
 #define GROWTH_PACE 0.25
 
-static double filter_share(const sg_trainer *t)
+static double filter_share(const sg_trainer *t, int it)
 {
-    const struct sg_defense_params *d = &t->params.defense;
-    const double events = fmax((double) t->params.densification_interval / d->interval, 1); /* between two growths */
-    return d->rho >= 0 ? d->rho : fmin(-d->rho * t->growth / events, 0.5);
+    const struct sg_train_params *p = &t->params;
+    if (p->defense.rho >= 0)
+        return p->defense.rho;
+    const double growths = (double) p->defense.interval / p->densification_interval; /* between two removals */
+    return it < p->densify_until_iter ? fmin(-p->defense.rho * t->growth * growths, 0.5) : 0;
 }
 
 /* Most that gives way at a densification where a budget binds. */
@@ -327,6 +338,16 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
     const double grown = (double) (r.cloned + r.split) / (double) n;
     t->growth += (grown - t->growth) * (t->growth > 0 ? GROWTH_PACE : 1);
     t->backend->times.densify += sg_seconds() - start - (t->backend->times.count - counted);
+    return code;
+}
+
+static int filter(sg_trainer *t, int it, const struct sg_render_params *render, struct sg_defense_step *step)
+{
+    const struct sg_train_params *p = &t->params;
+    struct sg_train_times *times = &t->backend->times;
+    const double start = sg_seconds(), counted = times->count;
+    const int code = sg_filter(t->backend, t->scene, &p->defense, render, filter_share(t, it), p->seed, it, step);
+    times->prune += sg_seconds() - start - (times->count - counted);
     return code;
 }
 
@@ -382,7 +403,7 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
         return code;
     if (densifies && (code = densify(t, it, &render, &step)))
         return code;
-    if (filters && (code = sg_filter(t->backend, t->scene, d, &render, filter_share(t), p->seed, it, &step.defense)))
+    if (filters && (code = filter(t, it, &render, &step.defense)))
         return code;
     if (resets && (code = ops->reset_opacity(t->backend, SG_RESET_OPACITY)))
         return code;

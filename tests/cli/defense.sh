@@ -22,8 +22,13 @@ wait $pid
 expect 0 train --resume parts --quiet
 cmp parts/point_cloud/iteration_1500/point_cloud.ply whole/point_cloud/iteration_1500/point_cloud.ply ||
     fail "a resumed run differs"
+for part in anisotropy total_variation count prune; do
+    field parts $part | grep -q '[1-9]' || fail "no seconds of $part in the resumed run's summary"
+done
 expect 1 train --resume parts --rho 0.2
 says 'rho'
+expect 0 train scene/blender -o starved $short --init-points 400 --defense spectral --rho 0.3 --filter-interval 5
+says 'rho is too high'
 
 # With auto, rho is never the growth itself.
 expect 0 train scene/colmap -o auto $short --defense spectral --filter-interval 20
@@ -57,11 +62,18 @@ grep -q '"time"' brief/summary.json || fail "the summary does not say that time 
 expect 1 train scene/blender -o brief2 --max-time 2x
 says 'found "2x"'
 
-# Values out of range.
-for bad in "--rho 1" "--band-low 0.9 --band-high 0.3" "--bins 255" "--bins 7" "--filter-views 0" "--max-time -1"; do
-    expect 1 train scene/blender -o bad --defense spectral $bad
+# Values out of range, before anything is read.
+for bad in "--rho 1" "--rho -0.95" "--lambda -0.5" "--max-gaussians 3" "--band-low 0.9 --band-high 0.3" "--bins 255" "--bins 7" "--filter-views 0" "--max-time -1"; do
+    expect 1 train nowhere -o bad --defense spectral $bad
     says 'expected'
 done
+# What would have no effect.
+for vain in "--rho 0.03" "--preset mip" "--filter-views 3" "--lambda 2 --audit warn"; do
+    expect 1 train nowhere -o bad $vain
+    says 'expected --defense spectral'
+done
+expect 2 train nowhere -o bad --filter-views 3 --max-gaussians 100 # who stays at the limit
+expect 2 train nowhere -o bad --rho 0.03 --audit defend
 
 # Audit: numbers of every photo, a page; training takes the verdict into account. Photos, not thumbnails: what is fine
 # texture at 64 pixels looks like an attack.
