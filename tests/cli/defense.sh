@@ -27,7 +27,8 @@ for part in anisotropy total_variation count prune; do
 done
 expect 1 train --resume parts --rho 0.2
 says 'rho'
-expect 0 train scene/blender -o starved $short --init-points 400 --defense spectral --rho 0.3 --filter-interval 5
+expect 0 train scene/blender -o starved $short --init-points 400 --defense spectral --rho 0.2 --filter-interval 5 \
+    --densify-grad-threshold 1
 says 'rho is too high'
 
 # With auto, rho is never the growth itself.
