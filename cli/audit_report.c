@@ -14,6 +14,7 @@
 #define SHOWN 3   /* photos from each end of the ranking */
 #define PANEL 360 /* pixels, the longer side */
 #define HEAT 4.0f /* grey levels of oscillation that are drawn brightest */
+#define FAINT 0.1 /* grey levels of white noise whose spectrum is drawn black; a thousand times as many are white */
 
 static void put_text(FILE *f, const char *text)
 {
@@ -47,7 +48,7 @@ static void heat(float t, uint8_t *rgb)
     }
 }
 
-static int put_picture(sg_ctx *ctx, FILE *f, const uint8_t *rgb, int w, int h, const char *title)
+static int put_picture(sg_ctx *ctx, FILE *f, const uint8_t *rgb, int w, int h, const char *title, const char *of)
 {
     const int side = w > h ? w : h, pw = w * PANEL / side > 0 ? w * PANEL / side : 1,
               ph = h * PANEL / side > 0 ? h * PANEL / side : 1;
@@ -58,13 +59,32 @@ static int put_picture(sg_ctx *ctx, FILE *f, const uint8_t *rgb, int w, int h, c
     if (!code)
         code = sg_image_encode_png(ctx, small, pw, ph, 3, &png, &size);
     if (!code) {
-        fprintf(f, "<figure><img alt=\"%s\" width=%d height=%d src=\"data:image/png;base64,", title, pw, ph);
+        fprintf(f, "<figure><img alt=\"%s of ", title);
+        put_text(f, of);
+        fprintf(f, "\" width=%d height=%d src=\"data:image/png;base64,", pw, ph);
         put_base64(f, png, size);
         fprintf(f, "\"><figcaption>%s</figcaption></figure>\n", title);
     }
     free(png);
     sg_free(ctx, small);
     return code;
+}
+
+/* Bars from -90 to 90 degrees; the other half of a real image's spectrum is the same. */
+static void put_directions(FILE *f, const struct sg_spectrum *s)
+{
+    const int half = s->bins / 2;
+    double most = 0;
+    for (int b = 0; b < s->bins; b++)
+        most = fmax(most, s->angular[b]);
+    fprintf(f, "<figure><svg role=img aria-label=\"energy by direction\" width=%d height=120>", PANEL);
+    for (int b = 0; b < half; b++) {
+        const double share = most > 0 ? s->angular[s->bins / 4 + b] / most : 0, wide = (double) PANEL / half;
+        fprintf(f, "<rect x=%.1f y=%.1f width=%.1f height=%.1f fill=#357 />", b * wide, 120 - 118 * share, wide - 1,
+                118 * share);
+    }
+    fprintf(f, "</svg><figcaption>energy by direction, -90 to 90 degrees: anisotropy %.3f</figcaption></figure>\n",
+            s->anisotropy);
 }
 
 /* Photo, where it oscillates, and its spectrum. */
@@ -80,24 +100,26 @@ static int put_view(sg_ctx *ctx, FILE *f, const struct sg_view *v, const struct 
     fprintf(f, "<h3>");
     put_text(f, image->name);
     fprintf(f, ": %s, score %.3f</h3>\n<div class=row>\n", sg_audit_verdict_name(image->verdict), image->score);
-    int code = map && amplitude && rgb ? put_picture(ctx, f, v->rgb, w, h, "photo") : SG_ERR_BUDGET;
+    int code = map && amplitude && rgb ? put_picture(ctx, f, v->rgb, w, h, "photo", v->name) : SG_ERR_BUDGET;
     if (!code)
         code = sg_audit_measure(ctx, v->rgb, w, h, &features, map);
     if (!code) {
         for (size_t i = 0; i < pixels; i++)
             heat(map[i / (size_t) w / 16 * (size_t) across + i % (size_t) w / 16] / HEAT, rgb + 3 * i);
-        code = put_picture(ctx, f, rgb, w, h, "oscillation: white = 4 grey levels and more");
+        code = put_picture(ctx, f, rgb, w, h, "oscillation: white = 4 grey levels and more", v->name);
     }
     if (!code)
         code = sg_spectrum_measure(ctx, v->rgb, w, h, NULL, &spectrum, amplitude);
     if (!code) {
-        float most = 0;
-        for (size_t i = 0; i < pixels; i++)
-            most = amplitude[i] > most ? amplitude[i] : most;
-        for (size_t i = 0; i < pixels; i++)
-            heat(most > 0 ? amplitude[i] / most : 0, rgb + 3 * i);
-        code = put_picture(ctx, f, rgb, w, h, "amplitude spectrum: zero frequency in the middle");
+        for (size_t i = 0; i < pixels; i++) {
+            const double levels = 255 * expm1((double) amplitude[i]) / sqrt((double) pixels);
+            heat((float) (log(fmax(levels, FAINT) / FAINT) / log(1000)), rgb + 3 * i);
+        }
+        code = put_picture(ctx, f, rgb, w, h,
+                           "amplitude spectrum: black = as white noise of 0.1 grey levels, white = 100", v->name);
     }
+    if (!code)
+        put_directions(f, &spectrum);
     fprintf(f, "</div>\n");
     sg_free(ctx, map);
     sg_free(ctx, amplitude);
@@ -119,12 +141,14 @@ static void put_head(FILE *f, const struct sg_scene *scene, const struct sg_audi
 {
     fprintf(f,
             "<!doctype html>\n<html lang=en><meta charset=utf-8><meta name=viewport content=\"width=device-width\">\n"
-            "<title>Audit</title>\n<style>\n"
+            "<title>Audit: %s</title>\n<style>\n"
             "body{font:16px/1.5 system-ui,sans-serif;margin:2em auto;max-width:1140px;padding:0 1em;color:#222}\n"
             "table{border-collapse:collapse}td,th{padding:.1em .8em;text-align:right;border-bottom:1px solid #ddd}\n"
             "td:first-child,th:first-child{text-align:left}.row{display:flex;flex-wrap:wrap;gap:12px}\n"
-            "figure{margin:0}figcaption{font-size:13px;color:#666}\n"
-            ".clean{color:#2a7}.suspicious{color:#b80}.poisoned{color:#c33}\n</style>\n<h1>");
+            ".wide{overflow-x:auto}img{max-width:100%%;height:auto}\n"
+            "figure{margin:0}figcaption{font-size:13px;color:#555}\n"
+            ".clean{color:#176b43}.suspicious{color:#8a5200}.poisoned{color:#b3202c}\n</style>\n<h1>",
+            sg_audit_verdict_name(a->verdict));
     put_text(f, scene->path);
     fprintf(f,
             ": <span class=%s>%s</span></h1>\n<p>Score %.3f. Of %zu photos %zu poisoned, %zu suspicious, %zu clean.\n",
@@ -143,19 +167,21 @@ static void put_head(FILE *f, const struct sg_scene *scene, const struct sg_audi
 
 static void put_table(FILE *f, const struct sg_audit *a, const size_t *order)
 {
-    fprintf(f,
-            "<h2>All photos</h2>\n<table><tr><th>photo<th>verdict<th>score<th>oscillation down<th>across<th>in quiet "
-            "parts<th>share of variation<th>evenness<th>spectral slope<th>anisotropy\n");
+    fprintf(
+        f, "<h2>All photos</h2>\n<div class=wide><table><tr><th scope=col>photo<th scope=col>verdict<th scope=col>score"
+           "<th scope=col>oscillation down<th scope=col>across<th scope=col>in quiet parts<th scope=col>of colours"
+           "<th scope=col>share of variation<th scope=col>evenness<th scope=col>spectral slope<th "
+           "scope=col>anisotropy\n");
     for (size_t i = 0; i < a->count; i++) {
         const struct sg_audit_image *m = &a->images[order[i]];
         const struct sg_audit_features *x = &m->features;
         fprintf(f, "<tr><td>");
         put_text(f, m->name);
-        fprintf(f, "<td class=%s>%s<td>%.3f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.3f\n",
+        fprintf(f, "<td class=%s>%s<td>%.3f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.3f\n",
                 sg_audit_verdict_name(m->verdict), sg_audit_verdict_name(m->verdict), m->score, x->osc_down,
-                x->osc_across, x->osc_quiet, x->osc_share, x->evenness, x->slope, x->anisotropy);
+                x->osc_across, x->osc_quiet, x->osc_chroma, x->osc_share, x->evenness, x->slope, x->anisotropy);
     }
-    fprintf(f, "</table>\n");
+    fprintf(f, "</table></div>\n");
 }
 
 int audit_report(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_audit *a, const char *path)

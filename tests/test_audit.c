@@ -102,8 +102,9 @@ static void test_verdicts(void **state)
             before = a->score;
             if (levels[k] <= 1)
                 assert_true(a->verdict == SG_AUDIT_CLEAN && a->count_reasons == 0);
-            if (levels[k] >= 8)
-                assert_true(a->verdict == SG_AUDIT_POISONED && a->count_reasons > 0);
+            if (levels[k] >= 8) /* 4 is what cameras do in the dark, and makes models smaller */
+                assert_true(a->verdict == SG_AUDIT_POISONED);
+            assert_true((a->verdict == SG_AUDIT_CLEAN) == (a->count_reasons == 0));
             sg_audit_destroy(ctx, &a);
         }
     }
@@ -121,8 +122,33 @@ static void test_verdicts(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Photos that oscillate alike are more suspicious than those that differ, but that alone decides little. */
+static void test_consistency(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    double alike[12], different[12];
+    for (int i = 0; i < 12; i++)
+        alike[i] = 6, different[i] = 6 + (i % 3 - 1) * 3;
+    struct sg_audit *a = audit(ctx, alike, 12, false), *b = audit(ctx, different, 12, false);
+    struct sg_audit *few = audit(ctx, alike, 3, false);
+    const double x = log(a->score / (1 - a->score)), y = log(b->score / (1 - b->score)),
+                 z = log(few->score / (1 - few->score));
+    assert_true(x > y + 1 && x < y + 4);
+    assert_true(x > z + 0.5 && x < z + 1.5); /* of few photos nothing is said */
+    bool said = false;
+    for (size_t i = 0; i < a->count_reasons; i++)
+        said |= !!strstr(a->reasons[i], "oscillate alike");
+    assert_true(said);
+    sg_audit_destroy(ctx, &a);
+    sg_audit_destroy(ctx, &b);
+    sg_audit_destroy(ctx, &few);
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_features), cmocka_unit_test(test_verdicts)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_features), cmocka_unit_test(test_verdicts),
+                                       cmocka_unit_test(test_consistency)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -33,7 +33,7 @@ struct sg_audit_image {
     enum sg_audit_verdict verdict;
 };
 
-#define SG_AUDIT_REASONS_MAX 5
+#define SG_AUDIT_REASONS_MAX 6
 
 struct sg_audit {
     size_t count;

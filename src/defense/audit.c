@@ -171,7 +171,18 @@ static double median_of(const struct sg_audit *a, size_t offset, double *scratch
     return median(scratch, a->count);
 }
 
-/* The set's score is that of its median photo. What its median photo has and no clean set had becomes a reason. */
+/* Clean photos differ in how much their quiet parts oscillate, by a factor; poisoned ones are alike. ln of what lies
+ * between most of them, or NAN of few. */
+static double spread(const struct sg_audit *a, double *scratch)
+{
+    for (size_t i = 0; i < a->count; i++)
+        scratch[i] = log(a->images[i].features.osc_quiet + 0.05);
+    qsort(scratch, a->count, sizeof(*scratch), by_number);
+    return a->count < 8 ? NAN : scratch[a->count * 84 / 100] - scratch[a->count * 16 / 100];
+}
+
+/* The set's score is that of its median photo, corrected a little by how alike its photos are. What its median photo
+ * has and no clean set had becomes a reason. */
 static int conclude(sg_ctx *ctx, struct sg_audit *a)
 {
 #define MEDIAN(field) median_of(a, offsetof(struct sg_audit_image, field), scratch)
@@ -181,7 +192,10 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
     double *scratch = sg_alloc(ctx, SG_MEM_MISC, a->count, sizeof(*scratch));
     if (!scratch)
         return SG_ERR_BUDGET;
-    a->score = MEDIAN(score);
+    const double range = spread(a, scratch);
+    for (size_t i = 0; i < a->count; i++)
+        scratch[i] = evidence(&a->images[i].features);
+    a->score = logistic(median(scratch, a->count) + (range >= 0 ? fmin(fmax(3 * (0.45 - range), -1.5), 1) : 0));
     a->verdict = verdict_of(a->score);
     /* A few poisoned photos among clean ones are an attack too. */
     if (a->verdict == SG_AUDIT_CLEAN && 10 * a->verdicts[SG_AUDIT_POISONED] >= a->count)
@@ -204,6 +218,13 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
            colour);
     REASON(down > 2 * across + 1 || across > 2 * down + 1,
            "rows oscillate by %.1f grey levels, columns by %.1f; in clean photos they are alike", down, across);
+    REASON(range < 0.35 && quiet > 0.2,
+           "quiet parts of most photos oscillate alike, within a factor of %.2f; clean photos differ more",
+           exp(range));
+    REASON(!a->count_reasons,
+           "taken together: quiet parts oscillate by %.2f grey levels, pixels that stick out carry %.0f %% of all "
+           "variation, and the parts of a photo are as uneven as a poison is",
+           quiet, 100 * share);
 #undef REASON
 #undef MEDIAN
 done:

@@ -85,6 +85,14 @@ expect 0 audit scene/blender --json --report page.html -q
 grep -q '"verdict": "clean"' out || fail "the clean scene is not clean: $(head -n 3 out)"
 [ "$(grep -c '"name"' out)" = 4 ] || fail "not every photo is listed"
 grep -q 'data:image/png;base64,' page.html || fail "no pictures in the report"
+[ "$(grep -o '<svg ' page.html | wc -l)" = 4 ] || fail "not every photo shown has its directions"
+cp -r scene/blender odd
+first=$(ls odd/train | head -n 1)
+mv "odd/train/$first" 'odd/train/<img src=x onerror="a()">.png'
+sed -i "s|train/${first%.png}\"|train/<img src=x onerror=\\\\\"a()\\\\\">\"|" odd/transforms_train.json
+expect 0 audit odd --report odd.html -q
+grep -q 'onerror=&#34;a()&#34;&#62;' odd.html || fail "the odd name is not in the report"
+grep -q '<img src=x' odd.html && fail "a name became markup"
 expect 0 attack scene/blender -o noisy --method noise --epsilon 16 -q
 expect 0 audit noisy --json -q
 grep -q '"verdict": "poisoned"' out || fail "noise is not found: $(head -n 3 out)"
@@ -92,6 +100,9 @@ grep -q 'oscillate' out || fail "no reasons"
 expect 2 train noisy -o refused --audit refuse -q
 says 'expected clean ones'
 [ ! -e refused ] || fail "a refused run has begun"
+expect 0 train noisy -o warned $brief --audit warn
+says 'the photos look poisoned'
+grep -q '"filter_events"' warned/summary.json && fail "a warning turned the defense on"
 expect 0 train noisy -o guarded $brief --audit defend --filter-interval 20
 grep -q '"filter_events"' guarded/summary.json || fail "the audit did not turn the defense on"
 expect 0 train scene/blender -o trusting $brief --audit defend
