@@ -33,6 +33,8 @@ static void test_growth(void **state)
 {
     (void) state;
     sg_ctx *ctx = make_context(2);
+    const float large = 0.3f; /* of every fourth */
+    size_t some_died = 0;
     for (uint64_t seed = 0; seed < 60; seed++) {
         const size_t n = 20 + (size_t) draw(seed, 1, 0, 300);
         const size_t limit = 10 + (size_t) draw(seed, 2, 0, 400);
@@ -46,13 +48,21 @@ static void test_growth(void **state)
             o.grad_count[i] = 1;
             o.grad_sum[i] = (float) (int) draw(seed + 100, i, 0, 10); /* many equals */
             wish += o.grad_sum[i] >= 4;
-            dying += *sg_model_at(m, i, SG_P_OPACITY) < logf(SG_PRUNE_OPACITY / (1 - SG_PRUNE_OPACITY));
             *sg_model_at(m, i, SG_P_XYZ) = (float) i; /* a name */
+        }
+        for (size_t i = 0; i < n; i++) {
+            if (seed % 3 == 0 && i % 7 == 0)
+                *sg_model_at(m, i, SG_P_OPACITY) = -8;
+            bool dies = *sg_model_at(m, i, SG_P_OPACITY) == -8;
+            for (int axis = 0; axis < 3; axis++)
+                dies |= seed % 4 == 1 && expf(*sg_model_at(m, i, SG_P_SCALE + axis)) > large;
+            dying += dies;
         }
         assert_int_equal(sg_backend_create(ctx, "cpu", NULL, &b), SG_OK);
         assert_int_equal(b->ops->upload(b, m, &o), SG_OK);
         struct sg_densify_params p = {.gradient = 4,
                                       .split_scale = draw(seed, 3, 0.01f, 0.2f),
+                                      .prune_scale = seed % 4 == 1 ? large : 0,
                                       .max_gaussians = limit,
                                       .score = seed % 5 ? random_score : NULL,
                                       .arg = &r,
@@ -62,6 +72,10 @@ static void test_growth(void **state)
         assert_int_equal(sg_densify(b, &p, &result), SG_OK);
         const size_t count = b->ops->count(b);
         assert_true(count <= limit && count > 0);
+        assert_int_equal(count + result.pruned, n + result.cloned + result.split);
+        assert_true(result.pruned >= result.replaced);
+        assert_true(result.pruned >= dying || seed % 4 == 1); /* large ones may have split into smaller */
+        some_died += dying > 0 && result.replaced > 0;
         if (dying == 0 && n + wish >= limit + result.replaced) /* those who went may have wished to grow */
             assert_true(count + result.replaced >= limit);
         if (n + wish <= limit)
@@ -96,6 +110,7 @@ static void test_growth(void **state)
         sg_backend_destroy(&b);
         sg_model_destroy(ctx, &m);
     }
+    assert_true(some_died > 5);
     sg_ctx_destroy(&ctx);
 }
 
