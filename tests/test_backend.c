@@ -322,6 +322,48 @@ static void test_hits(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Where no pixel is ever full, a Gaussian is hit where it would be seen alone: as many times, exactly. */
+static void test_hits_alone(void **state)
+{
+    (void) state;
+    enum { N = 50, W = 90, H = 70 };
+    static const char *const names[] = {"cpu", "ref"};
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_model(ctx, N, 0, 12), *one = make_model(ctx, 1, 0, 12);
+    const struct sg_camera camera = make_camera(W, H, 3), *const view = &camera;
+    const struct sg_render_params params = {SG_RENDER_DEFAULTS};
+    float *rgb = must(3 * W * H, sizeof(float)), *alpha = must(W * H, sizeof(float));
+    for (size_t i = 0; i < N; i++)
+        *sg_model_at(m, i, SG_P_OPACITY) = -2 - (float) (i % 3); /* 0.88^50 > 1e-4 */
+    for (int k = 0; k < 2; k++) {
+        double hits[N], sum = 0, events = 0;
+        struct sg_backend *b;
+        assert_int_equal(sg_backend_create(ctx, names[k], NULL, &b), SG_OK);
+        assert_int_equal(b->ops->upload(b, m, NULL), SG_OK);
+        assert_int_equal(b->ops->count_hits(b, &view, 1, &params, SG_HIT_PIXELS, hits), SG_OK);
+        for (size_t i = 0; i < N; i++) {
+            size_t seen = 0;
+            for (int p = 0; p < sg_param_count(0); p++)
+                *sg_model_at(one, 0, p) = *sg_model_at(m, i, p);
+            assert_int_equal(b->ops->upload(b, one, NULL), SG_OK);
+            assert_int_equal(b->ops->project(b, &camera, 0, &params), SG_OK);
+            assert_int_equal(b->ops->rasterize(b, true, NULL), SG_OK);
+            assert_int_equal(b->ops->read_image(b, rgb, alpha, NULL), SG_OK);
+            for (size_t p = 0; p < W * H; p++)
+                seen += alpha[p] > 0;
+            assert_true(hits[i] == (double) seen);
+            sum += hits[i], events += (double) seen;
+        }
+        assert_true(sum == events && sum > 1000);
+        sg_backend_destroy(&b);
+    }
+    free(rgb);
+    free(alpha);
+    sg_model_destroy(ctx, &one);
+    sg_model_destroy(ctx, &m);
+    sg_ctx_destroy(&ctx);
+}
+
 static void test_floor(void **state)
 {
     (void) state;
@@ -351,10 +393,10 @@ static void test_floor(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_random), cmocka_unit_test(test_reference_instances),
-        cmocka_unit_test(test_nasty),  cmocka_unit_test(test_nothing_visible),
-        cmocka_unit_test(test_bands),  cmocka_unit_test(test_hits),
-        cmocka_unit_test(test_floor),
+        cmocka_unit_test(test_random),     cmocka_unit_test(test_reference_instances),
+        cmocka_unit_test(test_nasty),      cmocka_unit_test(test_nothing_visible),
+        cmocka_unit_test(test_bands),      cmocka_unit_test(test_hits),
+        cmocka_unit_test(test_hits_alone), cmocka_unit_test(test_floor),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -108,8 +108,12 @@ static void test_filter(void **state)
         size_t removed;
         float first; /* x of the thinnest left */
     } cases[] = {
-        {0.1, SG_PRUNE_EXACT, 0, -1.25f},      {0.17, SG_PRUNE_EXACT, 1, -1.25f},     {0.34, SG_PRUNE_EXACT, 2, -0.75f},
-        {0.17, SG_PRUNE_THRESHOLD, 1, -1.25f}, {0.41, SG_PRUNE_THRESHOLD, 3, -0.25f},
+        {0.1, SG_PRUNE_EXACT, 0, -1.25f},
+        {0.17, SG_PRUNE_EXACT, 1, -1.25f},
+        {0.34, SG_PRUNE_EXACT, 2, -0.75f},
+        {0.17, SG_PRUNE_THRESHOLD, 1, -1.25f},
+        {0.41, SG_PRUNE_THRESHOLD, 3, -0.25f},
+        {0.01, SG_PRUNE_THRESHOLD, 1, -1.25f}, /* what is not seen goes, whatever the share */
     };
     for (size_t c = 0; c < sizeof(cases) / sizeof(cases[0]); c++) {
         struct sg_defense_step step = {.anisotropy = 3};
@@ -129,6 +133,65 @@ static void test_filter(void **state)
         sg_model_destroy(ctx, &after);
         sg_backend_destroy(&b);
     }
+    struct sg_defense_step step; /* equals go together */
+    *sg_model_at(m, 4, SG_P_XYZ + 2) = -50;
+    p.rule = SG_PRUNE_THRESHOLD;
+    assert_int_equal(sg_backend_create(ctx, "cpu", NULL, &b), SG_OK);
+    assert_int_equal(b->ops->upload(b, m, NULL), SG_OK);
+    assert_int_equal(sg_filter(b, &scene, &p, &render, 0.01, 42, 600, &step), SG_OK);
+    assert_int_equal(step.removed, 2);
+    sg_backend_destroy(&b);
+    sg_model_destroy(ctx, &m);
+    sg_ctx_destroy(&ctx);
+}
+
+/* Which views are counted in: all of them, or so many, each at most once and others each time. */
+static void test_views(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_view views[7];
+    struct sg_model *m = make_model(ctx, 200, 0, 3);
+    const struct sg_scene scene = {.train = views, .n_train = 7};
+    const struct sg_render_params render = {SG_RENDER_DEFAULTS};
+    struct sg_backend *b;
+    double *own[7];
+    assert_int_equal(sg_backend_create(ctx, "cpu", NULL, &b), SG_OK);
+    assert_int_equal(b->ops->upload(b, m, NULL), SG_OK);
+    for (int v = 0; v < 7; v++) { /* sizes apart, so that a view can be told by its hits */
+        views[v] = (struct sg_view){.camera = make_camera(20 + 9 * v, 30, 3)};
+        const struct sg_camera *camera = &views[v].camera;
+        own[v] = malloc(200 * sizeof(double));
+        assert_int_equal(b->ops->count_hits(b, &camera, 1, &render, SG_HIT_PIXELS, own[v]), SG_OK);
+    }
+    struct sg_defense_params p = {SG_DEFENSE_DEFAULTS, .exponent = 0}; /* the score is ln hits */
+    unsigned before = 0, others = 0;
+    for (int it = 100; it <= 1000; it += 100)
+        for (int all = 0; all < 2; all++) {
+            struct sg_scores s;
+            p.sample = all ? SG_VIEWS_ALL : SG_VIEWS_RANDOM, p.views = 3;
+            assert_int_equal(sg_score(b, &scene, &p, &render, 42, it, &s), SG_OK);
+            unsigned fits = 0, sets = 0;
+            for (unsigned set = 0; set < 128; set++) { /* which views explain the hits? */
+                bool right = true;
+                for (size_t i = 0; i < 200 && right; i++) {
+                    double sum = 0;
+                    for (int v = 0; v < 7; v++)
+                        sum += set >> v & 1 ? own[v][i] : 0;
+                    right = sum > 0 ? fabs(exp(s.score[i]) - sum) < 1e-6 * sum : s.score[i] == -INFINITY;
+                }
+                fits += right, sets = right ? set : sets;
+            }
+            assert_int_equal(fits, 1);
+            assert_int_equal(__builtin_popcount(sets), all ? 7 : 3);
+            others += !all && sets != before;
+            before = all ? before : sets;
+            sg_scores_clear(ctx, &s);
+        }
+    assert_true(others >= 8);
+    for (int v = 0; v < 7; v++)
+        free(own[v]);
+    sg_backend_destroy(&b);
     sg_model_destroy(ctx, &m);
     sg_ctx_destroy(&ctx);
 }
@@ -250,6 +313,43 @@ static void test_same_bytes(void **state)
 }
 
 /* A view's share of lambda: nothing for all is lambda 0, everything is none given, and half is half of lambda. */
+/* Any SH degree, with and without a limit: in bands and resumed, the same bytes. */
+static void test_combinations(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(2);
+    struct sg_model *start = f.start;
+    char path[] = "/tmp/sg_checkpoint_XXXXXX";
+    close(mkstemp(path));
+    for (int degree = 0; degree <= 3; degree++) {
+        assert_int_equal(sg_model_create(f.ctx, start->count, degree, &f.start), SG_OK);
+        f.start->active_sh_degree = 0;
+        for (size_t i = 0; i < start->count; i++)
+            for (int p = 0; p < SG_P_SH + 3; p++)
+                *sg_model_at(f.start, i, p) = *sg_model_at(start, i, p);
+        for (int limited = 0; limited < 2; limited++) {
+            struct sg_train_params p = defended();
+            p.sh_degree = degree, p.defense.rho = degree % 2 ? 0.07 : -0.4;
+            p.max_gaussians = limited ? 140 : 0;
+            p.densify_grad_threshold = 1e-6f;
+            struct sg_model *whole = train(&f, &p, 40, path, NULL, NULL);
+            assert_true(whole->sh_degree == degree && (limited ? whole->count <= 140 : whole->count > 140));
+            struct sg_model *resumed = train(&f, &p, 40, NULL, path, NULL);
+            p.max_instances = 60;
+            struct sg_model *banded = train(&f, &p, 40, NULL, NULL, NULL);
+            assert_same(whole, resumed);
+            assert_same(whole, banded);
+            sg_model_destroy(f.ctx, &whole);
+            sg_model_destroy(f.ctx, &resumed);
+            sg_model_destroy(f.ctx, &banded);
+        }
+        sg_model_destroy(f.ctx, &f.start);
+    }
+    f.start = start;
+    unlink(path);
+    clear_fixture(&f);
+}
+
 static void test_shares(void **state)
 {
     (void) state;
@@ -314,8 +414,9 @@ static void test_refusals(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_weight),     cmocka_unit_test(test_ranks),     cmocka_unit_test(test_filter),
-        cmocka_unit_test(test_events),     cmocka_unit_test(test_automatic), cmocka_unit_test(test_share_of_growth),
-        cmocka_unit_test(test_same_bytes), cmocka_unit_test(test_shares),    cmocka_unit_test(test_refusals)};
+        cmocka_unit_test(test_weight),          cmocka_unit_test(test_ranks),      cmocka_unit_test(test_filter),
+        cmocka_unit_test(test_events),          cmocka_unit_test(test_views),      cmocka_unit_test(test_automatic),
+        cmocka_unit_test(test_share_of_growth), cmocka_unit_test(test_same_bytes), cmocka_unit_test(test_combinations),
+        cmocka_unit_test(test_shares),          cmocka_unit_test(test_refusals)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
