@@ -50,6 +50,12 @@ sanitized ||
     [ "$(field lean peak_rss_bytes)" -le 62914560 ] || fail "peak $(field lean peak_rss_bytes) bytes, allowed 60M"
 grep -q '"memory"' lean/summary.json || fail "the summary does not say that memory was binding"
 grep -q '"max-memory": 62914560' lean/config.json || fail "a resumed run would not know its limit on memory"
+expect 0 attack scene/blender -o unbounded --epsilon inf --proxy-iterations 100 --iterations 24 --inner 4 -q
+for defense in off spectral; do
+    expect 0 train unbounded -o held $short --force --init-points 400 --max-memory 60M --densification-interval 5 \
+        --densify-grad-threshold 0.0000001 --defense $defense --filter-interval 20 --filter-views 4
+    sanitized || [ "$(field held peak_rss_bytes)" -le 62914560 ] || fail "$defense: peak $(field held peak_rss_bytes)"
+done
 expect 3 train scene/blender -o none $short --max-memory 36M
 says 'expected at least'
 sanitized || says 'the limit is --max-memory, 37748736 bytes, less' # their process alone is larger
