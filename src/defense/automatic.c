@@ -6,8 +6,8 @@
 #include "splatguard/audit.h"
 #include "splatguard/defense.h"
 
-#define OSCILLATION                                                                                                    \
-    2.3 /* grey levels a pixel, from which on a poison gets the whole filter; all of lambda at twice it */
+/* Grey levels a pixel, from which on a poison gets the whole filter and ever more lambda. */
+static const double strong = 2.3;
 
 void sg_defense_automatic(const struct sg_audit *audit, double extent, float *shares, struct sg_defense_params *p)
 {
@@ -15,12 +15,12 @@ void sg_defense_automatic(const struct sg_audit *audit, double extent, float *sh
     for (size_t i = 0; i < audit->count; i++) {
         const struct sg_audit_features *f = &audit->images[i].features;
         const double suspicion = fmin(fmax((audit->images[i].score - 0.3) / 0.6, 0), 1);
-        const double amplitude = (f->osc_down + f->osc_across) / 2 / OSCILLATION;
+        const double amplitude = (f->osc_down + f->osc_across) / 2 / strong;
         /* Growth follows the energy of the noise: a weak one is not worth the filter's price. */
         strength += suspicion * fmin(amplitude * amplitude, 1);
-        shares[i] = (float) (suspicion * fmin(fmax(amplitude / 2, 0.5), 1));
+        shares[i] = (float) (suspicion * fmin(fmax(amplitude / 4, 0.25), 1));
     }
-    p->lambda = 12;
+    p->lambda = 24;
     p->shares = shares;
     p->rho = -(0.1 + 0.35 * strength / (double) audit->count);
     p->frequency = fmin(fmax(8 * 5.2 / extent, 1e-9), 1e9); /* 8 in scenes as large as the paper's synthetic ones */
