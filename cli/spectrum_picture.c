@@ -132,20 +132,35 @@ static void axes(struct canvas *c, const struct plot *p, const char *title, cons
     for (int i = 0; i < n_ticks; i++) {
         const double x = p->x + (double) i / (n_ticks - 1) * p->w;
         line(c, x, p->y, x, p->y + p->h, 0, faint);
-        text(c, x, p->y + p->h + 16, 10, ink, ticks[i]);
+        text(c, x, p->y + p->h + 20, 10, ink, ticks[i]);
     }
     line(c, p->x, p->y, p->x, p->y + p->h, 0.3, ink);
     line(c, p->x, p->y + p->h, p->x + p->w, p->y + p->h, 0.3, ink);
-    text(c, p->x + p->w / 2.0, p->y + p->h + 34, 10, ink, title);
+    text(c, p->x + p->w / 2.0, p->y + p->h + 38, 10, ink, title);
 }
 
-static void curve(struct canvas *c, const struct plot *p, const double *values, int n, const uint8_t colour[3])
+/* Of image k: its colour, and its dashes for those who cannot tell colours. done: pixels of the line so far. */
+static void stroke(struct canvas *c, double x0, double y0, double x1, double y1, int k, double *done)
 {
+    static const int dashes[PICTURE_IMAGES_MAX][2] = {{1, 0}, {12, 6}, {3, 5}, {20, 4}, {8, 8}, {2, 10}}; /* on, off */
+    const double length = hypot(x1 - x0, y1 - y0), period = dashes[k][0] + dashes[k][1];
+    for (double a = 0; a < length; a++) {
+        const double b = fmin(a + 1, length);
+        if (fmod(*done + a, period) < dashes[k][0])
+            line(c, x0 + (x1 - x0) * a / length, y0 + (y1 - y0) * a / length, x0 + (x1 - x0) * b / length,
+                 y0 + (y1 - y0) * b / length, 1, colours[k]);
+    }
+    *done += length;
+}
+
+static void curve(struct canvas *c, const struct plot *p, const double *values, int n, int image)
+{
+    double done = 0;
     for (int i = 0; i + 1 < n; i++) {
         double y[2];
         for (int k = 0; k < 2; k++)
             y[k] = p->y + p->h * (1 - fmin(fmax((values[i + k] - p->low) / (p->high - p->low), 0), 1));
-        line(c, p->x + (i + 0.5) / n * p->w, y[0], p->x + (i + 1.5) / n * p->w, y[1], 1, colour);
+        stroke(c, p->x + (i + 0.5) / n * p->w, y[0], p->x + (i + 1.5) / n * p->w, y[1], image, &done);
     }
 }
 
@@ -180,13 +195,17 @@ static void draw_plots(struct canvas *c, const struct picture_image *images, int
     for (int tick = 0; tick <= 4; tick++) {
         char label[32];
         snprintf(label, sizeof(label), "%.2f", a.high * tick / 4);
-        text(c, a.x - 22, a.y + a.h * (1 - tick / 4.0) + 5, 10, ink, label);
+        text(c, a.x - 26, a.y + a.h * (1 - tick / 4.0) + 5, 10, ink, label);
         snprintf(label, sizeof(label), "%.1f", r.low + (r.high - r.low) * tick / 4);
-        text(c, r.x - 22, r.y + r.h * (1 - tick / 4.0) + 5, 10, ink, label);
+        text(c, r.x - 26, r.y + r.h * (1 - tick / 4.0) + 5, 10, ink, label);
     }
     for (int k = 0; k < n; k++) {
-        curve(c, &a, angular[k], images[k].spectrum.bins / 2, colours[k]);
-        curve(c, &r, radial[k], SG_SPECTRUM_RINGS, colours[k]);
+        const double y = r.y + 14 + 16 * k; /* where the falling curve leaves room */
+        double done = 0;
+        curve(c, &a, angular[k], images[k].spectrum.bins / 2, k);
+        curve(c, &r, radial[k], SG_SPECTRUM_RINGS, k);
+        stroke(c, r.x + r.w - 180, y - 4, r.x + r.w - 140, y - 4, k, &done);
+        text(c, r.x + r.w - 70, y, 10, colours[k], images[k].title);
     }
 }
 
