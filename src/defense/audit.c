@@ -181,8 +181,8 @@ static double spread(const struct sg_audit *a, double *scratch)
     return a->count < 8 ? NAN : scratch[a->count * 84 / 100] - scratch[a->count * 16 / 100];
 }
 
-/* The set's score is that of its median photo, corrected a little by how alike its photos are. What its median photo
- * has and no clean set had becomes a reason. */
+/* The set's score is that of its median photo, raised a little where photos are alike: an attacker who makes them
+ * differ wins nothing. What its median photo has and no clean set had becomes a reason. */
 static int conclude(sg_ctx *ctx, struct sg_audit *a)
 {
 #define MEDIAN(field) median_of(a, offsetof(struct sg_audit_image, field), scratch)
@@ -195,7 +195,7 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
     const double range = spread(a, scratch);
     for (size_t i = 0; i < a->count; i++)
         scratch[i] = evidence(&a->images[i].features);
-    a->score = logistic(median(scratch, a->count) + (range >= 0 ? fmin(fmax(3 * (0.45 - range), -1.5), 1) : 0));
+    a->score = logistic(median(scratch, a->count) + (range < 0.45 ? fmin(3 * (0.45 - range), 1) : 0));
     a->verdict = verdict_of(a->score);
     /* A few poisoned photos among clean ones are an attack too. */
     if (a->verdict == SG_AUDIT_CLEAN && 10 * a->verdicts[SG_AUDIT_POISONED] >= a->count)
@@ -219,8 +219,7 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
     REASON(down > 2 * across + 1 || across > 2 * down + 1,
            "rows oscillate by %.1f grey levels, columns by %.1f; in clean photos they are alike", down, across);
     REASON(range < 0.35 && quiet > 0.2,
-           "quiet parts of most photos oscillate alike, within a factor of %.2f; clean photos differ more",
-           exp(range));
+           "quiet parts of most photos oscillate alike, within a factor of %.2f; clean photos differ more", exp(range));
     REASON(!a->count_reasons,
            "taken together: quiet parts oscillate by %.2f grey levels, pixels that stick out carry %.0f %% of all "
            "variation, and the parts of a photo are as uneven as a poison is",
