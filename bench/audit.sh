@@ -3,10 +3,11 @@
 # How well the audit tells poisoned sets and photos from clean ones. Prints Markdown and both areas under the ROC curve.
 #     bench/audit.sh TOOL CLEAN... -- POISONED...        each a scene's folder, with options after a comma: lego,--downscale,2
 set -euo pipefail
+export LC_ALL=C
 tool=$1; shift
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-touch "$work/sets" "$work/photos"
+[[ " $* " == *' -- '* && "$1" != -- && "${!#}" != -- ]] || { sed -n '3,4s/^# //p' "$0" >&2; exit 1; }
 
 # SET LABEL
 row() {
@@ -40,5 +41,5 @@ for set; do
     [ "$set" = -- ] && { label=1; continue; }
     row "$set" "$label"
 done
-echo
-echo "ROC AUC: sets $(area "$work/sets"), single photos $(area "$work/photos")."
+sets=$(area "$work/sets") photos=$(area "$work/photos")
+printf '\nROC AUC: sets %s, single photos %s.\n' "$sets" "$photos"

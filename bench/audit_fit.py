@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Fits the weights of the audit's score (src/defense/audit.c) and says how well they do on scenes left out.
+"""Fits the weights of the audit's score (src/defense/audit.c, where 1.1 was added to the constant by hand) and says how well
+they do on scenes left out.
 
     bench/audit_fit.py TOOL SCENE=CLEAN... -- SCENE=POISONED...
 
@@ -10,6 +11,7 @@ import json
 import math
 import subprocess
 import sys
+from bisect import bisect_left, bisect_right
 
 STEPS, RATE, DECAY = 1500, 0.5, 0.003
 
@@ -24,7 +26,7 @@ NAMES = ["ln(osc_quiet + 0.1)", "osc_share", "|ln ratio|", "evenness", "constant
 
 def measure(tool, argument, label):
     scene, _, where = argument.partition("=")
-    report = subprocess.run([tool, "audit", *where.split(","), "--json", "--quiet"], check=True, capture_output=True)
+    report = subprocess.run([tool, "audit", *where.split(","), "--json", "--quiet"], check=True, stdout=subprocess.PIPE)
     return scene, label, [terms(i["features"]) for i in json.loads(report.stdout)["images"]]
 
 
@@ -32,7 +34,7 @@ def fit(sets):
     """Logistic regression on at most 20 photos a set; clean and poisoned weigh alike, and so do scenes within them."""
     rows = []
     for scene, label, photos in sets:
-        some = photos[::max(1, len(photos) // 20)]
+        some = photos[::-(-len(photos) // 20)]
         alike = sum(s[0] == scene and s[1] == label for s in sets) * len({s[0] for s in sets if s[1] == label})
         rows += [(x, label, 1 / len(some) / alike) for x in some]
     total = sum(w for _, _, w in rows)
@@ -56,9 +58,9 @@ def evidence(weights, x):
 
 
 def area(clean, poisoned):
-    ranked = sorted([(v, 0) for v in clean] + [(v, 1) for v in poisoned])
-    ranks = sum(i + 1 for i, (_, y) in enumerate(ranked) if y)
-    return (ranks - len(poisoned) * (len(poisoned) + 1) / 2) / len(poisoned) / len(clean)
+    """Share of the pairs in which the poisoned one is higher; equals count half."""
+    clean = sorted(clean)
+    return sum(bisect_left(clean, v) + bisect_right(clean, v) for v in poisoned) / 2 / len(poisoned) / len(clean)
 
 
 def photos(weights, sets, label):
@@ -76,8 +78,9 @@ def main():
     print(f"ROC AUC of single photos: {area(photos(weights, sets, 0), photos(weights, sets, 1)):.4f}")
     for scene in sorted({s[0] for s in sets}):
         own = [s for s in sets if s[0] == scene]
-        if {s[1] for s in own} == {0, 1} and len({s[0] for s in sets}) > 1:
-            rest = fit([s for s in sets if s[0] != scene])
+        others = [s for s in sets if s[0] != scene]
+        if {s[1] for s in own} == {s[1] for s in others} == {0, 1}:
+            rest = fit(others)
             print(f"  of {scene}, left out of the fit: {area(photos(rest, own, 0), photos(rest, own, 1)):.4f}")
 
 

@@ -134,7 +134,7 @@ static int by_score(const void *a, const void *b)
     const size_t x = *(const size_t *) a, y = *(const size_t *) b;
     if (ranked_by[x].score != ranked_by[y].score)
         return ranked_by[x].score < ranked_by[y].score ? 1 : -1;
-    return x < y ? -1 : 1;
+    return (x > y) - (x < y);
 }
 
 static void put_head(FILE *f, const struct sg_scene *scene, const struct sg_audit *a)
@@ -204,7 +204,7 @@ int audit_report(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_audi
             code = put_view(ctx, f, &scene->train[order[i]], &a->images[order[i]]);
     if (!code)
         put_table(f, a, order);
-    if (f && fclose(f) && !code)
+    if (f && (ferror(f) | fclose(f)) && !code)
         code = SG_ERR_BUDGET;
     code = code ? report(ctx, code) : run_write_file(path, page, size);
     free(page);

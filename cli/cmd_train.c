@@ -104,7 +104,7 @@ static const struct option train_options[] = {
     INTEGER("filter-interval", train.defense.interval, 1, 10000000, "Iterations between removals."),
     INTEGER("filter-from", train.defense.from, -1, 1000000000, "Remove after this iteration; -1 = as densification."),
     INTEGER("filter-until", train.defense.until, -1, 1000000000,
-            "Remove before this iteration; -1 = as densification."),
+            "Remove before this iteration; -1 = as densification, with which a share of growth ends."),
     {"filter-sigma", 0, OPT_CHOICE, T(train.defense.sigma), 0, 0, "std|eigen", "NAME",
      "Size in the frequency weight: smallest scale, or its square (the smallest eigenvalue).", false},
     {"filter-hits", 0, OPT_CHOICE, T(train.defense.hit), 0, 0, "pixels|views|weight", "NAME",
@@ -113,8 +113,10 @@ static const struct option train_options[] = {
      "Remove exactly the share, or all up to the score there (LightGaussian's rule).", false},
     {"filter-sample", 0, OPT_CHOICE, T(train.defense.sample), 0, 0, "random|all", "NAME",
      "Views to count in: a new sample each time, or all.", false},
-    DOUBLE("lambda", lambda, -1, 1e6,
-           "Weight of the two losses on renders (auto: of photos that look poisoned); -1 = the preset's."),
+    DOUBLE(
+        "lambda", lambda, -1, 1e6,
+        "Weight of the two losses on renders (auto: of photos that look poisoned, up to four times as much where they "
+        "oscillate strongly); -1 = the preset's."),
     DOUBLE("anisotropy-scale", anisotropy_scale, 0, 1e6, "Times lambda: weight of the spectrum's anisotropy."),
     DOUBLE("tv-scale", tv_scale, 0, 1e6, "Times lambda: weight of the total variation."),
     {"tv-norm", 0, OPT_CHOICE, T(train.defense.tv), 0, 0, "l2|l1|huber", "NAME",

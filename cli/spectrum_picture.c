@@ -143,10 +143,11 @@ static void axes(struct canvas *c, const struct plot *p, const char *title, cons
 static void stroke(struct canvas *c, double x0, double y0, double x1, double y1, int k, double *done)
 {
     static const int dashes[PICTURE_IMAGES_MAX][2] = {{1, 0}, {12, 6}, {3, 5}, {20, 4}, {8, 8}, {2, 10}}; /* on, off */
-    const double length = hypot(x1 - x0, y1 - y0), period = dashes[k][0] + dashes[k][1];
-    for (double a = 0; a < length; a++) {
-        const double b = fmin(a + 1, length);
-        if (fmod(*done + a, period) < dashes[k][0])
+    const double length = hypot(x1 - x0, y1 - y0), on = dashes[k][0], period = on + dashes[k][1];
+    for (double a = 0, b; a < length; a = b) {
+        const double phase = fmod(*done + a, period);
+        b = k ? fmin(a + (phase < on ? on : period) - phase + 1e-6, length) : length;
+        if (phase < on)
             line(c, x0 + (x1 - x0) * a / length, y0 + (y1 - y0) * a / length, x0 + (x1 - x0) * b / length,
                  y0 + (y1 - y0) * b / length, 1, colours[k]);
     }
@@ -204,8 +205,10 @@ static void draw_plots(struct canvas *c, const struct picture_image *images, int
         double done = 0;
         curve(c, &a, angular[k], images[k].spectrum.bins / 2, k);
         curve(c, &r, radial[k], SG_SPECTRUM_RINGS, k);
-        stroke(c, r.x + r.w - 180, y - 4, r.x + r.w - 140, y - 4, k, &done);
-        text(c, r.x + r.w - 70, y, 10, colours[k], images[k].title);
+        char name[16]; /* as long as there is room for */
+        snprintf(name, sizeof(name), "%s", images[k].title);
+        stroke(c, r.x + r.w - 190, y - 4, r.x + r.w - 150, y - 4, k, &done);
+        text(c, r.x + r.w - 140 + 4.5 * (double) strlen(name), y, 10, colours[k], name);
     }
 }
 

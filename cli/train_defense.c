@@ -32,12 +32,16 @@ int train_check(const struct train_run *r, const bool *given)
 {
     struct train_config c = *r->config;
     const struct option *o = command_train.options;
+    static const char *const ranking[] = {"filter-frequency", "filter-exponent", "filter-views",
+                                          "filter-sigma",     "filter-hits",     "filter-sample"};
     const bool defends = c.defense || c.audit == AUDIT_DEFEND, limited = c.train.max_gaussians || c.max_memory;
     bool inside = false;
     for (size_t i = 0; o[i].name && !defends && !c.resume; i++) {
         inside = o[i].type == OPT_GROUP ? !strcmp(o[i].name, "Defense") : inside;
         const bool decides = !strcmp(o[i].name, "defense") || !strcmp(o[i].name, "audit");
-        const bool ranks = limited && !strncmp(o[i].name, "filter-", 7); /* those that stay at the limit */
+        bool ranks = false; /* those that stay at the limit */
+        for (size_t k = 0; k < sizeof(ranking) / sizeof(ranking[0]); k++)
+            ranks |= limited && !strcmp(o[i].name, ranking[k]);
         if (inside && given[i] && !decides && !ranks) {
             say(stderr, "splatguard train: --%s: found without a defense, expected --defense spectral with it\n",
                 o[i].name);
@@ -53,7 +57,7 @@ int train_check(const struct train_run *r, const bool *given)
 static int settle_automatic(struct train_run *r, const struct sg_audit *found)
 {
     struct sg_defense_params preset = {SG_DEFENSE_DEFAULTS};
-    if (!(r->shares = malloc(found->count * sizeof(*r->shares)))) {
+    if (!(r->shares = malloc((found->count + 1) * sizeof(*r->shares)))) {
         say(stderr, "splatguard: out of memory\n");
         return 3;
     }
@@ -85,7 +89,9 @@ int train_decide(struct train_run *r)
 {
     struct train_config *c = r->config;
     struct sg_audit *found = NULL;
-    const struct sg_defense_params preset = published(c->preset);
+    struct sg_defense_params preset = published(c->preset);
+    if (c->preset == DEFENSE_AUTO)
+        preset.frequency = options_number(sg_defense_frequency(r->scene->extent));
     if (c->audit == AUDIT_OFF && !(c->defense && c->preset == DEFENSE_AUTO)) {
         settle_defense(c, &preset);
         return 0;

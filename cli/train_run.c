@@ -52,7 +52,8 @@ static int save(struct train_run *r)
     code = run_save_checkpoint(r->ctx, r->config->output, r->trainer);
     r->resumable = !code;
     if (code == exit_code(SG_ERR_BUDGET)) {
-        say(stderr, "the model is saved without a checkpoint: this run cannot be resumed\n");
+        say(stderr,
+            "the model is saved, its checkpoint is not: --resume goes on from an earlier one, if there is one\n");
         return 0; /* the model is what was asked for */
     }
     return code;
@@ -60,19 +61,26 @@ static int save(struct train_run *r)
 
 #define STARVING 10 /* removals */
 
-/* A fixed rho above the scene's growth eats the model up. */
+/* A fixed rho above the scene's growth eats the model up: says so once. */
 static void watch_filter(struct train_run *r)
 {
-    const size_t n = r->step.gaussians;
-    r->shrinks = n < r->first_gaussians && n < r->filtered_gaussians ? r->shrinks + 1 : 0;
-    r->filtered_gaussians = n;
-    if (r->shrinks != STARVING)
+    const struct sg_train_step *s = &r->step;
+    const int growths = (s->iteration - r->window_from) / r->config->train.densification_interval;
+    r->window_grown += s->cloned + s->split, r->window_removed += s->defense.removed;
+    r->window_events += s->defense.filtered;
+    if (r->window_events < STARVING || growths < STARVING / 2)
         return;
-    progress_break(&r->progress);
-    say(stderr,
-        "warning: the filter has removed more than grew %d times in a row, from fewer Gaussians than at first: "
-        "%zu; rho is too high for this scene\n",
-        STARVING, n);
+    if (r->window_removed > r->window_grown && s->gaussians < r->first_gaussians && !r->starves) {
+        r->starves = true;
+        progress_break(&r->progress);
+        say(stderr,
+            "warning: over %d removals the filter took more than grew, and there are fewer Gaussians than at first: "
+            "%zu; rho is too high for this scene\n",
+            r->window_events, s->gaussians);
+    }
+    r->window_from = s->iteration;
+    r->window_grown = r->window_removed = 0;
+    r->window_events = 0;
 }
 
 /* Where time is short, a step goes over several iterations. */
@@ -96,9 +104,9 @@ static int after_step(struct train_run *r)
     r->cloned += s->cloned, r->split += s->split, r->pruned += s->pruned;
     if (s->defense.filtered) {
         r->totals.filter_events++, r->totals.filter_removed += s->defense.removed;
-        watch_filter(r);
         code = train_log_filter(r);
     }
+    watch_filter(r);
     if (!code && (due(r, c->log_every) || last || s->iteration == 1))
         code = train_log_step(r);
     if (!code && due(r, c->save_every) && !last)
@@ -200,7 +208,8 @@ int train_start(struct train_run *r, const char *variant)
 
 int train_whole(struct train_run *r)
 {
-    r->first_gaussians = r->filtered_gaussians = sg_trainer_gaussians(r->trainer);
+    r->first_gaussians = sg_trainer_gaussians(r->trainer);
+    r->window_from = sg_trainer_iteration(r->trainer);
     const int code = loop(r);
     return code || r->error ? code : finish(r);
 }

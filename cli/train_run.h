@@ -25,18 +25,20 @@ struct train_run {
     struct train_totals totals;
     const char *audit; /* the verdict, or NULL */
     double audit_score;
-    float *shares;                              /* of lambda, a training view each, or NULL */
-    double begun;                               /* the command, on the monotonic clock */
-    struct sg_train_step step;                  /* newest */
-    int before;                                 /* iteration before it */
-    int error;                                  /* that ended it, or SG_OK */
-    int logged;                                 /* iteration of the newest line */
-    uint64_t cloned, split, pruned;             /* since then */
-    size_t first_gaussians, filtered_gaussians; /* at the beginning of the process, after the newest removal */
-    int shrinks;                                /* removals in a row after which there were fewer than ever */
-    bool resumable;                             /* the newest checkpoint is of the newest model */
-    struct sg_eval eval;                        /* newest measurement */
-    int evaluated;                              /* its iteration, 0 = none */
+    float *shares;                       /* of lambda, a training view each, or NULL */
+    double begun;                        /* the command, on the monotonic clock */
+    struct sg_train_step step;           /* newest */
+    int before;                          /* iteration before it */
+    int error;                           /* that ended it, or SG_OK */
+    int logged;                          /* iteration of the newest line */
+    uint64_t cloned, split, pruned;      /* since then */
+    size_t first_gaussians;              /* at the beginning of the process */
+    size_t window_grown, window_removed; /* over the newest removals */
+    int window_from, window_events;
+    bool starves;        /* and has been told so */
+    bool resumable;      /* the newest checkpoint is of the newest model */
+    struct sg_eval eval; /* newest measurement */
+    int evaluated;       /* its iteration, 0 = none */
 };
 
 /* All of these return an exit code after printing what is wrong. */

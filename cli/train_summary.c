@@ -40,7 +40,7 @@ static json_t *stages(const sg_trainer *trainer)
         double seconds;
     } all[] = {{"project", t.project}, {"bin", t.bin},       {"raster", t.raster},
                {"loss", t.loss},       {"update", t.update}, {"raster_backward", t.raster_backward},
-               {"densify", t.densify}};
+               {"densify", t.densify}, {"count", t.count}};
     json_t *object = json_object();
     for (size_t i = 0; i < sizeof(all) / sizeof(all[0]); i++)
         json_object_set_new(object, all[i].name, number_json(all[i].seconds));

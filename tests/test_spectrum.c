@@ -397,7 +397,7 @@ static void test_total_variation(void **state)
             float steepest = 0;
             for (int i = 0; i < n; i++)
                 steepest = fmaxf(steepest, fabsf(g[i]));
-            for (int i = 0; i<n; i += n> 500 ? 41 : 1) {
+            for (int i = 0, step_of = n > 500 ? 41 : 1; i < n; i += step_of) {
                 const float kept = x[i], step = norm == SG_TV_NORM_L2 ? 0.01f : 1e-4f; /* no kink within it */
                 double change = 0;
                 for (int side = -1; side <= 1; side += 2) {

@@ -42,23 +42,24 @@ enum sg_tv_norm {
 #define SG_TV_EDGE (16.0f / 255)
 
 struct sg_defense_params {
-    bool on; /* Default false; the rest is then unused. */
+    bool on; /* Default false; then the filter's score is used at a limit of Gaussians only. */
     /* In space: score = (1 - exp(-2 pi^2 t^2 sigma^2))^alpha x hits; the lowest share rho is removed. */
-    double rho;       /* 0..0.5; 0 = no filter; -0.9..0: minus this share of what grew of late. Default 0.03. */
-    double frequency; /* t, cycles per scene unit. Default 8. */
-    double exponent;  /* alpha. Default 2. */
-    int views;        /* K*, training views that hits are counted in. Default 48. */
-    int interval;     /* T_prune, iterations. Default 100. */
-    int from, until;  /* iterations, exclusive; -1 = as densification: pruning beyond it the model dies out.
-                         Default -1. */
+    double rho;                 /* 0..0.5; 0 = no filter; -0.9..0: minus this share of what grew of late, nothing
+                                   once densification ends. Default 0.03. */
+    double frequency;           /* t, cycles per scene unit. Default 8. */
+    double exponent;            /* alpha. Default 2. */
+    int views;                  /* K*, training views that hits are counted in. Default 48. */
+    int interval;               /* T_prune, iterations. Default 100. */
+    int from, until;            /* iterations, exclusive; -1 = as densification: pruning beyond it the model dies out.
+                                   Default -1. */
     enum sg_filter_sigma sigma; /* Default SG_SIGMA_STD. */
     enum sg_hit hit;            /* Default SG_HIT_PIXELS. */
     enum sg_prune_rule rule;    /* Default SG_PRUNE_EXACT. */
     enum sg_prune_views sample; /* Default SG_VIEWS_RANDOM. */
     /* In the image: loss + lambda (anisotropy_scale L_ani + tv_scale L_tv) of the render. */
     double lambda;           /* Default 4. */
-    const float *shares;     /* NULL, or of each training view, 0..1: how much of lambda it gets, so that photos which
-                                look clean are not smoothed. Borrowed as long as the trainer. */
+    const float *shares;     /* NULL, or of each training view, 0..1e3: how many times lambda it gets, so that photos
+                                which look clean are not smoothed. Borrowed as long as the trainer. */
     double anisotropy_scale; /* Default 0.005: docs/defense.md has the sweep. */
     double tv_scale;         /* Default 1. */
     enum sg_tv_norm tv;      /* Default SG_TV_NORM_HUBER. */
@@ -71,6 +72,9 @@ struct sg_defense_params {
 
 struct sg_audit;
 
+/* Cycles per scene unit that mean the same in scenes of any units. extent: the scene's. */
+double sg_defense_frequency(double extent);
+
 /* Preset auto: sets rho, frequency, lambda and shares by what the audit found, so that clean photos are hardly touched,
  * whatever the scene's units. extent: the scene's. shares: memory for one number a training view, which params borrows.
  */
@@ -78,11 +82,12 @@ void sg_defense_automatic(const struct sg_audit *audit, double extent, float *sh
 
 /* What one iteration's defense did. */
 struct sg_defense_step {
-    double anisotropy, total_variation; /* L_ani and L_tv of the render; NAN = not weighed, not measured */
-    bool filtered;                      /* the filter ran */
-    double rho;                         /* share asked for */
-    size_t scored, removed, unseen;     /* Gaussians; unseen: without a hit in the sampled views */
-    double score[3];                    /* ln score at the 10th, 50th and 90th percentile, of those with a hit */
+    double anisotropy,
+        total_variation; /* L_ani and L_tv of the render; NAN = not weighed, not measured; 0 without a defense */
+    bool filtered;       /* the filter ran */
+    double rho;          /* share asked for */
+    size_t scored, removed, unseen; /* Gaussians; unseen: without a hit in the sampled views */
+    double score[3];                /* ln score at the 10th, 50th and 90th percentile, of those with a hit */
 };
 
 #ifdef __cplusplus

@@ -61,7 +61,8 @@ struct sg_train_params {
     .max_instances = 1u << 24, .defense = {SG_DEFENSE_DEFAULTS}, .backend = "cpu"
 #define sg_train_params(...) (&(struct sg_train_params){SG_TRAIN_DEFAULTS, __VA_ARGS__})
 
-/* SG_ERR_USAGE, naming the value and its range, where sg_trainer_create would refuse the parameters. */
+/* SG_ERR_USAGE, naming the value and its range, where a number is out of it; sg_trainer_create checks this and what
+ * depends on scene and machine. */
 int sg_train_check(sg_ctx *ctx, const struct sg_train_params *params);
 
 /* What one iteration did. */

@@ -195,13 +195,16 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
     const double range = spread(a, scratch);
     for (size_t i = 0; i < a->count; i++)
         scratch[i] = evidence(&a->images[i].features);
-    a->score = logistic(median(scratch, a->count) + (range < 0.45 ? fmin(3 * (0.45 - range), 1) : 0));
+    const double middle = median(scratch, a->count), quiet = MEDIAN(features.osc_quiet);
+    const bool alike = range < 0.45 && quiet > 0.2; /* where nothing oscillates, all photos are alike */
+    a->score = logistic(middle + (alike ? fmin(3 * (0.45 - range), 1) : 0));
     a->verdict = verdict_of(a->score);
     /* A few poisoned photos among clean ones are an attack too. */
-    if (a->verdict == SG_AUDIT_CLEAN && 10 * a->verdicts[SG_AUDIT_POISONED] >= a->count)
+    if (a->verdict == SG_AUDIT_CLEAN && a->verdicts[SG_AUDIT_POISONED] &&
+        10 * a->verdicts[SG_AUDIT_POISONED] >= a->count)
         a->verdict = SG_AUDIT_SUSPICIOUS;
     const size_t poisoned = a->verdicts[SG_AUDIT_POISONED];
-    const double quiet = MEDIAN(features.osc_quiet), share = MEDIAN(features.osc_share);
+    const double share = MEDIAN(features.osc_share);
     const double colour = MEDIAN(features.osc_chroma);
     const double down = MEDIAN(features.osc_down), across = MEDIAN(features.osc_across);
     if (a->verdict == SG_AUDIT_CLEAN)
@@ -218,7 +221,7 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
            colour);
     REASON(down > 2 * across + 1 || across > 2 * down + 1,
            "rows oscillate by %.1f grey levels, columns by %.1f; in clean photos they are alike", down, across);
-    REASON(range < 0.35 && quiet > 0.2,
+    REASON(alike && range < 0.35,
            "quiet parts of most photos oscillate alike, within a factor of %.2f; clean photos differ more", exp(range));
     REASON(!a->count_reasons,
            "taken together: quiet parts oscillate by %.2f grey levels, pixels that stick out carry %.0f %% of all "

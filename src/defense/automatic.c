@@ -6,8 +6,14 @@
 #include "splatguard/audit.h"
 #include "splatguard/defense.h"
 
-/* Grey levels a pixel, from which on a poison gets the whole filter and ever more lambda. */
+/* Grey levels a pixel, from which on a poison gets the whole filter, and more lambda up to four times as many. */
 static const double strong = 2.3;
+
+double sg_defense_frequency(double extent)
+{
+    /* 8 where scenes are as large as synthetic ones are; an extent of 0 is taken for 1, as in training. */
+    return fmin(fmax(8 * 5.2 / (extent > 0 ? extent : 1), 1e-9), 1e9);
+}
 
 void sg_defense_automatic(const struct sg_audit *audit, double extent, float *shares, struct sg_defense_params *p)
 {
@@ -18,10 +24,10 @@ void sg_defense_automatic(const struct sg_audit *audit, double extent, float *sh
         const double amplitude = (f->osc_down + f->osc_across) / 2 / strong;
         /* Growth follows the energy of the noise: a weak one is not worth the filter's price. */
         strength += suspicion * fmin(amplitude * amplitude, 1);
-        shares[i] = (float) (suspicion * fmin(fmax(amplitude / 4, 0.25), 1));
+        shares[i] = (float) (suspicion * fmin(fmax(amplitude, 1), 4));
     }
-    p->lambda = 24;
+    p->lambda = 6;
     p->shares = shares;
-    p->rho = -(0.1 + 0.35 * strength / (double) audit->count);
-    p->frequency = fmin(fmax(8 * 5.2 / extent, 1e-9), 1e9); /* 8 in scenes as large as the paper's synthetic ones */
+    p->rho = -(0.1 + 0.35 * strength / fmax((double) audit->count, 1));
+    p->frequency = sg_defense_frequency(extent);
 }

@@ -92,7 +92,7 @@ static int check_scene(sg_ctx *ctx, const struct sg_train_params *p, const struc
     if (!scene->n_train)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found no training view, expected at least one", scene->path);
     for (size_t i = 0; p->defense.shares && i < scene->n_train && !code; i++)
-        code = check_ranges(ctx, &(struct range){"share of a view", (double) p->defense.shares[i], 0, 1}, 1);
+        code = check_ranges(ctx, &(struct range){"share of a view", (double) p->defense.shares[i], 0, 1e3}, 1);
     return code;
 }
 
@@ -359,9 +359,11 @@ static int regularise(sg_trainer *t, size_t view, struct sg_defense_step *step)
                                             .total_variation = lambda * d->tv_scale,
                                             .tv = d->tv,
                                             .spectrum = d->spectrum};
-    struct sg_regulariser_value value;
+    struct sg_regulariser_value value = {0};
     const int code = t->backend->ops->regularise(t->backend, &p, &value);
     step->anisotropy = value.anisotropy, step->total_variation = value.total_variation;
+    t->backend->times.anisotropy += value.anisotropy_seconds;
+    t->backend->times.total_variation += value.total_variation_seconds;
     return code;
 }
 
@@ -387,7 +389,8 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
 
     /* The released code rebuilds every tensor when it densifies and the opacity tensor when it resets: gradients are
      * lost and Adam stands still for them in that iteration. The last iteration takes no step either. */
-    const bool densifies = sg_densifies(p, before, it), filters = sg_filters(p, before, it);
+    const bool densifies = sg_densifies(p, before, it);
+    const bool filters = sg_filters(p, before, it) && (densifies || d->rho >= 0 || filter_share(t, it) > 0);
     const bool resets = sg_resets_opacity(p, before, it);
     const double lr[SG_GROUPS] = {
         [SG_G_XYZ] = sg_position_lr(p, it) * t->extent,

@@ -19,7 +19,9 @@ wait_for parts/log.jsonl
 kill -INT $pid
 wait $pid
 [ $? = 130 ] || fail "interrupting a defended run"
+before=$(field parts count)
 expect 0 train --resume parts --quiet
+awk "BEGIN { exit !($(field parts count) > $before) }" || fail "the resumed run's counting took less than its beginning"
 cmp parts/point_cloud/iteration_1500/point_cloud.ply whole/point_cloud/iteration_1500/point_cloud.ply ||
     fail "a resumed run differs"
 for part in anisotropy total_variation count prune; do
@@ -51,10 +53,11 @@ sanitized ||
 grep -q '"memory"' lean/summary.json || fail "the summary does not say that memory was binding"
 grep -q '"max-memory": 62914560' lean/config.json || fail "a resumed run would not know its limit on memory"
 expect 0 attack scene/blender -o unbounded --epsilon inf --proxy-iterations 100 --iterations 24 --inner 4 -q
-for defense in off spectral; do
+for defense in off "spectral --filter-interval 20 --filter-views 4"; do
     expect 0 train unbounded -o held $short --force --init-points 400 --max-memory 60M --densification-interval 5 \
-        --densify-grad-threshold 0.0000001 --defense $defense --filter-interval 20 --filter-views 4
+        --densify-grad-threshold 0.0000001 --defense $defense
     sanitized || [ "$(field held peak_rss_bytes)" -le 62914560 ] || fail "$defense: peak $(field held peak_rss_bytes)"
+    grep -q '"memory"' held/summary.json || fail "$defense: memory was not binding"
 done
 expect 3 train scene/blender -o none $short --max-memory 36M
 says 'expected at least'

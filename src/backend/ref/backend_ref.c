@@ -2,6 +2,7 @@
 /* The scalar backend: ref/render.h behind the stage table. Slow on purpose. */
 #include <string.h>
 
+#include "core/clock.h"
 #include "math/real_f32.h"
 
 #include "backend/host_model.h"
@@ -281,6 +282,7 @@ static int count_hits(struct sg_backend *base, const struct sg_camera *const *vi
                       const struct sg_render_params *params, enum sg_hit kind, double *hits)
 {
     struct ref_backend *b = (struct ref_backend *) base;
+    const double start = sg_seconds();
     memset(hits, 0, b->model.count * sizeof(*hits));
     for (size_t v = 0; v < n; v++) {
         const int code = do_project(base, views[v], 0, params);
@@ -290,6 +292,7 @@ static int count_hits(struct sg_backend *base, const struct sg_camera *const *vi
         for (size_t i = 0; i < b->model.count; i++)
             hits[i] += kind == SG_HIT_VIEWS ? b->splats[i].hits > 0 : b->splats[i].hits;
     }
+    base->times.count += sg_seconds() - start;
     return SG_OK;
 }
 
