@@ -5,14 +5,14 @@
 
 #include "train_run.h"
 
-/* What the preset decides, where the options do not. */
+/* What the preset decides, where the options do not; as config.json keeps it. */
 static void settle_defense(struct train_config *c, const struct sg_defense_params *preset)
 {
     struct sg_defense_params *d = &c->train.defense;
     d->on = c->defense;
-    d->rho = d->rho == PRESET_RHO ? preset->rho : d->rho;
-    d->lambda = d->lambda == PRESET_LAMBDA ? preset->lambda : d->lambda;
-    d->frequency = d->frequency == PRESET_FREQUENCY ? preset->frequency : d->frequency;
+    d->rho = d->rho == PRESET_RHO ? options_number(preset->rho) : d->rho;
+    d->lambda = d->lambda == PRESET_LAMBDA ? options_number(preset->lambda) : d->lambda;
+    d->frequency = d->frequency == PRESET_FREQUENCY ? options_number(preset->frequency) : d->frequency;
     d->shares = preset->shares;
 }
 
@@ -28,43 +28,41 @@ static struct sg_defense_params published(int preset)
     return p;
 }
 
+/* An option of the defense that has no effect, or NULL. */
+static const char *vain_option(const struct train_config *c, const bool *given)
+{
+    /* At a limit these decide who stays. */
+    static const char *const ranking[] = {"filter-frequency", "filter-exponent", "filter-views",
+                                          "filter-sigma",     "filter-hits",     "filter-sample"};
+    const struct option *o = command_train.options;
+    const bool limited = c->train.max_gaussians || c->max_memory;
+    bool inside = false;
+    if (c->defense || c->audit == AUDIT_DEFEND)
+        return NULL;
+    for (size_t i = 0; o[i].name; i++) {
+        if (o[i].type == OPT_GROUP)
+            inside = !strcmp(o[i].name, "Defense");
+        bool counts = !strcmp(o[i].name, "defense") || !strcmp(o[i].name, "audit");
+        for (size_t k = 0; k < sizeof(ranking) / sizeof(ranking[0]); k++)
+            counts |= limited && !strcmp(o[i].name, ranking[k]);
+        if (inside && given[i] && !counts)
+            return o[i].name;
+    }
+    return NULL;
+}
+
 int train_check(const struct train_run *r, const bool *given)
 {
     struct train_config c = *r->config;
-    const struct option *o = command_train.options;
-    static const char *const ranking[] = {"filter-frequency", "filter-exponent", "filter-views",
-                                          "filter-sigma",     "filter-hits",     "filter-sample"};
-    const bool defends = c.defense || c.audit == AUDIT_DEFEND, limited = c.train.max_gaussians || c.max_memory;
-    bool inside = false;
-    for (size_t i = 0; o[i].name && !defends && !c.resume; i++) {
-        inside = o[i].type == OPT_GROUP ? !strcmp(o[i].name, "Defense") : inside;
-        const bool decides = !strcmp(o[i].name, "defense") || !strcmp(o[i].name, "audit");
-        bool ranks = false; /* those that stay at the limit */
-        for (size_t k = 0; k < sizeof(ranking) / sizeof(ranking[0]); k++)
-            ranks |= limited && !strcmp(o[i].name, ranking[k]);
-        if (inside && given[i] && !decides && !ranks) {
-            say(stderr, "splatguard train: --%s: found without a defense, expected --defense spectral with it\n",
-                o[i].name);
-            return 1;
-        }
+    const char *vain = c.resume ? NULL : vain_option(&c, given);
+    if (vain) {
+        say(stderr, "splatguard train: --%s: found without a defense, expected --defense spectral with it\n", vain);
+        return 1;
     }
     const struct sg_defense_params preset = published(c.preset);
     settle_defense(&c, &preset);
     const int error = sg_train_check(r->ctx, &c.train);
     return error ? report(r->ctx, error) : 0;
-}
-
-static int settle_automatic(struct train_run *r, const struct sg_audit *found)
-{
-    struct sg_defense_params preset = {SG_DEFENSE_DEFAULTS};
-    if (!(r->shares = malloc((found->count + 1) * sizeof(*r->shares)))) {
-        say(stderr, "splatguard: out of memory\n");
-        return 3;
-    }
-    sg_defense_automatic(found, r->scene->extent, r->shares, &preset);
-    preset.rho = options_number(preset.rho), preset.frequency = options_number(preset.frequency);
-    settle_defense(r->config, &preset);
-    return 0;
 }
 
 /* Says what was found, and does what --audit asks for. */
@@ -85,26 +83,37 @@ static int heed(struct train_config *c, const struct sg_audit *found)
     return 0;
 }
 
-int train_decide(struct train_run *r)
+/* Looks at the photos; preset auto follows from them. */
+static int audit(struct train_run *r, struct sg_defense_params *preset)
 {
     struct train_config *c = r->config;
     struct sg_audit *found = NULL;
-    struct sg_defense_params preset = published(c->preset);
-    if (c->preset == DEFENSE_AUTO)
-        preset.frequency = options_number(sg_defense_frequency(r->scene->extent));
-    if (c->audit == AUDIT_OFF && !(c->defense && c->preset == DEFENSE_AUTO)) {
-        settle_defense(c, &preset);
-        return 0;
-    }
     const int error = sg_audit_scene(r->ctx, r->scene, &found);
     if (error)
         return report(r->ctx, error);
     r->audit = sg_audit_verdict_name(found->verdict), r->audit_score = found->score;
     int code = c->resume ? 0 : heed(c, found);
-    if (!code && c->defense && c->preset == DEFENSE_AUTO)
-        code = settle_automatic(r, found);
-    else
-        settle_defense(c, &preset);
+    if (!code && c->defense && c->preset == DEFENSE_AUTO) {
+        if ((r->shares = malloc((found->count + 1) * sizeof(*r->shares)))) {
+            sg_defense_automatic(found, r->scene->extent, r->shares, preset);
+        } else {
+            say(stderr, "splatguard: out of memory\n");
+            code = 3;
+        }
+    }
     sg_audit_destroy(r->ctx, &found);
+    return code;
+}
+
+int train_decide(struct train_run *r)
+{
+    struct train_config *c = r->config;
+    struct sg_defense_params preset = published(c->preset);
+    int code = 0;
+    if (c->preset == DEFENSE_AUTO)
+        preset.frequency = sg_defense_frequency(r->scene->extent);
+    if (c->audit != AUDIT_OFF || (c->defense && c->preset == DEFENSE_AUTO))
+        code = audit(r, &preset);
+    settle_defense(c, &preset);
     return code;
 }

@@ -293,6 +293,15 @@ static void test_automatic(void **state)
     assert_float_equal(p.rho, -0.1, 1e-12);
 }
 
+/* Another way to the model that is expected. */
+static void train_same(struct fixture *f, const struct sg_train_params *p, const char *load,
+                       const struct sg_model *expected)
+{
+    struct sg_model *m = train(f, p, 40, NULL, load, NULL);
+    assert_same(expected, m);
+    sg_model_destroy(f->ctx, &m);
+}
+
 static void test_same_bytes(void **state)
 {
     (void) state;
@@ -302,13 +311,9 @@ static void test_same_bytes(void **state)
     close(mkstemp(path));
     struct fixture one = make_fixture(1), three = make_fixture(3);
     struct sg_model *a = train(&one, &p, 40, path, NULL, NULL);
-    struct sg_model *b = train(&three, &p, 40, NULL, NULL, NULL);
-    struct sg_model *c = train(&three, &p, 40, NULL, path, NULL);
-    assert_same(a, b);
-    assert_same(a, c);
+    train_same(&three, &p, NULL, a);
+    train_same(&three, &p, path, a);
     sg_model_destroy(one.ctx, &a);
-    sg_model_destroy(three.ctx, &b);
-    sg_model_destroy(three.ctx, &c);
     unlink(path);
     clear_fixture(&one);
     clear_fixture(&three);
@@ -335,14 +340,10 @@ static void test_combinations(void **state)
             p.densify_grad_threshold = 1e-6f;
             struct sg_model *whole = train(&f, &p, 40, path, NULL, NULL);
             assert_true(whole->sh_degree == degree && (limited ? whole->count <= 140 : whole->count > 140));
-            struct sg_model *resumed = train(&f, &p, 40, NULL, path, NULL);
+            train_same(&f, &p, path, whole);
             p.max_instances = 60;
-            struct sg_model *banded = train(&f, &p, 40, NULL, NULL, NULL);
-            assert_same(whole, resumed);
-            assert_same(whole, banded);
+            train_same(&f, &p, NULL, whole);
             sg_model_destroy(f.ctx, &whole);
-            sg_model_destroy(f.ctx, &resumed);
-            sg_model_destroy(f.ctx, &banded);
         }
         sg_model_destroy(f.ctx, &f.start);
     }

@@ -43,9 +43,9 @@ enum sg_tv_norm {
 
 struct sg_defense_params {
     bool on; /* Default false; then the filter's score is used at a limit of Gaussians only. */
-    /* In space: score = (1 - exp(-2 pi^2 t^2 sigma^2))^alpha x hits; the lowest share rho is removed. */
-    double rho;                 /* 0..0.5; 0 = no filter; -0.9..0: minus this share of what grew of late, nothing
-                                   once densification ends. Default 0.03. */
+    /* In space: score = (1 - exp(-2 pi^2 t^2 sigma^2))^alpha x hits; the lowest share rho is removed. rho
+     * is 0..0.5, 0 = no filter; or -0.9..0: minus a share of what grew of late, nothing once densification ends. */
+    double rho;                 /* Default 0.03. */
     double frequency;           /* t, cycles per scene unit. Default 8. */
     double exponent;            /* alpha. Default 2. */
     int views;                  /* K*, training views that hits are counted in. Default 48. */
@@ -82,10 +82,10 @@ void sg_defense_automatic(const struct sg_audit *audit, double extent, float *sh
 
 /* What one iteration's defense did. */
 struct sg_defense_step {
-    double anisotropy,
-        total_variation; /* L_ani and L_tv of the render; NAN = not weighed, not measured; 0 without a defense */
-    bool filtered;       /* the filter ran */
-    double rho;          /* share asked for */
+    /* L_ani and L_tv of the render; NAN = not weighed, not measured; 0 without a defense. */
+    double anisotropy, total_variation;
+    bool filtered;                  /* the filter ran */
+    double rho;                     /* share asked for */
     size_t scored, removed, unseen; /* Gaussians; unseen: without a hit in the sampled views */
     double score[3];                /* ln score at the 10th, 50th and 90th percentile, of those with a hit */
 };

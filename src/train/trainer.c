@@ -314,11 +314,17 @@ static int score_model(void *arg, struct sg_scores *out)
     return sg_score(c->t->backend, c->t->scene, &c->t->params.defense, c->render, c->t->params.seed, c->it, out);
 }
 
+/* A clock that stands still while hits are counted, which is a stage of its own. */
+static double seconds_not_counting(const sg_trainer *t)
+{
+    return sg_seconds() - t->backend->times.count;
+}
+
 static int densify(sg_trainer *t, int it, const struct sg_render_params *render, struct sg_train_step *step)
 {
     const struct sg_train_params *p = &t->params;
     struct sg_densify_result r;
-    const double start = sg_seconds(), counted = t->backend->times.count;
+    const double start = seconds_not_counting(t);
     const size_t n = t->backend->ops->count(t->backend);
     const int code =
         sg_densify(t->backend,
@@ -337,17 +343,16 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
     t->gaussians_bound |= r.replaced || r.limited;
     const double grown = (double) (r.cloned + r.split) / (double) n;
     t->growth += (grown - t->growth) * (t->growth > 0 ? GROWTH_PACE : 1);
-    t->backend->times.densify += sg_seconds() - start - (t->backend->times.count - counted);
+    t->backend->times.densify += seconds_not_counting(t) - start;
     return code;
 }
 
 static int filter(sg_trainer *t, int it, const struct sg_render_params *render, struct sg_defense_step *step)
 {
     const struct sg_train_params *p = &t->params;
-    struct sg_train_times *times = &t->backend->times;
-    const double start = sg_seconds(), counted = times->count;
+    const double start = seconds_not_counting(t);
     const int code = sg_filter(t->backend, t->scene, &p->defense, render, filter_share(t, it), p->seed, it, step);
-    times->prune += sg_seconds() - start - (times->count - counted);
+    t->backend->times.prune += seconds_not_counting(t) - start;
     return code;
 }
 
