@@ -102,7 +102,7 @@ static int put_view(sg_ctx *ctx, FILE *f, const struct sg_view *v, const struct 
     fprintf(f, ": %s, score %.3f</h3>\n<div class=row>\n", sg_audit_verdict_name(image->verdict), image->score);
     int code = map && amplitude && rgb ? put_picture(ctx, f, v->rgb, w, h, "photo", v->name) : SG_ERR_BUDGET;
     if (!code)
-        code = sg_audit_measure(ctx, v->rgb, w, h, &features, map);
+        code = sg_audit_measure(ctx, v->rgb, v->mask, w, h, &features, map);
     if (!code) {
         for (size_t i = 0; i < pixels; i++)
             heat(map[i / (size_t) w / 16 * (size_t) across + i % (size_t) w / 16] / HEAT, rgb + 3 * i);

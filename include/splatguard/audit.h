@@ -13,16 +13,18 @@ extern "C" {
 
 enum sg_audit_verdict { SG_AUDIT_CLEAN, SG_AUDIT_SUSPICIOUS, SG_AUDIT_POISONED };
 
-/* What is measured of one image. Differences are between neighbouring pixels' luma, in grey levels. */
+/* What is measured of one image. Differences are between neighbouring pixels' luma, in grey levels; neighbours are the
+ * nearest pixels of a row or column that the mask does not leave out. */
 struct sg_audit_features {
     double tv_down, tv_across;   /* mean absolute difference to the next row, to the next column */
     double osc_down, osc_across; /* mean oscillation: at local extremes, the lesser of both differences, else 0 */
-    double osc_share; /* of all variation and two grey levels a pixel more, what local extremes carry */
-    double osc_quiet; /* oscillation of the quiet parts: the 25th percentile over the blocks of 16 x 16 pixels that are
-                         not of one colour */
+    double osc_share;            /* of all variation and two grey levels a pixel more, what local extremes carry */
+    double osc_quiet;  /* oscillation of the quiet parts: the 25th percentile over the blocks of 16 x 16 pixels that are
+                          not of one colour */
     double osc_chroma; /* oscillation of red - green and of blue - green, both directions */
     double evenness;   /* median over mean of the blocks' oscillation: 1 = everywhere alike */
-    double slope; /* ln of the spectrum's mean energy at 0.7..0.95 of the Nyquist frequency over that at 0.35..0.55 */
+    double slope; /* ln of the spectrum's mean energy at 0.7..0.95 of the Nyquist frequency over that at 0.35..0.55; of
+                     all pixels, as the next */
     double anisotropy; /* of the spectrum, see spectrum.h */
 };
 
@@ -51,9 +53,10 @@ void sg_audit_destroy(sg_ctx *ctx, struct sg_audit **audit);
 
 const char *sg_audit_verdict_name(enum sg_audit_verdict verdict);
 
-/* One image, rgb: height x width x 3. map: NULL, or (height + 15) / 16 x (width + 15) / 16 floats for the blocks'
- * oscillation in grey levels. */
-int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, int width, int height, struct sg_audit_features *out, float *map);
+/* One image, rgb: height x width x 3. mask: height x width, 0 = left out, or NULL. map: NULL, or (height + 15) / 16 x
+ * (width + 15) / 16 floats for the blocks' oscillation in grey levels. */
+int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int width, int height,
+                     struct sg_audit_features *out, float *map);
 
 #ifdef __cplusplus
 }

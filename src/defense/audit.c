@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* The verdict on photos, from what audit_features.c measures. */
 #include "splatguard/audit.h"
 
 #include <math.h>
@@ -6,130 +7,6 @@
 #include <string.h>
 
 #include "core/internal.h"
-
-#define BLOCK 16
-#define FAINT 2 /* grey levels: smaller steps are rounding, sensor noise and compression */
-
-/* Sums over one direction. */
-struct variation {
-    double total, extremes, oscillation;
-};
-
-/* The pixel `here` between two neighbours: what it oscillates. */
-static int oscillation(int before, int here, int after)
-{
-    const int a = here - before, b = here - after;
-    if ((a < 0) != (b < 0) || abs(a) < FAINT || abs(b) < FAINT)
-        return 0;
-    return abs(a) < abs(b) ? abs(a) : abs(b);
-}
-
-static void add(struct variation *v, int before, int here, int after, float *block)
-{
-    const int o = oscillation(before, here, after);
-    v->total += abs(after - here);
-    if (!o)
-        return;
-    v->oscillation += o;
-    v->extremes += abs(here - before) + abs(here - after);
-    *block += (float) o;
-}
-
-/* Oscillation of the difference of two channels, both directions, mean of a pixel. */
-static double chroma(const uint8_t *rgb, size_t w, size_t h, int a, int b)
-{
-    double sum = 0;
-#define AT(i) (rgb[3 * (i) + (size_t) a] - rgb[3 * (i) + (size_t) b])
-    for (size_t y = 1; y + 1 < h; y++)
-        for (size_t i = y * w + 1; i + 1 < y * w + w; i++)
-            sum += oscillation(AT(i - w), AT(i), AT(i + w)) + oscillation(AT(i - 1), AT(i), AT(i + 1));
-#undef AT
-    return sum;
-}
-
-static int ascending(const void *a, const void *b)
-{
-    const float x = *(const float *) a, y = *(const float *) b;
-    return (x > y) - (x < y);
-}
-
-/* Whether a block has more than one value. */
-static bool varies(const uint8_t *luma, size_t w, size_t h, size_t column, size_t row)
-{
-    const size_t x1 = column * BLOCK + BLOCK < w ? column * BLOCK + BLOCK : w,
-                 y1 = row * BLOCK + BLOCK < h ? row * BLOCK + BLOCK : h;
-    const uint8_t first = luma[row * BLOCK * w + column * BLOCK];
-    for (size_t y = row * BLOCK; y < y1; y++)
-        for (size_t x = column * BLOCK; x < x1; x++)
-            if (luma[y * w + x] != first)
-                return true;
-    return false;
-}
-
-static double slope(const struct sg_spectrum *s)
-{
-    double high = 0, middle = 0;
-    int n_high = 0, n_middle = 0;
-    for (int i = 0; i < SG_SPECTRUM_RINGS; i++) {
-        const double r = (i + 0.5) / SG_SPECTRUM_RINGS;
-        if (r > 0.7 && r < 0.95)
-            high += s->radial[i], n_high++;
-        if (r > 0.35 && r < 0.55)
-            middle += s->radial[i], n_middle++;
-    }
-    return log((high / n_high + 1e-9) / (middle / n_middle + 1e-9));
-}
-
-int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, int width, int height, struct sg_audit_features *out, float *map)
-{
-    const size_t w = (size_t) width, h = (size_t) height, across = (w + BLOCK - 1) / BLOCK,
-                 blocks = across * ((h + BLOCK - 1) / BLOCK);
-    struct sg_spectrum spectrum;
-    *out = (struct sg_audit_features){0};
-    int code = sg_spectrum_measure(ctx, rgb, width, height, NULL, &spectrum, NULL);
-    if (code)
-        return code;
-    uint8_t *luma = sg_alloc_raw(ctx, SG_MEM_FRAME, w * h, 1);
-    float *own = sg_alloc(ctx, SG_MEM_FRAME, blocks, sizeof(*own));
-    if (!luma || !own) {
-        code = SG_ERR_BUDGET;
-        goto done;
-    }
-    for (size_t i = 0; i < w * h; i++)
-        luma[i] = (uint8_t) ((77 * rgb[3 * i] + 150 * rgb[3 * i + 1] + 29 * rgb[3 * i + 2] + 128) >> 8);
-    struct variation down = {0}, right = {0};
-    for (size_t y = 1; y + 1 < h; y++)
-        for (size_t x = 1; x + 1 < w; x++) {
-            const uint8_t *p = luma + y * w + x;
-            float *block = &own[y / BLOCK * across + x / BLOCK];
-            add(&down, p[-(ptrdiff_t) w], p[0], p[w], block);
-            add(&right, p[-1], p[0], p[1], block);
-        }
-    const double inner = width > 2 && height > 2 ? (double) (w - 2) * (double) (h - 2) : 1;
-    out->tv_down = down.total / inner, out->tv_across = right.total / inner;
-    out->osc_down = down.oscillation / inner, out->osc_across = right.oscillation / inner;
-    /* Two levels more, so that faint noise on smooth photos, which costs nothing, is not most of what there is. */
-    out->osc_share = (down.extremes + right.extremes) / 2 / (down.total + right.total + 2 * inner);
-    out->slope = slope(&spectrum);
-    out->anisotropy = spectrum.anisotropy;
-    out->osc_chroma = (chroma(rgb, w, h, 0, 1) + chroma(rgb, w, h, 2, 1)) / (4 * inner);
-    for (size_t i = 0; i < blocks; i++)
-        own[i] /= 2 * BLOCK * BLOCK;
-    if (map)
-        memcpy(map, own, blocks * sizeof(*map));
-    size_t alive = 0; /* a background of one colour says nothing about the rest */
-    double mean = 0;
-    for (size_t i = 0; i < blocks; i++)
-        if (varies(luma, w, h, i % across, i / across))
-            mean += (double) own[i], own[alive++] = own[i];
-    qsort(own, alive, sizeof(*own), ascending);
-    out->osc_quiet = alive ? (double) own[alive / 4] : 0;
-    out->evenness = mean > 0 ? (double) own[alive / 2] / (mean / (double) alive) : 0;
-done:
-    sg_free(ctx, luma);
-    sg_free(ctx, own);
-    return code;
-}
 
 static double logistic(double x)
 {
@@ -257,7 +134,7 @@ static void audit_view(void *arg, size_t i, int thread)
     const struct sg_view *v = &j->scene->train[i];
     struct sg_audit_image *image = &j->audit->images[i];
     image->name = v->name;
-    j->codes[i] = sg_audit_measure(j->ctx, v->rgb, v->camera.width, v->camera.height, &image->features, NULL);
+    j->codes[i] = sg_audit_measure(j->ctx, v->rgb, v->mask, v->camera.width, v->camera.height, &image->features, NULL);
     image->score = logistic(evidence(&image->features));
     image->verdict = verdict_of(image->score);
 }

@@ -1,0 +1,206 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What an image looks like to the audit. Pixels that a mask leaves out are skipped: the neighbours of a pixel are the
+ * nearest used ones of its row and column. So no mask hides what training sees, and nothing else dilutes it. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/internal.h"
+#include "splatguard/audit.h"
+
+#define BLOCK 16
+#define FAINT 2 /* grey levels: smaller steps are rounding, sensor noise and compression */
+
+/* Sums over one direction. */
+struct variation {
+    double pixels, total, extremes, oscillation;
+};
+
+struct block {
+    uint32_t measured, oscillation; /* pixels with two neighbours and what they oscillate, both directions */
+};
+
+/* The newest used pixel of a line and the one before it. */
+struct line {
+    int16_t before, here;
+    uint32_t seen, block;
+};
+
+/* The pixel `here` between two neighbours: what it oscillates. */
+static int oscillation(int before, int here, int after)
+{
+    const int a = here - before, b = here - after;
+    if ((a < 0) != (b < 0) || abs(a) < FAINT || abs(b) < FAINT)
+        return 0;
+    return abs(a) < abs(b) ? abs(a) : abs(b);
+}
+
+/* The line's next used pixel: the one before it now has two neighbours. */
+static inline void meet(struct line *l, int after, size_t block, struct variation *v, struct block *blocks)
+{
+    if (l->seen >= 2) {
+        const int o = oscillation(l->before, l->here, after);
+        v->pixels++;
+        v->total += abs(after - l->here);
+        v->oscillation += o;
+        v->extremes += o ? abs(l->here - l->before) + abs(l->here - after) : 0;
+        blocks[l->block].measured++;
+        blocks[l->block].oscillation += (uint32_t) o;
+    }
+    l->seen++;
+    l->before = l->here;
+    l->here = (int16_t) after;
+    l->block = (uint32_t) block;
+}
+
+/* The image whose variation is measured, and room for it. */
+struct plane {
+    const uint8_t *mask; /* NULL = all used */
+    size_t w, h;
+    int16_t *values;
+    struct line *columns;
+    struct block *blocks;
+};
+
+static size_t blocks_across(const struct plane *p)
+{
+    return (p->w + BLOCK - 1) / BLOCK;
+}
+
+static size_t block_count(const struct plane *p)
+{
+    return blocks_across(p) * ((p->h + BLOCK - 1) / BLOCK);
+}
+
+static void vary(const struct plane *p, struct variation *down, struct variation *across)
+{
+    *down = *across = (struct variation){0};
+    memset(p->columns, 0, p->w * sizeof(*p->columns));
+    memset(p->blocks, 0, block_count(p) * sizeof(*p->blocks));
+    for (size_t y = 0; y < p->h; y++) {
+        struct line row = {0};
+        for (size_t x = 0; x < p->w; x++) {
+            const size_t i = y * p->w + x, block = y / BLOCK * blocks_across(p) + x / BLOCK;
+            if (p->mask && !p->mask[i])
+                continue;
+            meet(&row, p->values[i], block, across, p->blocks);
+            meet(&p->columns[x], p->values[i], block, down, p->blocks);
+        }
+    }
+}
+
+/* Mean over the pixels that have two neighbours. */
+static double mean(double sum, const struct variation *v)
+{
+    return v->pixels > 0 ? sum / v->pixels : 0;
+}
+
+/* Oscillation of the difference of two channels, mean of both directions. */
+static double chroma(const struct plane *p, const uint8_t *rgb, int a, int b)
+{
+    struct variation down, across;
+    for (size_t i = 0; i < p->w * p->h; i++)
+        p->values[i] = (int16_t) (rgb[3 * i + (size_t) a] - rgb[3 * i + (size_t) b]);
+    vary(p, &down, &across);
+    return (mean(down.oscillation, &down) + mean(across.oscillation, &across)) / 2;
+}
+
+/* Whether the used pixels of a block have more than one value. */
+static bool varies(const struct plane *p, size_t block)
+{
+    const size_t x0 = block % blocks_across(p) * BLOCK, y0 = block / blocks_across(p) * BLOCK;
+    int first = -1;
+    for (size_t y = y0; y < y0 + BLOCK && y < p->h; y++)
+        for (size_t x = x0; x < x0 + BLOCK && x < p->w; x++) {
+            const size_t i = y * p->w + x;
+            if (p->mask && !p->mask[i])
+                continue;
+            if (first >= 0 && p->values[i] != first)
+                return true;
+            first = p->values[i];
+        }
+    return false;
+}
+
+static int ascending(const void *a, const void *b)
+{
+    const float x = *(const float *) a, y = *(const float *) b;
+    return (x > y) - (x < y);
+}
+
+/* How the oscillation lies over the blocks. Those of one colour, a background, say nothing about the rest, and those
+ * with few pixels, at the border or in a mask, say little. own: room for a number of each. */
+static void distribute(const struct plane *p, float *own, struct sg_audit_features *out)
+{
+    const size_t n = block_count(p);
+    uint32_t most = 0;
+    for (size_t i = 0; i < n; i++)
+        most = p->blocks[i].measured > most ? p->blocks[i].measured : most;
+    size_t told = 0;
+    double sum = 0;
+    for (size_t i = 0; i < n; i++) {
+        const struct block *b = &p->blocks[i];
+        if (!b->measured || 4 * b->measured < most || !varies(p, i))
+            continue;
+        own[told] = (float) b->oscillation / (float) b->measured;
+        sum += (double) own[told++];
+    }
+    qsort(own, told, sizeof(*own), ascending);
+    out->osc_quiet = told ? (double) own[told / 4] : 0;
+    out->evenness = sum > 0 ? (double) own[told / 2] / (sum / (double) told) : 0;
+}
+
+static double slope(const struct sg_spectrum *s)
+{
+    double high = 0, middle = 0;
+    int n_high = 0, n_middle = 0;
+    for (int i = 0; i < SG_SPECTRUM_RINGS; i++) {
+        const double r = (i + 0.5) / SG_SPECTRUM_RINGS;
+        if (r > 0.7 && r < 0.95)
+            high += s->radial[i], n_high++;
+        if (r > 0.35 && r < 0.55)
+            middle += s->radial[i], n_middle++;
+    }
+    return log((high / n_high + 1e-9) / (middle / n_middle + 1e-9));
+}
+
+int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int width, int height,
+                     struct sg_audit_features *out, float *map)
+{
+    struct plane p = {.mask = mask, .w = (size_t) width, .h = (size_t) height};
+    struct sg_spectrum spectrum;
+    *out = (struct sg_audit_features){0};
+    int code = sg_spectrum_measure(ctx, rgb, width, height, NULL, &spectrum, NULL);
+    if (code)
+        return code;
+    p.values = sg_alloc_raw(ctx, SG_MEM_FRAME, p.w * p.h, sizeof(*p.values));
+    p.columns = sg_alloc_raw(ctx, SG_MEM_FRAME, p.w, sizeof(*p.columns));
+    p.blocks = sg_alloc_raw(ctx, SG_MEM_FRAME, block_count(&p), sizeof(*p.blocks));
+    float *own = sg_alloc_raw(ctx, SG_MEM_FRAME, block_count(&p), sizeof(*own));
+    if (!p.values || !p.columns || !p.blocks || !own) {
+        code = SG_ERR_BUDGET;
+        goto done;
+    }
+    out->slope = slope(&spectrum);
+    out->anisotropy = spectrum.anisotropy;
+    out->osc_chroma = (chroma(&p, rgb, 0, 1) + chroma(&p, rgb, 2, 1)) / 2;
+
+    struct variation down, across;
+    for (size_t i = 0; i < p.w * p.h; i++)
+        p.values[i] = (int16_t) ((77 * rgb[3 * i] + 150 * rgb[3 * i + 1] + 29 * rgb[3 * i + 2] + 128) >> 8);
+    vary(&p, &down, &across);
+    out->tv_down = mean(down.total, &down), out->tv_across = mean(across.total, &across);
+    out->osc_down = mean(down.oscillation, &down), out->osc_across = mean(across.oscillation, &across);
+    /* Two levels more, so that faint noise on smooth photos, which costs nothing, is not most of what there is. */
+    const double all = down.total + across.total + down.pixels + across.pixels;
+    out->osc_share = all > 0 ? (down.extremes + across.extremes) / 2 / all : 0;
+    distribute(&p, own, out);
+    for (size_t i = 0; map && i < block_count(&p); i++)
+        map[i] = p.blocks[i].measured ? (float) p.blocks[i].oscillation / (float) p.blocks[i].measured : 0;
+done:
+    sg_free(ctx, p.values);
+    sg_free(ctx, p.columns);
+    sg_free(ctx, p.blocks);
+    sg_free(ctx, own);
+    return code;
+}
