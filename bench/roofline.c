@@ -87,7 +87,6 @@ static void pairs(const struct cpu_kernels *kernels, struct roofline *out)
                                        .reach = 4900,
                                        .taper = 1,
                                        .ymax = 70,
-                                       .radius = 80,
                                        .across = 0.01f,
                                        .down = 0.01f,
                                        .peak = log2f(opacity),

@@ -137,11 +137,12 @@ static int start_decoy(struct attack_run *r, const char *proxy)
     int error = sg_model_read_ply(r->ctx, proxy, UINT32_MAX, &model), code = saved ? 0 : 4;
     if (!error)
         r->proxy_gaussians = model->count;
-    if (!error)
+    if (!error && !code && r->config->resume && !access(saved, F_OK)) {
+        sg_model_destroy(r->ctx, &model);
+        error = sg_attack_resume(r->ctx, r->scene, saved, &r->config->attack, &r->attack);
+    } else if (!error && !code)
         error = sg_attack_create(r->ctx, r->scene, model, &r->config->attack, &r->attack);
     sg_model_destroy(r->ctx, &model);
-    if (!error && !code && r->config->resume && !access(saved, F_OK))
-        error = sg_attack_load(r->attack, saved);
     free(saved);
     if (error)
         return report(r->ctx, error);

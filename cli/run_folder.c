@@ -307,6 +307,9 @@ int run_read_config(const char *run, struct train_config *c, json_t **keep)
         say(stderr, "splatguard: %s: line %d: %s; expected the config.json of a run\n", path ? path : run,
             path ? error.line : 0, path ? error.text : "out of memory");
         code = 2;
+    } else if (!json_is_object(json_object_get(root, "options"))) {
+        say(stderr, "splatguard: %s: found no \"options\", expected the config.json of a run\n", path);
+        code = 2;
     } else if (options_from_json(&command_train, c, json_object_get(root, "options"), path))
         code = 2;
     free(path);

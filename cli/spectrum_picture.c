@@ -107,7 +107,7 @@ static void draw_crop(struct canvas *c, const struct picture_image *p, const str
         }
 }
 
-/* One scale for all columns, so that brightness can be compared: from the median of the first to its maximum. */
+/* One scale for all columns, so that brightness can be compared: between two percentiles of the first. */
 static int draw_amplitude(sg_ctx *ctx, struct canvas *c, const struct picture_image *p, float low, float high, int x,
                           int y)
 {

@@ -4,6 +4,7 @@
 
 #include <string.h>
 #include <time.h>
+#include <unistd.h>
 
 #include "interrupt.h"
 
@@ -130,6 +131,9 @@ static int loop(struct train_run *r)
             progress_break(&r->progress);
             code = report(r->ctx, error);
             const int done = sg_trainer_iteration(r->trainer);
+            const size_t gaussians = sg_trainer_gaussians(r->trainer); /* it may have grown before it failed */
+            if (gaussians > r->totals.max_gaussians)
+                r->totals.max_gaussians = gaussians;
             if (done > 0 && !run_save_model(r->ctx, r->config->output, r->trainer)) {
                 say(stderr, "the model of iteration %d is saved in %s\n", done, r->config->output);
                 code = error == SG_ERR_BUDGET ? 0 : code; /* a smaller model than asked for, but a model */
@@ -169,7 +173,13 @@ static int restore(struct train_run *r, const char *variant)
     char *path = run_path(r->config->output, "checkpoint.bin");
     if (!path)
         return 4;
-    const int error = sg_trainer_load(r->trainer, path);
+    if (access(path, F_OK)) {
+        say(stderr, "splatguard: %s: found no checkpoint, so nothing to go on from; start anew with --force\n",
+            r->config->output);
+        free(path);
+        return 2;
+    }
+    const int error = sg_trainer_resume(r->ctx, r->scene, path, &r->config->train, &r->trainer);
     free(path);
     if (error)
         return report(r->ctx, error);
@@ -180,30 +190,35 @@ static int restore(struct train_run *r, const char *variant)
     return run_write_config(r->config, variant ? variant : sg_trainer_variant(r->trainer));
 }
 
-/* Trainer on the loaded scene, from points, a model or the checkpoint. */
-int train_start(struct train_run *r, const char *variant)
+/* From points or a model. */
+static int create(struct train_run *r)
 {
     const struct train_config *c = r->config;
     struct sg_model *initial = NULL;
-    int error = 0, code = 0;
-    r->config->train.max_seconds = c->max_time;
-    if (c->init && !c->resume) /* the checkpoint has what became of it */
-        error = sg_model_read_ply(r->ctx, c->init, UINT32_MAX, &initial);
+    int code = 0, error = c->init ? sg_model_read_ply(r->ctx, c->init, UINT32_MAX, &initial) : 0;
     r->config->train.seconds_before = sg_seconds() - r->begun; /* reading photos and model */
     if (!error)
         error = sg_trainer_create(r->ctx, r->scene, initial, &c->train, &r->trainer);
     sg_model_destroy(r->ctx, &initial);
+    if (!error)
+        error = sg_trainer_model(r->trainer, &initial);
     if (error)
-        return report(r->ctx, error);
-    if (c->resume)
-        code = restore(r, variant);
-    else if ((error = sg_trainer_model(r->trainer, &initial)))
         code = report(r->ctx, error);
     else
         code = run_create(r->ctx, c, r->scene, initial, sg_trainer_variant(r->trainer));
     sg_model_destroy(r->ctx, &initial);
+    return code;
+}
+
+int train_start(struct train_run *r, const char *variant)
+{
+    r->config->train.max_seconds = r->config->max_time;
+    r->config->train.seconds_before = sg_seconds() - r->begun;
+    const int code = r->config->resume ? restore(r, variant) : create(r);
+    if (code)
+        return code;
     r->totals.max_gaussians = sg_trainer_gaussians(r->trainer);
-    return code ? code : train_log_open(r);
+    return train_log_open(r);
 }
 
 int train_whole(struct train_run *r)

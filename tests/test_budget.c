@@ -201,6 +201,56 @@ static void test_memory(void **state)
     clear_fixture(&f);
 }
 
+/* Neither the model that a run begins with, which goes, nor the SH degree of a run that goes on, which its checkpoint
+ * knows, changes what fits; and a tighter limit holds from the first step on. */
+static void test_same_limit(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(1);
+    struct sg_train_params p = short_params();
+    struct sg_train_limits limits, resumed;
+    char path[] = "/tmp/sg_checkpoint_XXXXXX";
+    close(mkstemp(path));
+    f.scene.train = f.views;
+    for (int degree = 0; degree < 4; degree += 3) {
+        sg_ctx *ctx;
+        sg_trainer *t;
+        struct sg_model *initial;
+        assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = 24 << 20}), SG_OK);
+        p.sh_degree = degree, p.max_gaussians = 0;
+        assert_int_equal(sg_trainer_create(ctx, &f.scene, NULL, &p, &t), SG_OK);
+        sg_trainer_limits(t, &limits);
+        sg_trainer_destroy(&t);
+        initial = make_model(ctx, 2 * (size_t) limits.max_gaussians, degree, 3);
+        p.sh_degree = 3;
+        assert_int_equal(sg_trainer_create(ctx, &f.scene, initial, &p, &t), SG_OK);
+        sg_model_destroy(ctx, &initial);
+        sg_trainer_limits(t, &resumed);
+        assert_int_equal(resumed.max_gaussians, limits.max_gaussians);
+        assert_int_equal(sg_trainer_gaussians(t), limits.max_gaussians);
+        assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+        assert_int_equal(sg_trainer_save(t, path), SG_OK);
+        sg_trainer_destroy(&t);
+        p.sh_degree = 3 - degree;
+        assert_int_equal(sg_trainer_resume(ctx, &f.scene, path, &p, &t), SG_OK);
+        sg_trainer_limits(t, &resumed);
+        assert_int_equal(resumed.max_gaussians, limits.max_gaussians);
+        assert_int_equal(sg_trainer_gaussians(t), limits.max_gaussians);
+        sg_trainer_destroy(&t);
+        p.max_gaussians = 500;
+        assert_int_equal(sg_trainer_resume(ctx, &f.scene, path, &p, &t), SG_OK);
+        assert_int_equal(sg_trainer_gaussians(t), 500);
+        assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+        sg_trainer_limits(t, &resumed);
+        assert_true(resumed.gaussians_bound);
+        sg_trainer_destroy(&t);
+        assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+        sg_ctx_destroy(&ctx);
+    }
+    unlink(path);
+    clear_fixture(&f);
+}
+
 static double fake_clock(void *arg)
 {
     double *now = arg;
@@ -241,8 +291,7 @@ static void test_time(void **state)
                     assert_int_equal(sg_trainer_save(t, path), SG_OK);
                     sg_trainer_destroy(&t);
                     now += 5000, away += 5000;
-                    t = begin_training(&f, &p);
-                    assert_int_equal(sg_trainer_load(t, path), SG_OK);
+                    t = resume_training(&f, &p, path);
                 }
             }
             assert_int_equal(s.iteration, 400);
@@ -275,6 +324,7 @@ static void test_time(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_growth), cmocka_unit_test(test_limit),
-                                       cmocka_unit_test(test_memory), cmocka_unit_test(test_time)};
+                                       cmocka_unit_test(test_memory), cmocka_unit_test(test_same_limit),
+                                       cmocka_unit_test(test_time)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -52,10 +52,10 @@ static int by_bits(const void *a, const void *b)
     return memcmp(a, b, 3 * sizeof(float));
 }
 
-/* Whatever the order, the edit's Gaussians are those: survivors with moments, copies without. */
-static void test_edit(void **state)
+/* Whatever the order, the edit's Gaussians are those: survivors with moments and, if asked for, statistics, copies
+ * without. */
+static void edited(bool statistics)
 {
-    (void) state;
     sg_ctx *ctx = make_context(3);
     struct sg_model *m = make_model(ctx, N, 1, 9);
     struct sg_optimiser o;
@@ -64,26 +64,29 @@ static void test_edit(void **state)
     for (size_t i = 0; i < N; i++)
         for (int p = 0; p < planes; p++)
             o.m[sg_param_index(planes, i, p)] = *sg_model_at(m, i, p) + 1;
+    for (size_t i = 0; i < N; i++)
+        o.grad_sum[i] = *sg_model_at(m, i, 0) + 2, o.grad_count[i] = (float) (i + 1);
     struct sg_host_model h = {0};
     assert_int_equal(sg_host_upload(ctx, &h, m, &o), SG_OK);
     uint8_t *keep = calloc(N, 1), *kind = calloc(N, 1);
     uint32_t *source = malloc(N * sizeof(*source));
-    struct sg_edit e = {.keep = keep, .source = source, .kind = kind};
+    struct sg_edit e = {.keep = keep, .source = source, .kind = kind, .statistics = statistics};
     for (uint32_t i = 0; i < N; i++) {
         keep[i] = i % 3 != 0;
         e.kept += keep[i];
         if (i % 5 == 0)
             source[e.appended++] = i;
     }
-    float(*expected)[3] = malloc((e.kept + e.appended) * sizeof(*expected)),
-    (*found)[3] = malloc((e.kept + e.appended) * sizeof(*found));
+    float(*expected)[5] = malloc((e.kept + e.appended) * sizeof(*expected)),
+    (*found)[5] = malloc((e.kept + e.appended) * sizeof(*found));
     size_t n = 0;
     for (uint32_t i = 0; i < N; i++) {
         const float x = *sg_model_at(m, i, 0), c = *sg_model_at(m, i, planes - 1);
         if (keep[i])
-            memcpy(expected[n++], (float[]){x, c, x + 1}, sizeof(*expected));
+            memcpy(expected[n++], (float[]){x, c, x + 1, statistics ? x + 2 : 0, statistics ? (float) (i + 1) : 0},
+                   sizeof(*expected));
         if (i % 5 == 0)
-            memcpy(expected[n++], (float[]){x, c, 0}, sizeof(*expected));
+            memcpy(expected[n++], (float[]){x, c, 0, 0, 0}, sizeof(*expected));
     }
     assert_int_equal(sg_host_edit(ctx, &h, &e), SG_OK);
     assert_int_equal(h.count, n);
@@ -91,6 +94,7 @@ static void test_edit(void **state)
         found[i][0] = h.params[sg_param_index(planes, i, 0)];
         found[i][1] = h.params[sg_param_index(planes, i, planes - 1)];
         found[i][2] = h.opt.m[sg_param_index(planes, i, 0)];
+        found[i][3] = h.opt.grad_sum[i], found[i][4] = h.opt.grad_count[i];
     }
     qsort(expected, n, sizeof(*expected), by_bits);
     qsort(found, n, sizeof(*found), by_bits);
@@ -105,6 +109,13 @@ static void test_edit(void **state)
     sg_model_destroy(ctx, &m);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
     sg_ctx_destroy(&ctx);
+}
+
+static void test_edit(void **state)
+{
+    (void) state;
+    edited(false);
+    edited(true);
 }
 
 /* An edit holds one array twice, and where memory runs out the model is as it was, or edited and without moments. */

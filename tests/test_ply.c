@@ -191,7 +191,7 @@ static void test_hostile_headers(void **state)
         {"ply\nformat ascii 1.0\nelement other 1844674407370955161\nelement vertex 1\n" GOOD "end_header\n1 2 3\n",
          "rows", SG_ERR_INPUT},
         {"ply\nformat ascii 1.0\nelement vertex 3\n" GOOD "end_header\n1 2 3 4 5 6 7 8 9 10 11 12 13 14\n1 2 3 4 5 6 7 "
-                                                          "8 9 10 11 12 13 14\n1 2 3 4 5 6 7 8 9 10 11 12 13 14\n",
+         "8 9 10 11 12 13 14\n1 2 3 4 5 6 7 8 9 10 11 12 13 14\n",
          "limit is 2", SG_ERR_INPUT},
     };
     for (size_t i = 0; i < sizeof(cases) / sizeof(*cases); i++) {

@@ -351,13 +351,18 @@ static void threads_do_not_matter(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        scene_test(blender),     scene_test(colmap_binary),
-        scene_test(colmap_text), scene_test(colmap_other_size_and_folder),
+        scene_test(blender),
+        scene_test(colmap_binary),
+        scene_test(colmap_text),
+        scene_test(colmap_other_size_and_folder),
         scene_test(nerfstudio_masks),
         scene_test(colmap_text_without_points),
-        scene_test(colmap_rig),  scene_test(resolution_rule),
-        scene_test(nerfstudio),  scene_test(nerfstudio_own_split),
-        scene_test(masks),       scene_test(threads_do_not_matter),
+        scene_test(colmap_rig),
+        scene_test(resolution_rule),
+        scene_test(nerfstudio),
+        scene_test(nerfstudio_own_split),
+        scene_test(masks),
+        scene_test(threads_do_not_matter),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

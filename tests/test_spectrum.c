@@ -441,6 +441,17 @@ static void test_regulariser(void **state)
             assert_int_equal(sg_regularise(ctx, &r, &p, x, side, 20, g, &v), SG_OK);
             assert_true(v.anisotropy == ani && v.total_variation == tv);
             assert_memory_equal(g, expected, (size_t) n * sizeof(float));
+            /* What a mask leaves out pulls at nothing. */
+            struct sg_regulariser_params masked = p;
+            uint8_t mask[400];
+            masked.mask = mask;
+            for (int i = 0; i < n / 3; i++)
+                mask[i] = i % 3 ? 255 : 0;
+            for (int i = 0; i < n; i++)
+                g[i] = mask[i % (n / 3)] ? 0.5f : 0;
+            assert_int_equal(sg_regularise(ctx, &r, &masked, x, side, 20, g, &v), SG_OK);
+            for (int i = 0; i < n; i++)
+                assert_true(g[i] == (mask[i % (n / 3)] ? expected[i] : 0));
         }
     sg_regulariser_clear(ctx, &r);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);

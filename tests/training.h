@@ -53,6 +53,14 @@ static inline struct sg_train_params short_params(void)
                                     .densify_grad_threshold = 0.0001f};
 }
 
+static inline sg_trainer *resume_training(struct fixture *f, const struct sg_train_params *p, const char *path)
+{
+    sg_trainer *t;
+    f->scene.train = f->views;
+    assert_int_equal(sg_trainer_resume(f->ctx, &f->scene, path, p, &t), SG_OK);
+    return t;
+}
+
 static inline sg_trainer *begin_training(struct fixture *f, const struct sg_train_params *p)
 {
     sg_trainer *t;
@@ -64,10 +72,8 @@ static inline sg_trainer *begin_training(struct fixture *f, const struct sg_trai
 static inline struct sg_model *train(struct fixture *f, const struct sg_train_params *p, int iterations,
                                      const char *save_at_20, const char *load, double *losses)
 {
-    sg_trainer *t = begin_training(f, p);
+    sg_trainer *t = load ? resume_training(f, p, load) : begin_training(f, p);
     struct sg_model *m;
-    if (load)
-        assert_int_equal(sg_trainer_load(t, load), SG_OK);
     while (sg_trainer_iteration(t) < iterations) {
         struct sg_train_step s;
         assert_int_equal(sg_trainer_step(t, &s), SG_OK);

@@ -72,6 +72,9 @@ typedef struct sg_attack sg_attack;
  * values out of range, SG_ERR_INPUT where the proxy does not fit the scene, SG_ERR_BUDGET. */
 int sg_attack_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *proxy,
                      const struct sg_attack_params *params, sg_attack **out);
+/* From a file of sg_attack_save, with the same scene and params: goes on to the very bytes of an uninterrupted one. */
+int sg_attack_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path, const struct sg_attack_params *params,
+                     sg_attack **out);
 void sg_attack_destroy(sg_attack **attack);
 
 /* One iteration. step may be NULL. */
@@ -86,9 +89,8 @@ int sg_attack_poison(sg_attack *attack, size_t view, uint8_t *rgb);
 int sg_attack_decoy(sg_attack *attack, struct sg_model **out);
 
 /* The whole state, whole between two steps of the decoy: at iterations divisible by update_interval, else SG_ERR_USAGE.
- * An attack restored from it continues to the very bytes of an uninterrupted one. */
+ */
 int sg_attack_save(sg_attack *attack, const char *path);
-int sg_attack_load(sg_attack *attack, const char *path);
 
 /* Attacks that look at each photo alone, for comparison: what they add does not agree between views.
  * SG_NAIVE_NOISE: the photo plus normal noise of unit variance cut off at epsilon, that is nearly +-epsilon everywhere.

@@ -85,9 +85,14 @@ struct sg_train_times {
 /* Thread safety: unsafe. The scene must outlive the trainer and is not changed. */
 typedef struct sg_trainer sg_trainer;
 
-/* initial may be NULL: points of the scene, or random ones. It is copied. params may be NULL. */
+/* initial may be NULL: points of the scene, or random ones. It is copied; where the context has a limit on memory the
+ * caller destroys it before the first step, for the plan counts on that. params may be NULL. */
 int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
                       const struct sg_train_params *params, sg_trainer **out);
+/* From a file of sg_trainer_save, with the same scene and params but for limits and iterations: goes on to the very
+ * bytes of an uninterrupted run. */
+int sg_trainer_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path, const struct sg_train_params *params,
+                      sg_trainer **out);
 void sg_trainer_destroy(sg_trainer **trainer);
 
 /* One iteration. step may be NULL. After an error the trainer can still be saved and destroyed. */
@@ -116,9 +121,8 @@ int sg_trainer_model(sg_trainer *trainer, struct sg_model **out);
  * the trainer's next step or its end; the caller destroys *out. */
 int sg_trainer_renderer(sg_trainer *trainer, sg_renderer **out);
 
-/* The whole state: a trainer restored from it continues to the very bytes of an uninterrupted run. */
+/* The whole state, for sg_trainer_resume. */
 int sg_trainer_save(sg_trainer *trainer, const char *path);
-int sg_trainer_load(sg_trainer *trainer, const char *path);
 
 #ifdef __cplusplus
 }

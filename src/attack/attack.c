@@ -79,8 +79,8 @@ static int allocate(sg_attack *a, const struct sg_scene *scene)
     return a->image && a->photo && a->scratch && a->rows ? SG_OK : SG_ERR_BUDGET;
 }
 
-int sg_attack_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *proxy,
-                     const struct sg_attack_params *params, sg_attack **out)
+static int open_attack(sg_ctx *ctx, const struct sg_scene *scene, struct sg_trainer_start start,
+                       const struct sg_attack_params *params, sg_attack **out)
 {
     sg_clear_error(ctx);
     *out = NULL;
@@ -95,13 +95,14 @@ int sg_attack_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_
         return SG_ERR_BUDGET;
     a->params = p;
     a->ctx = ctx;
+    start.sums = p.update_interval > 1;
     code = allocate(a, scene); /* first: the trainer plans with what is left */
     if (!code)
-        code = sg_trainer_open(ctx, scene, proxy,
+        code = sg_trainer_open(ctx, scene, &start,
                                sg_train_params(.iterations = p.iterations, .seed = p.seed,
                                                .lambda_dssim = p.lambda_dssim, .max_gaussians = p.max_gaussians,
                                                .max_instances = p.max_instances, .backend = p.backend, .cpu = p.cpu),
-                               p.update_interval > 1, &a->trainer);
+                               &a->trainer);
     if (!code && strcmp(p.backend, "ref"))
         code = sg_cpu_select(ctx, p.cpu, &a->kernels);
     if (code) {
@@ -110,6 +111,18 @@ int sg_attack_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_
     }
     *out = a;
     return SG_OK;
+}
+
+int sg_attack_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *proxy,
+                     const struct sg_attack_params *params, sg_attack **out)
+{
+    return open_attack(ctx, scene, (struct sg_trainer_start){.initial = proxy}, params, out);
+}
+
+int sg_attack_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path, const struct sg_attack_params *params,
+                     sg_attack **out)
+{
+    return open_attack(ctx, scene, (struct sg_trainer_start){.checkpoint = path}, params, out);
 }
 
 void sg_attack_destroy(sg_attack **attack)
@@ -277,9 +290,4 @@ int sg_attack_save(sg_attack *a, const char *path)
         return sg_fail(a->trainer->ctx, SG_ERR_USAGE, "attack: found iteration %d, expected a multiple of %d",
                        a->trainer->iteration, a->params.update_interval);
     return sg_trainer_save(a->trainer, path);
-}
-
-int sg_attack_load(sg_attack *a, const char *path)
-{
-    return sg_trainer_load(a->trainer, path);
 }

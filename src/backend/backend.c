@@ -29,8 +29,7 @@ int sg_optimiser_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_opti
     o->v = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, planes * sizeof(float));
     o->grad_sum = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
     o->grad_count = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
-    o->max_radius = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
-    if (o->m && o->v && o->grad_sum && o->grad_count && o->max_radius)
+    if (o->m && o->v && o->grad_sum && o->grad_count)
         return SG_OK;
     sg_optimiser_clear(ctx, o);
     return SG_ERR_BUDGET;
@@ -42,6 +41,5 @@ void sg_optimiser_clear(sg_ctx *ctx, struct sg_optimiser *o)
     sg_free(ctx, o->v);
     sg_free(ctx, o->grad_sum);
     sg_free(ctx, o->grad_count);
-    sg_free(ctx, o->max_radius);
     *o = (struct sg_optimiser){0};
 }

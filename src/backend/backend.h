@@ -19,7 +19,6 @@ struct sg_optimiser {
     float *m, *v;      /* Adam moments, laid out as sg_model.params */
     float *grad_sum;   /* per Gaussian: sum of view-space gradient norms (NDC) */
     float *grad_count; /* views it was visible in */
-    float *max_radius; /* largest screen radius, pixels */
 };
 int sg_optimiser_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_optimiser *out);
 void sg_optimiser_clear(sg_ctx *ctx, struct sg_optimiser *optimiser);
@@ -31,7 +30,7 @@ enum sg_group { SG_G_XYZ, SG_G_OPACITY, SG_G_SCALE, SG_G_ROT, SG_G_DC, SG_G_REST
 struct sg_update {
     bool adam; /* false: no group moves */
     float rate[SG_GROUPS], root[SG_GROUPS];
-    bool statistics; /* add this view to grad_sum, grad_count and max_radius */
+    bool statistics; /* add this view to grad_sum and grad_count */
     bool accumulate; /* gradients add up over the updates without adam; the next one with adam takes the sum. Lost when
                         the model is edited. */
 };
@@ -55,7 +54,6 @@ struct sg_statistics {
     float *opacity;      /* activated */
     float *largest;      /* of the three scales, activated */
     float *log_smallest; /* of the three scales, its logarithm: as stored */
-    float *radius;       /* largest since the last edit, pixels */
 };
 
 enum sg_edit_kind { SG_EDIT_COPY, SG_EDIT_CHILD };

@@ -36,7 +36,6 @@ int sg_host_upload(sg_ctx *ctx, struct sg_host_model *h, const struct sg_model *
         memcpy(n.opt.v, o->v, bytes);
         memcpy(n.opt.grad_sum, o->grad_sum, m->count * sizeof(float));
         memcpy(n.opt.grad_count, o->grad_count, m->count * sizeof(float));
-        memcpy(n.opt.max_radius, o->max_radius, m->count * sizeof(float));
     }
     sg_host_clear(ctx, h);
     *h = n;
@@ -79,7 +78,6 @@ int sg_host_download(const struct sg_host_model *h, struct sg_model *m, struct s
         copy_out(o->v, h->opt.v, bytes);
         copy_out(o->grad_sum, h->opt.grad_sum, each);
         copy_out(o->grad_count, h->opt.grad_count, each);
-        copy_out(o->max_radius, h->opt.max_radius, each);
     }
     return SG_OK;
 }
@@ -108,8 +106,6 @@ static void statistics_chunk(void *arg, size_t chunk, int thread)
             j->out.largest[i] = expf(fmaxf(fmaxf(s[0], s[1]), s[2]));
         if (j->out.log_smallest)
             j->out.log_smallest[i] = fminf(fminf(s[0], s[1]), s[2]);
-        if (j->out.radius)
-            j->out.radius[i] = h->opt.m ? h->opt.max_radius[i] : 0;
     }
 }
 
@@ -239,14 +235,12 @@ int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *e)
     if (!code && learns) {
         fresh.grad_sum = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
         fresh.grad_count = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
-        fresh.max_radius = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
-        code = fresh.grad_sum && fresh.grad_count && fresh.max_radius ? SG_OK : SG_ERR_BUDGET;
+        code = fresh.grad_sum && fresh.grad_count ? SG_OK : SG_ERR_BUDGET;
     }
     for (size_t i = 0; !code && learns && e->statistics && i < count; i++)
         if (order[i] < e->kept) {
             fresh.grad_sum[i] = h->opt.grad_sum[source[order[i]]];
             fresh.grad_count[i] = h->opt.grad_count[source[order[i]]];
-            fresh.max_radius[i] = h->opt.max_radius[source[order[i]]];
         }
     if (!code && !replace(ctx, SG_MEM_MODEL, h, &h->params, capacity, e, source, order))
         code = SG_ERR_BUDGET;
@@ -262,7 +256,6 @@ int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *e)
     } else {
         sg_free(ctx, h->opt.grad_sum);
         sg_free(ctx, h->opt.grad_count);
-        sg_free(ctx, h->opt.max_radius);
         fresh.m = h->opt.m, fresh.v = h->opt.v;
         h->opt = fresh;
     }

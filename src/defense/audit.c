@@ -17,8 +17,8 @@ static double logistic(double x)
  * each scene weighing the same. */
 static double evidence(const struct sg_audit_features *f)
 {
-    return 3.3 * log(f->osc_quiet + 0.1) + 14.6 * f->osc_share +
-           4.3 * fabs(log((f->osc_down + 0.2) / (f->osc_across + 0.2))) - 9.5 * f->evenness + 1.4;
+    return 3.2 * log(f->osc_quiet + 0.1) + 14.1 * f->osc_share +
+           4.5 * fabs(log((f->osc_down + 0.2) / (f->osc_across + 0.2))) - 9.5 * f->evenness + 1.3;
 }
 
 #define SUSPICIOUS 0.6 /* score */

@@ -6,8 +6,9 @@
 #include "splatguard/audit.h"
 #include "splatguard/defense.h"
 
-/* Grey levels a pixel, from which on a poison gets the whole filter, and more lambda up to four times as many. */
-static const double strong = 2.3;
+/* Grey levels a pixel: oscillation from which on a poison gets the whole filter, and that of quiet parts from which on
+ * it gets more lambda, up to four times as much. A scene's own texture is in the first but not in the second. */
+static const double strong = 2.3, loud = 1.8;
 
 double sg_defense_frequency(double extent)
 {
@@ -24,7 +25,7 @@ void sg_defense_automatic(const struct sg_audit *audit, double extent, float *sh
         const double amplitude = (f->osc_down + f->osc_across) / 2 / strong;
         /* Growth follows the energy of the noise: a weak one is not worth the filter's price. */
         strength += suspicion * fmin(amplitude * amplitude, 1);
-        shares[i] = (float) (suspicion * fmin(fmax(amplitude, 1), 4));
+        shares[i] = (float) (suspicion * fmin(fmax(f->osc_quiet / loud, 1), 4));
     }
     p->lambda = 6;
     p->shares = shares;

@@ -10,6 +10,7 @@ struct sg_regulariser_params {
     double anisotropy, total_variation; /* weights; 0 = neither measured nor felt */
     enum sg_tv_norm tv;
     struct sg_anisotropy_params spectrum; /* the same in all calls */
+    const uint8_t *mask;                  /* height x width: pixels of 0 pull at nothing; NULL = none */
 };
 
 struct sg_regulariser_value {
@@ -30,7 +31,7 @@ struct sg_regulariser {
     size_t cap_rows;
 };
 
-/* Adds the weighted gradients to `gradient`. Both: 3 planes. Same bytes for any number of threads. Errors:
+/* Adds the weighted gradients to `gradient`, which is 0 where the mask is. Both: 3 planes. Same bytes for any number of threads. Errors:
  * SG_ERR_BUDGET. */
 int sg_regularise(sg_ctx *ctx, struct sg_regulariser *r, const struct sg_regulariser_params *params,
                   const float *planes, int width, int height, float *gradient, struct sg_regulariser_value *out);

@@ -25,8 +25,8 @@ static uint64_t largest_view(const struct sg_view *views, size_t n, uint64_t thr
     return most;
 }
 
-int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *p, int sh_degree, bool sums,
-                   struct sg_budget *out)
+int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *p, int sh_degree,
+                   uint64_t leaving, bool sums, struct sg_budget *out)
 {
     *out = (struct sg_budget){.gaussians = p->max_gaussians, .instances = p->max_instances};
     const uint64_t limit = sg_mem_limit(ctx);
@@ -39,8 +39,8 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
     /* Parameters, two moments and sums of gradients; an edit, or a checkpoint, has one array more, and all statistics
      * twice. */
     const uint64_t each =
-        (sums ? 5 : 4) * parameters + 6 * sizeof(float) + VIEW_BYTES + PLAN_BYTES + LISTED * LIST_BYTES;
-    const uint64_t fixed = sg_mem_current(ctx, SG_MEM_TAGS) + view + FIXED_BYTES;
+        (sums ? 5 : 4) * parameters + 4 * sizeof(float) + VIEW_BYTES + PLAN_BYTES + LISTED * LIST_BYTES;
+    const uint64_t fixed = sg_mem_current(ctx, SG_MEM_TAGS) - leaving + view + FIXED_BYTES;
     if (limit < fixed + LEAST * each)
         return sg_fail(ctx, SG_ERR_BUDGET,
                        "%s: memory: found a limit of %llu bytes, expected at least %llu: photos and tables are %llu, "

@@ -6,35 +6,21 @@
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
+#include "checkpoint.h"
 #include "core/file.h"
 #include "trainer.h"
 
-#define MAGIC "SGCKPT\0\3" /* the last byte is the version */
-
-struct header {
-    char magic[8];
-    uint64_t count;
-    int32_t sh_degree, iteration;
-    int32_t adam_steps[SG_GROUPS];
-    int32_t start_degree;
-    uint32_t cameras; /* hash of the training views' names and cameras */
-    uint64_t seed, views;
-    double extent;
-    uint64_t steps;
-    double spent; /* seconds */
-    double growth;
-    uint32_t gaussians_bound, time_bound;
-};
+#define MAGIC "SGCKPT\0\4" /* the last byte is the version */
 
 #define MAX_ITERATION 10000000 /* of struct sg_train_params; counting on from it overflows nothing */
 
-static bool counters_sound(const struct header *h)
+static bool counters_sound(const struct sg_checkpoint_header *h)
 {
     bool sound = h->iteration >= 0 && h->iteration <= MAX_ITERATION;
     for (int g = 0; g < SG_GROUPS; g++)
         sound = sound && h->adam_steps[g] >= 0 && h->adam_steps[g] <= h->iteration;
     return sound && h->steps <= (uint64_t) h->iteration && h->spent >= 0 && h->spent < 1e12 && h->growth >= 0 &&
-           h->growth <= 1;
+           h->growth <= 1 && h->growths >= 0 && h->growths <= h->iteration;
 }
 
 static uint32_t cameras_hash(const struct sg_scene *scene)
@@ -64,9 +50,9 @@ static void put(struct sink *s, const void *data, size_t bytes)
     fwrite(data, 1, bytes, s->stream); /* errors surface when the file is committed */
 }
 
-#define PARTS 6
+#define PARTS 5
 
-/* Bytes of each array of a checkpoint in file order: parameters, two moments, three statistics. */
+/* Bytes of each array of a checkpoint in file order: parameters, two moments, two statistics. */
 static void sizes_of(const struct sg_model *m, size_t bytes[PARTS])
 {
     const size_t planes = m->capacity * (size_t) sg_param_count(m->sh_degree) * sizeof(float);
@@ -84,19 +70,21 @@ int sg_trainer_save(sg_trainer *t, const char *path)
     int code = sg_model_create(ctx, sg_trainer_gaussians(t), t->sh_degree, &m);
     if (code || (code = sg_file_create(ctx, &w, path)))
         goto done;
-    struct header h = {.count = m->count,
-                       .sh_degree = m->sh_degree,
-                       .iteration = t->iteration,
-                       .start_degree = t->start_degree,
-                       .cameras = cameras_hash(t->scene),
-                       .seed = t->params.seed,
-                       .views = t->scene->n_train,
-                       .extent = t->extent,
-                       .steps = t->steps,
-                       .spent = t->params.max_seconds > 0 ? sg_trainer_elapsed(t) : 0, /* else the same bytes always */
-                       .growth = t->growth,
-                       .gaussians_bound = t->gaussians_bound,
-                       .time_bound = t->time_bound};
+    struct sg_checkpoint_header h = {.count = m->count,
+                                     .sh_degree = m->sh_degree,
+                                     .iteration = t->iteration,
+                                     .start_degree = t->start_degree,
+                                     .cameras = cameras_hash(t->scene),
+                                     .seed = t->params.seed,
+                                     .views = t->scene->n_train,
+                                     .extent = t->extent,
+                                     .steps = t->steps,
+                                     .spent = t->params.max_seconds > 0 ? sg_trainer_elapsed(t)
+                                                                        : 0, /* else the same bytes always */
+                                     .growth = t->growth,
+                                     .gaussians_bound = t->gaussians_bound,
+                                     .time_bound = t->time_bound,
+                                     .growths = t->growths};
     memcpy(h.magic, MAGIC, sizeof(h.magic));
     for (int g = 0; g < SG_GROUPS; g++)
         h.adam_steps[g] = t->adam_steps[g];
@@ -104,11 +92,8 @@ int sg_trainer_save(sg_trainer *t, const char *path)
     XXH3_64bits_reset(&sink.hash);
     put(&sink, &h, sizeof(h));
     /* One array at a time through the model's own: a second copy of all would be the largest thing that a run holds. */
-    struct sg_optimiser parts[PARTS] = {[1].m = m->params,
-                                        [2].v = m->params,
-                                        [3].grad_sum = m->params,
-                                        [4].grad_count = m->params,
-                                        [5].max_radius = m->params};
+    struct sg_optimiser parts[PARTS] = {
+        [1].m = m->params, [2].v = m->params, [3].grad_sum = m->params, [4].grad_count = m->params};
     size_t bytes[PARTS];
     sizes_of(m, bytes);
     for (int i = 0; i < PARTS; i++) {
@@ -125,14 +110,9 @@ done:
     return code;
 }
 
-/* Reads the header and believes it only where it fits this run and the file's length. */
-static int read_header(sg_trainer *t, FILE *f, const char *path, struct header *h)
+static int check_header(const sg_trainer *t, FILE *f, const char *path, const struct sg_checkpoint_header *h)
 {
     sg_ctx *ctx = t->ctx;
-    if (fread(h, sizeof(*h), 1, f) != 1 || memcmp(h->magic, MAGIC, sizeof(h->magic)))
-        return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: byte 0: found another kind of file, expected a checkpoint of this version", path);
-
     if (h->sh_degree < 0 || h->sh_degree > 3 || h->start_degree < 0 || h->start_degree > h->sh_degree ||
         h->views != t->scene->n_train || h->seed != t->params.seed || h->extent != t->extent || !h->count)
         return sg_fail(ctx, SG_ERR_INPUT,
@@ -150,14 +130,15 @@ static int read_header(sg_trainer *t, FILE *f, const char *path, struct header *
             ctx, SG_ERR_INPUT,
             "%s: byte %zu: found iteration %d with %d steps of positions, expected 0 to %d and no more steps "
             "than iterations",
-            path, offsetof(struct header, iteration), h->iteration, h->adam_steps[SG_G_XYZ], MAX_ITERATION);
+            path, offsetof(struct sg_checkpoint_header, iteration), h->iteration, h->adam_steps[SG_G_XYZ],
+            MAX_ITERATION);
 
     /* The file's own length says whether the count can be true before anything is allocated for it. */
     const long long at = ftell(f);
     fseek(f, 0, SEEK_END);
     const long long size = ftell(f);
     fseek(f, (long) at, SEEK_SET);
-    const uint64_t per_gaussian = (uint64_t) sg_param_count(h->sh_degree) * 3 * sizeof(float) + 3 * sizeof(float);
+    const uint64_t per_gaussian = (uint64_t) sg_param_count(h->sh_degree) * 3 * sizeof(float) + 2 * sizeof(float);
     if (size < at || h->count > (uint64_t) (size - at) / per_gaussian)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found %lld bytes, expected room for %llu Gaussians", path, size,
                        (unsigned long long) h->count);
@@ -165,55 +146,69 @@ static int read_header(sg_trainer *t, FILE *f, const char *path, struct header *
     return SG_OK;
 }
 
-int sg_trainer_load(sg_trainer *t, const char *path)
+int sg_checkpoint_open(const sg_trainer *t, const char *path, struct sg_checkpoint *out)
 {
-    sg_ctx *ctx = t->ctx;
-    sg_clear_error(ctx);
-    struct sg_model *m = NULL;
-    struct sg_optimiser o = {0};
-    struct header h;
-    FILE *f;
-    int code = sg_file_open(ctx, path, &f);
+    *out = (struct sg_checkpoint){.path = path};
+    int code = sg_file_open(t->ctx, path, &out->file);
     if (code)
         return code;
-    if ((code = read_header(t, f, path, &h)))
-        goto done;
-    if ((code = sg_model_create(ctx, (size_t) h.count, h.sh_degree, &m)) ||
+    struct sg_checkpoint_header *h = &out->header;
+    if (fread(h, sizeof(*h), 1, out->file) != 1 || memcmp(h->magic, MAGIC, sizeof(h->magic)))
+        code = sg_fail(t->ctx, SG_ERR_INPUT,
+                       "%s: byte 0: found another kind of file, expected a checkpoint of this version", path);
+    else
+        code = check_header(t, out->file, path, h);
+    if (code)
+        sg_checkpoint_close(out);
+    return code;
+}
+
+void sg_checkpoint_close(struct sg_checkpoint *c)
+{
+    if (c->file)
+        fclose(c->file);
+    c->file = NULL;
+}
+
+int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
+{
+    sg_ctx *ctx = t->ctx;
+    const struct sg_checkpoint_header *h = &c->header;
+    struct sg_model *m = NULL;
+    struct sg_optimiser o = {0};
+    int code;
+    if ((code = sg_model_create(ctx, (size_t) h->count, h->sh_degree, &m)) ||
         (code = sg_optimiser_create(ctx, m->count, m->sh_degree, &o)))
         goto done;
     XXH3_state_t hash;
     XXH3_64bits_reset(&hash);
-    XXH3_64bits_update(&hash, &h, sizeof(h));
-    float *parts[PARTS] = {m->params, o.m, o.v, o.grad_sum, o.grad_count, o.max_radius};
+    XXH3_64bits_update(&hash, h, sizeof(*h));
+    float *parts[PARTS] = {m->params, o.m, o.v, o.grad_sum, o.grad_count};
     size_t bytes[PARTS];
     sizes_of(m, bytes);
     uint64_t digest = 0;
     bool whole = true;
     for (int i = 0; i < PARTS && whole; i++) {
-        whole = fread(parts[i], 1, bytes[i], f) == bytes[i];
+        whole = fread(parts[i], 1, bytes[i], c->file) == bytes[i];
         XXH3_64bits_update(&hash, parts[i], bytes[i]);
     }
-    whole = whole && fread(&digest, sizeof(digest), 1, f) == 1 && fgetc(f) == EOF;
+    whole = whole && fread(&digest, sizeof(digest), 1, c->file) == 1 && fgetc(c->file) == EOF;
     if (!whole || digest != XXH3_64bits_digest(&hash)) {
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: found a truncated or altered checkpoint: the checksum does not match",
-                       path);
+                       c->path);
         goto done;
     }
     if ((code = t->backend->ops->adopt(t->backend, m, &o)))
         goto done;
-    t->sh_degree = h.sh_degree; /* of the model the run began with, which need not be here any more */
-    t->start_degree = h.start_degree;
-    t->params.sh_degree = h.sh_degree < t->params.sh_degree ? h.sh_degree : t->params.sh_degree;
-    t->iteration = h.iteration;
-    t->steps = h.steps;
-    t->spent = h.spent + sg_trainer_elapsed(t); /* what it took to come here counts */
-    t->growth = h.growth;
-    t->started = t->params.clock(t->params.clock_arg);
-    t->gaussians_bound = h.gaussians_bound, t->time_bound = h.time_bound;
+    t->start_degree = h->start_degree;
+    t->iteration = h->iteration;
+    t->steps = h->steps;
+    t->spent += h->spent;
+    t->growth = h->growth, t->growths = h->growths;
+    t->gaussians_bound = h->gaussians_bound, t->time_bound = h->time_bound;
     for (int g = 0; g < SG_GROUPS; g++)
-        t->adam_steps[g] = h.adam_steps[g];
+        t->adam_steps[g] = h->adam_steps[g];
 done:
-    fclose(f);
     sg_optimiser_clear(ctx, &o);
     sg_model_destroy(ctx, &m);
     return code;

@@ -28,11 +28,16 @@ static inline bool sg_resets_opacity(const struct sg_train_params *p, int before
             (p->white_background && before < p->densify_from_iter && it >= p->densify_from_iter));
 }
 
+static inline int sg_filters_from(const struct sg_train_params *p)
+{
+    return p->defense.from < 0 ? p->densify_from_iter : p->defense.from;
+}
+
 static inline bool sg_filters(const struct sg_train_params *p, int before, int it)
 {
     const struct sg_defense_params *d = &p->defense;
-    return d->on && d->rho != 0 && it > (d->from < 0 ? p->densify_from_iter : d->from) &&
-           it < (d->until < 0 ? p->densify_until_iter : d->until) && sg_due(before, it, d->interval);
+    return d->on && d->rho != 0 && it > sg_filters_from(p) && it < (d->until < 0 ? p->densify_until_iter : d->until) &&
+           sg_due(before, it, d->interval);
 }
 
 /* Active at iteration it: raised at its start whenever it is divisible by the interval. start: of the initial model. */

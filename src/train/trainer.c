@@ -5,6 +5,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "checkpoint.h"
 #include "core/clock.h"
 #include "defense/filter.h"
 #include "densify.h"
@@ -138,10 +139,25 @@ static double system_clock(void *unused)
     return sg_seconds();
 }
 
-/* A model that was given, if it is larger than fits. */
-static int thin_out(sg_trainer *t, uint64_t limit)
+/* As many of a model as fit, evenly. */
+static int thinned_copy(sg_ctx *ctx, const struct sg_model *m, uint64_t limit, struct sg_model **out)
 {
-    const size_t n = t->backend->ops->count(t->backend);
+    const int planes = sg_param_count(m->sh_degree);
+    const int code = sg_model_create(ctx, limit, m->sh_degree, out);
+    if (code)
+        return code;
+    say_thinned(ctx, m->count, limit);
+    (*out)->active_sh_degree = m->active_sh_degree;
+    for (size_t k = 0; k < limit; k++)
+        for (int p = 0; p < planes; p++)
+            *sg_model_at(*out, k, p) = *sg_model_at(m, evenly(m->count, k, limit), p);
+    return SG_OK;
+}
+
+/* A model that a checkpoint brings, where the limits have become tighter. */
+static int thin_out(sg_trainer *t)
+{
+    const size_t n = t->backend->ops->count(t->backend), limit = t->budget.gaussians;
     if (!limit || n <= limit)
         return SG_OK;
     uint8_t *keep = sg_alloc(t->ctx, SG_MEM_MISC, n, 1);
@@ -149,25 +165,45 @@ static int thin_out(sg_trainer *t, uint64_t limit)
         return SG_ERR_BUDGET;
     for (size_t k = 0; k < limit; k++)
         keep[evenly(n, k, limit)] = 1;
-    const int code = t->backend->ops->edit(t->backend, &(struct sg_edit){.keep = keep, .kept = limit});
+    const int code =
+        t->backend->ops->edit(t->backend, &(struct sg_edit){.keep = keep, .kept = limit, .statistics = true});
     sg_free(t->ctx, keep);
     say_thinned(t->ctx, n, limit);
     t->gaussians_bound = true;
     return code;
 }
 
-int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
-                      const struct sg_train_params *params, sg_trainer **out)
+static int begin(sg_trainer *t, const struct sg_model *initial)
 {
-    return sg_trainer_open(ctx, scene, initial, params, false, out);
+    const uint64_t limit = t->budget.gaussians;
+    struct sg_model *made = NULL;
+    const size_t n = initial ? initial->count : t->scene->n_points ? t->scene->n_points : t->params.init_points;
+    int code = SG_OK;
+    t->gaussians_bound = limit && n > limit;
+    if (!initial)
+        code = initial_model(t->ctx, t->scene, &t->params, limit, &made);
+    else if (t->gaussians_bound)
+        code = thinned_copy(t->ctx, initial, limit, &made);
+    if (!code) {
+        t->start_degree = (made ? made : initial)->active_sh_degree;
+        code = made ? t->backend->ops->adopt(t->backend, made, &(struct sg_optimiser){0})
+                    : t->backend->ops->upload(t->backend, initial, NULL);
+    }
+    sg_model_destroy(t->ctx, &made);
+    return code;
 }
 
-int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
-                    const struct sg_train_params *params, bool sums, sg_trainer **out)
+static uint64_t bytes_of(const struct sg_model *m)
+{
+    return m ? m->capacity * (uint64_t) sg_param_count(m->sh_degree) * sizeof(float) : 0;
+}
+
+int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_trainer_start *start,
+                    const struct sg_train_params *params, sg_trainer **out)
 {
     sg_clear_error(ctx);
     *out = NULL;
-    struct sg_model *made = NULL;
+    struct sg_checkpoint saved = {0};
     sg_trainer *t = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*t));
     if (!t)
         return SG_ERR_BUDGET;
@@ -183,35 +219,41 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_m
     t->params.clock = t->params.clock ? t->params.clock : system_clock;
     t->started = t->params.clock(t->params.clock_arg);
     t->spent = t->params.seconds_before;
-    if ((code = sg_budget_plan(ctx, scene, &t->params, initial ? initial->sh_degree : t->params.sh_degree, sums,
-                               &t->budget)))
+    if (start->checkpoint && (code = sg_checkpoint_open(t, start->checkpoint, &saved)))
         goto fail;
-    if (!initial) {
-        if ((code = initial_model(ctx, scene, &t->params, t->budget.gaussians, &made)))
-            goto fail;
-        initial = made;
-        t->gaussians_bound =
-            t->budget.gaussians && initial->count < (scene->n_points ? scene->n_points : t->params.init_points);
-    }
-    t->sh_degree = initial->sh_degree;
-    t->start_degree = initial->active_sh_degree;
-    if (t->params.sh_degree > initial->sh_degree)
-        t->params.sh_degree = initial->sh_degree;
-    if ((code = sg_backend_create(ctx, t->params.backend ? t->params.backend : "cpu", t->params.cpu, &t->backend)) ||
-        (code = t->backend->ops->upload(t->backend, initial, NULL)) || (code = thin_out(t, t->budget.gaussians)))
+    t->sh_degree = start->checkpoint ? saved.header.sh_degree
+                   : start->initial  ? start->initial->sh_degree
+                                     : t->params.sh_degree;
+    t->params.sh_degree = t->params.sh_degree < t->sh_degree ? t->params.sh_degree : t->sh_degree;
+    if ((code =
+             sg_budget_plan(ctx, scene, &t->params, t->sh_degree, bytes_of(start->initial), start->sums, &t->budget)) ||
+        (code = sg_backend_create(ctx, t->params.backend ? t->params.backend : "cpu", t->params.cpu, &t->backend)) ||
+        (code = start->checkpoint ? sg_checkpoint_read(t, &saved) : begin(t, start->initial)) || (code = thin_out(t)))
         goto fail;
     t->order = sg_alloc(ctx, SG_MEM_MISC, scene->n_train, sizeof(*t->order));
     if (!t->order) {
         code = SG_ERR_BUDGET;
         goto fail;
     }
-    sg_model_destroy(ctx, &made);
+    sg_checkpoint_close(&saved);
     *out = t;
     return SG_OK;
 fail:
-    sg_model_destroy(ctx, &made);
+    sg_checkpoint_close(&saved);
     sg_trainer_destroy(&t);
     return code;
+}
+
+int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
+                      const struct sg_train_params *params, sg_trainer **out)
+{
+    return sg_trainer_open(ctx, scene, &(struct sg_trainer_start){.initial = initial}, params, out);
+}
+
+int sg_trainer_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path, const struct sg_train_params *params,
+                      sg_trainer **out)
+{
+    return sg_trainer_open(ctx, scene, &(struct sg_trainer_start){.checkpoint = path}, params, out);
 }
 
 void sg_trainer_destroy(sg_trainer **trainer)
@@ -295,8 +337,7 @@ static double filter_share(const sg_trainer *t, int it)
     const struct sg_train_params *p = &t->params;
     if (p->defense.rho >= 0)
         return p->defense.rho;
-    const double growths = (double) p->defense.interval / p->densification_interval; /* between two removals */
-    return it < p->densify_until_iter ? fmin(-p->defense.rho * t->growth * growths, 0.5) : 0;
+    return it < p->densify_until_iter ? fmin(-p->defense.rho * t->growth * t->growths, 0.5) : 0;
 }
 
 /* Most that gives way at a densification where a budget binds. */
@@ -343,6 +384,7 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
     t->gaussians_bound |= r.replaced || r.limited;
     const double grown = (double) (r.cloned + r.split) / (double) n;
     t->growth += (grown - t->growth) * (t->growth > 0 ? GROWTH_PACE : 1);
+    t->growths += it > sg_filters_from(p);
     t->backend->times.densify += seconds_not_counting(t) - start;
     return code;
 }
@@ -353,6 +395,7 @@ static int filter(sg_trainer *t, int it, const struct sg_render_params *render, 
     const double start = seconds_not_counting(t);
     const int code = sg_filter(t->backend, t->scene, &p->defense, render, filter_share(t, it), p->seed, it, step);
     t->backend->times.prune += seconds_not_counting(t) - start;
+    t->growths = 0;
     return code;
 }
 
@@ -363,7 +406,8 @@ static int regularise(sg_trainer *t, size_t view, struct sg_defense_step *step)
     const struct sg_regulariser_params p = {.anisotropy = lambda * d->anisotropy_scale,
                                             .total_variation = lambda * d->tv_scale,
                                             .tv = d->tv,
-                                            .spectrum = d->spectrum};
+                                            .spectrum = d->spectrum,
+                                            .mask = t->scene->train[view].mask};
     struct sg_regulariser_value value = {0};
     const int code = t->backend->ops->regularise(t->backend, &p, &value);
     step->anisotropy = value.anisotropy, step->total_variation = value.total_variation;

@@ -22,6 +22,7 @@ struct sg_trainer {
     double gap;      /* between the beginnings of the newest two steps; 0 = not known */
     bool steps_here; /* step_begun is known */
     double growth;   /* share of the Gaussians that grow at a densification, of late */
+    int growths;     /* densifications since the filter's newest removal */
     struct sg_budget budget;
     bool gaussians_bound, time_bound;
     int adam_steps[SG_GROUPS];
@@ -29,9 +30,15 @@ struct sg_trainer {
     uint32_t *order;
 };
 
-/* As sg_trainer_create, for one who sums gradients over views (struct sg_update, accumulate) if `sums`. */
-int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
-                    const struct sg_train_params *params, bool sums, sg_trainer **out);
+/* What a trainer begins with. */
+struct sg_trainer_start {
+    const struct sg_model *initial; /* NULL: the scene's points, or random ones */
+    const char *checkpoint;         /* instead, unless NULL */
+    bool sums;                      /* gradients will be summed over views (struct sg_update, accumulate) */
+};
+
+int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_trainer_start *start,
+                    const struct sg_train_params *params, sg_trainer **out);
 
 /* The view of the it-th step (from 1): every epoch visits all views in a random order. */
 size_t sg_trainer_pick_view(sg_trainer *t, uint64_t step);

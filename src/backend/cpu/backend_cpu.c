@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The CPU backend: drives the kernels over the thread pool. Work is cut into pieces that do not depend on the number of
- * threads, and every sum is taken in a fixed order, so that any number of threads gives the same bytes. */
+/* The CPU backend: drives the kernels over the thread pool. However work is cut into pieces, every sum is taken in
+ * a fixed order, so that any number of threads gives the same bytes. */
 #include <stdatomic.h>
 #include <string.h>
 
@@ -296,14 +296,10 @@ static int regularise(struct sg_backend *base, const struct sg_regulariser_param
     return sg_regularise(base->ctx, &b->regulariser, p, b->rgb, b->camera.width, b->camera.height, b->gradient, out);
 }
 
-struct band_sum_job {
-    const struct cpu_backend *b;
-};
-
 static void band_sum_piece(void *arg, size_t piece, int thread)
 {
     (void) thread;
-    const struct cpu_backend *b = ((const struct band_sum_job *) arg)->b;
+    const struct cpu_backend *b = arg;
     const size_t n = b->model.count, stop = piece_end(n, piece) * SG_LANES;
     for (size_t i = piece * BLOCKS_PER_PIECE * SG_LANES; i < stop && i < n; i++)
         for (size_t k = b->bins.slot_start[i]; k < b->bins.slot_start[i + 1]; k++)
@@ -336,7 +332,7 @@ static int rasterize_backward(struct sg_backend *base)
         job.kernel = b->kernels->raster_backward;
         sg_parallel_for(ctx, band_tiles(b, band), raster_tile, &job);
         if (banded)
-            sg_parallel_for(ctx, pieces(b->model.count), band_sum_piece, &(struct band_sum_job){b});
+            sg_parallel_for(ctx, pieces(b->model.count), band_sum_piece, b);
         lap(&clock, &base->times.raster_backward);
     }
     return SG_OK;
@@ -365,7 +361,6 @@ static void run_update(struct cpu_backend *b, const struct sg_update *u, float *
                               .v = h->opt.v,
                               .grad_sum = h->opt.grad_sum,
                               .grad_count = h->opt.grad_count,
-                              .max_radius = h->opt.max_radius,
                               .count = h->count,
                               .planes = h->planes,
                               .degree = b->degree,

@@ -11,8 +11,8 @@
 struct cpu_splat {
     float x, y;
     float slope, reach, taper, ymax, yright; /* struct ellipse */
-    float radius;                            /* in whole pixels, as the reference */
-    float across, shear, down, peak;         /* peak: log2 opacity */
+    float spare;
+    float across, shear, down, peak; /* peak: log2 opacity */
     float r, g, b, z;
 };
 
@@ -63,7 +63,7 @@ struct cpu_raster_args {
 struct cpu_update_args {
     const struct sg_camera *camera;
     float *params, *m, *v;
-    float *grad_sum, *grad_count, *max_radius;
+    float *grad_sum, *grad_count;
     size_t count;
     int planes, degree;
     const struct cpu_splat *splats;

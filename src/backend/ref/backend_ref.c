@@ -315,7 +315,6 @@ static int update(struct sg_backend *base, const struct sg_update *u)
             const float gx = s->g.x * b->view.half_w, gy = s->g.y * b->view.half_h;
             h->opt.grad_sum[i] += sqrtf(gx * gx + gy * gy);
             h->opt.grad_count[i] += 1;
-            h->opt.max_radius[i] = fmaxf(h->opt.max_radius[i], (float) s->radius);
         }
         if (!u->adam && !u->accumulate)
             continue;

@@ -11,9 +11,8 @@
 
 #define LOG2E 1.4426950408889634f
 
-/* The reference's screen radius and tile rectangle, as sg_tile_rect. */
+/* The reference's tile rectangle, as sg_tile_rect. */
 struct rects {
-    real radius;
     ireal x0, y0, x1, y1;
 };
 
@@ -24,7 +23,7 @@ SIMD struct rects tile_rects(const struct cpu_project_args *a, real x, real y, r
     const real gx = r_set((float) a->grid_x), gy = r_set((float) a->grid_y), zero = r_set(0);
     const float scale = 1.0f / SG_TILE;
 #define EDGE(v, limit) r_to_int(r_min(r_max((v) *scale, zero), limit))
-    return (struct rects){radius, EDGE(x - radius, gx), EDGE(y - radius, gy), EDGE(x + radius + (SG_TILE - 1), gx),
+    return (struct rects){EDGE(x - radius, gx), EDGE(y - radius, gy), EDGE(x + radius + (SG_TILE - 1), gx),
                           EDGE(y + radius + (SG_TILE - 1), gy)};
 #undef EDGE
 }
@@ -130,7 +129,7 @@ void KERNEL(project)(const struct cpu_project_args *a, size_t first, size_t end)
                                      e.taper,
                                      e.ymax,
                                      e.yright,
-                                     rect.radius,
+                                     r_set(0),
                                      across,
                                      across * e.slope,
                                      r_sqrt(0.5f * LOG2E / s.c),

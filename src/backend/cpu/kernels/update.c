@@ -9,7 +9,7 @@
 #include "math/sh.h"
 
 struct lanes {
-    float sums[9][LANES], r[LANES], g[LANES], b[LANES], visible[LANES], radius[LANES];
+    float sums[9][LANES], r[LANES], g[LANES], b[LANES], visible[LANES];
 };
 
 /* Adds up the slots of each Gaussian in tile order: the same order for any number of threads or bands. */
@@ -31,7 +31,6 @@ SIMD bool gather(const struct cpu_update_args *a, size_t base, struct lanes *l)
             continue;
         l->r[lane] = s->r, l->g[lane] = s->g, l->b[lane] = s->b;
         l->visible[lane] = 1;
-        l->radius[lane] = s->radius;
         const size_t first = a->slot_start ? a->slot_start[i] : i, end = a->slot_start ? a->slot_start[i + 1] : i + 1;
         float sum[9] = {0};
         for (size_t k = first; k < end; k++)
@@ -73,7 +72,6 @@ SIMD void pull(const struct cpu_update_args *a, const struct view *view, size_t 
                 const size_t i = base + (size_t) lane;
                 a->grad_sum[i] += norm[lane];
                 a->grad_count[i] += 1;
-                a->max_radius[i] = l->radius[lane] > a->max_radius[i] ? l->radius[lane] : a->max_radius[i];
             }
     }
     if (!a->update->adam && !a->gradients && !a->kept)

@@ -1,0 +1,39 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef SG_TRAIN_CHECKPOINT_H
+#define SG_TRAIN_CHECKPOINT_H
+
+#include <stdio.h>
+
+#include "backend/backend.h"
+
+struct sg_checkpoint_header {
+    char magic[8];
+    uint64_t count;
+    int32_t sh_degree, iteration;
+    int32_t adam_steps[SG_GROUPS];
+    int32_t start_degree;
+    uint32_t cameras; /* hash of the training views' names and cameras */
+    uint64_t seed, views;
+    double extent;
+    uint64_t steps;
+    double spent; /* seconds */
+    double growth;
+    uint32_t gaussians_bound, time_bound;
+    int32_t growths, unused;
+};
+
+struct sg_checkpoint {
+    const char *path;
+    FILE *file;
+    struct sg_checkpoint_header header;
+};
+
+struct sg_trainer;
+
+/* Opens the file and believes its header only where it fits this run and the file's length. To be closed. */
+int sg_checkpoint_open(const struct sg_trainer *t, const char *path, struct sg_checkpoint *out);
+/* The state, to a trainer with an empty backend. */
+int sg_checkpoint_read(struct sg_trainer *t, const struct sg_checkpoint *c);
+void sg_checkpoint_close(struct sg_checkpoint *c);
+
+#endif
