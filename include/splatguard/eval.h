@@ -23,12 +23,12 @@ int sg_ssim_u8(sg_ctx *ctx, const uint8_t *a, const uint8_t *b, int width, int h
 void sg_quantise(const float *planar, int width, int height, uint8_t *rgb);
 
 struct sg_view_score {
-    double psnr, ssim;
+    double psnr, ssim; /* NAN: the mask leaves every pixel out */
 };
 
 struct sg_eval {
     size_t views;
-    double psnr, ssim;              /* means over the views */
+    double psnr, ssim;              /* means over the views that have a used pixel */
     double fps, fps_mean;           /* from the median and the mean frame time; 0 unless timed */
     struct sg_view_score *per_view; /* views entries; owned by the eval: sg_eval_clear */
 };

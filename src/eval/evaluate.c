@@ -60,7 +60,9 @@ static int score_view(sg_ctx *ctx, const struct sg_view *v, const uint8_t *rende
     if (v->mask)
         share = used_share(v->mask, render, pixels, photo);
     const int code = sg_ssim_u8(ctx, render, photo, w, h, &score->ssim);
-    score->psnr = share > 0 ? fmin(sg_psnr_u8(render, photo, w, h) + 10 * log10(share), EQUAL_PSNR) : EQUAL_PSNR;
+    score->psnr = fmin(sg_psnr_u8(render, photo, w, h) + 10 * log10(share), EQUAL_PSNR);
+    if (!(share > 0))
+        score->psnr = score->ssim = NAN;
     return code;
 }
 
@@ -71,6 +73,7 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
     if (!n)
         return sg_fail(ctx, SG_ERR_INPUT, "evaluation: found no views, expected at least one");
     size_t pixels = 0;
+    double measured = 0;
     for (size_t i = 0; i < n; i++) {
         const size_t p = (size_t) views[i].camera.width * (size_t) views[i].camera.height;
         pixels = p > pixels ? p : pixels;
@@ -90,8 +93,16 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
         sg_quantise(rgb, c->width, c->height, bytes);
         if ((code = score_view(ctx, &views[i], bytes, photo, score)))
             goto done;
-        out->psnr += score->psnr / (double) n;
-        out->ssim += score->ssim / (double) n;
+        if (isnan(score->psnr))
+            continue;
+        measured++;
+        out->psnr += score->psnr, out->ssim += score->ssim;
+    }
+    out->psnr /= measured, out->ssim /= measured;
+    if (!(measured > 0)) {
+        code = sg_fail(ctx, SG_ERR_INPUT,
+                       "evaluation: found %zu views without a used pixel, expected one that has some", n);
+        goto done;
     }
     if (time_fps)
         code = time_frames(ctx, r, views, n, rgb, out);
