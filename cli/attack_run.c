@@ -122,9 +122,10 @@ static int loop(struct attack_run *r)
     if (!code && done < c->attack.iterations) {
         progress_break(&r->progress);
         code = checkpoint(r);
-        if (!code)
-            say(stderr, "interrupted at iteration %d; saved. Continue with: splatguard attack --resume %s\n", done,
-                c->output);
+        if (!code) {
+            say(stderr, "interrupted at iteration %d; saved\n", done);
+            say_resume("attack", c->output);
+        }
         return code ? code : 130;
     }
     return code;
@@ -187,8 +188,10 @@ int attack_whole(struct attack_run *r, const char *proxy)
         const int failed = splat ? checkpoint(r) : 0;
         if (failed)
             code = failed;
-        else
-            say(stderr, "interrupted while writing. Continue with: splatguard attack --resume %s\n", c->output);
+        else {
+            say(stderr, "interrupted while writing; saved\n");
+            say_resume("attack", c->output);
+        }
     }
     if (!code) {
         char *saved = run_path(c->output, "attack/checkpoint.bin");

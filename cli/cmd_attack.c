@@ -254,8 +254,10 @@ static int adopt(struct attack_config *c, const bool *given, const char *argumen
     int code = 0;
     *c = defaults;
     if (!*keep) {
-        say(stderr, "splatguard: %s: line %d: %s; expected the config.json of an attack\n", path ? path : output,
-            path ? error.line : 0, path ? error.text : "out of memory");
+        say(stderr,
+            error.line > 0 ? "splatguard: %s: %s, line %d; expected the config.json of an attack\n"
+                           : "splatguard: %s: %s; expected the config.json of an attack\n",
+            path ? path : output, path ? error.text : "out of memory", error.line);
         code = 2;
     } else if (options_from_json(&command_attack, c, json_object_get(*keep, "options"), path))
         code = 2;
@@ -275,8 +277,9 @@ static int write_config(const struct attack_config *c)
 {
     char *path = run_path(c->output, "attack/config.json"), *absolute = realpath(c->source, NULL);
     json_t *options = options_to_json(&command_attack, c);
-    if (absolute)
-        json_object_set_new(options, "source-path", text_json(absolute));
+    /* null where JSON cannot hold the path: who resumes names the scene. */
+    json_t *source = json_string(absolute ? absolute : c->source);
+    json_object_set_new(options, "source-path", source ? source : json_null());
     json_t *root = json_pack("{s:s,s:o}", "version", sg_version(), "options", options);
     const int code = root && path ? run_write_json(path, root) : 4;
     json_decref(root);

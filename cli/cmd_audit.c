@@ -9,7 +9,7 @@
 struct audit_config {
     struct scene_options scene;
     const char *report;
-    bool json, quiet;
+    bool json, quiet, eval;
     int threads;
     uint64_t max_memory;
 };
@@ -21,6 +21,7 @@ static const struct option audit_options[] = {
     {"report", 0, OPT_STRING, A(report), 0, 0, NULL, "OUT.html",
      "Write a page with the reasons, spectra and heat maps of the most suspicious and the least suspicious photos.",
      true},
+    {"eval", 0, OPT_FLAG, A(eval), 0, 0, NULL, NULL, "Leave the test views out, as train --eval does.", true},
     {"threads", 'j', OPT_INT, A(threads), 0, 256, NULL, "T", "Worker threads; 0 = one per CPU.", true},
     {"max-memory", 0, OPT_BYTES, A(max_memory), 0, 9e15, NULL, "BYTES", "Most memory of the process; 0 = no limit.",
      true},
@@ -84,9 +85,12 @@ static int run_audit(const void *config, const bool *given, const char *const *p
     if (code)
         return code;
     c.scene.params.format = (enum sg_scene_format) c.scene.format;
+    c.scene.params.eval = c.eval;
     int error = sg_scene_load(ctx, positional[0], &c.scene.params, &scene);
-    if (!error)
+    if (!error) {
+        warn_small_photos(scene);
         error = sg_audit_scene(ctx, scene, &audit);
+    }
     if (error)
         code = report(ctx, error);
     else if (c.json)

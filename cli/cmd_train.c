@@ -179,6 +179,11 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
     c->eval_every = options_given(t, given, T(eval_every)) ? now.eval_every : c->eval_every;
     c->log_every = options_given(t, given, T(log_every)) ? now.log_every : c->log_every;
     now.source = c->source;
+    /* What was left to the preset has been settled. */
+    struct sg_defense_params *d = &now.train.defense;
+    d->rho = d->rho == PRESET_RHO ? c->train.defense.rho : d->rho;
+    d->lambda = d->lambda == PRESET_LAMBDA ? c->train.defense.lambda : d->lambda;
+    d->frequency = d->frequency == PRESET_FREQUENCY ? c->train.defense.frequency : d->frequency;
     return options_conflict(t, given, &now, c);
 }
 

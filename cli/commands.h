@@ -86,6 +86,12 @@ struct scene_options {
             "Folder of masks, white = use; found by itself if called masks.", transient_                               \
     }
 
+/* Where the audit's verdict means little. */
+void warn_small_photos(const struct sg_scene *scene);
+
+/* How to go on with what was interrupted, for a shell. */
+void say_resume(const char *command, const char *folder);
+
 /* Exit code for a library error: 1 usage, 2 input, 3 budget, 4 internal, 130 interrupted. */
 int exit_code(int error);
 

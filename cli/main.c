@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <errno.h>
+#include <fcntl.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
@@ -89,10 +90,23 @@ static int flushed(int code)
     return code ? code : 2;
 }
 
+/* Where the caller closed a standard stream, no file may get its number. What goes to standard output fails. */
+static bool hold_standard_streams(void)
+{
+    for (int fd = 0; fd < 3; fd++)
+        if (fcntl(fd, F_GETFD) < 0 && open("/dev/null", fd == 2 ? O_WRONLY : O_RDONLY) != fd)
+            return false;
+    return true;
+}
+
 int main(int argc, char **argv)
 {
     const char *name = argc > 1 ? argv[1] : "--help";
-    signal(SIGPIPE, SIG_IGN); /* `| head` must not cost a training: what cannot be written is noticed at the end */
+    if (!hold_standard_streams())
+        return 4;
+    /* `| head` or a full disk must not cost a training: what cannot be written is noticed where it is finished. */
+    signal(SIGPIPE, SIG_IGN);
+    signal(SIGXFSZ, SIG_IGN);
     if (!strcmp(name, "--version") || !strcmp(name, "version")) {
         printf("splatguard %s\n", sg_version());
         return flushed(0);

@@ -2,6 +2,7 @@
 #include "options.h"
 
 #include <errno.h>
+#include <limits.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -127,8 +128,11 @@ int options_set(const struct command *c, const struct option *o, void *config, c
         snprintf(expected, sizeof(expected), "a whole number from %.0f to %.0f%s", o->low, o->high,
                  o->type == OPT_BYTES ? ", of bytes or with K, M or G" : "");
         long long v = strtoll(text, &end, 10);
-        if (o->type == OPT_BYTES && end != text && *end && !end[1] && strchr("KMGkmg", *end) && v >= 0 && v < 1ll << 30)
-            v <<= (*end | 32) == 'k' ? 10 : (*end | 32) == 'm' ? 20 : 30, end++;
+        if (o->type == OPT_BYTES && end != text && *end && !end[1] && strchr("KMGkmg", *end)) {
+            const int shift = (*end | 32) == 'k' ? 10 : (*end | 32) == 'm' ? 20 : 30;
+            if (v >= 0 && v <= LLONG_MAX >> shift)
+                v <<= shift, end++;
+        }
         if (end == text || *end || errno || (double) v < o->low || (double) v > o->high)
             return bad_value(c, o, text, expected);
         if (o->type == OPT_INT)
@@ -315,6 +319,10 @@ int options_from_json(const struct command *c, void *config, const json_t *objec
 {
     const char *key;
     json_t *v;
+    if (!json_is_object(object)) {
+        say(stderr, "splatguard: %s: found no \"options\", expected an object\n", path);
+        return 1;
+    }
     json_object_foreach((json_t *) object, key, v)
     {
         const struct option *o = find(c, key, strlen(key));

@@ -139,8 +139,9 @@ int run_write_config(const struct train_config *c, const char *variant)
 {
     char *path = run_path(c->output, "config.json"), *absolute = realpath(c->source, NULL);
     json_t *options = options_to_json(&command_train, c);
-    if (absolute)
-        json_object_set_new(options, "source-path", text_json(absolute));
+    /* null where JSON cannot hold the path: who resumes names the scene. */
+    json_t *source = json_string(absolute ? absolute : c->source);
+    json_object_set_new(options, "source-path", source ? source : json_null());
     json_t *root = json_pack("{s:s,s:s,s:o}", "version", sg_version(), "cpu_variant", variant, "options", options);
     const int code = root && path ? run_write_json(path, root) : 4;
     json_decref(root);
@@ -203,22 +204,52 @@ int run_refuse_earlier(const char *run)
     return 0;
 }
 
-/* What a killed process was writing: NAME.tmpPID. */
-static void remove_temporary(const char *run)
+/* What a killed process was writing into a folder: NAME.tmpPID. */
+static void remove_temporary(const char *folder)
 {
     char path[4096];
-    DIR *d = opendir(run);
+    DIR *d = opendir(folder);
     for (struct dirent *e; d && (e = readdir(d));) {
         const char *dot = strrchr(e->d_name, '.');
         long pid;
         char rest;
         if (!dot || sscanf(dot, ".tmp%ld%c", &pid, &rest) != 1)
             continue;
-        snprintf(path, sizeof(path), "%s/%s", run, e->d_name);
+        snprintf(path, sizeof(path), "%s/%s", folder, e->d_name);
         unlink(path);
     }
     if (d)
         closedir(d);
+}
+
+/* Every point_cloud/iteration_N; with its model, or only what a killed process left in it. */
+static void clean_models(const char *run, bool all)
+{
+    char path[4096];
+    snprintf(path, sizeof(path), "%s/point_cloud", run);
+    DIR *d = opendir(path);
+    for (struct dirent *e; d && (e = readdir(d));) {
+        int n;
+        char rest;
+        if (sscanf(e->d_name, "iteration_%d%c", &n, &rest) != 1)
+            continue;
+        snprintf(path, sizeof(path), "%s/point_cloud/iteration_%d", run, n);
+        remove_temporary(path);
+        if (all) {
+            strncat(path, "/point_cloud.ply", sizeof(path) - strlen(path) - 1);
+            unlink(path);
+            *strrchr(path, '/') = 0;
+        }
+        rmdir(path); /* where it is empty */
+    }
+    if (d)
+        closedir(d);
+}
+
+void run_clean(const char *run)
+{
+    remove_temporary(run);
+    clean_models(run, false);
 }
 
 /* Leftovers of a replaced run must not be mistaken for the new one's. Only files that a run writes are touched. */
@@ -231,20 +262,7 @@ static void remove_earlier(const char *run)
         snprintf(path, sizeof(path), "%s/%s", run, files[i]);
         unlink(path);
     }
-    snprintf(path, sizeof(path), "%s/point_cloud", run);
-    DIR *d = opendir(path);
-    for (struct dirent *e; d && (e = readdir(d));) {
-        int n;
-        char rest;
-        if (sscanf(e->d_name, "iteration_%d%c", &n, &rest) != 1)
-            continue;
-        snprintf(path, sizeof(path), "%s/point_cloud/iteration_%d/point_cloud.ply", run, n);
-        unlink(path);
-        *strrchr(path, '/') = 0;
-        rmdir(path);
-    }
-    if (d)
-        closedir(d);
+    clean_models(run, true);
 }
 
 int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene *scene, const struct sg_model *initial,
@@ -304,11 +322,10 @@ int run_read_config(const char *run, struct train_config *c, json_t **keep)
     int code = 0;
     *keep = root;
     if (!root) {
-        say(stderr, "splatguard: %s: line %d: %s; expected the config.json of a run\n", path ? path : run,
-            path ? error.line : 0, path ? error.text : "out of memory");
-        code = 2;
-    } else if (!json_is_object(json_object_get(root, "options"))) {
-        say(stderr, "splatguard: %s: found no \"options\", expected the config.json of a run\n", path);
+        say(stderr,
+            error.line > 0 ? "splatguard: %s: %s, line %d; expected the config.json of a run\n"
+                           : "splatguard: %s: %s; expected the config.json of a run\n",
+            path ? path : run, path ? error.text : "out of memory", error.line);
         code = 2;
     } else if (options_from_json(&command_train, c, json_object_get(root, "options"), path))
         code = 2;

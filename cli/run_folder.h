@@ -39,6 +39,9 @@ int run_refuse_earlier(const char *run);
 int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene *scene, const struct sg_model *initial,
                const char *variant);
 
+/* Removes what killed processes were writing. */
+void run_clean(const char *run);
+
 /* Model and checkpoint of the trainer's present iteration. */
 int run_save_model(sg_ctx *ctx, const char *run, sg_trainer *trainer);
 int run_save_checkpoint(sg_ctx *ctx, const char *run, sg_trainer *trainer);

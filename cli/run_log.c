@@ -4,55 +4,77 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <stdlib.h>
+#include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "core/file.h"
 #include "run_folder.h"
 
-#define LOG_BYTES (UINT64_C(1) << 30)
 #define LINE_BYTES 65536 /* ours have a few hundred */
 
-/* Lines to keep go to kept, if there is one. *found: whether there is a log. */
-static int each_line(const char *path, run_log_take take, void *arg, FILE *kept, bool *found)
+/* The next line, or an empty one in the place of one that is too long: a log may come from a stranger. */
+static char *next_line(FILE *in, char *line)
 {
-    FILE *in = run_open(path, LOG_BYTES);
-    char *line = NULL;
-    size_t room = 0;
-    *found = in;
-    if (!in)
-        return errno == ENOENT ? 0 : run_cannot("read", path);
-    for (ssize_t n; (n = getline(&line, &room, in)) > 0;) {
-        json_t *value = n > LINE_BYTES ? NULL : json_loads(line, 0, NULL);
+    if (!fgets(line, LINE_BYTES, in))
+        return NULL;
+    if (!strchr(line, '\n') && !feof(in)) {
+        for (int c = 0; c != '\n' && c != EOF;)
+            c = fgetc(in);
+        *line = 0;
+    }
+    return line;
+}
+
+/* Lines to keep go to kept, if there is one. */
+static int each_line(FILE *in, run_log_take take, void *arg, FILE *kept)
+{
+    char *line = malloc(LINE_BYTES);
+    while (line && next_line(in, line)) {
+        json_t *value = json_loads(line, 0, NULL);
         if (value && take(arg, value) && kept)
-            fputs(line, kept);
+            fputs(line, kept); /* errors surface at the end */
         json_decref(value);
     }
-    fclose(in);
+    const int code = line ? 0 : 4;
     free(line);
-    return 0;
+    return code;
+}
+
+/* *in is NULL where there is no log. */
+static int open_log(const char *path, FILE **in)
+{
+    *in = run_open(path, UINT64_MAX);
+    return *in || errno == ENOENT ? 0 : run_cannot("read", path);
 }
 
 int run_log_read(const char *path, run_log_take take, void *arg)
 {
-    bool found;
-    return each_line(path, take, arg, NULL, &found);
+    FILE *in;
+    int code = open_log(path, &in);
+    if (in) {
+        code = each_line(in, take, arg, NULL);
+        fclose(in);
+    }
+    return code;
 }
 
 /* What was killed may have logged beyond its checkpoint: those iterations will be done and logged again. */
 static int trim(const char *path, run_log_take take, void *arg)
 {
-    char *kept = NULL;
-    size_t size = 0;
-    bool found;
-    FILE *out = open_memstream(&kept, &size);
-    if (!out)
-        return 4;
-    int code = each_line(path, take, arg, out, &found);
-    if (fclose(out))
-        code = 4;
-    if (!code && found)
-        code = run_write_file(path, kept, size);
-    free(kept);
+    FILE *in;
+    char *temporary = NULL;
+    int code = open_log(path, &in);
+    if (!in)
+        return code;
+    FILE *out = asprintf(&temporary, "%s.tmp%ld", path, (long) getpid()) > 0 ? sg_temporary_open(temporary) : NULL;
+    code = out ? each_line(in, take, arg, out) : run_cannot("write", path);
+    fclose(in);
+    if (out && !sg_temporary_finish(out, temporary, path)) {
+        code = run_cannot("write", path);
+        unlink(temporary);
+    }
+    free(temporary);
     return code;
 }
 

@@ -32,6 +32,23 @@ void say(FILE *to, const char *format, ...)
     free(text);
 }
 
+void say_resume(const char *command, const char *folder)
+{
+    static const char plain[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-+=:,./@%";
+    char *word = NULL;
+    size_t size;
+    FILE *out = strspn(folder, plain) == strlen(folder) && *folder != '-' ? NULL : open_memstream(&word, &size);
+    if (out) {
+        fputs(*folder == '-' ? "'./" : "'", out);
+        for (const char *c = folder; *c; c++)
+            fputs(*c == '\'' ? "'\\''" : (char[]){*c, 0}, out);
+        fputs("'", out);
+        fclose(out);
+    }
+    say(stderr, "Continue with: splatguard %s --resume %s\n", command, word ? word : folder);
+    free(word);
+}
+
 int exit_code(int error)
 {
     switch (error) {
@@ -60,7 +77,8 @@ int report(const sg_ctx *ctx, int error)
     const char *text = ctx ? sg_last_error(ctx) : "";
     say(stderr, "splatguard: %s\n", text[0] ? text : "internal error");
     if (error == SG_ERR_BUDGET && memory.whole)
-        say(stderr, "the limit is --max-memory, %llu bytes, less %llu for the process itself\n",
+        say(stderr,
+            "the limit is --max-memory, %llu bytes, less %llu for the process itself: add these to what is expected\n",
             (unsigned long long) memory.whole, (unsigned long long) memory.outside);
     return exit_code(error);
 }
@@ -113,6 +131,15 @@ const char *cpu_variant(const char *option)
 {
     const char *environment = getenv("SG_CPU");
     return option ? option : environment && environment[0] ? environment : NULL;
+}
+
+void warn_small_photos(const struct sg_scene *scene)
+{
+    size_t small = 0;
+    for (size_t i = 0; i < scene->n_train; i++)
+        small += scene->train[i].camera.width < 100 || scene->train[i].camera.height < 100;
+    if (2 * small > scene->n_train)
+        say(stderr, "warning: audit: photos of less than 100 pixels a side are too small to be told apart well\n");
 }
 
 bool is_dir(const char *path)

@@ -56,13 +56,22 @@ int train_check(const struct train_run *r, const bool *given)
     struct train_config c = *r->config;
     const char *vain = c.resume ? NULL : vain_option(&c, given);
     if (vain) {
-        say(stderr, "splatguard train: --%s: found without a defense, expected --defense spectral with it\n", vain);
+        say(stderr,
+            "splatguard train: --%s: found without a defense, expected --defense spectral or --audit defend with it\n",
+            vain);
+        return 1;
+    }
+    if (c.audit == AUDIT_DEFEND && !c.defense &&
+        options_given(&command_train, given, offsetof(struct train_config, defense))) {
+        say(stderr, "splatguard train: --defense off and --audit defend exclude each other\n");
         return 1;
     }
     const struct sg_defense_params preset = published(c.preset);
     settle_defense(&c, &preset);
     const int error = sg_train_check(r->ctx, &c.train);
-    return error ? report(r->ctx, error) : 0;
+    if (error) /* which names a value as its option is named */
+        say(stderr, "splatguard train: --%s\n", sg_last_error(r->ctx));
+    return exit_code(error);
 }
 
 /* Says what was found, and does what --audit asks for. */
@@ -78,7 +87,7 @@ static int heed(struct train_config *c, const struct sg_audit *found)
         say(stderr, "splatguard: %s: found poisoned photos, expected clean ones (--audit refuse)\n", c->source);
         return 2;
     }
-    if (c->audit == AUDIT_DEFEND && !clean)
+    if (c->audit == AUDIT_DEFEND && !clean && !c->resume) /* a run keeps the defense that it has */
         c->defense = 1;
     return 0;
 }
@@ -92,7 +101,8 @@ static int audit(struct train_run *r, struct sg_defense_params *preset)
     if (error)
         return report(r->ctx, error);
     r->audit = sg_audit_verdict_name(found->verdict), r->audit_score = found->score;
-    int code = c->resume ? 0 : heed(c, found);
+    warn_small_photos(r->scene);
+    int code = heed(c, found);
     if (!code && c->defense && c->preset == DEFENSE_AUTO) {
         if ((r->shares = malloc((found->count + 1) * sizeof(*r->shares)))) {
             sg_defense_automatic(found, r->scene->extent, r->shares, preset);

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "interrupt.h"
+#include "train/schedule.h"
 
 static double cpu_now(void)
 {
@@ -52,6 +53,7 @@ static int save(struct train_run *r)
         return code;
     code = run_save_checkpoint(r->ctx, r->config->output, r->trainer);
     r->resumable = !code;
+    r->saved = sg_trainer_iteration(r->trainer);
     if (code == exit_code(SG_ERR_BUDGET)) {
         say(stderr,
             "the model is saved, its checkpoint is not: --resume goes on from an earlier one, if there is one\n");
@@ -84,10 +86,9 @@ static void watch_filter(struct train_run *r)
     r->window_events = 0;
 }
 
-/* Where time is short, a step goes over several iterations. */
 static bool due(const struct train_run *r, int every)
 {
-    return every && r->step.iteration / every > r->before / every;
+    return every && sg_due(r->before, r->step.iteration, every);
 }
 
 /* Everything that is due after an iteration; the end has its own. */
@@ -159,10 +160,15 @@ static int finish(struct train_run *r)
         code = measure(r, 1);
     if (!code)
         code = train_summary_write(r);
+    struct sg_train_limits limits;
+    sg_trainer_limits(r->trainer, &limits);
+    if (!code && limits.time_bound)
+        say(stderr, "time was short: %llu of %d iterations were done, on a schedule for as many\n",
+            (unsigned long long) limits.steps, sg_trainer_iteration(r->trainer));
     if (!code && cut) {
         say(stderr, "interrupted at iteration %d; saved\n", sg_trainer_iteration(r->trainer));
         if (r->resumable)
-            say(stderr, "Continue with: splatguard train --resume %s\n", r->config->output);
+            say_resume("train", r->config->output);
         code = 130;
     }
     return code;
@@ -179,6 +185,7 @@ static int restore(struct train_run *r, const char *variant)
         free(path);
         return 2;
     }
+    run_clean(r->config->output);
     const int error = sg_trainer_resume(r->ctx, r->scene, path, &r->config->train, &r->trainer);
     free(path);
     if (error)
@@ -226,5 +233,7 @@ int train_whole(struct train_run *r)
     r->first_gaussians = sg_trainer_gaussians(r->trainer);
     r->window_from = sg_trainer_iteration(r->trainer);
     const int code = loop(r);
+    if (code && !r->error && r->saved)
+        say(stderr, "the model of iteration %d is saved in %s\n", r->saved, r->config->output);
     return code || r->error ? code : finish(r);
 }

@@ -74,7 +74,10 @@ int train_summary_write(struct train_run *r)
 #define COUNT(key, value) PUT(key, json_integer((json_int_t) (value)))
     PUT("version", json_string(sg_version()));
     PUT("scene", text_json(r->config->source));
+    struct sg_train_limits limits;
+    sg_trainer_limits(r->trainer, &limits);
     COUNT("iterations", done);
+    COUNT("steps", limits.steps);
     PUT("interrupted", json_boolean(done < r->config->train.iterations));
     COUNT("max_gaussians", t->max_gaussians);
     COUNT("final_gaussians", sg_trainer_gaussians(r->trainer));
@@ -87,7 +90,7 @@ int train_summary_write(struct train_run *r)
     PUT("budget", budget(r));
     PUT("train_seconds", number_json(t->seconds));
     PUT("cpu_seconds", number_json(t->cpu_seconds));
-    PUT("iterations_per_second", number_json(t->seconds > 0 ? done / t->seconds : 0));
+    PUT("iterations_per_second", number_json(t->seconds > 0 ? (double) limits.steps / t->seconds : 0));
     COUNT("peak_rss_bytes", (uint64_t) usage.ru_maxrss * 1024);
     COUNT("peak_ledger_bytes", sg_mem_peak(r->ctx, SG_MEM_TAGS));
     PUT("peak_ledger_bytes_by_tag", ledger(r->ctx));

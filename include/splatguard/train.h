@@ -106,6 +106,7 @@ struct sg_train_limits {
     uint64_t max_gaussians; /* 0 = none */
     bool by_memory;         /* that limit comes from the context's max_memory */
     bool gaussians_bound, time_bound;
+    uint64_t steps; /* iterations really done, of sg_trainer_iteration */
 };
 void sg_trainer_limits(const sg_trainer *trainer, struct sg_train_limits *out);
 size_t sg_trainer_gaussians(const sg_trainer *trainer);

@@ -30,7 +30,7 @@ int sg_transforms_load(sg_ctx *ctx, const char *file, const char *data, size_t s
         code =
             sg_fail(ctx, SG_ERR_INPUT, "%s: line %d, column %d: JSON: %s", file, error.line, error.column, error.text);
     else if (!json_is_array(out->frames) || !json_array_size(out->frames))
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no \"frames\", expected an array of at least one frame", file);
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no frames, expected an array \"frames\" of at least one", file);
     else if (json_array_size(out->frames) > max_frames)
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: frames: found %zu, the limit is %llu", file,
                        json_array_size(out->frames), (unsigned long long) max_frames);

@@ -480,7 +480,8 @@ void sg_trainer_limits(const sg_trainer *t, struct sg_train_limits *out)
     *out = (struct sg_train_limits){.max_gaussians = t->budget.gaussians,
                                     .by_memory = t->budget.by_memory,
                                     .gaussians_bound = t->gaussians_bound,
-                                    .time_bound = t->time_bound};
+                                    .time_bound = t->time_bound,
+                                    .steps = t->steps};
 }
 
 size_t sg_trainer_gaussians(const sg_trainer *t)

@@ -84,6 +84,8 @@ for vain in "--rho 0.03" "--preset mip" "--filter-views 3" "--lambda 2 --audit w
 done
 expect 2 train nowhere -o bad --filter-views 3 --max-gaussians 100 # who stays at the limit
 expect 2 train nowhere -o bad --rho 0.03 --audit defend
+expect 1 train nowhere -o bad --defense off --audit defend
+says 'exclude each other'
 
 # Audit: numbers of every photo, a page; training takes the verdict into account. Photos, not thumbnails: what is fine
 # texture at 64 pixels looks like an attack.
@@ -107,6 +109,9 @@ expect 0 audit noisy --json -q
 grep -q '"verdict": "poisoned"' out || fail "noise is not found: $(head -n 3 out)"
 grep -q 'oscillate' out || fail "no reasons"
 expect 2 train noisy -o refused --audit refuse -q
+says 'expected clean ones'
+expect 0 train scene/blender -o replaced --audit refuse $brief
+expect 2 train noisy -o replaced --resume --iterations 50 -q # photos replaced since
 says 'expected clean ones'
 [ ! -e refused ] || fail "a refused run has begun"
 expect 0 train noisy -o warned $brief --audit warn

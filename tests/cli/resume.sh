@@ -70,3 +70,24 @@ sed -i 's/"sead": 42/"images": 42/' cut/config.json
 expect 2 train --resume cut -q; says config.json
 echo '{' >cut/config.json
 expect 2 train --resume cut -q; says config.json
+
+# What killed processes left goes, lines that nobody wrote are dropped, and the preset's own value may be asked for again.
+small_scene
+expect 0 train scene/blender -o run $short --init-points 400 --save-every 60 --defense spectral --rho -1
+touch run/checkpoint.bin.tmp999 run/point_cloud/iteration_60/point_cloud.ply.tmp999
+head -c 300000 /dev/zero | tr '\0' x >>run/log.jsonl
+expect 0 train --resume run --iterations 130 -q --rho -1 --preset auto --filter-frequency 0
+find run -name '*.tmp*' | grep -q . && fail "leftovers: $(find run -name '*.tmp*')"
+[ "$(grep -cv '^{.*}$' run/log.jsonl)" = 0 ] || fail "the log has other lines"
+rm run/checkpoint.bin
+expect 2 train --resume run
+says 'found no checkpoint'
+
+# Standard streams that the caller closed, and files that may not grow.
+"$tool" train scene/blender -o closed ${short% --quiet} --init-points 400 2>&- || fail "without standard error: exit code $?"
+[ "$(grep -cv '^{.*}$' closed/log.jsonl)" = 0 ] || fail "messages are in the log"
+(ulimit -f 20; "$tool" train scene/blender -o tight $short --init-points 2000 >out 2>err)
+[ $? = 2 ] || fail "a file that may not grow: another exit code"
+says 'File too large'
+find tight -name '*.tmp*' | grep -q . && fail "leftovers: $(find tight -name '*.tmp*')"
+true
