@@ -87,14 +87,14 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
     if (a->verdict == SG_AUDIT_CLEAN)
         goto done;
     REASON(poisoned && 2 * poisoned < a->count, "%zu of the %zu photos look poisoned", poisoned, a->count);
-    REASON(quiet > 1,
-           "quiet parts of the photos oscillate by %.1f grey levels a pixel; those of clean ones by less than 1",
+    REASON(quiet > 1.3,
+           "quiet parts of the photos oscillate by %.1f grey levels a pixel; those of clean ones by less than 1.3",
            quiet);
     REASON(share > 0.4,
            "pixels that stick out from both neighbours carry %.0f %% of all variation; in clean photos "
            "less than 40 %%",
            100 * share);
-    REASON(colour > 0.35, "colours oscillate by %.2f grey levels a pixel; those of clean photos by less than 0.35",
+    REASON(colour > 0.6, "colours oscillate by %.2f grey levels a pixel; those of clean photos by less than 0.6",
            colour);
     REASON(down > 2 * across + 1 || across > 2 * down + 1,
            "rows oscillate by %.1f grey levels, columns by %.1f; in clean photos they are alike", down, across);
