@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "attack_run.h"
+#include "core/file.h"
 #include "interrupt.h"
 
 #define A(field) offsetof(struct attack_config, field)
@@ -319,7 +320,8 @@ static int run_attack(const void *config, const bool *given, const char *const *
     /* Nothing of an earlier attack goes before this one can begin. */
     if (!code && !c.resume) {
         char *state = run_path(c.output, "attack");
-        code = state ? run_make_dirs(state) : 4;
+        const int error = state ? sg_dir_create(r.ctx, state) : SG_ERR_INTERNAL;
+        code = error ? report(r.ctx, error) : 0;
         free(state);
         if (!code) {
             remove_earlier(c.output);

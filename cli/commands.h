@@ -104,8 +104,6 @@ int open_context(sg_ctx **ctx, int threads, uint64_t max_memory, bool quiet);
 /* --cpu, else SG_CPU, else NULL. */
 const char *cpu_variant(const char *option);
 
-bool is_dir(const char *path);
-
 /* MODEL.ply, or the point_cloud of an iteration (0 = the newest) of a run folder, as text the caller frees. NULL after
  * printing what is wrong. */
 char *find_model(const char *path, int iteration);

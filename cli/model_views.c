@@ -5,6 +5,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "core/file.h"
 #include "run_folder.h"
 
 #define CFG_ARGS_BYTES 65536 /* others have a few hundred */
@@ -38,7 +39,7 @@ static int adopt_run(struct model_views *v, const char *run, const struct comman
 {
     char *path = NULL;
     int code = 0;
-    if (!is_dir(run))
+    if (!sg_dir_exists(run))
         return 0;
     if (asprintf(&path, "%s/config.json", run) < 0)
         return 4;

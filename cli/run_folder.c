@@ -83,24 +83,6 @@ int run_write_json(const char *path, const json_t *value)
     return code;
 }
 
-int run_make_dirs(const char *path)
-{
-    char *copy = strdup(path);
-    int code = copy ? 0 : 4;
-    for (char *p = copy ? copy + 1 : NULL; p && !code; p++)
-        if (!*p || *p == '/') {
-            const char kept = *p;
-            *p = 0;
-            if (mkdir(copy, 0777) && errno != EEXIST)
-                code = run_cannot("create the folder", copy);
-            *p = kept;
-            if (!kept)
-                break;
-        }
-    free(copy);
-    return code;
-}
-
 /* A Python string literal. */
 static void put_quoted(FILE *out, const char *text)
 {
@@ -269,12 +251,12 @@ int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene 
                const char *variant)
 {
     char *cameras = run_path(c->output, "cameras.json");
-    int code = cameras ? run_make_dirs(c->output) : 4;
-    if (!code) {
+    int error = cameras ? sg_dir_create(ctx, c->output) : SG_ERR_INTERNAL;
+    if (!error) {
         remove_earlier(c->output);
-        const int error = sg_cameras_write_json(ctx, scene, cameras);
-        code = error ? report(ctx, error) : 0;
+        error = sg_cameras_write_json(ctx, scene, cameras);
     }
+    int code = error ? report(ctx, error) : 0;
     if (!code)
         code = write_input(ctx, c->output, initial);
     if (!code)
@@ -290,20 +272,18 @@ int run_save_model(sg_ctx *ctx, const char *run, sg_trainer *trainer)
     char *folder, *path = NULL;
     if (asprintf(&folder, "%s/point_cloud/iteration_%d", run, sg_trainer_iteration(trainer)) < 0)
         return 4;
-    int code = run_make_dirs(folder);
     struct sg_model *m = NULL;
-    if (!code && !(path = run_path(folder, "point_cloud.ply")))
-        code = 4;
-    if (!code) {
-        int error = sg_trainer_model(trainer, &m);
-        if (!error)
-            error = sg_model_write_ply(ctx, m, path);
-        code = error ? report(ctx, error) : 0;
-    }
+    int error = sg_dir_create(ctx, folder);
+    if (!error && !(path = run_path(folder, "point_cloud.ply")))
+        error = SG_ERR_INTERNAL;
+    if (!error)
+        error = sg_trainer_model(trainer, &m);
+    if (!error)
+        error = sg_model_write_ply(ctx, m, path);
     sg_model_destroy(ctx, &m);
     free(folder);
     free(path);
-    return code;
+    return error ? report(ctx, error) : 0;
 }
 
 int run_save_checkpoint(sg_ctx *ctx, const char *run, sg_trainer *trainer)

@@ -19,8 +19,6 @@ int run_write_json(const char *path, const json_t *value);
 FILE *run_open(const char *path, uint64_t most);
 /* NULL with error->text. */
 json_t *run_read_json(const char *path, json_error_t *error);
-/* mkdir -p. */
-int run_make_dirs(const char *path);
 
 /* The folder holds files that are not hidden. */
 bool run_has_other_files(const char *folder);

@@ -9,7 +9,7 @@
 #include <unistd.h>
 
 #include "commands.h"
-#include "core/internal.h"
+#include "core/file.h"
 
 void say(FILE *to, const char *format, ...)
 {
@@ -142,16 +142,10 @@ void warn_small_photos(const struct sg_scene *scene)
         say(stderr, "warning: audit: photos of less than 100 pixels a side are too small to be told apart well\n");
 }
 
-bool is_dir(const char *path)
-{
-    struct stat st;
-    return !stat(path, &st) && S_ISDIR(st.st_mode);
-}
-
 char *find_model(const char *path, int iteration)
 {
     char *found = NULL, *folder = NULL;
-    if (!is_dir(path))
+    if (!sg_dir_exists(path))
         return strdup(path);
     if (asprintf(&folder, "%s/point_cloud", path) < 0)
         return NULL;
