@@ -103,6 +103,7 @@ static void test_masks(void **state)
     for (int fill = 0; fill < 2; fill++) {
         assert_int_equal(sg_audit_measure(ctx, image, mask, W, H, &f, NULL), SG_OK);
         assert_true(f.osc_down == whole.osc_down && f.osc_across == whole.osc_across && f.tv_down == whole.tv_down);
+        assert_true(f.ragged > 0 && f.ragged < 0.05);
         assert_true(f.osc_quiet == whole.osc_quiet && f.evenness == whole.evenness && f.osc_share == whole.osc_share &&
                     f.osc_chroma == whole.osc_chroma);
         for (size_t i = 3 * W * top; i < sizeof(image); i++)
@@ -118,6 +119,13 @@ static void test_masks(void **state)
         }
     assert_int_equal(sg_audit_measure(ctx, image, mask, W, H, &f, NULL), SG_OK);
     assert_true(f.osc_quiet > 0.7 * whole.osc_quiet && f.evenness > 0.9 * whole.evenness);
+    assert_true(f.ragged == 1); /* which could hide more than this noise, and is told by itself */
+    struct sg_view view = {.name = (char *) "photo", .camera = {.width = W, .height = H}, .rgb = image, .mask = mask};
+    struct sg_audit *a;
+    memset(image, 128, sizeof(image));
+    assert_int_equal(sg_audit_scene(ctx, &(struct sg_scene){.train = &view, .n_train = 1}, &a), SG_OK);
+    assert_true(a->verdict == SG_AUDIT_POISONED && a->images[0].verdict == SG_AUDIT_POISONED && a->count_reasons == 1);
+    sg_audit_destroy(ctx, &a);
     memset(mask, 0, sizeof(mask));
     assert_int_equal(sg_audit_measure(ctx, image, mask, W, H, &f, NULL), SG_OK);
     assert_true(f.tv_down == 0 && f.osc_down == 0 && f.osc_quiet == 0 && f.osc_share == 0);

@@ -20,9 +20,10 @@ struct sg_audit_features {
     double osc_down, osc_across; /* mean oscillation: at local extremes, the lesser of both differences, else 0 */
     double osc_share;            /* of all variation and two grey levels a pixel more, what local extremes carry */
     double osc_quiet;  /* oscillation of the quiet parts: the 25th percentile over the blocks of 16 x 16 pixels that are
-                          not of one colour */
+                          not of one colour, each counting as much as it has used pixels */
     double osc_chroma; /* oscillation of red - green and of blue - green, both directions */
     double evenness;   /* median over mean of the blocks' oscillation: 1 = everywhere alike */
+    double ragged;     /* the share of used pixels that have an unused one above, below, left or right */
     double slope; /* ln of the spectrum's mean energy at 0.7..0.95 of the Nyquist frequency over that at 0.35..0.55; of
                      all pixels, as the next */
     double anisotropy; /* of the spectrum, see spectrum.h */
@@ -35,7 +36,7 @@ struct sg_audit_image {
     enum sg_audit_verdict verdict;
 };
 
-#define SG_AUDIT_REASONS_MAX 6
+#define SG_AUDIT_REASONS_MAX 7
 
 struct sg_audit {
     size_t count;

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What an image looks like to the audit. Pixels that a mask leaves out are skipped: the neighbours of a pixel are the
- * nearest used ones of its row and column. So no mask hides what training sees, and nothing else dilutes it. */
+ * nearest used ones of its row and column. Masks that are noise themselves, in which neighbours could be anywhere, are
+ * told by how many used pixels lie at their border. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -122,32 +123,58 @@ static bool varies(const struct plane *p, size_t block)
     return false;
 }
 
+/* The share of the used pixels that have one that is left out above, below, left or right. */
+static double ragged(const struct plane *p)
+{
+    size_t used = 0, border = 0;
+    for (size_t i = 0; p->mask && i < p->w * p->h; i++) {
+        const size_t x = i % p->w;
+        if (!p->mask[i])
+            continue;
+        used++;
+        border += (x > 0 && !p->mask[i - 1]) || (x + 1 < p->w && !p->mask[i + 1]) ||
+                  (i >= p->w && !p->mask[i - p->w]) || (i + p->w < p->w * p->h && !p->mask[i + p->w]);
+    }
+    return used ? (double) border / (double) used : 0;
+}
+
+/* A block's oscillation, which counts as much as it has pixels. */
+struct share {
+    float oscillation;
+    uint32_t weight;
+};
+
 static int ascending(const void *a, const void *b)
 {
-    const float x = *(const float *) a, y = *(const float *) b;
+    const float x = ((const struct share *) a)->oscillation, y = ((const struct share *) b)->oscillation;
     return (x > y) - (x < y);
 }
 
-/* How the oscillation lies over the blocks. Those of one colour, a background, say nothing about the rest, and those
- * with few pixels, at the border or in a mask, say little. own: room for a number of each. */
-static void distribute(const struct plane *p, float *own, struct sg_audit_features *out)
+/* The oscillation up to which this part of the weight is. */
+static double quantile(const struct share *s, size_t n, double weight)
 {
-    const size_t n = block_count(p);
-    uint32_t most = 0;
-    for (size_t i = 0; i < n; i++)
-        most = p->blocks[i].measured > most ? p->blocks[i].measured : most;
-    size_t told = 0;
     double sum = 0;
-    for (size_t i = 0; i < n; i++) {
+    size_t i = 0;
+    while (i + 1 < n && (sum += (double) s[i].weight) <= weight)
+        i++;
+    return n ? (double) s[i].oscillation : 0;
+}
+
+/* How the oscillation lies over the blocks. Those of one colour, a background, say nothing about the rest. */
+static void distribute(const struct plane *p, struct share *own, struct sg_audit_features *out)
+{
+    size_t n = 0;
+    double sum = 0, weight = 0;
+    for (size_t i = 0; i < block_count(p); i++) {
         const struct block *b = &p->blocks[i];
-        if (!b->measured || 4 * b->measured < most || !varies(p, i))
+        if (!b->measured || !varies(p, i))
             continue;
-        own[told] = (float) b->oscillation / (float) b->measured;
-        sum += (double) own[told++];
+        own[n++] = (struct share){(float) b->oscillation / (float) b->measured, b->measured};
+        sum += b->oscillation, weight += b->measured;
     }
-    qsort(own, told, sizeof(*own), ascending);
-    out->osc_quiet = told ? (double) own[told / 4] : 0;
-    out->evenness = sum > 0 ? (double) own[told / 2] / (sum / (double) told) : 0;
+    qsort(own, n, sizeof(*own), ascending);
+    out->osc_quiet = quantile(own, n, weight / 4);
+    out->evenness = sum > 0 ? quantile(own, n, weight / 2) / (sum / weight) : 0;
 }
 
 static double slope(const struct sg_spectrum *s)
@@ -176,7 +203,7 @@ int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int w
     p.values = sg_alloc_raw(ctx, SG_MEM_FRAME, p.w * p.h, sizeof(*p.values));
     p.columns = sg_alloc_raw(ctx, SG_MEM_FRAME, p.w, sizeof(*p.columns));
     p.blocks = sg_alloc_raw(ctx, SG_MEM_FRAME, block_count(&p), sizeof(*p.blocks));
-    float *own = sg_alloc_raw(ctx, SG_MEM_FRAME, block_count(&p), sizeof(*own));
+    struct share *own = sg_alloc_raw(ctx, SG_MEM_FRAME, block_count(&p), sizeof(*own));
     if (!p.values || !p.columns || !p.blocks || !own) {
         code = SG_ERR_BUDGET;
         goto done;
@@ -195,6 +222,7 @@ int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int w
     const double all = down.total + across.total + down.pixels + across.pixels;
     out->osc_share = all > 0 ? (down.extremes + across.extremes) / 2 / all : 0;
     distribute(&p, own, out);
+    out->ragged = ragged(&p);
     for (size_t i = 0; map && i < block_count(&p); i++)
         map[i] = p.blocks[i].measured ? (float) p.blocks[i].oscillation / (float) p.blocks[i].measured : 0;
 done:
