@@ -33,8 +33,7 @@ int attack_load(struct attack_run *r)
 /* 3 unless a run's summary says that it took all its iterations. */
 static int whole(const char *summary, int iterations)
 {
-    json_error_t error;
-    json_t *s = run_read_json(summary, &error);
+    json_t *s = run_read_json(summary, "summary.json of a run");
     const bool all = json_integer_value(json_object_get(s, "iterations")) == iterations;
     json_decref(s);
     return all ? 0 : 3;
@@ -64,6 +63,9 @@ static int train_proxy(const struct attack_config *c, char **model)
     t.eval_every = 0;
     t.threads = c->threads;
     t.max_memory = c->max_memory;
+    for (size_t i = 0; train->options[i].name; i++) /* a resumed proxy has another limit of its own */
+        given[i] = train->options[i].type != OPT_GROUP &&
+                   train->options[i].offset == offsetof(struct train_config, max_memory);
     t.quiet = c->quiet;
     t.resume = c->resume && !access(begun, F_OK);
     t.force = !t.resume;
@@ -139,6 +141,10 @@ static int start_decoy(struct attack_run *r, const char *proxy)
     if (!error)
         r->proxy_gaussians = model->count;
     if (!error && !code && r->config->resume && !access(saved, F_OK)) {
+        char *state = run_path(r->config->output, "attack");
+        if (state)
+            run_clean(state);
+        free(state);
         sg_model_destroy(r->ctx, &model);
         error = sg_attack_resume(r->ctx, r->scene, saved, &r->config->attack, &r->attack);
     } else if (!error && !code)

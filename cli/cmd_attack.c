@@ -52,7 +52,7 @@ static const struct option attack_options[] = {
     {"centred-principal", 0, OPT_FLAG, A(scene.params.centred_principal), 0, 0, NULL, NULL,
      "Ignore cx and cy, as the reference does.", false},
     {"masks", 0, OPT_STRING, A(scene.params.masks), 0, 0, NULL, "DIR",
-     "Folder of masks, white = use; found by itself if called masks.", false},
+     "Folder of masks inside the scene's, white = use; found by itself if called masks.", false},
     {"views", 0, OPT_CHOICE, A(views), 0, 0, "all|train", "WHICH",
      "Poison all views of COLMAP and nerfstudio scenes, or leave the test views clean. Blender's test file always "
      "stays "
@@ -250,18 +250,9 @@ static int adopt(struct attack_config *c, const bool *given, const char *argumen
         return 1;
     }
     char *path = run_path(output, "attack/config.json");
-    json_error_t error;
-    *keep = path ? run_read_json(path, &error) : NULL;
-    int code = 0;
+    *keep = path ? run_read_json(path, "config.json of an attack") : NULL;
     *c = defaults;
-    if (!*keep) {
-        say(stderr,
-            error.line > 0 ? "splatguard: %s: %s, line %d; expected the config.json of an attack\n"
-                           : "splatguard: %s: %s; expected the config.json of an attack\n",
-            path ? path : output, path ? error.text : "out of memory", error.line);
-        code = 2;
-    } else if (options_from_json(&command_attack, c, json_object_get(*keep, "options"), path))
-        code = 2;
+    const int code = !*keep || options_from_json(&command_attack, c, json_object_get(*keep, "options"), path) ? 2 : 0;
     free(path);
     if (code)
         return code;
@@ -269,22 +260,20 @@ static int adopt(struct attack_config *c, const bool *given, const char *argumen
     c->resume = true;
     c->quiet = now.quiet, c->threads = now.threads, c->keep_decoy = now.keep_decoy;
     c->max_memory = options_given(&command_attack, given, A(max_memory)) ? now.max_memory : c->max_memory;
-    if (!now.source || (now.output == NULL && argument))
-        now.source = c->source;
+    if (now.output && argument)
+        now.source = (char *) (uintptr_t) argument;
+    c->source = now.source = now.source ? now.source : c->source;
     return options_conflict(&command_attack, given, &now, c);
 }
 
 static int write_config(const struct attack_config *c)
 {
-    char *path = run_path(c->output, "attack/config.json"), *absolute = realpath(c->source, NULL);
+    char *path = run_path(c->output, "attack/config.json");
     json_t *options = options_to_json(&command_attack, c);
-    /* null where JSON cannot hold the path: who resumes names the scene. */
-    json_t *source = json_string(absolute ? absolute : c->source);
-    json_object_set_new(options, "source-path", source ? source : json_null());
+    json_object_set_new(options, "source-path", run_place_json(c->source));
     json_t *root = json_pack("{s:s,s:o}", "version", sg_version(), "options", options);
     const int code = root && path ? run_write_json(path, root) : 4;
     json_decref(root);
-    free(absolute);
     free(path);
     return code;
 }

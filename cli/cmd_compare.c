@@ -74,12 +74,9 @@ static double number(const json_t *object, const char *key)
 static int read_run(struct run *r, const char *path)
 {
     char *file = run_path(path, "summary.json");
-    json_error_t error;
-    json_t *s = file ? run_read_json(file, &error) : NULL;
+    json_t *s = file ? run_read_json(file, "summary.json of a run") : NULL;
     r->path = path;
     if (!s) {
-        say(stderr, "splatguard: %s: line %d: %s; expected the summary.json of a run\n", file ? file : path,
-            file ? error.line : 0, file ? error.text : "out of memory");
         free(file);
         return 2;
     }

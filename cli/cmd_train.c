@@ -149,7 +149,8 @@ static const struct train_config defaults = {
 };
 
 /* RUN's own options. The command line may say where the scene is now, ask for more iterations, and change what does not
- * touch the result; anything else that differs is refused. */
+ * touch the result; anything else that differs is refused; what is left to the preset
+ * does not differ. */
 static int adopt_run(struct train_config *c, const bool *given, const char *argument, json_t **keep)
 {
     struct train_config now = *c;
@@ -198,6 +199,17 @@ static void settle(struct train_config *c)
     c->scene.params.eval = c->eval;
 }
 
+/* Whether there is something to measure: masks may leave nothing. */
+static bool measurable(const struct sg_scene *scene)
+{
+    for (size_t i = 0; i < scene->n_test; i++) {
+        const struct sg_view *v = &scene->test[i];
+        if (!v->mask || memchr(v->mask, 255, (size_t) v->camera.width * (size_t) v->camera.height))
+            return true;
+    }
+    return false;
+}
+
 static int run_train(const void *config, const bool *given, const char *const *positional, int count)
 {
     struct train_config c = *(const struct train_config *) config;
@@ -225,8 +237,8 @@ static int run_train(const void *config, const bool *given, const char *const *p
         code = report(r.ctx, error);
         goto done;
     }
-    if (c.eval && !r.scene->n_test) {
-        say(stderr, "splatguard: %s: found no test views, needed for --eval\n", c.source);
+    if (c.eval && !measurable(r.scene)) {
+        say(stderr, "splatguard: %s: found no test view with a used pixel, needed for --eval\n", c.source);
         code = 2;
         goto done;
     }

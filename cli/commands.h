@@ -83,7 +83,7 @@ struct scene_options {
          transient_},                                                                                                  \
     {                                                                                                                  \
         "masks", 0, OPT_STRING, offsetof(config, scene_.params.masks), 0, 0, NULL, "DIR",                              \
-            "Folder of masks below the scene, white = use; found by itself if called masks.", transient_               \
+            "Folder of masks inside the scene's, white = use; found by itself if called masks.", transient_            \
     }
 
 /* Where the audit's verdict means little. */

@@ -47,12 +47,11 @@ static int adopt_run(struct model_views *v, const char *run, const struct comman
         read_cfg_args(run, command, given, config, &o->scene);
         goto done;
     }
-    json_error_t error;
-    v->run = run_read_json(path, &error);
+    v->run = run_read_json(path, "config.json of a run");
     const json_t *options = json_object_get(v->run, "options");
+    if (v->run && !options)
+        say(stderr, "splatguard: %s: found no \"options\", expected an object\n", path);
     if (!options) {
-        say(stderr, "splatguard: %s: line %d: %s; expected the config.json of a run\n", path, error.line,
-            v->run ? "found no options" : error.text);
         code = 2;
     } else if (options_adopt(command, "Scene", given, config, options, path))
         code = 2;

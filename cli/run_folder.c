@@ -3,6 +3,7 @@
 
 #include <dirent.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -59,16 +60,26 @@ FILE *run_open(const char *path, uint64_t most)
     return f;
 }
 
-json_t *run_read_json(const char *path, json_error_t *error)
+json_t *run_read_json(const char *path, const char *what)
 {
-    *error = (json_error_t){0};
+    json_error_t error = {0};
     FILE *f = run_open(path, JSON_BYTES);
-    json_t *root = f ? json_loadf(f, JSON_REJECT_DUPLICATES, error) : NULL;
+    json_t *root = f ? json_loadf(f, JSON_REJECT_DUPLICATES, &error) : NULL;
+    if (!f)
+        say(stderr, "splatguard: %s: cannot read: %s; expected the %s\n", path, strerror(errno), what);
+    else if (!root)
+        say(stderr, "splatguard: %s: line %d: %s; expected the %s\n", path, error.line, error.text, what);
     if (f)
         fclose(f);
-    else
-        snprintf(error->text, sizeof(error->text), "cannot read: %s", strerror(errno));
     return root;
+}
+
+json_t *run_place_json(const char *folder)
+{
+    char *absolute = realpath(folder, NULL);
+    json_t *value = json_string(absolute ? absolute : folder);
+    free(absolute);
+    return value ? value : json_null();
 }
 
 int run_write_json(const char *path, const json_t *value)
@@ -119,15 +130,12 @@ static int write_cfg_args(const struct train_config *c)
 
 int run_write_config(const struct train_config *c, const char *variant)
 {
-    char *path = run_path(c->output, "config.json"), *absolute = realpath(c->source, NULL);
+    char *path = run_path(c->output, "config.json");
     json_t *options = options_to_json(&command_train, c);
-    /* null where JSON cannot hold the path: who resumes names the scene. */
-    json_t *source = json_string(absolute ? absolute : c->source);
-    json_object_set_new(options, "source-path", source ? source : json_null());
+    json_object_set_new(options, "source-path", run_place_json(c->source));
     json_t *root = json_pack("{s:s,s:s,s:o}", "version", sg_version(), "cpu_variant", variant, "options", options);
     const int code = root && path ? run_write_json(path, root) : 4;
     json_decref(root);
-    free(absolute);
     free(path);
     return code;
 }
@@ -186,65 +194,71 @@ int run_refuse_earlier(const char *run)
     return 0;
 }
 
-/* What a killed process was writing into a folder: NAME.tmpPID. */
-static void remove_temporary(const char *folder)
+/* Below another folder or AT_FDCWD, and through no link: a run may come from a stranger. */
+static DIR *open_folder(int at, const char *name, int links)
 {
-    char path[4096];
-    DIR *d = opendir(folder);
-    for (struct dirent *e; d && (e = readdir(d));) {
+    const int fd = openat(at, name, O_RDONLY | O_DIRECTORY | O_CLOEXEC | links);
+    DIR *d = fd < 0 ? NULL : fdopendir(fd);
+    if (fd >= 0 && !d)
+        close(fd);
+    return d;
+}
+
+/* What a killed process was writing into a folder: NAME.tmpPID. */
+static void remove_temporary(DIR *d)
+{
+    for (struct dirent *e; (e = readdir(d));) {
         const char *dot = strrchr(e->d_name, '.');
         long pid;
         char rest;
-        if (!dot || sscanf(dot, ".tmp%ld%c", &pid, &rest) != 1)
-            continue;
-        snprintf(path, sizeof(path), "%s/%s", folder, e->d_name);
-        unlink(path);
+        if (dot && sscanf(dot, ".tmp%ld%c", &pid, &rest) == 1)
+            unlinkat(dirfd(d), e->d_name, 0);
     }
-    if (d)
-        closedir(d);
 }
 
-/* Every point_cloud/iteration_N; with its model, or only what a killed process left in it. */
-static void clean_models(const char *run, bool all)
+/* Leftovers in every point_cloud/iteration_N, and the model itself if asked for. */
+static void clean_models(DIR *run, bool all)
 {
-    char path[4096];
-    snprintf(path, sizeof(path), "%s/point_cloud", run);
-    DIR *d = opendir(path);
-    for (struct dirent *e; d && (e = readdir(d));) {
+    DIR *models = open_folder(dirfd(run), "point_cloud", O_NOFOLLOW);
+    for (struct dirent *e; models && (e = readdir(models));) {
         int n;
         char rest;
-        if (sscanf(e->d_name, "iteration_%d%c", &n, &rest) != 1)
+        DIR *d = sscanf(e->d_name, "iteration_%d%c", &n, &rest) == 1 ? open_folder(dirfd(models), e->d_name, O_NOFOLLOW)
+                                                                     : NULL;
+        if (!d)
             continue;
-        snprintf(path, sizeof(path), "%s/point_cloud/iteration_%d", run, n);
-        remove_temporary(path);
-        if (all) {
-            strncat(path, "/point_cloud.ply", sizeof(path) - strlen(path) - 1);
-            unlink(path);
-            *strrchr(path, '/') = 0;
-        }
-        rmdir(path); /* where it is empty */
-    }
-    if (d)
+        remove_temporary(d);
+        if (all)
+            unlinkat(dirfd(d), "point_cloud.ply", 0);
         closedir(d);
+        unlinkat(dirfd(models), e->d_name, AT_REMOVEDIR); /* where it is empty */
+    }
+    if (models)
+        closedir(models);
 }
 
 void run_clean(const char *run)
 {
-    remove_temporary(run);
-    clean_models(run, false);
+    DIR *d = open_folder(AT_FDCWD, run, 0);
+    if (!d)
+        return;
+    remove_temporary(d);
+    clean_models(d, false);
+    closedir(d);
 }
 
 /* Leftovers of a replaced run must not be mistaken for the new one's. Only files that a run writes are touched. */
 static void remove_earlier(const char *run)
 {
     static const char *const files[] = {"summary.json", "log.jsonl", "checkpoint.bin"};
-    char path[4096];
-    remove_temporary(run);
-    for (size_t i = 0; i < sizeof(files) / sizeof(files[0]); i++) {
-        snprintf(path, sizeof(path), "%s/%s", run, files[i]);
-        unlink(path);
-    }
-    clean_models(run, true);
+    DIR *d = open_folder(AT_FDCWD, run, 0);
+    if (!d)
+        return;
+    remove_temporary(d);
+    for (size_t i = 0; i < sizeof(files) / sizeof(files[0]); i++)
+        unlinkat(dirfd(d), files[i], 0);
+    clean_models(d, true);
+    closedir(d);
 }
 
 int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene *scene, const struct sg_model *initial,
@@ -297,18 +311,9 @@ int run_save_checkpoint(sg_ctx *ctx, const char *run, sg_trainer *trainer)
 int run_read_config(const char *run, struct train_config *c, json_t **keep)
 {
     char *path = run_path(run, "config.json");
-    json_error_t error;
-    json_t *root = path ? run_read_json(path, &error) : NULL;
-    int code = 0;
+    json_t *root = path ? run_read_json(path, "config.json of a run") : NULL;
     *keep = root;
-    if (!root) {
-        say(stderr,
-            error.line > 0 ? "splatguard: %s: %s, line %d; expected the config.json of a run\n"
-                           : "splatguard: %s: %s; expected the config.json of a run\n",
-            path ? path : run, path ? error.text : "out of memory", error.line);
-        code = 2;
-    } else if (options_from_json(&command_train, c, json_object_get(root, "options"), path))
-        code = 2;
+    const int code = !root || options_from_json(&command_train, c, json_object_get(root, "options"), path) ? 2 : 0;
     free(path);
     return code;
 }

@@ -17,8 +17,10 @@ int run_write_json(const char *path, const json_t *value);
 
 /* A run may come from a stranger. To read: only a file, and of at most so many bytes; NULL with errno. */
 FILE *run_open(const char *path, uint64_t most);
-/* NULL with error->text. */
-json_t *run_read_json(const char *path, json_error_t *error);
+/* NULL after saying what was expected there, "the config.json of a run". */
+json_t *run_read_json(const char *path, const char *what);
+/* An absolute path, or null where JSON cannot hold it: then who resumes names the scene. */
+json_t *run_place_json(const char *folder);
 
 /* The folder holds files that are not hidden. */
 bool run_has_other_files(const char *folder);

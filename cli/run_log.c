@@ -4,47 +4,47 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <stdlib.h>
-#include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include "core/file.h"
 #include "run_folder.h"
 
+#define LOG_BYTES (UINT64_C(1) << 32)
 #define LINE_BYTES 65536 /* ours have a few hundred */
 
-/* The next line, or an empty one in the place of one that is too long: a log may come from a stranger. */
-static char *next_line(FILE *in, char *line)
+/* The bytes of the next line, or as many as there is room for; -1 at the end. A log may come from a stranger. */
+static long next_line(FILE *in, char *line)
 {
-    if (!fgets(line, LINE_BYTES, in))
-        return NULL;
-    if (!strchr(line, '\n') && !feof(in)) {
-        for (int c = 0; c != '\n' && c != EOF;)
-            c = fgetc(in);
-        *line = 0;
+    long n = 0;
+    int c;
+    while ((c = getc_unlocked(in)) != EOF) {
+        if (n < LINE_BYTES)
+            line[n++] = (char) c;
+        if (c == '\n')
+            return n;
     }
-    return line;
+    return n ? n : -1;
 }
 
 /* Lines to keep go to kept, if there is one. */
-static int each_line(FILE *in, run_log_take take, void *arg, FILE *kept)
+static int each_line(FILE *in, const char *path, run_log_take take, void *arg, FILE *kept)
 {
     char *line = malloc(LINE_BYTES);
-    while (line && next_line(in, line)) {
-        json_t *value = json_loads(line, 0, NULL);
+    for (long n; line && (n = next_line(in, line)) >= 0;) {
+        json_t *value = json_loadb(line, (size_t) n, 0, NULL);
         if (value && take(arg, value) && kept)
-            fputs(line, kept); /* errors surface at the end */
+            fwrite(line, 1, (size_t) n, kept); /* errors surface at the end */
         json_decref(value);
     }
-    const int code = line ? 0 : 4;
     free(line);
-    return code;
+    return !line ? 4 : ferror(in) ? run_cannot("read", path) : 0;
 }
 
 /* *in is NULL where there is no log. */
 static int open_log(const char *path, FILE **in)
 {
-    *in = run_open(path, UINT64_MAX);
+    *in = run_open(path, LOG_BYTES);
     return *in || errno == ENOENT ? 0 : run_cannot("read", path);
 }
 
@@ -53,7 +53,7 @@ int run_log_read(const char *path, run_log_take take, void *arg)
     FILE *in;
     int code = open_log(path, &in);
     if (in) {
-        code = each_line(in, take, arg, NULL);
+        code = each_line(in, path, take, arg, NULL);
         fclose(in);
     }
     return code;
@@ -68,9 +68,12 @@ static int trim(const char *path, run_log_take take, void *arg)
     if (!in)
         return code;
     FILE *out = asprintf(&temporary, "%s.tmp%ld", path, (long) getpid()) > 0 ? sg_temporary_open(temporary) : NULL;
-    code = out ? each_line(in, take, arg, out) : run_cannot("write", path);
+    code = out ? each_line(in, path, take, arg, out) : run_cannot("write", path);
     fclose(in);
-    if (out && !sg_temporary_finish(out, temporary, path)) {
+    if (out && code) {
+        fclose(out);
+        unlink(temporary);
+    } else if (out && !sg_temporary_finish(out, temporary, path)) {
         code = run_cannot("write", path);
         unlink(temporary);
     }

@@ -78,7 +78,8 @@ int report(const sg_ctx *ctx, int error)
     say(stderr, "splatguard: %s\n", text[0] ? text : "internal error");
     if (error == SG_ERR_BUDGET && memory.whole)
         say(stderr,
-            "the limit is --max-memory, %llu bytes, less %llu for the process itself: add these to what is expected\n",
+            "the limit is --max-memory, %llu bytes, less %llu for the process itself; add the latter to the number "
+            "expected\n",
             (unsigned long long) memory.whole, (unsigned long long) memory.outside);
     return exit_code(error);
 }
@@ -139,7 +140,7 @@ void warn_small_photos(const struct sg_scene *scene)
     for (size_t i = 0; i < scene->n_train; i++)
         small += scene->train[i].camera.width < 100 || scene->train[i].camera.height < 100;
     if (2 * small > scene->n_train)
-        say(stderr, "warning: audit: photos of less than 100 pixels a side are too small to be told apart well\n");
+        say(stderr, "warning: audit: photos with fewer than 100 pixels on a side are too small to be judged well\n");
 }
 
 char *find_model(const char *path, int iteration)

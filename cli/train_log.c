@@ -63,6 +63,18 @@ int train_log_open(struct train_run *r)
     return r->log_path ? run_log_open(r->log_path, r->config->resume ? take : NULL, r, &r->log) : 4;
 }
 
+/* What cannot be logged once is not tried again: the training goes on. */
+static int write_line(struct train_run *r, json_t *line)
+{
+    if (r->log_lost) {
+        json_decref(line);
+        return 0;
+    }
+    const int code = run_log_line(r->log, r->log_path, line);
+    r->log_lost = code != 0;
+    return code;
+}
+
 int train_log_step(struct train_run *r)
 {
     const struct sg_train_step *s = &r->step;
@@ -87,24 +99,22 @@ int train_log_step(struct train_run *r)
         json_object_set_new(line, "filter_removed", json_integer((json_int_t) t->filter_removed));
         json_object_set_new(line, "defense_seconds", train_log_parts(r));
     }
-    return run_log_line(r->log, r->log_path, line);
+    return write_line(r, line);
 }
 
 int train_log_filter(struct train_run *r)
 {
     const struct sg_defense_step *d = &r->step.defense;
-    return run_log_line(r->log, r->log_path,
-                        json_pack("{s:i,s:o,s:I,s:I,s:o,s:[o,o,o],s:I}", "filter", r->step.iteration, "rho",
-                                  number_json(d->rho), "scored", (json_int_t) d->scored, "removed",
-                                  (json_int_t) d->removed, "unseen_share",
-                                  number_json(d->scored ? (double) d->unseen / (double) d->scored : 0),
-                                  "log_score_percentiles", number_json(d->score[0]), number_json(d->score[1]),
-                                  number_json(d->score[2]), "gaussians", (json_int_t) r->step.gaussians));
+    return write_line(r, json_pack("{s:i,s:o,s:I,s:I,s:o,s:[o,o,o],s:I}", "filter", r->step.iteration, "rho",
+                                   number_json(d->rho), "scored", (json_int_t) d->scored, "removed",
+                                   (json_int_t) d->removed, "unseen_share",
+                                   number_json(d->scored ? (double) d->unseen / (double) d->scored : 0),
+                                   "log_score_percentiles", number_json(d->score[0]), number_json(d->score[1]),
+                                   number_json(d->score[2]), "gaussians", (json_int_t) r->step.gaussians));
 }
 
 int train_log_eval(struct train_run *r)
 {
-    return run_log_line(r->log, r->log_path,
-                        json_pack("{s:i,s:o,s:o}", "iteration", r->evaluated, "test_psnr", number_json(r->eval.psnr),
-                                  "test_ssim", number_json(r->eval.ssim)));
+    return write_line(r, json_pack("{s:i,s:o,s:o}", "iteration", r->evaluated, "test_psnr", number_json(r->eval.psnr),
+                                   "test_ssim", number_json(r->eval.ssim)));
 }

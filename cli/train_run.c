@@ -46,9 +46,8 @@ static int measure(struct train_run *r, int time_fps)
 static int save(struct train_run *r)
 {
     /* The log's line at a checkpoint carries the totals that a resumed run goes on from. */
-    int code = train_log_step(r);
-    if (!code)
-        code = run_save_model(r->ctx, r->config->output, r->trainer);
+    const int logged = train_log_step(r);
+    int code = run_save_model(r->ctx, r->config->output, r->trainer);
     if (code)
         return code;
     code = run_save_checkpoint(r->ctx, r->config->output, r->trainer);
@@ -57,9 +56,9 @@ static int save(struct train_run *r)
     if (code == exit_code(SG_ERR_BUDGET)) {
         say(stderr,
             "the model is saved, its checkpoint is not: --resume goes on from an earlier one, if there is one\n");
-        return 0; /* the model is what was asked for */
+        code = 0; /* the model is what was asked for */
     }
-    return code;
+    return code ? code : logged;
 }
 
 #define STARVING 10 /* removals */
@@ -91,13 +90,18 @@ static bool due(const struct train_run *r, int every)
     return every && sg_due(r->before, r->step.iteration, every);
 }
 
+/* A file that cannot be written, now, is no reason to lose a training. */
+static void endure(struct train_run *r, int code)
+{
+    r->trouble = r->trouble ? r->trouble : code;
+}
+
 /* Everything that is due after an iteration; the end has its own. */
-static int after_step(struct train_run *r)
+static void after_step(struct train_run *r)
 {
     const struct sg_train_step *s = &r->step;
     const struct train_config *c = r->config;
     const bool last = s->iteration == c->train.iterations;
-    int code = 0;
     progress_step(&r->progress, s);
     if (s->gaussians > r->totals.max_gaussians)
         r->totals.max_gaussians = s->gaussians;
@@ -106,22 +110,20 @@ static int after_step(struct train_run *r)
     r->cloned += s->cloned, r->split += s->split, r->pruned += s->pruned;
     if (s->defense.filtered) {
         r->totals.filter_events++, r->totals.filter_removed += s->defense.removed;
-        code = train_log_filter(r);
+        endure(r, train_log_filter(r));
     }
     watch_filter(r);
-    if (!code && (due(r, c->log_every) || last || s->iteration == 1))
-        code = train_log_step(r);
-    if (!code && due(r, c->save_every) && !last)
-        code = save(r);
-    if (!code && c->eval && due(r, c->eval_every) && !last)
-        code = measure(r, 0);
-    return code;
+    if (due(r, c->log_every) || last || s->iteration == 1)
+        endure(r, train_log_step(r));
+    if (due(r, c->save_every) && !last)
+        endure(r, save(r));
+    if (c->eval && due(r, c->eval_every) && !last)
+        endure(r, measure(r, 0));
 }
 
 static int loop(struct train_run *r)
 {
-    int code = 0;
-    while (!code && sg_trainer_iteration(r->trainer) < r->config->train.iterations && !interrupted()) {
+    while (sg_trainer_iteration(r->trainer) < r->config->train.iterations && !interrupted()) {
         const double start = sg_seconds(), cpu = cpu_now();
         r->before = sg_trainer_iteration(r->trainer);
         const int error = sg_trainer_step(r->trainer, &r->step);
@@ -130,7 +132,7 @@ static int loop(struct train_run *r)
         if (error) {
             /* The model so far is worth keeping; the checkpoint stays, for this iteration is half done. */
             progress_break(&r->progress);
-            code = report(r->ctx, error);
+            int code = report(r->ctx, error);
             const int done = sg_trainer_iteration(r->trainer);
             const size_t gaussians = sg_trainer_gaussians(r->trainer); /* it may have grown before it failed */
             if (gaussians > r->totals.max_gaussians)
@@ -144,9 +146,9 @@ static int loop(struct train_run *r)
                 code = 2;
             return code;
         }
-        code = after_step(r);
+        after_step(r);
     }
-    return code;
+    return 0;
 }
 
 /* Ends the run: what there is, is saved, interrupted or not. */
@@ -163,7 +165,7 @@ static int finish(struct train_run *r)
     struct sg_train_limits limits;
     sg_trainer_limits(r->trainer, &limits);
     if (!code && limits.time_bound)
-        say(stderr, "time was short: %llu of %d iterations were done, on a schedule for as many\n",
+        say(stderr, "time was short: %llu of %d iterations were done, on the schedule of all\n",
             (unsigned long long) limits.steps, sg_trainer_iteration(r->trainer));
     if (!code && cut) {
         say(stderr, "interrupted at iteration %d; saved\n", sg_trainer_iteration(r->trainer));
@@ -232,8 +234,10 @@ int train_whole(struct train_run *r)
 {
     r->first_gaussians = sg_trainer_gaussians(r->trainer);
     r->window_from = sg_trainer_iteration(r->trainer);
-    const int code = loop(r);
-    if (code && !r->error && r->saved)
+    int code = loop(r);
+    if (!code && !r->error)
+        code = finish(r);
+    if (code == 2 && !r->error && r->saved)
         say(stderr, "the model of iteration %d is saved in %s\n", r->saved, r->config->output);
-    return code || r->error ? code : finish(r);
+    return code ? code : r->trouble;
 }

@@ -30,6 +30,8 @@ struct train_run {
     struct sg_train_step step;           /* newest */
     int before;                          /* iteration before it */
     int error;                           /* that ended it, or SG_OK */
+    int trouble;                         /* exit code of the first file that could not be written */
+    bool log_lost;                       /* log.jsonl is one of them */
     int logged;                          /* iteration of the newest line */
     uint64_t cloned, split, pruned;      /* since then */
     size_t first_gaussians;              /* at the beginning of the process */

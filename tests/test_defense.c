@@ -334,10 +334,13 @@ static void test_same_bytes(void **state)
     char path[] = "/tmp/sg_checkpoint_XXXXXX";
     close(mkstemp(path));
     struct fixture one = make_fixture(1), three = make_fixture(3);
-    struct sg_model *a = train(&one, &p, 40, path, NULL, NULL);
-    train_same(&three, &p, NULL, a);
-    train_same(&three, &p, path, a);
-    sg_model_destroy(one.ctx, &a);
+    for (int late = 0; late < 2; late++) { /* saved right after a removal, and between a growth and its removal */
+        p.defense.interval = late ? 15 : 5, p.defense.from = late ? 12 : -1;
+        struct sg_model *a = train(&one, &p, 40, path, NULL, NULL);
+        train_same(&three, &p, NULL, a);
+        train_same(&three, &p, path, a);
+        sg_model_destroy(one.ctx, &a);
+    }
     unlink(path);
     clear_fixture(&one);
     clear_fixture(&three);

@@ -60,9 +60,8 @@ static int score_view(sg_ctx *ctx, const struct sg_view *v, const uint8_t *rende
     if (v->mask)
         share = used_share(v->mask, render, pixels, photo);
     const int code = sg_ssim_u8(ctx, render, photo, w, h, &score->ssim);
-    score->psnr = fmin(sg_psnr_u8(render, photo, w, h) + 10 * log10(share), EQUAL_PSNR);
-    if (!(share > 0))
-        score->psnr = score->ssim = NAN;
+    score->psnr = share > 0 ? fmin(sg_psnr_u8(render, photo, w, h) + 10 * log10(share), EQUAL_PSNR) : NAN;
+    score->ssim = share > 0 ? score->ssim : NAN;
     return code;
 }
 
@@ -98,12 +97,11 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
         measured++;
         out->psnr += score->psnr, out->ssim += score->ssim;
     }
-    out->psnr /= measured, out->ssim /= measured;
     if (!(measured > 0)) {
-        code = sg_fail(ctx, SG_ERR_INPUT,
-                       "evaluation: found %zu views without a used pixel, expected one that has some", n);
+        code = sg_fail(ctx, SG_ERR_INPUT, "evaluation: found no view with a used pixel, expected at least one");
         goto done;
     }
+    out->psnr /= measured, out->ssim /= measured;
     if (time_fps)
         code = time_frames(ctx, r, views, n, rgb, out);
 done:

@@ -156,9 +156,10 @@ int sg_regularise(sg_ctx *ctx, struct sg_regulariser *r, const struct sg_regular
             return SG_ERR_BUDGET;
         out->total_variation = sg_tv_loss(ctx, planes, width, height, p->tv, p->total_variation, gradient, r->rows);
     }
-    for (size_t i = 0, n = (size_t) width * (size_t) height; p->mask && i < n; i++)
+    const size_t pixels = p->mask ? (size_t) width * (size_t) height : 0;
+    for (size_t i = 0; i < pixels; i++)
         if (!p->mask[i])
-            gradient[i] = gradient[n + i] = gradient[2 * n + i] = 0;
+            gradient[i] = gradient[pixels + i] = gradient[2 * pixels + i] = 0;
     out->anisotropy_seconds = between - start, out->total_variation_seconds = sg_seconds() - between;
     return SG_OK;
 }

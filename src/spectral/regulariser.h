@@ -31,8 +31,8 @@ struct sg_regulariser {
     size_t cap_rows;
 };
 
-/* Adds the weighted gradients to `gradient`, which is 0 where the mask is. Both: 3 planes. Same bytes for any number of threads. Errors:
- * SG_ERR_BUDGET. */
+/* Adds the weighted gradients to `gradient`, which is 0 where the mask is. Both: 3 planes. Same bytes for any number of
+ * threads. Errors: SG_ERR_BUDGET. */
 int sg_regularise(sg_ctx *ctx, struct sg_regulariser *r, const struct sg_regulariser_params *params,
                   const float *planes, int width, int height, float *gradient, struct sg_regulariser_value *out);
 void sg_regulariser_clear(sg_ctx *ctx, struct sg_regulariser *r);

@@ -29,7 +29,7 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
                    uint64_t leaving, bool sums, struct sg_budget *out)
 {
     *out = (struct sg_budget){.gaussians = p->max_gaussians, .instances = p->max_instances};
-    const uint64_t limit = sg_mem_limit(ctx);
+    const uint64_t limit = sg_mem_limit(ctx), held = sg_mem_current(ctx, SG_MEM_TAGS);
     if (!limit)
         return SG_OK;
     const uint64_t threads = (uint64_t) sg_ctx_threads(ctx);
@@ -40,7 +40,7 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
      * twice. */
     const uint64_t each =
         (sums ? 5 : 4) * parameters + 4 * sizeof(float) + VIEW_BYTES + PLAN_BYTES + LISTED * LIST_BYTES;
-    const uint64_t fixed = sg_mem_current(ctx, SG_MEM_TAGS) - leaving + view + FIXED_BYTES;
+    const uint64_t fixed = (held > leaving ? held - leaving : 0) + view + FIXED_BYTES;
     if (limit < fixed + LEAST * each)
         return sg_fail(ctx, SG_ERR_BUDGET,
                        "%s: memory: found a limit of %llu bytes, expected at least %llu: photos and tables are %llu, "

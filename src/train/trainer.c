@@ -154,12 +154,19 @@ static int thinned_copy(sg_ctx *ctx, const struct sg_model *m, uint64_t limit, s
     return SG_OK;
 }
 
+/* What the process itself takes, and so what is left of --max-memory, is a little more or less each time. */
+#define UNCERTAIN 0.03
+
 /* A model that a checkpoint brings, where the limits have become tighter. */
 static int thin_out(sg_trainer *t)
 {
     const size_t n = t->backend->ops->count(t->backend), limit = t->budget.gaussians;
     if (!limit || n <= limit)
         return SG_OK;
+    if (t->budget.by_memory && (double) n <= (1 + UNCERTAIN) * (double) limit) {
+        t->budget.gaussians = n;
+        return SG_OK;
+    }
     uint8_t *keep = sg_alloc(t->ctx, SG_MEM_MISC, n, 1);
     if (!keep)
         return SG_ERR_BUDGET;
@@ -168,7 +175,8 @@ static int thin_out(sg_trainer *t)
     const int code =
         t->backend->ops->edit(t->backend, &(struct sg_edit){.keep = keep, .kept = limit, .statistics = true});
     sg_free(t->ctx, keep);
-    say_thinned(t->ctx, n, limit);
+    sg_log(t->ctx, SG_LOG_WARN,
+           "the checkpoint's %zu Gaussians are more than fit now: training goes on with %zu of them", n, limit);
     t->gaussians_bound = true;
     return code;
 }
@@ -193,9 +201,9 @@ static int begin(sg_trainer *t, const struct sg_model *initial)
     return code;
 }
 
-static uint64_t bytes_of(const struct sg_model *m)
+static uint64_t bytes_held(const struct sg_model *m)
 {
-    return m ? m->capacity * (uint64_t) sg_param_count(m->sh_degree) * sizeof(float) : 0;
+    return m ? sg_held(m) + sg_held(m->params) : 0;
 }
 
 int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_trainer_start *start,
@@ -225,8 +233,8 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
                    : start->initial  ? start->initial->sh_degree
                                      : t->params.sh_degree;
     t->params.sh_degree = t->params.sh_degree < t->sh_degree ? t->params.sh_degree : t->sh_degree;
-    if ((code =
-             sg_budget_plan(ctx, scene, &t->params, t->sh_degree, bytes_of(start->initial), start->sums, &t->budget)) ||
+    if ((code = sg_budget_plan(ctx, scene, &t->params, t->sh_degree, bytes_held(start->initial), start->sums,
+                               &t->budget)) ||
         (code = sg_backend_create(ctx, t->params.backend ? t->params.backend : "cpu", t->params.cpu, &t->backend)) ||
         (code = start->checkpoint ? sg_checkpoint_read(t, &saved) : begin(t, start->initial)) || (code = thin_out(t)))
         goto fail;

@@ -22,7 +22,7 @@ struct sg_trainer {
     double gap;      /* between the beginnings of the newest two steps; 0 = not known */
     bool steps_here; /* step_begun is known */
     double growth;   /* share of the Gaussians that grow at a densification, of late */
-    int growths;     /* densifications since the filter's newest removal */
+    int growths;     /* densifications in the filter's window since its newest removal */
     struct sg_budget budget;
     bool gaussians_bound, time_bound;
     int adam_steps[SG_GROUPS];

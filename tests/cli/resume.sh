@@ -76,9 +76,13 @@ small_scene
 expect 0 train scene/blender -o run $short --init-points 400 --save-every 60 --defense spectral --rho -1
 touch run/checkpoint.bin.tmp999 run/point_cloud/iteration_60/point_cloud.ply.tmp999
 head -c 300000 /dev/zero | tr '\0' x >>run/log.jsonl
+printf '\na\0b\n{"iteration":1,"kept":true}\n' >>run/log.jsonl
+mkdir elsewhere && touch elsewhere/thesis.tmp1 && ln -s ../../elsewhere run/point_cloud/iteration_7
 expect 0 train --resume run --iterations 130 -q --rho -1 --preset auto --filter-frequency 0
 find run -name '*.tmp*' | grep -q . && fail "leftovers: $(find run -name '*.tmp*')"
 [ "$(grep -cv '^{.*}$' run/log.jsonl)" = 0 ] || fail "the log has other lines"
+grep -q '"kept":true' run/log.jsonl || fail "a good line is lost"
+[ -e elsewhere/thesis.tmp1 ] || fail "a link leads out of the run's folder"
 rm run/checkpoint.bin
 expect 2 train --resume run
 says 'found no checkpoint'
