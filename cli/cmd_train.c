@@ -149,8 +149,7 @@ static const struct train_config defaults = {
 };
 
 /* RUN's own options. The command line may say where the scene is now, ask for more iterations, and change what does not
- * touch the result; anything else that differs is refused; what is left to the preset
- * does not differ. */
+ * touch the result; anything else that differs is refused. What is left to the preset does not differ. */
 static int adopt_run(struct train_config *c, const bool *given, const char *argument, json_t **keep)
 {
     struct train_config now = *c;
@@ -180,11 +179,7 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
     c->eval_every = options_given(t, given, T(eval_every)) ? now.eval_every : c->eval_every;
     c->log_every = options_given(t, given, T(log_every)) ? now.log_every : c->log_every;
     now.source = c->source;
-    /* What was left to the preset has been settled. */
-    struct sg_defense_params *d = &now.train.defense;
-    d->rho = d->rho == PRESET_RHO ? c->train.defense.rho : d->rho;
-    d->lambda = d->lambda == PRESET_LAMBDA ? c->train.defense.lambda : d->lambda;
-    d->frequency = d->frequency == PRESET_FREQUENCY ? c->train.defense.frequency : d->frequency;
+    train_settle_defense(&now, &c->train.defense);
     return options_conflict(t, given, &now, c);
 }
 

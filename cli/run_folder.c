@@ -237,28 +237,24 @@ static void clean_models(DIR *run, bool all)
         closedir(models);
 }
 
-void run_clean(const char *run)
-{
-    DIR *d = open_folder(AT_FDCWD, run, 0);
-    if (!d)
-        return;
-    remove_temporary(d);
-    clean_models(d, false);
-    closedir(d);
-}
-
-/* Leftovers of a replaced run must not be mistaken for the new one's. Only files that a run writes are touched. */
-static void remove_earlier(const char *run)
+/* Leftovers, and the earlier run itself if asked for, which must not be mistaken for the new one. Only files that a run
+ * writes are touched. */
+static void clean(const char *run, bool all)
 {
     static const char *const files[] = {"summary.json", "log.jsonl", "checkpoint.bin"};
     DIR *d = open_folder(AT_FDCWD, run, 0);
     if (!d)
         return;
     remove_temporary(d);
-    for (size_t i = 0; i < sizeof(files) / sizeof(files[0]); i++)
+    for (size_t i = 0; all && i < sizeof(files) / sizeof(files[0]); i++)
         unlinkat(dirfd(d), files[i], 0);
-    clean_models(d, true);
+    clean_models(d, all);
     closedir(d);
+}
+
+void run_clean(const char *run)
+{
+    clean(run, false);
 }
 
 int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene *scene, const struct sg_model *initial,
@@ -267,7 +263,7 @@ int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene 
     char *cameras = run_path(c->output, "cameras.json");
     int error = cameras ? sg_dir_create(ctx, c->output) : SG_ERR_INTERNAL;
     if (!error) {
-        remove_earlier(c->output);
+        clean(c->output, true);
         error = sg_cameras_write_json(ctx, scene, cameras);
     }
     int code = error ? report(ctx, error) : 0;

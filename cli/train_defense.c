@@ -5,8 +5,7 @@
 
 #include "train_run.h"
 
-/* What the preset decides, where the options do not; as config.json keeps it. */
-static void settle_defense(struct train_config *c, const struct sg_defense_params *preset)
+void train_settle_defense(struct train_config *c, const struct sg_defense_params *preset)
 {
     struct sg_defense_params *d = &c->train.defense;
     d->on = c->defense;
@@ -67,7 +66,7 @@ int train_check(const struct train_run *r, const bool *given)
         return 1;
     }
     const struct sg_defense_params preset = published(c.preset);
-    settle_defense(&c, &preset);
+    train_settle_defense(&c, &preset);
     const int error = sg_train_check(r->ctx, &c.train);
     if (error) /* which names a value as its option is named */
         say(stderr, "splatguard train: --%s\n", sg_last_error(r->ctx));
@@ -124,6 +123,6 @@ int train_decide(struct train_run *r)
         preset.frequency = sg_defense_frequency(r->scene->extent);
     if (c->audit != AUDIT_OFF || (c->defense && c->preset == DEFENSE_AUTO))
         code = audit(r, &preset);
-    settle_defense(c, &preset);
+    train_settle_defense(c, &preset);
     return code;
 }

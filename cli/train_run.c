@@ -188,6 +188,7 @@ static int restore(struct train_run *r, const char *variant)
         return 2;
     }
     run_clean(r->config->output);
+    r->config->train.seconds_before = sg_seconds() - r->begun; /* reading photos */
     const int error = sg_trainer_resume(r->ctx, r->scene, path, &r->config->train, &r->trainer);
     free(path);
     if (error)
@@ -222,7 +223,6 @@ static int create(struct train_run *r)
 int train_start(struct train_run *r, const char *variant)
 {
     r->config->train.max_seconds = r->config->max_time;
-    r->config->train.seconds_before = sg_seconds() - r->begun;
     const int code = r->config->resume ? restore(r, variant) : create(r);
     if (code)
         return code;

@@ -50,6 +50,9 @@ struct train_run {
  */
 int train_check(const struct train_run *r, const bool *given);
 
+/* What the preset decides where the options do not, as config.json keeps it. */
+void train_settle_defense(struct train_config *c, const struct sg_defense_params *preset);
+
 /* The defense that follows from the options and the photos. A resumed run has decided whether there is one. */
 int train_decide(struct train_run *r);
 

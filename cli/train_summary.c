@@ -48,17 +48,15 @@ static json_t *stages(const sg_trainer *trainer)
 }
 
 /* The limits of the run and those that it met. */
-static json_t *budget(const struct train_run *r)
+static json_t *budget(const struct train_run *r, const struct sg_train_limits *l)
 {
-    struct sg_train_limits l;
-    sg_trainer_limits(r->trainer, &l);
     json_t *binding = json_array();
     const bool out_of_memory = r->error == SG_ERR_BUDGET;
-    if (l.gaussians_bound || out_of_memory)
-        json_array_append_new(binding, json_string(l.by_memory || out_of_memory ? "memory" : "gaussians"));
-    if (l.time_bound)
+    if (l->gaussians_bound || out_of_memory)
+        json_array_append_new(binding, json_string(l->by_memory || out_of_memory ? "memory" : "gaussians"));
+    if (l->time_bound)
         json_array_append_new(binding, json_string("time"));
-    return json_pack("{s:I,s:I,s:o,s:o}", "max_gaussians", (json_int_t) l.max_gaussians, "max_memory",
+    return json_pack("{s:I,s:I,s:o,s:o}", "max_gaussians", (json_int_t) l->max_gaussians, "max_memory",
                      (json_int_t) r->config->max_memory, "max_time", number_json(r->config->max_time), "binding",
                      binding);
 }
@@ -87,7 +85,7 @@ int train_summary_write(struct train_run *r)
                                  (json_int_t) t->filter_removed, "seconds", train_log_parts(r)));
     if (r->audit)
         PUT("audit", json_pack("{s:s,s:o}", "verdict", r->audit, "score", number_json(r->audit_score)));
-    PUT("budget", budget(r));
+    PUT("budget", budget(r, &limits));
     PUT("train_seconds", number_json(t->seconds));
     PUT("cpu_seconds", number_json(t->cpu_seconds));
     PUT("iterations_per_second", number_json(t->seconds > 0 ? (double) limits.steps / t->seconds : 0));

@@ -68,8 +68,9 @@ struct sg_attack_step {
 typedef struct sg_attack sg_attack;
 
 /* Poisons are made for all training views of the scene: load it with eval = false. proxy: a model trained on the scene,
- * which is copied; where the context has a limit on memory the caller destroys it before the first step. Renders are on black, whatever the scene's background. params may be NULL. Errors: SG_ERR_USAGE for
- * values out of range, SG_ERR_INPUT where the proxy does not fit the scene, SG_ERR_BUDGET. */
+ * which is copied; where the context has a limit on memory the caller destroys it before the first step. Renders are on
+ * black, whatever the scene's background. params may be NULL. Errors: SG_ERR_USAGE for values out of range,
+ * SG_ERR_INPUT where the proxy does not fit the scene, SG_ERR_BUDGET. */
 int sg_attack_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *proxy,
                      const struct sg_attack_params *params, sg_attack **out);
 /* From a file of sg_attack_save, with the same scene and params: goes on to the very bytes of an uninterrupted one. */
@@ -88,7 +89,8 @@ int sg_attack_poison(sg_attack *attack, size_t view, uint8_t *rgb);
 /* A copy of the decoy; the caller owns *out. */
 int sg_attack_decoy(sg_attack *attack, struct sg_model **out);
 
-/* The whole state, whole between two steps of the decoy: at iterations divisible by update_interval, else SG_ERR_USAGE. */
+/* The whole state, whole between two steps of the decoy: at iterations divisible by update_interval, else SG_ERR_USAGE.
+ */
 int sg_attack_save(sg_attack *attack, const char *path);
 
 /* Attacks that look at each photo alone, for comparison: what they add does not agree between views.

@@ -25,9 +25,9 @@ static double evidence(const struct sg_audit_features *f)
 #define RAGGED 0.25
 
 /* Of a photo, and of a set by its median photo. */
-static double score_of(const struct sg_audit_features *f, double evidence)
+static double score_of(double ragged, double evidence)
 {
-    return f->ragged > RAGGED ? 1 : logistic(evidence);
+    return ragged > RAGGED ? 1 : logistic(evidence);
 }
 
 #define SUSPICIOUS 0.6 /* score */
@@ -83,8 +83,8 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
         scratch[i] = evidence(&a->images[i].features);
     const double middle = median(scratch, a->count), quiet = MEDIAN(features.osc_quiet);
     const bool alike = range < 0.45 && quiet > 0.2; /* where nothing oscillates, all photos are alike */
-    const struct sg_audit_features median_photo = {.ragged = MEDIAN(features.ragged)};
-    a->score = score_of(&median_photo, middle + (alike ? fmin(3 * (0.45 - range), 1) : 0));
+    const double ragged = MEDIAN(features.ragged);
+    a->score = score_of(ragged, middle + (alike ? fmin(3 * (0.45 - range), 1) : 0));
     a->verdict = verdict_of(a->score);
     /* A few poisoned photos among clean ones are an attack too. */
     if (a->verdict == SG_AUDIT_CLEAN && a->verdicts[SG_AUDIT_POISONED] &&
@@ -97,10 +97,10 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
     if (a->verdict == SG_AUDIT_CLEAN)
         goto done;
     REASON(poisoned && 2 * poisoned < a->count, "%zu of the %zu photos look poisoned", poisoned, a->count);
-    REASON(median_photo.ragged > RAGGED,
+    REASON(ragged > RAGGED,
            "%.0f %% of the pixels that masks leave in lie at their border: such masks outline nothing, and can hide "
            "anything",
-           100 * median_photo.ragged);
+           100 * ragged);
     REASON(quiet > 1.3,
            "quiet parts of the photos oscillate by %.1f grey levels a pixel; those of clean ones by less than 1.3",
            quiet);
@@ -149,7 +149,7 @@ static void audit_view(void *arg, size_t i, int thread)
     struct sg_audit_image *image = &j->audit->images[i];
     image->name = v->name;
     j->codes[i] = sg_audit_measure(j->ctx, v->rgb, v->mask, v->camera.width, v->camera.height, &image->features, NULL);
-    image->score = score_of(&image->features, evidence(&image->features));
+    image->score = score_of(image->features.ragged, evidence(&image->features));
     image->verdict = verdict_of(image->score);
 }
 

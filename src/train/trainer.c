@@ -108,11 +108,17 @@ static void say_thinned(sg_ctx *ctx, size_t n, size_t limit)
     sg_log(ctx, SG_LOG_WARN, "%zu initial Gaussians are more than fit: training starts from %zu of them", n, limit);
 }
 
+/* How many Gaussians a run begins with that is given none. */
+static size_t initial_count(const struct sg_scene *scene, const struct sg_train_params *p)
+{
+    return scene->n_points ? scene->n_points : p->init_points;
+}
+
 /* Of at most `limit` Gaussians, 0 = any number: thinned out before they cost more than their points. */
 static int initial_model(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *p, uint64_t limit,
                          struct sg_model **out)
 {
-    const size_t n = scene->n_points ? scene->n_points : p->init_points;
+    const size_t n = initial_count(scene, p);
     if (limit && n > limit)
         say_thinned(ctx, n, limit);
     if (!scene->n_points)
@@ -185,7 +191,7 @@ static int begin(sg_trainer *t, const struct sg_model *initial)
 {
     const uint64_t limit = t->budget.gaussians;
     struct sg_model *made = NULL;
-    const size_t n = initial ? initial->count : t->scene->n_points ? t->scene->n_points : t->params.init_points;
+    const size_t n = initial ? initial->count : initial_count(t->scene, &t->params);
     int code = SG_OK;
     t->gaussians_bound = limit && n > limit;
     if (!initial)
