@@ -5,6 +5,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "begin.h"
 #include "checkpoint.h"
 #include "core/clock.h"
 #include "defense/filter.h"
@@ -13,78 +14,6 @@
 #include "renderer.h"
 #include "schedule.h"
 
-struct range {
-    const char *name;
-    double value, low, high;
-};
-
-static int check_ranges(sg_ctx *ctx, const struct range *r, size_t n)
-{
-    for (size_t i = 0; i < n; i++)
-        if (!(r[i].value >= r[i].low && r[i].value <= r[i].high))
-            return sg_fail(ctx, SG_ERR_USAGE, "%s: found %g, expected %g to %g", r[i].name, r[i].value, r[i].low,
-                           r[i].high);
-    return SG_OK;
-}
-
-static int check_defense(sg_ctx *ctx, const struct sg_defense_params *d)
-{
-    const struct sg_spectrum_params *band = &d->spectrum.band;
-    const struct range ranges[] = {
-        {"rho", d->rho, -0.9, 0.5},
-        {"filter-frequency", d->frequency, 1e-9, 1e9},
-        {"filter-exponent", d->exponent, 0, 100},
-        {"filter-views", d->views, 1, 1e7},
-        {"filter-interval", d->interval, 1, 1e7},
-        {"filter-from", d->from, -1, 1e9},
-        {"filter-until", d->until, -1, 1e9},
-        {"lambda", d->lambda, 0, 1e6},
-        {"anisotropy-scale", d->anisotropy_scale, 0, 1e6},
-        {"tv-scale", d->tv_scale, 0, 1e6},
-        {"band-low", band->low, 0, 1},
-        {"band-high", band->high, band->low, 1},
-        {"bins", band->bins, 2, SG_SPECTRUM_BINS_MAX},
-    };
-    const int code = check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
-    if (!code && band->bins % 2)
-        return sg_fail(ctx, SG_ERR_USAGE, "bins: found %d, expected an even number from 2 to %d", band->bins,
-                       SG_SPECTRUM_BINS_MAX);
-    return code;
-}
-
-int sg_train_check(sg_ctx *ctx, const struct sg_train_params *p)
-{
-    sg_clear_error(ctx);
-    const struct range ranges[] = {
-        {"iterations", p->iterations, 1, 1e7},
-        {"sh-degree", p->sh_degree, 0, 3},
-        {"sh-interval", p->sh_interval, 1, 1e7},
-        {"lambda-dssim", (double) p->lambda_dssim, 0, 1},
-        {"position-lr-init", (double) p->position_lr_init, 1e-12, 1e3},
-        {"position-lr-final", (double) p->position_lr_final, 1e-12, 1e3},
-        {"position-lr-max-steps", p->position_lr_max_steps, 1, 1e9},
-        {"feature-lr", (double) p->feature_lr, 0, 1e3},
-        {"opacity-lr", (double) p->opacity_lr, 0, 1e3},
-        {"scaling-lr", (double) p->scaling_lr, 0, 1e3},
-        {"rotation-lr", (double) p->rotation_lr, 0, 1e3},
-        {"percent-dense", (double) p->percent_dense, 0, 1e3},
-        {"densification-interval", p->densification_interval, 1, 1e7},
-        {"densify-from-iter", p->densify_from_iter, 0, 1e9},
-        {"densify-until-iter", p->densify_until_iter, 0, 1e9},
-        {"densify-grad-threshold", (double) p->densify_grad_threshold, 0, 1e9},
-        {"opacity-reset-interval", p->opacity_reset_interval, 1, 1e9},
-        {"init-points", (double) p->init_points, 4, 1e8},
-        {"max-instances", (double) p->max_instances, 1, 4e9},
-        {"max-time", p->max_seconds, 0, 1e9},
-        {"seconds before", p->seconds_before, 0, 1e9},
-    };
-    const int code = check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
-    if (!code && p->max_gaussians && p->max_gaussians < 4)
-        return sg_fail(ctx, SG_ERR_USAGE, "max-gaussians: found %llu, expected 0 (no limit) or at least 4",
-                       (unsigned long long) p->max_gaussians);
-    return code ? code : check_defense(ctx, &p->defense);
-}
-
 static int check_scene(sg_ctx *ctx, const struct sg_train_params *p, const struct sg_scene *scene)
 {
     int code = sg_train_check(ctx, p);
@@ -92,119 +21,17 @@ static int check_scene(sg_ctx *ctx, const struct sg_train_params *p, const struc
         return code;
     if (!scene->n_train)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found no training view, expected at least one", scene->path);
-    for (size_t i = 0; p->defense.shares && i < scene->n_train && !code; i++)
-        code = check_ranges(ctx, &(struct range){"share of a view", (double) p->defense.shares[i], 0, 1e3}, 1);
-    return code;
-}
-
-/* The k-th of `limit` items taken evenly out of n. */
-static size_t evenly(size_t n, size_t k, size_t limit)
-{
-    return (size_t) ((uint64_t) n * k / limit);
-}
-
-static void say_thinned(sg_ctx *ctx, size_t n, size_t limit)
-{
-    sg_log(ctx, SG_LOG_WARN, "%zu initial Gaussians are more than fit: training starts from %zu of them", n, limit);
-}
-
-/* How many Gaussians a run begins with that is given none. */
-static size_t initial_count(const struct sg_scene *scene, const struct sg_train_params *p)
-{
-    return scene->n_points ? scene->n_points : p->init_points;
-}
-
-/* Of at most `limit` Gaussians, 0 = any number: thinned out before they cost more than their points. */
-static int initial_model(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *p, uint64_t limit,
-                         struct sg_model **out)
-{
-    const size_t n = initial_count(scene, p);
-    if (limit && n > limit)
-        say_thinned(ctx, n, limit);
-    if (!scene->n_points)
-        return sg_model_init_random(ctx, limit && n > limit ? limit : n, p->seed, p->sh_degree, out);
-    if (!limit || n <= limit)
-        return sg_model_init_points(ctx, scene->points, scene->point_colors, n, p->sh_degree, out);
-    float *points = sg_alloc_raw(ctx, SG_MEM_MISC, limit, 3 * sizeof(*points));
-    uint8_t *colors = sg_alloc_raw(ctx, SG_MEM_MISC, limit, 3);
-    int code = points && colors ? SG_OK : SG_ERR_BUDGET;
-    for (size_t k = 0; k < limit && !code; k++) {
-        memcpy(points + 3 * k, scene->points + 3 * evenly(n, k, limit), 3 * sizeof(*points));
-        memcpy(colors + 3 * k, scene->point_colors + 3 * evenly(n, k, limit), 3);
-    }
-    if (!code)
-        code = sg_model_init_points(ctx, points, colors, limit, p->sh_degree, out);
-    sg_free(ctx, points);
-    sg_free(ctx, colors);
-    return code;
+    for (size_t i = 0; p->defense.shares && i < scene->n_train; i++)
+        if (!(p->defense.shares[i] >= 0 && p->defense.shares[i] <= 1e3f))
+            return sg_fail(ctx, SG_ERR_USAGE, "share of a view: found %g, expected 0 to 1000",
+                           (double) p->defense.shares[i]);
+    return SG_OK;
 }
 
 static double system_clock(void *unused)
 {
     (void) unused;
     return sg_seconds();
-}
-
-/* As many of a model as fit, evenly. */
-static int thinned_copy(sg_ctx *ctx, const struct sg_model *m, uint64_t limit, struct sg_model **out)
-{
-    const int planes = sg_param_count(m->sh_degree);
-    const int code = sg_model_create(ctx, limit, m->sh_degree, out);
-    if (code)
-        return code;
-    say_thinned(ctx, m->count, limit);
-    (*out)->active_sh_degree = m->active_sh_degree;
-    for (size_t k = 0; k < limit; k++)
-        for (int p = 0; p < planes; p++)
-            *sg_model_at(*out, k, p) = *sg_model_at(m, evenly(m->count, k, limit), p);
-    return SG_OK;
-}
-
-/* What the process itself takes, and so what is left of --max-memory, is a little more or less each time. */
-#define UNCERTAIN 0.03
-
-/* A model that a checkpoint brings, where the limits have become tighter. */
-static int thin_out(sg_trainer *t)
-{
-    const size_t n = t->backend->ops->count(t->backend), limit = t->budget.gaussians;
-    if (!limit || n <= limit)
-        return SG_OK;
-    if (t->budget.by_memory && (double) n <= (1 + UNCERTAIN) * (double) limit) {
-        t->budget.gaussians = n;
-        return SG_OK;
-    }
-    uint8_t *keep = sg_alloc(t->ctx, SG_MEM_MISC, n, 1);
-    if (!keep)
-        return SG_ERR_BUDGET;
-    for (size_t k = 0; k < limit; k++)
-        keep[evenly(n, k, limit)] = 1;
-    const int code =
-        t->backend->ops->edit(t->backend, &(struct sg_edit){.keep = keep, .kept = limit, .statistics = true});
-    sg_free(t->ctx, keep);
-    sg_log(t->ctx, SG_LOG_WARN,
-           "the checkpoint's %zu Gaussians are more than fit now: training goes on with %zu of them", n, limit);
-    t->gaussians_bound = true;
-    return code;
-}
-
-static int begin(sg_trainer *t, const struct sg_model *initial)
-{
-    const uint64_t limit = t->budget.gaussians;
-    struct sg_model *made = NULL;
-    const size_t n = initial ? initial->count : initial_count(t->scene, &t->params);
-    int code = SG_OK;
-    t->gaussians_bound = limit && n > limit;
-    if (!initial)
-        code = initial_model(t->ctx, t->scene, &t->params, limit, &made);
-    else if (t->gaussians_bound)
-        code = thinned_copy(t->ctx, initial, limit, &made);
-    if (!code) {
-        t->start_degree = (made ? made : initial)->active_sh_degree;
-        code = made ? t->backend->ops->adopt(t->backend, made, &(struct sg_optimiser){0})
-                    : t->backend->ops->upload(t->backend, initial, NULL);
-    }
-    sg_model_destroy(t->ctx, &made);
-    return code;
 }
 
 static uint64_t bytes_held(const struct sg_model *m)
@@ -242,7 +69,8 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
     if ((code = sg_budget_plan(ctx, scene, &t->params, t->sh_degree, bytes_held(start->initial), start->sums,
                                &t->budget)) ||
         (code = sg_backend_create(ctx, t->params.backend ? t->params.backend : "cpu", t->params.cpu, &t->backend)) ||
-        (code = start->checkpoint ? sg_checkpoint_read(t, &saved) : begin(t, start->initial)) || (code = thin_out(t)))
+        (code = start->checkpoint ? sg_checkpoint_read(t, &saved) : sg_begin(t, start->initial)) ||
+        (code = sg_thin_out(t)))
         goto fail;
     t->order = sg_alloc(ctx, SG_MEM_MISC, scene->n_train, sizeof(*t->order));
     if (!t->order) {

@@ -1,0 +1,108 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The Gaussians that a run begins with, thinned out evenly where there are more than its limits allow. */
+#include "begin.h"
+
+#include <string.h>
+
+/* The k-th of `limit` items taken evenly out of n. */
+static size_t evenly(size_t n, size_t k, size_t limit)
+{
+    return (size_t) ((uint64_t) n * k / limit);
+}
+
+static void say_thinned(sg_ctx *ctx, size_t n, size_t limit)
+{
+    sg_log(ctx, SG_LOG_WARN, "%zu initial Gaussians are more than fit: training starts from %zu of them", n, limit);
+}
+
+/* How many Gaussians a run begins with that is given none. */
+static size_t initial_count(const struct sg_scene *scene, const struct sg_train_params *p)
+{
+    return scene->n_points ? scene->n_points : p->init_points;
+}
+
+/* Of at most `limit` Gaussians, 0 = any number: thinned out before they cost more than their points. */
+static int initial_model(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *p, uint64_t limit,
+                         struct sg_model **out)
+{
+    const size_t n = initial_count(scene, p);
+    if (limit && n > limit)
+        say_thinned(ctx, n, limit);
+    if (!scene->n_points)
+        return sg_model_init_random(ctx, limit && n > limit ? limit : n, p->seed, p->sh_degree, out);
+    if (!limit || n <= limit)
+        return sg_model_init_points(ctx, scene->points, scene->point_colors, n, p->sh_degree, out);
+    float *points = sg_alloc_raw(ctx, SG_MEM_MISC, limit, 3 * sizeof(*points));
+    uint8_t *colors = sg_alloc_raw(ctx, SG_MEM_MISC, limit, 3);
+    int code = points && colors ? SG_OK : SG_ERR_BUDGET;
+    for (size_t k = 0; k < limit && !code; k++) {
+        memcpy(points + 3 * k, scene->points + 3 * evenly(n, k, limit), 3 * sizeof(*points));
+        memcpy(colors + 3 * k, scene->point_colors + 3 * evenly(n, k, limit), 3);
+    }
+    if (!code)
+        code = sg_model_init_points(ctx, points, colors, limit, p->sh_degree, out);
+    sg_free(ctx, points);
+    sg_free(ctx, colors);
+    return code;
+}
+
+/* As many of a model as fit, evenly. */
+static int thinned_copy(sg_ctx *ctx, const struct sg_model *m, uint64_t limit, struct sg_model **out)
+{
+    const int planes = sg_param_count(m->sh_degree);
+    const int code = sg_model_create(ctx, limit, m->sh_degree, out);
+    if (code)
+        return code;
+    say_thinned(ctx, m->count, limit);
+    (*out)->active_sh_degree = m->active_sh_degree;
+    for (size_t k = 0; k < limit; k++)
+        for (int p = 0; p < planes; p++)
+            *sg_model_at(*out, k, p) = *sg_model_at(m, evenly(m->count, k, limit), p);
+    return SG_OK;
+}
+
+/* What the process itself takes, and so what is left of --max-memory, is a little more or less each time. */
+#define UNCERTAIN 0.03
+
+int sg_thin_out(sg_trainer *t)
+{
+    const size_t n = t->backend->ops->count(t->backend), limit = t->budget.gaussians;
+    if (!limit || n <= limit)
+        return SG_OK;
+    if (t->budget.by_memory && (double) n <= (1 + UNCERTAIN) * (double) limit) {
+        t->budget.gaussians = n;
+        return SG_OK;
+    }
+    uint8_t *keep = sg_alloc(t->ctx, SG_MEM_MISC, n, 1);
+    if (!keep)
+        return SG_ERR_BUDGET;
+    for (size_t k = 0; k < limit; k++)
+        keep[evenly(n, k, limit)] = 1;
+    const int code =
+        t->backend->ops->edit(t->backend, &(struct sg_edit){.keep = keep, .kept = limit, .statistics = true});
+    sg_free(t->ctx, keep);
+    sg_log(t->ctx, SG_LOG_WARN,
+           "the checkpoint's %zu Gaussians are more than fit now: training goes on with %zu of them", n, limit);
+    t->gaussians_bound = true;
+    return code;
+}
+
+int sg_begin(sg_trainer *t, const struct sg_model *initial)
+{
+    const uint64_t limit = t->budget.gaussians;
+    struct sg_model *made = NULL;
+    const size_t n = initial ? initial->count : initial_count(t->scene, &t->params);
+    int code = SG_OK;
+    t->gaussians_bound = limit && n > limit;
+    if (!initial)
+        code = initial_model(t->ctx, t->scene, &t->params, limit, &made);
+    else if (t->gaussians_bound)
+        code = thinned_copy(t->ctx, initial, limit, &made);
+    if (!code) {
+        t->start_degree = (made ? made : initial)->active_sh_degree;
+        code = made ? t->backend->ops->adopt(t->backend, made, &(struct sg_optimiser){0})
+                    : t->backend->ops->upload(t->backend, initial, NULL);
+    }
+    sg_model_destroy(t->ctx, &made);
+    return code;
+}
