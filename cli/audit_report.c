@@ -204,8 +204,9 @@ int audit_report(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_audi
             code = put_view(ctx, f, &scene->train[order[i]], &a->images[order[i]]);
     if (!code)
         put_table(f, a, order);
-    if (f && (ferror(f) | fclose(f)) && !code)
-        code = SG_ERR_BUDGET;
+    bool lost = f && ferror(f);
+    lost |= f && fclose(f);
+    code = code || !lost ? code : SG_ERR_BUDGET;
     code = code ? report(ctx, code) : run_write_file(path, page, size);
     free(page);
     free(order);

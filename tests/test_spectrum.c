@@ -6,6 +6,7 @@
 
 #include "models.h"
 #include "spectral/regulariser.h"
+#include "spectral/total_variation.h"
 
 static uint8_t *image_of(int w, int h, double (*value)(int x, int y))
 {
@@ -428,7 +429,7 @@ static void test_regulariser(void **state)
     for (int i = 0; i < 3 * 400; i++)
         x[i] = draw(5, (uint64_t) i, 0, 1);
     for (int round = 0; round < 2; round++)
-        for (int side = 8; side < 8 + SG_REGULARISER_SIZES + 2; side++) {
+        for (int side = 8; side < 8 + SG_PLANS + 2; side++) {
             const int n = 3 * side * 20;
             struct sg_regulariser_value v;
             struct sg_anisotropy *a;

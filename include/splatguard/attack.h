@@ -27,8 +27,9 @@ struct sg_attack_params {
     float spectral_weight; /* against a spectral defense: the ascent also lowers the image's anisotropy loss (band
                               and directions of SG_SPECTRUM_DEFAULTS). The weight of its gradient, scaled to a mean
                               of 1, next to that of the total variation, whose terms are 1 a neighbour. Default 0. */
-    float scale_floor;     /* against a filter of thin Gaussians: the decoy's smallest scale, scene units, so that the
-                              poison is one that fat Gaussians can show. 0 = none. Default 0. */
+    float scale_floor;     /* against a filter of thin Gaussians: the decoy's smallest scale, scene units, set again at
+                              each densification and at the end, so that the poison is one that fat Gaussians can show.
+                              0 = none. Default 0. */
     int update_interval;   /* views whose gradients are summed for one step of the decoy. 1..1000. Default 1. */
     bool move_positions;   /* the decoy's positions learn at 1.6e-4 x extent. Default false: frozen. */
     float lambda_dssim;    /* Default 0.2. */
@@ -40,9 +41,9 @@ struct sg_attack_params {
     int densification_interval;   /* Default 100. */
     float densify_grad_threshold; /* Default 0.0002. */
     uint64_t seed;                /* Default 42. */
-    uint64_t max_gaussians;       /* of the decoy; 0 = no limit. Default 0. */
+    uint64_t max_gaussians;       /* of the decoy; 0 = no limit, else at least 4. Default 0. */
     uint64_t max_instances;       /* see sg_render_params. Default 1 << 24. */
-    const char *backend;          /* "cpu" or "ref". Default "cpu". */
+    const char *backend;          /* "cpu" or "ref"; NULL = "cpu". Default "cpu". */
     const char *cpu;              /* CPU variant; NULL = best. Default NULL. */
 };
 
@@ -64,13 +65,16 @@ struct sg_attack_step {
     uint64_t inner_bytes;        /* moved by it, counted once a step: image read and written, photo read */
 };
 
+/* Whether the values are within their ranges, which the struct gives: SG_ERR_USAGE. params: not NULL. */
+int sg_attack_check(sg_ctx *ctx, const struct sg_attack_params *params);
+
 /* Thread safety: unsafe. The scene must outlive the attack and is not changed. */
 typedef struct sg_attack sg_attack;
 
 /* Poisons are made for all training views of the scene: load it with eval = false. proxy: a model trained on the scene,
  * which is copied; where the context has a limit on memory the caller destroys it before the first step. Renders are on
  * black, whatever the scene's background. params may be NULL. Errors: SG_ERR_USAGE for values out of range,
- * SG_ERR_INPUT where the proxy does not fit the scene, SG_ERR_BUDGET. */
+ * SG_ERR_INPUT where the scene has no training views, SG_ERR_BUDGET. */
 int sg_attack_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *proxy,
                      const struct sg_attack_params *params, sg_attack **out);
 /* From a file of sg_attack_save, with the same scene and params: goes on to the very bytes of an uninterrupted one. */
@@ -89,14 +93,14 @@ int sg_attack_poison(sg_attack *attack, size_t view, uint8_t *rgb);
 /* A copy of the decoy; the caller owns *out. */
 int sg_attack_decoy(sg_attack *attack, struct sg_model **out);
 
-/* The whole state, whole between two steps of the decoy: at iterations divisible by update_interval, else SG_ERR_USAGE.
- */
+/* The whole state, whole between two steps of the decoy: at the last iteration and those divisible by update_interval,
+ * else SG_ERR_USAGE. */
 int sg_attack_save(sg_attack *attack, const char *path);
 
 /* Attacks that look at each photo alone, for comparison: what they add does not agree between views.
  * SG_NAIVE_NOISE: the photo plus normal noise of unit variance cut off at epsilon, that is nearly +-epsilon everywhere.
- * SG_NAIVE_TV: `inner` ascent steps from the photo. rgb: height x width x 3. Needs a finite epsilon, else SG_ERR_USAGE.
- */
+ * SG_NAIVE_TV: `inner` ascent steps from the photo. rgb: height x width x 3. Needs a finite epsilon, and values in
+ * range as sg_attack_check has them, else SG_ERR_USAGE. */
 enum sg_naive_attack { SG_NAIVE_NOISE, SG_NAIVE_TV };
 int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, const struct sg_attack_params *params,
                     enum sg_naive_attack method, uint8_t *rgb);

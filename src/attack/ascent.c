@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "backend/cpu/dispatch.h"
+
 #define ROWS 16 /* a piece of work */
 #define ISO_FLOOR 1e-12f
 
@@ -44,6 +46,16 @@ void sg_tv_gradient_row(const float *plane, int width, int height, int y, enum s
     if (form == SG_TV_ANISO)
         for (int i = 0; i < width; i++)
             out[i] += (i > 0 ? sign(row[i] - row[i - 1]) : 0) - sign(right(row, width, i));
+}
+
+int sg_ascent_kernels(sg_ctx *ctx, const struct sg_attack_params *p, const struct cpu_kernels **out)
+{
+    *out = NULL;
+    if (!p->backend || !strcmp(p->backend, "cpu"))
+        return sg_cpu_select(ctx, p->cpu, out);
+    if (!strcmp(p->backend, "ref"))
+        return SG_OK;
+    return sg_fail(ctx, SG_ERR_USAGE, "backend: found \"%s\", expected cpu or ref", p->backend);
 }
 
 struct job {

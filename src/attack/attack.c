@@ -5,12 +5,12 @@
 #include "splatguard/attack.h"
 
 #include <math.h>
-#include <string.h>
 
 #include "ascent.h"
-#include "backend/cpu/dispatch.h"
 #include "core/clock.h"
+#include "core/ranges.h"
 #include "math/constants.h"
+#include "spectral/plans.h"
 #include "splatguard/eval.h"
 #include "train/densify.h"
 #include "train/trainer.h"
@@ -20,21 +20,18 @@
 struct sg_attack {
     sg_ctx *ctx;
     struct sg_attack_params params;
-    sg_trainer *trainer;            /* the decoy with its optimiser: only its state is used, not its schedule */
-    float *image, *photo, *scratch; /* 3 planes each of the largest view */
-    double *rows;                   /* 3 sums a row of the highest */
-    float *extra;                   /* 3 planes more with a spectral term */
-    struct sg_anisotropy *spectral; /* for the size of the newest view */
-    int spectral_width, spectral_height;
+    sg_trainer *trainer;               /* the decoy with its optimiser: only its state is used, not its schedule */
+    float *image, *photo, *scratch;    /* 3 planes each of the largest view */
+    double *rows;                      /* 3 sums a row of the highest */
+    float *extra;                      /* 3 planes more with a spectral term */
+    struct sg_plans plans;             /* of the spectral term */
     const struct cpu_kernels *kernels; /* NULL with the oracle */
 };
 
-static int check_params(sg_ctx *ctx, const struct sg_attack_params *p)
+int sg_attack_check(sg_ctx *ctx, const struct sg_attack_params *p)
 {
-    const struct {
-        const char *name;
-        double value, low, high;
-    } ranges[] = {
+    sg_clear_error(ctx);
+    const struct sg_range ranges[] = {
         {"epsilon", (double) p->epsilon, 0, INFINITY},
         {"iterations", p->iterations, 1, 1e7},
         {"inner", p->inner, 0, 1000},
@@ -51,12 +48,10 @@ static int check_params(sg_ctx *ctx, const struct sg_attack_params *p)
         {"spectral-weight", (double) p->spectral_weight, 0, 1e6},
         {"scale-floor", (double) p->scale_floor, 0, 1e6},
         {"tv", p->tv, SG_TV_VERTICAL2, SG_TV_ISO},
+        {"max-instances", (double) p->max_instances, 1, 4e9},
     };
-    for (size_t i = 0; i < sizeof(ranges) / sizeof(ranges[0]); i++)
-        if (!(ranges[i].value >= ranges[i].low && ranges[i].value <= ranges[i].high))
-            return sg_fail(ctx, SG_ERR_USAGE, "%s: found %g, expected %g to %g", ranges[i].name, ranges[i].value,
-                           ranges[i].low, ranges[i].high);
-    return SG_OK;
+    const int code = sg_check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
+    return code ? code : sg_check_max_gaussians(ctx, p->max_gaussians);
 }
 
 static int allocate(sg_attack *a, const struct sg_scene *scene)
@@ -82,10 +77,9 @@ static int allocate(sg_attack *a, const struct sg_scene *scene)
 static int open_attack(sg_ctx *ctx, const struct sg_scene *scene, struct sg_trainer_start start,
                        const struct sg_attack_params *params, sg_attack **out)
 {
-    sg_clear_error(ctx);
     *out = NULL;
     const struct sg_attack_params p = params ? *params : *sg_attack_params();
-    int code = check_params(ctx, &p);
+    int code = sg_attack_check(ctx, &p);
     if (code)
         return code;
     if (!scene->n_train)
@@ -103,8 +97,8 @@ static int open_attack(sg_ctx *ctx, const struct sg_scene *scene, struct sg_trai
                                                .lambda_dssim = p.lambda_dssim, .max_gaussians = p.max_gaussians,
                                                .max_instances = p.max_instances, .backend = p.backend, .cpu = p.cpu),
                                &a->trainer);
-    if (!code && strcmp(p.backend, "ref"))
-        code = sg_cpu_select(ctx, p.cpu, &a->kernels);
+    if (!code)
+        code = sg_ascent_kernels(ctx, &p, &a->kernels);
     if (code) {
         sg_attack_destroy(&a);
         return code;
@@ -137,13 +131,13 @@ void sg_attack_destroy(sg_attack **attack)
     sg_free(ctx, a->scratch);
     sg_free(ctx, a->rows);
     sg_free(ctx, a->extra);
-    sg_anisotropy_destroy(&a->spectral);
+    sg_plans_clear(&a->plans);
     sg_free(ctx, a);
     *attack = NULL;
 }
 
 /* The decoy's render of a view into a->image, the photo into a->photo. */
-static int render(sg_attack *a, size_t index, struct sg_render_stats *stats)
+static int render(sg_attack *a, size_t index)
 {
     const sg_trainer *t = a->trainer;
     const struct sg_view *view = &t->scene->train[index];
@@ -152,7 +146,7 @@ static int render(sg_attack *a, size_t index, struct sg_render_stats *stats)
     const struct sg_render_params params = {.max_instances = t->budget.instances}; /* black */
     int code;
     if ((code = ops->project(t->backend, &view->camera, t->start_degree, &params)) ||
-        (code = ops->rasterize(t->backend, false, stats)) || (code = ops->read_image(t->backend, a->image, NULL, NULL)))
+        (code = ops->rasterize(t->backend, false, NULL)) || (code = ops->read_image(t->backend, a->image, NULL, NULL)))
         return code;
     for (size_t ch = 0; ch < 3; ch++)
         for (size_t i = 0; i < n; i++)
@@ -165,17 +159,18 @@ static int ascend(sg_attack *a, int width, int height)
 {
     const struct sg_attack_params *p = &a->params;
     sg_ctx *ctx = a->trainer->ctx;
-    if (p->spectral_weight > 0 && (width != a->spectral_width || height != a->spectral_height)) {
-        sg_anisotropy_destroy(&a->spectral);
-        const int code = sg_anisotropy_create(ctx, width, height, NULL, &a->spectral);
-        if (code)
-            return code;
-        a->spectral_width = width, a->spectral_height = height;
-    }
-    sg_ascend(
-        ctx,
-        &(struct ascent){p->epsilon, p->step, p->inner, p->tv, a->kernels, a->spectral, p->spectral_weight, a->extra},
-        a->photo, width, height, a->image, a->scratch);
+    struct ascent ascent = {.epsilon = p->epsilon,
+                            .step = p->step,
+                            .steps = p->inner,
+                            .form = p->tv,
+                            .kernels = a->kernels,
+                            .spectral_weight = p->spectral_weight,
+                            .extra = a->extra};
+    const int code =
+        p->spectral_weight > 0 ? sg_plans_find(ctx, &a->plans, NULL, width, height, &ascent.spectral) : SG_OK;
+    if (code)
+        return code;
+    sg_ascend(ctx, &ascent, a->photo, width, height, a->image, a->scratch);
     return SG_OK;
 }
 
@@ -206,7 +201,7 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
     const int w = view->camera.width, h = view->camera.height;
     const size_t values = 3 * (size_t) w * (size_t) h;
     struct sg_loss_value value;
-    int code = render(a, step.view, NULL);
+    int code = render(a, step.view);
     if (code)
         return code;
 
@@ -264,7 +259,7 @@ int sg_attack_poison(sg_attack *a, size_t index, uint8_t *rgb)
     sg_clear_error(t->ctx);
     if (index >= t->scene->n_train)
         return sg_fail(t->ctx, SG_ERR_USAGE, "poison: found view %zu, expected one of %zu", index, t->scene->n_train);
-    const int code = render(a, index, NULL);
+    const int code = render(a, index);
     if (code)
         return code;
     const struct sg_camera *c = &t->scene->train[index].camera;

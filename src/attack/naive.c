@@ -3,7 +3,6 @@
 #include <math.h>
 
 #include "ascent.h"
-#include "backend/cpu/dispatch.h"
 #include "core/rng.h"
 #include "splatguard/eval.h"
 
@@ -23,13 +22,14 @@ int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, con
     const struct sg_attack_params p = params ? *params : *sg_attack_params();
     const int w = view->camera.width, h = view->camera.height;
     const size_t n = (size_t) w * (size_t) h;
-    sg_clear_error(ctx);
+    int code = sg_attack_check(ctx, &p);
+    if (code)
+        return code;
     if (!(p.epsilon >= 0 && p.epsilon <= 1))
         return sg_fail(ctx, SG_ERR_USAGE, "epsilon: found %g, expected 0 to 255 grey levels for this method",
                        255 * (double) p.epsilon);
     const struct cpu_kernels *kernels;
-    int code = sg_cpu_select(ctx, p.cpu, &kernels);
-    if (code)
+    if ((code = sg_ascent_kernels(ctx, &p, &kernels)))
         return code;
     float *photo = sg_alloc_raw(ctx, SG_MEM_FRAME, 12 * n, sizeof(float));
     if (!photo)
@@ -42,7 +42,13 @@ int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, con
             photo[ch * n + i] = v;
             x[ch * n + i] = within(0, v + within(-p.epsilon, noise, p.epsilon), 1);
         }
-    struct ascent a = {p.epsilon, p.step, p.inner, p.tv, kernels, NULL, p.spectral_weight, photo + 9 * n};
+    struct ascent a = {.epsilon = p.epsilon,
+                       .step = p.step,
+                       .steps = p.inner,
+                       .form = p.tv,
+                       .kernels = kernels,
+                       .spectral_weight = p.spectral_weight,
+                       .extra = photo + 9 * n};
     if (method == SG_NAIVE_TV && p.spectral_weight > 0)
         code = sg_anisotropy_create(ctx, w, h, NULL, &a.spectral);
     if (method == SG_NAIVE_TV && !code)

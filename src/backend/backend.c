@@ -6,7 +6,7 @@
 int sg_backend_create(sg_ctx *ctx, const char *name, const char *cpu, struct sg_backend **out)
 {
     *out = NULL;
-    if (!strcmp(name, "cpu"))
+    if (!name || !strcmp(name, "cpu"))
         return sg_backend_create_cpu(ctx, cpu, out);
     if (!strcmp(name, "ref"))
         return sg_backend_create_ref(ctx, out);

@@ -126,7 +126,7 @@ struct sg_backend_ops {
     int (*reset_opacity)(struct sg_backend *, float limit);
 };
 
-/* name: "cpu" or "ref"; cpu: variant or NULL. Unknown or unsupported: SG_ERR_USAGE. */
+/* name: "cpu" or "ref", NULL = cpu; cpu: variant or NULL. Unknown or unsupported: SG_ERR_USAGE. */
 int sg_backend_create(sg_ctx *ctx, const char *name, const char *cpu, struct sg_backend **out);
 void sg_backend_destroy(struct sg_backend **backend);
 

@@ -224,11 +224,6 @@ int sg_reserve(sg_ctx *ctx, enum sg_mem_tag tag, uint64_t bytes, void **room)
     return *room ? SG_OK : SG_ERR_BUDGET;
 }
 
-uint64_t sg_held(const void *memory)
-{
-    return ((const struct header *) ((const char *) memory - ALIGN))->bytes;
-}
-
 void sg_free(sg_ctx *ctx, void *memory)
 {
     if (!memory)

@@ -29,7 +29,6 @@ int sg_grow(sg_ctx *ctx, enum sg_mem_tag tag, void *array, size_t *capacity, siz
  * itself. Nothing where there is no limit. */
 int sg_reserve(sg_ctx *ctx, enum sg_mem_tag tag, uint64_t bytes, void **room);
 void sg_free(sg_ctx *ctx, void *memory); /* NULL-safe, thread safe */
-uint64_t sg_held(const void *memory);    /* what the ledger has it as */
 char *sg_strdup(sg_ctx *ctx, const char *text);
 __attribute__((format(printf, 2, 3))) char *sg_strf(sg_ctx *ctx, const char *format, ...);
 

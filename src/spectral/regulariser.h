@@ -3,7 +3,7 @@
 #ifndef SG_SPECTRAL_REGULARISER_H
 #define SG_SPECTRAL_REGULARISER_H
 
-#include "anisotropy.h"
+#include "plans.h"
 #include "splatguard/defense.h"
 
 struct sg_regulariser_params {
@@ -18,15 +18,9 @@ struct sg_regulariser_value {
     double anisotropy_seconds, total_variation_seconds;
 };
 
-/* Plans for the newest few image sizes; start zeroed. Thread safety: unsafe. */
-#define SG_REGULARISER_SIZES 4
+/* What is kept from call to call; start zeroed. Thread safety: unsafe. */
 struct sg_regulariser {
-    struct {
-        int width, height;
-        unsigned used;
-        struct sg_anisotropy *plan;
-    } sizes[SG_REGULARISER_SIZES];
-    unsigned clock;
+    struct sg_plans plans;
     double *rows;
     size_t cap_rows;
 };
@@ -36,10 +30,5 @@ struct sg_regulariser {
 int sg_regularise(sg_ctx *ctx, struct sg_regulariser *r, const struct sg_regulariser_params *params,
                   const float *planes, int width, int height, float *gradient, struct sg_regulariser_value *out);
 void sg_regulariser_clear(sg_ctx *ctx, struct sg_regulariser *r);
-
-/* Mean over the vertical differences plus mean over the horizontal ones of the norm of d. gradient: adds weight x its
- * own. rows: scratch, 3 x height x 2. */
-double sg_tv_loss(sg_ctx *ctx, const float *planes, int width, int height, enum sg_tv_norm norm, double weight,
-                  float *gradient, double *rows);
 
 #endif

@@ -2,26 +2,12 @@
 /* The ranges of a run's parameters. */
 #include "splatguard/train.h"
 
-#include "core/internal.h"
-
-struct range {
-    const char *name;
-    double value, low, high;
-};
-
-static int check_ranges(sg_ctx *ctx, const struct range *r, size_t n)
-{
-    for (size_t i = 0; i < n; i++)
-        if (!(r[i].value >= r[i].low && r[i].value <= r[i].high))
-            return sg_fail(ctx, SG_ERR_USAGE, "%s: found %g, expected %g to %g", r[i].name, r[i].value, r[i].low,
-                           r[i].high);
-    return SG_OK;
-}
+#include "core/ranges.h"
 
 static int check_defense(sg_ctx *ctx, const struct sg_defense_params *d)
 {
     const struct sg_spectrum_params *band = &d->spectrum.band;
-    const struct range ranges[] = {
+    const struct sg_range ranges[] = {
         {"rho", d->rho, -0.9, 0.5},
         {"filter-frequency", d->frequency, 1e-9, 1e9},
         {"filter-exponent", d->exponent, 0, 100},
@@ -36,7 +22,7 @@ static int check_defense(sg_ctx *ctx, const struct sg_defense_params *d)
         {"band-high", band->high, band->low, 1},
         {"bins", band->bins, 2, SG_SPECTRUM_BINS_MAX},
     };
-    const int code = check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
+    const int code = sg_check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
     if (!code && band->bins % 2)
         return sg_fail(ctx, SG_ERR_USAGE, "bins: found %d, expected an even number from 2 to %d", band->bins,
                        SG_SPECTRUM_BINS_MAX);
@@ -46,7 +32,7 @@ static int check_defense(sg_ctx *ctx, const struct sg_defense_params *d)
 int sg_train_check(sg_ctx *ctx, const struct sg_train_params *p)
 {
     sg_clear_error(ctx);
-    const struct range ranges[] = {
+    const struct sg_range ranges[] = {
         {"iterations", p->iterations, 1, 1e7},
         {"sh-degree", p->sh_degree, 0, 3},
         {"sh-interval", p->sh_interval, 1, 1e7},
@@ -69,9 +55,8 @@ int sg_train_check(sg_ctx *ctx, const struct sg_train_params *p)
         {"max-time", p->max_seconds, 0, 1e9},
         {"seconds before", p->seconds_before, 0, 1e9},
     };
-    const int code = check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
-    if (!code && p->max_gaussians && p->max_gaussians < 4)
-        return sg_fail(ctx, SG_ERR_USAGE, "max-gaussians: found %llu, expected 0 (no limit) or at least 4",
-                       (unsigned long long) p->max_gaussians);
+    int code = sg_check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
+    if (!code)
+        code = sg_check_max_gaussians(ctx, p->max_gaussians);
     return code ? code : check_defense(ctx, &p->defense);
 }

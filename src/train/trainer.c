@@ -36,7 +36,7 @@ static double system_clock(void *unused)
 
 static uint64_t bytes_held(const struct sg_model *m)
 {
-    return m ? sg_held(m) + sg_held(m->params) : 0;
+    return m ? (uint64_t) m->capacity * (uint64_t) sg_param_count(m->sh_degree) * sizeof(float) : 0;
 }
 
 int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_trainer_start *start,
@@ -68,7 +68,7 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
     t->params.sh_degree = t->params.sh_degree < t->sh_degree ? t->params.sh_degree : t->sh_degree;
     if ((code = sg_budget_plan(ctx, scene, &t->params, t->sh_degree, bytes_held(start->initial), start->sums,
                                &t->budget)) ||
-        (code = sg_backend_create(ctx, t->params.backend ? t->params.backend : "cpu", t->params.cpu, &t->backend)) ||
+        (code = sg_backend_create(ctx, t->params.backend, t->params.cpu, &t->backend)) ||
         (code = start->checkpoint ? sg_checkpoint_read(t, &saved) : sg_begin(t, start->initial)) ||
         (code = sg_thin_out(t)))
         goto fail;
