@@ -362,6 +362,41 @@ static void memory_limit_is_an_error(void **state)
     fail_msg("20 kB are not enough for a photo of 600 bytes");
 }
 
+/* Photos are decoded at full size: all threads at once need more than one does, which decides. */
+static void threads_share_the_limit(void **state)
+{
+    struct fixture *f = *state;
+    enum { PHOTOS = 12, SIDE = 256 };
+    char json[4096];
+    size_t n = (size_t) sprintf(json, "{\"camera_angle_x\":1,\"frames\":[");
+    for (int i = 0; i < PHOTOS; i++) {
+        char name[20];
+        sprintf(name, "%d.png", i);
+        put_png(f, name, SIDE, SIDE, 3, i);
+        n += (size_t) sprintf(json + n, "%s{\"file_path\":\"%s\",\"transform_matrix\":%s}", i ? "," : "", name,
+                              "[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]");
+    }
+    sprintf(json + n, "]}");
+    put_text(f, "transforms.json", json);
+    int code = SG_ERR_BUDGET;
+    bool estimated = false;
+    for (uint64_t limit = 3 * SIDE * SIDE; code; limit += 16384)
+        for (int threads = 1; threads <= 8; threads += 7) {
+            sg_ctx *ctx;
+            struct sg_scene *scene;
+            const struct sg_ctx_params p = {.threads = threads, .max_memory = limit};
+            assert_int_equal(sg_ctx_create(&ctx, &p), SG_OK);
+            const int found = sg_scene_load(ctx, f->dir, sg_scene_params(.downscale = 2), &scene);
+            assert_true(found == SG_OK || found == SG_ERR_BUDGET);
+            assert_true(threads == 1 || found == code);
+            code = found;
+            estimated |= strstr(sg_last_error(ctx), "11 of 12 photos fit") != NULL;
+            sg_scene_destroy(ctx, &scene);
+            sg_ctx_destroy(&ctx);
+        }
+    assert_true(estimated);
+}
+
 /* A parser's nodes are many times the text they come from. */
 static void json_counts_as_memory(void **state)
 {
@@ -389,6 +424,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         scene_test(folders),
         scene_test(parameters),
+        scene_test(threads_share_the_limit),
         scene_test(json_poses),
         scene_test(json_values),
         scene_test(json_files),

@@ -14,7 +14,8 @@ struct job {
     const struct sg_scene_params *params;
     const struct sg_shot *shots;
     struct sg_view *views;
-    atomic_int code; /* of the first failure; the others stop */
+    atomic_int code;     /* of a photo that cannot be read; the others stop */
+    atomic_bool crowded; /* there was no memory for another one at the same time */
 };
 
 /* The reference's resolution rule, in double precision and with its roundings, then the downscale. */
@@ -220,9 +221,42 @@ static void load_one(void *arg, size_t i, int thread)
     (void) thread;
     if (atomic_load(&job->code))
         return;
-    int code = load_view(job, &job->shots[i], &job->views[i]), none = 0;
+    const int code = load_view(job, &job->shots[i], &job->views[i]);
     if (code)
-        atomic_compare_exchange_strong(&job->code, &none, code);
+        sg_view_clear(job->ctx, &job->views[i]);
+    if (code == SG_ERR_BUDGET)
+        atomic_store(&job->crowded, true);
+    else if (code)
+        atomic_store(&job->code, code);
+}
+
+/* Where all threads at once were too many for the memory: one after the other. */
+static int load_rest(struct job *job, size_t n)
+{
+    sg_ctx *ctx = job->ctx;
+    size_t loaded = 0;
+    uint64_t bytes = 0;
+    sg_clear_error(ctx);
+    for (size_t i = 0; i < n; i++) {
+        const int code = job->views[i].rgb ? SG_OK : load_view(job, &job->shots[i], &job->views[i]);
+        if (code != SG_ERR_BUDGET && code)
+            return code;
+        if (code && loaded) {
+            sg_clear_error(ctx);
+            return sg_fail(ctx, code,
+                           "%s: memory: found a limit of %llu bytes, expected some %llu: %zu of %zu photos fit, each "
+                           "takes %llu",
+                           job->shots[i].path, (unsigned long long) sg_mem_limit(ctx),
+                           (unsigned long long) (sg_mem_limit(ctx) + bytes * (n - loaded) / loaded), loaded, n,
+                           (unsigned long long) (bytes / loaded));
+        }
+        if (code)
+            return code;
+        const struct sg_camera *c = &job->views[i].camera;
+        bytes += (uint64_t) c->width * (uint64_t) c->height * (job->views[i].mask ? 4 : 3);
+        loaded++;
+    }
+    return SG_OK;
 }
 
 int sg_views_load(sg_ctx *ctx, const struct sg_scene_params *params, const struct sg_shots *shots,
@@ -230,7 +264,7 @@ int sg_views_load(sg_ctx *ctx, const struct sg_scene_params *params, const struc
 {
     struct job job = {.ctx = ctx, .params = params, .shots = shots->items, .views = views};
     sg_parallel_for(ctx, shots->count, load_one, &job);
-    return atomic_load(&job.code);
+    return atomic_load(&job.crowded) ? load_rest(&job, shots->count) : atomic_load(&job.code);
 }
 
 void sg_view_clear(sg_ctx *ctx, struct sg_view *view)
