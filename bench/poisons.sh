@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # Makes what the audit is measured on: Poison-splat of each scene at epsilon 8, 16 and 24 in each form of total variation, as PNG
 # and as JPEG (quality 75, 4:2:0), in OUT/SCENE-EPSILON-FORM[-jpg]. Two attacks run at a time, with a thread each; what is
-# there is kept, so a second call goes on. Needs ImageMagick and some hours.
+# there is kept, so a second call goes on. Takes hours.
 #     bench/poisons.sh TOOL DATA OUT          DATA has the folders lego, bonsai, train and fox
 set -euo pipefail
 [ $# = 3 ] || { sed -n '3,6s/^# //p' "$0" >&2; exit 1; }
@@ -30,10 +30,7 @@ poison() {
         "$tool" train "$data/$1" -o "$set" $size $proxy -j 1 --quiet --force
     else
         "$tool" attack "$data/$1" -o "$set" $size $attack --epsilon "$2" --tv "$3" --proxy "$out/$1" --save png -j 1 --quiet --force
-        rm -rf "$set-jpg"
-        cp -r "$set" "$set-jpg" # names stay: files are told by their content
-        find "$set-jpg" -name '*.png' -exec mogrify -format jpg -quality 75 -sampling-factor 4:2:0 {} + -exec sh -c \
-            'for f; do mv "${f%.png}.jpg" "$f"; done' sh {} +
+        "$tool" attack "$set" -o "$set-jpg" --method noise --epsilon 0 --save jpg --quiet --force # the same photos
     fi
     touch "$set.done"
 }
