@@ -52,6 +52,7 @@ static int train_proxy(const struct attack_config *c, char **model)
         goto done;
     t.source = c->source;
     t.output = folder;
+    t.proxy_of = c->output;
     t.train.iterations = c->proxy_iterations;
     t.train.seed = c->attack.seed;
     t.train.max_instances = c->attack.max_instances;
@@ -188,17 +189,14 @@ int attack_whole(struct attack_run *r, const char *proxy)
         progress_begin(&r->progress, c->quiet, sg_attack_iteration(r->attack), c->attack.iterations);
         code = loop(r);
     }
+    const bool ended = !code;
     if (!code && c->keep_decoy && splat)
         code = save_decoy(r);
-    if (!code && (code = attack_write(r)) == exit_code(SG_ERR_INTERRUPTED)) {
-        const int failed = splat ? checkpoint(r) : 0;
-        if (failed)
-            code = failed;
-        else {
-            say(stderr, "interrupted while writing; saved\n");
-            say_resume("attack", c->output);
-        }
-    }
+    if (!code && (code = attack_write(r)) == exit_code(SG_ERR_INTERRUPTED))
+        say(stderr, "interrupted while writing\n");
+    /* What cannot be written must not cost the attack. */
+    if (code && ended && (!splat || !checkpoint(r)))
+        say_resume("attack", c->output);
     if (!code) {
         char *saved = run_path(c->output, "attack/checkpoint.bin");
         if (saved)

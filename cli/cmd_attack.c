@@ -30,7 +30,7 @@ static const struct option attack_options[] = {
     {"threads", 'j', OPT_INT, A(threads), 0, 256, NULL, "T", "Worker threads; 0 = one per CPU. Results are the same.",
      true},
     {"max-memory", 0, OPT_BYTES, A(max_memory), 0, 9e15, NULL, "BYTES",
-     "Refuse to allocate more, e.g. 1500M; 0 = no limit.", false},
+     "Most memory of the whole process, e.g. 1500M: limits the decoy to what fits. 0 = no limit.", false},
     {"resume", 0, OPT_FLAG, A(resume), 0, 0, NULL, NULL,
      "Continue an interrupted attack with its own options: same bytes as an uninterrupted one.", true},
     {"force", 0, OPT_FLAG, A(force), 0, 0, NULL, NULL, "Replace an earlier attack in the folder.", true},
@@ -227,6 +227,16 @@ static int refuse_earlier(const char *output)
     return code;
 }
 
+/* Its last file is there, and nothing to go on from. */
+static bool is_finished(const char *output)
+{
+    char *path = run_path(output, "poison.json"), *state = run_path(output, "attack/checkpoint.bin");
+    const bool finished = path && state && !access(path, F_OK) && access(state, F_OK);
+    free(path);
+    free(state);
+    return finished;
+}
+
 static void remove_earlier(const char *output)
 {
     static const char *const files[] = {"poison.json",      "attack/checkpoint.bin",     "attack/log.jsonl",
@@ -263,6 +273,7 @@ static int adopt(struct attack_config *c, const bool *given, const char *argumen
     if (now.output && argument)
         now.source = (char *) (uintptr_t) argument;
     c->source = now.source = now.source ? now.source : c->source;
+    c->proxy = now.proxy = now.proxy ? now.proxy : c->proxy;
     return options_conflict(&command_attack, given, &now, c);
 }
 
@@ -271,6 +282,8 @@ static int write_config(const struct attack_config *c)
     char *path = run_path(c->output, "attack/config.json");
     json_t *options = options_to_json(&command_attack, c);
     json_object_set_new(options, "source-path", run_place_json(c->source));
+    if (c->proxy)
+        json_object_set_new(options, "proxy", run_place_json(c->proxy));
     json_t *root = json_pack("{s:s,s:o}", "version", sg_version(), "options", options);
     const int code = root && path ? run_write_json(path, root) : 4;
     json_decref(root);
@@ -283,6 +296,7 @@ static int run_attack(const void *config, const bool *given, const char *const *
     struct attack_config c = *(const struct attack_config *) config;
     struct attack_run r = {.config = &c};
     json_t *keep = NULL;
+    char *proxy = NULL;
     int code = 0;
     if (c.resume)
         code = adopt(&c, given, count ? positional[0] : NULL, &keep);
@@ -297,13 +311,23 @@ static int run_attack(const void *config, const bool *given, const char *const *
         code = settle(&c);
     if (!code)
         code = check_places(&c);
+    if (!code && c.resume && is_finished(c.output)) {
+        say(stderr, "%s: the attack is finished; --force replaces it\n", c.output);
+        goto done;
+    }
     if (!code && !c.resume && !c.force)
         code = refuse_earlier(c.output);
     if (!code)
         code = open_context(&r.ctx, c.threads, c.max_memory, c.quiet);
     if (!code)
         code = attack_load(&r);
-    char *proxy = NULL;
+    if (!code) {
+        apply_preset(&c, r.scene->format);
+        const int error = sg_attack_check(r.ctx, &c.attack);
+        if (error) /* which names a value as its option is named */
+            say(stderr, "splatguard attack: --%s\n", sg_last_error(r.ctx));
+        code = exit_code(error);
+    }
     if (!code && c.method == METHOD_POISON_SPLAT && c.proxy && !(proxy = find_model(c.proxy, 0)))
         code = 2;
     /* Nothing of an earlier attack goes before this one can begin. */
@@ -317,10 +341,9 @@ static int run_attack(const void *config, const bool *given, const char *const *
             code = write_config(&c);
         }
     }
-    if (!code) {
-        apply_preset(&c, r.scene->format);
+    if (!code)
         code = attack_whole(&r, proxy);
-    }
+done:
     free(proxy);
     free(r.log_path);
     if (r.log && fclose(r.log) && !code)

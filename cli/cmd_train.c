@@ -76,7 +76,7 @@ static const struct option train_options[] = {
     {"max-memory", 0, OPT_BYTES, T(max_memory), 0, 9e15, NULL, "BYTES",
      "Most memory of the whole process, e.g. 1500M or 4G: limits Gaussians and tile lists to what fits. 0 = no limit.",
      false},
-    {"max-time", 0, OPT_TIME, T(max_time), 0, 1e9, NULL, "TIME",
+    {"max-time", 0, OPT_TIME, T(train.max_seconds), 0, 1e9, NULL, "TIME",
      "Most time until the model is trained, e.g. 90s, 10m or 2h: iterations are skipped so that the schedule still "
      "ends. "
      "0 = no limit.",

@@ -57,8 +57,6 @@ static int adopt_run(struct model_views *v, const char *run, const struct comman
         code = 2;
     if (!o->scene_path)
         o->scene_path = json_string_value(json_object_get(options, "source-path"));
-    if (!code && o->split == 0 && json_is_false(json_object_get(options, "eval")))
-        say(stderr, "warning: the run was trained without --eval: it has seen the test views\n");
 done:
     free(path);
     return code;
@@ -92,6 +90,10 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
     if (error)
         code = report(v->ctx, error);
     else {
+        /* Scenes of Blender keep their test views apart. */
+        if (o->split == 0 && v->scene->format != SG_FORMAT_BLENDER &&
+            json_is_false(json_object_get(json_object_get(v->run, "options"), "eval")))
+            say(stderr, "warning: the run was trained without --eval: it has seen the test views\n");
         v->views = o->split == 0 ? v->scene->test : v->scene->train;
         v->n = o->split == 0 ? v->scene->n_test : v->scene->n_train;
         if (!v->n) {

@@ -204,16 +204,27 @@ static DIR *open_folder(int at, const char *name, int links)
     return d;
 }
 
-/* What a killed process was writing into a folder: NAME.tmpPID. */
-static void remove_temporary(DIR *d)
+/* NAME.tmpPID for a name that runs and attacks write. */
+static bool is_temporary(const char *file)
 {
-    for (struct dirent *e; (e = readdir(d));) {
-        const char *dot = strrchr(e->d_name, '.');
+    static const char *const names[] = {"config.json",  "summary.json", "log.jsonl", "checkpoint.bin", "cfg_args",
+                                        "cameras.json", "input.ply",    "decoy.ply", "point_cloud.ply"};
+    for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); i++) {
+        const size_t n = strlen(names[i]);
         long pid;
         char rest;
-        if (dot && sscanf(dot, ".tmp%ld%c", &pid, &rest) == 1)
-            unlinkat(dirfd(d), e->d_name, 0);
+        if (!strncmp(file, names[i], n) && sscanf(file + n, ".tmp%ld%c", &pid, &rest) == 1)
+            return true;
     }
+    return false;
+}
+
+/* What a killed process was writing into a folder. */
+static void remove_temporary(DIR *d)
+{
+    for (struct dirent *e; (e = readdir(d));)
+        if (is_temporary(e->d_name))
+            unlinkat(dirfd(d), e->d_name, 0);
 }
 
 /* Leftovers in every point_cloud/iteration_N, and the model itself if asked for. */

@@ -15,12 +15,12 @@ enum audit_mode { AUDIT_OFF, AUDIT_WARN, AUDIT_REFUSE, AUDIT_DEFEND };
 
 struct train_config {
     const char *source, *output, *init;
+    const char *proxy_of; /* the folder of the attack that this run is for, or NULL */
     struct scene_options scene;
     struct sg_train_params train;
     int backend, defense, preset, audit; /* indices of choices */
     bool resume, force, quiet, eval;
     uint64_t max_memory;
-    double max_time;
     int threads, save_every, eval_every, log_every;
 };
 

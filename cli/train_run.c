@@ -93,7 +93,8 @@ static bool due(const struct train_run *r, int every)
 /* A file that cannot be written, now, is no reason to lose a training. */
 static void endure(struct train_run *r, int code)
 {
-    r->trouble = r->trouble ? r->trouble : code;
+    if (!r->trouble && code != exit_code(SG_ERR_BUDGET)) /* there may be memory for the next */
+        r->trouble = code;
 }
 
 /* Everything that is due after an iteration; the end has its own. */
@@ -170,7 +171,8 @@ static int finish(struct train_run *r)
     if (!code && cut) {
         say(stderr, "interrupted at iteration %d; saved\n", sg_trainer_iteration(r->trainer));
         if (r->resumable)
-            say_resume("train", r->config->output);
+            say_resume(r->config->proxy_of ? "attack" : "train",
+                       r->config->proxy_of ? r->config->proxy_of : r->config->output);
         code = 130;
     }
     return code;
@@ -222,7 +224,6 @@ static int create(struct train_run *r)
 
 int train_start(struct train_run *r, const char *variant)
 {
-    r->config->train.max_seconds = r->config->max_time;
     const int code = r->config->resume ? restore(r, variant) : create(r);
     if (code)
         return code;
@@ -237,7 +238,10 @@ int train_whole(struct train_run *r)
     int code = loop(r);
     if (!code && !r->error)
         code = finish(r);
-    if (code == 2 && !r->error && r->saved)
+    const bool starved = code == exit_code(SG_ERR_BUDGET);
+    if ((code == 2 || starved) && !r->error && r->saved) {
         say(stderr, "the model of iteration %d is saved in %s\n", r->saved, r->config->output);
+        code = starved ? train_summary_write(r) : code; /* a model, if not the last */
+    }
     return code ? code : r->trouble;
 }

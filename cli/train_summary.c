@@ -57,8 +57,8 @@ static json_t *budget(const struct train_run *r, const struct sg_train_limits *l
     if (l->time_bound)
         json_array_append_new(binding, json_string("time"));
     return json_pack("{s:I,s:I,s:o,s:o}", "max_gaussians", (json_int_t) l->max_gaussians, "max_memory",
-                     (json_int_t) r->config->max_memory, "max_time", number_json(r->config->max_time), "binding",
-                     binding);
+                     (json_int_t) r->config->max_memory, "max_time", number_json(r->config->train.max_seconds),
+                     "binding", binding);
 }
 
 int train_summary_write(struct train_run *r)

@@ -177,6 +177,43 @@ static void test_rig_masks(void **state)
     check(f, sg_scene_params(), SG_POISON_AUTO, SG_FORMAT_NERFSTUDIO);
 }
 
+/* The scene's own folder is refused, and so is whatever leads out of the new one. */
+static void test_places(void **state)
+{
+    struct fixture *f = *state;
+    struct sg_scene *scene;
+    const struct sg_poison_files files = {SG_POISON_PNG, 75, false};
+    char folder[600];
+    put_colmap(f, "1 PINHOLE 24 16 30 31 12.5 7.5\n");
+    assert_int_equal(sg_scene_load(f->ctx, f->dir, sg_scene_params(), &scene), SG_OK);
+    assert_int_equal(sg_poisoned_scene_begin(f->ctx, scene, &files, f->dir), SG_ERR_USAGE);
+    assert_true(sg_file_exists(at(f, "sparse/0/cameras.txt")));
+
+    snprintf(folder, sizeof(folder), "%s/out", f->dir);
+    put_text(f, "out/images/a.png", "");
+    put_text(f, "elsewhere/b.png", "kept");
+    assert_int_equal(symlink("../../elsewhere", at(f, "out/images/sub")), 0);
+    assert_int_equal(sg_poisoned_scene_begin(f->ctx, scene, &files, folder), SG_OK);
+    for (size_t i = 0; i < scene->n_train; i++)
+        assert_int_equal(
+            sg_poisoned_scene_image(f->ctx, scene, &scene->train[i], &files, folder, scene->train[i].rgb, NULL),
+            strstr(scene->train[i].file, "sub/") ? SG_ERR_INPUT : SG_OK);
+    char *text;
+    size_t size;
+    assert_int_equal(sg_file_read(f->ctx, at(f, "elsewhere/b.png"), 100, &text, &size), SG_OK);
+    assert_string_equal(text, "kept");
+    sg_free(f->ctx, text);
+    assert_int_equal(unlink(at(f, "out/images/sub")), 0);
+
+    snprintf(folder, sizeof(folder), "%s/elsewhere/sparse", f->dir);
+    assert_int_equal(rename(at(f, "out/sparse"), folder), 0);
+    snprintf(folder, sizeof(folder), "%s/out", f->dir);
+    assert_int_equal(symlink("../elsewhere/sparse", at(f, "out/sparse")), 0);
+    assert_int_equal(sg_poisoned_scene_begin(f->ctx, scene, &files, folder), SG_ERR_INPUT);
+    assert_true(sg_file_exists(at(f, "elsewhere/sparse/0/cameras.txt")));
+    sg_scene_destroy(f->ctx, &scene);
+}
+
 static void test_naive(void **state)
 {
     struct fixture *f = *state;
@@ -196,6 +233,13 @@ static void test_naive(void **state)
             at_bound += d == 8;
         }
         assert_true(at_bound > W * H); /* a third */
+        p = sg_attack_params(.epsilon = 8 / 255.0f, .inner = 20, .backend = "ref");
+        assert_int_equal(sg_attack_naive(f->ctx, &view, 3, p, (enum sg_naive_attack) method, again), SG_OK);
+        assert_memory_equal(out, again, sizeof(out));
+        p = sg_attack_params(.epsilon = 8 / 255.0f, .backend = "gpu");
+        assert_int_equal(sg_attack_naive(f->ctx, &view, 3, p, (enum sg_naive_attack) method, again), SG_ERR_USAGE);
+        p = sg_attack_params(.epsilon = 8 / 255.0f, .inner = -1);
+        assert_int_equal(sg_attack_naive(f->ctx, &view, 3, p, (enum sg_naive_attack) method, again), SG_ERR_USAGE);
         assert_int_equal(sg_attack_naive(f->ctx, &view, 3, sg_attack_params(.epsilon = INFINITY),
                                          (enum sg_naive_attack) method, out),
                          SG_ERR_USAGE);
@@ -210,6 +254,6 @@ int main(void)
     const struct CMUnitTest tests[] = {scene_test(test_blender),     scene_test(test_colmap),
                                        scene_test(test_colmap_jpeg), scene_test(test_distorted),
                                        scene_test(test_nerfstudio),  scene_test(test_rig_masks),
-                                       scene_test(test_naive)};
+                                       scene_test(test_places),      scene_test(test_naive)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -20,8 +20,24 @@
 #define COPY_BYTES (UINT64_C(1) << 36) /* COLMAP's points can be large; mostly it has been read before */
 #define CLOUD "points.ply"
 
+/* FOLDER/NAME. SG_ERR_INPUT where a part of the name is a link: nothing is removed or written through one. */
+static int place(sg_ctx *ctx, const char *folder, const char *name, char **out)
+{
+    char *path = *out = sg_strf(ctx, "%s/%s", folder, name);
+    int code = path ? SG_OK : SG_ERR_BUDGET;
+    for (char *slash = path ? strchr(path + strlen(folder) + 1, '/') : NULL; slash && !code;
+         slash = strchr(slash + 1, '/')) {
+        struct stat st;
+        *slash = 0;
+        if (!lstat(path, &st) && S_ISLNK(st.st_mode))
+            code = sg_fail(ctx, SG_ERR_INPUT, "%s: found a link, expected a folder of the poisoned scene's own", path);
+        *slash = '/';
+    }
+    return code;
+}
+
 /* The folder that a file goes to. */
-static int make_place(sg_ctx *ctx, char *path)
+static int make_folder(sg_ctx *ctx, char *path)
 {
     char *slash = strrchr(path, '/');
     *slash = 0;
@@ -43,13 +59,13 @@ static bool may_follow(sg_ctx *ctx, const struct sg_scene *scene, const char *na
 static int copy(sg_ctx *ctx, const struct sg_scene *scene, const char *to, const char *name)
 {
     struct stat st;
-    char *source = sg_strf(ctx, "%s/%s", scene->path, name), *target = sg_strf(ctx, "%s/%s", to, name), *data = NULL;
+    char *source = sg_strf(ctx, "%s/%s", scene->path, name), *target = NULL, *data = NULL;
     size_t size;
-    int code = source && target ? SG_OK : SG_ERR_BUDGET;
+    int code = source ? place(ctx, to, name, &target) : SG_ERR_BUDGET;
     if (!code && !lstat(source, &st) && S_ISLNK(st.st_mode) && !may_follow(ctx, scene, name))
         sg_log(ctx, SG_LOG_WARN, "%s: a link to a file that training does not read: not copied", source);
     else if (!code && sg_file_exists(source)) {
-        code = make_place(ctx, target);
+        code = make_folder(ctx, target);
         if (!code)
             code = sg_file_read(ctx, source, COPY_BYTES, &data, &size);
         if (!code)
@@ -147,11 +163,13 @@ static int write_transforms(sg_ctx *ctx, const struct sg_scene *scene, const str
 static int remove_cameras(sg_ctx *ctx, const char *folder, const char *const *names)
 {
     for (; *names; names++) {
-        char *path = sg_strf(ctx, "%s/%s", folder, *names);
-        if (!path)
-            return SG_ERR_BUDGET;
-        unlink(path);
+        char *path;
+        const int code = place(ctx, folder, *names, &path);
+        if (!code)
+            unlink(path);
         sg_free(ctx, path);
+        if (code)
+            return code;
     }
     return SG_OK;
 }
@@ -172,21 +190,14 @@ static int remove_namesakes(sg_ctx *ctx, const char *path)
     return SG_OK;
 }
 
-/* Nothing is removed or written through a link. */
-static int refuse_links(sg_ctx *ctx, const char *folder)
+/* The scene's own folder, whose files would be lost. */
+static int refuse_scene(sg_ctx *ctx, const struct sg_scene *scene, const char *folder)
 {
-    static const char *const names[] = {"sparse", "sparse/0", "images", "masks", "train", "test"};
-    int code = SG_OK;
-    for (size_t i = 0; i < sizeof(names) / sizeof(*names) && !code; i++) {
-        struct stat st;
-        char *path = sg_strf(ctx, "%s/%s", folder, names[i]);
-        if (!path)
-            return SG_ERR_BUDGET;
-        if (!lstat(path, &st) && S_ISLNK(st.st_mode))
-            code = sg_fail(ctx, SG_ERR_INPUT, "%s: found a link, expected a folder of the poisoned scene's own", path);
-        sg_free(ctx, path);
-    }
-    return code;
+    struct stat own, other;
+    if (!stat(scene->path, &own) && !stat(folder, &other) && own.st_dev == other.st_dev && own.st_ino == other.st_ino)
+        return sg_fail(ctx, SG_ERR_USAGE, "%s: found the scene's own folder, expected another one for its copy",
+                       folder);
+    return SG_OK;
 }
 
 int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_poison_files *files,
@@ -204,7 +215,7 @@ int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene, const str
     sg_clear_error(ctx);
     int code = sg_dir_create(ctx, folder);
     if (!code)
-        code = refuse_links(ctx, folder);
+        code = refuse_scene(ctx, scene, folder);
     for (size_t i = 0; i < sizeof(layouts) / sizeof(*layouts) && !code; i++)
         code = remove_cameras(ctx, folder, layouts[i]);
     if (!code && needs_transforms(scene))
@@ -238,12 +249,13 @@ static int measure(sg_ctx *ctx, const struct sg_view *view, const char *path, st
 static int write_mask(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view, const char *folder,
                       const char *file)
 {
-    char *path = sg_strf(ctx, "%s/masks/%s.png", folder, needs_transforms(scene) ? file : view->file);
-    int code = path ? SG_OK : SG_ERR_BUDGET;
+    char *name = sg_strf(ctx, "masks/%s.png", needs_transforms(scene) ? file : view->file), *path = NULL;
+    int code = name ? place(ctx, folder, name, &path) : SG_ERR_BUDGET;
     if (!code && !view->mask)
         unlink(path); /* of another set */
-    else if (!code && !(code = make_place(ctx, path)))
+    else if (!code && !(code = make_folder(ctx, path)))
         code = sg_image_write_png(ctx, path, view->mask, view->camera.width, view->camera.height, 1);
+    sg_free(ctx, name);
     sg_free(ctx, path);
     return code;
 }
@@ -254,8 +266,10 @@ int sg_poisoned_scene_image(sg_ctx *ctx, const struct sg_scene *scene, const str
 {
     const int w = view->camera.width, h = view->camera.height;
     sg_clear_error(ctx);
-    char *file = image_file(ctx, scene, view, files), *path = file ? sg_strf(ctx, "%s/%s", folder, file) : NULL;
-    int code = path ? make_place(ctx, path) : SG_ERR_BUDGET;
+    char *file = image_file(ctx, scene, view, files), *path = NULL;
+    int code = file ? place(ctx, folder, file, &path) : SG_ERR_BUDGET;
+    if (!code)
+        code = make_folder(ctx, path);
     if (!code)
         code = remove_namesakes(ctx, path);
     if (!code && !strcmp(file + strlen(file) - 4, ".png"))

@@ -40,7 +40,10 @@ says 'attack --resume cut'
 reached=$(sed -n '$s/{"iteration":\([0-9]*\).*/\1/p' cut/attack/log.jsonl)
 expect 1 attack --resume cut --epsilon 8; says '--epsilon'
 sed -i "s/\"iterations\": 20000/\"iterations\": $((reached + 20))/" cut/attack/config.json
-expect 0 attack --resume cut --quiet
+(cd scene && "$tool" attack --resume ../cut --quiet) || fail "resumed from another folder"
+cksum cut/train/* cut/attack/log.jsonl >before
+expect 0 attack --resume cut --quiet; says 'finished'
+cksum cut/train/* cut/attack/log.jsonl | cmp - before || fail "a finished attack was begun anew"
 expect 0 attack scene/blender -o whole $options --iterations $((reached + 20)) --proxy poisoned/attack/proxy
 for image in poisoned/train/*.png; do
     cmp "$image" "again/train/${image##*/}" || fail "another number of threads, other poisons"
@@ -55,6 +58,15 @@ kill -INT $pid
 wait $pid
 [ $? = 130 ] || fail "interrupted in the proxy"
 [ -s early/attack/proxy/checkpoint.bin ] || fail "the proxy is not saved"
+says 'attack --resume early'; grep -q 'train --resume' err && fail "the proxy's own command continues no attack"
+
+# What cannot be written does not cost the attack.
+mkdir -p blocked/train/r_0.png
+expect 2 attack scene/blender -o blocked $options --force --save-every 0 --proxy poisoned/attack/proxy
+says 'r_0.png'; says 'attack --resume blocked'
+rmdir blocked/train/r_0.png
+expect 0 attack --resume blocked --quiet
+cmp blocked/train/r_0.png poisoned/train/r_0.png || fail "the poison of an attack that could not be written"
 
 # COLMAP: JPEG as published, PNG on request; the cameras name other suffixes.
 expect 0 attack scene/colmap -o jpeg $options --epsilon inf --iterations 20
@@ -77,6 +89,7 @@ grep -q '"linf_max": 6.0' tv/poison.json || fail "the steps of tv-per-view"
 # What cannot work is said before anything is written.
 expect 1 attack scene/blender; says 'missing -o POISONED'
 expect 1 attack scene/blender -o x --epsilon much; says '--epsilon'
+expect 1 attack scene/blender -o poisoned --force --max-gaussians 3; says '--max-gaussians'; [ -s poisoned/poison.json ] || fail "gone for nothing"
 expect 1 attack scene/blender -o x --method noise --epsilon inf; says 'poison-splat only'
 expect 2 attack scene/blender -o scene/blender; says 'in the scene'
 expect 2 attack scene/blender -o scene/blender/x; says 'in the scene'
