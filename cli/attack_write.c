@@ -109,10 +109,11 @@ static int write_views(struct attack_run *r, const bool *chosen, json_t *images,
                                             train && chosen[i] ? rgb : view->rgb, &p);
         free(rgb);
         if (!error)
-            json_array_append_new(images, json_pack("{s:o,s:o,s:b,s:o,s:o,s:o,s:o}", "name", text_json(view->name),
-                                                    "file", text_json(p.file), "poisoned", train && chosen[i], "linf",
-                                                    number_json(p.linf), "psnr", number_json(p.psnr), "tv_before",
-                                                    number_json(p.tv_before), "tv_after", number_json(p.tv_after)));
+            json_array_append_new(images,
+                                  json_pack("{s:o,s:o,s:b,s:o,s:o,s:o,s:o}", "name", sg_text_to_json(view->name),
+                                            "file", sg_text_to_json(p.file), "poisoned", train && chosen[i], "linf",
+                                            number_json(p.linf), "psnr", number_json(p.psnr), "tv_before",
+                                            number_json(p.tv_before), "tv_after", number_json(p.tv_after)));
         if (!error && train && chosen[i]) {
             t->poisoned++;
             t->linf = p.linf > t->linf ? p.linf : t->linf;
@@ -155,7 +156,7 @@ int attack_write(struct attack_run *r)
         if (r->attack) {
             PUT("schedule", json_pack("{s:i,s:i,s:i}", "iterations", c->attack.iterations, "inner", c->attack.inner,
                                       "update-interval", c->attack.update_interval));
-            PUT("proxy", text_json(r->proxy));
+            PUT("proxy", sg_text_to_json(r->proxy));
             PUT("proxy_gaussians", json_integer((json_int_t) r->proxy_gaussians));
             PUT("decoy_max_gaussians", json_integer((json_int_t) r->totals.max_gaussians));
             PUT("attack_seconds", number_json(r->totals.seconds));

@@ -46,8 +46,8 @@ static void print_json(const struct sg_audit *a)
 {
     json_t *images = json_array();
     for (size_t i = 0; i < a->count; i++)
-        json_array_append_new(images, json_pack("{s:o,s:o,s:s,s:o}", "name", text_json(a->images[i].name), "score",
-                                                number_json(a->images[i].score), "verdict",
+        json_array_append_new(images, json_pack("{s:o,s:o,s:s,s:o}", "name", sg_text_to_json(a->images[i].name),
+                                                "score", number_json(a->images[i].score), "verdict",
                                                 sg_audit_verdict_name(a->images[i].verdict), "features",
                                                 features(&a->images[i].features)));
     json_t *reasons = json_array();

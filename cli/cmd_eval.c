@@ -27,7 +27,7 @@ static void print_json(const struct eval_config *c, const struct model_views *v,
     json_t *list = c->per_view ? json_array() : NULL;
     for (size_t i = 0; list && i < e->views; i++)
         json_array_append_new(list,
-                              json_pack("{s:o,s:o,s:o}", "name", text_json(v->views[i].name), "psnr",
+                              json_pack("{s:o,s:o,s:o}", "name", sg_text_to_json(v->views[i].name), "psnr",
                                         number_json(e->per_view[i].psnr), "ssim", number_json(e->per_view[i].ssim)));
     if (list)
         json_object_set_new(root, "per_view", list);

@@ -70,9 +70,9 @@ static void print_json(const struct picture_image *images, int n, const char *co
         const struct sg_spectrum *s = &images[k].spectrum;
         json_array_append_new(
             list,
-            json_pack("{s:o,s:i,s:i,s:f,s:f,s:f,s:o,s:o,s:o}", "image", text_json(paths[k]), "width", images[k].width,
-                      "height", images[k].height, "entropy", s->entropy, "anisotropy", s->anisotropy, "band_share",
-                      s->band_share, "total_variation",
+            json_pack("{s:o,s:i,s:i,s:f,s:f,s:f,s:o,s:o,s:o}", "image", sg_text_to_json(paths[k]), "width",
+                      images[k].width, "height", images[k].height, "entropy", s->entropy, "anisotropy", s->anisotropy,
+                      "band_share", s->band_share, "total_variation",
                       json_pack("{s:f,s:f}", "aniso",
                                 sg_total_variation(images[k].rgb, images[k].width, images[k].height, SG_TV_ANISO),
                                 "vertical2",

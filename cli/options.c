@@ -246,19 +246,6 @@ bool options_show(const struct option *o, const void *config, char *text, size_t
     }
 }
 
-json_t *text_json(const char *text)
-{
-    json_t *value = json_string(text);
-    if (value)
-        return value;
-    char copy[4096]; /* names of files need not be UTF-8; JSON must be */
-    size_t n = 0;
-    for (; text[n] && n < sizeof(copy) - 1; n++)
-        copy[n] = text[n] > 0 ? text[n] : '?';
-    copy[n] = 0;
-    return json_string(copy);
-}
-
 json_t *number_json(double v)
 {
     return v - v == 0 ? json_real(v) : json_null();
@@ -281,7 +268,7 @@ json_t *options_to_json(const struct command *c, const void *config)
             v = json_integer((json_int_t) * (const uint64_t *) value);
         else if (options_show(o, config, text, sizeof(text)))
             v = o->type == OPT_FLOAT || o->type == OPT_DOUBLE || o->type == OPT_TIME ? json_real(strtod(text, NULL))
-                                                                                     : text_json(text);
+                                                                                     : sg_text_to_json(text);
         json_object_set_new(object, o->name, v);
     }
     return object;

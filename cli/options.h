@@ -9,6 +9,8 @@
 #include <stdint.h>
 #include <stdio.h>
 
+#include "core/json_text.h"
+
 /* Prints what may quote files or options: control characters other than line ends become "?". */
 __attribute__((format(printf, 2, 3))) void say(FILE *to, const char *format, ...);
 
@@ -57,8 +59,7 @@ int options_parse(const struct command *c, int argc, char **argv, void *config, 
 /* Sets one option from text. Returns 0 or 1 after printing what is wrong. */
 int options_set(const struct command *c, const struct option *o, void *config, const char *text);
 
-/* Values for JSON: text that is not UTF-8 gets question marks, a number that is not finite becomes null. */
-json_t *text_json(const char *text);
+/* For JSON: a number that is not finite becomes null. */
 json_t *number_json(double v);
 
 /* All lasting options as a JSON object, and back (unknown keys are refused by name). Strings set from JSON live as long

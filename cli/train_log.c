@@ -85,7 +85,7 @@ int train_log_step(struct train_run *r)
     json_t *line =
         json_pack("{s:i,s:o,s:o,s:o,s:o,s:o,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:o,s:o}", "iteration", s->iteration,
                   "loss", number_json(s->loss), "l1", number_json(s->l1), "ssim", number_json(s->ssim), "psnr",
-                  number_json(s->psnr), "view", text_json(r->scene->train[s->view].name), "gaussians",
+                  number_json(s->psnr), "view", sg_text_to_json(r->scene->train[s->view].name), "gaussians",
                   (json_int_t) s->gaussians, "cloned", (json_int_t) r->cloned, "split", (json_int_t) r->split, "pruned",
                   (json_int_t) r->pruned, "visible", (json_int_t) s->render.visible, "instances",
                   (json_int_t) s->render.instances, "max_tile", (json_int_t) s->render.max_tile, "max_gaussians",

@@ -15,7 +15,7 @@ static json_t *machine(void)
         const char *value = strchr(line, ':');
         line[strcspn(line, "\n")] = 0;
         if (!strncmp(line, "model name", 10) && value)
-            name = text_json(value + strspn(value, ": \t"));
+            name = sg_text_to_json(value + strspn(value, ": \t"));
     }
     if (f)
         fclose(f);
@@ -71,7 +71,7 @@ int train_summary_write(struct train_run *r)
 #define PUT(key, value) json_object_set_new(s, key, value)
 #define COUNT(key, value) PUT(key, json_integer((json_int_t) (value)))
     PUT("version", json_string(sg_version()));
-    PUT("scene", text_json(r->config->source));
+    PUT("scene", sg_text_to_json(r->config->source));
     struct sg_train_limits limits;
     sg_trainer_limits(r->trainer, &limits);
     COUNT("iterations", done);

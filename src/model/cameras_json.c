@@ -4,20 +4,8 @@
 #include <string.h>
 
 #include "core/file.h"
+#include "core/json_text.h"
 #include "splatguard/model.h"
-
-/* The reference's names come from file names: bytes that are not UTF-8 must not cost the file. */
-static json_t *name_json(const char *name)
-{
-    json_t *whole = json_string(name);
-    if (whole)
-        return whole;
-    char shown[256];
-    size_t n = 0;
-    for (; name[n] && n + 1 < sizeof(shown); n++)
-        shown[n] = (unsigned char) name[n] < 0x80 ? name[n] : '?';
-    return json_stringn(shown, n);
-}
 
 /* Camera to world, focal lengths for the size of the photo's file. */
 static json_t *camera_json(const struct sg_view *v, int id)
@@ -29,7 +17,7 @@ static json_t *camera_json(const struct sg_view *v, int id)
         json_array_append_new(position,
                               json_real(-(c->R[i] * c->t[0] + c->R[3 + i] * c->t[1] + c->R[6 + i] * c->t[2])));
     }
-    return json_pack("{s:i,s:o,s:i,s:i,s:o,s:o,s:f,s:f}", "id", id, "img_name", name_json(v->name), "width",
+    return json_pack("{s:i,s:o,s:i,s:i,s:o,s:o,s:f,s:f}", "id", id, "img_name", sg_text_to_json(v->name), "width",
                      v->file_width, "height", v->file_height, "position", position, "rotation", rotation, "fy",
                      c->fy * v->file_height / c->height, "fx", c->fx * v->file_width / c->width);
 }

@@ -1,0 +1,11 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef SG_CORE_JSON_TEXT_H
+#define SG_CORE_JSON_TEXT_H
+
+#include <jansson.h>
+
+/* A JSON string. Names of files need not be UTF-8, JSON must be: of those that are not, what is not ASCII becomes "?",
+ * and 4095 bytes stay. NULL without memory. */
+json_t *sg_text_to_json(const char *text);
+
+#endif
