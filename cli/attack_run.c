@@ -47,7 +47,7 @@ static int train_proxy(const struct attack_config *c, char **model)
     bool *given = calloc(options_count(train), sizeof(*given));
     char *folder = run_path(c->output, "attack/proxy"), *done = folder ? run_path(folder, "summary.json") : NULL;
     char *begun = folder ? run_path(folder, "checkpoint.bin") : NULL;
-    int code = given && folder && done && begun ? 0 : 4;
+    int code = given && folder && done && begun ? 0 : no_memory();
     if (code || (c->resume && !access(done, F_OK) && access(begun, F_OK)))
         goto done;
     t.source = c->source;
@@ -138,7 +138,7 @@ static int start_decoy(struct attack_run *r, const char *proxy)
 {
     struct sg_model *model = NULL;
     char *saved = run_path(r->config->output, "attack/checkpoint.bin");
-    int error = sg_model_read_ply(r->ctx, proxy, UINT32_MAX, &model), code = saved ? 0 : 4;
+    int error = sg_model_read_ply(r->ctx, proxy, UINT32_MAX, &model), code = saved ? 0 : no_memory();
     if (!error)
         r->proxy_gaussians = model->count;
     if (!error && !code && r->config->resume && !access(saved, F_OK)) {
@@ -161,7 +161,7 @@ static int save_decoy(struct attack_run *r)
 {
     struct sg_model *decoy = NULL;
     char *path = run_path(r->config->output, "attack/decoy.ply");
-    int error = path ? sg_attack_decoy(r->attack, &decoy) : SG_ERR_INTERNAL;
+    int error = path ? sg_attack_decoy(r->attack, &decoy) : SG_ERR_BUDGET;
     if (!error)
         error = sg_model_write_ply(r->ctx, decoy, path);
     sg_model_destroy(r->ctx, &decoy);

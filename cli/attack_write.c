@@ -26,7 +26,7 @@ static bool take(void *arg, const json_t *line)
 int attack_log_open(struct attack_run *r)
 {
     r->log_path = run_path(r->config->output, "attack/log.jsonl");
-    return r->log_path ? run_log_open(r->log_path, r->config->resume ? take : NULL, r, &r->log) : 4;
+    return r->log_path ? run_log_open(r->log_path, r->config->resume ? take : NULL, r, &r->log) : no_memory();
 }
 
 int attack_log_step(struct attack_run *r)
@@ -101,7 +101,7 @@ static int write_views(struct attack_run *r, const bool *chosen, json_t *images,
         struct sg_poison_report p = {0};
         uint8_t *rgb = malloc(3 * (size_t) view->camera.width * (size_t) view->camera.height);
         if (!rgb)
-            return SG_ERR_INTERNAL;
+            return SG_ERR_BUDGET;
         if (train && chosen[i])
             error = poison(r, i, rgb);
         if (!error)
@@ -131,7 +131,7 @@ int attack_write(struct attack_run *r)
     json_t *images = json_array();
     bool *chosen = choose(r);
     char *path = run_path(c->output, "poison.json");
-    int code = chosen && path ? 0 : 4;
+    int code = chosen && path ? 0 : no_memory();
     const int error = code ? 0 : write_views(r, chosen, images, &t);
     if (error)
         code = error == SG_ERR_INTERRUPTED ? exit_code(error) : report(r->ctx, error);

@@ -195,7 +195,7 @@ static bool is_within(const char *path, const char *folder)
 static int check_places(const struct attack_config *c)
 {
     char *scene = realpath(c->source, NULL), *out = realpath(c->output, NULL), *place = existing_place(c->output);
-    int code = place ? 0 : 4;
+    int code = place ? 0 : no_memory();
     if (!scene) {
         say(stderr, "splatguard: %s: cannot open the scene: %s\n", c->source, strerror(errno));
         code = 2;
@@ -285,7 +285,7 @@ static int write_config(const struct attack_config *c)
     if (c->proxy)
         json_object_set_new(options, "proxy", run_place_json(c->proxy));
     json_t *root = json_pack("{s:s,s:o}", "version", sg_version(), "options", options);
-    const int code = root && path ? run_write_json(path, root) : 4;
+    const int code = root && path ? run_write_json(path, root) : no_memory();
     json_decref(root);
     free(path);
     return code;
@@ -333,7 +333,7 @@ static int run_attack(const void *config, const bool *given, const char *const *
     /* Nothing of an earlier attack goes before this one can begin. */
     if (!code && !c.resume) {
         char *state = run_path(c.output, "attack");
-        const int error = state ? sg_dir_create(r.ctx, state) : SG_ERR_INTERNAL;
+        const int error = state ? sg_dir_create(r.ctx, state) : SG_ERR_BUDGET;
         code = error ? report(r.ctx, error) : 0;
         free(state);
         if (!code) {

@@ -182,7 +182,7 @@ static int run_compare(const void *config, const bool *given, const char *const 
 {
     const struct compare_config *c = config;
     struct run *runs = calloc((size_t) count, sizeof(*runs));
-    int code = runs ? 0 : 4;
+    int code = runs ? 0 : no_memory();
     if (c->json && c->csv) {
         say(stderr, "splatguard compare: --json and --csv exclude each other\n");
         code = 1;

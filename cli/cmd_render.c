@@ -109,7 +109,7 @@ static int refuse_photos(const struct model_views *v, const char *output)
         const struct sg_view *view = i < s->n_train ? &s->train[i] : &s->test[i - s->n_train];
         char *path;
         if (asprintf(&path, "%s/%s.png", output, view->name) < 0)
-            return 4;
+            return no_memory();
         const bool same = same_file(path, view->path);
         free(path);
         if (same) {

@@ -95,6 +95,9 @@ void say_resume(const char *command, const char *folder);
 /* Exit code for a library error: 1 usage, 2 input, 3 budget, 4 internal, 130 interrupted. */
 int exit_code(int error);
 
+/* Says that the command itself could not allocate something small; returns the exit code 3. */
+int no_memory(void);
+
 /* Prints the last error; returns its exit code. */
 int report(const sg_ctx *ctx, int error);
 

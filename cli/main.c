@@ -58,7 +58,7 @@ static int run(const struct command *c, int argc, char **argv)
     if (!config || !given) {
         free(config);
         free(given);
-        return 4;
+        return no_memory();
     }
     code = options_parse(c, argc, argv, config, positional, &count, given);
     if (code == 0 && count < c->min_positional) {

@@ -42,7 +42,7 @@ static int adopt_run(struct model_views *v, const char *run, const struct comman
     if (!sg_dir_exists(run))
         return 0;
     if (asprintf(&path, "%s/config.json", run) < 0)
-        return 4;
+        return no_memory();
     if (access(path, F_OK)) {
         read_cfg_args(run, command, given, config, &o->scene);
         goto done;

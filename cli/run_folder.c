@@ -33,7 +33,7 @@ int run_write_file(const char *path, const char *text, size_t size)
         return 2;
     }
     if (asprintf(&temporary, "%s.tmp%ld", path, (long) getpid()) < 0)
-        return 4;
+        return no_memory();
     int code = 0;
     FILE *f = sg_temporary_open(temporary);
     if (f)
@@ -86,7 +86,7 @@ int run_write_json(const char *path, const json_t *value)
 {
     char *text = json_dumps(value, JSON_INDENT(2) | JSON_REAL_PRECISION(15));
     if (!text)
-        return 4;
+        return no_memory();
     size_t n = strlen(text);
     text[n] = '\n'; /* in place of the final zero: the length is passed on */
     const int code = run_write_file(path, text, n + 1);
@@ -121,7 +121,7 @@ static int write_cfg_args(const struct train_config *c)
         put_quoted(out, absolute ? absolute : c->source);
         fprintf(out, ", white_background=%s)", c->train.white_background ? "True" : "False");
     }
-    const int code = !out || fclose(out) || !path ? 4 : run_write_file(path, text, size);
+    const int code = !out || fclose(out) || !path ? no_memory() : run_write_file(path, text, size);
     free(text);
     free(path);
     free(absolute);
@@ -134,7 +134,7 @@ int run_write_config(const struct train_config *c, const char *variant)
     json_t *options = options_to_json(&command_train, c);
     json_object_set_new(options, "source-path", run_place_json(c->source));
     json_t *root = json_pack("{s:s,s:s,s:o}", "version", sg_version(), "cpu_variant", variant, "options", options);
-    const int code = root && path ? run_write_json(path, root) : 4;
+    const int code = root && path ? run_write_json(path, root) : no_memory();
     json_decref(root);
     free(path);
     return code;
@@ -145,7 +145,7 @@ static int write_input(sg_ctx *ctx, const char *run, const struct sg_model *m)
     char *path = run_path(run, "input.ply");
     float *xyz = malloc(m->count * 3 * sizeof(float));
     uint8_t *rgb = malloc(m->count * 3);
-    int code = path && xyz && rgb ? 0 : 4;
+    int code = path && xyz && rgb ? 0 : no_memory();
     for (size_t i = 0; i < 3 * m->count && !code; i++) {
         xyz[i] = *sg_model_at(m, i / 3, SG_P_XYZ + (int) (i % 3));
         const float c = (*sg_model_at(m, i / 3, SG_P_SH + (int) (i % 3)) * 0.28209479f + 0.5f) * 255 + 0.5f;
@@ -272,7 +272,7 @@ int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene 
                const char *variant)
 {
     char *cameras = run_path(c->output, "cameras.json");
-    int error = cameras ? sg_dir_create(ctx, c->output) : SG_ERR_INTERNAL;
+    int error = cameras ? sg_dir_create(ctx, c->output) : SG_ERR_BUDGET;
     if (!error) {
         clean(c->output, true);
         error = sg_cameras_write_json(ctx, scene, cameras);
@@ -292,11 +292,11 @@ int run_save_model(sg_ctx *ctx, const char *run, sg_trainer *trainer)
 {
     char *folder, *path = NULL;
     if (asprintf(&folder, "%s/point_cloud/iteration_%d", run, sg_trainer_iteration(trainer)) < 0)
-        return 4;
+        return no_memory();
     struct sg_model *m = NULL;
     int error = sg_dir_create(ctx, folder);
     if (!error && !(path = run_path(folder, "point_cloud.ply")))
-        error = SG_ERR_INTERNAL;
+        error = SG_ERR_BUDGET;
     if (!error)
         error = sg_trainer_model(trainer, &m);
     if (!error)
@@ -310,7 +310,7 @@ int run_save_model(sg_ctx *ctx, const char *run, sg_trainer *trainer)
 int run_save_checkpoint(sg_ctx *ctx, const char *run, sg_trainer *trainer)
 {
     char *path = run_path(run, "checkpoint.bin");
-    const int error = path ? sg_trainer_save(trainer, path) : SG_ERR_INTERNAL;
+    const int error = path ? sg_trainer_save(trainer, path) : SG_ERR_BUDGET;
     free(path);
     return error ? report(ctx, error) : 0;
 }

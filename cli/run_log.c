@@ -38,7 +38,7 @@ static int each_line(FILE *in, const char *path, run_log_take take, void *arg, F
         json_decref(value);
     }
     free(line);
-    return !line ? 4 : ferror(in) ? run_cannot("read", path) : 0;
+    return !line ? no_memory() : ferror(in) ? run_cannot("read", path) : 0;
 }
 
 /* *in is NULL where there is no log. */

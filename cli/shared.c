@@ -67,6 +67,12 @@ int exit_code(int error)
     }
 }
 
+int no_memory(void)
+{
+    say(stderr, "splatguard: out of memory\n");
+    return exit_code(SG_ERR_BUDGET);
+}
+
 /* Of --max-memory, if it was given. */
 static struct {
     uint64_t whole, outside;
@@ -75,6 +81,8 @@ static struct {
 int report(const sg_ctx *ctx, int error)
 {
     const char *text = ctx ? sg_last_error(ctx) : "";
+    if (error == SG_ERR_BUDGET && !text[0])
+        return no_memory();
     say(stderr, "splatguard: %s\n", text[0] ? text : "internal error");
     if (error == SG_ERR_BUDGET && memory.whole)
         say(stderr,

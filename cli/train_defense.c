@@ -106,8 +106,7 @@ static int audit(struct train_run *r, struct sg_defense_params *preset)
         if ((r->shares = malloc((found->count + 1) * sizeof(*r->shares)))) {
             sg_defense_automatic(found, r->scene->extent, r->shares, preset);
         } else {
-            say(stderr, "splatguard: out of memory\n");
-            code = 3;
+            code = no_memory();
         }
     }
     sg_audit_destroy(r->ctx, &found);

@@ -60,7 +60,7 @@ static bool take(void *arg, const json_t *line)
 int train_log_open(struct train_run *r)
 {
     r->log_path = run_path(r->config->output, "log.jsonl");
-    return r->log_path ? run_log_open(r->log_path, r->config->resume ? take : NULL, r, &r->log) : 4;
+    return r->log_path ? run_log_open(r->log_path, r->config->resume ? take : NULL, r, &r->log) : no_memory();
 }
 
 /* What cannot be logged once is not tried again: the training goes on. */

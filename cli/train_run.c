@@ -182,7 +182,7 @@ static int restore(struct train_run *r, const char *variant)
 {
     char *path = run_path(r->config->output, "checkpoint.bin");
     if (!path)
-        return 4;
+        return no_memory();
     if (access(path, F_OK)) {
         say(stderr, "splatguard: %s: found no checkpoint, so nothing to go on from; start anew with --force\n",
             r->config->output);

@@ -107,7 +107,7 @@ int train_summary_write(struct train_run *r)
 #undef COUNT
 #undef PUT
     char *path = run_path(r->config->output, "summary.json");
-    const int code = path ? run_write_json(path, s) : 4;
+    const int code = path ? run_write_json(path, s) : no_memory();
     free(path);
     json_decref(s);
     return code;
