@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Fits the weights of the audit's score (src/defense/audit.c, where 1.1 was added to the constant by hand) and says how well
-they do on scenes left out.
+"""Fits the weights of the audit's score (src/defense/audit.c, where the constant was raised by hand) and says how well they
+do on scenes left out.
 
     bench/audit_fit.py TOOL SCENE=CLEAN... -- SCENE=POISONED...
 
@@ -17,11 +17,10 @@ STEPS, RATE, DECAY = 1500, 0.5, 0.003
 
 
 def terms(f):
-    return [math.log(f["osc_quiet"] + 0.1), f["osc_share"],
-            abs(math.log((f["osc_down"] + 0.2) / (f["osc_across"] + 0.2))), f["evenness"]]
+    return [f["osc_share"], abs(math.log((f["osc_down"] + 0.5) / (f["osc_across"] + 0.5))), f["noisy"]]
 
 
-NAMES = ["ln(osc_quiet + 0.1)", "osc_share", "|ln ratio|", "evenness", "constant"]
+NAMES = ["osc_share", "|ln ratio|", "noisy", "constant"]
 
 
 def measure(tool, argument, label):

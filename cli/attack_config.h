@@ -18,7 +18,7 @@ struct attack_config {
     int iterations, inner, update_interval;               /* 0 = the preset's */
     int method, preset, tv, save, chroma, views, backend; /* indices of choices */
     int proxy_iterations, save_every, threads;
-    float ratio;
+    float ratio, spare;
     uint64_t max_memory;
     bool keep_decoy, resume, force, quiet;
 };

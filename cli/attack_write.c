@@ -77,6 +77,10 @@ static int poison(struct attack_run *r, size_t view, uint8_t *rgb)
     else
         error = sg_attack_naive(r->ctx, &r->scene->train[view], view, &c->attack,
                                 c->method == METHOD_NOISE ? SG_NAIVE_NOISE : SG_NAIVE_TV, rgb);
+    const struct sg_view *v = &r->scene->train[view];
+    const size_t width = (size_t) v->camera.width, spared = (size_t) lroundf(c->spare * (float) width);
+    for (size_t y = 0; y < (size_t) v->camera.height && !error; y++)
+        memcpy(rgb + 3 * width * y, v->rgb + 3 * width * y, 3 * spared);
     return error;
 }
 

@@ -82,6 +82,8 @@ static const struct option attack_options[] = {
     {"scale-floor", 0, OPT_FLOAT, A(attack.scale_floor), 0, 1e6, NULL, "X",
      "Against a filter of thin Gaussians: smallest scale in the decoy, scene units; 0 = none.", false},
     {"ratio", 0, OPT_FLOAT, A(ratio), 0, 1, NULL, "X", "Poison only this share of the views, drawn by seed.", false},
+    {"spare", 0, OPT_FLOAT, A(spare), 0, 1, NULL, "X",
+     "Against an audit: leave this share of each photo, from the left, as it is.", false},
     {"Proxy and decoy", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
     {"proxy", 0, OPT_STRING, A(proxy), 0, 0, NULL, "MODEL",
      "A model of the clean scene (PLY or run folder); else one is trained.", false},

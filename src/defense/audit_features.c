@@ -12,13 +12,20 @@
 #define BLOCK 16
 #define FAINT 2 /* grey levels: smaller steps are rounding, sensor noise and compression */
 
-/* Sums over one direction. */
+/* A block is noisy that oscillates by more than so many grey levels a pixel and has more than this share of its
+ * variation in that. */
+#define NOISY_OSCILLATION 2.5
+#define NOISY_SHARE 0.45
+
+/* Sums over one direction: pixels that have two neighbours, differences to the next, at local extremes those to both
+ * neighbours, and the lesser of these. */
 struct variation {
     double pixels, total, extremes, oscillation;
 };
 
+/* The same of a block, over both directions. */
 struct block {
-    uint32_t measured, oscillation; /* pixels with two neighbours and what they oscillate, both directions */
+    uint32_t pixels, total, extremes, oscillation;
 };
 
 /* The newest used pixel of a line and the one before it. */
@@ -40,13 +47,13 @@ static int oscillation(int before, int here, int after)
 static inline void meet(struct line *l, int after, size_t block, struct variation *v, struct block *blocks)
 {
     if (l->seen >= 2) {
-        const int o = oscillation(l->before, l->here, after);
-        v->pixels++;
-        v->total += abs(after - l->here);
-        v->oscillation += o;
-        v->extremes += o ? abs(l->here - l->before) + abs(l->here - after) : 0;
-        blocks[l->block].measured++;
-        blocks[l->block].oscillation += (uint32_t) o;
+        struct block *b = &blocks[l->block];
+        const int o = oscillation(l->before, l->here, after), step = abs(after - l->here);
+        const int both = o ? abs(l->here - l->before) + step : 0;
+        v->pixels++, b->pixels++;
+        v->total += step, b->total += (uint32_t) step;
+        v->oscillation += o, b->oscillation += (uint32_t) o;
+        v->extremes += both, b->extremes += (uint32_t) both;
     }
     l->seen++;
     l->before = l->here;
@@ -160,21 +167,35 @@ static double quantile(const struct share *s, size_t n, double weight)
     return n ? (double) s[i].oscillation : 0;
 }
 
+/* What local extremes carry of all variation. Two levels a pixel more, so that faint noise on smooth photos, which
+ * costs nothing, is not most of what there is. */
+static double share_of_extremes(double extremes, double total, double pixels)
+{
+    return extremes / 2 / (total + pixels);
+}
+
+static double oscillation_of(const struct block *b)
+{
+    return b->pixels ? (double) b->oscillation / b->pixels : 0;
+}
+
 /* How the oscillation lies over the blocks. Those of one colour, a background, say nothing about the rest. */
 static void distribute(const struct plane *p, struct share *own, struct sg_audit_features *out)
 {
     size_t n = 0;
-    double sum = 0, weight = 0;
+    double weight = 0, noisy = 0;
     for (size_t i = 0; i < block_count(p); i++) {
         const struct block *b = &p->blocks[i];
-        if (!b->measured || !varies(p, i))
+        if (!b->pixels || !varies(p, i))
             continue;
-        own[n++] = (struct share){(float) b->oscillation / (float) b->measured, b->measured};
-        sum += b->oscillation, weight += b->measured;
+        own[n++] = (struct share){(float) oscillation_of(b), b->pixels};
+        weight += b->pixels;
+        if (oscillation_of(b) > NOISY_OSCILLATION && share_of_extremes(b->extremes, b->total, b->pixels) > NOISY_SHARE)
+            noisy += b->pixels;
     }
     qsort(own, n, sizeof(*own), ascending);
     out->osc_quiet = quantile(own, n, weight / 4);
-    out->evenness = sum > 0 ? quantile(own, n, weight / 2) / (sum / weight) : 0;
+    out->noisy = weight > 0 ? noisy / weight : 0;
 }
 
 static double slope(const struct sg_spectrum *s)
@@ -218,13 +239,13 @@ int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int w
     vary(&p, &down, &across);
     out->tv_down = mean(down.total, &down), out->tv_across = mean(across.total, &across);
     out->osc_down = mean(down.oscillation, &down), out->osc_across = mean(across.oscillation, &across);
-    /* Two levels more, so that faint noise on smooth photos, which costs nothing, is not most of what there is. */
-    const double all = down.total + across.total + down.pixels + across.pixels;
-    out->osc_share = all > 0 ? (down.extremes + across.extremes) / 2 / all : 0;
+    if (down.pixels + across.pixels > 0)
+        out->osc_share =
+            share_of_extremes(down.extremes + across.extremes, down.total + across.total, down.pixels + across.pixels);
     distribute(&p, own, out);
     out->ragged = ragged(&p);
     for (size_t i = 0; map && i < block_count(&p); i++)
-        map[i] = p.blocks[i].measured ? (float) p.blocks[i].oscillation / (float) p.blocks[i].measured : 0;
+        map[i] = (float) oscillation_of(&p.blocks[i]);
 done:
     sg_free(ctx, p.values);
     sg_free(ctx, p.columns);

@@ -77,6 +77,10 @@ expect 0 attack scene/colmap -o png $options --method noise --save png --epsilon
 grep -q '"linf_max": 8.0' png/poison.json || fail "the bound of noise"
 grep -q '"poisoned_images": 3' png/poison.json || fail "the ratio: $(grep poisoned_images png/poison.json)"
 expect 0 train png -o victim $short --force --iterations 20 --eval
+expect 0 attack scene/colmap -o spared $options --method noise --save png --spare 1
+grep -q '"linf_max": 0.0' spared/poison.json || fail "--spare 1 changes photos"
+expect 0 attack scene/colmap -o spared $options --method noise --save png --spare 0.5 --force
+grep -q '"linf_max": 16.0' spared/poison.json || fail "--spare 0.5 changes nothing"
 # What an earlier set left in the folder is not read instead.
 expect 0 attack scene/colmap -o png $options --method noise --save jpg --force
 expect 0 attack scene/colmap -o png $options --method noise --save png --force
