@@ -4,6 +4,7 @@
 
 #include "core/rng.h"
 #include "defense/filter.h"
+#include "spectral/total_variation.h"
 #include "splatguard/audit.h"
 #include "train/schedule.h"
 #include "train/trainer.h"
@@ -236,6 +237,90 @@ static void test_events(void **state)
     clear_fixture(&f);
 }
 
+/* Hits are counted while Gaussians still have their opacity: a reset in the same iteration comes after. */
+static void test_before_reset(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(2);
+    struct sg_train_step steps[2];
+    float highest[2];
+    for (int resets = 0; resets < 2; resets++) {
+        struct sg_train_params p = defended();
+        struct sg_model *m;
+        p.opacity_reset_interval = resets ? 20 : 1000;
+        sg_trainer *t = begin_training(&f, &p);
+        while (sg_trainer_iteration(t) < 20)
+            assert_int_equal(sg_trainer_step(t, &steps[resets]), SG_OK);
+        assert_int_equal(sg_trainer_model(t, &m), SG_OK);
+        highest[resets] = -INFINITY;
+        for (size_t i = 0; i < m->count; i++)
+            highest[resets] = fmaxf(highest[resets], *sg_model_at(m, i, SG_P_OPACITY));
+        sg_model_destroy(f.ctx, &m);
+        sg_trainer_destroy(&t);
+    }
+    assert_true(highest[0] > 0 && highest[1] < -4); /* logits: 0.01 */
+    assert_true(steps[0].defense.filtered && steps[0].defense.removed > 0);
+    assert_int_equal(steps[0].defense.unseen, steps[1].defense.unseen);
+    for (int k = 0; k < 3; k++)
+        assert_true(steps[0].defense.score[k] == steps[1].defense.score[k]);
+    clear_fixture(&f);
+}
+
+/* The total variation of the first step's render. */
+static double first_variation(struct fixture *f, const struct sg_train_params *p)
+{
+    static float planes[3 * SIDE * SIDE];
+    double rows[6 * SIDE];
+    sg_trainer *t = begin_training(f, p);
+    const struct sg_backend_ops *ops = t->backend->ops;
+    const struct sg_render_params render = {SG_RENDER_DEFAULTS};
+    const struct sg_camera *camera = &f->scene.train[sg_trainer_pick_view(t, 1)].camera;
+    assert_int_equal(ops->project(t->backend, camera, sg_active_degree(p, 0, 1), &render), SG_OK);
+    assert_int_equal(ops->rasterize(t->backend, false, NULL), SG_OK);
+    assert_int_equal(ops->read_image(t->backend, planes, NULL, NULL), SG_OK);
+    sg_trainer_destroy(&t);
+    return sg_tv_loss(f->ctx, planes, SIDE, SIDE, p->defense.tv, 0, NULL, rows);
+}
+
+/* Each loss has its own weight, is measured in its own norm, and falls the more the higher its weight. */
+static void test_losses(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(2);
+    for (int which = 0; which < 2; which++) {
+        double sum[2] = {0};
+        for (int strong = 0; strong < 2; strong++) {
+            struct sg_train_params p = defended();
+            p.defense.rho = 0;
+            p.densify_until_iter = 0;
+            p.defense.lambda = strong ? 20 : 1e-9;
+            p.defense.anisotropy_scale = which ? 0 : 0.1;
+            p.defense.tv_scale = which ? 1 : 0;
+            sg_trainer *t = begin_training(&f, &p);
+            for (int it = 1; it <= 39; it++) {
+                struct sg_train_step s;
+                assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+                assert_true(isnan(which ? s.defense.anisotropy : s.defense.total_variation));
+                if (it > 33)
+                    sum[strong] += which ? s.defense.total_variation : s.defense.anisotropy;
+            }
+            sg_trainer_destroy(&t);
+        }
+        assert_true(sum[1] < 0.9 * sum[0]);
+    }
+    for (int norm = SG_TV_NORM_L2; norm <= SG_TV_NORM_HUBER; norm++) {
+        struct sg_train_params p = defended();
+        struct sg_train_step s;
+        p.defense.tv = (enum sg_tv_norm) norm;
+        sg_trainer *t = begin_training(&f, &p);
+        assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+        sg_trainer_destroy(&t);
+        const double expected = first_variation(&f, &p);
+        assert_float_equal(s.defense.total_variation, expected, 1e-9 * expected);
+    }
+    clear_fixture(&f);
+}
+
 static double now;
 
 static double fake_clock(void *unused)
@@ -447,6 +532,7 @@ int main(void)
         cmocka_unit_test(test_weight),          cmocka_unit_test(test_ranks),      cmocka_unit_test(test_filter),
         cmocka_unit_test(test_events),          cmocka_unit_test(test_views),      cmocka_unit_test(test_automatic),
         cmocka_unit_test(test_share_of_growth), cmocka_unit_test(test_same_bytes), cmocka_unit_test(test_combinations),
-        cmocka_unit_test(test_shares),          cmocka_unit_test(test_refusals)};
+        cmocka_unit_test(test_shares),          cmocka_unit_test(test_refusals),   cmocka_unit_test(test_before_reset),
+        cmocka_unit_test(test_losses)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
