@@ -22,6 +22,10 @@
         name, 0, OPT_FLOAT, A(attack.field), 0, 1, NULL, "X", help, false                                              \
     }
 
+/* Choices are indices of enums. */
+_Static_assert(SG_TV_ANISO == 1 && SG_TV_ISO == 2 && SG_POISON_PNG == 1 && SG_POISON_JPEG == 2,
+               "the order of the attack's choices");
+
 static const struct option attack_options[] = {
     {"Run", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
     {"output", 'o', OPT_STRING, A(output), 0, 0, NULL, "POISONED", "Folder to write the poisoned scene to.", true},

@@ -19,6 +19,12 @@
         name, 0, OPT_DOUBLE, T(train.defense.field), low, high, NULL, "X", help, false                                 \
     }
 
+/* Choices are indices of enums. */
+_Static_assert(SG_SIGMA_EIGEN == 1 && SG_HIT_VIEWS == 1 && SG_HIT_WEIGHT == 2 && SG_PRUNE_THRESHOLD == 1 &&
+                   SG_VIEWS_ALL == 1 && SG_TV_NORM_L1 == 1 && SG_TV_NORM_HUBER == 2 && SG_ENERGY_AMPLITUDE == 1 &&
+                   SG_CHANNELS_LUMA == 1,
+               "the order of the defense's choices");
+
 static const struct option train_options[] = {
     {"Run", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
     {"output", 'o', OPT_STRING, T(output), 0, 0, NULL, "RUN", "Folder to write the run to.", true},

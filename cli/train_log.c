@@ -52,6 +52,8 @@ static bool take(void *arg, const json_t *line)
     if (!json_is_integer(iteration) || json_integer_value(iteration) > sg_trainer_iteration(r->trainer))
         return false;
     take_totals(&r->totals, line);
+    if (!r->first_gaussians)
+        r->first_gaussians = (size_t) json_integer_value(json_object_get(line, "gaussians"));
     if (json_object_get(line, "train_seconds"))
         r->logged = (int) json_integer_value(iteration);
     return true;

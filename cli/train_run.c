@@ -233,7 +233,8 @@ int train_start(struct train_run *r, const char *variant)
 
 int train_whole(struct train_run *r)
 {
-    r->first_gaussians = sg_trainer_gaussians(r->trainer);
+    if (!r->first_gaussians)
+        r->first_gaussians = sg_trainer_gaussians(r->trainer);
     r->window_from = sg_trainer_iteration(r->trainer);
     int code = loop(r);
     if (!code && !r->error)

@@ -34,7 +34,7 @@ struct train_run {
     bool log_lost;                       /* log.jsonl is one of them */
     int logged;                          /* iteration of the newest line */
     uint64_t cloned, split, pruned;      /* since then */
-    size_t first_gaussians;              /* at the beginning of the process */
+    size_t first_gaussians;              /* of the run, or of its log */
     size_t window_grown, window_removed; /* over the newest removals */
     int window_from, window_events;
     bool starves;        /* and has been told so */
