@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Fits the weights of the audit's score (src/defense/audit.c, where the constant was raised by hand) and says how well they
-do on scenes left out.
+"""Fits weights of the audit's score (src/defense/audit.c) and says how well they do on scenes left out.
 
-    bench/audit_fit.py TOOL SCENE=CLEAN... -- SCENE=POISONED...
+    bench/audit_fit.py whole|part TOOL SCENE=CLEAN... -- SCENE=POISONED...
 
-SCENE names what is left out together; CLEAN and POISONED are folders, with options after a comma: lego=lego,--downscale,2
+whole: the weights for photos that are poisoned as a whole, to be given such; part: those for strong poisons, spared parts or
+not. SCENE names what is left out together; CLEAN and POISONED are folders, with options after a comma:
+lego=lego,--downscale,2
 """
 import json
 import math
@@ -16,17 +17,29 @@ from bisect import bisect_left, bisect_right
 STEPS, RATE, DECAY = 1500, 0.5, 0.003
 
 
-def terms(f):
-    return [f["osc_share"], abs(math.log((f["osc_down"] + 0.5) / (f["osc_across"] + 0.5))), f["noisy"]]
+def log_ratio(f, least):
+    return abs(math.log((f["osc_down"] + least) / (f["osc_across"] + least)))
 
 
-NAMES = ["osc_share", "|ln ratio|", "noisy", "constant"]
+TERMS = {
+    "whole": {
+        "ln(osc_quiet + 0.1)": lambda f: math.log(f["osc_quiet"] + 0.1),
+        "osc_share": lambda f: f["osc_share"],
+        "|ln ratio|": lambda f: log_ratio(f, 0.2),
+        "evenness": lambda f: f["evenness"],
+    },
+    "part": {
+        "osc_share": lambda f: f["osc_share"],
+        "|ln ratio|": lambda f: log_ratio(f, 0.5),
+        "noisy": lambda f: f["noisy"],
+    },
+}
 
 
-def measure(tool, argument, label):
+def measure(terms, tool, argument, label):
     scene, _, where = argument.partition("=")
     report = subprocess.run([tool, "audit", *where.split(","), "--json", "--quiet"], check=True, stdout=subprocess.PIPE)
-    return scene, label, [terms(i["features"]) for i in json.loads(report.stdout)["images"]]
+    return scene, label, [[term(i["features"]) for term in terms.values()] for i in json.loads(report.stdout)["images"]]
 
 
 def fit(sets):
@@ -67,12 +80,13 @@ def photos(weights, sets, label):
 
 
 def main():
-    if sys.argv.count("--") != 1 or len(sys.argv) < 5:
+    if sys.argv.count("--") != 1 or len(sys.argv) < 6 or sys.argv[1] not in TERMS:
         sys.exit(__doc__)
-    tool, middle = sys.argv[1], sys.argv.index("--")
-    sets = [measure(tool, a, 0) for a in sys.argv[2:middle]] + [measure(tool, a, 1) for a in sys.argv[middle + 1:]]
+    terms, tool, middle = TERMS[sys.argv[1]], sys.argv[2], sys.argv.index("--")
+    sets = [measure(terms, tool, a, 0) for a in sys.argv[3:middle]]
+    sets += [measure(terms, tool, a, 1) for a in sys.argv[middle + 1:]]
     weights = fit(sets)
-    for name, w in zip(NAMES, weights):
+    for name, w in zip([*terms, "constant"], weights):
         print(f"{name:20} {w:7.2f}")
     print(f"ROC AUC of single photos: {area(photos(weights, sets, 0), photos(weights, sets, 1)):.4f}")
     for scene in sorted({s[0] for s in sets}):

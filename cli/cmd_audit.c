@@ -34,12 +34,12 @@ static const struct audit_config defaults = {.scene = {SCENE_OPTION_DEFAULTS}};
 
 static json_t *features(const struct sg_audit_features *f)
 {
-    return json_pack("{s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o}", "tv_down", number_json(f->tv_down), "tv_across",
-                     number_json(f->tv_across), "osc_down", number_json(f->osc_down), "osc_across",
+    return json_pack("{s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o}", "tv_down", number_json(f->tv_down),
+                     "tv_across", number_json(f->tv_across), "osc_down", number_json(f->osc_down), "osc_across",
                      number_json(f->osc_across), "osc_share", number_json(f->osc_share), "osc_quiet",
-                     number_json(f->osc_quiet), "osc_chroma", number_json(f->osc_chroma), "noisy",
-                     number_json(f->noisy), "ragged", number_json(f->ragged), "slope", number_json(f->slope),
-                     "anisotropy", number_json(f->anisotropy));
+                     number_json(f->osc_quiet), "osc_chroma", number_json(f->osc_chroma), "evenness",
+                     number_json(f->evenness), "noisy", number_json(f->noisy), "ragged", number_json(f->ragged),
+                     "slope", number_json(f->slope), "anisotropy", number_json(f->anisotropy));
 }
 
 static void print_json(const struct sg_audit *a)

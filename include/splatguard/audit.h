@@ -22,6 +22,7 @@ struct sg_audit_features {
     double osc_quiet;  /* oscillation of the quiet parts: the 25th percentile over the blocks of 16 x 16 pixels that are
                           not of one colour, each counting as much as it has used pixels */
     double osc_chroma; /* oscillation of red - green and of blue - green, both directions */
+    double evenness;   /* median over mean of the blocks' oscillation: 1 = everywhere alike */
     double noisy;      /* the share of pixels in such blocks that oscillate by more than 2.5 grey levels, with more than
                           0.45 of their variation in it */
     double ragged;     /* the share of used pixels that have an unused one above, below, left or right */

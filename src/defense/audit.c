@@ -13,12 +13,25 @@ static double logistic(double x)
     return 1 / (1 + exp(-x));
 }
 
-/* A logistic regression on sets of the four scenes of docs/defense.md, clean ones at several sizes, poisoned ones, and
- * ones poisoned in parts, each scene weighing the same. All of it grows with the poison and with the part of the photo
- * that is poisoned: sparing a part hides nothing of the rest. */
+/* Two logistic regressions on sets of the four scenes of docs/defense.md, clean ones at several sizes and poisoned
+ * ones, each scene weighing the same. */
+
+/* Of photos that are poisoned as a whole: even weak poisons are told by what they do to quiet parts. */
+static double evidence_whole(const struct sg_audit_features *f)
+{
+    return 3.2 * log(f->osc_quiet + 0.1) + 14.1 * f->osc_share +
+           4.5 * fabs(log((f->osc_down + 0.2) / (f->osc_across + 0.2))) - 9.5 * f->evenness + 1.3;
+}
+
+/* Of strong ones, and of photos poisoned in parts. All of it grows with the part: sparing the rest hides nothing. */
+static double evidence_part(const struct sg_audit_features *f)
+{
+    return 13.9 * f->osc_share + 5.8 * fabs(log((f->osc_down + 0.5) / (f->osc_across + 0.5))) + 7.1 * f->noisy - 7.6;
+}
+
 static double evidence(const struct sg_audit_features *f)
 {
-    return 9.5 * f->osc_share + 6.8 * fabs(log((f->osc_down + 0.5) / (f->osc_across + 0.5))) + 7.1 * f->noisy - 6.0;
+    return fmax(evidence_whole(f), evidence_part(f));
 }
 
 /* Masks outline things. One in which this share of the pixels is border can hide any pattern from us. */

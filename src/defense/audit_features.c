@@ -183,18 +183,19 @@ static double oscillation_of(const struct block *b)
 static void distribute(const struct plane *p, struct share *own, struct sg_audit_features *out)
 {
     size_t n = 0;
-    double weight = 0, noisy = 0;
+    double sum = 0, weight = 0, noisy = 0;
     for (size_t i = 0; i < block_count(p); i++) {
         const struct block *b = &p->blocks[i];
         if (!b->pixels || !varies(p, i))
             continue;
         own[n++] = (struct share){(float) oscillation_of(b), b->pixels};
-        weight += b->pixels;
+        sum += b->oscillation, weight += b->pixels;
         if (oscillation_of(b) > NOISY_OSCILLATION && share_of_extremes(b->extremes, b->total, b->pixels) > NOISY_SHARE)
             noisy += b->pixels;
     }
     qsort(own, n, sizeof(*own), ascending);
     out->osc_quiet = quantile(own, n, weight / 4);
+    out->evenness = sum > 0 ? quantile(own, n, weight / 2) / (sum / weight) : 0;
     out->noisy = weight > 0 ? noisy / weight : 0;
 }
 
