@@ -82,7 +82,7 @@ void options_markdown(const struct command *c, FILE *out)
     }
 }
 
-/* roff treats a leading dash, dot or backslash specially. */
+/* roff takes a dash for a hyphen and a backslash for a command. */
 static void roff(FILE *out, const char *text)
 {
     for (; *text; text++) {

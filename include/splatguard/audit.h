@@ -32,7 +32,7 @@ struct sg_audit_features {
 };
 
 struct sg_audit_image {
-    const char *name; /* the view's */
+    const char *name; /* the view's: lives as long as the scene */
     struct sg_audit_features features;
     double score; /* 0..1 */
     enum sg_audit_verdict verdict;

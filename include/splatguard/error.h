@@ -8,7 +8,7 @@ enum sg_error {
     SG_OK = 0,
     SG_ERR_USAGE = -1,       /* the caller asked for something that makes no sense      -> exit 1 */
     SG_ERR_INPUT = -2,       /* a file or folder is missing, malformed or unwritable    -> exit 2 */
-    SG_ERR_BUDGET = -3,      /* a limit on memory, time or counts would be exceeded     -> exit 3 */
+    SG_ERR_BUDGET = -3,      /* a limit on memory or counts would be exceeded           -> exit 3 */
     SG_ERR_INTERNAL = -4,    /* a bug, or the system refused something basic            -> exit 4 */
     SG_ERR_INTERRUPTED = -5, /* stopped on request, everything saved                    -> exit 130 */
 };

@@ -62,7 +62,7 @@ struct sg_train_params {
 #define sg_train_params(...) (&(struct sg_train_params){SG_TRAIN_DEFAULTS, __VA_ARGS__})
 
 /* SG_ERR_USAGE, naming the value and its range, where a number is out of it; sg_trainer_create checks this and what
- * depends on scene and machine. */
+ * depends on scene and machine. params: not NULL. */
 int sg_train_check(sg_ctx *ctx, const struct sg_train_params *params);
 
 /* What one iteration did. */
@@ -70,7 +70,7 @@ struct sg_train_step {
     int iteration;                /* 1-based */
     size_t view;                  /* index into scene->train */
     double loss, l1, ssim, psnr;  /* of this view, before the update; psnr on unclamped values */
-    size_t gaussians;             /* after densification */
+    size_t gaussians;             /* at its end: after densification and the filter */
     size_t cloned, split, pruned; /* of this iteration's densification, else 0 */
     struct sg_render_stats render;
     struct sg_defense_step defense;
@@ -86,16 +86,20 @@ struct sg_train_times {
 typedef struct sg_trainer sg_trainer;
 
 /* initial may be NULL: points of the scene, or random ones. It is copied; where the context has a limit on memory the
- * caller destroys it before the first step, for the plan counts on that. params may be NULL. */
+ * caller destroys it before the first step, for the plan counts on that. params may be NULL. Errors: SG_ERR_USAGE for
+ * values out of range, SG_ERR_INPUT for a scene without training views, SG_ERR_BUDGET where the run cannot fit. */
 int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
                       const struct sg_train_params *params, sg_trainer **out);
 /* From a file of sg_trainer_save, with the same scene and params but for limits and iterations: goes on to the very
- * bytes of an uninterrupted run. */
+ * bytes of an uninterrupted run. Errors: those of sg_trainer_create; SG_ERR_INPUT for a file that is no checkpoint of
+ * this scene and run. */
 int sg_trainer_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path, const struct sg_train_params *params,
                       sg_trainer **out);
 void sg_trainer_destroy(sg_trainer **trainer);
 
-/* One iteration. step may be NULL. After an error the trainer can still be saved and destroyed. */
+/* One iteration; after the last one Adam stands still. step may be NULL. Errors: SG_ERR_BUDGET. After an error the
+ * trainer can still be saved and destroyed, with that iteration half done: what is resumed from there is a sound model,
+ * not the one of an uninterrupted run. */
 int sg_trainer_step(sg_trainer *trainer, struct sg_train_step *step);
 
 /* Iterations done so far, those that a lack of time skipped included. */
@@ -122,7 +126,8 @@ int sg_trainer_model(sg_trainer *trainer, struct sg_model **out);
  * the trainer's next step or its end; the caller destroys *out. */
 int sg_trainer_renderer(sg_trainer *trainer, sg_renderer **out);
 
-/* The whole state, for sg_trainer_resume. */
+/* The whole state, for sg_trainer_resume. The file appears whole or not at all. Errors: SG_ERR_INPUT where it cannot be
+ * written, SG_ERR_BUDGET. */
 int sg_trainer_save(sg_trainer *trainer, const char *path);
 
 #ifdef __cplusplus
