@@ -16,16 +16,18 @@ struct audit_config {
 
 #define A(field) offsetof(struct audit_config, field)
 static const struct option audit_options[] = {
-    {"Output", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
-    {"json", 0, OPT_FLAG, A(json), 0, 0, NULL, NULL, "Print one JSON object.", true},
-    {"report", 0, OPT_STRING, A(report), 0, 0, NULL, "OUT.html",
-     "Write a page with the reasons, spectra and heat maps of the most suspicious and the least suspicious photos.",
-     true},
-    {"eval", 0, OPT_FLAG, A(eval), 0, 0, NULL, NULL, "Leave the test views out, as train --eval does.", true},
-    {"threads", 'j', OPT_INT, A(threads), 0, 256, NULL, "T", "Worker threads; 0 = one per CPU.", true},
-    {"max-memory", 0, OPT_BYTES, A(max_memory), 0, 9e15, NULL, "BYTES", "Most memory of the process; 0 = no limit.",
-     true},
-    {"quiet", 'q', OPT_FLAG, A(quiet), 0, 0, NULL, NULL, "No messages.", true},
+    GROUP_ROW("Output"),
+    FLAG_ROW("json", A(json), "Print one JSON object.", .transient = true),
+    TEXT_ROW(
+        "report", A(report), "OUT.html",
+        "Write a page with the reasons, spectra and heat maps of the most suspicious and the least suspicious photos.",
+        .transient = true),
+    FLAG_ROW("eval", A(eval), "Leave the test views out, as train --eval does.", .transient = true),
+    NUMBER_ROW("threads", OPT_INT, A(threads), 0, 256, "T", "Worker threads; 0 = one per CPU.", .letter = 'j',
+               .transient = true),
+    NUMBER_ROW("max-memory", OPT_BYTES, A(max_memory), 0, 9e15, "BYTES", "Most memory of the process; 0 = no limit.",
+               .transient = true),
+    FLAG_ROW("quiet", A(quiet), "No messages.", .letter = 'q', .transient = true),
     SCENE_OPTIONS(struct audit_config, scene, true),
     {0},
 };

@@ -13,10 +13,9 @@ struct compare_config {
 };
 
 static const struct option compare_options[] = {
-    {"json", 0, OPT_FLAG, offsetof(struct compare_config, json), 0, 0, NULL, NULL,
-     "Print a JSON array, one object a run.", true},
-    {"csv", 0, OPT_FLAG, offsetof(struct compare_config, csv), 0, 0, NULL, NULL,
-     "Print comma-separated values, one line a run.", true},
+    FLAG_ROW("json", offsetof(struct compare_config, json), "Print a JSON array, one object a run.", .transient = true),
+    FLAG_ROW("csv", offsetof(struct compare_config, csv), "Print comma-separated values, one line a run.",
+             .transient = true),
     MODEL_OPTIONS(struct compare_config),
     SCENE_OPTIONS(struct compare_config, m.scene, true),
     {0},

@@ -11,9 +11,8 @@ struct eval_config {
 
 static const struct option eval_options[] = {
     MODEL_OPTIONS(struct eval_config),
-    {"json", 0, OPT_FLAG, offsetof(struct eval_config, json), 0, 0, NULL, NULL, "Print one JSON object.", true},
-    {"per-view", 0, OPT_FLAG, offsetof(struct eval_config, per_view), 0, 0, NULL, NULL, "Print each view's values too.",
-     true},
+    FLAG_ROW("json", offsetof(struct eval_config, json), "Print one JSON object.", .transient = true),
+    FLAG_ROW("per-view", offsetof(struct eval_config, per_view), "Print each view's values too.", .transient = true),
     SCENE_OPTIONS(struct eval_config, m.scene, true),
     {0},
 };

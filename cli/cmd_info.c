@@ -8,8 +8,8 @@ struct info_config {
 };
 
 static const struct option info_options[] = {
-    {"Output", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
-    {"json", 0, OPT_FLAG, offsetof(struct info_config, json), 0, 0, NULL, NULL, "Print one JSON object.", true},
+    GROUP_ROW("Output"),
+    FLAG_ROW("json", offsetof(struct info_config, json), "Print one JSON object.", .transient = true),
     {0},
 };
 

@@ -15,13 +15,14 @@ struct render_config {
 };
 
 static const struct option render_options[] = {
-    {"Output", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
-    {"output", 'o', OPT_STRING, offsetof(struct render_config, output), 0, 0, NULL, "DIR", "Folder for the images.",
-     true},
-    {"float", 0, OPT_FLAG, offsetof(struct render_config, pfm), 0, 0, NULL, NULL,
-     "Write PFM (32-bit float, not clamped) instead of PNG.", true},
-    {"depth", 0, OPT_FLAG, offsetof(struct render_config, depth), 0, 0, NULL, NULL,
-     "Write NAME_depth too: mean depth in scene units (PFM), or nearest white to farthest black (PNG).", true},
+    GROUP_ROW("Output"),
+    TEXT_ROW("output", offsetof(struct render_config, output), "DIR", "Folder for the images.", .letter = 'o',
+             .transient = true),
+    FLAG_ROW("float", offsetof(struct render_config, pfm), "Write PFM (32-bit float, not clamped) instead of PNG.",
+             .transient = true),
+    FLAG_ROW("depth", offsetof(struct render_config, depth),
+             "Write NAME_depth too: mean depth in scene units (PFM), or nearest white to farthest black (PNG).",
+             .transient = true),
     MODEL_OPTIONS(struct render_config),
     SCENE_OPTIONS(struct render_config, m.scene, true),
     {0},

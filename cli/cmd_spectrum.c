@@ -19,16 +19,16 @@ struct spectrum_config {
 
 #define S(field) offsetof(struct spectrum_config, field)
 static const struct option spectrum_options[] = {
-    {"output", 'o', OPT_STRING, S(output), 0, 0, NULL, "OUT.png", "Draw the picture into this file.", true},
-    {"json", 0, OPT_FLAG, S(json), 0, 0, NULL, NULL, "Print a JSON array, one object an image.", true},
-    {"gain", 0, OPT_DOUBLE, S(gain), 0.01, 255, NULL, "X", "How much differences from the first image are magnified.",
-     true},
-    {"crop", 0, OPT_STRING, S(crop), 0, 0, NULL, "X,Y,W,H", "Also draw this part of every image, magnified.", true},
-    {"low", 0, OPT_DOUBLE, S(p.low), 0, 1, NULL, "X", "Lower edge of the band, as a part of the Nyquist frequency.",
-     true},
-    {"high", 0, OPT_DOUBLE, S(p.high), 0, 1, NULL, "X", "Upper edge of the band.", true},
-    {"bins", 0, OPT_INT, S(p.bins), 4, SG_SPECTRUM_BINS_MAX, NULL, "N",
-     "Directions over the full circle; divisible by 4.", true},
+    TEXT_ROW("output", S(output), "OUT.png", "Draw the picture into this file.", .letter = 'o', .transient = true),
+    FLAG_ROW("json", S(json), "Print a JSON array, one object an image.", .transient = true),
+    NUMBER_ROW("gain", OPT_DOUBLE, S(gain), 0.01, 255, "X", "How much differences from the first image are magnified.",
+               .transient = true),
+    TEXT_ROW("crop", S(crop), "X,Y,W,H", "Also draw this part of every image, magnified.", .transient = true),
+    NUMBER_ROW("low", OPT_DOUBLE, S(p.low), 0, 1, "X", "Lower edge of the band, as a part of the Nyquist frequency.",
+               .transient = true),
+    NUMBER_ROW("high", OPT_DOUBLE, S(p.high), 0, 1, "X", "Upper edge of the band.", .transient = true),
+    NUMBER_ROW("bins", OPT_INT, S(p.bins), 4, SG_SPECTRUM_BINS_MAX, "N",
+               "Directions over the full circle; divisible by 4.", .transient = true),
     {0},
 };
 

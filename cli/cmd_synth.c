@@ -8,22 +8,21 @@ struct synth_config {
 };
 
 #define S(field) offsetof(struct synth_config, field)
-#define INTEGER(name, field, low, high, help)                                                                          \
-    {                                                                                                                  \
-        name, 0, OPT_INT, S(field), low, high, NULL, "N", help, false                                                  \
-    }
+#define INTEGER(name, field, low, high, help) NUMBER_ROW(name, OPT_INT, S(field), low, high, "N", help)
 
 static const struct option synth_options[] = {
-    {"Output", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
-    {"output", 'o', OPT_STRING, S(output), 0, 0, NULL, "DIR", "Folder to make; must not exist or be empty.", true},
+    GROUP_ROW("Output"),
+    TEXT_ROW("output", S(output), "DIR", "Folder to make; must not exist or be empty.", .letter = 'o',
+             .transient = true),
     INTEGER("width", p.width, 16, 4096, "Image width in pixels."),
     INTEGER("height", p.height, 16, 4096, "Image height in pixels."),
     INTEGER("train-views", p.train_views, 4, 4096, "Views to train on."),
     INTEGER("test-views", p.test_views, 1, 4096, "Views to hold out."),
     INTEGER("points", p.points, 4, 10000000, "Surface points of the COLMAP layout."),
     INTEGER("samples", p.samples, 1, 8, "Anti-aliasing samples per pixel and axis."),
-    {"seed", 0, OPT_U64, S(p.seed), 0, 9e15, NULL, "S", "Same options and seed, same bytes.", false},
-    {"threads", 'j', OPT_INT, S(threads), 0, 256, NULL, "T", "Worker threads; 0 = one per CPU.", true},
+    NUMBER_ROW("seed", OPT_U64, S(p.seed), 0, 9e15, "S", "Same options and seed, same bytes."),
+    NUMBER_ROW("threads", OPT_INT, S(threads), 0, 256, "T", "Worker threads; 0 = one per CPU.", .letter = 'j',
+               .transient = true),
     {0},
 };
 

@@ -5,19 +5,10 @@
 #include "train_run.h"
 
 #define T(field) offsetof(struct train_config, field)
-#define INTEGER(name, field, low, high, help)                                                                          \
-    {                                                                                                                  \
-        name, 0, OPT_INT, T(field), low, high, NULL, "N", help, false                                                  \
-    }
-#define RATE(name, field, help)                                                                                        \
-    {                                                                                                                  \
-        name, 0, OPT_FLOAT, T(train.field), 0, 1000, NULL, "X", help, false                                            \
-    }
+#define INTEGER(name, field, low, high, help) NUMBER_ROW(name, OPT_INT, T(field), low, high, "N", help)
+#define RATE(name, field, help) NUMBER_ROW(name, OPT_FLOAT, T(train.field), 0, 1000, "X", help)
 
-#define DOUBLE(name, field, low, high, help)                                                                           \
-    {                                                                                                                  \
-        name, 0, OPT_DOUBLE, T(train.defense.field), low, high, NULL, "X", help, false                                 \
-    }
+#define DOUBLE(name, field, low, high, help) NUMBER_ROW(name, OPT_DOUBLE, T(train.defense.field), low, high, "X", help)
 
 /* Choices are indices of enums. */
 _Static_assert(SG_SIGMA_EIGEN == 1 && SG_HIT_VIEWS == 1 && SG_HIT_WEIGHT == 2 && SG_PRUNE_THRESHOLD == 1 &&
@@ -26,39 +17,37 @@ _Static_assert(SG_SIGMA_EIGEN == 1 && SG_HIT_VIEWS == 1 && SG_HIT_WEIGHT == 2 &&
                "the order of the defense's choices");
 
 static const struct option train_options[] = {
-    {"Run", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
-    {"output", 'o', OPT_STRING, T(output), 0, 0, NULL, "RUN", "Folder to write the run to.", true},
-    {"model-path", 'm', OPT_STRING, T(output), 0, 0, NULL, "RUN", "The reference's name for --output.", true},
-    {"source-path", 's', OPT_STRING, T(source), 0, 0, NULL, "SCENE", "The reference's way to name the scene.", false},
+    GROUP_ROW("Run"),
+    TEXT_ROW("output", T(output), "RUN", "Folder to write the run to.", .letter = 'o', .transient = true),
+    TEXT_ROW("model-path", T(output), "RUN", "The reference's name for --output.", .letter = 'm', .transient = true),
+    TEXT_ROW("source-path", T(source), "SCENE", "The reference's way to name the scene.", .letter = 's'),
     INTEGER("iterations", train.iterations, 1, 10000000, "Training iterations."),
-    {"seed", 0, OPT_U64, T(train.seed), 0, 9e15, NULL, "S", "Seed of every random draw.", false},
-    {"threads", 'j', OPT_INT, T(threads), 0, 256, NULL, "T", "Worker threads; 0 = one per CPU. Results are the same.",
-     true},
-    {"eval", 0, OPT_FLAG, T(eval), 0, 0, NULL, NULL, "Hold the test views out and measure PSNR and SSIM on them.",
-     false},
-    {"resume", 0, OPT_FLAG, T(resume), 0, 0, NULL, NULL,
-     "Continue RUN from its checkpoint with its own options: same bytes as an uninterrupted run.", true},
-    {"force", 0, OPT_FLAG, T(force), 0, 0, NULL, NULL, "Replace an earlier run in the folder.", true},
-    {"quiet", 'q', OPT_FLAG, T(quiet), 0, 0, NULL, NULL, "No progress.", true},
+    NUMBER_ROW("seed", OPT_U64, T(train.seed), 0, 9e15, "S", "Seed of every random draw."),
+    NUMBER_ROW("threads", OPT_INT, T(threads), 0, 256, "T", "Worker threads; 0 = one per CPU. Results are the same.",
+               .letter = 'j', .transient = true),
+    FLAG_ROW("eval", T(eval), "Hold the test views out and measure PSNR and SSIM on them."),
+    FLAG_ROW("resume", T(resume),
+             "Continue RUN from its checkpoint with its own options: same bytes as an uninterrupted run.",
+             .transient = true),
+    FLAG_ROW("force", T(force), "Replace an earlier run in the folder.", .transient = true),
+    FLAG_ROW("quiet", T(quiet), "No progress.", .letter = 'q', .transient = true),
     INTEGER("save-every", save_every, 0, 10000000,
             "Save model and checkpoint every N iterations; 0 = at the end only."),
     INTEGER("eval-every", eval_every, 0, 10000000, "Measure the test views every N iterations; 0 = at the end only."),
     INTEGER("log-every", log_every, 1, 10000000, "Write a line to log.jsonl every N iterations."),
-    {"backend", 0, OPT_CHOICE, T(backend), 0, 0, BACKENDS, "NAME", "cpu, or ref: the slow scalar oracle.", false},
-    {"cpu", 0, OPT_STRING, T(train.cpu), 0, 0, NULL, "VARIANT",
-     "Instruction set: baseline, avx2, avx512 or neon; the best by default (or SG_CPU).", false},
+    CHOICE_ROW("backend", T(backend), BACKENDS, "NAME", "cpu, or ref: the slow scalar oracle."),
+    TEXT_ROW("cpu", T(train.cpu), "VARIANT",
+             "Instruction set: baseline, avx2, avx512 or neon; the best by default (or SG_CPU)."),
     SCENE_OPTIONS(struct train_config, scene, false),
-    {"Initialisation", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
-    {"init", 0, OPT_STRING, T(init), 0, 0, NULL, "MODEL.ply", "Start from this model.", false},
-    {"init-points", 0, OPT_U64, T(train.init_points), 4, 1e8, NULL, "N", "Random points where the scene has none.",
-     false},
-    {"Model and loss", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
+    GROUP_ROW("Initialisation"),
+    TEXT_ROW("init", T(init), "MODEL.ply", "Start from this model."),
+    NUMBER_ROW("init-points", OPT_U64, T(train.init_points), 4, 1e8, "N", "Random points where the scene has none."),
+    GROUP_ROW("Model and loss"),
     INTEGER("sh-degree", train.sh_degree, 0, 3, "Degree of the spherical harmonics."),
     INTEGER("sh-interval", train.sh_interval, 1, 10000000, "Iterations between raises of the degree in use."),
-    {"random-background", 0, OPT_FLAG, T(train.random_background), 0, 0, NULL, NULL,
-     "A random background colour each iteration.", false},
-    {"lambda-dssim", 0, OPT_FLOAT, T(train.lambda_dssim), 0, 1, NULL, "X", "Weight of 1 - SSIM against L1.", false},
-    {"Learning rates", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
+    FLAG_ROW("random-background", T(train.random_background), "A random background colour each iteration."),
+    NUMBER_ROW("lambda-dssim", OPT_FLOAT, T(train.lambda_dssim), 0, 1, "X", "Weight of 1 - SSIM against L1."),
+    GROUP_ROW("Learning rates"),
     RATE("position-lr-init", position_lr_init, "Position, at the start, in scene extents."),
     RATE("position-lr-final", position_lr_final, "Position, at the end, in scene extents."),
     INTEGER("position-lr-max-steps", train.position_lr_max_steps, 1, 1000000000, "Iterations between the two."),
@@ -66,7 +55,7 @@ static const struct option train_options[] = {
     RATE("opacity-lr", opacity_lr, "Opacity."),
     RATE("scaling-lr", scaling_lr, "Scale."),
     RATE("rotation-lr", rotation_lr, "Rotation."),
-    {"Densification", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
+    GROUP_ROW("Densification"),
     RATE("percent-dense", percent_dense, "Split Gaussians larger than this share of the extent, clone smaller ones."),
     INTEGER("densification-interval", train.densification_interval, 1, 10000000, "Iterations between densifications."),
     INTEGER("densify-from-iter", train.densify_from_iter, 0, 1000000000, "Densify after this iteration."),
@@ -74,31 +63,31 @@ static const struct option train_options[] = {
     RATE("densify-grad-threshold", densify_grad_threshold, "Mean view-space gradient that makes a Gaussian grow."),
     INTEGER("opacity-reset-interval", train.opacity_reset_interval, 1, 1000000000,
             "Iterations between opacity resets."),
-    {"Budgets", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
-    {"max-gaussians", 0, OPT_U64, T(train.max_gaussians), 0, 4e9, NULL, "N",
-     "Most Gaussians; at the limit, new ones take the place of those that the defense's filter scores lowest. 0 = no "
-     "limit.",
-     false},
-    {"max-memory", 0, OPT_BYTES, T(max_memory), 0, 9e15, NULL, "BYTES",
-     "Most memory of the whole process, e.g. 1500M or 4G: limits Gaussians and tile lists to what fits. 0 = no limit.",
-     false},
-    {"max-time", 0, OPT_TIME, T(train.max_seconds), 0, 1e9, NULL, "TIME",
-     "Most time until the model is trained, e.g. 90s, 10m or 2h: iterations are skipped so that the schedule still "
-     "ends. "
-     "0 = no limit.",
-     false},
-    {"Defense", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
-    {"defense", 0, OPT_CHOICE, T(defense), 0, 0, "off|spectral", "NAME",
-     "Against poisoned photos: prune Gaussians of high frequency, keep renders smooth and even over directions.",
-     false},
-    {"audit", 0, OPT_CHOICE, T(audit), 0, 0, "off|warn|refuse|defend", "MODE",
-     "Look at the photos first (see `audit`): say what is found, refuse poisoned ones with exit status 2, or turn the "
-     "defense on unless they are clean.",
-     false},
-    {"preset", 0, OPT_CHOICE, T(preset), 0, 0, "auto|ns|tt|mip", "NAME",
-     "The paper's rho and lambda for NeRF-Synthetic, Tanks and Temples, Mip-NeRF 360; auto: a share of the run's own "
-     "growth, and for each photo the more lambda the more it looks poisoned (see `audit`).",
-     false},
+    GROUP_ROW("Budgets"),
+    NUMBER_ROW("max-gaussians", OPT_U64, T(train.max_gaussians), 0, 4e9, "N",
+               "Most Gaussians; at the limit, new ones take the place of those that the defense's filter scores "
+               "lowest. 0 = no "
+               "limit."),
+    NUMBER_ROW("max-memory", OPT_BYTES, T(max_memory), 0, 9e15, "BYTES",
+               "Most memory of the whole process, e.g. 1500M or 4G: limits Gaussians and tile lists to what fits. 0 = "
+               "no limit."),
+    NUMBER_ROW(
+        "max-time", OPT_TIME, T(train.max_seconds), 0, 1e9, "TIME",
+        "Most time until the model is trained, e.g. 90s, 10m or 2h: iterations are skipped so that the schedule still "
+        "ends. "
+        "0 = no limit."),
+    GROUP_ROW("Defense"),
+    CHOICE_ROW(
+        "defense", T(defense), "off|spectral", "NAME",
+        "Against poisoned photos: prune Gaussians of high frequency, keep renders smooth and even over directions."),
+    CHOICE_ROW("audit", T(audit), "off|warn|refuse|defend", "MODE",
+               "Look at the photos first (see `audit`): say what is found, refuse poisoned ones with exit status 2, or "
+               "turn the "
+               "defense on unless they are clean."),
+    CHOICE_ROW("preset", T(preset), "auto|ns|tt|mip", "NAME",
+               "The paper's rho and lambda for NeRF-Synthetic, Tanks and Temples, Mip-NeRF 360; auto: a share of the "
+               "run's own "
+               "growth, and for each photo the more lambda the more it looks poisoned (see `audit`)."),
     DOUBLE(
         "rho", rho, -1, 0.5,
         "Share of the Gaussians that the filter removes at a time; -0.9 to 0: minus the share of what grew; -1 = the "
@@ -111,37 +100,36 @@ static const struct option train_options[] = {
     INTEGER("filter-from", train.defense.from, -1, 1000000000, "Remove after this iteration; -1 = as densification."),
     INTEGER("filter-until", train.defense.until, -1, 1000000000,
             "Remove before this iteration; -1 = as densification, with which a share of growth ends."),
-    {"filter-sigma", 0, OPT_CHOICE, T(train.defense.sigma), 0, 0, "std|eigen", "NAME",
-     "Size in the frequency weight: smallest scale, or its square (the smallest eigenvalue).", false},
-    {"filter-hits", 0, OPT_CHOICE, T(train.defense.hit), 0, 0, "pixels|views|weight", "NAME",
-     "Hits of a Gaussian: pixels it is blended in, views, or its weight in the pixels.", false},
-    {"filter-rule", 0, OPT_CHOICE, T(train.defense.rule), 0, 0, "exact|threshold", "NAME",
-     "Remove exactly the share, or all up to the score there (LightGaussian's rule).", false},
-    {"filter-sample", 0, OPT_CHOICE, T(train.defense.sample), 0, 0, "random|all", "NAME",
-     "Views to count in: a new sample each time, or all.", false},
+    CHOICE_ROW("filter-sigma", T(train.defense.sigma), "std|eigen", "NAME",
+               "Size in the frequency weight: smallest scale, or its square (the smallest eigenvalue)."),
+    CHOICE_ROW("filter-hits", T(train.defense.hit), "pixels|views|weight", "NAME",
+               "Hits of a Gaussian: pixels it is blended in, views, or its weight in the pixels."),
+    CHOICE_ROW("filter-rule", T(train.defense.rule), "exact|threshold", "NAME",
+               "Remove exactly the share, or all up to the score there (LightGaussian's rule)."),
+    CHOICE_ROW("filter-sample", T(train.defense.sample), "random|all", "NAME",
+               "Views to count in: a new sample each time, or all."),
     DOUBLE(
         "lambda", lambda, -1, 1e6,
         "Weight of the two losses on renders (auto: of photos that look poisoned, up to four times as much where they "
         "oscillate strongly); -1 = the preset's."),
     DOUBLE("anisotropy-scale", anisotropy_scale, 0, 1e6, "Times lambda: weight of the spectrum's anisotropy."),
     DOUBLE("tv-scale", tv_scale, 0, 1e6, "Times lambda: weight of the total variation."),
-    {"tv-norm", 0, OPT_CHOICE, T(train.defense.tv), 0, 0, "l2|l1|huber", "NAME",
-     "Total variation: mean of squared or of absolute differences; huber: squared up to 16 grey levels, then linear.",
-     false},
+    CHOICE_ROW("tv-norm", T(train.defense.tv), "l2|l1|huber", "NAME",
+               "Total variation: mean of squared or of absolute differences; huber: squared up to 16 grey levels, then "
+               "linear."),
     DOUBLE("band-low", spectrum.band.low, 0, 1, "Lower edge of the band, as a part of the Nyquist frequency."),
     DOUBLE("band-high", spectrum.band.high, 0, 1, "Upper edge of the band."),
     INTEGER("bins", train.defense.spectrum.band.bins, 2, SG_SPECTRUM_BINS_MAX, "Directions of the spectrum, even."),
-    {"energy", 0, OPT_CHOICE, T(train.defense.spectrum.energy), 0, 0, "power|amplitude", "NAME",
-     "What a coefficient of the spectrum counts.", false},
-    {"channels", 0, OPT_CHOICE, T(train.defense.spectrum.channels), 0, 0, "sum|luma", "NAME",
-     "Energy of all three channels, or of the luma.", false},
-    {"exact-spectrum", 0, OPT_FLAG, T(train.defense.spectrum.exact_size), 0, 0, NULL, NULL,
-     "Transform awkward image sides as they are; by default they are continued to the next quick length.", false},
-    {"Rasteriser", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},
-    {"max-instances", 0, OPT_U64, T(train.max_instances), 1, 4e9, NULL, "N",
-     "(Gaussian, tile) pairs held at once; views with more are processed in bands, with the same result.", false},
-    {"reference-tiles", 0, OPT_FLAG, T(train.reference_tiles), 0, 0, NULL, NULL,
-     "Keep every tile of the 3-sigma square, for parity checks.", false},
+    CHOICE_ROW("energy", T(train.defense.spectrum.energy), "power|amplitude", "NAME",
+               "What a coefficient of the spectrum counts."),
+    CHOICE_ROW("channels", T(train.defense.spectrum.channels), "sum|luma", "NAME",
+               "Energy of all three channels, or of the luma."),
+    FLAG_ROW("exact-spectrum", T(train.defense.spectrum.exact_size),
+             "Transform awkward image sides as they are; by default they are continued to the next quick length."),
+    GROUP_ROW("Rasteriser"),
+    NUMBER_ROW("max-instances", OPT_U64, T(train.max_instances), 1, 4e9, "N",
+               "(Gaussian, tile) pairs held at once; views with more are processed in bands, with the same result."),
+    FLAG_ROW("reference-tiles", T(train.reference_tiles), "Keep every tile of the 3-sigma square, for parity checks."),
     {0},
 };
 

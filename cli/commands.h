@@ -17,74 +17,32 @@ struct scene_options {
 #define SCENE_FORMATS "auto|blender|colmap|nerfstudio"
 #define SCENE_OPTION_DEFAULTS .params = {SG_SCENE_DEFAULTS}
 
-/* The scene rows of an option table; `scene_` is the `struct scene_options` member of `config`. */
+/* The scene rows of an option table; `scene_` is the `struct scene_options` member of `config`. Those that every
+ * command with a scene has, and those that `attack` words otherwise. */
+#define SCENE_PLACE_ROWS(config, scene_, transient_)                                                                   \
+    CHOICE_ROW("format", offsetof(config, scene_.format), SCENE_FORMATS, "FORMAT", "Layout of the scene folder.",      \
+               .transient = transient_),                                                                               \
+        TEXT_ROW("images", offsetof(config, scene_.params.images), "DIR",                                              \
+                 "COLMAP: image folder below the scene, e.g. images_4.", .letter = 'i', .transient = transient_),      \
+        NUMBER_ROW("resolution", OPT_INT, offsetof(config, scene_.params.resolution), -1, 16384, "R",                  \
+                   "1, 2, 4, 8 divide the size; -1 limits the width to 1600; other numbers are the target width.",     \
+                   .letter = 'r', .transient = transient_)
+#define SCENE_LENS_ROWS(config, scene_, transient_)                                                                    \
+    FLAG_ROW("centred-principal", offsetof(config, scene_.params.centred_principal),                                   \
+             "Ignore cx and cy, as the reference does.", .transient = transient_),                                     \
+        TEXT_ROW("masks", offsetof(config, scene_.params.masks), "DIR",                                                \
+                 "Folder of masks inside the scene's, white = use; found by itself if called masks.",                  \
+                 .transient = transient_)
 #define SCENE_OPTIONS(config, scene_, transient_)                                                                      \
-    {"Scene", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false}, {"format",                                              \
-                                                                0,                                                     \
-                                                                OPT_CHOICE,                                            \
-                                                                offsetof(config, scene_.format),                       \
-                                                                0,                                                     \
-                                                                0,                                                     \
-                                                                SCENE_FORMATS,                                         \
-                                                                "FORMAT",                                              \
-                                                                "Layout of the scene folder.",                         \
-                                                                transient_},                                           \
-        {"images",                                                                                                     \
-         'i',                                                                                                          \
-         OPT_STRING,                                                                                                   \
-         offsetof(config, scene_.params.images),                                                                       \
-         0,                                                                                                            \
-         0,                                                                                                            \
-         NULL,                                                                                                         \
-         "DIR",                                                                                                        \
-         "COLMAP: image folder below the scene, e.g. images_4.",                                                       \
-         transient_},                                                                                                  \
-        {"resolution",                                                                                                 \
-         'r',                                                                                                          \
-         OPT_INT,                                                                                                      \
-         offsetof(config, scene_.params.resolution),                                                                   \
-         -1,                                                                                                           \
-         16384,                                                                                                        \
-         NULL,                                                                                                         \
-         "R",                                                                                                          \
-         "1, 2, 4, 8 divide the size; -1 limits the width to 1600; other numbers are the target width.",               \
-         transient_},                                                                                                  \
-        {"downscale", 0,    OPT_DOUBLE, offsetof(config, scene_.params.downscale), 1,                                  \
-         64,          NULL, "F",        "Divides the image size further.",         transient_},                        \
-        {"white-background",                                                                                           \
-         'w',                                                                                                          \
-         OPT_FLAG,                                                                                                     \
-         offsetof(config, scene_.params.white_background),                                                             \
-         0,                                                                                                            \
-         0,                                                                                                            \
-         NULL,                                                                                                         \
-         NULL,                                                                                                         \
-         "White instead of black behind transparent images and renders.",                                              \
-         transient_},                                                                                                  \
-        {"test-every",                                                                                                 \
-         0,                                                                                                            \
-         OPT_INT,                                                                                                      \
-         offsetof(config, scene_.params.test_every),                                                                   \
-         2,                                                                                                            \
-         1000000,                                                                                                      \
-         NULL,                                                                                                         \
-         "N",                                                                                                          \
-         "COLMAP, nerfstudio: every N-th view by name is a test view.",                                                \
-         transient_},                                                                                                  \
-        {"centred-principal",                                                                                          \
-         0,                                                                                                            \
-         OPT_FLAG,                                                                                                     \
-         offsetof(config, scene_.params.centred_principal),                                                            \
-         0,                                                                                                            \
-         0,                                                                                                            \
-         NULL,                                                                                                         \
-         NULL,                                                                                                         \
-         "Ignore cx and cy, as the reference does.",                                                                   \
-         transient_},                                                                                                  \
-    {                                                                                                                  \
-        "masks", 0, OPT_STRING, offsetof(config, scene_.params.masks), 0, 0, NULL, "DIR",                              \
-            "Folder of masks inside the scene's, white = use; found by itself if called masks.", transient_            \
-    }
+    GROUP_ROW("Scene"), SCENE_PLACE_ROWS(config, scene_, transient_),                                                  \
+        NUMBER_ROW("downscale", OPT_DOUBLE, offsetof(config, scene_.params.downscale), 1, 64, "F",                     \
+                   "Divides the image size further.", .transient = transient_),                                        \
+        FLAG_ROW("white-background", offsetof(config, scene_.params.white_background),                                 \
+                 "White instead of black behind transparent images and renders.", .letter = 'w',                       \
+                 .transient = transient_),                                                                             \
+        NUMBER_ROW("test-every", OPT_INT, offsetof(config, scene_.params.test_every), 2, 1000000, "N",                 \
+                   "COLMAP, nerfstudio: every N-th view by name is a test view.", .transient = transient_),            \
+        SCENE_LENS_ROWS(config, scene_, transient_)
 
 /* Where the audit's verdict means little. */
 void warn_small_photos(const struct sg_scene *scene);

@@ -15,57 +15,25 @@ struct model_options {
 #define SPLITS "test|train"
 
 #define MODEL_OPTIONS(config)                                                                                          \
-    {"Model and views", 0, OPT_GROUP, 0, 0, 0, NULL, NULL, NULL, false},                                               \
-        {"scene",                                                                                                      \
-         's',                                                                                                          \
-         OPT_STRING,                                                                                                   \
-         offsetof(config, m.scene_path),                                                                               \
-         0,                                                                                                            \
-         0,                                                                                                            \
-         NULL,                                                                                                         \
-         "SCENE",                                                                                                      \
-         "The photos and cameras; a run knows its own.",                                                               \
-         true},                                                                                                        \
-        {"split", 0, OPT_CHOICE, offsetof(config, m.split), 0, 0, SPLITS, "SPLIT", "Which views: " SPLITS ".", true},  \
-        {"iteration", 0,    OPT_INT, offsetof(config, m.iteration),           0,                                       \
-         10000000,    NULL, "N",     "Which model of a run; 0 = the newest.", true},                                   \
-        {"threads", 'j',  OPT_INT, offsetof(config, m.threads),        0,                                              \
-         256,       NULL, "T",     "Worker threads; 0 = one per CPU.", true},                                          \
-        {"quiet", 'q', OPT_FLAG, offsetof(config, m.quiet), 0, 0, NULL, NULL, "Warnings only.", true},                 \
-        {"backend",                                                                                                    \
-         0,                                                                                                            \
-         OPT_CHOICE,                                                                                                   \
-         offsetof(config, m.backend),                                                                                  \
-         0,                                                                                                            \
-         0,                                                                                                            \
-         "cpu|ref",                                                                                                    \
-         "NAME",                                                                                                       \
-         "cpu, or ref: the slow scalar oracle.",                                                                       \
-         true},                                                                                                        \
-        {"cpu",                                                                                                        \
-         0,                                                                                                            \
-         OPT_STRING,                                                                                                   \
-         offsetof(config, m.cpu),                                                                                      \
-         0,                                                                                                            \
-         0,                                                                                                            \
-         NULL,                                                                                                         \
-         "VARIANT",                                                                                                    \
-         "Instruction set: baseline, avx2, avx512 or neon; the best by default (or SG_CPU).",                          \
-         true},                                                                                                        \
-        {"max-instances",                                                                                              \
-         0,                                                                                                            \
-         OPT_U64,                                                                                                      \
-         offsetof(config, m.render.max_instances),                                                                     \
-         1,                                                                                                            \
-         4e9,                                                                                                          \
-         NULL,                                                                                                         \
-         "N",                                                                                                          \
-         "(Gaussian, tile) pairs held at once; more are processed in bands.",                                          \
-         true},                                                                                                        \
-    {                                                                                                                  \
-        "reference-tiles", 0, OPT_FLAG, offsetof(config, m.render.reference_tiles), 0, 0, NULL, NULL,                  \
-            "Keep every tile of the 3-sigma square, for parity checks.", true                                          \
-    }
+    GROUP_ROW("Model and views"),                                                                                      \
+        TEXT_ROW("scene", offsetof(config, m.scene_path), "SCENE", "The photos and cameras; a run knows its own.",     \
+                 .letter = 's', .transient = true),                                                                    \
+        CHOICE_ROW("split", offsetof(config, m.split), SPLITS, "SPLIT", "Which views: " SPLITS ".",                    \
+                   .transient = true),                                                                                 \
+        NUMBER_ROW("iteration", OPT_INT, offsetof(config, m.iteration), 0, 10000000, "N",                              \
+                   "Which model of a run; 0 = the newest.", .transient = true),                                        \
+        NUMBER_ROW("threads", OPT_INT, offsetof(config, m.threads), 0, 256, "T", "Worker threads; 0 = one per CPU.",   \
+                   .letter = 'j', .transient = true),                                                                  \
+        FLAG_ROW("quiet", offsetof(config, m.quiet), "Warnings only.", .letter = 'q', .transient = true),              \
+        CHOICE_ROW("backend", offsetof(config, m.backend), BACKENDS, "NAME", "cpu, or ref: the slow scalar oracle.",   \
+                   .transient = true),                                                                                 \
+        TEXT_ROW("cpu", offsetof(config, m.cpu), "VARIANT",                                                            \
+                 "Instruction set: baseline, avx2, avx512 or neon; the best by default (or SG_CPU).",                  \
+                 .transient = true),                                                                                   \
+        NUMBER_ROW("max-instances", OPT_U64, offsetof(config, m.render.max_instances), 1, 4e9, "N",                    \
+                   "(Gaussian, tile) pairs held at once; more are processed in bands.", .transient = true),            \
+        FLAG_ROW("reference-tiles", offsetof(config, m.render.reference_tiles),                                        \
+                 "Keep every tile of the 3-sigma square, for parity checks.", .transient = true)
 
 #define MODEL_OPTION_DEFAULTS .scene = {SCENE_OPTION_DEFAULTS}, .render = {SG_RENDER_DEFAULTS}
 

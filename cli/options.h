@@ -39,6 +39,30 @@ struct option {
     bool transient; /* not part of a run: left out of config.json, allowed when resuming */
 };
 
+/* Rows of a table; after the help text other fields may follow: .letter = 'o', .transient = true. */
+#define GROUP_ROW(title)                                                                                               \
+    {                                                                                                                  \
+        .name = title, .type = OPT_GROUP                                                                               \
+    }
+#define FLAG_ROW(name_, at, help_, ...)                                                                                \
+    {                                                                                                                  \
+        .name = name_, .type = OPT_FLAG, .offset = at, .help = help_, __VA_ARGS__                                      \
+    }
+#define TEXT_ROW(name_, at, argument_, help_, ...)                                                                     \
+    {                                                                                                                  \
+        .name = name_, .type = OPT_STRING, .offset = at, .argument = argument_, .help = help_, __VA_ARGS__             \
+    }
+#define CHOICE_ROW(name_, at, choices_, argument_, help_, ...)                                                         \
+    {                                                                                                                  \
+        .name = name_, .type = OPT_CHOICE, .offset = at, .choices = choices_, .argument = argument_, .help = help_,    \
+        __VA_ARGS__                                                                                                    \
+    }
+#define NUMBER_ROW(name_, type_, at, low_, high_, argument_, help_, ...)                                               \
+    {                                                                                                                  \
+        .name = name_, .type = type_, .offset = at, .low = low_, .high = high_, .argument = argument_, .help = help_,  \
+        __VA_ARGS__                                                                                                    \
+    }
+
 struct command {
     const char *name, *arguments, *summary, *description;
     const struct option *options; /* ends with a NULL name */
