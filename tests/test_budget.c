@@ -246,6 +246,16 @@ static void test_same_limit(void **state)
         sg_trainer_destroy(&t);
         assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
         sg_ctx_destroy(&ctx);
+        /* Much less memory than the checkpoint's model takes: what fits of it goes on. */
+        p.max_gaussians = 0;
+        assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = 12 << 20}), SG_OK);
+        assert_int_equal(sg_trainer_resume(ctx, &f.scene, path, &p, &t), SG_OK);
+        sg_trainer_limits(t, &resumed);
+        assert_true(resumed.max_gaussians < limits.max_gaussians / 3);
+        assert_int_equal(sg_trainer_gaussians(t), resumed.max_gaussians);
+        assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+        sg_trainer_destroy(&t);
+        sg_ctx_destroy(&ctx);
     }
     unlink(path);
     clear_fixture(&f);

@@ -4,8 +4,7 @@
 
 #include <string.h>
 
-/* The k-th of `limit` items taken evenly out of n. */
-static size_t evenly(size_t n, size_t k, size_t limit)
+size_t sg_evenly(size_t n, size_t k, size_t limit)
 {
     return (size_t) ((uint64_t) n * k / limit);
 }
@@ -36,8 +35,8 @@ static int initial_model(sg_ctx *ctx, const struct sg_scene *scene, const struct
     uint8_t *colors = sg_alloc_raw(ctx, SG_MEM_MISC, limit, 3);
     int code = points && colors ? SG_OK : SG_ERR_BUDGET;
     for (size_t k = 0; k < limit && !code; k++) {
-        memcpy(points + 3 * k, scene->points + 3 * evenly(n, k, limit), 3 * sizeof(*points));
-        memcpy(colors + 3 * k, scene->point_colors + 3 * evenly(n, k, limit), 3);
+        memcpy(points + 3 * k, scene->points + 3 * sg_evenly(n, k, limit), 3 * sizeof(*points));
+        memcpy(colors + 3 * k, scene->point_colors + 3 * sg_evenly(n, k, limit), 3);
     }
     if (!code)
         code = sg_model_init_points(ctx, points, colors, limit, p->sh_degree, out);
@@ -57,34 +56,25 @@ static int thinned_copy(sg_ctx *ctx, const struct sg_model *m, uint64_t limit, s
     (*out)->active_sh_degree = m->active_sh_degree;
     for (size_t k = 0; k < limit; k++)
         for (int p = 0; p < planes; p++)
-            *sg_model_at(*out, k, p) = *sg_model_at(m, evenly(m->count, k, limit), p);
+            *sg_model_at(*out, k, p) = *sg_model_at(m, sg_evenly(m->count, k, limit), p);
     return SG_OK;
 }
 
 /* What the process itself takes, and so what is left of --max-memory, is a little more or less each time. */
 #define UNCERTAIN 0.03
 
-int sg_thin_out(sg_trainer *t)
+size_t sg_begin_again(sg_trainer *t, size_t n)
 {
-    const size_t n = t->backend->ops->count(t->backend), limit = t->budget.gaussians;
+    const size_t limit = t->budget.gaussians;
     if (!limit || n <= limit)
-        return SG_OK;
+        return n;
     if (t->budget.by_memory && (double) n <= (1 + UNCERTAIN) * (double) limit) {
         t->budget.gaussians = n;
-        return SG_OK;
+        return n;
     }
-    uint8_t *keep = sg_alloc(t->ctx, SG_MEM_MISC, n, 1);
-    if (!keep)
-        return SG_ERR_BUDGET;
-    for (size_t k = 0; k < limit; k++)
-        keep[evenly(n, k, limit)] = 1;
-    const int code =
-        t->backend->ops->edit(t->backend, &(struct sg_edit){.keep = keep, .kept = limit, .statistics = true});
-    sg_free(t->ctx, keep);
     sg_log(t->ctx, SG_LOG_WARN,
            "the checkpoint's %zu Gaussians are more than fit now: training goes on with %zu of them", n, limit);
-    t->gaussians_bound = true;
-    return code;
+    return limit;
 }
 
 int sg_begin(sg_trainer *t, const struct sg_model *initial)

@@ -6,6 +6,7 @@
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
+#include "begin.h"
 #include "checkpoint.h"
 #include "core/file.h"
 #include "trainer.h"
@@ -53,11 +54,11 @@ static void put(struct sink *s, const void *data, size_t bytes)
 #define PARTS 5
 
 /* Bytes of each array of a checkpoint in file order: parameters, two moments, two statistics. */
-static void sizes_of(const struct sg_model *m, size_t bytes[PARTS])
+static void sizes_of(size_t n, int sh_degree, size_t bytes[PARTS])
 {
-    const size_t planes = m->capacity * (size_t) sg_param_count(m->sh_degree) * sizeof(float);
+    const size_t blocks = (n + SG_LANES - 1) / SG_LANES;
     for (int i = 0; i < PARTS; i++)
-        bytes[i] = i < 3 ? planes : m->count * sizeof(float);
+        bytes[i] = i < 3 ? blocks * SG_LANES * (size_t) sg_param_count(sh_degree) * sizeof(float) : n * sizeof(float);
 }
 
 int sg_trainer_save(sg_trainer *t, const char *path)
@@ -95,7 +96,7 @@ int sg_trainer_save(sg_trainer *t, const char *path)
     struct sg_optimiser parts[PARTS] = {
         [1].m = m->params, [2].v = m->params, [3].grad_sum = m->params, [4].grad_count = m->params};
     size_t bytes[PARTS];
-    sizes_of(m, bytes);
+    sizes_of(m->count, m->sh_degree, bytes);
     for (int i = 0; i < PARTS; i++) {
         if ((code = t->backend->ops->download(t->backend, i == 0 ? m : NULL, &parts[i])))
             goto done;
@@ -170,30 +171,52 @@ void sg_checkpoint_close(struct sg_checkpoint *c)
     c->file = NULL;
 }
 
+struct source {
+    FILE *stream;
+    XXH3_state_t hash;
+};
+
+/* Of an array for n Gaussians that lies in the file as blocks of SG_LANES, those `kept` of them that stay. */
+static bool take(struct source *s, size_t planes, size_t bytes, size_t n, size_t kept, float *to)
+{
+    float block[SG_PARAMS_MAX * SG_LANES];
+    size_t k = 0;
+    for (size_t first = 0; first < n; first += SG_LANES) {
+        const size_t whole = planes * SG_LANES * sizeof(float), size = bytes < whole ? bytes : whole;
+        if (fread(block, 1, size, s->stream) != size)
+            return false;
+        XXH3_64bits_update(&s->hash, block, size);
+        bytes -= size;
+        for (; k < kept && sg_evenly(n, k, kept) < first + SG_LANES; k++)
+            for (size_t p = 0; p < planes; p++)
+                to[sg_param_index((int) planes, k, (int) p)] = block[p * SG_LANES + sg_evenly(n, k, kept) - first];
+    }
+    return true;
+}
+
 int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
 {
     sg_ctx *ctx = t->ctx;
     const struct sg_checkpoint_header *h = &c->header;
+    const size_t n = (size_t) h->count, kept = sg_begin_again(t, n), planes = (size_t) sg_param_count(h->sh_degree);
     struct sg_model *m = NULL;
     struct sg_optimiser o = {0};
     int code;
-    if ((code = sg_model_create(ctx, (size_t) h->count, h->sh_degree, &m)) ||
-        (code = sg_optimiser_create(ctx, m->count, m->sh_degree, &o)))
+    if ((code = sg_model_create(ctx, kept, h->sh_degree, &m)) ||
+        (code = sg_optimiser_create(ctx, kept, h->sh_degree, &o)))
         goto done;
-    XXH3_state_t hash;
-    XXH3_64bits_reset(&hash);
-    XXH3_64bits_update(&hash, h, sizeof(*h));
-    float *parts[PARTS] = {m->params, o.m, o.v, o.grad_sum, o.grad_count};
+    struct source s = {.stream = c->file};
+    XXH3_64bits_reset(&s.hash);
+    XXH3_64bits_update(&s.hash, h, sizeof(*h));
+    float *const parts[PARTS] = {m->params, o.m, o.v, o.grad_sum, o.grad_count};
     size_t bytes[PARTS];
-    sizes_of(m, bytes);
+    sizes_of(n, h->sh_degree, bytes);
     uint64_t digest = 0;
     bool whole = true;
-    for (int i = 0; i < PARTS && whole; i++) {
-        whole = fread(parts[i], 1, bytes[i], c->file) == bytes[i];
-        XXH3_64bits_update(&hash, parts[i], bytes[i]);
-    }
+    for (int i = 0; i < PARTS && whole; i++)
+        whole = take(&s, i < 3 ? planes : 1, bytes[i], n, kept, parts[i]);
     whole = whole && fread(&digest, sizeof(digest), 1, c->file) == 1 && fgetc(c->file) == EOF;
-    if (!whole || digest != XXH3_64bits_digest(&hash)) {
+    if (!whole || digest != XXH3_64bits_digest(&s.hash)) {
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: found a truncated or altered checkpoint: the checksum does not match",
                        c->path);
         goto done;
@@ -205,7 +228,7 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
     t->steps = h->steps;
     t->spent += h->spent;
     t->growth = h->growth, t->growths = h->growths;
-    t->gaussians_bound = h->gaussians_bound, t->time_bound = h->time_bound;
+    t->gaussians_bound = h->gaussians_bound || kept < n, t->time_bound = h->time_bound;
     for (int g = 0; g < SG_GROUPS; g++)
         t->adam_steps[g] = h->adam_steps[g];
 done:

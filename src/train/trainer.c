@@ -69,8 +69,7 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
     if ((code = sg_budget_plan(ctx, scene, &t->params, t->sh_degree, bytes_held(start->initial), start->sums,
                                &t->budget)) ||
         (code = sg_backend_create(ctx, t->params.backend, t->params.cpu, &t->backend)) ||
-        (code = start->checkpoint ? sg_checkpoint_read(t, &saved) : sg_begin(t, start->initial)) ||
-        (code = sg_thin_out(t)))
+        (code = start->checkpoint ? sg_checkpoint_read(t, &saved) : sg_begin(t, start->initial)))
         goto fail;
     t->order = sg_alloc(ctx, SG_MEM_MISC, scene->n_train, sizeof(*t->order));
     if (!t->order) {
