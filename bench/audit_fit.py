@@ -6,7 +6,7 @@
 
 whole: the weights for photos that are poisoned as a whole, to be given such; part: those for strong poisons, spared parts or
 not. SCENE names what is left out together; CLEAN and POISONED are folders, with options after a comma:
-lego=lego,--downscale,2
+lego=lego,--downscale,2; or what `audit --json` has printed, in NAME.json.
 """
 import json
 import math
@@ -17,20 +17,26 @@ from bisect import bisect_left, bisect_right
 STEPS, RATE, DECAY = 1500, 0.5, 0.003
 
 
-def log_ratio(f, least):
-    return abs(math.log((f["osc_down"] + least) / (f["osc_across"] + least)))
+def log_of(name):
+    return lambda f: math.log(f[name] + 0.1)
+
+
+def log_ratio(f):
+    return abs(math.log((f["osc_down"] + 0.5) / (f["osc_across"] + 0.5)))
 
 
 TERMS = {
     "whole": {
-        "ln(osc_quiet + 0.1)": lambda f: math.log(f["osc_quiet"] + 0.1),
-        "osc_share": lambda f: f["osc_share"],
-        "|ln ratio|": lambda f: log_ratio(f, 0.2),
-        "evenness": lambda f: f["evenness"],
+        "ln(half_quiet + 0.1)": log_of("half_quiet"),
+        "ln(half_osc + 0.1)": log_of("half_osc"),
+        "ln(quarter_osc + 0.1)": log_of("quarter_osc"),
+        "half_share": lambda f: f["half_share"],
+        "quarter_share": lambda f: f["quarter_share"],
+        "|ln ratio|": log_ratio,
     },
     "part": {
         "osc_share": lambda f: f["osc_share"],
-        "|ln ratio|": lambda f: log_ratio(f, 0.5),
+        "|ln ratio|": log_ratio,
         "noisy": lambda f: f["noisy"],
     },
 }
@@ -38,8 +44,13 @@ TERMS = {
 
 def measure(terms, tool, argument, label):
     scene, _, where = argument.partition("=")
-    report = subprocess.run([tool, "audit", *where.split(","), "--json", "--quiet"], check=True, stdout=subprocess.PIPE)
-    return scene, label, [[term(i["features"]) for term in terms.values()] for i in json.loads(report.stdout)["images"]]
+    if where.endswith(".json"):
+        with open(where, encoding="utf-8") as f:
+            report = f.read()
+    else:
+        command = [tool, "audit", *where.split(","), "--json", "--quiet"]
+        report = subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout
+    return scene, label, [[term(i["features"]) for term in terms.values()] for i in json.loads(report)["images"]]
 
 
 def fit(sets):

@@ -170,17 +170,19 @@ static void put_table(FILE *f, const struct sg_audit *a, const size_t *order)
     fprintf(
         f, "<h2>All photos</h2>\n<div class=wide><table><tr><th scope=col>photo<th scope=col>verdict<th scope=col>score"
            "<th scope=col>oscillation down<th scope=col>across<th scope=col>in quiet parts<th scope=col>of colours"
-           "<th scope=col>share of variation<th scope=col>evenness<th scope=col>noisy<th scope=col>spectral slope<th "
+           "<th scope=col>share of variation<th scope=col>noisy<th scope=col>at half size<th scope=col>at a quarter<th "
+           "scope=col>spectral slope<th "
            "scope=col>anisotropy\n");
     for (size_t i = 0; i < a->count; i++) {
         const struct sg_audit_image *m = &a->images[order[i]];
         const struct sg_audit_features *x = &m->features;
         fprintf(f, "<tr><td>");
         put_text(f, m->name);
-        fprintf(f, "<td class=%s>%s<td>%.3f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.3f\n",
-                sg_audit_verdict_name(m->verdict), sg_audit_verdict_name(m->verdict), m->score, x->osc_down,
-                x->osc_across, x->osc_quiet, x->osc_chroma, x->osc_share, x->evenness, x->noisy, x->slope,
-                x->anisotropy);
+        fprintf(
+            f,
+            "<td class=%s>%s<td>%.3f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.3f\n",
+            sg_audit_verdict_name(m->verdict), sg_audit_verdict_name(m->verdict), m->score, x->osc_down, x->osc_across,
+            x->osc_quiet, x->osc_chroma, x->osc_share, x->noisy, x->half_osc, x->quarter_osc, x->slope, x->anisotropy);
     }
     fprintf(f, "</table></div>\n");
 }

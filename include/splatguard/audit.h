@@ -22,12 +22,15 @@ struct sg_audit_features {
     double osc_quiet;  /* oscillation of the quiet parts: the 25th percentile over the blocks of 16 x 16 pixels that are
                           not of one colour, each counting as much as it has used pixels */
     double osc_chroma; /* oscillation of red - green and of blue - green, both directions */
-    double evenness;   /* median over mean of the blocks' oscillation: 1 = everywhere alike */
     double noisy;      /* the share of pixels in such blocks that oscillate by more than 2.5 grey levels, with more than
                           0.45 of their variation in it */
-    double ragged;     /* the share of used pixels that have an unused one above, below, left or right */
-    double slope; /* ln of the spectrum's mean energy at 0.7..0.95 of the Nyquist frequency over that at 0.35..0.55; of
-                     all pixels, as the next */
+    double half_quiet, half_osc, half_share; /* at half the size (means of four pixels): oscillation of the quietest
+                                                tenth and of the middle of the blocks, which cover the same parts of the
+                                                photo; what local extremes carry */
+    double quarter_osc, quarter_share;       /* at a quarter of the size: of the middle; what they carry */
+    double ragged; /* the share of used pixels that have an unused one above, below, left or right */
+    double slope;  /* ln of the spectrum's mean energy at 0.7..0.95 of the Nyquist frequency over that at 0.35..0.55; of
+                      all pixels, as the next */
     double anisotropy; /* of the spectrum, see spectrum.h */
 };
 

@@ -16,17 +16,23 @@ static double logistic(double x)
 /* Two logistic regressions on sets of the four scenes of docs/defense.md, clean ones at several sizes and poisoned
  * ones, each scene weighing the same. */
 
-/* Of photos that are poisoned as a whole: even weak poisons are told by what they do to quiet parts. */
+static double log_ratio(const struct sg_audit_features *f)
+{
+    return fabs(log((f->osc_down + 0.5) / (f->osc_across + 0.5)));
+}
+
+/* Of photos that are poisoned as a whole, even weakly: a poison that all views agree on is one or two pixels wide, and
+ * so there at half the size, also in quiet parts, and gone at a quarter. What a scene shows oscillates at any size. */
 static double evidence_whole(const struct sg_audit_features *f)
 {
-    return 3.2 * log(f->osc_quiet + 0.1) + 14.1 * f->osc_share +
-           4.5 * fabs(log((f->osc_down + 0.2) / (f->osc_across + 0.2))) - 9.5 * f->evenness + 1.3;
+    return 1.94 * log(f->half_quiet + 0.1) + 0.98 * log(f->half_osc + 0.1) - 3.48 * log(f->quarter_osc + 0.1) +
+           17.4 * f->half_share + 4.92 * f->quarter_share + 2.04 * log_ratio(f) - 5.2;
 }
 
 /* Of strong ones, and of photos poisoned in parts. All of it grows with the part: sparing the rest hides nothing. */
 static double evidence_part(const struct sg_audit_features *f)
 {
-    return 13.9 * f->osc_share + 5.8 * fabs(log((f->osc_down + 0.5) / (f->osc_across + 0.5))) + 7.1 * f->noisy - 7.6;
+    return 13.9 * f->osc_share + 5.8 * log_ratio(f) + 7.1 * f->noisy - 7.6;
 }
 
 static double evidence(const struct sg_audit_features *f)

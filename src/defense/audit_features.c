@@ -9,8 +9,9 @@
 #include "core/internal.h"
 #include "splatguard/audit.h"
 
-#define BLOCK 16
-#define FAINT 2 /* grey levels: smaller steps are rounding, sensor noise and compression */
+#define BLOCK 16 /* pixels of the photo */
+#define UNIT 4   /* values are quarters of grey levels, so that means of four pixels are kept */
+#define FAINT 2  /* grey levels: smaller steps are rounding, sensor noise and compression */
 
 /* A block is noisy that oscillates by more than so many grey levels a pixel and has more than this share of its
  * variation in that. */
@@ -38,7 +39,7 @@ struct line {
 static int oscillation(int before, int here, int after)
 {
     const int a = here - before, b = here - after;
-    if ((a < 0) != (b < 0) || abs(a) < FAINT || abs(b) < FAINT)
+    if ((a < 0) != (b < 0) || abs(a) < FAINT * UNIT || abs(b) < FAINT * UNIT)
         return 0;
     return abs(a) < abs(b) ? abs(a) : abs(b);
 }
@@ -64,7 +65,7 @@ static inline void meet(struct line *l, int after, size_t block, struct variatio
 /* The image whose variation is measured, and room for it. */
 struct plane {
     const uint8_t *mask; /* NULL = all used */
-    size_t w, h;
+    size_t w, h, block;
     int16_t *values;
     struct line *columns;
     struct block *blocks;
@@ -72,12 +73,12 @@ struct plane {
 
 static size_t blocks_across(const struct plane *p)
 {
-    return (p->w + BLOCK - 1) / BLOCK;
+    return (p->w + p->block - 1) / p->block;
 }
 
 static size_t block_count(const struct plane *p)
 {
-    return blocks_across(p) * ((p->h + BLOCK - 1) / BLOCK);
+    return blocks_across(p) * ((p->h + p->block - 1) / p->block);
 }
 
 static void vary(const struct plane *p, struct variation *down, struct variation *across)
@@ -88,7 +89,7 @@ static void vary(const struct plane *p, struct variation *down, struct variation
     for (size_t y = 0; y < p->h; y++) {
         struct line row = {0};
         for (size_t x = 0; x < p->w; x++) {
-            const size_t i = y * p->w + x, block = y / BLOCK * blocks_across(p) + x / BLOCK;
+            const size_t i = y * p->w + x, block = y / p->block * blocks_across(p) + x / p->block;
             if (p->mask && !p->mask[i])
                 continue;
             meet(&row, p->values[i], block, across, p->blocks);
@@ -97,10 +98,10 @@ static void vary(const struct plane *p, struct variation *down, struct variation
     }
 }
 
-/* Mean over the pixels that have two neighbours. */
+/* Mean over the pixels that have two neighbours, in grey levels. */
 static double mean(double sum, const struct variation *v)
 {
-    return v->pixels > 0 ? sum / v->pixels : 0;
+    return v->pixels > 0 ? sum / v->pixels / UNIT : 0;
 }
 
 /* Oscillation of the difference of two channels, mean of both directions. */
@@ -108,7 +109,7 @@ static double chroma(const struct plane *p, const uint8_t *rgb, int a, int b)
 {
     struct variation down, across;
     for (size_t i = 0; i < p->w * p->h; i++)
-        p->values[i] = (int16_t) (rgb[3 * i + (size_t) a] - rgb[3 * i + (size_t) b]);
+        p->values[i] = (int16_t) (UNIT * (rgb[3 * i + (size_t) a] - rgb[3 * i + (size_t) b]));
     vary(p, &down, &across);
     return (mean(down.oscillation, &down) + mean(across.oscillation, &across)) / 2;
 }
@@ -116,10 +117,10 @@ static double chroma(const struct plane *p, const uint8_t *rgb, int a, int b)
 /* Whether the used pixels of a block have more than one value. */
 static bool varies(const struct plane *p, size_t block)
 {
-    const size_t x0 = block % blocks_across(p) * BLOCK, y0 = block / blocks_across(p) * BLOCK;
+    const size_t x0 = block % blocks_across(p) * p->block, y0 = block / blocks_across(p) * p->block;
     int first = -1;
-    for (size_t y = y0; y < y0 + BLOCK && y < p->h; y++)
-        for (size_t x = x0; x < x0 + BLOCK && x < p->w; x++) {
+    for (size_t y = y0; y < y0 + p->block && y < p->h; y++)
+        for (size_t x = x0; x < x0 + p->block && x < p->w; x++) {
             const size_t i = y * p->w + x;
             if (p->mask && !p->mask[i])
                 continue;
@@ -171,32 +172,62 @@ static double quantile(const struct share *s, size_t n, double weight)
  * costs nothing, is not most of what there is. */
 static double share_of_extremes(double extremes, double total, double pixels)
 {
-    return extremes / 2 / (total + pixels);
+    return pixels > 0 ? extremes / 2 / (total + UNIT * pixels) : 0;
 }
 
 static double oscillation_of(const struct block *b)
 {
-    return b->pixels ? (double) b->oscillation / b->pixels : 0;
+    return b->pixels ? (double) b->oscillation / b->pixels / UNIT : 0;
 }
 
-/* How the oscillation lies over the blocks. Those of one colour, a background, say nothing about the rest. */
-static void distribute(const struct plane *p, struct share *own, struct sg_audit_features *out)
+/* How the oscillation lies over the blocks. */
+struct distribution {
+    double tenth, quarter, half; /* of the area has no more, grey levels */
+    double noisy;                /* share of the area */
+};
+
+/* Blocks of one colour, a background, say nothing about the rest. */
+static struct distribution distribute(const struct plane *p, struct share *own)
 {
     size_t n = 0;
-    double sum = 0, weight = 0, noisy = 0;
+    double weight = 0, noisy = 0;
     for (size_t i = 0; i < block_count(p); i++) {
         const struct block *b = &p->blocks[i];
         if (!b->pixels || !varies(p, i))
             continue;
         own[n++] = (struct share){(float) oscillation_of(b), b->pixels};
-        sum += b->oscillation, weight += b->pixels;
+        weight += b->pixels;
         if (oscillation_of(b) > NOISY_OSCILLATION && share_of_extremes(b->extremes, b->total, b->pixels) > NOISY_SHARE)
             noisy += b->pixels;
     }
     qsort(own, n, sizeof(*own), ascending);
-    out->osc_quiet = quantile(own, n, weight / 4);
-    out->evenness = sum > 0 ? quantile(own, n, weight / 2) / (sum / weight) : 0;
-    out->noisy = weight > 0 ? noisy / weight : 0;
+    return (struct distribution){.tenth = quantile(own, n, weight / 10),
+                                 .quarter = quantile(own, n, weight / 4),
+                                 .half = quantile(own, n, weight / 2),
+                                 .noisy = weight > 0 ? noisy / weight : 0};
+}
+
+static double share_of(const struct variation *down, const struct variation *across)
+{
+    return share_of_extremes(down->extremes + across->extremes, down->total + across->total,
+                             down->pixels + across->pixels);
+}
+
+/* To half the size: means of four pixels, used where all four are. The blocks stay the same parts of the photo. */
+static void halve(struct plane *p, uint8_t *mask)
+{
+    const size_t w = p->w / 2, h = p->h / 2;
+    for (size_t y = 0; y < h; y++)
+        for (size_t x = 0; x < w; x++) {
+            const size_t a = 2 * y * p->w + 2 * x, b = a + p->w;
+            const int sum = p->values[a] + p->values[a + 1] + p->values[b] + p->values[b + 1];
+            const bool used = p->mask && p->mask[a] && p->mask[a + 1] && p->mask[b] && p->mask[b + 1];
+            p->values[y * w + x] = (int16_t) ((sum + 2) / 4);
+            if (p->mask)
+                mask[y * w + x] = used ? 255 : 0;
+        }
+    p->mask = p->mask ? mask : NULL;
+    p->w = w, p->h = h, p->block /= 2;
 }
 
 static double slope(const struct sg_spectrum *s)
@@ -216,7 +247,7 @@ static double slope(const struct sg_spectrum *s)
 int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int width, int height,
                      struct sg_audit_features *out, float *map)
 {
-    struct plane p = {.mask = mask, .w = (size_t) width, .h = (size_t) height};
+    struct plane p = {.mask = mask, .w = (size_t) width, .h = (size_t) height, .block = BLOCK};
     struct sg_spectrum spectrum;
     *out = (struct sg_audit_features){0};
     int code = sg_spectrum_measure(ctx, rgb, width, height, NULL, &spectrum, NULL);
@@ -226,7 +257,8 @@ int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int w
     p.columns = sg_alloc_raw(ctx, SG_MEM_FRAME, p.w, sizeof(*p.columns));
     p.blocks = sg_alloc_raw(ctx, SG_MEM_FRAME, block_count(&p), sizeof(*p.blocks));
     struct share *own = sg_alloc_raw(ctx, SG_MEM_FRAME, block_count(&p), sizeof(*own));
-    if (!p.values || !p.columns || !p.blocks || !own) {
+    uint8_t *less = mask ? sg_alloc_raw(ctx, SG_MEM_FRAME, p.w * p.h / 4 + 1, 1) : NULL;
+    if (!p.values || !p.columns || !p.blocks || !own || (mask && !less)) {
         code = SG_ERR_BUDGET;
         goto done;
     }
@@ -236,21 +268,30 @@ int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int w
 
     struct variation down, across;
     for (size_t i = 0; i < p.w * p.h; i++)
-        p.values[i] = (int16_t) ((77 * rgb[3 * i] + 150 * rgb[3 * i + 1] + 29 * rgb[3 * i + 2] + 128) >> 8);
+        p.values[i] = (int16_t) (UNIT * ((77 * rgb[3 * i] + 150 * rgb[3 * i + 1] + 29 * rgb[3 * i + 2] + 128) >> 8));
     vary(&p, &down, &across);
     out->tv_down = mean(down.total, &down), out->tv_across = mean(across.total, &across);
     out->osc_down = mean(down.oscillation, &down), out->osc_across = mean(across.oscillation, &across);
-    if (down.pixels + across.pixels > 0)
-        out->osc_share =
-            share_of_extremes(down.extremes + across.extremes, down.total + across.total, down.pixels + across.pixels);
-    distribute(&p, own, out);
+    out->osc_share = share_of(&down, &across);
+    struct distribution d = distribute(&p, own);
+    out->osc_quiet = d.quarter, out->noisy = d.noisy;
     out->ragged = ragged(&p);
     for (size_t i = 0; map && i < block_count(&p); i++)
         map[i] = (float) oscillation_of(&p.blocks[i]);
+
+    halve(&p, less);
+    vary(&p, &down, &across);
+    d = distribute(&p, own);
+    out->half_quiet = d.tenth, out->half_osc = d.half, out->half_share = share_of(&down, &across);
+    halve(&p, less);
+    vary(&p, &down, &across);
+    d = distribute(&p, own);
+    out->quarter_osc = d.half, out->quarter_share = share_of(&down, &across);
 done:
     sg_free(ctx, p.values);
     sg_free(ctx, p.columns);
     sg_free(ctx, p.blocks);
     sg_free(ctx, own);
+    sg_free(ctx, less);
     return code;
 }
