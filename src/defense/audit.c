@@ -25,8 +25,8 @@ static double log_ratio(const struct sg_audit_features *f)
  * so there at half the size, also in quiet parts, and gone at a quarter. What a scene shows oscillates at any size. */
 static double evidence_whole(const struct sg_audit_features *f)
 {
-    return 1.94 * log(f->half_quiet + 0.1) + 0.98 * log(f->half_osc + 0.1) - 3.48 * log(f->quarter_osc + 0.1) +
-           17.4 * f->half_share + 4.92 * f->quarter_share + 2.04 * log_ratio(f) - 5.2;
+    return 1.80 * log(f->half_quiet + 0.1) + 1.71 * log(f->half_osc + 0.1) - 4.42 * log(f->quarter_osc + 0.1) +
+           16.7 * f->half_share + 5.75 * f->quarter_share + 2.53 * log_ratio(f) - 5.5;
 }
 
 /* Of strong ones, and of photos poisoned in parts. All of it grows with the part: sparing the rest hides nothing. */
