@@ -50,6 +50,19 @@ static void test_features(void **state)
     assert_float_equal(f.osc_share, 20.0 / 22, 1e-3);     /* two levels more below the line */
     assert_float_equal(map[(W + 15) / 16 + 1], 10, 1e-5); /* of both directions' mean */
     assert_true(f.noisy == 1);
+    assert_true(f.half_quiet == 0 && f.half_osc == 0 && f.half_share == 0 && f.quarter_osc == 0);
+    /* Pairs of rows do so at half the size, fours at a quarter. */
+    for (int pair = 2; pair <= 4; pair += 2) {
+        for (int y = 0; y < H; y++)
+            memset(image + 3 * W * y, y / pair % 2 ? 110 : 90, 3 * W);
+        f = measure(ctx, NULL);
+        assert_true(f.osc_down == 0 && f.osc_share == 0);
+        assert_float_equal(f.half_osc, pair == 2 ? 10 : 0, 1); /* less at borders */
+        assert_float_equal(f.half_quiet, f.half_osc, 1);
+        assert_float_equal(f.half_share, pair == 2 ? 20.0 / 22 : 0, 1e-3);
+        assert_float_equal(f.quarter_osc, pair == 4 ? 10 : 0, 2);
+        assert_float_equal(f.quarter_share, pair == 4 ? 20.0 / 22 : 0, 1e-3);
+    }
     /* A ramp has variation and no oscillation. */
     for (int i = 0; i < 3 * W * H; i++)
         image[i] = (uint8_t) (i / 3 / W * 2);
@@ -104,6 +117,9 @@ static void test_masks(void **state)
         assert_int_equal(sg_audit_measure(ctx, image, mask, W, H, &f, NULL), SG_OK);
         assert_true(f.osc_down == whole.osc_down && f.osc_across == whole.osc_across && f.tv_down == whole.tv_down);
         assert_true(f.ragged > 0 && f.ragged < 0.05);
+        assert_true(f.half_quiet == whole.half_quiet && f.half_osc == whole.half_osc &&
+                    f.half_share == whole.half_share && f.quarter_osc == whole.quarter_osc &&
+                    f.quarter_share == whole.quarter_share);
         assert_true(f.osc_quiet == whole.osc_quiet && f.noisy == whole.noisy && f.osc_share == whole.osc_share &&
                     f.osc_chroma == whole.osc_chroma);
         for (size_t i = 3 * W * top; i < sizeof(image); i++)

@@ -32,7 +32,7 @@ static double evidence_whole(const struct sg_audit_features *f)
 /* Of strong ones, and of photos poisoned in parts. All of it grows with the part: sparing the rest hides nothing. */
 static double evidence_part(const struct sg_audit_features *f)
 {
-    return 13.9 * f->osc_share + 5.8 * log_ratio(f) + 7.1 * f->noisy - 7.6;
+    return 13.5 * f->osc_share + 4.7 * log_ratio(f) + 9.7 * f->noisy - 7.7;
 }
 
 static double evidence(const struct sg_audit_features *f)
