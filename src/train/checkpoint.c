@@ -40,12 +40,13 @@ static uint32_t cameras_hash(const struct sg_scene *scene)
     return (uint32_t) XXH3_64bits_digest(&hash);
 }
 
-struct sink {
+/* A file and the hash of what went to it or came from it. */
+struct hashed {
     FILE *stream;
     XXH3_state_t hash;
 };
 
-static void put(struct sink *s, const void *data, size_t bytes)
+static void put(struct hashed *s, const void *data, size_t bytes)
 {
     XXH3_64bits_update(&s->hash, data, bytes);
     fwrite(data, 1, bytes, s->stream); /* errors surface when the file is committed */
@@ -67,7 +68,7 @@ int sg_trainer_save(sg_trainer *t, const char *path)
     sg_clear_error(ctx);
     struct sg_model *m = NULL;
     struct sg_file_writer w = {0};
-    struct sink sink;
+    struct hashed sink;
     int code = sg_model_create(ctx, sg_trainer_gaussians(t), t->sh_degree, &m);
     if (code || (code = sg_file_create(ctx, &w, path)))
         goto done;
@@ -171,13 +172,8 @@ void sg_checkpoint_close(struct sg_checkpoint *c)
     c->file = NULL;
 }
 
-struct source {
-    FILE *stream;
-    XXH3_state_t hash;
-};
-
 /* Of an array for n Gaussians that lies in the file as blocks of SG_LANES, those `kept` of them that stay. */
-static bool take(struct source *s, size_t planes, size_t bytes, size_t n, size_t kept, float *to)
+static bool take(struct hashed *s, size_t planes, size_t bytes, size_t n, size_t kept, float *to)
 {
     float block[SG_PARAMS_MAX * SG_LANES];
     size_t k = 0;
@@ -187,9 +183,9 @@ static bool take(struct source *s, size_t planes, size_t bytes, size_t n, size_t
             return false;
         XXH3_64bits_update(&s->hash, block, size);
         bytes -= size;
-        for (; k < kept && sg_evenly(n, k, kept) < first + SG_LANES; k++)
+        for (size_t i; k < kept && (i = sg_evenly(n, k, kept)) < first + SG_LANES; k++)
             for (size_t p = 0; p < planes; p++)
-                to[sg_param_index((int) planes, k, (int) p)] = block[p * SG_LANES + sg_evenly(n, k, kept) - first];
+                to[sg_param_index((int) planes, k, (int) p)] = block[p * SG_LANES + i - first];
     }
     return true;
 }
@@ -205,7 +201,7 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
     if ((code = sg_model_create(ctx, kept, h->sh_degree, &m)) ||
         (code = sg_optimiser_create(ctx, kept, h->sh_degree, &o)))
         goto done;
-    struct source s = {.stream = c->file};
+    struct hashed s = {.stream = c->file};
     XXH3_64bits_reset(&s.hash);
     XXH3_64bits_update(&s.hash, h, sizeof(*h));
     float *const parts[PARTS] = {m->params, o.m, o.v, o.grad_sum, o.grad_count};
