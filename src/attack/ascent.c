@@ -4,6 +4,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "backend/backend.h"
 #include "backend/cpu/dispatch.h"
 
 #define ROWS 16 /* a piece of work */
@@ -50,12 +51,10 @@ void sg_tv_gradient_row(const float *plane, int width, int height, int y, enum s
 
 int sg_ascent_kernels(sg_ctx *ctx, const struct sg_attack_params *p, const struct cpu_kernels **out)
 {
+    bool ref;
     *out = NULL;
-    if (!p->backend || !strcmp(p->backend, "cpu"))
-        return sg_cpu_select(ctx, p->cpu, out);
-    if (!strcmp(p->backend, "ref"))
-        return SG_OK;
-    return sg_fail(ctx, SG_ERR_USAGE, "backend: found \"%s\", expected cpu or ref", p->backend);
+    const int code = sg_backend_is_ref(ctx, p->backend, &ref);
+    return code || ref ? code : sg_cpu_select(ctx, p->cpu, out);
 }
 
 struct job {

@@ -3,14 +3,22 @@
 
 #include <string.h>
 
+int sg_backend_is_ref(sg_ctx *ctx, const char *name, bool *ref)
+{
+    *ref = name && !strcmp(name, "ref");
+    if (*ref || !name || !strcmp(name, "cpu"))
+        return SG_OK;
+    return sg_fail(ctx, SG_ERR_USAGE, "backend: found \"%s\", expected cpu or ref", name);
+}
+
 int sg_backend_create(sg_ctx *ctx, const char *name, const char *cpu, struct sg_backend **out)
 {
+    bool ref;
     *out = NULL;
-    if (!name || !strcmp(name, "cpu"))
-        return sg_backend_create_cpu(ctx, cpu, out);
-    if (!strcmp(name, "ref"))
-        return sg_backend_create_ref(ctx, out);
-    return sg_fail(ctx, SG_ERR_USAGE, "backend: found \"%s\", expected cpu or ref", name);
+    const int code = sg_backend_is_ref(ctx, name, &ref);
+    if (code)
+        return code;
+    return ref ? sg_backend_create_ref(ctx, out) : sg_backend_create_cpu(ctx, cpu, out);
 }
 
 void sg_backend_destroy(struct sg_backend **backend)

@@ -126,6 +126,8 @@ struct sg_backend_ops {
     int (*reset_opacity)(struct sg_backend *, float limit);
 };
 
+/* Which of the two a name stands for; NULL = cpu. Unknown: SG_ERR_USAGE. */
+int sg_backend_is_ref(sg_ctx *ctx, const char *name, bool *ref);
 /* name: "cpu" or "ref", NULL = cpu; cpu: variant or NULL. Unknown or unsupported: SG_ERR_USAGE. */
 int sg_backend_create(sg_ctx *ctx, const char *name, const char *cpu, struct sg_backend **out);
 void sg_backend_destroy(struct sg_backend **backend);
