@@ -12,10 +12,7 @@
 int attack_load(struct attack_run *r)
 {
     struct attack_config *c = r->config;
-    char *test = run_path(c->source, "transforms_test.json"), *train = run_path(c->source, "transforms_train.json");
-    const bool blender = test && train && !access(test, F_OK) && !access(train, F_OK);
-    free(test);
-    free(train);
+    const bool blender = run_has(c->source, "transforms_test.json") && run_has(c->source, "transforms_train.json");
     c->scene.params.eval = blender || c->views == VIEWS_TRAIN;
     int error = sg_scene_load(r->ctx, c->source, &c->scene.params, &r->scene);
     if (error == SG_ERR_INPUT && blender) { /* or their photos are not here */

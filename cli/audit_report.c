@@ -209,7 +209,8 @@ int audit_report(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_audi
         put_table(f, a, order);
     bool lost = f && ferror(f);
     lost |= f && fclose(f);
-    code = code || !lost ? code : SG_ERR_BUDGET;
+    if (lost && !code)
+        code = SG_ERR_BUDGET;
     code = code ? report(ctx, code) : run_write_file(path, page, size);
     free(page);
     free(order);

@@ -203,29 +203,22 @@ static int check_places(const struct attack_config *c)
 
 static int refuse_earlier(const char *output)
 {
-    char *path = run_path(output, "poison.json"), *state = run_path(output, "attack");
-    int code = 0;
-    if (path && state && (!access(path, F_OK) || !access(state, F_OK))) {
+    if (run_has(output, "poison.json") || run_has(output, "attack")) {
         say(stderr, "splatguard: %s: found an earlier attack; continue it with --resume or replace it with --force\n",
             output);
-        code = 2;
-    } else if (run_has_other_files(output)) {
-        say(stderr, "splatguard: %s: found other files, expected a new or empty folder\n", output);
-        code = 2;
+        return 2;
     }
-    free(path);
-    free(state);
-    return code;
+    if (run_has_other_files(output)) {
+        say(stderr, "splatguard: %s: found other files, expected a new or empty folder\n", output);
+        return 2;
+    }
+    return 0;
 }
 
 /* Its last file is there, and nothing to go on from. */
 static bool is_finished(const char *output)
 {
-    char *path = run_path(output, "poison.json"), *state = run_path(output, "attack/checkpoint.bin");
-    const bool finished = path && state && !access(path, F_OK) && access(state, F_OK);
-    free(path);
-    free(state);
-    return finished;
+    return run_has(output, "poison.json") && !run_has(output, "attack/checkpoint.bin");
 }
 
 static void remove_earlier(const char *output)
@@ -315,9 +308,7 @@ static int run_attack(const void *config, const bool *given, const char *const *
     if (!code) {
         apply_preset(&c, r.scene->format);
         const int error = sg_attack_check(r.ctx, &c.attack);
-        if (error) /* which names a value as its option is named */
-            say(stderr, "splatguard attack: --%s\n", sg_last_error(r.ctx));
-        code = exit_code(error);
+        code = report_option(r.ctx, "attack", error);
     }
     if (!code && c.method == METHOD_POISON_SPLAT && c.proxy && !(proxy = find_model(c.proxy, 0)))
         code = 2;

@@ -59,6 +59,9 @@ int no_memory(void);
 /* Prints the last error; returns its exit code. */
 int report(const sg_ctx *ctx, int error);
 
+/* The same for a check of parameters, whose error names a value as its option is named. */
+int report_option(const sg_ctx *ctx, const char *command, int error);
+
 /* A context that logs warnings to stderr (info too unless quiet). Returns an exit code. */
 int open_context(sg_ctx **ctx, int threads, uint64_t max_memory, bool quiet);
 

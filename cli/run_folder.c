@@ -19,6 +19,14 @@ char *run_path(const char *run, const char *name)
     return asprintf(&path, "%s/%s", run, name) < 0 ? NULL : path;
 }
 
+bool run_has(const char *run, const char *name)
+{
+    char *path = run_path(run, name);
+    const bool has = path && !access(path, F_OK);
+    free(path);
+    return has;
+}
+
 int run_cannot(const char *what, const char *path)
 {
     say(stderr, "splatguard: %s: cannot %s: %s\n", path, what, strerror(errno ? errno : EIO));

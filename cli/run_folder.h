@@ -9,6 +9,9 @@
 /* Paths are RUN/name; the caller frees. */
 char *run_path(const char *run, const char *name);
 
+/* Whether RUN/name is there. */
+bool run_has(const char *run, const char *name);
+
 /* Says so, with errno; returns the exit code 2. */
 int run_cannot(const char *what, const char *path);
 

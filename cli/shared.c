@@ -92,6 +92,13 @@ int report(const sg_ctx *ctx, int error)
     return exit_code(error);
 }
 
+int report_option(const sg_ctx *ctx, const char *command, int error)
+{
+    if (error)
+        say(stderr, "splatguard %s: --%s\n", command, sg_last_error(ctx));
+    return exit_code(error);
+}
+
 static void log_line(void *priv, enum sg_log_level level, const char *message)
 {
     const bool *quiet = priv;

@@ -68,9 +68,7 @@ int train_check(const struct train_run *r, const bool *given)
     const struct sg_defense_params preset = published(c.preset);
     train_settle_defense(&c, &preset);
     const int error = sg_train_check(r->ctx, &c.train);
-    if (error) /* which names a value as its option is named */
-        say(stderr, "splatguard train: --%s\n", sg_last_error(r->ctx));
-    return exit_code(error);
+    return report_option(r->ctx, "train", error);
 }
 
 /* Says what was found, and does what --audit asks for. */
