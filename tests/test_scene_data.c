@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Published captures, where this machine has them. */
+#include "nearness.h"
 #include "scene_files.h"
 
 #include <math.h>
@@ -139,8 +140,32 @@ static void fox(void **state)
     sg_scene_destroy(f->ctx, &s);
 }
 
+/* Photos whose sides are continued: 800 x 533 and 760 x 423. */
+static void spectra(void **state)
+{
+    struct fixture *f = *state;
+    static const char *const names[] = {"bonsai", "train"};
+    for (int k = 0; k < 2; k++) {
+        struct sg_scene *s;
+        load_capture(f, names[k], NULL, &s);
+        for (size_t i = 0; i < s->n_train; i += 12) {
+            const int w = s->train[i].camera.width, h = s->train[i].camera.height, n = w * h;
+            float *planes = malloc(3 * (size_t) n * sizeof(*planes));
+            for (int j = 0; j < 3 * n; j++)
+                planes[j] = (float) s->train[i].rgb[3 * (j % n) + j / n] / 255;
+            const struct nearness near = against_exact(f->ctx, w, h, planes);
+            if (fabs(near.loss - 1) > 0.15 || near.cosine < 0.85 || fabs(near.length - 1) > 0.15)
+                fail_msg("%s: of the exact loss %g, cosine %g, of the exact length %g", s->train[i].name, near.loss,
+                         near.cosine, near.length);
+            free(planes);
+        }
+        sg_scene_destroy(f->ctx, &s);
+    }
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {scene_test(lego), scene_test(bonsai), scene_test(train), scene_test(fox)};
+    const struct CMUnitTest tests[] = {scene_test(lego), scene_test(bonsai), scene_test(train), scene_test(fox),
+                                       scene_test(spectra)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

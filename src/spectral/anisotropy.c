@@ -145,12 +145,6 @@ void sg_anisotropy_destroy(struct sg_anisotropy **p)
 
 static const float luma[3] = {0.299f, 0.587f, 0.114f};
 
-/* The k-th of n new pixels lies between the last and the first: its share of the first. */
-static float toward_first(int k, int n)
-{
-    return (float) (k + 1) / (float) (n + 1);
-}
-
 static float complex *spectrum_of(const struct sg_anisotropy *a, size_t plane)
 {
     return a->f + plane * (size_t) a->h * a->stride;
@@ -163,20 +157,19 @@ static float pixel(const struct sg_anisotropy *a, size_t plane, int y, int x)
     return a->planes == 3 ? p[plane * pixels] : luma[0] * p[0] + luma[1] * p[pixels] + luma[2] * p[2 * pixels];
 }
 
-/* Row y of what is transformed: the image, continued to the right and below. */
+/* Row y of what is transformed: the image, whose last column and row are repeated. The jump to the first ones, which an
+ * exact transform has too, is kept: a ramp there would change the energy along the axes, most of a smooth image's. */
 static void load_row(const struct sg_anisotropy *a, size_t plane, int y, float *to)
 {
-    const int right = a->w - a->width, below = y - a->height;
-    if (below < 0 && a->planes == 3)
+    y = y < a->height ? y : a->height - 1;
+    if (a->planes == 3)
         memcpy(to, a->image + (plane * (size_t) a->height + (size_t) y) * (size_t) a->width,
                (size_t) a->width * sizeof(float));
     else
         for (int x = 0; x < a->width; x++)
-            to[x] = pixel(a, plane, below < 0 ? y : a->height - 1, x);
-    for (int x = 0; x < a->width && below >= 0; x++)
-        to[x] += (pixel(a, plane, 0, x) - to[x]) * toward_first(below, a->h - a->height);
-    for (int k = 0; k < right; k++)
-        to[a->width + k] = to[a->width - 1] + (to[0] - to[a->width - 1]) * toward_first(k, right);
+            to[x] = pixel(a, plane, y, x);
+    for (int x = a->width; x < a->w; x++)
+        to[x] = to[a->width - 1];
 }
 
 static void transform_rows(void *arg, size_t piece, int thread)
@@ -302,7 +295,6 @@ static void pull_rows(void *arg, size_t piece, int thread)
     struct sg_anisotropy *a = arg;
     const size_t plane = piece / row_pieces(a);
     const int first = (int) (piece % row_pieces(a)) * ROWS, end = first + ROWS < a->h ? first + ROWS : a->h;
-    const int right = a->w - a->width;
     float *buffer = a->buffers + (size_t) thread * ROWS * a->row;
     float complex *f = spectrum_of(a, plane) + (size_t) first * a->stride;
     for (int y = first; y < end; y++)
@@ -311,11 +303,8 @@ static void pull_rows(void *arg, size_t piece, int thread)
     fftwf_execute_dft_c2r(a->rows_back[end - first < ROWS], f, buffer);
     for (int y = first; y < end; y++) {
         float *g = buffer + (size_t) (y - first) * a->row;
-        for (int k = 0; k < right; k++) {
-            const float t = toward_first(k, right);
-            g[a->width - 1] += (1 - t) * g[a->width + k];
-            g[0] += t * g[a->width + k];
-        }
+        for (int x = a->width; x < a->w; x++)
+            g[a->width - 1] += g[x];
         if (y < a->height)
             add_row(a, plane, g, a->weight, y);
         else
@@ -335,10 +324,7 @@ double sg_anisotropy_loss(struct sg_anisotropy *a, const float *planes, double w
     sg_parallel_for(a->ctx, columns, pull_columns, a);
     sg_parallel_for(a->ctx, rows, pull_rows, a);
     for (size_t plane = 0; plane < (size_t) a->planes; plane++)
-        for (int y = a->height; y < a->h; y++) {
-            const float t = toward_first(y - a->height, a->h - a->height);
-            add_row(a, plane, row_beyond(a, plane, y), a->weight * (1 - t), a->height - 1);
-            add_row(a, plane, row_beyond(a, plane, y), a->weight * t, 0);
-        }
+        for (int y = a->height; y < a->h; y++)
+            add_row(a, plane, row_beyond(a, plane, y), a->weight, a->height - 1);
     return loss;
 }

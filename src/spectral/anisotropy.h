@@ -10,9 +10,9 @@
 /* For one size: plans, table of directions, room. Thread safety: unsafe. */
 struct sg_anisotropy;
 
-/* params may be NULL. Sides with prime factors over 13 are slow to transform; from 256 pixels on, such a side grows to
- * the next one without, unless params ask for the exact size: the new pixels lead from the last row or column to the
- * first, and loss and gradient are those of the image so continued. */
+/* params may be NULL. A side with other factors than 2, 3, 5, 7 and a single 11 or 13 is slow to transform; from 256
+ * pixels on it grows to the next one without, unless params ask for the exact size: the last row or column is repeated,
+ * and loss and gradient are those of the image so continued. */
 int sg_anisotropy_create(sg_ctx *ctx, int width, int height, const struct sg_anisotropy_params *params,
                          struct sg_anisotropy **out);
 void sg_anisotropy_destroy(struct sg_anisotropy **a);
