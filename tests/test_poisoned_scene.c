@@ -131,6 +131,20 @@ static void test_colmap_jpeg(void **state)
     assert_true(sg_file_exists(at(f, "out/images/a.JPG")) && sg_file_exists(at(f, "out/images/sub/b.jpg")));
 }
 
+/* Photos may have any name: they are told by what they contain. */
+static void test_colmap_names(void **state)
+{
+    struct fixture *f = *state;
+    static const char *const photos[] = {"images/a.jfif", "images/b.1", "images/c"};
+    put_photos(f, photos, 3);
+    put_text(f, "sparse/0/cameras.txt", "1 PINHOLE 24 16 30 31 12.5 7.5\n");
+    put_text(f, "sparse/0/images.txt",
+             "1 1 0 0 0 1 2 3 1 a.jfif\n5 5 -1\n2 1 0 0 0 3 2 1 1 b.1\n6 6 -1\n3 1 0 0 0 1 1 1 1 c\n6 6 -1\n");
+    put_text(f, "sparse/0/points3D.txt", "1 1 2 3 10 20 30 0.5 1 0\n2 4 5 6 40 50 60 0.5 2 0\n");
+    check(f, sg_scene_params(), SG_POISON_PNG, SG_FORMAT_COLMAP);
+    assert_true(sg_file_exists(at(f, "out/images/b.1.png")) && sg_file_exists(at(f, "out/images/c.png")));
+}
+
 /* Distorted photos are written without their distortion, which the scene's own camera file would put in again. */
 static void test_distorted(void **state)
 {
@@ -251,9 +265,9 @@ static void test_naive(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {scene_test(test_blender),     scene_test(test_colmap),
-                                       scene_test(test_colmap_jpeg), scene_test(test_distorted),
-                                       scene_test(test_nerfstudio),  scene_test(test_rig_masks),
-                                       scene_test(test_places),      scene_test(test_naive)};
+    const struct CMUnitTest tests[] = {
+        scene_test(test_blender),      scene_test(test_colmap),    scene_test(test_colmap_jpeg),
+        scene_test(test_colmap_names), scene_test(test_distorted), scene_test(test_nerfstudio),
+        scene_test(test_rig_masks),    scene_test(test_places),    scene_test(test_naive)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

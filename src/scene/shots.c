@@ -20,10 +20,11 @@ const char *sg_base_name(const char *path)
 int sg_find_converted(sg_ctx *ctx, const char *path, char **out)
 {
     static const char *const suffixes[] = {".JPG", ".jpg", ".jpeg", ".png", ".PNG", ".webp"};
+    const size_t n = sizeof(suffixes) / sizeof(suffixes[0]), length = strlen(path);
     const char *dot = strrchr(sg_base_name(path), '.');
     *out = NULL;
-    for (size_t i = 0; dot && i < sizeof(suffixes) / sizeof(suffixes[0]); i++) {
-        char *other = sg_strf(ctx, "%.*s%s", (int) (dot - path), path, suffixes[i]);
+    for (size_t i = 0; i < (dot ? 2 * n : n); i++) { /* added, then in place of its own */
+        char *other = sg_strf(ctx, "%.*s%s", (int) (i < n ? length : (size_t) (dot - path)), path, suffixes[i % n]);
         if (!other)
             return SG_ERR_BUDGET;
         if (sg_file_exists(other)) {
