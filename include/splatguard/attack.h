@@ -17,19 +17,22 @@ enum sg_tv_form {
     SG_TV_ISO        /* sum of sqrt(vertical^2 + horizontal^2 + 1e-12) of the differences to the next row and column */
 };
 
-/* Poison-splat (Lu et al. 2025, "Poison-splat: Computation Cost Attack on 3D Gaussian Splatting"). */
+/* Poison-splat (Lu et al. 2025, "Poison-splat: Computation Cost Attack on 3D Gaussian Splatting"). Where a range is not
+ * given: 0..1. */
 struct sg_attack_params {
-    float epsilon;         /* bound on |poison - photo|, values in [0, 1]; INFINITY = none. Default 16/255. */
+    float epsilon;         /* bound on |poison - photo|, values in [0, 1], kept to the byte where it is a multiple of
+                              1/255; INFINITY = none. Default 16/255. */
     int iterations;        /* views visited. 1..10 million. Default 36000. */
     int inner;             /* ascent steps a visit, 0..1000. Default 15. */
     float step;            /* size of an ascent step. Default 2/255. */
     enum sg_tv_form tv;    /* Default SG_TV_VERTICAL2. */
     float spectral_weight; /* against a spectral defense: the ascent also lowers the image's anisotropy loss (band
                               and directions of SG_SPECTRUM_DEFAULTS). The weight of its gradient, scaled to a mean
-                              of 1, next to that of the total variation, whose terms are 1 a neighbour. Default 0. */
+                              of 1, next to that of the total variation, whose terms are 1 a neighbour. 0..1e6. Default
+                              0. */
     float scale_floor;     /* against a filter of thin Gaussians: the decoy's smallest scale, scene units, set again at
                               each densification and at the end, so that the poison is one that fat Gaussians can show.
-                              0 = none. Default 0. */
+                              0..1e6, 0 = none. Default 0. */
     int update_interval;   /* views whose gradients are summed for one step of the decoy. 1..1000. Default 1. */
     bool move_positions;   /* the decoy's positions learn at 1.6e-4 x extent. Default false: frozen. */
     float lambda_dssim;    /* Default 0.2. */
@@ -38,8 +41,8 @@ struct sg_attack_params {
     float scaling_lr;      /* Default 0.005. */
     float rotation_lr;     /* Default 0.001. */
     float percent_dense;   /* Default 0.01. */
-    int densification_interval;   /* Default 100. */
-    float densify_grad_threshold; /* Default 0.0002. */
+    int densification_interval;   /* 1..10 million. Default 100. */
+    float densify_grad_threshold; /* 0..1e30. Default 0.0002. */
     uint64_t seed;                /* Default 42. */
     uint64_t max_gaussians;       /* of the decoy; 0 = no limit, else at least 4. Default 0. */
     uint64_t max_instances;       /* see sg_render_params. Default 1 << 24. */
@@ -77,30 +80,32 @@ typedef struct sg_attack sg_attack;
  * SG_ERR_INPUT where the scene has no training views, SG_ERR_BUDGET. */
 int sg_attack_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *proxy,
                      const struct sg_attack_params *params, sg_attack **out);
-/* From a file of sg_attack_save, with the same scene and params: goes on to the very bytes of an uninterrupted one. */
+/* From a file of sg_attack_save, with the same scene and params: goes on to the very bytes of an uninterrupted one.
+ * Errors: those of sg_attack_create; SG_ERR_INPUT for a file that is no checkpoint of this scene and attack. */
 int sg_attack_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path, const struct sg_attack_params *params,
                      sg_attack **out);
 void sg_attack_destroy(sg_attack **attack);
 
-/* One iteration. step may be NULL. */
+/* One iteration. step may be NULL. Errors: as of sg_trainer_step. */
 int sg_attack_step(sg_attack *attack, struct sg_attack_step *step);
 int sg_attack_iteration(const sg_attack *attack);
 
 /* The poison of a training view: the decoy's render within epsilon of the photo, rounded to 8 bits.
- * rgb: height x width x 3. */
+ * rgb: height x width x 3. Errors: SG_ERR_USAGE for a view that is not there, SG_ERR_BUDGET. */
 int sg_attack_poison(sg_attack *attack, size_t view, uint8_t *rgb);
 
-/* A copy of the decoy; the caller owns *out. */
+/* A copy of the decoy; the caller owns *out. Errors: SG_ERR_BUDGET. */
 int sg_attack_decoy(sg_attack *attack, struct sg_model **out);
 
-/* The whole state, whole between two steps of the decoy: at the last iteration and those divisible by update_interval,
- * else SG_ERR_USAGE. */
+/* The whole state, for sg_attack_resume. Only between two steps of the decoy, at the last iteration and those divisible
+ * by update_interval, else SG_ERR_USAGE. Other errors: SG_ERR_INPUT where it cannot be written, SG_ERR_BUDGET. */
 int sg_attack_save(sg_attack *attack, const char *path);
 
 /* Attacks that look at each photo alone, for comparison: what they add does not agree between views.
  * SG_NAIVE_NOISE: the photo plus normal noise of unit variance cut off at epsilon, that is nearly +-epsilon everywhere.
- * SG_NAIVE_TV: `inner` ascent steps from the photo. rgb: height x width x 3. Needs a finite epsilon, and values in
- * range as sg_attack_check has them, else SG_ERR_USAGE. */
+ * SG_NAIVE_TV: `inner` ascent steps from the photo. index: of the view, which the noise is drawn by. params may be
+ * NULL. rgb: height x width x 3. Errors: SG_ERR_USAGE for values out of range and without a finite epsilon,
+ * SG_ERR_BUDGET. */
 enum sg_naive_attack { SG_NAIVE_NOISE, SG_NAIVE_TV };
 int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, const struct sg_attack_params *params,
                     enum sg_naive_attack method, uint8_t *rgb);
@@ -127,11 +132,13 @@ void sg_poison_report_clear(sg_ctx *ctx, struct sg_poison_report *report);
 
 /* The folder with cameras and points as the scene has them: transforms and points of Blender scenes and models of
  * COLMAP are copied; nerfstudio scenes and photos whose lens distortion was taken out get a transforms.json for the
- * images as they are written. Cameras that another set left there are removed. */
+ * images as they are written. Cameras that another set left there are removed. Errors: SG_ERR_USAGE for the scene's own
+ * folder; SG_ERR_INPUT for links in the folder, names that are not UTF-8 and what cannot be read or written;
+ * SG_ERR_BUDGET. */
 int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_poison_files *files,
                             const char *folder);
 /* Writes the image of a view (of train or test), and its mask; what another set left there under the name with another
- * ending is removed. rgb: height x width x 3. report may be NULL. */
+ * ending is removed. rgb: height x width x 3. report may be NULL. Errors: as above. */
 int sg_poisoned_scene_image(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view,
                             const struct sg_poison_files *files, const char *folder, const uint8_t *rgb,
                             struct sg_poison_report *report);

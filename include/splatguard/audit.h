@@ -18,7 +18,7 @@ enum sg_audit_verdict { SG_AUDIT_CLEAN, SG_AUDIT_SUSPICIOUS, SG_AUDIT_POISONED }
 struct sg_audit_features {
     double tv_down, tv_across;   /* mean absolute difference to the next row, to the next column */
     double osc_down, osc_across; /* mean oscillation: at local extremes, the lesser of both differences, else 0 */
-    double osc_share;            /* of all variation and two grey levels a pixel more, what local extremes carry */
+    double osc_share;            /* the share that local extremes carry of all variation plus two grey levels a pixel */
     double osc_quiet;  /* oscillation of the quiet parts: the 25th percentile over the blocks of 16 x 16 pixels that are
                           not of one colour, each counting as much as it has used pixels */
     double osc_chroma; /* oscillation of red - green and of blue - green, both directions */
@@ -60,7 +60,8 @@ void sg_audit_destroy(sg_ctx *ctx, struct sg_audit **audit);
 const char *sg_audit_verdict_name(enum sg_audit_verdict verdict);
 
 /* One image, rgb: height x width x 3. mask: height x width, 0 = left out, or NULL. map: NULL, or (height + 15) / 16 x
- * (width + 15) / 16 floats for the blocks' oscillation in grey levels. */
+ * (width + 15) / 16 floats for the blocks' oscillation in grey levels. Errors: SG_ERR_BUDGET. Several
+ * threads may measure at once in one context. */
 int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int width, int height,
                      struct sg_audit_features *out, float *map);
 

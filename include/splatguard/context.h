@@ -26,11 +26,13 @@ enum sg_mem_tag {
 };
 
 /* A context owns the thread pool, the memory ledger, the logger and the last error.
- * Thread safety: one call at a time per context; different contexts are independent. */
+ * Thread safety: one call at a time per context, unless a function says otherwise; different contexts are
+ * independent. */
 typedef struct sg_ctx sg_ctx;
 
 struct sg_ctx_params {
-    int threads;         /* worker threads, 1..256; 0 = one per online CPU. Default 0. Results do not depend on it. */
+    int threads; /* worker threads, 1..256; 0 = one per online CPU. Default 0. Results do not depend on it, unless
+                    max_memory binds: more threads leave less of it to the model. */
     uint64_t max_memory; /* bytes the ledger may hold at once; 0 = no limit. Default 0. */
     /* NULL = silent. Called on any thread, perhaps on several at once; the message is gone afterwards. Default NULL. */
     void (*log)(void *priv, enum sg_log_level level, const char *message);

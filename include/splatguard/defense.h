@@ -46,18 +46,18 @@ struct sg_defense_params {
     /* In space: score = (1 - exp(-2 pi^2 t^2 sigma^2))^alpha x hits; the lowest share rho is removed. rho
      * is 0..0.5, 0 = no filter; or -0.9..0: minus a share of what grew of late, nothing once densification ends. */
     double rho;                 /* Default 0.03. */
-    double frequency;           /* t, cycles per scene unit. Default 8. */
-    double exponent;            /* alpha. Default 2. */
-    int views;                  /* K*, training views that hits are counted in. Default 48. */
-    int interval;               /* T_prune, iterations. Default 100. */
-    int from, until;            /* iterations, exclusive; -1 = as densification: pruning beyond it the model dies out.
-                                   Default -1. */
+    double frequency;           /* t, cycles per scene unit, 1e-9..1e9. Default 8. */
+    double exponent;            /* alpha, 0..100. Default 2. */
+    int views;                  /* K*, training views that hits are counted in, 1..10 million. Default 48. */
+    int interval;               /* T_prune, iterations, 1..10 million. Default 100. */
+    int from, until;            /* iterations, exclusive, to 1e9; -1 = as densification: pruning on after it kills the
+                                   model. Default -1. */
     enum sg_filter_sigma sigma; /* Default SG_SIGMA_STD. */
     enum sg_hit hit;            /* Default SG_HIT_PIXELS. */
     enum sg_prune_rule rule;    /* Default SG_PRUNE_EXACT. */
     enum sg_prune_views sample; /* Default SG_VIEWS_RANDOM. */
     /* In the image: loss + lambda (anisotropy_scale L_ani + tv_scale L_tv) of the render. */
-    double lambda;           /* Default 4. */
+    double lambda;           /* 0..1e6, as the scales. Default 4. */
     const float *shares;     /* NULL, or of each training view, 0..1e3: how many times lambda it gets, so that photos
                                 which look clean are not smoothed. Borrowed as long as the trainer. */
     double anisotropy_scale; /* Default 0.005: docs/defense.md has the sweep. */
@@ -75,8 +75,9 @@ struct sg_audit;
 /* Cycles per scene unit that mean the same in scenes of any units. extent: the scene's. */
 double sg_defense_frequency(double extent);
 
-/* Preset auto: sets rho, frequency, lambda and shares by what the audit found, so that clean photos are hardly touched,
- * whatever the scene's units. extent: the scene's. shares: memory for one number a training view, which params borrows.
+/* Preset auto: sets rho, frequency, lambda and shares (not `on`) by what the audit found, so that clean photos are
+ * hardly touched, whatever the scene's units. extent: the scene's. shares: memory for one number a training view, which
+ * params borrows.
  */
 void sg_defense_automatic(const struct sg_audit *audit, double extent, float *shares, struct sg_defense_params *params);
 

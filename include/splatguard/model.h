@@ -56,21 +56,25 @@ int sg_model_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_model **
 void sg_model_destroy(sg_ctx *ctx, struct sg_model **model);
 
 /* Initial Gaussians at points (Kerbl et al. 2023, section 5.1): isotropic, scale = RMS distance to the exact 3 nearest
- * other points, opacity 0.1. xyz: n x 3; rgb: n x 3. Fewer than 4 points: SG_ERR_INPUT. */
+ * other points, opacity 0.1, active degree 0. xyz: n x 3; rgb: n x 3. Errors: SG_ERR_INPUT for fewer than 4 points and
+ * positions that are not finite, SG_ERR_USAGE for the degree, SG_ERR_BUDGET. The caller owns *out. */
 int sg_model_init_points(sg_ctx *ctx, const float *xyz, const uint8_t *rgb, size_t n, int sh_degree,
                          struct sg_model **out);
 
-/* n grey points drawn uniformly from [-1.3, 1.3]^3, the reference's start for scenes without points. */
+/* n >= 4 grey points drawn uniformly from [-1.3, 1.3]^3, the reference's start for scenes without points. Errors and
+ * ownership as above. */
 int sg_model_init_random(sg_ctx *ctx, size_t n, uint64_t seed, int sh_degree, struct sg_model **out);
 
-/* Reads a 3DGS PLY: binary or ASCII, any property order, SH degree 0..3 (active = stored). */
+/* Reads a 3DGS PLY: binary or ASCII, any property order, SH degree 0..3 (active = stored). The caller owns *out.
+ * Errors: SG_ERR_INPUT, also for more than max_gaussians; SG_ERR_BUDGET. */
 int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussians, struct sg_model **out);
 
 /* Writes the layout of the reference, binary little endian: 62 properties at SH degree 3, fewer f_rest below. The file
  * appears whole or not at all. */
 int sg_model_write_ply(sg_ctx *ctx, const struct sg_model *model, const char *path);
 
-/* Point cloud PLY (x y z, optional red green blue). Arrays are owned by the caller: free with sg_points_destroy. */
+/* Point cloud PLY (x y z, optional red green blue). xyz, rgb: n x 3; read from a file without colours rgb is 127.
+ * Arrays are owned by the caller: free with sg_points_destroy. Errors: as of models. */
 int sg_points_read_ply(sg_ctx *ctx, const char *path, uint64_t max_points, float **xyz, uint8_t **rgb, size_t *n);
 int sg_points_write_ply(sg_ctx *ctx, const char *path, const float *xyz, const uint8_t *rgb, size_t n);
 void sg_points_destroy(sg_ctx *ctx, float **xyz, uint8_t **rgb);

@@ -33,13 +33,15 @@ struct sg_render_stats {
 typedef struct sg_renderer sg_renderer;
 
 /* cpu: NULL = best variant this machine has, else "baseline", "avx2", "avx512", "neon".
- * params may be NULL. The model is copied. */
+ * params may be NULL. The model is copied; the caller destroys *out. Errors: SG_ERR_USAGE for a backend or variant that
+ * is not there, SG_ERR_BUDGET. */
 int sg_renderer_create(sg_ctx *ctx, const char *backend, const char *cpu, const struct sg_model *model,
                        const struct sg_render_params *params, sg_renderer **out);
 void sg_renderer_destroy(sg_renderer **renderer);
 
 /* rgb: 3 planes of height x width floats, not clamped; alpha, depth: one plane each or NULL (depth is the
- * alpha-weighted sum of z in camera space; divide by alpha for the mean). stats may be NULL. */
+ * alpha-weighted sum of z in camera space; divide by alpha for the mean). stats may be NULL. Errors: SG_ERR_USAGE for
+ * a camera with a side outside 1..16384 or a focal length that is not positive, SG_ERR_BUDGET. */
 int sg_render(sg_renderer *renderer, const struct sg_camera *camera, float *rgb, float *alpha, float *depth,
               struct sg_render_stats *stats);
 

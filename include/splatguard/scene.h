@@ -23,10 +23,11 @@ enum sg_scene_format {
 struct sg_scene_params {
     enum sg_scene_format format; /* default SG_FORMAT_AUTO */
     const char *images;          /* image folder below the scene, COLMAP only; NULL = "images" */
-    int resolution;   /* the reference's -r: 1, 2, 4, 8 divide the size; -1 = at most 1600 wide; other = target width.
-                         Default -1. */
+    int resolution;   /* the reference's -r: 1, 2, 4, 8 divide the size; -1 = at most 1600 wide; other, to 16384 =
+                         target width. Default -1. */
     double downscale; /* divides the size after the resolution rule, 1..64. Default 1. */
-    bool white_background;  /* RGBA is composited on white instead of black. Default false. */
+    bool white_background;  /* RGBA is composited on white instead of black (COLMAP: alpha is ignored). Default
+                               false. */
     bool eval;              /* hold test views out of training. Default false: every view trains
                                (Blender: its test file is then not loaded). */
     int test_every;         /* every N-th view by sorted name is a test view (COLMAP, nerfstudio). Default 8. */
@@ -44,7 +45,8 @@ struct sg_scene_params {
 
 /* One view: a photo, its undistorted pinhole camera and its optional mask. */
 struct sg_view {
-    char *name;              /* base name up to the FIRST dot, as the reference */
+    char *name;              /* base name up to the FIRST dot, as the reference; where two are the same, of all the
+                                path without its ending, "/" as "_" */
     char *file;              /* the photo as the scene's own files name it */
     char *path;              /* file it was decoded from */
     bool undistorted;        /* rgb is not as photographed: the lens' distortion was taken out */
@@ -69,7 +71,7 @@ struct sg_scene {
 };
 
 /* Loads cameras, points and images (decoded in parallel, undistorted, resampled). params may be NULL.
- * On success the caller owns *out. Errors: SG_ERR_INPUT, SG_ERR_BUDGET. */
+ * On success the caller owns *out. Errors: SG_ERR_USAGE for values out of range, SG_ERR_INPUT, SG_ERR_BUDGET. */
 int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *params, struct sg_scene **out);
 void sg_scene_destroy(sg_ctx *ctx, struct sg_scene **scene);
 

@@ -48,9 +48,9 @@ struct sg_spectrum {
     double entropy;                   /* of it, over ln bins: 1 = all directions alike. 1 where the band is empty. */
     double anisotropy;                /* 1 - entropy */
     double band_share;                /* of all energy, what lies in the band */
-    double radial[SG_SPECTRUM_RINGS]; /* mean energy of a coefficient in ring i, |frequency| in 0.5 [i, i + 1) /
-                                         rings cycles a pixel, over the number of pixels; values in [0, 1]. 0 for a ring
-                                         without coefficients, as small images have */
+    double radial[SG_SPECTRUM_RINGS]; /* mean energy of a channel's coefficient in ring i, |frequency| in 0.5 [i, i + 1)
+                                         / rings cycles a pixel, over the number of pixels; values in [0, 1]. 0 for a
+                                         ring without coefficients, as small images have */
 };
 
 /* rgb: height x width x 3. params may be NULL. amplitude: NULL, or height x width floats for ln(1 + |DFT|) of the

@@ -15,12 +15,14 @@
 extern "C" {
 #endif
 
-/* Defaults are those of the reference (Kerbl et al. 2023, the 2023 release). */
+/* Defaults are those of the reference (Kerbl et al. 2023, the 2023 release). Where a range is not given: learning rates
+ * and percent_dense 0..1e3 (of positions from 1e-12), intervals 1..1e9 iterations, densify_from_iter and _until_iter
+ * 0..1e9. */
 struct sg_train_params {
     int iterations;               /* 1..10 million. Default 30000. */
     uint64_t seed;                /* Default 42. */
     int sh_degree;                /* 0..3. Default 3. */
-    int sh_interval;              /* iterations between degree raises. Default 1000. */
+    int sh_interval;              /* iterations between degree raises, 1..10 million. Default 1000. */
     bool white_background;        /* Default false. */
     bool random_background;       /* a random colour each iteration. Default false. */
     float lambda_dssim;           /* weight of 1-SSIM, 0..1. Default 0.2. */
@@ -32,23 +34,24 @@ struct sg_train_params {
     float scaling_lr;             /* Default 0.005. */
     float rotation_lr;            /* Default 0.001. */
     float percent_dense;          /* clone below, split above this share of the extent. Default 0.01. */
-    int densification_interval;   /* Default 100. */
+    int densification_interval;   /* 1..10 million. Default 100. */
     int densify_from_iter;        /* Default 500. */
     int densify_until_iter;       /* Default 15000. */
-    float densify_grad_threshold; /* view-space gradient, NDC. Default 0.0002. */
+    float densify_grad_threshold; /* view-space gradient, NDC; 0..1e9. Default 0.0002. */
     int opacity_reset_interval;   /* Default 3000. */
-    uint64_t init_points;         /* random points when the scene has none. Default 100000. */
+    uint64_t init_points;         /* random points when the scene has none, 4..1e8. Default 100000. */
     /* Budgets; 0 = none. Where the context limits memory, the trainer further limits itself to what fits. */
-    uint64_t max_gaussians;  /* from there on new ones take the place of those scored lowest. Default 0. */
-    double max_seconds;      /* of all steps: the schedule advances by iterations or by time, whichever is
-                                ahead, so that a run cut short still ends as a whole one. Default 0. */
+    uint64_t max_gaussians;  /* at least 4; from there on new ones take the place of those scored lowest. Default 0. */
+    double max_seconds;      /* from creation on, whatever is done between steps; to 1e9. The schedule advances by
+                                iterations or by time, whichever is ahead, so that a run cut short still ends as a whole
+                                one. Default 0. */
     double seconds_before;   /* that count already, e.g. for reading the photos. Default 0. */
     double (*clock)(void *); /* seconds from any start, never backwards; NULL = the system's. Default NULL. */
     void *clock_arg;
     uint64_t max_instances; /* see sg_render_params. Default 1 << 24. */
     bool reference_tiles;   /* see sg_render_params. Default false. */
     struct sg_defense_params defense;
-    const char *backend; /* "cpu" or "ref". Default "cpu". */
+    const char *backend; /* "cpu" or "ref"; NULL = "cpu". Default "cpu". */
     const char *cpu;     /* CPU variant; NULL = best. Default NULL. */
 };
 
@@ -90,14 +93,15 @@ typedef struct sg_trainer sg_trainer;
  * values out of range, SG_ERR_INPUT for a scene without training views, SG_ERR_BUDGET where the run cannot fit. */
 int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
                       const struct sg_train_params *params, sg_trainer **out);
-/* From a file of sg_trainer_save, with the same scene and params but for limits and iterations: goes on to the very
- * bytes of an uninterrupted run. Errors: those of sg_trainer_create; SG_ERR_INPUT for a file that is no checkpoint of
- * this scene and run. */
+/* From a file of sg_trainer_save, with the same scene and params: goes on to the very bytes of an uninterrupted run.
+ * Limits and iterations may differ, and then the bytes do (the last iteration of a run takes no step). Errors: those of
+ * sg_trainer_create; SG_ERR_INPUT for a file that is no checkpoint of this scene and run. */
 int sg_trainer_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path, const struct sg_train_params *params,
                       sg_trainer **out);
 void sg_trainer_destroy(sg_trainer **trainer);
 
-/* One iteration; after the last one Adam stands still. step may be NULL. Errors: SG_ERR_BUDGET. After an error the
+/* One iteration; after the last one Adam stands still. step may be NULL. Errors: SG_ERR_BUDGET; SG_ERR_INPUT where
+ * every Gaussian has become transparent, so that none is left. After an error the
  * trainer can still be saved and destroyed, with that iteration half done: what is resumed from there is a sound model,
  * not the one of an uninterrupted run. */
 int sg_trainer_step(sg_trainer *trainer, struct sg_train_step *step);
