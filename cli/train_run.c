@@ -138,8 +138,10 @@ static int loop(struct train_run *r)
             const size_t gaussians = sg_trainer_gaussians(r->trainer); /* it may have grown before it failed */
             if (gaussians > r->totals.max_gaussians)
                 r->totals.max_gaussians = gaussians;
-            if (done > 0 && !run_save_model(r->ctx, r->config->output, r->trainer)) {
-                say(stderr, "the model of iteration %d is saved in %s\n", done, r->config->output);
+            if (done > 0 && !run_save_model(r->ctx, r->config->output, r->trainer))
+                r->saved = done;
+            if (r->saved) {
+                say(stderr, "the model of iteration %d is saved in %s\n", r->saved, r->config->output);
                 code = error == SG_ERR_BUDGET ? 0 : code; /* a smaller model than asked for, but a model */
             }
             r->error = error;
@@ -198,6 +200,7 @@ static int restore(struct train_run *r, const char *variant)
     if (variant && strcmp(variant, sg_trainer_variant(r->trainer)))
         say(stderr, "warning: the run was made with %s and goes on with %s: results can differ in the last digits\n",
             variant, sg_trainer_variant(r->trainer));
+    r->saved = sg_trainer_iteration(r->trainer); /* a model comes before its checkpoint */
     /* Iterations may have been raised. */
     return run_write_config(r->config, variant ? variant : sg_trainer_variant(r->trainer));
 }

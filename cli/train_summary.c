@@ -101,6 +101,8 @@ int train_summary_write(struct train_run *r)
     if (r->eval.views && r->evaluated == done) {
         PUT("psnr", number_json(r->eval.psnr));
         PUT("ssim", number_json(r->eval.ssim));
+    }
+    if (r->eval.fps > 0 && r->evaluated == done) { /* timed at the end only */
         PUT("fps", number_json(r->eval.fps));
         PUT("fps_mean", number_json(r->eval.fps_mean));
     }
