@@ -86,7 +86,8 @@ done:
 static int checkpoint(struct attack_run *r)
 {
     char *path = run_path(r->config->output, "attack/checkpoint.bin");
-    const int code = path ? attack_log_step(r) : 4, error = path && !code ? sg_attack_save(r->attack, path) : 0;
+    const int code = path ? attack_log_step(r) : no_memory(),
+              error = path && !code ? sg_attack_save(r->attack, path) : 0;
     free(path);
     return error ? report(r->ctx, error) : code;
 }

@@ -157,6 +157,8 @@ int attack_write(struct attack_run *r)
         PUT("psnr_mean", number_json(t.psnr / n));
         PUT("tv_before_mean", number_json(t.before / n));
         PUT("tv_after_mean", number_json(t.after / n));
+        if (c->method == METHOD_TV_PER_VIEW)
+            PUT("schedule", json_pack("{s:i}", "inner", c->attack.inner));
         if (r->attack) {
             PUT("schedule", json_pack("{s:i,s:i,s:i}", "iterations", c->attack.iterations, "inner", c->attack.inner,
                                       "update-interval", c->attack.update_interval));

@@ -52,7 +52,8 @@ static const struct option attack_options[] = {
     GROUP_ROW("Attack"),
     CHOICE_ROW("method", A(method), "poison-splat|noise|tv-per-view", "NAME",
                "Poison-splat, or a naive attack to compare with: +-epsilon noise, ascent of each photo alone."),
-    TEXT_ROW("epsilon", A(epsilon), "LEVELS", "Bound on every value's change in grey levels (8, 16, 24), or inf."),
+    TEXT_ROW("epsilon", A(epsilon), "LEVELS",
+             "Bound on every value's change in whole grey levels (8, 16, 24), or inf."),
     CHOICE_ROW("preset", A(preset), "auto|ns|mip|tt", "NAME",
                "The published schedules for NeRF-Synthetic, Mip-NeRF 360, Tanks and Temples; auto: ns for Blender "
                "scenes, else "
@@ -67,8 +68,8 @@ static const struct option attack_options[] = {
         "Total variation to raise: vertical differences only, as published; both directions; root of their squares."),
     NUMBER_ROW(
         "spectral-weight", OPT_FLOAT, A(attack.spectral_weight), 0, 1e6, "X",
-        "Against a spectral defense: also keep the poison's energy even over directions; 1 = as much as a neighbour's "
-        "step."),
+        "Against a spectral defense: also keep the poison's energy even over directions; 1 = a mean gradient as of one "
+        "neighbour's difference."),
     NUMBER_ROW("scale-floor", OPT_FLOAT, A(attack.scale_floor), 0, 1e6, "X",
                "Against a filter of thin Gaussians: smallest scale in the decoy, scene units; 0 = none."),
     NUMBER_ROW("ratio", OPT_FLOAT, A(ratio), 0, 1, "X", "Poison only this share of the views, drawn by seed."),
@@ -139,8 +140,11 @@ static int settle(struct attack_config *c)
     static const char *const backends[] = {"cpu", "ref"};
     char *end;
     const double levels = strtod(c->epsilon, &end);
-    if (end == c->epsilon || *end || !(levels >= 0) || (isfinite(levels) && levels > 255)) {
-        say(stderr, "splatguard attack: --epsilon: found \"%s\", expected 0 to 255 grey levels, or inf\n", c->epsilon);
+    if (end == c->epsilon || *end || !(levels >= 0) ||
+        (isfinite(levels) && (levels > 255 || levels != floor(levels)))) {
+        say(stderr,
+            "splatguard attack: --epsilon: found \"%s\", expected a whole number of grey levels, 0 to 255, or inf\n",
+            c->epsilon);
         return 1;
     }
     if (!isfinite(levels) && c->method != METHOD_POISON_SPLAT) {

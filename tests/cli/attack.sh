@@ -93,6 +93,7 @@ grep -q '"linf_max": 6.0' tv/poison.json || fail "the steps of tv-per-view"
 # What cannot work is said before anything is written.
 expect 1 attack scene/blender; says 'missing -o POISONED'
 expect 1 attack scene/blender -o x --epsilon much; says '--epsilon'
+expect 1 attack scene/blender -o x --epsilon 0.5; says 'a whole number'
 expect 1 attack scene/blender -o poisoned --force --max-gaussians 3; says '--max-gaussians'; [ -s poisoned/poison.json ] || fail "gone for nothing"
 expect 1 attack scene/blender -o x --method noise --epsilon inf; says 'poison-splat only'
 expect 2 attack scene/blender -o scene/blender; says 'in the scene'
