@@ -46,7 +46,7 @@ static json_t *features(const struct sg_audit_features *f)
         number_json(f->ragged), "slope", number_json(f->slope), "anisotropy", number_json(f->anisotropy));
 }
 
-static void print_json(const struct sg_audit *a)
+static int print_json(const struct sg_audit *a)
 {
     json_t *images = json_array();
     for (size_t i = 0; i < a->count; i++)
@@ -63,10 +63,7 @@ static void print_json(const struct sg_audit *a)
                             json_integer((json_int_t) a->verdicts[v]));
     json_t *root = json_pack("{s:s,s:o,s:o,s:o,s:o}", "verdict", sg_audit_verdict_name(a->verdict), "score",
                              number_json(a->score), "counts", counts, "reasons", reasons, "images", images);
-    char *text = json_dumps(root, JSON_INDENT(1) | JSON_REAL_PRECISION(6));
-    printf("%s\n", text ? text : "{}");
-    free(text);
-    json_decref(root);
+    return json_print(root, 1);
 }
 
 static void print_text(const struct sg_audit *a)
@@ -98,7 +95,7 @@ static int run_audit(const void *config, const bool *given, const char *const *p
     if (error)
         code = report(ctx, error);
     else if (c.json)
-        print_json(audit);
+        code = print_json(audit);
     else
         print_text(audit);
     if (!code && c.report)

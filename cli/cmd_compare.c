@@ -114,7 +114,7 @@ static double ratio(const struct run *runs, int i, int m)
     return runs[i].value[m] / runs[0].value[m];
 }
 
-static void print_table(const struct run *runs, int n)
+static int print_table(const struct run *runs, int n)
 {
     char text[64];
     printf("%-24s", "");
@@ -136,9 +136,10 @@ static void print_table(const struct run *runs, int n)
         }
         printf("\n");
     }
+    return 0;
 }
 
-static void print_csv(const struct run *runs, int n)
+static int print_csv(const struct run *runs, int n)
 {
     printf("run");
     for (int m = 0; m < METRICS; m++)
@@ -156,9 +157,10 @@ static void print_csv(const struct run *runs, int n)
                 printf(",");
         printf("\n");
     }
+    return 0;
 }
 
-static void print_json(const struct run *runs, int n)
+static int print_json(const struct run *runs, int n)
 {
     json_t *list = json_array();
     for (int i = 0; i < n; i++) {
@@ -171,10 +173,7 @@ static void print_json(const struct run *runs, int n)
         json_object_set_new(r, "ratios_to_first", ratios);
         json_array_append_new(list, r);
     }
-    char *text = json_dumps(list, JSON_INDENT(2) | JSON_REAL_PRECISION(10));
-    printf("%s\n", text ? text : "[]");
-    free(text);
-    json_decref(list);
+    return json_print(list, 2);
 }
 
 static int run_compare(const void *config, const bool *given, const char *const *positional, int count)
@@ -192,7 +191,7 @@ static int run_compare(const void *config, const bool *given, const char *const 
             code = measure(&runs[i], c, given);
     }
     if (!code)
-        (c->json ? print_json : c->csv ? print_csv : print_table)(runs, count);
+        code = (c->json ? print_json : c->csv ? print_csv : print_table)(runs, count);
     free(runs);
     return code;
 }

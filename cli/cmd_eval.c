@@ -19,7 +19,7 @@ static const struct option eval_options[] = {
 
 static const struct eval_config defaults = {.m = {MODEL_OPTION_DEFAULTS}};
 
-static void print_json(const struct eval_config *c, const struct model_views *v, const struct sg_eval *e)
+static int print_json(const struct eval_config *c, const struct model_views *v, const struct sg_eval *e)
 {
     json_t *root = json_pack("{s:f,s:f,s:f,s:i,s:I}", "psnr", e->psnr, "ssim", e->ssim, "fps", e->fps, "views",
                              (int) e->views, "gaussians", (json_int_t) v->model->count);
@@ -30,10 +30,7 @@ static void print_json(const struct eval_config *c, const struct model_views *v,
                                         number_json(e->per_view[i].psnr), "ssim", number_json(e->per_view[i].ssim)));
     if (list)
         json_object_set_new(root, "per_view", list);
-    char *text = json_dumps(root, JSON_REAL_PRECISION(8));
-    printf("%s\n", text ? text : "{}");
-    free(text);
-    json_decref(root);
+    return json_print(root, 0);
 }
 
 static int run_eval(const void *config, const bool *given, const char *const *positional, int count)
@@ -48,7 +45,7 @@ static int run_eval(const void *config, const bool *given, const char *const *po
         if (error)
             code = report(v.ctx, error);
         else if (c->json)
-            print_json(c, &v, &e);
+            code = print_json(c, &v, &e);
         else {
             for (size_t i = 0; c->per_view && i < e.views; i++)
                 say(stdout, "%-32s PSNR %7.3f  SSIM %.4f\n", v.views[i].name, e.per_view[i].psnr, e.per_view[i].ssim);

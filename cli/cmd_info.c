@@ -15,25 +15,15 @@ static const struct option info_options[] = {
 
 static const struct info_config defaults = {0};
 
-static json_t *numbers(const double *v, int n)
+static int print_json(const struct sg_model_info *i)
 {
-    json_t *list = json_array();
-    for (int i = 0; i < n; i++) /* bounds of nothing are not numbers */
-        json_array_append_new(list, v[i] - v[i] == 0 ? json_real(v[i]) : json_null());
-    return list;
-}
-
-static void print_json(const struct sg_model_info *i)
-{
-    json_t *root = json_pack("{s:I,s:i,s:o,s:o,s:o,s:o,s:I,s:I,s:I}", "gaussians", (json_int_t) i->count, "sh_degree",
-                             i->sh_degree, "min", numbers(i->min, 3), "max", numbers(i->max, 3), "scale_percentiles",
-                             numbers(i->scale_percentile, 5), "opacity_percentiles", numbers(i->opacity_percentile, 5),
-                             "nonfinite", (json_int_t) i->nonfinite, "zero_rotation", (json_int_t) i->zero_rotation,
-                             "transparent", (json_int_t) i->transparent);
-    char *text = json_dumps(root, JSON_REAL_PRECISION(7));
-    printf("%s\n", text ? text : "{}");
-    free(text);
-    json_decref(root);
+    json_t *root =
+        json_pack("{s:I,s:i,s:o,s:o,s:o,s:o,s:I,s:I,s:I}", "gaussians", (json_int_t) i->count, "sh_degree",
+                  i->sh_degree, "min", numbers_json(i->min, 3), "max", numbers_json(i->max, 3), "scale_percentiles",
+                  numbers_json(i->scale_percentile, 5), "opacity_percentiles", numbers_json(i->opacity_percentile, 5),
+                  "nonfinite", (json_int_t) i->nonfinite, "zero_rotation", (json_int_t) i->zero_rotation, "transparent",
+                  (json_int_t) i->transparent);
+    return json_print(root, 0);
 }
 
 static void print_text(const char *path, const struct sg_model_info *i)
@@ -69,7 +59,7 @@ static int run_info(const void *config, const bool *given, const char *const *po
         if (error)
             code = report(ctx, error);
         else if (c->json)
-            print_json(&info);
+            code = print_json(&info);
         else
             print_text(path, &info);
         sg_model_destroy(ctx, &model);

@@ -21,7 +21,7 @@ static const struct option render_options[] = {
     FLAG_ROW("float", offsetof(struct render_config, pfm), "Write PFM (32-bit float, not clamped) instead of PNG.",
              .transient = true),
     FLAG_ROW("depth", offsetof(struct render_config, depth),
-             "Write NAME_depth too: mean depth in scene units (PFM), or nearest white to farthest black (PNG).",
+             "Write NAME_depth too: mean depth in scene units (PFM), or nearest white to farthest dark grey (PNG).",
              .transient = true),
     MODEL_OPTIONS(struct render_config),
     SCENE_OPTIONS(struct render_config, m.scene, true),

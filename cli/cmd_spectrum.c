@@ -19,7 +19,8 @@ struct spectrum_config {
 
 #define S(field) offsetof(struct spectrum_config, field)
 static const struct option spectrum_options[] = {
-    TEXT_ROW("output", S(output), "OUT.png", "Draw the picture into this file.", .letter = 'o', .transient = true),
+    TEXT_ROW("output", S(output), "OUT.png", "Draw the picture, of at most 6 images, into this file.", .letter = 'o',
+             .transient = true),
     FLAG_ROW("json", S(json), "Print a JSON array, one object an image.", .transient = true),
     NUMBER_ROW("gain", OPT_DOUBLE, S(gain), 0.01, 255, "X", "How much differences from the first image are magnified.",
                .transient = true),
@@ -55,15 +56,7 @@ static int load(sg_ctx *ctx, const char *path, const struct spectrum_config *c, 
     return error;
 }
 
-static json_t *numbers(const double *values, int n)
-{
-    json_t *list = json_array();
-    for (int i = 0; i < n; i++)
-        json_array_append_new(list, number_json(values[i]));
-    return list;
-}
-
-static void print_json(const struct picture_image *images, int n, const char *const *paths)
+static int print_json(const struct picture_image *images, int n, const char *const *paths)
 {
     json_t *list = json_array();
     for (int k = 0; k < n; k++) {
@@ -77,15 +70,13 @@ static void print_json(const struct picture_image *images, int n, const char *co
                                 sg_total_variation(images[k].rgb, images[k].width, images[k].height, SG_TV_ANISO),
                                 "vertical2",
                                 sg_total_variation(images[k].rgb, images[k].width, images[k].height, SG_TV_VERTICAL2)),
-                      "angular", numbers(s->angular, s->bins), "radial", numbers(s->radial, SG_SPECTRUM_RINGS)));
+                      "angular", numbers_json(s->angular, s->bins), "radial",
+                      numbers_json(s->radial, SG_SPECTRUM_RINGS)));
     }
-    char *text = json_dumps(list, JSON_INDENT(2) | JSON_REAL_PRECISION(8));
-    printf("%s\n", text ? text : "[]");
-    free(text);
-    json_decref(list);
+    return json_print(list, 2);
 }
 
-static void print_lines(const struct picture_image *images, int n, const char *const *paths)
+static int print_lines(const struct picture_image *images, int n, const char *const *paths)
 {
     for (int k = 0; k < n; k++) {
         const struct sg_spectrum *s = &images[k].spectrum;
@@ -97,6 +88,7 @@ static void print_lines(const struct picture_image *images, int n, const char *c
                paths[k], images[k].width, images[k].height, s->anisotropy, 100 * s->band_share, vertical,
                both - vertical);
     }
+    return 0;
 }
 
 static int parse_crop(const char *text, const struct picture_image *images, int n, struct picture_crop *crop)
@@ -158,7 +150,7 @@ static int run_spectrum(const void *config, const bool *given, const char *const
         code = error ? report(ctx, error) : 0;
     }
     if (!code)
-        (c->json ? print_json : print_lines)(images, count, positional);
+        code = (c->json ? print_json : print_lines)(images, count, positional);
     for (int k = 0; k < count; k++) {
         free((void *) (uintptr_t) images[k].rgb);
         free((void *) (uintptr_t) images[k].amplitude);

@@ -17,7 +17,8 @@ static const struct option synth_options[] = {
     INTEGER("width", p.width, 16, 4096, "Image width in pixels."),
     INTEGER("height", p.height, 16, 4096, "Image height in pixels."),
     INTEGER("train-views", p.train_views, 4, 4096, "Views to train on."),
-    INTEGER("test-views", p.test_views, 1, 4096, "Views to hold out."),
+    INTEGER("test-views", p.test_views, 1, 4096,
+            "Views to hold out in the Blender layout; in COLMAP's every 8th is one."),
     INTEGER("points", p.points, 4, 10000000, "Surface points of the COLMAP layout."),
     INTEGER("samples", p.samples, 1, 8, "Anti-aliasing samples per pixel and axis."),
     NUMBER_ROW("seed", OPT_U64, S(p.seed), 0, 9e15, "S", "Same options and seed, same bytes."),
@@ -43,8 +44,10 @@ static int run_synth(const void *config, const bool *given, const char *const *p
     const int error = sg_synth_write(ctx, c->output, &c->p);
     code = error ? report(ctx, error) : 0;
     if (!code)
-        say(stderr, "%d + %d views of %d x %d written to %s/blender and %s/colmap\n", c->p.train_views, c->p.test_views,
-            c->p.width, c->p.height, c->output, c->output);
+        say(stderr,
+            "%d views of %d x %d to train on written to %s/blender, with %d to test, and to %s/colmap, with %d\n",
+            c->p.train_views, c->p.width, c->p.height, c->output, c->p.test_views, c->output,
+            (c->p.train_views + 6) / 7);
     sg_ctx_destroy(&ctx);
     return code;
 }

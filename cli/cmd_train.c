@@ -90,10 +90,10 @@ static const struct option train_options[] = {
                "growth, and for each photo the more lambda the more it looks poisoned (see `audit`)."),
     DOUBLE(
         "rho", rho, -1, 0.5,
-        "Share of the Gaussians that the filter removes at a time; -0.9 to 0: minus the share of what grew; -1 = the "
-        "preset's."),
+        "Share of the Gaussians that the filter removes at a time; below 0, to -0.9: that share of what grew of late; "
+        "-1 = the preset's."),
     DOUBLE("filter-frequency", frequency, 0, 1e9,
-           "Reference frequency t, cycles per scene unit; 0 = the preset's: 8, auto: 41.6 in the scene's extent."),
+           "Reference frequency t, cycles per scene unit; 0 = the preset's: 8, auto: 41.6 / the scene's extent."),
     DOUBLE("filter-exponent", exponent, 0, 100, "Exponent alpha of the frequency weight."),
     INTEGER("filter-views", train.defense.views, 1, 10000000, "Training views that hits are counted in."),
     INTEGER("filter-interval", train.defense.interval, 1, 10000000, "Iterations between removals."),

@@ -38,7 +38,7 @@ struct scene_options {
         NUMBER_ROW("downscale", OPT_DOUBLE, offsetof(config, scene_.params.downscale), 1, 64, "F",                     \
                    "Divides the image size further.", .transient = transient_),                                        \
         FLAG_ROW("white-background", offsetof(config, scene_.params.white_background),                                 \
-                 "White instead of black behind transparent images and renders.", .letter = 'w',                       \
+                 "White instead of black behind transparent images (not COLMAP's) and renders.", .letter = 'w',        \
                  .transient = transient_),                                                                             \
         NUMBER_ROW("test-every", OPT_INT, offsetof(config, scene_.params.test_every), 2, 1000000, "N",                 \
                    "COLMAP, nerfstudio: every N-th view by name is a test view.", .transient = transient_),            \
@@ -55,6 +55,10 @@ int exit_code(int error);
 
 /* Says that the command itself could not allocate something small; returns the exit code 3. */
 int no_memory(void);
+
+/* Prints and releases a value, on one line or indented. Returns an exit code. */
+int json_print(json_t *value, int indent);
+json_t *numbers_json(const double *values, int n);
 
 /* Prints the last error; returns its exit code. */
 int report(const sg_ctx *ctx, int error);

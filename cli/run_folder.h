@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* A run's folder: the reference's layout (point_cloud/iteration_N/point_cloud.ply, cameras.json, input.ply, cfg_args)
- * plus config.json, summary.json, log.jsonl and checkpoint.bin. Every file appears whole. */
+ * plus config.json, summary.json, log.jsonl and checkpoint.bin. Every file but the log appears whole. */
 #ifndef CLI_RUN_FOLDER_H
 #define CLI_RUN_FOLDER_H
 

@@ -78,6 +78,25 @@ static struct {
     uint64_t whole, outside;
 } memory;
 
+int json_print(json_t *value, int indent)
+{
+    char *text = json_dumps(value, JSON_INDENT((size_t) indent) | JSON_REAL_PRECISION(8));
+    json_decref(value);
+    if (!text)
+        return no_memory();
+    printf("%s\n", text);
+    free(text);
+    return 0;
+}
+
+json_t *numbers_json(const double *values, int n)
+{
+    json_t *list = json_array();
+    for (int i = 0; i < n; i++)
+        json_array_append_new(list, number_json(values[i]));
+    return list;
+}
+
 int report(const sg_ctx *ctx, int error)
 {
     const char *text = ctx ? sg_last_error(ctx) : "";

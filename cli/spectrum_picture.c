@@ -246,7 +246,8 @@ int picture_draw(sg_ctx *ctx, const struct picture_image *images, int n, double 
     }
     const int columns = n > 1 ? n : 2; /* room for the plots */
     const double enlarged = crop->width ? (double) CELL / (crop->width > crop->height ? crop->width : crop->height) : 0;
-    const int crop_w = (int) (crop->width * enlarged), crop_h = (int) (crop->height * enlarged);
+    const int crop_w = crop->width ? (int) fmax(crop->width * enlarged, 1) : 0;
+    const int crop_h = crop->width ? (int) fmax(crop->height * enlarged, 1) : 0;
     const int photos = TITLE, crops = photos + tallest + GAP, changes = crop_h ? crops + crop_h + GAP : crops,
               spectra = differences ? changes + tallest + GAP + 14 : changes;
     const int plots = spectra + CELL + GAP;

@@ -286,8 +286,8 @@ static void test_gradient(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* The continued image's loss and gradient stay near those of the exact size: where texture is what they are made of, and
- * where it is the jump from one border to the other, as in smooth photos. */
+/* The continued image's loss and gradient stay near those of the exact size: where texture is what they are made of,
+ * and where it is the jump from one border to the other, as in smooth photos. */
 static void test_friendly(void **state)
 {
     (void) state;
