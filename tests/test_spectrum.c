@@ -150,7 +150,8 @@ static void dft(double complex *f, int n, int count, size_t step, size_t next, i
 static double oracle(int w, int h, const struct sg_anisotropy_params *p, const float *x, double *gradient)
 {
     static const double luma[3] = {0.299, 0.587, 0.114};
-    const int W = sg_anisotropy_side(w, p->exact_size), H = sg_anisotropy_side(h, p->exact_size), bins = p->band.bins;
+    const int W = sg_anisotropy_width(w, p->exact_size), H = sg_anisotropy_height(h, p->exact_size);
+    const int bins = p->band.bins;
     const int planes = p->channels == SG_CHANNELS_LUMA ? 1 : 3;
     const size_t n = (size_t) W * (size_t) H;
     double complex *f = calloc(n * (size_t) planes, sizeof(*f));
@@ -292,11 +293,13 @@ static void test_friendly(void **state)
 {
     (void) state;
     static const int sizes[][2] = {{521, 347}, {389, 400}, {262, 257}};
-    assert_int_equal(sg_anisotropy_side(1559, false), 1560);
-    assert_int_equal(sg_anisotropy_side(1039, false), 1040);
-    assert_int_equal(sg_anisotropy_side(1039, true), 1039);
-    assert_int_equal(sg_anisotropy_side(251, false), 251);
-    assert_int_equal(sg_anisotropy_side(400, false), 400);
+    assert_int_equal(sg_anisotropy_width(1559, false), 1560);
+    assert_int_equal(sg_anisotropy_height(1039, false), 1040);
+    assert_int_equal(sg_anisotropy_height(1039, true), 1039);
+    assert_int_equal(sg_anisotropy_width(251, false), 251);
+    assert_int_equal(sg_anisotropy_width(400, false), 400);
+    assert_int_equal(sg_anisotropy_width(525, false), 528);
+    assert_int_equal(sg_anisotropy_height(525, false), 525);
     sg_ctx *ctx = make_context(1);
     for (int k = 0; k < 6; k++) {
         const int w = sizes[k / 2][0], h = sizes[k / 2][1], n = 3 * w * h, smooth = k % 2;

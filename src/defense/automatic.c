@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Preset auto: how strong the defense is, from what the photos look like. docs/defense.md shows where the numbers come
- * from. */
+/* Preset auto: how strong the defense is, from what the photos look like. docs/defense-results.md shows where the
+ * numbers come from. */
 #include <math.h>
 
 #include "splatguard/audit.h"

@@ -37,11 +37,12 @@ struct sg_anisotropy {
     float weight;
 };
 
-int sg_anisotropy_side(int n, bool exact)
+/* The next quick multiple of `step`. */
+static int quick(int n, int step, bool exact)
 {
     if (exact || n < EXACT_TO)
         return n;
-    for (;; n++) {
+    for (n += n % step;; n += step) {
         int rest = n;
         for (int p = 2; p <= 7; p++)
             while (rest % p == 0)
@@ -49,6 +50,16 @@ int sg_anisotropy_side(int n, bool exact)
         if (rest == 1 || rest == 11 || rest == 13)
             return n;
     }
+}
+
+int sg_anisotropy_width(int width, bool exact)
+{
+    return quick(width, 2, exact);
+}
+
+int sg_anisotropy_height(int height, bool exact)
+{
+    return quick(height, 1, exact);
 }
 
 static int fill_directions(struct sg_anisotropy *a)
@@ -102,7 +113,8 @@ int sg_anisotropy_create(sg_ctx *ctx, int width, int height, const struct sg_ani
         return SG_ERR_BUDGET;
     *a = (struct sg_anisotropy){
         .ctx = ctx, .params = params ? *params : *sg_anisotropy_params(), .width = width, .height = height};
-    a->w = sg_anisotropy_side(width, a->params.exact_size), a->h = sg_anisotropy_side(height, a->params.exact_size);
+    a->w = sg_anisotropy_width(width, a->params.exact_size);
+    a->h = sg_anisotropy_height(height, a->params.exact_size);
     a->planes = a->params.channels == SG_CHANNELS_LUMA ? 1 : 3;
     a->row = ((size_t) a->w + 15) / 16 * 16, a->stride = (SG_FFT_COLUMNS(a->w) + 7) / 8 * 8;
     int code = fill_directions(a);

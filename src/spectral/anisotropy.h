@@ -10,9 +10,9 @@
 /* For one size: plans, table of directions, room. Thread safety: unsafe. */
 struct sg_anisotropy;
 
-/* params may be NULL. A side with other factors than 2, 3, 5, 7 and a single 11 or 13 is slow to transform; from 256
- * pixels on it grows to the next one without, unless params ask for the exact size: the last row or column is repeated,
- * and loss and gradient are those of the image so continued. */
+/* params may be NULL. A side with other factors than 2, 3, 5, 7 and a single 11 or 13 is slow to transform, and so is an
+ * odd width; from 256 pixels on it grows to the next quick one, unless params ask for the exact size: the last row or
+ * column is repeated, and loss and gradient are those of the image so continued. */
 int sg_anisotropy_create(sg_ctx *ctx, int width, int height, const struct sg_anisotropy_params *params,
                          struct sg_anisotropy **out);
 void sg_anisotropy_destroy(struct sg_anisotropy **a);
@@ -21,7 +21,8 @@ void sg_anisotropy_destroy(struct sg_anisotropy **a);
  * and gradient 0. Same bytes for any number of threads. */
 double sg_anisotropy_loss(struct sg_anisotropy *a, const float *planes, double weight, float *gradient);
 
-/* The side that is transformed for one of n pixels. */
-int sg_anisotropy_side(int n, bool exact);
+/* The size that is transformed. */
+int sg_anisotropy_width(int width, bool exact);
+int sg_anisotropy_height(int height, bool exact);
 
 #endif
