@@ -6,9 +6,10 @@
 #include "splatguard/audit.h"
 #include "splatguard/defense.h"
 
-/* Grey levels a pixel: oscillation from which on a poison gets the whole filter, and that of quiet parts from which on
- * it gets more lambda, up to four times as much. A scene's own texture is in the first but not in the second. */
-static const double strong = 2.3, loud = 1.8;
+/* Grey levels a pixel: oscillation from which on a poison gets the whole filter; that of quiet parts, and that at half
+ * and a quarter of the size, from which on it gets more lambda, up to four times as much. A scene's own texture has a
+ * share in the first, none in the second, and is far below the third. */
+static const double strong = 2.3, loud = 1.8, coarse = 7;
 
 double sg_defense_frequency(double extent)
 {
@@ -22,10 +23,11 @@ void sg_defense_automatic(const struct sg_audit *audit, double extent, float *sh
     for (size_t i = 0; i < audit->count; i++) {
         const struct sg_audit_features *f = &audit->images[i].features;
         const double suspicion = fmin(fmax((audit->images[i].score - 0.3) / 0.6, 0), 1);
+        const double loudness = fmax(f->osc_quiet / loud, fmax(f->half_osc, f->quarter_osc) / coarse);
         const double amplitude = (f->osc_down + f->osc_across) / 2 / strong;
         /* Growth follows the energy of the noise: a weak one is not worth the filter's price. */
         strength += suspicion * fmin(amplitude * amplitude, 1);
-        shares[i] = (float) (suspicion * fmin(fmax(f->osc_quiet / loud, 1), 4));
+        shares[i] = (float) (suspicion * fmin(fmax(loudness, 1), 4));
     }
     p->lambda = 6;
     p->shares = shares;
