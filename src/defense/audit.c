@@ -13,7 +13,7 @@ static double logistic(double x)
     return 1 / (1 + exp(-x));
 }
 
-/* Two logistic regressions on sets of the four scenes of docs/defense.md, clean ones at several sizes and poisoned
+/* Two logistic regressions on sets of the four scenes of docs/audit.md, clean ones at several sizes and poisoned
  * ones, each scene weighing the same. */
 
 static double log_ratio(const struct sg_audit_features *f)
