@@ -148,12 +148,17 @@ static void test_masks(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+#define MOST 80
+
+/* Noise of each photo; below 0: nothing in it. */
 static struct sg_audit *audit(sg_ctx *ctx, const double *noise, int n, bool rows)
 {
-    struct sg_view views[12];
+    struct sg_view views[MOST];
     struct sg_audit *a;
     for (int i = 0; i < n; i++) {
         paint(noise[i], rows, (uint64_t) i);
+        if (noise[i] < 0)
+            memset(image, 90, sizeof(image));
         views[i] = (struct sg_view){.name = (char *) "photo", .camera = {.width = W, .height = H}};
         views[i].rgb = malloc(sizeof(image));
         memcpy(views[i].rgb, image, sizeof(image));
@@ -201,6 +206,28 @@ static void test_verdicts(void **state)
         few[i] = 16;
     a = audit(ctx, few, 12, false);
     assert_int_equal(a->verdict, SG_AUDIT_POISONED);
+    sg_audit_destroy(ctx, &a);
+    /* Three in sixty are enough where there is no doubt of them, and one in sixty not to be called clean. */
+    double crowd[MOST] = {16, 16, 16};
+    a = audit(ctx, crowd, 60, false);
+    assert_int_equal(a->verdict, SG_AUDIT_POISONED);
+    sg_audit_destroy(ctx, &a);
+    crowd[1] = crowd[2] = 0;
+    a = audit(ctx, crowd, 60, false);
+    assert_int_equal(a->verdict, SG_AUDIT_SUSPICIOUS);
+    sg_audit_destroy(ctx, &a);
+    /* Photos with nothing in them do not vote. */
+    for (int i = 0; i < MOST; i++)
+        crowd[i] = i < 8 ? 7 : -1;
+    struct sg_audit *b = audit(ctx, crowd, MOST, false);
+    a = audit(ctx, crowd, 8, false);
+    assert_float_equal(a->score, b->score, 0);
+    sg_audit_destroy(ctx, &a);
+    sg_audit_destroy(ctx, &b);
+    for (int i = 0; i < 8; i++)
+        crowd[i] = -1;
+    a = audit(ctx, crowd, MOST, false);
+    assert_true(a->verdict == SG_AUDIT_CLEAN && a->score == 0);
     sg_audit_destroy(ctx, &a);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
     sg_ctx_destroy(&ctx);

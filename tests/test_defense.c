@@ -373,8 +373,8 @@ static void test_share_of_growth(void **state)
 static void test_automatic(void **state)
 {
     (void) state;
-    struct sg_audit_image images[2] = {{.score = 0.02, .features = {.osc_down = 3, .osc_across = 3}},
-                                       {.score = 0.25, .features = {.osc_down = 9, .osc_across = 9}}};
+    struct sg_audit_image images[2] = {{.score = 0.02, .features = {.tv_down = 8, .osc_down = 3, .osc_across = 3}},
+                                       {.score = 0.25, .features = {.tv_down = 20, .osc_down = 9, .osc_across = 9}}};
     const struct sg_audit audit = {.count = 2, .images = images};
     struct sg_defense_params p = {SG_DEFENSE_DEFAULTS};
     float shares[2];
@@ -383,7 +383,7 @@ static void test_automatic(void **state)
     assert_float_equal(p.rho, -0.1, 1e-12);
     assert_float_equal(p.frequency, 8, 1e-12);
     images[0].score = images[1].score = 1;
-    images[0].features = (struct sg_audit_features){.osc_down = 1.5, .osc_across = 0.8};
+    images[0].features = (struct sg_audit_features){.tv_down = 8, .osc_down = 1.5, .osc_across = 0.8};
     sg_defense_automatic(&audit, 5.2, shares, &p);
     assert_float_equal(p.lambda * (double) shares[0], 6, 1e-6); /* weak */
     assert_float_equal(p.lambda * (double) shares[1], 6, 1e-6); /* what oscillates is texture */
@@ -400,6 +400,23 @@ static void test_automatic(void **state)
         sg_defense_automatic(&audit, 5.2 * units, shares, &p);
         assert_float_equal(sg_filter_log_weight(&p, (float) (-4 + log(units))), weight, 1e-5);
     }
+    /* Photos without doubt are judged among themselves, and blank ones not at all. */
+    struct sg_audit_image many[60] = {{.score = 0}};
+    for (int i = 0; i < 60; i++)
+        many[i] = (struct sg_audit_image){.score = 0.1, .features = {.tv_down = 8}};
+    float more[60];
+    for (int i = 0; i < 3; i++)
+        many[i] = (struct sg_audit_image){.score = 0.995, .features = {.tv_down = 9, .osc_down = 5}};
+    sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, &p);
+    assert_float_equal(p.rho, -0.45, 1e-9);
+    many[0].score = many[1].score = 0.98;
+    sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, &p);
+    assert_float_equal(p.rho, -(0.1 + 0.35 / 3), 1e-9);
+    many[2].score = 0.98;
+    for (int i = 3; i < 57; i++)
+        many[i].features.tv_down = 0;
+    sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, &p);
+    assert_float_equal(p.rho, -(0.1 + 0.35 / 2), 1e-9);
     assert_float_equal(sg_defense_frequency(0), sg_defense_frequency(1), 0); /* one place of cameras */
     assert_true(sg_defense_frequency(1e-30) <= 1e9 && sg_defense_frequency(1e30) >= 1e-9);
     sg_defense_automatic(&(struct sg_audit){0}, 1, shares, &p);

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "audit_photo.h"
 #include "core/internal.h"
 
 static double logistic(double x)
@@ -40,13 +41,10 @@ static double evidence(const struct sg_audit_features *f)
     return fmax(evidence_whole(f), evidence_part(f));
 }
 
-/* Masks outline things. One in which this share of the pixels is border can hide any pattern from us. */
-#define RAGGED 0.25
-
 /* Of a photo, and of a set by its median photo. */
 static double score_of(double ragged, double evidence)
 {
-    return ragged > RAGGED ? 1 : logistic(evidence);
+    return ragged > SG_AUDIT_RAGGED ? 1 : logistic(evidence);
 }
 
 #define SUSPICIOUS 0.6 /* score */
@@ -69,25 +67,42 @@ static double median(double *values, size_t n)
     return n ? values[n / 2] : 0;
 }
 
+/* Over the photos that are not blank. */
 static double median_of(const struct sg_audit *a, size_t offset, double *scratch)
 {
+    size_t n = 0;
     for (size_t i = 0; i < a->count; i++)
-        memcpy(&scratch[i], (const char *) &a->images[i] + offset, sizeof(double));
-    return median(scratch, a->count);
+        if (!sg_audit_blank(&a->images[i].features))
+            memcpy(&scratch[n++], (const char *) &a->images[i] + offset, sizeof(double));
+    return median(scratch, n);
 }
 
 /* Clean photos differ in how much their quiet parts oscillate, by a factor; poisoned ones are alike. ln of what lies
  * between most of them, or NAN of few. */
 static double spread(const struct sg_audit *a, double *scratch)
 {
+    size_t n = 0;
     for (size_t i = 0; i < a->count; i++)
-        scratch[i] = log(a->images[i].features.osc_quiet + 0.05);
-    qsort(scratch, a->count, sizeof(*scratch), by_number);
-    return a->count < 8 ? NAN : scratch[a->count * 84 / 100] - scratch[a->count * 16 / 100];
+        if (!sg_audit_blank(&a->images[i].features))
+            scratch[n++] = log(a->images[i].features.osc_quiet + 0.05);
+    qsort(scratch, n, sizeof(*scratch), by_number);
+    return n < 8 ? NAN : scratch[n * 84 / 100] - scratch[n * 16 / 100];
 }
 
-/* Half of the photos decide, a little sooner where they are alike, or a quarter that look worse. What the median photo
- * has and no clean set had becomes a reason. */
+/* A few poisoned photos among clean ones are an attack too. judged: photos that are not blank. */
+static double score_of_few(const struct sg_audit *a, size_t judged)
+{
+    size_t certain = 0;
+    for (size_t i = 0; i < a->count; i++)
+        certain += a->images[i].score >= SG_AUDIT_CERTAIN;
+    if (certain >= 3 && 20 * certain >= judged)
+        return POISONED;
+    const bool some = certain && 100 * certain >= judged;
+    return some || (a->verdicts[SG_AUDIT_POISONED] && 10 * a->verdicts[SG_AUDIT_POISONED] >= judged) ? SUSPICIOUS : 0;
+}
+
+/* Half of the photos decide, a little sooner where they are alike, or a quarter that look worse, or fewer of which
+ * there is no doubt. What the median photo has and no clean set had becomes a reason. */
 static int conclude(sg_ctx *ctx, struct sg_audit *a)
 {
 #define MEDIAN(field) median_of(a, offsetof(struct sg_audit_image, field), scratch)
@@ -98,28 +113,26 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
     if (!scratch)
         return SG_ERR_BUDGET;
     const double range = spread(a, scratch);
+    size_t judged = 0;
     for (size_t i = 0; i < a->count; i++)
-        scratch[i] = evidence(&a->images[i].features);
-    const double middle = median(scratch, a->count), upper = a->count ? scratch[a->count * 3 / 4] : 0; /* sorted */
+        if (!sg_audit_blank(&a->images[i].features))
+            scratch[judged++] = evidence(&a->images[i].features);
+    const double middle = judged ? median(scratch, judged) : -INFINITY;
+    const double upper = judged ? scratch[judged * 3 / 4] : -INFINITY; /* sorted */
     const double quiet = MEDIAN(features.osc_quiet);
     const bool alike = range < 0.45 && quiet > 0.2; /* where nothing oscillates, all photos are alike */
     const double ragged = MEDIAN(features.ragged);
     a->score = score_of(ragged, fmax(middle + (alike ? fmin(3 * (0.45 - range), 1) : 0), upper - 1));
+    a->score = fmax(a->score, score_of_few(a, judged));
     a->verdict = verdict_of(a->score);
-    /* A few poisoned photos among clean ones are an attack too. */
-    if (a->verdict == SG_AUDIT_CLEAN && a->verdicts[SG_AUDIT_POISONED] &&
-        10 * a->verdicts[SG_AUDIT_POISONED] >= a->count) {
-        a->verdict = SG_AUDIT_SUSPICIOUS;
-        a->score = SUSPICIOUS;
-    }
     const size_t poisoned = a->verdicts[SG_AUDIT_POISONED];
     const double share = MEDIAN(features.osc_share), noisy = MEDIAN(features.noisy);
     const double colour = MEDIAN(features.osc_chroma);
     const double down = MEDIAN(features.osc_down), across = MEDIAN(features.osc_across);
     if (a->verdict == SG_AUDIT_CLEAN)
         goto done;
-    REASON(poisoned && 2 * poisoned < a->count, "%zu of the %zu photos look poisoned", poisoned, a->count);
-    REASON(ragged > RAGGED,
+    REASON(poisoned && 2 * poisoned < judged, "%zu of the %zu photos look poisoned", poisoned, judged);
+    REASON(ragged > SG_AUDIT_RAGGED,
            "%.0f %% of the pixels that masks leave in lie at their border: such masks outline nothing, and can hide "
            "anything",
            100 * ragged);

@@ -14,6 +14,11 @@
 #include "renderer.h"
 #include "schedule.h"
 
+static bool is_used(const struct sg_view *v)
+{
+    return !v->mask || memchr(v->mask, 255, (size_t) v->camera.width * (size_t) v->camera.height);
+}
+
 static int check_scene(sg_ctx *ctx, const struct sg_train_params *p, const struct sg_scene *scene)
 {
     int code = sg_train_check(ctx, p);
@@ -21,6 +26,12 @@ static int check_scene(sg_ctx *ctx, const struct sg_train_params *p, const struc
         return code;
     if (!scene->n_train)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found no training view, expected at least one", scene->path);
+    size_t used = 0;
+    while (used < scene->n_train && !is_used(&scene->train[used]))
+        used++;
+    if (used == scene->n_train)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found no training view with a used pixel: masks leave nothing",
+                       scene->path);
     for (size_t i = 0; p->defense.shares && i < scene->n_train; i++)
         if (!(p->defense.shares[i] >= 0 && p->defense.shares[i] <= 1e3f))
             return sg_fail(ctx, SG_ERR_USAGE, "share of a view: found %g, expected 0 to 1000",
