@@ -307,17 +307,17 @@ static void test_time(void **state)
             assert_int_equal(s.iteration, 400);
             assert_true(now - begin - away <= fmax(limits[k] + 1, 2)); /* the first step tells how long one is */
             assert_int_equal(t->steps, steps);
-            if (k == 0) /* a hundred steps: every densification took place */
-                assert_int_equal(densified, 12);
+            if (k == 0) /* a hundred steps: every densification took place, one perhaps just as they begin */
+                assert_in_range(densified, 12, 13);
             sg_trainer_limits(t, &l);
             assert_true(l.time_bound && !l.gaussians_bound);
             sg_trainer_destroy(&t);
         }
     }
-    /* Time enough: every iteration. */
+    /* Time enough: every iteration, also where most of it went by before the first. */
     sg_trainer *t;
     struct sg_train_limits l;
-    p.max_seconds = 1000, p.iterations = 60;
+    p.max_seconds = 1000, p.seconds_before = 900, p.iterations = 60;
     t = begin_training(&f, &p);
     for (int it = 1; it <= 60; it++, now += 1) {
         struct sg_train_step s;

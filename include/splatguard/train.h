@@ -41,10 +41,10 @@ struct sg_train_params {
     int opacity_reset_interval;   /* Default 3000. */
     uint64_t init_points;         /* random points when the scene has none, 4..1e8. Default 100000. */
     /* Budgets; 0 = none. Where the context limits memory, the trainer further limits itself to what fits. */
-    uint64_t max_gaussians;  /* at least 4; from there on new ones take the place of those scored lowest. Default 0. */
-    double max_seconds;      /* from creation on, whatever is done between steps; to 1e9. The schedule advances by
-                                iterations or by time, whichever is ahead, so that a run cut short still ends as a whole
-                                one. Default 0. */
+    uint64_t max_gaussians; /* at least 4; from there on new ones take the place of those scored lowest. Default 0. */
+    double max_seconds; /* from creation on, whatever is done between steps; to 1e9. From the first step on the schedule
+                           advances by iterations or by time, whichever is ahead, so that a run cut short still ends as
+                           a whole one. Default 0. */
     double seconds_before;   /* that count already, e.g. for reading the photos. Default 0. */
     double (*clock)(void *); /* seconds from any start, never backwards; NULL = the system's. Default NULL. */
     void *clock_arg;

@@ -117,11 +117,12 @@ static int check_header(const sg_trainer *t, FILE *f, const char *path, const st
     sg_ctx *ctx = t->ctx;
     if (h->sh_degree < 0 || h->sh_degree > 3 || h->start_degree < 0 || h->start_degree > h->sh_degree ||
         h->views != t->scene->n_train || h->seed != t->params.seed || h->extent != t->extent || !h->count)
-        return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: found SH degree %d, %d to begin with, %llu views, seed %llu, extent %.9g; expected 0 to 3, "
-                       "no more than that, and those of this scene and run: %zu, %llu, %.9g",
-                       path, h->sh_degree, h->start_degree, (unsigned long long) h->views, (unsigned long long) h->seed,
-                       h->extent, t->scene->n_train, (unsigned long long) t->params.seed, t->extent);
+        return sg_fail(
+            ctx, SG_ERR_INPUT,
+            "%s: found SH degree %d, %d to begin with, %llu views, seed %llu, extent %.17g; expected 0 to 3, "
+            "no more than that, and those of this scene and run: %zu, %llu, %.17g",
+            path, h->sh_degree, h->start_degree, (unsigned long long) h->views, (unsigned long long) h->seed, h->extent,
+            t->scene->n_train, (unsigned long long) t->params.seed, t->extent);
 
     if (h->cameras != cameras_hash(t->scene))
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found a run on other training views, expected those of %s", path,

@@ -2,6 +2,7 @@
 /* The ranges of a run's parameters. */
 #include "splatguard/train.h"
 
+#include "backend/backend.h"
 #include "core/ranges.h"
 
 static int check_defense(sg_ctx *ctx, const struct sg_defense_params *d)
@@ -58,5 +59,7 @@ int sg_train_check(sg_ctx *ctx, const struct sg_train_params *p)
     int code = sg_check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
     if (!code)
         code = sg_check_max_gaussians(ctx, p->max_gaussians);
-    return code ? code : check_defense(ctx, &p->defense);
+    if (!code)
+        code = check_defense(ctx, &p->defense);
+    return code ? code : sg_backend_check(ctx, p->backend, p->cpu);
 }

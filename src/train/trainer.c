@@ -172,11 +172,14 @@ static int next_iteration(sg_trainer *t)
     /* From one step to the next, so that what the caller always does between them counts; the lesser of two, since now
      * and then it does more: saves, measures. */
     const double now = sg_trainer_elapsed(t), gap = t->steps_here ? now - t->step_begun : 0;
-    const double share = (now + (t->gap > 0 ? fmin(gap, t->gap) : gap)) / p->max_seconds;
+    if (!t->steps_here) /* what was done before it takes time, but none of the schedule */
+        t->first_begun = now, t->first_after = t->iteration;
+    const double left = p->max_seconds - t->first_begun;
+    const double share = left > 0 ? (now + (t->gap > 0 ? fmin(gap, t->gap) : gap) - t->first_begun) / left : 1;
     t->gap = gap;
     t->step_begun = now;
     t->steps_here = true;
-    const int by_time = share < 1 ? (int) (share * p->iterations) : p->iterations;
+    const int by_time = share < 1 ? t->first_after + (int) (share * (p->iterations - t->first_after)) : p->iterations;
     t->time_bound |= by_time > next;
     return by_time > next ? by_time : next;
 }
