@@ -50,8 +50,10 @@ int sg_attack_check(sg_ctx *ctx, const struct sg_attack_params *p)
         {"tv", p->tv, SG_TV_VERTICAL2, SG_TV_ISO},
         {"max-instances", (double) p->max_instances, 1, 4e9},
     };
-    const int code = sg_check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
-    return code ? code : sg_check_max_gaussians(ctx, p->max_gaussians);
+    int code = sg_check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
+    if (!code)
+        code = sg_check_max_gaussians(ctx, p->max_gaussians);
+    return code ? code : sg_backend_check(ctx, p->backend, p->cpu);
 }
 
 static int allocate(sg_attack *a, const struct sg_scene *scene)

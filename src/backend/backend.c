@@ -3,12 +3,22 @@
 
 #include <string.h>
 
+#include "cpu/dispatch.h"
+
 int sg_backend_is_ref(sg_ctx *ctx, const char *name, bool *ref)
 {
     *ref = name && !strcmp(name, "ref");
     if (*ref || !name || !strcmp(name, "cpu"))
         return SG_OK;
     return sg_fail(ctx, SG_ERR_USAGE, "backend: found \"%s\", expected cpu or ref", name);
+}
+
+int sg_backend_check(sg_ctx *ctx, const char *name, const char *cpu)
+{
+    const struct cpu_kernels *kernels;
+    bool ref;
+    const int code = sg_backend_is_ref(ctx, name, &ref);
+    return code || ref ? code : sg_cpu_select(ctx, cpu, &kernels);
 }
 
 int sg_backend_create(sg_ctx *ctx, const char *name, const char *cpu, struct sg_backend **out)

@@ -128,6 +128,8 @@ struct sg_backend_ops {
 
 /* Which of the two a name stands for; NULL = cpu. Unknown: SG_ERR_USAGE. */
 int sg_backend_is_ref(sg_ctx *ctx, const char *name, bool *ref);
+/* Whether there is such a backend and variant here. */
+int sg_backend_check(sg_ctx *ctx, const char *name, const char *cpu);
 /* name: "cpu" or "ref", NULL = cpu; cpu: variant or NULL. Unknown or unsupported: SG_ERR_USAGE. */
 int sg_backend_create(sg_ctx *ctx, const char *name, const char *cpu, struct sg_backend **out);
 void sg_backend_destroy(struct sg_backend **backend);

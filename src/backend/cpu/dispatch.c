@@ -36,5 +36,5 @@ int sg_cpu_select(sg_ctx *ctx, const char *name, const struct cpu_kernels **out)
         strcat(list, i ? ", " : "");
         strcat(list, variants[i]->name);
     }
-    return sg_fail(ctx, SG_ERR_USAGE, "--cpu: found \"%s\", this machine and build have: %s", name, list);
+    return sg_fail(ctx, SG_ERR_USAGE, "cpu: found \"%s\", this machine and build have: %s", name, list);
 }
