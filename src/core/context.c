@@ -27,6 +27,7 @@ struct sg_ctx {
     pthread_mutex_t error_lock;
     char error[1024];
     struct counter memory[SG_MEM_TAGS + 1]; /* the last one is the total */
+    _Atomic uint64_t wanted;                /* bytes in all that the newest refusal was for */
 };
 
 int sg_ctx_create(sg_ctx **out, const struct sg_ctx_params *params)
@@ -132,6 +133,11 @@ const char *sg_mem_tag_name(enum sg_mem_tag tag)
     return names[tag];
 }
 
+uint64_t sg_mem_wanted(const sg_ctx *ctx)
+{
+    return ctx->wanted;
+}
+
 uint64_t sg_mem_limit(const sg_ctx *ctx)
 {
     return ctx->params.max_memory;
@@ -191,6 +197,7 @@ void *sg_alloc_raw(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size)
     }
     if (!h) {
         const unsigned long long limit = ctx->params.max_memory;
+        ctx->wanted = held + bytes;
         if (limit && held + bytes > limit)
             sg_fail(ctx, SG_ERR_BUDGET, "memory: %zu bytes for %s refused: %llu held, limit %llu", bytes,
                     sg_mem_tag_name(tag), (unsigned long long) held, limit);

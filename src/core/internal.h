@@ -19,6 +19,9 @@ void sg_make_printable(char *text);
 
 __attribute__((format(printf, 3, 4))) void sg_log(sg_ctx *ctx, enum sg_log_level level, const char *format, ...);
 
+/* Bytes in all that the newest refused allocation was for. */
+uint64_t sg_mem_wanted(const sg_ctx *ctx);
+
 /* 64-byte aligned, zeroed. NULL after recording SG_ERR_BUDGET, on overflow of count x size too. Thread safe. */
 void *sg_alloc(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size);
 /* Same, contents undefined. */

@@ -242,12 +242,13 @@ static int load_rest(struct job *job, size_t n)
         if (code != SG_ERR_BUDGET && code)
             return code;
         if (code && loaded) {
+            const uint64_t rest = sg_mem_limit(ctx) + bytes * (n - loaded) / loaded, wanted = sg_mem_wanted(ctx);
             sg_clear_error(ctx);
             return sg_fail(ctx, code,
-                           "%s: memory: found a limit of %llu bytes, expected some %llu: %zu of %zu photos fit, each "
-                           "takes %llu",
+                           "%s: memory: found a limit of %llu bytes, expected at least %llu: %zu of %zu photos fit, of "
+                           "%llu bytes on average",
                            job->shots[i].path, (unsigned long long) sg_mem_limit(ctx),
-                           (unsigned long long) (sg_mem_limit(ctx) + bytes * (n - loaded) / loaded), loaded, n,
+                           (unsigned long long) (rest > wanted ? rest : wanted), loaded, n,
                            (unsigned long long) (bytes / loaded));
         }
         if (code)
