@@ -150,7 +150,7 @@ int attack_write(struct attack_run *r)
                                  options_to_json(&command_attack, c), "images", images, "growth", growth);
         images = NULL;
 #define PUT(key, value) json_object_set_new(root, key, value)
-        PUT("epsilon_levels", number_json(255 * (double) c->attack.epsilon)); /* null: no bound */
+        PUT("epsilon_levels", number_json(round(255 * (double) c->attack.epsilon))); /* null: no bound */
         PUT("poisoned_images", json_integer((json_int_t) t.poisoned));
         PUT("clean_images", json_integer((json_int_t) (r->scene->n_train + r->scene->n_test - t.poisoned)));
         PUT("linf_max", number_json(t.linf));

@@ -279,12 +279,27 @@ static int write_config(const struct attack_config *c)
     return code;
 }
 
+/* Nothing came of it: what was begun goes, so that the same command works once the cause is gone. */
+static void forget(const char *output)
+{
+    static const char *const files[] = {"attack/config.json", "attack/log.jsonl", "attack", "."};
+    if (run_has(output, "attack/checkpoint.bin") || run_has(output, "attack/proxy") || run_has(output, "poison.json"))
+        return;
+    for (size_t i = 0; i < sizeof(files) / sizeof(files[0]); i++) {
+        char *path = strcmp(files[i], ".") ? run_path(output, files[i]) : strdup(output);
+        if (path && unlink(path))
+            rmdir(path); /* where it is empty */
+        free(path);
+    }
+}
+
 static int run_attack(const void *config, const bool *given, const char *const *positional, int count)
 {
     struct attack_config c = *(const struct attack_config *) config;
     struct attack_run r = {.config = &c};
     json_t *keep = NULL;
     char *proxy = NULL;
+    bool begun = false;
     int code = 0;
     if (c.resume)
         code = adopt(&c, given, count ? positional[0] : NULL, &keep);
@@ -324,6 +339,7 @@ static int run_attack(const void *config, const bool *given, const char *const *
         free(state);
         if (!code) {
             remove_earlier(c.output);
+            begun = true;
             code = write_config(&c);
         }
     }
@@ -340,6 +356,8 @@ done:
     }
     sg_ctx_destroy(&r.ctx);
     json_decref(keep);
+    if (begun && code && code != 130)
+        forget(c.output);
     return code;
 }
 

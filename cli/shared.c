@@ -180,6 +180,10 @@ void warn_small_photos(const struct sg_scene *scene)
 char *find_model(const char *path, int iteration)
 {
     char *found = NULL, *folder = NULL;
+    if (access(path, F_OK)) {
+        say(stderr, "splatguard: %s: cannot open the model: %s\n", path, strerror(errno));
+        return NULL;
+    }
     if (!sg_dir_exists(path))
         return strdup(path);
     if (asprintf(&folder, "%s/point_cloud", path) < 0)
