@@ -161,6 +161,7 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
         return code;
     c->output = now.output;
     c->resume = true;
+    c->proxy_of = now.proxy_of;
     c->quiet = now.quiet;
     c->threads = now.threads;
     c->max_memory = options_given(t, given, T(max_memory)) ? now.max_memory : c->max_memory;
@@ -199,6 +200,18 @@ static bool measurable(const struct sg_scene *scene)
     return false;
 }
 
+/* --force would replace files of the scene. */
+static int refuse_scene(const struct train_config *c)
+{
+    char *scene = realpath(c->source, NULL), *run = realpath(c->output, NULL);
+    const bool same = scene && run && !strcmp(scene, run);
+    if (same)
+        say(stderr, "splatguard: %s: found the scene itself, expected another folder for the run\n", c->output);
+    free(scene);
+    free(run);
+    return same ? 2 : 0;
+}
+
 static int run_train(const void *config, const bool *given, const char *const *positional, int count)
 {
     struct train_config c = *(const struct train_config *) config;
@@ -214,8 +227,8 @@ static int run_train(const void *config, const bool *given, const char *const *p
             command_train.arguments);
         code = 1;
     }
-    if (!code && !c.resume && !c.force)
-        code = run_refuse_earlier(c.output);
+    if (!code && !c.resume)
+        code = c.force ? refuse_scene(&c) : run_refuse_earlier(c.output);
     if (code)
         goto done;
     settle(&c);
@@ -231,9 +244,11 @@ static int run_train(const void *config, const bool *given, const char *const *p
         code = 2;
         goto done;
     }
-    if ((code = train_decide(&r)) || (code = train_start(&r, json_string_value(json_object_get(keep, "cpu_variant")))))
+    if ((code = train_decide(&r)))
         goto done;
-    interrupt_catch();
+    interrupt_catch(); /* before anything is written */
+    if ((code = train_start(&r, json_string_value(json_object_get(keep, "cpu_variant")))) || r.finished)
+        goto done;
     progress_begin(&r.progress, c.quiet, sg_trainer_iteration(r.trainer), c.train.iterations);
     code = train_whole(&r);
 done:

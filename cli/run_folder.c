@@ -280,18 +280,17 @@ int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene 
                const char *variant)
 {
     char *cameras = run_path(c->output, "cameras.json");
-    int error = cameras ? sg_dir_create(ctx, c->output) : SG_ERR_BUDGET;
+    int error = cameras ? sg_dir_create(ctx, c->output) : SG_ERR_BUDGET, code = 0;
     if (!error) {
         clean(c->output, true);
-        error = sg_cameras_write_json(ctx, scene, cameras);
+        code = run_write_config(c, variant); /* first: it marks the folder as a run's */
+        error = code ? SG_OK : sg_cameras_write_json(ctx, scene, cameras);
     }
-    int code = error ? report(ctx, error) : 0;
+    code = error ? report(ctx, error) : code;
     if (!code)
         code = write_input(ctx, c->output, initial);
     if (!code)
         code = write_cfg_args(c);
-    if (!code)
-        code = run_write_config(c, variant);
     free(cameras);
     return code;
 }

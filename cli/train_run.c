@@ -85,9 +85,11 @@ static void watch_filter(struct train_run *r)
     r->window_events = 0;
 }
 
+/* Where time is so short that a step passes over several, none. */
 static bool due(const struct train_run *r, int every)
 {
-    return every && sg_due(r->before, r->step.iteration, every);
+    const int stride = r->step.iteration - r->before;
+    return every && (stride == 1 || stride < every) && sg_due(r->before, r->step.iteration, every);
 }
 
 /* A file that cannot be written, now, is no reason to lose a training. */
@@ -114,7 +116,7 @@ static void after_step(struct train_run *r)
         endure(r, train_log_filter(r));
     }
     watch_filter(r);
-    if (due(r, c->log_every) || last || s->iteration == 1)
+    if (sg_due(r->before, s->iteration, c->log_every) || last || s->iteration == 1)
         endure(r, train_log_step(r));
     if (due(r, c->save_every) && !last)
         endure(r, save(r));
@@ -201,6 +203,11 @@ static int restore(struct train_run *r, const char *variant)
         say(stderr, "warning: the run was made with %s and goes on with %s: results can differ in the last digits\n",
             variant, sg_trainer_variant(r->trainer));
     r->saved = sg_trainer_iteration(r->trainer); /* a model comes before its checkpoint */
+    r->finished = r->saved >= r->config->train.iterations && run_has(r->config->output, "summary.json");
+    if (r->finished) { /* a tighter limit would only thin it out */
+        say(stderr, "%s: all %d iterations are done; --iterations asks for more\n", r->config->output, r->saved);
+        return 0;
+    }
     /* Iterations may have been raised. */
     return run_write_config(r->config, variant ? variant : sg_trainer_variant(r->trainer));
 }
@@ -228,7 +235,7 @@ static int create(struct train_run *r)
 int train_start(struct train_run *r, const char *variant)
 {
     const int code = r->config->resume ? restore(r, variant) : create(r);
-    if (code)
+    if (code || r->finished)
         return code;
     r->totals.max_gaussians = sg_trainer_gaussians(r->trainer);
     return train_log_open(r);

@@ -39,6 +39,7 @@ struct train_run {
     int window_from, window_events;
     bool starves;        /* and has been told so */
     bool resumable;      /* the newest checkpoint is of the newest model */
+    bool finished;       /* resumed, with nothing left to do */
     int saved;           /* iteration of the newest model that is saved, 0 = none */
     struct sg_eval eval; /* newest measurement */
     int evaluated;       /* its iteration, 0 = none */
