@@ -16,13 +16,16 @@
 #define HEAT 4.0f /* grey levels of oscillation that are drawn brightest */
 #define FAINT 0.1 /* grey levels of white noise whose spectrum is drawn black; a thousand times as many are white */
 
-static void put_text(FILE *f, const char *text)
+/* Names need not be UTF-8; the page must be. */
+static void put_text(FILE *f, const char *name)
 {
-    for (; *text; text++)
-        if (strchr("<>&\"'", *text))
-            fprintf(f, "&#%d;", *text);
+    json_t *valid = sg_text_to_json(name);
+    for (const char *c = valid ? json_string_value(valid) : ""; *c; c++)
+        if (strchr("<>&\"'", *c))
+            fprintf(f, "&#%d;", *c);
         else
-            fputc(*text, f);
+            fputc(*c, f);
+    json_decref(valid);
 }
 
 static void put_base64(FILE *f, const uint8_t *data, size_t n)

@@ -2,6 +2,7 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "core/internal.h"
 #include "model_views.h"
 
 struct eval_config {
@@ -47,8 +48,10 @@ static int run_eval(const void *config, const bool *given, const char *const *po
         else if (c->json)
             code = print_json(c, &v, &e);
         else {
-            for (size_t i = 0; c->per_view && i < e.views; i++)
-                say(stdout, "%-32s PSNR %7.3f  SSIM %.4f\n", v.views[i].name, e.per_view[i].psnr, e.per_view[i].ssim);
+            for (size_t i = 0; c->per_view && i < e.views; i++) {
+                sg_make_printable(v.views[i].name); /* a line end in it too */
+                printf("%-32s PSNR %7.3f  SSIM %.4f\n", v.views[i].name, e.per_view[i].psnr, e.per_view[i].ssim);
+            }
             printf("PSNR %.3f  SSIM %.4f  FPS %.1f (mean %.1f)  %zu views  %zu Gaussians\n", e.psnr, e.ssim, e.fps,
                    e.fps_mean, e.views, v.model->count);
         }

@@ -2,6 +2,7 @@
 /* splatguard spectrum: where the energy of images is, as numbers and as a picture. */
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "scene/image.h"
 #include "spectrum_picture.h"
@@ -83,10 +84,10 @@ static int print_lines(const struct picture_image *images, int n, const char *co
         const double both = sg_total_variation(images[k].rgb, images[k].width, images[k].height, SG_TV_ANISO);
         const double vertical =
             sg_total_variation(images[k].rgb, images[k].width, images[k].height, SG_TV_VERTICAL2) / 2;
-        printf("%s: %d x %d, anisotropy %.4f, %.3f %% of the energy in the band, total variation %.2f down + %.2f "
-               "across\n",
-               paths[k], images[k].width, images[k].height, s->anisotropy, 100 * s->band_share, vertical,
-               both - vertical);
+        say(stdout,
+            "%s: %d x %d, anisotropy %.4f, %.3f %% of the energy in the band, total variation %.2f down + %.2f "
+            "across\n",
+            paths[k], images[k].width, images[k].height, s->anisotropy, 100 * s->band_share, vertical, both - vertical);
     }
     return 0;
 }
@@ -120,6 +121,13 @@ static int draw(sg_ctx *ctx, const struct spectrum_config *c, const struct pictu
     return error;
 }
 
+/* The same file under any name. */
+static bool is_same(const char *a, const char *b)
+{
+    struct stat x, y;
+    return !stat(a, &x) && !stat(b, &y) && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
+}
+
 static int run_spectrum(const void *config, const bool *given, const char *const *positional, int count)
 {
     (void) given;
@@ -135,6 +143,11 @@ static int run_spectrum(const void *config, const bool *given, const char *const
             PICTURE_IMAGES_MAX);
         return 1;
     }
+    for (int k = 0; c->output && k < count; k++)
+        if (is_same(c->output, positional[k])) {
+            say(stderr, "splatguard spectrum: -o %s: found one of the images, expected another file\n", c->output);
+            return 1;
+        }
     int code = open_context(&ctx, 0, 0, false);
     if (code)
         return code;
