@@ -110,6 +110,8 @@ ln -s "$PWD/cameras.bin" linked/sparse/0/cameras.bin
 expect 0 attack linked -o unlinked --method noise --save png
 [ ! -e unlinked/poses_bounds.npy ] && cmp cameras.bin unlinked/sparse/0/cameras.bin || fail "links"
 expect 2 attack scene/blender -o x --proxy nowhere.ply; says nowhere.ply
+expect 3 attack scene/blender -o x --proxy poisoned/attack/proxy --max-memory 37M
+[ -e x ] && fail "what could not begin left a folder: $(ls -R x)"
 [ ! -e scene/blender/x ] || fail "something was written into the scene"
 
 # Runs next to each other.
@@ -125,5 +127,6 @@ expect 0 spectrum scene/blender/train/r_0.png poisoned/train/r_0.png -o spectrum
 grep -q 'anisotropy' out && [ -s spectrum.png ] || fail "spectrum"
 expect 0 spectrum spectrum.png --json; grep -q '"band_share"' out || fail "spectrum's JSON"
 expect 2 spectrum nowhere.png; says nowhere.png
+expect 1 spectrum spectrum.png -o ./spectrum.png; says 'one of the images'
 expect 2 spectrum scene/blender/transforms_train.json; says transforms_train.json
 expect 1 spectrum spectrum.png --bins 6; says 'divisible by 4'

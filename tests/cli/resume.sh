@@ -83,9 +83,25 @@ find run -name '*.tmp*' | grep -q . && fail "leftovers: $(find run -name '*.tmp*
 [ "$(grep -cv '^{.*}$' run/log.jsonl)" = 0 ] || fail "the log has other lines"
 grep -q '"kept":true' run/log.jsonl || fail "a good line is lost"
 [ -e elsewhere/thesis.tmp1 ] || fail "a link leads out of the run's folder"
+# A finished run is left alone: a tighter limit would only thin its model out.
+before=$(cat run/point_cloud/*/* run/summary.json run/checkpoint.bin | cksum)
+expect 0 train --resume run --max-memory 37M -q; says 'all 130 iterations are done'
+[ "$before" = "$(cat run/point_cloud/*/* run/summary.json run/checkpoint.bin | cksum)" ] || fail "a finished run changed"
 rm run/checkpoint.bin
 expect 2 train --resume run
 says 'found no checkpoint'
+
+# Interrupted before the first step: a run all the same.
+small=$(ls scene/colmap)
+"$tool" train scene/colmap -o soon -q --iterations 100000 --max-time 3s &
+pid=$!
+wait_for soon/config.json
+kill -INT $pid
+wait $pid
+[ $? = 130 ] || fail "interrupted as it began: another exit code"
+expect 0 train --resume soon -q
+expect 2 train scene/colmap -o scene/colmap --force -q; says 'the scene itself'
+[ "$small" = "$(ls scene/colmap)" ] || fail "the scene changed"
 
 # Standard streams that the caller closed, and files that may not grow.
 "$tool" train scene/blender -o closed ${short% --quiet} --init-points 400 2>&- || fail "without standard error: exit code $?"
