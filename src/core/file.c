@@ -130,6 +130,11 @@ int sg_file_read(sg_ctx *ctx, const char *path, uint64_t max_bytes, char **data,
     *data = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) st.st_size + 1, 1);
     if (!*data) {
         code = SG_ERR_BUDGET;
+        if (sg_mem_limit(ctx)) { /* say which file */
+            sg_clear_error(ctx);
+            sg_fail(ctx, code, "%s: memory: found %lld bytes, the limit for all is %llu", path, (long long) st.st_size,
+                    (unsigned long long) sg_mem_limit(ctx));
+        }
         goto done;
     }
     *size = fread(*data, 1, (size_t) st.st_size, f);
