@@ -11,7 +11,7 @@
 #include "core/file.h"
 #include "trainer.h"
 
-#define MAGIC "SGCKPT\0\4" /* the last byte is the version */
+#define MAGIC "SGCKPT\0\5" /* the last byte is the version */
 
 #define MAX_ITERATION 10000000 /* of struct sg_train_params; counting on from it overflows nothing */
 
@@ -36,6 +36,20 @@ static uint32_t cameras_hash(const struct sg_scene *scene)
         XXH3_64bits_update(&hash, numbers, sizeof(numbers));
         XXH3_64bits_update(&hash, c->R, sizeof(c->R));
         XXH3_64bits_update(&hash, c->t, sizeof(c->t));
+    }
+    return (uint32_t) XXH3_64bits_digest(&hash);
+}
+
+static uint32_t photos_hash(const struct sg_scene *scene)
+{
+    XXH3_state_t hash;
+    XXH3_64bits_reset(&hash);
+    for (size_t i = 0; i < scene->n_train; i++) {
+        const struct sg_view *v = &scene->train[i];
+        const size_t pixels = (size_t) v->camera.width * (size_t) v->camera.height;
+        XXH3_64bits_update(&hash, v->rgb, 3 * pixels);
+        if (v->mask)
+            XXH3_64bits_update(&hash, v->mask, pixels);
     }
     return (uint32_t) XXH3_64bits_digest(&hash);
 }
@@ -86,7 +100,8 @@ int sg_trainer_save(sg_trainer *t, const char *path)
                                      .growth = t->growth,
                                      .gaussians_bound = t->gaussians_bound,
                                      .time_bound = t->time_bound,
-                                     .growths = t->growths};
+                                     .growths = t->growths,
+                                     .photos = photos_hash(t->scene)};
     memcpy(h.magic, MAGIC, sizeof(h.magic));
     for (int g = 0; g < SG_GROUPS; g++)
         h.adam_steps[g] = t->adam_steps[g];
@@ -127,6 +142,10 @@ static int check_header(const sg_trainer *t, FILE *f, const char *path, const st
     if (h->cameras != cameras_hash(t->scene))
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found a run on other training views, expected those of %s", path,
                        t->scene->path);
+
+    /* Another decoder is no reason to refuse. */
+    if (h->photos != photos_hash(t->scene))
+        sg_log(ctx, SG_LOG_WARN, "%s: the run began with other photos than %s has now", path, t->scene->path);
 
     if (!counters_sound(h))
         return sg_fail(

@@ -19,7 +19,8 @@ struct sg_checkpoint_header {
     double spent; /* seconds */
     double growth;
     uint32_t gaussians_bound, time_bound;
-    int32_t growths, unused;
+    int32_t growths;
+    uint32_t photos; /* hash of the training views' pixels and masks */
 };
 
 struct sg_checkpoint {
