@@ -282,15 +282,18 @@ static int write_config(const struct attack_config *c)
 /* Nothing came of it: what was begun goes, so that the same command works once the cause is gone. */
 static void forget(const char *output)
 {
-    static const char *const files[] = {"attack/config.json", "attack/log.jsonl", "attack", "."};
-    if (run_has(output, "attack/checkpoint.bin") || run_has(output, "attack/proxy") || run_has(output, "poison.json"))
-        return;
-    for (size_t i = 0; i < sizeof(files) / sizeof(files[0]); i++) {
-        char *path = strcmp(files[i], ".") ? run_path(output, files[i]) : strdup(output);
-        if (path && unlink(path))
-            rmdir(path); /* where it is empty */
-        free(path);
+    char *config = run_path(output, "attack/config.json"), *log = run_path(output, "attack/log.jsonl");
+    char *state = run_path(output, "attack");
+    if (config && log && state && !run_has(output, "attack/checkpoint.bin") && !run_has(output, "attack/proxy") &&
+        !run_has(output, "poison.json")) {
+        unlink(config);
+        unlink(log);
+        if (!rmdir(state)) /* was it empty? */
+            rmdir(output);
     }
+    free(config);
+    free(log);
+    free(state);
 }
 
 static int run_attack(const void *config, const bool *given, const char *const *positional, int count)
