@@ -8,7 +8,7 @@
 
 /* Grey levels a pixel: oscillation from which on a poison gets the whole filter; that of quiet parts, and that at half
  * and a quarter of the size, from which on it gets more lambda, up to four times as much. A scene's own texture has a
- * share in the first, none in the second, and is far below the third. */
+ * share in the first, none in the second, and stays below the third. */
 static const double strong = 2.3, loud = 1.8, coarse = 7;
 
 double sg_defense_frequency(double extent)
