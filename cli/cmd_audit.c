@@ -36,14 +36,15 @@ static const struct audit_config defaults = {.scene = {SCENE_OPTION_DEFAULTS}};
 
 static json_t *features(const struct sg_audit_features *f)
 {
-    return json_pack(
-        "{s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o}", "tv_down", number_json(f->tv_down),
-        "tv_across", number_json(f->tv_across), "osc_down", number_json(f->osc_down), "osc_across",
-        number_json(f->osc_across), "osc_share", number_json(f->osc_share), "osc_quiet", number_json(f->osc_quiet),
-        "osc_chroma", number_json(f->osc_chroma), "half_quiet", number_json(f->half_quiet), "half_osc",
-        number_json(f->half_osc), "half_share", number_json(f->half_share), "quarter_osc", number_json(f->quarter_osc),
-        "quarter_share", number_json(f->quarter_share), "noisy", number_json(f->noisy), "ragged",
-        number_json(f->ragged), "slope", number_json(f->slope), "anisotropy", number_json(f->anisotropy));
+    return json_pack("{s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o}", "content",
+                     number_json(f->content), "tv_down", number_json(f->tv_down), "tv_across",
+                     number_json(f->tv_across), "osc_down", number_json(f->osc_down), "osc_across",
+                     number_json(f->osc_across), "osc_share", number_json(f->osc_share), "osc_quiet",
+                     number_json(f->osc_quiet), "osc_chroma", number_json(f->osc_chroma), "half_quiet",
+                     number_json(f->half_quiet), "half_osc", number_json(f->half_osc), "half_share",
+                     number_json(f->half_share), "quarter_osc", number_json(f->quarter_osc), "quarter_share",
+                     number_json(f->quarter_share), "noisy", number_json(f->noisy), "ragged", number_json(f->ragged),
+                     "slope", number_json(f->slope), "anisotropy", number_json(f->anisotropy));
 }
 
 static int print_json(const struct sg_audit *a)

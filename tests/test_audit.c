@@ -150,7 +150,7 @@ static void test_masks(void **state)
 
 #define MOST 80
 
-/* Noise of each photo; below 0: nothing in it. */
+/* Noise of each photo; -1: nothing in it, -2: a single pixel. */
 static struct sg_audit *audit(sg_ctx *ctx, const double *noise, int n, bool rows)
 {
     struct sg_view views[MOST];
@@ -159,6 +159,8 @@ static struct sg_audit *audit(sg_ctx *ctx, const double *noise, int n, bool rows
         paint(noise[i], rows, (uint64_t) i);
         if (noise[i] < 0)
             memset(image, 90, sizeof(image));
+        if (noise[i] < -1)
+            memset(image + 3 * (W * H / 2 + W / 2), 91, 3);
         views[i] = (struct sg_view){.name = (char *) "photo", .camera = {.width = W, .height = H}};
         views[i].rgb = malloc(sizeof(image));
         memcpy(views[i].rgb, image, sizeof(image));
@@ -216,15 +218,21 @@ static void test_verdicts(void **state)
     a = audit(ctx, crowd, 60, false);
     assert_int_equal(a->verdict, SG_AUDIT_SUSPICIOUS);
     sg_audit_destroy(ctx, &a);
-    /* Photos with nothing in them do not vote. */
+    /* Photos with nothing in them do not vote, a single pixel in them hardly. */
     for (int i = 0; i < MOST; i++)
         crowd[i] = i < 8 ? 7 : -1;
     struct sg_audit *b = audit(ctx, crowd, MOST, false);
     a = audit(ctx, crowd, 8, false);
     assert_float_equal(a->score, b->score, 0);
+    sg_audit_destroy(ctx, &b);
+    for (int i = 8; i < MOST; i++)
+        crowd[i] = -2;
+    b = audit(ctx, crowd, MOST, false);
+    assert_float_equal(a->score, b->score, 0.05);
+    assert_int_equal(a->verdict, b->verdict);
     sg_audit_destroy(ctx, &a);
     sg_audit_destroy(ctx, &b);
-    for (int i = 0; i < 8; i++)
+    for (int i = 0; i < MOST; i++)
         crowd[i] = -1;
     a = audit(ctx, crowd, MOST, false);
     assert_true(a->verdict == SG_AUDIT_CLEAN && a->score == 0);

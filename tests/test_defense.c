@@ -373,8 +373,8 @@ static void test_share_of_growth(void **state)
 static void test_automatic(void **state)
 {
     (void) state;
-    struct sg_audit_image images[2] = {{.score = 0.02, .features = {.tv_down = 8, .osc_down = 3, .osc_across = 3}},
-                                       {.score = 0.25, .features = {.tv_down = 20, .osc_down = 9, .osc_across = 9}}};
+    struct sg_audit_image images[2] = {{.score = 0.02, .features = {.content = 1e5, .osc_down = 3, .osc_across = 3}},
+                                       {.score = 0.25, .features = {.content = 1e5, .osc_down = 9, .osc_across = 9}}};
     const struct sg_audit audit = {.count = 2, .images = images};
     struct sg_defense_params p = {SG_DEFENSE_DEFAULTS};
     float shares[2];
@@ -382,8 +382,8 @@ static void test_automatic(void **state)
     assert_true(shares[0] == 0 && shares[1] == 0 && p.shares == shares && p.lambda == 6);
     assert_float_equal(p.rho, -0.1, 1e-12);
     assert_float_equal(p.frequency, 8, 1e-12);
-    images[0].score = images[1].score = 1;
-    images[0].features = (struct sg_audit_features){.tv_down = 8, .osc_down = 1.5, .osc_across = 0.8};
+    images[0].score = images[1].score = 0.95;
+    images[0].features = (struct sg_audit_features){.content = 1e5, .osc_down = 1.5, .osc_across = 0.8};
     sg_defense_automatic(&audit, 5.2, shares, &p);
     assert_float_equal(p.lambda * (double) shares[0], 6, 1e-6); /* weak */
     assert_float_equal(p.lambda * (double) shares[1], 6, 1e-6); /* what oscillates is texture */
@@ -403,18 +403,22 @@ static void test_automatic(void **state)
     /* Photos without doubt are judged among themselves, and blank ones not at all. */
     struct sg_audit_image many[60] = {{.score = 0}};
     for (int i = 0; i < 60; i++)
-        many[i] = (struct sg_audit_image){.score = 0.1, .features = {.tv_down = 8}};
+        many[i] = (struct sg_audit_image){.score = 0.1, .features = {.content = 1e4}};
     float more[60];
     for (int i = 0; i < 3; i++)
-        many[i] = (struct sg_audit_image){.score = 0.995, .features = {.tv_down = 9, .osc_down = 5}};
+        many[i] = (struct sg_audit_image){.score = 0.995, .features = {.content = 1e4, .osc_down = 5}};
     sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, &p);
     assert_float_equal(p.rho, -0.45, 1e-9);
+    many[3] = many[4] = (struct sg_audit_image){.score = 1, .features = {.content = 1e4}}; /* which take nothing away */
+    sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, &p);
+    assert_float_equal(p.rho, -0.45, 1e-9);
+    many[3] = many[4] = many[5];
     many[0].score = many[1].score = 0.98;
     sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, &p);
     assert_float_equal(p.rho, -(0.1 + 0.35 / 3), 1e-9);
     many[2].score = 0.98;
     for (int i = 3; i < 57; i++)
-        many[i].features.tv_down = 0;
+        many[i].features.content = 0;
     sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, &p);
     assert_float_equal(p.rho, -(0.1 + 0.35 / 2), 1e-9);
     assert_float_equal(sg_defense_frequency(0), sg_defense_frequency(1), 0); /* one place of cameras */

@@ -28,9 +28,10 @@ struct sg_audit_features {
                                                 tenth and of the middle of the blocks, which cover the same parts of the
                                                 photo; what local extremes carry */
     double quarter_osc, quarter_share;       /* at a quarter of the size: of the middle; what they carry */
-    double ragged; /* the share of used pixels that have an unused one above, below, left or right */
-    double slope;  /* ln of the spectrum's mean energy at 0.7..0.95 of the Nyquist frequency over that at 0.35..0.55; of
-                      all pixels, as the next */
+    double content; /* used pixels in blocks that are not of one colour (of luma); all used ones where ragged > 0.25 */
+    double ragged;  /* the share of used pixels that have an unused one above, below, left or right */
+    double slope; /* ln of the spectrum's mean energy at 0.7..0.95 of the Nyquist frequency over that at 0.35..0.55; of
+                     all pixels, as the next */
     double anisotropy; /* of the spectrum, see spectrum.h */
 };
 

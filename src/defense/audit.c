@@ -55,75 +55,97 @@ static enum sg_audit_verdict verdict_of(double score)
     return score >= POISONED ? SG_AUDIT_POISONED : score >= SUSPICIOUS ? SG_AUDIT_SUSPICIOUS : SG_AUDIT_CLEAN;
 }
 
-static int by_number(const void *a, const void *b)
+/* What a photo has of something, and how much it counts. */
+struct vote {
+    double value, weight;
+};
+
+static int by_value(const void *a, const void *b)
 {
-    const double x = *(const double *) a, y = *(const double *) b;
+    const double x = ((const struct vote *) a)->value, y = ((const struct vote *) b)->value;
     return (x > y) - (x < y);
 }
 
-static double median(double *values, size_t n)
+/* The value up to which this part of the votes is. */
+static double quantile(struct vote *votes, size_t n, double part)
 {
-    qsort(values, n, sizeof(*values), by_number);
-    return n ? values[n / 2] : 0;
+    double total = 0, sum = 0;
+    qsort(votes, n, sizeof(*votes), by_value);
+    for (size_t i = 0; i < n; i++)
+        total += votes[i].weight;
+    size_t i = 0;
+    while (i + 1 < n && (sum += votes[i].weight) <= part * total)
+        i++;
+    return n ? votes[i].value : 0;
 }
 
-/* Over the photos that are not blank. */
-static double median_of(const struct sg_audit *a, size_t offset, double *scratch)
+/* Of a double in each image. Returns how many vote. */
+static size_t collect(const struct sg_audit *a, size_t offset, struct vote *votes)
 {
     size_t n = 0;
-    for (size_t i = 0; i < a->count; i++)
-        if (!sg_audit_blank(&a->images[i].features))
-            memcpy(&scratch[n++], (const char *) &a->images[i] + offset, sizeof(double));
-    return median(scratch, n);
+    for (size_t i = 0; i < a->count; i++) {
+        votes[n].weight = sg_audit_vote(&a->images[i].features);
+        memcpy(&votes[n].value, (const char *) &a->images[i] + offset, sizeof(double));
+        n += votes[n].weight > 0;
+    }
+    return n;
+}
+
+static double median_of(const struct sg_audit *a, size_t offset, struct vote *votes)
+{
+    return quantile(votes, collect(a, offset, votes), 0.5);
 }
 
 /* Clean photos differ in how much their quiet parts oscillate, by a factor; poisoned ones are alike. ln of what lies
  * between most of them, or NAN of few. */
-static double spread(const struct sg_audit *a, double *scratch)
+static double spread(const struct sg_audit *a, struct vote *votes)
 {
-    size_t n = 0;
-    for (size_t i = 0; i < a->count; i++)
-        if (!sg_audit_blank(&a->images[i].features))
-            scratch[n++] = log(a->images[i].features.osc_quiet + 0.05);
-    qsort(scratch, n, sizeof(*scratch), by_number);
-    return n < 8 ? NAN : scratch[n * 84 / 100] - scratch[n * 16 / 100];
+    const size_t n = collect(a, offsetof(struct sg_audit_image, features.osc_quiet), votes);
+    return n < 8 ? NAN : log(quantile(votes, n, 0.84) + 0.05) - log(quantile(votes, n, 0.16) + 0.05);
 }
 
-/* A few poisoned photos among clean ones are an attack too. judged: photos that are not blank. */
-static double score_of_few(const struct sg_audit *a, size_t judged)
+/* A few poisoned photos among clean ones are an attack too. */
+static double score_of_few(const struct sg_audit *a)
 {
     size_t certain = 0;
-    for (size_t i = 0; i < a->count; i++)
-        certain += a->images[i].score >= SG_AUDIT_CERTAIN;
-    if (certain >= 3 && 20 * certain >= judged)
+    double all = 0, surely = 0, poisoned = 0;
+    for (size_t i = 0; i < a->count; i++) {
+        const struct sg_audit_image *image = &a->images[i];
+        const double vote = sg_audit_vote(&image->features);
+        all += vote;
+        poisoned += image->verdict == SG_AUDIT_POISONED ? vote : 0;
+        if (vote > 0 && image->score >= SG_AUDIT_CERTAIN)
+            surely += vote, certain++;
+    }
+    if (certain >= 3 && 20 * surely >= all)
         return POISONED;
-    const bool some = certain && 100 * certain >= judged;
-    return some || (a->verdicts[SG_AUDIT_POISONED] && 10 * a->verdicts[SG_AUDIT_POISONED] >= judged) ? SUSPICIOUS : 0;
+    return (certain && 100 * surely >= all) || (poisoned > 0 && 10 * poisoned >= all) ? SUSPICIOUS : 0;
 }
 
 /* Half of the photos decide, a little sooner where they are alike, or a quarter that look worse, or fewer of which
  * there is no doubt. What the median photo has and no clean set had becomes a reason. */
 static int conclude(sg_ctx *ctx, struct sg_audit *a)
 {
-#define MEDIAN(field) median_of(a, offsetof(struct sg_audit_image, field), scratch)
+#define MEDIAN(field) median_of(a, offsetof(struct sg_audit_image, field), votes)
 #define REASON(condition, ...)                                                                                         \
     if (condition)                                                                                                     \
     a->reasons[a->count_reasons++] = sg_strf(ctx, __VA_ARGS__)
-    double *scratch = sg_alloc(ctx, SG_MEM_MISC, a->count, sizeof(*scratch));
-    if (!scratch)
+    struct vote *votes = sg_alloc(ctx, SG_MEM_MISC, a->count, sizeof(*votes));
+    if (!votes)
         return SG_ERR_BUDGET;
-    const double range = spread(a, scratch);
+    const double range = spread(a, votes);
     size_t judged = 0;
-    for (size_t i = 0; i < a->count; i++)
-        if (!sg_audit_blank(&a->images[i].features))
-            scratch[judged++] = evidence(&a->images[i].features);
-    const double middle = judged ? median(scratch, judged) : -INFINITY;
-    const double upper = judged ? scratch[judged * 3 / 4] : -INFINITY; /* sorted */
+    for (size_t i = 0; i < a->count; i++) {
+        votes[judged] = (struct vote){evidence(&a->images[i].features), sg_audit_vote(&a->images[i].features)};
+        judged += votes[judged].weight > 0;
+    }
+    const double middle = judged ? quantile(votes, judged, 0.5) : -INFINITY;
+    const double upper = judged ? quantile(votes, judged, 0.75) : -INFINITY;
     const double quiet = MEDIAN(features.osc_quiet);
     const bool alike = range < 0.45 && quiet > 0.2; /* where nothing oscillates, all photos are alike */
     const double ragged = MEDIAN(features.ragged);
     a->score = score_of(ragged, fmax(middle + (alike ? fmin(3 * (0.45 - range), 1) : 0), upper - 1));
-    a->score = fmax(a->score, score_of_few(a, judged));
+    a->score = fmax(a->score, score_of_few(a));
     a->verdict = verdict_of(a->score);
     const size_t poisoned = a->verdicts[SG_AUDIT_POISONED];
     const double share = MEDIAN(features.osc_share), noisy = MEDIAN(features.noisy);
@@ -160,7 +182,7 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
 #undef REASON
 #undef MEDIAN
 done:
-    sg_free(ctx, scratch);
+    sg_free(ctx, votes);
     for (size_t i = 0; i < a->count_reasons; i++)
         if (!a->reasons[i])
             return SG_ERR_BUDGET;

@@ -6,8 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "audit_photo.h"
 #include "core/internal.h"
-#include "splatguard/audit.h"
 
 #define BLOCK 16 /* pixels of the photo */
 #define UNIT 4   /* values are quarters of grey levels, so that means of four pixels are kept */
@@ -146,6 +146,20 @@ static double ragged(const struct plane *p)
     return used ? (double) border / (double) used : 0;
 }
 
+static double content(const struct plane *p, bool all)
+{
+    size_t pixels = 0;
+    for (size_t b = 0; b < block_count(p); b++) {
+        const size_t x0 = b % blocks_across(p) * p->block, y0 = b / blocks_across(p) * p->block;
+        if (!all && !varies(p, b))
+            continue;
+        for (size_t y = y0; y < y0 + p->block && y < p->h; y++)
+            for (size_t x = x0; x < x0 + p->block && x < p->w; x++)
+                pixels += !p->mask || p->mask[y * p->w + x];
+    }
+    return (double) pixels;
+}
+
 /* A block's oscillation, which counts as much as it has pixels. */
 struct share {
     float oscillation;
@@ -276,6 +290,7 @@ int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int w
     struct distribution d = distribute(&p, own);
     out->osc_quiet = d.quarter, out->noisy = d.noisy;
     out->ragged = ragged(&p);
+    out->content = content(&p, out->ragged > SG_AUDIT_RAGGED);
     for (size_t i = 0; map && i < block_count(&p); i++)
         map[i] = (float) oscillation_of(&p.blocks[i]);
 

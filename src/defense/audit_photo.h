@@ -3,15 +3,18 @@
 #ifndef SG_DEFENSE_AUDIT_PHOTO_H
 #define SG_DEFENSE_AUDIT_PHOTO_H
 
+#include <math.h>
+
 #include "splatguard/audit.h"
 
 /* Masks outline things. One in which this share of the pixels is border can hide any pattern from us. */
 #define SG_AUDIT_RAGGED 0.25
 
-/* Nothing in it varies, or a mask leaves nothing: it says nothing about the others, however many there are of it. */
-static inline bool sg_audit_blank(const struct sg_audit_features *f)
+/* Its vote, 0..1: photos with less than 100 x 100 pixels of content have less of one, blank ones none, so that it takes
+ * content to outvote others. */
+static inline double sg_audit_vote(const struct sg_audit_features *f)
 {
-    return !(f->tv_down + f->tv_across > 0) && f->ragged <= SG_AUDIT_RAGGED;
+    return fmin(f->content / 1e4, 1);
 }
 
 /* A score that no clean photo had, and most of a strong poison's have. Clean photos cannot outvote these: they may look

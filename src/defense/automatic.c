@@ -2,6 +2,7 @@
 /* Preset auto: how strong the defense is, from what the photos look like. docs/defense-results.md shows where the
  * numbers come from. */
 #include <math.h>
+#include <stdlib.h>
 
 #include "audit_photo.h"
 #include "splatguard/defense.h"
@@ -11,33 +12,57 @@
  * share in the first, none in the second, and stays below the third. */
 static const double strong = 2.3, loud = 1.8, coarse = 7;
 
+static double suspicion_of(const struct sg_audit_image *image)
+{
+    return fmin(fmax((image->score - 0.3) / 0.6, 0), 1);
+}
+
 double sg_defense_frequency(double extent)
 {
     /* 8 where scenes are as large as synthetic ones are; an extent of 0 is taken for 1, as in training. */
     return fmin(fmax(8 * 5.2 / (extent > 0 ? extent : 1), 1e-9), 1e9);
 }
 
+static int descending(const void *a, const void *b)
+{
+    const float x = *(const float *) a, y = *(const float *) b;
+    return (x < y) - (x > y);
+}
+
+/* Those of which there is no doubt are judged among themselves, from a twentieth of the votes on; the weaker ones of
+ * them take nothing from the stronger. */
+static double strength_of_few(float *parts, size_t n, double votes)
+{
+    double sum = 0, most = 0;
+    qsort(parts, n, sizeof(*parts), descending);
+    for (size_t i = 0; i < n; i++) {
+        sum += (double) parts[i];
+        most = fmax(most, sum / (double) (i + 1) * fmin(20 * (double) (i + 1) / votes, 1));
+    }
+    return most;
+}
+
 void sg_defense_automatic(const struct sg_audit *audit, double extent, float *shares, struct sg_defense_params *p)
 {
-    double strength = 0, certain_strength = 0;
-    size_t judged = 0, certain = 0;
+    double strength = 0, votes = 0;
+    size_t certain = 0;
+    for (size_t i = 0; i < audit->count; i++) {
+        const struct sg_audit_image *image = &audit->images[i];
+        const double vote = sg_audit_vote(&image->features);
+        const double amplitude = (image->features.osc_down + image->features.osc_across) / 2 / strong;
+        /* Growth follows the energy of the noise: a weak one is not worth the filter's price. */
+        const double part = suspicion_of(image) * fmin(amplitude * amplitude, 1);
+        strength += vote * part;
+        votes += vote;
+        if (image->score >= SG_AUDIT_CERTAIN)
+            shares[certain++] = (float) (vote * part);
+    }
+    strength = votes > 0 ? fmax(strength / votes, strength_of_few(shares, certain, votes)) : 0;
     for (size_t i = 0; i < audit->count; i++) {
         const struct sg_audit_features *f = &audit->images[i].features;
-        const double suspicion = fmin(fmax((audit->images[i].score - 0.3) / 0.6, 0), 1);
         const double loudness = fmax(f->osc_quiet / loud, fmax(f->half_osc, f->quarter_osc) / coarse);
-        const double amplitude = (f->osc_down + f->osc_across) / 2 / strong;
-        /* Growth follows the energy of the noise: a weak one is not worth the filter's price. */
-        const double part = suspicion * fmin(amplitude * amplitude, 1);
-        strength += part;
-        judged += !sg_audit_blank(f);
-        if (audit->images[i].score >= SG_AUDIT_CERTAIN)
-            certain_strength += part, certain++;
-        shares[i] = (float) (suspicion * fmin(fmax(loudness, 1), 4));
+        shares[i] = (float) (suspicion_of(&audit->images[i]) * fmin(fmax(loudness, 1), 4));
     }
-    strength /= fmax((double) judged, 1);
-    if (certain) /* from a twentieth on they are judged among themselves */
-        strength =
-            fmax(strength, certain_strength / (double) certain * fmin(20.0 * (double) certain / (double) judged, 1));
     p->lambda = 6;
     p->shares = shares;
     p->rho = -(0.1 + 0.35 * strength);
