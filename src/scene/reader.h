@@ -52,8 +52,8 @@ bool sg_path_is_inside(const char *path);                /* relative and without
 /* View names from index first on become distinct: all are made of whole paths where two base names are the same. */
 int sg_shots_check_names(sg_ctx *ctx, const struct sg_shots *shots, size_t first, const char *where);
 const char *sg_base_name(const char *path);
-/* The same path with a suffix of photos (.JPG, .jpg, .jpeg, .png, .PNG, .webp) added, or in place of its own, if there is
- * such a file: photos that were converted keep their place. *out: NULL if there is none. */
+/* The same path with another suffix of photos (.JPG, .jpg, .jpeg, .png, .PNG, .webp), or one added where it has none,
+ * if there is such a file: photos that were converted keep their place. *out: NULL if there is none. */
 int sg_find_converted(sg_ctx *ctx, const char *path, char **out);
 /* Every coefficient finite, focal lengths or angles usable. */
 int sg_lens_check(sg_ctx *ctx, const struct sg_lens *lens, const char *where);

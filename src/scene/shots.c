@@ -22,9 +22,12 @@ int sg_find_converted(sg_ctx *ctx, const char *path, char **out)
     static const char *const suffixes[] = {".JPG", ".jpg", ".jpeg", ".png", ".PNG", ".webp"};
     const size_t n = sizeof(suffixes) / sizeof(suffixes[0]), length = strlen(path);
     const char *dot = strrchr(sg_base_name(path), '.');
+    size_t stem = length; /* "frame.1" and "frame.2" are two photos */
+    for (size_t i = 0; dot && i < n; i++)
+        stem = strcasecmp(dot, suffixes[i]) ? stem : (size_t) (dot - path);
     *out = NULL;
-    for (size_t i = 0; i < (dot ? 2 * n : n); i++) { /* added, then in place of its own */
-        char *other = sg_strf(ctx, "%.*s%s", (int) (i < n ? length : (size_t) (dot - path)), path, suffixes[i % n]);
+    for (size_t i = 0; i < n; i++) {
+        char *other = sg_strf(ctx, "%.*s%s", (int) stem, path, suffixes[i]);
         if (!other)
             return SG_ERR_BUDGET;
         if (sg_file_exists(other)) {
