@@ -140,12 +140,12 @@ static int loop(struct train_run *r)
             const size_t gaussians = sg_trainer_gaussians(r->trainer); /* it may have grown before it failed */
             if (gaussians > r->totals.max_gaussians)
                 r->totals.max_gaussians = gaussians;
-            if (done > 0 && !run_save_model(r->ctx, r->config->output, r->trainer))
-                r->saved = done;
-            if (r->saved) {
+            const int lost = done > r->saved ? run_save_model(r->ctx, r->config->output, r->trainer) : 0;
+            r->saved = lost ? r->saved : done;
+            if (r->saved)
                 say(stderr, "the model of iteration %d is saved in %s\n", r->saved, r->config->output);
-                code = error == SG_ERR_BUDGET ? 0 : code; /* a smaller model than asked for, but a model */
-            }
+            if (r->saved && error == SG_ERR_BUDGET) /* a smaller model than asked for, but a model */
+                code = lost == exit_code(SG_ERR_BUDGET) ? 0 : lost;
             r->error = error;
             if (train_summary_write(r) && !code)
                 code = 2;
@@ -162,7 +162,10 @@ static int finish(struct train_run *r)
     const bool cut = sg_trainer_iteration(r->trainer) < r->config->train.iterations;
     if (cut)
         progress_break(&r->progress);
-    int code = save(r);
+    /* Without a step there is nothing new, and perhaps less: a tighter limit thins out. */
+    const bool stepped = sg_trainer_iteration(r->trainer) > r->saved || !r->config->resume;
+    int code = stepped ? save(r) : 0;
+    r->resumable |= !stepped;
     if (!code && r->config->eval && !cut)
         code = measure(r, 1);
     if (!code)
@@ -180,6 +183,18 @@ static int finish(struct train_run *r)
         code = 130;
     }
     return code;
+}
+
+/* Whether the run's summary is that of its end. */
+static bool is_summed_up(const char *run, int iteration)
+{
+    char *path = run_path(run, "summary.json");
+    json_t *s = path && !access(path, F_OK) ? run_read_json(path, "summary.json of a run") : NULL;
+    const bool whole = json_integer_value(json_object_get(s, "iterations")) == iteration &&
+                       json_is_false(json_object_get(s, "interrupted"));
+    json_decref(s);
+    free(path);
+    return whole;
 }
 
 static int restore(struct train_run *r, const char *variant)
@@ -203,10 +218,14 @@ static int restore(struct train_run *r, const char *variant)
         say(stderr, "warning: the run was made with %s and goes on with %s: results can differ in the last digits\n",
             variant, sg_trainer_variant(r->trainer));
     r->saved = sg_trainer_iteration(r->trainer); /* a model comes before its checkpoint */
-    r->finished = r->saved >= r->config->train.iterations && run_has(r->config->output, "summary.json");
+    r->finished = r->saved >= r->config->train.iterations && is_summed_up(r->config->output, r->saved);
     if (r->finished) { /* a tighter limit would only thin it out */
         say(stderr, "%s: all %d iterations are done; --iterations asks for more\n", r->config->output, r->saved);
         return 0;
+    }
+    if (interrupted()) {
+        say(stderr, "interrupted before the first step; %s is as it was\n", r->config->output);
+        return 130;
     }
     /* Iterations may have been raised. */
     return run_write_config(r->config, variant ? variant : sg_trainer_variant(r->trainer));
@@ -226,7 +245,10 @@ static int create(struct train_run *r)
         error = sg_trainer_model(r->trainer, &initial);
     if (error)
         code = report(r->ctx, error);
-    else
+    else if (interrupted()) { /* an earlier run is still there */
+        say(stderr, "interrupted before anything was written\n");
+        code = 130;
+    } else
         code = run_create(r->ctx, c, r->scene, initial, sg_trainer_variant(r->trainer));
     sg_model_destroy(r->ctx, &initial);
     return code;
@@ -252,7 +274,11 @@ int train_whole(struct train_run *r)
     const bool starved = code == exit_code(SG_ERR_BUDGET);
     if ((code == 2 || starved) && !r->error && r->saved) {
         say(stderr, "the model of iteration %d is saved in %s\n", r->saved, r->config->output);
-        code = starved ? train_summary_write(r) : code; /* a model, if not the last */
+        if (starved) { /* a model, if not the last */
+            r->error = SG_ERR_BUDGET;
+            code = train_summary_write(r);
+            code = code || !interrupted() ? code : 130;
+        }
     }
     return code ? code : r->trouble;
 }

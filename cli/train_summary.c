@@ -64,7 +64,7 @@ static json_t *budget(const struct train_run *r, const struct sg_train_limits *l
 int train_summary_write(struct train_run *r)
 {
     const struct train_totals *t = &r->totals;
-    const int done = sg_trainer_iteration(r->trainer);
+    const int done = r->error && r->saved ? r->saved : sg_trainer_iteration(r->trainer);
     struct rusage usage;
     getrusage(RUSAGE_SELF, &usage);
     json_t *s = json_object();

@@ -77,7 +77,7 @@ typedef struct sg_attack sg_attack;
 /* Poisons are made for all training views of the scene: load it with eval = false. proxy: a model trained on the scene,
  * which is copied; where the context has a limit on memory the caller destroys it before the first step. Renders are on
  * black, whatever the scene's background. params may be NULL. Errors: SG_ERR_USAGE for values out of range,
- * SG_ERR_INPUT where the scene has no training views, SG_ERR_BUDGET. */
+ * SG_ERR_INPUT where the scene has no training views or the proxy a value that is not finite, SG_ERR_BUDGET. */
 int sg_attack_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *proxy,
                      const struct sg_attack_params *params, sg_attack **out);
 /* From a file of sg_attack_save, with the same scene and params: goes on to the very bytes of an uninterrupted one.

@@ -90,7 +90,8 @@ typedef struct sg_trainer sg_trainer;
 
 /* initial may be NULL: points of the scene, or random ones. It is copied; where the context has a limit on memory the
  * caller destroys it before the first step, for the plan counts on that. params may be NULL. Errors: SG_ERR_USAGE for
- * values out of range, SG_ERR_INPUT for a scene without training views, SG_ERR_BUDGET where the run cannot fit. */
+ * values out of range, SG_ERR_INPUT for a scene without training views or of which masks leave nothing and for an
+ * initial model with a value that is not finite, SG_ERR_BUDGET where the run cannot fit. */
 int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
                       const struct sg_train_params *params, sg_trainer **out);
 /* From a file of sg_trainer_save, with the same scene and params: goes on to the very bytes of an uninterrupted run.

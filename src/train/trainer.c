@@ -19,6 +19,16 @@ static bool is_used(const struct sg_view *v)
     return !v->mask || memchr(v->mask, 255, (size_t) v->camera.width * (size_t) v->camera.height);
 }
 
+static int check_used(sg_ctx *ctx, const struct sg_scene *scene)
+{
+    for (size_t i = 0; i < scene->n_train; i++)
+        if (is_used(&scene->train[i]))
+            return SG_OK;
+    return scene->n_train ? sg_fail(ctx, SG_ERR_INPUT,
+                                    "%s: found no training view with a used pixel: masks leave nothing", scene->path)
+                          : SG_OK;
+}
+
 static int check_scene(sg_ctx *ctx, const struct sg_train_params *p, const struct sg_scene *scene)
 {
     int code = sg_train_check(ctx, p);
@@ -26,12 +36,6 @@ static int check_scene(sg_ctx *ctx, const struct sg_train_params *p, const struc
         return code;
     if (!scene->n_train)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found no training view, expected at least one", scene->path);
-    size_t used = 0;
-    while (used < scene->n_train && !is_used(&scene->train[used]))
-        used++;
-    if (used == scene->n_train)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found no training view with a used pixel: masks leave nothing",
-                       scene->path);
     for (size_t i = 0; p->defense.shares && i < scene->n_train; i++)
         if (!(p->defense.shares[i] >= 0 && p->defense.shares[i] <= 1e3f))
             return sg_fail(ctx, SG_ERR_USAGE, "share of a view: found %g, expected 0 to 1000",
@@ -99,13 +103,19 @@ fail:
 int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
                       const struct sg_train_params *params, sg_trainer **out)
 {
-    return sg_trainer_open(ctx, scene, &(struct sg_trainer_start){.initial = initial}, params, out);
+    sg_clear_error(ctx);
+    *out = NULL;
+    const int code = check_used(ctx, scene);
+    return code ? code : sg_trainer_open(ctx, scene, &(struct sg_trainer_start){.initial = initial}, params, out);
 }
 
 int sg_trainer_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path, const struct sg_train_params *params,
                       sg_trainer **out)
 {
-    return sg_trainer_open(ctx, scene, &(struct sg_trainer_start){.checkpoint = path}, params, out);
+    sg_clear_error(ctx);
+    *out = NULL;
+    const int code = check_used(ctx, scene);
+    return code ? code : sg_trainer_open(ctx, scene, &(struct sg_trainer_start){.checkpoint = path}, params, out);
 }
 
 void sg_trainer_destroy(sg_trainer **trainer)

@@ -96,7 +96,7 @@ expect 0 train scene/colmap -o swapped $short
 cp scene/colmap/images/view_0001.png scene/colmap/images/view_0002.png
 expect 0 train --resume swapped --iterations 130 -q; says 'other photos'
 
-# Interrupted before the first step: a run all the same.
+# Interrupted as it begins: a run all the same.
 small=$(ls scene/colmap)
 "$tool" train scene/colmap -o soon -q --iterations 100000 --max-time 3s &
 pid=$!
