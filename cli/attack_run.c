@@ -183,6 +183,7 @@ int attack_whole(struct attack_run *r, const char *proxy)
     r->proxy = model;
     if (!code && splat)
         code = start_decoy(r, model);
+    r->lasting = !code;
     if (!code && splat) {
         progress_begin(&r->progress, c->quiet, sg_attack_iteration(r->attack), c->attack.iterations);
         code = loop(r);

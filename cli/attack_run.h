@@ -14,6 +14,7 @@ struct attack_run {
     sg_attack *attack;
     const char *proxy; /* path of its model */
     size_t proxy_gaussians;
+    bool lasting; /* there is something to go on from */
     FILE *log;
     char *log_path;
     struct progress progress;

@@ -302,7 +302,7 @@ static int run_attack(const void *config, const bool *given, const char *const *
     struct attack_run r = {.config = &c};
     json_t *keep = NULL;
     char *proxy = NULL;
-    bool begun = false;
+    bool fresh = false; /* a folder that was not there, or empty */
     int code = 0;
     if (c.resume)
         code = adopt(&c, given, count ? positional[0] : NULL, &keep);
@@ -336,13 +336,13 @@ static int run_attack(const void *config, const bool *given, const char *const *
         code = 2;
     /* Nothing of an earlier attack goes before this one can begin. */
     if (!code && !c.resume) {
+        fresh = !run_has_other_files(c.output);
         char *state = run_path(c.output, "attack");
         const int error = state ? sg_dir_create(r.ctx, state) : SG_ERR_BUDGET;
         code = error ? report(r.ctx, error) : 0;
         free(state);
         if (!code) {
             remove_earlier(c.output);
-            begun = true;
             code = write_config(&c);
         }
     }
@@ -359,7 +359,7 @@ done:
     }
     sg_ctx_destroy(&r.ctx);
     json_decref(keep);
-    if (begun && code && code != 130)
+    if (fresh && code && code != 130 && !r.lasting)
         forget(c.output);
     return code;
 }
