@@ -154,7 +154,7 @@ static void spectra(void **state)
             for (int j = 0; j < 3 * n; j++)
                 planes[j] = (float) s->train[i].rgb[3 * (j % n) + j / n] / 255;
             const struct nearness near = against_exact(f->ctx, w, h, planes);
-            if (fabs(near.loss - 1) > 0.15 || near.cosine < 0.85 || fabs(near.length - 1) > 0.15)
+            if (!(fabs(near.loss - 1) < 0.15 && near.cosine > 0.85 && fabs(near.length - 1) < 0.15))
                 fail_msg("%s: of the exact loss %g, cosine %g, of the exact length %g", s->train[i].name, near.loss,
                          near.cosine, near.length);
             free(planes);

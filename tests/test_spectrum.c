@@ -313,7 +313,7 @@ static void test_friendly(void **state)
                        draw(3, (uint64_t) i, -0.03f, 0.03f);
         }
         const struct nearness near = against_exact(ctx, w, h, x);
-        if (fabs(near.loss - 1) > 0.15 || near.cosine < 0.85 || fabs(near.length - 1) > 0.15)
+        if (!(fabs(near.loss - 1) < 0.15 && near.cosine > 0.85 && fabs(near.length - 1) < 0.15))
             fail_msg("%d x %d, %s: of the exact loss %g, cosine %g, of the exact length %g", w, h,
                      smooth ? "smooth" : "textured", near.loss, near.cosine, near.length);
         free(x);
