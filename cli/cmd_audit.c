@@ -27,7 +27,7 @@ static const struct option audit_options[] = {
                .transient = true),
     NUMBER_ROW("max-memory", OPT_BYTES, A(max_memory), 0, 9e15, "BYTES", "Most memory of the process; 0 = no limit.",
                .transient = true),
-    FLAG_ROW("quiet", A(quiet), "No messages.", .letter = 'q', .transient = true),
+    FLAG_ROW("quiet", A(quiet), "Warnings and the verdict only.", .letter = 'q', .transient = true),
     SCENE_OPTIONS(struct audit_config, scene, true),
     {0},
 };
