@@ -51,10 +51,7 @@ void sg_tv_gradient_row(const float *plane, int width, int height, int y, enum s
 
 int sg_ascent_kernels(sg_ctx *ctx, const struct sg_attack_params *p, const struct cpu_kernels **out)
 {
-    bool ref;
-    *out = NULL;
-    const int code = sg_backend_is_ref(ctx, p->backend, &ref);
-    return code || ref ? code : sg_cpu_select(ctx, p->cpu, out);
+    return sg_backend_kernels(ctx, p->backend, p->cpu, out);
 }
 
 struct job {

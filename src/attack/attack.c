@@ -53,7 +53,8 @@ int sg_attack_check(sg_ctx *ctx, const struct sg_attack_params *p)
     int code = sg_check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
     if (!code)
         code = sg_check_max_gaussians(ctx, p->max_gaussians);
-    return code ? code : sg_backend_check(ctx, p->backend, p->cpu);
+    const struct cpu_kernels *kernels;
+    return code ? code : sg_backend_kernels(ctx, p->backend, p->cpu, &kernels);
 }
 
 static int allocate(sg_attack *a, const struct sg_scene *scene)

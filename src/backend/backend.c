@@ -5,30 +5,24 @@
 
 #include "cpu/dispatch.h"
 
-int sg_backend_is_ref(sg_ctx *ctx, const char *name, bool *ref)
+int sg_backend_kernels(sg_ctx *ctx, const char *name, const char *cpu, const struct cpu_kernels **out)
 {
-    *ref = name && !strcmp(name, "ref");
-    if (*ref || !name || !strcmp(name, "cpu"))
+    *out = NULL;
+    if (!name || !strcmp(name, "cpu"))
+        return sg_cpu_select(ctx, cpu, out);
+    if (!strcmp(name, "ref"))
         return SG_OK;
     return sg_fail(ctx, SG_ERR_USAGE, "backend: found \"%s\", expected cpu or ref", name);
 }
 
-int sg_backend_check(sg_ctx *ctx, const char *name, const char *cpu)
-{
-    const struct cpu_kernels *kernels;
-    bool ref;
-    const int code = sg_backend_is_ref(ctx, name, &ref);
-    return code || ref ? code : sg_cpu_select(ctx, cpu, &kernels);
-}
-
 int sg_backend_create(sg_ctx *ctx, const char *name, const char *cpu, struct sg_backend **out)
 {
-    bool ref;
+    const struct cpu_kernels *kernels;
     *out = NULL;
-    const int code = sg_backend_is_ref(ctx, name, &ref);
+    const int code = sg_backend_kernels(ctx, name, cpu, &kernels);
     if (code)
         return code;
-    return ref ? sg_backend_create_ref(ctx, out) : sg_backend_create_cpu(ctx, cpu, out);
+    return kernels ? sg_backend_create_cpu(ctx, cpu, out) : sg_backend_create_ref(ctx, out);
 }
 
 void sg_backend_destroy(struct sg_backend **backend)

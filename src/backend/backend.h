@@ -126,10 +126,10 @@ struct sg_backend_ops {
     int (*reset_opacity)(struct sg_backend *, float limit);
 };
 
-/* Which of the two a name stands for; NULL = cpu. Unknown: SG_ERR_USAGE. */
-int sg_backend_is_ref(sg_ctx *ctx, const char *name, bool *ref);
-/* Whether there is such a backend and variant here. */
-int sg_backend_check(sg_ctx *ctx, const char *name, const char *cpu);
+struct cpu_kernels;
+
+/* The kernels of a backend and variant, as below; *out: NULL with "ref". */
+int sg_backend_kernels(sg_ctx *ctx, const char *name, const char *cpu, const struct cpu_kernels **out);
 /* name: "cpu" or "ref", NULL = cpu; cpu: variant or NULL. Unknown or unsupported: SG_ERR_USAGE. */
 int sg_backend_create(sg_ctx *ctx, const char *name, const char *cpu, struct sg_backend **out);
 void sg_backend_destroy(struct sg_backend **backend);

@@ -61,5 +61,6 @@ int sg_train_check(sg_ctx *ctx, const struct sg_train_params *p)
         code = sg_check_max_gaussians(ctx, p->max_gaussians);
     if (!code)
         code = check_defense(ctx, &p->defense);
-    return code ? code : sg_backend_check(ctx, p->backend, p->cpu);
+    const struct cpu_kernels *kernels;
+    return code ? code : sg_backend_kernels(ctx, p->backend, p->cpu, &kernels);
 }
