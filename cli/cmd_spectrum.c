@@ -2,7 +2,6 @@
 /* splatguard spectrum: where the energy of images is, as numbers and as a picture. */
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 
 #include "scene/image.h"
 #include "spectrum_picture.h"
@@ -119,13 +118,6 @@ static int draw(sg_ctx *ctx, const struct spectrum_config *c, const struct pictu
         error = sg_image_write_png(ctx, c->output, rgb, width, height, 3);
     free(rgb);
     return error;
-}
-
-/* The same file under any name. */
-static bool is_same(const char *a, const char *b)
-{
-    struct stat x, y;
-    return !stat(a, &x) && !stat(b, &y) && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
 }
 
 static int run_spectrum(const void *config, const bool *given, const char *const *positional, int count)

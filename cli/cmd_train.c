@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "interrupt.h"
+#include "scene/used.h"
 #include "train_run.h"
 
 #define T(field) offsetof(struct train_config, field)
@@ -191,27 +192,13 @@ static void settle(struct train_config *c)
     c->scene.params.eval = c->eval;
 }
 
-/* Whether there is something to measure: masks may leave nothing. */
-static bool measurable(const struct sg_scene *scene)
-{
-    for (size_t i = 0; i < scene->n_test; i++) {
-        const struct sg_view *v = &scene->test[i];
-        if (!v->mask || memchr(v->mask, 255, (size_t) v->camera.width * (size_t) v->camera.height))
-            return true;
-    }
-    return false;
-}
-
 /* --force would replace files of the scene. */
 static int refuse_scene(const struct train_config *c)
 {
-    char *scene = realpath(c->source, NULL), *run = realpath(c->output, NULL);
-    const bool same = scene && run && !strcmp(scene, run);
-    if (same)
-        say(stderr, "splatguard: %s: found the scene itself, expected another folder for the run\n", c->output);
-    free(scene);
-    free(run);
-    return same ? 2 : 0;
+    if (!is_same(c->source, c->output))
+        return 0;
+    say(stderr, "splatguard: %s: found the scene itself, expected another folder for the run\n", c->output);
+    return 2;
 }
 
 static int run_train(const void *config, const bool *given, const char *const *positional, int count)
@@ -241,7 +228,7 @@ static int run_train(const void *config, const bool *given, const char *const *p
         code = report(r.ctx, error);
         goto done;
     }
-    if (c.eval && !measurable(r.scene)) {
+    if (c.eval && !sg_views_used(r.scene->test, r.scene->n_test)) { /* nothing to measure */
         say(stderr, "splatguard: %s: found no test view with a used pixel, needed for --eval\n", c.source);
         code = 2;
         goto done;

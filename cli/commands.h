@@ -60,6 +60,9 @@ int no_memory(void);
 int json_print(json_t *value, int indent);
 json_t *numbers_json(const double *values, int n);
 
+/* The same file or folder under any name. */
+bool is_same(const char *a, const char *b);
+
 /* Prints the last error; returns its exit code. */
 int report(const sg_ctx *ctx, int error);
 

@@ -97,6 +97,12 @@ json_t *numbers_json(const double *values, int n)
     return list;
 }
 
+bool is_same(const char *a, const char *b)
+{
+    struct stat x, y;
+    return !stat(a, &x) && !stat(b, &y) && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
+}
+
 int report(const sg_ctx *ctx, int error)
 {
     const char *text = ctx ? sg_last_error(ctx) : "";

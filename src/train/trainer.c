@@ -12,22 +12,8 @@
 #include "densify.h"
 #include "math/constants.h"
 #include "renderer.h"
+#include "scene/used.h"
 #include "schedule.h"
-
-static bool is_used(const struct sg_view *v)
-{
-    return !v->mask || memchr(v->mask, 255, (size_t) v->camera.width * (size_t) v->camera.height);
-}
-
-static int check_used(sg_ctx *ctx, const struct sg_scene *scene)
-{
-    for (size_t i = 0; i < scene->n_train; i++)
-        if (is_used(&scene->train[i]))
-            return SG_OK;
-    return scene->n_train ? sg_fail(ctx, SG_ERR_INPUT,
-                                    "%s: found no training view with a used pixel: masks leave nothing", scene->path)
-                          : SG_OK;
-}
 
 static int check_scene(sg_ctx *ctx, const struct sg_train_params *p, const struct sg_scene *scene)
 {
@@ -100,22 +86,28 @@ fail:
     return code;
 }
 
-int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
-                      const struct sg_train_params *params, sg_trainer **out)
+/* To learn from the photos, which takes a pixel. */
+static int open_to_train(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_trainer_start *start,
+                         const struct sg_train_params *params, sg_trainer **out)
 {
     sg_clear_error(ctx);
     *out = NULL;
-    const int code = check_used(ctx, scene);
-    return code ? code : sg_trainer_open(ctx, scene, &(struct sg_trainer_start){.initial = initial}, params, out);
+    if (scene->n_train && !sg_views_used(scene->train, scene->n_train))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found no training view with a used pixel: masks leave nothing",
+                       scene->path);
+    return sg_trainer_open(ctx, scene, start, params, out);
+}
+
+int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
+                      const struct sg_train_params *params, sg_trainer **out)
+{
+    return open_to_train(ctx, scene, &(struct sg_trainer_start){.initial = initial}, params, out);
 }
 
 int sg_trainer_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path, const struct sg_train_params *params,
                       sg_trainer **out)
 {
-    sg_clear_error(ctx);
-    *out = NULL;
-    const int code = check_used(ctx, scene);
-    return code ? code : sg_trainer_open(ctx, scene, &(struct sg_trainer_start){.checkpoint = path}, params, out);
+    return open_to_train(ctx, scene, &(struct sg_trainer_start){.checkpoint = path}, params, out);
 }
 
 void sg_trainer_destroy(sg_trainer **trainer)

@@ -1,0 +1,19 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef SG_SCENE_USED_H
+#define SG_SCENE_USED_H
+
+#include <string.h>
+
+#include "splatguard/scene.h"
+
+/* Whether a mask leaves anything of one of these views. */
+static inline bool sg_views_used(const struct sg_view *views, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        if (!views[i].mask ||
+            memchr(views[i].mask, 255, (size_t) views[i].camera.width * (size_t) views[i].camera.height))
+            return true;
+    return false;
+}
+
+#endif
