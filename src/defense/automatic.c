@@ -55,7 +55,7 @@ void sg_defense_automatic(const struct sg_audit *audit, double extent, float *sh
         strength += vote * part;
         votes += vote;
         if (image->score >= SG_AUDIT_CERTAIN)
-            shares[certain++] = (float) (vote * part);
+            shares[certain++] = (float) (vote * part); /* room until they have their own values */
     }
     strength = votes > 0 ? fmax(strength / votes, strength_of_few(shares, certain, votes)) : 0;
     for (size_t i = 0; i < audit->count; i++) {
