@@ -12,7 +12,7 @@
 #include "run_folder.h"
 
 #define SHOWN 3   /* photos from each end of the ranking */
-#define PANEL 360 /* pixels, the longer side */
+#define PANEL 270 /* pixels, the longer side: four in a row */
 #define HEAT 4.0f /* grey levels of oscillation that are drawn brightest */
 #define FAINT 0.1 /* grey levels of white noise whose spectrum is drawn black; a thousand times as many are white */
 
@@ -147,9 +147,9 @@ static void put_head(FILE *f, const struct sg_scene *scene, const struct sg_audi
             "<title>Audit: %s</title>\n<style>\n"
             "body{font:16px/1.5 system-ui,sans-serif;margin:2em auto;max-width:1140px;padding:0 1em;color:#222}\n"
             "table{border-collapse:collapse}td,th{padding:.1em .8em;text-align:right;border-bottom:1px solid #ddd}\n"
-            "td:first-child,th:first-child{text-align:left}.row{display:flex;flex-wrap:wrap;gap:12px}\n"
-            ".wide{overflow-x:auto}img{max-width:100%%;height:auto}\n"
-            "figure{margin:0}figcaption{font-size:13px;color:#555}\n"
+            "td:first-child,th:first-child{text-align:left}.wide{overflow-x:auto}img{max-width:100%%;height:auto}\n"
+            ".row{display:flex;flex-wrap:wrap;align-items:start;gap:12px}figure{margin:0;display:table}\n"
+            "figcaption{display:table-caption;caption-side:bottom;font-size:13px;color:#555}\n"
             ".clean{color:#176b43}.suspicious{color:#8a5200}.poisoned{color:#b3202c}\n</style>\n<h1>",
             sg_audit_verdict_name(a->verdict));
     put_text(f, scene->path);
