@@ -95,6 +95,9 @@ static const struct option train_options[] = {
         "rho", rho, -1, 0.5,
         "Share of the Gaussians that the filter removes at a time; below 0, to -0.9: that share of what grew of late; "
         "-1 = the preset's."),
+    DOUBLE("rho-least", rho_least, -1, 0.5,
+           "With a share of growth: what is removed at least when the filter begins, less and less until densification "
+           "ends, and down to half of the first model; -1 = the preset's, 0 with a --rho."),
     DOUBLE("filter-frequency", frequency, 0, 1e9,
            "Reference frequency t, cycles per scene unit; 0 = the preset's: 8, auto: 41.6 / the scene's extent."),
     DOUBLE("filter-exponent", exponent, 0, 100, "Exponent alpha of the frequency weight."),
@@ -138,8 +141,8 @@ static const struct option train_options[] = {
 
 static const struct train_config defaults = {
     .scene = {SCENE_OPTION_DEFAULTS},
-    .train = {SG_TRAIN_DEFAULTS, .defense = {SG_DEFENSE_DEFAULTS, .rho = PRESET_RHO, .lambda = PRESET_LAMBDA,
-                                             .frequency = PRESET_FREQUENCY}},
+    .train = {SG_TRAIN_DEFAULTS, .defense = {SG_DEFENSE_DEFAULTS, .rho = PRESET_RHO, .rho_least = PRESET_RHO_LEAST,
+                                             .lambda = PRESET_LAMBDA, .frequency = PRESET_FREQUENCY}},
     .save_every = 7000,
     .eval_every = 7000,
     .log_every = 100,

@@ -8,6 +8,7 @@ enum defense_preset { DEFENSE_AUTO, DEFENSE_NS, DEFENSE_TT, DEFENSE_MIP };
 
 /* What stands for "the preset's". */
 #define PRESET_RHO (-1.0)
+#define PRESET_RHO_LEAST (-1.0)
 #define PRESET_LAMBDA (-1.0)
 #define PRESET_FREQUENCY 0.0
 

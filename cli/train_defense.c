@@ -9,6 +9,8 @@ void train_settle_defense(struct train_config *c, const struct sg_defense_params
 {
     struct sg_defense_params *d = &c->train.defense;
     d->on = c->defense;
+    if (d->rho_least == PRESET_RHO_LEAST) /* a rho of one's own comes without */
+        d->rho_least = d->rho == PRESET_RHO ? options_number(preset->rho_least) : 0;
     d->rho = d->rho == PRESET_RHO ? options_number(preset->rho) : d->rho;
     d->lambda = d->lambda == PRESET_LAMBDA ? options_number(preset->lambda) : d->lambda;
     d->frequency = d->frequency == PRESET_FREQUENCY ? options_number(preset->frequency) : d->frequency;

@@ -67,6 +67,8 @@ static int save(struct train_run *r)
 static void watch_filter(struct train_run *r)
 {
     const struct sg_train_step *s = &r->step;
+    if (r->config->train.defense.rho < 0)
+        return;
     const int growths = (s->iteration - r->window_from) / r->config->train.densification_interval;
     r->window_grown += s->cloned + s->split, r->window_removed += s->defense.removed;
     r->window_events += s->defense.filtered;

@@ -369,6 +369,40 @@ static void test_share_of_growth(void **state)
     clear_fixture(&f);
 }
 
+/* Though next to nothing grows: as much as asked for when the filter begins, less and less until densification ends,
+ * and down to half of the first model. */
+static void test_least(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(2);
+    struct sg_train_params p = defended();
+    int whole = 0, part = 0, none = 0;
+    p.defense.rho = -0.001;
+    p.densify_grad_threshold = 1e9f;
+    p.iterations = 49, p.densify_until_iter = 45;
+    for (double least = 0.2; least < 0.5; least *= 2) {
+        double first = 0;
+        p.defense.rho_least = least;
+        sg_trainer *t = begin_training(&f, &p);
+        while (sg_trainer_iteration(t) < p.iterations) {
+            struct sg_train_step s;
+            assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+            if (!s.defense.filtered)
+                continue;
+            const double n = (double) s.defense.scored;
+            first = first > 0 ? first : n;
+            const double fading = least * (45 - s.iteration) / (45. - p.densify_from_iter);
+            const double rho = fmax(fmin(fading, 1 - first / 2 / n), 0);
+            assert_float_equal(s.defense.rho, rho, 1e-12);
+            assert_int_equal(s.defense.removed, (size_t) (s.defense.rho * n));
+            whole += rho == fading, part += rho > 0 && rho < fading, none += rho == 0;
+        }
+        sg_trainer_destroy(&t);
+    }
+    assert_true(whole >= 2 && part >= 1 && none >= 1);
+    clear_fixture(&f);
+}
+
 /* Clean photos are hardly touched, weak poisons a little; and a scene's units do not matter. */
 static void test_automatic(void **state)
 {
@@ -380,7 +414,7 @@ static void test_automatic(void **state)
     float shares[2];
     sg_defense_automatic(&audit, 5.2, shares, &p);
     assert_true(shares[0] == 0 && shares[1] == 0 && p.shares == shares && p.lambda == 6);
-    assert_float_equal(p.rho, -0.1, 1e-12);
+    assert_true(p.rho == -0.1 && p.rho_least == 0);
     assert_float_equal(p.frequency, 8, 1e-12);
     images[0].score = images[1].score = 0.95;
     images[0].features = (struct sg_audit_features){.content = 1e5, .osc_down = 1.5, .osc_across = 0.8};
@@ -391,6 +425,7 @@ static void test_automatic(void **state)
     sg_defense_automatic(&audit, 5.2, shares, &p);
     assert_float_equal(p.lambda * (double) shares[1], 12, 1e-5);
     assert_float_equal(p.rho, -(0.1 + 0.35 * (0.25 + 1) / 2), 1e-12);
+    assert_float_equal(p.rho_least, 0.05 * (0.25 + 1) / 2, 1e-12);
     images[0].features.half_osc = 10.5, images[1].features.quarter_osc = 42;
     sg_defense_automatic(&audit, 5.2, shares, &p);
     assert_float_equal(p.lambda * (double) shares[0], 9, 1e-5);  /* coarse noise */
@@ -440,7 +475,7 @@ static void test_same_bytes(void **state)
 {
     (void) state;
     struct sg_train_params p = defended();
-    p.defense.rho = -0.4; /* has state of its own */
+    p.defense.rho = -0.4, p.defense.rho_least = 0.3; /* have state of their own */
     char path[] = "/tmp/sg_checkpoint_XXXXXX";
     close(mkstemp(path));
     struct fixture one = make_fixture(1), three = make_fixture(3);
@@ -527,8 +562,8 @@ static void test_refusals(void **state)
     static const struct {
         const char *name;
         double value;
-    } cases[] = {{"rho", 1},    {"rho", -1}, {"filter-views", 0}, {"band-high", 0.1},
-                 {"bins", 255}, {"bins", 7}, {"lambda", -1}};
+    } cases[] = {{"rho", 1},         {"rho", -1},   {"rho-least", 0.6}, {"rho-least", -0.1}, {"filter-views", 0},
+                 {"band-high", 0.1}, {"bins", 255}, {"bins", 7},        {"lambda", -1}};
     f.scene.train = f.views;
     for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
         struct sg_train_params p = good;
@@ -536,6 +571,8 @@ static void test_refusals(void **state)
         const char *name = cases[i].name;
         if (!strcmp(name, "rho"))
             p.defense.rho = cases[i].value;
+        else if (!strcmp(name, "rho-least"))
+            p.defense.rho_least = cases[i].value;
         else if (!strcmp(name, "filter-views"))
             p.defense.views = (int) cases[i].value;
         else if (!strcmp(name, "band-high"))
@@ -558,6 +595,6 @@ int main(void)
         cmocka_unit_test(test_events),          cmocka_unit_test(test_views),      cmocka_unit_test(test_automatic),
         cmocka_unit_test(test_share_of_growth), cmocka_unit_test(test_same_bytes), cmocka_unit_test(test_combinations),
         cmocka_unit_test(test_shares),          cmocka_unit_test(test_refusals),   cmocka_unit_test(test_before_reset),
-        cmocka_unit_test(test_losses)};
+        cmocka_unit_test(test_losses),          cmocka_unit_test(test_least)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

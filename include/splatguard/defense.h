@@ -45,13 +45,15 @@ struct sg_defense_params {
     bool on; /* Default false; then the filter's score is used at a limit of Gaussians only. */
     /* In space: score = (1 - exp(-2 pi^2 t^2 sigma^2))^alpha x hits; the lowest share rho is removed. rho
      * is 0..0.5, 0 = no filter; or -0.9..0: minus a share of what grew of late, nothing once densification ends. */
-    double rho;                 /* Default 0.03. */
-    double frequency;           /* t, cycles per scene unit, 1e-9..1e9. Default 8. */
-    double exponent;            /* alpha, 0..100. Default 2. */
-    int views;                  /* K*, training views that hits are counted in, 1..10 million. Default 48. */
-    int interval;               /* T_prune, iterations, 1..10 million. Default 100. */
-    int from, until;            /* iterations, exclusive, to 1e9; -1 = as densification: pruning on after it kills the
-                                   model. Default -1. */
+    double rho;       /* Default 0.03. */
+    double rho_least; /* 0..0.5. With a share of growth: removed at least when the filter begins, less and less
+                         until densification ends, and down to half of the first model. Default 0. */
+    double frequency; /* t, cycles per scene unit, 1e-9..1e9. Default 8. */
+    double exponent;  /* alpha, 0..100. Default 2. */
+    int views;        /* K*, training views that hits are counted in, 1..10 million. Default 48. */
+    int interval;     /* T_prune, iterations, 1..10 million. Default 100. */
+    int from, until;  /* iterations, exclusive, to 1e9; -1 = as densification: pruning on after it kills the
+                         model. Default -1. */
     enum sg_filter_sigma sigma; /* Default SG_SIGMA_STD. */
     enum sg_hit hit;            /* Default SG_HIT_PIXELS. */
     enum sg_prune_rule rule;    /* Default SG_PRUNE_EXACT. */
@@ -75,9 +77,9 @@ struct sg_audit;
 /* Cycles per scene unit that mean the same in scenes of any units. extent: the scene's. */
 double sg_defense_frequency(double extent);
 
-/* Preset auto: sets rho, frequency, lambda and shares (not `on`) by what the audit found, so that clean photos are
- * hardly touched, whatever the scene's units. extent: the scene's. shares: memory for one number a training view, which
- * params borrows.
+/* Preset auto: sets rho, rho_least, frequency, lambda and shares (not `on`) by what the audit found, so that clean
+ * photos are hardly touched, whatever the scene's units. extent: the scene's. shares: memory for one number a training
+ * view, which params borrows.
  */
 void sg_defense_automatic(const struct sg_audit *audit, double extent, float *shares, struct sg_defense_params *params);
 

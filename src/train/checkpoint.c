@@ -11,7 +11,7 @@
 #include "core/file.h"
 #include "trainer.h"
 
-#define MAGIC "SGCKPT\0\5" /* the last byte is the version */
+#define MAGIC "SGCKPT\0\6" /* the last byte is the version */
 
 #define MAX_ITERATION 10000000 /* of struct sg_train_params; counting on from it overflows nothing */
 
@@ -101,7 +101,8 @@ int sg_trainer_save(sg_trainer *t, const char *path)
                                      .gaussians_bound = t->gaussians_bound,
                                      .time_bound = t->time_bound,
                                      .growths = t->growths,
-                                     .photos = photos_hash(t->scene)};
+                                     .photos = photos_hash(t->scene),
+                                     .filter_first = t->filter_first};
     memcpy(h.magic, MAGIC, sizeof(h.magic));
     for (int g = 0; g < SG_GROUPS; g++)
         h.adam_steps[g] = t->adam_steps[g];
@@ -243,7 +244,7 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
     t->iteration = h->iteration;
     t->steps = h->steps;
     t->spent += h->spent;
-    t->growth = h->growth, t->growths = h->growths;
+    t->growth = h->growth, t->growths = h->growths, t->filter_first = h->filter_first;
     t->gaussians_bound = h->gaussians_bound || kept < n, t->time_bound = h->time_bound;
     for (int g = 0; g < SG_GROUPS; g++)
         t->adam_steps[g] = h->adam_steps[g];

@@ -21,6 +21,7 @@ struct sg_checkpoint_header {
     uint32_t gaussians_bound, time_bound;
     int32_t growths;
     uint32_t photos; /* hash of the training views' pixels and masks */
+    uint64_t filter_first;
 };
 
 struct sg_checkpoint {

@@ -10,6 +10,7 @@ static int check_defense(sg_ctx *ctx, const struct sg_defense_params *d)
     const struct sg_spectrum_params *band = &d->spectrum.band;
     const struct sg_range ranges[] = {
         {"rho", d->rho, -0.9, 0.5},
+        {"rho-least", d->rho_least, 0, 0.5},
         {"filter-frequency", d->frequency, 1e-9, 1e9},
         {"filter-exponent", d->exponent, 0, 100},
         {"filter-views", d->views, 1, 1e7},

@@ -186,15 +186,23 @@ static int next_iteration(sg_trainer *t)
     return by_time > next ? by_time : next;
 }
 
-/* A share of what grows leaves growth positive: no model dies out of it, whatever its scene. */
 #define GROWTH_PACE 0.25
 
+/* A share of what grows leaves growth positive, and what goes anyhow leaves half: no model dies out of either, whatever
+ * its scene. The latter fades: early there is time to grow again what is missed. */
 static double filter_share(const sg_trainer *t, int it)
 {
     const struct sg_train_params *p = &t->params;
-    if (p->defense.rho >= 0)
-        return p->defense.rho;
-    return it < p->densify_until_iter ? fmin(-p->defense.rho * t->growth * t->growths, 0.5) : 0;
+    const struct sg_defense_params *d = &p->defense;
+    const double from = sg_filters_from(p), until = p->densify_until_iter;
+    if (d->rho >= 0)
+        return d->rho;
+    if (it >= until || !t->growths)
+        return 0;
+    const double n = (double) t->backend->ops->count(t->backend);
+    const double first = t->filter_first ? (double) t->filter_first : n, spare = n > 0 ? 1 - first / 2 / n : 0;
+    const double least = d->rho_least * (until - it) / (until - from);
+    return fmax(fmin(-d->rho * t->growth * t->growths, 0.5), fmin(least, spare));
 }
 
 /* Most that gives way at a densification where a budget binds. */
@@ -250,6 +258,8 @@ static int filter(sg_trainer *t, int it, const struct sg_render_params *render, 
 {
     const struct sg_train_params *p = &t->params;
     const double start = seconds_not_counting(t);
+    if (!t->filter_first)
+        t->filter_first = t->backend->ops->count(t->backend);
     const int code = sg_filter(t->backend, t->scene, &p->defense, render, filter_share(t, it), p->seed, it, step);
     t->backend->times.prune += seconds_not_counting(t) - start;
     t->growths = 0;

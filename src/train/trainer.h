@@ -19,12 +19,13 @@ struct sg_trainer {
     uint64_t steps; /* as many, unless time is short */
     double spent;   /* seconds of the steps before the clock's `started` */
     double started, step_begun;
-    double first_begun; /* the first step of this process */
-    int first_after;    /* the iteration that it follows */
-    double gap;         /* between the beginnings of the newest two steps; 0 = not known */
-    bool steps_here;    /* step_begun is known */
-    double growth;      /* share of the Gaussians that grow at a densification, of late */
-    int growths;        /* densifications in the filter's window since its newest removal */
+    double first_begun;    /* the first step of this process */
+    int first_after;       /* the iteration that it follows */
+    double gap;            /* between the beginnings of the newest two steps; 0 = not known */
+    bool steps_here;       /* step_begun is known */
+    double growth;         /* share of the Gaussians that grow at a densification, of late */
+    int growths;           /* densifications in the filter's window since its newest removal */
+    uint64_t filter_first; /* Gaussians before its first removal; 0 = none yet */
     struct sg_budget budget;
     bool gaussians_bound, time_bound;
     int adam_steps[SG_GROUPS];
