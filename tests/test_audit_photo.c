@@ -1,0 +1,133 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What the audit measures of one photo, on images whose features are known. */
+#include "photos.h"
+
+static struct sg_audit_features measure(sg_ctx *ctx, float *map)
+{
+    struct sg_audit_features f;
+    assert_int_equal(sg_audit_measure(ctx, image, NULL, W, H, &f, map), SG_OK);
+    return f;
+}
+
+static void test_features(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    memset(image, 77, sizeof(image));
+    struct sg_audit_features f = measure(ctx, NULL);
+    assert_true(f.tv_down == 0 && f.osc_down == 0 && f.osc_share == 0 && f.osc_quiet == 0 && f.noisy == 0);
+    /* Rows that alternate by 20 levels: every inner pixel is an extreme, all variation is in them, none across. */
+    for (int y = 0; y < H; y++)
+        memset(image + 3 * W * y, y % 2 ? 110 : 90, 3 * W);
+    float map[(H + 15) / 16 * ((W + 15) / 16)];
+    f = measure(ctx, map);
+    assert_float_equal(f.tv_down, 20, 1e-9);
+    assert_float_equal(f.osc_down, 20, 1e-9);
+    assert_true(f.osc_across == 0 && f.tv_across == 0 && f.osc_chroma == 0);
+    assert_float_equal(f.osc_share, 20.0 / 22, 1e-3);     /* two levels more below the line */
+    assert_float_equal(map[(W + 15) / 16 + 1], 10, 1e-5); /* of both directions' mean */
+    assert_true(f.noisy == 1);
+    assert_true(f.half_quiet == 0 && f.half_osc == 0 && f.half_share == 0 && f.quarter_osc == 0);
+    /* Pairs of rows do so at half the size, fours at a quarter. */
+    for (int pair = 2; pair <= 4; pair += 2) {
+        for (int y = 0; y < H; y++)
+            memset(image + 3 * W * y, y / pair % 2 ? 110 : 90, 3 * W);
+        f = measure(ctx, NULL);
+        assert_true(f.osc_down == 0 && f.osc_share == 0);
+        assert_float_equal(f.half_osc, pair == 2 ? 10 : 0, 1); /* less at borders */
+        assert_float_equal(f.half_quiet, f.half_osc, 1);
+        assert_float_equal(f.half_share, pair == 2 ? 20.0 / 22 : 0, 1e-3);
+        assert_float_equal(f.quarter_osc, pair == 4 ? 10 : 0, 2);
+        assert_float_equal(f.quarter_share, pair == 4 ? 20.0 / 22 : 0, 1e-3);
+    }
+    /* A ramp has variation and no oscillation. */
+    for (int i = 0; i < 3 * W * H; i++)
+        image[i] = (uint8_t) (i / 3 / W * 2);
+    f = measure(ctx, NULL);
+    assert_float_equal(f.tv_down, 2, 0.01);
+    assert_true(f.osc_down == 0 && f.osc_share == 0);
+    /* White noise has a flat spectrum, without direction, in all colours. */
+    for (int i = 0; i < 3 * W * H; i++)
+        image[i] = clamp(128 + 40 * (double) draw(3, (uint64_t) i, -1, 1));
+    f = measure(ctx, NULL);
+    assert_float_equal(f.slope, 0, 0.1);
+    assert_true(f.anisotropy < 0.01 && f.osc_share > 0.6 && f.noisy == 1 && f.osc_chroma > 5);
+    /* Any size. */
+    for (int w = 1; w < 4; w++)
+        for (int h = 1; h < 4; h++)
+            assert_int_equal(sg_audit_measure(ctx, image, NULL, w, h, &f, map), SG_OK);
+    assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+    sg_ctx_destroy(&ctx);
+}
+
+/* Noise is told at any size: blocks that the border cuts off do not pass for quiet parts. */
+static void test_sizes(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_audit_features f;
+    for (int side = 33; side < 82; side++) {
+        for (int i = 0; i < 3 * side * side; i++)
+            image[i] = (uint8_t) (draw(5, (uint64_t) i, -1, 1) > 0 ? 136 : 120);
+        assert_int_equal(sg_audit_measure(ctx, image, NULL, side, side, &f, NULL), SG_OK);
+        assert_true(f.osc_quiet > 2 && f.noisy > 0.85);
+    }
+    sg_ctx_destroy(&ctx);
+}
+
+/* What a mask leaves out is not seen, whatever is in it; what it leaves in is, whatever its pattern. */
+static void test_masks(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    static uint8_t mask[W * H];
+    struct sg_audit_features whole, f;
+    const size_t top = 64;
+    paint(16, false, 1);
+    assert_int_equal(sg_audit_measure(ctx, image, NULL, W, (int) top, &whole, NULL), SG_OK);
+    memset(mask, 255, top * W);
+    for (size_t i = 3 * W * top; i < sizeof(image); i++)
+        image[i] = (uint8_t) (i / 3 % W);
+    assert_int_equal(sg_audit_measure(ctx, image, NULL, W, H, &f, NULL), SG_OK);
+    assert_true(f.osc_quiet < 0.2 && whole.osc_quiet > 2);
+    for (int fill = 0; fill < 2; fill++) {
+        assert_int_equal(sg_audit_measure(ctx, image, mask, W, H, &f, NULL), SG_OK);
+        assert_true(f.osc_down == whole.osc_down && f.osc_across == whole.osc_across && f.tv_down == whole.tv_down);
+        assert_true(f.ragged > 0 && f.ragged < 0.05);
+        assert_true(f.half_quiet == whole.half_quiet && f.half_osc == whole.half_osc &&
+                    f.half_share == whole.half_share && f.quarter_osc == whole.quarter_osc &&
+                    f.quarter_share == whole.quarter_share);
+        assert_true(f.osc_quiet == whole.osc_quiet && f.noisy == whole.noisy && f.osc_share == whole.osc_share &&
+                    f.osc_chroma == whole.osc_chroma);
+        for (size_t i = 3 * W * top; i < sizeof(image); i++)
+            image[i] = (uint8_t) draw(9, i, 0, 255);
+    }
+    /* Every other pixel left out, and smooth: no used pixel has a used neighbour. */
+    paint(16, false, 1);
+    for (size_t y = 0; y < H; y++)
+        for (size_t x = 0; x < W; x++) {
+            mask[y * W + x] = (x + y) % 2 ? 255 : 0;
+            if (!mask[y * W + x])
+                memset(image + 3 * (y * W + x), 128, 3);
+        }
+    assert_int_equal(sg_audit_measure(ctx, image, mask, W, H, &f, NULL), SG_OK);
+    assert_true(f.osc_quiet > 0.7 * whole.osc_quiet && f.noisy > 0.9 * whole.noisy);
+    assert_true(f.ragged == 1); /* which could hide more than this noise, and is told by itself */
+    struct sg_view view = {.name = (char *) "photo", .camera = {.width = W, .height = H}, .rgb = image, .mask = mask};
+    struct sg_audit *a;
+    memset(image, 128, sizeof(image));
+    assert_int_equal(sg_audit_scene(ctx, &(struct sg_scene){.train = &view, .n_train = 1}, &a), SG_OK);
+    assert_true(a->verdict == SG_AUDIT_POISONED && a->images[0].verdict == SG_AUDIT_POISONED && a->count_reasons == 1);
+    sg_audit_destroy(ctx, &a);
+    memset(mask, 0, sizeof(mask));
+    assert_int_equal(sg_audit_measure(ctx, image, mask, W, H, &f, NULL), SG_OK);
+    assert_true(f.tv_down == 0 && f.osc_down == 0 && f.osc_quiet == 0 && f.osc_share == 0);
+    sg_ctx_destroy(&ctx);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_features), cmocka_unit_test(test_sizes),
+                                       cmocka_unit_test(test_masks)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
