@@ -52,11 +52,44 @@ static void test_features(void **state)
     f = measure(ctx, NULL);
     assert_float_equal(f.slope, 0, 0.1);
     assert_true(f.anisotropy < 0.01 && f.osc_share > 0.6 && f.noisy == 1 && f.osc_chroma > 5);
+    /* Blurred, it falls with the frequency. */
+    for (int i = 0; i + 3 * W + 3 < 3 * W * H; i++)
+        image[i] = (uint8_t) ((image[i] + image[i + 3] + image[i + 3 * W] + image[i + 3 * W + 3]) / 4);
+    assert_true(measure(ctx, NULL).slope < -1);
     /* Any size. */
     for (int w = 1; w < 4; w++)
         for (int h = 1; h < 4; h++)
             assert_int_equal(sg_audit_measure(ctx, image, NULL, w, h, &f, map), SG_OK);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+    sg_ctx_destroy(&ctx);
+}
+
+/* Steps of less than two grey levels are no oscillation, and faint ones make no block noisy. */
+static void test_faint(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    for (int level = 1; level <= 4; level++) {
+        for (int y = 0; y < H; y++)
+            memset(image + 3 * W * y, 100 + y % 2 * level, 3 * W);
+        const struct sg_audit_features f = measure(ctx, NULL);
+        assert_float_equal(f.osc_down, level < 2 ? 0 : level, 1e-9);
+        assert_true(f.noisy == 0); /* of both directions' mean, 2 at most */
+    }
+    sg_ctx_destroy(&ctx);
+}
+
+/* Red and blue are told from green alike: green, which is in both differences, counts twice. */
+static void test_colours(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    for (int ch = 0; ch < 3; ch++) {
+        memset(image, 100, sizeof(image));
+        for (int i = 0; i < W * H; i++)
+            image[3 * i + ch] = i / W % 2 ? 110 : 90;
+        assert_float_equal(measure(ctx, NULL).osc_chroma, ch == 1 ? 10 : 5, 1e-9);
+    }
     sg_ctx_destroy(&ctx);
 }
 
@@ -82,7 +115,7 @@ static void test_masks(void **state)
     sg_ctx *ctx = make_context(1);
     static uint8_t mask[W * H];
     struct sg_audit_features whole, f;
-    const size_t top = 64;
+    const size_t top = 63; /* the border is in the middle of what become one pixel at half the size */
     paint(16, false, 1);
     assert_int_equal(sg_audit_measure(ctx, image, NULL, W, (int) top, &whole, NULL), SG_OK);
     memset(mask, 255, top * W);
@@ -93,7 +126,8 @@ static void test_masks(void **state)
     for (int fill = 0; fill < 2; fill++) {
         assert_int_equal(sg_audit_measure(ctx, image, mask, W, H, &f, NULL), SG_OK);
         assert_true(f.osc_down == whole.osc_down && f.osc_across == whole.osc_across && f.tv_down == whole.tv_down);
-        assert_true(f.ragged > 0 && f.ragged < 0.05);
+        assert_float_equal(f.ragged, 1.0 / (double) top, 1e-12);
+        assert_true(f.content == whole.content);
         assert_true(f.half_quiet == whole.half_quiet && f.half_osc == whole.half_osc &&
                     f.half_share == whole.half_share && f.quarter_osc == whole.quarter_osc &&
                     f.quarter_share == whole.quarter_share);
@@ -125,9 +159,60 @@ static void test_masks(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Borders of a mask count on all four sides, and content is what shows something inside it. */
+static void test_outlines(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    static uint8_t mask[W * H];
+    struct sg_audit_features f;
+    paint(16, false, 1);
+    for (int side = 0; side < 4; side++) {
+        size_t used = 0;
+        for (int i = 0; i < W * H; i++) {
+            const int at = side < 2 ? i / W : i % W;
+            mask[i] = (at < 50) == side % 2 ? 255 : 0;
+            used += mask[i] > 0;
+        }
+        assert_int_equal(sg_audit_measure(ctx, image, mask, W, H, &f, NULL), SG_OK);
+        assert_float_equal(f.content, used, 0);
+        assert_float_equal(f.ragged, (side < 2 ? W : H) / (double) used, 1e-12);
+    }
+    for (int i = 0; i < W * H; i++) { /* noise only where nobody sees it */
+        mask[i] = i % W % 16 < 8 ? 255 : 0;
+        if (mask[i])
+            memset(image + 3 * i, 90, 3);
+    }
+    assert_int_equal(sg_audit_measure(ctx, image, mask, W, H, &f, NULL), SG_OK);
+    assert_true(f.content == 0);
+    sg_ctx_destroy(&ctx);
+}
+
+/* Whatever memory is refused, nothing is kept. Of two rows, columns take more than the spectrum that is first. */
+static void test_memory(void **state)
+{
+    (void) state;
+    sg_ctx *ctx;
+    static uint8_t mask[W * H];
+    struct sg_audit_features f;
+    int before = SG_ERR_BUDGET;
+    memset(mask, 255, sizeof(mask));
+    for (uint64_t limit = 1000; limit < 20000; limit += 100) {
+        assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = limit}), SG_OK);
+        const int code = sg_audit_measure(ctx, image, mask, 1000, 2, &f, NULL);
+        assert_true(code == SG_OK || (code == SG_ERR_BUDGET && before == SG_ERR_BUDGET));
+        assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+        sg_ctx_destroy(&ctx);
+        before = code;
+    }
+    assert_int_equal(before, SG_OK);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_features), cmocka_unit_test(test_sizes),
-                                       cmocka_unit_test(test_masks)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_features), cmocka_unit_test(test_faint),
+                                       cmocka_unit_test(test_colours),  cmocka_unit_test(test_sizes),
+                                       cmocka_unit_test(test_masks),    cmocka_unit_test(test_outlines),
+                                       cmocka_unit_test(test_memory)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
