@@ -458,6 +458,15 @@ static void test_automatic(void **state)
     assert_float_equal(p.rho, -(0.1 + 0.35 / 2), 1e-9);
     assert_float_equal(sg_defense_frequency(0), sg_defense_frequency(1), 0); /* one place of cameras */
     assert_true(sg_defense_frequency(1e-30) <= 1e9 && sg_defense_frequency(1e30) >= 1e-9);
+    /* A score half way gets half of it, and a tenth of a vote counts a tenth. */
+    images[0] = (struct sg_audit_image){.score = 0.6, .features = {.content = 1e4, .osc_down = 9, .osc_across = 9}};
+    images[1] = (struct sg_audit_image){.score = 0.9, .features = {.content = 1e3, .osc_down = 9, .osc_across = 9}};
+    sg_defense_automatic(&audit, 1, shares, &p);
+    assert_float_equal((double) shares[0], 0.5, 1e-6);
+    assert_float_equal(p.rho, -(0.1 + 0.35 * (0.5 + 0.1) / 1.1), 1e-9);
+    images[0].score = 0.3, images[1].score = 0.995; /* also without doubt */
+    sg_defense_automatic(&audit, 1, shares, &p);
+    assert_float_equal(p.rho, -(0.1 + 0.35 * 0.1), 1e-6);
     sg_defense_automatic(&(struct sg_audit){0}, 1, shares, &p);
     assert_float_equal(p.rho, -0.1, 1e-12);
 }
