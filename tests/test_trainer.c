@@ -1,11 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Schedule, densification, determinism and checkpoints. */
+/* Schedule, determinism and checkpoints. */
 #include <unistd.h>
 
 #include "backend/backend.h"
 #include "backend/cpu/dispatch.h"
 #include "math/constants.h"
-#include "train/densify.h"
 #include "train/schedule.h"
 #include "train/trainer.h"
 #include "training.h"
@@ -177,99 +176,11 @@ static void test_adam_steps(void **state)
     clear_fixture(&f);
 }
 
-/* Six Gaussians, each a case of the rules. */
-static void test_densify(void **state)
-{
-    (void) state;
-    sg_ctx *ctx = make_context(1);
-    struct sg_model *m, *after;
-    struct sg_optimiser o;
-    struct sg_backend *b;
-    const float tau = 0.0002f, limit = 0.0625f; /* a scale whose logarithm is exact enough to come back */
-    assert_int_equal(sg_model_create(ctx, 6, 0, &m), SG_OK);
-    assert_int_equal(sg_optimiser_create(ctx, 6, 0, &o), SG_OK);
-    assert_int_equal(sg_backend_create(ctx, "cpu", NULL, &b), SG_OK);
-    /* 0 clones (gradient exactly tau), 1 stays (just below), 2 splits, 3 is too transparent, 4 too large, 5 clones but
-     * dies */
-    const float gradient[] = {tau, 0.00019999f, 0.001f, 0, 0, 0.01f};
-    const float scale[] = {0.01f, 0.01f, 0.5f, 0.01f, 3.0f, 0.01f};
-    const float opacity[] = {0.5f, 0.5f, 0.9f, 0.001f, 0.5f, 0.004f};
-    for (size_t i = 0; i < 6; i++) {
-        o.grad_sum[i] = 2 * gradient[i], o.grad_count[i] = 2;
-        for (int k = 0; k < 3; k++)
-            *sg_model_at(m, i, SG_P_SCALE + k) = logf(scale[i]);
-        *sg_model_at(m, i, SG_P_XYZ) = (float) i;
-        *sg_model_at(m, i, SG_P_ROT) = 1;
-        *sg_model_at(m, i, SG_P_OPACITY) = logf(opacity[i] / (1 - opacity[i]));
-        o.m[sg_param_index(sg_param_count(0), i, 0)] = 7;
-    }
-    assert_int_equal(b->ops->upload(b, m, &o), SG_OK);
-    struct sg_densify_result r;
-    struct sg_densify_params p = {.gradient = tau, .split_scale = limit, .prune_scale = 1, .seed = 1, .stream = 600};
-    assert_int_equal(sg_densify(b, &p, &r), SG_OK);
-    assert_int_equal(r.cloned, 2);
-    assert_int_equal(r.split, 1);
-    assert_int_equal(r.pruned, 4); /* 3, 4, 5 and 5's clone */
-    assert_int_equal(b->ops->count(b), 5);
-    struct sg_optimiser moments;
-    assert_int_equal(sg_model_create(ctx, 5, 0, &after), SG_OK);
-    assert_int_equal(sg_optimiser_create(ctx, 5, 0, &moments), SG_OK);
-    assert_int_equal(b->ops->download(b, after, &moments), SG_OK);
-    /* survivors 0, 1; the clone of 0; two children of 2 */
-    assert_float_equal(*sg_model_at(after, 0, 0), 0, 0);
-    assert_float_equal(*sg_model_at(after, 1, 0), 1, 0);
-    assert_float_equal(*sg_model_at(after, 2, 0), 0, 0);
-    for (size_t i = 3; i < 5; i++) {
-        assert_float_equal(*sg_model_at(after, i, SG_P_SCALE), logf(0.5f / SG_SPLIT_SHRINK), 1e-5);
-        assert_true(fabsf(*sg_model_at(after, i, 0) - 2) < 2.5f && *sg_model_at(after, i, 0) != 2);
-    }
-    assert_true(*sg_model_at(after, 3, 0) != *sg_model_at(after, 4, 0));
-    for (size_t i = 0; i < 5; i++) {
-        assert_float_equal(moments.m[sg_param_index(sg_param_count(0), i, 0)], i < 2 ? 7 : 0, 0);
-        assert_float_equal(moments.grad_count[i], 0, 0);
-    }
-    sg_backend_destroy(&b);
-    sg_optimiser_clear(ctx, &o);
-    sg_optimiser_clear(ctx, &moments);
-    sg_model_destroy(ctx, &m);
-    sg_model_destroy(ctx, &after);
-    sg_ctx_destroy(&ctx);
-}
-
-/* Exactly at percent_dense x extent a Gaussian is cloned; at the limit of Gaussians nothing grows. */
-static void test_densify_limits(void **state)
-{
-    (void) state;
-    sg_ctx *ctx = make_context(1);
-    struct sg_model *m;
-    struct sg_optimiser o;
-    struct sg_backend *b;
-    assert_int_equal(sg_model_create(ctx, 3, 0, &m), SG_OK);
-    assert_int_equal(sg_optimiser_create(ctx, 3, 0, &o), SG_OK);
-    assert_int_equal(sg_backend_create(ctx, "ref", NULL, &b), SG_OK);
-    for (size_t i = 0; i < 3; i++) {
-        o.grad_sum[i] = 1, o.grad_count[i] = 1; /* scale log 0: exactly 1 */
-        *sg_model_at(m, i, SG_P_ROT) = 1;
-    }
-    assert_int_equal(b->ops->upload(b, m, &o), SG_OK);
-    struct sg_densify_result r;
-    struct sg_densify_params p = {.gradient = 0.5f, .split_scale = 1, .max_gaussians = 4, .seed = 1};
-    assert_int_equal(sg_densify(b, &p, &r), SG_OK);
-    assert_int_equal(r.cloned, 1);
-    assert_int_equal(r.split, 0);
-    assert_int_equal(b->ops->count(b), 4);
-    sg_backend_destroy(&b);
-    sg_optimiser_clear(ctx, &o);
-    sg_model_destroy(ctx, &m);
-    sg_ctx_destroy(&ctx);
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_schedule),       cmocka_unit_test(test_adam_steps),    cmocka_unit_test(test_densify),
-        cmocka_unit_test(test_densify_limits), cmocka_unit_test(test_threads),       cmocka_unit_test(test_resume),
-        cmocka_unit_test(test_loss_falls),     cmocka_unit_test(test_golden_losses),
+        cmocka_unit_test(test_schedule), cmocka_unit_test(test_adam_steps), cmocka_unit_test(test_threads),
+        cmocka_unit_test(test_resume),   cmocka_unit_test(test_loss_falls), cmocka_unit_test(test_golden_losses),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
