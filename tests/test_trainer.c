@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Schedule, determinism and checkpoints. */
+/* Parameters, schedule, what a step does with a scene, determinism and checkpoints. */
 #include <unistd.h>
 
 #include "backend/backend.h"
@@ -147,6 +147,11 @@ static void test_schedule(void **state)
     assert_float_equal(sg_position_lr(&p, 0), 1.6e-4, 1e-10);
     assert_float_equal(sg_position_lr(&p, 30000), 1.6e-6, 1e-12);
     assert_float_equal(sg_position_lr(&p, 15000), 1.6e-5, 1e-11);
+    assert_float_equal(sg_position_lr(&p, 60000), 1.6e-6, 1e-12);
+    int resets = 0; /* in steps over several iterations: white's own, at 500, and four */
+    for (int it = 7; it < 30000; it += 7)
+        resets += sg_resets_opacity(&white, it - 7, it);
+    assert_int_equal(resets, 1 + 4);
     uint32_t order[50];
     bool seen[50] = {false}, moved = false;
     sg_view_order(42, 3, order, 50);
@@ -156,6 +161,48 @@ static void test_schedule(void **state)
         moved |= order[i] != (uint32_t) i;
     }
     assert_true(moved);
+}
+
+/* A number just outside its range is refused by name, and so is what is none; the ends themselves are not. */
+static void test_ranges(void **state)
+{
+    (void) state;
+    static const struct {
+        const char *name; /* NULL: nothing wrong with it */
+        struct sg_train_params p;
+    } cases[] = {
+        {"iterations", {SG_TRAIN_DEFAULTS, .iterations = 0}},
+        {"sh-degree", {SG_TRAIN_DEFAULTS, .sh_degree = 4}},
+        {"lambda-dssim", {SG_TRAIN_DEFAULTS, .lambda_dssim = 1.1f}},
+        {"position-lr-init", {SG_TRAIN_DEFAULTS, .position_lr_init = 0}},
+        {"position-lr-final", {SG_TRAIN_DEFAULTS, .position_lr_final = 0}},
+        {"percent-dense", {SG_TRAIN_DEFAULTS, .percent_dense = NAN}},
+        {"densification-interval", {SG_TRAIN_DEFAULTS, .densification_interval = 0}},
+        {"opacity-reset-interval", {SG_TRAIN_DEFAULTS, .opacity_reset_interval = 0}},
+        {"init-points", {SG_TRAIN_DEFAULTS, .init_points = 3}},
+        {"max-gaussians", {SG_TRAIN_DEFAULTS, .max_gaussians = 3}},
+        {NULL, {SG_TRAIN_DEFAULTS, .max_gaussians = 4, .init_points = 4, .lambda_dssim = 1}},
+        {"rho", {SG_TRAIN_DEFAULTS, .defense.rho = -0.91}},
+        {"rho", {SG_TRAIN_DEFAULTS, .defense.rho = 0.51}},
+        {NULL, {SG_TRAIN_DEFAULTS, .defense.rho = -0.9}},
+        {NULL, {SG_TRAIN_DEFAULTS, .defense.rho = 0.5}},
+        {"filter-frequency", {SG_TRAIN_DEFAULTS, .defense.frequency = 0}},
+        {"filter-exponent", {SG_TRAIN_DEFAULTS, .defense.exponent = -1}},
+        {"filter-interval", {SG_TRAIN_DEFAULTS, .defense.interval = 0}},
+        {"filter-from", {SG_TRAIN_DEFAULTS, .defense.from = -2}},
+        {"anisotropy-scale", {SG_TRAIN_DEFAULTS, .defense.anisotropy_scale = NAN}},
+        {"tv-scale", {SG_TRAIN_DEFAULTS, .defense.tv_scale = -1}},
+        {"band-high", {SG_TRAIN_DEFAULTS, .defense.spectrum.band.high = 1.01}},
+        {NULL, {SG_TRAIN_DEFAULTS, .defense.spectrum.band.high = 1, .defense.spectrum.band.low = 1}},
+    };
+    sg_ctx *ctx = make_context(1);
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
+        const char *name = cases[i].name;
+        const int code = sg_train_check(ctx, &cases[i].p);
+        if (code != (name ? SG_ERR_USAGE : SG_OK) || (name && !strstr(sg_last_error(ctx), name)))
+            fail_msg("case %zu, %s: %d, %s", i, name ? name : "good", code, sg_last_error(ctx));
+    }
+    sg_ctx_destroy(&ctx);
 }
 
 /* Adam's step counters: none moves when a densification replaces the parameters, opacity stands still at a reset. */
@@ -176,11 +223,114 @@ static void test_adam_steps(void **state)
     clear_fixture(&f);
 }
 
+/* Black, white, or at each iteration a colour of its own; what is rendered of the model is never on a random one. */
+static void test_background(void **state)
+{
+    (void) state;
+    enum { PIXELS = SIDE * SIDE };
+    static float planes[3 * PIXELS], rgb[3 * PIXELS];
+    struct fixture f = make_fixture(1);
+    for (size_t i = 0; i < f.start->count; i++) /* out of sight */
+        *sg_model_at(f.start, i, SG_P_XYZ + 2) = -50;
+    for (int kind = 0; kind < 3; kind++) {
+        struct sg_train_params p = short_params();
+        p.white_background = kind == 1, p.random_background = kind == 2;
+        sg_renderer *r;
+        sg_trainer *t = begin_training(&f, &p);
+        float before = -1;
+        for (int it = 1; it <= 3; it++) {
+            assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+            assert_int_equal(t->backend->ops->read_image(t->backend, planes, NULL, NULL), SG_OK);
+            const float red = planes[0], green = planes[PIXELS], blue = planes[2 * PIXELS];
+            if (kind == 2)
+                assert_true(red != green && green != blue && red != before && red > 0 && red < 1);
+            else
+                assert_true(red == (float) kind && green == red && blue == red);
+            before = red;
+        }
+        assert_int_equal(sg_trainer_renderer(t, &r), SG_OK);
+        assert_int_equal(sg_render(r, &f.views[0].camera, rgb, NULL, NULL, NULL), SG_OK);
+        for (int i = 0; i < 3 * PIXELS; i++)
+            assert_true(rgb[i] == (kind == 1));
+        sg_renderer_destroy(&r);
+        sg_trainer_destroy(&t);
+    }
+    clear_fixture(&f);
+}
+
+/* What a mask leaves out of a photo has no influence; photos of which nothing is left are none. */
+static void test_masks(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(1);
+    const struct sg_train_params p = short_params();
+    struct sg_model *trained[2];
+    uint8_t mask[SIDE * SIDE];
+    sg_trainer *t;
+    for (int k = 0; k < 2; k++) {
+        for (int i = 0; i < SIDE * SIDE; i++) {
+            mask[i] = i % SIDE < SIDE / 2 ? 255 : 0;
+            for (int v = 0; v < VIEWS && !mask[i]; v++)
+                memset(f.views[v].rgb + 3 * i, k ? 255 : 0, 3);
+        }
+        for (int v = 0; v < VIEWS; v++)
+            f.views[v].mask = mask;
+        trained[k] = train(&f, &p, 12, NULL, NULL, NULL);
+    }
+    assert_same(trained[0], trained[1]);
+    for (int k = 0; k < 2; k++)
+        sg_model_destroy(f.ctx, &trained[k]);
+    memset(mask, 0, sizeof(mask));
+    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(f.ctx), "masks leave nothing"));
+    clear_fixture(&f);
+}
+
+/* Larger than a tenth of the extent is too large, once opacities have been reset. */
+static void test_too_large(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(1);
+    struct sg_train_params p = short_params();
+    struct sg_train_step s;
+    p.densify_grad_threshold = 1e9f, p.opacity_reset_interval = 10, p.opacity_lr = 0, p.scaling_lr = 0;
+    for (size_t i = 0; i < f.start->count; i++) { /* every other one, where the extent is 2 */
+        for (int k = 0; k < 3; k++)
+            *sg_model_at(f.start, i, SG_P_SCALE + k) = logf(i % 2 ? 0.15f : 0.4f);
+        *sg_model_at(f.start, i, SG_P_OPACITY) = 3;
+    }
+    sg_trainer *t = begin_training(&f, &p);
+    for (int it = 1; it <= 15; it++) { /* densifies at 10 too */
+        assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+        assert_int_equal(s.pruned, it == 15 ? f.start->count / 2 : 0);
+    }
+    sg_trainer_destroy(&t);
+    clear_fixture(&f);
+}
+
+/* Cameras at one place have no extent that rates could scale with: positions move all the same. */
+static void test_no_extent(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(1);
+    const struct sg_train_params p = short_params();
+    float most = 0;
+    f.scene.extent = 0;
+    struct sg_model *m = train(&f, &p, 1, NULL, NULL, NULL);
+    for (size_t i = 0; i < m->count; i++)
+        most = fmaxf(most, fabsf(*sg_model_at(m, i, SG_P_XYZ) - *sg_model_at(f.start, i, SG_P_XYZ)));
+    assert_true(most > 1e-6f && most < 1);
+    sg_model_destroy(f.ctx, &m);
+    clear_fixture(&f);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_schedule), cmocka_unit_test(test_adam_steps), cmocka_unit_test(test_threads),
-        cmocka_unit_test(test_resume),   cmocka_unit_test(test_loss_falls), cmocka_unit_test(test_golden_losses),
+        cmocka_unit_test(test_schedule),      cmocka_unit_test(test_ranges),     cmocka_unit_test(test_adam_steps),
+        cmocka_unit_test(test_threads),       cmocka_unit_test(test_resume),     cmocka_unit_test(test_loss_falls),
+        cmocka_unit_test(test_golden_losses), cmocka_unit_test(test_background), cmocka_unit_test(test_masks),
+        cmocka_unit_test(test_too_large),     cmocka_unit_test(test_no_extent),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
