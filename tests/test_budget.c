@@ -126,13 +126,17 @@ static void test_limit(void **state)
         p.max_gaussians = 130, p.densify_grad_threshold = 1e-6f;
         p.defense.on = on, p.defense.interval = 5, p.defense.rho = 0.02;
         t = begin_training(&f, &p);
-        size_t most = 0;
+        size_t most = 0, replaced = 0;
         while (sg_trainer_iteration(t) < p.iterations) {
             struct sg_train_step s;
+            const size_t room = 130 - sg_trainer_gaussians(t);
             assert_int_equal(sg_trainer_step(t, &s), SG_OK);
             assert_true(s.gaussians <= 130);
             most = s.gaussians > most ? s.gaussians : most;
+            assert_true(s.cloned + s.split <= room + 3); /* 3% at a time give way */
+            replaced += s.cloned + s.split > room;
         }
+        assert_true(replaced > 0);
         assert_true(most >= 127);
         sg_trainer_limits(t, &limits);
         assert_true(limits.gaussians_bound && !limits.by_memory && !limits.time_bound);
@@ -145,6 +149,29 @@ static void test_limit(void **state)
         sg_trainer_destroy(&t);
         clear_fixture(&f);
     }
+}
+
+/* Of so few that 3% of them is nobody, none gives way: the limit stops growth all the same, and the run says so. */
+static void test_few_at_limit(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(1);
+    struct sg_train_params p = short_params();
+    struct sg_train_limits limits;
+    struct sg_model *start = f.start;
+    f.start = make_model(f.ctx, 30, 1, 5);
+    p.max_gaussians = 30, p.densify_grad_threshold = 1e-6f;
+    sg_trainer *t = begin_training(&f, &p);
+    sg_trainer_limits(t, &limits);
+    assert_false(limits.gaussians_bound);
+    while (sg_trainer_iteration(t) < 10)
+        assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+    sg_trainer_limits(t, &limits);
+    assert_true(limits.gaussians_bound);
+    sg_trainer_destroy(&t);
+    sg_model_destroy(f.ctx, &f.start);
+    f.start = start;
+    clear_fixture(&f);
 }
 
 /* Growth that would take all memory ends where the context's limit is, without an error. */
@@ -201,6 +228,101 @@ static void test_memory(void **state)
     clear_fixture(&f);
 }
 
+/* The least memory that an error asks for is enough to train a defended model and to measure it, whether photos to
+ * train on or to test with are the large ones; a byte less is refused. */
+static void test_least(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(1);
+    struct sg_view large = {.name = (char *) "large", .camera = make_camera(1000, 750, 3)};
+    large.rgb = calloc(3 * 1000, 750);
+    for (int k = 0; k < 2; k++) {
+        const struct sg_scene scene = {.path = (char *) "fixture",
+                                       .train = k ? f.views : &large,
+                                       .n_train = 1,
+                                       .test = k ? &large : f.views,
+                                       .n_test = 1,
+                                       .extent = 2};
+        struct sg_train_params p = short_params();
+        struct sg_ctx_params memory = {.threads = 1, .max_memory = 1 << 20};
+        struct sg_eval eval;
+        sg_renderer *r;
+        sg_trainer *t;
+        sg_ctx *ctx;
+        p.init_points = 1000, p.defense.on = true;
+        for (int least = 0; least < 3; least++) {
+            assert_int_equal(sg_ctx_create(&ctx, &memory), SG_OK);
+            const int code = sg_trainer_create(ctx, &scene, NULL, &p, &t);
+            assert_int_equal(code, least < 2 ? SG_ERR_BUDGET : SG_OK);
+            if (least < 2) {
+                const char *number = strstr(sg_last_error(ctx), "at least ");
+                assert_non_null(number);
+                memory.max_memory = strtoull(number + 9, NULL, 10) - (least == 0);
+                sg_ctx_destroy(&ctx);
+            }
+        }
+        for (int it = 0; it < 2; it++)
+            if (sg_trainer_step(t, NULL))
+                fail_msg("%s", sg_last_error(ctx));
+        assert_int_equal(sg_trainer_renderer(t, &r), SG_OK);
+        if (sg_evaluate(ctx, r, scene.test, 1, 0, &eval))
+            fail_msg("%s", sg_last_error(ctx));
+        sg_eval_clear(ctx, &eval);
+        sg_renderer_destroy(&r);
+        sg_trainer_destroy(&t);
+        sg_ctx_destroy(&ctx);
+    }
+    free(large.rgb);
+    clear_fixture(&f);
+}
+
+static uint64_t planned(const struct sg_scene *scene, int threads, uint64_t limit, bool sums)
+{
+    const struct sg_train_params p = short_params();
+    struct sg_budget plan;
+    sg_ctx *ctx;
+    assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = threads, .max_memory = limit}), SG_OK);
+    assert_int_equal(sg_budget_plan(ctx, scene, &p, 3, 0, sums, &plan), SG_OK);
+    sg_ctx_destroy(&ctx);
+    return plan.gaussians;
+}
+
+/* Sums of gradients, and rows of every thread, leave less room for Gaussians. */
+static void test_room(void **state)
+{
+    (void) state;
+    struct sg_view view = {.name = (char *) "view", .camera = make_camera(320, 240, 3)};
+    struct sg_view wide = {.name = (char *) "wide", .camera = make_camera(20000, 4, 3)};
+    const struct sg_scene scene = {.path = (char *) "fixture", .train = &view, .n_train = 1};
+    const struct sg_scene rows = {.path = (char *) "fixture", .train = &wide, .n_train = 1};
+    assert_true(planned(&scene, 1, 24 << 20, true) < planned(&scene, 1, 24 << 20, false));
+    assert_true(4 * planned(&rows, 16, 500 << 20, false) < 3 * planned(&rows, 1, 500 << 20, false));
+}
+
+/* Gaussians so large that not all of their tile lists fit are rendered in bands. */
+static void test_large_gaussians(void **state)
+{
+    (void) state;
+    struct sg_view view = {.name = (char *) "view", .camera = make_camera(320, 240, 3)};
+    const struct sg_scene scene = {.path = (char *) "fixture", .train = &view, .n_train = 1, .extent = 2};
+    const struct sg_train_params p = short_params();
+    sg_trainer *t;
+    sg_ctx *ctx;
+    assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = 24 << 20}), SG_OK);
+    struct sg_model *m = make_model(ctx, 3000, 0, 3);
+    for (size_t i = 0; i < m->count; i++)
+        for (int k = 0; k < 3; k++)
+            *sg_model_at(m, i, SG_P_SCALE + k) = 0.5f;
+    view.rgb = calloc(3 * 320, 240);
+    assert_int_equal(sg_trainer_create(ctx, &scene, m, &p, &t), SG_OK);
+    sg_model_destroy(ctx, &m);
+    if (sg_trainer_step(t, NULL))
+        fail_msg("%s", sg_last_error(ctx));
+    sg_trainer_destroy(&t);
+    sg_ctx_destroy(&ctx);
+    free(view.rgb);
+}
+
 /* Neither the model that a run begins with, which goes, nor the SH degree of a run that goes on, which its checkpoint
  * knows, changes what fits; and a tighter limit holds from the first step on. */
 static void test_same_limit(void **state)
@@ -226,16 +348,17 @@ static void test_same_limit(void **state)
         assert_int_equal(sg_trainer_create(ctx, &f.scene, initial, &p, &t), SG_OK);
         sg_model_destroy(ctx, &initial);
         sg_trainer_limits(t, &resumed);
-        assert_int_equal(resumed.max_gaussians, limits.max_gaussians);
-        assert_int_equal(sg_trainer_gaussians(t), limits.max_gaussians);
+        const uint64_t begun = resumed.max_gaussians; /* but for the few bytes that a model takes besides */
+        assert_in_range(begun, limits.max_gaussians - 1, limits.max_gaussians);
+        assert_int_equal(sg_trainer_gaussians(t), begun);
         assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
         assert_int_equal(sg_trainer_save(t, path), SG_OK);
         sg_trainer_destroy(&t);
         p.sh_degree = 3 - degree;
         assert_int_equal(sg_trainer_resume(ctx, &f.scene, path, &p, &t), SG_OK);
         sg_trainer_limits(t, &resumed);
-        assert_int_equal(resumed.max_gaussians, limits.max_gaussians);
-        assert_int_equal(sg_trainer_gaussians(t), limits.max_gaussians);
+        assert_in_range(resumed.max_gaussians, begun, limits.max_gaussians);
+        assert_int_equal(sg_trainer_gaussians(t), begun);
         sg_trainer_destroy(&t);
         p.max_gaussians = 500;
         assert_int_equal(sg_trainer_resume(ctx, &f.scene, path, &p, &t), SG_OK);
@@ -314,6 +437,20 @@ static void test_time(void **state)
             sg_trainer_destroy(&t);
         }
     }
+    /* What went by before counts; of a pause, which will not come again, the next step does not expect another. */
+    for (int pause = 0; pause < 2; pause++) {
+        p.max_seconds = 100, p.seconds_before = pause ? 0 : 90;
+        sg_trainer *t = begin_training(&f, &p);
+        const double begin = now;
+        for (int steps = 1; sg_trainer_iteration(t) < p.iterations; steps++) {
+            struct sg_train_step s;
+            assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+            assert_true(!pause || s.iteration <= 4 * (now - begin + 1) + 1); /* four a second */
+            now += pause && steps == 30 ? 20 : 1;
+        }
+        assert_true(now - begin <= p.max_seconds - p.seconds_before + 1);
+        sg_trainer_destroy(&t);
+    }
     /* Time enough: every iteration, also where most of it went by before the first. */
     sg_trainer *t;
     struct sg_train_limits l;
@@ -333,8 +470,9 @@ static void test_time(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_growth), cmocka_unit_test(test_limit),
-                                       cmocka_unit_test(test_memory), cmocka_unit_test(test_same_limit),
-                                       cmocka_unit_test(test_time)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_growth),          cmocka_unit_test(test_limit),      cmocka_unit_test(test_few_at_limit),
+        cmocka_unit_test(test_memory),          cmocka_unit_test(test_least),      cmocka_unit_test(test_room),
+        cmocka_unit_test(test_large_gaussians), cmocka_unit_test(test_same_limit), cmocka_unit_test(test_time)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
