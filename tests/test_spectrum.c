@@ -60,6 +60,8 @@ static void test_known(void **state)
     /* Noise has no direction, whatever the sides. */
     s = measure(ctx, 401, 307, noise);
     assert_true(s.anisotropy < 1e-3);
+    for (int ring = 20; ring < SG_SPECTRUM_RINGS; ring++) /* nor a preferred radius: its variance is everywhere */
+        assert_float_equal(s.radial[ring], 1.0 / 12, 0.15 / 12);
     /* The annulus has pi (0.45^2 - 0.15^2) of the square. */
     assert_float_equal(s.band_share, 0.5655, 0.01);
     s = measure(ctx, 31, 17, flat);
@@ -76,7 +78,7 @@ static void test_whole(void **state)
     for (int k = 0; k < 6; k++) {
         const int w = sizes[k][0], h = sizes[k][1], bins = 12;
         uint8_t *rgb = image_of(w, h, noise);
-        double angular[12] = {0}, band = 0, total = 0;
+        double angular[12] = {0}, band = 0, total = 0, expected[200];
         for (int u = 0; u < h; u++)
             for (int v = 0; v < w; v++) {
                 double complex f = 0;
@@ -87,6 +89,7 @@ static void test_whole(void **state)
                 const double fu = (double) (2 * u < h ? u : u - h) / h, fv = (double) (2 * v < w ? v : v - w) / w;
                 const double r = 2 * hypot(fu, fv), e = 3 * creal(f * conj(f));
                 total += r > 0 ? e : 0;
+                expected[(u + h / 2) % h * w + (v + w / 2) % w] = log1p(cabs(f)); /* 0 in the middle */
                 if (!(r >= 0.2 && r <= 0.95) || 2 * u == h || 2 * v == w)
                     continue;
                 angular[(int) floor((atan2(fu, fv) + M_PI) * bins / (2 * M_PI) + 1e-9) % bins] += e;
@@ -101,15 +104,14 @@ static void test_whole(void **state)
             if (fabs(s.angular[b] - angular[b] / band) > 1e-5)
                 fail_msg("%d x %d, bin %d: %g, expected %g", w, h, b, s.angular[b], angular[b] / band);
         assert_float_equal(s.band_share, band / total, 1e-5);
-        double sum = 0;
         for (int i = 0; i < w * h; i++)
-            sum += rgb[3 * i] / 255.0;
-        assert_float_equal((double) amplitude[h / 2 * w + w / 2], log1p(sum), 1e-4);
+            assert_float_equal((double) amplitude[i], expected[i], 1e-4);
         free(rgb);
     }
     uint8_t one[3] = {0};
     struct sg_spectrum s;
     assert_int_equal(sg_spectrum_measure(ctx, one, 1, 1, sg_spectrum_params(.bins = 7), &s, NULL), SG_ERR_USAGE);
+    assert_int_equal(sg_spectrum_measure(ctx, one, 1, 1, sg_spectrum_params(.bins = 256), &s, NULL), SG_ERR_USAGE);
     assert_int_equal(sg_spectrum_measure(ctx, one, 1, 1, sg_spectrum_params(.low = 2), &s, NULL), SG_ERR_USAGE);
     assert_int_equal(sg_spectrum_measure(ctx, one, 1, 1, NULL, &s, NULL), SG_OK);
     sg_ctx_destroy(&ctx);
@@ -360,6 +362,36 @@ static void test_loss(void **state)
     sg_ctx_destroy(&three);
 }
 
+/* An image without energy in the band, or in some directions of it, has a loss and a gradient all the same: of a flat
+ * one, at sides that do not divide evenly too, nothing. */
+static void test_empty(void **state)
+{
+    (void) state;
+    static const int sizes[][2] = {{64, 64}, {37, 23}, {100, 75}, {263, 257}};
+    enum { MOST = 3 * 263 * 257 };
+    sg_ctx *ctx = make_context(1);
+    float *x = malloc(MOST * sizeof(float)), *g = malloc(MOST * sizeof(float));
+    for (int k = 0; k < 4; k++)
+        for (int option = 0; option < 2; option++) {
+            const int w = sizes[k][0], h = sizes[k][1], n = 3 * w * h;
+            const struct sg_anisotropy_params *p = sg_anisotropy_params(.energy = (enum sg_energy) option);
+            for (int grey = 1; grey < 4; grey++) {
+                for (int i = 0; i < n; i++)
+                    x[i] = 0.3f * (float) grey;
+                assert_true(loss_of(ctx, w, h, p, x, g) == 0);
+                for (int i = 0; i < n; i++)
+                    assert_true(g[i] == 0);
+            }
+            for (int i = 0; i < n; i++) /* stripes */
+                x[i] = i % (w * h) / w % 2 ? 0.2f : i % (w * h) / w % 4 ? 0.7f : 0.4f;
+            assert_true(loss_of(ctx, w, h, p, x, g) > 0);
+            for (int i = 0; i < n; i++)
+                assert_true(isfinite(g[i]));
+        }
+    free(x), free(g);
+    sg_ctx_destroy(&ctx);
+}
+
 /* Total variation: known values, and its gradient against differences. */
 static void test_total_variation(void **state)
 {
@@ -369,10 +401,17 @@ static void test_total_variation(void **state)
     sg_ctx *ctx = make_context(2);
     float x[MOST], g[MOST];
     double rows[6 * 64];
-    for (int i = 0; i < 3 * 37 * 23; i++) /* a vertical ramp */
-        x[i] = 0.01f * (float) (i % (37 * 23) / 37);
-    assert_float_equal(sg_tv_loss(ctx, x, 37, 23, SG_TV_NORM_L1, 1, NULL, rows), 0.01, 1e-6);
-    assert_float_equal(sg_tv_loss(ctx, x, 37, 23, SG_TV_NORM_L2, 1, NULL, rows), 1e-4, 1e-8);
+    for (int turned = 0; turned < 2; turned++) { /* a ramp down and one across */
+        const int w = turned ? 23 : 37, h = turned ? 37 : 23;
+        for (int i = 0; i < 3 * 37 * 23; i++)
+            x[i] = 0.01f * (float) (turned ? i % w : i % (w * h) / w);
+        assert_float_equal(sg_tv_loss(ctx, x, w, h, SG_TV_NORM_L1, 1, NULL, rows), 0.01, 1e-6);
+        assert_float_equal(sg_tv_loss(ctx, x, w, h, SG_TV_NORM_L2, 1, NULL, rows), 1e-4, 1e-8);
+        assert_float_equal(sg_tv_loss(ctx, x, w, h, SG_TV_NORM_HUBER, 1, NULL, rows), 1e-4, 1e-8);
+    }
+    const float jump[] = {0, 0.5f, 0, 0.5f, 0, 0.5f}; /* beyond Huber's edge, from where on it is straight */
+    const double edge = (double) SG_TV_EDGE;
+    assert_float_equal(sg_tv_loss(ctx, jump, 2, 1, SG_TV_NORM_HUBER, 1, NULL, rows), edge - edge * edge, 1e-6);
     for (int i = 0; i < MOST; i++)
         x[i] = draw(4, (uint64_t) i, 0, 1);
     for (int k = 0; k < 8; k++)
@@ -446,9 +485,9 @@ static void test_regulariser(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_known),           cmocka_unit_test(test_whole),
-                                       cmocka_unit_test(test_oracle),          cmocka_unit_test(test_gradient),
-                                       cmocka_unit_test(test_friendly),        cmocka_unit_test(test_loss),
-                                       cmocka_unit_test(test_total_variation), cmocka_unit_test(test_regulariser)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_known),    cmocka_unit_test(test_whole),           cmocka_unit_test(test_oracle),
+        cmocka_unit_test(test_gradient), cmocka_unit_test(test_friendly),        cmocka_unit_test(test_loss),
+        cmocka_unit_test(test_empty),    cmocka_unit_test(test_total_variation), cmocka_unit_test(test_regulariser)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
