@@ -2,6 +2,7 @@
 # The defense and the budgets from the command line.
 . "$(dirname "$0")/common.sh"
 small_scene
+settled() { grep -qF -- "\"$2\": $3" "$1/config.json" || fail "$1 has $(grep -F "\"$2\"" "$1/config.json"), expected $3"; }
 field() { tr -d ' \n' <"$1/summary.json" | grep -o "\"$2\":[^,}]*" | head -n 1 | cut -d: -f2; }
 
 # Defended: events are logged and counted; interrupted and resumed, the same bytes.
@@ -33,9 +34,20 @@ expect 0 train scene/blender -o starved $short --init-points 400 --defense spect
     --densify-grad-threshold 1
 says 'rho is too high'
 
-# With auto, rho is never the growth itself.
+# With auto, rho is never the growth itself, and the frequency is of the scene's units, also where it only ranks.
 expect 0 train scene/colmap -o auto $short --defense spectral --filter-interval 20
 [ "$(field auto filter_events)" = 4 ] || fail "auto does not filter"
+settled auto filter-frequency 9.82
+expect 0 train scene/colmap -o ranked $short --iterations 1 --max-gaussians 100
+settled ranked filter-frequency 9.82
+# The paper's own numbers.
+for preset in "ns 0.03 4.0" "tt 0.045 4.0" "mip 0.05 5.0"; do
+    set -- $preset
+    expect 0 train scene/blender -o "$1" $short --iterations 1 --init-points 10 --defense spectral --preset "$1"
+    settled "$1" rho "$2"
+    settled "$1" lambda "$3"
+    settled "$1" filter-frequency 8.0
+done
 
 # Gaussians.
 expect 0 train scene/blender -o few $short --init-points 400 --max-gaussians 500 --densify-grad-threshold 0.00001
@@ -83,6 +95,7 @@ for vain in "--rho 0.03" "--preset mip" "--filter-views 3" "--lambda 2 --audit w
     says 'expected --defense spectral'
 done
 expect 2 train nowhere -o bad --filter-views 3 --max-gaussians 100 # who stays at the limit
+expect 2 train nowhere -o bad --filter-views 3 --max-memory 4G
 expect 2 train nowhere -o bad --rho 0.03 --audit defend
 expect 1 train nowhere -o bad --defense off --audit defend
 says 'exclude each other'
@@ -116,9 +129,25 @@ says 'expected clean ones'
 [ ! -e refused ] || fail "a refused run has begun"
 expect 0 train noisy -o warned $brief --audit warn
 says 'the photos look poisoned'
+says 'oscillate' # a reason
 grep -q '"filter_events"' warned/summary.json && fail "a warning turned the defense on"
+settled warned lambda 4.0
 expect 0 train noisy -o guarded $brief --audit defend --filter-interval 20
 grep -q '"filter_events"' guarded/summary.json || fail "the audit did not turn the defense on"
 expect 0 train scene/blender -o trusting $brief --audit defend
 grep -q '"filter_events"' trusting/summary.json && fail "the audit turned the defense on for clean photos"
-exit 0
+expect 0 train noisy -o trusting --resume --iterations 50 -q
+settled trusting defense '"off"' # a run keeps what it has
+# Photo by photo: auto looks without being asked to, and clean ones have no losses.
+brief="$brief --iterations 1"
+expect 0 train noisy -o looked $brief --defense spectral
+says 'the photos look poisoned'
+settled looked lambda 6.0
+expect 0 train scene/blender -o calm $brief --defense spectral
+grep -q '"anisotropy":null' calm/log.jsonl || fail "a clean photo has a loss: $(head -n 1 calm/log.jsonl)"
+# One of five is suspicious: no reason to refuse them, but one to defend.
+cp noisy/train/r_0.png scene/colmap/images/view_0001.png
+expect 0 train scene/colmap -o doubted $brief --audit refuse
+says 'look suspicious'
+expect 0 train scene/colmap -o cautious $brief --audit defend
+settled cautious defense '"spectral"'
