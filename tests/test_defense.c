@@ -116,6 +116,7 @@ static void test_filter(void **state)
         {0.17, SG_PRUNE_THRESHOLD, 1, -1.25f},
         {0.41, SG_PRUNE_THRESHOLD, 3, -0.25f},
         {0.01, SG_PRUNE_THRESHOLD, 1, -1.25f}, /* what is not seen goes, whatever the share */
+        {0, SG_PRUNE_THRESHOLD, 0, -1.25f},    /* unless there is none */
     };
     for (size_t c = 0; c < sizeof(cases) / sizeof(cases[0]); c++) {
         struct sg_defense_step step = {.anisotropy = 3};
@@ -144,10 +145,11 @@ static void test_filter(void **state)
     assert_int_equal(step.removed, 2);
     sg_backend_destroy(&b);
     sg_model_destroy(ctx, &m);
+    assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
     sg_ctx_destroy(&ctx);
 }
 
-/* Which views are counted in: all of them, or so many, each at most once and others each time. */
+/* Which views are counted in: all of them, or so many, each at most once and others each time and by each seed. */
 static void test_views(void **state)
 {
     (void) state;
@@ -167,12 +169,13 @@ static void test_views(void **state)
         assert_int_equal(b->ops->count_hits(b, &camera, 1, &render, SG_HIT_PIXELS, own[v]), SG_OK);
     }
     struct sg_defense_params p = {SG_DEFENSE_DEFAULTS, .exponent = 0}; /* the score is ln hits */
-    unsigned before = 0, others = 0;
+    unsigned before = 0, others = 0, ever = 0;
+    struct sg_scores s;
     for (int it = 100; it <= 1000; it += 100)
-        for (int all = 0; all < 2; all++) {
-            struct sg_scores s;
+        for (uint64_t seed = 42; seed <= 44; seed++) {
+            const bool all = seed == 44;
             p.sample = all ? SG_VIEWS_ALL : SG_VIEWS_RANDOM, p.views = 3;
-            assert_int_equal(sg_score(b, &scene, &p, &render, 42, it, &s), SG_OK);
+            assert_int_equal(sg_score(b, &scene, &p, &render, seed, it, &s), SG_OK);
             unsigned fits = 0, sets = 0;
             for (unsigned set = 0; set < 128; set++) { /* which views explain the hits? */
                 bool right = true;
@@ -187,10 +190,19 @@ static void test_views(void **state)
             assert_int_equal(fits, 1);
             assert_int_equal(__builtin_popcount(sets), all ? 7 : 3);
             others += !all && sets != before;
-            before = all ? before : sets;
+            before = all ? before : sets, ever |= all ? 0 : sets;
             sg_scores_clear(ctx, &s);
         }
-    assert_true(others >= 8);
+    assert_true(others >= 16 && ever == 127);
+    p.hit = SG_HIT_VIEWS; /* counted once in each that has it */
+    assert_int_equal(sg_score(b, &scene, &p, &render, 42, 100, &s), SG_OK);
+    for (size_t i = 0; i < 200; i++) {
+        int hits = 0;
+        for (int v = 0; v < 7; v++)
+            hits += own[v][i] > 0;
+        assert_float_equal(exp(s.score[i]), hits, 1e-9);
+    }
+    sg_scores_clear(ctx, &s);
     for (int v = 0; v < 7; v++)
         free(own[v]);
     sg_backend_destroy(&b);
@@ -533,7 +545,8 @@ static void test_combinations(void **state)
     clear_fixture(&f);
 }
 
-/* A view's share of lambda: nothing for all is lambda 0, everything is none given, and half is half of lambda. */
+/* A view's share of lambda: nothing for all is lambda 0, everything is none given, half is half of lambda, and each
+ * view has its own. */
 static void test_shares(void **state)
 {
     (void) state;
@@ -554,12 +567,117 @@ static void test_shares(void **state)
     for (int shared = 0; shared < 2; shared++)
         for (int k = 0; k < 3; k++)
             sg_model_destroy(f.ctx, &models[shared][k]);
-    float wrong[VIEWS] = {[1] = NAN};
-    p.defense.shares = wrong;
-    sg_trainer *t;
-    f.scene.train = f.views;
-    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_ERR_USAGE);
-    assert_non_null(strstr(sg_last_error(f.ctx), "share of a view"));
+    float own[VIEWS];
+    uint8_t none[SIDE * SIDE] = {0};
+    for (int v = 0; v < VIEWS; v++)
+        own[v] = (float) (v % 2);
+    p.defense.shares = own;
+    sg_trainer *t = begin_training(&f, &p);
+    for (int it = 1; it <= VIEWS; it++) {
+        struct sg_train_step s;
+        assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+        assert_int_equal(isnan(s.defense.anisotropy) != 0, own[s.view] == 0);
+    }
+    sg_trainer_destroy(&t);
+    for (int k = 0; k < 2; k++) {
+        own[1] = k ? NAN : 1001;
+        assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_ERR_USAGE);
+        assert_non_null(strstr(sg_last_error(f.ctx), "share of a view"));
+    }
+    p.defense.shares = NULL; /* where a mask leaves nothing, nothing pulls */
+    t = begin_training(&f, &p);
+    f.views[sg_trainer_pick_view(t, 1)].mask = none;
+    struct sg_model *m;
+    assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+    assert_int_equal(sg_trainer_model(t, &m), SG_OK);
+    assert_same(m, f.start);
+    sg_model_destroy(f.ctx, &m);
+    sg_trainer_destroy(&t);
+    clear_fixture(&f);
+}
+
+/* The 10th, 50th and 90th percentile that an event reports are of what is seen, and those who stay keep the statistics
+ * that a densification will read. Of a model that nobody sees one is left. */
+static void test_report(void **state)
+{
+    (void) state;
+    enum { N = 5000 }; /* more than a thread scores at once */
+    static float gradient[N];
+    sg_ctx *ctx = make_context(1);
+    struct sg_view view = {.camera = make_camera(96, 96, 4)};
+    const struct sg_scene scene = {.train = &view, .n_train = 1};
+    const struct sg_render_params render = {SG_RENDER_DEFAULTS};
+    for (int none = 0; none < 2; none++) {
+        const struct sg_defense_params p = {SG_DEFENSE_DEFAULTS, .rule = none ? SG_PRUNE_THRESHOLD : SG_PRUNE_EXACT};
+        struct sg_model *m = make_model(ctx, N, 0, 5);
+        struct sg_defense_step step = {0};
+        struct sg_optimiser o;
+        struct sg_backend *b;
+        struct sg_scores s;
+        assert_int_equal(sg_optimiser_create(ctx, N, 0, &o), SG_OK);
+        for (size_t i = 0; i < N; i++) {
+            if (none || i % 3 == 0)
+                *sg_model_at(m, i, SG_P_XYZ + 2) = -50;
+            o.grad_count[i] = 1, o.grad_sum[i] = (float) (i + 1); /* a name */
+        }
+        assert_int_equal(sg_backend_create(ctx, "cpu", NULL, &b), SG_OK);
+        assert_int_equal(b->ops->upload(b, m, &o), SG_OK);
+        assert_int_equal(sg_score(b, &scene, &p, &render, 42, 600, &s), SG_OK);
+        for (size_t i = 0; i < N; i++)
+            assert_true(s.score[i] == -INFINITY || (!none && i % 3));
+        assert_int_equal(sg_filter(b, &scene, &p, &render, 0.2, 42, 600, &step), SG_OK);
+        assert_int_equal(step.unseen, s.unseen);
+        assert_int_equal(step.removed, none ? N - 1 : N / 5);
+        for (size_t k = 0; k < 3; k++) {
+            const size_t below = (N - s.unseen - 1) * (1 + 4 * k) / 10;
+            assert_true(step.score[k] == (none ? 0 : sg_scores_rank(&s, s.unseen + below)));
+        }
+        assert_int_equal(b->ops->count(b), N - step.removed);
+        assert_int_equal(b->ops->read_statistics(b, &(struct sg_statistics){.gradient = gradient}), SG_OK);
+        for (size_t i = 0; i < N - step.removed; i++) /* in the order that they were in */
+            assert_true(gradient[i] > (i ? gradient[i - 1] : 0));
+        sg_scores_clear(ctx, &s);
+        sg_backend_destroy(&b);
+        sg_optimiser_clear(ctx, &o);
+        sg_model_destroy(ctx, &m);
+    }
+    sg_ctx_destroy(&ctx);
+}
+
+/* Growth counts from where the filter's window begins; an event takes its share of what grows in the same iteration,
+ * were it the first, and none takes place after the last growth. */
+static void test_growth_in_window(void **state)
+{
+    (void) state;
+    static const struct {
+        int interval, from, events;
+    } cases[] = {{5, 17, 5}, {23, -1, 1}, {10, -1, 4}};
+    struct fixture f = make_fixture(1);
+    for (int k = 0; k < 3; k++) {
+        struct sg_train_params p = defended();
+        double growth = 0;
+        int growths = 0, events = 0;
+        p.defense.rho = -0.3, p.defense.interval = cases[k].interval, p.defense.from = cases[k].from;
+        p.defense.until = 50, p.iterations = 49, p.densify_until_iter = 45;
+        sg_trainer *t = begin_training(&f, &p);
+        for (int it = 1; it <= p.iterations; it++) {
+            struct sg_train_step s;
+            const size_t gaussians = sg_trainer_gaussians(t);
+            assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+            if (sg_densifies(&p, it - 1, it)) {
+                const double share = (double) (s.cloned + s.split) / (double) gaussians;
+                growth = growth > 0 ? growth + (share - growth) / 4 : share;
+                growths += it > sg_filters_from(&p);
+            }
+            assert_int_equal(s.defense.filtered, it < 45 && sg_filters(&p, it - 1, it));
+            if (!s.defense.filtered)
+                continue;
+            assert_float_equal(s.defense.rho, fmin(0.3 * growth * growths, 0.5), 1e-12);
+            growths = 0, events++;
+        }
+        assert_int_equal(events, cases[k].events);
+        sg_trainer_destroy(&t);
+    }
     clear_fixture(&f);
 }
 
@@ -604,6 +722,7 @@ int main(void)
         cmocka_unit_test(test_events),          cmocka_unit_test(test_views),      cmocka_unit_test(test_automatic),
         cmocka_unit_test(test_share_of_growth), cmocka_unit_test(test_same_bytes), cmocka_unit_test(test_combinations),
         cmocka_unit_test(test_shares),          cmocka_unit_test(test_refusals),   cmocka_unit_test(test_before_reset),
-        cmocka_unit_test(test_losses),          cmocka_unit_test(test_least)};
+        cmocka_unit_test(test_losses),          cmocka_unit_test(test_least),      cmocka_unit_test(test_report),
+        cmocka_unit_test(test_growth_in_window)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
