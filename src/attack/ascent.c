@@ -4,7 +4,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "backend/backend.h"
 #include "backend/cpu/dispatch.h"
 
 #define ROWS 16 /* a piece of work */
@@ -47,11 +46,6 @@ void sg_tv_gradient_row(const float *plane, int width, int height, int y, enum s
     if (form == SG_TV_ANISO)
         for (int i = 0; i < width; i++)
             out[i] += (i > 0 ? sign(row[i] - row[i - 1]) : 0) - sign(right(row, width, i));
-}
-
-int sg_ascent_kernels(sg_ctx *ctx, const struct sg_attack_params *p, const struct cpu_kernels **out)
-{
-    return sg_backend_kernels(ctx, p->backend, p->cpu, out);
 }
 
 struct job {

@@ -18,9 +18,6 @@ struct ascent {
     float *extra; /* 3 planes, with spectral */
 };
 
-/* Those that the parameters' backend and variant stand for. */
-int sg_ascent_kernels(sg_ctx *ctx, const struct sg_attack_params *p, const struct cpu_kernels **out);
-
 /* x: 3 planes, changed in place; photo: 3 planes. scratch: 3 planes. Same bytes for any number of threads.
  * All steps: y = x + step sgn(dTV/dx), x = clamp(photo + clamp(y - photo, -epsilon, epsilon), 0, 1). */
 void sg_ascend(sg_ctx *ctx, const struct ascent *a, const float *photo, int width, int height, float *x,

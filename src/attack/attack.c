@@ -101,7 +101,7 @@ static int open_attack(sg_ctx *ctx, const struct sg_scene *scene, struct sg_trai
                                                .max_instances = p.max_instances, .backend = p.backend, .cpu = p.cpu),
                                &a->trainer);
     if (!code)
-        code = sg_ascent_kernels(ctx, &p, &a->kernels);
+        code = sg_backend_kernels(ctx, p.backend, p.cpu, &a->kernels);
     if (code) {
         sg_attack_destroy(&a);
         return code;

@@ -186,7 +186,7 @@ static int next_iteration(sg_trainer *t)
     return by_time > next ? by_time : next;
 }
 
-#define GROWTH_PACE 0.25
+#define GROWTH_PACE 0.25 /* of the newest densification in what grows of late */
 
 /* A share of what grows leaves growth positive, and what goes anyhow leaves half: no model dies out of either, whatever
  * its scene. The latter fades: early there is time to grow again what is missed. */
