@@ -341,19 +341,24 @@ static double fake_clock(void *unused)
     return now;
 }
 
-/* Three tenths of what grows between two removals, of late; nothing once nothing grows. Also where time is short and
- * steps go over several iterations, and so over several densifications of which one takes place. */
+/* Three tenths of what grows between two removals, of late, from where the filter's window begins, and of what grows in
+ * the same iteration, were it the first; nothing once nothing grows. Also where time is short and steps go over several
+ * iterations, and so over several densifications of which one takes place. */
 static void test_share_of_growth(void **state)
 {
     (void) state;
+    static const struct {
+        int interval, from, events; /* growth comes every 5 iterations; events: 0 = some */
+    } cases[] = {{2, -1, 0}, {6, -1, 0}, {20, -1, 0}, {10, -1, 4}, {23, -1, 1}, {5, 17, 5}};
     struct fixture f = make_fixture(2);
-    for (int interval = 2; interval <= 20; interval += interval < 10 ? 4 : 10) /* growth comes every 5 iterations */
+    for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++)
         for (int hurry = 0; hurry < 2; hurry++) {
+            const bool counted = cases[k].events && !hurry;
             struct sg_train_params p = defended();
             double growth = 0;
-            int events = 0, growths = 0, before = 0;
-            p.defense.rho = -0.3, p.defense.interval = interval, p.defense.until = 50;
-            p.iterations = 49, p.densify_until_iter = 45;
+            int events = 0, removals = 0, growths = 0, before = 0;
+            p.defense.rho = -0.3, p.defense.interval = cases[k].interval, p.defense.from = cases[k].from;
+            p.defense.until = 50, p.iterations = 49, p.densify_until_iter = 45;
             p.max_seconds = hurry ? 7 : 0, p.clock = fake_clock; /* seven iterations a second */
             now = 0;
             sg_trainer *t = begin_training(&f, &p);
@@ -365,17 +370,21 @@ static void test_share_of_growth(void **state)
                 if (sg_densifies(&p, before, s.iteration)) {
                     const double share = (double) (s.cloned + s.split) / (double) gaussians;
                     growth = growth > 0 ? growth + (share - growth) / 4 : share;
-                    growths++;
+                    growths += s.iteration > sg_filters_from(&p);
                 }
+                if (counted)
+                    assert_int_equal(s.defense.filtered, s.iteration < 45 && sg_filters(&p, before, s.iteration));
                 before = s.iteration;
                 if (!s.defense.filtered)
                     continue;
                 assert_true(before < 45); /* afterwards it is not worth its price */
                 assert_float_equal(s.defense.rho, fmin(0.3 * growth * growths, 0.5), 1e-12);
                 growths = 0;
-                events += s.defense.removed > 0;
+                events++, removals += s.defense.removed > 0;
             }
-            assert_true(events >= 1 && growth > 0);
+            assert_true(removals >= 1 && growth > 0);
+            if (counted)
+                assert_int_equal(events, cases[k].events);
             sg_trainer_destroy(&t);
         }
     clear_fixture(&f);
@@ -389,18 +398,22 @@ static void test_least(void **state)
     struct fixture f = make_fixture(2);
     struct sg_train_params p = defended();
     int whole = 0, part = 0, none = 0;
-    p.defense.rho = -0.001;
+    p.defense.rho = -0.001, p.defense.interval = 3; /* densifies every 5 iterations */
     p.densify_grad_threshold = 1e9f;
     p.iterations = 49, p.densify_until_iter = 45;
     for (double least = 0.2; least < 0.5; least *= 2) {
         double first = 0;
+        bool due = false;
         p.defense.rho_least = least;
         sg_trainer *t = begin_training(&f, &p);
         while (sg_trainer_iteration(t) < p.iterations) {
             struct sg_train_step s;
             assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+            due |= sg_densifies(&p, s.iteration - 1, s.iteration);
             if (!s.defense.filtered)
                 continue;
+            assert_true(due);
+            due = false;
             const double n = (double) s.defense.scored;
             first = first > 0 ? first : n;
             const double fading = least * (45 - s.iteration) / (45. - p.densify_from_iter);
@@ -644,43 +657,6 @@ static void test_report(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Growth counts from where the filter's window begins; an event takes its share of what grows in the same iteration,
- * were it the first, and none takes place after the last growth. */
-static void test_growth_in_window(void **state)
-{
-    (void) state;
-    static const struct {
-        int interval, from, events;
-    } cases[] = {{5, 17, 5}, {23, -1, 1}, {10, -1, 4}};
-    struct fixture f = make_fixture(1);
-    for (int k = 0; k < 3; k++) {
-        struct sg_train_params p = defended();
-        double growth = 0;
-        int growths = 0, events = 0;
-        p.defense.rho = -0.3, p.defense.interval = cases[k].interval, p.defense.from = cases[k].from;
-        p.defense.until = 50, p.iterations = 49, p.densify_until_iter = 45;
-        sg_trainer *t = begin_training(&f, &p);
-        for (int it = 1; it <= p.iterations; it++) {
-            struct sg_train_step s;
-            const size_t gaussians = sg_trainer_gaussians(t);
-            assert_int_equal(sg_trainer_step(t, &s), SG_OK);
-            if (sg_densifies(&p, it - 1, it)) {
-                const double share = (double) (s.cloned + s.split) / (double) gaussians;
-                growth = growth > 0 ? growth + (share - growth) / 4 : share;
-                growths += it > sg_filters_from(&p);
-            }
-            assert_int_equal(s.defense.filtered, it < 45 && sg_filters(&p, it - 1, it));
-            if (!s.defense.filtered)
-                continue;
-            assert_float_equal(s.defense.rho, fmin(0.3 * growth * growths, 0.5), 1e-12);
-            growths = 0, events++;
-        }
-        assert_int_equal(events, cases[k].events);
-        sg_trainer_destroy(&t);
-    }
-    clear_fixture(&f);
-}
-
 static void test_refusals(void **state)
 {
     (void) state;
@@ -722,7 +698,6 @@ int main(void)
         cmocka_unit_test(test_events),          cmocka_unit_test(test_views),      cmocka_unit_test(test_automatic),
         cmocka_unit_test(test_share_of_growth), cmocka_unit_test(test_same_bytes), cmocka_unit_test(test_combinations),
         cmocka_unit_test(test_shares),          cmocka_unit_test(test_refusals),   cmocka_unit_test(test_before_reset),
-        cmocka_unit_test(test_losses),          cmocka_unit_test(test_least),      cmocka_unit_test(test_report),
-        cmocka_unit_test(test_growth_in_window)};
+        cmocka_unit_test(test_losses),          cmocka_unit_test(test_least),      cmocka_unit_test(test_report)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
