@@ -67,6 +67,12 @@ int train_check(const struct train_run *r, const bool *given)
         say(stderr, "splatguard train: --defense off and --audit defend exclude each other\n");
         return 1;
     }
+    const struct sg_defense_params *d = &c.train.defense;
+    if (d->rho_least > 0 && (d->rho == PRESET_RHO ? c.preset != DEFENSE_AUTO : d->rho >= 0)) {
+        say(stderr,
+            "splatguard train: --rho-least: found with a fixed rho, expected --preset auto or a --rho below 0\n");
+        return 1;
+    }
     const struct sg_defense_params preset = published(c.preset);
     train_settle_defense(&c, &preset);
     const int error = sg_train_check(r->ctx, &c.train);
