@@ -450,7 +450,7 @@ static void test_automatic(void **state)
     sg_defense_automatic(&audit, 5.2, shares, &p);
     assert_float_equal(p.lambda * (double) shares[1], 12, 1e-5);
     assert_float_equal(p.rho, -(0.1 + 0.35 * (0.25 + 1) / 2), 1e-12);
-    assert_float_equal(p.rho_least, 0.05 * (0.25 + 1) / 2, 1e-12);
+    assert_float_equal(p.rho_least, 0.05 * 0.625 * 0.625, 1e-12);
     images[0].features.half_osc = 10.5, images[1].features.quarter_osc = 42;
     sg_defense_automatic(&audit, 5.2, shares, &p);
     assert_float_equal(p.lambda * (double) shares[0], 9, 1e-5);  /* coarse noise */
