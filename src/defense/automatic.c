@@ -66,6 +66,6 @@ void sg_defense_automatic(const struct sg_audit *audit, double extent, float *sh
     p->lambda = 6;
     p->shares = shares;
     p->rho = -(0.1 + 0.35 * strength);
-    p->rho_least = 0.05 * strength * strength; /* a weak poison grows little that it could save */
+    p->rho_least = 0.05 * strength * strength; /* of a weak poison there is little to save, and views to lose */
     p->frequency = sg_defense_frequency(extent);
 }
