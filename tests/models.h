@@ -15,6 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "backend/backend.h"
 #include "core/rng.h"
 #include "splatguard/splatguard.h"
 
@@ -90,6 +91,16 @@ static inline void make_photos(sg_ctx *ctx, const struct sg_model *m, int side, 
     }
     free(rgb);
     sg_renderer_destroy(&r);
+}
+
+/* A backend that holds m, and o where it is not NULL. variant: as sg_backend_create's. */
+static inline struct sg_backend *make_backend(sg_ctx *ctx, const char *name, const char *variant,
+                                              const struct sg_model *m, const struct sg_optimiser *o)
+{
+    struct sg_backend *b;
+    assert_int_equal(sg_backend_create(ctx, name, variant, &b), SG_OK);
+    assert_int_equal(b->ops->upload(b, m, o), SG_OK);
+    return b;
 }
 
 #endif

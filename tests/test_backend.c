@@ -25,9 +25,7 @@ static struct outcome run(sg_ctx *ctx, const char *backend, const char *cpu, con
 {
     const size_t pixels = (size_t) camera->width * (size_t) camera->height;
     struct outcome o = {.width = camera->width, .height = camera->height};
-    struct sg_backend *b;
-    assert_int_equal(sg_backend_create(ctx, backend, cpu, &b), SG_OK);
-    assert_int_equal(b->ops->upload(b, m, NULL), SG_OK);
+    struct sg_backend *b = make_backend(ctx, backend, cpu, m, NULL);
     o.rgb = must(3 * pixels, sizeof(float)), o.alpha = must(pixels, sizeof(float)),
     o.depth = must(pixels, sizeof(float));
     o.mean_gradient = must(m->count, sizeof(float));
@@ -275,9 +273,7 @@ static void test_hits(void **state)
     struct sg_render_params params = {SG_RENDER_DEFAULTS};
     for (int kind = SG_HIT_PIXELS; kind <= SG_HIT_WEIGHT; kind++) {
         double blended = 0;
-        struct sg_backend *b;
-        assert_int_equal(sg_backend_create(ctx, "ref", NULL, &b), SG_OK);
-        assert_int_equal(b->ops->upload(b, m, NULL), SG_OK);
+        struct sg_backend *b = make_backend(ctx, "ref", NULL, m, NULL);
         assert_int_equal(b->ops->count_hits(b, views, 3, &params, (enum sg_hit) kind, ref), SG_OK);
         for (int v = 0; v < 3 && kind == SG_HIT_WEIGHT; v++) { /* weights of a pixel add up to its alpha */
             const size_t pixels = (size_t) cameras[v].width * (size_t) cameras[v].height;
@@ -301,8 +297,7 @@ static void test_hits(void **state)
             for (uint64_t limit = 1 << 20; limit; limit = limit > 40 ? 40 : 0) {
                 size_t off = 0;
                 params.max_instances = limit;
-                assert_int_equal(sg_backend_create(ctx, "cpu", variants[k]->name, &b), SG_OK);
-                assert_int_equal(b->ops->upload(b, m, NULL), SG_OK);
+                b = make_backend(ctx, "cpu", variants[k]->name, m, NULL);
                 assert_int_equal(b->ops->count_hits(b, views, 3, &params, (enum sg_hit) kind, hits), SG_OK);
                 for (size_t i = 0; i < m->count; i++) {
                     off += fabs(hits[i] - ref[i]) > 1e-3 * (1 + ref[i]);
@@ -334,9 +329,7 @@ static void test_hits_alone(void **state)
         *sg_model_at(m, i, SG_P_OPACITY) = -2 - (float) (i % 3); /* 0.88^50 > 1e-4 */
     for (int k = 0; k < 2; k++) {
         double hits[N], sum = 0, events = 0;
-        struct sg_backend *b;
-        assert_int_equal(sg_backend_create(ctx, names[k], NULL, &b), SG_OK);
-        assert_int_equal(b->ops->upload(b, m, NULL), SG_OK);
+        struct sg_backend *b = make_backend(ctx, names[k], NULL, m, NULL);
         assert_int_equal(b->ops->count_hits(b, &view, 1, &params, SG_HIT_PIXELS, hits), SG_OK);
         for (size_t i = 0; i < N; i++) {
             size_t seen = 0;
@@ -369,9 +362,7 @@ static void test_floor(void **state)
     struct sg_model *m = make_model(ctx, 70, 0, 2), *after;
     assert_int_equal(sg_model_create(ctx, 70, 0, &after), SG_OK);
     for (int k = 0; k < 2; k++) {
-        struct sg_backend *b;
-        assert_int_equal(sg_backend_create(ctx, names[k], NULL, &b), SG_OK);
-        assert_int_equal(b->ops->upload(b, m, NULL), SG_OK);
+        struct sg_backend *b = make_backend(ctx, names[k], NULL, m, NULL);
         assert_int_equal(b->ops->floor_scale(b, 0.05f), SG_OK);
         assert_int_equal(b->ops->download(b, after, NULL), SG_OK);
         for (size_t i = 0; i < 70; i++)

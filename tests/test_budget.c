@@ -58,8 +58,7 @@ static void test_growth(void **state)
                 dies |= seed % 4 == 1 && expf(*sg_model_at(m, i, SG_P_SCALE + axis)) > large;
             dying += dies;
         }
-        assert_int_equal(sg_backend_create(ctx, "cpu", NULL, &b), SG_OK);
-        assert_int_equal(b->ops->upload(b, m, &o), SG_OK);
+        b = make_backend(ctx, "cpu", NULL, m, &o);
         struct sg_densify_params p = {.gradient = 4,
                                       .split_scale = draw(seed, 3, 0.01f, 0.2f),
                                       .prune_scale = seed % 4 == 1 ? large : 0,

@@ -121,8 +121,7 @@ static void test_filter(void **state)
     for (size_t c = 0; c < sizeof(cases) / sizeof(cases[0]); c++) {
         struct sg_defense_step step = {.anisotropy = 3};
         p.rule = cases[c].rule;
-        assert_int_equal(sg_backend_create(ctx, "cpu", NULL, &b), SG_OK);
-        assert_int_equal(b->ops->upload(b, m, NULL), SG_OK);
+        b = make_backend(ctx, "cpu", NULL, m, NULL);
         assert_int_equal(sg_filter(b, &scene, &p, &render, cases[c].rho, 42, 600, &step), SG_OK);
         assert_true(step.filtered && step.scored == 6 && step.unseen == 1 && step.anisotropy == 3);
         assert_int_equal(step.removed, cases[c].removed);
@@ -139,8 +138,7 @@ static void test_filter(void **state)
     struct sg_defense_step step; /* equals go together */
     *sg_model_at(m, 4, SG_P_XYZ + 2) = -50;
     p.rule = SG_PRUNE_THRESHOLD;
-    assert_int_equal(sg_backend_create(ctx, "cpu", NULL, &b), SG_OK);
-    assert_int_equal(b->ops->upload(b, m, NULL), SG_OK);
+    b = make_backend(ctx, "cpu", NULL, m, NULL);
     assert_int_equal(sg_filter(b, &scene, &p, &render, 0.01, 42, 600, &step), SG_OK);
     assert_int_equal(step.removed, 2);
     sg_backend_destroy(&b);
@@ -160,8 +158,7 @@ static void test_views(void **state)
     const struct sg_render_params render = {SG_RENDER_DEFAULTS};
     struct sg_backend *b;
     double *own[7];
-    assert_int_equal(sg_backend_create(ctx, "cpu", NULL, &b), SG_OK);
-    assert_int_equal(b->ops->upload(b, m, NULL), SG_OK);
+    b = make_backend(ctx, "cpu", NULL, m, NULL);
     for (int v = 0; v < 7; v++) { /* sizes apart, so that a view can be told by its hits */
         views[v] = (struct sg_view){.camera = make_camera(20 + 9 * v, 30, 3)};
         const struct sg_camera *camera = &views[v].camera;
@@ -633,8 +630,7 @@ static void test_report(void **state)
                 *sg_model_at(m, i, SG_P_XYZ + 2) = -50;
             o.grad_count[i] = 1, o.grad_sum[i] = (float) (i + 1); /* a name */
         }
-        assert_int_equal(sg_backend_create(ctx, "cpu", NULL, &b), SG_OK);
-        assert_int_equal(b->ops->upload(b, m, &o), SG_OK);
+        b = make_backend(ctx, "cpu", NULL, m, &o);
         assert_int_equal(sg_score(b, &scene, &p, &render, 42, 600, &s), SG_OK);
         for (size_t i = 0; i < N; i++)
             assert_true(s.score[i] == -INFINITY || (!none && i % 3));

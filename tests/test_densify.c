@@ -16,7 +16,6 @@ static void test_densify(void **state)
     const float tau = 0.0002f, limit = 0.0625f; /* a scale whose logarithm is exact enough to come back */
     assert_int_equal(sg_model_create(ctx, 6, 0, &m), SG_OK);
     assert_int_equal(sg_optimiser_create(ctx, 6, 0, &o), SG_OK);
-    assert_int_equal(sg_backend_create(ctx, "cpu", NULL, &b), SG_OK);
     /* 0 clones (gradient exactly tau), 1 stays (just below), 2 splits, 3 is too transparent, 4 too large, 5 clones but
      * dies */
     const float gradient[] = {tau, 0.00019999f, 0.001f, 0, 0, 0.01f};
@@ -31,7 +30,7 @@ static void test_densify(void **state)
         *sg_model_at(m, i, SG_P_OPACITY) = logf(opacity[i] / (1 - opacity[i]));
         o.m[sg_param_index(sg_param_count(0), i, 0)] = 7;
     }
-    assert_int_equal(b->ops->upload(b, m, &o), SG_OK);
+    b = make_backend(ctx, "cpu", NULL, m, &o);
     struct sg_densify_result r;
     struct sg_densify_params p = {.gradient = tau, .split_scale = limit, .prune_scale = 1, .seed = 1, .stream = 600};
     assert_int_equal(sg_densify(b, &p, &r), SG_OK);
@@ -103,8 +102,7 @@ static void test_alike(void **state)
             *sg_model_at(m, i, SG_P_OPACITY) = cases[c].opacity;
         }
         p.gradient = 0.5f;
-        assert_int_equal(sg_backend_create(ctx, k % 2 ? "ref" : "cpu", NULL, &b), SG_OK);
-        assert_int_equal(b->ops->upload(b, m, &o), SG_OK);
+        b = make_backend(ctx, k % 2 ? "ref" : "cpu", NULL, m, &o);
         if (cases[c].count) {
             assert_int_equal(sg_densify(b, &p, &r), SG_OK);
             assert_int_equal(b->ops->count(b), cases[c].count);
@@ -162,8 +160,7 @@ static void test_replaced(void **state)
             o.grad_sum[i] = i + wish >= FULL, o.grad_count[i] = 1;
             *sg_model_at(m, i, SG_P_OPACITY) = 2;
         }
-        assert_int_equal(sg_backend_create(ctx, "cpu", NULL, &b), SG_OK);
-        assert_int_equal(b->ops->upload(b, m, &o), SG_OK);
+        b = make_backend(ctx, "cpu", NULL, m, &o);
         assert_int_equal(sg_densify(b, &p, &r), SG_OK);
         assert_int_equal(r.replaced, wish < 20 ? wish : 20);
         assert_int_equal(r.cloned, r.replaced);
