@@ -11,8 +11,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "backend/cpu/dispatch.h"
-#include "backend/morton.h"
+#include "engine/cpu/dispatch.h"
+#include "engine/morton.h"
 #include "core/clock.h"
 #include "core/internal.h"
 #include "core/rng.h"

@@ -2,7 +2,7 @@
 #ifndef BENCH_ROOFLINE_H
 #define BENCH_ROOFLINE_H
 
-#include "backend/cpu/kernels.h"
+#include "engine/cpu/kernels.h"
 
 /* What this machine does at best: read-modify-write streams of all threads, multiply-adds of one core, and the raster
  * kernels of one core on tiles where every lane of every pair works. */

@@ -54,7 +54,7 @@ static int train_proxy(const struct attack_config *c, char **model)
     t.train.seed = c->attack.seed;
     t.train.max_instances = c->attack.max_instances;
     t.train.cpu = c->attack.cpu;
-    t.backend = c->backend;
+    t.engine = c->engine;
     t.scene = c->scene;
     t.scene.params.eval = false;
     t.eval = c->views == VIEWS_TRAIN;

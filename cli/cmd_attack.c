@@ -36,7 +36,7 @@ static const struct option attack_options[] = {
     FLAG_ROW("force", A(force), "Replace an earlier attack in the folder.", .transient = true),
     FLAG_ROW("quiet", A(quiet), "No progress.", .letter = 'q', .transient = true),
     INTEGER("save-every", save_every, 0, 10000000, "Save a checkpoint every N iterations; 0 = when interrupted only."),
-    CHOICE_ROW("backend", A(backend), BACKENDS, "NAME", "cpu, or ref: the slow scalar oracle."),
+    CHOICE_ROW("engine", A(engine), ENGINES, "NAME", "cpu, or ref: the slow scalar oracle.", .alias = "backend"),
     TEXT_ROW("cpu", A(attack.cpu), "VARIANT",
              "Instruction set: baseline, avx2, avx512 or neon; the best by default (or SG_CPU)."),
     GROUP_ROW("Scene"),
@@ -137,7 +137,7 @@ static void apply_preset(struct attack_config *c, enum sg_scene_format format)
 /* The parts of the configuration that follow from others. */
 static int settle(struct attack_config *c)
 {
-    static const char *const backends[] = {"cpu", "ref"};
+    static const char *const engines[] = {"cpu", "ref"};
     char *end;
     const double levels = strtod(c->epsilon, &end);
     if (end == c->epsilon || *end || !(levels >= 0) ||
@@ -154,7 +154,7 @@ static int settle(struct attack_config *c)
     c->attack.epsilon = (float) (levels / 255);
     c->attack.step = c->grey_step / 255;
     c->attack.tv = (enum sg_tv_form) c->tv;
-    c->attack.backend = backends[c->backend];
+    c->attack.engine = engines[c->engine];
     c->attack.cpu = cpu_variant(c->attack.cpu);
     c->files.save = (enum sg_poison_save) c->save;
     c->files.full_chroma = c->chroma == 1;

@@ -38,7 +38,7 @@ static const struct option train_options[] = {
     INTEGER("eval-every", eval_every, 0, 10000000,
             "Measure the test views every N iterations, likewise; 0 = at the end only."),
     INTEGER("log-every", log_every, 1, 10000000, "Write a line to log.jsonl every N iterations."),
-    CHOICE_ROW("backend", T(backend), BACKENDS, "NAME", "cpu, or ref: the slow scalar oracle."),
+    CHOICE_ROW("engine", T(engine), ENGINES, "NAME", "cpu, or ref: the slow scalar oracle.", .alias = "backend"),
     TEXT_ROW("cpu", T(train.cpu), "VARIANT",
              "Instruction set: baseline, avx2, avx512 or neon; the best by default (or SG_CPU)."),
     SCENE_OPTIONS(struct train_config, scene, false),
@@ -187,8 +187,8 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
 /* The parts of the configuration that follow from others. */
 static void settle(struct train_config *c)
 {
-    static const char *const backends[] = {"cpu", "ref"};
-    c->train.backend = backends[c->backend];
+    static const char *const engines[] = {"cpu", "ref"};
+    c->train.engine = engines[c->engine];
     c->train.cpu = cpu_variant(c->train.cpu);
     c->train.white_background = c->scene.params.white_background;
     c->scene.params.format = (enum sg_scene_format) c->scene.format;

@@ -13,7 +13,7 @@ struct scene_options {
     struct sg_scene_params params;
     int format; /* index of SCENE_FORMATS, which are in the order of enum sg_scene_format */
 };
-#define BACKENDS "cpu|ref"
+#define ENGINES "cpu|ref"
 #define SCENE_FORMATS "auto|blender|colmap|nerfstudio"
 #define SCENE_OPTION_DEFAULTS .params = {SG_SCENE_DEFAULTS}
 

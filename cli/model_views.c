@@ -65,7 +65,7 @@ done:
 int model_views_open(struct model_views *v, const char *model, const struct command *command, const bool *given,
                      void *config, struct model_options *o)
 {
-    static const char *const backends[] = {"cpu", "ref"};
+    static const char *const engines[] = {"cpu", "ref"};
     *v = (struct model_views){0};
     char *path = find_model(model, o->iteration);
     int code = path ? adopt_run(v, model, command, given, config, o) : 2;
@@ -85,8 +85,7 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
     if (!error)
         error = sg_scene_load(v->ctx, o->scene_path, &o->scene.params, &v->scene);
     if (!error)
-        error =
-            sg_renderer_create(v->ctx, backends[o->backend], cpu_variant(o->cpu), v->model, &o->render, &v->renderer);
+        error = sg_renderer_create(v->ctx, engines[o->engine], cpu_variant(o->cpu), v->model, &o->render, &v->renderer);
     if (error)
         code = report(v->ctx, error);
     else {

@@ -9,7 +9,7 @@ struct model_options {
     const char *scene_path, *cpu;
     struct scene_options scene;
     struct sg_render_params render;
-    int split, backend, threads, iteration;
+    int split, engine, threads, iteration;
     bool quiet;
 };
 #define SPLITS "test|train"
@@ -25,8 +25,8 @@ struct model_options {
         NUMBER_ROW("threads", OPT_INT, offsetof(config, m.threads), 0, 256, "T", "Worker threads; 0 = one per CPU.",   \
                    .letter = 'j', .transient = true),                                                                  \
         FLAG_ROW("quiet", offsetof(config, m.quiet), "Warnings only.", .letter = 'q', .transient = true),              \
-        CHOICE_ROW("backend", offsetof(config, m.backend), BACKENDS, "NAME", "cpu, or ref: the slow scalar oracle.",   \
-                   .transient = true),                                                                                 \
+        CHOICE_ROW("engine", offsetof(config, m.engine), ENGINES, "NAME", "cpu, or ref: the slow scalar oracle.",      \
+                   .alias = "backend", .transient = true),                                                             \
         TEXT_ROW("cpu", offsetof(config, m.cpu), "VARIANT",                                                            \
                  "Instruction set: baseline, avx2, avx512 or neon; the best by default (or SG_CPU).",                  \
                  .transient = true),                                                                                   \

@@ -147,7 +147,8 @@ int options_set(const struct command *c, const struct option *o, void *config, c
 static const struct option *find(const struct command *c, const char *name, size_t n)
 {
     for (const struct option *o = c->options; o->name; o++)
-        if (o->type != OPT_GROUP && (same_name(name, o->name, n) || (n == 1 && *name == o->letter)))
+        if (o->type != OPT_GROUP && (same_name(name, o->name, n) || (o->alias && same_name(name, o->alias, n)) ||
+                                     (n == 1 && *name == o->letter)))
             return o;
     return NULL;
 }
@@ -333,6 +334,8 @@ int options_adopt(const struct command *c, const char *group, const bool *given,
             continue;
         }
         const json_t *v = inside && !given[o - c->options] ? json_object_get(object, o->name) : NULL;
+        if (!v && inside && o->alias && !given[o - c->options])
+            v = json_object_get(object, o->alias);
         if (v && set_json(c, o, config, v, path))
             return 1;
     }

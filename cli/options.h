@@ -29,6 +29,7 @@ enum option_type {
 
 struct option {
     const char *name; /* without dashes in front; underscores are accepted for its dashes. OPT_GROUP: a heading */
+    const char *alias; /* an older name that is still accepted, or NULL */
     char letter;      /* short form or 0 */
     enum option_type type;
     size_t offset;        /* of the value in the command's config */

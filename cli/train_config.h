@@ -19,7 +19,7 @@ struct train_config {
     const char *proxy_of; /* the folder of the attack that this run is for, or NULL */
     struct scene_options scene;
     struct sg_train_params train;
-    int backend, defense, preset, audit; /* indices of choices */
+    int engine, defense, preset, audit; /* indices of choices */
     bool resume, force, quiet, eval;
     uint64_t max_memory;
     int threads, save_every, eval_every, log_every;

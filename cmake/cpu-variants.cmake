@@ -1,5 +1,5 @@
-# src/backend/cpu/kernels/*.c are compiled once per instruction set; SG_ISA names the variant inside.
-file(GLOB SG_KERNELS CONFIGURE_DEPENDS src/backend/cpu/kernels/*.c)
+# src/engine/cpu/kernels/*.c are compiled once per instruction set; SG_ISA names the variant inside.
+file(GLOB SG_KERNELS CONFIGURE_DEPENDS src/engine/cpu/kernels/*.c)
 
 function(sg_cpu_variant name)
     add_library(sg_kernels_${name} OBJECT ${SG_KERNELS})

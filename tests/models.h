@@ -15,7 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "backend/backend.h"
+#include "engine/engine.h"
 #include "core/rng.h"
 #include "splatguard/splatguard.h"
 
@@ -93,12 +93,12 @@ static inline void make_photos(sg_ctx *ctx, const struct sg_model *m, int side, 
     sg_renderer_destroy(&r);
 }
 
-/* A backend that holds m, and o where it is not NULL. variant: as sg_backend_create's. */
-static inline struct sg_backend *make_backend(sg_ctx *ctx, const char *name, const char *variant,
-                                              const struct sg_model *m, const struct sg_optimiser *o)
+/* A engine that holds m, and o where it is not NULL. variant: as sg_engine_create's. */
+static inline struct sg_engine *make_engine(sg_ctx *ctx, const char *name, const char *variant,
+                                            const struct sg_model *m, const struct sg_optimiser *o)
 {
-    struct sg_backend *b;
-    assert_int_equal(sg_backend_create(ctx, name, variant, &b), SG_OK);
+    struct sg_engine *b;
+    assert_int_equal(sg_engine_create(ctx, name, variant, &b), SG_OK);
     assert_int_equal(b->ops->upload(b, m, o), SG_OK);
     return b;
 }

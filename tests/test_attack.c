@@ -4,7 +4,7 @@
 
 #include <unistd.h>
 
-#include "backend/cpu/dispatch.h"
+#include "engine/cpu/dispatch.h"
 
 #include "models.h"
 
@@ -321,9 +321,9 @@ static void test_refusals(void **state)
     struct fixture *f = *state;
     sg_attack *a = (void *) f;
     const struct sg_attack_params bad[] = {
-        {SHORT, .epsilon = -1},   {SHORT, .epsilon = NAN},        {SHORT, .inner = -1},
-        {SHORT, .step = NAN},     {SHORT, .update_interval = 0},  {SHORT, .iterations = 0},
-        {SHORT, .opacity_lr = 2}, {SHORT, .backend = "nonsense"}, {SHORT, .tv = 3}};
+        {SHORT, .epsilon = -1},   {SHORT, .epsilon = NAN},       {SHORT, .inner = -1},
+        {SHORT, .step = NAN},     {SHORT, .update_interval = 0}, {SHORT, .iterations = 0},
+        {SHORT, .opacity_lr = 2}, {SHORT, .engine = "nonsense"}, {SHORT, .tv = 3}};
     for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); i++) {
         assert_int_equal(sg_attack_create(f->ctx, &f->scene, f->proxy, &bad[i], &a), SG_ERR_USAGE);
         assert_null(a);

@@ -39,7 +39,7 @@ static void test_growth(void **state)
         const size_t n = 20 + (size_t) draw(seed, 1, 0, 300);
         const size_t limit = 10 + (size_t) draw(seed, 2, 0, 400);
         struct sg_model *m = make_model(ctx, n, 0, seed);
-        struct sg_backend *b;
+        struct sg_engine *b;
         struct sg_optimiser o;
         struct random_scores r = {ctx, seed, n};
         assert_int_equal(sg_optimiser_create(ctx, n, 0, &o), SG_OK);
@@ -58,7 +58,7 @@ static void test_growth(void **state)
                 dies |= seed % 4 == 1 && expf(*sg_model_at(m, i, SG_P_SCALE + axis)) > large;
             dying += dies;
         }
-        b = make_backend(ctx, "cpu", NULL, m, &o);
+        b = make_engine(ctx, "cpu", NULL, m, &o);
         struct sg_densify_params p = {.gradient = 4,
                                       .split_scale = draw(seed, 3, 0.01f, 0.2f),
                                       .prune_scale = seed % 4 == 1 ? large : 0,
@@ -106,7 +106,7 @@ static void test_growth(void **state)
             sg_model_destroy(ctx, &after);
         }
         sg_optimiser_clear(ctx, &o);
-        sg_backend_destroy(&b);
+        sg_engine_destroy(&b);
         sg_model_destroy(ctx, &m);
     }
     assert_true(some_died > 5);

@@ -90,7 +90,7 @@ static void test_filter(void **state)
     (void) state;
     sg_ctx *ctx = make_context(1);
     struct sg_model *m, *after;
-    struct sg_backend *b;
+    struct sg_engine *b;
     const struct sg_render_params render = {SG_RENDER_DEFAULTS};
     struct sg_view view = {.camera = make_camera(96, 96, 4)};
     const struct sg_scene scene = {.train = &view, .n_train = 1};
@@ -121,7 +121,7 @@ static void test_filter(void **state)
     for (size_t c = 0; c < sizeof(cases) / sizeof(cases[0]); c++) {
         struct sg_defense_step step = {.anisotropy = 3};
         p.rule = cases[c].rule;
-        b = make_backend(ctx, "cpu", NULL, m, NULL);
+        b = make_engine(ctx, "cpu", NULL, m, NULL);
         assert_int_equal(sg_filter(b, &scene, &p, &render, cases[c].rho, 42, 600, &step), SG_OK);
         assert_true(step.filtered && step.scored == 6 && step.unseen == 1 && step.anisotropy == 3);
         assert_int_equal(step.removed, cases[c].removed);
@@ -133,15 +133,15 @@ static void test_filter(void **state)
         for (size_t i = 0; i < after->count && cases[c].removed; i++) /* what nobody saw went first */
             assert_true(*sg_model_at(after, i, SG_P_XYZ + 2) > -1);
         sg_model_destroy(ctx, &after);
-        sg_backend_destroy(&b);
+        sg_engine_destroy(&b);
     }
     struct sg_defense_step step; /* equals go together */
     *sg_model_at(m, 4, SG_P_XYZ + 2) = -50;
     p.rule = SG_PRUNE_THRESHOLD;
-    b = make_backend(ctx, "cpu", NULL, m, NULL);
+    b = make_engine(ctx, "cpu", NULL, m, NULL);
     assert_int_equal(sg_filter(b, &scene, &p, &render, 0.01, 42, 600, &step), SG_OK);
     assert_int_equal(step.removed, 2);
-    sg_backend_destroy(&b);
+    sg_engine_destroy(&b);
     sg_model_destroy(ctx, &m);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
     sg_ctx_destroy(&ctx);
@@ -156,9 +156,9 @@ static void test_views(void **state)
     struct sg_model *m = make_model(ctx, 200, 0, 3);
     const struct sg_scene scene = {.train = views, .n_train = 7};
     const struct sg_render_params render = {SG_RENDER_DEFAULTS};
-    struct sg_backend *b;
+    struct sg_engine *b;
     double *own[7];
-    b = make_backend(ctx, "cpu", NULL, m, NULL);
+    b = make_engine(ctx, "cpu", NULL, m, NULL);
     for (int v = 0; v < 7; v++) { /* sizes apart, so that a view can be told by its hits */
         views[v] = (struct sg_view){.camera = make_camera(20 + 9 * v, 30, 3)};
         const struct sg_camera *camera = &views[v].camera;
@@ -202,7 +202,7 @@ static void test_views(void **state)
     sg_scores_clear(ctx, &s);
     for (int v = 0; v < 7; v++)
         free(own[v]);
-    sg_backend_destroy(&b);
+    sg_engine_destroy(&b);
     sg_model_destroy(ctx, &m);
     sg_ctx_destroy(&ctx);
 }
@@ -281,12 +281,12 @@ static double first_variation(struct fixture *f, const struct sg_train_params *p
     static float planes[3 * SIDE * SIDE];
     double rows[6 * SIDE];
     sg_trainer *t = begin_training(f, p);
-    const struct sg_backend_ops *ops = t->backend->ops;
+    const struct sg_engine_ops *ops = t->engine->ops;
     const struct sg_render_params render = {SG_RENDER_DEFAULTS};
     const struct sg_camera *camera = &f->scene.train[sg_trainer_pick_view(t, 1)].camera;
-    assert_int_equal(ops->project(t->backend, camera, sg_active_degree(p, 0, 1), &render), SG_OK);
-    assert_int_equal(ops->rasterize(t->backend, false, NULL), SG_OK);
-    assert_int_equal(ops->read_image(t->backend, planes, NULL, NULL), SG_OK);
+    assert_int_equal(ops->project(t->engine, camera, sg_active_degree(p, 0, 1), &render), SG_OK);
+    assert_int_equal(ops->rasterize(t->engine, false, NULL), SG_OK);
+    assert_int_equal(ops->read_image(t->engine, planes, NULL, NULL), SG_OK);
     sg_trainer_destroy(&t);
     return sg_tv_loss(f->ctx, planes, SIDE, SIDE, p->defense.tv, 0, NULL, rows);
 }
@@ -622,7 +622,7 @@ static void test_report(void **state)
         struct sg_model *m = make_model(ctx, N, 0, 5);
         struct sg_defense_step step = {0};
         struct sg_optimiser o;
-        struct sg_backend *b;
+        struct sg_engine *b;
         struct sg_scores s;
         assert_int_equal(sg_optimiser_create(ctx, N, 0, &o), SG_OK);
         for (size_t i = 0; i < N; i++) {
@@ -630,7 +630,7 @@ static void test_report(void **state)
                 *sg_model_at(m, i, SG_P_XYZ + 2) = -50;
             o.grad_count[i] = 1, o.grad_sum[i] = (float) (i + 1); /* a name */
         }
-        b = make_backend(ctx, "cpu", NULL, m, &o);
+        b = make_engine(ctx, "cpu", NULL, m, &o);
         assert_int_equal(sg_score(b, &scene, &p, &render, 42, 600, &s), SG_OK);
         for (size_t i = 0; i < N; i++)
             assert_true(s.score[i] == -INFINITY || (!none && i % 3));
@@ -646,7 +646,7 @@ static void test_report(void **state)
         for (size_t i = 0; i < N - step.removed; i++) /* in the order that they were in */
             assert_true(gradient[i] > (i ? gradient[i - 1] : 0));
         sg_scores_clear(ctx, &s);
-        sg_backend_destroy(&b);
+        sg_engine_destroy(&b);
         sg_optimiser_clear(ctx, &o);
         sg_model_destroy(ctx, &m);
     }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Densification: who grows, who goes, and what a limit leaves of that. */
-#include "backend/backend.h"
+#include "engine/engine.h"
 #include "math/constants.h"
 #include "models.h"
 #include "train/densify.h"
@@ -12,7 +12,7 @@ static void test_densify(void **state)
     sg_ctx *ctx = make_context(1);
     struct sg_model *m, *after;
     struct sg_optimiser o;
-    struct sg_backend *b;
+    struct sg_engine *b;
     const float tau = 0.0002f, limit = 0.0625f; /* a scale whose logarithm is exact enough to come back */
     assert_int_equal(sg_model_create(ctx, 6, 0, &m), SG_OK);
     assert_int_equal(sg_optimiser_create(ctx, 6, 0, &o), SG_OK);
@@ -30,7 +30,7 @@ static void test_densify(void **state)
         *sg_model_at(m, i, SG_P_OPACITY) = logf(opacity[i] / (1 - opacity[i]));
         o.m[sg_param_index(sg_param_count(0), i, 0)] = 7;
     }
-    b = make_backend(ctx, "cpu", NULL, m, &o);
+    b = make_engine(ctx, "cpu", NULL, m, &o);
     struct sg_densify_result r;
     struct sg_densify_params p = {.gradient = tau, .split_scale = limit, .prune_scale = 1, .seed = 1, .stream = 600};
     assert_int_equal(sg_densify(b, &p, &r), SG_OK);
@@ -55,7 +55,7 @@ static void test_densify(void **state)
         assert_float_equal(moments.m[sg_param_index(sg_param_count(0), i, 0)], i < 2 ? 7 : 0, 0);
         assert_float_equal(moments.grad_count[i], 0, 0);
     }
-    sg_backend_destroy(&b);
+    sg_engine_destroy(&b);
     sg_optimiser_clear(ctx, &o);
     sg_optimiser_clear(ctx, &moments);
     sg_model_destroy(ctx, &m);
@@ -92,7 +92,7 @@ static void test_alike(void **state)
         struct sg_densify_result r;
         struct sg_optimiser o;
         struct sg_model *m, *after;
-        struct sg_backend *b;
+        struct sg_engine *b;
         assert_int_equal(sg_model_create(ctx, N, 0, &m), SG_OK);
         assert_int_equal(sg_optimiser_create(ctx, N, 0, &o), SG_OK);
         for (size_t i = 0; i < N; i++) {
@@ -102,7 +102,7 @@ static void test_alike(void **state)
             *sg_model_at(m, i, SG_P_OPACITY) = cases[c].opacity;
         }
         p.gradient = 0.5f;
-        b = make_backend(ctx, k % 2 ? "ref" : "cpu", NULL, m, &o);
+        b = make_engine(ctx, k % 2 ? "ref" : "cpu", NULL, m, &o);
         if (cases[c].count) {
             assert_int_equal(sg_densify(b, &p, &r), SG_OK);
             assert_int_equal(b->ops->count(b), cases[c].count);
@@ -117,7 +117,7 @@ static void test_alike(void **state)
             assert_non_null(strstr(sg_last_error(ctx), "transparent"));
             assert_int_equal(b->ops->count(b), N);
         }
-        sg_backend_destroy(&b);
+        sg_engine_destroy(&b);
         sg_optimiser_clear(ctx, &o);
         sg_model_destroy(ctx, &m);
     }
@@ -154,19 +154,19 @@ static void test_replaced(void **state)
                                             .seed = 1};
         struct sg_densify_result r;
         struct sg_optimiser o;
-        struct sg_backend *b;
+        struct sg_engine *b;
         assert_int_equal(sg_optimiser_create(ctx, FULL, 0, &o), SG_OK);
         for (size_t i = 0; i < FULL; i++) {
             o.grad_sum[i] = i + wish >= FULL, o.grad_count[i] = 1;
             *sg_model_at(m, i, SG_P_OPACITY) = 2;
         }
-        b = make_backend(ctx, "cpu", NULL, m, &o);
+        b = make_engine(ctx, "cpu", NULL, m, &o);
         assert_int_equal(sg_densify(b, &p, &r), SG_OK);
         assert_int_equal(r.replaced, wish < 20 ? wish : 20);
         assert_int_equal(r.cloned, r.replaced);
         assert_int_equal(r.limited, wish > 20);
         assert_int_equal(b->ops->count(b), FULL);
-        sg_backend_destroy(&b);
+        sg_engine_destroy(&b);
         sg_optimiser_clear(ctx, &o);
         sg_model_destroy(ctx, &m);
     }

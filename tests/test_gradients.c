@@ -2,7 +2,7 @@
 /* The oracle's gradients against central differences of the oracle itself, in double precision. */
 #include "math/real_f64.h"
 
-#include "backend/ref/render.h"
+#include "engine/ref/render.h"
 #include "math/photometric.h"
 #include "models.h"
 
@@ -246,7 +246,7 @@ static void saturated_alpha_keeps_its_gradient(void **state)
     assert_near(gradient[SG_P_OPACITY], expected, 1e-9);
 }
 
-/* ---- photometric loss: math/photometric.h as the backends use it ---- */
+/* ---- photometric loss: math/photometric.h as the engines use it ---- */
 
 #define SIDE 17 /* wider and narrower than the window */
 #define TALL 9

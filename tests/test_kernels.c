@@ -3,7 +3,7 @@
  * formula, hostile Gaussians one by one against the oracle, and the empty and the smallest models. */
 #include "math/real_f64.h"
 
-#include "backend/cpu/dispatch.h"
+#include "engine/cpu/dispatch.h"
 #include "math/photometric.h"
 #include "models.h"
 
@@ -26,14 +26,14 @@ static const char *name_of(int v)
     return variant_names[v] ? variant_names[v] : "ref";
 }
 
-static struct sg_backend *backend_of(sg_ctx *ctx, int v)
+static struct sg_engine *engine_of(sg_ctx *ctx, int v)
 {
-    struct sg_backend *b;
-    assert_int_equal(sg_backend_create(ctx, variant_names[v] ? "cpu" : "ref", variant_names[v], &b), SG_OK);
+    struct sg_engine *b;
+    assert_int_equal(sg_engine_create(ctx, variant_names[v] ? "cpu" : "ref", variant_names[v], &b), SG_OK);
     return b;
 }
 
-/* ---- the loss, row kernels called as the backend does ---- */
+/* ---- the loss, row kernels called as the engine does ---- */
 
 struct exact_loss {
     double l1, mse, ssim, *gradient;
@@ -163,7 +163,7 @@ static void test_loss(void **state)
 
 /* ---- Adam ---- */
 
-/* Three steps from known gradients (those the backend itself reports), each recomputed in double precision. */
+/* Three steps from known gradients (those the engine itself reports), each recomputed in double precision. */
 static void test_adam(void **state)
 {
     (void) state;
@@ -175,7 +175,7 @@ static void test_adam(void **state)
         target[i] = (uint8_t) draw(6, i, 0, 255.9f);
     for (int v = 0; v < variant_count; v++) {
         sg_ctx *ctx = make_context(1);
-        struct sg_backend *b = backend_of(ctx, v);
+        struct sg_engine *b = engine_of(ctx, v);
         struct sg_model *m = make_model(ctx, 21, 1, 4), *g, *after;
         struct sg_optimiser o, old;
         struct sg_loss_value value;
@@ -235,7 +235,7 @@ static void test_adam(void **state)
         sg_model_destroy(ctx, &m);
         sg_model_destroy(ctx, &g);
         sg_model_destroy(ctx, &after);
-        sg_backend_destroy(&b);
+        sg_engine_destroy(&b);
         assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
         sg_ctx_destroy(&ctx);
     }
@@ -253,7 +253,7 @@ struct view_of_one {
     struct sg_model *gradient;
 };
 
-static void draw_model(sg_ctx *ctx, struct sg_backend *b, const struct sg_model *m, struct view_of_one *o)
+static void draw_model(sg_ctx *ctx, struct sg_engine *b, const struct sg_model *m, struct view_of_one *o)
 {
     struct sg_camera camera = make_camera(SIDE, SIDE, 3);
     if (straight)
@@ -273,13 +273,13 @@ static void draw_model(sg_ctx *ctx, struct sg_backend *b, const struct sg_model 
 }
 
 /* Nothing but finite values; exact_too: the variants and the oracle agree on who is drawn and on the pixels. */
-static void check_one(sg_ctx *ctx, struct sg_backend **backends, const struct sg_model *m, bool exact_too,
+static void check_one(sg_ctx *ctx, struct sg_engine **engines, const struct sg_model *m, bool exact_too,
                       const char *what)
 {
     static struct view_of_one ref, o;
-    draw_model(ctx, backends[variant_count - 1], m, &ref);
+    draw_model(ctx, engines[variant_count - 1], m, &ref);
     for (int v = 0; v < variant_count; v++) {
-        draw_model(ctx, backends[v], m, &o);
+        draw_model(ctx, engines[v], m, &o);
         if (exact_too && o.stats.visible != ref.stats.visible)
             fail_msg("%s: %s: %llu visible, expected %llu", name_of(v), what, (unsigned long long) o.stats.visible,
                      (unsigned long long) ref.stats.visible);
@@ -308,9 +308,9 @@ static void test_hostile_planes(void **state)
     static const float bad[] = {NAN,    INFINITY, -INFINITY, 3e38f, -3e38f, 1e20f, -1e20f, 1e10f, -1e10f,
                                 1000.f, -1000.f,  88,        -88,   20,     -20,   1e-40f, -0.0f, 0};
     sg_ctx *ctx = make_context(1);
-    struct sg_backend *backends[5];
+    struct sg_engine *engines[5];
     for (int v = 0; v < variant_count; v++)
-        backends[v] = backend_of(ctx, v);
+        engines[v] = engine_of(ctx, v);
     struct sg_model *good = make_model(ctx, 3, 1, 12), *m;
     assert_int_equal(sg_model_create(ctx, 3, 1, &m), SG_OK);
     for (int p = 0; p < sg_param_count(1); p++)
@@ -321,10 +321,10 @@ static void test_hostile_planes(void **state)
             *sg_model_at(m, 1, p) = bad[k];
             /* Of a needle the determinant cancels: what is left is rounding, which differs. */
             const bool needle = p >= SG_P_SCALE && p < SG_P_ROT && bad[k] > 2;
-            check_one(ctx, backends, m, !needle, what);
+            check_one(ctx, engines, m, !needle, what);
         }
     for (int v = 0; v < variant_count; v++)
-        sg_backend_destroy(&backends[v]);
+        sg_engine_destroy(&engines[v]);
     sg_model_destroy(ctx, &good);
     sg_model_destroy(ctx, &m);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
@@ -336,9 +336,9 @@ static void test_needles(void **state)
 {
     (void) state;
     sg_ctx *ctx = make_context(1);
-    struct sg_backend *backends[5];
+    struct sg_engine *engines[5];
     for (int v = 0; v < variant_count; v++)
-        backends[v] = backend_of(ctx, v);
+        engines[v] = engine_of(ctx, v);
     struct sg_model *m = make_model(ctx, 1, 0, 12);
     uint64_t k = 0;
     for (int length = -8; length <= 44; length += 2)
@@ -353,11 +353,11 @@ static void test_needles(void **state)
                 *sg_model_at(m, 0, SG_P_ROT + i) = turn < 4 ? draw(30, k++, -1, 1) : i == 0;
             straight = turn >= 4; /* along the axes nothing cancels: the extremes stay extreme */
             *sg_model_at(m, 0, SG_P_OPACITY) = 2;
-            check_one(ctx, backends, m, length < 2, what); /* longer: as above */
+            check_one(ctx, engines, m, length < 2, what); /* longer: as above */
         }
     straight = false;
     for (int v = 0; v < variant_count; v++)
-        sg_backend_destroy(&backends[v]);
+        sg_engine_destroy(&engines[v]);
     sg_model_destroy(ctx, &m);
     sg_ctx_destroy(&ctx);
 }
@@ -369,7 +369,7 @@ static void test_opacity_limits(void **state)
     static struct view_of_one o;
     for (int v = 0; v < variant_count; v++) {
         sg_ctx *ctx = make_context(1);
-        struct sg_backend *b = backend_of(ctx, v);
+        struct sg_engine *b = engine_of(ctx, v);
         struct sg_model *m;
         assert_int_equal(sg_model_create(ctx, 1, 0, &m), SG_OK);
         *sg_model_at(m, 0, SG_P_ROT) = 1;
@@ -390,7 +390,7 @@ static void test_opacity_limits(void **state)
                 assert_float_equal(most, k == 1 ? 1.0f / 255 : 0.99f, 1e-4);
         }
         sg_model_destroy(ctx, &m);
-        sg_backend_destroy(&b);
+        sg_engine_destroy(&b);
         sg_ctx_destroy(&ctx);
     }
 }
@@ -409,7 +409,7 @@ static void test_planes_and_kept_gradients(void **state)
         }
     for (int v = 0; v < variant_count; v++) {
         sg_ctx *ctx = make_context(2);
-        struct sg_backend *b = backend_of(ctx, v);
+        struct sg_engine *b = engine_of(ctx, v);
         struct sg_model *m = make_model(ctx, 40, 1, 6), *once, *thrice;
         struct sg_loss_value a, c;
         draw_model(ctx, b, m, &o);
@@ -452,7 +452,7 @@ static void test_planes_and_kept_gradients(void **state)
         sg_model_destroy(ctx, &once);
         sg_model_destroy(ctx, &thrice);
         sg_model_destroy(ctx, &m);
-        sg_backend_destroy(&b);
+        sg_engine_destroy(&b);
         assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
         sg_ctx_destroy(&ctx);
     }
@@ -466,7 +466,7 @@ static void test_black(void **state)
     static struct view_of_one o;
     for (int v = 0; v < variant_count; v++) {
         sg_ctx *ctx = make_context(1);
-        struct sg_backend *b = backend_of(ctx, v);
+        struct sg_engine *b = engine_of(ctx, v);
         const float corners[12] = {0, 0, 0, 0.5f, 0, 0, 0, 0.5f, 0, 0, 0, 0.5f};
         const uint8_t colours[12] = {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0};
         struct sg_model *m;
@@ -481,7 +481,7 @@ static void test_black(void **state)
                              (double) *sg_model_at(o.gradient, i, SG_P_SH + ch));
         sg_model_destroy(ctx, &o.gradient);
         sg_model_destroy(ctx, &m);
-        sg_backend_destroy(&b);
+        sg_engine_destroy(&b);
         sg_ctx_destroy(&ctx);
     }
 }
@@ -497,7 +497,7 @@ static void test_view_space_gradient(void **state)
         weight[i] = sinf(0.21f * (float) (i % W) + 0.13f * (float) (i / W));
     for (int v = 0; v < variant_count; v++) {
         sg_ctx *ctx = make_context(1);
-        struct sg_backend *b = backend_of(ctx, v);
+        struct sg_engine *b = engine_of(ctx, v);
         struct sg_model *m = make_model(ctx, 1, 0, 21);
         for (int k = 0; k < 3; k++) {
             *sg_model_at(m, 0, SG_P_XYZ + k) = 0.05f * (float) k;
@@ -533,7 +533,7 @@ static void test_view_space_gradient(void **state)
         if (!(fabs((double) gradient - expected) < 0.02 * expected))
             fail_msg("%s: view-space gradient %g, expected %g", name_of(v), (double) gradient, expected);
         sg_model_destroy(ctx, &m);
-        sg_backend_destroy(&b);
+        sg_engine_destroy(&b);
         sg_ctx_destroy(&ctx);
     }
 }
@@ -545,7 +545,7 @@ static void test_empty_model(void **state)
     static struct view_of_one o;
     for (int v = 0; v < variant_count; v++) {
         sg_ctx *ctx = make_context(2);
-        struct sg_backend *b = backend_of(ctx, v);
+        struct sg_engine *b = engine_of(ctx, v);
         struct sg_model *m;
         assert_int_equal(sg_model_create(ctx, 0, 3, &m), SG_OK);
         draw_model(ctx, b, m, &o);
@@ -560,7 +560,7 @@ static void test_empty_model(void **state)
         assert_int_equal(b->ops->reset_opacity(b, 0.01f), SG_OK);
         assert_int_equal(b->ops->count(b), 0);
         sg_model_destroy(ctx, &m);
-        sg_backend_destroy(&b);
+        sg_engine_destroy(&b);
         assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
         sg_ctx_destroy(&ctx);
     }

@@ -247,10 +247,10 @@ static void test_naive(void **state)
             at_bound += d == 8;
         }
         assert_true(at_bound > W * H); /* a third */
-        p = sg_attack_params(.epsilon = 8 / 255.0f, .inner = 20, .backend = "ref");
+        p = sg_attack_params(.epsilon = 8 / 255.0f, .inner = 20, .engine = "ref");
         assert_int_equal(sg_attack_naive(f->ctx, &view, 3, p, (enum sg_naive_attack) method, again), SG_OK);
         assert_memory_equal(out, again, sizeof(out));
-        p = sg_attack_params(.epsilon = 8 / 255.0f, .backend = "gpu");
+        p = sg_attack_params(.epsilon = 8 / 255.0f, .engine = "gpu");
         assert_int_equal(sg_attack_naive(f->ctx, &view, 3, p, (enum sg_naive_attack) method, again), SG_ERR_USAGE);
         p = sg_attack_params(.epsilon = 8 / 255.0f, .inner = -1);
         assert_int_equal(sg_attack_naive(f->ctx, &view, 3, p, (enum sg_naive_attack) method, again), SG_ERR_USAGE);

@@ -2,8 +2,8 @@
 /* Parameters, schedule, what a step does with a scene, determinism and checkpoints. */
 #include <unistd.h>
 
-#include "backend/backend.h"
-#include "backend/cpu/dispatch.h"
+#include "engine/engine.h"
+#include "engine/cpu/dispatch.h"
 #include "math/constants.h"
 #include "train/schedule.h"
 #include "train/trainer.h"
@@ -92,7 +92,7 @@ static void test_golden_losses(void **state)
         if (v < n)
             p.cpu = variants[v]->name;
         else
-            p.backend = "ref";
+            p.engine = "ref";
         struct sg_model *m = train(&f, &p, 20, NULL, NULL, losses);
         sg_model_destroy(f.ctx, &m);
         for (int i = 0; i < 20; i++)
@@ -240,7 +240,7 @@ static void test_background(void **state)
         float before = -1;
         for (int it = 1; it <= 3; it++) {
             assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
-            assert_int_equal(t->backend->ops->read_image(t->backend, planes, NULL, NULL), SG_OK);
+            assert_int_equal(t->engine->ops->read_image(t->engine, planes, NULL, NULL), SG_OK);
             const float red = planes[0], green = planes[PIXELS], blue = planes[2 * PIXELS];
             if (kind == 2)
                 assert_true(red != green && green != blue && red != before && red > 0 && red < 1);

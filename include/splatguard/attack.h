@@ -46,7 +46,7 @@ struct sg_attack_params {
     uint64_t seed;                /* Default 42. */
     uint64_t max_gaussians;       /* of the decoy; 0 = no limit, else at least 4. Default 0. */
     uint64_t max_instances;       /* see sg_render_params. Default 1 << 24. */
-    const char *backend;          /* "cpu" or "ref"; NULL = "cpu". Default "cpu". */
+    const char *engine;           /* "cpu" or "ref"; NULL = "cpu". Default "cpu". */
     const char *cpu;              /* CPU variant; NULL = best. Default NULL. */
 };
 
@@ -54,7 +54,7 @@ struct sg_attack_params {
     .epsilon = 16 / 255.0f, .iterations = 36000, .inner = 15, .step = 2 / 255.0f, .update_interval = 1,                \
     .lambda_dssim = 0.2f, .feature_lr = 0.0025f, .opacity_lr = 0.05f, .scaling_lr = 0.005f, .rotation_lr = 0.001f,     \
     .percent_dense = 0.01f, .densification_interval = 100, .densify_grad_threshold = 0.0002f, .seed = 42,              \
-    .max_instances = 1u << 24, .backend = "cpu"
+    .max_instances = 1u << 24, .engine = "cpu"
 #define sg_attack_params(...) (&(struct sg_attack_params){SG_ATTACK_DEFAULTS, __VA_ARGS__})
 
 /* What one visit of a view did. */

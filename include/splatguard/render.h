@@ -24,18 +24,18 @@ struct sg_render_params {
 struct sg_render_stats {
     uint64_t visible;   /* Gaussians that pass the cull */
     uint64_t instances; /* (Gaussian, tile) pairs */
-    uint64_t pairs;     /* (Gaussian, pixel) pairs evaluated; 0 where the backend does not count */
+    uint64_t pairs;     /* (Gaussian, pixel) pairs evaluated; 0 where the engine does not count */
     uint64_t max_tile;  /* longest tile list */
     uint32_t bands;     /* bands the image was processed in */
 };
 
-/* A renderer holds a copy of a model on a backend ("cpu" or "ref"). Thread safety: unsafe. */
+/* A renderer holds a copy of a model on an engine ("cpu" or "ref"). Thread safety: unsafe. */
 typedef struct sg_renderer sg_renderer;
 
 /* cpu: NULL = best variant this machine has, else "baseline", "avx2", "avx512", "neon".
- * params may be NULL. The model is copied; the caller destroys *out. Errors: SG_ERR_USAGE for a backend or variant that
+ * params may be NULL. The model is copied; the caller destroys *out. Errors: SG_ERR_USAGE for an engine or variant that
  * is not there, SG_ERR_BUDGET. */
-int sg_renderer_create(sg_ctx *ctx, const char *backend, const char *cpu, const struct sg_model *model,
+int sg_renderer_create(sg_ctx *ctx, const char *engine, const char *cpu, const struct sg_model *model,
                        const struct sg_render_params *params, sg_renderer **out);
 void sg_renderer_destroy(sg_renderer **renderer);
 

@@ -51,7 +51,7 @@ struct sg_train_params {
     uint64_t max_instances; /* see sg_render_params. Default 1 << 24. */
     bool reference_tiles;   /* see sg_render_params. Default false. */
     struct sg_defense_params defense;
-    const char *backend; /* "cpu" or "ref"; NULL = "cpu". Default "cpu". */
+    const char *engine;  /* "cpu" or "ref"; NULL = "cpu". Default "cpu". */
     const char *cpu;     /* CPU variant; NULL = best. Default NULL. */
 };
 
@@ -61,7 +61,7 @@ struct sg_train_params {
     .opacity_lr = 0.05f, .scaling_lr = 0.005f, .rotation_lr = 0.001f, .percent_dense = 0.01f,                          \
     .densification_interval = 100, .densify_from_iter = 500, .densify_until_iter = 15000,                              \
     .densify_grad_threshold = 0.0002f, .opacity_reset_interval = 3000, .init_points = 100000,                          \
-    .max_instances = 1u << 24, .defense = {SG_DEFENSE_DEFAULTS}, .backend = "cpu"
+    .max_instances = 1u << 24, .defense = {SG_DEFENSE_DEFAULTS}, .engine = "cpu"
 #define sg_train_params(...) (&(struct sg_train_params){SG_TRAIN_DEFAULTS, __VA_ARGS__})
 
 /* SG_ERR_USAGE, naming the value and its range, where a number is out of it; sg_trainer_create checks this and what
@@ -121,7 +121,7 @@ void sg_trainer_limits(const sg_trainer *trainer, struct sg_train_limits *out);
 size_t sg_trainer_gaussians(const sg_trainer *trainer);
 void sg_trainer_times(const sg_trainer *trainer, struct sg_train_times *out);
 
-/* "avx512", "ref", ...: what the backend really runs. */
+/* "avx512", "ref", ...: what the engine really runs. */
 const char *sg_trainer_variant(const sg_trainer *trainer);
 
 /* A copy of the current model; the caller owns *out. */

@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "backend/cpu/dispatch.h"
+#include "engine/cpu/dispatch.h"
 
 #define ROWS 16 /* a piece of work */
 #define ISO_FLOOR 1e-12f

@@ -3,7 +3,7 @@
 #ifndef SG_ASCENT_H
 #define SG_ASCENT_H
 
-#include "backend/cpu/kernels.h"
+#include "engine/cpu/kernels.h"
 #include "spectral/anisotropy.h"
 #include "splatguard/attack.h"
 

@@ -54,7 +54,7 @@ int sg_attack_check(sg_ctx *ctx, const struct sg_attack_params *p)
     if (!code)
         code = sg_check_max_gaussians(ctx, p->max_gaussians);
     const struct cpu_kernels *kernels;
-    return code ? code : sg_backend_kernels(ctx, p->backend, p->cpu, &kernels);
+    return code ? code : sg_engine_kernels(ctx, p->engine, p->cpu, &kernels);
 }
 
 static int allocate(sg_attack *a, const struct sg_scene *scene)
@@ -98,10 +98,10 @@ static int open_attack(sg_ctx *ctx, const struct sg_scene *scene, struct sg_trai
         code = sg_trainer_open(ctx, scene, &start,
                                sg_train_params(.iterations = p.iterations, .seed = p.seed,
                                                .lambda_dssim = p.lambda_dssim, .max_gaussians = p.max_gaussians,
-                                               .max_instances = p.max_instances, .backend = p.backend, .cpu = p.cpu),
+                                               .max_instances = p.max_instances, .engine = p.engine, .cpu = p.cpu),
                                &a->trainer);
     if (!code)
-        code = sg_backend_kernels(ctx, p.backend, p.cpu, &a->kernels);
+        code = sg_engine_kernels(ctx, p.engine, p.cpu, &a->kernels);
     if (code) {
         sg_attack_destroy(&a);
         return code;
@@ -144,12 +144,12 @@ static int render(sg_attack *a, size_t index)
 {
     const sg_trainer *t = a->trainer;
     const struct sg_view *view = &t->scene->train[index];
-    const struct sg_backend_ops *ops = t->backend->ops;
+    const struct sg_engine_ops *ops = t->engine->ops;
     const size_t n = (size_t) view->camera.width * (size_t) view->camera.height;
     const struct sg_render_params params = {.max_instances = t->budget.instances}; /* black */
     int code;
-    if ((code = ops->project(t->backend, &view->camera, t->start_degree, &params)) ||
-        (code = ops->rasterize(t->backend, false, NULL)) || (code = ops->read_image(t->backend, a->image, NULL, NULL)))
+    if ((code = ops->project(t->engine, &view->camera, t->start_degree, &params)) ||
+        (code = ops->rasterize(t->engine, false, NULL)) || (code = ops->read_image(t->engine, a->image, NULL, NULL)))
         return code;
     for (size_t ch = 0; ch < 3; ch++)
         for (size_t i = 0; i < n; i++)
@@ -182,7 +182,7 @@ static int densify(sg_attack *a, int it)
     const struct sg_attack_params *p = &a->params;
     sg_trainer *t = a->trainer;
     struct sg_densify_result result;
-    return sg_densify(t->backend,
+    return sg_densify(t->engine,
                       &(struct sg_densify_params){.gradient = p->densify_grad_threshold,
                                                   .split_scale = (float) ((double) p->percent_dense * t->extent),
                                                   .prune_scale = (float) (SG_PRUNE_EXTENT * t->extent),
@@ -197,7 +197,7 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
     const struct sg_attack_params *p = &a->params;
     sg_trainer *t = a->trainer;
     sg_clear_error(t->ctx);
-    const struct sg_backend_ops *ops = t->backend->ops;
+    const struct sg_engine_ops *ops = t->engine->ops;
     const int it = t->iteration + 1;
     struct sg_attack_step step = {.iteration = it, .view = sg_trainer_pick_view(t, it)};
     const struct sg_view *view = &t->scene->train[step.view];
@@ -217,9 +217,9 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
     step.inner_seconds = sg_seconds() - start;
     step.inner_bytes = (uint64_t) p->inner * values * 3 * sizeof(float);
 
-    if ((code = ops->loss(t->backend, &(struct sg_loss_params){.lambda_dssim = p->lambda_dssim, .planes = a->image},
+    if ((code = ops->loss(t->engine, &(struct sg_loss_params){.lambda_dssim = p->lambda_dssim, .planes = a->image},
                           &value)) ||
-        (code = ops->rasterize_backward(t->backend)))
+        (code = ops->rasterize_backward(t->engine)))
         return code;
 
     /* As in training, where the decoy is densified its gradients are lost. */
@@ -238,14 +238,14 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
         return code;
     /* As often as the decoy grows: what learning takes off a scale in between is little. */
     if (p->scale_floor > 0 && (densifies || it == p->iterations) &&
-        (code = ops->floor_scale(t->backend, p->scale_floor)))
+        (code = ops->floor_scale(t->engine, p->scale_floor)))
         return code;
 
     t->iteration = it;
     step.loss = value.total, step.l1 = value.l1, step.ssim = value.ssim;
     step.psnr = -10 * log10(value.mse > 1e-10 ? value.mse : 1e-10);
     step.tv = sg_tv_planes(t->ctx, a->image, w, h, p->tv, a->rows) / (double) values;
-    step.gaussians = ops->count(t->backend);
+    step.gaussians = ops->count(t->engine);
     if (out)
         *out = step;
     return SG_OK;

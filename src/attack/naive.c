@@ -3,7 +3,7 @@
 #include <math.h>
 
 #include "ascent.h"
-#include "backend/backend.h"
+#include "engine/engine.h"
 #include "core/rng.h"
 #include "splatguard/eval.h"
 
@@ -30,7 +30,7 @@ int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, con
         return sg_fail(ctx, SG_ERR_USAGE, "epsilon: found %g, expected 0 to 255 grey levels for this method",
                        255 * (double) p.epsilon);
     const struct cpu_kernels *kernels;
-    if ((code = sg_backend_kernels(ctx, p.backend, p.cpu, &kernels)))
+    if ((code = sg_engine_kernels(ctx, p.engine, p.cpu, &kernels)))
         return code;
     float *photo = sg_alloc_raw(ctx, SG_MEM_FRAME, 12 * n, sizeof(float));
     if (!photo)

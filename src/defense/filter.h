@@ -8,7 +8,7 @@
 #ifndef SG_DEFENSE_FILTER_H
 #define SG_DEFENSE_FILTER_H
 
-#include "backend/backend.h"
+#include "engine/engine.h"
 
 /* ln of a Gaussian's weight; -INFINITY for one that has no thickness or no number for it. */
 double sg_filter_log_weight(const struct sg_defense_params *p, float log_smallest);
@@ -22,7 +22,7 @@ struct sg_scores {
 };
 
 /* Counts hits over the sampled views of the scene at iteration it. */
-int sg_score(struct sg_backend *backend, const struct sg_scene *scene, const struct sg_defense_params *p,
+int sg_score(struct sg_engine *engine, const struct sg_scene *scene, const struct sg_defense_params *p,
              const struct sg_render_params *render, uint64_t seed, int it, struct sg_scores *out);
 void sg_scores_clear(sg_ctx *ctx, struct sg_scores *s);
 
@@ -34,7 +34,7 @@ double sg_scores_rank(const struct sg_scores *s, size_t k);
 void sg_scores_remove(const struct sg_scores *s, size_t k, uint8_t *keep);
 
 /* Removes the share rho. out: all but the losses. */
-int sg_filter(struct sg_backend *backend, const struct sg_scene *scene, const struct sg_defense_params *p,
+int sg_filter(struct sg_engine *engine, const struct sg_scene *scene, const struct sg_defense_params *p,
               const struct sg_render_params *render, double rho, uint64_t seed, int it, struct sg_defense_step *out);
 
 #endif

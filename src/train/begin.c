@@ -103,8 +103,8 @@ int sg_begin(sg_trainer *t, const struct sg_model *initial)
         code = thinned_copy(t->ctx, initial, limit, &made);
     if (!code) {
         t->start_degree = (made ? made : initial)->active_sh_degree;
-        code = made ? t->backend->ops->adopt(t->backend, made, &(struct sg_optimiser){0})
-                    : t->backend->ops->upload(t->backend, initial, NULL);
+        code = made ? t->engine->ops->adopt(t->engine, made, &(struct sg_optimiser){0})
+                    : t->engine->ops->upload(t->engine, initial, NULL);
     }
     sg_model_destroy(t->ctx, &made);
     return code;

@@ -4,7 +4,7 @@
 
 #include <stdio.h>
 
-#include "backend/backend.h"
+#include "engine/engine.h"
 
 struct sg_checkpoint_header {
     char magic[8];
@@ -34,7 +34,7 @@ struct sg_trainer;
 
 /* Opens the file and believes its header only where it fits this run and the file's length. To be closed. */
 int sg_checkpoint_open(const struct sg_trainer *t, const char *path, struct sg_checkpoint *out);
-/* The state, to a trainer with an empty backend. */
+/* The state, to a trainer with an empty engine. */
 int sg_checkpoint_read(struct sg_trainer *t, const struct sg_checkpoint *c);
 void sg_checkpoint_close(struct sg_checkpoint *c);
 

@@ -32,7 +32,7 @@ static int descending(const void *a, const void *b)
 
 /* Marks the lowest scored to go, or the last ones where nothing tells them apart: what is above the limit, and as many
  * more as would grow, within params->replace. Returns an error code. */
-static int make_room(struct sg_backend *backend, const struct sg_densify_params *p, struct plan *plan, size_t n,
+static int make_room(struct sg_engine *engine, const struct sg_densify_params *p, struct plan *plan, size_t n,
                      size_t wish, size_t *goes)
 {
     const size_t limit = p->max_gaussians, surplus = n > limit ? n - limit : 0, short_of = n + wish - limit;
@@ -48,23 +48,23 @@ static int make_room(struct sg_backend *backend, const struct sg_densify_params 
         return code;
     *goes = short_of < most ? short_of : most;
     *goes = *goes < n ? *goes : n - 1;
-    uint8_t *stays = sg_alloc_raw(backend->ctx, SG_MEM_OPTIMISER, n, 1);
+    uint8_t *stays = sg_alloc_raw(engine->ctx, SG_MEM_OPTIMISER, n, 1);
     if (stays) {
         memset(stays, 1, n);
         sg_scores_remove(&scores, *goes, stays);
         for (size_t i = 0; i < n; i++)
             plan->keep[i] = stays[i] ? plan->keep[i] : GOES;
     }
-    sg_free(backend->ctx, stays);
-    sg_scores_clear(backend->ctx, &scores);
+    sg_free(engine->ctx, stays);
+    sg_scores_clear(engine->ctx, &scores);
     return stays ? SG_OK : SG_ERR_BUDGET;
 }
 
 /* Of those that would grow, the steepest `room` may, the first of equals. */
-static int choose_growth(struct sg_backend *backend, struct plan *plan, const float *gradient, size_t n, size_t room,
+static int choose_growth(struct sg_engine *engine, struct plan *plan, const float *gradient, size_t n, size_t room,
                          bool *limited)
 {
-    float *wishes = sg_alloc_raw(backend->ctx, SG_MEM_OPTIMISER, n, sizeof(*wishes));
+    float *wishes = sg_alloc_raw(engine->ctx, SG_MEM_OPTIMISER, n, sizeof(*wishes));
     size_t wish = 0, above = 0;
     if (!wishes)
         return SG_ERR_BUDGET;
@@ -85,14 +85,14 @@ static int choose_growth(struct sg_backend *backend, struct plan *plan, const fl
                 plan->keep[i] = grows ? plan->keep[i] : STAYS;
             }
     }
-    sg_free(backend->ctx, wishes);
+    sg_free(engine->ctx, wishes);
     return SG_OK;
 }
 
-int sg_densify(struct sg_backend *backend, const struct sg_densify_params *p, struct sg_densify_result *result)
+int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p, struct sg_densify_result *result)
 {
-    sg_ctx *ctx = backend->ctx;
-    const size_t n = backend->ops->count(backend);
+    sg_ctx *ctx = engine->ctx;
+    const size_t n = engine->ops->count(engine);
     int code = SG_ERR_BUDGET;
     struct plan plan = {0};
     *result = (struct sg_densify_result){0};
@@ -103,8 +103,8 @@ int sg_densify(struct sg_backend *backend, const struct sg_densify_params *p, st
     if (!stats || !plan.keep || !plan.kind || !plan.source)
         goto done;
     float *gradient = stats, *opacity = stats + n, *scale = stats + 2 * n;
-    if ((code = backend->ops->read_statistics(
-             backend, &(struct sg_statistics){.gradient = gradient, .opacity = opacity, .largest = scale})))
+    if ((code = engine->ops->read_statistics(
+             engine, &(struct sg_statistics){.gradient = gradient, .opacity = opacity, .largest = scale})))
         goto done;
 
     /* Who grows: one more of each, whether it is cloned or split. */
@@ -114,10 +114,10 @@ int sg_densify(struct sg_backend *backend, const struct sg_densify_params *p, st
         wish += plan.keep[i] != STAYS;
     }
     if (p->max_gaussians && n + wish > p->max_gaussians) {
-        if ((code = make_room(backend, p, &plan, n, wish, &result->replaced)))
+        if ((code = make_room(engine, p, &plan, n, wish, &result->replaced)))
             goto done;
         const size_t room = p->max_gaussians - (n - result->replaced);
-        if ((code = choose_growth(backend, &plan, gradient, n, room, &result->limited)))
+        if ((code = choose_growth(engine, &plan, gradient, n, room, &result->limited)))
             goto done;
     }
     /* A Gaussian and its copies share opacity, so that they are pruned together; children are smaller. */
@@ -151,13 +151,13 @@ int sg_densify(struct sg_backend *backend, const struct sg_densify_params *p, st
         code = sg_fail(ctx, SG_ERR_INPUT, "train: every Gaussian became transparent: the scene cannot be fitted");
         goto done;
     }
-    code = backend->ops->edit(backend, &(struct sg_edit){.keep = plan.keep,
-                                                         .kept = kept,
-                                                         .appended = plan.appended,
-                                                         .source = plan.source,
-                                                         .kind = plan.kind,
-                                                         .seed = p->seed,
-                                                         .stream = p->stream});
+    code = engine->ops->edit(engine, &(struct sg_edit){.keep = plan.keep,
+                                                       .kept = kept,
+                                                       .appended = plan.appended,
+                                                       .source = plan.source,
+                                                       .kind = plan.kind,
+                                                       .seed = p->seed,
+                                                       .stream = p->stream});
 done:
     sg_free(ctx, stats);
     sg_free(ctx, plan.keep);

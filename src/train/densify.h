@@ -24,6 +24,6 @@ struct sg_densify_result {
     bool limited;    /* something could not grow */
 };
 
-int sg_densify(struct sg_backend *backend, const struct sg_densify_params *params, struct sg_densify_result *result);
+int sg_densify(struct sg_engine *engine, const struct sg_densify_params *params, struct sg_densify_result *result);
 
 #endif

@@ -2,7 +2,7 @@
 /* The ranges of a run's parameters. */
 #include "splatguard/train.h"
 
-#include "backend/backend.h"
+#include "engine/engine.h"
 #include "core/ranges.h"
 
 static int check_defense(sg_ctx *ctx, const struct sg_defense_params *d)
@@ -63,5 +63,5 @@ int sg_train_check(sg_ctx *ctx, const struct sg_train_params *p)
     if (!code)
         code = check_defense(ctx, &p->defense);
     const struct cpu_kernels *kernels;
-    return code ? code : sg_backend_kernels(ctx, p->backend, p->cpu, &kernels);
+    return code ? code : sg_engine_kernels(ctx, p->engine, p->cpu, &kernels);
 }

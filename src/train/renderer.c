@@ -3,37 +3,37 @@
 
 struct sg_renderer {
     sg_ctx *ctx;
-    struct sg_backend *backend;
+    struct sg_engine *engine;
     bool borrowed;
     struct sg_render_params params;
     int degree;
 };
 
-int sg_renderer_borrow(struct sg_backend *backend, int sh_degree, const struct sg_render_params *params,
+int sg_renderer_borrow(struct sg_engine *engine, int sh_degree, const struct sg_render_params *params,
                        sg_renderer **out)
 {
-    *out = sg_alloc(backend->ctx, SG_MEM_MISC, 1, sizeof(**out));
+    *out = sg_alloc(engine->ctx, SG_MEM_MISC, 1, sizeof(**out));
     if (!*out)
         return SG_ERR_BUDGET;
     **out = (struct sg_renderer){
-        .ctx = backend->ctx, .backend = backend, .borrowed = true, .params = *params, .degree = sh_degree};
+        .ctx = engine->ctx, .engine = engine, .borrowed = true, .params = *params, .degree = sh_degree};
     return SG_OK;
 }
 
-int sg_renderer_create(sg_ctx *ctx, const char *backend, const char *cpu, const struct sg_model *model,
+int sg_renderer_create(sg_ctx *ctx, const char *engine, const char *cpu, const struct sg_model *model,
                        const struct sg_render_params *params, sg_renderer **out)
 {
     sg_clear_error(ctx);
     *out = NULL;
-    struct sg_backend *b;
-    int code = sg_backend_create(ctx, backend ? backend : "cpu", cpu, &b);
+    struct sg_engine *b;
+    int code = sg_engine_create(ctx, engine ? engine : "cpu", cpu, &b);
     if (code)
         return code;
     code = b->ops->upload(b, model, NULL);
     if (!code)
         code = sg_renderer_borrow(b, model->active_sh_degree, params ? params : sg_render_params(), out);
     if (code)
-        sg_backend_destroy(&b);
+        sg_engine_destroy(&b);
     else
         (*out)->borrowed = false;
     return code;
@@ -44,7 +44,7 @@ void sg_renderer_destroy(sg_renderer **renderer)
     if (!renderer || !*renderer)
         return;
     if (!(*renderer)->borrowed)
-        sg_backend_destroy(&(*renderer)->backend);
+        sg_engine_destroy(&(*renderer)->engine);
     sg_free((*renderer)->ctx, *renderer);
     *renderer = NULL;
 }
@@ -59,14 +59,14 @@ int sg_render(sg_renderer *r, const struct sg_camera *camera, float *rgb, float 
     if (!(camera->fx > 0) || !(camera->fy > 0))
         return sg_fail(r->ctx, SG_ERR_USAGE, "render: found focal lengths %g and %g, expected positive ones",
                        camera->fx, camera->fy);
-    const struct sg_backend_ops *ops = r->backend->ops;
-    const struct sg_train_times times = r->backend->times;
-    int code = ops->project(r->backend, camera, r->degree, &r->params);
+    const struct sg_engine_ops *ops = r->engine->ops;
+    const struct sg_train_times times = r->engine->times;
+    int code = ops->project(r->engine, camera, r->degree, &r->params);
     if (!code)
-        code = ops->rasterize(r->backend, alpha || depth, stats);
+        code = ops->rasterize(r->engine, alpha || depth, stats);
     if (!code)
-        code = ops->read_image(r->backend, rgb, alpha, depth);
+        code = ops->read_image(r->engine, rgb, alpha, depth);
     if (r->borrowed)
-        r->backend->times = times;
+        r->engine->times = times;
     return code;
 }

@@ -2,10 +2,10 @@
 #ifndef SG_TRAIN_RENDERER_H
 #define SG_TRAIN_RENDERER_H
 
-#include "backend/backend.h"
+#include "engine/engine.h"
 
-/* A renderer of a backend that somebody else owns and whose times it leaves alone. */
-int sg_renderer_borrow(struct sg_backend *backend, int sh_degree, const struct sg_render_params *params,
+/* A renderer of an engine that somebody else owns and whose times it leaves alone. */
+int sg_renderer_borrow(struct sg_engine *engine, int sh_degree, const struct sg_render_params *params,
                        sg_renderer **out);
 
 #endif

@@ -69,7 +69,7 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
     t->params.sh_degree = t->params.sh_degree < t->sh_degree ? t->params.sh_degree : t->sh_degree;
     if ((code = sg_budget_plan(ctx, scene, &t->params, t->sh_degree, bytes_held(start->initial), start->sums,
                                &t->budget)) ||
-        (code = sg_backend_create(ctx, t->params.backend, t->params.cpu, &t->backend)) ||
+        (code = sg_engine_create(ctx, t->params.engine, t->params.cpu, &t->engine)) ||
         (code = start->checkpoint ? sg_checkpoint_read(t, &saved) : sg_begin(t, start->initial)))
         goto fail;
     t->order = sg_alloc(ctx, SG_MEM_MISC, scene->n_train, sizeof(*t->order));
@@ -115,7 +115,7 @@ void sg_trainer_destroy(sg_trainer **trainer)
     if (!trainer || !*trainer)
         return;
     sg_trainer *t = *trainer;
-    sg_backend_destroy(&t->backend);
+    sg_engine_destroy(&t->engine);
     sg_free(t->ctx, t->order);
     sg_free(t->ctx, t);
     *trainer = NULL;
@@ -152,7 +152,7 @@ int sg_trainer_update(sg_trainer *t, const double *lr, bool hold_opacity, struct
         u.rate[g] = (float) (lr[g] / (1 - pow((double) SG_ADAM_BETA1, steps[g])));
         u.root[g] = (float) (1 / sqrt(1 - pow((double) SG_ADAM_BETA2, steps[g])));
     }
-    const int code = t->backend->ops->update(t->backend, &u);
+    const int code = t->engine->ops->update(t->engine, &u);
     if (!code)
         memcpy(t->adam_steps, steps, sizeof(steps));
     return code;
@@ -199,7 +199,7 @@ static double filter_share(const sg_trainer *t, int it)
         return d->rho;
     if (it >= until || !t->growths)
         return 0;
-    const double n = (double) t->backend->ops->count(t->backend);
+    const double n = (double) t->engine->ops->count(t->engine);
     const double first = t->filter_first ? (double) t->filter_first : n, spare = n > 0 ? 1 - first / 2 / n : 0;
     const double least = d->rho_least * (until - it) / (until - from);
     return fmax(fmin(-d->rho * t->growth * t->growths, 0.5), fmin(least, spare));
@@ -217,13 +217,13 @@ struct score_call {
 static int score_model(void *arg, struct sg_scores *out)
 {
     const struct score_call *c = arg;
-    return sg_score(c->t->backend, c->t->scene, &c->t->params.defense, c->render, c->t->params.seed, c->it, out);
+    return sg_score(c->t->engine, c->t->scene, &c->t->params.defense, c->render, c->t->params.seed, c->it, out);
 }
 
 /* A clock that stands still while hits are counted, which is a stage of its own. */
 static double seconds_not_counting(const sg_trainer *t)
 {
-    return sg_seconds() - t->backend->times.count;
+    return sg_seconds() - t->engine->times.count;
 }
 
 static int densify(sg_trainer *t, int it, const struct sg_render_params *render, struct sg_train_step *step)
@@ -231,9 +231,9 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
     const struct sg_train_params *p = &t->params;
     struct sg_densify_result r;
     const double start = seconds_not_counting(t);
-    const size_t n = t->backend->ops->count(t->backend);
+    const size_t n = t->engine->ops->count(t->engine);
     const int code =
-        sg_densify(t->backend,
+        sg_densify(t->engine,
                    &(struct sg_densify_params){
                        .gradient = p->densify_grad_threshold,
                        .split_scale = (float) ((double) p->percent_dense * t->extent),
@@ -250,7 +250,7 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
     const double grown = (double) (r.cloned + r.split) / (double) n;
     t->growth += (grown - t->growth) * (t->growth > 0 ? GROWTH_PACE : 1);
     t->growths += it > sg_filters_from(p);
-    t->backend->times.densify += seconds_not_counting(t) - start;
+    t->engine->times.densify += seconds_not_counting(t) - start;
     return code;
 }
 
@@ -259,9 +259,9 @@ static int filter(sg_trainer *t, int it, const struct sg_render_params *render, 
     const struct sg_train_params *p = &t->params;
     const double start = seconds_not_counting(t);
     if (!t->filter_first)
-        t->filter_first = t->backend->ops->count(t->backend);
-    const int code = sg_filter(t->backend, t->scene, &p->defense, render, filter_share(t, it), p->seed, it, step);
-    t->backend->times.prune += seconds_not_counting(t) - start;
+        t->filter_first = t->engine->ops->count(t->engine);
+    const int code = sg_filter(t->engine, t->scene, &p->defense, render, filter_share(t, it), p->seed, it, step);
+    t->engine->times.prune += seconds_not_counting(t) - start;
     t->growths = 0;
     return code;
 }
@@ -276,10 +276,10 @@ static int regularise(sg_trainer *t, size_t view, struct sg_defense_step *step)
                                             .spectrum = d->spectrum,
                                             .mask = t->scene->train[view].mask};
     struct sg_regulariser_value value = {0};
-    const int code = t->backend->ops->regularise(t->backend, &p, &value);
+    const int code = t->engine->ops->regularise(t->engine, &p, &value);
     step->anisotropy = value.anisotropy, step->total_variation = value.total_variation;
-    t->backend->times.anisotropy += value.anisotropy_seconds;
-    t->backend->times.total_variation += value.total_variation_seconds;
+    t->engine->times.anisotropy += value.anisotropy_seconds;
+    t->engine->times.total_variation += value.total_variation_seconds;
     return code;
 }
 
@@ -287,7 +287,7 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
 {
     sg_clear_error(t->ctx);
     const struct sg_train_params *p = &t->params;
-    const struct sg_backend_ops *ops = t->backend->ops;
+    const struct sg_engine_ops *ops = t->engine->ops;
     const int before = t->iteration, it = next_iteration(t);
     struct sg_train_step step = {.iteration = it, .view = sg_trainer_pick_view(t, t->steps + 1)};
     const struct sg_view *view = &t->scene->train[step.view];
@@ -298,9 +298,9 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     int code;
     background(t, it, render.background);
 
-    if ((code = ops->project(t->backend, &view->camera, sg_active_degree(p, t->start_degree, it), &render)) ||
-        (code = ops->rasterize(t->backend, false, &step.render)) || (code = ops->loss(t->backend, &loss, &value)) ||
-        (d->on && (code = regularise(t, step.view, &step.defense))) || (code = ops->rasterize_backward(t->backend)))
+    if ((code = ops->project(t->engine, &view->camera, sg_active_degree(p, t->start_degree, it), &render)) ||
+        (code = ops->rasterize(t->engine, false, &step.render)) || (code = ops->loss(t->engine, &loss, &value)) ||
+        (d->on && (code = regularise(t, step.view, &step.defense))) || (code = ops->rasterize_backward(t->engine)))
         return code;
 
     /* The released code rebuilds every tensor when it densifies and the opacity tensor when it resets: gradients are
@@ -324,14 +324,14 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
         return code;
     if (filters && (code = filter(t, it, &render, &step.defense)))
         return code;
-    if (resets && (code = ops->reset_opacity(t->backend, SG_RESET_OPACITY)))
+    if (resets && (code = ops->reset_opacity(t->engine, SG_RESET_OPACITY)))
         return code;
 
     t->iteration = it;
     t->steps++;
     step.loss = value.total, step.l1 = value.l1, step.ssim = value.ssim;
     step.psnr = -10 * log10(value.mse > 1e-10 ? value.mse : 1e-10);
-    step.gaussians = ops->count(t->backend);
+    step.gaussians = ops->count(t->engine);
     if (out)
         *out = step;
     return SG_OK;
@@ -353,17 +353,17 @@ void sg_trainer_limits(const sg_trainer *t, struct sg_train_limits *out)
 
 size_t sg_trainer_gaussians(const sg_trainer *t)
 {
-    return t->backend->ops->count(t->backend);
+    return t->engine->ops->count(t->engine);
 }
 
 void sg_trainer_times(const sg_trainer *t, struct sg_train_times *out)
 {
-    *out = t->backend->times;
+    *out = t->engine->times;
 }
 
 const char *sg_trainer_variant(const sg_trainer *t)
 {
-    return t->backend->ops->variant(t->backend);
+    return t->engine->ops->variant(t->engine);
 }
 
 int sg_trainer_renderer(sg_trainer *t, sg_renderer **out)
@@ -373,7 +373,7 @@ int sg_trainer_renderer(sg_trainer *t, sg_renderer **out)
                                       .reference_tiles = t->params.reference_tiles};
     for (int ch = 0; ch < 3; ch++)
         render.background[ch] = t->params.white_background ? 1 : 0;
-    return sg_renderer_borrow(t->backend, sg_active_degree(&t->params, t->start_degree, t->iteration), &render, out);
+    return sg_renderer_borrow(t->engine, sg_active_degree(&t->params, t->start_degree, t->iteration), &render, out);
 }
 
 int sg_trainer_model(sg_trainer *t, struct sg_model **out)
@@ -382,7 +382,7 @@ int sg_trainer_model(sg_trainer *t, struct sg_model **out)
     int code = sg_model_create(t->ctx, sg_trainer_gaussians(t), t->sh_degree, out);
     if (code)
         return code;
-    if ((code = t->backend->ops->download(t->backend, *out, NULL)))
+    if ((code = t->engine->ops->download(t->engine, *out, NULL)))
         sg_model_destroy(t->ctx, out);
     else
         (*out)->active_sh_degree = sg_active_degree(&t->params, t->start_degree, t->iteration);

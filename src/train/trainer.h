@@ -2,16 +2,16 @@
 #ifndef SG_TRAINER_H
 #define SG_TRAINER_H
 
-#include "backend/backend.h"
+#include "engine/engine.h"
 #include "budget.h"
 #include "splatguard/train.h"
 
-/* All of a run's state is here and in the backend; random draws depend on the iteration only. */
+/* All of a run's state is here and in the engine; random draws depend on the iteration only. */
 struct sg_trainer {
     sg_ctx *ctx;
     const struct sg_scene *scene;
     struct sg_train_params params;
-    struct sg_backend *backend;
+    struct sg_engine *engine;
     double extent;
     int sh_degree;    /* stored */
     int start_degree; /* active at iteration 0 */
@@ -49,7 +49,7 @@ size_t sg_trainer_pick_view(sg_trainer *t, uint64_t step);
 /* Seconds of all steps, those before a checkpoint included. */
 double sg_trainer_elapsed(const sg_trainer *t);
 
-/* The backend's update, with an Adam step at these rates unless lr is NULL. The step counters advance with it, or stay
+/* The engine's update, with an Adam step at these rates unless lr is NULL. The step counters advance with it, or stay
  * where it fails. hold_opacity: that group does not move. */
 int sg_trainer_update(sg_trainer *t, const double *lr, bool hold_opacity, struct sg_update u);
 

@@ -37,5 +37,6 @@ expect 1 synth; says 'missing -o DIR'
 # Spellings of the reference reach the same options: everything parses, and the scene is missing.
 expect 2 train -s nowhere -m run -i images_4 -r 2 -w --densify_grad_threshold=0.0003 --sh_degree 2 -j2
 says nowhere
+expect 2 train nowhere -o run --backend ref; says nowhere # the older name of --engine
 [ ! -e run ] || fail "a run folder was made for a scene that is not there"
 expect 2 train nowhere -o run --resume; says run/config.json

@@ -1,7 +1,7 @@
-# Compiles kernels, backends and core for aarch64 with the tests that compare them with the oracle, and runs those.
-file(GLOB kernels ${SOURCE}/src/backend/cpu/kernels/*.c)
-file(GLOB sources ${SOURCE}/src/core/*.c ${SOURCE}/src/backend/*.c ${SOURCE}/src/backend/ref/*.c
-    ${SOURCE}/src/backend/cpu/*.c)
+# Compiles kernels, engines and core for aarch64 with the tests that compare them with the oracle, and runs those.
+file(GLOB kernels ${SOURCE}/src/engine/cpu/kernels/*.c)
+file(GLOB sources ${SOURCE}/src/core/*.c ${SOURCE}/src/engine/*.c ${SOURCE}/src/engine/ref/*.c
+    ${SOURCE}/src/engine/cpu/*.c)
 set(flags -std=gnu11 -O2 -Wall -Wextra -Werror -Wno-psabi -fno-math-errno -fno-trapping-math -D_GNU_SOURCE
     -DSG_VERSION="${VERSION}" -I${SOURCE}/tests/neon -I${SOURCE}/include -I${SOURCE}/src -I${SOURCE}/tests)
 file(MAKE_DIRECTORY ${BUILD})
@@ -15,7 +15,7 @@ foreach(source ${kernels} ${sources} store.c init.c nearest.c no_fft.c)
     get_filename_component(name ${source} NAME_WLE)
     list(APPEND objects ${BUILD}/${name}.o)
 endforeach()
-foreach(test test_backend test_kernels)
+foreach(test test_engine test_kernels)
     execute_process(COMMAND ${CC} ${flags} -ffp-contract=off ${SOURCE}/tests/${test}.c ${objects} -static -pthread -lm
         -o ${BUILD}/${test} COMMAND_ERROR_IS_FATAL ANY)
     execute_process(COMMAND ${QEMU} ${BUILD}/${test} COMMAND_ERROR_IS_FATAL ANY)

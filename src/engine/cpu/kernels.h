@@ -3,7 +3,7 @@
 #ifndef SG_CPU_KERNELS_H
 #define SG_CPU_KERNELS_H
 
-#include "backend/backend.h"
+#include "engine/engine.h"
 
 /* One projected Gaussian: a cache line; undefined where the extent says that it is not visible. With the conic as a sum
  * of squares (math/tiles.h), log2 of opacity x Gaussian is peak - (across dx - shear dy)^2 - (down dy)^2: above the

@@ -9,7 +9,7 @@
 
 #include "math/projection.h"
 #include "math/sh.h"
-#include "backend/backend.h"
+#include "engine/engine.h"
 
 struct ref_splat {
     struct splat s;

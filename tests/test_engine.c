@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Every CPU variant against the scalar oracle through the stage table, on random and on nasty models. */
-#include "backend/backend.h"
-#include "backend/cpu/dispatch.h"
+#include "engine/engine.h"
+#include "engine/cpu/dispatch.h"
 #include "models.h"
 
 struct outcome {
@@ -20,12 +20,12 @@ static void *must(size_t n, size_t size)
     return p;
 }
 
-static struct outcome run(sg_ctx *ctx, const char *backend, const char *cpu, const struct sg_model *m,
+static struct outcome run(sg_ctx *ctx, const char *engine, const char *cpu, const struct sg_model *m,
                           const struct sg_camera *camera, struct sg_render_params params, bool masked)
 {
     const size_t pixels = (size_t) camera->width * (size_t) camera->height;
     struct outcome o = {.width = camera->width, .height = camera->height};
-    struct sg_backend *b = make_backend(ctx, backend, cpu, m, NULL);
+    struct sg_engine *b = make_engine(ctx, engine, cpu, m, NULL);
     o.rgb = must(3 * pixels, sizeof(float)), o.alpha = must(pixels, sizeof(float)),
     o.depth = must(pixels, sizeof(float));
     o.mean_gradient = must(m->count, sizeof(float));
@@ -49,7 +49,7 @@ static struct outcome run(sg_ctx *ctx, const char *backend, const char *cpu, con
     assert_int_equal(sg_model_create(ctx, m->count, m->sh_degree, &o.updated), SG_OK);
     assert_int_equal(b->ops->download(b, o.updated, NULL), SG_OK);
     assert_int_equal(b->ops->read_statistics(b, &(struct sg_statistics){.gradient = o.mean_gradient}), SG_OK);
-    sg_backend_destroy(&b);
+    sg_engine_destroy(&b);
     free(target);
     free(mask);
     return o;
@@ -273,7 +273,7 @@ static void test_hits(void **state)
     struct sg_render_params params = {SG_RENDER_DEFAULTS};
     for (int kind = SG_HIT_PIXELS; kind <= SG_HIT_WEIGHT; kind++) {
         double blended = 0;
-        struct sg_backend *b = make_backend(ctx, "ref", NULL, m, NULL);
+        struct sg_engine *b = make_engine(ctx, "ref", NULL, m, NULL);
         assert_int_equal(b->ops->count_hits(b, views, 3, &params, (enum sg_hit) kind, ref), SG_OK);
         for (int v = 0; v < 3 && kind == SG_HIT_WEIGHT; v++) { /* weights of a pixel add up to its alpha */
             const size_t pixels = (size_t) cameras[v].width * (size_t) cameras[v].height;
@@ -286,7 +286,7 @@ static void test_hits(void **state)
             free(rgb);
             free(alpha);
         }
-        sg_backend_destroy(&b);
+        sg_engine_destroy(&b);
         double sum = 0, zeros = 0;
         for (size_t i = 0; i < m->count; i++)
             sum += ref[i], zeros += ref[i] == 0;
@@ -297,14 +297,14 @@ static void test_hits(void **state)
             for (uint64_t limit = 1 << 20; limit; limit = limit > 40 ? 40 : 0) {
                 size_t off = 0;
                 params.max_instances = limit;
-                b = make_backend(ctx, "cpu", variants[k]->name, m, NULL);
+                b = make_engine(ctx, "cpu", variants[k]->name, m, NULL);
                 assert_int_equal(b->ops->count_hits(b, views, 3, &params, (enum sg_hit) kind, hits), SG_OK);
                 for (size_t i = 0; i < m->count; i++) {
                     off += fabs(hits[i] - ref[i]) > 1e-3 * (1 + ref[i]);
                     assert_true(fabs(hits[i] - ref[i]) <= 3 + 0.01 * ref[i]);
                 }
                 assert_true(off <= m->count / 100); /* pairs at a cut-off */
-                sg_backend_destroy(&b);
+                sg_engine_destroy(&b);
             }
         params.max_instances = 1 << 20;
     }
@@ -329,7 +329,7 @@ static void test_hits_alone(void **state)
         *sg_model_at(m, i, SG_P_OPACITY) = -2 - (float) (i % 3); /* 0.88^50 > 1e-4 */
     for (int k = 0; k < 2; k++) {
         double hits[N], sum = 0, events = 0;
-        struct sg_backend *b = make_backend(ctx, names[k], NULL, m, NULL);
+        struct sg_engine *b = make_engine(ctx, names[k], NULL, m, NULL);
         assert_int_equal(b->ops->count_hits(b, &view, 1, &params, SG_HIT_PIXELS, hits), SG_OK);
         for (size_t i = 0; i < N; i++) {
             size_t seen = 0;
@@ -345,7 +345,7 @@ static void test_hits_alone(void **state)
             sum += hits[i], events += (double) seen;
         }
         assert_true(sum == events && sum > 1000);
-        sg_backend_destroy(&b);
+        sg_engine_destroy(&b);
     }
     free(rgb);
     free(alpha);
@@ -362,7 +362,7 @@ static void test_floor(void **state)
     struct sg_model *m = make_model(ctx, 70, 0, 2), *after;
     assert_int_equal(sg_model_create(ctx, 70, 0, &after), SG_OK);
     for (int k = 0; k < 2; k++) {
-        struct sg_backend *b = make_backend(ctx, names[k], NULL, m, NULL);
+        struct sg_engine *b = make_engine(ctx, names[k], NULL, m, NULL);
         assert_int_equal(b->ops->floor_scale(b, 0.05f), SG_OK);
         assert_int_equal(b->ops->download(b, after, NULL), SG_OK);
         for (size_t i = 0; i < 70; i++)
@@ -371,7 +371,7 @@ static void test_floor(void **state)
                 assert_float_equal(*sg_model_at(after, i, p),
                                    p >= SG_P_SCALE && p < SG_P_ROT ? fmaxf(v, logf(0.05f)) : v, 0);
             }
-        sg_backend_destroy(&b);
+        sg_engine_destroy(&b);
     }
     sg_model_destroy(ctx, &m);
     sg_model_destroy(ctx, &after);

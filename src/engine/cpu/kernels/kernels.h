@@ -5,7 +5,7 @@
 
 #include "simd.h"
 
-#include "backend/cpu/kernels.h"
+#include "engine/cpu/kernels.h"
 #include "math/constants.h"
 
 #define SG_PASTE_(a, b) a##_##b

@@ -1,18 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The CPU backend: drives the kernels over the thread pool. However work is cut into pieces, every sum is taken in
+/* The CPU engine: drives the kernels over the thread pool. However work is cut into pieces, every sum is taken in
  * a fixed order, so that any number of threads gives the same bytes. */
 #include <stdatomic.h>
 #include <string.h>
 
-#include "backend/host_model.h"
+#include "engine/host_model.h"
 #include "bin.h"
 #include "core/clock.h"
 #include "dispatch.h"
 
 #define BLOCKS_PER_PIECE 64 /* of SG_LANES Gaussians */
 
-struct cpu_backend {
-    struct sg_backend base;
+struct cpu_engine {
+    struct sg_engine base;
     const struct cpu_kernels *kernels;
     struct sg_host_model model;
     struct sg_camera camera;
@@ -39,9 +39,9 @@ static void lap(double *start, double *sum)
     *start = now;
 }
 
-static void destroy(struct sg_backend *base)
+static void destroy(struct sg_engine *base)
 {
-    struct cpu_backend *b = (struct cpu_backend *) base;
+    struct cpu_engine *b = (struct cpu_engine *) base;
     sg_ctx *ctx = base->ctx;
     sg_host_clear(ctx, &b->model);
     sg_bins_clear(ctx, &b->bins);
@@ -53,30 +53,30 @@ static void destroy(struct sg_backend *base)
     sg_free(ctx, b);
 }
 
-static const char *variant(const struct sg_backend *base)
+static const char *variant(const struct sg_engine *base)
 {
-    return ((const struct cpu_backend *) base)->kernels->name;
+    return ((const struct cpu_engine *) base)->kernels->name;
 }
 
-static int upload(struct sg_backend *base, const struct sg_model *m, const struct sg_optimiser *o)
+static int upload(struct sg_engine *base, const struct sg_model *m, const struct sg_optimiser *o)
 {
-    return sg_host_upload(base->ctx, &((struct cpu_backend *) base)->model, m, o);
+    return sg_host_upload(base->ctx, &((struct cpu_engine *) base)->model, m, o);
 }
 
-static int adopt(struct sg_backend *base, struct sg_model *m, struct sg_optimiser *o)
+static int adopt(struct sg_engine *base, struct sg_model *m, struct sg_optimiser *o)
 {
-    sg_host_adopt(base->ctx, &((struct cpu_backend *) base)->model, m, o);
+    sg_host_adopt(base->ctx, &((struct cpu_engine *) base)->model, m, o);
     return SG_OK;
 }
 
-static int download(struct sg_backend *base, struct sg_model *m, struct sg_optimiser *o)
+static int download(struct sg_engine *base, struct sg_model *m, struct sg_optimiser *o)
 {
-    return sg_host_download(&((struct cpu_backend *) base)->model, m, o);
+    return sg_host_download(&((struct cpu_engine *) base)->model, m, o);
 }
 
-static size_t count(const struct sg_backend *base)
+static size_t count(const struct sg_engine *base)
 {
-    return ((const struct cpu_backend *) base)->model.count;
+    return ((const struct cpu_engine *) base)->model.count;
 }
 
 static size_t pieces(size_t n)
@@ -111,10 +111,10 @@ static int refit(sg_ctx *ctx, float **buffer, size_t n)
     return *buffer ? SG_OK : SG_ERR_BUDGET;
 }
 
-static int do_project(struct sg_backend *base, const struct sg_camera *camera, int sh_degree,
+static int do_project(struct sg_engine *base, const struct sg_camera *camera, int sh_degree,
                       const struct sg_render_params *params)
 {
-    struct cpu_backend *b = (struct cpu_backend *) base;
+    struct cpu_engine *b = (struct cpu_engine *) base;
     sg_ctx *ctx = base->ctx;
     double clock = sg_seconds();
     b->camera = *camera;
@@ -162,7 +162,7 @@ static void raster_tile(void *arg, size_t i, int thread)
     atomic_fetch_add_explicit(&j->pairs, pairs, memory_order_relaxed);
 }
 
-static struct cpu_raster_args raster_args(const struct cpu_backend *b, int band)
+static struct cpu_raster_args raster_args(const struct cpu_engine *b, int band)
 {
     struct cpu_raster_args a = {.width = b->camera.width,
                                 .height = b->camera.height,
@@ -180,14 +180,14 @@ static struct cpu_raster_args raster_args(const struct cpu_backend *b, int band)
     return a;
 }
 
-static size_t band_tiles(const struct cpu_backend *b, int band)
+static size_t band_tiles(const struct cpu_engine *b, int band)
 {
     return (size_t) (b->bins.bands[band].end - b->bins.bands[band].first);
 }
 
-static int rasterize(struct sg_backend *base, bool auxiliary, struct sg_render_stats *stats)
+static int rasterize(struct sg_engine *base, bool auxiliary, struct sg_render_stats *stats)
 {
-    struct cpu_backend *b = (struct cpu_backend *) base;
+    struct cpu_engine *b = (struct cpu_engine *) base;
     sg_ctx *ctx = base->ctx;
     uint64_t pairs = 0;
     const size_t pixels = (size_t) b->camera.width * (size_t) b->camera.height;
@@ -218,9 +218,9 @@ static int rasterize(struct sg_backend *base, bool auxiliary, struct sg_render_s
     return SG_OK;
 }
 
-static int read_image(struct sg_backend *base, float *rgb, float *alpha, float *depth)
+static int read_image(struct sg_engine *base, float *rgb, float *alpha, float *depth)
 {
-    const struct cpu_backend *b = (const struct cpu_backend *) base;
+    const struct cpu_engine *b = (const struct cpu_engine *) base;
     const size_t pixels = (size_t) b->camera.width * (size_t) b->camera.height;
     memcpy(rgb, b->rgb, 3 * pixels * sizeof(float));
     if (alpha)
@@ -230,9 +230,9 @@ static int read_image(struct sg_backend *base, float *rgb, float *alpha, float *
     return SG_OK;
 }
 
-static int write_image_gradient(struct sg_backend *base, const float *gradient)
+static int write_image_gradient(struct sg_engine *base, const float *gradient)
 {
-    struct cpu_backend *b = (struct cpu_backend *) base;
+    struct cpu_engine *b = (struct cpu_engine *) base;
     memcpy(b->gradient, gradient, 3 * (size_t) b->camera.width * (size_t) b->camera.height * sizeof(float));
     return SG_OK;
 }
@@ -252,9 +252,9 @@ static void loss_rows(void *arg, size_t piece, int thread)
                      j->scratch + (size_t) thread * CPU_LOSS_SCRATCH((size_t) j->args.width));
 }
 
-static int loss(struct sg_backend *base, const struct sg_loss_params *p, struct sg_loss_value *out)
+static int loss(struct sg_engine *base, const struct sg_loss_params *p, struct sg_loss_value *out)
 {
-    struct cpu_backend *b = (struct cpu_backend *) base;
+    struct cpu_engine *b = (struct cpu_engine *) base;
     double clock = sg_seconds();
     const int height = b->camera.height, threads = sg_ctx_threads(base->ctx);
     const size_t scratch = (size_t) threads * CPU_LOSS_SCRATCH((size_t) b->camera.width);
@@ -290,16 +290,16 @@ static int loss(struct sg_backend *base, const struct sg_loss_params *p, struct 
     return SG_OK;
 }
 
-static int regularise(struct sg_backend *base, const struct sg_regulariser_params *p, struct sg_regulariser_value *out)
+static int regularise(struct sg_engine *base, const struct sg_regulariser_params *p, struct sg_regulariser_value *out)
 {
-    struct cpu_backend *b = (struct cpu_backend *) base;
+    struct cpu_engine *b = (struct cpu_engine *) base;
     return sg_regularise(base->ctx, &b->regulariser, p, b->rgb, b->camera.width, b->camera.height, b->gradient, out);
 }
 
 static void band_sum_piece(void *arg, size_t piece, int thread)
 {
     (void) thread;
-    const struct cpu_backend *b = arg;
+    const struct cpu_engine *b = arg;
     const size_t n = b->model.count, stop = piece_end(n, piece) * SG_LANES;
     for (size_t i = piece * BLOCKS_PER_PIECE * SG_LANES; i < stop && i < n; i++)
         for (size_t k = b->bins.slot_start[i]; k < b->bins.slot_start[i + 1]; k++)
@@ -307,9 +307,9 @@ static void band_sum_piece(void *arg, size_t piece, int thread)
                 b->band_sums[i * CPU_SLOT_FLOATS + j] += b->slots[k * CPU_SLOT_FLOATS + j];
 }
 
-static int rasterize_backward(struct sg_backend *base)
+static int rasterize_backward(struct sg_engine *base)
 {
-    struct cpu_backend *b = (struct cpu_backend *) base;
+    struct cpu_engine *b = (struct cpu_engine *) base;
     sg_ctx *ctx = base->ctx;
     const bool banded = b->bins.band_count > 1;
     if (banded) {
@@ -350,7 +350,7 @@ static void update_piece(void *arg, size_t piece, int thread)
     j->kernels->update(&j->args, piece * BLOCKS_PER_PIECE, piece_end(j->args.count, piece));
 }
 
-static void run_update(struct cpu_backend *b, const struct sg_update *u, float *gradients)
+static void run_update(struct cpu_engine *b, const struct sg_update *u, float *gradients)
 {
     struct sg_host_model *h = &b->model;
     const bool banded = b->bins.band_count > 1;
@@ -375,7 +375,7 @@ static void run_update(struct cpu_backend *b, const struct sg_update *u, float *
 }
 
 struct hit_job {
-    const struct cpu_backend *b;
+    const struct cpu_engine *b;
     uint8_t *seen; /* NULL, or per Gaussian: blended somewhere in this view */
     double *hits;
 };
@@ -396,7 +396,7 @@ static void hit_piece(void *arg, size_t piece, int thread)
         }
 }
 
-static int count_view(struct cpu_backend *b, enum sg_hit kind, struct hit_job *job)
+static int count_view(struct cpu_engine *b, enum sg_hit kind, struct hit_job *job)
 {
     sg_ctx *ctx = b->base.ctx;
     for (int band = 0; band < b->bins.band_count; band++) {
@@ -414,10 +414,10 @@ static int count_view(struct cpu_backend *b, enum sg_hit kind, struct hit_job *j
     return SG_OK;
 }
 
-static int count_hits(struct sg_backend *base, const struct sg_camera *const *views, size_t n,
+static int count_hits(struct sg_engine *base, const struct sg_camera *const *views, size_t n,
                       const struct sg_render_params *params, enum sg_hit kind, double *hits)
 {
-    struct cpu_backend *b = (struct cpu_backend *) base;
+    struct cpu_engine *b = (struct cpu_engine *) base;
     const struct sg_train_times before = base->times;
     double clock = sg_seconds();
     struct hit_job job = {.b = b, .hits = hits};
@@ -437,50 +437,50 @@ static int count_hits(struct sg_backend *base, const struct sg_camera *const *vi
     return code;
 }
 
-static int update(struct sg_backend *base, const struct sg_update *u)
+static int update(struct sg_engine *base, const struct sg_update *u)
 {
     double clock = sg_seconds();
-    struct sg_host_model *h = &((struct cpu_backend *) base)->model;
+    struct sg_host_model *h = &((struct cpu_engine *) base)->model;
     if (sg_host_learn(base->ctx, h) || (u->accumulate && sg_host_keep_gradients(base->ctx, h)))
         return SG_ERR_BUDGET;
     if (u->adam || u->statistics || u->accumulate)
-        run_update((struct cpu_backend *) base, u, NULL);
+        run_update((struct cpu_engine *) base, u, NULL);
     lap(&clock, &base->times.update);
     return SG_OK;
 }
 
-static int read_gradients(struct sg_backend *base, struct sg_model *out)
+static int read_gradients(struct sg_engine *base, struct sg_model *out)
 {
-    struct cpu_backend *b = (struct cpu_backend *) base;
+    struct cpu_engine *b = (struct cpu_engine *) base;
     memset(out->params, 0, out->capacity * (size_t) b->model.planes * sizeof(float));
     run_update(b, &(struct sg_update){0}, out->params);
     return SG_OK;
 }
 
-static int read_statistics(struct sg_backend *base, const struct sg_statistics *out)
+static int read_statistics(struct sg_engine *base, const struct sg_statistics *out)
 {
-    sg_host_statistics(base->ctx, &((struct cpu_backend *) base)->model, out);
+    sg_host_statistics(base->ctx, &((struct cpu_engine *) base)->model, out);
     return SG_OK;
 }
 
-static int edit(struct sg_backend *base, const struct sg_edit *e)
+static int edit(struct sg_engine *base, const struct sg_edit *e)
 {
-    return sg_host_edit(base->ctx, &((struct cpu_backend *) base)->model, e);
+    return sg_host_edit(base->ctx, &((struct cpu_engine *) base)->model, e);
 }
 
-static int floor_scale(struct sg_backend *base, float smallest)
+static int floor_scale(struct sg_engine *base, float smallest)
 {
-    sg_host_floor_scale(&((struct cpu_backend *) base)->model, smallest);
+    sg_host_floor_scale(&((struct cpu_engine *) base)->model, smallest);
     return SG_OK;
 }
 
-static int reset_opacity(struct sg_backend *base, float limit)
+static int reset_opacity(struct sg_engine *base, float limit)
 {
-    sg_host_reset_opacity(&((struct cpu_backend *) base)->model, limit);
+    sg_host_reset_opacity(&((struct cpu_engine *) base)->model, limit);
     return SG_OK;
 }
 
-static const struct sg_backend_ops ops = {
+static const struct sg_engine_ops ops = {
     .name = "cpu",
     .destroy = destroy,
     .variant = variant,
@@ -504,16 +504,16 @@ static const struct sg_backend_ops ops = {
     .reset_opacity = reset_opacity,
 };
 
-int sg_backend_create_cpu(sg_ctx *ctx, const char *cpu, struct sg_backend **out)
+int sg_engine_create_cpu(sg_ctx *ctx, const char *cpu, struct sg_engine **out)
 {
     const struct cpu_kernels *kernels;
     int code = sg_cpu_select(ctx, cpu, &kernels);
     if (code)
         return code;
-    struct cpu_backend *b = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*b));
+    struct cpu_engine *b = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*b));
     if (!b)
         return SG_ERR_BUDGET;
-    b->base = (struct sg_backend){.ops = &ops, .ctx = ctx};
+    b->base = (struct sg_engine){.ops = &ops, .ctx = ctx};
     b->kernels = kernels;
     b->bins.band = -1;
     *out = &b->base;

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The model and optimiser state of a backend that computes in host memory, and the stages that only move it. */
+/* The model and optimiser state of an engine that computes in host memory, and the stages that only move it. */
 #ifndef SG_HOST_MODEL_H
 #define SG_HOST_MODEL_H
 
-#include "backend.h"
+#include "engine.h"
 
 struct sg_host_model {
     size_t count, capacity; /* Gaussians; capacity is a multiple of SG_LANES */

@@ -1,36 +1,36 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "backend.h"
+#include "engine.h"
 
 #include <string.h>
 
 #include "cpu/dispatch.h"
 
-int sg_backend_kernels(sg_ctx *ctx, const char *name, const char *cpu, const struct cpu_kernels **out)
+int sg_engine_kernels(sg_ctx *ctx, const char *name, const char *cpu, const struct cpu_kernels **out)
 {
     *out = NULL;
     if (!name || !strcmp(name, "cpu"))
         return sg_cpu_select(ctx, cpu, out);
     if (!strcmp(name, "ref"))
         return SG_OK;
-    return sg_fail(ctx, SG_ERR_USAGE, "backend: found \"%s\", expected cpu or ref", name);
+    return sg_fail(ctx, SG_ERR_USAGE, "engine: found \"%s\", expected cpu or ref", name);
 }
 
-int sg_backend_create(sg_ctx *ctx, const char *name, const char *cpu, struct sg_backend **out)
+int sg_engine_create(sg_ctx *ctx, const char *name, const char *cpu, struct sg_engine **out)
 {
     const struct cpu_kernels *kernels;
     *out = NULL;
-    const int code = sg_backend_kernels(ctx, name, cpu, &kernels);
+    const int code = sg_engine_kernels(ctx, name, cpu, &kernels);
     if (code)
         return code;
-    return kernels ? sg_backend_create_cpu(ctx, cpu, out) : sg_backend_create_ref(ctx, out);
+    return kernels ? sg_engine_create_cpu(ctx, cpu, out) : sg_engine_create_ref(ctx, out);
 }
 
-void sg_backend_destroy(struct sg_backend **backend)
+void sg_engine_destroy(struct sg_engine **engine)
 {
-    if (backend && *backend)
-        (*backend)->ops->destroy(*backend);
-    if (backend)
-        *backend = NULL;
+    if (engine && *engine)
+        (*engine)->ops->destroy(*engine);
+    if (engine)
+        *engine = NULL;
 }
 
 int sg_optimiser_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_optimiser *o)

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The seam between what training does and where it is computed. A backend holds the model, its optimiser state and the
+/* The seam between what training does and where it is computed. A engine holds the model, its optimiser state and the
  * buffers of one view; host memory crosses only where a function says so. Inputs are validated by the callers.
  *
  * One view goes project -> rasterize -> loss -> rasterize_backward -> update; each uses what the one before left. */
-#ifndef SG_BACKEND_H
-#define SG_BACKEND_H
+#ifndef SG_ENGINE_H
+#define SG_ENGINE_H
 
 #include "core/internal.h"
 #include "spectral/regulariser.h"
@@ -59,7 +59,7 @@ struct sg_statistics {
 enum sg_edit_kind { SG_EDIT_COPY, SG_EDIT_CHILD };
 
 /* A change of the set of Gaussians: survivors in their order, then the appended ones in theirs; from a few thousand on,
- * the backend puts them all into an order of its own that nothing but the model and the edit decides. */
+ * the engine puts them all into an order of its own that nothing but the model and the edit decides. */
 struct sg_edit {
     const uint8_t *keep; /* one byte per present Gaussian */
     size_t kept;         /* number of non-zero bytes */
@@ -70,75 +70,75 @@ struct sg_edit {
     uint64_t seed, stream;  /* of the children's positions: normal (seed, SG_RNG_SPLIT, stream, 3 entry + axis) */
 };
 
-struct sg_backend {
-    const struct sg_backend_ops *ops;
+struct sg_engine {
+    const struct sg_engine_ops *ops;
     sg_ctx *ctx;
     struct sg_train_times times; /* wall seconds per stage, summed */
 };
 
-struct sg_backend_ops {
+struct sg_engine_ops {
     const char *name;
-    void (*destroy)(struct sg_backend *);
-    const char *(*variant)(const struct sg_backend *);
+    void (*destroy)(struct sg_engine *);
+    const char *(*variant)(const struct sg_engine *);
 
     /* Host to device. optimiser NULL: zeros. */
-    int (*upload)(struct sg_backend *, const struct sg_model *, const struct sg_optimiser *);
+    int (*upload)(struct sg_engine *, const struct sg_model *, const struct sg_optimiser *);
     /* The same, and takes the arrays of both, so that a host never holds them twice. */
-    int (*adopt)(struct sg_backend *, struct sg_model *, struct sg_optimiser *);
+    int (*adopt)(struct sg_engine *, struct sg_model *, struct sg_optimiser *);
     /* Device to host, objects of the present count and SH degree. What is NULL, an object or an array of the
      * optimiser, is left out. */
-    int (*download)(struct sg_backend *, struct sg_model *, struct sg_optimiser *);
-    size_t (*count)(const struct sg_backend *);
+    int (*download)(struct sg_engine *, struct sg_model *, struct sg_optimiser *);
+    size_t (*count)(const struct sg_engine *);
 
     /* Projects every Gaussian; colours of SH degree sh_degree. */
-    int (*project)(struct sg_backend *, const struct sg_camera *, int sh_degree, const struct sg_render_params *);
+    int (*project)(struct sg_engine *, const struct sg_camera *, int sh_degree, const struct sg_render_params *);
     /* Tile lists and image. auxiliary: alpha and depth too. */
-    int (*rasterize)(struct sg_backend *, bool auxiliary, struct sg_render_stats *);
+    int (*rasterize)(struct sg_engine *, bool auxiliary, struct sg_render_stats *);
     /* Device to host: 3 planes, 1 plane, 1 plane; alpha and depth may be NULL. */
-    int (*read_image)(struct sg_backend *, float *rgb, float *alpha, float *depth);
+    int (*read_image)(struct sg_engine *, float *rgb, float *alpha, float *depth);
 
     /* Photometric loss of the image and dL/dimage. */
-    int (*loss)(struct sg_backend *, const struct sg_loss_params *, struct sg_loss_value *);
+    int (*loss)(struct sg_engine *, const struct sg_loss_params *, struct sg_loss_value *);
     /* Adds the gradients of the defense's losses to dL/dimage. */
-    int (*regularise)(struct sg_backend *, const struct sg_regulariser_params *, struct sg_regulariser_value *);
+    int (*regularise)(struct sg_engine *, const struct sg_regulariser_params *, struct sg_regulariser_value *);
     /* Host to device: replaces dL/dimage (3 planes). */
-    int (*write_image_gradient)(struct sg_backend *, const float *gradient);
+    int (*write_image_gradient)(struct sg_engine *, const float *gradient);
     /* dL/dimage to gradients of the splats. */
-    int (*rasterize_backward)(struct sg_backend *);
+    int (*rasterize_backward)(struct sg_engine *);
     /* Gradients of the splats to parameters, fused with Adam: parameter gradients are never stored. */
-    int (*update)(struct sg_backend *, const struct sg_update *);
+    int (*update)(struct sg_engine *, const struct sg_update *);
     /* Device to host: dL/d parameters of the last view, in a model-shaped object. For tests and sensitivities. */
-    int (*read_gradients)(struct sg_backend *, struct sg_model *);
+    int (*read_gradients)(struct sg_engine *, struct sg_model *);
 
     /* Device to host: hits over n views, one value per Gaussian. No colour is computed; the view that was being
      * processed is lost. */
-    int (*count_hits)(struct sg_backend *, const struct sg_camera *const *views, size_t n,
+    int (*count_hits)(struct sg_engine *, const struct sg_camera *const *views, size_t n,
                       const struct sg_render_params *, enum sg_hit, double *hits);
 
     /* Device to host. */
-    int (*read_statistics)(struct sg_backend *, const struct sg_statistics *);
+    int (*read_statistics)(struct sg_engine *, const struct sg_statistics *);
     /* Applies the edit to parameters, moments (appended: zero) and statistics. Where memory runs out the model is as
      * it was, or edited and without moments. */
-    int (*edit)(struct sg_backend *, const struct sg_edit *);
+    int (*edit)(struct sg_engine *, const struct sg_edit *);
     /* Scales = max(scales, smallest), activated; for attacks. */
-    int (*floor_scale)(struct sg_backend *, float smallest);
+    int (*floor_scale)(struct sg_engine *, float smallest);
     /* opacity = min(opacity, limit); zeroes the opacity moments. */
-    int (*reset_opacity)(struct sg_backend *, float limit);
+    int (*reset_opacity)(struct sg_engine *, float limit);
 };
 
 struct cpu_kernels;
 
-/* The kernels of a backend and variant, as below; *out: NULL with "ref". */
-int sg_backend_kernels(sg_ctx *ctx, const char *name, const char *cpu, const struct cpu_kernels **out);
+/* The kernels of an engine and variant, as below; *out: NULL with "ref". */
+int sg_engine_kernels(sg_ctx *ctx, const char *name, const char *cpu, const struct cpu_kernels **out);
 /* name: "cpu" or "ref", NULL = cpu; cpu: variant or NULL. Unknown or unsupported: SG_ERR_USAGE. */
-int sg_backend_create(sg_ctx *ctx, const char *name, const char *cpu, struct sg_backend **out);
-void sg_backend_destroy(struct sg_backend **backend);
+int sg_engine_create(sg_ctx *ctx, const char *name, const char *cpu, struct sg_engine **out);
+void sg_engine_destroy(struct sg_engine **engine);
 
-int sg_backend_create_cpu(sg_ctx *ctx, const char *cpu, struct sg_backend **out);
-int sg_backend_create_ref(sg_ctx *ctx, struct sg_backend **out);
+int sg_engine_create_cpu(sg_ctx *ctx, const char *cpu, struct sg_engine **out);
+int sg_engine_create_ref(sg_ctx *ctx, struct sg_engine **out);
 
 /* Screen radius in whole pixels and the reference's tile rectangle [x0, x1) x [y0, y1) of it. Integer-exact on every
- * backend. False: the rectangle is empty. */
+ * engine. False: the rectangle is empty. */
 struct sg_tile_rect {
     int x0, y0, x1, y1;
 };

@@ -1,17 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The scalar backend: ref/render.h behind the stage table. Slow on purpose. */
+/* The scalar engine: ref/render.h behind the stage table. Slow on purpose. */
 #include <string.h>
 
 #include "core/clock.h"
 #include "math/real_f32.h"
 
-#include "backend/host_model.h"
+#include "engine/host_model.h"
 #include "math/adam.h"
 #include "math/photometric.h"
 #include "render.h"
 
-struct ref_backend {
-    struct sg_backend base;
+struct ref_engine {
+    struct sg_engine base;
     struct sg_host_model model;
     struct ref_splat *splats;
     size_t splats_capacity;
@@ -26,9 +26,9 @@ struct ref_backend {
     struct sg_regulariser regulariser;
 };
 
-static void destroy(struct sg_backend *base)
+static void destroy(struct sg_engine *base)
 {
-    struct ref_backend *b = (struct ref_backend *) base;
+    struct ref_engine *b = (struct ref_engine *) base;
     sg_ctx *ctx = base->ctx;
     sg_host_clear(ctx, &b->model);
     sg_regulariser_clear(ctx, &b->regulariser);
@@ -43,41 +43,41 @@ static void destroy(struct sg_backend *base)
     sg_free(ctx, b);
 }
 
-static const char *variant(const struct sg_backend *base)
+static const char *variant(const struct sg_engine *base)
 {
     (void) base;
     return "ref";
 }
 
-static int upload(struct sg_backend *base, const struct sg_model *m, const struct sg_optimiser *o)
+static int upload(struct sg_engine *base, const struct sg_model *m, const struct sg_optimiser *o)
 {
-    return sg_host_upload(base->ctx, &((struct ref_backend *) base)->model, m, o);
+    return sg_host_upload(base->ctx, &((struct ref_engine *) base)->model, m, o);
 }
 
-static int adopt(struct sg_backend *base, struct sg_model *m, struct sg_optimiser *o)
+static int adopt(struct sg_engine *base, struct sg_model *m, struct sg_optimiser *o)
 {
-    sg_host_adopt(base->ctx, &((struct ref_backend *) base)->model, m, o);
+    sg_host_adopt(base->ctx, &((struct ref_engine *) base)->model, m, o);
     return SG_OK;
 }
 
-static int download(struct sg_backend *base, struct sg_model *m, struct sg_optimiser *o)
+static int download(struct sg_engine *base, struct sg_model *m, struct sg_optimiser *o)
 {
-    return sg_host_download(&((struct ref_backend *) base)->model, m, o);
+    return sg_host_download(&((struct ref_engine *) base)->model, m, o);
 }
 
-static size_t count(const struct sg_backend *base)
+static size_t count(const struct sg_engine *base)
 {
-    return ((const struct ref_backend *) base)->model.count;
+    return ((const struct ref_engine *) base)->model.count;
 }
 
-static void gather(const struct ref_backend *b, size_t i, float *planes)
+static void gather(const struct ref_engine *b, size_t i, float *planes)
 {
     memset(planes, 0, SG_PARAMS_MAX * sizeof(*planes));
     for (int p = 0; p < b->model.planes; p++)
         planes[p] = b->model.params[sg_param_index(b->model.planes, i, p)];
 }
 
-static int reserve_frame(struct ref_backend *b, size_t pixels)
+static int reserve_frame(struct ref_engine *b, size_t pixels)
 {
     if (pixels <= b->pixels_capacity)
         return SG_OK;
@@ -103,10 +103,10 @@ static int reserve_frame(struct ref_backend *b, size_t pixels)
     return SG_OK;
 }
 
-static int do_project(struct sg_backend *base, const struct sg_camera *camera, int sh_degree,
+static int do_project(struct sg_engine *base, const struct sg_camera *camera, int sh_degree,
                       const struct sg_render_params *params)
 {
-    struct ref_backend *b = (struct ref_backend *) base;
+    struct ref_engine *b = (struct ref_engine *) base;
     const size_t n = b->model.count;
     if (sg_grow(base->ctx, SG_MEM_SPLATS, &b->splats, &b->splats_capacity, n, 0, sizeof(*b->splats)) ||
         sg_grow(base->ctx, SG_MEM_INSTANCES, &b->list, &b->list_capacity, n, 0, sizeof(*b->list)) ||
@@ -126,8 +126,8 @@ static int do_project(struct sg_backend *base, const struct sg_camera *camera, i
 }
 
 /* Calls fn for every pixel of every tile with the tile's list. */
-static void each_pixel(struct ref_backend *b, struct sg_render_stats *stats,
-                       void (*fn)(struct ref_backend *, size_t entries, int x, int y))
+static void each_pixel(struct ref_engine *b, struct sg_render_stats *stats,
+                       void (*fn)(struct ref_engine *, size_t entries, int x, int y))
 {
     for (int ty = 0; ty < b->grid_y; ty++)
         for (int tx = 0; tx < b->grid_x; tx++) {
@@ -142,21 +142,21 @@ static void each_pixel(struct ref_backend *b, struct sg_render_stats *stats,
         }
 }
 
-static void pixel_forward(struct ref_backend *b, size_t entries, int x, int y)
+static void pixel_forward(struct ref_engine *b, size_t entries, int x, int y)
 {
     ref_pixel_forward(b->splats, b->list, entries, x, y, b->params.background, &b->image);
 }
 
-static void pixel_backward(struct ref_backend *b, size_t entries, int x, int y)
+static void pixel_backward(struct ref_engine *b, size_t entries, int x, int y)
 {
     (void) entries;
     ref_pixel_backward(b->splats, b->list, x, y, b->params.background, &b->image, b->gradient);
 }
 
-static int rasterize(struct sg_backend *base, bool auxiliary, struct sg_render_stats *stats)
+static int rasterize(struct sg_engine *base, bool auxiliary, struct sg_render_stats *stats)
 {
     (void) auxiliary;
-    struct ref_backend *b = (struct ref_backend *) base;
+    struct ref_engine *b = (struct ref_engine *) base;
     struct sg_render_stats s = {.bands = 1};
     for (size_t i = 0; i < b->model.count; i++)
         s.visible += b->splats[i].radius > 0;
@@ -166,9 +166,9 @@ static int rasterize(struct sg_backend *base, bool auxiliary, struct sg_render_s
     return SG_OK;
 }
 
-static int rasterize_backward(struct sg_backend *base)
+static int rasterize_backward(struct sg_engine *base)
 {
-    struct ref_backend *b = (struct ref_backend *) base;
+    struct ref_engine *b = (struct ref_engine *) base;
     for (size_t i = 0; i < b->model.count; i++) {
         struct ref_splat *s = &b->splats[i];
         s->g = (struct splat_grad){0};
@@ -178,14 +178,14 @@ static int rasterize_backward(struct sg_backend *base)
     return SG_OK;
 }
 
-static size_t pixels(const struct ref_backend *b)
+static size_t pixels(const struct ref_engine *b)
 {
     return (size_t) b->image.width * (size_t) b->image.height;
 }
 
-static int read_image(struct sg_backend *base, float *rgb, float *alpha, float *depth)
+static int read_image(struct sg_engine *base, float *rgb, float *alpha, float *depth)
 {
-    const struct ref_backend *b = (const struct ref_backend *) base;
+    const struct ref_engine *b = (const struct ref_engine *) base;
     memcpy(rgb, b->image.rgb, 3 * pixels(b) * sizeof(float));
     for (size_t i = 0; alpha && i < pixels(b); i++)
         alpha[i] = 1 - b->image.t[i];
@@ -194,9 +194,9 @@ static int read_image(struct sg_backend *base, float *rgb, float *alpha, float *
     return SG_OK;
 }
 
-static int write_image_gradient(struct sg_backend *base, const float *gradient)
+static int write_image_gradient(struct sg_engine *base, const float *gradient)
 {
-    struct ref_backend *b = (struct ref_backend *) base;
+    struct ref_engine *b = (struct ref_engine *) base;
     memcpy(b->gradient, gradient, 3 * pixels(b) * sizeof(float));
     return SG_OK;
 }
@@ -213,9 +213,9 @@ static float window_sum(const float *values, int stride, int width, int height, 
     return (float) sum;
 }
 
-static int loss(struct sg_backend *base, const struct sg_loss_params *p, struct sg_loss_value *out)
+static int loss(struct sg_engine *base, const struct sg_loss_params *p, struct sg_loss_value *out)
 {
-    struct ref_backend *b = (struct ref_backend *) base;
+    struct ref_engine *b = (struct ref_engine *) base;
     const int w = b->image.width, h = b->image.height;
     const size_t n = pixels(b);
     const float unit = 1 / (3 * (float) n);
@@ -268,20 +268,20 @@ static int loss(struct sg_backend *base, const struct sg_loss_params *p, struct 
     return SG_OK;
 }
 
-static void pixel_pairs(struct ref_backend *b, size_t entries, int x, int y)
+static void pixel_pairs(struct ref_engine *b, size_t entries, int x, int y)
 {
     ref_pixel_count(b->splats, b->list, entries, x, y, false);
 }
 
-static void pixel_weights(struct ref_backend *b, size_t entries, int x, int y)
+static void pixel_weights(struct ref_engine *b, size_t entries, int x, int y)
 {
     ref_pixel_count(b->splats, b->list, entries, x, y, true);
 }
 
-static int count_hits(struct sg_backend *base, const struct sg_camera *const *views, size_t n,
+static int count_hits(struct sg_engine *base, const struct sg_camera *const *views, size_t n,
                       const struct sg_render_params *params, enum sg_hit kind, double *hits)
 {
-    struct ref_backend *b = (struct ref_backend *) base;
+    struct ref_engine *b = (struct ref_engine *) base;
     const double start = sg_seconds();
     memset(hits, 0, b->model.count * sizeof(*hits));
     for (size_t v = 0; v < n; v++) {
@@ -296,16 +296,16 @@ static int count_hits(struct sg_backend *base, const struct sg_camera *const *vi
     return SG_OK;
 }
 
-static int regularise(struct sg_backend *base, const struct sg_regulariser_params *p, struct sg_regulariser_value *out)
+static int regularise(struct sg_engine *base, const struct sg_regulariser_params *p, struct sg_regulariser_value *out)
 {
-    struct ref_backend *b = (struct ref_backend *) base;
+    struct ref_engine *b = (struct ref_engine *) base;
     return sg_regularise(base->ctx, &b->regulariser, p, b->image.rgb, b->image.width, b->image.height, b->gradient,
                          out);
 }
 
-static int update(struct sg_backend *base, const struct sg_update *u)
+static int update(struct sg_engine *base, const struct sg_update *u)
 {
-    struct ref_backend *b = (struct ref_backend *) base;
+    struct ref_engine *b = (struct ref_engine *) base;
     struct sg_host_model *h = &b->model;
     if (sg_host_learn(base->ctx, h) || (u->accumulate && sg_host_keep_gradients(base->ctx, h)))
         return SG_ERR_BUDGET;
@@ -336,9 +336,9 @@ static int update(struct sg_backend *base, const struct sg_update *u)
     return SG_OK;
 }
 
-static int read_gradients(struct sg_backend *base, struct sg_model *out)
+static int read_gradients(struct sg_engine *base, struct sg_model *out)
 {
-    struct ref_backend *b = (struct ref_backend *) base;
+    struct ref_engine *b = (struct ref_engine *) base;
     for (size_t i = 0; i < b->model.count; i++) {
         float planes[SG_PARAMS_MAX], g[SG_PARAMS_MAX];
         gather(b, i, planes);
@@ -349,30 +349,30 @@ static int read_gradients(struct sg_backend *base, struct sg_model *out)
     return SG_OK;
 }
 
-static int read_statistics(struct sg_backend *base, const struct sg_statistics *out)
+static int read_statistics(struct sg_engine *base, const struct sg_statistics *out)
 {
-    sg_host_statistics(base->ctx, &((struct ref_backend *) base)->model, out);
+    sg_host_statistics(base->ctx, &((struct ref_engine *) base)->model, out);
     return SG_OK;
 }
 
-static int edit(struct sg_backend *base, const struct sg_edit *e)
+static int edit(struct sg_engine *base, const struct sg_edit *e)
 {
-    return sg_host_edit(base->ctx, &((struct ref_backend *) base)->model, e);
+    return sg_host_edit(base->ctx, &((struct ref_engine *) base)->model, e);
 }
 
-static int floor_scale(struct sg_backend *base, float smallest)
+static int floor_scale(struct sg_engine *base, float smallest)
 {
-    sg_host_floor_scale(&((struct ref_backend *) base)->model, smallest);
+    sg_host_floor_scale(&((struct ref_engine *) base)->model, smallest);
     return SG_OK;
 }
 
-static int reset_opacity(struct sg_backend *base, float limit)
+static int reset_opacity(struct sg_engine *base, float limit)
 {
-    sg_host_reset_opacity(&((struct ref_backend *) base)->model, limit);
+    sg_host_reset_opacity(&((struct ref_engine *) base)->model, limit);
     return SG_OK;
 }
 
-static const struct sg_backend_ops ops = {
+static const struct sg_engine_ops ops = {
     .name = "ref",
     .destroy = destroy,
     .variant = variant,
@@ -396,12 +396,12 @@ static const struct sg_backend_ops ops = {
     .reset_opacity = reset_opacity,
 };
 
-int sg_backend_create_ref(sg_ctx *ctx, struct sg_backend **out)
+int sg_engine_create_ref(sg_ctx *ctx, struct sg_engine **out)
 {
-    struct ref_backend *b = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*b));
+    struct ref_engine *b = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*b));
     if (!b)
         return SG_ERR_BUDGET;
-    b->base = (struct sg_backend){.ops = &ops, .ctx = ctx};
+    b->base = (struct sg_engine){.ops = &ops, .ctx = ctx};
     *out = &b->base;
     return SG_OK;
 }
