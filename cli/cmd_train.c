@@ -87,6 +87,9 @@ static const struct option train_options[] = {
                "Look at the photos first (see `audit`): say what is found, refuse poisoned ones with exit status 2, or "
                "turn the "
                "defense on unless they are clean."),
+    NUMBER_ROW("tolerance", OPT_FLOAT, T(train.tolerance), 0, 255, "LEVELS",
+               "The loss compares a render with the nearest image that differs from the photo by at most LEVELS grey "
+               "levels, so that noise within them has no effect. Works with and without --defense."),
     CHOICE_ROW("preset", T(preset), "auto|ns|tt|mip", "NAME",
                "The paper's rho and lambda for NeRF-Synthetic, Tanks and Temples, Mip-NeRF 360; auto: a share of the "
                "run's own "

@@ -43,7 +43,7 @@ static const char *vain_option(const struct train_config *c, const bool *given)
     for (size_t i = 0; o[i].name; i++) {
         if (o[i].type == OPT_GROUP)
             inside = !strcmp(o[i].name, "Defense");
-        bool counts = !strcmp(o[i].name, "defense") || !strcmp(o[i].name, "audit");
+        bool counts = !strcmp(o[i].name, "defense") || !strcmp(o[i].name, "audit") || !strcmp(o[i].name, "tolerance");
         for (size_t k = 0; k < sizeof(ranking) / sizeof(ranking[0]); k++)
             counts |= limited && !strcmp(o[i].name, ranking[k]);
         if (inside && given[i] && !counts)

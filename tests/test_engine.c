@@ -37,8 +37,10 @@ static struct outcome run(sg_ctx *ctx, const char *engine, const char *cpu, cons
     assert_int_equal(b->ops->project(b, camera, m->sh_degree, &params), SG_OK);
     assert_int_equal(b->ops->rasterize(b, true, &o.stats), SG_OK);
     assert_int_equal(b->ops->read_image(b, o.rgb, o.alpha, o.depth), SG_OK);
-    assert_int_equal(b->ops->loss(b, &(struct sg_loss_params){0.2f, target, masked ? mask : NULL, NULL}, &o.loss),
-                     SG_OK);
+    assert_int_equal(
+        b->ops->loss(b, &(struct sg_loss_params){.lambda_dssim = 0.2f, .target = target, .mask = masked ? mask : NULL},
+                     &o.loss),
+        SG_OK);
     assert_int_equal(b->ops->rasterize_backward(b), SG_OK);
     assert_int_equal(sg_model_create(ctx, m->count, m->sh_degree, &o.gradients), SG_OK);
     assert_int_equal(b->ops->read_gradients(b, o.gradients), SG_OK);

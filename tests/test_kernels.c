@@ -107,7 +107,7 @@ static void check_loss(const struct cpu_kernels *k, int w, int h, int rows, bool
             rgb[ch * n + i] = same ? (float) target[3 * i + ch] * (1.0f / 255.0f) : draw(2, 3 * i + ch, -0.2f, 1.3f);
         }
     }
-    const struct sg_loss_params p = {lambda, target, masked ? used : NULL, NULL};
+    const struct sg_loss_params p = {.lambda_dssim = lambda, .target = target, .mask = masked ? used : NULL};
     const struct cpu_loss_args a = {
         .width = w, .height = h, .rgb = rgb, .params = &p, .gradient = gradient, .sums = sums};
     for (int ch = 0; ch < 3; ch++)
@@ -196,7 +196,8 @@ static void test_adam(void **state)
             u.rate[SG_G_SCALE] = 0; /* held: neither parameters nor moments move */
             assert_int_equal(b->ops->project(b, &camera, 1, &params), SG_OK);
             assert_int_equal(b->ops->rasterize(b, false, NULL), SG_OK);
-            assert_int_equal(b->ops->loss(b, &(struct sg_loss_params){0.2f, target, NULL, NULL}, &value), SG_OK);
+            assert_int_equal(b->ops->loss(b, &(struct sg_loss_params){.lambda_dssim = 0.2f, .target = target}, &value),
+                             SG_OK);
             assert_int_equal(b->ops->rasterize_backward(b), SG_OK);
             assert_int_equal(b->ops->read_gradients(b, g), SG_OK);
             assert_int_equal(b->ops->update(b, &u), SG_OK);

@@ -174,6 +174,7 @@ static void test_ranges(void **state)
         {"iterations", {SG_TRAIN_DEFAULTS, .iterations = 0}},
         {"sh-degree", {SG_TRAIN_DEFAULTS, .sh_degree = 4}},
         {"lambda-dssim", {SG_TRAIN_DEFAULTS, .lambda_dssim = 1.1f}},
+        {"tolerance", {SG_TRAIN_DEFAULTS, .tolerance = 256}},
         {"position-lr-init", {SG_TRAIN_DEFAULTS, .position_lr_init = 0}},
         {"position-lr-final", {SG_TRAIN_DEFAULTS, .position_lr_final = 0}},
         {"percent-dense", {SG_TRAIN_DEFAULTS, .percent_dense = NAN}},

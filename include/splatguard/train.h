@@ -26,6 +26,11 @@ struct sg_train_params {
     bool white_background;        /* Default false. */
     bool random_background;       /* a random colour each iteration. Default false. */
     float lambda_dssim;           /* weight of 1-SSIM, 0..1. Default 0.2. */
+    /* The loss compares a render with the nearest image that differs from the photo by at most `tolerance` grey levels
+     * (0..255) in each value: a change of the photos within it has no gradient at a model of the unchanged photos.
+     * Default 0. */
+    float tolerance;
+    const float *tolerances;      /* NULL, or of each training view, instead. Borrowed as long as the trainer. */
     float position_lr_init;       /* x scene extent. Default 1.6e-4. */
     float position_lr_final;      /* x scene extent. Default 1.6e-6. */
     int position_lr_max_steps;    /* Default 30000. */

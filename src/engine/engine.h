@@ -35,8 +35,12 @@ struct sg_update {
                         the model is edited. */
 };
 
+/* The target of a value is the nearest to the render within `tolerance` of the photo, for L1 and SSIM alike. It counts
+ * as a constant, and a value that is its own target has no gradient. So a change of the photo by at most `tolerance`
+ * has no gradient at a model that shows the unchanged photo. */
 struct sg_loss_params {
     float lambda_dssim;
+    float tolerance;       /* 0..1, of the value range; 0: the target is the photo */
     const uint8_t *target; /* host, height x width x 3 */
     const uint8_t *mask;   /* host, height x width, or NULL */
     const float *planes;   /* host, 3 planes: a target that is no photo, instead of `target`; or NULL */
@@ -47,6 +51,19 @@ struct sg_loss_value {
     double mse;      /* on unclamped values */
     double total;    /* (1 - lambda) l1 + lambda (1 - ssim) */
 };
+
+/* Of grey levels; a little more, so that photos exactly that far apart agree however both are rounded. */
+static inline float sg_loss_tolerance(float levels)
+{
+    return levels > 0 ? levels / 255 + 0x1p-20f : 0;
+}
+
+/* Equal images have an SSIM of 1, which its sum reaches up to rounding only. */
+static inline struct sg_loss_value sg_loss_value_of(double l1, double mse, double ssim, float lambda_dssim)
+{
+    const double s = l1 == 0 ? 1 : ssim, lambda = (double) lambda_dssim;
+    return (struct sg_loss_value){.l1 = l1, .ssim = s, .mse = mse, .total = (1 - lambda) * l1 + lambda * (1 - s)};
+}
 
 /* What decides about Gaussians: where to put `count` values of each; any may be NULL. */
 struct sg_statistics {

@@ -39,6 +39,7 @@ int sg_train_check(sg_ctx *ctx, const struct sg_train_params *p)
         {"sh-degree", p->sh_degree, 0, 3},
         {"sh-interval", p->sh_interval, 1, 1e7},
         {"lambda-dssim", (double) p->lambda_dssim, 0, 1},
+        {"tolerance", (double) p->tolerance, 0, 255},
         {"position-lr-init", (double) p->position_lr_init, 1e-12, 1e3},
         {"position-lr-final", (double) p->position_lr_final, 1e-12, 1e3},
         {"position-lr-max-steps", p->position_lr_max_steps, 1, 1e9},

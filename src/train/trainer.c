@@ -22,6 +22,10 @@ static int check_scene(sg_ctx *ctx, const struct sg_train_params *p, const struc
         return code;
     if (!scene->n_train)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found no training view, expected at least one", scene->path);
+    for (size_t i = 0; p->tolerances && i < scene->n_train; i++)
+        if (!(p->tolerances[i] >= 0 && p->tolerances[i] <= 255))
+            return sg_fail(ctx, SG_ERR_USAGE, "tolerance of a view: found %g, expected 0 to 255",
+                           (double) p->tolerances[i]);
     for (size_t i = 0; p->defense.shares && i < scene->n_train; i++)
         if (!(p->defense.shares[i] >= 0 && p->defense.shares[i] <= 1e3f))
             return sg_fail(ctx, SG_ERR_USAGE, "share of a view: found %g, expected 0 to 1000",
@@ -293,7 +297,11 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     const struct sg_view *view = &t->scene->train[step.view];
     struct sg_render_params render = {.max_instances = t->budget.instances, .reference_tiles = p->reference_tiles};
     const struct sg_defense_params *d = &p->defense;
-    const struct sg_loss_params loss = {.lambda_dssim = p->lambda_dssim, .target = view->rgb, .mask = view->mask};
+    const float levels = p->tolerances ? p->tolerances[step.view] : p->tolerance;
+    const struct sg_loss_params loss = {.lambda_dssim = p->lambda_dssim,
+                                        .tolerance = sg_loss_tolerance(levels),
+                                        .target = view->rgb,
+                                        .mask = view->mask};
     struct sg_loss_value value;
     int code;
     background(t, it, render.background);

@@ -49,6 +49,14 @@ for preset in "ns 0.03 4.0" "tt 0.045 4.0" "mip 0.05 5.0"; do
     settled "$1" filter-frequency 8.0
 done
 
+# Tolerance: with and without the defense, and a model of its own.
+expect 0 train scene/blender -o tolerant $short --init-points 2000 --tolerance 16
+settled tolerant tolerance 16.0
+cmp -s tolerant/point_cloud/iteration_*/point_cloud.ply plain/point_cloud/iteration_*/point_cloud.ply &&
+    fail "the tolerance has no effect"
+expect 1 train scene/blender -o refused --tolerance 256
+says '0 to 255'
+
 # Gaussians.
 expect 0 train scene/blender -o few $short --init-points 400 --max-gaussians 500 --densify-grad-threshold 0.00001
 [ "$(field few max_gaussians)" -le 500 ] || fail "more Gaussians than allowed"

@@ -284,8 +284,7 @@ static int loss(struct sg_engine *base, const struct sg_loss_params *p, struct s
         for (int k = 0; k < 3; k++)
             sums[k] += b->sums[3 * row + k];
     const double values = 3.0 * (double) b->camera.width * (double) b->camera.height;
-    out->l1 = sums[0] / values, out->mse = sums[1] / values, out->ssim = sums[2] / values;
-    out->total = (1 - (double) p->lambda_dssim) * out->l1 + (double) p->lambda_dssim * (1 - out->ssim);
+    *out = sg_loss_value_of(sums[0] / values, sums[1] / values, sums[2] / values, p->lambda_dssim);
     lap(&clock, &base->times.loss);
     return SG_OK;
 }

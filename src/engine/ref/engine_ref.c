@@ -229,6 +229,8 @@ static int loss(struct sg_engine *base, const struct sg_loss_params *p, struct s
             Y[i] = p->mask && !p->mask[i] ? img[i]
                    : p->planes            ? p->planes[(size_t) ch * n + i]
                                           : (float) p->target[3 * i + (size_t) ch] / 255.0f;
+            if (p->tolerance > 0)
+                Y[i] = fminf(fmaxf(X[i], Y[i] - p->tolerance), Y[i] + p->tolerance);
             const float d = X[i] - Y[i];
             l1 += (double) fabsf(d);
             mse += (double) d * (double) d;
@@ -258,13 +260,12 @@ static int loss(struct sg_engine *base, const struct sg_loss_params *p, struct s
                                  Y[at] * window_sum(XY, 1, w, h, x, y);
                 grad[at] -= p->lambda_dssim * unit * ds;
             }
-        for (size_t i = 0; p->mask && i < n; i++)
-            if (!p->mask[i])
+        for (size_t i = 0; i < n; i++)
+            if ((p->mask && !p->mask[i]) || (p->tolerance > 0 && X[i] == Y[i]))
                 grad[i] = 0; /* the target is the image itself there: no pull */
     }
     const double values = 3 * (double) n;
-    out->l1 = l1 / values, out->mse = mse / values, out->ssim = ssim / values;
-    out->total = (1 - (double) p->lambda_dssim) * out->l1 + (double) p->lambda_dssim * (1 - out->ssim);
+    *out = sg_loss_value_of(l1 / values, mse / values, ssim / values, p->lambda_dssim);
     return SG_OK;
 }
 

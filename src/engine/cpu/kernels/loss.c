@@ -134,14 +134,17 @@ static __attribute__((noinline)) void derive_row(const float *x, const float *t,
 
 /* Along `width` pixels of a row: dL/dimage from the derivatives under the window. */
 static __attribute__((noinline)) void gradient_row(const float *x, const float *t, const float *const derivatives[3],
-                                                   const uint8_t *used, float l1, float dssim, int width, float *out)
+                                                   const uint8_t *used, bool tolerant, float l1, float dssim, int width,
+                                                   float *out)
 {
     for (int i = 0; i < width; i += LANES) {
         const real vx = row_load(x, i, width), vt = row_load(t, i, width);
         const real ds = along(derivatives[0] + i) + 2 * vx * along(derivatives[1] + i) + vt * along(derivatives[2] + i);
         const real sign = r_keep(r_lt(vt, vx), r_set(1)) - r_keep(r_lt(vx, vt), r_set(1));
         real g = l1 * sign + dssim * ds;
-        if (used) { /* no pull where the target is the render itself */
+        if (tolerant) /* no pull where the target is the render itself */
+            g *= sign * sign;
+        if (used) {
             real keep = r_set(0);
             for (int k = 0; k < LANES && i + k < width; k++)
                 keep[k] = used[i + k] ? 1.0f : 0.0f;
@@ -223,12 +226,13 @@ SIMD void backward(const struct cpu_loss_args *a, const struct band *image, cons
             const size_t at = (size_t) (y + r) * (size_t) w + (size_t) c;
             const float *const d[3] = {windowed[0][r] + PAD, windowed[1][r] + PAD, windowed[2][r] + PAD};
             gradient_row(band_row(image, y + r) + c, band_row(target, y + r) + c, d,
-                         a->params->mask ? a->params->mask + at : NULL, l1, dssim, width, gradient + at);
+                         a->params->mask ? a->params->mask + at : NULL, a->params->tolerance > 0, l1, dssim, width,
+                         gradient + at);
         }
     }
 }
 
-/* The target's next row as floats; where masked out, the render itself. */
+/* The target's next row as floats: the render itself where masked out, else the nearest value within the tolerance. */
 SIMD void next_target(const struct cpu_loss_args *a, int channel, struct band *target)
 {
     const int y = target->end++;
@@ -240,6 +244,11 @@ SIMD void next_target(const struct cpu_loss_args *a, int channel, struct band *t
     float *out = band_row(target, y);
     for (int i = 0; i < a->width; i++)
         out[i] = used && !used[i] ? x[i] : values ? values[i] : (float) bytes[3 * i] * (1.0f / 255.0f);
+    const real tolerance = r_set(a->params->tolerance);
+    for (int i = 0; a->params->tolerance > 0 && i < a->width; i += LANES) {
+        const real photo = row_load(out, i, a->width);
+        row_store(out, i, a->width, r_min(r_max(row_load(x, i, a->width), photo - tolerance), photo + tolerance));
+    }
 }
 
 SIMD int least(int a, int b)
