@@ -32,7 +32,9 @@ struct scene_options {
              "Ignore cx and cy, as the reference does.", .transient = transient_),                                     \
         TEXT_ROW("masks", offsetof(config, scene_.params.masks), "DIR",                                                \
                  "Folder of masks inside the scene's, white = use; found by itself if called masks.",                  \
-                 .transient = transient_)
+                 .transient = transient_),                                                                             \
+        FLAG_ROW("follow-links", offsetof(config, scene_.params.follow_links),                                         \
+                 "Follow symbolic links that lead out of the scene's folder.", .transient = true)
 #define SCENE_OPTIONS(config, scene_, transient_)                                                                      \
     GROUP_ROW("Scene"), SCENE_PLACE_ROWS(config, scene_, transient_),                                                  \
         NUMBER_ROW("downscale", OPT_DOUBLE, offsetof(config, scene_.params.downscale), 1, 64, "F",                     \

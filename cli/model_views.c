@@ -39,6 +39,7 @@ static int adopt_run(struct model_views *v, const char *run, const struct comman
 {
     char *path = NULL;
     int code = 0;
+    const bool follow_links = o->scene.params.follow_links;
     if (!sg_dir_exists(run))
         return 0;
     if (asprintf(&path, "%s/config.json", run) < 0)
@@ -55,6 +56,7 @@ static int adopt_run(struct model_views *v, const char *run, const struct comman
         code = 2;
     } else if (options_adopt(command, "Scene", given, config, options, path))
         code = 2;
+    o->scene.params.follow_links = follow_links; /* not for a stranger's run to allow */
     if (!o->scene_path)
         o->scene_path = json_string_value(json_object_get(options, "source-path"));
 done:

@@ -33,6 +33,8 @@ struct sg_scene_params {
     int test_every;         /* every N-th view by sorted name is a test view (COLMAP, nerfstudio). Default 8. */
     bool centred_principal; /* ignore cx, cy as the reference does. Default false. */
     const char *masks;      /* folder of masks (white = use) with the images' names; NULL = "masks" if present */
+    bool follow_links;      /* symbolic links in the folder may lead out of it; links that stay inside are always
+                               followed. Default false. */
     uint64_t max_pixels;    /* per image. Default 1 << 28. */
     uint64_t max_images;    /* Default 1 << 16. */
     uint64_t max_points;    /* Default 1 << 27. */
@@ -66,6 +68,7 @@ struct sg_scene {
     float *points;         /* n_points x 3 positions */
     uint8_t *point_colors; /* n_points x 3 */
     bool white_background;
+    bool follow_links;     /* as it was loaded */
     double center[3];      /* mean of the train camera centres */
     double extent;         /* 1.1 x largest distance of a train camera centre from their mean */
 };

@@ -46,28 +46,20 @@ static int make_folder(sg_ctx *ctx, char *path)
     return code;
 }
 
-/* A file that the reader made sense of may be a link to it. Any other is copied unseen: there a link could hand out
- * what is not the scene's. */
-static bool may_follow(sg_ctx *ctx, const struct sg_scene *scene, const char *name)
+/* What lies in the scene's folder, and nothing that a link hands out. Loading has read through no such link. */
+static int copy(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_folder *from, const char *to,
+                const char *name)
 {
-    if (scene->format == SG_FORMAT_COLMAP)
-        return sg_colmap_reads(ctx, scene->path, name);
-    return !strcmp(name, "transforms_train.json") || !strcmp(name, "points3d.ply") ||
-           (!strcmp(name, "transforms_test.json") && scene->n_test);
-}
-
-static int copy(sg_ctx *ctx, const struct sg_scene *scene, const char *to, const char *name)
-{
-    struct stat st;
     char *source = sg_strf(ctx, "%s/%s", scene->path, name), *target = NULL, *data = NULL;
     size_t size;
     int code = source ? place(ctx, to, name, &target) : SG_ERR_BUDGET;
-    if (!code && !lstat(source, &st) && S_ISLNK(st.st_mode) && !may_follow(ctx, scene, name))
-        sg_log(ctx, SG_LOG_WARN, "%s: a link to a file that training does not read: not copied", source);
-    else if (!code && sg_file_exists(source)) {
-        code = make_folder(ctx, target);
+    if (!code && sg_folder_leads_out(from, source))
+        sg_log(ctx, SG_LOG_WARN, "%s: a link out of the scene's folder, which training does not read: not copied",
+               source);
+    else if (!code && sg_folder_has(from, source)) {
+        code = sg_folder_read(ctx, from, source, COPY_BYTES, &data, &size);
         if (!code)
-            code = sg_file_read(ctx, source, COPY_BYTES, &data, &size);
+            code = make_folder(ctx, target);
         if (!code)
             code = sg_file_write(ctx, target, data, size);
     }
@@ -220,8 +212,12 @@ int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene, const str
         code = remove_cameras(ctx, folder, layouts[i]);
     if (!code && needs_transforms(scene))
         return write_transforms(ctx, scene, files, folder);
+    struct sg_folder from;
+    if (code || (code = sg_folder_open(ctx, scene->path, scene->follow_links, &from)))
+        return code;
     for (const char *const *name = scene->format == SG_FORMAT_BLENDER ? blender : colmap; *name && !code; name++)
-        code = copy(ctx, scene, folder, *name);
+        code = copy(ctx, scene, &from, folder, *name);
+    sg_folder_close(ctx, &from);
     return code;
 }
 

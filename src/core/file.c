@@ -7,20 +7,28 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-FILE *sg_regular_open(const char *path)
+FILE *sg_regular_stream(int fd)
 {
-    const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     struct stat st;
     FILE *f = NULL;
-    if (fd >= 0 && !fstat(fd, &st)) {
+    if (!fstat(fd, &st)) {
         if (S_ISREG(st.st_mode))
             f = fdopen(fd, "rb");
         else
             errno = EINVAL;
     }
-    if (fd >= 0 && !f)
+    if (!f) {
+        const int why = errno;
         close(fd);
+        errno = why;
+    }
     return f;
+}
+
+FILE *sg_regular_open(const char *path)
+{
+    const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    return fd < 0 ? NULL : sg_regular_stream(fd);
 }
 
 bool sg_replaceable(const char *path)
@@ -101,53 +109,56 @@ int sg_file_write(sg_ctx *ctx, const char *path, const void *data, size_t size)
     return sg_file_commit(ctx, &w);
 }
 
+int sg_open_failed(sg_ctx *ctx, const char *path)
+{
+    return errno == EINVAL ? sg_fail(ctx, SG_ERR_INPUT, "%s: found a folder or device, expected a file", path)
+                           : sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read: %s", path, strerror(errno));
+}
+
 int sg_file_open(sg_ctx *ctx, const char *path, FILE **out)
 {
     *out = sg_regular_open(path);
-    if (*out)
-        return SG_OK;
-    return errno == EINVAL ? sg_fail(ctx, SG_ERR_INPUT, "%s: found a folder or device, expected a file", path)
-                           : sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read: %s", path, strerror(errno));
+    return *out ? SG_OK : sg_open_failed(ctx, path);
+}
+
+int sg_stream_read(sg_ctx *ctx, FILE *f, const char *path, uint64_t max_bytes, char **data, size_t *size)
+{
+    struct stat st;
+    *data = NULL;
+    if (fstat(fileno(f), &st))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read: %s", path, strerror(errno));
+    if ((uint64_t) st.st_size > max_bytes)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found %lld bytes, the limit is %llu", path, (long long) st.st_size,
+                       (unsigned long long) max_bytes);
+    *data = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) st.st_size + 1, 1);
+    if (!*data) {
+        if (sg_mem_limit(ctx)) { /* say which file */
+            sg_clear_error(ctx);
+            sg_fail(ctx, SG_ERR_BUDGET, "%s: memory: found %lld bytes, the limit for all is %llu", path,
+                    (long long) st.st_size, (unsigned long long) sg_mem_limit(ctx));
+        }
+        return SG_ERR_BUDGET;
+    }
+    *size = fread(*data, 1, (size_t) st.st_size, f);
+    if (*size != (size_t) st.st_size) {
+        sg_free(ctx, *data);
+        *data = NULL;
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found %zu bytes, expected %lld: cannot read on", path, *size,
+                       (long long) st.st_size);
+    }
+    (*data)[*size] = 0;
+    return SG_OK;
 }
 
 int sg_file_read(sg_ctx *ctx, const char *path, uint64_t max_bytes, char **data, size_t *size)
 {
     FILE *f;
-    struct stat st;
     *data = NULL;
     int code = sg_file_open(ctx, path, &f);
-    if (code)
-        return code;
-    if (fstat(fileno(f), &st)) {
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read: %s", path, strerror(errno));
-        goto done;
+    if (!code) {
+        code = sg_stream_read(ctx, f, path, max_bytes, data, size);
+        fclose(f);
     }
-    if ((uint64_t) st.st_size > max_bytes) {
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found %lld bytes, the limit is %llu", path, (long long) st.st_size,
-                       (unsigned long long) max_bytes);
-        goto done;
-    }
-    *data = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) st.st_size + 1, 1);
-    if (!*data) {
-        code = SG_ERR_BUDGET;
-        if (sg_mem_limit(ctx)) { /* say which file */
-            sg_clear_error(ctx);
-            sg_fail(ctx, code, "%s: memory: found %lld bytes, the limit for all is %llu", path, (long long) st.st_size,
-                    (unsigned long long) sg_mem_limit(ctx));
-        }
-        goto done;
-    }
-    *size = fread(*data, 1, (size_t) st.st_size, f);
-    if (*size != (size_t) st.st_size) {
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found %zu bytes, expected %lld: cannot read on", path, *size,
-                       (long long) st.st_size);
-        sg_free(ctx, *data);
-        *data = NULL;
-        goto done;
-    }
-    (*data)[*size] = 0;
-done:
-    fclose(f);
     return code;
 }
 

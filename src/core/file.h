@@ -9,6 +9,7 @@
 #include "internal.h"
 
 /* What both the functions below and those without a context are made of. NULL or false: see errno. */
+FILE *sg_regular_stream(int fd);           /* takes a descriptor over that was opened to read; else as below */
 FILE *sg_regular_open(const char *path);   /* to read; EINVAL: a pipe, device or folder, and nothing waits for it */
 bool sg_replaceable(const char *path);     /* nothing is there, or a file: renaming would replace /dev/null */
 FILE *sg_temporary_open(const char *path); /* to write; goes through no link that lies there */
@@ -26,9 +27,11 @@ void sg_file_abandon(sg_ctx *ctx, struct sg_file_writer *w); /* safe after commi
 
 /* For reading, from a regular file: pipes and devices are refused without waiting for them. */
 int sg_file_open(sg_ctx *ctx, const char *path, FILE **out);
+int sg_open_failed(sg_ctx *ctx, const char *path); /* records what errno says of the functions above */
 
 /* Whole file into memory with a zero byte after it. Larger than max_bytes: SG_ERR_INPUT. Free with sg_free. */
 int sg_file_read(sg_ctx *ctx, const char *path, uint64_t max_bytes, char **data, size_t *size);
+int sg_stream_read(sg_ctx *ctx, FILE *stream, const char *path, uint64_t max_bytes, char **data, size_t *size);
 int sg_file_write(sg_ctx *ctx, const char *path, const void *data, size_t size);
 
 bool sg_file_exists(const char *path);

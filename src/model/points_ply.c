@@ -5,19 +5,20 @@
 
 #include "core/file.h"
 #include "ply.h"
+#include "points.h"
 #include "splatguard/model.h"
 
 #define MAX_FILE_BYTES ((uint64_t) 1 << 36)
 
-int sg_points_read_ply(sg_ctx *ctx, const char *path, uint64_t max_points, float **xyz, uint8_t **rgb, size_t *n)
+int sg_points_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t max_points, float **xyz, uint8_t **rgb,
+                          size_t *n)
 {
     char *data;
     size_t size;
     struct ply p;
     float row[PLY_MAX_PROPERTIES];
-    sg_clear_error(ctx);
     *xyz = NULL, *rgb = NULL, *n = 0;
-    int code = sg_file_read(ctx, path, MAX_FILE_BYTES, &data, &size);
+    int code = sg_stream_read(ctx, stream, path, MAX_FILE_BYTES, &data, &size);
     if (code)
         return code;
     if ((code = sg_ply_open(ctx, &p, path, data, size, max_points)))
@@ -51,6 +52,19 @@ done:
     if (code)
         sg_points_destroy(ctx, xyz, rgb);
     sg_free(ctx, data);
+    return code;
+}
+
+int sg_points_read_ply(sg_ctx *ctx, const char *path, uint64_t max_points, float **xyz, uint8_t **rgb, size_t *n)
+{
+    FILE *f;
+    sg_clear_error(ctx);
+    *xyz = NULL, *rgb = NULL, *n = 0;
+    int code = sg_file_open(ctx, path, &f);
+    if (!code) {
+        code = sg_points_read_stream(ctx, f, path, max_points, xyz, rgb, n);
+        fclose(f);
+    }
     return code;
 }
 

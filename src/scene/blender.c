@@ -2,11 +2,9 @@
 /* The format of the NeRF synthetic scenes (Mildenhall et al. 2020): transforms_train.json and transforms_test.json. */
 #include <stdio.h>
 
-#include "core/file.h"
 #include "scene/transforms.h"
-#include "splatguard/model.h"
 
-bool sg_is_blender(sg_ctx *ctx, const char *dir)
+bool sg_is_blender(sg_ctx *ctx, const struct sg_folder *dir)
 {
     return sg_has_file(ctx, dir, "transforms_train.json");
 }
@@ -37,13 +35,13 @@ int sg_blender_parse(sg_ctx *ctx, const char *file, const char *data, size_t siz
     return code;
 }
 
-static int read_split(sg_ctx *ctx, const char *dir, const char *name, const struct sg_scene_params *params, bool test,
-                      struct sg_shots *shots)
+static int read_split(sg_ctx *ctx, const struct sg_folder *dir, const char *name, const struct sg_scene_params *params,
+                      bool test, struct sg_shots *shots)
 {
     char *data = NULL, *tried = NULL;
     size_t size, first = shots->count;
-    char *file = sg_strf(ctx, "%s/%s", dir, name);
-    int code = file ? sg_file_read(ctx, file, SG_JSON_BYTES, &data, &size) : SG_ERR_BUDGET;
+    char *file = sg_strf(ctx, "%s/%s", dir->path, name);
+    int code = file ? sg_folder_read(ctx, dir, file, SG_JSON_BYTES, &data, &size) : SG_ERR_BUDGET;
     if (!code)
         code = sg_blender_parse(ctx, file, data, size, params->max_images, test, shots);
     for (size_t i = first; i < shots->count && !code; i++) {
@@ -58,17 +56,16 @@ static int read_split(sg_ctx *ctx, const char *dir, const char *name, const stru
     return code;
 }
 
-int sg_read_blender(sg_ctx *ctx, const char *dir, const struct sg_scene_params *params, struct sg_shots *shots,
-                    struct sg_points *points)
+int sg_read_blender(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
+                    struct sg_shots *shots, struct sg_points *points)
 {
     int code = read_split(ctx, dir, "transforms_train.json", params, false, shots);
     if (!code && params->eval)
         code = read_split(ctx, dir, "transforms_test.json", params, true, shots);
     if (code || !sg_has_file(ctx, dir, "points3d.ply")) /* where the reference looks, and leaves its random points */
         return code;
-    char *path = sg_strf(ctx, "%s/points3d.ply", dir);
-    code = path ? sg_points_read_ply(ctx, path, params->max_points, &points->xyz, &points->rgb, &points->count)
-                : SG_ERR_BUDGET;
+    char *path = sg_strf(ctx, "%s/points3d.ply", dir->path);
+    code = path ? sg_read_points(ctx, dir, path, params->max_points, points) : SG_ERR_BUDGET;
     sg_free(ctx, path);
     return code;
 }

@@ -5,8 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "core/file.h"
-#include "splatguard/model.h"
 
 #define MODEL_BYTES                                                                                                    \
     (UINT64_C(1) << 34) /* 2D observations of large scenes fill gigabytes; the ledger has its own limit */
@@ -122,25 +120,33 @@ int sg_colmap_add_image(sg_ctx *ctx, struct sg_shots *shots, uint64_t max, const
 
 static const char *const folders[] = {"sparse/0", "sparse"};
 
+static bool has_part(sg_ctx *ctx, const struct sg_folder *dir, const char *folder, const char *name)
+{
+    char *path = sg_strf(ctx, "%s/%s", folder, name);
+    const bool found = path && sg_folder_has(dir, path);
+    sg_free(ctx, path);
+    return found;
+}
+
 /* "DIR/sparse/0" or "DIR/sparse", whichever holds a model; NULL if neither does. *text: which encoding. */
-static char *find_model(sg_ctx *ctx, const char *dir, bool *text)
+static char *find_model(sg_ctx *ctx, const struct sg_folder *dir, bool *text)
 {
     for (int i = 0; i < 2; i++) {
-        char *folder = sg_strf(ctx, "%s/%s", dir, folders[i]);
+        char *folder = sg_strf(ctx, "%s/%s", dir->path, folders[i]);
         if (!folder)
             return NULL;
         *text = false;
-        if (sg_has_file(ctx, folder, "images.bin") && sg_has_file(ctx, folder, "cameras.bin"))
+        if (has_part(ctx, dir, folder, "images.bin") && has_part(ctx, dir, folder, "cameras.bin"))
             return folder;
         *text = true;
-        if (sg_has_file(ctx, folder, "images.txt") && sg_has_file(ctx, folder, "cameras.txt"))
+        if (has_part(ctx, dir, folder, "images.txt") && has_part(ctx, dir, folder, "cameras.txt"))
             return folder;
         sg_free(ctx, folder);
     }
     return NULL;
 }
 
-bool sg_is_colmap(sg_ctx *ctx, const char *dir)
+bool sg_is_colmap(sg_ctx *ctx, const struct sg_folder *dir)
 {
     bool text;
     char *folder = find_model(ctx, dir, &text);
@@ -148,42 +154,28 @@ bool sg_is_colmap(sg_ctx *ctx, const char *dir)
     return folder != NULL;
 }
 
-bool sg_colmap_reads(sg_ctx *ctx, const char *dir, const char *name)
-{
-    bool text, reads = false;
-    char *folder = find_model(ctx, dir, &text), *path = folder ? sg_strf(ctx, "%s/%s", dir, name) : NULL;
-    const char *const points[] = {"points3D.ply", "points3D.bin", "points3D.txt"};
-    const char *names[] = {text ? "cameras.txt" : "cameras.bin", text ? "images.txt" : "images.bin", NULL};
-    for (int i = 0; i < 3 && path && !names[2]; i++)
-        names[2] = sg_has_file(ctx, folder, points[i]) ? points[i] : NULL;
-    const size_t n = folder ? strlen(folder) : 0;
-    for (int i = 0; i < 3 && path && names[i]; i++)
-        reads |= !strncmp(path, folder, n) && path[n] == '/' && !strcmp(path + n + 1, names[i]);
-    sg_free(ctx, folder);
-    sg_free(ctx, path);
-    return reads;
-}
-
 /* Reads FOLDER/NAME whole; *path is set for messages and is the caller's. */
-static int read_part(sg_ctx *ctx, const char *folder, const char *name, char **path, char **data, size_t *size)
+static int read_part(sg_ctx *ctx, const struct sg_folder *dir, const char *folder, const char *name, char **path,
+                     char **data, size_t *size)
 {
     *path = sg_strf(ctx, "%s/%s", folder, name);
-    return *path ? sg_file_read(ctx, *path, MODEL_BYTES, data, size) : SG_ERR_BUDGET;
+    return *path ? sg_folder_read(ctx, dir, *path, MODEL_BYTES, data, size) : SG_ERR_BUDGET;
 }
 
 /* <images>/<name>, or <images>/<base name> for photos that were moved out of their sub-folders. */
-static int find_photos(sg_ctx *ctx, const char *dir, const char *images, const char *file, struct sg_shots *shots)
+static int find_photos(sg_ctx *ctx, const struct sg_folder *dir, const char *images, const char *file,
+                       struct sg_shots *shots)
 {
     for (size_t i = 0; i < shots->count; i++) {
         struct sg_shot *shot = &shots->items[i];
         const char *base = sg_base_name(shot->file);
-        shot->path = sg_strf(ctx, "%s/%s/%s", dir, images, shot->file);
+        shot->path = sg_strf(ctx, "%s/%s/%s", dir->path, images, shot->file);
         if (!shot->path)
             return SG_ERR_BUDGET;
-        if (sg_file_exists(shot->path))
+        if (sg_folder_has(dir, shot->path))
             continue;
         char *converted;
-        if (sg_find_converted(ctx, shot->path, &converted))
+        if (sg_find_converted(ctx, dir, shot->path, &converted))
             return SG_ERR_BUDGET;
         if (converted) {
             sg_free(ctx, shot->path);
@@ -192,9 +184,9 @@ static int find_photos(sg_ctx *ctx, const char *dir, const char *images, const c
         }
         if (base == shot->file)
             return sg_fail(ctx, SG_ERR_INPUT, "%s: image \"%s\": found no file %s", file, shot->file, shot->path);
-        char *other = sg_strf(ctx, "%s/%s/%s", dir, images, base);
+        char *other = sg_strf(ctx, "%s/%s/%s", dir->path, images, base);
         int code = other ? SG_OK : SG_ERR_BUDGET;
-        if (other && !sg_file_exists(other))
+        if (other && !sg_folder_has(dir, other))
             code = sg_fail(ctx, SG_ERR_INPUT, "%s: image \"%s\": found neither %s nor %s", file, shot->file, shot->path,
                            other);
         sg_free(ctx, shot->path);
@@ -205,21 +197,21 @@ static int find_photos(sg_ctx *ctx, const char *dir, const char *images, const c
     return SG_OK;
 }
 
-static int read_points(sg_ctx *ctx, const char *folder, uint64_t max_points, struct sg_points *points)
+static int read_points(sg_ctx *ctx, const struct sg_folder *dir, const char *folder, uint64_t max_points,
+                       struct sg_points *points)
 {
     char *path = NULL, *data = NULL;
     size_t size;
     int code = SG_OK;
-    if (sg_has_file(ctx, folder, "points3D.ply")) { /* first, as the reference */
+    if (has_part(ctx, dir, folder, "points3D.ply")) { /* first, as the reference */
         path = sg_strf(ctx, "%s/points3D.ply", folder);
-        code = path ? sg_points_read_ply(ctx, path, max_points, &points->xyz, &points->rgb, &points->count)
-                    : SG_ERR_BUDGET;
-    } else if (sg_has_file(ctx, folder, "points3D.bin")) {
-        code = read_part(ctx, folder, "points3D.bin", &path, &data, &size);
+        code = path ? sg_read_points(ctx, dir, path, max_points, points) : SG_ERR_BUDGET;
+    } else if (has_part(ctx, dir, folder, "points3D.bin")) {
+        code = read_part(ctx, dir, folder, "points3D.bin", &path, &data, &size);
         if (!code)
             code = sg_colmap_points_bin(ctx, path, data, size, max_points, points);
-    } else if (sg_has_file(ctx, folder, "points3D.txt")) {
-        code = read_part(ctx, folder, "points3D.txt", &path, &data, &size);
+    } else if (has_part(ctx, dir, folder, "points3D.txt")) {
+        code = read_part(ctx, dir, folder, "points3D.txt", &path, &data, &size);
         if (!code)
             code = sg_colmap_points_txt(ctx, path, data, size, max_points, points);
     }
@@ -228,8 +220,8 @@ static int read_points(sg_ctx *ctx, const char *folder, uint64_t max_points, str
     return code;
 }
 
-int sg_read_colmap(sg_ctx *ctx, const char *dir, const struct sg_scene_params *params, struct sg_shots *shots,
-                   struct sg_points *points)
+int sg_read_colmap(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
+                   struct sg_shots *shots, struct sg_points *points)
 {
     bool text = false;
     size_t size;
@@ -239,10 +231,11 @@ int sg_read_colmap(sg_ctx *ctx, const char *dir, const struct sg_scene_params *p
     char *folder = find_model(ctx, dir, &text);
     if (!folder) {
         sg_fail(ctx, code,
-                "%s: found no COLMAP model, expected images and cameras (.bin or .txt) in sparse/0 or sparse", dir);
+                "%s: found no COLMAP model, expected images and cameras (.bin or .txt) in sparse/0 or sparse",
+                dir->path);
         goto done;
     }
-    code = read_part(ctx, folder, text ? "cameras.txt" : "cameras.bin", &cameras_path, &data, &size);
+    code = read_part(ctx, dir, folder, text ? "cameras.txt" : "cameras.bin", &cameras_path, &data, &size);
     if (code)
         goto done;
     code = text ? sg_colmap_cameras_txt(ctx, cameras_path, data, size, &cameras)
@@ -251,7 +244,7 @@ int sg_read_colmap(sg_ctx *ctx, const char *dir, const struct sg_scene_params *p
         goto done;
     sg_free(ctx, data);
     data = NULL;
-    code = read_part(ctx, folder, text ? "images.txt" : "images.bin", &images_path, &data, &size);
+    code = read_part(ctx, dir, folder, text ? "images.txt" : "images.bin", &images_path, &data, &size);
     if (code)
         goto done;
     code = text ? sg_colmap_images_txt(ctx, images_path, data, size, params->max_images, &cameras, shots)
@@ -264,7 +257,7 @@ int sg_read_colmap(sg_ctx *ctx, const char *dir, const struct sg_scene_params *p
     if (!code)
         code = find_photos(ctx, dir, params->images ? params->images : "images", images_path, shots);
     if (!code)
-        code = read_points(ctx, folder, params->max_points, points);
+        code = read_points(ctx, dir, folder, params->max_points, points);
     if (code)
         goto done;
     sg_shots_sort(shots);

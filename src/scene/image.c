@@ -229,18 +229,30 @@ int sg_image_decode(sg_ctx *ctx, const char *name, const void *data, size_t size
     return code;
 }
 
-int sg_image_read(sg_ctx *ctx, const char *path, uint64_t max_pixels, struct sg_image *out)
+int sg_image_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t max_pixels, struct sg_image *out)
 {
     char *data;
     size_t size;
     *out = (struct sg_image){0};
     /* An uncompressed 16-bit RGBA file is 8 bytes a pixel; the rest is for metadata. */
     uint64_t limit = max_pixels > UINT64_MAX / 16 ? UINT64_MAX : max_pixels * 8 + (64u << 20);
-    int code = sg_file_read(ctx, path, limit, &data, &size);
+    int code = sg_stream_read(ctx, stream, path, limit, &data, &size);
     if (code)
         return code;
     code = sg_image_decode(ctx, path, data, size, max_pixels, out);
     sg_free(ctx, data);
+    return code;
+}
+
+int sg_image_read(sg_ctx *ctx, const char *path, uint64_t max_pixels, struct sg_image *out)
+{
+    FILE *f;
+    *out = (struct sg_image){0};
+    int code = sg_file_open(ctx, path, &f);
+    if (!code) {
+        code = sg_image_read_stream(ctx, f, path, max_pixels, out);
+        fclose(f);
+    }
     return code;
 }
 

@@ -3,6 +3,8 @@
 #ifndef SG_SCENE_IMAGE_H
 #define SG_SCENE_IMAGE_H
 
+#include <stdio.h>
+
 #include "core/internal.h"
 
 #define SG_IMAGE_SIDE_MAX 65535 /* pixels; what a JPEG can hold */
@@ -17,6 +19,7 @@ struct sg_image {
  * grey with alpha becomes RGBA. More than max_pixels pixels: SG_ERR_INPUT, before anything is allocated for them.
  * Safe from worker threads. The caller owns out->pixels: sg_image_clear. */
 int sg_image_read(sg_ctx *ctx, const char *path, uint64_t max_pixels, struct sg_image *out);
+int sg_image_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t max_pixels, struct sg_image *out);
 
 /* Same from memory; name stands for the file in messages. */
 int sg_image_decode(sg_ctx *ctx, const char *name, const void *data, size_t size, uint64_t max_pixels,

@@ -4,11 +4,9 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "core/file.h"
 #include "scene/transforms.h"
-#include "splatguard/model.h"
 
-bool sg_is_nerfstudio(sg_ctx *ctx, const char *dir)
+bool sg_is_nerfstudio(sg_ctx *ctx, const struct sg_folder *dir)
 {
     return sg_has_file(ctx, dir, "transforms.json");
 }
@@ -116,7 +114,7 @@ int sg_nerfstudio_parse(sg_ctx *ctx, const char *file, const char *data, size_t 
 }
 
 /* Frames without a photo are common in published captures: they are skipped, with one warning for all. */
-static int find_photos(sg_ctx *ctx, const char *dir, const char *file, struct sg_shots *shots)
+static int find_photos(sg_ctx *ctx, const struct sg_folder *dir, const char *file, struct sg_shots *shots)
 {
     size_t missing = 0, wanted = 0, first = 0;
     for (size_t i = 0; i < shots->count; i++) {
@@ -131,17 +129,17 @@ static int find_photos(sg_ctx *ctx, const char *dir, const char *file, struct sg
             first = i;
         if (!shot->mask)
             continue;
-        char *mask = sg_strf(ctx, "%s/%s", dir, shot->mask);
+        char *mask = sg_strf(ctx, "%s/%s", dir->path, shot->mask);
         if (!mask)
             return SG_ERR_BUDGET;
         sg_free(ctx, shot->mask);
         shot->mask = mask;
-        if (shot->path && !sg_file_exists(mask))
+        if (shot->path && !sg_folder_has(dir, mask))
             return sg_fail(ctx, SG_ERR_INPUT, "%s: frame of %s: found no mask %s", file, shot->file, mask);
     }
     if (missing == wanted)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found none of the %zu frames' images, the first is %s/%s", file, wanted,
-                       dir, shots->items[first].file);
+                       dir->path, shots->items[first].file);
     if (missing)
         sg_log(ctx, SG_LOG_WARN, "%s: %zu of %zu frames have no image and are skipped, the first is %s", file, missing,
                wanted, shots->items[first].file);
@@ -149,14 +147,14 @@ static int find_photos(sg_ctx *ctx, const char *dir, const char *file, struct sg
     return SG_OK;
 }
 
-int sg_read_nerfstudio(sg_ctx *ctx, const char *dir, const struct sg_scene_params *params, struct sg_shots *shots,
-                       struct sg_points *points)
+int sg_read_nerfstudio(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
+                       struct sg_shots *shots, struct sg_points *points)
 {
     char *data = NULL, *points_file = NULL, *path = NULL;
     size_t size;
     bool listed = false;
-    char *file = sg_strf(ctx, "%s/transforms.json", dir);
-    int code = file ? sg_file_read(ctx, file, SG_JSON_BYTES, &data, &size) : SG_ERR_BUDGET;
+    char *file = sg_strf(ctx, "%s/transforms.json", dir->path);
+    int code = file ? sg_folder_read(ctx, dir, file, SG_JSON_BYTES, &data, &size) : SG_ERR_BUDGET;
     if (!code)
         code = sg_nerfstudio_parse(ctx, file, data, size, params, shots, &points_file, &listed);
     if (!code)
@@ -164,9 +162,8 @@ int sg_read_nerfstudio(sg_ctx *ctx, const char *dir, const struct sg_scene_param
     if (!code)
         code = sg_shots_check_names(ctx, shots, 0, file);
     if (!code && points_file) {
-        path = sg_strf(ctx, "%s/%s", dir, points_file);
-        code = path ? sg_points_read_ply(ctx, path, params->max_points, &points->xyz, &points->rgb, &points->count)
-                    : SG_ERR_BUDGET;
+        path = sg_strf(ctx, "%s/%s", dir->path, points_file);
+        code = path ? sg_read_points(ctx, dir, path, params->max_points, points) : SG_ERR_BUDGET;
     }
     if (code)
         goto done;

@@ -4,7 +4,7 @@
 #ifndef SG_SCENE_READER_H
 #define SG_SCENE_READER_H
 
-#include "core/internal.h"
+#include "core/folder.h"
 #include "splatguard/scene.h"
 
 /* COLMAP's OPENCV camera model, of which its simpler ones are special cases (coefficients 0). */
@@ -54,7 +54,7 @@ int sg_shots_check_names(sg_ctx *ctx, const struct sg_shots *shots, size_t first
 const char *sg_base_name(const char *path);
 /* The same path with another suffix of photos (.JPG, .jpg, .jpeg, .png, .PNG, .webp), or one added where it has none,
  * if there is such a file: photos that were converted keep their place. *out: NULL if there is none. */
-int sg_find_converted(sg_ctx *ctx, const char *path, char **out);
+int sg_find_converted(sg_ctx *ctx, const struct sg_folder *dir, const char *path, char **out);
 /* Every coefficient finite, focal lengths or angles usable. */
 int sg_lens_check(sg_ctx *ctx, const struct sg_lens *lens, const char *where);
 /* From a camera-to-world matrix with OpenGL axes (y up, z backward), row-major 4x4. */
@@ -63,20 +63,23 @@ int sg_pose_from_opengl(sg_ctx *ctx, const double m[16], const char *where, doub
 int sg_pose_from_quaternion(sg_ctx *ctx, const double q[4], const double v[3], const char *where, double R[9],
                             double t[3]);
 
-/* One file a format. dir is the scene folder. Points stay empty where the scene has none. */
-int sg_read_blender(sg_ctx *ctx, const char *dir, const struct sg_scene_params *params, struct sg_shots *shots,
-                    struct sg_points *points);
-int sg_read_colmap(sg_ctx *ctx, const char *dir, const struct sg_scene_params *params, struct sg_shots *shots,
-                   struct sg_points *points);
-int sg_read_nerfstudio(sg_ctx *ctx, const char *dir, const struct sg_scene_params *params, struct sg_shots *shots,
-                       struct sg_points *points);
-bool sg_is_blender(sg_ctx *ctx, const char *dir);
-bool sg_is_colmap(sg_ctx *ctx, const char *dir);
-bool sg_colmap_reads(sg_ctx *ctx, const char *dir, const char *name); /* DIR/NAME is part of the model it reads */
-bool sg_is_nerfstudio(sg_ctx *ctx, const char *dir);
+/* One file a format. dir is the scene folder, and every file is opened through it. Points stay empty where the scene has none. */
+int sg_read_blender(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
+                    struct sg_shots *shots, struct sg_points *points);
+int sg_read_colmap(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
+                   struct sg_shots *shots, struct sg_points *points);
+int sg_read_nerfstudio(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
+                       struct sg_shots *shots, struct sg_points *points);
+bool sg_is_blender(sg_ctx *ctx, const struct sg_folder *dir);
+bool sg_is_colmap(sg_ctx *ctx, const struct sg_folder *dir);
+bool sg_is_nerfstudio(sg_ctx *ctx, const struct sg_folder *dir);
 
 /* "dir/name" is a regular file. */
-bool sg_has_file(sg_ctx *ctx, const char *dir, const char *name);
+bool sg_has_file(sg_ctx *ctx, const struct sg_folder *dir, const char *name);
+
+/* The points of the PLY at path, in the folder. */
+int sg_read_points(sg_ctx *ctx, const struct sg_folder *dir, const char *path, uint64_t max_points,
+                   struct sg_points *points);
 
 /* Parsers alone, on memory: file is only a name for messages. No photo is looked for. *points_file: the named PLY or
  * NULL, the caller's; *listed: the file brought its own split. */
@@ -86,8 +89,8 @@ int sg_nerfstudio_parse(sg_ctx *ctx, const char *file, const char *data, size_t 
                         const struct sg_scene_params *params, struct sg_shots *shots, char **points_file, bool *listed);
 
 /* views.c: decodes, undistorts and resamples the photo of every shot, in parallel. views: one a shot, zeroed. */
-int sg_views_load(sg_ctx *ctx, const struct sg_scene_params *params, const struct sg_shots *shots,
-                  struct sg_view *views);
+int sg_views_load(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
+                  const struct sg_shots *shots, struct sg_view *views);
 void sg_view_clear(sg_ctx *ctx, struct sg_view *view);
 
 /* undistort.c: the photo a pinhole with the lens' focal lengths and principal point would have taken, same size.

@@ -5,13 +5,12 @@
 #include <math.h>
 #include <string.h>
 
-#include "core/file.h"
 #include "scene/reader.h"
 
 static const struct {
     const char *name;
-    bool (*is)(sg_ctx *ctx, const char *dir);
-    int (*read)(sg_ctx *ctx, const char *dir, const struct sg_scene_params *params, struct sg_shots *shots,
+    bool (*is)(sg_ctx *ctx, const struct sg_folder *dir);
+    int (*read)(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params, struct sg_shots *shots,
                 struct sg_points *points);
 } formats[] = {
     [SG_FORMAT_AUTO] = {"auto", NULL, NULL},
@@ -41,7 +40,7 @@ static int check_params(sg_ctx *ctx, const struct sg_scene_params *p)
 }
 
 /* The order is the reference's: a COLMAP model wins over transforms_train.json. */
-static int recognise(sg_ctx *ctx, const char *dir, enum sg_scene_format *format)
+static int recognise(sg_ctx *ctx, const struct sg_folder *dir, enum sg_scene_format *format)
 {
     static const enum sg_scene_format order[] = {SG_FORMAT_COLMAP, SG_FORMAT_BLENDER, SG_FORMAT_NERFSTUDIO};
     for (size_t i = 0; i < sizeof(order) / sizeof(*order); i++)
@@ -52,18 +51,19 @@ static int recognise(sg_ctx *ctx, const char *dir, enum sg_scene_format *format)
     return sg_fail(ctx, SG_ERR_INPUT,
                    "%s: found no scene, looked for sparse/0/images.bin and cameras.bin (or .txt, or in sparse/), "
                    "transforms_train.json and transforms.json",
-                   dir);
+                   dir->path);
 }
 
 /* Masks are optional a photo: NAME, its base name, either with .png added, or its base name up to the last dot .png. */
-static int find_masks(sg_ctx *ctx, const char *dir, const struct sg_scene_params *params, struct sg_shots *shots)
+static int find_masks(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
+                      struct sg_shots *shots)
 {
     int code = SG_OK;
     size_t found = 0;
-    char *folder = sg_strf(ctx, "%s/%s", dir, params->masks ? params->masks : "masks");
+    char *folder = sg_strf(ctx, "%s/%s", dir->path, params->masks ? params->masks : "masks");
     if (!folder)
         return SG_ERR_BUDGET;
-    if (!sg_dir_exists(folder)) {
+    if (!sg_folder_has_folder(dir, folder)) {
         if (params->masks)
             code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no such folder, expected masks", folder);
         goto done;
@@ -82,7 +82,7 @@ static int find_masks(sg_ctx *ctx, const char *dir, const struct sg_scene_params
                 code = SG_ERR_BUDGET;
                 goto done;
             }
-            if (sg_file_exists(path))
+            if (sg_folder_has(dir, path))
                 shot->mask = path;
             else
                 sg_free(ctx, path);
@@ -150,6 +150,7 @@ int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *p
     struct sg_points points = {0};
     struct sg_view *views = NULL;
     struct sg_scene *scene = NULL;
+    struct sg_folder dir = {.fd = -1};
     const struct sg_scene_params defaults = {SG_SCENE_DEFAULTS};
     sg_clear_error(ctx);
     *out = NULL;
@@ -158,30 +159,32 @@ int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *p
     int code = check_params(ctx, params);
     if (code)
         return code;
-    if (!sg_dir_exists(path))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found no such folder, expected a scene", path);
+    code = sg_folder_open(ctx, path, params->follow_links, &dir);
+    if (code)
+        goto done;
     scene = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*scene));
-    if (!scene)
-        return SG_ERR_BUDGET;
-    scene->path = sg_strdup(ctx, path);
-    code = scene->path ? SG_OK : SG_ERR_BUDGET;
+    if (!scene || !(scene->path = sg_strdup(ctx, path))) {
+        code = SG_ERR_BUDGET;
+        goto done;
+    }
     scene->format = params->format;
     scene->white_background = params->white_background;
-    if (!code && scene->format == SG_FORMAT_AUTO)
-        code = recognise(ctx, path, &scene->format);
+    scene->follow_links = params->follow_links;
+    if (scene->format == SG_FORMAT_AUTO)
+        code = recognise(ctx, &dir, &scene->format);
     if (!code)
-        code = formats[scene->format].read(ctx, path, params, &shots, &points);
+        code = formats[scene->format].read(ctx, &dir, params, &shots, &points);
     scene->points = points.xyz; /* also after a failure: the scene frees them */
     scene->point_colors = points.rgb;
     scene->n_points = points.count;
     if (!code && !shots.count)
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no images, expected at least one", path);
     if (!code)
-        code = find_masks(ctx, path, params, &shots);
+        code = find_masks(ctx, &dir, params, &shots);
     if (code)
         goto done;
     views = sg_alloc(ctx, SG_MEM_MISC, shots.count, sizeof(*views));
-    code = views ? sg_views_load(ctx, params, &shots, views) : SG_ERR_BUDGET;
+    code = views ? sg_views_load(ctx, &dir, params, &shots, views) : SG_ERR_BUDGET;
     if (!code)
         code = deal(ctx, scene, &shots, views);
     if (code)
@@ -201,6 +204,7 @@ done:
         sg_view_clear(ctx, &views[i]);
     sg_free(ctx, views);
     sg_shots_clear(ctx, &shots);
+    sg_folder_close(ctx, &dir);
     sg_scene_destroy(ctx, &scene);
     return code;
 }

@@ -4,9 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "core/file.h"
+#include "model/points.h"
 #include "scene/reader.h"
-#include "splatguard/model.h"
 
 #define LENS_MAX 1e7  /* pixels; beyond this a focal length or principal point is noise */
 #define POSE_MAX 1e12 /* scene units, so that squared distances stay finite in single precision products */
@@ -17,7 +16,7 @@ const char *sg_base_name(const char *path)
     return slash ? slash + 1 : path;
 }
 
-int sg_find_converted(sg_ctx *ctx, const char *path, char **out)
+int sg_find_converted(sg_ctx *ctx, const struct sg_folder *dir, const char *path, char **out)
 {
     static const char *const suffixes[] = {".JPG", ".jpg", ".jpeg", ".png", ".PNG", ".webp"};
     const size_t n = sizeof(suffixes) / sizeof(suffixes[0]), length = strlen(path);
@@ -30,7 +29,7 @@ int sg_find_converted(sg_ctx *ctx, const char *path, char **out)
         char *other = sg_strf(ctx, "%.*s%s", (int) stem, path, suffixes[i]);
         if (!other)
             return SG_ERR_BUDGET;
-        if (sg_file_exists(other)) {
+        if (sg_folder_has(dir, other)) {
             *out = other;
             return SG_OK;
         }
@@ -245,10 +244,22 @@ int sg_pose_from_quaternion(sg_ctx *ctx, const double q[4], const double v[3], c
     return SG_OK;
 }
 
-bool sg_has_file(sg_ctx *ctx, const char *dir, const char *name)
+bool sg_has_file(sg_ctx *ctx, const struct sg_folder *dir, const char *name)
 {
-    char *path = sg_strf(ctx, "%s/%s", dir, name);
-    bool found = path && sg_file_exists(path);
+    char *path = sg_strf(ctx, "%s/%s", dir->path, name);
+    bool found = path && sg_folder_has(dir, path);
     sg_free(ctx, path);
     return found;
+}
+
+int sg_read_points(sg_ctx *ctx, const struct sg_folder *dir, const char *path, uint64_t max_points,
+                   struct sg_points *points)
+{
+    FILE *f;
+    int code = sg_folder_file(ctx, dir, path, &f);
+    if (!code) {
+        code = sg_points_read_stream(ctx, f, path, max_points, &points->xyz, &points->rgb, &points->count);
+        fclose(f);
+    }
+    return code;
 }

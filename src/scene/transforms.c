@@ -5,7 +5,6 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "core/file.h"
 
 /* At most what the parser holds of a text: every value begins after one of these marks, or is in a string. */
 static uint64_t parsed_bytes(const char *data, size_t size)
@@ -179,7 +178,7 @@ int sg_transforms_frame(sg_ctx *ctx, const json_t *frame, const char *where, con
     return code ? code : get_pose(ctx, frame, where, *shot);
 }
 
-int sg_find_photo(sg_ctx *ctx, const char *dir, const char *file, char **path, char **tried)
+int sg_find_photo(sg_ctx *ctx, const struct sg_folder *dir, const char *file, char **path, char **tried)
 {
     static const char *const suffixes[] = {"", ".png", ".jpg", ".jpeg", ".webp"};
     const char *dot = strrchr(sg_base_name(file), '.');
@@ -190,24 +189,24 @@ int sg_find_photo(sg_ctx *ctx, const char *dir, const char *file, char **path, c
     size_t n = complete ? 1 : sizeof(suffixes) / sizeof(*suffixes);
     *path = NULL;
     for (size_t i = 0; i < n; i++) {
-        *path = sg_strf(ctx, "%s/%s%s", dir, file, suffixes[i]);
+        *path = sg_strf(ctx, "%s/%s%s", dir->path, file, suffixes[i]);
         if (!*path)
             return SG_ERR_BUDGET;
-        if (sg_file_exists(*path))
+        if (sg_folder_has(dir, *path))
             return SG_OK;
         sg_free(ctx, *path);
         *path = NULL;
     }
     if (complete) {
-        char *named = sg_strf(ctx, "%s/%s", dir, file);
-        const int code = named ? sg_find_converted(ctx, named, path) : SG_ERR_BUDGET;
+        char *named = sg_strf(ctx, "%s/%s", dir->path, file);
+        const int code = named ? sg_find_converted(ctx, dir, named, path) : SG_ERR_BUDGET;
         sg_free(ctx, named);
         if (code || *path)
             return code;
     }
     if (tried) {
-        *tried = complete ? sg_strf(ctx, "%s/%s, also with other suffixes", dir, file)
-                          : sg_strf(ctx, "%s/%s, also with .png, .jpg, .jpeg or .webp added", dir, file);
+        *tried = complete ? sg_strf(ctx, "%s/%s, also with other suffixes", dir->path, file)
+                          : sg_strf(ctx, "%s/%s, also with .png, .jpg, .jpeg or .webp added", dir->path, file);
         if (!*tried)
             return SG_ERR_BUDGET;
     }

@@ -28,6 +28,6 @@ int sg_transforms_frame(sg_ctx *ctx, const json_t *frame, const char *where, con
                         uint64_t max_images, struct sg_shots *shots, struct sg_shot **shot);
 /* First of dir/file, dir/file.png, .jpg, .jpeg, .webp that exists, or a converted one, NULL if none. *tried (if not
  * NULL): the list of names, for a message; the caller's. */
-int sg_find_photo(sg_ctx *ctx, const char *dir, const char *file, char **path, char **tried);
+int sg_find_photo(sg_ctx *ctx, const struct sg_folder *dir, const char *file, char **path, char **tried);
 
 #endif

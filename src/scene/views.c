@@ -11,6 +11,7 @@
 
 struct job {
     sg_ctx *ctx;
+    const struct sg_folder *dir;
     const struct sg_scene_params *params;
     const struct sg_shot *shots;
     struct sg_view *views;
@@ -75,6 +76,18 @@ static bool is_distorted(const struct sg_lens *lens)
     return lens->k1 != 0 || lens->k2 != 0 || lens->p1 != 0 || lens->p2 != 0;
 }
 
+/* Opened once, in the scene's folder, and decoded from that. */
+static int read_image(struct job *job, const char *path, struct sg_image *out)
+{
+    FILE *f;
+    int code = sg_folder_file(job->ctx, job->dir, path, &f);
+    if (!code) {
+        code = sg_image_read_stream(job->ctx, f, path, job->params->max_pixels, out);
+        fclose(f);
+    }
+    return code;
+}
+
 /* The mask of a shot at the photo's size, 0 or 255. */
 static int load_mask(struct job *job, const struct sg_shot *shot, int width, int height, uint8_t **out)
 {
@@ -82,7 +95,7 @@ static int load_mask(struct job *job, const struct sg_shot *shot, int width, int
     struct sg_image image = {0};
     size_t pixels = (size_t) width * (size_t) height;
     uint8_t *grey = NULL;
-    int code = sg_image_read(ctx, shot->mask, job->params->max_pixels, &image);
+    int code = read_image(job, shot->mask, &image);
     if (code)
         return code;
     size_t n = (size_t) image.width * (size_t) image.height, step = (size_t) image.channels;
@@ -152,7 +165,7 @@ static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view
     view->path = sg_strdup(ctx, shot->path);
     if (!view->name || !view->file || !view->path)
         return SG_ERR_BUDGET;
-    int code = sg_image_read(ctx, shot->path, params->max_pixels, &image);
+    int code = read_image(job, shot->path, &image);
     if (code)
         return code;
     const int width = image.width, height = image.height;
@@ -260,10 +273,10 @@ static int load_rest(struct job *job, size_t n)
     return SG_OK;
 }
 
-int sg_views_load(sg_ctx *ctx, const struct sg_scene_params *params, const struct sg_shots *shots,
-                  struct sg_view *views)
+int sg_views_load(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
+                  const struct sg_shots *shots, struct sg_view *views)
 {
-    struct job job = {.ctx = ctx, .params = params, .shots = shots->items, .views = views};
+    struct job job = {.ctx = ctx, .dir = dir, .params = params, .shots = shots->items, .views = views};
     sg_parallel_for(ctx, shots->count, load_one, &job);
     return atomic_load(&job.crowded) ? load_rest(&job, shots->count) : atomic_load(&job.code);
 }

@@ -104,11 +104,16 @@ expect 2 attack scene/blender -o poisoned; says 'earlier attack'
 expect 2 attack scene/blender -o victim; says 'other files'
 expect 2 attack nowhere -o x; says nowhere; [ ! -e x ] || fail "a folder was made for no scene"
 mkdir empty; expect 2 attack empty -o poisoned --force; [ -s poisoned/poison.json ] || fail "a failed attack took the earlier one"
-# Links are followed where the reader follows them, not to what nobody reads.
-cp -r scene/colmap linked; ln -s /etc/passwd linked/poses_bounds.npy; mv linked/sparse/0/cameras.bin cameras.bin
-ln -s "$PWD/cameras.bin" linked/sparse/0/cameras.bin
-expect 0 attack linked -o unlinked --method noise --save png
-[ ! -e unlinked/poses_bounds.npy ] && cmp cameras.bin unlinked/sparse/0/cameras.bin || fail "links"
+# Links are followed inside the scene, and out of it only with leave. What training does not read does not matter.
+cp -r scene/colmap linked; ln -s /etc/passwd linked/poses_bounds.npy; mv linked/sparse/0/cameras.bin linked/cameras
+ln -s ../../cameras linked/sparse/0/cameras.bin
+expect 0 attack linked -o unlinked --method noise --save png; says 'not copied'
+[ ! -e unlinked/poses_bounds.npy ] && cmp linked/cameras unlinked/sparse/0/cameras.bin || fail "links inside the scene"
+mv linked/cameras cameras.bin; ln -sf "$PWD/cameras.bin" linked/sparse/0/cameras.bin; rm linked/poses_bounds.npy
+expect 2 attack linked -o unlinked --method noise --save png --force; says 'leads out of linked'
+[ -s unlinked/poison.json ] || fail "a failed attack took the earlier one"
+expect 0 attack linked -o unlinked --method noise --save png --force --follow-links
+cmp cameras.bin unlinked/sparse/0/cameras.bin || fail "links out of the scene"
 expect 2 attack scene/blender -o x --proxy nowhere.ply; says nowhere.ply
 expect 3 attack scene/blender -o x --proxy poisoned/attack/proxy --max-memory 37M
 [ -e x ] && fail "what could not begin left a folder: $(ls -R x)"
