@@ -63,7 +63,7 @@ static struct sg_model *ordered(sg_ctx *ctx, struct sg_model *m)
         for (int p = 0; p < planes; p++)
             *sg_model_at(out, i, p) = *sg_model_at(m, order[i], p);
     free(source);
-    sg_model_destroy(ctx, &m);
+    sg_model_destroy(&m);
     return out;
 }
 
@@ -334,7 +334,7 @@ int main(int argc, char **argv)
         printf(").\n");
         csv_row(csv, "threads", &one);
     }
-    sg_model_destroy(ctx, &m);
+    sg_model_destroy(&m);
     if (!path) {
         static const size_t counts[] = {10000, 30000, 100000, 300000, 1000000};
         printf("\nBy Gaussians:\n\n");
@@ -342,7 +342,7 @@ int main(int argc, char **argv)
         for (int i = 0; i < (quick ? 3 : 5); i++) {
             m = surface_model(ctx, counts[i]);
             r = measure(m, 800, threads, cpu, rounds / 2, &off);
-            sg_model_destroy(ctx, &m);
+            sg_model_destroy(&m);
             print_row(&r);
             csv_row(csv, "gaussians", &r);
         }
@@ -352,7 +352,7 @@ int main(int argc, char **argv)
         for (int i = 0; i < (quick ? 2 : 4); i++) {
             m = surface_model(ctx, 100000);
             r = measure(m, sides[i], threads, cpu, rounds / 2, &off);
-            sg_model_destroy(ctx, &m);
+            sg_model_destroy(&m);
             print_row(&r);
             csv_row(csv, "pixels", &r);
         }

@@ -21,7 +21,7 @@ int attack_load(struct attack_run *r)
     }
     if (!error && c->scene.params.eval && c->views == VIEWS_ALL && r->scene->format != SG_FORMAT_BLENDER) {
         c->scene.params.eval = false; /* another layout lies in the same folder, and is the one that is read */
-        sg_scene_destroy(r->ctx, &r->scene);
+        sg_scene_destroy(&r->scene);
         error = sg_scene_load(r->ctx, c->source, &c->scene.params, &r->scene);
     }
     return error ? report(r->ctx, error) : 0;
@@ -144,11 +144,11 @@ static int start_decoy(struct attack_run *r, const char *proxy)
         if (state)
             run_clean(state);
         free(state);
-        sg_model_destroy(r->ctx, &model);
+        sg_model_destroy(&model);
         error = sg_attack_resume(r->ctx, r->scene, saved, &r->config->attack, &r->attack);
     } else if (!error && !code)
         error = sg_attack_create(r->ctx, r->scene, model, &r->config->attack, &r->attack);
-    sg_model_destroy(r->ctx, &model);
+    sg_model_destroy(&model);
     free(saved);
     if (error)
         return report(r->ctx, error);
@@ -162,7 +162,7 @@ static int save_decoy(struct attack_run *r)
     int error = path ? sg_attack_decoy(r->attack, &decoy) : SG_ERR_BUDGET;
     if (!error)
         error = sg_model_write_ply(r->ctx, decoy, path);
-    sg_model_destroy(r->ctx, &decoy);
+    sg_model_destroy(&decoy);
     free(path);
     return error ? report(r->ctx, error) : 0;
 }
@@ -174,7 +174,7 @@ int attack_whole(struct attack_run *r, const char *proxy)
     const bool splat = c->method == METHOD_POISON_SPLAT;
     char *model = proxy ? strdup(proxy) : NULL;
     if (splat && !model) { /* which loads the scene for itself */
-        sg_scene_destroy(r->ctx, &r->scene);
+        sg_scene_destroy(&r->scene);
         code = train_proxy(c, &model);
         if (!code)
             code = attack_load(r);

@@ -123,7 +123,7 @@ static int write_views(struct attack_run *r, const bool *chosen, json_t *images,
             t->linf = p.linf > t->linf ? p.linf : t->linf;
             t->psnr += p.psnr, t->before += p.tv_before, t->after += p.tv_after;
         }
-        sg_poison_report_clear(r->ctx, &p);
+        sg_poison_report_clear(&p);
     }
     return error;
 }

@@ -69,7 +69,7 @@ static int put_picture(sg_ctx *ctx, FILE *f, const uint8_t *rgb, int w, int h, c
         fprintf(f, "\"><figcaption>%s</figcaption></figure>\n", title);
     }
     free(png);
-    sg_free(ctx, small);
+    sg_free(small);
     return code;
 }
 
@@ -124,9 +124,9 @@ static int put_view(sg_ctx *ctx, FILE *f, const struct sg_view *v, const struct 
     if (!code)
         put_directions(f, &spectrum);
     fprintf(f, "</div>\n");
-    sg_free(ctx, map);
-    sg_free(ctx, amplitude);
-    sg_free(ctx, rgb);
+    sg_free(map);
+    sg_free(amplitude);
+    sg_free(rgb);
     return code;
 }
 

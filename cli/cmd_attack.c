@@ -356,7 +356,7 @@ done:
         code = 2;
     if (r.ctx) {
         sg_attack_destroy(&r.attack);
-        sg_scene_destroy(r.ctx, &r.scene);
+        sg_scene_destroy(&r.scene);
     }
     sg_ctx_destroy(&r.ctx);
     json_decref(keep);

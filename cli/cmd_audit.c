@@ -101,8 +101,8 @@ static int run_audit(const void *config, const bool *given, const char *const *p
         print_text(audit);
     if (!code && c.report)
         code = audit_report(ctx, scene, audit, c.report);
-    sg_audit_destroy(ctx, &audit);
-    sg_scene_destroy(ctx, &scene);
+    sg_audit_destroy(&audit);
+    sg_scene_destroy(&scene);
     sg_ctx_destroy(&ctx);
     return code;
 }

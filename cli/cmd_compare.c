@@ -103,7 +103,7 @@ static int measure(struct run *r, const struct compare_config *config, const boo
         const int error = sg_evaluate(v.ctx, v.renderer, v.views, v.n, 1, &e);
         code = error ? report(v.ctx, error) : 0;
         r->value[FPS] = e.fps, r->value[PSNR] = e.psnr, r->value[SSIM] = e.ssim;
-        sg_eval_clear(v.ctx, &e);
+        sg_eval_clear(&e);
     }
     model_views_close(&v);
     return code;

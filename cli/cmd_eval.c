@@ -56,7 +56,7 @@ static int run_eval(const void *config, const bool *given, const char *const *po
                    e.fps_mean, e.views, v.model->count);
         }
         if (v.ctx)
-            sg_eval_clear(v.ctx, &e);
+            sg_eval_clear(&e);
     }
     model_views_close(&v);
     return code;

@@ -62,7 +62,7 @@ static int run_info(const void *config, const bool *given, const char *const *po
             code = print_json(&info);
         else
             print_text(path, &info);
-        sg_model_destroy(ctx, &model);
+        sg_model_destroy(&model);
         sg_ctx_destroy(&ctx);
     }
     free(path);

@@ -91,8 +91,8 @@ static int render_view(const struct render_config *c, struct model_views *v, con
             error = sg_image_write_png(v->ctx, depth_path, b->bytes, w, h, 1);
         }
     }
-    sg_free(v->ctx, path);
-    sg_free(v->ctx, depth_path);
+    sg_free(path);
+    sg_free(depth_path);
     return error;
 }
 
@@ -152,10 +152,10 @@ static int run_render(const void *config, const bool *given, const char *const *
         code = error ? report(v.ctx, error) : 0;
         if (!code && !c->m.quiet)
             say(stderr, "%zu views rendered to %s\n", v.n, c->output);
-        sg_free(v.ctx, b.rgb);
-        sg_free(v.ctx, b.bytes);
-        sg_free(v.ctx, b.alpha);
-        sg_free(v.ctx, b.depth);
+        sg_free(b.rgb);
+        sg_free(b.bytes);
+        sg_free(b.alpha);
+        sg_free(b.depth);
     }
     model_views_close(&v);
     return code;

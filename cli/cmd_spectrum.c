@@ -52,7 +52,7 @@ static int load(sg_ctx *ctx, const char *path, const struct spectrum_config *c, 
         sg_image_flatten(&image, SG_ALPHA_ON_BLACK, rgb);
         error = sg_spectrum_measure(ctx, rgb, image.width, image.height, &c->p, &out->spectrum, amplitude);
     }
-    sg_image_clear(ctx, &image);
+    sg_image_clear(&image);
     return error;
 }
 

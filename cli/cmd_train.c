@@ -251,9 +251,9 @@ done:
     if (r.log && fclose(r.log) && !code)
         code = 2;
     if (r.ctx) {
-        sg_eval_clear(r.ctx, &r.eval);
+        sg_eval_clear(&r.eval);
         sg_trainer_destroy(&r.trainer);
-        sg_scene_destroy(r.ctx, &r.scene);
+        sg_scene_destroy(&r.scene);
     }
     sg_ctx_destroy(&r.ctx);
     free(r.shares);

@@ -111,8 +111,8 @@ void model_views_close(struct model_views *v)
 {
     sg_renderer_destroy(&v->renderer);
     if (v->ctx) {
-        sg_model_destroy(v->ctx, &v->model);
-        sg_scene_destroy(v->ctx, &v->scene);
+        sg_model_destroy(&v->model);
+        sg_scene_destroy(&v->scene);
     }
     sg_ctx_destroy(&v->ctx);
     json_decref(v->run);

@@ -308,7 +308,7 @@ int run_save_model(sg_ctx *ctx, const char *run, sg_trainer *trainer)
         error = sg_trainer_model(trainer, &m);
     if (!error)
         error = sg_model_write_ply(ctx, m, path);
-    sg_model_destroy(ctx, &m);
+    sg_model_destroy(&m);
     free(folder);
     free(path);
     return error ? report(ctx, error) : 0;

@@ -115,7 +115,7 @@ static int audit(struct train_run *r, struct sg_defense_params *preset)
             code = no_memory();
         }
     }
-    sg_audit_destroy(r->ctx, &found);
+    sg_audit_destroy(&found);
     return code;
 }
 

@@ -23,7 +23,7 @@ static int measure(struct train_run *r, int time_fps)
     sg_renderer *renderer = NULL;
     int error = sg_trainer_renderer(r->trainer, &renderer);
     if (!error) {
-        sg_eval_clear(r->ctx, &r->eval);
+        sg_eval_clear(&r->eval);
         error = sg_evaluate(r->ctx, renderer, r->scene->test, r->scene->n_test, time_fps, &r->eval);
     }
     sg_renderer_destroy(&renderer);
@@ -242,7 +242,7 @@ static int create(struct train_run *r)
     r->config->train.seconds_before = sg_seconds() - r->begun; /* reading photos and model */
     if (!error)
         error = sg_trainer_create(r->ctx, r->scene, initial, &c->train, &r->trainer);
-    sg_model_destroy(r->ctx, &initial);
+    sg_model_destroy(&initial);
     if (!error)
         error = sg_trainer_model(r->trainer, &initial);
     if (error)
@@ -252,7 +252,7 @@ static int create(struct train_run *r)
         code = 130;
     } else
         code = run_create(r->ctx, c, r->scene, initial, sg_trainer_variant(r->trainer));
-    sg_model_destroy(r->ctx, &initial);
+    sg_model_destroy(&initial);
     return code;
 }
 

@@ -198,7 +198,7 @@ static int tear_down(void **state)
     struct fixture *f = *state;
     for (int i = 0; i < VIEWS; i++)
         free(f->views[i].rgb);
-    sg_model_destroy(f->ctx, &f->proxy);
+    sg_model_destroy(&f->proxy);
     const bool leaked = sg_mem_current(f->ctx, SG_MEM_TAGS) != 0;
     sg_ctx_destroy(&f->ctx);
     free(f);
@@ -278,7 +278,7 @@ static void test_positions(void **state)
             for (int k = 0; k < 3; k++)
                 moved += *sg_model_at(decoy, i, k) != *sg_model_at(f->proxy, i, k);
         assert_int_equal(moved > 0, moves);
-        sg_model_destroy(f->ctx, &decoy);
+        sg_model_destroy(&decoy);
         sg_attack_destroy(&a);
     }
 }
@@ -307,8 +307,8 @@ static void test_resume(void **state)
             advance(f, first, 1);
             assert_int_equal(sg_attack_save(first, path), SG_ERR_USAGE); /* gradients are being summed */
         }
-        sg_model_destroy(f->ctx, &a);
-        sg_model_destroy(f->ctx, &b);
+        sg_model_destroy(&a);
+        sg_model_destroy(&b);
         sg_attack_destroy(&whole);
         sg_attack_destroy(&first);
         sg_attack_destroy(&second);

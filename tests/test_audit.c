@@ -60,7 +60,7 @@ static void test_scores(void **state)
             assert_float_equal(logit(score), expected[rows][k], 0.01);
             const int verdict = score < 0.6 ? SG_AUDIT_CLEAN : score < 0.9 ? SG_AUDIT_SUSPICIOUS : SG_AUDIT_POISONED;
             assert_int_equal(a->images[0].verdict, verdict);
-            sg_audit_destroy(ctx, &a);
+            sg_audit_destroy(&a);
         }
     sg_ctx_destroy(&ctx);
 }
@@ -89,7 +89,7 @@ static void test_turned(void **state)
         assert_int_equal(a[0]->count_reasons, a[1]->count_reasons);
         for (int k = 0; k < 2; k++) {
             assert_true(says(a[k], "rows oscillate by") == (noise > 0));
-            sg_audit_destroy(ctx, &a[k]);
+            sg_audit_destroy(&a[k]);
         }
     }
     sg_ctx_destroy(&ctx);
@@ -111,7 +111,7 @@ static void test_verdicts(void **state)
             if (levels[k] >= 8) /* 4 is what cameras do in the dark, and makes models smaller */
                 assert_true(a->verdict == SG_AUDIT_POISONED);
             assert_true((a->verdict == SG_AUDIT_CLEAN) == (a->count_reasons == 0));
-            sg_audit_destroy(ctx, &a);
+            sg_audit_destroy(&a);
         }
     }
     /* Two of twelve: each is found, and the set is not called clean. */
@@ -123,32 +123,32 @@ static void test_verdicts(void **state)
     assert_int_equal(a->verdict, SG_AUDIT_SUSPICIOUS);
     assert_int_equal(a->count_reasons, 1);
     assert_string_equal(a->reasons[0], "2 of the 12 photos look poisoned");
-    sg_audit_destroy(ctx, &a);
+    sg_audit_destroy(&a);
     /* Five of twelve decide. */
     for (int i = 0; i < 10; i += 2)
         few[i] = 16;
     a = audit(ctx, few, 12, false);
     assert_int_equal(a->verdict, SG_AUDIT_POISONED);
-    sg_audit_destroy(ctx, &a);
+    sg_audit_destroy(&a);
     /* One of ten is enough not to be called clean, even where there is some doubt of it. */
     for (int n = 10; n <= 11; n++) {
         a = audit(ctx, (double[11]){6}, n, false);
         assert_true(a->images[0].verdict == SG_AUDIT_POISONED && a->images[0].score < 0.99);
         assert_int_equal(a->verdict, n == 10 ? SG_AUDIT_SUSPICIOUS : SG_AUDIT_CLEAN);
-        sg_audit_destroy(ctx, &a);
+        sg_audit_destroy(&a);
     }
     /* Three in sixty decide where there is no doubt of them, and there one in a hundred is not called clean. */
     double crowd[MOST] = {16, 16, 16};
     for (int n = 60; n <= 61; n++) {
         a = audit(ctx, crowd, n, false);
         assert_int_equal(a->verdict, n == 60 ? SG_AUDIT_POISONED : SG_AUDIT_SUSPICIOUS);
-        sg_audit_destroy(ctx, &a);
+        sg_audit_destroy(&a);
     }
     crowd[1] = crowd[2] = 0;
     for (int n = 100; n <= 101; n++) {
         a = audit(ctx, crowd, n, false);
         assert_int_equal(a->verdict, n == 100 ? SG_AUDIT_SUSPICIOUS : SG_AUDIT_CLEAN);
-        sg_audit_destroy(ctx, &a);
+        sg_audit_destroy(&a);
     }
     /* Photos with nothing in them do not vote, nor make seven that are alike many; a single pixel in them hardly. */
     for (int i = 0; i < MOST; i++)
@@ -156,19 +156,19 @@ static void test_verdicts(void **state)
     struct sg_audit *b = audit(ctx, crowd, MOST, false);
     a = audit(ctx, crowd, 7, false);
     assert_float_equal(a->score, b->score, 0);
-    sg_audit_destroy(ctx, &b);
+    sg_audit_destroy(&b);
     for (int i = 7; i < MOST; i++)
         crowd[i] = -2;
     b = audit(ctx, crowd, MOST, false);
     assert_float_equal(a->score, b->score, 0.05);
     assert_int_equal(a->verdict, b->verdict);
-    sg_audit_destroy(ctx, &a);
-    sg_audit_destroy(ctx, &b);
+    sg_audit_destroy(&a);
+    sg_audit_destroy(&b);
     for (int i = 0; i < MOST; i++)
         crowd[i] = -1;
     a = audit(ctx, crowd, MOST, false);
     assert_true(a->verdict == SG_AUDIT_CLEAN && a->score == 0);
-    sg_audit_destroy(ctx, &a);
+    sg_audit_destroy(&a);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
     sg_ctx_destroy(&ctx);
 }
@@ -188,7 +188,7 @@ static void test_no_vote(void **state)
     assert_int_equal(sg_audit_scene(ctx, &(struct sg_scene){.train = &view, .n_train = 1}, &a), SG_OK);
     assert_true(a->images[0].score > 0.99 && a->images[0].features.content == 0);
     assert_true(a->verdict == SG_AUDIT_CLEAN && a->score == 0);
-    sg_audit_destroy(ctx, &a);
+    sg_audit_destroy(&a);
     sg_ctx_destroy(&ctx);
 }
 
@@ -220,7 +220,7 @@ static void test_spared(void **state)
                 assert_true(spared > 5 || a->verdict == SG_AUDIT_POISONED);
                 assert_true(spared < 10 || a->verdict == SG_AUDIT_CLEAN);
                 before = a->score;
-                sg_audit_destroy(ctx, &a);
+                sg_audit_destroy(&a);
             }
         }
     sg_ctx_destroy(&ctx);
@@ -244,17 +244,17 @@ static void test_consistency(void **state)
     /* Nothing is won by making a third of them differ: half of the photos decide, or the worst quarter less 1. */
     assert_true(y > logit(lowest) + 0.1 && fabs(y - logit(highest) + 1) < 0.2);
     assert_true(says(a, "oscillate alike"));
-    sg_audit_destroy(ctx, &a);
+    sg_audit_destroy(&a);
     /* One photo over and over is 1 above itself, or not at all where nothing oscillates. */
     for (int noise = 0; noise <= 2; noise += 2) {
         for (int i = 0; i < 12; i++)
             alike[i] = noise;
         a = audit(ctx, alike, 12, true);
         assert_float_equal(logit(a->score), logit(a->images[0].score) + (noise ? 1 : 0), 1e-9);
-        sg_audit_destroy(ctx, &a);
+        sg_audit_destroy(&a);
     }
-    sg_audit_destroy(ctx, &b);
-    sg_audit_destroy(ctx, &few);
+    sg_audit_destroy(&b);
+    sg_audit_destroy(&few);
     sg_ctx_destroy(&ctx);
 }
 
@@ -269,7 +269,7 @@ static void test_reasons(void **state)
     assert_int_equal(a->count_reasons, 4);
     for (int i = 0; i < 4; i++)
         assert_true(says(a, words[i]));
-    sg_audit_destroy(ctx, &a);
+    sg_audit_destroy(&a);
     sg_ctx_destroy(&ctx);
 }
 
@@ -298,7 +298,7 @@ static void test_memory(void **state)
                 assert_true(!a && sg_last_error(small)[0]);
             for (size_t i = 0; a && i < a->count; i++)
                 assert_true(a->images[i].score == whole->images[i].score && a->score == whole->score);
-            sg_audit_destroy(small, &a);
+            sg_audit_destroy(&a);
             assert_int_equal(sg_mem_current(small, SG_MEM_TAGS), 0);
             sg_ctx_destroy(&small);
         }
@@ -306,7 +306,7 @@ static void test_memory(void **state)
         refused += codes[0] != SG_OK, fits += codes[0] == SG_OK;
     }
     assert_true(refused && fits);
-    sg_audit_destroy(ctx, &whole);
+    sg_audit_destroy(&whole);
     sg_ctx_destroy(&ctx);
 }
 

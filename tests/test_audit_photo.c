@@ -152,7 +152,7 @@ static void test_masks(void **state)
     memset(image, 128, sizeof(image));
     assert_int_equal(sg_audit_scene(ctx, &(struct sg_scene){.train = &view, .n_train = 1}, &a), SG_OK);
     assert_true(a->verdict == SG_AUDIT_POISONED && a->images[0].verdict == SG_AUDIT_POISONED && a->count_reasons == 1);
-    sg_audit_destroy(ctx, &a);
+    sg_audit_destroy(&a);
     memset(mask, 0, sizeof(mask));
     assert_int_equal(sg_audit_measure(ctx, image, mask, W, H, &f, NULL), SG_OK);
     assert_true(f.tv_down == 0 && f.osc_down == 0 && f.osc_quiet == 0 && f.osc_share == 0);

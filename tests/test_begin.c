@@ -30,7 +30,7 @@ static void test_points(void **state)
         assert_true(*sg_model_at(m, k, SG_P_XYZ) == (float) i);
         assert_float_equal(*sg_model_at(m, k, SG_P_SH), ((float) colors[3 * i] / 255 - 0.5f) / SG_SH_C0, 1e-4);
     }
-    sg_model_destroy(f.ctx, &m);
+    sg_model_destroy(&m);
     sg_trainer_destroy(&t);
     clear_fixture(&f);
 }
@@ -52,7 +52,7 @@ static void test_model(void **state)
     for (size_t k = 0; k < m->count; k++)
         for (int i = 0; i < sg_param_count(1); i++)
             assert_true(*sg_model_at(m, k, i) == *sg_model_at(f.start, k * f.start->count / 50, i));
-    sg_model_destroy(f.ctx, &m);
+    sg_model_destroy(&m);
     sg_trainer_destroy(&t);
     *sg_model_at(f.start, 7, SG_P_OPACITY) = NAN;
     assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_ERR_INPUT);

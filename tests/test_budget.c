@@ -103,11 +103,11 @@ static void test_growth(void **state)
             if (dying == 0)
                 assert_true(highest < lowest);
             free(stayed);
-            sg_model_destroy(ctx, &after);
+            sg_model_destroy(&after);
         }
-        sg_optimiser_clear(ctx, &o);
+        sg_optimiser_clear(&o);
         sg_engine_destroy(&b);
-        sg_model_destroy(ctx, &m);
+        sg_model_destroy(&m);
     }
     assert_true(some_died > 5);
     sg_ctx_destroy(&ctx);
@@ -168,7 +168,7 @@ static void test_few_at_limit(void **state)
     sg_trainer_limits(t, &limits);
     assert_true(limits.gaussians_bound);
     sg_trainer_destroy(&t);
-    sg_model_destroy(f.ctx, &f.start);
+    sg_model_destroy(&f.start);
     f.start = start;
     clear_fixture(&f);
 }
@@ -206,7 +206,7 @@ static void test_memory(void **state)
         struct sg_eval eval;
         assert_int_equal(sg_trainer_renderer(t, &renderer), SG_OK);
         assert_int_equal(sg_evaluate(ctx, renderer, f.views, 1, 0, &eval), SG_OK);
-        sg_eval_clear(ctx, &eval);
+        sg_eval_clear(&eval);
         sg_renderer_destroy(&renderer);
         sg_trainer_limits(t, &limits);
         assert_true(limits.gaussians_bound);
@@ -266,7 +266,7 @@ static void test_least(void **state)
         assert_int_equal(sg_trainer_renderer(t, &r), SG_OK);
         if (sg_evaluate(ctx, r, scene.test, 1, 0, &eval))
             fail_msg("%s", sg_last_error(ctx));
-        sg_eval_clear(ctx, &eval);
+        sg_eval_clear(&eval);
         sg_renderer_destroy(&r);
         sg_trainer_destroy(&t);
         sg_ctx_destroy(&ctx);
@@ -314,7 +314,7 @@ static void test_large_gaussians(void **state)
             *sg_model_at(m, i, SG_P_SCALE + k) = 0.5f;
     view.rgb = calloc(3 * 320, 240);
     assert_int_equal(sg_trainer_create(ctx, &scene, m, &p, &t), SG_OK);
-    sg_model_destroy(ctx, &m);
+    sg_model_destroy(&m);
     if (sg_trainer_step(t, NULL))
         fail_msg("%s", sg_last_error(ctx));
     sg_trainer_destroy(&t);
@@ -345,7 +345,7 @@ static void test_same_limit(void **state)
         initial = make_model(ctx, 2 * (size_t) limits.max_gaussians, degree, 3);
         p.sh_degree = 3;
         assert_int_equal(sg_trainer_create(ctx, &f.scene, initial, &p, &t), SG_OK);
-        sg_model_destroy(ctx, &initial);
+        sg_model_destroy(&initial);
         sg_trainer_limits(t, &resumed);
         const uint64_t begun = resumed.max_gaussians; /* but for the few bytes that a model takes besides */
         assert_in_range(begun, limits.max_gaussians - 1, limits.max_gaussians);

@@ -89,7 +89,7 @@ static int teardown(void **state)
     unlink(f->path);
     free(f->data);
     sg_trainer_destroy(&f->trainer);
-    sg_model_destroy(f->ctx, &f->start);
+    sg_model_destroy(&f->start);
     assert_int_equal(sg_mem_current(f->ctx, SG_MEM_TAGS), 0);
     sg_ctx_destroy(&f->ctx);
     for (int v = 0; v < 2; v++)

@@ -32,15 +32,36 @@ static void test_ledger_counts(void **state)
     assert_true(frame >= 5000 && frame < 5000 + 256);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_MISC), 0);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), model + frame);
-    sg_free(ctx, a);
-    sg_free(ctx, NULL);
+    sg_free(a);
+    sg_free(NULL);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_MODEL), 0);
     assert_int_equal(sg_mem_peak(ctx, SG_MEM_MODEL), model);
-    sg_free(ctx, b);
+    sg_free(b);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
     assert_int_equal(sg_mem_peak(ctx, SG_MEM_TAGS), model + frame);
     sg_ctx_destroy(&ctx);
     assert_null(ctx);
+}
+
+/* Objects are destroyed without a context: each is credited to the ledger that was charged for it. */
+static void test_ledger_owns(void **state)
+{
+    (void) state;
+    sg_ctx *a = limited(1, 1 << 20), *b = limited(1, 1 << 20);
+    struct sg_model *of_a, *of_b;
+    assert_int_equal(sg_model_create(a, 100, 0, &of_a), SG_OK);
+    const uint64_t held = sg_mem_current(a, SG_MEM_MODEL), total = sg_mem_current(a, SG_MEM_TAGS);
+    assert_int_equal(sg_model_create(b, 1000, 0, &of_b), SG_OK);
+    sg_model_destroy(&of_b);
+    assert_int_equal(sg_mem_current(a, SG_MEM_MODEL), held);
+    assert_int_equal(sg_mem_current(a, SG_MEM_TAGS), total);
+    for (int tag = 0; tag <= SG_MEM_TAGS; tag++)
+        assert_int_equal(sg_mem_current(b, tag), 0);
+    sg_model_destroy(&of_a);
+    for (int tag = 0; tag <= SG_MEM_TAGS; tag++)
+        assert_int_equal(sg_mem_current(a, tag), 0);
+    sg_ctx_destroy(&a);
+    sg_ctx_destroy(&b);
 }
 
 static void test_ledger_refuses(void **state)
@@ -59,8 +80,8 @@ static void test_ledger_refuses(void **state)
     assert_int_equal(sg_mem_peak(ctx, SG_MEM_TAGS), peak);
     void *small = sg_alloc(ctx, SG_MEM_SPLATS, 1000, 1);
     assert_non_null(small);
-    sg_free(ctx, small);
-    sg_free(ctx, kept);
+    sg_free(small);
+    sg_free(kept);
     sg_ctx_destroy(&ctx);
 }
 
@@ -105,7 +126,7 @@ static void test_grow(void **state)
     assert_int_equal(sg_grow(ctx, SG_MEM_MISC, &array, &capacity, SIZE_MAX / 8, 10000, sizeof(int)), SG_ERR_BUDGET);
     assert_int_equal(capacity, before);
     assert_int_equal(array[9999], 10000);
-    sg_free(ctx, array);
+    sg_free(array);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
     sg_ctx_destroy(&ctx);
 }
@@ -135,7 +156,7 @@ static void assert_content(sg_ctx *ctx, const char *path, const char *expected)
     assert_int_equal(sg_file_read(ctx, path, 1 << 20, &data, &size), SG_OK);
     assert_int_equal(size, strlen(expected));
     assert_string_equal(data, expected);
-    sg_free(ctx, data);
+    sg_free(data);
 }
 
 static void test_file_appears_whole(void **state)
@@ -150,13 +171,13 @@ static void test_file_appears_whole(void **state)
     fputs("second, half of", w.stream);
     fflush(w.stream);
     assert_content(ctx, path, "first");
-    sg_file_abandon(ctx, &w);
-    sg_file_abandon(ctx, &w);
+    sg_file_abandon(&w);
+    sg_file_abandon(&w);
     assert_content(ctx, path, "first");
     assert_int_equal(sg_file_create(ctx, &w, path), SG_OK);
     fputs("third", w.stream);
     assert_int_equal(sg_file_commit(ctx, &w), SG_OK);
-    sg_file_abandon(ctx, &w); /* safe after a commit */
+    sg_file_abandon(&w); /* safe after a commit */
     assert_content(ctx, path, "third");
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
     sg_ctx_destroy(&ctx);
@@ -202,7 +223,7 @@ static void test_file_refusals(void **state)
     assert_int_equal(sg_file_read(ctx, path, 9, &data, &size), SG_ERR_INPUT);
     assert_null(data);
     assert_int_equal(sg_file_read(ctx, path, 10, &data, &size), SG_OK);
-    sg_free(ctx, data);
+    sg_free(data);
     snprintf(path, sizeof(path), "%s/none/file", folder);
     sg_clear_error(ctx);
     assert_int_equal(sg_file_write(ctx, path, "x", 1), SG_ERR_INPUT);
@@ -318,12 +339,19 @@ static void test_rng_streams(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_ledger_counts),      cmocka_unit_test(test_ledger_refuses),
-        cmocka_unit_test(test_ledger_overflow),    cmocka_unit_test(test_grow),
-        cmocka_unit_test(test_file_appears_whole), cmocka_unit_test(test_file_survives_a_kill),
-        cmocka_unit_test(test_file_refusals),      cmocka_unit_test(test_folders),
-        cmocka_unit_test(test_first_error_wins),   cmocka_unit_test(test_context_parameters),
-        cmocka_unit_test(test_rng_moments),        cmocka_unit_test(test_rng_streams),
+        cmocka_unit_test(test_ledger_counts),
+        cmocka_unit_test(test_ledger_owns),
+        cmocka_unit_test(test_ledger_refuses),
+        cmocka_unit_test(test_ledger_overflow),
+        cmocka_unit_test(test_grow),
+        cmocka_unit_test(test_file_appears_whole),
+        cmocka_unit_test(test_file_survives_a_kill),
+        cmocka_unit_test(test_file_refusals),
+        cmocka_unit_test(test_folders),
+        cmocka_unit_test(test_first_error_wins),
+        cmocka_unit_test(test_context_parameters),
+        cmocka_unit_test(test_rng_moments),
+        cmocka_unit_test(test_rng_streams),
     };
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }

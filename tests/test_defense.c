@@ -132,7 +132,7 @@ static void test_filter(void **state)
         assert_float_equal(*sg_model_at(after, 0, 0), cases[c].first, 0);
         for (size_t i = 0; i < after->count && cases[c].removed; i++) /* what nobody saw went first */
             assert_true(*sg_model_at(after, i, SG_P_XYZ + 2) > -1);
-        sg_model_destroy(ctx, &after);
+        sg_model_destroy(&after);
         sg_engine_destroy(&b);
     }
     struct sg_defense_step step; /* equals go together */
@@ -142,7 +142,7 @@ static void test_filter(void **state)
     assert_int_equal(sg_filter(b, &scene, &p, &render, 0.01, 42, 600, &step), SG_OK);
     assert_int_equal(step.removed, 2);
     sg_engine_destroy(&b);
-    sg_model_destroy(ctx, &m);
+    sg_model_destroy(&m);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
     sg_ctx_destroy(&ctx);
 }
@@ -188,7 +188,7 @@ static void test_views(void **state)
             assert_int_equal(__builtin_popcount(sets), all ? 7 : 3);
             others += !all && sets != before;
             before = all ? before : sets, ever |= all ? 0 : sets;
-            sg_scores_clear(ctx, &s);
+            sg_scores_clear(&s);
         }
     assert_true(others >= 16 && ever == 127);
     p.hit = SG_HIT_VIEWS; /* counted once in each that has it */
@@ -199,11 +199,11 @@ static void test_views(void **state)
             hits += own[v][i] > 0;
         assert_float_equal(exp(s.score[i]), hits, 1e-9);
     }
-    sg_scores_clear(ctx, &s);
+    sg_scores_clear(&s);
     for (int v = 0; v < 7; v++)
         free(own[v]);
     sg_engine_destroy(&b);
-    sg_model_destroy(ctx, &m);
+    sg_model_destroy(&m);
     sg_ctx_destroy(&ctx);
 }
 
@@ -264,7 +264,7 @@ static void test_before_reset(void **state)
         highest[resets] = -INFINITY;
         for (size_t i = 0; i < m->count; i++)
             highest[resets] = fmaxf(highest[resets], *sg_model_at(m, i, SG_P_OPACITY));
-        sg_model_destroy(f.ctx, &m);
+        sg_model_destroy(&m);
         sg_trainer_destroy(&t);
     }
     assert_true(highest[0] > 0 && highest[1] < -4); /* logits: 0.01 */
@@ -499,7 +499,7 @@ static void train_same(struct fixture *f, const struct sg_train_params *p, const
 {
     struct sg_model *m = train(f, p, 40, NULL, load, NULL);
     assert_same(expected, m);
-    sg_model_destroy(f->ctx, &m);
+    sg_model_destroy(&m);
 }
 
 static void test_same_bytes(void **state)
@@ -515,7 +515,7 @@ static void test_same_bytes(void **state)
         struct sg_model *a = train(&one, &p, 40, path, NULL, NULL);
         train_same(&three, &p, NULL, a);
         train_same(&three, &p, path, a);
-        sg_model_destroy(one.ctx, &a);
+        sg_model_destroy(&a);
     }
     unlink(path);
     clear_fixture(&one);
@@ -546,9 +546,9 @@ static void test_combinations(void **state)
             train_same(&f, &p, path, whole);
             p.max_instances = 60;
             train_same(&f, &p, NULL, whole);
-            sg_model_destroy(f.ctx, &whole);
+            sg_model_destroy(&whole);
         }
-        sg_model_destroy(f.ctx, &f.start);
+        sg_model_destroy(&f.start);
     }
     f.start = start;
     unlink(path);
@@ -576,7 +576,7 @@ static void test_shares(void **state)
         assert_same(models[0][k], models[1][k]);
     for (int shared = 0; shared < 2; shared++)
         for (int k = 0; k < 3; k++)
-            sg_model_destroy(f.ctx, &models[shared][k]);
+            sg_model_destroy(&models[shared][k]);
     float own[VIEWS];
     uint8_t none[SIDE * SIDE] = {0};
     for (int v = 0; v < VIEWS; v++)
@@ -601,7 +601,7 @@ static void test_shares(void **state)
     assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
     assert_int_equal(sg_trainer_model(t, &m), SG_OK);
     assert_same(m, f.start);
-    sg_model_destroy(f.ctx, &m);
+    sg_model_destroy(&m);
     sg_trainer_destroy(&t);
     clear_fixture(&f);
 }
@@ -645,10 +645,10 @@ static void test_report(void **state)
         assert_int_equal(b->ops->read_statistics(b, &(struct sg_statistics){.gradient = gradient}), SG_OK);
         for (size_t i = 0; i < N - step.removed; i++) /* in the order that they were in */
             assert_true(gradient[i] > (i ? gradient[i - 1] : 0));
-        sg_scores_clear(ctx, &s);
+        sg_scores_clear(&s);
         sg_engine_destroy(&b);
-        sg_optimiser_clear(ctx, &o);
-        sg_model_destroy(ctx, &m);
+        sg_optimiser_clear(&o);
+        sg_model_destroy(&m);
     }
     sg_ctx_destroy(&ctx);
 }

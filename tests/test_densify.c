@@ -56,10 +56,10 @@ static void test_densify(void **state)
         assert_float_equal(moments.grad_count[i], 0, 0);
     }
     sg_engine_destroy(&b);
-    sg_optimiser_clear(ctx, &o);
-    sg_optimiser_clear(ctx, &moments);
-    sg_model_destroy(ctx, &m);
-    sg_model_destroy(ctx, &after);
+    sg_optimiser_clear(&o);
+    sg_optimiser_clear(&moments);
+    sg_model_destroy(&m);
+    sg_model_destroy(&after);
     sg_ctx_destroy(&ctx);
 }
 
@@ -111,15 +111,15 @@ static void test_alike(void **state)
             assert_int_equal(b->ops->download(b, after, NULL), SG_OK);
             for (size_t i = 0; i < cases[c].count && !r.split; i++)
                 assert_true(*sg_model_at(after, i, SG_P_XYZ) == (float) (i % N));
-            sg_model_destroy(ctx, &after);
+            sg_model_destroy(&after);
         } else { /* a model has at least one: it stays as it was */
             assert_int_equal(sg_densify(b, &p, &r), SG_ERR_INPUT);
             assert_non_null(strstr(sg_last_error(ctx), "transparent"));
             assert_int_equal(b->ops->count(b), N);
         }
         sg_engine_destroy(&b);
-        sg_optimiser_clear(ctx, &o);
-        sg_model_destroy(ctx, &m);
+        sg_optimiser_clear(&o);
+        sg_model_destroy(&m);
     }
     sg_ctx_destroy(&ctx);
 }
@@ -167,8 +167,8 @@ static void test_replaced(void **state)
         assert_int_equal(r.limited, wish > 20);
         assert_int_equal(b->ops->count(b), FULL);
         sg_engine_destroy(&b);
-        sg_optimiser_clear(ctx, &o);
-        sg_model_destroy(ctx, &m);
+        sg_optimiser_clear(&o);
+        sg_model_destroy(&m);
     }
     sg_ctx_destroy(&ctx);
 }

@@ -57,14 +57,14 @@ static struct outcome run(sg_ctx *ctx, const char *engine, const char *cpu, cons
     return o;
 }
 
-static void clear(sg_ctx *ctx, struct outcome *o)
+static void clear(struct outcome *o)
 {
     free(o->rgb);
     free(o->alpha);
     free(o->depth);
     free(o->mean_gradient);
-    sg_model_destroy(ctx, &o->gradients);
-    sg_model_destroy(ctx, &o->updated);
+    sg_model_destroy(&o->gradients);
+    sg_model_destroy(&o->updated);
 }
 
 /* Tight, but for a bounded share of values that flipped at a cut-off. */
@@ -132,10 +132,10 @@ static void check_model(const struct sg_model *m, const struct sg_camera *camera
         assert_int_equal(tiles.stats.visible, ref.stats.visible);
         assert_true(o.stats.instances <= tiles.stats.instances);
         assert_close("culled tiles", o.rgb, tiles.rgb, 3 * (size_t) o.width * (size_t) o.height, 1e-6f, 0, 0);
-        clear(ctx, &o);
-        clear(ctx, &tiles);
+        clear(&o);
+        clear(&tiles);
     }
-    clear(ctx, &ref);
+    clear(&ref);
     sg_ctx_destroy(&ctx);
 }
 
@@ -149,7 +149,7 @@ static void test_random(void **state)
             struct sg_model *m = make_model(ctx, 301, degree, (uint64_t) (10 + i));
             const struct sg_camera c = make_camera(sizes[i][0], sizes[i][1], 3);
             check_model(m, &c, i % 2 == 1);
-            sg_model_destroy(ctx, &m);
+            sg_model_destroy(&m);
         }
     sg_ctx_destroy(&ctx);
 }
@@ -172,10 +172,10 @@ static void test_reference_instances(void **state)
         assert_int_equal(faint, 0);
         assert_int_equal(o.stats.instances, ref.stats.instances);
         assert_int_equal(o.stats.max_tile, ref.stats.max_tile);
-        clear(ctx, &o);
+        clear(&o);
     }
-    clear(ctx, &ref);
-    sg_model_destroy(ctx, &m);
+    clear(&ref);
+    sg_model_destroy(&m);
     sg_ctx_destroy(&ctx);
 }
 
@@ -213,9 +213,9 @@ static void test_nasty(void **state)
         for (size_t k = SG_PARAMS_MAX * count + 10; k < m->count; k++)
             for (int p = 0; p < SG_PARAMS_MAX; p++)
                 assert_true(isfinite(*sg_model_at(o.gradients, k, p)));
-        clear(ctx, &o);
+        clear(&o);
     }
-    sg_model_destroy(ctx, &m);
+    sg_model_destroy(&m);
     sg_ctx_destroy(&ctx);
 }
 
@@ -228,7 +228,7 @@ static void test_nothing_visible(void **state)
         *sg_model_at(m, i, SG_P_XYZ + 2) = -50;
     const struct sg_camera c = make_camera(40, 30, 3);
     check_model(m, &c, false);
-    sg_model_destroy(ctx, &m);
+    sg_model_destroy(&m);
     sg_ctx_destroy(&ctx);
 }
 
@@ -254,10 +254,10 @@ static void test_bands(void **state)
                             m->count * (size_t) sg_param_count(2) * sizeof(float));
         assert_memory_equal(o.updated->params, one.updated->params,
                             m->count * (size_t) sg_param_count(2) * sizeof(float));
-        clear(ctx, &o);
+        clear(&o);
     }
-    clear(ctx, &one);
-    sg_model_destroy(ctx, &m);
+    clear(&one);
+    sg_model_destroy(&m);
     sg_ctx_destroy(&ctx);
 }
 
@@ -312,7 +312,7 @@ static void test_hits(void **state)
     }
     free(ref);
     free(hits);
-    sg_model_destroy(ctx, &m);
+    sg_model_destroy(&m);
     sg_ctx_destroy(&ctx);
 }
 
@@ -351,8 +351,8 @@ static void test_hits_alone(void **state)
     }
     free(rgb);
     free(alpha);
-    sg_model_destroy(ctx, &one);
-    sg_model_destroy(ctx, &m);
+    sg_model_destroy(&one);
+    sg_model_destroy(&m);
     sg_ctx_destroy(&ctx);
 }
 
@@ -375,8 +375,8 @@ static void test_floor(void **state)
             }
         sg_engine_destroy(&b);
     }
-    sg_model_destroy(ctx, &m);
-    sg_model_destroy(ctx, &after);
+    sg_model_destroy(&m);
+    sg_model_destroy(&after);
     sg_ctx_destroy(&ctx);
 }
 

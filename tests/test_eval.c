@@ -147,7 +147,7 @@ static void evaluation_measures_a_flat_view(void **state)
     assert_true(fabs(e.per_view[1].ssim - 1) < 1e-9 && e.per_view[0].ssim < 1);
     assert_true(fabs(e.ssim - (e.per_view[0].ssim + e.per_view[1].ssim) / 2) < 1e-12);
     assert_true(e.fps > 0 && e.fps_mean > 0);
-    sg_eval_clear(ctx, &e);
+    sg_eval_clear(&e);
 
     /* What a mask leaves out does not count, however wrong; PSNR is that of the rest. */
     uint8_t mask[24 * 20];
@@ -157,23 +157,23 @@ static void evaluation_measures_a_flat_view(void **state)
     views[0].mask = mask;
     assert_int_equal(sg_evaluate(ctx, r, views, 1, 0, &e), SG_OK);
     assert_true(fabs(e.psnr - off) < 1e-9);
-    sg_eval_clear(ctx, &e);
+    sg_eval_clear(&e);
     memset(mask, 0, sizeof(mask));
     assert_int_equal(sg_evaluate(ctx, r, views, 1, 0, &e), SG_ERR_INPUT);
     assert_int_equal(sg_evaluate(ctx, r, views, 2, 0, &e), SG_OK);
     assert_true(isnan(e.per_view[0].psnr) && isnan(e.per_view[0].ssim));
     assert_true(e.psnr == e.per_view[1].psnr && e.ssim == e.per_view[1].ssim); /* of those that are left */
-    sg_eval_clear(ctx, &e);
+    sg_eval_clear(&e);
     views[0].mask = NULL;
 
     assert_int_equal(sg_evaluate(ctx, r, views, 1, 0, &e), SG_OK);
     assert_true(e.fps == 0 && e.fps_mean == 0); /* not timed */
-    sg_eval_clear(ctx, &e);
+    sg_eval_clear(&e);
     assert_int_equal(sg_evaluate(ctx, r, views, 0, 0, &e), SG_ERR_INPUT);
     assert_null(e.per_view);
 
     sg_renderer_destroy(&r);
-    sg_model_destroy(ctx, &m);
+    sg_model_destroy(&m);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
     sg_ctx_destroy(&ctx);
     free(photos);

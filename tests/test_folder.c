@@ -38,10 +38,10 @@ static const char *read_of(struct fixture *f, bool follow_links, const char *nam
     const int code = sg_folder_read(f->ctx, &folder, path, 60, &data, &size);
     if (!code) {
         strcpy(text, data);
-        sg_free(f->ctx, data);
+        sg_free(data);
     } else
         assert_int_equal(code, SG_ERR_INPUT);
-    sg_folder_close(f->ctx, &folder);
+    sg_folder_close(&folder);
     return code ? NULL : text;
 }
 
@@ -109,7 +109,7 @@ static void links(void **state)
     assert_false(sg_folder_has(&folder, at(f, "alias/nowhere")));
     assert_false(sg_folder_leads_out(&folder, at(f, "alias/nowhere")));
     assert_true(sg_folder_leads_out(&folder, at(f, "alias/out")));
-    sg_folder_close(f->ctx, &folder);
+    sg_folder_close(&folder);
 }
 
 /* Somebody swaps a file and a folder for links and back, all the time. */
@@ -191,7 +191,7 @@ static void scene_files(void **state)
         expect_failure(f, NULL, SG_ERR_INPUT, colmap[i], "leads out of", NULL);
         assert_int_equal(sg_scene_load(f->ctx, f->dir, sg_scene_params(.follow_links = true), &scene), SG_OK);
         assert_true(scene->follow_links && scene->n_points == 1 && scene->train[0].mask);
-        sg_scene_destroy(f->ctx, &scene);
+        sg_scene_destroy(&scene);
         assert_int_equal(unlink(name), 0);
         assert_int_equal(rename(outside, name), 0);
     }
@@ -210,7 +210,7 @@ static void scene_files(void **state)
         assert_int_equal(symlink(outside, name), 0);
         expect_failure(f, NULL, SG_ERR_INPUT, json[i], "leads out of", NULL);
         assert_int_equal(sg_scene_load(f->ctx, f->dir, sg_scene_params(.follow_links = true), &scene), SG_OK);
-        sg_scene_destroy(f->ctx, &scene);
+        sg_scene_destroy(&scene);
         assert_int_equal(unlink(name), 0);
         assert_int_equal(rename(outside, name), 0);
     }

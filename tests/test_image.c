@@ -38,7 +38,7 @@ static void expect_pixels(struct fixture *f, void *data, size_t size, int channe
     assert_int_equal(image.channels, channels);
     assert_int_equal((size_t) image.width * (size_t) image.height * (size_t) channels, n);
     assert_memory_equal(image.pixels, expected, n);
-    sg_image_clear(f->ctx, &image);
+    sg_image_clear(&image);
     free(data);
 }
 
@@ -83,7 +83,7 @@ static void png_round_trip(void **state)
         assert_int_equal(image.height, 3);
         assert_int_equal(image.channels, channels);
         assert_memory_equal(image.pixels, pixels, (size_t) (15 * channels));
-        sg_image_clear(f->ctx, &image);
+        sg_image_clear(&image);
     }
 }
 
@@ -111,8 +111,8 @@ static void damaged_jpeg(void **state)
         memcpy(changed + size + 48, "\xff\xd9more", 6);
         assert_int_equal(sg_image_decode(f->ctx, "x", changed, size + 54, MAX_PIXELS, &image), SG_OK);
         assert_memory_equal(plain.pixels, image.pixels, sizeof(rgb));
-        sg_image_clear(f->ctx, &image);
-        sg_image_clear(f->ctx, &plain);
+        sg_image_clear(&image);
+        sg_image_clear(&plain);
         /* stray bytes between header segments, which would hide that most of the picture is missing */
         memcpy(changed, data, 20);
         memset(changed + 20, 0, 3);
@@ -123,7 +123,7 @@ static void damaged_jpeg(void **state)
         assert_int_equal(sg_ctx_create(&small, &(struct sg_ctx_params){.threads = 1, .max_memory = 6000}), SG_OK);
         assert_int_equal(sg_image_decode(small, "x", data, size, MAX_PIXELS, &image),
                          progressive ? SG_ERR_BUDGET : SG_OK);
-        sg_image_clear(small, &image);
+        sg_image_clear(&image);
         sg_ctx_destroy(&small);
         tjFree(data);
     }
@@ -146,7 +146,7 @@ static void damaged_jpeg(void **state)
             memcpy(changed + size + 46, "\xff\xd9", 2);
             memcpy(changed + size + 48, data, size);
             assert_int_equal(sg_image_decode(f->ctx, "x", changed, 2 * size + 48, MAX_PIXELS, &image), SG_OK);
-            sg_image_clear(f->ctx, &image);
+            sg_image_clear(&image);
         }
         tjFree(data);
         tjDestroy(jpeg);
@@ -172,7 +172,7 @@ static void jpeg_and_webp_by_content(void **state)
     assert_int_equal(image.height, 24);
     for (int c = 0; c < 3; c++)
         assert_in_range(image.pixels[300 + c] + 2 - rgb[c], 0, 4);
-    sg_image_clear(f->ctx, &image);
+    sg_image_clear(&image);
     /* cut anywhere: an error, never grey filling */
     for (unsigned long cut = 0; cut < jpeg_size - 2; cut += 7) {
         sg_clear_error(f->ctx);
@@ -187,7 +187,7 @@ static void jpeg_and_webp_by_content(void **state)
     assert_int_equal(sg_image_decode(f->ctx, "x", webp, webp_size, MAX_PIXELS, &image), SG_OK);
     assert_int_equal(image.channels, 3);
     assert_memory_equal(image.pixels, rgb, sizeof(rgb));
-    sg_image_clear(f->ctx, &image);
+    sg_image_clear(&image);
     for (size_t cut = 0; cut < webp_size - 1; cut++) {
         sg_clear_error(f->ctx);
         assert_int_equal(sg_image_decode(f->ctx, "x", webp, cut, MAX_PIXELS, &image), SG_ERR_INPUT);
@@ -212,7 +212,7 @@ static void damaged_png(void **state)
     sg_clear_error(f->ctx);
     assert_int_equal(sg_image_decode(f->ctx, "a.png", data, size, MAX_PIXELS, &image), SG_ERR_INPUT);
     assert_non_null(strstr(sg_last_error(f->ctx), "a.png"));
-    sg_free(f->ctx, data);
+    sg_free(data);
 }
 
 static void bomb_is_refused_before_allocation(void **state)
@@ -230,8 +230,8 @@ static void bomb_is_refused_before_allocation(void **state)
     assert_int_equal(sg_mem_peak(f->ctx, SG_MEM_IMAGES), peak);
     sg_clear_error(f->ctx);
     assert_int_equal(sg_image_decode(f->ctx, "a.png", data, size, 10000, &image), SG_OK);
-    sg_image_clear(f->ctx, &image);
-    sg_free(f->ctx, data);
+    sg_image_clear(&image);
+    sg_free(data);
 }
 
 static void flatten_truncates(void **state)

@@ -231,11 +231,11 @@ static void test_adam(void **state)
             memcpy(old.m, o.m, bytes);
             memcpy(old.v, o.v, bytes);
         }
-        sg_optimiser_clear(ctx, &o);
-        sg_optimiser_clear(ctx, &old);
-        sg_model_destroy(ctx, &m);
-        sg_model_destroy(ctx, &g);
-        sg_model_destroy(ctx, &after);
+        sg_optimiser_clear(&o);
+        sg_optimiser_clear(&old);
+        sg_model_destroy(&m);
+        sg_model_destroy(&g);
+        sg_model_destroy(&after);
         sg_engine_destroy(&b);
         assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
         sg_ctx_destroy(&ctx);
@@ -298,9 +298,9 @@ static void check_one(sg_ctx *ctx, struct sg_engine **engines, const struct sg_m
                 if (!isfinite(*sg_model_at(o.gradient, i, p)))
                     fail_msg("%s: %s: gradient of plane %d of Gaussian %zu is %g", name_of(v), what, p, i,
                              (double) *sg_model_at(o.gradient, i, p));
-        sg_model_destroy(ctx, &o.gradient);
+        sg_model_destroy(&o.gradient);
     }
-    sg_model_destroy(ctx, &ref.gradient);
+    sg_model_destroy(&ref.gradient);
 }
 
 static void test_hostile_planes(void **state)
@@ -326,8 +326,8 @@ static void test_hostile_planes(void **state)
         }
     for (int v = 0; v < variant_count; v++)
         sg_engine_destroy(&engines[v]);
-    sg_model_destroy(ctx, &good);
-    sg_model_destroy(ctx, &m);
+    sg_model_destroy(&good);
+    sg_model_destroy(&m);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
     sg_ctx_destroy(&ctx);
 }
@@ -359,7 +359,7 @@ static void test_needles(void **state)
     straight = false;
     for (int v = 0; v < variant_count; v++)
         sg_engine_destroy(&engines[v]);
-    sg_model_destroy(ctx, &m);
+    sg_model_destroy(&m);
     sg_ctx_destroy(&ctx);
 }
 
@@ -380,7 +380,7 @@ static void test_opacity_limits(void **state)
         for (int k = 0; k < 4; k++) {
             *sg_model_at(m, 0, SG_P_OPACITY) = logits[k];
             draw_model(ctx, b, m, &o);
-            sg_model_destroy(ctx, &o.gradient);
+            sg_model_destroy(&o.gradient);
             float most = 0;
             for (int i = 0; i < SIDE * SIDE; i++)
                 most = fmaxf(most, o.alpha[i]);
@@ -390,7 +390,7 @@ static void test_opacity_limits(void **state)
             else
                 assert_float_equal(most, k == 1 ? 1.0f / 255 : 0.99f, 1e-4);
         }
-        sg_model_destroy(ctx, &m);
+        sg_model_destroy(&m);
         sg_engine_destroy(&b);
         sg_ctx_destroy(&ctx);
     }
@@ -414,7 +414,7 @@ static void test_planes_and_kept_gradients(void **state)
         struct sg_model *m = make_model(ctx, 40, 1, 6), *once, *thrice;
         struct sg_loss_value a, c;
         draw_model(ctx, b, m, &o);
-        sg_model_destroy(ctx, &o.gradient);
+        sg_model_destroy(&o.gradient);
         assert_int_equal(b->ops->loss(b, &(struct sg_loss_params){.lambda_dssim = 0.2f, .target = bytes}, &a), SG_OK);
         assert_int_equal(b->ops->loss(b, &(struct sg_loss_params){.lambda_dssim = 0.2f, .planes = planes}, &c), SG_OK);
         assert_float_equal(a.total, c.total, 1e-6);
@@ -448,11 +448,11 @@ static void test_planes_and_kept_gradients(void **state)
                     fail_msg("%s: Gaussian %zu, plane %d: %g, expected three times %g", name_of(v), i, p,
                              (double) moments[1].m[at], (double) moments[0].m[at]);
             }
-        sg_optimiser_clear(ctx, &moments[0]);
-        sg_optimiser_clear(ctx, &moments[1]);
-        sg_model_destroy(ctx, &once);
-        sg_model_destroy(ctx, &thrice);
-        sg_model_destroy(ctx, &m);
+        sg_optimiser_clear(&moments[0]);
+        sg_optimiser_clear(&moments[1]);
+        sg_model_destroy(&once);
+        sg_model_destroy(&thrice);
+        sg_model_destroy(&m);
         sg_engine_destroy(&b);
         assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
         sg_ctx_destroy(&ctx);
@@ -480,8 +480,8 @@ static void test_black(void **state)
                 if ((*sg_model_at(o.gradient, i, SG_P_SH + ch) == 0) != (i == 1))
                     fail_msg("%s: Gaussian %zu, channel %d: gradient %g", name_of(v), i, ch,
                              (double) *sg_model_at(o.gradient, i, SG_P_SH + ch));
-        sg_model_destroy(ctx, &o.gradient);
-        sg_model_destroy(ctx, &m);
+        sg_model_destroy(&o.gradient);
+        sg_model_destroy(&m);
         sg_engine_destroy(&b);
         sg_ctx_destroy(&ctx);
     }
@@ -533,7 +533,7 @@ static void test_view_space_gradient(void **state)
         const double expected = hypot(slope[0], slope[1]);
         if (!(fabs((double) gradient - expected) < 0.02 * expected))
             fail_msg("%s: view-space gradient %g, expected %g", name_of(v), (double) gradient, expected);
-        sg_model_destroy(ctx, &m);
+        sg_model_destroy(&m);
         sg_engine_destroy(&b);
         sg_ctx_destroy(&ctx);
     }
@@ -550,7 +550,7 @@ static void test_empty_model(void **state)
         struct sg_model *m;
         assert_int_equal(sg_model_create(ctx, 0, 3, &m), SG_OK);
         draw_model(ctx, b, m, &o);
-        sg_model_destroy(ctx, &o.gradient);
+        sg_model_destroy(&o.gradient);
         static const float background[3] = {0.2f, 0.3f, 0.4f};
         for (int i = 0; i < 3 * SIDE * SIDE; i++)
             assert_true(o.rgb[i] == background[i / (SIDE * SIDE)]);
@@ -560,7 +560,7 @@ static void test_empty_model(void **state)
         assert_int_equal(b->ops->update(b, &u), SG_OK);
         assert_int_equal(b->ops->reset_opacity(b, 0.01f), SG_OK);
         assert_int_equal(b->ops->count(b), 0);
-        sg_model_destroy(ctx, &m);
+        sg_model_destroy(&m);
         sg_engine_destroy(&b);
         assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
         sg_ctx_destroy(&ctx);

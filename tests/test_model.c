@@ -96,7 +96,7 @@ static void check_cube(struct fixture *f, float edge)
         for (int p = SG_P_SH + 3; p < sg_param_count(3); p++)
             assert_float_equal(*sg_model_at(m, i, p), 0, 0);
     }
-    sg_model_destroy(f->ctx, &m);
+    sg_model_destroy(&m);
     assert_null(m);
 }
 
@@ -128,7 +128,7 @@ static void test_init_refusals(void **state)
         for (size_t i = 0; i < 4; i++)
             for (int p = 0; p < sg_param_count(0); p++)
                 assert_true(isfinite(*sg_model_at(m, i, p)));
-        sg_model_destroy(f->ctx, &m);
+        sg_model_destroy(&m);
     }
 }
 
@@ -147,9 +147,9 @@ static void test_init_random(void **state)
         for (int k = 0; k < 3; k++)
             low = fminf(low, *sg_model_at(a, i, k)), high = fmaxf(high, *sg_model_at(a, i, k));
     assert_true(low >= -1.3f && low < -1.29f && high <= 1.3f && high > 1.29f);
-    sg_model_destroy(f->ctx, &a);
-    sg_model_destroy(f->ctx, &b);
-    sg_model_destroy(f->ctx, &other);
+    sg_model_destroy(&a);
+    sg_model_destroy(&b);
+    sg_model_destroy(&other);
 }
 
 /* ---- statistics ---- */
@@ -186,7 +186,7 @@ static void test_inspect(void **state)
         assert_float_equal(info.scale_percentile[i], expected[i], 1.001);
     assert_float_equal(info.opacity_percentile[0], 1 / (1 + exp(10)), 1e-6);
     assert_float_equal(info.opacity_percentile[4], 0.5, 1e-6);
-    sg_model_destroy(f->ctx, &m);
+    sg_model_destroy(&m);
 }
 
 /* ---- files ---- */
@@ -218,8 +218,8 @@ static void test_round_trip(void **state)
         assert_int_equal(back->sh_degree, degree);
         assert_int_equal(back->active_sh_degree, degree);
         same_model(m, back);
-        sg_model_destroy(f->ctx, &back);
-        sg_model_destroy(f->ctx, &m);
+        sg_model_destroy(&back);
+        sg_model_destroy(&m);
     }
 }
 
@@ -253,8 +253,8 @@ static void test_layout(void **state)
             assert_float_equal(row[9 + 15 * c + k - 1], *sg_model_at(m, 1, SG_P_SH + 3 * k + c), 0);
     assert_float_equal(row[54], *sg_model_at(m, 1, SG_P_OPACITY), 0);
     assert_float_equal(row[3], 0, 0);
-    sg_free(f->ctx, data);
-    sg_model_destroy(f->ctx, &m);
+    sg_free(data);
+    sg_model_destroy(&m);
 }
 
 static void test_write_refusals(void **state)
@@ -265,7 +265,7 @@ static void test_write_refusals(void **state)
     assert_non_null(strstr(sg_last_error(f->ctx), "missing/m.ply"));
     put(f, "folder/x", "", 0);
     assert_int_equal(sg_model_write_ply(f->ctx, m, at(f, "folder")), SG_ERR_INPUT);
-    sg_model_destroy(f->ctx, &m);
+    sg_model_destroy(&m);
 }
 
 static void test_points(void **state)
@@ -281,7 +281,7 @@ static void test_points(void **state)
     assert_int_equal(n, 4);
     assert_memory_equal(back, xyz, sizeof(xyz));
     assert_memory_equal(colours, rgb, sizeof(rgb));
-    sg_points_destroy(f->ctx, &back, &colours);
+    sg_points_destroy(&back, &colours);
     assert_int_equal(sg_points_read_ply(f->ctx, at(f, "p.ply"), 3, &back, &colours, &n), SG_ERR_INPUT);
     put_text(f, "q.ply",
              "ply\nformat ascii 1.0\nelement vertex 2\nproperty double z\nproperty double x\nproperty double y\n"
@@ -292,7 +292,7 @@ static void test_points(void **state)
     static const uint8_t shades[6] = {0, 128, 255, 0, 0, 255};
     assert_memory_equal(back, expected, sizeof(expected));
     assert_memory_equal(colours, shades, sizeof(shades));
-    sg_points_destroy(f->ctx, &back, &colours);
+    sg_points_destroy(&back, &colours);
 }
 
 int main(void)

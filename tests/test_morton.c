@@ -43,7 +43,7 @@ static void test_order(void **state)
     free(source);
     free(order);
     free(seen);
-    sg_model_destroy(ctx, &m);
+    sg_model_destroy(&m);
     sg_ctx_destroy(&ctx);
 }
 
@@ -104,9 +104,9 @@ static void edited(bool statistics)
     free(source);
     free(expected);
     free(found);
-    sg_host_clear(ctx, &h);
-    sg_optimiser_clear(ctx, &o);
-    sg_model_destroy(ctx, &m);
+    sg_host_clear(&h);
+    sg_optimiser_clear(&o);
+    sg_model_destroy(&m);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
     sg_ctx_destroy(&ctx);
 }
@@ -147,7 +147,7 @@ static void test_edit_memory(void **state)
         done += !code && h.opt.m;
         assert_int_equal(sg_host_learn(ctx, &h), SG_OK);
         assert_int_equal(h.opt.capacity, h.capacity);
-        sg_host_clear(ctx, &h);
+        sg_host_clear(&h);
         assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
         sg_ctx_destroy(&ctx);
     }
@@ -155,8 +155,8 @@ static void test_edit_memory(void **state)
     free(keep);
     free(kind);
     free(source);
-    sg_optimiser_clear(plenty, &o);
-    sg_model_destroy(plenty, &m);
+    sg_optimiser_clear(&o);
+    sg_model_destroy(&m);
     sg_ctx_destroy(&plenty);
 }
 

@@ -114,8 +114,8 @@ static void test_encodings(void **state)
                     if (memcmp(sg_model_at(m, i, p), sg_model_at(back, i, p), 4))
                         fail_msg("encoding %d, degree %d, Gaussian %zu, plane %d: %a, expected %a", (int) e, degree, i,
                                  p, (double) *sg_model_at(back, i, p), (double) *sg_model_at(m, i, p));
-            sg_model_destroy(f->ctx, &m);
-            sg_model_destroy(f->ctx, &back);
+            sg_model_destroy(&m);
+            sg_model_destroy(&back);
         }
 }
 
@@ -136,8 +136,8 @@ static void test_every_cut(void **state)
             assert_null(back);
             assert_non_null(strstr(sg_last_error(f->ctx), "cut.ply: "));
         }
-        sg_free(f->ctx, data);
-        sg_model_destroy(f->ctx, &m);
+        sg_free(data);
+        sg_model_destroy(&m);
     }
 }
 

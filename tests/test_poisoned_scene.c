@@ -39,7 +39,7 @@ static struct sg_scene *poison(struct fixture *f, const struct sg_scene *clean, 
             assert_float_equal(report.psnr, 20 * log10(255.0 / 5), 1e-6);
             assert_float_equal(report.tv_before, report.tv_after, 1e-9);
         }
-        sg_poison_report_clear(f->ctx, &report);
+        sg_poison_report_clear(&report);
         free(rgb);
     }
     struct sg_scene *loaded;
@@ -86,8 +86,8 @@ static void check(struct fixture *f, const struct sg_scene_params *params, enum 
     assert_float_equal(clean->extent, poisoned->extent, 1e-9);
     same_views(clean->train, poisoned->train, clean->n_train, save != SG_POISON_JPEG);
     same_views(clean->test, poisoned->test, clean->n_test, save != SG_POISON_JPEG);
-    sg_scene_destroy(f->ctx, &clean);
-    sg_scene_destroy(f->ctx, &poisoned);
+    sg_scene_destroy(&clean);
+    sg_scene_destroy(&poisoned);
 }
 
 static void test_blender(void **state)
@@ -216,7 +216,7 @@ static void test_places(void **state)
     size_t size;
     assert_int_equal(sg_file_read(f->ctx, at(f, "elsewhere/b.png"), 100, &text, &size), SG_OK);
     assert_string_equal(text, "kept");
-    sg_free(f->ctx, text);
+    sg_free(text);
     assert_int_equal(unlink(at(f, "out/images/sub")), 0);
 
     snprintf(folder, sizeof(folder), "%s/elsewhere/sparse", f->dir);
@@ -225,7 +225,7 @@ static void test_places(void **state)
     assert_int_equal(symlink("../elsewhere/sparse", at(f, "out/sparse")), 0);
     assert_int_equal(sg_poisoned_scene_begin(f->ctx, scene, &files, folder), SG_ERR_INPUT);
     assert_true(sg_file_exists(at(f, "elsewhere/sparse/0/cameras.txt")));
-    sg_scene_destroy(f->ctx, &scene);
+    sg_scene_destroy(&scene);
 }
 
 static void test_naive(void **state)

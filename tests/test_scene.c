@@ -57,7 +57,7 @@ static void blender(void **state)
     /* black background, truncated: pixel 0 of seed 2 is 62, 69, 76 at alpha 83 */
     assert_int_equal(s->train[0].rgb[0], 62 * 83 / 255);
     assert_int_equal(s->train[0].rgb[2], 76 * 83 / 255);
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
     assert_null(s);
 
     s = load(f, sg_scene_params(.eval = true, .white_background = true, .downscale = 2));
@@ -68,7 +68,7 @@ static void blender(void **state)
     assert_int_equal(s->test[0].file_width, 20);
     close_to(s->test[0].camera.fx, 10 / (2 * tan(0.5)));
     close_to(s->test[0].camera.cx, 5);
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
 }
 
 /* Nine images 0..8, out of order, two cameras, each encoding. */
@@ -138,13 +138,13 @@ static void check_colmap(struct fixture *f)
     assert_int_equal(s->point_colors[0], 10);
     assert_int_equal(s->point_colors[3], 255);
     assert_int_equal(s->point_colors[5], 30);
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
     s = load(f, sg_scene_params(.centred_principal = true));
     assert_int_equal(s->n_train, 9);
     assert_int_equal(s->n_test, 0);
     close_to(s->train[0].camera.cx, 10);
     close_to(s->extent, 1.1 * 4);
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
 }
 
 static void colmap_binary(void **state)
@@ -174,7 +174,7 @@ static void colmap_other_size_and_folder(void **state)
     close_to(s->train[0].camera.cy, 6);
     assert_int_equal(s->train[0].rgb[3], 7); /* grey is repeated */
     assert_int_equal(s->train[0].rgb[5], 7);
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
 }
 
 static void nerfstudio_masks(void **state)
@@ -191,7 +191,7 @@ static void nerfstudio_masks(void **state)
     assert_int_equal(sg_image_write_png(f->ctx, at(f, "m/a.png"), mask, 2, 2, 1), SG_OK);
     struct sg_scene *s = load(f, NULL);
     assert_memory_equal(s->train[0].mask, mask, 4);
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
     snprintf(text, sizeof(text), frame, "../m/a.png");
     put_text(f, "transforms.json", text);
     expect_failure(f, NULL, SG_ERR_INPUT, "frame 0", "mask_path", NULL);
@@ -222,7 +222,7 @@ static void colmap_rig(void **state)
     assert_string_equal(s->train[0].name, "left_001");
     assert_string_equal(s->train[1].name, "right_001");
     assert_memory_equal(s->train[0].rgb, ((uint8_t[]){10, 20, 30, 40, 50, 60}), 6);
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
 }
 
 static void resolution_rule(void **state)
@@ -250,7 +250,7 @@ static void resolution_rule(void **state)
         assert_int_equal(s->train[0].camera.height, cases[i].h);
         close_to(s->train[0].camera.fx, cases[i].w / (2 * tan(0.5)));
         assert_int_equal(s->train[0].file_width, cases[i].width);
-        sg_scene_destroy(f->ctx, &s);
+        sg_scene_destroy(&s);
     }
 }
 
@@ -283,7 +283,7 @@ static void nerfstudio(void **state)
     close_to(s->train[1].camera.cy, 6);
     close_to(s->train[1].camera.t[0], -3);
     close_to(s->train[1].camera.R[4], -0.8);
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
 }
 
 static void nerfstudio_own_split(void **state)
@@ -300,10 +300,10 @@ static void nerfstudio_own_split(void **state)
     assert_int_equal(s->n_test, 1);
     assert_string_equal(s->test[0].name, "c");
     close_to(s->train[0].camera.fy, 20 / (2 * tan(0.5)));
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
     s = load(f, NULL);
     assert_int_equal(s->n_train, 4);
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
 }
 
 static void masks(void **state)
@@ -324,7 +324,7 @@ static void masks(void **state)
         for (int i = 0; i < 200; i++)
             assert_int_equal(s->train[k].mask[i], i % 20 < 10 ? 0 : 255);
     }
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
     expect_failure(f, sg_scene_params(.masks = "nowhere"), SG_ERR_INPUT, "nowhere", "folder", NULL);
 }
 
@@ -343,8 +343,8 @@ static void threads_do_not_matter(void **state)
         assert_memory_equal(a->train[i].rgb, b->train[i].rgb, n);
         assert_memory_equal(&a->train[i].camera, &b->train[i].camera, sizeof(struct sg_camera));
     }
-    sg_scene_destroy(f->ctx, &a);
-    sg_scene_destroy(seven, &b);
+    sg_scene_destroy(&a);
+    sg_scene_destroy(&b);
     sg_ctx_destroy(&seven);
 }
 

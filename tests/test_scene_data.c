@@ -97,7 +97,7 @@ static void lego(void **state)
     assert_true(fabs(s->train[0].camera.fx - 1111.111) < 0.01);
     assert_true(s->train[0].rgb[0] == 255);
     check_views(s->train, s->n_train);
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
 }
 
 static void bonsai(void **state)
@@ -110,7 +110,7 @@ static void bonsai(void **state)
     assert_int_equal(s->n_points, 109323);
     check_views(s->train, s->n_train);
     check_colours(s);
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
 }
 
 static void train(void **state)
@@ -123,7 +123,7 @@ static void train(void **state)
     assert_true(s->train[0].camera.fx != s->train[0].camera.fy);
     check_views(s->train, s->n_train);
     check_colours(s);
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
 }
 
 static void fox(void **state)
@@ -137,7 +137,7 @@ static void fox(void **state)
     assert_int_equal(s->train[0].camera.width, 135);
     assert_int_equal(s->train[0].file_height, 1920);
     check_views(s->train, s->n_train);
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
 }
 
 /* Photos whose sides are continued: 800 x 533 and 760 x 423. */
@@ -159,7 +159,7 @@ static void spectra(void **state)
                          near.cosine, near.length);
             free(planes);
         }
-        sg_scene_destroy(f->ctx, &s);
+        sg_scene_destroy(&s);
     }
 }
 

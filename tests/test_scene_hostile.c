@@ -63,7 +63,7 @@ static void json_poses(void **state)
     put_blender(f, "1", "\"transform_matrix\":[[2,0,0,6],[0,2,0,0],[0,0,2,0],[0,0,0,1]]");
     struct sg_scene *s = load(f, NULL);
     assert_true(s->train[0].camera.R[0] == 1 && s->train[0].camera.t[0] == -6);
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
 }
 
 static void json_values(void **state)
@@ -189,7 +189,7 @@ static void colmap_every_cut_and_excess(void **state)
         put_bytes(f, names[k], &part[k]);
     }
     struct sg_scene *s = load(f, NULL);
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
 }
 
 static void colmap_counts(void **state)
@@ -353,7 +353,7 @@ static void memory_limit_is_an_error(void **state)
         assert_int_equal(sg_ctx_create(&small, &(struct sg_ctx_params){.threads = 1, .max_memory = limit}), SG_OK);
         int code = sg_scene_load(small, f->dir, sg_scene_params(.downscale = 2), &scene);
         assert_true(code == SG_OK || code == SG_ERR_BUDGET || (code == SG_ERR_INPUT && !scene));
-        sg_scene_destroy(small, &scene);
+        sg_scene_destroy(&scene);
         assert_int_equal(sg_mem_current(small, SG_MEM_TAGS), 0);
         sg_ctx_destroy(&small);
         if (!code)
@@ -391,7 +391,7 @@ static void threads_share_the_limit(void **state)
             assert_true(threads == 1 || found == code);
             code = found;
             estimated |= strstr(sg_last_error(ctx), "11 of 12 photos fit") != NULL;
-            sg_scene_destroy(ctx, &scene);
+            sg_scene_destroy(&scene);
             sg_ctx_destroy(&ctx);
         }
     assert_true(estimated);
@@ -416,7 +416,7 @@ static void json_counts_as_memory(void **state)
     assert_int_equal(sg_ctx_create(&small, &(struct sg_ctx_params){.threads = 1, .max_memory = 20 << 20}), SG_OK);
     assert_int_equal(sg_scene_load(small, f->dir, NULL, &scene), SG_ERR_BUDGET);
     sg_ctx_destroy(&small);
-    sg_scene_destroy(f->ctx, &(struct sg_scene *){load(f, NULL)});
+    sg_scene_destroy(&(struct sg_scene *){load(f, NULL)});
 }
 
 int main(void)

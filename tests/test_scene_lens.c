@@ -86,16 +86,16 @@ static void opencv_photo_becomes_pinhole(void **state)
     struct sg_scene *s = load(f, NULL);
     assert_true(s->train[0].camera.fx == 100 && s->train[0].camera.cy == 41);
     check_pinhole(&s->train[0], W * H * 9 / 10);
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
     s = load(f, sg_scene_params(.resolution = 2)); /* camera and pixels stay in step when shrunk */
     assert_int_equal(s->train[0].camera.width, W / 2);
     check_pinhole(&s->train[0], W * H * 9 / 40);
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
     /* the same lens, measured on a photo of three times the size */
     put_scene(f, "1 OPENCV 360 270 300 285 189 123 -0.18 0.03 0.004 -0.003\n");
     s = load(f, NULL);
     check_pinhole(&s->train[0], W * H * 9 / 10);
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
 }
 
 static void outside_is_masked_and_black(void **state)
@@ -113,7 +113,7 @@ static void outside_is_masked_and_black(void **state)
         double px = x * d * 100 + 60, py = y * d * 100 + 45;
         assert_int_equal(view->mask[i], px >= 0 && px <= W && py >= 0 && py <= H ? 255 : 0);
     }
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
 }
 
 /* r (1 - r^2) turns back at r = 0.577: beyond, the photo must not appear a second time. */

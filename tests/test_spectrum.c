@@ -478,7 +478,7 @@ static void test_regulariser(void **state)
             for (int i = 0; i < n; i++)
                 assert_true(g[i] == (mask[i % (n / 3)] ? expected[i] : 0));
         }
-    sg_regulariser_clear(ctx, &r);
+    sg_regulariser_clear(&r);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
     sg_ctx_destroy(&ctx);
 }

@@ -44,8 +44,8 @@ static bool same(struct fixture *f, const char *a, const char *b)
             if (sg_file_read(f->ctx, path[k], 1 << 20, &data[k], &size[k]))
                 fail_msg("%s", sg_last_error(f->ctx));
         equal = equal && size[0] == size[1] && !memcmp(data[0], data[1], size[0]);
-        sg_free(f->ctx, data[0]);
-        sg_free(f->ctx, data[1]);
+        sg_free(data[0]);
+        sg_free(data[1]);
     }
     return equal;
 }
@@ -118,8 +118,8 @@ static void both_layouts_agree(void **state)
     for (size_t i = 0; i < 2; i++)
         same_view(&blender->test[i], &colmap->test[i]);
     assert_int_equal(f->warnings, 0);
-    sg_scene_destroy(f->ctx, &blender);
-    sg_scene_destroy(f->ctx, &colmap);
+    sg_scene_destroy(&blender);
+    sg_scene_destroy(&colmap);
 }
 
 static int rising(const void *a, const void *b)
@@ -163,7 +163,7 @@ static void points_have_the_colour_of_their_pixel(void **state)
     const int own = median_error(s, 0), others = median_error(s, 1);
     assert_in_range(own, 0, 16);
     assert_in_range(others, 3 * own, 255); /* hidden or lit otherwise from the next camera */
-    sg_scene_destroy(f->ctx, &s);
+    sg_scene_destroy(&s);
 }
 
 static void bad_parameters_are_refused(void **state)

@@ -108,7 +108,7 @@ static void test_ledger_limit_under_contention(void **state)
 {
     (void) state;
     sg_ctx *ctx = make_context(1);
-    sg_free(ctx, sg_alloc_raw(ctx, SG_MEM_MISC, GREEDY_BYTES, 1));
+    sg_free(sg_alloc_raw(ctx, SG_MEM_MISC, GREEDY_BYTES, 1));
     const uint64_t limit = sg_mem_peak(ctx, SG_MEM_TAGS) + 10; /* room for one */
     sg_ctx_destroy(&ctx);
     assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = GREEDY, .max_memory = limit}), SG_OK);
@@ -119,7 +119,7 @@ static void test_ledger_limit_under_contention(void **state)
         assert_int_equal(g.granted, 1);
         assert_non_null(strstr(sg_last_error(ctx), "misc refused"));
         for (int i = 0; i < GREEDY; i++)
-            sg_free(ctx, g.held[i]);
+            sg_free(g.held[i]);
         assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
         assert_int_equal(sg_mem_current(ctx, SG_MEM_MISC), 0);
     }

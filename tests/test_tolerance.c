@@ -43,7 +43,7 @@ static struct drawn *draw_with(int variant, uint64_t seed)
     assert_int_equal(d.engine->ops->project(d.engine, &camera, 1, &params), SG_OK);
     assert_int_equal(d.engine->ops->rasterize(d.engine, false, NULL), SG_OK);
     assert_int_equal(d.engine->ops->read_image(d.engine, d.rgb, NULL, NULL), SG_OK);
-    sg_model_destroy(d.ctx, &m);
+    sg_model_destroy(&m);
     return &d;
 }
 
@@ -126,11 +126,11 @@ static void no_gradient_within(void **state)
                     struct sg_loss_value value = lose(d, &p, &g);
                     assert_true(value.total == 0 && value.l1 == 0 && value.mse == 0 && value.ssim == 1);
                     assert_int_equal(non_zero(g), 0);
-                    sg_model_destroy(d->ctx, &g);
+                    sg_model_destroy(&g);
                     p.tolerance = 0; /* the same photo moves the model otherwise */
                     value = lose(d, &p, &g);
                     assert_true(value.total > 0 && non_zero(g) > GAUSSIANS);
-                    sg_model_destroy(d->ctx, &g);
+                    sg_model_destroy(&g);
                 }
                 finish(d);
             }
@@ -181,8 +181,8 @@ static void target_is_the_nearest_image(void **state)
         assert_true(a.total == b.total && a.l1 == b.l1 && a.mse == b.mse && a.ssim == b.ssim);
         assert_memory_equal(with->params, without->params, with->capacity * (size_t) sg_param_count(1) * sizeof(float));
         assert_true(non_zero(with) > 0);
-        sg_model_destroy(d->ctx, &with);
-        sg_model_destroy(d->ctx, &without);
+        sg_model_destroy(&with);
+        sg_model_destroy(&without);
         finish(d);
     }
 }
@@ -220,14 +220,14 @@ static void l1_by_differences(void **state)
                 assert_int_equal(d->engine->ops->project(d->engine, &camera, 1, &params), SG_OK);
                 assert_int_equal(d->engine->ops->rasterize(d->engine, false, NULL), SG_OK);
                 loss[side] = lose(d, &p, NULL).l1;
-                sg_model_destroy(d->ctx, &moved);
+                sg_model_destroy(&moved);
             }
             const double found = (loss[1] - loss[0]) / (2 * (double) step);
             assert_true(fabs(expected) > 1e-4);
             assert_true(fabs(found - expected) <= 2e-3 * fabs(expected) + 2e-5);
         }
-        sg_model_destroy(d->ctx, &m);
-        sg_model_destroy(d->ctx, &g);
+        sg_model_destroy(&m);
+        sg_model_destroy(&g);
         finish(d);
     }
 }

@@ -21,10 +21,10 @@ static void test_threads(void **state)
         struct fixture f = make_fixture(threads[i]);
         struct sg_model *m = train(&f, &p, 40, NULL, NULL, NULL);
         assert_same(m, expected);
-        sg_model_destroy(f.ctx, &m);
+        sg_model_destroy(&m);
         clear_fixture(&f);
     }
-    sg_model_destroy(first.ctx, &expected);
+    sg_model_destroy(&expected);
     clear_fixture(&first);
 }
 
@@ -38,8 +38,8 @@ static void test_resume(void **state)
     struct sg_model *whole = train(&f, &p, 40, path, NULL, NULL);
     struct sg_model *resumed = train(&f, &p, 40, NULL, path, NULL);
     assert_same(resumed, whole);
-    sg_model_destroy(f.ctx, &whole);
-    sg_model_destroy(f.ctx, &resumed);
+    sg_model_destroy(&whole);
+    sg_model_destroy(&resumed);
 
     /* Altered or cut checkpoints are refused and leave the trainer usable. */
     FILE *file = fopen(path, "rb");
@@ -94,7 +94,7 @@ static void test_golden_losses(void **state)
         else
             p.engine = "ref";
         struct sg_model *m = train(&f, &p, 20, NULL, NULL, losses);
-        sg_model_destroy(f.ctx, &m);
+        sg_model_destroy(&m);
         for (int i = 0; i < 20; i++)
             if (fabs(losses[i] - golden[i]) > 5e-4 * golden[i])
                 fail_msg("%s: loss %d: found %.9f, expected %.9f", v < n ? p.cpu : "ref", i + 1, losses[i], golden[i]);
@@ -113,7 +113,7 @@ static void test_loss_falls(void **state)
     for (int i = 0; i < 20; i++)
         head += losses[i], tail += losses[180 + i];
     assert_true(tail < 0.4 * head);
-    sg_model_destroy(f.ctx, &m);
+    sg_model_destroy(&m);
     clear_fixture(&f);
 }
 
@@ -280,7 +280,7 @@ static void test_masks(void **state)
     }
     assert_same(trained[0], trained[1]);
     for (int k = 0; k < 2; k++)
-        sg_model_destroy(f.ctx, &trained[k]);
+        sg_model_destroy(&trained[k]);
     memset(mask, 0, sizeof(mask));
     assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_ERR_INPUT);
     assert_non_null(strstr(sg_last_error(f.ctx), "masks leave nothing"));
@@ -321,7 +321,7 @@ static void test_no_extent(void **state)
     for (size_t i = 0; i < m->count; i++)
         most = fmaxf(most, fabsf(*sg_model_at(m, i, SG_P_XYZ) - *sg_model_at(f.start, i, SG_P_XYZ)));
     assert_true(most > 1e-6f && most < 1);
-    sg_model_destroy(f.ctx, &m);
+    sg_model_destroy(&m);
     clear_fixture(&f);
 }
 

@@ -35,8 +35,8 @@ static inline void clear_fixture(struct fixture *f)
 {
     for (int i = 0; i < VIEWS; i++)
         free(f->views[i].rgb);
-    sg_model_destroy(f->ctx, &f->truth);
-    sg_model_destroy(f->ctx, &f->start);
+    sg_model_destroy(&f->truth);
+    sg_model_destroy(&f->start);
     sg_ctx_destroy(&f->ctx);
 }
 

@@ -128,7 +128,7 @@ struct sg_poison_report {
     double psnr;                /* dB; 100 for equal images */
     double tv_before, tv_after; /* sg_total_variation of photo and file, SG_TV_ANISO */
 };
-void sg_poison_report_clear(sg_ctx *ctx, struct sg_poison_report *report);
+void sg_poison_report_clear(struct sg_poison_report *report);
 
 /* The folder with cameras and points as the scene has them: transforms and points of Blender scenes and models of
  * COLMAP are copied; nerfstudio scenes and photos whose lens distortion was taken out get a transforms.json for the

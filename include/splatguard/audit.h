@@ -56,7 +56,7 @@ struct sg_audit {
 
 /* The caller owns *out. Errors: SG_ERR_BUDGET. Thread safety: as the context. */
 int sg_audit_scene(sg_ctx *ctx, const struct sg_scene *scene, struct sg_audit **out);
-void sg_audit_destroy(sg_ctx *ctx, struct sg_audit **audit);
+void sg_audit_destroy(struct sg_audit **audit);
 
 const char *sg_audit_verdict_name(enum sg_audit_verdict verdict);
 

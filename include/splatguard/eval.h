@@ -39,7 +39,7 @@ struct sg_eval {
  * pixel, SG_ERR_BUDGET. */
 int sg_evaluate(sg_ctx *ctx, sg_renderer *renderer, const struct sg_view *views, size_t n, int time_fps,
                 struct sg_eval *out);
-void sg_eval_clear(sg_ctx *ctx, struct sg_eval *eval);
+void sg_eval_clear(struct sg_eval *eval);
 
 #ifdef __cplusplus
 }

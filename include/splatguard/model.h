@@ -53,7 +53,7 @@ static inline float *sg_model_at(const struct sg_model *m, size_t i, int p)
 
 /* An all-zero model of `count` Gaussians; the caller owns *out. Errors: SG_ERR_USAGE, SG_ERR_BUDGET. */
 int sg_model_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_model **out);
-void sg_model_destroy(sg_ctx *ctx, struct sg_model **model);
+void sg_model_destroy(struct sg_model **model);
 
 /* Initial Gaussians at points (Kerbl et al. 2023, section 5.1): isotropic, scale = RMS distance to the exact 3 nearest
  * other points, opacity 0.1, active degree 0. xyz: n x 3; rgb: n x 3. Errors: SG_ERR_INPUT for fewer than 4 points and
@@ -77,7 +77,7 @@ int sg_model_write_ply(sg_ctx *ctx, const struct sg_model *model, const char *pa
  * Arrays are owned by the caller: free with sg_points_destroy. Errors: as of models. */
 int sg_points_read_ply(sg_ctx *ctx, const char *path, uint64_t max_points, float **xyz, uint8_t **rgb, size_t *n);
 int sg_points_write_ply(sg_ctx *ctx, const char *path, const float *xyz, const uint8_t *rgb, size_t n);
-void sg_points_destroy(sg_ctx *ctx, float **xyz, uint8_t **rgb);
+void sg_points_destroy(float **xyz, uint8_t **rgb);
 
 /* cameras.json as the reference writes it: test cameras first, then train. */
 int sg_cameras_write_json(sg_ctx *ctx, const struct sg_scene *scene, const char *path);

@@ -76,7 +76,7 @@ struct sg_scene {
 /* Loads cameras, points and images (decoded in parallel, undistorted, resampled). params may be NULL.
  * On success the caller owns *out. Errors: SG_ERR_USAGE for values out of range, SG_ERR_INPUT, SG_ERR_BUDGET. */
 int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *params, struct sg_scene **out);
-void sg_scene_destroy(sg_ctx *ctx, struct sg_scene **scene);
+void sg_scene_destroy(struct sg_scene **scene);
 
 const char *sg_scene_format_name(enum sg_scene_format format);
 

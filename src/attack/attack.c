@@ -127,15 +127,14 @@ void sg_attack_destroy(sg_attack **attack)
     if (!attack || !*attack)
         return;
     sg_attack *a = *attack;
-    sg_ctx *ctx = a->ctx;
     sg_trainer_destroy(&a->trainer);
-    sg_free(ctx, a->image);
-    sg_free(ctx, a->photo);
-    sg_free(ctx, a->scratch);
-    sg_free(ctx, a->rows);
-    sg_free(ctx, a->extra);
+    sg_free(a->image);
+    sg_free(a->photo);
+    sg_free(a->scratch);
+    sg_free(a->rows);
+    sg_free(a->extra);
     sg_plans_clear(&a->plans);
-    sg_free(ctx, a);
+    sg_free(a);
     *attack = NULL;
 }
 

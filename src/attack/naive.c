@@ -56,6 +56,6 @@ int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, con
         sg_ascend(ctx, &a, photo, w, h, x, scratch);
     sg_anisotropy_destroy(&a.spectral);
     sg_quantise(x, w, h, rgb);
-    sg_free(ctx, photo);
+    sg_free(photo);
     return code;
 }

@@ -63,9 +63,9 @@ static int copy(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_folde
         if (!code)
             code = sg_file_write(ctx, target, data, size);
     }
-    sg_free(ctx, data);
-    sg_free(ctx, source);
-    sg_free(ctx, target);
+    sg_free(data);
+    sg_free(source);
+    sg_free(target);
     return code;
 }
 
@@ -103,7 +103,7 @@ static int put_frames(sg_ctx *ctx, FILE *f, const struct sg_scene *scene, const 
         char *file = image_file(ctx, scene, &views[i], files);
         json_t *name = file ? json_string(file) : NULL;
         char *quoted = name ? json_dumps(name, JSON_ENCODE_ANY) : NULL;
-        sg_free(ctx, file);
+        sg_free(file);
         json_decref(name);
         if (!quoted)
             return sg_fail(ctx, SG_ERR_INPUT, "%s: the name is not UTF-8, as JSON needs it", views[i].path);
@@ -145,9 +145,9 @@ static int write_transforms(sg_ctx *ctx, const struct sg_scene *scene, const str
         if (!code)
             code = sg_file_commit(ctx, &w);
     }
-    sg_file_abandon(ctx, &w);
-    sg_free(ctx, path);
-    sg_free(ctx, cloud);
+    sg_file_abandon(&w);
+    sg_free(path);
+    sg_free(cloud);
     return code;
 }
 
@@ -159,7 +159,7 @@ static int remove_cameras(sg_ctx *ctx, const char *folder, const char *const *na
         const int code = place(ctx, folder, *names, &path);
         if (!code)
             unlink(path);
-        sg_free(ctx, path);
+        sg_free(path);
         if (code)
             return code;
     }
@@ -177,7 +177,7 @@ static int remove_namesakes(sg_ctx *ctx, const char *path)
             return SG_ERR_BUDGET;
         if (strcmp(other, path))
             unlink(other);
-        sg_free(ctx, other);
+        sg_free(other);
     }
     return SG_OK;
 }
@@ -217,7 +217,7 @@ int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene, const str
         return code;
     for (const char *const *name = scene->format == SG_FORMAT_BLENDER ? blender : colmap; *name && !code; name++)
         code = copy(ctx, scene, &from, folder, *name);
-    sg_folder_close(ctx, &from);
+    sg_folder_close(&from);
     return code;
 }
 
@@ -237,7 +237,7 @@ static int measure(sg_ctx *ctx, const struct sg_view *view, const char *path, st
     report->psnr = fmin(sg_psnr_u8(view->rgb, image.pixels, w, h), 100);
     report->tv_before = sg_total_variation(view->rgb, w, h, SG_TV_ANISO);
     report->tv_after = sg_total_variation(image.pixels, w, h, SG_TV_ANISO);
-    sg_image_clear(ctx, &image);
+    sg_image_clear(&image);
     return SG_OK;
 }
 
@@ -251,8 +251,8 @@ static int write_mask(sg_ctx *ctx, const struct sg_scene *scene, const struct sg
         unlink(path); /* of another set */
     else if (!code && !(code = make_folder(ctx, path)))
         code = sg_image_write_png(ctx, path, view->mask, view->camera.width, view->camera.height, 1);
-    sg_free(ctx, name);
-    sg_free(ctx, path);
+    sg_free(name);
+    sg_free(path);
     return code;
 }
 
@@ -280,13 +280,13 @@ int sg_poisoned_scene_image(sg_ctx *ctx, const struct sg_scene *scene, const str
         report->file = file;
         file = NULL;
     }
-    sg_free(ctx, file);
-    sg_free(ctx, path);
+    sg_free(file);
+    sg_free(path);
     return code;
 }
 
-void sg_poison_report_clear(sg_ctx *ctx, struct sg_poison_report *report)
+void sg_poison_report_clear(struct sg_poison_report *report)
 {
-    sg_free(ctx, report->file);
+    sg_free(report->file);
     *report = (struct sg_poison_report){0};
 }

@@ -11,8 +11,9 @@
 
 #define ALIGN 64 /* a cache line, and the widest vector */
 
-/* Stands before every allocation of the ledger. */
+/* Precedes every allocation. It names the ledger that was charged, so that no other can be credited. */
 struct header {
+    sg_ctx *owner;
     size_t bytes; /* with this header */
     enum sg_mem_tag tag;
 };
@@ -206,7 +207,7 @@ void *sg_alloc_raw(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size)
                     sg_mem_tag_name(tag), (unsigned long long) held);
         return NULL;
     }
-    *h = (struct header){bytes, tag};
+    *h = (struct header){ctx, bytes, tag};
     /* Peaks only once it is granted, so that a refusal leaves the ledger as it was. */
     struct counter *own = &ctx->memory[tag];
     raise_peak(&ctx->memory[SG_MEM_TAGS], held + bytes);
@@ -231,13 +232,13 @@ int sg_reserve(sg_ctx *ctx, enum sg_mem_tag tag, uint64_t bytes, void **room)
     return *room ? SG_OK : SG_ERR_BUDGET;
 }
 
-void sg_free(sg_ctx *ctx, void *memory)
+void sg_free(void *memory)
 {
     if (!memory)
         return;
     struct header *h = (struct header *) ((char *) memory - ALIGN);
-    discharge(&ctx->memory[h->tag], h->bytes);
-    discharge(&ctx->memory[SG_MEM_TAGS], h->bytes);
+    discharge(&h->owner->memory[h->tag], h->bytes);
+    discharge(&h->owner->memory[SG_MEM_TAGS], h->bytes);
     free(h);
 }
 
@@ -251,7 +252,7 @@ int sg_grow(sg_ctx *ctx, enum sg_mem_tag tag, void *array, size_t *capacity, siz
     if (grown < need)
         grown = need;
     if (!keep) { /* free first: the peak is then the larger of the two, not their sum */
-        sg_free(ctx, old);
+        sg_free(old);
         old = NULL;
         memcpy(array, &old, sizeof(old));
         *capacity = 0;
@@ -261,7 +262,7 @@ int sg_grow(sg_ctx *ctx, enum sg_mem_tag tag, void *array, size_t *capacity, siz
         return SG_ERR_BUDGET;
     if (keep)
         memcpy(fresh, old, keep * size);
-    sg_free(ctx, old);
+    sg_free(old);
     memcpy(array, &fresh, sizeof(fresh));
     *capacity = grown;
     return SG_OK;

@@ -59,15 +59,15 @@ int sg_file_create(sg_ctx *ctx, struct sg_file_writer *w, const char *path)
     w->path = sg_strdup(ctx, path);
     w->temporary = sg_strf(ctx, "%s.tmp%ld", path, (long) getpid());
     if (!w->path || !w->temporary) {
-        sg_file_abandon(ctx, w);
+        sg_file_abandon(w);
         return SG_ERR_BUDGET;
     }
     w->stream = sg_temporary_open(w->temporary);
     if (!w->stream) {
         int code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write: %s", path, strerror(errno));
-        sg_free(ctx, w->temporary); /* nothing of ours to remove */
+        sg_free(w->temporary); /* nothing of ours to remove */
         w->temporary = NULL;
-        sg_file_abandon(ctx, w);
+        sg_file_abandon(w);
         return code;
     }
     return SG_OK;
@@ -81,21 +81,21 @@ int sg_file_commit(sg_ctx *ctx, struct sg_file_writer *w)
     if (!done)
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write: %s", w->path, strerror(errno ? errno : EIO));
     else {
-        sg_free(ctx, w->temporary);
+        sg_free(w->temporary);
         w->temporary = NULL;
     }
-    sg_file_abandon(ctx, w);
+    sg_file_abandon(w);
     return code;
 }
 
-void sg_file_abandon(sg_ctx *ctx, struct sg_file_writer *w)
+void sg_file_abandon(struct sg_file_writer *w)
 {
     if (w->stream)
         fclose(w->stream);
     if (w->temporary)
         unlink(w->temporary);
-    sg_free(ctx, w->temporary);
-    sg_free(ctx, w->path);
+    sg_free(w->temporary);
+    sg_free(w->path);
     *w = (struct sg_file_writer){0};
 }
 
@@ -141,7 +141,7 @@ int sg_stream_read(sg_ctx *ctx, FILE *f, const char *path, uint64_t max_bytes, c
     }
     *size = fread(*data, 1, (size_t) st.st_size, f);
     if (*size != (size_t) st.st_size) {
-        sg_free(ctx, *data);
+        sg_free(*data);
         *data = NULL;
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found %zu bytes, expected %lld: cannot read on", path, *size,
                        (long long) st.st_size);
@@ -193,6 +193,6 @@ int sg_dir_create(sg_ctx *ctx, const char *path)
         if (!kept)
             break;
     }
-    sg_free(ctx, copy);
+    sg_free(copy);
     return code;
 }

@@ -23,7 +23,7 @@ struct sg_file_writer {
 int sg_file_create(sg_ctx *ctx, struct sg_file_writer *w, const char *path);
 /* Checks every earlier write of the stream: one place to report a full disk. */
 int sg_file_commit(sg_ctx *ctx, struct sg_file_writer *w);
-void sg_file_abandon(sg_ctx *ctx, struct sg_file_writer *w); /* safe after commit, and on a zeroed writer */
+void sg_file_abandon(struct sg_file_writer *w); /* safe after commit, and on a zeroed writer */
 
 /* For reading, from a regular file: pipes and devices are refused without waiting for them. */
 int sg_file_open(sg_ctx *ctx, const char *path, FILE **out);

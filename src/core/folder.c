@@ -151,7 +151,7 @@ int sg_folder_open(sg_ctx *ctx, const char *path, bool follow_links, struct sg_f
     char *real = out->fd >= 0 ? realpath(path, NULL) : NULL;
     if (!real) {
         const int why = errno;
-        sg_folder_close(ctx, out);
+        sg_folder_close(out);
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found no folder: %s", path, strerror(why));
     }
     out->real = sg_strdup(ctx, strcmp(real, "/") ? real : "");
@@ -159,16 +159,16 @@ int sg_folder_open(sg_ctx *ctx, const char *path, bool follow_links, struct sg_f
     free(real);
     if (out->real && out->path)
         return SG_OK;
-    sg_folder_close(ctx, out);
+    sg_folder_close(out);
     return SG_ERR_BUDGET;
 }
 
-void sg_folder_close(sg_ctx *ctx, struct sg_folder *folder)
+void sg_folder_close(struct sg_folder *folder)
 {
     if (folder->fd >= 0)
         close(folder->fd);
-    sg_free(ctx, folder->real);
-    sg_free(ctx, folder->path);
+    sg_free(folder->real);
+    sg_free(folder->path);
     *folder = (struct sg_folder){.fd = -1};
 }
 

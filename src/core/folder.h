@@ -15,7 +15,7 @@ struct sg_folder {
 
 /* SG_ERR_INPUT where there is no such folder. After a failure *out is closed. */
 int sg_folder_open(sg_ctx *ctx, const char *path, bool follow_links, struct sg_folder *out);
-void sg_folder_close(sg_ctx *ctx, struct sg_folder *folder);
+void sg_folder_close(struct sg_folder *folder);
 
 /* In all of these, path is PATH/NAME, as messages have it. Thread safe. */
 

@@ -31,7 +31,8 @@ int sg_grow(sg_ctx *ctx, enum sg_mem_tag tag, void *array, size_t *capacity, siz
 /* Room that nobody touches and sg_free gives back: it stands in the ledger for what another library allocates for
  * itself. Nothing where there is no limit. */
 int sg_reserve(sg_ctx *ctx, enum sg_mem_tag tag, uint64_t bytes, void **room);
-void sg_free(sg_ctx *ctx, void *memory); /* NULL-safe, thread safe */
+/* NULL-safe, thread safe. Every allocation knows its context and is credited to that one. */
+void sg_free(void *memory);
 char *sg_strdup(sg_ctx *ctx, const char *text);
 __attribute__((format(printf, 2, 3))) char *sg_strf(sg_ctx *ctx, const char *format, ...);
 

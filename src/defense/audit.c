@@ -182,7 +182,7 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
 #undef REASON
 #undef MEDIAN
 done:
-    sg_free(ctx, votes);
+    sg_free(votes);
     for (size_t i = 0; i < a->count_reasons; i++)
         if (!a->reasons[i])
             return SG_ERR_BUDGET;
@@ -234,22 +234,22 @@ int sg_audit_scene(sg_ctx *ctx, const struct sg_scene *scene, struct sg_audit **
         }
         code = code ? code : conclude(ctx, a);
     }
-    sg_free(ctx, codes);
+    sg_free(codes);
     if (code) { /* another thread's measurement may have cleared the message */
         sg_fail(ctx, code, "%s: audit: a photo could not be measured", scene->path);
-        sg_audit_destroy(ctx, &a);
+        sg_audit_destroy(&a);
     }
     *out = a;
     return code;
 }
 
-void sg_audit_destroy(sg_ctx *ctx, struct sg_audit **audit)
+void sg_audit_destroy(struct sg_audit **audit)
 {
     if (!audit || !*audit)
         return;
-    sg_free(ctx, (*audit)->images);
+    sg_free((*audit)->images);
     for (size_t i = 0; i < (*audit)->count_reasons; i++)
-        sg_free(ctx, (*audit)->reasons[i]);
-    sg_free(ctx, *audit);
+        sg_free((*audit)->reasons[i]);
+    sg_free(*audit);
     *audit = NULL;
 }

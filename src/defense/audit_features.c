@@ -303,10 +303,10 @@ int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int w
     d = distribute(&p, own);
     out->quarter_osc = d.half, out->quarter_share = share_of(&down, &across);
 done:
-    sg_free(ctx, p.values);
-    sg_free(ctx, p.columns);
-    sg_free(ctx, p.blocks);
-    sg_free(ctx, own);
-    sg_free(ctx, less);
+    sg_free(p.values);
+    sg_free(p.columns);
+    sg_free(p.blocks);
+    sg_free(own);
+    sg_free(less);
     return code;
 }

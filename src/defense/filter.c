@@ -64,9 +64,9 @@ int sg_score(struct sg_engine *engine, const struct sg_scene *scene, const struc
             engine->ops->count_hits(engine, views, sample_views(scene, p, seed, it, views), render, p->hit, out->score);
     if (!code)
         code = engine->ops->read_statistics(engine, &(struct sg_statistics){.log_smallest = out->log_smallest});
-    sg_free(ctx, views);
+    sg_free(views);
     if (code) {
-        sg_scores_clear(ctx, out);
+        sg_scores_clear(out);
         return code;
     }
     for (size_t i = 0; i < n; i++)
@@ -75,11 +75,11 @@ int sg_score(struct sg_engine *engine, const struct sg_scene *scene, const struc
     return SG_OK;
 }
 
-void sg_scores_clear(sg_ctx *ctx, struct sg_scores *s)
+void sg_scores_clear(struct sg_scores *s)
 {
-    sg_free(ctx, s->score);
-    sg_free(ctx, s->log_smallest);
-    sg_free(ctx, s->keys);
+    sg_free(s->score);
+    sg_free(s->log_smallest);
+    sg_free(s->keys);
     *s = (struct sg_scores){0};
 }
 
@@ -186,7 +186,7 @@ int sg_filter(struct sg_engine *engine, const struct sg_scene *scene, const stru
         if (lowest)
             code = engine->ops->edit(engine, &(struct sg_edit){.keep = keep, .kept = n - lowest, .statistics = true});
     }
-    sg_free(ctx, keep);
-    sg_scores_clear(ctx, &s);
+    sg_free(keep);
+    sg_scores_clear(&s);
     return code;
 }

@@ -24,7 +24,7 @@ struct sg_scores {
 /* Counts hits over the sampled views of the scene at iteration it. */
 int sg_score(struct sg_engine *engine, const struct sg_scene *scene, const struct sg_defense_params *p,
              const struct sg_render_params *render, uint64_t seed, int it, struct sg_scores *out);
-void sg_scores_clear(sg_ctx *ctx, struct sg_scores *s);
+void sg_scores_clear(struct sg_scores *s);
 
 /* The score at rank k (0: lowest) of all. */
 double sg_scores_rank(const struct sg_scores *s, size_t k);

@@ -43,15 +43,15 @@ int sg_optimiser_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_opti
     o->grad_count = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
     if (o->m && o->v && o->grad_sum && o->grad_count)
         return SG_OK;
-    sg_optimiser_clear(ctx, o);
+    sg_optimiser_clear(o);
     return SG_ERR_BUDGET;
 }
 
-void sg_optimiser_clear(sg_ctx *ctx, struct sg_optimiser *o)
+void sg_optimiser_clear(struct sg_optimiser *o)
 {
-    sg_free(ctx, o->m);
-    sg_free(ctx, o->v);
-    sg_free(ctx, o->grad_sum);
-    sg_free(ctx, o->grad_count);
+    sg_free(o->m);
+    sg_free(o->v);
+    sg_free(o->grad_sum);
+    sg_free(o->grad_count);
     *o = (struct sg_optimiser){0};
 }

@@ -21,7 +21,7 @@ struct sg_optimiser {
     float *grad_count; /* views it was visible in */
 };
 int sg_optimiser_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_optimiser *out);
-void sg_optimiser_clear(sg_ctx *ctx, struct sg_optimiser *optimiser);
+void sg_optimiser_clear(struct sg_optimiser *optimiser);
 
 enum sg_group { SG_G_XYZ, SG_G_OPACITY, SG_G_SCALE, SG_G_ROT, SG_G_DC, SG_G_REST, SG_GROUPS };
 

@@ -26,7 +26,7 @@ int sg_host_upload(sg_ctx *ctx, struct sg_host_model *h, const struct sg_model *
                               .planes = sg_param_count(m->sh_degree)};
     n.params = sg_alloc(ctx, SG_MEM_MODEL, n.capacity, (size_t) n.planes * sizeof(float));
     if (!n.params || (o && sg_optimiser_create(ctx, m->count, m->sh_degree, &n.opt))) {
-        sg_free(ctx, n.params);
+        sg_free(n.params);
         return SG_ERR_BUDGET;
     }
     const size_t bytes = blocks(m->count) * block_bytes(&n);
@@ -37,14 +37,14 @@ int sg_host_upload(sg_ctx *ctx, struct sg_host_model *h, const struct sg_model *
         memcpy(n.opt.grad_sum, o->grad_sum, m->count * sizeof(float));
         memcpy(n.opt.grad_count, o->grad_count, m->count * sizeof(float));
     }
-    sg_host_clear(ctx, h);
+    sg_host_clear(h);
     *h = n;
     return SG_OK;
 }
 
-void sg_host_adopt(sg_ctx *ctx, struct sg_host_model *h, struct sg_model *m, struct sg_optimiser *o)
+void sg_host_adopt(struct sg_host_model *h, struct sg_model *m, struct sg_optimiser *o)
 {
-    sg_host_clear(ctx, h);
+    sg_host_clear(h);
     *h = (struct sg_host_model){.count = m->count,
                                 .capacity = m->capacity,
                                 .sh_degree = m->sh_degree,
@@ -218,7 +218,7 @@ static bool replace(sg_ctx *ctx, enum sg_mem_tag tag, const struct sg_host_model
     float *made = edited(ctx, tag, h, *array, capacity, e, source, order);
     if (!made)
         return false;
-    sg_free(ctx, *array);
+    sg_free(*array);
     *array = made;
     return true;
 }
@@ -229,7 +229,7 @@ int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *e)
     const bool learns = h->opt.m;
     struct sg_optimiser fresh = {.capacity = capacity}; /* the statistics */
     uint32_t *source = NULL, *order = NULL;
-    sg_free(ctx, h->kept);
+    sg_free(h->kept);
     h->kept = NULL;
     int code = edit_order(ctx, h, e, &source, &order);
     if (!code && learns) {
@@ -245,24 +245,24 @@ int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *e)
     if (!code && !replace(ctx, SG_MEM_MODEL, h, &h->params, capacity, e, source, order))
         code = SG_ERR_BUDGET;
     if (code) { /* the model is as it was */
-        sg_optimiser_clear(ctx, &fresh);
+        sg_optimiser_clear(&fresh);
         goto done;
     }
     if (learns && (!replace(ctx, SG_MEM_OPTIMISER, h, &h->opt.m, capacity, e, source, order) ||
                    !replace(ctx, SG_MEM_OPTIMISER, h, &h->opt.v, capacity, e, source, order))) {
         code = SG_ERR_BUDGET; /* the model is edited and has no moments */
-        sg_optimiser_clear(ctx, &fresh);
-        sg_optimiser_clear(ctx, &h->opt);
+        sg_optimiser_clear(&fresh);
+        sg_optimiser_clear(&h->opt);
     } else {
-        sg_free(ctx, h->opt.grad_sum);
-        sg_free(ctx, h->opt.grad_count);
+        sg_free(h->opt.grad_sum);
+        sg_free(h->opt.grad_count);
         fresh.m = h->opt.m, fresh.v = h->opt.v;
         h->opt = fresh;
     }
     h->count = count, h->capacity = capacity;
 done:
-    sg_free(ctx, order);
-    sg_free(ctx, source);
+    sg_free(order);
+    sg_free(source);
     return code;
 }
 
@@ -294,10 +294,10 @@ int sg_host_keep_gradients(sg_ctx *ctx, struct sg_host_model *h)
     return h->kept ? SG_OK : SG_ERR_BUDGET;
 }
 
-void sg_host_clear(sg_ctx *ctx, struct sg_host_model *h)
+void sg_host_clear(struct sg_host_model *h)
 {
-    sg_free(ctx, h->params);
-    sg_free(ctx, h->kept);
-    sg_optimiser_clear(ctx, &h->opt);
+    sg_free(h->params);
+    sg_free(h->kept);
+    sg_optimiser_clear(&h->opt);
     *h = (struct sg_host_model){0};
 }

@@ -14,7 +14,7 @@ struct sg_host_model {
 };
 
 int sg_host_upload(sg_ctx *ctx, struct sg_host_model *h, const struct sg_model *m, const struct sg_optimiser *o);
-void sg_host_adopt(sg_ctx *ctx, struct sg_host_model *h, struct sg_model *m, struct sg_optimiser *o);
+void sg_host_adopt(struct sg_host_model *h, struct sg_model *m, struct sg_optimiser *o);
 int sg_host_learn(sg_ctx *ctx, struct sg_host_model *h); /* makes room for the optimiser's state, zeroed */
 int sg_host_download(const struct sg_host_model *h, struct sg_model *m, struct sg_optimiser *o);
 void sg_host_statistics(sg_ctx *ctx, const struct sg_host_model *h, const struct sg_statistics *out);
@@ -23,7 +23,7 @@ int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *edi
 void sg_host_floor_scale(struct sg_host_model *h, float smallest);
 void sg_host_reset_opacity(struct sg_host_model *h, float limit);
 int sg_host_keep_gradients(sg_ctx *ctx, struct sg_host_model *h); /* makes room in `kept`, zeroed */
-void sg_host_clear(sg_ctx *ctx, struct sg_host_model *h);
+void sg_host_clear(struct sg_host_model *h);
 
 /* Which Adam group a plane belongs to. */
 static inline enum sg_group sg_plane_group(int plane)

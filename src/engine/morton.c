@@ -85,7 +85,7 @@ int sg_morton_order(sg_ctx *ctx, const float *params, int planes, size_t count, 
         order[i] = from[i].index;
     code = SG_OK;
 done:
-    sg_free(ctx, from);
-    sg_free(ctx, to);
+    sg_free(from);
+    sg_free(to);
     return code;
 }

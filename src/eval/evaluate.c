@@ -34,7 +34,7 @@ static int time_frames(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views,
         out->fps = 1 / frames[ROUNDS * n / 2];
         out->fps_mean = (double) (ROUNDS * n) / sum;
     }
-    sg_free(ctx, frames);
+    sg_free(frames);
     return code;
 }
 
@@ -105,16 +105,16 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
     if (time_fps)
         code = time_frames(ctx, r, views, n, rgb, out);
 done:
-    sg_free(ctx, rgb);
-    sg_free(ctx, bytes);
-    sg_free(ctx, photo);
+    sg_free(rgb);
+    sg_free(bytes);
+    sg_free(photo);
     if (code)
-        sg_eval_clear(ctx, out);
+        sg_eval_clear(out);
     return code;
 }
 
-void sg_eval_clear(sg_ctx *ctx, struct sg_eval *eval)
+void sg_eval_clear(struct sg_eval *eval)
 {
-    sg_free(ctx, eval->per_view);
+    sg_free(eval->per_view);
     *eval = (struct sg_eval){0};
 }

@@ -67,7 +67,7 @@ int sg_ssim_u8(sg_ctx *ctx, const uint8_t *a, const uint8_t *b, int width, int h
             sum += j.rows[y];
         *out = sum / (3.0 * (double) width * (double) height);
     }
-    sg_free(ctx, j.rows);
-    sg_free(ctx, j.scratch);
+    sg_free(j.rows);
+    sg_free(j.scratch);
     return code;
 }

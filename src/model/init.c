@@ -40,8 +40,8 @@ int sg_model_init_points(sg_ctx *ctx, const float *xyz, const uint8_t *rgb, size
     *out = m;
     m = NULL;
 done:
-    sg_free(ctx, d2);
-    sg_model_destroy(ctx, &m);
+    sg_free(d2);
+    sg_model_destroy(&m);
     return code;
 }
 
@@ -59,7 +59,7 @@ int sg_model_init_random(sg_ctx *ctx, size_t n, uint64_t seed, int sh_degree, st
         }
         code = sg_model_init_points(ctx, xyz, rgb, n, sh_degree, out);
     }
-    sg_free(ctx, xyz);
-    sg_free(ctx, rgb);
+    sg_free(xyz);
+    sg_free(rgb);
     return code;
 }

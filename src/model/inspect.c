@@ -36,8 +36,8 @@ int sg_model_inspect(sg_ctx *ctx, const struct sg_model *m, struct sg_model_info
     float *scale = sg_alloc_raw(ctx, SG_MEM_MISC, m->count, sizeof(float));
     float *opacity = sg_alloc_raw(ctx, SG_MEM_MISC, m->count, sizeof(float));
     if (!scale || !opacity) {
-        sg_free(ctx, scale);
-        sg_free(ctx, opacity);
+        sg_free(scale);
+        sg_free(opacity);
         return SG_ERR_BUDGET;
     }
     for (int k = 0; k < 3; k++)
@@ -66,7 +66,7 @@ int sg_model_inspect(sg_ctx *ctx, const struct sg_model *m, struct sg_model_info
     }
     percentiles(scale, n, out->scale_percentile);
     percentiles(opacity, n, out->opacity_percentile);
-    sg_free(ctx, scale);
-    sg_free(ctx, opacity);
+    sg_free(scale);
+    sg_free(opacity);
     return SG_OK;
 }

@@ -131,7 +131,7 @@ int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussians, str
     *out = m;
     m = NULL;
 done:
-    sg_model_destroy(ctx, &m);
-    sg_free(ctx, data);
+    sg_model_destroy(&m);
+    sg_free(data);
     return code;
 }

@@ -179,8 +179,8 @@ int sg_nearest3(sg_ctx *ctx, const float *xyz, size_t n, float *out)
         build(&t, 0, n);
         sg_parallel_for(ctx, (n + PIECE - 1) / PIECE, query_piece, &t);
     }
-    sg_free(ctx, t.index);
-    sg_free(ctx, t.axis);
-    sg_free(ctx, t.box);
+    sg_free(t.index);
+    sg_free(t.axis);
+    sg_free(t.box);
     return code;
 }

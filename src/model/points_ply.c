@@ -50,8 +50,8 @@ int sg_points_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t 
     *n = (size_t) p.rows;
 done:
     if (code)
-        sg_points_destroy(ctx, xyz, rgb);
-    sg_free(ctx, data);
+        sg_points_destroy(xyz, rgb);
+    sg_free(data);
     return code;
 }
 
@@ -88,9 +88,9 @@ int sg_points_write_ply(sg_ctx *ctx, const char *path, const float *xyz, const u
     return sg_file_commit(ctx, &w);
 }
 
-void sg_points_destroy(sg_ctx *ctx, float **xyz, uint8_t **rgb)
+void sg_points_destroy(float **xyz, uint8_t **rgb)
 {
-    sg_free(ctx, *xyz);
-    sg_free(ctx, *rgb);
+    sg_free(*xyz);
+    sg_free(*rgb);
     *xyz = NULL, *rgb = NULL;
 }

@@ -19,18 +19,18 @@ int sg_model_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_model **
                            .active_sh_degree = sh_degree};
     m->params = sg_alloc(ctx, SG_MEM_MODEL, m->capacity, (size_t) sg_param_count(sh_degree) * sizeof(float));
     if (!m->params) {
-        sg_free(ctx, m);
+        sg_free(m);
         return SG_ERR_BUDGET;
     }
     *out = m;
     return SG_OK;
 }
 
-void sg_model_destroy(sg_ctx *ctx, struct sg_model **model)
+void sg_model_destroy(struct sg_model **model)
 {
     if (!model || !*model)
         return;
-    sg_free(ctx, (*model)->params);
-    sg_free(ctx, *model);
+    sg_free((*model)->params);
+    sg_free(*model);
     *model = NULL;
 }

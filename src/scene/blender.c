@@ -31,7 +31,7 @@ int sg_blender_parse(sg_ctx *ctx, const char *file, const char *data, size_t siz
     }
     if (!code)
         code = sg_shots_check_names(ctx, shots, first, file);
-    sg_transforms_clear(ctx, &doc);
+    sg_transforms_clear(&doc);
     return code;
 }
 
@@ -50,9 +50,9 @@ static int read_split(sg_ctx *ctx, const struct sg_folder *dir, const char *name
         if (!code && !shot->path)
             code = sg_fail(ctx, SG_ERR_INPUT, "%s: frame %zu: found no image, tried %s", file, i - first, tried);
     }
-    sg_free(ctx, tried);
-    sg_free(ctx, data);
-    sg_free(ctx, file);
+    sg_free(tried);
+    sg_free(data);
+    sg_free(file);
     return code;
 }
 
@@ -66,6 +66,6 @@ int sg_read_blender(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_sc
         return code;
     char *path = sg_strf(ctx, "%s/points3d.ply", dir->path);
     code = path ? sg_read_points(ctx, dir, path, params->max_points, points) : SG_ERR_BUDGET;
-    sg_free(ctx, path);
+    sg_free(path);
     return code;
 }

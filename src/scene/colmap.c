@@ -124,7 +124,7 @@ static bool has_part(sg_ctx *ctx, const struct sg_folder *dir, const char *folde
 {
     char *path = sg_strf(ctx, "%s/%s", folder, name);
     const bool found = path && sg_folder_has(dir, path);
-    sg_free(ctx, path);
+    sg_free(path);
     return found;
 }
 
@@ -141,7 +141,7 @@ static char *find_model(sg_ctx *ctx, const struct sg_folder *dir, bool *text)
         *text = true;
         if (has_part(ctx, dir, folder, "images.txt") && has_part(ctx, dir, folder, "cameras.txt"))
             return folder;
-        sg_free(ctx, folder);
+        sg_free(folder);
     }
     return NULL;
 }
@@ -150,7 +150,7 @@ bool sg_is_colmap(sg_ctx *ctx, const struct sg_folder *dir)
 {
     bool text;
     char *folder = find_model(ctx, dir, &text);
-    sg_free(ctx, folder);
+    sg_free(folder);
     return folder != NULL;
 }
 
@@ -178,7 +178,7 @@ static int find_photos(sg_ctx *ctx, const struct sg_folder *dir, const char *ima
         if (sg_find_converted(ctx, dir, shot->path, &converted))
             return SG_ERR_BUDGET;
         if (converted) {
-            sg_free(ctx, shot->path);
+            sg_free(shot->path);
             shot->path = converted;
             continue;
         }
@@ -189,7 +189,7 @@ static int find_photos(sg_ctx *ctx, const struct sg_folder *dir, const char *ima
         if (other && !sg_folder_has(dir, other))
             code = sg_fail(ctx, SG_ERR_INPUT, "%s: image \"%s\": found neither %s nor %s", file, shot->file, shot->path,
                            other);
-        sg_free(ctx, shot->path);
+        sg_free(shot->path);
         shot->path = other;
         if (code)
             return code;
@@ -215,8 +215,8 @@ static int read_points(sg_ctx *ctx, const struct sg_folder *dir, const char *fol
         if (!code)
             code = sg_colmap_points_txt(ctx, path, data, size, max_points, points);
     }
-    sg_free(ctx, data);
-    sg_free(ctx, path);
+    sg_free(data);
+    sg_free(path);
     return code;
 }
 
@@ -242,7 +242,7 @@ int sg_read_colmap(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_sce
                 : sg_colmap_cameras_bin(ctx, cameras_path, data, size, &cameras);
     if (code)
         goto done;
-    sg_free(ctx, data);
+    sg_free(data);
     data = NULL;
     code = read_part(ctx, dir, folder, text ? "images.txt" : "images.bin", &images_path, &data, &size);
     if (code)
@@ -251,7 +251,7 @@ int sg_read_colmap(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_sce
                 : sg_colmap_images_bin(ctx, images_path, data, size, params->max_images, &cameras, shots);
     if (code)
         goto done;
-    sg_free(ctx, data); /* before the points: both files can be large */
+    sg_free(data); /* before the points: both files can be large */
     data = NULL;
     code = sg_shots_check_names(ctx, shots, 0, images_path);
     if (!code)
@@ -264,10 +264,10 @@ int sg_read_colmap(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_sce
     for (size_t i = 0; i < shots->count; i++)
         shots->items[i].test = params->eval && i % (size_t) params->test_every == 0;
 done:
-    sg_free(ctx, data);
-    sg_free(ctx, cameras.items);
-    sg_free(ctx, cameras_path);
-    sg_free(ctx, images_path);
-    sg_free(ctx, folder);
+    sg_free(data);
+    sg_free(cameras.items);
+    sg_free(cameras_path);
+    sg_free(images_path);
+    sg_free(folder);
     return code;
 }

@@ -76,7 +76,7 @@ static int decode_png(sg_ctx *ctx, const char *name, const void *data, size_t si
 bad:
     code = sg_fail(ctx, SG_ERR_INPUT, "%s: PNG data: %s", name, spng_strerror(failed));
 done:
-    sg_free(ctx, wide);
+    sg_free(wide);
     spng_ctx_free(png);
     return code;
 }
@@ -173,8 +173,8 @@ static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t s
     if (failed)
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG data: %s", name, tjGetErrorStr2(jpeg));
 done:
-    sg_free(ctx, stripped);
-    sg_free(ctx, room);
+    sg_free(stripped);
+    sg_free(room);
     tjDestroy(jpeg);
     return code;
 }
@@ -204,7 +204,7 @@ static int decode_webp(sg_ctx *ctx, const char *name, const void *data, size_t s
     size_t bytes = (size_t) stride * (size_t) out->height;
     const uint8_t *done = info.has_alpha ? WebPDecodeRGBAInto(data, size, out->pixels, bytes, stride)
                                          : WebPDecodeRGBInto(data, size, out->pixels, bytes, stride);
-    sg_free(ctx, room);
+    sg_free(room);
     return done ? SG_OK : sg_fail(ctx, SG_ERR_INPUT, "%s: WebP data: damaged or cut short", name);
 }
 
@@ -225,7 +225,7 @@ int sg_image_decode(sg_ctx *ctx, const char *name, const void *data, size_t size
         code = sg_fail(ctx, SG_ERR_INPUT,
                        "%s: first bytes: found no known signature, expected a PNG, JPEG or WebP image", name);
     if (code)
-        sg_image_clear(ctx, out);
+        sg_image_clear(out);
     return code;
 }
 
@@ -240,7 +240,7 @@ int sg_image_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t m
     if (code)
         return code;
     code = sg_image_decode(ctx, path, data, size, max_pixels, out);
-    sg_free(ctx, data);
+    sg_free(data);
     return code;
 }
 
@@ -297,7 +297,7 @@ int sg_image_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, int
     if (failed) {
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write the PNG: %s", path,
                        ferror(w.stream) ? strerror(errno) : spng_strerror(failed));
-        sg_file_abandon(ctx, &w);
+        sg_file_abandon(&w);
         return code;
     }
     return sg_file_commit(ctx, &w);
@@ -333,9 +333,9 @@ int sg_image_write_jpeg(sg_ctx *ctx, const char *path, const uint8_t *rgb, int w
     return code;
 }
 
-void sg_image_clear(sg_ctx *ctx, struct sg_image *image)
+void sg_image_clear(struct sg_image *image)
 {
-    sg_free(ctx, image->pixels);
+    sg_free(image->pixels);
     *image = (struct sg_image){0};
 }
 

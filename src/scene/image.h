@@ -36,7 +36,7 @@ int sg_image_encode_png(sg_ctx *ctx, const uint8_t *pixels, int width, int heigh
 int sg_image_write_jpeg(sg_ctx *ctx, const char *path, const uint8_t *rgb, int width, int height, int quality,
                         bool full_chroma);
 
-void sg_image_clear(sg_ctx *ctx, struct sg_image *image); /* safe on a zeroed image */
+void sg_image_clear(struct sg_image *image); /* safe on a zeroed image */
 
 enum sg_alpha { SG_ALPHA_ON_BLACK, SG_ALPHA_ON_WHITE, SG_ALPHA_DROP };
 

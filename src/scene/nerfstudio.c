@@ -109,7 +109,7 @@ int sg_nerfstudio_parse(sg_ctx *ctx, const char *file, const char *data, size_t 
         else if (!(*points_file = sg_strdup(ctx, points)))
             code = SG_ERR_BUDGET;
     }
-    sg_transforms_clear(ctx, &doc);
+    sg_transforms_clear(&doc);
     return code;
 }
 
@@ -132,7 +132,7 @@ static int find_photos(sg_ctx *ctx, const struct sg_folder *dir, const char *fil
         char *mask = sg_strf(ctx, "%s/%s", dir->path, shot->mask);
         if (!mask)
             return SG_ERR_BUDGET;
-        sg_free(ctx, shot->mask);
+        sg_free(shot->mask);
         shot->mask = mask;
         if (shot->path && !sg_folder_has(dir, mask))
             return sg_fail(ctx, SG_ERR_INPUT, "%s: frame of %s: found no mask %s", file, shot->file, mask);
@@ -143,7 +143,7 @@ static int find_photos(sg_ctx *ctx, const struct sg_folder *dir, const char *fil
     if (missing)
         sg_log(ctx, SG_LOG_WARN, "%s: %zu of %zu frames have no image and are skipped, the first is %s", file, missing,
                wanted, shots->items[first].file);
-    sg_shots_drop(ctx, shots);
+    sg_shots_drop(shots);
     return SG_OK;
 }
 
@@ -171,9 +171,9 @@ int sg_read_nerfstudio(sg_ctx *ctx, const struct sg_folder *dir, const struct sg
     for (size_t i = 0; i < shots->count && params->eval && !listed; i++)
         shots->items[i].test = i % (size_t) params->test_every == 0;
 done:
-    sg_free(ctx, path);
-    sg_free(ctx, points_file);
-    sg_free(ctx, data);
-    sg_free(ctx, file);
+    sg_free(path);
+    sg_free(points_file);
+    sg_free(data);
+    sg_free(file);
     return code;
 }

@@ -45,8 +45,8 @@ struct sg_points {
  * paths and ".." are refused: a scene may not name files outside its folder. */
 int sg_shots_add(sg_ctx *ctx, struct sg_shots *shots, uint64_t max, const char *where, const char *file,
                  struct sg_shot **out);
-void sg_shots_clear(sg_ctx *ctx, struct sg_shots *shots);
-void sg_shots_drop(sg_ctx *ctx, struct sg_shots *shots); /* removes the shots without a path */
+void sg_shots_clear(struct sg_shots *shots);
+void sg_shots_drop(struct sg_shots *shots);              /* removes the shots without a path */
 void sg_shots_sort(struct sg_shots *shots);              /* by view name, byte order */
 bool sg_path_is_inside(const char *path);                /* relative and without ".." */
 /* View names from index first on become distinct: all are made of whole paths where two base names are the same. */
@@ -91,7 +91,7 @@ int sg_nerfstudio_parse(sg_ctx *ctx, const char *file, const char *data, size_t 
 /* views.c: decodes, undistorts and resamples the photo of every shot, in parallel. views: one a shot, zeroed. */
 int sg_views_load(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
                   const struct sg_shots *shots, struct sg_view *views);
-void sg_view_clear(sg_ctx *ctx, struct sg_view *view);
+void sg_view_clear(struct sg_view *view);
 
 /* undistort.c: the photo a pinhole with the lens' focal lengths and principal point would have taken, same size.
  * src, dst: height x width x 3. valid: height x width, 255 where the source has the pixel, else 0 and black.

@@ -24,11 +24,11 @@ static double bicubic(double x)
     return x < 2 ? (((x - 5) * x + 8) * x - 4) * a : 0;
 }
 
-static void clear_taps(sg_ctx *ctx, struct taps *t)
+static void clear_taps(struct taps *t)
 {
-    sg_free(ctx, t->first);
-    sg_free(ctx, t->count);
-    sg_free(ctx, t->weight);
+    sg_free(t->first);
+    sg_free(t->count);
+    sg_free(t->weight);
 }
 
 static int make_taps(sg_ctx *ctx, int in, int out, struct taps *t)
@@ -40,7 +40,7 @@ static int make_taps(sg_ctx *ctx, int in, int out, struct taps *t)
     t->count = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) out, sizeof(*t->count));
     t->weight = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) out * (size_t) t->support, sizeof(*t->weight));
     if (!weight || !t->first || !t->count || !t->weight) {
-        sg_free(ctx, weight);
+        sg_free(weight);
         return SG_ERR_BUDGET;
     }
     for (int o = 0; o < out; o++) {
@@ -59,7 +59,7 @@ static int make_taps(sg_ctx *ctx, int in, int out, struct taps *t)
         t->first[o] = first;
         t->count[o] = last - first;
     }
-    sg_free(ctx, weight);
+    sg_free(weight);
     return SG_OK;
 }
 
@@ -126,9 +126,9 @@ int sg_resample(sg_ctx *ctx, const uint8_t *src, int width, int height, int chan
     }
     code = SG_OK;
 done:
-    clear_taps(ctx, &tx);
-    clear_taps(ctx, &ty);
-    sg_free(ctx, between);
-    sg_free(ctx, sums);
+    clear_taps(&tx);
+    clear_taps(&ty);
+    sg_free(between);
+    sg_free(sums);
     return code;
 }

@@ -85,7 +85,7 @@ static int find_masks(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_
             if (sg_folder_has(dir, path))
                 shot->mask = path;
             else
-                sg_free(ctx, path);
+                sg_free(path);
         }
         found += shot->mask != NULL;
     }
@@ -93,7 +93,7 @@ static int find_masks(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_
         sg_log(ctx, SG_LOG_WARN, "%s: %zu of %zu images have no mask and are used whole", folder, shots->count - found,
                shots->count);
 done:
-    sg_free(ctx, folder);
+    sg_free(folder);
     return code;
 }
 
@@ -201,28 +201,28 @@ int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *p
     scene = NULL;
 done:
     for (size_t i = 0; i < shots.count && views; i++)
-        sg_view_clear(ctx, &views[i]);
-    sg_free(ctx, views);
-    sg_shots_clear(ctx, &shots);
-    sg_folder_close(ctx, &dir);
-    sg_scene_destroy(ctx, &scene);
+        sg_view_clear(&views[i]);
+    sg_free(views);
+    sg_shots_clear(&shots);
+    sg_folder_close(&dir);
+    sg_scene_destroy(&scene);
     return code;
 }
 
-void sg_scene_destroy(sg_ctx *ctx, struct sg_scene **scene)
+void sg_scene_destroy(struct sg_scene **scene)
 {
     if (!scene || !*scene)
         return;
     struct sg_scene *s = *scene;
     for (size_t i = 0; i < s->n_train; i++)
-        sg_view_clear(ctx, &s->train[i]);
+        sg_view_clear(&s->train[i]);
     for (size_t i = 0; i < s->n_test; i++)
-        sg_view_clear(ctx, &s->test[i]);
-    sg_free(ctx, s->train);
-    sg_free(ctx, s->test);
-    sg_free(ctx, s->points);
-    sg_free(ctx, s->point_colors);
-    sg_free(ctx, s->path);
-    sg_free(ctx, s);
+        sg_view_clear(&s->test[i]);
+    sg_free(s->train);
+    sg_free(s->test);
+    sg_free(s->points);
+    sg_free(s->point_colors);
+    sg_free(s->path);
+    sg_free(s);
     *scene = NULL;
 }

@@ -33,7 +33,7 @@ int sg_find_converted(sg_ctx *ctx, const struct sg_folder *dir, const char *path
             *out = other;
             return SG_OK;
         }
-        sg_free(ctx, other);
+        sg_free(other);
     }
     return SG_OK;
 }
@@ -76,30 +76,30 @@ int sg_shots_add(sg_ctx *ctx, struct sg_shots *shots, uint64_t max, const char *
     return SG_OK;
 }
 
-static void clear_shot(sg_ctx *ctx, struct sg_shot *shot)
+static void clear_shot(struct sg_shot *shot)
 {
-    sg_free(ctx, shot->file);
-    sg_free(ctx, shot->name);
-    sg_free(ctx, shot->path);
-    sg_free(ctx, shot->mask);
+    sg_free(shot->file);
+    sg_free(shot->name);
+    sg_free(shot->path);
+    sg_free(shot->mask);
 }
 
-void sg_shots_clear(sg_ctx *ctx, struct sg_shots *shots)
+void sg_shots_clear(struct sg_shots *shots)
 {
     for (size_t i = 0; i < shots->count; i++)
-        clear_shot(ctx, &shots->items[i]);
-    sg_free(ctx, shots->items);
+        clear_shot(&shots->items[i]);
+    sg_free(shots->items);
     *shots = (struct sg_shots){0};
 }
 
-void sg_shots_drop(sg_ctx *ctx, struct sg_shots *shots)
+void sg_shots_drop(struct sg_shots *shots)
 {
     size_t kept = 0;
     for (size_t i = 0; i < shots->count; i++)
         if (shots->items[i].path)
             shots->items[kept++] = shots->items[i];
         else
-            clear_shot(ctx, &shots->items[i]);
+            clear_shot(&shots->items[i]);
     shots->count = kept;
 }
 
@@ -130,7 +130,7 @@ static int rename_by_path(sg_ctx *ctx, struct sg_shot *shot)
         return SG_ERR_BUDGET;
     for (char *c = name; *c; c++)
         *c = *c == '/' ? '_' : *c;
-    sg_free(ctx, shot->name);
+    sg_free(shot->name);
     shot->name = name;
     return SG_OK;
 }
@@ -157,7 +157,7 @@ int sg_shots_check_names(sg_ctx *ctx, const struct sg_shots *shots, size_t first
             code = sg_fail(ctx, SG_ERR_INPUT,
                            "%s: images \"%s\" and \"%s\": found the same name \"%s\" twice, expected distinct names",
                            where, sorted[i - 1]->file, sorted[i]->file, sorted[i]->name);
-    sg_free(ctx, sorted);
+    sg_free(sorted);
     return code;
 }
 
@@ -248,7 +248,7 @@ bool sg_has_file(sg_ctx *ctx, const struct sg_folder *dir, const char *name)
 {
     char *path = sg_strf(ctx, "%s/%s", dir->path, name);
     bool found = path && sg_folder_has(dir, path);
-    sg_free(ctx, path);
+    sg_free(path);
     return found;
 }
 

@@ -114,7 +114,7 @@ static int make_folders(struct synth *s)
     for (size_t i = 0; i < sizeof(folders) / sizeof(*folders) && !code; i++) {
         char *path = sg_strf(s->ctx, "%s/%s", s->dir, folders[i]);
         code = path ? sg_dir_create(s->ctx, path) : SG_ERR_BUDGET;
-        sg_free(s->ctx, path);
+        sg_free(path);
     }
     return code;
 }
@@ -127,7 +127,7 @@ static int write_blender_picture(struct synth *s, int view, const uint8_t *rgba)
         return SG_OK; /* only the COLMAP layout needs it */
     char *path = sg_strf(s->ctx, "%s/blender/%s/r_%d.png", s->dir, test ? "test" : "train", number);
     const int code = path ? sg_image_write_png(s->ctx, path, rgba, s->p.width, s->p.height, 4) : SG_ERR_BUDGET;
-    sg_free(s->ctx, path);
+    sg_free(path);
     return code;
 }
 
@@ -143,8 +143,8 @@ static int write_colmap_picture(struct synth *s, int view, uint8_t *rgba)
         sg_image_flatten(&image, SG_ALPHA_ON_BLACK, rgb);
         code = sg_image_write_png(s->ctx, path, rgb, s->p.width, s->p.height, 3);
     }
-    sg_free(s->ctx, path);
-    sg_free(s->ctx, rgb);
+    sg_free(path);
+    sg_free(rgb);
     return code;
 }
 
@@ -163,7 +163,7 @@ static void make_view(void *arg, size_t i, int thread)
         code = write_colmap_picture(s, view, rgba);
     if (code)
         atomic_store(&s->code, code);
-    sg_free(s->ctx, rgba);
+    sg_free(rgba);
 }
 
 static void pick_block(void *arg, size_t block, int thread)
@@ -201,8 +201,8 @@ static int write_models(struct synth *s)
             sg_synth_write_transforms(s->ctx, blender, "test", s->cameras + s->p.train_views, s->p.test_views, ANGLE_X);
     if (!code)
         code = sg_synth_write_transforms(s->ctx, blender, "train", s->cameras, s->p.train_views, ANGLE_X);
-    sg_free(s->ctx, sparse);
-    sg_free(s->ctx, blender);
+    sg_free(sparse);
+    sg_free(blender);
     return code;
 }
 
@@ -242,10 +242,10 @@ int sg_synth_write(sg_ctx *ctx, const char *dir, const struct sg_synth_params *p
     sg_parallel_for(ctx, ((size_t) p->points + PICK_BLOCK - 1) / PICK_BLOCK, pick_block, s);
     code = write_models(s);
 done:
-    sg_free(ctx, s->points);
-    sg_free(ctx, s->place);
-    sg_free(ctx, s->order);
-    sg_free(ctx, s->cameras);
-    sg_free(ctx, s);
+    sg_free(s->points);
+    sg_free(s->place);
+    sg_free(s->order);
+    sg_free(s->cameras);
+    sg_free(s);
     return code;
 }

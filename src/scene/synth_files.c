@@ -35,8 +35,8 @@ int sg_synth_write_transforms(sg_ctx *ctx, const char *folder, const char *split
     uselocale(before);
     code = sg_file_commit(ctx, &w);
 done:
-    sg_file_abandon(ctx, &w);
-    sg_free(ctx, path);
+    sg_file_abandon(&w);
+    sg_free(path);
     return code;
 }
 
@@ -150,8 +150,8 @@ int sg_synth_write_colmap(sg_ctx *ctx, const char *folder, const struct synth_co
             files[i].put(w.stream, model);
             code = sg_file_commit(ctx, &w);
         }
-        sg_file_abandon(ctx, &w);
-        sg_free(ctx, path);
+        sg_file_abandon(&w);
+        sg_free(path);
     }
     return code;
 }

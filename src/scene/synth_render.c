@@ -139,7 +139,7 @@ int sg_synth_render(sg_ctx *ctx, const struct synth_scene *scene, const struct s
         rows[1] = rows[2];
         rows[2] = first;
     }
-    sg_free(ctx, probes);
+    sg_free(probes);
     return SG_OK;
 }
 

@@ -34,14 +34,14 @@ int sg_transforms_load(sg_ctx *ctx, const char *file, const char *data, size_t s
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: frames: found %zu, the limit is %llu", file,
                        json_array_size(out->frames), (unsigned long long) max_frames);
     if (code)
-        sg_transforms_clear(ctx, out);
+        sg_transforms_clear(out);
     return code;
 }
 
-void sg_transforms_clear(sg_ctx *ctx, struct sg_transforms *t)
+void sg_transforms_clear(struct sg_transforms *t)
 {
     json_decref(t->root);
-    sg_free(ctx, t->room);
+    sg_free(t->room);
     *t = (struct sg_transforms){0};
 }
 
@@ -194,13 +194,13 @@ int sg_find_photo(sg_ctx *ctx, const struct sg_folder *dir, const char *file, ch
             return SG_ERR_BUDGET;
         if (sg_folder_has(dir, *path))
             return SG_OK;
-        sg_free(ctx, *path);
+        sg_free(*path);
         *path = NULL;
     }
     if (complete) {
         char *named = sg_strf(ctx, "%s/%s", dir->path, file);
         const int code = named ? sg_find_converted(ctx, dir, named, path) : SG_ERR_BUDGET;
-        sg_free(ctx, named);
+        sg_free(named);
         if (code || *path)
             return code;
     }

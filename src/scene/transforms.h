@@ -17,7 +17,7 @@ struct sg_transforms {
 /* At most max_frames. */
 int sg_transforms_load(sg_ctx *ctx, const char *file, const char *data, size_t size, uint64_t max_frames,
                        struct sg_transforms *out);
-void sg_transforms_clear(sg_ctx *ctx, struct sg_transforms *transforms);
+void sg_transforms_clear(struct sg_transforms *transforms);
 /* Leaves *out alone where the key is absent or null. */
 int sg_json_number(sg_ctx *ctx, const json_t *object, const char *key, const char *where, double *out);
 int sg_json_text(sg_ctx *ctx, const json_t *object, const char *key, const char *where, const char **out);

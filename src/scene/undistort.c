@@ -88,6 +88,6 @@ int sg_undistort(sg_ctx *ctx, const struct sg_lens *lens, int width, int height,
                 mask[at] = inside ? old_mask[sv * (size_t) width + su] : 0;
             }
         }
-    sg_free(ctx, old_mask);
+    sg_free(old_mask);
     return SG_OK;
 }

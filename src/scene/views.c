@@ -105,7 +105,7 @@ static int load_mask(struct job *job, const struct sg_shot *shot, int width, int
     }
     grey = sg_alloc_raw(ctx, SG_MEM_IMAGES, pixels, 1);
     code = grey ? sg_resample(ctx, image.pixels, image.width, image.height, 1, grey, width, height) : SG_ERR_BUDGET;
-    sg_image_clear(ctx, &image);
+    sg_image_clear(&image);
     for (size_t i = 0; i < pixels && !code; i++)
         grey[i] = grey[i] > 127 ? 255 : 0;
     *out = grey;
@@ -119,7 +119,7 @@ static int resize(sg_ctx *ctx, uint8_t **plane, int width, int height, int chann
         return SG_OK;
     uint8_t *small = sg_alloc_raw(ctx, SG_MEM_IMAGES, (size_t) w * (size_t) h, (size_t) channels);
     int code = small ? sg_resample(ctx, *plane, width, height, channels, small, w, h) : SG_ERR_BUDGET;
-    sg_free(ctx, *plane);
+    sg_free(*plane);
     *plane = small;
     return code;
 }
@@ -135,10 +135,10 @@ static int straighten(sg_ctx *ctx, const struct sg_shot *shot, const struct sg_l
     if (pinhole && *valid)
         code = sg_undistort(ctx, lens, lens->width, lens->height, view->rgb, pinhole, *valid, view->mask, &lost);
     if (code) {
-        sg_free(ctx, pinhole);
+        sg_free(pinhole);
         return code;
     }
-    sg_free(ctx, view->rgb);
+    sg_free(view->rgb);
     view->rgb = pinhole;
     if (lost == pixels)
         return sg_fail(
@@ -146,7 +146,7 @@ static int straighten(sg_ctx *ctx, const struct sg_shot *shot, const struct sg_l
             "%s: found distortion %g %g %g %g that leaves no pixel of the photo, expected that of a real lens",
             shot->path, lens->k1, lens->k2, lens->p1, lens->p2);
     if (!lost) {
-        sg_free(ctx, *valid);
+        sg_free(*valid);
         *valid = NULL;
     }
     return SG_OK;
@@ -187,7 +187,7 @@ static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view
                                                     : SG_ALPHA_ON_BLACK,
                          view->rgb);
     }
-    sg_image_clear(ctx, &image);
+    sg_image_clear(&image);
     code = target_size(ctx, params, shot->path, width, height, &w, &h);
     if (!code)
         code = fit_lens(ctx, shot, width, height, &lens);
@@ -212,7 +212,7 @@ static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view
     for (size_t i = 0; i < n && valid; i++) /* strict: a pixel with a share of black outside is a wrong target */
         valid[i] = valid[i] == 255 && (!view->mask || view->mask[i]) ? 255 : 0;
     if (valid) {
-        sg_free(ctx, view->mask);
+        sg_free(view->mask);
         view->mask = valid;
         valid = NULL;
     }
@@ -223,8 +223,8 @@ static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view
     memcpy(view->camera.R, shot->R, sizeof(shot->R));
     memcpy(view->camera.t, shot->t, sizeof(shot->t));
 done:
-    sg_image_clear(ctx, &image);
-    sg_free(ctx, valid);
+    sg_image_clear(&image);
+    sg_free(valid);
     return code;
 }
 
@@ -236,7 +236,7 @@ static void load_one(void *arg, size_t i, int thread)
         return;
     const int code = load_view(job, &job->shots[i], &job->views[i]);
     if (code)
-        sg_view_clear(job->ctx, &job->views[i]);
+        sg_view_clear(&job->views[i]);
     if (code == SG_ERR_BUDGET)
         atomic_store(&job->crowded, true);
     else if (code)
@@ -281,12 +281,12 @@ int sg_views_load(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scen
     return atomic_load(&job.crowded) ? load_rest(&job, shots->count) : atomic_load(&job.code);
 }
 
-void sg_view_clear(sg_ctx *ctx, struct sg_view *view)
+void sg_view_clear(struct sg_view *view)
 {
-    sg_free(ctx, view->name);
-    sg_free(ctx, view->file);
-    sg_free(ctx, view->path);
-    sg_free(ctx, view->rgb);
-    sg_free(ctx, view->mask);
+    sg_free(view->name);
+    sg_free(view->file);
+    sg_free(view->path);
+    sg_free(view->rgb);
+    sg_free(view->mask);
     *view = (struct sg_view){0};
 }

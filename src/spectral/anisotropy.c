@@ -146,12 +146,12 @@ void sg_anisotropy_destroy(struct sg_anisotropy **p)
         sg_fft_forget(a->cols[i]);
         sg_fft_forget(a->cols_back[i]);
     }
-    sg_free(a->ctx, a->direction);
-    sg_free(a->ctx, a->buffers);
-    sg_free(a->ctx, a->f);
-    sg_free(a->ctx, a->beyond);
-    sg_free(a->ctx, a->energy);
-    sg_free(a->ctx, a);
+    sg_free(a->direction);
+    sg_free(a->buffers);
+    sg_free(a->f);
+    sg_free(a->beyond);
+    sg_free(a->energy);
+    sg_free(a);
     *p = NULL;
 }
 

@@ -32,9 +32,9 @@ int sg_regularise(sg_ctx *ctx, struct sg_regulariser *r, const struct sg_regular
     return SG_OK;
 }
 
-void sg_regulariser_clear(sg_ctx *ctx, struct sg_regulariser *r)
+void sg_regulariser_clear(struct sg_regulariser *r)
 {
     sg_plans_clear(&r->plans);
-    sg_free(ctx, r->rows);
+    sg_free(r->rows);
     *r = (struct sg_regulariser){0};
 }

@@ -29,6 +29,6 @@ struct sg_regulariser {
  * threads. Errors: SG_ERR_BUDGET. */
 int sg_regularise(sg_ctx *ctx, struct sg_regulariser *r, const struct sg_regulariser_params *params,
                   const float *planes, int width, int height, float *gradient, struct sg_regulariser_value *out);
-void sg_regulariser_clear(sg_ctx *ctx, struct sg_regulariser *r);
+void sg_regulariser_clear(struct sg_regulariser *r);
 
 #endif

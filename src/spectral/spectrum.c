@@ -96,7 +96,7 @@ int sg_spectrum_measure(sg_ctx *ctx, const uint8_t *rgb, int width, int height, 
         centre(f, width, height, amplitude);
     }
     sg_fft_forget(plan);
-    sg_free(ctx, image);
-    sg_free(ctx, f);
+    sg_free(image);
+    sg_free(f);
     return code;
 }

@@ -41,8 +41,8 @@ static int initial_model(sg_ctx *ctx, const struct sg_scene *scene, const struct
     }
     if (!code)
         code = sg_model_init_points(ctx, points, colors, limit, p->sh_degree, out);
-    sg_free(ctx, points);
-    sg_free(ctx, colors);
+    sg_free(points);
+    sg_free(colors);
     return code;
 }
 
@@ -106,6 +106,6 @@ int sg_begin(sg_trainer *t, const struct sg_model *initial)
         code = made ? t->engine->ops->adopt(t->engine, made, &(struct sg_optimiser){0})
                     : t->engine->ops->upload(t->engine, initial, NULL);
     }
-    sg_model_destroy(t->ctx, &made);
+    sg_model_destroy(&made);
     return code;
 }

@@ -123,8 +123,8 @@ int sg_trainer_save(sg_trainer *t, const char *path)
     fwrite(&digest, sizeof(digest), 1, w.stream);
     code = sg_file_commit(ctx, &w);
 done:
-    sg_file_abandon(ctx, &w);
-    sg_model_destroy(ctx, &m);
+    sg_file_abandon(&w);
+    sg_model_destroy(&m);
     return code;
 }
 
@@ -249,7 +249,7 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
     for (int g = 0; g < SG_GROUPS; g++)
         t->adam_steps[g] = h->adam_steps[g];
 done:
-    sg_optimiser_clear(ctx, &o);
-    sg_model_destroy(ctx, &m);
+    sg_optimiser_clear(&o);
+    sg_model_destroy(&m);
     return code;
 }

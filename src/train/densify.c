@@ -55,8 +55,8 @@ static int make_room(struct sg_engine *engine, const struct sg_densify_params *p
         for (size_t i = 0; i < n; i++)
             plan->keep[i] = stays[i] ? plan->keep[i] : GOES;
     }
-    sg_free(engine->ctx, stays);
-    sg_scores_clear(engine->ctx, &scores);
+    sg_free(stays);
+    sg_scores_clear(&scores);
     return stays ? SG_OK : SG_ERR_BUDGET;
 }
 
@@ -85,7 +85,7 @@ static int choose_growth(struct sg_engine *engine, struct plan *plan, const floa
                 plan->keep[i] = grows ? plan->keep[i] : STAYS;
             }
     }
-    sg_free(engine->ctx, wishes);
+    sg_free(wishes);
     return SG_OK;
 }
 
@@ -159,9 +159,9 @@ int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p, stru
                                                        .seed = p->seed,
                                                        .stream = p->stream});
 done:
-    sg_free(ctx, stats);
-    sg_free(ctx, plan.keep);
-    sg_free(ctx, plan.kind);
-    sg_free(ctx, plan.source);
+    sg_free(stats);
+    sg_free(plan.keep);
+    sg_free(plan.kind);
+    sg_free(plan.source);
     return code;
 }

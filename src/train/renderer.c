@@ -45,7 +45,7 @@ void sg_renderer_destroy(sg_renderer **renderer)
         return;
     if (!(*renderer)->borrowed)
         sg_engine_destroy(&(*renderer)->engine);
-    sg_free((*renderer)->ctx, *renderer);
+    sg_free(*renderer);
     *renderer = NULL;
 }
 

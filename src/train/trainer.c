@@ -120,8 +120,8 @@ void sg_trainer_destroy(sg_trainer **trainer)
         return;
     sg_trainer *t = *trainer;
     sg_engine_destroy(&t->engine);
-    sg_free(t->ctx, t->order);
-    sg_free(t->ctx, t);
+    sg_free(t->order);
+    sg_free(t);
     *trainer = NULL;
 }
 
@@ -391,7 +391,7 @@ int sg_trainer_model(sg_trainer *t, struct sg_model **out)
     if (code)
         return code;
     if ((code = t->engine->ops->download(t->engine, *out, NULL)))
-        sg_model_destroy(t->ctx, out);
+        sg_model_destroy(out);
     else
         (*out)->active_sh_degree = sg_active_degree(&t->params, t->start_degree, t->iteration);
     return code;

@@ -35,11 +35,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         sg_colmap_points_txt(ctx, "fuzz", text, size, 100000, &points);
     sg_shots_check_names(ctx, &shots, 0, "fuzz");
     sg_shots_sort(&shots);
-    sg_shots_clear(ctx, &shots);
-    sg_free(ctx, text);
-    sg_free(ctx, cameras.items);
-    sg_free(ctx, points.xyz);
-    sg_free(ctx, points.rgb);
+    sg_shots_clear(&shots);
+    sg_free(text);
+    sg_free(cameras.items);
+    sg_free(points.xyz);
+    sg_free(points.rgb);
     if (sg_mem_current(ctx, SG_MEM_TAGS))
         __builtin_trap();
     sg_ctx_destroy(&ctx);

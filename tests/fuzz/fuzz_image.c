@@ -16,8 +16,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         if (rgb)
             sg_image_flatten(&image, SG_ALPHA_ON_WHITE, rgb);
         sg_resample(ctx, image.pixels, image.width, image.height, image.channels, small, 5, 4);
-        sg_free(ctx, rgb);
-        sg_image_clear(ctx, &image);
+        sg_free(rgb);
+        sg_image_clear(&image);
     }
     if (sg_mem_current(ctx, SG_MEM_TAGS))
         __builtin_trap();

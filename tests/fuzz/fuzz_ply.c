@@ -28,14 +28,14 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             sg_model_read_ply(ctx, path, 1 << 16, &back) || back->count != m->count ||
             memcmp(sg_model_at(m, m->count - 1, 0), sg_model_at(back, m->count - 1, 0), sizeof(float)))
             __builtin_trap();
-        sg_model_destroy(ctx, &back);
+        sg_model_destroy(&back);
     }
-    sg_model_destroy(ctx, &m);
+    sg_model_destroy(&m);
     float *xyz;
     uint8_t *rgb;
     size_t n;
     if (!sg_points_read_ply(ctx, path, 1 << 16, &xyz, &rgb, &n))
-        sg_points_destroy(ctx, &xyz, &rgb);
+        sg_points_destroy(&xyz, &rgb);
     unlink(path);
     if (sg_mem_current(ctx, SG_MEM_TAGS))
         __builtin_trap();

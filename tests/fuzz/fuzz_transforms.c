@@ -16,12 +16,12 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     params.eval = true;
     params.max_images = 1000;
     sg_nerfstudio_parse(ctx, "fuzz", (const char *) data, size, &params, &shots, &points, &listed);
-    sg_shots_drop(ctx, &shots); /* none has a path */
+    sg_shots_drop(&shots); /* none has a path */
     sg_clear_error(ctx);
     sg_blender_parse(ctx, "fuzz", (const char *) data, size, params.max_images, true, &shots);
     sg_shots_sort(&shots);
-    sg_shots_clear(ctx, &shots);
-    sg_free(ctx, points);
+    sg_shots_clear(&shots);
+    sg_free(points);
     if (sg_mem_current(ctx, SG_MEM_TAGS))
         __builtin_trap();
     sg_ctx_destroy(&ctx);

@@ -10,7 +10,7 @@ int main(void)
     if (rc == SG_OK)
         rc = sg_model_init_random(ctx, 1000, 1, 3, &model);
     printf("splatguard %s: %zu Gaussians\n", sg_version(), model ? model->count : (size_t) 0);
-    sg_model_destroy(ctx, &model);
+    sg_model_destroy(&model);
     sg_ctx_destroy(&ctx);
     return rc == SG_OK ? 0 : 1;
 }

@@ -9,7 +9,7 @@ int sg_regularise(sg_ctx *ctx, struct sg_regulariser *r, const struct sg_regular
     return sg_fail(ctx, SG_ERR_INTERNAL, "no Fourier transform here");
 }
 
-void sg_regulariser_clear(sg_ctx *ctx, struct sg_regulariser *r)
+void sg_regulariser_clear(struct sg_regulariser *r)
 {
     (void) ctx, (void) r;
 }

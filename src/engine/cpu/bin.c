@@ -344,20 +344,20 @@ int sg_bins_band(sg_ctx *ctx, struct bins *b, int band)
     return SG_OK;
 }
 
-void sg_bins_clear(sg_ctx *ctx, struct bins *b)
+void sg_bins_clear(struct bins *b)
 {
-    sg_free(ctx, b->extents);
-    sg_free(ctx, b->order);
-    sg_free(ctx, b->order_swap);
-    sg_free(ctx, b->digits);
-    sg_free(ctx, b->chunk_start);
-    sg_free(ctx, b->histogram);
-    sg_free(ctx, b->tile_total);
-    sg_free(ctx, b->bands);
-    sg_free(ctx, b->slot_start);
-    sg_free(ctx, b->tile_start);
-    sg_free(ctx, b->instances);
-    sg_free(ctx, b->hits);
-    sg_free(ctx, b->reached);
+    sg_free(b->extents);
+    sg_free(b->order);
+    sg_free(b->order_swap);
+    sg_free(b->digits);
+    sg_free(b->chunk_start);
+    sg_free(b->histogram);
+    sg_free(b->tile_total);
+    sg_free(b->bands);
+    sg_free(b->slot_start);
+    sg_free(b->tile_start);
+    sg_free(b->instances);
+    sg_free(b->hits);
+    sg_free(b->reached);
     *b = (struct bins){.band = -1};
 }

@@ -52,6 +52,6 @@ int sg_bins_make(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats, ui
 /* Fills the lists of one band. */
 int sg_bins_band(sg_ctx *ctx, struct bins *b, int band);
 
-void sg_bins_clear(sg_ctx *ctx, struct bins *b);
+void sg_bins_clear(struct bins *b);
 
 #endif

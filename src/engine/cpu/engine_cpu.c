@@ -42,15 +42,14 @@ static void lap(double *start, double *sum)
 static void destroy(struct sg_engine *base)
 {
     struct cpu_engine *b = (struct cpu_engine *) base;
-    sg_ctx *ctx = base->ctx;
-    sg_host_clear(ctx, &b->model);
-    sg_bins_clear(ctx, &b->bins);
-    sg_regulariser_clear(ctx, &b->regulariser);
+    sg_host_clear(&b->model);
+    sg_bins_clear(&b->bins);
+    sg_regulariser_clear(&b->regulariser);
     void *owned[] = {b->splats, b->slots,    b->band_sums,    b->rgb, b->alpha,
                      b->depth,  b->gradient, b->loss_scratch, b->sums};
     for (size_t i = 0; i < sizeof(owned) / sizeof(owned[0]); i++)
-        sg_free(ctx, owned[i]);
-    sg_free(ctx, b);
+        sg_free(owned[i]);
+    sg_free(b);
 }
 
 static const char *variant(const struct sg_engine *base)
@@ -65,7 +64,7 @@ static int upload(struct sg_engine *base, const struct sg_model *m, const struct
 
 static int adopt(struct sg_engine *base, struct sg_model *m, struct sg_optimiser *o)
 {
-    sg_host_adopt(base->ctx, &((struct cpu_engine *) base)->model, m, o);
+    sg_host_adopt(&((struct cpu_engine *) base)->model, m, o);
     return SG_OK;
 }
 
@@ -106,7 +105,7 @@ static void project_piece(void *arg, size_t piece, int thread)
 /* Replaces *buffer by one of n items; contents undefined. */
 static int refit(sg_ctx *ctx, float **buffer, size_t n)
 {
-    sg_free(ctx, *buffer);
+    sg_free(*buffer);
     *buffer = sg_alloc_raw(ctx, SG_MEM_FRAME, n, sizeof(float));
     return *buffer ? SG_OK : SG_ERR_BUDGET;
 }
@@ -430,7 +429,7 @@ static int count_hits(struct sg_engine *base, const struct sg_camera *const *vie
         if (!(code = do_project(base, views[v], 0, params)))
             code = count_view(b, kind, &job);
     }
-    sg_free(base->ctx, job.seen);
+    sg_free(job.seen);
     base->times = before; /* counting is its own stage */
     lap(&clock, &base->times.count);
     return code;

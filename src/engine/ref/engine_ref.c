@@ -29,18 +29,17 @@ struct ref_engine {
 static void destroy(struct sg_engine *base)
 {
     struct ref_engine *b = (struct ref_engine *) base;
-    sg_ctx *ctx = base->ctx;
-    sg_host_clear(ctx, &b->model);
-    sg_regulariser_clear(ctx, &b->regulariser);
-    sg_free(ctx, b->splats);
-    sg_free(ctx, b->list);
-    sg_free(ctx, b->image.rgb);
-    sg_free(ctx, b->image.t);
-    sg_free(ctx, b->image.depth);
-    sg_free(ctx, b->image.last);
-    sg_free(ctx, b->gradient);
-    sg_free(ctx, b->scratch);
-    sg_free(ctx, b);
+    sg_host_clear(&b->model);
+    sg_regulariser_clear(&b->regulariser);
+    sg_free(b->splats);
+    sg_free(b->list);
+    sg_free(b->image.rgb);
+    sg_free(b->image.t);
+    sg_free(b->image.depth);
+    sg_free(b->image.last);
+    sg_free(b->gradient);
+    sg_free(b->scratch);
+    sg_free(b);
 }
 
 static const char *variant(const struct sg_engine *base)
@@ -56,7 +55,7 @@ static int upload(struct sg_engine *base, const struct sg_model *m, const struct
 
 static int adopt(struct sg_engine *base, struct sg_model *m, struct sg_optimiser *o)
 {
-    sg_host_adopt(base->ctx, &((struct ref_engine *) base)->model, m, o);
+    sg_host_adopt(&((struct ref_engine *) base)->model, m, o);
     return SG_OK;
 }
 
@@ -83,12 +82,12 @@ static int reserve_frame(struct ref_engine *b, size_t pixels)
         return SG_OK;
     sg_ctx *ctx = b->base.ctx;
     size_t c[6] = {0};
-    sg_free(ctx, b->image.rgb);
-    sg_free(ctx, b->image.t);
-    sg_free(ctx, b->image.depth);
-    sg_free(ctx, b->image.last);
-    sg_free(ctx, b->gradient);
-    sg_free(ctx, b->scratch);
+    sg_free(b->image.rgb);
+    sg_free(b->image.t);
+    sg_free(b->image.depth);
+    sg_free(b->image.last);
+    sg_free(b->gradient);
+    sg_free(b->scratch);
     b->image = (struct ref_image){0};
     b->gradient = b->scratch = NULL;
     b->pixels_capacity = 0;
