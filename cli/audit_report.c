@@ -132,9 +132,13 @@ static int put_view(sg_ctx *ctx, FILE *f, const struct sg_view *v, const struct 
 
 static const struct sg_audit_image *ranked_by;
 
+/* The highest first, photos without a score last. */
 static int by_score(const void *a, const void *b)
 {
     const size_t x = *(const size_t *) a, y = *(const size_t *) b;
+    const bool p = ranked_by[x].verdict == SG_AUDIT_UNSEEN, q = ranked_by[y].verdict == SG_AUDIT_UNSEEN;
+    if (p != q)
+        return p - q;
     if (ranked_by[x].score != ranked_by[y].score)
         return ranked_by[x].score < ranked_by[y].score ? 1 : -1;
     return (x > y) - (x < y);
@@ -142,6 +146,9 @@ static int by_score(const void *a, const void *b)
 
 static void put_head(FILE *f, const struct sg_scene *scene, const struct sg_audit *a)
 {
+    char unseen[64] = "";
+    if (a->verdicts[SG_AUDIT_UNSEEN])
+        snprintf(unseen, sizeof(unseen), ", %zu unseen: masks leave nothing of them", a->verdicts[SG_AUDIT_UNSEEN]);
     fprintf(f,
             "<!doctype html>\n<html lang=en><meta charset=utf-8><meta name=viewport content=\"width=device-width\">\n"
             "<title>Audit: %s</title>\n<style>\n"
@@ -153,10 +160,10 @@ static void put_head(FILE *f, const struct sg_scene *scene, const struct sg_audi
             ".clean{color:#176b43}.suspicious{color:#8a5200}.poisoned{color:#b3202c}\n</style>\n<h1>",
             sg_audit_verdict_name(a->verdict));
     put_text(f, scene->path);
-    fprintf(f,
-            ": <span class=%s>%s</span></h1>\n<p>Score %.3f. Of %zu photos %zu poisoned, %zu suspicious, %zu clean.\n",
-            sg_audit_verdict_name(a->verdict), sg_audit_verdict_name(a->verdict), a->score, a->count,
-            a->verdicts[SG_AUDIT_POISONED], a->verdicts[SG_AUDIT_SUSPICIOUS], a->verdicts[SG_AUDIT_CLEAN]);
+    fprintf(
+        f, ": <span class=%s>%s</span></h1>\n<p>Score %.3f. Of %zu photos %zu poisoned, %zu suspicious, %zu clean%s.\n",
+        sg_audit_verdict_name(a->verdict), sg_audit_verdict_name(a->verdict), a->score, a->count,
+        a->verdicts[SG_AUDIT_POISONED], a->verdicts[SG_AUDIT_SUSPICIOUS], a->verdicts[SG_AUDIT_CLEAN], unseen);
     if (a->count_reasons) {
         fprintf(f, "<ul>\n");
         for (size_t i = 0; i < a->count_reasons; i++) {
@@ -205,8 +212,9 @@ int audit_report(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_audi
         put_head(f, scene, a);
         fprintf(f, "<h2>Highest and lowest scores</h2>\n");
     }
-    for (size_t i = 0; i < a->count && !code; i++)
-        if (i < SHOWN || i + SHOWN >= a->count)
+    const size_t seen = a->count - a->verdicts[SG_AUDIT_UNSEEN];
+    for (size_t i = 0; i < seen && !code; i++)
+        if (i < SHOWN || i + SHOWN >= seen)
             code = put_view(ctx, f, &scene->train[order[i]], &a->images[order[i]]);
     if (!code)
         put_table(f, a, order);

@@ -9,7 +9,7 @@
 struct audit_config {
     struct scene_options scene;
     const char *report;
-    bool json, quiet, eval;
+    bool json, quiet, eval, exit_code;
     int threads;
     uint64_t max_memory;
 };
@@ -22,6 +22,8 @@ static const struct option audit_options[] = {
         "report", A(report), "OUT.html",
         "Write a page with the reasons, spectra and heat maps of the most suspicious and the least suspicious photos.",
         .transient = true),
+    FLAG_ROW("exit-code", A(exit_code), "Exit with status 5 where the photos look poisoned, with 6 where suspicious.",
+             .transient = true),
     FLAG_ROW("eval", A(eval), "Leave the test views out, as train --eval does.", .transient = true),
     NUMBER_ROW("threads", OPT_INT, A(threads), 0, 256, "T", "Worker threads; 0 = one per CPU.", .letter = 'j',
                .transient = true),
@@ -47,19 +49,24 @@ static json_t *features(const struct sg_audit_features *f)
                      "slope", number_json(f->slope), "anisotropy", number_json(f->anisotropy));
 }
 
+static json_t *score_json(const struct sg_audit_image *image)
+{
+    return image->verdict == SG_AUDIT_UNSEEN ? json_null() : number_json(image->score);
+}
+
 static int print_json(const struct sg_audit *a)
 {
     json_t *images = json_array();
     for (size_t i = 0; i < a->count; i++)
         json_array_append_new(images, json_pack("{s:o,s:o,s:s,s:o}", "name", sg_text_to_json(a->images[i].name),
-                                                "score", number_json(a->images[i].score), "verdict",
+                                                "score", score_json(&a->images[i]), "verdict",
                                                 sg_audit_verdict_name(a->images[i].verdict), "features",
                                                 features(&a->images[i].features)));
     json_t *reasons = json_array();
     for (size_t i = 0; i < a->count_reasons; i++)
         json_array_append_new(reasons, json_string(a->reasons[i]));
     json_t *counts = json_object();
-    for (int v = 0; v < 3; v++)
+    for (int v = 0; v < SG_AUDIT_VERDICTS; v++)
         json_object_set_new(counts, sg_audit_verdict_name((enum sg_audit_verdict) v),
                             json_integer((json_int_t) a->verdicts[v]));
     json_t *root = json_pack("{s:s,s:o,s:o,s:o,s:o}", "verdict", sg_audit_verdict_name(a->verdict), "score",
@@ -69,11 +76,21 @@ static int print_json(const struct sg_audit *a)
 
 static void print_text(const struct sg_audit *a)
 {
-    printf("%s: score %.3f; of %zu images %zu poisoned, %zu suspicious, %zu clean\n", sg_audit_verdict_name(a->verdict),
+    printf("%s: score %.3f; of %zu images %zu poisoned, %zu suspicious, %zu clean", sg_audit_verdict_name(a->verdict),
            a->score, a->count, a->verdicts[SG_AUDIT_POISONED], a->verdicts[SG_AUDIT_SUSPICIOUS],
            a->verdicts[SG_AUDIT_CLEAN]);
+    if (a->verdicts[SG_AUDIT_UNSEEN])
+        printf(", %zu unseen: masks leave nothing of them", a->verdicts[SG_AUDIT_UNSEEN]);
+    printf("\n");
     for (size_t i = 0; i < a->count_reasons; i++)
         printf("  %s\n", a->reasons[i]);
+}
+
+static int verdict_status(enum sg_audit_verdict verdict)
+{
+    return verdict == SG_AUDIT_POISONED     ? STATUS_POISONED
+           : verdict == SG_AUDIT_SUSPICIOUS ? STATUS_SUSPICIOUS
+                                            : STATUS_DONE;
 }
 
 static int run_audit(const void *config, const bool *given, const char *const *positional, int count)
@@ -101,6 +118,8 @@ static int run_audit(const void *config, const bool *given, const char *const *p
         print_text(audit);
     if (!code && c.report)
         code = audit_report(ctx, scene, audit, c.report);
+    if (!code && c.exit_code)
+        code = verdict_status(audit->verdict);
     sg_audit_destroy(&audit);
     sg_scene_destroy(&scene);
     sg_ctx_destroy(&ctx);
@@ -112,7 +131,7 @@ const struct command command_audit = {
     .arguments = "SCENE [options]",
     .summary = "Tells poisoned photos from clean ones, before training.",
     .description = "Looks for what an attack on the cost of training has to leave in photos: fine oscillation, "
-                   "everywhere, in every photo. Exit status 0 whatever the verdict.",
+                   "everywhere, in every photo. Exit status 0 whatever the verdict, unless --exit-code is given.",
     .options = audit_options,
     .config_size = sizeof(struct audit_config),
     .defaults = &defaults,

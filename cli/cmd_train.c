@@ -84,7 +84,7 @@ static const struct option train_options[] = {
         "defense", T(defense), "off|spectral", "NAME",
         "Against poisoned photos: prune Gaussians of high frequency, keep renders smooth and even over directions."),
     CHOICE_ROW("audit", T(audit), "off|warn|refuse|defend", "MODE",
-               "Look at the photos first (see `audit`): say what is found, refuse poisoned ones with exit status 2, or "
+               "Look at the photos first (see `audit`): say what is found, refuse poisoned ones with exit status 5, or "
                "turn the "
                "defense on unless they are clean."),
     NUMBER_ROW("tolerance", OPT_FLOAT, T(train.tolerance), 0, 255, "LEVELS",

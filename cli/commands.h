@@ -2,6 +2,7 @@
 #ifndef CLI_COMMANDS_H
 #define CLI_COMMANDS_H
 
+#include "exit_status.h"
 #include "options.h"
 #include "splatguard/splatguard.h"
 
@@ -51,9 +52,6 @@ void warn_small_photos(const struct sg_scene *scene);
 
 /* How to go on with what was interrupted, for a shell. */
 void say_resume(const char *command, const char *folder);
-
-/* Exit code for a library error: 1 usage, 2 input, 3 budget, 4 internal, 130 interrupted. */
-int exit_code(int error);
 
 /* Says that the command itself could not allocate something small; returns the exit code 3. */
 int no_memory(void);

@@ -19,10 +19,9 @@ static void usage(FILE *out)
     for (size_t i = 0; i < COMMANDS; i++)
         fprintf(out, "  splatguard %-7s %s\n      %s\n", commands[i]->name, commands[i]->arguments,
                 commands[i]->summary);
-    fprintf(
-        out,
-        "\nsplatguard COMMAND --help lists the options of a command.\n"
-        "Exit codes: 0 ok, 1 usage, 2 bad input, 3 over budget, 4 internal error, 130 interrupted (after saving).\n");
+    fprintf(out, "\nsplatguard COMMAND --help lists the options of a command.\n\nExit status:\n");
+    for (const struct exit_meaning *e = exit_meanings; e->meaning; e++)
+        fprintf(out, "  %3d  %s\n", (int) e->status, e->meaning);
 }
 
 static void man(void)
@@ -35,9 +34,13 @@ static void man(void)
     printf(".SH COMMANDS\n");
     for (size_t i = 0; i < COMMANDS; i++)
         options_man(commands[i], stdout);
-    printf(
-        ".SH EXIT STATUS\n0 ok, 1 usage, 2 bad input, 3 over budget, 4 internal error, 130 interrupted after saving.\n"
-        ".SH ENVIRONMENT\n.TP\n.B SG_CPU\nCPU variant to use, as \\-\\-cpu.\n");
+    printf(".SH EXIT STATUS\n");
+    for (const struct exit_meaning *e = exit_meanings; e->meaning; e++) {
+        printf(".TP\n.B %d\n", (int) e->status);
+        options_roff(stdout, e->meaning);
+        printf("\n");
+    }
+    printf(".SH ENVIRONMENT\n.TP\n.B SG_CPU\nCPU variant to use, as \\-\\-cpu.\n");
 }
 
 static void markdown(void)
@@ -47,6 +50,9 @@ static void markdown(void)
            "`--name=value`.\n");
     for (size_t i = 0; i < COMMANDS; i++)
         options_markdown(commands[i], stdout);
+    printf("\n## Exit status\n\n| status | meaning |\n|---|---|\n");
+    for (const struct exit_meaning *e = exit_meanings; e->meaning; e++)
+        printf("| %d | %s |\n", (int) e->status, e->meaning);
 }
 
 static int run(const struct command *c, int argc, char **argv)

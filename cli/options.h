@@ -112,4 +112,7 @@ void options_help(const struct command *c, FILE *out);
 void options_markdown(const struct command *c, FILE *out);
 void options_man(const struct command *c, FILE *out);
 
+/* Text with what roff would take for a command escaped. */
+void options_roff(FILE *out, const char *text);
+
 #endif

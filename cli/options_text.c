@@ -83,7 +83,7 @@ void options_markdown(const struct command *c, FILE *out)
 }
 
 /* roff takes a dash for a hyphen and a backslash for a command. */
-static void roff(FILE *out, const char *text)
+void options_roff(FILE *out, const char *text)
 {
     for (; *text; text++) {
         if (*text == '-' || *text == '\\')
@@ -95,9 +95,9 @@ static void roff(FILE *out, const char *text)
 void options_man(const struct command *c, FILE *out)
 {
     fprintf(out, ".SS splatguard %s ", c->name);
-    roff(out, c->arguments);
+    options_roff(out, c->arguments);
     fprintf(out, "\n");
-    roff(out, c->description);
+    options_roff(out, c->description);
     fprintf(out, "\n");
     for (const struct option *o = c->options; o->name; o++) {
         char value[128];
@@ -109,12 +109,12 @@ void options_man(const struct command *c, FILE *out)
         if (o->letter)
             fprintf(out, "\\-%c, ", o->letter);
         fprintf(out, "\\-\\-");
-        roff(out, o->name);
+        options_roff(out, o->name);
         fprintf(out, "\\fR \\fI%s\\fR\n", argument_of(o));
-        roff(out, o->help);
+        options_roff(out, o->help);
         if (options_show(o, c->defaults, value, sizeof(value))) {
             fprintf(out, " Default: ");
-            roff(out, value);
+            options_roff(out, value);
             fprintf(out, ".");
         }
         fprintf(out, "\n");

@@ -49,24 +49,6 @@ void say_resume(const char *command, const char *folder)
     free(word);
 }
 
-int exit_code(int error)
-{
-    switch (error) {
-    case SG_OK:
-        return 0;
-    case SG_ERR_USAGE:
-        return 1;
-    case SG_ERR_INPUT:
-        return 2;
-    case SG_ERR_BUDGET:
-        return 3;
-    case SG_ERR_INTERRUPTED:
-        return 130;
-    default:
-        return 4;
-    }
-}
-
 int no_memory(void)
 {
     say(stderr, "splatguard: out of memory\n");
@@ -174,13 +156,20 @@ const char *cpu_variant(const char *option)
     return option ? option : environment && environment[0] ? environment : NULL;
 }
 
+/* Clean photos with a smaller side can have any score: docs/audit.md has the figures. */
+#define SIDE_JUDGED 200
+
 void warn_small_photos(const struct sg_scene *scene)
 {
     size_t small = 0;
     for (size_t i = 0; i < scene->n_train; i++)
-        small += scene->train[i].camera.width < 100 || scene->train[i].camera.height < 100;
+        small += scene->train[i].camera.width < SIDE_JUDGED || scene->train[i].camera.height < SIDE_JUDGED;
     if (2 * small > scene->n_train)
-        say(stderr, "warning: audit: photos with fewer than 100 pixels on a side are too small to be judged well\n");
+        say(stderr,
+            "warning: audit: photos with fewer than %d pixels on a side are too small to be judged well: clean ones "
+            "can "
+            "look poisoned\n",
+            SIDE_JUDGED);
 }
 
 char *find_model(const char *path, int iteration)

@@ -90,7 +90,7 @@ static int heed(struct train_config *c, const struct sg_audit *found)
         say(stderr, "  %s\n", found->reasons[i]);
     if (c->audit == AUDIT_REFUSE && found->verdict == SG_AUDIT_POISONED) {
         say(stderr, "splatguard: %s: found poisoned photos, expected clean ones (--audit refuse)\n", c->source);
-        return 2;
+        return STATUS_POISONED;
     }
     if (c->audit == AUDIT_DEFEND && !clean && !c->resume) /* a run keeps the defense that it has */
         c->defense = 1;

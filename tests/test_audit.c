@@ -28,6 +28,7 @@ static struct sg_audit *audit(sg_ctx *ctx, const double *noise, int n, bool rows
     for (int i = 0; i < n; i++)
         assert_string_equal(a->images[i].name, "photo");
     assert_int_equal(a->verdicts[0] + a->verdicts[1] + a->verdicts[2], n);
+    assert_int_equal(a->verdicts[SG_AUDIT_UNSEEN], 0);
     return a;
 }
 
@@ -310,11 +311,40 @@ static void test_memory(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* A photo of which the mask leaves nothing has no verdict, and a set of such photos neither. */
+static void test_unseen(void **state)
+{
+    (void) state;
+    static uint8_t nothing[W * H];
+    sg_ctx *ctx = make_context(1);
+    struct sg_view views[3];
+    struct sg_scene scene = {.path = (char *) "scene", .train = views, .n_train = 3};
+    struct sg_audit *a;
+    paint(16, false, 1);
+    for (int i = 0; i < 3; i++)
+        views[i] = (struct sg_view){.camera = {.width = W, .height = H}, .rgb = image, .mask = i ? nothing : NULL};
+    assert_int_equal(sg_audit_scene(ctx, &scene, &a), SG_OK);
+    assert_int_equal(a->verdict, SG_AUDIT_POISONED);
+    assert_int_equal(a->verdicts[SG_AUDIT_UNSEEN], 2);
+    assert_int_equal(a->verdicts[SG_AUDIT_CLEAN], 0);
+    assert_true(a->images[1].verdict == SG_AUDIT_UNSEEN && a->images[1].score == 0);
+    assert_string_equal(sg_audit_verdict_name(SG_AUDIT_UNSEEN), "unseen");
+    sg_audit_destroy(&a);
+    views[0].mask = nothing;
+    for (int k = 0; k < 2; k++) { /* of no photo there is nothing to see either */
+        scene.n_train = k ? 0 : 3;
+        assert_int_equal(sg_audit_scene(ctx, &scene, &a), SG_ERR_INPUT);
+        assert_null(a);
+        assert_non_null(strstr(sg_last_error(ctx), "scene: audit: found no training view with a used pixel"));
+    }
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_scores),   cmocka_unit_test(test_turned),
-                                       cmocka_unit_test(test_verdicts), cmocka_unit_test(test_no_vote),
-                                       cmocka_unit_test(test_spared),   cmocka_unit_test(test_consistency),
-                                       cmocka_unit_test(test_reasons),  cmocka_unit_test(test_memory)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_scores),  cmocka_unit_test(test_turned), cmocka_unit_test(test_verdicts),
+        cmocka_unit_test(test_no_vote), cmocka_unit_test(test_spared), cmocka_unit_test(test_consistency),
+        cmocka_unit_test(test_reasons), cmocka_unit_test(test_memory), cmocka_unit_test(test_unseen)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

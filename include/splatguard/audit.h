@@ -11,7 +11,13 @@
 extern "C" {
 #endif
 
-enum sg_audit_verdict { SG_AUDIT_CLEAN, SG_AUDIT_SUSPICIOUS, SG_AUDIT_POISONED };
+enum sg_audit_verdict {
+    SG_AUDIT_CLEAN,
+    SG_AUDIT_SUSPICIOUS,
+    SG_AUDIT_POISONED,
+    SG_AUDIT_UNSEEN, /* of a photo, never of a set: its mask leaves no pixel, so nothing was looked at */
+    SG_AUDIT_VERDICTS
+};
 
 /* What is measured of one image. Differences are between neighbouring pixels' luma, in grey levels; neighbours are the
  * nearest pixels of a row or column that the mask does not leave out. */
@@ -38,7 +44,7 @@ struct sg_audit_features {
 struct sg_audit_image {
     const char *name; /* the view's: lives as long as the scene */
     struct sg_audit_features features;
-    double score; /* 0..1 */
+    double score; /* 0..1; 0 where unseen */
     enum sg_audit_verdict verdict;
 };
 
@@ -49,12 +55,13 @@ struct sg_audit {
     struct sg_audit_image *images; /* of the training views, in their order */
     double score;                  /* of the set */
     enum sg_audit_verdict verdict;
-    size_t verdicts[3]; /* images of each */
+    size_t verdicts[SG_AUDIT_VERDICTS]; /* images of each */
     size_t count_reasons;
     char *reasons[SG_AUDIT_REASONS_MAX]; /* sentences: what speaks for a poison */
 };
 
-/* The caller owns *out. Errors: SG_ERR_BUDGET. Thread safety: as the context. */
+/* The caller owns *out. Errors: SG_ERR_INPUT: no training view has a used pixel, so there is nothing to judge;
+ * SG_ERR_BUDGET. Thread safety: as the context. */
 int sg_audit_scene(sg_ctx *ctx, const struct sg_scene *scene, struct sg_audit **out);
 void sg_audit_destroy(struct sg_audit **audit);
 

@@ -3,7 +3,8 @@
 #define SPLATGUARD_ERROR_H
 
 /* Every fallible call returns SG_OK or one of these negative codes and leaves a message that names
- * file, place, what was found and what was expected (but for sg_ctx_create); read it with sg_last_error(). */
+ * file, place, what was found and what was expected (but for sg_ctx_create); read it with sg_last_error(). The
+ * arrows say what the command line tool exits with; it has more statuses, see splatguard --help. */
 enum sg_error {
     SG_OK = 0,
     SG_ERR_USAGE = -1,       /* the caller asked for something that makes no sense      -> exit 1 */

@@ -8,6 +8,7 @@
 
 #include "audit_photo.h"
 #include "core/internal.h"
+#include "scene/used.h"
 
 static double logistic(double x)
 {
@@ -191,7 +192,7 @@ done:
 
 const char *sg_audit_verdict_name(enum sg_audit_verdict verdict)
 {
-    static const char *const names[] = {"clean", "suspicious", "poisoned"};
+    static const char *const names[] = {"clean", "suspicious", "poisoned", "unseen"};
     return names[verdict];
 }
 
@@ -210,14 +211,19 @@ static void audit_view(void *arg, size_t i, int thread)
     struct sg_audit_image *image = &j->audit->images[i];
     image->name = v->name;
     j->codes[i] = sg_audit_measure(j->ctx, v->rgb, v->mask, v->camera.width, v->camera.height, &image->features, NULL);
-    image->score = score_of(image->features.ragged, evidence(&image->features));
-    image->verdict = verdict_of(image->score);
+    const bool seen = sg_views_used(v, 1);
+    image->score = seen ? score_of(image->features.ragged, evidence(&image->features)) : 0;
+    image->verdict = seen ? verdict_of(image->score) : SG_AUDIT_UNSEEN;
 }
 
 int sg_audit_scene(sg_ctx *ctx, const struct sg_scene *scene, struct sg_audit **out)
 {
     sg_clear_error(ctx);
     *out = NULL;
+    if (!sg_views_used(scene->train, scene->n_train))
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: audit: found no training view with a used pixel: masks leave nothing to look at",
+                       scene->path);
     struct sg_audit *a = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*a));
     int *codes = sg_alloc(ctx, SG_MEM_MISC, scene->n_train, sizeof(*codes));
     if (a)

@@ -135,10 +135,10 @@ expect 0 attack scene/blender -o noisy --method noise --epsilon 16 -q
 expect 0 audit noisy --json -q
 grep -q '"verdict": "poisoned"' out || fail "noise is not found: $(head -n 3 out)"
 grep -q 'oscillate' out || fail "no reasons"
-expect 2 train noisy -o refused --audit refuse -q
+expect 5 train noisy -o refused --audit refuse -q
 says 'expected clean ones'
 expect 0 train scene/blender -o replaced --audit refuse $brief
-expect 2 train noisy -o replaced --resume --iterations 50 -q # photos replaced since
+expect 5 train noisy -o replaced --resume --iterations 50 -q # photos replaced since
 says 'expected clean ones'
 [ ! -e refused ] || fail "a refused run has begun"
 expect 0 train noisy -o warned $brief --audit warn
