@@ -2,5 +2,5 @@
 add_executable(splatguard_bench bench/bench.c bench/roofline.c)
 set_target_properties(splatguard_bench PROPERTIES OUTPUT_NAME bench)
 target_include_directories(splatguard_bench PRIVATE src bench)
-target_link_libraries(splatguard_bench PRIVATE splatguard sg_flags Threads::Threads m)
+target_link_libraries(splatguard_bench PRIVATE splatguard sg_overrides Threads::Threads m)
 target_compile_options(splatguard_bench PRIVATE -O3 -ffp-contract=fast)

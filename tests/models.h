@@ -17,7 +17,7 @@
 
 #include "engine/engine.h"
 #include "core/rng.h"
-#include "splatguard/splatguard.h"
+#include "params.h"
 
 static inline sg_ctx *make_context(int threads)
 {

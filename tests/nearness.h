@@ -12,6 +12,7 @@
 #include <stdlib.h>
 
 #include "spectral/anisotropy.h"
+#include "params.h"
 
 struct nearness {
     double loss, cosine, length; /* ratio; of the two gradients; ratio of their lengths */

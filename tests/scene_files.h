@@ -17,6 +17,7 @@
 #include "core/file.h"
 #include "scene/image.h"
 #include "splatguard/scene.h"
+#include "params.h"
 
 struct fixture {
     sg_ctx *ctx;

@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "splatguard/splatguard.h"
+#include "params.h"
 
 static sg_ctx *context(int threads)
 {

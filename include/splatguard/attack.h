@@ -55,7 +55,7 @@ struct sg_attack_params {
     .lambda_dssim = 0.2f, .feature_lr = 0.0025f, .opacity_lr = 0.05f, .scaling_lr = 0.005f, .rotation_lr = 0.001f,     \
     .percent_dense = 0.01f, .densification_interval = 100, .densify_grad_threshold = 0.0002f, .seed = 42,              \
     .max_instances = 1u << 24, .engine = "cpu"
-#define sg_attack_params(...) (&(struct sg_attack_params){SG_ATTACK_DEFAULTS, __VA_ARGS__})
+struct sg_attack_params sg_attack_params_default(void);
 
 /* What one visit of a view did. */
 struct sg_attack_step {
@@ -120,6 +120,7 @@ struct sg_poison_files {
     bool full_chroma;                                                           /* JPEG 4:4:4. Default false: 4:2:0. */
 };
 #define SG_POISON_FILE_DEFAULTS .jpeg_quality = 75
+struct sg_poison_files sg_poison_files_default(void);
 
 /* What one written image is, next to its photo. */
 struct sg_poison_report {

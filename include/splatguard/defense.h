@@ -71,6 +71,7 @@ struct sg_defense_params {
 #define SG_DEFENSE_DEFAULTS                                                                                            \
     .rho = 0.03, .frequency = 8, .exponent = 2, .views = 48, .interval = 100, .from = -1, .until = -1, .lambda = 4,    \
     .anisotropy_scale = 0.005, .tv_scale = 1, .tv = SG_TV_NORM_HUBER, .spectrum = {SG_ANISOTROPY_DEFAULTS}
+struct sg_defense_params sg_defense_params_default(void);
 
 struct sg_audit;
 

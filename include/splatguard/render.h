@@ -18,7 +18,7 @@ struct sg_render_params {
     uint64_t max_instances;  /* (Gaussian, tile) pairs held at once; more are processed in bands. Default 1 << 24. */
 };
 #define SG_RENDER_DEFAULTS .max_instances = 1u << 24
-#define sg_render_params(...) (&(struct sg_render_params){SG_RENDER_DEFAULTS, __VA_ARGS__})
+struct sg_render_params sg_render_params_default(void);
 
 /* What a view cost. */
 struct sg_render_stats {

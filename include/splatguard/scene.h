@@ -43,7 +43,7 @@ struct sg_scene_params {
 #define SG_SCENE_DEFAULTS                                                                                    \
     .format = SG_FORMAT_AUTO, .resolution = -1, .downscale = 1, .test_every = 8, .max_pixels = 1u << 28,     \
     .max_images = 1u << 16, .max_points = 1u << 27
-#define sg_scene_params(...) (&(struct sg_scene_params){SG_SCENE_DEFAULTS, __VA_ARGS__})
+struct sg_scene_params sg_scene_params_default(void);
 
 /* One view: a photo, its undistorted pinhole camera and its optional mask. */
 struct sg_view {

@@ -19,7 +19,7 @@ struct sg_spectrum_params {
     int bins;         /* directions over the full circle, even, 2..SG_SPECTRUM_BINS_MAX. Default 36. */
 };
 #define SG_SPECTRUM_DEFAULTS .low = 0.3, .high = 0.9, .bins = 36
-#define sg_spectrum_params(...) (&(struct sg_spectrum_params){SG_SPECTRUM_DEFAULTS, __VA_ARGS__})
+struct sg_spectrum_params sg_spectrum_params_default(void);
 
 /* What a coefficient counts, and of which planes. */
 enum sg_energy { SG_ENERGY_POWER /* |F|^2 */, SG_ENERGY_AMPLITUDE /* |F| */ };
@@ -37,7 +37,7 @@ struct sg_anisotropy_params {
                                   false. */
 };
 #define SG_ANISOTROPY_DEFAULTS .band = {SG_SPECTRUM_DEFAULTS}
-#define sg_anisotropy_params(...) (&(struct sg_anisotropy_params){SG_ANISOTROPY_DEFAULTS, __VA_ARGS__})
+struct sg_anisotropy_params sg_anisotropy_params_default(void);
 
 /* Where the energy of an image is: |DFT|^2, summed over the channels, without the constant term. */
 struct sg_spectrum {

@@ -19,7 +19,7 @@ struct sg_synth_params {
 };
 
 #define SG_SYNTH_DEFAULTS .width = 400, .height = 400, .train_views = 60, .test_views = 12, .points = 20000, .samples = 3
-#define sg_synth_params(...) (&(struct sg_synth_params){SG_SYNTH_DEFAULTS, __VA_ARGS__})
+struct sg_synth_params sg_synth_params_default(void);
 
 /* Writes DIR/blender and DIR/colmap. DIR must not exist or be empty. params may be NULL. Errors:
  * SG_ERR_USAGE for values out of range, SG_ERR_INPUT for other folders and what cannot be written, SG_ERR_BUDGET. */

@@ -67,7 +67,7 @@ struct sg_train_params {
     .densification_interval = 100, .densify_from_iter = 500, .densify_until_iter = 15000,                              \
     .densify_grad_threshold = 0.0002f, .opacity_reset_interval = 3000, .init_points = 100000,                          \
     .max_instances = 1u << 24, .defense = {SG_DEFENSE_DEFAULTS}, .engine = "cpu"
-#define sg_train_params(...) (&(struct sg_train_params){SG_TRAIN_DEFAULTS, __VA_ARGS__})
+struct sg_train_params sg_train_params_default(void);
 
 /* SG_ERR_USAGE, naming the value and its range, where a number is out of it; sg_trainer_create checks this and what
  * depends on scene and machine. params: not NULL. */

@@ -28,6 +28,11 @@ struct sg_attack {
     const struct cpu_kernels *kernels; /* NULL with the oracle */
 };
 
+struct sg_attack_params sg_attack_params_default(void)
+{
+    return (struct sg_attack_params){SG_ATTACK_DEFAULTS};
+}
+
 int sg_attack_check(sg_ctx *ctx, const struct sg_attack_params *p)
 {
     sg_clear_error(ctx);
@@ -81,7 +86,7 @@ static int open_attack(sg_ctx *ctx, const struct sg_scene *scene, struct sg_trai
                        const struct sg_attack_params *params, sg_attack **out)
 {
     *out = NULL;
-    const struct sg_attack_params p = params ? *params : *sg_attack_params();
+    const struct sg_attack_params p = params ? *params : sg_attack_params_default();
     int code = sg_attack_check(ctx, &p);
     if (code)
         return code;
@@ -93,13 +98,13 @@ static int open_attack(sg_ctx *ctx, const struct sg_scene *scene, struct sg_trai
     a->params = p;
     a->ctx = ctx;
     start.sums = p.update_interval > 1;
+    struct sg_train_params decoy = sg_train_params_default();
+    decoy.iterations = p.iterations, decoy.seed = p.seed, decoy.lambda_dssim = p.lambda_dssim;
+    decoy.max_gaussians = p.max_gaussians, decoy.max_instances = p.max_instances;
+    decoy.engine = p.engine, decoy.cpu = p.cpu;
     code = allocate(a, scene); /* first: the trainer plans with what is left */
     if (!code)
-        code = sg_trainer_open(ctx, scene, &start,
-                               sg_train_params(.iterations = p.iterations, .seed = p.seed,
-                                               .lambda_dssim = p.lambda_dssim, .max_gaussians = p.max_gaussians,
-                                               .max_instances = p.max_instances, .engine = p.engine, .cpu = p.cpu),
-                               &a->trainer);
+        code = sg_trainer_open(ctx, scene, &start, &decoy, &a->trainer);
     if (!code)
         code = sg_engine_kernels(ctx, p.engine, p.cpu, &a->kernels);
     if (code) {

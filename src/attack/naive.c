@@ -20,7 +20,7 @@ static float within(float low, float v, float high)
 int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, const struct sg_attack_params *params,
                     enum sg_naive_attack method, uint8_t *rgb)
 {
-    const struct sg_attack_params p = params ? *params : *sg_attack_params();
+    const struct sg_attack_params p = params ? *params : sg_attack_params_default();
     const int w = view->camera.width, h = view->camera.height;
     const size_t n = (size_t) w * (size_t) h;
     int code = sg_attack_check(ctx, &p);

@@ -192,6 +192,11 @@ static int refuse_scene(sg_ctx *ctx, const struct sg_scene *scene, const char *f
     return SG_OK;
 }
 
+struct sg_poison_files sg_poison_files_default(void)
+{
+    return (struct sg_poison_files){SG_POISON_FILE_DEFAULTS};
+}
+
 int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_poison_files *files,
                             const char *folder)
 {

@@ -144,6 +144,11 @@ static int deal(sg_ctx *ctx, struct sg_scene *scene, const struct sg_shots *shot
     return SG_OK;
 }
 
+struct sg_scene_params sg_scene_params_default(void)
+{
+    return (struct sg_scene_params){SG_SCENE_DEFAULTS};
+}
+
 int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *params, struct sg_scene **out)
 {
     struct sg_shots shots = {0};
@@ -151,7 +156,7 @@ int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *p
     struct sg_view *views = NULL;
     struct sg_scene *scene = NULL;
     struct sg_folder dir = {.fd = -1};
-    const struct sg_scene_params defaults = {SG_SCENE_DEFAULTS};
+    const struct sg_scene_params defaults = sg_scene_params_default();
     sg_clear_error(ctx);
     *out = NULL;
     if (!params)

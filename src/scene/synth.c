@@ -206,10 +206,15 @@ static int write_models(struct synth *s)
     return code;
 }
 
+struct sg_synth_params sg_synth_params_default(void)
+{
+    return (struct sg_synth_params){SG_SYNTH_DEFAULTS};
+}
+
 int sg_synth_write(sg_ctx *ctx, const char *dir, const struct sg_synth_params *params)
 {
     sg_clear_error(ctx);
-    const struct sg_synth_params defaults = {SG_SYNTH_DEFAULTS}, *p = params ? params : &defaults;
+    const struct sg_synth_params defaults = sg_synth_params_default(), *p = params ? params : &defaults;
     int code = check(ctx, p);
     if (code)
         return code;

@@ -104,6 +104,11 @@ static int make_plans(struct sg_anisotropy *a)
     return SG_OK;
 }
 
+struct sg_anisotropy_params sg_anisotropy_params_default(void)
+{
+    return (struct sg_anisotropy_params){SG_ANISOTROPY_DEFAULTS};
+}
+
 int sg_anisotropy_create(sg_ctx *ctx, int width, int height, const struct sg_anisotropy_params *params,
                          struct sg_anisotropy **out)
 {
@@ -112,7 +117,7 @@ int sg_anisotropy_create(sg_ctx *ctx, int width, int height, const struct sg_ani
     if (!a)
         return SG_ERR_BUDGET;
     *a = (struct sg_anisotropy){
-        .ctx = ctx, .params = params ? *params : *sg_anisotropy_params(), .width = width, .height = height};
+        .ctx = ctx, .params = params ? *params : sg_anisotropy_params_default(), .width = width, .height = height};
     a->w = sg_anisotropy_width(width, a->params.exact_size);
     a->h = sg_anisotropy_height(height, a->params.exact_size);
     a->planes = a->params.channels == SG_CHANNELS_LUMA ? 1 : 3;

@@ -5,6 +5,16 @@
 #include "engine/engine.h"
 #include "core/ranges.h"
 
+struct sg_train_params sg_train_params_default(void)
+{
+    return (struct sg_train_params){SG_TRAIN_DEFAULTS};
+}
+
+struct sg_defense_params sg_defense_params_default(void)
+{
+    return (struct sg_defense_params){SG_DEFENSE_DEFAULTS};
+}
+
 static int check_defense(sg_ctx *ctx, const struct sg_defense_params *d)
 {
     const struct sg_spectrum_params *band = &d->spectrum.band;

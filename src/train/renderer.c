@@ -20,9 +20,15 @@ int sg_renderer_borrow(struct sg_engine *engine, int sh_degree, const struct sg_
     return SG_OK;
 }
 
+struct sg_render_params sg_render_params_default(void)
+{
+    return (struct sg_render_params){SG_RENDER_DEFAULTS};
+}
+
 int sg_renderer_create(sg_ctx *ctx, const char *engine, const char *cpu, const struct sg_model *model,
                        const struct sg_render_params *params, sg_renderer **out)
 {
+    const struct sg_render_params defaults = sg_render_params_default();
     sg_clear_error(ctx);
     *out = NULL;
     struct sg_engine *b;
@@ -31,7 +37,7 @@ int sg_renderer_create(sg_ctx *ctx, const char *engine, const char *cpu, const s
         return code;
     code = b->ops->upload(b, model, NULL);
     if (!code)
-        code = sg_renderer_borrow(b, model->active_sh_degree, params ? params : sg_render_params(), out);
+        code = sg_renderer_borrow(b, model->active_sh_degree, params ? params : &defaults, out);
     if (code)
         sg_engine_destroy(&b);
     else

@@ -55,7 +55,7 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
         return SG_ERR_BUDGET;
     t->ctx = ctx;
     t->scene = scene;
-    t->params = params ? *params : *sg_train_params();
+    t->params = params ? *params : sg_train_params_default();
     /* One camera has no extent; 1 keeps the learning rates finite and moving. */
     t->extent = scene->extent > 0 ? scene->extent : 1;
     t->epoch = UINT64_MAX;
