@@ -138,6 +138,8 @@ static int start_decoy(struct attack_run *r, const char *proxy)
     char *saved = run_path(r->config->output, "attack/checkpoint.bin");
     int error = sg_model_read_ply(r->ctx, proxy, UINT32_MAX, &model), code = saved ? 0 : no_memory();
     if (!error)
+        error = sg_model_check(r->ctx, model, proxy);
+    if (!error)
         r->proxy_gaussians = model->count;
     if (!error && !code && r->config->resume && !access(saved, F_OK)) {
         char *state = run_path(r->config->output, "attack");

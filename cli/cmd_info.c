@@ -5,11 +5,13 @@
 
 struct info_config {
     bool json;
+    uint64_t max_memory;
 };
 
 static const struct option info_options[] = {
     GROUP_ROW("Output"),
     FLAG_ROW("json", offsetof(struct info_config, json), "Print one JSON object.", .transient = true),
+    MEMORY_ROW(struct info_config, max_memory),
     {0},
 };
 
@@ -17,26 +19,43 @@ static const struct info_config defaults = {0};
 
 static int print_json(const struct sg_model_info *i)
 {
+    json_t *first = i->nonfinite ? json_pack("{s:I,s:s}", "gaussian", (json_int_t) i->first_nonfinite, "property",
+                                             i->first_property)
+                                 : json_null();
     json_t *root =
-        json_pack("{s:I,s:i,s:o,s:o,s:o,s:o,s:I,s:I,s:I}", "gaussians", (json_int_t) i->count, "sh_degree",
+        json_pack("{s:I,s:i,s:o,s:o,s:o,s:o,s:I,s:o,s:I,s:I}", "gaussians", (json_int_t) i->count, "sh_degree",
                   i->sh_degree, "min", numbers_json(i->min, 3), "max", numbers_json(i->max, 3), "scale_percentiles",
                   numbers_json(i->scale_percentile, 5), "opacity_percentiles", numbers_json(i->opacity_percentile, 5),
-                  "nonfinite", (json_int_t) i->nonfinite, "zero_rotation", (json_int_t) i->zero_rotation, "transparent",
-                  (json_int_t) i->transparent);
+                  "nonfinite", (json_int_t) i->nonfinite, "first_nonfinite", first, "zero_rotation",
+                  (json_int_t) i->zero_rotation, "transparent", (json_int_t) i->transparent);
     return json_print(root, 0);
+}
+
+static void print_percentiles(const char *title, const double *values)
+{
+    printf("  %-10s", title);
+    for (int k = 0; k < 5; k++)
+        if (values[k] - values[k] == 0)
+            printf(" %-10.4g", values[k]);
+        else
+            printf(" %-10s", "-");
+    printf("\n");
 }
 
 static void print_text(const char *path, const struct sg_model_info *i)
 {
-    const double *s = i->scale_percentile, *o = i->opacity_percentile;
     printf("%s\n  Gaussians  %zu, SH degree %d\n", path, i->count, i->sh_degree);
-    printf("  bounds     x %.4g .. %.4g, y %.4g .. %.4g, z %.4g .. %.4g\n", i->min[0], i->max[0], i->min[1], i->max[1],
-           i->min[2], i->max[2]);
+    if (i->min[0] <= i->max[0])
+        printf("  bounds     x %.4g .. %.4g, y %.4g .. %.4g, z %.4g .. %.4g\n", i->min[0], i->max[0], i->min[1],
+               i->max[1], i->min[2], i->max[2]);
+    else
+        printf("  bounds     none: no position is finite\n");
     printf("  percentile       1 %%        25 %%       50 %%       75 %%       99 %%\n");
-    printf("  scale      %-10.4g %-10.4g %-10.4g %-10.4g %-10.4g\n", s[0], s[1], s[2], s[3], s[4]);
-    printf("  opacity    %-10.4g %-10.4g %-10.4g %-10.4g %-10.4g\n", o[0], o[1], o[2], o[3], o[4]);
+    print_percentiles("scale", i->scale_percentile);
+    print_percentiles("opacity", i->opacity_percentile);
     if (i->nonfinite)
-        printf("  broken     %zu Gaussians hold a NaN or an infinity and are never drawn\n", i->nonfinite);
+        printf("  broken     %zu Gaussians hold a NaN or an infinity, the first is Gaussian %zu (%s)\n", i->nonfinite,
+               i->first_nonfinite, i->first_property);
     if (i->zero_rotation)
         printf("  broken     %zu Gaussians have a rotation of length 0\n", i->zero_rotation);
     if (i->transparent)
@@ -51,7 +70,7 @@ static int run_info(const void *config, const bool *given, const char *const *po
     struct sg_model *model = NULL;
     struct sg_model_info info;
     char *path = find_model(positional[0], 0);
-    int code = path ? open_context(&ctx, 1, 0, true) : 2;
+    int code = path ? open_context(&ctx, 1, c->max_memory, true) : 2;
     if (!code) {
         int error = sg_model_read_ply(ctx, path, UINT32_MAX, &model);
         if (!error)
@@ -62,6 +81,10 @@ static int run_info(const void *config, const bool *given, const char *const *po
             code = print_json(&info);
         else
             print_text(path, &info);
+        if (!code) { /* told in full, but of no use */
+            error = sg_model_check(ctx, model, path);
+            code = error ? report(ctx, error) : 0;
+        }
         sg_model_destroy(&model);
         sg_ctx_destroy(&ctx);
     }
@@ -75,7 +98,8 @@ const struct command command_info = {
     .summary = "Says what is in a model and what is wrong with it.",
     .description =
         "Prints count, SH degree, bounds and percentiles of scale and opacity. A file that cannot be read is "
-        "refused with the place and the reason.",
+        "refused with the place and the reason. Exit status 2 also for a model with values that are not finite, "
+        "which no other command takes.",
     .options = info_options,
     .config_size = sizeof(struct info_config),
     .defaults = &defaults,

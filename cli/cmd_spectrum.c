@@ -12,6 +12,7 @@ struct spectrum_config {
     const char *output, *crop;
     struct sg_spectrum_params p;
     double gain;
+    uint64_t max_memory;
     bool json;
 };
 
@@ -22,6 +23,7 @@ static const struct option spectrum_options[] = {
     TEXT_ROW("output", S(output), "OUT.png", "Draw the picture, of at most 6 images, into this file.", .letter = 'o',
              .transient = true),
     FLAG_ROW("json", S(json), "Print a JSON array, one object an image.", .transient = true),
+    MEMORY_ROW(struct spectrum_config, max_memory),
     NUMBER_ROW("gain", OPT_DOUBLE, S(gain), 0.01, 255, "X", "How much differences from the first image are magnified.",
                .transient = true),
     TEXT_ROW("crop", S(crop), "X,Y,W,H", "Also draw this part of every image, magnified.", .transient = true),
@@ -42,8 +44,8 @@ static int load(sg_ctx *ctx, const char *path, const struct spectrum_config *c, 
     if (error)
         return error;
     const size_t n = (size_t) image.width * (size_t) image.height;
-    uint8_t *rgb = malloc(3 * n);
-    float *amplitude = malloc(n * sizeof(float));
+    uint8_t *rgb = sg_alloc_raw(ctx, SG_MEM_IMAGES, n, 3);
+    float *amplitude = sg_alloc_raw(ctx, SG_MEM_IMAGES, n, sizeof(float));
     out->title = strlen(path) > TITLE_MAX ? path + strlen(path) - TITLE_MAX : path;
     out->width = image.width, out->height = image.height;
     out->rgb = rgb, out->amplitude = amplitude; /* freed by the caller */
@@ -116,7 +118,7 @@ static int draw(sg_ctx *ctx, const struct spectrum_config *c, const struct pictu
     int error = picture_draw(ctx, images, n, c->gain, crop, &rgb, &width, &height);
     if (!error)
         error = sg_image_write_png(ctx, c->output, rgb, width, height, 3);
-    free(rgb);
+    sg_free(rgb);
     return error;
 }
 
@@ -140,7 +142,7 @@ static int run_spectrum(const void *config, const bool *given, const char *const
             say(stderr, "splatguard spectrum: -o %s: found one of the images, expected another file\n", c->output);
             return 1;
         }
-    int code = open_context(&ctx, 0, 0, false);
+    int code = open_context(&ctx, 0, c->max_memory, false);
     if (code)
         return code;
     for (int k = 0; k < count && !code; k++) {
@@ -157,8 +159,8 @@ static int run_spectrum(const void *config, const bool *given, const char *const
     if (!code)
         code = (c->json ? print_json : print_lines)(images, count, positional);
     for (int k = 0; k < count; k++) {
-        free((void *) (uintptr_t) images[k].rgb);
-        free((void *) (uintptr_t) images[k].amplitude);
+        sg_free((void *) (uintptr_t) images[k].rgb);
+        sg_free((void *) (uintptr_t) images[k].amplitude);
     }
     sg_ctx_destroy(&ctx);
     return code;

@@ -47,6 +47,11 @@ struct scene_options {
                    "COLMAP, nerfstudio: every N-th view by name is a test view.", .transient = transient_),            \
         SCENE_LENS_ROWS(config, scene_, transient_)
 
+/* Of every command that reads files which may come from a stranger. */
+#define MEMORY_ROW(config, field)                                                                                      \
+    NUMBER_ROW("max-memory", OPT_BYTES, offsetof(config, field), 0, 9e15, "BYTES",                                     \
+               "Most memory of the process; 0 = no limit.", .transient = true)
+
 /* Where the audit's verdict means little. */
 void warn_small_photos(const struct sg_scene *scene);
 

@@ -76,7 +76,7 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
         code = 1;
     }
     if (!code)
-        code = open_context(&v->ctx, o->threads, 0, o->quiet);
+        code = open_context(&v->ctx, o->threads, o->max_memory, o->quiet);
     if (code)
         goto done;
     o->scene.params.format = (enum sg_scene_format) o->scene.format;
@@ -84,6 +84,8 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
     for (int ch = 0; ch < 3; ch++)
         o->render.background[ch] = o->scene.params.white_background ? 1 : 0;
     int error = sg_model_read_ply(v->ctx, path, UINT32_MAX, &v->model);
+    if (!error)
+        error = sg_model_check(v->ctx, v->model, path);
     if (!error)
         error = sg_scene_load(v->ctx, o->scene_path, &o->scene.params, &v->scene);
     if (!error)

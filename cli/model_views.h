@@ -10,6 +10,7 @@ struct model_options {
     struct scene_options scene;
     struct sg_render_params render;
     int split, engine, threads, iteration;
+    uint64_t max_memory;
     bool quiet;
 };
 #define SPLITS "test|train"
@@ -24,6 +25,7 @@ struct model_options {
                    "Which model of a run; 0 = the newest.", .transient = true),                                        \
         NUMBER_ROW("threads", OPT_INT, offsetof(config, m.threads), 0, 256, "T", "Worker threads; 0 = one per CPU.",   \
                    .letter = 'j', .transient = true),                                                                  \
+        MEMORY_ROW(config, m.max_memory),                                                                              \
         FLAG_ROW("quiet", offsetof(config, m.quiet), "Warnings only.", .letter = 'q', .transient = true),              \
         CHOICE_ROW("engine", offsetof(config, m.engine), ENGINES, "NAME", "cpu, or ref: the slow scalar oracle.",      \
                    .alias = "backend", .transient = true),                                                             \

@@ -72,12 +72,12 @@ static void text(struct canvas *c, double x, double y, double size, const uint8_
 /* Scales pixels to w x h at (x, y). */
 static int place(sg_ctx *ctx, struct canvas *c, const uint8_t *rgb, int width, int height, int x, int y, int w, int h)
 {
-    uint8_t *small = malloc(3 * (size_t) w * (size_t) h);
+    uint8_t *small = sg_alloc_raw(ctx, SG_MEM_IMAGES, (size_t) w * (size_t) h, 3);
     int code = small ? sg_resample(ctx, rgb, width, height, 3, small, w, h) : SG_ERR_BUDGET;
     for (int row = 0; row < h && !code; row++)
         memcpy(c->rgb + 3 * ((size_t) (y + row) * (size_t) c->width + (size_t) x),
                small + 3 * (size_t) row * (size_t) w, 3 * (size_t) w);
-    free(small);
+    sg_free(small);
     return code;
 }
 
@@ -85,13 +85,13 @@ static int draw_difference(sg_ctx *ctx, struct canvas *c, const struct picture_i
                            double gain, int x, int y, int w, int h)
 {
     const size_t n = 3 * (size_t) a->width * (size_t) a->height;
-    uint8_t *d = malloc(n);
+    uint8_t *d = sg_alloc_raw(ctx, SG_MEM_IMAGES, n, 1);
     if (!d)
         return SG_ERR_BUDGET;
     for (size_t i = 0; i < n; i++)
         d[i] = (uint8_t) (fmin(fmax(127.5 + gain * (b->rgb[i] - a->rgb[i]), 0), 255) + 0.5);
     const int code = place(ctx, c, d, a->width, a->height, x, y, w, h);
-    free(d);
+    sg_free(d);
     return code;
 }
 
@@ -112,13 +112,13 @@ static int draw_amplitude(sg_ctx *ctx, struct canvas *c, const struct picture_im
                           int y)
 {
     const size_t n = (size_t) p->width * (size_t) p->height;
-    uint8_t *grey = malloc(3 * n);
+    uint8_t *grey = sg_alloc_raw(ctx, SG_MEM_IMAGES, n, 3);
     if (!grey)
         return SG_ERR_BUDGET;
     for (size_t i = 0; i < n; i++)
         memset(grey + 3 * i, (int) (255 * fminf(fmaxf((p->amplitude[i] - low) / (high - low), 0), 1) + 0.5f), 3);
     const int code = place(ctx, c, grey, p->width, p->height, x, y, CELL, CELL);
-    free(grey);
+    sg_free(grey);
     return code;
 }
 
@@ -219,17 +219,17 @@ static int compare_floats(const void *a, const void *b)
 }
 
 /* What is black and what is white in the spectra. */
-static int find_range(const struct picture_image *p, float *low, float *high)
+static int find_range(sg_ctx *ctx, const struct picture_image *p, float *low, float *high)
 {
     const size_t n = (size_t) p->width * (size_t) p->height;
-    float *sorted = malloc(n * sizeof(float));
+    float *sorted = sg_alloc_raw(ctx, SG_MEM_IMAGES, n, sizeof(float));
     if (!sorted)
         return SG_ERR_BUDGET;
     memcpy(sorted, p->amplitude, n * sizeof(float));
     qsort(sorted, n, sizeof(float), compare_floats);
     *low = sorted[n / 50];
     *high = fmaxf(sorted[n - 1 - n / 1000], *low + 1e-3f);
-    free(sorted);
+    sg_free(sorted);
     return SG_OK;
 }
 
@@ -252,9 +252,9 @@ int picture_draw(sg_ctx *ctx, const struct picture_image *images, int n, double 
               spectra = differences ? changes + tallest + GAP + 14 : changes;
     const int plots = spectra + CELL + GAP;
     struct canvas c = {.width = columns * (CELL + GAP) + GAP, .height = plots + PLOT + GAP};
-    c.rgb = malloc(3 * (size_t) c.width * (size_t) c.height);
+    c.rgb = sg_alloc_raw(ctx, SG_MEM_IMAGES, (size_t) c.width * (size_t) c.height, 3);
     float low = 0, high = 1;
-    int code = c.rgb ? find_range(&images[0], &low, &high) : SG_ERR_BUDGET;
+    int code = c.rgb ? find_range(ctx, &images[0], &low, &high) : SG_ERR_BUDGET;
     if (c.rgb)
         memset(c.rgb, 255, 3 * (size_t) c.width * (size_t) c.height);
     for (int k = 0; k < n && !code; k++) {
@@ -277,7 +277,7 @@ int picture_draw(sg_ctx *ctx, const struct picture_image *images, int n, double 
     if (!code)
         draw_plots(&c, images, n, plots);
     if (code)
-        free(c.rgb);
+        sg_free(c.rgb);
     else
         *rgb = c.rgb, *width = c.width, *height = c.height;
     return code;

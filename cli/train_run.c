@@ -239,6 +239,8 @@ static int create(struct train_run *r)
     const struct train_config *c = r->config;
     struct sg_model *initial = NULL;
     int code = 0, error = c->init ? sg_model_read_ply(r->ctx, c->init, UINT32_MAX, &initial) : 0;
+    if (!error && initial)
+        error = sg_model_check(r->ctx, initial, c->init);
     r->config->train.seconds_before = sg_seconds() - r->begun; /* reading photos and model */
     if (!error)
         error = sg_trainer_create(r->ctx, r->scene, initial, &c->train, &r->trainer);

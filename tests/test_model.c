@@ -176,6 +176,10 @@ static void test_inspect(void **state)
     assert_int_equal(sg_model_inspect(f->ctx, m, &info), SG_OK);
     assert_int_equal(info.count, N + 3);
     assert_int_equal(info.nonfinite, 3);
+    assert_int_equal(info.first_nonfinite, N);
+    assert_string_equal(info.first_property, "f_dc_0");
+    assert_int_equal(sg_model_check(f->ctx, m, "m.ply"), SG_ERR_INPUT);
+    assert_string_equal(sg_last_error(f->ctx), "m.ply: Gaussian 101: found f_dc_0 nan, expected a finite number");
     assert_int_equal(info.zero_rotation, 1);
     assert_int_equal(info.transparent, 51);
     assert_float_equal(info.min[0], 0, 0);

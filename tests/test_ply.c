@@ -94,7 +94,9 @@ static void put_model(struct fixture *f, const struct sg_model *m, enum encoding
         if (e == ASCII)
             append(&t, "\n", 1);
     }
-    put(f, "m.ply", t.bytes, t.size); /* the faces are missing, which is nobody's concern */
+    static const char little[] = "\2\0\0\0\0\0\0\0\1\0\0\0", big[] = "\0\0\0\2\0\0\0\0\0\0\0\1";
+    append(&t, e == ASCII ? "2 0 1 " : e == LITTLE ? little : big, e == ASCII ? 6 : 12);
+    put(f, "m.ply", t.bytes, t.size);
     free(t.bytes);
 }
 
@@ -119,7 +121,7 @@ static void test_encodings(void **state)
         }
 }
 
-/* Wherever the file ends, reading fails by name or (behind the vertices) succeeds; nothing is left behind. */
+/* Wherever the file ends, reading fails by name; nothing is left behind. One byte more is refused too. */
 static void test_every_cut(void **state)
 {
     struct fixture *f = *state;
@@ -129,16 +131,63 @@ static void test_every_cut(void **state)
         size_t size;
         put_model(f, m, e, 5);
         assert_int_equal(sg_file_read(f->ctx, at(f, "m.ply"), 1 << 20, (void *) &data, &size), SG_OK);
-        const size_t lax = e == ASCII ? 16 : 0; /* a shorter last number is a number too */
+        const size_t lax = e == ASCII ? 1 : 0; /* the last number needs no separator */
         for (size_t cut = 0; cut + lax < size; cut++) {
             put(f, "cut.ply", data, cut);
             assert_int_equal(sg_model_read_ply(f->ctx, at(f, "cut.ply"), 100, &back), SG_ERR_INPUT);
             assert_null(back);
             assert_non_null(strstr(sg_last_error(f->ctx), "cut.ply: "));
         }
+        put(f, "cut.ply", data, size + 1); /* with the zero byte that ends it in memory */
+        assert_int_equal(sg_model_read_ply(f->ctx, at(f, "cut.ply"), 100, &back), SG_ERR_INPUT);
+        assert_null(back);
+        assert_non_null(strstr(sg_last_error(f->ctx), "1 bytes after the last row"));
         sg_free(data);
         sg_model_destroy(&m);
     }
+}
+
+/* What some editors put before a text. */
+static void test_marks(void **state)
+{
+    struct fixture *f = *state;
+    static const char *const bodies[] = {"\xef\xbb\xbf", "\xff\xfe", "\xfe\xff"};
+    float *xyz;
+    uint8_t *rgb;
+    size_t n;
+    for (int i = 0; i < 3; i++) {
+        char text[256];
+        snprintf(text, sizeof(text),
+                 "%sply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+                 "end_header\n1 2 3\n\n",
+                 bodies[i]);
+        put_text(f, "p.ply", text);
+        const int code = sg_points_read_ply(f->ctx, at(f, "p.ply"), 9, &xyz, &rgb, &n);
+        assert_int_equal(code, i ? SG_ERR_INPUT : SG_OK);
+        if (i)
+            assert_non_null(strstr(sg_last_error(f->ctx), "UTF-16"));
+        else
+            assert_true(xyz[2] == 3);
+        sg_points_destroy(&xyz, &rgb);
+    }
+}
+
+/* Larger than the window through which a file is read: rows, lists and words lie across its edges. */
+static void test_long_files(void **state)
+{
+    struct fixture *f = *state;
+    for (enum encoding e = ASCII; e <= BIG; e++) {
+        struct sg_model *m = make_model(f->ctx, 5003, 1, 77), *back;
+        put_model(f, m, e, 3);
+        if (sg_model_read_ply(f->ctx, at(f, "m.ply"), 10000, &back))
+            fail_msg("%s", sg_last_error(f->ctx));
+        for (size_t i = 0; i < m->count; i++)
+            for (int p = 0; p < sg_param_count(1); p++)
+                assert_memory_equal(sg_model_at(m, i, p), sg_model_at(back, i, p), 4);
+        sg_model_destroy(&m);
+        sg_model_destroy(&back);
+    }
+    assert_true(sg_mem_peak(f->ctx, SG_MEM_MISC) < 1 << 20); /* the model is the only thing that grows */
 }
 
 #define GOOD                                                                                                           \
@@ -183,7 +232,7 @@ static void test_hostile_headers(void **state)
         {"ply\nformat binary_little_endian 1.0\nelement vertex 400000000000000000\n" GOOD "end_header\n1234", "rows",
          SG_ERR_INPUT},
         {"ply\nformat ascii 1.0\nelement other 1\nproperty list uint float q\nelement vertex 1\n" GOOD
-         "end_header\n4000000000 1\n",
+         "end_header\n4000000000 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16\n",
          "list of 4e+09", SG_ERR_INPUT},
         {"ply\nformat ascii 1.0\nelement other 1\nproperty list int float q\nelement vertex 1\n" GOOD
          "end_header\n-1 1 2 3 4 5 6 7 8 9 10 11 12 13 14\n",
@@ -193,6 +242,22 @@ static void test_hostile_headers(void **state)
         {"ply\nformat ascii 1.0\nelement vertex 3\n" GOOD "end_header\n1 2 3 4 5 6 7 8 9 10 11 12 13 14\n1 2 3 4 5 6 7 "
          "8 9 10 11 12 13 14\n1 2 3 4 5 6 7 8 9 10 11 12 13 14\n",
          "limit is 2", SG_ERR_INPUT},
+        {"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty int x\n",
+         "line 6: found property x twice", SG_ERR_INPUT},
+        {"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty list uchar int x\n",
+         "line 5: found property x twice", SG_ERR_INPUT},
+        {"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nelement vertex 1\n",
+         "line 5: found element vertex twice", SG_ERR_INPUT},
+        {"ply\nformat ascii 1.0\nelement vertex 1 2\n", "line 3", SG_ERR_INPUT},
+        {"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x y\n", "line 4", SG_ERR_INPUT},
+        {"ply\nformat ascii 1.0\nelement vertex 1\n" GOOD "end_header\n1 2 3 4 5 6 7 8 9 10 11 12 13 14\n15\n",
+         "3 bytes after the last row", SG_ERR_INPUT},
+        {"ply\nformat ascii 1.0\nelement vertex 1\n" GOOD "element face 1\nproperty list uchar int i\nend_header\n"
+         "1 2 3 4 5 6 7 8 9 10 11 12 13 14\n3 1 2\n",
+         "end of the file", SG_ERR_INPUT},
+        {"ply\nformat binary_little_endian 1.0\nelement vertex 1\n" GOOD
+         "end_header\n01234567890123456789012345678901234567890123456789012345678",
+         "3 bytes after the last row", SG_ERR_INPUT},
     };
     for (size_t i = 0; i < sizeof(cases) / sizeof(*cases); i++) {
         struct sg_model *m = (void *) f;
@@ -227,10 +292,8 @@ static void test_endless_headers(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        scene_test(test_encodings),
-        scene_test(test_every_cut),
-        scene_test(test_hostile_headers),
-        scene_test(test_endless_headers),
+        scene_test(test_encodings),       scene_test(test_every_cut), scene_test(test_hostile_headers),
+        scene_test(test_endless_headers), scene_test(test_marks),     scene_test(test_long_files),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -65,8 +65,9 @@ int sg_model_init_points(sg_ctx *ctx, const float *xyz, const uint8_t *rgb, size
  * ownership as above. */
 int sg_model_init_random(sg_ctx *ctx, size_t n, uint64_t seed, int sh_degree, struct sg_model **out);
 
-/* Reads a 3DGS PLY: binary or ASCII, any property order, SH degree 0..3 (active = stored). The caller owns *out.
- * Errors: SG_ERR_INPUT, also for more than max_gaussians; SG_ERR_BUDGET. */
+/* Reads a 3DGS PLY: binary or ASCII, any property order, SH degree 0..3 (active = stored). The file is read in pieces:
+ * beside the model it takes less than a megabyte. Values that are not finite are kept: see sg_model_check. The caller
+ * owns *out. Errors: SG_ERR_INPUT, also for more than max_gaussians; SG_ERR_BUDGET. */
 int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussians, struct sg_model **out);
 
 /* Writes the layout of the reference, binary little endian: 62 properties at SH degree 3, fewer f_rest below. The file
@@ -82,16 +83,23 @@ void sg_points_destroy(float **xyz, uint8_t **rgb);
 /* cameras.json as the reference writes it: test cameras first, then train. */
 int sg_cameras_write_json(sg_ctx *ctx, const struct sg_scene *scene, const char *path);
 
-/* What `splatguard info` tells about a model. Percentiles are of the activated values. */
+/* SG_ERR_INPUT, naming Gaussian and property, where a parameter is not finite: such a model can be inspected, not used.
+ * name starts the message. */
+int sg_model_check(sg_ctx *ctx, const struct sg_model *model, const char *name);
+
+/* What `splatguard info` tells about a model. Percentiles are of the activated values of Gaussians without a NaN or
+ * infinity, and NaN where there is none. */
 struct sg_model_info {
     size_t count;
     int sh_degree;
-    double min[3], max[3];      /* bounds of the finite positions */
+    double min[3], max[3];      /* bounds of the finite positions; min > max without any */
     double scale_percentile[5]; /* largest standard deviation per Gaussian: 1, 25, 50, 75, 99 % */
     double opacity_percentile[5];
-    size_t nonfinite;     /* Gaussians with a NaN or infinity in any plane */
-    size_t zero_rotation; /* quaternions of length 0 */
-    size_t transparent;   /* opacity < 1/255: never drawn */
+    size_t nonfinite;        /* Gaussians with a NaN or infinity in any plane */
+    size_t first_nonfinite;  /* the first of them, from 0 */
+    char first_property[24]; /* and its property in a PLY that is not finite; "" without one */
+    size_t zero_rotation;    /* quaternions of length 0 */
+    size_t transparent;      /* opacity < 1/255: never drawn */
 };
 int sg_model_inspect(sg_ctx *ctx, const struct sg_model *model, struct sg_model_info *out);
 

@@ -4,6 +4,7 @@
 
 #include "core/internal.h"
 #include "math/constants.h"
+#include "ply.h"
 #include "splatguard/model.h"
 
 static int ascending(const void *a, const void *b)
@@ -18,6 +19,30 @@ static bool all_finite(const struct sg_model *m, size_t i, int first, int end)
         if (!isfinite(*sg_model_at(m, i, p)))
             return false;
     return true;
+}
+
+/* The first value that is not finite; false if there is none. */
+static bool find_nonfinite(const struct sg_model *m, size_t *gaussian, int *plane)
+{
+    const int planes = sg_param_count(m->sh_degree);
+    for (*gaussian = 0; *gaussian < m->count; ++*gaussian)
+        for (*plane = 0; *plane < planes; ++*plane)
+            if (!isfinite(*sg_model_at(m, *gaussian, *plane)))
+                return true;
+    return false;
+}
+
+int sg_model_check(sg_ctx *ctx, const struct sg_model *m, const char *name)
+{
+    size_t i;
+    int plane;
+    char property[24];
+    sg_clear_error(ctx);
+    if (!find_nonfinite(m, &i, &plane))
+        return SG_OK;
+    sg_plane_name(plane, m->sh_degree, property);
+    return sg_fail(ctx, SG_ERR_INPUT, "%s: Gaussian %zu: found %s %g, expected a finite number", name, i, property,
+                   (double) *sg_model_at(m, i, plane));
 }
 
 /* Nearest rank; NaN of nothing. */
@@ -64,6 +89,9 @@ int sg_model_inspect(sg_ctx *ctx, const struct sg_model *m, struct sg_model_info
         out->transparent += opacity[n] < SG_ALPHA_MIN;
         n++;
     }
+    int plane;
+    if (out->nonfinite && find_nonfinite(m, &out->first_nonfinite, &plane))
+        sg_plane_name(plane, m->sh_degree, out->first_property);
     percentiles(scale, n, out->scale_percentile);
     percentiles(opacity, n, out->opacity_percentile);
     sg_free(scale);

@@ -9,8 +9,6 @@
 #include "ply.h"
 #include "splatguard/model.h"
 
-#define MAX_FILE_BYTES ((uint64_t) 1 << 36)
-
 /* Store plane of a column of a file with `rest` f_rest properties; -1: always 0 (normals). */
 static int column_plane(int column, int rest)
 {
@@ -64,38 +62,42 @@ int sg_model_write_ply(sg_ctx *ctx, const struct sg_model *m, const char *path)
     return sg_file_commit(ctx, &w);
 }
 
+void sg_plane_name(int plane, int sh_degree, char name[24])
+{
+    if (plane < SG_P_OPACITY)
+        snprintf(name, 24, "%c", 'x' + plane);
+    else if (plane == SG_P_OPACITY)
+        snprintf(name, 24, "opacity");
+    else if (plane < SG_P_ROT)
+        snprintf(name, 24, "scale_%d", plane - SG_P_SCALE);
+    else if (plane < SG_P_SH)
+        snprintf(name, 24, "rot_%d", plane - SG_P_ROT);
+    else if (plane < SG_P_SH + 3)
+        snprintf(name, 24, "f_dc_%d", plane - SG_P_SH);
+    else {
+        const int k = (plane - SG_P_SH) / 3, channel = (plane - SG_P_SH) % 3;
+        snprintf(name, 24, "f_rest_%d", channel * ((sh_degree + 1) * (sh_degree + 1) - 1) + k - 1);
+    }
+}
+
 /* Property index of every plane, and the degree, from the names. */
 static int map_columns(sg_ctx *ctx, const struct ply *p, int *degree, int *column)
 {
-    char name[32];
+    char name[24];
     int rest = 0;
     for (int i = 0; i < p->properties; i++)
         rest += !strncmp(p->property[i].name, "f_rest_", 7);
     for (*degree = 0; *degree <= 3 && 3 * ((*degree + 1) * (*degree + 1) - 1) != rest;)
         ++*degree;
     if (*degree > 3)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: header: found %d f_rest properties, expected 0, 9, 24 or 45", p->path,
-                       rest);
-    const int per_channel = rest / 3;
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: header: found %d f_rest properties, expected 0, 9, 24 or 45",
+                       p->in->path, rest);
     for (int plane = 0; plane < sg_param_count(*degree); plane++) {
-        if (plane < SG_P_OPACITY)
-            snprintf(name, sizeof(name), "%c", 'x' + plane);
-        else if (plane == SG_P_OPACITY)
-            snprintf(name, sizeof(name), "opacity");
-        else if (plane < SG_P_ROT)
-            snprintf(name, sizeof(name), "scale_%d", plane - SG_P_SCALE);
-        else if (plane < SG_P_SH)
-            snprintf(name, sizeof(name), "rot_%d", plane - SG_P_ROT);
-        else if (plane < SG_P_SH + 3)
-            snprintf(name, sizeof(name), "f_dc_%d", plane - SG_P_SH);
-        else {
-            const int k = (plane - SG_P_SH) / 3, channel = (plane - SG_P_SH) % 3;
-            snprintf(name, sizeof(name), "f_rest_%d", channel * per_channel + k - 1);
-        }
+        sg_plane_name(plane, *degree, name);
         column[plane] = sg_ply_find(p, name);
         if (column[plane] < 0)
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no property %s, expected a 3D Gaussian model", p->path,
-                           name);
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no property %s, expected a 3D Gaussian model",
+                           p->in->path, name);
     }
     return SG_OK;
 }
@@ -104,34 +106,40 @@ int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussians, str
 {
     sg_clear_error(ctx);
     *out = NULL;
-    char *data;
-    size_t size;
+    struct sg_source in;
     struct ply p;
     struct sg_model *m = NULL;
     int degree, column[SG_PARAMS_MAX];
     float row[PLY_MAX_PROPERTIES];
-    int code = sg_file_read(ctx, path, MAX_FILE_BYTES, &data, &size);
-    if (code)
-        return code;
-    if ((code = sg_ply_open(ctx, &p, path, data, size, max_gaussians)) ||
-        (code = map_columns(ctx, &p, &degree, column)))
+    int code = sg_source_open(ctx, &in, path, PLY_MAX_BYTES);
+    if (code || (code = sg_ply_open(ctx, &p, &in, max_gaussians)) || (code = map_columns(ctx, &p, &degree, column)))
         goto done;
     if (!p.rows) {
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: header: found 0 Gaussians, expected at least one", path);
         goto done;
     }
-    if ((code = sg_model_create(ctx, (size_t) p.rows, degree, &m)))
+    const uint64_t count = p.rows;
+    if ((code = sg_model_create(ctx, (size_t) count, degree, &m))) {
+        if (code == SG_ERR_BUDGET && sg_mem_limit(ctx)) { /* say which file */
+            sg_clear_error(ctx);
+            sg_fail(ctx, code, "%s: memory: found %llu Gaussians of %zu bytes, the limit for all is %llu bytes", path,
+                    (unsigned long long) count, (size_t) sg_param_count(degree) * sizeof(float),
+                    (unsigned long long) sg_mem_limit(ctx));
+        }
         goto done;
-    for (uint64_t i = 0; i < p.rows; i++) {
+    }
+    for (uint64_t i = 0; i < count; i++) {
         if ((code = sg_ply_row(ctx, &p, i, row)))
             goto done;
         for (int plane = 0; plane < sg_param_count(degree); plane++)
             *sg_model_at(m, (size_t) i, plane) = row[column[plane]];
     }
+    if ((code = sg_ply_finish(ctx, &p)))
+        goto done;
     *out = m;
     m = NULL;
 done:
     sg_model_destroy(&m);
-    sg_free(data);
+    sg_source_close(&in);
     return code;
 }

@@ -3,8 +3,9 @@
 #ifndef SG_PLY_H
 #define SG_PLY_H
 
-#include "core/internal.h"
+#include "core/source.h"
 
+#define PLY_MAX_BYTES ((uint64_t) 1 << 36)
 #define PLY_MAX_PROPERTIES 256 /* of all elements together */
 #define PLY_MAX_ELEMENTS 32
 
@@ -12,37 +13,37 @@ enum ply_format { PLY_NO_FORMAT, PLY_ASCII, PLY_LITTLE, PLY_BIG };
 enum ply_type { PLY_I8, PLY_U8, PLY_I16, PLY_U16, PLY_I32, PLY_U32, PLY_F32, PLY_F64 };
 
 struct ply_property {
-    char name[32]; /* cut off there: no name that matters is longer */
+    char name[64];
     enum ply_type type;
     bool list;
     enum ply_type length_type; /* of a list */
 };
 
 struct ply_element {
-    char name[32];
+    char name[64];
     uint64_t rows;
     int first, properties; /* range of all[] */
 };
 
-/* An open file in memory, positioned at the rows of its element `vertex`. */
+/* A file positioned at the rows of one element. */
 struct ply {
-    const char *path; /* for messages */
-    const char *data; /* whole file, a zero byte after it */
-    size_t size, at;  /* next byte to parse */
+    struct sg_source *in;
     enum ply_format format;
     uint64_t rows; /* of the element being read */
     int properties;
+    size_t row_bytes; /* of a binary element without lists, else 0 */
     const struct ply_property *property;
     int elements, total;
+    int current; /* index of the element being read */
     struct ply_element element[PLY_MAX_ELEMENTS];
     struct ply_property all[PLY_MAX_PROPERTIES];
 };
 
-/* Parses the header and skips elements before `vertex`. The row count is checked against the file's size and
- * max_rows before it is believed. data must outlive p. */
-int sg_ply_open(sg_ctx *ctx, struct ply *p, const char *path, const char *data, size_t size, uint64_t max_rows);
+/* Parses the header and skips elements before `vertex`. All row counts are checked against the file's size, and that of
+ * `vertex` against max_rows, before one is believed. in must outlive p. */
+int sg_ply_open(sg_ctx *ctx, struct ply *p, struct sg_source *in, uint64_t max_rows);
 
-/* Fills format, element[] and all[]; leaves p->at at the first byte of the body. Errors name the line. */
+/* Fills format, element[] and all[]; leaves the stream at the first byte of the body. Errors name the line. */
 int sg_ply_parse_header(sg_ctx *ctx, struct ply *p);
 
 /* Index of a property that is not a list, or -1. */
@@ -51,5 +52,11 @@ int sg_ply_find(const struct ply *p, const char *name);
 /* Next row: one float per property (0 for lists, whose contents are skipped). The bits of float32 values, signalling
  * NaNs included, arrive unchanged. */
 int sg_ply_row(sg_ctx *ctx, struct ply *p, uint64_t row, float *values);
+
+/* After the last row of `vertex`: the elements behind it, and the end of the file where the header says it is. */
+int sg_ply_finish(sg_ctx *ctx, struct ply *p);
+
+/* The name that a plane of a model has as a property. */
+void sg_plane_name(int plane, int sh_degree, char name[24]);
 
 #endif

@@ -30,15 +30,15 @@ static bool parse_type(const char *name, enum ply_type *out)
 /* Next header line without its end; false at the end of the file or if it is too long. */
 static bool next_line(struct ply *p, char *line)
 {
-    const size_t left = p->size - p->at, most = left < MAX_LINE ? left : MAX_LINE;
-    const char *start = p->data + p->at, *end = memchr(start, '\n', most);
+    const size_t ready = sg_source_fill(p->in, MAX_LINE), most = ready < MAX_LINE ? ready : MAX_LINE;
+    const char *start = p->in->window, *end = most ? memchr(start, '\n', most) : NULL;
     if (!end)
         return false;
     size_t n = (size_t) (end - start);
-    p->at += n + 1;
-    if (n && start[n - 1] == '\r')
-        n--;
     memcpy(line, start, n);
+    sg_source_skip(p->in, n + 1);
+    if (n && line[n - 1] == '\r')
+        n--;
     line[n] = 0;
     return true;
 }
@@ -66,41 +66,56 @@ static int parse_format(sg_ctx *ctx, struct ply *p, const char *line, int at)
             return SG_OK;
         }
     return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found \"%.60s\", expected one format, ascii or binary, 1.0",
-                   p->path, at, line);
+                   p->in->path, at, line);
+}
+
+/* Whether nothing follows in a line of which sscanf has read so many characters. */
+static bool is_whole(const char *line, int read)
+{
+    return read > 0 && !line[read + (int) strspn(line + read, " \t")];
 }
 
 static int parse_element(sg_ctx *ctx, struct ply *p, const char *line, int at)
 {
-    char name[64], count[32];
+    char count[32];
+    int read = 0;
     struct ply_element e = {.first = p->total};
-    if (sscanf(line, "element %63s %31s", name, count) != 2 || !parse_count(count, &e.rows))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found \"%.60s\", expected an element's name and count", p->path,
-                       at, line);
+    if (sscanf(line, "element %63s %31s%n", e.name, count, &read) != 2 || !is_whole(line, read) ||
+        !parse_count(count, &e.rows))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found \"%.60s\", expected an element's name and count",
+                       p->in->path, at, line);
     if (p->elements == PLY_MAX_ELEMENTS)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found another element, expected at most %d", p->path, at,
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found another element, expected at most %d", p->in->path, at,
                        PLY_MAX_ELEMENTS);
-    snprintf(e.name, sizeof(e.name), "%.31s", name);
+    for (int i = 0; i < p->elements; i++)
+        if (!strcmp(p->element[i].name, e.name))
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found element %s twice, expected it once", p->in->path, at,
+                           e.name);
     p->element[p->elements++] = e;
     return SG_OK;
 }
 
 static int parse_property(sg_ctx *ctx, struct ply *p, const char *line, int at)
 {
-    char type[32], length[32], name[64];
+    char type[32], length[32];
     struct ply_property q = {0};
     bool good;
-    if (sscanf(line, "property list %31s %31s %63s", length, type, name) == 3) {
+    int read = 0;
+    if (sscanf(line, "property list %31s %31s %63s%n", length, type, q.name, &read) == 3) {
         q.list = true;
         good = parse_type(type, &q.type) && parse_type(length, &q.length_type) && q.length_type < PLY_F32;
     } else
-        good = sscanf(line, "property %31s %63s", type, name) == 2 && parse_type(type, &q.type);
-    if (!good || !p->elements)
+        good = sscanf(line, "property %31s %63s%n", type, q.name, &read) == 2 && parse_type(type, &q.type);
+    if (!good || !is_whole(line, read) || !p->elements)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found \"%.60s\", expected an element's property of known type",
-                       p->path, at, line);
+                       p->in->path, at, line);
     if (p->total == PLY_MAX_PROPERTIES)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found another property, expected at most %d", p->path, at,
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found another property, expected at most %d", p->in->path, at,
                        PLY_MAX_PROPERTIES);
-    snprintf(q.name, sizeof(q.name), "%.31s", name);
+    for (int i = p->element[p->elements - 1].first; i < p->total; i++)
+        if (!strcmp(p->all[i].name, q.name))
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found property %s twice, expected it once", p->in->path, at,
+                           q.name);
     p->all[p->total++] = q;
     p->element[p->elements - 1].properties++;
     return SG_OK;
@@ -115,16 +130,20 @@ static bool starts(const char *line, const char *word)
 int sg_ply_parse_header(sg_ctx *ctx, struct ply *p)
 {
     char line[MAX_LINE];
+    const int marked = sg_source_skip_mark(ctx, p->in);
+    if (marked)
+        return marked;
     if (!next_line(p, line) || strcmp(line, "ply"))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: line 1: found another kind of file, expected \"ply\"", p->path);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: line 1: found another kind of file, expected \"ply\"", p->in->path);
     for (int at = 2;; at++) {
         int code = SG_OK;
         if (at > MAX_LINES || !next_line(p, line))
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found no end_header, expected one", p->path, at);
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found no end_header, expected one", p->in->path, at);
         if (starts(line, "end_header")) {
             if (p->format)
                 return SG_OK;
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found no format line before, expected one", p->path, at);
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found no format line before, expected one", p->in->path,
+                           at);
         }
         if (starts(line, "format"))
             code = parse_format(ctx, p, line, at);
@@ -133,8 +152,8 @@ int sg_ply_parse_header(sg_ctx *ctx, struct ply *p)
         else if (starts(line, "property"))
             code = parse_property(ctx, p, line, at);
         else if (!starts(line, "comment") && !starts(line, "obj_info") && line[0])
-            code = sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found \"%.60s\", expected a PLY header line", p->path, at,
-                           line);
+            code = sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found \"%.60s\", expected a PLY header line", p->in->path,
+                           at, line);
         if (code)
             return code;
     }

@@ -8,20 +8,15 @@
 #include "points.h"
 #include "splatguard/model.h"
 
-#define MAX_FILE_BYTES ((uint64_t) 1 << 36)
-
 int sg_points_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t max_points, float **xyz, uint8_t **rgb,
                           size_t *n)
 {
-    char *data;
-    size_t size;
+    struct sg_source in;
     struct ply p;
     float row[PLY_MAX_PROPERTIES];
     *xyz = NULL, *rgb = NULL, *n = 0;
-    int code = sg_stream_read(ctx, stream, path, MAX_FILE_BYTES, &data, &size);
-    if (code)
-        return code;
-    if ((code = sg_ply_open(ctx, &p, path, data, size, max_points)))
+    int code = sg_source_of_file(ctx, &in, stream, path, PLY_MAX_BYTES);
+    if (code || (code = sg_ply_open(ctx, &p, &in, max_points)))
         goto done;
     const int at[3] = {sg_ply_find(&p, "x"), sg_ply_find(&p, "y"), sg_ply_find(&p, "z")};
     const int colour[3] = {sg_ply_find(&p, "red"), sg_ply_find(&p, "green"), sg_ply_find(&p, "blue")};
@@ -30,13 +25,14 @@ int sg_points_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t 
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no properties x, y and z, expected a point cloud", path);
         goto done;
     }
-    *xyz = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) p.rows, 3 * sizeof(float));
-    *rgb = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) p.rows, 3);
+    const uint64_t count = p.rows;
+    *xyz = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) count, 3 * sizeof(float));
+    *rgb = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) count, 3);
     if (!*xyz || !*rgb) {
         code = SG_ERR_BUDGET;
         goto done;
     }
-    for (uint64_t i = 0; i < p.rows && !code && !(code = sg_ply_row(ctx, &p, i, row)); i++)
+    for (uint64_t i = 0; i < count && !code && !(code = sg_ply_row(ctx, &p, i, row)); i++)
         for (int k = 0; k < 3; k++) {
             (*xyz)[3 * i + (uint64_t) k] = row[at[k]];
             if (!isfinite(row[at[k]]) && !code)
@@ -47,11 +43,13 @@ int sg_points_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t 
                 c = c * 255 + 0.5f;
             (*rgb)[3 * i + (uint64_t) k] = (uint8_t) (c > 0 ? c < 255 ? c : 255 : 0); /* NaN: 0 */
         }
-    *n = (size_t) p.rows;
+    if (!code)
+        code = sg_ply_finish(ctx, &p);
+    *n = code ? 0 : (size_t) count;
 done:
     if (code)
         sg_points_destroy(xyz, rgb);
-    sg_free(data);
+    sg_source_close(&in);
     return code;
 }
 

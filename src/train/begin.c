@@ -78,22 +78,12 @@ size_t sg_begin_again(sg_trainer *t, size_t n)
     return limit;
 }
 
-static int check_finite(sg_ctx *ctx, const struct sg_model *m)
-{
-    const int planes = sg_param_count(m->sh_degree);
-    for (size_t i = 0; i < m->count; i++)
-        for (int p = 0; p < planes; p++)
-            if (!isfinite(*sg_model_at(m, i, p)))
-                return sg_fail(ctx, SG_ERR_INPUT, "initial model: Gaussian %zu: found a value that is not finite", i);
-    return SG_OK;
-}
-
 int sg_begin(sg_trainer *t, const struct sg_model *initial)
 {
     const uint64_t limit = t->budget.gaussians;
     struct sg_model *made = NULL;
     const size_t n = initial ? initial->count : initial_count(t->scene, &t->params);
-    int code = initial ? check_finite(t->ctx, initial) : SG_OK;
+    int code = initial ? sg_model_check(t->ctx, initial, "initial model") : SG_OK;
     if (code)
         return code;
     t->gaussians_bound = limit && n > limit;
