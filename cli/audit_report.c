@@ -164,6 +164,9 @@ static void put_head(FILE *f, const struct sg_scene *scene, const struct sg_audi
         f, ": <span class=%s>%s</span></h1>\n<p>Score %.3f. Of %zu photos %zu poisoned, %zu suspicious, %zu clean%s.\n",
         sg_audit_verdict_name(a->verdict), sg_audit_verdict_name(a->verdict), a->score, a->count,
         a->verdicts[SG_AUDIT_POISONED], a->verdicts[SG_AUDIT_SUSPICIOUS], a->verdicts[SG_AUDIT_CLEAN], unseen);
+    if (a->tau > 0)
+        fprintf(f, "<p>Amplitude of the poison: about %.0f grey levels, with a standard error of %.0f.\n", a->tau,
+                a->tau_error);
     if (a->count_reasons) {
         fprintf(f, "<ul>\n");
         for (size_t i = 0; i < a->count_reasons; i++) {
@@ -179,7 +182,8 @@ static void put_table(FILE *f, const struct sg_audit *a, const size_t *order)
 {
     fprintf(
         f, "<h2>All photos</h2>\n<div class=wide><table><tr><th scope=col>photo<th scope=col>verdict<th scope=col>score"
-           "<th scope=col>oscillation down<th scope=col>across<th scope=col>in quiet parts<th scope=col>of colours"
+           "<th scope=col>amplitude<th scope=col>oscillation down<th scope=col>across<th scope=col>in quiet parts<th "
+           "scope=col>of colours"
            "<th scope=col>share of variation<th scope=col>noisy<th scope=col>at half size<th scope=col>at a quarter<th "
            "scope=col>spectral slope<th "
            "scope=col>anisotropy\n");
@@ -188,11 +192,12 @@ static void put_table(FILE *f, const struct sg_audit *a, const size_t *order)
         const struct sg_audit_features *x = &m->features;
         fprintf(f, "<tr><td>");
         put_text(f, m->name);
-        fprintf(
-            f,
-            "<td class=%s>%s<td>%.3f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.3f\n",
-            sg_audit_verdict_name(m->verdict), sg_audit_verdict_name(m->verdict), m->score, x->osc_down, x->osc_across,
-            x->osc_quiet, x->osc_chroma, x->osc_share, x->noisy, x->half_osc, x->quarter_osc, x->slope, x->anisotropy);
+        fprintf(f,
+                "<td class=%s>%s<td>%.3f<td>%.0f &plusmn; "
+                "%.0f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.3f\n",
+                sg_audit_verdict_name(m->verdict), sg_audit_verdict_name(m->verdict), m->score, m->tau, m->tau_error,
+                x->osc_down, x->osc_across, x->osc_quiet, x->osc_chroma, x->osc_share, x->noisy, x->half_osc,
+                x->quarter_osc, x->slope, x->anisotropy);
     }
     fprintf(f, "</table></div>\n");
 }

@@ -57,10 +57,11 @@ static int print_json(const struct sg_audit *a)
 {
     json_t *images = json_array();
     for (size_t i = 0; i < a->count; i++)
-        json_array_append_new(images, json_pack("{s:o,s:o,s:s,s:o}", "name", sg_text_to_json(a->images[i].name),
-                                                "score", score_json(&a->images[i]), "verdict",
-                                                sg_audit_verdict_name(a->images[i].verdict), "features",
-                                                features(&a->images[i].features)));
+        json_array_append_new(
+            images, json_pack("{s:o,s:o,s:s,s:o,s:o,s:o}", "name", sg_text_to_json(a->images[i].name), "score",
+                              score_json(&a->images[i]), "verdict", sg_audit_verdict_name(a->images[i].verdict), "tau",
+                              number_json(a->images[i].tau), "tau_error", number_json(a->images[i].tau_error),
+                              "features", features(&a->images[i].features)));
     json_t *reasons = json_array();
     for (size_t i = 0; i < a->count_reasons; i++)
         json_array_append_new(reasons, json_string(a->reasons[i]));
@@ -68,8 +69,9 @@ static int print_json(const struct sg_audit *a)
     for (int v = 0; v < SG_AUDIT_VERDICTS; v++)
         json_object_set_new(counts, sg_audit_verdict_name((enum sg_audit_verdict) v),
                             json_integer((json_int_t) a->verdicts[v]));
-    json_t *root = json_pack("{s:s,s:o,s:o,s:o,s:o}", "verdict", sg_audit_verdict_name(a->verdict), "score",
-                             number_json(a->score), "counts", counts, "reasons", reasons, "images", images);
+    json_t *root = json_pack("{s:s,s:o,s:o,s:o,s:o,s:o,s:o}", "verdict", sg_audit_verdict_name(a->verdict), "score",
+                             number_json(a->score), "tau", number_json(a->tau), "tau_error", number_json(a->tau_error),
+                             "counts", counts, "reasons", reasons, "images", images);
     return json_print(root, 1);
 }
 
@@ -81,6 +83,8 @@ static void print_text(const struct sg_audit *a)
     if (a->verdicts[SG_AUDIT_UNSEEN])
         printf(", %zu unseen: masks leave nothing of them", a->verdicts[SG_AUDIT_UNSEEN]);
     printf("\n");
+    if (a->tau > 0)
+        printf("  amplitude of the poison: about %.0f grey levels (standard error %.0f)\n", a->tau, a->tau_error);
     for (size_t i = 0; i < a->count_reasons; i++)
         printf("  %s\n", a->reasons[i]);
 }

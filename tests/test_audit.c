@@ -259,6 +259,31 @@ static void test_consistency(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Clean photos have no amplitude; that of others grows with their noise. The set's is the median of the others. */
+static void test_amplitude(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(2);
+    double before = 0;
+    for (int noise = 0; noise <= 24; noise += 8) {
+        struct sg_audit *a = audit(ctx, (double[]){noise, noise, noise, 0}, 4, false);
+        for (int i = 0; i < 4; i++) {
+            const struct sg_audit_image *m = &a->images[i];
+            assert_true((m->verdict == SG_AUDIT_CLEAN) == (m->tau == 0) && (m->tau > 0) == (m->tau_error > 0));
+            assert_true(m->tau_error <= m->tau);
+        }
+        assert_true(a->images[3].tau == 0 && (noise == 0 || a->images[0].tau > before));
+        assert_true(a->verdict == (noise ? SG_AUDIT_POISONED : SG_AUDIT_CLEAN));
+        double least = INFINITY, most = 0;
+        for (int i = 0; i < 3; i++)
+            least = fmin(least, a->images[i].tau), most = fmax(most, a->images[i].tau);
+        assert_true(least <= a->tau && a->tau <= most && (a->tau > 0) == (a->tau_error > 0));
+        before = a->images[0].tau;
+        sg_audit_destroy(&a);
+    }
+    sg_ctx_destroy(&ctx);
+}
+
 /* Noise is told by all that it shows in, each in a sentence of its own. */
 static void test_reasons(void **state)
 {
@@ -342,9 +367,10 @@ static void test_unseen(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_scores),  cmocka_unit_test(test_turned), cmocka_unit_test(test_verdicts),
-        cmocka_unit_test(test_no_vote), cmocka_unit_test(test_spared), cmocka_unit_test(test_consistency),
-        cmocka_unit_test(test_reasons), cmocka_unit_test(test_memory), cmocka_unit_test(test_unseen)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_scores),    cmocka_unit_test(test_turned),
+                                       cmocka_unit_test(test_verdicts),  cmocka_unit_test(test_no_vote),
+                                       cmocka_unit_test(test_spared),    cmocka_unit_test(test_consistency),
+                                       cmocka_unit_test(test_amplitude), cmocka_unit_test(test_reasons),
+                                       cmocka_unit_test(test_memory),    cmocka_unit_test(test_unseen)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

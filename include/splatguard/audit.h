@@ -45,6 +45,9 @@ struct sg_audit_image {
     const char *name; /* the view's: lives as long as the scene */
     struct sg_audit_features features;
     double score; /* 0..1; 0 where unseen */
+    /* Amplitude of the poison: an estimate of the attack's bound in grey levels, and its standard error. Both are 0 where
+     * the verdict is clean or unseen. */
+    double tau, tau_error;
     enum sg_audit_verdict verdict;
 };
 
@@ -54,6 +57,7 @@ struct sg_audit {
     size_t count;
     struct sg_audit_image *images; /* of the training views, in their order */
     double score;                  /* of the set */
+    double tau, tau_error;         /* of the photos that are not clean: the median, and its standard error; or 0 */
     enum sg_audit_verdict verdict;
     size_t verdicts[SG_AUDIT_VERDICTS]; /* images of each */
     size_t count_reasons;

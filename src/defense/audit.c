@@ -48,6 +48,16 @@ static double score_of(double ragged, double evidence)
     return ragged > SG_AUDIT_RAGGED ? 1 : logistic(evidence);
 }
 
+/* The amplitude of a poison, fitted to the bounds 8, 16 and 24 of known ones; its logarithm has this standard error. */
+#define AMPLITUDE_ERROR 0.39
+
+static double amplitude(const struct sg_audit_features *f)
+{
+    return exp(-0.178 * log(f->osc_quiet + 0.1) + 0.196 * log(f->half_quiet + 0.1) + 0.392 * log(f->half_osc + 0.1) -
+               0.191 * log(f->quarter_osc + 0.1) + 0.077 * log((f->osc_down + f->osc_across) / 2 + 0.1) +
+               1.246 * f->osc_share - 0.795 * f->half_share + 2.142);
+}
+
 #define SUSPICIOUS 0.6 /* score */
 #define POISONED 0.9
 
@@ -105,6 +115,18 @@ static double spread(const struct sg_audit *a, struct vote *votes)
     return n < 8 ? NAN : log(quantile(votes, n, 0.84) + 0.05) - log(quantile(votes, n, 0.16) + 0.05);
 }
 
+/* The median amplitude of the photos that are not clean. */
+static void estimate_amplitude(struct sg_audit *a, struct vote *votes)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < a->count; i++) {
+        votes[n] = (struct vote){a->images[i].tau, sg_audit_vote(&a->images[i].features)};
+        n += a->images[i].tau > 0 && votes[n].weight > 0;
+    }
+    a->tau = a->verdict == SG_AUDIT_CLEAN ? 0 : quantile(votes, n, 0.5);
+    a->tau_error = AMPLITUDE_ERROR * a->tau; /* photos of one set err alike */
+}
+
 /* A few poisoned photos among clean ones are an attack too. */
 static double score_of_few(const struct sg_audit *a)
 {
@@ -148,6 +170,7 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
     a->score = score_of(ragged, fmax(middle + (alike ? fmin(3 * (0.45 - range), 1) : 0), upper - 1));
     a->score = fmax(a->score, score_of_few(a));
     a->verdict = verdict_of(a->score);
+    estimate_amplitude(a, votes);
     const size_t poisoned = a->verdicts[SG_AUDIT_POISONED];
     const double share = MEDIAN(features.osc_share), noisy = MEDIAN(features.noisy);
     const double colour = MEDIAN(features.osc_chroma);
@@ -214,6 +237,9 @@ static void audit_view(void *arg, size_t i, int thread)
     const bool seen = sg_views_used(v, 1);
     image->score = seen ? score_of(image->features.ragged, evidence(&image->features)) : 0;
     image->verdict = seen ? verdict_of(image->score) : SG_AUDIT_UNSEEN;
+    const bool poisoned = image->verdict == SG_AUDIT_SUSPICIOUS || image->verdict == SG_AUDIT_POISONED;
+    image->tau = poisoned ? amplitude(&image->features) : 0;
+    image->tau_error = AMPLITUDE_ERROR * image->tau;
 }
 
 int sg_audit_scene(sg_ctx *ctx, const struct sg_scene *scene, struct sg_audit **out)
