@@ -10,7 +10,7 @@ enum attack_views { VIEWS_ALL, VIEWS_TRAIN };
 
 struct attack_config {
     const char *output, *proxy, *epsilon;
-    char *source;
+    const char *source;
     struct scene_options scene;
     struct sg_attack_params attack;
     struct sg_poison_files files;

@@ -259,8 +259,8 @@ static int adopt(struct attack_config *c, const bool *given, const char *argumen
     c->scene.params.follow_links = now.scene.params.follow_links; /* leave is the user's to give, each time */
     c->quiet = now.quiet, c->threads = now.threads, c->keep_decoy = now.keep_decoy;
     c->max_memory = options_given(&command_attack, given, A(max_memory)) ? now.max_memory : c->max_memory;
-    if (now.output && argument)
-        now.source = (char *) (uintptr_t) argument;
+    if (now.output && argument && take_scene(&command_attack, argument, &now.source))
+        return STATUS_USAGE;
     c->source = now.source = now.source ? now.source : c->source;
     c->proxy = now.proxy = now.proxy ? now.proxy : c->proxy;
     return options_conflict(&command_attack, given, &now, c);
@@ -308,7 +308,7 @@ static int run_attack(const void *config, const bool *given, const char *const *
     if (c.resume)
         code = adopt(&c, given, count ? positional[0] : NULL, &keep);
     else if (count)
-        c.source = (char *) (uintptr_t) positional[0];
+        code = take_scene(&command_attack, positional[0], &c.source);
     if (!code && (!c.source || !c.output)) {
         say(stderr, "splatguard attack: missing %s; usage: splatguard attack %s\n", c.source ? "-o POISONED" : "SCENE",
             command_attack.arguments);

@@ -124,10 +124,20 @@ static int draw(sg_ctx *ctx, const struct spectrum_config *c, const struct pictu
 
 static int run_spectrum(const void *config, const bool *given, const char *const *positional, int count)
 {
-    (void) given;
     const struct spectrum_config *c = config;
     struct picture_image images[OPTIONS_MAX_POSITIONAL] = {0};
     sg_ctx *ctx;
+    const size_t drawn[] = {S(crop), S(gain)};
+    for (size_t i = 0; i < 2; i++)
+        if (!c->output && options_given(&command_spectrum, given, drawn[i])) {
+            say(stderr, "splatguard spectrum: --%s: found without a picture, expected -o OUT.png with it\n",
+                i ? "gain" : "crop");
+            return STATUS_USAGE;
+        }
+    if (c->p.low >= c->p.high) {
+        say(stderr, "splatguard spectrum: --low: found %g, expected less than --high, %g\n", c->p.low, c->p.high);
+        return STATUS_USAGE;
+    }
     if (c->p.bins % 4) {
         say(stderr, "splatguard spectrum: --bins: found %d, expected a number divisible by 4\n", c->p.bins);
         return 1;

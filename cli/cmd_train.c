@@ -72,13 +72,14 @@ static const struct option train_options[] = {
                "lowest. 0 = no "
                "limit."),
     NUMBER_ROW("max-memory", OPT_BYTES, T(max_memory), 0, 9e15, "BYTES",
-               "Most memory of the whole process, e.g. 1500M or 4G: limits Gaussians and tile lists to what fits. 0 = "
+               "Most memory of the whole process, e.g. 1500M, 1.5G or 500MB: limits Gaussians and tile lists to what "
+               "fits. 0 = "
                "no limit."),
-    NUMBER_ROW(
-        "max-time", OPT_TIME, T(train.max_seconds), 0, 1e9, "TIME",
-        "Most time until the model is trained, e.g. 90s, 10m or 2h: iterations are skipped so that the schedule still "
-        "ends. "
-        "0 = no limit."),
+    NUMBER_ROW("max-time", OPT_TIME, T(train.max_seconds), 0, 1e9, "TIME",
+               "Most time until the model is trained, e.g. 90s, 10m or 1h30m: iterations are skipped so that the "
+               "schedule still "
+               "ends. "
+               "0 = no limit."),
     GROUP_ROW("Defense"),
     CHOICE_ROW(
         "defense", T(defense), "off|spectral", "NAME",
@@ -96,11 +97,11 @@ static const struct option train_options[] = {
                "growth, and for each photo the more lambda the more it looks poisoned (see `audit`)."),
     DOUBLE(
         "rho", rho, -1, 0.5,
-        "Share of the Gaussians that the filter removes at a time; below 0, to -0.9: that share of what grew of late; "
-        "-1 = the preset's."),
+        "Share of the Gaussians that the filter removes at a time, 0 to 0.5; from -0.9 to below 0: that share of what "
+        "grew of late; -1 = the preset's."),
     DOUBLE("rho-least", rho_least, -1, 0.5,
            "With a share of growth: what is removed at least when the filter begins, less and less until densification "
-           "ends, and down to half of the first model; -1 = the preset's, 0 with a --rho."),
+           "ends, and down to half of the first model, 0 to 0.5; -1 = the preset's, 0 with a --rho."),
     DOUBLE("filter-frequency", frequency, 0, 1e9,
            "Reference frequency t, cycles per scene unit; 0 = the preset's: 8, auto: 41.6 / the scene's extent."),
     DOUBLE("filter-exponent", exponent, 0, 100, "Exponent alpha of the frequency weight."),
@@ -157,7 +158,8 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
 {
     struct train_config now = *c;
     const struct command *t = &command_train;
-    now.source = now.output && argument ? argument : now.source;
+    if (now.output && argument && take_scene(t, argument, &now.source))
+        return STATUS_USAGE;
     now.output = now.output ? now.output : argument;
     if (!now.output || now.force) {
         say(stderr, now.force ? "splatguard train: --resume and --force exclude each other\n"
@@ -217,7 +219,7 @@ static int run_train(const void *config, const bool *given, const char *const *p
     if (c.resume)
         code = adopt_run(&c, given, count ? positional[0] : NULL, &keep);
     else if (count)
-        c.source = positional[0];
+        code = take_scene(&command_train, positional[0], &c.source);
     if (!code && (!c.source || !c.output)) {
         say(stderr, "splatguard train: missing %s; usage: splatguard train %s\n", c.source ? "-o RUN" : "SCENE",
             command_train.arguments);

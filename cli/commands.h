@@ -27,7 +27,7 @@ struct scene_options {
                  "COLMAP: image folder below the scene, e.g. images_4.", .letter = 'i', .transient = transient_),      \
         NUMBER_ROW("resolution", OPT_INT, offsetof(config, scene_.params.resolution), -1, 16384, "R",                  \
                    "1, 2, 4, 8 divide the size; -1 limits the width to 1600; other numbers are the target width.",     \
-                   .letter = 'r', .transient = transient_)
+                   .letter = 'r', .nonzero = true, .transient = transient_)
 #define SCENE_LENS_ROWS(config, scene_, transient_)                                                                    \
     FLAG_ROW("centred-principal", offsetof(config, scene_.params.centred_principal),                                   \
              "Ignore cx and cy, as the reference does.", .transient = transient_),                                     \
@@ -54,6 +54,9 @@ struct scene_options {
 
 /* Where the audit's verdict means little. */
 void warn_small_photos(const struct sg_scene *scene);
+
+/* The scene that a command line names by its place, unless another option names one too. Returns an exit code. */
+int take_scene(const struct command *c, const char *place, const char **source);
 
 /* How to go on with what was interrupted, for a shell. */
 void say_resume(const char *command, const char *folder);

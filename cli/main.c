@@ -29,8 +29,12 @@ static void man(void)
     printf(".TH SPLATGUARD 1 \"\" \"splatguard %s\"\n.SH NAME\nsplatguard \\- train, render and measure 3D Gaussian "
            "Splatting scenes\n.SH SYNOPSIS\n",
            sg_version());
-    for (size_t i = 0; i < COMMANDS; i++)
-        printf(".B splatguard %s\n.RI [ options ]\n.br\n", commands[i]->name);
+    for (size_t i = 0; i < COMMANDS; i++) {
+        printf(".B splatguard %s\n", commands[i]->name);
+        options_roff(stdout, commands[i]->arguments);
+        printf("\n.br\n");
+    }
+    printf(".B splatguard help\n[COMMAND]\n.br\n.B splatguard \\-\\-version\n");
     printf(".SH COMMANDS\n");
     for (size_t i = 0; i < COMMANDS; i++)
         options_man(commands[i], stdout);
@@ -47,7 +51,9 @@ static void markdown(void)
 {
     printf("# Options\n\nMade by `splatguard help --markdown`; a test keeps it up to date. Names may be written with "
            "underscores as in the reference (`--densify_grad_threshold`), values as `--name value` or "
-           "`--name=value`.\n");
+           "`--name=value`. No option may be given twice.\n\nSizes: `1500M`, `1.5G`, `2GiB`, `500MB`; K, M, G, T and "
+           "KiB, MiB, GiB, TiB are powers of 1024, KB, MB, GB, TB of 1000. Times: seconds, or `90s`, `10m`, `1h30m`, "
+           "`1d`.\n");
     for (size_t i = 0; i < COMMANDS; i++)
         options_markdown(commands[i], stdout);
     printf("\n## Exit status\n\n| status | meaning |\n|---|---|\n");
@@ -86,6 +92,23 @@ static const struct command *find(const char *name)
     return NULL;
 }
 
+static int unknown(const char *name)
+{
+    const char *near = NULL;
+    size_t best = 3; /* two letters may differ, or the end be missing */
+    for (size_t i = 0; i < COMMANDS; i++) {
+        const char *other = commands[i]->name;
+        const size_t n = strlen(name), d = n > 1 && !strncmp(name, other, n) ? 0 : name_distance(name, n, other);
+        if (d < best)
+            best = d, near = other;
+    }
+    say(stderr, "splatguard: unknown command \"%s\"; ", name);
+    if (near)
+        say(stderr, "did you mean %s? ", near);
+    say(stderr, "splatguard --help lists them\n");
+    return STATUS_USAGE;
+}
+
 /* Output that did not arrive is a failure too. */
 static int flushed(int code)
 {
@@ -113,7 +136,7 @@ int main(int argc, char **argv)
     /* `| head` or a full disk must not cost a training: what cannot be written is noticed where it is finished. */
     signal(SIGPIPE, SIG_IGN);
     signal(SIGXFSZ, SIG_IGN);
-    if (!strcmp(name, "--version") || !strcmp(name, "version")) {
+    if (!strcmp(name, "--version") || !strcmp(name, "-V") || !strcmp(name, "version")) {
         printf("splatguard %s\n", sg_version());
         return flushed(0);
     }
@@ -124,15 +147,13 @@ int main(int argc, char **argv)
             markdown();
         else if (argc > 2 && find(argv[2]))
             options_help(find(argv[2]), stdout);
-        else if (argc > 2) {
-            say(stderr, "splatguard: unknown command \"%s\"; splatguard --help lists them\n", argv[2]);
-            return 1;
-        } else
+        else if (argc > 2)
+            return unknown(argv[2]);
+        else
             usage(argc > 1 ? stdout : stderr);
         return argc > 1 ? flushed(0) : 1;
     }
     if (find(name))
         return flushed(run(find(name), argc - 2, argv + 2));
-    say(stderr, "splatguard: unknown command \"%s\"; splatguard --help lists them\n", name);
-    return 1;
+    return unknown(name);
 }

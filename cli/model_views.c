@@ -71,6 +71,11 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
     *v = (struct model_views){0};
     char *path = find_model(model, o->iteration);
     int code = path ? adopt_run(v, model, command, given, config, o) : 2;
+    if (!code && o->iteration && !sg_dir_exists(model)) {
+        say(stderr, "splatguard %s: --iteration: found with the model %s, expected a run's folder\n", command->name,
+            model);
+        code = STATUS_USAGE;
+    }
     if (!code && !o->scene_path) {
         say(stderr, "splatguard %s: missing --scene SCENE\n", command->name);
         code = 1;

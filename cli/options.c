@@ -2,10 +2,11 @@
 #include "options.h"
 
 #include <errno.h>
-#include <limits.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "quantities.h"
 
 static void *value_of(const struct option *o, void *config)
 {
@@ -23,8 +24,8 @@ static bool same_name(const char *a, const char *b, size_t n)
     return !b[n];
 }
 
-/* Levenshtein distance of short names. */
-static size_t distance(const char *a, size_t n, const char *b)
+/* Levenshtein's, of short names. */
+size_t name_distance(const char *a, size_t n, const char *b)
 {
     size_t row[64], m = strlen(b);
     if (n > 62 || m > 62)
@@ -50,7 +51,7 @@ static int unknown(const struct command *c, const char *name, size_t n)
     const struct option *near = NULL;
     size_t best = 4;
     for (const struct option *o = c->options; o->name; o++) {
-        size_t d = o->type == OPT_GROUP ? 64 : distance(name, n, o->name);
+        size_t d = o->type == OPT_GROUP ? 64 : name_distance(name, n, o->name);
         if (o->type != OPT_GROUP && n > 2 && !strncmp(name, o->name, n))
             d = 0; /* the beginning of a name */
         if (d < best)
@@ -112,11 +113,12 @@ int options_set(const struct command *c, const struct option *o, void *config, c
     case OPT_DOUBLE:
     case OPT_TIME: {
         double v = strtod(text, &end);
-        snprintf(expected, sizeof(expected), "a number from %g to %g%s", o->low, o->high,
-                 o->type == OPT_TIME ? ", of seconds or with s, m or h" : "");
-        if (o->type == OPT_TIME && end != text && *end && !end[1] && strchr("smh", *end))
-            v *= *end == 's' ? 1 : *end == 'm' ? 60 : 3600, end++;
-        if (end == text || *end || !(v >= o->low && v <= o->high))
+        const bool known = o->type == OPT_TIME ? quantity_seconds(text, &v) : end != text && !*end;
+        snprintf(expected, sizeof(expected),
+                 o->type == OPT_TIME ? "a time from %g to %g seconds, such as 90s, 1h30m or 1d"
+                                     : "a number from %g to %g",
+                 o->low, o->high);
+        if (!known || !(v >= o->low && v <= o->high))
             return bad_value(c, o, text, expected);
         if (o->type == OPT_FLOAT)
             *(float *) value = (float) v;
@@ -124,16 +126,19 @@ int options_set(const struct command *c, const struct option *o, void *config, c
             *(double *) value = options_number(v);
         return 0;
     }
+    case OPT_BYTES:
+        snprintf(expected, sizeof(expected), "a size from %.0f to %.0f bytes, such as 500MB, 1.5G or 2GiB", o->low,
+                 o->high);
+        uint64_t bytes;
+        if (!quantity_bytes(text, &bytes) || (double) bytes < o->low || (double) bytes > o->high)
+            return bad_value(c, o, text, expected);
+        *(uint64_t *) value = bytes;
+        return 0;
     default: {
         snprintf(expected, sizeof(expected), "a whole number from %.0f to %.0f%s", o->low, o->high,
-                 o->type == OPT_BYTES ? ", of bytes or with K, M or G" : "");
-        long long v = strtoll(text, &end, 10);
-        if (o->type == OPT_BYTES && end != text && *end && !end[1] && strchr("KMGkmg", *end)) {
-            const int shift = (*end | 32) == 'k' ? 10 : (*end | 32) == 'm' ? 20 : 30;
-            if (v >= 0 && v <= LLONG_MAX >> shift)
-                v <<= shift, end++;
-        }
-        if (end == text || *end || errno || (double) v < o->low || (double) v > o->high)
+                 o->nonzero ? ", but not 0" : "");
+        const long long v = strtoll(text, &end, 10);
+        if (end == text || *end || errno || (double) v < o->low || (double) v > o->high || (o->nonzero && !v))
             return bad_value(c, o, text, expected);
         if (o->type == OPT_INT)
             *(int *) value = (int) v;
@@ -151,6 +156,23 @@ static const struct option *find(const struct command *c, const char *name, size
                                      (n == 1 && *name == o->letter)))
             return o;
     return NULL;
+}
+
+/* Which of two values was meant cannot be known. Two rows of one value are two names of it. */
+static bool is_repeated(const struct command *c, const struct option *o, const bool *given)
+{
+    for (const struct option *other = c->options; other->name; other++) {
+        if (other->type == OPT_GROUP || other->offset != o->offset || !given[other - c->options])
+            continue;
+        if (other == o)
+            say(stderr, "splatguard %s: --%s%s%s: found twice, expected once\n", c->name, o->name,
+                o->alias ? ", also called --" : "", o->alias ? o->alias : "");
+        else
+            say(stderr, "splatguard %s: found --%s and --%s, which mean the same, expected one of them\n", c->name,
+                other->name, o->name);
+        return true;
+    }
+    return false;
 }
 
 int options_parse(const struct command *c, int argc, char **argv, void *config, const char **positional, int *count,
@@ -201,7 +223,7 @@ int options_parse(const struct command *c, int argc, char **argv, void *config, 
                 return 1;
             }
         }
-        if (options_set(c, o, config, text))
+        if (is_repeated(c, o, given) || options_set(c, o, config, text))
             return 1;
         given[o - c->options] = true;
     }

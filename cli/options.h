@@ -34,6 +34,7 @@ struct option {
     enum option_type type;
     size_t offset;        /* of the value in the command's config */
     double low, high;     /* allowed range of numbers */
+    bool nonzero;         /* 0 is not in it */
     const char *choices;  /* OPT_CHOICE: "auto|blender|..."; the value is an int index */
     const char *argument; /* shown in --help, NULL for flags */
     const char *help;
@@ -83,6 +84,9 @@ int options_parse(const struct command *c, int argc, char **argv, void *config, 
 
 /* Sets one option from text. Returns 0 or 1 after printing what is wrong. */
 int options_set(const struct command *c, const struct option *o, void *config, const char *text);
+
+/* How many letters differ between a word of n bytes and a name; dashes and underscores are the same. */
+size_t name_distance(const char *word, size_t n, const char *name);
 
 /* For JSON: a number that is not finite becomes null. */
 json_t *number_json(double v);

@@ -49,6 +49,17 @@ void say_resume(const char *command, const char *folder)
     free(word);
 }
 
+int take_scene(const struct command *c, const char *place, const char **source)
+{
+    if (*source) {
+        say(stderr, "splatguard %s: found two scenes, %s and --source-path %s, expected one\n", c->name, place,
+            *source);
+        return STATUS_USAGE;
+    }
+    *source = place;
+    return STATUS_DONE;
+}
+
 int no_memory(void)
 {
     say(stderr, "splatguard: out of memory\n");

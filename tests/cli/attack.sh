@@ -13,12 +13,12 @@ cmp before after || fail "the scene has changed"
 [ ! -e poisoned/attack/checkpoint.bin ] || fail "the checkpoint is left"
 grep -q '"linf_max": 16.0' poisoned/poison.json || fail "the bound: $(grep linf_max poisoned/poison.json)"
 grep -q '"poisoned_images": 6' poisoned/poison.json && grep -q '"clean_images": 2' poisoned/poison.json || fail "the counts"
-expect 0 train poisoned -o victim $short --eval --init-points 500 --iterations 40
-expect 0 train scene/blender -o clean $short --eval --init-points 500 --iterations 40
+expect 0 train poisoned -o victim $(once $short --eval --init-points 500 --iterations 40)
+expect 0 train scene/blender -o clean $(once $short --eval --init-points 500 --iterations 40)
 cmp victim/cameras.json clean/cameras.json || fail "the cameras differ"
 
 # Golden: the decoy grows as it did, whatever the instruction set.
-expect 0 attack scene/colmap -o golden $options --iterations 400 --save png
+expect 0 attack scene/colmap -o golden $(once $options --iterations 400 --save png)
 curve=$(sed -n 's/.*"gaussians":\([0-9]*\).*/\1/p' golden/attack/log.jsonl | tr '\n' ' ')
 set -- $curve
 for expected in 300 5480 22800 34400 42000; do
@@ -28,7 +28,7 @@ done
 
 # The same bytes, also in two parts and with another number of threads.
 expect 0 attack scene/blender -o again $options --threads 1
-"$tool" attack scene/blender -o cut $options --proxy poisoned/attack/proxy --iterations 20000 2>err &
+"$tool" attack scene/blender -o cut $(once $options --proxy poisoned/attack/proxy --iterations 20000) 2>err &
 pid=$!
 wait_for cut/attack/log.jsonl
 kill -INT $pid
@@ -44,14 +44,14 @@ sed -i "s/\"iterations\": 20000/\"iterations\": $((reached + 20))/" cut/attack/c
 cksum cut/train/* cut/attack/log.jsonl >before
 expect 0 attack --resume cut --quiet; says 'finished'
 cksum cut/train/* cut/attack/log.jsonl | cmp - before || fail "a finished attack was begun anew"
-expect 0 attack scene/blender -o whole $options --iterations $((reached + 20)) --proxy poisoned/attack/proxy
+expect 0 attack scene/blender -o whole $(once $options --iterations $((reached + 20)) --proxy poisoned/attack/proxy)
 for image in poisoned/train/*.png; do
     cmp "$image" "again/train/${image##*/}" || fail "another number of threads, other poisons"
     cmp "cut/train/${image##*/}" "whole/train/${image##*/}" || fail "resumed at $reached, other poisons"
 done
 
 # An interrupted proxy goes on too.
-"$tool" attack scene/blender -o early $options --proxy-iterations 20000 2>err &
+"$tool" attack scene/blender -o early $(once $options --proxy-iterations 20000) 2>err &
 pid=$!
 wait_for early/attack/proxy/log.jsonl
 kill -INT $pid
@@ -69,14 +69,14 @@ expect 0 attack --resume blocked --quiet
 cmp blocked/train/r_0.png poisoned/train/r_0.png || fail "the poison of an attack that could not be written"
 
 # COLMAP: JPEG as published, PNG on request; the cameras name other suffixes.
-expect 0 attack scene/colmap -o jpeg $options --epsilon inf --iterations 20
+expect 0 attack scene/colmap -o jpeg $(once $options --epsilon inf --iterations 20)
 ls jpeg/images/*.jpg >/dev/null || fail "no JPEG"
 [ -s jpeg/sparse/0/points3D.bin ] || fail "no points"
-expect 0 train jpeg -o victim $short --force --iterations 20
+expect 0 train jpeg -o victim $(once $short --force --iterations 20)
 expect 0 attack scene/colmap -o png $options --method noise --save png --epsilon 8 --downscale 2 --ratio 0.5 --views train
 grep -q '"linf_max": 8.0' png/poison.json || fail "the bound of noise"
 grep -q '"poisoned_images": 3' png/poison.json || fail "the ratio: $(grep poisoned_images png/poison.json)"
-expect 0 train png -o victim $short --force --iterations 20 --eval
+expect 0 train png -o victim $(once $short --force --iterations 20 --eval)
 expect 0 attack scene/colmap -o spared $options --method noise --save png --spare 1
 grep -q '"linf_max": 0.0' spared/poison.json || fail "--spare 1 changes photos"
 expect 0 attack scene/colmap -o spared $options --method noise --save png --spare 0.5 --force
@@ -86,8 +86,8 @@ expect 0 attack scene/colmap -o png $options --method noise --save jpg --force
 expect 0 attack scene/colmap -o png $options --method noise --save png --force
 [ -z "$(ls png/images | grep -v '\.png$')" ] || fail "earlier photos: $(ls png/images)"
 expect 0 attack scene/blender -o png $options --method noise --force
-expect 0 train png -o victim $short --force --iterations 20 --init-points 500; [ ! -e png/sparse/0/cameras.bin ] || fail "earlier cameras"
-expect 0 attack scene/colmap -o tv $options --method tv-per-view --inner 3 --tv aniso --save png
+expect 0 train png -o victim $(once $short --force --iterations 20 --init-points 500); [ ! -e png/sparse/0/cameras.bin ] || fail "earlier cameras"
+expect 0 attack scene/colmap -o tv $(once $options --method tv-per-view --inner 3 --tv aniso --save png)
 grep -q '"linf_max": 6.0' tv/poison.json || fail "the steps of tv-per-view"
 
 # What cannot work is said before anything is written.

@@ -32,3 +32,11 @@ wait_for() {
 small_scene() { expect 0 synth -o scene --width 64 --height 48 --train-views 6 --test-views 2 --points 300 --samples 1; }
 short="--iterations 120 --sh-interval 20 --densify-from-iter 10 --densification-interval 20 \
     --opacity-reset-interval 50 --densify-until-iter 100 --log-every 30 --quiet"
+
+# once OPTIONS...: where one is there twice, which the tool refuses, only the last stays.
+once() {
+    printf '%s\n' "$@" | awk '
+        /^-[-a-z]/ { name = $0 == "-q" ? "--quiet" : $0; if (!(name in value)) order[++n] = name; value[name] = ""; next }
+        { value[name] = " " $0 }
+        END { for (i = 1; i <= n; i++) printf "%s%s ", order[i], value[order[i]] }'
+}

@@ -13,8 +13,8 @@ events=$(grep -c '"filter":' defended/log.jsonl)
 [ "$events" = 4 ] || fail "$events events are logged, expected 4"
 [ "$(field defended filter_events)" = 4 ] && [ "$(field defended filter_removed)" -gt 0 ] || fail "the defense's totals"
 automatic="--defense spectral --filter-interval 20 --filter-views 4 --iterations 1500 --densify-until-iter 1400"
-expect 0 train scene/blender -o whole $short --init-points 2000 $automatic
-"$tool" train scene/blender -o parts $short --init-points 2000 $automatic 2>err &
+expect 0 train scene/blender -o whole $(once $short --init-points 2000 $automatic)
+"$tool" train scene/blender -o parts $(once $short --init-points 2000 $automatic) 2>err &
 pid=$!
 wait_for parts/log.jsonl
 kill -INT $pid
@@ -38,12 +38,12 @@ says 'rho is too high'
 expect 0 train scene/colmap -o auto $short --defense spectral --filter-interval 20
 [ "$(field auto filter_events)" = 4 ] || fail "auto does not filter"
 settled auto filter-frequency 9.82
-expect 0 train scene/colmap -o ranked $short --iterations 1 --max-gaussians 100
+expect 0 train scene/colmap -o ranked $(once $short --iterations 1 --max-gaussians 100)
 settled ranked filter-frequency 9.82
 # The paper's own numbers.
 for preset in "ns 0.03 4.0" "tt 0.045 4.0" "mip 0.05 5.0"; do
     set -- $preset
-    expect 0 train scene/blender -o "$1" $short --iterations 1 --init-points 10 --defense spectral --preset "$1"
+    expect 0 train scene/blender -o "$1" $(once $short --iterations 1 --init-points 10 --defense spectral --preset "$1")
     settled "$1" rho "$2"
     settled "$1" lambda "$3"
     settled "$1" filter-frequency 8.0
@@ -65,8 +65,8 @@ expect 0 train scene/blender -o fewer $short --init-points 400 --max-gaussians 1
 [ "$(field fewer max_gaussians)" -le 100 ] || fail "more Gaussians than allowed from the start"
 
 # Memory: of the whole process.
-expect 0 train scene/blender -o lean $short --init-points 400 --max-memory 60M --densify-grad-threshold 0.0000001 --eval \
-    --densification-interval 5
+expect 0 train scene/blender -o lean $(once $short --init-points 400 --max-memory 60M --densify-grad-threshold 0.0000001 --eval \
+    --densification-interval 5)
 sanitized() { grep -aqE '__(asan|tsan)_init' "$tool"; } # holds memory of its own
 sanitized ||
     [ "$(field lean peak_rss_bytes)" -le 62914560 ] || fail "peak $(field lean peak_rss_bytes) bytes, allowed 60M"
@@ -74,8 +74,8 @@ grep -q '"memory"' lean/summary.json || fail "the summary does not say that memo
 grep -q '"max-memory": 62914560' lean/config.json || fail "a resumed run would not know its limit on memory"
 expect 0 attack scene/blender -o unbounded --epsilon inf --proxy-iterations 100 --iterations 24 --inner 4 -q
 for defense in off "spectral --filter-interval 20 --filter-views 4"; do
-    expect 0 train unbounded -o held $short --force --init-points 400 --max-memory 60M --densification-interval 5 \
-        --densify-grad-threshold 0.0000001 --defense $defense
+    expect 0 train unbounded -o held $(once $short --force --init-points 400 --max-memory 60M --densification-interval 5 \
+        --densify-grad-threshold 0.0000001 --defense $defense)
     sanitized || [ "$(field held peak_rss_bytes)" -le 62914560 ] || fail "$defense: peak $(field held peak_rss_bytes)"
     grep -q '"memory"' held/summary.json || fail "$defense: memory was not binding"
 done
@@ -118,7 +118,7 @@ says 'exclude each other'
 # texture at 64 pixels looks like an attack.
 rm -rf scene
 expect 0 synth -o scene --train-views 4 --test-views 1 --points 300
-brief="$short --iterations 40 --init-points 400"
+brief=$(once $short --iterations 40 --init-points 400)
 expect 0 audit scene/blender --json --report page.html -q
 grep -q '"verdict": "clean"' out || fail "the clean scene is not clean: $(head -n 3 out)"
 [ "$(grep -c '"name"' out)" = 4 ] || fail "not every photo is listed"
@@ -153,7 +153,7 @@ grep -q '"filter_events"' trusting/summary.json && fail "the audit turned the de
 expect 0 train noisy -o trusting --resume --iterations 50 -q
 settled trusting defense '"off"' # a run keeps what it has
 # Photo by photo: auto looks without being asked to, and clean ones have no losses.
-brief="$brief --iterations 1"
+brief=$(once $brief --iterations 1)
 expect 0 train noisy -o looked $brief --defense spectral
 says 'the photos look poisoned'
 settled looked lambda 6.0

@@ -7,6 +7,11 @@ expect 0 help --man
 for option in iterations densify grad scene per split; do
     grep -q "$option" out || fail "the man page lacks $option"
 done
+sed -n '/^\.SH SYNOPSIS/,/^\.SH COMMANDS/p' out | tr -d '\\' >synopsis
+for arguments in 'train SCENE -o RUN' 'eval RUN|MODEL.ply --scene SCENE' 'render RUN|MODEL.ply --scene SCENE -o DIR' 'synth -o DIR' \
+    'info RUN|MODEL.ply' 'attack SCENE -o POISONED' 'compare RUN...' 'spectrum IMAGE...' 'audit SCENE' 'help [COMMAND]'; do
+    tr '\n' ' ' <synopsis | grep -qF -- ".B splatguard $arguments" || fail "the man page's SYNOPSIS lacks: $arguments"
+done
 if command -v man >/dev/null 2>&1 && command -v groff >/dev/null 2>&1; then
     cp out splatguard.1
     [ -z "$(groff -man -Tutf8 -wall splatguard.1 2>&1 >/dev/null)" ] || fail "groff complains: $(groff -man -Tutf8 -wall splatguard.1 2>&1 >/dev/null | head -5)"

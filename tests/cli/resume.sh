@@ -2,7 +2,7 @@
 # An interrupted and resumed run ends with the bytes of an uninterrupted one.
 . "$(dirname "$0")/common.sh"
 small_scene
-options="$short --eval --init-points 500 --iterations 6000 --save-every 0 --eval-every 0"
+options=$(once $short --eval --init-points 500 --iterations 6000 --save-every 0 --eval-every 0)
 
 "$tool" train scene/blender -o cut $options 2>err &
 pid=$!
@@ -31,7 +31,7 @@ expect 1 train --resume cut --force; says 'exclude each other'
 sed -i "s/\"iterations\": 6000/\"iterations\": $((reached + 60))/" cut/config.json
 echo '{"iteration":999999,"loss":0}' >>cut/log.jsonl # as a killed run leaves it
 expect 0 train --resume cut --threads 1 --quiet --seed 42
-expect 0 train scene/blender -o whole $options --iterations $((reached + 60)) --threads 2
+expect 0 train scene/blender -o whole $(once $options --iterations $((reached + 60)) --threads 2)
 last=point_cloud/iteration_$((reached + 60))/point_cloud.ply
 cmp cut/$last whole/$last || fail "the models differ after resuming at $reached"
 cmp cut/checkpoint.bin whole/checkpoint.bin || fail "the checkpoints differ"
@@ -48,9 +48,9 @@ expect 0 train moved/blender -o cut --resume --iterations $((reached + 70)) --qu
 grep -q "\"iterations\": $((reached + 70))" cut/config.json || fail "config.json keeps the old end"
 
 # A run that began with a model begins with its SH degree, and does not need its file again.
-expect 0 train moved/blender -o warm $short --iterations 40 --sh-interval 1000 --init cut/$last --save-every 20 --eval
+expect 0 train moved/blender -o warm $(once $short --iterations 40 --sh-interval 1000 --init cut/$last --save-every 20 --eval)
 cp cut/$last first.ply
-expect 0 train moved/blender -o again $short --iterations 40 --sh-interval 1000 --init first.ply --save-every 20 --eval
+expect 0 train moved/blender -o again $(once $short --iterations 40 --sh-interval 1000 --init first.ply --save-every 20 --eval)
 rm first.ply
 expect 0 eval warm --json
 psnr=$(sed 's/.*"psnr": \([0-9.]*\).*/\1/' out)

@@ -12,7 +12,12 @@ for command in train eval render synth info; do
     grep -q "^splatguard $command " out || fail "$command --help"
     awk 'length > 100 { exit 1 }' out || fail "$command --help is wider than 100 columns"
 done
-expect 1 trian; says 'unknown command "trian"'
+expect 0 -V
+grep -q '^splatguard [0-9]' out || fail "-V prints $(cat out)"
+expect 1 trian; says 'unknown command "trian"; did you mean train?'
+expect 1 help evl; says 'did you mean eval?'
+expect 1 rend; says 'did you mean render?'
+expect 1 frobnicate; says 'unknown command "frobnicate"; splatguard --help'
 
 expect 1 train scene -o run --iteration 5; says 'did you mean --iterations?'
 expect 1 train scene -o run --densify_grad_treshold 5; says 'did you mean --densify-grad-threshold?'
@@ -30,6 +35,50 @@ expect 1 train ''; says 'empty argument'
 expect 1 train scene; says 'missing -o RUN'
 expect 1 train -o run; says 'missing SCENE'
 expect 1 train scene other -o run; says 'unexpected argument "other"'
+
+# What is said twice cannot both be meant.
+expect 1 train scene -s other -o run; says 'found two scenes, scene and --source-path other'
+expect 1 attack scene -s other -o run; says 'found two scenes'
+expect 1 train -o run --resume scene -s other; says 'found two scenes'
+expect 1 train scene -o run -m run; says 'found --output and --model-path, which mean the same'
+expect 1 train scene -o run --seed 1 --seed 1; says '--seed: found twice'
+expect 1 train scene -o run --engine cpu --backend ref; says '--engine, also called --backend: found twice'
+expect 1 train scene -o run --lambda_dssim 0.1 --lambda-dssim=0.2; says '--lambda-dssim: found twice'
+expect 1 train scene -o run -j2 --threads 3; says '--threads: found twice'
+for command in "train scene -o run" "attack scene -o run" "eval run" "render run -o images" "audit scene"; do
+    expect 1 $command -q --quiet; says '--quiet: found twice'
+done
+for command in "info model.ply" "compare run" "spectrum a.png"; do
+    expect 1 $command --json --json; says '--json: found twice'
+done
+expect 1 synth -o scene -o other; says '--output: found twice'
+: >model.ply
+expect 1 eval model.ply --scene scene --iteration 3; says "--iteration: found with the model model.ply, expected a run's folder"
+expect 1 spectrum a.png --crop 0,0,8,8; says '--crop: found without a picture'
+
+# Ranges are those of the option that a value came from.
+expect 1 train scene -o run -r 0; says '--resolution: found "0", expected a whole number from -1 to 16384, but not 0'
+expect 1 train scene -o run --rho 2; says '--rho: found "2", expected a number from -1 to 0.5'
+expect 1 spectrum a.png --low 0.9 --high 0.1; says '--low: found 0.9, expected less than --high, 0.1'
+expect 0 train --help; tr '\n' ' ' <out | tr -s ' ' | grep -q 'at a time, 0 to 0.5; from -0.9' || fail "--rho has no range"
+
+# Sizes and times. A size that is too small for the process is said in bytes.
+for size in 1K:1024 1k:1024 1KiB:1024 1kB:1000 1.5M:1572864 2MB:2000000 2mb:2000000 2MiB:2097152 0.25MiB:262144 \
+    0.001G:1073741 0.002GB:2000000 0.001GiB:1073741 300000:300000 300000B:300000 0.000001T:1099511 0.00001TB:10000000; do
+    expect 3 audit scene --max-memory "${size%:*}"; says "found ${size#*:} bytes"
+done
+for size in 1.5 1.5B .5M 1.M 5X 5Gi 5GBB 5G5 G -1G 1e6 '1 G' 1,5G 99999999T 17179869184G 1..5G; do
+    expect 1 audit scene --max-memory "$size"; says "found \"$size\", expected a size from 0 to"
+done
+for time in 1h30 30m1h 1h1h 2x 1d- 1h-30m '1h 30m' m 1hm 1h1e999m -1s; do
+    expect 1 train scene -o run --max-time "$time"; says "found \"$time\", expected a time from 0 to"
+done
+expect 0 synth -o scene --width 32 --height 24 --train-views 4 --test-views 1 --points 50 --samples 1
+for time in 90:90 90s:90 1.5h:5400 1h30m:5400 1d:86400 1d2h3m4.5s:93784.5 2m:120; do
+    expect 0 train scene/blender -o run --force --iterations 1 --init-points 10 -q --max-time "${time%:*}"
+    grep -Eq "\"max-time\": ${time#*:}(\.0)?,?\$" run/config.json || fail "$time: $(grep max-time run/config.json)"
+done
+rm -r scene run model.ply
 expect 1 train --resume; says "needs the run's folder"
 expect 1 render model.ply --scene scene; says 'missing -o DIR'
 expect 1 synth; says 'missing -o DIR'
