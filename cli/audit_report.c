@@ -9,6 +9,7 @@
 
 #include "scene/image.h"
 
+#include "output.h"
 #include "run_folder.h"
 
 #define SHOWN 3   /* photos from each end of the ranking */
@@ -151,6 +152,7 @@ static void put_head(FILE *f, const struct sg_scene *scene, const struct sg_audi
         snprintf(unseen, sizeof(unseen), ", %zu unseen: masks leave nothing of them", a->verdicts[SG_AUDIT_UNSEEN]);
     fprintf(f,
             "<!doctype html>\n<html lang=en><meta charset=utf-8><meta name=viewport content=\"width=device-width\">\n"
+            "<meta name=generator content=\"splatguard %s\">\n"
             "<title>Audit: %s</title>\n<style>\n"
             "body{font:16px/1.5 system-ui,sans-serif;margin:2em auto;max-width:1140px;padding:0 1em;color:#222}\n"
             "table{border-collapse:collapse}td,th{padding:.1em .8em;text-align:right;border-bottom:1px solid #ddd}\n"
@@ -158,7 +160,7 @@ static void put_head(FILE *f, const struct sg_scene *scene, const struct sg_audi
             ".row{display:flex;flex-wrap:wrap;align-items:start;gap:12px}figure{margin:0;display:table}\n"
             "figcaption{display:table-caption;caption-side:bottom;font-size:13px;color:#555}\n"
             ".clean{color:#176b43}.suspicious{color:#8a5200}.poisoned{color:#b3202c}\n</style>\n<h1>",
-            sg_audit_verdict_name(a->verdict));
+            sg_version(), sg_audit_verdict_name(a->verdict));
     put_text(f, scene->path);
     fprintf(
         f, ": <span class=%s>%s</span></h1>\n<p>Score %.3f. Of %zu photos %zu poisoned, %zu suspicious, %zu clean%s.\n",
@@ -227,7 +229,9 @@ int audit_report(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_audi
     lost |= f && fclose(f);
     if (lost && !code)
         code = SG_ERR_BUDGET;
-    code = code ? report(ctx, code) : run_write_file(path, page, size);
+    code = code ? report(ctx, code) : output_check_replaced(path); /* still */
+    if (!code)
+        code = run_write_file(path, page, size);
     free(page);
     free(order);
     return code;

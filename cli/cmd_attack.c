@@ -11,6 +11,7 @@
 #include "attack_run.h"
 #include "core/file.h"
 #include "interrupt.h"
+#include "output.h"
 
 #define A(field) offsetof(struct attack_config, field)
 #define INTEGER(name, field, low, high, help) NUMBER_ROW(name, OPT_INT, A(field), low, high, "N", help)
@@ -162,61 +163,9 @@ static int settle(struct attack_config *c)
     return 0;
 }
 
-/* The path without links and dots, or that of the nearest folder above that exists. NULL without memory. */
-static char *existing_place(const char *path)
+static bool is_attack(const char *folder)
 {
-    char *copy = strdup(path), *found = copy ? realpath(copy, NULL) : NULL;
-    while (copy && !found) {
-        char *slash = strrchr(copy, '/');
-        if (slash == copy)
-            slash[1] = 0;
-        else if (slash)
-            *slash = 0;
-        found = realpath(slash ? copy : ".", NULL);
-        if (!slash || slash == copy)
-            break;
-    }
-    free(copy);
-    return found;
-}
-
-static bool is_within(const char *path, const char *folder)
-{
-    const size_t n = strlen(folder);
-    return !strncmp(path, folder, n) && (path[n] == '/' || !path[n]);
-}
-
-/* The scene must survive: the output may not be it, or lie in it, or hold it. */
-static int check_places(const struct attack_config *c)
-{
-    char *scene = realpath(c->source, NULL), *out = realpath(c->output, NULL), *place = existing_place(c->output);
-    int code = place ? 0 : no_memory();
-    if (!scene) {
-        say(stderr, "splatguard: %s: cannot open the scene: %s\n", c->source, strerror(errno));
-        code = 2;
-    } else if (place && (is_within(place, scene) || (out && is_within(scene, out)))) {
-        say(stderr, "splatguard: %s: found the output %s the scene %s, expected a folder apart from it\n", c->output,
-            is_within(place, scene) ? "in" : "around", c->source);
-        code = 2;
-    }
-    free(scene);
-    free(out);
-    free(place);
-    return code;
-}
-
-static int refuse_earlier(const char *output)
-{
-    if (run_has(output, "poison.json") || run_has(output, "attack")) {
-        say(stderr, "splatguard: %s: found an earlier attack; continue it with --resume or replace it with --force\n",
-            output);
-        return 2;
-    }
-    if (run_has_other_files(output)) {
-        say(stderr, "splatguard: %s: found other files, expected a new or empty folder\n", output);
-        return 2;
-    }
-    return 0;
+    return run_options_in(folder, "attack/config.json", "epsilon") || run_options_in(folder, "poison.json", "epsilon");
 }
 
 /* Its last file is there, and nothing to go on from. */
@@ -289,8 +238,7 @@ static void forget(const char *output)
         !run_has(output, "poison.json")) {
         unlink(config);
         unlink(log);
-        if (!rmdir(state)) /* was it empty? */
-            rmdir(output);
+        rmdir(state); /* where it is empty */
     }
     free(config);
     free(log);
@@ -301,6 +249,7 @@ static int run_attack(const void *config, const bool *given, const char *const *
 {
     struct attack_config c = *(const struct attack_config *) config;
     struct attack_run r = {.config = &c};
+    struct output output = OUTPUT_NONE;
     json_t *keep = NULL;
     char *proxy = NULL;
     bool fresh = false; /* a folder that was not there, or empty */
@@ -316,16 +265,21 @@ static int run_attack(const void *config, const bool *given, const char *const *
     }
     if (!code)
         code = settle(&c);
-    if (!code)
-        code = check_places(&c);
     if (!code && c.resume && is_finished(c.output)) {
         say(stderr, "%s: the attack is finished; --force replaces it\n", c.output);
         goto done;
     }
-    if (!code && !c.resume && !c.force)
-        code = refuse_earlier(c.output);
+    const struct output_rules rules = {.command = "attack",
+                                       .earlier = "attack",
+                                       .is_own = is_attack,
+                                       .within = "attack/proxy/config.json",
+                                       .force = c.force,
+                                       .resume = c.resume,
+                                       .inputs = {c.source, c.proxy}};
     if (!code)
         code = open_context(&r.ctx, c.threads, c.max_memory, c.quiet);
+    if (!code)
+        code = output_claim(&output, r.ctx, c.output, &rules);
     if (!code)
         code = attack_load(&r);
     if (!code) {
@@ -358,10 +312,11 @@ done:
         sg_attack_destroy(&r.attack);
         sg_scene_destroy(&r.scene);
     }
-    sg_ctx_destroy(&r.ctx);
-    json_decref(keep);
     if (fresh && code && code != 130 && !r.lasting)
         forget(c.output);
+    output_release(&output);
+    sg_ctx_destroy(&r.ctx);
+    json_decref(keep);
     return code;
 }
 

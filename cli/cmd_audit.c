@@ -5,6 +5,7 @@
 
 #include "audit_report.h"
 #include "commands.h"
+#include "output.h"
 
 struct audit_config {
     struct scene_options scene;
@@ -106,6 +107,10 @@ static int run_audit(const void *config, const bool *given, const char *const *p
     int code = open_context(&ctx, c.threads, c.max_memory, c.quiet);
     if (code)
         return code;
+    if (c.report && (code = output_check_file(ctx, c.report))) {
+        sg_ctx_destroy(&ctx);
+        return code;
+    }
     c.scene.params.format = (enum sg_scene_format) c.scene.format;
     c.scene.params.eval = c.eval;
     int error = sg_scene_load(ctx, positional[0], &c.scene.params, &scene);

@@ -1,11 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 
 #include "core/file.h"
 #include "model_views.h"
+#include "output.h"
 #include "scene/image.h"
 
 struct render_config {
@@ -79,7 +78,7 @@ static int render_view(const struct render_config *c, struct model_views *v, con
         error = write_pfm(v->ctx, path, b->rgb, w, h, 3);
     else if (!error) {
         sg_quantise(b->rgb, w, h, b->bytes);
-        error = sg_image_write_png(v->ctx, path, b->bytes, w, h, 3);
+        error = sg_image_write_picture(v->ctx, path, b->bytes, w, h, 3);
     }
     if (!error && c->depth) {
         for (size_t i = 0; i < n; i++) /* the weighted sum becomes the mean */
@@ -88,7 +87,7 @@ static int render_view(const struct render_config *c, struct model_views *v, con
             error = write_pfm(v->ctx, depth_path, b->depth, w, h, 1);
         else {
             depth_picture(b->depth, b->alpha, n, b->bytes);
-            error = sg_image_write_png(v->ctx, depth_path, b->bytes, w, h, 1);
+            error = sg_image_write_picture(v->ctx, depth_path, b->bytes, w, h, 1);
         }
     }
     sg_free(path);
@@ -96,23 +95,17 @@ static int render_view(const struct render_config *c, struct model_views *v, con
     return error;
 }
 
-static bool same_file(const char *a, const char *b)
-{
-    struct stat x, y;
-    return !stat(a, &x) && !stat(b, &y) && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
-}
-
-/* Renders have the photos' names: they must not take their places. */
+/* Renders have the photos' names, and a scene may lead to photos anywhere. */
 static int refuse_photos(const struct model_views *v, const char *output)
 {
     const struct sg_scene *s = v->scene;
     for (size_t i = 0; i < s->n_train + s->n_test; i++) {
         const struct sg_view *view = i < s->n_train ? &s->train[i] : &s->test[i - s->n_train];
-        char *path;
-        if (asprintf(&path, "%s/%s.png", output, view->name) < 0)
-            return no_memory();
-        const bool same = same_file(path, view->path);
-        free(path);
+        char *real = realpath(view->path, NULL), *slash = real ? strrchr(real, '/') : NULL;
+        if (slash)
+            slash[slash == real] = 0;
+        const bool same = real && is_same(real, output);
+        free(real);
         if (same) {
             say(stderr, "splatguard: %s: found the photo %s there, expected another folder\n", output, view->path);
             return 2;
@@ -121,18 +114,41 @@ static int refuse_photos(const struct model_views *v, const char *output)
     return 0;
 }
 
+/* What lies there under the name of a view must be a render: this is known before the first is written. PFM has no
+ * place for a mark, there the folder's counts. */
+static int refuse_others(const struct render_config *c, const struct model_views *v)
+{
+    int code = 0;
+    for (size_t i = 0; i < v->n && !c->pfm && !code; i++)
+        for (int depth = 0; depth <= c->depth && !code; depth++) {
+            char *path = NULL;
+            if (asprintf(&path, "%s/%s%s.png", c->output, v->views[i].name, depth ? "_depth" : "") < 0)
+                return no_memory();
+            code = output_check_replaced(path);
+            free(path);
+        }
+    return code;
+}
+
 static int run_render(const void *config, const bool *given, const char *const *positional, int count)
 {
     (void) count;
     struct render_config copy = *(const struct render_config *) config, *c = &copy;
     struct model_views v;
+    struct output output = OUTPUT_NONE;
     if (!c->output) {
         say(stderr, "splatguard render: missing -o DIR\n");
         return 1;
     }
     int code = model_views_open(&v, positional[0], &command_render, given, c, &c->m);
     if (!code)
+        code = output_claim(
+            &output, v.ctx, c->output,
+            &(struct output_rules){.command = "render", .adds = true, .inputs = {positional[0], c->m.scene_path}});
+    if (!code)
         code = refuse_photos(&v, c->output);
+    if (!code)
+        code = refuse_others(c, &v);
     if (!code) {
         size_t pixels = 0;
         for (size_t i = 0; i < v.n; i++) {
@@ -157,6 +173,7 @@ static int run_render(const void *config, const bool *given, const char *const *
         sg_free(b.alpha);
         sg_free(b.depth);
     }
+    output_release(&output);
     model_views_close(&v);
     return code;
 }

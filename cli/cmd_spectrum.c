@@ -7,6 +7,7 @@
 #include "spectrum_picture.h"
 
 #include "commands.h"
+#include "output.h"
 
 struct spectrum_config {
     const char *output, *crop;
@@ -116,10 +117,13 @@ static int draw(sg_ctx *ctx, const struct spectrum_config *c, const struct pictu
     uint8_t *rgb = NULL;
     int width, height;
     int error = picture_draw(ctx, images, n, c->gain, crop, &rgb, &width, &height);
-    if (!error)
-        error = sg_image_write_png(ctx, c->output, rgb, width, height, 3);
+    int code = error ? report(ctx, error) : output_check_replaced(c->output); /* still */
+    if (!code) {
+        error = sg_image_write_picture(ctx, c->output, rgb, width, height, 3);
+        code = error ? report(ctx, error) : 0;
+    }
     sg_free(rgb);
-    return error;
+    return code;
 }
 
 static int run_spectrum(const void *config, const bool *given, const char *const *positional, int count)
@@ -155,6 +159,8 @@ static int run_spectrum(const void *config, const bool *given, const char *const
     int code = open_context(&ctx, 0, c->max_memory, false);
     if (code)
         return code;
+    if (c->output)
+        code = output_check_file(ctx, c->output);
     for (int k = 0; k < count && !code; k++) {
         const int error = load(ctx, positional[k], c, &images[k]);
         code = error ? report(ctx, error) : 0;
@@ -162,10 +168,8 @@ static int run_spectrum(const void *config, const bool *given, const char *const
     struct picture_crop crop = {0};
     if (!code)
         code = parse_crop(c->crop, images, count, &crop);
-    if (!code && c->output) {
-        const int error = draw(ctx, c, images, count, &crop);
-        code = error ? report(ctx, error) : 0;
-    }
+    if (!code && c->output)
+        code = draw(ctx, c, images, count, &crop);
     if (!code)
         code = (c->json ? print_json : print_lines)(images, count, positional);
     for (int k = 0; k < count; k++) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "commands.h"
+#include "output.h"
 
 struct synth_config {
     struct sg_synth_params p;
@@ -34,6 +34,7 @@ static int run_synth(const void *config, const bool *given, const char *const *p
     (void) given, (void) positional, (void) count;
     const struct synth_config *c = config;
     sg_ctx *ctx;
+    struct output output = OUTPUT_NONE;
     if (!c->output) {
         say(stderr, "splatguard synth: missing -o DIR\n");
         return 1;
@@ -41,13 +42,17 @@ static int run_synth(const void *config, const bool *given, const char *const *p
     int code = open_context(&ctx, c->threads, 0, false);
     if (code)
         return code;
-    const int error = sg_synth_write(ctx, c->output, &c->p);
-    code = error ? report(ctx, error) : 0;
+    code = output_claim(&output, ctx, c->output, &(struct output_rules){.command = "synth"});
+    if (!code) {
+        const int error = sg_synth_write(ctx, c->output, &c->p);
+        code = error ? report(ctx, error) : 0;
+    }
     if (!code)
         say(stderr,
             "%d views of %d x %d to train on written to %s/blender, with %d to test, and to %s/colmap, with %d\n",
             c->p.train_views, c->p.width, c->p.height, c->output, c->p.test_views, c->output,
             (c->p.train_views + 6) / 7);
+    output_release(&output);
     sg_ctx_destroy(&ctx);
     return code;
 }

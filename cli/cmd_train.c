@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "interrupt.h"
+#include "output.h"
 #include "scene/used.h"
 #include "train_run.h"
 
@@ -201,19 +202,11 @@ static void settle(struct train_config *c)
     c->scene.params.eval = c->eval;
 }
 
-/* --force would replace files of the scene. */
-static int refuse_scene(const struct train_config *c)
-{
-    if (!is_same(c->source, c->output))
-        return 0;
-    say(stderr, "splatguard: %s: found the scene itself, expected another folder for the run\n", c->output);
-    return 2;
-}
-
 static int run_train(const void *config, const bool *given, const char *const *positional, int count)
 {
     struct train_config c = *(const struct train_config *) config;
     struct train_run r = {.config = &c, .begun = sg_seconds()};
+    struct output output = OUTPUT_NONE;
     json_t *keep = NULL;
     int code = 0;
     if (c.resume)
@@ -225,12 +218,19 @@ static int run_train(const void *config, const bool *given, const char *const *p
             command_train.arguments);
         code = 1;
     }
-    if (!code && !c.resume)
-        code = c.force ? refuse_scene(&c) : run_refuse_earlier(c.output);
     if (code)
         goto done;
     settle(&c);
-    if ((code = open_context(&r.ctx, c.threads, c.max_memory, c.quiet)) || (code = train_check(&r, given)))
+    const struct output_rules rules = {.command = "train",
+                                       .earlier = "run",
+                                       .is_own = run_is_ours,
+                                       .within = "point_cloud/iteration_N",
+                                       .force = c.force,
+                                       .resume = c.resume,
+                                       .nested = c.proxy_of != NULL,
+                                       .inputs = {c.source, c.init}};
+    if ((code = open_context(&r.ctx, c.threads, c.max_memory, c.quiet)) || (code = train_check(&r, given)) ||
+        (code = output_claim(&output, r.ctx, c.output, &rules)))
         goto done;
     const int error = sg_scene_load(r.ctx, c.source, &c.scene.params, &r.scene);
     if (error) {
@@ -257,6 +257,7 @@ done:
         sg_trainer_destroy(&r.trainer);
         sg_scene_destroy(&r.scene);
     }
+    output_release(&output);
     sg_ctx_destroy(&r.ctx);
     free(r.shares);
     free(r.log_path);

@@ -181,25 +181,23 @@ bool run_has_other_files(const char *folder)
     return found;
 }
 
-int run_refuse_earlier(const char *run)
+bool run_options_in(const char *folder, const char *name, const char *option)
 {
-    static const char *const signs[] = {"config.json", "checkpoint.bin", "point_cloud"};
-    for (size_t i = 0; i < sizeof(signs) / sizeof(signs[0]); i++) {
-        char *path = run_path(run, signs[i]);
-        const bool found = path && !access(path, F_OK);
-        free(path);
-        if (found || !path) {
-            say(stderr,
-                "splatguard: %s: found an earlier run (%s); continue it with --resume or replace it with --force\n",
-                run, signs[i]);
-            return 2;
-        }
-    }
-    if (run_has_other_files(run)) {
-        say(stderr, "splatguard: %s: found other files, expected a new or empty folder for the run\n", run);
-        return 2;
-    }
-    return 0;
+    char *path = run_path(folder, name);
+    FILE *f = path ? run_open(path, JSON_BYTES) : NULL;
+    json_t *root = f ? json_loadf(f, JSON_REJECT_DUPLICATES, NULL) : NULL;
+    const bool ours =
+        json_is_string(json_object_get(root, "version")) && json_object_get(json_object_get(root, "options"), option);
+    json_decref(root);
+    if (f)
+        fclose(f);
+    free(path);
+    return ours;
+}
+
+bool run_is_ours(const char *folder)
+{
+    return run_options_in(folder, "config.json", "densify-grad-threshold");
 }
 
 /* Below another folder or AT_FDCWD, and through no link: a run may come from a stranger. */
@@ -297,20 +295,23 @@ int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene 
 
 int run_save_model(sg_ctx *ctx, const char *run, sg_trainer *trainer)
 {
-    char *folder, *path = NULL;
-    if (asprintf(&folder, "%s/point_cloud/iteration_%d", run, sg_trainer_iteration(trainer)) < 0)
-        return no_memory();
+    char name[64], *path;
+    snprintf(name, sizeof(name), "point_cloud/iteration_%d/point_cloud.ply", sg_trainer_iteration(trainer));
     struct sg_model *m = NULL;
-    int error = sg_dir_create(ctx, folder);
-    if (!error && !(path = run_path(folder, "point_cloud.ply")))
-        error = SG_ERR_BUDGET;
+    sg_clear_error(ctx);
+    int error = sg_path_below(ctx, run, name, &path);
+    if (!error) {
+        char *slash = strrchr(path, '/');
+        *slash = 0;
+        error = sg_dir_create(ctx, path);
+        *slash = '/';
+    }
     if (!error)
         error = sg_trainer_model(trainer, &m);
     if (!error)
         error = sg_model_write_ply(ctx, m, path);
     sg_model_destroy(&m);
-    free(folder);
-    free(path);
+    sg_free(path);
     return error ? report(ctx, error) : 0;
 }
 

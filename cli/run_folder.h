@@ -34,8 +34,9 @@ int run_write_file(const char *path, const char *text, size_t size);
 /* config.json: the version, the CPU variant and all lasting options. */
 int run_write_config(const struct train_config *c, const char *variant);
 
-/* Fails if the folder holds a run. */
-int run_refuse_earlier(const char *run);
+/* FOLDER/NAME is a config.json, or the like, of this tool, with that option among its options. */
+bool run_options_in(const char *folder, const char *name, const char *option);
+bool run_is_ours(const char *folder); /* made by `splatguard train` */
 
 /* Creates the folder and writes what is known before training. What an earlier run
  * left goes. */

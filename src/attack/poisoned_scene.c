@@ -20,22 +20,6 @@
 #define COPY_BYTES (UINT64_C(1) << 36) /* COLMAP's points can be large; mostly it has been read before */
 #define CLOUD "points.ply"
 
-/* FOLDER/NAME. SG_ERR_INPUT where a part of the name is a link: nothing is removed or written through one. */
-static int place(sg_ctx *ctx, const char *folder, const char *name, char **out)
-{
-    char *path = *out = sg_strf(ctx, "%s/%s", folder, name);
-    int code = path ? SG_OK : SG_ERR_BUDGET;
-    for (char *slash = path ? strchr(path + strlen(folder) + 1, '/') : NULL; slash && !code;
-         slash = strchr(slash + 1, '/')) {
-        struct stat st;
-        *slash = 0;
-        if (!lstat(path, &st) && S_ISLNK(st.st_mode))
-            code = sg_fail(ctx, SG_ERR_INPUT, "%s: found a link, expected a folder of the poisoned scene's own", path);
-        *slash = '/';
-    }
-    return code;
-}
-
 /* The folder that a file goes to. */
 static int make_folder(sg_ctx *ctx, char *path)
 {
@@ -52,7 +36,7 @@ static int copy(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_folde
 {
     char *source = sg_strf(ctx, "%s/%s", scene->path, name), *target = NULL, *data = NULL;
     size_t size;
-    int code = source ? place(ctx, to, name, &target) : SG_ERR_BUDGET;
+    int code = source ? sg_path_below(ctx, to, name, &target) : SG_ERR_BUDGET;
     if (!code && sg_folder_leads_out(from, source))
         sg_log(ctx, SG_LOG_WARN, "%s: a link out of the scene's folder, which training does not read: not copied",
                source);
@@ -156,7 +140,7 @@ static int remove_cameras(sg_ctx *ctx, const char *folder, const char *const *na
 {
     for (; *names; names++) {
         char *path;
-        const int code = place(ctx, folder, *names, &path);
+        const int code = sg_path_below(ctx, folder, *names, &path);
         if (!code)
             unlink(path);
         sg_free(path);
@@ -251,7 +235,7 @@ static int write_mask(sg_ctx *ctx, const struct sg_scene *scene, const struct sg
                       const char *file)
 {
     char *name = sg_strf(ctx, "masks/%s.png", needs_transforms(scene) ? file : view->file), *path = NULL;
-    int code = name ? place(ctx, folder, name, &path) : SG_ERR_BUDGET;
+    int code = name ? sg_path_below(ctx, folder, name, &path) : SG_ERR_BUDGET;
     if (!code && !view->mask)
         unlink(path); /* of another set */
     else if (!code && !(code = make_folder(ctx, path)))
@@ -268,7 +252,7 @@ int sg_poisoned_scene_image(sg_ctx *ctx, const struct sg_scene *scene, const str
     const int w = view->camera.width, h = view->camera.height;
     sg_clear_error(ctx);
     char *file = image_file(ctx, scene, view, files), *path = NULL;
-    int code = file ? place(ctx, folder, file, &path) : SG_ERR_BUDGET;
+    int code = file ? sg_path_below(ctx, folder, file, &path) : SG_ERR_BUDGET;
     if (!code)
         code = make_folder(ctx, path);
     if (!code)

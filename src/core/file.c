@@ -174,25 +174,53 @@ bool sg_dir_exists(const char *path)
     return !stat(path, &st) && S_ISDIR(st.st_mode);
 }
 
-int sg_dir_create(sg_ctx *ctx, const char *path)
+#define MAKE_TRIES 100
+
+int sg_dir_make(sg_ctx *ctx, const char *path, size_t *made)
 {
     char *copy = sg_strdup(ctx, path);
-    if (!copy)
-        return SG_ERR_BUDGET;
-    int code = SG_OK;
-    for (char *p = copy + 1;; p++) {
-        if (*p && *p != '/')
+    int code = copy ? SG_OK : SG_ERR_BUDGET, tries = 0;
+    *made = 0;
+    for (char *p = copy + 1; !code;) {
+        if (*p && *p != '/') {
+            p++;
             continue;
-        char kept = *p;
-        *p = 0;
-        if (mkdir(copy, 0777) && !(errno == EEXIST && sg_dir_exists(copy))) {
-            code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot create the folder: %s", copy, strerror(errno));
-            break;
         }
-        *p = kept;
+        const char kept = *p;
+        *p = 0;
+        if (!mkdir(copy, 0777))
+            *made = *made ? *made : (size_t) (p - copy);
+        else if (errno == ENOENT && tries++ < MAKE_TRIES) { /* what was there a moment ago is gone */
+            *p = kept;
+            p = copy + 1;
+            continue;
+        } else if (errno != EEXIST || !sg_dir_exists(copy))
+            code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot create the folder: %s", copy, strerror(errno));
         if (!kept)
             break;
+        *p++ = kept;
     }
     sg_free(copy);
+    return code;
+}
+
+int sg_dir_create(sg_ctx *ctx, const char *path)
+{
+    size_t made;
+    return sg_dir_make(ctx, path, &made);
+}
+
+int sg_path_below(sg_ctx *ctx, const char *folder, const char *name, char **out)
+{
+    char *path = *out = sg_strf(ctx, "%s/%s", folder, name);
+    int code = path ? SG_OK : SG_ERR_BUDGET;
+    for (char *slash = path ? strchr(path + strlen(folder) + 1, '/') : NULL; slash && !code;
+         slash = strchr(slash + 1, '/')) {
+        struct stat st;
+        *slash = 0;
+        if (!lstat(path, &st) && S_ISLNK(st.st_mode))
+            code = sg_fail(ctx, SG_ERR_INPUT, "%s: found a link, expected a folder of the output's own", path);
+        *slash = '/';
+    }
     return code;
 }

@@ -36,7 +36,11 @@ int sg_file_write(sg_ctx *ctx, const char *path, const void *data, size_t size);
 
 bool sg_file_exists(const char *path);
 bool sg_dir_exists(const char *path);
-/* mkdir -p */
+/* mkdir -p, also while others remove what is empty. made: length of the first folder that was not there, else 0. */
+int sg_dir_make(sg_ctx *ctx, const char *path, size_t *made);
 int sg_dir_create(sg_ctx *ctx, const char *path);
+
+/* FOLDER/NAME. SG_ERR_INPUT where a folder in NAME is a link: nothing is written or removed through one. */
+int sg_path_below(sg_ctx *ctx, const char *folder, const char *name, char **out);
 
 #endif

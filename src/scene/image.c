@@ -257,9 +257,13 @@ int sg_image_read(sg_ctx *ctx, const char *path, uint64_t max_pixels, struct sg_
 }
 
 /* To a stream, or to memory of the C library where there is none. Returns spng's code. */
-static int encode_png(FILE *stream, void **data, size_t *size, const uint8_t *pixels, int width, int height,
-                      int channels)
+static int encode_png(FILE *stream, bool marked, void **data, size_t *size, const uint8_t *pixels, int width,
+                      int height, int channels)
 {
+    char software[64];
+    struct spng_text mark = {.keyword = "Software", .text = software, .type = SPNG_TEXT};
+    snprintf(software, sizeof(software), "splatguard %s", sg_version());
+    mark.length = strlen(software);
     struct spng_ihdr ihdr = {.width = (uint32_t) width, .height = (uint32_t) height, .bit_depth = 8};
     ihdr.color_type = channels == 1   ? SPNG_COLOR_TYPE_GRAYSCALE
                       : channels == 3 ? SPNG_COLOR_TYPE_TRUECOLOR
@@ -270,6 +274,8 @@ static int encode_png(FILE *stream, void **data, size_t *size, const uint8_t *pi
         failed = stream ? spng_set_png_file(png, stream) : spng_set_option(png, SPNG_ENCODE_TO_BUFFER, 1);
     if (!failed)
         failed = spng_set_ihdr(png, &ihdr);
+    if (!failed && marked)
+        failed = spng_set_text(png, &mark, 1);
     if (!failed)
         failed = spng_encode_image(png, pixels, (size_t) width * (size_t) height * (size_t) channels, SPNG_FMT_PNG,
                                    SPNG_ENCODE_FINALIZE);
@@ -287,13 +293,14 @@ static int png_possible(sg_ctx *ctx, const char *name, int width, int height, in
                    channels);
 }
 
-int sg_image_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, int width, int height, int channels)
+static int write_png(sg_ctx *ctx, const char *path, bool marked, const uint8_t *pixels, int width, int height,
+                     int channels)
 {
     struct sg_file_writer w;
     int code = png_possible(ctx, path, width, height, channels);
     if (code || (code = sg_file_create(ctx, &w, path)))
         return code;
-    const int failed = encode_png(w.stream, NULL, NULL, pixels, width, height, channels);
+    const int failed = encode_png(w.stream, marked, NULL, NULL, pixels, width, height, channels);
     if (failed) {
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write the PNG: %s", path,
                        ferror(w.stream) ? strerror(errno) : spng_strerror(failed));
@@ -303,6 +310,16 @@ int sg_image_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, int
     return sg_file_commit(ctx, &w);
 }
 
+int sg_image_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, int width, int height, int channels)
+{
+    return write_png(ctx, path, false, pixels, width, height, channels);
+}
+
+int sg_image_write_picture(sg_ctx *ctx, const char *path, const uint8_t *pixels, int width, int height, int channels)
+{
+    return write_png(ctx, path, true, pixels, width, height, channels);
+}
+
 int sg_image_encode_png(sg_ctx *ctx, const uint8_t *pixels, int width, int height, int channels, void **data,
                         size_t *size)
 {
@@ -310,7 +327,7 @@ int sg_image_encode_png(sg_ctx *ctx, const uint8_t *pixels, int width, int heigh
     const int code = png_possible(ctx, "memory", width, height, channels);
     if (code)
         return code;
-    const int failed = encode_png(NULL, data, size, pixels, width, height, channels);
+    const int failed = encode_png(NULL, false, data, size, pixels, width, height, channels);
     return failed ? sg_fail(ctx, SG_ERR_BUDGET, "cannot encode a PNG: %s", spng_strerror(failed)) : SG_OK;
 }
 

@@ -28,7 +28,10 @@ int sg_image_decode(sg_ctx *ctx, const char *name, const void *data, size_t size
 /* 8-bit PNG of 1, 3 or 4 channels. The file appears whole or not at all. */
 int sg_image_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, int width, int height, int channels);
 
-/* The same into memory: free(*data). */
+/* The same with a text "Software: splatguard VERSION", by which a file is known to be the tool's to replace. */
+int sg_image_write_picture(sg_ctx *ctx, const char *path, const uint8_t *pixels, int width, int height, int channels);
+
+/* The same into memory, without the text: free(*data). */
 int sg_image_encode_png(sg_ctx *ctx, const uint8_t *pixels, int width, int height, int channels, void **data,
                         size_t *size);
 

@@ -74,6 +74,9 @@ bool sg_is_blender(sg_ctx *ctx, const struct sg_folder *dir);
 bool sg_is_colmap(sg_ctx *ctx, const struct sg_folder *dir);
 bool sg_is_nerfstudio(sg_ctx *ctx, const struct sg_folder *dir);
 
+/* The folder is a scene, by the files that the formats begin with. Records no error. */
+bool sg_scene_recognised(sg_ctx *ctx, const char *path);
+
 /* "dir/name" is a regular file. */
 bool sg_has_file(sg_ctx *ctx, const struct sg_folder *dir, const char *name);
 

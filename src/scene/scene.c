@@ -54,6 +54,16 @@ static int recognise(sg_ctx *ctx, const struct sg_folder *dir, enum sg_scene_for
                    dir->path);
 }
 
+bool sg_scene_recognised(sg_ctx *ctx, const char *path)
+{
+    struct sg_folder dir;
+    enum sg_scene_format format;
+    const bool is = !sg_folder_open(ctx, path, false, &dir) && !recognise(ctx, &dir, &format);
+    sg_folder_close(&dir);
+    sg_clear_error(ctx);
+    return is;
+}
+
 /* Masks are optional a photo: NAME, its base name, either with .png added, or its base name up to the last dot .png. */
 static int find_masks(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
                       struct sg_shots *shots)

@@ -61,7 +61,8 @@ wait $pid
 says 'attack --resume early'; grep -q 'train --resume' err && fail "the proxy's own command continues no attack"
 
 # What cannot be written does not cost the attack.
-mkdir -p blocked/train/r_0.png
+expect 0 attack scene/blender -o blocked --method noise --quiet
+rm blocked/train/r_0.png; mkdir blocked/train/r_0.png
 expect 2 attack scene/blender -o blocked $options --force --save-every 0 --proxy poisoned/attack/proxy
 says 'r_0.png'; says 'attack --resume blocked'
 rmdir blocked/train/r_0.png
@@ -99,7 +100,7 @@ expect 1 attack scene/blender -o x --method noise --epsilon inf; says 'poison-sp
 expect 2 attack scene/blender -o scene/blender; says 'in the scene'
 expect 2 attack scene/blender -o scene/blender/x; says 'in the scene'
 expect 2 attack scene/blender -o scene/blender/x/y/z; says 'in the scene'
-expect 2 attack scene/blender -o scene; says 'around the scene'
+expect 2 attack scene/blender -o scene; says 'around the input'
 expect 2 attack scene/blender -o poisoned; says 'earlier attack'
 expect 2 attack scene/blender -o victim; says 'other files'
 expect 2 attack nowhere -o x; says nowhere; [ ! -e x ] || fail "a folder was made for no scene"

@@ -105,7 +105,7 @@ kill -INT $pid
 wait $pid
 [ $? = 130 ] || fail "interrupted as it began: another exit code"
 expect 0 train --resume soon -q
-expect 2 train scene/colmap -o scene/colmap --force -q; says 'the scene itself'
+expect 2 train scene/colmap -o scene/colmap --force -q; says 'in the scene'
 [ "$small" = "$(ls scene/colmap)" ] || fail "the scene changed"
 
 # Standard streams that the caller closed, and files that may not grow.
