@@ -12,7 +12,7 @@
 #include <string.h>
 
 #include "engine/cpu/dispatch.h"
-#include "engine/morton.h"
+#include "engine/host/morton.h"
 #include "core/clock.h"
 #include "core/internal.h"
 #include "core/rng.h"

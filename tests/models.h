@@ -15,7 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "engine/engine.h"
+#include "engine/ops.h"
 #include "core/rng.h"
 #include "params.h"
 
@@ -93,14 +93,67 @@ static inline void make_photos(sg_ctx *ctx, const struct sg_model *m, int side, 
     sg_renderer_destroy(&r);
 }
 
-/* A engine that holds m, and o where it is not NULL. variant: as sg_engine_create's. */
+/* Every engine and variant that this machine runs; the oracle is the last. */
+struct engine_case {
+    const char *engine, *variant; /* variant NULL: the engine has none */
+};
+#define ENGINE_CASES 16
+
+static inline int engine_cases(struct engine_case out[ENGINE_CASES])
+{
+    const char *engines[SG_ENGINES], *variants[SG_ENGINE_VARIANTS];
+    int n = 0;
+    for (int i = 0, count = sg_engine_names(engines); i < count; i++) {
+        const int of_it = sg_engine_variants(engines[i], variants);
+        for (int v = 0; v < of_it || v == 0; v++)
+            out[n++] = (struct engine_case){engines[i], of_it ? variants[v] : NULL};
+    }
+    return n;
+}
+
+static inline const char *case_name(struct engine_case c)
+{
+    return c.variant ? c.variant : c.engine;
+}
+
+/* An engine that holds m, and o where it is not NULL. variant: as sg_engine_create's. */
 static inline struct sg_engine *make_engine(sg_ctx *ctx, const char *name, const char *variant,
                                             const struct sg_model *m, const struct sg_optimiser *o)
 {
     struct sg_engine *b;
     assert_int_equal(sg_engine_create(ctx, name, variant, &b), SG_OK);
-    assert_int_equal(b->ops->upload(b, m, o), SG_OK);
+    assert_int_equal(sg_engine_upload(b, m, o), SG_OK);
     return b;
+}
+
+/* A photometric loss and its target. */
+struct loss_case {
+    float lambda_dssim, tolerance;
+    const uint8_t *target, *mask; /* as of a photo; target NULL: planes */
+    const float *planes;          /* as of struct sg_target */
+};
+
+/* Of the view that the engine has drawn, and dL/dimage. */
+static inline struct sg_photometric_value lose(struct sg_engine *b, const struct loss_case *c)
+{
+    struct sg_step step;
+    struct sg_target target = {.planes = c->planes};
+    const struct sg_loss loss = {SG_LOSS_PHOTOMETRIC, 1, {.photometric = {c->lambda_dssim, c->tolerance}}};
+    static const uint8_t unused[1];
+    if (c->target || c->mask)
+        assert_int_equal(
+            sg_engine_photo_add(b, b->width, b->height, c->target ? c->target : unused, c->mask, &target.photo), SG_OK);
+    assert_int_equal(sg_engine_losses(b, &target, &loss, 1), SG_OK);
+    assert_int_equal(sg_engine_read_step(b, &step), SG_OK);
+    sg_engine_photo_drop(b, target.photo);
+    return step.photometric;
+}
+
+static inline struct sg_render_stats stats_of(struct sg_engine *b)
+{
+    struct sg_step step;
+    assert_int_equal(sg_engine_read_step(b, &step), SG_OK);
+    return step.stats;
 }
 
 #endif

@@ -69,7 +69,7 @@ static void test_growth(void **state)
                                       .seed = seed};
         struct sg_densify_result result;
         assert_int_equal(sg_densify(b, &p, &result), SG_OK);
-        const size_t count = b->ops->count(b);
+        const size_t count = sg_engine_count(b);
         assert_true(count <= limit && count > 0);
         assert_int_equal(count + result.pruned, n + result.cloned + result.split);
         assert_true(result.pruned >= result.replaced);
@@ -83,7 +83,7 @@ static void test_growth(void **state)
             struct sg_model *after;
             double lowest = 1e9, highest = -1e9;
             assert_int_equal(sg_model_create(ctx, count, 0, &after), SG_OK);
-            assert_int_equal(b->ops->download(b, after, NULL), SG_OK);
+            assert_int_equal(sg_engine_download(b, after, NULL), SG_OK);
             uint8_t *stayed = calloc(n, 1);
             for (size_t i = 0; i < count; i++) {
                 const float name = *sg_model_at(after, i, SG_P_XYZ);

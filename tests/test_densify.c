@@ -37,11 +37,11 @@ static void test_densify(void **state)
     assert_int_equal(r.cloned, 2);
     assert_int_equal(r.split, 1);
     assert_int_equal(r.pruned, 4); /* 3, 4, 5 and 5's clone */
-    assert_int_equal(b->ops->count(b), 5);
+    assert_int_equal(sg_engine_count(b), 5);
     struct sg_optimiser moments;
     assert_int_equal(sg_model_create(ctx, 5, 0, &after), SG_OK);
     assert_int_equal(sg_optimiser_create(ctx, 5, 0, &moments), SG_OK);
-    assert_int_equal(b->ops->download(b, after, &moments), SG_OK);
+    assert_int_equal(sg_engine_download(b, after, &moments), SG_OK);
     /* survivors 0, 1; the clone of 0; two children of 2 */
     assert_float_equal(*sg_model_at(after, 0, 0), 0, 0);
     assert_float_equal(*sg_model_at(after, 1, 0), 1, 0);
@@ -105,17 +105,17 @@ static void test_alike(void **state)
         b = make_engine(ctx, k % 2 ? "ref" : "cpu", NULL, m, &o);
         if (cases[c].count) {
             assert_int_equal(sg_densify(b, &p, &r), SG_OK);
-            assert_int_equal(b->ops->count(b), cases[c].count);
+            assert_int_equal(sg_engine_count(b), cases[c].count);
             assert_true(r.cloned == cases[c].cloned && r.split == cases[c].split && r.limited == cases[c].limited);
             assert_int_equal(sg_model_create(ctx, cases[c].count, 0, &after), SG_OK);
-            assert_int_equal(b->ops->download(b, after, NULL), SG_OK);
+            assert_int_equal(sg_engine_download(b, after, NULL), SG_OK);
             for (size_t i = 0; i < cases[c].count && !r.split; i++)
                 assert_true(*sg_model_at(after, i, SG_P_XYZ) == (float) (i % N));
             sg_model_destroy(&after);
         } else { /* a model has at least one: it stays as it was */
             assert_int_equal(sg_densify(b, &p, &r), SG_ERR_INPUT);
             assert_non_null(strstr(sg_last_error(ctx), "transparent"));
-            assert_int_equal(b->ops->count(b), N);
+            assert_int_equal(sg_engine_count(b), N);
         }
         sg_engine_destroy(&b);
         sg_optimiser_clear(&o);
@@ -165,7 +165,7 @@ static void test_replaced(void **state)
         assert_int_equal(r.replaced, wish < 20 ? wish : 20);
         assert_int_equal(r.cloned, r.replaced);
         assert_int_equal(r.limited, wish > 20);
-        assert_int_equal(b->ops->count(b), FULL);
+        assert_int_equal(sg_engine_count(b), FULL);
         sg_engine_destroy(&b);
         sg_optimiser_clear(&o);
         sg_model_destroy(&m);

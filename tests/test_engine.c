@@ -8,7 +8,7 @@ struct outcome {
     int width, height;
     float *rgb, *alpha, *depth;
     struct sg_render_stats stats;
-    struct sg_loss_value loss;
+    struct sg_photometric_value loss;
     struct sg_model *gradients, *updated;
     float *mean_gradient;
 };
@@ -34,23 +34,20 @@ static struct outcome run(sg_ctx *ctx, const char *engine, const char *cpu, cons
         target[i] = (uint8_t) draw(9, i, 0, 255);
     for (size_t i = 0; i < pixels; i++)
         mask[i] = i % 7 < 5 ? 255 : 0;
-    assert_int_equal(b->ops->project(b, camera, m->sh_degree, &params), SG_OK);
-    assert_int_equal(b->ops->rasterize(b, true, &o.stats), SG_OK);
-    assert_int_equal(b->ops->read_image(b, o.rgb, o.alpha, o.depth), SG_OK);
-    assert_int_equal(
-        b->ops->loss(b, &(struct sg_loss_params){.lambda_dssim = 0.2f, .target = target, .mask = masked ? mask : NULL},
-                     &o.loss),
-        SG_OK);
-    assert_int_equal(b->ops->rasterize_backward(b), SG_OK);
+    assert_int_equal(sg_engine_draw(b, camera, m->sh_degree, &params, true), SG_OK);
+    o.stats = stats_of(b);
+    assert_int_equal(sg_engine_read_image(b, o.rgb, o.alpha, o.depth), SG_OK);
+    o.loss = lose(b, &(struct loss_case){.lambda_dssim = 0.2f, .target = target, .mask = masked ? mask : NULL});
+    assert_int_equal(sg_engine_raster_backward(b), SG_OK);
     assert_int_equal(sg_model_create(ctx, m->count, m->sh_degree, &o.gradients), SG_OK);
-    assert_int_equal(b->ops->read_gradients(b, o.gradients), SG_OK);
+    assert_int_equal(sg_engine_read_gradients(b, o.gradients), SG_OK);
     struct sg_update u = {.adam = true, .statistics = true};
     for (int g = 0; g < SG_GROUPS; g++)
         u.rate[g] = 0.01f * (float) (g + 1), u.root[g] = 30;
-    assert_int_equal(b->ops->update(b, &u), SG_OK);
+    assert_int_equal(sg_engine_optimise(b, &u), SG_OK);
     assert_int_equal(sg_model_create(ctx, m->count, m->sh_degree, &o.updated), SG_OK);
-    assert_int_equal(b->ops->download(b, o.updated, NULL), SG_OK);
-    assert_int_equal(b->ops->read_statistics(b, &(struct sg_statistics){.gradient = o.mean_gradient}), SG_OK);
+    assert_int_equal(sg_engine_download(b, o.updated, NULL), SG_OK);
+    assert_int_equal(sg_engine_read_statistics(b, &(struct sg_statistics){.gradient = o.mean_gradient}), SG_OK);
     sg_engine_destroy(&b);
     free(target);
     free(mask);
@@ -276,13 +273,12 @@ static void test_hits(void **state)
     for (int kind = SG_HIT_PIXELS; kind <= SG_HIT_WEIGHT; kind++) {
         double blended = 0;
         struct sg_engine *b = make_engine(ctx, "ref", NULL, m, NULL);
-        assert_int_equal(b->ops->count_hits(b, views, 3, &params, (enum sg_hit) kind, ref), SG_OK);
+        assert_int_equal(sg_engine_count_hits(b, views, 3, &params, (enum sg_hit) kind, ref), SG_OK);
         for (int v = 0; v < 3 && kind == SG_HIT_WEIGHT; v++) { /* weights of a pixel add up to its alpha */
             const size_t pixels = (size_t) cameras[v].width * (size_t) cameras[v].height;
             float *rgb = must(3 * pixels, sizeof(float)), *alpha = must(pixels, sizeof(float));
-            assert_int_equal(b->ops->project(b, views[v], 0, &params), SG_OK);
-            assert_int_equal(b->ops->rasterize(b, true, NULL), SG_OK);
-            assert_int_equal(b->ops->read_image(b, rgb, alpha, NULL), SG_OK);
+            assert_int_equal(sg_engine_draw(b, views[v], 0, &params, true), SG_OK);
+            assert_int_equal(sg_engine_read_image(b, rgb, alpha, NULL), SG_OK);
             for (size_t i = 0; i < pixels; i++)
                 blended += (double) alpha[i];
             free(rgb);
@@ -300,7 +296,7 @@ static void test_hits(void **state)
                 size_t off = 0;
                 params.max_instances = limit;
                 b = make_engine(ctx, "cpu", variants[k]->name, m, NULL);
-                assert_int_equal(b->ops->count_hits(b, views, 3, &params, (enum sg_hit) kind, hits), SG_OK);
+                assert_int_equal(sg_engine_count_hits(b, views, 3, &params, (enum sg_hit) kind, hits), SG_OK);
                 for (size_t i = 0; i < m->count; i++) {
                     off += fabs(hits[i] - ref[i]) > 1e-3 * (1 + ref[i]);
                     assert_true(fabs(hits[i] - ref[i]) <= 3 + 0.01 * ref[i]);
@@ -332,15 +328,14 @@ static void test_hits_alone(void **state)
     for (int k = 0; k < 2; k++) {
         double hits[N], sum = 0, events = 0;
         struct sg_engine *b = make_engine(ctx, names[k], NULL, m, NULL);
-        assert_int_equal(b->ops->count_hits(b, &view, 1, &params, SG_HIT_PIXELS, hits), SG_OK);
+        assert_int_equal(sg_engine_count_hits(b, &view, 1, &params, SG_HIT_PIXELS, hits), SG_OK);
         for (size_t i = 0; i < N; i++) {
             size_t seen = 0;
             for (int p = 0; p < sg_param_count(0); p++)
                 *sg_model_at(one, 0, p) = *sg_model_at(m, i, p);
-            assert_int_equal(b->ops->upload(b, one, NULL), SG_OK);
-            assert_int_equal(b->ops->project(b, &camera, 0, &params), SG_OK);
-            assert_int_equal(b->ops->rasterize(b, true, NULL), SG_OK);
-            assert_int_equal(b->ops->read_image(b, rgb, alpha, NULL), SG_OK);
+            assert_int_equal(sg_engine_upload(b, one, NULL), SG_OK);
+            assert_int_equal(sg_engine_draw(b, &camera, 0, &params, true), SG_OK);
+            assert_int_equal(sg_engine_read_image(b, rgb, alpha, NULL), SG_OK);
             for (size_t p = 0; p < W * H; p++)
                 seen += alpha[p] > 0;
             assert_true(hits[i] == (double) seen);
@@ -365,8 +360,8 @@ static void test_floor(void **state)
     assert_int_equal(sg_model_create(ctx, 70, 0, &after), SG_OK);
     for (int k = 0; k < 2; k++) {
         struct sg_engine *b = make_engine(ctx, names[k], NULL, m, NULL);
-        assert_int_equal(b->ops->floor_scale(b, 0.05f), SG_OK);
-        assert_int_equal(b->ops->download(b, after, NULL), SG_OK);
+        assert_int_equal(sg_engine_floor_scale(b, 0.05f), SG_OK);
+        assert_int_equal(sg_engine_download(b, after, NULL), SG_OK);
         for (size_t i = 0; i < 70; i++)
             for (int p = 0; p < sg_param_count(0); p++) {
                 const float v = *sg_model_at(m, i, p);
@@ -380,6 +375,73 @@ static void test_floor(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Stages out of order, targets and lists that make no sense: refused by their name, and nothing is lost. */
+static void test_front_end(void **state)
+{
+    (void) state;
+    enum { W = 20, H = 12 };
+    struct engine_case cases[ENGINE_CASES];
+    const struct sg_camera camera = make_camera(W, H, 3);
+    const struct sg_render_params params = {SG_RENDER_DEFAULTS};
+    const struct sg_loss photometric = {SG_LOSS_PHOTOMETRIC, 1, {.photometric = {0.2f, 0}}};
+    const struct sg_loss wrong[] = {{SG_LOSS_TOTAL_VARIATION, 1, {.total_variation = SG_TV_NORM_L1}}, photometric};
+    static uint8_t rgb[3 * W * H];
+    static float planes[3 * W * H];
+    for (int v = 0, n = engine_cases(cases); v < n; v++) {
+        sg_ctx *ctx = make_context(1);
+        struct sg_model *m = make_model(ctx, 30, 1, 4);
+        struct sg_engine *b = make_engine(ctx, cases[v].engine, cases[v].variant, m, NULL);
+        sg_photo photo, other;
+        struct sg_step step;
+        assert_int_equal(sg_engine_photo_add(b, W, H, rgb, NULL, &photo), SG_OK);
+        assert_int_equal(sg_engine_photo_add(b, H, W, rgb, NULL, &other), SG_OK);
+        const struct sg_target target = {.photo = photo}, none = {0}, turned = {.photo = other},
+                               unknown = {.photo = 77};
+        const struct sg_update update = {.adam = true};
+#define REFUSED(code, call, text)                                                                                      \
+    do {                                                                                                               \
+        sg_clear_error(ctx);                                                                                           \
+        assert_int_equal(call, code);                                                                                  \
+        assert_non_null(strstr(sg_last_error(ctx), text));                                                             \
+    } while (0)
+        REFUSED(SG_ERR_INTERNAL, sg_engine_bin(b), "bin: found no projection");
+        assert_int_equal(sg_engine_project(b, &camera, 1, &params), SG_OK);
+        REFUSED(SG_ERR_INTERNAL, sg_engine_raster(b, false), "raster: found no tile lists");
+        REFUSED(SG_ERR_INTERNAL, sg_engine_losses(b, &target, &photometric, 1), "losses: found no image");
+        REFUSED(SG_ERR_INTERNAL, sg_engine_read_image(b, planes, NULL, NULL), "read_image: found no image");
+        assert_int_equal(sg_engine_draw(b, &camera, 1, &params, false), SG_OK);
+        REFUSED(SG_ERR_INTERNAL, sg_engine_raster_backward(b), "found no gradient of the image");
+        REFUSED(SG_ERR_USAGE, sg_engine_losses(b, &none, &photometric, 1), "found no target");
+        REFUSED(SG_ERR_USAGE, sg_engine_losses(b, &unknown, &photometric, 1), "photo 77");
+        REFUSED(SG_ERR_USAGE, sg_engine_losses(b, &turned, &photometric, 1), "12 x 20, expected 20 x 12");
+        REFUSED(SG_ERR_USAGE, sg_engine_losses(b, &target, wrong, 2), "once and first");
+        sg_engine_photo_drop(b, other);
+        REFUSED(SG_ERR_USAGE, sg_engine_losses(b, &turned, &photometric, 1), "has not been added");
+        assert_int_equal(sg_engine_losses(b, &target, &photometric, 1), SG_OK);
+        REFUSED(SG_ERR_INTERNAL, sg_engine_optimise(b, &update), "found no gradients of the splats");
+        assert_int_equal(sg_engine_raster_backward(b), SG_OK);
+        assert_int_equal(sg_engine_optimise(b, &update), SG_OK);
+        REFUSED(SG_ERR_INTERNAL, sg_engine_raster_backward(b), "raster_backward"); /* the model has moved */
+        assert_int_equal(sg_engine_read_image(b, planes, NULL, NULL), SG_OK);
+        assert_int_equal(sg_engine_read_step(b, &step), SG_OK);
+        assert_true(step.loss[SG_LOSS_PHOTOMETRIC] == step.photometric.total && step.photometric.l1 > 0);
+        assert_true(isnan(step.loss[SG_LOSS_ANISOTROPY]) && isnan(step.loss[SG_LOSS_TOTAL_VARIATION]));
+        assert_int_equal(sg_engine_photo_add(b, H, W, rgb, NULL, &other), SG_OK); /* the free handle */
+        assert_int_equal(other, turned.photo);
+        sg_engine_stop_clocks(b, true);
+        const struct sg_engine_times before = sg_engine_times(b);
+        assert_int_equal(sg_engine_draw(b, &camera, 1, &params, false), SG_OK);
+        assert_true(sg_engine_times(b).raster == before.raster && before.raster > 0 && before.optimise > 0);
+        sg_engine_destroy(&b);
+        REFUSED(SG_ERR_USAGE, sg_engine_create(ctx, "vulkan", NULL, &b), "expected cpu or ref");
+        REFUSED(SG_ERR_USAGE, sg_engine_create(ctx, "cpu", "mmx", &b), "cpu: found \"mmx\"");
+        sg_model_destroy(&m);
+        assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+        sg_ctx_destroy(&ctx);
+    }
+#undef REFUSED
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -387,6 +449,7 @@ int main(void)
         cmocka_unit_test(test_nasty),      cmocka_unit_test(test_nothing_visible),
         cmocka_unit_test(test_bands),      cmocka_unit_test(test_hits),
         cmocka_unit_test(test_hits_alone), cmocka_unit_test(test_floor),
+        cmocka_unit_test(test_front_end),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

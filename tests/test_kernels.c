@@ -107,9 +107,10 @@ static void check_loss(const struct cpu_kernels *k, int w, int h, int rows, bool
             rgb[ch * n + i] = same ? (float) target[3 * i + ch] * (1.0f / 255.0f) : draw(2, 3 * i + ch, -0.2f, 1.3f);
         }
     }
-    const struct sg_loss_params p = {.lambda_dssim = lambda, .target = target, .mask = masked ? used : NULL};
+    const struct sg_photometric p = {.lambda_dssim = lambda};
+    const struct sg_target_pixels t = {.rgb = target, .mask = masked ? used : NULL};
     const struct cpu_loss_args a = {
-        .width = w, .height = h, .rgb = rgb, .params = &p, .gradient = gradient, .sums = sums};
+        .width = w, .height = h, .rgb = rgb, .target = &t, .params = &p, .gradient = gradient, .sums = sums};
     for (int ch = 0; ch < 3; ch++)
         for (int y = 0; y < h; y += rows)
             k->loss(&a, ch, y, y + rows < h ? y + rows : h, scratch);
@@ -126,7 +127,7 @@ static void check_loss(const struct cpu_kernels *k, int w, int h, int rows, bool
     for (int i = 0; i < 3 * h; i++)
         l1 += sums[3 * i], mse += sums[3 * i + 1], ssim += sums[3 * i + 2];
     l1 /= 3 * (double) n, mse /= 3 * (double) n, ssim /= 3 * (double) n;
-    struct exact_loss e = exact(rgb, target, p.mask, w, h, (double) lambda);
+    struct exact_loss e = exact(rgb, target, t.mask, w, h, (double) lambda);
     const double unit = 1 / (3 * (double) n);
     assert_float_equal(l1, e.l1, 1e-6);
     assert_float_equal(mse, e.mse, 1e-6);
@@ -178,7 +179,6 @@ static void test_adam(void **state)
         struct sg_engine *b = engine_of(ctx, v);
         struct sg_model *m = make_model(ctx, 21, 1, 4), *g, *after;
         struct sg_optimiser o, old;
-        struct sg_loss_value value;
         assert_int_equal(sg_model_create(ctx, 21, 1, &g), SG_OK);
         assert_int_equal(sg_model_create(ctx, 21, 1, &after), SG_OK);
         assert_int_equal(sg_optimiser_create(ctx, 21, 1, &o), SG_OK);
@@ -186,7 +186,7 @@ static void test_adam(void **state)
         *sg_model_at(m, 5, SG_P_XYZ + 2) = -60; /* not visible: moves by momentum only */
         for (int p = 0; p < planes; p++)
             old.m[sg_param_index(planes, 5, p)] = 1e-3f, old.v[sg_param_index(planes, 5, p)] = 1e-5f;
-        assert_int_equal(b->ops->upload(b, m, &old), SG_OK);
+        assert_int_equal(sg_engine_upload(b, m, &old), SG_OK);
         for (int t = 1; t <= 3; t++) {
             struct sg_update u = {.adam = true};
             for (int k = 0; k < SG_GROUPS; k++) {
@@ -194,14 +194,12 @@ static void test_adam(void **state)
                 u.root[k] = (float) (1 / sqrt(1 - pow(0.999, t)));
             }
             u.rate[SG_G_SCALE] = 0; /* held: neither parameters nor moments move */
-            assert_int_equal(b->ops->project(b, &camera, 1, &params), SG_OK);
-            assert_int_equal(b->ops->rasterize(b, false, NULL), SG_OK);
-            assert_int_equal(b->ops->loss(b, &(struct sg_loss_params){.lambda_dssim = 0.2f, .target = target}, &value),
-                             SG_OK);
-            assert_int_equal(b->ops->rasterize_backward(b), SG_OK);
-            assert_int_equal(b->ops->read_gradients(b, g), SG_OK);
-            assert_int_equal(b->ops->update(b, &u), SG_OK);
-            assert_int_equal(b->ops->download(b, after, &o), SG_OK);
+            assert_int_equal(sg_engine_draw(b, &camera, 1, &params, false), SG_OK);
+            lose(b, &(struct loss_case){.lambda_dssim = 0.2f, .target = target});
+            assert_int_equal(sg_engine_raster_backward(b), SG_OK);
+            assert_int_equal(sg_engine_read_gradients(b, g), SG_OK);
+            assert_int_equal(sg_engine_optimise(b, &u), SG_OK);
+            assert_int_equal(sg_engine_download(b, after, &o), SG_OK);
             for (size_t i = 0; i < 21; i++)
                 for (int p = 0; p < planes; p++) {
                     const enum sg_group group = p < 3    ? SG_G_XYZ
@@ -264,13 +262,13 @@ static void draw_model(sg_ctx *ctx, struct sg_engine *b, const struct sg_model *
     for (size_t i = 0; i < 3 * SIDE * SIDE; i++)
         weight[i] = draw(8, i, -1, 1);
     assert_int_equal(sg_model_create(ctx, m->count, m->sh_degree, &o->gradient), SG_OK);
-    assert_int_equal(b->ops->upload(b, m, NULL), SG_OK);
-    assert_int_equal(b->ops->project(b, &camera, m->sh_degree, &params), SG_OK);
-    assert_int_equal(b->ops->rasterize(b, true, &o->stats), SG_OK);
-    assert_int_equal(b->ops->read_image(b, o->rgb, o->alpha, o->depth), SG_OK);
-    assert_int_equal(b->ops->write_image_gradient(b, weight), SG_OK);
-    assert_int_equal(b->ops->rasterize_backward(b), SG_OK);
-    assert_int_equal(b->ops->read_gradients(b, o->gradient), SG_OK);
+    assert_int_equal(sg_engine_upload(b, m, NULL), SG_OK);
+    assert_int_equal(sg_engine_draw(b, &camera, m->sh_degree, &params, true), SG_OK);
+    o->stats = stats_of(b);
+    assert_int_equal(sg_engine_read_image(b, o->rgb, o->alpha, o->depth), SG_OK);
+    assert_int_equal(sg_engine_write_image_gradient(b, weight), SG_OK);
+    assert_int_equal(sg_engine_raster_backward(b), SG_OK);
+    assert_int_equal(sg_engine_read_gradients(b, o->gradient), SG_OK);
 }
 
 /* Nothing but finite values; exact_too: the variants and the oracle agree on who is drawn and on the pixels. */
@@ -412,11 +410,10 @@ static void test_planes_and_kept_gradients(void **state)
         sg_ctx *ctx = make_context(2);
         struct sg_engine *b = engine_of(ctx, v);
         struct sg_model *m = make_model(ctx, 40, 1, 6), *once, *thrice;
-        struct sg_loss_value a, c;
         draw_model(ctx, b, m, &o);
         sg_model_destroy(&o.gradient);
-        assert_int_equal(b->ops->loss(b, &(struct sg_loss_params){.lambda_dssim = 0.2f, .target = bytes}, &a), SG_OK);
-        assert_int_equal(b->ops->loss(b, &(struct sg_loss_params){.lambda_dssim = 0.2f, .planes = planes}, &c), SG_OK);
+        const struct sg_photometric_value a = lose(b, &(struct loss_case){.lambda_dssim = 0.2f, .target = bytes});
+        const struct sg_photometric_value c = lose(b, &(struct loss_case){.lambda_dssim = 0.2f, .planes = planes});
         assert_float_equal(a.total, c.total, 1e-6);
         /* With beta1 = 0.9 and a first step, the moment m is a tenth of the gradient: read it off. */
         struct sg_update u = {.accumulate = true};
@@ -425,21 +422,19 @@ static void test_planes_and_kept_gradients(void **state)
         struct sg_optimiser moments[2];
         struct sg_model **out[2] = {&once, &thrice};
         for (int k = 0; k < 2; k++) {
-            assert_int_equal(b->ops->upload(b, m, NULL), SG_OK);
+            assert_int_equal(sg_engine_upload(b, m, NULL), SG_OK);
             for (int view = 0; view < (k ? 3 : 1); view++) {
                 const struct sg_render_params params = {SG_RENDER_DEFAULTS};
                 struct sg_camera camera = make_camera(SIDE, SIDE, 3);
-                assert_int_equal(b->ops->project(b, &camera, 1, &params), SG_OK);
-                assert_int_equal(b->ops->rasterize(b, false, NULL), SG_OK);
-                assert_int_equal(b->ops->loss(b, &(struct sg_loss_params){.lambda_dssim = 0.2f, .planes = planes}, &c),
-                                 SG_OK);
-                assert_int_equal(b->ops->rasterize_backward(b), SG_OK);
+                assert_int_equal(sg_engine_draw(b, &camera, 1, &params, false), SG_OK);
+                lose(b, &(struct loss_case){.lambda_dssim = 0.2f, .planes = planes});
+                assert_int_equal(sg_engine_raster_backward(b), SG_OK);
                 u.adam = view == (k ? 2 : 0);
-                assert_int_equal(b->ops->update(b, &u), SG_OK);
+                assert_int_equal(sg_engine_optimise(b, &u), SG_OK);
             }
             assert_int_equal(sg_model_create(ctx, m->count, 1, out[k]), SG_OK);
             assert_int_equal(sg_optimiser_create(ctx, m->count, 1, &moments[k]), SG_OK);
-            assert_int_equal(b->ops->download(b, *out[k], &moments[k]), SG_OK);
+            assert_int_equal(sg_engine_download(b, *out[k], &moments[k]), SG_OK);
         }
         for (size_t i = 0; i < m->count; i++)
             for (int p = 0; p < sg_param_count(1); p++) {
@@ -512,24 +507,22 @@ static void test_view_space_gradient(void **state)
             double *c = axis ? &camera.cy : &camera.cx, loss[2] = {0, 0};
             for (int side = 0; side < 2; side++) {
                 *c += side ? 0.5 : -0.25;
-                assert_int_equal(b->ops->upload(b, m, NULL), SG_OK);
-                assert_int_equal(b->ops->project(b, &camera, 0, &params), SG_OK);
-                assert_int_equal(b->ops->rasterize(b, false, NULL), SG_OK);
-                assert_int_equal(b->ops->read_image(b, rgb, NULL, NULL), SG_OK);
+                assert_int_equal(sg_engine_upload(b, m, NULL), SG_OK);
+                assert_int_equal(sg_engine_draw(b, &camera, 0, &params, false), SG_OK);
+                assert_int_equal(sg_engine_read_image(b, rgb, NULL, NULL), SG_OK);
                 for (int i = 0; i < 3 * W * H; i++)
                     loss[side] += (double) rgb[i] * (double) weight[i];
             }
             *c -= 0.25;
             slope[axis] = (loss[1] - loss[0]) / 0.5 * (axis ? H : W) / 2;
         }
-        assert_int_equal(b->ops->project(b, &camera, 0, &params), SG_OK);
-        assert_int_equal(b->ops->rasterize(b, false, NULL), SG_OK);
-        assert_int_equal(b->ops->write_image_gradient(b, weight), SG_OK);
-        assert_int_equal(b->ops->rasterize_backward(b), SG_OK);
+        assert_int_equal(sg_engine_draw(b, &camera, 0, &params, false), SG_OK);
+        assert_int_equal(sg_engine_write_image_gradient(b, weight), SG_OK);
+        assert_int_equal(sg_engine_raster_backward(b), SG_OK);
         struct sg_update u = {.statistics = true};
-        assert_int_equal(b->ops->update(b, &u), SG_OK);
+        assert_int_equal(sg_engine_optimise(b, &u), SG_OK);
         float gradient;
-        assert_int_equal(b->ops->read_statistics(b, &(struct sg_statistics){.gradient = &gradient}), SG_OK);
+        assert_int_equal(sg_engine_read_statistics(b, &(struct sg_statistics){.gradient = &gradient}), SG_OK);
         const double expected = hypot(slope[0], slope[1]);
         if (!(fabs((double) gradient - expected) < 0.02 * expected))
             fail_msg("%s: view-space gradient %g, expected %g", name_of(v), (double) gradient, expected);
@@ -557,9 +550,9 @@ static void test_empty_model(void **state)
         for (int i = 0; i < SIDE * SIDE; i++)
             assert_true(o.alpha[i] == 0 && o.depth[i] == 0);
         struct sg_update u = {.adam = true, .statistics = true};
-        assert_int_equal(b->ops->update(b, &u), SG_OK);
-        assert_int_equal(b->ops->reset_opacity(b, 0.01f), SG_OK);
-        assert_int_equal(b->ops->count(b), 0);
+        assert_int_equal(sg_engine_optimise(b, &u), SG_OK);
+        assert_int_equal(sg_engine_reset_opacity(b, 0.01f), SG_OK);
+        assert_int_equal(sg_engine_count(b), 0);
         sg_model_destroy(&m);
         sg_engine_destroy(&b);
         assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The order along a space-filling curve, and edits large enough to use it. */
-#include "engine/morton.h"
+#include "engine/host/morton.h"
 
-#include "engine/host_model.h"
+#include "engine/host/host_model.h"
 #include "models.h"
 
 enum { N = 20000 };

@@ -6,7 +6,7 @@
 
 #include "models.h"
 #include "nearness.h"
-#include "spectral/regulariser.h"
+#include "engine/host/image_losses.h"
 #include "spectral/total_variation.h"
 
 static uint8_t *image_of(int w, int h, double (*value)(int x, int y))
@@ -440,22 +440,23 @@ static void test_total_variation(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Both at once, over more sizes than are remembered. */
-static void test_regulariser(void **state)
+/* Both after one another, over more sizes than are remembered. */
+static void test_image_losses(void **state)
 {
     (void) state;
     sg_ctx *ctx = make_context(1);
-    struct sg_regulariser r = {0};
-    const struct sg_regulariser_params p = {
-        .anisotropy = 2, .total_variation = 3, .tv = SG_TV_NORM_HUBER, .spectrum = {SG_ANISOTROPY_DEFAULTS}};
+    struct sg_image_losses losses = {0};
+    const struct sg_loss each[2] = {
+        {SG_LOSS_ANISOTROPY, 2, {.anisotropy = {SG_ANISOTROPY_DEFAULTS}}},
+        {SG_LOSS_TOTAL_VARIATION, 3, {.total_variation = SG_TV_NORM_HUBER}},
+    };
     float x[3 * 400], g[3 * 400], expected[3 * 400];
-    double rows[6 * 40];
+    double rows[6 * 40], found[2];
     for (int i = 0; i < 3 * 400; i++)
         x[i] = draw(5, (uint64_t) i, 0, 1);
     for (int round = 0; round < 2; round++)
         for (int side = 8; side < 8 + SG_PLANS + 2; side++) {
             const int n = 3 * side * 20;
-            struct sg_regulariser_value v;
             struct sg_anisotropy *a;
             for (int i = 0; i < n; i++)
                 g[i] = expected[i] = 0.5f;
@@ -463,22 +464,22 @@ static void test_regulariser(void **state)
             const double ani = sg_anisotropy_loss(a, x, 2, expected);
             const double tv = sg_tv_loss(ctx, x, side, 20, SG_TV_NORM_HUBER, 3, expected, rows);
             sg_anisotropy_destroy(&a);
-            assert_int_equal(sg_regularise(ctx, &r, &p, x, side, 20, g, &v), SG_OK);
-            assert_true(v.anisotropy == ani && v.total_variation == tv);
+            for (int k = 0; k < 2; k++)
+                assert_int_equal(sg_image_loss(ctx, &losses, &each[k], x, side, 20, NULL, g, &found[k]), SG_OK);
+            assert_true(found[0] == ani && found[1] == tv);
             assert_memory_equal(g, expected, (size_t) n * sizeof(float));
-            /* What a mask leaves out pulls at nothing. */
-            struct sg_regulariser_params masked = p;
+            /* Masked pixels have no gradient. */
             uint8_t mask[400];
-            masked.mask = mask;
             for (int i = 0; i < n / 3; i++)
                 mask[i] = i % 3 ? 255 : 0;
             for (int i = 0; i < n; i++)
                 g[i] = mask[i % (n / 3)] ? 0.5f : 0;
-            assert_int_equal(sg_regularise(ctx, &r, &masked, x, side, 20, g, &v), SG_OK);
+            for (int k = 0; k < 2; k++)
+                assert_int_equal(sg_image_loss(ctx, &losses, &each[k], x, side, 20, mask, g, &found[k]), SG_OK);
             for (int i = 0; i < n; i++)
                 assert_true(g[i] == (mask[i % (n / 3)] ? expected[i] : 0));
         }
-    sg_regulariser_clear(&r);
+    sg_image_losses_clear(&losses);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
     sg_ctx_destroy(&ctx);
 }
@@ -488,6 +489,6 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_known),    cmocka_unit_test(test_whole),           cmocka_unit_test(test_oracle),
         cmocka_unit_test(test_gradient), cmocka_unit_test(test_friendly),        cmocka_unit_test(test_loss),
-        cmocka_unit_test(test_empty),    cmocka_unit_test(test_total_variation), cmocka_unit_test(test_regulariser)};
+        cmocka_unit_test(test_empty),    cmocka_unit_test(test_total_variation), cmocka_unit_test(test_image_losses)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -40,9 +40,8 @@ static struct drawn *draw_with(int variant, uint64_t seed)
     d.ctx = make_context(2);
     struct sg_model *m = make_model(d.ctx, GAUSSIANS, 1, seed);
     d.engine = make_engine(d.ctx, variant_names[variant] ? "cpu" : "ref", variant_names[variant], m, NULL);
-    assert_int_equal(d.engine->ops->project(d.engine, &camera, 1, &params), SG_OK);
-    assert_int_equal(d.engine->ops->rasterize(d.engine, false, NULL), SG_OK);
-    assert_int_equal(d.engine->ops->read_image(d.engine, d.rgb, NULL, NULL), SG_OK);
+    assert_int_equal(sg_engine_draw(d.engine, &camera, 1, &params, false), SG_OK);
+    assert_int_equal(sg_engine_read_image(d.engine, d.rgb, NULL, NULL), SG_OK);
     sg_model_destroy(&m);
     return &d;
 }
@@ -54,14 +53,13 @@ static void finish(struct drawn *d)
 }
 
 /* The loss and the gradient of each parameter. The caller destroys *gradient. */
-static struct sg_loss_value lose(struct drawn *d, const struct sg_loss_params *p, struct sg_model **gradient)
+static struct sg_photometric_value lose_and_pull(struct drawn *d, const struct loss_case *p, struct sg_model **gradient)
 {
-    struct sg_loss_value value;
-    assert_int_equal(d->engine->ops->loss(d->engine, p, &value), SG_OK);
+    const struct sg_photometric_value value = lose(d->engine, p);
     if (gradient) {
-        assert_int_equal(d->engine->ops->rasterize_backward(d->engine), SG_OK);
+        assert_int_equal(sg_engine_raster_backward(d->engine), SG_OK);
         assert_int_equal(sg_model_create(d->ctx, GAUSSIANS, 1, gradient), SG_OK);
-        assert_int_equal(d->engine->ops->read_gradients(d->engine, *gradient), SG_OK);
+        assert_int_equal(sg_engine_read_gradients(d->engine, *gradient), SG_OK);
     }
     return value;
 }
@@ -115,20 +113,20 @@ static void no_gradient_within(void **state)
                             shown[i] = 0;
                     }
                 }
-                const struct sg_loss_params targets[] = {
+                const struct loss_case targets[] = {
                     {.lambda_dssim = 0.2f, .tolerance = sg_loss_tolerance(levels), .planes = photo},
                     {.lambda_dssim = 1, .tolerance = sg_loss_tolerance(levels), .planes = photo, .mask = mask},
                     {.lambda_dssim = 0.2f, .tolerance = sg_loss_tolerance(levels), .target = bytes, .mask = shown},
                 };
                 for (size_t t = 0; t < sizeof(targets) / sizeof(targets[0]); t++) {
-                    struct sg_loss_params p = targets[t];
+                    struct loss_case p = targets[t];
                     struct sg_model *g;
-                    struct sg_loss_value value = lose(d, &p, &g);
+                    struct sg_photometric_value value = lose_and_pull(d, &p, &g);
                     assert_true(value.total == 0 && value.l1 == 0 && value.mse == 0 && value.ssim == 1);
                     assert_int_equal(non_zero(g), 0);
                     sg_model_destroy(&g);
                     p.tolerance = 0; /* the same photo moves the model otherwise */
-                    value = lose(d, &p, &g);
+                    value = lose_and_pull(d, &p, &g);
                     assert_true(value.total > 0 && non_zero(g) > GAUSSIANS);
                     sg_model_destroy(&g);
                 }
@@ -148,9 +146,9 @@ static void l1_at_most_that_of_clean_photos(void **state)
                 clean[i] = draw(seed + 30, i, 0, 1);
                 photo[i] = clean[i] + 16.0f / 255 * poison((int) (seed % 4), seed, i);
             }
-            const struct sg_loss_value without = lose(d, &(struct sg_loss_params){.planes = clean}, NULL);
-            const struct sg_loss_value with =
-                lose(d, &(struct sg_loss_params){.planes = photo, .tolerance = sg_loss_tolerance(16)}, NULL);
+            const struct sg_photometric_value without = lose_and_pull(d, &(struct loss_case){.planes = clean}, NULL);
+            const struct sg_photometric_value with =
+                lose_and_pull(d, &(struct loss_case){.planes = photo, .tolerance = sg_loss_tolerance(16)}, NULL);
             assert_true(with.l1 <= without.l1 && with.l1 > 0.5 * without.l1);
             finish(d);
         }
@@ -174,10 +172,10 @@ static void target_is_the_nearest_image(void **state)
             outside[i % PIXELS] = far ? 255 : 0;
         }
         struct sg_model *with, *without;
-        const struct sg_loss_value a =
-            lose(d, &(struct sg_loss_params){.lambda_dssim = 0.2f, .tolerance = tolerance, .planes = photo}, &with);
-        const struct sg_loss_value b =
-            lose(d, &(struct sg_loss_params){.lambda_dssim = 0.2f, .planes = nearest, .mask = outside}, &without);
+        const struct sg_photometric_value a =
+            lose_and_pull(d, &(struct loss_case){.lambda_dssim = 0.2f, .tolerance = tolerance, .planes = photo}, &with);
+        const struct sg_photometric_value b =
+            lose_and_pull(d, &(struct loss_case){.lambda_dssim = 0.2f, .planes = nearest, .mask = outside}, &without);
         assert_true(a.total == b.total && a.l1 == b.l1 && a.mse == b.mse && a.ssim == b.ssim);
         assert_memory_equal(with->params, without->params, with->capacity * (size_t) sg_param_count(1) * sizeof(float));
         assert_true(non_zero(with) > 0);
@@ -203,9 +201,9 @@ static void l1_by_differences(void **state)
             if (fabsf(away - 0.1f) < 2 * step) /* a face of the ball */
                 photo[i] = d->rgb[i];
         }
-        const struct sg_loss_params p = {.tolerance = 0.1f, .planes = photo};
+        const struct loss_case p = {.tolerance = 0.1f, .planes = photo};
         struct sg_model *g;
-        lose(d, &p, &g);
+        lose_and_pull(d, &p, &g);
         struct sg_model *m = make_model(d->ctx, GAUSSIANS, 1, 11);
         for (int ch = 0; ch < 3; ch++) { /* a change of all the colours of a channel */
             double expected = 0, loss[2];
@@ -216,10 +214,9 @@ static void l1_by_differences(void **state)
                 for (size_t i = 0; i < GAUSSIANS; i++)
                     *sg_model_at(moved, i, SG_P_SH + ch) += side ? step : -step;
                 const struct sg_render_params params = {.max_instances = 1 << 20, .background = {0.2f, 0.1f, 0.3f}};
-                assert_int_equal(d->engine->ops->upload(d->engine, moved, NULL), SG_OK);
-                assert_int_equal(d->engine->ops->project(d->engine, &camera, 1, &params), SG_OK);
-                assert_int_equal(d->engine->ops->rasterize(d->engine, false, NULL), SG_OK);
-                loss[side] = lose(d, &p, NULL).l1;
+                assert_int_equal(sg_engine_upload(d->engine, moved, NULL), SG_OK);
+                assert_int_equal(sg_engine_draw(d->engine, &camera, 1, &params, false), SG_OK);
+                loss[side] = lose_and_pull(d, &p, NULL).l1;
                 sg_model_destroy(&moved);
             }
             const double found = (loss[1] - loss[0]) / (2 * (double) step);

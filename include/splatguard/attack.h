@@ -5,17 +5,11 @@
 #include "context.h"
 #include "model.h"
 #include "scene.h"
+#include "variation.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-/* What the inner loop of the attack makes large. Only the sign of its gradient is used. */
-enum sg_tv_form {
-    SG_TV_VERTICAL2, /* twice the sum of |x[row] - x[row + 1]|: what the published code computes */
-    SG_TV_ANISO,     /* sum of |vertical| + |horizontal| differences */
-    SG_TV_ISO        /* sum of sqrt(vertical^2 + horizontal^2 + 1e-12) of the differences to the next row and column */
-};
 
 /* Poison-splat (Lu et al. 2025, "Poison-splat: Computation Cost Attack on 3D Gaussian Splatting"). Where a range is not
  * given: 0..1. */

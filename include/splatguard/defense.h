@@ -8,7 +8,9 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include "render.h"
 #include "spectrum.h"
+#include "variation.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -18,13 +20,6 @@ extern "C" {
  * eigenvalue of the covariance, its formula the square of a size; both rank alike and weigh hits differently. */
 enum sg_filter_sigma { SG_SIGMA_STD /* the smallest scale */, SG_SIGMA_EIGEN /* its square */ };
 
-/* What counts as a hit of a Gaussian in a view. */
-enum sg_hit {
-    SG_HIT_PIXELS, /* each pixel it is blended in (the indicator of LightGaussian, Fan et al. 2024) */
-    SG_HIT_VIEWS,  /* the view, if it is blended in any pixel */
-    SG_HIT_WEIGHT  /* each pixel, by its weight there: alpha x transmittance */
-};
-
 /* Which Gaussians are "the lowest share rho of N". */
 enum sg_prune_rule {
     SG_PRUNE_EXACT,    /* floor(rho N) of them */
@@ -32,14 +27,6 @@ enum sg_prune_rule {
 };
 
 enum sg_prune_views { SG_VIEWS_RANDOM /* a fresh sample each time */, SG_VIEWS_ALL };
-
-/* What a difference d between neighbouring values counts. */
-enum sg_tv_norm {
-    SG_TV_NORM_L2,   /* d^2 */
-    SG_TV_NORM_L1,   /* |d| */
-    SG_TV_NORM_HUBER /* d^2 up to SG_TV_EDGE, from there on linear: fine oscillation as with L2, edges as with L1 */
-};
-#define SG_TV_EDGE (16.0f / 255)
 
 struct sg_defense_params {
     bool on; /* Default false; then the filter's score is used at a limit of Gaussians only. */

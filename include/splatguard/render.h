@@ -29,6 +29,13 @@ struct sg_render_stats {
     uint32_t bands;     /* bands the image was processed in */
 };
 
+/* What counts as a hit of a Gaussian in a view. */
+enum sg_hit {
+    SG_HIT_PIXELS, /* each pixel it is blended in (the indicator of LightGaussian, Fan et al. 2024) */
+    SG_HIT_VIEWS,  /* the view, if it is blended in any pixel */
+    SG_HIT_WEIGHT  /* each pixel, by its weight there: alpha x transmittance */
+};
+
 /* A renderer holds a copy of a model on an engine ("cpu" or "ref"). Thread safety: unsafe. */
 typedef struct sg_renderer sg_renderer;
 

@@ -15,5 +15,6 @@
 #include "spectrum.h"
 #include "synth.h"
 #include "train.h"
+#include "variation.h"
 
 #endif

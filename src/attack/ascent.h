@@ -3,7 +3,7 @@
 #ifndef SG_ASCENT_H
 #define SG_ASCENT_H
 
-#include "engine/cpu/kernels.h"
+#include "engine/engine.h"
 #include "spectral/anisotropy.h"
 #include "splatguard/attack.h"
 
@@ -12,7 +12,6 @@ struct ascent {
     float step;
     int steps;
     enum sg_tv_form form;
-    const struct cpu_kernels *kernels; /* NULL: the scalar oracle */
     struct sg_anisotropy *spectral;    /* NULL, or what is lowered beside, for images of this size */
     float spectral_weight;
     float *extra; /* 3 planes, with spectral */
@@ -20,13 +19,10 @@ struct ascent {
 
 /* x: 3 planes, changed in place; photo: 3 planes. scratch: 3 planes. Same bytes for any number of threads.
  * All steps: y = x + step sgn(dTV/dx), x = clamp(photo + clamp(y - photo, -epsilon, epsilon), 0, 1). */
-void sg_ascend(sg_ctx *ctx, const struct ascent *a, const float *photo, int width, int height, float *x,
-               float *scratch);
+int sg_ascend(struct sg_engine *e, const struct ascent *a, const float *photo, int width, int height, float *x,
+              float *scratch);
 
 /* Sum over the values of 3 planes. rows: scratch, 3 x height. */
 double sg_tv_planes(sg_ctx *ctx, const float *planes, int width, int height, enum sg_tv_form form, double *rows);
-
-/* dTV/dx of one row of a plane. */
-void sg_tv_gradient_row(const float *plane, int width, int height, int y, enum sg_tv_form form, float *out);
 
 #endif

@@ -25,7 +25,6 @@ struct sg_attack {
     double *rows;                      /* 3 sums a row of the highest */
     float *extra;                      /* 3 planes more with a spectral term */
     struct sg_plans plans;             /* of the spectral term */
-    const struct cpu_kernels *kernels; /* NULL with the oracle */
 };
 
 struct sg_attack_params sg_attack_params_default(void)
@@ -58,8 +57,7 @@ int sg_attack_check(sg_ctx *ctx, const struct sg_attack_params *p)
     int code = sg_check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
     if (!code)
         code = sg_check_max_gaussians(ctx, p->max_gaussians);
-    const struct cpu_kernels *kernels;
-    return code ? code : sg_engine_kernels(ctx, p->engine, p->cpu, &kernels);
+    return code ? code : sg_engine_check(ctx, p->engine, p->cpu);
 }
 
 static int allocate(sg_attack *a, const struct sg_scene *scene)
@@ -105,8 +103,6 @@ static int open_attack(sg_ctx *ctx, const struct sg_scene *scene, struct sg_trai
     code = allocate(a, scene); /* first: the trainer plans with what is left */
     if (!code)
         code = sg_trainer_open(ctx, scene, &start, &decoy, &a->trainer);
-    if (!code)
-        code = sg_engine_kernels(ctx, p.engine, p.cpu, &a->kernels);
     if (code) {
         sg_attack_destroy(&a);
         return code;
@@ -148,12 +144,11 @@ static int render(sg_attack *a, size_t index)
 {
     const sg_trainer *t = a->trainer;
     const struct sg_view *view = &t->scene->train[index];
-    const struct sg_engine_ops *ops = t->engine->ops;
     const size_t n = (size_t) view->camera.width * (size_t) view->camera.height;
     const struct sg_render_params params = {.max_instances = t->budget.instances}; /* black */
     int code;
-    if ((code = ops->project(t->engine, &view->camera, t->start_degree, &params)) ||
-        (code = ops->rasterize(t->engine, false, NULL)) || (code = ops->read_image(t->engine, a->image, NULL, NULL)))
+    if ((code = sg_engine_draw(t->engine, &view->camera, t->start_degree, &params, false)) ||
+        (code = sg_engine_read_image(t->engine, a->image, NULL, NULL)))
         return code;
     for (size_t ch = 0; ch < 3; ch++)
         for (size_t i = 0; i < n; i++)
@@ -170,15 +165,13 @@ static int ascend(sg_attack *a, int width, int height)
                             .step = p->step,
                             .steps = p->inner,
                             .form = p->tv,
-                            .kernels = a->kernels,
                             .spectral_weight = p->spectral_weight,
                             .extra = a->extra};
     const int code =
         p->spectral_weight > 0 ? sg_plans_find(ctx, &a->plans, NULL, width, height, &ascent.spectral) : SG_OK;
     if (code)
         return code;
-    sg_ascend(ctx, &ascent, a->photo, width, height, a->image, a->scratch);
-    return SG_OK;
+    return sg_ascend(a->trainer->engine, &ascent, a->photo, width, height, a->image, a->scratch);
 }
 
 static int densify(sg_attack *a, int it)
@@ -201,13 +194,12 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
     const struct sg_attack_params *p = &a->params;
     sg_trainer *t = a->trainer;
     sg_clear_error(t->ctx);
-    const struct sg_engine_ops *ops = t->engine->ops;
     const int it = t->iteration + 1;
     struct sg_attack_step step = {.iteration = it, .view = sg_trainer_pick_view(t, it)};
     const struct sg_view *view = &t->scene->train[step.view];
     const int w = view->camera.width, h = view->camera.height;
     const size_t values = 3 * (size_t) w * (size_t) h;
-    struct sg_loss_value value;
+    struct sg_step result;
     int code = render(a, step.view);
     if (code)
         return code;
@@ -221,9 +213,9 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
     step.inner_seconds = sg_seconds() - start;
     step.inner_bytes = (uint64_t) p->inner * values * 3 * sizeof(float);
 
-    if ((code = ops->loss(t->engine, &(struct sg_loss_params){.lambda_dssim = p->lambda_dssim, .planes = a->image},
-                          &value)) ||
-        (code = ops->rasterize_backward(t->engine)))
+    const struct sg_loss loss = {SG_LOSS_PHOTOMETRIC, 1, {.photometric = {.lambda_dssim = p->lambda_dssim}}};
+    if ((code = sg_engine_losses(t->engine, &(struct sg_target){.planes = a->image}, &loss, 1)) ||
+        (code = sg_engine_raster_backward(t->engine)))
         return code;
 
     /* As in training, where the decoy is densified its gradients are lost. */
@@ -242,14 +234,17 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
         return code;
     /* As often as the decoy grows: what learning takes off a scale in between is little. */
     if (p->scale_floor > 0 && (densifies || it == p->iterations) &&
-        (code = ops->floor_scale(t->engine, p->scale_floor)))
+        (code = sg_engine_floor_scale(t->engine, p->scale_floor)))
         return code;
 
+    if ((code = sg_engine_read_step(t->engine, &result)))
+        return code;
+    const struct sg_photometric_value value = result.photometric;
     t->iteration = it;
     step.loss = value.total, step.l1 = value.l1, step.ssim = value.ssim;
     step.psnr = -10 * log10(value.mse > 1e-10 ? value.mse : 1e-10);
     step.tv = sg_tv_planes(t->ctx, a->image, w, h, p->tv, a->rows) / (double) values;
-    step.gaussians = ops->count(t->engine);
+    step.gaussians = sg_engine_count(t->engine);
     if (out)
         *out = step;
     return SG_OK;

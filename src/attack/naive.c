@@ -29,12 +29,14 @@ int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, con
     if (!(p.epsilon >= 0 && p.epsilon <= 1))
         return sg_fail(ctx, SG_ERR_USAGE, "epsilon: found %g, expected 0 to 255 grey levels for this method",
                        255 * (double) p.epsilon);
-    const struct cpu_kernels *kernels;
-    if ((code = sg_engine_kernels(ctx, p.engine, p.cpu, &kernels)))
+    struct sg_engine *engine;
+    if ((code = sg_engine_create(ctx, p.engine, p.cpu, &engine)))
         return code;
     float *photo = sg_alloc_raw(ctx, SG_MEM_FRAME, 12 * n, sizeof(float));
-    if (!photo)
+    if (!photo) {
+        sg_engine_destroy(&engine);
         return SG_ERR_BUDGET;
+    }
     float *x = photo + 3 * n, *scratch = photo + 6 * n;
     for (size_t ch = 0; ch < 3; ch++)
         for (size_t i = 0; i < n; i++) {
@@ -47,14 +49,14 @@ int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, con
                        .step = p.step,
                        .steps = p.inner,
                        .form = p.tv,
-                       .kernels = kernels,
                        .spectral_weight = p.spectral_weight,
                        .extra = photo + 9 * n};
     if (method == SG_NAIVE_TV && p.spectral_weight > 0)
         code = sg_anisotropy_create(ctx, w, h, NULL, &a.spectral);
     if (method == SG_NAIVE_TV && !code)
-        sg_ascend(ctx, &a, photo, w, h, x, scratch);
+        code = sg_ascend(engine, &a, photo, w, h, x, scratch);
     sg_anisotropy_destroy(&a.spectral);
+    sg_engine_destroy(&engine);
     sg_quantise(x, w, h, rgb);
     sg_free(photo);
     return code;

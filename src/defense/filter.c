@@ -51,8 +51,8 @@ static void score_chunk(void *arg, size_t chunk, int thread)
 int sg_score(struct sg_engine *engine, const struct sg_scene *scene, const struct sg_defense_params *p,
              const struct sg_render_params *render, uint64_t seed, int it, struct sg_scores *out)
 {
-    sg_ctx *ctx = engine->ctx;
-    const size_t n = engine->ops->count(engine);
+    sg_ctx *ctx = sg_engine_ctx(engine);
+    const size_t n = sg_engine_count(engine);
     *out = (struct sg_scores){.count = n};
     const struct sg_camera **views = sg_alloc_raw(ctx, SG_MEM_MISC, scene->n_train, sizeof(*views));
     out->score = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*out->score));
@@ -60,10 +60,9 @@ int sg_score(struct sg_engine *engine, const struct sg_scene *scene, const struc
     out->keys = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*out->keys));
     int code = views && out->score && out->log_smallest && out->keys ? SG_OK : SG_ERR_BUDGET;
     if (!code)
-        code =
-            engine->ops->count_hits(engine, views, sample_views(scene, p, seed, it, views), render, p->hit, out->score);
+        code = sg_engine_count_hits(engine, views, sample_views(scene, p, seed, it, views), render, p->hit, out->score);
     if (!code)
-        code = engine->ops->read_statistics(engine, &(struct sg_statistics){.log_smallest = out->log_smallest});
+        code = sg_engine_read_statistics(engine, &(struct sg_statistics){.log_smallest = out->log_smallest});
     sg_free(views);
     if (code) {
         sg_scores_clear(out);
@@ -158,7 +157,7 @@ void sg_scores_remove(const struct sg_scores *s, size_t k, uint8_t *keep)
 int sg_filter(struct sg_engine *engine, const struct sg_scene *scene, const struct sg_defense_params *p,
               const struct sg_render_params *render, double rho, uint64_t seed, int it, struct sg_defense_step *out)
 {
-    sg_ctx *ctx = engine->ctx;
+    sg_ctx *ctx = sg_engine_ctx(engine);
     struct sg_scores s;
     int code = sg_score(engine, scene, p, render, seed, it, &s);
     if (code)
@@ -184,7 +183,7 @@ int sg_filter(struct sg_engine *engine, const struct sg_scene *scene, const stru
             out->score[k] =
                 sg_scores_rank(&s, s.unseen + (size_t) ((double) (seen - 1) * (double[]){0.1, 0.5, 0.9}[k]));
         if (lowest)
-            code = engine->ops->edit(engine, &(struct sg_edit){.keep = keep, .kept = n - lowest, .statistics = true});
+            code = sg_engine_edit(engine, &(struct sg_edit){.keep = keep, .kept = n - lowest, .statistics = true});
     }
     sg_free(keep);
     sg_scores_clear(&s);

@@ -9,6 +9,8 @@
 #define SG_DEFENSE_FILTER_H
 
 #include "engine/engine.h"
+#include "splatguard/defense.h"
+#include "splatguard/scene.h"
 
 /* ln of a Gaussian's weight; -INFINITY for one that has no thickness or no number for it. */
 double sg_filter_log_weight(const struct sg_defense_params *p, float log_smallest);

@@ -1,57 +1,327 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+/* The front end: what is common to all engines. Arguments and the order of the stages are checked here, so that an
+ * operation can rely on them; clocks run here; operations that an engine lacks have their substitute here. */
 #include "engine.h"
 
+#include <math.h>
 #include <string.h>
 
-#include "cpu/dispatch.h"
+#include "core/clock.h"
+#include "ops.h"
 
-int sg_engine_kernels(sg_ctx *ctx, const char *name, const char *cpu, const struct cpu_kernels **out)
+/* What the stages leave for later ones. */
+enum sg_ready {
+    SPLATS = 1,
+    LISTS = 2,
+    IMAGE = 4,
+    IMAGE_GRADIENT = 8,
+    SPLAT_GRADIENTS = 16,
+};
+
+static int need(const struct sg_engine *e, unsigned what, const char *stage, const char *before)
 {
-    *out = NULL;
-    if (!name || !strcmp(name, "cpu"))
-        return sg_cpu_select(ctx, cpu, out);
-    if (!strcmp(name, "ref"))
+    if ((e->ready & what) == what)
         return SG_OK;
-    return sg_fail(ctx, SG_ERR_USAGE, "engine: found \"%s\", expected cpu or ref", name);
+    return sg_fail(e->ctx, SG_ERR_INTERNAL, "engine: %s: found no %s of this view and model", stage, before);
 }
 
-int sg_engine_create(sg_ctx *ctx, const char *name, const char *cpu, struct sg_engine **out)
+/* A stage has run, or has failed: only then is there what it leaves. `kept`: of what was there before. */
+static int leave(struct sg_engine *e, int code, unsigned kept, unsigned made)
 {
-    const struct cpu_kernels *kernels;
+    e->ready = (e->ready & kept) | (code ? 0 : made);
+    return code;
+}
+
+static void lap(const struct sg_engine *e, double start, double *sum)
+{
+    if (!e->clocks_stopped)
+        *sum += sg_seconds() - start;
+}
+
+/* ---- creation ---- */
+
+int sg_engine_check(sg_ctx *ctx, const char *name, const char *variant)
+{
+    const struct sg_engine_kind *kind = sg_engine_find(ctx, name);
+    return kind ? kind->check ? kind->check(ctx, variant) : SG_OK : SG_ERR_USAGE;
+}
+
+int sg_engine_create(sg_ctx *ctx, const char *name, const char *variant, struct sg_engine **out)
+{
     *out = NULL;
-    const int code = sg_engine_kernels(ctx, name, cpu, &kernels);
-    if (code)
-        return code;
-    return kernels ? sg_engine_create_cpu(ctx, cpu, out) : sg_engine_create_ref(ctx, out);
+    const struct sg_engine_kind *kind = sg_engine_find(ctx, name);
+    const int code = kind && kind->check ? kind->check(ctx, variant) : SG_OK;
+    return kind ? code ? code : kind->create(ctx, variant, out) : SG_ERR_USAGE;
 }
 
 void sg_engine_destroy(struct sg_engine **engine)
 {
-    if (engine && *engine)
-        (*engine)->ops->destroy(*engine);
-    if (engine)
-        *engine = NULL;
+    if (!engine || !*engine)
+        return;
+    struct sg_engine *e = *engine;
+    for (size_t i = 0; i < e->photo_count; i++)
+        sg_engine_photo_drop(e, (sg_photo) (i + 1));
+    sg_free(e->photos);
+    e->ops->destroy(e);
+    *engine = NULL;
 }
 
-int sg_optimiser_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_optimiser *o)
+sg_ctx *sg_engine_ctx(const struct sg_engine *e)
 {
-    const size_t capacity = (count + SG_LANES - 1) / SG_LANES * SG_LANES, planes = (size_t) sg_param_count(sh_degree);
-    *o = (struct sg_optimiser){.capacity = capacity};
-    o->m = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, planes * sizeof(float));
-    o->v = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, planes * sizeof(float));
-    o->grad_sum = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
-    o->grad_count = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
-    if (o->m && o->v && o->grad_sum && o->grad_count)
-        return SG_OK;
+    return e->ctx;
+}
+
+const char *sg_engine_variant(const struct sg_engine *e)
+{
+    return e->ops->variant(e);
+}
+
+struct sg_footprint sg_engine_footprint(const struct sg_engine_kind *engine, const struct sg_work *work)
+{
+    return engine->footprint(work);
+}
+
+/* ---- the model ---- */
+
+int sg_engine_upload(struct sg_engine *e, const struct sg_model *m, const struct sg_optimiser *o)
+{
+    return leave(e, e->ops->upload(e, m, o), 0, 0);
+}
+
+int sg_engine_adopt(struct sg_engine *e, struct sg_model *m, struct sg_optimiser *o)
+{
+    if (e->ops->adopt)
+        return leave(e, e->ops->adopt(e, m, o), 0, 0);
+    const int code = sg_engine_upload(e, m, o->m ? o : NULL);
+    if (code)
+        return code;
+    sg_free(m->params);
+    m->params = NULL;
     sg_optimiser_clear(o);
-    return SG_ERR_BUDGET;
+    return SG_OK;
 }
 
-void sg_optimiser_clear(struct sg_optimiser *o)
+int sg_engine_download(struct sg_engine *e, struct sg_model *m, struct sg_optimiser *o)
 {
-    sg_free(o->m);
-    sg_free(o->v);
-    sg_free(o->grad_sum);
-    sg_free(o->grad_count);
-    *o = (struct sg_optimiser){0};
+    return e->ops->download(e, m, o);
+}
+
+size_t sg_engine_count(const struct sg_engine *e)
+{
+    return e->ops->count(e);
+}
+
+int sg_engine_read_statistics(struct sg_engine *e, const struct sg_statistics *out)
+{
+    return e->ops->read_statistics(e, out);
+}
+
+int sg_engine_edit(struct sg_engine *e, const struct sg_edit *edit)
+{
+    return leave(e, e->ops->edit(e, edit), 0, 0);
+}
+
+int sg_engine_floor_scale(struct sg_engine *e, float smallest)
+{
+    return leave(e, e->ops->floor_scale(e, smallest), IMAGE, 0);
+}
+
+int sg_engine_reset_opacity(struct sg_engine *e, float limit)
+{
+    return leave(e, e->ops->reset_opacity(e, limit), IMAGE, 0);
+}
+
+/* ---- photos ---- */
+
+int sg_engine_photo_add(struct sg_engine *e, int width, int height, const uint8_t *rgb, const uint8_t *mask,
+                        sg_photo *out)
+{
+    size_t at = 0;
+    *out = 0;
+    while (at < e->photo_count && e->photos[at].rgb)
+        at++;
+    if (sg_grow(e->ctx, SG_MEM_MISC, &e->photos, &e->photo_capacity, at + 1, e->photo_count, sizeof(*e->photos)))
+        return SG_ERR_BUDGET;
+    e->photos[at] = (struct sg_photo_entry){width, height, rgb, mask};
+    e->photo_count = at < e->photo_count ? e->photo_count : at + 1;
+    const int code = e->ops->photo_add ? e->ops->photo_add(e, (sg_photo) (at + 1), &e->photos[at]) : SG_OK;
+    if (code)
+        e->photos[at] = (struct sg_photo_entry){0};
+    else
+        *out = (sg_photo) (at + 1);
+    return code;
+}
+
+void sg_engine_photo_drop(struct sg_engine *e, sg_photo photo)
+{
+    if (!photo || photo > e->photo_count || !e->photos[photo - 1].rgb)
+        return;
+    if (e->ops->photo_drop)
+        e->ops->photo_drop(e, photo);
+    e->photos[photo - 1] = (struct sg_photo_entry){0};
+}
+
+/* ---- the stages ---- */
+
+int sg_engine_project(struct sg_engine *e, const struct sg_camera *camera, int sh_degree,
+                      const struct sg_render_params *params)
+{
+    const double start = sg_seconds();
+    e->width = camera->width, e->height = camera->height;
+    e->step = (struct sg_step){0};
+    for (int k = 0; k < SG_LOSSES; k++)
+        e->step.loss[k] = NAN;
+    const int code = e->ops->project(e, camera, sh_degree, params);
+    lap(e, start, &e->times.project);
+    return leave(e, code, 0, SPLATS);
+}
+
+int sg_engine_bin(struct sg_engine *e)
+{
+    int code = need(e, SPLATS, "bin", "projection");
+    if (code)
+        return code;
+    const double start = sg_seconds();
+    code = e->ops->bin(e);
+    lap(e, start, &e->times.bin);
+    return leave(e, code, SPLATS, LISTS);
+}
+
+int sg_engine_raster(struct sg_engine *e, bool auxiliary)
+{
+    int code = need(e, LISTS, "raster", "tile lists");
+    if (code)
+        return code;
+    const double start = sg_seconds();
+    code = e->ops->raster(e, auxiliary);
+    lap(e, start, &e->times.raster);
+    return leave(e, code, SPLATS | LISTS, IMAGE);
+}
+
+int sg_engine_draw(struct sg_engine *e, const struct sg_camera *camera, int sh_degree,
+                   const struct sg_render_params *params, bool auxiliary)
+{
+    int code = sg_engine_project(e, camera, sh_degree, params);
+    if (!code)
+        code = sg_engine_bin(e);
+    return code ? code : sg_engine_raster(e, auxiliary);
+}
+
+int sg_engine_read_image(struct sg_engine *e, float *rgb, float *alpha, float *depth)
+{
+    const int code = need(e, IMAGE, "read_image", "image");
+    return code ? code : e->ops->read_image(e, rgb, alpha, depth);
+}
+
+static int find_target(const struct sg_engine *e, const struct sg_target *t, struct sg_target_pixels *out)
+{
+    *out = (struct sg_target_pixels){.photo = t->photo, .planes = t->planes};
+    if (!t->photo)
+        return t->planes ? SG_OK : sg_fail(e->ctx, SG_ERR_USAGE, "losses: found no target, expected a photo or planes");
+    const struct sg_photo_entry *p = t->photo <= e->photo_count ? &e->photos[t->photo - 1] : NULL;
+    if (!p || !p->rgb)
+        return sg_fail(e->ctx, SG_ERR_USAGE, "losses: found photo %u, which has not been added", t->photo);
+    if (p->width != e->width || p->height != e->height)
+        return sg_fail(e->ctx, SG_ERR_USAGE, "losses: found a photo of %d x %d, expected %d x %d as the view", p->width,
+                       p->height, e->width, e->height);
+    out->rgb = t->planes ? NULL : p->rgb;
+    out->mask = p->mask;
+    return SG_OK;
+}
+
+int sg_engine_losses(struct sg_engine *e, const struct sg_target *target, const struct sg_loss *losses, size_t n)
+{
+    struct sg_target_pixels pixels;
+    int code = need(e, IMAGE, "losses", "image");
+    if (!code)
+        code = find_target(e, target, &pixels);
+    for (size_t i = 0; i < n && !code; i++)
+        if ((losses[i].kind == SG_LOSS_PHOTOMETRIC) != (i == 0))
+            code = sg_fail(e->ctx, SG_ERR_USAGE,
+                           "losses: found kind %d at place %zu, expected the photometric loss "
+                           "once and first",
+                           (int) losses[i].kind, i);
+    if (code || !n)
+        return code;
+    for (size_t i = 0; i < n && !code; i++) {
+        const double start = sg_seconds();
+        code = e->ops->loss(e, &pixels, &losses[i]);
+        lap(e, start, &e->times.loss[losses[i].kind]);
+    }
+    return leave(e, code, SPLATS | LISTS | IMAGE, IMAGE_GRADIENT);
+}
+
+int sg_engine_write_image_gradient(struct sg_engine *e, const float *gradient)
+{
+    int code = need(e, IMAGE, "write_image_gradient", "image");
+    if (code)
+        return code;
+    code = e->ops->write_image_gradient(e, gradient);
+    return leave(e, code, SPLATS | LISTS | IMAGE, IMAGE_GRADIENT);
+}
+
+int sg_engine_raster_backward(struct sg_engine *e)
+{
+    int code = need(e, LISTS | IMAGE | IMAGE_GRADIENT, "raster_backward", "gradient of the image");
+    if (code)
+        return code;
+    const double start = sg_seconds();
+    code = e->ops->raster_backward(e);
+    lap(e, start, &e->times.raster_backward);
+    return leave(e, code, ~(unsigned) SPLAT_GRADIENTS, SPLAT_GRADIENTS);
+}
+
+int sg_engine_optimise(struct sg_engine *e, const struct sg_update *update)
+{
+    int code = need(e, SPLATS | SPLAT_GRADIENTS, "optimise", "gradients of the splats");
+    if (code)
+        return code;
+    const double start = sg_seconds();
+    code = e->ops->optimise(e, update);
+    lap(e, start, &e->times.optimise);
+    return leave(e, code, IMAGE, 0);
+}
+
+int sg_engine_read_gradients(struct sg_engine *e, struct sg_model *out)
+{
+    const int code = need(e, SPLATS | SPLAT_GRADIENTS, "read_gradients", "gradients of the splats");
+    return code ? code : e->ops->read_gradients(e, out);
+}
+
+int sg_engine_read_step(struct sg_engine *e, struct sg_step *out)
+{
+    const int code = e->ops->read_step ? e->ops->read_step(e) : SG_OK;
+    *out = e->step;
+    return code;
+}
+
+int sg_engine_count_hits(struct sg_engine *e, const struct sg_camera *const *views, size_t n,
+                         const struct sg_render_params *params, enum sg_hit kind, double *hits)
+{
+    const double start = sg_seconds();
+    const int code = e->ops->count_hits(e, views, n, params, kind, hits);
+    lap(e, start, &e->times.count);
+    return leave(e, code, 0, 0);
+}
+
+/* ---- images on their own ---- */
+
+int sg_engine_ascend(struct sg_engine *e, const struct sg_ascend *a)
+{
+    if (e->ops->ascend)
+        return e->ops->ascend(e, a);
+    sg_ref_ascend(e->ctx, a);
+    return SG_OK;
+}
+
+/* ---- clocks ---- */
+
+struct sg_engine_times sg_engine_times(const struct sg_engine *e)
+{
+    return e->times;
+}
+
+void sg_engine_stop_clocks(struct sg_engine *e, bool stop)
+{
+    e->clocks_stopped = stop;
 }

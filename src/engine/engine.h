@@ -1,19 +1,49 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The seam between what training does and where it is computed. A engine holds the model, its optimiser state and the
- * buffers of one view; host memory crosses only where a function says so. Inputs are validated by the callers.
+/* The engine: it draws a model of Gaussians and learns it. Where that is computed is decided when one is created.
  *
- * One view goes project -> rasterize -> loss -> rasterize_backward -> update; each uses what the one before left. */
+ * One iteration calls project, bin, raster, losses, raster_backward and optimise, in this order; then read_step waits
+ * for its results. The engine holds the model, the state of its optimiser and the buffers of one view. Host memory
+ * crosses only where a function says so. Calls that come out of order fail with SG_ERR_INTERNAL and change nothing.
+ * All other errors are SG_ERR_BUDGET, unless a function says more.
+ * Thread safety: unsafe. */
 #ifndef SG_ENGINE_H
 #define SG_ENGINE_H
 
 #include "core/internal.h"
-#include "spectral/regulariser.h"
+#include "losses.h"
 #include "splatguard/camera.h"
 #include "splatguard/model.h"
 #include "splatguard/render.h"
-#include "splatguard/train.h"
 
-/* Host copy of what training knows beside the parameters. All arrays belong to it; see sg_optimiser_create. */
+struct sg_engine;
+
+/* ---- creation ---- */
+
+/* name: of an engine ("cpu", "ref"), NULL = "cpu"; variant: of its kernels, NULL = the best this machine runs.
+ * SG_ERR_USAGE for one that is not known or does not run here. */
+int sg_engine_check(sg_ctx *ctx, const char *name, const char *variant);
+int sg_engine_create(sg_ctx *ctx, const char *name, const char *variant, struct sg_engine **out);
+void sg_engine_destroy(struct sg_engine **engine);
+sg_ctx *sg_engine_ctx(const struct sg_engine *e);
+const char *sg_engine_variant(const struct sg_engine *e); /* "avx512", "ref", ...: what really runs */
+
+/* What an engine needs for a shape of work, in bytes at the worst moment of an iteration or an edit. */
+struct sg_work {
+    int sh_degree;
+    bool accumulate; /* see sg_update */
+    int width, height, threads;
+};
+struct sg_footprint {
+    uint64_t gaussian; /* one of the model: parameters, optimiser, projection */
+    uint64_t instance; /* one (Gaussian, tile) pair held at once */
+    uint64_t view;     /* the buffers of an image of this size */
+};
+struct sg_engine_kind; /* see registry.h */
+struct sg_footprint sg_engine_footprint(const struct sg_engine_kind *engine, const struct sg_work *work);
+
+/* ---- the model ---- */
+
+/* Host copy of what training knows beside the parameters. All arrays belong to it. */
 struct sg_optimiser {
     size_t capacity;
     float *m, *v;      /* Adam moments, laid out as sg_model.params */
@@ -23,47 +53,14 @@ struct sg_optimiser {
 int sg_optimiser_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_optimiser *out);
 void sg_optimiser_clear(struct sg_optimiser *optimiser);
 
-enum sg_group { SG_G_XYZ, SG_G_OPACITY, SG_G_SCALE, SG_G_ROT, SG_G_DC, SG_G_REST, SG_GROUPS };
-
-/* One Adam step per group: p -= rate m / (sqrt(v) root + eps), rate = lr / (1 - beta1^t), root = 1 / sqrt(1 - beta2^t).
- * A group with rate 0 keeps its parameters and its moments. */
-struct sg_update {
-    bool adam; /* false: no group moves */
-    float rate[SG_GROUPS], root[SG_GROUPS];
-    bool statistics; /* add this view to grad_sum and grad_count */
-    bool accumulate; /* gradients add up over the updates without adam; the next one with adam takes the sum. Lost when
-                        the model is edited. */
-};
-
-/* The target of a value is the nearest to the render within `tolerance` of the photo, for L1 and SSIM alike. It counts
- * as a constant, and a value that is its own target has no gradient. So a change of the photo by at most `tolerance`
- * has no gradient at a model that shows the unchanged photo. */
-struct sg_loss_params {
-    float lambda_dssim;
-    float tolerance;       /* 0..1, of the value range; 0: the target is the photo */
-    const uint8_t *target; /* host, height x width x 3 */
-    const uint8_t *mask;   /* host, height x width, or NULL */
-    const float *planes;   /* host, 3 planes: a target that is no photo, instead of `target`; or NULL */
-};
-
-struct sg_loss_value {
-    double l1, ssim; /* means over all values; masked-out pixels count as equal */
-    double mse;      /* on unclamped values */
-    double total;    /* (1 - lambda) l1 + lambda (1 - ssim) */
-};
-
-/* Of grey levels; a little more, so that photos exactly that far apart agree however both are rounded. */
-static inline float sg_loss_tolerance(float levels)
-{
-    return levels > 0 ? levels / 255 + 0x1p-20f : 0;
-}
-
-/* Equal images have an SSIM of 1, which its sum reaches up to rounding only. */
-static inline struct sg_loss_value sg_loss_value_of(double l1, double mse, double ssim, float lambda_dssim)
-{
-    const double s = l1 == 0 ? 1 : ssim, lambda = (double) lambda_dssim;
-    return (struct sg_loss_value){.l1 = l1, .ssim = s, .mse = mse, .total = (1 - lambda) * l1 + lambda * (1 - s)};
-}
+/* Host to engine. optimiser NULL: zeros. */
+int sg_engine_upload(struct sg_engine *e, const struct sg_model *model, const struct sg_optimiser *optimiser);
+/* The same, and takes the arrays of both, so that a host never holds them twice. */
+int sg_engine_adopt(struct sg_engine *e, struct sg_model *model, struct sg_optimiser *optimiser);
+/* Engine to host, objects of the present count and SH degree. What is NULL, an object or an array of the optimiser, is
+ * left out. */
+int sg_engine_download(struct sg_engine *e, struct sg_model *model, struct sg_optimiser *optimiser);
+size_t sg_engine_count(const struct sg_engine *e);
 
 /* What decides about Gaussians: where to put `count` values of each; any may be NULL. */
 struct sg_statistics {
@@ -72,6 +69,8 @@ struct sg_statistics {
     float *largest;      /* of the three scales, activated */
     float *log_smallest; /* of the three scales, its logarithm: as stored */
 };
+/* Engine to host. */
+int sg_engine_read_statistics(struct sg_engine *e, const struct sg_statistics *out);
 
 enum sg_edit_kind { SG_EDIT_COPY, SG_EDIT_CHILD };
 
@@ -86,95 +85,101 @@ struct sg_edit {
     bool statistics;        /* the survivors keep theirs, else all are cleared */
     uint64_t seed, stream;  /* of the children's positions: normal (seed, SG_RNG_SPLIT, stream, 3 entry + axis) */
 };
+/* Applies the edit to parameters, moments (appended: zero) and statistics. Where memory runs out the model is as it
+ * was, or edited and without moments. */
+int sg_engine_edit(struct sg_engine *e, const struct sg_edit *edit);
+/* Scales = max(scales, smallest), activated. */
+int sg_engine_floor_scale(struct sg_engine *e, float smallest);
+/* opacity = min(opacity, limit); zeroes the opacity moments. */
+int sg_engine_reset_opacity(struct sg_engine *e, float limit);
 
-struct sg_engine {
-    const struct sg_engine_ops *ops;
-    sg_ctx *ctx;
-    struct sg_train_times times; /* wall seconds per stage, summed */
+/* ---- photos ---- */
+
+/* Targets are handed over once and named by a handle; 0 is none. rgb: height x width x 3; mask: height x width, where
+ * 0 is a pixel that does not count, or NULL. Both must stay as they are until photo_drop. */
+typedef uint32_t sg_photo;
+int sg_engine_photo_add(struct sg_engine *e, int width, int height, const uint8_t *rgb, const uint8_t *mask,
+                        sg_photo *out);
+void sg_engine_photo_drop(struct sg_engine *e, sg_photo photo); /* 0: nothing */
+
+/* ---- the stages ---- */
+
+/* Every Gaussian on the screen; colours of SH degree sh_degree. */
+int sg_engine_project(struct sg_engine *e, const struct sg_camera *camera, int sh_degree,
+                      const struct sg_render_params *params);
+/* Which Gaussians each tile draws, front to back. */
+int sg_engine_bin(struct sg_engine *e);
+/* The image. auxiliary: alpha and depth too. */
+int sg_engine_raster(struct sg_engine *e, bool auxiliary);
+/* Project, bin, raster. */
+int sg_engine_draw(struct sg_engine *e, const struct sg_camera *camera, int sh_degree,
+                   const struct sg_render_params *params, bool auxiliary);
+/* Engine to host: 3 planes, 1 plane, 1 plane; alpha and depth may be NULL. */
+int sg_engine_read_image(struct sg_engine *e, float *rgb, float *alpha, float *depth);
+
+/* dL/dimage of the weighted sum of losses; see losses.h. The photo has the view's size. A photometric loss comes
+ * first. SG_ERR_USAGE where the list or the target is not as described. */
+int sg_engine_losses(struct sg_engine *e, const struct sg_target *target, const struct sg_loss *losses, size_t n);
+/* Host to engine: replaces dL/dimage (3 planes). */
+int sg_engine_write_image_gradient(struct sg_engine *e, const float *gradient);
+
+/* dL/dimage to gradients of the projected Gaussians. */
+int sg_engine_raster_backward(struct sg_engine *e);
+
+enum sg_group { SG_G_XYZ, SG_G_OPACITY, SG_G_SCALE, SG_G_ROT, SG_G_DC, SG_G_REST, SG_GROUPS };
+
+/* One Adam step per group: p -= rate m / (sqrt(v) root + eps), rate = lr / (1 - beta1^t), root = 1 / sqrt(1 - beta2^t).
+ * A group with rate 0 keeps its parameters and its moments. */
+struct sg_update {
+    bool adam; /* false: no group moves */
+    float rate[SG_GROUPS], root[SG_GROUPS];
+    bool statistics; /* add this view to grad_sum and grad_count */
+    bool accumulate; /* gradients add up over the updates without adam; the next one with adam takes the sum. Lost when
+                        the model is edited. */
 };
+/* Gradients of the projected Gaussians to those of the parameters, and a step of the optimiser. */
+int sg_engine_optimise(struct sg_engine *e, const struct sg_update *update);
+/* Engine to host: dL/d parameters of the view, in a model-shaped object. Before optimise. For tests and sensitivities.
+ */
+int sg_engine_read_gradients(struct sg_engine *e, struct sg_model *out);
 
-struct sg_engine_ops {
-    const char *name;
-    void (*destroy)(struct sg_engine *);
-    const char *(*variant)(const struct sg_engine *);
-
-    /* Host to device. optimiser NULL: zeros. */
-    int (*upload)(struct sg_engine *, const struct sg_model *, const struct sg_optimiser *);
-    /* The same, and takes the arrays of both, so that a host never holds them twice. */
-    int (*adopt)(struct sg_engine *, struct sg_model *, struct sg_optimiser *);
-    /* Device to host, objects of the present count and SH degree. What is NULL, an object or an array of the
-     * optimiser, is left out. */
-    int (*download)(struct sg_engine *, struct sg_model *, struct sg_optimiser *);
-    size_t (*count)(const struct sg_engine *);
-
-    /* Projects every Gaussian; colours of SH degree sh_degree. */
-    int (*project)(struct sg_engine *, const struct sg_camera *, int sh_degree, const struct sg_render_params *);
-    /* Tile lists and image. auxiliary: alpha and depth too. */
-    int (*rasterize)(struct sg_engine *, bool auxiliary, struct sg_render_stats *);
-    /* Device to host: 3 planes, 1 plane, 1 plane; alpha and depth may be NULL. */
-    int (*read_image)(struct sg_engine *, float *rgb, float *alpha, float *depth);
-
-    /* Photometric loss of the image and dL/dimage. */
-    int (*loss)(struct sg_engine *, const struct sg_loss_params *, struct sg_loss_value *);
-    /* Adds the gradients of the defense's losses to dL/dimage. */
-    int (*regularise)(struct sg_engine *, const struct sg_regulariser_params *, struct sg_regulariser_value *);
-    /* Host to device: replaces dL/dimage (3 planes). */
-    int (*write_image_gradient)(struct sg_engine *, const float *gradient);
-    /* dL/dimage to gradients of the splats. */
-    int (*rasterize_backward)(struct sg_engine *);
-    /* Gradients of the splats to parameters, fused with Adam: parameter gradients are never stored. */
-    int (*update)(struct sg_engine *, const struct sg_update *);
-    /* Device to host: dL/d parameters of the last view, in a model-shaped object. For tests and sensitivities. */
-    int (*read_gradients)(struct sg_engine *, struct sg_model *);
-
-    /* Device to host: hits over n views, one value per Gaussian. No colour is computed; the view that was being
-     * processed is lost. */
-    int (*count_hits)(struct sg_engine *, const struct sg_camera *const *views, size_t n,
-                      const struct sg_render_params *, enum sg_hit, double *hits);
-
-    /* Device to host. */
-    int (*read_statistics)(struct sg_engine *, const struct sg_statistics *);
-    /* Applies the edit to parameters, moments (appended: zero) and statistics. Where memory runs out the model is as
-     * it was, or edited and without moments. */
-    int (*edit)(struct sg_engine *, const struct sg_edit *);
-    /* Scales = max(scales, smallest), activated; for attacks. */
-    int (*floor_scale)(struct sg_engine *, float smallest);
-    /* opacity = min(opacity, limit); zeroes the opacity moments. */
-    int (*reset_opacity)(struct sg_engine *, float limit);
+/* Of the newest view and its losses, as far as its stages have run. */
+struct sg_step {
+    struct sg_render_stats stats;
+    struct sg_photometric_value photometric;
+    double loss[SG_LOSSES]; /* without their weights; NAN = not in the list */
 };
+/* Waits for all stages that were called; the only call that does, beside those that bring memory to the host. */
+int sg_engine_read_step(struct sg_engine *e, struct sg_step *out);
 
-struct cpu_kernels;
+/* Engine to host: hits over n views, one value per Gaussian. No colour is computed; the view that was being processed
+ * is lost. */
+int sg_engine_count_hits(struct sg_engine *e, const struct sg_camera *const *views, size_t n,
+                         const struct sg_render_params *params, enum sg_hit kind, double *hits);
 
-/* The kernels of an engine and variant, as below; *out: NULL with "ref". */
-int sg_engine_kernels(sg_ctx *ctx, const char *name, const char *cpu, const struct cpu_kernels **out);
-/* name: "cpu" or "ref", NULL = cpu; cpu: variant or NULL. Unknown or unsupported: SG_ERR_USAGE. */
-int sg_engine_create(sg_ctx *ctx, const char *name, const char *cpu, struct sg_engine **out);
-void sg_engine_destroy(struct sg_engine **engine);
+/* ---- images on their own ---- */
 
-int sg_engine_create_cpu(sg_ctx *ctx, const char *cpu, struct sg_engine **out);
-int sg_engine_create_ref(sg_ctx *ctx, struct sg_engine **out);
-
-/* Screen radius in whole pixels and the reference's tile rectangle [x0, x1) x [y0, y1) of it. Integer-exact on every
- * engine. False: the rectangle is empty. */
-struct sg_tile_rect {
-    int x0, y0, x1, y1;
+/* One step up the total variation of an image, all in host memory, 3 planes each:
+ * to = clamp(photo + clamp(from + step sgn(dTV/dfrom + extra) - photo, -epsilon, epsilon), 0, 1). */
+struct sg_ascend {
+    float epsilon, step;
+    enum sg_tv_form form;
+    int width, height;
+    const float *photo, *from;
+    const float *extra; /* NULL: zeros */
+    float *to;          /* not `from` */
 };
-static inline bool sg_tile_rect(float x, float y, float sigma, int grid_x, int grid_y, int *radius,
-                                struct sg_tile_rect *r)
-{
-    float rad = 3.0f * sigma;
-    rad = rad < 1e6f ? rad : 1e6f;
-    *radius = (int) rad + ((float) (int) rad < rad);
-    /* Clamped before the conversion: an int cannot hold every float. Truncation toward zero as in the reference. */
-    const float px = x < -1e8f ? -1e8f : x > 1e8f ? 1e8f : x, py = y < -1e8f ? -1e8f : y > 1e8f ? 1e8f : y;
-    const float fr = (float) *radius;
-#define SG_CLAMP_TILE(v, n) ((v) < 0 ? 0 : (v) > (n) ? (n) : (v))
-    r->x0 = SG_CLAMP_TILE((int) ((px - fr) / 16.0f), grid_x);
-    r->x1 = SG_CLAMP_TILE((int) ((px + fr + 15.0f) / 16.0f), grid_x);
-    r->y0 = SG_CLAMP_TILE((int) ((py - fr) / 16.0f), grid_y);
-    r->y1 = SG_CLAMP_TILE((int) ((py + fr + 15.0f) / 16.0f), grid_y);
-#undef SG_CLAMP_TILE
-    return r->x0 < r->x1 && r->y0 < r->y1;
-}
+int sg_engine_ascend(struct sg_engine *e, const struct sg_ascend *a);
+
+/* ---- clocks ---- */
+
+/* Seconds (wall clock) per stage since creation. */
+struct sg_engine_times {
+    double project, bin, raster, raster_backward, optimise, count;
+    double loss[SG_LOSSES];
+};
+struct sg_engine_times sg_engine_times(const struct sg_engine *e);
+/* Stopped clocks count nothing until they go on. */
+void sg_engine_stop_clocks(struct sg_engine *e, bool stop);
 
 #endif

@@ -14,8 +14,8 @@ struct sg_budget {
 };
 
 /* Of a run on this scene, whose images are in memory. leaving: bytes in use that will be free before the first step;
- * sums: it accumulates gradients. SG_ERR_BUDGET with an estimate where not even a small model fits. */
+ * accumulate: gradients add up over views. SG_ERR_BUDGET with an estimate where not even a small model fits. */
 int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *params, int sh_degree,
-                   uint64_t leaving, bool sums, struct sg_budget *out);
+                   uint64_t leaving, bool accumulate, struct sg_budget *out);
 
 #endif

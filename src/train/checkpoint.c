@@ -115,7 +115,7 @@ int sg_trainer_save(sg_trainer *t, const char *path)
     size_t bytes[PARTS];
     sizes_of(m->count, m->sh_degree, bytes);
     for (int i = 0; i < PARTS; i++) {
-        if ((code = t->engine->ops->download(t->engine, i == 0 ? m : NULL, &parts[i])))
+        if ((code = sg_engine_download(t->engine, i == 0 ? m : NULL, &parts[i])))
             goto done;
         put(&sink, m->params, bytes[i]);
     }
@@ -238,7 +238,7 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
                        c->path);
         goto done;
     }
-    if ((code = t->engine->ops->adopt(t->engine, m, &o)))
+    if ((code = sg_engine_adopt(t->engine, m, &o)))
         goto done;
     t->start_degree = h->start_degree;
     t->iteration = h->iteration;

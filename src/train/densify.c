@@ -48,7 +48,7 @@ static int make_room(struct sg_engine *engine, const struct sg_densify_params *p
         return code;
     *goes = short_of < most ? short_of : most;
     *goes = *goes < n ? *goes : n - 1;
-    uint8_t *stays = sg_alloc_raw(engine->ctx, SG_MEM_OPTIMISER, n, 1);
+    uint8_t *stays = sg_alloc_raw(sg_engine_ctx(engine), SG_MEM_OPTIMISER, n, 1);
     if (stays) {
         memset(stays, 1, n);
         sg_scores_remove(&scores, *goes, stays);
@@ -64,7 +64,7 @@ static int make_room(struct sg_engine *engine, const struct sg_densify_params *p
 static int choose_growth(struct sg_engine *engine, struct plan *plan, const float *gradient, size_t n, size_t room,
                          bool *limited)
 {
-    float *wishes = sg_alloc_raw(engine->ctx, SG_MEM_OPTIMISER, n, sizeof(*wishes));
+    float *wishes = sg_alloc_raw(sg_engine_ctx(engine), SG_MEM_OPTIMISER, n, sizeof(*wishes));
     size_t wish = 0, above = 0;
     if (!wishes)
         return SG_ERR_BUDGET;
@@ -91,8 +91,8 @@ static int choose_growth(struct sg_engine *engine, struct plan *plan, const floa
 
 int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p, struct sg_densify_result *result)
 {
-    sg_ctx *ctx = engine->ctx;
-    const size_t n = engine->ops->count(engine);
+    sg_ctx *ctx = sg_engine_ctx(engine);
+    const size_t n = sg_engine_count(engine);
     int code = SG_ERR_BUDGET;
     struct plan plan = {0};
     *result = (struct sg_densify_result){0};
@@ -103,7 +103,7 @@ int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p, stru
     if (!stats || !plan.keep || !plan.kind || !plan.source)
         goto done;
     float *gradient = stats, *opacity = stats + n, *scale = stats + 2 * n;
-    if ((code = engine->ops->read_statistics(
+    if ((code = sg_engine_read_statistics(
              engine, &(struct sg_statistics){.gradient = gradient, .opacity = opacity, .largest = scale})))
         goto done;
 
@@ -151,13 +151,13 @@ int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p, stru
         code = sg_fail(ctx, SG_ERR_INPUT, "train: every Gaussian became transparent: the scene cannot be fitted");
         goto done;
     }
-    code = engine->ops->edit(engine, &(struct sg_edit){.keep = plan.keep,
-                                                       .kept = kept,
-                                                       .appended = plan.appended,
-                                                       .source = plan.source,
-                                                       .kind = plan.kind,
-                                                       .seed = p->seed,
-                                                       .stream = p->stream});
+    code = sg_engine_edit(engine, &(struct sg_edit){.keep = plan.keep,
+                                                    .kept = kept,
+                                                    .appended = plan.appended,
+                                                    .source = plan.source,
+                                                    .kind = plan.kind,
+                                                    .seed = p->seed,
+                                                    .stream = p->stream});
 done:
     sg_free(stats);
     sg_free(plan.keep);

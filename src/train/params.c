@@ -73,6 +73,5 @@ int sg_train_check(sg_ctx *ctx, const struct sg_train_params *p)
         code = sg_check_max_gaussians(ctx, p->max_gaussians);
     if (!code)
         code = check_defense(ctx, &p->defense);
-    const struct cpu_kernels *kernels;
-    return code ? code : sg_engine_kernels(ctx, p->engine, p->cpu, &kernels);
+    return code ? code : sg_engine_check(ctx, p->engine, p->cpu);
 }

@@ -12,11 +12,11 @@ struct sg_renderer {
 int sg_renderer_borrow(struct sg_engine *engine, int sh_degree, const struct sg_render_params *params,
                        sg_renderer **out)
 {
-    *out = sg_alloc(engine->ctx, SG_MEM_MISC, 1, sizeof(**out));
+    *out = sg_alloc(sg_engine_ctx(engine), SG_MEM_MISC, 1, sizeof(**out));
     if (!*out)
         return SG_ERR_BUDGET;
     **out = (struct sg_renderer){
-        .ctx = engine->ctx, .engine = engine, .borrowed = true, .params = *params, .degree = sh_degree};
+        .ctx = sg_engine_ctx(engine), .engine = engine, .borrowed = true, .params = *params, .degree = sh_degree};
     return SG_OK;
 }
 
@@ -35,7 +35,7 @@ int sg_renderer_create(sg_ctx *ctx, const char *engine, const char *cpu, const s
     int code = sg_engine_create(ctx, engine ? engine : "cpu", cpu, &b);
     if (code)
         return code;
-    code = b->ops->upload(b, model, NULL);
+    code = sg_engine_upload(b, model, NULL);
     if (!code)
         code = sg_renderer_borrow(b, model->active_sh_degree, params ? params : &defaults, out);
     if (code)
@@ -65,14 +65,15 @@ int sg_render(sg_renderer *r, const struct sg_camera *camera, float *rgb, float 
     if (!(camera->fx > 0) || !(camera->fy > 0))
         return sg_fail(r->ctx, SG_ERR_USAGE, "render: found focal lengths %g and %g, expected positive ones",
                        camera->fx, camera->fy);
-    const struct sg_engine_ops *ops = r->engine->ops;
-    const struct sg_train_times times = r->engine->times;
-    int code = ops->project(r->engine, camera, r->degree, &r->params);
+    if (r->borrowed) /* what others draw with it is no stage of the owner's */
+        sg_engine_stop_clocks(r->engine, true);
+    int code = sg_engine_draw(r->engine, camera, r->degree, &r->params, alpha || depth);
     if (!code)
-        code = ops->rasterize(r->engine, alpha || depth, stats);
-    if (!code)
-        code = ops->read_image(r->engine, rgb, alpha, depth);
+        code = sg_engine_read_image(r->engine, rgb, alpha, depth);
+    struct sg_step step;
+    if (!code && stats && !(code = sg_engine_read_step(r->engine, &step)))
+        *stats = step.stats;
     if (r->borrowed)
-        r->engine->times = times;
+        sg_engine_stop_clocks(r->engine, false);
     return code;
 }

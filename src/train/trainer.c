@@ -77,9 +77,15 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
         (code = start->checkpoint ? sg_checkpoint_read(t, &saved) : sg_begin(t, start->initial)))
         goto fail;
     t->order = sg_alloc(ctx, SG_MEM_MISC, scene->n_train, sizeof(*t->order));
-    if (!t->order) {
+    t->photos = sg_alloc(ctx, SG_MEM_MISC, scene->n_train, sizeof(*t->photos));
+    if (!t->order || !t->photos) {
         code = SG_ERR_BUDGET;
         goto fail;
+    }
+    for (size_t i = 0; i < scene->n_train; i++) {
+        const struct sg_view *v = &scene->train[i];
+        if ((code = sg_engine_photo_add(t->engine, v->camera.width, v->camera.height, v->rgb, v->mask, &t->photos[i])))
+            goto fail;
     }
     sg_checkpoint_close(&saved);
     *out = t;
@@ -120,6 +126,7 @@ void sg_trainer_destroy(sg_trainer **trainer)
         return;
     sg_trainer *t = *trainer;
     sg_engine_destroy(&t->engine);
+    sg_free(t->photos);
     sg_free(t->order);
     sg_free(t);
     *trainer = NULL;
@@ -156,7 +163,7 @@ int sg_trainer_update(sg_trainer *t, const double *lr, bool hold_opacity, struct
         u.rate[g] = (float) (lr[g] / (1 - pow((double) SG_ADAM_BETA1, steps[g])));
         u.root[g] = (float) (1 / sqrt(1 - pow((double) SG_ADAM_BETA2, steps[g])));
     }
-    const int code = t->engine->ops->update(t->engine, &u);
+    const int code = sg_engine_optimise(t->engine, &u);
     if (!code)
         memcpy(t->adam_steps, steps, sizeof(steps));
     return code;
@@ -203,7 +210,7 @@ static double filter_share(const sg_trainer *t, int it)
         return d->rho;
     if (it >= until || !t->growths)
         return 0;
-    const double n = (double) t->engine->ops->count(t->engine);
+    const double n = (double) sg_engine_count(t->engine);
     const double first = t->filter_first ? (double) t->filter_first : n, spare = n > 0 ? 1 - first / 2 / n : 0;
     const double least = d->rho_least * (until - it) / (until - from);
     return fmax(fmin(-d->rho * t->growth * t->growths, 0.5), fmin(least, spare));
@@ -227,7 +234,7 @@ static int score_model(void *arg, struct sg_scores *out)
 /* A clock that stands still while hits are counted, which is a stage of its own. */
 static double seconds_not_counting(const sg_trainer *t)
 {
-    return sg_seconds() - t->engine->times.count;
+    return sg_seconds() - sg_engine_times(t->engine).count;
 }
 
 static int densify(sg_trainer *t, int it, const struct sg_render_params *render, struct sg_train_step *step)
@@ -235,7 +242,7 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
     const struct sg_train_params *p = &t->params;
     struct sg_densify_result r;
     const double start = seconds_not_counting(t);
-    const size_t n = t->engine->ops->count(t->engine);
+    const size_t n = sg_engine_count(t->engine);
     const int code =
         sg_densify(t->engine,
                    &(struct sg_densify_params){
@@ -254,7 +261,7 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
     const double grown = (double) (r.cloned + r.split) / (double) n;
     t->growth += (grown - t->growth) * (t->growth > 0 ? GROWTH_PACE : 1);
     t->growths += it > sg_filters_from(p);
-    t->engine->times.densify += seconds_not_counting(t) - start;
+    t->densify_seconds += seconds_not_counting(t) - start;
     return code;
 }
 
@@ -263,52 +270,50 @@ static int filter(sg_trainer *t, int it, const struct sg_render_params *render, 
     const struct sg_train_params *p = &t->params;
     const double start = seconds_not_counting(t);
     if (!t->filter_first)
-        t->filter_first = t->engine->ops->count(t->engine);
+        t->filter_first = sg_engine_count(t->engine);
     const int code = sg_filter(t->engine, t->scene, &p->defense, render, filter_share(t, it), p->seed, it, step);
-    t->engine->times.prune += seconds_not_counting(t) - start;
+    t->prune_seconds += seconds_not_counting(t) - start;
     t->growths = 0;
     return code;
 }
 
-static int regularise(sg_trainer *t, size_t view, struct sg_defense_step *step)
+/* The losses of a view; returns their number. */
+static size_t list_losses(const sg_trainer *t, size_t view, struct sg_loss out[SG_LOSSES])
 {
-    const struct sg_defense_params *d = &t->params.defense;
+    const struct sg_train_params *p = &t->params;
+    const struct sg_defense_params *d = &p->defense;
+    const float levels = p->tolerances ? p->tolerances[view] : p->tolerance;
     const double lambda = d->shares ? d->lambda * (double) d->shares[view] : d->lambda;
-    const struct sg_regulariser_params p = {.anisotropy = lambda * d->anisotropy_scale,
-                                            .total_variation = lambda * d->tv_scale,
-                                            .tv = d->tv,
-                                            .spectrum = d->spectrum,
-                                            .mask = t->scene->train[view].mask};
-    struct sg_regulariser_value value = {0};
-    const int code = t->engine->ops->regularise(t->engine, &p, &value);
-    step->anisotropy = value.anisotropy, step->total_variation = value.total_variation;
-    t->engine->times.anisotropy += value.anisotropy_seconds;
-    t->engine->times.total_variation += value.total_variation_seconds;
-    return code;
+    const double anisotropy = lambda * d->anisotropy_scale, tv = lambda * d->tv_scale;
+    size_t n = 0;
+    out[n++] = (struct sg_loss){
+        SG_LOSS_PHOTOMETRIC, 1, {.photometric = {p->lambda_dssim, .tolerance = sg_loss_tolerance(levels)}}};
+    if (d->on && anisotropy != 0)
+        out[n++] = (struct sg_loss){SG_LOSS_ANISOTROPY, anisotropy, {.anisotropy = d->spectrum}};
+    if (d->on && tv != 0)
+        out[n++] = (struct sg_loss){SG_LOSS_TOTAL_VARIATION, tv, {.total_variation = d->tv}};
+    return n;
 }
 
 int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
 {
     sg_clear_error(t->ctx);
     const struct sg_train_params *p = &t->params;
-    const struct sg_engine_ops *ops = t->engine->ops;
     const int before = t->iteration, it = next_iteration(t);
     struct sg_train_step step = {.iteration = it, .view = sg_trainer_pick_view(t, t->steps + 1)};
     const struct sg_view *view = &t->scene->train[step.view];
     struct sg_render_params render = {.max_instances = t->budget.instances, .reference_tiles = p->reference_tiles};
     const struct sg_defense_params *d = &p->defense;
-    const float levels = p->tolerances ? p->tolerances[step.view] : p->tolerance;
-    const struct sg_loss_params loss = {.lambda_dssim = p->lambda_dssim,
-                                        .tolerance = sg_loss_tolerance(levels),
-                                        .target = view->rgb,
-                                        .mask = view->mask};
-    struct sg_loss_value value;
+    struct sg_loss losses[SG_LOSSES];
+    const size_t n_losses = list_losses(t, step.view, losses);
+    const struct sg_target target = {.photo = t->photos[step.view]};
+    struct sg_step result;
     int code;
     background(t, it, render.background);
 
-    if ((code = ops->project(t->engine, &view->camera, sg_active_degree(p, t->start_degree, it), &render)) ||
-        (code = ops->rasterize(t->engine, false, &step.render)) || (code = ops->loss(t->engine, &loss, &value)) ||
-        (d->on && (code = regularise(t, step.view, &step.defense))) || (code = ops->rasterize_backward(t->engine)))
+    if ((code = sg_engine_draw(t->engine, &view->camera, sg_active_degree(p, t->start_degree, it), &render, false)) ||
+        (code = sg_engine_losses(t->engine, &target, losses, n_losses)) ||
+        (code = sg_engine_raster_backward(t->engine)))
         return code;
 
     /* The released code rebuilds every tensor when it densifies and the opacity tensor when it resets: gradients are
@@ -332,14 +337,22 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
         return code;
     if (filters && (code = filter(t, it, &render, &step.defense)))
         return code;
-    if (resets && (code = ops->reset_opacity(t->engine, SG_RESET_OPACITY)))
+    if (resets && (code = sg_engine_reset_opacity(t->engine, SG_RESET_OPACITY)))
         return code;
 
     t->iteration = it;
     t->steps++;
+    if ((code = sg_engine_read_step(t->engine, &result)))
+        return code;
+    const struct sg_photometric_value value = result.photometric;
+    step.render = result.stats;
+    if (d->on) {
+        step.defense.anisotropy = result.loss[SG_LOSS_ANISOTROPY];
+        step.defense.total_variation = result.loss[SG_LOSS_TOTAL_VARIATION];
+    }
     step.loss = value.total, step.l1 = value.l1, step.ssim = value.ssim;
     step.psnr = -10 * log10(value.mse > 1e-10 ? value.mse : 1e-10);
-    step.gaussians = ops->count(t->engine);
+    step.gaussians = sg_engine_count(t->engine);
     if (out)
         *out = step;
     return SG_OK;
@@ -361,17 +374,28 @@ void sg_trainer_limits(const sg_trainer *t, struct sg_train_limits *out)
 
 size_t sg_trainer_gaussians(const sg_trainer *t)
 {
-    return t->engine->ops->count(t->engine);
+    return sg_engine_count(t->engine);
 }
 
 void sg_trainer_times(const sg_trainer *t, struct sg_train_times *out)
 {
-    *out = t->engine->times;
+    const struct sg_engine_times e = sg_engine_times(t->engine);
+    *out = (struct sg_train_times){.project = e.project,
+                                   .bin = e.bin,
+                                   .raster = e.raster,
+                                   .loss = e.loss[SG_LOSS_PHOTOMETRIC],
+                                   .raster_backward = e.raster_backward,
+                                   .update = e.optimise,
+                                   .densify = t->densify_seconds,
+                                   .anisotropy = e.loss[SG_LOSS_ANISOTROPY],
+                                   .total_variation = e.loss[SG_LOSS_TOTAL_VARIATION],
+                                   .count = e.count,
+                                   .prune = t->prune_seconds};
 }
 
 const char *sg_trainer_variant(const sg_trainer *t)
 {
-    return t->engine->ops->variant(t->engine);
+    return sg_engine_variant(t->engine);
 }
 
 int sg_trainer_renderer(sg_trainer *t, sg_renderer **out)
@@ -390,7 +414,7 @@ int sg_trainer_model(sg_trainer *t, struct sg_model **out)
     int code = sg_model_create(t->ctx, sg_trainer_gaussians(t), t->sh_degree, out);
     if (code)
         return code;
-    if ((code = t->engine->ops->download(t->engine, *out, NULL)))
+    if ((code = sg_engine_download(t->engine, *out, NULL)))
         sg_model_destroy(out);
     else
         (*out)->active_sh_degree = sg_active_degree(&t->params, t->start_degree, t->iteration);

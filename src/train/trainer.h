@@ -29,7 +29,9 @@ struct sg_trainer {
     struct sg_budget budget;
     bool gaussians_bound, time_bound;
     int adam_steps[SG_GROUPS];
-    uint64_t epoch; /* that `order` is for */
+    sg_photo *photos;                      /* of the training views */
+    double densify_seconds, prune_seconds; /* the stages of its own */
+    uint64_t epoch;                        /* that `order` is for */
     uint32_t *order;
 };
 

@@ -1,6 +1,7 @@
 # Compiles kernels, engines and core for aarch64 with the tests that compare them with the oracle, and runs those.
 file(GLOB kernels ${SOURCE}/src/engine/cpu/kernels/*.c)
-file(GLOB sources ${SOURCE}/src/core/*.c ${SOURCE}/src/engine/*.c ${SOURCE}/src/engine/ref/*.c
+file(GLOB sources ${SOURCE}/src/core/*.c ${SOURCE}/src/engine/*.c ${SOURCE}/src/engine/host/*.c
+    ${SOURCE}/src/engine/ref/*.c
     ${SOURCE}/src/engine/cpu/*.c)
 set(flags -std=gnu11 -O2 -Wall -Wextra -Werror -Wno-psabi -fno-math-errno -fno-trapping-math -D_GNU_SOURCE
     -DSG_VERSION="${VERSION}" -I${SOURCE}/tests/neon -I${SOURCE}/include -I${SOURCE}/src -I${SOURCE}/tests)
@@ -8,10 +9,10 @@ file(MAKE_DIRECTORY ${BUILD})
 execute_process(COMMAND ${CC} ${flags} -DSG_ISA=neon -O3 -ffp-contract=fast -c ${kernels} WORKING_DIRECTORY ${BUILD}
     COMMAND_ERROR_IS_FATAL ANY)
 execute_process(COMMAND ${CC} ${flags} -ffp-contract=off -c ${sources} ${SOURCE}/src/model/store.c ${SOURCE}/src/model/init.c ${SOURCE}/src/model/nearest.c
-    ${SOURCE}/tests/neon/no_fft.c
+    ${SOURCE}/src/spectral/total_variation.c ${SOURCE}/tests/neon/no_fft.c
     WORKING_DIRECTORY ${BUILD} COMMAND_ERROR_IS_FATAL ANY)
 set(objects)
-foreach(source ${kernels} ${sources} store.c init.c nearest.c no_fft.c)
+foreach(source ${kernels} ${sources} store.c init.c nearest.c total_variation.c no_fft.c)
     get_filename_component(name ${source} NAME_WLE)
     list(APPEND objects ${BUILD}/${name}.o)
 endforeach()

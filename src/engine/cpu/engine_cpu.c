@@ -4,10 +4,11 @@
 #include <stdatomic.h>
 #include <string.h>
 
-#include "engine/host_model.h"
 #include "bin.h"
-#include "core/clock.h"
 #include "dispatch.h"
+#include "engine/host/host_model.h"
+#include "engine/host/image_losses.h"
+#include "engine/ops.h"
 
 #define BLOCKS_PER_PIECE 64 /* of SG_LANES Gaussians */
 
@@ -29,22 +30,15 @@ struct cpu_engine {
     size_t aux_pixels; /* alpha and depth */
     size_t loss_scratch_floats;
     size_t sums_rows;
-    struct sg_regulariser regulariser;
+    struct sg_image_losses image_losses;
 };
-
-static void lap(double *start, double *sum)
-{
-    const double now = sg_seconds();
-    *sum += now - *start;
-    *start = now;
-}
 
 static void destroy(struct sg_engine *base)
 {
     struct cpu_engine *b = (struct cpu_engine *) base;
     sg_host_clear(&b->model);
     sg_bins_clear(&b->bins);
-    sg_regulariser_clear(&b->regulariser);
+    sg_image_losses_clear(&b->image_losses);
     void *owned[] = {b->splats, b->slots,    b->band_sums,    b->rgb, b->alpha,
                      b->depth,  b->gradient, b->loss_scratch, b->sums};
     for (size_t i = 0; i < sizeof(owned) / sizeof(owned[0]); i++)
@@ -115,7 +109,6 @@ static int do_project(struct sg_engine *base, const struct sg_camera *camera, in
 {
     struct cpu_engine *b = (struct cpu_engine *) base;
     sg_ctx *ctx = base->ctx;
-    double clock = sg_seconds();
     b->camera = *camera;
     b->params = *params;
     b->degree = sh_degree;
@@ -141,10 +134,21 @@ static int do_project(struct sg_engine *base, const struct sg_camera *camera, in
                                .splats = b->splats,
                                .extents = b->bins.extents}};
     sg_parallel_for(ctx, pieces(n), project_piece, &job);
-    lap(&clock, &base->times.project);
-    const int code = sg_bins_make(ctx, &b->bins, b->splats, params->max_instances);
-    lap(&clock, &base->times.bin);
-    return code;
+    return SG_OK;
+}
+
+static int do_bin(struct sg_engine *base)
+{
+    struct cpu_engine *b = (struct cpu_engine *) base;
+    const int code = sg_bins_make(base->ctx, &b->bins, b->splats, b->params.max_instances);
+    if (code)
+        return code;
+    base->step.stats = (struct sg_render_stats){.visible = b->bins.visible,
+                                                .instances = b->bins.total,
+                                                .max_tile = b->bins.max_tile,
+                                                .bands = (uint32_t) b->bins.band_count};
+    /* The lists of one band are held at once. Those of several are made while they are needed. */
+    return b->bins.band_count == 1 ? sg_bins_band(base->ctx, &b->bins, 0) : SG_OK;
 }
 
 struct raster_job {
@@ -184,7 +188,7 @@ static size_t band_tiles(const struct cpu_engine *b, int band)
     return (size_t) (b->bins.bands[band].end - b->bins.bands[band].first);
 }
 
-static int rasterize(struct sg_engine *base, bool auxiliary, struct sg_render_stats *stats)
+static int raster(struct sg_engine *base, bool auxiliary)
 {
     struct cpu_engine *b = (struct cpu_engine *) base;
     sg_ctx *ctx = base->ctx;
@@ -197,23 +201,15 @@ static int rasterize(struct sg_engine *base, bool auxiliary, struct sg_render_st
         b->aux_pixels = pixels;
     }
     for (int band = 0; band < b->bins.band_count; band++) {
-        double clock = sg_seconds();
         if (sg_bins_band(ctx, &b->bins, band))
             return SG_ERR_BUDGET;
-        lap(&clock, &base->times.bin);
         struct raster_job job = {.kernel = b->kernels->raster, .args = raster_args(b, band)};
         if (auxiliary)
             job.args.alpha = b->alpha, job.args.depth = b->depth;
         sg_parallel_for(ctx, band_tiles(b, band), raster_tile, &job);
         pairs += job.pairs;
-        lap(&clock, &base->times.raster);
     }
-    if (stats)
-        *stats = (struct sg_render_stats){.visible = b->bins.visible,
-                                          .instances = b->bins.total,
-                                          .pairs = pairs,
-                                          .max_tile = b->bins.max_tile,
-                                          .bands = (uint32_t) b->bins.band_count};
+    base->step.stats.pairs = pairs;
     return SG_OK;
 }
 
@@ -251,10 +247,9 @@ static void loss_rows(void *arg, size_t piece, int thread)
                      j->scratch + (size_t) thread * CPU_LOSS_SCRATCH((size_t) j->args.width));
 }
 
-static int loss(struct sg_engine *base, const struct sg_loss_params *p, struct sg_loss_value *out)
+static int photometric(struct sg_engine *base, const struct sg_target_pixels *target, const struct sg_photometric *p)
 {
     struct cpu_engine *b = (struct cpu_engine *) base;
-    double clock = sg_seconds();
     const int height = b->camera.height, threads = sg_ctx_threads(base->ctx);
     const size_t scratch = (size_t) threads * CPU_LOSS_SCRATCH((size_t) b->camera.width);
     if (scratch > b->loss_scratch_floats) {
@@ -272,6 +267,7 @@ static int loss(struct sg_engine *base, const struct sg_loss_params *p, struct s
                            .args = {.width = b->camera.width,
                                     .height = height,
                                     .rgb = b->rgb,
+                                    .target = target,
                                     .params = p,
                                     .gradient = b->gradient,
                                     .sums = b->sums},
@@ -283,15 +279,19 @@ static int loss(struct sg_engine *base, const struct sg_loss_params *p, struct s
         for (int k = 0; k < 3; k++)
             sums[k] += b->sums[3 * row + k];
     const double values = 3.0 * (double) b->camera.width * (double) b->camera.height;
-    *out = sg_loss_value_of(sums[0] / values, sums[1] / values, sums[2] / values, p->lambda_dssim);
-    lap(&clock, &base->times.loss);
+    base->step.photometric =
+        sg_photometric_value_of(sums[0] / values, sums[1] / values, sums[2] / values, p->lambda_dssim);
+    base->step.loss[SG_LOSS_PHOTOMETRIC] = base->step.photometric.total;
     return SG_OK;
 }
 
-static int regularise(struct sg_engine *base, const struct sg_regulariser_params *p, struct sg_regulariser_value *out)
+static int loss(struct sg_engine *base, const struct sg_target_pixels *target, const struct sg_loss *l)
 {
     struct cpu_engine *b = (struct cpu_engine *) base;
-    return sg_regularise(base->ctx, &b->regulariser, p, b->rgb, b->camera.width, b->camera.height, b->gradient, out);
+    if (l->kind == SG_LOSS_PHOTOMETRIC)
+        return photometric(base, target, &l->photometric);
+    return sg_image_loss(base->ctx, &b->image_losses, l, b->rgb, b->camera.width, b->camera.height, target->mask,
+                         b->gradient, &base->step.loss[l->kind]);
 }
 
 static void band_sum_piece(void *arg, size_t piece, int thread)
@@ -305,7 +305,7 @@ static void band_sum_piece(void *arg, size_t piece, int thread)
                 b->band_sums[i * CPU_SLOT_FLOATS + j] += b->slots[k * CPU_SLOT_FLOATS + j];
 }
 
-static int rasterize_backward(struct sg_engine *base)
+static int raster_backward(struct sg_engine *base)
 {
     struct cpu_engine *b = (struct cpu_engine *) base;
     sg_ctx *ctx = base->ctx;
@@ -317,10 +317,8 @@ static int rasterize_backward(struct sg_engine *base)
         memset(b->band_sums, 0, b->model.count * CPU_SLOT_FLOATS * sizeof(float));
     }
     for (int band = 0; band < b->bins.band_count; band++) {
-        double clock = sg_seconds();
         if (sg_bins_band(ctx, &b->bins, band))
             return SG_ERR_BUDGET;
-        lap(&clock, &base->times.bin);
         const size_t instances = b->bins.tile_start[band_tiles(b, band)];
         if (sg_grow(ctx, SG_MEM_INSTANCES, &b->slots, &b->cap_slots, instances, 0, CPU_SLOT_FLOATS * sizeof(float)))
             return SG_ERR_BUDGET;
@@ -331,7 +329,6 @@ static int rasterize_backward(struct sg_engine *base)
         sg_parallel_for(ctx, band_tiles(b, band), raster_tile, &job);
         if (banded)
             sg_parallel_for(ctx, pieces(b->model.count), band_sum_piece, b);
-        lap(&clock, &base->times.raster_backward);
     }
     return SG_OK;
 }
@@ -416,8 +413,6 @@ static int count_hits(struct sg_engine *base, const struct sg_camera *const *vie
                       const struct sg_render_params *params, enum sg_hit kind, double *hits)
 {
     struct cpu_engine *b = (struct cpu_engine *) base;
-    const struct sg_train_times before = base->times;
-    double clock = sg_seconds();
     struct hit_job job = {.b = b, .hits = hits};
     memset(hits, 0, b->model.count * sizeof(*hits));
     if (kind == SG_HIT_VIEWS && !(job.seen = sg_alloc_raw(base->ctx, SG_MEM_SPLATS, b->model.count, 1)))
@@ -426,24 +421,20 @@ static int count_hits(struct sg_engine *base, const struct sg_camera *const *vie
     for (size_t v = 0; v < n && !code; v++) {
         if (job.seen)
             memset(job.seen, 0, b->model.count);
-        if (!(code = do_project(base, views[v], 0, params)))
+        if (!(code = do_project(base, views[v], 0, params)) && !(code = do_bin(base)))
             code = count_view(b, kind, &job);
     }
     sg_free(job.seen);
-    base->times = before; /* counting is its own stage */
-    lap(&clock, &base->times.count);
     return code;
 }
 
-static int update(struct sg_engine *base, const struct sg_update *u)
+static int optimise(struct sg_engine *base, const struct sg_update *u)
 {
-    double clock = sg_seconds();
     struct sg_host_model *h = &((struct cpu_engine *) base)->model;
     if (sg_host_learn(base->ctx, h) || (u->accumulate && sg_host_keep_gradients(base->ctx, h)))
         return SG_ERR_BUDGET;
     if (u->adam || u->statistics || u->accumulate)
         run_update((struct cpu_engine *) base, u, NULL);
-    lap(&clock, &base->times.update);
     return SG_OK;
 }
 
@@ -478,6 +469,29 @@ static int reset_opacity(struct sg_engine *base, float limit)
     return SG_OK;
 }
 
+struct ascend_job {
+    const struct cpu_kernels *kernels;
+    const struct sg_ascend *args;
+};
+
+#define ASCEND_ROWS 16 /* a piece of work */
+
+static void ascend_piece(void *arg, size_t piece, int thread)
+{
+    (void) thread;
+    const struct ascend_job *j = arg;
+    const size_t first = piece * ASCEND_ROWS, all = 3 * (size_t) j->args->height;
+    for (size_t r = first; r < first + ASCEND_ROWS && r < all; r++)
+        j->kernels->ascend(j->args, r);
+}
+
+static int ascend(struct sg_engine *base, const struct sg_ascend *a)
+{
+    struct ascend_job job = {((struct cpu_engine *) base)->kernels, a};
+    sg_parallel_for(base->ctx, (3 * (size_t) a->height + ASCEND_ROWS - 1) / ASCEND_ROWS, ascend_piece, &job);
+    return SG_OK;
+}
+
 static const struct sg_engine_ops ops = {
     .name = "cpu",
     .destroy = destroy,
@@ -486,26 +500,27 @@ static const struct sg_engine_ops ops = {
     .adopt = adopt,
     .download = download,
     .count = count,
-    .project = do_project,
-    .rasterize = rasterize,
-    .read_image = read_image,
-    .loss = loss,
-    .regularise = regularise,
-    .write_image_gradient = write_image_gradient,
-    .rasterize_backward = rasterize_backward,
-    .update = update,
-    .count_hits = count_hits,
-    .read_gradients = read_gradients,
     .read_statistics = read_statistics,
     .edit = edit,
     .floor_scale = floor_scale,
     .reset_opacity = reset_opacity,
+    .project = do_project,
+    .bin = do_bin,
+    .raster = raster,
+    .read_image = read_image,
+    .loss = loss,
+    .write_image_gradient = write_image_gradient,
+    .raster_backward = raster_backward,
+    .optimise = optimise,
+    .read_gradients = read_gradients,
+    .count_hits = count_hits,
+    .ascend = ascend,
 };
 
-int sg_engine_create_cpu(sg_ctx *ctx, const char *cpu, struct sg_engine **out)
+static int create(sg_ctx *ctx, const char *variant_name, struct sg_engine **out)
 {
     const struct cpu_kernels *kernels;
-    int code = sg_cpu_select(ctx, cpu, &kernels);
+    const int code = sg_cpu_select(ctx, variant_name, &kernels);
     if (code)
         return code;
     struct cpu_engine *b = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*b));
@@ -517,3 +532,48 @@ int sg_engine_create_cpu(sg_ctx *ctx, const char *cpu, struct sg_engine **out)
     *out = &b->base;
     return SG_OK;
 }
+
+static int check(sg_ctx *ctx, const char *variant_name)
+{
+    const struct cpu_kernels *kernels;
+    return sg_cpu_select(ctx, variant_name, &kernels);
+}
+
+static int variants(const char *out[SG_ENGINE_VARIANTS])
+{
+    const struct cpu_kernels *kernels[SG_ENGINE_VARIANTS];
+    const int n = sg_cpu_variants(kernels);
+    for (int i = 0; i < n; i++)
+        out[i] = kernels[i]->name;
+    return n;
+}
+
+/* sg_grow may hold half as much again as it needs. */
+#define GROWN(bytes) ((bytes) + (bytes) / 2)
+#define SLOT_BYTES (CPU_SLOT_FLOATS * sizeof(float))
+
+static struct sg_footprint footprint(const struct sg_work *w)
+{
+    const uint64_t planes = (uint64_t) sg_param_count(w->sh_degree) * sizeof(float);
+    const uint64_t width = (uint64_t) w->width, pixels = width * (uint64_t) w->height;
+    /* Parameters, two moments and sums of gradients; an edit, or a checkpoint, has one array more, and all statistics
+     * twice. */
+    const uint64_t model = (w->accumulate ? 5 : 4) * planes + 4 * sizeof(float);
+    const uint64_t projection = sizeof(struct cpu_splat) + sizeof(struct cpu_extent) + sizeof(uint32_t) +
+                                2 * sizeof(struct bin_entry) + SLOT_BYTES; /* slot: of the bands' sums */
+    const uint64_t instance = sizeof(struct cpu_instance) + sizeof(uint16_t) + SLOT_BYTES;
+    const uint64_t pixel = 5 * 3 * sizeof(float) + 2 * sizeof(float); /* image, gradient, spectra; alpha, depth */
+    /* Rows of the loss and of the transforms. */
+    const uint64_t column = sizeof(float) * CPU_LOSS_SCRATCH_ROWS + 4 * 16 + 64;
+    return (struct sg_footprint){.gaussian = model + GROWN(projection),
+                                 .instance = GROWN(instance),
+                                 .view = pixels * pixel + (uint64_t) w->threads * width * column};
+}
+
+const struct sg_engine_kind sg_engine_cpu = {
+    .name = "cpu",
+    .create = create,
+    .check = check,
+    .variants = variants,
+    .footprint = footprint,
+};

@@ -3,7 +3,7 @@
 #ifndef SG_CPU_KERNELS_H
 #define SG_CPU_KERNELS_H
 
-#include "engine/engine.h"
+#include "engine/ops.h"
 
 /* One projected Gaussian: a cache line; undefined where the extent says that it is not visible. With the conic as a sum
  * of squares (math/tiles.h), log2 of opacity x Gaussian is peak - (across dx - shear dy)^2 - (down dy)^2: above the
@@ -77,24 +77,17 @@ struct cpu_update_args {
 
 struct cpu_loss_args {
     int width, height;
-    float *rgb; /* is only read */
-    const struct sg_loss_params *params;
+    const float *rgb;
+    const struct sg_target_pixels *target;
+    const struct sg_photometric *params;
     float *gradient; /* 3 planes */
     double *sums;    /* |d|, d^2, S per channel and row */
 };
 
 #define CPU_LOSS_STEP 16 /* rows at a time */
 #define CPU_LOSS_STRIDE(width) (((width) + 15) / 16 * 16)
-#define CPU_LOSS_SCRATCH(width) ((4 * CPU_LOSS_STEP + 50) * CPU_LOSS_STRIDE(width)) /* floats */
-
-struct cpu_ascend_args {
-    float epsilon, step;
-    int form; /* enum sg_tv_form */
-    int width, height;
-    const float *photo, *from; /* 3 planes each */
-    const float *extra;        /* NULL, or 3 planes to add to the gradient */
-    float *to;
-};
+#define CPU_LOSS_SCRATCH_ROWS (4 * CPU_LOSS_STEP + 50)
+#define CPU_LOSS_SCRATCH(width) (CPU_LOSS_SCRATCH_ROWS * CPU_LOSS_STRIDE(width)) /* floats */
 
 struct cpu_kernels {
     const char *name;
@@ -107,7 +100,7 @@ struct cpu_kernels {
     /* Rows first to end - 1 of a channel: sums and gradient. scratch: CPU_LOSS_SCRATCH(width) floats. */
     void (*loss)(const struct cpu_loss_args *, int channel, int first, int end, float *scratch);
     /* One of the 3 x height rows. */
-    void (*ascend)(const struct cpu_ascend_args *, size_t row);
+    void (*ascend)(const struct sg_ascend *, size_t row);
 };
 
 extern const struct cpu_kernels sg_cpu_kernels_baseline, sg_cpu_kernels_avx2, sg_cpu_kernels_avx512,

@@ -2,10 +2,11 @@
 /* The scalar engine: ref/render.h behind the stage table. Slow on purpose. */
 #include <string.h>
 
-#include "core/clock.h"
 #include "math/real_f32.h"
 
-#include "engine/host_model.h"
+#include "engine/host/host_model.h"
+#include "engine/host/image_losses.h"
+#include "engine/ops.h"
 #include "math/adam.h"
 #include "math/photometric.h"
 #include "render.h"
@@ -23,14 +24,14 @@ struct ref_engine {
     struct view view;
     struct sg_render_params params;
     int degree, grid_x, grid_y;
-    struct sg_regulariser regulariser;
+    struct sg_image_losses image_losses;
 };
 
 static void destroy(struct sg_engine *base)
 {
     struct ref_engine *b = (struct ref_engine *) base;
     sg_host_clear(&b->model);
-    sg_regulariser_clear(&b->regulariser);
+    sg_image_losses_clear(&b->image_losses);
     sg_free(b->splats);
     sg_free(b->list);
     sg_free(b->image.rgb);
@@ -152,20 +153,25 @@ static void pixel_backward(struct ref_engine *b, size_t entries, int x, int y)
     ref_pixel_backward(b->splats, b->list, x, y, b->params.background, &b->image, b->gradient);
 }
 
-static int rasterize(struct sg_engine *base, bool auxiliary, struct sg_render_stats *stats)
+/* Each tile's list is made when the tile is drawn. */
+static int do_bin(struct sg_engine *base)
 {
-    (void) auxiliary;
     struct ref_engine *b = (struct ref_engine *) base;
     struct sg_render_stats s = {.bands = 1};
     for (size_t i = 0; i < b->model.count; i++)
         s.visible += b->splats[i].radius > 0;
-    each_pixel(b, &s, pixel_forward);
-    if (stats)
-        *stats = s;
+    base->step.stats = s;
     return SG_OK;
 }
 
-static int rasterize_backward(struct sg_engine *base)
+static int raster(struct sg_engine *base, bool auxiliary)
+{
+    (void) auxiliary;
+    each_pixel((struct ref_engine *) base, &base->step.stats, pixel_forward);
+    return SG_OK;
+}
+
+static int raster_backward(struct sg_engine *base)
 {
     struct ref_engine *b = (struct ref_engine *) base;
     for (size_t i = 0; i < b->model.count; i++) {
@@ -212,7 +218,7 @@ static float window_sum(const float *values, int stride, int width, int height, 
     return (float) sum;
 }
 
-static int loss(struct sg_engine *base, const struct sg_loss_params *p, struct sg_loss_value *out)
+static int photometric(struct sg_engine *base, const struct sg_target_pixels *target, const struct sg_photometric *p)
 {
     struct ref_engine *b = (struct ref_engine *) base;
     const int w = b->image.width, h = b->image.height;
@@ -225,9 +231,9 @@ static int loss(struct sg_engine *base, const struct sg_loss_params *p, struct s
         float *grad = b->gradient + (size_t) ch * n;
         for (size_t i = 0; i < n; i++) {
             X[i] = img[i];
-            Y[i] = p->mask && !p->mask[i] ? img[i]
-                   : p->planes            ? p->planes[(size_t) ch * n + i]
-                                          : (float) p->target[3 * i + (size_t) ch] / 255.0f;
+            Y[i] = target->mask && !target->mask[i] ? img[i]
+                   : target->planes                 ? target->planes[(size_t) ch * n + i]
+                                                    : (float) target->rgb[3 * i + (size_t) ch] / 255.0f;
             if (p->tolerance > 0)
                 Y[i] = fminf(fmaxf(X[i], Y[i] - p->tolerance), Y[i] + p->tolerance);
             const float d = X[i] - Y[i];
@@ -260,12 +266,22 @@ static int loss(struct sg_engine *base, const struct sg_loss_params *p, struct s
                 grad[at] -= p->lambda_dssim * unit * ds;
             }
         for (size_t i = 0; i < n; i++)
-            if ((p->mask && !p->mask[i]) || (p->tolerance > 0 && X[i] == Y[i]))
+            if ((target->mask && !target->mask[i]) || (p->tolerance > 0 && X[i] == Y[i]))
                 grad[i] = 0; /* the target is the image itself there: no pull */
     }
     const double values = 3 * (double) n;
-    *out = sg_loss_value_of(l1 / values, mse / values, ssim / values, p->lambda_dssim);
+    base->step.photometric = sg_photometric_value_of(l1 / values, mse / values, ssim / values, p->lambda_dssim);
+    base->step.loss[SG_LOSS_PHOTOMETRIC] = base->step.photometric.total;
     return SG_OK;
+}
+
+static int loss(struct sg_engine *base, const struct sg_target_pixels *target, const struct sg_loss *l)
+{
+    struct ref_engine *b = (struct ref_engine *) base;
+    if (l->kind == SG_LOSS_PHOTOMETRIC)
+        return photometric(base, target, &l->photometric);
+    return sg_image_loss(base->ctx, &b->image_losses, l, b->image.rgb, b->image.width, b->image.height, target->mask,
+                         b->gradient, &base->step.loss[l->kind]);
 }
 
 static void pixel_pairs(struct ref_engine *b, size_t entries, int x, int y)
@@ -282,7 +298,6 @@ static int count_hits(struct sg_engine *base, const struct sg_camera *const *vie
                       const struct sg_render_params *params, enum sg_hit kind, double *hits)
 {
     struct ref_engine *b = (struct ref_engine *) base;
-    const double start = sg_seconds();
     memset(hits, 0, b->model.count * sizeof(*hits));
     for (size_t v = 0; v < n; v++) {
         const int code = do_project(base, views[v], 0, params);
@@ -292,18 +307,10 @@ static int count_hits(struct sg_engine *base, const struct sg_camera *const *vie
         for (size_t i = 0; i < b->model.count; i++)
             hits[i] += kind == SG_HIT_VIEWS ? b->splats[i].hits > 0 : b->splats[i].hits;
     }
-    base->times.count += sg_seconds() - start;
     return SG_OK;
 }
 
-static int regularise(struct sg_engine *base, const struct sg_regulariser_params *p, struct sg_regulariser_value *out)
-{
-    struct ref_engine *b = (struct ref_engine *) base;
-    return sg_regularise(base->ctx, &b->regulariser, p, b->image.rgb, b->image.width, b->image.height, b->gradient,
-                         out);
-}
-
-static int update(struct sg_engine *base, const struct sg_update *u)
+static int optimise(struct sg_engine *base, const struct sg_update *u)
 {
     struct ref_engine *b = (struct ref_engine *) base;
     struct sg_host_model *h = &b->model;
@@ -380,24 +387,25 @@ static const struct sg_engine_ops ops = {
     .adopt = adopt,
     .download = download,
     .count = count,
-    .project = do_project,
-    .rasterize = rasterize,
-    .read_image = read_image,
-    .loss = loss,
-    .regularise = regularise,
-    .write_image_gradient = write_image_gradient,
-    .rasterize_backward = rasterize_backward,
-    .update = update,
-    .count_hits = count_hits,
-    .read_gradients = read_gradients,
     .read_statistics = read_statistics,
     .edit = edit,
     .floor_scale = floor_scale,
     .reset_opacity = reset_opacity,
+    .project = do_project,
+    .bin = do_bin,
+    .raster = raster,
+    .read_image = read_image,
+    .loss = loss,
+    .write_image_gradient = write_image_gradient,
+    .raster_backward = raster_backward,
+    .optimise = optimise,
+    .read_gradients = read_gradients,
+    .count_hits = count_hits,
 };
 
-int sg_engine_create_ref(sg_ctx *ctx, struct sg_engine **out)
+static int create(sg_ctx *ctx, const char *variant_name, struct sg_engine **out)
 {
+    (void) variant_name;
     struct ref_engine *b = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*b));
     if (!b)
         return SG_ERR_BUDGET;
@@ -405,3 +413,16 @@ int sg_engine_create_ref(sg_ctx *ctx, struct sg_engine **out)
     *out = &b->base;
     return SG_OK;
 }
+
+static struct sg_footprint footprint(const struct sg_work *w)
+{
+    const uint64_t planes = (uint64_t) sg_param_count(w->sh_degree) * sizeof(float);
+    const uint64_t projection = sizeof(struct ref_splat) + sizeof(struct ref_entry);
+    return (struct sg_footprint){
+        /* As of the CPU engine: an edit has one array of planes more, and statistics twice. */
+        .gaussian = (w->accumulate ? 5 : 4) * planes + 4 * sizeof(float) + projection + projection / 2,
+        .view = (uint64_t) w->width * (uint64_t) w->height * (21 * sizeof(float) + sizeof(int)),
+    };
+}
+
+const struct sg_engine_kind sg_engine_ref = {.name = "ref", .create = create, .footprint = footprint};

@@ -9,7 +9,8 @@
 
 #include "math/projection.h"
 #include "math/sh.h"
-#include "engine/engine.h"
+#include "math/tile_rect.h"
+#include "splatguard/model.h"
 
 struct ref_splat {
     struct splat s;

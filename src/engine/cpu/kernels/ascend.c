@@ -2,8 +2,6 @@
 /* A step up the total variation, a row at a time: sg_tv_gradient_row and the projection of sg_ascend in one pass. */
 #include "kernels.h"
 
-#include "splatguard/attack.h"
-
 /* LANES pixels of a row with those to their left and right; at the ends of the row, themselves. */
 struct run {
     real left, here, right;
@@ -42,7 +40,7 @@ SIMD real gradient(enum sg_tv_form form, struct run above, struct run row, struc
     return form == SG_TV_ANISO ? vertical + sign(row.here - row.left) + sign(row.here - row.right) : vertical;
 }
 
-SIMD void ascend(const struct cpu_ascend_args *a, size_t r, enum sg_tv_form form)
+SIMD void ascend(const struct sg_ascend *a, size_t r, enum sg_tv_form form)
 {
     const int w = a->width, y = (int) (r % (size_t) a->height);
     const size_t at = r * (size_t) w;
@@ -64,7 +62,7 @@ SIMD void ascend(const struct cpu_ascend_args *a, size_t r, enum sg_tv_form form
     }
 }
 
-void KERNEL(ascend)(const struct cpu_ascend_args *a, size_t row)
+void KERNEL(ascend)(const struct sg_ascend *a, size_t row)
 {
     switch (a->form) {
     case SG_TV_ISO:

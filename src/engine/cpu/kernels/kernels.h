@@ -18,6 +18,6 @@ uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *, int);
 uint64_t KERNEL(raster_count)(const struct cpu_raster_args *, int);
 void KERNEL(update)(const struct cpu_update_args *, size_t, size_t);
 void KERNEL(loss)(const struct cpu_loss_args *, int, int, int, float *);
-void KERNEL(ascend)(const struct cpu_ascend_args *, size_t);
+void KERNEL(ascend)(const struct sg_ascend *, size_t);
 
 #endif

@@ -226,7 +226,7 @@ SIMD void backward(const struct cpu_loss_args *a, const struct band *image, cons
             const size_t at = (size_t) (y + r) * (size_t) w + (size_t) c;
             const float *const d[3] = {windowed[0][r] + PAD, windowed[1][r] + PAD, windowed[2][r] + PAD};
             gradient_row(band_row(image, y + r) + c, band_row(target, y + r) + c, d,
-                         a->params->mask ? a->params->mask + at : NULL, a->params->tolerance > 0, l1, dssim, width,
+                         a->target->mask ? a->target->mask + at : NULL, a->params->tolerance > 0, l1, dssim, width,
                          gradient + at);
         }
     }
@@ -238,9 +238,9 @@ SIMD void next_target(const struct cpu_loss_args *a, int channel, struct band *t
     const int y = target->end++;
     const size_t row = (size_t) y * (size_t) a->width, plane = (size_t) a->width * (size_t) a->height;
     const float *x = a->rgb + (size_t) channel * plane + row;
-    const float *values = a->params->planes ? a->params->planes + (size_t) channel * plane + row : NULL;
-    const uint8_t *used = a->params->mask ? a->params->mask + row : NULL;
-    const uint8_t *bytes = a->params->target + 3 * row + channel;
+    const float *values = a->target->planes ? a->target->planes + (size_t) channel * plane + row : NULL;
+    const uint8_t *used = a->target->mask ? a->target->mask + row : NULL;
+    const uint8_t *bytes = a->target->rgb + 3 * row + channel;
     float *out = band_row(target, y);
     for (int i = 0; i < a->width; i++)
         out[i] = used && !used[i] ? x[i] : values ? values[i] : (float) bytes[3 * i] * (1.0f / 255.0f);
@@ -267,7 +267,7 @@ void KERNEL(loss)(const struct cpu_loss_args *a, int channel, int first, int end
     const int w = a->width, h = a->height;
     const ptrdiff_t stride = CPU_LOSS_STRIDE(w);
     const size_t plane = (size_t) channel * (size_t) w * (size_t) h;
-    const struct band image = {a->rgb + plane, w, w, 0, h};
+    const struct band image = {(float *) a->rgb + plane, w, w, 0, h}; /* is only read */
     const int top = most(first - SG_SSIM_RADIUS, 0), above = most(top - SG_SSIM_RADIUS, 0);
     struct band target = {scratch, stride, w, above, above}, maps[3];
     scratch += (CPU_LOSS_STEP + 4 * SG_SSIM_RADIUS) * stride;

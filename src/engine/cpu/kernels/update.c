@@ -3,7 +3,7 @@
  * and parameter gradients live in registers and L1 only. */
 #include "kernels.h"
 
-#include "engine/host_model.h"
+#include "engine/host/host_model.h"
 #include "math/adam.h"
 #include "math/projection.h"
 #include "math/sh.h"

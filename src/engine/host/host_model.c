@@ -8,6 +8,29 @@
 #include "math/constants.h"
 #include "morton.h"
 
+int sg_optimiser_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_optimiser *o)
+{
+    const size_t capacity = (count + SG_LANES - 1) / SG_LANES * SG_LANES, planes = (size_t) sg_param_count(sh_degree);
+    *o = (struct sg_optimiser){.capacity = capacity};
+    o->m = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, planes * sizeof(float));
+    o->v = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, planes * sizeof(float));
+    o->grad_sum = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
+    o->grad_count = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
+    if (o->m && o->v && o->grad_sum && o->grad_count)
+        return SG_OK;
+    sg_optimiser_clear(o);
+    return SG_ERR_BUDGET;
+}
+
+void sg_optimiser_clear(struct sg_optimiser *o)
+{
+    sg_free(o->m);
+    sg_free(o->v);
+    sg_free(o->grad_sum);
+    sg_free(o->grad_count);
+    *o = (struct sg_optimiser){0};
+}
+
 static size_t block_bytes(const struct sg_host_model *h)
 {
     return (size_t) h->planes * SG_LANES * sizeof(float);

@@ -3,7 +3,7 @@
 #ifndef SG_HOST_MODEL_H
 #define SG_HOST_MODEL_H
 
-#include "engine.h"
+#include "engine/engine.h"
 
 struct sg_host_model {
     size_t count, capacity; /* Gaussians; capacity is a multiple of SG_LANES */

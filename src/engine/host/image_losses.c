@@ -1,0 +1,47 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "image_losses.h"
+
+#include "spectral/total_variation.h"
+
+static int anisotropy(sg_ctx *ctx, struct sg_image_losses *s, const struct sg_loss *loss, const float *planes,
+                      int width, int height, float *gradient, double *out)
+{
+    struct sg_anisotropy *plan;
+    const int code = sg_plans_find(ctx, &s->plans, &loss->anisotropy, width, height, &plan);
+    if (!code)
+        *out = sg_anisotropy_loss(plan, planes, loss->weight, gradient);
+    return code;
+}
+
+static int total_variation(sg_ctx *ctx, struct sg_image_losses *s, const struct sg_loss *loss, const float *planes,
+                           int width, int height, float *gradient, double *out)
+{
+    if (sg_grow(ctx, SG_MEM_FRAME, &s->rows, &s->cap_rows, 6 * (size_t) height, 0, sizeof(double)))
+        return SG_ERR_BUDGET;
+    *out = sg_tv_loss(ctx, planes, width, height, loss->total_variation, loss->weight, gradient, s->rows);
+    return SG_OK;
+}
+
+void sg_mask_gradient(const uint8_t *mask, size_t pixels, float *gradient)
+{
+    for (size_t i = 0; mask && i < pixels; i++)
+        if (!mask[i])
+            gradient[i] = gradient[pixels + i] = gradient[2 * pixels + i] = 0;
+}
+
+int sg_image_loss(sg_ctx *ctx, struct sg_image_losses *s, const struct sg_loss *loss, const float *planes, int width,
+                  int height, const uint8_t *mask, float *gradient, double *out)
+{
+    const int code = (loss->kind == SG_LOSS_ANISOTROPY ? anisotropy : total_variation)(ctx, s, loss, planes, width,
+                                                                                       height, gradient, out);
+    if (!code)
+        sg_mask_gradient(mask, (size_t) width * (size_t) height, gradient);
+    return code;
+}
+
+void sg_image_losses_clear(struct sg_image_losses *s)
+{
+    sg_plans_clear(&s->plans);
+    sg_free(s->rows);
+    *s = (struct sg_image_losses){0};
+}

@@ -1,0 +1,24 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The losses on an image in host memory that need no target: anisotropy of its spectrum and total variation. */
+#ifndef SG_HOST_IMAGE_LOSSES_H
+#define SG_HOST_IMAGE_LOSSES_H
+
+#include "engine/losses.h"
+#include "spectral/plans.h"
+
+/* What is kept from call to call; start zeroed. Thread safety: unsafe. */
+struct sg_image_losses {
+    struct sg_plans plans;
+    double *rows;
+    size_t cap_rows;
+};
+
+/* The loss without its weight. Adds the weighted gradient to `gradient`, and then clears it where the mask (height x
+ * width, or NULL) is 0. planes, gradient: 3 planes. Same bytes for any number of threads. Errors: SG_ERR_BUDGET. */
+int sg_image_loss(sg_ctx *ctx, struct sg_image_losses *state, const struct sg_loss *loss, const float *planes,
+                  int width, int height, const uint8_t *mask, float *gradient, double *out);
+/* The last part of it, for other implementations. */
+void sg_mask_gradient(const uint8_t *mask, size_t pixels, float *gradient);
+void sg_image_losses_clear(struct sg_image_losses *state);
+
+#endif

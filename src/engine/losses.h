@@ -1,0 +1,59 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What a render is compared with, and by which losses. */
+#ifndef SG_ENGINE_LOSSES_H
+#define SG_ENGINE_LOSSES_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "splatguard/spectrum.h"
+#include "splatguard/variation.h"
+
+/* 0 of the photo's mask are pixels that do not count: equal to the render, with no gradient. */
+struct sg_target {
+    uint32_t photo;      /* a handle, or 0 with planes */
+    const float *planes; /* host, 3 planes: an image instead of the photo's; or NULL */
+};
+
+enum sg_loss_kind { SG_LOSS_PHOTOMETRIC, SG_LOSS_ANISOTROPY, SG_LOSS_TOTAL_VARIATION, SG_LOSSES };
+
+/* (1 - lambda) L1 + lambda (1 - SSIM). The target of a value is the nearest to the render within `tolerance` of the
+ * photo, for L1 and SSIM alike. It counts as a constant, and a value that is its own target has no gradient. So a
+ * change of the photo by at most `tolerance` has no gradient at a model that shows the unchanged photo. */
+struct sg_photometric {
+    float lambda_dssim;
+    float tolerance; /* 0..1, of the value range; 0: the target is the photo */
+};
+
+struct sg_photometric_value {
+    double l1, ssim; /* means over all values; masked-out pixels count as equal */
+    double mse;      /* on unclamped values */
+    double total;    /* (1 - lambda) l1 + lambda (1 - ssim) */
+};
+
+struct sg_loss {
+    enum sg_loss_kind kind;
+    double weight; /* of a photometric loss always 1 */
+    union {
+        struct sg_photometric photometric;
+        struct sg_anisotropy_params anisotropy; /* the same in all calls */
+        enum sg_tv_norm total_variation;
+    };
+};
+
+/* Of grey levels; a little more, so that photos exactly that far apart agree however both are rounded. */
+static inline float sg_loss_tolerance(float levels)
+{
+    return levels > 0 ? levels / 255 + 0x1p-20f : 0;
+}
+
+/* Equal images have an SSIM of 1, which its sum reaches up to rounding only. */
+static inline struct sg_photometric_value sg_photometric_value_of(double l1, double mse, double ssim,
+                                                                  float lambda_dssim)
+{
+    const double s = l1 == 0 ? 1 : ssim, lambda = (double) lambda_dssim;
+    return (struct sg_photometric_value){
+        .l1 = l1, .ssim = s, .mse = mse, .total = (1 - lambda) * l1 + lambda * (1 - s)};
+}
+
+#endif

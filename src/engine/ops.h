@@ -1,0 +1,91 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What an engine implements. Only src/engine includes this; everybody else calls the functions of engine.h, which check
+ * their arguments and the order of the stages, run the clocks and stand in for optional operations. */
+#ifndef SG_ENGINE_OPS_H
+#define SG_ENGINE_OPS_H
+
+#include "engine.h"
+#include "registry.h"
+
+/* What a photo handle stands for. */
+struct sg_photo_entry {
+    int width, height;
+    const uint8_t *rgb, *mask; /* host; rgb NULL: the handle is free */
+};
+
+/* A target with its handle looked up. Either rgb or planes. */
+struct sg_target_pixels {
+    sg_photo photo;
+    const uint8_t *rgb;  /* host, height x width x 3 */
+    const uint8_t *mask; /* host, height x width, or NULL */
+    const float *planes; /* host, 3 planes */
+};
+
+/* The beginning of every engine's own structure. */
+struct sg_engine {
+    const struct sg_engine_ops *ops;
+    sg_ctx *ctx;
+    /* of the front end */
+    unsigned ready; /* what the stages have left: enum sg_ready in engine.c */
+    int width, height;
+    struct sg_photo_entry *photos; /* of handle k + 1 */
+    size_t photo_count, photo_capacity;
+    bool clocks_stopped;
+    /* Written by the front end, and by operations that have several stages. */
+    struct sg_engine_times times;
+    struct sg_step step; /* stages that are done when their call returns leave their results here */
+};
+
+/* A mark "optional" means that the pointer may be NULL; the comment says what happens then. Stages may return before
+ * their work is done; read_step and what brings memory to the host wait for it. */
+struct sg_engine_ops {
+    const char *name;
+    void (*destroy)(struct sg_engine *);
+    const char *(*variant)(const struct sg_engine *);
+
+    int (*upload)(struct sg_engine *, const struct sg_model *, const struct sg_optimiser *);
+    int (*adopt)(struct sg_engine *, struct sg_model *, struct sg_optimiser *); /* optional: upload, and free both */
+    int (*download)(struct sg_engine *, struct sg_model *, struct sg_optimiser *);
+    size_t (*count)(const struct sg_engine *);
+    int (*read_statistics)(struct sg_engine *, const struct sg_statistics *);
+    int (*edit)(struct sg_engine *, const struct sg_edit *);
+    int (*floor_scale)(struct sg_engine *, float smallest);
+    int (*reset_opacity)(struct sg_engine *, float limit);
+
+    /* Optional: an engine in host memory reads the photos where they are. */
+    int (*photo_add)(struct sg_engine *, sg_photo, const struct sg_photo_entry *);
+    void (*photo_drop)(struct sg_engine *, sg_photo);
+
+    int (*project)(struct sg_engine *, const struct sg_camera *, int sh_degree, const struct sg_render_params *);
+    int (*bin)(struct sg_engine *);
+    int (*raster)(struct sg_engine *, bool auxiliary);
+    int (*read_image)(struct sg_engine *, float *rgb, float *alpha, float *depth);
+    /* One of the list. A photometric loss replaces dL/dimage; the others add to it and leave 0 where the mask is 0. */
+    int (*loss)(struct sg_engine *, const struct sg_target_pixels *, const struct sg_loss *);
+    int (*write_image_gradient)(struct sg_engine *, const float *gradient);
+    int (*raster_backward)(struct sg_engine *);
+    int (*optimise)(struct sg_engine *, const struct sg_update *);
+    int (*read_gradients)(struct sg_engine *, struct sg_model *);
+    int (*read_step)(struct sg_engine *); /* optional: all results are in `step` already */
+
+    int (*count_hits)(struct sg_engine *, const struct sg_camera *const *, size_t n, const struct sg_render_params *,
+                      enum sg_hit, double *hits);
+    int (*ascend)(struct sg_engine *, const struct sg_ascend *); /* optional: the oracle's */
+};
+
+/* An engine that this build has. */
+struct sg_engine_kind {
+    const char *name;
+    int (*create)(sg_ctx *ctx, const char *variant, struct sg_engine **out);
+    /* SG_ERR_USAGE for a variant that is not known or does not run here; NULL is the best one. */
+    int (*check)(sg_ctx *ctx, const char *variant);
+    /* Names of the variants that run here, slowest first; returns their number. */
+    int (*variants)(const char *out[SG_ENGINE_VARIANTS]);
+    struct sg_footprint (*footprint)(const struct sg_work *);
+};
+extern const struct sg_engine_kind sg_engine_cpu, sg_engine_ref;
+
+/* The scalar step, over the context's threads. */
+void sg_ref_ascend(sg_ctx *ctx, const struct sg_ascend *a);
+
+#endif

@@ -1,0 +1,43 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "registry.h"
+
+#include <string.h>
+
+#include "ops.h"
+
+static const struct sg_engine_kind *const kinds[] = {&sg_engine_cpu, &sg_engine_ref};
+#define KINDS (sizeof(kinds) / sizeof(kinds[0]))
+
+static const struct sg_engine_kind *find(const char *name)
+{
+    for (size_t i = 0; i < KINDS; i++)
+        if (!name || !strcmp(name, kinds[i]->name))
+            return kinds[i];
+    return NULL;
+}
+
+const struct sg_engine_kind *sg_engine_find(sg_ctx *ctx, const char *name)
+{
+    const struct sg_engine_kind *kind = find(name);
+    char list[64] = "";
+    for (size_t i = 0; !kind && i < KINDS; i++) {
+        strcat(list, i ? i + 1 < KINDS ? ", " : " or " : "");
+        strcat(list, kinds[i]->name);
+    }
+    if (!kind)
+        sg_fail(ctx, SG_ERR_USAGE, "engine: found \"%s\", expected %s", name, list);
+    return kind;
+}
+
+int sg_engine_names(const char *out[SG_ENGINES])
+{
+    for (size_t i = 0; i < KINDS; i++)
+        out[i] = kinds[i]->name;
+    return (int) KINDS;
+}
+
+int sg_engine_variants(const char *name, const char *out[SG_ENGINE_VARIANTS])
+{
+    const struct sg_engine_kind *kind = find(name);
+    return kind && kind->variants ? kind->variants(out) : 0;
+}
