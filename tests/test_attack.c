@@ -307,11 +307,26 @@ static void test_resume(void **state)
         assert_int_equal(sg_attack_save(first, path), SG_OK);
         assert_int_equal(sg_attack_resume(f->ctx, &f->scene, path, &p, &second), SG_OK);
         assert_int_equal(sg_attack_iteration(second), 45);
+        sg_trainer *training;
+        assert_int_equal(sg_trainer_resume(f->ctx, &f->scene, path, NULL, &training), SG_ERR_INPUT);
+        assert_non_null(strstr(sg_last_error(f->ctx), "found a checkpoint of an attack, expected one of a training"));
+        assert_null(training);
         advance(f, second, 55);
         assert_int_equal(sg_attack_decoy(whole, &a), SG_OK);
         assert_int_equal(sg_attack_decoy(second, &b), SG_OK);
         assert_int_equal(a->count, b->count);
         assert_memory_equal(a->params, b->params, a->capacity * (size_t) sg_param_count(1) * sizeof(float));
+        sg_attack *other;
+        struct sg_attack_params q = p;
+        q.step = 0.5f;
+        assert_int_equal(sg_attack_resume(f->ctx, &f->scene, path, &q, &other), SG_ERR_INPUT);
+        assert_non_null(strstr(sg_last_error(f->ctx), "other parameters"));
+        assert_int_equal(sg_trainer_create(f->ctx, &f->scene, f->proxy, NULL, &training), SG_OK);
+        assert_int_equal(sg_trainer_save(training, path), SG_OK);
+        sg_trainer_destroy(&training);
+        assert_int_equal(sg_attack_resume(f->ctx, &f->scene, path, &p, &other), SG_ERR_INPUT);
+        assert_non_null(strstr(sg_last_error(f->ctx), "found a checkpoint of a training, expected one of an attack"));
+        assert_null(other);
         if (interval > 1) {
             advance(f, first, 1);
             assert_int_equal(sg_attack_save(first, path), SG_ERR_USAGE); /* gradients are being summed */

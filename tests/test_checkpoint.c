@@ -10,9 +10,7 @@
 #include "train/trainer.h"
 
 #define SIDE 20
-#define HEADER                                                                                                         \
-    120 /* of the format: magic, count, degree, iteration, 6 step counters, start degree, cameras, seed, views, extent \
-         */
+#define HEADER 152 /* bytes of the format before its arrays */
 #define AT_COUNT 8
 #define AT_DEGREE 16
 #define AT_ITERATION 20
@@ -25,6 +23,9 @@
 #define AT_SPENT 88
 #define AT_GROWTH 96
 #define AT_GROWTHS 112
+#define AT_PARAMETERS 128
+#define AT_STRENGTH 136
+#define AT_KIND 144
 
 struct fixture {
     sg_ctx *ctx;
@@ -185,6 +186,10 @@ static void test_sealed_lies(void **state)
         {"negative number of growths", AT_GROWTHS, (uint32_t) -1, 4},
         {"more growths than iterations", AT_GROWTHS, 4, 4},
         {"NaN growth", AT_GROWTH, 0x7ff8000000000000u, 8},
+        {"other parameters", AT_PARAMETERS, 1, 8},
+        {"another strength of the defense", AT_STRENGTH, 1, 8},
+        {"a checkpoint of an attack", AT_KIND, 1, 4},
+        {"an unknown kind", AT_KIND, 2, 4},
         {"NaN extent", AT_EXTENT, 0x7ff8000000000000u, 8},
     };
     for (size_t i = 0; i < sizeof(lies) / sizeof(lies[0]); i++) {
@@ -219,6 +224,37 @@ static void test_sealed_garbage(void **state)
     sg_trainer_destroy(&t);
 }
 
+/* A run goes on with its own parameters, limits aside. */
+static void test_other_parameters(void **state)
+{
+    struct fixture *f = *state;
+    sg_trainer *t;
+    for (int i = 0; i < 8; i++) {
+        struct sg_train_params p = sg_train_params_default();
+        const bool same = i >= 5;
+        p.lambda_dssim = i == 0 ? 0.5f : p.lambda_dssim;
+        p.feature_lr = i == 1 ? 0.01f : p.feature_lr;
+        p.defense.on = i == 2;
+        p.defense.lambda = i == 3 ? 1 : p.defense.lambda;
+        p.tolerance = i == 4 ? 2 : 0;
+        p.iterations = i == 5 ? 100 : p.iterations;
+        p.max_gaussians = i == 6 ? 50 : 0;
+        p.engine = i == 7 ? "ref" : p.engine;
+        const int code = sg_trainer_resume(f->ctx, &f->scene, f->path, &p, &t);
+        if (code != (same ? SG_OK : SG_ERR_INPUT))
+            fail_msg("case %d: resuming returned %d", i, code);
+        if (!same)
+            assert_non_null(strstr(sg_last_error(f->ctx), f->path));
+        sg_trainer_destroy(&t);
+    }
+    /* What an audit has derived from the photos may follow other photos. */
+    struct sg_train_params p = sg_train_params_default();
+    p.defense.lambda = 1;
+    f->views[0].rgb[0] ^= 1;
+    assert_int_equal(sg_trainer_resume(f->ctx, &f->scene, f->path, &p, &t), SG_OK);
+    sg_trainer_destroy(&t);
+}
+
 static void test_other_files(void **state)
 {
     struct fixture *f = *state;
@@ -236,7 +272,7 @@ int main(void)
 #define ONE(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
     const struct CMUnitTest tests[] = {
         ONE(test_every_cut),      ONE(test_every_flip),  ONE(test_sealed_lies),
-        ONE(test_sealed_garbage), ONE(test_other_files),
+        ONE(test_sealed_garbage), ONE(test_other_files), ONE(test_other_parameters),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

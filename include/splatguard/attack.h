@@ -75,7 +75,8 @@ typedef struct sg_attack sg_attack;
 int sg_attack_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *proxy,
                      const struct sg_attack_params *params, sg_attack **out);
 /* From a file of sg_attack_save, with the same scene and params: goes on to the very bytes of an uninterrupted one.
- * Errors: those of sg_attack_create; SG_ERR_INPUT for a file that is no checkpoint of this scene and attack. */
+ * Iterations, limits and engine may differ. Errors: those of sg_attack_create; SG_ERR_INPUT for a file that is no
+ * checkpoint of this scene and attack, or of one with other parameters. */
 int sg_attack_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path, const struct sg_attack_params *params,
                      sg_attack **out);
 void sg_attack_destroy(sg_attack **attack);

@@ -100,8 +100,10 @@ typedef struct sg_trainer sg_trainer;
 int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
                       const struct sg_train_params *params, sg_trainer **out);
 /* From a file of sg_trainer_save, with the same scene and params: goes on to the very bytes of an uninterrupted run.
- * Limits and iterations may differ, and then the bytes do (the last iteration of a run takes no step). Errors: those of
- * sg_trainer_create; SG_ERR_INPUT for a file that is no checkpoint of this scene and run. */
+ * Limits, iterations, engine and sh_degree may differ, and then the bytes do (the last iteration of a run takes no
+ * step); where the photos differ from those at the time of saving, so may tolerance, rho, rho_least, frequency and
+ * lambda. Errors: those of sg_trainer_create; SG_ERR_INPUT for a file that is no checkpoint of this scene and run, or
+ * of one with other parameters. */
 int sg_trainer_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path, const struct sg_train_params *params,
                       sg_trainer **out);
 void sg_trainer_destroy(sg_trainer **trainer);

@@ -60,6 +60,30 @@ int sg_attack_check(sg_ctx *ctx, const struct sg_attack_params *p)
     return code ? code : sg_engine_check(ctx, p->engine, p->cpu);
 }
 
+static struct sg_identity identity_of(const struct sg_attack_params *p)
+{
+    const double numbers[] = {
+        (double) p->epsilon,
+        p->inner,
+        (double) p->step,
+        p->tv,
+        (double) p->spectral_weight,
+        (double) p->scale_floor,
+        p->update_interval,
+        p->move_positions,
+        (double) p->lambda_dssim,
+        (double) p->feature_lr,
+        (double) p->opacity_lr,
+        (double) p->scaling_lr,
+        (double) p->rotation_lr,
+        (double) p->percent_dense,
+        p->densification_interval,
+        (double) p->densify_grad_threshold,
+    };
+    return (struct sg_identity){.kind = SG_RUN_ATTACK,
+                                .parameters = sg_hash_numbers(numbers, sizeof(numbers) / sizeof(numbers[0]))};
+}
+
 static int allocate(sg_attack *a, const struct sg_scene *scene)
 {
     sg_ctx *ctx = a->ctx;
@@ -95,6 +119,8 @@ static int open_attack(sg_ctx *ctx, const struct sg_scene *scene, struct sg_trai
         return SG_ERR_BUDGET;
     a->params = p;
     a->ctx = ctx;
+    const struct sg_identity identity = identity_of(&p);
+    start.identity = &identity;
     start.sums = p.update_interval > 1;
     struct sg_train_params decoy = sg_train_params_default();
     decoy.iterations = p.iterations, decoy.seed = p.seed, decoy.lambda_dssim = p.lambda_dssim;

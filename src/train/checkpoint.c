@@ -11,7 +11,7 @@
 #include "core/file.h"
 #include "trainer.h"
 
-#define MAGIC "SGCKPT\0\6" /* the last byte is the version */
+#define MAGIC "SGCKPT\0\7" /* the last byte is the version */
 
 #define MAX_ITERATION 10000000 /* of struct sg_train_params; counting on from it overflows nothing */
 
@@ -102,7 +102,10 @@ int sg_trainer_save(sg_trainer *t, const char *path)
                                      .time_bound = t->time_bound,
                                      .growths = t->growths,
                                      .photos = photos_hash(t->scene),
-                                     .filter_first = t->filter_first};
+                                     .filter_first = t->filter_first,
+                                     .parameters = t->identity.parameters,
+                                     .strength = t->identity.strength,
+                                     .kind = t->identity.kind};
     memcpy(h.magic, MAGIC, sizeof(h.magic));
     for (int g = 0; g < SG_GROUPS; g++)
         h.adam_steps[g] = t->adam_steps[g];
@@ -131,6 +134,10 @@ done:
 static int check_header(const sg_trainer *t, FILE *f, const char *path, const struct sg_checkpoint_header *h)
 {
     sg_ctx *ctx = t->ctx;
+    static const char *const kinds[] = {[SG_RUN_TRAINING] = "a training", [SG_RUN_ATTACK] = "an attack"};
+    if (h->kind > SG_RUN_ATTACK || h->kind != t->identity.kind)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found a checkpoint of %s, expected one of %s", path,
+                       h->kind > SG_RUN_ATTACK ? "an unknown kind" : kinds[h->kind], kinds[t->identity.kind]);
     if (h->sh_degree < 0 || h->sh_degree > 3 || h->start_degree < 0 || h->start_degree > h->sh_degree ||
         h->views != t->scene->n_train || h->seed != t->params.seed || h->extent != t->extent || !h->count)
         return sg_fail(
@@ -144,9 +151,16 @@ static int check_header(const sg_trainer *t, FILE *f, const char *path, const st
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found a run on other training views, expected those of %s", path,
                        t->scene->path);
 
-    /* Another decoder is no reason to refuse. */
+    if (h->parameters != t->identity.parameters)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found a run with other parameters, expected those of this run", path);
+
+    /* Another decoder is no reason to refuse, nor is a defense that an audit adapted to what it decodes. */
     if (h->photos != photos_hash(t->scene))
         sg_log(ctx, SG_LOG_WARN, "%s: the run began with other photos than %s has now", path, t->scene->path);
+    else if (h->strength != t->identity.strength)
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found a run with another tolerance or strength of the defense, expected those of this run",
+                       path);
 
     if (!counters_sound(h))
         return sg_fail(

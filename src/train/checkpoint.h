@@ -22,6 +22,8 @@ struct sg_checkpoint_header {
     int32_t growths;
     uint32_t photos; /* hash of the training views' pixels and masks */
     uint64_t filter_first;
+    uint64_t parameters, strength; /* struct sg_identity */
+    uint32_t kind, zero;
 };
 
 struct sg_checkpoint {

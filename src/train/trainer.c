@@ -63,6 +63,7 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
     if (code)
         goto fail;
     t->params.clock = t->params.clock ? t->params.clock : system_clock;
+    t->identity = start->identity ? *start->identity : sg_train_identity(&t->params);
     t->started = t->params.clock(t->params.clock_arg);
     t->spent = t->params.seconds_before;
     if (start->checkpoint && (code = sg_checkpoint_open(t, start->checkpoint, &saved)))

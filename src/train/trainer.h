@@ -4,6 +4,7 @@
 
 #include "engine/engine.h"
 #include "budget.h"
+#include "identity.h"
 #include "splatguard/train.h"
 
 /* All of a run's state is here and in the engine; random draws depend on the iteration only. */
@@ -11,6 +12,7 @@ struct sg_trainer {
     sg_ctx *ctx;
     const struct sg_scene *scene;
     struct sg_train_params params;
+    struct sg_identity identity;
     struct sg_engine *engine;
     double extent;
     int sh_degree;    /* stored */
@@ -39,6 +41,7 @@ struct sg_trainer {
 struct sg_trainer_start {
     const struct sg_model *initial; /* NULL: the scene's points, or random ones */
     const char *checkpoint;         /* instead, unless NULL */
+    const struct sg_identity *identity; /* of the run; NULL: a training with these parameters */
     bool sums;                      /* gradients will be summed over views (struct sg_update, accumulate) */
 };
 

@@ -1,0 +1,56 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "identity.h"
+
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+uint64_t sg_hash_numbers(const double *numbers, size_t n)
+{
+    return XXH3_64bits(numbers, n * sizeof(*numbers));
+}
+
+struct sg_identity sg_train_identity(const struct sg_train_params *p)
+{
+    const struct sg_defense_params *d = &p->defense;
+    const double numbers[] = {p->sh_interval,
+                              p->white_background,
+                              p->random_background,
+                              (double) p->lambda_dssim,
+                              (double) p->position_lr_init,
+                              (double) p->position_lr_final,
+                              p->position_lr_max_steps,
+                              (double) p->feature_lr,
+                              (double) p->opacity_lr,
+                              (double) p->scaling_lr,
+                              (double) p->rotation_lr,
+                              (double) p->percent_dense,
+                              p->densification_interval,
+                              p->densify_from_iter,
+                              p->densify_until_iter,
+                              (double) p->densify_grad_threshold,
+                              p->opacity_reset_interval,
+                              p->reference_tiles,
+                              d->on,
+                              d->exponent,
+                              d->views,
+                              d->interval,
+                              d->from,
+                              d->until,
+                              d->sigma,
+                              d->hit,
+                              d->rule,
+                              d->sample,
+                              d->anisotropy_scale,
+                              d->tv_scale,
+                              d->tv,
+                              d->spectrum.band.low,
+                              d->spectrum.band.high,
+                              d->spectrum.band.bins,
+                              d->spectrum.energy,
+                              d->spectrum.channels,
+                              d->spectrum.exact_size};
+    const double strength[] = {(double) p->tolerance, d->rho, d->rho_least, d->frequency, d->lambda};
+    return (struct sg_identity){.kind = SG_RUN_TRAINING,
+                                .parameters = sg_hash_numbers(numbers, sizeof(numbers) / sizeof(numbers[0])),
+                                .strength = sg_hash_numbers(strength, sizeof(strength) / sizeof(strength[0]))};
+}
