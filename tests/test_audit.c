@@ -336,6 +336,27 @@ static void test_memory(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* One photo that memory does not suffice for, among small ones that it does: the error says so. */
+static void test_true_cause(void **state)
+{
+    (void) state;
+    struct sg_view views[8];
+    for (int i = 0; i < 8; i++)
+        views[i] = (struct sg_view){.camera = {.width = i == 2 ? W : 16, .height = i == 2 ? H : 16}, .rgb = image};
+    const struct sg_scene scene = {.path = (char *) "folder", .train = views, .n_train = 8};
+    for (int threads = 1; threads <= 4; threads += 3) {
+        sg_ctx *ctx;
+        struct sg_audit *a;
+        assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = threads, .max_memory = 32 << 10}),
+                         SG_OK);
+        assert_int_equal(sg_audit_scene(ctx, &scene, &a), SG_ERR_BUDGET);
+        assert_null(a);
+        assert_non_null(strstr(sg_last_error(ctx), "limit 32768"));
+        assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+        sg_ctx_destroy(&ctx);
+    }
+}
+
 /* A photo of which the mask leaves nothing has no verdict, and a set of such photos neither. */
 static void test_unseen(void **state)
 {
@@ -371,6 +392,7 @@ int main(void)
                                        cmocka_unit_test(test_verdicts),  cmocka_unit_test(test_no_vote),
                                        cmocka_unit_test(test_spared),    cmocka_unit_test(test_consistency),
                                        cmocka_unit_test(test_amplitude), cmocka_unit_test(test_reasons),
-                                       cmocka_unit_test(test_memory),    cmocka_unit_test(test_unseen)};
+                                       cmocka_unit_test(test_memory),    cmocka_unit_test(test_unseen),
+                                       cmocka_unit_test(test_true_cause)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -54,8 +54,7 @@ struct sg_spectrum {
 };
 
 /* rgb: height x width x 3. params may be NULL. amplitude: NULL, or height x width floats for ln(1 + |DFT|) of the
- * channels' mean, zero frequency at [height / 2][width / 2]. Errors: SG_ERR_USAGE, SG_ERR_BUDGET. The plans are made
- * one at a time, so that several threads may measure at once in one context, whose last error is then anyone's. */
+ * channels' mean, zero frequency at [height / 2][width / 2]. Errors: SG_ERR_USAGE, SG_ERR_BUDGET. */
 int sg_spectrum_measure(sg_ctx *ctx, const uint8_t *rgb, int width, int height, const struct sg_spectrum_params *params,
                         struct sg_spectrum *out, float *amplitude);
 

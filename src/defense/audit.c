@@ -258,19 +258,18 @@ int sg_audit_scene(sg_ctx *ctx, const struct sg_scene *scene, struct sg_audit **
     if (!code) {
         a->count = scene->n_train;
         sg_parallel_for(ctx, a->count, audit_view, &(struct audit_job){ctx, scene, a, codes});
-        for (size_t i = 0; i < a->count; i++) {
+        sg_clear_error(ctx); /* of photos that are measured again */
+        for (size_t i = 0; i < a->count && !code; i++) {
             if (codes[i] == SG_ERR_BUDGET) /* all threads at once were too many */
                 audit_view(&(struct audit_job){ctx, scene, a, codes}, i, 0);
-            code = code ? code : codes[i];
+            code = codes[i];
             a->verdicts[a->images[i].verdict]++;
         }
         code = code ? code : conclude(ctx, a);
     }
     sg_free(codes);
-    if (code) { /* another thread's measurement may have cleared the message */
-        sg_fail(ctx, code, "%s: audit: a photo could not be measured", scene->path);
+    if (code)
         sg_audit_destroy(&a);
-    }
     *out = a;
     return code;
 }

@@ -8,6 +8,7 @@
 
 #include "audit_photo.h"
 #include "core/internal.h"
+#include "spectral/fft.h"
 
 #define BLOCK 16 /* pixels of the photo */
 #define UNIT 4   /* values are quarters of grey levels, so that means of four pixels are kept */
@@ -264,7 +265,7 @@ int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int w
     struct plane p = {.mask = mask, .w = (size_t) width, .h = (size_t) height, .block = BLOCK};
     struct sg_spectrum spectrum;
     *out = (struct sg_audit_features){0};
-    int code = sg_spectrum_measure(ctx, rgb, width, height, NULL, &spectrum, NULL);
+    int code = sg_spectrum_of(ctx, rgb, width, height, NULL, &spectrum, NULL);
     if (code)
         return code;
     p.values = sg_alloc_raw(ctx, SG_MEM_FRAME, p.w * p.h, sizeof(*p.values));

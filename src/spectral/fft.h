@@ -31,6 +31,10 @@ void sg_fft_forget(fftwf_plan plan); /* may be NULL */
  * Nyquist lines have none. That of its conjugate is bins / 2 further. */
 int sg_spectrum_bin(int u, int v, int width, int height, const struct sg_spectrum_params *p, int outside);
 
+/* sg_spectrum_measure for worker threads: it keeps the error of another. */
+int sg_spectrum_of(sg_ctx *ctx, const uint8_t *rgb, int width, int height, const struct sg_spectrum_params *params,
+                   struct sg_spectrum *out, float *amplitude);
+
 /* |frequency| of that coefficient as a part of the Nyquist frequency. */
 double sg_spectrum_radius(int u, int v, int width, int height);
 

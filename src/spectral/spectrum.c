@@ -69,12 +69,11 @@ struct sg_spectrum_params sg_spectrum_params_default(void)
     return (struct sg_spectrum_params){SG_SPECTRUM_DEFAULTS};
 }
 
-int sg_spectrum_measure(sg_ctx *ctx, const uint8_t *rgb, int width, int height, const struct sg_spectrum_params *params,
-                        struct sg_spectrum *out, float *amplitude)
+int sg_spectrum_of(sg_ctx *ctx, const uint8_t *rgb, int width, int height, const struct sg_spectrum_params *params,
+                   struct sg_spectrum *out, float *amplitude)
 {
     const struct sg_spectrum_params p = params ? *params : sg_spectrum_params_default();
     const size_t pixels = (size_t) width * (size_t) height;
-    sg_clear_error(ctx);
     if (!(p.low >= 0 && p.high >= p.low && p.high <= 1) || p.bins < 2 || p.bins > SG_SPECTRUM_BINS_MAX || p.bins % 2)
         return sg_fail(
             ctx, SG_ERR_USAGE,
@@ -104,4 +103,11 @@ int sg_spectrum_measure(sg_ctx *ctx, const uint8_t *rgb, int width, int height, 
     sg_free(image);
     sg_free(f);
     return code;
+}
+
+int sg_spectrum_measure(sg_ctx *ctx, const uint8_t *rgb, int width, int height, const struct sg_spectrum_params *params,
+                        struct sg_spectrum *out, float *amplitude)
+{
+    sg_clear_error(ctx);
+    return sg_spectrum_of(ctx, rgb, width, height, params, out, amplitude);
 }
