@@ -5,6 +5,7 @@ struct synth_config {
     struct sg_synth_params p;
     const char *output;
     int threads;
+    bool quiet;
 };
 
 #define S(field) offsetof(struct synth_config, field)
@@ -24,6 +25,7 @@ static const struct option synth_options[] = {
     NUMBER_ROW("seed", OPT_U64, S(p.seed), 0, 9e15, "S", "Same options and seed, same bytes."),
     NUMBER_ROW("threads", OPT_INT, S(threads), 0, 256, "T", "Worker threads; 0 = one per CPU.", .letter = 'j',
                .transient = true),
+    FLAG_ROW("quiet", S(quiet), "Warnings only.", .letter = 'q', .transient = true),
     {0},
 };
 
@@ -39,7 +41,7 @@ static int run_synth(const void *config, const bool *given, const char *const *p
         say(stderr, "splatguard synth: missing -o DIR\n");
         return 1;
     }
-    int code = open_context(&ctx, c->threads, 0, false);
+    int code = open_context(&ctx, c->threads, 0, c->quiet);
     if (code)
         return code;
     code = output_claim(&output, ctx, c->output, &(struct output_rules){.command = "synth"});
@@ -47,7 +49,7 @@ static int run_synth(const void *config, const bool *given, const char *const *p
         const int error = sg_synth_write(ctx, c->output, &c->p);
         code = error ? report(ctx, error) : 0;
     }
-    if (!code)
+    if (!code && !c->quiet)
         say(stderr,
             "%d views of %d x %d to train on written to %s/blender, with %d to test, and to %s/colmap, with %d\n",
             c->p.train_views, c->p.width, c->p.height, c->output, c->p.test_views, c->output,

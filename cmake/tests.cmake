@@ -1,5 +1,8 @@
 # Every tests/test_*.c is one cmocka program and one CTest entry. Tests may include the library's private headers.
 pkg_check_modules(CMOCKA REQUIRED IMPORTED_TARGET cmocka) # plain C, works under sanitizers
+# Labels select tests for the parts of ./check: `threads` for the thread sanitizer, `package` for what is installed, `slow`
+# for what sanitizers and other compilers need not repeat, `fuzz`. A new test gets `threads`, unless it is listed here.
+set(SG_SERIAL test_checkpoint test_folder test_gradients test_image test_kernels test_morton test_ply)
 file(GLOB SG_TESTS CONFIGURE_DEPENDS tests/test_*.c)
 foreach(source ${SG_TESTS})
     get_filename_component(name ${source} NAME_WE)
@@ -10,6 +13,9 @@ foreach(source ${SG_TESTS})
     target_compile_definitions(${name} PRIVATE SG_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
     add_test(NAME ${name} COMMAND ${name})
     set_tests_properties(${name} PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 900)
+    if(NOT name IN_LIST SG_SERIAL)
+        set_tests_properties(${name} PROPERTIES LABELS threads)
+    endif()
 endforeach()
 file(GLOB SG_TEST_PARTS CONFIGURE_DEPENDS tests/*.cmake)
 foreach(part ${SG_TEST_PARTS})

@@ -4,3 +4,4 @@ find_program(SG_CLANG clang)
 add_test(NAME readme COMMAND ${CMAKE_COMMAND} -DREADME=${PROJECT_SOURCE_DIR}/README.md
     -DINCLUDE=${PROJECT_SOURCE_DIR}/include -DCOMPILERS=${CMAKE_C_COMPILER},${SG_GCC},${SG_CLANG}
     -DWORK=${PROJECT_BINARY_DIR}/tests/readme -P ${PROJECT_SOURCE_DIR}/tests/install/readme.cmake)
+set_tests_properties(readme PROPERTIES LABELS "package;slow")

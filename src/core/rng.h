@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Counter-based random numbers: a value depends only on (seed, stream, index), so that any thread or device can draw
- * any of them, and resuming needs no state. Usable from CUDA. */
+ * any of them, and resuming needs no state. */
 #ifndef SG_CORE_RNG_H
 #define SG_CORE_RNG_H
 
@@ -8,7 +8,16 @@
 #include <stdint.h>
 
 /* What the draws are for; mixed into the stream so that two uses never share numbers. */
-enum sg_rng_use { SG_RNG_VIEWS = 1, SG_RNG_INIT = 2, SG_RNG_SPLIT = 3, SG_RNG_BACKGROUND = 4, SG_RNG_SYNTH = 5, SG_RNG_NOISE = 6, SG_RNG_POISONED = 7, SG_RNG_COUNTED = 8 };
+enum sg_rng_use {
+    SG_RNG_VIEWS = 1,
+    SG_RNG_INIT = 2,
+    SG_RNG_SPLIT = 3,
+    SG_RNG_BACKGROUND = 4,
+    SG_RNG_SYNTH = 5,
+    SG_RNG_NOISE = 6,
+    SG_RNG_POISONED = 7,
+    SG_RNG_COUNTED = 8
+};
 
 static inline uint64_t sg_rng_mix(uint64_t x) /* the finaliser of splitmix64 (Steele et al. 2014) */
 {

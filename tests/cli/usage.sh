@@ -89,3 +89,7 @@ says nowhere
 expect 2 train nowhere -o run --backend ref; says nowhere # the older name of --engine
 [ ! -e run ] || fail "a run folder was made for a scene that is not there"
 expect 2 train nowhere -o run --resume; says run/config.json
+
+# Every command that works for a while can be quiet and takes a number of threads.
+expect 0 synth -q -j 1 -o quiet --width 16 --height 16 --train-views 4 --test-views 1 --points 10 --samples 1
+[ ! -s err ] || fail "synth -q says something"

@@ -12,7 +12,6 @@ struct lanes {
     float sums[9][LANES], r[LANES], g[LANES], b[LANES], visible[LANES];
 };
 
-/* Adds up the slots of each Gaussian in tile order: the same order for any number of threads or bands. */
 /* Adds up the slots of each Gaussian in tile order: the same order for any number of threads or bands. False: none is
  * visible. */
 SIMD bool gather(const struct cpu_update_args *a, size_t base, struct lanes *l)
