@@ -273,6 +273,7 @@ static int run_attack(const void *config, const bool *given, const char *const *
                                        .earlier = "attack",
                                        .is_own = is_attack,
                                        .within = "attack/proxy/config.json",
+                                       .makes_scenes = true,
                                        .force = c.force,
                                        .resume = c.resume,
                                        .inputs = {c.source, c.proxy}};

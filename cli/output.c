@@ -87,7 +87,7 @@ static int check_place(sg_ctx *ctx, const char *folder, const struct output_rule
     char *real = realpath(folder, NULL);
     const bool own = real && rules->is_own && rules->is_own(folder);
     /* What was begun there goes on there, and a scene that the tool made is replaced as a whole. */
-    int code = rules->resume && own ? 0 : refuse_scene_around(ctx, folder, own ? real : NULL);
+    int code = rules->resume && own ? 0 : refuse_scene_around(ctx, folder, own && rules->makes_scenes ? real : NULL);
     if (!code && !rules->resume)
         code = refuse_inputs_inside(folder, real, rules->inputs);
     free(real);

@@ -18,6 +18,7 @@ struct output_rules {
     /* Made by the command, whatever its mark says; NULL: the mark alone tells. */
     bool (*is_own)(const char *folder);
     const char *within; /* what is written below it: no folder on the way may be a link; or NULL */
+    bool makes_scenes;  /* a scene in the folder may be the command's own */
     bool force, resume;
     bool nested;           /* in the output of a command that has asked for itself */
     const char *inputs[3]; /* what is read, NULL at the end */

@@ -16,6 +16,7 @@ cp $model theirs/point_cloud/iteration_1/; echo '{"options":{}}' >theirs/config.
 echo thesis >notes/thesis.txt; cp scene/colmap/images/view_0001.png photos/view_0001.png; cp $model held/model.ply
 mkdir linked; ln -s ../scene/colmap/images linked/photos; ln -s ../photos/view_0001.png linked/photo; ln -s ../notes linked/notes
 ln -s nowhere linked/dangling
+cp -r scene/colmap forged; cp run/config.json forged # a scene that says it is a run
 mkdir half; ln -s ../notes half/attack; mkdir notes/proxy; echo mine >notes/proxy/config.json
 
 # All files and links with their content, times aside.
@@ -36,7 +37,7 @@ for place in scene/colmap scene/colmap/images scene/colmap/images/view_0001.png 
     scene/blender/transforms_train.json scene/blender/train/new.png scene . .. / /etc/passwd $model run/checkpoint.bin \
     run/point_cloud theirs theirs/point_cloud/iteration_1 theirs/checkpoint.bin notes notes/thesis.txt photos \
     photos/view_0001.png held held/model.ply linked linked/photos linked/photo linked/notes linked/dangling \
-    poisoned/images poisoned/masks/new half; do
+    poisoned/images poisoned/masks/new half forged; do
     refused train scene/colmap -o $place $short
     refused train scene/colmap -o $place $short --force
     refused attack scene/colmap -o $place --method noise --quiet
