@@ -41,22 +41,23 @@ enum {
 };
 
 static const struct {
-    const char *key, *title, *format;
+    const char *key, *title, *format; /* NULL: three digits, or all before the point */
     double scale;
     bool ratio; /* means something */
+    bool whole; /* a count */
 } metrics[METRICS] = {
-    [MAX_GAUSSIANS] = {"max_gaussians", "Gaussians, most", "%.0f", 1, true},
-    [FINAL_GAUSSIANS] = {"final_gaussians", "Gaussians, final", "%.0f", 1, true},
-    [SECONDS] = {"train_seconds", "training, s", "%.0f", 1, true},
-    [RSS] = {"peak_rss_bytes", "process peak, MB", "%.0f", 1e-6, true},
-    [LEDGER] = {"peak_ledger_bytes", "own peak, MB", "%.0f", 1e-6, true},
-    [MODEL] = {"model_bytes", "  model and moments, MB", "%.0f", 1e-6, true},
-    [INSTANCES] = {"instance_bytes", "  instance list, MB", "%.0f", 1e-6, true},
-    [IMAGES] = {"image_bytes", "  images, MB", "%.0f", 1e-6, true},
-    [PAIRS] = {"max_instances", "instances, most", "%.0f", 1, true},
-    [FPS] = {"fps", "frames a second", "%.1f", 1, true},
-    [PSNR] = {"psnr", "PSNR, dB", "%.2f", 1, false},
-    [SSIM] = {"ssim", "SSIM", "%.4f", 1, false},
+    [MAX_GAUSSIANS] = {"max_gaussians", "Gaussians, most", "%.0f", 1, true, true},
+    [FINAL_GAUSSIANS] = {"final_gaussians", "Gaussians, final", "%.0f", 1, true, true},
+    [SECONDS] = {"train_seconds", "training, s", NULL, 1, true, false},
+    [RSS] = {"peak_rss_bytes", "process peak, MB", NULL, 1e-6, true, true},
+    [LEDGER] = {"peak_ledger_bytes", "own peak, MB", NULL, 1e-6, true, true},
+    [MODEL] = {"model_bytes", "  model and moments, MB", NULL, 1e-6, true, true},
+    [INSTANCES] = {"instance_bytes", "  instance list, MB", NULL, 1e-6, true, true},
+    [IMAGES] = {"image_bytes", "  images, MB", NULL, 1e-6, true, true},
+    [PAIRS] = {"max_instances", "instances, most", "%.0f", 1, true, true},
+    [FPS] = {"fps", "frames a second", "%.1f", 1, true, false},
+    [PSNR] = {"psnr", "PSNR, dB", "%.2f", 1, false, false},
+    [SSIM] = {"ssim", "SSIM", "%.4f", 1, false, false},
 };
 
 struct run {
@@ -114,6 +115,12 @@ static double ratio(const struct run *runs, int i, int m)
     return runs[i].value[m] / runs[0].value[m];
 }
 
+/* Summaries may come from strangers: a count may be no whole number, or none that fits. */
+static bool is_count(int metric, double value)
+{
+    return metrics[metric].whole && fabs(value) < 9e15 && value == floor(value);
+}
+
 static int print_table(const struct run *runs, int n)
 {
     char text[64];
@@ -130,7 +137,7 @@ static int print_table(const struct run *runs, int n)
             const double v = runs[i].value[m] * metrics[m].scale;
             if (i && metrics[m].ratio && isfinite(ratio(runs, i, m)))
                 snprintf(times, sizeof(times), " (%.2fx)", ratio(runs, i, m));
-            snprintf(text, sizeof(text), metrics[m].format, v);
+            snprintf(text, sizeof(text), metrics[m].format ? metrics[m].format : fabs(v) < 100 ? "%.3g" : "%.0f", v);
             snprintf(text + strlen(text), sizeof(text) - strlen(text), "%s", times);
             printf("  %20s", isfinite(v) ? text : "-");
         }
@@ -152,7 +159,7 @@ static int print_csv(const struct run *runs, int n)
         printf("\"");
         for (int m = 0; m < METRICS; m++)
             if (isfinite(runs[i].value[m]))
-                printf(",%.10g", runs[i].value[m]);
+                printf(is_count(m, runs[i].value[m]) ? ",%.0f" : ",%.10g", runs[i].value[m]);
             else
                 printf(",");
         printf("\n");
@@ -166,7 +173,8 @@ static int print_json(const struct run *runs, int n)
     for (int i = 0; i < n; i++) {
         json_t *r = json_pack("{s:o}", "run", sg_text_to_json(runs[i].path)), *ratios = json_object();
         for (int m = 0; m < METRICS; m++) {
-            json_object_set_new(r, metrics[m].key, number_json(runs[i].value[m]));
+            const double v = runs[i].value[m];
+            json_object_set_new(r, metrics[m].key, is_count(m, v) ? json_integer((json_int_t) v) : number_json(v));
             if (metrics[m].ratio)
                 json_object_set_new(ratios, metrics[m].key, number_json(ratio(runs, i, m)));
         }

@@ -126,6 +126,11 @@ expect 0 compare clean victim --json; grep -q '"ratios_to_first"' out || fail "c
 expect 0 compare clean victim --csv; [ "$(wc -l <out)" = 3 ] || fail "compare's CSV"
 expect 0 compare clean victim --scene scene/blender --quiet
 expect 2 compare clean nowhere; says nowhere/summary.json
+expect 0 compare clean victim; sed -n 's/^training, s  *\([^ ]*\) .*/\1/p' out | grep -q '[1-9]' || fail "no time: $(grep training out)"
+expect 0 compare clean victim --json
+for key in max_gaussians final_gaussians peak_rss_bytes peak_ledger_bytes model_bytes instance_bytes image_bytes max_instances; do
+    [ "$(grep -cE "^    \"$key\": [0-9]+,\$" out)" = 2 ] || fail "compare's JSON: $(grep $key out)"
+done
 expect 1 compare clean --json --csv; says 'exclude each other'
 
 # Spectra.
