@@ -168,6 +168,13 @@ static bool is_attack(const char *folder)
     return run_options_in(folder, "attack/config.json", "epsilon") || run_options_in(folder, "poison.json", "epsilon");
 }
 
+/* Nothing in it to go on from, and nothing to use. */
+static bool is_lost(const char *folder)
+{
+    return !run_has(folder, "poison.json") && !run_has(folder, "attack/checkpoint.bin") &&
+           !run_has(folder, "attack/proxy");
+}
+
 /* Its last file is there, and nothing to go on from. */
 static bool is_finished(const char *output)
 {
@@ -234,8 +241,7 @@ static void forget(const char *output)
 {
     char *config = run_path(output, "attack/config.json"), *log = run_path(output, "attack/log.jsonl");
     char *state = run_path(output, "attack");
-    if (config && log && state && !run_has(output, "attack/checkpoint.bin") && !run_has(output, "attack/proxy") &&
-        !run_has(output, "poison.json")) {
+    if (config && log && state && is_lost(output)) {
         unlink(config);
         unlink(log);
         rmdir(state); /* where it is empty */
@@ -272,6 +278,7 @@ static int run_attack(const void *config, const bool *given, const char *const *
     const struct output_rules rules = {.command = "attack",
                                        .earlier = "attack",
                                        .is_own = is_attack,
+                                       .is_lost = is_lost,
                                        .within = "attack/proxy/config.json",
                                        .makes_scenes = true,
                                        .force = c.force,

@@ -224,6 +224,7 @@ static int run_train(const void *config, const bool *given, const char *const *p
     const struct output_rules rules = {.command = "train",
                                        .earlier = "run",
                                        .is_own = run_is_ours,
+                                       .is_lost = run_is_lost,
                                        .within = "point_cloud/iteration_N",
                                        .force = c.force,
                                        .resume = c.resume,
@@ -257,6 +258,8 @@ done:
         sg_trainer_destroy(&r.trainer);
         sg_scene_destroy(&r.scene);
     }
+    if (code && code != STATUS_INTERRUPTED && r.created && !r.saved)
+        run_forget(c.output);
     output_release(&output);
     sg_ctx_destroy(&r.ctx);
     free(r.shares);

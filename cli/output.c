@@ -199,7 +199,7 @@ static int check_content(const struct output *o, const struct output_rules *rule
     if (rules->resume || !run_has_other_files(o->folder))
         return 0;
     const bool own = is_marked(o) || (rules->is_own && rules->is_own(o->folder));
-    if (own && (o->lock < 0 || rules->force || rules->adds))
+    if (own && (o->lock < 0 || rules->force || rules->adds || (rules->is_lost && rules->is_lost(o->folder))))
         return 0;
     if (own && rules->earlier)
         say(stderr, "splatguard: %s: found an earlier %s; continue it with --resume or replace it with --force\n",

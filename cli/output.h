@@ -17,6 +17,8 @@ struct output_rules {
     bool adds;           /* to a folder that it made before */
     /* Made by the command, whatever its mark says; NULL: the mark alone tells. */
     bool (*is_own)(const char *folder);
+    /* Nothing in what it made is worth keeping: replaced without --force; NULL: never so. */
+    bool (*is_lost)(const char *folder);
     const char *within; /* what is written below it: no folder on the way may be a link; or NULL */
     bool makes_scenes;  /* a scene in the folder may be the command's own */
     bool force, resume;

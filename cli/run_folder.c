@@ -269,6 +269,42 @@ static void clean(const char *run, bool all)
     closedir(d);
 }
 
+static bool has_model(const char *run)
+{
+    char *path = run_path(run, "point_cloud");
+    DIR *models = path ? opendir(path) : NULL;
+    bool found = !path;
+    for (struct dirent *e; models && !found && (e = readdir(models));) {
+        char *model = NULL;
+        found = asprintf(&model, "%s/%s/point_cloud.ply", path, e->d_name) < 0 || !access(model, F_OK);
+        free(model);
+    }
+    if (models)
+        closedir(models);
+    free(path);
+    return found;
+}
+
+bool run_is_lost(const char *run)
+{
+    return !run_has(run, "checkpoint.bin") && !run_has(run, "summary.json") && !has_model(run);
+}
+
+void run_forget(const char *run)
+{
+    static const char *const files[] = {"cameras.json", "input.ply", "cfg_args", "config.json"};
+    if (has_model(run) || run_has(run, "checkpoint.bin"))
+        return;
+    clean(run, true);
+    DIR *d = open_folder(AT_FDCWD, run, 0);
+    for (size_t i = 0; d && i < sizeof(files) / sizeof(files[0]); i++)
+        unlinkat(dirfd(d), files[i], 0);
+    if (d) {
+        unlinkat(dirfd(d), "point_cloud", AT_REMOVEDIR); /* where it is empty */
+        closedir(d);
+    }
+}
+
 void run_clean(const char *run)
 {
     clean(run, false);

@@ -43,6 +43,12 @@ bool run_is_ours(const char *folder); /* made by `splatguard train` */
 int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene *scene, const struct sg_model *initial,
                const char *variant);
 
+/* No model, no checkpoint and no summary: a run that failed or was killed before its first save. */
+bool run_is_lost(const char *run);
+
+/* Removes all that run_create and a training without any save wrote, so that the same command works again. */
+void run_forget(const char *run);
+
 /* Removes what killed processes were writing. */
 void run_clean(const char *run);
 

@@ -252,8 +252,10 @@ static int create(struct train_run *r)
     else if (interrupted()) { /* an earlier run is still there */
         say(stderr, "interrupted before anything was written\n");
         code = 130;
-    } else
+    } else {
+        r->created = true;
         code = run_create(r->ctx, c, r->scene, initial, sg_trainer_variant(r->trainer));
+    }
     sg_model_destroy(&initial);
     return code;
 }

@@ -38,6 +38,7 @@ struct train_run {
     size_t window_grown, window_removed; /* over the newest removals */
     int window_from, window_events;
     bool starves;        /* and has been told so */
+    bool created;        /* its folder has files of this process */
     bool resumable;      /* the newest checkpoint is of the newest model */
     bool finished;       /* resumed, with nothing left to do */
     int saved;           /* iteration of the newest model that is saved, 0 = none */

@@ -54,7 +54,30 @@ small_disk() { # BLOCKS ARGUMENTS...
         fail "a full disk leaves something half-written"
 }
 small_disk 16 train scene/blender -o full $short --init-points 300
-expect 2 info full; says point_cloud
+expect 2 info full; says full
+# What failed before there was anything to keep works again with the same command, wherever it failed.
+for blocks in 1 4 8 12 16; do
+    small_disk $blocks train scene/blender -o "tight$blocks" $short --init-points 300
+    [ ! -e "tight$blocks" ] || fail "a failed run left $(find "tight$blocks")"
+done
+expect 0 train scene/blender -o tight1 $short --init-points 300
+mkdir mine
+small_disk 16 train scene/blender -o mine $short --init-points 300
+rmdir mine || fail "a folder of the user's is not as it was"
+for method in noise poison-splat; do
+    small_disk 4 attack scene/blender -o "half-$method" --method $method --proxy-iterations 30 --iterations 10 -q
+    expect 0 attack scene/blender -o "half-$method" --method $method --proxy-iterations 30 --iterations 10 -q
+done
+"$tool" train scene/blender -o killed -q --iterations 100000 --init-points 300 &
+pid=$!
+wait_for killed/log.jsonl
+kill -9 $pid
+wait $pid
+expect 0 train scene/blender -o killed $short --init-points 300
+[ "$(ls killed/point_cloud)" = iteration_120 ] || fail "the run after a killed one: $(ls killed/point_cloud)"
+expect 2 train scene/blender -o killed $short --init-points 300; says 'found an earlier run'
+rm killed/checkpoint.bin
+expect 2 train scene/blender -o killed $short --init-points 300; says 'found an earlier run'
 small_disk 1 render run --scene scene/blender -o full_pictures -q
 small_disk 1 synth -o full_scene --width 64 --height 48 --train-views 4 --test-views 2 --points 300 --samples 1
 
