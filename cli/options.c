@@ -305,7 +305,8 @@ static int set_json(const struct command *c, const struct option *o, void *confi
     if (json_is_null(v))
         return 0;
     if (o->type == OPT_FLAG ? !json_is_boolean(v) : number ? !json_is_number(v) : !json_is_string(v)) {
-        say(stderr, "splatguard: %s: option \"%s\": found another kind of value, expected %s\n", path, o->name,
+        say(stderr, "splatguard: %s: option \"%s\": found %s, expected %s\n", path, o->name,
+            sg_json_show(v, (char[SG_JSON_SHOWN]){0}),
             o->type == OPT_FLAG ? "true or false"
             : number            ? "a number"
                                 : "a text");

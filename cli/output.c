@@ -171,7 +171,7 @@ static int try_lock(struct output *o, sg_ctx *ctx)
         return errno == ENOENT ? -1 : run_cannot("write", o->mark);
     int code = 0;
     if (fstat(fd, &st) || !S_ISREG(st.st_mode) || st.st_nlink > 1) {
-        say(stderr, "splatguard: %s: found something else, expected the mark of an output folder\n", o->mark);
+        say(stderr, "splatguard: %s: found a link, folder or device, expected the mark of an output folder\n", o->mark);
         code = 2;
     } else if (flock(fd, LOCK_EX | LOCK_NB)) {
         if (errno == EWOULDBLOCK)

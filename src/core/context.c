@@ -75,6 +75,13 @@ void sg_make_printable(char *text)
             *c = '?';
 }
 
+void sg_show_bytes(const char *bytes, size_t n, char *text)
+{
+    for (size_t i = 0; i < n; i++)
+        text[i] = bytes[i] >= ' ' && bytes[i] < 127 ? bytes[i] : '?';
+    text[n] = 0;
+}
+
 int sg_fail(sg_ctx *ctx, int code, const char *format, ...)
 {
     va_list args;

@@ -17,6 +17,9 @@ void sg_clear_error(sg_ctx *ctx);
 /* Messages quote files; what would steer a terminal becomes "?". */
 void sg_make_printable(char *text);
 
+/* The beginning of a file of any kind as text of n bytes at most, room for n + 1: what is not ASCII becomes "?". */
+void sg_show_bytes(const char *bytes, size_t n, char *text);
+
 __attribute__((format(printf, 3, 4))) void sg_log(sg_ctx *ctx, enum sg_log_level level, const char *format, ...);
 
 /* Bytes in all that the newest refused allocation was for. */

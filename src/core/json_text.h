@@ -8,4 +8,8 @@
  * and 4095 bytes stay. NULL without memory. */
 json_t *sg_text_to_json(const char *text);
 
+/* A value as messages quote it: as it is where that is short, else its kind. NULL is "nothing". Returns text. */
+#define SG_JSON_SHOWN 64
+const char *sg_json_show(const json_t *value, char text[SG_JSON_SHOWN]);
+
 #endif

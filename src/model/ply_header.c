@@ -133,8 +133,12 @@ int sg_ply_parse_header(sg_ctx *ctx, struct ply *p)
     const int marked = sg_source_skip_mark(ctx, p->in);
     if (marked)
         return marked;
+    char first[17];
+    const size_t most = sizeof(first) - 1, ready = sg_source_fill(p->in, most), n = ready < most ? ready : most;
+    const char *end = n ? memchr(p->in->window, '\n', n) : NULL;
+    sg_show_bytes(p->in->window, end ? (size_t) (end - p->in->window) : n, first);
     if (!next_line(p, line) || strcmp(line, "ply"))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: line 1: found another kind of file, expected \"ply\"", p->in->path);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: line 1: found \"%s\", expected \"ply\"", p->in->path, first);
     for (int at = 2;; at++) {
         int code = SG_OK;
         if (at > MAX_LINES || !next_line(p, line))

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "core/json_text.h"
 #include "scene/transforms.h"
 
 bool sg_is_nerfstudio(sg_ctx *ctx, const struct sg_folder *dir)
@@ -22,12 +23,14 @@ static int get_list(sg_ctx *ctx, const json_t *root, const char *key, const char
         return SG_OK;
     *set = json_object();
     if (!json_is_array(list))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: \"%s\": found something else, expected an array of names", file, key);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: \"%s\": found %s, expected an array of names", file, key,
+                       sg_json_show(list, (char[SG_JSON_SHOWN]){0}));
     json_array_foreach(list, i, entry)
     {
         const char *name = json_string_value(entry);
         if (!name)
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: %s[%zu]: found something else, expected a string", file, key, i);
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: %s[%zu]: found %s, expected a string", file, key, i,
+                           sg_json_show(entry, (char[SG_JSON_SHOWN]){0}));
         while (name[0] == '.' && name[1] == '/')
             name += 2;
         if (json_object_set_new(*set, name, json_true()))

@@ -6,6 +6,7 @@
 #include <errno.h>
 #include <stdatomic.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "core/file.h"
 #include "core/rng.h"
@@ -110,13 +111,31 @@ static void order_views(struct synth *s)
 static int make_folders(struct synth *s)
 {
     static const char *const folders[] = {"blender/train", "blender/test", "colmap/images", "colmap/sparse/0"};
-    int code = check_empty(s->ctx, s->dir);
+    int code = SG_OK;
     for (size_t i = 0; i < sizeof(folders) / sizeof(*folders) && !code; i++) {
         char *path = sg_strf(s->ctx, "%s/%s", s->dir, folders[i]);
         code = path ? sg_dir_create(s->ctx, path) : SG_ERR_BUDGET;
         sg_free(path);
     }
     return code;
+}
+
+/* Only what make_folders made and this process filled: the folder was empty before. Then the caller can try again. */
+static void remove_begun(const struct synth *s)
+{
+    static const char *const folders[] = {"blender/train", "blender/test", "colmap/images", "colmap/sparse/0",
+                                          "colmap/sparse", "blender",      "colmap"};
+    for (size_t i = 0; i < sizeof(folders) / sizeof(*folders); i++) {
+        char *path = sg_strf(s->ctx, "%s/%s", s->dir, folders[i]);
+        DIR *d = path ? opendir(path) : NULL;
+        for (const struct dirent *entry; d && (entry = readdir(d));)
+            unlinkat(dirfd(d), entry->d_name, 0);
+        if (d)
+            closedir(d);
+        if (path)
+            rmdir(path);
+        sg_free(path);
+    }
 }
 
 static int write_blender_picture(struct synth *s, int view, const uint8_t *rgba)
@@ -218,6 +237,7 @@ int sg_synth_write(sg_ctx *ctx, const char *dir, const struct sg_synth_params *p
     int code = check(ctx, p);
     if (code)
         return code;
+    bool begun = false;
     struct synth *s = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*s));
     if (!s)
         return SG_ERR_BUDGET;
@@ -234,8 +254,10 @@ int sg_synth_write(sg_ctx *ctx, const char *dir, const struct sg_synth_params *p
         code = SG_ERR_BUDGET;
         goto done;
     }
-    code = make_folders(s);
-    if (code)
+    if ((code = check_empty(ctx, dir)))
+        goto done;
+    begun = true;
+    if ((code = make_folders(s)))
         goto done;
     sg_synth_scene_build(&s->scene, p->seed);
     place_cameras(s);
@@ -247,6 +269,8 @@ int sg_synth_write(sg_ctx *ctx, const char *dir, const struct sg_synth_params *p
     sg_parallel_for(ctx, ((size_t) p->points + PICK_BLOCK - 1) / PICK_BLOCK, pick_block, s);
     code = write_models(s);
 done:
+    if (code && begun)
+        remove_begun(s);
     sg_free(s->points);
     sg_free(s->place);
     sg_free(s->order);

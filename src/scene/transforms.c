@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "core/json_text.h"
 
 /* At most what the parser holds of a text: every value begins after one of these marks, or is in a string. */
 static uint64_t parsed_bytes(const char *data, size_t size)
@@ -51,7 +52,8 @@ int sg_json_number(sg_ctx *ctx, const json_t *object, const char *key, const cha
     if (!value || json_is_null(value))
         return SG_OK;
     if (!json_is_number(value))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: \"%s\": found something else, expected a number", where, key);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: \"%s\": found %s, expected a number", where, key,
+                       sg_json_show(value, (char[SG_JSON_SHOWN]){0}));
     *out = json_number_value(value);
     return SG_OK;
 }
@@ -62,7 +64,8 @@ int sg_json_text(sg_ctx *ctx, const json_t *object, const char *key, const char 
     if (!value || json_is_null(value))
         return SG_OK;
     if (!json_is_string(value))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: \"%s\": found something else, expected a string", where, key);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: \"%s\": found %s, expected a string", where, key,
+                       sg_json_show(value, (char[SG_JSON_SHOWN]){0}));
     *out = json_string_value(value);
     return SG_OK;
 }

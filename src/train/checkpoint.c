@@ -189,10 +189,18 @@ int sg_checkpoint_open(const sg_trainer *t, const char *path, struct sg_checkpoi
     int code = sg_file_open(t->ctx, path, &out->file);
     if (code)
         return code;
+    char first[sizeof(MAGIC)];
     struct sg_checkpoint_header *h = &out->header;
-    if (fread(h, sizeof(*h), 1, out->file) != 1 || memcmp(h->magic, MAGIC, sizeof(h->magic)))
-        code = sg_fail(t->ctx, SG_ERR_INPUT,
-                       "%s: byte 0: found another kind of file, expected a checkpoint of this version", path);
+    const bool read = fread(h, sizeof(*h), 1, out->file) == 1;
+    sg_show_bytes(h->magic, read ? sizeof(h->magic) - 1 : 0, first);
+    if (!read)
+        code = sg_fail(t->ctx, SG_ERR_INPUT, "%s: found less than %zu bytes, expected a checkpoint", path, sizeof(*h));
+    else if (memcmp(h->magic, MAGIC, sizeof(h->magic) - 1))
+        code = sg_fail(t->ctx, SG_ERR_INPUT, "%s: byte 0: found \"%s\", expected \"%s\": a checkpoint", path, first,
+                       MAGIC);
+    else if (h->magic[7] != MAGIC[7])
+        code = sg_fail(t->ctx, SG_ERR_INPUT, "%s: byte 7: found version %d, expected version %d of a checkpoint", path,
+                       h->magic[7], MAGIC[7]);
     else
         code = check_header(t, out->file, path, h);
     if (code)

@@ -79,7 +79,37 @@ expect 2 train scene/blender -o killed $short --init-points 300; says 'found an 
 rm killed/checkpoint.bin
 expect 2 train scene/blender -o killed $short --init-points 300; says 'found an earlier run'
 small_disk 1 render run --scene scene/blender -o full_pictures -q
-small_disk 1 synth -o full_scene --width 64 --height 48 --train-views 4 --test-views 2 --points 300 --samples 1
+small_scene_of="--width 64 --height 48 --train-views 4 --test-views 2 --points 300 --samples 1"
+small_disk 1 synth -o full_scene $small_scene_of
+[ ! -e full_scene ] || fail "a failed scene left $(find full_scene)"
+expect 0 synth -o full_scene $small_scene_of
+
+# What was found is shown, whatever it is.
+printf '\377\330\377\340 a photo' >photo.ply
+expect 2 info photo.ply; says 'line 1: found "???? a photo", expected "ply"'
+: >empty.ply
+expect 2 info empty.ply; says 'found "", expected "ply"'
+for value in '"wide":the string "wide"' '[1, 2]:an array of 2' '{}:an object' 'true:true'; do
+    mkdir -p lens && printf '{"fl_x": %s, "frames": [{}]}' "${value%%:*}" >lens/transforms.json
+    expect 2 train lens -o lens_run; says "\"fl_x\": found ${value#*:}, expected a number"
+done
+printf '{"camera_model": 7, "frames": [{}]}' >lens/transforms.json
+expect 2 train lens -o lens_run; says '"camera_model": found the number 7, expected a string'
+for value in '3:the number 3' '["r_0.png", 4.5]:the number 4.5'; do
+    printf '{"fl_x": 50, "w": 64, "h": 48, "train_filenames": %s, "frames": [{"file_path": "x.png",
+        "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}' "${value%%:*}" >lens/transforms.json
+    expect 2 train lens -o lens_run --eval; says "found ${value#*:}, expected"
+done
+cp -r tight1 other
+sed -i 's/"seed": 42/"seed": [42]/' other/config.json
+expect 2 train --resume other; says 'option "seed": found an array of 1, expected a number'
+cp tight1/config.json other/config.json
+printf 'a text that is no checkpoint, and long enough to be one if it were: %0600d' 0 >other/checkpoint.bin
+expect 2 train --resume other --iterations 200; says 'byte 0: found "a text ", expected "SGCKPT"'
+printf 'SGCKPT\0\001%0600d' 0 >other/checkpoint.bin
+expect 2 train --resume other --iterations 200; says 'byte 7: found version 1, expected version'
+printf 'SGCKPT' >other/checkpoint.bin
+expect 2 train --resume other --iterations 200; says 'expected a checkpoint'
 
 # Budget: refused with 3, by name, before anything is written for it.
 expect 3 train scene/blender -o r3 $short --init-points 300000 --max-memory 20M; says 'expected at least'
