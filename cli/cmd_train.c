@@ -89,9 +89,11 @@ static const struct option train_options[] = {
                "Look at the photos first (see `audit`): say what is found, refuse poisoned ones with exit status 5, or "
                "turn the "
                "defense on unless they are clean."),
-    NUMBER_ROW("tolerance", OPT_FLOAT, T(train.tolerance), 0, 255, "LEVELS",
+    NUMBER_ROW("tolerance", OPT_FLOAT, T(tolerance), 0, 255, "LEVELS|auto",
                "The loss compares a render with the nearest image that differs from the photo by at most LEVELS grey "
-               "levels, so that noise within them has no effect. Works with and without --defense."),
+               "levels, so that noise within them has no effect. auto: of each photo as much as the audit finds noise "
+               "in it. preset: auto with --defense spectral --preset auto, else 0.",
+               .words = "auto|preset"),
     CHOICE_ROW("preset", T(preset), "auto|ns|tt|mip", "NAME",
                "The paper's rho and lambda for NeRF-Synthetic, Tanks and Temples, Mip-NeRF 360; auto: a share of the "
                "run's own "
@@ -148,6 +150,7 @@ static const struct train_config defaults = {
     .scene = {SCENE_OPTION_DEFAULTS},
     .train = {SG_TRAIN_DEFAULTS, .defense = {SG_DEFENSE_DEFAULTS, .rho = PRESET_RHO, .rho_least = PRESET_RHO_LEAST,
                                              .lambda = PRESET_LAMBDA, .frequency = PRESET_FREQUENCY}},
+    .tolerance = TOLERANCE_PRESET,
     .save_every = 7000,
     .eval_every = 7000,
     .log_every = 100,
@@ -262,7 +265,8 @@ done:
         run_forget(c.output);
     output_release(&output);
     sg_ctx_destroy(&r.ctx);
-    free(r.shares);
+    free(r.view_weights);
+    free(r.tolerances);
     free(r.log_path);
     json_decref(keep);
     return code;

@@ -70,16 +70,32 @@ static int bad_value(const struct command *c, const struct option *o, const char
     return 1;
 }
 
+/* Which of "one|two|three" a text is, or -1. */
+static int index_of(const char *list, const char *text)
+{
+    for (int i = 0; list && *list; i++) {
+        const size_t n = strcspn(list, "|");
+        if (strlen(text) == n && !memcmp(list, text, n))
+            return i;
+        list += n + (list[n] == '|');
+    }
+    return -1;
+}
+
+/* The i-th of them. */
+static void copy_of(const char *list, int i, char *text, size_t size)
+{
+    for (; i > 0; i--)
+        list += strcspn(list, "|") + 1;
+    snprintf(text, size, "%.*s", (int) strcspn(list, "|"), list);
+}
+
 static int set_choice(const struct command *c, const struct option *o, int *value, const char *text)
 {
-    const char *p = o->choices;
-    for (int i = 0; *p; i++) {
-        const size_t n = strcspn(p, "|");
-        if (strlen(text) == n && !memcmp(p, text, n)) {
-            *value = i;
-            return 0;
-        }
-        p += n + (p[n] == '|');
+    const int index = index_of(o->choices, text);
+    if (index >= 0) {
+        *value = index;
+        return 0;
     }
     char expected[160];
     snprintf(expected, sizeof(expected), "one of %s", o->choices);
@@ -112,12 +128,18 @@ int options_set(const struct command *c, const struct option *o, void *config, c
     case OPT_FLOAT:
     case OPT_DOUBLE:
     case OPT_TIME: {
+        const int word = index_of(o->words, text);
+        if (word >= 0) {
+            *(float *) value = (float) (-1 - word);
+            return 0;
+        }
         double v = strtod(text, &end);
         const bool known = o->type == OPT_TIME ? quantity_seconds(text, &v) : end != text && !*end;
         snprintf(expected, sizeof(expected),
                  o->type == OPT_TIME ? "a time from %g to %g seconds, such as 90s, 1h30m or 1d"
+                 : o->words          ? "a number from %g to %g or one of %s"
                                      : "a number from %g to %g",
-                 o->low, o->high);
+                 o->low, o->high, o->words ? o->words : "");
         if (!known || !(v >= o->low && v <= o->high))
             return bad_value(c, o, text, expected);
         if (o->type == OPT_FLOAT)
@@ -242,6 +264,10 @@ bool options_show(const struct option *o, const void *config, char *text, size_t
         snprintf(text, size, "%llu", (unsigned long long) *(const uint64_t *) value);
         return true;
     case OPT_FLOAT:
+        if (o->words && *(const float *) value < 0) {
+            copy_of(o->words, (int) -*(const float *) value - 1, text, size);
+            return true;
+        }
         for (int digits = 6; digits <= 9; digits++) { /* the shortest that reads back the same */
             snprintf(text, size, "%.*g", digits, (double) *(const float *) value);
             if (strtof(text, NULL) == *(const float *) value)
@@ -257,13 +283,9 @@ bool options_show(const struct option *o, const void *config, char *text, size_t
             return false;
         snprintf(text, size, "%s", *(const char *const *) value);
         return true;
-    case OPT_CHOICE: {
-        const char *p = o->choices;
-        for (int i = *(const int *) value; i > 0; i--)
-            p += strcspn(p, "|") + 1;
-        snprintf(text, size, "%.*s", (int) strcspn(p, "|"), p);
+    case OPT_CHOICE:
+        copy_of(o->choices, *(const int *) value, text, size);
         return true;
-    }
     default:
         return false;
     }
@@ -289,6 +311,8 @@ json_t *options_to_json(const struct command *c, const void *config)
             v = json_integer(*(const int *) value);
         else if (o->type == OPT_U64 || o->type == OPT_BYTES)
             v = json_integer((json_int_t) * (const uint64_t *) value);
+        else if (o->words && *(const float *) value < 0 && options_show(o, config, text, sizeof(text)))
+            v = sg_text_to_json(text);
         else if (options_show(o, config, text, sizeof(text)))
             v = o->type == OPT_FLOAT || o->type == OPT_DOUBLE || o->type == OPT_TIME ? json_real(strtod(text, NULL))
                                                                                      : sg_text_to_json(text);
@@ -300,7 +324,8 @@ json_t *options_to_json(const struct command *c, const void *config)
 /* One value of a run's options. */
 static int set_json(const struct command *c, const struct option *o, void *config, const json_t *v, const char *path)
 {
-    const bool number = o->type != OPT_FLAG && o->type != OPT_STRING && o->type != OPT_CHOICE;
+    const bool number =
+        o->type != OPT_FLAG && o->type != OPT_STRING && o->type != OPT_CHOICE && !(o->words && json_is_string(v));
     char text[64];
     if (json_is_null(v))
         return 0;

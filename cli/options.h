@@ -36,6 +36,7 @@ struct option {
     double low, high;     /* allowed range of numbers */
     bool nonzero;         /* 0 is not in it */
     const char *choices;  /* OPT_CHOICE: "auto|blender|..."; the value is an int index */
+    const char *words;    /* OPT_FLOAT: NULL, or what else it may be: "auto|preset" stand for -1 and -2 */
     const char *argument; /* shown in --help, NULL for flags */
     const char *help;
     bool transient; /* not part of a run: left out of config.json, allowed when resuming */

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Which defense a run gets: what was asked for, and with preset auto what the photos look like. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -14,7 +15,10 @@ void train_settle_defense(struct train_config *c, const struct sg_defense_params
     d->rho = d->rho == PRESET_RHO ? options_number(preset->rho) : d->rho;
     d->lambda = d->lambda == PRESET_LAMBDA ? options_number(preset->lambda) : d->lambda;
     d->frequency = d->frequency == PRESET_FREQUENCY ? options_number(preset->frequency) : d->frequency;
-    d->shares = preset->shares;
+    d->view_weights = preset->view_weights;
+    if (c->tolerance == TOLERANCE_PRESET)
+        c->tolerance = c->defense && c->preset == DEFENSE_AUTO ? TOLERANCE_AUTO : 0;
+    c->train.tolerance = fmaxf(c->tolerance, 0);
 }
 
 /* The paper's rho and lambda for its datasets; for auto, what holds without photos. */
@@ -108,12 +112,16 @@ static int audit(struct train_run *r, struct sg_defense_params *preset)
     r->audit = sg_audit_verdict_name(found->verdict), r->audit_score = found->score;
     warn_small_photos(r->scene);
     int code = heed(c, found);
-    if (!code && c->defense && c->preset == DEFENSE_AUTO) {
-        if ((r->shares = malloc((found->count + 1) * sizeof(*r->shares)))) {
-            sg_defense_automatic(found, r->scene->extent, r->shares, preset);
-        } else {
+    const bool automatic = c->defense && c->preset == DEFENSE_AUTO;
+    if (!code && (automatic || c->tolerance == TOLERANCE_AUTO)) {
+        struct sg_defense_params p = *preset;
+        r->view_weights = malloc((found->count + 1) * sizeof(*r->view_weights));
+        r->tolerances = malloc((found->count + 1) * sizeof(*r->tolerances));
+        if (!r->view_weights || !r->tolerances)
             code = no_memory();
-        }
+        else
+            sg_defense_automatic(found, r->scene->extent, r->view_weights, r->tolerances, &p);
+        *preset = automatic ? p : *preset;
     }
     sg_audit_destroy(&found);
     return code;
@@ -126,8 +134,9 @@ int train_decide(struct train_run *r)
     int code = 0;
     if (c->preset == DEFENSE_AUTO)
         preset.frequency = sg_defense_frequency(r->scene->extent);
-    if (c->audit != AUDIT_OFF || (c->defense && c->preset == DEFENSE_AUTO))
+    if (c->audit != AUDIT_OFF || c->tolerance == TOLERANCE_AUTO || (c->defense && c->preset == DEFENSE_AUTO))
         code = audit(r, &preset);
     train_settle_defense(c, &preset);
+    c->train.tolerances = c->tolerance == TOLERANCE_AUTO ? r->tolerances : NULL;
     return code;
 }

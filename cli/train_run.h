@@ -25,7 +25,7 @@ struct train_run {
     struct train_totals totals;
     const char *audit; /* the verdict, or NULL */
     double audit_score;
-    float *shares;                       /* of lambda, a training view each, or NULL */
+    float *view_weights, *tolerances;    /* of each training view, from the audit, or NULL */
     double begun;                        /* the command, on the monotonic clock */
     struct sg_train_step step;           /* newest */
     int before;                          /* iteration before it */

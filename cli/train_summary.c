@@ -47,6 +47,21 @@ static json_t *stages(const sg_trainer *trainer)
     return object;
 }
 
+/* How many photos have a tolerance, and what it is on average, in grey levels. */
+static json_t *tolerance(const struct train_run *r)
+{
+    const struct sg_train_params *p = &r->config->train;
+    size_t photos = 0;
+    double sum = 0;
+    for (size_t i = 0; i < r->scene->n_train; i++) {
+        const float levels = p->tolerances ? p->tolerances[i] : p->tolerance;
+        photos += levels > 0;
+        sum += (double) levels;
+    }
+    return json_pack("{s:I,s:o}", "photos", (json_int_t) photos, "levels",
+                     number_json(photos ? sum / (double) photos : 0));
+}
+
 /* The limits of the run and those that it met. */
 static json_t *budget(const struct train_run *r, const struct sg_train_limits *l)
 {
@@ -83,6 +98,8 @@ int train_summary_write(struct train_run *r)
     if (r->config->train.defense.on)
         PUT("defense", json_pack("{s:I,s:I,s:o}", "filter_events", (json_int_t) t->filter_events, "filter_removed",
                                  (json_int_t) t->filter_removed, "seconds", train_log_parts(r)));
+    if (r->config->train.tolerance > 0 || r->config->train.tolerances)
+        PUT("tolerance", tolerance(r));
     if (r->audit)
         PUT("audit", json_pack("{s:s,s:o}", "verdict", r->audit, "score", number_json(r->audit_score)));
     PUT("budget", budget(r, &limits));

@@ -431,28 +431,28 @@ static void test_automatic(void **state)
                                        {.score = 0.25, .features = {.content = 1e5, .osc_down = 9, .osc_across = 9}}};
     const struct sg_audit audit = {.count = 2, .images = images};
     struct sg_defense_params p = {SG_DEFENSE_DEFAULTS};
-    float shares[2];
-    sg_defense_automatic(&audit, 5.2, shares, &p);
-    assert_true(shares[0] == 0 && shares[1] == 0 && p.shares == shares && p.lambda == 6);
+    float shares[2], tolerances[60];
+    sg_defense_automatic(&audit, 5.2, shares, tolerances, &p);
+    assert_true(shares[0] == 0 && shares[1] == 0 && p.view_weights == shares && p.lambda == 6);
     assert_true(p.rho == -0.1 && p.rho_least == 0);
     assert_float_equal(p.frequency, 8, 1e-12);
     images[0].score = images[1].score = 0.95;
     images[0].features = (struct sg_audit_features){.content = 1e5, .osc_down = 1.5, .osc_across = 0.8};
-    sg_defense_automatic(&audit, 5.2, shares, &p);
+    sg_defense_automatic(&audit, 5.2, shares, tolerances, &p);
     assert_float_equal(p.lambda * (double) shares[0], 6, 1e-6); /* weak */
     assert_float_equal(p.lambda * (double) shares[1], 6, 1e-6); /* what oscillates is texture */
     images[1].features.osc_quiet = 3.6;
-    sg_defense_automatic(&audit, 5.2, shares, &p);
+    sg_defense_automatic(&audit, 5.2, shares, tolerances, &p);
     assert_float_equal(p.lambda * (double) shares[1], 12, 1e-5);
     assert_float_equal(p.rho, -(0.1 + 0.35 * (0.25 + 1) / 2), 1e-12);
     assert_float_equal(p.rho_least, 0.05 * 0.625 * 0.625, 1e-12);
     images[0].features.half_osc = 10.5, images[1].features.quarter_osc = 42;
-    sg_defense_automatic(&audit, 5.2, shares, &p);
+    sg_defense_automatic(&audit, 5.2, shares, tolerances, &p);
     assert_float_equal(p.lambda * (double) shares[0], 9, 1e-5);  /* coarse noise */
     assert_float_equal(p.lambda * (double) shares[1], 24, 1e-5); /* no photo gets more */
     const double weight = sg_filter_log_weight(&p, -4);
     for (double units = 1e-3; units <= 1e3; units *= 1e3) {
-        sg_defense_automatic(&audit, 5.2 * units, shares, &p);
+        sg_defense_automatic(&audit, 5.2 * units, shares, tolerances, &p);
         assert_float_equal(sg_filter_log_weight(&p, (float) (-4 + log(units))), weight, 1e-5);
     }
     /* Photos without doubt are judged among themselves, and blank ones not at all. */
@@ -462,33 +462,58 @@ static void test_automatic(void **state)
     float more[60];
     for (int i = 0; i < 3; i++)
         many[i] = (struct sg_audit_image){.score = 0.995, .features = {.content = 1e4, .osc_down = 5}};
-    sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, &p);
+    sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, tolerances, &p);
     assert_float_equal(p.rho, -0.45, 1e-9);
     many[3] = many[4] = (struct sg_audit_image){.score = 1, .features = {.content = 1e4}}; /* which take nothing away */
-    sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, &p);
+    sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, tolerances, &p);
     assert_float_equal(p.rho, -0.45, 1e-9);
     many[3] = many[4] = many[5];
     many[0].score = many[1].score = 0.98;
-    sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, &p);
+    sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, tolerances, &p);
     assert_float_equal(p.rho, -(0.1 + 0.35 / 3), 1e-9);
     many[2].score = 0.98;
     for (int i = 3; i < 57; i++)
         many[i].features.content = 0;
-    sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, &p);
+    sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, tolerances, &p);
     assert_float_equal(p.rho, -(0.1 + 0.35 / 2), 1e-9);
     assert_float_equal(sg_defense_frequency(0), sg_defense_frequency(1), 0); /* one place of cameras */
     assert_true(sg_defense_frequency(1e-30) <= 1e9 && sg_defense_frequency(1e30) >= 1e-9);
     /* A score half way gets half of it, and a tenth of a vote counts a tenth. */
     images[0] = (struct sg_audit_image){.score = 0.6, .features = {.content = 1e4, .osc_down = 9, .osc_across = 9}};
     images[1] = (struct sg_audit_image){.score = 0.9, .features = {.content = 1e3, .osc_down = 9, .osc_across = 9}};
-    sg_defense_automatic(&audit, 1, shares, &p);
+    sg_defense_automatic(&audit, 1, shares, tolerances, &p);
     assert_float_equal((double) shares[0], 0.5, 1e-6);
     assert_float_equal(p.rho, -(0.1 + 0.35 * (0.5 + 0.1) / 1.1), 1e-9);
     images[0].score = 0.3, images[1].score = 0.995; /* also without doubt */
-    sg_defense_automatic(&audit, 1, shares, &p);
+    sg_defense_automatic(&audit, 1, shares, tolerances, &p);
     assert_float_equal(p.rho, -(0.1 + 0.35 * 0.1), 1e-6);
-    sg_defense_automatic(&(struct sg_audit){0}, 1, shares, &p);
+    sg_defense_automatic(&(struct sg_audit){0}, 1, shares, tolerances, &p);
     assert_float_equal(p.rho, -0.1, 1e-12);
+}
+
+/* What a tolerance answers needs no filter; what is beyond it does, and clean photos get neither. */
+static void test_automatic_tolerance(void **state)
+{
+    (void) state;
+    const struct sg_audit_features strong = {.content = 1e5, .osc_down = 9, .osc_across = 9, .osc_quiet = 7.2};
+    struct sg_audit_image images[3];
+    for (int i = 0; i < 3; i++)
+        images[i] = (struct sg_audit_image){.score = 0.95, .features = strong, .verdict = SG_AUDIT_POISONED};
+    images[0].tau = 12, images[1].tau = 18;
+    images[2].score = 0.1, images[2].verdict = SG_AUDIT_CLEAN;
+    struct sg_audit audit = {.count = 3, .images = images, .tau = 15};
+    struct sg_defense_params p = {SG_DEFENSE_DEFAULTS};
+    float weights[3], tolerances[3];
+    sg_defense_automatic(&audit, 5.2, weights, tolerances, &p);
+    assert_true(tolerances[0] == 15 && tolerances[1] == 18 && tolerances[2] == 0);
+    assert_float_equal(p.lambda * (double) weights[0], 1, 1e-6);
+    assert_true(weights[0] == weights[1] && weights[2] == 0);
+    assert_true(p.rho == -0.1 && p.rho_least == 0 && p.view_weights == weights);
+    audit.tau = 60, images[0].tau = 50, images[1].tau = 70; /* beyond it */
+    sg_defense_automatic(&audit, 5.2, weights, tolerances, &p);
+    assert_true(tolerances[0] == 0 && tolerances[1] == 0 && tolerances[2] == 0);
+    assert_float_equal(p.lambda * (double) weights[0], 24, 1e-5);
+    assert_float_equal(p.rho, -(0.1 + 0.35 * 2 / 3), 1e-12);
 }
 
 /* Another way to the model that is expected. */
@@ -566,7 +591,7 @@ static void test_shares(void **state)
             float shares[VIEWS];
             for (size_t i = 0; i < VIEWS; i++)
                 shares[i] = 0.5f * (float) k;
-            p.defense.shares = shared ? shares : NULL;
+            p.defense.view_weights = shared ? shares : NULL;
             p.defense.lambda = shared ? 3 : 1.5 * k;
             models[shared][k] = train(&f, &p, 30, NULL, NULL, NULL);
         }
@@ -579,7 +604,7 @@ static void test_shares(void **state)
     uint8_t none[SIDE * SIDE] = {0};
     for (int v = 0; v < VIEWS; v++)
         own[v] = (float) (v % 2);
-    p.defense.shares = own;
+    p.defense.view_weights = own;
     sg_trainer *t = begin_training(&f, &p);
     for (int it = 1; it <= VIEWS; it++) {
         struct sg_train_step s;
@@ -592,7 +617,7 @@ static void test_shares(void **state)
         assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_ERR_USAGE);
         assert_non_null(strstr(sg_last_error(f.ctx), "share of a view"));
     }
-    p.defense.shares = NULL; /* where a mask leaves nothing, nothing pulls */
+    p.defense.view_weights = NULL; /* where a mask leaves nothing, nothing pulls */
     t = begin_training(&f, &p);
     f.views[sg_trainer_pick_view(t, 1)].mask = none; /* of the view that the run below begins with */
     sg_trainer_destroy(&t);
@@ -689,11 +714,21 @@ static void test_refusals(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_weight),          cmocka_unit_test(test_ranks),      cmocka_unit_test(test_filter),
-        cmocka_unit_test(test_events),          cmocka_unit_test(test_views),      cmocka_unit_test(test_automatic),
-        cmocka_unit_test(test_share_of_growth), cmocka_unit_test(test_same_bytes), cmocka_unit_test(test_combinations),
-        cmocka_unit_test(test_shares),          cmocka_unit_test(test_refusals),   cmocka_unit_test(test_before_reset),
-        cmocka_unit_test(test_losses),          cmocka_unit_test(test_least),      cmocka_unit_test(test_report)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_weight),
+                                       cmocka_unit_test(test_ranks),
+                                       cmocka_unit_test(test_filter),
+                                       cmocka_unit_test(test_events),
+                                       cmocka_unit_test(test_views),
+                                       cmocka_unit_test(test_automatic),
+                                       cmocka_unit_test(test_share_of_growth),
+                                       cmocka_unit_test(test_same_bytes),
+                                       cmocka_unit_test(test_combinations),
+                                       cmocka_unit_test(test_shares),
+                                       cmocka_unit_test(test_automatic_tolerance),
+                                       cmocka_unit_test(test_refusals),
+                                       cmocka_unit_test(test_before_reset),
+                                       cmocka_unit_test(test_losses),
+                                       cmocka_unit_test(test_least),
+                                       cmocka_unit_test(test_report)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

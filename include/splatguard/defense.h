@@ -47,7 +47,7 @@ struct sg_defense_params {
     enum sg_prune_views sample; /* Default SG_VIEWS_RANDOM. */
     /* In the image: loss + lambda (anisotropy_scale L_ani + tv_scale L_tv) of the render. */
     double lambda;           /* 0..1e6, as the scales. Default 4. */
-    const float *shares;     /* NULL, or of each training view, 0..1e3: how many times lambda it gets, so that photos
+    const float *view_weights; /* NULL, or of each training view, 0..1e3: how many times lambda it gets, so that photos
                                 which look clean are not smoothed. Borrowed as long as the trainer. */
     double anisotropy_scale; /* Default 0.005: docs/defense-results.md has the sweep. */
     double tv_scale;         /* Default 1. */
@@ -65,11 +65,14 @@ struct sg_audit;
 /* Cycles per scene unit that mean the same in scenes of any units. extent: the scene's. */
 double sg_defense_frequency(double extent);
 
-/* Preset auto: sets rho, rho_least, frequency, lambda and shares (not `on`) by what the audit found, so that clean
- * photos are hardly touched, whatever the scene's units. extent: the scene's. shares: memory for one number a training
- * view, which params borrows.
- */
-void sg_defense_automatic(const struct sg_audit *audit, double extent, float *shares, struct sg_defense_params *params);
+/* Preset auto: what to do about the photos that an audit describes, whatever the units of their scene. Photos that are
+ * not clean get the tolerance that the audit estimates, and a light regulariser; those changed by more than a tolerance
+ * can answer get a strong regulariser and filter. Clean ones are hardly touched. Sets rho, rho_least, frequency, lambda
+ * and view_weights of `params`, not `on`.
+ * extent: the scene's. view_weights, tolerances: memory for one number a training view each. `params` borrows
+ * view_weights; tolerances (grey levels) are for sg_train_params.tolerances. */
+void sg_defense_automatic(const struct sg_audit *audit, double extent, float *view_weights, float *tolerances,
+                          struct sg_defense_params *params);
 
 /* What one iteration's defense did. */
 struct sg_defense_step {

@@ -12,9 +12,24 @@
  * share in the first, none in the second, and stays below the third. */
 static const double strong = 2.3, loud = 1.8, coarse = 7;
 
+/* The largest amplitude, in grey levels, that a tolerance answers. Photos changed by more say too little of their
+ * scene: there the filter and the regulariser keep the model small. */
+static const double bounded = 32;
+
+/* Lambda next to a tolerance: it chooses among the images that the tolerance allows, and need not overcome a poison. */
+static const double light = 1;
+
 static double suspicion_of(const struct sg_audit_image *image)
 {
     return fmin(fmax((image->score - 0.3) / 0.6, 0), 1);
+}
+
+/* Photos of one attack share its bound, so the set's estimate supports the photo's own. A tolerance that is too small
+ * lets the poison in; one that is too large costs little. */
+static float tolerance_of(const struct sg_audit *audit, const struct sg_audit_image *image)
+{
+    const double tau = fmax(image->tau, audit->tau);
+    return image->verdict == SG_AUDIT_CLEAN || tau > bounded ? 0 : (float) tau;
 }
 
 double sg_defense_frequency(double extent)
@@ -42,7 +57,8 @@ static double strength_of_few(float *parts, size_t n, double votes)
     return most;
 }
 
-void sg_defense_automatic(const struct sg_audit *audit, double extent, float *shares, struct sg_defense_params *p)
+void sg_defense_automatic(const struct sg_audit *audit, double extent, float *view_weights, float *tolerances,
+                          struct sg_defense_params *p)
 {
     double strength = 0, votes = 0;
     size_t certain = 0;
@@ -50,21 +66,24 @@ void sg_defense_automatic(const struct sg_audit *audit, double extent, float *sh
         const struct sg_audit_image *image = &audit->images[i];
         const double vote = sg_audit_vote(&image->features);
         const double amplitude = (image->features.osc_down + image->features.osc_across) / 2 / strong;
-        /* Growth follows the energy of the noise: a weak one is not worth the filter's price. */
-        const double part = suspicion_of(image) * fmin(amplitude * amplitude, 1);
+        tolerances[i] = tolerance_of(audit, image);
+        /* Growth follows the energy of the noise: a weak one is not worth the filter's price, and one that is
+         * tolerated makes none. */
+        const double part = tolerances[i] > 0 ? 0 : suspicion_of(image) * fmin(amplitude * amplitude, 1);
         strength += vote * part;
         votes += vote;
         if (image->score >= SG_AUDIT_CERTAIN)
-            shares[certain++] = (float) (vote * part); /* room until they have their own values */
+            view_weights[certain++] = (float) (vote * part); /* room until they have their own values */
     }
-    strength = votes > 0 ? fmax(strength / votes, strength_of_few(shares, certain, votes)) : 0;
+    strength = votes > 0 ? fmax(strength / votes, strength_of_few(view_weights, certain, votes)) : 0;
+    p->lambda = 6;
     for (size_t i = 0; i < audit->count; i++) {
         const struct sg_audit_features *f = &audit->images[i].features;
         const double loudness = fmax(f->osc_quiet / loud, fmax(f->half_osc, f->quarter_osc) / coarse);
-        shares[i] = (float) (suspicion_of(&audit->images[i]) * fmin(fmax(loudness, 1), 4));
+        const double weight = tolerances[i] > 0 ? light / p->lambda : fmin(fmax(loudness, 1), 4);
+        view_weights[i] = (float) (suspicion_of(&audit->images[i]) * weight);
     }
-    p->lambda = 6;
-    p->shares = shares;
+    p->view_weights = view_weights;
     p->rho = -(0.1 + 0.35 * strength);
     p->rho_least = 0.05 * strength * strength; /* of a weak poison there is little to save, and views to lose */
     p->frequency = sg_defense_frequency(extent);

@@ -26,10 +26,10 @@ static int check_scene(sg_ctx *ctx, const struct sg_train_params *p, const struc
         if (!(p->tolerances[i] >= 0 && p->tolerances[i] <= 255))
             return sg_fail(ctx, SG_ERR_USAGE, "tolerance of a view: found %g, expected 0 to 255",
                            (double) p->tolerances[i]);
-    for (size_t i = 0; p->defense.shares && i < scene->n_train; i++)
-        if (!(p->defense.shares[i] >= 0 && p->defense.shares[i] <= 1e3f))
+    for (size_t i = 0; p->defense.view_weights && i < scene->n_train; i++)
+        if (!(p->defense.view_weights[i] >= 0 && p->defense.view_weights[i] <= 1e3f))
             return sg_fail(ctx, SG_ERR_USAGE, "share of a view: found %g, expected 0 to 1000",
-                           (double) p->defense.shares[i]);
+                           (double) p->defense.view_weights[i]);
     return SG_OK;
 }
 
@@ -284,7 +284,7 @@ static size_t list_losses(const sg_trainer *t, size_t view, struct sg_loss out[S
     const struct sg_train_params *p = &t->params;
     const struct sg_defense_params *d = &p->defense;
     const float levels = p->tolerances ? p->tolerances[view] : p->tolerance;
-    const double lambda = d->shares ? d->lambda * (double) d->shares[view] : d->lambda;
+    const double lambda = d->view_weights ? d->lambda * (double) d->view_weights[view] : d->lambda;
     const double anisotropy = lambda * d->anisotropy_scale, tv = lambda * d->tv_scale;
     size_t n = 0;
     out[n++] = (struct sg_loss){

@@ -55,7 +55,15 @@ settled tolerant tolerance 16.0
 cmp -s tolerant/point_cloud/iteration_*/point_cloud.ply plain/point_cloud/iteration_*/point_cloud.ply &&
     fail "the tolerance has no effect"
 expect 1 train scene/blender -o refused --tolerance 256
-says '0 to 255'
+says '0 to 255 or one of auto|preset'
+# auto: the audit decides, with the defense unless told otherwise, and the same where the run is resumed.
+expect 0 train scene/blender -o adaptive $short --init-points 2000 --tolerance auto
+settled adaptive tolerance '"auto"'
+[ -n "$(field adaptive levels)" ] || fail "the summary lacks the tolerance"
+expect 0 train --resume adaptive --iterations 125
+settled adaptive tolerance '"auto"'
+expect 0 train scene/blender -o given $short --iterations 1 --init-points 10 --defense spectral --tolerance 0
+settled given tolerance 0.0
 
 # Gaussians.
 expect 0 train scene/blender -o few $short --init-points 400 --max-gaussians 500 --densify-grad-threshold 0.00001
