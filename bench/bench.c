@@ -16,6 +16,7 @@
 #include "core/clock.h"
 #include "core/internal.h"
 #include "core/rng.h"
+#include "measure.h"
 #include "roofline.h"
 #include "splatguard/splatguard.h"
 
@@ -30,24 +31,6 @@ struct result {
     struct sg_render_stats stats;
 };
 
-static int ascending(const void *a, const void *b)
-{
-    const double x = *(const double *) a, y = *(const double *) b;
-    return (x > y) - (x < y);
-}
-
-static double median(double *v, int n)
-{
-    qsort(v, (size_t) n, sizeof(*v), ascending);
-    return v[n / 2];
-}
-
-static void fail(const sg_ctx *ctx, const char *what)
-{
-    fprintf(stderr, "bench: %s: %s\n", what, ctx ? sg_last_error(ctx) : "");
-    exit(4);
-}
-
 /* A copy in the order in which training keeps its Gaussians. */
 static struct sg_model *ordered(sg_ctx *ctx, struct sg_model *m)
 {
@@ -58,7 +41,7 @@ static struct sg_model *ordered(sg_ctx *ctx, struct sg_model *m)
         source[i] = (uint32_t) i;
     if (sg_morton_order(ctx, m->params, planes, m->count, source, m->count, order) ||
         sg_model_create(ctx, m->count, m->sh_degree, &out))
-        fail(ctx, "order");
+        bench_fail(ctx, "order");
     for (size_t i = 0; i < m->count; i++)
         for (int p = 0; p < planes; p++)
             *sg_model_at(out, i, p) = *sg_model_at(m, order[i], p);
@@ -72,7 +55,7 @@ static struct sg_model *surface_model(sg_ctx *ctx, size_t n)
 {
     struct sg_model *m;
     if (sg_model_create(ctx, n, 3, &m))
-        fail(ctx, "model");
+        bench_fail(ctx, "model");
     static const float radius[] = {1.0f, 0.7f, 0.45f};
     const float spacing = sqrtf(25.0f / (float) n);
     for (size_t i = 0; i < n; i++) {
@@ -114,7 +97,7 @@ static struct result measure(const struct sg_model *model, int side, int threads
     sg_ctx *ctx;
     sg_trainer *t;
     if (sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = threads}))
-        fail(NULL, "context");
+        bench_fail(NULL, "context");
     struct sg_view view = {.name = (char *) "bench",
                            .camera = {.width = side,
                                       .height = side,
@@ -134,7 +117,7 @@ static struct result measure(const struct sg_model *model, int side, int threads
     struct sg_train_params params = {SG_TRAIN_DEFAULTS, .cpu = cpu, .sh_interval = 1, .densify_until_iter = 0};
     params.defense = *defense;
     if (sg_trainer_create(ctx, &scene, model, &params, &t))
-        fail(ctx, "trainer");
+        bench_fail(ctx, "trainer");
     struct result r = {.gaussians = model->count, .side = side, .threads = threads};
     double *total = malloc((size_t) rounds * sizeof(double)), *stage[TIMES];
     for (int k = 0; k < TIMES; k++)
@@ -145,7 +128,7 @@ static struct result measure(const struct sg_model *model, int side, int threads
         sg_trainer_times(t, &before);
         const double start = sg_seconds();
         if (sg_trainer_step(t, &step))
-            fail(ctx, "step");
+            bench_fail(ctx, "step");
         const double spent = sg_seconds() - start;
         sg_trainer_times(t, &after);
         r.stats = step.render;
@@ -286,9 +269,9 @@ int main(int argc, char **argv)
     sg_ctx *ctx;
     const struct cpu_kernels *kernels;
     if (sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = threads}))
-        fail(NULL, "context");
+        bench_fail(NULL, "context");
     if (sg_cpu_select(ctx, cpu, &kernels))
-        fail(ctx, "kernels");
+        bench_fail(ctx, "kernels");
     FILE *csv = csv_path ? fopen(csv_path, "w") : NULL;
     if (csv)
         fprintf(csv, "sweep,gaussians,side,threads,ms,project,bin,raster,loss,raster_backward,update,pairs_per_pixel,"
@@ -303,7 +286,7 @@ int main(int argc, char **argv)
     const int rounds = quick ? 9 : 31;
     struct sg_model *m;
     if (path ? sg_model_read_ply(ctx, path, UINT32_MAX, &m) : (m = surface_model(ctx, 300000), 0))
-        fail(ctx, "model");
+        bench_fail(ctx, "model");
     /* The speed of memory that is shared with others drifts: one thread and all take turns, and of each the middle one
      * of three counts. */
     const struct sg_defense_params off = {SG_DEFENSE_DEFAULTS};

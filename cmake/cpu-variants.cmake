@@ -1,6 +1,9 @@
 # src/engine/cpu/kernels/*.c are compiled once per instruction set; SG_ISA names the variant inside.
 file(GLOB SG_KERNELS CONFIGURE_DEPENDS src/engine/cpu/kernels/*.c)
 
+# Transforms give the same bytes on every instruction set.
+set_source_files_properties(${PROJECT_SOURCE_DIR}/src/engine/cpu/kernels/fft.c PROPERTIES COMPILE_OPTIONS -ffp-contract=off)
+
 function(sg_cpu_variant name)
     add_library(sg_kernels_${name} OBJECT ${SG_KERNELS})
     target_compile_definitions(sg_kernels_${name} PRIVATE SG_ISA=${name})

@@ -8,7 +8,7 @@ install(TARGETS splatguard EXPORT splatguard-targets
 
 # A static library drags its dependencies into every link, so they are then public requirements.
 get_target_property(type splatguard TYPE)
-set(SG_PC_REQUIRES "spng libturbojpeg libwebp jansson libxxhash fftw3f")
+set(SG_PC_REQUIRES "spng libturbojpeg libwebp jansson libxxhash")
 set(SG_PC_LIBS "-lm -pthread")
 if(type STREQUAL "STATIC_LIBRARY")
     set(SG_PC_LINKAGE "Requires: ${SG_PC_REQUIRES}\nLibs: -L\${libdir} -lsplatguard ${SG_PC_LIBS}")

@@ -27,7 +27,7 @@ static inline struct nearness against_exact(sg_ctx *ctx, int w, int h, const flo
     for (int exact = 0; exact < 2; exact++) {
         struct sg_anisotropy *a;
         g[exact] = calloc(n, sizeof(float));
-        assert_int_equal(sg_anisotropy_create(ctx, w, h, sg_anisotropy_params(.exact_size = exact), &a), SG_OK);
+        assert_int_equal(sg_anisotropy_create(ctx, w, h, sg_anisotropy_params(.exact_size = exact), NULL, &a), SG_OK);
         loss[exact] = sg_anisotropy_loss(a, x, 1, g[exact]);
         sg_anisotropy_destroy(&a);
     }

@@ -144,7 +144,7 @@ static void test_spectral(void **state)
     const int n = engine_cases(cases);
     sg_ctx *ctx = make_context(2);
     struct sg_anisotropy *loss;
-    assert_int_equal(sg_anisotropy_create(ctx, W, H, NULL, &loss), SG_OK);
+    assert_int_equal(sg_anisotropy_create(ctx, W, H, NULL, NULL, &loss), SG_OK);
     for (uint64_t i = 0; i < VALUES; i++)
         photo[i] = draw(11, i, 0.3f, 0.7f);
     for (int v = 0; v < n; v++) {

@@ -122,7 +122,7 @@ static void test_whole(void **state)
 static double loss_of(sg_ctx *ctx, int w, int h, const struct sg_anisotropy_params *p, const float *x, float *gradient)
 {
     struct sg_anisotropy *a;
-    assert_int_equal(sg_anisotropy_create(ctx, w, h, p, &a), SG_OK);
+    assert_int_equal(sg_anisotropy_create(ctx, w, h, p, NULL, &a), SG_OK);
     if (gradient)
         memset(gradient, 0, 3 * (size_t) w * (size_t) h * sizeof(float));
     const double loss = sg_anisotropy_loss(a, x, 1, gradient);
@@ -460,7 +460,7 @@ static void test_image_losses(void **state)
             struct sg_anisotropy *a;
             for (int i = 0; i < n; i++)
                 g[i] = expected[i] = 0.5f;
-            assert_int_equal(sg_anisotropy_create(ctx, side, 20, NULL, &a), SG_OK);
+            assert_int_equal(sg_anisotropy_create(ctx, side, 20, NULL, NULL, &a), SG_OK);
             const double ani = sg_anisotropy_loss(a, x, 2, expected);
             const double tv = sg_tv_loss(ctx, x, side, 20, SG_TV_NORM_HUBER, 3, expected, rows);
             sg_anisotropy_destroy(&a);

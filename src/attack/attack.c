@@ -194,7 +194,7 @@ static int ascend(sg_attack *a, int width, int height)
                             .spectral_weight = p->spectral_weight,
                             .extra = a->extra};
     const int code =
-        p->spectral_weight > 0 ? sg_plans_find(ctx, &a->plans, NULL, width, height, &ascent.spectral) : SG_OK;
+        p->spectral_weight > 0 ? sg_plans_find(ctx, &a->plans, NULL, NULL, width, height, &ascent.spectral) : SG_OK;
     if (code)
         return code;
     return sg_ascend(a->trainer->engine, &ascent, a->photo, width, height, a->image, a->scratch);

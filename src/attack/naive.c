@@ -52,7 +52,7 @@ int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, con
                        .spectral_weight = p.spectral_weight,
                        .extra = photo + 9 * n};
     if (method == SG_NAIVE_TV && p.spectral_weight > 0)
-        code = sg_anisotropy_create(ctx, w, h, NULL, &a.spectral);
+        code = sg_anisotropy_create(ctx, w, h, NULL, NULL, &a.spectral);
     if (method == SG_NAIVE_TV && !code)
         code = sg_ascend(engine, &a, photo, w, h, x, scratch);
     sg_anisotropy_destroy(&a.spectral);

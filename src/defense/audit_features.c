@@ -8,7 +8,7 @@
 
 #include "audit_photo.h"
 #include "core/internal.h"
-#include "spectral/fft.h"
+#include "spectral/frequency.h"
 
 #define BLOCK 16 /* pixels of the photo */
 #define UNIT 4   /* values are quarters of grey levels, so that means of four pixels are kept */
@@ -263,11 +263,8 @@ int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int w
                      struct sg_audit_features *out, float *map)
 {
     struct plane p = {.mask = mask, .w = (size_t) width, .h = (size_t) height, .block = BLOCK};
-    struct sg_spectrum spectrum;
     *out = (struct sg_audit_features){0};
-    int code = sg_spectrum_of(ctx, rgb, width, height, NULL, &spectrum, NULL);
-    if (code)
-        return code;
+    int code = SG_OK;
     p.values = sg_alloc_raw(ctx, SG_MEM_FRAME, p.w * p.h, sizeof(*p.values));
     p.columns = sg_alloc_raw(ctx, SG_MEM_FRAME, p.w, sizeof(*p.columns));
     p.blocks = sg_alloc_raw(ctx, SG_MEM_FRAME, block_count(&p), sizeof(*p.blocks));
@@ -277,8 +274,6 @@ int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int w
         code = SG_ERR_BUDGET;
         goto done;
     }
-    out->slope = slope(&spectrum);
-    out->anisotropy = spectrum.anisotropy;
     out->osc_chroma = (chroma(&p, rgb, 0, 1) + chroma(&p, rgb, 2, 1)) / 2;
 
     struct variation down, across;
@@ -309,5 +304,11 @@ done:
     sg_free(p.blocks);
     sg_free(own);
     sg_free(less);
+    if (code)
+        return code;
+    struct sg_spectrum spectrum;
+    code = sg_spectrum_of(ctx, rgb, width, height, NULL, &spectrum, NULL);
+    if (!code)
+        out->slope = slope(&spectrum), out->anisotropy = spectrum.anisotropy;
     return code;
 }

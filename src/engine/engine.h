@@ -31,6 +31,7 @@ const char *sg_engine_variant(const struct sg_engine *e); /* "avx512", "ref", ..
 struct sg_work {
     int sh_degree;
     bool accumulate; /* see sg_update */
+    bool anisotropy; /* the losses have one */
     int width, height, threads;
 };
 struct sg_footprint {

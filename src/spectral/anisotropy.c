@@ -1,36 +1,36 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Rows are transformed a few at a time from a small buffer, columns a cache line's worth at a time and only those that
- * reach into the band; what is done with their coefficients is done while they are in the cache. */
+/* Rows are transformed 32 at a time, columns 16 at a time and only those that reach into the band; what is done with
+ * their coefficients is done while they are in the cache. */
 #include "anisotropy.h"
 
-#include <complex.h>
-#include <fftw3.h>
 #include <math.h>
 #include <string.h>
 
 #include "fft.h"
+#include "frequency.h"
 
-#define OUTSIDE 255  /* of the band; directions are fewer */
-#define ROWS 16      /* a piece of work */
-#define COLUMNS 16   /* a piece of work: two cache lines */
-#define APART 4      /* sums of a bin */
-#define EXACT_TO 256 /* sides this short are never continued */
+#define OUTSIDE 255        /* of the band; directions are fewer */
+#define ROWS SG_FFT_ROWS   /* a piece of work */
+#define LANES SG_FFT_LANES /* columns of a piece of work */
+#define APART 4            /* sums of a bin */
+#define EXACT_TO 256       /* sides this short are never continued */
 
 struct sg_anisotropy {
     sg_ctx *ctx;
+    const struct sg_fft_kernels *fft;
     struct sg_anisotropy_params params;
-    int width, height;                                       /* of the image */
-    int w, h;                                                /* of what is transformed */
-    int planes;                                              /* transformed */
-    int columns;                                             /* that reach into the band, the first ones */
-    size_t row, stride;                                      /* floats of a row buffer, coefficients of a row */
-    fftwf_plan rows[2], rows_back[2], cols[2], cols_back[2]; /* of a whole piece; of the last one */
-    uint8_t *direction;                                      /* h x columns: bin of each coefficient */
-    float *buffers;                                          /* a thread: ROWS rows */
-    float complex *f;                                        /* planes half spectra */
-    float *beyond;                                           /* gradient of the rows that continue the image */
-    double *energy;                                          /* a piece of columns: bins */
-    float factor[SG_SPECTRUM_BINS_MAX + 2];                  /* of each bin's coefficients in the gradient */
+    int width, height;            /* of the image */
+    int w, h;                     /* of what is transformed */
+    int planes;                   /* transformed */
+    int columns;                  /* that reach into the band, the first ones */
+    struct sg_fft *across, *down; /* of a row, of a column */
+    uint8_t *direction;           /* panels x h x LANES: bin of each coefficient */
+    float *buffers;               /* a thread: `buffer` floats */
+    size_t buffer;
+    float *f;                               /* planes half spectra */
+    float *beyond;                          /* gradient of the rows that continue the image */
+    double *energy;                         /* a piece of columns: bins */
+    float factor[SG_SPECTRUM_BINS_MAX + 2]; /* of each bin's coefficients in the gradient */
     /* of a call */
     const float *image;
     float *gradient;
@@ -62,6 +62,22 @@ int sg_anisotropy_height(int height, bool exact)
     return quick(height, 1, exact);
 }
 
+static size_t row_pieces(const struct sg_anisotropy *a)
+{
+    return ((size_t) a->h + ROWS - 1) / ROWS;
+}
+
+static size_t column_pieces(const struct sg_anisotropy *a)
+{
+    return SG_FFT_PANELS(a->columns);
+}
+
+/* Floats of a panel. */
+static size_t panel_size(const struct sg_anisotropy *a)
+{
+    return (size_t) a->h * SG_FFT_POINT;
+}
+
 static int fill_directions(struct sg_anisotropy *a)
 {
     const struct sg_spectrum_params *band = &a->params.band;
@@ -70,38 +86,29 @@ static int fill_directions(struct sg_anisotropy *a)
             if (sg_spectrum_bin(u, v, a->w, a->h, band, OUTSIDE) != OUTSIDE)
                 a->columns = v + 1;
     a->columns = a->columns ? a->columns : 1;
-    a->direction = sg_alloc_raw(a->ctx, SG_MEM_FRAME, (size_t) a->h * (size_t) a->columns, 1);
-    if (!a->direction)
+    uint8_t *to = a->direction = sg_alloc_raw(a->ctx, SG_MEM_FRAME, column_pieces(a) * (size_t) a->h, LANES);
+    if (!to)
         return SG_ERR_BUDGET;
-    for (int u = 0; u < a->h; u++)
-        for (int v = 0; v < a->columns; v++)
-            a->direction[u * a->columns + v] = (uint8_t) sg_spectrum_bin(u, v, a->w, a->h, band, OUTSIDE);
+    for (int first = 0; first < a->columns; first += LANES)
+        for (int u = 0; u < a->h; u++)
+            for (int v = first; v < first + LANES; v++)
+                *to++ = v < a->columns ? (uint8_t) sg_spectrum_bin(u, v, a->w, a->h, band, OUTSIDE) : OUTSIDE;
     return SG_OK;
 }
 
-static size_t row_pieces(const struct sg_anisotropy *a)
+/* A thread's buffer holds rows or a column, and the scratch of their transforms. */
+static int reserve(struct sg_anisotropy *a)
 {
-    return ((size_t) a->h + ROWS - 1) / ROWS;
-}
-
-static size_t column_pieces(const struct sg_anisotropy *a)
-{
-    return ((size_t) a->columns + COLUMNS - 1) / COLUMNS;
-}
-
-/* [0]: of a whole piece, [1]: of what is left at the end. */
-static int make_plans(struct sg_anisotropy *a)
-{
-    for (int last = 0; last < 2; last++) {
-        const int rows = last ? a->h % ROWS : ROWS, columns = last ? a->columns % COLUMNS : COLUMNS;
-        if (rows && sg_fft_plan_rows(a->ctx, a->w, rows, (int) a->row, (int) a->stride, a->buffers, a->f,
-                                     &a->rows[last], &a->rows_back[last]))
-            return SG_ERR_BUDGET;
-        if (columns &&
-            sg_fft_plan_columns(a->ctx, a->h, columns, (int) a->stride, a->f, &a->cols[last], &a->cols_back[last]))
-            return SG_ERR_BUDGET;
-    }
-    return SG_OK;
+    sg_ctx *ctx = a->ctx;
+    const size_t planes = (size_t) a->planes, threads = (size_t) sg_ctx_threads(ctx), width = (size_t) a->width;
+    const size_t rows = (a->planes == 1 ? ROWS * width : 0) + 15 + sg_fft_rows_scratch(a->across);
+    const size_t column = panel_size(a) + sg_fft_scratch(a->down);
+    a->buffer = ((rows > column ? rows : column) + 15) / 16 * 16;
+    a->buffers = sg_alloc(ctx, SG_MEM_FRAME, threads * a->buffer, sizeof(float));
+    a->f = sg_alloc(ctx, SG_MEM_FRAME, planes * column_pieces(a) * panel_size(a), sizeof(float));
+    a->beyond = sg_alloc(ctx, SG_MEM_FRAME, planes * (size_t) (a->h - a->height) + 1, width * sizeof(float));
+    a->energy = sg_alloc(ctx, SG_MEM_FRAME, planes * column_pieces(a) * (size_t) a->params.band.bins, sizeof(double));
+    return a->buffers && a->f && a->beyond && a->energy ? SG_OK : SG_ERR_BUDGET;
 }
 
 struct sg_anisotropy_params sg_anisotropy_params_default(void)
@@ -110,31 +117,24 @@ struct sg_anisotropy_params sg_anisotropy_params_default(void)
 }
 
 int sg_anisotropy_create(sg_ctx *ctx, int width, int height, const struct sg_anisotropy_params *params,
-                         struct sg_anisotropy **out)
+                         const struct sg_fft_kernels *fft, struct sg_anisotropy **out)
 {
     *out = NULL;
     struct sg_anisotropy *a = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*a));
     if (!a)
         return SG_ERR_BUDGET;
-    *a = (struct sg_anisotropy){
-        .ctx = ctx, .params = params ? *params : sg_anisotropy_params_default(), .width = width, .height = height};
+    *a = (struct sg_anisotropy){.ctx = ctx,
+                                .fft = fft ? fft : sg_fft_fastest(),
+                                .params = params ? *params : sg_anisotropy_params_default(),
+                                .width = width,
+                                .height = height};
     a->w = sg_anisotropy_width(width, a->params.exact_size);
     a->h = sg_anisotropy_height(height, a->params.exact_size);
     a->planes = a->params.channels == SG_CHANNELS_LUMA ? 1 : 3;
-    a->row = ((size_t) a->w + 15) / 16 * 16, a->stride = (SG_FFT_COLUMNS(a->w) + 7) / 8 * 8;
-    int code = fill_directions(a);
-    const size_t planes = (size_t) a->planes, threads = (size_t) sg_ctx_threads(ctx);
-    if (!code) {
-        a->buffers = sg_alloc(ctx, SG_MEM_FRAME, threads * ROWS * a->row, sizeof(float));
-        a->f = sg_alloc(ctx, SG_MEM_FRAME, planes * (size_t) a->h * a->stride, sizeof(float complex));
-        a->beyond = sg_alloc(ctx, SG_MEM_FRAME, planes * (size_t) (a->h - height) + 1, (size_t) width * sizeof(float));
-        a->energy =
-            sg_alloc(ctx, SG_MEM_FRAME, planes * column_pieces(a) * (size_t) a->params.band.bins, sizeof(double));
-        code = a->buffers && a->f && a->beyond && a->energy ? make_plans(a) : SG_ERR_BUDGET;
-    }
-    if (code) {
+    if (fill_directions(a) || sg_fft_create(ctx, a->w, &a->across) || sg_fft_create(ctx, a->h, &a->down) ||
+        reserve(a)) {
         sg_anisotropy_destroy(&a);
-        return code;
+        return SG_ERR_BUDGET;
     }
     *out = a;
     return SG_OK;
@@ -145,12 +145,8 @@ void sg_anisotropy_destroy(struct sg_anisotropy **p)
     struct sg_anisotropy *a = *p;
     if (!a)
         return;
-    for (int i = 0; i < 2; i++) {
-        sg_fft_forget(a->rows[i]);
-        sg_fft_forget(a->rows_back[i]);
-        sg_fft_forget(a->cols[i]);
-        sg_fft_forget(a->cols_back[i]);
-    }
+    sg_fft_destroy(&a->across);
+    sg_fft_destroy(&a->down);
     sg_free(a->direction);
     sg_free(a->buffers);
     sg_free(a->f);
@@ -162,76 +158,88 @@ void sg_anisotropy_destroy(struct sg_anisotropy **p)
 
 static const float luma[3] = {0.299f, 0.587f, 0.114f};
 
-static float complex *spectrum_of(const struct sg_anisotropy *a, size_t plane)
+static float *panel_of(const struct sg_anisotropy *a, size_t plane, size_t panel)
 {
-    return a->f + plane * (size_t) a->h * a->stride;
+    return a->f + (plane * column_pieces(a) + panel) * panel_size(a);
 }
 
-static float pixel(const struct sg_anisotropy *a, size_t plane, int y, int x)
+struct row_piece {
+    size_t plane;
+    int first; /* row */
+    struct sg_fft_rows rows;
+};
+
+static struct row_piece row_piece(const struct sg_anisotropy *a, size_t piece)
 {
-    const size_t pixels = (size_t) a->width * (size_t) a->height;
-    const float *p = a->image + (size_t) y * (size_t) a->width + (size_t) x;
-    return a->planes == 3 ? p[plane * pixels] : luma[0] * p[0] + luma[1] * p[pixels] + luma[2] * p[2 * pixels];
+    const size_t plane = piece / row_pieces(a);
+    const int first = (int) (piece % row_pieces(a)) * ROWS;
+    return (struct row_piece){.plane = plane,
+                              .first = first,
+                              .rows = {.count = a->h - first < ROWS ? a->h - first : ROWS,
+                                       .width = a->width,
+                                       .columns = a->columns,
+                                       .panels = panel_of(a, plane, 0) + (size_t) first * SG_FFT_POINT,
+                                       .panel = panel_size(a)}};
 }
 
-/* Row y of what is transformed: the image, whose last column and row are repeated. The jump to the first ones, which an
- * exact transform has too, is kept: a ramp there would change the energy along the axes, most of a smooth image's. */
-static void load_row(const struct sg_anisotropy *a, size_t plane, int y, float *to)
+/* Row y of a plane of the image. `room` holds it where it has to be computed. */
+static const float *row_of(const struct sg_anisotropy *a, size_t plane, int y, float *room)
 {
-    y = y < a->height ? y : a->height - 1;
+    const size_t width = (size_t) a->width, pixels = width * (size_t) a->height;
+    const float *p = a->image + (size_t) y * width;
     if (a->planes == 3)
-        memcpy(to, a->image + (plane * (size_t) a->height + (size_t) y) * (size_t) a->width,
-               (size_t) a->width * sizeof(float));
-    else
-        for (int x = 0; x < a->width; x++)
-            to[x] = pixel(a, plane, y, x);
-    for (int x = a->width; x < a->w; x++)
-        to[x] = to[a->width - 1];
+        return p + plane * pixels;
+    for (size_t x = 0; x < width; x++)
+        room[x] = luma[0] * p[x] + luma[1] * p[x + pixels] + luma[2] * p[x + 2 * pixels];
+    return room;
 }
 
+/* Scratch of the transforms, behind the rows that are computed. */
+static float *scratch_of(const struct sg_anisotropy *a, float *buffer)
+{
+    return buffer + (a->planes == 1 ? ((size_t) a->width * ROWS + 15) / 16 * 16 : 0);
+}
+
+/* The image's last column and row are repeated. The jump to the first ones, which an exact transform has too, is kept:
+ * a ramp there would change the energy along the axes, most of a smooth image's. */
 static void transform_rows(void *arg, size_t piece, int thread)
 {
     struct sg_anisotropy *a = arg;
-    const size_t plane = piece / row_pieces(a);
-    const int first = (int) (piece % row_pieces(a)) * ROWS, end = first + ROWS < a->h ? first + ROWS : a->h;
-    float *buffer = a->buffers + (size_t) thread * ROWS * a->row;
-    for (int y = first; y < end; y++)
-        load_row(a, plane, y, buffer + (size_t) (y - first) * a->row);
-    fftwf_execute_dft_r2c(a->rows[end - first < ROWS], buffer, spectrum_of(a, plane) + (size_t) first * a->stride);
+    const struct row_piece p = row_piece(a, piece);
+    float *buffer = a->buffers + (size_t) thread * a->buffer;
+    const float *rows[ROWS];
+    for (int i = 0; i < p.rows.count; i++) {
+        const int y = p.first + i < a->height ? p.first + i : a->height - 1;
+        rows[i] = row_of(a, p.plane, y, buffer + (size_t) i * (size_t) a->width);
+    }
+    a->fft->rows(a->across, &p.rows, rows, scratch_of(a, buffer));
 }
 
-struct column_piece {
-    float complex *f; /* its first column */
-    int first, count;
-};
-
-static struct column_piece column_piece(const struct sg_anisotropy *a, size_t piece)
+/* The direction of each coefficient of a piece of columns: h x LANES. */
+static const uint8_t *directions_of(const struct sg_anisotropy *a, size_t piece)
 {
-    const int first = (int) (piece % column_pieces(a)) * COLUMNS;
-    return (struct column_piece){spectrum_of(a, piece / column_pieces(a)) + first, first,
-                                 first + COLUMNS < a->columns ? COLUMNS : a->columns - first};
+    return a->direction + piece % column_pieces(a) * (size_t) a->h * LANES;
 }
 
 static void transform_columns(void *arg, size_t piece, int thread)
 {
     struct sg_anisotropy *a = arg;
-    const struct column_piece c = column_piece(a, piece);
-    const bool amplitude = a->params.energy == SG_ENERGY_AMPLITUDE;
+    const bool amplitude = a->params.energy == SG_ENERGY_AMPLITUDE, axis = piece % column_pieces(a) == 0;
     const int bins = a->params.band.bins;
+    const uint8_t *bin = directions_of(a, piece);
+    float *f = panel_of(a, 0, piece), *own = a->buffers + (size_t) thread * a->buffer;
     double energy[APART][256] = {0}; /* of OUTSIDE too: no branch; neighbours often share a bin, but not its sum */
     double whole[256] = {0};         /* of column 0, which has its conjugates itself; the others do not store theirs */
-    (void) thread;
-    fftwf_execute_dft(a->cols[c.count < COLUMNS], c.f, c.f);
-    for (int u = 0; u < a->h; u++) {
-        const float *f = (const float *) (c.f + (size_t) u * a->stride);
-        const uint8_t *bin = a->direction + u * a->columns + c.first;
-        float e[COLUMNS] = {0};
-        for (int v = 0; v < c.count; v++)
-            e[v] = f[2 * v] * f[2 * v] + f[2 * v + 1] * f[2 * v + 1];
-        for (int v = 0; v < c.count && amplitude; v++)
+    a->fft->columns(a->down, f, own, false, own + panel_size(a));
+    for (int u = 0; u < a->h; u++, f += SG_FFT_POINT, own += SG_FFT_POINT, bin += LANES) {
+        float e[LANES];
+        memcpy(f, own, SG_FFT_POINT * sizeof(float));
+        for (int v = 0; v < LANES; v++)
+            e[v] = own[v] * own[v] + own[v + LANES] * own[v + LANES];
+        for (int v = 0; v < LANES && amplitude; v++)
             e[v] = sqrtf(e[v]);
-        (c.first ? energy[0] : whole)[bin[0]] += (double) e[0];
-        for (int v = 1; v < c.count; v++)
+        (axis ? whole : energy[0])[bin[0]] += (double) e[0];
+        for (int v = 1; v < LANES; v++)
             energy[v % APART][bin[v]] += (double) e[v];
     }
     double *sums = a->energy + piece * (size_t) bins;
@@ -266,40 +274,30 @@ static double loss_of_bins(struct sg_anisotropy *a)
     return 1 - entropy / log(bins);
 }
 
-/* dL/dx = c2r(factor F), and of amplitudes c2r(factor F / |F|): the inverse transform, not normalised, brings the
- * conjugates. */
+/* dL/dx is the real transform back of factor F, and of amplitudes of factor F / |F|: it brings the conjugates, and is
+ * not normalised. */
 static void pull_columns(void *arg, size_t piece, int thread)
 {
     struct sg_anisotropy *a = arg;
-    const struct column_piece c = column_piece(a, piece);
+    const bool amplitude = a->params.energy == SG_ENERGY_AMPLITUDE;
+    const uint8_t *bin = directions_of(a, piece);
+    float *f = panel_of(a, 0, piece), *own = a->buffers + (size_t) thread * a->buffer;
     float factor[256];
-    (void) thread;
     memcpy(factor, a->factor, SG_SPECTRUM_BINS_MAX * sizeof(float));
     factor[OUTSIDE] = factor[OUTSIDE - 1] = 0;
-    for (int u = 0; u < a->h; u++) {
-        float complex *f = c.f + (size_t) u * a->stride;
-        const uint8_t *bin = a->direction + u * a->columns + c.first;
-        for (int v = 0; v < c.count; v++)
-            f[v] *= factor[bin[v]];
-        for (int v = 0; v < c.count && a->params.energy == SG_ENERGY_AMPLITUDE; v++) {
-            /* f has been scaled: its length is that of the factor times |F| */
-            const float size = cabsf(f[v]);
-            f[v] = size > 1e-30f ? f[v] / size * fabsf(factor[bin[v]]) : 0;
+    for (int u = 0; u < a->h; u++, bin += LANES) {
+        const float *from = f + (size_t) u * SG_FFT_POINT;
+        float *to = own + (size_t) u * SG_FFT_POINT, scale[LANES];
+        for (int v = 0; v < LANES; v++)
+            scale[v] = factor[bin[v]];
+        for (int v = 0; v < LANES && amplitude; v++) {
+            const float size = sqrtf(from[v] * from[v] + from[v + LANES] * from[v + LANES]);
+            scale[v] = size > 1e-15f ? scale[v] / size : 0;
         }
+        for (int v = 0; v < LANES; v++)
+            to[v] = from[v] * scale[v], to[v + LANES] = from[v + LANES] * scale[v];
     }
-    fftwf_execute_dft(a->cols_back[c.count < COLUMNS], c.f, c.f);
-}
-
-/* Adds a transformed row's gradient to a row of every channel. */
-static void add_row(const struct sg_anisotropy *a, size_t plane, const float *from, float weight, int y)
-{
-    const size_t pixels = (size_t) a->width * (size_t) a->height;
-    for (size_t ch = 0; ch < 3; ch++) {
-        const float scale = a->planes == 3 ? weight : weight * luma[ch];
-        float *to = a->gradient + ch * pixels + (size_t) y * (size_t) a->width;
-        for (int x = 0; x < a->width && (a->planes == 1 || ch == plane); x++)
-            to[x] += scale * from[x];
-    }
+    a->fft->columns(a->down, own, f, true, own + panel_size(a));
 }
 
 static float *row_beyond(const struct sg_anisotropy *a, size_t plane, int y)
@@ -310,22 +308,34 @@ static float *row_beyond(const struct sg_anisotropy *a, size_t plane, int y)
 static void pull_rows(void *arg, size_t piece, int thread)
 {
     struct sg_anisotropy *a = arg;
-    const size_t plane = piece / row_pieces(a);
-    const int first = (int) (piece % row_pieces(a)) * ROWS, end = first + ROWS < a->h ? first + ROWS : a->h;
-    float *buffer = a->buffers + (size_t) thread * ROWS * a->row;
-    float complex *f = spectrum_of(a, plane) + (size_t) first * a->stride;
-    for (int y = first; y < end; y++)
-        memset(f + (size_t) (y - first) * a->stride + a->columns, 0,
-               (SG_FFT_COLUMNS(a->w) - (size_t) a->columns) * sizeof(*f));
-    fftwf_execute_dft_c2r(a->rows_back[end - first < ROWS], f, buffer);
-    for (int y = first; y < end; y++) {
-        float *g = buffer + (size_t) (y - first) * a->row;
-        for (int x = a->width; x < a->w; x++)
-            g[a->width - 1] += g[x];
-        if (y < a->height)
-            add_row(a, plane, g, a->weight, y);
-        else
-            memcpy(row_beyond(a, plane, y), g, (size_t) a->width * sizeof(float));
+    const struct row_piece p = row_piece(a, piece);
+    const size_t width = (size_t) a->width, pixels = width * (size_t) a->height;
+    float *scratch = a->buffers + (size_t) thread * a->buffer, *rows[ROWS];
+    for (size_t ch = 0; ch < 3; ch++) {
+        for (int i = 0; i < p.rows.count; i++)
+            rows[i] = p.first + i < a->height ? a->gradient + ch * pixels + (size_t) (p.first + i) * width : NULL;
+        if ((a->planes == 1 || ch == p.plane) && p.first < a->height)
+            a->fft->rows_back(a->across, &p.rows, rows, a->planes == 1 ? a->weight * luma[ch] : a->weight, scratch);
+    }
+    if (p.first + p.rows.count <= a->height)
+        return;
+    for (int i = 0; i < p.rows.count; i++) {
+        rows[i] = p.first + i < a->height ? NULL : row_beyond(a, p.plane, p.first + i);
+        if (rows[i])
+            memset(rows[i], 0, width * sizeof(float));
+    }
+    a->fft->rows_back(a->across, &p.rows, rows, 1, scratch);
+}
+
+/* Adds a row of `beyond` to the last row of every channel that it is of. */
+static void add_beyond(const struct sg_anisotropy *a, size_t plane, const float *from)
+{
+    const size_t width = (size_t) a->width, pixels = width * (size_t) a->height;
+    for (size_t ch = 0; ch < 3; ch++) {
+        const float scale = a->planes == 3 ? a->weight : a->weight * luma[ch];
+        float *to = a->gradient + (ch + 1) * pixels - width;
+        for (size_t x = 0; x < width && (a->planes == 1 || ch == plane); x++)
+            to[x] += scale * from[x];
     }
 }
 
@@ -342,6 +352,6 @@ double sg_anisotropy_loss(struct sg_anisotropy *a, const float *planes, double w
     sg_parallel_for(a->ctx, rows, pull_rows, a);
     for (size_t plane = 0; plane < (size_t) a->planes; plane++)
         for (int y = a->height; y < a->h; y++)
-            add_row(a, plane, row_beyond(a, plane, y), a->weight, a->height - 1);
+            add_beyond(a, plane, row_beyond(a, plane, y));
     return loss;
 }

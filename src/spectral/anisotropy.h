@@ -7,14 +7,15 @@
 #include "core/internal.h"
 #include "splatguard/spectrum.h"
 
-/* For one size: plans, table of directions, room. Thread safety: unsafe. */
+/* For one size: transforms, table of directions, room. Thread safety: unsafe. */
 struct sg_anisotropy;
+struct sg_fft_kernels;
 
-/* params may be NULL. A side with other factors than 2, 3, 5, 7 and a single 11 or 13 is slow to transform, and so is an
- * odd width; from 256 pixels on it grows to the next quick one, unless params ask for the exact size: the last row or
- * column is repeated, and loss and gradient are those of the image so continued. */
+/* params may be NULL, and so may fft: the fastest kernels. A side with other factors than 2, 3, 5, 7 and a single 11 or
+ * 13 is slow to transform, and so is an odd width; from 256 pixels on it grows to the next quick one, unless params ask
+ * for the exact size: the last row or column is repeated, and loss and gradient are those of the image so continued. */
 int sg_anisotropy_create(sg_ctx *ctx, int width, int height, const struct sg_anisotropy_params *params,
-                         struct sg_anisotropy **out);
+                         const struct sg_fft_kernels *fft, struct sg_anisotropy **out);
 void sg_anisotropy_destroy(struct sg_anisotropy **a);
 
 /* planes: 3 planes of height x width. gradient: NULL, or 3 planes to add weight x dL/dplanes to. Flat images have loss

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "plans.h"
 
-int sg_plans_find(sg_ctx *ctx, struct sg_plans *plans, const struct sg_anisotropy_params *params, int width, int height,
-                  struct sg_anisotropy **out)
+int sg_plans_find(sg_ctx *ctx, struct sg_plans *plans, const struct sg_anisotropy_params *params,
+                  const struct sg_fft_kernels *fft, int width, int height, struct sg_anisotropy **out)
 {
     struct sg_plan *oldest = plans->sizes;
     for (struct sg_plan *s = plans->sizes; s < plans->sizes + SG_PLANS; s++) {
@@ -16,7 +16,7 @@ int sg_plans_find(sg_ctx *ctx, struct sg_plans *plans, const struct sg_anisotrop
     }
     sg_anisotropy_destroy(&oldest->plan);
     oldest->width = width, oldest->height = height, oldest->used = ++plans->clock;
-    const int code = sg_anisotropy_create(ctx, width, height, params, &oldest->plan);
+    const int code = sg_anisotropy_create(ctx, width, height, params, fft, &oldest->plan);
     *out = oldest->plan;
     return code;
 }

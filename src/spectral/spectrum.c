@@ -2,24 +2,83 @@
 #include "splatguard/spectrum.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "fft.h"
+#include "frequency.h"
+
+/* An image and its half spectrum, in panels. */
+struct transform {
+    int width, height;
+    struct sg_fft *across, *down;
+    float *image, *f, *room;
+};
+
+static int transform_create(sg_ctx *ctx, int width, int height, struct transform *t)
+{
+    *t = (struct transform){.width = width, .height = height};
+    if (sg_fft_create(ctx, width, &t->across) || sg_fft_create(ctx, height, &t->down))
+        return SG_ERR_BUDGET;
+    const size_t rows = sg_fft_rows_scratch(t->across), points = (size_t) height * SG_FFT_POINT;
+    const size_t column = points + sg_fft_scratch(t->down);
+    t->image = sg_alloc_raw(ctx, SG_MEM_FRAME, (size_t) width * (size_t) height, sizeof(float));
+    t->f = sg_alloc_raw(ctx, SG_MEM_FRAME, SG_FFT_PANELS(SG_FFT_COLUMNS(width)) * points, sizeof(float));
+    t->room = sg_alloc_raw(ctx, SG_MEM_FRAME, rows > column ? rows : column, sizeof(float));
+    return t->image && t->f && t->room ? SG_OK : SG_ERR_BUDGET;
+}
+
+static void transform_clear(struct transform *t)
+{
+    sg_fft_destroy(&t->across);
+    sg_fft_destroy(&t->down);
+    sg_free(t->image);
+    sg_free(t->f);
+    sg_free(t->room);
+}
+
+static void transform(const struct transform *t)
+{
+    const struct sg_fft_kernels *fft = sg_fft_fastest();
+    const int columns = (int) SG_FFT_COLUMNS(t->width);
+    const size_t panel = (size_t) t->height * SG_FFT_POINT;
+    for (int y = 0; y < t->height; y += SG_FFT_ROWS) {
+        const struct sg_fft_rows r = {.count = t->height - y < SG_FFT_ROWS ? t->height - y : SG_FFT_ROWS,
+                                      .width = t->width,
+                                      .columns = columns,
+                                      .panels = t->f + (size_t) y * SG_FFT_POINT,
+                                      .panel = panel};
+        const float *rows[SG_FFT_ROWS];
+        for (int i = 0; i < r.count; i++)
+            rows[i] = t->image + (size_t) (y + i) * (size_t) t->width;
+        fft->rows(t->across, &r, rows, t->room);
+    }
+    for (size_t p = 0; p < SG_FFT_PANELS(columns); p++) {
+        fft->columns(t->down, t->f + p * panel, t->room, false, t->room + panel);
+        memcpy(t->f + p * panel, t->room, panel * sizeof(float));
+    }
+}
+
+/* Real part; the imaginary one is SG_FFT_LANES further. */
+static const float *coefficient(const struct transform *t, int u, int v)
+{
+    return t->f + (size_t) (v / SG_FFT_LANES) * (size_t) t->height * SG_FFT_POINT + (size_t) u * SG_FFT_POINT +
+           (size_t) (v % SG_FFT_LANES);
+}
 
 struct sums {
     double total, ring[SG_SPECTRUM_RINGS], ring_count[SG_SPECTRUM_RINGS];
 };
 
 /* Adds one channel. Half of the coefficients stand for their conjugates too. */
-static void add_channel(const float complex *f, int width, int height, const struct sg_spectrum_params *p,
-                        struct sums *sums, struct sg_spectrum *out)
+static void add_channel(const struct transform *t, const struct sg_spectrum_params *p, struct sums *sums,
+                        struct sg_spectrum *out)
 {
-    const int columns = (int) SG_FFT_COLUMNS(width);
+    const int width = t->width, height = t->height;
     for (int u = 0; u < height; u++)
-        for (int v = 0; v < columns; v++) {
+        for (int v = 0; v < (int) SG_FFT_COLUMNS(width); v++) {
             const double r = sg_spectrum_radius(u, v, width, height), twins = v == 0 || 2 * v == width ? 1 : 2;
-            const double re = (double) crealf(f[(size_t) u * (size_t) columns + (size_t) v]);
-            const double im = (double) cimagf(f[(size_t) u * (size_t) columns + (size_t) v]);
-            const double energy = re * re + im * im;
+            const float *f = coefficient(t, u, v);
+            const double re = (double) f[0], im = (double) f[SG_FFT_LANES], energy = re * re + im * im;
             const int ring = (int) (r * SG_SPECTRUM_RINGS), bin = sg_spectrum_bin(u, v, width, height, p, -1);
             if (r <= 0)
                 continue;
@@ -35,15 +94,16 @@ static void add_channel(const float complex *f, int width, int height, const str
 }
 
 /* ln(1 + |F|) with the zero frequency in the middle. */
-static void centre(const float complex *f, int width, int height, float *amplitude)
+static void centre(const struct transform *t, float *amplitude)
 {
-    const int columns = (int) SG_FFT_COLUMNS(width);
+    const int width = t->width, height = t->height;
     for (int y = 0; y < height; y++)
         for (int x = 0; x < width; x++) {
             int u = (y - height / 2 + height) % height, v = (x - width / 2 + width) % width;
-            if (v >= columns)
+            if (2 * v > width)
                 u = (height - u) % height, v = width - v;
-            amplitude[(size_t) y * (size_t) width + (size_t) x] = log1pf(cabsf(f[u * columns + v]));
+            const float *f = coefficient(t, u, v);
+            amplitude[(size_t) y * (size_t) width + (size_t) x] = log1pf(hypotf(f[0], f[SG_FFT_LANES]));
         }
 }
 
@@ -79,29 +139,25 @@ int sg_spectrum_of(sg_ctx *ctx, const uint8_t *rgb, int width, int height, const
             ctx, SG_ERR_USAGE,
             "spectrum: found a band of %g to %g in %d directions, expected 0 to 1 and an even number up to %d", p.low,
             p.high, p.bins, SG_SPECTRUM_BINS_MAX);
-    float *image = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, sizeof(float));
-    float complex *f = sg_alloc_raw(ctx, SG_MEM_FRAME, (size_t) height * SG_FFT_COLUMNS(width), sizeof(*f));
-    fftwf_plan plan = NULL;
-    int code = image && f ? sg_fft_plan(ctx, width, height, image, f, &plan) : SG_ERR_BUDGET;
+    struct transform t;
+    const int code = transform_create(ctx, width, height, &t);
     struct sums sums = {0};
     *out = (struct sg_spectrum){.bins = p.bins};
     for (int channel = 0; channel < 3 && !code; channel++) {
         for (size_t i = 0; i < pixels; i++)
-            image[i] = (float) rgb[3 * i + (size_t) channel] * (1.0f / 255);
-        fftwf_execute(plan);
-        add_channel(f, width, height, &p, &sums, out);
+            t.image[i] = (float) rgb[3 * i + (size_t) channel] * (1.0f / 255);
+        transform(&t);
+        add_channel(&t, &p, &sums, out);
     }
     if (!code)
         finish(&sums, (double) pixels, out);
     if (!code && amplitude) {
         for (size_t i = 0; i < pixels; i++)
-            image[i] = (float) (rgb[3 * i] + rgb[3 * i + 1] + rgb[3 * i + 2]) * (1.0f / 765);
-        fftwf_execute(plan);
-        centre(f, width, height, amplitude);
+            t.image[i] = (float) (rgb[3 * i] + rgb[3 * i + 1] + rgb[3 * i + 2]) * (1.0f / 765);
+        transform(&t);
+        centre(&t, amplitude);
     }
-    sg_fft_forget(plan);
-    sg_free(image);
-    sg_free(f);
+    transform_clear(&t);
     return code;
 }
 

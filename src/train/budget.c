@@ -35,8 +35,12 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
     const struct sg_engine_kind *engine = sg_engine_find(ctx, p->engine);
     if (!engine)
         return SG_ERR_USAGE;
-    const struct sg_work work = {
-        .sh_degree = sh_degree, .accumulate = accumulate, .threads = sg_ctx_threads(ctx), .width = 1, .height = 1};
+    const struct sg_work work = {.sh_degree = sh_degree,
+                                 .accumulate = accumulate,
+                                 .anisotropy = p->defense.on,
+                                 .threads = sg_ctx_threads(ctx),
+                                 .width = 1,
+                                 .height = 1};
     const struct sg_footprint need = sg_engine_footprint(engine, &work);
     const uint64_t view = largest_view(engine, work, scene->test, scene->n_test,
                                        largest_view(engine, work, scene->train, scene->n_train, 0));

@@ -528,6 +528,7 @@ static int create(sg_ctx *ctx, const char *variant_name, struct sg_engine **out)
         return SG_ERR_BUDGET;
     b->base = (struct sg_engine){.ops = &ops, .ctx = ctx};
     b->kernels = kernels;
+    b->image_losses.fft = &kernels->fft;
     b->bins.band = -1;
     *out = &b->base;
     return SG_OK;
@@ -563,8 +564,8 @@ static struct sg_footprint footprint(const struct sg_work *w)
                                 2 * sizeof(struct bin_entry) + SLOT_BYTES; /* slot: of the bands' sums */
     const uint64_t instance = sizeof(struct cpu_instance) + sizeof(uint16_t) + SLOT_BYTES;
     const uint64_t pixel = 5 * 3 * sizeof(float) + 2 * sizeof(float); /* image, gradient, spectra; alpha, depth */
-    /* Rows of the loss and of the transforms. */
-    const uint64_t column = sizeof(float) * CPU_LOSS_SCRATCH_ROWS + 4 * 16 + 64;
+    /* Rows of the loss and of the transforms; slack. */
+    const uint64_t column = sizeof(float) * (CPU_LOSS_SCRATCH_ROWS + (w->anisotropy ? 2 * SG_FFT_POINT : 0)) + 128;
     return (struct sg_footprint){.gaussian = model + GROWN(projection),
                                  .instance = GROWN(instance),
                                  .view = pixels * pixel + (uint64_t) w->threads * width * column};

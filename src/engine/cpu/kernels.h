@@ -4,6 +4,7 @@
 #define SG_CPU_KERNELS_H
 
 #include "engine/ops.h"
+#include "spectral/fft.h"
 
 /* One projected Gaussian: a cache line; undefined where the extent says that it is not visible. With the conic as a sum
  * of squares (math/tiles.h), log2 of opacity x Gaussian is peak - (across dx - shear dy)^2 - (down dy)^2: above the
@@ -101,6 +102,7 @@ struct cpu_kernels {
     void (*loss)(const struct cpu_loss_args *, int channel, int first, int end, float *scratch);
     /* One of the 3 x height rows. */
     void (*ascend)(const struct sg_ascend *, size_t row);
+    struct sg_fft_kernels fft;
 };
 
 extern const struct cpu_kernels sg_cpu_kernels_baseline, sg_cpu_kernels_avx2, sg_cpu_kernels_avx512,

@@ -7,7 +7,7 @@ static int anisotropy(sg_ctx *ctx, struct sg_image_losses *s, const struct sg_lo
                       int width, int height, float *gradient, double *out)
 {
     struct sg_anisotropy *plan;
-    const int code = sg_plans_find(ctx, &s->plans, &loss->anisotropy, width, height, &plan);
+    const int code = sg_plans_find(ctx, &s->plans, &loss->anisotropy, s->fft, width, height, &plan);
     if (!code)
         *out = sg_anisotropy_loss(plan, planes, loss->weight, gradient);
     return code;
@@ -43,5 +43,5 @@ void sg_image_losses_clear(struct sg_image_losses *s)
 {
     sg_plans_clear(&s->plans);
     sg_free(s->rows);
-    *s = (struct sg_image_losses){0};
+    *s = (struct sg_image_losses){.fft = s->fft};
 }

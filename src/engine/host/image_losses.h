@@ -6,8 +6,9 @@
 #include "engine/losses.h"
 #include "spectral/plans.h"
 
-/* What is kept from call to call; start zeroed. Thread safety: unsafe. */
+/* What is kept from call to call; start zeroed but for fft. Thread safety: unsafe. */
 struct sg_image_losses {
+    const struct sg_fft_kernels *fft; /* NULL: the fastest */
     struct sg_plans plans;
     double *rows;
     size_t cap_rows;

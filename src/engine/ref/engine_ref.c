@@ -10,6 +10,7 @@
 #include "math/adam.h"
 #include "math/photometric.h"
 #include "render.h"
+#include "spectral/fft.h"
 
 struct ref_engine {
     struct sg_engine base;
@@ -410,6 +411,7 @@ static int create(sg_ctx *ctx, const char *variant_name, struct sg_engine **out)
     if (!b)
         return SG_ERR_BUDGET;
     b->base = (struct sg_engine){.ops = &ops, .ctx = ctx};
+    b->image_losses.fft = &sg_fft_oracle;
     *out = &b->base;
     return SG_OK;
 }

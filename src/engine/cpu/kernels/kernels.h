@@ -19,5 +19,8 @@ uint64_t KERNEL(raster_count)(const struct cpu_raster_args *, int);
 void KERNEL(update)(const struct cpu_update_args *, size_t, size_t);
 void KERNEL(loss)(const struct cpu_loss_args *, int, int, int, float *);
 void KERNEL(ascend)(const struct sg_ascend *, size_t);
+void KERNEL(fft_columns)(const struct sg_fft *, const float *, float *, bool, float *);
+void KERNEL(fft_rows)(const struct sg_fft *, const struct sg_fft_rows *, const float *const *, float *);
+void KERNEL(fft_rows_back)(const struct sg_fft *, const struct sg_fft_rows *, float *const *, float, float *);
 
 #endif

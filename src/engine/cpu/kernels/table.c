@@ -13,4 +13,5 @@ const struct cpu_kernels KERNEL(kernels) = {
     .update = KERNEL(update),
     .loss = KERNEL(loss),
     .ascend = KERNEL(ascend),
+    .fft = {.columns = KERNEL(fft_columns), .rows = KERNEL(fft_rows), .rows_back = KERNEL(fft_rows_back)},
 };
