@@ -12,10 +12,10 @@
 #include "output.h"
 #include "run_folder.h"
 
-#define SHOWN 3   /* photos from each end of the ranking */
-#define PANEL 270 /* pixels, the longer side: four in a row */
-#define HEAT 4.0f /* grey levels of oscillation that are drawn brightest */
-#define FAINT 0.1 /* grey levels of white noise whose spectrum is drawn black; a thousand times as many are white */
+#define SHOWN 3    /* photos from each end of the ranking */
+#define PANEL 270  /* pixels, the longer side: four in a row */
+#define HEAT 32.0f /* grey levels of oscillation that are drawn white: all that a bound of 16 allows */
+#define FAINT 0.1  /* grey levels of white noise whose spectrum is drawn black; a thousand times as many are white */
 
 /* Names need not be UTF-8; the page must be. */
 static void put_text(FILE *f, const char *name)
@@ -84,8 +84,7 @@ static void put_directions(FILE *f, const struct sg_spectrum *s)
     fprintf(f, "<figure><svg role=img aria-label=\"energy by direction\" width=%d height=120>", PANEL);
     for (int b = 0; b < half; b++) {
         const double share = most > 0 ? s->angular[s->bins / 4 + b] / most : 0, wide = (double) PANEL / half;
-        fprintf(f, "<rect x=%.1f y=%.1f width=%.1f height=%.1f fill=#357 />", b * wide, 120 - 118 * share, wide - 1,
-                118 * share);
+        fprintf(f, "<rect x=%.1f y=%.1f width=%.1f height=%.1f />", b * wide, 120 - 118 * share, wide - 1, 118 * share);
     }
     fprintf(f, "</svg><figcaption>energy by direction, -90 to 90 degrees: anisotropy %.3f</figcaption></figure>\n",
             s->anisotropy);
@@ -109,8 +108,9 @@ static int put_view(sg_ctx *ctx, FILE *f, const struct sg_view *v, const struct 
         code = sg_audit_measure(ctx, v->rgb, v->mask, w, h, &features, map);
     if (!code) {
         for (size_t i = 0; i < pixels; i++)
-            heat(map[i / (size_t) w / 16 * (size_t) across + i % (size_t) w / 16] / HEAT, rgb + 3 * i);
-        code = put_picture(ctx, f, rgb, w, h, "oscillation: white = 4 grey levels and more", v->name);
+            heat(sqrtf(map[i / (size_t) w / 16 * (size_t) across + i % (size_t) w / 16] / HEAT), rgb + 3 * i);
+        code = put_picture(ctx, f, rgb, w, h,
+                           "oscillation in grey levels: black 0, red 4, yellow 14, white 32 and more", v->name);
     }
     if (!code)
         code = sg_spectrum_measure(ctx, v->rgb, w, h, NULL, &spectrum, amplitude);
@@ -150,17 +150,24 @@ static void put_head(FILE *f, const struct sg_scene *scene, const struct sg_audi
     char unseen[64] = "";
     if (a->verdicts[SG_AUDIT_UNSEEN])
         snprintf(unseen, sizeof(unseen), ", %zu unseen: masks leave nothing of them", a->verdicts[SG_AUDIT_UNSEEN]);
-    fprintf(f,
-            "<!doctype html>\n<html lang=en><meta charset=utf-8><meta name=viewport content=\"width=device-width\">\n"
-            "<meta name=generator content=\"splatguard %s\">\n"
-            "<title>Audit: %s</title>\n<style>\n"
-            "body{font:16px/1.5 system-ui,sans-serif;margin:2em auto;max-width:1140px;padding:0 1em;color:#222}\n"
-            "table{border-collapse:collapse}td,th{padding:.1em .8em;text-align:right;border-bottom:1px solid #ddd}\n"
-            "td:first-child,th:first-child{text-align:left}.wide{overflow-x:auto}img{max-width:100%%;height:auto}\n"
-            ".row{display:flex;flex-wrap:wrap;align-items:start;gap:12px}figure{margin:0;display:table}\n"
-            "figcaption{display:table-caption;caption-side:bottom;font-size:13px;color:#555}\n"
-            ".clean{color:#176b43}.suspicious{color:#8a5200}.poisoned{color:#b3202c}\n</style>\n<h1>",
-            sg_version(), sg_audit_verdict_name(a->verdict));
+    fprintf(
+        f,
+        "<!doctype html>\n<html lang=en><meta charset=utf-8><meta name=viewport content=\"width=device-width\">\n"
+        "<meta name=generator content=\"splatguard %s\">\n"
+        "<title>Audit: %s</title>\n<style>\n"
+        ":root{color-scheme:light dark;--ink:#222;--paper:#fff;--faint:#555;--line:#ddd;--bar:#357;--clean:#176b43;"
+        "--suspicious:#8a5200;--poisoned:#b3202c}\n"
+        "@media(prefers-color-scheme:dark){:root{--ink:#ddd;--paper:#161616;--faint:#aaa;--line:#444;--bar:#7ab;"
+        "--clean:#5fc493;--suspicious:#e5a34d;--poisoned:#ff7a80}}\n"
+        "body{font:16px/1.5 system-ui,sans-serif;margin:2em auto;max-width:1140px;padding:0 1em;"
+        "background:var(--paper);color:var(--ink);overflow-wrap:break-word}\n"
+        "table{border-collapse:collapse}td,th{padding:.1em .8em;text-align:right;border-bottom:1px solid var(--line)}\n"
+        "td:first-child,th:first-child{text-align:left}.wide{overflow-x:auto}img,svg{max-width:100%%;height:auto}\n"
+        ".row{display:flex;flex-wrap:wrap;align-items:start;gap:12px}figure{margin:0;display:table}\n"
+        "figcaption{display:table-caption;caption-side:bottom;font-size:13px;color:var(--faint)}\n"
+        "rect{fill:var(--bar)}.clean{color:var(--clean)}.suspicious{color:var(--suspicious)}"
+        ".poisoned{color:var(--poisoned)}\n</style>\n<h1>",
+        sg_version(), sg_audit_verdict_name(a->verdict));
     put_text(f, scene->path);
     fprintf(
         f, ": <span class=%s>%s</span></h1>\n<p>Score %.3f. Of %zu photos %zu poisoned, %zu suspicious, %zu clean%s.\n",

@@ -131,6 +131,9 @@ expect 0 audit scene/blender --json --report page.html -q
 grep -q '"verdict": "clean"' out || fail "the clean scene is not clean: $(head -n 3 out)"
 [ "$(grep -c '"name"' out)" = 4 ] || fail "not every photo is listed"
 grep -q 'data:image/png;base64,' page.html || fail "no pictures in the report"
+grep -q 'prefers-color-scheme:dark' page.html || fail "the report does not follow the reader's theme"
+grep -q '[{;]color:#\|fill=#' page.html && fail "a colour of the report is of one theme only: $(grep -n 'color:#\|fill=#' page.html)"
+grep -q 'white 32 and more' page.html || fail "heat maps saturate within a bound of 16"
 [ "$(grep -o '<svg ' page.html | wc -l)" = 4 ] || fail "not every photo shown has its directions"
 cp -r scene/blender odd
 first=$(ls odd/train | head -n 1)
