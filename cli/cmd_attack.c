@@ -213,6 +213,7 @@ static int adopt(struct attack_config *c, const bool *given, const char *argumen
     c->output = output;
     c->resume = true;
     c->scene.params.follow_links = now.scene.params.follow_links; /* leave is the user's to give, each time */
+    c->scene.params.strict = now.scene.params.strict;
     c->quiet = now.quiet, c->threads = now.threads, c->keep_decoy = now.keep_decoy;
     c->max_memory = options_given(&command_attack, given, A(max_memory)) ? now.max_memory : c->max_memory;
     if (now.output && argument && take_scene(&command_attack, argument, &now.source))

@@ -182,6 +182,7 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
     c->max_memory = options_given(t, given, T(max_memory)) ? now.max_memory : c->max_memory;
     c->source = now.source ? now.source : c->source;
     c->scene.params.follow_links = now.scene.params.follow_links; /* leave is the user's to give, each time */
+    c->scene.params.strict = now.scene.params.strict;
     c->train.cpu = now.train.cpu ? now.train.cpu /* for a machine without the run's: the last digits may differ */
                                  : json_string_value(json_object_get(*keep, "cpu_variant"));
     if (now.train.iterations > c->train.iterations && options_given(t, given, T(train.iterations)))

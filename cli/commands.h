@@ -35,7 +35,10 @@ struct scene_options {
                  "Folder of masks inside the scene's, white = use; found by itself if called masks.",                  \
                  .transient = transient_),                                                                             \
         FLAG_ROW("follow-links", offsetof(config, scene_.params.follow_links),                                         \
-                 "Follow symbolic links that lead out of the scene's folder.", .transient = true)
+                 "Follow symbolic links that lead out of the scene's folder.", .transient = true),                     \
+        FLAG_ROW("strict", offsetof(config, scene_.params.strict),                                                     \
+                 "Refuse a scene with missing photos, or photos at another scale than their camera.",                  \
+                 .transient = true)
 #define SCENE_OPTIONS(config, scene_, transient_)                                                                      \
     GROUP_ROW("Scene"), SCENE_PLACE_ROWS(config, scene_, transient_),                                                  \
         NUMBER_ROW("downscale", OPT_DOUBLE, offsetof(config, scene_.params.downscale), 1, 64, "F",                     \

@@ -11,7 +11,7 @@
 
 #include "core/file.h"
 
-#define JSON_BYTES (4 << 20) /* a config or summary has a few thousand */
+#define JSON_BYTES (256 << 10) /* a config or summary has a few thousand; parsed it takes a hundred times as many */
 
 char *run_path(const char *run, const char *name)
 {
@@ -72,6 +72,8 @@ json_t *run_read_json(const char *path, const char *what)
 {
     json_error_t error = {0};
     FILE *f = run_open(path, JSON_BYTES);
+    if (f && (getc(f) != 0xef || getc(f) != 0xbb || getc(f) != 0xbf)) /* the byte-order mark of some editors */
+        rewind(f);
     json_t *root = f ? json_loadf(f, JSON_REJECT_DUPLICATES, &error) : NULL;
     if (!f)
         say(stderr, "splatguard: %s: cannot read: %s; expected the %s\n", path, strerror(errno), what);

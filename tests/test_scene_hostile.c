@@ -2,6 +2,8 @@
 /* Scenes that are broken, lying or malicious: each is refused with a message that names the file and the place. */
 #include "colmap_files.h"
 
+#include <math.h>
+
 static const char pose[] = "\"transform_matrix\":[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]";
 
 /* transforms_train.json with one frame; angle and matrix as given. */
@@ -96,7 +98,7 @@ static void json_files(void **state)
     char text[1024];
     put_blender(f, "1", pose);
     remove(at(f, "a.png"));
-    expect_failure(f, NULL, SG_ERR_INPUT, "frame 0", "/a, also with .png", NULL);
+    expect_failure(f, NULL, SG_ERR_INPUT, "0 of 1 photos", "is a, also", NULL);
     put_png(f, "a.png", 20, 10, 3, 1);
     expect_failure(f, sg_scene_params(.eval = true), SG_ERR_INPUT, "transforms_test.json", NULL);
     expect_failure(f, sg_scene_params(.max_pixels = 199), SG_ERR_INPUT, "a.png", "20 x 10", NULL);
@@ -126,9 +128,14 @@ static void nerfstudio(void **state)
     static const struct {
         const char *extra, *word;
     } cases[] = {
-        {"\"camera_model\":\"OPENCV_FISHEYE\"", "OPENCV_FISHEYE"},
-        {"\"is_fisheye\":true", "fisheye"},
-        {"\"k3\":0.1", "k3"},
+        {"\"camera_model\":\"EQUIRECTANGULAR\"", "EQUIRECTANGULAR"},
+        {"\"camera_model\":\"OPENCV_FISHEYE\"", "fl_x"},
+        {"\"is_fisheye\":true", "fl_x"},
+        {"\"camera_model\":\"OPENCV_FISHEYE\",\"fl_x\":10,\"p1\":0.1", "p1 = 0.1"},
+        {"\"k4\":0.1", "k4 = 0.1"},
+        {"\"k6\":0.1", "k6 = 0.1"},
+        {"\"camera_model\":\"FULL_OPENCV\",\"fl_x\":10,\"k4\":-1e300", "distortion"},
+        {"\"w\":20,\"h\":90", "a.png: found 20 x 10 pixels"},
         {"\"w\":-5", "\"w\""},
         {"\"h\":10.5", "\"h\""},
         {"\"w\":1e30", "\"w\""},
@@ -146,7 +153,7 @@ static void nerfstudio(void **state)
     }
     snprintf(text, sizeof(text), "{\"camera_angle_x\":1,\"frames\":[{\"file_path\":\"gone.png\",%s}]}", pose);
     put_text(f, "transforms.json", text);
-    expect_failure(f, NULL, SG_ERR_INPUT, "transforms.json", "gone.png", "none of the 1", NULL);
+    expect_failure(f, NULL, SG_ERR_INPUT, "transforms.json", "gone.png", "0 of 1 photos", NULL);
     snprintf(text, sizeof(text), "{\"camera_angle_x\":1,\"frames\":[{\"file_path\":\"a.png\",%s}]}", pose);
     put_text(f, "transforms.json", text);
     expect_failure(f, sg_scene_params(.eval = true), SG_ERR_INPUT, "no view to train on", NULL);
@@ -236,8 +243,11 @@ static void colmap_cameras(void **state)
         double params[12];
         const char *word;
     } cases[] = {
-        {5, 20, 10, 8, {30, 30, 10, 5}, "OPENCV_FISHEYE"},
-        {6, 20, 10, 12, {30, 30, 10, 5}, "FULL_OPENCV"},
+        {5, 20, 10, 8, {30, 30, 10, 5, 0, 0, 0, NAN}, "distortion"},
+        {6, 20, 10, 12, {30, 30, 10, 5, 0, 0, 0, 0, 0, 0, 0, INFINITY}, "distortion"},
+        {7, 20, 10, 5, {30, 30, 10, 5, 4}, "omega"},
+        {7, 20, 10, 5, {30, 30, 10, 5, -1}, "omega"},
+        {10, 20, 10, 12, {0, 30, 10, 5}, "focal"},
         {11, 20, 10, 4, {30, 30, 10, 5}, "model number 11"},
         {-1, 20, 10, 4, {30, 30, 10, 5}, "model number"},
         {1, 0, 10, 4, {30, 30, 10, 5}, "0 x 10"},
@@ -279,8 +289,9 @@ static void colmap_images(void **state)
     static const struct {
         const char *name, *word;
     } cases[] = {
-        {"a.png", "same name"}, {"c.png", "c.png"},     {"x/c.png", "neither"},        {"/etc/passwd", "inside"},
-        {"../a.png", "inside"}, {"", "name of a file"}, {"images/", "name of a file"}, {"a.jpg", "same name"},
+        {"a.png", "same name"},        {"c.png", "missing is c.png"}, {"x/c.png", "missing is x/c.png"},
+        {"/etc/passwd", "inside"},     {"../a.png", "inside"},        {"", "name of a file"},
+        {"images/", "name of a file"}, {"a.jpg", "same name"},
     };
     for (size_t k = 0; k < sizeof(cases) / sizeof(*cases); k++) {
         make_colmap(f, &c, &i, &p);
@@ -289,7 +300,7 @@ static void colmap_images(void **state)
         add_image(&i, 1, 7, "a.png", 0, 0);
         add_image(&i, 2, 7, cases[k].name, 0, 1);
         put_bytes(f, "sparse/0/images.bin", &i);
-        expect_failure(f, NULL, SG_ERR_INPUT, "images.bin", cases[k].word, NULL);
+        expect_failure(f, sg_scene_params(.strict = true), SG_ERR_INPUT, "images.bin", cases[k].word, NULL);
     }
     for (size_t place = 12; place < 12 + 56; place += 8) { /* NaN in each number of the first pose */
         make_colmap(f, &c, &i, &p);
@@ -322,7 +333,7 @@ static void colmap_text(void **state)
         {"1 PINHOLE 20 10 30 30 10 5 6\n", good_image, "", "cameras.txt: line 1"},
         {"# x\n1 PINHOLE 20 10 30 30 10 nan\n", good_image, "", "cameras.txt: line 2"},
         {"1 MAGIC 20 10 30 30 10 5\n", good_image, "", "MAGIC"},
-        {"1 FOV 20 10 30 30 10 5 1\n", good_image, "", "undistort"},
+        {"1 FOV 20 10 30 30 10 5 9\n", good_image, "", "omega"},
         {"-1 PINHOLE 20 10 30 30 10 5\n", good_image, "", "cameras.txt: line 1"},
         {"1 PINHOLE 99999999999999999999 10 30 30 10 5\n", good_image, "", "cameras.txt: line 1"},
         {"", good_image, "", "no camera"},

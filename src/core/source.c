@@ -30,7 +30,8 @@ int sg_source_of_file(sg_ctx *ctx, struct sg_source *s, FILE *file, const char *
     if (s->size > max_bytes)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found %llu bytes, the limit is %llu", path, (unsigned long long) s->size,
                        (unsigned long long) max_bytes);
-    s->window = s->buffer = sg_alloc_raw(ctx, SG_MEM_MISC, SG_SOURCE_WINDOW, 1);
+    s->room = s->size < SG_SOURCE_WINDOW ? (size_t) s->size : SG_SOURCE_WINDOW;
+    s->window = s->buffer = sg_alloc_raw(ctx, SG_MEM_MISC, s->room, 1);
     return s->buffer ? SG_OK : SG_ERR_BUDGET;
 }
 
@@ -57,7 +58,7 @@ size_t sg_source_fill(struct sg_source *s, size_t n)
     }
     while (s->ready < n) {
         const uint64_t unread = sg_source_left(s) - s->ready;
-        const size_t room = SG_SOURCE_WINDOW - s->ready, most = unread < room ? (size_t) unread : room;
+        const size_t room = s->room - s->ready, most = unread < room ? (size_t) unread : room;
         const ssize_t got = most ? pread(fileno(s->file), s->buffer + s->ready, most, (off_t) (s->at + s->ready)) : 0;
         if (got < 0 && errno == EINTR)
             continue;

@@ -15,6 +15,7 @@ struct sg_source {
     bool owned;       /* the file is closed with the source */
     uint64_t size, at;
     char *buffer;       /* NULL for memory */
+    size_t room;        /* in it */
     const char *window; /* holds the bytes from `at` on: `ready` of them */
     size_t ready;
 };

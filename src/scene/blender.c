@@ -38,19 +38,14 @@ int sg_blender_parse(sg_ctx *ctx, const char *file, const char *data, size_t siz
 static int read_split(sg_ctx *ctx, const struct sg_folder *dir, const char *name, const struct sg_scene_params *params,
                       bool test, struct sg_shots *shots)
 {
-    char *data = NULL, *tried = NULL;
+    char *data = NULL;
     size_t size, first = shots->count;
     char *file = sg_strf(ctx, "%s/%s", dir->path, name);
-    int code = file ? sg_folder_read(ctx, dir, file, SG_JSON_BYTES, &data, &size) : SG_ERR_BUDGET;
+    int code = file ? sg_transforms_read(ctx, dir, file, &data, &size) : SG_ERR_BUDGET;
     if (!code)
         code = sg_blender_parse(ctx, file, data, size, params->max_images, test, shots);
-    for (size_t i = first; i < shots->count && !code; i++) {
-        struct sg_shot *shot = &shots->items[i];
-        code = sg_find_photo(ctx, dir, shot->file, &shot->path, &tried);
-        if (!code && !shot->path)
-            code = sg_fail(ctx, SG_ERR_INPUT, "%s: frame %zu: found no image, tried %s", file, i - first, tried);
-    }
-    sg_free(tried);
+    for (size_t i = first; i < shots->count && !code; i++)
+        code = sg_find_photo(ctx, dir, shots->items[i].file, &shots->items[i].path);
     sg_free(data);
     sg_free(file);
     return code;
@@ -62,6 +57,8 @@ int sg_read_blender(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_sc
     int code = read_split(ctx, dir, "transforms_train.json", params, false, shots);
     if (!code && params->eval)
         code = read_split(ctx, dir, "transforms_test.json", params, true, shots);
+    if (!code)
+        code = sg_shots_drop_missing(ctx, params, shots, dir->path);
     if (code || !sg_has_file(ctx, dir, "points3d.ply")) /* where the reference looks, and leaves its random points */
         return code;
     char *path = sg_strf(ctx, "%s/points3d.ply", dir->path);

@@ -2,31 +2,34 @@
 /* COLMAP folders: which files there are, what a camera model means here, where the photos lie. */
 #include "scene/colmap.h"
 
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
-
 
 #define MODEL_BYTES                                                                                                    \
     (UINT64_C(1) << 34) /* 2D observations of large scenes fill gigabytes; the ledger has its own limit */
 #define CAMERA_SIDE_MAX (1 << 20)
 
+#define K(name) (int) offsetof(struct sg_lens, name)
 static const struct {
     const char *name;
-    int params;
+    int params, focals; /* how many of one camera; focal lengths among them, which come first, before cx and cy */
+    enum sg_lens_kind kind;
+    int rest[8]; /* where the parameters after cx and cy go */
 } models[] = {
-    {"SIMPLE_PINHOLE", 3},
-    {"PINHOLE", 4},
-    {"SIMPLE_RADIAL", 4},
-    {"RADIAL", 5},
-    {"OPENCV", 8},
-    {"OPENCV_FISHEYE", 8},
-    {"FULL_OPENCV", 12},
-    {"FOV", 5},
-    {"SIMPLE_RADIAL_FISHEYE", 4},
-    {"RADIAL_FISHEYE", 5},
-    {"THIN_PRISM_FISHEYE", 12},
+    {"SIMPLE_PINHOLE", 3, 1, SG_LENS_POLYNOMIAL, {0}},
+    {"PINHOLE", 4, 2, SG_LENS_POLYNOMIAL, {0}},
+    {"SIMPLE_RADIAL", 4, 1, SG_LENS_POLYNOMIAL, {K(k1)}},
+    {"RADIAL", 5, 1, SG_LENS_POLYNOMIAL, {K(k1), K(k2)}},
+    {"OPENCV", 8, 2, SG_LENS_POLYNOMIAL, {K(k1), K(k2), K(p1), K(p2)}},
+    {"OPENCV_FISHEYE", 8, 2, SG_LENS_FISHEYE, {K(k1), K(k2), K(k3), K(k4)}},
+    {"FULL_OPENCV", 12, 2, SG_LENS_RATIONAL, {K(k1), K(k2), K(p1), K(p2), K(k3), K(k4), K(k5), K(k6)}},
+    {"FOV", 5, 2, SG_LENS_FOV, {K(omega)}},
+    {"SIMPLE_RADIAL_FISHEYE", 4, 1, SG_LENS_FISHEYE, {K(k1)}},
+    {"RADIAL_FISHEYE", 5, 1, SG_LENS_FISHEYE, {K(k1), K(k2)}},
+    {"THIN_PRISM_FISHEYE", 12, 2, SG_LENS_FISHEYE, {K(k1), K(k2), K(p1), K(p2), K(k3), K(k4), K(s1), K(s2)}},
 };
-enum { SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, MODELS = sizeof(models) / sizeof(*models) };
+enum { MODELS = sizeof(models) / sizeof(*models) };
 
 const char *sg_colmap_model_name(int model)
 {
@@ -49,28 +52,20 @@ int sg_colmap_model_find(const char *name)
 int sg_colmap_add_camera(sg_ctx *ctx, struct sg_colmap_cameras *cameras, const char *where, uint32_t id, int model,
                          uint64_t width, uint64_t height, const double *p)
 {
-    if (model > OPENCV)
-        return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: found camera model %s, expected SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL or OPENCV: "
-                       "undistort the images first (colmap image_undistorter)",
-                       where, models[model].name);
     if (width < 1 || height < 1 || width > CAMERA_SIDE_MAX || height > CAMERA_SIDE_MAX)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found a camera of %llu x %llu pixels, expected sides of 1..%d", where,
                        (unsigned long long) width, (unsigned long long) height, CAMERA_SIDE_MAX);
-    struct sg_lens lens = {.width = (int) width, .height = (int) height, .has_principal = true};
-    bool two = model == PINHOLE || model == OPENCV; /* focal lengths */
-    lens.fx = p[0];
-    lens.fy = p[two];
-    lens.cx = p[1 + two];
-    lens.cy = p[2 + two];
-    if (model >= SIMPLE_RADIAL)
-        lens.k1 = p[3 + two];
-    if (model >= RADIAL)
-        lens.k2 = p[4 + two];
-    if (model == OPENCV) {
-        lens.p1 = p[6];
-        lens.p2 = p[7];
-    }
+    const int focals = models[model].focals;
+    struct sg_lens lens = {.width = (int) width,
+                           .height = (int) height,
+                           .fx = p[0],
+                           .fy = p[focals - 1],
+                           .has_principal = true,
+                           .cx = p[focals],
+                           .cy = p[focals + 1],
+                           .kind = models[model].kind};
+    for (int i = focals + 2; i < models[model].params; i++)
+        *(double *) ((char *) &lens + models[model].rest[i - focals - 2]) = p[i];
     if (!(lens.fy > 0)) /* the lens alone would take 0 for "not given" */
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found focal length %g, expected a positive one", where, lens.fy);
     int code = sg_lens_check(ctx, &lens, where);
@@ -114,6 +109,9 @@ int sg_colmap_add_image(sg_ctx *ctx, struct sg_shots *shots, uint64_t max, const
     if (code)
         return code;
     shot->lens = found->lens;
+    shot->camera = sg_strf(ctx, "%s: camera id %u", where, camera);
+    if (!shot->camera)
+        return SG_ERR_BUDGET;
     shot->drop_alpha = true;
     return sg_pose_from_quaternion(ctx, q, t, where, shot->R, shot->t);
 }
@@ -154,68 +152,66 @@ bool sg_is_colmap(sg_ctx *ctx, const struct sg_folder *dir)
     return folder != NULL;
 }
 
-/* Reads FOLDER/NAME whole; *path is set for messages and is the caller's. */
-static int read_part(sg_ctx *ctx, const struct sg_folder *dir, const char *folder, const char *name, char **path,
-                     char **data, size_t *size)
+/* Opens FOLDER/NAME; *path is set for messages and is the caller's, as is *file. */
+static int open_part(sg_ctx *ctx, const struct sg_folder *dir, const char *folder, const char *name, char **path,
+                     FILE **file, struct sg_source *in)
 {
     *path = sg_strf(ctx, "%s/%s", folder, name);
-    return *path ? sg_folder_read(ctx, dir, *path, MODEL_BYTES, data, size) : SG_ERR_BUDGET;
+    const int code = *path ? sg_folder_file(ctx, dir, *path, file) : SG_ERR_BUDGET;
+    return code ? code : sg_source_of_file(ctx, in, *file, *path, MODEL_BYTES);
+}
+
+static void close_part(FILE **file, struct sg_source *in)
+{
+    sg_source_close(in);
+    if (*file)
+        fclose(*file);
+    *file = NULL;
 }
 
 /* <images>/<name>, or <images>/<base name> for photos that were moved out of their sub-folders. */
-static int find_photos(sg_ctx *ctx, const struct sg_folder *dir, const char *images, const char *file,
-                       struct sg_shots *shots)
+static int find_photos(sg_ctx *ctx, const struct sg_folder *dir, const char *images, struct sg_shots *shots)
 {
-    for (size_t i = 0; i < shots->count; i++) {
+    int code = SG_OK;
+    for (size_t i = 0; i < shots->count && !code; i++) {
         struct sg_shot *shot = &shots->items[i];
-        const char *base = sg_base_name(shot->file);
-        shot->path = sg_strf(ctx, "%s/%s/%s", dir->path, images, shot->file);
-        if (!shot->path)
-            return SG_ERR_BUDGET;
-        if (sg_folder_has(dir, shot->path))
-            continue;
-        char *converted;
-        if (sg_find_converted(ctx, dir, shot->path, &converted))
-            return SG_ERR_BUDGET;
-        if (converted) {
-            sg_free(shot->path);
-            shot->path = converted;
-            continue;
+        const char *base = sg_base_name(shot->file), *names[] = {shot->file, base == shot->file ? NULL : base};
+        for (int k = 0; k < 2 && names[k] && !shot->path && !code; k++) {
+            char *path = sg_strf(ctx, "%s/%s/%s", dir->path, images, names[k]);
+            if (!path)
+                return SG_ERR_BUDGET;
+            if (sg_folder_has(dir, path)) {
+                shot->path = path;
+                break;
+            }
+            if (!k)
+                code = sg_find_converted(ctx, dir, path, &shot->path);
+            sg_free(path);
         }
-        if (base == shot->file)
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: image \"%s\": found no file %s", file, shot->file, shot->path);
-        char *other = sg_strf(ctx, "%s/%s/%s", dir->path, images, base);
-        int code = other ? SG_OK : SG_ERR_BUDGET;
-        if (other && !sg_folder_has(dir, other))
-            code = sg_fail(ctx, SG_ERR_INPUT, "%s: image \"%s\": found neither %s nor %s", file, shot->file, shot->path,
-                           other);
-        sg_free(shot->path);
-        shot->path = other;
-        if (code)
-            return code;
     }
-    return SG_OK;
+    return code;
 }
 
 static int read_points(sg_ctx *ctx, const struct sg_folder *dir, const char *folder, uint64_t max_points,
                        struct sg_points *points)
 {
-    char *path = NULL, *data = NULL;
-    size_t size;
+    char *path = NULL;
+    FILE *file = NULL;
+    struct sg_source in = {0};
     int code = SG_OK;
     if (has_part(ctx, dir, folder, "points3D.ply")) { /* first, as the reference */
         path = sg_strf(ctx, "%s/points3D.ply", folder);
         code = path ? sg_read_points(ctx, dir, path, max_points, points) : SG_ERR_BUDGET;
     } else if (has_part(ctx, dir, folder, "points3D.bin")) {
-        code = read_part(ctx, dir, folder, "points3D.bin", &path, &data, &size);
+        code = open_part(ctx, dir, folder, "points3D.bin", &path, &file, &in);
         if (!code)
-            code = sg_colmap_points_bin(ctx, path, data, size, max_points, points);
+            code = sg_colmap_points_bin(ctx, &in, max_points, points);
     } else if (has_part(ctx, dir, folder, "points3D.txt")) {
-        code = read_part(ctx, dir, folder, "points3D.txt", &path, &data, &size);
+        code = open_part(ctx, dir, folder, "points3D.txt", &path, &file, &in);
         if (!code)
-            code = sg_colmap_points_txt(ctx, path, data, size, max_points, points);
+            code = sg_colmap_points_txt(ctx, &in, max_points, points);
     }
-    sg_free(data);
+    close_part(&file, &in);
     sg_free(path);
     return code;
 }
@@ -224,9 +220,10 @@ int sg_read_colmap(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_sce
                    struct sg_shots *shots, struct sg_points *points)
 {
     bool text = false;
-    size_t size;
+    FILE *file = NULL;
+    struct sg_source in = {0};
     struct sg_colmap_cameras cameras = {0};
-    char *cameras_path = NULL, *images_path = NULL, *data = NULL;
+    char *cameras_path = NULL, *images_path = NULL;
     int code = SG_ERR_INPUT;
     char *folder = find_model(ctx, dir, &text);
     if (!folder) {
@@ -235,27 +232,26 @@ int sg_read_colmap(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_sce
                 dir->path);
         goto done;
     }
-    code = read_part(ctx, dir, folder, text ? "cameras.txt" : "cameras.bin", &cameras_path, &data, &size);
+    code = open_part(ctx, dir, folder, text ? "cameras.txt" : "cameras.bin", &cameras_path, &file, &in);
     if (code)
         goto done;
-    code = text ? sg_colmap_cameras_txt(ctx, cameras_path, data, size, &cameras)
-                : sg_colmap_cameras_bin(ctx, cameras_path, data, size, &cameras);
+    code = text ? sg_colmap_cameras_txt(ctx, &in, &cameras) : sg_colmap_cameras_bin(ctx, &in, &cameras);
     if (code)
         goto done;
-    sg_free(data);
-    data = NULL;
-    code = read_part(ctx, dir, folder, text ? "images.txt" : "images.bin", &images_path, &data, &size);
+    close_part(&file, &in);
+    code = open_part(ctx, dir, folder, text ? "images.txt" : "images.bin", &images_path, &file, &in);
     if (code)
         goto done;
-    code = text ? sg_colmap_images_txt(ctx, images_path, data, size, params->max_images, &cameras, shots)
-                : sg_colmap_images_bin(ctx, images_path, data, size, params->max_images, &cameras, shots);
+    code = text ? sg_colmap_images_txt(ctx, &in, params->max_images, &cameras, shots)
+                : sg_colmap_images_bin(ctx, &in, params->max_images, &cameras, shots);
     if (code)
         goto done;
-    sg_free(data); /* before the points: both files can be large */
-    data = NULL;
+    close_part(&file, &in);
     code = sg_shots_check_names(ctx, shots, 0, images_path);
     if (!code)
-        code = find_photos(ctx, dir, params->images ? params->images : "images", images_path, shots);
+        code = find_photos(ctx, dir, params->images ? params->images : "images", shots);
+    if (!code)
+        code = sg_shots_drop_missing(ctx, params, shots, images_path);
     if (!code)
         code = read_points(ctx, dir, folder, params->max_points, points);
     if (code)
@@ -264,7 +260,7 @@ int sg_read_colmap(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_sce
     for (size_t i = 0; i < shots->count; i++)
         shots->items[i].test = params->eval && i % (size_t) params->test_every == 0;
 done:
-    sg_free(data);
+    close_part(&file, &in);
     sg_free(cameras.items);
     sg_free(cameras_path);
     sg_free(images_path);

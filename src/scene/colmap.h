@@ -3,6 +3,7 @@
 #ifndef SG_SCENE_COLMAP_H
 #define SG_SCENE_COLMAP_H
 
+#include "core/source.h"
 #include "scene/reader.h"
 
 #define SG_COLMAP_PARAMS_MAX 12
@@ -29,18 +30,14 @@ int sg_colmap_add_image(sg_ctx *ctx, struct sg_shots *shots, uint64_t max, const
                         const char *where, uint32_t camera, const double q[4], const double t[3], const char *name);
 int sg_colmap_sort_cameras(sg_ctx *ctx, struct sg_colmap_cameras *cameras, const char *file);
 
-/* Parsers on memory. file is only a name for messages. */
-int sg_colmap_cameras_bin(sg_ctx *ctx, const char *file, const void *data, size_t size, struct sg_colmap_cameras *out);
-int sg_colmap_images_bin(sg_ctx *ctx, const char *file, const void *data, size_t size, uint64_t max_images,
+/* Parsers, reading to the end of a file. */
+int sg_colmap_cameras_bin(sg_ctx *ctx, struct sg_source *in, struct sg_colmap_cameras *out);
+int sg_colmap_images_bin(sg_ctx *ctx, struct sg_source *in, uint64_t max_images,
                          const struct sg_colmap_cameras *cameras, struct sg_shots *out);
-int sg_colmap_points_bin(sg_ctx *ctx, const char *file, const void *data, size_t size, uint64_t max_points,
-                         struct sg_points *out);
-
-/* data ends with a zero byte and is changed. */
-int sg_colmap_cameras_txt(sg_ctx *ctx, const char *file, char *data, size_t size, struct sg_colmap_cameras *out);
-int sg_colmap_images_txt(sg_ctx *ctx, const char *file, char *data, size_t size, uint64_t max_images,
+int sg_colmap_points_bin(sg_ctx *ctx, struct sg_source *in, uint64_t max_points, struct sg_points *out);
+int sg_colmap_cameras_txt(sg_ctx *ctx, struct sg_source *in, struct sg_colmap_cameras *out);
+int sg_colmap_images_txt(sg_ctx *ctx, struct sg_source *in, uint64_t max_images,
                          const struct sg_colmap_cameras *cameras, struct sg_shots *out);
-int sg_colmap_points_txt(sg_ctx *ctx, const char *file, char *data, size_t size, uint64_t max_points,
-                         struct sg_points *out);
+int sg_colmap_points_txt(sg_ctx *ctx, struct sg_source *in, uint64_t max_points, struct sg_points *out);
 
 #endif

@@ -9,25 +9,57 @@
 #include "core/numbers.h"
 #include "scene/colmap.h"
 
+#define LINE_BYTES 4096 /* of a line that are kept: the tracks of points and the observations of images are longer */
+
 struct lines {
-    const char *file;
-    char *at, *end;
+    struct sg_source *in;
     uint64_t number; /* of the line last returned, from 1 */
+    size_t words;    /* in all of that line */
+    bool cut;        /* its end was not kept */
+    int code;        /* of what is no text */
+    char text[LINE_BYTES];
 };
 
-static char *next_line(struct lines *l)
+static int begin(sg_ctx *ctx, struct lines *l, struct sg_source *in)
 {
-    if (l->at >= l->end)
+    l->in = in, l->number = 0, l->code = SG_OK;
+    return sg_source_skip_mark(ctx, in);
+}
+
+/* NULL at the end, and with a code where a line holds a zero byte. */
+static char *next_line(sg_ctx *ctx, struct lines *l)
+{
+    struct sg_source *in = l->in;
+    size_t kept = 0;
+    bool blank = true, whole = false;
+    if (l->code || !sg_source_fill(in, 1))
         return NULL;
-    char *line = l->at, *stop = memchr(line, '\n', (size_t) (l->end - line));
-    if (!stop)
-        stop = l->end;
-    *stop = 0; /* the data has a byte to spare at its end */
-    if (stop > line && stop[-1] == '\r')
-        stop[-1] = 0;
-    l->at = stop + 1;
-    l->number++;
-    return line;
+    l->number++, l->words = 0, l->cut = false;
+    for (size_t ready; !whole && (ready = sg_source_fill(in, 1));) {
+        const char *end = memchr(in->window, '\n', ready);
+        const size_t n = end ? (size_t) (end - in->window) : ready;
+        if (memchr(in->window, 0, n)) {
+            l->code = sg_fail(ctx, SG_ERR_INPUT, "%s: line %llu: found a zero byte, expected text", in->path,
+                              (unsigned long long) l->number);
+            return NULL;
+        }
+        for (size_t i = 0; i < n; i++) {
+            const char c = in->window[i];
+            const bool space = c == ' ' || c == '\t' || c == '\r';
+            l->words += blank && !space;
+            blank = space;
+        }
+        const size_t room = LINE_BYTES - 1 - kept, more = n < room ? n : room;
+        memcpy(l->text + kept, in->window, more);
+        kept += more;
+        l->cut |= more < n;
+        whole = end;
+        sg_source_skip(in, n + whole);
+    }
+    l->text[kept] = 0;
+    if (kept && !l->cut && l->text[kept - 1] == '\r')
+        l->text[kept - 1] = 0;
+    return l->text;
 }
 
 static bool is_comment(const char *line)
@@ -41,11 +73,11 @@ static bool is_blank(const char *line)
 }
 
 /* Next line with a record, NULL at the end. */
-static char *next_record(struct lines *l)
+static char *next_record(sg_ctx *ctx, struct lines *l)
 {
     char *line;
     do
-        line = next_line(l);
+        line = next_line(ctx, l);
     while (line && (is_comment(line) || is_blank(line)));
     return line;
 }
@@ -79,15 +111,15 @@ static bool get_whole(char **p, uint64_t max, uint64_t *out)
 
 static int bad_line(sg_ctx *ctx, const struct lines *l, const char *expected)
 {
-    return sg_fail(ctx, SG_ERR_INPUT, "%s: line %llu: found a malformed record, expected \"%s\"", l->file,
+    return sg_fail(ctx, SG_ERR_INPUT, "%s: line %llu: found a malformed record, expected \"%s\"", l->in->path,
                    (unsigned long long) l->number, expected);
 }
 
-int sg_colmap_cameras_txt(sg_ctx *ctx, const char *file, char *data, size_t size, struct sg_colmap_cameras *out)
+int sg_colmap_cameras_txt(sg_ctx *ctx, struct sg_source *in, struct sg_colmap_cameras *out)
 {
-    struct lines l = {file, data, data + size, 0};
-    int code = SG_OK;
-    for (char *p; !code && (p = next_record(&l));) {
+    struct lines l;
+    int code = begin(ctx, &l, in);
+    for (char *p; !code && (p = next_record(ctx, &l));) {
         char where[512], name[32];
         uint64_t id, width = 0, height = 0;
         bool ok = get_whole(&p, UINT32_MAX, &id);
@@ -98,7 +130,7 @@ int sg_colmap_cameras_txt(sg_ctx *ctx, const char *file, char *data, size_t size
         memcpy(name, p, length);
         name[length] = 0;
         p += length;
-        snprintf(where, sizeof(where), "%s: line %llu", file, (unsigned long long) l.number);
+        snprintf(where, sizeof(where), "%s: line %llu", in->path, (unsigned long long) l.number);
         int model = sg_colmap_model_find(name);
         if (model < 0)
             return sg_fail(ctx, SG_ERR_INPUT, "%s: found camera model \"%s\", expected one of COLMAP's", where, name);
@@ -112,15 +144,17 @@ int sg_colmap_cameras_txt(sg_ctx *ctx, const char *file, char *data, size_t size
                            sg_colmap_model_params(model), name);
         code = sg_colmap_add_camera(ctx, out, where, (uint32_t) id, model, width, height, params);
     }
-    return code ? code : sg_colmap_sort_cameras(ctx, out, file);
+    if (!code)
+        code = l.code;
+    return code ? code : sg_colmap_sort_cameras(ctx, out, in->path);
 }
 
-int sg_colmap_images_txt(sg_ctx *ctx, const char *file, char *data, size_t size, uint64_t max_images,
+int sg_colmap_images_txt(sg_ctx *ctx, struct sg_source *in, uint64_t max_images,
                          const struct sg_colmap_cameras *cameras, struct sg_shots *out)
 {
-    struct lines l = {file, data, data + size, 0};
-    int code = SG_OK;
-    for (char *p; !code && (p = next_record(&l));) {
+    struct lines l;
+    int code = begin(ctx, &l, in);
+    for (char *p; !code && (p = next_record(ctx, &l));) {
         char where[512];
         uint64_t id, camera = 0;
         double q[4], t[3];
@@ -129,29 +163,27 @@ int sg_colmap_images_txt(sg_ctx *ctx, const char *file, char *data, size_t size,
             ok = get_number(&p, &q[k]);
         for (int k = 0; k < 3 && ok; k++)
             ok = get_number(&p, &t[k]);
-        if (!ok || !get_whole(&p, UINT32_MAX, &camera) || is_blank(p))
+        if (!ok || !get_whole(&p, UINT32_MAX, &camera) || is_blank(p) || l.cut)
             return bad_line(ctx, &l, "ID QW QX QY QZ TX TY TZ CAMERA_ID NAME");
         p += strspn(p, " \t"); /* a name may hold blanks: it is the rest of the line */
-        snprintf(where, sizeof(where), "%s: line %llu", file, (unsigned long long) l.number);
+        snprintf(where, sizeof(where), "%s: line %llu", in->path, (unsigned long long) l.number);
         code = sg_colmap_add_image(ctx, out, max_images, cameras, where, (uint32_t) camera, q, t, p);
-        /* Its 2D points, three numbers each, possibly an empty line. A file without them would lose every other image. */
-        char *points = next_line(&l);
-        size_t words = 0;
-        for (; !code && points && *points; words++, points += strcspn(points, " \t"))
-            if (!*(points += strspn(points, " \t")))
-                break;
-        if (words % 3)
+        /* Its 2D points, three numbers each, possibly an empty line. A file without them would lose every other image.
+         */
+        if (!code && next_line(ctx, &l) && l.words % 3)
             code = bad_line(ctx, &l, "2D points, three numbers each, or an empty line");
     }
-    return code;
+    return code ? code : l.code;
 }
 
-int sg_colmap_points_txt(sg_ctx *ctx, const char *file, char *data, size_t size, uint64_t max_points,
-                         struct sg_points *out)
+int sg_colmap_points_txt(sg_ctx *ctx, struct sg_source *in, uint64_t max_points, struct sg_points *out)
 {
-    struct lines l = {file, data, data + size, 0};
+    struct lines l;
+    const int code = begin(ctx, &l, in);
+    if (code)
+        return code;
     size_t room_xyz = 0, room_rgb = 0;
-    for (char *p; (p = next_record(&l));) {
+    for (char *p; (p = next_record(ctx, &l));) {
         uint64_t id, rgb[3];
         double xyz[3];
         bool ok = get_whole(&p, UINT64_MAX, &id);
@@ -162,8 +194,8 @@ int sg_colmap_points_txt(sg_ctx *ctx, const char *file, char *data, size_t size,
         if (!ok)
             return bad_line(ctx, &l, "ID X Y Z R G B ERROR TRACK");
         if (out->count >= max_points)
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: line %llu: found more than %llu points, which is the limit", file,
-                           (unsigned long long) l.number, (unsigned long long) max_points);
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: line %llu: found more than %llu points, which is the limit",
+                           in->path, (unsigned long long) l.number, (unsigned long long) max_points);
         size_t n = out->count;
         if (sg_grow(ctx, SG_MEM_MISC, &out->xyz, &room_xyz, n + 1, n, 3 * sizeof(float)) ||
             sg_grow(ctx, SG_MEM_MISC, &out->rgb, &room_rgb, n + 1, n, 3))
@@ -174,5 +206,5 @@ int sg_colmap_points_txt(sg_ctx *ctx, const char *file, char *data, size_t size,
         }
         out->count++;
     }
-    return SG_OK;
+    return l.code;
 }

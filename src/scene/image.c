@@ -208,22 +208,43 @@ static int decode_webp(sg_ctx *ctx, const char *name, const void *data, size_t s
     return done ? SG_OK : sg_fail(ctx, SG_ERR_INPUT, "%s: WebP data: damaged or cut short", name);
 }
 
+enum signature { UNKNOWN, PNG, JPEG, WEBP };
+#define SIGNATURE_BYTES 12
+
+static enum signature signature_of(const uint8_t *head, size_t size)
+{
+    static const uint8_t png[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
+    if (size >= 8 && !memcmp(head, png, 8))
+        return PNG;
+    if (size >= 3 && head[0] == 0xff && head[1] == 0xd8 && head[2] == 0xff)
+        return JPEG;
+    return size >= 12 && !memcmp(head, "RIFF", 4) && !memcmp(head + 8, "WEBP", 4) ? WEBP : UNKNOWN;
+}
+
+static int unknown(sg_ctx *ctx, const char *name)
+{
+    return sg_fail(ctx, SG_ERR_INPUT, "%s: first bytes: found no known signature, expected a PNG, JPEG or WebP image",
+                   name);
+}
+
 int sg_image_decode(sg_ctx *ctx, const char *name, const void *data, size_t size, uint64_t max_pixels,
                     struct sg_image *out)
 {
-    static const uint8_t png[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
-    const uint8_t *head = data;
     int code;
     *out = (struct sg_image){0};
-    if (size >= 8 && !memcmp(head, png, 8))
+    switch (signature_of(data, size)) {
+    case PNG:
         code = decode_png(ctx, name, data, size, max_pixels, out);
-    else if (size >= 3 && head[0] == 0xff && head[1] == 0xd8 && head[2] == 0xff)
+        break;
+    case JPEG:
         code = decode_jpeg(ctx, name, data, size, max_pixels, out);
-    else if (size >= 12 && !memcmp(head, "RIFF", 4) && !memcmp(head + 8, "WEBP", 4))
+        break;
+    case WEBP:
         code = decode_webp(ctx, name, data, size, max_pixels, out);
-    else
-        code = sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: first bytes: found no known signature, expected a PNG, JPEG or WebP image", name);
+        break;
+    default:
+        return unknown(ctx, name);
+    }
     if (code)
         sg_image_clear(out);
     return code;
@@ -236,6 +257,11 @@ int sg_image_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t m
     *out = (struct sg_image){0};
     /* An uncompressed 16-bit RGBA file is 8 bytes a pixel; the rest is for metadata. */
     uint64_t limit = max_pixels > UINT64_MAX / 16 ? UINT64_MAX : max_pixels * 8 + (64u << 20);
+    uint8_t head[SIGNATURE_BYTES]; /* before the rest is held */
+    const size_t n = fread(head, 1, sizeof(head), stream);
+    rewind(stream);
+    if (signature_of(head, n) == UNKNOWN)
+        return unknown(ctx, path);
     int code = sg_stream_read(ctx, stream, path, limit, &data, &size);
     if (code)
         return code;

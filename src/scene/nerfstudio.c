@@ -116,20 +116,15 @@ int sg_nerfstudio_parse(sg_ctx *ctx, const char *file, const char *data, size_t 
     return code;
 }
 
-/* Frames without a photo are common in published captures: they are skipped, with one warning for all. */
 static int find_photos(sg_ctx *ctx, const struct sg_folder *dir, const char *file, struct sg_shots *shots)
 {
-    size_t missing = 0, wanted = 0, first = 0;
     for (size_t i = 0; i < shots->count; i++) {
         struct sg_shot *shot = &shots->items[i];
         if (shot->unused)
             continue;
-        wanted++;
-        int code = sg_find_photo(ctx, dir, shot->file, &shot->path, NULL);
+        int code = sg_find_photo(ctx, dir, shot->file, &shot->path);
         if (code)
             return code;
-        if (!shot->path && !missing++)
-            first = i;
         if (!shot->mask)
             continue;
         char *mask = sg_strf(ctx, "%s/%s", dir->path, shot->mask);
@@ -140,13 +135,6 @@ static int find_photos(sg_ctx *ctx, const struct sg_folder *dir, const char *fil
         if (shot->path && !sg_folder_has(dir, mask))
             return sg_fail(ctx, SG_ERR_INPUT, "%s: frame of %s: found no mask %s", file, shot->file, mask);
     }
-    if (missing == wanted)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found none of the %zu frames' images, the first is %s/%s", file, wanted,
-                       dir->path, shots->items[first].file);
-    if (missing)
-        sg_log(ctx, SG_LOG_WARN, "%s: %zu of %zu frames have no image and are skipped, the first is %s", file, missing,
-               wanted, shots->items[first].file);
-    sg_shots_drop(shots);
     return SG_OK;
 }
 
@@ -157,11 +145,13 @@ int sg_read_nerfstudio(sg_ctx *ctx, const struct sg_folder *dir, const struct sg
     size_t size;
     bool listed = false;
     char *file = sg_strf(ctx, "%s/transforms.json", dir->path);
-    int code = file ? sg_folder_read(ctx, dir, file, SG_JSON_BYTES, &data, &size) : SG_ERR_BUDGET;
+    int code = file ? sg_transforms_read(ctx, dir, file, &data, &size) : SG_ERR_BUDGET;
     if (!code)
         code = sg_nerfstudio_parse(ctx, file, data, size, params, shots, &points_file, &listed);
     if (!code)
         code = find_photos(ctx, dir, file, shots);
+    if (!code)
+        code = sg_shots_drop_missing(ctx, params, shots, file);
     if (!code)
         code = sg_shots_check_names(ctx, shots, 0, file);
     if (!code && points_file) {

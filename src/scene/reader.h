@@ -7,21 +7,33 @@
 #include "core/folder.h"
 #include "splatguard/scene.h"
 
-/* COLMAP's OPENCV camera model, of which its simpler ones are special cases (coefficients 0). */
+/* How a lens moves what lies in direction (x, y, 1), r from the axis. The coefficients that a kind does not name are 0.
+ */
+enum sg_lens_kind {
+    SG_LENS_POLYNOMIAL, /* r (1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8), p1 p2: pinholes, RADIAL, OPENCV */
+    SG_LENS_RATIONAL,   /* r (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6), p1 p2: FULL_OPENCV */
+    SG_LENS_FISHEYE,    /* the polynomial of the angle atan r, p1 p2 s1 s2: ..._FISHEYE, THIN_PRISM_FISHEYE */
+    SG_LENS_FOV,        /* atan(2 r tan(omega / 2)) / omega */
+};
+
 struct sg_lens {
     int width, height;       /* size the numbers below are for; 0 = the photo's own */
     double fx, fy;           /* 0 = from the angle; fy also = fx without one */
     double angle_x, angle_y; /* fields of view in radians; 0 = not given */
     double cx, cy;           /* valid if has_principal, else the centre */
     bool has_principal;
-    double k1, k2, p1, p2;
+    enum sg_lens_kind kind;
+    double k1, k2, k3, k4, k5, k6; /* radial */
+    double p1, p2, s1, s2;         /* decentred, thin prism */
+    double omega;                  /* of SG_LENS_FOV: its field of view in radians */
 };
 
 struct sg_shot {
-    char *file; /* as the scene file names the photo */
-    char *name; /* base name up to the first dot */
-    char *path; /* where the photo is; NULL until resolved */
-    char *mask; /* where its mask is, or NULL */
+    char *file;   /* as the scene file names the photo */
+    char *name;   /* base name up to the first dot */
+    char *path;   /* where the photo is; NULL until resolved */
+    char *mask;   /* where its mask is, or NULL */
+    char *camera; /* which one it was taken with, for messages */
     struct sg_lens lens;
     double R[9], t[3]; /* world to camera, as struct sg_camera */
     bool drop_alpha;   /* instead of compositing it */
@@ -46,15 +58,16 @@ struct sg_points {
 int sg_shots_add(sg_ctx *ctx, struct sg_shots *shots, uint64_t max, const char *where, const char *file,
                  struct sg_shot **out);
 void sg_shots_clear(struct sg_shots *shots);
-void sg_shots_drop(struct sg_shots *shots);              /* removes the shots without a path */
-void sg_shots_sort(struct sg_shots *shots);              /* by view name, byte order */
-bool sg_path_is_inside(const char *path);                /* relative and without ".." */
+void sg_shots_sort(struct sg_shots *shots); /* by view name, byte order */
+bool sg_path_is_inside(const char *path);   /* relative and without ".." */
 /* View names from index first on become distinct: all are made of whole paths where two base names are the same. */
 int sg_shots_check_names(sg_ctx *ctx, const struct sg_shots *shots, size_t first, const char *where);
 const char *sg_base_name(const char *path);
 /* The same path with another suffix of photos (.JPG, .jpg, .jpeg, .png, .PNG, .webp), or one added where it has none,
  * if there is such a file: photos that were converted keep their place. *out: NULL if there is none. */
 int sg_find_converted(sg_ctx *ctx, const struct sg_folder *dir, const char *path, char **out);
+/* Drops the shots without a path, with one warning for all. None is left, or strict: SG_ERR_INPUT. */
+int sg_shots_drop_missing(sg_ctx *ctx, const struct sg_scene_params *params, struct sg_shots *shots, const char *where);
 /* Every coefficient finite, focal lengths or angles usable. */
 int sg_lens_check(sg_ctx *ctx, const struct sg_lens *lens, const char *where);
 /* From a camera-to-world matrix with OpenGL axes (y up, z backward), row-major 4x4. */
@@ -63,7 +76,8 @@ int sg_pose_from_opengl(sg_ctx *ctx, const double m[16], const char *where, doub
 int sg_pose_from_quaternion(sg_ctx *ctx, const double q[4], const double v[3], const char *where, double R[9],
                             double t[3]);
 
-/* One file a format. dir is the scene folder, and every file is opened through it. Points stay empty where the scene has none. */
+/* One file a format. dir is the scene folder, and every file is opened through it. Points stay empty where the scene
+ * has none. */
 int sg_read_blender(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
                     struct sg_shots *shots, struct sg_points *points);
 int sg_read_colmap(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
@@ -95,6 +109,17 @@ int sg_nerfstudio_parse(sg_ctx *ctx, const char *file, const char *data, size_t 
 int sg_views_load(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
                   const struct sg_shots *shots, struct sg_view *views);
 void sg_view_clear(struct sg_view *view);
+
+/* lens.c */
+
+bool sg_lens_is_distorted(const struct sg_lens *lens);
+/* Where direction (x, y, 1) is in the photo, in focal lengths from the principal point. */
+void sg_lens_distort(const struct sg_lens *lens, double x, double y, double *xd, double *yd);
+/* Square of the radius, up to r2_max, up to which the radial part grows: beyond, it folds back and would show parts of
+ * the photo twice. Infinite if it grows all the way. */
+double sg_lens_fold(const struct sg_lens *lens, double r2_max);
+/* Whether the surroundings of a direction are not mirrored, as decentred coefficients can do. */
+bool sg_lens_keeps_sides(const struct sg_lens *lens, double x, double y);
 
 /* undistort.c: the photo a pinhole with the lens' focal lengths and principal point would have taken, same size.
  * src, dst: height x width x 3. valid: height x width, 255 where the source has the pixel, else 0 and black.

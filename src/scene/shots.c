@@ -81,6 +81,7 @@ static void clear_shot(struct sg_shot *shot)
     sg_free(shot->file);
     sg_free(shot->name);
     sg_free(shot->path);
+    sg_free(shot->camera);
     sg_free(shot->mask);
 }
 
@@ -92,7 +93,7 @@ void sg_shots_clear(struct sg_shots *shots)
     *shots = (struct sg_shots){0};
 }
 
-void sg_shots_drop(struct sg_shots *shots)
+static void drop(struct sg_shots *shots)
 {
     size_t kept = 0;
     for (size_t i = 0; i < shots->count; i++)
@@ -101,6 +102,26 @@ void sg_shots_drop(struct sg_shots *shots)
         else
             clear_shot(&shots->items[i]);
     shots->count = kept;
+}
+
+int sg_shots_drop_missing(sg_ctx *ctx, const struct sg_scene_params *params, struct sg_shots *shots, const char *where)
+{
+    size_t missing = 0, wanted = 0, first = 0;
+    for (size_t i = 0; i < shots->count; i++) {
+        const struct sg_shot *shot = &shots->items[i];
+        if (!shot->unused && !shot->path && !missing++)
+            first = i;
+        wanted += !shot->unused;
+    }
+    if (missing && (missing == wanted || params->strict))
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found %zu of %zu photos, the first that is missing is %s, also with other endings", where,
+                       wanted - missing, wanted, shots->items[first].file);
+    if (missing)
+        sg_log(ctx, SG_LOG_WARN, "%s: %zu of %zu photos are missing and are skipped, the first is %s", where, missing,
+               wanted, shots->items[first].file);
+    drop(shots);
+    return SG_OK;
 }
 
 static int by_name(const void *a, const void *b)
@@ -178,9 +199,15 @@ int sg_lens_check(sg_ctx *ctx, const struct sg_lens *lens, const char *where)
     if (lens->has_principal && (!within(lens->cx, LENS_MAX) || !within(lens->cy, LENS_MAX)))
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found principal point (%g, %g), expected pixels", where, lens->cx,
                        lens->cy);
-    if (!isfinite(lens->k1) || !isfinite(lens->k2) || !isfinite(lens->p1) || !isfinite(lens->p2))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found distortion %g %g %g %g, expected finite coefficients", where,
-                       lens->k1, lens->k2, lens->p1, lens->p2);
+    const double k[] = {lens->k1, lens->k2, lens->k3, lens->k4, lens->k5,   lens->k6,
+                        lens->p1, lens->p2, lens->s1, lens->s2, lens->omega};
+    for (size_t i = 0; i < sizeof(k) / sizeof(*k); i++)
+        if (!isfinite(k[i]))
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: found a distortion of %g, expected finite coefficients", where,
+                           k[i]);
+    if (lens->kind == SG_LENS_FOV && !(lens->omega >= 0 && lens->omega < 3.1))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found distortion omega = %g, expected an angle of 0 to 3.1 radians",
+                       where, lens->omega);
     return SG_OK;
 }
 

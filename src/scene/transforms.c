@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "core/json_text.h"
+#include "core/source.h"
 
 /* At most what the parser holds of a text: every value begins after one of these marks, or is in a string. */
 static uint64_t parsed_bytes(const char *data, size_t size)
@@ -16,12 +17,39 @@ static uint64_t parsed_bytes(const char *data, size_t size)
     return bytes;
 }
 
+int sg_transforms_read(sg_ctx *ctx, const struct sg_folder *dir, const char *file, char **data, size_t *size)
+{
+    FILE *f;
+    struct sg_source in = {0};
+    *data = NULL;
+    int code = sg_folder_file(ctx, dir, file, &f);
+    if (code)
+        return code;
+    code = sg_source_of_file(ctx, &in, f, file, SG_JSON_BYTES);
+    if (!code)
+        code = sg_source_skip_mark(ctx, &in);
+    const size_t ready = code ? 0 : sg_source_fill(&in, SG_SOURCE_WINDOW);
+    if (ready && memchr(in.window, 0, ready)) /* before all of it is held */
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found a zero byte, expected JSON", file);
+    sg_source_close(&in);
+    if (!code)
+        code = sg_stream_read(ctx, f, file, SG_JSON_BYTES, data, size);
+    fclose(f);
+    return code;
+}
+
 int sg_transforms_load(sg_ctx *ctx, const char *file, const char *data, size_t size, uint64_t max_frames,
                        struct sg_transforms *out)
 {
     json_error_t error;
+    struct sg_source text;
     *out = (struct sg_transforms){0};
-    int code = sg_reserve(ctx, SG_MEM_MISC, parsed_bytes(data, size), &out->room);
+    sg_source_of_memory(&text, file, data, size);
+    int code = sg_source_skip_mark(ctx, &text);
+    if (code)
+        return code;
+    data = text.window, size = text.ready;
+    code = sg_reserve(ctx, SG_MEM_MISC, parsed_bytes(data, size), &out->room);
     if (code)
         return code;
     out->root = json_loadb(data, size, JSON_REJECT_DUPLICATES, &error);
@@ -82,9 +110,37 @@ static int get_side(sg_ctx *ctx, const json_t *object, const char *key, const ch
     return SG_OK;
 }
 
+/* The kind of lens that an object names, if it does. */
+static int get_kind(sg_ctx *ctx, const json_t *object, const char *where, enum sg_lens_kind *kind)
+{
+    static const struct {
+        const char *name;
+        enum sg_lens_kind kind;
+    } models[] = {
+        {"OPENCV", SG_LENS_POLYNOMIAL},         {"PINHOLE", SG_LENS_POLYNOMIAL},
+        {"SIMPLE_PINHOLE", SG_LENS_POLYNOMIAL}, {"RADIAL", SG_LENS_POLYNOMIAL},
+        {"SIMPLE_RADIAL", SG_LENS_POLYNOMIAL},  {"FULL_OPENCV", SG_LENS_RATIONAL},
+        {"OPENCV_FISHEYE", SG_LENS_FISHEYE},
+    };
+    const char *name = NULL;
+    const int code = sg_json_text(ctx, object, "camera_model", where, &name);
+    bool known = !name;
+    for (size_t i = 0; i < sizeof(models) / sizeof(*models) && !known && !code; i++)
+        if ((known = !strcmp(name, models[i].name)))
+            *kind = models[i].kind;
+    if (code || !known)
+        return code ? code
+                    : sg_fail(ctx, SG_ERR_INPUT,
+                              "%s: found camera model %s, expected OPENCV, OPENCV_FISHEYE, FULL_OPENCV, PINHOLE, "
+                              "SIMPLE_PINHOLE, RADIAL or SIMPLE_RADIAL: undistort the images first",
+                              where, name);
+    if (json_is_true(json_object_get(object, "is_fisheye")))
+        *kind = SG_LENS_FISHEYE;
+    return SG_OK;
+}
+
 int sg_json_lens(sg_ctx *ctx, const json_t *object, const char *where, struct sg_lens *lens)
 {
-    static const char *const unsupported[] = {"k3", "k4", "k5", "k6"};
     double centre[2] = {NAN, NAN};
     const struct {
         const char *key;
@@ -98,6 +154,10 @@ int sg_json_lens(sg_ctx *ctx, const json_t *object, const char *where, struct sg
         {"cy", &centre[1]},
         {"k1", &lens->k1},
         {"k2", &lens->k2},
+        {"k3", &lens->k3},
+        {"k4", &lens->k4},
+        {"k5", &lens->k5},
+        {"k6", &lens->k6},
         {"p1", &lens->p1},
         {"p2", &lens->p2},
     };
@@ -106,29 +166,10 @@ int sg_json_lens(sg_ctx *ctx, const json_t *object, const char *where, struct sg
         code = get_side(ctx, object, "h", where, &lens->height);
     for (size_t i = 0; i < sizeof(numbers) / sizeof(*numbers) && !code; i++)
         code = sg_json_number(ctx, object, numbers[i].key, where, numbers[i].value);
-    for (size_t i = 0; i < sizeof(unsupported) / sizeof(*unsupported) && !code; i++) {
-        double k = 0;
-        code = sg_json_number(ctx, object, unsupported[i], where, &k);
-        if (!code && k != 0)
-            code = sg_fail(ctx, SG_ERR_INPUT,
-                           "%s: found distortion %s = %g, expected only k1 k2 p1 p2: undistort the images first", where,
-                           unsupported[i], k);
-    }
+    if (!code)
+        code = get_kind(ctx, object, where, &lens->kind);
     if (code)
         return code;
-    const char *model = "OPENCV";
-    code = sg_json_text(ctx, object, "camera_model", where, &model);
-    if (code)
-        return code;
-    static const char *const accepted[] = {"OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL"};
-    bool known = false;
-    for (size_t i = 0; i < sizeof(accepted) / sizeof(*accepted); i++)
-        known |= !strcmp(model, accepted[i]);
-    if (!known || json_is_true(json_object_get(object, "is_fisheye")))
-        return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: found camera model %s, expected OPENCV, PINHOLE, SIMPLE_PINHOLE, RADIAL or SIMPLE_RADIAL: "
-                       "undistort the images first",
-                       where, known ? "fisheye" : model);
     if (isnan(centre[0]) != isnan(centre[1]))
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found one of cx and cy, expected both", where);
     if (!isnan(centre[0])) {
@@ -136,6 +177,26 @@ int sg_json_lens(sg_ctx *ctx, const json_t *object, const char *where, struct sg
         lens->cx = centre[0];
         lens->cy = centre[1];
     }
+    return SG_OK;
+}
+
+/* Coefficients that mean one thing to one program and another to the next, or nothing to a lens of this kind. */
+static int check_kind(sg_ctx *ctx, const struct sg_lens *lens, const char *where)
+{
+    if (lens->kind == SG_LENS_POLYNOMIAL && (lens->k4 != 0 || lens->k5 != 0 || lens->k6 != 0))
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found distortion k4 = %g, k5 = %g, k6 = %g, expected only k1 k2 k3 p1 p2, or camera_model "
+                       "FULL_OPENCV",
+                       where, lens->k4, lens->k5, lens->k6);
+    if (lens->kind != SG_LENS_FISHEYE)
+        return SG_OK;
+    if (lens->k5 != 0 || lens->k6 != 0 || lens->p1 != 0 || lens->p2 != 0)
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found distortion p1 = %g, p2 = %g, k5 = %g, k6 = %g, expected only k1 k2 k3 k4 of a "
+                       "fisheye lens",
+                       where, lens->p1, lens->p2, lens->k5, lens->k6);
+    if (!(lens->fx > 0))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found no fl_x, expected that of a fisheye lens in pixels", where);
     return SG_OK;
 }
 
@@ -177,11 +238,14 @@ int sg_transforms_frame(sg_ctx *ctx, const json_t *frame, const char *where, con
     if (code)
         return code;
     (*shot)->lens = *lens;
-    code = sg_lens_check(ctx, lens, where);
+    (*shot)->camera = sg_strdup(ctx, where);
+    code = (*shot)->camera ? sg_lens_check(ctx, lens, where) : SG_ERR_BUDGET;
+    if (!code)
+        code = check_kind(ctx, lens, where);
     return code ? code : get_pose(ctx, frame, where, *shot);
 }
 
-int sg_find_photo(sg_ctx *ctx, const struct sg_folder *dir, const char *file, char **path, char **tried)
+int sg_find_photo(sg_ctx *ctx, const struct sg_folder *dir, const char *file, char **path)
 {
     static const char *const suffixes[] = {"", ".png", ".jpg", ".jpeg", ".webp"};
     const char *dot = strrchr(sg_base_name(file), '.');
@@ -206,12 +270,6 @@ int sg_find_photo(sg_ctx *ctx, const struct sg_folder *dir, const char *file, ch
         sg_free(named);
         if (code || *path)
             return code;
-    }
-    if (tried) {
-        *tried = complete ? sg_strf(ctx, "%s/%s, also with other suffixes", dir->path, file)
-                          : sg_strf(ctx, "%s/%s, also with .png, .jpg, .jpeg or .webp added", dir->path, file);
-        if (!*tried)
-            return SG_ERR_BUDGET;
     }
     return SG_OK;
 }

@@ -14,7 +14,9 @@ struct sg_transforms {
     void *room;            /* the parser's memory, in the ledger */
 };
 
-/* At most max_frames. */
+/* The whole text, which is the caller's; what begins as no text is refused first. */
+int sg_transforms_read(sg_ctx *ctx, const struct sg_folder *dir, const char *file, char **data, size_t *size);
+/* At most max_frames. A byte-order mark may come first. */
 int sg_transforms_load(sg_ctx *ctx, const char *file, const char *data, size_t size, uint64_t max_frames,
                        struct sg_transforms *out);
 void sg_transforms_clear(struct sg_transforms *transforms);
@@ -26,8 +28,7 @@ int sg_json_lens(sg_ctx *ctx, const json_t *object, const char *where, struct sg
 /* One entry of "frames" as a shot with the given lens. */
 int sg_transforms_frame(sg_ctx *ctx, const json_t *frame, const char *where, const struct sg_lens *lens,
                         uint64_t max_images, struct sg_shots *shots, struct sg_shot **shot);
-/* First of dir/file, dir/file.png, .jpg, .jpeg, .webp that exists, or a converted one, NULL if none. *tried (if not
- * NULL): the list of names, for a message; the caller's. */
-int sg_find_photo(sg_ctx *ctx, const struct sg_folder *dir, const char *file, char **path, char **tried);
+/* First of dir/file, dir/file.png, .jpg, .jpeg, .webp that exists, or a converted one, NULL if none. */
+int sg_find_photo(sg_ctx *ctx, const struct sg_folder *dir, const char *file, char **path);
 
 #endif

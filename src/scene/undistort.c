@@ -5,21 +5,6 @@
 
 #include "scene/reader.h"
 
-/* Square of the radius up to which x (1 + k1 r^2 + k2 r^4) grows: beyond, the polynomial folds back and would show
- * parts of the photo twice. */
-static double fold_radius(double k1, double k2)
-{
-    /* smallest positive root of 1 + 3 k1 s + 5 k2 s^2 */
-    double a = 5 * k2, b = 3 * k1, disc = b * b - 4 * a;
-    if (a == 0)
-        return b < 0 ? -1 / b : INFINITY;
-    if (disc < 0)
-        return INFINITY;
-    double q = -0.5 * (b + copysign(sqrt(disc), b)), s0 = q / a, s1 = q != 0 ? 1 / q : INFINITY;
-    double low = s0 < s1 ? s0 : s1, high = s0 < s1 ? s1 : s0;
-    return low > 0 ? low : high > 0 ? high : INFINITY;
-}
-
 /* Keys' cubic (a = -0.5) at distances 1+f, f, 1-f, 2-f: sharper than linear, which matters for a target image. */
 static void cubic_weights(float f, float w[4])
 {
@@ -63,18 +48,21 @@ int sg_undistort(sg_ctx *ctx, const struct sg_lens *lens, int width, int height,
             return SG_ERR_BUDGET;
         memcpy(old_mask, mask, pixels);
     }
-    double fold = fold_radius(lens->k1, lens->k2);
+    const bool decentred = lens->p1 != 0 || lens->p2 != 0 || lens->s1 != 0 || lens->s2 != 0;
+    const double far_x = fmax(fabs(lens->cx), fabs(width - lens->cx)) / lens->fx;
+    const double far_y = fmax(fabs(lens->cy), fabs(height - lens->cy)) / lens->fy;
+    const double fold = sg_lens_fold(lens, far_x * far_x + far_y * far_y);
     *lost = 0;
     for (int v = 0; v < height; v++)
         for (int u = 0; u < width; u++) {
             size_t at = (size_t) v * (size_t) width + (size_t) u;
-            double x = (u + 0.5 - lens->cx) / lens->fx, y = (v + 0.5 - lens->cy) / lens->fy;
-            double r2 = x * x + y * y, d = 1 + (lens->k1 + lens->k2 * r2) * r2;
-            double xd = x * d + 2 * lens->p1 * x * y + lens->p2 * (r2 + 2 * x * x);
-            double yd = y * d + lens->p1 * (r2 + 2 * y * y) + 2 * lens->p2 * x * y;
+            double x = (u + 0.5 - lens->cx) / lens->fx, y = (v + 0.5 - lens->cy) / lens->fy, xd, yd;
+            double r2 = x * x + y * y;
+            sg_lens_distort(lens, x, y, &xd, &yd);
             double sx = xd * lens->fx + lens->cx - 0.5, sy = yd * lens->fy + lens->cy - 0.5; /* in sample indices */
             /* a photo ends half a pixel beyond its outer samples; NaN is outside */
             bool inside = r2 < fold && sx >= -0.5 && sx <= width - 0.5 && sy >= -0.5 && sy <= height - 0.5;
+            inside = inside && (!decentred || sg_lens_keeps_sides(lens, x, y));
             valid[at] = inside ? 255 : 0;
             if (inside) {
                 sample(src, width, height, sx, sy, dst + 3 * at);

@@ -49,10 +49,28 @@ static int target_size(sg_ctx *ctx, const struct sg_scene_params *p, const char 
     return SG_OK;
 }
 
+/* Whether one size is the other's, reduced: up to what rounding twice makes of the sides, first to a reduced size and
+ * then to a part of it. */
+static bool is_reduced(int width, int height, int of_width, int of_height)
+{
+    const double off = 1.5;
+    const double low = fmax((width - off) / of_width, (height - off) / of_height);
+    return low <= fmin((width + off) / of_width, (height + off) / of_height);
+}
+
+static bool has_same_shape(int width, int height, int other_width, int other_height)
+{
+    return is_reduced(width, height, other_width, other_height) || is_reduced(other_width, other_height, width, height);
+}
+
 /* The lens for a photo of width x height: same field of view, whatever size the numbers were given for. */
 static int fit_lens(sg_ctx *ctx, const struct sg_shot *shot, int width, int height, struct sg_lens *lens)
 {
     *lens = shot->lens;
+    if (lens->width && lens->height && !has_same_shape(width, height, lens->width, lens->height))
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found %d x %d pixels, expected the shape of its camera, %d x %d pixels (%s)", shot->path,
+                       width, height, lens->width, lens->height, shot->camera);
     double sx = lens->width ? (double) width / lens->width : 1, sy = lens->height ? (double) height / lens->height : 1;
     double own = lens->width ? lens->width : width, own_y = lens->height ? lens->height : height;
     if (!(lens->fx > 0))
@@ -69,11 +87,6 @@ static int fit_lens(sg_ctx *ctx, const struct sg_shot *shot, int width, int heig
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found focal lengths %g, %g pixels, expected usable ones", shot->path,
                        lens->fx, lens->fy);
     return SG_OK;
-}
-
-static bool is_distorted(const struct sg_lens *lens)
-{
-    return lens->k1 != 0 || lens->k2 != 0 || lens->p1 != 0 || lens->p2 != 0;
 }
 
 /* Opened once, in the scene's folder, and decoded from that. */
@@ -102,6 +115,13 @@ static int load_mask(struct job *job, const struct sg_shot *shot, int width, int
     for (size_t i = 0; i < n && step > 1; i++) { /* in place: the read position is never behind */
         const uint8_t *p = image.pixels + i * step;
         image.pixels[i] = (uint8_t) ((p[0] + p[1] + p[2]) / 3);
+    }
+    if (!has_same_shape(image.width, image.height, width, height)) {
+        code =
+            sg_fail(ctx, SG_ERR_INPUT, "%s: found a mask of %d x %d pixels, expected the shape of its photo, %d x %d",
+                    shot->mask, image.width, image.height, width, height);
+        sg_image_clear(&image);
+        return code;
     }
     grey = sg_alloc_raw(ctx, SG_MEM_IMAGES, pixels, 1);
     code = grey ? sg_resample(ctx, image.pixels, image.width, image.height, 1, grey, width, height) : SG_ERR_BUDGET;
@@ -140,11 +160,11 @@ static int straighten(sg_ctx *ctx, const struct sg_shot *shot, const struct sg_l
     }
     sg_free(view->rgb);
     view->rgb = pinhole;
-    if (lost == pixels)
-        return sg_fail(
-            ctx, SG_ERR_INPUT,
-            "%s: found distortion %g %g %g %g that leaves no pixel of the photo, expected that of a real lens",
-            shot->path, lens->k1, lens->k2, lens->p1, lens->p2);
+    if (pixels - lost < pixels / 100 || lost == pixels)
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found distortion k1 = %g, k2 = %g, p1 = %g, p2 = %g ... that leaves %zu of %zu pixels of "
+                       "the photo, expected that of a real lens (%s)",
+                       shot->path, lens->k1, lens->k2, lens->p1, lens->p2, pixels - lost, pixels, shot->camera);
     if (!lost) {
         sg_free(*valid);
         *valid = NULL;
@@ -195,7 +215,7 @@ static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view
         code = load_mask(job, shot, width, height, &view->mask);
     if (code)
         goto done;
-    view->undistorted = is_distorted(&lens);
+    view->undistorted = sg_lens_is_distorted(&lens);
     if (view->undistorted)
         code = straighten(ctx, shot, &lens, view, &valid);
     if (!code)
@@ -273,12 +293,41 @@ static int load_rest(struct job *job, size_t n)
     return SG_OK;
 }
 
+/* Photos of another size than their camera's are what --images is for; elsewhere they may be a mistake. */
+static int check_scale(sg_ctx *ctx, const struct sg_scene_params *params, const struct sg_shots *shots,
+                       const struct sg_view *views)
+{
+    size_t scaled = 0, first = 0;
+    for (size_t i = 0; i < shots->count && !params->images; i++) {
+        const struct sg_lens *lens = &shots->items[i].lens;
+        if (((lens->width && lens->width != views[i].file_width) ||
+             (lens->height && lens->height != views[i].file_height)) &&
+            !scaled++)
+            first = i;
+    }
+    if (!scaled)
+        return SG_OK;
+    const struct sg_shot *shot = &shots->items[first];
+    if (params->strict)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found %d x %d pixels, expected the %d x %d of its camera (%s)",
+                       shot->path, views[first].file_width, views[first].file_height, shot->lens.width,
+                       shot->lens.height, shot->camera);
+    sg_log(
+        ctx, SG_LOG_WARN,
+        "%zu of %zu photos have another size than their camera, whose focal lengths are scaled; the first is %s: %d x "
+        "%d pixels, camera %d x %d (%s)",
+        scaled, shots->count, shot->path, views[first].file_width, views[first].file_height, shot->lens.width,
+        shot->lens.height, shot->camera);
+    return SG_OK;
+}
+
 int sg_views_load(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
                   const struct sg_shots *shots, struct sg_view *views)
 {
     struct job job = {.ctx = ctx, .dir = dir, .params = params, .shots = shots->items, .views = views};
     sg_parallel_for(ctx, shots->count, load_one, &job);
-    return atomic_load(&job.crowded) ? load_rest(&job, shots->count) : atomic_load(&job.code);
+    const int code = atomic_load(&job.crowded) ? load_rest(&job, shots->count) : atomic_load(&job.code);
+    return code ? code : check_scale(ctx, params, shots, views);
 }
 
 void sg_view_clear(struct sg_view *view)

@@ -17,22 +17,30 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     struct sg_shots shots = {0};
     struct sg_points points = {0};
     char *text = sg_alloc(ctx, SG_MEM_MISC, size + 1, 1); /* its own block, so that overruns show */
-    const double pinhole[] = {30, 30, 10, 5};
-    if (!text || sg_colmap_add_camera(ctx, &cameras, "fuzz", 1, 1, 20, 10, pinhole))
+    const double simple[] = {30, 30, 10, 5};
+    if (!text || sg_colmap_add_camera(ctx, &cameras, "fuzz", 1, 1, 20, 10, simple))
         __builtin_trap();
     memcpy(text, data, size);
+    struct sg_source in;
+    sg_source_of_memory(&in, "fuzz", text, size);
     if (which == 0)
-        sg_colmap_cameras_bin(ctx, "fuzz", text, size, &cameras);
+        sg_colmap_cameras_bin(ctx, &in, &cameras);
     else if (which == 1)
-        sg_colmap_images_bin(ctx, "fuzz", text, size, 1000, &cameras, &shots);
+        sg_colmap_images_bin(ctx, &in, 1000, &cameras, &shots);
     else if (which == 2)
-        sg_colmap_points_bin(ctx, "fuzz", text, size, 100000, &points);
+        sg_colmap_points_bin(ctx, &in, 100000, &points);
     else if (which == 3)
-        sg_colmap_cameras_txt(ctx, "fuzz", text, size, &cameras);
+        sg_colmap_cameras_txt(ctx, &in, &cameras);
     else if (which == 4)
-        sg_colmap_images_txt(ctx, "fuzz", text, size, 1000, &cameras, &shots);
+        sg_colmap_images_txt(ctx, &in, 1000, &cameras, &shots);
     else
-        sg_colmap_points_txt(ctx, "fuzz", text, size, 100000, &points);
+        sg_colmap_points_txt(ctx, &in, 100000, &points);
+    for (size_t i = 0; i < cameras.count; i++) { /* whatever a lens is like, a photo of it is undone */
+        static uint8_t photo[16 * 12 * 3], pinhole[sizeof(photo)], valid[16 * 12];
+        size_t lost;
+        if (sg_undistort(ctx, &cameras.items[i].lens, 16, 12, photo, pinhole, valid, NULL, &lost))
+            __builtin_trap();
+    }
     sg_shots_check_names(ctx, &shots, 0, "fuzz");
     sg_shots_sort(&shots);
     sg_shots_clear(&shots);

@@ -16,7 +16,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     params.eval = true;
     params.max_images = 1000;
     sg_nerfstudio_parse(ctx, "fuzz", (const char *) data, size, &params, &shots, &points, &listed);
-    sg_shots_drop(&shots); /* none has a path */
+    sg_shots_clear(&shots);
     sg_clear_error(ctx);
     sg_blender_parse(ctx, "fuzz", (const char *) data, size, params.max_images, true, &shots);
     sg_shots_sort(&shots);
