@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "scene/image.h"
+#include "image/image.h"
 
 #include "output.h"
 #include "run_folder.h"

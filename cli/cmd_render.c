@@ -5,7 +5,7 @@
 #include "core/file.h"
 #include "model_views.h"
 #include "output.h"
-#include "scene/image.h"
+#include "image/image.h"
 
 struct render_config {
     struct model_options m;

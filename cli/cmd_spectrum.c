@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "scene/image.h"
+#include "image/image.h"
 #include "spectrum_picture.h"
 
 #include "commands.h"

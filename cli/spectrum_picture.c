@@ -7,8 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "scene/image.h"
-#include "scene/synth_text.h"
+#include "image/image.h"
+#include "image/stroke_font.h"
 
 #define CELL 320 /* pixels, the longer side of an image */
 #define GAP 16
@@ -62,8 +62,7 @@ static void text(struct canvas *c, double x, double y, double size, const uint8_
         for (int px = (int) x - reach; px <= (int) x + reach; px++) {
             int hits = 0;
             for (int s = 0; s < 16; s++)
-                hits +=
-                    sg_synth_text_ink(capitals, px + (s % 4 + 0.5) / 4 - x, y - (py + (s / 4 + 0.5) / 4), size, 0.07);
+                hits += sg_stroke_ink(capitals, px + (s % 4 + 0.5) / 4 - x, y - (py + (s / 4 + 0.5) / 4), size, 0.07);
             if (hits)
                 blend(c, px, py, colour, hits / 16.0);
         }

@@ -15,7 +15,7 @@
 #include <unistd.h>
 
 #include "core/file.h"
-#include "scene/image.h"
+#include "image/image.h"
 #include "splatguard/scene.h"
 #include "params.h"
 

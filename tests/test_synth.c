@@ -4,8 +4,8 @@
 
 #include <math.h>
 
-#include "scene/synth_solids.h"
-#include "scene/synth_text.h"
+#include "synth/solids.h"
+#include "image/stroke_font.h"
 #include "splatguard/synth.h"
 
 static const struct sg_synth_params tiny = {
@@ -259,18 +259,18 @@ static void solids_meet_rays_where_a_sphere_does(void **state)
 static void print_is_where_the_strokes_are(void **state)
 {
     (void) state;
-    assert_true(sg_synth_text_ink("I", 0, 0.5, 1, 0.08));  /* a stem in the middle */
-    assert_false(sg_synth_text_ink("O", 0, 0.5, 1, 0.08)); /* a hole */
-    assert_true(sg_synth_text_ink("O", -1.0 / 3, 0.5, 1, 0.08));
-    assert_true(sg_synth_text_ink("IOI", -1, 0.5, 1, 0.08)); /* glyphs are one size apart */
-    assert_false(sg_synth_text_ink("IOI", 0, 0.5, 1, 0.08));
-    assert_true(sg_synth_text_ink("L", 0, 0, 1, 0.08) && !sg_synth_text_ink("L", 0, 1, 1, 0.08)); /* upright */
-    assert_true(sg_synth_text_ink(".", 0, 0, 1, 0.08));
+    assert_true(sg_stroke_ink("I", 0, 0.5, 1, 0.08));  /* a stem in the middle */
+    assert_false(sg_stroke_ink("O", 0, 0.5, 1, 0.08)); /* a hole */
+    assert_true(sg_stroke_ink("O", -1.0 / 3, 0.5, 1, 0.08));
+    assert_true(sg_stroke_ink("IOI", -1, 0.5, 1, 0.08)); /* glyphs are one size apart */
+    assert_false(sg_stroke_ink("IOI", 0, 0.5, 1, 0.08));
+    assert_true(sg_stroke_ink("L", 0, 0, 1, 0.08) && !sg_stroke_ink("L", 0, 1, 1, 0.08)); /* upright */
+    assert_true(sg_stroke_ink(".", 0, 0, 1, 0.08));
     for (int c = 0; c < 128; c++) { /* characters without a glyph are blank */
         const char text[2] = {(char) c, 0};
         int inked = 0;
         for (int i = 0; i < 40 * 60; i++)
-            inked += sg_synth_text_ink(text, (i % 40 - 20) / 20.0, (i / 40 - 15) / 30.0, 1, 0.08);
+            inked += sg_stroke_ink(text, (i % 40 - 20) / 20.0, (i / 40 - 15) / 30.0, 1, 0.08);
         const bool known = (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || (c && strchr(".-/+", c));
         assert_int_equal(inked > 0, known);
     }

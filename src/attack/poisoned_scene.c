@@ -11,7 +11,7 @@
 
 #include "core/file.h"
 #include "core/numbers.h"
-#include "scene/image.h"
+#include "image/image.h"
 #include "scene/reader.h"
 #include "splatguard/attack.h"
 #include "splatguard/eval.h"

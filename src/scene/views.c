@@ -4,7 +4,7 @@
 #include <stdatomic.h>
 #include <string.h>
 
-#include "scene/image.h"
+#include "image/image.h"
 #include "scene/reader.h"
 
 #define SIDE_MAX 16384 /* of a view, see struct sg_camera */

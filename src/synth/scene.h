@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The scene: a still life on a round table, about 2.5 wide and centred on the origin, z up. */
-#ifndef SG_SCENE_SYNTH_SCENE_H
-#define SG_SCENE_SYNTH_SCENE_H
+#ifndef SG_SYNTH_SCENE_H
+#define SG_SYNTH_SCENE_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "scene/synth_solids.h"
+#include "solids.h"
 
 #define SYNTH_SOLIDS_MAX 256
 #define SYNTH_OBJECTS_MAX 24

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Three-vectors of the ray tracer. */
-#ifndef SG_SCENE_SYNTH_VEC_H
-#define SG_SCENE_SYNTH_VEC_H
+#ifndef SG_SYNTH_VEC_H
+#define SG_SYNTH_VEC_H
 
 #include <math.h>
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Spheres and capsules are solved in closed form; solids with rounded edges by sphere tracing (Hart 1996) of their
  * exact distance inside their bounding box, which takes one step wherever the ray meets a flat face. */
-#include "scene/synth_solids.h"
+#include "solids.h"
 
 #define MARCH_STEPS 96
 #define MARCH_CLOSE 1e-5

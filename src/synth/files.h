@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The files that make folders of pictures into scenes. */
-#ifndef SG_SCENE_SYNTH_FILES_H
-#define SG_SCENE_SYNTH_FILES_H
+#ifndef SG_SYNTH_FILES_H
+#define SG_SYNTH_FILES_H
 
-#include "scene/synth_render.h"
+#include "render.h"
 
 /* A surface point and where its view sees it: point i belongs to view i mod views. */
 struct synth_point {

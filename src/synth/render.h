@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Cameras and pictures of the scene. */
-#ifndef SG_SCENE_SYNTH_RENDER_H
-#define SG_SCENE_SYNTH_RENDER_H
+#ifndef SG_SYNTH_RENDER_H
+#define SG_SYNTH_RENDER_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
 #include "core/internal.h"
-#include "scene/synth_scene.h"
+#include "scene.h"
 
 /* A pinhole; the three axes are unit vectors. */
 struct synth_camera {

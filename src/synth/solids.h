@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The solids the scene is made of, each in the frame of its object. */
-#ifndef SG_SCENE_SYNTH_SOLIDS_H
-#define SG_SCENE_SYNTH_SOLIDS_H
+#ifndef SG_SYNTH_SOLIDS_H
+#define SG_SYNTH_SOLIDS_H
 
 #include <stdbool.h>
 
-#include "scene/synth_vec.h"
+#include "vec.h"
 
 enum solid_kind { SOLID_SPHERE, SOLID_CAPSULE, SOLID_BOX, SOLID_CYLINDER, SOLID_TORUS };
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Photos in, pictures out: PNG, JPEG and WebP files as 8-bit pixels. */
-#ifndef SG_SCENE_IMAGE_H
-#define SG_SCENE_IMAGE_H
+#ifndef SG_IMAGE_IMAGE_H
+#define SG_IMAGE_IMAGE_H
 
 #include <stdio.h>
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Blender's transforms (Mildenhall et al. 2020) and COLMAP's binary model (Schoenberger and Frahm 2016). */
-#include "scene/synth_files.h"
+#include "files.h"
 
 #include <string.h>
 

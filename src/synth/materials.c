@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Solid textures on lattice value noise (Peachey 1985, Perlin 1985): a colour for every point of space, hence no seams.
  * Colours are linear. */
-#include "scene/synth_materials.h"
+#include "materials.h"
 
 #include <stdbool.h>
 #include <stddef.h>
 
 #include "core/rng.h"
-#include "scene/synth_text.h"
+#include "image/stroke_font.h"
 
 static double lattice(int64_t x, int64_t y, int64_t z)
 {
@@ -132,9 +132,9 @@ static struct surface plaque(struct vec p, struct vec n)
     const double border = larger(fabs(p.x) - PLAQUE_WIDE, fabs(p.z) - PLAQUE_HIGH);
     if (border > -0.016 || (border < -0.024 && border > -0.030))
         return frame_brass;
-    const bool printed = sg_synth_text_ink("SPLATGUARD", p.x, p.z - 0.012, 0.095, 0.075) ||
-                         sg_synth_text_ink("3D GAUSSIAN SPLATTING", p.x, p.z + 0.057, 0.036, 0.07) ||
-                         sg_synth_text_ink("0123456789 - EVERY RAY ACCOUNTED FOR", p.x, p.z + 0.1, 0.020, 0.075);
+    const bool printed = sg_stroke_ink("SPLATGUARD", p.x, p.z - 0.012, 0.095, 0.075) ||
+                         sg_stroke_ink("3D GAUSSIAN SPLATTING", p.x, p.z + 0.057, 0.036, 0.07) ||
+                         sg_stroke_ink("0123456789 - EVERY RAY ACCOUNTED FOR", p.x, p.z + 0.1, 0.020, 0.075);
     if (printed)
         return glossy(vec(0.86, 0.70, 0.38), 0.04, 60, 0);
     return glossy(scale(vec(0.012, 0.022, 0.060), 0.8 + 0.4 * noise(scale(p, 60))), 0.04, 60, 0);
@@ -154,7 +154,7 @@ static struct surface chart(struct vec p, struct vec n)
     if (larger(fabs(p.x) - CHART_WIDE, fabs(p.z) - CHART_HIGH) > -0.02)
         return glossy(wood(p, walnut, walnut_late), 0.03, 40, 0);
     for (size_t i = 0; i < sizeof(lines) / sizeof(*lines); i++)
-        if (sg_synth_text_ink(lines[i].text, p.x, p.z - lines[i].row, lines[i].size, 0.08))
+        if (sg_stroke_ink(lines[i].text, p.x, p.z - lines[i].row, lines[i].size, 0.08))
             return matte(ink);
     /* a colour ramp and a line pattern of rising frequency */
     if (p.z < -0.165 && p.z > -0.20 && fabs(p.x) < 0.28) {

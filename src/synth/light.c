@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* One round lamp with soft shadows, ambient occlusion under a sky, Blinn's highlights (1977) and traced reflections
  * with Schlick's Fresnel term (1994). All points use the same directions: no noise, and views agree on shadows. */
-#include "scene/synth_light.h"
+#include "light.h"
 
 #include <stdbool.h>
 
-#include "scene/synth_materials.h"
+#include "materials.h"
 
 #define PI 3.14159265358979323846
 #define GOLDEN_ANGLE 2.39996322972865332

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "scene/image.h"
+#include "image.h"
 
 #include <errno.h>
 #include <spng.h>

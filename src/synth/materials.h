@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What the solids look like: procedural textures, gloss and print. */
-#ifndef SG_SCENE_SYNTH_MATERIALS_H
-#define SG_SCENE_SYNTH_MATERIALS_H
+#ifndef SG_SYNTH_MATERIALS_H
+#define SG_SYNTH_MATERIALS_H
 
-#include "scene/synth_vec.h"
+#include "vec.h"
 
 enum material {
     MATERIAL_FLOOR, /* chequered marble in a ring of wood */

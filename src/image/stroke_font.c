@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Every glyph is a few polylines on a grid of 5 x 7 points, written as pairs of digits (column, row from below);
  * a blank lifts the pen. */
-#include "scene/synth_text.h"
+#include "stroke_font.h"
 
 #include <math.h>
 #include <stddef.h>
@@ -64,7 +64,7 @@ static double distance2(double x, double y, const char *from, const char *to)
     return dx * dx + dy * dy;
 }
 
-bool sg_synth_text_ink(const char *text, double x, double y, double size, double weight)
+bool sg_stroke_ink(const char *text, double x, double y, double size, double weight)
 {
     const double unit = size / UNITS, half = weight * UNITS;
     const double n = (double) strlen(text), row = y / unit;

@@ -10,8 +10,8 @@
 
 #include "core/file.h"
 #include "core/rng.h"
-#include "scene/image.h"
-#include "scene/synth_files.h"
+#include "image/image.h"
+#include "files.h"
 
 #define ANGLE_X 0.6911112070083618 /* of the NeRF synthetic cameras */
 #define DISTANCE 4.0

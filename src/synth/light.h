@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Light on a surface point. */
-#ifndef SG_SCENE_SYNTH_LIGHT_H
-#define SG_SCENE_SYNTH_LIGHT_H
+#ifndef SG_SYNTH_LIGHT_H
+#define SG_SYNTH_LIGHT_H
 
-#include "scene/synth_scene.h"
+#include "scene.h"
 
 /* What other solids let through: slow to find, equal for all eyes, and smooth enough to share within a pixel. */
 struct synth_exposure {

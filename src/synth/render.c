@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* One ray through the middle of each pixel finds the edges; only pixels that differ from a neighbour get the full grid
  * of samples (Whitted 1980), and samples of a pixel on one surface share their shadow and occlusion rays. */
-#include "scene/synth_render.h"
+#include "render.h"
 
-#include "scene/synth_light.h"
+#include "light.h"
 
 #define CONTRAST 0.024 /* of display values, below which neighbours count as equal */
 #define SHARED 6       /* surfaces of one pixel whose exposure is kept */

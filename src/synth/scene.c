@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "scene/synth_scene.h"
+#include "scene.h"
 
 #include "core/rng.h"
-#include "scene/synth_materials.h"
+#include "materials.h"
 
 #define TABLE (-0.32) /* height of the table top */
 #define PI 3.14159265358979323846

@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "scene/image.h"
+#include "image.h"
 
 #define PRECISION 22 /* bits after the point: 8 bits of sample, 2 of overshoot, 22 of weight fill an int32 */
 
