@@ -4,7 +4,7 @@
 
 #include "commands.h"
 
-enum attack_method { METHOD_POISON_SPLAT, METHOD_NOISE, METHOD_TV_PER_VIEW };
+enum attack_method { METHOD_POISON_SPLAT, METHOD_NOISE, METHOD_TV_PER_VIEW, METHOD_DRIFT };
 enum attack_preset { PRESET_AUTO, PRESET_NS, PRESET_MIP, PRESET_TT };
 enum attack_views { VIEWS_ALL, VIEWS_TRAIN };
 

@@ -70,13 +70,14 @@ static bool *choose(const struct attack_run *r)
 
 static int poison(struct attack_run *r, size_t view, uint8_t *rgb)
 {
+    static const enum sg_naive_attack naive[] = {
+        [METHOD_NOISE] = SG_NAIVE_NOISE, [METHOD_TV_PER_VIEW] = SG_NAIVE_TV, [METHOD_DRIFT] = SG_NAIVE_DRIFT};
     const struct attack_config *c = r->config;
     int error;
     if (c->method == METHOD_POISON_SPLAT)
         error = sg_attack_poison(r->attack, view, rgb);
     else
-        error = sg_attack_naive(r->ctx, &r->scene->train[view], view, &c->attack,
-                                c->method == METHOD_NOISE ? SG_NAIVE_NOISE : SG_NAIVE_TV, rgb);
+        error = sg_attack_naive(r->ctx, &r->scene->train[view], view, &c->attack, naive[c->method], rgb);
     const struct sg_view *v = &r->scene->train[view];
     const size_t width = (size_t) v->camera.width, spared = (size_t) lroundf(c->spare * (float) width);
     for (size_t y = 0; y < (size_t) v->camera.height && !error; y++)

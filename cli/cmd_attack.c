@@ -51,8 +51,13 @@ static const struct option attack_options[] = {
                "Poison all views of COLMAP and nerfstudio scenes, or leave the test views clean. Blender's test file "
                "always stays clean."),
     GROUP_ROW("Attack"),
-    CHOICE_ROW("method", A(method), "poison-splat|noise|tv-per-view", "NAME",
-               "Poison-splat, or a naive attack to compare with: +-epsilon noise, ascent of each photo alone."),
+    CHOICE_ROW(
+        "method", A(method), "poison-splat|noise|tv-per-view|drift", "NAME",
+        "Poison-splat, or an attack on each photo alone: noise of +-epsilon, ascent of its total variation, or a "
+        "smooth drift of its brightness."),
+    NUMBER_ROW("wavelength", OPT_FLOAT, A(attack.wavelength), 0, 1e6, "PIXELS",
+               "Of the drift; from the photo's size on it looks like a change of exposure. 0 = the photo's longer "
+               "side."),
     TEXT_ROW("epsilon", A(epsilon), "LEVELS",
              "Bound on every value's change in whole grey levels (8, 16, 24), or inf."),
     CHOICE_ROW("preset", A(preset), "auto|ns|mip|tt", "NAME",
@@ -135,6 +140,24 @@ static void apply_preset(struct attack_config *c, enum sg_scene_format format)
     c->attack.update_interval = c->update_interval ? c->update_interval : s.update_interval;
 }
 
+/* An option that would have no effect. */
+static int refuse_vain(const struct attack_config *c)
+{
+    const struct {
+        const char *option, *methods;
+        bool vain;
+    } rules[] = {
+        {"epsilon inf", "poison-splat", !isfinite(c->attack.epsilon) && c->method != METHOD_POISON_SPLAT},
+        {"wavelength", "drift", c->attack.wavelength > 0 && c->method != METHOD_DRIFT},
+    };
+    for (size_t i = 0; i < sizeof(rules) / sizeof(rules[0]); i++)
+        if (rules[i].vain) {
+            say(stderr, "splatguard attack: --%s goes with --method %s only\n", rules[i].option, rules[i].methods);
+            return 1;
+        }
+    return 0;
+}
+
 /* The parts of the configuration that follow from others. */
 static int settle(struct attack_config *c)
 {
@@ -148,10 +171,6 @@ static int settle(struct attack_config *c)
             c->epsilon);
         return 1;
     }
-    if (!isfinite(levels) && c->method != METHOD_POISON_SPLAT) {
-        say(stderr, "splatguard attack: --epsilon inf goes with --method poison-splat only\n");
-        return 1;
-    }
     c->attack.epsilon = (float) (levels / 255);
     c->attack.step = c->grey_step / 255;
     c->attack.tv = (enum sg_tv_form) c->tv;
@@ -160,7 +179,7 @@ static int settle(struct attack_config *c)
     c->files.save = (enum sg_poison_save) c->save;
     c->files.full_chroma = c->chroma == 1;
     c->scene.params.format = (enum sg_scene_format) c->scene.format;
-    return 0;
+    return refuse_vain(c);
 }
 
 static bool is_attack(const char *folder)

@@ -177,6 +177,74 @@ static void test_byte_variation(void **state)
     assert_float_equal(sg_total_variation(rgb, 2, 2, SG_TV_ISO), (sqrt(30 * 30 + 100) + 60 + 40) / 4.0, 1e-9);
 }
 
+/* ---- attacks on each photo alone ---- */
+
+/* The same in all channels. The caller frees rgb. */
+static struct sg_view make_photo(int width, int height, uint8_t (*value)(int x, int y))
+{
+    struct sg_view v = {.name = (char *) "photo", .camera = make_camera(width, height, 3)};
+    v.rgb = malloc(3 * (size_t) width * (size_t) height);
+    for (int i = 0; i < 3 * width * height; i++)
+        v.rgb[i] = value(i / 3 % width, i / 3 / width);
+    return v;
+}
+
+static uint8_t grey(int x, int y)
+{
+    (void) x, (void) y;
+    return 120;
+}
+
+static void naive(int threads, const struct sg_view *photo, uint64_t index, const struct sg_attack_params *p,
+                  enum sg_naive_attack method, uint8_t *rgb)
+{
+    sg_ctx *ctx = make_context(threads);
+    assert_int_equal(sg_attack_naive(ctx, photo, index, p, method, rgb), SG_OK);
+    sg_ctx_destroy(&ctx);
+}
+
+/* Reaches epsilon, is the same in all channels, and is no steeper than a cosine of the wavelength and its rounding. */
+static void test_drift(void **state)
+{
+    (void) state;
+    enum { W = 80, H = 56, LEVELS = 16 };
+    struct sg_view photo = make_photo(W, H, grey);
+    uint8_t rgb[2][3 * W * H];
+    const float wavelengths[] = {0, 20, W, 4000};
+    int raised = 0;
+    for (size_t k = 0; k < 4; k++)
+        for (uint64_t view = 0; view < 8; view++) {
+            const struct sg_attack_params *p =
+                sg_attack_params(.epsilon = LEVELS / 255.0f, .wavelength = wavelengths[k]);
+            naive(1, &photo, view, p, SG_NAIVE_DRIFT, rgb[0]);
+            naive(3, &photo, view, p, SG_NAIVE_DRIFT, rgb[1]);
+            assert_memory_equal(rgb[0], rgb[1], sizeof(rgb[0]));
+            const double steepest = 2 * acos(-1) * LEVELS / (double) (k ? wavelengths[k] : W) + 1;
+            int most = 0, least = LEVELS;
+            for (int i = 0; i < 3 * W * H; i++) {
+                const int change = rgb[0][i] - 120;
+                most = abs(change) > most ? abs(change) : most;
+                least = abs(change) < least ? abs(change) : least;
+                assert_int_equal(rgb[0][i], rgb[0][i / 3 * 3]);
+                if (i % (3 * W) >= 3)
+                    assert_true(abs(rgb[0][i] - rgb[0][i - 3]) <= steepest);
+                if (i >= 3 * W)
+                    assert_true(abs(rgb[0][i] - rgb[0][i - 3 * W]) <= steepest);
+                raised += k == 3 && i == 0 && change > 0;
+            }
+            assert_int_equal(most, LEVELS);
+            assert_true(k == 3 ? least == LEVELS : least < LEVELS / 2); /* at 4000: one step of exposure */
+            naive(1, &photo, view + 100, p, SG_NAIVE_DRIFT, rgb[1]);
+            if (k < 3)
+                assert_memory_not_equal(rgb[0], rgb[1], sizeof(rgb[0]));
+        }
+    assert_in_range(raised, 1, 7); /* some photos become lighter, some darker */
+    naive(1, &photo, 0, sg_attack_params(.seed = 7), SG_NAIVE_DRIFT, rgb[0]);
+    naive(1, &photo, 0, sg_attack_params(.seed = 8), SG_NAIVE_DRIFT, rgb[1]);
+    assert_memory_not_equal(rgb[0], rgb[1], sizeof(rgb[0]));
+    free(photo.rgb);
+}
+
 /* ---- the loop ---- */
 
 #define SIDE 40
@@ -347,7 +415,8 @@ static void test_refusals(void **state)
     const struct sg_attack_params bad[] = {
         {SHORT, .epsilon = -1},   {SHORT, .epsilon = NAN},       {SHORT, .inner = -1},
         {SHORT, .step = NAN},     {SHORT, .update_interval = 0}, {SHORT, .iterations = 0},
-        {SHORT, .opacity_lr = 2}, {SHORT, .engine = "nonsense"}, {SHORT, .tv = 3}};
+        {SHORT, .opacity_lr = 2}, {SHORT, .engine = "nonsense"}, {SHORT, .tv = 3},
+        {SHORT, .wavelength = -1}};
     for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); i++) {
         assert_int_equal(sg_attack_create(f->ctx, &f->scene, f->proxy, &bad[i], &a), SG_ERR_USAGE);
         assert_null(a);
@@ -371,6 +440,7 @@ int main(void)
         cmocka_unit_test(test_ascent),
         cmocka_unit_test(test_spectral),
         cmocka_unit_test(test_byte_variation),
+        cmocka_unit_test(test_drift),
         LOOP(test_bounded),
         LOOP(test_unbounded),
         LOOP(test_positions),

@@ -24,6 +24,7 @@ struct sg_attack_params {
                               and directions of SG_SPECTRUM_DEFAULTS). The weight of its gradient, scaled to a mean
                               of 1, next to that of the total variation, whose terms are 1 a neighbour. 0..1e6. Default
                               0. */
+    float wavelength;      /* of SG_NAIVE_DRIFT, in pixels. 0..1e6, 0 = the longer side of each photo. Default 0. */
     float scale_floor;     /* against a filter of thin Gaussians: the decoy's smallest scale, scene units, set again at
                               each densification and at the end, so that the poison is one that fat Gaussians can show.
                               0..1e6, 0 = none. Default 0. */
@@ -98,10 +99,12 @@ int sg_attack_save(sg_attack *attack, const char *path);
 
 /* Attacks that look at each photo alone, for comparison: what they add does not agree between views.
  * SG_NAIVE_NOISE: the photo plus normal noise of unit variance cut off at epsilon, that is nearly +-epsilon everywhere.
- * SG_NAIVE_TV: `inner` ascent steps from the photo. index: of the view, which the noise is drawn by. params may be
- * NULL. rgb: height x width x 3. Errors: SG_ERR_USAGE for values out of range and without a finite epsilon,
- * SG_ERR_BUDGET. */
-enum sg_naive_attack { SG_NAIVE_NOISE, SG_NAIVE_TV };
+ * SG_NAIVE_TV: `inner` ascent steps from the photo.
+ * SG_NAIVE_DRIFT: the photo plus a cosine of the given wavelength, the same in all channels. Direction, sign and the
+ * pixel where it is +-epsilon are drawn. From the size of a photo on it looks like a change of exposure.
+ * index: of the view, which noise and drift are drawn by. params may be NULL. rgb: height x width x 3. Errors:
+ * SG_ERR_USAGE for values out of range and without a finite epsilon, SG_ERR_BUDGET. */
+enum sg_naive_attack { SG_NAIVE_NOISE, SG_NAIVE_TV, SG_NAIVE_DRIFT };
 int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, const struct sg_attack_params *params,
                     enum sg_naive_attack method, uint8_t *rgb);
 

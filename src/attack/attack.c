@@ -50,6 +50,7 @@ int sg_attack_check(sg_ctx *ctx, const struct sg_attack_params *p)
         {"densification-interval", p->densification_interval, 1, 1e7},
         {"densify-grad-threshold", (double) p->densify_grad_threshold, 0, 1e30},
         {"spectral-weight", (double) p->spectral_weight, 0, 1e6},
+        {"wavelength", (double) p->wavelength, 0, 1e6},
         {"scale-floor", (double) p->scale_floor, 0, 1e6},
         {"tv", p->tv, SG_TV_VERTICAL2, SG_TV_ISO},
         {"max-instances", (double) p->max_instances, 1, 4e9},

@@ -17,6 +17,32 @@ static float within(float low, float v, float high)
     return fminf(fmaxf(v, low), high);
 }
 
+/* A cosine over a photo, in radians. */
+struct wave {
+    double right, down, phase; /* change a pixel, value at the first pixel */
+    float amplitude;
+};
+
+/* Direction, sign and the pixel of the crest are drawn: there the drift reaches the amplitude. */
+static struct wave draw_wave(const struct sg_attack_params *p, uint64_t index, int width, int height)
+{
+    float draws[4];
+    for (uint64_t k = 0; k < 4; k++)
+        draws[k] = sg_rng_uniform(p->seed, SG_RNG_DRIFT, index, k);
+    const double turn = 2 * acos(-1), angle = turn * (double) draws[0];
+    const double wavelength = p->wavelength > 0 ? (double) p->wavelength : width > height ? width : height;
+    struct wave wave = {.right = turn / wavelength * cos(angle),
+                        .down = turn / wavelength * sin(angle),
+                        .amplitude = draws[1] < 0.5f ? -p->epsilon : p->epsilon};
+    wave.phase = -wave.right * floor((double) draws[2] * width) - wave.down * floor((double) draws[3] * height);
+    return wave;
+}
+
+static float wave_at(const struct wave *w, size_t x, size_t y)
+{
+    return w->amplitude * (float) cos(w->phase + w->right * (double) x + w->down * (double) y);
+}
+
 int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, const struct sg_attack_params *params,
                     enum sg_naive_attack method, uint8_t *rgb)
 {
@@ -38,12 +64,15 @@ int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, con
         return SG_ERR_BUDGET;
     }
     float *x = photo + 3 * n, *scratch = photo + 6 * n;
+    const struct wave wave = draw_wave(&p, index, w, h);
     for (size_t ch = 0; ch < 3; ch++)
         for (size_t i = 0; i < n; i++) {
             const float v = (float) view->rgb[3 * i + ch] / 255.0f;
-            const float noise = method == SG_NAIVE_NOISE ? sg_rng_normal(p.seed, SG_RNG_NOISE, index, ch * n + i) : 0;
+            const float change = method == SG_NAIVE_NOISE   ? sg_rng_normal(p.seed, SG_RNG_NOISE, index, ch * n + i)
+                                 : method == SG_NAIVE_DRIFT ? wave_at(&wave, i % (size_t) w, i / (size_t) w)
+                                                            : 0;
             photo[ch * n + i] = v;
-            x[ch * n + i] = within(0, v + within(-p.epsilon, noise, p.epsilon), 1);
+            x[ch * n + i] = within(0, v + within(-p.epsilon, change, p.epsilon), 1);
         }
     struct ascent a = {.epsilon = p.epsilon,
                        .step = p.step,

@@ -16,7 +16,8 @@ enum sg_rng_use {
     SG_RNG_SYNTH = 5,
     SG_RNG_NOISE = 6,
     SG_RNG_POISONED = 7,
-    SG_RNG_COUNTED = 8
+    SG_RNG_COUNTED = 8,
+    SG_RNG_DRIFT = 9
 };
 
 static inline uint64_t sg_rng_mix(uint64_t x) /* the finaliser of splitmix64 (Steele et al. 2014) */

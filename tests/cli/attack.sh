@@ -82,6 +82,15 @@ expect 0 attack scene/colmap -o spared $options --method noise --save png --spar
 grep -q '"linf_max": 0.0' spared/poison.json || fail "--spare 1 changes photos"
 expect 0 attack scene/colmap -o spared $options --method noise --save png --spare 0.5 --force
 grep -q '"linf_max": 16.0' spared/poison.json || fail "--spare 0.5 changes nothing"
+# A drift of each photo's own.
+expect 0 attack scene/colmap -o drift $options --method drift --save png --epsilon 8
+expect 0 attack scene/colmap -o wave $options --method drift --save png --epsilon 8 --wavelength 20.5
+grep -q '"linf_max": 8.0' wave/poison.json && grep -q '"wavelength": 20.5' wave/poison.json || fail "a drift"
+expect 0 attack scene/colmap -o other $options --method drift --save png --epsilon 8 --threads 1
+for image in drift/images/*; do
+    cmp "$image" "other/images/${image##*/}" || fail "another number of threads, another drift"
+    cmp -s "$image" "wave/images/${image##*/}" && fail "the wavelength has no effect"
+done
 # What an earlier set left in the folder is not read instead.
 expect 0 attack scene/colmap -o png $options --method noise --save jpg --force
 expect 0 attack scene/colmap -o png $options --method noise --save png --force
@@ -97,6 +106,7 @@ expect 1 attack scene/blender -o x --epsilon much; says '--epsilon'
 expect 1 attack scene/blender -o x --epsilon 0.5; says 'a whole number'
 expect 1 attack scene/blender -o poisoned --force --max-gaussians 3; says '--max-gaussians'; [ -s poisoned/poison.json ] || fail "gone for nothing"
 expect 1 attack scene/blender -o x --method noise --epsilon inf; says 'poison-splat only'
+expect 1 attack scene/blender -o x --wavelength 40; says '--wavelength goes with --method drift only'
 expect 2 attack scene/blender -o scene/blender; says 'in the scene'
 expect 2 attack scene/blender -o scene/blender/x; says 'in the scene'
 expect 2 attack scene/blender -o scene/blender/x/y/z; says 'in the scene'
