@@ -78,6 +78,7 @@ static void test_ascent(void **state)
     (void) state;
     enum { W = 37, H = 23, VALUES = 3 * W * H };
     static float photo[VALUES], start[VALUES], x[2][VALUES], oracle[VALUES], scratch[VALUES];
+    static float bound[W * H];
     static double rows[3 * H];
     struct engine_case cases[ENGINE_CASES];
     const int n = engine_cases(cases) - 1;
@@ -93,7 +94,13 @@ static void test_ascent(void **state)
                 photo[i] = floorf(draw(seed, i, 0, 255.99f)) / 255;
                 start[i] = seed % 2 ? draw(seed + 100, i, 0, 1) : photo[i];
             }
-            struct ascent a = {epsilon, 2 / 255.0f, (int) (seed * 3), (enum sg_tv_form) form, NULL, 0, NULL};
+            for (uint64_t i = 0; i < W * H; i++)
+                bound[i] = draw(seed + 200, i, 0, 12 / 255.0f);
+            struct ascent a = {.epsilon = epsilon,
+                               .step = 2 / 255.0f,
+                               .steps = (int) (seed * 3),
+                               .form = (enum sg_tv_form) form,
+                               .bound = seed % 3 == 2 ? bound : NULL};
             memcpy(x[0], start, sizeof(start));
             assert_int_equal(sg_ascend(ref, &a, photo, W, H, x[0], scratch), SG_OK);
             for (int v = 0; v < n; v++) {
@@ -123,7 +130,8 @@ static void test_ascent(void **state)
             }
             assert_memory_equal(x[0], x[1], sizeof(start));
             for (int i = 0; i < VALUES && a.steps; i++)
-                if (!(x[0][i] >= 0 && x[0][i] <= 1 && fabsf(x[0][i] - photo[i]) <= epsilon + 1e-6f))
+                if (!(x[0][i] >= 0 && x[0][i] <= 1 &&
+                      fabsf(x[0][i] - photo[i]) <= (a.bound ? bound[i % (W * H)] : epsilon) + 1e-6f))
                     fail_msg("%s, seed %llu: %g from %g", form_names[form], (unsigned long long) seed, (double) x[0][i],
                              (double) photo[i]);
             if (a.steps && epsilon > 0 && !(seed % 2))
@@ -152,7 +160,7 @@ static void test_spectral(void **state)
         struct sg_engine *e;
         assert_int_equal(sg_engine_create(ctx, cases[v].engine, cases[v].variant, &e), SG_OK);
         for (int with = 0; with < 2; with++) {
-            const struct ascent a = {16 / 255.0f, 2 / 255.0f, 10, SG_TV_VERTICAL2, with ? loss : NULL, 3, extra};
+            const struct ascent a = {16 / 255.0f, 2 / 255.0f, 10, SG_TV_VERTICAL2, NULL, with ? loss : NULL, 3, extra};
             memcpy(x, photo, sizeof(x));
             assert_int_equal(sg_ascend(e, &a, photo, W, H, x, scratch), SG_OK);
             found[with] = sg_anisotropy_loss(loss, x, 1, NULL);
@@ -243,6 +251,65 @@ static void test_drift(void **state)
     naive(1, &photo, 0, sg_attack_params(.seed = 8), SG_NAIVE_DRIFT, rgb[1]);
     assert_memory_not_equal(rgb[0], rgb[1], sizeof(rgb[0]));
     free(photo.rgb);
+}
+
+/* Left half flat, right half a texture of growing contrast. */
+static uint8_t half_flat(int x, int y)
+{
+    return (uint8_t) (x < 40 ? 90 : 110 + (x * 7 + y * 11) % 5 * (x - 38) / 8);
+}
+
+/* The bound as its definition has it: of a pixel, in whole levels. */
+static int bound_of(const struct sg_view *photo, int x, int y, int levels, double texture)
+{
+    const int w = photo->camera.width, h = photo->camera.height;
+    double sum = 0, n = 0;
+    for (int v = y - 3; v <= y + 3; v++)
+        for (int u = x - 3; u <= x + 3; u++)
+            for (int ch = 0; ch < 3; ch++) {
+                if (u < 0 || v < 0 || u >= w || v >= h)
+                    continue;
+                const uint8_t *p = photo->rgb + 3 * (v * w + u) + ch;
+                if (u + 1 < w)
+                    sum += abs(p[3] - p[0]), n++;
+                if (v + 1 < h)
+                    sum += abs(p[3 * w] - p[0]), n++;
+            }
+    return n > 0 && sum / n < texture ? (int) (levels * (sum / n) / texture + 1e-6) : n > 0 ? levels : 0;
+}
+
+/* No value leaves its own bound, which it reaches; flat parts stay byte for byte; no bound exceeds epsilon. */
+static void test_texture(void **state)
+{
+    (void) state;
+    static const int sizes[][2] = {{80, 56}, {3, 2}, {1, 1}, {7, 90}};
+    for (size_t k = 0; k < 4; k++) {
+        const int w = sizes[k][0], h = sizes[k][1], values = 3 * w * h;
+        struct sg_view photo = make_photo(w, h, half_flat);
+        uint8_t *rgb[2] = {malloc((size_t) values), malloc((size_t) values)};
+        for (int method = SG_NAIVE_NOISE; method <= SG_NAIVE_TV; method++) {
+            const struct sg_attack_params *p = sg_attack_params(.texture = 6, .inner = 30, .tv = SG_TV_ANISO);
+            int reached = 0, changed = 0, full = 0;
+            naive(1, &photo, 1, p, (enum sg_naive_attack) method, rgb[0]);
+            naive(3, &photo, 1, p, (enum sg_naive_attack) method, rgb[1]);
+            assert_memory_equal(rgb[0], rgb[1], (size_t) values);
+            for (int i = 0; i < values; i++) {
+                const int x = i / 3 % w, y = i / 3 / w, change = abs(rgb[0][i] - photo.rgb[i]);
+                const int bound = bound_of(&photo, x, y, 16, 6);
+                if (change > bound)
+                    fail_msg("%d x %d at %d, %d: changed by %d, the bound is %d", w, h, x, y, change, bound);
+                assert_true(x >= 36 || change == 0);
+                reached += bound > 0 && change == bound;
+                changed += bound > 0;
+                full += change == 16;
+            }
+            if (k == 0)
+                assert_true(changed > values / 4 && reached > changed / 2 && full > 0);
+        }
+        free(rgb[0]);
+        free(rgb[1]);
+        free(photo.rgb);
+    }
 }
 
 /* ---- the loop ---- */
@@ -360,20 +427,47 @@ static void test_positions(void **state)
     }
 }
 
-/* Saved and restored, with gradients summed over views too: the very bytes. */
+/* Against an audit: the bound of each pixel, exactly, in a poison that all views agree on. */
+static void test_textured(void **state)
+{
+    struct fixture *f = *state;
+    sg_attack *a = begin(f, &(struct sg_attack_params){SHORT, .texture = 12});
+    advance(f, a, 100);
+    int quiet = 0, reached = 0;
+    for (size_t v = 0; v < VIEWS; v++) {
+        uint8_t poison[3 * SIDE * SIDE];
+        assert_int_equal(sg_attack_poison(a, v, poison), SG_OK);
+        for (int i = 0; i < 3 * SIDE * SIDE; i++) {
+            const int bound = bound_of(&f->views[v], i / 3 % SIDE, i / 3 / SIDE, 16, 12);
+            const int change = abs(poison[i] - f->views[v].rgb[i]);
+            if (change > bound)
+                fail_msg("view %zu, value %d: changed by %d, the bound is %d", v, i, change, bound);
+            quiet += bound < 16;
+            reached += bound > 0 && change == bound;
+        }
+    }
+    assert_true(quiet > 1000 && reached > 1000);
+    sg_attack_destroy(&a);
+}
+
+/* The same bytes for any number of threads, and saved and restored, with gradients summed over views too. */
 static void test_resume(void **state)
 {
     struct fixture *f = *state;
     char path[] = "/tmp/sg-attack-XXXXXX";
     close(mkstemp(path));
-    for (int interval = 1; interval <= 5; interval += 4) {
-        const struct sg_attack_params p = {SHORT, .update_interval = interval, .epsilon = INFINITY};
-        sg_attack *whole = begin(f, &p), *first = begin(f, &p), *second;
+    const struct sg_attack_params cases[] = {
+        {SHORT, .epsilon = INFINITY}, {SHORT, .epsilon = INFINITY, .update_interval = 5}, {SHORT, .texture = 12}};
+    for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++) {
+        const struct sg_attack_params *p = &cases[k];
+        sg_ctx *single = make_context(1);
+        sg_attack *whole, *first = begin(f, p), *second;
         struct sg_model *a, *b;
+        assert_int_equal(sg_attack_create(single, &f->scene, f->proxy, p, &whole), SG_OK);
         advance(f, whole, 100);
         advance(f, first, 45);
         assert_int_equal(sg_attack_save(first, path), SG_OK);
-        assert_int_equal(sg_attack_resume(f->ctx, &f->scene, path, &p, &second), SG_OK);
+        assert_int_equal(sg_attack_resume(f->ctx, &f->scene, path, p, &second), SG_OK);
         assert_int_equal(sg_attack_iteration(second), 45);
         sg_trainer *training;
         assert_int_equal(sg_trainer_resume(f->ctx, &f->scene, path, NULL, &training), SG_ERR_INPUT);
@@ -384,18 +478,27 @@ static void test_resume(void **state)
         assert_int_equal(sg_attack_decoy(second, &b), SG_OK);
         assert_int_equal(a->count, b->count);
         assert_memory_equal(a->params, b->params, a->capacity * (size_t) sg_param_count(1) * sizeof(float));
+        for (size_t v = 0; v < VIEWS; v++) {
+            uint8_t poison[2][3 * SIDE * SIDE];
+            assert_int_equal(sg_attack_poison(whole, v, poison[0]), SG_OK);
+            assert_int_equal(sg_attack_poison(second, v, poison[1]), SG_OK);
+            assert_memory_equal(poison[0], poison[1], sizeof(poison[0]));
+        }
         sg_attack *other;
-        struct sg_attack_params q = p;
-        q.step = 0.5f;
-        assert_int_equal(sg_attack_resume(f->ctx, &f->scene, path, &q, &other), SG_ERR_INPUT);
-        assert_non_null(strstr(sg_last_error(f->ctx), "other parameters"));
+        struct sg_attack_params changed[] = {*p, *p};
+        changed[0].step = 0.5f;
+        changed[1].texture = 3, changed[1].epsilon = 16 / 255.0f;
+        for (size_t i = 0; i < sizeof(changed) / sizeof(changed[0]); i++) {
+            assert_int_equal(sg_attack_resume(f->ctx, &f->scene, path, &changed[i], &other), SG_ERR_INPUT);
+            assert_non_null(strstr(sg_last_error(f->ctx), "other parameters"));
+        }
         assert_int_equal(sg_trainer_create(f->ctx, &f->scene, f->proxy, NULL, &training), SG_OK);
         assert_int_equal(sg_trainer_save(training, path), SG_OK);
         sg_trainer_destroy(&training);
-        assert_int_equal(sg_attack_resume(f->ctx, &f->scene, path, &p, &other), SG_ERR_INPUT);
+        assert_int_equal(sg_attack_resume(f->ctx, &f->scene, path, p, &other), SG_ERR_INPUT);
         assert_non_null(strstr(sg_last_error(f->ctx), "found a checkpoint of a training, expected one of an attack"));
         assert_null(other);
-        if (interval > 1) {
+        if (p->update_interval > 1) {
             advance(f, first, 1);
             assert_int_equal(sg_attack_save(first, path), SG_ERR_USAGE); /* gradients are being summed */
         }
@@ -404,6 +507,7 @@ static void test_resume(void **state)
         sg_attack_destroy(&whole);
         sg_attack_destroy(&first);
         sg_attack_destroy(&second);
+        sg_ctx_destroy(&single);
     }
     unlink(path);
 }
@@ -413,10 +517,10 @@ static void test_refusals(void **state)
     struct fixture *f = *state;
     sg_attack *a = (void *) f;
     const struct sg_attack_params bad[] = {
-        {SHORT, .epsilon = -1},   {SHORT, .epsilon = NAN},       {SHORT, .inner = -1},
-        {SHORT, .step = NAN},     {SHORT, .update_interval = 0}, {SHORT, .iterations = 0},
-        {SHORT, .opacity_lr = 2}, {SHORT, .engine = "nonsense"}, {SHORT, .tv = 3},
-        {SHORT, .wavelength = -1}};
+        {SHORT, .epsilon = -1},    {SHORT, .epsilon = NAN},       {SHORT, .inner = -1},
+        {SHORT, .step = NAN},      {SHORT, .update_interval = 0}, {SHORT, .iterations = 0},
+        {SHORT, .opacity_lr = 2},  {SHORT, .engine = "nonsense"}, {SHORT, .tv = 3},
+        {SHORT, .wavelength = -1}, {SHORT, .texture = 256},       {SHORT, .texture = 4, .epsilon = INFINITY}};
     for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); i++) {
         assert_int_equal(sg_attack_create(f->ctx, &f->scene, f->proxy, &bad[i], &a), SG_ERR_USAGE);
         assert_null(a);
@@ -441,9 +545,11 @@ int main(void)
         cmocka_unit_test(test_spectral),
         cmocka_unit_test(test_byte_variation),
         cmocka_unit_test(test_drift),
+        cmocka_unit_test(test_texture),
         LOOP(test_bounded),
         LOOP(test_unbounded),
         LOOP(test_positions),
+        LOOP(test_textured),
         LOOP(test_resume),
         LOOP(test_refusals),
     };

@@ -24,6 +24,10 @@ struct sg_attack_params {
                               and directions of SG_SPECTRUM_DEFAULTS). The weight of its gradient, scaled to a mean
                               of 1, next to that of the total variation, whose terms are 1 a neighbour. 0..1e6. Default
                               0. */
+    float texture;         /* against an audit: where neighbouring values of the photo differ by less than this many
+                              grey levels on average, within 3 pixels, the bound shrinks in proportion, to whole
+                              levels. With a finite epsilon; no effect on SG_NAIVE_DRIFT. 0..255, 0 = epsilon
+                              everywhere. Default 0. */
     float wavelength;      /* of SG_NAIVE_DRIFT, in pixels. 0..1e6, 0 = the longer side of each photo. Default 0. */
     float scale_floor;     /* against a filter of thin Gaussians: the decoy's smallest scale, scene units, set again at
                               each densification and at the end, so that the poison is one that fat Gaussians can show.

@@ -36,6 +36,7 @@ int sg_ascend(struct sg_engine *e, const struct ascent *a, const float *photo, i
                              .width = width,
                              .height = height,
                              .photo = photo,
+                             .bound = a->bound,
                              .from = x,
                              .to = scratch};
     for (int k = 0; k < a->steps; k++) {

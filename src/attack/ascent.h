@@ -12,7 +12,8 @@ struct ascent {
     float step;
     int steps;
     enum sg_tv_form form;
-    struct sg_anisotropy *spectral;    /* NULL, or what is lowered beside, for images of this size */
+    const float *bound;             /* a plane: the epsilon of each pixel instead; or NULL */
+    struct sg_anisotropy *spectral; /* NULL, or what is lowered beside, for images of this size */
     float spectral_weight;
     float *extra; /* 3 planes, with spectral */
 };
@@ -21,6 +22,11 @@ struct ascent {
  * All steps: y = x + step sgn(dTV/dx), x = clamp(photo + clamp(y - photo, -epsilon, epsilon), 0, 1). */
 int sg_ascend(struct sg_engine *e, const struct ascent *a, const float *photo, int width, int height, float *x,
               float *scratch);
+
+/* The bound of each pixel by sg_attack_params.texture: whole grey levels below epsilon, or epsilon.
+ * bound: a plane. SG_ERR_BUDGET. */
+int sg_texture_bound(sg_ctx *ctx, const uint8_t *rgb, int width, int height, float epsilon, float texture,
+                     float *bound);
 
 /* Sum over the values of 3 planes. rows: scratch, 3 x height. */
 double sg_tv_planes(sg_ctx *ctx, const float *planes, int width, int height, enum sg_tv_form form, double *rows);

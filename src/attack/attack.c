@@ -20,11 +20,12 @@
 struct sg_attack {
     sg_ctx *ctx;
     struct sg_attack_params params;
-    sg_trainer *trainer;               /* the decoy with its optimiser: only its state is used, not its schedule */
-    float *image, *photo, *scratch;    /* 3 planes each of the largest view */
-    double *rows;                      /* 3 sums a row of the highest */
-    float *extra;                      /* 3 planes more with a spectral term */
-    struct sg_plans plans;             /* of the spectral term */
+    sg_trainer *trainer;            /* the decoy with its optimiser: only its state is used, not its schedule */
+    float *image, *photo, *scratch; /* 3 planes each of the largest view */
+    double *rows;                   /* 3 sums a row of the highest */
+    float *extra;                   /* 3 planes more with a spectral term */
+    float *bound;                   /* a plane with texture: that of each pixel of the photo */
+    struct sg_plans plans;          /* of the spectral term */
 };
 
 struct sg_attack_params sg_attack_params_default(void)
@@ -50,12 +51,16 @@ int sg_attack_check(sg_ctx *ctx, const struct sg_attack_params *p)
         {"densification-interval", p->densification_interval, 1, 1e7},
         {"densify-grad-threshold", (double) p->densify_grad_threshold, 0, 1e30},
         {"spectral-weight", (double) p->spectral_weight, 0, 1e6},
+        {"texture", (double) p->texture, 0, 255},
         {"wavelength", (double) p->wavelength, 0, 1e6},
         {"scale-floor", (double) p->scale_floor, 0, 1e6},
         {"tv", p->tv, SG_TV_VERTICAL2, SG_TV_ISO},
         {"max-instances", (double) p->max_instances, 1, 4e9},
     };
     int code = sg_check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
+    if (!code && p->texture > 0 && !isfinite(p->epsilon))
+        code = sg_fail(ctx, SG_ERR_USAGE, "texture: found %g and an epsilon of %g, expected a finite epsilon",
+                       (double) p->texture, (double) p->epsilon);
     if (!code)
         code = sg_check_max_gaussians(ctx, p->max_gaussians);
     return code ? code : sg_engine_check(ctx, p->engine, p->cpu);
@@ -70,6 +75,7 @@ static struct sg_identity identity_of(const struct sg_attack_params *p)
         p->tv,
         (double) p->spectral_weight,
         (double) p->scale_floor,
+        (double) p->texture,
         p->update_interval,
         p->move_positions,
         (double) p->lambda_dssim,
@@ -101,6 +107,8 @@ static int allocate(sg_attack *a, const struct sg_scene *scene)
     a->scratch = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float));
     a->rows = sg_alloc_raw(ctx, SG_MEM_FRAME, (size_t) height, 3 * sizeof(double));
     if (a->params.spectral_weight > 0 && !(a->extra = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float))))
+        return SG_ERR_BUDGET;
+    if (a->params.texture > 0 && !(a->bound = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, sizeof(float))))
         return SG_ERR_BUDGET;
     return a->image && a->photo && a->scratch && a->rows ? SG_OK : SG_ERR_BUDGET;
 }
@@ -161,12 +169,14 @@ void sg_attack_destroy(sg_attack **attack)
     sg_free(a->scratch);
     sg_free(a->rows);
     sg_free(a->extra);
+    sg_free(a->bound);
     sg_plans_clear(&a->plans);
     sg_free(a);
     *attack = NULL;
 }
 
-/* The decoy's render of a view into a->image, the photo into a->photo. */
+/* The decoy's render of a view into a->image, the photo into a->photo, its bound into a->bound. Where poisons are
+ * bounded the render is cut to a picture's range, not yet to that near the photo. */
 static int render(sg_attack *a, size_t index)
 {
     const sg_trainer *t = a->trainer;
@@ -180,7 +190,11 @@ static int render(sg_attack *a, size_t index)
     for (size_t ch = 0; ch < 3; ch++)
         for (size_t i = 0; i < n; i++)
             a->photo[ch * n + i] = (float) view->rgb[3 * i + ch] / 255.0f;
-    return SG_OK;
+    for (size_t i = 0; i < 3 * n && isfinite(a->params.epsilon); i++)
+        a->image[i] = a->image[i] > 0 ? a->image[i] < 1 ? a->image[i] : 1 : 0;
+    return a->bound ? sg_texture_bound(t->ctx, view->rgb, view->camera.width, view->camera.height, a->params.epsilon,
+                                       a->params.texture, a->bound)
+                    : SG_OK;
 }
 
 /* The inner maximisation: a->image becomes the target. */
@@ -192,6 +206,7 @@ static int ascend(sg_attack *a, int width, int height)
                             .step = p->step,
                             .steps = p->inner,
                             .form = p->tv,
+                            .bound = a->bound,
                             .spectral_weight = p->spectral_weight,
                             .extra = a->extra};
     const int code =
@@ -231,9 +246,6 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
     if (code)
         return code;
 
-    if (isfinite(p->epsilon)) /* from the render as a picture, not yet near the photo */
-        for (size_t i = 0; i < values; i++)
-            a->image[i] = a->image[i] > 0 ? a->image[i] < 1 ? a->image[i] : 1 : 0;
     const double start = sg_seconds();
     if ((code = ascend(a, w, h)))
         return code;
@@ -292,9 +304,11 @@ int sg_attack_poison(sg_attack *a, size_t index, uint8_t *rgb)
     if (code)
         return code;
     const struct sg_camera *c = &t->scene->train[index].camera;
-    const float e = a->params.epsilon;
-    for (size_t i = 0; i < 3 * (size_t) c->width * (size_t) c->height; i++)
+    const size_t pixels = (size_t) c->width * (size_t) c->height;
+    for (size_t i = 0; i < 3 * pixels; i++) {
+        const float e = a->bound ? a->bound[i % pixels] : a->params.epsilon;
         a->image[i] = fminf(fmaxf(fminf(fmaxf(a->image[i], a->photo[i] - e), a->photo[i] + e), 0), 1);
+    }
     sg_quantise(a->image, c->width, c->height, rgb);
     return SG_OK;
 }

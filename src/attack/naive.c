@@ -58,26 +58,33 @@ int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, con
     struct sg_engine *engine;
     if ((code = sg_engine_create(ctx, p.engine, p.cpu, &engine)))
         return code;
-    float *photo = sg_alloc_raw(ctx, SG_MEM_FRAME, 12 * n, sizeof(float));
+    float *photo = sg_alloc_raw(ctx, SG_MEM_FRAME, (p.texture > 0 ? 13 : 12) * n, sizeof(float));
     if (!photo) {
         sg_engine_destroy(&engine);
         return SG_ERR_BUDGET;
     }
     float *x = photo + 3 * n, *scratch = photo + 6 * n;
+    float *bound = p.texture > 0 && method != SG_NAIVE_DRIFT ? photo + 12 * n : NULL;
+    if (bound && (code = sg_texture_bound(ctx, view->rgb, w, h, p.epsilon, p.texture, bound))) {
+        sg_free(photo);
+        sg_engine_destroy(&engine);
+        return code;
+    }
     const struct wave wave = draw_wave(&p, index, w, h);
     for (size_t ch = 0; ch < 3; ch++)
         for (size_t i = 0; i < n; i++) {
-            const float v = (float) view->rgb[3 * i + ch] / 255.0f;
+            const float v = (float) view->rgb[3 * i + ch] / 255.0f, e = bound ? bound[i] : p.epsilon;
             const float change = method == SG_NAIVE_NOISE   ? sg_rng_normal(p.seed, SG_RNG_NOISE, index, ch * n + i)
                                  : method == SG_NAIVE_DRIFT ? wave_at(&wave, i % (size_t) w, i / (size_t) w)
                                                             : 0;
             photo[ch * n + i] = v;
-            x[ch * n + i] = within(0, v + within(-p.epsilon, change, p.epsilon), 1);
+            x[ch * n + i] = within(0, v + within(-e, change, e), 1);
         }
     struct ascent a = {.epsilon = p.epsilon,
                        .step = p.step,
                        .steps = p.inner,
                        .form = p.tv,
+                       .bound = bound,
                        .spectral_weight = p.spectral_weight,
                        .extra = photo + 9 * n};
     if (method == SG_NAIVE_TV && p.spectral_weight > 0)

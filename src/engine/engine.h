@@ -167,6 +167,7 @@ struct sg_ascend {
     enum sg_tv_form form;
     int width, height;
     const float *photo, *from;
+    const float *bound; /* NULL, or a plane: the epsilon of each pixel */
     const float *extra; /* NULL: zeros */
     float *to;          /* not `from` */
 };

@@ -91,6 +91,12 @@ for image in drift/images/*; do
     cmp "$image" "other/images/${image##*/}" || fail "another number of threads, another drift"
     cmp -s "$image" "wave/images/${image##*/}" && fail "the wavelength has no effect"
 done
+# A bound that follows the texture.
+expect 0 attack scene/colmap -o textured $options --method noise --save png --texture 20
+grep -q '"texture": 20.0' textured/poison.json || fail "poison.json lacks the texture"
+expect 0 attack scene/colmap -o noisy $options --method noise --save png
+variation() { sed -n 's/.*"tv_after_mean": \([0-9]*\).*/\1/p' "$1/poison.json"; }
+[ "$(variation textured)" -lt "$(variation noisy)" ] || fail "--texture has no effect: $(variation textured), $(variation noisy)"
 # What an earlier set left in the folder is not read instead.
 expect 0 attack scene/colmap -o png $options --method noise --save jpg --force
 expect 0 attack scene/colmap -o png $options --method noise --save png --force
@@ -107,6 +113,8 @@ expect 1 attack scene/blender -o x --epsilon 0.5; says 'a whole number'
 expect 1 attack scene/blender -o poisoned --force --max-gaussians 3; says '--max-gaussians'; [ -s poisoned/poison.json ] || fail "gone for nothing"
 expect 1 attack scene/blender -o x --method noise --epsilon inf; says 'poison-splat only'
 expect 1 attack scene/blender -o x --wavelength 40; says '--wavelength goes with --method drift only'
+expect 1 attack scene/blender -o x --method drift --texture 8; says '--texture goes with'
+expect 1 attack scene/blender -o x --epsilon inf --texture 8; says '--texture: found 8 and an epsilon of inf, expected a finite'
 expect 2 attack scene/blender -o scene/blender; says 'in the scene'
 expect 2 attack scene/blender -o scene/blender/x; says 'in the scene'
 expect 2 attack scene/blender -o scene/blender/x/y/z; says 'in the scene'

@@ -57,7 +57,8 @@ static void ascend_row(const struct sg_ascend *a, size_t r)
     sg_tv_gradient_row(a->from + channel * plane, a->width, a->height, (int) (r % (size_t) a->height), a->form, to);
     for (int i = 0; i < a->width; i++) {
         float y = x[i] + a->step * sign(to[i] + (a->extra ? a->extra[at + (size_t) i] : 0));
-        y = fminf(fmaxf(y, v[i] - a->epsilon), v[i] + a->epsilon);
+        const float epsilon = a->bound ? a->bound[at + (size_t) i - channel * plane] : a->epsilon;
+        y = fminf(fmaxf(y, v[i] - epsilon), v[i] + epsilon);
         to[i] = fminf(fmaxf(y, 0), 1);
     }
 }

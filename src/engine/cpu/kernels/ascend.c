@@ -45,6 +45,7 @@ SIMD void ascend(const struct sg_ascend *a, size_t r, enum sg_tv_form form)
     const int w = a->width, y = (int) (r % (size_t) a->height);
     const size_t at = r * (size_t) w;
     const float *row = a->from + at, *above = y > 0 ? row - w : row, *below = y + 1 < a->height ? row + w : row;
+    const float *bound = a->bound ? a->bound + (size_t) y * (size_t) w : NULL;
     for (int i = 0; i < w; i += LANES) {
         const int count = w - i < LANES ? w - i : LANES;
         const struct run x = load_run(row, i, w);
@@ -53,7 +54,10 @@ SIMD void ascend(const struct sg_ascend *a, size_t r, enum sg_tv_form form)
             g += count == LANES ? r_load(a->extra + at + i) : r_load_part(a->extra + at + i, count);
         const real photo = count == LANES ? r_load(a->photo + at + i) : r_load_part(a->photo + at + i, count);
         real v = x.here + a->step * sign(g);
-        v = r_min(r_max(v, photo - a->epsilon), photo + a->epsilon);
+        const real epsilon = !bound           ? r_set(a->epsilon)
+                             : count == LANES ? r_load(bound + i)
+                                              : r_load_part(bound + i, count);
+        v = r_min(r_max(v, photo - epsilon), photo + epsilon);
         v = r_min(r_max(v, r_set(0)), r_set(1));
         if (count == LANES)
             r_store(a->to + at + i, v);
