@@ -81,6 +81,10 @@ static const struct option attack_options[] = {
     NUMBER_ROW("ratio", OPT_FLOAT, A(ratio), 0, 1, "X", "Poison only this share of the views, drawn by seed."),
     NUMBER_ROW("spare", OPT_FLOAT, A(spare), 0, 1, "X",
                "Against an audit: leave this share of each photo, from the left, as it is."),
+    NUMBER_ROW(
+        "victim-tolerance", OPT_FLOAT, A(attack.victim_tolerance), 0, 255, "LEVELS",
+        "Against training with --tolerance LEVELS: the decoy learns as such a victim does, and poisons go beyond "
+        "what it shows, within the bound."),
     NUMBER_ROW("texture", OPT_FLOAT, A(attack.texture), 0, 255, "LEVELS",
                "Against an audit: where neighbouring values of the clean photo differ by less than LEVELS on average "
                "(within 3 pixels), the bound shrinks in proportion, to 0 in flat parts; 0 = epsilon everywhere."),
@@ -151,6 +155,7 @@ static int refuse_vain(const struct attack_config *c)
         bool vain;
     } rules[] = {
         {"epsilon inf", "poison-splat", !isfinite(c->attack.epsilon) && c->method != METHOD_POISON_SPLAT},
+        {"victim-tolerance", "poison-splat", c->attack.victim_tolerance > 0 && c->method != METHOD_POISON_SPLAT},
         {"texture", "poison-splat, noise or tv-per-view", c->attack.texture > 0 && c->method == METHOD_DRIFT},
         {"wavelength", "drift", c->attack.wavelength > 0 && c->method != METHOD_DRIFT},
     };

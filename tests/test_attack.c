@@ -450,14 +450,60 @@ static void test_textured(void **state)
     sg_attack_destroy(&a);
 }
 
+/* Mean of what is left of |a - b| beyond a tolerance, in grey levels. */
+static double beyond(const uint8_t *a, const uint8_t *b, int tolerance)
+{
+    double sum = 0;
+    for (int i = 0; i < 3 * SIDE * SIDE; i++)
+        sum += fmax(abs(a[i] - b[i]) - tolerance, 0);
+    return sum / (3 * SIDE * SIDE);
+}
+
+/* A clean model has more loss left at these poisons, through the tolerance, than at those of an attacker who does not
+ * know it; the decoy, which learned as the victim would, has less. */
+static void test_victim_tolerance(void **state)
+{
+    enum { EPSILON = 16, TOLERANCE = 10 };
+    struct fixture *f = *state;
+    double clean[2] = {0}, decoy = 0;
+    size_t grown[2];
+    for (int knows = 0; knows < 2; knows++) {
+        const struct sg_attack_params p = {SHORT, .victim_tolerance = knows ? TOLERANCE : 0};
+        sg_attack *a = begin(f, &p);
+        struct sg_model *m;
+        sg_renderer *r;
+        grown[knows] = advance(f, a, 200);
+        assert_int_equal(sg_attack_decoy(a, &m), SG_OK);
+        assert_int_equal(sg_renderer_create(f->ctx, "ref", NULL, m, NULL, &r), SG_OK);
+        for (size_t v = 0; v < VIEWS; v++) {
+            uint8_t poison[3 * SIDE * SIDE], shown[3 * SIDE * SIDE];
+            float planes[3 * SIDE * SIDE];
+            assert_int_equal(sg_attack_poison(a, v, poison), SG_OK);
+            assert_true(beyond(poison, f->views[v].rgb, EPSILON) == 0);
+            assert_int_equal(sg_render(r, &f->views[v].camera, planes, NULL, NULL, NULL), SG_OK);
+            sg_quantise(planes, SIDE, SIDE, shown);
+            clean[knows] += beyond(poison, f->views[v].rgb, TOLERANCE) / VIEWS;
+            decoy += knows ? beyond(poison, shown, TOLERANCE) / VIEWS : 0;
+        }
+        sg_renderer_destroy(&r);
+        sg_model_destroy(&m);
+        sg_attack_destroy(&a);
+    }
+    if (!(clean[1] > 1.2 * clean[0] && decoy < 0.8 * clean[1] && grown[1] > f->proxy->count && grown[1] < grown[0]))
+        fail_msg("beyond the tolerance: %g, %g against it, %g of the decoy; %zu and %zu Gaussians", clean[0], clean[1],
+                 decoy, grown[0], grown[1]);
+}
+
 /* The same bytes for any number of threads, and saved and restored, with gradients summed over views too. */
 static void test_resume(void **state)
 {
     struct fixture *f = *state;
     char path[] = "/tmp/sg-attack-XXXXXX";
     close(mkstemp(path));
-    const struct sg_attack_params cases[] = {
-        {SHORT, .epsilon = INFINITY}, {SHORT, .epsilon = INFINITY, .update_interval = 5}, {SHORT, .texture = 12}};
+    const struct sg_attack_params cases[] = {{SHORT, .epsilon = INFINITY},
+                                             {SHORT, .epsilon = INFINITY, .update_interval = 5},
+                                             {SHORT, .texture = 12},
+                                             {SHORT, .victim_tolerance = 12}};
     for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++) {
         const struct sg_attack_params *p = &cases[k];
         sg_ctx *single = make_context(1);
@@ -485,8 +531,9 @@ static void test_resume(void **state)
             assert_memory_equal(poison[0], poison[1], sizeof(poison[0]));
         }
         sg_attack *other;
-        struct sg_attack_params changed[] = {*p, *p};
+        struct sg_attack_params changed[] = {*p, *p, *p};
         changed[0].step = 0.5f;
+        changed[2].victim_tolerance = 3;
         changed[1].texture = 3, changed[1].epsilon = 16 / 255.0f;
         for (size_t i = 0; i < sizeof(changed) / sizeof(changed[0]); i++) {
             assert_int_equal(sg_attack_resume(f->ctx, &f->scene, path, &changed[i], &other), SG_ERR_INPUT);
@@ -516,11 +563,19 @@ static void test_refusals(void **state)
 {
     struct fixture *f = *state;
     sg_attack *a = (void *) f;
-    const struct sg_attack_params bad[] = {
-        {SHORT, .epsilon = -1},    {SHORT, .epsilon = NAN},       {SHORT, .inner = -1},
-        {SHORT, .step = NAN},      {SHORT, .update_interval = 0}, {SHORT, .iterations = 0},
-        {SHORT, .opacity_lr = 2},  {SHORT, .engine = "nonsense"}, {SHORT, .tv = 3},
-        {SHORT, .wavelength = -1}, {SHORT, .texture = 256},       {SHORT, .texture = 4, .epsilon = INFINITY}};
+    const struct sg_attack_params bad[] = {{SHORT, .epsilon = -1},
+                                           {SHORT, .epsilon = NAN},
+                                           {SHORT, .inner = -1},
+                                           {SHORT, .step = NAN},
+                                           {SHORT, .update_interval = 0},
+                                           {SHORT, .iterations = 0},
+                                           {SHORT, .opacity_lr = 2},
+                                           {SHORT, .engine = "nonsense"},
+                                           {SHORT, .tv = 3},
+                                           {SHORT, .wavelength = -1},
+                                           {SHORT, .texture = 256},
+                                           {SHORT, .victim_tolerance = 256},
+                                           {SHORT, .texture = 4, .epsilon = INFINITY}};
     for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); i++) {
         assert_int_equal(sg_attack_create(f->ctx, &f->scene, f->proxy, &bad[i], &a), SG_ERR_USAGE);
         assert_null(a);
@@ -550,6 +605,7 @@ int main(void)
         LOOP(test_unbounded),
         LOOP(test_positions),
         LOOP(test_textured),
+        LOOP(test_victim_tolerance),
         LOOP(test_resume),
         LOOP(test_refusals),
     };

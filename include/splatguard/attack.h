@@ -42,6 +42,10 @@ struct sg_attack_params {
     float percent_dense;   /* Default 0.01. */
     int densification_interval;   /* 1..10 million. Default 100. */
     float densify_grad_threshold; /* 0..1e30. Default 0.0002. */
+    float victim_tolerance;       /* against a victim that trains with this tolerance (see sg_train_params): the decoy
+                                     learns through it, and a poison lies as far beyond what the decoy shows as the
+                                     bound allows, at most the tolerance beyond the ascended image. 0..255 grey levels.
+                                     Default 0. */
     uint64_t seed;                /* Default 42. */
     uint64_t max_gaussians;       /* of the decoy; 0 = no limit, else at least 4. Default 0. */
     uint64_t max_instances;       /* see sg_render_params. Default 1 << 24. */
@@ -90,7 +94,8 @@ void sg_attack_destroy(sg_attack **attack);
 int sg_attack_step(sg_attack *attack, struct sg_attack_step *step);
 int sg_attack_iteration(const sg_attack *attack);
 
-/* The poison of a training view: the decoy's render within epsilon of the photo, rounded to 8 bits.
+/* The poison of a training view: the decoy's render (with a victim's tolerance: beyond it) within epsilon of the photo,
+ * rounded to 8 bits.
  * rgb: height x width x 3. Errors: SG_ERR_USAGE for a view that is not there, SG_ERR_BUDGET. */
 int sg_attack_poison(sg_attack *attack, size_t view, uint8_t *rgb);
 

@@ -51,6 +51,7 @@ int sg_attack_check(sg_ctx *ctx, const struct sg_attack_params *p)
         {"densification-interval", p->densification_interval, 1, 1e7},
         {"densify-grad-threshold", (double) p->densify_grad_threshold, 0, 1e30},
         {"spectral-weight", (double) p->spectral_weight, 0, 1e6},
+        {"victim-tolerance", (double) p->victim_tolerance, 0, 255},
         {"texture", (double) p->texture, 0, 255},
         {"wavelength", (double) p->wavelength, 0, 1e6},
         {"scale-floor", (double) p->scale_floor, 0, 1e6},
@@ -76,6 +77,7 @@ static struct sg_identity identity_of(const struct sg_attack_params *p)
         (double) p->spectral_weight,
         (double) p->scale_floor,
         (double) p->texture,
+        (double) p->victim_tolerance,
         p->update_interval,
         p->move_positions,
         (double) p->lambda_dssim,
@@ -252,7 +254,10 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
     step.inner_seconds = sg_seconds() - start;
     step.inner_bytes = (uint64_t) p->inner * values * 3 * sizeof(float);
 
-    const struct sg_loss loss = {SG_LOSS_PHOTOMETRIC, 1, {.photometric = {.lambda_dssim = p->lambda_dssim}}};
+    const struct sg_loss loss = {
+        SG_LOSS_PHOTOMETRIC,
+        1,
+        {.photometric = {p->lambda_dssim, .tolerance = sg_loss_tolerance(p->victim_tolerance)}}};
     if ((code = sg_engine_losses(t->engine, &(struct sg_target){.planes = a->image}, &loss, 1)) ||
         (code = sg_engine_raster_backward(t->engine)))
         return code;
@@ -294,16 +299,29 @@ int sg_attack_iteration(const sg_attack *a)
     return a->trainer->iteration;
 }
 
+/* Against a tolerance: from the decoy's render to the ascended image, and on by the tolerance. So far short of its
+ * photo a victim stops, and shows what this decoy shows. */
+static int overshoot(sg_attack *a, int width, int height)
+{
+    const float tolerance = a->params.victim_tolerance / 255;
+    const int code = ascend(a, width, height);
+    for (size_t i = 0; i < 3 * (size_t) width * (size_t) height && !code; i++)
+        a->image[i] += a->image[i] > a->photo[i] ? tolerance : a->image[i] < a->photo[i] ? -tolerance : 0;
+    return code;
+}
+
 int sg_attack_poison(sg_attack *a, size_t index, uint8_t *rgb)
 {
     sg_trainer *t = a->trainer;
     sg_clear_error(t->ctx);
     if (index >= t->scene->n_train)
         return sg_fail(t->ctx, SG_ERR_USAGE, "poison: found view %zu, expected one of %zu", index, t->scene->n_train);
-    const int code = render(a, index);
+    const struct sg_camera *c = &t->scene->train[index].camera;
+    int code = render(a, index);
+    if (!code && a->params.victim_tolerance > 0)
+        code = overshoot(a, c->width, c->height);
     if (code)
         return code;
-    const struct sg_camera *c = &t->scene->train[index].camera;
     const size_t pixels = (size_t) c->width * (size_t) c->height;
     for (size_t i = 0; i < 3 * pixels; i++) {
         const float e = a->bound ? a->bound[i % pixels] : a->params.epsilon;

@@ -97,6 +97,15 @@ grep -q '"texture": 20.0' textured/poison.json || fail "poison.json lacks the te
 expect 0 attack scene/colmap -o noisy $options --method noise --save png
 variation() { sed -n 's/.*"tv_after_mean": \([0-9]*\).*/\1/p' "$1/poison.json"; }
 [ "$(variation textured)" -lt "$(variation noisy)" ] || fail "--texture has no effect: $(variation textured), $(variation noisy)"
+# Against a tolerance: photos lie further from the clean ones than the decoy shows, within the bound.
+for tolerance in 0 12; do
+    expect 0 attack scene/blender -o "knows-$tolerance" $options --proxy poisoned/attack/proxy --victim-tolerance $tolerance
+done
+cmp knows-0/train/r_0.png poisoned/train/r_0.png || fail "a tolerance of 0 is none"
+grep -q '"linf_max": 16.0' knows-12/poison.json && grep -q '"victim-tolerance": 12.0' knows-12/poison.json ||
+    fail "poison.json of an attack on a tolerance"
+quality() { sed -n 's/.*"psnr_mean": \([0-9]*\).*/\1/p' "$1/poison.json"; }
+[ "$(quality knows-12)" -lt "$(quality knows-0)" ] || fail "--victim-tolerance has no effect"
 # What an earlier set left in the folder is not read instead.
 expect 0 attack scene/colmap -o png $options --method noise --save jpg --force
 expect 0 attack scene/colmap -o png $options --method noise --save png --force
@@ -113,6 +122,7 @@ expect 1 attack scene/blender -o x --epsilon 0.5; says 'a whole number'
 expect 1 attack scene/blender -o poisoned --force --max-gaussians 3; says '--max-gaussians'; [ -s poisoned/poison.json ] || fail "gone for nothing"
 expect 1 attack scene/blender -o x --method noise --epsilon inf; says 'poison-splat only'
 expect 1 attack scene/blender -o x --wavelength 40; says '--wavelength goes with --method drift only'
+expect 1 attack scene/blender -o x --method noise --victim-tolerance 8; says '--victim-tolerance goes with --method poison-splat'
 expect 1 attack scene/blender -o x --method drift --texture 8; says '--texture goes with'
 expect 1 attack scene/blender -o x --epsilon inf --texture 8; says '--texture: found 8 and an epsilon of inf, expected a finite'
 expect 2 attack scene/blender -o scene/blender; says 'in the scene'
