@@ -82,6 +82,21 @@ expect 0 attack scene/colmap -o spared $options --method noise --save png --spar
 grep -q '"linf_max": 0.0' spared/poison.json || fail "--spare 1 changes photos"
 expect 0 attack scene/colmap -o spared $options --method noise --save png --spare 0.5 --force
 grep -q '"linf_max": 16.0' spared/poison.json || fail "--spare 0.5 changes nothing"
+# Views that are not drawn, and test views, stay as the clean photos of that size, byte for byte.
+expect 0 attack scene/colmap -o clean-photos $options --method noise --save png --epsilon 0 --downscale 2 --views train
+same=0
+for image in clean-photos/images/*; do cmp -s "$image" "png/images/${image##*/}" && same=$((same + 1)); done
+[ $same = 4 ] || fail "--ratio 0.5: $same photos of 7 are as they were, expected 4"
+# Resized after poisoning: as a victim that resizes the poisoned photos itself. Or compressed.
+for layout in golden poisoned; do
+    expect 0 attack $layout -o small $options --method noise --epsilon 0 --downscale 2 --save png --force
+    expect 0 train small -o victim-small $(once $short --force --iterations 20 --init-points 500)
+    expect 0 train $layout --downscale 2 -o victim-large $(once $short --force --iterations 20 --init-points 500)
+    cmp victim-small/point_cloud/iteration_20/point_cloud.ply victim-large/point_cloud/iteration_20/point_cloud.ply ||
+        fail "$layout: resized before training and by it"
+    expect 0 attack $layout -o small $options --method noise --epsilon 0 --save jpg --force
+    expect 0 train small -o victim-small $(once $short --force --iterations 20 --init-points 500)
+done
 # A drift of each photo's own.
 expect 0 attack scene/colmap -o drift $options --method drift --save png --epsilon 8
 expect 0 attack scene/colmap -o wave $options --method drift --save png --epsilon 8 --wavelength 20.5
