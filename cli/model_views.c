@@ -85,7 +85,7 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
     if (code)
         goto done;
     o->scene.params.format = (enum sg_scene_format) o->scene.format;
-    o->scene.params.eval = true;
+    o->scene.params.eval = o->scene.params.untrained = true;
     for (int ch = 0; ch < 3; ch++)
         o->render.background[ch] = o->scene.params.white_background ? 1 : 0;
     int error = sg_model_read_ply(v->ctx, path, UINT32_MAX, &v->model);

@@ -311,6 +311,8 @@ json_t *options_to_json(const struct command *c, const void *config)
             v = json_integer(*(const int *) value);
         else if (o->type == OPT_U64 || o->type == OPT_BYTES)
             v = json_integer((json_int_t) * (const uint64_t *) value);
+        else if (o->type == OPT_STRING && *(const char *const *) value)
+            v = sg_bytes_to_json(*(const char *const *) value);
         else if (o->words && *(const float *) value < 0 && options_show(o, config, text, sizeof(text)))
             v = sg_text_to_json(text);
         else if (options_show(o, config, text, sizeof(text)))

@@ -81,13 +81,14 @@ json_t *run_read_json(const char *path, const char *what)
         say(stderr, "splatguard: %s: line %d: %s; expected the %s\n", path, error.line, error.text, what);
     if (f)
         fclose(f);
+    sg_bytes_from_json(json_object_get(root, "options"));
     return root;
 }
 
 json_t *run_place_json(const char *folder)
 {
     char *absolute = realpath(folder, NULL);
-    json_t *value = json_string(absolute ? absolute : folder);
+    json_t *value = sg_bytes_to_json(absolute ? absolute : folder);
     free(absolute);
     return value ? value : json_null();
 }

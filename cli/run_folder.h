@@ -22,7 +22,7 @@ int run_write_json(const char *path, const json_t *value);
 FILE *run_open(const char *path, uint64_t most);
 /* NULL after saying what was expected there, "the config.json of a run". */
 json_t *run_read_json(const char *path, const char *what);
-/* An absolute path, or null where JSON cannot hold it: then who resumes names the scene. */
+/* An absolute path, byte for byte. */
 json_t *run_place_json(const char *folder);
 
 /* The folder holds files that are not hidden. */

@@ -157,6 +157,12 @@ static void nerfstudio(void **state)
     snprintf(text, sizeof(text), "{\"camera_angle_x\":1,\"frames\":[{\"file_path\":\"a.png\",%s}]}", pose);
     put_text(f, "transforms.json", text);
     expect_failure(f, sg_scene_params(.eval = true), SG_ERR_INPUT, "no view to train on", NULL);
+    f->warnings = 0;
+    struct sg_scene *s = load(f, sg_scene_params(.eval = true, .untrained = true));
+    assert_int_equal(s->n_train, 0);
+    assert_int_equal(s->n_test, 1);
+    assert_int_equal(f->warnings, 0);
+    sg_scene_destroy(&s);
 }
 
 static const double pinhole[12] = {30, 40, 10, 5};

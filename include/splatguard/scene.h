@@ -35,6 +35,8 @@ struct sg_scene_params {
     const char *masks;      /* folder of masks (white = use) with the images' names; NULL = "masks" if present */
     bool follow_links;      /* symbolic links in the folder may lead out of it; links that stay inside are always
                                followed. Default false. */
+    bool untrained;         /* nothing will be trained on the views: all of them may be test views, and there is no
+                               warning about what training would lack. Default false. */
     bool strict;            /* refuse a scene of which a photo is missing or at another scale than its camera; else such
                                photos are skipped, or their focal lengths scaled, with a warning. Default false. */
     uint64_t max_pixels;    /* per image. Default 1 << 28. */

@@ -132,17 +132,19 @@ static void measure(struct sg_scene *scene)
 }
 
 /* Deals the views, loaded in the shots' order, to train and test. */
-static int deal(sg_ctx *ctx, struct sg_scene *scene, const struct sg_shots *shots, struct sg_view *views)
+static int deal(sg_ctx *ctx, struct sg_scene *scene, const struct sg_scene_params *params, const struct sg_shots *shots,
+                struct sg_view *views)
 {
     size_t n_test = 0;
     for (size_t i = 0; i < shots->count; i++)
         n_test += shots->items[i].test;
-    if (n_test == shots->count)
+    const size_t n_train = shots->count - n_test;
+    if (!n_train && !params->untrained)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found no view to train on (%zu test views), expected at least one",
                        scene->path, n_test);
-    scene->train = sg_alloc(ctx, SG_MEM_MISC, shots->count - n_test, sizeof(*views));
+    scene->train = n_train ? sg_alloc(ctx, SG_MEM_MISC, n_train, sizeof(*views)) : NULL;
     scene->test = n_test ? sg_alloc(ctx, SG_MEM_MISC, n_test, sizeof(*views)) : NULL;
-    if (!scene->train || (n_test && !scene->test))
+    if ((n_train && !scene->train) || (n_test && !scene->test))
         return SG_ERR_BUDGET;
     for (size_t i = 0; i < shots->count; i++) {
         if (shots->items[i].test)
@@ -201,13 +203,13 @@ int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *p
     views = sg_alloc(ctx, SG_MEM_MISC, shots.count, sizeof(*views));
     code = views ? sg_views_load(ctx, &dir, params, &shots, views) : SG_ERR_BUDGET;
     if (!code)
-        code = deal(ctx, scene, &shots, views);
+        code = deal(ctx, scene, params, &shots, views);
     if (code)
         goto done;
     measure(scene);
-    if (scene->extent < 1e-6)
+    if (scene->extent < 1e-6 && !params->untrained)
         sg_log(ctx, SG_LOG_WARN, "%s: found all training cameras in one place: positions will hardly learn", path);
-    if (!scene->n_points && scene->format != SG_FORMAT_BLENDER)
+    if (!scene->n_points && !params->untrained && scene->format != SG_FORMAT_BLENDER)
         sg_log(ctx, SG_LOG_WARN,
                "%s: found no points: training starts from random ones in a cube of 2.6 units about the origin", path);
     sg_log(ctx, SG_LOG_INFO, "%s: %s scene, %zu train and %zu test views, %zu points, extent %.4g", path,

@@ -34,6 +34,16 @@ for command in "eval broken.ply --scene scene/blender" "render broken.ply --scen
 done
 [ ! -e images ] && [ ! -e run ] || fail "something was made of a broken model"
 
+# A scene of one view can be looked at and measured, though not trained on with --eval.
+mkdir -p one/sparse/0 one/images
+cp scene/colmap/images/view_0001.png one/images/a.png
+echo '1 SIMPLE_PINHOLE 64 48 60 32 24' >one/sparse/0/cameras.txt
+printf '1 1 0 0 0 0 0 3 1 a.png\n\n' >one/sparse/0/images.txt
+expect 0 render good.ply --scene one -o view -q; [ -s view/a.png ] || fail "no image of the only view"
+grep -q 'train' err && fail "render warns about training: $(cat err)"
+expect 0 eval good.ply --scene one -q
+expect 2 train one -o run $short --eval; says 'no view to train on'
+
 # The same limit, and the same exit status, everywhere.
 awk 'BEGIN { print "ply\nformat binary_little_endian 1.0\nelement vertex 1000000" }' >large.ply
 for name in x y z opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 f_dc_0 f_dc_1 f_dc_2; do

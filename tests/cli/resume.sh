@@ -91,6 +91,15 @@ rm run/checkpoint.bin
 expect 2 train --resume run
 says 'found no checkpoint'
 
+# Places whose names are no UTF-8: the run knows its scene all the same, byte for byte.
+odd=$(printf 'odd \351%%')
+cp -r scene/blender "$odd" 2>/dev/null && [ -d "$odd" ] && {
+    expect 0 train "$odd" -o oddly $short --init-points 400 --eval
+    grep -q '"percent": ".*odd%20%E9%25"' oddly/config.json || fail "config.json says $(grep source-path oddly/config.json)"
+    expect 0 train --resume oddly --iterations 130 -q
+    expect 0 eval oddly --json
+}
+
 # Photos that somebody replaced are told of.
 expect 0 train scene/colmap -o swapped $short
 cp scene/colmap/images/view_0001.png scene/colmap/images/view_0002.png
