@@ -145,7 +145,7 @@ static void test_edit_memory(void **state)
         as_was += code && h.opt.m;
         edited += code && !h.opt.m;
         done += !code && h.opt.m;
-        assert_int_equal(sg_host_learn(ctx, &h), SG_OK);
+        assert_int_equal(sg_host_alloc_optimiser(ctx, &h), SG_OK);
         assert_int_equal(h.opt.capacity, h.capacity);
         sg_host_clear(&h);
         assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);

@@ -7,6 +7,7 @@
 #include "models.h"
 #include "nearness.h"
 #include "engine/host/image_losses.h"
+#include "engine/ref/ref_losses.h"
 #include "spectral/total_variation.h"
 
 static uint8_t *image_of(int w, int h, double (*value)(int x, int y))
@@ -130,82 +131,12 @@ static double loss_of(sg_ctx *ctx, int w, int h, const struct sg_anisotropy_para
     return loss;
 }
 
-/* One-dimensional transforms along a side, in double precision, by definition. sign: -1 forward, 1 back. */
-static void dft(double complex *f, int n, int count, size_t step, size_t next, int sign)
+static double oracle(sg_ctx *ctx, int w, int h, const struct sg_anisotropy_params *p, const float *x, double *gradient)
 {
-    double complex *out = malloc((size_t) n * sizeof(*out)), *root = malloc((size_t) n * sizeof(*root));
-    for (int k = 0; k < n; k++)
-        root[k] = cexp(sign * I * 2 * M_PI * k / n);
-    for (int c = 0; c < count; c++, f += next) {
-        for (int k = 0; k < n; k++) {
-            out[k] = 0;
-            for (int i = 0; i < n; i++)
-                out[k] += f[(size_t) i * step] * root[(size_t) k * (size_t) i % (size_t) n];
-        }
-        for (int k = 0; k < n; k++)
-            f[(size_t) k * step] = out[k];
-    }
-    free(out), free(root);
-}
-
-/* Loss and gradient from the whole complex spectrum of the continued image. */
-static double oracle(int w, int h, const struct sg_anisotropy_params *p, const float *x, double *gradient)
-{
-    static const double luma[3] = {0.299, 0.587, 0.114};
-    const int W = sg_anisotropy_width(w, p->exact_size), H = sg_anisotropy_height(h, p->exact_size);
-    const int bins = p->band.bins;
-    const int planes = p->channels == SG_CHANNELS_LUMA ? 1 : 3;
-    const size_t n = (size_t) W * (size_t) H;
-    double complex *f = calloc(n * (size_t) planes, sizeof(*f));
-    uint8_t *bin = malloc(n);
-    double energy[SG_SPECTRUM_BINS_MAX] = {0}, total = 0, entropy = 0;
-    for (int u = 0; u < H; u++)
-        for (int v = 0; v < W; v++) {
-            const double fu = (double) (2 * u < H ? u : u - H) / H, fv = (double) (2 * v < W ? v : v - W) / W;
-            const double r = 2 * hypot(fu, fv);
-            const bool in = r > 0 && r >= p->band.low && r <= p->band.high && 2 * u != H && 2 * v != W;
-            const int b = (int) floor((atan2(fu, fv) + M_PI) * bins / (2 * M_PI) + 1e-9) % bins;
-            bin[u * W + v] = in ? (uint8_t) b : 255;
-        }
-    for (int plane = 0; plane < planes; plane++) {
-        double complex *own = f + (size_t) plane * n;
-        for (int y = 0; y < H; y++)
-            for (int xx = 0; xx < W; xx++)
-                for (int ch = 0; ch < 3; ch++) {
-                    const int ny = y < h ? y : h - 1, nx = xx < w ? xx : w - 1;
-                    const float *c = x + (size_t) ch * (size_t) w * (size_t) h;
-                    if (planes == 1 || ch == plane)
-                        own[y * W + xx] += (planes == 1 ? luma[ch] : 1) * (double) c[ny * w + nx];
-                }
-        dft(own, W, H, 1, (size_t) W, -1);
-        dft(own, H, W, (size_t) W, 1, -1);
-        for (size_t i = 0; i < n; i++)
-            if (bin[i] != 255)
-                energy[bin[i]] += p->energy == SG_ENERGY_POWER ? creal(own[i] * conj(own[i])) : cabs(own[i]);
-    }
-    for (int b = 0; b < bins; b++)
-        total += energy[b];
-    for (int b = 0; b < bins; b++)
-        entropy -= energy[b] > 0 ? energy[b] / total * log(energy[b] / total) : 0;
-    memset(gradient, 0, 3 * (size_t) w * (size_t) h * sizeof(*gradient));
-    for (int plane = 0; plane < planes; plane++) {
-        double complex *own = f + (size_t) plane * n;
-        for (size_t i = 0; i < n; i++) {
-            const double factor = bin[i] == 255 ? 0 : (log(energy[bin[i]] / total) + entropy) / (total * log(bins));
-            own[i] *= factor * (p->energy == SG_ENERGY_POWER ? 2 : cabs(own[i]) > 0 ? 1 / cabs(own[i]) : 0);
-        }
-        dft(own, W, H, 1, (size_t) W, 1);
-        dft(own, H, W, (size_t) W, 1, 1);
-        for (int y = 0; y < H; y++)
-            for (int xx = 0; xx < W; xx++)
-                for (int ch = 0; ch < 3; ch++) {
-                    const int ny = y < h ? y : h - 1, nx = xx < w ? xx : w - 1;
-                    double *g = gradient + (size_t) ch * (size_t) w * (size_t) h;
-                    g[ny * w + nx] += creal(own[y * W + xx]) * (planes == 1 ? luma[ch] : ch == plane);
-                }
-    }
-    free(f), free(bin);
-    return 1 - entropy / log(bins);
+    double loss;
+    const struct sg_loss what = {SG_LOSS_ANISOTROPY, 1, {.anisotropy = *p}};
+    assert_int_equal(sg_ref_image_loss(ctx, &what, x, w, h, gradient, &loss), SG_OK);
+    return loss;
 }
 
 /* Every value of the gradient, for every option: half spectra, single precision and the continuation against that. */
@@ -231,7 +162,7 @@ static void test_oracle(void **state)
                                      .channels = (enum sg_channels)(option >> 1 & 1), .exact_size = option >> 2);
             for (int i = 0; i < n; i++)
                 x[i] = draw(11, (uint64_t) i, 0, 1) * (i % 3 ? 0.3f : 1);
-            const double loss = loss_of(ctx, w, h, p, x, g), right = oracle(w, h, p, x, expected);
+            const double loss = loss_of(ctx, w, h, p, x, g), right = oracle(ctx, w, h, p, x, expected);
             double largest = 0, off = 0;
             for (int i = 0; i < n; i++) {
                 largest = fmax(largest, fabs(expected[i]));

@@ -16,6 +16,7 @@ enum sg_ready {
     IMAGE = 4,
     IMAGE_GRADIENT = 8,
     SPLAT_GRADIENTS = 16,
+    PARAMETER_GRADIENTS = 32,
 };
 
 static int need(const struct sg_engine *e, unsigned what, const char *stage, const char *before)
@@ -131,6 +132,15 @@ int sg_engine_reset_opacity(struct sg_engine *e, float limit)
     return leave(e, e->ops->reset_opacity(e, limit), IMAGE, 0);
 }
 
+int sg_engine_set_shape(struct sg_engine *e, const struct sg_shape *shape)
+{
+    if (shape && !e->ops->shape)
+        return sg_fail(e->ctx, SG_ERR_USAGE, "shape: found %s, which engine %s cannot compute", shape->name,
+                       e->ops->name);
+    e->shape = shape;
+    return leave(e, SG_OK, 0, 0);
+}
+
 /* ---- photos ---- */
 
 int sg_engine_photo_add(struct sg_engine *e, int width, int height, const uint8_t *rgb, const uint8_t *mask,
@@ -163,15 +173,28 @@ void sg_engine_photo_drop(struct sg_engine *e, sg_photo photo)
 
 /* ---- the stages ---- */
 
+static int run_shape(struct sg_engine *e)
+{
+    if (!e->shape)
+        return SG_OK;
+    const double start = sg_seconds();
+    const int code = e->ops->shape(e, e->shape);
+    lap(e, start, &e->times.shape);
+    return code;
+}
+
 int sg_engine_project(struct sg_engine *e, const struct sg_camera *camera, int sh_degree,
                       const struct sg_render_params *params)
 {
-    const double start = sg_seconds();
     e->width = camera->width, e->height = camera->height;
     e->step = (struct sg_step){0};
     for (int k = 0; k < SG_LOSSES; k++)
         e->step.loss[k] = NAN;
-    const int code = e->ops->project(e, camera, sh_degree, params);
+    int code = run_shape(e);
+    if (code)
+        return leave(e, code, 0, 0);
+    const double start = sg_seconds();
+    code = e->ops->project(e, camera, sh_degree, params);
     lap(e, start, &e->times.project);
     return leave(e, code, 0, SPLATS);
 }
@@ -271,20 +294,53 @@ int sg_engine_raster_backward(struct sg_engine *e)
     return leave(e, code, ~(unsigned) SPLAT_GRADIENTS, SPLAT_GRADIENTS);
 }
 
-int sg_engine_optimise(struct sg_engine *e, const struct sg_update *update)
+static int run_project_backward(struct sg_engine *e, bool statistics)
 {
-    int code = need(e, SPLATS | SPLAT_GRADIENTS, "optimise", "gradients of the splats");
+    const double start = sg_seconds();
+    int code = e->ops->project_backward(e, statistics);
+    lap(e, start, &e->times.project_backward);
+    if (code || !e->shape)
+        return code;
+    const double between = sg_seconds();
+    code = e->ops->shape_backward(e, e->shape);
+    lap(e, between, &e->times.shape);
+    return code;
+}
+
+int sg_engine_project_backward(struct sg_engine *e, bool statistics)
+{
+    int code = need(e, SPLATS | SPLAT_GRADIENTS, "project_backward", "gradients of the splats");
     if (code)
         return code;
-    const double start = sg_seconds();
-    code = e->ops->optimise(e, update);
-    lap(e, start, &e->times.optimise);
+    code = run_project_backward(e, statistics);
+    return leave(e, code, ~(unsigned) (SPLAT_GRADIENTS | PARAMETER_GRADIENTS), PARAMETER_GRADIENTS);
+}
+
+int sg_engine_optimise(struct sg_engine *e, const struct sg_update *update)
+{
+    const bool ready = e->ready & PARAMETER_GRADIENTS;
+    const bool fused = !ready && e->ops->project_backward_optimise && !e->shape;
+    int code = ready ? SG_OK : need(e, SPLATS | SPLAT_GRADIENTS, "optimise", "gradients of the splats");
+    if (code)
+        return code;
+    if (!ready && !fused)
+        code = run_project_backward(e, update->statistics);
+    if (!code) {
+        const double start = sg_seconds();
+        code = (fused ? e->ops->project_backward_optimise : e->ops->optimise)(e, update);
+        lap(e, start, &e->times.optimise);
+    }
     return leave(e, code, IMAGE, 0);
 }
 
 int sg_engine_read_gradients(struct sg_engine *e, struct sg_model *out)
 {
-    const int code = need(e, SPLATS | SPLAT_GRADIENTS, "read_gradients", "gradients of the splats");
+    int code = SG_OK;
+    if (!(e->ready & PARAMETER_GRADIENTS)) {
+        code = need(e, SPLATS | SPLAT_GRADIENTS, "read_gradients", "gradients of the splats");
+        if (!code)
+            code = run_project_backward(e, false); /* optimise does it again, with its statistics */
+    }
     return code ? code : e->ops->read_gradients(e, out);
 }
 
@@ -298,8 +354,10 @@ int sg_engine_read_step(struct sg_engine *e, struct sg_step *out)
 int sg_engine_count_hits(struct sg_engine *e, const struct sg_camera *const *views, size_t n,
                          const struct sg_render_params *params, enum sg_hit kind, double *hits)
 {
+    int code = run_shape(e);
     const double start = sg_seconds();
-    const int code = e->ops->count_hits(e, views, n, params, kind, hits);
+    if (!code)
+        code = e->ops->count_hits(e, views, n, params, kind, hits);
     lap(e, start, &e->times.count);
     return leave(e, code, 0, 0);
 }

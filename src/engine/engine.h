@@ -1,11 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The engine: it draws a model of Gaussians and learns it. Where that is computed is decided when one is created.
  *
- * One iteration calls project, bin, raster, losses, raster_backward and optimise, in this order; then read_step waits
- * for its results. The engine holds the model, the state of its optimiser and the buffers of one view. Host memory
- * crosses only where a function says so. Calls that come out of order fail with SG_ERR_INTERNAL and change nothing.
- * All other errors are SG_ERR_BUDGET, unless a function says more.
- * Thread safety: unsafe. */
+ * One iteration calls project, bin, raster, losses, raster_backward, project_backward and optimise, in this order; then
+ * read_step waits for its results. The engine holds the model, the state of its optimiser and the buffers of one view.
+ * Host memory crosses only where a function says so. Calls that come out of order fail with SG_ERR_INTERNAL and change
+ * nothing. All other errors are SG_ERR_BUDGET, unless a function says more. Thread safety: unsafe. */
 #ifndef SG_ENGINE_H
 #define SG_ENGINE_H
 
@@ -94,6 +93,19 @@ int sg_engine_floor_scale(struct sg_engine *e, float smallest);
 /* opacity = min(opacity, limit); zeroes the opacity moments. */
 int sg_engine_reset_opacity(struct sg_engine *e, float limit);
 
+/* A step between the parameters and the projection: what is drawn in place of the parameters of SG_LANES Gaussians. All
+ * arrays are blocks of `planes` planes, laid out as in sg_model.params. */
+struct sg_shape {
+    const char *name;
+    const void *arg; /* of the functions */
+    void (*forward)(const void *arg, const float *params, int planes, float *shaped);
+    /* gradients: of what is drawn; becomes those of the parameters. */
+    void (*backward)(const void *arg, const float *params, int planes, float *gradients);
+};
+/* shape: borrowed, NULL = what is drawn are the parameters (default). SG_ERR_USAGE for an engine that has no such
+ * stage. */
+int sg_engine_set_shape(struct sg_engine *e, const struct sg_shape *shape);
+
 /* ---- photos ---- */
 
 /* Targets are handed over once and named by a handle; 0 is none. rgb: height x width x 3; mask: height x width, where
@@ -138,7 +150,11 @@ struct sg_update {
     bool accumulate; /* gradients add up over the updates without adam; the next one with adam takes the sum. Lost when
                         the model is edited. */
 };
-/* Gradients of the projected Gaussians to those of the parameters, and a step of the optimiser. */
+/* Gradients of the projected Gaussians to those of the parameters. statistics: adds this view to grad_sum and
+ * grad_count. */
+int sg_engine_project_backward(struct sg_engine *e, bool statistics);
+/* A step of the optimiser. Without project_backward before, it does that too, as fast as it can: gradients of the
+ * parameters need not be stored. With it, update->statistics has no effect. */
 int sg_engine_optimise(struct sg_engine *e, const struct sg_update *update);
 /* Engine to host: dL/d parameters of the view, in a model-shaped object. Before optimise. For tests and sensitivities.
  */
@@ -177,7 +193,7 @@ int sg_engine_ascend(struct sg_engine *e, const struct sg_ascend *a);
 
 /* Seconds (wall clock) per stage since creation. */
 struct sg_engine_times {
-    double project, bin, raster, raster_backward, optimise, count;
+    double shape, project, bin, raster, raster_backward, project_backward, optimise, count; /* shape: both ways */
     double loss[SG_LOSSES];
 };
 struct sg_engine_times sg_engine_times(const struct sg_engine *e);

@@ -28,6 +28,7 @@ struct sg_engine {
     /* of the front end */
     unsigned ready; /* what the stages have left: enum sg_ready in engine.c */
     int width, height;
+    const struct sg_shape *shape;  /* or NULL */
     struct sg_photo_entry *photos; /* of handle k + 1 */
     size_t photo_count, photo_capacity;
     bool clocks_stopped;
@@ -56,6 +57,10 @@ struct sg_engine_ops {
     int (*photo_add)(struct sg_engine *, sg_photo, const struct sg_photo_entry *);
     void (*photo_drop)(struct sg_engine *, sg_photo);
 
+    /* Optional: there is no such stage. */
+    int (*shape)(struct sg_engine *, const struct sg_shape *);
+    int (*shape_backward)(struct sg_engine *, const struct sg_shape *);
+
     int (*project)(struct sg_engine *, const struct sg_camera *, int sh_degree, const struct sg_render_params *);
     int (*bin)(struct sg_engine *);
     int (*raster)(struct sg_engine *, bool auxiliary);
@@ -64,8 +69,11 @@ struct sg_engine_ops {
     int (*loss)(struct sg_engine *, const struct sg_target_pixels *, const struct sg_loss *);
     int (*write_image_gradient)(struct sg_engine *, const float *gradient);
     int (*raster_backward)(struct sg_engine *);
+    int (*project_backward)(struct sg_engine *, bool statistics);
     int (*optimise)(struct sg_engine *, const struct sg_update *);
-    int (*read_gradients)(struct sg_engine *, struct sg_model *);
+    /* Optional: both of them. Not used with a shape. */
+    int (*project_backward_optimise)(struct sg_engine *, const struct sg_update *);
+    int (*read_gradients)(struct sg_engine *, struct sg_model *); /* after project_backward */
     int (*read_step)(struct sg_engine *); /* optional: all results are in `step` already */
 
     int (*count_hits)(struct sg_engine *, const struct sg_camera *const *, size_t n, const struct sg_render_params *,

@@ -386,7 +386,7 @@ void sg_trainer_times(const sg_trainer *t, struct sg_train_times *out)
                                    .raster = e.raster,
                                    .loss = e.loss[SG_LOSS_PHOTOMETRIC],
                                    .raster_backward = e.raster_backward,
-                                   .update = e.optimise,
+                                   .update = e.project_backward + e.optimise + e.shape,
                                    .densify = t->densify_seconds,
                                    .anisotropy = e.loss[SG_LOSS_ANISOTROPY],
                                    .total_variation = e.loss[SG_LOSS_TOTAL_VARIATION],

@@ -123,7 +123,7 @@ static int do_project(struct sg_engine *base, const struct sg_camera *camera, in
         b->pixels = pixels;
     }
     struct project_job job = {b->kernels,
-                              {.params = b->model.params,
+                              {.params = sg_host_effective(&b->model),
                                .count = n,
                                .planes = b->model.planes,
                                .degree = sh_degree,
@@ -333,40 +333,88 @@ static int raster_backward(struct sg_engine *base)
     return SG_OK;
 }
 
-struct update_job {
-    const struct cpu_kernels *kernels;
-    struct cpu_update_args args;
+struct learn_job {
+    void (*kernel)(const struct cpu_learn_args *, size_t, size_t);
+    struct cpu_learn_args args;
 };
 
-static void update_piece(void *arg, size_t piece, int thread)
+static void learn_piece(void *arg, size_t piece, int thread)
 {
     (void) thread;
-    const struct update_job *j = arg;
-    j->kernels->update(&j->args, piece * BLOCKS_PER_PIECE, piece_end(j->args.count, piece));
+    const struct learn_job *j = arg;
+    j->kernel(&j->args, piece * BLOCKS_PER_PIECE, piece_end(j->args.count, piece));
 }
 
-static void run_update(struct cpu_engine *b, const struct sg_update *u, float *gradients)
+static struct cpu_learn_args learn_args(const struct cpu_engine *b)
+{
+    const struct sg_host_model *h = &b->model;
+    const bool banded = b->bins.band_count > 1;
+    return (struct cpu_learn_args){.camera = &b->camera,
+                                   .shaped = sg_host_effective(h),
+                                   .params = h->params,
+                                   .m = h->opt.m,
+                                   .v = h->opt.v,
+                                   .grad_sum = h->opt.grad_sum,
+                                   .grad_count = h->opt.grad_count,
+                                   .count = h->count,
+                                   .planes = h->planes,
+                                   .degree = b->degree,
+                                   .splats = b->splats,
+                                   .extents = b->bins.extents,
+                                   .slots = banded ? b->band_sums : b->slots,
+                                   .slot_start = banded ? NULL : b->bins.slot_start,
+                                   .gradients = h->gradients};
+}
+
+static int project_backward(struct sg_engine *base, bool statistics)
+{
+    struct cpu_engine *b = (struct cpu_engine *) base;
+    if ((statistics && sg_host_alloc_optimiser(base->ctx, &b->model)) || sg_host_alloc_gradients(base->ctx, &b->model))
+        return SG_ERR_BUDGET;
+    const struct sg_host_model *h = &b->model;
+    const struct sg_update update = {.statistics = statistics};
+    struct learn_job job = {b->kernels->project_backward_optimise, learn_args(b)};
+    job.args.update = &update;
+    memset(h->gradients, 0, h->capacity * (size_t) h->planes * sizeof(float));
+    sg_parallel_for(base->ctx, pieces(h->count), learn_piece, &job);
+    return SG_OK;
+}
+
+static int learn(struct cpu_engine *b, const struct sg_update *u, bool stored,
+                 void (*kernel)(const struct cpu_learn_args *, size_t, size_t))
 {
     struct sg_host_model *h = &b->model;
-    const bool banded = b->bins.band_count > 1;
-    struct update_job job = {b->kernels,
-                             {.camera = &b->camera,
-                              .params = h->params,
-                              .m = h->opt.m,
-                              .v = h->opt.v,
-                              .grad_sum = h->opt.grad_sum,
-                              .grad_count = h->opt.grad_count,
-                              .count = h->count,
-                              .planes = h->planes,
-                              .degree = b->degree,
-                              .splats = b->splats,
-                              .extents = b->bins.extents,
-                              .slots = banded ? b->band_sums : b->slots,
-                              .slot_start = banded ? NULL : b->bins.slot_start,
-                              .kept = u->accumulate ? h->kept : NULL,
-                              .gradients = gradients,
-                              .update = u}};
-    sg_parallel_for(b->base.ctx, pieces(h->count), update_piece, &job);
+    if (sg_host_alloc_optimiser(b->base.ctx, h) || (u->accumulate && sg_host_alloc_accumulated(b->base.ctx, h)))
+        return SG_ERR_BUDGET;
+    struct learn_job job = {kernel, learn_args(b)};
+    job.args.update = u;
+    job.args.accumulated = u->accumulate ? h->accumulated : NULL;
+    job.args.gradients = stored ? h->gradients : NULL;
+    if (u->adam || u->statistics || u->accumulate)
+        sg_parallel_for(b->base.ctx, pieces(h->count), learn_piece, &job);
+    return SG_OK;
+}
+
+static int optimise(struct sg_engine *base, const struct sg_update *u)
+{
+    struct cpu_engine *b = (struct cpu_engine *) base;
+    return learn(b, u, true, b->kernels->optimise);
+}
+
+static int project_backward_optimise(struct sg_engine *base, const struct sg_update *u)
+{
+    struct cpu_engine *b = (struct cpu_engine *) base;
+    return learn(b, u, false, b->kernels->project_backward_optimise);
+}
+
+static int shape(struct sg_engine *base, const struct sg_shape *how)
+{
+    return sg_host_shape(base->ctx, &((struct cpu_engine *) base)->model, how);
+}
+
+static int shape_backward(struct sg_engine *base, const struct sg_shape *how)
+{
+    return sg_host_shape_backward(base->ctx, &((struct cpu_engine *) base)->model, how);
 }
 
 struct hit_job {
@@ -428,21 +476,10 @@ static int count_hits(struct sg_engine *base, const struct sg_camera *const *vie
     return code;
 }
 
-static int optimise(struct sg_engine *base, const struct sg_update *u)
-{
-    struct sg_host_model *h = &((struct cpu_engine *) base)->model;
-    if (sg_host_learn(base->ctx, h) || (u->accumulate && sg_host_keep_gradients(base->ctx, h)))
-        return SG_ERR_BUDGET;
-    if (u->adam || u->statistics || u->accumulate)
-        run_update((struct cpu_engine *) base, u, NULL);
-    return SG_OK;
-}
-
 static int read_gradients(struct sg_engine *base, struct sg_model *out)
 {
-    struct cpu_engine *b = (struct cpu_engine *) base;
-    memset(out->params, 0, out->capacity * (size_t) b->model.planes * sizeof(float));
-    run_update(b, &(struct sg_update){0}, out->params);
+    const struct sg_host_model *h = &((struct cpu_engine *) base)->model;
+    memcpy(out->params, h->gradients, out->capacity * (size_t) h->planes * sizeof(float));
     return SG_OK;
 }
 
@@ -511,7 +548,11 @@ static const struct sg_engine_ops ops = {
     .loss = loss,
     .write_image_gradient = write_image_gradient,
     .raster_backward = raster_backward,
+    .shape = shape,
+    .shape_backward = shape_backward,
+    .project_backward = project_backward,
     .optimise = optimise,
+    .project_backward_optimise = project_backward_optimise,
     .read_gradients = read_gradients,
     .count_hits = count_hits,
     .ascend = ascend,

@@ -61,8 +61,9 @@ struct cpu_raster_args {
     bool weigh;            /* raster_count: sums alpha x transmittance, else counts blended pixels */
 };
 
-struct cpu_update_args {
+struct cpu_learn_args {
     const struct sg_camera *camera;
+    const float *shaped; /* what was projected: params, or what a shape makes of them */
     float *params, *m, *v;
     float *grad_sum, *grad_count;
     size_t count;
@@ -71,8 +72,8 @@ struct cpu_update_args {
     const struct cpu_extent *extents;
     const float *slots;         /* gradients summed over this band */
     const uint32_t *slot_start; /* count + 1 */
-    float *kept;                /* NULL, or gradients of earlier views, as params */
-    float *gradients;           /* NULL, or where to store parameter gradients, as params */
+    float *accumulated;         /* NULL, or gradients of earlier views, as params */
+    float *gradients;           /* of the parameters, as params; project_backward_optimise: NULL = not stored */
     const struct sg_update *update;
 };
 
@@ -90,18 +91,26 @@ struct cpu_loss_args {
 #define CPU_LOSS_SCRATCH_ROWS (4 * CPU_LOSS_STEP + 50)
 #define CPU_LOSS_SCRATCH(width) (CPU_LOSS_SCRATCH_ROWS * CPU_LOSS_STRIDE(width)) /* floats */
 
+/* Name, result and arguments of every kernel, in this order; what they are written once in. */
+#define CPU_KERNELS(K)                                                                                                 \
+    K(project, void, (const struct cpu_project_args *, size_t first_block, size_t end_block))                          \
+    /* Return the number of (Gaussian, pixel) pairs evaluated. */                                                      \
+    K(raster, uint64_t, (const struct cpu_raster_args *, int tile))                                                    \
+    K(raster_backward, uint64_t, (const struct cpu_raster_args *, int tile))                                           \
+    K(raster_count, uint64_t, (const struct cpu_raster_args *, int tile))                                              \
+    K(optimise, void, (const struct cpu_learn_args *, size_t first_block, size_t end_block))                           \
+    /* Without a step of Adam in the update: project_backward. */                                                      \
+    K(project_backward_optimise, void, (const struct cpu_learn_args *, size_t first_block, size_t end_block))          \
+    /* Rows first to end - 1 of a channel: sums and gradient. scratch: CPU_LOSS_SCRATCH(width) floats. */              \
+    K(loss, void, (const struct cpu_loss_args *, int channel, int first, int end, float *scratch))                     \
+    /* One of the 3 x height rows. */                                                                                  \
+    K(ascend, void, (const struct sg_ascend *, size_t row))
+
 struct cpu_kernels {
     const char *name;
-    void (*project)(const struct cpu_project_args *, size_t first_block, size_t end_block);
-    /* Returns the number of (Gaussian, pixel) pairs evaluated. */
-    uint64_t (*raster)(const struct cpu_raster_args *, int tile);
-    uint64_t (*raster_backward)(const struct cpu_raster_args *, int tile);
-    uint64_t (*raster_count)(const struct cpu_raster_args *, int tile);
-    void (*update)(const struct cpu_update_args *, size_t first_block, size_t end_block);
-    /* Rows first to end - 1 of a channel: sums and gradient. scratch: CPU_LOSS_SCRATCH(width) floats. */
-    void (*loss)(const struct cpu_loss_args *, int channel, int first, int end, float *scratch);
-    /* One of the 3 x height rows. */
-    void (*ascend)(const struct sg_ascend *, size_t row);
+#define K(kernel, result, arguments) result(*kernel) arguments;
+    CPU_KERNELS(K)
+#undef K
     struct sg_fft_kernels fft;
 };
 

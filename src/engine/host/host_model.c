@@ -78,7 +78,7 @@ void sg_host_adopt(struct sg_host_model *h, struct sg_model *m, struct sg_optimi
     *o = (struct sg_optimiser){0};
 }
 
-int sg_host_learn(sg_ctx *ctx, struct sg_host_model *h)
+int sg_host_alloc_optimiser(sg_ctx *ctx, struct sg_host_model *h)
 {
     return h->opt.m ? SG_OK : sg_optimiser_create(ctx, h->count, h->sh_degree, &h->opt);
 }
@@ -246,14 +246,19 @@ static bool replace(sg_ctx *ctx, enum sg_mem_tag tag, const struct sg_host_model
     return true;
 }
 
+static void drop(float **array)
+{
+    sg_free(*array);
+    *array = NULL;
+}
+
 int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *e)
 {
     const size_t count = e->kept + e->appended, capacity = blocks(count) * SG_LANES;
     const bool learns = h->opt.m;
     struct sg_optimiser fresh = {.capacity = capacity}; /* the statistics */
     uint32_t *source = NULL, *order = NULL;
-    sg_free(h->kept);
-    h->kept = NULL;
+    drop(&h->accumulated), drop(&h->gradients), drop(&h->shaped);
     int code = edit_order(ctx, h, e, &source, &order);
     if (!code && learns) {
         fresh.grad_sum = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
@@ -310,17 +315,65 @@ void sg_host_reset_opacity(struct sg_host_model *h, float limit)
     }
 }
 
-int sg_host_keep_gradients(sg_ctx *ctx, struct sg_host_model *h)
+static int room(sg_ctx *ctx, enum sg_mem_tag tag, const struct sg_host_model *h, float **array)
 {
-    if (!h->kept)
-        h->kept = sg_alloc(ctx, SG_MEM_OPTIMISER, h->capacity, (size_t) h->planes * sizeof(float));
-    return h->kept ? SG_OK : SG_ERR_BUDGET;
+    if (!*array)
+        *array = sg_alloc(ctx, tag, h->capacity, (size_t) h->planes * sizeof(float));
+    return *array ? SG_OK : SG_ERR_BUDGET;
+}
+
+int sg_host_alloc_gradients(sg_ctx *ctx, struct sg_host_model *h)
+{
+    return room(ctx, SG_MEM_OPTIMISER, h, &h->gradients);
+}
+
+int sg_host_alloc_accumulated(sg_ctx *ctx, struct sg_host_model *h)
+{
+    return room(ctx, SG_MEM_OPTIMISER, h, &h->accumulated);
+}
+
+struct shape_job {
+    const struct sg_host_model *h;
+    const struct sg_shape *shape;
+    bool back;
+};
+
+static void shape_piece(void *arg, size_t piece, int thread)
+{
+    (void) thread;
+    const struct shape_job *j = arg;
+    const size_t end = (piece + 1) * EDIT_BLOCKS, most = blocks(j->h->count), block = block_bytes(j->h) / sizeof(float);
+    for (size_t b = piece * EDIT_BLOCKS; b < end && b < most; b++) {
+        const float *params = j->h->params + b * block;
+        if (j->back)
+            j->shape->backward(j->shape->arg, params, j->h->planes, j->h->gradients + b * block);
+        else
+            j->shape->forward(j->shape->arg, params, j->h->planes, j->h->shaped + b * block);
+    }
+}
+
+int sg_host_shape(sg_ctx *ctx, struct sg_host_model *h, const struct sg_shape *shape)
+{
+    if (room(ctx, SG_MEM_MODEL, h, &h->shaped))
+        return SG_ERR_BUDGET;
+    sg_parallel_for(ctx, (blocks(h->count) + EDIT_BLOCKS - 1) / EDIT_BLOCKS, shape_piece,
+                    &(struct shape_job){h, shape, false});
+    return SG_OK;
+}
+
+int sg_host_shape_backward(sg_ctx *ctx, struct sg_host_model *h, const struct sg_shape *shape)
+{
+    sg_parallel_for(ctx, (blocks(h->count) + EDIT_BLOCKS - 1) / EDIT_BLOCKS, shape_piece,
+                    &(struct shape_job){h, shape, true});
+    return SG_OK;
 }
 
 void sg_host_clear(struct sg_host_model *h)
 {
     sg_free(h->params);
-    sg_free(h->kept);
+    sg_free(h->gradients);
+    sg_free(h->accumulated);
+    sg_free(h->shaped);
     sg_optimiser_clear(&h->opt);
     *h = (struct sg_host_model){0};
 }

@@ -22,7 +22,7 @@ static int total_variation(sg_ctx *ctx, struct sg_image_losses *s, const struct 
     return SG_OK;
 }
 
-void sg_mask_gradient(const uint8_t *mask, size_t pixels, float *gradient)
+static void mask_gradient(const uint8_t *mask, size_t pixels, float *gradient)
 {
     for (size_t i = 0; mask && i < pixels; i++)
         if (!mask[i])
@@ -35,7 +35,7 @@ int sg_image_loss(sg_ctx *ctx, struct sg_image_losses *s, const struct sg_loss *
     const int code = (loss->kind == SG_LOSS_ANISOTROPY ? anisotropy : total_variation)(ctx, s, loss, planes, width,
                                                                                        height, gradient, out);
     if (!code)
-        sg_mask_gradient(mask, (size_t) width * (size_t) height, gradient);
+        mask_gradient(mask, (size_t) width * (size_t) height, gradient);
     return code;
 }
 

@@ -18,8 +18,6 @@ struct sg_image_losses {
  * width, or NULL) is 0. planes, gradient: 3 planes. Same bytes for any number of threads. Errors: SG_ERR_BUDGET. */
 int sg_image_loss(sg_ctx *ctx, struct sg_image_losses *state, const struct sg_loss *loss, const float *planes,
                   int width, int height, const uint8_t *mask, float *gradient, double *out);
-/* The last part of it, for other implementations. */
-void sg_mask_gradient(const uint8_t *mask, size_t pixels, float *gradient);
 void sg_image_losses_clear(struct sg_image_losses *state);
 
 #endif

@@ -5,12 +5,11 @@
 #include "math/real_f32.h"
 
 #include "engine/host/host_model.h"
-#include "engine/host/image_losses.h"
 #include "engine/ops.h"
 #include "math/adam.h"
 #include "math/photometric.h"
+#include "ref_losses.h"
 #include "render.h"
-#include "spectral/fft.h"
 
 struct ref_engine {
     struct sg_engine base;
@@ -25,14 +24,12 @@ struct ref_engine {
     struct view view;
     struct sg_render_params params;
     int degree, grid_x, grid_y;
-    struct sg_image_losses image_losses;
 };
 
 static void destroy(struct sg_engine *base)
 {
     struct ref_engine *b = (struct ref_engine *) base;
     sg_host_clear(&b->model);
-    sg_image_losses_clear(&b->image_losses);
     sg_free(b->splats);
     sg_free(b->list);
     sg_free(b->image.rgb);
@@ -75,7 +72,7 @@ static void gather(const struct ref_engine *b, size_t i, float *planes)
 {
     memset(planes, 0, SG_PARAMS_MAX * sizeof(*planes));
     for (int p = 0; p < b->model.planes; p++)
-        planes[p] = b->model.params[sg_param_index(b->model.planes, i, p)];
+        planes[p] = sg_host_effective(&b->model)[sg_param_index(b->model.planes, i, p)];
 }
 
 static int reserve_frame(struct ref_engine *b, size_t pixels)
@@ -281,8 +278,15 @@ static int loss(struct sg_engine *base, const struct sg_target_pixels *target, c
     struct ref_engine *b = (struct ref_engine *) base;
     if (l->kind == SG_LOSS_PHOTOMETRIC)
         return photometric(base, target, &l->photometric);
-    return sg_image_loss(base->ctx, &b->image_losses, l, b->image.rgb, b->image.width, b->image.height, target->mask,
-                         b->gradient, &base->step.loss[l->kind]);
+    const size_t values = 3 * pixels(b);
+    double *g = sg_alloc_raw(base->ctx, SG_MEM_FRAME, values, sizeof(*g));
+    const int code =
+        g ? sg_ref_image_loss(base->ctx, l, b->image.rgb, b->image.width, b->image.height, g, &base->step.loss[l->kind])
+          : SG_ERR_BUDGET;
+    for (size_t i = 0; i < values && !code; i++)
+        b->gradient[i] = target->mask && !target->mask[i % pixels(b)] ? 0 : b->gradient[i] + (float) (l->weight * g[i]);
+    sg_free(g);
+    return code;
 }
 
 static void pixel_pairs(struct ref_engine *b, size_t entries, int x, int y)
@@ -311,50 +315,64 @@ static int count_hits(struct sg_engine *base, const struct sg_camera *const *vie
     return SG_OK;
 }
 
-static int optimise(struct sg_engine *base, const struct sg_update *u)
+static int do_project_backward(struct sg_engine *base, bool statistics)
 {
     struct ref_engine *b = (struct ref_engine *) base;
     struct sg_host_model *h = &b->model;
-    if (sg_host_learn(base->ctx, h) || (u->accumulate && sg_host_keep_gradients(base->ctx, h)))
+    if ((statistics && sg_host_alloc_optimiser(base->ctx, h)) || sg_host_alloc_gradients(base->ctx, h))
         return SG_ERR_BUDGET;
     for (size_t i = 0; i < h->count; i++) {
         const struct ref_splat *s = &b->splats[i];
-        if (u->statistics && s->radius) {
+        if (statistics && s->radius) {
             const float gx = s->g.x * b->view.half_w, gy = s->g.y * b->view.half_h;
             h->opt.grad_sum[i] += sqrtf(gx * gx + gy * gy);
             h->opt.grad_count[i] += 1;
         }
-        if (!u->adam && !u->accumulate)
-            continue;
         float planes[SG_PARAMS_MAX], g[SG_PARAMS_MAX];
         gather(b, i, planes);
         ref_parameter_gradient(&b->view, s, planes, b->degree, g);
+        for (int p = 0; p < h->planes; p++)
+            h->gradients[sg_param_index(h->planes, i, p)] = g[p];
+    }
+    return SG_OK;
+}
+
+static int optimise(struct sg_engine *base, const struct sg_update *u)
+{
+    struct sg_host_model *h = &((struct ref_engine *) base)->model;
+    if (sg_host_alloc_optimiser(base->ctx, h) || (u->accumulate && sg_host_alloc_accumulated(base->ctx, h)))
+        return SG_ERR_BUDGET;
+    for (size_t i = 0; i < h->count; i++)
         for (int p = 0; p < h->planes; p++) {
             const enum sg_group group = sg_plane_group(p);
             const size_t at = sg_param_index(h->planes, i, p);
+            float g = h->gradients[at];
             if (u->accumulate) {
-                g[p] += h->kept[at];
-                h->kept[at] = u->adam ? 0 : g[p];
+                g += h->accumulated[at];
+                h->accumulated[at] = u->adam ? 0 : g;
             }
             if (u->adam && u->rate[group] > 0)
                 h->params[at] =
-                    adam_step(h->params[at], g[p], &h->opt.m[at], &h->opt.v[at], u->rate[group], u->root[group]);
+                    adam_step(h->params[at], g, &h->opt.m[at], &h->opt.v[at], u->rate[group], u->root[group]);
         }
-    }
     return SG_OK;
 }
 
 static int read_gradients(struct sg_engine *base, struct sg_model *out)
 {
-    struct ref_engine *b = (struct ref_engine *) base;
-    for (size_t i = 0; i < b->model.count; i++) {
-        float planes[SG_PARAMS_MAX], g[SG_PARAMS_MAX];
-        gather(b, i, planes);
-        ref_parameter_gradient(&b->view, &b->splats[i], planes, b->degree, g);
-        for (int p = 0; p < b->model.planes; p++)
-            out->params[sg_param_index(b->model.planes, i, p)] = g[p];
-    }
+    const struct sg_host_model *h = &((struct ref_engine *) base)->model;
+    memcpy(out->params, h->gradients, out->capacity * (size_t) h->planes * sizeof(float));
     return SG_OK;
+}
+
+static int shape(struct sg_engine *base, const struct sg_shape *how)
+{
+    return sg_host_shape(base->ctx, &((struct ref_engine *) base)->model, how);
+}
+
+static int shape_backward(struct sg_engine *base, const struct sg_shape *how)
+{
+    return sg_host_shape_backward(base->ctx, &((struct ref_engine *) base)->model, how);
 }
 
 static int read_statistics(struct sg_engine *base, const struct sg_statistics *out)
@@ -399,6 +417,9 @@ static const struct sg_engine_ops ops = {
     .loss = loss,
     .write_image_gradient = write_image_gradient,
     .raster_backward = raster_backward,
+    .shape = shape,
+    .shape_backward = shape_backward,
+    .project_backward = do_project_backward,
     .optimise = optimise,
     .read_gradients = read_gradients,
     .count_hits = count_hits,
@@ -411,7 +432,6 @@ static int create(sg_ctx *ctx, const char *variant_name, struct sg_engine **out)
     if (!b)
         return SG_ERR_BUDGET;
     b->base = (struct sg_engine){.ops = &ops, .ctx = ctx};
-    b->image_losses.fft = &sg_fft_oracle;
     *out = &b->base;
     return SG_OK;
 }
@@ -421,8 +441,8 @@ static struct sg_footprint footprint(const struct sg_work *w)
     const uint64_t planes = (uint64_t) sg_param_count(w->sh_degree) * sizeof(float);
     const uint64_t projection = sizeof(struct ref_splat) + sizeof(struct ref_entry);
     return (struct sg_footprint){
-        /* As of the CPU engine: an edit has one array of planes more, and statistics twice. */
-        .gaussian = (w->accumulate ? 5 : 4) * planes + 4 * sizeof(float) + projection + projection / 2,
+        /* Parameters, two moments, gradients and their sums; in an edit one array more, and statistics twice. */
+        .gaussian = (w->accumulate ? 6 : 5) * planes + 4 * sizeof(float) + projection + projection / 2,
         .view = (uint64_t) w->width * (uint64_t) w->height * (21 * sizeof(float) + sizeof(int)),
     };
 }

@@ -6,12 +6,8 @@
 
 const struct cpu_kernels KERNEL(kernels) = {
     .name = SG_STRING(SG_ISA),
-    .project = KERNEL(project),
-    .raster = KERNEL(raster),
-    .raster_backward = KERNEL(raster_backward),
-    .raster_count = KERNEL(raster_count),
-    .update = KERNEL(update),
-    .loss = KERNEL(loss),
-    .ascend = KERNEL(ascend),
     .fft = {.columns = KERNEL(fft_columns), .rows = KERNEL(fft_rows), .rows_back = KERNEL(fft_rows_back)},
+#define K(kernel, result, arguments) .kernel = KERNEL(kernel),
+    CPU_KERNELS(K)
+#undef K
 };

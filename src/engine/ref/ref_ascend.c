@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The scalar step up the total variation. */
-#include "ascend.h"
+#include "ref_ascend.h"
 
 #include <math.h>
 

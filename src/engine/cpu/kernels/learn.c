@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Splat gradients to parameter gradients to Adam, LANES Gaussians at a time: parameters and moments are touched once
- * and parameter gradients live in registers and L1 only. */
+/* Splat gradients to parameter gradients to Adam, LANES Gaussians at a time. In project_backward_optimise parameters
+ * and moments are touched once, and parameter gradients live in registers and L1 only. */
 #include "kernels.h"
 
 #include "engine/host/host_model.h"
@@ -14,7 +14,7 @@ struct lanes {
 
 /* Adds up the slots of each Gaussian in tile order: the same order for any number of threads or bands. False: none is
  * visible. */
-SIMD bool gather(const struct cpu_update_args *a, size_t base, struct lanes *l)
+SIMD bool gather(const struct cpu_learn_args *a, size_t base, struct lanes *l)
 {
     const size_t left = a->count - base, n = left < LANES ? left : LANES;
     bool any = false;
@@ -42,7 +42,7 @@ SIMD bool gather(const struct cpu_update_args *a, size_t base, struct lanes *l)
 }
 
 /* Gradients of the parameters, and the statistics of densification. */
-SIMD void pull(const struct cpu_update_args *a, const struct view *view, size_t base, const float *params,
+SIMD void pull(const struct cpu_learn_args *a, const struct view *view, size_t base, const float *params,
                const struct lanes *l, real *out)
 {
     const int coefficients = (a->degree + 1) * (a->degree + 1);
@@ -73,7 +73,7 @@ SIMD void pull(const struct cpu_update_args *a, const struct view *view, size_t 
                 a->grad_count[i] += 1;
             }
     }
-    if (!a->update->adam && !a->gradients && !a->kept)
+    if (!a->update->adam && !a->gradients && !a->accumulated)
         return;
 
     project_backward(view, &pr, &s, &g, out + SG_P_XYZ, out + SG_P_SCALE, out + SG_P_ROT);
@@ -105,7 +105,7 @@ SIMD void pull(const struct cpu_update_args *a, const struct view *view, size_t 
         out[plane] = r_keep(visible, out[plane]); /* culled lanes hold garbage */
 }
 
-SIMD void adam(const struct cpu_update_args *a, float *p, float *m, float *v, const real *gradient, int planes)
+SIMD void adam(const struct cpu_learn_args *a, float *p, float *m, float *v, const real *gradient, int planes)
 {
     for (int plane = 0; plane < planes; plane++) {
         const enum sg_group group = sg_plane_group(plane);
@@ -120,33 +120,60 @@ SIMD void adam(const struct cpu_update_args *a, float *p, float *m, float *v, co
     }
 }
 
-void KERNEL(update)(const struct cpu_update_args *a, size_t first, size_t end)
+/* Planes of SH degrees not yet active have zero gradient and zero moments: nothing to do. */
+SIMD int active_planes(const struct cpu_learn_args *a)
+{
+    return SG_P_SH + 3 * (a->degree + 1) * (a->degree + 1);
+}
+
+/* Where `accumulated` is: adds it to the gradients, which it becomes unless a step takes them. */
+SIMD void accumulate(const struct cpu_learn_args *a, size_t offset, int planes, real *out)
+{
+    for (int plane = 0; a->accumulated && plane < planes; plane++) {
+        float *sum = a->accumulated + offset + plane * SG_LANES;
+        out[plane] += r_load(sum);
+        r_store(sum, a->update->adam ? r_set(0) : out[plane]);
+    }
+}
+
+void KERNEL(project_backward_optimise)(const struct cpu_learn_args *a, size_t first, size_t end)
 {
     const struct view view = view_make(a->camera);
-    /* Planes of SH degrees not yet active have zero gradient and zero moments: nothing to do. */
-    const int planes = SG_P_SH + 3 * (a->degree + 1) * (a->degree + 1);
+    const int planes = active_planes(a);
     for (size_t block = first; block < end; block++)
         for (int half = 0; half < SG_LANES; half += LANES) {
             const size_t base = block * SG_LANES + (size_t) half;
             if (base >= a->count)
                 break;
             const size_t offset = block * (size_t) a->planes * SG_LANES + (size_t) half;
-            float *params = a->params + offset;
             struct lanes l;
             real out[SG_PARAMS_MAX];
             if (gather(a, base, &l))
-                pull(a, &view, base, params, &l, out);
+                pull(a, &view, base, a->shaped + offset, &l, out);
             else
                 for (int plane = 0; plane < planes; plane++)
                     out[plane] = r_set(0);
-            for (int plane = 0; a->kept && plane < planes; plane++) {
-                float *kept = a->kept + offset + plane * SG_LANES;
-                out[plane] += r_load(kept);
-                r_store(kept, a->update->adam ? r_set(0) : out[plane]);
-            }
+            accumulate(a, offset, planes, out);
             for (int plane = 0; a->gradients && plane < planes; plane++)
                 r_store(a->gradients + offset + plane * SG_LANES, out[plane]);
             if (a->update->adam)
-                adam(a, params, a->m + offset, a->v + offset, out, planes);
+                adam(a, a->params + offset, a->m + offset, a->v + offset, out, planes);
+        }
+}
+
+void KERNEL(optimise)(const struct cpu_learn_args *a, size_t first, size_t end)
+{
+    const int planes = active_planes(a);
+    for (size_t block = first; block < end; block++)
+        for (int half = 0; half < SG_LANES; half += LANES) {
+            if (block * SG_LANES + (size_t) half >= a->count)
+                break;
+            const size_t offset = block * (size_t) a->planes * SG_LANES + (size_t) half;
+            real out[SG_PARAMS_MAX];
+            for (int plane = 0; plane < planes; plane++)
+                out[plane] = r_load(a->gradients + offset + plane * SG_LANES);
+            accumulate(a, offset, planes, out);
+            if (a->update->adam)
+                adam(a, a->params + offset, a->m + offset, a->v + offset, out, planes);
         }
 }

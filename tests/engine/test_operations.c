@@ -1,0 +1,436 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What every engine must do, by the calls of engine.h alone: each case runs on every engine and variant of this machine
+ * and is compared with the oracle, or with differences of the engine's own values. */
+#include "models.h"
+
+#define W 52
+#define H 41
+#define PIXELS ((size_t) W * H)
+#define GAUSSIANS 150
+#define DEGREE 2
+
+static struct engine_case cases[ENGINE_CASES];
+static int case_count;
+
+static int find_cases(void **state)
+{
+    (void) state;
+    case_count = engine_cases(cases);
+    return 0;
+}
+
+static struct sg_engine *begin(sg_ctx *ctx, int k, const struct sg_model *m, const struct sg_optimiser *o)
+{
+    return make_engine(ctx, cases[k].engine, cases[k].variant, m, o);
+}
+
+/* Draws and compares with a photo, by the first n of three losses. */
+static struct sg_step losses_of(struct sg_engine *e, const struct sg_model *m, const uint8_t *mask, size_t n)
+{
+    static uint8_t photo[3 * PIXELS];
+    const struct sg_camera camera = make_camera(W, H, 3);
+    const struct sg_render_params params = {SG_RENDER_DEFAULTS, .background = {0.3f, 0.2f, 0.6f}};
+    const struct sg_loss losses[] = {
+        {SG_LOSS_PHOTOMETRIC, 1, {.photometric = {0.2f, 0}}},
+        {SG_LOSS_ANISOTROPY, 0.02, {.anisotropy = {SG_ANISOTROPY_DEFAULTS}}},
+        {SG_LOSS_TOTAL_VARIATION, 3, {.total_variation = SG_TV_NORM_HUBER}},
+    };
+    struct sg_target target = {0};
+    struct sg_step step;
+    for (size_t i = 0; i < 3 * PIXELS; i++)
+        photo[i] = (uint8_t) draw(14, i, 0, 255.9f);
+    assert_int_equal(sg_engine_photo_add(e, W, H, photo, mask, &target.photo), SG_OK);
+    assert_int_equal(sg_engine_draw(e, &camera, m->sh_degree, &params, false), SG_OK);
+    assert_int_equal(sg_engine_losses(e, &target, losses, n), SG_OK);
+    assert_int_equal(sg_engine_read_step(e, &step), SG_OK);
+    sg_engine_photo_drop(e, target.photo);
+    return step;
+}
+
+/* Gradients of all parameters after losses_of. */
+static struct sg_model *gradients_of(sg_ctx *ctx, struct sg_engine *e, const struct sg_model *m)
+{
+    struct sg_model *g;
+    assert_int_equal(sg_engine_raster_backward(e), SG_OK);
+    assert_int_equal(sg_model_create(ctx, m->count, m->sh_degree, &g), SG_OK);
+    assert_int_equal(sg_engine_read_gradients(e, g), SG_OK);
+    return g;
+}
+
+static size_t values_of(const struct sg_model *m)
+{
+    return m->capacity * (size_t) sg_param_count(m->sh_degree);
+}
+
+/* Of all values at most a share may differ by more than `relative` of the largest of their plane. */
+static void assert_near(int k, const char *what, const struct sg_model *found, const struct sg_model *expected,
+                        float relative, double share)
+{
+    const int planes = sg_param_count(expected->sh_degree);
+    assert_int_equal(found->count, expected->count);
+    for (int p = 0; p < planes; p++) {
+        float largest = 0;
+        size_t off = 0;
+        for (size_t i = 0; i < expected->count; i++)
+            largest = fmaxf(largest, fabsf(*sg_model_at(expected, i, p)));
+        for (size_t i = 0; i < expected->count; i++)
+            off += !(fabsf(*sg_model_at(found, i, p) - *sg_model_at(expected, i, p)) <= relative * largest + 1e-9f);
+        if ((double) off > share * (double) expected->count + 1e-9)
+            fail_msg("%s: %s: plane %d: %zu of %zu values are off", case_name(cases[k]), what, p, off, expected->count);
+    }
+}
+
+/* Every loss on its own and all of them, with a mask and without: values and gradients as the oracle's. */
+static void test_losses(void **state)
+{
+    (void) state;
+    static uint8_t mask[PIXELS];
+    for (size_t i = 0; i < PIXELS; i++)
+        mask[i] = i % 5 && i % 7 ? 255 : 0;
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_model(ctx, GAUSSIANS, DEGREE, 31);
+    for (size_t n = 1; n <= SG_LOSSES; n++)
+        for (int masked = 0; masked < 2; masked++) {
+            struct sg_engine *ref = begin(ctx, case_count - 1, m, NULL);
+            const struct sg_step expected = losses_of(ref, m, masked ? mask : NULL, n);
+            struct sg_model *right = gradients_of(ctx, ref, m);
+            for (int k = 0; k < case_count - 1; k++) {
+                struct sg_engine *e = begin(ctx, k, m, NULL);
+                const struct sg_step found = losses_of(e, m, masked ? mask : NULL, n);
+                for (size_t kind = 0; kind < SG_LOSSES; kind++) {
+                    assert_int_equal(isnan(found.loss[kind]) != 0, kind >= n);
+                    if (kind < n && !(fabs(found.loss[kind] - expected.loss[kind]) < 2e-4 * expected.loss[kind]))
+                        fail_msg("%s: loss %zu: found %g, expected %g", case_name(cases[k]), kind, found.loss[kind],
+                                 expected.loss[kind]);
+                }
+                struct sg_model *g = gradients_of(ctx, e, m);
+                assert_near(k, "gradient", g, right, 2e-3f, 0.03);
+                sg_model_destroy(&g);
+                sg_engine_destroy(&e);
+            }
+            sg_model_destroy(&right);
+            sg_engine_destroy(&ref);
+        }
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
+static const struct sg_update *some_update(void)
+{
+    static struct sg_update u = {.adam = true, .statistics = true};
+    for (int g = 0; g < SG_GROUPS; g++)
+        u.rate[g] = 0.01f * (float) (g + 1), u.root[g] = 30;
+    return &u;
+}
+
+/* Stored gradients and a step from them move the model as the two stages in one do, and count the same statistics. */
+static void test_two_stages(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_model(ctx, GAUSSIANS, DEGREE, 32), *after[2];
+    float gradient[2][GAUSSIANS];
+    for (int k = 0; k < case_count; k++) {
+        for (int stages = 0; stages < 2; stages++) {
+            struct sg_engine *e = begin(ctx, k, m, NULL);
+            losses_of(e, m, NULL, 1);
+            assert_int_equal(sg_engine_raster_backward(e), SG_OK);
+            if (stages)
+                assert_int_equal(sg_engine_project_backward(e, true), SG_OK);
+            assert_int_equal(sg_engine_optimise(e, some_update()), SG_OK);
+            assert_int_equal(sg_model_create(ctx, m->count, m->sh_degree, &after[stages]), SG_OK);
+            assert_int_equal(sg_engine_download(e, after[stages], NULL), SG_OK);
+            assert_int_equal(sg_engine_read_statistics(e, &(struct sg_statistics){.gradient = gradient[stages]}),
+                             SG_OK);
+            sg_engine_destroy(&e);
+        }
+        assert_near(k, "step from stored gradients", after[1], after[0], 1e-6f, 0);
+        assert_memory_equal(gradient[0], gradient[1], sizeof(gradient[0]));
+        assert_memory_not_equal(after[0]->params, m->params, values_of(m) * sizeof(float));
+        sg_model_destroy(&after[0]);
+        sg_model_destroy(&after[1]);
+    }
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
+/* ---- a shape ---- */
+
+/* Scales that have a floor, softly: scale' = log(exp(scale) + floor), and colours that are halved. */
+static void floor_forward(const void *arg, const float *params, int planes, float *shaped)
+{
+    const float least = *(const float *) arg;
+    memcpy(shaped, params, (size_t) planes * SG_LANES * sizeof(float));
+    for (int i = SG_P_SCALE * SG_LANES; i < SG_P_ROT * SG_LANES; i++)
+        shaped[i] = logf(expf(params[i]) + least);
+    for (int i = SG_P_SH * SG_LANES; i < (SG_P_SH + 3) * SG_LANES; i++)
+        shaped[i] = 0.5f * params[i];
+}
+
+static void floor_backward(const void *arg, const float *params, int planes, float *gradients)
+{
+    const float least = *(const float *) arg;
+    (void) planes;
+    for (int i = SG_P_SCALE * SG_LANES; i < SG_P_ROT * SG_LANES; i++)
+        gradients[i] *= expf(params[i]) / (expf(params[i]) + least);
+    for (int i = SG_P_SH * SG_LANES; i < (SG_P_SH + 3) * SG_LANES; i++)
+        gradients[i] *= 0.5f;
+}
+
+/* The image with a shape is that of the shaped parameters; its gradients are those of the parameters, by differences.
+ */
+static void test_shape(void **state)
+{
+    (void) state;
+    enum { N = 12 };
+    static float weight[3 * PIXELS], rgb[2][3 * PIXELS];
+    static const float least = 0.05f;
+    const struct sg_shape shape = {"floor", &least, floor_forward, floor_backward};
+    const struct sg_camera camera = make_camera(W, H, 3);
+    const struct sg_render_params params = {SG_RENDER_DEFAULTS};
+    for (size_t i = 0; i < 3 * PIXELS; i++)
+        weight[i] = draw(15, i, 0.5f, 1); /* of one sign: the ring at the cut-off of alpha weighs little */
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_model(ctx, N, 1, 33), *shaped, *g;
+    for (size_t i = 0; i < N; i++) { /* all in sight and hardly hidden */
+        *sg_model_at(m, i, SG_P_OPACITY) = 1;
+        for (int axis = 0; axis < 3; axis++)
+            *sg_model_at(m, i, SG_P_XYZ + axis) *= 0.6f;
+    }
+    assert_int_equal(sg_model_create(ctx, N, 1, &shaped), SG_OK);
+    floor_forward(&least, m->params, sg_param_count(1), shaped->params);
+    assert_int_equal(sg_model_create(ctx, N, 1, &g), SG_OK);
+    for (int k = 0; k < case_count; k++) {
+        struct sg_engine *e = begin(ctx, k, shaped, NULL);
+        assert_int_equal(sg_engine_draw(e, &camera, 1, &params, false), SG_OK);
+        assert_int_equal(sg_engine_read_image(e, rgb[0], NULL, NULL), SG_OK);
+        assert_int_equal(sg_engine_upload(e, m, NULL), SG_OK);
+        assert_int_equal(sg_engine_set_shape(e, &shape), SG_OK);
+        assert_int_equal(sg_engine_draw(e, &camera, 1, &params, false), SG_OK);
+        assert_int_equal(sg_engine_read_image(e, rgb[1], NULL, NULL), SG_OK);
+        assert_memory_equal(rgb[0], rgb[1], sizeof(rgb[0]));
+        assert_int_equal(sg_engine_write_image_gradient(e, weight), SG_OK);
+        assert_int_equal(sg_engine_raster_backward(e), SG_OK);
+        assert_int_equal(sg_engine_read_gradients(e, g), SG_OK);
+        const int tried[] = {SG_P_SCALE, SG_P_SCALE + 1, SG_P_SCALE + 2, SG_P_SH, SG_P_SH + 2};
+        for (size_t t = 0; t < sizeof(tried) / sizeof(tried[0]); t++) {
+            float largest = 0;
+            for (size_t i = 0; i < N; i++)
+                largest = fmaxf(largest, fabsf(*sg_model_at(g, i, tried[t])));
+            assert_true(largest > 1e-3f);
+            for (size_t i = 0; i < N; i++) {
+                float *value = sg_model_at(m, i, tried[t]);
+                const float kept = *value, step = 0.02f;
+                double change = 0;
+                for (int side = -1; side <= 1; side += 2) {
+                    *value = kept + (float) side * step;
+                    assert_int_equal(sg_engine_upload(e, m, NULL), SG_OK);
+                    assert_int_equal(sg_engine_draw(e, &camera, 1, &params, false), SG_OK);
+                    assert_int_equal(sg_engine_read_image(e, rgb[0], NULL, NULL), SG_OK);
+                    for (size_t v = 0; v < 3 * PIXELS; v++)
+                        change += side * (double) rgb[0][v] * (double) weight[v];
+                }
+                *value = kept;
+                change /= 2 * (double) step;
+                const float found = *sg_model_at(g, i, tried[t]);
+                if (!(fabs(change - (double) found) < 0.08 * (double) largest))
+                    fail_msg("%s: Gaussian %zu, plane %d: gradient %g, expected %g", case_name(cases[k]), i, tried[t],
+                             (double) found, change);
+            }
+        }
+        /* A step moves the parameters, not what is drawn, and by Adam's rule in the direction of the gradient. */
+        struct sg_model *after;
+        struct sg_update u = *some_update();
+        assert_int_equal(sg_engine_upload(e, m, NULL), SG_OK);
+        assert_int_equal(sg_engine_draw(e, &camera, 1, &params, false), SG_OK);
+        assert_int_equal(sg_engine_write_image_gradient(e, weight), SG_OK);
+        assert_int_equal(sg_engine_raster_backward(e), SG_OK);
+        assert_int_equal(sg_engine_optimise(e, &u), SG_OK);
+        assert_int_equal(sg_model_create(ctx, N, 1, &after), SG_OK);
+        assert_int_equal(sg_engine_download(e, after, NULL), SG_OK);
+        for (size_t i = 0; i < N; i++) {
+            const float moved = *sg_model_at(after, i, SG_P_SCALE) - *sg_model_at(m, i, SG_P_SCALE);
+            assert_true(fabsf(moved) < 0.2f && moved * *sg_model_at(g, i, SG_P_SCALE) <= 0);
+        }
+        sg_model_destroy(&after);
+        sg_engine_destroy(&e);
+    }
+    sg_model_destroy(&m);
+    sg_model_destroy(&g);
+    sg_model_destroy(&shaped);
+    assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+    sg_ctx_destroy(&ctx);
+}
+
+/* ---- the model's life ---- */
+
+static struct sg_optimiser make_optimiser(sg_ctx *ctx, size_t n, int degree)
+{
+    struct sg_optimiser o;
+    assert_int_equal(sg_optimiser_create(ctx, n, degree, &o), SG_OK);
+    for (size_t i = 0; i < n; i++) {
+        for (int p = 0; p < sg_param_count(degree); p++) {
+            const size_t at = sg_param_index(sg_param_count(degree), i, p);
+            o.m[at] = draw(16, at, -1, 1), o.v[at] = draw(17, at, 0, 1);
+        }
+        o.grad_sum[i] = draw(18, i, 0, 1), o.grad_count[i] = (float) (i % 4);
+    }
+    return o;
+}
+
+/* What an engine holds, in one: the model and the state of its optimiser. */
+struct held {
+    struct sg_model *m;
+    struct sg_optimiser o;
+};
+
+static struct held held_by(sg_ctx *ctx, struct sg_engine *e, int degree)
+{
+    struct held h;
+    assert_int_equal(sg_model_create(ctx, sg_engine_count(e), degree, &h.m), SG_OK);
+    assert_int_equal(sg_optimiser_create(ctx, sg_engine_count(e), degree, &h.o), SG_OK);
+    assert_int_equal(sg_engine_download(e, h.m, &h.o), SG_OK);
+    return h;
+}
+
+static void assert_held(int k, const char *what, const struct held *a, const struct held *b)
+{
+    const size_t bytes = values_of(b->m) * sizeof(float), each = b->m->count * sizeof(float);
+    if (a->m->count != b->m->count || memcmp(a->m->params, b->m->params, bytes) || memcmp(a->o.m, b->o.m, bytes) ||
+        memcmp(a->o.v, b->o.v, bytes) || memcmp(a->o.grad_sum, b->o.grad_sum, each) ||
+        memcmp(a->o.grad_count, b->o.grad_count, each))
+        fail_msg("%s: %s: the model or its state differs", case_name(cases[k]), what);
+}
+
+static void forget(struct held *h)
+{
+    sg_model_destroy(&h->m);
+    sg_optimiser_clear(&h->o);
+}
+
+/* upload and adopt leave the same; adopt takes what it is given. */
+static void test_adopt(void **state)
+{
+    (void) state;
+    for (int k = 0; k < case_count; k++) {
+        sg_ctx *ctx = make_context(1);
+        struct sg_model *m = make_model(ctx, GAUSSIANS, 1, 34);
+        struct sg_optimiser o = make_optimiser(ctx, GAUSSIANS, 1);
+        struct sg_engine *a = begin(ctx, k, m, &o), *b = begin(ctx, k, m, NULL);
+        assert_int_equal(sg_engine_adopt(b, m, &o), SG_OK);
+        assert_null(m->params);
+        assert_null(o.m);
+        struct held x = held_by(ctx, a, 1), y = held_by(ctx, b, 1);
+        assert_held(k, "adopt", &y, &x);
+        assert_true(x.m->params[3] != 0 && x.o.v[3] != 0);
+        forget(&x);
+        forget(&y);
+        sg_model_destroy(&m);
+        sg_engine_destroy(&a);
+        sg_engine_destroy(&b);
+        assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+        sg_ctx_destroy(&ctx);
+    }
+}
+
+/* Removal, copies and children together, with statistics kept and without, below and above the count from which the
+ * model is put in order: the oracle's bytes. Then opacity and scales are limited, and again. */
+static void test_edits(void **state)
+{
+    (void) state;
+    static const size_t counts[] = {GAUSSIANS, 6000};
+    for (int s = 0; s < 4; s++) {
+        const size_t n = counts[s % 2];
+        struct held expected = {0};
+        sg_ctx *ctx = make_context(2);
+        struct sg_model *m = make_model(ctx, n, 1, 35);
+        struct sg_optimiser o = make_optimiser(ctx, n, 1);
+        uint8_t *keep = calloc(n, 1), *kind = calloc(n, 1);
+        uint32_t *source = calloc(n, sizeof(*source));
+        assert_true(keep && kind && source);
+        struct sg_edit edit = {.keep = keep, .source = source, .kind = kind, .seed = 5, .stream = 9};
+        edit.statistics = s >= 2;
+        for (size_t i = 0; i < n; i++) {
+            keep[i] = i % 3 != 1;
+            edit.kept += keep[i];
+            if (i % 4 == 1) {
+                source[edit.appended] = (uint32_t) i;
+                kind[edit.appended++] = i % 8 == 1 ? SG_EDIT_CHILD : SG_EDIT_COPY;
+            }
+        }
+        for (int k = case_count - 1; k >= 0; k--) {
+            struct sg_engine *e = begin(ctx, k, m, &o);
+            assert_int_equal(sg_engine_edit(e, &edit), SG_OK);
+            assert_int_equal(sg_engine_count(e), edit.kept + edit.appended);
+            assert_int_equal(sg_engine_reset_opacity(e, 0.1f), SG_OK);
+            assert_int_equal(sg_engine_floor_scale(e, 0.02f), SG_OK);
+            struct held found = held_by(ctx, e, 1);
+            for (size_t i = 0; i < found.m->count; i++) {
+                assert_true(*sg_model_at(found.m, i, SG_P_OPACITY) <= logf(0.1f / 0.9f));
+                assert_true(*sg_model_at(found.m, i, SG_P_SCALE + 1) >= logf(0.02f));
+            }
+            if (k == case_count - 1)
+                expected = found;
+            else {
+                assert_held(k, "edit", &found, &expected);
+                forget(&found);
+            }
+            sg_engine_destroy(&e);
+        }
+        /* Of the survivors, by their moments, which the edit only moves. */
+        size_t same = 0;
+        if (n == counts[0]) { /* the order is the survivors', then the appended */
+            for (size_t i = 0, to = 0; i < n; i++)
+                if (keep[i]) {
+                    same += expected.o.m[sg_param_index(23, to, 0)] == o.m[sg_param_index(23, i, 0)];
+                    assert_true(expected.o.grad_sum[to] == (edit.statistics ? o.grad_sum[i] : 0));
+                    to++;
+                }
+            assert_int_equal(same, edit.kept);
+        }
+        forget(&expected);
+        free(keep), free(kind), free(source);
+        sg_model_destroy(&m);
+        sg_optimiser_clear(&o);
+        assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+        sg_ctx_destroy(&ctx);
+    }
+}
+
+/* A model in order of bytes, not of ours, and statistics by their definition. */
+static void test_statistics(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_model(ctx, GAUSSIANS, 0, 36);
+    struct sg_optimiser o = make_optimiser(ctx, GAUSSIANS, 0);
+    float gradient[GAUSSIANS], opacity[GAUSSIANS], largest[GAUSSIANS], smallest[GAUSSIANS];
+    for (int k = 0; k < case_count; k++) {
+        struct sg_engine *e = begin(ctx, k, m, &o);
+        assert_int_equal(sg_engine_read_statistics(e, &(struct sg_statistics){gradient, opacity, largest, smallest}),
+                         SG_OK);
+        for (size_t i = 0; i < GAUSSIANS; i++) {
+            const float *s[3] = {sg_model_at(m, i, SG_P_SCALE), sg_model_at(m, i, SG_P_SCALE + 1),
+                                 sg_model_at(m, i, SG_P_SCALE + 2)};
+            const double logit = (double) *sg_model_at(m, i, SG_P_OPACITY);
+            const double most = (double) fmaxf(*s[0], fmaxf(*s[1], *s[2]));
+            assert_true(gradient[i] == (o.grad_count[i] > 0 ? o.grad_sum[i] / o.grad_count[i] : 0));
+            assert_float_equal((double) opacity[i], 1 / (1 + exp(-logit)), 1e-6);
+            assert_float_equal((double) largest[i], exp(most), 1e-5 * exp(most));
+            assert_true(smallest[i] == fminf(*s[0], fminf(*s[1], *s[2])));
+        }
+        sg_engine_destroy(&e);
+    }
+    sg_model_destroy(&m);
+    sg_optimiser_clear(&o);
+    sg_ctx_destroy(&ctx);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_losses), cmocka_unit_test(test_two_stages), cmocka_unit_test(test_shape),
+        cmocka_unit_test(test_adopt),  cmocka_unit_test(test_edits),      cmocka_unit_test(test_statistics),
+    };
+    return cmocka_run_group_tests(tests, find_cases, NULL);
+}
