@@ -58,7 +58,7 @@ struct sg_attack_params {
     .lambda_dssim = 0.2f, .feature_lr = 0.0025f, .opacity_lr = 0.05f, .scaling_lr = 0.005f, .rotation_lr = 0.001f,     \
     .percent_dense = 0.01f, .densification_interval = 100, .densify_grad_threshold = 0.0002f, .seed = 42,              \
     .max_instances = 1u << 24, .engine = "cpu"
-struct sg_attack_params sg_attack_params_default(void);
+SG_API struct sg_attack_params sg_attack_params_default(void);
 
 /* What one visit of a view did. */
 struct sg_attack_step {
@@ -72,7 +72,7 @@ struct sg_attack_step {
 };
 
 /* Whether the values are within their ranges, which the struct gives: SG_ERR_USAGE. params: not NULL. */
-int sg_attack_check(sg_ctx *ctx, const struct sg_attack_params *params);
+SG_API int sg_attack_check(sg_ctx *ctx, const struct sg_attack_params *params);
 
 /* Thread safety: unsafe. The scene must outlive the attack and is not changed. */
 typedef struct sg_attack sg_attack;
@@ -81,30 +81,30 @@ typedef struct sg_attack sg_attack;
  * which is copied; where the context has a limit on memory the caller destroys it before the first step. Renders are on
  * black, whatever the scene's background. params may be NULL. Errors: SG_ERR_USAGE for values out of range,
  * SG_ERR_INPUT where the scene has no training views or the proxy a value that is not finite, SG_ERR_BUDGET. */
-int sg_attack_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *proxy,
-                     const struct sg_attack_params *params, sg_attack **out);
+SG_API int sg_attack_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *proxy,
+                            const struct sg_attack_params *params, sg_attack **out);
 /* From a file of sg_attack_save, with the same scene and params: goes on to the very bytes of an uninterrupted one.
  * Iterations, limits and engine may differ. Errors: those of sg_attack_create; SG_ERR_INPUT for a file that is no
  * checkpoint of this scene and attack, or of one with other parameters. */
-int sg_attack_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path, const struct sg_attack_params *params,
-                     sg_attack **out);
-void sg_attack_destroy(sg_attack **attack);
+SG_API int sg_attack_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path,
+                            const struct sg_attack_params *params, sg_attack **out);
+SG_API void sg_attack_destroy(sg_attack **attack);
 
 /* One iteration. step may be NULL. Errors: as of sg_trainer_step. */
-int sg_attack_step(sg_attack *attack, struct sg_attack_step *step);
-int sg_attack_iteration(const sg_attack *attack);
+SG_API int sg_attack_step(sg_attack *attack, struct sg_attack_step *step);
+SG_API int sg_attack_iteration(const sg_attack *attack);
 
 /* The poison of a training view: the decoy's render (with a victim's tolerance: beyond it) within epsilon of the photo,
  * rounded to 8 bits.
  * rgb: height x width x 3. Errors: SG_ERR_USAGE for a view that is not there, SG_ERR_BUDGET. */
-int sg_attack_poison(sg_attack *attack, size_t view, uint8_t *rgb);
+SG_API int sg_attack_poison(sg_attack *attack, size_t view, uint8_t *rgb);
 
 /* A copy of the decoy; the caller owns *out. Errors: SG_ERR_BUDGET. */
-int sg_attack_decoy(sg_attack *attack, struct sg_model **out);
+SG_API int sg_attack_decoy(sg_attack *attack, struct sg_model **out);
 
 /* The whole state, for sg_attack_resume. Only between two steps of the decoy, at the last iteration and those divisible
  * by update_interval, else SG_ERR_USAGE. Other errors: SG_ERR_INPUT where it cannot be written, SG_ERR_BUDGET. */
-int sg_attack_save(sg_attack *attack, const char *path);
+SG_API int sg_attack_save(sg_attack *attack, const char *path);
 
 /* Attacks that look at each photo alone, for comparison: what they add does not agree between views.
  * SG_NAIVE_NOISE: the photo plus normal noise of unit variance cut off at epsilon, that is nearly +-epsilon everywhere.
@@ -114,11 +114,11 @@ int sg_attack_save(sg_attack *attack, const char *path);
  * index: of the view, which noise and drift are drawn by. params may be NULL. rgb: height x width x 3. Errors:
  * SG_ERR_USAGE for values out of range and without a finite epsilon, SG_ERR_BUDGET. */
 enum sg_naive_attack { SG_NAIVE_NOISE, SG_NAIVE_TV, SG_NAIVE_DRIFT };
-int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, const struct sg_attack_params *params,
-                    enum sg_naive_attack method, uint8_t *rgb);
+SG_API int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index,
+                           const struct sg_attack_params *params, enum sg_naive_attack method, uint8_t *rgb);
 
 /* In [0, 1): for choosing which views to poison. */
-float sg_attack_draw(uint64_t seed, uint64_t view);
+SG_API float sg_attack_draw(uint64_t seed, uint64_t view);
 
 /* How a poisoned copy of a scene is written. */
 struct sg_poison_files {
@@ -127,7 +127,7 @@ struct sg_poison_files {
     bool full_chroma;                                                           /* JPEG 4:4:4. Default false: 4:2:0. */
 };
 #define SG_POISON_FILE_DEFAULTS .jpeg_quality = 75
-struct sg_poison_files sg_poison_files_default(void);
+SG_API struct sg_poison_files sg_poison_files_default(void);
 
 /* What one written image is, next to its photo. */
 struct sg_poison_report {
@@ -136,23 +136,23 @@ struct sg_poison_report {
     double psnr;                /* dB; 100 for equal images */
     double tv_before, tv_after; /* sg_total_variation of photo and file, SG_TV_ANISO */
 };
-void sg_poison_report_clear(struct sg_poison_report *report);
+SG_API void sg_poison_report_clear(struct sg_poison_report *report);
 
 /* The folder with cameras and points as the scene has them: transforms and points of Blender scenes and models of
  * COLMAP are copied; nerfstudio scenes and photos whose lens distortion was taken out get a transforms.json for the
  * images as they are written. Cameras that another set left there are removed. Errors: SG_ERR_USAGE for the scene's own
  * folder; SG_ERR_INPUT for links in the folder, names that are not UTF-8 and what cannot be read or written;
  * SG_ERR_BUDGET. */
-int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_poison_files *files,
-                            const char *folder);
+SG_API int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_poison_files *files,
+                                   const char *folder);
 /* Writes the image of a view (of train or test), and its mask; what another set left there under the name with another
  * ending is removed. rgb: height x width x 3. report may be NULL. Errors: as above. */
-int sg_poisoned_scene_image(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view,
-                            const struct sg_poison_files *files, const char *folder, const uint8_t *rgb,
-                            struct sg_poison_report *report);
+SG_API int sg_poisoned_scene_image(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view,
+                                   const struct sg_poison_files *files, const char *folder, const uint8_t *rgb,
+                                   struct sg_poison_report *report);
 
 /* Total variation of height x width x 3 bytes by a form: mean over the values, in grey levels. */
-double sg_total_variation(const uint8_t *rgb, int width, int height, enum sg_tv_form form);
+SG_API double sg_total_variation(const uint8_t *rgb, int width, int height, enum sg_tv_form form);
 
 #ifdef __cplusplus
 }

@@ -45,8 +45,8 @@ struct sg_audit_image {
     const char *name; /* the view's: lives as long as the scene */
     struct sg_audit_features features;
     double score; /* 0..1; 0 where unseen */
-    /* Amplitude of the poison: an estimate of the attack's bound in grey levels, and its standard error. Both are 0 where
-     * the verdict is clean or unseen. */
+    /* Amplitude of the poison: an estimate of the attack's bound in grey levels, and its standard error. Both are 0
+     * where the verdict is clean or unseen. */
     double tau, tau_error;
     enum sg_audit_verdict verdict;
 };
@@ -66,16 +66,16 @@ struct sg_audit {
 
 /* The caller owns *out. Errors: SG_ERR_INPUT: no training view has a used pixel, so there is nothing to judge;
  * SG_ERR_BUDGET. Thread safety: as the context. */
-int sg_audit_scene(sg_ctx *ctx, const struct sg_scene *scene, struct sg_audit **out);
-void sg_audit_destroy(struct sg_audit **audit);
+SG_API int sg_audit_scene(sg_ctx *ctx, const struct sg_scene *scene, struct sg_audit **out);
+SG_API void sg_audit_destroy(struct sg_audit **audit);
 
-const char *sg_audit_verdict_name(enum sg_audit_verdict verdict);
+SG_API const char *sg_audit_verdict_name(enum sg_audit_verdict verdict);
 
 /* One image, rgb: height x width x 3. mask: height x width, 0 = left out, or NULL. map: NULL, or (height + 15) / 16 x
  * (width + 15) / 16 floats for the blocks' oscillation in grey levels. Errors: SG_ERR_BUDGET. Several
  * threads may measure at once in one context. */
-int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int width, int height,
-                     struct sg_audit_features *out, float *map);
+SG_API int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int width, int height,
+                            struct sg_audit_features *out, float *map);
 
 #ifdef __cplusplus
 }

@@ -6,6 +6,7 @@
 #include <stdint.h>
 
 #include "error.h"
+#include "version.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -41,26 +42,23 @@ struct sg_ctx_params {
 
 /* params may be NULL for the defaults. On success *out is owned by the caller; free with sg_ctx_destroy. Errors, of
  * which there is no message: SG_ERR_USAGE (threads), SG_ERR_BUDGET, SG_ERR_INTERNAL (threads cannot start). */
-int sg_ctx_create(sg_ctx **out, const struct sg_ctx_params *params);
+SG_API int sg_ctx_create(sg_ctx **out, const struct sg_ctx_params *params);
 
 /* NULL-safe; sets *ctx to NULL. Objects made with the context must be destroyed first. */
-void sg_ctx_destroy(sg_ctx **ctx);
+SG_API void sg_ctx_destroy(sg_ctx **ctx);
 
 /* Message of the last failed call, "" if none; valid until the next call on this context. */
-const char *sg_last_error(const sg_ctx *ctx);
+SG_API const char *sg_last_error(const sg_ctx *ctx);
 
-int sg_ctx_threads(const sg_ctx *ctx);
+SG_API int sg_ctx_threads(const sg_ctx *ctx);
 
 /* sg_ctx_params.max_memory. */
-uint64_t sg_mem_limit(const sg_ctx *ctx);
+SG_API uint64_t sg_mem_limit(const sg_ctx *ctx);
 
 /* Bytes held now and at most so far under one tag; tag SG_MEM_TAGS asks for the total. */
-uint64_t sg_mem_current(const sg_ctx *ctx, enum sg_mem_tag tag);
-uint64_t sg_mem_peak(const sg_ctx *ctx, enum sg_mem_tag tag);
-const char *sg_mem_tag_name(enum sg_mem_tag tag);
-
-/* "0.1.0" of the library that is linked. */
-const char *sg_version(void);
+SG_API uint64_t sg_mem_current(const sg_ctx *ctx, enum sg_mem_tag tag);
+SG_API uint64_t sg_mem_peak(const sg_ctx *ctx, enum sg_mem_tag tag);
+SG_API const char *sg_mem_tag_name(enum sg_mem_tag tag);
 
 #ifdef __cplusplus
 }

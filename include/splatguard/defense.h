@@ -46,24 +46,24 @@ struct sg_defense_params {
     enum sg_prune_rule rule;    /* Default SG_PRUNE_EXACT. */
     enum sg_prune_views sample; /* Default SG_VIEWS_RANDOM. */
     /* In the image: loss + lambda (anisotropy_scale L_ani + tv_scale L_tv) of the render. */
-    double lambda;           /* 0..1e6, as the scales. Default 4. */
+    double lambda;             /* 0..1e6, as the scales. Default 4. */
     const float *view_weights; /* NULL, or of each training view, 0..1e3: how many times lambda it gets, so that photos
                                 which look clean are not smoothed. Borrowed as long as the trainer. */
-    double anisotropy_scale; /* Default 0.005: docs/defense-results.md has the sweep. */
-    double tv_scale;         /* Default 1. */
-    enum sg_tv_norm tv;      /* Default SG_TV_NORM_HUBER. */
+    double anisotropy_scale;   /* Default 0.005: docs/defense-results.md has the sweep. */
+    double tv_scale;           /* Default 1. */
+    enum sg_tv_norm tv;        /* Default SG_TV_NORM_HUBER. */
     struct sg_anisotropy_params spectrum;
 };
 
 #define SG_DEFENSE_DEFAULTS                                                                                            \
     .rho = 0.03, .frequency = 8, .exponent = 2, .views = 48, .interval = 100, .from = -1, .until = -1, .lambda = 4,    \
     .anisotropy_scale = 0.005, .tv_scale = 1, .tv = SG_TV_NORM_HUBER, .spectrum = {SG_ANISOTROPY_DEFAULTS}
-struct sg_defense_params sg_defense_params_default(void);
+SG_API struct sg_defense_params sg_defense_params_default(void);
 
 struct sg_audit;
 
 /* Cycles per scene unit that mean the same in scenes of any units. extent: the scene's. */
-double sg_defense_frequency(double extent);
+SG_API double sg_defense_frequency(double extent);
 
 /* Preset auto: what to do about the photos that an audit describes, whatever the units of their scene. Photos that are
  * not clean get the tolerance that the audit estimates, and a light regulariser; those changed by more than a tolerance
@@ -71,8 +71,8 @@ double sg_defense_frequency(double extent);
  * and view_weights of `params`, not `on`.
  * extent: the scene's. view_weights, tolerances: memory for one number a training view each. `params` borrows
  * view_weights; tolerances (grey levels) are for sg_train_params.tolerances. */
-void sg_defense_automatic(const struct sg_audit *audit, double extent, float *view_weights, float *tolerances,
-                          struct sg_defense_params *params);
+SG_API void sg_defense_automatic(const struct sg_audit *audit, double extent, float *view_weights, float *tolerances,
+                                 struct sg_defense_params *params);
 
 /* What one iteration's defense did. */
 struct sg_defense_step {

@@ -13,12 +13,12 @@ extern "C" {
 #endif
 
 struct sg_render_params {
-    float background[3];     /* 0..1. Default black. */
-    bool reference_tiles;    /* keep every tile of the 3-sigma square, as the reference. Default false. */
-    uint64_t max_instances;  /* (Gaussian, tile) pairs held at once; more are processed in bands. Default 1 << 24. */
+    float background[3];    /* 0..1. Default black. */
+    bool reference_tiles;   /* keep every tile of the 3-sigma square, as the reference. Default false. */
+    uint64_t max_instances; /* (Gaussian, tile) pairs held at once; more are processed in bands. Default 1 << 24. */
 };
 #define SG_RENDER_DEFAULTS .max_instances = 1u << 24
-struct sg_render_params sg_render_params_default(void);
+SG_API struct sg_render_params sg_render_params_default(void);
 
 /* What a view cost. */
 struct sg_render_stats {
@@ -42,15 +42,15 @@ typedef struct sg_renderer sg_renderer;
 /* cpu: NULL = best variant this machine has, else "baseline", "avx2", "avx512", "neon".
  * params may be NULL. The model is copied; the caller destroys *out. Errors: SG_ERR_USAGE for an engine or variant that
  * is not there, SG_ERR_BUDGET. */
-int sg_renderer_create(sg_ctx *ctx, const char *engine, const char *cpu, const struct sg_model *model,
-                       const struct sg_render_params *params, sg_renderer **out);
-void sg_renderer_destroy(sg_renderer **renderer);
+SG_API int sg_renderer_create(sg_ctx *ctx, const char *engine, const char *cpu, const struct sg_model *model,
+                              const struct sg_render_params *params, sg_renderer **out);
+SG_API void sg_renderer_destroy(sg_renderer **renderer);
 
 /* rgb: 3 planes of height x width floats, not clamped; alpha, depth: one plane each or NULL (depth is the
  * alpha-weighted sum of z in camera space; divide by alpha for the mean). stats may be NULL. Errors: SG_ERR_USAGE for
  * a camera with a side outside 1..16384 or a focal length that is not positive, SG_ERR_BUDGET. */
-int sg_render(sg_renderer *renderer, const struct sg_camera *camera, float *rgb, float *alpha, float *depth,
-              struct sg_render_stats *stats);
+SG_API int sg_render(sg_renderer *renderer, const struct sg_camera *camera, float *rgb, float *alpha, float *depth,
+                     struct sg_render_stats *stats);
 
 #ifdef __cplusplus
 }

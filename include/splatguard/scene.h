@@ -47,7 +47,7 @@ struct sg_scene_params {
 #define SG_SCENE_DEFAULTS                                                                                              \
     .format = SG_FORMAT_AUTO, .resolution = -1, .downscale = 1, .test_every = 8, .max_pixels = 1u << 28,               \
     .max_images = 1u << 16, .max_points = 1u << 27
-struct sg_scene_params sg_scene_params_default(void);
+SG_API struct sg_scene_params sg_scene_params_default(void);
 
 /* One view: a photo, its undistorted pinhole camera and its optional mask. */
 struct sg_view {
@@ -79,10 +79,10 @@ struct sg_scene {
 
 /* Loads cameras, points and images (decoded in parallel, undistorted, resampled). params may be NULL.
  * On success the caller owns *out. Errors: SG_ERR_USAGE for values out of range, SG_ERR_INPUT, SG_ERR_BUDGET. */
-int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *params, struct sg_scene **out);
-void sg_scene_destroy(struct sg_scene **scene);
+SG_API int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *params, struct sg_scene **out);
+SG_API void sg_scene_destroy(struct sg_scene **scene);
 
-const char *sg_scene_format_name(enum sg_scene_format format);
+SG_API const char *sg_scene_format_name(enum sg_scene_format format);
 
 #ifdef __cplusplus
 }

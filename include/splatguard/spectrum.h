@@ -19,7 +19,7 @@ struct sg_spectrum_params {
     int bins;         /* directions over the full circle, even, 2..SG_SPECTRUM_BINS_MAX. Default 36. */
 };
 #define SG_SPECTRUM_DEFAULTS .low = 0.3, .high = 0.9, .bins = 36
-struct sg_spectrum_params sg_spectrum_params_default(void);
+SG_API struct sg_spectrum_params sg_spectrum_params_default(void);
 
 /* What a coefficient counts, and of which planes. */
 enum sg_energy { SG_ENERGY_POWER /* |F|^2 */, SG_ENERGY_AMPLITUDE /* |F| */ };
@@ -37,7 +37,7 @@ struct sg_anisotropy_params {
                                   false. */
 };
 #define SG_ANISOTROPY_DEFAULTS .band = {SG_SPECTRUM_DEFAULTS}
-struct sg_anisotropy_params sg_anisotropy_params_default(void);
+SG_API struct sg_anisotropy_params sg_anisotropy_params_default(void);
 
 /* Where the energy of an image is: |DFT|^2, summed over the channels, without the constant term. */
 struct sg_spectrum {
@@ -55,8 +55,8 @@ struct sg_spectrum {
 
 /* rgb: height x width x 3. params may be NULL. amplitude: NULL, or height x width floats for ln(1 + |DFT|) of the
  * channels' mean, zero frequency at [height / 2][width / 2]. Errors: SG_ERR_USAGE, SG_ERR_BUDGET. */
-int sg_spectrum_measure(sg_ctx *ctx, const uint8_t *rgb, int width, int height, const struct sg_spectrum_params *params,
-                        struct sg_spectrum *out, float *amplitude);
+SG_API int sg_spectrum_measure(sg_ctx *ctx, const uint8_t *rgb, int width, int height,
+                               const struct sg_spectrum_params *params, struct sg_spectrum *out, float *amplitude);
 
 #ifdef __cplusplus
 }

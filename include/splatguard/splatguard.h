@@ -15,6 +15,7 @@
 #include "spectrum.h"
 #include "synth.h"
 #include "train.h"
+#include "version.h"
 #include "variation.h"
 
 #endif

@@ -19,13 +19,13 @@ extern "C" {
  * and percent_dense 0..1e3 (of positions from 1e-12), intervals 1..1e9 iterations, densify_from_iter and _until_iter
  * 0..1e9. */
 struct sg_train_params {
-    int iterations;               /* 1..10 million. Default 30000. */
-    uint64_t seed;                /* Default 42. */
-    int sh_degree;                /* 0..3. Default 3. */
-    int sh_interval;              /* iterations between degree raises, 1..10 million. Default 1000. */
-    bool white_background;        /* Default false. */
-    bool random_background;       /* a random colour each iteration. Default false. */
-    float lambda_dssim;           /* weight of 1-SSIM, 0..1. Default 0.2. */
+    int iterations;         /* 1..10 million. Default 30000. */
+    uint64_t seed;          /* Default 42. */
+    int sh_degree;          /* 0..3. Default 3. */
+    int sh_interval;        /* iterations between degree raises, 1..10 million. Default 1000. */
+    bool white_background;  /* Default false. */
+    bool random_background; /* a random colour each iteration. Default false. */
+    float lambda_dssim;     /* weight of 1-SSIM, 0..1. Default 0.2. */
     /* The loss compares a render with the nearest image that differs from the photo by at most `tolerance` grey levels
      * (0..255) in each value: a change of the photos within it has no gradient at a model of the unchanged photos.
      * Default 0. */
@@ -56,8 +56,8 @@ struct sg_train_params {
     uint64_t max_instances; /* see sg_render_params. Default 1 << 24. */
     bool reference_tiles;   /* see sg_render_params. Default false. */
     struct sg_defense_params defense;
-    const char *engine;  /* "cpu" or "ref"; NULL = "cpu". Default "cpu". */
-    const char *cpu;     /* CPU variant; NULL = best. Default NULL. */
+    const char *engine; /* "cpu" or "ref"; NULL = "cpu". Default "cpu". */
+    const char *cpu;    /* CPU variant; NULL = best. Default NULL. */
 };
 
 #define SG_TRAIN_DEFAULTS                                                                                              \
@@ -67,11 +67,11 @@ struct sg_train_params {
     .densification_interval = 100, .densify_from_iter = 500, .densify_until_iter = 15000,                              \
     .densify_grad_threshold = 0.0002f, .opacity_reset_interval = 3000, .init_points = 100000,                          \
     .max_instances = 1u << 24, .defense = {SG_DEFENSE_DEFAULTS}, .engine = "cpu"
-struct sg_train_params sg_train_params_default(void);
+SG_API struct sg_train_params sg_train_params_default(void);
 
 /* SG_ERR_USAGE, naming the value and its range, where a number is out of it; sg_trainer_create checks this and what
  * depends on scene and machine. params: not NULL. */
-int sg_train_check(sg_ctx *ctx, const struct sg_train_params *params);
+SG_API int sg_train_check(sg_ctx *ctx, const struct sg_train_params *params);
 
 /* What one iteration did. */
 struct sg_train_step {
@@ -97,25 +97,25 @@ typedef struct sg_trainer sg_trainer;
  * caller destroys it before the first step, for the plan counts on that. params may be NULL. Errors: SG_ERR_USAGE for
  * values out of range, SG_ERR_INPUT for a scene without training views or of which masks leave nothing and for an
  * initial model with a value that is not finite, SG_ERR_BUDGET where the run cannot fit. */
-int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
-                      const struct sg_train_params *params, sg_trainer **out);
+SG_API int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
+                             const struct sg_train_params *params, sg_trainer **out);
 /* From a file of sg_trainer_save, with the same scene and params: goes on to the very bytes of an uninterrupted run.
  * Limits, iterations, engine and sh_degree may differ, and then the bytes do (the last iteration of a run takes no
  * step); where the photos differ from those at the time of saving, so may tolerance, rho, rho_least, frequency and
  * lambda. Errors: those of sg_trainer_create; SG_ERR_INPUT for a file that is no checkpoint of this scene and run, or
  * of one with other parameters. */
-int sg_trainer_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path, const struct sg_train_params *params,
-                      sg_trainer **out);
-void sg_trainer_destroy(sg_trainer **trainer);
+SG_API int sg_trainer_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path,
+                             const struct sg_train_params *params, sg_trainer **out);
+SG_API void sg_trainer_destroy(sg_trainer **trainer);
 
 /* One iteration; after the last one Adam stands still. step may be NULL. Errors: SG_ERR_BUDGET; SG_ERR_INPUT where
  * every Gaussian has become transparent, so that none is left. After an error the
  * trainer can still be saved and destroyed, with that iteration half done: what is resumed from there is a sound model,
  * not the one of an uninterrupted run. */
-int sg_trainer_step(sg_trainer *trainer, struct sg_train_step *step);
+SG_API int sg_trainer_step(sg_trainer *trainer, struct sg_train_step *step);
 
 /* Iterations done so far, those that a lack of time skipped included. */
-int sg_trainer_iteration(const sg_trainer *trainer);
+SG_API int sg_trainer_iteration(const sg_trainer *trainer);
 
 /* What limits the run, as far as it is known, and whether it has. */
 struct sg_train_limits {
@@ -124,23 +124,23 @@ struct sg_train_limits {
     bool gaussians_bound, time_bound;
     uint64_t steps; /* iterations really done, of sg_trainer_iteration */
 };
-void sg_trainer_limits(const sg_trainer *trainer, struct sg_train_limits *out);
-size_t sg_trainer_gaussians(const sg_trainer *trainer);
-void sg_trainer_times(const sg_trainer *trainer, struct sg_train_times *out);
+SG_API void sg_trainer_limits(const sg_trainer *trainer, struct sg_train_limits *out);
+SG_API size_t sg_trainer_gaussians(const sg_trainer *trainer);
+SG_API void sg_trainer_times(const sg_trainer *trainer, struct sg_train_times *out);
 
 /* "avx512", "ref", ...: what the engine really runs. */
-const char *sg_trainer_variant(const sg_trainer *trainer);
+SG_API const char *sg_trainer_variant(const sg_trainer *trainer);
 
 /* A copy of the current model; the caller owns *out. */
-int sg_trainer_model(sg_trainer *trainer, struct sg_model **out);
+SG_API int sg_trainer_model(sg_trainer *trainer, struct sg_model **out);
 
 /* Draws the current model in the run's own buffers, without a copy, on white or black as the run says. It lasts until
  * the trainer's next step or its end; the caller destroys *out. */
-int sg_trainer_renderer(sg_trainer *trainer, sg_renderer **out);
+SG_API int sg_trainer_renderer(sg_trainer *trainer, sg_renderer **out);
 
 /* The whole state, for sg_trainer_resume. The file appears whole or not at all. Errors: SG_ERR_INPUT where it cannot be
  * written, SG_ERR_BUDGET. */
-int sg_trainer_save(sg_trainer *trainer, const char *path);
+SG_API int sg_trainer_save(sg_trainer *trainer, const char *path);
 
 #ifdef __cplusplus
 }
