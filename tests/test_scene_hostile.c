@@ -335,7 +335,8 @@ static void colmap_text(void **state)
     static const struct {
         const char *cameras, *images, *points, *word;
     } cases[] = {
-        {"1 PINHOLE 20 10 30 30 10\n", good_image, "", "cameras.txt: line 1"},
+        {"1 PINHOLE 20 10 30 30 10\n", good_image, "",
+         "cameras.txt: line 1: found \"1 PINHOLE 20 10 30 30 10\", expected ID PINHOLE WIDTH HEIGHT and 4 numbers"},
         {"1 PINHOLE 20 10 30 30 10 5 6\n", good_image, "", "cameras.txt: line 1"},
         {"# x\n1 PINHOLE 20 10 30 30 10 nan\n", good_image, "", "cameras.txt: line 2"},
         {"1 MAGIC 20 10 30 30 10 5\n", good_image, "", "MAGIC"},
@@ -343,12 +344,13 @@ static void colmap_text(void **state)
         {"-1 PINHOLE 20 10 30 30 10 5\n", good_image, "", "cameras.txt: line 1"},
         {"1 PINHOLE 99999999999999999999 10 30 30 10 5\n", good_image, "", "cameras.txt: line 1"},
         {"", good_image, "", "no camera"},
-        {good_camera, "1 1 0 0 0 0 0 0 1\n\n", "", "images.txt: line 1"},
+        {good_camera, "1 1 0 0 0 0 0 0 1\n\n", "", "images.txt: line 1: found \"1 1 0 0 0 0 0 0 1\", expected ID QW"},
         {good_camera, "1 1 0 0 0 0 0 inf 1 a.png\n\n", "", "images.txt: line 1"},
         {good_camera, "1 0 0 0 0 0 0 0 1 a.png\n\n", "", "quaternion"},
         {good_camera, "1 1 0 0 0 0 0 0 2 a.png\n\n", "", "camera id 2"},
         {good_camera, "", "", "no images"},
-        {good_camera, good_image, "1 0 0 0 256 0 0 0\n", "points3D.txt: line 1"},
+        {good_camera, good_image, "1 0 0 0 256 0 0 0\n",
+         "points3D.txt: line 1: found \"1 0 0 0 256 0 0 0\", expected ID X"},
         {good_camera, good_image, "1 0 0 0 1 2 3 0\n2 0 nan 0 1 2 3 0\n", "points3D.txt: line 2"},
     };
     put_png(f, "images/a.png", 20, 10, 3, 1);

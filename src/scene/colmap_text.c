@@ -9,6 +9,7 @@
 #include "core/numbers.h"
 #include "scene/colmap.h"
 
+#define SHOWN 80        /* bytes of a line that messages quote */
 #define LINE_BYTES 4096 /* of a line that are kept: the tracks of points and the observations of images are longer */
 
 struct lines {
@@ -111,8 +112,9 @@ static bool get_whole(char **p, uint64_t max, uint64_t *out)
 
 static int bad_line(sg_ctx *ctx, const struct lines *l, const char *expected)
 {
-    return sg_fail(ctx, SG_ERR_INPUT, "%s: line %llu: found a malformed record, expected \"%s\"", l->in->path,
-                   (unsigned long long) l->number, expected);
+    const bool whole = strlen(l->text) <= SHOWN && !l->cut;
+    return sg_fail(ctx, SG_ERR_INPUT, "%s: line %llu: found \"%.*s%s\", expected %s", l->in->path,
+                   (unsigned long long) l->number, SHOWN, l->text, whole ? "" : "...", expected);
 }
 
 int sg_colmap_cameras_txt(sg_ctx *ctx, struct sg_source *in, struct sg_colmap_cameras *out)
@@ -138,10 +140,12 @@ int sg_colmap_cameras_txt(sg_ctx *ctx, struct sg_source *in, struct sg_colmap_ca
         ok = get_whole(&p, UINT32_MAX, &width) && get_whole(&p, UINT32_MAX, &height);
         for (int k = 0; k < sg_colmap_model_params(model) && ok; k++)
             ok = get_number(&p, &params[k]);
-        if (!ok || !is_blank(p))
-            return sg_fail(ctx, SG_ERR_INPUT,
-                           "%s: found a malformed camera, expected width, height and %d numbers for %s", where,
-                           sg_colmap_model_params(model), name);
+        if (!ok || !is_blank(p)) {
+            char expected[96];
+            snprintf(expected, sizeof(expected), "ID %s WIDTH HEIGHT and %d numbers", name,
+                     sg_colmap_model_params(model));
+            return bad_line(ctx, &l, expected);
+        }
         code = sg_colmap_add_camera(ctx, out, where, (uint32_t) id, model, width, height, params);
     }
     if (!code)
