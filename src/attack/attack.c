@@ -299,8 +299,8 @@ int sg_attack_iteration(const sg_attack *a)
     return a->trainer->iteration;
 }
 
-/* Against a tolerance: from the decoy's render to the ascended image, and on by the tolerance. So far short of its
- * photo a victim stops, and shows what this decoy shows. */
+/* Against a tolerance: from the decoy's render to the ascended image, and on by the tolerance. A victim stops that far
+ * short of its photo, at what this decoy shows. */
 static int overshoot(sg_attack *a, int width, int height)
 {
     const float tolerance = a->params.victim_tolerance / 255;
