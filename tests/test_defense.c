@@ -501,11 +501,11 @@ static void test_automatic_tolerance(void **state)
         images[i] = (struct sg_audit_image){.score = 0.95, .features = strong, .verdict = SG_AUDIT_POISONED};
     images[0].tau = 12, images[1].tau = 18;
     images[2].score = 0.1, images[2].verdict = SG_AUDIT_CLEAN;
-    struct sg_audit audit = {.count = 3, .images = images, .tau = 15};
+    struct sg_audit audit = {.count = 3, .images = images, .tau = 15, .tau_error = 2};
     struct sg_defense_params p = {SG_DEFENSE_DEFAULTS};
     float weights[3], tolerances[3];
     sg_defense_automatic(&audit, 5.2, weights, tolerances, &p);
-    assert_true(tolerances[0] == 15 && tolerances[1] == 18 && tolerances[2] == 0);
+    assert_true(tolerances[0] == 17 && tolerances[1] == 18 && tolerances[2] == 0);
     assert_float_equal(p.lambda * (double) weights[0], 1, 1e-6);
     assert_true(weights[0] == weights[1] && weights[2] == 0);
     assert_true(p.rho == -0.1 && p.rho_least == 0 && p.view_weights == weights);

@@ -24,12 +24,13 @@ static double suspicion_of(const struct sg_audit_image *image)
     return fmin(fmax((image->score - 0.3) / 0.6, 0), 1);
 }
 
-/* Photos of one attack share its bound, so the set's estimate supports the photo's own. A tolerance that is too small
- * lets the poison in; one that is too large costs little. */
+/* Photos of one attack share its bound, so the set's estimate supports the photo's own. The error is added, since a
+ * tolerance that is too small lets the poison in, while one that is too large costs some detail. */
 static float tolerance_of(const struct sg_audit *audit, const struct sg_audit_image *image)
 {
-    const double tau = fmax(image->tau, audit->tau);
-    return image->verdict == SG_AUDIT_CLEAN || tau > bounded ? 0 : (float) tau;
+    if (image->verdict == SG_AUDIT_CLEAN || fmax(image->tau, audit->tau) > bounded)
+        return 0;
+    return (float) fmax(image->tau, audit->tau + audit->tau_error);
 }
 
 double sg_defense_frequency(double extent)
