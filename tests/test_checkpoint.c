@@ -267,12 +267,26 @@ static void test_other_files(void **state)
     assert_int_equal(sg_trainer_step(f->trainer, NULL), SG_OK);
 }
 
+/* The hash of the photos is taken once, when the run begins: saving reads none of them again. */
+static void test_photos_hashed_once(void **state)
+{
+    struct fixture *f = *state;
+    size_t size;
+    f->views[1].rgb[7] ^= 255;
+    assert_int_equal(sg_trainer_save(f->trainer, f->path), SG_OK);
+    char *again = slurp(f->path, &size);
+    f->views[1].rgb[7] ^= 255;
+    assert_int_equal(size, f->size);
+    assert_memory_equal(again, f->data, size);
+    free(again);
+}
+
 int main(void)
 {
 #define ONE(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
     const struct CMUnitTest tests[] = {
-        ONE(test_every_cut),      ONE(test_every_flip),  ONE(test_sealed_lies),
-        ONE(test_sealed_garbage), ONE(test_other_files), ONE(test_other_parameters),
+        ONE(test_every_cut),   ONE(test_every_flip),         ONE(test_sealed_lies),      ONE(test_sealed_garbage),
+        ONE(test_other_files), ONE(test_photos_hashed_once), ONE(test_other_parameters),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -40,7 +40,7 @@ static uint32_t cameras_hash(const struct sg_scene *scene)
     return (uint32_t) XXH3_64bits_digest(&hash);
 }
 
-static uint32_t photos_hash(const struct sg_scene *scene)
+uint32_t sg_photos_hash(const struct sg_scene *scene)
 {
     XXH3_state_t hash;
     XXH3_64bits_reset(&hash);
@@ -101,7 +101,7 @@ int sg_trainer_save(sg_trainer *t, const char *path)
                                      .gaussians_bound = t->gaussians_bound,
                                      .time_bound = t->time_bound,
                                      .growths = t->growths,
-                                     .photos = photos_hash(t->scene),
+                                     .photos = t->photos_hash,
                                      .filter_first = t->filter_first,
                                      .parameters = t->identity.parameters,
                                      .strength = t->identity.strength,
@@ -155,7 +155,7 @@ static int check_header(const sg_trainer *t, FILE *f, const char *path, const st
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found a run with other parameters, expected those of this run", path);
 
     /* Another decoder is no reason to refuse, nor is a defense that an audit adapted to what it decodes. */
-    if (h->photos != photos_hash(t->scene))
+    if (h->photos != t->photos_hash)
         sg_log(ctx, SG_LOG_WARN, "%s: the run began with other photos than %s has now", path, t->scene->path);
     else if (h->strength != t->identity.strength)
         return sg_fail(ctx, SG_ERR_INPUT,

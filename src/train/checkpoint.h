@@ -33,6 +33,10 @@ struct sg_checkpoint {
 };
 
 struct sg_trainer;
+struct sg_scene;
+
+/* Of the training views' pixels and masks. Reads all of them. */
+uint32_t sg_photos_hash(const struct sg_scene *scene);
 
 /* Opens the file and believes its header only where it fits this run and the file's length. To be closed. */
 int sg_checkpoint_open(const struct sg_trainer *t, const char *path, struct sg_checkpoint *out);

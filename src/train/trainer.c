@@ -62,6 +62,7 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
     int code = check_scene(ctx, &t->params, scene);
     if (code)
         goto fail;
+    t->photos_hash = sg_photos_hash(scene);
     t->params.clock = t->params.clock ? t->params.clock : system_clock;
     t->identity = start->identity ? *start->identity : sg_train_identity(&t->params);
     t->started = t->params.clock(t->params.clock_arg);

@@ -32,6 +32,7 @@ struct sg_trainer {
     bool gaussians_bound, time_bound;
     int adam_steps[SG_GROUPS];
     sg_photo *photos;                      /* of the training views */
+    uint32_t photos_hash;                  /* of their pixels as the run began with them */
     double densify_seconds, prune_seconds; /* the stages of its own */
     uint64_t epoch;                        /* that `order` is for */
     uint32_t *order;
