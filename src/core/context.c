@@ -28,6 +28,7 @@ struct sg_ctx {
     pthread_mutex_t error_lock;
     char error[1024];
     struct counter memory[SG_MEM_TAGS + 1]; /* the last one is the total */
+    _Atomic uint64_t to_failure;            /* allocations, the last of which fails; 0 = none does */
     _Atomic uint64_t wanted;                /* bytes in all that the newest refusal was for */
 };
 
@@ -66,6 +67,11 @@ void sg_ctx_destroy(sg_ctx **ctx)
 const char *sg_last_error(const sg_ctx *ctx)
 {
     return ctx->error;
+}
+
+bool sg_failed(const sg_ctx *ctx)
+{
+    return ctx->error[0] != 0;
 }
 
 void sg_make_printable(char *text)
@@ -187,6 +193,20 @@ static void discharge(struct counter *c, size_t bytes)
     atomic_fetch_sub_explicit(&c->current, bytes, memory_order_relaxed);
 }
 
+bool sg_fail_allocation(sg_ctx *ctx, uint64_t nth)
+{
+    return atomic_exchange(&ctx->to_failure, nth) == 0;
+}
+
+/* Counts down to the allocation that a test wants to fail. */
+static bool fails(sg_ctx *ctx)
+{
+    uint64_t left = atomic_load_explicit(&ctx->to_failure, memory_order_relaxed);
+    while (left && !atomic_compare_exchange_weak(&ctx->to_failure, &left, left - 1))
+        ;
+    return left == 1;
+}
+
 void *sg_alloc_raw(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size)
 {
     size_t bytes;
@@ -199,7 +219,7 @@ void *sg_alloc_raw(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size)
     uint64_t held;
     struct header *h = NULL;
     if (reserve(ctx, bytes, &held)) {
-        h = aligned_alloc(ALIGN, bytes);
+        h = fails(ctx) ? NULL : aligned_alloc(ALIGN, bytes);
         if (!h)
             discharge(&ctx->memory[SG_MEM_TAGS], bytes);
     }

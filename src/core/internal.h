@@ -13,6 +13,7 @@
 /* Records the message and returns code. Thread safe: the first failure since the last sg_clear_error wins. */
 __attribute__((format(printf, 3, 4))) int sg_fail(sg_ctx *ctx, int code, const char *format, ...);
 void sg_clear_error(sg_ctx *ctx);
+bool sg_failed(const sg_ctx *ctx); /* since then: for what answers yes or no and may lack the memory to look */
 
 /* Messages quote files; what would steer a terminal becomes "?". */
 void sg_make_printable(char *text);
@@ -24,6 +25,10 @@ __attribute__((format(printf, 3, 4))) void sg_log(sg_ctx *ctx, enum sg_log_level
 
 /* Bytes in all that the newest refused allocation was for. */
 uint64_t sg_mem_wanted(const sg_ctx *ctx);
+
+/* For tests: the nth allocation from now on fails as if the system had no memory; 0 = none. Returns whether the one
+ * asked for before has failed. */
+bool sg_fail_allocation(sg_ctx *ctx, uint64_t nth);
 
 /* 64-byte aligned, zeroed. NULL after recording SG_ERR_BUDGET, on overflow of count x size too. Thread safe. */
 void *sg_alloc(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size);

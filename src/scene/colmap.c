@@ -2,7 +2,9 @@
 /* COLMAP folders: which files there are, what a camera model means here, where the photos lie. */
 #include "scene/colmap.h"
 
+#include <limits.h>
 #include <stddef.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -118,12 +120,10 @@ int sg_colmap_add_image(sg_ctx *ctx, struct sg_shots *shots, uint64_t max, const
 
 static const char *const folders[] = {"sparse/0", "sparse"};
 
-static bool has_part(sg_ctx *ctx, const struct sg_folder *dir, const char *folder, const char *name)
+static bool has_part(const struct sg_folder *dir, const char *folder, const char *name)
 {
-    char *path = sg_strf(ctx, "%s/%s", folder, name);
-    const bool found = path && sg_folder_has(dir, path);
-    sg_free(path);
-    return found;
+    char path[PATH_MAX]; /* one that is longer could not be opened */
+    return snprintf(path, sizeof(path), "%s/%s", folder, name) < (int) sizeof(path) && sg_folder_has(dir, path);
 }
 
 /* "DIR/sparse/0" or "DIR/sparse", whichever holds a model; NULL if neither does. *text: which encoding. */
@@ -134,10 +134,10 @@ static char *find_model(sg_ctx *ctx, const struct sg_folder *dir, bool *text)
         if (!folder)
             return NULL;
         *text = false;
-        if (has_part(ctx, dir, folder, "images.bin") && has_part(ctx, dir, folder, "cameras.bin"))
+        if (has_part(dir, folder, "images.bin") && has_part(dir, folder, "cameras.bin"))
             return folder;
         *text = true;
-        if (has_part(ctx, dir, folder, "images.txt") && has_part(ctx, dir, folder, "cameras.txt"))
+        if (has_part(dir, folder, "images.txt") && has_part(dir, folder, "cameras.txt"))
             return folder;
         sg_free(folder);
     }
@@ -199,14 +199,14 @@ static int read_points(sg_ctx *ctx, const struct sg_folder *dir, const char *fol
     FILE *file = NULL;
     struct sg_source in = {0};
     int code = SG_OK;
-    if (has_part(ctx, dir, folder, "points3D.ply")) { /* first, as the reference */
+    if (has_part(dir, folder, "points3D.ply")) { /* first, as the reference */
         path = sg_strf(ctx, "%s/points3D.ply", folder);
         code = path ? sg_read_points(ctx, dir, path, max_points, points) : SG_ERR_BUDGET;
-    } else if (has_part(ctx, dir, folder, "points3D.bin")) {
+    } else if (has_part(dir, folder, "points3D.bin")) {
         code = open_part(ctx, dir, folder, "points3D.bin", &path, &file, &in);
         if (!code)
             code = sg_colmap_points_bin(ctx, &in, max_points, points);
-    } else if (has_part(ctx, dir, folder, "points3D.txt")) {
+    } else if (has_part(dir, folder, "points3D.txt")) {
         code = open_part(ctx, dir, folder, "points3D.txt", &path, &file, &in);
         if (!code)
             code = sg_colmap_points_txt(ctx, &in, max_points, points);
@@ -227,6 +227,7 @@ int sg_read_colmap(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_sce
     int code = SG_ERR_INPUT;
     char *folder = find_model(ctx, dir, &text);
     if (!folder) {
+        code = sg_failed(ctx) ? SG_ERR_BUDGET : code;
         sg_fail(ctx, code,
                 "%s: found no COLMAP model, expected images and cameras (.bin or .txt) in sparse/0 or sparse",
                 dir->path);

@@ -9,7 +9,8 @@
 
 bool sg_is_nerfstudio(sg_ctx *ctx, const struct sg_folder *dir)
 {
-    return sg_has_file(ctx, dir, "transforms.json");
+    (void) ctx;
+    return sg_has_file(dir, "transforms.json");
 }
 
 /* The names of the list called key as an object, for quick look-up; NULL if there is no such list. */

@@ -92,7 +92,7 @@ bool sg_is_nerfstudio(sg_ctx *ctx, const struct sg_folder *dir);
 bool sg_scene_recognised(sg_ctx *ctx, const char *path);
 
 /* "dir/name" is a regular file. */
-bool sg_has_file(sg_ctx *ctx, const struct sg_folder *dir, const char *name);
+bool sg_has_file(const struct sg_folder *dir, const char *name);
 
 /* The points of the PLY at path, in the folder. */
 int sg_read_points(sg_ctx *ctx, const struct sg_folder *dir, const char *path, uint64_t max_points,

@@ -43,11 +43,14 @@ static int check_params(sg_ctx *ctx, const struct sg_scene_params *p)
 static int recognise(sg_ctx *ctx, const struct sg_folder *dir, enum sg_scene_format *format)
 {
     static const enum sg_scene_format order[] = {SG_FORMAT_COLMAP, SG_FORMAT_BLENDER, SG_FORMAT_NERFSTUDIO};
-    for (size_t i = 0; i < sizeof(order) / sizeof(*order); i++)
-        if (formats[order[i]].is(ctx, dir)) {
-            *format = order[i];
+    for (size_t i = 0; i < sizeof(order) / sizeof(*order); i++) {
+        *format = order[i];
+        const bool is = formats[order[i]].is(ctx, dir);
+        if (sg_failed(ctx))
+            return SG_ERR_BUDGET;
+        if (is)
             return SG_OK;
-        }
+    }
     return sg_fail(ctx, SG_ERR_INPUT,
                    "%s: found no scene, looked for sparse/0/images.bin and cameras.bin (or .txt, or in sparse/), "
                    "transforms_train.json and transforms.json",

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The list of shots, and the checks every format needs: names, poses, lenses. */
+#include <limits.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -271,12 +273,10 @@ int sg_pose_from_quaternion(sg_ctx *ctx, const double q[4], const double v[3], c
     return SG_OK;
 }
 
-bool sg_has_file(sg_ctx *ctx, const struct sg_folder *dir, const char *name)
+bool sg_has_file(const struct sg_folder *dir, const char *name)
 {
-    char *path = sg_strf(ctx, "%s/%s", dir->path, name);
-    bool found = path && sg_folder_has(dir, path);
-    sg_free(path);
-    return found;
+    char path[PATH_MAX]; /* one that is longer could not be opened */
+    return snprintf(path, sizeof(path), "%s/%s", dir->path, name) < (int) sizeof(path) && sg_folder_has(dir, path);
 }
 
 int sg_read_points(sg_ctx *ctx, const struct sg_folder *dir, const char *path, uint64_t max_points,

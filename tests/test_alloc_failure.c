@@ -1,0 +1,196 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Every allocation of a small load, training, audit, attack and evaluation made to fail once: each ends with
+ * SG_ERR_BUDGET and a message, leaves nothing behind, and works afterwards. */
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "core/internal.h"
+#include "models.h"
+
+static char folder[] = "/tmp/sg_alloc_XXXXXX", blender[64], colmap[64], ply[64], checkpoint[64];
+
+static int make_scene(void **state)
+{
+    (void) state;
+    if (!mkdtemp(folder))
+        return -1;
+    snprintf(blender, sizeof(blender), "%s/scene/blender", folder);
+    snprintf(colmap, sizeof(colmap), "%s/scene/colmap", folder);
+    snprintf(ply, sizeof(ply), "%s/model.ply", folder);
+    snprintf(checkpoint, sizeof(checkpoint), "%s/checkpoint", folder);
+    char scene[64];
+    snprintf(scene, sizeof(scene), "%s/scene", folder);
+    sg_ctx *ctx = make_context(1);
+    const struct sg_synth_params *p =
+        sg_synth_params(.width = 24, .height = 20, .train_views = 4, .test_views = 1, .points = 40, .samples = 1);
+    assert_int_equal(sg_synth_write(ctx, scene, p), SG_OK);
+    sg_ctx_destroy(&ctx);
+    return 0;
+}
+
+static int remove_scene(void **state)
+{
+    (void) state;
+    char command[64];
+    snprintf(command, sizeof(command), "rm -rf %s", folder);
+    return system(command);
+}
+
+static int load(sg_ctx *ctx, const char *path)
+{
+    struct sg_scene *scene;
+    static size_t points[2];
+    const int code = sg_scene_load(ctx, path, NULL, &scene);
+    assert_true(!code == (scene != NULL));
+    if (scene) { /* what was missed for want of memory would be missing */
+        size_t *expected = &points[path == colmap];
+        *expected = *expected ? *expected : scene->n_points + 1;
+        assert_int_equal(scene->n_points + 1, *expected);
+        assert_int_equal(scene->format, path == colmap ? SG_FORMAT_COLMAP : SG_FORMAT_BLENDER);
+    }
+    sg_scene_destroy(&scene);
+    return code;
+}
+
+static int load_blender(sg_ctx *ctx)
+{
+    return load(ctx, blender);
+}
+
+static int load_colmap(sg_ctx *ctx)
+{
+    return load(ctx, colmap);
+}
+
+/* Creation, steps with densification, filter and losses, saving, resuming, model, PLY, renderer. */
+static int train(sg_ctx *ctx)
+{
+    struct sg_scene *scene = NULL;
+    sg_trainer *trainer = NULL, *resumed = NULL;
+    sg_renderer *renderer = NULL;
+    struct sg_model *model = NULL, *read = NULL;
+    struct sg_eval eval = {0};
+    struct sg_train_params p = sg_train_params_default();
+    p.iterations = 8, p.densify_from_iter = 1, p.densification_interval = 3, p.densify_until_iter = 7;
+    p.opacity_reset_interval = 5, p.sh_degree = 1, p.densify_grad_threshold = 1e-6f;
+    p.defense.on = true, p.defense.interval = 2, p.defense.views = 2;
+    int code = sg_scene_load(ctx, colmap, NULL, &scene);
+    if (!code)
+        code = sg_trainer_create(ctx, scene, NULL, &p, &trainer);
+    for (int i = 0; i < 4 && !code; i++)
+        code = sg_trainer_step(trainer, NULL);
+    if (!code)
+        code = sg_trainer_save(trainer, checkpoint);
+    if (!code)
+        code = sg_trainer_resume(ctx, scene, checkpoint, &p, &resumed);
+    for (int i = 0; i < 4 && !code; i++)
+        code = sg_trainer_step(resumed, NULL);
+    if (!code)
+        code = sg_trainer_model(resumed, &model);
+    if (!code)
+        code = sg_model_write_ply(ctx, model, ply);
+    if (!code)
+        code = sg_model_read_ply(ctx, ply, 1000000, &read);
+    if (!code)
+        code = sg_renderer_create(ctx, NULL, NULL, read, NULL, &renderer);
+    if (!code)
+        code = sg_evaluate(ctx, renderer, scene->train, 2, 0, &eval);
+    sg_eval_clear(&eval);
+    sg_renderer_destroy(&renderer);
+    sg_model_destroy(&read);
+    sg_model_destroy(&model);
+    sg_trainer_destroy(&resumed);
+    sg_trainer_destroy(&trainer);
+    sg_scene_destroy(&scene);
+    return code;
+}
+
+static int audit(sg_ctx *ctx)
+{
+    struct sg_scene *scene = NULL;
+    struct sg_audit *found = NULL;
+    int code = sg_scene_load(ctx, blender, NULL, &scene);
+    if (!code)
+        code = sg_audit_scene(ctx, scene, &found);
+    if (!code) { /* a photo that could not be measured at first was measured again */
+        static double score = -1;
+        score = score < 0 ? found->score : score;
+        assert_true(found->score == score);
+    }
+    sg_audit_destroy(&found);
+    sg_scene_destroy(&scene);
+    return code;
+}
+
+static int attack(sg_ctx *ctx)
+{
+    static uint8_t rgb[3 * 24 * 20];
+    struct sg_scene *scene = NULL;
+    struct sg_model *proxy = NULL, *decoy = NULL;
+    sg_attack *a = NULL;
+    struct sg_attack_params p = sg_attack_params_default();
+    p.iterations = 6, p.inner = 2, p.densification_interval = 3, p.spectral_weight = 1;
+    int code = sg_scene_load(ctx, blender, NULL, &scene);
+    if (!code)
+        code = sg_model_init_random(ctx, 50, 1, 1, &proxy);
+    if (!code)
+        code = sg_attack_create(ctx, scene, proxy, &p, &a);
+    for (int i = 0; i < 4 && !code; i++)
+        code = sg_attack_step(a, NULL);
+    if (!code)
+        code = sg_attack_poison(a, 0, rgb);
+    if (!code)
+        code = sg_attack_decoy(a, &decoy);
+    sg_model_destroy(&decoy);
+    sg_attack_destroy(&a);
+    sg_model_destroy(&proxy);
+    sg_scene_destroy(&scene);
+    return code;
+}
+
+static void fail_each(int (*work)(sg_ctx *))
+{
+    sg_ctx *ctx = make_context(1);
+    assert_int_equal(work(ctx), SG_OK);
+    uint64_t n = 0;
+    int code;
+    do {
+        sg_fail_allocation(ctx, ++n);
+        code = work(ctx);
+        const bool failed = sg_fail_allocation(ctx, 0);
+        if (code != SG_OK && code != SG_ERR_BUDGET)
+            fail_msg("allocation %llu: found code %d (%s), expected SG_ERR_BUDGET", (unsigned long long) n, code,
+                     sg_last_error(ctx));
+        if (code && !sg_last_error(ctx)[0])
+            fail_msg("allocation %llu: no message", (unsigned long long) n);
+        if (sg_mem_current(ctx, SG_MEM_TAGS))
+            fail_msg("allocation %llu: %llu bytes are left", (unsigned long long) n,
+                     (unsigned long long) sg_mem_current(ctx, SG_MEM_TAGS));
+        if (!failed)
+            break;
+    } while (n < 100000);
+    assert_int_equal(code, SG_OK);
+    assert_true(n > 20);
+    sg_ctx_destroy(&ctx);
+}
+
+#define TEST(work)                                                                                                     \
+    static void test_##work(void **state)                                                                              \
+    {                                                                                                                  \
+        (void) state;                                                                                                  \
+        fail_each(work);                                                                                               \
+    }
+TEST(load_blender)
+TEST(load_colmap)
+TEST(train)
+TEST(audit)
+TEST(attack)
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_load_blender), cmocka_unit_test(test_load_colmap), cmocka_unit_test(test_train),
+        cmocka_unit_test(test_audit),        cmocka_unit_test(test_attack),
+    };
+    return cmocka_run_group_tests(tests, make_scene, remove_scene);
+}
