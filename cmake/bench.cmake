@@ -2,7 +2,7 @@
 add_executable(splatguard_bench bench/bench.c bench/roofline.c)
 set_target_properties(splatguard_bench PROPERTIES OUTPUT_NAME bench)
 target_include_directories(splatguard_bench PRIVATE src bench)
-target_link_libraries(splatguard_bench PRIVATE splatguard_internal sg_overrides Threads::Threads m)
+target_link_libraries(splatguard_bench PRIVATE splatguard_internal sg_flags sg_overrides Threads::Threads m)
 target_compile_options(splatguard_bench PRIVATE -O3 -ffp-contract=fast)
 
 # Our Fourier transforms next to FFTW's. FFTW is under the GPL: nothing but this program may link it.

@@ -8,7 +8,7 @@ foreach(source ${SG_TESTS})
     get_filename_component(name ${source} NAME_WE)
     add_executable(${name} ${source})
     target_include_directories(${name} PRIVATE src tests)
-    target_link_libraries(${name} PRIVATE splatguard_internal sg_overrides PkgConfig::CMOCKA PkgConfig::SPNG PkgConfig::TURBOJPEG
+    target_link_libraries(${name} PRIVATE splatguard_internal sg_flags sg_overrides PkgConfig::CMOCKA PkgConfig::SPNG PkgConfig::TURBOJPEG
         PkgConfig::WEBP PkgConfig::JANSSON Threads::Threads m)
     target_compile_definitions(${name} PRIVATE SG_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
     add_test(NAME ${name} COMMAND ${name})

@@ -3,7 +3,7 @@ file(GLOB SG_TOOL_SOURCES CONFIGURE_DEPENDS cli/*.c)
 add_executable(splatguard_tool ${SG_TOOL_SOURCES})
 set_target_properties(splatguard_tool PROPERTIES OUTPUT_NAME splatguard)
 target_include_directories(splatguard_tool PRIVATE src)
-target_link_libraries(splatguard_tool PRIVATE splatguard_internal sg_overrides PkgConfig::JANSSON m)
+target_link_libraries(splatguard_tool PRIVATE splatguard_internal sg_flags sg_overrides PkgConfig::JANSSON m)
 
 if(NOT CMAKE_CROSSCOMPILING)
     add_custom_command(OUTPUT splatguard.1 COMMAND splatguard_tool help --man > splatguard.1 DEPENDS splatguard_tool VERBATIM)
