@@ -8,12 +8,13 @@ enum encoding { ASCII, LITTLE, BIG };
 
 struct text {
     char *bytes;
-    size_t size;
+    size_t size, room;
 };
 
-static void append(struct text *t, const void *bytes, size_t n)
+static __attribute__((noinline)) void append(struct text *t, const void *bytes, size_t n)
 {
-    t->bytes = realloc(t->bytes, t->size + n + 1);
+    if (t->size + n + 1 > t->room) /* doubled: a sanitizer moves the text each time */
+        t->bytes = realloc(t->bytes, t->room = 2 * (t->size + n + 1));
     memcpy(t->bytes + t->size, bytes, n);
     t->bytes[t->size += n] = 0;
 }
