@@ -6,20 +6,7 @@
 #include "engine/cpu/dispatch.h"
 #include "math/photometric.h"
 #include "models.h"
-
-static const char *variant_names[5]; /* NULL: the oracle */
-static int variant_count;
-
-static int find_variants(void **state)
-{
-    (void) state;
-    const struct cpu_kernels *variants[4];
-    variant_count = sg_cpu_variants(variants);
-    for (int i = 0; i < variant_count; i++)
-        variant_names[i] = variants[i]->name;
-    variant_names[variant_count++] = NULL;
-    return 0;
-}
+#include "variants.h"
 
 static const char *name_of(int v)
 {
@@ -29,7 +16,7 @@ static const char *name_of(int v)
 static struct sg_engine *engine_of(sg_ctx *ctx, int v)
 {
     struct sg_engine *b;
-    assert_int_equal(sg_engine_create(ctx, variant_names[v] ? "cpu" : "ref", variant_names[v], &b), SG_OK);
+    assert_int_equal(sg_engine_create(ctx, engine_name(v), variant_names[v], &b), SG_OK);
     return b;
 }
 

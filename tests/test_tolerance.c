@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The tolerance of the photometric loss, on the oracle and every CPU variant: what lies within it of a photo has no
  * gradient, what lies outside has that of the nearest image within it. */
-#include "engine/cpu/dispatch.h"
 #include "models.h"
+#include "variants.h"
 
 #define WIDTH 45
 #define HEIGHT 37
@@ -10,20 +10,6 @@
 #define VALUES (3 * PIXELS)
 #define GAUSSIANS 60
 #define MODELS 4
-
-static const char *variant_names[5]; /* NULL: the oracle */
-static int variant_count;
-
-static int find_variants(void **state)
-{
-    (void) state;
-    const struct cpu_kernels *variants[4];
-    variant_count = sg_cpu_variants(variants);
-    for (int i = 0; i < variant_count; i++)
-        variant_names[i] = variants[i]->name;
-    variant_names[variant_count++] = NULL;
-    return 0;
-}
 
 /* A model, drawn. */
 struct drawn {
@@ -39,7 +25,7 @@ static struct drawn *draw_with(int variant, uint64_t seed)
     const struct sg_render_params params = {.max_instances = 1 << 20, .background = {0.2f, 0.1f, 0.3f}};
     d.ctx = make_context(2);
     struct sg_model *m = make_model(d.ctx, GAUSSIANS, 1, seed);
-    d.engine = make_engine(d.ctx, variant_names[variant] ? "cpu" : "ref", variant_names[variant], m, NULL);
+    d.engine = make_engine(d.ctx, engine_name(variant), variant_names[variant], m, NULL);
     assert_int_equal(sg_engine_draw(d.engine, &camera, 1, &params, false), SG_OK);
     assert_int_equal(sg_engine_read_image(d.engine, d.rgb, NULL, NULL), SG_OK);
     sg_model_destroy(&m);
@@ -185,8 +171,8 @@ static void target_is_the_nearest_image(void **state)
     }
 }
 
-/* Of L1 alone the gradient of the whole loss, its target moving along, by central differences of the background: away
- * from the ball's faces. */
+/* Of L1 alone the gradient of the whole loss, its target moving along, by central differences of the colours of all
+ * Gaussians: away from the faces of the ball. */
 static void l1_by_differences(void **state)
 {
     (void) state;
@@ -204,7 +190,6 @@ static void l1_by_differences(void **state)
         const struct loss_case p = {.tolerance = 0.1f, .planes = photo};
         struct sg_model *g;
         lose_and_pull(d, &p, &g);
-        struct sg_model *m = make_model(d->ctx, GAUSSIANS, 1, 11);
         for (int ch = 0; ch < 3; ch++) { /* a change of all the colours of a channel */
             double expected = 0, loss[2];
             for (size_t i = 0; i < GAUSSIANS; i++)
@@ -223,7 +208,6 @@ static void l1_by_differences(void **state)
             assert_true(fabs(expected) > 1e-4);
             assert_true(fabs(found - expected) <= 2e-3 * fabs(expected) + 2e-5);
         }
-        sg_model_destroy(&m);
         sg_model_destroy(&g);
         finish(d);
     }
