@@ -509,6 +509,10 @@ static void test_automatic_tolerance(void **state)
     assert_float_equal(p.lambda * (double) weights[0], 1, 1e-6);
     assert_true(weights[0] == weights[1] && weights[2] == 0);
     assert_true(p.rho == -0.1 && p.rho_least == 0 && p.view_weights == weights);
+    images[1].tau = 0, images[1].verdict = SG_AUDIT_UNSEEN; /* masks leave nothing of it */
+    sg_defense_automatic(&audit, 5.2, weights, tolerances, &p);
+    assert_true(tolerances[0] == 17 && tolerances[1] == 0);
+    images[1].verdict = SG_AUDIT_POISONED;
     audit.tau = 60, images[0].tau = 50, images[1].tau = 70; /* beyond it */
     sg_defense_automatic(&audit, 5.2, weights, tolerances, &p);
     assert_true(tolerances[0] == 0 && tolerances[1] == 0 && tolerances[2] == 0);

@@ -28,7 +28,7 @@ static double suspicion_of(const struct sg_audit_image *image)
  * tolerance that is too small lets the poison in, while one that is too large costs some detail. */
 static float tolerance_of(const struct sg_audit *audit, const struct sg_audit_image *image)
 {
-    if (image->verdict == SG_AUDIT_CLEAN || fmax(image->tau, audit->tau) > bounded)
+    if (image->tau == 0 || fmax(image->tau, audit->tau) > bounded)
         return 0;
     return (float) fmax(image->tau, audit->tau + audit->tau_error);
 }
