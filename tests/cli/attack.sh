@@ -31,8 +31,7 @@ expect 0 attack scene/blender -o again $options --threads 1
 "$tool" attack scene/blender -o cut $(once $options --proxy poisoned/attack/proxy --iterations 20000) 2>err &
 pid=$!
 wait_for cut/attack/log.jsonl
-kill -INT $pid
-wait $pid
+interrupt $pid
 code=$?
 [ $code = 130 ] || fail "interrupted: exit code $code, expected 130"
 says 'attack --resume cut'
@@ -54,8 +53,7 @@ done
 "$tool" attack scene/blender -o early $(once $options --proxy-iterations 20000) 2>err &
 pid=$!
 wait_for early/attack/proxy/log.jsonl
-kill -INT $pid
-wait $pid
+interrupt $pid
 [ $? = 130 ] || fail "interrupted in the proxy"
 [ -s early/attack/proxy/checkpoint.bin ] || fail "the proxy is not saved"
 says 'attack --resume early'; grep -q 'train --resume' err && fail "the proxy's own command continues no attack"

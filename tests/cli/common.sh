@@ -28,6 +28,19 @@ wait_for() {
     done
 }
 
+# interrupt PID: sends Ctrl-C to a tool in the background and returns its exit code. The shell starts such a tool with
+# SIGINT ignored, so a signal that arrives before the tool has set its handler (a bit of SigCgt) would be lost.
+interrupt() {
+    waited=0
+    until grep -q '^SigCgt:.*[2367abef]$' "/proc/$1/status"; do
+        waited=$((waited + 1))
+        [ $waited -le 600 ] || fail "process $1 does not catch SIGINT after a minute"
+        sleep 0.1
+    done
+    kill -INT "$1"
+    wait "$1"
+}
+
 # A scene and options with which everything that can happen in a training happens in a second or two.
 small_scene() { expect 0 synth -o scene --width 64 --height 48 --train-views 6 --test-views 2 --points 300 --samples 1; }
 short="--iterations 120 --sh-interval 20 --densify-from-iter 10 --densification-interval 20 \

@@ -17,8 +17,7 @@ expect 0 train scene/blender -o whole $(once $short --init-points 2000 $automati
 "$tool" train scene/blender -o parts $(once $short --init-points 2000 $automatic) 2>err &
 pid=$!
 wait_for parts/log.jsonl
-kill -INT $pid
-wait $pid
+interrupt $pid
 [ $? = 130 ] || fail "interrupting a defended run"
 before=$(field parts count)
 expect 0 train --resume parts --quiet

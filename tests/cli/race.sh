@@ -66,15 +66,13 @@ kept_out attack scene/colmap -o poisoned --quiet --force
 kept_out attack --resume poisoned -q
 by=train
 kept_out train --resume poisoned/attack/proxy -q
-kill -INT $pid
-wait $pid
+interrupt $pid
 [ $? = 130 ] || fail "interrupted: another exit code"
 pid=
 "$tool" attack --resume poisoned -q >out 2>err &
 pid=$!
 wait_for poisoned/attack/proxy/log.jsonl
-kill -INT $pid
-wait $pid
+interrupt $pid
 pid=
 grep -q 'in use' err && fail "an attack keeps its folder when it has ended"
 true

@@ -8,8 +8,7 @@ options=$(once $short --eval --init-points 500 --iterations 6000 --save-every 0 
 pid=$!
 wait_for cut/log.jsonl
 sleep 0.3
-kill -INT $pid
-wait $pid
+interrupt $pid
 code=$?
 [ $code = 130 ] || fail "interrupted: exit code $code, expected 130"
 says 'train --resume cut'
@@ -110,8 +109,7 @@ small=$(ls scene/colmap)
 "$tool" train scene/colmap -o soon -q --iterations 100000 --max-time 3s &
 pid=$!
 wait_for soon/config.json
-kill -INT $pid
-wait $pid
+interrupt $pid
 [ $? = 130 ] || fail "interrupted as it began: another exit code"
 expect 0 train --resume soon -q
 expect 2 train scene/colmap -o scene/colmap --force -q; says 'in the scene'
