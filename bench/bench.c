@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What an iteration costs, stage by stage, next to what the machine could do. Prints Markdown; sweeps go to a CSV file
- * too.
+/* What an iteration costs, stage by stage, next to what the machine could do. Prints Markdown;
+ * sweeps go to a CSV file too.
  *
  *     bench [--quick] [--threads T] [--cpu VARIANT] [--model MODEL.ply] [--csv FILE]
  *
- * Without --model the Gaussians lie on the surfaces of our own making: flat, overlapping discs of the size that
- * training leaves, seen whole in a square image. */
+ * Without --model the Gaussians lie on the surfaces of our own making: flat, overlapping discs of
+ * the size that training leaves, seen whole in a square image. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -22,7 +22,8 @@
 
 #define STAGES 6
 enum { ANISOTROPY = STAGES, TOTAL_VARIATION, COUNT, TIMES };
-static const char *const stage_names[STAGES] = {"project", "bin", "raster", "loss", "raster backward", "update"};
+static const char *const stage_names[STAGES] = {"project",         "bin",   "raster", "loss",
+                                                "raster backward", "update"};
 
 struct result {
     size_t gaussians;
@@ -62,10 +63,13 @@ static struct sg_model *surface_model(sg_ctx *ctx, size_t n)
         float u[12];
         for (int k = 0; k < 12; k++)
             u[k] = sg_rng_uniform(1, SG_RNG_INIT, i, (uint64_t) k);
-        const float z = 2 * u[0] - 1, a = 6.2831853f * u[1], s = sqrtf(1 - z * z), r = radius[(int) (u[2] * 3)];
+        const float z = 2 * u[0] - 1, a = 6.2831853f * u[1], s = sqrtf(1 - z * z),
+                    r = radius[(int) (u[2] * 3)];
         const bool ground = u[3] < 0.3f;
-        const float normal[3] = {ground ? 0 : s * cosf(a), ground ? -1 : s * sinf(a), ground ? 0 : z};
-        const float p[3] = {ground ? 2.4f * u[0] - 1.2f : r * normal[0], ground ? 0.9f : r * normal[1],
+        const float normal[3] = {ground ? 0 : s * cosf(a), ground ? -1 : s * sinf(a),
+                                 ground ? 0 : z};
+        const float p[3] = {ground ? 2.4f * u[0] - 1.2f : r * normal[0],
+                            ground ? 0.9f : r * normal[1],
                             ground ? 2.4f * u[1] - 1.2f : r * normal[2]};
         for (int k = 0; k < 3; k++) {
             *sg_model_at(m, i, SG_P_XYZ + k) = p[k];
@@ -82,17 +86,18 @@ static struct sg_model *surface_model(sg_ctx *ctx, size_t n)
         *sg_model_at(m, i, SG_P_SCALE + 2) = size - 2.5f;
         *sg_model_at(m, i, SG_P_OPACITY) = 6 * u[9] - 3;
         for (int k = 3; k < 48; k++)
-            *sg_model_at(m, i, SG_P_SH + k) = 0.1f * (sg_rng_uniform(2, SG_RNG_INIT, i, (uint64_t) k) - 0.5f);
+            *sg_model_at(m, i, SG_P_SH + k) =
+                0.1f * (sg_rng_uniform(2, SG_RNG_INIT, i, (uint64_t) k) - 0.5f);
     }
     return ordered(ctx, m);
 }
 
 #define VIEWS 8 /* all alike */
 
-/* Median times of whole training iterations (degree 3, no densification). With a filter it counts in each, in VIEWS
- * views, and removes nothing. */
-static struct result measure(const struct sg_model *model, int side, int threads, const char *cpu, int rounds,
-                             const struct sg_defense_params *defense)
+/* Median times of whole training iterations (degree 3, no densification). With a filter it counts
+ * in each, in VIEWS views, and removes nothing. */
+static struct result measure(const struct sg_model *model, int side, int threads, const char *cpu,
+                             int rounds, const struct sg_defense_params *defense)
 {
     sg_ctx *ctx;
     sg_trainer *t;
@@ -113,8 +118,10 @@ static struct result measure(const struct sg_model *model, int side, int threads
     struct sg_view views[VIEWS];
     for (int i = 0; i < VIEWS; i++)
         views[i] = view;
-    struct sg_scene scene = {.path = (char *) "bench", .train = views, .n_train = VIEWS, .extent = 4};
-    struct sg_train_params params = {SG_TRAIN_DEFAULTS, .cpu = cpu, .sh_interval = 1, .densify_until_iter = 0};
+    struct sg_scene scene = {
+        .path = (char *) "bench", .train = views, .n_train = VIEWS, .extent = 4};
+    struct sg_train_params params = {SG_TRAIN_DEFAULTS, .cpu = cpu, .sh_interval = 1,
+                                     .densify_until_iter = 0};
     params.defense = *defense;
     if (sg_trainer_create(ctx, &scene, model, &params, &t))
         bench_fail(ctx, "trainer");
@@ -170,13 +177,13 @@ static struct result middle(struct result r[3])
 
 static void print_stages(const struct result *r, const struct roofline *m)
 {
-    const double pixels = (double) r->side * r->side, pairs = (double) r->stats.pairs, t = r->threads;
+    const double pixels = (double) r->side * r->side, pairs = (double) r->stats.pairs,
+                 t = r->threads;
     const double n = (double) r->gaussians;
-    printf(
-        "\n%zu Gaussians, %dx%d, %d threads: **%.1f ms** an iteration. %.1f evaluated pairs per pixel, %.2f instances "
-        "per Gaussian, longest tile list %llu.\n\n",
-        r->gaussians, r->side, r->side, r->threads, 1e3 * r->total, pairs / pixels, (double) r->stats.instances / n,
-        (unsigned long long) r->stats.max_tile);
+    printf("\n%zu Gaussians, %dx%d, %d threads: **%.1f ms** an iteration. %.1f evaluated pairs per "
+           "pixel, %.2f instances per Gaussian, longest tile list %llu.\n\n",
+           r->gaussians, r->side, r->side, r->threads, 1e3 * r->total, pairs / pixels,
+           (double) r->stats.instances / n, (unsigned long long) r->stats.max_tile);
     printf("| stage | ms | share | rate | roofline | of it |\n|---|---|---|---|---|---|\n");
     const double bytes[STAGES] = {
         n * (59 * 4 + 64 + 12),
@@ -187,16 +194,17 @@ static void print_stages(const struct result *r, const struct roofline *m)
         n * (59 * 4 * 6 + 64) + (double) r->stats.instances * 48,
     };
     for (int k = 0; k < STAGES; k++) {
-        printf("| %s | %.2f | %.0f %% |", stage_names[k], 1e3 * r->stage[k], 100 * r->stage[k] / r->total);
+        printf("| %s | %.2f | %.0f %% |", stage_names[k], 1e3 * r->stage[k],
+               100 * r->stage[k] / r->total);
         if (k == 2 || k == 4) {
             const double rate = pairs / r->stage[k] / t, best = k == 2 ? m->forward : m->backward;
-            printf(" %.2f G pairs/s a core | %.2f full lanes | %.0f %% |\n", 1e-9 * rate, 1e-9 * best,
-                   100 * rate / best);
+            printf(" %.2f G pairs/s a core | %.2f full lanes | %.0f %% |\n", 1e-9 * rate,
+                   1e-9 * best, 100 * rate / best);
         } else if (k == 3) {
             /* 7 windowed maps of 2 x 11 taps, 3 channels */
             const double flops = pixels * 3 * 7 * 44 / r->stage[k] / t;
-            printf(" %.1f GFLOP/s a core | %.0f FMA peak | %.0f %% |\n", 1e-9 * flops, 1e-9 * m->flops,
-                   100 * flops / m->flops);
+            printf(" %.1f GFLOP/s a core | %.0f FMA peak | %.0f %% |\n", 1e-9 * flops,
+                   1e-9 * m->flops, 100 * flops / m->flops);
         } else {
             const double rate = bytes[k] / r->stage[k];
             printf(" %.1f GB/s | %.1f stream | %.0f %% |\n", 1e-9 * rate, 1e-9 * m->bandwidth,
@@ -205,14 +213,19 @@ static void print_stages(const struct result *r, const struct roofline *m)
     }
 }
 
-/* Parts of the defense as it is by default: losses in every iteration, 48 counting passes in 100. */
-static void print_defense(const struct result *plain, const struct result *smooth, const struct result *counting)
+/* Parts of the defense as it is by default: losses in every iteration, 48 counting passes in
+ * 100. */
+static void print_defense(const struct result *plain, const struct result *smooth,
+                          const struct result *counting)
 {
-    const double spectrum = 1e3 * smooth->stage[ANISOTROPY], variation = 1e3 * smooth->stage[TOTAL_VARIATION];
-    const double pass = 1e3 * counting->stage[COUNT] / VIEWS, each = spectrum + variation + 0.48 * pass;
-    printf("\nThe defense: anisotropy %.2f ms, total variation %.2f ms, a counting pass %.2f ms and so %.2f ms an "
-           "iteration; together %.1f ms, %.0f %% of %.1f ms.\n",
-           spectrum, variation, pass, 0.48 * pass, each, 0.1 * each / plain->total, 1e3 * plain->total);
+    const double spectrum = 1e3 * smooth->stage[ANISOTROPY],
+                 variation = 1e3 * smooth->stage[TOTAL_VARIATION];
+    const double pass = 1e3 * counting->stage[COUNT] / VIEWS,
+                 each = spectrum + variation + 0.48 * pass;
+    printf("\nThe defense: anisotropy %.2f ms, total variation %.2f ms, a counting pass %.2f ms "
+           "and so %.2f ms an iteration; together %.1f ms, %.0f %% of %.1f ms.\n",
+           spectrum, variation, pass, 0.48 * pass, each, 0.1 * each / plain->total,
+           1e3 * plain->total);
 }
 
 static void csv_row(FILE *csv, const char *sweep, const struct result *r)
@@ -262,7 +275,8 @@ int main(int argc, char **argv)
         else if (!strcmp(argv[i], "--csv") && i + 1 < argc)
             csv_path = argv[++i];
         else {
-            fprintf(stderr, "usage: bench [--quick] [--threads T] [--cpu VARIANT] [--model MODEL.ply] [--csv FILE]\n");
+            fprintf(stderr, "usage: bench [--quick] [--threads T] [--cpu VARIANT] [--model "
+                            "MODEL.ply] [--csv FILE]\n");
             return 1;
         }
     }
@@ -274,21 +288,21 @@ int main(int argc, char **argv)
         bench_fail(ctx, "kernels");
     FILE *csv = csv_path ? fopen(csv_path, "w") : NULL;
     if (csv)
-        fprintf(csv, "sweep,gaussians,side,threads,ms,project,bin,raster,loss,raster_backward,update,pairs_per_pixel,"
+        fprintf(csv, "sweep,gaussians,side,threads,ms,project,bin,raster,loss,raster_backward,"
+                     "update,pairs_per_pixel,"
                      "instances_per_gaussian\n");
     const struct roofline machine = roofline_measure(ctx, kernels);
-    printf(
-        "splatguard %s, kernels %s. Machine: stream %.1f GB/s with %d threads, FMA %.0f GFLOP/s a core; pairs on full "
-        "lanes %.2f G/s forward, %.2f G/s backward a core.\n",
-        sg_version(), kernels->name, 1e-9 * machine.bandwidth, threads, 1e-9 * machine.flops, 1e-9 * machine.forward,
-        1e-9 * machine.backward);
+    printf("splatguard %s, kernels %s. Machine: stream %.1f GB/s with %d threads, FMA %.0f GFLOP/s "
+           "a core; pairs on full lanes %.2f G/s forward, %.2f G/s backward a core.\n",
+           sg_version(), kernels->name, 1e-9 * machine.bandwidth, threads, 1e-9 * machine.flops,
+           1e-9 * machine.forward, 1e-9 * machine.backward);
 
     const int rounds = quick ? 9 : 31;
     struct sg_model *m;
     if (path ? sg_model_read_ply(ctx, path, UINT32_MAX, &m) : (m = surface_model(ctx, 300000), 0))
         bench_fail(ctx, "model");
-    /* The speed of memory that is shared with others drifts: one thread and all take turns, and of each the middle one
-     * of three counts. */
+    /* The speed of memory that is shared with others drifts: one thread and all take turns, and of
+     * each the middle one of three counts. */
     const struct sg_defense_params off = {SG_DEFENSE_DEFAULTS};
     struct sg_defense_params smooth_only = off, count_only = off;
     smooth_only.on = count_only.on = true;
@@ -310,8 +324,8 @@ int main(int argc, char **argv)
     print_defense(&r, &with_losses, &with_counts);
     if (threads > 1) {
         const struct result one = middle(single);
-        printf("\nScaling, threads 1 to %d: %.1f to %.1f ms, %.2fx (", threads, 1e3 * one.total, 1e3 * r.total,
-               one.total / r.total);
+        printf("\nScaling, threads 1 to %d: %.1f to %.1f ms, %.2fx (", threads, 1e3 * one.total,
+               1e3 * r.total, one.total / r.total);
         for (int k = 0; k < STAGES; k++)
             printf("%s%s %.2fx", k ? ", " : "", stage_names[k], one.stage[k] / r.stage[k]);
         printf(").\n");

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The anisotropy loss and its gradient, by our transforms and by FFTW's in turn. Prints CSV: medians in milliseconds,
- * the median of the ratios of neighbouring calls, ours over FFTW's, and the same of the processor time of all threads,
- * which other work on the machine changes least.
+/* The anisotropy loss and its gradient, by our transforms and by FFTW's in turn. Prints CSV:
+ * medians in milliseconds, the median of the ratios of neighbouring calls, ours over FFTW's, and
+ * the same of the processor time of all threads, which other work on the machine changes least.
  *
  *     bench_fft [--cpu VARIANT] [ROUNDS] */
 #include <math.h>
@@ -30,7 +30,8 @@ static void paint(float *x, int w, int h)
     for (int i = 0; i < 3 * w * h; i++) {
         const int at = i % (w * h), px = at % w, py = at / w;
         seed = seed * 1664525u + 1013904223u;
-        x[i] = 0.5f + 0.2f * (float) ((px / 37 + py / 23) % 2) + 0.1f * (float) (seed >> 8) / (float) (1 << 24);
+        x[i] = 0.5f + 0.2f * (float) ((px / 37 + py / 23) % 2) +
+               0.1f * (float) (seed >> 8) / (float) (1 << 24);
     }
 }
 
@@ -45,7 +46,8 @@ static double apart(const float *a, const float *b, size_t n)
     return most / largest;
 }
 
-static void compare(const struct cpu_kernels *kernels, int w, int h, bool exact, int threads, int rounds)
+static void compare(const struct cpu_kernels *kernels, int w, int h, bool exact, int threads,
+                    int rounds)
 {
     sg_ctx *ctx;
     struct sg_anisotropy *ours;
@@ -57,7 +59,8 @@ static void compare(const struct cpu_kernels *kernels, int w, int h, bool exact,
         bench_fail(ctx, "transform");
     struct fftw_anisotropy *theirs = fftw_anisotropy_create(ctx, w, h, exact);
     const size_t n = 3 * (size_t) w * (size_t) h;
-    float *x = malloc(n * sizeof(float)), *g[2] = {malloc(n * sizeof(float)), malloc(n * sizeof(float))};
+    float *x = malloc(n * sizeof(float)),
+          *g[2] = {malloc(n * sizeof(float)), malloc(n * sizeof(float))};
     double *times[4], loss[2] = {0}, off = 0;
     for (int k = 0; k < 4; k++)
         times[k] = malloc((size_t) rounds * sizeof(double));
@@ -68,7 +71,8 @@ static void compare(const struct cpu_kernels *kernels, int w, int h, bool exact,
             const int k = turn ^ (i & 1); /* each comes first every other time */
             memset(g[k], 0, n * sizeof(float));
             const double start = sg_seconds(), start_work = processor_seconds();
-            loss[k] = k ? fftw_anisotropy_loss(theirs, x, g[1]) : sg_anisotropy_loss(ours, x, 1, g[0]);
+            loss[k] =
+                k ? fftw_anisotropy_loss(theirs, x, g[1]) : sg_anisotropy_loss(ours, x, 1, g[0]);
             spent[k] = sg_seconds() - start, worked[k] = processor_seconds() - start_work;
         }
         if (i >= 0)
@@ -78,9 +82,10 @@ static void compare(const struct cpu_kernels *kernels, int w, int h, bool exact,
     off = apart(g[0], g[1], n);
     if (!(fabs(loss[0] - loss[1]) < 1e-5 * loss[1] && off < 1e-4))
         bench_fail(NULL, "the results differ");
-    printf("%s,%dx%d,%dx%d,%d,%.2f,%.2f,%.2f,%.2f,%.1e\n", kernels->name, w, h, sg_anisotropy_width(w, exact),
-           sg_anisotropy_height(h, exact), threads, 1e3 * median(times[0], rounds), 1e3 * median(times[1], rounds),
-           median(times[2], rounds), median(times[3], rounds), off);
+    printf("%s,%dx%d,%dx%d,%d,%.2f,%.2f,%.2f,%.2f,%.1e\n", kernels->name, w, h,
+           sg_anisotropy_width(w, exact), sg_anisotropy_height(h, exact), threads,
+           1e3 * median(times[0], rounds), 1e3 * median(times[1], rounds), median(times[2], rounds),
+           median(times[3], rounds), off);
     fflush(stdout);
     for (int k = 0; k < 4; k++)
         free(times[k]);
@@ -105,7 +110,8 @@ int main(int argc, char **argv)
         bench_fail(NULL, "usage: bench_fft [--cpu VARIANT] [ROUNDS]");
     if (sg_ctx_create(&ctx, NULL) || sg_cpu_select(ctx, cpu, &kernels))
         bench_fail(ctx, "kernels");
-    printf("kernels,image,transformed,threads,ms,fftw_ms,ratio,processor_time_ratio,gradient_difference\n");
+    printf("kernels,image,transformed,threads,ms,fftw_ms,ratio,processor_time_ratio,gradient_"
+           "difference\n");
     static const struct {
         int w, h;
         bool exact;

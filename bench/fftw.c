@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the library did before it had transforms of its own, for comparison. It is built where FFTW is installed, and is
- * part of the benchmark only. Rows are transformed 16 at a time from a small buffer, columns 16 at a time in place and
- * only those that reach into the band. */
+/* What the library did before it had transforms of its own, for comparison. It is built where FFTW
+ * is installed, and is part of the benchmark only. Rows are transformed 16 at a time from a small
+ * buffer, columns 16 at a time in place and only those that reach into the band. */
 #include "fftw.h"
 
 #include <complex.h>
@@ -50,15 +50,16 @@ static void make_plans(struct fftw_anisotropy *a, int last)
     const int row = (int) a->row, stride = (int) a->stride;
     const unsigned flags = FFTW_ESTIMATE; /* as the library did: the same plans in each run */
     if (rows) {
-        a->rows[last] = fftwf_plan_many_dft_r2c(1, &a->w, rows, a->buffers, NULL, 1, row, a->f, NULL, 1, stride, flags);
-        a->rows_back[last] =
-            fftwf_plan_many_dft_c2r(1, &a->w, rows, a->f, NULL, 1, stride, a->buffers, NULL, 1, row, flags);
+        a->rows[last] = fftwf_plan_many_dft_r2c(1, &a->w, rows, a->buffers, NULL, 1, row, a->f,
+                                                NULL, 1, stride, flags);
+        a->rows_back[last] = fftwf_plan_many_dft_c2r(1, &a->w, rows, a->f, NULL, 1, stride,
+                                                     a->buffers, NULL, 1, row, flags);
     }
     if (columns) {
-        a->cols[last] =
-            fftwf_plan_many_dft(1, &a->h, columns, a->f, NULL, stride, 1, a->f, NULL, stride, 1, FFTW_FORWARD, flags);
-        a->cols_back[last] =
-            fftwf_plan_many_dft(1, &a->h, columns, a->f, NULL, stride, 1, a->f, NULL, stride, 1, FFTW_BACKWARD, flags);
+        a->cols[last] = fftwf_plan_many_dft(1, &a->h, columns, a->f, NULL, stride, 1, a->f, NULL,
+                                            stride, 1, FFTW_FORWARD, flags);
+        a->cols_back[last] = fftwf_plan_many_dft(1, &a->h, columns, a->f, NULL, stride, 1, a->f,
+                                                 NULL, stride, 1, FFTW_BACKWARD, flags);
     }
 }
 
@@ -84,7 +85,8 @@ struct fftw_anisotropy *fftw_anisotropy_create(sg_ctx *ctx, int width, int heigh
     a->direction = aligned((size_t) a->h * (size_t) a->columns);
     for (int u = 0; u < a->h; u++)
         for (int v = 0; v < a->columns; v++)
-            a->direction[u * a->columns + v] = (uint8_t) sg_spectrum_bin(u, v, a->w, a->h, &band, OUTSIDE);
+            a->direction[u * a->columns + v] =
+                (uint8_t) sg_spectrum_bin(u, v, a->w, a->h, &band, OUTSIDE);
     a->buffers = aligned((size_t) sg_ctx_threads(ctx) * ROWS * a->row * sizeof(float));
     a->f = aligned(3 * (size_t) a->h * a->stride * sizeof(float complex));
     a->beyond = aligned(3 * (size_t) (a->h - height) * (size_t) width * sizeof(float));
@@ -114,16 +116,19 @@ static void transform_rows(void *arg, size_t piece, int thread)
 {
     struct fftw_anisotropy *a = arg;
     const size_t plane = piece / row_pieces(a);
-    const int first = (int) (piece % row_pieces(a)) * ROWS, end = first + ROWS < a->h ? first + ROWS : a->h;
+    const int first = (int) (piece % row_pieces(a)) * ROWS,
+              end = first + ROWS < a->h ? first + ROWS : a->h;
     float *buffer = a->buffers + (size_t) thread * ROWS * a->row;
     for (int y = first; y < end; y++) {
         float *to = buffer + (size_t) (y - first) * a->row;
-        const size_t own = plane * (size_t) a->height + (size_t) (y < a->height ? y : a->height - 1);
+        const size_t own =
+            plane * (size_t) a->height + (size_t) (y < a->height ? y : a->height - 1);
         memcpy(to, a->image + own * (size_t) a->width, (size_t) a->width * sizeof(float));
         for (int x = a->width; x < a->w; x++)
             to[x] = to[a->width - 1];
     }
-    fftwf_execute_dft_r2c(a->rows[end - first < ROWS], buffer, spectrum_of(a, plane) + (size_t) first * a->stride);
+    fftwf_execute_dft_r2c(a->rows[end - first < ROWS], buffer,
+                          spectrum_of(a, plane) + (size_t) first * a->stride);
 }
 
 struct column_piece {
@@ -175,7 +180,8 @@ static double loss_of_bins(struct fftw_anisotropy *a)
     for (int b = 0; b < BINS; b++)
         entropy -= energy[b] > 0 ? energy[b] / total * log(energy[b] / total) : 0;
     for (int b = 0; b < BINS; b++)
-        a->factor[b] = (float) (2 * (log(fmax(energy[b] / total, 1e-12)) + entropy) / (total * log(BINS)));
+        a->factor[b] =
+            (float) (2 * (log(fmax(energy[b] / total, 1e-12)) + entropy) / (total * log(BINS)));
     return 1 - entropy / log(BINS);
 }
 
@@ -197,7 +203,8 @@ static void pull_rows(void *arg, size_t piece, int thread)
 {
     struct fftw_anisotropy *a = arg;
     const size_t plane = piece / row_pieces(a), width = (size_t) a->width;
-    const int first = (int) (piece % row_pieces(a)) * ROWS, end = first + ROWS < a->h ? first + ROWS : a->h;
+    const int first = (int) (piece % row_pieces(a)) * ROWS,
+              end = first + ROWS < a->h ? first + ROWS : a->h;
     float *buffer = a->buffers + (size_t) thread * ROWS * a->row;
     float complex *f = spectrum_of(a, plane) + (size_t) first * a->stride;
     for (int y = first; y < end; y++)
@@ -213,14 +220,16 @@ static void pull_rows(void *arg, size_t piece, int thread)
             for (size_t x = 0; x < width; x++)
                 to[x] += g[x];
         } else
-            memcpy(a->beyond + (plane * (size_t) (a->h - a->height) + (size_t) (y - a->height)) * width, g,
-                   width * sizeof(float));
+            memcpy(a->beyond +
+                       (plane * (size_t) (a->h - a->height) + (size_t) (y - a->height)) * width,
+                   g, width * sizeof(float));
     }
 }
 
 double fftw_anisotropy_loss(struct fftw_anisotropy *a, const float *planes, float *gradient)
 {
-    const size_t rows = 3 * row_pieces(a), columns = 3 * column_pieces(a), width = (size_t) a->width;
+    const size_t rows = 3 * row_pieces(a), columns = 3 * column_pieces(a),
+                 width = (size_t) a->width;
     a->image = planes, a->gradient = gradient;
     sg_parallel_for(a->ctx, rows, transform_rows, a);
     sg_parallel_for(a->ctx, columns, transform_columns, a);

@@ -7,7 +7,7 @@ data=$(mktemp -d)
 trap 'rm -rf "$data"' EXIT
 plots=
 for arg; do
-    label=${arg%%=*} run=${arg#*=} file=$data/$(echo "$plots" | wc -c)
+    label=${arg%%=*} run=${arg#*=} file=$data/${#plots}
     sed -n 's/^{"iteration":\([0-9]*\),"loss".*"gaussians":\([0-9]*\),.*/\1 \2/p' "$run/log.jsonl" >"$file"
     plots="$plots${plots:+, }'$file' using (\$1/1000):(\$2/1000) with lines lw 2 title '$label'"
 done

@@ -30,22 +30,23 @@ static double bandwidth(sg_ctx *ctx)
     return best;
 }
 
-/* Twelve independent chains of the widest multiply-add that this file was compiled for, times their number of lanes. */
+/* Twelve independent chains of the widest multiply-add that this file was compiled for, times their
+ * number of lanes. */
 #if defined(__x86_64__)
-#define MULTIPLY_ADD(name, attribute, type, lanes)                                                                     \
-    __attribute__((target(attribute), noinline)) static double name(long rounds)                                       \
-    {                                                                                                                  \
-        type x[12];                                                                                                    \
-        for (int k = 0; k < 12; k++)                                                                                   \
-            x[k] = (type){0} + (float) k; /* all different, or they would be computed once */                          \
-        const type a = (type){0} + 0.999f, b = (type){0} + 1.0f;                                                       \
-        for (long i = 0; i < rounds; i++)                                                                              \
-            for (int k = 0; k < 12; k++)                                                                               \
-                x[k] = x[k] * a + b;                                                                                   \
-        float sum = 0;                                                                                                 \
-        for (int k = 0; k < 12; k++)                                                                                   \
-            sum += x[k][0];                                                                                            \
-        return (double) sum;                                                                                           \
+#define MULTIPLY_ADD(name, attribute, type, lanes)                                                 \
+    __attribute__((target(attribute), noinline)) static double name(long rounds)                   \
+    {                                                                                              \
+        type x[12];                                                                                \
+        for (int k = 0; k < 12; k++)                                                               \
+            x[k] = (type){0} + (float) k; /* all different, or they would be computed once */      \
+        const type a = (type){0} + 0.999f, b = (type){0} + 1.0f;                                   \
+        for (long i = 0; i < rounds; i++)                                                          \
+            for (int k = 0; k < 12; k++)                                                           \
+                x[k] = x[k] * a + b;                                                               \
+        float sum = 0;                                                                             \
+        for (int k = 0; k < 12; k++)                                                               \
+            sum += x[k][0];                                                                        \
+        return (double) sum;                                                                       \
     }
 typedef float f16 __attribute__((vector_size(64)));
 typedef float f8 __attribute__((vector_size(32)));

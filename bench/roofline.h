@@ -4,11 +4,11 @@
 
 #include "engine/cpu/kernels.h"
 
-/* What this machine does at best: read-modify-write streams of all threads, multiply-adds of one core, and the raster
- * kernels of one core on tiles where every lane of every pair works. */
+/* What this machine does at best: read-modify-write streams of all threads, multiply-adds of one
+ * core, and the raster kernels of one core on tiles where every lane of every pair works. */
 struct roofline {
-    double bandwidth; /* bytes/s */
-    double flops;     /* per second and core */
+    double bandwidth;         /* bytes/s */
+    double flops;             /* per second and core */
     double forward, backward; /* pairs/s and core */
 };
 

@@ -14,9 +14,9 @@ struct attack_config {
     struct scene_options scene;
     struct sg_attack_params attack;
     struct sg_poison_files files;
-    float grey_step;                                      /* of the ascent, in grey levels */
-    int iterations, inner, update_interval;               /* 0 = the preset's */
-    int method, preset, tv, save, chroma, views, engine;  /* indices of choices */
+    float grey_step;                                     /* of the ascent, in grey levels */
+    int iterations, inner, update_interval;              /* 0 = the preset's */
+    int method, preset, tv, save, chroma, views, engine; /* indices of choices */
     int proxy_iterations, save_every, threads;
     float ratio, spare;
     uint64_t max_memory;

@@ -8,19 +8,23 @@
 
 #include "interrupt.h"
 
-/* Scenes of Blender bring test photos of their own, which stay clean; where there are none, nothing is missing. */
+/* Scenes of Blender bring test photos of their own, which stay clean; where there are none, nothing
+ * is missing. */
 int attack_load(struct attack_run *r)
 {
     struct attack_config *c = r->config;
-    const bool blender = run_has(c->source, "transforms_test.json") && run_has(c->source, "transforms_train.json");
+    const bool blender =
+        run_has(c->source, "transforms_test.json") && run_has(c->source, "transforms_train.json");
     c->scene.params.eval = blender || c->views == VIEWS_TRAIN;
     int error = sg_scene_load(r->ctx, c->source, &c->scene.params, &r->scene);
     if (error == SG_ERR_INPUT && blender) { /* or their photos are not here */
         c->scene.params.eval = false;
         error = sg_scene_load(r->ctx, c->source, &c->scene.params, &r->scene);
     }
-    if (!error && c->scene.params.eval && c->views == VIEWS_ALL && r->scene->format != SG_FORMAT_BLENDER) {
-        c->scene.params.eval = false; /* another layout lies in the same folder, and is the one that is read */
+    if (!error && c->scene.params.eval && c->views == VIEWS_ALL &&
+        r->scene->format != SG_FORMAT_BLENDER) {
+        c->scene.params.eval =
+            false; /* another layout lies in the same folder, and is the one that is read */
         sg_scene_destroy(&r->scene);
         error = sg_scene_load(r->ctx, c->source, &c->scene.params, &r->scene);
     }
@@ -42,7 +46,8 @@ static int train_proxy(const struct attack_config *c, char **model)
     const struct command *train = &command_train;
     struct train_config t = *(const struct train_config *) train->defaults;
     bool *given = calloc(options_count(train), sizeof(*given));
-    char *folder = run_path(c->output, "attack/proxy"), *done = folder ? run_path(folder, "summary.json") : NULL;
+    char *folder = run_path(c->output, "attack/proxy"),
+         *done = folder ? run_path(folder, "summary.json") : NULL;
     char *begun = folder ? run_path(folder, "checkpoint.bin") : NULL;
     int code = given && folder && done && begun ? 0 : no_memory();
     if (code || (c->resume && !access(done, F_OK) && access(begun, F_OK)))
@@ -61,7 +66,8 @@ static int train_proxy(const struct attack_config *c, char **model)
     t.eval_every = 0;
     t.threads = c->threads;
     t.max_memory = c->max_memory;
-    for (size_t i = 0; train->options[i].name; i++) /* a resumed proxy has another limit of its own */
+    for (size_t i = 0; train->options[i].name;
+         i++) /* a resumed proxy has another limit of its own */
         given[i] = train->options[i].type != OPT_GROUP &&
                    train->options[i].offset == offsetof(struct train_config, max_memory);
     t.quiet = c->quiet;
@@ -97,7 +103,8 @@ static int loop(struct attack_run *r)
     const struct attack_config *c = r->config;
     int code = 0, done = sg_attack_iteration(r->attack);
     /* An interrupted attack goes on to where its state is whole. */
-    while (!code && done < c->attack.iterations && (!interrupted() || done % c->attack.update_interval)) {
+    while (!code && done < c->attack.iterations &&
+           (!interrupted() || done % c->attack.update_interval)) {
         const double start = sg_seconds();
         const int error = sg_attack_step(r->attack, &r->step);
         r->totals.seconds += sg_seconds() - start;
@@ -116,8 +123,8 @@ static int loop(struct attack_run *r)
                                                             .gaussians = r->step.gaussians});
         if (done % 100 == 0 || done == 1 || done == c->attack.iterations)
             code = attack_log_step(r);
-        if (!code && c->save_every && done % c->save_every == 0 && done % c->attack.update_interval == 0 &&
-            done < c->attack.iterations)
+        if (!code && c->save_every && done % c->save_every == 0 &&
+            done % c->attack.update_interval == 0 && done < c->attack.iterations)
             code = checkpoint(r);
     }
     if (!code && done < c->attack.iterations) {
@@ -136,7 +143,8 @@ static int start_decoy(struct attack_run *r, const char *proxy)
 {
     struct sg_model *model = NULL;
     char *saved = run_path(r->config->output, "attack/checkpoint.bin");
-    int error = sg_model_read_ply(r->ctx, proxy, UINT32_MAX, &model), code = saved ? 0 : no_memory();
+    int error = sg_model_read_ply(r->ctx, proxy, UINT32_MAX, &model),
+        code = saved ? 0 : no_memory();
     if (!error)
         error = sg_model_check(r->ctx, model, proxy);
     if (!error)
@@ -187,7 +195,8 @@ int attack_whole(struct attack_run *r, const char *proxy)
         code = start_decoy(r, model);
     r->lasting = !code;
     if (!code && splat) {
-        progress_begin(&r->progress, c->quiet, sg_attack_iteration(r->attack), c->attack.iterations);
+        progress_begin(&r->progress, c->quiet, sg_attack_iteration(r->attack),
+                       c->attack.iterations);
         code = loop(r);
     }
     const bool ended = !code;

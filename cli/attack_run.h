@@ -29,7 +29,8 @@ struct attack_run {
 /* These return an exit code after printing what is wrong. */
 int attack_load(struct attack_run *r); /* the scene */
 
-/* The scene is loaded and its preset applied. proxy: path of a model, or NULL to train one first. */
+/* The scene is loaded and its preset applied. proxy: path of a model, or NULL to train one
+ * first. */
 int attack_whole(struct attack_run *r, const char *proxy);
 
 int attack_log_open(struct attack_run *r); /* when resuming, lines after the checkpoint go */

@@ -12,10 +12,13 @@
 #include "output.h"
 #include "run_folder.h"
 
-#define SHOWN 3    /* photos from each end of the ranking */
-#define PANEL 270  /* pixels, the longer side: four in a row */
-#define HEAT 32.0f /* grey levels of oscillation that are drawn white: all that a bound of 16 allows */
-#define FAINT 0.1  /* grey levels of white noise whose spectrum is drawn black; a thousand times as many are white */
+#define SHOWN 3   /* photos from each end of the ranking */
+#define PANEL 270 /* pixels, the longer side: four in a row */
+#define HEAT                                                                                       \
+    32.0f /* grey levels of oscillation that are drawn white: all that a bound of 16 allows */
+#define FAINT                                                                                      \
+    0.1 /* grey levels of white noise whose spectrum is drawn black; a thousand times as many are  \
+           white */
 
 /* Names need not be UTF-8; the page must be. */
 static void put_text(FILE *f, const char *name)
@@ -33,7 +36,8 @@ static void put_base64(FILE *f, const uint8_t *data, size_t n)
 {
     static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     for (size_t i = 0; i < n; i += 3) {
-        const unsigned a = data[i], b = i + 1 < n ? data[i + 1] : 0, c = i + 2 < n ? data[i + 2] : 0;
+        const unsigned a = data[i], b = i + 1 < n ? data[i + 1] : 0,
+                       c = i + 2 < n ? data[i + 2] : 0;
         const unsigned word = a << 16 | b << 8 | c;
         fputc(digits[word >> 18], f);
         fputc(digits[word >> 12 & 63], f);
@@ -52,7 +56,8 @@ static void heat(float t, uint8_t *rgb)
     }
 }
 
-static int put_picture(sg_ctx *ctx, FILE *f, const uint8_t *rgb, int w, int h, const char *title, const char *of)
+static int put_picture(sg_ctx *ctx, FILE *f, const uint8_t *rgb, int w, int h, const char *title,
+                       const char *of)
 {
     const int side = w > h ? w : h, pw = w * PANEL / side > 0 ? w * PANEL / side : 1,
               ph = h * PANEL / side > 0 ? h * PANEL / side : 1;
@@ -81,19 +86,26 @@ static void put_directions(FILE *f, const struct sg_spectrum *s)
     double most = 0;
     for (int b = 0; b < s->bins; b++)
         most = fmax(most, s->angular[b]);
-    fprintf(f, "<figure><svg role=img aria-label=\"energy by direction\" width=%d height=120>", PANEL);
+    fprintf(f, "<figure><svg role=img aria-label=\"energy by direction\" width=%d height=120>",
+            PANEL);
     for (int b = 0; b < half; b++) {
-        const double share = most > 0 ? s->angular[s->bins / 4 + b] / most : 0, wide = (double) PANEL / half;
-        fprintf(f, "<rect x=%.1f y=%.1f width=%.1f height=%.1f />", b * wide, 120 - 118 * share, wide - 1, 118 * share);
+        const double share = most > 0 ? s->angular[s->bins / 4 + b] / most : 0,
+                     wide = (double) PANEL / half;
+        fprintf(f, "<rect x=%.1f y=%.1f width=%.1f height=%.1f />", b * wide, 120 - 118 * share,
+                wide - 1, 118 * share);
     }
-    fprintf(f, "</svg><figcaption>energy by direction, -90 to 90 degrees: anisotropy %.3f</figcaption></figure>\n",
+    fprintf(f,
+            "</svg><figcaption>energy by direction, -90 to 90 degrees: anisotropy "
+            "%.3f</figcaption></figure>\n",
             s->anisotropy);
 }
 
 /* Photo, where it oscillates, and its spectrum. */
-static int put_view(sg_ctx *ctx, FILE *f, const struct sg_view *v, const struct sg_audit_image *image)
+static int put_view(sg_ctx *ctx, FILE *f, const struct sg_view *v,
+                    const struct sg_audit_image *image)
 {
-    const int w = v->camera.width, h = v->camera.height, across = (w + 15) / 16, below = (h + 15) / 16;
+    const int w = v->camera.width, h = v->camera.height, across = (w + 15) / 16,
+              below = (h + 15) / 16;
     const size_t pixels = (size_t) w * (size_t) h;
     float *map = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) across * (size_t) below, sizeof(*map));
     float *amplitude = sg_alloc_raw(ctx, SG_MEM_MISC, pixels, sizeof(*amplitude));
@@ -102,15 +114,19 @@ static int put_view(sg_ctx *ctx, FILE *f, const struct sg_view *v, const struct 
     struct sg_spectrum spectrum;
     fprintf(f, "<h3>");
     put_text(f, image->name);
-    fprintf(f, ": %s, score %.3f</h3>\n<div class=row>\n", sg_audit_verdict_name(image->verdict), image->score);
-    int code = map && amplitude && rgb ? put_picture(ctx, f, v->rgb, w, h, "photo", v->name) : SG_ERR_BUDGET;
+    fprintf(f, ": %s, score %.3f</h3>\n<div class=row>\n", sg_audit_verdict_name(image->verdict),
+            image->score);
+    int code = map && amplitude && rgb ? put_picture(ctx, f, v->rgb, w, h, "photo", v->name)
+                                       : SG_ERR_BUDGET;
     if (!code)
         code = sg_audit_measure(ctx, v->rgb, v->mask, w, h, &features, map);
     if (!code) {
         for (size_t i = 0; i < pixels; i++)
-            heat(sqrtf(map[i / (size_t) w / 16 * (size_t) across + i % (size_t) w / 16] / HEAT), rgb + 3 * i);
-        code = put_picture(ctx, f, rgb, w, h,
-                           "oscillation in grey levels: black 0, red 4, yellow 14, white 32 and more", v->name);
+            heat(sqrtf(map[i / (size_t) w / 16 * (size_t) across + i % (size_t) w / 16] / HEAT),
+                 rgb + 3 * i);
+        code = put_picture(
+            ctx, f, rgb, w, h,
+            "oscillation in grey levels: black 0, red 4, yellow 14, white 32 and more", v->name);
     }
     if (!code)
         code = sg_spectrum_measure(ctx, v->rgb, w, h, NULL, &spectrum, amplitude);
@@ -119,8 +135,9 @@ static int put_view(sg_ctx *ctx, FILE *f, const struct sg_view *v, const struct 
             const double levels = 255 * expm1((double) amplitude[i]) / sqrt((double) pixels);
             heat((float) (log(fmax(levels, FAINT) / FAINT) / log(1000)), rgb + 3 * i);
         }
-        code = put_picture(ctx, f, rgb, w, h,
-                           "amplitude spectrum: black = as white noise of 0.1 grey levels, white = 100", v->name);
+        code = put_picture(
+            ctx, f, rgb, w, h,
+            "amplitude spectrum: black = as white noise of 0.1 grey levels, white = 100", v->name);
     }
     if (!code)
         put_directions(f, &spectrum);
@@ -137,7 +154,8 @@ static const struct sg_audit_image *ranked_by;
 static int by_score(const void *a, const void *b)
 {
     const size_t x = *(const size_t *) a, y = *(const size_t *) b;
-    const bool p = ranked_by[x].verdict == SG_AUDIT_UNSEEN, q = ranked_by[y].verdict == SG_AUDIT_UNSEEN;
+    const bool p = ranked_by[x].verdict == SG_AUDIT_UNSEEN,
+               q = ranked_by[y].verdict == SG_AUDIT_UNSEEN;
     if (p != q)
         return p - q;
     if (ranked_by[x].score != ranked_by[y].score)
@@ -149,33 +167,44 @@ static void put_head(FILE *f, const struct sg_scene *scene, const struct sg_audi
 {
     char unseen[64] = "";
     if (a->verdicts[SG_AUDIT_UNSEEN])
-        snprintf(unseen, sizeof(unseen), ", %zu unseen: masks leave nothing of them", a->verdicts[SG_AUDIT_UNSEEN]);
+        snprintf(unseen, sizeof(unseen), ", %zu unseen: masks leave nothing of them",
+                 a->verdicts[SG_AUDIT_UNSEEN]);
     fprintf(
         f,
-        "<!doctype html>\n<html lang=en><meta charset=utf-8><meta name=viewport content=\"width=device-width\">\n"
+        "<!doctype html>\n<html lang=en><meta charset=utf-8><meta name=viewport "
+        "content=\"width=device-width\">\n"
         "<meta name=generator content=\"splatguard %s\">\n"
         "<title>Audit: %s</title>\n<style>\n"
-        ":root{color-scheme:light dark;--ink:#222;--paper:#fff;--faint:#555;--line:#ddd;--bar:#357;--clean:#176b43;"
+        ":root{color-scheme:light "
+        "dark;--ink:#222;--paper:#fff;--faint:#555;--line:#ddd;--bar:#357;--clean:#176b43;"
         "--suspicious:#8a5200;--poisoned:#b3202c}\n"
-        "@media(prefers-color-scheme:dark){:root{--ink:#ddd;--paper:#161616;--faint:#aaa;--line:#444;--bar:#7ab;"
+        "@media(prefers-color-scheme:dark){:root{--ink:#ddd;--paper:#161616;--faint:#aaa;--line:#"
+        "444;--bar:#7ab;"
         "--clean:#5fc493;--suspicious:#e5a34d;--poisoned:#ff7a80}}\n"
         "body{font:16px/1.5 system-ui,sans-serif;margin:2em auto;max-width:1140px;padding:0 1em;"
         "background:var(--paper);color:var(--ink);overflow-wrap:break-word}\n"
-        "table{border-collapse:collapse}td,th{padding:.1em .8em;text-align:right;border-bottom:1px solid var(--line)}\n"
-        "td:first-child,th:first-child{text-align:left}.wide{overflow-x:auto}img,svg{max-width:100%%;height:auto}\n"
-        ".row{display:flex;flex-wrap:wrap;align-items:start;gap:12px}figure{margin:0;display:table}\n"
+        "table{border-collapse:collapse}td,th{padding:.1em .8em;text-align:right;border-bottom:1px "
+        "solid var(--line)}\n"
+        "td:first-child,th:first-child{text-align:left}.wide{overflow-x:auto}img,svg{max-width:100%"
+        "%;height:auto}\n"
+        ".row{display:flex;flex-wrap:wrap;align-items:start;gap:12px}figure{margin:0;display:table}"
+        "\n"
         "figcaption{display:table-caption;caption-side:bottom;font-size:13px;color:var(--faint)}\n"
         "rect{fill:var(--bar)}.clean{color:var(--clean)}.suspicious{color:var(--suspicious)}"
         ".poisoned{color:var(--poisoned)}\n</style>\n<h1>",
         sg_version(), sg_audit_verdict_name(a->verdict));
     put_text(f, scene->path);
-    fprintf(
-        f, ": <span class=%s>%s</span></h1>\n<p>Score %.3f. Of %zu photos %zu poisoned, %zu suspicious, %zu clean%s.\n",
-        sg_audit_verdict_name(a->verdict), sg_audit_verdict_name(a->verdict), a->score, a->count,
-        a->verdicts[SG_AUDIT_POISONED], a->verdicts[SG_AUDIT_SUSPICIOUS], a->verdicts[SG_AUDIT_CLEAN], unseen);
+    fprintf(f,
+            ": <span class=%s>%s</span></h1>\n<p>Score %.3f. Of %zu photos %zu poisoned, %zu "
+            "suspicious, %zu clean%s.\n",
+            sg_audit_verdict_name(a->verdict), sg_audit_verdict_name(a->verdict), a->score,
+            a->count, a->verdicts[SG_AUDIT_POISONED], a->verdicts[SG_AUDIT_SUSPICIOUS],
+            a->verdicts[SG_AUDIT_CLEAN], unseen);
     if (a->tau > 0)
-        fprintf(f, "<p>Amplitude of the poison: about %.0f grey levels, with a standard error of %.0f.\n", a->tau,
-                a->tau_error);
+        fprintf(
+            f,
+            "<p>Amplitude of the poison: about %.0f grey levels, with a standard error of %.0f.\n",
+            a->tau, a->tau_error);
     if (a->count_reasons) {
         fprintf(f, "<ul>\n");
         for (size_t i = 0; i < a->count_reasons; i++) {
@@ -189,13 +218,12 @@ static void put_head(FILE *f, const struct sg_scene *scene, const struct sg_audi
 
 static void put_table(FILE *f, const struct sg_audit *a, const size_t *order)
 {
-    fprintf(
-        f, "<h2>All photos</h2>\n<div class=wide><table><tr><th scope=col>photo<th scope=col>verdict<th scope=col>score"
-           "<th scope=col>amplitude<th scope=col>oscillation down<th scope=col>across<th scope=col>in quiet parts<th "
-           "scope=col>of colours"
-           "<th scope=col>share of variation<th scope=col>noisy<th scope=col>at half size<th scope=col>at a quarter<th "
-           "scope=col>spectral slope<th "
-           "scope=col>anisotropy\n");
+    fprintf(f, "<h2>All photos</h2>\n<div class=wide><table><tr><th scope=col>photo<th "
+               "scope=col>verdict<th scope=col>score"
+               "<th scope=col>amplitude<th scope=col>oscillation down<th scope=col>across<th "
+               "scope=col>in quiet parts<th scope=col>of colours"
+               "<th scope=col>share of variation<th scope=col>noisy<th scope=col>at half size<th "
+               "scope=col>at a quarter<th scope=col>spectral slope<th scope=col>anisotropy\n");
     for (size_t i = 0; i < a->count; i++) {
         const struct sg_audit_image *m = &a->images[order[i]];
         const struct sg_audit_features *x = &m->features;
@@ -203,15 +231,17 @@ static void put_table(FILE *f, const struct sg_audit *a, const size_t *order)
         put_text(f, m->name);
         fprintf(f,
                 "<td class=%s>%s<td>%.3f<td>%.0f &plusmn; "
-                "%.0f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.3f\n",
-                sg_audit_verdict_name(m->verdict), sg_audit_verdict_name(m->verdict), m->score, m->tau, m->tau_error,
-                x->osc_down, x->osc_across, x->osc_quiet, x->osc_chroma, x->osc_share, x->noisy, x->half_osc,
-                x->quarter_osc, x->slope, x->anisotropy);
+                "%.0f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%.2f<td>%."
+                "3f\n",
+                sg_audit_verdict_name(m->verdict), sg_audit_verdict_name(m->verdict), m->score,
+                m->tau, m->tau_error, x->osc_down, x->osc_across, x->osc_quiet, x->osc_chroma,
+                x->osc_share, x->noisy, x->half_osc, x->quarter_osc, x->slope, x->anisotropy);
     }
     fprintf(f, "</table></div>\n");
 }
 
-int audit_report(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_audit *a, const char *path)
+int audit_report(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_audit *a,
+                 const char *path)
 {
     char *page = NULL;
     size_t size = 0;

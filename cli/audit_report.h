@@ -5,6 +5,7 @@
 #include "splatguard/splatguard.h"
 
 /* Writes the page. Returns an exit code after printing what is wrong. */
-int audit_report(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_audit *audit, const char *path);
+int audit_report(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_audit *audit,
+                 const char *path);
 
 #endif

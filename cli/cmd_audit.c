@@ -19,15 +19,16 @@ struct audit_config {
 static const struct option audit_options[] = {
     GROUP_ROW("Output"),
     FLAG_ROW("json", A(json), "Print one JSON object.", .transient = true),
-    TEXT_ROW(
-        "report", A(report), "OUT.html",
-        "Write a page with the reasons, spectra and heat maps of the most suspicious and the least suspicious photos.",
-        .transient = true),
-    FLAG_ROW("exit-code", A(exit_code), "Exit with status 5 where the photos look poisoned, with 6 where suspicious.",
+    TEXT_ROW("report", A(report), "OUT.html",
+             "Write a page with the reasons, spectra and heat maps of the most suspicious and the "
+             "least suspicious photos.",
+             .transient = true),
+    FLAG_ROW("exit-code", A(exit_code),
+             "Exit with status 5 where the photos look poisoned, with 6 where suspicious.",
              .transient = true),
     FLAG_ROW("eval", A(eval), "Leave the test views out, as train --eval does.", .transient = true),
-    NUMBER_ROW("threads", OPT_INT, A(threads), 0, 256, "T", "Worker threads; 0 = one per CPU.", .letter = 'j',
-               .transient = true),
+    NUMBER_ROW("threads", OPT_INT, A(threads), 0, 256, "T", "Worker threads; 0 = one per CPU.",
+               .letter = 'j', .transient = true),
     MEMORY_ROW(struct audit_config, max_memory),
     FLAG_ROW("quiet", A(quiet), "Warnings and the verdict only.", .letter = 'q', .transient = true),
     SCENE_OPTIONS(struct audit_config, scene, true),
@@ -38,15 +39,17 @@ static const struct audit_config defaults = {.scene = {SCENE_OPTION_DEFAULTS}};
 
 static json_t *features(const struct sg_audit_features *f)
 {
-    return json_pack("{s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o}", "content",
-                     number_json(f->content), "tv_down", number_json(f->tv_down), "tv_across",
-                     number_json(f->tv_across), "osc_down", number_json(f->osc_down), "osc_across",
-                     number_json(f->osc_across), "osc_share", number_json(f->osc_share), "osc_quiet",
-                     number_json(f->osc_quiet), "osc_chroma", number_json(f->osc_chroma), "half_quiet",
+    return json_pack("{s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o,s:o}",
+                     "content", number_json(f->content), "tv_down", number_json(f->tv_down),
+                     "tv_across", number_json(f->tv_across), "osc_down", number_json(f->osc_down),
+                     "osc_across", number_json(f->osc_across), "osc_share",
+                     number_json(f->osc_share), "osc_quiet", number_json(f->osc_quiet),
+                     "osc_chroma", number_json(f->osc_chroma), "half_quiet",
                      number_json(f->half_quiet), "half_osc", number_json(f->half_osc), "half_share",
-                     number_json(f->half_share), "quarter_osc", number_json(f->quarter_osc), "quarter_share",
-                     number_json(f->quarter_share), "noisy", number_json(f->noisy), "ragged", number_json(f->ragged),
-                     "slope", number_json(f->slope), "anisotropy", number_json(f->anisotropy));
+                     number_json(f->half_share), "quarter_osc", number_json(f->quarter_osc),
+                     "quarter_share", number_json(f->quarter_share), "noisy", number_json(f->noisy),
+                     "ragged", number_json(f->ragged), "slope", number_json(f->slope), "anisotropy",
+                     number_json(f->anisotropy));
 }
 
 static json_t *score_json(const struct sg_audit_image *image)
@@ -58,11 +61,13 @@ static int print_json(const struct sg_audit *a)
 {
     json_t *images = json_array();
     for (size_t i = 0; i < a->count; i++)
-        json_array_append_new(
-            images, json_pack("{s:o,s:o,s:s,s:o,s:o,s:o}", "name", sg_text_to_json(a->images[i].name), "score",
-                              score_json(&a->images[i]), "verdict", sg_audit_verdict_name(a->images[i].verdict), "tau",
-                              number_json(a->images[i].tau), "tau_error", number_json(a->images[i].tau_error),
-                              "features", features(&a->images[i].features)));
+        json_array_append_new(images, json_pack("{s:o,s:o,s:s,s:o,s:o,s:o}", "name",
+                                                sg_text_to_json(a->images[i].name), "score",
+                                                score_json(&a->images[i]), "verdict",
+                                                sg_audit_verdict_name(a->images[i].verdict), "tau",
+                                                number_json(a->images[i].tau), "tau_error",
+                                                number_json(a->images[i].tau_error), "features",
+                                                features(&a->images[i].features)));
     json_t *reasons = json_array();
     for (size_t i = 0; i < a->count_reasons; i++)
         json_array_append_new(reasons, json_string(a->reasons[i]));
@@ -70,22 +75,24 @@ static int print_json(const struct sg_audit *a)
     for (int v = 0; v < SG_AUDIT_VERDICTS; v++)
         json_object_set_new(counts, sg_audit_verdict_name((enum sg_audit_verdict) v),
                             json_integer((json_int_t) a->verdicts[v]));
-    json_t *root = json_pack("{s:s,s:o,s:o,s:o,s:o,s:o,s:o}", "verdict", sg_audit_verdict_name(a->verdict), "score",
-                             number_json(a->score), "tau", number_json(a->tau), "tau_error", number_json(a->tau_error),
+    json_t *root = json_pack("{s:s,s:o,s:o,s:o,s:o,s:o,s:o}", "verdict",
+                             sg_audit_verdict_name(a->verdict), "score", number_json(a->score),
+                             "tau", number_json(a->tau), "tau_error", number_json(a->tau_error),
                              "counts", counts, "reasons", reasons, "images", images);
     return json_print(root, 1);
 }
 
 static void print_text(const struct sg_audit *a)
 {
-    printf("%s: score %.3f; of %zu images %zu poisoned, %zu suspicious, %zu clean", sg_audit_verdict_name(a->verdict),
-           a->score, a->count, a->verdicts[SG_AUDIT_POISONED], a->verdicts[SG_AUDIT_SUSPICIOUS],
-           a->verdicts[SG_AUDIT_CLEAN]);
+    printf("%s: score %.3f; of %zu images %zu poisoned, %zu suspicious, %zu clean",
+           sg_audit_verdict_name(a->verdict), a->score, a->count, a->verdicts[SG_AUDIT_POISONED],
+           a->verdicts[SG_AUDIT_SUSPICIOUS], a->verdicts[SG_AUDIT_CLEAN]);
     if (a->verdicts[SG_AUDIT_UNSEEN])
         printf(", %zu unseen: masks leave nothing of them", a->verdicts[SG_AUDIT_UNSEEN]);
     printf("\n");
     if (a->tau > 0)
-        printf("  amplitude of the poison: about %.0f grey levels (standard error %.0f)\n", a->tau, a->tau_error);
+        printf("  amplitude of the poison: about %.0f grey levels (standard error %.0f)\n", a->tau,
+               a->tau_error);
     for (size_t i = 0; i < a->count_reasons; i++)
         printf("  %s\n", a->reasons[i]);
 }
@@ -97,7 +104,8 @@ static int verdict_status(enum sg_audit_verdict verdict)
                                             : STATUS_DONE;
 }
 
-static int run_audit(const void *config, const bool *given, const char *const *positional, int count)
+static int run_audit(const void *config, const bool *given, const char *const *positional,
+                     int count)
 {
     (void) given, (void) count;
     struct audit_config c = *(const struct audit_config *) config;
@@ -138,8 +146,9 @@ const struct command command_audit = {
     .name = "audit",
     .arguments = "SCENE [options]",
     .summary = "Tells poisoned photos from clean ones, before training.",
-    .description = "Looks for what an attack on the cost of training has to leave in photos: fine oscillation, "
-                   "everywhere, in every photo. Exit status 0 whatever the verdict, unless --exit-code is given.",
+    .description = "Looks for what an attack on the cost of training has to leave in photos: fine "
+                   "oscillation, everywhere, in every photo. Exit status 0 whatever the verdict, "
+                   "unless --exit-code is given.",
     .options = audit_options,
     .config_size = sizeof(struct audit_config),
     .defaults = &defaults,

@@ -13,9 +13,10 @@ struct compare_config {
 };
 
 static const struct option compare_options[] = {
-    FLAG_ROW("json", offsetof(struct compare_config, json), "Print a JSON array, one object a run.", .transient = true),
-    FLAG_ROW("csv", offsetof(struct compare_config, csv), "Print comma-separated values, one line a run.",
+    FLAG_ROW("json", offsetof(struct compare_config, json), "Print a JSON array, one object a run.",
              .transient = true),
+    FLAG_ROW("csv", offsetof(struct compare_config, csv),
+             "Print comma-separated values, one line a run.", .transient = true),
     MODEL_OPTIONS(struct compare_config),
     SCENE_OPTIONS(struct compare_config, m.scene, true),
     {0},
@@ -137,7 +138,11 @@ static int print_table(const struct run *runs, int n)
             const double v = runs[i].value[m] * metrics[m].scale;
             if (i && metrics[m].ratio && isfinite(ratio(runs, i, m)))
                 snprintf(times, sizeof(times), " (%.2fx)", ratio(runs, i, m));
-            snprintf(text, sizeof(text), metrics[m].format ? metrics[m].format : fabs(v) < 100 ? "%.3g" : "%.0f", v);
+            snprintf(text, sizeof(text),
+                     metrics[m].format ? metrics[m].format
+                     : fabs(v) < 100   ? "%.3g"
+                                       : "%.0f",
+                     v);
             snprintf(text + strlen(text), sizeof(text) - strlen(text), "%s", times);
             printf("  %20s", isfinite(v) ? text : "-");
         }
@@ -171,10 +176,12 @@ static int print_json(const struct run *runs, int n)
 {
     json_t *list = json_array();
     for (int i = 0; i < n; i++) {
-        json_t *r = json_pack("{s:o}", "run", sg_text_to_json(runs[i].path)), *ratios = json_object();
+        json_t *r = json_pack("{s:o}", "run", sg_text_to_json(runs[i].path)),
+               *ratios = json_object();
         for (int m = 0; m < METRICS; m++) {
             const double v = runs[i].value[m];
-            json_object_set_new(r, metrics[m].key, is_count(m, v) ? json_integer((json_int_t) v) : number_json(v));
+            json_object_set_new(r, metrics[m].key,
+                                is_count(m, v) ? json_integer((json_int_t) v) : number_json(v));
             if (metrics[m].ratio)
                 json_object_set_new(ratios, metrics[m].key, number_json(ratio(runs, i, m)));
         }
@@ -184,7 +191,8 @@ static int print_json(const struct run *runs, int n)
     return json_print(list, 2);
 }
 
-static int run_compare(const void *config, const bool *given, const char *const *positional, int count)
+static int run_compare(const void *config, const bool *given, const char *const *positional,
+                       int count)
 {
     const struct compare_config *c = config;
     struct run *runs = calloc((size_t) count, sizeof(*runs));
@@ -208,11 +216,10 @@ const struct command command_compare = {
     .name = "compare",
     .arguments = "RUN... [--scene SCENE] [options]",
     .summary = "Prints what runs cost and give next to each other.",
-    .description =
-        "Gaussians, time, memory by kind, rendering speed and quality of runs of `splatguard train`, with ratios to "
-        "the "
-        "first. With --scene, PSNR, SSIM and speed are measured anew on its views: give the clean scene to runs on "
-        "poisoned copies of it (and --downscale as the attack had it).",
+    .description = "Gaussians, time, memory by kind, rendering speed and quality of runs of "
+                   "`splatguard train`, with ratios to the first. With --scene, PSNR, SSIM and "
+                   "speed are measured anew on its views: give the clean scene to runs on poisoned "
+                   "copies of it (and --downscale as the attack had it).",
     .options = compare_options,
     .config_size = sizeof(struct compare_config),
     .defaults = &defaults,

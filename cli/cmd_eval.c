@@ -12,23 +12,28 @@ struct eval_config {
 
 static const struct option eval_options[] = {
     MODEL_OPTIONS(struct eval_config),
-    FLAG_ROW("json", offsetof(struct eval_config, json), "Print one JSON object.", .transient = true),
-    FLAG_ROW("per-view", offsetof(struct eval_config, per_view), "Print each view's values too.", .transient = true),
+    FLAG_ROW("json", offsetof(struct eval_config, json), "Print one JSON object.",
+             .transient = true),
+    FLAG_ROW("per-view", offsetof(struct eval_config, per_view), "Print each view's values too.",
+             .transient = true),
     SCENE_OPTIONS(struct eval_config, m.scene, true),
     {0},
 };
 
 static const struct eval_config defaults = {.m = {MODEL_OPTION_DEFAULTS}};
 
-static int print_json(const struct eval_config *c, const struct model_views *v, const struct sg_eval *e)
+static int print_json(const struct eval_config *c, const struct model_views *v,
+                      const struct sg_eval *e)
 {
-    json_t *root = json_pack("{s:f,s:f,s:f,s:i,s:I}", "psnr", e->psnr, "ssim", e->ssim, "fps", e->fps, "views",
-                             (int) e->views, "gaussians", (json_int_t) v->model->count);
+    json_t *root =
+        json_pack("{s:f,s:f,s:f,s:i,s:I}", "psnr", e->psnr, "ssim", e->ssim, "fps", e->fps, "views",
+                  (int) e->views, "gaussians", (json_int_t) v->model->count);
     json_t *list = c->per_view ? json_array() : NULL;
     for (size_t i = 0; list && i < e->views; i++)
         json_array_append_new(list,
-                              json_pack("{s:o,s:o,s:o}", "name", sg_text_to_json(v->views[i].name), "psnr",
-                                        number_json(e->per_view[i].psnr), "ssim", number_json(e->per_view[i].ssim)));
+                              json_pack("{s:o,s:o,s:o}", "name", sg_text_to_json(v->views[i].name),
+                                        "psnr", number_json(e->per_view[i].psnr), "ssim",
+                                        number_json(e->per_view[i].ssim)));
     if (list)
         json_object_set_new(root, "per_view", list);
     return json_print(root, 0);
@@ -50,10 +55,11 @@ static int run_eval(const void *config, const bool *given, const char *const *po
         else {
             for (size_t i = 0; c->per_view && i < e.views; i++) {
                 sg_make_printable(v.views[i].name); /* a line end in it too */
-                printf("%-32s PSNR %7.3f  SSIM %.4f\n", v.views[i].name, e.per_view[i].psnr, e.per_view[i].ssim);
+                printf("%-32s PSNR %7.3f  SSIM %.4f\n", v.views[i].name, e.per_view[i].psnr,
+                       e.per_view[i].ssim);
             }
-            printf("PSNR %.3f  SSIM %.4f  FPS %.1f (mean %.1f)  %zu views  %zu Gaussians\n", e.psnr, e.ssim, e.fps,
-                   e.fps_mean, e.views, v.model->count);
+            printf("PSNR %.3f  SSIM %.4f  FPS %.1f (mean %.1f)  %zu views  %zu Gaussians\n", e.psnr,
+                   e.ssim, e.fps, e.fps_mean, e.views, v.model->count);
         }
         if (v.ctx)
             sg_eval_clear(&e);
@@ -66,9 +72,8 @@ const struct command command_eval = {
     .name = "eval",
     .arguments = "RUN|MODEL.ply --scene SCENE [options]",
     .summary = "Measures PSNR, SSIM and rendering speed.",
-    .description =
-        "Renders the views of SCENE and compares them with the photos, clamped and rounded to 8 bits. A run's "
-        "folder brings its own scene options.",
+    .description = "Renders the views of SCENE and compares them with the photos, clamped and "
+                   "rounded to 8 bits. A run's folder brings its own scene options.",
     .options = eval_options,
     .config_size = sizeof(struct eval_config),
     .defaults = &defaults,

@@ -10,7 +10,8 @@ struct info_config {
 
 static const struct option info_options[] = {
     GROUP_ROW("Output"),
-    FLAG_ROW("json", offsetof(struct info_config, json), "Print one JSON object.", .transient = true),
+    FLAG_ROW("json", offsetof(struct info_config, json), "Print one JSON object.",
+             .transient = true),
     MEMORY_ROW(struct info_config, max_memory),
     {0},
 };
@@ -19,15 +20,17 @@ static const struct info_config defaults = {0};
 
 static int print_json(const struct sg_model_info *i)
 {
-    json_t *first = i->nonfinite ? json_pack("{s:I,s:s}", "gaussian", (json_int_t) i->first_nonfinite, "property",
-                                             i->first_property)
-                                 : json_null();
-    json_t *root =
-        json_pack("{s:I,s:i,s:o,s:o,s:o,s:o,s:I,s:o,s:I,s:I}", "gaussians", (json_int_t) i->count, "sh_degree",
-                  i->sh_degree, "min", numbers_json(i->min, 3), "max", numbers_json(i->max, 3), "scale_percentiles",
-                  numbers_json(i->scale_percentile, 5), "opacity_percentiles", numbers_json(i->opacity_percentile, 5),
-                  "nonfinite", (json_int_t) i->nonfinite, "first_nonfinite", first, "zero_rotation",
-                  (json_int_t) i->zero_rotation, "transparent", (json_int_t) i->transparent);
+    json_t *first = i->nonfinite
+                        ? json_pack("{s:I,s:s}", "gaussian", (json_int_t) i->first_nonfinite,
+                                    "property", i->first_property)
+                        : json_null();
+    json_t *root = json_pack(
+        "{s:I,s:i,s:o,s:o,s:o,s:o,s:I,s:o,s:I,s:I}", "gaussians", (json_int_t) i->count,
+        "sh_degree", i->sh_degree, "min", numbers_json(i->min, 3), "max", numbers_json(i->max, 3),
+        "scale_percentiles", numbers_json(i->scale_percentile, 5), "opacity_percentiles",
+        numbers_json(i->opacity_percentile, 5), "nonfinite", (json_int_t) i->nonfinite,
+        "first_nonfinite", first, "zero_rotation", (json_int_t) i->zero_rotation, "transparent",
+        (json_int_t) i->transparent);
     return json_print(root, 0);
 }
 
@@ -46,20 +49,22 @@ static void print_text(const char *path, const struct sg_model_info *i)
 {
     printf("%s\n  Gaussians  %zu, SH degree %d\n", path, i->count, i->sh_degree);
     if (i->min[0] <= i->max[0])
-        printf("  bounds     x %.4g .. %.4g, y %.4g .. %.4g, z %.4g .. %.4g\n", i->min[0], i->max[0], i->min[1],
-               i->max[1], i->min[2], i->max[2]);
+        printf("  bounds     x %.4g .. %.4g, y %.4g .. %.4g, z %.4g .. %.4g\n", i->min[0],
+               i->max[0], i->min[1], i->max[1], i->min[2], i->max[2]);
     else
         printf("  bounds     none: no position is finite\n");
     printf("  percentile       1 %%        25 %%       50 %%       75 %%       99 %%\n");
     print_percentiles("scale", i->scale_percentile);
     print_percentiles("opacity", i->opacity_percentile);
     if (i->nonfinite)
-        printf("  broken     %zu Gaussians hold a NaN or an infinity, the first is Gaussian %zu (%s)\n", i->nonfinite,
-               i->first_nonfinite, i->first_property);
+        printf("  broken     %zu Gaussians hold a NaN or an infinity, the first is Gaussian %zu "
+               "(%s)\n",
+               i->nonfinite, i->first_nonfinite, i->first_property);
     if (i->zero_rotation)
         printf("  broken     %zu Gaussians have a rotation of length 0\n", i->zero_rotation);
     if (i->transparent)
-        printf("  unused     %zu Gaussians have an opacity below 1/255 and are never drawn\n", i->transparent);
+        printf("  unused     %zu Gaussians have an opacity below 1/255 and are never drawn\n",
+               i->transparent);
 }
 
 static int run_info(const void *config, const bool *given, const char *const *positional, int count)
@@ -97,9 +102,9 @@ const struct command command_info = {
     .arguments = "RUN|MODEL.ply [--json]",
     .summary = "Says what is in a model and what is wrong with it.",
     .description =
-        "Prints count, SH degree, bounds and percentiles of scale and opacity. A file that cannot be read is "
-        "refused with the place and the reason. Exit status 2 also for a model with values that are not finite, "
-        "which no other command takes.",
+        "Prints count, SH degree, bounds and percentiles of scale and opacity. A file that cannot "
+        "be read is refused with the place and the reason. Exit status 2 also for a model with "
+        "values that are not finite, which no other command takes.",
     .options = info_options,
     .config_size = sizeof(struct info_config),
     .defaults = &defaults,

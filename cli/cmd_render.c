@@ -15,12 +15,13 @@ struct render_config {
 
 static const struct option render_options[] = {
     GROUP_ROW("Output"),
-    TEXT_ROW("output", offsetof(struct render_config, output), "DIR", "Folder for the images.", .letter = 'o',
-             .transient = true),
-    FLAG_ROW("float", offsetof(struct render_config, pfm), "Write PFM (32-bit float, not clamped) instead of PNG.",
-             .transient = true),
+    TEXT_ROW("output", offsetof(struct render_config, output), "DIR", "Folder for the images.",
+             .letter = 'o', .transient = true),
+    FLAG_ROW("float", offsetof(struct render_config, pfm),
+             "Write PFM (32-bit float, not clamped) instead of PNG.", .transient = true),
     FLAG_ROW("depth", offsetof(struct render_config, depth),
-             "Write NAME_depth too: mean depth in scene units (PFM), or nearest white to farthest dark grey (PNG).",
+             "Write NAME_depth too: mean depth in scene units (PFM), or nearest white to farthest "
+             "dark grey (PNG).",
              .transient = true),
     MODEL_OPTIONS(struct render_config),
     SCENE_OPTIONS(struct render_config, m.scene, true),
@@ -30,7 +31,8 @@ static const struct option render_options[] = {
 static const struct render_config defaults = {.m = {MODEL_OPTION_DEFAULTS}};
 
 /* PFM stores rows bottom to top; a negative scale says little endian. */
-static int write_pfm(sg_ctx *ctx, const char *path, const float *planes, int width, int height, int channels)
+static int write_pfm(sg_ctx *ctx, const char *path, const float *planes, int width, int height,
+                     int channels)
 {
     struct sg_file_writer w;
     int code = sg_file_create(ctx, &w, path);
@@ -41,8 +43,8 @@ static int write_pfm(sg_ctx *ctx, const char *path, const float *planes, int wid
     for (int y = height - 1; y >= 0; y--)
         for (int x = 0; x < width; x++)
             for (int ch = 0; ch < channels; ch++)
-                fwrite(&planes[(size_t) ch * plane + (size_t) y * (size_t) width + (size_t) x], sizeof(float), 1,
-                       w.stream);
+                fwrite(&planes[(size_t) ch * plane + (size_t) y * (size_t) width + (size_t) x],
+                       sizeof(float), 1, w.stream);
     return sg_file_commit(ctx, &w);
 }
 
@@ -56,7 +58,9 @@ static void depth_picture(const float *depth, const float *alpha, size_t n, uint
             far = depth[i] > far ? depth[i] : far;
         }
     for (size_t i = 0; i < n; i++)
-        out[i] = alpha[i] > 0.5f ? (uint8_t) (255 - (far > near ? 225 * (depth[i] - near) / (far - near) : 0)) : 0;
+        out[i] = alpha[i] > 0.5f
+                     ? (uint8_t) (255 - (far > near ? 225 * (depth[i] - near) / (far - near) : 0))
+                     : 0;
 }
 
 struct buffers {
@@ -64,14 +68,15 @@ struct buffers {
     uint8_t *bytes;
 };
 
-static int render_view(const struct render_config *c, struct model_views *v, const struct sg_view *view,
-                       const struct buffers *b)
+static int render_view(const struct render_config *c, struct model_views *v,
+                       const struct sg_view *view, const struct buffers *b)
 {
     const int w = view->camera.width, h = view->camera.height;
     const size_t n = (size_t) w * (size_t) h;
     int error = sg_render(v->renderer, &view->camera, b->rgb, b->alpha, b->depth, NULL);
     char *path = sg_strf(v->ctx, "%s/%s.%s", c->output, view->name, c->pfm ? "pfm" : "png");
-    char *depth_path = sg_strf(v->ctx, "%s/%s_depth.%s", c->output, view->name, c->pfm ? "pfm" : "png");
+    char *depth_path =
+        sg_strf(v->ctx, "%s/%s_depth.%s", c->output, view->name, c->pfm ? "pfm" : "png");
     if (!error && !(path && depth_path))
         error = SG_ERR_BUDGET;
     if (!error && c->pfm)
@@ -107,22 +112,24 @@ static int refuse_photos(const struct model_views *v, const char *output)
         const bool same = real && is_same(real, output);
         free(real);
         if (same) {
-            say(stderr, "splatguard: %s: found the photo %s there, expected another folder\n", output, view->path);
+            say(stderr, "splatguard: %s: found the photo %s there, expected another folder\n",
+                output, view->path);
             return 2;
         }
     }
     return 0;
 }
 
-/* What lies there under the name of a view must be a render: this is known before the first is written. PFM has no
- * place for a mark, there the folder's counts. */
+/* What lies there under the name of a view must be a render: this is known before the first is
+ * written. PFM has no place for a mark, there the folder's counts. */
 static int refuse_others(const struct render_config *c, const struct model_views *v)
 {
     int code = 0;
     for (size_t i = 0; i < v->n && !c->pfm && !code; i++)
         for (int depth = 0; depth <= c->depth && !code; depth++) {
             char *path = NULL;
-            if (asprintf(&path, "%s/%s%s.png", c->output, v->views[i].name, depth ? "_depth" : "") < 0)
+            if (asprintf(&path, "%s/%s%s.png", c->output, v->views[i].name, depth ? "_depth" : "") <
+                0)
                 return no_memory();
             code = output_check_replaced(path);
             free(path);
@@ -130,7 +137,8 @@ static int refuse_others(const struct render_config *c, const struct model_views
     return code;
 }
 
-static int run_render(const void *config, const bool *given, const char *const *positional, int count)
+static int run_render(const void *config, const bool *given, const char *const *positional,
+                      int count)
 {
     (void) count;
     struct render_config copy = *(const struct render_config *) config, *c = &copy;
@@ -142,9 +150,10 @@ static int run_render(const void *config, const bool *given, const char *const *
     }
     int code = model_views_open(&v, positional[0], &command_render, given, c, &c->m);
     if (!code)
-        code = output_claim(
-            &output, v.ctx, c->output,
-            &(struct output_rules){.command = "render", .adds = true, .inputs = {positional[0], c->m.scene_path}});
+        code = output_claim(&output, v.ctx, c->output,
+                            &(struct output_rules){.command = "render",
+                                                   .adds = true,
+                                                   .inputs = {positional[0], c->m.scene_path}});
     if (!code)
         code = refuse_photos(&v, c->output);
     if (!code)
@@ -161,8 +170,9 @@ static int run_render(const void *config, const bool *given, const char *const *
             b.alpha = sg_alloc_raw(v.ctx, SG_MEM_FRAME, pixels, sizeof(float));
             b.depth = sg_alloc_raw(v.ctx, SG_MEM_FRAME, pixels, sizeof(float));
         }
-        int error =
-            b.rgb && b.bytes && (!c->depth || (b.alpha && b.depth)) ? sg_dir_create(v.ctx, c->output) : SG_ERR_BUDGET;
+        int error = b.rgb && b.bytes && (!c->depth || (b.alpha && b.depth))
+                        ? sg_dir_create(v.ctx, c->output)
+                        : SG_ERR_BUDGET;
         for (size_t i = 0; i < v.n && !error; i++)
             error = render_view(c, &v, &v.views[i], &b);
         code = error ? report(v.ctx, error) : 0;
@@ -182,7 +192,8 @@ const struct command command_render = {
     .name = "render",
     .arguments = "RUN|MODEL.ply --scene SCENE -o DIR [options]",
     .summary = "Renders the views of a scene to images.",
-    .description = "Renders a model from the cameras of SCENE, one image a view under the view's name.",
+    .description =
+        "Renders a model from the cameras of SCENE, one image a view under the view's name.",
     .options = render_options,
     .config_size = sizeof(struct render_config),
     .defaults = &defaults,

@@ -9,12 +9,13 @@ struct synth_config {
 };
 
 #define S(field) offsetof(struct synth_config, field)
-#define INTEGER(name, field, low, high, help) NUMBER_ROW(name, OPT_INT, S(field), low, high, "N", help)
+#define INTEGER(name, field, low, high, help)                                                      \
+    NUMBER_ROW(name, OPT_INT, S(field), low, high, "N", help)
 
 static const struct option synth_options[] = {
     GROUP_ROW("Output"),
-    TEXT_ROW("output", S(output), "DIR", "Folder to make; must not exist or be empty.", .letter = 'o',
-             .transient = true),
+    TEXT_ROW("output", S(output), "DIR", "Folder to make; must not exist or be empty.",
+             .letter = 'o', .transient = true),
     INTEGER("width", p.width, 16, 4096, "Image width in pixels."),
     INTEGER("height", p.height, 16, 4096, "Image height in pixels."),
     INTEGER("train-views", p.train_views, 4, 4096, "Views to train on."),
@@ -23,15 +24,16 @@ static const struct option synth_options[] = {
     INTEGER("points", p.points, 4, 10000000, "Surface points of the COLMAP layout."),
     INTEGER("samples", p.samples, 1, 8, "Anti-aliasing samples per pixel and axis."),
     NUMBER_ROW("seed", OPT_U64, S(p.seed), 0, 9e15, "S", "Same options and seed, same bytes."),
-    NUMBER_ROW("threads", OPT_INT, S(threads), 0, 256, "T", "Worker threads; 0 = one per CPU.", .letter = 'j',
-               .transient = true),
+    NUMBER_ROW("threads", OPT_INT, S(threads), 0, 256, "T", "Worker threads; 0 = one per CPU.",
+               .letter = 'j', .transient = true),
     FLAG_ROW("quiet", S(quiet), "Warnings only.", .letter = 'q', .transient = true),
     {0},
 };
 
 static const struct synth_config defaults = {.p = {SG_SYNTH_DEFAULTS}};
 
-static int run_synth(const void *config, const bool *given, const char *const *positional, int count)
+static int run_synth(const void *config, const bool *given, const char *const *positional,
+                     int count)
 {
     (void) given, (void) positional, (void) count;
     const struct synth_config *c = config;
@@ -51,7 +53,8 @@ static int run_synth(const void *config, const bool *given, const char *const *p
     }
     if (!code && !c->quiet)
         say(stderr,
-            "%d views of %d x %d to train on written to %s/blender, with %d to test, and to %s/colmap, with %d\n",
+            "%d views of %d x %d to train on written to %s/blender, with %d to test, and to "
+            "%s/colmap, with %d\n",
             c->p.train_views, c->p.width, c->p.height, c->output, c->p.test_views, c->output,
             (c->p.train_views + 6) / 7);
     output_release(&output);
@@ -63,7 +66,8 @@ const struct command command_synth = {
     .name = "synth",
     .arguments = "-o DIR [options]",
     .summary = "Makes a ray-traced scene with exact cameras, to train and test on.",
-    .description = "Ray-traces the project's own scene and writes it in Blender and in COLMAP layout.",
+    .description =
+        "Ray-traces the project's own scene and writes it in Blender and in COLMAP layout.",
     .options = synth_options,
     .config_size = sizeof(struct synth_config),
     .defaults = &defaults,

@@ -4,8 +4,8 @@
 
 #include <stdbool.h>
 
-/* From here on SIGINT, SIGTERM and SIGHUP (unless ignored, as under nohup) only set the flag, each once: a second one
- * of its kind ends the process. */
+/* From here on SIGINT, SIGTERM and SIGHUP (unless ignored, as under nohup) only set the flag, each
+ * once: a second one of its kind ends the process. */
 void interrupt_catch(void);
 bool interrupted(void);
 

@@ -8,14 +8,15 @@
 
 #include "commands.h"
 
-static const struct command *const commands[] = {&command_train,   &command_eval,     &command_render,
-                                                 &command_synth,   &command_info,     &command_attack,
-                                                 &command_compare, &command_spectrum, &command_audit};
+static const struct command *const commands[] = {
+    &command_train,  &command_eval,    &command_render,   &command_synth, &command_info,
+    &command_attack, &command_compare, &command_spectrum, &command_audit};
 #define COMMANDS (sizeof(commands) / sizeof(commands[0]))
 
 static void usage(FILE *out)
 {
-    fprintf(out, "splatguard %s: 3D Gaussian Splatting from photos that nobody vouches for\n\n", sg_version());
+    fprintf(out, "splatguard %s: 3D Gaussian Splatting from photos that nobody vouches for\n\n",
+            sg_version());
     for (size_t i = 0; i < COMMANDS; i++)
         fprintf(out, "  splatguard %-7s %s\n      %s\n", commands[i]->name, commands[i]->arguments,
                 commands[i]->summary);
@@ -26,8 +27,8 @@ static void usage(FILE *out)
 
 static void man(void)
 {
-    printf(".TH SPLATGUARD 1 \"\" \"splatguard %s\"\n.SH NAME\nsplatguard \\- train, render and measure 3D Gaussian "
-           "Splatting scenes\n.SH SYNOPSIS\n",
+    printf(".TH SPLATGUARD 1 \"\" \"splatguard %s\"\n.SH NAME\nsplatguard \\- train, render and "
+           "measure 3D Gaussian Splatting scenes\n.SH SYNOPSIS\n",
            sg_version());
     for (size_t i = 0; i < COMMANDS; i++) {
         printf(".B splatguard %s\n", commands[i]->name);
@@ -49,11 +50,11 @@ static void man(void)
 
 static void markdown(void)
 {
-    printf("# Options\n\nMade by `splatguard help --markdown`; a test keeps it up to date. Names may be written with "
-           "underscores as in the reference (`--densify_grad_threshold`), values as `--name value` or "
-           "`--name=value`. No option may be given twice.\n\nSizes: `1500M`, `1.5G`, `2GiB`, `500MB`; K, M, G, T and "
-           "KiB, MiB, GiB, TiB are powers of 1024, KB, MB, GB, TB of 1000. Times: seconds, or `90s`, `10m`, `1h30m`, "
-           "`1d`.\n");
+    printf("# Options\n\nMade by `splatguard help --markdown`; a test keeps it up to date. Names "
+           "may be written with underscores as in the reference (`--densify_grad_threshold`), "
+           "values as `--name value` or `--name=value`. No option may be given twice.\n\nSizes: "
+           "`1500M`, `1.5G`, `2GiB`, `500MB`; K, M, G, T and KiB, MiB, GiB, TiB are powers of "
+           "1024, KB, MB, GB, TB of 1000. Times: seconds, or `90s`, `10m`, `1h30m`, `1d`.\n");
     for (size_t i = 0; i < COMMANDS; i++)
         options_markdown(commands[i], stdout);
     printf("\n## Exit status\n\n| status | meaning |\n|---|---|\n");
@@ -74,7 +75,8 @@ static int run(const struct command *c, int argc, char **argv)
     }
     code = options_parse(c, argc, argv, config, positional, &count, given);
     if (code == 0 && count < c->min_positional) {
-        say(stderr, "splatguard %s: missing argument; usage: splatguard %s %s\n", c->name, c->name, c->arguments);
+        say(stderr, "splatguard %s: missing argument; usage: splatguard %s %s\n", c->name, c->name,
+            c->arguments);
         code = 1;
     }
     if (code == 0)
@@ -98,7 +100,8 @@ static int unknown(const char *name)
     size_t best = 3; /* two letters may differ, or the end be missing */
     for (size_t i = 0; i < COMMANDS; i++) {
         const char *other = commands[i]->name;
-        const size_t n = strlen(name), d = n > 1 && !strncmp(name, other, n) ? 0 : name_distance(name, n, other);
+        const size_t n = strlen(name),
+                     d = n > 1 && !strncmp(name, other, n) ? 0 : name_distance(name, n, other);
         if (d < best)
             best = d, near = other;
     }
@@ -119,7 +122,8 @@ static int flushed(int code)
     return code ? code : 2;
 }
 
-/* Where the caller closed a standard stream, no file may get its number. What goes to standard output fails. */
+/* Where the caller closed a standard stream, no file may get its number. What goes to standard
+ * output fails. */
 static bool hold_standard_streams(void)
 {
     for (int fd = 0; fd < 3; fd++)
@@ -133,7 +137,8 @@ int main(int argc, char **argv)
     const char *name = argc > 1 ? argv[1] : "--help";
     if (!hold_standard_streams())
         return 4;
-    /* `| head` or a full disk must not cost a training: what cannot be written is noticed where it is finished. */
+    /* `| head` or a full disk must not cost a training: what cannot be written is noticed where it
+     * is finished. */
     signal(SIGPIPE, SIG_IGN);
     signal(SIGXFSZ, SIG_IGN);
     if (!strcmp(name, "--version") || !strcmp(name, "-V") || !strcmp(name, "version")) {

@@ -64,9 +64,11 @@ static int unknown(const struct command *c, const char *name, size_t n)
     return 1;
 }
 
-static int bad_value(const struct command *c, const struct option *o, const char *text, const char *expected)
+static int bad_value(const struct command *c, const struct option *o, const char *text,
+                     const char *expected)
 {
-    say(stderr, "splatguard %s: --%s: found \"%s\", expected %s\n", c->name, o->name, text, expected);
+    say(stderr, "splatguard %s: --%s: found \"%s\", expected %s\n", c->name, o->name, text,
+        expected);
     return 1;
 }
 
@@ -149,8 +151,8 @@ int options_set(const struct command *c, const struct option *o, void *config, c
         return 0;
     }
     case OPT_BYTES:
-        snprintf(expected, sizeof(expected), "a size from %.0f to %.0f bytes, such as 500MB, 1.5G or 2GiB", o->low,
-                 o->high);
+        snprintf(expected, sizeof(expected),
+                 "a size from %.0f to %.0f bytes, such as 500MB, 1.5G or 2GiB", o->low, o->high);
         uint64_t bytes;
         if (!quantity_bytes(text, &bytes) || (double) bytes < o->low || (double) bytes > o->high)
             return bad_value(c, o, text, expected);
@@ -160,7 +162,8 @@ int options_set(const struct command *c, const struct option *o, void *config, c
         snprintf(expected, sizeof(expected), "a whole number from %.0f to %.0f%s", o->low, o->high,
                  o->nonzero ? ", but not 0" : "");
         const long long v = strtoll(text, &end, 10);
-        if (end == text || *end || errno || (double) v < o->low || (double) v > o->high || (o->nonzero && !v))
+        if (end == text || *end || errno || (double) v < o->low || (double) v > o->high ||
+            (o->nonzero && !v))
             return bad_value(c, o, text, expected);
         if (o->type == OPT_INT)
             *(int *) value = (int) v;
@@ -174,8 +177,9 @@ int options_set(const struct command *c, const struct option *o, void *config, c
 static const struct option *find(const struct command *c, const char *name, size_t n)
 {
     for (const struct option *o = c->options; o->name; o++)
-        if (o->type != OPT_GROUP && (same_name(name, o->name, n) || (o->alias && same_name(name, o->alias, n)) ||
-                                     (n == 1 && *name == o->letter)))
+        if (o->type != OPT_GROUP &&
+            (same_name(name, o->name, n) || (o->alias && same_name(name, o->alias, n)) ||
+             (n == 1 && *name == o->letter)))
             return o;
     return NULL;
 }
@@ -190,15 +194,16 @@ static bool is_repeated(const struct command *c, const struct option *o, const b
             say(stderr, "splatguard %s: --%s%s%s: found twice, expected once\n", c->name, o->name,
                 o->alias ? ", also called --" : "", o->alias ? o->alias : "");
         else
-            say(stderr, "splatguard %s: found --%s and --%s, which mean the same, expected one of them\n", c->name,
-                other->name, o->name);
+            say(stderr,
+                "splatguard %s: found --%s and --%s, which mean the same, expected one of them\n",
+                c->name, other->name, o->name);
         return true;
     }
     return false;
 }
 
-int options_parse(const struct command *c, int argc, char **argv, void *config, const char **positional, int *count,
-                  bool *given)
+int options_parse(const struct command *c, int argc, char **argv, void *config,
+                  const char **positional, int *count, bool *given)
 {
     memcpy(config, c->defaults, c->config_size);
     memset(given, 0, options_count(c) * sizeof(*given));
@@ -227,7 +232,8 @@ int options_parse(const struct command *c, int argc, char **argv, void *config, 
             return -1;
         }
         const bool brief = a[1] != '-'; /* -w, -j 2, -j2 */
-        const char *name = a + (brief ? 1 : 2), *text = brief && name[1] ? name + 1 : strchr(name, '=');
+        const char *name = a + (brief ? 1 : 2),
+                   *text = brief && name[1] ? name + 1 : strchr(name, '=');
         const size_t n = brief ? 1 : text ? (size_t) (text - name) : strlen(name);
         const struct option *o = find(c, name, n);
         if (!o)
@@ -241,7 +247,8 @@ int options_parse(const struct command *c, int argc, char **argv, void *config, 
         if (o->type != OPT_FLAG) {
             text = text ? text : i + 1 < argc ? argv[++i] : NULL;
             if (!text) {
-                say(stderr, "splatguard %s: --%s: found no value, expected %s\n", c->name, o->name, o->argument);
+                say(stderr, "splatguard %s: --%s: found no value, expected %s\n", c->name, o->name,
+                    o->argument);
                 return 1;
             }
         }
@@ -313,25 +320,30 @@ json_t *options_to_json(const struct command *c, const void *config)
             v = json_integer((json_int_t) * (const uint64_t *) value);
         else if (o->type == OPT_STRING && *(const char *const *) value)
             v = sg_bytes_to_json(*(const char *const *) value);
-        else if (o->words && *(const float *) value < 0 && options_show(o, config, text, sizeof(text)))
+        else if (o->words && *(const float *) value < 0 &&
+                 options_show(o, config, text, sizeof(text)))
             v = sg_text_to_json(text);
         else if (options_show(o, config, text, sizeof(text)))
-            v = o->type == OPT_FLOAT || o->type == OPT_DOUBLE || o->type == OPT_TIME ? json_real(strtod(text, NULL))
-                                                                                     : sg_text_to_json(text);
+            v = o->type == OPT_FLOAT || o->type == OPT_DOUBLE || o->type == OPT_TIME
+                    ? json_real(strtod(text, NULL))
+                    : sg_text_to_json(text);
         json_object_set_new(object, o->name, v);
     }
     return object;
 }
 
 /* One value of a run's options. */
-static int set_json(const struct command *c, const struct option *o, void *config, const json_t *v, const char *path)
+static int set_json(const struct command *c, const struct option *o, void *config, const json_t *v,
+                    const char *path)
 {
-    const bool number =
-        o->type != OPT_FLAG && o->type != OPT_STRING && o->type != OPT_CHOICE && !(o->words && json_is_string(v));
+    const bool number = o->type != OPT_FLAG && o->type != OPT_STRING && o->type != OPT_CHOICE &&
+                        !(o->words && json_is_string(v));
     char text[64];
     if (json_is_null(v))
         return 0;
-    if (o->type == OPT_FLAG ? !json_is_boolean(v) : number ? !json_is_number(v) : !json_is_string(v)) {
+    if (o->type == OPT_FLAG ? !json_is_boolean(v)
+        : number            ? !json_is_number(v)
+                            : !json_is_string(v)) {
         say(stderr, "splatguard: %s: option \"%s\": found %s, expected %s\n", path, o->name,
             sg_json_show(v, (char[SG_JSON_SHOWN]){0}),
             o->type == OPT_FLAG ? "true or false"
@@ -374,8 +386,8 @@ int options_from_json(const struct command *c, void *config, const json_t *objec
     return 0;
 }
 
-int options_adopt(const struct command *c, const char *group, const bool *given, void *config, const json_t *object,
-                  const char *path)
+int options_adopt(const struct command *c, const char *group, const bool *given, void *config,
+                  const json_t *object, const char *path)
 {
     bool inside = false;
     for (const struct option *o = c->options; o->name; o++) {
@@ -383,7 +395,8 @@ int options_adopt(const struct command *c, const char *group, const bool *given,
             inside = !strcmp(o->name, group);
             continue;
         }
-        const json_t *v = inside && !given[o - c->options] ? json_object_get(object, o->name) : NULL;
+        const json_t *v =
+            inside && !given[o - c->options] ? json_object_get(object, o->name) : NULL;
         if (!v && inside && o->alias && !given[o - c->options])
             v = json_object_get(object, o->alias);
         if (v && set_json(c, o, config, v, path))
@@ -408,7 +421,8 @@ size_t options_count(const struct command *c)
     return n;
 }
 
-int options_conflict(const struct command *c, const bool *given, const void *config, const void *run)
+int options_conflict(const struct command *c, const bool *given, const void *config,
+                     const void *run)
 {
     for (const struct option *o = c->options; o->name; o++) {
         char now[4096] = "on", then[4096] = "off";
@@ -423,8 +437,10 @@ int options_conflict(const struct command *c, const bool *given, const void *con
             if (options_show(o, config, now, sizeof(now)) && !strcmp(now, then))
                 continue;
         }
-        say(stderr, "splatguard %s: --%s: found %s, but the run has %s, and a resumed run keeps its options\n", c->name,
-            o->name, now, then);
+        say(stderr,
+            "splatguard %s: --%s: found %s, but the run has %s, and a resumed run keeps its "
+            "options\n",
+            c->name, o->name, now, then);
         return 1;
     }
     return 0;

@@ -42,7 +42,8 @@ void options_help(const struct command *c, FILE *out)
             continue;
         }
         const char brief[] = {'-', o->letter, ',', ' ', 0};
-        snprintf(left, sizeof(left), "  %s--%s %s", o->letter ? brief : "    ", o->name, argument_of(o));
+        snprintf(left, sizeof(left), "  %s--%s %s", o->letter ? brief : "    ", o->name,
+                 argument_of(o));
         const bool has_value = options_show(o, c->defaults, value, sizeof(value));
         snprintf(help, sizeof(help), has_value ? "%s [%s]" : "%s", o->help, value);
         if (strlen(left) >= HELP_INDENT)
@@ -62,13 +63,15 @@ static void cell(FILE *out, const char *text)
 
 void options_markdown(const struct command *c, FILE *out)
 {
-    fprintf(out, "\n## splatguard %s\n\n    splatguard %s %s\n\n%s\n", c->name, c->name, c->arguments, c->description);
+    fprintf(out, "\n## splatguard %s\n\n    splatguard %s %s\n\n%s\n", c->name, c->name,
+            c->arguments, c->description);
     if (c->options->name && c->options->type != OPT_GROUP)
         fprintf(out, "\n| option | meaning | default |\n|---|---|---|\n");
     for (const struct option *o = c->options; o->name; o++) {
         char value[128];
         if (o->type == OPT_GROUP) {
-            fprintf(out, "\n### %s: %s\n\n| option | meaning | default |\n|---|---|---|\n", c->name, o->name);
+            fprintf(out, "\n### %s: %s\n\n| option | meaning | default |\n|---|---|---|\n", c->name,
+                    o->name);
             continue;
         }
         fprintf(out, "| `--%s%s", o->name, argument_of(o)[0] ? " " : "");

@@ -4,8 +4,8 @@
  * - No output lies in a scene's folder, or around something that the command reads.
  * - A folder is new, empty, or made by the same command before.
  * - A file is new, or carries the mark of an earlier output of the tool.
- * - A folder has one owner at a time: FOLDER/.splatguard is locked while a command writes there. The system drops the
- *   lock when the process ends, however it ends. */
+ * - A folder has one owner at a time: FOLDER/.splatguard is locked while a command writes there.
+ * The system drops the lock when the process ends, however it ends. */
 #ifndef CLI_OUTPUT_H
 #define CLI_OUTPUT_H
 
@@ -13,7 +13,8 @@
 
 struct output_rules {
     const char *command; /* "train": the mark names it */
-    const char *earlier; /* what --resume continues and --force replaces, "run"; NULL: there is no such thing */
+    const char *earlier; /* what --resume continues and --force replaces, "run"; NULL: there is no
+                            such thing */
     bool adds;           /* to a folder that it made before */
     /* Made by the command, whatever its mark says; NULL: the mark alone tells. */
     bool (*is_own)(const char *folder);
@@ -32,13 +33,14 @@ struct output {
     int lock;    /* descriptor, -1 = not ours */
     size_t made; /* length of the first folder that was made on the way, 0 = none */
 };
-#define OUTPUT_NONE                                                                                                    \
-    {                                                                                                                  \
-        .lock = -1                                                                                                     \
+#define OUTPUT_NONE                                                                                \
+    {                                                                                              \
+        .lock = -1                                                                                 \
     }
 
 /* Makes the folder and locks it. Returns an exit code after printing what is wrong. */
-int output_claim(struct output *o, sg_ctx *ctx, const char *folder, const struct output_rules *rules);
+int output_claim(struct output *o, sg_ctx *ctx, const char *folder,
+                 const struct output_rules *rules);
 
 /* Where nothing was written, what was made goes too. Safe if nothing was claimed. */
 void output_release(struct output *o);

@@ -33,7 +33,8 @@ bool quantity_bytes(const char *text, uint64_t *bytes)
     const uint64_t unit = unit_bytes(text + whole + point + part);
     errno = 0;
     const unsigned long long n = strtoull(text, NULL, 10);
-    if (!whole || (point && (!part || unit == 1)) || !unit || errno || n > (UINT64_MAX - unit) / unit)
+    if (!whole || (point && (!part || unit == 1)) || !unit || errno ||
+        n > (UINT64_MAX - unit) / unit)
         return false;
     const double fraction = point ? strtod(text + whole, NULL) : 0;
     *bytes = n * unit + (uint64_t) (fraction * (double) unit);

@@ -6,11 +6,13 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* 1000, 500MB, 1.5G, 2GiB. K, M, G, T and KiB, MiB, GiB, TiB are powers of 1024; KB, MB, GB, TB and B are of 1000. A
- * part of a byte is dropped. Returns false for any other text, or more than 64 bits. */
+/* 1000, 500MB, 1.5G, 2GiB. K, M, G, T and KiB, MiB, GiB, TiB are powers of 1024; KB, MB, GB, TB and
+ * B are of 1000. A part of a byte is dropped. Returns false for any other text, or more than 64
+ * bits. */
 bool quantity_bytes(const char *text, uint64_t *bytes);
 
-/* A number of seconds, or numbers with d, h, m and s, each at most once and in this order: 90, 1.5h, 1h30m. */
+/* A number of seconds, or numbers with d, h, m and s, each at most once and in this order:
+ * 90, 1.5h, 1h30m. */
 bool quantity_seconds(const char *text, double *seconds);
 
 #endif

@@ -11,7 +11,9 @@
 
 #include "core/file.h"
 
-#define JSON_BYTES (256 << 10) /* a config or summary has a few thousand; parsed it takes a hundred times as many */
+#define JSON_BYTES                                                                                 \
+    (256                                                                                           \
+     << 10) /* a config or summary has a few thousand; parsed it takes a hundred times as many */
 
 char *run_path(const char *run, const char *name)
 {
@@ -37,7 +39,8 @@ int run_write_file(const char *path, const char *text, size_t size)
 {
     char *temporary;
     if (!sg_replaceable(path)) {
-        say(stderr, "splatguard: %s: cannot write: found a folder or device, expected a file\n", path);
+        say(stderr, "splatguard: %s: cannot write: found a folder or device, expected a file\n",
+            path);
         return 2;
     }
     if (asprintf(&temporary, "%s.tmp%ld", path, (long) getpid()) < 0)
@@ -72,13 +75,16 @@ json_t *run_read_json(const char *path, const char *what)
 {
     json_error_t error = {0};
     FILE *f = run_open(path, JSON_BYTES);
-    if (f && (getc(f) != 0xef || getc(f) != 0xbb || getc(f) != 0xbf)) /* the byte-order mark of some editors */
+    if (f && (getc(f) != 0xef || getc(f) != 0xbb ||
+              getc(f) != 0xbf)) /* the byte-order mark of some editors */
         rewind(f);
     json_t *root = f ? json_loadf(f, JSON_REJECT_DUPLICATES, &error) : NULL;
     if (!f)
-        say(stderr, "splatguard: %s: cannot read: %s; expected the %s\n", path, strerror(errno), what);
+        say(stderr, "splatguard: %s: cannot read: %s; expected the %s\n", path, strerror(errno),
+            what);
     else if (!root)
-        say(stderr, "splatguard: %s: line %d: %s; expected the %s\n", path, error.line, error.text, what);
+        say(stderr, "splatguard: %s: line %d: %s; expected the %s\n", path, error.line, error.text,
+            what);
     if (f)
         fclose(f);
     sg_bytes_from_json(json_object_get(root, "options"));
@@ -120,7 +126,8 @@ static void put_quoted(FILE *out, const char *text)
 /* The text that viewers of the reference parse. */
 static int write_cfg_args(const struct train_config *c)
 {
-    char *text = NULL, *path = run_path(c->output, "cfg_args"), *absolute = realpath(c->source, NULL);
+    char *text = NULL, *path = run_path(c->output, "cfg_args"),
+         *absolute = realpath(c->source, NULL);
     size_t size = 0;
     FILE *out = open_memstream(&text, &size);
     if (out) {
@@ -128,7 +135,8 @@ static int write_cfg_args(const struct train_config *c)
         put_quoted(out, c->scene.params.images ? c->scene.params.images : "images");
         fprintf(out, ", model_path=");
         put_quoted(out, c->output);
-        fprintf(out, ", resolution=%d, sh_degree=%d, source_path=", c->scene.params.resolution, c->train.sh_degree);
+        fprintf(out, ", resolution=%d, sh_degree=%d, source_path=", c->scene.params.resolution,
+                c->train.sh_degree);
         put_quoted(out, absolute ? absolute : c->source);
         fprintf(out, ", white_background=%s)", c->train.white_background ? "True" : "False");
     }
@@ -144,7 +152,8 @@ int run_write_config(const struct train_config *c, const char *variant)
     char *path = run_path(c->output, "config.json");
     json_t *options = options_to_json(&command_train, c);
     json_object_set_new(options, "source-path", run_place_json(c->source));
-    json_t *root = json_pack("{s:s,s:s,s:o}", "version", sg_version(), "cpu_variant", variant, "options", options);
+    json_t *root = json_pack("{s:s,s:s,s:o}", "version", sg_version(), "cpu_variant", variant,
+                             "options", options);
     const int code = root && path ? run_write_json(path, root) : no_memory();
     json_decref(root);
     free(path);
@@ -159,7 +168,8 @@ static int write_input(sg_ctx *ctx, const char *run, const struct sg_model *m)
     int code = path && xyz && rgb ? 0 : no_memory();
     for (size_t i = 0; i < 3 * m->count && !code; i++) {
         xyz[i] = *sg_model_at(m, i / 3, SG_P_XYZ + (int) (i % 3));
-        const float c = (*sg_model_at(m, i / 3, SG_P_SH + (int) (i % 3)) * 0.28209479f + 0.5f) * 255 + 0.5f;
+        const float c =
+            (*sg_model_at(m, i / 3, SG_P_SH + (int) (i % 3)) * 0.28209479f + 0.5f) * 255 + 0.5f;
         rgb[i] = (uint8_t) (c > 0 ? c < 255 ? c : 255 : 0);
     }
     if (!code) {
@@ -189,8 +199,8 @@ bool run_options_in(const char *folder, const char *name, const char *option)
     char *path = run_path(folder, name);
     FILE *f = path ? run_open(path, JSON_BYTES) : NULL;
     json_t *root = f ? json_loadf(f, JSON_REJECT_DUPLICATES, NULL) : NULL;
-    const bool ours =
-        json_is_string(json_object_get(root, "version")) && json_object_get(json_object_get(root, "options"), option);
+    const bool ours = json_is_string(json_object_get(root, "version")) &&
+                      json_object_get(json_object_get(root, "options"), option);
     json_decref(root);
     if (f)
         fclose(f);
@@ -216,8 +226,9 @@ static DIR *open_folder(int at, const char *name, int links)
 /* NAME.tmpPID for a name that runs and attacks write. */
 static bool is_temporary(const char *file)
 {
-    static const char *const names[] = {"config.json",  "summary.json", "log.jsonl", "checkpoint.bin", "cfg_args",
-                                        "cameras.json", "input.ply",    "decoy.ply", "point_cloud.ply"};
+    static const char *const names[] = {"config.json",    "summary.json", "log.jsonl",
+                                        "checkpoint.bin", "cfg_args",     "cameras.json",
+                                        "input.ply",      "decoy.ply",    "point_cloud.ply"};
     for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); i++) {
         const size_t n = strlen(names[i]);
         long pid;
@@ -243,8 +254,9 @@ static void clean_models(DIR *run, bool all)
     for (struct dirent *e; models && (e = readdir(models));) {
         int n;
         char rest;
-        DIR *d = sscanf(e->d_name, "iteration_%d%c", &n, &rest) == 1 ? open_folder(dirfd(models), e->d_name, O_NOFOLLOW)
-                                                                     : NULL;
+        DIR *d = sscanf(e->d_name, "iteration_%d%c", &n, &rest) == 1
+                     ? open_folder(dirfd(models), e->d_name, O_NOFOLLOW)
+                     : NULL;
         if (!d)
             continue;
         remove_temporary(d);
@@ -257,8 +269,8 @@ static void clean_models(DIR *run, bool all)
         closedir(models);
 }
 
-/* Leftovers, and the earlier run itself if asked for, which must not be mistaken for the new one. Only files that a run
- * writes are touched. */
+/* Leftovers, and the earlier run itself if asked for, which must not be mistaken for the new one.
+ * Only files that a run writes are touched. */
 static void clean(const char *run, bool all)
 {
     static const char *const files[] = {"summary.json", "log.jsonl", "checkpoint.bin"};
@@ -279,7 +291,8 @@ static bool has_model(const char *run)
     bool found = !path;
     for (struct dirent *e; models && !found && (e = readdir(models));) {
         char *model = NULL;
-        found = asprintf(&model, "%s/%s/point_cloud.ply", path, e->d_name) < 0 || !access(model, F_OK);
+        found =
+            asprintf(&model, "%s/%s/point_cloud.ply", path, e->d_name) < 0 || !access(model, F_OK);
         free(model);
     }
     if (models)
@@ -313,8 +326,8 @@ void run_clean(const char *run)
     clean(run, false);
 }
 
-int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene *scene, const struct sg_model *initial,
-               const char *variant)
+int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene *scene,
+               const struct sg_model *initial, const char *variant)
 {
     char *cameras = run_path(c->output, "cameras.json");
     int error = cameras ? sg_dir_create(ctx, c->output) : SG_ERR_BUDGET, code = 0;
@@ -335,7 +348,8 @@ int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene 
 int run_save_model(sg_ctx *ctx, const char *run, sg_trainer *trainer)
 {
     char name[64], *path;
-    snprintf(name, sizeof(name), "point_cloud/iteration_%d/point_cloud.ply", sg_trainer_iteration(trainer));
+    snprintf(name, sizeof(name), "point_cloud/iteration_%d/point_cloud.ply",
+             sg_trainer_iteration(trainer));
     struct sg_model *m = NULL;
     sg_clear_error(ctx);
     int error = sg_path_below(ctx, run, name, &path);
@@ -367,7 +381,9 @@ int run_read_config(const char *run, struct train_config *c, json_t **keep)
     char *path = run_path(run, "config.json");
     json_t *root = path ? run_read_json(path, "config.json of a run") : NULL;
     *keep = root;
-    const int code = !root || options_from_json(&command_train, c, json_object_get(root, "options"), path) ? 2 : 0;
+    const int code =
+        !root || options_from_json(&command_train, c, json_object_get(root, "options"), path) ? 2
+                                                                                              : 0;
     free(path);
     return code;
 }

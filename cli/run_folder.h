@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A run's folder: the reference's layout (point_cloud/iteration_N/point_cloud.ply, cameras.json, input.ply, cfg_args)
- * plus config.json, summary.json, log.jsonl and checkpoint.bin. Every file but the log appears whole. */
+/* A run's folder: the reference's layout (point_cloud/iteration_N/point_cloud.ply, cameras.json,
+ * input.ply, cfg_args) plus config.json, summary.json, log.jsonl and checkpoint.bin. Every file but
+ * the log appears whole. */
 #ifndef CLI_RUN_FOLDER_H
 #define CLI_RUN_FOLDER_H
 
@@ -18,7 +19,8 @@ int run_cannot(const char *what, const char *path);
 /* Writes JSON, indented. Returns an exit code after printing what is wrong. */
 int run_write_json(const char *path, const json_t *value);
 
-/* A run may come from a stranger. To read: only a file, and of at most so many bytes; NULL with errno. */
+/* A run may come from a stranger. To read: only a file, and of at most so many bytes; NULL with
+ * errno. */
 FILE *run_open(const char *path, uint64_t most);
 /* NULL after saying what was expected there, "the config.json of a run". */
 json_t *run_read_json(const char *path, const char *what);
@@ -40,13 +42,14 @@ bool run_is_ours(const char *folder); /* made by `splatguard train` */
 
 /* Creates the folder and writes what is known before training. What an earlier run
  * left goes. */
-int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene *scene, const struct sg_model *initial,
-               const char *variant);
+int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene *scene,
+               const struct sg_model *initial, const char *variant);
 
 /* No model, no checkpoint and no summary: a run that failed or was killed before its first save. */
 bool run_is_lost(const char *run);
 
-/* Removes all that run_create and a training without any save wrote, so that the same command works again. */
+/* Removes all that run_create and a training without any save wrote, so that the same command works
+ * again. */
 void run_forget(const char *run);
 
 /* Removes what killed processes were writing. */

@@ -13,7 +13,8 @@
 #define LOG_BYTES (UINT64_C(1) << 32)
 #define LINE_BYTES 65536 /* ours have a few hundred */
 
-/* The bytes of the next line, or as many as there is room for; -1 at the end. A log may come from a stranger. */
+/* The bytes of the next line, or as many as there is room for; -1 at the end. A log may come from a
+ * stranger. */
 static long next_line(FILE *in, char *line)
 {
     long n = 0;
@@ -59,7 +60,8 @@ int run_log_read(const char *path, run_log_take take, void *arg)
     return code;
 }
 
-/* What was killed may have logged beyond its checkpoint: those iterations will be done and logged again. */
+/* What was killed may have logged beyond its checkpoint: those iterations will be done and logged
+ * again. */
 static int trim(const char *path, run_log_take take, void *arg)
 {
     FILE *in;
@@ -67,7 +69,9 @@ static int trim(const char *path, run_log_take take, void *arg)
     int code = open_log(path, &in);
     if (!in)
         return code;
-    FILE *out = asprintf(&temporary, "%s.tmp%ld", path, (long) getpid()) > 0 ? sg_temporary_open(temporary) : NULL;
+    FILE *out = asprintf(&temporary, "%s.tmp%ld", path, (long) getpid()) > 0
+                    ? sg_temporary_open(temporary)
+                    : NULL;
     code = out ? each_line(in, path, take, arg, out) : run_cannot("write", path);
     fclose(in);
     if (out && code) {
@@ -84,7 +88,8 @@ static int trim(const char *path, run_log_take take, void *arg)
 /* Through no link, and a pipe without a reader does not hold it up. */
 static FILE *open_to_write(const char *path, bool append)
 {
-    const int how = O_WRONLY | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK | (append ? O_APPEND : O_TRUNC);
+    const int how =
+        O_WRONLY | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK | (append ? O_APPEND : O_TRUNC);
     const int fd = open(path, how, 0666);
     struct stat st;
     FILE *f = NULL;

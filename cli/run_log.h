@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* log.jsonl of a run or an attack: a line of JSON each time. Functions return an exit code after printing what is
- * wrong.
- */
+/* log.jsonl of a run or an attack: a line of JSON each time. Functions return an exit code after
+ * printing what is
+ * wrong. */
 #ifndef CLI_RUN_LOG_H
 #define CLI_RUN_LOG_H
 

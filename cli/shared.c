@@ -34,10 +34,13 @@ void say(FILE *to, const char *format, ...)
 
 void say_resume(const char *command, const char *folder)
 {
-    static const char plain[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-+=:,./@%";
+    static const char plain[] =
+        "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-+=:,./@%";
     char *word = NULL;
     size_t size;
-    FILE *out = strspn(folder, plain) == strlen(folder) && *folder != '-' ? NULL : open_memstream(&word, &size);
+    FILE *out = strspn(folder, plain) == strlen(folder) && *folder != '-'
+                    ? NULL
+                    : open_memstream(&word, &size);
     if (out) {
         fputs(*folder == '-' ? "'./" : "'", out);
         for (const char *c = folder; *c; c++)
@@ -52,8 +55,8 @@ void say_resume(const char *command, const char *folder)
 int take_scene(const struct command *c, const char *place, const char **source)
 {
     if (*source) {
-        say(stderr, "splatguard %s: found two scenes, %s and --source-path %s, expected one\n", c->name, place,
-            *source);
+        say(stderr, "splatguard %s: found two scenes, %s and --source-path %s, expected one\n",
+            c->name, place, *source);
         return STATUS_USAGE;
     }
     *source = place;
@@ -104,8 +107,8 @@ int report(const sg_ctx *ctx, int error)
     say(stderr, "splatguard: %s\n", text[0] ? text : "internal error");
     if (error == SG_ERR_BUDGET && memory.whole)
         say(stderr,
-            "the limit is --max-memory, %llu bytes, less %llu for the process itself; add the latter to the number "
-            "expected\n",
+            "the limit is --max-memory, %llu bytes, less %llu for the process itself; add the "
+            "latter to the number expected\n",
             (unsigned long long) memory.whole, (unsigned long long) memory.outside);
     return exit_code(error);
 }
@@ -121,11 +124,12 @@ static void log_line(void *priv, enum sg_log_level level, const char *message)
 {
     const bool *quiet = priv;
     if (level <= SG_LOG_WARN || (level == SG_LOG_INFO && !*quiet)) /* the message is printable */
-        fprintf(stderr, "%s%s%s\n", isatty(STDERR_FILENO) ? "\r\033[K" : "", level <= SG_LOG_WARN ? "warning: " : "",
-                message);
+        fprintf(stderr, "%s%s%s\n", isatty(STDERR_FILENO) ? "\r\033[K" : "",
+                level <= SG_LOG_WARN ? "warning: " : "", message);
 }
 
-/* Bytes of the process that the library's ledger does not see: code, stacks, other libraries' own memory. */
+/* Bytes of the process that the library's ledger does not see: code, stacks, other libraries' own
+ * memory. */
 static uint64_t outside_ledger(void)
 {
     unsigned long long pages = 0;
@@ -146,16 +150,19 @@ int open_context(sg_ctx **ctx, int threads, uint64_t max_memory, bool quiet)
         /* What is freed goes back to the system at once. */
         mallopt(M_MMAP_THRESHOLD, 1 << 20);
         if (max_memory < least) {
-            say(stderr, "splatguard: --max-memory: found %llu bytes, expected at least %llu for the process itself\n",
+            say(stderr,
+                "splatguard: --max-memory: found %llu bytes, expected at least %llu for the "
+                "process itself\n",
                 (unsigned long long) max_memory, (unsigned long long) least);
             return 3;
         }
         memory.whole = max_memory, memory.outside = outside;
         max_memory -= outside;
     }
-    const int code = sg_ctx_create(
-        ctx,
-        &(struct sg_ctx_params){.threads = threads, .max_memory = max_memory, .log = log_line, .log_priv = &quiet_log});
+    const int code = sg_ctx_create(ctx, &(struct sg_ctx_params){.threads = threads,
+                                                                .max_memory = max_memory,
+                                                                .log = log_line,
+                                                                .log_priv = &quiet_log});
     if (code)
         say(stderr, "splatguard: cannot start %d threads\n", threads);
     return exit_code(code);
@@ -174,12 +181,12 @@ void warn_small_photos(const struct sg_scene *scene)
 {
     size_t small = 0;
     for (size_t i = 0; i < scene->n_train; i++)
-        small += scene->train[i].camera.width < SIDE_JUDGED || scene->train[i].camera.height < SIDE_JUDGED;
+        small += scene->train[i].camera.width < SIDE_JUDGED ||
+                 scene->train[i].camera.height < SIDE_JUDGED;
     if (2 * small > scene->n_train)
         say(stderr,
-            "warning: audit: photos with fewer than %d pixels on a side are too small to be judged well: clean ones "
-            "can "
-            "look poisoned\n",
+            "warning: audit: photos with fewer than %d pixels on a side are too small to be judged "
+            "well: clean ones can look poisoned\n",
             SIDE_JUDGED);
 }
 
@@ -208,7 +215,10 @@ char *find_model(const char *path, int iteration)
     if (d)
         closedir(d);
     if (!newest)
-        say(stderr, "splatguard: %s: found no point_cloud/iteration_N/point_cloud.ply, expected a run folder\n", path);
+        say(stderr,
+            "splatguard: %s: found no point_cloud/iteration_N/point_cloud.ply, expected a run "
+            "folder\n",
+            path);
     else if (asprintf(&found, "%s/iteration_%d/point_cloud.ply", folder, newest) < 0)
         found = NULL;
     free(folder);

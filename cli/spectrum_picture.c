@@ -21,8 +21,9 @@ struct canvas {
     int width, height;
 };
 
-static const uint8_t colours[PICTURE_IMAGES_MAX][3] = {{0x22, 0x66, 0xaa}, {0xcc, 0x33, 0x44}, {0x22, 0x88, 0x44},
-                                                       {0xbb, 0x88, 0x00}, {0x88, 0x33, 0xaa}, {0x44, 0x44, 0x44}};
+static const uint8_t colours[PICTURE_IMAGES_MAX][3] = {{0x22, 0x66, 0xaa}, {0xcc, 0x33, 0x44},
+                                                       {0x22, 0x88, 0x44}, {0xbb, 0x88, 0x00},
+                                                       {0x88, 0x33, 0xaa}, {0x44, 0x44, 0x44}};
 static const uint8_t ink[3] = {0x33, 0x33, 0x33}, faint[3] = {0xdd, 0xdd, 0xdd};
 
 static void blend(struct canvas *c, int x, int y, const uint8_t colour[3], double alpha)
@@ -34,11 +35,13 @@ static void blend(struct canvas *c, int x, int y, const uint8_t colour[3], doubl
         p[k] = (uint8_t) (p[k] + (colour[k] - p[k]) * alpha + 0.5);
 }
 
-static void line(struct canvas *c, double x0, double y0, double x1, double y1, double radius, const uint8_t colour[3])
+static void line(struct canvas *c, double x0, double y0, double x1, double y1, double radius,
+                 const uint8_t colour[3])
 {
     const double dx = x1 - x0, dy = y1 - y0, length2 = dx * dx + dy * dy;
     for (int y = (int) (fmin(y0, y1) - radius - 1); y <= (int) (fmax(y0, y1) + radius + 2); y++)
-        for (int x = (int) (fmin(x0, x1) - radius - 1); x <= (int) (fmax(x0, x1) + radius + 2); x++) {
+        for (int x = (int) (fmin(x0, x1) - radius - 1); x <= (int) (fmax(x0, x1) + radius + 2);
+             x++) {
             double along = length2 > 0 ? ((x - x0) * dx + (y - y0) * dy) / length2 : 0;
             along = fmin(fmax(along, 0), 1);
             const double cover = radius + 0.5 - hypot(x - x0 - along * dx, y - y0 - along * dy);
@@ -48,7 +51,8 @@ static void line(struct canvas *c, double x0, double y0, double x1, double y1, d
 }
 
 /* The stroke font has capitals only. Centred on x, standing on y. */
-static void text(struct canvas *c, double x, double y, double size, const uint8_t colour[3], const char *words)
+static void text(struct canvas *c, double x, double y, double size, const uint8_t colour[3],
+                 const char *words)
 {
     char capitals[64];
     size_t n = 0;
@@ -62,14 +66,16 @@ static void text(struct canvas *c, double x, double y, double size, const uint8_
         for (int px = (int) x - reach; px <= (int) x + reach; px++) {
             int hits = 0;
             for (int s = 0; s < 16; s++)
-                hits += sg_stroke_ink(capitals, px + (s % 4 + 0.5) / 4 - x, y - (py + (s / 4 + 0.5) / 4), size, 0.07);
+                hits += sg_stroke_ink(capitals, px + (s % 4 + 0.5) / 4 - x,
+                                      y - (py + (s / 4 + 0.5) / 4), size, 0.07);
             if (hits)
                 blend(c, px, py, colour, hits / 16.0);
         }
 }
 
 /* Scales pixels to w x h at (x, y). */
-static int place(sg_ctx *ctx, struct canvas *c, const uint8_t *rgb, int width, int height, int x, int y, int w, int h)
+static int place(sg_ctx *ctx, struct canvas *c, const uint8_t *rgb, int width, int height, int x,
+                 int y, int w, int h)
 {
     uint8_t *small = sg_alloc_raw(ctx, SG_MEM_IMAGES, (size_t) w * (size_t) h, 3);
     int code = small ? sg_resample(ctx, rgb, width, height, 3, small, w, h) : SG_ERR_BUDGET;
@@ -80,8 +86,8 @@ static int place(sg_ctx *ctx, struct canvas *c, const uint8_t *rgb, int width, i
     return code;
 }
 
-static int draw_difference(sg_ctx *ctx, struct canvas *c, const struct picture_image *a, const struct picture_image *b,
-                           double gain, int x, int y, int w, int h)
+static int draw_difference(sg_ctx *ctx, struct canvas *c, const struct picture_image *a,
+                           const struct picture_image *b, double gain, int x, int y, int w, int h)
 {
     const size_t n = 3 * (size_t) a->width * (size_t) a->height;
     uint8_t *d = sg_alloc_raw(ctx, SG_MEM_IMAGES, n, 1);
@@ -95,27 +101,30 @@ static int draw_difference(sg_ctx *ctx, struct canvas *c, const struct picture_i
 }
 
 /* Magnified without smoothing: what matters here is pixels. */
-static void draw_crop(struct canvas *c, const struct picture_image *p, const struct picture_crop *crop, int x, int y,
-                      int w, int h)
+static void draw_crop(struct canvas *c, const struct picture_image *p,
+                      const struct picture_crop *crop, int x, int y, int w, int h)
 {
     for (int row = 0; row < h; row++)
         for (int column = 0; column < w; column++) {
             const size_t from = (size_t) (crop->y + row * crop->height / h) * (size_t) p->width +
                                 (size_t) (crop->x + column * crop->width / w);
-            memcpy(c->rgb + 3 * ((size_t) (y + row) * (size_t) c->width + (size_t) (x + column)), p->rgb + 3 * from, 3);
+            memcpy(c->rgb + 3 * ((size_t) (y + row) * (size_t) c->width + (size_t) (x + column)),
+                   p->rgb + 3 * from, 3);
         }
 }
 
-/* One scale for all columns, so that brightness can be compared: between two percentiles of the first. */
-static int draw_amplitude(sg_ctx *ctx, struct canvas *c, const struct picture_image *p, float low, float high, int x,
-                          int y)
+/* One scale for all columns, so that brightness can be compared: between two percentiles of the
+ * first. */
+static int draw_amplitude(sg_ctx *ctx, struct canvas *c, const struct picture_image *p, float low,
+                          float high, int x, int y)
 {
     const size_t n = (size_t) p->width * (size_t) p->height;
     uint8_t *grey = sg_alloc_raw(ctx, SG_MEM_IMAGES, n, 3);
     if (!grey)
         return SG_ERR_BUDGET;
     for (size_t i = 0; i < n; i++)
-        memset(grey + 3 * i, (int) (255 * fminf(fmaxf((p->amplitude[i] - low) / (high - low), 0), 1) + 0.5f), 3);
+        memset(grey + 3 * i,
+               (int) (255 * fminf(fmaxf((p->amplitude[i] - low) / (high - low), 0), 1) + 0.5f), 3);
     const int code = place(ctx, c, grey, p->width, p->height, x, y, CELL, CELL);
     sg_free(grey);
     return code;
@@ -126,7 +135,8 @@ struct plot {
     double low, high;
 };
 
-static void axes(struct canvas *c, const struct plot *p, const char *title, const char *const ticks[], int n_ticks)
+static void axes(struct canvas *c, const struct plot *p, const char *title,
+                 const char *const ticks[], int n_ticks)
 {
     for (int i = 0; i < n_ticks; i++) {
         const double x = p->x + (double) i / (n_ticks - 1) * p->w;
@@ -138,17 +148,20 @@ static void axes(struct canvas *c, const struct plot *p, const char *title, cons
     text(c, p->x + p->w / 2.0, p->y + p->h + 38, 10, ink, title);
 }
 
-/* Of image k: its colour, and its dashes for those who cannot tell colours. done: pixels of the line so far. */
-static void stroke(struct canvas *c, double x0, double y0, double x1, double y1, int k, double *done)
+/* Of image k: its colour, and its dashes for those who cannot tell colours. done: pixels of the
+ * line so far. */
+static void stroke(struct canvas *c, double x0, double y0, double x1, double y1, int k,
+                   double *done)
 {
-    static const int dashes[PICTURE_IMAGES_MAX][2] = {{1, 0}, {12, 6}, {3, 5}, {20, 4}, {8, 8}, {2, 10}}; /* on, off */
+    static const int dashes[PICTURE_IMAGES_MAX][2] = {{1, 0},  {12, 6}, {3, 5},
+                                                      {20, 4}, {8, 8},  {2, 10}}; /* on, off */
     const double length = hypot(x1 - x0, y1 - y0), on = dashes[k][0], period = on + dashes[k][1];
     for (double a = 0, b; a < length; a = b) {
         const double phase = fmod(*done + a, period);
         b = k ? fmin(a + (phase < on ? on : period) - phase + 1e-6, length) : length;
         if (phase < on)
-            line(c, x0 + (x1 - x0) * a / length, y0 + (y1 - y0) * a / length, x0 + (x1 - x0) * b / length,
-                 y0 + (y1 - y0) * b / length, 1, colours[k]);
+            line(c, x0 + (x1 - x0) * a / length, y0 + (y1 - y0) * a / length,
+                 x0 + (x1 - x0) * b / length, y0 + (y1 - y0) * b / length, 1, colours[k]);
     }
     *done += length;
 }
@@ -159,8 +172,10 @@ static void curve(struct canvas *c, const struct plot *p, const double *values, 
     for (int i = 0; i + 1 < n; i++) {
         double y[2];
         for (int k = 0; k < 2; k++)
-            y[k] = p->y + p->h * (1 - fmin(fmax((values[i + k] - p->low) / (p->high - p->low), 0), 1));
-        stroke(c, p->x + (i + 0.5) / n * p->w, y[0], p->x + (i + 1.5) / n * p->w, y[1], image, &done);
+            y[k] =
+                p->y + p->h * (1 - fmin(fmax((values[i + k] - p->low) / (p->high - p->low), 0), 1));
+        stroke(c, p->x + (i + 0.5) / n * p->w, y[0], p->x + (i + 1.5) / n * p->w, y[1], image,
+               &done);
     }
 }
 
@@ -171,11 +186,13 @@ static void draw_plots(struct canvas *c, const struct picture_image *images, int
     const int half = (c->width - 3 * GAP) / 2;
     struct plot a = {GAP + AXIS, top, half - AXIS - GAP, PLOT - AXIS, 0, 0}, r = a;
     r.x += half + GAP;
-    double angular[PICTURE_IMAGES_MAX][SG_SPECTRUM_BINS_MAX / 2], radial[PICTURE_IMAGES_MAX][SG_SPECTRUM_RINGS];
+    double angular[PICTURE_IMAGES_MAX][SG_SPECTRUM_BINS_MAX / 2],
+        radial[PICTURE_IMAGES_MAX][SG_SPECTRUM_RINGS];
     r.low = INFINITY, r.high = -INFINITY;
     for (int k = 0; k < n; k++) {
         const struct sg_spectrum *s = &images[k].spectrum;
-        /* Directions from -90 to 90 degrees; the other half of a real image's spectrum is the same. */
+        /* Directions from -90 to 90 degrees; the other half of a real image's spectrum is the
+         * same. */
         for (int b = 0; b < s->bins / 2; b++) {
             angular[k][b] = 2 * s->angular[s->bins / 4 + b];
             a.high = fmax(a.high, 1.1 * angular[k][b]);
@@ -232,22 +249,27 @@ static int find_range(sg_ctx *ctx, const struct picture_image *p, float *low, fl
     return SG_OK;
 }
 
-int picture_draw(sg_ctx *ctx, const struct picture_image *images, int n, double gain, const struct picture_crop *crop,
-                 uint8_t **rgb, int *width, int *height)
+int picture_draw(sg_ctx *ctx, const struct picture_image *images, int n, double gain,
+                 const struct picture_crop *crop, uint8_t **rgb, int *width, int *height)
 {
     int tallest = 1;
     bool differences = false;
     for (int k = 0; k < n; k++) {
-        const double scale = (double) CELL / (images[k].width > images[k].height ? images[k].width : images[k].height);
+        const double scale =
+            (double) CELL /
+            (images[k].width > images[k].height ? images[k].width : images[k].height);
         const int h = (int) fmax(images[k].height * scale, 1);
         tallest = h > tallest ? h : tallest;
-        differences |= k && images[k].width == images[0].width && images[k].height == images[0].height;
+        differences |=
+            k && images[k].width == images[0].width && images[k].height == images[0].height;
     }
     const int columns = n > 1 ? n : 2; /* room for the plots */
-    const double enlarged = crop->width ? (double) CELL / (crop->width > crop->height ? crop->width : crop->height) : 0;
+    const double enlarged =
+        crop->width ? (double) CELL / (crop->width > crop->height ? crop->width : crop->height) : 0;
     const int crop_w = crop->width ? (int) fmax(crop->width * enlarged, 1) : 0;
     const int crop_h = crop->width ? (int) fmax(crop->height * enlarged, 1) : 0;
-    const int photos = TITLE, crops = photos + tallest + GAP, changes = crop_h ? crops + crop_h + GAP : crops,
+    const int photos = TITLE, crops = photos + tallest + GAP,
+              changes = crop_h ? crops + crop_h + GAP : crops,
               spectra = differences ? changes + tallest + GAP + 14 : changes;
     const int plots = spectra + CELL + GAP;
     struct canvas c = {.width = columns * (CELL + GAP) + GAP, .height = plots + PLOT + GAP};
@@ -259,7 +281,8 @@ int picture_draw(sg_ctx *ctx, const struct picture_image *images, int n, double 
     for (int k = 0; k < n && !code; k++) {
         const struct picture_image *p = &images[k];
         const double scale = (double) CELL / (p->width > p->height ? p->width : p->height);
-        const int w = (int) fmax(p->width * scale, 1), h = (int) fmax(p->height * scale, 1), x = GAP + k * (CELL + GAP);
+        const int w = (int) fmax(p->width * scale, 1), h = (int) fmax(p->height * scale, 1),
+                  x = GAP + k * (CELL + GAP);
         text(&c, x + CELL / 2.0, photos - 10, 13, colours[k], p->title);
         code = place(ctx, &c, p->rgb, p->width, p->height, x + (CELL - w) / 2, photos, w, h);
         if (!code && crop_h)

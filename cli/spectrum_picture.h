@@ -20,9 +20,10 @@ struct picture_crop {
     int x, y, width, height;
 };
 
-/* Draws photos, the same crop of all, differences from the first where sizes agree, spectra, and the angular and radial
- * distributions of all. The caller frees *rgb with sg_free. Returns a library error. */
-int picture_draw(sg_ctx *ctx, const struct picture_image *images, int n, double gain, const struct picture_crop *crop,
-                 uint8_t **rgb, int *width, int *height);
+/* Draws photos, the same crop of all, differences from the first where sizes agree, spectra, and
+ * the angular and radial distributions of all. The caller frees *rgb with sg_free. Returns a
+ * library error. */
+int picture_draw(sg_ctx *ctx, const struct picture_image *images, int n, double gain,
+                 const struct picture_crop *crop, uint8_t **rgb, int *width, int *height);
 
 #endif

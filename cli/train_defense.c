@@ -14,7 +14,8 @@ void train_settle_defense(struct train_config *c, const struct sg_defense_params
         d->rho_least = d->rho == PRESET_RHO ? options_number(preset->rho_least) : 0;
     d->rho = d->rho == PRESET_RHO ? options_number(preset->rho) : d->rho;
     d->lambda = d->lambda == PRESET_LAMBDA ? options_number(preset->lambda) : d->lambda;
-    d->frequency = d->frequency == PRESET_FREQUENCY ? options_number(preset->frequency) : d->frequency;
+    d->frequency =
+        d->frequency == PRESET_FREQUENCY ? options_number(preset->frequency) : d->frequency;
     d->view_weights = preset->view_weights;
     if (c->tolerance == TOLERANCE_PRESET)
         c->tolerance = c->defense && c->preset == DEFENSE_AUTO ? TOLERANCE_AUTO : 0;
@@ -47,7 +48,8 @@ static const char *vain_option(const struct train_config *c, const bool *given)
     for (size_t i = 0; o[i].name; i++) {
         if (o[i].type == OPT_GROUP)
             inside = !strcmp(o[i].name, "Defense");
-        bool counts = !strcmp(o[i].name, "defense") || !strcmp(o[i].name, "audit") || !strcmp(o[i].name, "tolerance");
+        bool counts = !strcmp(o[i].name, "defense") || !strcmp(o[i].name, "audit") ||
+                      !strcmp(o[i].name, "tolerance");
         for (size_t k = 0; k < sizeof(ranking) / sizeof(ranking[0]); k++)
             counts |= limited && !strcmp(o[i].name, ranking[k]);
         if (inside && given[i] && !counts)
@@ -62,7 +64,8 @@ int train_check(const struct train_run *r, const bool *given)
     const char *vain = c.resume ? NULL : vain_option(&c, given);
     if (vain) {
         say(stderr,
-            "splatguard train: --%s: found without a defense, expected --defense spectral or --audit defend with it\n",
+            "splatguard train: --%s: found without a defense, expected --defense spectral or "
+            "--audit defend with it\n",
             vain);
         return 1;
     }
@@ -73,8 +76,8 @@ int train_check(const struct train_run *r, const bool *given)
     }
     const struct sg_defense_params *d = &c.train.defense;
     if (d->rho_least > 0 && (d->rho == PRESET_RHO ? c.preset != DEFENSE_AUTO : d->rho >= 0)) {
-        say(stderr,
-            "splatguard train: --rho-least: found with a fixed rho, expected --preset auto or a --rho below 0\n");
+        say(stderr, "splatguard train: --rho-least: found with a fixed rho, expected --preset auto "
+                    "or a --rho below 0\n");
         return 1;
     }
     const struct sg_defense_params preset = published(c.preset);
@@ -93,7 +96,8 @@ static int heed(struct train_config *c, const struct sg_audit *found)
     for (size_t i = 0; i < found->count_reasons && !clean; i++)
         say(stderr, "  %s\n", found->reasons[i]);
     if (c->audit == AUDIT_REFUSE && found->verdict == SG_AUDIT_POISONED) {
-        say(stderr, "splatguard: %s: found poisoned photos, expected clean ones (--audit refuse)\n", c->source);
+        say(stderr, "splatguard: %s: found poisoned photos, expected clean ones (--audit refuse)\n",
+            c->source);
         return STATUS_POISONED;
     }
     if (c->audit == AUDIT_DEFEND && !clean && !c->resume) /* a run keeps the defense that it has */
@@ -134,7 +138,8 @@ int train_decide(struct train_run *r)
     int code = 0;
     if (c->preset == DEFENSE_AUTO)
         preset.frequency = sg_defense_frequency(r->scene->extent);
-    if (c->audit != AUDIT_OFF || c->tolerance == TOLERANCE_AUTO || (c->defense && c->preset == DEFENSE_AUTO))
+    if (c->audit != AUDIT_OFF || c->tolerance == TOLERANCE_AUTO ||
+        (c->defense && c->preset == DEFENSE_AUTO))
         code = audit(r, &preset);
     train_settle_defense(c, &preset);
     c->train.tolerances = c->tolerance == TOLERANCE_AUTO ? r->tolerances : NULL;

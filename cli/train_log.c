@@ -23,7 +23,8 @@ json_t *train_log_parts(const struct train_run *r)
     json_t *object = json_object();
     sg_trainer_times(r->trainer, &here);
     for (int k = 0; k < PARTS; k++)
-        json_object_set_new(object, parts[k].name, number_json(*part(&before, k) + *part(&here, k)));
+        json_object_set_new(object, parts[k].name,
+                            number_json(*part(&before, k) + *part(&here, k)));
     return object;
 }
 
@@ -38,8 +39,8 @@ static void take_totals(struct train_totals *t, const json_t *line)
     t->filter_events = (uint64_t) json_integer_value(json_object_get(line, "filter_events"));
     t->filter_removed = (uint64_t) json_integer_value(json_object_get(line, "filter_removed"));
     for (int k = 0; k < PARTS; k++)
-        *part(&t->parts, k) =
-            json_number_value(json_object_get(json_object_get(line, "defense_seconds"), parts[k].name));
+        *part(&t->parts, k) = json_number_value(
+            json_object_get(json_object_get(line, "defense_seconds"), parts[k].name));
 }
 
 /* Lines up to the checkpoint, of iterations and of the filter, stay. */
@@ -49,7 +50,8 @@ static bool take(void *arg, const json_t *line)
     const json_t *iteration = json_object_get(line, "iteration");
     if (!iteration)
         iteration = json_object_get(line, "filter");
-    if (!json_is_integer(iteration) || json_integer_value(iteration) > sg_trainer_iteration(r->trainer))
+    if (!json_is_integer(iteration) ||
+        json_integer_value(iteration) > sg_trainer_iteration(r->trainer))
         return false;
     take_totals(&r->totals, line);
     if (!r->first_gaussians)
@@ -62,7 +64,8 @@ static bool take(void *arg, const json_t *line)
 int train_log_open(struct train_run *r)
 {
     r->log_path = run_path(r->config->output, "log.jsonl");
-    return r->log_path ? run_log_open(r->log_path, r->config->resume ? take : NULL, r, &r->log) : no_memory();
+    return r->log_path ? run_log_open(r->log_path, r->config->resume ? take : NULL, r, &r->log)
+                       : no_memory();
 }
 
 /* What cannot be logged once is not tried again: the training goes on. */
@@ -84,15 +87,17 @@ int train_log_step(struct train_run *r)
     if (r->logged == s->iteration || !s->iteration)
         return 0;
     r->logged = s->iteration;
-    json_t *line =
-        json_pack("{s:i,s:o,s:o,s:o,s:o,s:o,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:o,s:o}", "iteration", s->iteration,
-                  "loss", number_json(s->loss), "l1", number_json(s->l1), "ssim", number_json(s->ssim), "psnr",
-                  number_json(s->psnr), "view", sg_text_to_json(r->scene->train[s->view].name), "gaussians",
-                  (json_int_t) s->gaussians, "cloned", (json_int_t) r->cloned, "split", (json_int_t) r->split, "pruned",
-                  (json_int_t) r->pruned, "visible", (json_int_t) s->render.visible, "instances",
-                  (json_int_t) s->render.instances, "max_tile", (json_int_t) s->render.max_tile, "max_gaussians",
-                  (json_int_t) t->max_gaussians, "max_instances", (json_int_t) t->max_instances, "train_seconds",
-                  number_json(t->seconds), "cpu_seconds", number_json(t->cpu_seconds));
+    json_t *line = json_pack(
+        "{s:i,s:o,s:o,s:o,s:o,s:o,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:o,s:o}", "iteration",
+        s->iteration, "loss", number_json(s->loss), "l1", number_json(s->l1), "ssim",
+        number_json(s->ssim), "psnr", number_json(s->psnr), "view",
+        sg_text_to_json(r->scene->train[s->view].name), "gaussians", (json_int_t) s->gaussians,
+        "cloned", (json_int_t) r->cloned, "split", (json_int_t) r->split, "pruned",
+        (json_int_t) r->pruned, "visible", (json_int_t) s->render.visible, "instances",
+        (json_int_t) s->render.instances, "max_tile", (json_int_t) s->render.max_tile,
+        "max_gaussians", (json_int_t) t->max_gaussians, "max_instances",
+        (json_int_t) t->max_instances, "train_seconds", number_json(t->seconds), "cpu_seconds",
+        number_json(t->cpu_seconds));
     r->cloned = r->split = r->pruned = 0;
     if (r->config->train.defense.on) {
         json_object_set_new(line, "anisotropy", number_json(s->defense.anisotropy));
@@ -107,16 +112,18 @@ int train_log_step(struct train_run *r)
 int train_log_filter(struct train_run *r)
 {
     const struct sg_defense_step *d = &r->step.defense;
-    return write_line(r, json_pack("{s:i,s:o,s:I,s:I,s:o,s:[o,o,o],s:I}", "filter", r->step.iteration, "rho",
-                                   number_json(d->rho), "scored", (json_int_t) d->scored, "removed",
-                                   (json_int_t) d->removed, "unseen_share",
-                                   number_json(d->scored ? (double) d->unseen / (double) d->scored : 0),
-                                   "log_score_percentiles", number_json(d->score[0]), number_json(d->score[1]),
-                                   number_json(d->score[2]), "gaussians", (json_int_t) r->step.gaussians));
+    return write_line(
+        r, json_pack("{s:i,s:o,s:I,s:I,s:o,s:[o,o,o],s:I}", "filter", r->step.iteration, "rho",
+                     number_json(d->rho), "scored", (json_int_t) d->scored, "removed",
+                     (json_int_t) d->removed, "unseen_share",
+                     number_json(d->scored ? (double) d->unseen / (double) d->scored : 0),
+                     "log_score_percentiles", number_json(d->score[0]), number_json(d->score[1]),
+                     number_json(d->score[2]), "gaussians", (json_int_t) r->step.gaussians));
 }
 
 int train_log_eval(struct train_run *r)
 {
-    return write_line(r, json_pack("{s:i,s:o,s:o}", "iteration", r->evaluated, "test_psnr", number_json(r->eval.psnr),
-                                   "test_ssim", number_json(r->eval.ssim)));
+    return write_line(r,
+                      json_pack("{s:i,s:o,s:o}", "iteration", r->evaluated, "test_psnr",
+                                number_json(r->eval.psnr), "test_ssim", number_json(r->eval.ssim)));
 }

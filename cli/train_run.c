@@ -16,7 +16,8 @@ static double cpu_now(void)
     return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
 }
 
-/* Measures the test views; fps only on request. Where memory is short for that, the run goes on without. */
+/* Measures the test views; fps only on request. Where memory is short for that, the run goes on
+ * without. */
 static int measure(struct train_run *r, int time_fps)
 {
     const struct train_config *c = r->config;
@@ -37,8 +38,8 @@ static int measure(struct train_run *r, int time_fps)
     r->evaluated = sg_trainer_iteration(r->trainer);
     if (!c->quiet) {
         progress_break(&r->progress);
-        say(stderr, "iteration %d: PSNR %.3f, SSIM %.4f on %zu test views\n", r->evaluated, r->eval.psnr, r->eval.ssim,
-            r->eval.views);
+        say(stderr, "iteration %d: PSNR %.3f, SSIM %.4f on %zu test views\n", r->evaluated,
+            r->eval.psnr, r->eval.ssim, r->eval.views);
     }
     return train_log_eval(r);
 }
@@ -54,8 +55,8 @@ static int save(struct train_run *r)
     r->resumable = !code;
     r->saved = sg_trainer_iteration(r->trainer);
     if (code == exit_code(SG_ERR_BUDGET)) {
-        say(stderr,
-            "the model is saved, its checkpoint is not: --resume goes on from an earlier one, if there is one\n");
+        say(stderr, "the model is saved, its checkpoint is not: --resume goes on from an earlier "
+                    "one, if there is one\n");
         code = 0; /* the model is what was asked for */
     }
     return code ? code : logged;
@@ -78,8 +79,8 @@ static void watch_filter(struct train_run *r)
         r->starves = true;
         progress_break(&r->progress);
         say(stderr,
-            "warning: over %d removals the filter took more than grew, and there are fewer Gaussians than at first: "
-            "%zu; rho is too high for this scene\n",
+            "warning: over %d removals the filter took more than grew, and there are fewer "
+            "Gaussians than at first: %zu; rho is too high for this scene\n",
             r->window_events, s->gaussians);
     }
     r->window_from = s->iteration;
@@ -135,18 +136,23 @@ static int loop(struct train_run *r)
         r->totals.seconds += sg_seconds() - start;
         r->totals.cpu_seconds += cpu_now() - cpu;
         if (error) {
-            /* The model so far is worth keeping; the checkpoint stays, for this iteration is half done. */
+            /* The model so far is worth keeping; the checkpoint stays, for this iteration is half
+             * done. */
             progress_break(&r->progress);
             int code = report(r->ctx, error);
             const int done = sg_trainer_iteration(r->trainer);
-            const size_t gaussians = sg_trainer_gaussians(r->trainer); /* it may have grown before it failed */
+            const size_t gaussians =
+                sg_trainer_gaussians(r->trainer); /* it may have grown before it failed */
             if (gaussians > r->totals.max_gaussians)
                 r->totals.max_gaussians = gaussians;
-            const int lost = done > r->saved ? run_save_model(r->ctx, r->config->output, r->trainer) : 0;
+            const int lost =
+                done > r->saved ? run_save_model(r->ctx, r->config->output, r->trainer) : 0;
             r->saved = lost ? r->saved : done;
             if (r->saved)
-                say(stderr, "the model of iteration %d is saved in %s\n", r->saved, r->config->output);
-            if (r->saved && error == SG_ERR_BUDGET) /* a smaller model than asked for, but a model */
+                say(stderr, "the model of iteration %d is saved in %s\n", r->saved,
+                    r->config->output);
+            if (r->saved &&
+                error == SG_ERR_BUDGET) /* a smaller model than asked for, but a model */
                 code = lost == exit_code(SG_ERR_BUDGET) ? 0 : lost;
             r->error = error;
             if (train_summary_write(r) && !code)
@@ -205,7 +211,9 @@ static int restore(struct train_run *r, const char *variant)
     if (!path)
         return no_memory();
     if (access(path, F_OK)) {
-        say(stderr, "splatguard: %s: found no checkpoint, so nothing to go on from; start anew with --force\n",
+        say(stderr,
+            "splatguard: %s: found no checkpoint, so nothing to go on from; start anew with "
+            "--force\n",
             r->config->output);
         free(path);
         return 2;
@@ -217,12 +225,16 @@ static int restore(struct train_run *r, const char *variant)
     if (error)
         return report(r->ctx, error);
     if (variant && strcmp(variant, sg_trainer_variant(r->trainer)))
-        say(stderr, "warning: the run was made with %s and goes on with %s: results can differ in the last digits\n",
+        say(stderr,
+            "warning: the run was made with %s and goes on with %s: results can differ in the last "
+            "digits\n",
             variant, sg_trainer_variant(r->trainer));
     r->saved = sg_trainer_iteration(r->trainer); /* a model comes before its checkpoint */
-    r->finished = r->saved >= r->config->train.iterations && is_summed_up(r->config->output, r->saved);
+    r->finished =
+        r->saved >= r->config->train.iterations && is_summed_up(r->config->output, r->saved);
     if (r->finished) { /* a tighter limit would only thin it out */
-        say(stderr, "%s: all %d iterations are done; --iterations asks for more\n", r->config->output, r->saved);
+        say(stderr, "%s: all %d iterations are done; --iterations asks for more\n",
+            r->config->output, r->saved);
         return 0;
     }
     if (interrupted()) {

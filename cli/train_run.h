@@ -11,7 +11,7 @@ struct train_totals {
     double seconds, cpu_seconds; /* of training alone, without evaluation and files */
     uint64_t max_gaussians, max_instances;
     uint64_t filter_events, filter_removed; /* of the defense */
-    struct sg_train_times parts;            /* seconds of the processes before; of the defense only */
+    struct sg_train_times parts; /* seconds of the processes before; of the defense only */
 };
 
 struct train_run {
@@ -48,26 +48,29 @@ struct train_run {
 
 /* All of these return an exit code after printing what is wrong. */
 
-/* Values that no run can have, before anything is read; and options of a defense that is not asked for, unless resumed.
- */
+/* Values that no run can have, before anything is read; and options of a defense that is not asked
+ * for, unless
+ * resumed. */
 int train_check(const struct train_run *r, const bool *given);
 
 /* What the preset decides where the options do not, as config.json keeps it. */
 void train_settle_defense(struct train_config *c, const struct sg_defense_params *preset);
 
-/* The defense that follows from the options and the photos. A resumed run has decided whether there is one. */
+/* The defense that follows from the options and the photos. A resumed run has decided whether there
+ * is one. */
 int train_decide(struct train_run *r);
 
-/* Trainer on the loaded scene, from points, a model or the checkpoint. variant: the CPU's when the run began, or NULL.
- */
+/* Trainer on the loaded scene, from points, a model or the checkpoint. variant: the CPU's when the
+ * run began, or
+ * NULL. */
 int train_start(struct train_run *r, const char *variant);
 
-/* All iterations that are left, with what is due between them and at the end; what there is, is saved, interrupted or
- * not. */
+/* All iterations that are left, with what is due between them and at the end; what there is, is
+ * saved, interrupted or not. */
 int train_whole(struct train_run *r);
 
-/* Opens log.jsonl. When resuming, lines of iterations after the checkpoint go, and the totals come from the last one
- * left. */
+/* Opens log.jsonl. When resuming, lines of iterations after the checkpoint go, and the totals come
+ * from the last one left. */
 int train_log_open(struct train_run *r);
 int train_log_step(struct train_run *r); /* once per iteration; does nothing the second time */
 int train_log_filter(struct train_run *r);

@@ -68,12 +68,13 @@ static json_t *budget(const struct train_run *r, const struct sg_train_limits *l
     json_t *binding = json_array();
     const bool out_of_memory = r->error == SG_ERR_BUDGET;
     if (l->gaussians_bound || out_of_memory)
-        json_array_append_new(binding, json_string(l->by_memory || out_of_memory ? "memory" : "gaussians"));
+        json_array_append_new(binding,
+                              json_string(l->by_memory || out_of_memory ? "memory" : "gaussians"));
     if (l->time_bound)
         json_array_append_new(binding, json_string("time"));
-    return json_pack("{s:I,s:I,s:o,s:o}", "max_gaussians", (json_int_t) l->max_gaussians, "max_memory",
-                     (json_int_t) r->config->max_memory, "max_time", number_json(r->config->train.max_seconds),
-                     "binding", binding);
+    return json_pack("{s:I,s:I,s:o,s:o}", "max_gaussians", (json_int_t) l->max_gaussians,
+                     "max_memory", (json_int_t) r->config->max_memory, "max_time",
+                     number_json(r->config->train.max_seconds), "binding", binding);
 }
 
 int train_summary_write(struct train_run *r)
@@ -96,16 +97,19 @@ int train_summary_write(struct train_run *r)
     COUNT("final_gaussians", sg_trainer_gaussians(r->trainer));
     COUNT("max_instances", t->max_instances);
     if (r->config->train.defense.on)
-        PUT("defense", json_pack("{s:I,s:I,s:o}", "filter_events", (json_int_t) t->filter_events, "filter_removed",
-                                 (json_int_t) t->filter_removed, "seconds", train_log_parts(r)));
+        PUT("defense", json_pack("{s:I,s:I,s:o}", "filter_events", (json_int_t) t->filter_events,
+                                 "filter_removed", (json_int_t) t->filter_removed, "seconds",
+                                 train_log_parts(r)));
     if (r->config->train.tolerance > 0 || r->config->train.tolerances)
         PUT("tolerance", tolerance(r));
     if (r->audit)
-        PUT("audit", json_pack("{s:s,s:o}", "verdict", r->audit, "score", number_json(r->audit_score)));
+        PUT("audit",
+            json_pack("{s:s,s:o}", "verdict", r->audit, "score", number_json(r->audit_score)));
     PUT("budget", budget(r, &limits));
     PUT("train_seconds", number_json(t->seconds));
     PUT("cpu_seconds", number_json(t->cpu_seconds));
-    PUT("iterations_per_second", number_json(t->seconds > 0 ? (double) limits.steps / t->seconds : 0));
+    PUT("iterations_per_second",
+        number_json(t->seconds > 0 ? (double) limits.steps / t->seconds : 0));
     COUNT("peak_rss_bytes", (uint64_t) usage.ru_maxrss * 1024);
     COUNT("peak_ledger_bytes", sg_mem_peak(r->ctx, SG_MEM_TAGS));
     PUT("peak_ledger_bytes_by_tag", ledger(r->ctx));

@@ -23,7 +23,8 @@ static inline void add_f64(struct bytes *b, double v)
     add(b, bits, 8);
 }
 
-static inline void add_camera(struct bytes *b, int id, int model, int width, int height, const double *params, int n)
+static inline void add_camera(struct bytes *b, int id, int model, int width, int height,
+                              const double *params, int n)
 {
     add(b, (uint64_t) id, 4);
     add(b, (uint64_t) model, 4);
@@ -34,7 +35,8 @@ static inline void add_camera(struct bytes *b, int id, int model, int width, int
 }
 
 /* Camera looks along z from (x, 0, 0); with some observations to be skipped. */
-static inline void add_image(struct bytes *b, int id, int camera, const char *name, double x, int observations)
+static inline void add_image(struct bytes *b, int id, int camera, const char *name, double x,
+                             int observations)
 {
     const double pose[7] = {1, 0, 0, 0, -x, 0, 0};
     add(b, (uint64_t) id, 4);
@@ -51,7 +53,8 @@ static inline void add_image(struct bytes *b, int id, int camera, const char *na
         add(b, 77, 8);
 }
 
-static inline void add_point(struct bytes *b, int id, double x, double y, double z, int red, int track)
+static inline void add_point(struct bytes *b, int id, double x, double y, double z, int red,
+                             int track)
 {
     add(b, (uint64_t) id, 8);
     add_f64(b, x);

@@ -36,8 +36,9 @@ static inline float draw(uint64_t seed, uint64_t k, float low, float high)
 static inline struct sg_camera make_camera(int width, int height, double distance)
 {
     const double a = 0.3, b = -0.2;
-    const double R[9] = {cos(a), 0, sin(a), sin(a) * sin(b), cos(b), -cos(a) * sin(b), -sin(a) * cos(b), sin(b),
-                         cos(a) * cos(b)};
+    const double R[9] = {cos(a),           0,      sin(a),
+                         sin(a) * sin(b),  cos(b), -cos(a) * sin(b),
+                         -sin(a) * cos(b), sin(b), cos(a) * cos(b)};
     struct sg_camera c = {.width = width,
                           .height = height,
                           .fx = 0.9 * width + 5,
@@ -74,7 +75,8 @@ static inline struct sg_model *make_model(sg_ctx *ctx, size_t n, int degree, uin
 }
 
 /* Square photos of a model by the oracle, from n places. The caller frees each rgb. */
-static inline void make_photos(sg_ctx *ctx, const struct sg_model *m, int side, struct sg_view *views, int n)
+static inline void make_photos(sg_ctx *ctx, const struct sg_model *m, int side,
+                               struct sg_view *views, int n)
 {
     const size_t values = 3 * (size_t) side * (size_t) side;
     sg_renderer *r;
@@ -138,11 +140,13 @@ static inline struct sg_photometric_value lose(struct sg_engine *b, const struct
 {
     struct sg_step step;
     struct sg_target target = {.planes = c->planes};
-    const struct sg_loss loss = {SG_LOSS_PHOTOMETRIC, 1, {.photometric = {c->lambda_dssim, c->tolerance}}};
+    const struct sg_loss loss = {
+        SG_LOSS_PHOTOMETRIC, 1, {.photometric = {c->lambda_dssim, c->tolerance}}};
     static const uint8_t unused[1];
     if (c->target || c->mask)
-        assert_int_equal(
-            sg_engine_photo_add(b, b->width, b->height, c->target ? c->target : unused, c->mask, &target.photo), SG_OK);
+        assert_int_equal(sg_engine_photo_add(b, b->width, b->height, c->target ? c->target : unused,
+                                             c->mask, &target.photo),
+                         SG_OK);
     assert_int_equal(sg_engine_losses(b, &target, &loss, 1), SG_OK);
     assert_int_equal(sg_engine_read_step(b, &step), SG_OK);
     sg_engine_photo_drop(b, target.photo);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The anisotropy loss of an image that is continued to a quick size, next to that of its exact size. */
+/* The anisotropy loss of an image that is continued to a quick size, next to that of its exact
+ * size. */
 #ifndef SG_TEST_NEARNESS_H
 #define SG_TEST_NEARNESS_H
 
@@ -27,7 +28,9 @@ static inline struct nearness against_exact(sg_ctx *ctx, int w, int h, const flo
     for (int exact = 0; exact < 2; exact++) {
         struct sg_anisotropy *a;
         g[exact] = calloc(n, sizeof(float));
-        assert_int_equal(sg_anisotropy_create(ctx, w, h, sg_anisotropy_params(.exact_size = exact), NULL, &a), SG_OK);
+        assert_int_equal(
+            sg_anisotropy_create(ctx, w, h, sg_anisotropy_params(.exact_size = exact), NULL, &a),
+            SG_OK);
         loss[exact] = sg_anisotropy_loss(a, x, 1, g[exact]);
         sg_anisotropy_destroy(&a);
     }
@@ -37,7 +40,8 @@ static inline struct nearness against_exact(sg_ctx *ctx, int w, int h, const flo
             norm[e] += (double) g[e][i] * (double) g[e][i];
     }
     free(g[0]), free(g[1]);
-    return (struct nearness){loss[0] / loss[1], dot / sqrt(norm[0] * norm[1]), sqrt(norm[0] / norm[1])};
+    return (struct nearness){loss[0] / loss[1], dot / sqrt(norm[0] * norm[1]),
+                             sqrt(norm[0] / norm[1])};
 }
 
 #endif

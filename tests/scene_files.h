@@ -50,7 +50,8 @@ static inline int remove_one(const char *path, const struct stat *st, int kind, 
 static inline int tear_down(void **state)
 {
     struct fixture *f = *state;
-    int leaked = sg_mem_current(f->ctx, SG_MEM_TAGS) != 0; /* every test must give back what it took */
+    int leaked =
+        sg_mem_current(f->ctx, SG_MEM_TAGS) != 0; /* every test must give back what it took */
     nftw(f->dir, remove_one, 8, FTW_DEPTH | FTW_PHYS);
     sg_ctx_destroy(&f->ctx);
     free(f);
@@ -81,7 +82,8 @@ static inline void put_text(struct fixture *f, const char *name, const char *tex
 }
 
 /* A PNG whose samples are a function of place, so that mixed-up views show. */
-static inline void put_png(struct fixture *f, const char *name, int width, int height, int channels, int seed)
+static inline void put_png(struct fixture *f, const char *name, int width, int height, int channels,
+                           int seed)
 {
     size_t n = (size_t) width * (size_t) height * (size_t) channels;
     uint8_t *p = malloc(n);
@@ -93,7 +95,8 @@ static inline void put_png(struct fixture *f, const char *name, int width, int h
 }
 
 /* Loads dir and expects the code and every listed word in the message. End the words with NULL. */
-static inline void expect_failure(struct fixture *f, const struct sg_scene_params *params, int code, ...)
+static inline void expect_failure(struct fixture *f, const struct sg_scene_params *params, int code,
+                                  ...)
 {
     struct sg_scene *scene = (void *) f;
     va_list words;

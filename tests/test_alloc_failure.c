@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Every allocation of a small load, training, audit, attack and evaluation made to fail once: each ends with
- * SG_ERR_BUDGET and a message, leaves nothing behind, and works afterwards. */
+/* Every allocation of a small load, training, audit, attack and evaluation made to fail once: each
+ * ends with SG_ERR_BUDGET and a message, leaves nothing behind, and works afterwards. */
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -21,8 +21,8 @@ static int make_scene(void **state)
     char scene[64];
     snprintf(scene, sizeof(scene), "%s/scene", folder);
     sg_ctx *ctx = make_context(1);
-    const struct sg_synth_params *p =
-        sg_synth_params(.width = 24, .height = 20, .train_views = 4, .test_views = 1, .points = 40, .samples = 1);
+    const struct sg_synth_params *p = sg_synth_params(.width = 24, .height = 20, .train_views = 4,
+                                                      .test_views = 1, .points = 40, .samples = 1);
     assert_int_equal(sg_synth_write(ctx, scene, p), SG_OK);
     sg_ctx_destroy(&ctx);
     return 0;
@@ -71,7 +71,8 @@ static int train(sg_ctx *ctx)
     struct sg_model *model = NULL, *read = NULL;
     struct sg_eval eval = {0};
     struct sg_train_params p = sg_train_params_default();
-    p.iterations = 8, p.densify_from_iter = 1, p.densification_interval = 3, p.densify_until_iter = 7;
+    p.iterations = 8, p.densify_from_iter = 1, p.densification_interval = 3,
+    p.densify_until_iter = 7;
     p.opacity_reset_interval = 5, p.sh_degree = 1, p.densify_grad_threshold = 1e-6f;
     p.defense.on = true, p.defense.interval = 2, p.defense.views = 2;
     int code = sg_scene_load(ctx, colmap, NULL, &scene);
@@ -159,8 +160,8 @@ static void fail_each(int (*work)(sg_ctx *))
         code = work(ctx);
         const bool failed = sg_fail_allocation(ctx, 0);
         if (code != SG_OK && code != SG_ERR_BUDGET)
-            fail_msg("allocation %llu: found code %d (%s), expected SG_ERR_BUDGET", (unsigned long long) n, code,
-                     sg_last_error(ctx));
+            fail_msg("allocation %llu: found code %d (%s), expected SG_ERR_BUDGET",
+                     (unsigned long long) n, code, sg_last_error(ctx));
         if (code && !sg_last_error(ctx)[0])
             fail_msg("allocation %llu: no message", (unsigned long long) n);
         if (sg_mem_current(ctx, SG_MEM_TAGS))
@@ -174,11 +175,11 @@ static void fail_each(int (*work)(sg_ctx *))
     sg_ctx_destroy(&ctx);
 }
 
-#define TEST(work)                                                                                                     \
-    static void test_##work(void **state)                                                                              \
-    {                                                                                                                  \
-        (void) state;                                                                                                  \
-        fail_each(work);                                                                                               \
+#define TEST(work)                                                                                 \
+    static void test_##work(void **state)                                                          \
+    {                                                                                              \
+        (void) state;                                                                              \
+        fail_each(work);                                                                           \
     }
 TEST(load_blender)
 TEST(load_colmap)
@@ -189,8 +190,9 @@ TEST(attack)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_load_blender), cmocka_unit_test(test_load_colmap), cmocka_unit_test(test_train),
-        cmocka_unit_test(test_audit),        cmocka_unit_test(test_attack),
+        cmocka_unit_test(test_load_blender), cmocka_unit_test(test_load_colmap),
+        cmocka_unit_test(test_train),        cmocka_unit_test(test_audit),
+        cmocka_unit_test(test_attack),
     };
     return cmocka_run_group_tests(tests, make_scene, remove_scene);
 }

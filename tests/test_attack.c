@@ -47,7 +47,8 @@ static void test_gradients(void **state)
                 exact[y * W + x] = kept;
                 const double expected = (more - less) / (2 * step);
                 if (!(fabs((double) found[x] - expected) < 2e-3))
-                    fail_msg("%s at %d, %d: %g, expected %g", form_names[form], x, y, (double) found[x], expected);
+                    fail_msg("%s at %d, %d: %g, expected %g", form_names[form], x, y,
+                             (double) found[x], expected);
             }
         }
     }
@@ -71,8 +72,8 @@ static void test_ramps(void **state)
     }
 }
 
-/* Whatever the image and however many steps: inside the ball and the range, larger in total variation, the same bytes
- * for any number of threads, and what the oracle says. */
+/* Whatever the image and however many steps: inside the ball and the range, larger in total
+ * variation, the same bytes for any number of threads, and what the oracle says. */
 static void test_ascent(void **state)
 {
     (void) state;
@@ -85,7 +86,8 @@ static void test_ascent(void **state)
     sg_ctx *ctx = make_context(2);
     struct sg_engine *engines[ENGINE_CASES], *ref;
     for (int v = 0; v <= n; v++)
-        assert_int_equal(sg_engine_create(ctx, cases[v].engine, cases[v].variant, &engines[v]), SG_OK);
+        assert_int_equal(sg_engine_create(ctx, cases[v].engine, cases[v].variant, &engines[v]),
+                         SG_OK);
     ref = engines[n];
     for (int form = SG_TV_VERTICAL2; form <= SG_TV_ISO; form++)
         for (uint64_t seed = 0; seed < 12; seed++) {
@@ -105,7 +107,9 @@ static void test_ascent(void **state)
             assert_int_equal(sg_ascend(ref, &a, photo, W, H, x[0], scratch), SG_OK);
             for (int v = 0; v < n; v++) {
                 memcpy(x[1], start, sizeof(start));
-                a.steps = form == SG_TV_ISO && seed ? 1 : (int) (seed * 3); /* rounding decides signs of nearly 0 */
+                a.steps = form == SG_TV_ISO && seed
+                              ? 1
+                              : (int) (seed * 3); /* rounding decides signs of nearly 0 */
                 assert_int_equal(sg_ascend(engines[v], &a, photo, W, H, x[1], scratch), SG_OK);
                 if (form != SG_TV_ISO)
                     assert_memory_equal(x[0], x[1], sizeof(start));
@@ -115,8 +119,8 @@ static void test_ascent(void **state)
                 for (int i = 0; i < VALUES; i++)
                     differ += fabsf(oracle[i] - x[1][i]) > 1e-6f;
                 if (differ > VALUES / 500)
-                    fail_msg("%s, %s, seed %llu: %d of %d values differ", case_name(cases[v]), form_names[form],
-                             (unsigned long long) seed, differ, VALUES);
+                    fail_msg("%s, %s, seed %llu: %d of %d values differ", case_name(cases[v]),
+                             form_names[form], (unsigned long long) seed, differ, VALUES);
             }
             a.steps = (int) (seed * 3);
             for (int k = 0; k < 2; k++) {
@@ -131,18 +135,21 @@ static void test_ascent(void **state)
             assert_memory_equal(x[0], x[1], sizeof(start));
             for (int i = 0; i < VALUES && a.steps; i++)
                 if (!(x[0][i] >= 0 && x[0][i] <= 1 &&
-                      fabsf(x[0][i] - photo[i]) <= (a.bound ? bound[i % (W * H)] : epsilon) + 1e-6f))
-                    fail_msg("%s, seed %llu: %g from %g", form_names[form], (unsigned long long) seed, (double) x[0][i],
-                             (double) photo[i]);
+                      fabsf(x[0][i] - photo[i]) <=
+                          (a.bound ? bound[i % (W * H)] : epsilon) + 1e-6f))
+                    fail_msg("%s, seed %llu: %g from %g", form_names[form],
+                             (unsigned long long) seed, (double) x[0][i], (double) photo[i]);
             if (a.steps && epsilon > 0 && !(seed % 2))
-                assert_true(sg_tv_planes(ctx, x[0], W, H, a.form, rows) > sg_tv_planes(ctx, photo, W, H, a.form, rows));
+                assert_true(sg_tv_planes(ctx, x[0], W, H, a.form, rows) >
+                            sg_tv_planes(ctx, photo, W, H, a.form, rows));
         }
     for (int v = 0; v <= n; v++)
         sg_engine_destroy(&engines[v]);
     sg_ctx_destroy(&ctx);
 }
 
-/* An attacker who knows the defense: the same ball, with less anisotropy than without the term, for any variant. */
+/* An attacker who knows the defense: the same ball, with less anisotropy than without the term, for
+ * any variant. */
 static void test_spectral(void **state)
 {
     (void) state;
@@ -160,7 +167,8 @@ static void test_spectral(void **state)
         struct sg_engine *e;
         assert_int_equal(sg_engine_create(ctx, cases[v].engine, cases[v].variant, &e), SG_OK);
         for (int with = 0; with < 2; with++) {
-            const struct ascent a = {16 / 255.0f, 2 / 255.0f, 10, SG_TV_VERTICAL2, NULL, with ? loss : NULL, 3, extra};
+            const struct ascent a = {16 / 255.0f, 2 / 255.0f,         10, SG_TV_VERTICAL2,
+                                     NULL,        with ? loss : NULL, 3,  extra};
             memcpy(x, photo, sizeof(x));
             assert_int_equal(sg_ascend(e, &a, photo, W, H, x, scratch), SG_OK);
             found[with] = sg_anisotropy_loss(loss, x, 1, NULL);
@@ -168,7 +176,8 @@ static void test_spectral(void **state)
                 assert_true(fabsf(x[i] - photo[i]) <= a.epsilon + 1e-6f);
         }
         if (!(found[1] < 0.5 * found[0]))
-            fail_msg("%s: anisotropy %g with the term, %g without", case_name(cases[v]), found[1], found[0]);
+            fail_msg("%s: anisotropy %g with the term, %g without", case_name(cases[v]), found[1],
+                     found[0]);
         sg_engine_destroy(&e);
     }
     sg_anisotropy_destroy(&loss);
@@ -182,7 +191,8 @@ static void test_byte_variation(void **state)
     const uint8_t rgb[12] = {10, 10, 10, 20, 20, 20, 40, 40, 40, 80, 80, 80};
     assert_float_equal(sg_total_variation(rgb, 2, 2, SG_TV_VERTICAL2), 2 * (30 + 60) / 4.0, 1e-9);
     assert_float_equal(sg_total_variation(rgb, 2, 2, SG_TV_ANISO), (30 + 60 + 10 + 40) / 4.0, 1e-9);
-    assert_float_equal(sg_total_variation(rgb, 2, 2, SG_TV_ISO), (sqrt(30 * 30 + 100) + 60 + 40) / 4.0, 1e-9);
+    assert_float_equal(sg_total_variation(rgb, 2, 2, SG_TV_ISO),
+                       (sqrt(30 * 30 + 100) + 60 + 40) / 4.0, 1e-9);
 }
 
 /* ---- attacks on each photo alone ---- */
@@ -203,15 +213,16 @@ static uint8_t grey(int x, int y)
     return 120;
 }
 
-static void naive(int threads, const struct sg_view *photo, uint64_t index, const struct sg_attack_params *p,
-                  enum sg_naive_attack method, uint8_t *rgb)
+static void naive(int threads, const struct sg_view *photo, uint64_t index,
+                  const struct sg_attack_params *p, enum sg_naive_attack method, uint8_t *rgb)
 {
     sg_ctx *ctx = make_context(threads);
     assert_int_equal(sg_attack_naive(ctx, photo, index, p, method, rgb), SG_OK);
     sg_ctx_destroy(&ctx);
 }
 
-/* Reaches epsilon, is the same in all channels, and is no steeper than a cosine of the wavelength and its rounding. */
+/* Reaches epsilon, is the same in all channels, and is no steeper than a cosine of the wavelength
+ * and its rounding. */
 static void test_drift(void **state)
 {
     (void) state;
@@ -241,7 +252,8 @@ static void test_drift(void **state)
                 raised += k == 3 && i == 0 && change > 0;
             }
             assert_int_equal(most, LEVELS);
-            assert_true(k == 3 ? least == LEVELS : least < LEVELS / 2); /* at 4000: one step of exposure */
+            assert_true(k == 3 ? least == LEVELS
+                               : least < LEVELS / 2); /* at 4000: one step of exposure */
             naive(1, &photo, view + 100, p, SG_NAIVE_DRIFT, rgb[1]);
             if (k < 3)
                 assert_memory_not_equal(rgb[0], rgb[1], sizeof(rgb[0]));
@@ -275,10 +287,13 @@ static int bound_of(const struct sg_view *photo, int x, int y, int levels, doubl
                 if (v + 1 < h)
                     sum += abs(p[3 * w] - p[0]), n++;
             }
-    return n > 0 && sum / n < texture ? (int) (levels * (sum / n) / texture + 1e-6) : n > 0 ? levels : 0;
+    return n > 0 && sum / n < texture ? (int) (levels * (sum / n) / texture + 1e-6)
+           : n > 0                    ? levels
+                                      : 0;
 }
 
-/* No value leaves its own bound, which it reaches; flat parts stay byte for byte; no bound exceeds epsilon. */
+/* No value leaves its own bound, which it reaches; flat parts stay byte for byte; no bound exceeds
+ * epsilon. */
 static void test_texture(void **state)
 {
     (void) state;
@@ -288,7 +303,8 @@ static void test_texture(void **state)
         struct sg_view photo = make_photo(w, h, half_flat);
         uint8_t *rgb[2] = {malloc((size_t) values), malloc((size_t) values)};
         for (int method = SG_NAIVE_NOISE; method <= SG_NAIVE_TV; method++) {
-            const struct sg_attack_params *p = sg_attack_params(.texture = 6, .inner = 30, .tv = SG_TV_ANISO);
+            const struct sg_attack_params *p =
+                sg_attack_params(.texture = 6, .inner = 30, .tv = SG_TV_ANISO);
             int reached = 0, changed = 0, full = 0;
             naive(1, &photo, 1, p, (enum sg_naive_attack) method, rgb[0]);
             naive(3, &photo, 1, p, (enum sg_naive_attack) method, rgb[1]);
@@ -297,7 +313,8 @@ static void test_texture(void **state)
                 const int x = i / 3 % w, y = i / 3 / w, change = abs(rgb[0][i] - photo.rgb[i]);
                 const int bound = bound_of(&photo, x, y, 16, 6);
                 if (change > bound)
-                    fail_msg("%d x %d at %d, %d: changed by %d, the bound is %d", w, h, x, y, change, bound);
+                    fail_msg("%d x %d at %d, %d: changed by %d, the bound is %d", w, h, x, y,
+                             change, bound);
                 assert_true(x >= 36 || change == 0);
                 reached += bound > 0 && change == bound;
                 changed += bound > 0;
@@ -333,7 +350,8 @@ static int set_up(void **state)
     f->proxy = make_model(f->ctx, 150, 1, 21);
     f->proxy->active_sh_degree = 1;
     make_photos(f->ctx, f->proxy, SIDE, f->views, VIEWS);
-    f->scene = (struct sg_scene){.path = (char *) "fixture", .train = f->views, .n_train = VIEWS, .extent = 2};
+    f->scene = (struct sg_scene){
+        .path = (char *) "fixture", .train = f->views, .n_train = VIEWS, .extent = 2};
     return 0;
 }
 
@@ -382,10 +400,13 @@ static void test_bounded(void **state)
             assert_int_equal(sg_attack_poison(a, v, poison), SG_OK);
             int most = 0;
             for (int i = 0; i < 3 * SIDE * SIDE; i++)
-                most = abs(poison[i] - f->views[v].rgb[i]) > most ? abs(poison[i] - f->views[v].rgb[i]) : most;
+                most = abs(poison[i] - f->views[v].rgb[i]) > most
+                           ? abs(poison[i] - f->views[v].rgb[i])
+                           : most;
             assert_true(most <= 16 && most >= 8);
-            assert_true(sg_total_variation(poison, SIDE, SIDE, (enum sg_tv_form) form) >
-                        1.05 * sg_total_variation(f->views[v].rgb, SIDE, SIDE, (enum sg_tv_form) form));
+            assert_true(
+                sg_total_variation(poison, SIDE, SIDE, (enum sg_tv_form) form) >
+                1.05 * sg_total_variation(f->views[v].rgb, SIDE, SIDE, (enum sg_tv_form) form));
         }
         sg_attack_destroy(&a);
     }
@@ -401,7 +422,8 @@ static void test_unbounded(void **state)
     assert_int_equal(sg_attack_poison(a, 0, poison), SG_OK);
     int most = 0;
     for (int i = 0; i < 3 * SIDE * SIDE; i++)
-        most = abs(poison[i] - f->views[0].rgb[i]) > most ? abs(poison[i] - f->views[0].rgb[i]) : most;
+        most =
+            abs(poison[i] - f->views[0].rgb[i]) > most ? abs(poison[i] - f->views[0].rgb[i]) : most;
     assert_true(most > 64);
     sg_attack_destroy(&a);
 }
@@ -411,8 +433,8 @@ static void test_positions(void **state)
 {
     struct fixture *f = *state;
     for (int moves = 0; moves < 2; moves++) {
-        sg_attack *a =
-            begin(f, &(struct sg_attack_params){SHORT, .move_positions = moves, .densification_interval = 1000});
+        sg_attack *a = begin(f, &(struct sg_attack_params){SHORT, .move_positions = moves,
+                                                           .densification_interval = 1000});
         struct sg_model *decoy;
         advance(f, a, 10);
         assert_int_equal(sg_attack_decoy(a, &decoy), SG_OK);
@@ -459,8 +481,8 @@ static double beyond(const uint8_t *a, const uint8_t *b, int tolerance)
     return sum / (3 * SIDE * SIDE);
 }
 
-/* A clean model has more loss left at these poisons, through the tolerance, than at those of an attacker who does not
- * know it; the decoy, which learned as the victim would, has less. */
+/* A clean model has more loss left at these poisons, through the tolerance, than at those of an
+ * attacker who does not know it; the decoy, which learned as the victim would, has less. */
 static void test_victim_tolerance(void **state)
 {
     enum { EPSILON = 16, TOLERANCE = 10 };
@@ -489,12 +511,14 @@ static void test_victim_tolerance(void **state)
         sg_model_destroy(&m);
         sg_attack_destroy(&a);
     }
-    if (!(clean[1] > 1.2 * clean[0] && decoy < 0.8 * clean[1] && grown[1] > f->proxy->count && grown[1] < grown[0]))
-        fail_msg("beyond the tolerance: %g, %g against it, %g of the decoy; %zu and %zu Gaussians", clean[0], clean[1],
-                 decoy, grown[0], grown[1]);
+    if (!(clean[1] > 1.2 * clean[0] && decoy < 0.8 * clean[1] && grown[1] > f->proxy->count &&
+          grown[1] < grown[0]))
+        fail_msg("beyond the tolerance: %g, %g against it, %g of the decoy; %zu and %zu Gaussians",
+                 clean[0], clean[1], decoy, grown[0], grown[1]);
 }
 
-/* The same bytes for any number of threads, and saved and restored, with gradients summed over views too. */
+/* The same bytes for any number of threads, and saved and restored, with gradients summed over
+ * views too. */
 static void test_resume(void **state)
 {
     struct fixture *f = *state;
@@ -517,13 +541,15 @@ static void test_resume(void **state)
         assert_int_equal(sg_attack_iteration(second), 45);
         sg_trainer *training;
         assert_int_equal(sg_trainer_resume(f->ctx, &f->scene, path, NULL, &training), SG_ERR_INPUT);
-        assert_non_null(strstr(sg_last_error(f->ctx), "found a checkpoint of an attack, expected one of a training"));
+        assert_non_null(strstr(sg_last_error(f->ctx),
+                               "found a checkpoint of an attack, expected one of a training"));
         assert_null(training);
         advance(f, second, 55);
         assert_int_equal(sg_attack_decoy(whole, &a), SG_OK);
         assert_int_equal(sg_attack_decoy(second, &b), SG_OK);
         assert_int_equal(a->count, b->count);
-        assert_memory_equal(a->params, b->params, a->capacity * (size_t) sg_param_count(1) * sizeof(float));
+        assert_memory_equal(a->params, b->params,
+                            a->capacity * (size_t) sg_param_count(1) * sizeof(float));
         for (size_t v = 0; v < VIEWS; v++) {
             uint8_t poison[2][3 * SIDE * SIDE];
             assert_int_equal(sg_attack_poison(whole, v, poison[0]), SG_OK);
@@ -536,18 +562,21 @@ static void test_resume(void **state)
         changed[2].victim_tolerance = 3;
         changed[1].texture = 3, changed[1].epsilon = 16 / 255.0f;
         for (size_t i = 0; i < sizeof(changed) / sizeof(changed[0]); i++) {
-            assert_int_equal(sg_attack_resume(f->ctx, &f->scene, path, &changed[i], &other), SG_ERR_INPUT);
+            assert_int_equal(sg_attack_resume(f->ctx, &f->scene, path, &changed[i], &other),
+                             SG_ERR_INPUT);
             assert_non_null(strstr(sg_last_error(f->ctx), "other parameters"));
         }
         assert_int_equal(sg_trainer_create(f->ctx, &f->scene, f->proxy, NULL, &training), SG_OK);
         assert_int_equal(sg_trainer_save(training, path), SG_OK);
         sg_trainer_destroy(&training);
         assert_int_equal(sg_attack_resume(f->ctx, &f->scene, path, p, &other), SG_ERR_INPUT);
-        assert_non_null(strstr(sg_last_error(f->ctx), "found a checkpoint of a training, expected one of an attack"));
+        assert_non_null(strstr(sg_last_error(f->ctx),
+                               "found a checkpoint of a training, expected one of an attack"));
         assert_null(other);
         if (p->update_interval > 1) {
             advance(f, first, 1);
-            assert_int_equal(sg_attack_save(first, path), SG_ERR_USAGE); /* gradients are being summed */
+            assert_int_equal(sg_attack_save(first, path),
+                             SG_ERR_USAGE); /* gradients are being summed */
         }
         sg_model_destroy(&a);
         sg_model_destroy(&b);

@@ -45,21 +45,25 @@ static bool says(const struct sg_audit *a, const char *words)
     return false;
 }
 
-/* What the fitted weights make of known noise, since no change of them should go unseen. One that is meant, after
- * bench/audit_fit.py, puts the logits here that the failures name, and new numbers into docs/audit.md. */
+/* What the fitted weights make of known noise, since no change of them should go unseen. One that
+ * is meant, after bench/audit_fit.py, puts the logits here that the failures name, and new numbers
+ * into docs/audit.md. */
 static void test_scores(void **state)
 {
     (void) state;
     sg_ctx *ctx = make_context(1);
-    static const double expected[2][9] = {/* of noise 0 to 8: in every pixel, in rows */
-                                          {-1.094, -1.147, -0.938, 0.000, 2.356, 2.240, 3.690, 4.780, 9.245},
-                                          {-1.094, 0.844, 8.746, 16.931, 23.874, 25.545, 26.871, 27.962, 28.884}};
+    static const double expected[2][9] = {
+        /* of noise 0 to 8: in every pixel, in rows */
+        {-1.094, -1.147, -0.938, 0.000, 2.356, 2.240, 3.690, 4.780, 9.245},
+        {-1.094, 0.844, 8.746, 16.931, 23.874, 25.545, 26.871, 27.962, 28.884}};
     for (int rows = 0; rows < 2; rows++)
         for (int k = 0; k < 9; k++) {
             struct sg_audit *a = audit(ctx, (double[]){k}, 1, rows);
             const double score = a->images[0].score;
             assert_float_equal(logit(score), expected[rows][k], 0.01);
-            const int verdict = score < 0.6 ? SG_AUDIT_CLEAN : score < 0.9 ? SG_AUDIT_SUSPICIOUS : SG_AUDIT_POISONED;
+            const int verdict = score < 0.6   ? SG_AUDIT_CLEAN
+                                : score < 0.9 ? SG_AUDIT_SUSPICIOUS
+                                              : SG_AUDIT_POISONED;
             assert_int_equal(a->images[0].verdict, verdict);
             sg_audit_destroy(&a);
         }
@@ -81,12 +85,17 @@ static void test_turned(void **state)
                 memcpy(square[1] + 3 * (x * H + y), image + 3 * (y * W + x), 3);
             }
         for (int k = 0; k < 2; k++) {
-            struct sg_view view = {.name = (char *) "photo", .camera = {.width = H, .height = H}, .rgb = square[k]};
-            assert_int_equal(sg_audit_scene(ctx, &(struct sg_scene){.train = &view, .n_train = 1}, &a[k]), SG_OK);
+            struct sg_view view = {
+                .name = (char *) "photo", .camera = {.width = H, .height = H}, .rgb = square[k]};
+            assert_int_equal(
+                sg_audit_scene(ctx, &(struct sg_scene){.train = &view, .n_train = 1}, &a[k]),
+                SG_OK);
         }
-        const struct sg_audit_features *f = &a[0]->images[0].features, *g = &a[1]->images[0].features;
+        const struct sg_audit_features *f = &a[0]->images[0].features,
+                                       *g = &a[1]->images[0].features;
         assert_float_equal(a[0]->score, a[1]->score, 1e-9);
-        assert_true(f->osc_down == g->osc_across && f->osc_across == g->osc_down && f->tv_down == g->tv_across);
+        assert_true(f->osc_down == g->osc_across && f->osc_across == g->osc_down &&
+                    f->tv_down == g->tv_across);
         assert_int_equal(a[0]->count_reasons, a[1]->count_reasons);
         for (int k = 0; k < 2; k++) {
             assert_true(says(a[k], "rows oscillate by") == (noise > 0));
@@ -138,7 +147,8 @@ static void test_verdicts(void **state)
         assert_int_equal(a->verdict, n == 10 ? SG_AUDIT_SUSPICIOUS : SG_AUDIT_CLEAN);
         sg_audit_destroy(&a);
     }
-    /* Three in sixty decide where there is no doubt of them, and there one in a hundred is not called clean. */
+    /* Three in sixty decide where there is no doubt of them, and there one in a hundred is not
+     * called clean. */
     double crowd[MOST] = {16, 16, 16};
     for (int n = 60; n <= 61; n++) {
         a = audit(ctx, crowd, n, false);
@@ -151,7 +161,8 @@ static void test_verdicts(void **state)
         assert_int_equal(a->verdict, n == 100 ? SG_AUDIT_SUSPICIOUS : SG_AUDIT_CLEAN);
         sg_audit_destroy(&a);
     }
-    /* Photos with nothing in them do not vote, nor make seven that are alike many; a single pixel in them hardly. */
+    /* Photos with nothing in them do not vote, nor make seven that are alike many; a single pixel
+     * in them hardly. */
     for (int i = 0; i < MOST; i++)
         crowd[i] = i < 7 ? 7 : -1;
     struct sg_audit *b = audit(ctx, crowd, MOST, false);
@@ -174,32 +185,37 @@ static void test_verdicts(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Photos whose blocks are of one colour each do not vote, not even where what is between blocks leaves no doubt. */
+/* Photos whose blocks are of one colour each do not vote, not even where what is between blocks
+ * leaves no doubt. */
 static void test_no_vote(void **state)
 {
     (void) state;
     sg_ctx *ctx = make_context(1);
     static uint8_t mask[W * H];
-    struct sg_view view = {.name = (char *) "photo", .camera = {.width = W, .height = H}, .rgb = image, .mask = mask};
+    struct sg_view view = {
+        .name = (char *) "photo", .camera = {.width = W, .height = H}, .rgb = image, .mask = mask};
     struct sg_audit *a;
     for (int i = 0; i < W * H; i++) { /* a dark block and one bright column, in turn */
         mask[i] = i % W % 32 <= 16 ? 255 : 0;
         memset(image + 3 * i, i % W % 32 < 16 ? 0 : 255, 3);
     }
-    assert_int_equal(sg_audit_scene(ctx, &(struct sg_scene){.train = &view, .n_train = 1}, &a), SG_OK);
+    assert_int_equal(sg_audit_scene(ctx, &(struct sg_scene){.train = &view, .n_train = 1}, &a),
+                     SG_OK);
     assert_true(a->images[0].score > 0.99 && a->images[0].features.content == 0);
     assert_true(a->verdict == SG_AUDIT_CLEAN && a->score == 0);
     sg_audit_destroy(&a);
     sg_ctx_destroy(&ctx);
 }
 
-/* Parts of a photo that an attacker spares, side by side or here and there, smooth or not, do not hide the others. */
+/* Parts of a photo that an attacker spares, side by side or here and there, smooth or not, do not
+ * hide the others. */
 static void test_spared(void **state)
 {
     (void) state;
     sg_ctx *ctx = make_context(2);
     static uint8_t clean[sizeof(image)];
-    struct sg_view view = {.name = (char *) "photo", .camera = {.width = W, .height = H}, .rgb = image};
+    struct sg_view view = {
+        .name = (char *) "photo", .camera = {.width = W, .height = H}, .rgb = image};
     for (int scattered = 0; scattered < 2; scattered++)
         for (int smooth = 0; smooth < 2; smooth++) {
             double before = 1;
@@ -216,8 +232,11 @@ static void test_spared(void **state)
                     else if (place < spared)
                         memcpy(image + 3 * i, clean + 3 * i, 3);
                 }
-                assert_int_equal(sg_audit_scene(ctx, &(struct sg_scene){.train = &view, .n_train = 1}, &a), SG_OK);
-                assert_true(a->score <= before + 1e-3 || spared > 8); /* where what is left is a border */
+                assert_int_equal(
+                    sg_audit_scene(ctx, &(struct sg_scene){.train = &view, .n_train = 1}, &a),
+                    SG_OK);
+                assert_true(a->score <= before + 1e-3 ||
+                            spared > 8); /* where what is left is a border */
                 assert_true(spared > 5 || a->verdict == SG_AUDIT_POISONED);
                 assert_true(spared < 10 || a->verdict == SG_AUDIT_CLEAN);
                 before = a->score;
@@ -227,7 +246,8 @@ static void test_spared(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Photos that oscillate alike are more suspicious than those that differ, but that alone decides little. */
+/* Photos that oscillate alike are more suspicious than those that differ, but that alone decides
+ * little. */
 static void test_consistency(void **state)
 {
     (void) state;
@@ -242,7 +262,8 @@ static void test_consistency(void **state)
     for (int i = 0; i < 12; i++)
         lowest = fmin(lowest, b->images[i].score), highest = fmax(highest, b->images[i].score);
     assert_true(x > z + 0.5 && x < z + 1.5); /* of few photos nothing is said */
-    /* Nothing is won by making a third of them differ: half of the photos decide, or the worst quarter less 1. */
+    /* Nothing is won by making a third of them differ: half of the photos decide, or the worst
+     * quarter less 1. */
     assert_true(y > logit(lowest) + 0.1 && fabs(y - logit(highest) + 1) < 0.2);
     assert_true(says(a, "oscillate alike"));
     sg_audit_destroy(&a);
@@ -259,7 +280,8 @@ static void test_consistency(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Clean photos have no amplitude; that of others grows with their noise. The set's is the median of the others. */
+/* Clean photos have no amplitude; that of others grows with their noise. The set's is the median of
+ * the others. */
 static void test_amplitude(void **state)
 {
     (void) state;
@@ -269,7 +291,8 @@ static void test_amplitude(void **state)
         struct sg_audit *a = audit(ctx, (double[]){noise, noise, noise, 0}, 4, false);
         for (int i = 0; i < 4; i++) {
             const struct sg_audit_image *m = &a->images[i];
-            assert_true((m->verdict == SG_AUDIT_CLEAN) == (m->tau == 0) && (m->tau > 0) == (m->tau_error > 0));
+            assert_true((m->verdict == SG_AUDIT_CLEAN) == (m->tau == 0) &&
+                        (m->tau > 0) == (m->tau_error > 0));
             assert_true(m->tau_error <= m->tau);
         }
         assert_true(a->images[3].tau == 0 && (noise == 0 || a->images[0].tau > before));
@@ -290,8 +313,9 @@ static void test_reasons(void **state)
     (void) state;
     sg_ctx *ctx = make_context(1);
     struct sg_audit *a = audit(ctx, (double[]){16, 16, 16}, 3, false);
-    static const char *const words[] = {"quiet parts of the photos", "stick out from both neighbours carry",
-                                        "colours oscillate", "in clean photos less than 25 %"};
+    static const char *const words[] = {"quiet parts of the photos",
+                                        "stick out from both neighbours carry", "colours oscillate",
+                                        "in clean photos less than 25 %"};
     assert_int_equal(a->count_reasons, 4);
     for (int i = 0; i < 4; i++)
         assert_true(says(a, words[i]));
@@ -299,7 +323,8 @@ static void test_reasons(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Where memory is enough for one photo, more threads need no more of it, and scores are the same; less is an error. */
+/* Where memory is enough for one photo, more threads need no more of it, and scores are the same;
+ * less is an error. */
 static void test_memory(void **state)
 {
     (void) state;
@@ -311,7 +336,8 @@ static void test_memory(void **state)
     memset(mask, 255, sizeof(mask));
     paint(16, false, 1);
     for (int i = 0; i < 8; i++)
-        views[i] = (struct sg_view){.camera = {.width = W, .height = H}, .rgb = image, .mask = mask};
+        views[i] =
+            (struct sg_view){.camera = {.width = W, .height = H}, .rgb = image, .mask = mask};
     assert_int_equal(sg_audit_scene(ctx, &scene, &whole), SG_OK);
     int refused = 0, fits = 0;
     for (uint64_t limit = 1000; limit < 250000; limit = limit * 5 / 4) {
@@ -323,7 +349,8 @@ static void test_memory(void **state)
             if (codes[k])
                 assert_true(!a && sg_last_error(small)[0]);
             for (size_t i = 0; a && i < a->count; i++)
-                assert_true(a->images[i].score == whole->images[i].score && a->score == whole->score);
+                assert_true(a->images[i].score == whole->images[i].score &&
+                            a->score == whole->score);
             sg_audit_destroy(&a);
             assert_int_equal(sg_mem_current(small, SG_MEM_TAGS), 0);
             sg_ctx_destroy(&small);
@@ -342,12 +369,14 @@ static void test_true_cause(void **state)
     (void) state;
     struct sg_view views[8];
     for (int i = 0; i < 8; i++)
-        views[i] = (struct sg_view){.camera = {.width = i == 2 ? W : 16, .height = i == 2 ? H : 16}, .rgb = image};
+        views[i] = (struct sg_view){.camera = {.width = i == 2 ? W : 16, .height = i == 2 ? H : 16},
+                                    .rgb = image};
     const struct sg_scene scene = {.path = (char *) "folder", .train = views, .n_train = 8};
     for (int threads = 1; threads <= 4; threads += 3) {
         sg_ctx *ctx;
         struct sg_audit *a;
-        assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = threads, .max_memory = 32 << 10}),
+        assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = threads,
+                                                                     .max_memory = 32 << 10}),
                          SG_OK);
         assert_int_equal(sg_audit_scene(ctx, &scene, &a), SG_ERR_BUDGET);
         assert_null(a);
@@ -368,7 +397,8 @@ static void test_unseen(void **state)
     struct sg_audit *a;
     paint(16, false, 1);
     for (int i = 0; i < 3; i++)
-        views[i] = (struct sg_view){.camera = {.width = W, .height = H}, .rgb = image, .mask = i ? nothing : NULL};
+        views[i] = (struct sg_view){
+            .camera = {.width = W, .height = H}, .rgb = image, .mask = i ? nothing : NULL};
     assert_int_equal(sg_audit_scene(ctx, &scene, &a), SG_OK);
     assert_int_equal(a->verdict, SG_AUDIT_POISONED);
     assert_int_equal(a->verdicts[SG_AUDIT_UNSEEN], 2);
@@ -381,18 +411,20 @@ static void test_unseen(void **state)
         scene.n_train = k ? 0 : 3;
         assert_int_equal(sg_audit_scene(ctx, &scene, &a), SG_ERR_INPUT);
         assert_null(a);
-        assert_non_null(strstr(sg_last_error(ctx), "scene: audit: found no training view with a used pixel"));
+        assert_non_null(
+            strstr(sg_last_error(ctx), "scene: audit: found no training view with a used pixel"));
     }
     sg_ctx_destroy(&ctx);
 }
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_scores),    cmocka_unit_test(test_turned),
-                                       cmocka_unit_test(test_verdicts),  cmocka_unit_test(test_no_vote),
-                                       cmocka_unit_test(test_spared),    cmocka_unit_test(test_consistency),
-                                       cmocka_unit_test(test_amplitude), cmocka_unit_test(test_reasons),
-                                       cmocka_unit_test(test_memory),    cmocka_unit_test(test_unseen),
-                                       cmocka_unit_test(test_true_cause)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_scores),    cmocka_unit_test(test_turned),
+        cmocka_unit_test(test_verdicts),  cmocka_unit_test(test_no_vote),
+        cmocka_unit_test(test_spared),    cmocka_unit_test(test_consistency),
+        cmocka_unit_test(test_amplitude), cmocka_unit_test(test_reasons),
+        cmocka_unit_test(test_memory),    cmocka_unit_test(test_unseen),
+        cmocka_unit_test(test_true_cause)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

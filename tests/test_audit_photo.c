@@ -15,8 +15,10 @@ static void test_features(void **state)
     sg_ctx *ctx = make_context(1);
     memset(image, 77, sizeof(image));
     struct sg_audit_features f = measure(ctx, NULL);
-    assert_true(f.tv_down == 0 && f.osc_down == 0 && f.osc_share == 0 && f.osc_quiet == 0 && f.noisy == 0);
-    /* Rows that alternate by 20 levels: every inner pixel is an extreme, all variation is in them, none across. */
+    assert_true(f.tv_down == 0 && f.osc_down == 0 && f.osc_share == 0 && f.osc_quiet == 0 &&
+                f.noisy == 0);
+    /* Rows that alternate by 20 levels: every inner pixel is an extreme, all variation is in them,
+     * none across. */
     for (int y = 0; y < H; y++)
         memset(image + 3 * W * y, y % 2 ? 110 : 90, 3 * W);
     float map[(H + 15) / 16 * ((W + 15) / 16)];
@@ -54,7 +56,8 @@ static void test_features(void **state)
     assert_true(f.anisotropy < 0.01 && f.osc_share > 0.6 && f.noisy == 1 && f.osc_chroma > 5);
     /* Blurred, it falls with the frequency. */
     for (int i = 0; i + 3 * W + 3 < 3 * W * H; i++)
-        image[i] = (uint8_t) ((image[i] + image[i + 3] + image[i + 3 * W] + image[i + 3 * W + 3]) / 4);
+        image[i] =
+            (uint8_t) ((image[i] + image[i + 3] + image[i + 3 * W] + image[i + 3 * W + 3]) / 4);
     assert_true(measure(ctx, NULL).slope < -1);
     /* Any size. */
     for (int w = 1; w < 4; w++)
@@ -108,14 +111,16 @@ static void test_sizes(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* What a mask leaves out is not seen, whatever is in it; what it leaves in is, whatever its pattern. */
+/* What a mask leaves out is not seen, whatever is in it; what it leaves in is, whatever its
+ * pattern. */
 static void test_masks(void **state)
 {
     (void) state;
     sg_ctx *ctx = make_context(1);
     static uint8_t mask[W * H];
     struct sg_audit_features whole, f;
-    const size_t top = 63; /* the border is in the middle of what become one pixel at half the size */
+    const size_t top =
+        63; /* the border is in the middle of what become one pixel at half the size */
     paint(16, false, 1);
     assert_int_equal(sg_audit_measure(ctx, image, NULL, W, (int) top, &whole, NULL), SG_OK);
     memset(mask, 255, top * W);
@@ -125,14 +130,15 @@ static void test_masks(void **state)
     assert_true(f.osc_quiet < 0.2 && whole.osc_quiet > 2);
     for (int fill = 0; fill < 2; fill++) {
         assert_int_equal(sg_audit_measure(ctx, image, mask, W, H, &f, NULL), SG_OK);
-        assert_true(f.osc_down == whole.osc_down && f.osc_across == whole.osc_across && f.tv_down == whole.tv_down);
+        assert_true(f.osc_down == whole.osc_down && f.osc_across == whole.osc_across &&
+                    f.tv_down == whole.tv_down);
         assert_float_equal(f.ragged, 1.0 / (double) top, 1e-12);
         assert_true(f.content == whole.content);
         assert_true(f.half_quiet == whole.half_quiet && f.half_osc == whole.half_osc &&
                     f.half_share == whole.half_share && f.quarter_osc == whole.quarter_osc &&
                     f.quarter_share == whole.quarter_share);
-        assert_true(f.osc_quiet == whole.osc_quiet && f.noisy == whole.noisy && f.osc_share == whole.osc_share &&
-                    f.osc_chroma == whole.osc_chroma);
+        assert_true(f.osc_quiet == whole.osc_quiet && f.noisy == whole.noisy &&
+                    f.osc_share == whole.osc_share && f.osc_chroma == whole.osc_chroma);
         for (size_t i = 3 * W * top; i < sizeof(image); i++)
             image[i] = (uint8_t) draw(9, i, 0, 255);
     }
@@ -147,11 +153,14 @@ static void test_masks(void **state)
     assert_int_equal(sg_audit_measure(ctx, image, mask, W, H, &f, NULL), SG_OK);
     assert_true(f.osc_quiet > 0.7 * whole.osc_quiet && f.noisy > 0.9 * whole.noisy);
     assert_true(f.ragged == 1); /* which could hide more than this noise, and is told by itself */
-    struct sg_view view = {.name = (char *) "photo", .camera = {.width = W, .height = H}, .rgb = image, .mask = mask};
+    struct sg_view view = {
+        .name = (char *) "photo", .camera = {.width = W, .height = H}, .rgb = image, .mask = mask};
     struct sg_audit *a;
     memset(image, 128, sizeof(image));
-    assert_int_equal(sg_audit_scene(ctx, &(struct sg_scene){.train = &view, .n_train = 1}, &a), SG_OK);
-    assert_true(a->verdict == SG_AUDIT_POISONED && a->images[0].verdict == SG_AUDIT_POISONED && a->count_reasons == 1);
+    assert_int_equal(sg_audit_scene(ctx, &(struct sg_scene){.train = &view, .n_train = 1}, &a),
+                     SG_OK);
+    assert_true(a->verdict == SG_AUDIT_POISONED && a->images[0].verdict == SG_AUDIT_POISONED &&
+                a->count_reasons == 1);
     sg_audit_destroy(&a);
     memset(mask, 0, sizeof(mask));
     assert_int_equal(sg_audit_measure(ctx, image, mask, W, H, &f, NULL), SG_OK);
@@ -198,7 +207,8 @@ static void test_memory(void **state)
     int before = SG_ERR_BUDGET;
     memset(mask, 255, sizeof(mask));
     for (uint64_t limit = 1000; limit < 400000; limit += limit < 40000 ? 300 : 5000) {
-        assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = limit}), SG_OK);
+        assert_int_equal(
+            sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = limit}), SG_OK);
         const int code = sg_audit_measure(ctx, image, mask, 1000, 2, &f, NULL);
         assert_true(code == SG_OK || (code == SG_ERR_BUDGET && before == SG_ERR_BUDGET));
         assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
@@ -210,9 +220,10 @@ static void test_memory(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_features), cmocka_unit_test(test_faint),
-                                       cmocka_unit_test(test_colours),  cmocka_unit_test(test_sizes),
-                                       cmocka_unit_test(test_masks),    cmocka_unit_test(test_outlines),
-                                       cmocka_unit_test(test_memory)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_features), cmocka_unit_test(test_faint),
+        cmocka_unit_test(test_colours),  cmocka_unit_test(test_sizes),
+        cmocka_unit_test(test_masks),    cmocka_unit_test(test_outlines),
+        cmocka_unit_test(test_memory)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a run begins with: points, a model or a checkpoint, thinned out where they are more than its limit. */
+/* What a run begins with: points, a model or a checkpoint, thinned out where they are more than its
+ * limit. */
 #include <unistd.h>
 
 #include "math/constants.h"
@@ -19,8 +20,10 @@ static void test_points(void **state)
     uint8_t colors[3 * N];
     for (int i = 0; i < N; i++)
         for (int k = 0; k < 3; k++)
-            points[3 * i + k] = k ? (float) (i * i % 17) : (float) i, colors[3 * i + k] = (uint8_t) (2 * i);
-    f.scene.points = points, f.scene.point_colors = colors, f.scene.n_points = N, f.scene.train = f.views;
+            points[3 * i + k] = k ? (float) (i * i % 17) : (float) i,
+                           colors[3 * i + k] = (uint8_t) (2 * i);
+    f.scene.points = points, f.scene.point_colors = colors, f.scene.n_points = N,
+    f.scene.train = f.views;
     p.max_gaussians = LEFT;
     assert_int_equal(sg_trainer_create(f.ctx, &f.scene, NULL, &p, &t), SG_OK);
     assert_int_equal(sg_trainer_model(t, &m), SG_OK);
@@ -28,14 +31,16 @@ static void test_points(void **state)
     for (size_t k = 0; k < LEFT; k++) {
         const size_t i = k * N / LEFT;
         assert_true(*sg_model_at(m, k, SG_P_XYZ) == (float) i);
-        assert_float_equal(*sg_model_at(m, k, SG_P_SH), ((float) colors[3 * i] / 255 - 0.5f) / SG_SH_C0, 1e-4);
+        assert_float_equal(*sg_model_at(m, k, SG_P_SH),
+                           ((float) colors[3 * i] / 255 - 0.5f) / SG_SH_C0, 1e-4);
     }
     sg_model_destroy(&m);
     sg_trainer_destroy(&t);
     clear_fixture(&f);
 }
 
-/* Of a model likewise, whole and with its SH degree; one with a value that is not finite is none. */
+/* Of a model likewise, whole and with its SH degree; one with a value that is not finite is
+ * none. */
 static void test_model(void **state)
 {
     (void) state;
@@ -60,8 +65,8 @@ static void test_model(void **state)
     clear_fixture(&f);
 }
 
-/* What memory allows is not the same each time: a checkpoint that is hardly above it goes on whole, one that is above
- * what the user asks for does not. */
+/* What memory allows is not the same each time: a checkpoint that is hardly above it goes on whole,
+ * one that is above what the user asks for does not. */
 static void test_checkpoint_above_limit(void **state)
 {
     (void) state;

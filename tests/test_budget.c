@@ -9,8 +9,8 @@
 #include "train/trainer.h"
 #include "training.h"
 
-/* Whatever wants to grow, dies or is scored how: never above the limit, full where enough want to, and no one goes that
- * is scored above one who stays. */
+/* Whatever wants to grow, dies or is scored how: never above the limit, full where enough want to,
+ * and no one goes that is scored above one who stays. */
 struct random_scores {
     sg_ctx *ctx;
     uint64_t seed;
@@ -20,10 +20,11 @@ struct random_scores {
 static int random_score(void *arg, struct sg_scores *out)
 {
     const struct random_scores *r = arg;
-    *out = (struct sg_scores){.count = r->n,
-                              .score = sg_alloc_raw(r->ctx, SG_MEM_MISC, r->n, sizeof(double)),
-                              .log_smallest = sg_alloc_raw(r->ctx, SG_MEM_MISC, r->n, sizeof(float)),
-                              .keys = sg_alloc_raw(r->ctx, SG_MEM_MISC, r->n, sizeof(uint64_t))};
+    *out =
+        (struct sg_scores){.count = r->n,
+                           .score = sg_alloc_raw(r->ctx, SG_MEM_MISC, r->n, sizeof(double)),
+                           .log_smallest = sg_alloc_raw(r->ctx, SG_MEM_MISC, r->n, sizeof(float)),
+                           .keys = sg_alloc_raw(r->ctx, SG_MEM_MISC, r->n, sizeof(uint64_t))};
     for (size_t i = 0; i < r->n; i++)
         out->score[i] = (double) draw(r->seed, i, -20, 5), out->log_smallest[i] = 0;
     return SG_OK;
@@ -73,13 +74,16 @@ static void test_growth(void **state)
         assert_true(count <= limit && count > 0);
         assert_int_equal(count + result.pruned, n + result.cloned + result.split);
         assert_true(result.pruned >= result.replaced);
-        assert_true(result.pruned >= dying || seed % 4 == 1); /* large ones may have split into smaller */
+        assert_true(result.pruned >= dying ||
+                    seed % 4 == 1); /* large ones may have split into smaller */
         some_died += dying > 0 && result.replaced > 0;
-        if (dying == 0 && n + wish >= limit + result.replaced) /* those who went may have wished to grow */
+        if (dying == 0 &&
+            n + wish >= limit + result.replaced) /* those who went may have wished to grow */
             assert_true(count + result.replaced >= limit);
         if (n + wish <= limit)
             assert_true(result.replaced == 0 && !result.limited);
-        if (seed % 5 && result.replaced) { /* the highest of those who went is below the lowest who stayed */
+        if (seed % 5 &&
+            result.replaced) { /* the highest of those who went is below the lowest who stayed */
             struct sg_model *after;
             double lowest = 1e9, highest = -1e9;
             assert_int_equal(sg_model_create(ctx, count, 0, &after), SG_OK);
@@ -150,7 +154,8 @@ static void test_limit(void **state)
     }
 }
 
-/* Of so few that 3% of them is nobody, none gives way: the limit stops growth all the same, and the run says so. */
+/* Of so few that 3% of them is nobody, none gives way: the limit stops growth all the same, and the
+ * run says so. */
 static void test_few_at_limit(void **state)
 {
     (void) state;
@@ -181,19 +186,22 @@ static void test_memory(void **state)
     sg_ctx *whole = f.ctx, *ctx;
     struct sg_train_params p = short_params();
     const uint64_t limit = 16 << 20;
-    p.densify_grad_threshold = 1e-9f, p.iterations = 160, p.densify_until_iter = 150, p.densification_interval = 3;
+    p.densify_grad_threshold = 1e-9f, p.iterations = 160, p.densify_until_iter = 150,
+    p.densification_interval = 3;
     f.scene.train = f.views;
     for (int bands = 0; bands < 2; bands++) {
         struct sg_train_limits limits;
         sg_trainer *t;
         char path[] = "/tmp/sg_checkpoint_XXXXXX";
         close(mkstemp(path));
-        assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 2, .max_memory = limit}), SG_OK);
+        assert_int_equal(
+            sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 2, .max_memory = limit}), SG_OK);
         p.max_instances = bands ? 700 : 1 << 24;
         p.defense.on = bands, p.defense.rho = 0.01, p.defense.interval = 3;
         assert_int_equal(sg_trainer_create(ctx, &f.scene, f.start, &p, &t), SG_OK);
         sg_trainer_limits(t, &limits);
-        assert_true(limits.by_memory && limits.max_gaussians > 1000 && limits.max_gaussians < 12000);
+        assert_true(limits.by_memory && limits.max_gaussians > 1000 &&
+                    limits.max_gaussians < 12000);
         while (sg_trainer_iteration(t) < p.iterations) {
             struct sg_train_step s;
             const int code = sg_trainer_step(t, &s);
@@ -219,7 +227,8 @@ static void test_memory(void **state)
     }
     /* What cannot fit at all is refused before it starts. */
     sg_trainer *t;
-    assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = 4 << 20}), SG_OK);
+    assert_int_equal(
+        sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = 4 << 20}), SG_OK);
     assert_int_equal(sg_trainer_create(ctx, &f.scene, f.start, &p, &t), SG_ERR_BUDGET);
     assert_non_null(strstr(sg_last_error(ctx), "expected at least"));
     sg_ctx_destroy(&ctx);
@@ -227,8 +236,8 @@ static void test_memory(void **state)
     clear_fixture(&f);
 }
 
-/* The least memory that an error asks for is enough to train a defended model and to measure it, whether photos to
- * train on or to test with are the large ones; a byte less is refused. */
+/* The least memory that an error asks for is enough to train a defended model and to measure it,
+ * whether photos to train on or to test with are the large ones; a byte less is refused. */
 static void test_least(void **state)
 {
     (void) state;
@@ -280,7 +289,9 @@ static uint64_t planned(const struct sg_scene *scene, int threads, uint64_t limi
     const struct sg_train_params p = short_params();
     struct sg_budget plan;
     sg_ctx *ctx;
-    assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = threads, .max_memory = limit}), SG_OK);
+    assert_int_equal(
+        sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = threads, .max_memory = limit}),
+        SG_OK);
     assert_int_equal(sg_budget_plan(ctx, scene, &p, 3, 0, sums, &plan), SG_OK);
     sg_ctx_destroy(&ctx);
     return plan.gaussians;
@@ -303,11 +314,13 @@ static void test_large_gaussians(void **state)
 {
     (void) state;
     struct sg_view view = {.name = (char *) "view", .camera = make_camera(320, 240, 3)};
-    const struct sg_scene scene = {.path = (char *) "fixture", .train = &view, .n_train = 1, .extent = 2};
+    const struct sg_scene scene = {
+        .path = (char *) "fixture", .train = &view, .n_train = 1, .extent = 2};
     const struct sg_train_params p = short_params();
     sg_trainer *t;
     sg_ctx *ctx;
-    assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = 24 << 20}), SG_OK);
+    assert_int_equal(
+        sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = 24 << 20}), SG_OK);
     struct sg_model *m = make_model(ctx, 3000, 0, 3);
     for (size_t i = 0; i < m->count; i++)
         for (int k = 0; k < 3; k++)
@@ -322,8 +335,9 @@ static void test_large_gaussians(void **state)
     free(view.rgb);
 }
 
-/* Neither the model that a run begins with, which goes, nor the SH degree of a run that goes on, which its checkpoint
- * knows, changes what fits; and a tighter limit holds from the first step on. */
+/* Neither the model that a run begins with, which goes, nor the SH degree of a run that goes on,
+ * which its checkpoint knows, changes what fits; and a tighter limit holds from the first step
+ * on. */
 static void test_same_limit(void **state)
 {
     (void) state;
@@ -337,7 +351,9 @@ static void test_same_limit(void **state)
         sg_ctx *ctx;
         sg_trainer *t;
         struct sg_model *initial;
-        assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = 24 << 20}), SG_OK);
+        assert_int_equal(
+            sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = 24 << 20}),
+            SG_OK);
         p.sh_degree = degree, p.max_gaussians = 0;
         assert_int_equal(sg_trainer_create(ctx, &f.scene, NULL, &p, &t), SG_OK);
         sg_trainer_limits(t, &limits);
@@ -347,7 +363,8 @@ static void test_same_limit(void **state)
         assert_int_equal(sg_trainer_create(ctx, &f.scene, initial, &p, &t), SG_OK);
         sg_model_destroy(&initial);
         sg_trainer_limits(t, &resumed);
-        const uint64_t begun = resumed.max_gaussians; /* but for the few bytes that a model takes besides */
+        const uint64_t begun =
+            resumed.max_gaussians; /* but for the few bytes that a model takes besides */
         assert_in_range(begun, limits.max_gaussians - 1, limits.max_gaussians);
         assert_int_equal(sg_trainer_gaussians(t), begun);
         assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
@@ -370,7 +387,9 @@ static void test_same_limit(void **state)
         sg_ctx_destroy(&ctx);
         /* Much less memory than the checkpoint's model takes: what fits of it goes on. */
         p.max_gaussians = 0;
-        assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = 12 << 20}), SG_OK);
+        assert_int_equal(
+            sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = 12 << 20}),
+            SG_OK);
         assert_int_equal(sg_trainer_resume(ctx, &f.scene, path, &p, &t), SG_OK);
         sg_trainer_limits(t, &resumed);
         assert_true(resumed.max_gaussians < limits.max_gaussians / 3);
@@ -398,7 +417,8 @@ static void test_time(void **state)
     struct fixture f = make_fixture(1);
     struct sg_train_params p = short_params();
     double now = 1000;
-    p.iterations = 400, p.densification_interval = 20, p.densify_from_iter = 40, p.densify_until_iter = 300;
+    p.iterations = 400, p.densification_interval = 20, p.densify_from_iter = 40,
+    p.densify_until_iter = 300;
     p.opacity_reset_interval = 150;
     p.clock = fake_clock, p.clock_arg = &now;
     for (int cut = 0; cut < 2; cut++) {
@@ -427,16 +447,19 @@ static void test_time(void **state)
                 }
             }
             assert_int_equal(s.iteration, 400);
-            assert_true(now - begin - away <= fmax(limits[k] + 1, 2)); /* the first step tells how long one is */
+            assert_true(now - begin - away <=
+                        fmax(limits[k] + 1, 2)); /* the first step tells how long one is */
             assert_int_equal(t->steps, steps);
-            if (k == 0) /* a hundred steps: every densification took place, one perhaps just as they begin */
+            if (k == 0) /* a hundred steps: every densification took place, one perhaps just as they
+                           begin */
                 assert_in_range(densified, 12, 13);
             sg_trainer_limits(t, &l);
             assert_true(l.time_bound && !l.gaussians_bound);
             sg_trainer_destroy(&t);
         }
     }
-    /* What went by before counts; of a pause, which will not come again, the next step does not expect another. */
+    /* What went by before counts; of a pause, which will not come again, the next step does not
+     * expect another. */
     for (int pause = 0; pause < 2; pause++) {
         p.max_seconds = 100, p.seconds_before = pause ? 0 : 90;
         sg_trainer *t = begin_training(&f, &p);
@@ -469,9 +492,14 @@ static void test_time(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_growth),          cmocka_unit_test(test_limit),      cmocka_unit_test(test_few_at_limit),
-        cmocka_unit_test(test_memory),          cmocka_unit_test(test_least),      cmocka_unit_test(test_room),
-        cmocka_unit_test(test_large_gaussians), cmocka_unit_test(test_same_limit), cmocka_unit_test(test_time)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_growth),
+                                       cmocka_unit_test(test_limit),
+                                       cmocka_unit_test(test_few_at_limit),
+                                       cmocka_unit_test(test_memory),
+                                       cmocka_unit_test(test_least),
+                                       cmocka_unit_test(test_room),
+                                       cmocka_unit_test(test_large_gaussians),
+                                       cmocka_unit_test(test_same_limit),
+                                       cmocka_unit_test(test_time)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

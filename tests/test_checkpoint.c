@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Checkpoints nobody vouches for: whatever is in the file, loading refuses it by name and changes nothing. */
+/* Checkpoints nobody vouches for: whatever is in the file, loading refuses it by name and changes
+ * nothing. */
 #include <limits.h>
 #include <unistd.h>
 
@@ -71,7 +72,8 @@ static int setup(void **state)
         for (size_t i = 0; i < 3 * SIDE * SIDE; i++)
             f->views[v].rgb[i] = (uint8_t) draw(1, i, 0, 255.9f);
     }
-    f->scene = (struct sg_scene){.path = (char *) "memory", .train = f->views, .n_train = 2, .extent = 3};
+    f->scene =
+        (struct sg_scene){.path = (char *) "memory", .train = f->views, .n_train = 2, .extent = 3};
     f->start = make_model(f->ctx, 37, 1, 2);
     assert_int_equal(sg_trainer_create(f->ctx, &f->scene, f->start, NULL, &f->trainer), SG_OK);
     for (int i = 0; i < 3; i++)
@@ -110,7 +112,8 @@ static int resume(struct fixture *f, const char *path, sg_trainer **out)
     return sg_trainer_resume(f->ctx, &f->scene, path, NULL, out);
 }
 
-/* The file as it is now must be refused with a message that names it, and nothing be left of the trial. */
+/* The file as it is now must be refused with a message that names it, and nothing be left of the
+ * trial. */
 static void expect_refusal(struct fixture *f, const char *what)
 {
     sg_trainer *t;
@@ -285,8 +288,9 @@ int main(void)
 {
 #define ONE(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
     const struct CMUnitTest tests[] = {
-        ONE(test_every_cut),   ONE(test_every_flip),         ONE(test_sealed_lies),      ONE(test_sealed_garbage),
-        ONE(test_other_files), ONE(test_photos_hashed_once), ONE(test_other_parameters),
+        ONE(test_every_cut),        ONE(test_every_flip),  ONE(test_sealed_lies),
+        ONE(test_sealed_garbage),   ONE(test_other_files), ONE(test_photos_hashed_once),
+        ONE(test_other_parameters),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -12,7 +12,9 @@
 static sg_ctx *limited(int threads, uint64_t bytes)
 {
     sg_ctx *ctx;
-    assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = threads, .max_memory = bytes}), SG_OK);
+    assert_int_equal(
+        sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = threads, .max_memory = bytes}),
+        SG_OK);
     return ctx;
 }
 
@@ -20,14 +22,16 @@ static void test_ledger_counts(void **state)
 {
     (void) state;
     sg_ctx *ctx = make_context(1);
-    unsigned char *a = sg_alloc(ctx, SG_MEM_MODEL, 1000, 3), *b = sg_alloc_raw(ctx, SG_MEM_FRAME, 5000, 1);
+    unsigned char *a = sg_alloc(ctx, SG_MEM_MODEL, 1000, 3),
+                  *b = sg_alloc_raw(ctx, SG_MEM_FRAME, 5000, 1);
     assert_non_null(a);
     assert_non_null(b);
     assert_int_equal((uintptr_t) a % 64, 0);
     assert_int_equal((uintptr_t) b % 64, 0);
     for (int i = 0; i < 3000; i++)
         assert_int_equal(a[i], 0);
-    const uint64_t model = sg_mem_current(ctx, SG_MEM_MODEL), frame = sg_mem_current(ctx, SG_MEM_FRAME);
+    const uint64_t model = sg_mem_current(ctx, SG_MEM_MODEL),
+                   frame = sg_mem_current(ctx, SG_MEM_FRAME);
     assert_true(model >= 3000 && model < 3000 + 256);
     assert_true(frame >= 5000 && frame < 5000 + 256);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_MISC), 0);
@@ -43,7 +47,8 @@ static void test_ledger_counts(void **state)
     assert_null(ctx);
 }
 
-/* Objects are destroyed without a context: each is credited to the ledger that was charged for it. */
+/* Objects are destroyed without a context: each is credited to the ledger that was charged for
+ * it. */
 static void test_ledger_owns(void **state)
 {
     (void) state;
@@ -89,7 +94,8 @@ static void test_ledger_overflow(void **state)
 {
     (void) state;
     sg_ctx *ctx = make_context(1);
-    const size_t cases[][2] = {{SIZE_MAX, 2}, {SIZE_MAX / 4 + 1, 4}, {SIZE_MAX, 1}, {SIZE_MAX / 2, 1}};
+    const size_t cases[][2] = {
+        {SIZE_MAX, 2}, {SIZE_MAX / 4 + 1, 4}, {SIZE_MAX, 1}, {SIZE_MAX / 2, 1}};
     for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
         sg_clear_error(ctx);
         assert_null(sg_alloc(ctx, SG_MEM_MISC, cases[i][0], cases[i][1]));
@@ -99,7 +105,8 @@ static void test_ledger_overflow(void **state)
     }
     int *array = NULL;
     size_t capacity = 0;
-    assert_int_equal(sg_grow(ctx, SG_MEM_MISC, &array, &capacity, SIZE_MAX / 2, 0, sizeof(int)), SG_ERR_BUDGET);
+    assert_int_equal(sg_grow(ctx, SG_MEM_MISC, &array, &capacity, SIZE_MAX / 2, 0, sizeof(int)),
+                     SG_ERR_BUDGET);
     assert_null(array);
     assert_int_equal(capacity, 0);
     sg_ctx_destroy(&ctx);
@@ -113,7 +120,8 @@ static void test_grow(void **state)
     size_t capacity = 0, moves = 0;
     for (size_t n = 1; n <= 10000; n++) {
         const size_t before = capacity;
-        assert_int_equal(sg_grow(ctx, SG_MEM_MISC, &array, &capacity, n, n - 1, sizeof(int)), SG_OK);
+        assert_int_equal(sg_grow(ctx, SG_MEM_MISC, &array, &capacity, n, n - 1, sizeof(int)),
+                         SG_OK);
         assert_true(capacity >= n);
         moves += capacity != before;
         array[n - 1] = (int) n;
@@ -123,7 +131,8 @@ static void test_grow(void **state)
         assert_int_equal(array[n - 1], n);
     /* Refused while keeping: the old array stays. */
     const size_t before = capacity;
-    assert_int_equal(sg_grow(ctx, SG_MEM_MISC, &array, &capacity, SIZE_MAX / 8, 10000, sizeof(int)), SG_ERR_BUDGET);
+    assert_int_equal(sg_grow(ctx, SG_MEM_MISC, &array, &capacity, SIZE_MAX / 8, 10000, sizeof(int)),
+                     SG_ERR_BUDGET);
     assert_int_equal(capacity, before);
     assert_int_equal(array[9999], 10000);
     sg_free(array);
@@ -235,7 +244,8 @@ static void test_file_refusals(void **state)
     assert_non_null(strstr(sg_last_error(ctx), "expected a file"));
     assert_int_equal(sg_file_write(ctx, path, "x", 1), SG_ERR_INPUT);
     assert_false(sg_file_exists(path));
-    if (sg_file_exists("/dev/full") || !access("/dev/full", W_OK)) { /* a full disk is noticed at the commit */
+    if (sg_file_exists("/dev/full") ||
+        !access("/dev/full", W_OK)) { /* a full disk is noticed at the commit */
         snprintf(path, sizeof(path), "%s/full", folder);
         struct sg_file_writer w;
         assert_int_equal(sg_file_create(ctx, &w, path), SG_OK);
@@ -324,7 +334,8 @@ static void test_rng_moments(void **state)
     assert_float_equal(lag / n, 0, 0.01);
 }
 
-/* Streams, uses and seeds are different numbers; the values themselves are part of what makes runs repeatable. */
+/* Streams, uses and seeds are different numbers; the values themselves are part of what makes runs
+ * repeatable. */
 static void test_rng_streams(void **state)
 {
     (void) state;
@@ -333,7 +344,8 @@ static void test_rng_streams(void **state)
     assert_true(a != sg_rng_u64(42, SG_RNG_VIEWS, 1, 0));
     assert_true(a != sg_rng_u64(42, SG_RNG_SPLIT, 0, 0));
     assert_true(a != sg_rng_u64(43, SG_RNG_VIEWS, 0, 0));
-    assert_true(sg_rng_mix(0) == 0xe220a8397b1dcdafu); /* the first output of splitmix64 seeded with 0 */
+    assert_true(sg_rng_mix(0) ==
+                0xe220a8397b1dcdafu); /* the first output of splitmix64 seeded with 0 */
 }
 
 int main(void)

@@ -24,7 +24,8 @@ static void test_weight(void **state)
         assert_float_equal(sg_filter_log_weight(&p, (float) log(small[i])),
                            2 * log(2 * M_PI * M_PI * 64 * small[i] * small[i]), 1e-4);
     p.sigma = SG_SIGMA_EIGEN;
-    assert_float_equal(sg_filter_log_weight(&p, (float) log(1e-6)), 2 * log(2 * M_PI * M_PI * 64 * 1e-24), 1e-4);
+    assert_float_equal(sg_filter_log_weight(&p, (float) log(1e-6)),
+                       2 * log(2 * M_PI * M_PI * 64 * 1e-24), 1e-4);
     p.sigma = SG_SIGMA_STD;
     assert_float_equal(sg_filter_log_weight(&p, 20), 0, 1e-12); /* no frequency at all */
     assert_true(sg_filter_log_weight(&p, -INFINITY) == -INFINITY);
@@ -100,7 +101,8 @@ static void test_filter(void **state)
         *sg_model_at(m, i, SG_P_XYZ) = (float) i * 0.5f - 1.25f;
         *sg_model_at(m, i, SG_P_XYZ + 2) = i == 3 ? -50 : 0;
         for (int k = 0; k < 3; k++)
-            *sg_model_at(m, i, SG_P_SCALE + k) = k == 2 ? logf(1e-6f * (float) (i + 1)) : logf(0.06f);
+            *sg_model_at(m, i, SG_P_SCALE + k) =
+                k == 2 ? logf(1e-6f * (float) (i + 1)) : logf(0.06f);
         *sg_model_at(m, i, SG_P_ROT) = 1;
         *sg_model_at(m, i, SG_P_OPACITY) = 2;
     }
@@ -130,7 +132,8 @@ static void test_filter(void **state)
         assert_int_equal(sg_model_create(ctx, 6 - cases[c].removed, 0, &after), SG_OK);
         assert_int_equal(sg_engine_download(b, after, NULL), SG_OK);
         assert_float_equal(*sg_model_at(after, 0, 0), cases[c].first, 0);
-        for (size_t i = 0; i < after->count && cases[c].removed; i++) /* what nobody saw went first */
+        for (size_t i = 0; i < after->count && cases[c].removed;
+             i++) /* what nobody saw went first */
             assert_true(*sg_model_at(after, i, SG_P_XYZ + 2) > -1);
         sg_model_destroy(&after);
         sg_engine_destroy(&b);
@@ -147,7 +150,8 @@ static void test_filter(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Which views are counted in: all of them, or so many, each at most once and others each time and by each seed. */
+/* Which views are counted in: all of them, or so many, each at most once and others each time and
+ * by each seed. */
 static void test_views(void **state)
 {
     (void) state;
@@ -163,7 +167,8 @@ static void test_views(void **state)
         views[v] = (struct sg_view){.camera = make_camera(20 + 9 * v, 30, 3)};
         const struct sg_camera *camera = &views[v].camera;
         own[v] = malloc(200 * sizeof(double));
-        assert_int_equal(sg_engine_count_hits(b, &camera, 1, &render, SG_HIT_PIXELS, own[v]), SG_OK);
+        assert_int_equal(sg_engine_count_hits(b, &camera, 1, &render, SG_HIT_PIXELS, own[v]),
+                         SG_OK);
     }
     struct sg_defense_params p = {SG_DEFENSE_DEFAULTS, .exponent = 0}; /* the score is ln hits */
     unsigned before = 0, others = 0, ever = 0;
@@ -180,7 +185,8 @@ static void test_views(void **state)
                     double sum = 0;
                     for (int v = 0; v < 7; v++)
                         sum += set >> v & 1 ? own[v][i] : 0;
-                    right = sum > 0 ? fabs(exp(s.score[i]) - sum) < 1e-6 * sum : s.score[i] == -INFINITY;
+                    right = sum > 0 ? fabs(exp(s.score[i]) - sum) < 1e-6 * sum
+                                    : s.score[i] == -INFINITY;
                 }
                 fits += right, sets = right ? set : sets;
             }
@@ -231,22 +237,26 @@ static void test_events(void **state)
             const size_t before = sg_trainer_gaussians(t);
             assert_int_equal(sg_trainer_step(t, &s), SG_OK);
             assert_true(s.defense.anisotropy > 0 && s.defense.total_variation > 0);
-            const bool due = it % interval == 0 && it > (interval == 6 ? 12 : 5) && it < (interval == 6 ? 30 : 35);
+            const bool due = it % interval == 0 && it > (interval == 6 ? 12 : 5) &&
+                             it < (interval == 6 ? 30 : 35);
             assert_int_equal(s.defense.filtered, due);
             assert_int_equal(s.defense.scored, due ? before + s.cloned + s.split - s.pruned : 0);
             assert_int_equal(s.defense.removed, (size_t) (0.07 * (double) s.defense.scored));
-            assert_int_equal(s.gaussians, before + s.cloned + s.split - s.pruned - s.defense.removed);
+            assert_int_equal(s.gaussians,
+                             before + s.cloned + s.split - s.pruned - s.defense.removed);
             events += due;
             edits += due || (it % 5 == 0 && it > 5 && it < 35);
         }
         assert_true(events >= 2);
-        assert_int_equal(t->adam_steps[SG_G_XYZ], 40 - edits - 1); /* Adam stands still where the model is edited */
+        assert_int_equal(t->adam_steps[SG_G_XYZ],
+                         40 - edits - 1); /* Adam stands still where the model is edited */
         sg_trainer_destroy(&t);
     }
     clear_fixture(&f);
 }
 
-/* Hits are counted while Gaussians still have their opacity: a reset in the same iteration comes after. */
+/* Hits are counted while Gaussians still have their opacity: a reset in the same iteration comes
+ * after. */
 static void test_before_reset(void **state)
 {
     (void) state;
@@ -283,13 +293,15 @@ static double first_variation(struct fixture *f, const struct sg_train_params *p
     sg_trainer *t = begin_training(f, p);
     const struct sg_render_params render = {SG_RENDER_DEFAULTS};
     const struct sg_camera *camera = &f->scene.train[sg_trainer_pick_view(t, 1)].camera;
-    assert_int_equal(sg_engine_draw(t->engine, camera, sg_active_degree(p, 0, 1), &render, false), SG_OK);
+    assert_int_equal(sg_engine_draw(t->engine, camera, sg_active_degree(p, 0, 1), &render, false),
+                     SG_OK);
     assert_int_equal(sg_engine_read_image(t->engine, planes, NULL, NULL), SG_OK);
     sg_trainer_destroy(&t);
     return sg_tv_loss(f->ctx, planes, SIDE, SIDE, p->defense.tv, 0, NULL, rows);
 }
 
-/* Each loss has its own weight, is measured in its own norm, and falls the more the higher its weight. */
+/* Each loss has its own weight, is measured in its own norm, and falls the more the higher its
+ * weight. */
 static void test_losses(void **state)
 {
     (void) state;
@@ -336,9 +348,10 @@ static double fake_clock(void *unused)
     return now;
 }
 
-/* Three tenths of what grows between two removals, of late, from where the filter's window begins, and of what grows in
- * the same iteration, were it the first; nothing once nothing grows. Also where time is short and steps go over several
- * iterations, and so over several densifications of which one takes place. */
+/* Three tenths of what grows between two removals, of late, from where the filter's window begins,
+ * and of what grows in the same iteration, were it the first; nothing once nothing grows. Also
+ * where time is short and steps go over several iterations, and so over several densifications of
+ * which one takes place. */
 static void test_share_of_growth(void **state)
 {
     (void) state;
@@ -352,7 +365,8 @@ static void test_share_of_growth(void **state)
             struct sg_train_params p = defended();
             double growth = 0;
             int events = 0, removals = 0, growths = 0, before = 0;
-            p.defense.rho = -0.3, p.defense.interval = cases[k].interval, p.defense.from = cases[k].from;
+            p.defense.rho = -0.3, p.defense.interval = cases[k].interval,
+            p.defense.from = cases[k].from;
             p.defense.until = 50, p.iterations = 49, p.densify_until_iter = 45;
             p.max_seconds = hurry ? 7 : 0, p.clock = fake_clock; /* seven iterations a second */
             now = 0;
@@ -368,7 +382,8 @@ static void test_share_of_growth(void **state)
                     growths += s.iteration > sg_filters_from(&p);
                 }
                 if (counted)
-                    assert_int_equal(s.defense.filtered, s.iteration < 45 && sg_filters(&p, before, s.iteration));
+                    assert_int_equal(s.defense.filtered,
+                                     s.iteration < 45 && sg_filters(&p, before, s.iteration));
                 before = s.iteration;
                 if (!s.defense.filtered)
                     continue;
@@ -385,8 +400,8 @@ static void test_share_of_growth(void **state)
     clear_fixture(&f);
 }
 
-/* Though next to nothing grows: as much as asked for when the filter begins, less and less until densification ends,
- * and down to half of the first model. */
+/* Though next to nothing grows: as much as asked for when the filter begins, less and less until
+ * densification ends, and down to half of the first model. */
 static void test_least(void **state)
 {
     (void) state;
@@ -427,8 +442,9 @@ static void test_least(void **state)
 static void test_automatic(void **state)
 {
     (void) state;
-    struct sg_audit_image images[2] = {{.score = 0.02, .features = {.content = 1e5, .osc_down = 3, .osc_across = 3}},
-                                       {.score = 0.25, .features = {.content = 1e5, .osc_down = 9, .osc_across = 9}}};
+    struct sg_audit_image images[2] = {
+        {.score = 0.02, .features = {.content = 1e5, .osc_down = 3, .osc_across = 3}},
+        {.score = 0.25, .features = {.content = 1e5, .osc_down = 9, .osc_across = 9}}};
     const struct sg_audit audit = {.count = 2, .images = images};
     struct sg_defense_params p = {SG_DEFENSE_DEFAULTS};
     float shares[2], tolerances[60];
@@ -437,7 +453,8 @@ static void test_automatic(void **state)
     assert_true(p.rho == -0.1 && p.rho_least == 0);
     assert_float_equal(p.frequency, 8, 1e-12);
     images[0].score = images[1].score = 0.95;
-    images[0].features = (struct sg_audit_features){.content = 1e5, .osc_down = 1.5, .osc_across = 0.8};
+    images[0].features =
+        (struct sg_audit_features){.content = 1e5, .osc_down = 1.5, .osc_across = 0.8};
     sg_defense_automatic(&audit, 5.2, shares, tolerances, &p);
     assert_float_equal(p.lambda * (double) shares[0], 6, 1e-6); /* weak */
     assert_float_equal(p.lambda * (double) shares[1], 6, 1e-6); /* what oscillates is texture */
@@ -461,10 +478,12 @@ static void test_automatic(void **state)
         many[i] = (struct sg_audit_image){.score = 0.1, .features = {.content = 1e4}};
     float more[60];
     for (int i = 0; i < 3; i++)
-        many[i] = (struct sg_audit_image){.score = 0.995, .features = {.content = 1e4, .osc_down = 5}};
+        many[i] =
+            (struct sg_audit_image){.score = 0.995, .features = {.content = 1e4, .osc_down = 5}};
     sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, tolerances, &p);
     assert_float_equal(p.rho, -0.45, 1e-9);
-    many[3] = many[4] = (struct sg_audit_image){.score = 1, .features = {.content = 1e4}}; /* which take nothing away */
+    many[3] = many[4] = (struct sg_audit_image){
+        .score = 1, .features = {.content = 1e4}}; /* which take nothing away */
     sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, tolerances, &p);
     assert_float_equal(p.rho, -0.45, 1e-9);
     many[3] = many[4] = many[5];
@@ -476,11 +495,14 @@ static void test_automatic(void **state)
         many[i].features.content = 0;
     sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, tolerances, &p);
     assert_float_equal(p.rho, -(0.1 + 0.35 / 2), 1e-9);
-    assert_float_equal(sg_defense_frequency(0), sg_defense_frequency(1), 0); /* one place of cameras */
+    assert_float_equal(sg_defense_frequency(0), sg_defense_frequency(1),
+                       0); /* one place of cameras */
     assert_true(sg_defense_frequency(1e-30) <= 1e9 && sg_defense_frequency(1e30) >= 1e-9);
     /* A score half way gets half of it, and a tenth of a vote counts a tenth. */
-    images[0] = (struct sg_audit_image){.score = 0.6, .features = {.content = 1e4, .osc_down = 9, .osc_across = 9}};
-    images[1] = (struct sg_audit_image){.score = 0.9, .features = {.content = 1e3, .osc_down = 9, .osc_across = 9}};
+    images[0] = (struct sg_audit_image){
+        .score = 0.6, .features = {.content = 1e4, .osc_down = 9, .osc_across = 9}};
+    images[1] = (struct sg_audit_image){
+        .score = 0.9, .features = {.content = 1e3, .osc_down = 9, .osc_across = 9}};
     sg_defense_automatic(&audit, 1, shares, tolerances, &p);
     assert_float_equal((double) shares[0], 0.5, 1e-6);
     assert_float_equal(p.rho, -(0.1 + 0.35 * (0.5 + 0.1) / 1.1), 1e-9);
@@ -491,14 +513,17 @@ static void test_automatic(void **state)
     assert_float_equal(p.rho, -0.1, 1e-12);
 }
 
-/* What a tolerance answers needs no filter; what is beyond it does, and clean photos get neither. */
+/* What a tolerance answers needs no filter; what is beyond it does, and clean photos get
+ * neither. */
 static void test_automatic_tolerance(void **state)
 {
     (void) state;
-    const struct sg_audit_features strong = {.content = 1e5, .osc_down = 9, .osc_across = 9, .osc_quiet = 7.2};
+    const struct sg_audit_features strong = {
+        .content = 1e5, .osc_down = 9, .osc_across = 9, .osc_quiet = 7.2};
     struct sg_audit_image images[3];
     for (int i = 0; i < 3; i++)
-        images[i] = (struct sg_audit_image){.score = 0.95, .features = strong, .verdict = SG_AUDIT_POISONED};
+        images[i] = (struct sg_audit_image){
+            .score = 0.95, .features = strong, .verdict = SG_AUDIT_POISONED};
     images[0].tau = 12, images[1].tau = 18;
     images[2].score = 0.1, images[2].verdict = SG_AUDIT_CLEAN;
     struct sg_audit audit = {.count = 3, .images = images, .tau = 15, .tau_error = 2};
@@ -537,7 +562,8 @@ static void test_same_bytes(void **state)
     char path[] = "/tmp/sg_checkpoint_XXXXXX";
     close(mkstemp(path));
     struct fixture one = make_fixture(1), three = make_fixture(3);
-    for (int late = 0; late < 2; late++) { /* saved right after a removal, and between a growth and its removal */
+    for (int late = 0; late < 2;
+         late++) { /* saved right after a removal, and between a growth and its removal */
         p.defense.interval = late ? 15 : 5, p.defense.from = late ? 12 : -1;
         struct sg_model *a = train(&one, &p, 40, path, NULL, NULL);
         train_same(&three, &p, NULL, a);
@@ -569,7 +595,8 @@ static void test_combinations(void **state)
             p.max_gaussians = limited ? 140 : 0;
             p.densify_grad_threshold = 1e-6f;
             struct sg_model *whole = train(&f, &p, 40, path, NULL, NULL);
-            assert_true(whole->sh_degree == degree && (limited ? whole->count <= 140 : whole->count > 140));
+            assert_true(whole->sh_degree == degree &&
+                        (limited ? whole->count <= 140 : whole->count > 140));
             train_same(&f, &p, path, whole);
             p.max_instances = 60;
             train_same(&f, &p, NULL, whole);
@@ -582,8 +609,8 @@ static void test_combinations(void **state)
     clear_fixture(&f);
 }
 
-/* A view's share of lambda: nothing for all is lambda 0, everything is none given, half is half of lambda, and each
- * view has its own. */
+/* A view's share of lambda: nothing for all is lambda 0, everything is none given, half is half of
+ * lambda, and each view has its own. */
 static void test_shares(void **state)
 {
     (void) state;
@@ -623,7 +650,8 @@ static void test_shares(void **state)
     }
     p.defense.view_weights = NULL; /* where a mask leaves nothing, nothing pulls */
     t = begin_training(&f, &p);
-    f.views[sg_trainer_pick_view(t, 1)].mask = none; /* of the view that the run below begins with */
+    f.views[sg_trainer_pick_view(t, 1)].mask =
+        none; /* of the view that the run below begins with */
     sg_trainer_destroy(&t);
     t = begin_training(&f, &p);
     struct sg_model *m;
@@ -635,8 +663,8 @@ static void test_shares(void **state)
     clear_fixture(&f);
 }
 
-/* The 10th, 50th and 90th percentile that an event reports are of what is seen, and those who stay keep the statistics
- * that a densification will read. Of a model that nobody sees one is left. */
+/* The 10th, 50th and 90th percentile that an event reports are of what is seen, and those who stay
+ * keep the statistics that a densification will read. Of a model that nobody sees one is left. */
 static void test_report(void **state)
 {
     (void) state;
@@ -647,7 +675,8 @@ static void test_report(void **state)
     const struct sg_scene scene = {.train = &view, .n_train = 1};
     const struct sg_render_params render = {SG_RENDER_DEFAULTS};
     for (int none = 0; none < 2; none++) {
-        const struct sg_defense_params p = {SG_DEFENSE_DEFAULTS, .rule = none ? SG_PRUNE_THRESHOLD : SG_PRUNE_EXACT};
+        const struct sg_defense_params p = {SG_DEFENSE_DEFAULTS,
+                                            .rule = none ? SG_PRUNE_THRESHOLD : SG_PRUNE_EXACT};
         struct sg_model *m = make_model(ctx, N, 0, 5);
         struct sg_defense_step step = {0};
         struct sg_optimiser o;
@@ -671,7 +700,8 @@ static void test_report(void **state)
             assert_true(step.score[k] == (none ? 0 : sg_scores_rank(&s, s.unseen + below)));
         }
         assert_int_equal(sg_engine_count(b), N - step.removed);
-        assert_int_equal(sg_engine_read_statistics(b, &(struct sg_statistics){.gradient = gradient}), SG_OK);
+        assert_int_equal(
+            sg_engine_read_statistics(b, &(struct sg_statistics){.gradient = gradient}), SG_OK);
         for (size_t i = 0; i < N - step.removed; i++) /* in the order that they were in */
             assert_true(gradient[i] > (i ? gradient[i - 1] : 0));
         sg_scores_clear(&s);
@@ -690,8 +720,9 @@ static void test_refusals(void **state)
     static const struct {
         const char *name;
         double value;
-    } cases[] = {{"rho", 1},         {"rho", -1},   {"rho-least", 0.6}, {"rho-least", -0.1}, {"filter-views", 0},
-                 {"band-high", 0.1}, {"bins", 255}, {"bins", 7},        {"lambda", -1}};
+    } cases[] = {{"rho", 1},          {"rho", -1},         {"rho-least", 0.6},
+                 {"rho-least", -0.1}, {"filter-views", 0}, {"band-high", 0.1},
+                 {"bins", 255},       {"bins", 7},         {"lambda", -1}};
     f.scene.train = f.views;
     for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
         struct sg_train_params p = good;

@@ -13,11 +13,12 @@ static void test_densify(void **state)
     struct sg_model *m, *after;
     struct sg_optimiser o;
     struct sg_engine *b;
-    const float tau = 0.0002f, limit = 0.0625f; /* a scale whose logarithm is exact enough to come back */
+    const float tau = 0.0002f,
+                limit = 0.0625f; /* a scale whose logarithm is exact enough to come back */
     assert_int_equal(sg_model_create(ctx, 6, 0, &m), SG_OK);
     assert_int_equal(sg_optimiser_create(ctx, 6, 0, &o), SG_OK);
-    /* 0 clones (gradient exactly tau), 1 stays (just below), 2 splits, 3 is too transparent, 4 too large, 5 clones but
-     * dies */
+    /* 0 clones (gradient exactly tau), 1 stays (just below), 2 splits, 3 is too transparent, 4 too
+     * large, 5 clones but dies */
     const float gradient[] = {tau, 0.00019999f, 0.001f, 0, 0, 0.01f};
     const float scale[] = {0.01f, 0.01f, 0.5f, 0.01f, 3.0f, 0.01f};
     const float opacity[] = {0.5f, 0.5f, 0.9f, 0.001f, 0.5f, 0.004f};
@@ -32,7 +33,8 @@ static void test_densify(void **state)
     }
     b = make_engine(ctx, "cpu", NULL, m, &o);
     struct sg_densify_result r;
-    struct sg_densify_params p = {.gradient = tau, .split_scale = limit, .prune_scale = 1, .seed = 1, .stream = 600};
+    struct sg_densify_params p = {
+        .gradient = tau, .split_scale = limit, .prune_scale = 1, .seed = 1, .stream = 600};
     assert_int_equal(sg_densify(b, &p, &r), SG_OK);
     assert_int_equal(r.cloned, 2);
     assert_int_equal(r.split, 1);
@@ -63,8 +65,8 @@ static void test_densify(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Each of a few alike wants to grow or not, is large or not: what becomes of them where all of them die, only children
- * stay, or a limit stops them. */
+/* Each of a few alike wants to grow or not, is large or not: what becomes of them where all of them
+ * die, only children stay, or a limit stops them. */
 static void test_alike(void **state)
 {
     (void) state;
@@ -79,10 +81,18 @@ static void test_alike(void **state)
         {transparent, 0, {.split_scale = 2}, 0, 0, 0, false}, /* an error */
         {opaque, 1, {.split_scale = 0.5f}, 2 * N, 0, N, false},
         {opaque, 1, {.split_scale = 0.5f, .prune_scale = 0.7f}, 2 * N, 0, N, false},
-        {opaque, 0, {.split_scale = 2, .max_gaussians = 4}, 4, 0, 0, false}, /* no score: the last ones go */
+        {opaque, 0, {.split_scale = 2, .max_gaussians = 4}, 4, 0, 0, false}, /* no score: the last
+                                                                                ones go */
         {opaque, 1, {.split_scale = 2, .max_gaussians = N + 2}, N + 2, 2, 0, true},
-        {opaque, 1, {.split_scale = 1, .max_gaussians = N + 1}, N + 1, 1, 0, true},  /* exactly there: cloned */
-        {opaque, 1, {.split_scale = 2, .max_gaussians = 2 * N}, 2 * N, N, 0, false}, /* just room enough */
+        {opaque,
+         1,
+         {.split_scale = 1, .max_gaussians = N + 1},
+         N + 1,
+         1,
+         0,
+         true}, /* exactly there: cloned */
+        {opaque, 1, {.split_scale = 2, .max_gaussians = 2 * N}, 2 * N, N, 0, false}, /* just room
+                                                                                        enough */
     };
     sg_ctx *ctx = make_context(1);
     const size_t n_cases = sizeof(cases) / sizeof(cases[0]);
@@ -106,7 +116,8 @@ static void test_alike(void **state)
         if (cases[c].count) {
             assert_int_equal(sg_densify(b, &p, &r), SG_OK);
             assert_int_equal(sg_engine_count(b), cases[c].count);
-            assert_true(r.cloned == cases[c].cloned && r.split == cases[c].split && r.limited == cases[c].limited);
+            assert_true(r.cloned == cases[c].cloned && r.split == cases[c].split &&
+                        r.limited == cases[c].limited);
             assert_int_equal(sg_model_create(ctx, cases[c].count, 0, &after), SG_OK);
             assert_int_equal(sg_engine_download(b, after, NULL), SG_OK);
             for (size_t i = 0; i < cases[c].count && !r.split; i++)

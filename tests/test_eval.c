@@ -108,8 +108,9 @@ static void quantisation_clamps_and_rounds(void **state)
 {
     (void) state;
     /* 4 x 1 pixels in planes. */
-    const float planes[12] = {-1,           0.5f / 255 - 1e-6f, 0.5f / 255 + 1e-6f, 1,         2,    NAN,
-                              254.4f / 255, 254.6f / 255,       INFINITY,           -INFINITY, 0.5f, 0.25f};
+    const float planes[12] = {
+        -1,           0.5f / 255 - 1e-6f, 0.5f / 255 + 1e-6f, 1,         2,    NAN,
+        254.4f / 255, 254.6f / 255,       INFINITY,           -INFINITY, 0.5f, 0.25f};
     const uint8_t expected[12] = {0, 255, 255, 0, 0, 0, 1, 254, 128, 255, 255, 64};
     uint8_t got[12];
     sg_quantise(planes, 4, 1, got);
@@ -127,15 +128,22 @@ static void evaluation_measures_a_flat_view(void **state)
     struct sg_view views[2];
     memset(views, 0, sizeof(views));
     for (int i = 0; i < 2; i++) {
-        views[i].camera = (struct sg_camera){
-            .width = 24, .height = 20, .fx = 20, .fy = 20, .cx = 12, .cy = 10, .R = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+        views[i].camera = (struct sg_camera){.width = 24,
+                                             .height = 20,
+                                             .fx = 20,
+                                             .fy = 20,
+                                             .cx = 12,
+                                             .cy = 10,
+                                             .R = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
         views[i].rgb = photos + i * 24 * 20 * 3;
         memset(views[i].rgb, i ? 255 : 239, 24 * 20 * 3);
     }
     assert_int_equal(sg_model_create(ctx, 1, 0, &m), SG_OK);
     *sg_model_at(m, 0, SG_P_XYZ + 2) = -5; /* behind the cameras */
     *sg_model_at(m, 0, SG_P_ROT) = 1;
-    assert_int_equal(sg_renderer_create(ctx, "ref", NULL, m, sg_render_params(.background = {1, 1, 1}), &r), SG_OK);
+    assert_int_equal(
+        sg_renderer_create(ctx, "ref", NULL, m, sg_render_params(.background = {1, 1, 1}), &r),
+        SG_OK);
 
     struct sg_eval e;
     assert_int_equal(sg_evaluate(ctx, r, views, 2, 1, &e), SG_OK);
@@ -162,7 +170,8 @@ static void evaluation_measures_a_flat_view(void **state)
     assert_int_equal(sg_evaluate(ctx, r, views, 1, 0, &e), SG_ERR_INPUT);
     assert_int_equal(sg_evaluate(ctx, r, views, 2, 0, &e), SG_OK);
     assert_true(isnan(e.per_view[0].psnr) && isnan(e.per_view[0].ssim));
-    assert_true(e.psnr == e.per_view[1].psnr && e.ssim == e.per_view[1].ssim); /* of those that are left */
+    assert_true(e.psnr == e.per_view[1].psnr &&
+                e.ssim == e.per_view[1].ssim); /* of those that are left */
     sg_eval_clear(&e);
     views[0].mask = NULL;
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The transforms of each instruction set against the definition in double precision, against the oracle, and against
- * one another: they give the same bytes. */
+/* The transforms of each instruction set against the definition in double precision, against the
+ * oracle, and against one another: they give the same bytes. */
 #include "spectral/fft.h"
 
 #include "engine/cpu/dispatch.h"
@@ -54,7 +54,8 @@ static void test_length(sg_ctx *ctx, int n)
     float *scratch = floats(sg_fft_scratch(fft));
     for (int s = 0; s < 2; s++) {
         for (int i = 0; i < 2 * n; i++)
-            signal[s][i] = (double) draw((uint64_t) n, (uint64_t) (i + 2 * n * s), -1, 1) / (s ? LANES : 1);
+            signal[s][i] =
+                (double) draw((uint64_t) n, (uint64_t) (i + 2 * n * s), -1, 1) / (s ? LANES : 1);
         naive(n, signal[s], expected[s]);
     }
     for (int i = 0; i < n * POINT; i++) {
@@ -69,14 +70,16 @@ static void test_length(sg_ctx *ctx, int n)
         for (int i = 0; i < n * POINT; i++) {
             const int at = 2 * (i / POINT) + i % POINT / LANES;
             const double right = expected[0][at] + i % LANES * expected[1][at];
-            power[0] += (double) in[i] * (double) in[i], power[1] += (double) out[i] * (double) out[i];
+            power[0] += (double) in[i] * (double) in[i],
+                power[1] += (double) out[i] * (double) out[i];
             off = fmax(off, fabs((double) out[i] - right)), power[2] += right * right;
             off_back = fmax(off_back, fabs((double) back[i] / n - (double) in[i]));
         }
         const double size = sqrt(power[2] / (n * POINT)); /* of a value */
-        if (!(off < 4e-6 * size) || !(off_back < 4e-6) || !(fabs(power[1] / power[0] / n - 1) < 1e-6))
-            fail_msg("%s, length %d: off by %g of %g, forth and back by %g, power %g", variants[v]->name, n, off, size,
-                     off_back, power[1] / power[0] / n);
+        if (!(off < 4e-6 * size) || !(off_back < 4e-6) ||
+            !(fabs(power[1] / power[0] / n - 1) < 1e-6))
+            fail_msg("%s, length %d: off by %g of %g, forth and back by %g, power %g",
+                     variants[v]->name, n, off, size, off_back, power[1] / power[0] / n);
         if (v == 0)
             memcpy(first, out, (size_t) n * POINT * sizeof(float));
         assert_memory_equal(out, first, (size_t) n * POINT * sizeof(float));
@@ -99,7 +102,8 @@ static void test_every_length(void **state)
 static void test_large(void **state)
 {
     (void) state;
-    static const int lengths[] = {1024, 2048, 2187, 3125, 2401, 1331, 2197, 961, 1078, 1559, 1600, 1067, 2018, 4096};
+    static const int lengths[] = {1024, 2048, 2187, 3125, 2401, 1331, 2197,
+                                  961,  1078, 1559, 1600, 1067, 2018, 4096};
     sg_ctx *ctx = make_context(1);
     for (size_t i = 0; i < sizeof(lengths) / sizeof(lengths[0]); i++)
         test_length(ctx, lengths[i]);
@@ -154,8 +158,9 @@ struct rows_case {
 };
 
 /* Rows and their way back, by one set of kernels, from the same values. */
-static void transform_rows(sg_ctx *ctx, const struct rows_case *c, const struct sg_fft_kernels *kernels, float *panels,
-                           size_t panel, float *image, size_t stride)
+static void transform_rows(sg_ctx *ctx, const struct rows_case *c,
+                           const struct sg_fft_kernels *kernels, float *panels, size_t panel,
+                           float *image, size_t stride)
 {
     struct sg_fft *fft;
     const float *from[SG_FFT_ROWS];
@@ -167,31 +172,38 @@ static void transform_rows(sg_ctx *ctx, const struct rows_case *c, const struct 
     for (size_t i = 0; i < 3 * panel; i++)
         panels[i] = 7;
     for (int i = 0; i < SG_FFT_ROWS; i++) {
-        from[i] = i < c->count ? values + (size_t) i * stride + i % 5 : NULL; /* aligned in no way */
+        from[i] =
+            i < c->count ? values + (size_t) i * stride + i % 5 : NULL; /* aligned in no way */
         to[i] = i < c->count && i % 6 != 4 ? image + (size_t) i * stride : NULL;
     }
-    const struct sg_fft_rows r = {
-        .count = c->count, .width = c->width, .columns = c->columns, .panels = panels + 2 * POINT, .panel = panel};
+    const struct sg_fft_rows r = {.count = c->count,
+                                  .width = c->width,
+                                  .columns = c->columns,
+                                  .panels = panels + 2 * POINT,
+                                  .panel = panel};
     kernels->rows(fft, &r, from, scratch);
     kernels->rows_back(fft, &r, to, 0.25f, scratch);
     free(scratch), free(values);
     sg_fft_destroy(&fft);
 }
 
-/* Every remainder of a block of rows, of columns and of the width; also that nothing else is written. */
+/* Every remainder of a block of rows, of columns and of the width; also that nothing else is
+ * written. */
 static void test_rows(void **state)
 {
     (void) state;
-    static const struct rows_case cases[] = {{1, 1, 1, 1},      {2, 2, 1, 2},      {3, 1, 2, 32},    {16, 16, 8, 16},
-                                             {17, 17, 9, 17},   {33, 30, 17, 15},  {64, 64, 32, 32}, {75, 69, 38, 31},
-                                             {80, 80, 17, 20},  {90, 33, 33, 9},   {48, 48, 1, 32},  {103, 103, 48, 32},
-                                             {103, 100, 49, 3}, {101, 101, 51, 18}};
+    static const struct rows_case cases[] = {
+        {1, 1, 1, 1},     {2, 2, 1, 2},       {3, 1, 2, 32},     {16, 16, 8, 16},   {17, 17, 9, 17},
+        {33, 30, 17, 15}, {64, 64, 32, 32},   {75, 69, 38, 31},  {80, 80, 17, 20},  {90, 33, 33, 9},
+        {48, 48, 1, 32},  {103, 103, 48, 32}, {103, 100, 49, 3}, {101, 101, 51, 18}};
     enum { STRIDE = 128, PANEL = 40 * POINT };
     sg_ctx *ctx = make_context(1);
     for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++) {
         const struct rows_case *c = &cases[k];
-        const size_t used = SG_FFT_PANELS(c->columns) * PANEL, room = 4 * PANEL, pixels = SG_FFT_ROWS * STRIDE;
-        float *right = floats(room), *right_image = floats(pixels), *panels = floats(room), *image = floats(pixels);
+        const size_t used = SG_FFT_PANELS(c->columns) * PANEL, room = 4 * PANEL,
+                     pixels = SG_FFT_ROWS * STRIDE;
+        float *right = floats(room), *right_image = floats(pixels), *panels = floats(room),
+              *image = floats(pixels);
         float *first = floats(room), *first_image = floats(pixels);
         transform_rows(ctx, c, &sg_fft_oracle, right, PANEL, right_image, STRIDE);
         for (int v = 0; v < variant_count; v++) {
@@ -200,15 +212,16 @@ static void test_rows(void **state)
                 const int row = (int) (i % PANEL / POINT) - 2;
                 const bool own = i < used && row >= 0 && row < c->count;
                 if (own ? fabsf(panels[i] - right[i]) > 2e-5f : panels[i] != 7)
-                    fail_msg("%s, length %d: coefficient %zu: %g, expected %g", variants[v]->name, c->n, i,
-                             (double) panels[i], (double) right[i]);
+                    fail_msg("%s, length %d: coefficient %zu: %g, expected %g", variants[v]->name,
+                             c->n, i, (double) panels[i], (double) right[i]);
             }
             for (size_t i = 0; i < pixels; i++) {
                 const int row = (int) (i / STRIDE);
                 const bool own = row < c->count && row % 6 != 4 && (int) (i % STRIDE) < c->width;
-                if (own ? fabsf(image[i] - right_image[i]) > 2e-5f * (float) c->n : image[i] != draw(5, i, -1, 1))
-                    fail_msg("%s, length %d: pixel %zu: %g, expected %g", variants[v]->name, c->n, i, (double) image[i],
-                             (double) right_image[i]);
+                if (own ? fabsf(image[i] - right_image[i]) > 2e-5f * (float) c->n
+                        : image[i] != draw(5, i, -1, 1))
+                    fail_msg("%s, length %d: pixel %zu: %g, expected %g", variants[v]->name, c->n,
+                             i, (double) image[i], (double) right_image[i]);
             }
             if (v == 0) {
                 memcpy(first, panels, 3 * PANEL * sizeof(float));
@@ -222,7 +235,8 @@ static void test_rows(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* A loss and its gradient: the same bytes for any number of threads and any instruction set, near the oracle's. */
+/* A loss and its gradient: the same bytes for any number of threads and any instruction set, near
+ * the oracle's. */
 static void test_threads(void **state)
 {
     (void) state;
@@ -234,7 +248,8 @@ static void test_threads(void **state)
         double loss = 0, off = 0, largest = 0;
         for (size_t i = 0; i < n; i++)
             x[i] = draw(11, i, 0, 1);
-        for (int v = -1; v < 3 * variant_count; v++) { /* the oracle, then each variant with some threads */
+        for (int v = -1; v < 3 * variant_count;
+             v++) { /* the oracle, then each variant with some threads */
             sg_ctx *ctx = make_context(v < 0 ? 2 : (int[]){1, 2, 5}[v % 3]);
             struct sg_anisotropy *a;
             const struct sg_fft_kernels *kernels = v < 0 ? &sg_fft_oracle : &variants[v / 3]->fft;
@@ -270,7 +285,9 @@ static void test_memory(void **state)
             sg_ctx *ctx;
             struct sg_fft *fft;
             const int before = code;
-            assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = limit}), SG_OK);
+            assert_int_equal(
+                sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = limit}),
+                SG_OK);
             code = sg_fft_create(ctx, lengths[k], &fft);
             assert_true(code == SG_OK || (code == SG_ERR_BUDGET && before == code && !fft));
             sg_fft_destroy(&fft);
@@ -283,9 +300,10 @@ static void test_memory(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_exact), cmocka_unit_test(test_oracle),
-                                       cmocka_unit_test(test_rows),  cmocka_unit_test(test_every_length),
-                                       cmocka_unit_test(test_large), cmocka_unit_test(test_threads),
-                                       cmocka_unit_test(test_memory)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_exact), cmocka_unit_test(test_oracle),
+        cmocka_unit_test(test_rows),  cmocka_unit_test(test_every_length),
+        cmocka_unit_test(test_large), cmocka_unit_test(test_threads),
+        cmocka_unit_test(test_memory)};
     return cmocka_run_group_tests(tests, find_variants, NULL);
 }

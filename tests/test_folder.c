@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Symbolic links in a stranger's scene: followed inside its folder, refused where they lead out of it. */
+/* Symbolic links in a stranger's scene: followed inside its folder, refused where they lead out of
+ * it. */
 #include <pthread.h>
 #include <stdatomic.h>
 #include <sys/stat.h>
@@ -56,7 +57,8 @@ static void links(void **state)
 {
     struct fixture *f = *state;
     char absolute[600];
-    put_folders(f, (const char *const[]){"scene", "scene/a", "scene/a/b", "scene/c", "scene2", NULL});
+    put_folders(f,
+                (const char *const[]){"scene", "scene/a", "scene/a/b", "scene/c", "scene2", NULL});
     put_text(f, "scene/a/b/file", PUBLIC);
     put_text(f, SECRET, SECRET);
     put_text(f, "scene2/file", SECRET);
@@ -68,7 +70,8 @@ static void links(void **state)
     assert_string_equal(read_of(f, false, "c/up"), PUBLIC);
     link_to(f, "a/../a/b", "scene/folder");
     assert_string_equal(read_of(f, false, "folder/file"), PUBLIC);
-    assert_string_equal(read_of(f, false, "folder/../b/file"), PUBLIC); /* ".." of where the link leads */
+    assert_string_equal(read_of(f, false, "folder/../b/file"),
+                        PUBLIC); /* ".." of where the link leads */
     link_to(f, "../c/up", "scene/a/chain");
     assert_string_equal(read_of(f, false, "a/chain"), PUBLIC);
     snprintf(absolute, sizeof(absolute), "%s", at(f, "scene/a"));
@@ -189,27 +192,32 @@ static void scene_files(void **state)
         assert_int_equal(rename(name, outside), 0);
         assert_int_equal(symlink(outside, name), 0);
         expect_failure(f, NULL, SG_ERR_INPUT, colmap[i], "leads out of", NULL);
-        assert_int_equal(sg_scene_load(f->ctx, f->dir, sg_scene_params(.follow_links = true), &scene), SG_OK);
+        assert_int_equal(
+            sg_scene_load(f->ctx, f->dir, sg_scene_params(.follow_links = true), &scene), SG_OK);
         assert_true(scene->follow_links && scene->n_points == 1 && scene->train[0].mask);
         sg_scene_destroy(&scene);
         assert_int_equal(unlink(name), 0);
         assert_int_equal(rename(outside, name), 0);
     }
-    static const char *const json[] = {"transforms.json", "points.ply", "images/a.png", "masks/a.png", NULL};
+    static const char *const json[] = {"transforms.json", "points.ply", "images/a.png",
+                                       "masks/a.png", NULL};
     unlink(at(f, "sparse/0/cameras.txt"));
     put_text(f, "transforms.json",
-             "{\"fl_x\":20,\"w\":20,\"h\":10,\"ply_file_path\":\"points.ply\",\"frames\":[{\"file_path\":"
+             "{\"fl_x\":20,\"w\":20,\"h\":10,\"ply_file_path\":\"points.ply\",\"frames\":[{\"file_"
+             "path\":"
              "\"images/a.png\",\"mask_path\":\"masks/a.png\","
              "\"transform_matrix\":[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}");
     put_text(f, "points.ply",
-             "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+             "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float "
+             "y\nproperty float z\n"
              "end_header\n0 0 1\n");
     for (int i = 0; json[i]; i++) {
         snprintf(name, sizeof(name), "%s", at(f, json[i]));
         assert_int_equal(rename(name, outside), 0);
         assert_int_equal(symlink(outside, name), 0);
         expect_failure(f, NULL, SG_ERR_INPUT, json[i], "leads out of", NULL);
-        assert_int_equal(sg_scene_load(f->ctx, f->dir, sg_scene_params(.follow_links = true), &scene), SG_OK);
+        assert_int_equal(
+            sg_scene_load(f->ctx, f->dir, sg_scene_params(.follow_links = true), &scene), SG_OK);
         sg_scene_destroy(&scene);
         assert_int_equal(unlink(name), 0);
         assert_int_equal(rename(outside, name), 0);
@@ -218,6 +226,7 @@ static void scene_files(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {scene_test(links), scene_test(swapped), scene_test(scene_files)};
+    const struct CMUnitTest tests[] = {scene_test(links), scene_test(swapped),
+                                       scene_test(scene_files)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -11,11 +11,11 @@
 #define PIXELS (WIDTH * HEIGHT)
 #define MOST 6
 
-#define assert_near(a, b, tolerance)                                                                                   \
-    do {                                                                                                               \
-        const double a_ = (a), b_ = (b), t_ = (tolerance);                                                             \
-        if (!(fabs(a_ - b_) <= t_))                                                                                    \
-            fail_msg("%s: found %.9g, expected %.9g within %.3g", #a, a_, b_, t_);                                     \
+#define assert_near(a, b, tolerance)                                                               \
+    do {                                                                                           \
+        const double a_ = (a), b_ = (b), t_ = (tolerance);                                         \
+        if (!(fabs(a_ - b_) <= t_))                                                                \
+            fail_msg("%s: found %.9g, expected %.9g within %.3g", #a, a_, b_, t_);                 \
     } while (0)
 
 /* A stream of random numbers. */
@@ -45,8 +45,8 @@ static struct ref_image image = {WIDTH, HEIGHT, rgb, transmittance, depth, last}
 
 #define GRID(n) (((n) + SG_TILE - 1) / SG_TILE)
 
-/* Loss; with backward, the splats hold their gradients afterwards. Counts the blended pairs in *blended: where a
- * parameter step changes it, a cut-off was crossed and the loss jumps. */
+/* Loss; with backward, the splats hold their gradients afterwards. Counts the blended pairs in
+ * *blended: where a parameter step changes it, a cut-off was crossed and the loss jumps. */
 static double evaluate(const struct setup *s, bool backward, long *blended)
 {
     const struct view view = view_make(&s->camera);
@@ -102,10 +102,15 @@ static void make_setup(struct setup *s, size_t count, int degree, uint64_t seed)
 
 static const char *group_name(int p)
 {
-    return p < SG_P_OPACITY ? "xyz" : p < SG_P_SCALE ? "logit" : p < SG_P_ROT ? "scale" : p < SG_P_SH ? "rot" : "sh";
+    return p < SG_P_OPACITY ? "xyz"
+           : p < SG_P_SCALE ? "logit"
+           : p < SG_P_ROT   ? "scale"
+           : p < SG_P_SH    ? "rot"
+                            : "sh";
 }
 
-/* Every parameter of every Gaussian. A step that crosses a cut-off is halved, up to 12 times; few may stay crossed. */
+/* Every parameter of every Gaussian. A step that crosses a cut-off is halved, up to 12 times; few
+ * may stay crossed. */
 static void check_all(struct setup *s)
 {
     const struct view view = view_make(&s->camera);
@@ -136,10 +141,12 @@ static void check_all(struct setup *s)
                 continue;
             }
             const double found = gradient[i][p], expected = (up - down) / (2 * step);
-            /* The published backward pass adds 1e-7 to the squared determinant: hence not tighter. */
+            /* The published backward pass adds 1e-7 to the squared determinant: hence not
+             * tighter. */
             if (fabs(found - expected) > 1e-3 * fabs(expected) + 1e-5 * largest[p] + 1e-7)
-                fail_msg("degree %d, Gaussian %zu, plane %d (%s): gradient %.9g, by differences %.9g", s->degree, i, p,
-                         group_name(p), found, expected);
+                fail_msg(
+                    "degree %d, Gaussian %zu, plane %d (%s): gradient %.9g, by differences %.9g",
+                    s->degree, i, p, group_name(p), found, expected);
             checked++;
             nonzero += fabs(expected) > 1e-6;
         }
@@ -173,12 +180,14 @@ static void gradients_of_needles_and_specks(void **state)
     static struct setup s;
     make_setup(&s, 3, 1, 21);
     s.params[0][SG_P_SCALE] = -1, s.params[0][SG_P_SCALE + 1] = s.params[0][SG_P_SCALE + 2] = -6;
-    s.params[1][SG_P_SCALE] = s.params[1][SG_P_SCALE + 1] = s.params[1][SG_P_SCALE + 2] = -7; /* only the blur */
+    s.params[1][SG_P_SCALE] = s.params[1][SG_P_SCALE + 1] = s.params[1][SG_P_SCALE + 2] =
+        -7; /* only the blur */
     check_all(&s);
 }
 
-/* Beyond 1.3 half fields of view the tangents are clamped. The published depth gradient is then not the exact one, so
- * only what is exact is compared: x and y in the camera, which is the world here. */
+/* Beyond 1.3 half fields of view the tangents are clamped. The published depth gradient is then not
+ * the exact one, so only what is exact is compared: x and y in the camera, which is the world
+ * here. */
 static void gradients_outside_the_tangent_clamp(void **state)
 {
     (void) state;
@@ -189,7 +198,8 @@ static void gradients_outside_the_tangent_clamp(void **state)
     s.camera.cx = WIDTH / 2.0, s.camera.cy = HEIGHT / 2.0;
     const double tangent = WIDTH / (2 * s.camera.fx);
     memcpy(s.params[0], (double[3]){1.5 * tangent * 2, 0.1, 2}, 3 * sizeof(double));
-    memcpy(s.params[1], (double[3]){-0.1, 1.6 * HEIGHT / (2 * s.camera.fy) * 2, 2}, 3 * sizeof(double));
+    memcpy(s.params[1], (double[3]){-0.1, 1.6 * HEIGHT / (2 * s.camera.fy) * 2, 2},
+           3 * sizeof(double));
     for (size_t i = 0; i < 2; i++)
         for (int k = 0; k < 3; k++)
             s.params[i][SG_P_SCALE + k] = -0.9 - 0.2 * k;
@@ -263,8 +273,8 @@ static double ssim_mean(const double *x, const double *y, double *gradient)
                     if (r + j < 0 || r + j >= TALL || c + i < 0 || c + i >= SIDE)
                         continue;
                     const double a = x[(r + j) * SIDE + c + i], b = y[(r + j) * SIDE + c + i];
-                    const double k =
-                        (double) sg_ssim_window[i + SG_SSIM_RADIUS] * (double) sg_ssim_window[j + SG_SSIM_RADIUS];
+                    const double k = (double) sg_ssim_window[i + SG_SSIM_RADIUS] *
+                                     (double) sg_ssim_window[j + SG_SSIM_RADIUS];
                     m1 += k * a, m2 += k * b, xx += k * a * a, yy += k * b * b, xy += k * a * b;
                 }
             const int at = r * SIDE + c;
@@ -278,8 +288,8 @@ static double ssim_mean(const double *x, const double *y, double *gradient)
                     if (r + j < 0 || r + j >= TALL || c + i < 0 || c + i >= SIDE)
                         continue;
                     const int at = (r + j) * SIDE + c + i;
-                    const double k =
-                        (double) sg_ssim_window[i + SG_SSIM_RADIUS] * (double) sg_ssim_window[j + SG_SSIM_RADIUS];
+                    const double k = (double) sg_ssim_window[i + SG_SSIM_RADIUS] *
+                                     (double) sg_ssim_window[j + SG_SSIM_RADIUS];
                     s[0] += k * M[at], s[1] += k * XX[at], s[2] += k * XY[at];
                 }
             const int at = r * SIDE + c;
@@ -318,7 +328,8 @@ static void ssim_window_is_the_published_one(void **state)
         sum += exp(-(i - SG_SSIM_RADIUS) * (i - SG_SSIM_RADIUS) / (2 * 1.5 * 1.5));
     for (int i = 0; i < SG_SSIM_TAPS; i++)
         assert_near((double) sg_ssim_window[i],
-                    exp(-(i - SG_SSIM_RADIUS) * (i - SG_SSIM_RADIUS) / (2 * 1.5 * 1.5)) / sum, 2e-8);
+                    exp(-(i - SG_SSIM_RADIUS) * (i - SG_SSIM_RADIUS) / (2 * 1.5 * 1.5)) / sum,
+                    2e-8);
 }
 
 static void ssim_of_an_image_with_itself(void **state)
@@ -336,10 +347,14 @@ static void ssim_of_an_image_with_itself(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(gradients_of_every_parameter),       cmocka_unit_test(gradients_when_layers_hide_each_other),
-        cmocka_unit_test(gradients_of_needles_and_specks),    cmocka_unit_test(gradients_outside_the_tangent_clamp),
-        cmocka_unit_test(saturated_alpha_keeps_its_gradient), cmocka_unit_test(ssim_gradient_by_differences),
-        cmocka_unit_test(ssim_window_is_the_published_one),   cmocka_unit_test(ssim_of_an_image_with_itself),
+        cmocka_unit_test(gradients_of_every_parameter),
+        cmocka_unit_test(gradients_when_layers_hide_each_other),
+        cmocka_unit_test(gradients_of_needles_and_specks),
+        cmocka_unit_test(gradients_outside_the_tangent_clamp),
+        cmocka_unit_test(saturated_alpha_keeps_its_gradient),
+        cmocka_unit_test(ssim_gradient_by_differences),
+        cmocka_unit_test(ssim_window_is_the_published_one),
+        cmocka_unit_test(ssim_of_an_image_with_itself),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

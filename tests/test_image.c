@@ -9,8 +9,9 @@
 #define MAX_PIXELS (1u << 20)
 
 /* Encodes raw samples as any kind of PNG, in memory. */
-static void *encode_png(int width, int height, int color, int depth, const void *samples, size_t size,
-                        struct spng_plte *palette, struct spng_trns *trns, size_t *bytes)
+static void *encode_png(int width, int height, int color, int depth, const void *samples,
+                        size_t size, struct spng_plte *palette, struct spng_trns *trns,
+                        size_t *bytes)
 {
     int error;
     struct spng_ihdr ihdr = {.width = (uint32_t) width,
@@ -30,7 +31,8 @@ static void *encode_png(int width, int height, int color, int depth, const void 
     return data;
 }
 
-static void expect_pixels(struct fixture *f, void *data, size_t size, int channels, const uint8_t *expected, size_t n)
+static void expect_pixels(struct fixture *f, void *data, size_t size, int channels,
+                          const uint8_t *expected, size_t n)
 {
     struct sg_image image;
     if (sg_image_decode(f->ctx, "x.png", data, size, MAX_PIXELS, &image))
@@ -47,14 +49,17 @@ static void every_kind_of_png(void **state)
     struct fixture *f = *state;
     size_t size;
     uint16_t deep[6] = {0x1234, 0xff00, 0x00ff, 0x8001, 0x7fff, 0xabcd};
-    void *data = encode_png(2, 1, SPNG_COLOR_TYPE_TRUECOLOR, 16, deep, sizeof(deep), NULL, NULL, &size);
+    void *data =
+        encode_png(2, 1, SPNG_COLOR_TYPE_TRUECOLOR, 16, deep, sizeof(deep), NULL, NULL, &size);
     expect_pixels(f, data, size, 3, (const uint8_t[]){0x12, 0xff, 0x00, 0x80, 0x7f, 0xab}, 6);
     data = encode_png(3, 2, SPNG_COLOR_TYPE_GRAYSCALE, 16, deep, sizeof(deep), NULL, NULL, &size);
     expect_pixels(f, data, size, 1, (const uint8_t[]){0x12, 0xff, 0x00, 0x80, 0x7f, 0xab}, 6);
     data = encode_png(8, 1, SPNG_COLOR_TYPE_GRAYSCALE, 1, "\xa5", 1, NULL, NULL, &size);
     expect_pixels(f, data, size, 1, (const uint8_t[]){255, 0, 255, 0, 0, 255, 0, 255}, 8);
-    data = encode_png(2, 1, SPNG_COLOR_TYPE_GRAYSCALE_ALPHA, 8, "\x10\x20\x30\x40", 4, NULL, NULL, &size);
-    expect_pixels(f, data, size, 4, (const uint8_t[]){0x10, 0x10, 0x10, 0x20, 0x30, 0x30, 0x30, 0x40}, 8);
+    data = encode_png(2, 1, SPNG_COLOR_TYPE_GRAYSCALE_ALPHA, 8, "\x10\x20\x30\x40", 4, NULL, NULL,
+                      &size);
+    expect_pixels(f, data, size, 4,
+                  (const uint8_t[]){0x10, 0x10, 0x10, 0x20, 0x30, 0x30, 0x30, 0x40}, 8);
     struct spng_plte palette = {.n_entries = 2, .entries = {{1, 2, 3, 0}, {200, 100, 50, 0}}};
     data = encode_png(2, 1, SPNG_COLOR_TYPE_INDEXED, 8, "\1\0", 2, &palette, NULL, &size);
     expect_pixels(f, data, size, 3, (const uint8_t[]){200, 100, 50, 1, 2, 3}, 6);
@@ -87,7 +92,8 @@ static void png_round_trip(void **state)
     }
 }
 
-/* Zeros before the end marker are some cameras' padding; all else that is too much or missing is damage. */
+/* Zeros before the end marker are some cameras' padding; all else that is too much or missing is
+ * damage. */
 static void damaged_jpeg(void **state)
 {
     struct fixture *f = *state;
@@ -109,18 +115,23 @@ static void damaged_jpeg(void **state)
         memcpy(changed, data, size - 2);
         memset(changed + size - 2, 0, 50);
         memcpy(changed + size + 48, "\xff\xd9more", 6);
-        assert_int_equal(sg_image_decode(f->ctx, "x", changed, size + 54, MAX_PIXELS, &image), SG_OK);
+        assert_int_equal(sg_image_decode(f->ctx, "x", changed, size + 54, MAX_PIXELS, &image),
+                         SG_OK);
         assert_memory_equal(plain.pixels, image.pixels, sizeof(rgb));
         sg_image_clear(&image);
         sg_image_clear(&plain);
-        /* stray bytes between header segments, which would hide that most of the picture is missing */
+        /* stray bytes between header segments, which would hide that most of the picture is
+         * missing */
         memcpy(changed, data, 20);
         memset(changed + 20, 0, 3);
         memcpy(changed + 23, data + 20, size - 20);
-        assert_int_equal(sg_image_decode(f->ctx, "x", changed, size / 2, MAX_PIXELS, &image), SG_ERR_INPUT);
+        assert_int_equal(sg_image_decode(f->ctx, "x", changed, size / 2, MAX_PIXELS, &image),
+                         SG_ERR_INPUT);
         /* what the decoder holds of a progressive photo counts */
         sg_ctx *small;
-        assert_int_equal(sg_ctx_create(&small, &(struct sg_ctx_params){.threads = 1, .max_memory = 6000}), SG_OK);
+        assert_int_equal(
+            sg_ctx_create(&small, &(struct sg_ctx_params){.threads = 1, .max_memory = 6000}),
+            SG_OK);
         assert_int_equal(sg_image_decode(small, "x", data, size, MAX_PIXELS, &image),
                          progressive ? SG_ERR_BUDGET : SG_OK);
         sg_image_clear(&image);
@@ -128,7 +139,8 @@ static void damaged_jpeg(void **state)
         tjFree(data);
     }
     tjDestroy(jpeg);
-    /* Padding of pixels that end in a zero themselves, before another picture; cameras append previews. */
+    /* Padding of pixels that end in a zero themselves, before another picture; cameras append
+     * previews. */
     int zeros = 0;
     for (uint32_t draw = 1; zeros < 3 && draw < 100000; draw++) {
         unsigned char *data = NULL;
@@ -137,7 +149,8 @@ static void damaged_jpeg(void **state)
         for (uint32_t i = 0; i < sizeof(pixels); i++)
             pixels[i] = (uint8_t) ((draw * 2654435761u + i * 40503u) * (i + 7) >> 13);
         jpeg = tjInitCompress();
-        assert_int_equal(tjCompress2(jpeg, pixels, 8, 0, 8, TJPF_GRAY, &data, &size, TJSAMP_GRAY, 90, 0), 0);
+        assert_int_equal(
+            tjCompress2(jpeg, pixels, 8, 0, 8, TJPF_GRAY, &data, &size, TJSAMP_GRAY, 90, 0), 0);
         if (data[size - 3] == 0) {
             zeros++;
             assert_true(2 * size + 60 < sizeof(changed));
@@ -145,14 +158,16 @@ static void damaged_jpeg(void **state)
             memset(changed + size - 2, 0, 48);
             memcpy(changed + size + 46, "\xff\xd9", 2);
             memcpy(changed + size + 48, data, size);
-            assert_int_equal(sg_image_decode(f->ctx, "x", changed, 2 * size + 48, MAX_PIXELS, &image), SG_OK);
+            assert_int_equal(
+                sg_image_decode(f->ctx, "x", changed, 2 * size + 48, MAX_PIXELS, &image), SG_OK);
             sg_image_clear(&image);
         }
         tjFree(data);
         tjDestroy(jpeg);
     }
     assert_true(zeros > 0);
-    assert_int_equal(sg_image_decode(f->ctx, "x", "\xff\xd8\xff\xd9", 4, MAX_PIXELS, &image), SG_ERR_INPUT);
+    assert_int_equal(sg_image_decode(f->ctx, "x", "\xff\xd8\xff\xd9", 4, MAX_PIXELS, &image),
+                     SG_ERR_INPUT);
 }
 
 static void jpeg_and_webp_by_content(void **state)
@@ -164,7 +179,8 @@ static void jpeg_and_webp_by_content(void **state)
     tjhandle jpeg = tjInitCompress();
     unsigned char *jpeg_data = NULL;
     unsigned long jpeg_size = 0;
-    assert_int_equal(tjCompress2(jpeg, rgb, 32, 0, 24, TJPF_RGB, &jpeg_data, &jpeg_size, TJSAMP_444, 95, 0), 0);
+    assert_int_equal(
+        tjCompress2(jpeg, rgb, 32, 0, 24, TJPF_RGB, &jpeg_data, &jpeg_size, TJSAMP_444, 95, 0), 0);
     struct sg_image image;
     put(f, "really-a-jpeg.png", jpeg_data, jpeg_size); /* the content decides */
     assert_int_equal(sg_image_read(f->ctx, at(f, "really-a-jpeg.png"), MAX_PIXELS, &image), SG_OK);
@@ -176,7 +192,8 @@ static void jpeg_and_webp_by_content(void **state)
     /* cut anywhere: an error, never grey filling */
     for (unsigned long cut = 0; cut < jpeg_size - 2; cut += 7) {
         sg_clear_error(f->ctx);
-        assert_int_equal(sg_image_decode(f->ctx, "x", jpeg_data, cut, MAX_PIXELS, &image), SG_ERR_INPUT);
+        assert_int_equal(sg_image_decode(f->ctx, "x", jpeg_data, cut, MAX_PIXELS, &image),
+                         SG_ERR_INPUT);
         assert_null(image.pixels);
     }
     tjFree(jpeg_data);
@@ -203,14 +220,17 @@ static void damaged_png(void **state)
     size_t size;
     put_png(f, "a.png", 40, 30, 3, 1);
     assert_int_equal(sg_file_read(f->ctx, at(f, "a.png"), MAX_PIXELS, &data, &size), SG_OK);
-    for (size_t cut = 0; cut + 20 < size; cut++) { /* 12 bytes of IEND, 8 of checksums: the pixels are whole without */
+    for (size_t cut = 0; cut + 20 < size;
+         cut++) { /* 12 bytes of IEND, 8 of checksums: the pixels are whole without */
         sg_clear_error(f->ctx);
-        assert_int_equal(sg_image_decode(f->ctx, "a.png", data, cut, MAX_PIXELS, &image), SG_ERR_INPUT);
+        assert_int_equal(sg_image_decode(f->ctx, "a.png", data, cut, MAX_PIXELS, &image),
+                         SG_ERR_INPUT);
         assert_null(image.pixels);
     }
     data[60] ^= 0x55;
     sg_clear_error(f->ctx);
-    assert_int_equal(sg_image_decode(f->ctx, "a.png", data, size, MAX_PIXELS, &image), SG_ERR_INPUT);
+    assert_int_equal(sg_image_decode(f->ctx, "a.png", data, size, MAX_PIXELS, &image),
+                     SG_ERR_INPUT);
     assert_non_null(strstr(sg_last_error(f->ctx), "a.png"));
     sg_free(data);
 }
@@ -267,9 +287,10 @@ static void resample_known_values(void **state)
         {7, 5, 3, 2, {90, 139, 126, 129, 125, 142}},
         {4, 3, 6, 5, {0,   7,   34,  59,  86,  102, 29,  53,  91,  118, 148, 168, 98, 122, 159,
                       193, 230, 254, 178, 117, 64,  112, 157, 186, 224, 106, 0,   49, 100, 130}},
-        {13, 11, 13, 4, {88,  75,  130, 165, 116, 101, 157, 112, 168, 49,  83,  140, 189, 147, 145, 135, 91,  168,
-                         129, 156, 87,  119, 161, 75,  108, 192, 147, 143, 132, 123, 122, 161, 99,  101, 174, 89,
-                         211, 74,  194, 148, 109, 122, 163, 174, 131, 128, 115, 97,  168, 144, 42,  197}},
+        {13, 11, 13, 4, {88,  75,  130, 165, 116, 101, 157, 112, 168, 49,  83,  140, 189,
+                         147, 145, 135, 91,  168, 129, 156, 87,  119, 161, 75,  108, 192,
+                         147, 143, 132, 123, 122, 161, 99,  101, 174, 89,  211, 74,  194,
+                         148, 109, 122, 163, 174, 131, 128, 115, 97,  168, 144, 42,  197}},
         {16, 16, 3, 3, {126, 123, 126, 135, 129, 129, 140, 126, 133}},
     };
     for (size_t k = 0; k < sizeof(cases) / sizeof(*cases); k++) {
@@ -295,9 +316,14 @@ static void resample_known_values(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        scene_test(every_kind_of_png), scene_test(png_round_trip),        scene_test(jpeg_and_webp_by_content),
-        scene_test(damaged_jpeg),      scene_test(damaged_png),           scene_test(bomb_is_refused_before_allocation),
-        scene_test(flatten_truncates), scene_test(resample_known_values),
+        scene_test(every_kind_of_png),
+        scene_test(png_round_trip),
+        scene_test(jpeg_and_webp_by_content),
+        scene_test(damaged_jpeg),
+        scene_test(damaged_png),
+        scene_test(bomb_is_refused_before_allocation),
+        scene_test(flatten_truncates),
+        scene_test(resample_known_values),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

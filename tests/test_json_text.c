@@ -40,10 +40,11 @@ static void every_byte_returns(void **state)
 static void others_stay(void **state)
 {
     (void) state;
-    json_t *root = json_loads("{\"a\":{\"percent\":\"%00\"},\"b\":{\"percent\":\"%4\"},\"c\":{\"percent\":\"x%\"},"
-                              "\"d\":{\"percent\":3},\"e\":{\"percent\":\"%41\",\"f\":1},\"g\":\"%41\",\"h\":null,"
-                              "\"i\":{\"percent\":\"% 4\"}}",
-                              0, NULL);
+    json_t *root = json_loads(
+        "{\"a\":{\"percent\":\"%00\"},\"b\":{\"percent\":\"%4\"},\"c\":{\"percent\":\"x%\"},"
+        "\"d\":{\"percent\":3},\"e\":{\"percent\":\"%41\",\"f\":1},\"g\":\"%41\",\"h\":null,"
+        "\"i\":{\"percent\":\"% 4\"}}",
+        0, NULL);
     json_t *before = json_deep_copy(root);
     sg_bytes_from_json(root);
     assert_true(json_equal(root, before));
@@ -54,6 +55,7 @@ static void others_stay(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(every_byte_returns), cmocka_unit_test(others_stay)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(every_byte_returns),
+                                       cmocka_unit_test(others_stay)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

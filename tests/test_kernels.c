@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The kernels of each CPU variant one at a time: the loss and its gradient against double precision, Adam against the
- * formula, hostile Gaussians one by one against the oracle, and the empty and the smallest models. */
+/* The kernels of each CPU variant one at a time: the loss and its gradient against double
+ * precision, Adam against the formula, hostile Gaussians one by one against the oracle, and the
+ * empty and the smallest models. */
 #include "math/real_f64.h"
 
 #include "engine/cpu/dispatch.h"
@@ -28,11 +29,12 @@ struct exact_loss {
 
 static double window(int i, int j)
 {
-    return (double) sg_ssim_window[i + SG_SSIM_RADIUS] * (double) sg_ssim_window[j + SG_SSIM_RADIUS];
+    return (double) sg_ssim_window[i + SG_SSIM_RADIUS] *
+           (double) sg_ssim_window[j + SG_SSIM_RADIUS];
 }
 
-static struct exact_loss exact(const float *rgb, const uint8_t *target, const uint8_t *used, int w, int h,
-                               double lambda)
+static struct exact_loss exact(const float *rgb, const uint8_t *target, const uint8_t *used, int w,
+                               int h, double lambda)
 {
     const size_t n = (size_t) w * (size_t) h;
     struct exact_loss o = {.gradient = calloc(3 * n, sizeof(double))};
@@ -53,9 +55,11 @@ static struct exact_loss exact(const float *rgb, const uint8_t *target, const ui
                     if (c < 0 || c >= w || r < 0 || r >= h)
                         continue;
                     const double a = (double) x[r * w + c], b = y[r * w + c], k = window(i, j);
-                    m[0] += k * a, m[1] += k * b, m[2] += k * a * a, m[3] += k * b * b, m[4] += k * a * b;
+                    m[0] += k * a, m[1] += k * b, m[2] += k * a * a, m[3] += k * b * b,
+                        m[4] += k * a * b;
                 }
-            o.ssim += ssim_point(m[0], m[1], m[2] + m[3], m[4], &maps[3 * at], &maps[3 * at + 1], &maps[3 * at + 2]);
+            o.ssim += ssim_point(m[0], m[1], m[2] + m[3], m[4], &maps[3 * at], &maps[3 * at + 1],
+                                 &maps[3 * at + 2]);
         }
         for (int at = 0; at < w * h; at++) {
             double s[3] = {0};
@@ -77,7 +81,8 @@ static struct exact_loss exact(const float *rgb, const uint8_t *target, const ui
     return o;
 }
 
-static void check_loss(const struct cpu_kernels *k, int w, int h, int rows, bool masked, float lambda, bool same)
+static void check_loss(const struct cpu_kernels *k, int w, int h, int rows, bool masked,
+                       float lambda, bool same)
 {
     const size_t n = (size_t) w * (size_t) h;
     float *rgb = malloc(3 * n * sizeof(float)), *gradient = malloc(3 * n * sizeof(float));
@@ -91,13 +96,19 @@ static void check_loss(const struct cpu_kernels *k, int w, int h, int rows, bool
         used[i] = draw(3, i, 0, 1) < 0.7f ? 255 : 0;
         for (size_t ch = 0; ch < 3; ch++) {
             target[3 * i + ch] = (uint8_t) draw(1, 3 * i + ch, 0, 255.9f);
-            rgb[ch * n + i] = same ? (float) target[3 * i + ch] * (1.0f / 255.0f) : draw(2, 3 * i + ch, -0.2f, 1.3f);
+            rgb[ch * n + i] = same ? (float) target[3 * i + ch] * (1.0f / 255.0f)
+                                   : draw(2, 3 * i + ch, -0.2f, 1.3f);
         }
     }
     const struct sg_photometric p = {.lambda_dssim = lambda};
     const struct sg_target_pixels t = {.rgb = target, .mask = masked ? used : NULL};
-    const struct cpu_loss_args a = {
-        .width = w, .height = h, .rgb = rgb, .target = &t, .params = &p, .gradient = gradient, .sums = sums};
+    const struct cpu_loss_args a = {.width = w,
+                                    .height = h,
+                                    .rgb = rgb,
+                                    .target = &t,
+                                    .params = &p,
+                                    .gradient = gradient,
+                                    .sums = sums};
     for (int ch = 0; ch < 3; ch++)
         for (int y = 0; y < h; y += rows)
             k->loss(&a, ch, y, y + rows < h ? y + rows : h, scratch);
@@ -108,7 +119,8 @@ static void check_loss(const struct cpu_kernels *k, int w, int h, int rows, bool
     all.gradient = whole, all.sums = whole_sums;
     for (int ch = 0; ch < 3; ch++)
         k->loss(&all, ch, 0, h, scratch);
-    assert_memory_equal(gradient, whole, 3 * n * sizeof(float)); /* however the rows are dealt out */
+    assert_memory_equal(gradient, whole,
+                        3 * n * sizeof(float)); /* however the rows are dealt out */
     assert_memory_equal(sums, whole_sums, 9 * (size_t) h * sizeof(double));
     double l1 = 0, mse = 0, ssim = 0;
     for (int i = 0; i < 3 * h; i++)
@@ -124,7 +136,8 @@ static void check_loss(const struct cpu_kernels *k, int w, int h, int rows, bool
     for (size_t i = 0; i < 3 * n; i++) {
         const double expected = same ? 0 : e.gradient[i], found = (double) gradient[i];
         /* In single precision the moments of equal images cancel to 1e-7 / C2. */
-        if (!(fabs(found - expected) <= unit * (double) lambda * (same ? 2e-3 : 1e-3) + 1e-6 * fabs(expected)))
+        if (!(fabs(found - expected) <=
+              unit * (double) lambda * (same ? 2e-3 : 1e-3) + 1e-6 * fabs(expected)))
             fail_msg("%s, %d x %d%s: image gradient %zu: found %.9g, expected %.9g", k->name, w, h,
                      masked ? ", masked" : "", i, found, expected);
         if (masked && !used[i % n])
@@ -138,7 +151,8 @@ static void check_loss(const struct cpu_kernels *k, int w, int h, int rows, bool
 static void test_loss(void **state)
 {
     (void) state;
-    static const int sizes[][2] = {{1, 1}, {3, 40}, {40, 2}, {16, 16}, {17, 33}, {31, 15}, {64, 12}, {530, 99}};
+    static const int sizes[][2] = {{1, 1},   {3, 40},  {40, 2},  {16, 16},
+                                   {17, 33}, {31, 15}, {64, 12}, {530, 99}};
     const struct cpu_kernels *variants[4];
     for (int v = 0, n = sg_cpu_variants(variants); v < n; v++)
         for (int s = 0; s < 8; s++)
@@ -151,7 +165,8 @@ static void test_loss(void **state)
 
 /* ---- Adam ---- */
 
-/* Three steps from known gradients (those the engine itself reports), each recomputed in double precision. */
+/* Three steps from known gradients (those the engine itself reports), each recomputed in double
+ * precision. */
 static void test_adam(void **state)
 {
     (void) state;
@@ -172,7 +187,8 @@ static void test_adam(void **state)
         assert_int_equal(sg_optimiser_create(ctx, 21, 1, &old), SG_OK);
         *sg_model_at(m, 5, SG_P_XYZ + 2) = -60; /* not visible: moves by momentum only */
         for (int p = 0; p < planes; p++)
-            old.m[sg_param_index(planes, 5, p)] = 1e-3f, old.v[sg_param_index(planes, 5, p)] = 1e-5f;
+            old.m[sg_param_index(planes, 5, p)] = 1e-3f,
+                                            old.v[sg_param_index(planes, 5, p)] = 1e-5f;
         assert_int_equal(sg_engine_upload(b, m, &old), SG_OK);
         for (int t = 1; t <= 3; t++) {
             struct sg_update u = {.adam = true};
@@ -197,19 +213,22 @@ static void test_adam(void **state)
                                                          : SG_G_REST;
                     const size_t at = sg_param_index(planes, i, p);
                     const double grad = (double) g->params[at], held = group == SG_G_SCALE;
-                    const double em = held ? (double) old.m[at] : 0.9 * (double) old.m[at] + 0.1 * grad;
-                    const double ev = held ? (double) old.v[at] : 0.999 * (double) old.v[at] + 0.001 * grad * grad;
-                    const double step = (double) u.rate[group] * em / (sqrt(ev) * (double) u.root[group] + 1e-15);
+                    const double em =
+                        held ? (double) old.m[at] : 0.9 * (double) old.m[at] + 0.1 * grad;
+                    const double ev = held ? (double) old.v[at]
+                                           : 0.999 * (double) old.v[at] + 0.001 * grad * grad;
+                    const double step =
+                        (double) u.rate[group] * em / (sqrt(ev) * (double) u.root[group] + 1e-15);
                     const double ep = (double) m->params[at] - (held ? 0 : step);
                     if (i == 5 && grad != 0)
                         fail_msg("%s: a Gaussian behind the camera has a gradient", name_of(v));
                     if (fabs((double) o.m[at] - em) > 1e-5 * fabs(em) + 1e-30 ||
                         fabs((double) o.v[at] - ev) > 1e-4 * ev + 1e-36 ||
                         fabs((double) after->params[at] - ep) > 1e-4 * fabs(step) + 3e-7 * fabs(ep))
-                        fail_msg("%s: step %d, Gaussian %zu, plane %d: found p %.9g m %.9g v %.9g, expected %.9g %.9g "
-                                 "%.9g",
-                                 name_of(v), t, i, p, (double) after->params[at], (double) o.m[at], (double) o.v[at],
-                                 ep, em, ev);
+                        fail_msg("%s: step %d, Gaussian %zu, plane %d: found p %.9g m %.9g v %.9g, "
+                                 "expected %.9g %.9g %.9g",
+                                 name_of(v), t, i, p, (double) after->params[at], (double) o.m[at],
+                                 (double) o.v[at], ep, em, ev);
                 }
             const size_t bytes = 32 * (size_t) planes * sizeof(float);
             memcpy(m->params, after->params, bytes);
@@ -239,7 +258,8 @@ struct view_of_one {
     struct sg_model *gradient;
 };
 
-static void draw_model(sg_ctx *ctx, struct sg_engine *b, const struct sg_model *m, struct view_of_one *o)
+static void draw_model(sg_ctx *ctx, struct sg_engine *b, const struct sg_model *m,
+                       struct view_of_one *o)
 {
     struct sg_camera camera = make_camera(SIDE, SIDE, 3);
     if (straight)
@@ -258,17 +278,18 @@ static void draw_model(sg_ctx *ctx, struct sg_engine *b, const struct sg_model *
     assert_int_equal(sg_engine_read_gradients(b, o->gradient), SG_OK);
 }
 
-/* Nothing but finite values; exact_too: the variants and the oracle agree on who is drawn and on the pixels. */
-static void check_one(sg_ctx *ctx, struct sg_engine **engines, const struct sg_model *m, bool exact_too,
-                      const char *what)
+/* Nothing but finite values; exact_too: the variants and the oracle agree on who is drawn and on
+ * the pixels. */
+static void check_one(sg_ctx *ctx, struct sg_engine **engines, const struct sg_model *m,
+                      bool exact_too, const char *what)
 {
     static struct view_of_one ref, o;
     draw_model(ctx, engines[variant_count - 1], m, &ref);
     for (int v = 0; v < variant_count; v++) {
         draw_model(ctx, engines[v], m, &o);
         if (exact_too && o.stats.visible != ref.stats.visible)
-            fail_msg("%s: %s: %llu visible, expected %llu", name_of(v), what, (unsigned long long) o.stats.visible,
-                     (unsigned long long) ref.stats.visible);
+            fail_msg("%s: %s: %llu visible, expected %llu", name_of(v), what,
+                     (unsigned long long) o.stats.visible, (unsigned long long) ref.stats.visible);
         int off = 0;
         for (int i = 0; i < 3 * SIDE * SIDE; i++) {
             if (!isfinite(o.rgb[i]))
@@ -281,8 +302,8 @@ static void check_one(sg_ctx *ctx, struct sg_engine **engines, const struct sg_m
         for (size_t i = 0; i < m->count; i++)
             for (int p = 0; p < sg_param_count(m->sh_degree); p++)
                 if (!isfinite(*sg_model_at(o.gradient, i, p)))
-                    fail_msg("%s: %s: gradient of plane %d of Gaussian %zu is %g", name_of(v), what, p, i,
-                             (double) *sg_model_at(o.gradient, i, p));
+                    fail_msg("%s: %s: gradient of plane %d of Gaussian %zu is %g", name_of(v), what,
+                             p, i, (double) *sg_model_at(o.gradient, i, p));
         sg_model_destroy(&o.gradient);
     }
     sg_model_destroy(&ref.gradient);
@@ -291,8 +312,9 @@ static void check_one(sg_ctx *ctx, struct sg_engine **engines, const struct sg_m
 static void test_hostile_planes(void **state)
 {
     (void) state;
-    static const float bad[] = {NAN,    INFINITY, -INFINITY, 3e38f, -3e38f, 1e20f, -1e20f, 1e10f, -1e10f,
-                                1000.f, -1000.f,  88,        -88,   20,     -20,   1e-40f, -0.0f, 0};
+    static const float bad[] = {NAN,    INFINITY, -INFINITY, 3e38f,  -3e38f,  1e20f,
+                                -1e20f, 1e10f,    -1e10f,    1000.f, -1000.f, 88,
+                                -88,    20,       -20,       1e-40f, -0.0f,   0};
     sg_ctx *ctx = make_context(1);
     struct sg_engine *engines[5];
     for (int v = 0; v < variant_count; v++)
@@ -317,7 +339,8 @@ static void test_hostile_planes(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Needles of every length and direction, and their flat counterparts: the conic is as bad as it gets. */
+/* Needles of every length and direction, and their flat counterparts: the conic is as bad as it
+ * gets. */
 static void test_needles(void **state)
 {
     (void) state;
@@ -333,7 +356,8 @@ static void test_needles(void **state)
             snprintf(what, sizeof(what), "needle of log length %d, turn %d", length, turn);
             for (int i = 0; i < 3; i++) {
                 *sg_model_at(m, 0, SG_P_XYZ + i) = draw(30, k++, -0.5f, 0.5f);
-                *sg_model_at(m, 0, SG_P_SCALE + i) = (i == 1) == (turn < 2 || turn == 4) ? (float) length : -5;
+                *sg_model_at(m, 0, SG_P_SCALE + i) =
+                    (i == 1) == (turn < 2 || turn == 4) ? (float) length : -5;
             }
             for (int i = 0; i < 4; i++)
                 *sg_model_at(m, 0, SG_P_ROT + i) = turn < 4 ? draw(30, k++, -1, 1) : i == 0;
@@ -348,7 +372,8 @@ static void test_needles(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Opacity at its limits: below 1/255 nothing is drawn though it counts as visible; at 1 alpha stops at 0.99. */
+/* Opacity at its limits: below 1/255 nothing is drawn though it counts as visible; at 1 alpha stops
+ * at 0.99. */
 static void test_opacity_limits(void **state)
 {
     (void) state;
@@ -381,7 +406,8 @@ static void test_opacity_limits(void **state)
     }
 }
 
-/* A target of planes is the same as one of bytes with its values; and gradients kept over views are one view's sum. */
+/* A target of planes is the same as one of bytes with its values; and gradients kept over views are
+ * one view's sum. */
 static void test_planes_and_kept_gradients(void **state)
 {
     (void) state;
@@ -399,10 +425,13 @@ static void test_planes_and_kept_gradients(void **state)
         struct sg_model *m = make_model(ctx, 40, 1, 6), *once, *thrice;
         draw_model(ctx, b, m, &o);
         sg_model_destroy(&o.gradient);
-        const struct sg_photometric_value a = lose(b, &(struct loss_case){.lambda_dssim = 0.2f, .target = bytes});
-        const struct sg_photometric_value c = lose(b, &(struct loss_case){.lambda_dssim = 0.2f, .planes = planes});
+        const struct sg_photometric_value a =
+            lose(b, &(struct loss_case){.lambda_dssim = 0.2f, .target = bytes});
+        const struct sg_photometric_value c =
+            lose(b, &(struct loss_case){.lambda_dssim = 0.2f, .planes = planes});
         assert_float_equal(a.total, c.total, 1e-6);
-        /* With beta1 = 0.9 and a first step, the moment m is a tenth of the gradient: read it off. */
+        /* With beta1 = 0.9 and a first step, the moment m is a tenth of the gradient: read it
+         * off. */
         struct sg_update u = {.accumulate = true};
         for (int g = 0; g < SG_GROUPS; g++)
             u.rate[g] = 1e-30f, u.root[g] = 1;
@@ -426,9 +455,10 @@ static void test_planes_and_kept_gradients(void **state)
         for (size_t i = 0; i < m->count; i++)
             for (int p = 0; p < sg_param_count(1); p++) {
                 const size_t at = sg_param_index(sg_param_count(1), i, p);
-                if (!(fabsf(moments[1].m[at] - 3 * moments[0].m[at]) <= 1e-5f * fabsf(moments[1].m[at]) + 1e-12f))
-                    fail_msg("%s: Gaussian %zu, plane %d: %g, expected three times %g", name_of(v), i, p,
-                             (double) moments[1].m[at], (double) moments[0].m[at]);
+                if (!(fabsf(moments[1].m[at] - 3 * moments[0].m[at]) <=
+                      1e-5f * fabsf(moments[1].m[at]) + 1e-12f))
+                    fail_msg("%s: Gaussian %zu, plane %d: %g, expected three times %g", name_of(v),
+                             i, p, (double) moments[1].m[at], (double) moments[0].m[at]);
             }
         sg_optimiser_clear(&moments[0]);
         sg_optimiser_clear(&moments[1]);
@@ -441,8 +471,8 @@ static void test_planes_and_kept_gradients(void **state)
     }
 }
 
-/* Black: the coefficients of a point of byte 0 give a colour of about zero, by rounding on either side. It must be able
- * to grow; a colour that is truly negative must not. */
+/* Black: the coefficients of a point of byte 0 give a colour of about zero, by rounding on either
+ * side. It must be able to grow; a colour that is truly negative must not. */
 static void test_black(void **state)
 {
     (void) state;
@@ -469,14 +499,16 @@ static void test_black(void **state)
     }
 }
 
-/* The gradient that densification looks at, by moving the image under one Gaussian: half the image's size is one unit.
- */
+/* The gradient that densification looks at, by moving the image under one Gaussian: half the
+ * image's size is one
+ * unit. */
 static void test_view_space_gradient(void **state)
 {
     (void) state;
     enum { W = 47, H = 29 };
     static float rgb[3 * W * H], weight[3 * W * H];
-    for (size_t i = 0; i < 3 * W * H; i++) /* smooth: its derivative along the image is what is measured */
+    for (size_t i = 0; i < 3 * W * H;
+         i++) /* smooth: its derivative along the image is what is measured */
         weight[i] = sinf(0.21f * (float) (i % W) + 0.13f * (float) (i / W));
     for (int v = 0; v < variant_count; v++) {
         sg_ctx *ctx = make_context(1);
@@ -509,10 +541,12 @@ static void test_view_space_gradient(void **state)
         struct sg_update u = {.statistics = true};
         assert_int_equal(sg_engine_optimise(b, &u), SG_OK);
         float gradient;
-        assert_int_equal(sg_engine_read_statistics(b, &(struct sg_statistics){.gradient = &gradient}), SG_OK);
+        assert_int_equal(
+            sg_engine_read_statistics(b, &(struct sg_statistics){.gradient = &gradient}), SG_OK);
         const double expected = hypot(slope[0], slope[1]);
         if (!(fabs((double) gradient - expected) < 0.02 * expected))
-            fail_msg("%s: view-space gradient %g, expected %g", name_of(v), (double) gradient, expected);
+            fail_msg("%s: view-space gradient %g, expected %g", name_of(v), (double) gradient,
+                     expected);
         sg_model_destroy(&m);
         sg_engine_destroy(&b);
         sg_ctx_destroy(&ctx);

@@ -39,8 +39,8 @@ static void check_nearest(sg_ctx *ctx, const float *xyz, size_t n)
     free(out);
 }
 
-/* Clouds, lines, heaps of equal points, an order that defeats a middle pivot's choice, and a grid whose searches have a
- * line of as many points in reach of every plane that splits it. */
+/* Clouds, lines, heaps of equal points, an order that defeats a middle pivot's choice, and a grid
+ * whose searches have a line of as many points in reach of every plane that splits it. */
 static void test_nearest(void **state)
 {
     struct fixture *f = *state;
@@ -59,7 +59,8 @@ static void test_nearest(void **state)
                                    {i == 0  ? 1e7f
                                     : i % 2 ? -1e-3f * (float) i / N
                                             : 1,
-                                    i % 2 ? 0 : 1e3f * (float) (i / 2 % 40), i % 2 ? 0 : 1e3f * (float) (i / 80)}};
+                                    i % 2 ? 0 : 1e3f * (float) (i / 2 % 40),
+                                    i % 2 ? 0 : 1e3f * (float) (i / 80)}};
             memcpy(&xyz[3 * i], p[shape], sizeof(p[shape]));
         }
         for (size_t s = 0; s < sizeof(sizes) / sizeof(*sizes); s++)
@@ -87,7 +88,8 @@ static void check_cube(struct fixture *f, float edge)
             assert_float_equal(*sg_model_at(m, i, SG_P_XYZ + k), xyz[3 * (int) i + k], 0);
             assert_float_equal(*sg_model_at(m, i, SG_P_SCALE + k), logf(edge), 1e-6);
             const float colour = (float) rgb[3 * (int) i + k] / 255;
-            assert_float_equal(*sg_model_at(m, i, SG_P_SH + k), (colour - 0.5f) / 0.28209479f, 1e-5);
+            assert_float_equal(*sg_model_at(m, i, SG_P_SH + k), (colour - 0.5f) / 0.28209479f,
+                               1e-5);
         }
         assert_float_equal(1 / (1 + expf(-*sg_model_at(m, i, SG_P_OPACITY))), 0.1, 1e-6);
         assert_float_equal(*sg_model_at(m, i, SG_P_ROT), 1, 0);
@@ -179,7 +181,8 @@ static void test_inspect(void **state)
     assert_int_equal(info.first_nonfinite, N);
     assert_string_equal(info.first_property, "f_dc_0");
     assert_int_equal(sg_model_check(f->ctx, m, "m.ply"), SG_ERR_INPUT);
-    assert_string_equal(sg_last_error(f->ctx), "m.ply: Gaussian 101: found f_dc_0 nan, expected a finite number");
+    assert_string_equal(sg_last_error(f->ctx),
+                        "m.ply: Gaussian 101: found f_dc_0 nan, expected a finite number");
     assert_int_equal(info.zero_rotation, 1);
     assert_int_equal(info.transparent, 51);
     assert_float_equal(info.min[0], 0, 0);
@@ -208,7 +211,8 @@ static void same_model(const struct sg_model *a, const struct sg_model *b)
         }
 }
 
-/* Every parameter is different, so that an exchange of any two columns shows; and every bit arrives. */
+/* Every parameter is different, so that an exchange of any two columns shows; and every bit
+ * arrives. */
 static void test_round_trip(void **state)
 {
     struct fixture *f = *state;
@@ -240,9 +244,11 @@ static void test_layout(void **state)
     const char *begin =
         "element vertex 2\nproperty float x\nproperty float y\n"
         "property float z\nproperty float nx\nproperty float ny\nproperty float nz\n"
-        "property float f_dc_0\nproperty float f_dc_1\nproperty float f_dc_2\nproperty float f_rest_0\n";
+        "property float f_dc_0\nproperty float f_dc_1\nproperty float f_dc_2\nproperty float "
+        "f_rest_0\n";
     const char *end =
-        "property float f_rest_44\nproperty float opacity\nproperty float scale_0\nproperty float scale_1\n"
+        "property float f_rest_44\nproperty float opacity\nproperty float scale_0\nproperty float "
+        "scale_1\n"
         "property float scale_2\nproperty float rot_0\nproperty float rot_1\nproperty float rot_2\n"
         "property float rot_3\nend_header\n";
     assert_non_null(strstr(data, begin));
@@ -286,9 +292,11 @@ static void test_points(void **state)
     assert_memory_equal(back, xyz, sizeof(xyz));
     assert_memory_equal(colours, rgb, sizeof(rgb));
     sg_points_destroy(&back, &colours);
-    assert_int_equal(sg_points_read_ply(f->ctx, at(f, "p.ply"), 3, &back, &colours, &n), SG_ERR_INPUT);
+    assert_int_equal(sg_points_read_ply(f->ctx, at(f, "p.ply"), 3, &back, &colours, &n),
+                     SG_ERR_INPUT);
     put_text(f, "q.ply",
-             "ply\nformat ascii 1.0\nelement vertex 2\nproperty double z\nproperty double x\nproperty double y\n"
+             "ply\nformat ascii 1.0\nelement vertex 2\nproperty double z\nproperty double "
+             "x\nproperty double y\n"
              "property float red\nproperty float green\nproperty float blue\nend_header\n"
              "3 1 2 0 0.5 1\n6 4 5 -1 nan 7\n");
     assert_int_equal(sg_points_read_ply(f->ctx, at(f, "q.ply"), 9, &back, &colours, &n), SG_OK);
@@ -302,9 +310,11 @@ static void test_points(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        scene_test(test_nearest),     scene_test(test_init_points),    scene_test(test_init_refusals),
-        scene_test(test_init_random), scene_test(test_inspect),        scene_test(test_round_trip),
-        scene_test(test_layout),      scene_test(test_write_refusals), scene_test(test_points),
+        scene_test(test_nearest),       scene_test(test_init_points),
+        scene_test(test_init_refusals), scene_test(test_init_random),
+        scene_test(test_inspect),       scene_test(test_round_trip),
+        scene_test(test_layout),        scene_test(test_write_refusals),
+        scene_test(test_points),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

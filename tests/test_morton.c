@@ -30,13 +30,15 @@ static void test_order(void **state)
     uint8_t *seen = calloc(N, 1);
     for (uint32_t i = 0; i < N; i++)
         source[i] = i;
-    assert_int_equal(sg_morton_order(ctx, m->params, sg_param_count(0), N, source, N, order), SG_OK);
+    assert_int_equal(sg_morton_order(ctx, m->params, sg_param_count(0), N, source, N, order),
+                     SG_OK);
     double before = 0, after = 0;
     for (size_t i = 0; i < N; i++) {
         assert_true(order[i] < N && !seen[order[i]]++);
         if (i && isfinite(distance(m, i, i - 1)) && distance(m, i, i - 1) < 10)
             before += (double) distance(m, i, i - 1);
-        if (i && isfinite(distance(m, order[i], order[i - 1])) && distance(m, order[i], order[i - 1]) < 10)
+        if (i && isfinite(distance(m, order[i], order[i - 1])) &&
+            distance(m, order[i], order[i - 1]) < 10)
             after += (double) distance(m, order[i], order[i - 1]);
     }
     assert_true(after < 0.1 * before);
@@ -52,8 +54,8 @@ static int by_bits(const void *a, const void *b)
     return memcmp(a, b, 3 * sizeof(float));
 }
 
-/* Whatever the order, the edit's Gaussians are those: survivors with moments and, if asked for, statistics, copies
- * without. */
+/* Whatever the order, the edit's Gaussians are those: survivors with moments and, if asked for,
+ * statistics, copies without. */
 static void edited(bool statistics)
 {
     sg_ctx *ctx = make_context(3);
@@ -83,7 +85,8 @@ static void edited(bool statistics)
     for (uint32_t i = 0; i < N; i++) {
         const float x = *sg_model_at(m, i, 0), c = *sg_model_at(m, i, planes - 1);
         if (keep[i])
-            memcpy(expected[n++], (float[]){x, c, x + 1, statistics ? x + 2 : 0, statistics ? (float) (i + 1) : 0},
+            memcpy(expected[n++],
+                   (float[]){x, c, x + 1, statistics ? x + 2 : 0, statistics ? (float) (i + 1) : 0},
                    sizeof(*expected));
         if (i % 5 == 0)
             memcpy(expected[n++], (float[]){x, c, 0, 0, 0}, sizeof(*expected));
@@ -118,7 +121,8 @@ static void test_edit(void **state)
     edited(true);
 }
 
-/* An edit holds one array twice, and where memory runs out the model is as it was, or edited and without moments. */
+/* An edit holds one array twice, and where memory runs out the model is as it was, or edited and
+ * without moments. */
 static void test_edit_memory(void **state)
 {
     (void) state;
@@ -130,14 +134,17 @@ static void test_edit_memory(void **state)
     uint8_t *keep = malloc(N), *kind = calloc(more, 1);
     uint32_t *source = calloc(more, sizeof(*source));
     memset(keep, 1, N);
-    const struct sg_edit e = {.keep = keep, .kept = N, .appended = more, .source = source, .kind = kind};
-    const uint64_t array = N * (uint64_t) sg_param_count(1) * sizeof(float), rest = N * UINT64_C(32);
+    const struct sg_edit e = {
+        .keep = keep, .kept = N, .appended = more, .source = source, .kind = kind};
+    const uint64_t array = N * (uint64_t) sg_param_count(1) * sizeof(float),
+                   rest = N * UINT64_C(32);
     int as_was = 0, edited = 0, done = 0;
     /* Up to 3 arrays of old and new size and one more of the new, and what is small. */
     for (uint64_t limit = 3 * array + rest; limit <= 6 * array + 2 * rest; limit += rest / 8) {
         sg_ctx *ctx;
         struct sg_host_model h = {0};
-        assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = limit}), SG_OK);
+        assert_int_equal(
+            sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = limit}), SG_OK);
         assert_int_equal(sg_host_upload(ctx, &h, m, &o), SG_OK);
         const int code = sg_host_edit(ctx, &h, &e);
         assert_true(code == SG_OK || code == SG_ERR_BUDGET);

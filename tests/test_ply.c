@@ -53,7 +53,8 @@ static void property_name(int plane, int degree, char name[24])
         snprintf(name, 24, "f_rest_%d", sh % 3 * per_channel + sh / 3 - 1);
 }
 
-/* A model as a stranger's exporter might write it: properties shuffled, some doubles, a list, other elements around. */
+/* A model as a stranger's exporter might write it: properties shuffled, some doubles, a list, other
+ * elements around. */
 static void put_model(struct fixture *f, const struct sg_model *m, enum encoding e, uint64_t seed)
 {
     static const char *const formats[] = {"ascii", "binary_little_endian", "binary_big_endian"};
@@ -62,22 +63,26 @@ static void put_model(struct fixture *f, const struct sg_model *m, enum encoding
     for (int i = 0; i < planes; i++)
         order[i] = i;
     for (int i = planes - 1; i > 0; i--) {
-        const int j = (int) (sg_rng_u64(seed, SG_RNG_SYNTH, 5, (uint64_t) i) % (uint64_t) (i + 1)), kept = order[i];
+        const int j = (int) (sg_rng_u64(seed, SG_RNG_SYNTH, 5, (uint64_t) i) % (uint64_t) (i + 1)),
+                  kept = order[i];
         order[i] = order[j], order[j] = kept;
     }
     struct text t = {0};
     char line[128];
     int n =
-        snprintf(line, sizeof(line), "ply\r\nformat %s 1.0\r\ncomment by nobody\r\nelement camera 2\r\n", formats[e]);
+        snprintf(line, sizeof(line),
+                 "ply\r\nformat %s 1.0\r\ncomment by nobody\r\nelement camera 2\r\n", formats[e]);
     append(&t, line, (size_t) n);
     const char *camera = "property list uchar float ignored\r\nproperty float y\r\n";
     append(&t, camera, strlen(camera));
-    n = snprintf(line, sizeof(line), "element vertex %zu\r\nproperty list uint short tags\r\n", m->count);
+    n = snprintf(line, sizeof(line), "element vertex %zu\r\nproperty list uint short tags\r\n",
+                 m->count);
     append(&t, line, (size_t) n);
     for (int i = 0; i < planes; i++) {
         char name[24];
         property_name(order[i], m->sh_degree, name);
-        n = snprintf(line, sizeof(line), "property %s %s\r\n", order[i] % 5 ? "float" : "float64", name);
+        n = snprintf(line, sizeof(line), "property %s %s\r\n", order[i] % 5 ? "float" : "float64",
+                     name);
         append(&t, line, (size_t) n);
     }
     const char *last = "element face 1\r\nproperty list int int corners\r\nend_header\r\n";
@@ -115,14 +120,16 @@ static void test_encodings(void **state)
             for (size_t i = 0; i < m->count; i++)
                 for (int p = 0; p < sg_param_count(degree); p++)
                     if (memcmp(sg_model_at(m, i, p), sg_model_at(back, i, p), 4))
-                        fail_msg("encoding %d, degree %d, Gaussian %zu, plane %d: %a, expected %a", (int) e, degree, i,
-                                 p, (double) *sg_model_at(back, i, p), (double) *sg_model_at(m, i, p));
+                        fail_msg("encoding %d, degree %d, Gaussian %zu, plane %d: %a, expected %a",
+                                 (int) e, degree, i, p, (double) *sg_model_at(back, i, p),
+                                 (double) *sg_model_at(m, i, p));
             sg_model_destroy(&m);
             sg_model_destroy(&back);
         }
 }
 
-/* Wherever the file ends, reading fails by name; nothing is left behind. One byte more is refused too. */
+/* Wherever the file ends, reading fails by name; nothing is left behind. One byte more is refused
+ * too. */
 static void test_every_cut(void **state)
 {
     struct fixture *f = *state;
@@ -131,7 +138,8 @@ static void test_every_cut(void **state)
         char *data;
         size_t size;
         put_model(f, m, e, 5);
-        assert_int_equal(sg_file_read(f->ctx, at(f, "m.ply"), 1 << 20, (void *) &data, &size), SG_OK);
+        assert_int_equal(sg_file_read(f->ctx, at(f, "m.ply"), 1 << 20, (void *) &data, &size),
+                         SG_OK);
         const size_t lax = e == ASCII ? 1 : 0; /* the last number needs no separator */
         for (size_t cut = 0; cut + lax < size; cut++) {
             put(f, "cut.ply", data, cut);
@@ -159,7 +167,8 @@ static void test_marks(void **state)
     for (int i = 0; i < 3; i++) {
         char text[256];
         snprintf(text, sizeof(text),
-                 "%sply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+                 "%sply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float "
+                 "y\nproperty float z\n"
                  "end_header\n1 2 3\n\n",
                  bodies[i]);
         put_text(f, "p.ply", text);
@@ -173,7 +182,8 @@ static void test_marks(void **state)
     }
 }
 
-/* Larger than the window through which a file is read: rows, lists and words lie across its edges. */
+/* Larger than the window through which a file is read: rows, lists and words lie across its
+ * edges. */
 static void test_long_files(void **state)
 {
     struct fixture *f = *state;
@@ -188,13 +198,15 @@ static void test_long_files(void **state)
         sg_model_destroy(&m);
         sg_model_destroy(&back);
     }
-    assert_true(sg_mem_peak(f->ctx, SG_MEM_MISC) < 1 << 20); /* the model is the only thing that grows */
+    assert_true(sg_mem_peak(f->ctx, SG_MEM_MISC) <
+                1 << 20); /* the model is the only thing that grows */
 }
 
-#define GOOD                                                                                                           \
-    "property float x\nproperty float y\nproperty float z\nproperty float opacity\nproperty float scale_0\n"           \
-    "property float scale_1\nproperty float scale_2\nproperty float rot_0\nproperty float rot_1\n"                     \
-    "property float rot_2\nproperty float rot_3\nproperty float f_dc_0\nproperty float f_dc_1\n"                       \
+#define GOOD                                                                                       \
+    "property float x\nproperty float y\nproperty float z\nproperty float opacity\nproperty "      \
+    "float scale_0\n"                                                                              \
+    "property float scale_1\nproperty float scale_2\nproperty float rot_0\nproperty float rot_1\n" \
+    "property float rot_2\nproperty float rot_3\nproperty float f_dc_0\nproperty float f_dc_1\n"   \
     "property float f_dc_2\n"
 
 static void test_hostile_headers(void **state)
@@ -215,7 +227,8 @@ static void test_hostile_headers(void **state)
         {"ply\nformat ascii 1.0\nelement vertex\n", "line 3", SG_ERR_INPUT},
         {"ply\nformat ascii 1.0\nelement vertex 99999999999999999999\n", "line 3", SG_ERR_INPUT},
         {"ply\nformat ascii 1.0\nelement vertex 1\nproperty quad x\n", "line 4", SG_ERR_INPUT},
-        {"ply\nformat ascii 1.0\nelement vertex 1\nproperty list float float x\n", "line 4", SG_ERR_INPUT},
+        {"ply\nformat ascii 1.0\nelement vertex 1\nproperty list float float x\n", "line 4",
+         SG_ERR_INPUT},
         {"ply\nformat ascii 1.0\nnonsense\n", "line 3", SG_ERR_INPUT},
         {"ply\nformat ascii 1.0\nelement face 0\nend_header\n", "no element vertex", SG_ERR_INPUT},
         {"ply\nformat ascii 1.0\nelement vertex 4\nend_header\n", "no property", SG_ERR_INPUT},
@@ -223,27 +236,35 @@ static void test_hostile_headers(void **state)
         {"ply\nformat ascii 1.0\nelement vertex 1\n" GOOD "property float f_rest_0\nend_header\n"
          "1 2 3 4 5 6 7 8 9 10 11 12 13 14 15\n",
          "1 f_rest", SG_ERR_INPUT},
-        {"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n", "no property", SG_ERR_INPUT},
-        {"ply\nformat ascii 1.0\nelement vertex 1\n" GOOD "end_header\n1 2 3 4 5 6 7 8 9 ten 11 12 13 14\n", "ten",
-         SG_ERR_INPUT},
-        {"ply\nformat ascii 1.0\nelement vertex 1\n" GOOD "end_header\n1 2 3 4 5 6 7 8 9 10 11 12 13\n",
+        {"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n",
+         "no property", SG_ERR_INPUT},
+        {"ply\nformat ascii 1.0\nelement vertex 1\n" GOOD
+         "end_header\n1 2 3 4 5 6 7 8 9 ten 11 12 13 14\n",
+         "ten", SG_ERR_INPUT},
+        {"ply\nformat ascii 1.0\nelement vertex 1\n" GOOD
+         "end_header\n1 2 3 4 5 6 7 8 9 10 11 12 13\n",
          "end of the file", SG_ERR_INPUT},
-        {"ply\nformat binary_little_endian 1.0\nelement vertex 1844674407370955161\n" GOOD "end_header\n1234",
+        {"ply\nformat binary_little_endian 1.0\nelement vertex 1844674407370955161\n" GOOD
+         "end_header\n1234",
          "expected 1844674407370955161 rows", SG_ERR_INPUT},
-        {"ply\nformat binary_little_endian 1.0\nelement vertex 400000000000000000\n" GOOD "end_header\n1234", "rows",
-         SG_ERR_INPUT},
-        {"ply\nformat ascii 1.0\nelement other 1\nproperty list uint float q\nelement vertex 1\n" GOOD
-         "end_header\n4000000000 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16\n",
-         "list of 4e+09", SG_ERR_INPUT},
-        {"ply\nformat ascii 1.0\nelement other 1\nproperty list int float q\nelement vertex 1\n" GOOD
-         "end_header\n-1 1 2 3 4 5 6 7 8 9 10 11 12 13 14\n",
-         "list of -1", SG_ERR_INPUT},
-        {"ply\nformat ascii 1.0\nelement other 1844674407370955161\nelement vertex 1\n" GOOD "end_header\n1 2 3\n",
+        {"ply\nformat binary_little_endian 1.0\nelement vertex 400000000000000000\n" GOOD
+         "end_header\n1234",
          "rows", SG_ERR_INPUT},
-        {"ply\nformat ascii 1.0\nelement vertex 3\n" GOOD "end_header\n1 2 3 4 5 6 7 8 9 10 11 12 13 14\n1 2 3 4 5 6 7 "
-         "8 9 10 11 12 13 14\n1 2 3 4 5 6 7 8 9 10 11 12 13 14\n",
+        {"ply\nformat ascii 1.0\nelement other 1\nproperty list uint float q\nelement vertex "
+         "1\n" GOOD "end_header\n4000000000 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16\n",
+         "list of 4e+09", SG_ERR_INPUT},
+        {"ply\nformat ascii 1.0\nelement other 1\nproperty list int float q\nelement vertex "
+         "1\n" GOOD "end_header\n-1 1 2 3 4 5 6 7 8 9 10 11 12 13 14\n",
+         "list of -1", SG_ERR_INPUT},
+        {"ply\nformat ascii 1.0\nelement other 1844674407370955161\nelement vertex 1\n" GOOD
+         "end_header\n1 2 3\n",
+         "rows", SG_ERR_INPUT},
+        {"ply\nformat ascii 1.0\nelement vertex 3\n" GOOD
+         "end_header\n1 2 3 4 5 6 7 8 9 10 11 12 13 14\n1 2 3 4 5 6 7 8 9 10 11 12 13 14\n1 2 3 4 "
+         "5 6 7 8 9 10 11 12 13 14\n",
          "limit is 2", SG_ERR_INPUT},
-        {"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty int x\n",
+        {"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty "
+         "int x\n",
          "line 6: found property x twice", SG_ERR_INPUT},
         {"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty list uchar int x\n",
          "line 5: found property x twice", SG_ERR_INPUT},
@@ -251,9 +272,11 @@ static void test_hostile_headers(void **state)
          "line 5: found element vertex twice", SG_ERR_INPUT},
         {"ply\nformat ascii 1.0\nelement vertex 1 2\n", "line 3", SG_ERR_INPUT},
         {"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x y\n", "line 4", SG_ERR_INPUT},
-        {"ply\nformat ascii 1.0\nelement vertex 1\n" GOOD "end_header\n1 2 3 4 5 6 7 8 9 10 11 12 13 14\n15\n",
+        {"ply\nformat ascii 1.0\nelement vertex 1\n" GOOD
+         "end_header\n1 2 3 4 5 6 7 8 9 10 11 12 13 14\n15\n",
          "3 bytes after the last row", SG_ERR_INPUT},
-        {"ply\nformat ascii 1.0\nelement vertex 1\n" GOOD "element face 1\nproperty list uchar int i\nend_header\n"
+        {"ply\nformat ascii 1.0\nelement vertex 1\n" GOOD
+         "element face 1\nproperty list uchar int i\nend_header\n"
          "1 2 3 4 5 6 7 8 9 10 11 12 13 14\n3 1 2\n",
          "end of the file", SG_ERR_INPUT},
         {"ply\nformat binary_little_endian 1.0\nelement vertex 1\n" GOOD
@@ -293,8 +316,9 @@ static void test_endless_headers(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        scene_test(test_encodings),       scene_test(test_every_cut), scene_test(test_hostile_headers),
-        scene_test(test_endless_headers), scene_test(test_marks),     scene_test(test_long_files),
+        scene_test(test_encodings),       scene_test(test_every_cut),
+        scene_test(test_hostile_headers), scene_test(test_endless_headers),
+        scene_test(test_marks),           scene_test(test_long_files),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

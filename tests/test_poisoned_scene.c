@@ -20,20 +20,22 @@ static void put_photos(struct fixture *f, const char *const *names, int n)
 }
 
 /* Raises every value by 5 and writes the scene to "out"; returns it loaded again. */
-static struct sg_scene *poison(struct fixture *f, const struct sg_scene *clean, const struct sg_poison_files *files,
-                               bool eval)
+static struct sg_scene *poison(struct fixture *f, const struct sg_scene *clean,
+                               const struct sg_poison_files *files, bool eval)
 {
     char folder[600];
     snprintf(folder, sizeof(folder), "%s/out", f->dir);
     assert_int_equal(sg_poisoned_scene_begin(f->ctx, clean, files, folder), SG_OK);
     for (size_t i = 0; i < clean->n_train + clean->n_test; i++) {
-        const struct sg_view *v = i < clean->n_train ? &clean->train[i] : &clean->test[i - clean->n_train];
+        const struct sg_view *v =
+            i < clean->n_train ? &clean->train[i] : &clean->test[i - clean->n_train];
         const int n = 3 * v->camera.width * v->camera.height;
         struct sg_poison_report report;
         uint8_t *rgb = malloc((size_t) n);
         for (int k = 0; k < n; k++)
             rgb[k] = (uint8_t) (v->rgb[k] + 5);
-        assert_int_equal(sg_poisoned_scene_image(f->ctx, clean, v, files, folder, rgb, &report), SG_OK);
+        assert_int_equal(sg_poisoned_scene_image(f->ctx, clean, v, files, folder, rgb, &report),
+                         SG_OK);
         if (files->save != SG_POISON_JPEG) {
             assert_true(report.linf == 5);
             assert_float_equal(report.psnr, 20 * log10(255.0 / 5), 1e-6);
@@ -95,10 +97,12 @@ static void test_blender(void **state)
     struct fixture *f = *state;
     static const char *const photos[] = {"train/r.0.png", "train/b.png", "test/a.png"};
     put_photos(f, photos, 3);
-    put_text(f, "transforms_train.json",
-             "{\"camera_angle_x\":0.7,\"frames\":[{\"file_path\":\"./train/r.0\",\"transform_matrix\":"
-             "[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]},{\"file_path\":\"train/b.png\",\"transform_matrix\":"
-             "[[0,-1,0,4],[1,0,0,5],[0,0,1,6],[0,0,0,1]]}]}");
+    put_text(
+        f, "transforms_train.json",
+        "{\"camera_angle_x\":0.7,\"frames\":[{\"file_path\":\"./train/r.0\",\"transform_matrix\":"
+        "[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]},{\"file_path\":\"train/"
+        "b.png\",\"transform_matrix\":"
+        "[[0,-1,0,4],[1,0,0,5],[0,0,1,6],[0,0,0,1]]}]}");
     put_text(f, "transforms_test.json",
              "{\"camera_angle_x\":0.7,\"frames\":[{\"file_path\":\"test/a\",\"transform_matrix\":"
              "[[1,0,0,1],[0,1,0,2],[0,0,1,8],[0,0,0,1]]}]}");
@@ -111,7 +115,8 @@ static void put_colmap(struct fixture *f, const char *camera)
     static const char *const photos[] = {"images/a.JPG", "images/sub/b.png"};
     put_photos(f, photos, 2);
     put_text(f, "sparse/0/cameras.txt", camera);
-    put_text(f, "sparse/0/images.txt", "1 1 0 0 0 1 2 3 1 a.JPG\n5 5 -1\n2 0.6 0.8 0 0 3 2 1 1 sub/b.png\n6 6 -1\n");
+    put_text(f, "sparse/0/images.txt",
+             "1 1 0 0 0 1 2 3 1 a.JPG\n5 5 -1\n2 0.6 0.8 0 0 3 2 1 1 sub/b.png\n6 6 -1\n");
     put_text(f, "sparse/0/points3D.txt", "1 1 2 3 10 20 30 0.5 1 0\n2 4 5 6 40 50 60 0.5 2 0\n");
 }
 
@@ -128,7 +133,8 @@ static void test_colmap_jpeg(void **state)
     struct fixture *f = *state;
     put_colmap(f, "1 PINHOLE 24 16 30 31 12.5 7.5\n");
     check(f, sg_scene_params(), SG_POISON_JPEG, SG_FORMAT_COLMAP);
-    assert_true(sg_file_exists(at(f, "out/images/a.JPG")) && sg_file_exists(at(f, "out/images/sub/b.jpg")));
+    assert_true(sg_file_exists(at(f, "out/images/a.JPG")) &&
+                sg_file_exists(at(f, "out/images/sub/b.jpg")));
 }
 
 /* Photos may have any name: they are told by what they contain. */
@@ -139,13 +145,16 @@ static void test_colmap_names(void **state)
     put_photos(f, photos, 3);
     put_text(f, "sparse/0/cameras.txt", "1 PINHOLE 24 16 30 31 12.5 7.5\n");
     put_text(f, "sparse/0/images.txt",
-             "1 1 0 0 0 1 2 3 1 a.jfif\n5 5 -1\n2 1 0 0 0 3 2 1 1 b.1\n6 6 -1\n3 1 0 0 0 1 1 1 1 c\n6 6 -1\n");
+             "1 1 0 0 0 1 2 3 1 a.jfif\n5 5 -1\n2 1 0 0 0 3 2 1 1 b.1\n6 6 -1\n3 1 0 0 0 1 1 1 1 "
+             "c\n6 6 -1\n");
     put_text(f, "sparse/0/points3D.txt", "1 1 2 3 10 20 30 0.5 1 0\n2 4 5 6 40 50 60 0.5 2 0\n");
     check(f, sg_scene_params(), SG_POISON_PNG, SG_FORMAT_COLMAP);
-    assert_true(sg_file_exists(at(f, "out/images/b.1.png")) && sg_file_exists(at(f, "out/images/c.png")));
+    assert_true(sg_file_exists(at(f, "out/images/b.1.png")) &&
+                sg_file_exists(at(f, "out/images/c.png")));
 }
 
-/* Distorted photos are written without their distortion, which the scene's own camera file would put in again. */
+/* Distorted photos are written without their distortion, which the scene's own camera file would
+ * put in again. */
 static void test_distorted(void **state)
 {
     struct fixture *f = *state;
@@ -158,14 +167,18 @@ static void test_nerfstudio(void **state)
     struct fixture *f = *state;
     static const char *const photos[] = {"images/1.png", "images/2.png"};
     put_photos(f, photos, 2);
-    put_text(f, "cloud.ply",
-             "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
-             "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n1 2 3 4 5 6\n");
     put_text(
-        f, "transforms.json",
-        "{\"w\":24,\"h\":16,\"fl_x\":22,\"fl_y\":21,\"cx\":11,\"cy\":8,\"k1\":0.1,\"ply_file_path\":\"cloud.ply\","
-        "\"frames\":[{\"file_path\":\"images/1.png\",\"transform_matrix\":[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]},"
-        "{\"file_path\":\"images/2.png\",\"transform_matrix\":[[0,-1,0,4],[1,0,0,5],[0,0,1,6],[0,0,0,1]]}]}");
+        f, "cloud.ply",
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty "
+        "float z\n"
+        "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n1 2 3 4 5 6\n");
+    put_text(f, "transforms.json",
+             "{\"w\":24,\"h\":16,\"fl_x\":22,\"fl_y\":21,\"cx\":11,\"cy\":8,\"k1\":0.1,\"ply_file_"
+             "path\":\"cloud.ply\","
+             "\"frames\":[{\"file_path\":\"images/"
+             "1.png\",\"transform_matrix\":[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]},"
+             "{\"file_path\":\"images/"
+             "2.png\",\"transform_matrix\":[[0,-1,0,4],[1,0,0,5],[0,0,1,6],[0,0,0,1]]}]}");
     check(f, sg_scene_params(), SG_POISON_AUTO, SG_FORMAT_NERFSTUDIO);
 }
 
@@ -180,7 +193,8 @@ static void test_rig_masks(void **state)
         for (int i = 0; i < W * H; i++)
             mask[i] = i % (3 + k) ? 255 : 0;
         put_text(f, k ? "m/r.png" : "m/l.png", "");
-        assert_int_equal(sg_image_write_png(f->ctx, at(f, k ? "m/r.png" : "m/l.png"), mask, W, H, 1), SG_OK);
+        assert_int_equal(
+            sg_image_write_png(f->ctx, at(f, k ? "m/r.png" : "m/l.png"), mask, W, H, 1), SG_OK);
     }
     put_text(f, "transforms.json",
              "{\"w\":24,\"h\":16,\"fl_x\":22,\"fl_y\":21,\"cx\":12,\"cy\":8,\"frames\":["
@@ -209,9 +223,9 @@ static void test_places(void **state)
     assert_int_equal(symlink("../../elsewhere", at(f, "out/images/sub")), 0);
     assert_int_equal(sg_poisoned_scene_begin(f->ctx, scene, &files, folder), SG_OK);
     for (size_t i = 0; i < scene->n_train; i++)
-        assert_int_equal(
-            sg_poisoned_scene_image(f->ctx, scene, &scene->train[i], &files, folder, scene->train[i].rgb, NULL),
-            strstr(scene->train[i].file, "sub/") ? SG_ERR_INPUT : SG_OK);
+        assert_int_equal(sg_poisoned_scene_image(f->ctx, scene, &scene->train[i], &files, folder,
+                                                 scene->train[i].rgb, NULL),
+                         strstr(scene->train[i].file, "sub/") ? SG_ERR_INPUT : SG_OK);
     char *text;
     size_t size;
     assert_int_equal(sg_file_read(f->ctx, at(f, "elsewhere/b.png"), 100, &text, &size), SG_OK);
@@ -237,8 +251,10 @@ static void test_naive(void **state)
         photo[i] = (uint8_t) (i * 31 % 256);
     for (int method = SG_NAIVE_NOISE; method <= SG_NAIVE_TV; method++) {
         const struct sg_attack_params *p = sg_attack_params(.epsilon = 8 / 255.0f, .inner = 20);
-        assert_int_equal(sg_attack_naive(f->ctx, &view, 3, p, (enum sg_naive_attack) method, out), SG_OK);
-        assert_int_equal(sg_attack_naive(f->ctx, &view, 3, p, (enum sg_naive_attack) method, again), SG_OK);
+        assert_int_equal(sg_attack_naive(f->ctx, &view, 3, p, (enum sg_naive_attack) method, out),
+                         SG_OK);
+        assert_int_equal(sg_attack_naive(f->ctx, &view, 3, p, (enum sg_naive_attack) method, again),
+                         SG_OK);
         assert_memory_equal(out, again, sizeof(out));
         int at_bound = 0;
         for (int i = 0; i < 3 * W * H; i++) {
@@ -248,18 +264,23 @@ static void test_naive(void **state)
         }
         assert_true(at_bound > W * H); /* a third */
         p = sg_attack_params(.epsilon = 8 / 255.0f, .inner = 20, .engine = "ref");
-        assert_int_equal(sg_attack_naive(f->ctx, &view, 3, p, (enum sg_naive_attack) method, again), SG_OK);
+        assert_int_equal(sg_attack_naive(f->ctx, &view, 3, p, (enum sg_naive_attack) method, again),
+                         SG_OK);
         assert_memory_equal(out, again, sizeof(out));
         p = sg_attack_params(.epsilon = 8 / 255.0f, .engine = "gpu");
-        assert_int_equal(sg_attack_naive(f->ctx, &view, 3, p, (enum sg_naive_attack) method, again), SG_ERR_USAGE);
+        assert_int_equal(sg_attack_naive(f->ctx, &view, 3, p, (enum sg_naive_attack) method, again),
+                         SG_ERR_USAGE);
         p = sg_attack_params(.epsilon = 8 / 255.0f, .inner = -1);
-        assert_int_equal(sg_attack_naive(f->ctx, &view, 3, p, (enum sg_naive_attack) method, again), SG_ERR_USAGE);
+        assert_int_equal(sg_attack_naive(f->ctx, &view, 3, p, (enum sg_naive_attack) method, again),
+                         SG_ERR_USAGE);
         assert_int_equal(sg_attack_naive(f->ctx, &view, 3, sg_attack_params(.epsilon = INFINITY),
                                          (enum sg_naive_attack) method, out),
                          SG_ERR_USAGE);
     }
-    assert_int_equal(sg_attack_naive(f->ctx, &view, 4, sg_attack_params(), SG_NAIVE_NOISE, again), SG_OK);
-    assert_int_equal(sg_attack_naive(f->ctx, &view, 5, sg_attack_params(), SG_NAIVE_NOISE, out), SG_OK);
+    assert_int_equal(sg_attack_naive(f->ctx, &view, 4, sg_attack_params(), SG_NAIVE_NOISE, again),
+                     SG_OK);
+    assert_int_equal(sg_attack_naive(f->ctx, &view, 5, sg_attack_params(), SG_NAIVE_NOISE, out),
+                     SG_OK);
     assert_memory_not_equal(out, again, sizeof(out));
 }
 

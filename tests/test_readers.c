@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What holds for every reader of a stranger's files: missing photos, byte-order marks, files that are huge and empty.
- */
+/* What holds for every reader of a stranger's files: missing photos, byte-order marks, files that
+ * are huge and
+ * empty. */
 #include "scene_files.h"
 
 #include <errno.h>
@@ -12,9 +13,11 @@
 
 #define POSE "\"transform_matrix\":[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"
 #define CAMERAS "1 PINHOLE 20 10 30 30 10 5\n"
-#define IMAGES "1 1 0 0 0 0 0 0 1 a.png\n\n2 1 0 0 0 1 0 0 1 b.png\n\n3 1 0 0 0 2 0 0 1 c.png\n1 2 -1\n"
-#define FRAMES                                                                                                         \
-    "\"frames\":[{\"file_path\":\"images/a.png\"," POSE "},{\"file_path\":\"images/b.png\"," POSE "},"                 \
+#define IMAGES                                                                                     \
+    "1 1 0 0 0 0 0 0 1 a.png\n\n2 1 0 0 0 1 0 0 1 b.png\n\n3 1 0 0 0 2 0 0 1 c.png\n1 2 -1\n"
+#define FRAMES                                                                                     \
+    "\"frames\":[{\"file_path\":\"images/a.png\"," POSE "},{\"file_path\":\"images/b.png\"," POSE  \
+    "},"                                                                                           \
     "{\"file_path\":\"images/c.png\"," POSE "}]}"
 
 /* One scene with two of three photos in each layout. */
@@ -51,12 +54,14 @@ static void missing_photos(void **state)
         expect_failure(f, NULL, SG_ERR_INPUT, "0 of 3 photos", "a.png", NULL);
         put_png(f, "images/a.png", 20, 10, 3, 1);
         put_png(f, "images/c.png", 20, 10, 3, 2);
-        expect_failure(f, sg_scene_params(.strict = true), SG_ERR_INPUT, "2 of 3 photos", "b.png", NULL);
+        expect_failure(f, sg_scene_params(.strict = true), SG_ERR_INPUT, "2 of 3 photos", "b.png",
+                       NULL);
         f->warnings = 0;
         struct sg_scene *s = load(f, NULL);
         assert_int_equal(s->n_train, 2);
         assert_string_equal(s->train[1].name, "c");
-        /* and of no points, which Blender's never have; its three poses are one place, as nerfstudio's are */
+        /* and of no points, which Blender's never have; its three poses are one place, as
+         * nerfstudio's are */
         assert_int_equal(f->warnings, i == 0 ? 2 : i == 1 ? 2 : 3);
         sg_scene_destroy(&s);
         put_png(f, "images/b.png", 20, 10, 3, 3);
@@ -137,8 +142,8 @@ static double seconds(void)
     return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
 }
 
-/* A file of zeros, of a size that no memory holds, in the place of each file: refused by name, at once and in little
- * memory. With a header before them, too. */
+/* A file of zeros, of a size that no memory holds, in the place of each file: refused by name, at
+ * once and in little memory. With a header before them, too. */
 static void huge_sparse_files(void **state)
 {
     struct fixture *f = *state;
@@ -149,8 +154,11 @@ static void huge_sparse_files(void **state)
     } cases[] = {
         {"m.ply", "", 0, -1},
         {"m.ply", "ply\n", 4, -1},
-        {"m.ply", "ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nend_header\n", 80, -1},
-        {"m.ply", "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nend_header\n", 65, -1},
+        {"m.ply",
+         "ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nend_header\n",
+         80, -1},
+        {"m.ply", "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nend_header\n", 65,
+         -1},
         {"sparse/0/cameras.txt", "", 0, 0},
         {"sparse/0/images.txt", "", 0, 0},
         {"sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 a.png\n", 24, 0},
@@ -199,21 +207,24 @@ static void huge_sparse_files(void **state)
             return;
         }
         const double begun = seconds();
-        int code = cases[i].layout >= 0 ? sg_scene_load(f->ctx, f->dir, NULL, &scene)
-                                        : sg_model_read_ply(f->ctx, at(f, "m.ply"), UINT32_MAX, &model);
+        int code = cases[i].layout >= 0
+                       ? sg_scene_load(f->ctx, f->dir, NULL, &scene)
+                       : sg_model_read_ply(f->ctx, at(f, "m.ply"), UINT32_MAX, &model);
         const bool named = strstr(sg_last_error(f->ctx), cases[i].file);
         if (code != SG_ERR_INPUT || !named)
             fail_msg("case %zu (%s): code %d: %s", i, cases[i].file, code, sg_last_error(f->ctx));
         if (cases[i].layout < 0)
-            assert_int_equal(sg_points_read_ply(f->ctx, at(f, "m.ply"), UINT32_MAX, &xyz, &rgb, &n), SG_ERR_INPUT);
+            assert_int_equal(sg_points_read_ply(f->ctx, at(f, "m.ply"), UINT32_MAX, &xyz, &rgb, &n),
+                             SG_ERR_INPUT);
         const double took = seconds() - begun;
         if (took > 1)
             fail_msg("case %zu (%s): %.1f s", i, cases[i].file, took);
         remove(at(f, cases[i].file));
         if (!strncmp(cases[i].file, "images/", 7))
             put_png(f, "images/a.png", 20, 10, 3, 1);
-        static const char *const all[] = {"sparse/0/cameras.txt", "sparse/0/images.txt",   "sparse/0/cameras.bin",
-                                          "sparse/0/images.bin",  "transforms_train.json", "transforms.json"};
+        static const char *const all[] = {"sparse/0/cameras.txt",  "sparse/0/images.txt",
+                                          "sparse/0/cameras.bin",  "sparse/0/images.bin",
+                                          "transforms_train.json", "transforms.json"};
         for (size_t k = 0; k < sizeof(all) / sizeof(*all); k++)
             remove(at(f, all[k]));
     }
@@ -250,7 +261,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         scene_test(huge_sparse_files), /* first: the peak is the process's */
-        scene_test(missing_photos),    scene_test(marks), scene_test(long_lines), scene_test(files_that_are_none),
+        scene_test(missing_photos),    scene_test(marks),
+        scene_test(long_lines),        scene_test(files_that_are_none),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -17,8 +17,10 @@ static void put_blender(struct fixture *f)
     put_text(f, "transforms_train.json",
              "{\"camera_angle_x\":1.0,\"frames\":[{\"file_path\":\"./train/b\"," POSE(
                  5) "},"
-                    "{\"file_path\":\"train/a.png\"," POSE(-5) "},{\"file_path\":\"train/c\"," POSE(0) "}]}");
-    put_text(f, "transforms_test.json", "{\"camera_angle_x\":1.0,\"frames\":[{\"file_path\":\"test/b\"," POSE(7) "}]}");
+                    "{\"file_path\":\"train/a.png\"," POSE(-5) "},{\"file_path\":\"train/c\"," POSE(
+                        0) "}]}");
+    put_text(f, "transforms_test.json",
+             "{\"camera_angle_x\":1.0,\"frames\":[{\"file_path\":\"test/b\"," POSE(7) "}]}");
     put_png(f, "train/a.png", 20, 10, 4, 1);
     put_png(f, "train/b.png", 20, 10, 4, 2);
     put_png(f, "train/c.png", 20, 10, 3, 3);
@@ -77,7 +79,8 @@ static void put_colmap(struct fixture *f, bool text)
     const double pinhole[] = {30, 40, 11, 6}, simple[] = {50, 10, 5};
     struct bytes b = {.size = 0};
     if (text) {
-        put_text(f, "sparse/0/cameras.txt", "# comment\n7 PINHOLE 20 10 30 40 11 6\n3 SIMPLE_RADIAL 20 10 50 10 5 0\n");
+        put_text(f, "sparse/0/cameras.txt",
+                 "# comment\n7 PINHOLE 20 10 30 40 11 6\n3 SIMPLE_RADIAL 20 10 50 10 5 0\n");
     } else {
         add(&b, 2, 8);
         add_camera(&b, 7, 1, 20, 10, pinhole, 4);
@@ -92,8 +95,8 @@ static void put_colmap(struct fixture *f, bool text)
         char name[32];
         snprintf(name, sizeof(name), "im %d.x.png", i);
         add_image(&b, 100 + i, i == 4 ? 3 : 7, name, i, k % 3);
-        snprintf(lines + strlen(lines), 200, "%d 1 0 0 0 %d 0 0 %d %s\n%s\n", 100 + i, -i, i == 4 ? 3 : 7, name,
-                 k % 3 ? "1.5 2.5 -1 3.5 4.5 6" : "");
+        snprintf(lines + strlen(lines), 200, "%d 1 0 0 0 %d 0 0 %d %s\n%s\n", 100 + i, -i,
+                 i == 4 ? 3 : 7, name, k % 3 ? "1.5 2.5 -1 3.5 4.5 6" : "");
         char path[64];
         snprintf(path, sizeof(path), "images/im %d.x.png", i);
         put_png(f, path, 20, 10, 3, i);
@@ -107,7 +110,8 @@ static void put_colmap(struct fixture *f, bool text)
     add_point(&b, 1, 1, -2, 3.5, 10, 2);
     add_point(&b, 9, 4, 5, 6, 255, 0);
     if (text)
-        put_text(f, "sparse/0/points3D.txt", "1 1 -2 3.5 10 20 30 0.5 1 2 3 4\r\n9 4 5 6 255 20 30 0.5");
+        put_text(f, "sparse/0/points3D.txt",
+                 "1 1 -2 3.5 10 20 30 0.5 1 2 3 4\r\n9 4 5 6 255 20 30 0.5");
     else
         put_bytes(f, "sparse/0/points3D.bin", &b);
 }
@@ -180,7 +184,8 @@ static void colmap_other_size_and_folder(void **state)
 static void nerfstudio_masks(void **state)
 {
     struct fixture *f = *state;
-    const char *frame = "{\"fl_x\":30,\"frames\":[{\"file_path\":\"a.png\",\"mask_path\":\"%s\"," POSE(1) "}]}";
+    const char *frame =
+        "{\"fl_x\":30,\"frames\":[{\"file_path\":\"a.png\",\"mask_path\":\"%s\"," POSE(1) "}]}";
     char text[1024];
     const uint8_t mask[4] = {0, 255, 255, 0};
     snprintf(text, sizeof(text), frame, "m/a.png");
@@ -207,15 +212,18 @@ static void colmap_text_without_points(void **state)
     expect_failure(f, NULL, SG_ERR_INPUT, "images.txt: line 2", "2D points", NULL);
 }
 
-/* A rig's photos have the same names in other folders; alpha is dropped, as the reference does for photos. */
+/* A rig's photos have the same names in other folders; alpha is dropped, as the reference does for
+ * photos. */
 static void colmap_rig(void **state)
 {
     struct fixture *f = *state;
     const uint8_t faint[8] = {10, 20, 30, 0, 40, 50, 60, 128};
     put_text(f, "sparse/cameras.txt", "1 PINHOLE 2 1 2 2 1 0.5\n");
-    put_text(f, "sparse/images.txt", "1 1 0 0 0 0 0 0 1 left/001.png\n\n2 1 0 0 0 1 0 0 1 right/001.png\n\n");
+    put_text(f, "sparse/images.txt",
+             "1 1 0 0 0 0 0 0 1 left/001.png\n\n2 1 0 0 0 1 0 0 1 right/001.png\n\n");
     put(f, "images/left/001.png", "", 0);
-    assert_int_equal(sg_image_write_png(f->ctx, at(f, "images/left/001.png"), faint, 2, 1, 4), SG_OK);
+    assert_int_equal(sg_image_write_png(f->ctx, at(f, "images/left/001.png"), faint, 2, 1, 4),
+                     SG_OK);
     put_png(f, "images/right/001.png", 2, 1, 3, 0);
     struct sg_scene *s = load(f, NULL);
     assert_int_equal(s->n_train, 2);
@@ -242,10 +250,11 @@ static void resolution_rule(void **state)
     };
     for (size_t i = 0; i < sizeof(cases) / sizeof(*cases); i++) {
         struct fixture *f = *state;
-        put_text(f, "transforms_train.json", "{\"camera_angle_x\":1.0,\"frames\":[{\"file_path\":\"a\"," POSE(5) "}]}");
+        put_text(f, "transforms_train.json",
+                 "{\"camera_angle_x\":1.0,\"frames\":[{\"file_path\":\"a\"," POSE(5) "}]}");
         put_png(f, "a.png", cases[i].width, cases[i].height, 3, 1);
-        struct sg_scene *s =
-            load(f, sg_scene_params(.resolution = cases[i].resolution, .downscale = cases[i].downscale));
+        struct sg_scene *s = load(
+            f, sg_scene_params(.resolution = cases[i].resolution, .downscale = cases[i].downscale));
         assert_int_equal(s->train[0].camera.width, cases[i].w);
         assert_int_equal(s->train[0].camera.height, cases[i].h);
         close_to(s->train[0].camera.fx, cases[i].w / (2 * tan(0.5)));
@@ -260,14 +269,17 @@ static void nerfstudio(void **state)
 {
     struct fixture *f = *state;
     put_text(f, "transforms.json",
-             "{\"w\":20.0,\"h\":10,\"fl_x\":30,\"fl_y\":40,\"cx\":11,\"cy\":6,\"k1\":0,\"camera_model\":\"OPENCV\","
+             "{\"w\":20.0,\"h\":10,\"fl_x\":30,\"fl_y\":40,\"cx\":11,\"cy\":6,\"k1\":0,\"camera_"
+             "model\":\"OPENCV\","
              "\"applied_transform\":[[1,0,0,0],[0,0,1,0],[0,-1,0,0]],"
              "\"frames\":[" FRAME("images/d.png", 4) "," FRAME("./images/c.png", 3) "," FRAME(
-                 "images/gone.png", 9) ","
-                                       "{\"file_path\":\"images/b.png\",\"fl_x\":35,\"cx\":10,\"cy\":5," POSE(
-                                           2) "}," FRAME("images/gone2.png", 9) "," FRAME("images/a.png", 1) "]}");
+                 "images/gone.png",
+                 9) ","
+                    "{\"file_path\":\"images/b.png\",\"fl_x\":35,\"cx\":10,\"cy\":5," POSE(
+                        2) "}," FRAME("images/gone2.png", 9) "," FRAME("images/a.png", 1) "]}");
     for (char c = 'a'; c <= 'd'; c++)
-        put_png(f, (char[]){'i', 'm', 'a', 'g', 'e', 's', '/', c, '.', 'p', 'n', 'g', 0}, 20, 10, 3, c);
+        put_png(f, (char[]){'i', 'm', 'a', 'g', 'e', 's', '/', c, '.', 'p', 'n', 'g', 0}, 20, 10, 3,
+                c);
     struct sg_scene *s = load(f, sg_scene_params(.eval = true, .test_every = 3));
     assert_int_equal(f->warnings, 2); /* missing photos, no points */
     assert_int_equal(s->format, SG_FORMAT_NERFSTUDIO);
@@ -289,12 +301,14 @@ static void nerfstudio(void **state)
 static void nerfstudio_own_split(void **state)
 {
     struct fixture *f = *state;
-    put_text(f, "transforms.json",
-             "{\"camera_angle_x\":1,\"train_filenames\":[\"images/b.png\",\"images/a.png\"],"
-             "\"test_filenames\":[\"./images/c.png\"],\"frames\":[" FRAME("images/a.png", 4) "," FRAME(
-                 "images/b.png", 3) "," FRAME("images/c.png", 9) "," FRAME("images/d.png", 9) "]}");
+    put_text(
+        f, "transforms.json",
+        "{\"camera_angle_x\":1,\"train_filenames\":[\"images/b.png\",\"images/a.png\"],"
+        "\"test_filenames\":[\"./images/c.png\"],\"frames\":[" FRAME("images/a.png", 4) "," FRAME(
+            "images/b.png", 3) "," FRAME("images/c.png", 9) "," FRAME("images/d.png", 9) "]}");
     for (char c = 'a'; c <= 'd'; c++)
-        put_png(f, (char[]){'i', 'm', 'a', 'g', 'e', 's', '/', c, '.', 'p', 'n', 'g', 0}, 20, 10, 3, c);
+        put_png(f, (char[]){'i', 'm', 'a', 'g', 'e', 's', '/', c, '.', 'p', 'n', 'g', 0}, 20, 10, 3,
+                c);
     struct sg_scene *s = load(f, sg_scene_params(.eval = true));
     assert_int_equal(s->n_train, 2);
     assert_int_equal(s->n_test, 1);
@@ -315,7 +329,8 @@ static void masks(void **state)
         grey[i] = i % 40 < 20 ? 127 : 128;
     put(f, "masks/x", "", 0);
     assert_int_equal(sg_image_write_png(f->ctx, at(f, "masks/im 1.x.png"), grey, 40, 20, 1), SG_OK);
-    assert_int_equal(sg_image_write_png(f->ctx, at(f, "masks/im 2.x.png.png"), grey, 40, 20, 1), SG_OK);
+    assert_int_equal(sg_image_write_png(f->ctx, at(f, "masks/im 2.x.png.png"), grey, 40, 20, 1),
+                     SG_OK);
     struct sg_scene *s = load(f, NULL);
     assert_int_equal(f->warnings, 1); /* seven views without */
     assert_null(s->train[0].mask);

@@ -25,7 +25,8 @@ static void check_views(const struct sg_view *views, size_t n)
         const double *R = views[i].camera.R;
         for (int a = 0; a < 3; a++)
             for (int b = 0; b < 3; b++) {
-                double dot = R[3 * a] * R[3 * b] + R[3 * a + 1] * R[3 * b + 1] + R[3 * a + 2] * R[3 * b + 2];
+                double dot =
+                    R[3 * a] * R[3 * b] + R[3 * a + 1] * R[3 * b + 1] + R[3 * a + 2] * R[3 * b + 2];
                 assert_true(fabs(dot - (a == b)) < 1e-4);
             }
         assert_non_null(views[i].rgb);
@@ -34,8 +35,9 @@ static void check_views(const struct sg_view *views, size_t n)
 
 #define CELL 16
 
-/* Points have the colours of the photos where they project. Of every cell of the image only the nearest point counts,
- * the others are likely hidden. Returns the median difference in grey levels with all projections moved by (dx, dy). */
+/* Points have the colours of the photos where they project. Of every cell of the image only the
+ * nearest point counts, the others are likely hidden. Returns the median difference in grey levels
+ * with all projections moved by (dx, dy). */
 static int colour_error(const struct sg_scene *s, double dx, double dy)
 {
     static struct {
@@ -76,7 +78,8 @@ static int colour_error(const struct sg_scene *s, double dx, double dy)
     return median;
 }
 
-/* The colours fit best where the cameras say, to two pixels: wrong axes, pose order or pixel origin would move it. */
+/* The colours fit best where the cameras say, to two pixels: wrong axes, pose order or pixel origin
+ * would move it. */
 static void check_colours(const struct sg_scene *s)
 {
     int here = colour_error(s, 0, 0);
@@ -155,8 +158,8 @@ static void spectra(void **state)
                 planes[j] = (float) s->train[i].rgb[3 * (j % n) + j / n] / 255;
             const struct nearness near = against_exact(f->ctx, w, h, planes);
             if (!(fabs(near.loss - 1) < 0.15 && near.cosine > 0.85 && fabs(near.length - 1) < 0.15))
-                fail_msg("%s: of the exact loss %g, cosine %g, of the exact length %g", s->train[i].name, near.loss,
-                         near.cosine, near.length);
+                fail_msg("%s: of the exact loss %g, cosine %g, of the exact length %g",
+                         s->train[i].name, near.loss, near.cosine, near.length);
             free(planes);
         }
         sg_scene_destroy(&s);
@@ -165,7 +168,7 @@ static void spectra(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {scene_test(lego), scene_test(bonsai), scene_test(train), scene_test(fox),
-                                       scene_test(spectra)};
+    const struct CMUnitTest tests[] = {scene_test(lego), scene_test(bonsai), scene_test(train),
+                                       scene_test(fox), scene_test(spectra)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Scenes that are broken, lying or malicious: each is refused with a message that names the file and the place. */
+/* Scenes that are broken, lying or malicious: each is refused with a message that names the file
+ * and the place. */
 #include "colmap_files.h"
 
 #include <math.h>
@@ -10,7 +11,8 @@ static const char pose[] = "\"transform_matrix\":[[1,0,0,0],[0,1,0,0],[0,0,1,0],
 static void put_blender(struct fixture *f, const char *angle, const char *matrix)
 {
     char text[1024];
-    snprintf(text, sizeof(text), "{\"camera_angle_x\":%s,\"frames\":[{\"file_path\":\"a\",%s}]}", angle, matrix);
+    snprintf(text, sizeof(text), "{\"camera_angle_x\":%s,\"frames\":[{\"file_path\":\"a\",%s}]}",
+             angle, matrix);
     put_text(f, "transforms_train.json", text);
     put_png(f, "a.png", 20, 10, 3, 1);
 }
@@ -19,13 +21,16 @@ static void folders(void **state)
 {
     struct fixture *f = *state;
     struct sg_scene *scene;
-    expect_failure(f, NULL, SG_ERR_INPUT, f->dir, "sparse/0/images.bin", "transforms_train.json", "transforms.json",
-                   NULL);
+    expect_failure(f, NULL, SG_ERR_INPUT, f->dir, "sparse/0/images.bin", "transforms_train.json",
+                   "transforms.json", NULL);
     assert_int_equal(sg_scene_load(f->ctx, "/nowhere/at/all", NULL, &scene), SG_ERR_INPUT);
     assert_non_null(strstr(sg_last_error(f->ctx), "/nowhere/at/all"));
-    expect_failure(f, sg_scene_params(.format = SG_FORMAT_COLMAP), SG_ERR_INPUT, "COLMAP", "sparse", NULL);
-    expect_failure(f, sg_scene_params(.format = SG_FORMAT_BLENDER), SG_ERR_INPUT, "transforms_train.json", NULL);
-    expect_failure(f, sg_scene_params(.format = SG_FORMAT_NERFSTUDIO), SG_ERR_INPUT, "transforms.json", NULL);
+    expect_failure(f, sg_scene_params(.format = SG_FORMAT_COLMAP), SG_ERR_INPUT, "COLMAP", "sparse",
+                   NULL);
+    expect_failure(f, sg_scene_params(.format = SG_FORMAT_BLENDER), SG_ERR_INPUT,
+                   "transforms_train.json", NULL);
+    expect_failure(f, sg_scene_params(.format = SG_FORMAT_NERFSTUDIO), SG_ERR_INPUT,
+                   "transforms.json", NULL);
 }
 
 static void parameters(void **state)
@@ -34,7 +39,8 @@ static void parameters(void **state)
     expect_failure(f, sg_scene_params(.resolution = 0), SG_ERR_USAGE, "resolution", NULL);
     expect_failure(f, sg_scene_params(.downscale = 0.5), SG_ERR_USAGE, "downscale", NULL);
     expect_failure(f, sg_scene_params(.test_every = 0), SG_ERR_USAGE, "test_every", NULL);
-    expect_failure(f, sg_scene_params(.format = (enum sg_scene_format) 9), SG_ERR_USAGE, "format", NULL);
+    expect_failure(f, sg_scene_params(.format = (enum sg_scene_format) 9), SG_ERR_USAGE, "format",
+                   NULL);
 }
 
 static void json_poses(void **state)
@@ -104,12 +110,15 @@ static void json_files(void **state)
     expect_failure(f, sg_scene_params(.max_pixels = 199), SG_ERR_INPUT, "a.png", "20 x 10", NULL);
     static const char *const outside[] = {"/etc/passwd", "../a", "x/../../a", "..", "b/.."};
     for (size_t i = 0; i < sizeof(outside) / sizeof(*outside); i++) {
-        snprintf(text, sizeof(text), "{\"camera_angle_x\":1,\"frames\":[{\"file_path\":\"%s\",%s}]}", outside[i], pose);
+        snprintf(text, sizeof(text),
+                 "{\"camera_angle_x\":1,\"frames\":[{\"file_path\":\"%s\",%s}]}", outside[i], pose);
         put_text(f, "transforms_train.json", text);
         expect_failure(f, NULL, SG_ERR_INPUT, "frame 0", outside[i], NULL);
     }
     snprintf(text, sizeof(text),
-             "{\"camera_angle_x\":1,\"frames\":[{\"file_path\":\"a\",%s},{\"file_path\":\"./a.png\",%s}]}", pose, pose);
+             "{\"camera_angle_x\":1,\"frames\":[{\"file_path\":\"a\",%s},{\"file_path\":\"./"
+             "a.png\",%s}]}",
+             pose, pose);
     put_text(f, "transforms_train.json", text);
     expect_failure(f, NULL, SG_ERR_INPUT, "transforms_train.json", "same name", "a.png", NULL);
     expect_failure(f, sg_scene_params(.max_images = 1), SG_ERR_INPUT, "frames", "limit is 1", NULL);
@@ -146,15 +155,19 @@ static void nerfstudio(void **state)
         {"\"ply_file_path\":3", "ply_file_path"},
     };
     for (size_t i = 0; i < sizeof(cases) / sizeof(*cases); i++) {
-        snprintf(text, sizeof(text), "{%s\"camera_angle_y\":1,%s,\"frames\":[{\"file_path\":\"a.png\",%s}]}",
-                 strstr(cases[i].extra, "fl_x") ? "" : "\"camera_angle_x\":1,", cases[i].extra, pose);
+        snprintf(text, sizeof(text),
+                 "{%s\"camera_angle_y\":1,%s,\"frames\":[{\"file_path\":\"a.png\",%s}]}",
+                 strstr(cases[i].extra, "fl_x") ? "" : "\"camera_angle_x\":1,", cases[i].extra,
+                 pose);
         put_text(f, "transforms.json", text);
         expect_failure(f, NULL, SG_ERR_INPUT, "transforms.json", cases[i].word, NULL);
     }
-    snprintf(text, sizeof(text), "{\"camera_angle_x\":1,\"frames\":[{\"file_path\":\"gone.png\",%s}]}", pose);
+    snprintf(text, sizeof(text),
+             "{\"camera_angle_x\":1,\"frames\":[{\"file_path\":\"gone.png\",%s}]}", pose);
     put_text(f, "transforms.json", text);
     expect_failure(f, NULL, SG_ERR_INPUT, "transforms.json", "gone.png", "0 of 1 photos", NULL);
-    snprintf(text, sizeof(text), "{\"camera_angle_x\":1,\"frames\":[{\"file_path\":\"a.png\",%s}]}", pose);
+    snprintf(text, sizeof(text), "{\"camera_angle_x\":1,\"frames\":[{\"file_path\":\"a.png\",%s}]}",
+             pose);
     put_text(f, "transforms.json", text);
     expect_failure(f, sg_scene_params(.eval = true), SG_ERR_INPUT, "no view to train on", NULL);
     f->warnings = 0;
@@ -168,7 +181,8 @@ static void nerfstudio(void **state)
 static const double pinhole[12] = {30, 40, 10, 5};
 
 /* A small good COLMAP scene, in memory too. */
-static void make_colmap(struct fixture *f, struct bytes *cameras, struct bytes *images, struct bytes *points)
+static void make_colmap(struct fixture *f, struct bytes *cameras, struct bytes *images,
+                        struct bytes *points)
 {
     cameras->size = images->size = points->size = 0;
     add(cameras, 1, 8);
@@ -190,7 +204,8 @@ static void colmap_every_cut_and_excess(void **state)
 {
     struct fixture *f = *state;
     static struct bytes part[3];
-    static const char *const names[] = {"sparse/0/cameras.bin", "sparse/0/images.bin", "sparse/0/points3D.bin"};
+    static const char *const names[] = {"sparse/0/cameras.bin", "sparse/0/images.bin",
+                                        "sparse/0/points3D.bin"};
     make_colmap(f, &part[0], &part[1], &part[2]);
     for (int k = 0; k < 3; k++) {
         for (size_t cut = 0; cut < part[k].size; cut++) {
@@ -213,7 +228,8 @@ static void colmap_counts(void **state)
     static const uint64_t counts[] = {3, 1u << 16, UINT64_MAX, UINT64_MAX / 64 + 1};
     for (size_t k = 0; k < sizeof(counts) / sizeof(*counts); k++) {
         struct bytes *files[] = {&c, &i, &p};
-        static const char *const names[] = {"sparse/0/cameras.bin", "sparse/0/images.bin", "sparse/0/points3D.bin"};
+        static const char *const names[] = {"sparse/0/cameras.bin", "sparse/0/images.bin",
+                                            "sparse/0/points3D.bin"};
         for (int n = 0; n < 3; n++) {
             struct bytes b = *files[n];
             memcpy(b.data, &counts[k], 8); /* the tests run on little-endian machines */
@@ -236,8 +252,10 @@ static void colmap_counts(void **state)
     put_bytes(f, "sparse/0/points3D.bin", &b);
     expect_failure(f, NULL, SG_ERR_INPUT, "points3D.bin", "point id 1", "track", NULL);
     put_bytes(f, "sparse/0/points3D.bin", &p);
-    expect_failure(f, sg_scene_params(.max_points = 1), SG_ERR_INPUT, "points3D.bin", "limit is 1", NULL);
-    expect_failure(f, sg_scene_params(.max_images = 1), SG_ERR_INPUT, "images.bin", "limit is 1", NULL);
+    expect_failure(f, sg_scene_params(.max_points = 1), SG_ERR_INPUT, "points3D.bin", "limit is 1",
+                   NULL);
+    expect_failure(f, sg_scene_params(.max_images = 1), SG_ERR_INPUT, "images.bin", "limit is 1",
+                   NULL);
 }
 
 static void colmap_cameras(void **state)
@@ -267,7 +285,8 @@ static void colmap_cameras(void **state)
     for (size_t k = 0; k < sizeof(cases) / sizeof(*cases); k++) {
         make_colmap(f, &c, &i, &p);
         c.size = 8;
-        add_camera(&c, 7, cases[k].model, cases[k].width, cases[k].height, cases[k].params, cases[k].n);
+        add_camera(&c, 7, cases[k].model, cases[k].width, cases[k].height, cases[k].params,
+                   cases[k].n);
         put_bytes(f, "sparse/0/cameras.bin", &c);
         expect_failure(f, NULL, SG_ERR_INPUT, "cameras.bin", "camera id 7", cases[k].word, NULL);
     }
@@ -295,9 +314,14 @@ static void colmap_images(void **state)
     static const struct {
         const char *name, *word;
     } cases[] = {
-        {"a.png", "same name"},        {"c.png", "missing is c.png"}, {"x/c.png", "missing is x/c.png"},
-        {"/etc/passwd", "inside"},     {"../a.png", "inside"},        {"", "name of a file"},
-        {"images/", "name of a file"}, {"a.jpg", "same name"},
+        {"a.png", "same name"},
+        {"c.png", "missing is c.png"},
+        {"x/c.png", "missing is x/c.png"},
+        {"/etc/passwd", "inside"},
+        {"../a.png", "inside"},
+        {"", "name of a file"},
+        {"images/", "name of a file"},
+        {"a.jpg", "same name"},
     };
     for (size_t k = 0; k < sizeof(cases) / sizeof(*cases); k++) {
         make_colmap(f, &c, &i, &p);
@@ -306,9 +330,11 @@ static void colmap_images(void **state)
         add_image(&i, 1, 7, "a.png", 0, 0);
         add_image(&i, 2, 7, cases[k].name, 0, 1);
         put_bytes(f, "sparse/0/images.bin", &i);
-        expect_failure(f, sg_scene_params(.strict = true), SG_ERR_INPUT, "images.bin", cases[k].word, NULL);
+        expect_failure(f, sg_scene_params(.strict = true), SG_ERR_INPUT, "images.bin",
+                       cases[k].word, NULL);
     }
-    for (size_t place = 12; place < 12 + 56; place += 8) { /* NaN in each number of the first pose */
+    for (size_t place = 12; place < 12 + 56;
+         place += 8) { /* NaN in each number of the first pose */
         make_colmap(f, &c, &i, &p);
         memset(i.data + place, 0xff, 8);
         put_bytes(f, "sparse/0/images.bin", &i);
@@ -331,12 +357,14 @@ static void colmap_images(void **state)
 static void colmap_text(void **state)
 {
     struct fixture *f = *state;
-    static const char good_camera[] = "1 PINHOLE 20 10 30 30 10 5\n", good_image[] = "1 1 0 0 0 0 0 0 1 a.png\n\n";
+    static const char good_camera[] = "1 PINHOLE 20 10 30 30 10 5\n",
+                      good_image[] = "1 1 0 0 0 0 0 0 1 a.png\n\n";
     static const struct {
         const char *cameras, *images, *points, *word;
     } cases[] = {
         {"1 PINHOLE 20 10 30 30 10\n", good_image, "",
-         "cameras.txt: line 1: found \"1 PINHOLE 20 10 30 30 10\", expected ID PINHOLE WIDTH HEIGHT and 4 numbers"},
+         "cameras.txt: line 1: found \"1 PINHOLE 20 10 30 30 10\", expected ID PINHOLE WIDTH "
+         "HEIGHT and 4 numbers"},
         {"1 PINHOLE 20 10 30 30 10 5 6\n", good_image, "", "cameras.txt: line 1"},
         {"# x\n1 PINHOLE 20 10 30 30 10 nan\n", good_image, "", "cameras.txt: line 2"},
         {"1 MAGIC 20 10 30 30 10 5\n", good_image, "", "MAGIC"},
@@ -344,7 +372,8 @@ static void colmap_text(void **state)
         {"-1 PINHOLE 20 10 30 30 10 5\n", good_image, "", "cameras.txt: line 1"},
         {"1 PINHOLE 99999999999999999999 10 30 30 10 5\n", good_image, "", "cameras.txt: line 1"},
         {"", good_image, "", "no camera"},
-        {good_camera, "1 1 0 0 0 0 0 0 1\n\n", "", "images.txt: line 1: found \"1 1 0 0 0 0 0 0 1\", expected ID QW"},
+        {good_camera, "1 1 0 0 0 0 0 0 1\n\n", "",
+         "images.txt: line 1: found \"1 1 0 0 0 0 0 0 1\", expected ID QW"},
         {good_camera, "1 1 0 0 0 0 0 inf 1 a.png\n\n", "", "images.txt: line 1"},
         {good_camera, "1 0 0 0 0 0 0 0 1 a.png\n\n", "", "quaternion"},
         {good_camera, "1 1 0 0 0 0 0 0 2 a.png\n\n", "", "camera id 2"},
@@ -369,7 +398,9 @@ static void memory_limit_is_an_error(void **state)
     put_blender(f, "1", pose);
     for (uint64_t limit = 64; limit < 20000; limit += 64) {
         sg_ctx *small;
-        assert_int_equal(sg_ctx_create(&small, &(struct sg_ctx_params){.threads = 1, .max_memory = limit}), SG_OK);
+        assert_int_equal(
+            sg_ctx_create(&small, &(struct sg_ctx_params){.threads = 1, .max_memory = limit}),
+            SG_OK);
         int code = sg_scene_load(small, f->dir, sg_scene_params(.downscale = 2), &scene);
         assert_true(code == SG_OK || code == SG_ERR_BUDGET || (code == SG_ERR_INPUT && !scene));
         sg_scene_destroy(&scene);
@@ -392,8 +423,8 @@ static void threads_share_the_limit(void **state)
         char name[20];
         sprintf(name, "%d.png", i);
         put_png(f, name, SIDE, SIDE, 3, i);
-        n += (size_t) sprintf(json + n, "%s{\"file_path\":\"%s\",\"transform_matrix\":%s}", i ? "," : "", name,
-                              "[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]");
+        n += (size_t) sprintf(json + n, "%s{\"file_path\":\"%s\",\"transform_matrix\":%s}",
+                              i ? "," : "", name, "[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]");
     }
     sprintf(json + n, "]}");
     put_text(f, "transforms.json", json);
@@ -428,11 +459,14 @@ static void json_counts_as_memory(void **state)
     size_t n = (size_t) sprintf(text, "{\"x\":[");
     for (int i = 0; i < NODES; i++)
         n += (size_t) sprintf(text + n, "%s{}", i ? "," : "");
-    sprintf(text + n, "],\"camera_angle_x\":1,\"frames\":[{\"file_path\":\"a.png\",\"transform_matrix\":"
-                      "[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]}]}");
+    sprintf(text + n,
+            "],\"camera_angle_x\":1,\"frames\":[{\"file_path\":\"a.png\",\"transform_matrix\":"
+            "[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]}]}");
     put_text(f, "transforms.json", text);
     free(text);
-    assert_int_equal(sg_ctx_create(&small, &(struct sg_ctx_params){.threads = 1, .max_memory = 20 << 20}), SG_OK);
+    assert_int_equal(
+        sg_ctx_create(&small, &(struct sg_ctx_params){.threads = 1, .max_memory = 20 << 20}),
+        SG_OK);
     assert_int_equal(sg_scene_load(small, f->dir, NULL, &scene), SG_ERR_BUDGET);
     sg_ctx_destroy(&small);
     sg_scene_destroy(&(struct sg_scene *){load(f, NULL)});

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Distorted photos become pinhole views: against a photo computed from a known scene, through the whole loader. */
+/* Distorted photos become pinhole views: against a photo computed from a known scene, through the
+ * whole loader. */
 #include "scene_files.h"
 
 #include <math.h>
@@ -34,7 +35,8 @@ static void take_photo(uint8_t *rgb)
 {
     for (int v = 0; v < H; v++)
         for (int u = 0; u < W; u++) {
-            double xd = (u + 0.5 - lens.cx) / lens.fx, yd = (v + 0.5 - lens.cy) / lens.fy, x = xd, y = yd;
+            double xd = (u + 0.5 - lens.cx) / lens.fx, yd = (v + 0.5 - lens.cy) / lens.fy, x = xd,
+                   y = yd;
             for (int k = 0; k < 100; k++) { /* fixed point: converges fast for a mild lens */
                 double r2 = x * x + y * y, d = 1 + lens.k1 * r2 + lens.k2 * r2 * r2;
                 double tx = 2 * lens.p1 * x * y + lens.p2 * (r2 + 2 * x * x);
@@ -61,7 +63,8 @@ static void check_pinhole(const struct sg_view *view, int least_used)
             for (int c = 0; c < 3; c++) {
                 double expected = radiance(x, y, c);
                 if (fabs(view->rgb[3 * i + c] - expected) > 3)
-                    fail_msg("pixel %d,%d channel %d: %d is not %g", u, v, c, view->rgb[3 * i + c], expected);
+                    fail_msg("pixel %d,%d channel %d: %d is not %g", u, v, c, view->rgb[3 * i + c],
+                             expected);
             }
         }
     assert_true(used >= least_used);
@@ -101,7 +104,8 @@ static void opencv_photo_becomes_pinhole(void **state)
 static void outside_is_masked_and_black(void **state)
 {
     struct fixture *f = *state;
-    put_scene(f, "1 SIMPLE_RADIAL 120 90 100 60 45 0.5\n"); /* reaches beyond the photo at the corners */
+    put_scene(
+        f, "1 SIMPLE_RADIAL 120 90 100 60 45 0.5\n"); /* reaches beyond the photo at the corners */
     struct sg_scene *s = load(f, NULL);
     const struct sg_view *view = &s->train[0];
     assert_non_null(view->mask);
@@ -109,7 +113,8 @@ static void outside_is_masked_and_black(void **state)
     assert_int_equal(view->rgb[0], 0);
     assert_int_equal(view->mask[45 * W + 60], 255);
     for (int i = 0; i < W * H; i++) {
-        double x = (i % W + 0.5 - 60) / 100, y = (i / W + 0.5 - 45) / 100, d = 1 + 0.5 * (x * x + y * y);
+        double x = (i % W + 0.5 - 60) / 100, y = (i / W + 0.5 - 45) / 100,
+               d = 1 + 0.5 * (x * x + y * y);
         double px = x * d * 100 + 60, py = y * d * 100 + 45;
         assert_int_equal(view->mask[i], px >= 0 && px <= W && py >= 0 && py <= H ? 255 : 0);
     }
@@ -159,7 +164,8 @@ static void absurd_coefficients(void **state)
 
 /* ---- every camera model of COLMAP ---- */
 
-/* As COLMAP's documentation writes it, from a direction to a pixel; independent of the library's own formulas. */
+/* As COLMAP's documentation writes it, from a direction to a pixel; independent of the library's
+ * own formulas. */
 static void project(int model, const double *p, double x, double y, double *px, double *py)
 {
     const double r = sqrt(x * x + y * y), t = atan(r), t2 = t * t, s = r * r;
@@ -172,7 +178,8 @@ static void project(int model, const double *p, double x, double y, double *px, 
         v = u * y / x;
         break;
     case 6: /* FULL_OPENCV: k1 k2 p1 p2 k3 k4 k5 k6 */
-        u = x * (1 + k[0] * s + k[1] * s * s + k[4] * s * s * s) / (1 + k[5] * s + k[6] * s * s + k[7] * s * s * s);
+        u = x * (1 + k[0] * s + k[1] * s * s + k[4] * s * s * s) /
+            (1 + k[5] * s + k[6] * s * s + k[7] * s * s * s);
         v = y * (u / x);
         u += 2 * k[2] * x * y + k[3] * (s + 2 * x * x);
         v += 2 * k[3] * x * y + k[2] * (s + 2 * y * y);
@@ -191,10 +198,10 @@ static void project(int model, const double *p, double x, double y, double *px, 
         break;
     case 10: /* THIN_PRISM_FISHEYE: k1 k2 p1 p2 k3 k4 sx1 sy1 */
         u2 = x / r * t, v2 = y / r * t;
-        u = u2 * (1 + k[0] * t2 + k[1] * t2 * t2 + k[4] * pow(t, 6) + k[5] * pow(t, 8)) + 2 * k[2] * u2 * v2 +
-            k[3] * (t2 + 2 * u2 * u2) + k[6] * t2;
-        v = v2 * (1 + k[0] * t2 + k[1] * t2 * t2 + k[4] * pow(t, 6) + k[5] * pow(t, 8)) + 2 * k[3] * u2 * v2 +
-            k[2] * (t2 + 2 * v2 * v2) + k[7] * t2;
+        u = u2 * (1 + k[0] * t2 + k[1] * t2 * t2 + k[4] * pow(t, 6) + k[5] * pow(t, 8)) +
+            2 * k[2] * u2 * v2 + k[3] * (t2 + 2 * u2 * u2) + k[6] * t2;
+        v = v2 * (1 + k[0] * t2 + k[1] * t2 * t2 + k[4] * pow(t, 6) + k[5] * pow(t, 8)) +
+            2 * k[3] * u2 * v2 + k[2] * (t2 + 2 * v2 * v2) + k[7] * t2;
         break;
     }
     *px = fx * u + c[0];
@@ -211,7 +218,8 @@ static void unproject(int model, const double *p, double px, double py, double *
         project(model, p, *x, *y, &a, &b);
         project(model, p, *x + h, *y, &ax, &bx);
         project(model, p, *x, *y + h, &ay, &by);
-        const double j[4] = {(ax - a) / h, (ay - a) / h, (bx - b) / h, (by - b) / h}, det = j[0] * j[3] - j[1] * j[2];
+        const double j[4] = {(ax - a) / h, (ay - a) / h, (bx - b) / h, (by - b) / h},
+                     det = j[0] * j[3] - j[1] * j[2];
         *x -= (j[3] * (a - px) - j[1] * (b - py)) / det;
         *y -= (j[0] * (b - py) - j[2] * (a - px)) / det;
     }
@@ -222,7 +230,9 @@ static const struct model {
     const char *camera;
     double params[12];
 } models[] = {
-    {5, "1 OPENCV_FISHEYE 120 90 80 78 63 41 -0.05 0.01 -0.004 0.001\n", {80, 78, 63, 41, -0.05, 0.01, -0.004, 0.001}},
+    {5,
+     "1 OPENCV_FISHEYE 120 90 80 78 63 41 -0.05 0.01 -0.004 0.001\n",
+     {80, 78, 63, 41, -0.05, 0.01, -0.004, 0.001}},
     {5, "1 OPENCV_FISHEYE 120 90 80 78 63 41 0 0 0 0\n", {80, 78, 63, 41}},
     {6,
      "1 FULL_OPENCV 120 90 100 95 63 41 0.1 0.02 0.004 -0.003 0.01 0.3 0.05 0.002\n",
@@ -235,7 +245,8 @@ static const struct model {
      {80, 78, 63, 41, -0.05, 0.01, 0.003, -0.002, 0.001, -0.001, 0.002, -0.003}},
 };
 
-/* A photo taken with each lens, through the loader, is the pinhole's; a point goes to the pixel and back. */
+/* A photo taken with each lens, through the loader, is the pinhole's; a point goes to the pixel and
+ * back. */
 static void every_model_becomes_pinhole(void **state)
 {
     struct fixture *f = *state;
@@ -262,11 +273,13 @@ static void every_model_becomes_pinhole(void **state)
     }
 }
 
-/* Points of closed form: an equidistant fisheye lens sees the angle, a lens of field of view omega its tangent. */
+/* Points of closed form: an equidistant fisheye lens sees the angle, a lens of field of view omega
+ * its tangent. */
 static void closed_forms(void **state)
 {
     (void) state;
-    const struct sg_lens fisheye = {.kind = SG_LENS_FISHEYE}, fov = {.kind = SG_LENS_FOV, .omega = 1},
+    const struct sg_lens fisheye = {.kind = SG_LENS_FISHEYE},
+                         fov = {.kind = SG_LENS_FOV, .omega = 1},
                          rational = {.kind = SG_LENS_RATIONAL, .k1 = 1, .k4 = 3};
     double x, y;
     sg_lens_distort(&fisheye, 1, 0, &x, &y);
@@ -277,7 +290,8 @@ static void closed_forms(void **state)
     sg_lens_distort(&fisheye, 0, 0, &x, &y);
     assert_true(x == 0 && y == 0);
     sg_lens_distort(&fov, 0, tan(0.5) / (2 * tan(0.5)), &x, &y);
-    assert_float_equal(y, 0.5, 1e-15); /* the radius 0.5 is omega / 2 away, by the model's definition */
+    assert_float_equal(y, 0.5,
+                       1e-15); /* the radius 0.5 is omega / 2 away, by the model's definition */
     sg_lens_distort(&rational, 0.5, 0, &x, &y);
     assert_float_equal(x, 0.5 * 1.25 / 1.75, 1e-15);
 }
@@ -313,8 +327,9 @@ static void folds(void **state)
     assert_true(isinf(sg_lens_fold(&(struct sg_lens){.k1 = -0.01}, 9)));
 }
 
-/* Coefficients that mirror parts of the photo, or turn it back at once: no pixel is shown twice, or there is an error.
- */
+/* Coefficients that mirror parts of the photo, or turn it back at once: no pixel is shown twice, or
+ * there is an
+ * error. */
 static void lenses_that_cannot_be(void **state)
 {
     struct fixture *f = *state;
@@ -348,14 +363,17 @@ static void nerfstudio_fisheye(void **state)
     }
     put(f, "a.png", "", 0);
     assert_int_equal(sg_image_write_png(f->ctx, at(f, "a.png"), photo, W, H, 3), SG_OK);
-    static const char *const names[] = {"\"camera_model\":\"OPENCV_FISHEYE\"", "\"is_fisheye\":true"};
+    static const char *const names[] = {"\"camera_model\":\"OPENCV_FISHEYE\"",
+                                        "\"is_fisheye\":true"};
     for (int i = 0; i < 2; i++) {
         char text[512];
-        snprintf(text, sizeof(text),
-                 "\xef\xbb\xbf{%s,\"w\":120,\"h\":90,\"fl_x\":80,\"fl_y\":78,\"cx\":63,\"cy\":41,\"k1\":-0.05,"
-                 "\"k2\":0.01,\"k3\":-0.004,\"k4\":0.001,\"p1\":0,\"frames\":[{\"file_path\":\"a.png\","
-                 "\"transform_matrix\":[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}",
-                 names[i]);
+        snprintf(
+            text, sizeof(text),
+            "\xef\xbb\xbf{%s,\"w\":120,\"h\":90,\"fl_x\":80,\"fl_y\":78,\"cx\":63,\"cy\":41,\"k1\":"
+            "-0.05,"
+            "\"k2\":0.01,\"k3\":-0.004,\"k4\":0.001,\"p1\":0,\"frames\":[{\"file_path\":\"a.png\","
+            "\"transform_matrix\":[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}",
+            names[i]);
         put_text(f, "transforms.json", text);
         struct sg_scene *s = load(f, NULL);
         check_pinhole(&s->train[0], W * H * 9 / 10);
@@ -376,7 +394,8 @@ static void sizes(void **state)
                  {1200, 90, false}, {120, 95, false}, {240, 170, false}};
     for (size_t i = 0; i < sizeof(cases) / sizeof(*cases); i++) {
         char text[200];
-        snprintf(text, sizeof(text), "1 PINHOLE %d %d 100 95 60 45\n", cases[i].width, cases[i].height);
+        snprintf(text, sizeof(text), "1 PINHOLE %d %d 100 95 60 45\n", cases[i].width,
+                 cases[i].height);
         put_scene(f, text);
         f->warnings = 0;
         const bool scaled = cases[i].width != W || cases[i].height != H;
@@ -390,7 +409,8 @@ static void sizes(void **state)
         assert_true(fabs(s->train[0].camera.fx - 100.0 * W / cases[i].width) < 1e-9);
         sg_scene_destroy(&s);
         if (scaled)
-            expect_failure(f, sg_scene_params(.strict = true), SG_ERR_INPUT, "a.png", "120 x 90", "camera id 1", NULL);
+            expect_failure(f, sg_scene_params(.strict = true), SG_ERR_INPUT, "a.png", "120 x 90",
+                           "camera id 1", NULL);
         f->warnings = 0;
         s = load(f, sg_scene_params(.images = "images", .strict = true)); /* where it is meant */
         assert_int_equal(f->warnings, 2);

@@ -50,7 +50,8 @@ static void test_known(void **state)
 {
     (void) state;
     sg_ctx *ctx = make_context(1);
-    /* Rows that alternate: all energy at +-90 degrees, that is at a quarter and three quarters of the circle. */
+    /* Rows that alternate: all energy at +-90 degrees, that is at a quarter and three quarters of
+     * the circle. */
     struct sg_spectrum s = measure(ctx, 48, 64, down);
     assert_true(s.angular[9] + s.angular[27] > 0.999 && fabs(s.angular[9] - s.angular[27]) < 1e-6);
     assert_float_equal(s.anisotropy, 1 - log(2) / log(36), 1e-3);
@@ -61,7 +62,8 @@ static void test_known(void **state)
     /* Noise has no direction, whatever the sides. */
     s = measure(ctx, 401, 307, noise);
     assert_true(s.anisotropy < 1e-3);
-    for (int ring = 20; ring < SG_SPECTRUM_RINGS; ring++) /* nor a preferred radius: its variance is everywhere */
+    for (int ring = 20; ring < SG_SPECTRUM_RINGS;
+         ring++) /* nor a preferred radius: its variance is everywhere */
         assert_float_equal(s.radial[ring], 1.0 / 12, 0.15 / 12);
     /* The annulus has pi (0.45^2 - 0.15^2) of the square. */
     assert_float_equal(s.band_share, 0.5655, 0.01);
@@ -86,11 +88,14 @@ static void test_whole(void **state)
                 for (int y = 0; y < h; y++)
                     for (int x = 0; x < w; x++)
                         f += rgb[3 * (y * w + x)] / 255.0 *
-                             cexp(-I * 6.283185307179586 * ((double) u * y / h + (double) v * x / w));
-                const double fu = (double) (2 * u < h ? u : u - h) / h, fv = (double) (2 * v < w ? v : v - w) / w;
+                             cexp(-I * 6.283185307179586 *
+                                  ((double) u * y / h + (double) v * x / w));
+                const double fu = (double) (2 * u < h ? u : u - h) / h,
+                             fv = (double) (2 * v < w ? v : v - w) / w;
                 const double r = 2 * hypot(fu, fv), e = 3 * creal(f * conj(f));
                 total += r > 0 ? e : 0;
-                expected[(u + h / 2) % h * w + (v + w / 2) % w] = log1p(cabs(f)); /* 0 in the middle */
+                expected[(u + h / 2) % h * w + (v + w / 2) % w] =
+                    log1p(cabs(f)); /* 0 in the middle */
                 if (!(r >= 0.2 && r <= 0.95) || 2 * u == h || 2 * v == w)
                     continue;
                 angular[(int) floor((atan2(fu, fv) + M_PI) * bins / (2 * M_PI) + 1e-9) % bins] += e;
@@ -98,12 +103,15 @@ static void test_whole(void **state)
             }
         struct sg_spectrum s;
         float amplitude[200];
-        assert_int_equal(sg_spectrum_measure(ctx, rgb, w, h, sg_spectrum_params(.low = 0.2, .high = 0.95, .bins = bins),
-                                             &s, amplitude),
-                         SG_OK);
+        assert_int_equal(
+            sg_spectrum_measure(ctx, rgb, w, h,
+                                sg_spectrum_params(.low = 0.2, .high = 0.95, .bins = bins), &s,
+                                amplitude),
+            SG_OK);
         for (int b = 0; b < bins && band > 0; b++)
             if (fabs(s.angular[b] - angular[b] / band) > 1e-5)
-                fail_msg("%d x %d, bin %d: %g, expected %g", w, h, b, s.angular[b], angular[b] / band);
+                fail_msg("%d x %d, bin %d: %g, expected %g", w, h, b, s.angular[b],
+                         angular[b] / band);
         assert_float_equal(s.band_share, band / total, 1e-5);
         for (int i = 0; i < w * h; i++)
             assert_float_equal((double) amplitude[i], expected[i], 1e-4);
@@ -111,16 +119,20 @@ static void test_whole(void **state)
     }
     uint8_t one[3] = {0};
     struct sg_spectrum s;
-    assert_int_equal(sg_spectrum_measure(ctx, one, 1, 1, sg_spectrum_params(.bins = 7), &s, NULL), SG_ERR_USAGE);
-    assert_int_equal(sg_spectrum_measure(ctx, one, 1, 1, sg_spectrum_params(.bins = 256), &s, NULL), SG_ERR_USAGE);
-    assert_int_equal(sg_spectrum_measure(ctx, one, 1, 1, sg_spectrum_params(.low = 2), &s, NULL), SG_ERR_USAGE);
+    assert_int_equal(sg_spectrum_measure(ctx, one, 1, 1, sg_spectrum_params(.bins = 7), &s, NULL),
+                     SG_ERR_USAGE);
+    assert_int_equal(sg_spectrum_measure(ctx, one, 1, 1, sg_spectrum_params(.bins = 256), &s, NULL),
+                     SG_ERR_USAGE);
+    assert_int_equal(sg_spectrum_measure(ctx, one, 1, 1, sg_spectrum_params(.low = 2), &s, NULL),
+                     SG_ERR_USAGE);
     assert_int_equal(sg_spectrum_measure(ctx, one, 1, 1, NULL, &s, NULL), SG_OK);
     sg_ctx_destroy(&ctx);
 }
 
 /* ---- the anisotropy loss ---- */
 
-static double loss_of(sg_ctx *ctx, int w, int h, const struct sg_anisotropy_params *p, const float *x, float *gradient)
+static double loss_of(sg_ctx *ctx, int w, int h, const struct sg_anisotropy_params *p,
+                      const float *x, float *gradient)
 {
     struct sg_anisotropy *a;
     assert_int_equal(sg_anisotropy_create(ctx, w, h, p, NULL, &a), SG_OK);
@@ -131,7 +143,8 @@ static double loss_of(sg_ctx *ctx, int w, int h, const struct sg_anisotropy_para
     return loss;
 }
 
-static double oracle(sg_ctx *ctx, int w, int h, const struct sg_anisotropy_params *p, const float *x, double *gradient)
+static double oracle(sg_ctx *ctx, int w, int h, const struct sg_anisotropy_params *p,
+                     const float *x, double *gradient)
 {
     double loss;
     const struct sg_loss what = {SG_LOSS_ANISOTROPY, 1, {.anisotropy = *p}};
@@ -139,7 +152,8 @@ static double oracle(sg_ctx *ctx, int w, int h, const struct sg_anisotropy_param
     return loss;
 }
 
-/* Every value of the gradient, for every option: half spectra, single precision and the continuation against that. */
+/* Every value of the gradient, for every option: half spectra, single precision and the
+ * continuation against that. */
 static void test_oracle(void **state)
 {
     (void) state;
@@ -156,41 +170,45 @@ static void test_oracle(void **state)
     for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++)
         for (int option = 0; option < (k == 8 ? 1 : 8); option++) {
             const int w = cases[k].w, h = cases[k].h, n = 3 * w * h;
-            const struct sg_anisotropy_params *p =
-                sg_anisotropy_params(.band = {.low = cases[k].low, .high = cases[k].high, .bins = cases[k].bins},
-                                     .energy = (enum sg_energy)(option & 1),
-                                     .channels = (enum sg_channels)(option >> 1 & 1), .exact_size = option >> 2);
+            const struct sg_anisotropy_params *p = sg_anisotropy_params(
+                    .band = {.low = cases[k].low, .high = cases[k].high, .bins = cases[k].bins},
+                    .energy = (enum sg_energy)(option & 1),
+                    .channels = (enum sg_channels)(option >> 1 & 1), .exact_size = option >> 2);
             for (int i = 0; i < n; i++)
                 x[i] = draw(11, (uint64_t) i, 0, 1) * (i % 3 ? 0.3f : 1);
-            const double loss = loss_of(ctx, w, h, p, x, g), right = oracle(ctx, w, h, p, x, expected);
+            const double loss = loss_of(ctx, w, h, p, x, g),
+                         right = oracle(ctx, w, h, p, x, expected);
             double largest = 0, off = 0;
             for (int i = 0; i < n; i++) {
                 largest = fmax(largest, fabs(expected[i]));
                 off = fmax(off, fabs((double) g[i] - expected[i]));
             }
             if (fabs(loss - right) > 1e-5 * right + 1e-9 || !(off <= 1e-4 * largest + 1e-9))
-                fail_msg("%d x %d, option %d: loss %g, expected %g; gradient off by %g of %g", w, h, option, loss,
-                         right, off, largest);
+                fail_msg("%d x %d, option %d: loss %g, expected %g; gradient off by %g of %g", w, h,
+                         option, loss, right, off, largest);
         }
     free(x), free(g), free(expected);
     sg_ctx_destroy(&ctx);
 }
 
-/* Against differences of the loss itself along random directions, for every option at odd, even, prime and continued
- * sides; and it does not change with the image's scale. */
+/* Against differences of the loss itself along random directions, for every option at odd, even,
+ * prime and continued sides; and it does not change with the image's scale. */
 static void test_gradient(void **state)
 {
     (void) state;
-    static const int sizes[][2] = {{12, 9}, {9, 12}, {13, 11}, {16, 16}, {33, 40}, {263, 12}, {20, 257}, {263, 257}};
+    static const int sizes[][2] = {{12, 9},  {9, 12},   {13, 11},  {16, 16},
+                                   {33, 40}, {263, 12}, {20, 257}, {263, 257}};
     sg_ctx *ctx = make_context(2);
     const size_t most = 3 * 263 * 257;
-    float *x = malloc(most * sizeof(float)), *g = malloc(most * sizeof(float)), *moved = malloc(most * sizeof(float));
+    float *x = malloc(most * sizeof(float)), *g = malloc(most * sizeof(float)),
+          *moved = malloc(most * sizeof(float));
     for (int k = 0; k < 8; k++)
         for (int option = 0; option < 8; option++) {
             const int w = sizes[k][0], h = sizes[k][1], n = 3 * w * h;
             const struct sg_anisotropy_params *p =
                 sg_anisotropy_params(.energy = (enum sg_energy)(option & 1),
-                                     .channels = (enum sg_channels)(option >> 1 & 1), .exact_size = option >> 2);
+                                     .channels = (enum sg_channels)(option >> 1 & 1),
+                                     .exact_size = option >> 2);
             for (int i = 0; i < n; i++) /* structure in it, so that the loss has somewhere to go */
                 x[i] = draw(7, (uint64_t) i, 0, 1) * (i % 3 ? 0.3f : 1);
             const double loss = loss_of(ctx, w, h, p, x, g);
@@ -203,8 +221,10 @@ static void test_gradient(void **state)
                 const double step = 0.01 / sqrt(n);
                 double slope = 0, change = 0, scale = 0;
                 for (int side = -1; side <= 1; side += 2) {
-                    for (int i = 0; i < n; i++) /* half along the gradient's signs: a slope well above rounding */
-                        moved[i] = x[i] + (float) (side * step) * ((g[i] > 0 ? 1 : -1) + draw(d, (uint64_t) i, -1, 1));
+                    for (int i = 0; i < n;
+                         i++) /* half along the gradient's signs: a slope well above rounding */
+                        moved[i] = x[i] + (float) (side * step) *
+                                              ((g[i] > 0 ? 1 : -1) + draw(d, (uint64_t) i, -1, 1));
                     change += side * loss_of(ctx, w, h, p, moved, NULL);
                 }
                 for (int i = 0; i < n; i++) {
@@ -220,8 +240,8 @@ static void test_gradient(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* The continued image's loss and gradient stay near those of the exact size: where texture is what they are made of,
- * and where it is the jump from one border to the other, as in smooth photos. */
+/* The continued image's loss and gradient stay near those of the exact size: where texture is what
+ * they are made of, and where it is the jump from one border to the other, as in smooth photos. */
 static void test_friendly(void **state)
 {
     (void) state;
@@ -240,9 +260,11 @@ static void test_friendly(void **state)
         for (int i = 0; i < n; i++) {
             const int at = i % (w * h), px = at % w, py = at / w;
             if (smooth) /* light from above, and a little noise */
-                x[i] = 0.9f - 0.7f * (float) py / (float) h + draw(3, (uint64_t) i, -0.002f, 0.002f);
+                x[i] =
+                    0.9f - 0.7f * (float) py / (float) h + draw(3, (uint64_t) i, -0.002f, 0.002f);
             else /* edges, a texture of rows, some noise */
-                x[i] = 0.5f + 0.2f * (float) ((px / 37 + py / 23) % 2) + 0.05f * (float) cos(1.7 * py + 0.1 * px) +
+                x[i] = 0.5f + 0.2f * (float) ((px / 37 + py / 23) % 2) +
+                       0.05f * (float) cos(1.7 * py + 0.1 * px) +
                        draw(3, (uint64_t) i, -0.03f, 0.03f);
         }
         const struct nearness near = against_exact(ctx, w, h, x);
@@ -266,7 +288,8 @@ static void test_loss(void **state)
     assert_true(loss_of(ctx, N, N, NULL, x, g) < 1e-3); /* white noise */
     loss_of(three, N, N, NULL, x, again);
     assert_memory_equal(g, again, 3 * N * N * sizeof(float));
-    for (int i = 0; i < 3 * N * N; i++) /* across at 0.3 cycles a pixel, as near as the side allows */
+    for (int i = 0; i < 3 * N * N;
+         i++) /* across at 0.3 cycles a pixel, as near as the side allows */
         x[i] = 0.5f + 0.4f * (float) cos(6.283185307179586 * 154 / N * (i % N));
     assert_float_equal(loss_of(ctx, N, N, NULL, x, NULL), 1 - log(2) / log(36), 1e-4);
     for (int ch = 0; ch < 3; ch++)
@@ -274,7 +297,8 @@ static void test_loss(void **state)
             const float v = i % N > 200 && i % N < 260 ? draw(9, (uint64_t) (i / N), 0, 1) : 0.2f;
             x[ch * N * N + i] = turned[ch * N * N + i % N * N + (N - 1 - i / N)] = v;
         }
-    assert_float_equal(loss_of(ctx, N, N, NULL, x, NULL), loss_of(ctx, N, N, NULL, turned, NULL), 1e-5);
+    assert_float_equal(loss_of(ctx, N, N, NULL, x, NULL), loss_of(ctx, N, N, NULL, turned, NULL),
+                       1e-5);
     for (int i = 0; i < 3 * N * N; i++)
         x[i] = 0.3f;
     assert_true(loss_of(ctx, N, N, NULL, x, g) == 0 && g[5] == 0);
@@ -293,8 +317,8 @@ static void test_loss(void **state)
     sg_ctx_destroy(&three);
 }
 
-/* An image without energy in the band, or in some directions of it, has a loss and a gradient all the same: of a flat
- * one, at sides that do not divide evenly too, nothing. */
+/* An image without energy in the band, or in some directions of it, has a loss and a gradient all
+ * the same: of a flat one, at sides that do not divide evenly too, nothing. */
 static void test_empty(void **state)
 {
     (void) state;
@@ -305,7 +329,8 @@ static void test_empty(void **state)
     for (int k = 0; k < 4; k++)
         for (int option = 0; option < 2; option++) {
             const int w = sizes[k][0], h = sizes[k][1], n = 3 * w * h;
-            const struct sg_anisotropy_params *p = sg_anisotropy_params(.energy = (enum sg_energy) option);
+            const struct sg_anisotropy_params *p =
+                sg_anisotropy_params(.energy = (enum sg_energy) option);
             for (int grey = 1; grey < 4; grey++) {
                 for (int i = 0; i < n; i++)
                     x[i] = 0.3f * (float) grey;
@@ -327,7 +352,8 @@ static void test_empty(void **state)
 static void test_total_variation(void **state)
 {
     (void) state;
-    static const int sizes[][2] = {{37, 23}, {64, 40}, {16, 2}, {17, 3}, {2, 19}, {1, 9}, {9, 1}, {2, 2}};
+    static const int sizes[][2] = {{37, 23}, {64, 40}, {16, 2}, {17, 3},
+                                   {2, 19},  {1, 9},   {9, 1},  {2, 2}};
     enum { MOST = 3 * 64 * 40 };
     sg_ctx *ctx = make_context(2);
     float x[MOST], g[MOST];
@@ -340,9 +366,11 @@ static void test_total_variation(void **state)
         assert_float_equal(sg_tv_loss(ctx, x, w, h, SG_TV_NORM_L2, 1, NULL, rows), 1e-4, 1e-8);
         assert_float_equal(sg_tv_loss(ctx, x, w, h, SG_TV_NORM_HUBER, 1, NULL, rows), 1e-4, 1e-8);
     }
-    const float jump[] = {0, 0.5f, 0, 0.5f, 0, 0.5f}; /* beyond Huber's edge, from where on it is straight */
+    const float jump[] = {0,    0.5f, 0,
+                          0.5f, 0,    0.5f}; /* beyond Huber's edge, from where on it is straight */
     const double edge = (double) SG_TV_EDGE;
-    assert_float_equal(sg_tv_loss(ctx, jump, 2, 1, SG_TV_NORM_HUBER, 1, NULL, rows), edge - edge * edge, 1e-6);
+    assert_float_equal(sg_tv_loss(ctx, jump, 2, 1, SG_TV_NORM_HUBER, 1, NULL, rows),
+                       edge - edge * edge, 1e-6);
     for (int i = 0; i < MOST; i++)
         x[i] = draw(4, (uint64_t) i, 0, 1);
     for (int k = 0; k < 8; k++)
@@ -354,16 +382,19 @@ static void test_total_variation(void **state)
             for (int i = 0; i < n; i++)
                 steepest = fmaxf(steepest, fabsf(g[i]));
             for (int i = 0, step_of = n > 500 ? 41 : 1; i < n; i += step_of) {
-                const float kept = x[i], step = norm == SG_TV_NORM_L2 ? 0.01f : 1e-4f; /* no kink within it */
+                const float kept = x[i],
+                            step = norm == SG_TV_NORM_L2 ? 0.01f : 1e-4f; /* no kink within it */
                 double change = 0;
                 for (int side = -1; side <= 1; side += 2) {
                     x[i] = kept + (float) side * step;
-                    change += 3 * side * sg_tv_loss(ctx, x, w, h, (enum sg_tv_norm) norm, 3, NULL, rows);
+                    change +=
+                        3 * side * sg_tv_loss(ctx, x, w, h, (enum sg_tv_norm) norm, 3, NULL, rows);
                 }
                 x[i] = kept;
                 change /= 2 * (double) step;
                 if (fabs(change - (double) g[i]) > 0.01 * (double) steepest)
-                    fail_msg("%d x %d, norm %d, value %d: %g, expected %g", w, h, norm, i, (double) g[i], change);
+                    fail_msg("%d x %d, norm %d, value %d: %g, expected %g", w, h, norm, i,
+                             (double) g[i], change);
             }
         }
     const float one[3] = {0.1f, 0.2f, 0.3f}; /* a single pixel varies nowhere */
@@ -396,7 +427,8 @@ static void test_image_losses(void **state)
             const double tv = sg_tv_loss(ctx, x, side, 20, SG_TV_NORM_HUBER, 3, expected, rows);
             sg_anisotropy_destroy(&a);
             for (int k = 0; k < 2; k++)
-                assert_int_equal(sg_image_loss(ctx, &losses, &each[k], x, side, 20, NULL, g, &found[k]), SG_OK);
+                assert_int_equal(
+                    sg_image_loss(ctx, &losses, &each[k], x, side, 20, NULL, g, &found[k]), SG_OK);
             assert_true(found[0] == ani && found[1] == tv);
             assert_memory_equal(g, expected, (size_t) n * sizeof(float));
             /* Masked pixels have no gradient. */
@@ -406,7 +438,8 @@ static void test_image_losses(void **state)
             for (int i = 0; i < n; i++)
                 g[i] = mask[i % (n / 3)] ? 0.5f : 0;
             for (int k = 0; k < 2; k++)
-                assert_int_equal(sg_image_loss(ctx, &losses, &each[k], x, side, 20, mask, g, &found[k]), SG_OK);
+                assert_int_equal(
+                    sg_image_loss(ctx, &losses, &each[k], x, side, 20, mask, g, &found[k]), SG_OK);
             for (int i = 0; i < n; i++)
                 assert_true(g[i] == (mask[i % (n / 3)] ? expected[i] : 0));
         }
@@ -418,8 +451,10 @@ static void test_image_losses(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_known),    cmocka_unit_test(test_whole),           cmocka_unit_test(test_oracle),
-        cmocka_unit_test(test_gradient), cmocka_unit_test(test_friendly),        cmocka_unit_test(test_loss),
-        cmocka_unit_test(test_empty),    cmocka_unit_test(test_total_variation), cmocka_unit_test(test_image_losses)};
+        cmocka_unit_test(test_known),       cmocka_unit_test(test_whole),
+        cmocka_unit_test(test_oracle),      cmocka_unit_test(test_gradient),
+        cmocka_unit_test(test_friendly),    cmocka_unit_test(test_loss),
+        cmocka_unit_test(test_empty),       cmocka_unit_test(test_total_variation),
+        cmocka_unit_test(test_image_losses)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The synthetic scene: same bytes for the same seed, exact cameras, points on the surfaces, clear refusals. */
+/* The synthetic scene: same bytes for the same seed, exact cameras, points on the surfaces, clear
+ * refusals. */
 #include "scene_files.h"
 
 #include <math.h>
@@ -8,8 +9,13 @@
 #include "image/stroke_font.h"
 #include "splatguard/synth.h"
 
-static const struct sg_synth_params tiny = {
-    .width = 32, .height = 24, .train_views = 4, .test_views = 2, .points = 40, .samples = 2, .seed = 7};
+static const struct sg_synth_params tiny = {.width = 32,
+                                            .height = 24,
+                                            .train_views = 4,
+                                            .test_views = 2,
+                                            .points = 40,
+                                            .samples = 2,
+                                            .seed = 7};
 
 static const char *const tiny_files[] = {
     "blender/transforms_train.json", "blender/transforms_test.json", "blender/train/r_0.png",
@@ -24,7 +30,8 @@ static char *joined(char *buffer, const struct fixture *f, const char *name)
     return buffer;
 }
 
-static void write_scene(struct fixture *f, sg_ctx *ctx, const char *name, const struct sg_synth_params *p)
+static void write_scene(struct fixture *f, sg_ctx *ctx, const char *name,
+                        const struct sg_synth_params *p)
 {
     char dir[256];
     if (sg_synth_write(ctx, joined(dir, f, name), p))
@@ -127,7 +134,8 @@ static int rising(const void *a, const void *b)
     return *(const int *) a - *(const int *) b;
 }
 
-/* Median over the points of the largest difference between a point's colour and the pixel of a view it falls on. */
+/* Median over the points of the largest difference between a point's colour and the pixel of a view
+ * it falls on. */
 static int median_error(const struct sg_scene *s, size_t shift)
 {
     int *error = calloc(s->n_points, sizeof(*error));
@@ -139,10 +147,12 @@ static int median_error(const struct sg_scene *s, size_t shift)
         for (int r = 0; r < 3; r++)
             q[r] = c->R[3 * r] * p[0] + c->R[3 * r + 1] * p[1] + c->R[3 * r + 2] * p[2] + c->t[r];
         assert_true(q[2] > 1);
-        const int x = (int) floor(c->fx * q[0] / q[2] + c->cx), y = (int) floor(c->fy * q[1] / q[2] + c->cy);
+        const int x = (int) floor(c->fx * q[0] / q[2] + c->cx),
+                  y = (int) floor(c->fy * q[1] / q[2] + c->cy);
         assert_true(shift || (x >= 0 && y >= 0 && x < c->width && y < c->height));
         for (int k = 0; k < 3 && x >= 0 && y >= 0 && x < c->width && y < c->height; k++) {
-            const int d = abs(v->rgb[3 * (y * c->width + x) + k] - s->point_colors[3 * i + (size_t) k]);
+            const int d =
+                abs(v->rgb[3 * (y * c->width + x) + k] - s->point_colors[3 * i + (size_t) k]);
             error[i] = d > error[i] ? d : error[i];
         }
     }
@@ -200,7 +210,8 @@ static void other_folders_stay_untouched(void **state)
     assert_int_equal(sg_synth_write(f->ctx, f->dir, &tiny), SG_ERR_INPUT);
     assert_non_null(strstr(sg_last_error(f->ctx), "photo"));
     assert_false(sg_dir_exists(joined(path, f, "blender")));
-    assert_int_equal(sg_synth_write(f->ctx, joined(path, f, "photo"), &tiny), SG_ERR_INPUT); /* a file */
+    assert_int_equal(sg_synth_write(f->ctx, joined(path, f, "photo"), &tiny),
+                     SG_ERR_INPUT); /* a file */
 }
 
 static void a_failed_run_looks_unfinished(void **state)
@@ -209,7 +220,8 @@ static void a_failed_run_looks_unfinished(void **state)
     sg_ctx *poor;
     struct sg_synth_params p = tiny;
     p.width = p.height = 512;
-    assert_int_equal(sg_ctx_create(&poor, &(struct sg_ctx_params){.threads = 2, .max_memory = 900000}), 0);
+    assert_int_equal(
+        sg_ctx_create(&poor, &(struct sg_ctx_params){.threads = 2, .max_memory = 900000}), 0);
     char dir[256], path[256];
     assert_int_equal(sg_synth_write(poor, joined(dir, f, "s"), &p), SG_ERR_BUDGET);
     assert_true(sg_last_error(poor)[0]);
@@ -238,18 +250,22 @@ static void solids_meet_rays_where_a_sphere_does(void **state)
     for (int i = 0; i < 2000; i++) {
         const double a = 2.4 * i, z = 1 - (i + 0.5) / 1000, r = sqrt(1 - z * z), b = 0.7 * i;
         const struct vec from = scale(vec(r * cos(a), r * sin(a), z), 3);
-        const struct vec d = normalise(sub(vec(1.3 * cos(b), 1.3 * sin(b), 0.4 * cos(3 * b)), from));
+        const struct vec d =
+            normalise(sub(vec(1.3 * cos(b), 1.3 * sin(b), 0.4 * cos(3 * b)), from));
         const double t = sg_solid_hit(&sphere, from, d, 9), far = length(cross(sub(o, from), d));
         assert_true(t == 9 ? far > 1 - 1e-9 : far < 1 + 1e-9);
         hits += t < 9;
-        for (size_t k = 0; k < 4 && fabs(far - 1) > 1e-2; k++) { /* a march may pass where the ray only grazes */
+        for (size_t k = 0; k < 4 && fabs(far - 1) > 1e-2;
+             k++) { /* a march may pass where the ray only grazes */
             const double other = sg_solid_hit(&others[k], from, d, 9);
             if (!(fabs(other - t) < 2e-3))
                 fail_msg("solid %zu, far %g: %g is not %g", k, far, other, t);
             if (t < 9) {
                 const struct vec p = along(from, d, other);
-                assert_true(length(sub(sg_solid_normal(&others[k], p), sg_solid_normal(&sphere, p))) < 1e-2);
-                assert_true(sg_solid_hit(&others[k], from, d, 0.5 * t) == 0.5 * t); /* out of reach */
+                assert_true(length(sub(sg_solid_normal(&others[k], p),
+                                       sg_solid_normal(&sphere, p))) < 1e-2);
+                assert_true(sg_solid_hit(&others[k], from, d, 0.5 * t) ==
+                            0.5 * t); /* out of reach */
             }
         }
     }
@@ -264,14 +280,16 @@ static void print_is_where_the_strokes_are(void **state)
     assert_true(sg_stroke_ink("O", -1.0 / 3, 0.5, 1, 0.08));
     assert_true(sg_stroke_ink("IOI", -1, 0.5, 1, 0.08)); /* glyphs are one size apart */
     assert_false(sg_stroke_ink("IOI", 0, 0.5, 1, 0.08));
-    assert_true(sg_stroke_ink("L", 0, 0, 1, 0.08) && !sg_stroke_ink("L", 0, 1, 1, 0.08)); /* upright */
+    assert_true(sg_stroke_ink("L", 0, 0, 1, 0.08) &&
+                !sg_stroke_ink("L", 0, 1, 1, 0.08)); /* upright */
     assert_true(sg_stroke_ink(".", 0, 0, 1, 0.08));
     for (int c = 0; c < 128; c++) { /* characters without a glyph are blank */
         const char text[2] = {(char) c, 0};
         int inked = 0;
         for (int i = 0; i < 40 * 60; i++)
             inked += sg_stroke_ink(text, (i % 40 - 20) / 20.0, (i / 40 - 15) / 30.0, 1, 0.08);
-        const bool known = (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || (c && strchr(".-/+", c));
+        const bool known =
+            (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || (c && strchr(".-/+", c));
         assert_int_equal(inked > 0, known);
     }
 }

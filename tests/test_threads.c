@@ -9,8 +9,9 @@
 struct tally {
     size_t n;
     int threads;
-    atomic_int *hits;   /* per index */
-    size_t *plain;      /* per index, written without atomics: the pool must order it before its return */
+    atomic_int *hits; /* per index */
+    /* per index, written without atomics: the pool must order it before its return */
+    size_t *plain;
     size_t *per_thread; /* scratch of each thread, unsynchronised by design */
     atomic_bool bad;
 };
@@ -66,7 +67,8 @@ static void add_one(void *arg, size_t i, int thread)
     ((size_t *) arg)[i]++;
 }
 
-/* Many short jobs one after the other: a late worker must not take work of the next job twice or lose it. */
+/* Many short jobs one after the other: a late worker must not take work of the next job twice or
+ * lose it. */
 static void test_jobs_in_a_row(void **state)
 {
     (void) state;
@@ -83,7 +85,8 @@ static void test_jobs_in_a_row(void **state)
 }
 
 #define GREEDY 8
-#define GREEDY_BYTES 1000 /* below what the allocator maps anew, so that the race is as tight as it can be */
+#define GREEDY_BYTES                                                                               \
+    1000 /* below what the allocator maps anew, so that the race is as tight as it can be */
 
 struct greedy {
     sg_ctx *ctx;
@@ -103,7 +106,8 @@ static void greedy_one(void *arg, size_t i, int thread)
         atomic_fetch_add(&g->granted, 1);
 }
 
-/* The limit holds however many threads ask at the same moment, and every failure leaves one whole message. */
+/* The limit holds however many threads ask at the same moment, and every failure leaves one whole
+ * message. */
 static void test_ledger_limit_under_contention(void **state)
 {
     (void) state;
@@ -111,7 +115,9 @@ static void test_ledger_limit_under_contention(void **state)
     sg_free(sg_alloc_raw(ctx, SG_MEM_MISC, GREEDY_BYTES, 1));
     const uint64_t limit = sg_mem_peak(ctx, SG_MEM_TAGS) + 10; /* room for one */
     sg_ctx_destroy(&ctx);
-    assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = GREEDY, .max_memory = limit}), SG_OK);
+    assert_int_equal(
+        sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = GREEDY, .max_memory = limit}),
+        SG_OK);
     for (int round = 0; round < 3000; round++) {
         struct greedy g = {.ctx = ctx};
         sg_clear_error(ctx);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The tolerance of the photometric loss, on the oracle and every CPU variant: what lies within it of a photo has no
- * gradient, what lies outside has that of the nearest image within it. */
+/* The tolerance of the photometric loss, on the oracle and every CPU variant: what lies within it
+ * of a photo has no gradient, what lies outside has that of the nearest image within it. */
 #include "models.h"
 #include "variants.h"
 
@@ -22,7 +22,8 @@ static struct drawn *draw_with(int variant, uint64_t seed)
 {
     static struct drawn d;
     const struct sg_camera camera = make_camera(WIDTH, HEIGHT, 3);
-    const struct sg_render_params params = {.max_instances = 1 << 20, .background = {0.2f, 0.1f, 0.3f}};
+    const struct sg_render_params params = {.max_instances = 1 << 20,
+                                            .background = {0.2f, 0.1f, 0.3f}};
     d.ctx = make_context(2);
     struct sg_model *m = make_model(d.ctx, GAUSSIANS, 1, seed);
     d.engine = make_engine(d.ctx, engine_name(variant), variant_names[variant], m, NULL);
@@ -39,7 +40,8 @@ static void finish(struct drawn *d)
 }
 
 /* The loss and the gradient of each parameter. The caller destroys *gradient. */
-static struct sg_photometric_value lose_and_pull(struct drawn *d, const struct loss_case *p, struct sg_model **gradient)
+static struct sg_photometric_value lose_and_pull(struct drawn *d, const struct loss_case *p,
+                                                 struct sg_model **gradient)
 {
     const struct sg_photometric_value value = lose(d->engine, p);
     if (gradient) {
@@ -73,7 +75,8 @@ static float poison(int form, uint64_t seed, size_t i)
     }
 }
 
-/* A model whose renders are the clean photos keeps its parameters, whatever a poison within the tolerance does. */
+/* A model whose renders are the clean photos keeps its parameters, whatever a poison within the
+ * tolerance does. */
 static void no_gradient_within(void **state)
 {
     (void) state;
@@ -88,7 +91,8 @@ static void no_gradient_within(void **state)
                 struct drawn *d = draw_with(v, seed);
                 for (size_t i = 0; i < VALUES; i++)
                     photo[i] = d->rgb[i] + tau * poison(form, seed, i);
-                /* Bytes lie up to half a level from the value that they stand for, and show 0 to 255 only. */
+                /* Bytes lie up to half a level from the value that they stand for, and show 0 to
+                 * 255 only. */
                 for (size_t i = 0; i < PIXELS; i++) {
                     shown[i] = 255;
                     for (size_t ch = 0; ch < 3; ch++) {
@@ -101,14 +105,21 @@ static void no_gradient_within(void **state)
                 }
                 const struct loss_case targets[] = {
                     {.lambda_dssim = 0.2f, .tolerance = sg_loss_tolerance(levels), .planes = photo},
-                    {.lambda_dssim = 1, .tolerance = sg_loss_tolerance(levels), .planes = photo, .mask = mask},
-                    {.lambda_dssim = 0.2f, .tolerance = sg_loss_tolerance(levels), .target = bytes, .mask = shown},
+                    {.lambda_dssim = 1,
+                     .tolerance = sg_loss_tolerance(levels),
+                     .planes = photo,
+                     .mask = mask},
+                    {.lambda_dssim = 0.2f,
+                     .tolerance = sg_loss_tolerance(levels),
+                     .target = bytes,
+                     .mask = shown},
                 };
                 for (size_t t = 0; t < sizeof(targets) / sizeof(targets[0]); t++) {
                     struct loss_case p = targets[t];
                     struct sg_model *g;
                     struct sg_photometric_value value = lose_and_pull(d, &p, &g);
-                    assert_true(value.total == 0 && value.l1 == 0 && value.mse == 0 && value.ssim == 1);
+                    assert_true(value.total == 0 && value.l1 == 0 && value.mse == 0 &&
+                                value.ssim == 1);
                     assert_int_equal(non_zero(g), 0);
                     sg_model_destroy(&g);
                     p.tolerance = 0; /* the same photo moves the model otherwise */
@@ -120,7 +131,8 @@ static void no_gradient_within(void **state)
             }
 }
 
-/* At any model, poisoned photos within the tolerance have at most the L1 of the clean ones without it. */
+/* At any model, poisoned photos within the tolerance have at most the L1 of the clean ones without
+ * it. */
 static void l1_at_most_that_of_clean_photos(void **state)
 {
     (void) state;
@@ -132,16 +144,18 @@ static void l1_at_most_that_of_clean_photos(void **state)
                 clean[i] = draw(seed + 30, i, 0, 1);
                 photo[i] = clean[i] + 16.0f / 255 * poison((int) (seed % 4), seed, i);
             }
-            const struct sg_photometric_value without = lose_and_pull(d, &(struct loss_case){.planes = clean}, NULL);
-            const struct sg_photometric_value with =
-                lose_and_pull(d, &(struct loss_case){.planes = photo, .tolerance = sg_loss_tolerance(16)}, NULL);
+            const struct sg_photometric_value without =
+                lose_and_pull(d, &(struct loss_case){.planes = clean}, NULL);
+            const struct sg_photometric_value with = lose_and_pull(
+                d, &(struct loss_case){.planes = photo, .tolerance = sg_loss_tolerance(16)}, NULL);
             assert_true(with.l1 <= without.l1 && with.l1 > 0.5 * without.l1);
             finish(d);
         }
 }
 
-/* The target is a constant: loss and gradient are those of the nearest image within the tolerance, to the byte. A value
- * that is its own target has no gradient, so where all are, neither has a parameter. */
+/* The target is a constant: loss and gradient are those of the nearest image within the tolerance,
+ * to the byte. A value that is its own target has no gradient, so where all are, neither has a
+ * parameter. */
 static void target_is_the_nearest_image(void **state)
 {
     (void) state;
@@ -153,17 +167,21 @@ static void target_is_the_nearest_image(void **state)
         /* The left half is far from the photo, the right half near it. */
         for (size_t i = 0; i < VALUES; i++) {
             const bool far = i % WIDTH < WIDTH / 2;
-            photo[i] = far ? d->rgb[i] + (i % 3 ? 0.3f : -0.3f) : d->rgb[i] + draw(5, i, -0.07f, 0.07f);
+            photo[i] =
+                far ? d->rgb[i] + (i % 3 ? 0.3f : -0.3f) : d->rgb[i] + draw(5, i, -0.07f, 0.07f);
             nearest[i] = fminf(fmaxf(d->rgb[i], photo[i] - tolerance), photo[i] + tolerance);
             outside[i % PIXELS] = far ? 255 : 0;
         }
         struct sg_model *with, *without;
-        const struct sg_photometric_value a =
-            lose_and_pull(d, &(struct loss_case){.lambda_dssim = 0.2f, .tolerance = tolerance, .planes = photo}, &with);
-        const struct sg_photometric_value b =
-            lose_and_pull(d, &(struct loss_case){.lambda_dssim = 0.2f, .planes = nearest, .mask = outside}, &without);
+        const struct sg_photometric_value a = lose_and_pull(
+            d, &(struct loss_case){.lambda_dssim = 0.2f, .tolerance = tolerance, .planes = photo},
+            &with);
+        const struct sg_photometric_value b = lose_and_pull(
+            d, &(struct loss_case){.lambda_dssim = 0.2f, .planes = nearest, .mask = outside},
+            &without);
         assert_true(a.total == b.total && a.l1 == b.l1 && a.mse == b.mse && a.ssim == b.ssim);
-        assert_memory_equal(with->params, without->params, with->capacity * (size_t) sg_param_count(1) * sizeof(float));
+        assert_memory_equal(with->params, without->params,
+                            with->capacity * (size_t) sg_param_count(1) * sizeof(float));
         assert_true(non_zero(with) > 0);
         sg_model_destroy(&with);
         sg_model_destroy(&without);
@@ -171,8 +189,8 @@ static void target_is_the_nearest_image(void **state)
     }
 }
 
-/* Of L1 alone the gradient of the whole loss, its target moving along, by central differences of the colours of all
- * Gaussians: away from the faces of the ball. */
+/* Of L1 alone the gradient of the whole loss, its target moving along, by central differences of
+ * the colours of all Gaussians: away from the faces of the ball. */
 static void l1_by_differences(void **state)
 {
     (void) state;
@@ -198,7 +216,8 @@ static void l1_by_differences(void **state)
                 struct sg_model *moved = make_model(d->ctx, GAUSSIANS, 1, 11);
                 for (size_t i = 0; i < GAUSSIANS; i++)
                     *sg_model_at(moved, i, SG_P_SH + ch) += side ? step : -step;
-                const struct sg_render_params params = {.max_instances = 1 << 20, .background = {0.2f, 0.1f, 0.3f}};
+                const struct sg_render_params params = {.max_instances = 1 << 20,
+                                                        .background = {0.2f, 0.1f, 0.3f}};
                 assert_int_equal(sg_engine_upload(d->engine, moved, NULL), SG_OK);
                 assert_int_equal(sg_engine_draw(d->engine, &camera, 1, &params, false), SG_OK);
                 loss[side] = lose_and_pull(d, &p, NULL).l1;

@@ -80,10 +80,10 @@ static void test_resume(void **state)
 static void test_golden_losses(void **state)
 {
     (void) state;
-    static const double golden[20] = {0.149084311, 0.171352502, 0.125135843, 0.213942214, 0.190587816,
-                                      0.217004532, 0.160757864, 0.210872132, 0.114614588, 0.197553805,
-                                      0.220949767, 0.164029543, 0.244421249, 0.140668635, 0.159918372,
-                                      0.248571060, 0.202053479, 0.229328267, 0.171610140, 0.225170305};
+    static const double golden[20] = {
+        0.149084311, 0.171352502, 0.125135843, 0.213942214, 0.190587816, 0.217004532, 0.160757864,
+        0.210872132, 0.114614588, 0.197553805, 0.220949767, 0.164029543, 0.244421249, 0.140668635,
+        0.159918372, 0.248571060, 0.202053479, 0.229328267, 0.171610140, 0.225170305};
     struct sg_train_params p = short_params();
     struct fixture f = make_fixture(2);
     const struct cpu_kernels *variants[4];
@@ -97,7 +97,8 @@ static void test_golden_losses(void **state)
         sg_model_destroy(&m);
         for (int i = 0; i < 20; i++)
             if (fabs(losses[i] - golden[i]) > 5e-4 * golden[i])
-                fail_msg("%s: loss %d: found %.9f, expected %.9f", v < n ? p.cpu : "ref", i + 1, losses[i], golden[i]);
+                fail_msg("%s: loss %d: found %.9f, expected %.9f", v < n ? p.cpu : "ref", i + 1,
+                         losses[i], golden[i]);
     }
     clear_fixture(&f);
 }
@@ -163,7 +164,8 @@ static void test_schedule(void **state)
     assert_true(moved);
 }
 
-/* A number just outside its range is refused by name, and so is what is none; the ends themselves are not. */
+/* A number just outside its range is refused by name, and so is what is none; the ends themselves
+ * are not. */
 static void test_ranges(void **state)
 {
     (void) state;
@@ -194,7 +196,8 @@ static void test_ranges(void **state)
         {"anisotropy-scale", {SG_TRAIN_DEFAULTS, .defense.anisotropy_scale = NAN}},
         {"tv-scale", {SG_TRAIN_DEFAULTS, .defense.tv_scale = -1}},
         {"band-high", {SG_TRAIN_DEFAULTS, .defense.spectrum.band.high = 1.01}},
-        {NULL, {SG_TRAIN_DEFAULTS, .defense.spectrum.band.high = 1, .defense.spectrum.band.low = 1}},
+        {NULL,
+         {SG_TRAIN_DEFAULTS, .defense.spectrum.band.high = 1, .defense.spectrum.band.low = 1}},
     };
     sg_ctx *ctx = make_context(1);
     for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
@@ -206,7 +209,8 @@ static void test_ranges(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Adam's step counters: none moves when a densification replaces the parameters, opacity stands still at a reset. */
+/* Adam's step counters: none moves when a densification replaces the parameters, opacity stands
+ * still at a reset. */
 static void test_adam_steps(void **state)
 {
     (void) state;
@@ -224,7 +228,8 @@ static void test_adam_steps(void **state)
     clear_fixture(&f);
 }
 
-/* Black, white, or at each iteration a colour of its own; what is rendered of the model is never on a random one. */
+/* Black, white, or at each iteration a colour of its own; what is rendered of the model is never on
+ * a random one. */
 static void test_background(void **state)
 {
     (void) state;
@@ -294,7 +299,8 @@ static void test_too_large(void **state)
     struct fixture f = make_fixture(1);
     struct sg_train_params p = short_params();
     struct sg_train_step s;
-    p.densify_grad_threshold = 1e9f, p.opacity_reset_interval = 10, p.opacity_lr = 0, p.scaling_lr = 0;
+    p.densify_grad_threshold = 1e9f, p.opacity_reset_interval = 10, p.opacity_lr = 0,
+    p.scaling_lr = 0;
     for (size_t i = 0; i < f.start->count; i++) { /* every other one, where the extent is 2 */
         for (int k = 0; k < 3; k++)
             *sg_model_at(f.start, i, SG_P_SCALE + k) = logf(i % 2 ? 0.15f : 0.4f);
@@ -319,7 +325,8 @@ static void test_no_extent(void **state)
     f.scene.extent = 0;
     struct sg_model *m = train(&f, &p, 1, NULL, NULL, NULL);
     for (size_t i = 0; i < m->count; i++)
-        most = fmaxf(most, fabsf(*sg_model_at(m, i, SG_P_XYZ) - *sg_model_at(f.start, i, SG_P_XYZ)));
+        most =
+            fmaxf(most, fabsf(*sg_model_at(m, i, SG_P_XYZ) - *sg_model_at(f.start, i, SG_P_XYZ)));
     assert_true(most > 1e-6f && most < 1);
     sg_model_destroy(&m);
     clear_fixture(&f);
@@ -328,10 +335,12 @@ static void test_no_extent(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_schedule),      cmocka_unit_test(test_ranges),     cmocka_unit_test(test_adam_steps),
-        cmocka_unit_test(test_threads),       cmocka_unit_test(test_resume),     cmocka_unit_test(test_loss_falls),
-        cmocka_unit_test(test_golden_losses), cmocka_unit_test(test_background), cmocka_unit_test(test_masks),
-        cmocka_unit_test(test_too_large),     cmocka_unit_test(test_no_extent),
+        cmocka_unit_test(test_schedule),      cmocka_unit_test(test_ranges),
+        cmocka_unit_test(test_adam_steps),    cmocka_unit_test(test_threads),
+        cmocka_unit_test(test_resume),        cmocka_unit_test(test_loss_falls),
+        cmocka_unit_test(test_golden_losses), cmocka_unit_test(test_background),
+        cmocka_unit_test(test_masks),         cmocka_unit_test(test_too_large),
+        cmocka_unit_test(test_no_extent),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

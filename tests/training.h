@@ -21,10 +21,12 @@ static inline struct fixture make_fixture(int threads)
     struct fixture f = {.ctx = make_context(threads)};
     f.truth = make_model(f.ctx, 120, 1, 21);
     make_photos(f.ctx, f.truth, SIDE, f.views, VIEWS);
-    f.scene = (struct sg_scene){.path = (char *) "fixture", .train = NULL, .n_train = VIEWS, .extent = 2};
+    f.scene =
+        (struct sg_scene){.path = (char *) "fixture", .train = NULL, .n_train = VIEWS, .extent = 2};
     assert_int_equal(sg_model_create(f.ctx, f.truth->count, 1, &f.start), SG_OK);
     f.start->active_sh_degree = 0;
-    memcpy(f.start->params, f.truth->params, f.truth->capacity * (size_t) sg_param_count(1) * sizeof(float));
+    memcpy(f.start->params, f.truth->params,
+           f.truth->capacity * (size_t) sg_param_count(1) * sizeof(float));
     for (size_t i = 0; i < f.start->count; i++)
         for (int p = 0; p < SG_P_SH + 3; p++)
             *sg_model_at(f.start, i, p) += draw(4, i * 64 + (size_t) p, -0.15f, 0.15f);
@@ -53,7 +55,8 @@ static inline struct sg_train_params short_params(void)
                                     .densify_grad_threshold = 0.0001f};
 }
 
-static inline sg_trainer *resume_training(struct fixture *f, const struct sg_train_params *p, const char *path)
+static inline sg_trainer *resume_training(struct fixture *f, const struct sg_train_params *p,
+                                          const char *path)
 {
     sg_trainer *t;
     f->scene.train = f->views;
@@ -69,8 +72,9 @@ static inline sg_trainer *begin_training(struct fixture *f, const struct sg_trai
     return t;
 }
 
-static inline struct sg_model *train(struct fixture *f, const struct sg_train_params *p, int iterations,
-                                     const char *save_at_20, const char *load, double *losses)
+static inline struct sg_model *train(struct fixture *f, const struct sg_train_params *p,
+                                     int iterations, const char *save_at_20, const char *load,
+                                     double *losses)
 {
     sg_trainer *t = load ? resume_training(f, p, load) : begin_training(f, p);
     struct sg_model *m;

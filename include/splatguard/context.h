@@ -27,21 +27,23 @@ enum sg_mem_tag {
 };
 
 /* A context owns the thread pool, the memory ledger, the logger and the last error.
- * Thread safety: one call at a time per context, unless a function says otherwise; different contexts are
- * independent. */
+ * Thread safety: one call at a time per context, unless a function says otherwise; different
+ * contexts are independent. */
 typedef struct sg_ctx sg_ctx;
 
 struct sg_ctx_params {
-    int threads; /* worker threads, 1..256; 0 = one per online CPU. Default 0. Results do not depend on it, unless
-                    max_memory binds: more threads leave less of it to the model. */
+    int threads; /* worker threads, 1..256; 0 = one per online CPU. Default 0. Results do not depend
+                    on it, unless max_memory binds: more threads leave less of it to the model. */
     uint64_t max_memory; /* bytes the ledger may hold at once; 0 = no limit. Default 0. */
-    /* NULL = silent. Called on any thread, perhaps on several at once; the message is gone afterwards. Default NULL. */
+    /* NULL = silent. Called on any thread, perhaps on several at once; the message is gone
+     * afterwards. Default NULL. */
     void (*log)(void *priv, enum sg_log_level level, const char *message);
     void *log_priv;
 };
 
-/* params may be NULL for the defaults. On success *out is owned by the caller; free with sg_ctx_destroy. Errors, of
- * which there is no message: SG_ERR_USAGE (threads), SG_ERR_BUDGET, SG_ERR_INTERNAL (threads cannot start). */
+/* params may be NULL for the defaults. On success *out is owned by the caller; free with
+ * sg_ctx_destroy. Errors, of which there is no message: SG_ERR_USAGE (threads), SG_ERR_BUDGET,
+ * SG_ERR_INTERNAL (threads cannot start). */
 SG_API int sg_ctx_create(sg_ctx **out, const struct sg_ctx_params *params);
 
 /* NULL-safe; sets *ctx to NULL. Objects made with the context must be destroyed first. */

@@ -18,7 +18,8 @@ enum sg_param {
     SG_P_OPACITY = 3, /* 1: logit */
     SG_P_SCALE = 4,   /* 3: natural log of the standard deviation */
     SG_P_ROT = 7,     /* 4: quaternion w x y z, not necessarily normalised */
-    SG_P_SH = 11,     /* 3 (d+1)^2: coefficient k of channel c is plane SG_P_SH + 3k + c; k = 0 is f_dc */
+    SG_P_SH =
+        11, /* 3 (d+1)^2: coefficient k of channel c is plane SG_P_SH + 3k + c; k = 0 is f_dc */
     SG_PARAMS_MAX = 59
 };
 
@@ -51,45 +52,52 @@ static inline float *sg_model_at(const struct sg_model *m, size_t i, int p)
     return &m->params[sg_param_index(sg_param_count(m->sh_degree), i, p)];
 }
 
-/* An all-zero model of `count` Gaussians; the caller owns *out. Errors: SG_ERR_USAGE, SG_ERR_BUDGET. */
+/* An all-zero model of `count` Gaussians; the caller owns *out. Errors: SG_ERR_USAGE,
+ * SG_ERR_BUDGET. */
 SG_API int sg_model_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_model **out);
 SG_API void sg_model_destroy(struct sg_model **model);
 
-/* Initial Gaussians at points (Kerbl et al. 2023, section 5.1): isotropic, scale = RMS distance to the exact 3 nearest
- * other points, opacity 0.1, active degree 0. xyz: n x 3; rgb: n x 3. Errors: SG_ERR_INPUT for fewer than 4 points and
- * positions that are not finite, SG_ERR_USAGE for the degree, SG_ERR_BUDGET. The caller owns *out. */
-SG_API int sg_model_init_points(sg_ctx *ctx, const float *xyz, const uint8_t *rgb, size_t n, int sh_degree,
+/* Initial Gaussians at points (Kerbl et al. 2023, section 5.1): isotropic, scale = RMS distance to
+ * the exact 3 nearest other points, opacity 0.1, active degree 0. xyz: n x 3; rgb: n x 3. Errors:
+ * SG_ERR_INPUT for fewer than 4 points and positions that are not finite, SG_ERR_USAGE for the
+ * degree, SG_ERR_BUDGET. The caller owns *out. */
+SG_API int sg_model_init_points(sg_ctx *ctx, const float *xyz, const uint8_t *rgb, size_t n,
+                                int sh_degree, struct sg_model **out);
+
+/* n >= 4 grey points drawn uniformly from [-1.3, 1.3]^3, the reference's start for scenes without
+ * points. Errors and ownership as above. */
+SG_API int sg_model_init_random(sg_ctx *ctx, size_t n, uint64_t seed, int sh_degree,
                                 struct sg_model **out);
 
-/* n >= 4 grey points drawn uniformly from [-1.3, 1.3]^3, the reference's start for scenes without points. Errors and
- * ownership as above. */
-SG_API int sg_model_init_random(sg_ctx *ctx, size_t n, uint64_t seed, int sh_degree, struct sg_model **out);
+/* Reads a 3DGS PLY: binary or ASCII, any property order, SH degree 0..3 (active = stored). The file
+ * is read in pieces: beside the model it takes less than a megabyte. Values that are not finite are
+ * kept: see sg_model_check. The caller owns *out. Errors: SG_ERR_INPUT, also for more than
+ * max_gaussians; SG_ERR_BUDGET. */
+SG_API int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussians,
+                             struct sg_model **out);
 
-/* Reads a 3DGS PLY: binary or ASCII, any property order, SH degree 0..3 (active = stored). The file is read in pieces:
- * beside the model it takes less than a megabyte. Values that are not finite are kept: see sg_model_check. The caller
- * owns *out. Errors: SG_ERR_INPUT, also for more than max_gaussians; SG_ERR_BUDGET. */
-SG_API int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussians, struct sg_model **out);
-
-/* Writes the layout of the reference, binary little endian: 62 properties at SH degree 3, fewer f_rest below. The file
- * appears whole or not at all. */
+/* Writes the layout of the reference, binary little endian: 62 properties at SH degree 3, fewer
+ * f_rest below. The file appears whole or not at all. */
 SG_API int sg_model_write_ply(sg_ctx *ctx, const struct sg_model *model, const char *path);
 
-/* Point cloud PLY (x y z, optional red green blue). xyz, rgb: n x 3; read from a file without colours rgb is 127.
- * Arrays are owned by the caller: free with sg_points_destroy. Errors: as of models. */
-SG_API int sg_points_read_ply(sg_ctx *ctx, const char *path, uint64_t max_points, float **xyz, uint8_t **rgb,
-                              size_t *n);
-SG_API int sg_points_write_ply(sg_ctx *ctx, const char *path, const float *xyz, const uint8_t *rgb, size_t n);
+/* Point cloud PLY (x y z, optional red green blue). xyz, rgb: n x 3; read from a file without
+ * colours rgb is 127. Arrays are owned by the caller: free with sg_points_destroy. Errors: as of
+ * models. */
+SG_API int sg_points_read_ply(sg_ctx *ctx, const char *path, uint64_t max_points, float **xyz,
+                              uint8_t **rgb, size_t *n);
+SG_API int sg_points_write_ply(sg_ctx *ctx, const char *path, const float *xyz, const uint8_t *rgb,
+                               size_t n);
 SG_API void sg_points_destroy(float **xyz, uint8_t **rgb);
 
 /* cameras.json as the reference writes it: test cameras first, then train. */
 SG_API int sg_cameras_write_json(sg_ctx *ctx, const struct sg_scene *scene, const char *path);
 
-/* SG_ERR_INPUT, naming Gaussian and property, where a parameter is not finite: such a model can be inspected, not used.
- * name starts the message. */
+/* SG_ERR_INPUT, naming Gaussian and property, where a parameter is not finite: such a model can be
+ * inspected, not used. name starts the message. */
 SG_API int sg_model_check(sg_ctx *ctx, const struct sg_model *model, const char *name);
 
-/* What `splatguard info` tells about a model. Percentiles are of the activated values of Gaussians without a NaN or
- * infinity, and NaN where there is none. */
+/* What `splatguard info` tells about a model. Percentiles are of the activated values of Gaussians
+ * without a NaN or infinity, and NaN where there is none. */
 struct sg_model_info {
     size_t count;
     int sh_degree;

@@ -15,9 +15,9 @@
 extern "C" {
 #endif
 
-/* Defaults are those of the reference (Kerbl et al. 2023, the 2023 release). Where a range is not given: learning rates
- * and percent_dense 0..1e3 (of positions from 1e-12), intervals 1..1e9 iterations, densify_from_iter and _until_iter
- * 0..1e9. */
+/* Defaults are those of the reference (Kerbl et al. 2023, the 2023 release). Where a range is not
+ * given: learning rates and percent_dense 0..1e3 (of positions from 1e-12), intervals 1..1e9
+ * iterations, densify_from_iter and _until_iter 0..1e9. */
 struct sg_train_params {
     int iterations;         /* 1..10 million. Default 30000. */
     uint64_t seed;          /* Default 42. */
@@ -26,32 +26,36 @@ struct sg_train_params {
     bool white_background;  /* Default false. */
     bool random_background; /* a random colour each iteration. Default false. */
     float lambda_dssim;     /* weight of 1-SSIM, 0..1. Default 0.2. */
-    /* The loss compares a render with the nearest image that differs from the photo by at most `tolerance` grey levels
-     * (0..255) in each value: a change of the photos within it has no gradient at a model of the unchanged photos.
-     * Default 0. */
+    /* The loss compares a render with the nearest image that differs from the photo by at most
+     * `tolerance` grey levels (0..255) in each value: a change of the photos within it has no
+     * gradient at a model of the unchanged photos. Default 0. */
     float tolerance;
-    const float *tolerances;      /* NULL, or of each training view, instead. Borrowed as long as the trainer. */
-    float position_lr_init;       /* x scene extent. Default 1.6e-4. */
-    float position_lr_final;      /* x scene extent. Default 1.6e-6. */
-    int position_lr_max_steps;    /* Default 30000. */
-    float feature_lr;             /* f_dc; f_rest uses 1/20. Default 0.0025. */
-    float opacity_lr;             /* Default 0.05. */
-    float scaling_lr;             /* Default 0.005. */
-    float rotation_lr;            /* Default 0.001. */
-    float percent_dense;          /* clone below, split above this share of the extent. Default 0.01. */
+    /* NULL, or of each training view, instead. Borrowed as long as the trainer. */
+    const float *tolerances;
+    float position_lr_init;    /* x scene extent. Default 1.6e-4. */
+    float position_lr_final;   /* x scene extent. Default 1.6e-6. */
+    int position_lr_max_steps; /* Default 30000. */
+    float feature_lr;          /* f_dc; f_rest uses 1/20. Default 0.0025. */
+    float opacity_lr;          /* Default 0.05. */
+    float scaling_lr;          /* Default 0.005. */
+    float rotation_lr;         /* Default 0.001. */
+    float percent_dense; /* clone below, split above this share of the extent. Default 0.01. */
     int densification_interval;   /* 1..10 million. Default 100. */
     int densify_from_iter;        /* Default 500. */
     int densify_until_iter;       /* Default 15000. */
     float densify_grad_threshold; /* view-space gradient, NDC; 0..1e9. Default 0.0002. */
     int opacity_reset_interval;   /* Default 3000. */
-    uint64_t init_points;         /* random points when the scene has none, 4..1e8. Default 100000. */
-    /* Budgets; 0 = none. Where the context limits memory, the trainer further limits itself to what fits. */
-    uint64_t max_gaussians; /* at least 4; from there on new ones take the place of those scored lowest. Default 0. */
-    double max_seconds; /* from creation on, whatever is done between steps; to 1e9. From the first step on the schedule
-                           advances by iterations or by time, whichever is ahead, so that a run cut short still ends as
-                           a whole one. Default 0. */
-    double seconds_before;   /* that count already, e.g. for reading the photos. Default 0. */
-    double (*clock)(void *); /* seconds from any start, never backwards; NULL = the system's. Default NULL. */
+    uint64_t init_points; /* random points when the scene has none, 4..1e8. Default 100000. */
+    /* Budgets; 0 = none. Where the context limits memory, the trainer further limits itself to what
+     * fits. */
+    uint64_t max_gaussians; /* at least 4; from there on new ones take the place of those scored
+                               lowest. Default 0. */
+    double max_seconds; /* from creation on, whatever is done between steps; to 1e9. From the first
+                           step on the schedule advances by iterations or by time, whichever is
+                           ahead, so that a run cut short still ends as a whole one. Default 0. */
+    double seconds_before; /* that count already, e.g. for reading the photos. Default 0. */
+    double (*clock)(
+        void *); /* seconds from any start, never backwards; NULL = the system's. Default NULL. */
     void *clock_arg;
     uint64_t max_instances; /* see sg_render_params. Default 1 << 24. */
     bool reference_tiles;   /* see sg_render_params. Default false. */
@@ -60,17 +64,18 @@ struct sg_train_params {
     const char *cpu;    /* CPU variant; NULL = best. Default NULL. */
 };
 
-#define SG_TRAIN_DEFAULTS                                                                                              \
-    .iterations = 30000, .seed = 42, .sh_degree = 3, .sh_interval = 1000, .lambda_dssim = 0.2f,                        \
-    .position_lr_init = 1.6e-4f, .position_lr_final = 1.6e-6f, .position_lr_max_steps = 30000, .feature_lr = 0.0025f,  \
-    .opacity_lr = 0.05f, .scaling_lr = 0.005f, .rotation_lr = 0.001f, .percent_dense = 0.01f,                          \
-    .densification_interval = 100, .densify_from_iter = 500, .densify_until_iter = 15000,                              \
-    .densify_grad_threshold = 0.0002f, .opacity_reset_interval = 3000, .init_points = 100000,                          \
-    .max_instances = 1u << 24, .defense = {SG_DEFENSE_DEFAULTS}, .engine = "cpu"
+#define SG_TRAIN_DEFAULTS                                                                          \
+    .iterations = 30000, .seed = 42, .sh_degree = 3, .sh_interval = 1000, .lambda_dssim = 0.2f,    \
+    .position_lr_init = 1.6e-4f, .position_lr_final = 1.6e-6f, .position_lr_max_steps = 30000,     \
+    .feature_lr = 0.0025f, .opacity_lr = 0.05f, .scaling_lr = 0.005f, .rotation_lr = 0.001f,       \
+    .percent_dense = 0.01f, .densification_interval = 100, .densify_from_iter = 500,               \
+    .densify_until_iter = 15000, .densify_grad_threshold = 0.0002f,                                \
+    .opacity_reset_interval = 3000, .init_points = 100000, .max_instances = 1u << 24,              \
+    .defense = {SG_DEFENSE_DEFAULTS}, .engine = "cpu"
 SG_API struct sg_train_params sg_train_params_default(void);
 
-/* SG_ERR_USAGE, naming the value and its range, where a number is out of it; sg_trainer_create checks this and what
- * depends on scene and machine. params: not NULL. */
+/* SG_ERR_USAGE, naming the value and its range, where a number is out of it; sg_trainer_create
+ * checks this and what depends on scene and machine. params: not NULL. */
 SG_API int sg_train_check(sg_ctx *ctx, const struct sg_train_params *params);
 
 /* What one iteration did. */
@@ -87,31 +92,35 @@ struct sg_train_step {
 /* Seconds spent per stage since creation (wall clock). */
 struct sg_train_times {
     double project, bin, raster, loss, raster_backward, update, densify;
-    double anisotropy, total_variation, count, prune; /* of the defense; prune: ranking and removal */
+    double anisotropy, total_variation, count,
+        prune; /* of the defense; prune: ranking and removal */
 };
 
 /* Thread safety: unsafe. The scene must outlive the trainer and is not changed. */
 typedef struct sg_trainer sg_trainer;
 
-/* initial may be NULL: points of the scene, or random ones. It is copied; where the context has a limit on memory the
- * caller destroys it before the first step, for the plan counts on that. params may be NULL. Errors: SG_ERR_USAGE for
- * values out of range, SG_ERR_INPUT for a scene without training views or of which masks leave nothing and for an
- * initial model with a value that is not finite, SG_ERR_BUDGET where the run cannot fit. */
-SG_API int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *initial,
-                             const struct sg_train_params *params, sg_trainer **out);
-/* From a file of sg_trainer_save, with the same scene and params: goes on to the very bytes of an uninterrupted run.
- * Limits, iterations, engine and sh_degree may differ, and then the bytes do (the last iteration of a run takes no
- * step); where the photos differ from those at the time of saving, so may tolerance, rho, rho_least, frequency and
- * lambda. Errors: those of sg_trainer_create; SG_ERR_INPUT for a file that is no checkpoint of this scene and run, or
- * of one with other parameters. */
+/* initial may be NULL: points of the scene, or random ones. It is copied; where the context has a
+ * limit on memory the caller destroys it before the first step, for the plan counts on that. params
+ * may be NULL. Errors: SG_ERR_USAGE for values out of range, SG_ERR_INPUT for a scene without
+ * training views or of which masks leave nothing and for an initial model with a value that is not
+ * finite, SG_ERR_BUDGET where the run cannot fit. */
+SG_API int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene,
+                             const struct sg_model *initial, const struct sg_train_params *params,
+                             sg_trainer **out);
+/* From a file of sg_trainer_save, with the same scene and params: goes on to the very bytes of an
+ * uninterrupted run. Limits, iterations, engine and sh_degree may differ, and then the bytes do
+ * (the last iteration of a run takes no step); where the photos differ from those at the time of
+ * saving, so may tolerance, rho, rho_least, frequency and lambda. Errors: those of
+ * sg_trainer_create; SG_ERR_INPUT for a file that is no checkpoint of this scene and run, or of one
+ * with other parameters. */
 SG_API int sg_trainer_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path,
                              const struct sg_train_params *params, sg_trainer **out);
 SG_API void sg_trainer_destroy(sg_trainer **trainer);
 
-/* One iteration; after the last one Adam stands still. step may be NULL. Errors: SG_ERR_BUDGET; SG_ERR_INPUT where
- * every Gaussian has become transparent, so that none is left. After an error the
- * trainer can still be saved and destroyed, with that iteration half done: what is resumed from there is a sound model,
- * not the one of an uninterrupted run. */
+/* One iteration; after the last one Adam stands still. step may be NULL. Errors: SG_ERR_BUDGET;
+ * SG_ERR_INPUT where every Gaussian has become transparent, so that none is left. After an error
+ * the trainer can still be saved and destroyed, with that iteration half done: what is resumed from
+ * there is a sound model, not the one of an uninterrupted run. */
 SG_API int sg_trainer_step(sg_trainer *trainer, struct sg_train_step *step);
 
 /* Iterations done so far, those that a lack of time skipped included. */
@@ -134,12 +143,12 @@ SG_API const char *sg_trainer_variant(const sg_trainer *trainer);
 /* A copy of the current model; the caller owns *out. */
 SG_API int sg_trainer_model(sg_trainer *trainer, struct sg_model **out);
 
-/* Draws the current model in the run's own buffers, without a copy, on white or black as the run says. It lasts until
- * the trainer's next step or its end; the caller destroys *out. */
+/* Draws the current model in the run's own buffers, without a copy, on white or black as the run
+ * says. It lasts until the trainer's next step or its end; the caller destroys *out. */
 SG_API int sg_trainer_renderer(sg_trainer *trainer, sg_renderer **out);
 
-/* The whole state, for sg_trainer_resume. The file appears whole or not at all. Errors: SG_ERR_INPUT where it cannot be
- * written, SG_ERR_BUDGET. */
+/* The whole state, for sg_trainer_resume. The file appears whole or not at all. Errors:
+ * SG_ERR_INPUT where it cannot be written, SG_ERR_BUDGET. */
 SG_API int sg_trainer_save(sg_trainer *trainer, const char *path);
 
 #ifdef __cplusplus

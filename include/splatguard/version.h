@@ -13,8 +13,9 @@
 extern "C" {
 #endif
 
-/* Of these headers. Structs and functions keep their layout within a minor version; before 1.0 each minor version may
- * change them, and the shared library's name changes with it (libsplatguard.so.0.1). */
+/* Of these headers. Structs and functions keep their layout within a minor version; before 1.0 each
+ * minor version may change them, and the shared library's name changes with it
+ * (libsplatguard.so.0.1). */
 #define SG_VERSION_MAJOR 0
 #define SG_VERSION_MINOR 1
 #define SG_VERSION_PATCH 0

@@ -20,14 +20,15 @@ static const float *spectral_descent(const struct ascent *a, const float *x, siz
     sg_anisotropy_loss(a->spectral, x, 1, a->extra);
     for (size_t i = 0; i < values; i++)
         sum += (double) fabsf(a->extra[i]);
-    const float scale = sum > 0 ? (float) (-(double) a->spectral_weight * (double) values / sum) : 0;
+    const float scale =
+        sum > 0 ? (float) (-(double) a->spectral_weight * (double) values / sum) : 0;
     for (size_t i = 0; i < values; i++)
         a->extra[i] *= scale;
     return a->extra;
 }
 
-int sg_ascend(struct sg_engine *e, const struct ascent *a, const float *photo, int width, int height, float *x,
-              float *scratch)
+int sg_ascend(struct sg_engine *e, const struct ascent *a, const float *photo, int width,
+              int height, float *x, float *scratch)
 {
     const size_t values = 3 * (size_t) width * (size_t) height;
     struct sg_ascend step = {.epsilon = a->epsilon,
@@ -66,7 +67,8 @@ static void variation_row(void *arg, size_t r, int thread)
     (void) thread;
     const struct variation *j = arg;
     const int w = j->width;
-    const float *row = j->planes + r * (size_t) w, *below = (r + 1) % (size_t) j->height ? row + w : row;
+    const float *row = j->planes + r * (size_t) w,
+                *below = (r + 1) % (size_t) j->height ? row + w : row;
     double sum = 0;
     for (int i = 0; i < w; i++) {
         const double v = (double) (below[i] - row[i]), h = (double) right(row, w, i);
@@ -77,9 +79,11 @@ static void variation_row(void *arg, size_t r, int thread)
     j->rows[r] = sum;
 }
 
-double sg_tv_planes(sg_ctx *ctx, const float *planes, int width, int height, enum sg_tv_form form, double *rows)
+double sg_tv_planes(sg_ctx *ctx, const float *planes, int width, int height, enum sg_tv_form form,
+                    double *rows)
 {
-    sg_parallel_for(ctx, 3 * (size_t) height, variation_row, &(struct variation){planes, width, height, form, rows});
+    sg_parallel_for(ctx, 3 * (size_t) height, variation_row,
+                    &(struct variation){planes, width, height, form, rows});
     double sum = 0;
     for (int r = 0; r < 3 * height; r++)
         sum += rows[r];
@@ -93,7 +97,8 @@ double sg_total_variation(const uint8_t *rgb, int width, int height, enum sg_tv_
     for (int y = 0; y < height; y++)
         for (size_t i = 0; i < stride; i++) {
             const uint8_t *p = rgb + (size_t) y * stride + i;
-            const double v = y + 1 < height ? p[stride] - p[0] : 0, h = i + 3 < stride ? p[3] - p[0] : 0;
+            const double v = y + 1 < height ? p[stride] - p[0] : 0,
+                         h = i + 3 < stride ? p[3] - p[0] : 0;
             sum += form == SG_TV_VERTICAL2 ? 2 * fabs(v)
                    : form == SG_TV_ANISO   ? fabs(v) + fabs(h)
                                            : sqrt(v * v + h * h);

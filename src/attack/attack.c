@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Poison-splat (Lu et al. 2025): a decoy model is pushed towards images of large total variation; the poison of a view
- * is what the decoy shows there, within epsilon of the photo, so that all views agree on it. The decoy learns as the
- * victim does, but with constant rates, frozen positions, and densification all the time. */
+/* Poison-splat (Lu et al. 2025): a decoy model is pushed towards images of large total variation;
+ * the poison of a view is what the decoy shows there, within epsilon of the photo, so that all
+ * views agree on it. The decoy learns as the victim does, but with constant rates, frozen
+ * positions, and densification all the time. */
 #include "splatguard/attack.h"
 
 #include <math.h>
@@ -20,7 +21,8 @@
 struct sg_attack {
     sg_ctx *ctx;
     struct sg_attack_params params;
-    sg_trainer *trainer;            /* the decoy with its optimiser: only its state is used, not its schedule */
+    sg_trainer
+        *trainer; /* the decoy with its optimiser: only its state is used, not its schedule */
     float *image, *photo, *scratch; /* 3 planes each of the largest view */
     double *rows;                   /* 3 sums a row of the highest */
     float *extra;                   /* 3 planes more with a spectral term */
@@ -60,7 +62,8 @@ int sg_attack_check(sg_ctx *ctx, const struct sg_attack_params *p)
     };
     int code = sg_check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
     if (!code && p->texture > 0 && !isfinite(p->epsilon))
-        code = sg_fail(ctx, SG_ERR_USAGE, "texture: found %g and an epsilon of %g, expected a finite epsilon",
+        code = sg_fail(ctx, SG_ERR_USAGE,
+                       "texture: found %g and an epsilon of %g, expected a finite epsilon",
                        (double) p->texture, (double) p->epsilon);
     if (!code)
         code = sg_check_max_gaussians(ctx, p->max_gaussians);
@@ -90,7 +93,8 @@ static struct sg_identity identity_of(const struct sg_attack_params *p)
         (double) p->densify_grad_threshold,
     };
     return (struct sg_identity){.kind = SG_RUN_ATTACK,
-                                .parameters = sg_hash_numbers(numbers, sizeof(numbers) / sizeof(numbers[0]))};
+                                .parameters =
+                                    sg_hash_numbers(numbers, sizeof(numbers) / sizeof(numbers[0]))};
 }
 
 static int allocate(sg_attack *a, const struct sg_scene *scene)
@@ -108,9 +112,11 @@ static int allocate(sg_attack *a, const struct sg_scene *scene)
     a->photo = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float));
     a->scratch = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float));
     a->rows = sg_alloc_raw(ctx, SG_MEM_FRAME, (size_t) height, 3 * sizeof(double));
-    if (a->params.spectral_weight > 0 && !(a->extra = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float))))
+    if (a->params.spectral_weight > 0 &&
+        !(a->extra = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float))))
         return SG_ERR_BUDGET;
-    if (a->params.texture > 0 && !(a->bound = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, sizeof(float))))
+    if (a->params.texture > 0 &&
+        !(a->bound = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, sizeof(float))))
         return SG_ERR_BUDGET;
     return a->image && a->photo && a->scratch && a->rows ? SG_OK : SG_ERR_BUDGET;
 }
@@ -124,7 +130,8 @@ static int open_attack(sg_ctx *ctx, const struct sg_scene *scene, struct sg_trai
     if (code)
         return code;
     if (!scene->n_train)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found no training views, expected at least one to poison", scene->path);
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found no training views, expected at least one to poison", scene->path);
     sg_attack *a = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*a));
     if (!a)
         return SG_ERR_BUDGET;
@@ -154,8 +161,8 @@ int sg_attack_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_
     return open_attack(ctx, scene, (struct sg_trainer_start){.initial = proxy}, params, out);
 }
 
-int sg_attack_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path, const struct sg_attack_params *params,
-                     sg_attack **out)
+int sg_attack_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path,
+                     const struct sg_attack_params *params, sg_attack **out)
 {
     return open_attack(ctx, scene, (struct sg_trainer_start){.checkpoint = path}, params, out);
 }
@@ -177,8 +184,9 @@ void sg_attack_destroy(sg_attack **attack)
     *attack = NULL;
 }
 
-/* The decoy's render of a view into a->image, the photo into a->photo, its bound into a->bound. Where poisons are
- * bounded the render is cut to a picture's range, not yet to that near the photo. */
+/* The decoy's render of a view into a->image, the photo into a->photo, its bound into a->bound.
+ * Where poisons are bounded the render is cut to a picture's range, not yet to that near the
+ * photo. */
 static int render(sg_attack *a, size_t index)
 {
     const sg_trainer *t = a->trainer;
@@ -194,8 +202,8 @@ static int render(sg_attack *a, size_t index)
             a->photo[ch * n + i] = (float) view->rgb[3 * i + ch] / 255.0f;
     for (size_t i = 0; i < 3 * n && isfinite(a->params.epsilon); i++)
         a->image[i] = a->image[i] > 0 ? a->image[i] < 1 ? a->image[i] : 1 : 0;
-    return a->bound ? sg_texture_bound(t->ctx, view->rgb, view->camera.width, view->camera.height, a->params.epsilon,
-                                       a->params.texture, a->bound)
+    return a->bound ? sg_texture_bound(t->ctx, view->rgb, view->camera.width, view->camera.height,
+                                       a->params.epsilon, a->params.texture, a->bound)
                     : SG_OK;
 }
 
@@ -211,8 +219,9 @@ static int ascend(sg_attack *a, int width, int height)
                             .bound = a->bound,
                             .spectral_weight = p->spectral_weight,
                             .extra = a->extra};
-    const int code =
-        p->spectral_weight > 0 ? sg_plans_find(ctx, &a->plans, NULL, NULL, width, height, &ascent.spectral) : SG_OK;
+    const int code = p->spectral_weight > 0 ? sg_plans_find(ctx, &a->plans, NULL, NULL, width,
+                                                            height, &ascent.spectral)
+                                            : SG_OK;
     if (code)
         return code;
     return sg_ascend(a->trainer->engine, &ascent, a->photo, width, height, a->image, a->scratch);
@@ -223,14 +232,15 @@ static int densify(sg_attack *a, int it)
     const struct sg_attack_params *p = &a->params;
     sg_trainer *t = a->trainer;
     struct sg_densify_result result;
-    return sg_densify(t->engine,
-                      &(struct sg_densify_params){.gradient = p->densify_grad_threshold,
-                                                  .split_scale = (float) ((double) p->percent_dense * t->extent),
-                                                  .prune_scale = (float) (SG_PRUNE_EXTENT * t->extent),
-                                                  .max_gaussians = t->budget.gaussians,
-                                                  .seed = p->seed,
-                                                  .stream = (uint64_t) it},
-                      &result);
+    return sg_densify(
+        t->engine,
+        &(struct sg_densify_params){.gradient = p->densify_grad_threshold,
+                                    .split_scale = (float) ((double) p->percent_dense * t->extent),
+                                    .prune_scale = (float) (SG_PRUNE_EXTENT * t->extent),
+                                    .max_gaussians = t->budget.gaussians,
+                                    .seed = p->seed,
+                                    .stream = (uint64_t) it},
+        &result);
 }
 
 int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
@@ -274,7 +284,8 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
         [SG_G_DC] = (double) p->feature_lr,
         [SG_G_REST] = (double) p->feature_lr / 20,
     };
-    if ((code = sg_trainer_update(t, moves ? lr : NULL, false, update)) || (densifies && (code = densify(a, it))))
+    if ((code = sg_trainer_update(t, moves ? lr : NULL, false, update)) ||
+        (densifies && (code = densify(a, it))))
         return code;
     /* As often as the decoy grows: what learning takes off a scale in between is little. */
     if (p->scale_floor > 0 && (densifies || it == p->iterations) &&
@@ -299,14 +310,16 @@ int sg_attack_iteration(const sg_attack *a)
     return a->trainer->iteration;
 }
 
-/* Against a tolerance: from the decoy's render to the ascended image, and on by the tolerance. A victim stops that far
- * short of its photo, at what this decoy shows. */
+/* Against a tolerance: from the decoy's render to the ascended image, and on by the tolerance. A
+ * victim stops that far short of its photo, at what this decoy shows. */
 static int overshoot(sg_attack *a, int width, int height)
 {
     const float tolerance = a->params.victim_tolerance / 255;
     const int code = ascend(a, width, height);
     for (size_t i = 0; i < 3 * (size_t) width * (size_t) height && !code; i++)
-        a->image[i] += a->image[i] > a->photo[i] ? tolerance : a->image[i] < a->photo[i] ? -tolerance : 0;
+        a->image[i] += a->image[i] > a->photo[i]   ? tolerance
+                       : a->image[i] < a->photo[i] ? -tolerance
+                                                   : 0;
     return code;
 }
 
@@ -315,7 +328,8 @@ int sg_attack_poison(sg_attack *a, size_t index, uint8_t *rgb)
     sg_trainer *t = a->trainer;
     sg_clear_error(t->ctx);
     if (index >= t->scene->n_train)
-        return sg_fail(t->ctx, SG_ERR_USAGE, "poison: found view %zu, expected one of %zu", index, t->scene->n_train);
+        return sg_fail(t->ctx, SG_ERR_USAGE, "poison: found view %zu, expected one of %zu", index,
+                       t->scene->n_train);
     const struct sg_camera *c = &t->scene->train[index].camera;
     int code = render(a, index);
     if (!code && a->params.victim_tolerance > 0)
@@ -325,7 +339,8 @@ int sg_attack_poison(sg_attack *a, size_t index, uint8_t *rgb)
     const size_t pixels = (size_t) c->width * (size_t) c->height;
     for (size_t i = 0; i < 3 * pixels; i++) {
         const float e = a->bound ? a->bound[i % pixels] : a->params.epsilon;
-        a->image[i] = fminf(fmaxf(fminf(fmaxf(a->image[i], a->photo[i] - e), a->photo[i] + e), 0), 1);
+        a->image[i] =
+            fminf(fmaxf(fminf(fmaxf(a->image[i], a->photo[i] - e), a->photo[i] + e), 0), 1);
     }
     sg_quantise(a->image, c->width, c->height, rgb);
     return SG_OK;
@@ -342,8 +357,10 @@ int sg_attack_decoy(sg_attack *a, struct sg_model **out)
 int sg_attack_save(sg_attack *a, const char *path)
 {
     sg_clear_error(a->trainer->ctx);
-    if (a->trainer->iteration % a->params.update_interval && a->trainer->iteration != a->params.iterations)
-        return sg_fail(a->trainer->ctx, SG_ERR_USAGE, "attack: found iteration %d, expected a multiple of %d",
+    if (a->trainer->iteration % a->params.update_interval &&
+        a->trainer->iteration != a->params.iterations)
+        return sg_fail(a->trainer->ctx, SG_ERR_USAGE,
+                       "attack: found iteration %d, expected a multiple of %d",
                        a->trainer->iteration, a->params.update_interval);
     return sg_trainer_save(a->trainer, path);
 }

@@ -24,17 +24,21 @@ struct wave {
 };
 
 /* Direction, sign and the pixel of the crest are drawn: there the drift reaches the amplitude. */
-static struct wave draw_wave(const struct sg_attack_params *p, uint64_t index, int width, int height)
+static struct wave draw_wave(const struct sg_attack_params *p, uint64_t index, int width,
+                             int height)
 {
     float draws[4];
     for (uint64_t k = 0; k < 4; k++)
         draws[k] = sg_rng_uniform(p->seed, SG_RNG_DRIFT, index, k);
     const double turn = 2 * acos(-1), angle = turn * (double) draws[0];
-    const double wavelength = p->wavelength > 0 ? (double) p->wavelength : width > height ? width : height;
+    const double wavelength = p->wavelength > 0 ? (double) p->wavelength
+                              : width > height  ? width
+                                                : height;
     struct wave wave = {.right = turn / wavelength * cos(angle),
                         .down = turn / wavelength * sin(angle),
                         .amplitude = draws[1] < 0.5f ? -p->epsilon : p->epsilon};
-    wave.phase = -wave.right * floor((double) draws[2] * width) - wave.down * floor((double) draws[3] * height);
+    wave.phase = -wave.right * floor((double) draws[2] * width) -
+                 wave.down * floor((double) draws[3] * height);
     return wave;
 }
 
@@ -43,8 +47,9 @@ static float wave_at(const struct wave *w, size_t x, size_t y)
     return w->amplitude * (float) cos(w->phase + w->right * (double) x + w->down * (double) y);
 }
 
-int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, const struct sg_attack_params *params,
-                    enum sg_naive_attack method, uint8_t *rgb)
+int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index,
+                    const struct sg_attack_params *params, enum sg_naive_attack method,
+                    uint8_t *rgb)
 {
     const struct sg_attack_params p = params ? *params : sg_attack_params_default();
     const int w = view->camera.width, h = view->camera.height;
@@ -53,7 +58,8 @@ int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, con
     if (code)
         return code;
     if (!(p.epsilon >= 0 && p.epsilon <= 1))
-        return sg_fail(ctx, SG_ERR_USAGE, "epsilon: found %g, expected 0 to 255 grey levels for this method",
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "epsilon: found %g, expected 0 to 255 grey levels for this method",
                        255 * (double) p.epsilon);
     struct sg_engine *engine;
     if ((code = sg_engine_create(ctx, p.engine, p.cpu, &engine)))
@@ -73,10 +79,12 @@ int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index, con
     const struct wave wave = draw_wave(&p, index, w, h);
     for (size_t ch = 0; ch < 3; ch++)
         for (size_t i = 0; i < n; i++) {
-            const float v = (float) view->rgb[3 * i + ch] / 255.0f, e = bound ? bound[i] : p.epsilon;
-            const float change = method == SG_NAIVE_NOISE   ? sg_rng_normal(p.seed, SG_RNG_NOISE, index, ch * n + i)
-                                 : method == SG_NAIVE_DRIFT ? wave_at(&wave, i % (size_t) w, i / (size_t) w)
-                                                            : 0;
+            const float v = (float) view->rgb[3 * i + ch] / 255.0f,
+                        e = bound ? bound[i] : p.epsilon;
+            const float change =
+                method == SG_NAIVE_NOISE   ? sg_rng_normal(p.seed, SG_RNG_NOISE, index, ch * n + i)
+                : method == SG_NAIVE_DRIFT ? wave_at(&wave, i % (size_t) w, i / (size_t) w)
+                                           : 0;
             photo[ch * n + i] = v;
             x[ch * n + i] = within(0, v + within(-e, change, e), 1);
         }

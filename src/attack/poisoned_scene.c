@@ -17,7 +17,8 @@
 #include "splatguard/eval.h"
 #include "splatguard/model.h"
 
-#define COPY_BYTES (UINT64_C(1) << 36) /* COLMAP's points can be large; mostly it has been read before */
+#define COPY_BYTES                                                                                 \
+    (UINT64_C(1) << 36) /* COLMAP's points can be large; mostly it has been read before */
 #define CLOUD "points.ply"
 
 /* The folder that a file goes to. */
@@ -30,15 +31,17 @@ static int make_folder(sg_ctx *ctx, char *path)
     return code;
 }
 
-/* What lies in the scene's folder, and nothing that a link hands out. Loading has read through no such link. */
-static int copy(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_folder *from, const char *to,
-                const char *name)
+/* What lies in the scene's folder, and nothing that a link hands out. Loading has read through no
+ * such link. */
+static int copy(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_folder *from,
+                const char *to, const char *name)
 {
     char *source = sg_strf(ctx, "%s/%s", scene->path, name), *target = NULL, *data = NULL;
     size_t size;
     int code = source ? sg_path_below(ctx, to, name, &target) : SG_ERR_BUDGET;
     if (!code && sg_folder_leads_out(from, source))
-        sg_log(ctx, SG_LOG_WARN, "%s: a link out of the scene's folder, which training does not read: not copied",
+        sg_log(ctx, SG_LOG_WARN,
+               "%s: a link out of the scene's folder, which training does not read: not copied",
                source);
     else if (!code && sg_folder_has(from, source)) {
         code = sg_folder_read(ctx, from, source, COPY_BYTES, &data, &size);
@@ -68,19 +71,21 @@ static bool needs_transforms(const struct sg_scene *scene)
 static char *image_file(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view,
                         const struct sg_poison_files *files)
 {
-    const bool jpeg =
-        files->save == SG_POISON_JPEG || (files->save == SG_POISON_AUTO && scene->format == SG_FORMAT_COLMAP);
+    const bool jpeg = files->save == SG_POISON_JPEG ||
+                      (files->save == SG_POISON_AUTO && scene->format == SG_FORMAT_COLMAP);
     const char *file = !strncmp(view->file, "./", 2) ? view->file + 2 : view->file;
     const char *dot = strrchr(sg_base_name(file), '.');
-    const bool photo = dot && (!strcasecmp(dot, ".png") || !strcasecmp(dot, ".jpg") || !strcasecmp(dot, ".jpeg") ||
-                               !strcasecmp(dot, ".webp"));
+    const bool photo = dot && (!strcasecmp(dot, ".png") || !strcasecmp(dot, ".jpg") ||
+                               !strcasecmp(dot, ".jpeg") || !strcasecmp(dot, ".webp"));
     const bool was_jpeg = photo && (!strcasecmp(dot, ".jpg") || !strcasecmp(dot, ".jpeg"));
     return sg_strf(ctx, "%s%.*s%s", scene->format == SG_FORMAT_COLMAP ? "images/" : "",
-                   (int) (photo ? (size_t) (dot - file) : strlen(file)), file, jpeg ? was_jpeg ? dot : ".jpg" : ".png");
+                   (int) (photo ? (size_t) (dot - file) : strlen(file)), file,
+                   jpeg ? was_jpeg ? dot : ".jpg" : ".png");
 }
 
-static int put_frames(sg_ctx *ctx, FILE *f, const struct sg_scene *scene, const struct sg_poison_files *files,
-                      const struct sg_view *views, size_t n, bool *first)
+static int put_frames(sg_ctx *ctx, FILE *f, const struct sg_scene *scene,
+                      const struct sg_poison_files *files, const struct sg_view *views, size_t n,
+                      bool *first)
 {
     for (size_t i = 0; i < n; i++) {
         const struct sg_camera *c = &views[i].camera;
@@ -90,10 +95,11 @@ static int put_frames(sg_ctx *ctx, FILE *f, const struct sg_scene *scene, const 
         sg_free(file);
         json_decref(name);
         if (!quoted)
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: the name is not UTF-8, as JSON needs it", views[i].path);
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: the name is not UTF-8, as JSON needs it",
+                           views[i].path);
         fprintf(f,
-                "%s\n    {\"file_path\": %s, \"w\": %d, \"h\": %d,\n     \"fl_x\": %.17g, \"fl_y\": %.17g, "
-                "\"cx\": %.17g, \"cy\": %.17g,\n     \"transform_matrix\": [",
+                "%s\n    {\"file_path\": %s, \"w\": %d, \"h\": %d,\n     \"fl_x\": %.17g, "
+                "\"fl_y\": %.17g, \"cx\": %.17g, \"cy\": %.17g,\n     \"transform_matrix\": [",
                 *first ? "" : ",", quoted, c->width, c->height, c->fx, c->fy, c->cx, c->cy);
         free(quoted);
         *first = false;
@@ -106,11 +112,12 @@ static int put_frames(sg_ctx *ctx, FILE *f, const struct sg_scene *scene, const 
     return SG_OK;
 }
 
-static int write_transforms(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_poison_files *files,
-                            const char *folder)
+static int write_transforms(sg_ctx *ctx, const struct sg_scene *scene,
+                            const struct sg_poison_files *files, const char *folder)
 {
     struct sg_file_writer w = {0};
-    char *path = sg_strf(ctx, "%s/transforms.json", folder), *cloud = sg_strf(ctx, "%s/" CLOUD, folder);
+    char *path = sg_strf(ctx, "%s/transforms.json", folder),
+         *cloud = sg_strf(ctx, "%s/" CLOUD, folder);
     int code = path && cloud ? SG_OK : SG_ERR_BUDGET;
     if (!code && scene->n_points)
         code = sg_points_write_ply(ctx, cloud, scene->points, scene->point_colors, scene->n_points);
@@ -135,7 +142,8 @@ static int write_transforms(sg_ctx *ctx, const struct sg_scene *scene, const str
     return code;
 }
 
-/* An earlier set in the same folder must not be read instead of this one: cameras of another layout. */
+/* An earlier set in the same folder must not be read instead of this one: cameras of another
+ * layout. */
 static int remove_cameras(sg_ctx *ctx, const char *folder, const char *const *names)
 {
     for (; *names; names++) {
@@ -153,7 +161,8 @@ static int remove_cameras(sg_ctx *ctx, const char *folder, const char *const *na
 /* Or its photos with other endings. */
 static int remove_namesakes(sg_ctx *ctx, const char *path)
 {
-    static const char *const endings[] = {".png", ".jpg", ".jpeg", ".webp", ".PNG", ".JPG", ".JPEG", ".WEBP"};
+    static const char *const endings[] = {".png", ".jpg", ".jpeg", ".webp",
+                                          ".PNG", ".JPG", ".JPEG", ".WEBP"};
     const size_t stem = (size_t) (strrchr(path, '.') - path);
     for (size_t i = 0; i < sizeof(endings) / sizeof(*endings); i++) {
         char *other = sg_strf(ctx, "%.*s%s", (int) stem, path, endings[i]);
@@ -170,8 +179,10 @@ static int remove_namesakes(sg_ctx *ctx, const char *path)
 static int refuse_scene(sg_ctx *ctx, const struct sg_scene *scene, const char *folder)
 {
     struct stat own, other;
-    if (!stat(scene->path, &own) && !stat(folder, &other) && own.st_dev == other.st_dev && own.st_ino == other.st_ino)
-        return sg_fail(ctx, SG_ERR_USAGE, "%s: found the scene's own folder, expected another one for its copy",
+    if (!stat(scene->path, &own) && !stat(folder, &other) && own.st_dev == other.st_dev &&
+        own.st_ino == other.st_ino)
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "%s: found the scene's own folder, expected another one for its copy",
                        folder);
     return SG_OK;
 }
@@ -181,16 +192,19 @@ struct sg_poison_files sg_poison_files_default(void)
     return (struct sg_poison_files){SG_POISON_FILE_DEFAULTS};
 }
 
-int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_poison_files *files,
-                            const char *folder)
+int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene,
+                            const struct sg_poison_files *files, const char *folder)
 {
-    static const char *const blender[] = {"transforms_train.json", "transforms_test.json", "transforms_val.json",
-                                          "points3d.ply", NULL};
-    static const char *const colmap[] = {
-        "sparse/0/cameras.bin", "sparse/0/images.bin",   "sparse/0/points3D.bin", "sparse/0/cameras.txt",
-        "sparse/0/images.txt",  "sparse/0/points3D.txt", "sparse/0/points3D.ply", "sparse/cameras.bin",
-        "sparse/images.bin",    "sparse/points3D.bin",   "sparse/cameras.txt",    "sparse/images.txt",
-        "sparse/points3D.txt",  "sparse/points3D.ply",   "poses_bounds.npy",      NULL};
+    static const char *const blender[] = {"transforms_train.json", "transforms_test.json",
+                                          "transforms_val.json", "points3d.ply", NULL};
+    static const char *const colmap[] = {"sparse/0/cameras.bin",  "sparse/0/images.bin",
+                                         "sparse/0/points3D.bin", "sparse/0/cameras.txt",
+                                         "sparse/0/images.txt",   "sparse/0/points3D.txt",
+                                         "sparse/0/points3D.ply", "sparse/cameras.bin",
+                                         "sparse/images.bin",     "sparse/points3D.bin",
+                                         "sparse/cameras.txt",    "sparse/images.txt",
+                                         "sparse/points3D.txt",   "sparse/points3D.ply",
+                                         "poses_bounds.npy",      NULL};
     static const char *const own[] = {"transforms.json", NULL};
     static const char *const *const layouts[] = {blender, colmap, own};
     sg_clear_error(ctx);
@@ -204,13 +218,15 @@ int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene, const str
     struct sg_folder from;
     if (code || (code = sg_folder_open(ctx, scene->path, scene->follow_links, &from)))
         return code;
-    for (const char *const *name = scene->format == SG_FORMAT_BLENDER ? blender : colmap; *name && !code; name++)
+    for (const char *const *name = scene->format == SG_FORMAT_BLENDER ? blender : colmap;
+         *name && !code; name++)
         code = copy(ctx, scene, &from, folder, *name);
     sg_folder_close(&from);
     return code;
 }
 
-static int measure(sg_ctx *ctx, const struct sg_view *view, const char *path, struct sg_poison_report *report)
+static int measure(sg_ctx *ctx, const struct sg_view *view, const char *path,
+                   struct sg_poison_report *report)
 {
     const int w = view->camera.width, h = view->camera.height;
     struct sg_image image = {0};
@@ -231,23 +247,25 @@ static int measure(sg_ctx *ctx, const struct sg_view *view, const char *path, st
 }
 
 /* Where the reader looks first: the name in the scene's own files. */
-static int write_mask(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view, const char *folder,
-                      const char *file)
+static int write_mask(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view,
+                      const char *folder, const char *file)
 {
-    char *name = sg_strf(ctx, "masks/%s.png", needs_transforms(scene) ? file : view->file), *path = NULL;
+    char *name = sg_strf(ctx, "masks/%s.png", needs_transforms(scene) ? file : view->file),
+         *path = NULL;
     int code = name ? sg_path_below(ctx, folder, name, &path) : SG_ERR_BUDGET;
     if (!code && !view->mask)
         unlink(path); /* of another set */
     else if (!code && !(code = make_folder(ctx, path)))
-        code = sg_image_write_png(ctx, path, view->mask, view->camera.width, view->camera.height, 1);
+        code =
+            sg_image_write_png(ctx, path, view->mask, view->camera.width, view->camera.height, 1);
     sg_free(name);
     sg_free(path);
     return code;
 }
 
 int sg_poisoned_scene_image(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view,
-                            const struct sg_poison_files *files, const char *folder, const uint8_t *rgb,
-                            struct sg_poison_report *report)
+                            const struct sg_poison_files *files, const char *folder,
+                            const uint8_t *rgb, struct sg_poison_report *report)
 {
     const int w = view->camera.width, h = view->camera.height;
     sg_clear_error(ctx);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A bound that follows the texture of a photo, by sums over a window that slides down and across. */
+/* A bound that follows the texture of a photo, by sums over a window that slides down and
+ * across. */
 #include "ascent.h"
 
 #include <math.h>
@@ -38,16 +39,19 @@ static void add_row(const struct window *w, int y, int times)
     }
 }
 
-/* Differences that add_row makes of a window of rows x columns, of which the last of the photo have no next. */
+/* Differences that add_row makes of a window of rows x columns, of which the last of the photo have
+ * no next. */
 static int count(int rows, int columns, bool last_row, bool last_column)
 {
     return 3 * (rows * (columns - last_column) + columns * (rows - last_row));
 }
 
-int sg_texture_bound(sg_ctx *ctx, const uint8_t *rgb, int width, int height, float epsilon, float texture, float *bound)
+int sg_texture_bound(sg_ctx *ctx, const uint8_t *rgb, int width, int height, float epsilon,
+                     float texture, float *bound)
 {
     const double levels = 255 * (double) epsilon + 1e-3; /* 16 of them are not 15.99 */
-    const struct window w = {rgb, width, height, sg_alloc(ctx, SG_MEM_FRAME, (size_t) width, sizeof(int))};
+    const struct window w = {rgb, width, height,
+                             sg_alloc(ctx, SG_MEM_FRAME, (size_t) width, sizeof(int))};
     if (!w.columns)
         return SG_ERR_BUDGET;
     for (int y = 0; y < least(REACH, height); y++)

@@ -11,7 +11,8 @@
 
 #define ALIGN 64 /* a cache line, and the widest vector */
 
-/* Precedes every allocation. It names the ledger that was charged, so that no other can be credited. */
+/* Precedes every allocation. It names the ledger that was charged, so that no other can be
+ * credited. */
 struct header {
     sg_ctx *owner;
     size_t bytes; /* with this header */
@@ -28,8 +29,8 @@ struct sg_ctx {
     pthread_mutex_t error_lock;
     char error[1024];
     struct counter memory[SG_MEM_TAGS + 1]; /* the last one is the total */
-    _Atomic uint64_t to_failure;            /* allocations, the last of which fails; 0 = none does */
-    _Atomic uint64_t wanted;                /* bytes in all that the newest refusal was for */
+    _Atomic uint64_t to_failure; /* allocations, the last of which fails; 0 = none does */
+    _Atomic uint64_t wanted;     /* bytes in all that the newest refusal was for */
 };
 
 int sg_ctx_create(sg_ctx **out, const struct sg_ctx_params *params)
@@ -140,9 +141,10 @@ const char *sg_version(void)
 const char *sg_mem_tag_name(enum sg_mem_tag tag)
 {
     static const char *names[SG_MEM_TAGS + 1] = {
-        [SG_MEM_MISC] = "misc",           [SG_MEM_IMAGES] = "images", [SG_MEM_MODEL] = "model",
-        [SG_MEM_OPTIMISER] = "optimiser", [SG_MEM_SPLATS] = "splats", [SG_MEM_INSTANCES] = "instances",
-        [SG_MEM_FRAME] = "frame",         [SG_MEM_TAGS] = "total",
+        [SG_MEM_MISC] = "misc",     [SG_MEM_IMAGES] = "images",
+        [SG_MEM_MODEL] = "model",   [SG_MEM_OPTIMISER] = "optimiser",
+        [SG_MEM_SPLATS] = "splats", [SG_MEM_INSTANCES] = "instances",
+        [SG_MEM_FRAME] = "frame",   [SG_MEM_TAGS] = "total",
     };
     return names[tag];
 }
@@ -170,12 +172,13 @@ uint64_t sg_mem_peak(const sg_ctx *ctx, enum sg_mem_tag tag)
 static void raise_peak(struct counter *c, uint64_t now)
 {
     uint64_t peak = atomic_load_explicit(&c->peak, memory_order_relaxed);
-    while (now > peak &&
-           !atomic_compare_exchange_weak_explicit(&c->peak, &peak, now, memory_order_relaxed, memory_order_relaxed))
+    while (now > peak && !atomic_compare_exchange_weak_explicit(
+                             &c->peak, &peak, now, memory_order_relaxed, memory_order_relaxed))
         ;
 }
 
-/* Adds to the total unless that passes the limit. In one step: threads asking at once cannot share the last room. */
+/* Adds to the total unless that passes the limit. In one step: threads asking at once cannot share
+ * the last room. */
 static bool reserve(sg_ctx *ctx, size_t bytes, uint64_t *held)
 {
     struct counter *total = &ctx->memory[SG_MEM_TAGS];
@@ -183,8 +186,8 @@ static bool reserve(sg_ctx *ctx, size_t bytes, uint64_t *held)
     do {
         if (ctx->params.max_memory && *held + bytes > ctx->params.max_memory)
             return false;
-    } while (!atomic_compare_exchange_weak_explicit(&total->current, held, *held + bytes, memory_order_relaxed,
-                                                    memory_order_relaxed));
+    } while (!atomic_compare_exchange_weak_explicit(&total->current, held, *held + bytes,
+                                                    memory_order_relaxed, memory_order_relaxed));
     return true;
 }
 
@@ -211,7 +214,8 @@ void *sg_alloc_raw(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size)
 {
     size_t bytes;
     if (__builtin_mul_overflow(count, size, &bytes) || bytes > SIZE_MAX / 2 - 2 * ALIGN) {
-        sg_fail(ctx, SG_ERR_BUDGET, "memory: %zu items of %zu bytes for %s exceed the address space", count, size,
+        sg_fail(ctx, SG_ERR_BUDGET,
+                "memory: %zu items of %zu bytes for %s exceed the address space", count, size,
                 sg_mem_tag_name(tag));
         return NULL;
     }
@@ -227,11 +231,11 @@ void *sg_alloc_raw(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size)
         const unsigned long long limit = ctx->params.max_memory;
         ctx->wanted = held + bytes;
         if (limit && held + bytes > limit)
-            sg_fail(ctx, SG_ERR_BUDGET, "memory: %zu bytes for %s refused: %llu held, limit %llu", bytes,
-                    sg_mem_tag_name(tag), (unsigned long long) held, limit);
+            sg_fail(ctx, SG_ERR_BUDGET, "memory: %zu bytes for %s refused: %llu held, limit %llu",
+                    bytes, sg_mem_tag_name(tag), (unsigned long long) held, limit);
         else
-            sg_fail(ctx, SG_ERR_BUDGET, "memory: the system has no %zu bytes for %s: %llu held", bytes,
-                    sg_mem_tag_name(tag), (unsigned long long) held);
+            sg_fail(ctx, SG_ERR_BUDGET, "memory: the system has no %zu bytes for %s: %llu held",
+                    bytes, sg_mem_tag_name(tag), (unsigned long long) held);
         return NULL;
     }
     *h = (struct header){ctx, bytes, tag};
@@ -269,7 +273,8 @@ void sg_free(void *memory)
     free(h);
 }
 
-int sg_grow(sg_ctx *ctx, enum sg_mem_tag tag, void *array, size_t *capacity, size_t need, size_t keep, size_t size)
+int sg_grow(sg_ctx *ctx, enum sg_mem_tag tag, void *array, size_t *capacity, size_t need,
+            size_t keep, size_t size)
 {
     if (need <= *capacity)
         return SG_OK;

@@ -55,7 +55,8 @@ int sg_file_create(sg_ctx *ctx, struct sg_file_writer *w, const char *path)
 {
     *w = (struct sg_file_writer){0};
     if (!sg_replaceable(path))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write: found a folder or device, expected a file", path);
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: cannot write: found a folder or device, expected a file", path);
     w->path = sg_strdup(ctx, path);
     w->temporary = sg_strf(ctx, "%s.tmp%ld", path, (long) getpid());
     if (!w->path || !w->temporary) {
@@ -79,7 +80,8 @@ int sg_file_commit(sg_ctx *ctx, struct sg_file_writer *w)
     w->stream = NULL;
     int code = SG_OK;
     if (!done)
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write: %s", w->path, strerror(errno ? errno : EIO));
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write: %s", w->path,
+                       strerror(errno ? errno : EIO));
     else {
         sg_free(w->temporary);
         w->temporary = NULL;
@@ -111,8 +113,9 @@ int sg_file_write(sg_ctx *ctx, const char *path, const void *data, size_t size)
 
 int sg_open_failed(sg_ctx *ctx, const char *path)
 {
-    return errno == EINVAL ? sg_fail(ctx, SG_ERR_INPUT, "%s: found a folder or device, expected a file", path)
-                           : sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read: %s", path, strerror(errno));
+    return errno == EINVAL
+               ? sg_fail(ctx, SG_ERR_INPUT, "%s: found a folder or device, expected a file", path)
+               : sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read: %s", path, strerror(errno));
 }
 
 int sg_file_open(sg_ctx *ctx, const char *path, FILE **out)
@@ -121,21 +124,22 @@ int sg_file_open(sg_ctx *ctx, const char *path, FILE **out)
     return *out ? SG_OK : sg_open_failed(ctx, path);
 }
 
-int sg_stream_read(sg_ctx *ctx, FILE *f, const char *path, uint64_t max_bytes, char **data, size_t *size)
+int sg_stream_read(sg_ctx *ctx, FILE *f, const char *path, uint64_t max_bytes, char **data,
+                   size_t *size)
 {
     struct stat st;
     *data = NULL;
     if (fstat(fileno(f), &st))
         return sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read: %s", path, strerror(errno));
     if ((uint64_t) st.st_size > max_bytes)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found %lld bytes, the limit is %llu", path, (long long) st.st_size,
-                       (unsigned long long) max_bytes);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found %lld bytes, the limit is %llu", path,
+                       (long long) st.st_size, (unsigned long long) max_bytes);
     *data = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) st.st_size + 1, 1);
     if (!*data) {
         if (sg_mem_limit(ctx)) { /* say which file */
             sg_clear_error(ctx);
-            sg_fail(ctx, SG_ERR_BUDGET, "%s: memory: found %lld bytes, the limit for all is %llu", path,
-                    (long long) st.st_size, (unsigned long long) sg_mem_limit(ctx));
+            sg_fail(ctx, SG_ERR_BUDGET, "%s: memory: found %lld bytes, the limit for all is %llu",
+                    path, (long long) st.st_size, (unsigned long long) sg_mem_limit(ctx));
         }
         return SG_ERR_BUDGET;
     }
@@ -143,8 +147,8 @@ int sg_stream_read(sg_ctx *ctx, FILE *f, const char *path, uint64_t max_bytes, c
     if (*size != (size_t) st.st_size) {
         sg_free(*data);
         *data = NULL;
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found %zu bytes, expected %lld: cannot read on", path, *size,
-                       (long long) st.st_size);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found %zu bytes, expected %lld: cannot read on",
+                       path, *size, (long long) st.st_size);
     }
     (*data)[*size] = 0;
     return SG_OK;
@@ -190,12 +194,14 @@ int sg_dir_make(sg_ctx *ctx, const char *path, size_t *made)
         *p = 0;
         if (!mkdir(copy, 0777))
             *made = *made ? *made : (size_t) (p - copy);
-        else if (errno == ENOENT && tries++ < MAKE_TRIES) { /* what was there a moment ago is gone */
+        else if (errno == ENOENT &&
+                 tries++ < MAKE_TRIES) { /* what was there a moment ago is gone */
             *p = kept;
             p = copy + 1;
             continue;
         } else if (errno != EEXIST || !sg_dir_exists(copy))
-            code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot create the folder: %s", copy, strerror(errno));
+            code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot create the folder: %s", copy,
+                           strerror(errno));
         if (!kept)
             break;
         *p++ = kept;
@@ -219,7 +225,8 @@ int sg_path_below(sg_ctx *ctx, const char *folder, const char *name, char **out)
         struct stat st;
         *slash = 0;
         if (!lstat(path, &st) && S_ISLNK(st.st_mode))
-            code = sg_fail(ctx, SG_ERR_INPUT, "%s: found a link, expected a folder of the output's own", path);
+            code = sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: found a link, expected a folder of the output's own", path);
         *slash = '/';
     }
     return code;

@@ -8,12 +8,17 @@
 
 #include "internal.h"
 
-/* What both the functions below and those without a context are made of. NULL or false: see errno. */
-FILE *sg_regular_stream(int fd);           /* takes a descriptor over that was opened to read; else as below */
-FILE *sg_regular_open(const char *path);   /* to read; EINVAL: a pipe, device or folder, and nothing waits for it */
-bool sg_replaceable(const char *path);     /* nothing is there, or a file: renaming would replace /dev/null */
+/* What both the functions below and those without a context are made of. NULL or false: see
+ * errno. */
+FILE *
+sg_regular_stream(int fd); /* takes a descriptor over that was opened to read; else as below */
+FILE *sg_regular_open(
+    const char *path); /* to read; EINVAL: a pipe, device or folder, and nothing waits for it */
+bool sg_replaceable(
+    const char *path); /* nothing is there, or a file: renaming would replace /dev/null */
 FILE *sg_temporary_open(const char *path); /* to write; goes through no link that lies there */
-bool sg_temporary_finish(FILE *stream, const char *temporary, const char *path); /* synced, closed, renamed */
+bool sg_temporary_finish(FILE *stream, const char *temporary,
+                         const char *path); /* synced, closed, renamed */
 
 /* Writes go to a temporary name beside the target; commit syncs and renames, abandon removes. */
 struct sg_file_writer {
@@ -27,20 +32,25 @@ void sg_file_abandon(struct sg_file_writer *w); /* safe after commit, and on a z
 
 /* For reading, from a regular file: pipes and devices are refused without waiting for them. */
 int sg_file_open(sg_ctx *ctx, const char *path, FILE **out);
-int sg_open_failed(sg_ctx *ctx, const char *path); /* records what errno says of the functions above */
+int sg_open_failed(sg_ctx *ctx,
+                   const char *path); /* records what errno says of the functions above */
 
-/* Whole file into memory with a zero byte after it. Larger than max_bytes: SG_ERR_INPUT. Free with sg_free. */
+/* Whole file into memory with a zero byte after it. Larger than max_bytes: SG_ERR_INPUT. Free with
+ * sg_free. */
 int sg_file_read(sg_ctx *ctx, const char *path, uint64_t max_bytes, char **data, size_t *size);
-int sg_stream_read(sg_ctx *ctx, FILE *stream, const char *path, uint64_t max_bytes, char **data, size_t *size);
+int sg_stream_read(sg_ctx *ctx, FILE *stream, const char *path, uint64_t max_bytes, char **data,
+                   size_t *size);
 int sg_file_write(sg_ctx *ctx, const char *path, const void *data, size_t size);
 
 bool sg_file_exists(const char *path);
 bool sg_dir_exists(const char *path);
-/* mkdir -p, also while others remove what is empty. made: length of the first folder that was not there, else 0. */
+/* mkdir -p, also while others remove what is empty. made: length of the first folder that was not
+ * there, else 0. */
 int sg_dir_make(sg_ctx *ctx, const char *path, size_t *made);
 int sg_dir_create(sg_ctx *ctx, const char *path);
 
-/* FOLDER/NAME. SG_ERR_INPUT where a folder in NAME is a link: nothing is written or removed through one. */
+/* FOLDER/NAME. SG_ERR_INPUT where a folder in NAME is a link: nothing is written or removed through
+ * one. */
 int sg_path_below(sg_ctx *ctx, const char *folder, const char *name, char **out);
 
 #endif

@@ -12,8 +12,8 @@
 #define DEPTH_MAX 64 /* folders below each other */
 #define LINKS_MAX 40 /* on the way to one file, as in the kernel */
 
-/* Where a walk is: the folders from the root down, each opened, and what is left of the name. ".." goes back to a
- * folder on the stack, never to where that folder may have been moved. */
+/* Where a walk is: the folders from the root down, each opened, and what is left of the name. ".."
+ * goes back to a folder on the stack, never to where that folder may have been moved. */
 struct walk {
     const struct sg_folder *root;
     int stack[DEPTH_MAX], depth, links;
@@ -34,7 +34,8 @@ static void leave(struct walk *w)
 static const char *below_root(const struct walk *w, const char *target)
 {
     const size_t n = strlen(w->root->real);
-    return !strncmp(target, w->root->real, n) && (target[n] == '/' || !target[n]) ? target + n : NULL;
+    return !strncmp(target, w->root->real, n) && (target[n] == '/' || !target[n]) ? target + n
+                                                                                  : NULL;
 }
 
 /* Puts the target of the link NAME before what is left. False: see errno. */
@@ -81,7 +82,8 @@ static bool is_link(int fd)
     return !fstat(fd, &st) && S_ISLNK(st.st_mode);
 }
 
-/* One part of the name. Returns the descriptor of the last one, else -1: errno is 0 where the walk goes on. */
+/* One part of the name. Returns the descriptor of the last one, else -1: errno is 0 where the walk
+ * goes on. */
 static int walk_part(struct walk *w, int flags)
 {
     char name[PATH_MAX], left[PATH_MAX];
@@ -102,7 +104,8 @@ static int walk_part(struct walk *w, int flags)
         errno = 0;
         return last ? openat(here(w), ".", flags | O_CLOEXEC) : -1;
     }
-    const int fd = openat(here(w), name, (last ? flags : O_PATH | O_DIRECTORY) | O_NOFOLLOW | O_CLOEXEC);
+    const int fd =
+        openat(here(w), name, (last ? flags : O_PATH | O_DIRECTORY) | O_NOFOLLOW | O_CLOEXEC);
     const int why = errno;
     if (fd >= 0 && last && !((flags & O_PATH) && is_link(fd))) /* O_PATH opens a link itself */
         return fd;
@@ -125,7 +128,8 @@ static int walk_part(struct walk *w, int flags)
 static int open_beneath(const struct sg_folder *folder, const char *path, int flags)
 {
     const size_t n = strlen(folder->path);
-    const char *name = !strncmp(path, folder->path, n) && path[n] == '/' ? path + n + strspn(path + n, "/") : NULL;
+    const char *name =
+        !strncmp(path, folder->path, n) && path[n] == '/' ? path + n + strspn(path + n, "/") : NULL;
     if (!name || strlen(name) >= PATH_MAX) {
         errno = name ? ENAMETOOLONG : EXDEV;
         return -1;
@@ -147,7 +151,8 @@ static int open_beneath(const struct sg_folder *folder, const char *path, int fl
 
 int sg_folder_open(sg_ctx *ctx, const char *path, bool follow_links, struct sg_folder *out)
 {
-    *out = (struct sg_folder){.fd = open(path, O_PATH | O_DIRECTORY | O_CLOEXEC), .follow_links = follow_links};
+    *out = (struct sg_folder){.fd = open(path, O_PATH | O_DIRECTORY | O_CLOEXEC),
+                              .follow_links = follow_links};
     char *real = out->fd >= 0 ? realpath(path, NULL) : NULL;
     if (!real) {
         const int why = errno;
@@ -178,14 +183,14 @@ int sg_folder_file(sg_ctx *ctx, const struct sg_folder *folder, const char *path
     *out = fd < 0 ? NULL : sg_regular_stream(fd);
     if (!*out && errno == EXDEV)
         return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: found a link or \"..\" that leads out of %s, expected a file inside it; follow-links "
-                       "allows it",
+                       "%s: found a link or \"..\" that leads out of %s, expected a file inside "
+                       "it; follow-links allows it",
                        path, folder->path);
     return *out ? SG_OK : sg_open_failed(ctx, path);
 }
 
-int sg_folder_read(sg_ctx *ctx, const struct sg_folder *folder, const char *path, uint64_t max_bytes, char **data,
-                   size_t *size)
+int sg_folder_read(sg_ctx *ctx, const struct sg_folder *folder, const char *path,
+                   uint64_t max_bytes, char **data, size_t *size)
 {
     FILE *f;
     *data = NULL;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A folder from a stranger. Its files are opened beneath it: symbolic links in it are followed as long as they stay
- * inside, whatever anybody changes in the meantime. */
+/* A folder from a stranger. Its files are opened beneath it: symbolic links in it are followed as
+ * long as they stay inside, whatever anybody changes in the meantime. */
 #ifndef SG_CORE_FOLDER_H
 #define SG_CORE_FOLDER_H
 
@@ -23,10 +23,11 @@ void sg_folder_close(struct sg_folder *folder);
 int sg_folder_file(sg_ctx *ctx, const struct sg_folder *folder, const char *path, FILE **out);
 
 /* As sg_file_read. */
-int sg_folder_read(sg_ctx *ctx, const struct sg_folder *folder, const char *path, uint64_t max_bytes, char **data,
-                   size_t *size);
+int sg_folder_read(sg_ctx *ctx, const struct sg_folder *folder, const char *path,
+                   uint64_t max_bytes, char **data, size_t *size);
 
-/* Whether there is a file, or a folder. A link that leads out counts: opening it says what is wrong. */
+/* Whether there is a file, or a folder. A link that leads out counts: opening it says what is
+ * wrong. */
 bool sg_folder_has(const struct sg_folder *folder, const char *path);
 bool sg_folder_has_folder(const struct sg_folder *folder, const char *path);
 bool sg_folder_leads_out(const struct sg_folder *folder, const char *path);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The library's private services, all reached through a context: errors, log, tagged memory, threads. */
+/* The library's private services, all reached through a context: errors, log, tagged memory,
+ * threads. */
 #ifndef SG_CORE_INTERNAL_H
 #define SG_CORE_INTERNAL_H
 
@@ -10,42 +11,50 @@
 
 #include "splatguard/context.h"
 
-/* Records the message and returns code. Thread safe: the first failure since the last sg_clear_error wins. */
+/* Records the message and returns code. Thread safe: the first failure since the last
+ * sg_clear_error wins. */
 __attribute__((format(printf, 3, 4))) int sg_fail(sg_ctx *ctx, int code, const char *format, ...);
 void sg_clear_error(sg_ctx *ctx);
-bool sg_failed(const sg_ctx *ctx); /* since then: for what answers yes or no and may lack the memory to look */
+bool sg_failed(
+    const sg_ctx *ctx); /* since then: for what answers yes or no and may lack the memory to look */
 
 /* Messages quote files; what would steer a terminal becomes "?". */
 void sg_make_printable(char *text);
 
-/* The beginning of a file of any kind as text of n bytes at most, room for n + 1: what is not ASCII becomes "?". */
+/* The beginning of a file of any kind as text of n bytes at most, room for n + 1: what is not ASCII
+ * becomes "?". */
 void sg_show_bytes(const char *bytes, size_t n, char *text);
 
-__attribute__((format(printf, 3, 4))) void sg_log(sg_ctx *ctx, enum sg_log_level level, const char *format, ...);
+__attribute__((format(printf, 3, 4))) void sg_log(sg_ctx *ctx, enum sg_log_level level,
+                                                  const char *format, ...);
 
 /* Bytes in all that the newest refused allocation was for. */
 uint64_t sg_mem_wanted(const sg_ctx *ctx);
 
-/* For tests: the nth allocation from now on fails as if the system had no memory; 0 = none. Returns whether the one
- * asked for before has failed. */
+/* For tests: the nth allocation from now on fails as if the system had no memory; 0 = none. Returns
+ * whether the one asked for before has failed. */
 bool sg_fail_allocation(sg_ctx *ctx, uint64_t nth);
 
-/* 64-byte aligned, zeroed. NULL after recording SG_ERR_BUDGET, on overflow of count x size too. Thread safe. */
+/* 64-byte aligned, zeroed. NULL after recording SG_ERR_BUDGET, on overflow of count x size too.
+ * Thread safe. */
 void *sg_alloc(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size);
 /* Same, contents undefined. */
 void *sg_alloc_raw(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size);
-/* Grows *array (may point to NULL) to hold at least `need` items, keeping the first `keep`; amortised. */
-int sg_grow(sg_ctx *ctx, enum sg_mem_tag tag, void *array, size_t *capacity, size_t need, size_t keep, size_t size);
-/* Room that nobody touches and sg_free gives back: it stands in the ledger for what another library allocates for
- * itself. Nothing where there is no limit. */
+/* Grows *array (may point to NULL) to hold at least `need` items, keeping the first `keep`;
+ * amortised. */
+int sg_grow(sg_ctx *ctx, enum sg_mem_tag tag, void *array, size_t *capacity, size_t need,
+            size_t keep, size_t size);
+/* Room that nobody touches and sg_free gives back: it stands in the ledger for what another library
+ * allocates for itself. Nothing where there is no limit. */
 int sg_reserve(sg_ctx *ctx, enum sg_mem_tag tag, uint64_t bytes, void **room);
 /* NULL-safe, thread safe. Every allocation knows its context and is credited to that one. */
 void sg_free(void *memory);
 char *sg_strdup(sg_ctx *ctx, const char *text);
 __attribute__((format(printf, 2, 3))) char *sg_strf(sg_ctx *ctx, const char *format, ...);
 
-/* Calls fn(arg, i, thread) for every i in 0..n-1, each once, on the pool and the calling thread; returns when all are
- * done. Items are handed out in rising order. thread is 0..threads-1: use it for scratch, never for results. */
+/* Calls fn(arg, i, thread) for every i in 0..n-1, each once, on the pool and the calling thread;
+ * returns when all are done. Items are handed out in rising order. thread is 0..threads-1: use it
+ * for scratch, never for results. */
 void sg_parallel_for(sg_ctx *ctx, size_t n, void (*fn)(void *arg, size_t i, int thread), void *arg);
 
 #endif

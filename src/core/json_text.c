@@ -45,7 +45,8 @@ static json_t *decode(const char *coded)
     for (const char *c = coded; good && *c; c++) {
         unsigned byte = (unsigned char) *c;
         if (*c == '%') {
-            good = strspn(c + 1, "0123456789ABCDEFabcdef") >= 2 && sscanf(c + 1, "%2x", &byte) == 1 && byte;
+            good = strspn(c + 1, "0123456789ABCDEFabcdef") >= 2 &&
+                   sscanf(c + 1, "%2x", &byte) == 1 && byte;
             c += good ? 2 : 0;
         }
         text[n++] = (char) byte;
@@ -62,8 +63,9 @@ void sg_bytes_from_json(json_t *object)
     void *next;
     json_object_foreach_safe(object, next, key, member)
     {
-        const char *coded =
-            json_object_size(member) == 1 ? json_string_value(json_object_get(member, "percent")) : NULL;
+        const char *coded = json_object_size(member) == 1
+                                ? json_string_value(json_object_get(member, "percent"))
+                                : NULL;
         json_t *text = coded ? decode(coded) : NULL;
         if (text)
             json_object_set_new(object, key, text);
@@ -76,7 +78,8 @@ const char *sg_json_show(const json_t *value, char text[SG_JSON_SHOWN])
     if (!value)
         snprintf(text, SG_JSON_SHOWN, "nothing");
     else if (word)
-        snprintf(text, SG_JSON_SHOWN, strlen(word) > 40 ? "the string \"%.40s...\"" : "the string \"%s\"", word);
+        snprintf(text, SG_JSON_SHOWN,
+                 strlen(word) > 40 ? "the string \"%.40s...\"" : "the string \"%s\"", word);
     else if (json_is_integer(value))
         snprintf(text, SG_JSON_SHOWN, "the number %lld", (long long) json_integer_value(value));
     else if (json_is_real(value))

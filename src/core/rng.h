@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Counter-based random numbers: a value depends only on (seed, stream, index), so that any thread or device can draw
- * any of them, and resuming needs no state. */
+/* Counter-based random numbers: a value depends only on (seed, stream, index), so that any thread
+ * or device can draw any of them, and resuming needs no state. */
 #ifndef SG_CORE_RNG_H
 #define SG_CORE_RNG_H
 
@@ -28,19 +28,22 @@ static inline uint64_t sg_rng_mix(uint64_t x) /* the finaliser of splitmix64 (St
     return x ^ x >> 31;
 }
 
-static inline uint64_t sg_rng_u64(uint64_t seed, enum sg_rng_use use, uint64_t stream, uint64_t index)
+static inline uint64_t sg_rng_u64(uint64_t seed, enum sg_rng_use use, uint64_t stream,
+                                  uint64_t index)
 {
     return sg_rng_mix(sg_rng_mix(sg_rng_mix(seed ^ (uint64_t) use << 56) + stream) + index);
 }
 
 /* In [0, 1). */
-static inline float sg_rng_uniform(uint64_t seed, enum sg_rng_use use, uint64_t stream, uint64_t index)
+static inline float sg_rng_uniform(uint64_t seed, enum sg_rng_use use, uint64_t stream,
+                                   uint64_t index)
 {
     return (float) (sg_rng_u64(seed, use, stream, index) >> 40) * 0x1p-24f;
 }
 
 /* Standard normal by Box and Muller. */
-static inline float sg_rng_normal(uint64_t seed, enum sg_rng_use use, uint64_t stream, uint64_t index)
+static inline float sg_rng_normal(uint64_t seed, enum sg_rng_use use, uint64_t stream,
+                                  uint64_t index)
 {
     uint64_t bits = sg_rng_u64(seed, use, stream, index);
     double u = ((double) (bits >> 32) + 1) * 0x1p-32, v = (double) (bits & 0xffffffffu) * 0x1p-32;

@@ -20,7 +20,8 @@ int sg_source_open(sg_ctx *ctx, struct sg_source *s, const char *path, uint64_t 
     return code;
 }
 
-int sg_source_of_file(sg_ctx *ctx, struct sg_source *s, FILE *file, const char *path, uint64_t max_bytes)
+int sg_source_of_file(sg_ctx *ctx, struct sg_source *s, FILE *file, const char *path,
+                      uint64_t max_bytes)
 {
     struct stat st;
     *s = (struct sg_source){.path = path, .file = file};
@@ -28,8 +29,8 @@ int sg_source_of_file(sg_ctx *ctx, struct sg_source *s, FILE *file, const char *
         return sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read: %s", path, strerror(errno));
     s->size = (uint64_t) st.st_size;
     if (s->size > max_bytes)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found %llu bytes, the limit is %llu", path, (unsigned long long) s->size,
-                       (unsigned long long) max_bytes);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found %llu bytes, the limit is %llu", path,
+                       (unsigned long long) s->size, (unsigned long long) max_bytes);
     s->room = s->size < SG_SOURCE_WINDOW ? (size_t) s->size : SG_SOURCE_WINDOW;
     s->window = s->buffer = sg_alloc_raw(ctx, SG_MEM_MISC, s->room, 1);
     return s->buffer ? SG_OK : SG_ERR_BUDGET;
@@ -59,10 +60,13 @@ size_t sg_source_fill(struct sg_source *s, size_t n)
     while (s->ready < n) {
         const uint64_t unread = sg_source_left(s) - s->ready;
         const size_t room = s->room - s->ready, most = unread < room ? (size_t) unread : room;
-        const ssize_t got = most ? pread(fileno(s->file), s->buffer + s->ready, most, (off_t) (s->at + s->ready)) : 0;
+        const ssize_t got =
+            most ? pread(fileno(s->file), s->buffer + s->ready, most, (off_t) (s->at + s->ready))
+                 : 0;
         if (got < 0 && errno == EINTR)
             continue;
-        if (got <= 0) /* the end, or a file that was cut short meanwhile: the caller misses bytes either way */
+        if (got <= 0) /* the end, or a file that was cut short meanwhile: the caller misses bytes
+                         either way */
             break;
         s->ready += (size_t) got;
     }
@@ -85,9 +89,11 @@ int sg_source_skip_mark(sg_ctx *ctx, struct sg_source *s)
     if (n >= 3 && !memcmp(s->window, "\xef\xbb\xbf", 3))
         sg_source_skip(s, 3);
     else if (n >= 2 && (!memcmp(s->window, "\xff\xfe", 2) || !memcmp(s->window, "\xfe\xff", 2)))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: byte 0: found the byte-order mark of UTF-16 or UTF-32, expected UTF-8",
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: byte 0: found the byte-order mark of UTF-16 or UTF-32, expected UTF-8",
                        s->path);
     else if (n >= 4 && !memcmp(s->window, "\0\0\xfe\xff", 4))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: byte 0: found the byte-order mark of UTF-32, expected UTF-8", s->path);
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: byte 0: found the byte-order mark of UTF-32, expected UTF-8", s->path);
     return SG_OK;
 }

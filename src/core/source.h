@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A file read from front to back through a window of fixed size: memory does not grow with the file. */
+/* A file read from front to back through a window of fixed size: memory does not grow with the
+ * file. */
 #ifndef SG_CORE_SOURCE_H
 #define SG_CORE_SOURCE_H
 
@@ -23,7 +24,8 @@ struct sg_source {
 /* path must outlive s. More than max_bytes: SG_ERR_INPUT. To be closed, after a failure too. */
 int sg_source_open(sg_ctx *ctx, struct sg_source *s, const char *path, uint64_t max_bytes);
 /* The same of a file that the caller has opened and closes, and of bytes in memory. */
-int sg_source_of_file(sg_ctx *ctx, struct sg_source *s, FILE *file, const char *path, uint64_t max_bytes);
+int sg_source_of_file(sg_ctx *ctx, struct sg_source *s, FILE *file, const char *path,
+                      uint64_t max_bytes);
 void sg_source_of_memory(struct sg_source *s, const char *path, const void *data, size_t size);
 void sg_source_close(struct sg_source *s);
 
@@ -36,7 +38,8 @@ static inline uint64_t sg_source_left(const struct sg_source *s)
 /* Reads on until the window holds n bytes or the rest of the file. Returns how many it holds. */
 size_t sg_source_fill(struct sg_source *s, size_t n);
 
-/* The next n bytes, at most SG_SOURCE_WINDOW; NULL where there are not so many. They stay until the next call. */
+/* The next n bytes, at most SG_SOURCE_WINDOW; NULL where there are not so many. They stay until the
+ * next call. */
 static inline const char *sg_source_peek(struct sg_source *s, size_t n)
 {
     return s->ready >= n || sg_source_fill(s, n) >= n ? s->window : NULL;
@@ -45,8 +48,8 @@ static inline const char *sg_source_peek(struct sg_source *s, size_t n)
 /* Passes over bytes, at most those that are left. */
 void sg_source_skip(struct sg_source *s, uint64_t n);
 
-/* Passes over the byte-order mark that some editors put before a text. SG_ERR_INPUT for text that is UTF-16 or UTF-32,
- * by its mark. */
+/* Passes over the byte-order mark that some editors put before a text. SG_ERR_INPUT for text that
+ * is UTF-16 or UTF-32, by its mark. */
 int sg_source_skip_mark(sg_ctx *ctx, struct sg_source *s);
 
 #endif

@@ -26,8 +26,8 @@ struct sg_pool {
     atomic_int running;
 };
 
-/* An iteration is some twenty jobs with little between them, and to sleep and wake costs as much as a small job: look a
- * few ten microseconds before sleeping. */
+/* An iteration is some twenty jobs with little between them, and to sleep and wake costs as much as
+ * a small job: look a few ten microseconds before sleeping. */
 #define LOOKS 1000
 
 static void pause_core(void)
@@ -54,7 +54,8 @@ static void *worker_main(void *arg)
     struct worker *w = arg;
     sg_pool *pool = w->pool;
     for (unsigned long seen = 0;; seen++) {
-        for (int i = 0; i < LOOKS && atomic_load(&pool->generation) == seen && !atomic_load(&pool->quit); i++)
+        for (int i = 0;
+             i < LOOKS && atomic_load(&pool->generation) == seen && !atomic_load(&pool->quit); i++)
             pause_core();
         pthread_mutex_lock(&pool->lock);
         while (atomic_load(&pool->generation) == seen && !atomic_load(&pool->quit))
@@ -63,7 +64,8 @@ static void *worker_main(void *arg)
         if (atomic_load(&pool->quit))
             return NULL;
         work(pool, w->index);
-        if (atomic_fetch_sub(&pool->running, 1) == 1) { /* under the lock, or the waiter could miss it */
+        if (atomic_fetch_sub(&pool->running, 1) ==
+            1) { /* under the lock, or the waiter could miss it */
             pthread_mutex_lock(&pool->lock);
             pthread_cond_signal(&pool->done);
             pthread_mutex_unlock(&pool->lock);

@@ -15,23 +15,26 @@ static double logistic(double x)
     return 1 / (1 + exp(-x));
 }
 
-/* Two logistic regressions on sets of the four scenes of docs/audit.md, clean ones at several sizes and poisoned
- * ones, each scene weighing the same. */
+/* Two logistic regressions on sets of the four scenes of docs/audit.md, clean ones at several sizes
+ * and poisoned ones, each scene weighing the same. */
 
 static double log_ratio(const struct sg_audit_features *f)
 {
     return fabs(log((f->osc_down + 0.5) / (f->osc_across + 0.5)));
 }
 
-/* Of photos that are poisoned as a whole, even weakly: a poison that all views agree on is one or two pixels wide, and
- * so there at half the size, also in quiet parts, and gone at a quarter. What a scene shows oscillates at any size. */
+/* Of photos that are poisoned as a whole, even weakly: a poison that all views agree on is one or
+ * two pixels wide, and so there at half the size, also in quiet parts, and gone at a quarter. What
+ * a scene shows oscillates at any size. */
 static double evidence_whole(const struct sg_audit_features *f)
 {
-    return 1.80 * log(f->half_quiet + 0.1) + 1.71 * log(f->half_osc + 0.1) - 4.42 * log(f->quarter_osc + 0.1) +
-           16.7 * f->half_share + 5.75 * f->quarter_share + 2.53 * log_ratio(f) - 5.5;
+    return 1.80 * log(f->half_quiet + 0.1) + 1.71 * log(f->half_osc + 0.1) -
+           4.42 * log(f->quarter_osc + 0.1) + 16.7 * f->half_share + 5.75 * f->quarter_share +
+           2.53 * log_ratio(f) - 5.5;
 }
 
-/* Of strong ones, and of photos poisoned in parts. All of it grows with the part: sparing the rest hides nothing. */
+/* Of strong ones, and of photos poisoned in parts. All of it grows with the part: sparing the rest
+ * hides nothing. */
 static double evidence_part(const struct sg_audit_features *f)
 {
     return 13.5 * f->osc_share + 4.7 * log_ratio(f) + 9.7 * f->noisy - 7.7;
@@ -48,14 +51,16 @@ static double score_of(double ragged, double evidence)
     return ragged > SG_AUDIT_RAGGED ? 1 : logistic(evidence);
 }
 
-/* The amplitude of a poison, fitted to the bounds 8, 16 and 24 of known ones; its logarithm has this standard error. */
+/* The amplitude of a poison, fitted to the bounds 8, 16 and 24 of known ones; its logarithm has
+ * this standard error. */
 #define AMPLITUDE_ERROR 0.39
 
 static double amplitude(const struct sg_audit_features *f)
 {
-    return exp(-0.178 * log(f->osc_quiet + 0.1) + 0.196 * log(f->half_quiet + 0.1) + 0.392 * log(f->half_osc + 0.1) -
-               0.191 * log(f->quarter_osc + 0.1) + 0.077 * log((f->osc_down + f->osc_across) / 2 + 0.1) +
-               1.246 * f->osc_share - 0.795 * f->half_share + 2.142);
+    return exp(-0.178 * log(f->osc_quiet + 0.1) + 0.196 * log(f->half_quiet + 0.1) +
+               0.392 * log(f->half_osc + 0.1) - 0.191 * log(f->quarter_osc + 0.1) +
+               0.077 * log((f->osc_down + f->osc_across) / 2 + 0.1) + 1.246 * f->osc_share -
+               0.795 * f->half_share + 2.142);
 }
 
 #define SUSPICIOUS 0.6 /* score */
@@ -63,7 +68,9 @@ static double amplitude(const struct sg_audit_features *f)
 
 static enum sg_audit_verdict verdict_of(double score)
 {
-    return score >= POISONED ? SG_AUDIT_POISONED : score >= SUSPICIOUS ? SG_AUDIT_SUSPICIOUS : SG_AUDIT_CLEAN;
+    return score >= POISONED     ? SG_AUDIT_POISONED
+           : score >= SUSPICIOUS ? SG_AUDIT_SUSPICIOUS
+                                 : SG_AUDIT_CLEAN;
 }
 
 /* What a photo has of something, and how much it counts. */
@@ -107,12 +114,13 @@ static double median_of(const struct sg_audit *a, size_t offset, struct vote *vo
     return quantile(votes, collect(a, offset, votes), 0.5);
 }
 
-/* Clean photos differ in how much their quiet parts oscillate, by a factor; poisoned ones are alike. ln of what lies
- * between most of them, or NAN of few. */
+/* Clean photos differ in how much their quiet parts oscillate, by a factor; poisoned ones are
+ * alike. ln of what lies between most of them, or NAN of few. */
 static double spread(const struct sg_audit *a, struct vote *votes)
 {
     const size_t n = collect(a, offsetof(struct sg_audit_image, features.osc_quiet), votes);
-    return n < 8 ? NAN : log(quantile(votes, n, 0.84) + 0.05) - log(quantile(votes, n, 0.16) + 0.05);
+    return n < 8 ? NAN
+                 : log(quantile(votes, n, 0.84) + 0.05) - log(quantile(votes, n, 0.16) + 0.05);
 }
 
 /* The median amplitude of the photos that are not clean. */
@@ -142,16 +150,18 @@ static double score_of_few(const struct sg_audit *a)
     }
     if (certain >= 3 && 20 * surely >= all)
         return POISONED;
-    return (certain && 100 * surely >= all) || (poisoned > 0 && 10 * poisoned >= all) ? SUSPICIOUS : 0;
+    return (certain && 100 * surely >= all) || (poisoned > 0 && 10 * poisoned >= all) ? SUSPICIOUS
+                                                                                      : 0;
 }
 
-/* Half of the photos decide, a little sooner where they are alike, or a quarter that look worse, or fewer of which
- * there is no doubt. What the median photo has and no clean set had becomes a reason. */
+/* Half of the photos decide, a little sooner where they are alike, or a quarter that look worse, or
+ * fewer of which there is no doubt. What the median photo has and no clean set had becomes a
+ * reason. */
 static int conclude(sg_ctx *ctx, struct sg_audit *a)
 {
 #define MEDIAN(field) median_of(a, offsetof(struct sg_audit_image, field), votes)
-#define REASON(condition, ...)                                                                                         \
-    if (condition)                                                                                                     \
+#define REASON(condition, ...)                                                                     \
+    if (condition)                                                                                 \
     a->reasons[a->count_reasons++] = sg_strf(ctx, __VA_ARGS__)
     struct vote *votes = sg_alloc(ctx, SG_MEM_MISC, a->count, sizeof(*votes));
     if (!votes)
@@ -159,15 +169,18 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
     const double range = spread(a, votes);
     size_t judged = 0;
     for (size_t i = 0; i < a->count; i++) {
-        votes[judged] = (struct vote){evidence(&a->images[i].features), sg_audit_vote(&a->images[i].features)};
+        votes[judged] =
+            (struct vote){evidence(&a->images[i].features), sg_audit_vote(&a->images[i].features)};
         judged += votes[judged].weight > 0;
     }
     const double middle = judged ? quantile(votes, judged, 0.5) : -INFINITY;
     const double upper = judged ? quantile(votes, judged, 0.75) : -INFINITY;
     const double quiet = MEDIAN(features.osc_quiet);
-    const bool alike = range < 0.45 && quiet > 0.2; /* where nothing oscillates, all photos are alike */
+    const bool alike =
+        range < 0.45 && quiet > 0.2; /* where nothing oscillates, all photos are alike */
     const double ragged = MEDIAN(features.ragged);
-    a->score = score_of(ragged, fmax(middle + (alike ? fmin(3 * (0.45 - range), 1) : 0), upper - 1));
+    a->score =
+        score_of(ragged, fmax(middle + (alike ? fmin(3 * (0.45 - range), 1) : 0), upper - 1));
     a->score = fmax(a->score, score_of_few(a));
     a->verdict = verdict_of(a->score);
     estimate_amplitude(a, votes);
@@ -177,31 +190,37 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
     const double down = MEDIAN(features.osc_down), across = MEDIAN(features.osc_across);
     if (a->verdict == SG_AUDIT_CLEAN)
         goto done;
-    REASON(poisoned && 2 * poisoned < judged, "%zu of the %zu photos look poisoned", poisoned, judged);
+    REASON(poisoned && 2 * poisoned < judged, "%zu of the %zu photos look poisoned", poisoned,
+           judged);
     REASON(ragged > SG_AUDIT_RAGGED,
-           "%.0f %% of the pixels that masks leave in lie at their border: such masks outline nothing, and can hide "
-           "anything",
+           "%.0f %% of the pixels that masks leave in lie at their border: such masks outline "
+           "nothing, and can hide anything",
            100 * ragged);
     REASON(quiet > 1.3,
-           "quiet parts of the photos oscillate by %.1f grey levels a pixel; those of clean ones by less than 1.3",
+           "quiet parts of the photos oscillate by %.1f grey levels a pixel; those of clean ones "
+           "by less than 1.3",
            quiet);
     REASON(share > 0.4,
-           "pixels that stick out from both neighbours carry %.0f %% of all variation; in clean photos "
-           "less than 40 %%",
+           "pixels that stick out from both neighbours carry %.0f %% of all variation; in clean "
+           "photos less than 40 %%",
            100 * share);
-    REASON(colour > 0.6, "colours oscillate by %.2f grey levels a pixel; those of clean photos by less than 0.6",
+    REASON(colour > 0.6,
+           "colours oscillate by %.2f grey levels a pixel; those of clean photos by less than 0.6",
            colour);
     REASON(down > 2 * across + 1 || across > 2 * down + 1,
-           "rows oscillate by %.1f grey levels, columns by %.1f; in clean photos they are alike", down, across);
+           "rows oscillate by %.1f grey levels, columns by %.1f; in clean photos they are alike",
+           down, across);
     REASON(alike && range < 0.35,
-           "quiet parts of most photos oscillate alike, within a factor of %.2f; clean photos differ more", exp(range));
+           "quiet parts of most photos oscillate alike, within a factor of %.2f; clean photos "
+           "differ more",
+           exp(range));
     REASON(noisy > 0.25,
-           "in %.0f %% of a photo's area nearly half of all variation sticks out from both neighbours; in clean photos "
-           "less than 25 %%",
+           "in %.0f %% of a photo's area nearly half of all variation sticks out from both "
+           "neighbours; in clean photos less than 25 %%",
            100 * noisy);
     REASON(!a->count_reasons,
-           "taken together: pixels that stick out carry %.0f %% of all variation, rows oscillate by %.1f grey levels, "
-           "columns by %.1f, and %.0f %% of a photo's area is noisy",
+           "taken together: pixels that stick out carry %.0f %% of all variation, rows oscillate "
+           "by %.1f grey levels, columns by %.1f, and %.0f %% of a photo's area is noisy",
            100 * share, down, across, 100 * noisy);
 #undef REASON
 #undef MEDIAN
@@ -233,11 +252,13 @@ static void audit_view(void *arg, size_t i, int thread)
     const struct sg_view *v = &j->scene->train[i];
     struct sg_audit_image *image = &j->audit->images[i];
     image->name = v->name;
-    j->codes[i] = sg_audit_measure(j->ctx, v->rgb, v->mask, v->camera.width, v->camera.height, &image->features, NULL);
+    j->codes[i] = sg_audit_measure(j->ctx, v->rgb, v->mask, v->camera.width, v->camera.height,
+                                   &image->features, NULL);
     const bool seen = sg_views_used(v, 1);
     image->score = seen ? score_of(image->features.ragged, evidence(&image->features)) : 0;
     image->verdict = seen ? verdict_of(image->score) : SG_AUDIT_UNSEEN;
-    const bool poisoned = image->verdict == SG_AUDIT_SUSPICIOUS || image->verdict == SG_AUDIT_POISONED;
+    const bool poisoned =
+        image->verdict == SG_AUDIT_SUSPICIOUS || image->verdict == SG_AUDIT_POISONED;
     image->tau = poisoned ? amplitude(&image->features) : 0;
     image->tau_error = AMPLITUDE_ERROR * image->tau;
 }
@@ -247,9 +268,10 @@ int sg_audit_scene(sg_ctx *ctx, const struct sg_scene *scene, struct sg_audit **
     sg_clear_error(ctx);
     *out = NULL;
     if (!sg_views_used(scene->train, scene->n_train))
-        return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: audit: found no training view with a used pixel: masks leave nothing to look at",
-                       scene->path);
+        return sg_fail(
+            ctx, SG_ERR_INPUT,
+            "%s: audit: found no training view with a used pixel: masks leave nothing to look at",
+            scene->path);
     struct sg_audit *a = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*a));
     int *codes = sg_alloc(ctx, SG_MEM_MISC, scene->n_train, sizeof(*codes));
     if (a)

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What an image looks like to the audit. Pixels that a mask leaves out are skipped: the neighbours of a pixel are the
- * nearest used ones of its row and column. Masks that are noise themselves, in which neighbours could be anywhere, are
- * told by how many used pixels lie at their border. */
+/* What an image looks like to the audit. Pixels that a mask leaves out are skipped: the neighbours
+ * of a pixel are the nearest used ones of its row and column. Masks that are noise themselves, in
+ * which neighbours could be anywhere, are told by how many used pixels lie at their border. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,13 +14,13 @@
 #define UNIT 4   /* values are quarters of grey levels, so that means of four pixels are kept */
 #define FAINT 2  /* grey levels: smaller steps are rounding, sensor noise and compression */
 
-/* A block is noisy that oscillates by more than so many grey levels a pixel and has more than this share of its
- * variation in that. */
+/* A block is noisy that oscillates by more than so many grey levels a pixel and has more than this
+ * share of its variation in that. */
 #define NOISY_OSCILLATION 2.5
 #define NOISY_SHARE 0.45
 
-/* Sums over one direction: pixels that have two neighbours, differences to the next, at local extremes those to both
- * neighbours, and the lesser of these. */
+/* Sums over one direction: pixels that have two neighbours, differences to the next, at local
+ * extremes those to both neighbours, and the lesser of these. */
 struct variation {
     double pixels, total, extremes, oscillation;
 };
@@ -46,7 +46,8 @@ static int oscillation(int before, int here, int after)
 }
 
 /* The line's next used pixel: the one before it now has two neighbours. */
-static inline void meet(struct line *l, int after, size_t block, struct variation *v, struct block *blocks)
+static inline void meet(struct line *l, int after, size_t block, struct variation *v,
+                        struct block *blocks)
 {
     if (l->seen >= 2) {
         struct block *b = &blocks[l->block];
@@ -142,7 +143,8 @@ static double ragged(const struct plane *p)
             continue;
         used++;
         border += (x > 0 && !p->mask[i - 1]) || (x + 1 < p->w && !p->mask[i + 1]) ||
-                  (i >= p->w && !p->mask[i - p->w]) || (i + p->w < p->w * p->h && !p->mask[i + p->w]);
+                  (i >= p->w && !p->mask[i - p->w]) ||
+                  (i + p->w < p->w * p->h && !p->mask[i + p->w]);
     }
     return used ? (double) border / (double) used : 0;
 }
@@ -169,7 +171,8 @@ struct share {
 
 static int ascending(const void *a, const void *b)
 {
-    const float x = ((const struct share *) a)->oscillation, y = ((const struct share *) b)->oscillation;
+    const float x = ((const struct share *) a)->oscillation,
+                y = ((const struct share *) b)->oscillation;
     return (x > y) - (x < y);
 }
 
@@ -183,8 +186,8 @@ static double quantile(const struct share *s, size_t n, double weight)
     return n ? (double) s[i].oscillation : 0;
 }
 
-/* What local extremes carry of all variation. Two levels a pixel more, so that faint noise on smooth photos, which
- * costs nothing, is not most of what there is. */
+/* What local extremes carry of all variation. Two levels a pixel more, so that faint noise on
+ * smooth photos, which costs nothing, is not most of what there is. */
 static double share_of_extremes(double extremes, double total, double pixels)
 {
     return pixels > 0 ? extremes / 2 / (total + UNIT * pixels) : 0;
@@ -212,7 +215,8 @@ static struct distribution distribute(const struct plane *p, struct share *own)
             continue;
         own[n++] = (struct share){(float) oscillation_of(b), b->pixels};
         weight += b->pixels;
-        if (oscillation_of(b) > NOISY_OSCILLATION && share_of_extremes(b->extremes, b->total, b->pixels) > NOISY_SHARE)
+        if (oscillation_of(b) > NOISY_OSCILLATION &&
+            share_of_extremes(b->extremes, b->total, b->pixels) > NOISY_SHARE)
             noisy += b->pixels;
     }
     qsort(own, n, sizeof(*own), ascending);
@@ -228,7 +232,8 @@ static double share_of(const struct variation *down, const struct variation *acr
                              down->pixels + across->pixels);
 }
 
-/* To half the size: means of four pixels, used where all four are. The blocks stay the same parts of the photo. */
+/* To half the size: means of four pixels, used where all four are. The blocks stay the same parts
+ * of the photo. */
 static void halve(struct plane *p, uint8_t *mask)
 {
     const size_t w = p->w / 2, h = p->h / 2;
@@ -236,7 +241,8 @@ static void halve(struct plane *p, uint8_t *mask)
         for (size_t x = 0; x < w; x++) {
             const size_t a = 2 * y * p->w + 2 * x, b = a + p->w;
             const int sum = p->values[a] + p->values[a + 1] + p->values[b] + p->values[b + 1];
-            const bool used = p->mask && p->mask[a] && p->mask[a + 1] && p->mask[b] && p->mask[b + 1];
+            const bool used =
+                p->mask && p->mask[a] && p->mask[a + 1] && p->mask[b] && p->mask[b + 1];
             p->values[y * w + x] = (int16_t) ((sum + 2) / 4);
             if (p->mask)
                 mask[y * w + x] = used ? 255 : 0;
@@ -278,10 +284,13 @@ int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int w
 
     struct variation down, across;
     for (size_t i = 0; i < p.w * p.h; i++)
-        p.values[i] = (int16_t) (UNIT * ((77 * rgb[3 * i] + 150 * rgb[3 * i + 1] + 29 * rgb[3 * i + 2] + 128) >> 8));
+        p.values[i] =
+            (int16_t) (UNIT *
+                       ((77 * rgb[3 * i] + 150 * rgb[3 * i + 1] + 29 * rgb[3 * i + 2] + 128) >> 8));
     vary(&p, &down, &across);
     out->tv_down = mean(down.total, &down), out->tv_across = mean(across.total, &across);
-    out->osc_down = mean(down.oscillation, &down), out->osc_across = mean(across.oscillation, &across);
+    out->osc_down = mean(down.oscillation, &down),
+    out->osc_across = mean(across.oscillation, &across);
     out->osc_share = share_of(&down, &across);
     struct distribution d = distribute(&p, own);
     out->osc_quiet = d.quarter, out->noisy = d.noisy;

@@ -1,22 +1,24 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Preset auto: how strong the defense is, from what the photos look like. docs/defense-results.md shows where the
- * numbers come from. */
+/* Preset auto: how strong the defense is, from what the photos look like. docs/defense-results.md
+ * shows where the numbers come from. */
 #include <math.h>
 #include <stdlib.h>
 
 #include "audit_photo.h"
 #include "splatguard/defense.h"
 
-/* Grey levels a pixel: oscillation from which on a poison gets the whole filter; that of quiet parts, and that at half
- * and a quarter of the size, from which on it gets more lambda, up to four times as much. A scene's own texture has a
- * share in the first, none in the second, and stays below the third. */
+/* Grey levels a pixel: oscillation from which on a poison gets the whole filter; that of quiet
+ * parts, and that at half and a quarter of the size, from which on it gets more lambda, up to four
+ * times as much. A scene's own texture has a share in the first, none in the second, and stays
+ * below the third. */
 static const double strong = 2.3, loud = 1.8, coarse = 7;
 
-/* The largest amplitude, in grey levels, that a tolerance answers. Photos changed by more say too little of their
- * scene: there the filter and the regulariser keep the model small. */
+/* The largest amplitude, in grey levels, that a tolerance answers. Photos changed by more say too
+ * little of their scene: there the filter and the regulariser keep the model small. */
 static const double bounded = 32;
 
-/* Lambda next to a tolerance: it chooses among the images that the tolerance allows, and need not overcome a poison. */
+/* Lambda next to a tolerance: it chooses among the images that the tolerance allows, and need not
+ * overcome a poison. */
 static const double light = 1;
 
 static double suspicion_of(const struct sg_audit_image *image)
@@ -24,8 +26,9 @@ static double suspicion_of(const struct sg_audit_image *image)
     return fmin(fmax((image->score - 0.3) / 0.6, 0), 1);
 }
 
-/* Photos of one attack share its bound, so the set's estimate supports the photo's own. The error is added, since a
- * tolerance that is too small lets the poison in, while one that is too large costs some detail. */
+/* Photos of one attack share its bound, so the set's estimate supports the photo's own. The error
+ * is added, since a tolerance that is too small lets the poison in, while one that is too large
+ * costs some detail. */
 static float tolerance_of(const struct sg_audit *audit, const struct sg_audit_image *image)
 {
     if (image->tau == 0 || fmax(image->tau, audit->tau) > bounded)
@@ -35,7 +38,8 @@ static float tolerance_of(const struct sg_audit *audit, const struct sg_audit_im
 
 double sg_defense_frequency(double extent)
 {
-    /* 8 where scenes are as large as synthetic ones are; an extent of 0 is taken for 1, as in training. */
+    /* 8 where scenes are as large as synthetic ones are; an extent of 0 is taken for 1, as in
+     * training. */
     return fmin(fmax(8 * 5.2 / (extent > 0 ? extent : 1), 1e-9), 1e9);
 }
 
@@ -45,8 +49,8 @@ static int descending(const void *a, const void *b)
     return (x < y) - (x > y);
 }
 
-/* Those of which there is no doubt are judged among themselves, from a twentieth of the votes on; the weaker ones of
- * them take nothing from the stronger. */
+/* Those of which there is no doubt are judged among themselves, from a twentieth of the votes on;
+ * the weaker ones of them take nothing from the stronger. */
 static double strength_of_few(float *parts, size_t n, double votes)
 {
     double sum = 0, most = 0;
@@ -58,34 +62,40 @@ static double strength_of_few(float *parts, size_t n, double votes)
     return most;
 }
 
-void sg_defense_automatic(const struct sg_audit *audit, double extent, float *view_weights, float *tolerances,
-                          struct sg_defense_params *p)
+void sg_defense_automatic(const struct sg_audit *audit, double extent, float *view_weights,
+                          float *tolerances, struct sg_defense_params *p)
 {
     double strength = 0, votes = 0;
     size_t certain = 0;
     for (size_t i = 0; i < audit->count; i++) {
         const struct sg_audit_image *image = &audit->images[i];
         const double vote = sg_audit_vote(&image->features);
-        const double amplitude = (image->features.osc_down + image->features.osc_across) / 2 / strong;
+        const double amplitude =
+            (image->features.osc_down + image->features.osc_across) / 2 / strong;
         tolerances[i] = tolerance_of(audit, image);
-        /* Growth follows the energy of the noise: a weak one is not worth the filter's price, and one that is
-         * tolerated makes none. */
-        const double part = tolerances[i] > 0 ? 0 : suspicion_of(image) * fmin(amplitude * amplitude, 1);
+        /* Growth follows the energy of the noise: a weak one is not worth the filter's price, and
+         * one that is tolerated makes none. */
+        const double part =
+            tolerances[i] > 0 ? 0 : suspicion_of(image) * fmin(amplitude * amplitude, 1);
         strength += vote * part;
         votes += vote;
         if (image->score >= SG_AUDIT_CERTAIN)
-            view_weights[certain++] = (float) (vote * part); /* room until they have their own values */
+            view_weights[certain++] =
+                (float) (vote * part); /* room until they have their own values */
     }
-    strength = votes > 0 ? fmax(strength / votes, strength_of_few(view_weights, certain, votes)) : 0;
+    strength =
+        votes > 0 ? fmax(strength / votes, strength_of_few(view_weights, certain, votes)) : 0;
     p->lambda = 6;
     for (size_t i = 0; i < audit->count; i++) {
         const struct sg_audit_features *f = &audit->images[i].features;
-        const double loudness = fmax(f->osc_quiet / loud, fmax(f->half_osc, f->quarter_osc) / coarse);
+        const double loudness =
+            fmax(f->osc_quiet / loud, fmax(f->half_osc, f->quarter_osc) / coarse);
         const double weight = tolerances[i] > 0 ? light / p->lambda : fmin(fmax(loudness, 1), 4);
         view_weights[i] = (float) (suspicion_of(&audit->images[i]) * weight);
     }
     p->view_weights = view_weights;
     p->rho = -(0.1 + 0.35 * strength);
-    p->rho_least = 0.05 * strength * strength; /* of a weak poison there is little to save, and views to lose */
+    p->rho_least = 0.05 * strength *
+                   strength; /* of a weak poison there is little to save, and views to lose */
     p->frequency = sg_defense_frequency(extent);
 }

@@ -13,9 +13,10 @@ double sg_filter_log_weight(const struct sg_defense_params *p, float log_smalles
     return u > 0 ? p->exponent * log(-expm1(-u)) : -INFINITY;
 }
 
-/* The views to count in: all, or a sample without replacement that depends on seed and iteration only. */
-static size_t sample_views(const struct sg_scene *scene, const struct sg_defense_params *p, uint64_t seed, int it,
-                           const struct sg_camera **views)
+/* The views to count in: all, or a sample without replacement that depends on seed and iteration
+ * only. */
+static size_t sample_views(const struct sg_scene *scene, const struct sg_defense_params *p,
+                           uint64_t seed, int it, const struct sg_camera **views)
 {
     const size_t n = scene->n_train, wanted = (size_t) p->views;
     for (size_t i = 0; i < n; i++)
@@ -23,7 +24,8 @@ static size_t sample_views(const struct sg_scene *scene, const struct sg_defense
     if (p->sample == SG_VIEWS_ALL || wanted >= n)
         return n;
     for (size_t i = 0; i < wanted; i++) {
-        const size_t j = i + (size_t) (sg_rng_u64(seed, SG_RNG_COUNTED, (uint64_t) it, i) % (n - i));
+        const size_t j =
+            i + (size_t) (sg_rng_u64(seed, SG_RNG_COUNTED, (uint64_t) it, i) % (n - i));
         const struct sg_camera *swap = views[i];
         views[i] = views[j], views[j] = swap;
     }
@@ -44,12 +46,14 @@ static void score_chunk(void *arg, size_t chunk, int thread)
     const size_t end = (chunk + 1) * CHUNK < j->s->count ? (chunk + 1) * CHUNK : j->s->count;
     for (size_t i = chunk * CHUNK; i < end; i++) {
         const double hits = j->s->score[i];
-        j->s->score[i] = hits > 0 ? sg_filter_log_weight(j->p, j->s->log_smallest[i]) + log(hits) : -INFINITY;
+        j->s->score[i] =
+            hits > 0 ? sg_filter_log_weight(j->p, j->s->log_smallest[i]) + log(hits) : -INFINITY;
     }
 }
 
-int sg_score(struct sg_engine *engine, const struct sg_scene *scene, const struct sg_defense_params *p,
-             const struct sg_render_params *render, uint64_t seed, int it, struct sg_scores *out)
+int sg_score(struct sg_engine *engine, const struct sg_scene *scene,
+             const struct sg_defense_params *p, const struct sg_render_params *render,
+             uint64_t seed, int it, struct sg_scores *out)
 {
     sg_ctx *ctx = sg_engine_ctx(engine);
     const size_t n = sg_engine_count(engine);
@@ -60,9 +64,11 @@ int sg_score(struct sg_engine *engine, const struct sg_scene *scene, const struc
     out->keys = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*out->keys));
     int code = views && out->score && out->log_smallest && out->keys ? SG_OK : SG_ERR_BUDGET;
     if (!code)
-        code = sg_engine_count_hits(engine, views, sample_views(scene, p, seed, it, views), render, p->hit, out->score);
+        code = sg_engine_count_hits(engine, views, sample_views(scene, p, seed, it, views), render,
+                                    p->hit, out->score);
     if (!code)
-        code = sg_engine_read_statistics(engine, &(struct sg_statistics){.log_smallest = out->log_smallest});
+        code = sg_engine_read_statistics(
+            engine, &(struct sg_statistics){.log_smallest = out->log_smallest});
     sg_free(views);
     if (code) {
         sg_scores_clear(out);
@@ -154,8 +160,9 @@ void sg_scores_remove(const struct sg_scores *s, size_t k, uint8_t *keep)
             keep[i] = 0, k--;
 }
 
-int sg_filter(struct sg_engine *engine, const struct sg_scene *scene, const struct sg_defense_params *p,
-              const struct sg_render_params *render, double rho, uint64_t seed, int it, struct sg_defense_step *out)
+int sg_filter(struct sg_engine *engine, const struct sg_scene *scene,
+              const struct sg_defense_params *p, const struct sg_render_params *render, double rho,
+              uint64_t seed, int it, struct sg_defense_step *out)
 {
     sg_ctx *ctx = sg_engine_ctx(engine);
     struct sg_scores s;
@@ -180,10 +187,11 @@ int sg_filter(struct sg_engine *engine, const struct sg_scene *scene, const stru
         out->rho = rho;
         out->scored = n, out->removed = lowest, out->unseen = s.unseen;
         for (int k = 0; k < 3 && seen; k++)
-            out->score[k] =
-                sg_scores_rank(&s, s.unseen + (size_t) ((double) (seen - 1) * (double[]){0.1, 0.5, 0.9}[k]));
+            out->score[k] = sg_scores_rank(
+                &s, s.unseen + (size_t) ((double) (seen - 1) * (double[]){0.1, 0.5, 0.9}[k]));
         if (lowest)
-            code = sg_engine_edit(engine, &(struct sg_edit){.keep = keep, .kept = n - lowest, .statistics = true});
+            code = sg_engine_edit(
+                engine, &(struct sg_edit){.keep = keep, .kept = n - lowest, .statistics = true});
     }
     sg_free(keep);
     sg_scores_clear(&s);

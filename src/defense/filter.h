@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The defense in space: Gaussians are scored by their frequency and by what they contribute, and the lowest are
- * removed.
+/* The defense in space: Gaussians are scored by their frequency and by what they contribute, and
+ * the lowest are removed.
  *
  *     ln score = alpha ln(1 - exp(-2 pi^2 t^2 sigma^2)) + ln hits
  *
- * In logarithms and double precision: the thinnest Gaussians' weights are far below what 1 - exp keeps in float. */
+ * In logarithms and double precision: the thinnest Gaussians' weights are far below what 1 - exp
+ * keeps in float. */
 #ifndef SG_DEFENSE_FILTER_H
 #define SG_DEFENSE_FILTER_H
 
@@ -24,19 +25,21 @@ struct sg_scores {
 };
 
 /* Counts hits over the sampled views of the scene at iteration it. */
-int sg_score(struct sg_engine *engine, const struct sg_scene *scene, const struct sg_defense_params *p,
-             const struct sg_render_params *render, uint64_t seed, int it, struct sg_scores *out);
+int sg_score(struct sg_engine *engine, const struct sg_scene *scene,
+             const struct sg_defense_params *p, const struct sg_render_params *render,
+             uint64_t seed, int it, struct sg_scores *out);
 void sg_scores_clear(struct sg_scores *s);
 
 /* The score at rank k (0: lowest) of all. */
 double sg_scores_rank(const struct sg_scores *s, size_t k);
 
-/* Clears the entries of the k lowest that are still set in keep, by score, then thickness, then index. k: at most the
- * number of those set. */
+/* Clears the entries of the k lowest that are still set in keep, by score, then thickness, then
+ * index. k: at most the number of those set. */
 void sg_scores_remove(const struct sg_scores *s, size_t k, uint8_t *keep);
 
 /* Removes the share rho. out: all but the losses. */
-int sg_filter(struct sg_engine *engine, const struct sg_scene *scene, const struct sg_defense_params *p,
-              const struct sg_render_params *render, double rho, uint64_t seed, int it, struct sg_defense_step *out);
+int sg_filter(struct sg_engine *engine, const struct sg_scene *scene,
+              const struct sg_defense_params *p, const struct sg_render_params *render, double rho,
+              uint64_t seed, int it, struct sg_defense_step *out);
 
 #endif

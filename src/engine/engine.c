@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The front end: what is common to all engines. Arguments and the order of the stages are checked here, so that an
- * operation can rely on them; clocks run here; operations that an engine lacks have their substitute here. */
+/* The front end: what is common to all engines. Arguments and the order of the stages are checked
+ * here, so that an operation can rely on them; clocks run here; operations that an engine lacks
+ * have their substitute here. */
 #include "engine.h"
 
 #include <math.h>
@@ -23,10 +24,12 @@ static int need(const struct sg_engine *e, unsigned what, const char *stage, con
 {
     if ((e->ready & what) == what)
         return SG_OK;
-    return sg_fail(e->ctx, SG_ERR_INTERNAL, "engine: %s: found no %s of this view and model", stage, before);
+    return sg_fail(e->ctx, SG_ERR_INTERNAL, "engine: %s: found no %s of this view and model", stage,
+                   before);
 }
 
-/* A stage has run, or has failed: only then is there what it leaves. `kept`: of what was there before. */
+/* A stage has run, or has failed: only then is there what it leaves. `kept`: of what was there
+ * before. */
 static int leave(struct sg_engine *e, int code, unsigned kept, unsigned made)
 {
     e->ready = (e->ready & kept) | (code ? 0 : made);
@@ -77,7 +80,8 @@ const char *sg_engine_variant(const struct sg_engine *e)
     return e->ops->variant(e);
 }
 
-struct sg_footprint sg_engine_footprint(const struct sg_engine_kind *engine, const struct sg_work *work)
+struct sg_footprint sg_engine_footprint(const struct sg_engine_kind *engine,
+                                        const struct sg_work *work)
 {
     return engine->footprint(work);
 }
@@ -135,26 +139,28 @@ int sg_engine_reset_opacity(struct sg_engine *e, float limit)
 int sg_engine_set_shape(struct sg_engine *e, const struct sg_shape *shape)
 {
     if (shape && !e->ops->shape)
-        return sg_fail(e->ctx, SG_ERR_USAGE, "shape: found %s, which engine %s cannot compute", shape->name,
-                       e->ops->name);
+        return sg_fail(e->ctx, SG_ERR_USAGE, "shape: found %s, which engine %s cannot compute",
+                       shape->name, e->ops->name);
     e->shape = shape;
     return leave(e, SG_OK, 0, 0);
 }
 
 /* ---- photos ---- */
 
-int sg_engine_photo_add(struct sg_engine *e, int width, int height, const uint8_t *rgb, const uint8_t *mask,
-                        sg_photo *out)
+int sg_engine_photo_add(struct sg_engine *e, int width, int height, const uint8_t *rgb,
+                        const uint8_t *mask, sg_photo *out)
 {
     size_t at = 0;
     *out = 0;
     while (at < e->photo_count && e->photos[at].rgb)
         at++;
-    if (sg_grow(e->ctx, SG_MEM_MISC, &e->photos, &e->photo_capacity, at + 1, e->photo_count, sizeof(*e->photos)))
+    if (sg_grow(e->ctx, SG_MEM_MISC, &e->photos, &e->photo_capacity, at + 1, e->photo_count,
+                sizeof(*e->photos)))
         return SG_ERR_BUDGET;
     e->photos[at] = (struct sg_photo_entry){width, height, rgb, mask};
     e->photo_count = at < e->photo_count ? e->photo_count : at + 1;
-    const int code = e->ops->photo_add ? e->ops->photo_add(e, (sg_photo) (at + 1), &e->photos[at]) : SG_OK;
+    const int code =
+        e->ops->photo_add ? e->ops->photo_add(e, (sg_photo) (at + 1), &e->photos[at]) : SG_OK;
     if (code)
         e->photos[at] = (struct sg_photo_entry){0};
     else
@@ -236,23 +242,29 @@ int sg_engine_read_image(struct sg_engine *e, float *rgb, float *alpha, float *d
     return code ? code : e->ops->read_image(e, rgb, alpha, depth);
 }
 
-static int find_target(const struct sg_engine *e, const struct sg_target *t, struct sg_target_pixels *out)
+static int find_target(const struct sg_engine *e, const struct sg_target *t,
+                       struct sg_target_pixels *out)
 {
     *out = (struct sg_target_pixels){.photo = t->photo, .planes = t->planes};
     if (!t->photo)
-        return t->planes ? SG_OK : sg_fail(e->ctx, SG_ERR_USAGE, "losses: found no target, expected a photo or planes");
+        return t->planes ? SG_OK
+                         : sg_fail(e->ctx, SG_ERR_USAGE,
+                                   "losses: found no target, expected a photo or planes");
     const struct sg_photo_entry *p = t->photo <= e->photo_count ? &e->photos[t->photo - 1] : NULL;
     if (!p || !p->rgb)
-        return sg_fail(e->ctx, SG_ERR_USAGE, "losses: found photo %u, which has not been added", t->photo);
+        return sg_fail(e->ctx, SG_ERR_USAGE, "losses: found photo %u, which has not been added",
+                       t->photo);
     if (p->width != e->width || p->height != e->height)
-        return sg_fail(e->ctx, SG_ERR_USAGE, "losses: found a photo of %d x %d, expected %d x %d as the view", p->width,
+        return sg_fail(e->ctx, SG_ERR_USAGE,
+                       "losses: found a photo of %d x %d, expected %d x %d as the view", p->width,
                        p->height, e->width, e->height);
     out->rgb = t->planes ? NULL : p->rgb;
     out->mask = p->mask;
     return SG_OK;
 }
 
-int sg_engine_losses(struct sg_engine *e, const struct sg_target *target, const struct sg_loss *losses, size_t n)
+int sg_engine_losses(struct sg_engine *e, const struct sg_target *target,
+                     const struct sg_loss *losses, size_t n)
 {
     struct sg_target_pixels pixels;
     int code = need(e, IMAGE, "losses", "image");
@@ -260,10 +272,10 @@ int sg_engine_losses(struct sg_engine *e, const struct sg_target *target, const 
         code = find_target(e, target, &pixels);
     for (size_t i = 0; i < n && !code; i++)
         if ((losses[i].kind == SG_LOSS_PHOTOMETRIC) != (i == 0))
-            code = sg_fail(e->ctx, SG_ERR_USAGE,
-                           "losses: found kind %d at place %zu, expected the photometric loss "
-                           "once and first",
-                           (int) losses[i].kind, i);
+            code = sg_fail(
+                e->ctx, SG_ERR_USAGE,
+                "losses: found kind %d at place %zu, expected the photometric loss once and first",
+                (int) losses[i].kind, i);
     if (code || !n)
         return code;
     for (size_t i = 0; i < n && !code; i++) {
@@ -320,7 +332,8 @@ int sg_engine_optimise(struct sg_engine *e, const struct sg_update *update)
 {
     const bool ready = e->ready & PARAMETER_GRADIENTS;
     const bool fused = !ready && e->ops->project_backward_optimise && !e->shape;
-    int code = ready ? SG_OK : need(e, SPLATS | SPLAT_GRADIENTS, "optimise", "gradients of the splats");
+    int code =
+        ready ? SG_OK : need(e, SPLATS | SPLAT_GRADIENTS, "optimise", "gradients of the splats");
     if (code)
         return code;
     if (!ready && !fused)

@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The engine: it draws a model of Gaussians and learns it. Where that is computed is decided when one is created.
+/* The engine: it draws a model of Gaussians and learns it. Where that is computed is decided when
+ * one is created.
  *
- * One iteration calls project, bin, raster, losses, raster_backward, project_backward and optimise, in this order; then
- * read_step waits for its results. The engine holds the model, the state of its optimiser and the buffers of one view.
- * Host memory crosses only where a function says so. Calls that come out of order fail with SG_ERR_INTERNAL and change
- * nothing. All other errors are SG_ERR_BUDGET, unless a function says more. Thread safety: unsafe. */
+ * One iteration calls project, bin, raster, losses, raster_backward, project_backward and optimise,
+ * in this order; then read_step waits for its results. The engine holds the model, the state of its
+ * optimiser and the buffers of one view. Host memory crosses only where a function says so. Calls
+ * that come out of order fail with SG_ERR_INTERNAL and change nothing. All other errors are
+ * SG_ERR_BUDGET, unless a function says more. Thread safety: unsafe. */
 #ifndef SG_ENGINE_H
 #define SG_ENGINE_H
 
@@ -18,15 +20,17 @@ struct sg_engine;
 
 /* ---- creation ---- */
 
-/* name: of an engine ("cpu", "ref"), NULL = "cpu"; variant: of its kernels, NULL = the best this machine runs.
- * SG_ERR_USAGE for one that is not known or does not run here. */
+/* name: of an engine ("cpu", "ref"), NULL = "cpu"; variant: of its kernels, NULL = the best this
+ * machine runs. SG_ERR_USAGE for one that is not known or does not run here. */
 int sg_engine_check(sg_ctx *ctx, const char *name, const char *variant);
 int sg_engine_create(sg_ctx *ctx, const char *name, const char *variant, struct sg_engine **out);
 void sg_engine_destroy(struct sg_engine **engine);
 sg_ctx *sg_engine_ctx(const struct sg_engine *e);
-const char *sg_engine_variant(const struct sg_engine *e); /* "avx512", "ref", ...: what really runs */
+const char *
+sg_engine_variant(const struct sg_engine *e); /* "avx512", "ref", ...: what really runs */
 
-/* What an engine needs for a shape of work, in bytes at the worst moment of an iteration or an edit. */
+/* What an engine needs for a shape of work, in bytes at the worst moment of an iteration or an
+ * edit. */
 struct sg_work {
     int sh_degree;
     bool accumulate; /* see sg_update */
@@ -39,7 +43,8 @@ struct sg_footprint {
     uint64_t view;     /* the buffers of an image of this size */
 };
 struct sg_engine_kind; /* see registry.h */
-struct sg_footprint sg_engine_footprint(const struct sg_engine_kind *engine, const struct sg_work *work);
+struct sg_footprint sg_engine_footprint(const struct sg_engine_kind *engine,
+                                        const struct sg_work *work);
 
 /* ---- the model ---- */
 
@@ -54,11 +59,12 @@ int sg_optimiser_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_opti
 void sg_optimiser_clear(struct sg_optimiser *optimiser);
 
 /* Host to engine. optimiser NULL: zeros. */
-int sg_engine_upload(struct sg_engine *e, const struct sg_model *model, const struct sg_optimiser *optimiser);
+int sg_engine_upload(struct sg_engine *e, const struct sg_model *model,
+                     const struct sg_optimiser *optimiser);
 /* The same, and takes the arrays of both, so that a host never holds them twice. */
 int sg_engine_adopt(struct sg_engine *e, struct sg_model *model, struct sg_optimiser *optimiser);
-/* Engine to host, objects of the present count and SH degree. What is NULL, an object or an array of the optimiser, is
- * left out. */
+/* Engine to host, objects of the present count and SH degree. What is NULL, an object or an array
+ * of the optimiser, is left out. */
 int sg_engine_download(struct sg_engine *e, struct sg_model *model, struct sg_optimiser *optimiser);
 size_t sg_engine_count(const struct sg_engine *e);
 
@@ -74,8 +80,9 @@ int sg_engine_read_statistics(struct sg_engine *e, const struct sg_statistics *o
 
 enum sg_edit_kind { SG_EDIT_COPY, SG_EDIT_CHILD };
 
-/* A change of the set of Gaussians: survivors in their order, then the appended ones in theirs; from a few thousand on,
- * the engine puts them all into an order of its own that nothing but the model and the edit decides. */
+/* A change of the set of Gaussians: survivors in their order, then the appended ones in theirs;
+ * from a few thousand on, the engine puts them all into an order of its own that nothing but the
+ * model and the edit decides. */
 struct sg_edit {
     const uint8_t *keep; /* one byte per present Gaussian */
     size_t kept;         /* number of non-zero bytes */
@@ -83,18 +90,19 @@ struct sg_edit {
     const uint32_t *source; /* appended entries: index before the edit */
     const uint8_t *kind;    /* enum sg_edit_kind */
     bool statistics;        /* the survivors keep theirs, else all are cleared */
-    uint64_t seed, stream;  /* of the children's positions: normal (seed, SG_RNG_SPLIT, stream, 3 entry + axis) */
+    uint64_t seed, stream;  /* of the children's positions: normal (seed, SG_RNG_SPLIT, stream, 3
+                               entry + axis) */
 };
-/* Applies the edit to parameters, moments (appended: zero) and statistics. Where memory runs out the model is as it
- * was, or edited and without moments. */
+/* Applies the edit to parameters, moments (appended: zero) and statistics. Where memory runs out
+ * the model is as it was, or edited and without moments. */
 int sg_engine_edit(struct sg_engine *e, const struct sg_edit *edit);
 /* Scales = max(scales, smallest), activated. */
 int sg_engine_floor_scale(struct sg_engine *e, float smallest);
 /* opacity = min(opacity, limit); zeroes the opacity moments. */
 int sg_engine_reset_opacity(struct sg_engine *e, float limit);
 
-/* A step between the parameters and the projection: what is drawn in place of the parameters of SG_LANES Gaussians. All
- * arrays are blocks of `planes` planes, laid out as in sg_model.params. */
+/* A step between the parameters and the projection: what is drawn in place of the parameters of
+ * SG_LANES Gaussians. All arrays are blocks of `planes` planes, laid out as in sg_model.params. */
 struct sg_shape {
     const char *name;
     const void *arg; /* of the functions */
@@ -102,17 +110,18 @@ struct sg_shape {
     /* gradients: of what is drawn; becomes those of the parameters. */
     void (*backward)(const void *arg, const float *params, int planes, float *gradients);
 };
-/* shape: borrowed, NULL = what is drawn are the parameters (default). SG_ERR_USAGE for an engine that has no such
- * stage. */
+/* shape: borrowed, NULL = what is drawn are the parameters (default). SG_ERR_USAGE for an engine
+ * that has no such stage. */
 int sg_engine_set_shape(struct sg_engine *e, const struct sg_shape *shape);
 
 /* ---- photos ---- */
 
-/* Targets are handed over once and named by a handle; 0 is none. rgb: height x width x 3; mask: height x width, where
- * 0 is a pixel that does not count, or NULL. Both must stay as they are until photo_drop. */
+/* Targets are handed over once and named by a handle; 0 is none. rgb: height x width x 3; mask:
+ * height x width, where 0 is a pixel that does not count, or NULL. Both must stay as they are until
+ * photo_drop. */
 typedef uint32_t sg_photo;
-int sg_engine_photo_add(struct sg_engine *e, int width, int height, const uint8_t *rgb, const uint8_t *mask,
-                        sg_photo *out);
+int sg_engine_photo_add(struct sg_engine *e, int width, int height, const uint8_t *rgb,
+                        const uint8_t *mask, sg_photo *out);
 void sg_engine_photo_drop(struct sg_engine *e, sg_photo photo); /* 0: nothing */
 
 /* ---- the stages ---- */
@@ -130,9 +139,10 @@ int sg_engine_draw(struct sg_engine *e, const struct sg_camera *camera, int sh_d
 /* Engine to host: 3 planes, 1 plane, 1 plane; alpha and depth may be NULL. */
 int sg_engine_read_image(struct sg_engine *e, float *rgb, float *alpha, float *depth);
 
-/* dL/dimage of the weighted sum of losses; see losses.h. The photo has the view's size. A photometric loss comes
- * first. SG_ERR_USAGE where the list or the target is not as described. */
-int sg_engine_losses(struct sg_engine *e, const struct sg_target *target, const struct sg_loss *losses, size_t n);
+/* dL/dimage of the weighted sum of losses; see losses.h. The photo has the view's size. A
+ * photometric loss comes first. SG_ERR_USAGE where the list or the target is not as described. */
+int sg_engine_losses(struct sg_engine *e, const struct sg_target *target,
+                     const struct sg_loss *losses, size_t n);
 /* Host to engine: replaces dL/dimage (3 planes). */
 int sg_engine_write_image_gradient(struct sg_engine *e, const float *gradient);
 
@@ -141,23 +151,24 @@ int sg_engine_raster_backward(struct sg_engine *e);
 
 enum sg_group { SG_G_XYZ, SG_G_OPACITY, SG_G_SCALE, SG_G_ROT, SG_G_DC, SG_G_REST, SG_GROUPS };
 
-/* One Adam step per group: p -= rate m / (sqrt(v) root + eps), rate = lr / (1 - beta1^t), root = 1 / sqrt(1 - beta2^t).
- * A group with rate 0 keeps its parameters and its moments. */
+/* One Adam step per group: p -= rate m / (sqrt(v) root + eps), rate = lr / (1 - beta1^t), root = 1
+ * / sqrt(1 - beta2^t). A group with rate 0 keeps its parameters and its moments. */
 struct sg_update {
     bool adam; /* false: no group moves */
     float rate[SG_GROUPS], root[SG_GROUPS];
     bool statistics; /* add this view to grad_sum and grad_count */
-    bool accumulate; /* gradients add up over the updates without adam; the next one with adam takes the sum. Lost when
-                        the model is edited. */
+    bool accumulate; /* gradients add up over the updates without adam; the next one with adam takes
+                        the sum. Lost when the model is edited. */
 };
-/* Gradients of the projected Gaussians to those of the parameters. statistics: adds this view to grad_sum and
- * grad_count. */
+/* Gradients of the projected Gaussians to those of the parameters. statistics: adds this view to
+ * grad_sum and grad_count. */
 int sg_engine_project_backward(struct sg_engine *e, bool statistics);
-/* A step of the optimiser. Without project_backward before, it does that too, as fast as it can: gradients of the
- * parameters need not be stored. With it, update->statistics has no effect. */
+/* A step of the optimiser. Without project_backward before, it does that too, as fast as it can:
+ * gradients of the parameters need not be stored. With it, update->statistics has no effect. */
 int sg_engine_optimise(struct sg_engine *e, const struct sg_update *update);
-/* Engine to host: dL/d parameters of the view, in a model-shaped object. Before optimise. For tests and sensitivities.
- */
+/* Engine to host: dL/d parameters of the view, in a model-shaped object. Before optimise. For tests
+ * and
+ * sensitivities. */
 int sg_engine_read_gradients(struct sg_engine *e, struct sg_model *out);
 
 /* Of the newest view and its losses, as far as its stages have run. */
@@ -166,18 +177,20 @@ struct sg_step {
     struct sg_photometric_value photometric;
     double loss[SG_LOSSES]; /* without their weights; NAN = not in the list */
 };
-/* Waits for all stages that were called; the only call that does, beside those that bring memory to the host. */
+/* Waits for all stages that were called; the only call that does, beside those that bring memory to
+ * the host. */
 int sg_engine_read_step(struct sg_engine *e, struct sg_step *out);
 
-/* Engine to host: hits over n views, one value per Gaussian. No colour is computed; the view that was being processed
- * is lost. */
+/* Engine to host: hits over n views, one value per Gaussian. No colour is computed; the view that
+ * was being processed is lost. */
 int sg_engine_count_hits(struct sg_engine *e, const struct sg_camera *const *views, size_t n,
                          const struct sg_render_params *params, enum sg_hit kind, double *hits);
 
 /* ---- images on their own ---- */
 
 /* One step up the total variation of an image, all in host memory, 3 planes each:
- * to = clamp(photo + clamp(from + step sgn(dTV/dfrom + extra) - photo, -epsilon, epsilon), 0, 1). */
+ * to = clamp(photo + clamp(from + step sgn(dTV/dfrom + extra) - photo, -epsilon, epsilon), 0,
+ * 1). */
 struct sg_ascend {
     float epsilon, step;
     enum sg_tv_form form;
@@ -193,7 +206,8 @@ int sg_engine_ascend(struct sg_engine *e, const struct sg_ascend *a);
 
 /* Seconds (wall clock) per stage since creation. */
 struct sg_engine_times {
-    double shape, project, bin, raster, raster_backward, project_backward, optimise, count; /* shape: both ways */
+    double shape, project, bin, raster, raster_backward, project_backward, optimise,
+        count; /* shape: both ways */
     double loss[SG_LOSSES];
 };
 struct sg_engine_times sg_engine_times(const struct sg_engine *e);

@@ -17,9 +17,10 @@ struct sg_target {
 
 enum sg_loss_kind { SG_LOSS_PHOTOMETRIC, SG_LOSS_ANISOTROPY, SG_LOSS_TOTAL_VARIATION, SG_LOSSES };
 
-/* (1 - lambda) L1 + lambda (1 - SSIM). The target of a value is the nearest to the render within `tolerance` of the
- * photo, for L1 and SSIM alike. It counts as a constant, and a value that is its own target has no gradient. So a
- * change of the photo by at most `tolerance` has no gradient at a model that shows the unchanged photo. */
+/* (1 - lambda) L1 + lambda (1 - SSIM). The target of a value is the nearest to the render within
+ * `tolerance` of the photo, for L1 and SSIM alike. It counts as a constant, and a value that is its
+ * own target has no gradient. So a change of the photo by at most `tolerance` has no gradient at a
+ * model that shows the unchanged photo. */
 struct sg_photometric {
     float lambda_dssim;
     float tolerance; /* 0..1, of the value range; 0: the target is the photo */
@@ -41,15 +42,16 @@ struct sg_loss {
     };
 };
 
-/* Of grey levels; a little more, so that photos exactly that far apart agree however both are rounded. */
+/* Of grey levels; a little more, so that photos exactly that far apart agree however both are
+ * rounded. */
 static inline float sg_loss_tolerance(float levels)
 {
     return levels > 0 ? levels / 255 + 0x1p-20f : 0;
 }
 
 /* Equal images have an SSIM of 1, which its sum reaches up to rounding only. */
-static inline struct sg_photometric_value sg_photometric_value_of(double l1, double mse, double ssim,
-                                                                  float lambda_dssim)
+static inline struct sg_photometric_value sg_photometric_value_of(double l1, double mse,
+                                                                  double ssim, float lambda_dssim)
 {
     const double s = l1 == 0 ? 1 : ssim, lambda = (double) lambda_dssim;
     return (struct sg_photometric_value){

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What an engine implements. Only src/engine includes this; everybody else calls the functions of engine.h, which check
- * their arguments and the order of the stages, run the clocks and stand in for optional operations. */
+/* What an engine implements. Only src/engine includes this; everybody else calls the functions of
+ * engine.h, which check their arguments and the order of the stages, run the clocks and stand in
+ * for optional operations. */
 #ifndef SG_ENGINE_OPS_H
 #define SG_ENGINE_OPS_H
 
@@ -37,15 +38,17 @@ struct sg_engine {
     struct sg_step step; /* stages that are done when their call returns leave their results here */
 };
 
-/* A mark "optional" means that the pointer may be NULL; the comment says what happens then. Stages may return before
- * their work is done; read_step and what brings memory to the host wait for it. */
+/* A mark "optional" means that the pointer may be NULL; the comment says what happens then. Stages
+ * may return before their work is done; read_step and what brings memory to the host wait for
+ * it. */
 struct sg_engine_ops {
     const char *name;
     void (*destroy)(struct sg_engine *);
     const char *(*variant)(const struct sg_engine *);
 
     int (*upload)(struct sg_engine *, const struct sg_model *, const struct sg_optimiser *);
-    int (*adopt)(struct sg_engine *, struct sg_model *, struct sg_optimiser *); /* optional: upload, and free both */
+    int (*adopt)(struct sg_engine *, struct sg_model *,
+                 struct sg_optimiser *); /* optional: upload, and free both */
     int (*download)(struct sg_engine *, struct sg_model *, struct sg_optimiser *);
     size_t (*count)(const struct sg_engine *);
     int (*read_statistics)(struct sg_engine *, const struct sg_statistics *);
@@ -61,11 +64,13 @@ struct sg_engine_ops {
     int (*shape)(struct sg_engine *, const struct sg_shape *);
     int (*shape_backward)(struct sg_engine *, const struct sg_shape *);
 
-    int (*project)(struct sg_engine *, const struct sg_camera *, int sh_degree, const struct sg_render_params *);
+    int (*project)(struct sg_engine *, const struct sg_camera *, int sh_degree,
+                   const struct sg_render_params *);
     int (*bin)(struct sg_engine *);
     int (*raster)(struct sg_engine *, bool auxiliary);
     int (*read_image)(struct sg_engine *, float *rgb, float *alpha, float *depth);
-    /* One of the list. A photometric loss replaces dL/dimage; the others add to it and leave 0 where the mask is 0. */
+    /* One of the list. A photometric loss replaces dL/dimage; the others add to it and leave 0
+     * where the mask is 0. */
     int (*loss)(struct sg_engine *, const struct sg_target_pixels *, const struct sg_loss *);
     int (*write_image_gradient)(struct sg_engine *, const float *gradient);
     int (*raster_backward)(struct sg_engine *);
@@ -76,8 +81,8 @@ struct sg_engine_ops {
     int (*read_gradients)(struct sg_engine *, struct sg_model *); /* after project_backward */
     int (*read_step)(struct sg_engine *); /* optional: all results are in `step` already */
 
-    int (*count_hits)(struct sg_engine *, const struct sg_camera *const *, size_t n, const struct sg_render_params *,
-                      enum sg_hit, double *hits);
+    int (*count_hits)(struct sg_engine *, const struct sg_camera *const *, size_t n,
+                      const struct sg_render_params *, enum sg_hit, double *hits);
     int (*ascend)(struct sg_engine *, const struct sg_ascend *); /* optional: the oracle's */
 };
 

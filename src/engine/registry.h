@@ -16,7 +16,8 @@ const struct sg_engine_kind *sg_engine_find(sg_ctx *ctx, const char *name);
 /* Names of all engines, in order; returns their number. */
 int sg_engine_names(const char *out[SG_ENGINES]);
 
-/* Names of an engine's variants that run here, slowest first; returns their number, 0 for an engine without any. */
+/* Names of an engine's variants that run here, slowest first; returns their number, 0 for an engine
+ * without any. */
 int sg_engine_variants(const char *name, const char *out[SG_ENGINE_VARIANTS]);
 
 #endif

@@ -17,8 +17,8 @@ static int ascending(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-static int time_frames(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t n, float *rgb,
-                       struct sg_eval *out)
+static int time_frames(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t n,
+                       float *rgb, struct sg_eval *out)
 {
     double *frames = sg_alloc_raw(ctx, SG_MEM_MISC, ROUNDS * n, sizeof(double)), sum = 0;
     int code = frames ? SG_OK : SG_ERR_BUDGET;
@@ -38,7 +38,8 @@ static int time_frames(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views,
     return code;
 }
 
-/* Pixels that the mask leaves out are taken from the render, as in the loss; PSNR is then of the others alone. */
+/* Pixels that the mask leaves out are taken from the render, as in the loss; PSNR is then of the
+ * others alone. */
 static double used_share(const uint8_t *mask, const uint8_t *render, size_t pixels, uint8_t *photo)
 {
     size_t used = 0;
@@ -60,12 +61,14 @@ static int score_view(sg_ctx *ctx, const struct sg_view *v, const uint8_t *rende
     if (v->mask)
         share = used_share(v->mask, render, pixels, photo);
     const int code = sg_ssim_u8(ctx, render, photo, w, h, &score->ssim);
-    score->psnr = share > 0 ? fmin(sg_psnr_u8(render, photo, w, h) + 10 * log10(share), EQUAL_PSNR) : NAN;
+    score->psnr =
+        share > 0 ? fmin(sg_psnr_u8(render, photo, w, h) + 10 * log10(share), EQUAL_PSNR) : NAN;
     score->ssim = share > 0 ? score->ssim : NAN;
     return code;
 }
 
-int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t n, int time_fps, struct sg_eval *out)
+int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t n, int time_fps,
+                struct sg_eval *out)
 {
     sg_clear_error(ctx);
     *out = (struct sg_eval){.views = n};
@@ -98,7 +101,8 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
         out->psnr += score->psnr, out->ssim += score->ssim;
     }
     if (!(measured > 0)) {
-        code = sg_fail(ctx, SG_ERR_INPUT, "evaluation: found no view with a used pixel, expected at least one");
+        code = sg_fail(ctx, SG_ERR_INPUT,
+                       "evaluation: found no view with a used pixel, expected at least one");
         goto done;
     }
     out->psnr /= measured, out->ssim /= measured;

@@ -9,20 +9,24 @@
 
 #include "core/file.h"
 
-/* Ancillary chunks (profiles, text) are of no use here; these bounds stop them from costing memory. */
+/* Ancillary chunks (profiles, text) are of no use here; these bounds stop them from costing
+ * memory. */
 #define PNG_CHUNK_BYTES (16u << 20)
 #define PNG_CACHE_BYTES (32u << 20)
 #define WEBP_TABLE_BYTES 20000 /* five Huffman codes with the largest colour cache */
 
-static int allocate(sg_ctx *ctx, const char *name, uint64_t width, uint64_t height, int channels, uint64_t max_pixels,
-                    struct sg_image *out)
+static int allocate(sg_ctx *ctx, const char *name, uint64_t width, uint64_t height, int channels,
+                    uint64_t max_pixels, struct sg_image *out)
 {
     if (width < 1 || height < 1 || width > SG_IMAGE_SIDE_MAX || height > SG_IMAGE_SIDE_MAX)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: image header: found %llu x %llu pixels, expected sides of 1..%d", name,
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: image header: found %llu x %llu pixels, expected sides of 1..%d", name,
                        (unsigned long long) width, (unsigned long long) height, SG_IMAGE_SIDE_MAX);
     if (width * height > max_pixels)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: image header: found %llu x %llu pixels, the limit is %llu pixels", name,
-                       (unsigned long long) width, (unsigned long long) height, (unsigned long long) max_pixels);
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: image header: found %llu x %llu pixels, the limit is %llu pixels", name,
+                       (unsigned long long) width, (unsigned long long) height,
+                       (unsigned long long) max_pixels);
     out->pixels = sg_alloc_raw(ctx, SG_MEM_IMAGES, (size_t) (width * height), (size_t) channels);
     if (!out->pixels)
         return SG_ERR_BUDGET;
@@ -32,8 +36,8 @@ static int allocate(sg_ctx *ctx, const char *name, uint64_t width, uint64_t heig
     return SG_OK;
 }
 
-static int decode_png(sg_ctx *ctx, const char *name, const void *data, size_t size, uint64_t max_pixels,
-                      struct sg_image *out)
+static int decode_png(sg_ctx *ctx, const char *name, const void *data, size_t size,
+                      uint64_t max_pixels, struct sg_image *out)
 {
     int code = SG_OK, failed;
     uint8_t *wide = NULL;
@@ -58,7 +62,8 @@ static int decode_png(sg_ctx *ctx, const char *name, const void *data, size_t si
     if (code)
         goto done;
     size_t pixels = (size_t) ihdr.width * ihdr.height;
-    if (grey && !alpha && ihdr.bit_depth == 16) { /* the library has no 16 to 8 bit path for grey alone */
+    if (grey && !alpha &&
+        ihdr.bit_depth == 16) { /* the library has no 16 to 8 bit path for grey alone */
         wide = sg_alloc_raw(ctx, SG_MEM_IMAGES, pixels, 2);
         if (!wide) {
             code = SG_ERR_BUDGET;
@@ -69,7 +74,8 @@ static int decode_png(sg_ctx *ctx, const char *name, const void *data, size_t si
             out->pixels[i] = wide[2 * i];
     } else {
         int format = alpha ? SPNG_FMT_RGBA8 : grey ? SPNG_FMT_G8 : SPNG_FMT_RGB8;
-        failed = spng_decode_image(png, out->pixels, pixels * (size_t) out->channels, format, SPNG_DECODE_TRNS);
+        failed = spng_decode_image(png, out->pixels, pixels * (size_t) out->channels, format,
+                                   SPNG_DECODE_TRNS);
     }
     if (!failed)
         goto done;
@@ -83,7 +89,8 @@ done:
 
 /* What a JPEG's markers tell, read without belief in what they say. */
 struct outline {
-    bool whole; /* decoded by way of all coefficients, 2 bytes each: progressive, or one scan a colour */
+    bool whole; /* decoded by way of all coefficients, 2 bytes each: progressive, or one scan a
+                   colour */
     size_t end; /* of the end marker, 0 = none was found */
 };
 
@@ -105,11 +112,11 @@ static struct outline outline_of(const uint8_t *data, size_t size)
         i = begin + ((size_t) data[begin] << 8 | data[begin + 1]);
         if (marker == 0xda) { /* pixels follow; stuffed and restart markers are among them */
             o.whole = o.whole || data[begin + 2] < colours;
-            while (i + 1 < size &&
-                   !(data[i] == 0xff && data[i + 1] && data[i + 1] != 0xff && (data[i + 1] & 0xf8) != 0xd0))
+            while (i + 1 < size && !(data[i] == 0xff && data[i + 1] && data[i + 1] != 0xff &&
+                                     (data[i + 1] & 0xf8) != 0xd0))
                 i++;
-        } else if (marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc &&
-                   begin + 7 < size) {
+        } else if (marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 &&
+                   marker != 0xcc && begin + 7 < size) {
             o.whole = marker > 0xc1;
             colours = data[begin + 7];
         }
@@ -118,8 +125,8 @@ static struct outline outline_of(const uint8_t *data, size_t size)
     return o;
 }
 
-static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t size, uint64_t max_pixels,
-                       struct sg_image *out)
+static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t size,
+                       uint64_t max_pixels, struct sg_image *out)
 {
     int code = SG_OK, width = 0, height = 0, subsampling = -1, space = -1;
     uint8_t *stripped = NULL;
@@ -137,22 +144,25 @@ static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t s
         goto done;
     }
     if (space != TJCS_RGB && space != TJCS_YCbCr && space != TJCS_GRAY) {
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG header: found CMYK colours, expected RGB or grey", name);
+        code = sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: JPEG header: found CMYK colours, expected RGB or grey", name);
         goto done;
     }
     const bool grey = space == TJCS_GRAY;
     const struct outline outline = outline_of(data, size);
     code = allocate(ctx, name, (uint64_t) width, (uint64_t) height, grey ? 1 : 3, max_pixels, out);
     if (!code && outline.whole)
-        code = sg_reserve(ctx, SG_MEM_IMAGES, (uint64_t) width * (uint64_t) height * (grey ? 2 : 6), &room);
+        code = sg_reserve(ctx, SG_MEM_IMAGES, (uint64_t) width * (uint64_t) height * (grey ? 2 : 6),
+                          &room);
     if (code)
         goto done;
-    /* Few scans: a progressive file may else spend minutes on one photo. A complaint means damaged or missing pixels,
-     * with one exception. */
+    /* Few scans: a progressive file may else spend minutes on one photo. A complaint means damaged
+     * or missing pixels, with one exception. */
     const int format = grey ? TJPF_GRAY : TJPF_RGB;
     const int flags = TJFLAG_ACCURATEDCT | TJFLAG_LIMITSCANS | TJFLAG_STOPONWARNING;
     int failed = tjDecompress2(jpeg, data, size, out->pixels, width, 0, height, format, flags);
-    /* Some cameras put zeros before the end marker. How many are the pixels' own is found by halving. */
+    /* Some cameras put zeros before the end marker. How many are the pixels' own is found by
+     * halving. */
     size_t least = outline.end, most = outline.end;
     while (least && !((const uint8_t *) data)[least - 1])
         least--;
@@ -164,7 +174,8 @@ static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t s
         const size_t end = least + (most - least) / 2;
         memcpy(stripped, data, end);
         memcpy(stripped + end, (uint8_t[]){0xff, 0xd9}, 2);
-        failed = tjDecompress2(jpeg, stripped, end + 2, out->pixels, width, 0, height, format, flags);
+        failed =
+            tjDecompress2(jpeg, stripped, end + 2, out->pixels, width, 0, height, format, flags);
         if (failed && strstr(tjGetErrorStr2(jpeg), "extraneous"))
             most = end;
         else
@@ -179,20 +190,21 @@ done:
     return code;
 }
 
-static int decode_webp(sg_ctx *ctx, const char *name, const void *data, size_t size, uint64_t max_pixels,
-                       struct sg_image *out)
+static int decode_webp(sg_ctx *ctx, const char *name, const void *data, size_t size,
+                       uint64_t max_pixels, struct sg_image *out)
 {
     WebPBitstreamFeatures info;
     if (WebPGetFeatures(data, size, &info) != VP8_STATUS_OK)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: WebP header: damaged or cut short", name);
     if (info.has_animation)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: WebP header: found an animation, expected one picture", name);
-    int code =
-        allocate(ctx, name, (uint64_t) info.width, (uint64_t) info.height, info.has_alpha ? 4 : 3, max_pixels, out);
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: WebP header: found an animation, expected one picture", name);
+    int code = allocate(ctx, name, (uint64_t) info.width, (uint64_t) info.height,
+                        info.has_alpha ? 4 : 3, max_pixels, out);
     if (code)
         return code;
-    /* The decoder's own pixels, and of lossless parts (alpha is one) its tables: one set for 4 x 4 pixels, each of at
-     * least 20 bits in the file. */
+    /* The decoder's own pixels, and of lossless parts (alpha is one) its tables: one set for 4 x 4
+     * pixels, each of at least 20 bits in the file. */
     const uint64_t pixels = (uint64_t) info.width * (uint64_t) info.height;
     uint64_t tables = info.format == 2 || info.has_alpha ? (uint64_t) size * 8 / 20 : 0;
     tables = tables < pixels / 16 + 1 ? tables : pixels / 16 + 1;
@@ -202,8 +214,9 @@ static int decode_webp(sg_ctx *ctx, const char *name, const void *data, size_t s
         return code;
     int stride = out->width * out->channels;
     size_t bytes = (size_t) stride * (size_t) out->height;
-    const uint8_t *done = info.has_alpha ? WebPDecodeRGBAInto(data, size, out->pixels, bytes, stride)
-                                         : WebPDecodeRGBInto(data, size, out->pixels, bytes, stride);
+    const uint8_t *done = info.has_alpha
+                              ? WebPDecodeRGBAInto(data, size, out->pixels, bytes, stride)
+                              : WebPDecodeRGBInto(data, size, out->pixels, bytes, stride);
     sg_free(room);
     return done ? SG_OK : sg_fail(ctx, SG_ERR_INPUT, "%s: WebP data: damaged or cut short", name);
 }
@@ -223,12 +236,13 @@ static enum signature signature_of(const uint8_t *head, size_t size)
 
 static int unknown(sg_ctx *ctx, const char *name)
 {
-    return sg_fail(ctx, SG_ERR_INPUT, "%s: first bytes: found no known signature, expected a PNG, JPEG or WebP image",
+    return sg_fail(ctx, SG_ERR_INPUT,
+                   "%s: first bytes: found no known signature, expected a PNG, JPEG or WebP image",
                    name);
 }
 
-int sg_image_decode(sg_ctx *ctx, const char *name, const void *data, size_t size, uint64_t max_pixels,
-                    struct sg_image *out)
+int sg_image_decode(sg_ctx *ctx, const char *name, const void *data, size_t size,
+                    uint64_t max_pixels, struct sg_image *out)
 {
     int code;
     *out = (struct sg_image){0};
@@ -250,7 +264,8 @@ int sg_image_decode(sg_ctx *ctx, const char *name, const void *data, size_t size
     return code;
 }
 
-int sg_image_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t max_pixels, struct sg_image *out)
+int sg_image_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t max_pixels,
+                         struct sg_image *out)
 {
     char *data;
     size_t size;
@@ -283,28 +298,31 @@ int sg_image_read(sg_ctx *ctx, const char *path, uint64_t max_pixels, struct sg_
 }
 
 /* To a stream, or to memory of the C library where there is none. Returns spng's code. */
-static int encode_png(FILE *stream, bool marked, void **data, size_t *size, const uint8_t *pixels, int width,
-                      int height, int channels)
+static int encode_png(FILE *stream, bool marked, void **data, size_t *size, const uint8_t *pixels,
+                      int width, int height, int channels)
 {
     char software[64];
     struct spng_text mark = {.keyword = "Software", .text = software, .type = SPNG_TEXT};
     snprintf(software, sizeof(software), "splatguard %s", sg_version());
     mark.length = strlen(software);
-    struct spng_ihdr ihdr = {.width = (uint32_t) width, .height = (uint32_t) height, .bit_depth = 8};
+    struct spng_ihdr ihdr = {
+        .width = (uint32_t) width, .height = (uint32_t) height, .bit_depth = 8};
     ihdr.color_type = channels == 1   ? SPNG_COLOR_TYPE_GRAYSCALE
                       : channels == 3 ? SPNG_COLOR_TYPE_TRUECOLOR
                                       : SPNG_COLOR_TYPE_TRUECOLOR_ALPHA;
     int failed = SPNG_EMEM;
     spng_ctx *png = spng_ctx_new(SPNG_CTX_ENCODER);
     if (png)
-        failed = stream ? spng_set_png_file(png, stream) : spng_set_option(png, SPNG_ENCODE_TO_BUFFER, 1);
+        failed = stream ? spng_set_png_file(png, stream)
+                        : spng_set_option(png, SPNG_ENCODE_TO_BUFFER, 1);
     if (!failed)
         failed = spng_set_ihdr(png, &ihdr);
     if (!failed && marked)
         failed = spng_set_text(png, &mark, 1);
     if (!failed)
-        failed = spng_encode_image(png, pixels, (size_t) width * (size_t) height * (size_t) channels, SPNG_FMT_PNG,
-                                   SPNG_ENCODE_FINALIZE);
+        failed =
+            spng_encode_image(png, pixels, (size_t) width * (size_t) height * (size_t) channels,
+                              SPNG_FMT_PNG, SPNG_ENCODE_FINALIZE);
     if (!failed && !stream)
         *data = spng_get_png_buffer(png, size, &failed);
     spng_ctx_free(png);
@@ -315,12 +333,12 @@ static int png_possible(sg_ctx *ctx, const char *name, int width, int height, in
 {
     if (width >= 1 && height >= 1 && (channels == 1 || channels == 3 || channels == 4))
         return SG_OK;
-    return sg_fail(ctx, SG_ERR_USAGE, "%s: cannot write a PNG of %d x %d pixels with %d channels", name, width, height,
-                   channels);
+    return sg_fail(ctx, SG_ERR_USAGE, "%s: cannot write a PNG of %d x %d pixels with %d channels",
+                   name, width, height, channels);
 }
 
-static int write_png(sg_ctx *ctx, const char *path, bool marked, const uint8_t *pixels, int width, int height,
-                     int channels)
+static int write_png(sg_ctx *ctx, const char *path, bool marked, const uint8_t *pixels, int width,
+                     int height, int channels)
 {
     struct sg_file_writer w;
     int code = png_possible(ctx, path, width, height, channels);
@@ -336,29 +354,32 @@ static int write_png(sg_ctx *ctx, const char *path, bool marked, const uint8_t *
     return sg_file_commit(ctx, &w);
 }
 
-int sg_image_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, int width, int height, int channels)
+int sg_image_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, int width, int height,
+                       int channels)
 {
     return write_png(ctx, path, false, pixels, width, height, channels);
 }
 
-int sg_image_write_picture(sg_ctx *ctx, const char *path, const uint8_t *pixels, int width, int height, int channels)
+int sg_image_write_picture(sg_ctx *ctx, const char *path, const uint8_t *pixels, int width,
+                           int height, int channels)
 {
     return write_png(ctx, path, true, pixels, width, height, channels);
 }
 
-int sg_image_encode_png(sg_ctx *ctx, const uint8_t *pixels, int width, int height, int channels, void **data,
-                        size_t *size)
+int sg_image_encode_png(sg_ctx *ctx, const uint8_t *pixels, int width, int height, int channels,
+                        void **data, size_t *size)
 {
     *data = NULL;
     const int code = png_possible(ctx, "memory", width, height, channels);
     if (code)
         return code;
     const int failed = encode_png(NULL, false, data, size, pixels, width, height, channels);
-    return failed ? sg_fail(ctx, SG_ERR_BUDGET, "cannot encode a PNG: %s", spng_strerror(failed)) : SG_OK;
+    return failed ? sg_fail(ctx, SG_ERR_BUDGET, "cannot encode a PNG: %s", spng_strerror(failed))
+                  : SG_OK;
 }
 
-int sg_image_write_jpeg(sg_ctx *ctx, const char *path, const uint8_t *rgb, int width, int height, int quality,
-                        bool full_chroma)
+int sg_image_write_jpeg(sg_ctx *ctx, const char *path, const uint8_t *rgb, int width, int height,
+                        int quality, bool full_chroma)
 {
     unsigned char *data = NULL;
     unsigned long size = 0;
@@ -366,9 +387,10 @@ int sg_image_write_jpeg(sg_ctx *ctx, const char *path, const uint8_t *rgb, int w
     tjhandle jpeg = tjInitCompress();
     if (!jpeg)
         return sg_fail(ctx, SG_ERR_BUDGET, "%s: cannot start the JPEG encoder", path);
-    if (tjCompress2(jpeg, rgb, width, 0, height, TJPF_RGB, &data, &size, full_chroma ? TJSAMP_444 : TJSAMP_420, quality,
-                    TJFLAG_ACCURATEDCT))
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write the JPEG: %s", path, tjGetErrorStr2(jpeg));
+    if (tjCompress2(jpeg, rgb, width, 0, height, TJPF_RGB, &data, &size,
+                    full_chroma ? TJSAMP_444 : TJSAMP_420, quality, TJFLAG_ACCURATEDCT))
+        code =
+            sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write the JPEG: %s", path, tjGetErrorStr2(jpeg));
     if (!code)
         code = sg_file_write(ctx, path, data, size);
     tjFree(data);

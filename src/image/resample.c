@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Separable resampling with 8-bit rounding after each pass. The order (columns within rows first) and the fixed-point
- * weights are those of Pillow, whose bytes the reference trains on. */
+/* Separable resampling with 8-bit rounding after each pass. The order (columns within rows first)
+ * and the fixed-point weights are those of Pillow, whose bytes the reference trains on. */
 #include <math.h>
 #include <string.h>
 
 #include "image.h"
 
-#define PRECISION 22 /* bits after the point: 8 bits of sample, 2 of overshoot, 22 of weight fill an int32 */
+#define PRECISION                                                                                  \
+    22 /* bits after the point: 8 bits of sample, 2 of overshoot, 22 of weight fill an int32 */
 
 /* One output sample is the weighted sum of count inputs from first. */
 struct taps {
@@ -38,7 +39,8 @@ static int make_taps(sg_ctx *ctx, int in, int out, struct taps *t)
     double *weight = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) t->support, sizeof(*weight));
     t->first = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) out, sizeof(*t->first));
     t->count = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) out, sizeof(*t->count));
-    t->weight = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) out * (size_t) t->support, sizeof(*t->weight));
+    t->weight =
+        sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) out * (size_t) t->support, sizeof(*t->weight));
     if (!weight || !t->first || !t->count || !t->weight) {
         sg_free(weight);
         return SG_ERR_BUDGET;
@@ -54,7 +56,8 @@ static int make_taps(sg_ctx *ctx, int in, int out, struct taps *t)
         }
         for (int i = 0; i < last - first; i++) {
             double w = weight[i] / sum * (1 << PRECISION);
-            t->weight[(size_t) o * (size_t) t->support + (size_t) i] = (int32_t) (w < 0 ? w - 0.5 : w + 0.5);
+            t->weight[(size_t) o * (size_t) t->support + (size_t) i] =
+                (int32_t) (w < 0 ? w - 0.5 : w + 0.5);
         }
         t->first[o] = first;
         t->count[o] = last - first;
@@ -69,8 +72,8 @@ static inline uint8_t to_byte(int32_t sum)
     return (uint8_t) (v < 0 ? 0 : v > 255 ? 255 : v);
 }
 
-static void pass_x(const struct taps *t, const uint8_t *src, int width, int height, int channels, uint8_t *dst,
-                   int dst_width)
+static void pass_x(const struct taps *t, const uint8_t *src, int width, int height, int channels,
+                   uint8_t *dst, int dst_width)
 {
     for (int y = 0; y < height; y++, src += (size_t) width * (size_t) channels)
         for (int o = 0; o < dst_width; o++) {
@@ -85,7 +88,8 @@ static void pass_x(const struct taps *t, const uint8_t *src, int width, int heig
         }
 }
 
-static void pass_y(const struct taps *t, const uint8_t *src, size_t stride, uint8_t *dst, int dst_height, int32_t *sums)
+static void pass_y(const struct taps *t, const uint8_t *src, size_t stride, uint8_t *dst,
+                   int dst_height, int32_t *sums)
 {
     for (int o = 0; o < dst_height; o++, dst += stride) {
         const int32_t *w = t->weight + (size_t) o * (size_t) t->support;
@@ -100,8 +104,8 @@ static void pass_y(const struct taps *t, const uint8_t *src, size_t stride, uint
     }
 }
 
-int sg_resample(sg_ctx *ctx, const uint8_t *src, int width, int height, int channels, uint8_t *dst, int dst_width,
-                int dst_height)
+int sg_resample(sg_ctx *ctx, const uint8_t *src, int width, int height, int channels, uint8_t *dst,
+                int dst_width, int dst_height)
 {
     int code = SG_ERR_BUDGET;
     struct taps tx = {0}, ty = {0};

@@ -45,7 +45,8 @@ static void row(void *arg, size_t y, int thread)
                 if (x + k < 0 || x + k >= j->width)
                     continue;
                 for (int i = 0; i < MOMENTS; i++)
-                    m[i] += (double) sg_ssim_window[k + SG_SSIM_RADIUS] * sums[MOMENTS * (3 * (x + k) + ch) + i];
+                    m[i] += (double) sg_ssim_window[k + SG_SSIM_RADIUS] *
+                            sums[MOMENTS * (3 * (x + k) + ch) + i];
             }
             total += ssim_point(m[0], m[1], m[2], m[3], &unused[0], &unused[1], &unused[2]);
         }
@@ -57,8 +58,8 @@ int sg_ssim_u8(sg_ctx *ctx, const uint8_t *a, const uint8_t *b, int width, int h
     sg_clear_error(ctx);
     struct job j = {.a = a, .b = b, .width = width, .height = height};
     j.rows = sg_alloc_raw(ctx, SG_MEM_FRAME, (size_t) height, sizeof(double));
-    j.scratch =
-        sg_alloc_raw(ctx, SG_MEM_FRAME, 3 * (size_t) width * (size_t) sg_ctx_threads(ctx), MOMENTS * sizeof(double));
+    j.scratch = sg_alloc_raw(ctx, SG_MEM_FRAME, 3 * (size_t) width * (size_t) sg_ctx_threads(ctx),
+                             MOMENTS * sizeof(double));
     const int code = j.rows && j.scratch ? SG_OK : SG_ERR_BUDGET;
     if (!code) {
         sg_parallel_for(ctx, (size_t) height, row, &j);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Every glyph is a few polylines on a grid of 5 x 7 points, written as pairs of digits (column, row from below);
- * a blank lifts the pen. */
+/* Every glyph is a few polylines on a grid of 5 x 7 points, written as pairs of digits (column, row
+ * from below); a blank lifts the pen. */
 #include "stroke_font.h"
 
 #include <math.h>
@@ -57,7 +57,8 @@ static const char *glyph(char c)
 
 static double distance2(double x, double y, const char *from, const char *to)
 {
-    const double ax = from[0] - '0', ay = from[1] - '0', bx = to[0] - '0' - ax, by = to[1] - '0' - ay;
+    const double ax = from[0] - '0', ay = from[1] - '0', bx = to[0] - '0' - ax,
+                 by = to[1] - '0' - ay;
     const double l2 = bx * bx + by * by, px = x - ax, py = y - ay;
     const double t = l2 > 0 ? fmin(fmax((px * bx + py * by) / l2, 0), 1) : 0;
     const double dx = px - t * bx, dy = py - t * by;

@@ -12,7 +12,9 @@ static inline real adam_step(real p, real g, real *m, real *v, scalar rate, scal
     *m = b1 * *m + ((scalar) 1 - b1) * g;
     *v = b2 * *v + ((scalar) 1 - b2) * g * g;
     /* The bound keeps the fast reciprocal of an infinite moment from being NaN. */
-    return p - rate * *m * r_reciprocal(r_min(r_sqrt(*v) * root, r_set((scalar) 1e30)) + (scalar) SG_ADAM_EPS);
+    return p -
+           rate * *m *
+               r_reciprocal(r_min(r_sqrt(*v) * root, r_set((scalar) 1e30)) + (scalar) SG_ADAM_EPS);
 }
 
 #endif

@@ -3,14 +3,14 @@
 #ifndef SG_MATH_CONSTANTS_H
 #define SG_MATH_CONSTANTS_H
 
-#define SG_TILE 16                  /* pixels a side */
-#define SG_ALPHA_MIN (1.0f / 255.0f) /* below it a pair is skipped */
+#define SG_TILE 16                     /* pixels a side */
+#define SG_ALPHA_MIN (1.0f / 255.0f)   /* below it a pair is skipped */
 #define SG_LOG2_ALPHA_MIN -7.99435344f /* log2 of it */
 #define SG_ALPHA_MAX 0.99f
-#define SG_T_MIN 1e-4f              /* transmittance at which a pixel stops */
-#define SG_Z_MIN 0.2f               /* cull in front of it */
-#define SG_BLUR 0.3f                /* added to the diagonal of the 2D covariance, pixels squared */
-#define SG_GUARD 1.3f               /* tangent clamp, in half fields of view */
+#define SG_T_MIN 1e-4f /* transmittance at which a pixel stops */
+#define SG_Z_MIN 0.2f  /* cull in front of it */
+#define SG_BLUR 0.3f   /* added to the diagonal of the 2D covariance, pixels squared */
+#define SG_GUARD 1.3f  /* tangent clamp, in half fields of view */
 
 #define SG_ADAM_BETA1 0.9f
 #define SG_ADAM_BETA2 0.999f
@@ -19,8 +19,8 @@
 #define SG_PRUNE_OPACITY 0.005f
 #define SG_RESET_OPACITY 0.01f
 #define SG_SPLIT_CHILDREN 2
-#define SG_SPLIT_SHRINK 1.6f        /* 0.8 x children */
-#define SG_PRUNE_EXTENT 0.1f        /* largest scale kept after the first reset, in scene extents */
+#define SG_SPLIT_SHRINK 1.6f /* 0.8 x children */
+#define SG_PRUNE_EXTENT 0.1f /* largest scale kept after the first reset, in scene extents */
 
 #define SG_COLOUR_ROUNDING 1e-6f /* a black of -1e-8 is black, not clamped: its gradient passes */
 #define SG_COLOUR_MAX 1e6f /* brighter is a broken model: not drawn, so that no loss overflows */

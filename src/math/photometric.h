@@ -14,9 +14,11 @@ static const float sg_ssim_window[SG_SSIM_TAPS] = {
     0.00102838008f, 0.00759875814f, 0.03600077213f, 0.10936068951f, 0.21300553771f, 0.26601172486f,
     0.21300553771f, 0.10936068951f, 0.03600077213f, 0.00759875814f, 0.00102838008f};
 
-/* m1 = w*x, m2 = w*y, squares = w*(x^2 + y^2), xy = w*xy: the variances are only ever used as a sum. Returns S; *d_m is
- * dS/d(m1) with the second moments' dependence folded in, *d_xx = dS/d(squares), *d_xy = dS/d(xy). */
-static inline real ssim_point(real m1, real m2, real squares, real xy, real *d_m, real *d_xx, real *d_xy)
+/* m1 = w*x, m2 = w*y, squares = w*(x^2 + y^2), xy = w*xy: the variances are only ever used as a
+ * sum. Returns S; *d_m is dS/d(m1) with the second moments' dependence folded in, *d_xx =
+ * dS/d(squares), *d_xy = dS/d(xy). */
+static inline real ssim_point(real m1, real m2, real squares, real xy, real *d_m, real *d_xx,
+                              real *d_xy)
 {
     const scalar c1 = SG_SSIM_C1, c2 = SG_SSIM_C2, two = 2;
     const real a1 = two * m1 * m2 + c1, a2 = two * (xy - m1 * m2) + c2;

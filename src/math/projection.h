@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* One Gaussian to one 2D splat, and back: EWA projection (Zwicker et al. 2001) as in Kerbl et al. 2023, section 4.
- * Include a real_*.h or simd.h first. Every function assigns its outputs. */
+/* One Gaussian to one 2D splat, and back: EWA projection (Zwicker et al. 2001) as in Kerbl et al.
+ * 2023, section 4. Include a real_*.h or simd.h first. Every function assigns its outputs. */
 #ifndef SG_MATH_PROJECTION_H
 #define SG_MATH_PROJECTION_H
 
@@ -10,9 +10,9 @@
 /* A camera in the precision of the arithmetic, with what projection needs of it. */
 struct view {
     scalar R[9], t[3], centre[3];
-    scalar fx, fy, cx, cy;     /* cx, cy as px = fx x/z + cx, pixel centres at integers */
-    scalar lim[4];             /* tangent clamp: -x, +x, -y, +y */
-    scalar half_w, half_h;     /* d px / d ndc */
+    scalar fx, fy, cx, cy; /* cx, cy as px = fx x/z + cx, pixel centres at integers */
+    scalar lim[4];         /* tangent clamp: -x, +x, -y, +y */
+    scalar half_w, half_h; /* d px / d ndc */
 };
 
 static inline struct view view_make(const struct sg_camera *c)
@@ -22,44 +22,48 @@ static inline struct view view_make(const struct sg_camera *c)
         v.R[i] = (scalar) c->R[i];
     for (int i = 0; i < 3; i++) {
         v.t[i] = (scalar) c->t[i];
-        v.centre[i] = (scalar) - (c->R[i] * c->t[0] + c->R[3 + i] * c->t[1] + c->R[6 + i] * c->t[2]);
+        v.centre[i] =
+            (scalar) - (c->R[i] * c->t[0] + c->R[3 + i] * c->t[1] + c->R[6 + i] * c->t[2]);
     }
     v.fx = (scalar) c->fx, v.fy = (scalar) c->fy;
     v.cx = (scalar) (c->cx - 0.5), v.cy = (scalar) (c->cy - 0.5);
-    /* 1.3 half fields of view from the image centre; the same margin beyond each edge when cx, cy are off-centre. */
-    const double mx = (SG_GUARD - 1) * c->width / (2 * c->fx), my = (SG_GUARD - 1) * c->height / (2 * c->fy);
-    v.lim[0] = (scalar) -(c->cx / c->fx + mx);
+    /* 1.3 half fields of view from the image centre; the same margin beyond each edge when cx, cy
+     * are off-centre. */
+    const double mx = (SG_GUARD - 1) * c->width / (2 * c->fx),
+                 my = (SG_GUARD - 1) * c->height / (2 * c->fy);
+    v.lim[0] = (scalar) - (c->cx / c->fx + mx);
     v.lim[1] = (scalar) ((c->width - c->cx) / c->fx + mx);
-    v.lim[2] = (scalar) -(c->cy / c->fy + my);
+    v.lim[2] = (scalar) - (c->cy / c->fy + my);
     v.lim[3] = (scalar) ((c->height - c->cy) / c->fy + my);
     v.half_w = (scalar) c->width / 2, v.half_h = (scalar) c->height / 2;
     return v;
 }
 
 struct splat {
-    real x, y, z;     /* pixel position, camera-space depth */
-    real a, b, c;     /* 2D covariance with blur */
-    real A, B, C;     /* its inverse, the conic */
+    real x, y, z; /* pixel position, camera-space depth */
+    real a, b, c; /* 2D covariance with blur */
+    real A, B, C; /* its inverse, the conic */
     real det;
-    real sigma;       /* standard deviation along the longer axis, as the reference rounds it: sqrt(lambda) */
-    mask visible;     /* in front of the camera and invertible; NaN is not visible */
+    real sigma;   /* standard deviation along the longer axis, as the reference rounds it:
+                     sqrt(lambda) */
+    mask visible; /* in front of the camera and invertible; NaN is not visible */
 };
 
 /* What the forward pass computes on the way and the backward pass needs again. */
 struct projection {
-    real q[4], qlen;  /* normalised quaternion and the stored one's length */
-    real R[9];        /* of the Gaussian */
-    real s[3];        /* activated scales */
-    real S[6];        /* 3D covariance 00 01 02 11 12 22 */
-    real tx, ty, iz;  /* camera space, 1/z; tx, ty already clamped */
-    real ux, uy;      /* camera space, not clamped */
-    mask in_x, in_y;  /* not clamped */
-    real T[6];        /* J R_view, 2 x 3 */
+    real q[4], qlen; /* normalised quaternion and the stored one's length */
+    real R[9];       /* of the Gaussian */
+    real s[3];       /* activated scales */
+    real S[6];       /* 3D covariance 00 01 02 11 12 22 */
+    real tx, ty, iz; /* camera space, 1/z; tx, ty already clamped */
+    real ux, uy;     /* camera space, not clamped */
+    mask in_x, in_y; /* not clamped */
+    real T[6];       /* J R_view, 2 x 3 */
 };
 
 /* xyz: 3, scale: 3 logs, rot: 4. */
-static inline void project(const struct view *v, const real *xyz, const real *scale, const real *rot, struct splat *o,
-                           struct projection *p)
+static inline void project(const struct view *v, const real *xyz, const real *scale,
+                           const real *rot, struct splat *o, struct projection *p)
 {
     const real x = xyz[0], y = xyz[1], z = xyz[2];
     const scalar *W = v->R;
@@ -77,9 +81,12 @@ static inline void project(const struct view *v, const real *xyz, const real *sc
         p->q[i] = rot[i] * il;
     const real r = p->q[0], qx = p->q[1], qy = p->q[2], qz = p->q[3];
     const scalar one = 1, two = 2;
-    p->R[0] = one - two * (qy * qy + qz * qz), p->R[1] = two * (qx * qy - r * qz), p->R[2] = two * (qx * qz + r * qy);
-    p->R[3] = two * (qx * qy + r * qz), p->R[4] = one - two * (qx * qx + qz * qz), p->R[5] = two * (qy * qz - r * qx);
-    p->R[6] = two * (qx * qz - r * qy), p->R[7] = two * (qy * qz + r * qx), p->R[8] = one - two * (qx * qx + qy * qy);
+    p->R[0] = one - two * (qy * qy + qz * qz), p->R[1] = two * (qx * qy - r * qz),
+    p->R[2] = two * (qx * qz + r * qy);
+    p->R[3] = two * (qx * qy + r * qz), p->R[4] = one - two * (qx * qx + qz * qz),
+    p->R[5] = two * (qy * qz - r * qx);
+    p->R[6] = two * (qx * qz - r * qy), p->R[7] = two * (qy * qz + r * qx),
+    p->R[8] = one - two * (qx * qx + qy * qy);
     real s2[3];
     for (int i = 0; i < 3; i++) {
         p->s[i] = r_exp(scale[i]);
@@ -87,7 +94,8 @@ static inline void project(const struct view *v, const real *xyz, const real *sc
     }
     for (int i = 0, k = 0; i < 3; i++)
         for (int j = i; j < 3; j++, k++)
-            p->S[k] = p->R[3 * i] * p->R[3 * j] * s2[0] + p->R[3 * i + 1] * p->R[3 * j + 1] * s2[1] +
+            p->S[k] = p->R[3 * i] * p->R[3 * j] * s2[0] +
+                      p->R[3 * i + 1] * p->R[3 * j + 1] * s2[1] +
                       p->R[3 * i + 2] * p->R[3 * j + 2] * s2[2];
 
     const real rx = p->ux * p->iz, ry = p->uy * p->iz;
@@ -112,8 +120,9 @@ static inline void project(const struct view *v, const real *xyz, const real *sc
     o->b = T1[0] * u0 + T1[1] * u1 + T1[2] * u2;
     o->c = T1[0] * w0 + T1[1] * w1 + T1[2] * w2 + (scalar) SG_BLUR;
     o->det = o->a * o->c - o->b * o->b;
-    /* The reference culls det == 0; in exact arithmetic det > 0.09, so negative means that float overflowed or
-     * cancelled and the conic would be garbage. Beyond 1e16 (a splat of 1e8 pixels) the gradient would overflow. */
+    /* The reference culls det == 0; in exact arithmetic det > 0.09, so negative means that float
+     * overflowed or cancelled and the conic would be garbage. Beyond 1e16 (a splat of 1e8 pixels)
+     * the gradient would overflow. */
     const real big = r_set((scalar) 1e30);
     const mask sound = r_and(r_lt(r_set(0), o->det), r_lt(r_max(o->a, o->c), r_set((scalar) 1e16)));
     const real det = r_sel(sound, o->det, r_set(1));
@@ -124,19 +133,21 @@ static inline void project(const struct view *v, const real *xyz, const real *sc
     const real iz_ndc = one / (tz + (scalar) 1e-7);
     o->x = v->fx * p->ux * iz_ndc + v->cx;
     o->y = v->fy * p->uy * iz_ndc + v->cy;
-    const mask finite = r_and(r_and(r_lt(-big, o->x), r_lt(o->x, big)), r_and(r_lt(-big, o->y), r_lt(o->y, big)));
+    const mask finite =
+        r_and(r_and(r_lt(-big, o->x), r_lt(o->x, big)), r_and(r_lt(-big, o->y), r_lt(o->y, big)));
     o->visible = r_and(r_and(front, sound), finite);
 }
 
 /* Gradient of the loss with respect to a splat. */
 struct splat_grad {
-    real x, y;         /* pixel position */
-    real A, Bh, C;     /* conic; Bh is half of the true derivative with respect to B */
+    real x, y;     /* pixel position */
+    real A, Bh, C; /* conic; Bh is half of the true derivative with respect to B */
 };
 
 /* Backward of project(). out_*: dL/d stored parameters. den^2 + 1e-7 as the reference. */
-static inline void project_backward(const struct view *v, const struct projection *p, const struct splat *o,
-                                    const struct splat_grad *g, real *out_xyz, real *out_scale, real *out_rot)
+static inline void project_backward(const struct view *v, const struct projection *p,
+                                    const struct splat *o, const struct splat_grad *g,
+                                    real *out_xyz, real *out_scale, real *out_rot)
 {
     const scalar *W = v->R;
     const real a = o->a, b = o->b, c = o->c;
@@ -144,14 +155,16 @@ static inline void project_backward(const struct view *v, const struct projectio
     const real off = o->det - a * c; /* = -b^2, in the reference's arithmetic */
     const real da = k * (-c * c * g->A + (scalar) 2 * b * c * g->Bh + off * g->C);
     const real dc = k * (-a * a * g->C + (scalar) 2 * a * b * g->Bh + off * g->A);
-    const real db = (scalar) 2 * k * (b * c * g->A - (o->det + (scalar) 2 * b * b) * g->Bh + a * b * g->C);
+    const real db =
+        (scalar) 2 * k * (b * c * g->A - (o->det + (scalar) 2 * b * b) * g->Bh + a * b * g->C);
 
     const real *T0 = p->T, *T1 = p->T + 3;
     real D[9]; /* symmetric dL/dSigma with halved off-diagonals */
     for (int i = 0; i < 3; i++)
         for (int j = i; j < 3; j++)
             D[3 * i + j] = D[3 * j + i] = T0[i] * T0[j] * da +
-                                          (scalar) 0.5 * (T0[i] * T1[j] + T0[j] * T1[i]) * db + T1[i] * T1[j] * dc;
+                                          (scalar) 0.5 * (T0[i] * T1[j] + T0[j] * T1[i]) * db +
+                                          T1[i] * T1[j] * dc;
 
     const real *S = p->S;
     real dT0[3], dT1[3];
@@ -169,8 +182,10 @@ static inline void project_backward(const struct view *v, const struct projectio
     const real fx2 = v->fx * p->iz * p->iz, fy2 = v->fy * p->iz * p->iz;
     real dtx = r_sel(p->in_x, -fx2 * dj02, r_set(0));
     real dty = r_sel(p->in_y, -fy2 * dj12, r_set(0));
-    /* The factor 2 stands also where the tangent was clamped (exact would be 1), as in the reference. */
-    real dtz = -fx2 * dj00 - fy2 * dj11 + (scalar) 2 * p->iz * (fx2 * p->tx * dj02 + fy2 * p->ty * dj12);
+    /* The factor 2 stands also where the tangent was clamped (exact would be 1), as in the
+     * reference. */
+    real dtz =
+        -fx2 * dj00 - fy2 * dj11 + (scalar) 2 * p->iz * (fx2 * p->tx * dj02 + fy2 * p->ty * dj12);
 
     const real tz = (scalar) 1 / p->iz, iw = (scalar) 1 / (tz + (scalar) 1e-7);
     dtx += g->x * v->fx * iw;
@@ -185,7 +200,8 @@ static inline void project_backward(const struct view *v, const struct projectio
     for (int kk = 0; kk < 3; kk++) {
         real ds = r_set(0);
         for (int j = 0; j < 3; j++) {
-            const real dM = (scalar) 2 * p->s[kk] * (R[kk] * D[j] + R[3 + kk] * D[3 + j] + R[6 + kk] * D[6 + j]);
+            const real dM = (scalar) 2 * p->s[kk] *
+                            (R[kk] * D[j] + R[3 + kk] * D[3 + j] + R[6 + kk] * D[6 + j]);
             ds += R[3 * j + kk] * dM;
             E[3 * j + kk] = p->s[kk] * dM;
         }
@@ -194,9 +210,12 @@ static inline void project_backward(const struct view *v, const struct projectio
     const real r = p->q[0], x = p->q[1], y = p->q[2], z = p->q[3];
     const real d[4] = {
         (scalar) 2 * (z * (E[3] - E[1]) + y * (E[2] - E[6]) + x * (E[7] - E[5])),
-        (scalar) 2 * (y * (E[1] + E[3]) + z * (E[2] + E[6]) + r * (E[7] - E[5]) - (scalar) 2 * x * (E[4] + E[8])),
-        (scalar) 2 * (x * (E[1] + E[3]) + r * (E[2] - E[6]) + z * (E[5] + E[7]) - (scalar) 2 * y * (E[0] + E[8])),
-        (scalar) 2 * (r * (E[3] - E[1]) + x * (E[2] + E[6]) + y * (E[5] + E[7]) - (scalar) 2 * z * (E[0] + E[4])),
+        (scalar) 2 * (y * (E[1] + E[3]) + z * (E[2] + E[6]) + r * (E[7] - E[5]) -
+                      (scalar) 2 * x * (E[4] + E[8])),
+        (scalar) 2 * (x * (E[1] + E[3]) + r * (E[2] - E[6]) + z * (E[5] + E[7]) -
+                      (scalar) 2 * y * (E[0] + E[8])),
+        (scalar) 2 * (r * (E[3] - E[1]) + x * (E[2] + E[6]) + y * (E[5] + E[7]) -
+                      (scalar) 2 * z * (E[0] + E[4])),
     };
     const real dot = p->q[0] * d[0] + p->q[1] * d[1] + p->q[2] * d[2] + p->q[3] * d[3];
     for (int i = 0; i < 4; i++)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The arithmetic of src/math is written once, over `real` and `mask`. This file makes them float and bool;
- * real_f64.h is for finite differences, the CPU kernels' simd.h makes them vectors. */
+/* The arithmetic of src/math is written once, over `real` and `mask`. This file makes them float
+ * and bool; real_f64.h is for finite differences, the CPU kernels' simd.h makes them vectors. */
 #ifndef SG_MATH_REAL_H
 #define SG_MATH_REAL_H
 
@@ -11,17 +11,44 @@ typedef float real;
 typedef float scalar; /* one lane of real */
 typedef bool mask;
 
-static inline real r_sel(mask m, real a, real b) { return m ? a : b; }
-static inline real r_sqrt(real a) { return sqrtf(a); }
-static inline real r_root(real a) { return sqrtf(a); } /* vectors may round it within 1e-4 */
-static inline real r_exp(real a) { return expf(a); }
-static inline real r_log(real a) { return logf(a); }
-static inline real r_set(scalar a) { return a; }
-static inline real r_reciprocal(real a) { return 1 / a; }
+static inline real r_sel(mask m, real a, real b)
+{
+    return m ? a : b;
+}
+static inline real r_sqrt(real a)
+{
+    return sqrtf(a);
+}
+static inline real r_root(real a)
+{
+    return sqrtf(a);
+} /* vectors may round it within 1e-4 */
+static inline real r_exp(real a)
+{
+    return expf(a);
+}
+static inline real r_log(real a)
+{
+    return logf(a);
+}
+static inline real r_set(scalar a)
+{
+    return a;
+}
+static inline real r_reciprocal(real a)
+{
+    return 1 / a;
+}
 #define r_lt(a, b) ((a) < (b))
 #define r_le(a, b) ((a) <= (b))
 #define r_and(a, b) ((a) && (b))
-static inline real r_max(real a, real b) { return a > b ? a : b; }
-static inline real r_min(real a, real b) { return a < b ? a : b; }
+static inline real r_max(real a, real b)
+{
+    return a > b ? a : b;
+}
+static inline real r_min(real a, real b)
+{
+    return a < b ? a : b;
+}
 
 #endif

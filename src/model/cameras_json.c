@@ -14,11 +14,12 @@ static json_t *camera_json(const struct sg_view *v, int id)
     json_t *rotation = json_array(), *position = json_array();
     for (int i = 0; i < 3; i++) {
         json_array_append_new(rotation, json_pack("[f,f,f]", c->R[i], c->R[3 + i], c->R[6 + i]));
-        json_array_append_new(position,
-                              json_real(-(c->R[i] * c->t[0] + c->R[3 + i] * c->t[1] + c->R[6 + i] * c->t[2])));
+        json_array_append_new(position, json_real(-(c->R[i] * c->t[0] + c->R[3 + i] * c->t[1] +
+                                                    c->R[6 + i] * c->t[2])));
     }
-    return json_pack("{s:i,s:o,s:i,s:i,s:o,s:o,s:f,s:f}", "id", id, "img_name", sg_text_to_json(v->name), "width",
-                     v->file_width, "height", v->file_height, "position", position, "rotation", rotation, "fy",
+    return json_pack("{s:i,s:o,s:i,s:i,s:o,s:o,s:f,s:f}", "id", id, "img_name",
+                     sg_text_to_json(v->name), "width", v->file_width, "height", v->file_height,
+                     "position", position, "rotation", rotation, "fy",
                      c->fy * v->file_height / c->height, "fx", c->fx * v->file_width / c->width);
 }
 
@@ -28,7 +29,9 @@ int sg_cameras_write_json(sg_ctx *ctx, const struct sg_scene *scene, const char 
     json_t *list = json_array();
     for (size_t i = 0; i < scene->n_test + scene->n_train; i++)
         json_array_append_new(
-            list, camera_json(i < scene->n_test ? &scene->test[i] : &scene->train[i - scene->n_test], (int) i));
+            list,
+            camera_json(i < scene->n_test ? &scene->test[i] : &scene->train[i - scene->n_test],
+                        (int) i));
     char *text = json_dumps(list, JSON_COMPACT);
     int code = SG_ERR_BUDGET;
     if (text && json_array_size(list) == scene->n_test + scene->n_train) {

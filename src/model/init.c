@@ -16,10 +16,12 @@ int sg_model_init_points(sg_ctx *ctx, const float *xyz, const uint8_t *rgb, size
     sg_clear_error(ctx);
     *out = NULL;
     if (n < 4)
-        return sg_fail(ctx, SG_ERR_INPUT, "points: found %zu, expected at least 4: scales come from 3 neighbours", n);
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "points: found %zu, expected at least 4: scales come from 3 neighbours", n);
     for (size_t i = 0; i < 3 * n; i++)
         if (!isfinite(xyz[i]))
-            return sg_fail(ctx, SG_ERR_INPUT, "points: point %zu: found a coordinate that is not finite", i / 3);
+            return sg_fail(ctx, SG_ERR_INPUT,
+                           "points: point %zu: found a coordinate that is not finite", i / 3);
     struct sg_model *m = NULL;
     float *d2 = sg_alloc_raw(ctx, SG_MEM_MISC, n, sizeof(*d2));
     int code = d2 ? sg_model_create(ctx, n, sh_degree, &m) : SG_ERR_BUDGET;
@@ -32,7 +34,8 @@ int sg_model_init_points(sg_ctx *ctx, const float *xyz, const uint8_t *rgb, size
         for (size_t k = 0; k < 3; k++) {
             *sg_model_at(m, i, SG_P_XYZ + (int) k) = xyz[3 * i + k];
             *sg_model_at(m, i, SG_P_SCALE + (int) k) = 0.5f * logf(clamped);
-            *sg_model_at(m, i, SG_P_SH + (int) k) = ((float) rgb[3 * i + k] / 255.0f - 0.5f) / SG_SH_C0;
+            *sg_model_at(m, i, SG_P_SH + (int) k) =
+                ((float) rgb[3 * i + k] / 255.0f - 0.5f) / SG_SH_C0;
         }
         *sg_model_at(m, i, SG_P_OPACITY) = INITIAL_LOGIT;
         *sg_model_at(m, i, SG_P_ROT) = 1;

@@ -41,8 +41,8 @@ int sg_model_check(sg_ctx *ctx, const struct sg_model *m, const char *name)
     if (!find_nonfinite(m, &i, &plane))
         return SG_OK;
     sg_plane_name(plane, m->sh_degree, property);
-    return sg_fail(ctx, SG_ERR_INPUT, "%s: Gaussian %zu: found %s %g, expected a finite number", name, i, property,
-                   (double) *sg_model_at(m, i, plane));
+    return sg_fail(ctx, SG_ERR_INPUT, "%s: Gaussian %zu: found %s %g, expected a finite number",
+                   name, i, property, (double) *sg_model_at(m, i, plane));
 }
 
 /* Nearest rank; NaN of nothing. */
@@ -72,7 +72,8 @@ int sg_model_inspect(sg_ctx *ctx, const struct sg_model *m, struct sg_model_info
     for (size_t i = 0; i < m->count; i++) {
         bool turned = false;
         for (int k = 0; k < 4; k++)
-            turned |= *sg_model_at(m, i, SG_P_ROT + k) != 0; /* a NaN is no zero: it is counted as not finite */
+            turned |= *sg_model_at(m, i, SG_P_ROT + k) !=
+                      0; /* a NaN is no zero: it is counted as not finite */
         out->zero_rotation += !turned;
         if (all_finite(m, i, SG_P_XYZ, SG_P_XYZ + 3))
             for (int k = 0; k < 3; k++) {

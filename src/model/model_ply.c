@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Gaussians as PLY: the property names and order of the 3DGS release (Kerbl et al. 2023). In the file f_rest is
- * channel-major, in the store SH is coefficient-major. */
+/* Gaussians as PLY: the property names and order of the 3DGS release (Kerbl et al. 2023). In the
+ * file f_rest is channel-major, in the store SH is coefficient-major. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -23,7 +23,9 @@ static int column_plane(int column, int rest)
         return SG_P_SH + 3 * k + channel;
     }
     column -= 9 + rest;
-    return column == 0 ? SG_P_OPACITY : column < 4 ? SG_P_SCALE + column - 1 : SG_P_ROT + column - 4;
+    return column == 0  ? SG_P_OPACITY
+           : column < 4 ? SG_P_SCALE + column - 1
+                        : SG_P_ROT + column - 4;
 }
 
 int sg_model_write_ply(sg_ctx *ctx, const struct sg_model *m, const char *path)
@@ -34,8 +36,8 @@ int sg_model_write_ply(sg_ctx *ctx, const struct sg_model *m, const char *path)
     if (code)
         return code;
     FILE *f = w.stream;
-    fprintf(f, "ply\nformat binary_little_endian 1.0\ncomment splatguard %s\nelement vertex %zu\n", sg_version(),
-            m->count);
+    fprintf(f, "ply\nformat binary_little_endian 1.0\ncomment splatguard %s\nelement vertex %zu\n",
+            sg_version(), m->count);
     static const char *const fixed[] = {"x", "y", "z", "nx", "ny", "nz"};
     for (int i = 0; i < 6; i++)
         fprintf(f, "property float %s\n", fixed[i]);
@@ -57,7 +59,8 @@ int sg_model_write_ply(sg_ctx *ctx, const struct sg_model *m, const char *path)
             const int plane = column_plane(c, rest);
             row[c] = plane >= 0 ? *sg_model_at(m, i, plane) : 0;
         }
-        fwrite(row, sizeof(float), (size_t) columns, f); /* little endian hosts only, as the store itself */
+        fwrite(row, sizeof(float), (size_t) columns,
+               f); /* little endian hosts only, as the store itself */
     }
     return sg_file_commit(ctx, &w);
 }
@@ -90,13 +93,15 @@ static int map_columns(sg_ctx *ctx, const struct ply *p, int *degree, int *colum
     for (*degree = 0; *degree <= 3 && 3 * ((*degree + 1) * (*degree + 1) - 1) != rest;)
         ++*degree;
     if (*degree > 3)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: header: found %d f_rest properties, expected 0, 9, 24 or 45",
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: header: found %d f_rest properties, expected 0, 9, 24 or 45",
                        p->in->path, rest);
     for (int plane = 0; plane < sg_param_count(*degree); plane++) {
         sg_plane_name(plane, *degree, name);
         column[plane] = sg_ply_find(p, name);
         if (column[plane] < 0)
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no property %s, expected a 3D Gaussian model",
+            return sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: header: found no property %s, expected a 3D Gaussian model",
                            p->in->path, name);
     }
     return SG_OK;
@@ -112,19 +117,23 @@ int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussians, str
     int degree, column[SG_PARAMS_MAX];
     float row[PLY_MAX_PROPERTIES];
     int code = sg_source_open(ctx, &in, path, PLY_MAX_BYTES);
-    if (code || (code = sg_ply_open(ctx, &p, &in, max_gaussians)) || (code = map_columns(ctx, &p, &degree, column)))
+    if (code || (code = sg_ply_open(ctx, &p, &in, max_gaussians)) ||
+        (code = map_columns(ctx, &p, &degree, column)))
         goto done;
     if (!p.rows) {
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: header: found 0 Gaussians, expected at least one", path);
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: header: found 0 Gaussians, expected at least one",
+                       path);
         goto done;
     }
     const uint64_t count = p.rows;
     if ((code = sg_model_create(ctx, (size_t) count, degree, &m))) {
         if (code == SG_ERR_BUDGET && sg_mem_limit(ctx)) { /* say which file */
             sg_clear_error(ctx);
-            sg_fail(ctx, code, "%s: memory: found %llu Gaussians of %zu bytes, the limit for all is %llu bytes", path,
-                    (unsigned long long) count, (size_t) sg_param_count(degree) * sizeof(float),
-                    (unsigned long long) sg_mem_limit(ctx));
+            sg_fail(
+                ctx, code,
+                "%s: memory: found %llu Gaussians of %zu bytes, the limit for all is %llu bytes",
+                path, (unsigned long long) count, (size_t) sg_param_count(degree) * sizeof(float),
+                (unsigned long long) sg_mem_limit(ctx));
         }
         goto done;
     }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Three nearest neighbours with a k-d tree kept as a permutation: exact, unless a search meets PATIENCE leaves, which
- * happens where somebody placed the points for it. So nothing makes it quadratic. */
+/* Three nearest neighbours with a k-d tree kept as a permutation: exact, unless a search meets
+ * PATIENCE leaves, which happens where somebody placed the points for it. So nothing makes it
+ * quadratic. */
 #include "nearest.h"
 
 #include <math.h>
@@ -15,14 +16,17 @@ struct tree {
     const float *xyz;
     uint32_t *index; /* a node is a range of it; its median splits it along its widest axis */
     uint8_t *axis;   /* of the node whose median is here */
-    float (*box)[6]; /* of the node whose median is in these APART: lowest and highest coordinates */
+    float (
+        *box)[6]; /* of the node whose median is in these APART: lowest and highest coordinates */
     float *out;
     size_t n;
 };
 
-static bool before(const struct tree *t, uint32_t a, uint32_t b, int axis) /* ties by index: no two are equal */
+static bool before(const struct tree *t, uint32_t a, uint32_t b,
+                   int axis) /* ties by index: no two are equal */
 {
-    const float x = t->xyz[3 * (size_t) a + (size_t) axis], y = t->xyz[3 * (size_t) b + (size_t) axis];
+    const float x = t->xyz[3 * (size_t) a + (size_t) axis],
+                y = t->xyz[3 * (size_t) b + (size_t) axis];
     return x < y || (x == y && a < b);
 }
 
@@ -34,7 +38,8 @@ static void swap(uint32_t *a, uint32_t *b)
 
 static void select_rank(const struct tree *t, size_t low, size_t high, size_t k, int axis);
 
-/* Median of the medians of five (Blum et al. 1973): between 30 and 70 % of the range lie on each side of it. */
+/* Median of the medians of five (Blum et al. 1973): between 30 and 70 % of the range lie on each
+ * side of it. */
 static uint32_t fair_pivot(const struct tree *t, size_t low, size_t high, int axis)
 {
     uint32_t *a = t->index;
@@ -51,13 +56,14 @@ static uint32_t fair_pivot(const struct tree *t, size_t low, size_t high, int ax
     return a[low + groups / 2];
 }
 
-/* Puts the element of rank k where it belongs, smaller ones before it (Hoare 1961). A file made to defeat the cheap
- * pivot costs HASTE rounds, then every round is linear for sure. */
+/* Puts the element of rank k where it belongs, smaller ones before it (Hoare 1961). A file made to
+ * defeat the cheap pivot costs HASTE rounds, then every round is linear for sure. */
 static void select_rank(const struct tree *t, size_t low, size_t high, size_t k, int axis)
 {
     uint32_t *a = t->index;
     for (int round = 0; low < high; round++) {
-        const uint32_t pivot = round < HASTE ? a[low + (high - low) / 2] : fair_pivot(t, low, high, axis);
+        const uint32_t pivot =
+            round < HASTE ? a[low + (high - low) / 2] : fair_pivot(t, low, high, axis);
         size_t i = low, j = high;
         for (;;) {
             while (before(t, a[i], pivot, axis))
@@ -120,12 +126,14 @@ static void offer(const struct tree *t, struct best *b, size_t other)
     b->d[at] = d;
 }
 
-/* No point of the box can be nearer: every step rounds as in `offer`, and rounding keeps the order. */
+/* No point of the box can be nearer: every step rounds as in `offer`, and rounding keeps the
+ * order. */
 static float box_distance(const struct tree *t, size_t self, const float box[6])
 {
     float d = 0;
     for (int k = 0; k < 3; k++) {
-        const float v = t->xyz[3 * self + (size_t) k], e = fmaxf(fmaxf(box[k] - v, v - box[3 + k]), 0);
+        const float v = t->xyz[3 * self + (size_t) k],
+                    e = fmaxf(fmaxf(box[k] - v, v - box[3 + k]), 0);
         d += e * e;
     }
     return d;
@@ -138,7 +146,8 @@ static void visit(const struct tree *t, struct best *b, size_t low, size_t high)
         if (b->leaves >= PATIENCE || box_distance(t, b->self, t->box[middle / APART]) >= b->d[2])
             return;
         const int axis = t->axis[middle];
-        const float e = t->xyz[3 * b->self + (size_t) axis] - t->xyz[3 * (size_t) t->index[middle] + (size_t) axis];
+        const float e = t->xyz[3 * b->self + (size_t) axis] -
+                        t->xyz[3 * (size_t) t->index[middle] + (size_t) axis];
         offer(t, b, t->index[middle]);
         const bool left = e < 0;
         visit(t, b, left ? low : middle + 1, left ? middle : high);

@@ -4,8 +4,8 @@
 
 #include "core/internal.h"
 
-/* out[i]: mean squared distance of point i to its 3 nearest other points, exact; points at equal positions count with
- * distance 0. xyz: n x 3 finite floats, n >= 4. */
+/* out[i]: mean squared distance of point i to its 3 nearest other points, exact; points at equal
+ * positions count with distance 0. xyz: n x 3 finite floats, n >= 4. */
 int sg_nearest3(sg_ctx *ctx, const float *xyz, size_t n, float *out);
 
 #endif

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* PLY containers: a header that says what the bytes mean, and the rows of its element `vertex` as floats. */
+/* PLY containers: a header that says what the bytes mean, and the rows of its element `vertex` as
+ * floats. */
 #ifndef SG_PLY_H
 #define SG_PLY_H
 
@@ -39,21 +40,23 @@ struct ply {
     struct ply_property all[PLY_MAX_PROPERTIES];
 };
 
-/* Parses the header and skips elements before `vertex`. All row counts are checked against the file's size, and that of
- * `vertex` against max_rows, before one is believed. in must outlive p. */
+/* Parses the header and skips elements before `vertex`. All row counts are checked against the
+ * file's size, and that of `vertex` against max_rows, before one is believed. in must outlive p. */
 int sg_ply_open(sg_ctx *ctx, struct ply *p, struct sg_source *in, uint64_t max_rows);
 
-/* Fills format, element[] and all[]; leaves the stream at the first byte of the body. Errors name the line. */
+/* Fills format, element[] and all[]; leaves the stream at the first byte of the body. Errors name
+ * the line. */
 int sg_ply_parse_header(sg_ctx *ctx, struct ply *p);
 
 /* Index of a property that is not a list, or -1. */
 int sg_ply_find(const struct ply *p, const char *name);
 
-/* Next row: one float per property (0 for lists, whose contents are skipped). The bits of float32 values, signalling
- * NaNs included, arrive unchanged. */
+/* Next row: one float per property (0 for lists, whose contents are skipped). The bits of float32
+ * values, signalling NaNs included, arrive unchanged. */
 int sg_ply_row(sg_ctx *ctx, struct ply *p, uint64_t row, float *values);
 
-/* After the last row of `vertex`: the elements behind it, and the end of the file where the header says it is. */
+/* After the last row of `vertex`: the elements behind it, and the end of the file where the header
+ * says it is. */
 int sg_ply_finish(sg_ctx *ctx, struct ply *p);
 
 /* The name that a plane of a model has as a property. */

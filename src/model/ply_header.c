@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Headers of PLY files (Turk 1994). Nothing here is believed yet: counts are checked where rows are read. */
+/* Headers of PLY files (Turk 1994). Nothing here is believed yet: counts are checked where rows are
+ * read. */
 #include <stdio.h>
 #include <string.h>
 
@@ -30,7 +31,8 @@ static bool parse_type(const char *name, enum ply_type *out)
 /* Next header line without its end; false at the end of the file or if it is too long. */
 static bool next_line(struct ply *p, char *line)
 {
-    const size_t ready = sg_source_fill(p->in, MAX_LINE), most = ready < MAX_LINE ? ready : MAX_LINE;
+    const size_t ready = sg_source_fill(p->in, MAX_LINE),
+                 most = ready < MAX_LINE ? ready : MAX_LINE;
     const char *start = p->in->window, *end = most ? memchr(start, '\n', most) : NULL;
     if (!end)
         return false;
@@ -65,7 +67,8 @@ static int parse_format(sg_ctx *ctx, struct ply *p, const char *line, int at)
             p->format = f;
             return SG_OK;
         }
-    return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found \"%.60s\", expected one format, ascii or binary, 1.0",
+    return sg_fail(ctx, SG_ERR_INPUT,
+                   "%s: line %d: found \"%.60s\", expected one format, ascii or binary, 1.0",
                    p->in->path, at, line);
 }
 
@@ -82,14 +85,16 @@ static int parse_element(sg_ctx *ctx, struct ply *p, const char *line, int at)
     struct ply_element e = {.first = p->total};
     if (sscanf(line, "element %63s %31s%n", e.name, count, &read) != 2 || !is_whole(line, read) ||
         !parse_count(count, &e.rows))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found \"%.60s\", expected an element's name and count",
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: line %d: found \"%.60s\", expected an element's name and count",
                        p->in->path, at, line);
     if (p->elements == PLY_MAX_ELEMENTS)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found another element, expected at most %d", p->in->path, at,
-                       PLY_MAX_ELEMENTS);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found another element, expected at most %d",
+                       p->in->path, at, PLY_MAX_ELEMENTS);
     for (int i = 0; i < p->elements; i++)
         if (!strcmp(p->element[i].name, e.name))
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found element %s twice, expected it once", p->in->path, at,
+            return sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: line %d: found element %s twice, expected it once", p->in->path, at,
                            e.name);
     p->element[p->elements++] = e;
     return SG_OK;
@@ -103,19 +108,24 @@ static int parse_property(sg_ctx *ctx, struct ply *p, const char *line, int at)
     int read = 0;
     if (sscanf(line, "property list %31s %31s %63s%n", length, type, q.name, &read) == 3) {
         q.list = true;
-        good = parse_type(type, &q.type) && parse_type(length, &q.length_type) && q.length_type < PLY_F32;
+        good = parse_type(type, &q.type) && parse_type(length, &q.length_type) &&
+               q.length_type < PLY_F32;
     } else
-        good = sscanf(line, "property %31s %63s%n", type, q.name, &read) == 2 && parse_type(type, &q.type);
+        good = sscanf(line, "property %31s %63s%n", type, q.name, &read) == 2 &&
+               parse_type(type, &q.type);
     if (!good || !is_whole(line, read) || !p->elements)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found \"%.60s\", expected an element's property of known type",
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: line %d: found \"%.60s\", expected an element's property of known type",
                        p->in->path, at, line);
     if (p->total == PLY_MAX_PROPERTIES)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found another property, expected at most %d", p->in->path, at,
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: line %d: found another property, expected at most %d", p->in->path, at,
                        PLY_MAX_PROPERTIES);
     for (int i = p->element[p->elements - 1].first; i < p->total; i++)
         if (!strcmp(p->all[i].name, q.name))
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found property %s twice, expected it once", p->in->path, at,
-                           q.name);
+            return sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: line %d: found property %s twice, expected it once", p->in->path,
+                           at, q.name);
     p->all[p->total++] = q;
     p->element[p->elements - 1].properties++;
     return SG_OK;
@@ -134,19 +144,23 @@ int sg_ply_parse_header(sg_ctx *ctx, struct ply *p)
     if (marked)
         return marked;
     char first[17];
-    const size_t most = sizeof(first) - 1, ready = sg_source_fill(p->in, most), n = ready < most ? ready : most;
+    const size_t most = sizeof(first) - 1, ready = sg_source_fill(p->in, most),
+                 n = ready < most ? ready : most;
     const char *end = n ? memchr(p->in->window, '\n', n) : NULL;
     sg_show_bytes(p->in->window, end ? (size_t) (end - p->in->window) : n, first);
     if (!next_line(p, line) || strcmp(line, "ply"))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: line 1: found \"%s\", expected \"ply\"", p->in->path, first);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: line 1: found \"%s\", expected \"ply\"", p->in->path,
+                       first);
     for (int at = 2;; at++) {
         int code = SG_OK;
         if (at > MAX_LINES || !next_line(p, line))
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found no end_header, expected one", p->in->path, at);
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found no end_header, expected one",
+                           p->in->path, at);
         if (starts(line, "end_header")) {
             if (p->format)
                 return SG_OK;
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found no format line before, expected one", p->in->path,
+            return sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: line %d: found no format line before, expected one", p->in->path,
                            at);
         }
         if (starts(line, "format"))
@@ -156,7 +170,8 @@ int sg_ply_parse_header(sg_ctx *ctx, struct ply *p)
         else if (starts(line, "property"))
             code = parse_property(ctx, p, line, at);
         else if (!starts(line, "comment") && !starts(line, "obj_info") && line[0])
-            code = sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: found \"%.60s\", expected a PLY header line", p->in->path,
+            code = sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: line %d: found \"%.60s\", expected a PLY header line", p->in->path,
                            at, line);
         if (code)
             return code;

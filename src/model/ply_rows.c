@@ -14,8 +14,8 @@ static bool is_space(char c)
 
 #define WORD_BYTES 512 /* of a number in text */
 
-/* Fewest bytes a row can take: with it, a row count that the file cannot hold is refused before it is used. *lists:
- * rows can take more. */
+/* Fewest bytes a row can take: with it, a row count that the file cannot hold is refused before it
+ * is used. *lists: rows can take more. */
 static size_t row_minimum(const struct ply *p, const struct ply_element *e, bool *lists)
 {
     size_t bytes = 0;
@@ -33,7 +33,8 @@ static size_t row_minimum(const struct ply *p, const struct ply_element *e, bool
 
 static int short_file(sg_ctx *ctx, const struct ply *p, uint64_t row)
 {
-    return sg_fail(ctx, SG_ERR_INPUT, "%s: byte %llu: found the end of the file in row %llu, expected %llu rows",
+    return sg_fail(ctx, SG_ERR_INPUT,
+                   "%s: byte %llu: found the end of the file in row %llu, expected %llu rows",
                    p->in->path, (unsigned long long) p->in->size, (unsigned long long) row,
                    (unsigned long long) p->rows);
 }
@@ -88,7 +89,8 @@ static int text_value(sg_ctx *ctx, struct ply *p, uint64_t row, enum ply_type ty
     /* strtof where the file says float: rounding once, a printed float returns to its bits. */
     *out = type == PLY_F32 ? (double) sg_strtof(word, &end) : sg_strtod(word, &end);
     if (end != word + n)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: byte %llu, row %llu: found \"%.20s\", expected a number", in->path,
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: byte %llu, row %llu: found \"%.20s\", expected a number", in->path,
                        (unsigned long long) at, (unsigned long long) row, word);
     sg_source_skip(in, n);
     return SG_OK;
@@ -131,16 +133,18 @@ static int skip_list(sg_ctx *ctx, struct ply *p, uint64_t row, const struct ply_
     else if (!bytes)
         code = short_file(ctx, p, row);
     else {
-        length = binary_value(binary_bits(bytes, type_size[q->length_type], p->format == PLY_BIG), q->length_type);
+        length = binary_value(binary_bits(bytes, type_size[q->length_type], p->format == PLY_BIG),
+                              q->length_type);
         sg_source_skip(p->in, type_size[q->length_type]);
     }
     if (code)
         return code;
     const uint64_t least = text ? 1 : type_size[q->type], most = sg_source_left(p->in) / least;
     if (!(length >= 0 && length <= (double) most))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: byte %llu, row %llu: found a list of %g items, expected 0 to %llu",
-                       p->in->path, (unsigned long long) p->in->at, (unsigned long long) row, length,
-                       (unsigned long long) most);
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: byte %llu, row %llu: found a list of %g items, expected 0 to %llu",
+                       p->in->path, (unsigned long long) p->in->at, (unsigned long long) row,
+                       length, (unsigned long long) most);
     if (!text)
         sg_source_skip(p->in, (uint64_t) length * least);
     else
@@ -180,26 +184,30 @@ int sg_ply_find(const struct ply *p, const char *name)
     return -1;
 }
 
-/* Whether the file can hold all rows that the header tells of, and where they have a fixed size, no more. */
+/* Whether the file can hold all rows that the header tells of, and where they have a fixed size, no
+ * more. */
 static int check_size(sg_ctx *ctx, const struct ply *p)
 {
     const struct sg_source *in = p->in;
-    uint64_t left = sg_source_left(in) + (p->format == PLY_ASCII); /* the last number needs no separator */
+    uint64_t left =
+        sg_source_left(in) + (p->format == PLY_ASCII); /* the last number needs no separator */
     bool lists, any = p->format == PLY_ASCII;
     for (int i = 0; i < p->elements; i++) {
         const struct ply_element *e = &p->element[i];
         const size_t least = row_minimum(p, e, &lists);
         if (least && e->rows > left / least)
-            return sg_fail(ctx, SG_ERR_INPUT,
-                           "%s: byte %llu: found %llu bytes, expected %llu rows of at least %zu bytes of %s", in->path,
-                           (unsigned long long) in->at, (unsigned long long) sg_source_left(in),
-                           (unsigned long long) e->rows, least, e->name);
+            return sg_fail(
+                ctx, SG_ERR_INPUT,
+                "%s: byte %llu: found %llu bytes, expected %llu rows of at least %zu bytes of %s",
+                in->path, (unsigned long long) in->at, (unsigned long long) sg_source_left(in),
+                (unsigned long long) e->rows, least, e->name);
         left -= e->rows * least;
         any |= lists && e->rows;
     }
     if (left && !any)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: byte %llu: found %llu bytes after the last row, expected none", in->path,
-                       (unsigned long long) (in->size - left), (unsigned long long) left);
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: byte %llu: found %llu bytes after the last row, expected none",
+                       in->path, (unsigned long long) (in->size - left), (unsigned long long) left);
     return SG_OK;
 }
 
@@ -240,13 +248,16 @@ int sg_ply_open(sg_ctx *ctx, struct ply *p, struct sg_source *in, uint64_t max_r
     while (vertex < p->elements && strcmp(p->element[vertex].name, "vertex"))
         vertex++;
     if (vertex == p->elements)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no element vertex, expected one", in->path);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no element vertex, expected one",
+                       in->path);
     if (!p->element[vertex].properties)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no property of element vertex", in->path);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no property of element vertex",
+                       in->path);
     code = check_size(ctx, p);
     if (!code && p->element[vertex].rows > max_rows)
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: header: found %llu rows, the limit is %llu", in->path,
-                       (unsigned long long) p->element[vertex].rows, (unsigned long long) max_rows);
+        code =
+            sg_fail(ctx, SG_ERR_INPUT, "%s: header: found %llu rows, the limit is %llu", in->path,
+                    (unsigned long long) p->element[vertex].rows, (unsigned long long) max_rows);
     for (int i = 0; i < vertex && !code; i++) {
         enter(p, i);
         code = skip_rows(ctx, p);
@@ -265,7 +276,9 @@ int sg_ply_finish(sg_ctx *ctx, struct ply *p)
     if (p->format == PLY_ASCII)
         skip_space(p->in);
     if (!code && sg_source_left(p->in))
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: byte %llu: found %llu bytes after the last row, expected none",
-                       p->in->path, (unsigned long long) p->in->at, (unsigned long long) sg_source_left(p->in));
+        code = sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: byte %llu: found %llu bytes after the last row, expected none",
+                       p->in->path, (unsigned long long) p->in->at,
+                       (unsigned long long) sg_source_left(p->in));
     return code;
 }

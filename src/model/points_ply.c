@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Point clouds as PLY: x y z nx ny nz float, red green blue uchar, as the 3DGS release caches them. */
+/* Point clouds as PLY: x y z nx ny nz float, red green blue uchar, as the 3DGS release caches
+ * them. */
 #include <math.h>
 #include <stdio.h>
 
@@ -8,8 +9,8 @@
 #include "points.h"
 #include "splatguard/model.h"
 
-int sg_points_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t max_points, float **xyz, uint8_t **rgb,
-                          size_t *n)
+int sg_points_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t max_points,
+                          float **xyz, uint8_t **rgb, size_t *n)
 {
     struct sg_source in;
     struct ply p;
@@ -19,10 +20,12 @@ int sg_points_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t 
     if (code || (code = sg_ply_open(ctx, &p, &in, max_points)))
         goto done;
     const int at[3] = {sg_ply_find(&p, "x"), sg_ply_find(&p, "y"), sg_ply_find(&p, "z")};
-    const int colour[3] = {sg_ply_find(&p, "red"), sg_ply_find(&p, "green"), sg_ply_find(&p, "blue")};
+    const int colour[3] = {sg_ply_find(&p, "red"), sg_ply_find(&p, "green"),
+                           sg_ply_find(&p, "blue")};
     const bool coloured = colour[0] >= 0 && colour[1] >= 0 && colour[2] >= 0;
     if (at[0] < 0 || at[1] < 0 || at[2] < 0) {
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no properties x, y and z, expected a point cloud", path);
+        code = sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: header: found no properties x, y and z, expected a point cloud", path);
         goto done;
     }
     const uint64_t count = p.rows;
@@ -36,7 +39,8 @@ int sg_points_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t 
         for (int k = 0; k < 3; k++) {
             (*xyz)[3 * i + (uint64_t) k] = row[at[k]];
             if (!isfinite(row[at[k]]) && !code)
-                code = sg_fail(ctx, SG_ERR_INPUT, "%s: row %llu: found a coordinate that is not finite", path,
+                code = sg_fail(ctx, SG_ERR_INPUT,
+                               "%s: row %llu: found a coordinate that is not finite", path,
                                (unsigned long long) i);
             float c = coloured ? row[colour[k]] : 127;
             if (coloured && p.property[colour[k]].type >= PLY_F32) /* 0..1 */
@@ -53,7 +57,8 @@ done:
     return code;
 }
 
-int sg_points_read_ply(sg_ctx *ctx, const char *path, uint64_t max_points, float **xyz, uint8_t **rgb, size_t *n)
+int sg_points_read_ply(sg_ctx *ctx, const char *path, uint64_t max_points, float **xyz,
+                       uint8_t **rgb, size_t *n)
 {
     FILE *f;
     sg_clear_error(ctx);
@@ -66,7 +71,8 @@ int sg_points_read_ply(sg_ctx *ctx, const char *path, uint64_t max_points, float
     return code;
 }
 
-int sg_points_write_ply(sg_ctx *ctx, const char *path, const float *xyz, const uint8_t *rgb, size_t n)
+int sg_points_write_ply(sg_ctx *ctx, const char *path, const float *xyz, const uint8_t *rgb,
+                        size_t n)
 {
     sg_clear_error(ctx);
     struct sg_file_writer w;
@@ -74,8 +80,10 @@ int sg_points_write_ply(sg_ctx *ctx, const char *path, const float *xyz, const u
     if (code)
         return code;
     fprintf(w.stream,
-            "ply\nformat binary_little_endian 1.0\nelement vertex %zu\nproperty float x\nproperty float y\n"
-            "property float z\nproperty float nx\nproperty float ny\nproperty float nz\nproperty uchar red\n"
+            "ply\nformat binary_little_endian 1.0\nelement vertex %zu\nproperty float x\nproperty "
+            "float y\n"
+            "property float z\nproperty float nx\nproperty float ny\nproperty float nz\nproperty "
+            "uchar red\n"
             "property uchar green\nproperty uchar blue\nend_header\n",
             n);
     for (size_t i = 0; i < n; i++) {

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The format of the NeRF synthetic scenes (Mildenhall et al. 2020): transforms_train.json and transforms_test.json. */
+/* The format of the NeRF synthetic scenes (Mildenhall et al. 2020): transforms_train.json and
+ * transforms_test.json. */
 #include <stdio.h>
 
 #include "scene/transforms.h"
@@ -10,8 +11,8 @@ bool sg_is_blender(sg_ctx *ctx, const struct sg_folder *dir)
     return sg_has_file(dir, "transforms_train.json");
 }
 
-int sg_blender_parse(sg_ctx *ctx, const char *file, const char *data, size_t size, uint64_t max_images, bool test,
-                     struct sg_shots *shots)
+int sg_blender_parse(sg_ctx *ctx, const char *file, const char *data, size_t size,
+                     uint64_t max_images, bool test, struct sg_shots *shots)
 {
     struct sg_transforms doc;
     size_t first = shots->count;
@@ -21,12 +22,15 @@ int sg_blender_parse(sg_ctx *ctx, const char *file, const char *data, size_t siz
     struct sg_lens lens = {0};
     code = sg_json_lens(ctx, doc.root, file, &lens);
     if (!code && !(lens.angle_x > 0) && !(lens.fx > 0))
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no usable \"camera_angle_x\", expected an angle in radians", file);
+        code =
+            sg_fail(ctx, SG_ERR_INPUT,
+                    "%s: found no usable \"camera_angle_x\", expected an angle in radians", file);
     for (size_t i = 0; i < json_array_size(doc.frames) && !code; i++) {
         char where[512];
         struct sg_shot *shot;
         snprintf(where, sizeof(where), "%s: frame %zu", file, i);
-        code = sg_transforms_frame(ctx, json_array_get(doc.frames, i), where, &lens, max_images, shots, &shot);
+        code = sg_transforms_frame(ctx, json_array_get(doc.frames, i), where, &lens, max_images,
+                                   shots, &shot);
         if (!code)
             shot->test = test;
     }
@@ -36,8 +40,8 @@ int sg_blender_parse(sg_ctx *ctx, const char *file, const char *data, size_t siz
     return code;
 }
 
-static int read_split(sg_ctx *ctx, const struct sg_folder *dir, const char *name, const struct sg_scene_params *params,
-                      bool test, struct sg_shots *shots)
+static int read_split(sg_ctx *ctx, const struct sg_folder *dir, const char *name,
+                      const struct sg_scene_params *params, bool test, struct sg_shots *shots)
 {
     char *data = NULL;
     size_t size, first = shots->count;
@@ -60,7 +64,9 @@ int sg_read_blender(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_sc
         code = read_split(ctx, dir, "transforms_test.json", params, true, shots);
     if (!code)
         code = sg_shots_drop_missing(ctx, params, shots, dir->path);
-    if (code || !sg_has_file(dir, "points3d.ply")) /* where the reference looks, and leaves its random points */
+    if (code ||
+        !sg_has_file(dir,
+                     "points3d.ply")) /* where the reference looks, and leaves its random points */
         return code;
     char *path = sg_strf(ctx, "%s/points3d.ply", dir->path);
     code = path ? sg_read_points(ctx, dir, path, params->max_points, points) : SG_ERR_BUDGET;

@@ -8,14 +8,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define MODEL_BYTES                                                                                                    \
-    (UINT64_C(1) << 34) /* 2D observations of large scenes fill gigabytes; the ledger has its own limit */
+#define MODEL_BYTES                                                                                \
+    (UINT64_C(1)                                                                                   \
+     << 34) /* 2D observations of large scenes fill gigabytes; the ledger has its own limit */
 #define CAMERA_SIDE_MAX (1 << 20)
 
 #define K(name) (int) offsetof(struct sg_lens, name)
 static const struct {
     const char *name;
-    int params, focals; /* how many of one camera; focal lengths among them, which come first, before cx and cy */
+    int params, focals; /* how many of one camera; focal lengths among them, which come first,
+                           before cx and cy */
     enum sg_lens_kind kind;
     int rest[8]; /* where the parameters after cx and cy go */
 } models[] = {
@@ -25,11 +27,19 @@ static const struct {
     {"RADIAL", 5, 1, SG_LENS_POLYNOMIAL, {K(k1), K(k2)}},
     {"OPENCV", 8, 2, SG_LENS_POLYNOMIAL, {K(k1), K(k2), K(p1), K(p2)}},
     {"OPENCV_FISHEYE", 8, 2, SG_LENS_FISHEYE, {K(k1), K(k2), K(k3), K(k4)}},
-    {"FULL_OPENCV", 12, 2, SG_LENS_RATIONAL, {K(k1), K(k2), K(p1), K(p2), K(k3), K(k4), K(k5), K(k6)}},
+    {"FULL_OPENCV",
+     12,
+     2,
+     SG_LENS_RATIONAL,
+     {K(k1), K(k2), K(p1), K(p2), K(k3), K(k4), K(k5), K(k6)}},
     {"FOV", 5, 2, SG_LENS_FOV, {K(omega)}},
     {"SIMPLE_RADIAL_FISHEYE", 4, 1, SG_LENS_FISHEYE, {K(k1)}},
     {"RADIAL_FISHEYE", 5, 1, SG_LENS_FISHEYE, {K(k1), K(k2)}},
-    {"THIN_PRISM_FISHEYE", 12, 2, SG_LENS_FISHEYE, {K(k1), K(k2), K(p1), K(p2), K(k3), K(k4), K(s1), K(s2)}},
+    {"THIN_PRISM_FISHEYE",
+     12,
+     2,
+     SG_LENS_FISHEYE,
+     {K(k1), K(k2), K(p1), K(p2), K(k3), K(k4), K(s1), K(s2)}},
 };
 enum { MODELS = sizeof(models) / sizeof(*models) };
 
@@ -51,11 +61,12 @@ int sg_colmap_model_find(const char *name)
     return -1;
 }
 
-int sg_colmap_add_camera(sg_ctx *ctx, struct sg_colmap_cameras *cameras, const char *where, uint32_t id, int model,
-                         uint64_t width, uint64_t height, const double *p)
+int sg_colmap_add_camera(sg_ctx *ctx, struct sg_colmap_cameras *cameras, const char *where,
+                         uint32_t id, int model, uint64_t width, uint64_t height, const double *p)
 {
     if (width < 1 || height < 1 || width > CAMERA_SIDE_MAX || height > CAMERA_SIDE_MAX)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found a camera of %llu x %llu pixels, expected sides of 1..%d", where,
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found a camera of %llu x %llu pixels, expected sides of 1..%d", where,
                        (unsigned long long) width, (unsigned long long) height, CAMERA_SIDE_MAX);
     const int focals = models[model].focals;
     struct sg_lens lens = {.width = (int) width,
@@ -69,11 +80,12 @@ int sg_colmap_add_camera(sg_ctx *ctx, struct sg_colmap_cameras *cameras, const c
     for (int i = focals + 2; i < models[model].params; i++)
         *(double *) ((char *) &lens + models[model].rest[i - focals - 2]) = p[i];
     if (!(lens.fy > 0)) /* the lens alone would take 0 for "not given" */
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found focal length %g, expected a positive one", where, lens.fy);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found focal length %g, expected a positive one",
+                       where, lens.fy);
     int code = sg_lens_check(ctx, &lens, where);
     if (!code)
-        code = sg_grow(ctx, SG_MEM_MISC, &cameras->items, &cameras->capacity, cameras->count + 1, cameras->count,
-                       sizeof(*cameras->items));
+        code = sg_grow(ctx, SG_MEM_MISC, &cameras->items, &cameras->capacity, cameras->count + 1,
+                       cameras->count, sizeof(*cameras->items));
     if (!code)
         cameras->items[cameras->count++] = (struct sg_colmap_camera){id, lens};
     return code;
@@ -92,19 +104,21 @@ int sg_colmap_sort_cameras(sg_ctx *ctx, struct sg_colmap_cameras *cameras, const
     qsort(cameras->items, cameras->count, sizeof(*cameras->items), by_id);
     for (size_t i = 1; i < cameras->count; i++)
         if (cameras->items[i].id == cameras->items[i - 1].id)
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: found camera id %u twice, expected distinct ids", file,
-                           cameras->items[i].id);
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: found camera id %u twice, expected distinct ids",
+                           file, cameras->items[i].id);
     return SG_OK;
 }
 
-int sg_colmap_add_image(sg_ctx *ctx, struct sg_shots *shots, uint64_t max, const struct sg_colmap_cameras *cameras,
-                        const char *where, uint32_t camera, const double q[4], const double t[3], const char *name)
+int sg_colmap_add_image(sg_ctx *ctx, struct sg_shots *shots, uint64_t max,
+                        const struct sg_colmap_cameras *cameras, const char *where, uint32_t camera,
+                        const double q[4], const double t[3], const char *name)
 {
     struct sg_colmap_camera key = {.id = camera};
     const struct sg_colmap_camera *found =
         cameras->count ? bsearch(&key, cameras->items, cameras->count, sizeof(key), by_id) : NULL;
     if (!found)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: image \"%s\": found camera id %u, expected one of the %zu cameras",
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: image \"%s\": found camera id %u, expected one of the %zu cameras",
                        where, name, camera, cameras->count);
     struct sg_shot *shot;
     int code = sg_shots_add(ctx, shots, max, where, name, &shot);
@@ -123,10 +137,12 @@ static const char *const folders[] = {"sparse/0", "sparse"};
 static bool has_part(const struct sg_folder *dir, const char *folder, const char *name)
 {
     char path[PATH_MAX]; /* one that is longer could not be opened */
-    return snprintf(path, sizeof(path), "%s/%s", folder, name) < (int) sizeof(path) && sg_folder_has(dir, path);
+    return snprintf(path, sizeof(path), "%s/%s", folder, name) < (int) sizeof(path) &&
+           sg_folder_has(dir, path);
 }
 
-/* "DIR/sparse/0" or "DIR/sparse", whichever holds a model; NULL if neither does. *text: which encoding. */
+/* "DIR/sparse/0" or "DIR/sparse", whichever holds a model; NULL if neither does. *text: which
+ * encoding. */
 static char *find_model(sg_ctx *ctx, const struct sg_folder *dir, bool *text)
 {
     for (int i = 0; i < 2; i++) {
@@ -153,8 +169,8 @@ bool sg_is_colmap(sg_ctx *ctx, const struct sg_folder *dir)
 }
 
 /* Opens FOLDER/NAME; *path is set for messages and is the caller's, as is *file. */
-static int open_part(sg_ctx *ctx, const struct sg_folder *dir, const char *folder, const char *name, char **path,
-                     FILE **file, struct sg_source *in)
+static int open_part(sg_ctx *ctx, const struct sg_folder *dir, const char *folder, const char *name,
+                     char **path, FILE **file, struct sg_source *in)
 {
     *path = sg_strf(ctx, "%s/%s", folder, name);
     const int code = *path ? sg_folder_file(ctx, dir, *path, file) : SG_ERR_BUDGET;
@@ -170,12 +186,14 @@ static void close_part(FILE **file, struct sg_source *in)
 }
 
 /* <images>/<name>, or <images>/<base name> for photos that were moved out of their sub-folders. */
-static int find_photos(sg_ctx *ctx, const struct sg_folder *dir, const char *images, struct sg_shots *shots)
+static int find_photos(sg_ctx *ctx, const struct sg_folder *dir, const char *images,
+                       struct sg_shots *shots)
 {
     int code = SG_OK;
     for (size_t i = 0; i < shots->count && !code; i++) {
         struct sg_shot *shot = &shots->items[i];
-        const char *base = sg_base_name(shot->file), *names[] = {shot->file, base == shot->file ? NULL : base};
+        const char *base = sg_base_name(shot->file),
+                   *names[] = {shot->file, base == shot->file ? NULL : base};
         for (int k = 0; k < 2 && names[k] && !shot->path && !code; k++) {
             char *path = sg_strf(ctx, "%s/%s/%s", dir->path, images, names[k]);
             if (!path)
@@ -192,8 +210,8 @@ static int find_photos(sg_ctx *ctx, const struct sg_folder *dir, const char *ima
     return code;
 }
 
-static int read_points(sg_ctx *ctx, const struct sg_folder *dir, const char *folder, uint64_t max_points,
-                       struct sg_points *points)
+static int read_points(sg_ctx *ctx, const struct sg_folder *dir, const char *folder,
+                       uint64_t max_points, struct sg_points *points)
 {
     char *path = NULL;
     FILE *file = NULL;
@@ -229,18 +247,22 @@ int sg_read_colmap(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_sce
     if (!folder) {
         code = sg_failed(ctx) ? SG_ERR_BUDGET : code;
         sg_fail(ctx, code,
-                "%s: found no COLMAP model, expected images and cameras (.bin or .txt) in sparse/0 or sparse",
+                "%s: found no COLMAP model, expected images and cameras (.bin or .txt) in sparse/0 "
+                "or sparse",
                 dir->path);
         goto done;
     }
-    code = open_part(ctx, dir, folder, text ? "cameras.txt" : "cameras.bin", &cameras_path, &file, &in);
+    code = open_part(ctx, dir, folder, text ? "cameras.txt" : "cameras.bin", &cameras_path, &file,
+                     &in);
     if (code)
         goto done;
-    code = text ? sg_colmap_cameras_txt(ctx, &in, &cameras) : sg_colmap_cameras_bin(ctx, &in, &cameras);
+    code = text ? sg_colmap_cameras_txt(ctx, &in, &cameras)
+                : sg_colmap_cameras_bin(ctx, &in, &cameras);
     if (code)
         goto done;
     close_part(&file, &in);
-    code = open_part(ctx, dir, folder, text ? "images.txt" : "images.bin", &images_path, &file, &in);
+    code =
+        open_part(ctx, dir, folder, text ? "images.txt" : "images.bin", &images_path, &file, &in);
     if (code)
         goto done;
     code = text ? sg_colmap_images_txt(ctx, &in, params->max_images, &cameras, shots)

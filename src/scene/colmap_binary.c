@@ -36,26 +36,30 @@ static double get_f64(const uint8_t **at)
 
 static int cut_short(sg_ctx *ctx, const struct sg_source *in, const char *what, uint64_t i)
 {
-    return sg_fail(ctx, SG_ERR_INPUT, "%s: byte %llu: found the end of the file inside %s %llu, expected more data",
+    return sg_fail(ctx, SG_ERR_INPUT,
+                   "%s: byte %llu: found the end of the file inside %s %llu, expected more data",
                    in->path, (unsigned long long) in->size, what, (unsigned long long) i);
 }
 
 /* The count at the start, which the rest of the file must be able to hold. */
-static int get_count(sg_ctx *ctx, struct sg_source *in, const char *what, size_t least_bytes, uint64_t max,
-                     uint64_t *count)
+static int get_count(sg_ctx *ctx, struct sg_source *in, const char *what, size_t least_bytes,
+                     uint64_t max, uint64_t *count)
 {
     const uint8_t *at = take(in, 8);
     *count = 0;
     if (!at)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found %llu bytes, expected a count of %ss in the first 8", in->path,
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found %llu bytes, expected a count of %ss in the first 8", in->path,
                        (unsigned long long) in->size, what);
     *count = get(&at, 8);
     const uint64_t most = sg_source_left(in) / least_bytes;
     if (*count > max)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: byte 0: found a count of %llu %ss, the limit is %llu", in->path,
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: byte 0: found a count of %llu %ss, the limit is %llu", in->path,
                        (unsigned long long) *count, what, (unsigned long long) max);
     if (*count > most)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: byte 0: found a count of %llu %ss, expected at most the %llu that fit",
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: byte 0: found a count of %llu %ss, expected at most the %llu that fit",
                        in->path, (unsigned long long) *count, what, (unsigned long long) most);
     return SG_OK;
 }
@@ -64,7 +68,8 @@ static int at_end(sg_ctx *ctx, const struct sg_source *in, const char *what, uin
 {
     if (!sg_source_left(in))
         return SG_OK;
-    return sg_fail(ctx, SG_ERR_INPUT, "%s: byte %llu: found %llu bytes after the last of %llu %ss, expected none",
+    return sg_fail(ctx, SG_ERR_INPUT,
+                   "%s: byte %llu: found %llu bytes after the last of %llu %ss, expected none",
                    in->path, (unsigned long long) in->at, (unsigned long long) sg_source_left(in),
                    (unsigned long long) count, what);
 }
@@ -83,7 +88,8 @@ int sg_colmap_cameras_bin(sg_ctx *ctx, struct sg_source *in, struct sg_colmap_ca
         snprintf(where, sizeof(where), "%s: camera id %u", in->path, id);
         int n = model <= INT32_MAX ? sg_colmap_model_params((int) model) : -1;
         if (n < 0)
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: found model number %u, expected 0..10", where, model);
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: found model number %u, expected 0..10", where,
+                           model);
         at = take(in, (size_t) n * 8);
         if (!at)
             return cut_short(ctx, in, "camera", i);
@@ -115,10 +121,12 @@ int sg_colmap_images_bin(sg_ctx *ctx, struct sg_source *in, uint64_t max_images,
             t[k] = get_f64(&at);
         uint32_t camera = (uint32_t) get(&at, 4);
         snprintf(where, sizeof(where), "%s: image id %u", in->path, id);
-        const size_t ready = sg_source_fill(in, NAME_BYTES), most = ready < NAME_BYTES ? ready : NAME_BYTES;
+        const size_t ready = sg_source_fill(in, NAME_BYTES),
+                     most = ready < NAME_BYTES ? ready : NAME_BYTES;
         const char *zero = most ? memchr(in->window, 0, most) : NULL;
         if (!zero && most == NAME_BYTES)
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: found a name of %d bytes or more, expected the name of a file",
+            return sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: found a name of %d bytes or more, expected the name of a file",
                            where, NAME_BYTES);
         if (!zero)
             return cut_short(ctx, in, "image", i);
@@ -130,16 +138,18 @@ int sg_colmap_images_bin(sg_ctx *ctx, struct sg_source *in, uint64_t max_images,
             return cut_short(ctx, in, "image", i);
         const uint64_t observations = get(&at, 8), room = sg_source_left(in) / 24;
         if (observations > room)
-            return sg_fail(ctx, SG_ERR_INPUT,
-                           "%s: found a count of %llu observations, expected at most the %llu that fit", where,
-                           (unsigned long long) observations, (unsigned long long) room);
+            return sg_fail(
+                ctx, SG_ERR_INPUT,
+                "%s: found a count of %llu observations, expected at most the %llu that fit", where,
+                (unsigned long long) observations, (unsigned long long) room);
         sg_source_skip(in, observations * 24);
         code = sg_colmap_add_image(ctx, out, max_images, cameras, where, camera, q, t, name);
     }
     return code ? code : at_end(ctx, in, "image", count);
 }
 
-int sg_colmap_points_bin(sg_ctx *ctx, struct sg_source *in, uint64_t max_points, struct sg_points *out)
+int sg_colmap_points_bin(sg_ctx *ctx, struct sg_source *in, uint64_t max_points,
+                         struct sg_points *out)
 {
     uint64_t count;
     int code = get_count(ctx, in, "point", 51, max_points, &count);
@@ -159,7 +169,8 @@ int sg_colmap_points_bin(sg_ctx *ctx, struct sg_source *in, uint64_t max_points,
         for (int k = 0; k < 3; k++) {
             double v = get_f64(&at);
             if (!(fabs(v) < 1e30))
-                return sg_fail(ctx, SG_ERR_INPUT, "%s: point id %llu: found coordinate %g, expected a finite number",
+                return sg_fail(ctx, SG_ERR_INPUT,
+                               "%s: point id %llu: found coordinate %g, expected a finite number",
                                in->path, (unsigned long long) id, v);
             out->xyz[3 * i + (uint64_t) k] = (float) v;
         }
@@ -169,8 +180,10 @@ int sg_colmap_points_bin(sg_ctx *ctx, struct sg_source *in, uint64_t max_points,
         const uint64_t track = get(&at, 8), room = sg_source_left(in) / 8;
         if (track > room)
             return sg_fail(ctx, SG_ERR_INPUT,
-                           "%s: point id %llu: found a track of %llu entries, expected at most the %llu that fit",
-                           in->path, (unsigned long long) id, (unsigned long long) track, (unsigned long long) room);
+                           "%s: point id %llu: found a track of %llu entries, expected at most the "
+                           "%llu that fit",
+                           in->path, (unsigned long long) id, (unsigned long long) track,
+                           (unsigned long long) room);
         sg_source_skip(in, track * 8);
     }
     out->count = (size_t) count;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* COLMAP's text files: one record a line (images: two), fields separated by blanks, # starts a comment line. */
+/* COLMAP's text files: one record a line (images: two), fields separated by blanks, # starts a
+ * comment line. */
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
@@ -9,8 +10,10 @@
 #include "core/numbers.h"
 #include "scene/colmap.h"
 
-#define SHOWN 80        /* bytes of a line that messages quote */
-#define LINE_BYTES 4096 /* of a line that are kept: the tracks of points and the observations of images are longer */
+#define SHOWN 80 /* bytes of a line that messages quote */
+#define LINE_BYTES                                                                                 \
+    4096 /* of a line that are kept: the tracks of points and the observations of images are       \
+            longer */
 
 struct lines {
     struct sg_source *in;
@@ -40,8 +43,8 @@ static char *next_line(sg_ctx *ctx, struct lines *l)
         const char *end = memchr(in->window, '\n', ready);
         const size_t n = end ? (size_t) (end - in->window) : ready;
         if (memchr(in->window, 0, n)) {
-            l->code = sg_fail(ctx, SG_ERR_INPUT, "%s: line %llu: found a zero byte, expected text", in->path,
-                              (unsigned long long) l->number);
+            l->code = sg_fail(ctx, SG_ERR_INPUT, "%s: line %llu: found a zero byte, expected text",
+                              in->path, (unsigned long long) l->number);
             return NULL;
         }
         for (size_t i = 0; i < n; i++) {
@@ -135,7 +138,8 @@ int sg_colmap_cameras_txt(sg_ctx *ctx, struct sg_source *in, struct sg_colmap_ca
         snprintf(where, sizeof(where), "%s: line %llu", in->path, (unsigned long long) l.number);
         int model = sg_colmap_model_find(name);
         if (model < 0)
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: found camera model \"%s\", expected one of COLMAP's", where, name);
+            return sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: found camera model \"%s\", expected one of COLMAP's", where, name);
         double params[SG_COLMAP_PARAMS_MAX];
         ok = get_whole(&p, UINT32_MAX, &width) && get_whole(&p, UINT32_MAX, &height);
         for (int k = 0; k < sg_colmap_model_params(model) && ok; k++)
@@ -171,16 +175,19 @@ int sg_colmap_images_txt(sg_ctx *ctx, struct sg_source *in, uint64_t max_images,
             return bad_line(ctx, &l, "ID QW QX QY QZ TX TY TZ CAMERA_ID NAME");
         p += strspn(p, " \t"); /* a name may hold blanks: it is the rest of the line */
         snprintf(where, sizeof(where), "%s: line %llu", in->path, (unsigned long long) l.number);
-        code = sg_colmap_add_image(ctx, out, max_images, cameras, where, (uint32_t) camera, q, t, p);
-        /* Its 2D points, three numbers each, possibly an empty line. A file without them would lose every other image.
-         */
+        code =
+            sg_colmap_add_image(ctx, out, max_images, cameras, where, (uint32_t) camera, q, t, p);
+        /* Its 2D points, three numbers each, possibly an empty line. A file without them would lose
+         * every other
+         * image. */
         if (!code && next_line(ctx, &l) && l.words % 3)
             code = bad_line(ctx, &l, "2D points, three numbers each, or an empty line");
     }
     return code ? code : l.code;
 }
 
-int sg_colmap_points_txt(sg_ctx *ctx, struct sg_source *in, uint64_t max_points, struct sg_points *out)
+int sg_colmap_points_txt(sg_ctx *ctx, struct sg_source *in, uint64_t max_points,
+                         struct sg_points *out)
 {
     struct lines l;
     const int code = begin(ctx, &l, in);
@@ -198,8 +205,9 @@ int sg_colmap_points_txt(sg_ctx *ctx, struct sg_source *in, uint64_t max_points,
         if (!ok)
             return bad_line(ctx, &l, "ID X Y Z R G B ERROR TRACK");
         if (out->count >= max_points)
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: line %llu: found more than %llu points, which is the limit",
-                           in->path, (unsigned long long) l.number, (unsigned long long) max_points);
+            return sg_fail(
+                ctx, SG_ERR_INPUT, "%s: line %llu: found more than %llu points, which is the limit",
+                in->path, (unsigned long long) l.number, (unsigned long long) max_points);
         size_t n = out->count;
         if (sg_grow(ctx, SG_MEM_MISC, &out->xyz, &room_xyz, n + 1, n, 3 * sizeof(float)) ||
             sg_grow(ctx, SG_MEM_MISC, &out->rgb, &room_rgb, n + 1, n, 3))

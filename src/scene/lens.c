@@ -8,8 +8,9 @@
 
 bool sg_lens_is_distorted(const struct sg_lens *l)
 {
-    return l->kind == SG_LENS_FISHEYE || (l->kind == SG_LENS_FOV && l->omega != 0) || l->k1 != 0 || l->k2 != 0 ||
-           l->k3 != 0 || l->k4 != 0 || l->k5 != 0 || l->k6 != 0 || l->p1 != 0 || l->p2 != 0;
+    return l->kind == SG_LENS_FISHEYE || (l->kind == SG_LENS_FOV && l->omega != 0) || l->k1 != 0 ||
+           l->k2 != 0 || l->k3 != 0 || l->k4 != 0 || l->k5 != 0 || l->k6 != 0 || l->p1 != 0 ||
+           l->p2 != 0;
 }
 
 /* Of a field-of-view lens (Devernay and Faugeras 2001): the distorted radius over the radius. */
@@ -49,7 +50,8 @@ static double value_at(const double *p, int degree, double s)
     return v;
 }
 
-/* Where a polynomial changes its sign in (0, end], rising; between the roots of its derivative there is one at most. */
+/* Where a polynomial changes its sign in (0, end], rising; between the roots of its derivative
+ * there is one at most. */
 static int sign_changes(const double *p, int degree, double end, double *roots)
 {
     if (degree == 0)
@@ -83,7 +85,8 @@ double sg_lens_fold(const struct sg_lens *l, double r2_max)
         return INFINITY; /* it grows for ever */
     const double above[5] = {1, l->k1, l->k2, l->k3, rational ? 0 : l->k4};
     const double below[4] = {1, rational ? l->k4 : 0, rational ? l->k5 : 0, rational ? l->k6 : 0};
-    /* r above(r^2) / below(r^2) grows while (above + 2 s above') below - 2 s above below' is positive, at s = r^2. */
+    /* r above(r^2) / below(r^2) grows while (above + 2 s above') below - 2 s above below' is
+     * positive, at s = r^2. */
     double growth[DEGREE_MAX] = {0}, roots[DEGREE_MAX], first = INFINITY;
     for (int i = 0; i < 5; i++)
         for (int j = 0; j < 4; j++)

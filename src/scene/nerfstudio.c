@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* transforms.json as nerfstudio (Tancik et al. 2023) and instant-ngp (Mueller et al. 2022) write it.
- * "applied_transform" is not undone: the writer applied it to poses and points alike, so both are in one frame. */
+/* transforms.json as nerfstudio (Tancik et al. 2023) and instant-ngp (Mueller et al. 2022) write
+ * it. "applied_transform" is not undone: the writer applied it to poses and points alike, so both
+ * are in one frame. */
 #include <stdio.h>
 #include <string.h>
 
@@ -13,8 +14,10 @@ bool sg_is_nerfstudio(sg_ctx *ctx, const struct sg_folder *dir)
     return sg_has_file(dir, "transforms.json");
 }
 
-/* The names of the list called key as an object, for quick look-up; NULL if there is no such list. */
-static int get_list(sg_ctx *ctx, const json_t *root, const char *key, const char *file, json_t **set)
+/* The names of the list called key as an object, for quick look-up; NULL if there is no such
+ * list. */
+static int get_list(sg_ctx *ctx, const json_t *root, const char *key, const char *file,
+                    json_t **set)
 {
     size_t i;
     json_t *entry;
@@ -24,14 +27,14 @@ static int get_list(sg_ctx *ctx, const json_t *root, const char *key, const char
         return SG_OK;
     *set = json_object();
     if (!json_is_array(list))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: \"%s\": found %s, expected an array of names", file, key,
-                       sg_json_show(list, (char[SG_JSON_SHOWN]){0}));
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: \"%s\": found %s, expected an array of names", file,
+                       key, sg_json_show(list, (char[SG_JSON_SHOWN]){0}));
     json_array_foreach(list, i, entry)
     {
         const char *name = json_string_value(entry);
         if (!name)
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: %s[%zu]: found %s, expected a string", file, key, i,
-                           sg_json_show(entry, (char[SG_JSON_SHOWN]){0}));
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: %s[%zu]: found %s, expected a string", file, key,
+                           i, sg_json_show(entry, (char[SG_JSON_SHOWN]){0}));
         while (name[0] == '.' && name[1] == '/')
             name += 2;
         if (json_object_set_new(*set, name, json_true()))
@@ -40,8 +43,10 @@ static int get_list(sg_ctx *ctx, const json_t *root, const char *key, const char
     return SG_OK;
 }
 
-/* The file's own split: what it names as test, else as validation, is held out; what no list names is left out. */
-static int split_by_lists(sg_ctx *ctx, const json_t *root, const char *file, struct sg_shots *shots, bool *listed)
+/* The file's own split: what it names as test, else as validation, is held out; what no list names
+ * is left out. */
+static int split_by_lists(sg_ctx *ctx, const json_t *root, const char *file, struct sg_shots *shots,
+                          bool *listed)
 {
     json_t *train = NULL, *test = NULL;
     int code = get_list(ctx, root, "train_filenames", file, &train);
@@ -58,7 +63,8 @@ static int split_by_lists(sg_ctx *ctx, const json_t *root, const char *file, str
         unused += shot->unused;
     }
     if (unused)
-        sg_log(ctx, SG_LOG_WARN, "%s: %zu of %zu frames are in no split and stay unused", file, unused, shots->count);
+        sg_log(ctx, SG_LOG_WARN, "%s: %zu of %zu frames are in no split and stay unused", file,
+               unused, shots->count);
     json_decref(train);
     json_decref(test);
     return code;
@@ -72,14 +78,16 @@ static int read_mask_path(sg_ctx *ctx, const json_t *frame, const char *where, s
     if (code || !mask)
         return code;
     if (!sg_path_is_inside(mask))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: \"mask_path\": found \"%s\", expected a path inside the scene", where,
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: \"mask_path\": found \"%s\", expected a path inside the scene", where,
                        mask);
     shot->mask = sg_strdup(ctx, mask);
     return shot->mask ? SG_OK : SG_ERR_BUDGET;
 }
 
 int sg_nerfstudio_parse(sg_ctx *ctx, const char *file, const char *data, size_t size,
-                        const struct sg_scene_params *params, struct sg_shots *shots, char **points_file, bool *listed)
+                        const struct sg_scene_params *params, struct sg_shots *shots,
+                        char **points_file, bool *listed)
 {
     struct sg_transforms doc;
     *points_file = NULL;
@@ -108,7 +116,8 @@ int sg_nerfstudio_parse(sg_ctx *ctx, const char *file, const char *data, size_t 
         code = sg_json_text(ctx, doc.root, "ply_file_path", file, &points);
     if (!code && points) {
         if (!sg_path_is_inside(points))
-            code = sg_fail(ctx, SG_ERR_INPUT, "%s: \"ply_file_path\": found \"%s\", expected a path inside the scene",
+            code = sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: \"ply_file_path\": found \"%s\", expected a path inside the scene",
                            file, points);
         else if (!(*points_file = sg_strdup(ctx, points)))
             code = SG_ERR_BUDGET;
@@ -117,7 +126,8 @@ int sg_nerfstudio_parse(sg_ctx *ctx, const char *file, const char *data, size_t 
     return code;
 }
 
-static int find_photos(sg_ctx *ctx, const struct sg_folder *dir, const char *file, struct sg_shots *shots)
+static int find_photos(sg_ctx *ctx, const struct sg_folder *dir, const char *file,
+                       struct sg_shots *shots)
 {
     for (size_t i = 0; i < shots->count; i++) {
         struct sg_shot *shot = &shots->items[i];
@@ -134,13 +144,15 @@ static int find_photos(sg_ctx *ctx, const struct sg_folder *dir, const char *fil
         sg_free(shot->mask);
         shot->mask = mask;
         if (shot->path && !sg_folder_has(dir, mask))
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: frame of %s: found no mask %s", file, shot->file, mask);
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: frame of %s: found no mask %s", file, shot->file,
+                           mask);
     }
     return SG_OK;
 }
 
-int sg_read_nerfstudio(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
-                       struct sg_shots *shots, struct sg_points *points)
+int sg_read_nerfstudio(sg_ctx *ctx, const struct sg_folder *dir,
+                       const struct sg_scene_params *params, struct sg_shots *shots,
+                       struct sg_points *points)
 {
     char *data = NULL, *points_file = NULL, *path = NULL;
     size_t size;

@@ -10,8 +10,8 @@
 static const struct {
     const char *name;
     bool (*is)(sg_ctx *ctx, const struct sg_folder *dir);
-    int (*read)(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params, struct sg_shots *shots,
-                struct sg_points *points);
+    int (*read)(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
+                struct sg_shots *shots, struct sg_points *points);
 } formats[] = {
     [SG_FORMAT_AUTO] = {"auto", NULL, NULL},
     [SG_FORMAT_BLENDER] = {"blender", sg_is_blender, sg_read_blender},
@@ -21,28 +21,34 @@ static const struct {
 
 const char *sg_scene_format_name(enum sg_scene_format format)
 {
-    return (unsigned) format < sizeof(formats) / sizeof(*formats) ? formats[format].name : "unknown";
+    return (unsigned) format < sizeof(formats) / sizeof(*formats) ? formats[format].name
+                                                                  : "unknown";
 }
 
 static int check_params(sg_ctx *ctx, const struct sg_scene_params *p)
 {
     if ((unsigned) p->format > SG_FORMAT_NERFSTUDIO)
-        return sg_fail(ctx, SG_ERR_USAGE, "scene parameters: found format %d, expected one of enum sg_scene_format",
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "scene parameters: found format %d, expected one of enum sg_scene_format",
                        (int) p->format);
     if (p->resolution != -1 && (p->resolution < 1 || p->resolution > 16384))
-        return sg_fail(ctx, SG_ERR_USAGE, "scene parameters: found resolution %d, expected -1 or 1..16384",
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "scene parameters: found resolution %d, expected -1 or 1..16384",
                        p->resolution);
     if (!(p->downscale >= 1 && p->downscale <= 64))
-        return sg_fail(ctx, SG_ERR_USAGE, "scene parameters: found downscale %g, expected 1..64", p->downscale);
+        return sg_fail(ctx, SG_ERR_USAGE, "scene parameters: found downscale %g, expected 1..64",
+                       p->downscale);
     if (p->test_every < 1)
-        return sg_fail(ctx, SG_ERR_USAGE, "scene parameters: found test_every %d, expected 1 or more", p->test_every);
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "scene parameters: found test_every %d, expected 1 or more", p->test_every);
     return SG_OK;
 }
 
 /* The order is the reference's: a COLMAP model wins over transforms_train.json. */
 static int recognise(sg_ctx *ctx, const struct sg_folder *dir, enum sg_scene_format *format)
 {
-    static const enum sg_scene_format order[] = {SG_FORMAT_COLMAP, SG_FORMAT_BLENDER, SG_FORMAT_NERFSTUDIO};
+    static const enum sg_scene_format order[] = {SG_FORMAT_COLMAP, SG_FORMAT_BLENDER,
+                                                 SG_FORMAT_NERFSTUDIO};
     for (size_t i = 0; i < sizeof(order) / sizeof(*order); i++) {
         *format = order[i];
         const bool is = formats[order[i]].is(ctx, dir);
@@ -52,8 +58,8 @@ static int recognise(sg_ctx *ctx, const struct sg_folder *dir, enum sg_scene_for
             return SG_OK;
     }
     return sg_fail(ctx, SG_ERR_INPUT,
-                   "%s: found no scene, looked for sparse/0/images.bin and cameras.bin (or .txt, or in sparse/), "
-                   "transforms_train.json and transforms.json",
+                   "%s: found no scene, looked for sparse/0/images.bin and cameras.bin (or .txt, "
+                   "or in sparse/), transforms_train.json and transforms.json",
                    dir->path);
 }
 
@@ -67,9 +73,10 @@ bool sg_scene_recognised(sg_ctx *ctx, const char *path)
     return is;
 }
 
-/* Masks are optional a photo: NAME, its base name, either with .png added, or its base name up to the last dot .png. */
-static int find_masks(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
-                      struct sg_shots *shots)
+/* Masks are optional a photo: NAME, its base name, either with .png added, or its base name up to
+ * the last dot .png. */
+static int find_masks(sg_ctx *ctx, const struct sg_folder *dir,
+                      const struct sg_scene_params *params, struct sg_shots *shots)
 {
     int code = SG_OK;
     size_t found = 0;
@@ -103,8 +110,8 @@ static int find_masks(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_
         found += shot->mask != NULL;
     }
     if (found < shots->count)
-        sg_log(ctx, SG_LOG_WARN, "%s: %zu of %zu images have no mask and are used whole", folder, shots->count - found,
-               shots->count);
+        sg_log(ctx, SG_LOG_WARN, "%s: %zu of %zu images have no mask and are used whole", folder,
+               shots->count - found, shots->count);
 done:
     sg_free(folder);
     return code;
@@ -135,15 +142,16 @@ static void measure(struct sg_scene *scene)
 }
 
 /* Deals the views, loaded in the shots' order, to train and test. */
-static int deal(sg_ctx *ctx, struct sg_scene *scene, const struct sg_scene_params *params, const struct sg_shots *shots,
-                struct sg_view *views)
+static int deal(sg_ctx *ctx, struct sg_scene *scene, const struct sg_scene_params *params,
+                const struct sg_shots *shots, struct sg_view *views)
 {
     size_t n_test = 0;
     for (size_t i = 0; i < shots->count; i++)
         n_test += shots->items[i].test;
     const size_t n_train = shots->count - n_test;
     if (!n_train && !params->untrained)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found no view to train on (%zu test views), expected at least one",
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found no view to train on (%zu test views), expected at least one",
                        scene->path, n_test);
     scene->train = n_train ? sg_alloc(ctx, SG_MEM_MISC, n_train, sizeof(*views)) : NULL;
     scene->test = n_test ? sg_alloc(ctx, SG_MEM_MISC, n_test, sizeof(*views)) : NULL;
@@ -164,7 +172,8 @@ struct sg_scene_params sg_scene_params_default(void)
     return (struct sg_scene_params){SG_SCENE_DEFAULTS};
 }
 
-int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *params, struct sg_scene **out)
+int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *params,
+                  struct sg_scene **out)
 {
     struct sg_shots shots = {0};
     struct sg_points points = {0};
@@ -211,12 +220,16 @@ int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *p
         goto done;
     measure(scene);
     if (scene->extent < 1e-6 && !params->untrained)
-        sg_log(ctx, SG_LOG_WARN, "%s: found all training cameras in one place: positions will hardly learn", path);
+        sg_log(ctx, SG_LOG_WARN,
+               "%s: found all training cameras in one place: positions will hardly learn", path);
     if (!scene->n_points && !params->untrained && scene->format != SG_FORMAT_BLENDER)
         sg_log(ctx, SG_LOG_WARN,
-               "%s: found no points: training starts from random ones in a cube of 2.6 units about the origin", path);
-    sg_log(ctx, SG_LOG_INFO, "%s: %s scene, %zu train and %zu test views, %zu points, extent %.4g", path,
-           sg_scene_format_name(scene->format), scene->n_train, scene->n_test, scene->n_points, scene->extent);
+               "%s: found no points: training starts from random ones in a cube of 2.6 units about "
+               "the origin",
+               path);
+    sg_log(ctx, SG_LOG_INFO, "%s: %s scene, %zu train and %zu test views, %zu points, extent %.4g",
+           path, sg_scene_format_name(scene->format), scene->n_train, scene->n_test,
+           scene->n_points, scene->extent);
     *out = scene;
     scene = NULL;
 done:

@@ -9,8 +9,9 @@
 #include "model/points.h"
 #include "scene/reader.h"
 
-#define LENS_MAX 1e7  /* pixels; beyond this a focal length or principal point is noise */
-#define POSE_MAX 1e12 /* scene units, so that squared distances stay finite in single precision products */
+#define LENS_MAX 1e7 /* pixels; beyond this a focal length or principal point is noise */
+#define POSE_MAX                                                                                   \
+    1e12 /* scene units, so that squared distances stay finite in single precision products */
 
 const char *sg_base_name(const char *path)
 {
@@ -52,18 +53,21 @@ bool sg_path_is_inside(const char *path)
     return true;
 }
 
-int sg_shots_add(sg_ctx *ctx, struct sg_shots *shots, uint64_t max, const char *where, const char *file,
-                 struct sg_shot **out)
+int sg_shots_add(sg_ctx *ctx, struct sg_shots *shots, uint64_t max, const char *where,
+                 const char *file, struct sg_shot **out)
 {
     const char *base = sg_base_name(file);
     int length = (int) strcspn(base, ".");
     if (!length)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found image name \"%s\", expected the name of a file", where, file);
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found image name \"%s\", expected the name of a file", where, file);
     if (!sg_path_is_inside(file))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found image name \"%s\", expected a path inside the scene", where, file);
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found image name \"%s\", expected a path inside the scene", where,
+                       file);
     if (shots->count >= max)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found more than %llu images, which is the limit", where,
-                       (unsigned long long) max);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found more than %llu images, which is the limit",
+                       where, (unsigned long long) max);
     if (sg_grow(ctx, SG_MEM_MISC, &shots->items, &shots->capacity, shots->count + 1, shots->count,
                 sizeof(*shots->items)))
         return SG_ERR_BUDGET;
@@ -106,7 +110,8 @@ static void drop(struct sg_shots *shots)
     shots->count = kept;
 }
 
-int sg_shots_drop_missing(sg_ctx *ctx, const struct sg_scene_params *params, struct sg_shots *shots, const char *where)
+int sg_shots_drop_missing(sg_ctx *ctx, const struct sg_scene_params *params, struct sg_shots *shots,
+                          const char *where)
 {
     size_t missing = 0, wanted = 0, first = 0;
     for (size_t i = 0; i < shots->count; i++) {
@@ -116,11 +121,13 @@ int sg_shots_drop_missing(sg_ctx *ctx, const struct sg_scene_params *params, str
         wanted += !shot->unused;
     }
     if (missing && (missing == wanted || params->strict))
-        return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: found %zu of %zu photos, the first that is missing is %s, also with other endings", where,
-                       wanted - missing, wanted, shots->items[first].file);
+        return sg_fail(
+            ctx, SG_ERR_INPUT,
+            "%s: found %zu of %zu photos, the first that is missing is %s, also with other endings",
+            where, wanted - missing, wanted, shots->items[first].file);
     if (missing)
-        sg_log(ctx, SG_LOG_WARN, "%s: %zu of %zu photos are missing and are skipped, the first is %s", where, missing,
+        sg_log(ctx, SG_LOG_WARN,
+               "%s: %zu of %zu photos are missing and are skipped, the first is %s", where, missing,
                wanted, shots->items[first].file);
     drop(shots);
     return SG_OK;
@@ -144,11 +151,13 @@ static int by_pointed_name(const void *a, const void *b)
     return by_name(*(const struct sg_shot *const *) a, *(const struct sg_shot *const *) b);
 }
 
-/* Rigs of cameras name photos by folder (left/001.jpg, right/001.jpg): the path without extension, "/" as "_". */
+/* Rigs of cameras name photos by folder (left/001.jpg, right/001.jpg): the path without extension,
+ * "/" as "_". */
 static int rename_by_path(sg_ctx *ctx, struct sg_shot *shot)
 {
     const char *dot = strrchr(sg_base_name(shot->file), '.');
-    char *name = sg_strf(ctx, "%.*s", (int) (dot ? (size_t) (dot - shot->file) : strlen(shot->file)), shot->file);
+    char *name = sg_strf(
+        ctx, "%.*s", (int) (dot ? (size_t) (dot - shot->file) : strlen(shot->file)), shot->file);
     if (!name)
         return SG_ERR_BUDGET;
     for (char *c = name; *c; c++)
@@ -178,7 +187,8 @@ int sg_shots_check_names(sg_ctx *ctx, const struct sg_shots *shots, size_t first
     for (size_t i = 1; i < n && !code; i++)
         if (!strcmp(sorted[i - 1]->name, sorted[i]->name))
             code = sg_fail(ctx, SG_ERR_INPUT,
-                           "%s: images \"%s\" and \"%s\": found the same name \"%s\" twice, expected distinct names",
+                           "%s: images \"%s\" and \"%s\": found the same name \"%s\" twice, "
+                           "expected distinct names",
                            where, sorted[i - 1]->file, sorted[i]->file, sorted[i]->name);
     sg_free(sorted);
     return code;
@@ -195,36 +205,44 @@ int sg_lens_check(sg_ctx *ctx, const struct sg_lens *lens, const char *where)
     bool focal_y = lens->fy >= 0 && lens->angle_y >= 0 && lens->angle_y < 3.14159;
     if (!focal_x || !focal_y || !within(lens->fx, LENS_MAX) || !within(lens->fy, LENS_MAX))
         return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: found focal lengths %g, %g pixels and fields of view %g, %g radians, expected positive "
-                       "finite ones",
+                       "%s: found focal lengths %g, %g pixels and fields of view %g, %g radians, "
+                       "expected positive finite ones",
                        where, lens->fx, lens->fy, lens->angle_x, lens->angle_y);
     if (lens->has_principal && (!within(lens->cx, LENS_MAX) || !within(lens->cy, LENS_MAX)))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found principal point (%g, %g), expected pixels", where, lens->cx,
-                       lens->cy);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found principal point (%g, %g), expected pixels",
+                       where, lens->cx, lens->cy);
     const double k[] = {lens->k1, lens->k2, lens->k3, lens->k4, lens->k5,   lens->k6,
                         lens->p1, lens->p2, lens->s1, lens->s2, lens->omega};
     for (size_t i = 0; i < sizeof(k) / sizeof(*k); i++)
         if (!isfinite(k[i]))
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: found a distortion of %g, expected finite coefficients", where,
+            return sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: found a distortion of %g, expected finite coefficients", where,
                            k[i]);
     if (lens->kind == SG_LENS_FOV && !(lens->omega >= 0 && lens->omega < 3.1))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found distortion omega = %g, expected an angle of 0 to 3.1 radians",
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found distortion omega = %g, expected an angle of 0 to 3.1 radians",
                        where, lens->omega);
     return SG_OK;
 }
 
-int sg_pose_from_opengl(sg_ctx *ctx, const double m[16], const char *where, double R[9], double t[3])
+int sg_pose_from_opengl(sg_ctx *ctx, const double m[16], const char *where, double R[9],
+                        double t[3])
 {
     for (int i = 0; i < 16; i++)
         if (!within(m[i], POSE_MAX))
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: found %g in the pose, expected finite numbers", where, m[i]);
-    if (!within(m[12], 1e-6) || !within(m[13], 1e-6) || !within(m[14], 1e-6) || !within(m[15] - 1, 1e-6))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found %g %g %g %g as last row of the pose, expected 0 0 0 1", where,
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: found %g in the pose, expected finite numbers",
+                           where, m[i]);
+    if (!within(m[12], 1e-6) || !within(m[13], 1e-6) || !within(m[14], 1e-6) ||
+        !within(m[15] - 1, 1e-6))
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found %g %g %g %g as last row of the pose, expected 0 0 0 1", where,
                        m[12], m[13], m[14], m[15]);
-    /* Some exporters leave the scene's scale in the rotation. It changes no projection, so take it out. */
+    /* Some exporters leave the scene's scale in the rotation. It changes no projection, so take it
+     * out. */
     double a[9], squares = 0;
     for (int i = 0; i < 9; i++) {
-        a[i] = m[i / 3 * 4 + i % 3] * (i % 3 ? -1 : 1); /* OpenGL to COLMAP axes: y and z turn round */
+        a[i] =
+            m[i / 3 * 4 + i % 3] * (i % 3 ? -1 : 1); /* OpenGL to COLMAP axes: y and z turn round */
         squares += a[i] * a[i];
     }
     double scale = sqrt(squares / 3), worst = 0;
@@ -235,33 +253,36 @@ int sg_pose_from_opengl(sg_ctx *ctx, const double m[16], const char *where, doub
             double off = fabs(a[i] * a[j] + a[3 + i] * a[3 + j] + a[6 + i] * a[6 + j] - (i == j));
             worst = off <= worst ? worst : off; /* takes NaN */
         }
-    double det =
-        a[0] * (a[4] * a[8] - a[5] * a[7]) - a[1] * (a[3] * a[8] - a[5] * a[6]) + a[2] * (a[3] * a[7] - a[4] * a[6]);
+    double det = a[0] * (a[4] * a[8] - a[5] * a[7]) - a[1] * (a[3] * a[8] - a[5] * a[6]) +
+                 a[2] * (a[3] * a[7] - a[4] * a[6]);
     if (!(scale > 1e-12) || !(worst < 1e-2) || !(det > 0))
         return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: found a pose that cannot be inverted to a camera (scale %g, determinant %g), expected a "
-                       "rotation and a position",
+                       "%s: found a pose that cannot be inverted to a camera (scale %g, "
+                       "determinant %g), expected a rotation and a position",
                        where, scale, det);
-    for (int i = 0; i < 3; i++) /* inverse by cofactors; the transpose would not undo rounding in the file */
+    for (int i = 0; i < 3;
+         i++) /* inverse by cofactors; the transpose would not undo rounding in the file */
         for (int j = 0; j < 3; j++) {
             int r0 = (j + 1) % 3, r1 = (j + 2) % 3, c0 = (i + 1) % 3, c1 = (i + 2) % 3;
-            R[3 * i + j] = (a[3 * r0 + c0] * a[3 * r1 + c1] - a[3 * r0 + c1] * a[3 * r1 + c0]) / det;
+            R[3 * i + j] =
+                (a[3 * r0 + c0] * a[3 * r1 + c1] - a[3 * r0 + c1] * a[3 * r1 + c0]) / det;
         }
     for (int i = 0; i < 3; i++)
         t[i] = -(R[3 * i] * m[3] + R[3 * i + 1] * m[7] + R[3 * i + 2] * m[11]);
     return SG_OK;
 }
 
-int sg_pose_from_quaternion(sg_ctx *ctx, const double q[4], const double v[3], const char *where, double R[9],
-                            double t[3])
+int sg_pose_from_quaternion(sg_ctx *ctx, const double q[4], const double v[3], const char *where,
+                            double R[9], double t[3])
 {
     double n = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
     if (!(n > 1e-9) || !within(n, 1e9))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found quaternion %g %g %g %g, expected one of length 1", where, q[0],
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found quaternion %g %g %g %g, expected one of length 1", where, q[0],
                        q[1], q[2], q[3]);
     if (!within(v[0], POSE_MAX) || !within(v[1], POSE_MAX) || !within(v[2], POSE_MAX))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found translation %g %g %g, expected finite numbers", where, v[0], v[1],
-                       v[2]);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found translation %g %g %g, expected finite numbers",
+                       where, v[0], v[1], v[2]);
     double w = q[0] / n, x = q[1] / n, y = q[2] / n, z = q[3] / n;
     const double r[9] = {
         1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
@@ -276,7 +297,8 @@ int sg_pose_from_quaternion(sg_ctx *ctx, const double q[4], const double v[3], c
 bool sg_has_file(const struct sg_folder *dir, const char *name)
 {
     char path[PATH_MAX]; /* one that is longer could not be opened */
-    return snprintf(path, sizeof(path), "%s/%s", dir->path, name) < (int) sizeof(path) && sg_folder_has(dir, path);
+    return snprintf(path, sizeof(path), "%s/%s", dir->path, name) < (int) sizeof(path) &&
+           sg_folder_has(dir, path);
 }
 
 int sg_read_points(sg_ctx *ctx, const struct sg_folder *dir, const char *path, uint64_t max_points,
@@ -285,7 +307,8 @@ int sg_read_points(sg_ctx *ctx, const struct sg_folder *dir, const char *path, u
     FILE *f;
     int code = sg_folder_file(ctx, dir, path, &f);
     if (!code) {
-        code = sg_points_read_stream(ctx, f, path, max_points, &points->xyz, &points->rgb, &points->count);
+        code = sg_points_read_stream(ctx, f, path, max_points, &points->xyz, &points->rgb,
+                                     &points->count);
         fclose(f);
     }
     return code;

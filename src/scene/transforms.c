@@ -8,7 +8,8 @@
 #include "core/json_text.h"
 #include "core/source.h"
 
-/* At most what the parser holds of a text: every value begins after one of these marks, or is in a string. */
+/* At most what the parser holds of a text: every value begins after one of these marks, or is in a
+ * string. */
 static uint64_t parsed_bytes(const char *data, size_t size)
 {
     uint64_t bytes = 2 * (uint64_t) size;
@@ -17,7 +18,8 @@ static uint64_t parsed_bytes(const char *data, size_t size)
     return bytes;
 }
 
-int sg_transforms_read(sg_ctx *ctx, const struct sg_folder *dir, const char *file, char **data, size_t *size)
+int sg_transforms_read(sg_ctx *ctx, const struct sg_folder *dir, const char *file, char **data,
+                       size_t *size)
 {
     FILE *f;
     struct sg_source in = {0};
@@ -38,8 +40,8 @@ int sg_transforms_read(sg_ctx *ctx, const struct sg_folder *dir, const char *fil
     return code;
 }
 
-int sg_transforms_load(sg_ctx *ctx, const char *file, const char *data, size_t size, uint64_t max_frames,
-                       struct sg_transforms *out)
+int sg_transforms_load(sg_ctx *ctx, const char *file, const char *data, size_t size,
+                       uint64_t max_frames, struct sg_transforms *out)
 {
     json_error_t error;
     struct sg_source text;
@@ -55,10 +57,11 @@ int sg_transforms_load(sg_ctx *ctx, const char *file, const char *data, size_t s
     out->root = json_loadb(data, size, JSON_REJECT_DUPLICATES, &error);
     out->frames = json_object_get(out->root, "frames");
     if (!out->root)
-        code =
-            sg_fail(ctx, SG_ERR_INPUT, "%s: line %d, column %d: JSON: %s", file, error.line, error.column, error.text);
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: line %d, column %d: JSON: %s", file, error.line,
+                       error.column, error.text);
     else if (!json_is_array(out->frames) || !json_array_size(out->frames))
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no frames, expected an array \"frames\" of at least one", file);
+        code = sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found no frames, expected an array \"frames\" of at least one", file);
     else if (json_array_size(out->frames) > max_frames)
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: frames: found %zu, the limit is %llu", file,
                        json_array_size(out->frames), (unsigned long long) max_frames);
@@ -74,7 +77,8 @@ void sg_transforms_clear(struct sg_transforms *t)
     *t = (struct sg_transforms){0};
 }
 
-int sg_json_number(sg_ctx *ctx, const json_t *object, const char *key, const char *where, double *out)
+int sg_json_number(sg_ctx *ctx, const json_t *object, const char *key, const char *where,
+                   double *out)
 {
     const json_t *value = json_object_get(object, key);
     if (!value || json_is_null(value))
@@ -86,7 +90,8 @@ int sg_json_number(sg_ctx *ctx, const json_t *object, const char *key, const cha
     return SG_OK;
 }
 
-int sg_json_text(sg_ctx *ctx, const json_t *object, const char *key, const char *where, const char **out)
+int sg_json_text(sg_ctx *ctx, const json_t *object, const char *key, const char *where,
+                 const char **out)
 {
     const json_t *value = json_object_get(object, key);
     if (!value || json_is_null(value))
@@ -98,14 +103,16 @@ int sg_json_text(sg_ctx *ctx, const json_t *object, const char *key, const char 
     return SG_OK;
 }
 
-static int get_side(sg_ctx *ctx, const json_t *object, const char *key, const char *where, int *side)
+static int get_side(sg_ctx *ctx, const json_t *object, const char *key, const char *where,
+                    int *side)
 {
     double v = 0;
     int code = sg_json_number(ctx, object, key, where, &v);
     if (code || v == 0)
         return code;
     if (!(v >= 1 && v <= 1 << 20) || v != floor(v)) /* some writers make it 1080.0 */
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: \"%s\": found %g, expected a whole number of pixels", where, key, v);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: \"%s\": found %g, expected a whole number of pixels",
+                       where, key, v);
     *side = (int) v;
     return SG_OK;
 }
@@ -131,8 +138,9 @@ static int get_kind(sg_ctx *ctx, const json_t *object, const char *where, enum s
     if (code || !known)
         return code ? code
                     : sg_fail(ctx, SG_ERR_INPUT,
-                              "%s: found camera model %s, expected OPENCV, OPENCV_FISHEYE, FULL_OPENCV, PINHOLE, "
-                              "SIMPLE_PINHOLE, RADIAL or SIMPLE_RADIAL: undistort the images first",
+                              "%s: found camera model %s, expected OPENCV, OPENCV_FISHEYE, "
+                              "FULL_OPENCV, PINHOLE, SIMPLE_PINHOLE, RADIAL or SIMPLE_RADIAL: "
+                              "undistort the images first",
                               where, name);
     if (json_is_true(json_object_get(object, "is_fisheye")))
         *kind = SG_LENS_FISHEYE;
@@ -180,23 +188,25 @@ int sg_json_lens(sg_ctx *ctx, const json_t *object, const char *where, struct sg
     return SG_OK;
 }
 
-/* Coefficients that mean one thing to one program and another to the next, or nothing to a lens of this kind. */
+/* Coefficients that mean one thing to one program and another to the next, or nothing to a lens of
+ * this kind. */
 static int check_kind(sg_ctx *ctx, const struct sg_lens *lens, const char *where)
 {
     if (lens->kind == SG_LENS_POLYNOMIAL && (lens->k4 != 0 || lens->k5 != 0 || lens->k6 != 0))
         return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: found distortion k4 = %g, k5 = %g, k6 = %g, expected only k1 k2 k3 p1 p2, or camera_model "
-                       "FULL_OPENCV",
+                       "%s: found distortion k4 = %g, k5 = %g, k6 = %g, expected only k1 k2 k3 p1 "
+                       "p2, or camera_model FULL_OPENCV",
                        where, lens->k4, lens->k5, lens->k6);
     if (lens->kind != SG_LENS_FISHEYE)
         return SG_OK;
     if (lens->k5 != 0 || lens->k6 != 0 || lens->p1 != 0 || lens->p2 != 0)
         return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: found distortion p1 = %g, p2 = %g, k5 = %g, k6 = %g, expected only k1 k2 k3 k4 of a "
-                       "fisheye lens",
+                       "%s: found distortion p1 = %g, p2 = %g, k5 = %g, k6 = %g, expected only k1 "
+                       "k2 k3 k4 of a fisheye lens",
                        where, lens->p1, lens->p2, lens->k5, lens->k6);
     if (!(lens->fx > 0))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found no fl_x, expected that of a fisheye lens in pixels", where);
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found no fl_x, expected that of a fisheye lens in pixels", where);
     return SG_OK;
 }
 
@@ -216,20 +226,22 @@ static int get_pose(sg_ctx *ctx, const json_t *frame, const char *where, struct 
         }
     }
     if (!ok)
-        return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: \"transform_matrix\": found none or a malformed one, expected 4 rows of 4 "
-                       "numbers",
-                       where);
+        return sg_fail(
+            ctx, SG_ERR_INPUT,
+            "%s: \"transform_matrix\": found none or a malformed one, expected 4 rows of 4 numbers",
+            where);
     return sg_pose_from_opengl(ctx, m, where, shot->R, shot->t);
 }
 
-int sg_transforms_frame(sg_ctx *ctx, const json_t *frame, const char *where, const struct sg_lens *lens,
-                        uint64_t max_images, struct sg_shots *shots, struct sg_shot **shot)
+int sg_transforms_frame(sg_ctx *ctx, const json_t *frame, const char *where,
+                        const struct sg_lens *lens, uint64_t max_images, struct sg_shots *shots,
+                        struct sg_shot **shot)
 {
     const char *file = NULL;
     int code = sg_json_text(ctx, frame, "file_path", where, &file);
     if (!code && !file)
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no \"file_path\", expected the name of an image", where);
+        code = sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found no \"file_path\", expected the name of an image", where);
     if (code)
         return code;
     while (file[0] == '.' && file[1] == '/')

@@ -15,20 +15,25 @@ struct sg_transforms {
 };
 
 /* The whole text, which is the caller's; what begins as no text is refused first. */
-int sg_transforms_read(sg_ctx *ctx, const struct sg_folder *dir, const char *file, char **data, size_t *size);
+int sg_transforms_read(sg_ctx *ctx, const struct sg_folder *dir, const char *file, char **data,
+                       size_t *size);
 /* At most max_frames. A byte-order mark may come first. */
-int sg_transforms_load(sg_ctx *ctx, const char *file, const char *data, size_t size, uint64_t max_frames,
-                       struct sg_transforms *out);
+int sg_transforms_load(sg_ctx *ctx, const char *file, const char *data, size_t size,
+                       uint64_t max_frames, struct sg_transforms *out);
 void sg_transforms_clear(struct sg_transforms *transforms);
 /* Leaves *out alone where the key is absent or null. */
-int sg_json_number(sg_ctx *ctx, const json_t *object, const char *key, const char *where, double *out);
-int sg_json_text(sg_ctx *ctx, const json_t *object, const char *key, const char *where, const char **out);
+int sg_json_number(sg_ctx *ctx, const json_t *object, const char *key, const char *where,
+                   double *out);
+int sg_json_text(sg_ctx *ctx, const json_t *object, const char *key, const char *where,
+                 const char **out);
 /* Intrinsics given in object replace those of *lens. */
 int sg_json_lens(sg_ctx *ctx, const json_t *object, const char *where, struct sg_lens *lens);
 /* One entry of "frames" as a shot with the given lens. */
-int sg_transforms_frame(sg_ctx *ctx, const json_t *frame, const char *where, const struct sg_lens *lens,
-                        uint64_t max_images, struct sg_shots *shots, struct sg_shot **shot);
-/* First of dir/file, dir/file.png, .jpg, .jpeg, .webp that exists, or a converted one, NULL if none. */
+int sg_transforms_frame(sg_ctx *ctx, const json_t *frame, const char *where,
+                        const struct sg_lens *lens, uint64_t max_images, struct sg_shots *shots,
+                        struct sg_shot **shot);
+/* First of dir/file, dir/file.png, .jpg, .jpeg, .webp that exists, or a converted one, NULL if
+ * none. */
 int sg_find_photo(sg_ctx *ctx, const struct sg_folder *dir, const char *file, char **path);
 
 #endif

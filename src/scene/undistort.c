@@ -1,11 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Lens distortion is taken out once, at loading, so that the rest of the library knows pinholes only. */
+/* Lens distortion is taken out once, at loading, so that the rest of the library knows pinholes
+ * only. */
 #include <math.h>
 #include <string.h>
 
 #include "scene/reader.h"
 
-/* Keys' cubic (a = -0.5) at distances 1+f, f, 1-f, 2-f: sharper than linear, which matters for a target image. */
+/* Keys' cubic (a = -0.5) at distances 1+f, f, 1-f, 2-f: sharper than linear, which matters for a
+ * target image. */
 static void cubic_weights(float f, float w[4])
 {
     w[0] = ((-0.5f * f + 1) * f - 0.5f) * f;
@@ -37,8 +39,8 @@ static void sample(const uint8_t *src, int width, int height, double sx, double 
         rgb[c] = (uint8_t) (sum[c] < 0 ? 0 : sum[c] > 255 ? 255 : sum[c]);
 }
 
-int sg_undistort(sg_ctx *ctx, const struct sg_lens *lens, int width, int height, const uint8_t *src, uint8_t *dst,
-                 uint8_t *valid, uint8_t *mask, size_t *lost)
+int sg_undistort(sg_ctx *ctx, const struct sg_lens *lens, int width, int height, const uint8_t *src,
+                 uint8_t *dst, uint8_t *valid, uint8_t *mask, size_t *lost)
 {
     size_t pixels = (size_t) width * (size_t) height;
     uint8_t *old_mask = NULL;
@@ -59,9 +61,11 @@ int sg_undistort(sg_ctx *ctx, const struct sg_lens *lens, int width, int height,
             double x = (u + 0.5 - lens->cx) / lens->fx, y = (v + 0.5 - lens->cy) / lens->fy, xd, yd;
             double r2 = x * x + y * y;
             sg_lens_distort(lens, x, y, &xd, &yd);
-            double sx = xd * lens->fx + lens->cx - 0.5, sy = yd * lens->fy + lens->cy - 0.5; /* in sample indices */
+            double sx = xd * lens->fx + lens->cx - 0.5,
+                   sy = yd * lens->fy + lens->cy - 0.5; /* in sample indices */
             /* a photo ends half a pixel beyond its outer samples; NaN is outside */
-            bool inside = r2 < fold && sx >= -0.5 && sx <= width - 0.5 && sy >= -0.5 && sy <= height - 0.5;
+            bool inside =
+                r2 < fold && sx >= -0.5 && sx <= width - 0.5 && sy >= -0.5 && sy <= height - 0.5;
             inside = inside && (!decentred || sg_lens_keeps_sides(lens, x, y));
             valid[at] = inside ? 255 : 0;
             if (inside) {

@@ -11,7 +11,8 @@ static inline bool sg_views_used(const struct sg_view *views, size_t n)
 {
     for (size_t i = 0; i < n; i++)
         if (!views[i].mask ||
-            memchr(views[i].mask, 255, (size_t) views[i].camera.width * (size_t) views[i].camera.height))
+            memchr(views[i].mask, 255,
+                   (size_t) views[i].camera.width * (size_t) views[i].camera.height))
             return true;
     return false;
 }

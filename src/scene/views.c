@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* From a shot to a view: decode, composite, undistort, resample, and the camera that belongs to the result. */
+/* From a shot to a view: decode, composite, undistort, resample, and the camera that belongs to the
+ * result. */
 #include <math.h>
 #include <stdatomic.h>
 #include <string.h>
@@ -19,9 +20,10 @@ struct job {
     atomic_bool crowded; /* there was no memory for another one at the same time */
 };
 
-/* The reference's resolution rule, in double precision and with its roundings, then the downscale. */
-static int target_size(sg_ctx *ctx, const struct sg_scene_params *p, const char *path, int width, int height, int *w,
-                       int *h)
+/* The reference's resolution rule, in double precision and with its roundings, then the
+ * downscale. */
+static int target_size(sg_ctx *ctx, const struct sg_scene_params *p, const char *path, int width,
+                       int height, int *w, int *h)
 {
     double tw, th;
     int r = p->resolution;
@@ -41,16 +43,16 @@ static int target_size(sg_ctx *ctx, const struct sg_scene_params *p, const char 
     th = th < 1 ? 1 : th;
     if (tw > SIDE_MAX || th > SIDE_MAX || tw * th > (double) p->max_pixels)
         return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: resampled size: found %.0f x %.0f pixels, expected sides up to %d and at "
-                       "most %llu pixels",
+                       "%s: resampled size: found %.0f x %.0f pixels, expected sides up to %d and "
+                       "at most %llu pixels",
                        path, tw, th, SIDE_MAX, (unsigned long long) p->max_pixels);
     *w = (int) tw;
     *h = (int) th;
     return SG_OK;
 }
 
-/* Whether one size is the other's, reduced: up to what rounding twice makes of the sides, first to a reduced size and
- * then to a part of it. */
+/* Whether one size is the other's, reduced: up to what rounding twice makes of the sides, first to
+ * a reduced size and then to a part of it. */
 static bool is_reduced(int width, int height, int of_width, int of_height)
 {
     const double off = 1.5;
@@ -60,23 +62,29 @@ static bool is_reduced(int width, int height, int of_width, int of_height)
 
 static bool has_same_shape(int width, int height, int other_width, int other_height)
 {
-    return is_reduced(width, height, other_width, other_height) || is_reduced(other_width, other_height, width, height);
+    return is_reduced(width, height, other_width, other_height) ||
+           is_reduced(other_width, other_height, width, height);
 }
 
-/* The lens for a photo of width x height: same field of view, whatever size the numbers were given for. */
-static int fit_lens(sg_ctx *ctx, const struct sg_shot *shot, int width, int height, struct sg_lens *lens)
+/* The lens for a photo of width x height: same field of view, whatever size the numbers were given
+ * for. */
+static int fit_lens(sg_ctx *ctx, const struct sg_shot *shot, int width, int height,
+                    struct sg_lens *lens)
 {
     *lens = shot->lens;
     if (lens->width && lens->height && !has_same_shape(width, height, lens->width, lens->height))
-        return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: found %d x %d pixels, expected the shape of its camera, %d x %d pixels (%s)", shot->path,
-                       width, height, lens->width, lens->height, shot->camera);
-    double sx = lens->width ? (double) width / lens->width : 1, sy = lens->height ? (double) height / lens->height : 1;
+        return sg_fail(
+            ctx, SG_ERR_INPUT,
+            "%s: found %d x %d pixels, expected the shape of its camera, %d x %d pixels (%s)",
+            shot->path, width, height, lens->width, lens->height, shot->camera);
+    double sx = lens->width ? (double) width / lens->width : 1,
+           sy = lens->height ? (double) height / lens->height : 1;
     double own = lens->width ? lens->width : width, own_y = lens->height ? lens->height : height;
     if (!(lens->fx > 0))
         lens->fx = own / (2 * tan(lens->angle_x / 2));
     if (!(lens->fy > 0))
-        lens->fy = lens->angle_y > 0 ? own_y / (2 * tan(lens->angle_y / 2)) : lens->fx; /* square pixels */
+        lens->fy =
+            lens->angle_y > 0 ? own_y / (2 * tan(lens->angle_y / 2)) : lens->fx; /* square pixels */
     lens->fx *= sx;
     lens->fy *= sy;
     lens->cx = lens->has_principal ? lens->cx * sx : width / 2.0;
@@ -84,7 +92,8 @@ static int fit_lens(sg_ctx *ctx, const struct sg_shot *shot, int width, int heig
     lens->width = width;
     lens->height = height;
     if (!(lens->fx > 1e-6) || !(lens->fy > 1e-6) || !(lens->fx < 1e12) || !(lens->fy < 1e12))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found focal lengths %g, %g pixels, expected usable ones", shot->path,
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found focal lengths %g, %g pixels, expected usable ones", shot->path,
                        lens->fx, lens->fy);
     return SG_OK;
 }
@@ -102,7 +111,8 @@ static int read_image(struct job *job, const char *path, struct sg_image *out)
 }
 
 /* The mask of a shot at the photo's size, 0 or 255. */
-static int load_mask(struct job *job, const struct sg_shot *shot, int width, int height, uint8_t **out)
+static int load_mask(struct job *job, const struct sg_shot *shot, int width, int height,
+                     uint8_t **out)
 {
     sg_ctx *ctx = job->ctx;
     struct sg_image image = {0};
@@ -118,13 +128,15 @@ static int load_mask(struct job *job, const struct sg_shot *shot, int width, int
     }
     if (!has_same_shape(image.width, image.height, width, height)) {
         code =
-            sg_fail(ctx, SG_ERR_INPUT, "%s: found a mask of %d x %d pixels, expected the shape of its photo, %d x %d",
+            sg_fail(ctx, SG_ERR_INPUT,
+                    "%s: found a mask of %d x %d pixels, expected the shape of its photo, %d x %d",
                     shot->mask, image.width, image.height, width, height);
         sg_image_clear(&image);
         return code;
     }
     grey = sg_alloc_raw(ctx, SG_MEM_IMAGES, pixels, 1);
-    code = grey ? sg_resample(ctx, image.pixels, image.width, image.height, 1, grey, width, height) : SG_ERR_BUDGET;
+    code = grey ? sg_resample(ctx, image.pixels, image.width, image.height, 1, grey, width, height)
+                : SG_ERR_BUDGET;
     sg_image_clear(&image);
     for (size_t i = 0; i < pixels && !code; i++)
         grey[i] = grey[i] > 127 ? 255 : 0;
@@ -138,22 +150,25 @@ static int resize(sg_ctx *ctx, uint8_t **plane, int width, int height, int chann
     if (!*plane || (w == width && h == height))
         return SG_OK;
     uint8_t *small = sg_alloc_raw(ctx, SG_MEM_IMAGES, (size_t) w * (size_t) h, (size_t) channels);
-    int code = small ? sg_resample(ctx, *plane, width, height, channels, small, w, h) : SG_ERR_BUDGET;
+    int code =
+        small ? sg_resample(ctx, *plane, width, height, channels, small, w, h) : SG_ERR_BUDGET;
     sg_free(*plane);
     *plane = small;
     return code;
 }
 
-/* Takes the lens distortion out of the view's pixels and mask. *valid: which pixels the photo has, NULL if all. */
-static int straighten(sg_ctx *ctx, const struct sg_shot *shot, const struct sg_lens *lens, struct sg_view *view,
-                      uint8_t **valid)
+/* Takes the lens distortion out of the view's pixels and mask. *valid: which pixels the photo has,
+ * NULL if all. */
+static int straighten(sg_ctx *ctx, const struct sg_shot *shot, const struct sg_lens *lens,
+                      struct sg_view *view, uint8_t **valid)
 {
     size_t pixels = (size_t) lens->width * (size_t) lens->height, lost;
     uint8_t *pinhole = sg_alloc_raw(ctx, SG_MEM_IMAGES, pixels, 3);
     *valid = sg_alloc_raw(ctx, SG_MEM_IMAGES, pixels, 1);
     int code = SG_ERR_BUDGET;
     if (pinhole && *valid)
-        code = sg_undistort(ctx, lens, lens->width, lens->height, view->rgb, pinhole, *valid, view->mask, &lost);
+        code = sg_undistort(ctx, lens, lens->width, lens->height, view->rgb, pinhole, *valid,
+                            view->mask, &lost);
     if (code) {
         sg_free(pinhole);
         return code;
@@ -162,9 +177,10 @@ static int straighten(sg_ctx *ctx, const struct sg_shot *shot, const struct sg_l
     view->rgb = pinhole;
     if (pixels - lost < pixels / 100 || lost == pixels)
         return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: found distortion k1 = %g, k2 = %g, p1 = %g, p2 = %g ... that leaves %zu of %zu pixels of "
-                       "the photo, expected that of a real lens (%s)",
-                       shot->path, lens->k1, lens->k2, lens->p1, lens->p2, pixels - lost, pixels, shot->camera);
+                       "%s: found distortion k1 = %g, k2 = %g, p1 = %g, p2 = %g ... that leaves "
+                       "%zu of %zu pixels of the photo, expected that of a real lens (%s)",
+                       shot->path, lens->k1, lens->k2, lens->p1, lens->p2, pixels - lost, pixels,
+                       shot->camera);
     if (!lost) {
         sg_free(*valid);
         *valid = NULL;
@@ -229,7 +245,8 @@ static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view
     size_t n = (size_t) w * (size_t) h;
     for (size_t i = 0; i < n && view->mask; i++)
         view->mask[i] = view->mask[i] > 127 ? 255 : 0;
-    for (size_t i = 0; i < n && valid; i++) /* strict: a pixel with a share of black outside is a wrong target */
+    for (size_t i = 0; i < n && valid;
+         i++) /* strict: a pixel with a share of black outside is a wrong target */
         valid[i] = valid[i] == 255 && (!view->mask || view->mask[i]) ? 255 : 0;
     if (valid) {
         sg_free(view->mask);
@@ -237,7 +254,8 @@ static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view
         valid = NULL;
     }
     double sx = (double) w / width, sy = (double) h / height;
-    view->camera = (struct sg_camera){.width = w, .height = h, .fx = lens.fx * sx, .fy = lens.fy * sy};
+    view->camera =
+        (struct sg_camera){.width = w, .height = h, .fx = lens.fx * sx, .fy = lens.fy * sy};
     view->camera.cx = params->centred_principal ? w / 2.0 : lens.cx * sx;
     view->camera.cy = params->centred_principal ? h / 2.0 : lens.cy * sy;
     memcpy(view->camera.R, shot->R, sizeof(shot->R));
@@ -275,11 +293,12 @@ static int load_rest(struct job *job, size_t n)
         if (code != SG_ERR_BUDGET && code)
             return code;
         if (code && loaded) {
-            const uint64_t rest = sg_mem_limit(ctx) + bytes * (n - loaded) / loaded, wanted = sg_mem_wanted(ctx);
+            const uint64_t rest = sg_mem_limit(ctx) + bytes * (n - loaded) / loaded,
+                           wanted = sg_mem_wanted(ctx);
             sg_clear_error(ctx);
             return sg_fail(ctx, code,
-                           "%s: memory: found a limit of %llu bytes, expected at least %llu: %zu of %zu photos fit, of "
-                           "%llu bytes on average",
+                           "%s: memory: found a limit of %llu bytes, expected at least %llu: %zu "
+                           "of %zu photos fit, of %llu bytes on average",
                            job->shots[i].path, (unsigned long long) sg_mem_limit(ctx),
                            (unsigned long long) (rest > wanted ? rest : wanted), loaded, n,
                            (unsigned long long) (bytes / loaded));
@@ -293,9 +312,10 @@ static int load_rest(struct job *job, size_t n)
     return SG_OK;
 }
 
-/* Photos of another size than their camera's are what --images is for; elsewhere they may be a mistake. */
-static int check_scale(sg_ctx *ctx, const struct sg_scene_params *params, const struct sg_shots *shots,
-                       const struct sg_view *views)
+/* Photos of another size than their camera's are what --images is for; elsewhere they may be a
+ * mistake. */
+static int check_scale(sg_ctx *ctx, const struct sg_scene_params *params,
+                       const struct sg_shots *shots, const struct sg_view *views)
 {
     size_t scaled = 0, first = 0;
     for (size_t i = 0; i < shots->count && !params->images; i++) {
@@ -309,24 +329,26 @@ static int check_scale(sg_ctx *ctx, const struct sg_scene_params *params, const 
         return SG_OK;
     const struct sg_shot *shot = &shots->items[first];
     if (params->strict)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found %d x %d pixels, expected the %d x %d of its camera (%s)",
-                       shot->path, views[first].file_width, views[first].file_height, shot->lens.width,
-                       shot->lens.height, shot->camera);
-    sg_log(
-        ctx, SG_LOG_WARN,
-        "%zu of %zu photos have another size than their camera, whose focal lengths are scaled; the first is %s: %d x "
-        "%d pixels, camera %d x %d (%s)",
-        scaled, shots->count, shot->path, views[first].file_width, views[first].file_height, shot->lens.width,
-        shot->lens.height, shot->camera);
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found %d x %d pixels, expected the %d x %d of its camera (%s)",
+                       shot->path, views[first].file_width, views[first].file_height,
+                       shot->lens.width, shot->lens.height, shot->camera);
+    sg_log(ctx, SG_LOG_WARN,
+           "%zu of %zu photos have another size than their camera, whose focal lengths are scaled; "
+           "the first is %s: %d x %d pixels, camera %d x %d (%s)",
+           scaled, shots->count, shot->path, views[first].file_width, views[first].file_height,
+           shot->lens.width, shot->lens.height, shot->camera);
     return SG_OK;
 }
 
 int sg_views_load(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
                   const struct sg_shots *shots, struct sg_view *views)
 {
-    struct job job = {.ctx = ctx, .dir = dir, .params = params, .shots = shots->items, .views = views};
+    struct job job = {
+        .ctx = ctx, .dir = dir, .params = params, .shots = shots->items, .views = views};
     sg_parallel_for(ctx, shots->count, load_one, &job);
-    const int code = atomic_load(&job.crowded) ? load_rest(&job, shots->count) : atomic_load(&job.code);
+    const int code =
+        atomic_load(&job.crowded) ? load_rest(&job, shots->count) : atomic_load(&job.code);
     return code ? code : check_scale(ctx, params, shots, views);
 }
 

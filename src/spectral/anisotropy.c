@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Rows are transformed 32 at a time, columns 16 at a time and only those that reach into the band; what is done with
- * their coefficients is done while they are in the cache. */
+/* Rows are transformed 32 at a time, columns 16 at a time and only those that reach into the band;
+ * what is done with their coefficients is done while they are in the cache. */
 #include "anisotropy.h"
 
 #include <math.h>
@@ -86,13 +86,15 @@ static int fill_directions(struct sg_anisotropy *a)
             if (sg_spectrum_bin(u, v, a->w, a->h, band, OUTSIDE) != OUTSIDE)
                 a->columns = v + 1;
     a->columns = a->columns ? a->columns : 1;
-    uint8_t *to = a->direction = sg_alloc_raw(a->ctx, SG_MEM_FRAME, column_pieces(a) * (size_t) a->h, LANES);
+    uint8_t *to = a->direction =
+        sg_alloc_raw(a->ctx, SG_MEM_FRAME, column_pieces(a) * (size_t) a->h, LANES);
     if (!to)
         return SG_ERR_BUDGET;
     for (int first = 0; first < a->columns; first += LANES)
         for (int u = 0; u < a->h; u++)
             for (int v = first; v < first + LANES; v++)
-                *to++ = v < a->columns ? (uint8_t) sg_spectrum_bin(u, v, a->w, a->h, band, OUTSIDE) : OUTSIDE;
+                *to++ = v < a->columns ? (uint8_t) sg_spectrum_bin(u, v, a->w, a->h, band, OUTSIDE)
+                                       : OUTSIDE;
     return SG_OK;
 }
 
@@ -100,14 +102,17 @@ static int fill_directions(struct sg_anisotropy *a)
 static int reserve(struct sg_anisotropy *a)
 {
     sg_ctx *ctx = a->ctx;
-    const size_t planes = (size_t) a->planes, threads = (size_t) sg_ctx_threads(ctx), width = (size_t) a->width;
+    const size_t planes = (size_t) a->planes, threads = (size_t) sg_ctx_threads(ctx),
+                 width = (size_t) a->width;
     const size_t rows = (a->planes == 1 ? ROWS * width : 0) + 15 + sg_fft_rows_scratch(a->across);
     const size_t column = panel_size(a) + sg_fft_scratch(a->down);
     a->buffer = ((rows > column ? rows : column) + 15) / 16 * 16;
     a->buffers = sg_alloc(ctx, SG_MEM_FRAME, threads * a->buffer, sizeof(float));
     a->f = sg_alloc(ctx, SG_MEM_FRAME, planes * column_pieces(a) * panel_size(a), sizeof(float));
-    a->beyond = sg_alloc(ctx, SG_MEM_FRAME, planes * (size_t) (a->h - a->height) + 1, width * sizeof(float));
-    a->energy = sg_alloc(ctx, SG_MEM_FRAME, planes * column_pieces(a) * (size_t) a->params.band.bins, sizeof(double));
+    a->beyond = sg_alloc(ctx, SG_MEM_FRAME, planes * (size_t) (a->h - a->height) + 1,
+                         width * sizeof(float));
+    a->energy = sg_alloc(ctx, SG_MEM_FRAME,
+                         planes * column_pieces(a) * (size_t) a->params.band.bins, sizeof(double));
     return a->buffers && a->f && a->beyond && a->energy ? SG_OK : SG_ERR_BUDGET;
 }
 
@@ -116,7 +121,8 @@ struct sg_anisotropy_params sg_anisotropy_params_default(void)
     return (struct sg_anisotropy_params){SG_ANISOTROPY_DEFAULTS};
 }
 
-int sg_anisotropy_create(sg_ctx *ctx, int width, int height, const struct sg_anisotropy_params *params,
+int sg_anisotropy_create(sg_ctx *ctx, int width, int height,
+                         const struct sg_anisotropy_params *params,
                          const struct sg_fft_kernels *fft, struct sg_anisotropy **out)
 {
     *out = NULL;
@@ -131,8 +137,8 @@ int sg_anisotropy_create(sg_ctx *ctx, int width, int height, const struct sg_ani
     a->w = sg_anisotropy_width(width, a->params.exact_size);
     a->h = sg_anisotropy_height(height, a->params.exact_size);
     a->planes = a->params.channels == SG_CHANNELS_LUMA ? 1 : 3;
-    if (fill_directions(a) || sg_fft_create(ctx, a->w, &a->across) || sg_fft_create(ctx, a->h, &a->down) ||
-        reserve(a)) {
+    if (fill_directions(a) || sg_fft_create(ctx, a->w, &a->across) ||
+        sg_fft_create(ctx, a->h, &a->down) || reserve(a)) {
         sg_anisotropy_destroy(&a);
         return SG_ERR_BUDGET;
     }
@@ -173,13 +179,14 @@ static struct row_piece row_piece(const struct sg_anisotropy *a, size_t piece)
 {
     const size_t plane = piece / row_pieces(a);
     const int first = (int) (piece % row_pieces(a)) * ROWS;
-    return (struct row_piece){.plane = plane,
-                              .first = first,
-                              .rows = {.count = a->h - first < ROWS ? a->h - first : ROWS,
-                                       .width = a->width,
-                                       .columns = a->columns,
-                                       .panels = panel_of(a, plane, 0) + (size_t) first * SG_FFT_POINT,
-                                       .panel = panel_size(a)}};
+    return (struct row_piece){
+        .plane = plane,
+        .first = first,
+        .rows = {.count = a->h - first < ROWS ? a->h - first : ROWS,
+                 .width = a->width,
+                 .columns = a->columns,
+                 .panels = panel_of(a, plane, 0) + (size_t) first * SG_FFT_POINT,
+                 .panel = panel_size(a)}};
 }
 
 /* Row y of a plane of the image. `room` holds it where it has to be computed. */
@@ -200,8 +207,9 @@ static float *scratch_of(const struct sg_anisotropy *a, float *buffer)
     return buffer + (a->planes == 1 ? ((size_t) a->width * ROWS + 15) / 16 * 16 : 0);
 }
 
-/* The image's last column and row are repeated. The jump to the first ones, which an exact transform has too, is kept:
- * a ramp there would change the energy along the axes, most of a smooth image's. */
+/* The image's last column and row are repeated. The jump to the first ones, which an exact
+ * transform has too, is kept: a ramp there would change the energy along the axes, most of a smooth
+ * image's. */
 static void transform_rows(void *arg, size_t piece, int thread)
 {
     struct sg_anisotropy *a = arg;
@@ -224,12 +232,15 @@ static const uint8_t *directions_of(const struct sg_anisotropy *a, size_t piece)
 static void transform_columns(void *arg, size_t piece, int thread)
 {
     struct sg_anisotropy *a = arg;
-    const bool amplitude = a->params.energy == SG_ENERGY_AMPLITUDE, axis = piece % column_pieces(a) == 0;
+    const bool amplitude = a->params.energy == SG_ENERGY_AMPLITUDE,
+               axis = piece % column_pieces(a) == 0;
     const int bins = a->params.band.bins;
     const uint8_t *bin = directions_of(a, piece);
     float *f = panel_of(a, 0, piece), *own = a->buffers + (size_t) thread * a->buffer;
-    double energy[APART][256] = {0}; /* of OUTSIDE too: no branch; neighbours often share a bin, but not its sum */
-    double whole[256] = {0};         /* of column 0, which has its conjugates itself; the others do not store theirs */
+    double energy[APART][256] = {
+        0}; /* of OUTSIDE too: no branch; neighbours often share a bin, but not its sum */
+    double whole[256] = {
+        0}; /* of column 0, which has its conjugates itself; the others do not store theirs */
     a->fft->columns(a->down, f, own, false, own + panel_size(a));
     for (int u = 0; u < a->h; u++, f += SG_FFT_POINT, own += SG_FFT_POINT, bin += LANES) {
         float e[LANES];
@@ -269,13 +280,13 @@ static double loss_of_bins(struct sg_anisotropy *a)
     for (int b = 0; b < bins; b++)
         entropy -= energy[b] > 0 ? energy[b] / total * log(energy[b] / total) : 0;
     for (int b = 0; b < bins; b++)
-        a->factor[b] =
-            (float) ((power ? 2 : 1) * (log(fmax(energy[b] / total, 1e-12)) + entropy) / (total * log(bins)));
+        a->factor[b] = (float) ((power ? 2 : 1) * (log(fmax(energy[b] / total, 1e-12)) + entropy) /
+                                (total * log(bins)));
     return 1 - entropy / log(bins);
 }
 
-/* dL/dx is the real transform back of factor F, and of amplitudes of factor F / |F|: it brings the conjugates, and is
- * not normalised. */
+/* dL/dx is the real transform back of factor F, and of amplitudes of factor F / |F|: it brings the
+ * conjugates, and is not normalised. */
 static void pull_columns(void *arg, size_t piece, int thread)
 {
     struct sg_anisotropy *a = arg;
@@ -302,7 +313,8 @@ static void pull_columns(void *arg, size_t piece, int thread)
 
 static float *row_beyond(const struct sg_anisotropy *a, size_t plane, int y)
 {
-    return a->beyond + (plane * (size_t) (a->h - a->height) + (size_t) (y - a->height)) * (size_t) a->width;
+    return a->beyond +
+           (plane * (size_t) (a->h - a->height) + (size_t) (y - a->height)) * (size_t) a->width;
 }
 
 static void pull_rows(void *arg, size_t piece, int thread)
@@ -313,9 +325,12 @@ static void pull_rows(void *arg, size_t piece, int thread)
     float *scratch = a->buffers + (size_t) thread * a->buffer, *rows[ROWS];
     for (size_t ch = 0; ch < 3; ch++) {
         for (int i = 0; i < p.rows.count; i++)
-            rows[i] = p.first + i < a->height ? a->gradient + ch * pixels + (size_t) (p.first + i) * width : NULL;
+            rows[i] = p.first + i < a->height
+                          ? a->gradient + ch * pixels + (size_t) (p.first + i) * width
+                          : NULL;
         if ((a->planes == 1 || ch == p.plane) && p.first < a->height)
-            a->fft->rows_back(a->across, &p.rows, rows, a->planes == 1 ? a->weight * luma[ch] : a->weight, scratch);
+            a->fft->rows_back(a->across, &p.rows, rows,
+                              a->planes == 1 ? a->weight * luma[ch] : a->weight, scratch);
     }
     if (p.first + p.rows.count <= a->height)
         return;
@@ -339,9 +354,11 @@ static void add_beyond(const struct sg_anisotropy *a, size_t plane, const float 
     }
 }
 
-double sg_anisotropy_loss(struct sg_anisotropy *a, const float *planes, double weight, float *gradient)
+double sg_anisotropy_loss(struct sg_anisotropy *a, const float *planes, double weight,
+                          float *gradient)
 {
-    const size_t rows = (size_t) a->planes * row_pieces(a), columns = (size_t) a->planes * column_pieces(a);
+    const size_t rows = (size_t) a->planes * row_pieces(a),
+                 columns = (size_t) a->planes * column_pieces(a);
     a->image = planes, a->gradient = gradient, a->weight = (float) weight;
     sg_parallel_for(a->ctx, rows, transform_rows, a);
     sg_parallel_for(a->ctx, columns, transform_columns, a);

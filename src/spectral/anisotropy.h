@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The anisotropy loss of an image: 1 - H / ln B, H the entropy of its spectral energy in a band of frequencies over B
- * directions. 0 = the same in all directions. */
+/* The anisotropy loss of an image: 1 - H / ln B, H the entropy of its spectral energy in a band of
+ * frequencies over B directions. 0 = the same in all directions. */
 #ifndef SG_SPECTRAL_ANISOTROPY_H
 #define SG_SPECTRAL_ANISOTROPY_H
 
@@ -11,16 +11,19 @@
 struct sg_anisotropy;
 struct sg_fft_kernels;
 
-/* params may be NULL, and so may fft: the fastest kernels. A side with other factors than 2, 3, 5, 7 and a single 11 or
- * 13 is slow to transform, and so is an odd width; from 256 pixels on it grows to the next quick one, unless params ask
- * for the exact size: the last row or column is repeated, and loss and gradient are those of the image so continued. */
-int sg_anisotropy_create(sg_ctx *ctx, int width, int height, const struct sg_anisotropy_params *params,
+/* params may be NULL, and so may fft: the fastest kernels. A side with other factors than 2, 3, 5,
+ * 7 and a single 11 or 13 is slow to transform, and so is an odd width; from 256 pixels on it grows
+ * to the next quick one, unless params ask for the exact size: the last row or column is repeated,
+ * and loss and gradient are those of the image so continued. */
+int sg_anisotropy_create(sg_ctx *ctx, int width, int height,
+                         const struct sg_anisotropy_params *params,
                          const struct sg_fft_kernels *fft, struct sg_anisotropy **out);
 void sg_anisotropy_destroy(struct sg_anisotropy **a);
 
-/* planes: 3 planes of height x width. gradient: NULL, or 3 planes to add weight x dL/dplanes to. Flat images have loss
- * and gradient 0. Same bytes for any number of threads. */
-double sg_anisotropy_loss(struct sg_anisotropy *a, const float *planes, double weight, float *gradient);
+/* planes: 3 planes of height x width. gradient: NULL, or 3 planes to add weight x dL/dplanes to.
+ * Flat images have loss and gradient 0. Same bytes for any number of threads. */
+double sg_anisotropy_loss(struct sg_anisotropy *a, const float *planes, double weight,
+                          float *gradient);
 
 /* The size that is transformed. */
 int sg_anisotropy_width(int width, bool exact);

@@ -26,11 +26,13 @@ static void transform(int n, const double *in, size_t step, double *out, double 
 {
     const int radix = least_factor(n), rest = n / radix;
     for (int j = 0; j < radix && rest > 1; j++)
-        transform(rest, in + 2 * step * (size_t) j, step * (size_t) radix, out + 2 * (size_t) j * (size_t) rest, room);
+        transform(rest, in + 2 * step * (size_t) j, step * (size_t) radix,
+                  out + 2 * (size_t) j * (size_t) rest, room);
     for (int k = 0; k < n; k++) {
         room[2 * k] = room[2 * k + 1] = 0;
         for (int j = 0; j < radix; j++)
-            add_product(room + 2 * k, rest > 1 ? out + 2 * (j * rest + k % rest) : in + 2 * step * (size_t) j,
+            add_product(room + 2 * k,
+                        rest > 1 ? out + 2 * (j * rest + k % rest) : in + 2 * step * (size_t) j,
                         (uint64_t) j * (uint64_t) k, n);
     }
     memcpy(out, room, 2 * (size_t) n * sizeof(double));
@@ -42,7 +44,8 @@ void sg_fft_exact(int n, const double *in, double *out, double *room)
 }
 
 /* Backward: with real and imaginary parts exchanged, before and after. */
-static void columns(const struct sg_fft *fft, const float *in, float *out, bool backward, float *scratch)
+static void columns(const struct sg_fft *fft, const float *in, float *out, bool backward,
+                    float *scratch)
 {
     const int n = fft->n;
     double *from = (double *) (void *) scratch, *to = from + 2 * n, *room = to + 2 * n;
@@ -65,7 +68,8 @@ static float *coefficient(const struct sg_fft_rows *r, int row, int column)
            (size_t) (column % SG_FFT_LANES);
 }
 
-static void rows(const struct sg_fft *fft, const struct sg_fft_rows *r, const float *const *row, float *scratch)
+static void rows(const struct sg_fft *fft, const struct sg_fft_rows *r, const float *const *row,
+                 float *scratch)
 {
     const int n = fft->n, end = (int) SG_FFT_PANELS(r->columns) * SG_FFT_LANES;
     double *from = (double *) (void *) scratch, *to = from + 2 * n, *room = to + 2 * n;
@@ -81,8 +85,8 @@ static void rows(const struct sg_fft *fft, const struct sg_fft_rows *r, const fl
     }
 }
 
-static void rows_back(const struct sg_fft *fft, const struct sg_fft_rows *r, float *const *row, float scale,
-                      float *scratch)
+static void rows_back(const struct sg_fft *fft, const struct sg_fft_rows *r, float *const *row,
+                      float scale, float *scratch)
 {
     const int n = fft->n;
     double *from = (double *) (void *) scratch, *to = from + 2 * n, *room = to + 2 * n;
@@ -90,7 +94,8 @@ static void rows_back(const struct sg_fft *fft, const struct sg_fft_rows *r, flo
         if (!row[i])
             continue;
         memset(from, 0, 2 * (size_t) n * sizeof(double));
-        for (int k = 0; k < r->columns; k++) { /* a number, and its conjugate; exchanged, as above */
+        for (int k = 0; k < r->columns;
+             k++) { /* a number, and its conjugate; exchanged, as above */
             const float *f = coefficient(r, i, k);
             const int twin = (n - k) % n;
             from[2 * k + 1] = from[2 * twin + 1] = (double) f[0];
@@ -105,4 +110,5 @@ static void rows_back(const struct sg_fft *fft, const struct sg_fft_rows *r, flo
     }
 }
 
-const struct sg_fft_kernels sg_fft_oracle = {.columns = columns, .rows = rows, .rows_back = rows_back};
+const struct sg_fft_kernels sg_fft_oracle = {
+    .columns = columns, .rows = rows, .rows_back = rows_back};

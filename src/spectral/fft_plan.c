@@ -13,8 +13,8 @@ static float *put_root(float *to, uint64_t k, uint64_t n)
     return to + 2;
 }
 
-/* Radices from the last stage to the first: the last one reads with large steps and needs no twiddles, so it is the
- * largest. Returns their number, 0 if a prime factor is too large. */
+/* Radices from the last stage to the first: the last one reads with large steps and needs no
+ * twiddles, so it is the largest. Returns their number, 0 if a prime factor is too large. */
 static int factorise(int n, int radix[SG_FFT_STAGES])
 {
     int count = 0;
@@ -85,7 +85,8 @@ static int make_chirp(sg_ctx *ctx, struct sg_fft *fft)
     }
     fft->chirp = at;
     for (uint64_t j = 0; j < n; j++) {
-        const double angle = 6.283185307179586476925 * (double) (j * j % (2 * n)) / (double) (2 * n);
+        const double angle =
+            6.283185307179586476925 * (double) (j * j % (2 * n)) / (double) (2 * n);
         double *first = conjugate + 2 * j, *last = conjugate + 2 * ((longer - j) % longer);
         first[0] = last[0] = cos(angle), first[1] = last[1] = sin(angle);
         at = put_root(at, j * j, 2 * n);

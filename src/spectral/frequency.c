@@ -17,14 +17,17 @@ double sg_spectrum_radius(int u, int v, int width, int height)
     return hypot(vertical(u, height), (double) v / width) / 0.5;
 }
 
-int sg_spectrum_bin(int u, int v, int width, int height, const struct sg_spectrum_params *p, int outside)
+int sg_spectrum_bin(int u, int v, int width, int height, const struct sg_spectrum_params *p,
+                    int outside)
 {
-    const double fu = vertical(u, height), fv = (double) v / width, r = sg_spectrum_radius(u, v, width, height);
+    const double fu = vertical(u, height), fv = (double) v / width,
+                 r = sg_spectrum_radius(u, v, width, height);
     if (!(r > 0 && r >= p->low && r <= p->high) || 2 * v == width || 2 * u == height)
         return outside;
-    /* Exact multiples of a bin, as the axes are, belong to the upper one on every machine; the pairs with v = 0 are
-     * opposite whatever atan2 says. */
+    /* Exact multiples of a bin, as the axes are, belong to the upper one on every machine; the
+     * pairs with v = 0 are opposite whatever atan2 says. */
     const bool lower = v == 0 && fu < 0;
-    const int b = (int) floor((atan2(lower ? -fu : fu, fv) + TAU / 2) * p->bins / TAU + 1e-9) % p->bins;
+    const int b =
+        (int) floor((atan2(lower ? -fu : fu, fv) + TAU / 2) * p->bins / TAU + 1e-9) % p->bins;
     return lower ? (b + p->bins / 2) % p->bins : b;
 }

@@ -1,20 +1,23 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Where the coefficients of a half spectrum lie in the plane of frequencies, and an image's spectrum. */
+/* Where the coefficients of a half spectrum lie in the plane of frequencies, and an image's
+ * spectrum. */
 #ifndef SG_SPECTRAL_FREQUENCY_H
 #define SG_SPECTRAL_FREQUENCY_H
 
 #include "core/internal.h"
 #include "splatguard/spectrum.h"
 
-/* Direction of the coefficient in row u and column v of a half spectrum, `outside` if it is not in the band. The
- * Nyquist lines have none. That of its conjugate is bins / 2 further. */
-int sg_spectrum_bin(int u, int v, int width, int height, const struct sg_spectrum_params *p, int outside);
+/* Direction of the coefficient in row u and column v of a half spectrum, `outside` if it is not in
+ * the band. The Nyquist lines have none. That of its conjugate is bins / 2 further. */
+int sg_spectrum_bin(int u, int v, int width, int height, const struct sg_spectrum_params *p,
+                    int outside);
 
 /* |frequency| of that coefficient as a part of the Nyquist frequency. */
 double sg_spectrum_radius(int u, int v, int width, int height);
 
 /* sg_spectrum_measure for worker threads: it keeps the error of another. */
-int sg_spectrum_of(sg_ctx *ctx, const uint8_t *rgb, int width, int height, const struct sg_spectrum_params *params,
-                   struct sg_spectrum *out, float *amplitude);
+int sg_spectrum_of(sg_ctx *ctx, const uint8_t *rgb, int width, int height,
+                   const struct sg_spectrum_params *params, struct sg_spectrum *out,
+                   float *amplitude);
 
 #endif

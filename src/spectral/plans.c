@@ -2,7 +2,8 @@
 #include "plans.h"
 
 int sg_plans_find(sg_ctx *ctx, struct sg_plans *plans, const struct sg_anisotropy_params *params,
-                  const struct sg_fft_kernels *fft, int width, int height, struct sg_anisotropy **out)
+                  const struct sg_fft_kernels *fft, int width, int height,
+                  struct sg_anisotropy **out)
 {
     struct sg_plan *oldest = plans->sizes;
     for (struct sg_plan *s = plans->sizes; s < plans->sizes + SG_PLANS; s++) {

@@ -22,7 +22,8 @@ static int transform_create(sg_ctx *ctx, int width, int height, struct transform
     const size_t rows = sg_fft_rows_scratch(t->across), points = (size_t) height * SG_FFT_POINT;
     const size_t column = points + sg_fft_scratch(t->down);
     t->image = sg_alloc_raw(ctx, SG_MEM_FRAME, (size_t) width * (size_t) height, sizeof(float));
-    t->f = sg_alloc_raw(ctx, SG_MEM_FRAME, SG_FFT_PANELS(SG_FFT_COLUMNS(width)) * points, sizeof(float));
+    t->f = sg_alloc_raw(ctx, SG_MEM_FRAME, SG_FFT_PANELS(SG_FFT_COLUMNS(width)) * points,
+                        sizeof(float));
     t->room = sg_alloc_raw(ctx, SG_MEM_FRAME, rows > column ? rows : column, sizeof(float));
     return t->image && t->f && t->room ? SG_OK : SG_ERR_BUDGET;
 }
@@ -42,7 +43,8 @@ static void transform(const struct transform *t)
     const int columns = (int) SG_FFT_COLUMNS(t->width);
     const size_t panel = (size_t) t->height * SG_FFT_POINT;
     for (int y = 0; y < t->height; y += SG_FFT_ROWS) {
-        const struct sg_fft_rows r = {.count = t->height - y < SG_FFT_ROWS ? t->height - y : SG_FFT_ROWS,
+        const struct sg_fft_rows r = {.count =
+                                          t->height - y < SG_FFT_ROWS ? t->height - y : SG_FFT_ROWS,
                                       .width = t->width,
                                       .columns = columns,
                                       .panels = t->f + (size_t) y * SG_FFT_POINT,
@@ -61,8 +63,8 @@ static void transform(const struct transform *t)
 /* Real part; the imaginary one is SG_FFT_LANES further. */
 static const float *coefficient(const struct transform *t, int u, int v)
 {
-    return t->f + (size_t) (v / SG_FFT_LANES) * (size_t) t->height * SG_FFT_POINT + (size_t) u * SG_FFT_POINT +
-           (size_t) (v % SG_FFT_LANES);
+    return t->f + (size_t) (v / SG_FFT_LANES) * (size_t) t->height * SG_FFT_POINT +
+           (size_t) u * SG_FFT_POINT + (size_t) (v % SG_FFT_LANES);
 }
 
 struct sums {
@@ -70,16 +72,19 @@ struct sums {
 };
 
 /* Adds one channel. Half of the coefficients stand for their conjugates too. */
-static void add_channel(const struct transform *t, const struct sg_spectrum_params *p, struct sums *sums,
-                        struct sg_spectrum *out)
+static void add_channel(const struct transform *t, const struct sg_spectrum_params *p,
+                        struct sums *sums, struct sg_spectrum *out)
 {
     const int width = t->width, height = t->height;
     for (int u = 0; u < height; u++)
         for (int v = 0; v < (int) SG_FFT_COLUMNS(width); v++) {
-            const double r = sg_spectrum_radius(u, v, width, height), twins = v == 0 || 2 * v == width ? 1 : 2;
+            const double r = sg_spectrum_radius(u, v, width, height),
+                         twins = v == 0 || 2 * v == width ? 1 : 2;
             const float *f = coefficient(t, u, v);
-            const double re = (double) f[0], im = (double) f[SG_FFT_LANES], energy = re * re + im * im;
-            const int ring = (int) (r * SG_SPECTRUM_RINGS), bin = sg_spectrum_bin(u, v, width, height, p, -1);
+            const double re = (double) f[0], im = (double) f[SG_FFT_LANES],
+                         energy = re * re + im * im;
+            const int ring = (int) (r * SG_SPECTRUM_RINGS),
+                      bin = sg_spectrum_bin(u, v, width, height, p, -1);
             if (r <= 0)
                 continue;
             sums->total += twins * energy;
@@ -103,7 +108,8 @@ static void centre(const struct transform *t, float *amplitude)
             if (2 * v > width)
                 u = (height - u) % height, v = width - v;
             const float *f = coefficient(t, u, v);
-            amplitude[(size_t) y * (size_t) width + (size_t) x] = log1pf(hypotf(f[0], f[SG_FFT_LANES]));
+            amplitude[(size_t) y * (size_t) width + (size_t) x] =
+                log1pf(hypotf(f[0], f[SG_FFT_LANES]));
         }
 }
 
@@ -129,16 +135,18 @@ struct sg_spectrum_params sg_spectrum_params_default(void)
     return (struct sg_spectrum_params){SG_SPECTRUM_DEFAULTS};
 }
 
-int sg_spectrum_of(sg_ctx *ctx, const uint8_t *rgb, int width, int height, const struct sg_spectrum_params *params,
-                   struct sg_spectrum *out, float *amplitude)
+int sg_spectrum_of(sg_ctx *ctx, const uint8_t *rgb, int width, int height,
+                   const struct sg_spectrum_params *params, struct sg_spectrum *out,
+                   float *amplitude)
 {
     const struct sg_spectrum_params p = params ? *params : sg_spectrum_params_default();
     const size_t pixels = (size_t) width * (size_t) height;
-    if (!(p.low >= 0 && p.high >= p.low && p.high <= 1) || p.bins < 2 || p.bins > SG_SPECTRUM_BINS_MAX || p.bins % 2)
-        return sg_fail(
-            ctx, SG_ERR_USAGE,
-            "spectrum: found a band of %g to %g in %d directions, expected 0 to 1 and an even number up to %d", p.low,
-            p.high, p.bins, SG_SPECTRUM_BINS_MAX);
+    if (!(p.low >= 0 && p.high >= p.low && p.high <= 1) || p.bins < 2 ||
+        p.bins > SG_SPECTRUM_BINS_MAX || p.bins % 2)
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "spectrum: found a band of %g to %g in %d directions, expected 0 to 1 and "
+                       "an even number up to %d",
+                       p.low, p.high, p.bins, SG_SPECTRUM_BINS_MAX);
     struct transform t;
     const int code = transform_create(ctx, width, height, &t);
     struct sums sums = {0};
@@ -161,8 +169,9 @@ int sg_spectrum_of(sg_ctx *ctx, const uint8_t *rgb, int width, int height, const
     return code;
 }
 
-int sg_spectrum_measure(sg_ctx *ctx, const uint8_t *rgb, int width, int height, const struct sg_spectrum_params *params,
-                        struct sg_spectrum *out, float *amplitude)
+int sg_spectrum_measure(sg_ctx *ctx, const uint8_t *rgb, int width, int height,
+                        const struct sg_spectrum_params *params, struct sg_spectrum *out,
+                        float *amplitude)
 {
     sg_clear_error(ctx);
     return sg_spectrum_of(ctx, rgb, width, height, params, out, amplitude);

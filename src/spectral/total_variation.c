@@ -22,12 +22,16 @@ static inline float cut(float d)
 
 static inline float norm_of(float d, enum sg_tv_norm norm)
 {
-    return norm == SG_TV_NORM_L2 ? d * d : norm == SG_TV_NORM_L1 ? fabsf(d) : cut(d) * (2 * d - cut(d));
+    return norm == SG_TV_NORM_L2   ? d * d
+           : norm == SG_TV_NORM_L1 ? fabsf(d)
+                                   : cut(d) * (2 * d - cut(d));
 }
 
 static inline float slope_of(float d, enum sg_tv_norm norm)
 {
-    return norm == SG_TV_NORM_L2 ? 2 * d : norm == SG_TV_NORM_L1 ? (float) ((d > 0) - (d < 0)) : 2 * cut(d);
+    return norm == SG_TV_NORM_L2   ? 2 * d
+           : norm == SG_TV_NORM_L1 ? (float) ((d > 0) - (d < 0))
+                                   : 2 * cut(d);
 }
 
 /* Sum over x of the norm of b - a. */
@@ -47,13 +51,15 @@ static inline double row_sum(const float *a, const float *b, int n, enum sg_tv_n
 }
 
 /* Adds the gradient of n pixels, given with those around them. */
-static inline void add_pull(const struct tv_job *j, const float *here, const float *above, const float *below,
-                            const float *left, const float *right, int n, enum sg_tv_norm norm, float *restrict to)
+static inline void add_pull(const struct tv_job *j, const float *here, const float *above,
+                            const float *below, const float *left, const float *right, int n,
+                            enum sg_tv_norm norm, float *restrict to)
 {
     const float vertical = j->vertical, horizontal = j->horizontal;
     for (int x = 0; x < n; x++)
-        to[x] += vertical * (slope_of(here[x] - above[x], norm) - slope_of(below[x] - here[x], norm)) +
-                 horizontal * (slope_of(here[x] - left[x], norm) - slope_of(right[x] - here[x], norm));
+        to[x] +=
+            vertical * (slope_of(here[x] - above[x], norm) - slope_of(below[x] - here[x], norm)) +
+            horizontal * (slope_of(here[x] - left[x], norm) - slope_of(right[x] - here[x], norm));
 }
 
 /* Beyond the border is what is at it, from where nothing pulls. */
@@ -70,7 +76,8 @@ static inline void row_of(const struct tv_job *j, size_t r, enum sg_tv_norm norm
     add_pull(j, row, above, below, row, row + (w > 1), 1, norm, to);
     add_pull(j, row + 1, above + 1, below + 1, row, row + 2, w - 2, norm, to + 1);
     if (w > 1)
-        add_pull(j, row + last, above + last, below + last, row + last - 1, row + last, 1, norm, to + last);
+        add_pull(j, row + last, above + last, below + last, row + last - 1, row + last, 1, norm,
+                 to + last);
 }
 
 /* A copy of the loops for each norm. */
@@ -90,8 +97,8 @@ static void tv_row(void *arg, size_t r, int thread)
     }
 }
 
-double sg_tv_loss(sg_ctx *ctx, const float *planes, int width, int height, enum sg_tv_norm norm, double weight,
-                  float *gradient, double *rows)
+double sg_tv_loss(sg_ctx *ctx, const float *planes, int width, int height, enum sg_tv_norm norm,
+                  double weight, float *gradient, double *rows)
 {
     const double vertical = 3.0 * (height - 1) * width, horizontal = 3.0 * height * (width - 1);
     struct tv_job j = {.planes = planes,

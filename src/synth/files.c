@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Blender's transforms (Mildenhall et al. 2020) and COLMAP's binary model (Schoenberger and Frahm 2016). */
+/* Blender's transforms (Mildenhall et al. 2020) and COLMAP's binary model (Schoenberger and Frahm
+ * 2016). */
 #include "files.h"
 
 #include <string.h>
@@ -7,8 +8,8 @@
 #include "core/file.h"
 #include "core/numbers.h"
 
-int sg_synth_write_transforms(sg_ctx *ctx, const char *folder, const char *split, const struct synth_camera *cameras,
-                              int count, double angle_x)
+int sg_synth_write_transforms(sg_ctx *ctx, const char *folder, const char *split,
+                              const struct synth_camera *cameras, int count, double angle_x)
 {
     struct sg_file_writer w = {0};
     char *path = sg_strf(ctx, "%s/transforms_%s.json", folder, split);
@@ -24,11 +25,12 @@ int sg_synth_write_transforms(sg_ctx *ctx, const char *folder, const char *split
                                    {c->right.y, c->up.y, -c->forward.y, c->centre.y},
                                    {c->right.z, c->up.z, -c->forward.z, c->centre.z}};
         fprintf(w.stream,
-                "%s\n        {\n            \"file_path\": \"./%s/r_%d\",\n            \"transform_matrix\": [",
+                "%s\n        {\n            \"file_path\": \"./%s/r_%d\",\n            "
+                "\"transform_matrix\": [",
                 i ? "," : "", split, i);
         for (int r = 0; r < 3; r++)
-            fprintf(w.stream, "\n                [%.17g, %.17g, %.17g, %.17g],", rows[r][0], rows[r][1], rows[r][2],
-                    rows[r][3]);
+            fprintf(w.stream, "\n                [%.17g, %.17g, %.17g, %.17g],", rows[r][0],
+                    rows[r][1], rows[r][2], rows[r][3]);
         fprintf(w.stream, "\n                [0, 0, 0, 1]\n            ]\n        }");
     }
     fprintf(w.stream, "\n    ]\n}\n");

@@ -13,11 +13,11 @@ struct synth_point {
 };
 
 /* transforms_SPLIT.json with frames ./SPLIT/r_0 ... */
-int sg_synth_write_transforms(sg_ctx *ctx, const char *folder, const char *split, const struct synth_camera *cameras,
-                              int count, double angle_x);
+int sg_synth_write_transforms(sg_ctx *ctx, const char *folder, const char *split,
+                              const struct synth_camera *cameras, int count, double angle_x);
 
-/* View k of images.bin is cameras[order[k]]; view_of is the inverse for the cameras that have points, the first `views`
- * of them. */
+/* View k of images.bin is cameras[order[k]]; view_of is the inverse for the cameras that have
+ * points, the first `views` of them. */
 struct synth_colmap {
     const struct synth_camera *cameras;
     const int *order, *view_of;

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* One round lamp with soft shadows, ambient occlusion under a sky, Blinn's highlights (1977) and traced reflections
- * with Schlick's Fresnel term (1994). All points use the same directions: no noise, and views agree on shadows. */
+/* One round lamp with soft shadows, ambient occlusion under a sky, Blinn's highlights (1977) and
+ * traced reflections with Schlick's Fresnel term (1994). All points use the same directions: no
+ * noise, and views agree on shadows. */
 #include "light.h"
 
 #include <stdbool.h>
@@ -34,7 +35,8 @@ struct bundle {
     double reach[RAYS_MAX]; /* shrinks to the first hit */
 };
 
-/* Directions for the quick test that most rays fail: single precision and by component, for the compiler's vectors. */
+/* Directions for the quick test that most rays fail: single precision and by component, for the
+ * compiler's vectors. */
 struct fan {
     float x[RAYS_MAX], y[RAYS_MAX], z[RAYS_MAX];
     int near[RAYS_MAX]; /* result: may the ray hit? */
@@ -42,7 +44,8 @@ struct fan {
     int n;
 };
 
-static bool touches(const struct bundle *b, struct vec origin, struct vec axis, struct vec centre, double radius)
+static bool touches(const struct bundle *b, struct vec origin, struct vec axis, struct vec centre,
+                    double radius)
 {
     const struct vec q = sub(centre, origin);
     const double s = dot(q, axis), q2 = dot(q, q);
@@ -61,22 +64,25 @@ static void near_sphere(struct fan *f, struct vec q, double radius)
     }
 }
 
-/* Against the endless cylinder around a capsule: its ends lie in it. q: from the ray's origin to the capsule's a. */
+/* Against the endless cylinder around a capsule: its ends lie in it. q: from the ray's origin to
+ * the capsule's a. */
 static void near_capsule(struct fan *f, struct vec q, struct vec axis, double radius)
 {
     const float x = (float) axis.x, y = (float) axis.y, z = (float) axis.z;
     const float qx = (float) q.x, qy = (float) q.y, qz = (float) q.z;
     const float aa = (float) dot(axis, axis), aq = (float) dot(axis, q);
-    const float c = (float) (dot(axis, axis) * (dot(q, q) - radius * radius) - dot(axis, q) * dot(axis, q));
+    const float c =
+        (float) (dot(axis, axis) * (dot(q, q) - radius * radius) - dot(axis, q) * dot(axis, q));
     for (int i = 0; i < f->n; i++) {
-        const float ad = f->x[i] * x + f->y[i] * y + f->z[i] * z, dq = f->x[i] * qx + f->y[i] * qy + f->z[i] * qz;
+        const float ad = f->x[i] * x + f->y[i] * y + f->z[i] * z,
+                    dq = f->x[i] * qx + f->y[i] * qy + f->z[i] * qz;
         const float a = aa - ad * ad, b = aa * dq - aq * ad;
         f->near[i] = b * b - a * c >= -QUICK_SLACK;
     }
 }
 
-static void turn_fan(const struct synth_object *o, const struct bundle *b, struct vec origin, const struct fan *world,
-                     struct fan *local)
+static void turn_fan(const struct synth_object *o, const struct bundle *b, struct vec origin,
+                     const struct fan *world, struct fan *local)
 {
     local->n = 0;
     for (int i = 0; i < world->n; i++) {
@@ -92,8 +98,8 @@ static void turn_fan(const struct synth_object *o, const struct bundle *b, struc
     }
 }
 
-static void cast_at_object(const struct synth_scene *scene, const struct synth_object *o, struct bundle *b,
-                           const struct fan *world)
+static void cast_at_object(const struct synth_scene *scene, const struct synth_object *o,
+                           struct bundle *b, const struct fan *world)
 {
     const struct vec origin = to_local(o, b->origin), axis = to_local_direction(o, b->axis);
     struct fan f;
@@ -110,7 +116,8 @@ static void cast_at_object(const struct synth_scene *scene, const struct synth_o
             double *reach = &b->reach[f.ray[i]];
             if (!f.near[i] || *reach <= 0)
                 continue;
-            const double t = sg_solid_hit(s, origin, to_local_direction(o, b->direction[f.ray[i]]), *reach);
+            const double t =
+                sg_solid_hit(s, origin, to_local_direction(o, b->direction[f.ray[i]]), *reach);
             if (t < *reach)
                 *reach = b->any ? 0 : t;
         }
@@ -160,7 +167,8 @@ static double lamp_in_sight(const struct synth_scene *scene, const struct synth_
     for (int i = 0; i < rays; i++) {
         double x, y;
         spiral(i, rays, &x, &y);
-        const struct vec q = add(to_lamp, add(scale(u, x * lamp_radius), scale(v, y * lamp_radius)));
+        const struct vec q =
+            add(to_lamp, add(scale(u, x * lamp_radius), scale(v, y * lamp_radius)));
         b.reach[i] = length(q);
         b.direction[i] = scale(q, 1 / b.reach[i]);
     }
@@ -171,7 +179,8 @@ static double lamp_in_sight(const struct synth_scene *scene, const struct synth_
     return (double) seen / rays;
 }
 
-/* Occluders count less with distance, and not at all at the end of the reach: what lies there is lit itself. */
+/* Occluders count less with distance, and not at all at the end of the reach: what lies there is
+ * lit itself. */
 static double sky_in_sight(const struct synth_scene *scene, const struct synth_hit *hit, int rays)
 {
     const struct vec n = hit->n;
@@ -200,7 +209,8 @@ static double sky_in_sight(const struct synth_scene *scene, const struct synth_h
 
 struct synth_exposure sg_synth_expose(const struct synth_scene *scene, const struct synth_hit *hit)
 {
-    return (struct synth_exposure){lamp_in_sight(scene, hit, LAMP_RAYS), sky_in_sight(scene, hit, SKY_RAYS)};
+    return (struct synth_exposure){lamp_in_sight(scene, hit, LAMP_RAYS),
+                                   sky_in_sight(scene, hit, SKY_RAYS)};
 }
 
 /* What a mirror sees where no solid is; `sharp` adds the lamps of the studio. */
@@ -208,7 +218,8 @@ static struct vec surroundings(struct vec d, bool sharp)
 {
     const double horizon = smooth_step(-0.25, 0.12, d.z);
     struct vec c =
-        mix(vec(0.085, 0.075, 0.070), mix(vec(0.52, 0.50, 0.47), vec(0.10, 0.18, 0.34), clamp01(d.z * 1.1)), horizon);
+        mix(vec(0.085, 0.075, 0.070),
+            mix(vec(0.52, 0.50, 0.47), vec(0.10, 0.18, 0.34), clamp01(d.z * 1.1)), horizon);
     if (!sharp)
         return scale(c, 0.9);
     const double to_lamp = dot(d, normalise(lamp));
@@ -220,22 +231,26 @@ static struct vec surroundings(struct vec d, bool sharp)
     const double facing = dot(d, w), x = fabs(dot(d, u) / facing), y = fabs(dot(d, v) / facing);
     if (facing > 0)
         c = along(c, vec(1.5, 1.65, 1.9),
-                  (1 - smooth_step(0.28, 0.30, larger(x, y))) * smooth_step(0.012, 0.022, smaller(x, y)));
+                  (1 - smooth_step(0.28, 0.30, larger(x, y))) *
+                      smooth_step(0.012, 0.022, smaller(x, y)));
     return c;
 }
 
-static struct vec radiance(const struct synth_scene *scene, const struct synth_hit *hit, struct vec sight,
-                           struct synth_exposure exposure, int bounces)
+static struct vec radiance(const struct synth_scene *scene, const struct synth_hit *hit,
+                           struct vec sight, struct synth_exposure exposure, int bounces)
 {
     const struct solid *solid = &scene->solids[hit->solid];
-    const struct surface s = sg_synth_surface((enum material) solid->material, hit->local, hit->local_n);
+    const struct surface s =
+        sg_synth_surface((enum material) solid->material, hit->local, hit->local_n);
     const struct vec n = hit->n, to_lamp = normalise(sub(lamp, hit->p));
-    const double cosine = larger(dot(n, to_lamp), 0) * exposure.key, view = larger(-dot(n, sight), 0);
+    const double cosine = larger(dot(n, to_lamp), 0) * exposure.key,
+                 view = larger(-dot(n, sight), 0);
 
     /* light that bounces between near surfaces brightens what occludes (Jimenez et al. 2016) */
-    const struct vec sky = mix(ground_colour, sky_colour, 0.5 + 0.5 * n.z), closed = scale(s.albedo, 1 - exposure.sky);
-    const struct vec open =
-        vec(exposure.sky / (1 - closed.x), exposure.sky / (1 - closed.y), exposure.sky / (1 - closed.z));
+    const struct vec sky = mix(ground_colour, sky_colour, 0.5 + 0.5 * n.z),
+                     closed = scale(s.albedo, 1 - exposure.sky);
+    const struct vec open = vec(exposure.sky / (1 - closed.x), exposure.sky / (1 - closed.y),
+                                exposure.sky / (1 - closed.z));
     struct vec light = mul(add(sky, scale(fill_colour, larger(dot(n, fill_direction), 0))), open);
     light = along(light, lamp_colour, cosine);
     struct vec sum = mul(scale(light, 0.62), s.albedo);
@@ -243,9 +258,11 @@ static struct vec radiance(const struct synth_scene *scene, const struct synth_h
         return sum;
 
     const double f = pow(1 - view, 5);
-    const struct vec fresnel = add(scale(s.specular, 1 - f), scale(vec(1, 1, 1), f * smaller(4 * s.specular.x, 1)));
+    const struct vec fresnel =
+        add(scale(s.specular, 1 - f), scale(vec(1, 1, 1), f * smaller(4 * s.specular.x, 1)));
     const struct vec half = normalise(sub(to_lamp, sight));
-    const double highlight = (s.shininess + 8) / (8 * PI) * pow(larger(dot(n, half), 0), s.shininess) * cosine;
+    const double highlight =
+        (s.shininess + 8) / (8 * PI) * pow(larger(dot(n, half), 0), s.shininess) * cosine;
     sum = add(sum, mul(scale(lamp_colour, smaller(highlight, 12) * 0.4 * (1 - s.mirror)), fresnel));
     const struct vec mirrored = along(sight, n, 2 * view);
     struct vec seen = scale(surroundings(mirrored, false), exposure.sky);
@@ -253,7 +270,8 @@ static struct vec radiance(const struct synth_scene *scene, const struct synth_h
         const struct synth_hit next = sg_synth_trace(scene, along(hit->p, n, OFFSET), mirrored);
         struct vec sharp = surroundings(mirrored, true);
         if (next.solid >= 0) {
-            const struct synth_exposure there = {lamp_in_sight(scene, &next, 4), sky_in_sight(scene, &next, 8)};
+            const struct synth_exposure there = {lamp_in_sight(scene, &next, 4),
+                                                 sky_in_sight(scene, &next, 8)};
             sharp = radiance(scene, &next, mirrored, there, bounces - 1);
         }
         seen = mix(seen, sharp, s.mirror);
@@ -268,8 +286,8 @@ static double film(double x)
     return clamp01(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14));
 }
 
-struct vec sg_synth_shade(const struct synth_scene *scene, const struct synth_hit *hit, struct vec sight,
-                          struct synth_exposure exposure)
+struct vec sg_synth_shade(const struct synth_scene *scene, const struct synth_hit *hit,
+                          struct vec sight, struct synth_exposure exposure)
 {
     const struct vec c = radiance(scene, hit, sight, exposure, BOUNCES);
     return vec(film(c.x), film(c.y), film(c.z));

@@ -5,7 +5,8 @@
 
 #include "scene.h"
 
-/* What other solids let through: slow to find, equal for all eyes, and smooth enough to share within a pixel. */
+/* What other solids let through: slow to find, equal for all eyes, and smooth enough to share
+ * within a pixel. */
 struct synth_exposure {
     double key; /* part of the lamp in sight, 0..1 */
     double sky; /* part of the sky in sight, cosine-weighted, 0..1 */
@@ -14,7 +15,7 @@ struct synth_exposure {
 struct synth_exposure sg_synth_expose(const struct synth_scene *scene, const struct synth_hit *hit);
 
 /* Linear colour in [0, 1]^3, tone-mapped, that leaves the point against the direction of sight. */
-struct vec sg_synth_shade(const struct synth_scene *scene, const struct synth_hit *hit, struct vec sight,
-                          struct synth_exposure exposure);
+struct vec sg_synth_shade(const struct synth_scene *scene, const struct synth_hit *hit,
+                          struct vec sight, struct synth_exposure exposure);
 
 #endif

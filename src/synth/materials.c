@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Solid textures on lattice value noise (Peachey 1985, Perlin 1985): a colour for every point of space, hence no seams.
- * Colours are linear. */
+/* Solid textures on lattice value noise (Peachey 1985, Perlin 1985): a colour for every point of
+ * space, hence no seams. Colours are linear. */
 #include "materials.h"
 
 #include <stdbool.h>
@@ -11,7 +11,8 @@
 
 static double lattice(int64_t x, int64_t y, int64_t z)
 {
-    const uint64_t h = sg_rng_mix((uint64_t) x * 0x8da6b343u ^ (uint64_t) y * 0xd8163841u ^ (uint64_t) z * 0xcb1ab31fu);
+    const uint64_t h = sg_rng_mix((uint64_t) x * 0x8da6b343u ^ (uint64_t) y * 0xd8163841u ^
+                                  (uint64_t) z * 0xcb1ab31fu);
     return (double) (h >> 11) * 0x1p-53;
 }
 
@@ -25,7 +26,8 @@ static double noise(struct vec p)
 {
     const double x = floor(p.x), y = floor(p.y), z = floor(p.z);
     const int64_t i = (int64_t) x, j = (int64_t) y, k = (int64_t) z;
-    const double u = smooth_step(0, 1, p.x - x), v = smooth_step(0, 1, p.y - y), w = smooth_step(0, 1, p.z - z);
+    const double u = smooth_step(0, 1, p.x - x), v = smooth_step(0, 1, p.y - y),
+                 w = smooth_step(0, 1, p.z - z);
     const double low = lerp(lerp(lattice(i, j, k), lattice(i + 1, j, k), u),
                             lerp(lattice(i, j + 1, k), lattice(i + 1, j + 1, k), u), v);
     const double high = lerp(lerp(lattice(i, j, k + 1), lattice(i + 1, j, k + 1), u),
@@ -58,7 +60,8 @@ static struct vec wood(struct vec p, struct vec early, struct vec late)
     const double radius = hypot(q.y + 0.37, q.z + 0.21) + 0.10 * turbulence(scale(q, 5), 3);
     const double ring = radius * 26 - floor(radius * 26);
     const double grain = noise(vec(p.x * 9, p.y * 130, p.z * 130));
-    return scale(mix(early, late, smooth_step(0.2, 0.9, ring) * (1 - smooth_step(0.93, 1, ring))), 0.86 + 0.24 * grain);
+    return scale(mix(early, late, smooth_step(0.2, 0.9, ring) * (1 - smooth_step(0.93, 1, ring))),
+                 0.86 + 0.24 * grain);
 }
 
 static const struct vec oak = {0.50, 0.28, 0.115}, oak_late = {0.27, 0.125, 0.042};
@@ -85,10 +88,12 @@ static struct surface floor_surface(struct vec p, struct vec n)
     const double r = hypot(p.x, p.y);
     if (r > 1.06 || n.z < 0.7) {
         const double angle = atan2(p.y, p.x), stave = floor(angle * 24 / 6.283185307179586);
-        const double centre = (stave + 0.5) * 6.283185307179586 / 24, c = cos(centre), s = sin(centre);
-        const struct vec q =
-            vec(-s * p.x + c * p.y + stave * 1.7, c * p.x + s * p.y, p.z);            /* grain across the radius */
-        const double joint = fabs(q.x - stave * 1.7) - (c * p.x + s * p.y) * 0.13165; /* tan(pi / 24) */
+        const double centre = (stave + 0.5) * 6.283185307179586 / 24, c = cos(centre),
+                     s = sin(centre);
+        const struct vec q = vec(-s * p.x + c * p.y + stave * 1.7, c * p.x + s * p.y,
+                                 p.z); /* grain across the radius */
+        const double joint =
+            fabs(q.x - stave * 1.7) - (c * p.x + s * p.y) * 0.13165; /* tan(pi / 24) */
         struct vec colour = wood(q, walnut, walnut_late);
         if (joint > -0.004)
             colour = scale(colour, 0.35);
@@ -114,8 +119,10 @@ static struct surface planks(struct vec p, struct vec n)
     const double gap = 0.5 - fabs(across / width - board);
     const bool end = fabs(n.x) > 0.7;
     const struct vec turned = end ? vec(p.y, p.x, p.z) : p;
-    const struct vec q = add(turned, vec(board * 2.7 + (end ? 5 : 0), top ? 0 : board * 0.9, board * 1.3));
-    struct vec colour = scale(wood(q, oak, oak_late), 0.85 + 0.3 * lattice((int64_t) board, end, top));
+    const struct vec q =
+        add(turned, vec(board * 2.7 + (end ? 5 : 0), top ? 0 : board * 0.9, board * 1.3));
+    struct vec colour =
+        scale(wood(q, oak, oak_late), 0.85 + 0.3 * lattice((int64_t) board, end, top));
     if (gap < 0.035)
         colour = scale(colour, 0.25);
     const double u = end ? p.y : p.x, nail = hypot(fabs(u) - 0.17, across - board * width);
@@ -132,9 +139,10 @@ static struct surface plaque(struct vec p, struct vec n)
     const double border = larger(fabs(p.x) - PLAQUE_WIDE, fabs(p.z) - PLAQUE_HIGH);
     if (border > -0.016 || (border < -0.024 && border > -0.030))
         return frame_brass;
-    const bool printed = sg_stroke_ink("SPLATGUARD", p.x, p.z - 0.012, 0.095, 0.075) ||
-                         sg_stroke_ink("3D GAUSSIAN SPLATTING", p.x, p.z + 0.057, 0.036, 0.07) ||
-                         sg_stroke_ink("0123456789 - EVERY RAY ACCOUNTED FOR", p.x, p.z + 0.1, 0.020, 0.075);
+    const bool printed =
+        sg_stroke_ink("SPLATGUARD", p.x, p.z - 0.012, 0.095, 0.075) ||
+        sg_stroke_ink("3D GAUSSIAN SPLATTING", p.x, p.z + 0.057, 0.036, 0.07) ||
+        sg_stroke_ink("0123456789 - EVERY RAY ACCOUNTED FOR", p.x, p.z + 0.1, 0.020, 0.075);
     if (printed)
         return glossy(vec(0.86, 0.70, 0.38), 0.04, 60, 0);
     return glossy(scale(vec(0.012, 0.022, 0.060), 0.8 + 0.4 * noise(scale(p, 60))), 0.04, 60, 0);
@@ -146,8 +154,12 @@ static struct surface chart(struct vec p, struct vec n)
         const char *text;
         double row, size;
     } lines[] = {
-        {"E F P", 0.140, 0.085},          {"T O Z L", 0.055, 0.060},          {"P E C F D 4", -0.005, 0.040},
-        {"E D F C Z P 7", -0.055, 0.030}, {"F E L O P Z D 2", -0.096, 0.022}, {"D E F P O T E C 9", -0.128, 0.016},
+        {"E F P", 0.140, 0.085},
+        {"T O Z L", 0.055, 0.060},
+        {"P E C F D 4", -0.005, 0.040},
+        {"E D F C Z P 7", -0.055, 0.030},
+        {"F E L O P Z D 2", -0.096, 0.022},
+        {"D E F P O T E C 9", -0.128, 0.016},
     };
     if (n.y > -0.9)
         return glossy(wood(p, oak, oak_late), 0.02, 20, 0);
@@ -159,11 +171,13 @@ static struct surface chart(struct vec p, struct vec n)
     /* a colour ramp and a line pattern of rising frequency */
     if (p.z < -0.165 && p.z > -0.20 && fabs(p.x) < 0.28) {
         const double hue = (p.x + 0.28) / 0.56 * 6.283185307179586;
-        return matte(vec(0.38 + 0.34 * cos(hue), 0.38 + 0.34 * cos(hue - 2.0944), 0.38 + 0.34 * cos(hue + 2.0944)));
+        return matte(vec(0.38 + 0.34 * cos(hue), 0.38 + 0.34 * cos(hue - 2.0944),
+                         0.38 + 0.34 * cos(hue + 2.0944)));
     }
     if (p.z < -0.205 && p.z > -0.235 && fabs(p.x) < 0.28) {
         const double u = (p.x + 0.28) / 0.56;
-        return matte(scale(vec(1, 1, 1), sin(6.283185307179586 * (4 * u + 10 * u * u)) > 0 ? 0.75 : 0.02));
+        return matte(
+            scale(vec(1, 1, 1), sin(6.283185307179586 * (4 * u + 10 * u * u)) > 0 ? 0.75 : 0.02));
     }
     return matte(vec(0.78, 0.75, 0.66));
 }
@@ -190,10 +204,12 @@ struct surface sg_synth_surface(enum material material, struct vec p, struct vec
     case MATERIAL_LACQUER:
         return glossy(vec(0.52, 0.018, 0.022), 0.05, 700, 1);
     case MATERIAL_CERAMIC:
-        return glossy(mix(vec(0.010, 0.155, 0.20), vec(0.020, 0.33, 0.30), turbulence(scale(p, 11), 3)), 0.05, 400, 1);
+        return glossy(
+            mix(vec(0.010, 0.155, 0.20), vec(0.020, 0.33, 0.30), turbulence(scale(p, 11), 3)), 0.05,
+            400, 1);
     case MATERIAL_MATTE:
-        return matte(
-            mix(vec(0.78, 0.30, 0.075), vec(0.16, 0.19, 0.62), smooth_step(-0.16, 0.16, p.z - 0.59 + 0.35 * p.x)));
+        return matte(mix(vec(0.78, 0.30, 0.075), vec(0.16, 0.19, 0.62),
+                         smooth_step(-0.16, 0.16, p.z - 0.59 + 0.35 * p.x)));
     case MATERIAL_TERRACOTTA:
         return matte(scale(vec(0.50, 0.18, 0.085), 0.75 + 0.5 * turbulence(scale(p, 40), 3)));
     case MATERIAL_RUBBER:

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* One ray through the middle of each pixel finds the edges; only pixels that differ from a neighbour get the full grid
- * of samples (Whitted 1980), and samples of a pixel on one surface share their shadow and occlusion rays. */
+/* One ray through the middle of each pixel finds the edges; only pixels that differ from a
+ * neighbour get the full grid of samples (Whitted 1980), and samples of a pixel on one surface
+ * share their shadow and occlusion rays. */
 #include "render.h"
 
 #include "light.h"
@@ -20,7 +21,8 @@ struct shared {
     int count;
 };
 
-struct synth_camera sg_synth_camera_at(struct vec centre, struct vec target, int width, int height, double angle_x)
+struct synth_camera sg_synth_camera_at(struct vec centre, struct vec target, int width, int height,
+                                       double angle_x)
 {
     struct synth_camera c = {.centre = centre, .width = width, .height = height};
     c.forward = normalise(sub(target, centre));
@@ -46,8 +48,8 @@ static struct vec ray(const struct synth_camera *c, double x, double y)
     return normalise(add(c->forward, add(scale(c->right, right), scale(c->up, up))));
 }
 
-static struct sample take(const struct synth_scene *scene, const struct synth_camera *camera, double x, double y,
-                          struct shared *shared)
+static struct sample take(const struct synth_scene *scene, const struct synth_camera *camera,
+                          double x, double y, struct shared *shared)
 {
     const struct vec d = ray(camera, x, y);
     const struct synth_hit hit = sg_synth_trace(scene, camera->centre, d);
@@ -55,7 +57,8 @@ static struct sample take(const struct synth_scene *scene, const struct synth_ca
     if (hit.solid < 0)
         return s;
     int i = 0;
-    while (i < shared->count && (shared->surface[i].solid != hit.solid || dot(shared->surface[i].n, hit.n) < 0.9))
+    while (i < shared->count &&
+           (shared->surface[i].solid != hit.solid || dot(shared->surface[i].n, hit.n) < 0.9))
         i++;
     s.exposure = i < shared->count ? shared->surface[i].exposure : sg_synth_expose(scene, &hit);
     if (i == shared->count && i < SHARED)
@@ -68,17 +71,19 @@ static bool differ(const struct sample *a, const struct sample *b)
 {
     if (a->solid != b->solid)
         return true;
-    return a->solid >= 0 &&
-           (fabs(a->display.x - b->display.x) > CONTRAST || fabs(a->display.y - b->display.y) > CONTRAST ||
-            fabs(a->display.z - b->display.z) > CONTRAST);
+    return a->solid >= 0 && (fabs(a->display.x - b->display.x) > CONTRAST ||
+                             fabs(a->display.y - b->display.y) > CONTRAST ||
+                             fabs(a->display.z - b->display.z) > CONTRAST);
 }
 
-static void probe_row(const struct synth_scene *scene, const struct synth_camera *camera, int y, struct sample *row)
+static void probe_row(const struct synth_scene *scene, const struct synth_camera *camera, int y,
+                      struct sample *row)
 {
     for (int x = 0; x < camera->width; x++) {
         struct shared none = {.count = 0};
         row[x] = take(scene, camera, x + 0.5, y + 0.5, &none);
-        row[x].display = vec(encode(row[x].colour.x), encode(row[x].colour.y), encode(row[x].colour.z));
+        row[x].display =
+            vec(encode(row[x].colour.x), encode(row[x].colour.y), encode(row[x].colour.z));
     }
 }
 
@@ -92,8 +97,8 @@ static void put(uint8_t *rgba, struct vec sum, int hits, int count)
 }
 
 /* rows: the probes of y - 1, y, y + 1 */
-static void resolve_row(const struct synth_scene *scene, const struct synth_camera *camera, int samples, int y,
-                        struct sample *const rows[3], uint8_t *rgba)
+static void resolve_row(const struct synth_scene *scene, const struct synth_camera *camera,
+                        int samples, int y, struct sample *const rows[3], uint8_t *rgba)
 {
     const int from = y > 0 ? 0 : 1, to = y + 1 < camera->height ? 2 : 1;
     for (int x = 0; x < camera->width; x++, rgba += 4) {
@@ -112,7 +117,8 @@ static void resolve_row(const struct synth_scene *scene, const struct synth_came
         struct vec sum = vec(0, 0, 0);
         int hits = 0;
         for (int i = 0; i < samples * samples; i++) {
-            const double sx = x + (i % samples + 0.5) / samples, sy = y + (i / samples + 0.5) / samples;
+            const double sx = x + (i % samples + 0.5) / samples,
+                         sy = y + (i / samples + 0.5) / samples;
             const struct sample s = take(scene, camera, sx, sy, &shared);
             sum = add(sum, s.colour);
             hits += s.solid >= 0;
@@ -121,8 +127,8 @@ static void resolve_row(const struct synth_scene *scene, const struct synth_came
     }
 }
 
-int sg_synth_render(sg_ctx *ctx, const struct synth_scene *scene, const struct synth_camera *camera, int samples,
-                    uint8_t *rgba)
+int sg_synth_render(sg_ctx *ctx, const struct synth_scene *scene, const struct synth_camera *camera,
+                    int samples, uint8_t *rgba)
 {
     const size_t width = (size_t) camera->width;
     struct sample *probes = sg_alloc(ctx, SG_MEM_FRAME, 3 * width, sizeof(*probes));
@@ -143,8 +149,8 @@ int sg_synth_render(sg_ctx *ctx, const struct synth_scene *scene, const struct s
     return SG_OK;
 }
 
-bool sg_synth_pick(const struct synth_scene *scene, const struct synth_camera *camera, double x, double y,
-                   struct vec *point, uint8_t rgb[3])
+bool sg_synth_pick(const struct synth_scene *scene, const struct synth_camera *camera, double x,
+                   double y, struct vec *point, uint8_t rgb[3])
 {
     const struct vec d = ray(camera, x, y);
     const struct synth_hit hit = sg_synth_trace(scene, camera->centre, d);

@@ -25,7 +25,8 @@ static void put(struct builder *b, struct solid solid)
     s->objects[s->n_objects - 1].count++;
 }
 
-/* Opens an object that stands at (x, y, z above the table), turned by `turn` around z and leaning back by `lean`. */
+/* Opens an object that stands at (x, y, z above the table), turned by `turn` around z and leaning
+ * back by `lean`. */
 static void place(struct builder *b, double x, double y, double z, double turn, double lean)
 {
     struct synth_scene *s = b->scene;
@@ -51,7 +52,8 @@ static void table(struct builder *b)
     put(b, sg_solid_cylinder(vec(0, 0, -0.05), 1.22, 0.05, 0.025, MATERIAL_FLOOR));
     for (int i = 0; i < 3; i++) {
         const double angle = 2 * PI * i / 3;
-        put(b, sg_solid_sphere(vec(0.95 * cos(angle), 0.95 * sin(angle), -0.13), 0.06, MATERIAL_BRASS));
+        put(b, sg_solid_sphere(vec(0.95 * cos(angle), 0.95 * sin(angle), -0.13), 0.06,
+                               MATERIAL_BRASS));
     }
 }
 
@@ -80,7 +82,8 @@ static void lattice_ball(struct builder *b)
     place(b, pedestal_at.origin.x, pedestal_at.origin.y, 0.545 + radius + wire, turn, 0);
     put(b, sg_solid_sphere(vec(0, 0, 0), 0.165, MATERIAL_LACQUER));
     put(b, sg_solid_capsule(vec(0, 0, -radius), vec(0, 0, -0.16), 0.02, MATERIAL_BRASS));
-    const double edge = radius * 1.0514622242382672; /* of an icosahedron around which a unit sphere is drawn */
+    const double edge =
+        radius * 1.0514622242382672; /* of an icosahedron around which a unit sphere is drawn */
     for (int i = 0; i < 12; i++) {
         put(b, sg_solid_sphere(corner[i], 2 * wire, MATERIAL_BRASS));
         for (int j = i + 1; j < 12; j++)
@@ -95,8 +98,8 @@ static void crate(struct builder *b)
     place_loosely(b, -0.60, 0.28, 0, 0.45);
     put(b, sg_solid_box(vec(0, 0, h), vec(h, h, h), 0.008, MATERIAL_PLANKS));
     for (int i = 0; i < 4; i++) /* steel corner posts */
-        put(b,
-            sg_solid_box(vec(i & 1 ? h : -h, i & 2 ? h : -h, h), vec(0.018, 0.018, h + 0.006), 0.008, MATERIAL_STEEL));
+        put(b, sg_solid_box(vec(i & 1 ? h : -h, i & 2 ? h : -h, h), vec(0.018, 0.018, h + 0.006),
+                            0.008, MATERIAL_STEEL));
     put(b, sg_solid_sphere(vec(0, 0.02, 2 * h + 0.17), 0.17, MATERIAL_MATTE));
     /* the ladder leans on the crate's front, which is -y */
     const struct vec foot = vec(-0.03, -0.44, 0.015), head = vec(-0.03, -0.205, 0.60);
@@ -109,25 +112,30 @@ static void crate(struct builder *b)
     }
 }
 
-/* A spoked wheel on a fork: its axle lies along the object's z; the lean of 90 degrees lays that flat. */
+/* A spoked wheel on a fork: its axle lies along the object's z; the lean of 90 degrees lays that
+ * flat. */
 static void wheel(struct builder *b)
 {
     const double radius = 0.30, tyre = 0.035;
-    const double x = 0.70 + jitter(b, 0.02), y = 0.20 + jitter(b, 0.02), turn = 0.9 + jitter(b, 0.2);
+    const double x = 0.70 + jitter(b, 0.02), y = 0.20 + jitter(b, 0.02),
+                 turn = 0.9 + jitter(b, 0.2);
     place(b, x, y, radius + tyre + 0.04, turn, PI / 2);
     put(b, sg_solid_torus(vec(0, 0, 0), radius, tyre, MATERIAL_RUBBER));
     put(b, sg_solid_torus(vec(0, 0, 0), radius - 0.035, 0.016, MATERIAL_CHROME));
     put(b, sg_solid_capsule(vec(0, 0, -0.085), vec(0, 0, 0.085), 0.018, MATERIAL_STEEL));
     put(b, sg_solid_cylinder(vec(0, 0, 0), 0.045, 0.05, 0.012, MATERIAL_LACQUER));
     for (int i = 0; i < 20; i++) { /* alternate flanges, crossed as on a bicycle */
-        const double rim = 2 * PI * i / 20, hub = rim + (i & 2 ? 0.9 : -0.9), z = i & 1 ? 0.04 : -0.04;
+        const double rim = 2 * PI * i / 20, hub = rim + (i & 2 ? 0.9 : -0.9),
+                     z = i & 1 ? 0.04 : -0.04;
         put(b, sg_solid_capsule(vec(0.04 * cos(hub), 0.04 * sin(hub), z),
-                                vec((radius - 0.04) * cos(rim), (radius - 0.04) * sin(rim), 0), 0.007, MATERIAL_STEEL));
+                                vec((radius - 0.04) * cos(rim), (radius - 0.04) * sin(rim), 0),
+                                0.007, MATERIAL_STEEL));
     }
     for (int i = -1; i <= 1; i += 2) { /* the stand: down is +y here */
-        put(b,
-            sg_solid_capsule(vec(0, 0, 0.08 * i), vec(-0.13, radius + tyre + 0.02, 0.12 * i), 0.012, MATERIAL_BRASS));
-        put(b, sg_solid_capsule(vec(0, 0, 0.08 * i), vec(0.13, radius + tyre + 0.02, 0.12 * i), 0.012, MATERIAL_BRASS));
+        put(b, sg_solid_capsule(vec(0, 0, 0.08 * i), vec(-0.13, radius + tyre + 0.02, 0.12 * i),
+                                0.012, MATERIAL_BRASS));
+        put(b, sg_solid_capsule(vec(0, 0, 0.08 * i), vec(0.13, radius + tyre + 0.02, 0.12 * i),
+                                0.012, MATERIAL_BRASS));
     }
 }
 
@@ -135,9 +143,11 @@ static void plaque(struct builder *b)
 {
     const double lean = 0.38, turn = jitter(b, 0.06);
     place(b, 0, -0.80, PLAQUE_HIGH * cos(lean) + 0.012, turn, lean);
-    put(b, sg_solid_box(vec(0, 0, 0), vec(PLAQUE_WIDE, 0.022, PLAQUE_HIGH), 0.008, MATERIAL_PLAQUE));
+    put(b,
+        sg_solid_box(vec(0, 0, 0), vec(PLAQUE_WIDE, 0.022, PLAQUE_HIGH), 0.008, MATERIAL_PLAQUE));
     for (int i = -1; i <= 1; i += 2) /* struts behind */
-        put(b, sg_solid_capsule(vec(0.34 * i, 0.02, 0.06), vec(0.34 * i, 0.17, -0.075), 0.012, MATERIAL_BRASS));
+        put(b, sg_solid_capsule(vec(0.34 * i, 0.02, 0.06), vec(0.34 * i, 0.17, -0.075), 0.012,
+                                MATERIAL_BRASS));
 }
 
 static void chart(struct builder *b)
@@ -146,10 +156,10 @@ static void chart(struct builder *b)
     place(b, 0.05, 0.80, 0.06 + CHART_HIGH, turn, lean);
     put(b, sg_solid_box(vec(0, 0, 0), vec(CHART_WIDE, 0.016, CHART_HIGH), 0.006, MATERIAL_CHART));
     for (int i = -1; i <= 1; i += 2) {
-        put(b, sg_solid_capsule(vec(0.25 * i, 0, -CHART_HIGH), vec(0.25 * i, -0.045, -CHART_HIGH - 0.06), 0.014,
-                                MATERIAL_TIMBER));
-        put(b, sg_solid_capsule(vec(0.25 * i, 0.016, 0.12), vec(0.25 * i, 0.20, -CHART_HIGH - 0.08), 0.012,
-                                MATERIAL_TIMBER));
+        put(b, sg_solid_capsule(vec(0.25 * i, 0, -CHART_HIGH),
+                                vec(0.25 * i, -0.045, -CHART_HIGH - 0.06), 0.014, MATERIAL_TIMBER));
+        put(b, sg_solid_capsule(vec(0.25 * i, 0.016, 0.12), vec(0.25 * i, 0.20, -CHART_HIGH - 0.08),
+                                0.012, MATERIAL_TIMBER));
     }
 }
 
@@ -165,13 +175,15 @@ static void fence(struct builder *b)
         const bool post = i % pickets == 0;
         if (post && i < sections * pickets)
             place(b, 0, 0, 0, 0, 0);
-        put(b, sg_solid_capsule(along(p, up, 0.01), along(p, up, post ? 0.235 : 0.205), post ? 0.017 : 0.010,
-                                MATERIAL_PAINT));
+        put(b, sg_solid_capsule(along(p, up, 0.01), along(p, up, post ? 0.235 : 0.205),
+                                post ? 0.017 : 0.010, MATERIAL_PAINT));
         if (post)
             put(b, sg_solid_sphere(along(p, up, 0.262), 0.024, MATERIAL_BRASS));
         if (i < sections * pickets) {
-            put(b, sg_solid_capsule(along(p, up, 0.065), along(q, up, 0.065), 0.007, MATERIAL_PAINT));
-            put(b, sg_solid_capsule(along(p, up, 0.165), along(q, up, 0.165), 0.007, MATERIAL_PAINT));
+            put(b,
+                sg_solid_capsule(along(p, up, 0.065), along(q, up, 0.065), 0.007, MATERIAL_PAINT));
+            put(b,
+                sg_solid_capsule(along(p, up, 0.165), along(q, up, 0.165), 0.007, MATERIAL_PAINT));
         }
     }
 }
@@ -201,12 +213,15 @@ static void bound_objects(struct synth_scene *s)
         for (int k = o->first; k < o->first + o->count; k++) {
             struct vec low, high;
             sg_solid_box_around(&s->solids[k], &low, &high);
-            o->low = vec(smaller(o->low.x, low.x), smaller(o->low.y, low.y), smaller(o->low.z, low.z));
-            o->high = vec(larger(o->high.x, high.x), larger(o->high.y, high.y), larger(o->high.z, high.z));
+            o->low =
+                vec(smaller(o->low.x, low.x), smaller(o->low.y, low.y), smaller(o->low.z, low.z));
+            o->high = vec(larger(o->high.x, high.x), larger(o->high.y, high.y),
+                          larger(o->high.z, high.z));
         }
         const struct vec middle = scale(add(o->low, o->high), 0.5);
         for (int k = o->first; k < o->first + o->count; k++)
-            o->bound = larger(o->bound, length(sub(s->solids[k].middle, middle)) + s->solids[k].bound);
+            o->bound =
+                larger(o->bound, length(sub(s->solids[k].middle, middle)) + s->solids[k].bound);
         o->middle = add(o->origin, to_world_direction(o, middle));
         s->bound = larger(s->bound, length(o->middle) + o->bound);
     }
@@ -228,7 +243,8 @@ void sg_synth_scene_build(struct synth_scene *scene, uint64_t seed)
     bound_objects(scene);
 }
 
-struct synth_hit sg_synth_trace(const struct synth_scene *scene, struct vec origin, struct vec direction)
+struct synth_hit sg_synth_trace(const struct synth_scene *scene, struct vec origin,
+                                struct vec direction)
 {
     struct synth_hit hit = {.solid = -1, .t = 1e9};
     const double b = dot(origin, direction), far2 = dot(origin, origin) - b * b;

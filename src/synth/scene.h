@@ -47,12 +47,15 @@ static inline struct vec to_world_direction(const struct synth_object *o, struct
 }
 
 /* Does a ray in the frame of the object meet its bounding box? */
-static inline bool meets_box(const struct synth_object *o, struct vec origin, struct vec direction, double reach)
+static inline bool meets_box(const struct synth_object *o, struct vec origin, struct vec direction,
+                             double reach)
 {
     const struct vec inverse = vec(1 / direction.x, 1 / direction.y, 1 / direction.z);
     const struct vec a = mul(sub(o->low, origin), inverse), b = mul(sub(o->high, origin), inverse);
-    const double from = larger(larger(smaller(a.x, b.x), smaller(a.y, b.y)), larger(smaller(a.z, b.z), 0));
-    const double to = smaller(smaller(larger(a.x, b.x), larger(a.y, b.y)), smaller(larger(a.z, b.z), reach));
+    const double from =
+        larger(larger(smaller(a.x, b.x), smaller(a.y, b.y)), larger(smaller(a.z, b.z), 0));
+    const double to =
+        smaller(smaller(larger(a.x, b.x), larger(a.y, b.y)), smaller(larger(a.z, b.z), reach));
     return from <= to;
 }
 
@@ -63,6 +66,7 @@ struct synth_hit {
     struct vec local, local_n;
 };
 
-struct synth_hit sg_synth_trace(const struct synth_scene *scene, struct vec origin, struct vec direction);
+struct synth_hit sg_synth_trace(const struct synth_scene *scene, struct vec origin,
+                                struct vec direction);
 
 #endif

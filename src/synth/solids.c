@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Spheres and capsules are solved in closed form; solids with rounded edges by sphere tracing (Hart 1996) of their
- * exact distance inside their bounding box, which takes one step wherever the ray meets a flat face. */
+/* Spheres and capsules are solved in closed form; solids with rounded edges by sphere tracing (Hart
+ * 1996) of their exact distance inside their bounding box, which takes one step wherever the ray
+ * meets a flat face. */
 #include "solids.h"
 
 #define MARCH_STEPS 96
@@ -14,8 +15,14 @@ struct solid sg_solid_sphere(struct vec centre, double radius, int material)
 
 struct solid sg_solid_capsule(struct vec a, struct vec b, double radius, int material)
 {
-    return (struct solid){
-        SOLID_CAPSULE, material, a, b, radius, 0, scale(add(a, b), 0.5), 0.5 * length(sub(b, a)) + radius};
+    return (struct solid){SOLID_CAPSULE,
+                          material,
+                          a,
+                          b,
+                          radius,
+                          0,
+                          scale(add(a, b), 0.5),
+                          0.5 * length(sub(b, a)) + radius};
 }
 
 struct solid sg_solid_box(struct vec centre, struct vec half, double rounding, int material)
@@ -23,10 +30,12 @@ struct solid sg_solid_box(struct vec centre, struct vec half, double rounding, i
     return (struct solid){SOLID_BOX, material, centre, half, 0, rounding, centre, length(half)};
 }
 
-struct solid sg_solid_cylinder(struct vec centre, double radius, double half_height, double rounding, int material)
+struct solid sg_solid_cylinder(struct vec centre, double radius, double half_height,
+                               double rounding, int material)
 {
     const struct vec half = vec(radius, radius, half_height);
-    return (struct solid){SOLID_CYLINDER, material, centre, half, radius, rounding, centre, hypot(radius, half_height)};
+    return (struct solid){SOLID_CYLINDER, material, centre, half,
+                          radius,         rounding, centre, hypot(radius, half_height)};
 }
 
 struct solid sg_solid_torus(struct vec centre, double major, double minor, int material)
@@ -47,14 +56,16 @@ static double distance(const struct solid *s, struct vec p)
 {
     const struct vec q = sub(p, s->a);
     if (s->kind == SOLID_BOX) {
-        const double x = fabs(q.x) - s->b.x + s->rim, y = fabs(q.y) - s->b.y + s->rim, z = fabs(q.z) - s->b.z + s->rim;
+        const double x = fabs(q.x) - s->b.x + s->rim, y = fabs(q.y) - s->b.y + s->rim,
+                     z = fabs(q.z) - s->b.z + s->rim;
         const double inside = smaller(larger(x, larger(y, z)), 0);
         return length(vec(larger(x, 0), larger(y, 0), larger(z, 0))) + inside - s->rim;
     }
     const double ring = sqrt(q.x * q.x + q.y * q.y) - s->r;
     if (s->kind == SOLID_TORUS)
         return sqrt(ring * ring + q.z * q.z) - s->rim;
-    const double x = ring + s->rim, z = fabs(q.z) - s->b.z + s->rim, u = larger(x, 0), v = larger(z, 0);
+    const double x = ring + s->rim, z = fabs(q.z) - s->b.z + s->rim, u = larger(x, 0),
+                 v = larger(z, 0);
     return sqrt(u * u + v * v) + smaller(larger(x, z), 0) - s->rim;
 }
 
@@ -65,7 +76,8 @@ static double march(const struct solid *s, struct vec o, struct vec d, double re
     const double y0 = (-s->b.y - q.y) * inverse.y, y1 = (s->b.y - q.y) * inverse.y;
     const double z0 = (-s->b.z - q.z) * inverse.z, z1 = (s->b.z - q.z) * inverse.z;
     double t = larger(larger(smaller(x0, x1), smaller(y0, y1)), larger(smaller(z0, z1), 0));
-    const double end = smaller(smaller(larger(x0, x1), larger(y0, y1)), smaller(larger(z0, z1), reach));
+    const double end =
+        smaller(smaller(larger(x0, x1), larger(y0, y1)), smaller(larger(z0, z1), reach));
     for (int i = 0; i < MARCH_STEPS && t < end; i++) {
         const double step = distance(s, along(o, d, t));
         if (step < MARCH_CLOSE)
@@ -91,7 +103,8 @@ static double hit_capsule(const struct solid *s, struct vec o, struct vec d, dou
 {
     const struct vec axis = sub(s->b, s->a), q = sub(o, s->a);
     const double aa = dot(axis, axis), ad = dot(axis, d), aq = dot(axis, q), dq = dot(d, q);
-    const double a = aa - ad * ad, b = aa * dq - aq * ad, c = aa * dot(q, q) - aq * aq - s->r * s->r * aa;
+    const double a = aa - ad * ad, b = aa * dq - aq * ad,
+                 c = aa * dot(q, q) - aq * aq - s->r * s->r * aa;
     const double h = b * b - a * c;
     if (h < 0)
         return reach;
@@ -123,7 +136,8 @@ struct vec sg_solid_normal(const struct solid *s, struct vec p)
         return normalise(sub(p, along(s->a, axis, t)));
     }
     const double h = GRADIENT_STEP;
-    return normalise(vec(distance(s, vec(p.x + h, p.y, p.z)) - distance(s, vec(p.x - h, p.y, p.z)),
-                         distance(s, vec(p.x, p.y + h, p.z)) - distance(s, vec(p.x, p.y - h, p.z)),
-                         distance(s, vec(p.x, p.y, p.z + h)) - distance(s, vec(p.x, p.y, p.z - h))));
+    return normalise(
+        vec(distance(s, vec(p.x + h, p.y, p.z)) - distance(s, vec(p.x - h, p.y, p.z)),
+            distance(s, vec(p.x, p.y + h, p.z)) - distance(s, vec(p.x, p.y - h, p.z)),
+            distance(s, vec(p.x, p.y, p.z + h)) - distance(s, vec(p.x, p.y, p.z - h))));
 }

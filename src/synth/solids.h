@@ -12,7 +12,8 @@ enum solid_kind { SOLID_SPHERE, SOLID_CAPSULE, SOLID_BOX, SOLID_CYLINDER, SOLID_
 struct solid {
     enum solid_kind kind;
     int material;
-    struct vec a, b;   /* centre, or the capsule's ends; box: b = half sides, cylinder: b.z = half height */
+    struct vec a,
+        b; /* centre, or the capsule's ends; box: b = half sides, cylinder: b.z = half height */
     double r, rim;     /* radius; rim = rounding of the edges, or the torus' minor radius */
     struct vec middle; /* of the bounding sphere */
     double bound;      /* its radius */
@@ -22,16 +23,19 @@ struct solid sg_solid_sphere(struct vec centre, double radius, int material);
 struct solid sg_solid_capsule(struct vec a, struct vec b, double radius, int material);
 struct solid sg_solid_box(struct vec centre, struct vec half, double rounding, int material);
 /* Around the z axis. */
-struct solid sg_solid_cylinder(struct vec centre, double radius, double half_height, double rounding, int material);
+struct solid sg_solid_cylinder(struct vec centre, double radius, double half_height,
+                               double rounding, int material);
 struct solid sg_solid_torus(struct vec centre, double major, double minor, int material);
 
 void sg_solid_box_around(const struct solid *s, struct vec *low, struct vec *high);
 
-/* Smallest distance in (0, reach) at which the ray enters the solid, or reach. direction has length 1. */
+/* Smallest distance in (0, reach) at which the ray enters the solid, or reach. direction has
+ * length 1. */
 double sg_solid_hit(const struct solid *s, struct vec origin, struct vec direction, double reach);
 
 /* Does the ray meet the bounding sphere before reach? */
-static inline bool meets_sphere(struct vec middle, double radius, struct vec origin, struct vec direction, double reach)
+static inline bool meets_sphere(struct vec middle, double radius, struct vec origin,
+                                struct vec direction, double reach)
 {
     const struct vec q = sub(middle, origin);
     const double s = dot(q, direction);

@@ -19,7 +19,11 @@
 #define PICK_TRIES 256
 #define PICK_BLOCK 256
 
-enum draw { DRAW_SCENE, DRAW_CAMERAS, DRAW_POINTS }; /* streams of random numbers; the scene has the first */
+enum draw {
+    DRAW_SCENE,
+    DRAW_CAMERAS,
+    DRAW_POINTS
+}; /* streams of random numbers; the scene has the first */
 
 struct synth {
     sg_ctx *ctx;
@@ -28,7 +32,7 @@ struct synth {
     struct synth_scene scene;
     struct synth_camera *cameras; /* train views, then test views */
     int n_cameras, colmap_test;   /* test views of the COLMAP layout */
-    int *order, *place;           /* camera of each COLMAP view, and back; place -1: not in that layout */
+    int *order, *place; /* camera of each COLMAP view, and back; place -1: not in that layout */
     struct synth_point *points;
     atomic_int code;
 };
@@ -48,8 +52,8 @@ static int check(sg_ctx *ctx, const struct sg_synth_params *p)
     };
     for (size_t i = 0; i < sizeof(ranges) / sizeof(*ranges); i++)
         if (ranges[i].value < ranges[i].low || ranges[i].value > ranges[i].high)
-            return sg_fail(ctx, SG_ERR_USAGE, "synth: %s: found %d, expected %d to %d", ranges[i].name, ranges[i].value,
-                           ranges[i].low, ranges[i].high);
+            return sg_fail(ctx, SG_ERR_USAGE, "synth: %s: found %d, expected %d to %d",
+                           ranges[i].name, ranges[i].value, ranges[i].low, ranges[i].high);
     return SG_OK;
 }
 
@@ -59,13 +63,15 @@ static int check_empty(sg_ctx *ctx, const char *dir)
     if (!d)
         return errno == ENOENT
                    ? SG_OK
-                   : sg_fail(ctx, SG_ERR_INPUT, "%s: %s, expected a new or empty folder", dir, strerror(errno));
+                   : sg_fail(ctx, SG_ERR_INPUT, "%s: %s, expected a new or empty folder", dir,
+                             strerror(errno));
     const struct dirent *entry;
     int code = SG_OK;
     while (!code && (entry = readdir(d)))
         if (entry->d_name[0] != '.') /* some systems put hidden files everywhere */
-            code = sg_fail(ctx, SG_ERR_INPUT, "%s: found \"%s\" in it, expected a new or empty folder", dir,
-                           entry->d_name);
+            code =
+                sg_fail(ctx, SG_ERR_INPUT, "%s: found \"%s\" in it, expected a new or empty folder",
+                        dir, entry->d_name);
     closedir(d);
     return code;
 }
@@ -79,21 +85,26 @@ static double mirrored(unsigned i)
     return x;
 }
 
-/* Even over the upper hemisphere but for the rim, where the table top is a line, and the pole. Any number of views of
- * the sequence is evenly spread: the layouts take different numbers of test views. */
+/* Even over the upper hemisphere but for the rim, where the table top is a line, and the pole. Any
+ * number of views of the sequence is evenly spread: the layouts take different numbers of test
+ * views. */
 static void place_cameras(struct synth *s)
 {
     for (int i = 0; i < s->n_cameras; i++) {
         const bool test = i >= s->p.train_views;
         const unsigned k = (unsigned) (test ? i - s->p.train_views : i);
         const uint64_t draw = 2 * (uint64_t) i;
-        const double du = (double) sg_rng_uniform(s->p.seed, SG_RNG_SYNTH, DRAW_CAMERAS, draw) - 0.5;
-        const double dv = (double) sg_rng_uniform(s->p.seed, SG_RNG_SYNTH, DRAW_CAMERAS, draw + 1) - 0.5;
-        const double height = test ? 0.16 + 0.64 * mirrored(k + 1) : 0.05 + 0.90 * (mirrored(k + 1) + 0.01 * du);
+        const double du =
+            (double) sg_rng_uniform(s->p.seed, SG_RNG_SYNTH, DRAW_CAMERAS, draw) - 0.5;
+        const double dv =
+            (double) sg_rng_uniform(s->p.seed, SG_RNG_SYNTH, DRAW_CAMERAS, draw + 1) - 0.5;
+        const double height =
+            test ? 0.16 + 0.64 * mirrored(k + 1) : 0.05 + 0.90 * (mirrored(k + 1) + 0.01 * du);
         const double azimuth = 2.39996322972865332 * k + (test ? 1.1 : -1.4) + 0.08 * dv;
         const double flat = sqrt(1 - height * height);
-        s->cameras[i] = sg_synth_camera_at(scale(vec(flat * cos(azimuth), flat * sin(azimuth), height), DISTANCE),
-                                           vec(0, 0, 0), s->p.width, s->p.height, ANGLE_X);
+        s->cameras[i] = sg_synth_camera_at(
+            scale(vec(flat * cos(azimuth), flat * sin(azimuth), height), DISTANCE), vec(0, 0, 0),
+            s->p.width, s->p.height, ANGLE_X);
     }
 }
 
@@ -110,7 +121,8 @@ static void order_views(struct synth *s)
 
 static int make_folders(struct synth *s)
 {
-    static const char *const folders[] = {"blender/train", "blender/test", "colmap/images", "colmap/sparse/0"};
+    static const char *const folders[] = {"blender/train", "blender/test", "colmap/images",
+                                          "colmap/sparse/0"};
     int code = SG_OK;
     for (size_t i = 0; i < sizeof(folders) / sizeof(*folders) && !code; i++) {
         char *path = sg_strf(s->ctx, "%s/%s", s->dir, folders[i]);
@@ -120,11 +132,13 @@ static int make_folders(struct synth *s)
     return code;
 }
 
-/* Only what make_folders made and this process filled: the folder was empty before. Then the caller can try again. */
+/* Only what make_folders made and this process filled: the folder was empty before. Then the caller
+ * can try again. */
 static void remove_begun(const struct synth *s)
 {
-    static const char *const folders[] = {"blender/train", "blender/test", "colmap/images", "colmap/sparse/0",
-                                          "colmap/sparse", "blender",      "colmap"};
+    static const char *const folders[] = {"blender/train",   "blender/test",  "colmap/images",
+                                          "colmap/sparse/0", "colmap/sparse", "blender",
+                                          "colmap"};
     for (size_t i = 0; i < sizeof(folders) / sizeof(*folders); i++) {
         char *path = sg_strf(s->ctx, "%s/%s", s->dir, folders[i]);
         DIR *d = path ? opendir(path) : NULL;
@@ -145,7 +159,8 @@ static int write_blender_picture(struct synth *s, int view, const uint8_t *rgba)
     if (test && number >= s->p.test_views)
         return SG_OK; /* only the COLMAP layout needs it */
     char *path = sg_strf(s->ctx, "%s/blender/%s/r_%d.png", s->dir, test ? "test" : "train", number);
-    const int code = path ? sg_image_write_png(s->ctx, path, rgba, s->p.width, s->p.height, 4) : SG_ERR_BUDGET;
+    const int code =
+        path ? sg_image_write_png(s->ctx, path, rgba, s->p.width, s->p.height, 4) : SG_ERR_BUDGET;
     sg_free(path);
     return code;
 }
@@ -155,7 +170,8 @@ static int write_colmap_picture(struct synth *s, int view, uint8_t *rgba)
     if (s->place[view] < 0)
         return SG_OK;
     const struct sg_image image = {s->p.width, s->p.height, 4, rgba};
-    uint8_t *rgb = sg_alloc_raw(s->ctx, SG_MEM_IMAGES, (size_t) s->p.width * (size_t) s->p.height, 3);
+    uint8_t *rgb =
+        sg_alloc_raw(s->ctx, SG_MEM_IMAGES, (size_t) s->p.width * (size_t) s->p.height, 3);
     char *path = sg_strf(s->ctx, "%s/colmap/images/" SYNTH_COLMAP_NAME, s->dir, s->place[view]);
     int code = SG_ERR_BUDGET;
     if (rgb && path) {
@@ -174,8 +190,10 @@ static void make_view(void *arg, size_t i, int thread)
     if (atomic_load(&s->code))
         return; /* another view failed */
     const int view = (int) i;
-    uint8_t *rgba = sg_alloc_raw(s->ctx, SG_MEM_IMAGES, (size_t) s->p.width * (size_t) s->p.height, 4);
-    int code = rgba ? sg_synth_render(s->ctx, &s->scene, &s->cameras[view], s->p.samples, rgba) : SG_ERR_BUDGET;
+    uint8_t *rgba =
+        sg_alloc_raw(s->ctx, SG_MEM_IMAGES, (size_t) s->p.width * (size_t) s->p.height, 4);
+    int code = rgba ? sg_synth_render(s->ctx, &s->scene, &s->cameras[view], s->p.samples, rgba)
+                    : SG_ERR_BUDGET;
     if (!code)
         code = write_blender_picture(s, view, rgba);
     if (!code)
@@ -197,7 +215,8 @@ static void pick_block(void *arg, size_t block, int thread)
         bool found = false;
         for (int k = 0; k < PICK_TRIES && !found; k++, draw += 2) {
             p->x = c->width * (double) sg_rng_uniform(s->p.seed, SG_RNG_SYNTH, DRAW_POINTS, draw);
-            p->y = c->height * (double) sg_rng_uniform(s->p.seed, SG_RNG_SYNTH, DRAW_POINTS, draw + 1);
+            p->y =
+                c->height * (double) sg_rng_uniform(s->p.seed, SG_RNG_SYNTH, DRAW_POINTS, draw + 1);
             found = sg_synth_pick(&s->scene, c, p->x, p->y, &p->p, p->rgb);
         }
         if (!found) { /* a very flat or tall picture: its middle shows the scene for certain */
@@ -208,18 +227,22 @@ static void pick_block(void *arg, size_t block, int thread)
     }
 }
 
-/* These files make the folders readable as scenes, so they come last, each layout's main file at the end. */
+/* These files make the folders readable as scenes, so they come last, each layout's main file at
+ * the end. */
 static int write_models(struct synth *s)
 {
-    char *blender = sg_strf(s->ctx, "%s/blender", s->dir), *sparse = sg_strf(s->ctx, "%s/colmap/sparse/0", s->dir);
-    const struct synth_colmap model = {s->cameras,       s->order,  s->place,   s->p.train_views + s->colmap_test,
-                                       s->p.train_views, s->points, s->p.points};
+    char *blender = sg_strf(s->ctx, "%s/blender", s->dir),
+         *sparse = sg_strf(s->ctx, "%s/colmap/sparse/0", s->dir);
+    const struct synth_colmap model = {
+        s->cameras,       s->order,  s->place,   s->p.train_views + s->colmap_test,
+        s->p.train_views, s->points, s->p.points};
     int code = blender && sparse ? sg_synth_write_colmap(s->ctx, sparse, &model) : SG_ERR_BUDGET;
     if (!code)
-        code =
-            sg_synth_write_transforms(s->ctx, blender, "test", s->cameras + s->p.train_views, s->p.test_views, ANGLE_X);
+        code = sg_synth_write_transforms(s->ctx, blender, "test", s->cameras + s->p.train_views,
+                                         s->p.test_views, ANGLE_X);
     if (!code)
-        code = sg_synth_write_transforms(s->ctx, blender, "train", s->cameras, s->p.train_views, ANGLE_X);
+        code = sg_synth_write_transforms(s->ctx, blender, "train", s->cameras, s->p.train_views,
+                                         ANGLE_X);
     sg_free(sparse);
     sg_free(blender);
     return code;
@@ -233,7 +256,8 @@ struct sg_synth_params sg_synth_params_default(void)
 int sg_synth_write(sg_ctx *ctx, const char *dir, const struct sg_synth_params *params)
 {
     sg_clear_error(ctx);
-    const struct sg_synth_params defaults = sg_synth_params_default(), *p = params ? params : &defaults;
+    const struct sg_synth_params defaults = sg_synth_params_default(),
+                                 *p = params ? params : &defaults;
     int code = check(ctx, p);
     if (code)
         return code;
@@ -245,7 +269,8 @@ int sg_synth_write(sg_ctx *ctx, const char *dir, const struct sg_synth_params *p
     s->dir = dir;
     s->p = *p;
     s->colmap_test = (p->train_views + TEST_EVERY - 2) / (TEST_EVERY - 1);
-    s->n_cameras = p->train_views + (p->test_views > s->colmap_test ? p->test_views : s->colmap_test);
+    s->n_cameras =
+        p->train_views + (p->test_views > s->colmap_test ? p->test_views : s->colmap_test);
     const size_t n = (size_t) s->n_cameras;
     if (!(s->cameras = sg_alloc(ctx, SG_MEM_MISC, n, sizeof(*s->cameras))) ||
         !(s->order = sg_alloc(ctx, SG_MEM_MISC, n, sizeof(*s->order))) ||

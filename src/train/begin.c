@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The Gaussians that a run begins with, thinned out evenly where there are more than its limits allow. */
+/* The Gaussians that a run begins with, thinned out evenly where there are more than its limits
+ * allow. */
 #include "begin.h"
 
 #include <math.h>
@@ -12,7 +13,8 @@ size_t sg_evenly(size_t n, size_t k, size_t limit)
 
 static void say_thinned(sg_ctx *ctx, size_t n, size_t limit)
 {
-    sg_log(ctx, SG_LOG_WARN, "%zu initial Gaussians are more than fit: training starts from %zu of them", n, limit);
+    sg_log(ctx, SG_LOG_WARN,
+           "%zu initial Gaussians are more than fit: training starts from %zu of them", n, limit);
 }
 
 /* How many Gaussians a run begins with that is given none. */
@@ -21,15 +23,17 @@ static size_t initial_count(const struct sg_scene *scene, const struct sg_train_
     return scene->n_points ? scene->n_points : p->init_points;
 }
 
-/* Of at most `limit` Gaussians, 0 = any number: thinned out before they cost more than their points. */
-static int initial_model(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *p, uint64_t limit,
-                         struct sg_model **out)
+/* Of at most `limit` Gaussians, 0 = any number: thinned out before they cost more than their
+ * points. */
+static int initial_model(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *p,
+                         uint64_t limit, struct sg_model **out)
 {
     const size_t n = initial_count(scene, p);
     if (limit && n > limit)
         say_thinned(ctx, n, limit);
     if (!scene->n_points)
-        return sg_model_init_random(ctx, limit && n > limit ? limit : n, p->seed, p->sh_degree, out);
+        return sg_model_init_random(ctx, limit && n > limit ? limit : n, p->seed, p->sh_degree,
+                                    out);
     if (!limit || n <= limit)
         return sg_model_init_points(ctx, scene->points, scene->point_colors, n, p->sh_degree, out);
     float *points = sg_alloc_raw(ctx, SG_MEM_MISC, limit, 3 * sizeof(*points));
@@ -47,7 +51,8 @@ static int initial_model(sg_ctx *ctx, const struct sg_scene *scene, const struct
 }
 
 /* As many of a model as fit, evenly. */
-static int thinned_copy(sg_ctx *ctx, const struct sg_model *m, uint64_t limit, struct sg_model **out)
+static int thinned_copy(sg_ctx *ctx, const struct sg_model *m, uint64_t limit,
+                        struct sg_model **out)
 {
     const int planes = sg_param_count(m->sh_degree);
     const int code = sg_model_create(ctx, limit, m->sh_degree, out);
@@ -61,7 +66,8 @@ static int thinned_copy(sg_ctx *ctx, const struct sg_model *m, uint64_t limit, s
     return SG_OK;
 }
 
-/* What the process itself takes, and so what is left of --max-memory, is a little more or less each time. */
+/* What the process itself takes, and so what is left of --max-memory, is a little more or less each
+ * time. */
 #define UNCERTAIN 0.03
 
 size_t sg_begin_again(sg_trainer *t, size_t n)
@@ -73,8 +79,10 @@ size_t sg_begin_again(sg_trainer *t, size_t n)
         t->budget.gaussians = n;
         return n;
     }
-    sg_log(t->ctx, SG_LOG_WARN,
-           "the checkpoint's %zu Gaussians are more than fit now: training goes on with %zu of them", n, limit);
+    sg_log(
+        t->ctx, SG_LOG_WARN,
+        "the checkpoint's %zu Gaussians are more than fit now: training goes on with %zu of them",
+        n, limit);
     return limit;
 }
 

@@ -7,10 +7,12 @@
 /* The k-th of `limit` items taken evenly out of n. */
 size_t sg_evenly(size_t n, size_t k, size_t limit);
 
-/* Gives the engine its Gaussians: those of `initial`, or the scene's points or random ones where it is NULL. */
+/* Gives the engine its Gaussians: those of `initial`, or the scene's points or random ones where it
+ * is NULL. */
 int sg_begin(sg_trainer *t, const struct sg_model *initial);
 
-/* How many of a checkpoint's n Gaussians the run goes on with: fewer where the limits have become tighter. */
+/* How many of a checkpoint's n Gaussians the run goes on with: fewer where the limits have become
+ * tighter. */
 size_t sg_begin_again(sg_trainer *t, size_t n);
 
 #endif

@@ -6,27 +6,29 @@
 #include "splatguard/model.h"
 
 /* Bytes of training's own, beside the engine's. */
-#define PLAN_BYTES (3 * 4 + 1 + 2 * (1 + 4) + 3 * 8 + 2 * 4 + 8) /* one that is judged: statistics, scores, order */
-#define PIXEL_BYTES (3 * 12 + 8)                                 /* renders and photos that are measured */
-#define FIXED_BYTES (8 << 20)                                    /* tables that do not grow with the input */
-#define LISTED 2                                                 /* instances a Gaussian to hold at once */
-#define LEAST 1000                                               /* Gaussians: a smaller model is none */
+#define PLAN_BYTES                                                                                 \
+    (3 * 4 + 1 + 2 * (1 + 4) + 3 * 8 + 2 * 4 +                                                     \
+     8)                          /* one that is judged: statistics, scores, order */
+#define PIXEL_BYTES (3 * 12 + 8) /* renders and photos that are measured */
+#define FIXED_BYTES (8 << 20)    /* tables that do not grow with the input */
+#define LISTED 2                 /* instances a Gaussian to hold at once */
+#define LEAST 1000               /* Gaussians: a smaller model is none */
 
 /* Bytes of the buffers for the most demanding view. */
-static uint64_t largest_view(const struct sg_engine_kind *engine, struct sg_work work, const struct sg_view *views,
-                             size_t n, uint64_t most)
+static uint64_t largest_view(const struct sg_engine_kind *engine, struct sg_work work,
+                             const struct sg_view *views, size_t n, uint64_t most)
 {
     for (size_t i = 0; i < n; i++) {
         work.width = views[i].camera.width, work.height = views[i].camera.height;
-        const uint64_t bytes =
-            sg_engine_footprint(engine, &work).view + (uint64_t) work.width * (uint64_t) work.height * PIXEL_BYTES;
+        const uint64_t bytes = sg_engine_footprint(engine, &work).view +
+                               (uint64_t) work.width * (uint64_t) work.height * PIXEL_BYTES;
         most = bytes > most ? bytes : most;
     }
     return most;
 }
 
-int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *p, int sh_degree,
-                   uint64_t leaving, bool accumulate, struct sg_budget *out)
+int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *p,
+                   int sh_degree, uint64_t leaving, bool accumulate, struct sg_budget *out)
 {
     *out = (struct sg_budget){.gaussians = p->max_gaussians, .instances = p->max_instances};
     const uint64_t limit = sg_mem_limit(ctx), held = sg_mem_current(ctx, SG_MEM_TAGS);
@@ -47,12 +49,13 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
     const uint64_t each = need.gaussian + PLAN_BYTES + LISTED * need.instance;
     const uint64_t fixed = (held > leaving ? held - leaving : 0) + view + FIXED_BYTES;
     if (limit < fixed + LEAST * each)
-        return sg_fail(ctx, SG_ERR_BUDGET,
-                       "%s: memory: found a limit of %llu bytes, expected at least %llu: photos and tables are %llu, "
-                       "the buffers of the largest view %llu, and %d Gaussians %llu",
-                       scene->path, (unsigned long long) limit, (unsigned long long) (fixed + LEAST * each),
-                       (unsigned long long) (fixed - view), (unsigned long long) view, LEAST,
-                       (unsigned long long) (LEAST * each));
+        return sg_fail(
+            ctx, SG_ERR_BUDGET,
+            "%s: memory: found a limit of %llu bytes, expected at least %llu: photos and tables "
+            "are %llu, the buffers of the largest view %llu, and %d Gaussians %llu",
+            scene->path, (unsigned long long) limit, (unsigned long long) (fixed + LEAST * each),
+            (unsigned long long) (fixed - view), (unsigned long long) view, LEAST,
+            (unsigned long long) (LEAST * each));
     const uint64_t fit = (limit - fixed) / each;
     out->by_memory = !p->max_gaussians || fit < p->max_gaussians;
     out->gaussians = out->by_memory ? fit : p->max_gaussians;

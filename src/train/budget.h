@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a run may hold: the context's limit on memory, turned into limits on Gaussians and tile lists before it starts.
- */
+/* What a run may hold: the context's limit on memory, turned into limits on Gaussians and tile
+ * lists before it
+ * starts. */
 #ifndef SG_TRAIN_BUDGET_H
 #define SG_TRAIN_BUDGET_H
 
@@ -13,9 +14,10 @@ struct sg_budget {
     bool by_memory;     /* `gaussians` comes from the limit on memory */
 };
 
-/* Of a run on this scene, whose images are in memory. leaving: bytes in use that will be free before the first step;
- * accumulate: gradients add up over views. SG_ERR_BUDGET with an estimate where not even a small model fits. */
-int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *params, int sh_degree,
-                   uint64_t leaving, bool accumulate, struct sg_budget *out);
+/* Of a run on this scene, whose images are in memory. leaving: bytes in use that will be free
+ * before the first step; accumulate: gradients add up over views. SG_ERR_BUDGET with an estimate
+ * where not even a small model fits. */
+int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *params,
+                   int sh_degree, uint64_t leaving, bool accumulate, struct sg_budget *out);
 
 #endif

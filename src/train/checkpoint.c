@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The trainer's whole state in one file: a header, then parameters, moments and statistics as they lie in memory
- * (little endian float32), then a checksum of everything before it. */
+/* The trainer's whole state in one file: a header, then parameters, moments and statistics as they
+ * lie in memory (little endian float32), then a checksum of everything before it. */
 #include <string.h>
 
 #define XXH_INLINE_ALL
@@ -13,15 +13,16 @@
 
 #define MAGIC "SGCKPT\0\7" /* the last byte is the version */
 
-#define MAX_ITERATION 10000000 /* of struct sg_train_params; counting on from it overflows nothing */
+#define MAX_ITERATION                                                                              \
+    10000000 /* of struct sg_train_params; counting on from it overflows nothing */
 
 static bool counters_sound(const struct sg_checkpoint_header *h)
 {
     bool sound = h->iteration >= 0 && h->iteration <= MAX_ITERATION;
     for (int g = 0; g < SG_GROUPS; g++)
         sound = sound && h->adam_steps[g] >= 0 && h->adam_steps[g] <= h->iteration;
-    return sound && h->steps <= (uint64_t) h->iteration && h->spent >= 0 && h->spent < 1e12 && h->growth >= 0 &&
-           h->growth <= 1 && h->growths >= 0 && h->growths <= h->iteration;
+    return sound && h->steps <= (uint64_t) h->iteration && h->spent >= 0 && h->spent < 1e12 &&
+           h->growth >= 0 && h->growth <= 1 && h->growths >= 0 && h->growths <= h->iteration;
 }
 
 static uint32_t cameras_hash(const struct sg_scene *scene)
@@ -73,7 +74,8 @@ static void sizes_of(size_t n, int sh_degree, size_t bytes[PARTS])
 {
     const size_t blocks = (n + SG_LANES - 1) / SG_LANES;
     for (int i = 0; i < PARTS; i++)
-        bytes[i] = i < 3 ? blocks * SG_LANES * (size_t) sg_param_count(sh_degree) * sizeof(float) : n * sizeof(float);
+        bytes[i] = i < 3 ? blocks * SG_LANES * (size_t) sg_param_count(sh_degree) * sizeof(float)
+                         : n * sizeof(float);
 }
 
 int sg_trainer_save(sg_trainer *t, const char *path)
@@ -95,8 +97,9 @@ int sg_trainer_save(sg_trainer *t, const char *path)
                                      .views = t->scene->n_train,
                                      .extent = t->extent,
                                      .steps = t->steps,
-                                     .spent = t->params.max_seconds > 0 ? sg_trainer_elapsed(t)
-                                                                        : 0, /* else the same bytes always */
+                                     .spent = t->params.max_seconds > 0
+                                                  ? sg_trainer_elapsed(t)
+                                                  : 0, /* else the same bytes always */
                                      .growth = t->growth,
                                      .gaussians_bound = t->gaussians_bound,
                                      .time_bound = t->time_bound,
@@ -112,7 +115,8 @@ int sg_trainer_save(sg_trainer *t, const char *path)
     sink.stream = w.stream;
     XXH3_64bits_reset(&sink.hash);
     put(&sink, &h, sizeof(h));
-    /* One array at a time through the model's own: a second copy of all would be the largest thing that a run holds. */
+    /* One array at a time through the model's own: a second copy of all would be the largest thing
+     * that a run holds. */
     struct sg_optimiser parts[PARTS] = {
         [1].m = m->params, [2].v = m->params, [3].grad_sum = m->params, [4].grad_count = m->params};
     size_t bytes[PARTS];
@@ -131,54 +135,65 @@ done:
     return code;
 }
 
-static int check_header(const sg_trainer *t, FILE *f, const char *path, const struct sg_checkpoint_header *h)
+static int check_header(const sg_trainer *t, FILE *f, const char *path,
+                        const struct sg_checkpoint_header *h)
 {
     sg_ctx *ctx = t->ctx;
-    static const char *const kinds[] = {[SG_RUN_TRAINING] = "a training", [SG_RUN_ATTACK] = "an attack"};
+    static const char *const kinds[] = {
+        [SG_RUN_TRAINING] = "a training", [SG_RUN_ATTACK] = "an attack"};
     if (h->kind > SG_RUN_ATTACK || h->kind != t->identity.kind)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found a checkpoint of %s, expected one of %s", path,
-                       h->kind > SG_RUN_ATTACK ? "an unknown kind" : kinds[h->kind], kinds[t->identity.kind]);
-    if (h->sh_degree < 0 || h->sh_degree > 3 || h->start_degree < 0 || h->start_degree > h->sh_degree ||
-        h->views != t->scene->n_train || h->seed != t->params.seed || h->extent != t->extent || !h->count)
+                       h->kind > SG_RUN_ATTACK ? "an unknown kind" : kinds[h->kind],
+                       kinds[t->identity.kind]);
+    if (h->sh_degree < 0 || h->sh_degree > 3 || h->start_degree < 0 ||
+        h->start_degree > h->sh_degree || h->views != t->scene->n_train ||
+        h->seed != t->params.seed || h->extent != t->extent || !h->count)
         return sg_fail(
             ctx, SG_ERR_INPUT,
-            "%s: found SH degree %d, %d to begin with, %llu views, seed %llu, extent %.17g; expected 0 to 3, "
-            "no more than that, and those of this scene and run: %zu, %llu, %.17g",
-            path, h->sh_degree, h->start_degree, (unsigned long long) h->views, (unsigned long long) h->seed, h->extent,
-            t->scene->n_train, (unsigned long long) t->params.seed, t->extent);
+            "%s: found SH degree %d, %d to begin with, %llu views, seed %llu, extent %.17g; "
+            "expected 0 to 3, no more than that, and those of this scene and run: %zu, %llu, %.17g",
+            path, h->sh_degree, h->start_degree, (unsigned long long) h->views,
+            (unsigned long long) h->seed, h->extent, t->scene->n_train,
+            (unsigned long long) t->params.seed, t->extent);
 
     if (h->cameras != cameras_hash(t->scene))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found a run on other training views, expected those of %s", path,
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found a run on other training views, expected those of %s", path,
                        t->scene->path);
 
     if (h->parameters != t->identity.parameters)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found a run with other parameters, expected those of this run", path);
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found a run with other parameters, expected those of this run", path);
 
-    /* Another decoder is no reason to refuse, nor is a defense that an audit adapted to what it decodes. */
+    /* Another decoder is no reason to refuse, nor is a defense that an audit adapted to what it
+     * decodes. */
     if (h->photos != t->photos_hash)
-        sg_log(ctx, SG_LOG_WARN, "%s: the run began with other photos than %s has now", path, t->scene->path);
+        sg_log(ctx, SG_LOG_WARN, "%s: the run began with other photos than %s has now", path,
+               t->scene->path);
     else if (h->strength != t->identity.strength)
         return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: found a run with another tolerance or strength of the defense, expected those of this run",
+                       "%s: found a run with another tolerance or strength of the defense, "
+                       "expected those of this run",
                        path);
 
     if (!counters_sound(h))
-        return sg_fail(
-            ctx, SG_ERR_INPUT,
-            "%s: byte %zu: found iteration %d with %d steps of positions, expected 0 to %d and no more steps "
-            "than iterations",
-            path, offsetof(struct sg_checkpoint_header, iteration), h->iteration, h->adam_steps[SG_G_XYZ],
-            MAX_ITERATION);
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: byte %zu: found iteration %d with %d steps of positions, expected 0 to "
+                       "%d and no more steps than iterations",
+                       path, offsetof(struct sg_checkpoint_header, iteration), h->iteration,
+                       h->adam_steps[SG_G_XYZ], MAX_ITERATION);
 
-    /* The file's own length says whether the count can be true before anything is allocated for it. */
+    /* The file's own length says whether the count can be true before anything is allocated for
+     * it. */
     const long long at = ftell(f);
     fseek(f, 0, SEEK_END);
     const long long size = ftell(f);
     fseek(f, (long) at, SEEK_SET);
-    const uint64_t per_gaussian = (uint64_t) sg_param_count(h->sh_degree) * 3 * sizeof(float) + 2 * sizeof(float);
+    const uint64_t per_gaussian =
+        (uint64_t) sg_param_count(h->sh_degree) * 3 * sizeof(float) + 2 * sizeof(float);
     if (size < at || h->count > (uint64_t) (size - at) / per_gaussian)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found %lld bytes, expected room for %llu Gaussians", path, size,
-                       (unsigned long long) h->count);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found %lld bytes, expected room for %llu Gaussians",
+                       path, size, (unsigned long long) h->count);
 
     return SG_OK;
 }
@@ -194,12 +209,15 @@ int sg_checkpoint_open(const sg_trainer *t, const char *path, struct sg_checkpoi
     const bool read = fread(h, sizeof(*h), 1, out->file) == 1;
     sg_show_bytes(h->magic, read ? sizeof(h->magic) - 1 : 0, first);
     if (!read)
-        code = sg_fail(t->ctx, SG_ERR_INPUT, "%s: found less than %zu bytes, expected a checkpoint", path, sizeof(*h));
+        code = sg_fail(t->ctx, SG_ERR_INPUT, "%s: found less than %zu bytes, expected a checkpoint",
+                       path, sizeof(*h));
     else if (memcmp(h->magic, MAGIC, sizeof(h->magic) - 1))
-        code = sg_fail(t->ctx, SG_ERR_INPUT, "%s: byte 0: found \"%s\", expected \"%s\": a checkpoint", path, first,
-                       MAGIC);
+        code =
+            sg_fail(t->ctx, SG_ERR_INPUT, "%s: byte 0: found \"%s\", expected \"%s\": a checkpoint",
+                    path, first, MAGIC);
     else if (h->magic[7] != MAGIC[7])
-        code = sg_fail(t->ctx, SG_ERR_INPUT, "%s: byte 7: found version %d, expected version %d of a checkpoint", path,
+        code = sg_fail(t->ctx, SG_ERR_INPUT,
+                       "%s: byte 7: found version %d, expected version %d of a checkpoint", path,
                        h->magic[7], MAGIC[7]);
     else
         code = check_header(t, out->file, path, h);
@@ -215,13 +233,15 @@ void sg_checkpoint_close(struct sg_checkpoint *c)
     c->file = NULL;
 }
 
-/* Of an array for n Gaussians that lies in the file as blocks of SG_LANES, those `kept` of them that stay. */
+/* Of an array for n Gaussians that lies in the file as blocks of SG_LANES, those `kept` of them
+ * that stay. */
 static bool take(struct hashed *s, size_t planes, size_t bytes, size_t n, size_t kept, float *to)
 {
     float block[SG_PARAMS_MAX * SG_LANES];
     size_t k = 0;
     for (size_t first = 0; first < n; first += SG_LANES) {
-        const size_t whole = planes * SG_LANES * sizeof(float), size = bytes < whole ? bytes : whole;
+        const size_t whole = planes * SG_LANES * sizeof(float),
+                     size = bytes < whole ? bytes : whole;
         if (fread(block, 1, size, s->stream) != size)
             return false;
         XXH3_64bits_update(&s->hash, block, size);
@@ -237,7 +257,8 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
 {
     sg_ctx *ctx = t->ctx;
     const struct sg_checkpoint_header *h = &c->header;
-    const size_t n = (size_t) h->count, kept = sg_begin_again(t, n), planes = (size_t) sg_param_count(h->sh_degree);
+    const size_t n = (size_t) h->count, kept = sg_begin_again(t, n),
+                 planes = (size_t) sg_param_count(h->sh_degree);
     struct sg_model *m = NULL;
     struct sg_optimiser o = {0};
     int code;
@@ -256,7 +277,8 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
         whole = take(&s, i < 3 ? planes : 1, bytes[i], n, kept, parts[i]);
     whole = whole && fread(&digest, sizeof(digest), 1, c->file) == 1 && fgetc(c->file) == EOF;
     if (!whole || digest != XXH3_64bits_digest(&s.hash)) {
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found a truncated or altered checkpoint: the checksum does not match",
+        code = sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found a truncated or altered checkpoint: the checksum does not match",
                        c->path);
         goto done;
     }

@@ -38,7 +38,8 @@ struct sg_scene;
 /* Of the training views' pixels and masks. Reads all of them. */
 uint32_t sg_photos_hash(const struct sg_scene *scene);
 
-/* Opens the file and believes its header only where it fits this run and the file's length. To be closed. */
+/* Opens the file and believes its header only where it fits this run and the file's length. To be
+ * closed. */
 int sg_checkpoint_open(const struct sg_trainer *t, const char *path, struct sg_checkpoint *out);
 /* The state, to a trainer with an empty engine. */
 int sg_checkpoint_read(struct sg_trainer *t, const struct sg_checkpoint *c);

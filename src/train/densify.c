@@ -9,9 +9,9 @@
 
 enum { STAYS, CLONES, SPLITS, GOES };
 
-/* Clones take the place after all survivors, then the first children, then the second, in index order: the order of the
- * released code. The screen-size test of the paper is left out because it is dead there: the radii are cleared by the
- * clone step before they are read. */
+/* Clones take the place after all survivors, then the first children, then the second, in index
+ * order: the order of the released code. The screen-size test of the paper is left out because it
+ * is dead there: the radii are cleared by the clone step before they are read. */
 struct plan {
     uint8_t *keep, *kind; /* keep: first what becomes of each, then whether it stays */
     uint32_t *source;
@@ -30,12 +30,13 @@ static int descending(const void *a, const void *b)
     return (x < y) - (x > y);
 }
 
-/* Marks the lowest scored to go, or the last ones where nothing tells them apart: what is above the limit, and as many
- * more as would grow, within params->replace. Returns an error code. */
-static int make_room(struct sg_engine *engine, const struct sg_densify_params *p, struct plan *plan, size_t n,
-                     size_t wish, size_t *goes)
+/* Marks the lowest scored to go, or the last ones where nothing tells them apart: what is above the
+ * limit, and as many more as would grow, within params->replace. Returns an error code. */
+static int make_room(struct sg_engine *engine, const struct sg_densify_params *p, struct plan *plan,
+                     size_t n, size_t wish, size_t *goes)
 {
-    const size_t limit = p->max_gaussians, surplus = n > limit ? n - limit : 0, short_of = n + wish - limit;
+    const size_t limit = p->max_gaussians, surplus = n > limit ? n - limit : 0,
+                 short_of = n + wish - limit;
     const size_t most = surplus + (size_t) ((double) p->replace * (double) n);
     *goes = surplus;
     if (!p->score) {
@@ -61,8 +62,8 @@ static int make_room(struct sg_engine *engine, const struct sg_densify_params *p
 }
 
 /* Of those that would grow, the steepest `room` may, the first of equals. */
-static int choose_growth(struct sg_engine *engine, struct plan *plan, const float *gradient, size_t n, size_t room,
-                         bool *limited)
+static int choose_growth(struct sg_engine *engine, struct plan *plan, const float *gradient,
+                         size_t n, size_t room, bool *limited)
 {
     float *wishes = sg_alloc_raw(sg_engine_ctx(engine), SG_MEM_OPTIMISER, n, sizeof(*wishes));
     size_t wish = 0, above = 0;
@@ -89,7 +90,8 @@ static int choose_growth(struct sg_engine *engine, struct plan *plan, const floa
     return SG_OK;
 }
 
-int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p, struct sg_densify_result *result)
+int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p,
+               struct sg_densify_result *result)
 {
     sg_ctx *ctx = sg_engine_ctx(engine);
     const size_t n = sg_engine_count(engine);
@@ -104,13 +106,15 @@ int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p, stru
         goto done;
     float *gradient = stats, *opacity = stats + n, *scale = stats + 2 * n;
     if ((code = sg_engine_read_statistics(
-             engine, &(struct sg_statistics){.gradient = gradient, .opacity = opacity, .largest = scale})))
+             engine,
+             &(struct sg_statistics){.gradient = gradient, .opacity = opacity, .largest = scale})))
         goto done;
 
     /* Who grows: one more of each, whether it is cloned or split. */
     size_t wish = 0;
     for (size_t i = 0; i < n; i++) {
-        plan.keep[i] = gradient[i] >= p->gradient ? scale[i] <= p->split_scale ? CLONES : SPLITS : STAYS;
+        plan.keep[i] =
+            gradient[i] >= p->gradient ? scale[i] <= p->split_scale ? CLONES : SPLITS : STAYS;
         wish += plan.keep[i] != STAYS;
     }
     if (p->max_gaussians && n + wish > p->max_gaussians) {
@@ -120,7 +124,8 @@ int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p, stru
         if ((code = choose_growth(engine, &plan, gradient, n, room, &result->limited)))
             goto done;
     }
-    /* A Gaussian and its copies share opacity, so that they are pruned together; children are smaller. */
+    /* A Gaussian and its copies share opacity, so that they are pruned together; children are
+     * smaller. */
 #define DIES(i, s) (opacity[i] < SG_PRUNE_OPACITY || (p->prune_scale > 0 && (s) > p->prune_scale))
     for (size_t i = 0; i < n; i++)
         if (plan.keep[i] == CLONES) {
@@ -141,14 +146,16 @@ int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p, stru
             }
     size_t kept = 0;
     for (size_t i = 0; i < n; i++) {
-        const bool parent = plan.keep[i] == SPLITS, dies = plan.keep[i] == GOES || DIES(i, scale[i]);
+        const bool parent = plan.keep[i] == SPLITS,
+                   dies = plan.keep[i] == GOES || DIES(i, scale[i]);
         result->pruned += !parent && dies;
         plan.keep[i] = !parent && !dies;
         kept += plan.keep[i];
     }
 #undef DIES
     if (kept + plan.appended == 0) {
-        code = sg_fail(ctx, SG_ERR_INPUT, "train: every Gaussian became transparent: the scene cannot be fitted");
+        code = sg_fail(ctx, SG_ERR_INPUT,
+                       "train: every Gaussian became transparent: the scene cannot be fitted");
         goto done;
     }
     code = sg_engine_edit(engine, &(struct sg_edit){.keep = plan.keep,

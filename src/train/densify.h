@@ -10,8 +10,9 @@ struct sg_densify_params {
     float split_scale;      /* scene units: larger Gaussians split, others are cloned */
     float prune_scale;      /* scene units: larger ones are removed; 0 = off */
     uint64_t max_gaussians; /* of the model afterwards; 0 = no limit */
-    /* Called where the limit binds: the lowest scored make room for what grows most, but for at most this share of the
-     * model at a time, so that what is new has time to show its worth. NULL: growth stops at the limit. */
+    /* Called where the limit binds: the lowest scored make room for what grows most, but for at
+     * most this share of the model at a time, so that what is new has time to show its worth. NULL:
+     * growth stops at the limit. */
     int (*score)(void *arg, struct sg_scores *out);
     void *arg;
     float replace;
@@ -24,6 +25,7 @@ struct sg_densify_result {
     bool limited;    /* something could not grow */
 };
 
-int sg_densify(struct sg_engine *engine, const struct sg_densify_params *params, struct sg_densify_result *result);
+int sg_densify(struct sg_engine *engine, const struct sg_densify_params *params,
+               struct sg_densify_result *result);
 
 #endif

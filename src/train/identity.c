@@ -49,8 +49,10 @@ struct sg_identity sg_train_identity(const struct sg_train_params *p)
                               d->spectrum.energy,
                               d->spectrum.channels,
                               d->spectrum.exact_size};
-    const double strength[] = {(double) p->tolerance, d->rho, d->rho_least, d->frequency, d->lambda};
-    return (struct sg_identity){.kind = SG_RUN_TRAINING,
-                                .parameters = sg_hash_numbers(numbers, sizeof(numbers) / sizeof(numbers[0])),
-                                .strength = sg_hash_numbers(strength, sizeof(strength) / sizeof(strength[0]))};
+    const double strength[] = {(double) p->tolerance, d->rho, d->rho_least, d->frequency,
+                               d->lambda};
+    return (struct sg_identity){
+        .kind = SG_RUN_TRAINING,
+        .parameters = sg_hash_numbers(numbers, sizeof(numbers) / sizeof(numbers[0])),
+        .strength = sg_hash_numbers(strength, sizeof(strength) / sizeof(strength[0]))};
 }

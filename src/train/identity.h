@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a checkpoint must have been made by to be continued: the kind of a run, and a hash of the parameters that
- * decide its result. Limits, iterations, engine and threads are not among them. */
+/* What a checkpoint must have been made by to be continued: the kind of a run, and a hash of the
+ * parameters that decide its result. Limits, iterations, engine and threads are not among them. */
 #ifndef SG_TRAIN_IDENTITY_H
 #define SG_TRAIN_IDENTITY_H
 
@@ -14,7 +14,8 @@ enum sg_run_kind { SG_RUN_TRAINING, SG_RUN_ATTACK };
 struct sg_identity {
     enum sg_run_kind kind;
     uint64_t parameters;
-    uint64_t strength; /* of the defense: what an audit of the photos may have set, and follows them */
+    /* of the defense: what an audit of the photos may have set, and follows them */
+    uint64_t strength;
 };
 
 uint64_t sg_hash_numbers(const double *numbers, size_t n);

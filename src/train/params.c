@@ -36,8 +36,8 @@ static int check_defense(sg_ctx *ctx, const struct sg_defense_params *d)
     };
     const int code = sg_check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
     if (!code && band->bins % 2)
-        return sg_fail(ctx, SG_ERR_USAGE, "bins: found %d, expected an even number from 2 to %d", band->bins,
-                       SG_SPECTRUM_BINS_MAX);
+        return sg_fail(ctx, SG_ERR_USAGE, "bins: found %d, expected an even number from 2 to %d",
+                       band->bins, SG_SPECTRUM_BINS_MAX);
     return code;
 }
 

@@ -9,14 +9,17 @@ struct sg_renderer {
     int degree;
 };
 
-int sg_renderer_borrow(struct sg_engine *engine, int sh_degree, const struct sg_render_params *params,
-                       sg_renderer **out)
+int sg_renderer_borrow(struct sg_engine *engine, int sh_degree,
+                       const struct sg_render_params *params, sg_renderer **out)
 {
     *out = sg_alloc(sg_engine_ctx(engine), SG_MEM_MISC, 1, sizeof(**out));
     if (!*out)
         return SG_ERR_BUDGET;
-    **out = (struct sg_renderer){
-        .ctx = sg_engine_ctx(engine), .engine = engine, .borrowed = true, .params = *params, .degree = sh_degree};
+    **out = (struct sg_renderer){.ctx = sg_engine_ctx(engine),
+                                 .engine = engine,
+                                 .borrowed = true,
+                                 .params = *params,
+                                 .degree = sh_degree};
     return SG_OK;
 }
 
@@ -25,8 +28,9 @@ struct sg_render_params sg_render_params_default(void)
     return (struct sg_render_params){SG_RENDER_DEFAULTS};
 }
 
-int sg_renderer_create(sg_ctx *ctx, const char *engine, const char *cpu, const struct sg_model *model,
-                       const struct sg_render_params *params, sg_renderer **out)
+int sg_renderer_create(sg_ctx *ctx, const char *engine, const char *cpu,
+                       const struct sg_model *model, const struct sg_render_params *params,
+                       sg_renderer **out)
 {
     const struct sg_render_params defaults = sg_render_params_default();
     sg_clear_error(ctx);
@@ -55,16 +59,18 @@ void sg_renderer_destroy(sg_renderer **renderer)
     *renderer = NULL;
 }
 
-int sg_render(sg_renderer *r, const struct sg_camera *camera, float *rgb, float *alpha, float *depth,
-              struct sg_render_stats *stats)
+int sg_render(sg_renderer *r, const struct sg_camera *camera, float *rgb, float *alpha,
+              float *depth, struct sg_render_stats *stats)
 {
     sg_clear_error(r->ctx);
     if (camera->width < 1 || camera->height < 1 || camera->width > 16384 || camera->height > 16384)
-        return sg_fail(r->ctx, SG_ERR_USAGE, "render: found an image of %d x %d, expected sides of 1 to 16384",
+        return sg_fail(r->ctx, SG_ERR_USAGE,
+                       "render: found an image of %d x %d, expected sides of 1 to 16384",
                        camera->width, camera->height);
     if (!(camera->fx > 0) || !(camera->fy > 0))
-        return sg_fail(r->ctx, SG_ERR_USAGE, "render: found focal lengths %g and %g, expected positive ones",
-                       camera->fx, camera->fy);
+        return sg_fail(r->ctx, SG_ERR_USAGE,
+                       "render: found focal lengths %g and %g, expected positive ones", camera->fx,
+                       camera->fy);
     if (r->borrowed) /* what others draw with it is no stage of the owner's */
         sg_engine_stop_clocks(r->engine, true);
     int code = sg_engine_draw(r->engine, camera, r->degree, &r->params, alpha || depth);

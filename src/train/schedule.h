@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What happens at which iteration: pure functions of the parameters, so that they can be read and tested alone. */
+/* What happens at which iteration: pure functions of the parameters, so that they can be read and
+ * tested alone. */
 #ifndef SG_SCHEDULE_H
 #define SG_SCHEDULE_H
 
@@ -8,8 +9,8 @@
 #include "core/rng.h"
 #include "splatguard/train.h"
 
-/* Something that is due every `every` iterations is due in a step from iteration `before` to `it`. Steps are longer
- * than one where a run's time is short. */
+/* Something that is due every `every` iterations is due in a step from iteration `before` to `it`.
+ * Steps are longer than one where a run's time is short. */
 static inline bool sg_due(int before, int it, int every)
 {
     return it / every > before / every;
@@ -17,7 +18,8 @@ static inline bool sg_due(int before, int it, int every)
 
 static inline bool sg_densifies(const struct sg_train_params *p, int before, int it)
 {
-    return it < p->densify_until_iter && it > p->densify_from_iter && sg_due(before, it, p->densification_interval);
+    return it < p->densify_until_iter && it > p->densify_from_iter &&
+           sg_due(before, it, p->densification_interval);
 }
 
 /* The extra reset on white keeps the background from being explained by opaque white Gaussians. */
@@ -36,11 +38,13 @@ static inline int sg_filters_from(const struct sg_train_params *p)
 static inline bool sg_filters(const struct sg_train_params *p, int before, int it)
 {
     const struct sg_defense_params *d = &p->defense;
-    return d->on && d->rho != 0 && it > sg_filters_from(p) && it < (d->until < 0 ? p->densify_until_iter : d->until) &&
+    return d->on && d->rho != 0 && it > sg_filters_from(p) &&
+           it < (d->until < 0 ? p->densify_until_iter : d->until) &&
            sg_due(before, it, d->interval);
 }
 
-/* Active at iteration it: raised at its start whenever it is divisible by the interval. start: of the initial model. */
+/* Active at iteration it: raised at its start whenever it is divisible by the interval. start: of
+ * the initial model. */
 static inline int sg_active_degree(const struct sg_train_params *p, int start, int it)
 {
     const int d = start + it / p->sh_interval;
@@ -52,10 +56,12 @@ static inline double sg_position_lr(const struct sg_train_params *p, int it)
 {
     double u = (double) it / p->position_lr_max_steps;
     u = u > 1 ? 1 : u;
-    return exp((1 - u) * log((double) p->position_lr_init) + u * log((double) p->position_lr_final));
+    return exp((1 - u) * log((double) p->position_lr_init) +
+               u * log((double) p->position_lr_final));
 }
 
-/* Order of views in an epoch: Fisher-Yates, the same distribution as drawing from a shrinking stack. */
+/* Order of views in an epoch: Fisher-Yates, the same distribution as drawing from a shrinking
+ * stack. */
 static inline void sg_view_order(uint64_t seed, uint64_t epoch, uint32_t *order, size_t n)
 {
     for (size_t i = 0; i < n; i++)

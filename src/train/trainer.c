@@ -21,7 +21,8 @@ static int check_scene(sg_ctx *ctx, const struct sg_train_params *p, const struc
     if (code)
         return code;
     if (!scene->n_train)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found no training view, expected at least one", scene->path);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found no training view, expected at least one",
+                       scene->path);
     for (size_t i = 0; p->tolerances && i < scene->n_train; i++)
         if (!(p->tolerances[i] >= 0 && p->tolerances[i] <= 255))
             return sg_fail(ctx, SG_ERR_USAGE, "tolerance of a view: found %g, expected 0 to 255",
@@ -73,8 +74,8 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
                    : start->initial  ? start->initial->sh_degree
                                      : t->params.sh_degree;
     t->params.sh_degree = t->params.sh_degree < t->sh_degree ? t->params.sh_degree : t->sh_degree;
-    if ((code = sg_budget_plan(ctx, scene, &t->params, t->sh_degree, bytes_held(start->initial), start->sums,
-                               &t->budget)) ||
+    if ((code = sg_budget_plan(ctx, scene, &t->params, t->sh_degree, bytes_held(start->initial),
+                               start->sums, &t->budget)) ||
         (code = sg_engine_create(ctx, t->params.engine, t->params.cpu, &t->engine)) ||
         (code = start->checkpoint ? sg_checkpoint_read(t, &saved) : sg_begin(t, start->initial)))
         goto fail;
@@ -86,7 +87,8 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
     }
     for (size_t i = 0; i < scene->n_train; i++) {
         const struct sg_view *v = &scene->train[i];
-        if ((code = sg_engine_photo_add(t->engine, v->camera.width, v->camera.height, v->rgb, v->mask, &t->photos[i])))
+        if ((code = sg_engine_photo_add(t->engine, v->camera.width, v->camera.height, v->rgb,
+                                        v->mask, &t->photos[i])))
             goto fail;
     }
     sg_checkpoint_close(&saved);
@@ -99,13 +101,15 @@ fail:
 }
 
 /* To learn from the photos, which takes a pixel. */
-static int open_to_train(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_trainer_start *start,
-                         const struct sg_train_params *params, sg_trainer **out)
+static int open_to_train(sg_ctx *ctx, const struct sg_scene *scene,
+                         const struct sg_trainer_start *start, const struct sg_train_params *params,
+                         sg_trainer **out)
 {
     sg_clear_error(ctx);
     *out = NULL;
     if (scene->n_train && !sg_views_used(scene->train, scene->n_train))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found no training view with a used pixel: masks leave nothing",
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found no training view with a used pixel: masks leave nothing",
                        scene->path);
     return sg_trainer_open(ctx, scene, start, params, out);
 }
@@ -116,8 +120,8 @@ int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg
     return open_to_train(ctx, scene, &(struct sg_trainer_start){.initial = initial}, params, out);
 }
 
-int sg_trainer_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path, const struct sg_train_params *params,
-                      sg_trainer **out)
+int sg_trainer_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path,
+                      const struct sg_train_params *params, sg_trainer **out)
 {
     return open_to_train(ctx, scene, &(struct sg_trainer_start){.checkpoint = path}, params, out);
 }
@@ -147,8 +151,8 @@ size_t sg_trainer_pick_view(sg_trainer *t, uint64_t step)
 static void background(const sg_trainer *t, int it, float *out)
 {
     for (int ch = 0; ch < 3; ch++)
-        out[ch] = t->params.random_background
-                      ? sg_rng_uniform(t->params.seed, SG_RNG_BACKGROUND, (uint64_t) it, (uint64_t) ch)
+        out[ch] = t->params.random_background  ? sg_rng_uniform(t->params.seed, SG_RNG_BACKGROUND,
+                                                                (uint64_t) it, (uint64_t) ch)
                   : t->params.white_background ? 1.0f
                                                : 0.0f;
 }
@@ -176,33 +180,38 @@ double sg_trainer_elapsed(const sg_trainer *t)
     return t->spent + t->params.clock(t->params.clock_arg) - t->started;
 }
 
-/* One more, or as many as the time that will have passed asks for; so the last one begins while there is time for it.
- */
+/* One more, or as many as the time that will have passed asks for; so the last one begins while
+ * there is time for
+ * it. */
 static int next_iteration(sg_trainer *t)
 {
     const struct sg_train_params *p = &t->params;
     const int next = t->iteration + 1;
     if (!(p->max_seconds > 0))
         return next;
-    /* From one step to the next, so that what the caller always does between them counts; the lesser of two, since now
-     * and then it does more: saves, measures. */
+    /* From one step to the next, so that what the caller always does between them counts; the
+     * lesser of two, since now and then it does more: saves, measures. */
     const double now = sg_trainer_elapsed(t), gap = t->steps_here ? now - t->step_begun : 0;
     if (!t->steps_here) /* what was done before it takes time, but none of the schedule */
         t->first_begun = now, t->first_after = t->iteration;
     const double left = p->max_seconds - t->first_begun;
-    const double share = left > 0 ? (now + (t->gap > 0 ? fmin(gap, t->gap) : gap) - t->first_begun) / left : 1;
+    const double share =
+        left > 0 ? (now + (t->gap > 0 ? fmin(gap, t->gap) : gap) - t->first_begun) / left : 1;
     t->gap = gap;
     t->step_begun = now;
     t->steps_here = true;
-    const int by_time = share < 1 ? t->first_after + (int) (share * (p->iterations - t->first_after)) : p->iterations;
+    const int by_time = share < 1
+                            ? t->first_after + (int) (share * (p->iterations - t->first_after))
+                            : p->iterations;
     t->time_bound |= by_time > next;
     return by_time > next ? by_time : next;
 }
 
 #define GROWTH_PACE 0.25 /* of the newest densification in what grows of late */
 
-/* A share of what grows leaves growth positive, and what goes anyhow leaves half: no model dies out of either, whatever
- * its scene. The latter fades: early there is time to grow again what is missed. */
+/* A share of what grows leaves growth positive, and what goes anyhow leaves half: no model dies out
+ * of either, whatever its scene. The latter fades: early there is time to grow again what is
+ * missed. */
 static double filter_share(const sg_trainer *t, int it)
 {
     const struct sg_train_params *p = &t->params;
@@ -213,7 +222,8 @@ static double filter_share(const sg_trainer *t, int it)
     if (it >= until || !t->growths)
         return 0;
     const double n = (double) sg_engine_count(t->engine);
-    const double first = t->filter_first ? (double) t->filter_first : n, spare = n > 0 ? 1 - first / 2 / n : 0;
+    const double first = t->filter_first ? (double) t->filter_first : n,
+                 spare = n > 0 ? 1 - first / 2 / n : 0;
     const double least = d->rho_least * (until - it) / (until - from);
     return fmax(fmin(-d->rho * t->growth * t->growths, 0.5), fmin(least, spare));
 }
@@ -230,7 +240,8 @@ struct score_call {
 static int score_model(void *arg, struct sg_scores *out)
 {
     const struct score_call *c = arg;
-    return sg_score(c->t->engine, c->t->scene, &c->t->params.defense, c->render, c->t->params.seed, c->it, out);
+    return sg_score(c->t->engine, c->t->scene, &c->t->params.defense, c->render, c->t->params.seed,
+                    c->it, out);
 }
 
 /* A clock that stands still while hits are counted, which is a stage of its own. */
@@ -239,25 +250,27 @@ static double seconds_not_counting(const sg_trainer *t)
     return sg_seconds() - sg_engine_times(t->engine).count;
 }
 
-static int densify(sg_trainer *t, int it, const struct sg_render_params *render, struct sg_train_step *step)
+static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
+                   struct sg_train_step *step)
 {
     const struct sg_train_params *p = &t->params;
     struct sg_densify_result r;
     const double start = seconds_not_counting(t);
     const size_t n = sg_engine_count(t->engine);
-    const int code =
-        sg_densify(t->engine,
-                   &(struct sg_densify_params){
-                       .gradient = p->densify_grad_threshold,
-                       .split_scale = (float) ((double) p->percent_dense * t->extent),
-                       .prune_scale = it > p->opacity_reset_interval ? (float) (SG_PRUNE_EXTENT * t->extent) : 0,
-                       .max_gaussians = t->budget.gaussians,
-                       .score = score_model,
-                       .arg = &(struct score_call){t, render, it},
-                       .replace = REPLACED,
-                       .seed = p->seed,
-                       .stream = (uint64_t) it},
-                   &r);
+    const int code = sg_densify(
+        t->engine,
+        &(struct sg_densify_params){.gradient = p->densify_grad_threshold,
+                                    .split_scale = (float) ((double) p->percent_dense * t->extent),
+                                    .prune_scale = it > p->opacity_reset_interval
+                                                       ? (float) (SG_PRUNE_EXTENT * t->extent)
+                                                       : 0,
+                                    .max_gaussians = t->budget.gaussians,
+                                    .score = score_model,
+                                    .arg = &(struct score_call){t, render, it},
+                                    .replace = REPLACED,
+                                    .seed = p->seed,
+                                    .stream = (uint64_t) it},
+        &r);
     step->cloned = r.cloned, step->split = r.split, step->pruned = r.pruned;
     t->gaussians_bound |= r.replaced || r.limited;
     const double grown = (double) (r.cloned + r.split) / (double) n;
@@ -267,13 +280,15 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
     return code;
 }
 
-static int filter(sg_trainer *t, int it, const struct sg_render_params *render, struct sg_defense_step *step)
+static int filter(sg_trainer *t, int it, const struct sg_render_params *render,
+                  struct sg_defense_step *step)
 {
     const struct sg_train_params *p = &t->params;
     const double start = seconds_not_counting(t);
     if (!t->filter_first)
         t->filter_first = sg_engine_count(t->engine);
-    const int code = sg_filter(t->engine, t->scene, &p->defense, render, filter_share(t, it), p->seed, it, step);
+    const int code =
+        sg_filter(t->engine, t->scene, &p->defense, render, filter_share(t, it), p->seed, it, step);
     t->prune_seconds += seconds_not_counting(t) - start;
     t->growths = 0;
     return code;
@@ -289,7 +304,9 @@ static size_t list_losses(const sg_trainer *t, size_t view, struct sg_loss out[S
     const double anisotropy = lambda * d->anisotropy_scale, tv = lambda * d->tv_scale;
     size_t n = 0;
     out[n++] = (struct sg_loss){
-        SG_LOSS_PHOTOMETRIC, 1, {.photometric = {p->lambda_dssim, .tolerance = sg_loss_tolerance(levels)}}};
+        SG_LOSS_PHOTOMETRIC,
+        1,
+        {.photometric = {p->lambda_dssim, .tolerance = sg_loss_tolerance(levels)}}};
     if (d->on && anisotropy != 0)
         out[n++] = (struct sg_loss){SG_LOSS_ANISOTROPY, anisotropy, {.anisotropy = d->spectrum}};
     if (d->on && tv != 0)
@@ -304,7 +321,8 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     const int before = t->iteration, it = next_iteration(t);
     struct sg_train_step step = {.iteration = it, .view = sg_trainer_pick_view(t, t->steps + 1)};
     const struct sg_view *view = &t->scene->train[step.view];
-    struct sg_render_params render = {.max_instances = t->budget.instances, .reference_tiles = p->reference_tiles};
+    struct sg_render_params render = {.max_instances = t->budget.instances,
+                                      .reference_tiles = p->reference_tiles};
     const struct sg_defense_params *d = &p->defense;
     struct sg_loss losses[SG_LOSSES];
     const size_t n_losses = list_losses(t, step.view, losses);
@@ -313,15 +331,18 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     int code;
     background(t, it, render.background);
 
-    if ((code = sg_engine_draw(t->engine, &view->camera, sg_active_degree(p, t->start_degree, it), &render, false)) ||
+    if ((code = sg_engine_draw(t->engine, &view->camera, sg_active_degree(p, t->start_degree, it),
+                               &render, false)) ||
         (code = sg_engine_losses(t->engine, &target, losses, n_losses)) ||
         (code = sg_engine_raster_backward(t->engine)))
         return code;
 
-    /* The released code rebuilds every tensor when it densifies and the opacity tensor when it resets: gradients are
-     * lost and Adam stands still for them in that iteration. The last iteration takes no step either. */
+    /* The released code rebuilds every tensor when it densifies and the opacity tensor when it
+     * resets: gradients are lost and Adam stands still for them in that iteration. The last
+     * iteration takes no step either. */
     const bool densifies = sg_densifies(p, before, it);
-    const bool filters = sg_filters(p, before, it) && (densifies || d->rho >= 0 || filter_share(t, it) > 0);
+    const bool filters =
+        sg_filters(p, before, it) && (densifies || d->rho >= 0 || filter_share(t, it) > 0);
     const bool resets = sg_resets_opacity(p, before, it);
     const double lr[SG_GROUPS] = {
         [SG_G_XYZ] = sg_position_lr(p, it) * t->extent,
@@ -407,7 +428,8 @@ int sg_trainer_renderer(sg_trainer *t, sg_renderer **out)
                                       .reference_tiles = t->params.reference_tiles};
     for (int ch = 0; ch < 3; ch++)
         render.background[ch] = t->params.white_background ? 1 : 0;
-    return sg_renderer_borrow(t->engine, sg_active_degree(&t->params, t->start_degree, t->iteration), &render, out);
+    return sg_renderer_borrow(
+        t->engine, sg_active_degree(&t->params, t->start_degree, t->iteration), &render, out);
 }
 
 int sg_trainer_model(sg_trainer *t, struct sg_model **out)

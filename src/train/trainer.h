@@ -40,10 +40,10 @@ struct sg_trainer {
 
 /* What a trainer begins with. */
 struct sg_trainer_start {
-    const struct sg_model *initial; /* NULL: the scene's points, or random ones */
-    const char *checkpoint;         /* instead, unless NULL */
+    const struct sg_model *initial;     /* NULL: the scene's points, or random ones */
+    const char *checkpoint;             /* instead, unless NULL */
     const struct sg_identity *identity; /* of the run; NULL: a training with these parameters */
-    bool sums;                      /* gradients will be summed over views (struct sg_update, accumulate) */
+    bool sums; /* gradients will be summed over views (struct sg_update, accumulate) */
 };
 
 int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_trainer_start *start,
@@ -55,8 +55,8 @@ size_t sg_trainer_pick_view(sg_trainer *t, uint64_t step);
 /* Seconds of all steps, those before a checkpoint included. */
 double sg_trainer_elapsed(const sg_trainer *t);
 
-/* The engine's update, with an Adam step at these rates unless lr is NULL. The step counters advance with it, or stay
- * where it fails. hold_opacity: that group does not move. */
+/* The engine's update, with an Adam step at these rates unless lr is NULL. The step counters
+ * advance with it, or stay where it fails. hold_opacity: that group does not move. */
 int sg_trainer_update(sg_trainer *t, const double *lr, bool hold_opacity, struct sg_update u);
 
 #endif

@@ -122,7 +122,7 @@ quality() { sed -n 's/.*"psnr_mean": \([0-9]*\).*/\1/p' "$1/poison.json"; }
 # What an earlier set left in the folder is not read instead.
 expect 0 attack scene/colmap -o png $options --method noise --save jpg --force
 expect 0 attack scene/colmap -o png $options --method noise --save png --force
-[ -z "$(ls png/images | grep -v '\.png$')" ] || fail "earlier photos: $(ls png/images)"
+[ -z "$(find png/images -type f ! -name '*.png')" ] || fail "earlier photos: $(ls png/images)"
 expect 0 attack scene/blender -o png $options --method noise --force
 expect 0 train png -o victim $(once $short --force --iterations 20 --init-points 500); [ ! -e png/sparse/0/cameras.bin ] || fail "earlier cameras"
 expect 0 attack scene/colmap -o tv $(once $options --method tv-per-view --inner 3 --tv aniso --save png)

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+# shellcheck disable=SC2034 # for the scripts that source this
 # Sourced by every script: TOOL SOURCE WORK come from CTest. Each script starts in an empty folder.
 set -u
 tool=$1 source_dir=$2 work=$3

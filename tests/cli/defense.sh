@@ -135,7 +135,7 @@ grep -q '[{;]color:#\|fill=#' page.html && fail "a colour of the report is of on
 grep -q 'white 32 and more' page.html || fail "heat maps saturate within a bound of 16"
 [ "$(grep -o '<svg ' page.html | wc -l)" = 4 ] || fail "not every photo shown has its directions"
 cp -r scene/blender odd
-first=$(ls odd/train | head -n 1)
+first=$(find odd/train -type f -printf '%f\n' | sort | head -n 1)
 mv "odd/train/$first" 'odd/train/<img src=x onerror="a()">.png'
 sed -i "s|train/${first%.png}\"|train/<img src=x onerror=\\\\\"a()\\\\\">\"|" odd/transforms_train.json
 expect 0 audit odd --report odd.html -q

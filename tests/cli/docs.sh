@@ -7,7 +7,7 @@ expect 0 help --man
 for option in iterations densify grad scene per split; do
     grep -q "$option" out || fail "the man page lacks $option"
 done
-sed -n '/^\.SH SYNOPSIS/,/^\.SH COMMANDS/p' out | tr -d '\\' >synopsis
+sed -n '/^\.SH SYNOPSIS/,/^\.SH COMMANDS/p' out | tr -d '\134' >synopsis
 for arguments in 'train SCENE -o RUN' 'eval RUN|MODEL.ply --scene SCENE' 'render RUN|MODEL.ply --scene SCENE -o DIR' 'synth -o DIR' \
     'info RUN|MODEL.ply' 'attack SCENE -o POISONED' 'compare RUN...' 'spectrum IMAGE...' 'audit SCENE' 'help [COMMAND]'; do
     tr '\n' ' ' <synopsis | grep -qF -- ".B splatguard $arguments" || fail "the man page's SYNOPSIS lacks: $arguments"

@@ -4,9 +4,9 @@
 expect 0 --help
 sed -n '/^Exit status:/,$ s/^ *\([0-9][0-9]*\)  */\1|/p' out >statuses
 [ "$(cut -d '|' -f 1 statuses | tr '\n' ' ')" = '0 1 2 3 4 5 6 130 ' ] || fail "--help lists $(cat statuses)"
-expect 0 help --man; tr -d '\\' <out >man
+expect 0 help --man; tr -d '\134' <out >page
 while IFS='|' read -r status meaning; do
-    grep -A 1 "^\.B $status\$" man | grep -qF -- "$meaning" || fail "the man page lacks $status: $meaning"
+    grep -A 1 "^\.B $status\$" page | grep -qF -- "$meaning" || fail "the man page lacks $status: $meaning"
     for guide in options user-guide; do
         grep -qF -- "| $status | $meaning" "$source_dir/docs/$guide.md" || fail "docs/$guide.md lacks $status: $meaning"
     done

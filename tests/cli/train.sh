@@ -37,7 +37,7 @@ grep -q "\"psnr\": $psnr" out && fail "-w made no difference"
 expect 0 render run -o images --depth
 [ "$(ls images)" = "$(printf 'r_0.png\nr_0_depth.png\nr_1.png\nr_1_depth.png')" ] || fail "rendered: $(ls images)"
 expect 0 render run -o floats --float --split train --quiet
-[ "$(ls floats | wc -l)" = 6 ] || fail "rendered: $(ls floats)"
+[ "$(find floats -type f ! -name '.*' | wc -l)" = 6 ] || fail "rendered: $(ls floats)"
 [ "$(head -n 2 floats/r_0.pfm | tr "\n" " ")" = "PF 64 48 " ] || fail "not a PFM"
 [ "$(wc -c <floats/r_0.pfm)" = $((14 + 64 * 48 * 12)) ] || fail "PFM of $(wc -c <floats/r_0.pfm) bytes"
 

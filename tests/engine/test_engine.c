@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Every CPU variant against the scalar oracle through the stage table, on random and on nasty models. */
+/* Every CPU variant against the scalar oracle through the stage table, on random and on nasty
+ * models. */
 #include "engine/engine.h"
 #include "engine/cpu/dispatch.h"
 #include "models.h"
@@ -20,8 +21,9 @@ static void *must(size_t n, size_t size)
     return p;
 }
 
-static struct outcome run(sg_ctx *ctx, const char *engine, const char *cpu, const struct sg_model *m,
-                          const struct sg_camera *camera, struct sg_render_params params, bool masked)
+static struct outcome run(sg_ctx *ctx, const char *engine, const char *cpu,
+                          const struct sg_model *m, const struct sg_camera *camera,
+                          struct sg_render_params params, bool masked)
 {
     const size_t pixels = (size_t) camera->width * (size_t) camera->height;
     struct outcome o = {.width = camera->width, .height = camera->height};
@@ -37,7 +39,8 @@ static struct outcome run(sg_ctx *ctx, const char *engine, const char *cpu, cons
     assert_int_equal(sg_engine_draw(b, camera, m->sh_degree, &params, true), SG_OK);
     o.stats = stats_of(b);
     assert_int_equal(sg_engine_read_image(b, o.rgb, o.alpha, o.depth), SG_OK);
-    o.loss = lose(b, &(struct loss_case){.lambda_dssim = 0.2f, .target = target, .mask = masked ? mask : NULL});
+    o.loss = lose(b, &(struct loss_case){
+                         .lambda_dssim = 0.2f, .target = target, .mask = masked ? mask : NULL});
     assert_int_equal(sg_engine_raster_backward(b), SG_OK);
     assert_int_equal(sg_model_create(ctx, m->count, m->sh_degree, &o.gradients), SG_OK);
     assert_int_equal(sg_engine_read_gradients(b, o.gradients), SG_OK);
@@ -47,7 +50,8 @@ static struct outcome run(sg_ctx *ctx, const char *engine, const char *cpu, cons
     assert_int_equal(sg_engine_optimise(b, &u), SG_OK);
     assert_int_equal(sg_model_create(ctx, m->count, m->sh_degree, &o.updated), SG_OK);
     assert_int_equal(sg_engine_download(b, o.updated, NULL), SG_OK);
-    assert_int_equal(sg_engine_read_statistics(b, &(struct sg_statistics){.gradient = o.mean_gradient}), SG_OK);
+    assert_int_equal(
+        sg_engine_read_statistics(b, &(struct sg_statistics){.gradient = o.mean_gradient}), SG_OK);
     sg_engine_destroy(&b);
     free(target);
     free(mask);
@@ -65,8 +69,8 @@ static void clear(struct outcome *o)
 }
 
 /* Tight, but for a bounded share of values that flipped at a cut-off. */
-static void assert_close(const char *what, const float *a, const float *b, size_t n, float absolute, float relative,
-                         double share)
+static void assert_close(const char *what, const float *a, const float *b, size_t n, float absolute,
+                         float relative, double share)
 {
     size_t off = 0, worst = 0;
     float most = -1;
@@ -79,8 +83,8 @@ static void assert_close(const char *what, const float *a, const float *b, size_
         }
     }
     if ((double) off > share * (double) n + 1e-9)
-        fail_msg("%s: %zu of %zu values are off, worst at %zu: found %.9g, expected %.9g", what, off, n, worst,
-                 (double) a[worst], (double) b[worst]);
+        fail_msg("%s: %zu of %zu values are off, worst at %zu: found %.9g, expected %.9g", what,
+                 off, n, worst, (double) a[worst], (double) b[worst]);
 }
 
 static void compare(const char *name, const struct outcome *o, const struct outcome *ref)
@@ -109,7 +113,8 @@ static void compare(const char *name, const struct outcome *o, const struct outc
         free(a);
         free(b);
     }
-    assert_close(NAMED("statistics"), o->mean_gradient, ref->mean_gradient, o->gradients->count, 1e-6f, 5e-3f, 0.02);
+    assert_close(NAMED("statistics"), o->mean_gradient, ref->mean_gradient, o->gradients->count,
+                 1e-6f, 5e-3f, 0.02);
 }
 
 /* All variants on one model; the first two render parameter sets must agree with each other too. */
@@ -128,7 +133,8 @@ static void check_model(const struct sg_model *m, const struct sg_camera *camera
         params.reference_tiles = false;
         assert_int_equal(tiles.stats.visible, ref.stats.visible);
         assert_true(o.stats.instances <= tiles.stats.instances);
-        assert_close("culled tiles", o.rgb, tiles.rgb, 3 * (size_t) o.width * (size_t) o.height, 1e-6f, 0, 0);
+        assert_close("culled tiles", o.rgb, tiles.rgb, 3 * (size_t) o.width * (size_t) o.height,
+                     1e-6f, 0, 0);
         clear(&o);
         clear(&tiles);
     }
@@ -187,7 +193,8 @@ static void test_nasty(void **state)
     for (int p = 0; p < SG_PARAMS_MAX; p++)
         for (size_t k = 0; k < count; k++)
             *sg_model_at(m, (size_t) p * count + k, p) = bad[k];
-    for (size_t i = 0; i < 10; i++) { /* behind and inside the camera, needles, a zero quaternion, certain opacity */
+    for (size_t i = 0; i < 10;
+         i++) { /* behind and inside the camera, needles, a zero quaternion, certain opacity */
         const size_t at = SG_PARAMS_MAX * count + i;
         *sg_model_at(m, at, SG_P_XYZ + 2) = i < 3 ? -3.0f - (float) i * 0.1f : 0.2f;
         *sg_model_at(m, at, SG_P_SCALE) = i == 4 ? 4.0f : -3.0f;
@@ -203,8 +210,8 @@ static void test_nasty(void **state)
     const struct sg_camera c = make_camera(61, 47, 3);
     const struct cpu_kernels *variants[4];
     for (int i = 0, n = sg_cpu_variants(variants); i < n; i++) {
-        struct outcome o =
-            run(ctx, "cpu", variants[i]->name, m, &c, (struct sg_render_params){SG_RENDER_DEFAULTS}, false);
+        struct outcome o = run(ctx, "cpu", variants[i]->name, m, &c,
+                               (struct sg_render_params){SG_RENDER_DEFAULTS}, false);
         for (size_t k = 0; k < 3u * 61 * 47; k++)
             assert_true(isfinite(o.rgb[k]));
         for (size_t k = SG_PARAMS_MAX * count + 10; k < m->count; k++)
@@ -258,14 +265,16 @@ static void test_bands(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Against brute force in the oracle; the sum over the Gaussians is that over the pixels; bands change nothing. */
+/* Against brute force in the oracle; the sum over the Gaussians is that over the pixels; bands
+ * change nothing. */
 static void test_hits(void **state)
 {
     (void) state;
     sg_ctx *ctx = make_context(2);
     struct sg_model *m = make_model(ctx, 700, 1, 12);
     *sg_model_at(m, 5, SG_P_XYZ) = 1000; /* nobody sees it */
-    const struct sg_camera cameras[] = {make_camera(90, 70, 3), make_camera(49, 33, 2), make_camera(64, 64, 40)};
+    const struct sg_camera cameras[] = {make_camera(90, 70, 3), make_camera(49, 33, 2),
+                                        make_camera(64, 64, 40)};
     const struct sg_camera *const views[] = {&cameras[0], &cameras[1], &cameras[2]};
     const struct cpu_kernels *variants[4];
     double *ref = must(m->count, sizeof(double)), *hits = must(m->count, sizeof(double));
@@ -273,8 +282,10 @@ static void test_hits(void **state)
     for (int kind = SG_HIT_PIXELS; kind <= SG_HIT_WEIGHT; kind++) {
         double blended = 0;
         struct sg_engine *b = make_engine(ctx, "ref", NULL, m, NULL);
-        assert_int_equal(sg_engine_count_hits(b, views, 3, &params, (enum sg_hit) kind, ref), SG_OK);
-        for (int v = 0; v < 3 && kind == SG_HIT_WEIGHT; v++) { /* weights of a pixel add up to its alpha */
+        assert_int_equal(sg_engine_count_hits(b, views, 3, &params, (enum sg_hit) kind, ref),
+                         SG_OK);
+        for (int v = 0; v < 3 && kind == SG_HIT_WEIGHT;
+             v++) { /* weights of a pixel add up to its alpha */
             const size_t pixels = (size_t) cameras[v].width * (size_t) cameras[v].height;
             float *rgb = must(3 * pixels, sizeof(float)), *alpha = must(pixels, sizeof(float));
             assert_int_equal(sg_engine_draw(b, views[v], 0, &params, true), SG_OK);
@@ -296,7 +307,8 @@ static void test_hits(void **state)
                 size_t off = 0;
                 params.max_instances = limit;
                 b = make_engine(ctx, "cpu", variants[k]->name, m, NULL);
-                assert_int_equal(sg_engine_count_hits(b, views, 3, &params, (enum sg_hit) kind, hits), SG_OK);
+                assert_int_equal(
+                    sg_engine_count_hits(b, views, 3, &params, (enum sg_hit) kind, hits), SG_OK);
                 for (size_t i = 0; i < m->count; i++) {
                     off += fabs(hits[i] - ref[i]) > 1e-3 * (1 + ref[i]);
                     assert_true(fabs(hits[i] - ref[i]) <= 3 + 0.01 * ref[i]);
@@ -312,7 +324,8 @@ static void test_hits(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Where no pixel is ever full, a Gaussian is hit where it would be seen alone: as many times, exactly. */
+/* Where no pixel is ever full, a Gaussian is hit where it would be seen alone: as many times,
+ * exactly. */
 static void test_hits_alone(void **state)
 {
     (void) state;
@@ -375,7 +388,8 @@ static void test_floor(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Stages out of order, targets and lists that make no sense: refused by their name, and nothing is lost. */
+/* Stages out of order, targets and lists that make no sense: refused by their name, and nothing is
+ * lost. */
 static void test_front_end(void **state)
 {
     (void) state;
@@ -384,7 +398,8 @@ static void test_front_end(void **state)
     const struct sg_camera camera = make_camera(W, H, 3);
     const struct sg_render_params params = {SG_RENDER_DEFAULTS};
     const struct sg_loss photometric = {SG_LOSS_PHOTOMETRIC, 1, {.photometric = {0.2f, 0}}};
-    const struct sg_loss wrong[] = {{SG_LOSS_TOTAL_VARIATION, 1, {.total_variation = SG_TV_NORM_L1}}, photometric};
+    const struct sg_loss wrong[] = {
+        {SG_LOSS_TOTAL_VARIATION, 1, {.total_variation = SG_TV_NORM_L1}}, photometric};
     static uint8_t rgb[3 * W * H];
     static float planes[3 * W * H];
     for (int v = 0, n = engine_cases(cases); v < n; v++) {
@@ -398,40 +413,49 @@ static void test_front_end(void **state)
         const struct sg_target target = {.photo = photo}, none = {0}, turned = {.photo = other},
                                unknown = {.photo = 77};
         const struct sg_update update = {.adam = true};
-#define REFUSED(code, call, text)                                                                                      \
-    do {                                                                                                               \
-        sg_clear_error(ctx);                                                                                           \
-        assert_int_equal(call, code);                                                                                  \
-        assert_non_null(strstr(sg_last_error(ctx), text));                                                             \
+#define REFUSED(code, call, text)                                                                  \
+    do {                                                                                           \
+        sg_clear_error(ctx);                                                                       \
+        assert_int_equal(call, code);                                                              \
+        assert_non_null(strstr(sg_last_error(ctx), text));                                         \
     } while (0)
         REFUSED(SG_ERR_INTERNAL, sg_engine_bin(b), "bin: found no projection");
         assert_int_equal(sg_engine_project(b, &camera, 1, &params), SG_OK);
         REFUSED(SG_ERR_INTERNAL, sg_engine_raster(b, false), "raster: found no tile lists");
-        REFUSED(SG_ERR_INTERNAL, sg_engine_losses(b, &target, &photometric, 1), "losses: found no image");
-        REFUSED(SG_ERR_INTERNAL, sg_engine_read_image(b, planes, NULL, NULL), "read_image: found no image");
+        REFUSED(SG_ERR_INTERNAL, sg_engine_losses(b, &target, &photometric, 1),
+                "losses: found no image");
+        REFUSED(SG_ERR_INTERNAL, sg_engine_read_image(b, planes, NULL, NULL),
+                "read_image: found no image");
         assert_int_equal(sg_engine_draw(b, &camera, 1, &params, false), SG_OK);
         REFUSED(SG_ERR_INTERNAL, sg_engine_raster_backward(b), "found no gradient of the image");
         REFUSED(SG_ERR_USAGE, sg_engine_losses(b, &none, &photometric, 1), "found no target");
         REFUSED(SG_ERR_USAGE, sg_engine_losses(b, &unknown, &photometric, 1), "photo 77");
-        REFUSED(SG_ERR_USAGE, sg_engine_losses(b, &turned, &photometric, 1), "12 x 20, expected 20 x 12");
+        REFUSED(SG_ERR_USAGE, sg_engine_losses(b, &turned, &photometric, 1),
+                "12 x 20, expected 20 x 12");
         REFUSED(SG_ERR_USAGE, sg_engine_losses(b, &target, wrong, 2), "once and first");
         sg_engine_photo_drop(b, other);
         REFUSED(SG_ERR_USAGE, sg_engine_losses(b, &turned, &photometric, 1), "has not been added");
         assert_int_equal(sg_engine_losses(b, &target, &photometric, 1), SG_OK);
-        REFUSED(SG_ERR_INTERNAL, sg_engine_optimise(b, &update), "found no gradients of the splats");
+        REFUSED(SG_ERR_INTERNAL, sg_engine_optimise(b, &update),
+                "found no gradients of the splats");
         assert_int_equal(sg_engine_raster_backward(b), SG_OK);
         assert_int_equal(sg_engine_optimise(b, &update), SG_OK);
-        REFUSED(SG_ERR_INTERNAL, sg_engine_raster_backward(b), "raster_backward"); /* the model has moved */
+        REFUSED(SG_ERR_INTERNAL, sg_engine_raster_backward(b),
+                "raster_backward"); /* the model has moved */
         assert_int_equal(sg_engine_read_image(b, planes, NULL, NULL), SG_OK);
         assert_int_equal(sg_engine_read_step(b, &step), SG_OK);
-        assert_true(step.loss[SG_LOSS_PHOTOMETRIC] == step.photometric.total && step.photometric.l1 > 0);
-        assert_true(isnan(step.loss[SG_LOSS_ANISOTROPY]) && isnan(step.loss[SG_LOSS_TOTAL_VARIATION]));
-        assert_int_equal(sg_engine_photo_add(b, H, W, rgb, NULL, &other), SG_OK); /* the free handle */
+        assert_true(step.loss[SG_LOSS_PHOTOMETRIC] == step.photometric.total &&
+                    step.photometric.l1 > 0);
+        assert_true(isnan(step.loss[SG_LOSS_ANISOTROPY]) &&
+                    isnan(step.loss[SG_LOSS_TOTAL_VARIATION]));
+        assert_int_equal(sg_engine_photo_add(b, H, W, rgb, NULL, &other),
+                         SG_OK); /* the free handle */
         assert_int_equal(other, turned.photo);
         sg_engine_stop_clocks(b, true);
         const struct sg_engine_times before = sg_engine_times(b);
         assert_int_equal(sg_engine_draw(b, &camera, 1, &params, false), SG_OK);
-        assert_true(sg_engine_times(b).raster == before.raster && before.raster > 0 && before.optimise > 0);
+        assert_true(sg_engine_times(b).raster == before.raster && before.raster > 0 &&
+                    before.optimise > 0);
         sg_engine_destroy(&b);
         REFUSED(SG_ERR_USAGE, sg_engine_create(ctx, "vulkan", NULL, &b), "expected cpu or ref");
         REFUSED(SG_ERR_USAGE, sg_engine_create(ctx, "cpu", "mmx", &b), "cpu: found \"mmx\"");

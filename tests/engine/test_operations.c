@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What every engine must do, by the calls of engine.h alone: each case runs on every engine and variant of this machine
- * and is compared with the oracle, or with differences of the engine's own values. */
+/* What every engine must do, by the calls of engine.h alone: each case runs on every engine and
+ * variant of this machine and is compared with the oracle, or with differences of the engine's own
+ * values. */
 #include "models.h"
 
 #define W 52
@@ -19,13 +20,15 @@ static int find_cases(void **state)
     return 0;
 }
 
-static struct sg_engine *begin(sg_ctx *ctx, int k, const struct sg_model *m, const struct sg_optimiser *o)
+static struct sg_engine *begin(sg_ctx *ctx, int k, const struct sg_model *m,
+                               const struct sg_optimiser *o)
 {
     return make_engine(ctx, cases[k].engine, cases[k].variant, m, o);
 }
 
 /* Draws and compares with a photo, by the first n of three losses. */
-static struct sg_step losses_of(struct sg_engine *e, const struct sg_model *m, const uint8_t *mask, size_t n)
+static struct sg_step losses_of(struct sg_engine *e, const struct sg_model *m, const uint8_t *mask,
+                                size_t n)
 {
     static uint8_t photo[3 * PIXELS];
     const struct sg_camera camera = make_camera(W, H, 3);
@@ -62,9 +65,10 @@ static size_t values_of(const struct sg_model *m)
     return m->capacity * (size_t) sg_param_count(m->sh_degree);
 }
 
-/* Of all values at most a share may differ by more than `relative` of the largest of their plane. */
-static void assert_near(int k, const char *what, const struct sg_model *found, const struct sg_model *expected,
-                        float relative, double share)
+/* Of all values at most a share may differ by more than `relative` of the largest of their
+ * plane. */
+static void assert_near(int k, const char *what, const struct sg_model *found,
+                        const struct sg_model *expected, float relative, double share)
 {
     const int planes = sg_param_count(expected->sh_degree);
     assert_int_equal(found->count, expected->count);
@@ -74,13 +78,16 @@ static void assert_near(int k, const char *what, const struct sg_model *found, c
         for (size_t i = 0; i < expected->count; i++)
             largest = fmaxf(largest, fabsf(*sg_model_at(expected, i, p)));
         for (size_t i = 0; i < expected->count; i++)
-            off += !(fabsf(*sg_model_at(found, i, p) - *sg_model_at(expected, i, p)) <= relative * largest + 1e-9f);
+            off += !(fabsf(*sg_model_at(found, i, p) - *sg_model_at(expected, i, p)) <=
+                     relative * largest + 1e-9f);
         if ((double) off > share * (double) expected->count + 1e-9)
-            fail_msg("%s: %s: plane %d: %zu of %zu values are off", case_name(cases[k]), what, p, off, expected->count);
+            fail_msg("%s: %s: plane %d: %zu of %zu values are off", case_name(cases[k]), what, p,
+                     off, expected->count);
     }
 }
 
-/* Every loss on its own and all of them, with a mask and without: values and gradients as the oracle's. */
+/* Every loss on its own and all of them, with a mask and without: values and gradients as the
+ * oracle's. */
 static void test_losses(void **state)
 {
     (void) state;
@@ -99,9 +106,10 @@ static void test_losses(void **state)
                 const struct sg_step found = losses_of(e, m, masked ? mask : NULL, n);
                 for (size_t kind = 0; kind < SG_LOSSES; kind++) {
                     assert_int_equal(isnan(found.loss[kind]) != 0, kind >= n);
-                    if (kind < n && !(fabs(found.loss[kind] - expected.loss[kind]) < 2e-4 * expected.loss[kind]))
-                        fail_msg("%s: loss %zu: found %g, expected %g", case_name(cases[k]), kind, found.loss[kind],
-                                 expected.loss[kind]);
+                    if (kind < n && !(fabs(found.loss[kind] - expected.loss[kind]) <
+                                      2e-4 * expected.loss[kind]))
+                        fail_msg("%s: loss %zu: found %g, expected %g", case_name(cases[k]), kind,
+                                 found.loss[kind], expected.loss[kind]);
                 }
                 struct sg_model *g = gradients_of(ctx, e, m);
                 assert_near(k, "gradient", g, right, 2e-3f, 0.03);
@@ -123,7 +131,8 @@ static const struct sg_update *some_update(void)
     return &u;
 }
 
-/* Stored gradients and a step from them move the model as the two stages in one do, and count the same statistics. */
+/* Stored gradients and a step from them move the model as the two stages in one do, and count the
+ * same statistics. */
 static void test_two_stages(void **state)
 {
     (void) state;
@@ -140,8 +149,9 @@ static void test_two_stages(void **state)
             assert_int_equal(sg_engine_optimise(e, some_update()), SG_OK);
             assert_int_equal(sg_model_create(ctx, m->count, m->sh_degree, &after[stages]), SG_OK);
             assert_int_equal(sg_engine_download(e, after[stages], NULL), SG_OK);
-            assert_int_equal(sg_engine_read_statistics(e, &(struct sg_statistics){.gradient = gradient[stages]}),
-                             SG_OK);
+            assert_int_equal(
+                sg_engine_read_statistics(e, &(struct sg_statistics){.gradient = gradient[stages]}),
+                SG_OK);
             sg_engine_destroy(&e);
         }
         assert_near(k, "step from stored gradients", after[1], after[0], 1e-6f, 0);
@@ -156,7 +166,8 @@ static void test_two_stages(void **state)
 
 /* ---- a shape ---- */
 
-/* Scales that have a floor, softly: scale' = log(exp(scale) + floor), and colours that are halved. */
+/* Scales that have a floor, softly: scale' = log(exp(scale) + floor), and colours that are
+ * halved. */
 static void floor_forward(const void *arg, const float *params, int planes, float *shaped)
 {
     const float least = *(const float *) arg;
@@ -177,8 +188,9 @@ static void floor_backward(const void *arg, const float *params, int planes, flo
         gradients[i] *= 0.5f;
 }
 
-/* The image with a shape is that of the shaped parameters; its gradients are those of the parameters, by differences.
- */
+/* The image with a shape is that of the shaped parameters; its gradients are those of the
+ * parameters, by
+ * differences. */
 static void test_shape(void **state)
 {
     (void) state;
@@ -189,7 +201,8 @@ static void test_shape(void **state)
     const struct sg_camera camera = make_camera(W, H, 3);
     const struct sg_render_params params = {SG_RENDER_DEFAULTS};
     for (size_t i = 0; i < 3 * PIXELS; i++)
-        weight[i] = draw(15, i, 0.5f, 1); /* of one sign: the ring at the cut-off of alpha weighs little */
+        weight[i] =
+            draw(15, i, 0.5f, 1); /* of one sign: the ring at the cut-off of alpha weighs little */
     sg_ctx *ctx = make_context(2);
     struct sg_model *m = make_model(ctx, N, 1, 33), *shaped, *g;
     for (size_t i = 0; i < N; i++) { /* all in sight and hardly hidden */
@@ -234,11 +247,12 @@ static void test_shape(void **state)
                 change /= 2 * (double) step;
                 const float found = *sg_model_at(g, i, tried[t]);
                 if (!(fabs(change - (double) found) < 0.08 * (double) largest))
-                    fail_msg("%s: Gaussian %zu, plane %d: gradient %g, expected %g", case_name(cases[k]), i, tried[t],
-                             (double) found, change);
+                    fail_msg("%s: Gaussian %zu, plane %d: gradient %g, expected %g",
+                             case_name(cases[k]), i, tried[t], (double) found, change);
             }
         }
-        /* A step moves the parameters, not what is drawn, and by Adam's rule in the direction of the gradient. */
+        /* A step moves the parameters, not what is drawn, and by Adam's rule in the direction of
+         * the gradient. */
         struct sg_model *after;
         struct sg_update u = *some_update();
         assert_int_equal(sg_engine_upload(e, m, NULL), SG_OK);
@@ -296,8 +310,9 @@ static struct held held_by(sg_ctx *ctx, struct sg_engine *e, int degree)
 static void assert_held(int k, const char *what, const struct held *a, const struct held *b)
 {
     const size_t bytes = values_of(b->m) * sizeof(float), each = b->m->count * sizeof(float);
-    if (a->m->count != b->m->count || memcmp(a->m->params, b->m->params, bytes) || memcmp(a->o.m, b->o.m, bytes) ||
-        memcmp(a->o.v, b->o.v, bytes) || memcmp(a->o.grad_sum, b->o.grad_sum, each) ||
+    if (a->m->count != b->m->count || memcmp(a->m->params, b->m->params, bytes) ||
+        memcmp(a->o.m, b->o.m, bytes) || memcmp(a->o.v, b->o.v, bytes) ||
+        memcmp(a->o.grad_sum, b->o.grad_sum, each) ||
         memcmp(a->o.grad_count, b->o.grad_count, each))
         fail_msg("%s: %s: the model or its state differs", case_name(cases[k]), what);
 }
@@ -333,8 +348,9 @@ static void test_adopt(void **state)
     }
 }
 
-/* Removal, copies and children together, with statistics kept and without, below and above the count from which the
- * model is put in order: the oracle's bytes. Then opacity and scales are limited, and again. */
+/* Removal, copies and children together, with statistics kept and without, below and above the
+ * count from which the model is put in order: the oracle's bytes. Then opacity and scales are
+ * limited, and again. */
 static void test_edits(void **state)
 {
     (void) state;
@@ -348,7 +364,8 @@ static void test_edits(void **state)
         uint8_t *keep = calloc(n, 1), *kind = calloc(n, 1);
         uint32_t *source = calloc(n, sizeof(*source));
         assert_true(keep && kind && source);
-        struct sg_edit edit = {.keep = keep, .source = source, .kind = kind, .seed = 5, .stream = 9};
+        struct sg_edit edit = {
+            .keep = keep, .source = source, .kind = kind, .seed = 5, .stream = 9};
         edit.statistics = s >= 2;
         for (size_t i = 0; i < n; i++) {
             keep[i] = i % 3 != 1;
@@ -382,7 +399,8 @@ static void test_edits(void **state)
         if (n == counts[0]) { /* the order is the survivors', then the appended */
             for (size_t i = 0, to = 0; i < n; i++)
                 if (keep[i]) {
-                    same += expected.o.m[sg_param_index(23, to, 0)] == o.m[sg_param_index(23, i, 0)];
+                    same +=
+                        expected.o.m[sg_param_index(23, to, 0)] == o.m[sg_param_index(23, i, 0)];
                     assert_true(expected.o.grad_sum[to] == (edit.statistics ? o.grad_sum[i] : 0));
                     to++;
                 }
@@ -407,7 +425,8 @@ static void test_statistics(void **state)
     float gradient[GAUSSIANS], opacity[GAUSSIANS], largest[GAUSSIANS], smallest[GAUSSIANS];
     for (int k = 0; k < case_count; k++) {
         struct sg_engine *e = begin(ctx, k, m, &o);
-        assert_int_equal(sg_engine_read_statistics(e, &(struct sg_statistics){gradient, opacity, largest, smallest}),
+        assert_int_equal(sg_engine_read_statistics(
+                             e, &(struct sg_statistics){gradient, opacity, largest, smallest}),
                          SG_OK);
         for (size_t i = 0; i < GAUSSIANS; i++) {
             const float *s[3] = {sg_model_at(m, i, SG_P_SCALE), sg_model_at(m, i, SG_P_SCALE + 1),
@@ -429,8 +448,9 @@ static void test_statistics(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_losses), cmocka_unit_test(test_two_stages), cmocka_unit_test(test_shape),
-        cmocka_unit_test(test_adopt),  cmocka_unit_test(test_edits),      cmocka_unit_test(test_statistics),
+        cmocka_unit_test(test_losses), cmocka_unit_test(test_two_stages),
+        cmocka_unit_test(test_shape),  cmocka_unit_test(test_adopt),
+        cmocka_unit_test(test_edits),  cmocka_unit_test(test_statistics),
     };
     return cmocka_run_group_tests(tests, find_cases, NULL);
 }

@@ -35,7 +35,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         sg_colmap_images_txt(ctx, &in, 1000, &cameras, &shots);
     else
         sg_colmap_points_txt(ctx, &in, 100000, &points);
-    for (size_t i = 0; i < cameras.count; i++) { /* whatever a lens is like, a photo of it is undone */
+    for (size_t i = 0; i < cameras.count;
+         i++) { /* whatever a lens is like, a photo of it is undone */
         static uint8_t photo[16 * 12 * 3], pinhole[sizeof(photo)], valid[16 * 12];
         size_t lost;
         if (sg_undistort(ctx, &cameras.items[i].lens, 16, 12, photo, pinhole, valid, NULL, &lost))

@@ -12,7 +12,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         return 0;
     if (!sg_image_decode(ctx, "fuzz", data, size, 1 << 18, &image)) {
         uint8_t small[5 * 4 * 4];
-        uint8_t *rgb = sg_alloc(ctx, SG_MEM_IMAGES, (size_t) image.width * (size_t) image.height, 3);
+        uint8_t *rgb =
+            sg_alloc(ctx, SG_MEM_IMAGES, (size_t) image.width * (size_t) image.height, 3);
         if (rgb)
             sg_image_flatten(&image, SG_ALPHA_ON_WHITE, rgb);
         sg_resample(ctx, image.pixels, image.width, image.height, image.channels, small, 5, 4);

@@ -26,7 +26,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         struct sg_model_info info;
         if (sg_model_inspect(ctx, m, &info) || sg_model_write_ply(ctx, m, path) ||
             sg_model_read_ply(ctx, path, 1 << 16, &back) || back->count != m->count ||
-            memcmp(sg_model_at(m, m->count - 1, 0), sg_model_at(back, m->count - 1, 0), sizeof(float)))
+            memcmp(sg_model_at(m, m->count - 1, 0), sg_model_at(back, m->count - 1, 0),
+                   sizeof(float)))
             __builtin_trap();
         sg_model_destroy(&back);
     }

@@ -5,8 +5,10 @@
 
 int main(void)
 {
-    char version[32]; /* of the headers: the library's is another where they do not belong together */
-    snprintf(version, sizeof(version), "%d.%d.%d", SG_VERSION_MAJOR, SG_VERSION_MINOR, SG_VERSION_PATCH);
+    char version[32]; /* of the headers: the library's is another where they do not belong
+                       * together */
+    snprintf(version, sizeof(version), "%d.%d.%d", SG_VERSION_MAJOR, SG_VERSION_MINOR,
+             SG_VERSION_PATCH);
     if (strcmp(version, sg_version()))
         return 2;
     sg_ctx *ctx = NULL;

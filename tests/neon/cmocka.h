@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* As much of cmocka as the kernel tests use, in a header: cross compilers come without the library. A failure exits. */
+/* As much of cmocka as the kernel tests use, in a header: cross compilers come without the library.
+ * A failure exits. */
 #ifndef TESTS_NEON_CMOCKA_H
 #define TESTS_NEON_CMOCKA_H
 
@@ -8,17 +9,17 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define fail_msg(...)                                                                                                  \
-    do {                                                                                                               \
-        fprintf(stderr, "%s:%d: ", __FILE__, __LINE__);                                                                \
-        fprintf(stderr, __VA_ARGS__);                                                                                  \
-        fputc('\n', stderr);                                                                                           \
-        exit(1);                                                                                                       \
+#define fail_msg(...)                                                                              \
+    do {                                                                                           \
+        fprintf(stderr, "%s:%d: ", __FILE__, __LINE__);                                            \
+        fprintf(stderr, __VA_ARGS__);                                                              \
+        fputc('\n', stderr);                                                                       \
+        exit(1);                                                                                   \
     } while (0)
-#define assert_true(c)                                                                                                 \
-    do {                                                                                                               \
-        if (!(c))                                                                                                      \
-            fail_msg("%s is false", #c);                                                                               \
+#define assert_true(c)                                                                             \
+    do {                                                                                           \
+        if (!(c))                                                                                  \
+            fail_msg("%s is false", #c);                                                           \
     } while (0)
 #define assert_false(c) assert_true(!(c))
 #define assert_null(p) assert_true((p) == NULL)
@@ -26,20 +27,24 @@
 #define assert_int_equal(a, b) assert_true((unsigned long long) (a) == (unsigned long long) (b))
 #define assert_memory_equal(a, b, n) assert_true(!memcmp((a), (b), (n)))
 #define assert_memory_not_equal(a, b, n) assert_true(memcmp((a), (b), (n)))
-#define assert_float_equal(a, b, epsilon)                                                                              \
-    do {                                                                                                               \
-        const double a_ = (double) (a), b_ = (double) (b);                                                             \
-        if (!(a_ - b_ <= (double) (epsilon) && b_ - a_ <= (double) (epsilon)))                                         \
-            fail_msg("%s: found %.9g, expected %.9g", #a, a_, b_);                                                     \
+#define assert_float_equal(a, b, epsilon)                                                          \
+    do {                                                                                           \
+        const double a_ = (double) (a), b_ = (double) (b);                                         \
+        if (!(a_ - b_ <= (double) (epsilon) && b_ - a_ <= (double) (epsilon)))                     \
+            fail_msg("%s: found %.9g, expected %.9g", #a, a_, b_);                                 \
     } while (0)
 
 struct CMUnitTest {
     const char *name;
     void (*test)(void **state);
 };
-#define cmocka_unit_test(f) {#f, f}
+#define cmocka_unit_test(f)                                                                        \
+    {                                                                                              \
+#f, f                                                                                      \
+    }
 
-static inline int neon_run(const struct CMUnitTest *tests, size_t n, int (*setup)(void **), int (*teardown)(void **))
+static inline int neon_run(const struct CMUnitTest *tests, size_t n, int (*setup)(void **),
+                           int (*teardown)(void **))
 {
     void *state = NULL;
     if (setup && setup(&state))
@@ -50,7 +55,7 @@ static inline int neon_run(const struct CMUnitTest *tests, size_t n, int (*setup
     }
     return teardown ? teardown(&state) : 0;
 }
-#define cmocka_run_group_tests(tests, setup, teardown)                                                                 \
+#define cmocka_run_group_tests(tests, setup, teardown)                                             \
     neon_run((tests), sizeof(tests) / sizeof((tests)[0]), (setup), (teardown))
 
 #endif

@@ -8,15 +8,18 @@
 
 #include "math/tiles.h"
 
-#define CHUNK 4096      /* Gaussians a piece of work, in index order */
-#define ORDER_CHUNKS 16 /* pieces of the sorted order; fixed, so that nothing depends on the number of threads */
-#define AHEAD 16        /* entries of the order to prefetch: they point all over the model */
+#define CHUNK 4096 /* Gaussians a piece of work, in index order */
+#define ORDER_CHUNKS                                                                               \
+    16 /* pieces of the sorted order; fixed, so that nothing depends on the number of threads */
+#define AHEAD 16 /* entries of the order to prefetch: they point all over the model */
 #define RADIX_BITS 11
 #define RADIX (1 << RADIX_BITS)
 
-/* First and end tile of row ty that a splat touches, within its rectangle. One function for counting and emitting. */
-static void __attribute__((noinline)) row_tiles(const struct bins *b, const struct cpu_splat *s,
-                                                const struct ellipse *e, int ty, int x0, int x1, int *first, int *end)
+/* First and end tile of row ty that a splat touches, within its rectangle. One function for
+ * counting and emitting. */
+static void __attribute__((noinline))
+row_tiles(const struct bins *b, const struct cpu_splat *s, const struct ellipse *e, int ty, int x0,
+          int x1, int *first, int *end)
 {
     *first = x0, *end = x1;
     if (b->reference_tiles)
@@ -33,42 +36,43 @@ static void __attribute__((noinline)) row_tiles(const struct bins *b, const stru
     *first = c0, *end = c1 > c0 ? c1 : c0;
 }
 
-/* Runs the last argument for each tile of splat i in the job's band, in row-major order, with `tile` its index. Rows
- * outside the band are not walked over. */
-#define EACH_TILE(job, i, tile, ...)                                                                                   \
-    do {                                                                                                               \
-        const struct bins *b_ = (job)->b;                                                                              \
-        const struct cpu_extent *e_ = &b_->extents[i];                                                                 \
-        const int width_ = e_->x1 - e_->x0;                                                                            \
-        if (e_->tiles) {                                                                                               \
-            const uint32_t row_ = (1u << width_) - 1;                                                                  \
-            int first_ = e_->y0 * b_->grid_x + e_->x0;                                                                 \
-            for (uint32_t left_ = e_->tiles; left_; left_ >>= width_, first_ += b_->grid_x)                            \
-                for (uint32_t bits_ = left_ & row_; bits_; bits_ &= bits_ - 1) {                                       \
-                    const int tile = first_ + __builtin_ctz(bits_);                                                    \
-                    if (tile >= (job)->first && tile < (job)->end) {                                                   \
-                        __VA_ARGS__;                                                                                   \
-                    }                                                                                                  \
-                }                                                                                                      \
-        } else if (width_ > 0) {                                                                                       \
-            const struct cpu_splat *s_ = &b_->splats[i];                                                               \
-            const struct ellipse el_ = {s_->slope, s_->reach, s_->taper, s_->ymax, s_->yright};                        \
-            const int y0_ = e_->y0 > (job)->low ? e_->y0 : (job)->low;                                                 \
-            const int y1_ = e_->y1 < (job)->high ? e_->y1 : (job)->high;                                               \
-            for (int ty_ = y0_; ty_ < y1_; ty_++) {                                                                    \
-                int first_, end_;                                                                                      \
-                row_tiles(b_, s_, &el_, ty_, e_->x0, e_->x1, &first_, &end_);                                          \
-                for (int tx_ = first_; tx_ < end_; tx_++) {                                                            \
-                    const int tile = ty_ * b_->grid_x + tx_;                                                           \
-                    if (tile >= (job)->first && tile < (job)->end) {                                                   \
-                        __VA_ARGS__;                                                                                   \
-                    }                                                                                                  \
-                }                                                                                                      \
-            }                                                                                                          \
-        }                                                                                                              \
+/* Runs the last argument for each tile of splat i in the job's band, in row-major order, with
+ * `tile` its index. Rows outside the band are not walked over. */
+#define EACH_TILE(job, i, tile, ...)                                                               \
+    do {                                                                                           \
+        const struct bins *b_ = (job)->b;                                                          \
+        const struct cpu_extent *e_ = &b_->extents[i];                                             \
+        const int width_ = e_->x1 - e_->x0;                                                        \
+        if (e_->tiles) {                                                                           \
+            const uint32_t row_ = (1u << width_) - 1;                                              \
+            int first_ = e_->y0 * b_->grid_x + e_->x0;                                             \
+            for (uint32_t left_ = e_->tiles; left_; left_ >>= width_, first_ += b_->grid_x)        \
+                for (uint32_t bits_ = left_ & row_; bits_; bits_ &= bits_ - 1) {                   \
+                    const int tile = first_ + __builtin_ctz(bits_);                                \
+                    if (tile >= (job)->first && tile < (job)->end) {                               \
+                        __VA_ARGS__;                                                               \
+                    }                                                                              \
+                }                                                                                  \
+        } else if (width_ > 0) {                                                                   \
+            const struct cpu_splat *s_ = &b_->splats[i];                                           \
+            const struct ellipse el_ = {s_->slope, s_->reach, s_->taper, s_->ymax, s_->yright};    \
+            const int y0_ = e_->y0 > (job)->low ? e_->y0 : (job)->low;                             \
+            const int y1_ = e_->y1 < (job)->high ? e_->y1 : (job)->high;                           \
+            for (int ty_ = y0_; ty_ < y1_; ty_++) {                                                \
+                int first_, end_;                                                                  \
+                row_tiles(b_, s_, &el_, ty_, e_->x0, e_->x1, &first_, &end_);                      \
+                for (int tx_ = first_; tx_ < end_; tx_++) {                                        \
+                    const int tile = ty_ * b_->grid_x + tx_;                                       \
+                    if (tile >= (job)->first && tile < (job)->end) {                               \
+                        __VA_ARGS__;                                                               \
+                    }                                                                              \
+                }                                                                                  \
+            }                                                                                      \
+        }                                                                                          \
     } while (0)
 
-/* Depth order: least significant digit first, stable, on the bits of the depth above the near limit. */
+/* Depth order: least significant digit first, stable, on the bits of the depth above the near
+ * limit. */
 static uint32_t depth_key(float z)
 {
     const float near = SG_Z_MIN;
@@ -138,8 +142,8 @@ static void place_digits(void *arg, size_t chunk, int thread)
         j->to[h[j->from[i].key >> j->shift & (RADIX - 1)]++] = j->from[i];
 }
 
-/* From counts per chunk and key to where each chunk puts its first element of each key. start: `keys` + 1 numbers, set
- * to the first place of each key. */
+/* From counts per chunk and key to where each chunk puts its first element of each key. start:
+ * `keys` + 1 numbers, set to the first place of each key. */
 static void place_counts(uint32_t *counts, size_t keys, size_t stride, uint32_t *start)
 {
     memset(start, 0, (keys + 1) * sizeof(*start));
@@ -148,7 +152,8 @@ static void place_counts(uint32_t *counts, size_t keys, size_t stride, uint32_t 
             start[k + 1] += counts[c * stride + k];
     for (size_t k = 0; k < keys; k++)
         start[k + 1] += start[k];
-    for (size_t c = 0; c < ORDER_CHUNKS; c++) /* leaves each key's end, which is the next one's start */
+    for (size_t c = 0; c < ORDER_CHUNKS;
+         c++) /* leaves each key's end, which is the next one's start */
         for (size_t k = 0; k < keys; k++) {
             const uint32_t n = counts[c * stride + k];
             counts[c * stride + k] = start[k];
@@ -162,8 +167,10 @@ static int sort_by_depth(sg_ctx *ctx, struct bins *b)
 {
     const size_t chunks = (b->count + CHUNK - 1) / CHUNK;
     struct sort_job j = {.b = b};
-    if (sg_grow(ctx, SG_MEM_INSTANCES, &b->chunk_start, &b->cap_chunks, chunks, 0, sizeof(size_t)) ||
-        sg_grow(ctx, SG_MEM_INSTANCES, &b->digits, &b->cap_digits, ORDER_CHUNKS * RADIX, 0, sizeof(uint32_t)))
+    if (sg_grow(ctx, SG_MEM_INSTANCES, &b->chunk_start, &b->cap_chunks, chunks, 0,
+                sizeof(size_t)) ||
+        sg_grow(ctx, SG_MEM_INSTANCES, &b->digits, &b->cap_digits, ORDER_CHUNKS * RADIX, 0,
+                sizeof(uint32_t)))
         return SG_ERR_BUDGET;
     sg_parallel_for(ctx, chunks, count_drawn, &j);
     size_t sum = 0;
@@ -228,10 +235,11 @@ static int cut_bands(sg_ctx *ctx, struct bins *b, size_t tiles, uint64_t limit)
         while (end < tiles && sum + b->tile_total[end] <= limit)
             sum += b->tile_total[end++];
         if (sum > UINT32_MAX)
-            return sg_fail(ctx, SG_ERR_BUDGET, "render: one tile has %llu instances, at most %u are supported",
+            return sg_fail(ctx, SG_ERR_BUDGET,
+                           "render: one tile has %llu instances, at most %u are supported",
                            (unsigned long long) sum, UINT32_MAX);
-        if (sg_grow(ctx, SG_MEM_INSTANCES, &b->bands, &b->cap_bands, (size_t) b->band_count + 1, (size_t) b->band_count,
-                    sizeof(*b->bands)))
+        if (sg_grow(ctx, SG_MEM_INSTANCES, &b->bands, &b->cap_bands, (size_t) b->band_count + 1,
+                    (size_t) b->band_count, sizeof(*b->bands)))
             return SG_ERR_BUDGET;
         b->bands[b->band_count++] = (struct bin_band){(int) tile, (int) end};
         tile = end;
@@ -239,7 +247,8 @@ static int cut_bands(sg_ctx *ctx, struct bins *b, size_t tiles, uint64_t limit)
     return SG_OK;
 }
 
-int sg_bins_begin(sg_ctx *ctx, struct bins *b, size_t count, int width, int height, bool reference_tiles)
+int sg_bins_begin(sg_ctx *ctx, struct bins *b, size_t count, int width, int height,
+                  bool reference_tiles)
 {
     b->grid_x = (width + SG_TILE - 1) / SG_TILE, b->grid_y = (height + SG_TILE - 1) / SG_TILE;
     b->reference_tiles = reference_tiles;
@@ -248,12 +257,14 @@ int sg_bins_begin(sg_ctx *ctx, struct bins *b, size_t count, int width, int heig
     return sg_grow(ctx, SG_MEM_SPLATS, &b->extents, &b->cap_extents, count, 0, sizeof(*b->extents));
 }
 
-int sg_bins_make(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats, uint64_t max_instances)
+int sg_bins_make(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats,
+                 uint64_t max_instances)
 {
     const size_t tiles = (size_t) b->grid_x * (size_t) b->grid_y;
     b->splats = splats;
     b->total = b->max_tile = 0;
-    if (sg_grow(ctx, SG_MEM_INSTANCES, &b->histogram, &b->cap_histogram, tiles * ORDER_CHUNKS, 0, sizeof(uint32_t)) ||
+    if (sg_grow(ctx, SG_MEM_INSTANCES, &b->histogram, &b->cap_histogram, tiles * ORDER_CHUNKS, 0,
+                sizeof(uint32_t)) ||
         sg_grow(ctx, SG_MEM_INSTANCES, &b->tile_total, &b->cap_total, tiles, 0, sizeof(uint64_t)) ||
         sort_by_depth(ctx, b))
         return SG_ERR_BUDGET;
@@ -323,9 +334,12 @@ int sg_bins_band(sg_ctx *ctx, struct bins *b, int band)
     if (b->band >= 0) /* emitting turned the counts into positions */
         sg_parallel_for(ctx, ORDER_CHUNKS, count_tiles, &job);
     b->band = -1;
-    if (sg_grow(ctx, SG_MEM_INSTANCES, &b->slot_start, &b->cap_slots, b->count + 1, 0, sizeof(uint32_t)) ||
-        sg_grow(ctx, SG_MEM_INSTANCES, &b->tile_start, &b->cap_tiles, band_tiles + 1, 0, sizeof(uint32_t)) ||
-        sg_grow(ctx, SG_MEM_INSTANCES, &b->reached, &b->cap_reached, band_tiles, 0, sizeof(uint32_t)) ||
+    if (sg_grow(ctx, SG_MEM_INSTANCES, &b->slot_start, &b->cap_slots, b->count + 1, 0,
+                sizeof(uint32_t)) ||
+        sg_grow(ctx, SG_MEM_INSTANCES, &b->tile_start, &b->cap_tiles, band_tiles + 1, 0,
+                sizeof(uint32_t)) ||
+        sg_grow(ctx, SG_MEM_INSTANCES, &b->reached, &b->cap_reached, band_tiles, 0,
+                sizeof(uint32_t)) ||
         sg_grow(ctx, SG_MEM_INSTANCES, &b->hits, &b->cap_hits, total, 0, sizeof(uint16_t)) ||
         sg_grow(ctx, SG_MEM_INSTANCES, &b->instances, &b->cap_instances, total + CPU_PREFETCH, 0,
                 sizeof(*b->instances)))

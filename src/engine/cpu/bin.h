@@ -38,16 +38,18 @@ struct bins {
     uint16_t *hits; /* see cpu_raster_args; for the band's instances and tiles */
     uint32_t *reached;
     /* capacities */
-    size_t cap_extents, cap_order, cap_swap, cap_digits, cap_chunks, cap_histogram, cap_total, cap_bands, cap_slots,
-        cap_tiles, cap_instances, cap_hits, cap_reached;
+    size_t cap_extents, cap_order, cap_swap, cap_digits, cap_chunks, cap_histogram, cap_total,
+        cap_bands, cap_slots, cap_tiles, cap_instances, cap_hits, cap_reached;
 };
 
 /* Begins a view: room for the extents that projection writes. */
-int sg_bins_begin(sg_ctx *ctx, struct bins *b, size_t count, int width, int height, bool reference_tiles);
+int sg_bins_begin(sg_ctx *ctx, struct bins *b, size_t count, int width, int height,
+                  bool reference_tiles);
 
-/* Sorts the projected splats by depth and cuts the image into bands of at most max_instances (or one tile). The splats
- * must stay until the view is done. */
-int sg_bins_make(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats, uint64_t max_instances);
+/* Sorts the projected splats by depth and cuts the image into bands of at most max_instances (or
+ * one tile). The splats must stay until the view is done. */
+int sg_bins_make(sg_ctx *ctx, struct bins *b, const struct cpu_splat *splats,
+                 uint64_t max_instances);
 
 /* Fills the lists of one band. */
 int sg_bins_band(sg_ctx *ctx, struct bins *b, int band);

@@ -11,8 +11,8 @@ int sg_cpu_variants(const struct cpu_kernels *out[4])
     out[n++] = &sg_cpu_kernels_baseline;
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
         out[n++] = &sg_cpu_kernels_avx2;
-    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq") &&
-        __builtin_cpu_supports("avx512vl"))
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+        __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
         out[n++] = &sg_cpu_kernels_avx512;
 #elif defined(__aarch64__)
     out[n++] = &sg_cpu_kernels_neon;
@@ -36,5 +36,6 @@ int sg_cpu_select(sg_ctx *ctx, const char *name, const struct cpu_kernels **out)
         strcat(list, i ? ", " : "");
         strcat(list, variants[i]->name);
     }
-    return sg_fail(ctx, SG_ERR_USAGE, "cpu: found \"%s\", this machine and build have: %s", name, list);
+    return sg_fail(ctx, SG_ERR_USAGE, "cpu: found \"%s\", this machine and build have: %s", name,
+                   list);
 }

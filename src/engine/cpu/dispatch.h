@@ -4,11 +4,12 @@
 
 #include "kernels.h"
 
-/* The kernels of a variant ("baseline", "avx2", "avx512", "neon"), or of the best this machine runs if name is NULL.
- * Unknown name or missing instructions: SG_ERR_USAGE. */
+/* The kernels of a variant ("baseline", "avx2", "avx512", "neon"), or of the best this machine runs
+ * if name is NULL. Unknown name or missing instructions: SG_ERR_USAGE. */
 int sg_cpu_select(sg_ctx *ctx, const char *name, const struct cpu_kernels **out);
 
-/* Variants compiled in that this machine can run, slowest first; returns their number, at most 4. */
+/* Variants compiled in that this machine can run, slowest first; returns their number, at most
+ * 4. */
 int sg_cpu_variants(const struct cpu_kernels *out[4]);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The CPU engine: drives the kernels over the thread pool. However work is cut into pieces, every sum is taken in
- * a fixed order, so that any number of threads gives the same bytes. */
+/* The CPU engine: drives the kernels over the thread pool. However work is cut into pieces, every
+ * sum is taken in a fixed order, so that any number of threads gives the same bytes. */
 #include <stdatomic.h>
 #include <string.h>
 
@@ -228,7 +228,8 @@ static int read_image(struct sg_engine *base, float *rgb, float *alpha, float *d
 static int write_image_gradient(struct sg_engine *base, const float *gradient)
 {
     struct cpu_engine *b = (struct cpu_engine *) base;
-    memcpy(b->gradient, gradient, 3 * (size_t) b->camera.width * (size_t) b->camera.height * sizeof(float));
+    memcpy(b->gradient, gradient,
+           3 * (size_t) b->camera.width * (size_t) b->camera.height * sizeof(float));
     return SG_OK;
 }
 
@@ -243,11 +244,13 @@ static void loss_rows(void *arg, size_t piece, int thread)
 {
     const struct loss_job *j = arg;
     const int first = (int) (piece / 3) * j->rows, end = first + j->rows;
-    j->kernels->loss(&j->args, (int) (piece % 3), first, end < j->args.height ? end : j->args.height,
+    j->kernels->loss(&j->args, (int) (piece % 3), first,
+                     end < j->args.height ? end : j->args.height,
                      j->scratch + (size_t) thread * CPU_LOSS_SCRATCH((size_t) j->args.width));
 }
 
-static int photometric(struct sg_engine *base, const struct sg_target_pixels *target, const struct sg_photometric *p)
+static int photometric(struct sg_engine *base, const struct sg_target_pixels *target,
+                       const struct sg_photometric *p)
 {
     struct cpu_engine *b = (struct cpu_engine *) base;
     const int height = b->camera.height, threads = sg_ctx_threads(base->ctx);
@@ -258,10 +261,12 @@ static int photometric(struct sg_engine *base, const struct sg_target_pixels *ta
             return SG_ERR_BUDGET;
         b->loss_scratch_floats = scratch;
     }
-    if (sg_grow(base->ctx, SG_MEM_FRAME, &b->sums, &b->sums_rows, (size_t) height, 0, 9 * sizeof(double)))
+    if (sg_grow(base->ctx, SG_MEM_FRAME, &b->sums, &b->sums_rows, (size_t) height, 0,
+                9 * sizeof(double)))
         return SG_ERR_BUDGET;
-    /* Each piece computes ten rows that are its neighbours': the fewer the better, but the threads should end together.
-     */
+    /* Each piece computes ten rows that are its neighbours': the fewer the better, but the threads
+     * should end
+     * together. */
     const int rows = height / (2 * threads) + 1;
     struct loss_job job = {.kernels = b->kernels,
                            .args = {.width = b->camera.width,
@@ -273,25 +278,27 @@ static int photometric(struct sg_engine *base, const struct sg_target_pixels *ta
                                     .sums = b->sums},
                            .rows = rows < CPU_LOSS_STEP ? CPU_LOSS_STEP : rows,
                            .scratch = b->loss_scratch};
-    sg_parallel_for(base->ctx, 3 * (((size_t) height + (size_t) job.rows - 1) / (size_t) job.rows), loss_rows, &job);
+    sg_parallel_for(base->ctx, 3 * (((size_t) height + (size_t) job.rows - 1) / (size_t) job.rows),
+                    loss_rows, &job);
     double sums[3] = {0};
     for (int row = 0; row < 3 * b->camera.height; row++)
         for (int k = 0; k < 3; k++)
             sums[k] += b->sums[3 * row + k];
     const double values = 3.0 * (double) b->camera.width * (double) b->camera.height;
-    base->step.photometric =
-        sg_photometric_value_of(sums[0] / values, sums[1] / values, sums[2] / values, p->lambda_dssim);
+    base->step.photometric = sg_photometric_value_of(sums[0] / values, sums[1] / values,
+                                                     sums[2] / values, p->lambda_dssim);
     base->step.loss[SG_LOSS_PHOTOMETRIC] = base->step.photometric.total;
     return SG_OK;
 }
 
-static int loss(struct sg_engine *base, const struct sg_target_pixels *target, const struct sg_loss *l)
+static int loss(struct sg_engine *base, const struct sg_target_pixels *target,
+                const struct sg_loss *l)
 {
     struct cpu_engine *b = (struct cpu_engine *) base;
     if (l->kind == SG_LOSS_PHOTOMETRIC)
         return photometric(base, target, &l->photometric);
-    return sg_image_loss(base->ctx, &b->image_losses, l, b->rgb, b->camera.width, b->camera.height, target->mask,
-                         b->gradient, &base->step.loss[l->kind]);
+    return sg_image_loss(base->ctx, &b->image_losses, l, b->rgb, b->camera.width, b->camera.height,
+                         target->mask, b->gradient, &base->step.loss[l->kind]);
 }
 
 static void band_sum_piece(void *arg, size_t piece, int thread)
@@ -320,7 +327,8 @@ static int raster_backward(struct sg_engine *base)
         if (sg_bins_band(ctx, &b->bins, band))
             return SG_ERR_BUDGET;
         const size_t instances = b->bins.tile_start[band_tiles(b, band)];
-        if (sg_grow(ctx, SG_MEM_INSTANCES, &b->slots, &b->cap_slots, instances, 0, CPU_SLOT_FLOATS * sizeof(float)))
+        if (sg_grow(ctx, SG_MEM_INSTANCES, &b->slots, &b->cap_slots, instances, 0,
+                    CPU_SLOT_FLOATS * sizeof(float)))
             return SG_ERR_BUDGET;
         struct raster_job job = {.kernel = b->kernels->raster, .args = raster_args(b, band)};
         if (banded) /* this band's blocks are not at hand any more: draw it again */
@@ -369,7 +377,8 @@ static struct cpu_learn_args learn_args(const struct cpu_engine *b)
 static int project_backward(struct sg_engine *base, bool statistics)
 {
     struct cpu_engine *b = (struct cpu_engine *) base;
-    if ((statistics && sg_host_alloc_optimiser(base->ctx, &b->model)) || sg_host_alloc_gradients(base->ctx, &b->model))
+    if ((statistics && sg_host_alloc_optimiser(base->ctx, &b->model)) ||
+        sg_host_alloc_gradients(base->ctx, &b->model))
         return SG_ERR_BUDGET;
     const struct sg_host_model *h = &b->model;
     const struct sg_update update = {.statistics = statistics};
@@ -384,7 +393,8 @@ static int learn(struct cpu_engine *b, const struct sg_update *u, bool stored,
                  void (*kernel)(const struct cpu_learn_args *, size_t, size_t))
 {
     struct sg_host_model *h = &b->model;
-    if (sg_host_alloc_optimiser(b->base.ctx, h) || (u->accumulate && sg_host_alloc_accumulated(b->base.ctx, h)))
+    if (sg_host_alloc_optimiser(b->base.ctx, h) ||
+        (u->accumulate && sg_host_alloc_accumulated(b->base.ctx, h)))
         return SG_ERR_BUDGET;
     struct learn_job job = {kernel, learn_args(b)};
     job.args.update = u;
@@ -447,9 +457,11 @@ static int count_view(struct cpu_engine *b, enum sg_hit kind, struct hit_job *jo
             return SG_ERR_BUDGET;
         const size_t instances = b->bins.tile_start[band_tiles(b, band)];
         if (sg_grow(ctx, SG_MEM_INSTANCES, &b->slots, &b->cap_slots,
-                    (instances + CPU_SLOT_FLOATS - 1) / CPU_SLOT_FLOATS, 0, CPU_SLOT_FLOATS * sizeof(float)))
+                    (instances + CPU_SLOT_FLOATS - 1) / CPU_SLOT_FLOATS, 0,
+                    CPU_SLOT_FLOATS * sizeof(float)))
             return SG_ERR_BUDGET;
-        struct raster_job raster = {.kernel = b->kernels->raster_count, .args = raster_args(b, band)};
+        struct raster_job raster = {.kernel = b->kernels->raster_count,
+                                    .args = raster_args(b, band)};
         raster.args.weigh = kind == SG_HIT_WEIGHT;
         sg_parallel_for(ctx, band_tiles(b, band), raster_tile, &raster);
         sg_parallel_for(ctx, pieces(b->model.count), hit_piece, job);
@@ -463,7 +475,8 @@ static int count_hits(struct sg_engine *base, const struct sg_camera *const *vie
     struct cpu_engine *b = (struct cpu_engine *) base;
     struct hit_job job = {.b = b, .hits = hits};
     memset(hits, 0, b->model.count * sizeof(*hits));
-    if (kind == SG_HIT_VIEWS && !(job.seen = sg_alloc_raw(base->ctx, SG_MEM_SPLATS, b->model.count, 1)))
+    if (kind == SG_HIT_VIEWS &&
+        !(job.seen = sg_alloc_raw(base->ctx, SG_MEM_SPLATS, b->model.count, 1)))
         return SG_ERR_BUDGET;
     int code = SG_OK;
     for (size_t v = 0; v < n && !code; v++) {
@@ -525,7 +538,8 @@ static void ascend_piece(void *arg, size_t piece, int thread)
 static int ascend(struct sg_engine *base, const struct sg_ascend *a)
 {
     struct ascend_job job = {((struct cpu_engine *) base)->kernels, a};
-    sg_parallel_for(base->ctx, (3 * (size_t) a->height + ASCEND_ROWS - 1) / ASCEND_ROWS, ascend_piece, &job);
+    sg_parallel_for(base->ctx, (3 * (size_t) a->height + ASCEND_ROWS - 1) / ASCEND_ROWS,
+                    ascend_piece, &job);
     return SG_OK;
 }
 
@@ -598,15 +612,18 @@ static struct sg_footprint footprint(const struct sg_work *w)
 {
     const uint64_t planes = (uint64_t) sg_param_count(w->sh_degree) * sizeof(float);
     const uint64_t width = (uint64_t) w->width, pixels = width * (uint64_t) w->height;
-    /* Parameters, two moments and sums of gradients; an edit, or a checkpoint, has one array more, and all statistics
-     * twice. */
+    /* Parameters, two moments and sums of gradients; an edit, or a checkpoint, has one array more,
+     * and all statistics twice. */
     const uint64_t model = (w->accumulate ? 5 : 4) * planes + 4 * sizeof(float);
-    const uint64_t projection = sizeof(struct cpu_splat) + sizeof(struct cpu_extent) + sizeof(uint32_t) +
-                                2 * sizeof(struct bin_entry) + SLOT_BYTES; /* slot: of the bands' sums */
+    const uint64_t projection = sizeof(struct cpu_splat) + sizeof(struct cpu_extent) +
+                                sizeof(uint32_t) + 2 * sizeof(struct bin_entry) +
+                                SLOT_BYTES; /* slot: of the bands' sums */
     const uint64_t instance = sizeof(struct cpu_instance) + sizeof(uint16_t) + SLOT_BYTES;
-    const uint64_t pixel = 5 * 3 * sizeof(float) + 2 * sizeof(float); /* image, gradient, spectra; alpha, depth */
+    const uint64_t pixel =
+        5 * 3 * sizeof(float) + 2 * sizeof(float); /* image, gradient, spectra; alpha, depth */
     /* Rows of the loss and of the transforms; slack. */
-    const uint64_t column = sizeof(float) * (CPU_LOSS_SCRATCH_ROWS + (w->anisotropy ? 2 * SG_FFT_POINT : 0)) + 128;
+    const uint64_t column =
+        sizeof(float) * (CPU_LOSS_SCRATCH_ROWS + (w->anisotropy ? 2 * SG_FFT_POINT : 0)) + 128;
     return (struct sg_footprint){.gaussian = model + GROWN(projection),
                                  .instance = GROWN(instance),
                                  .view = pixels * pixel + (uint64_t) w->threads * width * column};

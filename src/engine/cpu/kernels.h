@@ -6,9 +6,9 @@
 #include "engine/ops.h"
 #include "spectral/fft.h"
 
-/* One projected Gaussian: a cache line; undefined where the extent says that it is not visible. With the conic as a sum
- * of squares (math/tiles.h), log2 of opacity x Gaussian is peak - (across dx - shear dy)^2 - (down dy)^2: above the
- * peak by no rounding. */
+/* One projected Gaussian: a cache line; undefined where the extent says that it is not visible.
+ * With the conic as a sum of squares (math/tiles.h), log2 of opacity x Gaussian is peak - (across
+ * dx - shear dy)^2 - (down dy)^2: above the peak by no rounding. */
 struct cpu_splat {
     float x, y;
     float slope, reach, taper, ymax, yright; /* struct ellipse */
@@ -17,9 +17,10 @@ struct cpu_splat {
     float r, g, b, z;
 };
 
-/* The tiles a splat touches: bit (y - y0) (x1 - x0) + x - x0 of `tiles` for the rectangle [x0, x1) x [y0, y1).
- * Rectangles of more than CPU_MASK_TILES tiles have no bits: their rows are worked out each time they are needed.
- * x1 = x0: draws nothing; x1 = 0: is not visible, as the reference counts views. */
+/* The tiles a splat touches: bit (y - y0) (x1 - x0) + x - x0 of `tiles` for the rectangle [x0, x1)
+ * x [y0, y1). Rectangles of more than CPU_MASK_TILES tiles have no bits: their rows are worked out
+ * each time they are needed. x1 = x0: draws nothing; x1 = 0: is not visible, as the reference
+ * counts views. */
 struct cpu_extent {
     uint16_t x0, y0, x1, y1;
     uint32_t tiles;
@@ -49,16 +50,19 @@ struct cpu_raster_args {
     int width, height, grid_x;
     const struct cpu_splat *splats;
     const struct cpu_instance *instances;
-    const uint32_t *tile_start; /* first instance of a tile; tile_start[tile + 1] ends it; indexed from first_tile */
+    const uint32_t *tile_start; /* first instance of a tile; tile_start[tile + 1] ends it; indexed
+                                   from first_tile */
     int first_tile;
-    uint16_t *hits;    /* per instance: 4x4 blocks of the tile it can touch; written by forward, read by backward */
-    uint32_t *reached; /* per tile, from first_tile: end of the instances that any pixel was still open for */
+    uint16_t *hits; /* per instance: 4x4 blocks of the tile it can touch; written by forward, read
+                       by backward */
+    uint32_t *reached; /* per tile, from first_tile: end of the instances that any pixel was still
+                          open for */
     float background[3];
     float *rgb;            /* 3 planes, written by forward, read by backward */
     float *alpha, *depth;  /* planes or NULL */
     const float *gradient; /* 3 planes */
     float *slots;          /* raster_count: one float per instance */
-    bool weigh;            /* raster_count: sums alpha x transmittance, else counts blended pixels */
+    bool weigh; /* raster_count: sums alpha x transmittance, else counts blended pixels */
 };
 
 struct cpu_learn_args {
@@ -73,7 +77,8 @@ struct cpu_learn_args {
     const float *slots;         /* gradients summed over this band */
     const uint32_t *slot_start; /* count + 1 */
     float *accumulated;         /* NULL, or gradients of earlier views, as params */
-    float *gradients;           /* of the parameters, as params; project_backward_optimise: NULL = not stored */
+    /* of the parameters, as params; project_backward_optimise: NULL = not stored */
+    float *gradients;
     const struct sg_update *update;
 };
 
@@ -92,18 +97,20 @@ struct cpu_loss_args {
 #define CPU_LOSS_SCRATCH(width) (CPU_LOSS_SCRATCH_ROWS * CPU_LOSS_STRIDE(width)) /* floats */
 
 /* Name, result and arguments of every kernel, in this order; what they are written once in. */
-#define CPU_KERNELS(K)                                                                                                 \
-    K(project, void, (const struct cpu_project_args *, size_t first_block, size_t end_block))                          \
-    /* Return the number of (Gaussian, pixel) pairs evaluated. */                                                      \
-    K(raster, uint64_t, (const struct cpu_raster_args *, int tile))                                                    \
-    K(raster_backward, uint64_t, (const struct cpu_raster_args *, int tile))                                           \
-    K(raster_count, uint64_t, (const struct cpu_raster_args *, int tile))                                              \
-    K(optimise, void, (const struct cpu_learn_args *, size_t first_block, size_t end_block))                           \
-    /* Without a step of Adam in the update: project_backward. */                                                      \
-    K(project_backward_optimise, void, (const struct cpu_learn_args *, size_t first_block, size_t end_block))          \
-    /* Rows first to end - 1 of a channel: sums and gradient. scratch: CPU_LOSS_SCRATCH(width) floats. */              \
-    K(loss, void, (const struct cpu_loss_args *, int channel, int first, int end, float *scratch))                     \
-    /* One of the 3 x height rows. */                                                                                  \
+#define CPU_KERNELS(K)                                                                             \
+    K(project, void, (const struct cpu_project_args *, size_t first_block, size_t end_block))      \
+    /* Return the number of (Gaussian, pixel) pairs evaluated. */                                  \
+    K(raster, uint64_t, (const struct cpu_raster_args *, int tile))                                \
+    K(raster_backward, uint64_t, (const struct cpu_raster_args *, int tile))                       \
+    K(raster_count, uint64_t, (const struct cpu_raster_args *, int tile))                          \
+    K(optimise, void, (const struct cpu_learn_args *, size_t first_block, size_t end_block))       \
+    /* Without a step of Adam in the update: project_backward. */                                  \
+    K(project_backward_optimise, void,                                                             \
+      (const struct cpu_learn_args *, size_t first_block, size_t end_block))                       \
+    /* Rows first to end - 1 of a channel: sums and gradient. scratch: CPU_LOSS_SCRATCH(width)     \
+     * floats. */                                                                                  \
+    K(loss, void, (const struct cpu_loss_args *, int channel, int first, int end, float *scratch)) \
+    /* One of the 3 x height rows. */                                                              \
     K(ascend, void, (const struct sg_ascend *, size_t row))
 
 struct cpu_kernels {

@@ -10,7 +10,8 @@
 
 int sg_optimiser_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_optimiser *o)
 {
-    const size_t capacity = (count + SG_LANES - 1) / SG_LANES * SG_LANES, planes = (size_t) sg_param_count(sh_degree);
+    const size_t capacity = (count + SG_LANES - 1) / SG_LANES * SG_LANES,
+                 planes = (size_t) sg_param_count(sh_degree);
     *o = (struct sg_optimiser){.capacity = capacity};
     o->m = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, planes * sizeof(float));
     o->v = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, planes * sizeof(float));
@@ -41,7 +42,8 @@ static size_t blocks(size_t count)
     return (count + SG_LANES - 1) / SG_LANES;
 }
 
-int sg_host_upload(sg_ctx *ctx, struct sg_host_model *h, const struct sg_model *m, const struct sg_optimiser *o)
+int sg_host_upload(sg_ctx *ctx, struct sg_host_model *h, const struct sg_model *m,
+                   const struct sg_optimiser *o)
 {
     struct sg_host_model n = {.count = m->count,
                               .capacity = blocks(m->count) * SG_LANES,
@@ -117,14 +119,18 @@ static void statistics_chunk(void *arg, size_t chunk, int thread)
     (void) thread;
     const struct statistics_job *j = arg;
     const struct sg_host_model *h = j->h;
-    const size_t end = (chunk + 1) * STATISTICS_CHUNK < h->count ? (chunk + 1) * STATISTICS_CHUNK : h->count;
+    const size_t end =
+        (chunk + 1) * STATISTICS_CHUNK < h->count ? (chunk + 1) * STATISTICS_CHUNK : h->count;
     for (size_t i = chunk * STATISTICS_CHUNK; i < end; i++) {
         const float *p = h->params + sg_param_index(h->planes, i, SG_P_SCALE);
         const float s[3] = {p[0], p[SG_LANES], p[2 * SG_LANES]};
         if (j->out.gradient)
-            j->out.gradient[i] = h->opt.m && h->opt.grad_count[i] > 0 ? h->opt.grad_sum[i] / h->opt.grad_count[i] : 0;
+            j->out.gradient[i] = h->opt.m && h->opt.grad_count[i] > 0
+                                     ? h->opt.grad_sum[i] / h->opt.grad_count[i]
+                                     : 0;
         if (j->out.opacity)
-            j->out.opacity[i] = 1 / (1 + expf(-h->params[sg_param_index(h->planes, i, SG_P_OPACITY)]));
+            j->out.opacity[i] =
+                1 / (1 + expf(-h->params[sg_param_index(h->planes, i, SG_P_OPACITY)]));
         if (j->out.largest)
             j->out.largest[i] = expf(fmaxf(fmaxf(s[0], s[1]), s[2]));
         if (j->out.log_smallest)
@@ -135,26 +141,32 @@ static void statistics_chunk(void *arg, size_t chunk, int thread)
 void sg_host_statistics(sg_ctx *ctx, const struct sg_host_model *h, const struct sg_statistics *out)
 {
     struct statistics_job job = {h, *out};
-    sg_parallel_for(ctx, (h->count + STATISTICS_CHUNK - 1) / STATISTICS_CHUNK, statistics_chunk, &job);
+    sg_parallel_for(ctx, (h->count + STATISTICS_CHUNK - 1) / STATISTICS_CHUNK, statistics_chunk,
+                    &job);
 }
 
-/* A child is drawn from its parent as from a distribution, and shrunk (Kerbl et al. 2023, section 5.2). */
+/* A child is drawn from its parent as from a distribution, and shrunk (Kerbl et al. 2023,
+ * section 5.2). */
 static void make_child(float *params, size_t i, int planes, const struct sg_edit *e, size_t entry)
 {
     float *p = params + sg_param_index(planes, i, 0);
 #define AT(plane) p[(plane) *SG_LANES]
     float n[3], q[4], len = 0;
     for (int k = 0; k < 3; k++)
-        n[k] = expf(AT(SG_P_SCALE + k)) * sg_rng_normal(e->seed, SG_RNG_SPLIT, e->stream, 3 * entry + (size_t) k);
+        n[k] = expf(AT(SG_P_SCALE + k)) *
+               sg_rng_normal(e->seed, SG_RNG_SPLIT, e->stream, 3 * entry + (size_t) k);
     for (int k = 0; k < 4; k++)
         len += AT(SG_P_ROT + k) * AT(SG_P_ROT + k);
     len = fmaxf(sqrtf(len), 1e-12f);
     for (int k = 0; k < 4; k++)
         q[k] = AT(SG_P_ROT + k) / len;
     const float r = q[0], x = q[1], y = q[2], z = q[3];
-    AT(SG_P_XYZ) += (1 - 2 * (y * y + z * z)) * n[0] + 2 * (x * y - r * z) * n[1] + 2 * (x * z + r * y) * n[2];
-    AT(SG_P_XYZ + 1) += 2 * (x * y + r * z) * n[0] + (1 - 2 * (x * x + z * z)) * n[1] + 2 * (y * z - r * x) * n[2];
-    AT(SG_P_XYZ + 2) += 2 * (x * z - r * y) * n[0] + 2 * (y * z + r * x) * n[1] + (1 - 2 * (x * x + y * y)) * n[2];
+    AT(SG_P_XYZ) +=
+        (1 - 2 * (y * y + z * z)) * n[0] + 2 * (x * y - r * z) * n[1] + 2 * (x * z + r * y) * n[2];
+    AT(SG_P_XYZ + 1) +=
+        2 * (x * y + r * z) * n[0] + (1 - 2 * (x * x + z * z)) * n[1] + 2 * (y * z - r * x) * n[2];
+    AT(SG_P_XYZ + 2) +=
+        2 * (x * z - r * y) * n[0] + 2 * (y * z + r * x) * n[1] + (1 - 2 * (x * x + y * y)) * n[2];
     for (int k = 0; k < 3; k++)
         AT(SG_P_SCALE + k) -= logf(SG_SPLIT_SHRINK);
 #undef AT
@@ -165,9 +177,10 @@ struct edit_job {
     const struct sg_edit *edit;
     const float *from;
     float *to;
-    const uint32_t *source; /* of every item, those kept and then those appended: its index before */
-    const uint32_t *order;  /* of every row: its item */
-    size_t count, copied;   /* items; of which copied from before, the rest are zero */
+    /* of every item, those kept and then those appended: its index before */
+    const uint32_t *source;
+    const uint32_t *order; /* of every row: its item */
+    size_t count, copied;  /* items; of which copied from before, the rest are zero */
     int planes;
     bool parameters;
 };
@@ -182,7 +195,8 @@ static void edit_piece(void *arg, size_t piece, int thread)
     for (size_t i = first; i < stop && i < j->count; i++) {
         const size_t item = j->order[i];
         float *to = j->to + sg_param_index(j->planes, i, 0);
-        const float *from = item < j->copied ? j->from + sg_param_index(j->planes, j->source[item], 0) : NULL;
+        const float *from =
+            item < j->copied ? j->from + sg_param_index(j->planes, j->source[item], 0) : NULL;
         for (int p = 0; p < j->planes; p++)
             to[p * SG_LANES] = from ? from[p * SG_LANES] : 0;
         const size_t entry = item - j->edit->kept;
@@ -191,8 +205,9 @@ static void edit_piece(void *arg, size_t piece, int thread)
     }
 }
 
-static float *edited(sg_ctx *ctx, enum sg_mem_tag tag, const struct sg_host_model *h, const float *array,
-                     size_t capacity, const struct sg_edit *e, const uint32_t *source, const uint32_t *order)
+static float *edited(sg_ctx *ctx, enum sg_mem_tag tag, const struct sg_host_model *h,
+                     const float *array, size_t capacity, const struct sg_edit *e,
+                     const uint32_t *source, const uint32_t *order)
 {
     const bool parameters = tag == SG_MEM_MODEL; /* moments of appended rows are zero */
     struct edit_job job = {.edit = e,
@@ -207,16 +222,18 @@ static float *edited(sg_ctx *ctx, enum sg_mem_tag tag, const struct sg_host_mode
     if (!job.to)
         return NULL;
     if (capacity > job.count) /* lanes past the end */
-        memset(job.to + (capacity / SG_LANES - 1) * (size_t) h->planes * SG_LANES, 0, block_bytes(h));
-    sg_parallel_for(ctx, (job.count + EDIT_BLOCKS * SG_LANES - 1) / (EDIT_BLOCKS * SG_LANES), edit_piece, &job);
+        memset(job.to + (capacity / SG_LANES - 1) * (size_t) h->planes * SG_LANES, 0,
+               block_bytes(h));
+    sg_parallel_for(ctx, (job.count + EDIT_BLOCKS * SG_LANES - 1) / (EDIT_BLOCKS * SG_LANES),
+                    edit_piece, &job);
     return job.to;
 }
 
 #define ORDER_FROM 4096 /* Gaussians: fewer stay in the caches, however they lie */
 
 /* Where everything goes: source and order of struct edit_job, to be freed by the caller. */
-static int edit_order(sg_ctx *ctx, const struct sg_host_model *h, const struct sg_edit *e, uint32_t **source,
-                      uint32_t **order)
+static int edit_order(sg_ctx *ctx, const struct sg_host_model *h, const struct sg_edit *e,
+                      uint32_t **source, uint32_t **order)
 {
     const size_t n = e->kept + e->appended;
     *source = sg_alloc_raw(ctx, SG_MEM_MODEL, n, sizeof(**source));
@@ -231,12 +248,15 @@ static int edit_order(sg_ctx *ctx, const struct sg_host_model *h, const struct s
         memcpy(*source + to, e->source, e->appended * sizeof(**source));
     for (size_t i = 0; i < n; i++)
         (*order)[i] = (uint32_t) i;
-    return n < ORDER_FROM ? SG_OK : sg_morton_order(ctx, h->params, h->planes, h->count, *source, n, *order);
+    return n < ORDER_FROM
+               ? SG_OK
+               : sg_morton_order(ctx, h->params, h->planes, h->count, *source, n, *order);
 }
 
 /* Replaces one array by what the edit makes of it, so that only one exists twice at any time. */
-static bool replace(sg_ctx *ctx, enum sg_mem_tag tag, const struct sg_host_model *h, float **array, size_t capacity,
-                    const struct sg_edit *e, const uint32_t *source, const uint32_t *order)
+static bool replace(sg_ctx *ctx, enum sg_mem_tag tag, const struct sg_host_model *h, float **array,
+                    size_t capacity, const struct sg_edit *e, const uint32_t *source,
+                    const uint32_t *order)
 {
     float *made = edited(ctx, tag, h, *array, capacity, e, source, order);
     if (!made)
@@ -342,7 +362,8 @@ static void shape_piece(void *arg, size_t piece, int thread)
 {
     (void) thread;
     const struct shape_job *j = arg;
-    const size_t end = (piece + 1) * EDIT_BLOCKS, most = blocks(j->h->count), block = block_bytes(j->h) / sizeof(float);
+    const size_t end = (piece + 1) * EDIT_BLOCKS, most = blocks(j->h->count),
+                 block = block_bytes(j->h) / sizeof(float);
     for (size_t b = piece * EDIT_BLOCKS; b < end && b < most; b++) {
         const float *params = j->h->params + b * block;
         if (j->back)

@@ -3,8 +3,8 @@
 
 #include "spectral/total_variation.h"
 
-static int anisotropy(sg_ctx *ctx, struct sg_image_losses *s, const struct sg_loss *loss, const float *planes,
-                      int width, int height, float *gradient, double *out)
+static int anisotropy(sg_ctx *ctx, struct sg_image_losses *s, const struct sg_loss *loss,
+                      const float *planes, int width, int height, float *gradient, double *out)
 {
     struct sg_anisotropy *plan;
     const int code = sg_plans_find(ctx, &s->plans, &loss->anisotropy, s->fft, width, height, &plan);
@@ -13,12 +13,13 @@ static int anisotropy(sg_ctx *ctx, struct sg_image_losses *s, const struct sg_lo
     return code;
 }
 
-static int total_variation(sg_ctx *ctx, struct sg_image_losses *s, const struct sg_loss *loss, const float *planes,
-                           int width, int height, float *gradient, double *out)
+static int total_variation(sg_ctx *ctx, struct sg_image_losses *s, const struct sg_loss *loss,
+                           const float *planes, int width, int height, float *gradient, double *out)
 {
     if (sg_grow(ctx, SG_MEM_FRAME, &s->rows, &s->cap_rows, 6 * (size_t) height, 0, sizeof(double)))
         return SG_ERR_BUDGET;
-    *out = sg_tv_loss(ctx, planes, width, height, loss->total_variation, loss->weight, gradient, s->rows);
+    *out = sg_tv_loss(ctx, planes, width, height, loss->total_variation, loss->weight, gradient,
+                      s->rows);
     return SG_OK;
 }
 
@@ -29,11 +30,12 @@ static void mask_gradient(const uint8_t *mask, size_t pixels, float *gradient)
             gradient[i] = gradient[pixels + i] = gradient[2 * pixels + i] = 0;
 }
 
-int sg_image_loss(sg_ctx *ctx, struct sg_image_losses *s, const struct sg_loss *loss, const float *planes, int width,
-                  int height, const uint8_t *mask, float *gradient, double *out)
+int sg_image_loss(sg_ctx *ctx, struct sg_image_losses *s, const struct sg_loss *loss,
+                  const float *planes, int width, int height, const uint8_t *mask, float *gradient,
+                  double *out)
 {
-    const int code = (loss->kind == SG_LOSS_ANISOTROPY ? anisotropy : total_variation)(ctx, s, loss, planes, width,
-                                                                                       height, gradient, out);
+    const int code = (loss->kind == SG_LOSS_ANISOTROPY ? anisotropy : total_variation)(
+        ctx, s, loss, planes, width, height, gradient, out);
     if (!code)
         mask_gradient(mask, (size_t) width * (size_t) height, gradient);
     return code;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The losses on an image in host memory that need no target: anisotropy of its spectrum and total variation. */
+/* The losses on an image in host memory that need no target: anisotropy of its spectrum and total
+ * variation. */
 #ifndef SG_HOST_IMAGE_LOSSES_H
 #define SG_HOST_IMAGE_LOSSES_H
 
@@ -14,10 +15,12 @@ struct sg_image_losses {
     size_t cap_rows;
 };
 
-/* The loss without its weight. Adds the weighted gradient to `gradient`, and then clears it where the mask (height x
- * width, or NULL) is 0. planes, gradient: 3 planes. Same bytes for any number of threads. Errors: SG_ERR_BUDGET. */
-int sg_image_loss(sg_ctx *ctx, struct sg_image_losses *state, const struct sg_loss *loss, const float *planes,
-                  int width, int height, const uint8_t *mask, float *gradient, double *out);
+/* The loss without its weight. Adds the weighted gradient to `gradient`, and then clears it where
+ * the mask (height x width, or NULL) is 0. planes, gradient: 3 planes. Same bytes for any number of
+ * threads. Errors: SG_ERR_BUDGET. */
+int sg_image_loss(sg_ctx *ctx, struct sg_image_losses *state, const struct sg_loss *loss,
+                  const float *planes, int width, int height, const uint8_t *mask, float *gradient,
+                  double *out);
 void sg_image_losses_clear(struct sg_image_losses *state);
 
 #endif

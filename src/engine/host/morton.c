@@ -21,8 +21,10 @@ static int ascending(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* The lattice spans all but the outermost fiftieths: strays must not push everything else into one cell. */
-static void lattice(const float *params, int planes, size_t count, int axis, float *low, float *per_unit)
+/* The lattice spans all but the outermost fiftieths: strays must not push everything else into one
+ * cell. */
+static void lattice(const float *params, int planes, size_t count, int axis, float *low,
+                    float *per_unit)
 {
     float sample[SAMPLES];
     size_t n = 0;
@@ -48,8 +50,8 @@ static uint32_t spread(uint32_t v) /* two zeros before each bit of ten */
     return (v | v << 2) & 0x09249249;
 }
 
-int sg_morton_order(sg_ctx *ctx, const float *params, int planes, size_t count, const uint32_t *source, size_t n,
-                    uint32_t *order)
+int sg_morton_order(sg_ctx *ctx, const float *params, int planes, size_t count,
+                    const uint32_t *source, size_t n, uint32_t *order)
 {
     struct item *from = sg_alloc_raw(ctx, SG_MEM_MODEL, n, sizeof(*from));
     struct item *to = sg_alloc_raw(ctx, SG_MEM_MODEL, n, sizeof(*to));
@@ -62,8 +64,11 @@ int sg_morton_order(sg_ctx *ctx, const float *params, int planes, size_t count, 
     for (size_t i = 0; i < n; i++) {
         uint32_t key = 0;
         for (int axis = 0; axis < 3; axis++) {
-            const float v = (params[sg_param_index(planes, source[i], SG_P_XYZ + axis)] - low[axis]) * per_unit[axis];
-            key |= spread((uint32_t) (v > 0 ? v < CELLS - 1 ? v : CELLS - 1 : 0)) << axis; /* NaN: 0 */
+            const float v =
+                (params[sg_param_index(planes, source[i], SG_P_XYZ + axis)] - low[axis]) *
+                per_unit[axis];
+            key |= spread((uint32_t) (v > 0 ? v < CELLS - 1 ? v : CELLS - 1 : 0))
+                   << axis; /* NaN: 0 */
         }
         from[i] = (struct item){key, (uint32_t) i};
     }

@@ -106,7 +106,8 @@ static int do_project(struct sg_engine *base, const struct sg_camera *camera, in
 {
     struct ref_engine *b = (struct ref_engine *) base;
     const size_t n = b->model.count;
-    if (sg_grow(base->ctx, SG_MEM_SPLATS, &b->splats, &b->splats_capacity, n, 0, sizeof(*b->splats)) ||
+    if (sg_grow(base->ctx, SG_MEM_SPLATS, &b->splats, &b->splats_capacity, n, 0,
+                sizeof(*b->splats)) ||
         sg_grow(base->ctx, SG_MEM_INSTANCES, &b->list, &b->list_capacity, n, 0, sizeof(*b->list)) ||
         reserve_frame(b, (size_t) camera->width * (size_t) camera->height))
         return SG_ERR_BUDGET;
@@ -114,7 +115,8 @@ static int do_project(struct sg_engine *base, const struct sg_camera *camera, in
     b->params = *params;
     b->degree = sh_degree;
     b->image.width = camera->width, b->image.height = camera->height;
-    b->grid_x = (camera->width + SG_TILE - 1) / SG_TILE, b->grid_y = (camera->height + SG_TILE - 1) / SG_TILE;
+    b->grid_x = (camera->width + SG_TILE - 1) / SG_TILE,
+    b->grid_y = (camera->height + SG_TILE - 1) / SG_TILE;
     for (size_t i = 0; i < n; i++) {
         float planes[SG_PARAMS_MAX];
         gather(b, i, planes);
@@ -211,12 +213,15 @@ static float window_sum(const float *values, int stride, int width, int height, 
     for (int j = -SG_SSIM_RADIUS; j <= SG_SSIM_RADIUS; j++)
         for (int i = -SG_SSIM_RADIUS; i <= SG_SSIM_RADIUS; i++)
             if (x + i >= 0 && x + i < width && y + j >= 0 && y + j < height)
-                sum += (double) sg_ssim_window[i + SG_SSIM_RADIUS] * (double) sg_ssim_window[j + SG_SSIM_RADIUS] *
-                       (double) values[((size_t) (y + j) * (size_t) width + (size_t) (x + i)) * (size_t) stride];
+                sum += (double) sg_ssim_window[i + SG_SSIM_RADIUS] *
+                       (double) sg_ssim_window[j + SG_SSIM_RADIUS] *
+                       (double) values[((size_t) (y + j) * (size_t) width + (size_t) (x + i)) *
+                                       (size_t) stride];
     return (float) sum;
 }
 
-static int photometric(struct sg_engine *base, const struct sg_target_pixels *target, const struct sg_photometric *p)
+static int photometric(struct sg_engine *base, const struct sg_target_pixels *target,
+                       const struct sg_photometric *p)
 {
     struct ref_engine *b = (struct ref_engine *) base;
     const int w = b->image.width, h = b->image.height;
@@ -231,7 +236,7 @@ static int photometric(struct sg_engine *base, const struct sg_target_pixels *ta
             X[i] = img[i];
             Y[i] = target->mask && !target->mask[i] ? img[i]
                    : target->planes                 ? target->planes[(size_t) ch * n + i]
-                                                    : (float) target->rgb[3 * i + (size_t) ch] / 255.0f;
+                                    : (float) target->rgb[3 * i + (size_t) ch] / 255.0f;
             if (p->tolerance > 0)
                 Y[i] = fminf(fmaxf(X[i], Y[i] - p->tolerance), Y[i] + p->tolerance);
             const float d = X[i] - Y[i];
@@ -247,19 +252,20 @@ static int photometric(struct sg_engine *base, const struct sg_target_pixels *ta
                         if (x + i < 0 || x + i >= w || y + j < 0 || y + j >= h)
                             continue;
                         const size_t at = (size_t) (y + j) * (size_t) w + (size_t) (x + i);
-                        const double k =
-                            (double) sg_ssim_window[i + SG_SSIM_RADIUS] * (double) sg_ssim_window[j + SG_SSIM_RADIUS];
+                        const double k = (double) sg_ssim_window[i + SG_SSIM_RADIUS] *
+                                         (double) sg_ssim_window[j + SG_SSIM_RADIUS];
                         const double a = (double) X[at], c = (double) Y[at];
                         m1 += k * a, m2 += k * c, xx += k * a * a, yy += k * c * c, xy += k * a * c;
                     }
                 const size_t at = (size_t) y * (size_t) w + (size_t) x;
-                ssim += (double) ssim_point((float) m1, (float) m2, (float) (xx + yy), (float) xy, &M[at], &XX[at],
-                                            &XY[at]);
+                ssim += (double) ssim_point((float) m1, (float) m2, (float) (xx + yy), (float) xy,
+                                            &M[at], &XX[at], &XY[at]);
             }
         for (int y = 0; y < h; y++)
             for (int x = 0; x < w; x++) {
                 const size_t at = (size_t) y * (size_t) w + (size_t) x;
-                const float ds = window_sum(M, 1, w, h, x, y) + 2 * X[at] * window_sum(XX, 1, w, h, x, y) +
+                const float ds = window_sum(M, 1, w, h, x, y) +
+                                 2 * X[at] * window_sum(XX, 1, w, h, x, y) +
                                  Y[at] * window_sum(XY, 1, w, h, x, y);
                 grad[at] -= p->lambda_dssim * unit * ds;
             }
@@ -268,23 +274,27 @@ static int photometric(struct sg_engine *base, const struct sg_target_pixels *ta
                 grad[i] = 0; /* the target is the image itself there: no pull */
     }
     const double values = 3 * (double) n;
-    base->step.photometric = sg_photometric_value_of(l1 / values, mse / values, ssim / values, p->lambda_dssim);
+    base->step.photometric =
+        sg_photometric_value_of(l1 / values, mse / values, ssim / values, p->lambda_dssim);
     base->step.loss[SG_LOSS_PHOTOMETRIC] = base->step.photometric.total;
     return SG_OK;
 }
 
-static int loss(struct sg_engine *base, const struct sg_target_pixels *target, const struct sg_loss *l)
+static int loss(struct sg_engine *base, const struct sg_target_pixels *target,
+                const struct sg_loss *l)
 {
     struct ref_engine *b = (struct ref_engine *) base;
     if (l->kind == SG_LOSS_PHOTOMETRIC)
         return photometric(base, target, &l->photometric);
     const size_t values = 3 * pixels(b);
     double *g = sg_alloc_raw(base->ctx, SG_MEM_FRAME, values, sizeof(*g));
-    const int code =
-        g ? sg_ref_image_loss(base->ctx, l, b->image.rgb, b->image.width, b->image.height, g, &base->step.loss[l->kind])
-          : SG_ERR_BUDGET;
+    const int code = g ? sg_ref_image_loss(base->ctx, l, b->image.rgb, b->image.width,
+                                           b->image.height, g, &base->step.loss[l->kind])
+                       : SG_ERR_BUDGET;
     for (size_t i = 0; i < values && !code; i++)
-        b->gradient[i] = target->mask && !target->mask[i % pixels(b)] ? 0 : b->gradient[i] + (float) (l->weight * g[i]);
+        b->gradient[i] = target->mask && !target->mask[i % pixels(b)]
+                             ? 0
+                             : b->gradient[i] + (float) (l->weight * g[i]);
     sg_free(g);
     return code;
 }
@@ -319,7 +329,8 @@ static int do_project_backward(struct sg_engine *base, bool statistics)
 {
     struct ref_engine *b = (struct ref_engine *) base;
     struct sg_host_model *h = &b->model;
-    if ((statistics && sg_host_alloc_optimiser(base->ctx, h)) || sg_host_alloc_gradients(base->ctx, h))
+    if ((statistics && sg_host_alloc_optimiser(base->ctx, h)) ||
+        sg_host_alloc_gradients(base->ctx, h))
         return SG_ERR_BUDGET;
     for (size_t i = 0; i < h->count; i++) {
         const struct ref_splat *s = &b->splats[i];
@@ -340,7 +351,8 @@ static int do_project_backward(struct sg_engine *base, bool statistics)
 static int optimise(struct sg_engine *base, const struct sg_update *u)
 {
     struct sg_host_model *h = &((struct ref_engine *) base)->model;
-    if (sg_host_alloc_optimiser(base->ctx, h) || (u->accumulate && sg_host_alloc_accumulated(base->ctx, h)))
+    if (sg_host_alloc_optimiser(base->ctx, h) ||
+        (u->accumulate && sg_host_alloc_accumulated(base->ctx, h)))
         return SG_ERR_BUDGET;
     for (size_t i = 0; i < h->count; i++)
         for (int p = 0; p < h->planes; p++) {
@@ -352,8 +364,8 @@ static int optimise(struct sg_engine *base, const struct sg_update *u)
                 h->accumulated[at] = u->adam ? 0 : g;
             }
             if (u->adam && u->rate[group] > 0)
-                h->params[at] =
-                    adam_step(h->params[at], g, &h->opt.m[at], &h->opt.v[at], u->rate[group], u->root[group]);
+                h->params[at] = adam_step(h->params[at], g, &h->opt.m[at], &h->opt.v[at],
+                                          u->rate[group], u->root[group]);
         }
     return SG_OK;
 }
@@ -441,10 +453,13 @@ static struct sg_footprint footprint(const struct sg_work *w)
     const uint64_t planes = (uint64_t) sg_param_count(w->sh_degree) * sizeof(float);
     const uint64_t projection = sizeof(struct ref_splat) + sizeof(struct ref_entry);
     return (struct sg_footprint){
-        /* Parameters, two moments, gradients and their sums; in an edit one array more, and statistics twice. */
-        .gaussian = (w->accumulate ? 6 : 5) * planes + 4 * sizeof(float) + projection + projection / 2,
+        /* Parameters, two moments, gradients and their sums; in an edit one array more, and
+           statistics twice. */
+        .gaussian =
+            (w->accumulate ? 6 : 5) * planes + 4 * sizeof(float) + projection + projection / 2,
         .view = (uint64_t) w->width * (uint64_t) w->height * (21 * sizeof(float) + sizeof(int)),
     };
 }
 
-const struct sg_engine_kind sg_engine_ref = {.name = "ref", .create = create, .footprint = footprint};
+const struct sg_engine_kind sg_engine_ref = {
+    .name = "ref", .create = create, .footprint = footprint};

@@ -27,16 +27,19 @@ static float iso_weight(const float *row, const float *below, int width, int i)
     return 1 / sqrtf(v * v + h * h + ISO_FLOOR);
 }
 
-void sg_tv_gradient_row(const float *plane, int width, int height, int y, enum sg_tv_form form, float *out)
+void sg_tv_gradient_row(const float *plane, int width, int height, int y, enum sg_tv_form form,
+                        float *out)
 {
     const float *row = plane + (size_t) y * (size_t) width;
     const float *above = y > 0 ? row - width : row,
                 *below = y + 1 < height ? row + width : row; /* none: no difference */
     if (form == SG_TV_ISO) {
         for (int i = 0; i < width; i++) {
-            const float own = -((below[i] - row[i]) + right(row, width, i)) * iso_weight(row, below, width, i);
+            const float own =
+                -((below[i] - row[i]) + right(row, width, i)) * iso_weight(row, below, width, i);
             const float up = (row[i] - above[i]) * iso_weight(above, row, width, i);
-            out[i] = own + up + (i > 0 ? (row[i] - row[i - 1]) * iso_weight(row, below, width, i - 1) : 0);
+            out[i] = own + up +
+                     (i > 0 ? (row[i] - row[i - 1]) * iso_weight(row, below, width, i - 1) : 0);
         }
         return;
     }
@@ -54,7 +57,8 @@ static void ascend_row(const struct sg_ascend *a, size_t r)
     const size_t at = r * (size_t) a->width;
     const float *x = a->from + at, *v = a->photo + at;
     float *to = a->to + at;
-    sg_tv_gradient_row(a->from + channel * plane, a->width, a->height, (int) (r % (size_t) a->height), a->form, to);
+    sg_tv_gradient_row(a->from + channel * plane, a->width, a->height,
+                       (int) (r % (size_t) a->height), a->form, to);
     for (int i = 0; i < a->width; i++) {
         float y = x[i] + a->step * sign(to[i] + (a->extra ? a->extra[at + (size_t) i] : 0));
         const float epsilon = a->bound ? a->bound[at + (size_t) i - channel * plane] : a->epsilon;

@@ -5,6 +5,7 @@
 #include "splatguard/variation.h"
 
 /* dTV/dx of one row of a plane. */
-void sg_tv_gradient_row(const float *plane, int width, int height, int y, enum sg_tv_form form, float *out);
+void sg_tv_gradient_row(const float *plane, int width, int height, int y, enum sg_tv_form form,
+                        float *out);
 
 #endif

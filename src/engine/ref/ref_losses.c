@@ -10,9 +10,10 @@
 #define PI 3.14159265358979323846
 #define OUTSIDE 255 /* of the band; bins are fewer */
 
-/* Transforms of `count` lines of n values, by definition. Values are `step` apart, lines `next`. sign: -1 forward, 1
- * back. work: 2 n values. */
-static void dft(double complex *f, int n, int count, size_t step, size_t next, int sign, double complex *work)
+/* Transforms of `count` lines of n values, by definition. Values are `step` apart, lines `next`.
+ * sign: -1 forward, 1 back. work: 2 n values. */
+static void dft(double complex *f, int n, int count, size_t step, size_t next, int sign,
+                double complex *work)
 {
     double complex *out = work, *root = work + n;
     for (int k = 0; k < n; k++)
@@ -28,14 +29,17 @@ static void dft(double complex *f, int n, int count, size_t step, size_t next, i
     }
 }
 
-/* Direction of coefficient (u, v): of the whole spectrum, so that its conjugate has the opposite one. */
+/* Direction of coefficient (u, v): of the whole spectrum, so that its conjugate has the opposite
+ * one. */
 static uint8_t direction(int u, int v, int w, int h, const struct sg_spectrum_params *band)
 {
-    const double fu = (double) (2 * u < h ? u : u - h) / h, fv = (double) (2 * v < w ? v : v - w) / w;
+    const double fu = (double) (2 * u < h ? u : u - h) / h,
+                 fv = (double) (2 * v < w ? v : v - w) / w;
     const double r = 2 * hypot(fu, fv);
     if (!(r > 0 && r >= band->low && r <= band->high && 2 * u != h && 2 * v != w))
         return OUTSIDE;
-    return (uint8_t) ((int) floor((atan2(fu, fv) + PI) * band->bins / (2 * PI) + 1e-9) % band->bins);
+    return (uint8_t) ((int) floor((atan2(fu, fv) + PI) * band->bins / (2 * PI) + 1e-9) %
+                      band->bins);
 }
 
 static const double luma[3] = {0.299, 0.587, 0.114};
@@ -46,9 +50,10 @@ static double share(const struct sg_anisotropy_params *p, int channel, int plane
     return p->channels == SG_CHANNELS_LUMA ? luma[channel] : channel == plane;
 }
 
-/* 1 - H / ln B, and the gradient of it, from the whole complex spectrum of the image continued to a quick size. */
-static int anisotropy(sg_ctx *ctx, const struct sg_anisotropy_params *p, const float *x, int w, int h, double *gradient,
-                      double *out)
+/* 1 - H / ln B, and the gradient of it, from the whole complex spectrum of the image continued to a
+ * quick size. */
+static int anisotropy(sg_ctx *ctx, const struct sg_anisotropy_params *p, const float *x, int w,
+                      int h, double *gradient, double *out)
 {
     const int W = sg_anisotropy_width(w, p->exact_size), H = sg_anisotropy_height(h, p->exact_size);
     const int bins = p->band.bins, planes = p->channels == SG_CHANNELS_LUMA ? 1 : 3;
@@ -74,12 +79,14 @@ static int anisotropy(sg_ctx *ctx, const struct sg_anisotropy_params *p, const f
         dft(own, H, W, (size_t) W, 1, -1, work);
         for (size_t i = 0; i < n; i++)
             if (bin[i] != OUTSIDE)
-                energy[bin[i]] += p->energy == SG_ENERGY_POWER ? creal(own[i] * conj(own[i])) : cabs(own[i]);
+                energy[bin[i]] +=
+                    p->energy == SG_ENERGY_POWER ? creal(own[i] * conj(own[i])) : cabs(own[i]);
     }
     for (int b = 0; b < bins; b++)
         total += energy[b];
     const double values = (double) planes * (double) n;
-    const bool flat = !(total > (p->energy == SG_ENERGY_POWER ? 1e-12 * values * values : 1e-6 * values));
+    const bool flat =
+        !(total > (p->energy == SG_ENERGY_POWER ? 1e-12 * values * values : 1e-6 * values));
     for (int b = 0; b < bins && !flat; b++)
         entropy -= energy[b] > 0 ? energy[b] / total * log(energy[b] / total) : 0;
     *out = flat ? 0 : 1 - entropy / log(bins);
@@ -88,10 +95,13 @@ static int anisotropy(sg_ctx *ctx, const struct sg_anisotropy_params *p, const f
     for (int plane = 0; plane < planes && gradient && !flat; plane++) {
         double complex *own = f + (size_t) plane * n;
         for (size_t i = 0; i < n; i++) {
-            const double factor = bin[i] == OUTSIDE || !(energy[bin[i]] > 0)
-                                      ? 0
-                                      : (log(fmax(energy[bin[i]] / total, 1e-12)) + entropy) / (total * log(bins));
-            own[i] *= factor * (p->energy == SG_ENERGY_POWER ? 2 : cabs(own[i]) > 0 ? 1 / cabs(own[i]) : 0);
+            const double factor =
+                bin[i] == OUTSIDE || !(energy[bin[i]] > 0)
+                    ? 0
+                    : (log(fmax(energy[bin[i]] / total, 1e-12)) + entropy) / (total * log(bins));
+            own[i] *= factor * (p->energy == SG_ENERGY_POWER ? 2
+                                : cabs(own[i]) > 0           ? 1 / cabs(own[i])
+                                                             : 0);
         }
         dft(own, W, H, 1, (size_t) W, 1, work);
         dft(own, H, W, (size_t) W, 1, 1, work);
@@ -148,8 +158,8 @@ static double total_variation(enum sg_tv_norm norm, const float *x, int w, int h
     return loss;
 }
 
-int sg_ref_image_loss(sg_ctx *ctx, const struct sg_loss *loss, const float *planes, int width, int height,
-                      double *gradient, double *out)
+int sg_ref_image_loss(sg_ctx *ctx, const struct sg_loss *loss, const float *planes, int width,
+                      int height, double *gradient, double *out)
 {
     if (loss->kind == SG_LOSS_ANISOTROPY)
         return anisotropy(ctx, &loss->anisotropy, planes, width, height, gradient, out);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The oracle: rendering and its gradient as plainly as the equations of Kerbl et al. 2023 allow. Include real_f32.h or
- * real_f64.h first. No tricks: one pixel at a time, lists sorted by qsort, gradients back to front as in the paper. */
+/* The oracle: rendering and its gradient as plainly as the equations of Kerbl et al. 2023 allow.
+ * Include real_f32.h or real_f64.h first. No tricks: one pixel at a time, lists sorted by qsort,
+ * gradients back to front as in the paper. */
 #ifndef SG_REF_RENDER_H
 #define SG_REF_RENDER_H
 
@@ -47,8 +48,8 @@ static int ref_entry_compare(const void *a, const void *b)
 }
 
 /* params: one Gaussian's planes. degree: SH degree to use. */
-static inline void ref_project(const struct view *v, const real *params, int degree, int grid_x, int grid_y,
-                               struct ref_splat *o)
+static inline void ref_project(const struct view *v, const real *params, int degree, int grid_x,
+                               int grid_y, struct ref_splat *o)
 {
     *o = (struct ref_splat){0};
     project(v, params + SG_P_XYZ, params + SG_P_SCALE, params + SG_P_ROT, &o->s, &o->p);
@@ -70,12 +71,14 @@ static inline void ref_project(const struct view *v, const real *params, int deg
         o->rgb[ch] = o->clamped[ch] ? 0 : c;
     }
     if (!o->s.visible || !finite ||
-        !sg_tile_rect((float) o->s.x, (float) o->s.y, (float) o->s.sigma, grid_x, grid_y, &o->radius, &o->rect))
+        !sg_tile_rect((float) o->s.x, (float) o->s.y, (float) o->s.sigma, grid_x, grid_y,
+                      &o->radius, &o->rect))
         o->radius = 0;
 }
 
 /* Entries of one tile in drawing order; list holds up to n. */
-static inline size_t ref_tile_list(const struct ref_splat *splats, size_t n, int tx, int ty, struct ref_entry *list)
+static inline size_t ref_tile_list(const struct ref_splat *splats, size_t n, int tx, int ty,
+                                   struct ref_entry *list)
 {
     size_t m = 0;
     for (size_t i = 0; i < n; i++) {
@@ -89,7 +92,8 @@ static inline size_t ref_tile_list(const struct ref_splat *splats, size_t n, int
 }
 
 /* Alpha of a pair; false: the pair is skipped. */
-static inline bool ref_pair(const struct ref_splat *s, int ix, int iy, real *dx, real *dy, real *gauss, real *alpha)
+static inline bool ref_pair(const struct ref_splat *s, int ix, int iy, real *dx, real *dy,
+                            real *gauss, real *alpha)
 {
     *dx = s->s.x - (real) ix, *dy = s->s.y - (real) iy;
     const real power = (real) -0.5 * (s->s.A * *dx * *dx + s->s.C * *dy * *dy) - s->s.B * *dx * *dy;
@@ -100,8 +104,9 @@ static inline bool ref_pair(const struct ref_splat *s, int ix, int iy, real *dx,
     return !(*alpha < (real) SG_ALPHA_MIN);
 }
 
-static inline void ref_pixel_forward(const struct ref_splat *splats, const struct ref_entry *list, size_t m, int ix,
-                                     int iy, const float *background, struct ref_image *image)
+static inline void ref_pixel_forward(const struct ref_splat *splats, const struct ref_entry *list,
+                                     size_t m, int ix, int iy, const float *background,
+                                     struct ref_image *image)
 {
     real t = 1, out[3] = {0}, depth = 0;
     int last = 0;
@@ -129,8 +134,8 @@ static inline void ref_pixel_forward(const struct ref_splat *splats, const struc
 }
 
 /* Adds 1, or the weight in the pixel's colour, to each splat that is blended. */
-static inline void ref_pixel_count(struct ref_splat *splats, const struct ref_entry *list, size_t m, int ix, int iy,
-                                   bool weigh)
+static inline void ref_pixel_count(struct ref_splat *splats, const struct ref_entry *list, size_t m,
+                                   int ix, int iy, bool weigh)
 {
     real t = 1;
     for (size_t k = 0; k < m; k++) {
@@ -146,8 +151,9 @@ static inline void ref_pixel_count(struct ref_splat *splats, const struct ref_en
 }
 
 /* gradient: dL/dimage, 3 planes. Adds to the splats' gradients. */
-static inline void ref_pixel_backward(struct ref_splat *splats, const struct ref_entry *list, int ix, int iy,
-                                      const float *background, const struct ref_image *image, const real *gradient)
+static inline void ref_pixel_backward(struct ref_splat *splats, const struct ref_entry *list,
+                                      int ix, int iy, const float *background,
+                                      const struct ref_image *image, const real *gradient)
 {
     const size_t plane = (size_t) image->width * (size_t) image->height;
     const size_t at = (size_t) iy * (size_t) image->width + (size_t) ix;
@@ -170,7 +176,8 @@ static inline void ref_pixel_backward(struct ref_splat *splats, const struct ref
         }
         dalpha = t * dalpha - t_final / (1 - alpha) * bg;
         alpha_prev = alpha;
-        const real dgauss = s->o * dalpha; /* the 0.99 clamp passes the gradient, as in the reference */
+        const real dgauss =
+            s->o * dalpha; /* the 0.99 clamp passes the gradient, as in the reference */
         s->g_o += gauss * dalpha;
         const real hx = gauss * dx, hy = gauss * dy;
         s->g.x += dgauss * (-hx * s->s.A - hy * s->s.B);
@@ -181,9 +188,10 @@ static inline void ref_pixel_backward(struct ref_splat *splats, const struct ref
     }
 }
 
-/* Splat gradients to the gradients of one Gaussian's planes (assigned; all sg_param_count(3) of them). */
-static inline void ref_parameter_gradient(const struct view *v, const struct ref_splat *s, const real *params,
-                                          int degree, real *out)
+/* Splat gradients to the gradients of one Gaussian's planes (assigned; all sg_param_count(3) of
+ * them). */
+static inline void ref_parameter_gradient(const struct view *v, const struct ref_splat *s,
+                                          const real *params, int degree, real *out)
 {
     for (int p = 0; p < SG_PARAMS_MAX; p++)
         out[p] = 0;

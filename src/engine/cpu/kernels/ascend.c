@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A step up the total variation, a row at a time: sg_tv_gradient_row and the projection of sg_ascend in one pass. */
+/* A step up the total variation, a row at a time: sg_tv_gradient_row and the projection of
+ * sg_ascend in one pass. */
 #include "kernels.h"
 
 /* LANES pixels of a row with those to their left and right; at the ends of the row, themselves. */
@@ -35,16 +36,19 @@ SIMD real gradient(enum sg_tv_form form, struct run above, struct run row, struc
     if (form == SG_TV_ISO)
         return (row.here - above.here) * weight(row.here - above.here, above.right - above.here) +
                (row.here - row.left) * weight(below.left - row.left, row.here - row.left) -
-               ((below.here - row.here) + (row.right - row.here)) * weight(below.here - row.here, row.right - row.here);
+               ((below.here - row.here) + (row.right - row.here)) *
+                   weight(below.here - row.here, row.right - row.here);
     const real vertical = sign(row.here - above.here) + sign(row.here - below.here);
-    return form == SG_TV_ANISO ? vertical + sign(row.here - row.left) + sign(row.here - row.right) : vertical;
+    return form == SG_TV_ANISO ? vertical + sign(row.here - row.left) + sign(row.here - row.right)
+                               : vertical;
 }
 
 SIMD void ascend(const struct sg_ascend *a, size_t r, enum sg_tv_form form)
 {
     const int w = a->width, y = (int) (r % (size_t) a->height);
     const size_t at = r * (size_t) w;
-    const float *row = a->from + at, *above = y > 0 ? row - w : row, *below = y + 1 < a->height ? row + w : row;
+    const float *row = a->from + at, *above = y > 0 ? row - w : row,
+                *below = y + 1 < a->height ? row + w : row;
     const float *bound = a->bound ? a->bound + (size_t) y * (size_t) w : NULL;
     for (int i = 0; i < w; i += LANES) {
         const int count = w - i < LANES ? w - i : LANES;
@@ -52,7 +56,8 @@ SIMD void ascend(const struct sg_ascend *a, size_t r, enum sg_tv_form form)
         real g = gradient(form, load_run(above, i, w), x, load_run(below, i, w));
         if (a->extra)
             g += count == LANES ? r_load(a->extra + at + i) : r_load_part(a->extra + at + i, count);
-        const real photo = count == LANES ? r_load(a->photo + at + i) : r_load_part(a->photo + at + i, count);
+        const real photo =
+            count == LANES ? r_load(a->photo + at + i) : r_load_part(a->photo + at + i, count);
         real v = x.here + a->step * sign(g);
         const real epsilon = !bound           ? r_set(a->epsilon)
                              : count == LANES ? r_load(bound + i)

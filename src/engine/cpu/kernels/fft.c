@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Mixed radix transforms by decimation in time, depth first: the transforms of a part that fits into the nearest cache
- * are finished before the next part is begun. Lanes are transforms, so nothing is ever shuffled here. This file is
- * compiled without fused multiplications and additions: every instruction set gives the same bytes.
+/* Mixed radix transforms by decimation in time, depth first: the transforms of a part that fits
+ * into the nearest cache are finished before the next part is begun. Lanes are transforms, so
+ * nothing is ever shuffled here. This file is compiled without fused multiplications and additions:
+ * every instruction set gives the same bytes.
  *
- * Backward transforms are forward ones whose real and imaginary parts are exchanged: `re` is the place of the real
- * parts in a point, 0 or 16. */
+ * Backward transforms are forward ones whose real and imaginary parts are exchanged: `re` is the
+ * place of the real parts in a point, 0 or 16. */
 #include "spectral/fft.h"
 
 #include "kernels.h"
@@ -58,7 +59,8 @@ SIMD void two(struct value x[2])
 
 SIMD void four(struct value x[4])
 {
-    const struct value a = add(x[0], x[2]), b = subtract(x[0], x[2]), c = add(x[1], x[3]), d = subtract(x[1], x[3]);
+    const struct value a = add(x[0], x[2]), b = subtract(x[0], x[2]), c = add(x[1], x[3]),
+                       d = subtract(x[1], x[3]);
     x[0] = add(a, c), x[2] = subtract(a, c);
     x[1] = (struct value){b.re + d.im, b.im - d.re};
     x[3] = (struct value){b.re - d.im, b.im + d.re};
@@ -84,7 +86,8 @@ SIMD void three(struct value x[3])
 {
     const float sine = 0.866025404f;
     const struct value a = add(x[1], x[2]), b = subtract(x[1], x[2]);
-    const struct value m = {x[0].re - 0.5f * a.re, x[0].im - 0.5f * a.im}, s = {sine * b.im, sine * b.re};
+    const struct value m = {x[0].re - 0.5f * a.re, x[0].im - 0.5f * a.im},
+                       s = {sine * b.im, sine * b.re};
     x[0] = add(x[0], a);
     x[1] = (struct value){m.re + s.re, m.im - s.im};
     x[2] = (struct value){m.re - s.re, m.im + s.im};
@@ -94,9 +97,11 @@ SIMD void five(struct value x[5])
 {
     const float root5 = 0.559016994f, sine1 = 0.951056516f,
                 sine2 = 0.587785252f; /* sqrt(5) / 4, of 72 and 36 degrees */
-    const struct value a = add(x[1], x[4]), b = subtract(x[1], x[4]), c = add(x[2], x[3]), d = subtract(x[2], x[3]);
+    const struct value a = add(x[1], x[4]), b = subtract(x[1], x[4]), c = add(x[2], x[3]),
+                       d = subtract(x[2], x[3]);
     const struct value sum = add(a, c), m = {x[0].re - 0.25f * sum.re, x[0].im - 0.25f * sum.im};
-    const struct value t = {root5 * (a.re - c.re), root5 * (a.im - c.im)}, p = add(m, t), q = subtract(m, t);
+    const struct value t = {root5 * (a.re - c.re), root5 * (a.im - c.im)}, p = add(m, t),
+                       q = subtract(m, t);
     const struct value s1 = {sine1 * b.im + sine2 * d.im, sine1 * b.re + sine2 * d.re};
     const struct value s2 = {sine2 * b.im - sine1 * d.im, sine2 * b.re - sine1 * d.re};
     x[0] = add(x[0], sum);
@@ -106,7 +111,8 @@ SIMD void five(struct value x[5])
     x[3] = (struct value){q.re - s2.re, q.im + s2.im};
 }
 
-/* By definition, with the conjugate symmetry of the roots of unity: for 7, 11 and 13 the loops are unrolled. */
+/* By definition, with the conjugate symmetry of the roots of unity: for 7, 11 and 13 the loops are
+ * unrolled. */
 SIMD void prime(int p, struct value *x, const float *roots)
 {
     struct value sum[SG_FFT_PRIME_MAX / 2], difference[SG_FFT_PRIME_MAX / 2];
@@ -165,8 +171,10 @@ SIMD void transform_few(int radix, struct value *x, const float *roots)
 
 /* ---- a stage ---- */
 
-/* `count` transforms of `radix` points, which are `step` floats apart; the next transform begins `next` floats on. */
-SIMD void begin(int radix, int count, const float *in, size_t step, size_t next, float *out, int re, const float *roots)
+/* `count` transforms of `radix` points, which are `step` floats apart; the next transform begins
+ * `next` floats on. */
+SIMD void begin(int radix, int count, const float *in, size_t step, size_t next, float *out, int re,
+                const float *roots)
 {
     for (int i = 0; i < count; i++, in += next, out += radix * POINT)
         for (int part = 0; part < SG_FFT_LANES; part += LANES) {
@@ -201,13 +209,14 @@ SIMD void join(int radix, int rest, float *data, int re, const float *twiddles, 
 
 #define EACH_RADIX(DO) DO(1) DO(2) DO(3) DO(4) DO(5) DO(7) DO(8) DO(11) DO(13)
 
-static __attribute__((noinline)) void begin_any(const struct sg_fft_stage *s, int count, const float *in, size_t step,
-                                                size_t next, float *out, int re)
+static __attribute__((noinline)) void begin_any(const struct sg_fft_stage *s, int count,
+                                                const float *in, size_t step, size_t next,
+                                                float *out, int re)
 {
     switch (s->radix) {
-#define BEGIN(r)                                                                                                       \
-    case r:                                                                                                            \
-        begin(r, count, in, step, next, out, re, s->roots);                                                            \
+#define BEGIN(r)                                                                                   \
+    case r:                                                                                        \
+        begin(r, count, in, step, next, out, re, s->roots);                                        \
         break;
         EACH_RADIX(BEGIN)
     default:
@@ -218,9 +227,9 @@ static __attribute__((noinline)) void begin_any(const struct sg_fft_stage *s, in
 static __attribute__((noinline)) void join_any(const struct sg_fft_stage *s, float *data, int re)
 {
     switch (s->radix) {
-#define JOIN(r)                                                                                                        \
-    case r:                                                                                                            \
-        join(r, s->rest, data, re, s->twiddles, s->roots);                                                             \
+#define JOIN(r)                                                                                    \
+    case r:                                                                                        \
+        join(r, s->rest, data, re, s->twiddles, s->roots);                                         \
         break;
         EACH_RADIX(JOIN)
     default:
@@ -228,7 +237,8 @@ static __attribute__((noinline)) void join_any(const struct sg_fft_stage *s, flo
     }
 }
 
-static void transform(const struct sg_fft_stage *s, const float *in, size_t step, float *out, int re)
+static void transform(const struct sg_fft_stage *s, const float *in, size_t step, float *out,
+                      int re)
 {
     if (s->rest == 1) {
         begin_any(s, 1, in, step, 0, out, re);
@@ -246,16 +256,19 @@ static void transform(const struct sg_fft_stage *s, const float *in, size_t step
 /* ---- any length ---- */
 
 /* to = from times the factors of each point; the rest of to is 0. */
-static void scale(const float *from, int from_re, const float *factors, int n, float *to, int to_re, int end)
+static void scale(const float *from, int from_re, const float *factors, int n, float *to, int to_re,
+                  int end)
 {
     for (int k = 0; k < end; k++, from += POINT, to += POINT)
         for (int part = 0; part < SG_FFT_LANES; part += LANES) {
             const struct value zero = {r_set(0), r_set(0)};
-            store(to + part, to_re, k < n ? multiply(load(from + part, from_re), factors + 2 * k) : zero);
+            store(to + part, to_re,
+                  k < n ? multiply(load(from + part, from_re), factors + 2 * k) : zero);
         }
 }
 
-void KERNEL(fft_columns)(const struct sg_fft *fft, const float *in, float *out, bool backward, float *scratch)
+void KERNEL(fft_columns)(const struct sg_fft *fft, const float *in, float *out, bool backward,
+                         float *scratch)
 {
     const int re = backward ? SG_FFT_LANES : 0;
     if (!fft->longer) {
@@ -276,8 +289,10 @@ void KERNEL(fft_columns)(const struct sg_fft *fft, const float *in, float *out, 
 #define BLOCK SG_FFT_LANES
 
 #if LANES == 16
-#define R_LOW(a, b) __builtin_shufflevector(a, b, 0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23)
-#define R_HIGH(a, b) __builtin_shufflevector(a, b, 8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15, 31)
+#define R_LOW(a, b)                                                                                \
+    __builtin_shufflevector(a, b, 0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23)
+#define R_HIGH(a, b)                                                                               \
+    __builtin_shufflevector(a, b, 8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15, 31)
 #elif LANES == 8
 #define R_LOW(a, b) __builtin_shufflevector(a, b, 0, 8, 1, 9, 2, 10, 3, 11)
 #define R_HIGH(a, b) __builtin_shufflevector(a, b, 4, 12, 5, 13, 6, 14, 7, 15)
@@ -344,13 +359,15 @@ static void gather_rows(const struct sg_fft_rows *r, const float *const *row, fl
             const float *rows[BLOCK];
             point_to(&own, rows);
             for (int i = 0; i < BLOCK && i < count; i++)
-                memcpy(own.value[i], row[first + i] + x, (size_t) (width < BLOCK ? width : BLOCK) * sizeof(float));
+                memcpy(own.value[i], row[first + i] + x,
+                       (size_t) (width < BLOCK ? width : BLOCK) * sizeof(float));
             transpose_block(rows, 0, turned.value[0], BLOCK);
             for (int j = 0; j < BLOCK && j < width; j++)
                 memcpy(to + (size_t) (x + j) * POINT, turned.value[j], sizeof(turned.value[j]));
         }
         for (int x = r->width; x < n; x++)
-            memcpy(to + (size_t) x * POINT, to + (size_t) (r->width - 1) * POINT, BLOCK * sizeof(float));
+            memcpy(to + (size_t) x * POINT, to + (size_t) (r->width - 1) * POINT,
+                   BLOCK * sizeof(float));
     }
 }
 
@@ -366,7 +383,8 @@ SIMD void split_pair(const float *at, const float *twin, struct block split[4], 
     }
 }
 
-void KERNEL(fft_rows)(const struct sg_fft *fft, const struct sg_fft_rows *r, const float *const *row, float *scratch)
+void KERNEL(fft_rows)(const struct sg_fft *fft, const struct sg_fft_rows *r,
+                      const float *const *row, float *scratch)
 {
     const int n = fft->n;
     float *own = scratch, *f = own + (size_t) n * POINT, *panel = r->panels;
@@ -376,7 +394,8 @@ void KERNEL(fft_rows)(const struct sg_fft *fft, const struct sg_fft_rows *r, con
         struct block split[4], turned;
         const int end = n - first < BLOCK ? n - first : BLOCK;
         for (int k = 0; k < end; k++)
-            split_pair(f + (size_t) (first + k) * POINT, f + (size_t) ((n - first - k) % n) * POINT, split, k);
+            split_pair(f + (size_t) (first + k) * POINT, f + (size_t) ((n - first - k) % n) * POINT,
+                       split, k);
         for (int m = 0; m < 4; m++) {
             const float *rows[BLOCK];
             point_to(&split[m], rows);
@@ -407,7 +426,8 @@ SIMD void join_pair(const struct block half[4], int k, float *at, float *twin, b
 }
 
 /* Row i of a part, from lane i. */
-static void add_rows(const struct sg_fft_rows *r, const float *from, float *const *row, int count, float scale)
+static void add_rows(const struct sg_fft_rows *r, const float *from, float *const *row, int count,
+                     float scale)
 {
     for (int x = 0; x < r->width; x += BLOCK) {
         const float *points[BLOCK];
@@ -428,8 +448,8 @@ static void add_rows(const struct sg_fft_rows *r, const float *from, float *cons
     }
 }
 
-void KERNEL(fft_rows_back)(const struct sg_fft *fft, const struct sg_fft_rows *r, float *const *row, float scale,
-                           float *scratch)
+void KERNEL(fft_rows_back)(const struct sg_fft *fft, const struct sg_fft_rows *r, float *const *row,
+                           float scale, float *scratch)
 {
     const int n = fft->n;
     float *f = scratch, *own = f + (size_t) n * POINT;
@@ -448,7 +468,8 @@ void KERNEL(fft_rows_back)(const struct sg_fft *fft, const struct sg_fft_rows *r
             transpose_block(rows, 0, half[m].value[0], BLOCK);
         }
         for (int k = first; k < first + BLOCK && k < r->columns; k++)
-            join_pair(half, k - first, f + (size_t) k * POINT, f + (size_t) ((n - k) % n) * POINT, k == 0);
+            join_pair(half, k - first, f + (size_t) k * POINT, f + (size_t) ((n - k) % n) * POINT,
+                      k == 0);
     }
     KERNEL(fft_columns)(fft, f, own, true, own + (size_t) n * POINT);
     for (int part = 0; part < POINT; part += LANES) {

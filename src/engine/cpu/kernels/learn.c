@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Splat gradients to parameter gradients to Adam, LANES Gaussians at a time. In project_backward_optimise parameters
- * and moments are touched once, and parameter gradients live in registers and L1 only. */
+/* Splat gradients to parameter gradients to Adam, LANES Gaussians at a time. In
+ * project_backward_optimise parameters and moments are touched once, and parameter gradients live
+ * in registers and L1 only. */
 #include "kernels.h"
 
 #include "engine/host/host_model.h"
@@ -12,8 +13,8 @@ struct lanes {
     float sums[9][LANES], r[LANES], g[LANES], b[LANES], visible[LANES];
 };
 
-/* Adds up the slots of each Gaussian in tile order: the same order for any number of threads or bands. False: none is
- * visible. */
+/* Adds up the slots of each Gaussian in tile order: the same order for any number of threads or
+ * bands. False: none is visible. */
 SIMD bool gather(const struct cpu_learn_args *a, size_t base, struct lanes *l)
 {
     const size_t left = a->count - base, n = left < LANES ? left : LANES;
@@ -30,7 +31,8 @@ SIMD bool gather(const struct cpu_learn_args *a, size_t base, struct lanes *l)
             continue;
         l->r[lane] = s->r, l->g[lane] = s->g, l->b[lane] = s->b;
         l->visible[lane] = 1;
-        const size_t first = a->slot_start ? a->slot_start[i] : i, end = a->slot_start ? a->slot_start[i + 1] : i + 1;
+        const size_t first = a->slot_start ? a->slot_start[i] : i,
+                     end = a->slot_start ? a->slot_start[i + 1] : i + 1;
         float sum[9] = {0};
         for (size_t k = first; k < end; k++)
             for (int j = 0; j < 9; j++)
@@ -42,8 +44,8 @@ SIMD bool gather(const struct cpu_learn_args *a, size_t base, struct lanes *l)
 }
 
 /* Gradients of the parameters, and the statistics of densification. */
-SIMD void pull(const struct cpu_learn_args *a, const struct view *view, size_t base, const float *params,
-               const struct lanes *l, real *out)
+SIMD void pull(const struct cpu_learn_args *a, const struct view *view, size_t base,
+               const float *params, const struct lanes *l, real *out)
 {
     const int coefficients = (a->degree + 1) * (a->degree + 1);
     const mask visible = r_lt(r_set(0), r_load(l->visible));
@@ -105,7 +107,8 @@ SIMD void pull(const struct cpu_learn_args *a, const struct view *view, size_t b
         out[plane] = r_keep(visible, out[plane]); /* culled lanes hold garbage */
 }
 
-SIMD void adam(const struct cpu_learn_args *a, float *p, float *m, float *v, const real *gradient, int planes)
+SIMD void adam(const struct cpu_learn_args *a, float *p, float *m, float *v, const real *gradient,
+               int planes)
 {
     for (int plane = 0; plane < planes; plane++) {
         const enum sg_group group = sg_plane_group(plane);

@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* L1 and SSIM with their gradient. A piece of work is a range of one channel's rows. It goes down the image with two
- * bands of rows that fit the second-level cache: the target as floats, and behind it the partial derivatives of SSIM,
- * from which the gradient follows. The window is applied to ROWS rows together, in chunks of columns that fit the
- * first-level cache: down the columns first, then along each row.
- * Sums are kept by row, and a row's values must not depend on where in a piece it lies: copies of code that the
- * compiler makes may be rounded differently, hence r_fma and functions that are not inlined. */
+/* L1 and SSIM with their gradient. A piece of work is a range of one channel's rows. It goes down
+ * the image with two bands of rows that fit the second-level cache: the target as floats, and
+ * behind it the partial derivatives of SSIM, from which the gradient follows. The window is applied
+ * to ROWS rows together, in chunks of columns that fit the first-level cache: down the columns
+ * first, then along each row. Sums are kept by row, and a row's values must not depend on where in
+ * a piece it lies: copies of code that the compiler makes may be rounded differently, hence r_fma
+ * and functions that are not inlined. */
 #include "kernels.h"
 
 #include "math/photometric.h"
@@ -12,7 +13,7 @@
 #define ROWS 4                            /* rows together */
 #define REACH (ROWS + 2 * SG_SSIM_RADIUS) /* rows that they read */
 #define CHUNK 416                         /* the most columns at a time */
-#define PAD SG_LANES                      /* columns on both sides of a chunk, of which the window reads the nearest */
+#define PAD SG_LANES /* columns on both sides of a chunk, of which the window reads the nearest */
 
 /* Rows first to end - 1 of an image. */
 struct band {
@@ -31,7 +32,8 @@ static void band_slide(struct band *b, int first)
 {
     if (first <= b->first)
         return;
-    memmove(b->rows, band_row(b, first), (size_t) (b->end - first) * (size_t) b->stride * sizeof(float));
+    memmove(b->rows, band_row(b, first),
+            (size_t) (b->end - first) * (size_t) b->stride * sizeof(float));
     b->first = first;
 }
 
@@ -82,7 +84,8 @@ SIMD struct column find_column(const struct band *b, int i, int y, float copy[RE
     return edge_column(b, i, top, copy);
 }
 
-/* The window down a column for each of ROWS rows. It is symmetric: one multiplication for two taps. */
+/* The window down a column for each of ROWS rows. It is symmetric: one multiplication for two
+ * taps. */
 SIMD void down(const real v[REACH], float out[ROWS][CHUNK + 2 * PAD], int column)
 {
 #pragma GCC unroll 8
@@ -104,7 +107,8 @@ SIMD real along(const float *row)
     real s = near[SG_SSIM_RADIUS] * sg_ssim_window[SG_SSIM_RADIUS];
 #pragma GCC unroll 8
     for (int k = 1; k <= SG_SSIM_RADIUS; k++)
-        s += (near[SG_SSIM_RADIUS - k] + near[SG_SSIM_RADIUS + k]) * sg_ssim_window[SG_SSIM_RADIUS - k];
+        s += (near[SG_SSIM_RADIUS - k] + near[SG_SSIM_RADIUS + k]) *
+             sg_ssim_window[SG_SSIM_RADIUS - k];
     return s;
 }
 
@@ -112,15 +116,19 @@ struct row_sums {
     real l1, l2, ssim;
 };
 
-/* Along `width` pixels of a row: SSIM and its partial derivatives from the moments of x, t, xx + tt, xt. */
-static __attribute__((noinline)) void derive_row(const float *x, const float *t, const float *const moments[4],
-                                                 float *const derivatives[3], int width, struct row_sums *sums)
+/* Along `width` pixels of a row: SSIM and its partial derivatives from the moments of x, t, xx +
+ * tt, xt. */
+static __attribute__((noinline)) void derive_row(const float *x, const float *t,
+                                                 const float *const moments[4],
+                                                 float *const derivatives[3], int width,
+                                                 struct row_sums *sums)
 {
     struct row_sums s = *sums;
     for (int i = 0; i < width; i += LANES) {
         real d_m, d_xx, d_xy;
-        const real value = ssim_point(along(moments[0] + i), along(moments[1] + i), along(moments[2] + i),
-                                      along(moments[3] + i), &d_m, &d_xx, &d_xy);
+        const real value =
+            ssim_point(along(moments[0] + i), along(moments[1] + i), along(moments[2] + i),
+                       along(moments[3] + i), &d_m, &d_xx, &d_xy);
         s.ssim += r_keep(r_lt(r_lane() + (float) i, r_set((float) width)), value);
         row_store(derivatives[0], i, width, d_m);
         row_store(derivatives[1], i, width, d_xx);
@@ -133,13 +141,15 @@ static __attribute__((noinline)) void derive_row(const float *x, const float *t,
 }
 
 /* Along `width` pixels of a row: dL/dimage from the derivatives under the window. */
-static __attribute__((noinline)) void gradient_row(const float *x, const float *t, const float *const derivatives[3],
-                                                   const uint8_t *used, bool tolerant, float l1, float dssim, int width,
-                                                   float *out)
+static __attribute__((noinline)) void gradient_row(const float *x, const float *t,
+                                                   const float *const derivatives[3],
+                                                   const uint8_t *used, bool tolerant, float l1,
+                                                   float dssim, int width, float *out)
 {
     for (int i = 0; i < width; i += LANES) {
         const real vx = row_load(x, i, width), vt = row_load(t, i, width);
-        const real ds = along(derivatives[0] + i) + 2 * vx * along(derivatives[1] + i) + vt * along(derivatives[2] + i);
+        const real ds = along(derivatives[0] + i) + 2 * vx * along(derivatives[1] + i) +
+                        vt * along(derivatives[2] + i);
         const real sign = r_keep(r_lt(vt, vx), r_set(1)) - r_keep(r_lt(vx, vt), r_set(1));
         real g = l1 * sign + dssim * ds;
         if (tolerant) /* no pull where the target is the render itself */
@@ -154,9 +164,10 @@ static __attribute__((noinline)) void gradient_row(const float *x, const float *
     }
 }
 
-/* Partial derivatives of SSIM at rows y to y + count - 1, count <= ROWS; of those that the piece owns also the sums. */
-SIMD void forward(const struct band *image, const struct band *target, const struct band maps[3], int y, int count,
-                  double *sums, int first, int end)
+/* Partial derivatives of SSIM at rows y to y + count - 1, count <= ROWS; of those that the piece
+ * owns also the sums. */
+SIMD void forward(const struct band *image, const struct band *target, const struct band maps[3],
+                  int y, int count, double *sums, int first, int end)
 {
     const int w = image->width, chunk = chunk_columns(w);
     struct row_sums row[ROWS] = {0};
@@ -184,27 +195,31 @@ SIMD void forward(const struct band *image, const struct band *target, const str
             down(v, moments[2], i + PAD);
 #pragma GCC unroll 16
             for (int j = 0; j < REACH; j++)
-                v[j] = r_fma(r_load(x.first + j * x.stride), r_load(t.first + j * t.stride), r_set(0));
+                v[j] =
+                    r_fma(r_load(x.first + j * x.stride), r_load(t.first + j * t.stride), r_set(0));
             down(v, moments[3], i + PAD);
         }
         for (int r = 0; r < count; r++) {
-            const float *const m[4] = {moments[0][r] + PAD, moments[1][r] + PAD, moments[2][r] + PAD,
-                                       moments[3][r] + PAD};
+            const float *const m[4] = {moments[0][r] + PAD, moments[1][r] + PAD,
+                                       moments[2][r] + PAD, moments[3][r] + PAD};
             float *const d[3] = {band_row(&maps[0], y + r) + c, band_row(&maps[1], y + r) + c,
                                  band_row(&maps[2], y + r) + c};
-            derive_row(band_row(image, y + r) + c, band_row(target, y + r) + c, m, d, width, &row[r]);
+            derive_row(band_row(image, y + r) + c, band_row(target, y + r) + c, m, d, width,
+                       &row[r]);
         }
     }
     for (int r = 0; r < count; r++)
         if (y + r >= first && y + r < end) {
             double *to = sums + 3 * (y + r);
-            to[0] = (double) r_sum(row[r].l1), to[1] = (double) r_sum(row[r].l2), to[2] = (double) r_sum(row[r].ssim);
+            to[0] = (double) r_sum(row[r].l1), to[1] = (double) r_sum(row[r].l2),
+            to[2] = (double) r_sum(row[r].ssim);
         }
 }
 
 /* dL/dimage at rows y to y + count - 1, count <= ROWS. */
-SIMD void backward(const struct cpu_loss_args *a, const struct band *image, const struct band *target,
-                   const struct band maps[3], int y, int count, float *gradient)
+SIMD void backward(const struct cpu_loss_args *a, const struct band *image,
+                   const struct band *target, const struct band maps[3], int y, int count,
+                   float *gradient)
 {
     const int w = a->width, chunk = chunk_columns(w);
     const float unit = 1 / (3 * (float) w * (float) a->height), lambda = a->params->lambda_dssim;
@@ -224,30 +239,37 @@ SIMD void backward(const struct cpu_loss_args *a, const struct band *image, cons
             }
         for (int r = 0; r < count; r++) {
             const size_t at = (size_t) (y + r) * (size_t) w + (size_t) c;
-            const float *const d[3] = {windowed[0][r] + PAD, windowed[1][r] + PAD, windowed[2][r] + PAD};
+            const float *const d[3] = {windowed[0][r] + PAD, windowed[1][r] + PAD,
+                                       windowed[2][r] + PAD};
             gradient_row(band_row(image, y + r) + c, band_row(target, y + r) + c, d,
-                         a->target->mask ? a->target->mask + at : NULL, a->params->tolerance > 0, l1, dssim, width,
-                         gradient + at);
+                         a->target->mask ? a->target->mask + at : NULL, a->params->tolerance > 0,
+                         l1, dssim, width, gradient + at);
         }
     }
 }
 
-/* The target's next row as floats: the render itself where masked out, else the nearest value within the tolerance. */
+/* The target's next row as floats: the render itself where masked out, else the nearest value
+ * within the tolerance. */
 SIMD void next_target(const struct cpu_loss_args *a, int channel, struct band *target)
 {
     const int y = target->end++;
-    const size_t row = (size_t) y * (size_t) a->width, plane = (size_t) a->width * (size_t) a->height;
+    const size_t row = (size_t) y * (size_t) a->width,
+                 plane = (size_t) a->width * (size_t) a->height;
     const float *x = a->rgb + (size_t) channel * plane + row;
-    const float *values = a->target->planes ? a->target->planes + (size_t) channel * plane + row : NULL;
+    const float *values =
+        a->target->planes ? a->target->planes + (size_t) channel * plane + row : NULL;
     const uint8_t *used = a->target->mask ? a->target->mask + row : NULL;
     const uint8_t *bytes = a->target->rgb + 3 * row + channel;
     float *out = band_row(target, y);
     for (int i = 0; i < a->width; i++)
-        out[i] = used && !used[i] ? x[i] : values ? values[i] : (float) bytes[3 * i] * (1.0f / 255.0f);
+        out[i] = used && !used[i] ? x[i]
+                 : values         ? values[i]
+                                  : (float) bytes[3 * i] * (1.0f / 255.0f);
     const real tolerance = r_set(a->params->tolerance);
     for (int i = 0; a->params->tolerance > 0 && i < a->width; i += LANES) {
         const real photo = row_load(out, i, a->width);
-        row_store(out, i, a->width, r_min(r_max(row_load(x, i, a->width), photo - tolerance), photo + tolerance));
+        row_store(out, i, a->width,
+                  r_min(r_max(row_load(x, i, a->width), photo - tolerance), photo + tolerance));
     }
 }
 
@@ -261,7 +283,8 @@ SIMD int most(int a, int b)
     return a > b ? a : b;
 }
 
-/* Three bands of derivatives follow each step of CPU_LOSS_STEP rows 5 rows ahead, and the target 10. */
+/* Three bands of derivatives follow each step of CPU_LOSS_STEP rows 5 rows ahead, and the
+ * target 10. */
 void KERNEL(loss)(const struct cpu_loss_args *a, int channel, int first, int end, float *scratch)
 {
     const int w = a->width, h = a->height;
@@ -281,8 +304,8 @@ void KERNEL(loss)(const struct cpu_loss_args *a, int channel, int first, int end
         for (int m = 0; m < 3; m++)
             band_slide(&maps[m], y - SG_SSIM_RADIUS);
         for (int row = maps[0].end; row < ready; row += ROWS)
-            forward(&image, &target, maps, row, least(ROWS, ready - row), a->sums + 3 * (ptrdiff_t) channel * h, first,
-                    end);
+            forward(&image, &target, maps, row, least(ROWS, ready - row),
+                    a->sums + 3 * (ptrdiff_t) channel * h, first, end);
         for (int m = 0; m < 3; m++)
             maps[m].end = ready;
         for (int row = y; row < stop; row += ROWS)

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Sums over a block's pixels for the backward pass, of each splat of a group: w and its moments about the tile's centre
- * up to the second, and the colour gradients. With AVX-512 a group is transposed, so that its four splats share all
- * shuffles. */
+/* Sums over a block's pixels for the backward pass, of each splat of a group: w and its moments
+ * about the tile's centre up to the second, and the colour gradients. With AVX-512 a group is
+ * transposed, so that its four splats share all shuffles. */
 #ifndef SG_KERNELS_MOMENTS_H
 #define SG_KERNELS_MOMENTS_H
 
@@ -27,8 +27,12 @@ SIMD float centred(int pixel)
 
 #if LANES == 16
 
-#define LOW(a, b) (real) _mm512_shuffle_f32x4((__m512) (a), (__m512) (b), 0x88)  /* rows 0 and 2 of a, then of b */
-#define HIGH(a, b) (real) _mm512_shuffle_f32x4((__m512) (a), (__m512) (b), 0xdd) /* rows 1 and 3 */
+#define LOW(a, b)                                                                                  \
+    (real) _mm512_shuffle_f32x4((__m512) (a), (__m512) (b), 0x88) /* rows 0 and 2 of a, then of b  \
+                                                                   * \ */
+#define HIGH(a, b)                                                                                 \
+    (real) _mm512_shuffle_f32x4((__m512) (a), (__m512) (b), 0xdd) /* rows 1 and 3                  \
+                                                                   * \ */
 
 SIMD void window_make(struct window *o, const real g[3], int block, int part)
 {
@@ -85,14 +89,16 @@ SIMD void window_add(const struct window *o, const real *w, const real *weight, 
     real blue = dot4(column, o->g[2]);
     blue += (real) _mm512_shuffle_f32x4((__m512) blue, (__m512) blue, 0xee);
     float last[4];
-    _mm_storeu_ps(last, _mm_add_ps(_mm512_castps512_ps128((__m512) blue), _mm512_extractf32x4_ps((__m512) blue, 1)));
+    _mm_storeu_ps(last, _mm_add_ps(_mm512_castps512_ps128((__m512) blue),
+                                   _mm512_extractf32x4_ps((__m512) blue, 1)));
     /* Element 4 k + u of first and second to 8 consecutive floats of splat u. */
-    const __m512i even = _mm512_setr_epi32(0, 4, 8, 12, 16, 20, 24, 28, 1, 5, 9, 13, 17, 21, 25, 29);
+    const __m512i even =
+        _mm512_setr_epi32(0, 4, 8, 12, 16, 20, 24, 28, 1, 5, 9, 13, 17, 21, 25, 29);
     const __m512i odd = _mm512_add_epi32(even, _mm512_set1_epi32(2));
     const __m512 p01 = _mm512_permutex2var_ps((__m512) first, even, (__m512) second);
     const __m512 p23 = _mm512_permutex2var_ps((__m512) first, odd, (__m512) second);
-    const __m256 rows[4] = {_mm512_castps512_ps256(p01), _mm512_extractf32x8_ps(p01, 1), _mm512_castps512_ps256(p23),
-                            _mm512_extractf32x8_ps(p23, 1)};
+    const __m256 rows[4] = {_mm512_castps512_ps256(p01), _mm512_extractf32x8_ps(p01, 1),
+                            _mm512_castps512_ps256(p23), _mm512_extractf32x8_ps(p23, 1)};
     for (int u = 0; u < GROUP; u++) {
         float *row = sums[list[u]];
         _mm256_store_ps(row, _mm256_add_ps(_mm256_load_ps(row), rows[u]));
@@ -102,7 +108,8 @@ SIMD void window_add(const struct window *o, const real *w, const real *weight, 
 
 #else
 
-/* acc[0..8] += the lane sums of v[0..8]; acc is 16 floats, 64-byte aligned, acc[9..15] is scratch. */
+/* acc[0..8] += the lane sums of v[0..8]; acc is 16 floats, 64-byte aligned, acc[9..15] is
+ * scratch. */
 SIMD void r_add_sums9(float *acc, const real *v)
 {
 #if LANES == 8
@@ -112,7 +119,8 @@ SIMD void r_add_sums9(float *acc, const real *v)
         const __m256 cd = _mm256_hadd_ps((__m256) v[4 * i + 2], (__m256) v[4 * i + 3]);
         q[i] = _mm256_hadd_ps(ab, cd);
     }
-    const __m256 s = _mm256_add_ps(_mm256_permute2f128_ps(q[0], q[1], 0x20), _mm256_permute2f128_ps(q[0], q[1], 0x31));
+    const __m256 s = _mm256_add_ps(_mm256_permute2f128_ps(q[0], q[1], 0x20),
+                                   _mm256_permute2f128_ps(q[0], q[1], 0x31));
     _mm256_store_ps(acc, _mm256_add_ps(_mm256_load_ps(acc), s));
     acc[8] += r_sum(v[8]);
 #else

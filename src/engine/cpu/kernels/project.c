@@ -23,14 +23,15 @@ SIMD struct rects tile_rects(const struct cpu_project_args *a, real x, real y, r
     const real gx = r_set((float) a->grid_x), gy = r_set((float) a->grid_y), zero = r_set(0);
     const float scale = 1.0f / SG_TILE;
 #define EDGE(v, limit) r_to_int(r_min(r_max((v) *scale, zero), limit))
-    return (struct rects){EDGE(x - radius, gx), EDGE(y - radius, gy), EDGE(x + radius + (SG_TILE - 1), gx),
+    return (struct rects){EDGE(x - radius, gx), EDGE(y - radius, gy),
+                          EDGE(x + radius + (SG_TILE - 1), gx),
                           EDGE(y + radius + (SG_TILE - 1), gy)};
 #undef EDGE
 }
 
 /* Bits of the tiles that the ellipses touch, where the rectangle is small. */
-SIMD ireal tile_bits(const struct cpu_project_args *a, const struct rects *r, const struct ellipse *e, real x, real y,
-                     mask small)
+SIMD ireal tile_bits(const struct cpu_project_args *a, const struct rects *r,
+                     const struct ellipse *e, real x, real y, mask small)
 {
     const ireal width = r->x1 - r->x0, height = r->y1 - r->y0, one = i_set(1);
     if (a->reference_tiles)
@@ -52,8 +53,8 @@ SIMD ireal tile_bits(const struct cpu_project_args *a, const struct rects *r, co
     }
 }
 
-SIMD void store_extents(const struct cpu_project_args *a, size_t base, const struct rects *r, ireal bits, mask visible,
-                        mask drawn, mask small)
+SIMD void store_extents(const struct cpu_project_args *a, size_t base, const struct rects *r,
+                        ireal bits, mask visible, mask drawn, mask small)
 {
     int32_t x0[LANES], y0[LANES], x1[LANES], y1[LANES], tiles[LANES];
     memcpy(x0, &r->x0, sizeof(x0));
@@ -92,7 +93,8 @@ void KERNEL(project)(const struct cpu_project_args *a, size_t first, size_t end)
             mask good = r_and(s.visible, r_le(planes[SG_P_OPACITY], planes[SG_P_OPACITY]));
             good = r_and(good, r_and(r_lt(r_from_int(rect.x0), r_from_int(rect.x1)),
                                      r_lt(r_from_int(rect.y0), r_from_int(rect.y1))));
-            if (!m_any(good)) { /* neighbours in memory are neighbours in space: mostly all or none */
+            if (!m_any(
+                    good)) { /* neighbours in memory are neighbours in space: mostly all or none */
                 const size_t left = a->count - base, n = left < LANES ? left : LANES;
                 memset(a->extents + base, 0, n * sizeof(*a->extents));
                 continue;
@@ -110,16 +112,20 @@ void KERNEL(project)(const struct cpu_project_args *a, size_t first, size_t end)
                 for (int ch = 0; ch < 3; ch++)
                     rgb[ch] += basis[k] * r_load(p + (SG_P_SH + 3 * k + ch) * SG_LANES);
             for (int ch = 0; ch < 3; ch++) {
-                good = r_and(good, r_and(r_lt(rgb[ch], r_set(SG_COLOUR_MAX)), r_lt(r_set(-SG_COLOUR_MAX), rgb[ch])));
+                good = r_and(good, r_and(r_lt(rgb[ch], r_set(SG_COLOUR_MAX)),
+                                         r_lt(r_set(-SG_COLOUR_MAX), rgb[ch])));
                 /* The backward pass knows the clamped by their 0. */
-                rgb[ch] = r_sel(r_lt(rgb[ch], r_set(-SG_COLOUR_ROUNDING)), r_set(0), r_max(rgb[ch], r_set(1e-30f)));
+                rgb[ch] = r_sel(r_lt(rgb[ch], r_set(-SG_COLOUR_ROUNDING)), r_set(0),
+                                r_max(rgb[ch], r_set(1e-30f)));
             }
             const real area = r_from_int((rect.x1 - rect.x0) * (rect.y1 - rect.y0));
             const mask drawn = r_and(good, r_le(r_set(SG_ALPHA_MIN), opacity));
             const mask small = r_and(drawn, r_le(area, r_set(CPU_MASK_TILES)));
             const real safe = r_sel(drawn, opacity, r_set(1)), var = 1 / s.A;
-            const struct ellipse e = ellipse_make(ellipse_border(safe, s.a, s.c, s.det), s.b / s.c, var, s.c);
-            store_extents(a, base, &rect, tile_bits(a, &rect, &e, s.x, s.y, small), good, drawn, small);
+            const struct ellipse e =
+                ellipse_make(ellipse_border(safe, s.a, s.c, s.det), s.b / s.c, var, s.c);
+            store_extents(a, base, &rect, tile_bits(a, &rect, &e, s.x, s.y, small), good, drawn,
+                          small);
 
             const real across = r_sqrt(s.A * (0.5f * LOG2E));
             const real fields[16] = {s.x,

@@ -2,13 +2,15 @@
 /* One tile, front to back: Kerbl et al. 2023, algorithm 2. */
 #include "tile.h"
 
-/* chain is the product of all (1 - alpha) so far. It never rises, so "the pixel has not stopped" is chain >= SG_T_MIN,
- * and the loop's only dependency from pair to pair is one multiplication. t is its last value before the stop. */
+/* chain is the product of all (1 - alpha) so far. It never rises, so "the pixel has not stopped" is
+ * chain >= SG_T_MIN, and the loop's only dependency from pair to pair is one multiplication. t is
+ * its last value before the stop. */
 struct part_state {
     real chain, t, r, g, b, depth;
 };
 
-SIMD void store_part(const struct cpu_raster_args *a, float *plane, int x0, int y0, int part, real value)
+SIMD void store_part(const struct cpu_raster_args *a, float *plane, int x0, int y0, int part,
+                     real value)
 {
     float lanes[LANES];
     r_store(lanes, value);
@@ -28,7 +30,8 @@ SIMD void store_part(const struct cpu_raster_args *a, float *plane, int x0, int 
 SIMD uint64_t draw(const struct cpu_raster_args *a, int tile, bool depth)
 {
     const int x0 = tile % a->grid_x * SG_TILE, y0 = tile / a->grid_x * SG_TILE;
-    const size_t first = a->tile_start[tile - a->first_tile], end = a->tile_start[tile - a->first_tile + 1];
+    const size_t first = a->tile_start[tile - a->first_tile],
+                 end = a->tile_start[tile - a->first_tile + 1];
     struct part_state states[BLOCKS][PARTS];
     struct batch batch;
     uint64_t pairs = 0;
@@ -36,7 +39,8 @@ SIMD uint64_t draw(const struct cpu_raster_args *a, int tile, bool depth)
         for (int part = 0; part < PARTS; part++) {
             const real px = part_x(part) + (float) (x0 + block % 4 * BLOCK);
             const real py = part_y(part) + (float) (y0 + block / 4 * BLOCK);
-            states[block][part] = (struct part_state){.chain = r_keep(part_inside(a, px, py), r_set(1)), .t = r_set(1)};
+            states[block][part] = (struct part_state){
+                .chain = r_keep(part_inside(a, px, py), r_set(1)), .t = r_set(1)};
         }
 
     bool anyone = true;

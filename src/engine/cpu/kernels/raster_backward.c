@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Gradients of one tile's pixels with respect to its splats.
  *
- * The published code walks back to front. We walk front to back again: with q = colour . g and the prefix
- * P_i = sum of alpha_j T_j q_j over j <= i, the light behind splat i is image . g - P_i, so that
- *     dL/dalpha_i = T_i q_i - (image . g - P_i) / (1 - alpha_i)
- * needs no state from the forward pass but the image, stops where it stopped, and covers the background. All gradients
- * of position and conic are moments of w = opacity G dL/dalpha: summed about the tile's centre, where they are the same
- * few functions of the pixel for every splat, and moved to the splat's centre once a tile. */
+ * The published code walks back to front. We walk front to back again: with q = colour . g and the
+ * prefix P_i = sum of alpha_j T_j q_j over j <= i, the light behind splat i is image . g - P_i, so
+ * that dL/dalpha_i = T_i q_i - (image . g - P_i) / (1 - alpha_i) needs no state from the forward
+ * pass but the image, stops where it stopped, and covers the background. All gradients of position
+ * and conic are moments of w = opacity G dL/dalpha: summed about the tile's centre, where they are
+ * the same few functions of the pixel for every splat, and moved to the splat's centre once a
+ * tile. */
 #include "moments.h"
 
 struct part_state {
@@ -49,7 +50,8 @@ SIMD void store_slot(float *slot, const float *sums, const struct cpu_splat *s, 
 uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *a, int tile)
 {
     const int x0 = tile % a->grid_x * SG_TILE, y0 = tile / a->grid_x * SG_TILE;
-    const size_t first = a->tile_start[tile - a->first_tile], end = a->tile_start[tile - a->first_tile + 1];
+    const size_t first = a->tile_start[tile - a->first_tile],
+                 end = a->tile_start[tile - a->first_tile + 1];
     const size_t plane = (size_t) a->width * (size_t) a->height;
     struct part_state states[BLOCKS][PARTS];
     struct batch batch;
@@ -66,12 +68,14 @@ uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *a, int tile)
                 s->g[ch] = load_part(a, a->gradient + (size_t) ch * plane, bx, by, part);
                 s->total += s->g[ch] * load_part(a, a->rgb + (size_t) ch * plane, bx, by, part);
             }
-            s->chain = r_keep(part_inside(a, part_x(part) + (float) bx, part_y(part) + (float) by), r_set(1));
+            s->chain = r_keep(part_inside(a, part_x(part) + (float) bx, part_y(part) + (float) by),
+                              r_set(1));
         }
 
     bool anyone = true;
     size_t at = first;
-    const size_t reached = a->reached[tile - a->first_tile]; /* the forward pass knows the blocks up to there */
+    const size_t reached =
+        a->reached[tile - a->first_tile]; /* the forward pass knows the blocks up to there */
     for (; at < reached && anyone; at += BATCH) {
         const int count = reached - at < BATCH ? (int) (reached - at) : BATCH;
         batch_load(&batch, a, at, count);
@@ -93,7 +97,8 @@ uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *a, int tile)
                 while (i < n) {
                     struct pairs p;
                     pairs_eval(&p, &batch, list + i, px, py);
-                    /* What runs from pair to pair first, so that the long part below is independent. */
+                    /* What runs from pair to pair first, so that the long part below is
+                     * independent. */
                     mask last[GROUP];
                     real t[GROUP], weight[GROUP], q[GROUP], behind[GROUP], w[GROUP];
                     for (int u = 0; u < GROUP; u++) {
@@ -124,10 +129,12 @@ uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *a, int tile)
                 anyone |= m_any(r_le(r_set(SG_T_MIN), s.chain));
             }
         for (int i = 0; i < count; i++)
-            store_slot(a->slots + (size_t) a->instances[at + (size_t) i].slot * CPU_SLOT_FLOATS, sums[i],
-                       &batch.splats[i], (float) x0 - centred(0), (float) y0 - centred(0));
+            store_slot(a->slots + (size_t) a->instances[at + (size_t) i].slot * CPU_SLOT_FLOATS,
+                       sums[i], &batch.splats[i], (float) x0 - centred(0), (float) y0 - centred(0));
     }
-    for (at = at < reached ? at : reached; at < end; at++) /* behind everything: no pixel sees them */
-        memset(a->slots + (size_t) a->instances[at].slot * CPU_SLOT_FLOATS, 0, CPU_SLOT_FLOATS * sizeof(float));
+    for (at = at < reached ? at : reached; at < end;
+         at++) /* behind everything: no pixel sees them */
+        memset(a->slots + (size_t) a->instances[at].slot * CPU_SLOT_FLOATS, 0,
+               CPU_SLOT_FLOATS * sizeof(float));
     return pairs;
 }

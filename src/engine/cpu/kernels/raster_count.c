@@ -5,8 +5,10 @@
 SIMD uint64_t tally(const struct cpu_raster_args *a, int tile, bool weigh)
 {
     const int x0 = tile % a->grid_x * SG_TILE, y0 = tile / a->grid_x * SG_TILE;
-    const size_t first = a->tile_start[tile - a->first_tile], end = a->tile_start[tile - a->first_tile + 1];
-    real chains[BLOCKS][PARTS]; /* see raster.c: the product of all (1 - alpha) so far; 0 outside the image */
+    const size_t first = a->tile_start[tile - a->first_tile],
+                 end = a->tile_start[tile - a->first_tile + 1];
+    real chains[BLOCKS][PARTS]; /* see raster.c: the product of all (1 - alpha) so far; 0 outside
+                                   the image */
     struct batch batch;
     float weights[BATCH + 1];
     int32_t pixels[BATCH + 1];
@@ -49,7 +51,8 @@ SIMD uint64_t tally(const struct cpu_raster_args *a, int tile, bool weigh)
                             open = r_le(r_set(SG_T_MIN), chain);
                             blended[u] = r_and(p.drawn[u], open);
                         }
-                        for (int u = 0; u < GROUP; u++) /* padding adds to the last one, which nobody reads */
+                        for (int u = 0; u < GROUP;
+                             u++) /* padding adds to the last one, which nobody reads */
                             if (weigh)
                                 weights[list[i + u]] += r_sum(r_keep(blended[u], weight[u]));
                             else

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the forward and the backward raster kernel share: a tile is drawn as 16 blocks of 4x4 pixels, each with its own
- * list of the splats that can touch it, so that a block's pixels stay in registers while its list runs by. Lists are
- * made for BATCH instances at a time: scratch is bounded whatever the scene. */
+/* What the forward and the backward raster kernel share: a tile is drawn as 16 blocks of 4x4
+ * pixels, each with its own list of the splats that can touch it, so that a block's pixels stay in
+ * registers while its list runs by. Lists are made for BATCH instances at a time: scratch is
+ * bounded whatever the scene. */
 #ifndef SG_KERNELS_TILE_H
 #define SG_KERNELS_TILE_H
 
@@ -16,8 +17,10 @@
 #define GROUP 4            /* pairs evaluated together, so that their latencies overlap */
 
 struct batch {
-    _Alignas(64) struct cpu_splat splats[BATCH + 1]; /* the last one is never drawn: it pads lists to whole groups */
-    uint8_t list[BLOCKS][BATCH + 16];                /* 16: a vector may be stored, and a group padded, at the end */
+    _Alignas(64) struct cpu_splat
+        splats[BATCH + 1]; /* the last one is never drawn: it pads lists to whole groups */
+    uint8_t list[BLOCKS]
+                [BATCH + 16]; /* 16: a vector may be stored, and a group padded, at the end */
     int length[BLOCKS];
 };
 
@@ -40,8 +43,8 @@ SIMD real part_y(int part)
     return v;
 }
 
-/* Copies n instances' splats, then zeroes to whole vectors. The gathering loads miss the caches, so they are announced
- * well ahead. */
+/* Copies n instances' splats, then zeroes to whole vectors. The gathering loads miss the caches, so
+ * they are announced well ahead. */
 SIMD void batch_load(struct batch *b, const struct cpu_raster_args *a, size_t first, int n)
 {
     for (int i = 0; i < n; i++) {
@@ -61,8 +64,9 @@ SIMD void splat_fields(const struct cpu_splat *s, real out[FIELDS])
     __m512d rows[8], half[8];
     for (int i = 0; i < 8; i++) { /* row i % 4 + 8 (i / 4), and the one four below it */
         const float *row = (const float *) &s[i % 4 + i / 4 * 8];
-        rows[i] = _mm512_castps_pd(_mm512_insertf32x8(_mm512_castps256_ps512(_mm256_load_ps(row)),
-                                                      _mm256_load_ps(row + 4 * sizeof(*s) / sizeof(float)), 1));
+        rows[i] = _mm512_castps_pd(
+            _mm512_insertf32x8(_mm512_castps256_ps512(_mm256_load_ps(row)),
+                               _mm256_load_ps(row + 4 * sizeof(*s) / sizeof(float)), 1));
     }
     for (int i = 0; i < 8; i += 4) {
         const __m512d a = (__m512d) _mm512_unpacklo_ps((__m512) rows[i], (__m512) rows[i + 1]);
@@ -99,7 +103,8 @@ SIMD void batch_find(const struct batch *b, int n, int x0, int y0, uint16_t *hit
             real left, right;
             const real top = (float) (y0 + row * BLOCK) - y;
             const mask hit = ellipse_row_span(&e, top, top + (float) (BLOCK - 1), &left, &right);
-            /* Blocks whose pixel centres 4c .. 4c + 3 meet [x + left, x + right]; clamped, any float converts. */
+            /* Blocks whose pixel centres 4c .. 4c + 3 meet [x + left, x + right]; clamped, any
+             * float converts. */
             const ireal c0 = r_to_int(r_max(r_min((x + left + 1) * 0.25f, r_set(4)), r_set(0)));
             const ireal c1 = r_to_int(r_max(r_min((x + right + 4) * 0.25f, r_set(4)), r_set(0)));
             const ireal span = (i_set(1) << c1) - (i_set(1) << c0); /* bits c0 .. c1 - 1 */
@@ -110,7 +115,8 @@ SIMD void batch_find(const struct batch *b, int n, int x0, int y0, uint16_t *hit
     }
 }
 
-/* The blocks' lists from the bits, padded to whole groups with a splat that is under every cut-off. */
+/* The blocks' lists from the bits, padded to whole groups with a splat that is under every
+ * cut-off. */
 SIMD void batch_list(struct batch *b, const uint16_t *hits, int n)
 {
     for (int block = 0; block < BLOCKS; block++)
@@ -140,8 +146,9 @@ SIMD void batch_list(struct batch *b, const uint16_t *hits, int n)
         memset(&b->list[block][b->length[block]], BATCH, GROUP - 1);
 }
 
-/* GROUP splats of a list against the pixels of a part, a step of all before the next step of any. raw is the opacity
- * before the 0.99 clamp; where a skip test of Kerbl et al. applies, a pixel is not drawn and its alpha is 0. */
+/* GROUP splats of a list against the pixels of a part, a step of all before the next step of any.
+ * raw is the opacity before the 0.99 clamp; where a skip test of Kerbl et al. applies, a pixel is
+ * not drawn and its alpha is 0. */
 struct pairs {
     const struct cpu_splat *splat[GROUP];
     mask drawn[GROUP];
@@ -161,7 +168,8 @@ SIMD void pairs_eval(struct pairs *p, const struct batch *b, const uint8_t *list
     EACH e[u] = p->splat[u]->peak - e[u] * e[u];
     EACH power[u] = e[u] - x[u] * x[u];
     EACH shifted[u] = r_exp2_split(power[u], &x[u]);
-    EACH p->raw[u] = r_exp2_join(x[u], shifted[u]); /* lists hold splats whose ellipse is near: no underflow */
+    EACH p->raw[u] =
+        r_exp2_join(x[u], shifted[u]); /* lists hold splats whose ellipse is near: no underflow */
     EACH p->drawn[u] = r_le(r_set(SG_LOG2_ALPHA_MIN), power[u]);
     EACH p->alpha[u] = r_min_keep(p->drawn[u], p->raw[u], r_set(SG_ALPHA_MAX));
 #undef EACH
