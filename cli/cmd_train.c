@@ -102,6 +102,9 @@ static const struct option train_options[] = {
     CHOICE_ROW("audit", T(audit), "off|warn|refuse|defend", "MODE",
                "Look at the photos first (see `audit`): say what is found, refuse poisoned ones "
                "with exit status 5, or turn the defense on unless they are clean."),
+    CHOICE_ROW("smooth", T(scene.params.smooth), "off|gaussian|bilateral", "FILTER",
+               "Smooth the training photos after resizing, as a simple defense to compare with: "
+               "Gaussian of 5 x 5 pixels, sigma 1.5; bilateral of diameter 9, both sigmas 75."),
     NUMBER_ROW("tolerance", OPT_FLOAT, T(tolerance), 0, 255, "LEVELS|auto",
                "The loss compares a render with the nearest image that differs from the photo by "
                "at most LEVELS grey levels, so that noise within them has no effect. auto: of each "

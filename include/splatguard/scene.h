@@ -20,6 +20,10 @@ enum sg_scene_format {
     SG_FORMAT_NERFSTUDIO, /* transforms.json */
 };
 
+/* Filters against noise, with the results of OpenCV's: Gaussian of 5 x 5 pixels and sigma 1.5;
+ * bilateral of diameter 9 with both sigmas 75 (grey levels, pixels). */
+enum sg_smooth { SG_SMOOTH_OFF, SG_SMOOTH_GAUSSIAN, SG_SMOOTH_BILATERAL };
+
 struct sg_scene_params {
     enum sg_scene_format format; /* default SG_FORMAT_AUTO */
     const char *images;          /* image folder below the scene, COLMAP only; NULL = "images" */
@@ -42,6 +46,8 @@ struct sg_scene_params {
     bool strict; /* refuse a scene of which a photo is missing or at another scale than its camera;
                     else such photos are skipped, or their focal lengths scaled, with a warning.
                     Default false. */
+    enum sg_smooth
+        smooth;          /* filter of the training photos, after resizing. Default SG_SMOOTH_OFF */
     uint64_t max_pixels; /* per image. Default 1 << 28. */
     uint64_t max_images; /* Default 1 << 16. */
     uint64_t max_points; /* Default 1 << 27. */

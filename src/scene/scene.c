@@ -31,6 +31,10 @@ static int check_params(sg_ctx *ctx, const struct sg_scene_params *p)
         return sg_fail(ctx, SG_ERR_USAGE,
                        "scene parameters: found format %d, expected one of enum sg_scene_format",
                        (int) p->format);
+    if ((unsigned) p->smooth > SG_SMOOTH_BILATERAL)
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "scene parameters: found smooth %d, expected one of enum sg_smooth",
+                       (int) p->smooth);
     if (p->resolution != -1 && (p->resolution < 1 || p->resolution > 16384))
         return sg_fail(ctx, SG_ERR_USAGE,
                        "scene parameters: found resolution %d, expected -1 or 1..16384",

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "image/image.h"
+#include "image/smooth.h"
 #include "scene/reader.h"
 
 #define SIDE_MAX 16384 /* of a view, see struct sg_camera */
@@ -188,6 +189,16 @@ static int straighten(sg_ctx *ctx, const struct sg_shot *shot, const struct sg_l
     return SG_OK;
 }
 
+static int smooth(sg_ctx *ctx, enum sg_smooth kind, struct sg_view *view, int w, int h)
+{
+    uint8_t *smoothed = sg_alloc_raw(ctx, SG_MEM_IMAGES, (size_t) w * (size_t) h, 3);
+    const int code =
+        smoothed ? sg_smooth(ctx, kind, view->rgb, view->mask, w, h, smoothed) : SG_ERR_BUDGET;
+    sg_free(view->rgb);
+    view->rgb = smoothed;
+    return code;
+}
+
 static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view *view)
 {
     sg_ctx *ctx = job->ctx;
@@ -253,6 +264,8 @@ static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view
         view->mask = valid;
         valid = NULL;
     }
+    if (params->smooth && !shot->test && (code = smooth(ctx, params->smooth, view, w, h)))
+        goto done;
     double sx = (double) w / width, sy = (double) h / height;
     view->camera =
         (struct sg_camera){.width = w, .height = h, .fx = lens.fx * sx, .fy = lens.fy * sy};

@@ -1,0 +1,16 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef SG_IMAGE_SMOOTH_H
+#define SG_IMAGE_SMOOTH_H
+
+#include <splatguard/scene.h>
+
+#include "core/internal.h"
+
+/* rgb, out: height x width x 3, not the same memory. mask: height x width, 0 = unused, NULL = all
+ * are used; unused pixels are copied and have no influence. kind: not SG_SMOOTH_OFF. Each pixel
+ * becomes a weighted mean of its neighbourhood, rounded to nearest; the image is mirrored at its
+ * border without repeating the border's pixels. Safe from worker threads. SG_ERR_BUDGET. */
+int sg_smooth(sg_ctx *ctx, enum sg_smooth kind, const uint8_t *rgb, const uint8_t *mask, int width,
+              int height, uint8_t *out);
+
+#endif
