@@ -46,16 +46,16 @@ static bool says(const struct sg_audit *a, const char *words)
 }
 
 /* What the fitted weights make of known noise, since no change of them should go unseen. One that
- * is meant, after bench/audit_fit.py, puts the logits here that the failures name, and new numbers
- * into docs/audit.md. */
+ * is meant, after bench/audit_fit.py, puts the logits here that the failures name, and its report
+ * into bench/results/audit.md. */
 static void test_scores(void **state)
 {
     (void) state;
     sg_ctx *ctx = make_context(1);
     static const double expected[2][9] = {
         /* of noise 0 to 8: in every pixel, in rows */
-        {-1.094, -1.147, -0.938, 0.000, 2.356, 2.240, 3.690, 4.780, 9.245},
-        {-1.094, 0.844, 8.746, 16.931, 23.874, 25.545, 26.871, 27.962, 28.884}};
+        {-5.642, -7.653, -8.330, -4.349, -0.386, 1.499, 2.839, 3.276, 3.409},
+        {-5.642, -6.788, -1.807, 6.378, 13.321, 14.992, 16.318, 17.409, 18.331}};
     for (int rows = 0; rows < 2; rows++)
         for (int k = 0; k < 9; k++) {
             struct sg_audit *a = audit(ctx, (double[]){k}, 1, rows);
@@ -151,13 +151,13 @@ static void test_verdicts(void **state)
      * called clean. */
     double crowd[MOST] = {16, 16, 16};
     for (int n = 60; n <= 61; n++) {
-        a = audit(ctx, crowd, n, false);
+        a = audit(ctx, crowd, n, true);
         assert_int_equal(a->verdict, n == 60 ? SG_AUDIT_POISONED : SG_AUDIT_SUSPICIOUS);
         sg_audit_destroy(&a);
     }
     crowd[1] = crowd[2] = 0;
     for (int n = 100; n <= 101; n++) {
-        a = audit(ctx, crowd, n, false);
+        a = audit(ctx, crowd, n, true);
         assert_int_equal(a->verdict, n == 100 ? SG_AUDIT_SUSPICIOUS : SG_AUDIT_CLEAN);
         sg_audit_destroy(&a);
     }
@@ -185,8 +185,7 @@ static void test_verdicts(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Photos whose blocks are of one colour each do not vote, not even where what is between blocks
- * leaves no doubt. */
+/* Photos whose blocks are of one colour each do not vote, not even where they look poisoned. */
 static void test_no_vote(void **state)
 {
     (void) state;
@@ -201,7 +200,7 @@ static void test_no_vote(void **state)
     }
     assert_int_equal(sg_audit_scene(ctx, &(struct sg_scene){.train = &view, .n_train = 1}, &a),
                      SG_OK);
-    assert_true(a->images[0].score > 0.99 && a->images[0].features.content == 0);
+    assert_true(a->images[0].verdict == SG_AUDIT_POISONED && a->images[0].features.content == 0);
     assert_true(a->verdict == SG_AUDIT_CLEAN && a->score == 0);
     sg_audit_destroy(&a);
     sg_ctx_destroy(&ctx);
@@ -218,7 +217,6 @@ static void test_spared(void **state)
         .name = (char *) "photo", .camera = {.width = W, .height = H}, .rgb = image};
     for (int scattered = 0; scattered < 2; scattered++)
         for (int smooth = 0; smooth < 2; smooth++) {
-            double before = 1;
             for (int spared = 0; spared <= 10; spared++) { /* tenths */
                 struct sg_audit *a;
                 paint(0, false, 1);
@@ -235,15 +233,19 @@ static void test_spared(void **state)
                 assert_int_equal(
                     sg_audit_scene(ctx, &(struct sg_scene){.train = &view, .n_train = 1}, &a),
                     SG_OK);
-                assert_true(a->score <= before + 1e-3 ||
-                            spared > 8); /* where what is left is a border */
-                assert_true(spared > 5 || a->verdict == SG_AUDIT_POISONED);
+                assert_true(spared > 5 || a->verdict != SG_AUDIT_CLEAN);
+                assert_true(spared > 2 || a->verdict == SG_AUDIT_POISONED);
                 assert_true(spared < 10 || a->verdict == SG_AUDIT_CLEAN);
-                before = a->score;
                 sg_audit_destroy(&a);
             }
         }
     sg_ctx_destroy(&ctx);
+}
+
+static int ascending(const void *a, const void *b)
+{
+    const float x = *(const float *) a, y = *(const float *) b;
+    return (x > y) - (x < y);
 }
 
 /* Photos that oscillate alike are more suspicious than those that differ, but that alone decides
@@ -254,17 +256,19 @@ static void test_consistency(void **state)
     sg_ctx *ctx = make_context(1);
     double alike[12], different[12];
     for (int i = 0; i < 12; i++)
-        alike[i] = 7, different[i] = 7 + (i % 3 - 1) * 3;
+        alike[i] = 7, different[i] = 4 + (i % 3 - 1) * 1.5;
     struct sg_audit *a = audit(ctx, alike, 12, false), *b = audit(ctx, different, 12, false);
     struct sg_audit *few = audit(ctx, alike, 3, false);
     const double x = logit(a->score), y = logit(b->score), z = logit(few->score);
-    double lowest = 1, highest = 0;
+    float logits[12];
     for (int i = 0; i < 12; i++)
-        lowest = fmin(lowest, b->images[i].score), highest = fmax(highest, b->images[i].score);
+        logits[i] = (float) logit(b->images[i].score);
+    qsort(logits, 12, sizeof(*logits), ascending);
     assert_true(x > z + 0.5 && x < z + 1.5); /* of few photos nothing is said */
     /* Nothing is won by making a third of them differ: half of the photos decide, or the worst
      * quarter less 1. */
-    assert_true(y > logit(lowest) + 0.1 && fabs(y - logit(highest) + 1) < 0.2);
+    assert_true(logits[11] > logits[0] + 3);
+    assert_float_equal(y, fmaxf(logits[6], logits[9] - 1), 1e-4);
     assert_true(says(a, "oscillate alike"));
     sg_audit_destroy(&a);
     /* One photo over and over is 1 above itself, or not at all where nothing oscillates. */
@@ -287,7 +291,7 @@ static void test_amplitude(void **state)
     (void) state;
     sg_ctx *ctx = make_context(2);
     double before = 0;
-    for (int noise = 0; noise <= 24; noise += 8) {
+    for (int noise = 0; noise <= 24; noise = noise ? 2 * noise : 6) {
         struct sg_audit *a = audit(ctx, (double[]){noise, noise, noise, 0}, 4, false);
         for (int i = 0; i < 4; i++) {
             const struct sg_audit_image *m = &a->images[i];
@@ -315,7 +319,7 @@ static void test_reasons(void **state)
     struct sg_audit *a = audit(ctx, (double[]){16, 16, 16}, 3, false);
     static const char *const words[] = {"quiet parts of the photos",
                                         "stick out from both neighbours carry", "colours oscillate",
-                                        "in clean photos less than 25 %"};
+                                        "photos in less than 70 %"};
     assert_int_equal(a->count_reasons, 4);
     for (int i = 0; i < 4; i++)
         assert_true(says(a, words[i]));
@@ -340,7 +344,7 @@ static void test_memory(void **state)
             (struct sg_view){.camera = {.width = W, .height = H}, .rgb = image, .mask = mask};
     assert_int_equal(sg_audit_scene(ctx, &scene, &whole), SG_OK);
     int refused = 0, fits = 0;
-    for (uint64_t limit = 1000; limit < 250000; limit = limit * 5 / 4) {
+    for (uint64_t limit = 1000; limit < 1000000; limit = limit * 5 / 4) {
         int codes[2];
         for (int k = 0; k < 2; k++) {
             const struct sg_ctx_params p = {.threads = k ? 4 : 1, .max_memory = limit};

@@ -111,6 +111,63 @@ static void test_sizes(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* The first statistics of texture, of luma at full size. */
+enum {
+    ENERGY = 1,
+    ENERGY_DEVIATION = 3,
+    NEXT = 4,
+    SECOND = 7,
+    EVENNESS = 8,
+    DIRECTION = 14,
+    EXTREMES = 16,
+    BIN = 20,
+    BRIGHTNESS = 29
+};
+
+static void test_texture(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    memset(image, 77, sizeof(image));
+    assert_true(measure(ctx, NULL).tiles == 0);
+    /* Rows that alternate by 20 levels: all steps are of one size, and each is the opposite of the
+     * one before it. */
+    for (int y = 0; y < H; y++)
+        memset(image + 3 * W * y, y % 2 ? 110 : 90, 3 * W);
+    struct sg_audit_features f = measure(ctx, NULL);
+    assert_true(f.tiles == W / 32 * ((H + 31) / 32));
+    assert_float_equal(f.texture[ENERGY], log(200) / 2, 0.02);
+    assert_float_equal(f.texture[ENERGY_DEVIATION], 0, 0.05);
+    assert_float_equal(f.texture[NEXT], -1, 0.01);
+    assert_float_equal(f.texture[SECOND], 1, 0.1);
+    assert_float_equal(f.texture[EVENNESS], 0.5, 0.02); /* those across are 0 */
+    assert_float_equal(f.texture[DIRECTION], log(400 / 0.25), 0.1);
+    assert_float_equal(f.texture[EXTREMES], 20.0 / 21, 0.02);
+    assert_float_equal(f.texture[BIN], log(0.5), 0.02); /* of no curvature, and of 40 levels */
+    assert_float_equal(f.texture[BIN + 7], log(0.5), 0.02);
+    /* A ramp: every step follows one like it. */
+    for (int i = 0; i < 3 * W * H; i++)
+        image[i] = (uint8_t) (i / 3 / W * 2);
+    f = measure(ctx, NULL);
+    assert_float_equal(f.texture[NEXT], 2 / 2.25, 0.02);
+    assert_true(f.texture[EXTREMES] == 0);
+    /* Noise that is stronger where it is brighter. */
+    for (int sign = -1; sign <= 1; sign++) {
+        for (int i = 0; i < 3 * W * H; i++) {
+            const double level = 60 + i / 3 % W, noise = 0.1 * (sign < 0   ? 280 - level
+                                                                : sign > 0 ? level
+                                                                           : 150);
+            image[i] = clamp(level + noise * (double) draw(3, (uint64_t) i, -1, 1));
+        }
+        f = measure(ctx, NULL);
+        assert_true(sign ? sign * f.texture[BRIGHTNESS] > 0.8 : fabs(f.texture[BRIGHTNESS]) < 0.5);
+        assert_true(f.texture[ENERGY_DEVIATION] > (sign ? 0.2 : 0) &&
+                    f.texture[ENERGY_DEVIATION] < (sign ? 1 : 0.1));
+        assert_float_equal(f.texture[NEXT], -0.5, 0.05);
+    }
+    sg_ctx_destroy(&ctx);
+}
+
 /* What a mask leaves out is not seen, whatever is in it; what it leaves in is, whatever its
  * pattern. */
 static void test_masks(void **state)
@@ -139,6 +196,8 @@ static void test_masks(void **state)
                     f.quarter_share == whole.quarter_share);
         assert_true(f.osc_quiet == whole.osc_quiet && f.noisy == whole.noisy &&
                     f.osc_share == whole.osc_share && f.osc_chroma == whole.osc_chroma);
+        assert_true(f.tiles == whole.tiles);
+        assert_memory_equal(f.texture, whole.texture, sizeof(f.texture));
         for (size_t i = 3 * W * top; i < sizeof(image); i++)
             image[i] = (uint8_t) draw(9, i, 0, 255);
     }
@@ -223,7 +282,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_features), cmocka_unit_test(test_faint),
         cmocka_unit_test(test_colours),  cmocka_unit_test(test_sizes),
-        cmocka_unit_test(test_masks),    cmocka_unit_test(test_outlines),
-        cmocka_unit_test(test_memory)};
+        cmocka_unit_test(test_texture),  cmocka_unit_test(test_masks),
+        cmocka_unit_test(test_outlines), cmocka_unit_test(test_memory)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -12,6 +12,8 @@
 extern "C" {
 #endif
 
+#define SG_AUDIT_TEXTURE 146
+
 enum sg_audit_verdict {
     SG_AUDIT_CLEAN,
     SG_AUDIT_SUSPICIOUS,
@@ -47,7 +49,11 @@ struct sg_audit_features {
     double ragged;
     double slope; /* ln of the spectrum's mean energy at 0.7..0.95 of the Nyquist frequency over
                      that at 0.35..0.55; of all pixels, as the next */
-    double anisotropy; /* of the spectrum, see spectrum.h */
+    double anisotropy;                /* of the spectrum, see spectrum.h */
+    double tiles;                     /* of 32 x 32 pixels in which luma varies */
+    double texture[SG_AUDIT_TEXTURE]; /* statistics of these tiles: docs/audit.md */
+    double evidence; /* logit of the score, of the photo or of a half or quarter of it */
+    double amplitude, amplitude_error; /* of the same area, if it is poisoned: tau */
 };
 
 struct sg_audit_image {

@@ -1,125 +1,68 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What an image looks like to the audit. Pixels that a mask leaves out are skipped: the neighbours
- * of a pixel are the nearest used ones of its row and column. Masks that are noise themselves, in
- * which neighbours could be anywhere, are told by how many used pixels lie at their border. */
+/* What an image looks like to the audit. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "audit_blocks.h"
 #include "audit_photo.h"
+#include "audit_weights.h"
 #include "core/internal.h"
 #include "spectral/frequency.h"
-
-#define BLOCK 16 /* pixels of the photo */
-#define UNIT 4   /* values are quarters of grey levels, so that means of four pixels are kept */
-#define FAINT 2  /* grey levels: smaller steps are rounding, sensor noise and compression */
 
 /* A block is noisy that oscillates by more than so many grey levels a pixel and has more than this
  * share of its variation in that. */
 #define NOISY_OSCILLATION 2.5
 #define NOISY_SHARE 0.45
 
-/* Sums over one direction: pixels that have two neighbours, differences to the next, at local
- * extremes those to both neighbours, and the lesser of these. */
+#define TILES 2 /* of which there are no statistics with fewer */
+
+/* Bounds outside of this were not fitted, nor will they be believed. */
+#define TAU_LEAST 4
+#define TAU_MOST 32
+
+/* Sums over the blocks. */
 struct variation {
     double pixels, total, extremes, oscillation;
 };
 
-/* The same of a block, over both directions. */
-struct block {
-    uint32_t pixels, total, extremes, oscillation;
-};
-
-/* The newest used pixel of a line and the one before it. */
-struct line {
-    int16_t before, here;
-    uint32_t seen, block;
-};
-
-/* The pixel `here` between two neighbours: what it oscillates. */
-static int oscillation(int before, int here, int after)
+static void add(struct variation *v, const struct audit_sums *s)
 {
-    const int a = here - before, b = here - after;
-    if ((a < 0) != (b < 0) || abs(a) < FAINT * UNIT || abs(b) < FAINT * UNIT)
-        return 0;
-    return abs(a) < abs(b) ? abs(a) : abs(b);
+    v->pixels += s->pixels;
+    v->total += s->total;
+    v->extremes += s->extremes;
+    v->oscillation += s->oscillation;
 }
 
-/* The line's next used pixel: the one before it now has two neighbours. */
-static inline void meet(struct line *l, int after, size_t block, struct variation *v,
-                        struct block *blocks)
+static struct variation variation_of(const struct audit_block *b)
 {
-    if (l->seen >= 2) {
-        struct block *b = &blocks[l->block];
-        const int o = oscillation(l->before, l->here, after), step = abs(after - l->here);
-        const int both = o ? abs(l->here - l->before) + step : 0;
-        v->pixels++, b->pixels++;
-        v->total += step, b->total += (uint32_t) step;
-        v->oscillation += o, b->oscillation += (uint32_t) o;
-        v->extremes += both, b->extremes += (uint32_t) both;
-    }
-    l->seen++;
-    l->before = l->here;
-    l->here = (int16_t) after;
-    l->block = (uint32_t) block;
+    struct variation v = {0};
+    add(&v, &b->down);
+    add(&v, &b->across);
+    return v;
 }
 
-/* The image whose variation is measured, and room for it. */
-struct plane {
-    const uint8_t *mask; /* NULL = all used */
-    size_t w, h, block;
-    int16_t *values;
-    struct line *columns;
-    struct block *blocks;
-};
-
-static size_t blocks_across(const struct plane *p)
+static void vary(const struct audit_plane *p, struct variation *down, struct variation *across)
 {
-    return (p->w + p->block - 1) / p->block;
-}
-
-static size_t block_count(const struct plane *p)
-{
-    return blocks_across(p) * ((p->h + p->block - 1) / p->block);
-}
-
-static void vary(const struct plane *p, struct variation *down, struct variation *across)
-{
+    sg_audit_sum(p);
     *down = *across = (struct variation){0};
-    memset(p->columns, 0, p->w * sizeof(*p->columns));
-    memset(p->blocks, 0, block_count(p) * sizeof(*p->blocks));
-    for (size_t y = 0; y < p->h; y++) {
-        struct line row = {0};
-        for (size_t x = 0; x < p->w; x++) {
-            const size_t i = y * p->w + x, block = y / p->block * blocks_across(p) + x / p->block;
-            if (p->mask && !p->mask[i])
-                continue;
-            meet(&row, p->values[i], block, across, p->blocks);
-            meet(&p->columns[x], p->values[i], block, down, p->blocks);
-        }
+    for (size_t i = 0; i < sg_audit_block_count(p); i++) {
+        add(down, &p->blocks[i].down);
+        add(across, &p->blocks[i].across);
     }
 }
 
 /* Mean over the pixels that have two neighbours, in grey levels. */
 static double mean(double sum, const struct variation *v)
 {
-    return v->pixels > 0 ? sum / v->pixels / UNIT : 0;
-}
-
-/* Oscillation of the difference of two channels, mean of both directions. */
-static double chroma(const struct plane *p, const uint8_t *rgb, int a, int b)
-{
-    struct variation down, across;
-    for (size_t i = 0; i < p->w * p->h; i++)
-        p->values[i] = (int16_t) (UNIT * (rgb[3 * i + (size_t) a] - rgb[3 * i + (size_t) b]));
-    vary(p, &down, &across);
-    return (mean(down.oscillation, &down) + mean(across.oscillation, &across)) / 2;
+    return v->pixels > 0 ? sum / v->pixels / SG_AUDIT_UNIT : 0;
 }
 
 /* Whether the used pixels of a block have more than one value. */
-static bool varies(const struct plane *p, size_t block)
+static bool varies(const struct audit_plane *p, size_t block)
 {
-    const size_t x0 = block % blocks_across(p) * p->block, y0 = block / blocks_across(p) * p->block;
+    const size_t x0 = block % sg_audit_blocks_across(p) * p->block,
+                 y0 = block / sg_audit_blocks_across(p) * p->block;
     int first = -1;
     for (size_t y = y0; y < y0 + p->block && y < p->h; y++)
         for (size_t x = x0; x < x0 + p->block && x < p->w; x++) {
@@ -134,7 +77,7 @@ static bool varies(const struct plane *p, size_t block)
 }
 
 /* The share of the used pixels that have one that is left out above, below, left or right. */
-static double ragged(const struct plane *p)
+static double ragged(const struct audit_plane *p)
 {
     size_t used = 0, border = 0;
     for (size_t i = 0; p->mask && i < p->w * p->h; i++) {
@@ -149,11 +92,12 @@ static double ragged(const struct plane *p)
     return used ? (double) border / (double) used : 0;
 }
 
-static double content(const struct plane *p, bool all)
+static double content(const struct audit_plane *p, bool all)
 {
     size_t pixels = 0;
-    for (size_t b = 0; b < block_count(p); b++) {
-        const size_t x0 = b % blocks_across(p) * p->block, y0 = b / blocks_across(p) * p->block;
+    for (size_t b = 0; b < sg_audit_block_count(p); b++) {
+        const size_t x0 = b % sg_audit_blocks_across(p) * p->block,
+                     y0 = b / sg_audit_blocks_across(p) * p->block;
         if (!all && !varies(p, b))
             continue;
         for (size_t y = y0; y < y0 + p->block && y < p->h; y++)
@@ -190,12 +134,13 @@ static double quantile(const struct share *s, size_t n, double weight)
  * smooth photos, which costs nothing, is not most of what there is. */
 static double share_of_extremes(double extremes, double total, double pixels)
 {
-    return pixels > 0 ? extremes / 2 / (total + UNIT * pixels) : 0;
+    return pixels > 0 ? extremes / 2 / (total + SG_AUDIT_UNIT * pixels) : 0;
 }
 
-static double oscillation_of(const struct block *b)
+static double oscillation_of(const struct audit_block *b)
 {
-    return b->pixels ? (double) b->oscillation / b->pixels / UNIT : 0;
+    const struct variation v = variation_of(b);
+    return mean(v.oscillation, &v);
 }
 
 /* How the oscillation lies over the blocks. */
@@ -205,19 +150,20 @@ struct distribution {
 };
 
 /* Blocks of one colour, a background, say nothing about the rest. */
-static struct distribution distribute(const struct plane *p, struct share *own)
+static struct distribution distribute(const struct audit_plane *p, struct share *own)
 {
     size_t n = 0;
     double weight = 0, noisy = 0;
-    for (size_t i = 0; i < block_count(p); i++) {
-        const struct block *b = &p->blocks[i];
-        if (!b->pixels || !varies(p, i))
+    for (size_t i = 0; i < sg_audit_block_count(p); i++) {
+        const struct variation v = variation_of(&p->blocks[i]);
+        if (v.pixels == 0 || !varies(p, i))
             continue;
-        own[n++] = (struct share){(float) oscillation_of(b), b->pixels};
-        weight += b->pixels;
-        if (oscillation_of(b) > NOISY_OSCILLATION &&
-            share_of_extremes(b->extremes, b->total, b->pixels) > NOISY_SHARE)
-            noisy += b->pixels;
+        const double oscillation = mean(v.oscillation, &v);
+        own[n++] = (struct share){(float) oscillation, (uint32_t) v.pixels};
+        weight += v.pixels;
+        if (oscillation > NOISY_OSCILLATION &&
+            share_of_extremes(v.extremes, v.total, v.pixels) > NOISY_SHARE)
+            noisy += v.pixels;
     }
     qsort(own, n, sizeof(*own), ascending);
     return (struct distribution){.tenth = quantile(own, n, weight / 10),
@@ -230,25 +176,6 @@ static double share_of(const struct variation *down, const struct variation *acr
 {
     return share_of_extremes(down->extremes + across->extremes, down->total + across->total,
                              down->pixels + across->pixels);
-}
-
-/* To half the size: means of four pixels, used where all four are. The blocks stay the same parts
- * of the photo. */
-static void halve(struct plane *p, uint8_t *mask)
-{
-    const size_t w = p->w / 2, h = p->h / 2;
-    for (size_t y = 0; y < h; y++)
-        for (size_t x = 0; x < w; x++) {
-            const size_t a = 2 * y * p->w + 2 * x, b = a + p->w;
-            const int sum = p->values[a] + p->values[a + 1] + p->values[b] + p->values[b + 1];
-            const bool used =
-                p->mask && p->mask[a] && p->mask[a + 1] && p->mask[b] && p->mask[b + 1];
-            p->values[y * w + x] = (int16_t) ((sum + 2) / 4);
-            if (p->mask)
-                mask[y * w + x] = used ? 255 : 0;
-        }
-    p->mask = p->mask ? mask : NULL;
-    p->w = w, p->h = h, p->block /= 2;
 }
 
 static double slope(const struct sg_spectrum *s)
@@ -265,59 +192,165 @@ static double slope(const struct sg_spectrum *s)
     return log((high / n_high + 1e-9) / (middle / n_middle + 1e-9));
 }
 
-int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int width, int height,
-                     struct sg_audit_features *out, float *map)
-{
-    struct plane p = {.mask = mask, .w = (size_t) width, .h = (size_t) height, .block = BLOCK};
-    *out = (struct sg_audit_features){0};
-    int code = SG_OK;
-    p.values = sg_alloc_raw(ctx, SG_MEM_FRAME, p.w * p.h, sizeof(*p.values));
-    p.columns = sg_alloc_raw(ctx, SG_MEM_FRAME, p.w, sizeof(*p.columns));
-    p.blocks = sg_alloc_raw(ctx, SG_MEM_FRAME, block_count(&p), sizeof(*p.blocks));
-    struct share *own = sg_alloc_raw(ctx, SG_MEM_FRAME, block_count(&p), sizeof(*own));
-    uint8_t *less = mask ? sg_alloc_raw(ctx, SG_MEM_FRAME, p.w * p.h / 4 + 1, 1) : NULL;
-    if (!p.values || !p.columns || !p.blocks || !own || (mask && !less)) {
-        code = SG_ERR_BUDGET;
-        goto done;
-    }
-    out->osc_chroma = (chroma(&p, rgb, 0, 1) + chroma(&p, rgb, 2, 1)) / 2;
+/* Room for one image. */
+struct room {
+    struct audit_plane plane;
+    struct audit_texture texture;
+    struct share *shares;
+    uint8_t *less; /* the mask of a smaller image */
+};
 
+static bool take_room(sg_ctx *ctx, struct room *r, const uint8_t *mask, size_t w, size_t h)
+{
+    struct audit_plane *p = &r->plane;
+    *r = (struct room){.plane = {.mask = mask, .w = w, .h = h, .block = SG_AUDIT_BLOCK}};
+    const size_t blocks = sg_audit_block_count(p);
+    r->texture.across = (sg_audit_blocks_across(p) + 1) / 2;
+    r->texture.down = (blocks / sg_audit_blocks_across(p) + 1) / 2;
+    const size_t tiles = r->texture.across * r->texture.down;
+    p->values = sg_alloc_raw(ctx, SG_MEM_FRAME, w * h, sizeof(*p->values));
+    p->columns = sg_alloc_raw(ctx, SG_MEM_FRAME, w, sizeof(*p->columns));
+    p->blocks = sg_alloc_raw(ctx, SG_MEM_FRAME, blocks, sizeof(*p->blocks));
+    r->shares = sg_alloc_raw(ctx, SG_MEM_FRAME, blocks, sizeof(*r->shares));
+    r->texture.kept = sg_alloc_raw(ctx, SG_MEM_FRAME, tiles, sizeof(*r->texture.kept));
+    r->texture.column = sg_alloc_raw(ctx, SG_MEM_FRAME, tiles, sizeof(*r->texture.column));
+    r->less = mask ? sg_alloc_raw(ctx, SG_MEM_FRAME, w * h / 4 + 1, 1) : NULL;
+    return p->values && p->columns && p->blocks && r->shares && r->texture.kept &&
+           r->texture.column && (!mask || r->less);
+}
+
+static void give_room(struct room *r)
+{
+    sg_free(r->plane.values);
+    sg_free(r->plane.columns);
+    sg_free(r->plane.blocks);
+    sg_free(r->shares);
+    sg_free(r->texture.kept);
+    sg_free(r->texture.column);
+    sg_free(r->less);
+}
+
+/* Luma at three sizes. */
+static void measure_luma(struct room *r, const uint8_t *rgb, struct sg_audit_features *out,
+                         float *map)
+{
+    struct audit_plane p = r->plane;
     struct variation down, across;
     for (size_t i = 0; i < p.w * p.h; i++)
         p.values[i] =
-            (int16_t) (UNIT *
+            (int16_t) (SG_AUDIT_UNIT *
                        ((77 * rgb[3 * i] + 150 * rgb[3 * i + 1] + 29 * rgb[3 * i + 2] + 128) >> 8));
     vary(&p, &down, &across);
+    sg_audit_texture(&r->texture, &p, true);
     out->tv_down = mean(down.total, &down), out->tv_across = mean(across.total, &across);
     out->osc_down = mean(down.oscillation, &down),
     out->osc_across = mean(across.oscillation, &across);
     out->osc_share = share_of(&down, &across);
-    struct distribution d = distribute(&p, own);
+    struct distribution d = distribute(&p, r->shares);
     out->osc_quiet = d.quarter, out->noisy = d.noisy;
     out->ragged = ragged(&p);
     out->content = content(&p, out->ragged > SG_AUDIT_RAGGED);
-    for (size_t i = 0; map && i < block_count(&p); i++)
+    for (size_t i = 0; map && i < sg_audit_block_count(&p); i++)
         map[i] = (float) oscillation_of(&p.blocks[i]);
 
-    halve(&p, less);
+    sg_audit_halve(&p, r->less);
     vary(&p, &down, &across);
-    d = distribute(&p, own);
+    sg_audit_texture(&r->texture, &p, true);
+    d = distribute(&p, r->shares);
     out->half_quiet = d.tenth, out->half_osc = d.half, out->half_share = share_of(&down, &across);
-    halve(&p, less);
+    sg_audit_halve(&p, r->less);
     vary(&p, &down, &across);
-    d = distribute(&p, own);
+    sg_audit_texture(&r->texture, &p, true);
+    d = distribute(&p, r->shares);
     out->quarter_osc = d.half, out->quarter_share = share_of(&down, &across);
-done:
-    sg_free(p.values);
-    sg_free(p.columns);
-    sg_free(p.blocks);
-    sg_free(own);
-    sg_free(less);
+}
+
+/* The difference of two channels at two sizes. Returns its oscillation, mean of both directions. */
+static double measure_chroma(struct room *r, const uint8_t *rgb, size_t a, size_t b)
+{
+    struct audit_plane p = r->plane;
+    struct variation down, across;
+    for (size_t i = 0; i < p.w * p.h; i++)
+        p.values[i] = (int16_t) (SG_AUDIT_UNIT * (rgb[3 * i + a] - rgb[3 * i + b]));
+    vary(&p, &down, &across);
+    sg_audit_texture(&r->texture, &p, false);
+    const double oscillation =
+        (mean(down.oscillation, &down) + mean(across.oscillation, &across)) / 2;
+    sg_audit_halve(&p, r->less);
+    sg_audit_sum(&p);
+    sg_audit_texture(&r->texture, &p, false);
+    return oscillation;
+}
+
+enum network { SCORE, TAU };
+
+/* One layer of hidden units and a linear combination, of the statistics in deviations from their
+ * mean. */
+static double evaluate(enum network network, const double *texture)
+{
+    double hidden[SG_AUDIT_HIDDEN], sum = (double) sg_audit_networks[network].constant;
+    _Static_assert(sizeof(sg_audit_weights) / sizeof(*sg_audit_weights) == SG_AUDIT_TEXTURE,
+                   "weights for each");
+    for (size_t k = 0; k < SG_AUDIT_HIDDEN; k++)
+        hidden[k] = (double) sg_audit_networks[network].hidden[k];
+    for (size_t i = 0; i < SG_AUDIT_TEXTURE; i++) {
+        const double mean = (double) sg_audit_weights[i].mean,
+                     deviation = (double) sg_audit_weights[i].deviation;
+        const double x =
+            fmin(fmax((texture[i] - mean) / deviation, -SG_AUDIT_LIMIT), SG_AUDIT_LIMIT);
+        sum += x * (double) sg_audit_weights[i].network[network].direct;
+        for (size_t k = 0; k < SG_AUDIT_HIDDEN; k++)
+            hidden[k] += x * (double) sg_audit_weights[i].network[network].hidden[k];
+    }
+    for (size_t k = 0; k < SG_AUDIT_HIDDEN; k++)
+        sum += tanh(hidden[k]) * (double) sg_audit_networks[network].out[k];
+    return sum;
+}
+
+/* Of gross oscillation, in whatever pattern. It only grows with it, and with the part of the photo
+ * that oscillates. */
+static double evidence_strong(const struct sg_audit_features *f)
+{
+    const double ratio = fabs(log((f->osc_down + 0.5) / (f->osc_across + 0.5)));
+    return 13.5 * f->osc_share + 4.7 * ratio + 9.7 * f->noisy + SG_AUDIT_STRONG_CONSTANT;
+}
+
+/* Of the whole photo, or of the half or quarter with the most evidence, which chance raises. */
+static void judge(const struct audit_texture *t, struct sg_audit_features *out)
+{
+    double highest = -INFINITY, amplitude = (out->osc_down + out->osc_across) / 2;
+    for (size_t i = 0; i < SG_AUDIT_AREAS; i++) {
+        const double evidence = evaluate(SCORE, t->values[i]) - (i ? SG_AUDIT_PART_OFFSET : 0);
+        if (sg_audit_tiles(t, i) < TILES || evidence <= highest)
+            continue;
+        highest = evidence;
+        amplitude = exp(evaluate(TAU, t->values[i]));
+    }
+    out->tiles = (double) sg_audit_tiles(t, 0);
+    memcpy(out->texture, t->values[0], sizeof(out->texture));
+    out->evidence = fmax(highest, evidence_strong(out));
+    out->amplitude = fmin(fmax(amplitude, TAU_LEAST), TAU_MOST);
+    out->amplitude_error = SG_AUDIT_TAU_ERROR * out->amplitude;
+}
+
+int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int width, int height,
+                     struct sg_audit_features *out, float *map)
+{
+    struct room room;
+    struct sg_spectrum spectrum;
+    *out = (struct sg_audit_features){0};
+    int code = sg_spectrum_of(ctx, rgb, width, height, NULL, &spectrum, NULL);
     if (code)
         return code;
-    struct sg_spectrum spectrum;
-    code = sg_spectrum_of(ctx, rgb, width, height, NULL, &spectrum, NULL);
-    if (!code)
-        out->slope = slope(&spectrum), out->anisotropy = spectrum.anisotropy;
+    if (take_room(ctx, &room, mask, (size_t) width, (size_t) height)) {
+        out->slope = slope(&spectrum);
+        out->anisotropy = spectrum.anisotropy;
+        measure_luma(&room, rgb, out, map);
+        out->osc_chroma = (measure_chroma(&room, rgb, 0, 1) + measure_chroma(&room, rgb, 2, 1)) / 2;
+        judge(&room.texture, out);
+    } else {
+        code = SG_ERR_BUDGET;
+    }
+    give_room(&room);
     return code;
 }
