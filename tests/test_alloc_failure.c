@@ -62,6 +62,34 @@ static int load_colmap(sg_ctx *ctx)
     return load(ctx, colmap);
 }
 
+static int build(sg_ctx *ctx)
+{
+    static const uint8_t rgb[3 * 6 * 4], mask[6 * 4];
+    static const float xyz[3 * 40];
+    sg_scene_builder *builder = NULL;
+    struct sg_scene *scene = NULL;
+    struct sg_view_desc view = {
+        .camera = {.width = 6, .height = 4, .fx = 5, .fy = 5, .R = {1, 0, 0, 0, 1, 0, 0, 0, 1}},
+        .rgb = rgb};
+    int code = sg_scene_builder_create(ctx, NULL, &builder);
+    for (int i = 0; i < 6 && !code; i++) {
+        char name[8];
+        snprintf(name, sizeof(name), "%d", i);
+        view.name = name;
+        view.mask = i % 2 ? mask : NULL;
+        view.split = i % 3 ? SG_SPLIT_TRAIN : SG_SPLIT_TEST;
+        code = sg_scene_builder_add_view(builder, &view);
+        if (!code)
+            code = sg_scene_builder_add_points(builder, xyz, NULL, 40);
+    }
+    if (!code)
+        code = sg_scene_builder_finish(&builder, &scene);
+    assert_true(!code == (scene != NULL));
+    sg_scene_builder_destroy(&builder);
+    sg_scene_destroy(&scene);
+    return code;
+}
+
 /* Creation, steps with densification, filter and losses, saving, resuming, model, PLY, renderer. */
 static int train(sg_ctx *ctx)
 {
@@ -183,6 +211,7 @@ static void fail_each(int (*work)(sg_ctx *))
     }
 TEST(load_blender)
 TEST(load_colmap)
+TEST(build)
 TEST(train)
 TEST(audit)
 TEST(attack)
@@ -191,8 +220,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_load_blender), cmocka_unit_test(test_load_colmap),
-        cmocka_unit_test(test_train),        cmocka_unit_test(test_audit),
-        cmocka_unit_test(test_attack),
+        cmocka_unit_test(test_build),        cmocka_unit_test(test_train),
+        cmocka_unit_test(test_audit),        cmocka_unit_test(test_attack),
     };
     return cmocka_run_group_tests(tests, make_scene, remove_scene);
 }

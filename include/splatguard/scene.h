@@ -18,6 +18,7 @@ enum sg_scene_format {
     SG_FORMAT_BLENDER,    /* transforms_train.json, transforms_test.json */
     SG_FORMAT_COLMAP,     /* sparse/0 or sparse, images/ */
     SG_FORMAT_NERFSTUDIO, /* transforms.json */
+    SG_FORMAT_MEMORY,     /* of scenes that a builder made; no folder has it */
 };
 
 /* Filters against noise, with the results of OpenCV's: Gaussian of 5 x 5 pixels and sigma 1.5;
@@ -69,14 +70,15 @@ struct sg_view {
     int file_width, file_height; /* size before any downscale, for cameras.json */
     uint8_t *rgb;  /* height x width x 3, row-major, sRGB bytes as in the file, composited */
     uint8_t *mask; /* height x width, 0 = ignored in the loss, 255 = used; NULL = all used */
+    uint64_t hash; /* of rgb and mask as they were added; 0 = not known */
 };
 
 /* Thread safety: read-only after loading. */
 struct sg_scene {
-    enum sg_scene_format format; /* as recognised */
-    char *path;
-    struct sg_view *train,
-        *test; /* train: name order for COLMAP and nerfstudio, file order for Blender */
+    enum sg_scene_format format;  /* as recognised */
+    char *path;                   /* of the folder; from memory: a name for messages */
+    struct sg_view *train, *test; /* train: name order for COLMAP and nerfstudio, file order for
+                                     Blender, else the order of adding */
     size_t n_train, n_test;
     size_t n_points;       /* 0 if the scene has none */
     float *points;         /* n_points x 3 positions */
@@ -95,6 +97,52 @@ SG_API int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_pa
 SG_API void sg_scene_destroy(struct sg_scene **scene);
 
 SG_API const char *sg_scene_format_name(enum sg_scene_format format);
+
+/* A scene is built from memory in four steps: create a builder, add views, add points, finish.
+ * Thread safety: as the context. */
+typedef struct sg_scene_builder sg_scene_builder;
+
+enum sg_view_split {
+    SG_SPLIT_AUTO, /* with params.eval every test_every-th of these by sorted name is a test view,
+                      else all are training views */
+    SG_SPLIT_TRAIN,
+    SG_SPLIT_TEST
+};
+
+/* A view for sg_scene_builder_add_view, which copies everything. Start from zeros. */
+struct sg_view_desc {
+    /* 1..255 bytes without "/" and control characters; distinct within the training views and
+     * within the test views. */
+    const char *name;
+    /* fx, fy: 1e-6..1e7; cx, cy: -1e7..1e7, (0, 0) is the top-left corner of the image; R: a
+     * rotation to within 0.001; t: -1e12..1e12. */
+    struct sg_camera camera;
+    const uint8_t *rgb;  /* camera.height rows of camera.width x 3 sRGB bytes */
+    size_t rgb_stride;   /* bytes from row to row; 0 = 3 x camera.width. Default 0. */
+    const uint8_t *mask; /* camera.height rows of camera.width bytes, 0 = ignored, else used; NULL =
+                            all used. Default NULL. */
+    size_t mask_stride;  /* bytes from row to row; 0 = camera.width. Default 0. */
+    enum sg_view_split split; /* Default SG_SPLIT_AUTO. */
+};
+
+/* params may be NULL; of them count eval, test_every, untrained, white_background (of renders),
+ * max_pixels, max_images and max_points. The caller owns *out. Errors: SG_ERR_USAGE,
+ * SG_ERR_BUDGET. */
+SG_API int sg_scene_builder_create(sg_ctx *ctx, const struct sg_scene_params *params,
+                                   sg_scene_builder **out);
+/* After an error the builder is as before. Errors: SG_ERR_USAGE, naming the view and the field, for
+ * values out of range; SG_ERR_BUDGET. */
+SG_API int sg_scene_builder_add_view(sg_scene_builder *builder, const struct sg_view_desc *view);
+/* Adds n points to those that are there. xyz: n x 3, finite; rgb: n x 3, or NULL for grey. Both are
+ * copied. Errors as above. */
+SG_API int sg_scene_builder_add_points(sg_scene_builder *builder, const float *xyz,
+                                       const uint8_t *rgb, size_t n);
+/* Splits the views, measures the extent, and makes the scene, which the caller owns. *builder is
+ * destroyed and set to NULL; after an error it is as before. Errors: SG_ERR_USAGE for no training
+ * view and for names that are there twice; SG_ERR_BUDGET. */
+SG_API int sg_scene_builder_finish(sg_scene_builder **builder, struct sg_scene **out);
+/* NULL-safe; sets *builder to NULL. */
+SG_API void sg_scene_builder_destroy(sg_scene_builder **builder);
 
 #ifdef __cplusplus
 }

@@ -56,10 +56,11 @@ static int copy(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_folde
     return code;
 }
 
-/* The scene's own camera files do not hold for photos without their distortion. */
+/* The scene's own camera files do not hold for photos without their distortion, and a scene from
+ * memory has none. */
 static bool needs_transforms(const struct sg_scene *scene)
 {
-    bool any = scene->format == SG_FORMAT_NERFSTUDIO;
+    bool any = scene->format == SG_FORMAT_NERFSTUDIO || scene->format == SG_FORMAT_MEMORY;
     for (size_t i = 0; i < scene->n_train && !any; i++)
         any = scene->train[i].undistorted;
     for (size_t i = 0; i < scene->n_test && !any; i++)
@@ -75,8 +76,10 @@ static char *image_file(sg_ctx *ctx, const struct sg_scene *scene, const struct 
                       (files->save == SG_POISON_AUTO && scene->format == SG_FORMAT_COLMAP);
     const char *file = !strncmp(view->file, "./", 2) ? view->file + 2 : view->file;
     const char *dot = strrchr(sg_base_name(file), '.');
-    const bool photo = dot && (!strcasecmp(dot, ".png") || !strcasecmp(dot, ".jpg") ||
-                               !strcasecmp(dot, ".jpeg") || !strcasecmp(dot, ".webp"));
+    /* names from memory are no files: "a" and "a.png" are two */
+    const bool photo = scene->format != SG_FORMAT_MEMORY && dot &&
+                       (!strcasecmp(dot, ".png") || !strcasecmp(dot, ".jpg") ||
+                        !strcasecmp(dot, ".jpeg") || !strcasecmp(dot, ".webp"));
     const bool was_jpeg = photo && (!strcasecmp(dot, ".jpg") || !strcasecmp(dot, ".jpeg"));
     return sg_strf(ctx, "%s%.*s%s", scene->format == SG_FORMAT_COLMAP ? "images/" : "",
                    (int) (photo ? (size_t) (dot - file) : strlen(file)), file,
@@ -179,8 +182,8 @@ static int remove_namesakes(sg_ctx *ctx, const char *path)
 static int refuse_scene(sg_ctx *ctx, const struct sg_scene *scene, const char *folder)
 {
     struct stat own, other;
-    if (!stat(scene->path, &own) && !stat(folder, &other) && own.st_dev == other.st_dev &&
-        own.st_ino == other.st_ino)
+    if (scene->format != SG_FORMAT_MEMORY && !stat(scene->path, &own) && !stat(folder, &other) &&
+        own.st_dev == other.st_dev && own.st_ino == other.st_ino)
         return sg_fail(ctx, SG_ERR_USAGE,
                        "%s: found the scene's own folder, expected another one for its copy",
                        folder);

@@ -32,7 +32,7 @@ int sg_blender_parse(sg_ctx *ctx, const char *file, const char *data, size_t siz
         code = sg_transforms_frame(ctx, json_array_get(doc.frames, i), where, &lens, max_images,
                                    shots, &shot);
         if (!code)
-            shot->test = test;
+            shot->split = test ? SG_SPLIT_TEST : SG_SPLIT_TRAIN;
     }
     if (!code)
         code = sg_shots_check_names(ctx, shots, first, file);

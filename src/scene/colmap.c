@@ -280,8 +280,6 @@ int sg_read_colmap(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_sce
     if (code)
         goto done;
     sg_shots_sort(shots);
-    for (size_t i = 0; i < shots->count; i++)
-        shots->items[i].test = params->eval && i % (size_t) params->test_every == 0;
 done:
     close_part(&file, &in);
     sg_free(cameras.items);

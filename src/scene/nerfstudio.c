@@ -45,8 +45,7 @@ static int get_list(sg_ctx *ctx, const json_t *root, const char *key, const char
 
 /* The file's own split: what it names as test, else as validation, is held out; what no list names
  * is left out. */
-static int split_by_lists(sg_ctx *ctx, const json_t *root, const char *file, struct sg_shots *shots,
-                          bool *listed)
+static int split_by_lists(sg_ctx *ctx, const json_t *root, const char *file, struct sg_shots *shots)
 {
     json_t *train = NULL, *test = NULL;
     int code = get_list(ctx, root, "train_filenames", file, &train);
@@ -54,12 +53,12 @@ static int split_by_lists(sg_ctx *ctx, const json_t *root, const char *file, str
         code = get_list(ctx, root, "test_filenames", file, &test);
     if (!code && !test)
         code = get_list(ctx, root, "val_filenames", file, &test);
-    *listed = train || test;
     size_t unused = 0;
-    for (size_t i = 0; i < shots->count && *listed && !code; i++) {
+    for (size_t i = 0; i < shots->count && (train || test) && !code; i++) {
         struct sg_shot *shot = &shots->items[i];
-        shot->test = json_object_get(test, shot->file) != NULL;
-        shot->unused = !shot->test && train && !json_object_get(train, shot->file);
+        const bool held_out = json_object_get(test, shot->file) != NULL;
+        shot->split = held_out ? SG_SPLIT_TEST : SG_SPLIT_TRAIN;
+        shot->unused = !held_out && train && !json_object_get(train, shot->file);
         unused += shot->unused;
     }
     if (unused)
@@ -87,11 +86,10 @@ static int read_mask_path(sg_ctx *ctx, const json_t *frame, const char *where, s
 
 int sg_nerfstudio_parse(sg_ctx *ctx, const char *file, const char *data, size_t size,
                         const struct sg_scene_params *params, struct sg_shots *shots,
-                        char **points_file, bool *listed)
+                        char **points_file)
 {
     struct sg_transforms doc;
     *points_file = NULL;
-    *listed = false;
     int code = sg_transforms_load(ctx, file, data, size, params->max_images, &doc);
     if (code)
         return code;
@@ -111,7 +109,7 @@ int sg_nerfstudio_parse(sg_ctx *ctx, const char *file, const char *data, size_t 
             code = read_mask_path(ctx, frame, where, shot);
     }
     if (!code && params->eval)
-        code = split_by_lists(ctx, doc.root, file, shots, listed);
+        code = split_by_lists(ctx, doc.root, file, shots);
     if (!code)
         code = sg_json_text(ctx, doc.root, "ply_file_path", file, &points);
     if (!code && points) {
@@ -156,11 +154,10 @@ int sg_read_nerfstudio(sg_ctx *ctx, const struct sg_folder *dir,
 {
     char *data = NULL, *points_file = NULL, *path = NULL;
     size_t size;
-    bool listed = false;
     char *file = sg_strf(ctx, "%s/transforms.json", dir->path);
     int code = file ? sg_transforms_read(ctx, dir, file, &data, &size) : SG_ERR_BUDGET;
     if (!code)
-        code = sg_nerfstudio_parse(ctx, file, data, size, params, shots, &points_file, &listed);
+        code = sg_nerfstudio_parse(ctx, file, data, size, params, shots, &points_file);
     if (!code)
         code = find_photos(ctx, dir, file, shots);
     if (!code)
@@ -174,8 +171,6 @@ int sg_read_nerfstudio(sg_ctx *ctx, const struct sg_folder *dir,
     if (code)
         goto done;
     sg_shots_sort(shots);
-    for (size_t i = 0; i < shots->count && params->eval && !listed; i++)
-        shots->items[i].test = i % (size_t) params->test_every == 0;
 done:
     sg_free(path);
     sg_free(points_file);

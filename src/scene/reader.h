@@ -8,6 +8,11 @@
 #include "core/folder.h"
 #include "splatguard/scene.h"
 
+#define SG_SIDE_MAX 16384 /* pixels, of a view: see struct sg_camera */
+#define SG_LENS_MAX 1e7   /* pixels; beyond this a focal length or principal point is noise */
+/* Scene units, so that squared distances stay finite in single precision products. */
+#define SG_POSE_MAX 1e12
+
 /* How a lens moves what lies in direction (x, y, 1), r from the axis. The coefficients that a kind
  * does not name are
  * 0. */
@@ -42,7 +47,8 @@ struct sg_shot {
     struct sg_lens lens;
     double R[9], t[3]; /* world to camera, as struct sg_camera */
     bool drop_alpha;   /* instead of compositing it */
-    bool test, unused; /* unused: in neither half of the scene's own split */
+    enum sg_view_split split;
+    bool unused; /* in neither half of the scene's own split */
 };
 
 struct sg_shots {
@@ -111,18 +117,37 @@ int sg_read_points(sg_ctx *ctx, const struct sg_folder *dir, const char *path, u
                    struct sg_points *points);
 
 /* Parsers alone, on memory: file is only a name for messages. No photo is looked for. *points_file:
- * the named PLY or NULL, the caller's; *listed: the file brought its own split. */
+ * the named PLY or NULL, the caller's. */
 int sg_blender_parse(sg_ctx *ctx, const char *file, const char *data, size_t size,
                      uint64_t max_images, bool test, struct sg_shots *shots);
 int sg_nerfstudio_parse(sg_ctx *ctx, const char *file, const char *data, size_t size,
                         const struct sg_scene_params *params, struct sg_shots *shots,
-                        char **points_file, bool *listed);
+                        char **points_file);
 
 /* views.c: decodes, undistorts and resamples the photo of every shot, in parallel. views: one a
  * shot, zeroed. */
 int sg_views_load(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
                   const struct sg_shots *shots, struct sg_view *views);
 void sg_view_clear(struct sg_view *view);
+/* Of the pixels and the mask. */
+uint64_t sg_view_hash(const struct sg_view *view);
+
+/* builder.c */
+
+/* The numbers of a folder's scene and of one from memory that have a range. */
+int sg_scene_params_check(sg_ctx *ctx, const struct sg_scene_params *params);
+/* SG_SPLIT_TRAIN or SG_SPLIT_TEST. To be asked for one view after the other, by sorted name; *rank
+ * begins at 0. */
+enum sg_view_split sg_split(const struct sg_scene_params *params, enum sg_view_split split,
+                            size_t *rank);
+/* Takes what the view owns, also where it fails. */
+int sg_scene_builder_put_view(sg_scene_builder *builder, struct sg_view *view,
+                              enum sg_view_split split);
+/* Takes the arrays; there are no other points. */
+void sg_scene_builder_put_points(sg_scene_builder *builder, struct sg_points *points);
+/* Where the views come from, for messages and for the copies of the scene. */
+int sg_scene_builder_set_source(sg_scene_builder *builder, enum sg_scene_format format,
+                                const char *path);
 
 /* lens.c */
 

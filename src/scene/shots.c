@@ -9,10 +9,6 @@
 #include "model/points.h"
 #include "scene/reader.h"
 
-#define LENS_MAX 1e7 /* pixels; beyond this a focal length or principal point is noise */
-#define POSE_MAX                                                                                   \
-    1e12 /* scene units, so that squared distances stay finite in single precision products */
-
 const char *sg_base_name(const char *path)
 {
     const char *slash = strrchr(path, '/');
@@ -203,12 +199,12 @@ int sg_lens_check(sg_ctx *ctx, const struct sg_lens *lens, const char *where)
 {
     bool focal_x = lens->fx > 0 || (lens->angle_x > 0 && lens->angle_x < 3.14159);
     bool focal_y = lens->fy >= 0 && lens->angle_y >= 0 && lens->angle_y < 3.14159;
-    if (!focal_x || !focal_y || !within(lens->fx, LENS_MAX) || !within(lens->fy, LENS_MAX))
+    if (!focal_x || !focal_y || !within(lens->fx, SG_LENS_MAX) || !within(lens->fy, SG_LENS_MAX))
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: found focal lengths %g, %g pixels and fields of view %g, %g radians, "
                        "expected positive finite ones",
                        where, lens->fx, lens->fy, lens->angle_x, lens->angle_y);
-    if (lens->has_principal && (!within(lens->cx, LENS_MAX) || !within(lens->cy, LENS_MAX)))
+    if (lens->has_principal && (!within(lens->cx, SG_LENS_MAX) || !within(lens->cy, SG_LENS_MAX)))
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found principal point (%g, %g), expected pixels",
                        where, lens->cx, lens->cy);
     const double k[] = {lens->k1, lens->k2, lens->k3, lens->k4, lens->k5,   lens->k6,
@@ -229,7 +225,7 @@ int sg_pose_from_opengl(sg_ctx *ctx, const double m[16], const char *where, doub
                         double t[3])
 {
     for (int i = 0; i < 16; i++)
-        if (!within(m[i], POSE_MAX))
+        if (!within(m[i], SG_POSE_MAX))
             return sg_fail(ctx, SG_ERR_INPUT, "%s: found %g in the pose, expected finite numbers",
                            where, m[i]);
     if (!within(m[12], 1e-6) || !within(m[13], 1e-6) || !within(m[14], 1e-6) ||
@@ -280,7 +276,7 @@ int sg_pose_from_quaternion(sg_ctx *ctx, const double q[4], const double v[3], c
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: found quaternion %g %g %g %g, expected one of length 1", where, q[0],
                        q[1], q[2], q[3]);
-    if (!within(v[0], POSE_MAX) || !within(v[1], POSE_MAX) || !within(v[2], POSE_MAX))
+    if (!within(v[0], SG_POSE_MAX) || !within(v[1], SG_POSE_MAX) || !within(v[2], SG_POSE_MAX))
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found translation %g %g %g, expected finite numbers",
                        where, v[0], v[1], v[2]);
     double w = q[0] / n, x = q[1] / n, y = q[2] / n, z = q[3] / n;

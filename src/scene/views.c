@@ -9,8 +9,6 @@
 #include "image/smooth.h"
 #include "scene/reader.h"
 
-#define SIDE_MAX 16384 /* of a view, see struct sg_camera */
-
 struct job {
     sg_ctx *ctx;
     const struct sg_folder *dir;
@@ -42,11 +40,11 @@ static int target_size(sg_ctx *ctx, const struct sg_scene_params *p, const char 
     }
     tw = tw < 1 ? 1 : tw;
     th = th < 1 ? 1 : th;
-    if (tw > SIDE_MAX || th > SIDE_MAX || tw * th > (double) p->max_pixels)
+    if (tw > SG_SIDE_MAX || th > SG_SIDE_MAX || tw * th > (double) p->max_pixels)
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: resampled size: found %.0f x %.0f pixels, expected sides up to %d and "
                        "at most %llu pixels",
-                       path, tw, th, SIDE_MAX, (unsigned long long) p->max_pixels);
+                       path, tw, th, SG_SIDE_MAX, (unsigned long long) p->max_pixels);
     *w = (int) tw;
     *h = (int) th;
     return SG_OK;
@@ -264,7 +262,8 @@ static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view
         view->mask = valid;
         valid = NULL;
     }
-    if (params->smooth && !shot->test && (code = smooth(ctx, params->smooth, view, w, h)))
+    if (params->smooth && shot->split != SG_SPLIT_TEST &&
+        (code = smooth(ctx, params->smooth, view, w, h)))
         goto done;
     double sx = (double) w / width, sy = (double) h / height;
     view->camera =
@@ -273,6 +272,7 @@ static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view
     view->camera.cy = params->centred_principal ? h / 2.0 : lens.cy * sy;
     memcpy(view->camera.R, shot->R, sizeof(shot->R));
     memcpy(view->camera.t, shot->t, sizeof(shot->t));
+    view->hash = sg_view_hash(view);
 done:
     sg_image_clear(&image);
     sg_free(valid);

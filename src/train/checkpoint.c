@@ -9,9 +9,10 @@
 #include "begin.h"
 #include "checkpoint.h"
 #include "core/file.h"
+#include "scene/reader.h"
 #include "trainer.h"
 
-#define MAGIC "SGCKPT\0\7" /* the last byte is the version */
+#define MAGIC "SGCKPT\0\10" /* the last byte is the version */
 
 #define MAX_ITERATION                                                                              \
     10000000 /* of struct sg_train_params; counting on from it overflows nothing */
@@ -47,10 +48,8 @@ uint32_t sg_photos_hash(const struct sg_scene *scene)
     XXH3_64bits_reset(&hash);
     for (size_t i = 0; i < scene->n_train; i++) {
         const struct sg_view *v = &scene->train[i];
-        const size_t pixels = (size_t) v->camera.width * (size_t) v->camera.height;
-        XXH3_64bits_update(&hash, v->rgb, 3 * pixels);
-        if (v->mask)
-            XXH3_64bits_update(&hash, v->mask, pixels);
+        const uint64_t own = v->hash ? v->hash : sg_view_hash(v);
+        XXH3_64bits_update(&hash, &own, sizeof(own));
     }
     return (uint32_t) XXH3_64bits_digest(&hash);
 }

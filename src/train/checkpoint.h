@@ -35,7 +35,7 @@ struct sg_checkpoint {
 struct sg_trainer;
 struct sg_scene;
 
-/* Of the training views' pixels and masks. Reads all of them. */
+/* Of the training views' pixels and masks; reads only those without a hash of their own. */
 uint32_t sg_photos_hash(const struct sg_scene *scene);
 
 /* Opens the file and believes its header only where it fits this run and the file's length. To be

@@ -10,12 +10,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     struct sg_shots shots = {0};
     struct sg_scene_params params = {SG_SCENE_DEFAULTS};
     char *points = NULL;
-    bool listed;
     if (sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = 64 << 20}))
         return 0;
     params.eval = true;
     params.max_images = 1000;
-    sg_nerfstudio_parse(ctx, "fuzz", (const char *) data, size, &params, &shots, &points, &listed);
+    sg_nerfstudio_parse(ctx, "fuzz", (const char *) data, size, &params, &shots, &points);
     sg_shots_clear(&shots);
     sg_clear_error(ctx);
     sg_blender_parse(ctx, "fuzz", (const char *) data, size, params.max_images, true, &shots);
