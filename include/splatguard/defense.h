@@ -54,7 +54,7 @@ struct sg_defense_params {
     const float *view_weights; /* NULL, or of each training view, 0..1e3: how many times lambda it
                                 gets, so that photos which look clean are not smoothed. Borrowed as
                                 long as the trainer. */
-    double anisotropy_scale;   /* Default 0.005: docs/defense-results.md has the sweep. */
+    double anisotropy_scale;   /* Default 0.005: docs/design/defense.md has the sweep. */
     double tv_scale;           /* Default 1. */
     enum sg_tv_norm tv;        /* Default SG_TV_NORM_HUBER. */
     struct sg_anisotropy_params spectrum;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Preset auto: how strong the defense is, from what the photos look like. docs/defense-results.md
+/* Preset auto: how strong the defense is, from what the photos look like. docs/design/defense.md
  * shows where the numbers come from. */
 #include <math.h>
 #include <stdlib.h>
