@@ -17,14 +17,20 @@
 
 /* Rows first to end - 1 of an image. */
 struct band {
-    float *rows;
+    const float *rows;
+    float *own;       /* the same; NULL: they are only read */
     ptrdiff_t stride; /* in floats */
     int width, first, end;
 };
 
-SIMD float *band_row(const struct band *b, int y)
+SIMD const float *band_row(const struct band *b, int y)
 {
     return b->rows + (y - b->first) * b->stride;
+}
+
+SIMD float *band_own_row(const struct band *b, int y)
+{
+    return b->own + (y - b->first) * b->stride;
 }
 
 /* Forgets the rows above `first`. */
@@ -32,7 +38,7 @@ static void band_slide(struct band *b, int first)
 {
     if (first <= b->first)
         return;
-    memmove(b->rows, band_row(b, first),
+    memmove(b->own, band_row(b, first),
             (size_t) (b->end - first) * (size_t) b->stride * sizeof(float));
     b->first = first;
 }
@@ -202,8 +208,9 @@ SIMD void forward(const struct band *image, const struct band *target, const str
         for (int r = 0; r < count; r++) {
             const float *const m[4] = {moments[0][r] + PAD, moments[1][r] + PAD,
                                        moments[2][r] + PAD, moments[3][r] + PAD};
-            float *const d[3] = {band_row(&maps[0], y + r) + c, band_row(&maps[1], y + r) + c,
-                                 band_row(&maps[2], y + r) + c};
+            float *const d[3] = {band_own_row(&maps[0], y + r) + c,
+                                 band_own_row(&maps[1], y + r) + c,
+                                 band_own_row(&maps[2], y + r) + c};
             derive_row(band_row(image, y + r) + c, band_row(target, y + r) + c, m, d, width,
                        &row[r]);
         }
@@ -260,7 +267,7 @@ SIMD void next_target(const struct cpu_loss_args *a, int channel, struct band *t
         a->target->planes ? a->target->planes + (size_t) channel * plane + row : NULL;
     const uint8_t *used = a->target->mask ? a->target->mask + row : NULL;
     const uint8_t *bytes = a->target->rgb + 3 * row + channel;
-    float *out = band_row(target, y);
+    float *out = band_own_row(target, y);
     for (int i = 0; i < a->width; i++)
         out[i] = used && !used[i] ? x[i]
                  : values         ? values[i]
@@ -290,12 +297,12 @@ void KERNEL(loss)(const struct cpu_loss_args *a, int channel, int first, int end
     const int w = a->width, h = a->height;
     const ptrdiff_t stride = CPU_LOSS_STRIDE(w);
     const size_t plane = (size_t) channel * (size_t) w * (size_t) h;
-    const struct band image = {(float *) a->rgb + plane, w, w, 0, h}; /* is only read */
+    const struct band image = {a->rgb + plane, NULL, w, w, 0, h};
     const int top = most(first - SG_SSIM_RADIUS, 0), above = most(top - SG_SSIM_RADIUS, 0);
-    struct band target = {scratch, stride, w, above, above}, maps[3];
+    struct band target = {scratch, scratch, stride, w, above, above}, maps[3];
     scratch += (CPU_LOSS_STEP + 4 * SG_SSIM_RADIUS) * stride;
     for (int m = 0; m < 3; m++, scratch += (CPU_LOSS_STEP + 2 * SG_SSIM_RADIUS) * stride)
-        maps[m] = (struct band){scratch, stride, w, top, top};
+        maps[m] = (struct band){scratch, scratch, stride, w, top, top};
     for (int y = first; y < end; y += CPU_LOSS_STEP) {
         const int stop = least(y + CPU_LOSS_STEP, end), ready = least(stop + SG_SSIM_RADIUS, h);
         band_slide(&target, y - 2 * SG_SSIM_RADIUS);
