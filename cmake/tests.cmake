@@ -2,7 +2,7 @@
 pkg_check_modules(CMOCKA REQUIRED IMPORTED_TARGET cmocka) # plain C, works under sanitizers
 # Labels select tests for the parts of ./check: `threads` for the thread sanitizer, `package` for what is installed, `slow`
 # for what sanitizers and other compilers need not repeat, `fuzz`. A new test gets `threads`, unless it is listed here.
-set(SG_SERIAL test_checkpoint test_folder test_gradients test_image test_kernels test_morton test_ply)
+set(SG_SERIAL test_checkpoint test_columns test_folder test_gradients test_image test_kernels test_morton test_ply)
 file(GLOB SG_TESTS CONFIGURE_DEPENDS tests/test_*.c tests/engine/test_*.c)
 foreach(source ${SG_TESTS})
     get_filename_component(name ${source} NAME_WE)

@@ -120,7 +120,7 @@ static inline const char *case_name(struct engine_case c)
 
 /* An engine that holds m, and o where it is not NULL. variant: as sg_engine_create's. */
 static inline struct sg_engine *make_engine(sg_ctx *ctx, const char *name, const char *variant,
-                                            const struct sg_model *m, const struct sg_optimiser *o)
+                                            const struct sg_model *m, const struct sg_columns *o)
 {
     struct sg_engine *b;
     assert_int_equal(sg_engine_create(ctx, name, variant, &b), SG_OK);

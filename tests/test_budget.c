@@ -41,14 +41,14 @@ static void test_growth(void **state)
         const size_t limit = 10 + (size_t) draw(seed, 2, 0, 400);
         struct sg_model *m = make_model(ctx, n, 0, seed);
         struct sg_engine *b;
-        struct sg_optimiser o;
+        struct sg_columns o;
         struct random_scores r = {ctx, seed, n};
-        assert_int_equal(sg_optimiser_create(ctx, n, 0, &o), SG_OK);
+        assert_int_equal(sg_columns_create(ctx, n, 0, SG_COLUMN_SAVED, &o), SG_OK);
         size_t wish = 0, dying = 0;
         for (size_t i = 0; i < n; i++) {
-            o.grad_count[i] = 1;
-            o.grad_sum[i] = (float) (int) draw(seed + 100, i, 0, 10); /* many equals */
-            wish += o.grad_sum[i] >= 4;
+            o.at[SG_C_GRAD_COUNT][i] = 1;
+            o.at[SG_C_GRAD_SUM][i] = (float) (int) draw(seed + 100, i, 0, 10); /* many equals */
+            wish += o.at[SG_C_GRAD_SUM][i] >= 4;
             *sg_model_at(m, i, SG_P_XYZ) = (float) i; /* a name */
         }
         for (size_t i = 0; i < n; i++) {
@@ -95,7 +95,8 @@ static void test_growth(void **state)
                     stayed[(size_t) name] = 1;
             }
             for (size_t i = 0; i < n; i++) {
-                const bool whole = o.grad_sum[i] < 4; /* neither split nor a candidate for it */
+                const bool whole =
+                    o.at[SG_C_GRAD_SUM][i] < 4; /* neither split nor a candidate for it */
                 const double score = (double) draw(seed, i, -20, 5);
                 if (!whole)
                     continue;
@@ -109,7 +110,7 @@ static void test_growth(void **state)
             free(stayed);
             sg_model_destroy(&after);
         }
-        sg_optimiser_clear(&o);
+        sg_columns_clear(&o);
         sg_engine_destroy(&b);
         sg_model_destroy(&m);
     }

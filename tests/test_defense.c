@@ -679,14 +679,14 @@ static void test_report(void **state)
                                             .rule = none ? SG_PRUNE_THRESHOLD : SG_PRUNE_EXACT};
         struct sg_model *m = make_model(ctx, N, 0, 5);
         struct sg_defense_step step = {0};
-        struct sg_optimiser o;
+        struct sg_columns o;
         struct sg_engine *b;
         struct sg_scores s;
-        assert_int_equal(sg_optimiser_create(ctx, N, 0, &o), SG_OK);
+        assert_int_equal(sg_columns_create(ctx, N, 0, SG_COLUMN_SAVED, &o), SG_OK);
         for (size_t i = 0; i < N; i++) {
             if (none || i % 3 == 0)
                 *sg_model_at(m, i, SG_P_XYZ + 2) = -50;
-            o.grad_count[i] = 1, o.grad_sum[i] = (float) (i + 1); /* a name */
+            o.at[SG_C_GRAD_COUNT][i] = 1, o.at[SG_C_GRAD_SUM][i] = (float) (i + 1); /* a name */
         }
         b = make_engine(ctx, "cpu", NULL, m, &o);
         assert_int_equal(sg_score(b, &scene, &p, &render, 42, 600, &s), SG_OK);
@@ -706,7 +706,7 @@ static void test_report(void **state)
             assert_true(gradient[i] > (i ? gradient[i - 1] : 0));
         sg_scores_clear(&s);
         sg_engine_destroy(&b);
-        sg_optimiser_clear(&o);
+        sg_columns_clear(&o);
         sg_model_destroy(&m);
     }
     sg_ctx_destroy(&ctx);

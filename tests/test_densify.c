@@ -11,25 +11,25 @@ static void test_densify(void **state)
     (void) state;
     sg_ctx *ctx = make_context(1);
     struct sg_model *m, *after;
-    struct sg_optimiser o;
+    struct sg_columns o;
     struct sg_engine *b;
     const float tau = 0.0002f,
                 limit = 0.0625f; /* a scale whose logarithm is exact enough to come back */
     assert_int_equal(sg_model_create(ctx, 6, 0, &m), SG_OK);
-    assert_int_equal(sg_optimiser_create(ctx, 6, 0, &o), SG_OK);
+    assert_int_equal(sg_columns_create(ctx, 6, 0, SG_COLUMN_SAVED, &o), SG_OK);
     /* 0 clones (gradient exactly tau), 1 stays (just below), 2 splits, 3 is too transparent, 4 too
      * large, 5 clones but dies */
     const float gradient[] = {tau, 0.00019999f, 0.001f, 0, 0, 0.01f};
     const float scale[] = {0.01f, 0.01f, 0.5f, 0.01f, 3.0f, 0.01f};
     const float opacity[] = {0.5f, 0.5f, 0.9f, 0.001f, 0.5f, 0.004f};
     for (size_t i = 0; i < 6; i++) {
-        o.grad_sum[i] = 2 * gradient[i], o.grad_count[i] = 2;
+        o.at[SG_C_GRAD_SUM][i] = 2 * gradient[i], o.at[SG_C_GRAD_COUNT][i] = 2;
         for (int k = 0; k < 3; k++)
             *sg_model_at(m, i, SG_P_SCALE + k) = logf(scale[i]);
         *sg_model_at(m, i, SG_P_XYZ) = (float) i;
         *sg_model_at(m, i, SG_P_ROT) = 1;
         *sg_model_at(m, i, SG_P_OPACITY) = logf(opacity[i] / (1 - opacity[i]));
-        o.m[sg_param_index(sg_param_count(0), i, 0)] = 7;
+        o.at[SG_C_MOMENT1][sg_param_index(sg_param_count(0), i, 0)] = 7;
     }
     b = make_engine(ctx, "cpu", NULL, m, &o);
     struct sg_densify_result r;
@@ -40,9 +40,9 @@ static void test_densify(void **state)
     assert_int_equal(r.split, 1);
     assert_int_equal(r.pruned, 4); /* 3, 4, 5 and 5's clone */
     assert_int_equal(sg_engine_count(b), 5);
-    struct sg_optimiser moments;
+    struct sg_columns moments;
     assert_int_equal(sg_model_create(ctx, 5, 0, &after), SG_OK);
-    assert_int_equal(sg_optimiser_create(ctx, 5, 0, &moments), SG_OK);
+    assert_int_equal(sg_columns_create(ctx, 5, 0, SG_COLUMN_SAVED, &moments), SG_OK);
     assert_int_equal(sg_engine_download(b, after, &moments), SG_OK);
     /* survivors 0, 1; the clone of 0; two children of 2 */
     assert_float_equal(*sg_model_at(after, 0, 0), 0, 0);
@@ -54,12 +54,13 @@ static void test_densify(void **state)
     }
     assert_true(*sg_model_at(after, 3, 0) != *sg_model_at(after, 4, 0));
     for (size_t i = 0; i < 5; i++) {
-        assert_float_equal(moments.m[sg_param_index(sg_param_count(0), i, 0)], i < 2 ? 7 : 0, 0);
-        assert_float_equal(moments.grad_count[i], 0, 0);
+        assert_float_equal(moments.at[SG_C_MOMENT1][sg_param_index(sg_param_count(0), i, 0)],
+                           i < 2 ? 7 : 0, 0);
+        assert_float_equal(moments.at[SG_C_GRAD_COUNT][i], 0, 0);
     }
     sg_engine_destroy(&b);
-    sg_optimiser_clear(&o);
-    sg_optimiser_clear(&moments);
+    sg_columns_clear(&o);
+    sg_columns_clear(&moments);
     sg_model_destroy(&m);
     sg_model_destroy(&after);
     sg_ctx_destroy(&ctx);
@@ -100,13 +101,13 @@ static void test_alike(void **state)
         const size_t c = k / 2;
         struct sg_densify_params p = cases[c].p;
         struct sg_densify_result r;
-        struct sg_optimiser o;
+        struct sg_columns o;
         struct sg_model *m, *after;
         struct sg_engine *b;
         assert_int_equal(sg_model_create(ctx, N, 0, &m), SG_OK);
-        assert_int_equal(sg_optimiser_create(ctx, N, 0, &o), SG_OK);
+        assert_int_equal(sg_columns_create(ctx, N, 0, SG_COLUMN_SAVED, &o), SG_OK);
         for (size_t i = 0; i < N; i++) {
-            o.grad_sum[i] = cases[c].gradient, o.grad_count[i] = 1;
+            o.at[SG_C_GRAD_SUM][i] = cases[c].gradient, o.at[SG_C_GRAD_COUNT][i] = 1;
             *sg_model_at(m, i, SG_P_XYZ) = (float) i; /* a name */
             *sg_model_at(m, i, SG_P_ROT) = 1;
             *sg_model_at(m, i, SG_P_OPACITY) = cases[c].opacity;
@@ -129,7 +130,7 @@ static void test_alike(void **state)
             assert_int_equal(sg_engine_count(b), N);
         }
         sg_engine_destroy(&b);
-        sg_optimiser_clear(&o);
+        sg_columns_clear(&o);
         sg_model_destroy(&m);
     }
     sg_ctx_destroy(&ctx);
@@ -164,11 +165,11 @@ static void test_replaced(void **state)
                                             .replace = 0.2f,
                                             .seed = 1};
         struct sg_densify_result r;
-        struct sg_optimiser o;
+        struct sg_columns o;
         struct sg_engine *b;
-        assert_int_equal(sg_optimiser_create(ctx, FULL, 0, &o), SG_OK);
+        assert_int_equal(sg_columns_create(ctx, FULL, 0, SG_COLUMN_SAVED, &o), SG_OK);
         for (size_t i = 0; i < FULL; i++) {
-            o.grad_sum[i] = i + wish >= FULL, o.grad_count[i] = 1;
+            o.at[SG_C_GRAD_SUM][i] = i + wish >= FULL, o.at[SG_C_GRAD_COUNT][i] = 1;
             *sg_model_at(m, i, SG_P_OPACITY) = 2;
         }
         b = make_engine(ctx, "cpu", NULL, m, &o);
@@ -178,7 +179,7 @@ static void test_replaced(void **state)
         assert_int_equal(r.limited, wish > 20);
         assert_int_equal(sg_engine_count(b), FULL);
         sg_engine_destroy(&b);
-        sg_optimiser_clear(&o);
+        sg_columns_clear(&o);
         sg_model_destroy(&m);
     }
     sg_ctx_destroy(&ctx);

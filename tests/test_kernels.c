@@ -180,15 +180,16 @@ static void test_adam(void **state)
         sg_ctx *ctx = make_context(1);
         struct sg_engine *b = engine_of(ctx, v);
         struct sg_model *m = make_model(ctx, 21, 1, 4), *g, *after;
-        struct sg_optimiser o, old;
+        struct sg_columns o, old;
         assert_int_equal(sg_model_create(ctx, 21, 1, &g), SG_OK);
         assert_int_equal(sg_model_create(ctx, 21, 1, &after), SG_OK);
-        assert_int_equal(sg_optimiser_create(ctx, 21, 1, &o), SG_OK);
-        assert_int_equal(sg_optimiser_create(ctx, 21, 1, &old), SG_OK);
+        assert_int_equal(sg_columns_create(ctx, 21, 1, SG_COLUMN_SAVED, &o), SG_OK);
+        assert_int_equal(sg_columns_create(ctx, 21, 1, SG_COLUMN_SAVED, &old), SG_OK);
         *sg_model_at(m, 5, SG_P_XYZ + 2) = -60; /* not visible: moves by momentum only */
-        for (int p = 0; p < planes; p++)
-            old.m[sg_param_index(planes, 5, p)] = 1e-3f,
-                                            old.v[sg_param_index(planes, 5, p)] = 1e-5f;
+        for (int p = 0; p < planes; p++) {
+            const size_t at = sg_param_index(planes, 5, p);
+            old.at[SG_C_MOMENT1][at] = 1e-3f, old.at[SG_C_MOMENT2][at] = 1e-5f;
+        }
         assert_int_equal(sg_engine_upload(b, m, &old), SG_OK);
         for (int t = 1; t <= 3; t++) {
             struct sg_update u = {.adam = true};
@@ -213,30 +214,32 @@ static void test_adam(void **state)
                                                          : SG_G_REST;
                     const size_t at = sg_param_index(planes, i, p);
                     const double grad = (double) g->params[at], held = group == SG_G_SCALE;
-                    const double em =
-                        held ? (double) old.m[at] : 0.9 * (double) old.m[at] + 0.1 * grad;
-                    const double ev = held ? (double) old.v[at]
-                                           : 0.999 * (double) old.v[at] + 0.001 * grad * grad;
+                    const double em = held ? (double) old.at[SG_C_MOMENT1][at]
+                                           : 0.9 * (double) old.at[SG_C_MOMENT1][at] + 0.1 * grad;
+                    const double ev =
+                        held ? (double) old.at[SG_C_MOMENT2][at]
+                             : 0.999 * (double) old.at[SG_C_MOMENT2][at] + 0.001 * grad * grad;
                     const double step =
                         (double) u.rate[group] * em / (sqrt(ev) * (double) u.root[group] + 1e-15);
                     const double ep = (double) m->params[at] - (held ? 0 : step);
                     if (i == 5 && grad != 0)
                         fail_msg("%s: a Gaussian behind the camera has a gradient", name_of(v));
-                    if (fabs((double) o.m[at] - em) > 1e-5 * fabs(em) + 1e-30 ||
-                        fabs((double) o.v[at] - ev) > 1e-4 * ev + 1e-36 ||
+                    if (fabs((double) o.at[SG_C_MOMENT1][at] - em) > 1e-5 * fabs(em) + 1e-30 ||
+                        fabs((double) o.at[SG_C_MOMENT2][at] - ev) > 1e-4 * ev + 1e-36 ||
                         fabs((double) after->params[at] - ep) > 1e-4 * fabs(step) + 3e-7 * fabs(ep))
                         fail_msg("%s: step %d, Gaussian %zu, plane %d: found p %.9g m %.9g v %.9g, "
                                  "expected %.9g %.9g %.9g",
-                                 name_of(v), t, i, p, (double) after->params[at], (double) o.m[at],
-                                 (double) o.v[at], ep, em, ev);
+                                 name_of(v), t, i, p, (double) after->params[at],
+                                 (double) o.at[SG_C_MOMENT1][at], (double) o.at[SG_C_MOMENT2][at],
+                                 ep, em, ev);
                 }
             const size_t bytes = 32 * (size_t) planes * sizeof(float);
             memcpy(m->params, after->params, bytes);
-            memcpy(old.m, o.m, bytes);
-            memcpy(old.v, o.v, bytes);
+            memcpy(old.at[SG_C_MOMENT1], o.at[SG_C_MOMENT1], bytes);
+            memcpy(old.at[SG_C_MOMENT2], o.at[SG_C_MOMENT2], bytes);
         }
-        sg_optimiser_clear(&o);
-        sg_optimiser_clear(&old);
+        sg_columns_clear(&o);
+        sg_columns_clear(&old);
         sg_model_destroy(&m);
         sg_model_destroy(&g);
         sg_model_destroy(&after);
@@ -435,7 +438,7 @@ static void test_planes_and_kept_gradients(void **state)
         struct sg_update u = {.accumulate = true};
         for (int g = 0; g < SG_GROUPS; g++)
             u.rate[g] = 1e-30f, u.root[g] = 1;
-        struct sg_optimiser moments[2];
+        struct sg_columns moments[2];
         struct sg_model **out[2] = {&once, &thrice};
         for (int k = 0; k < 2; k++) {
             assert_int_equal(sg_engine_upload(b, m, NULL), SG_OK);
@@ -449,19 +452,22 @@ static void test_planes_and_kept_gradients(void **state)
                 assert_int_equal(sg_engine_optimise(b, &u), SG_OK);
             }
             assert_int_equal(sg_model_create(ctx, m->count, 1, out[k]), SG_OK);
-            assert_int_equal(sg_optimiser_create(ctx, m->count, 1, &moments[k]), SG_OK);
+            assert_int_equal(sg_columns_create(ctx, m->count, 1, SG_COLUMN_SAVED, &moments[k]),
+                             SG_OK);
             assert_int_equal(sg_engine_download(b, *out[k], &moments[k]), SG_OK);
         }
         for (size_t i = 0; i < m->count; i++)
             for (int p = 0; p < sg_param_count(1); p++) {
                 const size_t at = sg_param_index(sg_param_count(1), i, p);
-                if (!(fabsf(moments[1].m[at] - 3 * moments[0].m[at]) <=
-                      1e-5f * fabsf(moments[1].m[at]) + 1e-12f))
+                if (!(fabsf(moments[1].at[SG_C_MOMENT1][at] -
+                            3 * moments[0].at[SG_C_MOMENT1][at]) <=
+                      1e-5f * fabsf(moments[1].at[SG_C_MOMENT1][at]) + 1e-12f))
                     fail_msg("%s: Gaussian %zu, plane %d: %g, expected three times %g", name_of(v),
-                             i, p, (double) moments[1].m[at], (double) moments[0].m[at]);
+                             i, p, (double) moments[1].at[SG_C_MOMENT1][at],
+                             (double) moments[0].at[SG_C_MOMENT1][at]);
             }
-        sg_optimiser_clear(&moments[0]);
-        sg_optimiser_clear(&moments[1]);
+        sg_columns_clear(&moments[0]);
+        sg_columns_clear(&moments[1]);
         sg_model_destroy(&once);
         sg_model_destroy(&thrice);
         sg_model_destroy(&m);

@@ -30,8 +30,8 @@ static void test_order(void **state)
     uint8_t *seen = calloc(N, 1);
     for (uint32_t i = 0; i < N; i++)
         source[i] = i;
-    assert_int_equal(sg_morton_order(ctx, m->params, sg_param_count(0), N, source, N, order),
-                     SG_OK);
+    const struct sg_places places = {m->params, N, NULL, sg_param_count(0)};
+    assert_int_equal(sg_morton_order(ctx, &places, source, N, order), SG_OK);
     double before = 0, after = 0;
     for (size_t i = 0; i < N; i++) {
         assert_true(order[i] < N && !seen[order[i]]++);
@@ -55,29 +55,33 @@ static int by_bits(const void *a, const void *b)
 }
 
 /* Whatever the order, the edit's Gaussians are those: survivors with moments and, if asked for,
- * statistics, copies without. */
+ * statistics, copies and inserted rows without. */
 static void edited(bool statistics)
 {
     sg_ctx *ctx = make_context(3);
-    struct sg_model *m = make_model(ctx, N, 1, 9);
-    struct sg_optimiser o;
-    assert_int_equal(sg_optimiser_create(ctx, N, 1, &o), SG_OK);
+    struct sg_model *m = make_model(ctx, N, 1, 9), *rows = make_model(ctx, N / 10, 1, 10);
+    struct sg_columns o;
+    assert_int_equal(sg_columns_create(ctx, N, 1, SG_COLUMN_SAVED, &o), SG_OK);
     const int planes = sg_param_count(1);
     for (size_t i = 0; i < N; i++)
         for (int p = 0; p < planes; p++)
-            o.m[sg_param_index(planes, i, p)] = *sg_model_at(m, i, p) + 1;
+            o.at[SG_C_MOMENT1][sg_param_index(planes, i, p)] = *sg_model_at(m, i, p) + 1;
     for (size_t i = 0; i < N; i++)
-        o.grad_sum[i] = *sg_model_at(m, i, 0) + 2, o.grad_count[i] = (float) (i + 1);
+        o.at[SG_C_GRAD_SUM][i] = *sg_model_at(m, i, 0) + 2,
+        o.at[SG_C_GRAD_COUNT][i] = (float) (i + 1);
     struct sg_host_model h = {0};
     assert_int_equal(sg_host_upload(ctx, &h, m, &o), SG_OK);
     uint8_t *keep = calloc(N, 1), *kind = calloc(N, 1);
     uint32_t *source = malloc(N * sizeof(*source));
-    struct sg_edit e = {.keep = keep, .source = source, .kind = kind, .statistics = statistics};
+    struct sg_edit e = {
+        .keep = keep, .source = source, .kind = kind, .rows = rows, .statistics = statistics};
     for (uint32_t i = 0; i < N; i++) {
         keep[i] = i % 3 != 0;
         e.kept += keep[i];
         if (i % 5 == 0)
             source[e.appended++] = i;
+        if (i % 10 == 7)
+            kind[e.appended] = SG_EDIT_INSERT, source[e.appended++] = i / 10;
     }
     float(*expected)[5] = malloc((e.kept + e.appended) * sizeof(*expected)),
     (*found)[5] = malloc((e.kept + e.appended) * sizeof(*found));
@@ -90,14 +94,19 @@ static void edited(bool statistics)
                    sizeof(*expected));
         if (i % 5 == 0)
             memcpy(expected[n++], (float[]){x, c, 0, 0, 0}, sizeof(*expected));
+        if (i % 10 == 7)
+            memcpy(expected[n++],
+                   (float[]){*sg_model_at(rows, i / 10, 0), *sg_model_at(rows, i / 10, planes - 1),
+                             0, 0, 0},
+                   sizeof(*expected));
     }
     assert_int_equal(sg_host_edit(ctx, &h, &e), SG_OK);
     assert_int_equal(h.count, n);
     for (size_t i = 0; i < n; i++) {
-        found[i][0] = h.params[sg_param_index(planes, i, 0)];
-        found[i][1] = h.params[sg_param_index(planes, i, planes - 1)];
-        found[i][2] = h.opt.m[sg_param_index(planes, i, 0)];
-        found[i][3] = h.opt.grad_sum[i], found[i][4] = h.opt.grad_count[i];
+        found[i][0] = h.at[SG_C_PARAMETERS][sg_param_index(planes, i, 0)];
+        found[i][1] = h.at[SG_C_PARAMETERS][sg_param_index(planes, i, planes - 1)];
+        found[i][2] = h.at[SG_C_MOMENT1][sg_param_index(planes, i, 0)];
+        found[i][3] = h.at[SG_C_GRAD_SUM][i], found[i][4] = h.at[SG_C_GRAD_COUNT][i];
     }
     qsort(expected, n, sizeof(*expected), by_bits);
     qsort(found, n, sizeof(*found), by_bits);
@@ -108,7 +117,8 @@ static void edited(bool statistics)
     free(expected);
     free(found);
     sg_host_clear(&h);
-    sg_optimiser_clear(&o);
+    sg_columns_clear(&o);
+    sg_model_destroy(&rows);
     sg_model_destroy(&m);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
     sg_ctx_destroy(&ctx);
@@ -128,8 +138,8 @@ static void test_edit_memory(void **state)
     (void) state;
     sg_ctx *plenty = make_context(1);
     struct sg_model *m = make_model(plenty, N, 1, 9);
-    struct sg_optimiser o;
-    assert_int_equal(sg_optimiser_create(plenty, N, 1, &o), SG_OK);
+    struct sg_columns o;
+    assert_int_equal(sg_columns_create(plenty, N, 1, SG_COLUMN_SAVED, &o), SG_OK);
     const size_t more = N / 2;
     uint8_t *keep = malloc(N), *kind = calloc(more, 1);
     uint32_t *source = calloc(more, sizeof(*source));
@@ -148,12 +158,12 @@ static void test_edit_memory(void **state)
         assert_int_equal(sg_host_upload(ctx, &h, m, &o), SG_OK);
         const int code = sg_host_edit(ctx, &h, &e);
         assert_true(code == SG_OK || code == SG_ERR_BUDGET);
-        assert_int_equal(h.count, code && h.opt.m ? N : N + more);
-        as_was += code && h.opt.m;
-        edited += code && !h.opt.m;
-        done += !code && h.opt.m;
-        assert_int_equal(sg_host_alloc_optimiser(ctx, &h), SG_OK);
-        assert_int_equal(h.opt.capacity, h.capacity);
+        assert_int_equal(h.count, code && h.at[SG_C_MOMENT1] ? N : N + more);
+        as_was += code && h.at[SG_C_MOMENT1];
+        edited += code && !h.at[SG_C_MOMENT1];
+        done += !code && h.at[SG_C_MOMENT1];
+        assert_int_equal(sg_host_alloc_saved(ctx, &h), SG_OK);
+        assert_non_null(h.at[SG_C_GRAD_COUNT]);
         sg_host_clear(&h);
         assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
         sg_ctx_destroy(&ctx);
@@ -162,7 +172,7 @@ static void test_edit_memory(void **state)
     free(keep);
     free(kind);
     free(source);
-    sg_optimiser_clear(&o);
+    sg_columns_clear(&o);
     sg_model_destroy(&m);
     sg_ctx_destroy(&plenty);
 }

@@ -88,27 +88,36 @@ struct sg_footprint sg_engine_footprint(const struct sg_engine_kind *engine,
 
 /* ---- the model ---- */
 
-int sg_engine_upload(struct sg_engine *e, const struct sg_model *m, const struct sg_optimiser *o)
+/* The engine has taken this model, or has failed. */
+static int taken(struct sg_engine *e, const struct sg_model *m, int code)
 {
-    return leave(e, e->ops->upload(e, m, o), 0, 0);
+    if (!code)
+        e->sh_degree = m->sh_degree;
+    return leave(e, code, 0, 0);
 }
 
-int sg_engine_adopt(struct sg_engine *e, struct sg_model *m, struct sg_optimiser *o)
+int sg_engine_upload(struct sg_engine *e, const struct sg_model *m,
+                     const struct sg_columns *columns)
+{
+    return taken(e, m, e->ops->upload(e, m, columns));
+}
+
+int sg_engine_adopt(struct sg_engine *e, struct sg_model *m, struct sg_columns *columns)
 {
     if (e->ops->adopt)
-        return leave(e, e->ops->adopt(e, m, o), 0, 0);
-    const int code = sg_engine_upload(e, m, o->m ? o : NULL);
+        return taken(e, m, e->ops->adopt(e, m, columns));
+    const int code = sg_engine_upload(e, m, columns);
     if (code)
         return code;
     sg_free(m->params);
     m->params = NULL;
-    sg_optimiser_clear(o);
+    sg_columns_clear(columns);
     return SG_OK;
 }
 
-int sg_engine_download(struct sg_engine *e, struct sg_model *m, struct sg_optimiser *o)
+int sg_engine_download(struct sg_engine *e, struct sg_model *m, struct sg_columns *columns)
 {
-    return e->ops->download(e, m, o);
+    return e->ops->download(e, m, columns);
 }
 
 size_t sg_engine_count(const struct sg_engine *e)
@@ -121,9 +130,29 @@ int sg_engine_read_statistics(struct sg_engine *e, const struct sg_statistics *o
     return e->ops->read_statistics(e, out);
 }
 
+/* An index that is out of range would be read. */
+static int check_appended(const struct sg_engine *e, const struct sg_edit *edit)
+{
+    const size_t count = sg_engine_count(e), rows = edit->rows ? edit->rows->count : 0;
+    if (rows && (edit->rows->sh_degree != e->sh_degree || count + rows > UINT32_MAX))
+        return sg_fail(e->ctx, SG_ERR_USAGE,
+                       "edit: found %zu rows of SH degree %d, expected degree %d and at most %zu",
+                       rows, edit->rows->sh_degree, e->sh_degree, (size_t) UINT32_MAX - count);
+    for (size_t i = 0; i < edit->appended; i++) {
+        const bool inserted = edit->kind[i] == SG_EDIT_INSERT;
+        if (edit->kind[i] >= SG_EDIT_KEEP || edit->source[i] >= (inserted ? rows : count))
+            return sg_fail(e->ctx, SG_ERR_USAGE,
+                           "edit: entry %zu: found kind %d of source %u, expected one of %zu "
+                           "Gaussians or %zu rows",
+                           i, edit->kind[i], edit->source[i], count, rows);
+    }
+    return SG_OK;
+}
+
 int sg_engine_edit(struct sg_engine *e, const struct sg_edit *edit)
 {
-    return leave(e, e->ops->edit(e, edit), 0, 0);
+    const int code = check_appended(e, edit);
+    return code ? code : leave(e, e->ops->edit(e, edit), 0, 0);
 }
 
 int sg_engine_floor_scale(struct sg_engine *e, float smallest)

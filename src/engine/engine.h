@@ -12,6 +12,7 @@
 
 #include "core/internal.h"
 #include "losses.h"
+#include "model/columns.h"
 #include "splatguard/camera.h"
 #include "splatguard/model.h"
 #include "splatguard/render.h"
@@ -48,24 +49,15 @@ struct sg_footprint sg_engine_footprint(const struct sg_engine_kind *engine,
 
 /* ---- the model ---- */
 
-/* Host copy of what training knows beside the parameters. All arrays belong to it. */
-struct sg_optimiser {
-    size_t capacity;
-    float *m, *v;      /* Adam moments, laid out as sg_model.params */
-    float *grad_sum;   /* per Gaussian: sum of view-space gradient norms (NDC) */
-    float *grad_count; /* views it was visible in */
-};
-int sg_optimiser_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_optimiser *out);
-void sg_optimiser_clear(struct sg_optimiser *optimiser);
-
-/* Host to engine. optimiser NULL: zeros. */
+/* Host to engine. columns: what there is beside the parameters; a column without an array, or all
+ * where it is NULL, is zeros. */
 int sg_engine_upload(struct sg_engine *e, const struct sg_model *model,
-                     const struct sg_optimiser *optimiser);
+                     const struct sg_columns *columns);
 /* The same, and takes the arrays of both, so that a host never holds them twice. */
-int sg_engine_adopt(struct sg_engine *e, struct sg_model *model, struct sg_optimiser *optimiser);
-/* Engine to host, objects of the present count and SH degree. What is NULL, an object or an array
- * of the optimiser, is left out. */
-int sg_engine_download(struct sg_engine *e, struct sg_model *model, struct sg_optimiser *optimiser);
+int sg_engine_adopt(struct sg_engine *e, struct sg_model *model, struct sg_columns *columns);
+/* Engine to host, objects of the present count and SH degree. What is NULL, an object or an array,
+ * is left out. */
+int sg_engine_download(struct sg_engine *e, struct sg_model *model, struct sg_columns *columns);
 size_t sg_engine_count(const struct sg_engine *e);
 
 /* What decides about Gaussians: where to put `count` values of each; any may be NULL. */
@@ -78,23 +70,23 @@ struct sg_statistics {
 /* Engine to host. */
 int sg_engine_read_statistics(struct sg_engine *e, const struct sg_statistics *out);
 
-enum sg_edit_kind { SG_EDIT_COPY, SG_EDIT_CHILD };
-
 /* A change of the set of Gaussians: survivors in their order, then the appended ones in theirs;
  * from a few thousand on, the engine puts them all into an order of its own that nothing but the
- * model and the edit decides. */
+ * model and the edit decides. The table of columns (model/columns.h) says what becomes of each. */
 struct sg_edit {
     const uint8_t *keep; /* one byte per present Gaussian */
     size_t kept;         /* number of non-zero bytes */
     size_t appended;
-    const uint32_t *source; /* appended entries: index before the edit */
-    const uint8_t *kind;    /* enum sg_edit_kind */
-    bool statistics;        /* the survivors keep theirs, else all are cleared */
-    uint64_t seed, stream;  /* of the children's positions: normal (seed, SG_RNG_SPLIT, stream, 3
-                               entry + axis) */
+    const uint32_t *source; /* appended entries: index before the edit, or of a row to insert */
+    const uint8_t *kind;    /* enum sg_edit_kind: copy, child or insert */
+    const struct sg_model *rows; /* parameters of inserted ones; of the SH degree of the model */
+    bool statistics;             /* the survivors keep theirs, else all are cleared */
+    uint64_t seed, stream; /* of the children's positions: normal (seed, SG_RNG_SPLIT, stream, 3
+                              entry + axis) */
 };
-/* Applies the edit to parameters, moments (appended: zero) and statistics. Where memory runs out
- * the model is as it was, or edited and without moments. */
+/* Applies the edit to all columns. Where memory runs out the model is as it was, or edited and
+ * without any column but its parameters. SG_ERR_USAGE for an appended entry that names no
+ * Gaussian and no row. */
 int sg_engine_edit(struct sg_engine *e, const struct sg_edit *edit);
 /* Scales = max(scales, smallest), activated. */
 int sg_engine_floor_scale(struct sg_engine *e, float smallest);
@@ -149,19 +141,17 @@ int sg_engine_write_image_gradient(struct sg_engine *e, const float *gradient);
 /* dL/dimage to gradients of the projected Gaussians. */
 int sg_engine_raster_backward(struct sg_engine *e);
 
-enum sg_group { SG_G_XYZ, SG_G_OPACITY, SG_G_SCALE, SG_G_ROT, SG_G_DC, SG_G_REST, SG_GROUPS };
-
 /* One Adam step per group: p -= rate m / (sqrt(v) root + eps), rate = lr / (1 - beta1^t), root = 1
  * / sqrt(1 - beta2^t). A group with rate 0 keeps its parameters and its moments. */
 struct sg_update {
     bool adam; /* false: no group moves */
     float rate[SG_GROUPS], root[SG_GROUPS];
-    bool statistics; /* add this view to grad_sum and grad_count */
+    bool statistics; /* count this view in the statistics of densification */
     bool accumulate; /* gradients add up over the updates without adam; the next one with adam takes
                         the sum. Lost when the model is edited. */
 };
-/* Gradients of the projected Gaussians to those of the parameters. statistics: adds this view to
- * grad_sum and grad_count. */
+/* Gradients of the projected Gaussians to those of the parameters. statistics: counts
+ * this view in the statistics of densification. */
 int sg_engine_project_backward(struct sg_engine *e, bool statistics);
 /* A step of the optimiser. Without project_backward before, it does that too, as fast as it can:
  * gradients of the parameters need not be stored. With it, update->statistics has no effect. */

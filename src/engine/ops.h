@@ -28,6 +28,7 @@ struct sg_engine {
     sg_ctx *ctx;
     /* of the front end */
     unsigned ready; /* what the stages have left: enum sg_ready in engine.c */
+    int sh_degree;  /* of the model, as stored */
     int width, height;
     const struct sg_shape *shape;  /* or NULL */
     struct sg_photo_entry *photos; /* of handle k + 1 */
@@ -46,10 +47,10 @@ struct sg_engine_ops {
     void (*destroy)(struct sg_engine *);
     const char *(*variant)(const struct sg_engine *);
 
-    int (*upload)(struct sg_engine *, const struct sg_model *, const struct sg_optimiser *);
+    int (*upload)(struct sg_engine *, const struct sg_model *, const struct sg_columns *);
     int (*adopt)(struct sg_engine *, struct sg_model *,
-                 struct sg_optimiser *); /* optional: upload, and free both */
-    int (*download)(struct sg_engine *, struct sg_model *, struct sg_optimiser *);
+                 struct sg_columns *); /* optional: upload, and free both */
+    int (*download)(struct sg_engine *, struct sg_model *, struct sg_columns *);
     size_t (*count)(const struct sg_engine *);
     int (*read_statistics)(struct sg_engine *, const struct sg_statistics *);
     int (*edit)(struct sg_engine *, const struct sg_edit *);

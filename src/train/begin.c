@@ -101,7 +101,7 @@ int sg_begin(sg_trainer *t, const struct sg_model *initial)
         code = thinned_copy(t->ctx, initial, limit, &made);
     if (!code) {
         t->start_degree = (made ? made : initial)->active_sh_degree;
-        code = made ? sg_engine_adopt(t->engine, made, &(struct sg_optimiser){0})
+        code = made ? sg_engine_adopt(t->engine, made, &(struct sg_columns){0})
                     : sg_engine_upload(t->engine, initial, NULL);
     }
     sg_model_destroy(&made);

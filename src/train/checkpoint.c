@@ -116,8 +116,10 @@ int sg_trainer_save(sg_trainer *t, const char *path)
     put(&sink, &h, sizeof(h));
     /* One array at a time through the model's own: a second copy of all would be the largest thing
      * that a run holds. */
-    struct sg_optimiser parts[PARTS] = {
-        [1].m = m->params, [2].v = m->params, [3].grad_sum = m->params, [4].grad_count = m->params};
+    struct sg_columns parts[PARTS] = {[1].at[SG_C_MOMENT1] = m->params,
+                                      [2].at[SG_C_MOMENT2] = m->params,
+                                      [3].at[SG_C_GRAD_SUM] = m->params,
+                                      [4].at[SG_C_GRAD_COUNT] = m->params};
     size_t bytes[PARTS];
     sizes_of(m->count, m->sh_degree, bytes);
     for (int i = 0; i < PARTS; i++) {
@@ -259,15 +261,16 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
     const size_t n = (size_t) h->count, kept = sg_begin_again(t, n),
                  planes = (size_t) sg_param_count(h->sh_degree);
     struct sg_model *m = NULL;
-    struct sg_optimiser o = {0};
+    struct sg_columns o = {0};
     int code;
     if ((code = sg_model_create(ctx, kept, h->sh_degree, &m)) ||
-        (code = sg_optimiser_create(ctx, kept, h->sh_degree, &o)))
+        (code = sg_columns_create(ctx, kept, h->sh_degree, SG_COLUMN_SAVED, &o)))
         goto done;
     struct hashed s = {.stream = c->file};
     XXH3_64bits_reset(&s.hash);
     XXH3_64bits_update(&s.hash, h, sizeof(*h));
-    float *const parts[PARTS] = {m->params, o.m, o.v, o.grad_sum, o.grad_count};
+    float *const parts[PARTS] = {m->params, o.at[SG_C_MOMENT1], o.at[SG_C_MOMENT2],
+                                 o.at[SG_C_GRAD_SUM], o.at[SG_C_GRAD_COUNT]};
     size_t bytes[PARTS];
     sizes_of(n, h->sh_degree, bytes);
     uint64_t digest = 0;
@@ -292,7 +295,7 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
     for (int g = 0; g < SG_GROUPS; g++)
         t->adam_steps[g] = h->adam_steps[g];
 done:
-    sg_optimiser_clear(&o);
+    sg_columns_clear(&o);
     sg_model_destroy(&m);
     return code;
 }

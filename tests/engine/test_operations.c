@@ -21,7 +21,7 @@ static int find_cases(void **state)
 }
 
 static struct sg_engine *begin(sg_ctx *ctx, int k, const struct sg_model *m,
-                               const struct sg_optimiser *o)
+                               const struct sg_columns *o)
 {
     return make_engine(ctx, cases[k].engine, cases[k].variant, m, o);
 }
@@ -278,16 +278,17 @@ static void test_shape(void **state)
 
 /* ---- the model's life ---- */
 
-static struct sg_optimiser make_optimiser(sg_ctx *ctx, size_t n, int degree)
+static struct sg_columns make_optimiser(sg_ctx *ctx, size_t n, int degree)
 {
-    struct sg_optimiser o;
-    assert_int_equal(sg_optimiser_create(ctx, n, degree, &o), SG_OK);
+    struct sg_columns o;
+    assert_int_equal(sg_columns_create(ctx, n, degree, SG_COLUMN_SAVED, &o), SG_OK);
     for (size_t i = 0; i < n; i++) {
         for (int p = 0; p < sg_param_count(degree); p++) {
             const size_t at = sg_param_index(sg_param_count(degree), i, p);
-            o.m[at] = draw(16, at, -1, 1), o.v[at] = draw(17, at, 0, 1);
+            o.at[SG_C_MOMENT1][at] = draw(16, at, -1, 1),
+            o.at[SG_C_MOMENT2][at] = draw(17, at, 0, 1);
         }
-        o.grad_sum[i] = draw(18, i, 0, 1), o.grad_count[i] = (float) (i % 4);
+        o.at[SG_C_GRAD_SUM][i] = draw(18, i, 0, 1), o.at[SG_C_GRAD_COUNT][i] = (float) (i % 4);
     }
     return o;
 }
@@ -295,14 +296,15 @@ static struct sg_optimiser make_optimiser(sg_ctx *ctx, size_t n, int degree)
 /* What an engine holds, in one: the model and the state of its optimiser. */
 struct held {
     struct sg_model *m;
-    struct sg_optimiser o;
+    struct sg_columns o;
 };
 
 static struct held held_by(sg_ctx *ctx, struct sg_engine *e, int degree)
 {
     struct held h;
     assert_int_equal(sg_model_create(ctx, sg_engine_count(e), degree, &h.m), SG_OK);
-    assert_int_equal(sg_optimiser_create(ctx, sg_engine_count(e), degree, &h.o), SG_OK);
+    assert_int_equal(sg_columns_create(ctx, sg_engine_count(e), degree, SG_COLUMN_SAVED, &h.o),
+                     SG_OK);
     assert_int_equal(sg_engine_download(e, h.m, &h.o), SG_OK);
     return h;
 }
@@ -311,16 +313,17 @@ static void assert_held(int k, const char *what, const struct held *a, const str
 {
     const size_t bytes = values_of(b->m) * sizeof(float), each = b->m->count * sizeof(float);
     if (a->m->count != b->m->count || memcmp(a->m->params, b->m->params, bytes) ||
-        memcmp(a->o.m, b->o.m, bytes) || memcmp(a->o.v, b->o.v, bytes) ||
-        memcmp(a->o.grad_sum, b->o.grad_sum, each) ||
-        memcmp(a->o.grad_count, b->o.grad_count, each))
+        memcmp(a->o.at[SG_C_MOMENT1], b->o.at[SG_C_MOMENT1], bytes) ||
+        memcmp(a->o.at[SG_C_MOMENT2], b->o.at[SG_C_MOMENT2], bytes) ||
+        memcmp(a->o.at[SG_C_GRAD_SUM], b->o.at[SG_C_GRAD_SUM], each) ||
+        memcmp(a->o.at[SG_C_GRAD_COUNT], b->o.at[SG_C_GRAD_COUNT], each))
         fail_msg("%s: %s: the model or its state differs", case_name(cases[k]), what);
 }
 
 static void forget(struct held *h)
 {
     sg_model_destroy(&h->m);
-    sg_optimiser_clear(&h->o);
+    sg_columns_clear(&h->o);
 }
 
 /* upload and adopt leave the same; adopt takes what it is given. */
@@ -330,14 +333,14 @@ static void test_adopt(void **state)
     for (int k = 0; k < case_count; k++) {
         sg_ctx *ctx = make_context(1);
         struct sg_model *m = make_model(ctx, GAUSSIANS, 1, 34);
-        struct sg_optimiser o = make_optimiser(ctx, GAUSSIANS, 1);
+        struct sg_columns o = make_optimiser(ctx, GAUSSIANS, 1);
         struct sg_engine *a = begin(ctx, k, m, &o), *b = begin(ctx, k, m, NULL);
         assert_int_equal(sg_engine_adopt(b, m, &o), SG_OK);
         assert_null(m->params);
-        assert_null(o.m);
+        assert_null(o.at[SG_C_MOMENT1]);
         struct held x = held_by(ctx, a, 1), y = held_by(ctx, b, 1);
         assert_held(k, "adopt", &y, &x);
-        assert_true(x.m->params[3] != 0 && x.o.v[3] != 0);
+        assert_true(x.m->params[3] != 0 && x.o.at[SG_C_MOMENT2][3] != 0);
         forget(&x);
         forget(&y);
         sg_model_destroy(&m);
@@ -348,9 +351,9 @@ static void test_adopt(void **state)
     }
 }
 
-/* Removal, copies and children together, with statistics kept and without, below and above the
- * count from which the model is put in order: the oracle's bytes. Then opacity and scales are
- * limited, and again. */
+/* Removal, copies, children and inserted rows together, with statistics kept and without, below and
+ * above the count from which the model is put in order: the oracle's bytes. Then opacity and scales
+ * are limited, and again. */
 static void test_edits(void **state)
 {
     (void) state;
@@ -359,13 +362,13 @@ static void test_edits(void **state)
         const size_t n = counts[s % 2];
         struct held expected = {0};
         sg_ctx *ctx = make_context(2);
-        struct sg_model *m = make_model(ctx, n, 1, 35);
-        struct sg_optimiser o = make_optimiser(ctx, n, 1);
+        struct sg_model *m = make_model(ctx, n, 1, 35), *rows = make_model(ctx, n / 5, 1, 37);
+        struct sg_columns o = make_optimiser(ctx, n, 1);
         uint8_t *keep = calloc(n, 1), *kind = calloc(n, 1);
         uint32_t *source = calloc(n, sizeof(*source));
         assert_true(keep && kind && source);
         struct sg_edit edit = {
-            .keep = keep, .source = source, .kind = kind, .seed = 5, .stream = 9};
+            .keep = keep, .source = source, .kind = kind, .rows = rows, .seed = 5, .stream = 9};
         edit.statistics = s >= 2;
         for (size_t i = 0; i < n; i++) {
             keep[i] = i % 3 != 1;
@@ -373,6 +376,10 @@ static void test_edits(void **state)
             if (i % 4 == 1) {
                 source[edit.appended] = (uint32_t) i;
                 kind[edit.appended++] = i % 8 == 1 ? SG_EDIT_CHILD : SG_EDIT_COPY;
+            }
+            if (i % 5 == 0) {
+                source[edit.appended] = (uint32_t) (n / 5 - 1 - i / 5);
+                kind[edit.appended++] = SG_EDIT_INSERT;
             }
         }
         for (int k = case_count - 1; k >= 0; k--) {
@@ -399,20 +406,75 @@ static void test_edits(void **state)
         if (n == counts[0]) { /* the order is the survivors', then the appended */
             for (size_t i = 0, to = 0; i < n; i++)
                 if (keep[i]) {
-                    same +=
-                        expected.o.m[sg_param_index(23, to, 0)] == o.m[sg_param_index(23, i, 0)];
-                    assert_true(expected.o.grad_sum[to] == (edit.statistics ? o.grad_sum[i] : 0));
+                    same += expected.o.at[SG_C_MOMENT1][sg_param_index(23, to, 0)] ==
+                            o.at[SG_C_MOMENT1][sg_param_index(23, i, 0)];
+                    assert_true(expected.o.at[SG_C_GRAD_SUM][to] ==
+                                (edit.statistics ? o.at[SG_C_GRAD_SUM][i] : 0));
                     to++;
                 }
             assert_int_equal(same, edit.kept);
+            for (size_t i = 0; i < edit.appended; i++)
+                for (int p = 0; p < 23 && kind[i] == SG_EDIT_INSERT; p++) {
+                    const size_t at = sg_param_index(23, edit.kept + i, p);
+                    const float given = *sg_model_at(rows, source[i], p);
+                    const float limit = logf(0.1f / 0.9f), least = logf(0.02f);
+                    assert_true(expected.m->params[at] == (p == SG_P_OPACITY ? fminf(given, limit)
+                                                           : p >= SG_P_SCALE && p < SG_P_ROT
+                                                               ? fmaxf(given, least)
+                                                               : given));
+                    assert_true(expected.o.at[SG_C_MOMENT1][at] == 0 &&
+                                expected.o.at[SG_C_MOMENT2][at] == 0);
+                }
         }
         forget(&expected);
+        sg_model_destroy(&rows);
         free(keep), free(kind), free(source);
         sg_model_destroy(&m);
-        sg_optimiser_clear(&o);
+        sg_columns_clear(&o);
         assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
         sg_ctx_destroy(&ctx);
     }
+}
+
+/* An appended entry that names no Gaussian and no row is refused, and the model stays. */
+static void test_edit_arguments(void **state)
+{
+    (void) state;
+    enum { N = 20, ROWS = 3 };
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m = make_model(ctx, N, 1, 38), *rows = make_model(ctx, ROWS, 1, 39),
+                    *other = make_model(ctx, ROWS, 0, 39);
+    uint8_t keep[N];
+    memset(keep, 1, sizeof(keep));
+    const struct {
+        const struct sg_model *rows;
+        uint32_t source;
+        uint8_t kind;
+        int code;
+    } tried[] = {
+        {rows, ROWS - 1, SG_EDIT_INSERT, SG_OK},  {rows, ROWS, SG_EDIT_INSERT, SG_ERR_USAGE},
+        {NULL, 0, SG_EDIT_INSERT, SG_ERR_USAGE},  {rows, N, SG_EDIT_COPY, SG_ERR_USAGE},
+        {rows, N, SG_EDIT_CHILD, SG_ERR_USAGE},   {rows, 0, SG_EDIT_KEEP, SG_ERR_USAGE},
+        {other, 0, SG_EDIT_INSERT, SG_ERR_USAGE},
+    };
+    for (int k = 0; k < case_count; k++)
+        for (size_t t = 0; t < sizeof(tried) / sizeof(tried[0]); t++) {
+            struct sg_engine *e = begin(ctx, k, m, NULL);
+            const struct sg_edit edit = {.keep = keep,
+                                         .kept = N,
+                                         .appended = 1,
+                                         .source = &tried[t].source,
+                                         .kind = &tried[t].kind,
+                                         .rows = tried[t].rows};
+            assert_int_equal(sg_engine_edit(e, &edit), tried[t].code);
+            assert_int_equal(sg_engine_count(e), N + (tried[t].code == SG_OK));
+            sg_clear_error(ctx);
+            sg_engine_destroy(&e);
+        }
+    sg_model_destroy(&m);
+    sg_model_destroy(&rows);
+    sg_model_destroy(&other);
+    sg_ctx_destroy(&ctx);
 }
 
 /* A model in order of bytes, not of ours, and statistics by their definition. */
@@ -421,7 +483,7 @@ static void test_statistics(void **state)
     (void) state;
     sg_ctx *ctx = make_context(2);
     struct sg_model *m = make_model(ctx, GAUSSIANS, 0, 36);
-    struct sg_optimiser o = make_optimiser(ctx, GAUSSIANS, 0);
+    struct sg_columns o = make_optimiser(ctx, GAUSSIANS, 0);
     float gradient[GAUSSIANS], opacity[GAUSSIANS], largest[GAUSSIANS], smallest[GAUSSIANS];
     for (int k = 0; k < case_count; k++) {
         struct sg_engine *e = begin(ctx, k, m, &o);
@@ -433,7 +495,9 @@ static void test_statistics(void **state)
                                  sg_model_at(m, i, SG_P_SCALE + 2)};
             const double logit = (double) *sg_model_at(m, i, SG_P_OPACITY);
             const double most = (double) fmaxf(*s[0], fmaxf(*s[1], *s[2]));
-            assert_true(gradient[i] == (o.grad_count[i] > 0 ? o.grad_sum[i] / o.grad_count[i] : 0));
+            assert_true(gradient[i] == (o.at[SG_C_GRAD_COUNT][i] > 0
+                                            ? o.at[SG_C_GRAD_SUM][i] / o.at[SG_C_GRAD_COUNT][i]
+                                            : 0));
             assert_float_equal((double) opacity[i], 1 / (1 + exp(-logit)), 1e-6);
             assert_float_equal((double) largest[i], exp(most), 1e-5 * exp(most));
             assert_true(smallest[i] == fminf(*s[0], fminf(*s[1], *s[2])));
@@ -441,16 +505,17 @@ static void test_statistics(void **state)
         sg_engine_destroy(&e);
     }
     sg_model_destroy(&m);
-    sg_optimiser_clear(&o);
+    sg_columns_clear(&o);
     sg_ctx_destroy(&ctx);
 }
 
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_losses), cmocka_unit_test(test_two_stages),
-        cmocka_unit_test(test_shape),  cmocka_unit_test(test_adopt),
-        cmocka_unit_test(test_edits),  cmocka_unit_test(test_statistics),
+        cmocka_unit_test(test_losses),         cmocka_unit_test(test_two_stages),
+        cmocka_unit_test(test_shape),          cmocka_unit_test(test_adopt),
+        cmocka_unit_test(test_edits),          cmocka_unit_test(test_statistics),
+        cmocka_unit_test(test_edit_arguments),
     };
     return cmocka_run_group_tests(tests, find_cases, NULL);
 }

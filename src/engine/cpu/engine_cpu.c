@@ -51,20 +51,21 @@ static const char *variant(const struct sg_engine *base)
     return ((const struct cpu_engine *) base)->kernels->name;
 }
 
-static int upload(struct sg_engine *base, const struct sg_model *m, const struct sg_optimiser *o)
+static int upload(struct sg_engine *base, const struct sg_model *m,
+                  const struct sg_columns *columns)
 {
-    return sg_host_upload(base->ctx, &((struct cpu_engine *) base)->model, m, o);
+    return sg_host_upload(base->ctx, &((struct cpu_engine *) base)->model, m, columns);
 }
 
-static int adopt(struct sg_engine *base, struct sg_model *m, struct sg_optimiser *o)
+static int adopt(struct sg_engine *base, struct sg_model *m, struct sg_columns *columns)
 {
-    sg_host_adopt(&((struct cpu_engine *) base)->model, m, o);
+    sg_host_adopt(&((struct cpu_engine *) base)->model, m, columns);
     return SG_OK;
 }
 
-static int download(struct sg_engine *base, struct sg_model *m, struct sg_optimiser *o)
+static int download(struct sg_engine *base, struct sg_model *m, struct sg_columns *columns)
 {
-    return sg_host_download(&((struct cpu_engine *) base)->model, m, o);
+    return sg_host_download(&((struct cpu_engine *) base)->model, m, columns);
 }
 
 static size_t count(const struct sg_engine *base)
@@ -359,11 +360,11 @@ static struct cpu_learn_args learn_args(const struct cpu_engine *b)
     const bool banded = b->bins.band_count > 1;
     return (struct cpu_learn_args){.camera = &b->camera,
                                    .shaped = sg_host_effective(h),
-                                   .params = h->params,
-                                   .m = h->opt.m,
-                                   .v = h->opt.v,
-                                   .grad_sum = h->opt.grad_sum,
-                                   .grad_count = h->opt.grad_count,
+                                   .params = h->at[SG_C_PARAMETERS],
+                                   .m = h->at[SG_C_MOMENT1],
+                                   .v = h->at[SG_C_MOMENT2],
+                                   .grad_sum = h->at[SG_C_GRAD_SUM],
+                                   .grad_count = h->at[SG_C_GRAD_COUNT],
                                    .count = h->count,
                                    .planes = h->planes,
                                    .degree = b->degree,
@@ -371,20 +372,20 @@ static struct cpu_learn_args learn_args(const struct cpu_engine *b)
                                    .extents = b->bins.extents,
                                    .slots = banded ? b->band_sums : b->slots,
                                    .slot_start = banded ? NULL : b->bins.slot_start,
-                                   .gradients = h->gradients};
+                                   .gradients = h->at[SG_C_GRADIENT]};
 }
 
 static int project_backward(struct sg_engine *base, bool statistics)
 {
     struct cpu_engine *b = (struct cpu_engine *) base;
-    if ((statistics && sg_host_alloc_optimiser(base->ctx, &b->model)) ||
-        sg_host_alloc_gradients(base->ctx, &b->model))
+    if ((statistics && sg_host_alloc_saved(base->ctx, &b->model)) ||
+        sg_host_alloc(base->ctx, &b->model, SG_C_GRADIENT))
         return SG_ERR_BUDGET;
     const struct sg_host_model *h = &b->model;
     const struct sg_update update = {.statistics = statistics};
     struct learn_job job = {b->kernels->project_backward_optimise, learn_args(b)};
     job.args.update = &update;
-    memset(h->gradients, 0, h->capacity * (size_t) h->planes * sizeof(float));
+    memset(h->at[SG_C_GRADIENT], 0, h->capacity * (size_t) h->planes * sizeof(float));
     sg_parallel_for(base->ctx, pieces(h->count), learn_piece, &job);
     return SG_OK;
 }
@@ -393,13 +394,13 @@ static int learn(struct cpu_engine *b, const struct sg_update *u, bool stored,
                  void (*kernel)(const struct cpu_learn_args *, size_t, size_t))
 {
     struct sg_host_model *h = &b->model;
-    if (sg_host_alloc_optimiser(b->base.ctx, h) ||
-        (u->accumulate && sg_host_alloc_accumulated(b->base.ctx, h)))
+    if (sg_host_alloc_saved(b->base.ctx, h) ||
+        (u->accumulate && sg_host_alloc(b->base.ctx, h, SG_C_ACCUMULATED)))
         return SG_ERR_BUDGET;
     struct learn_job job = {kernel, learn_args(b)};
     job.args.update = u;
-    job.args.accumulated = u->accumulate ? h->accumulated : NULL;
-    job.args.gradients = stored ? h->gradients : NULL;
+    job.args.accumulated = u->accumulate ? h->at[SG_C_ACCUMULATED] : NULL;
+    job.args.gradients = stored ? h->at[SG_C_GRADIENT] : NULL;
     if (u->adam || u->statistics || u->accumulate)
         sg_parallel_for(b->base.ctx, pieces(h->count), learn_piece, &job);
     return SG_OK;
@@ -492,7 +493,7 @@ static int count_hits(struct sg_engine *base, const struct sg_camera *const *vie
 static int read_gradients(struct sg_engine *base, struct sg_model *out)
 {
     const struct sg_host_model *h = &((struct cpu_engine *) base)->model;
-    memcpy(out->params, h->gradients, out->capacity * (size_t) h->planes * sizeof(float));
+    memcpy(out->params, h->at[SG_C_GRADIENT], out->capacity * (size_t) h->planes * sizeof(float));
     return SG_OK;
 }
 
@@ -610,11 +611,7 @@ static int variants(const char *out[SG_ENGINE_VARIANTS])
 
 static struct sg_footprint footprint(const struct sg_work *w)
 {
-    const uint64_t planes = (uint64_t) sg_param_count(w->sh_degree) * sizeof(float);
     const uint64_t width = (uint64_t) w->width, pixels = width * (uint64_t) w->height;
-    /* Parameters, two moments and sums of gradients; an edit, or a checkpoint, has one array more,
-     * and all statistics twice. */
-    const uint64_t model = (w->accumulate ? 5 : 4) * planes + 4 * sizeof(float);
     const uint64_t projection = sizeof(struct cpu_splat) + sizeof(struct cpu_extent) +
                                 sizeof(uint32_t) + 2 * sizeof(struct bin_entry) +
                                 SLOT_BYTES; /* slot: of the bands' sums */
@@ -624,7 +621,7 @@ static struct sg_footprint footprint(const struct sg_work *w)
     /* Rows of the loss and of the transforms; slack. */
     const uint64_t column =
         sizeof(float) * (CPU_LOSS_SCRATCH_ROWS + (w->anisotropy ? 2 * SG_FFT_POINT : 0)) + 128;
-    return (struct sg_footprint){.gaussian = model + GROWN(projection),
+    return (struct sg_footprint){.gaussian = sg_host_footprint(w, false) + GROWN(projection),
                                  .instance = GROWN(instance),
                                  .view = pixels * pixel + (uint64_t) w->threads * width * column};
 }

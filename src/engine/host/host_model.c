@@ -8,101 +8,83 @@
 #include "math/constants.h"
 #include "morton.h"
 
-int sg_optimiser_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_optimiser *o)
-{
-    const size_t capacity = (count + SG_LANES - 1) / SG_LANES * SG_LANES,
-                 planes = (size_t) sg_param_count(sh_degree);
-    *o = (struct sg_optimiser){.capacity = capacity};
-    o->m = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, planes * sizeof(float));
-    o->v = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, planes * sizeof(float));
-    o->grad_sum = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
-    o->grad_count = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
-    if (o->m && o->v && o->grad_sum && o->grad_count)
-        return SG_OK;
-    sg_optimiser_clear(o);
-    return SG_ERR_BUDGET;
-}
-
-void sg_optimiser_clear(struct sg_optimiser *o)
-{
-    sg_free(o->m);
-    sg_free(o->v);
-    sg_free(o->grad_sum);
-    sg_free(o->grad_count);
-    *o = (struct sg_optimiser){0};
-}
-
-static size_t block_bytes(const struct sg_host_model *h)
-{
-    return (size_t) h->planes * SG_LANES * sizeof(float);
-}
-
 static size_t blocks(size_t count)
 {
     return (count + SG_LANES - 1) / SG_LANES;
 }
 
+/* Of a column's array. */
+static size_t block_bytes(const struct sg_host_model *h, int column)
+{
+    return (size_t) sg_column_array_planes(column, h->sh_degree) * SG_LANES * sizeof(float);
+}
+
+static enum sg_mem_tag tag_of(int column)
+{
+    return column == SG_C_PARAMETERS || column == SG_C_SHAPED ? SG_MEM_MODEL : SG_MEM_OPTIMISER;
+}
+
+int sg_host_alloc(sg_ctx *ctx, struct sg_host_model *h, int column)
+{
+    if (!h->at[column])
+        h->at[column] =
+            sg_alloc(ctx, tag_of(column), h->capacity / SG_LANES, block_bytes(h, column));
+    return h->at[column] ? SG_OK : SG_ERR_BUDGET;
+}
+
+int sg_host_alloc_saved(sg_ctx *ctx, struct sg_host_model *h)
+{
+    for (int c = 0; c < SG_COLUMNS; c++)
+        if (sg_column_has_array(c) && (sg_columns[c].bits & SG_COLUMN_SAVED) &&
+            sg_host_alloc(ctx, h, c))
+            return SG_ERR_BUDGET;
+    return SG_OK;
+}
+
 int sg_host_upload(sg_ctx *ctx, struct sg_host_model *h, const struct sg_model *m,
-                   const struct sg_optimiser *o)
+                   const struct sg_columns *columns)
 {
     struct sg_host_model n = {.count = m->count,
                               .capacity = blocks(m->count) * SG_LANES,
                               .sh_degree = m->sh_degree,
                               .planes = sg_param_count(m->sh_degree)};
-    n.params = sg_alloc(ctx, SG_MEM_MODEL, n.capacity, (size_t) n.planes * sizeof(float));
-    if (!n.params || (o && sg_optimiser_create(ctx, m->count, m->sh_degree, &n.opt))) {
-        sg_free(n.params);
-        return SG_ERR_BUDGET;
-    }
-    const size_t bytes = blocks(m->count) * block_bytes(&n);
-    memcpy(n.params, m->params, bytes);
-    if (o) {
-        memcpy(n.opt.m, o->m, bytes);
-        memcpy(n.opt.v, o->v, bytes);
-        memcpy(n.opt.grad_sum, o->grad_sum, m->count * sizeof(float));
-        memcpy(n.opt.grad_count, o->grad_count, m->count * sizeof(float));
+    for (int c = 0; c < SG_COLUMNS; c++) {
+        const float *from = c == SG_C_PARAMETERS ? m->params : columns ? columns->at[c] : NULL;
+        if (!from)
+            continue;
+        if (sg_host_alloc(ctx, &n, c)) {
+            sg_host_clear(&n);
+            return SG_ERR_BUDGET;
+        }
+        memcpy(n.at[c], from, blocks(n.count) * block_bytes(&n, c));
     }
     sg_host_clear(h);
     *h = n;
     return SG_OK;
 }
 
-void sg_host_adopt(struct sg_host_model *h, struct sg_model *m, struct sg_optimiser *o)
+void sg_host_adopt(struct sg_host_model *h, struct sg_model *m, struct sg_columns *columns)
 {
     sg_host_clear(h);
     *h = (struct sg_host_model){.count = m->count,
                                 .capacity = m->capacity,
                                 .sh_degree = m->sh_degree,
-                                .planes = sg_param_count(m->sh_degree),
-                                .params = m->params,
-                                .opt = *o};
+                                .planes = sg_param_count(m->sh_degree)};
+    memcpy(h->at, columns->at, sizeof(h->at));
+    h->at[SG_C_PARAMETERS] = m->params;
     m->params = NULL;
-    *o = (struct sg_optimiser){0};
+    *columns = (struct sg_columns){0};
 }
 
-int sg_host_alloc_optimiser(sg_ctx *ctx, struct sg_host_model *h)
+int sg_host_download(const struct sg_host_model *h, struct sg_model *m, struct sg_columns *columns)
 {
-    return h->opt.m ? SG_OK : sg_optimiser_create(ctx, h->count, h->sh_degree, &h->opt);
-}
-
-static void copy_out(float *to, const float *from, size_t bytes)
-{
-    if (to && from)
-        memcpy(to, from, bytes);
-    else if (to)
-        memset(to, 0, bytes);
-}
-
-int sg_host_download(const struct sg_host_model *h, struct sg_model *m, struct sg_optimiser *o)
-{
-    const size_t bytes = blocks(h->count) * block_bytes(h), each = h->count * sizeof(float);
-    if (m)
-        memcpy(m->params, h->params, bytes);
-    if (o) {
-        copy_out(o->m, h->opt.m, bytes);
-        copy_out(o->v, h->opt.v, bytes);
-        copy_out(o->grad_sum, h->opt.grad_sum, each);
-        copy_out(o->grad_count, h->opt.grad_count, each);
+    for (int c = 0; c < SG_COLUMNS; c++) {
+        const size_t bytes = blocks(h->count) * block_bytes(h, c);
+        float *to = c == SG_C_PARAMETERS ? m ? m->params : NULL : columns ? columns->at[c] : NULL;
+        if (to && h->at[c])
+            memcpy(to, h->at[c], bytes);
+        else if (to)
+            memset(to, 0, bytes);
     }
     return SG_OK;
 }
@@ -119,18 +101,17 @@ static void statistics_chunk(void *arg, size_t chunk, int thread)
     (void) thread;
     const struct statistics_job *j = arg;
     const struct sg_host_model *h = j->h;
+    const float *params = h->at[SG_C_PARAMETERS], *sum = h->at[SG_C_GRAD_SUM],
+                *views = h->at[SG_C_GRAD_COUNT];
     const size_t end =
         (chunk + 1) * STATISTICS_CHUNK < h->count ? (chunk + 1) * STATISTICS_CHUNK : h->count;
     for (size_t i = chunk * STATISTICS_CHUNK; i < end; i++) {
-        const float *p = h->params + sg_param_index(h->planes, i, SG_P_SCALE);
+        const float *p = params + sg_param_index(h->planes, i, SG_P_SCALE);
         const float s[3] = {p[0], p[SG_LANES], p[2 * SG_LANES]};
         if (j->out.gradient)
-            j->out.gradient[i] = h->opt.m && h->opt.grad_count[i] > 0
-                                     ? h->opt.grad_sum[i] / h->opt.grad_count[i]
-                                     : 0;
+            j->out.gradient[i] = sum && views && views[i] > 0 ? sum[i] / views[i] : 0;
         if (j->out.opacity)
-            j->out.opacity[i] =
-                1 / (1 + expf(-h->params[sg_param_index(h->planes, i, SG_P_OPACITY)]));
+            j->out.opacity[i] = 1 / (1 + expf(-params[sg_param_index(h->planes, i, SG_P_OPACITY)]));
         if (j->out.largest)
             j->out.largest[i] = expf(fmaxf(fmaxf(s[0], s[1]), s[2]));
         if (j->out.log_smallest)
@@ -147,10 +128,9 @@ void sg_host_statistics(sg_ctx *ctx, const struct sg_host_model *h, const struct
 
 /* A child is drawn from its parent as from a distribution, and shrunk (Kerbl et al. 2023,
  * section 5.2). */
-static void make_child(float *params, size_t i, int planes, const struct sg_edit *e, size_t entry)
-{
-    float *p = params + sg_param_index(planes, i, 0);
 #define AT(plane) p[(plane) *SG_LANES]
+static void draw_position(float *p, const struct sg_edit *e, size_t entry)
+{
     float n[3], q[4], len = 0;
     for (int k = 0; k < 3; k++)
         n[k] = expf(AT(SG_P_SCALE + k)) *
@@ -167,23 +147,66 @@ static void make_child(float *params, size_t i, int planes, const struct sg_edit
         2 * (x * y + r * z) * n[0] + (1 - 2 * (x * x + z * z)) * n[1] + 2 * (y * z - r * x) * n[2];
     AT(SG_P_XYZ + 2) +=
         2 * (x * z - r * y) * n[0] + 2 * (y * z + r * x) * n[1] + (1 - 2 * (x * x + y * y)) * n[2];
-    for (int k = 0; k < 3; k++)
-        AT(SG_P_SCALE + k) -= logf(SG_SPLIT_SHRINK);
-#undef AT
 }
+
+static void shrink(float *p, int first, int planes)
+{
+    for (int k = first; k < first + planes; k++)
+        AT(k) -= logf(SG_SPLIT_SHRINK);
+}
+#undef AT
+
+/* Where the rows of an edited model come from. */
+struct moves {
+    const struct sg_edit *edit;
+    const struct sg_host_model *h; /* before */
+    /* of every item, those kept and then those appended: its index before, or its row of the
+     * edit's, counted on from there */
+    uint32_t *source;
+    uint32_t *order; /* of every row after the edit: its item */
+    size_t count;    /* items */
+};
 
 /* Rows of one array after an edit. */
 struct edit_job {
-    const struct sg_edit *edit;
+    const struct moves *moves;
     const float *from;
     float *to;
-    /* of every item, those kept and then those appended: its index before */
-    const uint32_t *source;
-    const uint32_t *order; /* of every row: its item */
-    size_t count, copied;  /* items; of which copied from before, the rest are zero */
-    int planes;
-    bool parameters;
+    int first, end; /* the columns that lie in it */
 };
+
+/* What is copied to planes of row i, before that is changed; NULL: zeros. */
+static const float *origin(const struct edit_job *j, enum sg_fate fate, size_t item, int planes)
+{
+    const struct moves *m = j->moves;
+    const size_t source = m->source[item];
+    if (fate == SG_FATE_ROW)
+        return m->edit->rows->params + sg_param_index(planes, source - m->h->count, 0);
+    return fate == SG_FATE_ZERO || (fate == SG_FATE_ASKED && !m->edit->statistics)
+               ? NULL
+               : j->from + sg_param_index(planes, source, 0);
+}
+
+static void edit_row(const struct edit_job *j, size_t i, int planes)
+{
+    const struct moves *m = j->moves;
+    const size_t item = m->order[i], entry = item - m->edit->kept;
+    const enum sg_edit_kind kind =
+        item < m->edit->kept ? SG_EDIT_KEEP : (enum sg_edit_kind) m->edit->kind[entry];
+    float *to = j->to + sg_param_index(planes, i, 0);
+    for (int c = j->first; c < j->end; c++) {
+        const int first = sg_columns[c].first, end = first + sg_column_planes(c, m->h->sh_degree);
+        const float *from = origin(j, sg_columns[c].fate[kind], item, planes);
+        for (int p = first; p < end; p++)
+            to[p * SG_LANES] = from ? from[p * SG_LANES] : 0;
+    }
+    /* In the order of the table: positions are drawn before scales shrink. */
+    for (int c = j->first; c < j->end; c++)
+        if (sg_columns[c].fate[kind] == SG_FATE_DRAW)
+            draw_position(to, m->edit, entry);
+        else if (sg_columns[c].fate[kind] == SG_FATE_SHRINK)
+            shrink(to, sg_columns[c].first, sg_column_planes(c, m->h->sh_degree));
+}
 
 #define EDIT_BLOCKS 64 /* a piece of work */
 
@@ -191,126 +214,85 @@ static void edit_piece(void *arg, size_t piece, int thread)
 {
     (void) thread;
     const struct edit_job *j = arg;
+    const int planes = sg_column_array_planes(j->first, j->moves->h->sh_degree);
     const size_t first = piece * EDIT_BLOCKS * SG_LANES, stop = first + EDIT_BLOCKS * SG_LANES;
-    for (size_t i = first; i < stop && i < j->count; i++) {
-        const size_t item = j->order[i];
-        float *to = j->to + sg_param_index(j->planes, i, 0);
-        const float *from =
-            item < j->copied ? j->from + sg_param_index(j->planes, j->source[item], 0) : NULL;
-        for (int p = 0; p < j->planes; p++)
-            to[p * SG_LANES] = from ? from[p * SG_LANES] : 0;
-        const size_t entry = item - j->edit->kept;
-        if (j->parameters && item >= j->edit->kept && j->edit->kind[entry] == SG_EDIT_CHILD)
-            make_child(j->to, i, j->planes, j->edit, entry);
-    }
+    for (size_t i = first; i < stop && i < j->moves->count; i++)
+        edit_row(j, i, planes);
 }
 
-static float *edited(sg_ctx *ctx, enum sg_mem_tag tag, const struct sg_host_model *h,
-                     const float *array, size_t capacity, const struct sg_edit *e,
-                     const uint32_t *source, const uint32_t *order)
+/* Replaces one array by what the edit makes of it, so that only one exists twice at any time. */
+static int edit_array(sg_ctx *ctx, struct sg_host_model *h, int column, const struct moves *moves)
 {
-    const bool parameters = tag == SG_MEM_MODEL; /* moments of appended rows are zero */
-    struct edit_job job = {.edit = e,
-                           .from = array,
-                           .source = source,
-                           .order = order,
-                           .count = e->kept + e->appended,
-                           .copied = e->kept + (parameters ? e->appended : 0),
-                           .planes = h->planes,
-                           .parameters = parameters};
-    job.to = sg_alloc_raw(ctx, tag, capacity, (size_t) h->planes * sizeof(float));
+    const size_t most = blocks(moves->count), block = block_bytes(h, column);
+    struct edit_job job = {.moves = moves,
+                           .from = h->at[column],
+                           .to = sg_alloc_raw(ctx, tag_of(column), most, block),
+                           .first = column,
+                           .end = column + 1};
+    while (column == SG_C_PARAMETERS && sg_column_is_parameter(job.end))
+        job.end++;
     if (!job.to)
-        return NULL;
-    if (capacity > job.count) /* lanes past the end */
-        memset(job.to + (capacity / SG_LANES - 1) * (size_t) h->planes * SG_LANES, 0,
-               block_bytes(h));
-    sg_parallel_for(ctx, (job.count + EDIT_BLOCKS * SG_LANES - 1) / (EDIT_BLOCKS * SG_LANES),
-                    edit_piece, &job);
-    return job.to;
+        return SG_ERR_BUDGET;
+    if (most * SG_LANES > moves->count) /* lanes past the end */
+        memset((char *) job.to + (most - 1) * block, 0, block);
+    sg_parallel_for(ctx, (most + EDIT_BLOCKS - 1) / EDIT_BLOCKS, edit_piece, &job);
+    sg_free(h->at[column]);
+    h->at[column] = job.to;
+    return SG_OK;
 }
 
 #define ORDER_FROM 4096 /* Gaussians: fewer stay in the caches, however they lie */
 
-/* Where everything goes: source and order of struct edit_job, to be freed by the caller. */
-static int edit_order(sg_ctx *ctx, const struct sg_host_model *h, const struct sg_edit *e,
-                      uint32_t **source, uint32_t **order)
+static int plan_moves(sg_ctx *ctx, struct moves *m)
 {
-    const size_t n = e->kept + e->appended;
-    *source = sg_alloc_raw(ctx, SG_MEM_MODEL, n, sizeof(**source));
-    *order = sg_alloc_raw(ctx, SG_MEM_MODEL, n, sizeof(**order));
-    if (!*source || !*order)
+    const struct sg_host_model *h = m->h;
+    const struct sg_edit *e = m->edit;
+    m->source = sg_alloc_raw(ctx, SG_MEM_MODEL, m->count, sizeof(*m->source));
+    m->order = sg_alloc_raw(ctx, SG_MEM_MODEL, m->count, sizeof(*m->order));
+    if (!m->source || !m->order)
         return SG_ERR_BUDGET;
     size_t to = 0;
     for (size_t i = 0; i < h->count; i++)
         if (e->keep[i])
-            (*source)[to++] = (uint32_t) i;
-    if (e->appended)
-        memcpy(*source + to, e->source, e->appended * sizeof(**source));
-    for (size_t i = 0; i < n; i++)
-        (*order)[i] = (uint32_t) i;
-    return n < ORDER_FROM
-               ? SG_OK
-               : sg_morton_order(ctx, h->params, h->planes, h->count, *source, n, *order);
+            m->source[to++] = (uint32_t) i;
+    for (size_t i = 0; i < e->appended; i++)
+        m->source[to++] = e->source[i] + (e->kind[i] == SG_EDIT_INSERT ? (uint32_t) h->count : 0);
+    for (size_t i = 0; i < m->count; i++)
+        m->order[i] = (uint32_t) i;
+    const struct sg_places places = {.params = h->at[SG_C_PARAMETERS],
+                                     .count = h->count,
+                                     .rows = e->rows ? e->rows->params : NULL,
+                                     .planes = h->planes};
+    return m->count < ORDER_FROM ? SG_OK
+                                 : sg_morton_order(ctx, &places, m->source, m->count, m->order);
 }
 
-/* Replaces one array by what the edit makes of it, so that only one exists twice at any time. */
-static bool replace(sg_ctx *ctx, enum sg_mem_tag tag, const struct sg_host_model *h, float **array,
-                    size_t capacity, const struct sg_edit *e, const uint32_t *source,
-                    const uint32_t *order)
+static void drop(struct sg_host_model *h, unsigned bits)
 {
-    float *made = edited(ctx, tag, h, *array, capacity, e, source, order);
-    if (!made)
-        return false;
-    sg_free(*array);
-    *array = made;
-    return true;
-}
-
-static void drop(float **array)
-{
-    sg_free(*array);
-    *array = NULL;
+    for (int c = 0; c < SG_COLUMNS; c++)
+        if (c != SG_C_PARAMETERS && (sg_columns[c].bits & bits)) {
+            sg_free(h->at[c]);
+            h->at[c] = NULL;
+        }
 }
 
 int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *e)
 {
-    const size_t count = e->kept + e->appended, capacity = blocks(count) * SG_LANES;
-    const bool learns = h->opt.m;
-    struct sg_optimiser fresh = {.capacity = capacity}; /* the statistics */
-    uint32_t *source = NULL, *order = NULL;
-    drop(&h->accumulated), drop(&h->gradients), drop(&h->shaped);
-    int code = edit_order(ctx, h, e, &source, &order);
-    if (!code && learns) {
-        fresh.grad_sum = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
-        fresh.grad_count = sg_alloc(ctx, SG_MEM_OPTIMISER, capacity, sizeof(float));
-        code = fresh.grad_sum && fresh.grad_count ? SG_OK : SG_ERR_BUDGET;
-    }
-    for (size_t i = 0; !code && learns && e->statistics && i < count; i++)
-        if (order[i] < e->kept) {
-            fresh.grad_sum[i] = h->opt.grad_sum[source[order[i]]];
-            fresh.grad_count[i] = h->opt.grad_count[source[order[i]]];
-        }
-    if (!code && !replace(ctx, SG_MEM_MODEL, h, &h->params, capacity, e, source, order))
-        code = SG_ERR_BUDGET;
-    if (code) { /* the model is as it was */
-        sg_optimiser_clear(&fresh);
-        goto done;
-    }
-    if (learns && (!replace(ctx, SG_MEM_OPTIMISER, h, &h->opt.m, capacity, e, source, order) ||
-                   !replace(ctx, SG_MEM_OPTIMISER, h, &h->opt.v, capacity, e, source, order))) {
-        code = SG_ERR_BUDGET; /* the model is edited and has no moments */
-        sg_optimiser_clear(&fresh);
-        sg_optimiser_clear(&h->opt);
-    } else {
-        sg_free(h->opt.grad_sum);
-        sg_free(h->opt.grad_count);
-        fresh.m = h->opt.m, fresh.v = h->opt.v;
-        h->opt = fresh;
-    }
-    h->count = count, h->capacity = capacity;
-done:
-    sg_free(order);
-    sg_free(source);
+    struct moves moves = {.edit = e, .h = h, .count = e->kept + e->appended};
+    drop(h, SG_COLUMN_LOST);
+    int code = plan_moves(ctx, &moves);
+    if (!code)
+        code = edit_array(ctx, h, SG_C_PARAMETERS, &moves);
+    const bool edited = !code;
+    for (int c = 0; c < SG_COLUMNS && !code; c++)
+        if (c != SG_C_PARAMETERS && h->at[c])
+            code = edit_array(ctx, h, c, &moves);
+    if (edited && code)
+        drop(h, ~0u);
+    if (edited)
+        h->count = moves.count, h->capacity = blocks(moves.count) * SG_LANES;
+    sg_free(moves.order);
+    sg_free(moves.source);
     return code;
 }
 
@@ -319,7 +301,7 @@ void sg_host_floor_scale(struct sg_host_model *h, float smallest)
     const float least = logf(smallest);
     for (size_t i = 0; i < h->count; i++)
         for (int k = 0; k < 3; k++) {
-            float *scale = &h->params[sg_param_index(h->planes, i, SG_P_SCALE + k)];
+            float *scale = &h->at[SG_C_PARAMETERS][sg_param_index(h->planes, i, SG_P_SCALE + k)];
             *scale = fmaxf(*scale, least);
         }
 }
@@ -327,29 +309,13 @@ void sg_host_floor_scale(struct sg_host_model *h, float smallest)
 void sg_host_reset_opacity(struct sg_host_model *h, float limit)
 {
     const float logit = logf(limit / (1 - limit));
+    float *params = h->at[SG_C_PARAMETERS], *m = h->at[SG_C_MOMENT1], *v = h->at[SG_C_MOMENT2];
     for (size_t i = 0; i < h->count; i++) {
         const size_t at = sg_param_index(h->planes, i, SG_P_OPACITY);
-        h->params[at] = fminf(h->params[at], logit);
-        if (h->opt.m)
-            h->opt.m[at] = h->opt.v[at] = 0;
+        params[at] = fminf(params[at], logit);
+        if (m && v)
+            m[at] = v[at] = 0;
     }
-}
-
-static int room(sg_ctx *ctx, enum sg_mem_tag tag, const struct sg_host_model *h, float **array)
-{
-    if (!*array)
-        *array = sg_alloc(ctx, tag, h->capacity, (size_t) h->planes * sizeof(float));
-    return *array ? SG_OK : SG_ERR_BUDGET;
-}
-
-int sg_host_alloc_gradients(sg_ctx *ctx, struct sg_host_model *h)
-{
-    return room(ctx, SG_MEM_OPTIMISER, h, &h->gradients);
-}
-
-int sg_host_alloc_accumulated(sg_ctx *ctx, struct sg_host_model *h)
-{
-    return room(ctx, SG_MEM_OPTIMISER, h, &h->accumulated);
 }
 
 struct shape_job {
@@ -363,19 +329,20 @@ static void shape_piece(void *arg, size_t piece, int thread)
     (void) thread;
     const struct shape_job *j = arg;
     const size_t end = (piece + 1) * EDIT_BLOCKS, most = blocks(j->h->count),
-                 block = block_bytes(j->h) / sizeof(float);
+                 block = block_bytes(j->h, SG_C_PARAMETERS) / sizeof(float);
+    float *const *at = j->h->at;
     for (size_t b = piece * EDIT_BLOCKS; b < end && b < most; b++) {
-        const float *params = j->h->params + b * block;
+        const float *params = at[SG_C_PARAMETERS] + b * block;
         if (j->back)
-            j->shape->backward(j->shape->arg, params, j->h->planes, j->h->gradients + b * block);
+            j->shape->backward(j->shape->arg, params, j->h->planes, at[SG_C_GRADIENT] + b * block);
         else
-            j->shape->forward(j->shape->arg, params, j->h->planes, j->h->shaped + b * block);
+            j->shape->forward(j->shape->arg, params, j->h->planes, at[SG_C_SHAPED] + b * block);
     }
 }
 
 int sg_host_shape(sg_ctx *ctx, struct sg_host_model *h, const struct sg_shape *shape)
 {
-    if (room(ctx, SG_MEM_MODEL, h, &h->shaped))
+    if (sg_host_alloc(ctx, h, SG_C_SHAPED))
         return SG_ERR_BUDGET;
     sg_parallel_for(ctx, (blocks(h->count) + EDIT_BLOCKS - 1) / EDIT_BLOCKS, shape_piece,
                     &(struct shape_job){h, shape, false});
@@ -391,10 +358,24 @@ int sg_host_shape_backward(sg_ctx *ctx, struct sg_host_model *h, const struct sg
 
 void sg_host_clear(struct sg_host_model *h)
 {
-    sg_free(h->params);
-    sg_free(h->gradients);
-    sg_free(h->accumulated);
-    sg_free(h->shaped);
-    sg_optimiser_clear(&h->opt);
+    for (int c = 0; c < SG_COLUMNS; c++)
+        sg_free(h->at[c]);
     *h = (struct sg_host_model){0};
+}
+
+uint64_t sg_host_footprint(const struct sg_work *work, bool gradient)
+{
+    uint64_t sum = 0, largest = 0;
+    for (int c = 0; c < SG_COLUMNS; c++) {
+        const uint64_t bytes =
+            (uint64_t) sg_column_array_planes(c, work->sh_degree) * sizeof(float);
+        if (!sg_column_has_array(c) ||
+            !((sg_columns[c].bits & SG_COLUMN_SAVED) ||
+              (c == SG_C_ACCUMULATED && work->accumulate) || (c == SG_C_GRADIENT && gradient)))
+            continue;
+        sum += bytes;
+        largest = bytes > largest ? bytes : largest;
+    }
+    /* An edit or a checkpoint has one array twice; an edit, where each row comes from and goes. */
+    return sum + largest + 2 * sizeof(uint32_t);
 }

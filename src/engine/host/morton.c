@@ -21,15 +21,23 @@ static int ascending(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
+static float position(const struct sg_places *p, size_t place, int axis)
+{
+    return place < p->count ? p->params[sg_param_index(p->planes, place, SG_P_XYZ + axis)]
+                            : p->rows[sg_param_index(p->planes, place - p->count, SG_P_XYZ + axis)];
+}
+
 /* The lattice spans all but the outermost fiftieths: strays must not push everything else into one
- * cell. */
-static void lattice(const float *params, int planes, size_t count, int axis, float *low,
-                    float *per_unit)
+ * cell. It is that of the Gaussians before the edit, or of the items where there was none. */
+static void lattice(const struct sg_places *places, const uint32_t *source, size_t n_items,
+                    int axis, float *low, float *per_unit)
 {
     float sample[SAMPLES];
     size_t n = 0;
     for (size_t k = 0; k < SAMPLES; k++) {
-        const float v = params[sg_param_index(planes, k * count / SAMPLES, SG_P_XYZ + axis)];
+        const float v = position(
+            places, places->count ? k * places->count / SAMPLES : source[k * n_items / SAMPLES],
+            axis);
         if (isfinite(v))
             sample[n++] = v;
     }
@@ -50,8 +58,8 @@ static uint32_t spread(uint32_t v) /* two zeros before each bit of ten */
     return (v | v << 2) & 0x09249249;
 }
 
-int sg_morton_order(sg_ctx *ctx, const float *params, int planes, size_t count,
-                    const uint32_t *source, size_t n, uint32_t *order)
+int sg_morton_order(sg_ctx *ctx, const struct sg_places *places, const uint32_t *source, size_t n,
+                    uint32_t *order)
 {
     struct item *from = sg_alloc_raw(ctx, SG_MEM_MODEL, n, sizeof(*from));
     struct item *to = sg_alloc_raw(ctx, SG_MEM_MODEL, n, sizeof(*to));
@@ -60,13 +68,11 @@ int sg_morton_order(sg_ctx *ctx, const float *params, int planes, size_t count,
         goto done;
     float low[3], per_unit[3];
     for (int axis = 0; axis < 3; axis++)
-        lattice(params, planes, count, axis, &low[axis], &per_unit[axis]);
+        lattice(places, source, n, axis, &low[axis], &per_unit[axis]);
     for (size_t i = 0; i < n; i++) {
         uint32_t key = 0;
         for (int axis = 0; axis < 3; axis++) {
-            const float v =
-                (params[sg_param_index(planes, source[i], SG_P_XYZ + axis)] - low[axis]) *
-                per_unit[axis];
+            const float v = (position(places, source[i], axis) - low[axis]) * per_unit[axis];
             key |= spread((uint32_t) (v > 0 ? v < CELLS - 1 ? v : CELLS - 1 : 0))
                    << axis; /* NaN: 0 */
         }

@@ -47,20 +47,21 @@ static const char *variant(const struct sg_engine *base)
     return "ref";
 }
 
-static int upload(struct sg_engine *base, const struct sg_model *m, const struct sg_optimiser *o)
+static int upload(struct sg_engine *base, const struct sg_model *m,
+                  const struct sg_columns *columns)
 {
-    return sg_host_upload(base->ctx, &((struct ref_engine *) base)->model, m, o);
+    return sg_host_upload(base->ctx, &((struct ref_engine *) base)->model, m, columns);
 }
 
-static int adopt(struct sg_engine *base, struct sg_model *m, struct sg_optimiser *o)
+static int adopt(struct sg_engine *base, struct sg_model *m, struct sg_columns *columns)
 {
-    sg_host_adopt(&((struct ref_engine *) base)->model, m, o);
+    sg_host_adopt(&((struct ref_engine *) base)->model, m, columns);
     return SG_OK;
 }
 
-static int download(struct sg_engine *base, struct sg_model *m, struct sg_optimiser *o)
+static int download(struct sg_engine *base, struct sg_model *m, struct sg_columns *columns)
 {
-    return sg_host_download(&((struct ref_engine *) base)->model, m, o);
+    return sg_host_download(&((struct ref_engine *) base)->model, m, columns);
 }
 
 static size_t count(const struct sg_engine *base)
@@ -329,21 +330,21 @@ static int do_project_backward(struct sg_engine *base, bool statistics)
 {
     struct ref_engine *b = (struct ref_engine *) base;
     struct sg_host_model *h = &b->model;
-    if ((statistics && sg_host_alloc_optimiser(base->ctx, h)) ||
-        sg_host_alloc_gradients(base->ctx, h))
+    if ((statistics && sg_host_alloc_saved(base->ctx, h)) ||
+        sg_host_alloc(base->ctx, h, SG_C_GRADIENT))
         return SG_ERR_BUDGET;
     for (size_t i = 0; i < h->count; i++) {
         const struct ref_splat *s = &b->splats[i];
         if (statistics && s->radius) {
             const float gx = s->g.x * b->view.half_w, gy = s->g.y * b->view.half_h;
-            h->opt.grad_sum[i] += sqrtf(gx * gx + gy * gy);
-            h->opt.grad_count[i] += 1;
+            h->at[SG_C_GRAD_SUM][i] += sqrtf(gx * gx + gy * gy);
+            h->at[SG_C_GRAD_COUNT][i] += 1;
         }
         float planes[SG_PARAMS_MAX], g[SG_PARAMS_MAX];
         gather(b, i, planes);
         ref_parameter_gradient(&b->view, s, planes, b->degree, g);
         for (int p = 0; p < h->planes; p++)
-            h->gradients[sg_param_index(h->planes, i, p)] = g[p];
+            h->at[SG_C_GRADIENT][sg_param_index(h->planes, i, p)] = g[p];
     }
     return SG_OK;
 }
@@ -351,29 +352,32 @@ static int do_project_backward(struct sg_engine *base, bool statistics)
 static int optimise(struct sg_engine *base, const struct sg_update *u)
 {
     struct sg_host_model *h = &((struct ref_engine *) base)->model;
-    if (sg_host_alloc_optimiser(base->ctx, h) ||
-        (u->accumulate && sg_host_alloc_accumulated(base->ctx, h)))
+    if (sg_host_alloc_saved(base->ctx, h) ||
+        (u->accumulate && sg_host_alloc(base->ctx, h, SG_C_ACCUMULATED)))
         return SG_ERR_BUDGET;
-    for (size_t i = 0; i < h->count; i++)
-        for (int p = 0; p < h->planes; p++) {
-            const enum sg_group group = sg_plane_group(p);
-            const size_t at = sg_param_index(h->planes, i, p);
-            float g = h->gradients[at];
-            if (u->accumulate) {
-                g += h->accumulated[at];
-                h->accumulated[at] = u->adam ? 0 : g;
+    float *params = h->at[SG_C_PARAMETERS], *sums = h->at[SG_C_ACCUMULATED];
+    for (int c = 0; c < SG_COLUMNS && sg_column_is_parameter(c); c++)
+        for (size_t i = 0; i < h->count; i++)
+            for (int p = sg_columns[c].first; p < sg_column_end(c, h->planes); p++) {
+                const enum sg_group group = sg_columns[c].group;
+                const size_t at = sg_param_index(h->planes, i, p);
+                float g = h->at[SG_C_GRADIENT][at];
+                if (u->accumulate) {
+                    g += sums[at];
+                    sums[at] = u->adam ? 0 : g;
+                }
+                if (u->adam && u->rate[group] > 0)
+                    params[at] =
+                        adam_step(params[at], g, &h->at[SG_C_MOMENT1][at], &h->at[SG_C_MOMENT2][at],
+                                  u->rate[group], u->root[group]);
             }
-            if (u->adam && u->rate[group] > 0)
-                h->params[at] = adam_step(h->params[at], g, &h->opt.m[at], &h->opt.v[at],
-                                          u->rate[group], u->root[group]);
-        }
     return SG_OK;
 }
 
 static int read_gradients(struct sg_engine *base, struct sg_model *out)
 {
     const struct sg_host_model *h = &((struct ref_engine *) base)->model;
-    memcpy(out->params, h->gradients, out->capacity * (size_t) h->planes * sizeof(float));
+    memcpy(out->params, h->at[SG_C_GRADIENT], out->capacity * (size_t) h->planes * sizeof(float));
     return SG_OK;
 }
 
@@ -450,13 +454,9 @@ static int create(sg_ctx *ctx, const char *variant_name, struct sg_engine **out)
 
 static struct sg_footprint footprint(const struct sg_work *w)
 {
-    const uint64_t planes = (uint64_t) sg_param_count(w->sh_degree) * sizeof(float);
     const uint64_t projection = sizeof(struct ref_splat) + sizeof(struct ref_entry);
     return (struct sg_footprint){
-        /* Parameters, two moments, gradients and their sums; in an edit one array more, and
-           statistics twice. */
-        .gaussian =
-            (w->accumulate ? 6 : 5) * planes + 4 * sizeof(float) + projection + projection / 2,
+        .gaussian = sg_host_footprint(w, true) + projection + projection / 2,
         .view = (uint64_t) w->width * (uint64_t) w->height * (21 * sizeof(float) + sizeof(int)),
     };
 }

@@ -4,7 +4,6 @@
  * in registers and L1 only. */
 #include "kernels.h"
 
-#include "engine/host/host_model.h"
 #include "math/adam.h"
 #include "math/projection.h"
 #include "math/sh.h"
@@ -110,16 +109,18 @@ SIMD void pull(const struct cpu_learn_args *a, const struct view *view, size_t b
 SIMD void adam(const struct cpu_learn_args *a, float *p, float *m, float *v, const real *gradient,
                int planes)
 {
-    for (int plane = 0; plane < planes; plane++) {
-        const enum sg_group group = sg_plane_group(plane);
+    for (int c = 0; c < SG_COLUMNS && sg_column_is_parameter(c); c++) {
+        const enum sg_group group = sg_columns[c].group;
         const float rate = a->update->rate[group], root = a->update->root[group];
         if (!(rate > 0))
             continue;
-        const int at = plane * SG_LANES;
-        real rm = r_load(m + at), rv = r_load(v + at);
-        r_store(p + at, adam_step(r_load(p + at), gradient[plane], &rm, &rv, rate, root));
-        r_store(m + at, rm);
-        r_store(v + at, rv);
+        for (int plane = sg_columns[c].first; plane < sg_column_end(c, planes); plane++) {
+            const int at = plane * SG_LANES;
+            real rm = r_load(m + at), rv = r_load(v + at);
+            r_store(p + at, adam_step(r_load(p + at), gradient[plane], &rm, &rv, rate, root));
+            r_store(m + at, rm);
+            r_store(v + at, rv);
+        }
     }
 }
 

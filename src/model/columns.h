@@ -1,0 +1,142 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The columns of a model: every value that exists once per Gaussian has a row in one table here.
+ * Edits, checkpoints, PLY files and the memory plan loop over the table; a new column is a new row.
+ *
+ * Parameters (position to SH) share the array of the first of them, sg_model.params: kernels read
+ * all of them together. Every other column has an array of its own. All arrays are blocks of
+ * SG_LANES Gaussians, see sg_param_index. */
+#ifndef SG_COLUMNS_H
+#define SG_COLUMNS_H
+
+#include <stdbool.h>
+
+#include "core/internal.h"
+#include "splatguard/model.h"
+
+/* Learning-rate groups. */
+enum sg_group { SG_G_XYZ, SG_G_OPACITY, SG_G_SCALE, SG_G_ROT, SG_G_DC, SG_G_REST, SG_GROUPS };
+
+/* Of a row after an edit: how it came about. */
+enum sg_edit_kind {
+    SG_EDIT_COPY,   /* a copy of a Gaussian */
+    SG_EDIT_CHILD,  /* half of one that was split */
+    SG_EDIT_INSERT, /* given by the caller */
+    SG_EDIT_KEEP,   /* it was there before */
+    SG_EDIT_KINDS
+};
+
+/* What an edit does to the values of such a row. ROW, DRAW and SHRINK are for parameters. */
+enum sg_fate {
+    SG_FATE_ZERO,
+    SG_FATE_COPY,
+    SG_FATE_ASKED, /* copied if the edit asks for it (sg_edit.statistics), else zero */
+    SG_FATE_ROW,   /* taken from the caller's row */
+    SG_FATE_DRAW,  /* a position drawn from the parent as from a distribution */
+    SG_FATE_SHRINK /* scales: the parent's, made smaller */
+};
+
+enum sg_column_bits {
+    SG_COLUMN_PARAMETER = 1, /* lies in sg_model.params, is learned and has a group */
+    SG_COLUMN_SAVED = 2,     /* in checkpoints; it exists from the first step of the optimiser on */
+    SG_COLUMN_LOST = 4       /* no edit keeps it: it is made again when it is needed */
+};
+
+#define SG_PLANES_REST (-1)       /* those of SH degrees above 0 */
+#define SG_PLANES_PARAMETERS (-2) /* as many as all parameters */
+
+struct sg_column {
+    const char *name; /* of its section in a checkpoint: at most 23 characters */
+    int planes;       /* values per Gaussian, or SG_PLANES_* */
+    unsigned bits;    /* of enum sg_column_bits */
+    enum sg_fate fate[SG_EDIT_KINDS];
+    /* of a parameter: */
+    int first; /* plane */
+    enum sg_group group;
+    /* of one that is exported: */
+    int place;            /* among the exported columns of a PLY file, from 1; 0 = not exported */
+    const char *property; /* its name there, and the plane's number if it has several planes */
+};
+
+/* The table: parameters first, in the order of their planes. */
+#define SG_FATES_PARAMETER                                                                         \
+    {                                                                                              \
+        SG_FATE_COPY, SG_FATE_COPY, SG_FATE_ROW, SG_FATE_COPY                                      \
+    }
+#define SG_COLUMN_TABLE(C)                                                                         \
+    C(POSITION, .name = "position", .planes = 3, .bits = SG_COLUMN_PARAMETER | SG_COLUMN_SAVED,    \
+      .fate = {SG_FATE_COPY, SG_FATE_DRAW, SG_FATE_ROW, SG_FATE_COPY}, .first = SG_P_XYZ,          \
+      .group = SG_G_XYZ, .place = 1, .property = "")                                               \
+    C(OPACITY, .name = "opacity", .planes = 1, .bits = SG_COLUMN_PARAMETER | SG_COLUMN_SAVED,      \
+      .fate = SG_FATES_PARAMETER, .first = SG_P_OPACITY, .group = SG_G_OPACITY, .place = 4,        \
+      .property = "opacity")                                                                       \
+    C(SCALE, .name = "scale", .planes = 3, .bits = SG_COLUMN_PARAMETER | SG_COLUMN_SAVED,          \
+      .fate = {SG_FATE_COPY, SG_FATE_SHRINK, SG_FATE_ROW, SG_FATE_COPY}, .first = SG_P_SCALE,      \
+      .group = SG_G_SCALE, .place = 5, .property = "scale_")                                       \
+    C(ROTATION, .name = "rotation", .planes = 4, .bits = SG_COLUMN_PARAMETER | SG_COLUMN_SAVED,    \
+      .fate = SG_FATES_PARAMETER, .first = SG_P_ROT, .group = SG_G_ROT, .place = 6,                \
+      .property = "rot_")                                                                          \
+    C(SH_DC, .name = "sh_dc", .planes = 3, .bits = SG_COLUMN_PARAMETER | SG_COLUMN_SAVED,          \
+      .fate = SG_FATES_PARAMETER, .first = SG_P_SH, .group = SG_G_DC, .place = 2,                  \
+      .property = "f_dc_")                                                                         \
+    C(SH_REST, .name = "sh_rest", .planes = SG_PLANES_REST,                                        \
+      .bits = SG_COLUMN_PARAMETER | SG_COLUMN_SAVED, .fate = SG_FATES_PARAMETER,                   \
+      .first = SG_P_SH + 3, .group = SG_G_REST, .place = 3, .property = "f_rest_")                 \
+    /* Adam's moments */                                                                           \
+    C(MOMENT1, .name = "moment1", .planes = SG_PLANES_PARAMETERS, .bits = SG_COLUMN_SAVED,         \
+      .fate = {[SG_EDIT_KEEP] = SG_FATE_COPY})                                                     \
+    C(MOMENT2, .name = "moment2", .planes = SG_PLANES_PARAMETERS, .bits = SG_COLUMN_SAVED,         \
+      .fate = {[SG_EDIT_KEEP] = SG_FATE_COPY})                                                     \
+    /* Statistics: the sum of view-space gradient norms (NDC), and the views visible in */         \
+    C(GRAD_SUM, .name = "gradient_sum", .planes = 1, .bits = SG_COLUMN_SAVED,                      \
+      .fate = {[SG_EDIT_KEEP] = SG_FATE_ASKED})                                                    \
+    C(GRAD_COUNT, .name = "gradient_count", .planes = 1, .bits = SG_COLUMN_SAVED,                  \
+      .fate = {[SG_EDIT_KEEP] = SG_FATE_ASKED})                                                    \
+    /* Gradients of the view, and sums over earlier views (sg_update.accumulate) */                \
+    C(GRADIENT, .name = "gradient", .planes = SG_PLANES_PARAMETERS, .bits = SG_COLUMN_LOST)        \
+    C(ACCUMULATED, .name = "accumulated", .planes = SG_PLANES_PARAMETERS, .bits = SG_COLUMN_LOST)  \
+    /* What is drawn in place of the parameters (struct sg_shape) */                               \
+    C(SHAPED, .name = "shaped", .planes = SG_PLANES_PARAMETERS, .bits = SG_COLUMN_LOST)
+
+enum sg_column_id {
+#define C(id, ...) SG_C_##id,
+    SG_COLUMN_TABLE(C)
+#undef C
+        SG_COLUMNS,
+    SG_C_PARAMETERS = SG_C_POSITION /* the array of all parameters */
+};
+
+extern const struct sg_column sg_columns[SG_COLUMNS];
+
+static inline bool sg_column_is_parameter(int c)
+{
+    return sg_columns[c].bits & SG_COLUMN_PARAMETER;
+}
+
+/* It has an array of its own, or is the first of those that share one. */
+static inline bool sg_column_has_array(int c)
+{
+    return c == SG_C_PARAMETERS || !sg_column_is_parameter(c);
+}
+
+/* The plane behind those of a parameter, where there are `planes` in all. */
+static inline int sg_column_end(int c, int planes)
+{
+    return sg_column_is_parameter(c + 1) ? sg_columns[c + 1].first : planes;
+}
+
+/* Planes of a column, and of the array that it lies in. */
+int sg_column_planes(int c, int sh_degree);
+int sg_column_array_planes(int c, int sh_degree);
+
+/* Arrays of columns beside the parameters, for `capacity` Gaussians each; NULL: there is none. All
+ * belong to it. */
+struct sg_columns {
+    size_t capacity;
+    float *at[SG_COLUMNS];
+};
+/* All that have one of these bits, zeroed. SG_ERR_BUDGET. */
+int sg_columns_create(sg_ctx *ctx, size_t count, int sh_degree, unsigned bits,
+                      struct sg_columns *out);
+void sg_columns_clear(struct sg_columns *columns);
+
+#endif

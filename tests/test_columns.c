@@ -1,0 +1,91 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The table of columns keeps the promises that everything which loops over it relies on. */
+#include "model/columns.h"
+
+#include "models.h"
+
+/* Parameters come first, without gaps, as enum sg_param and sg_param_count have them. */
+static void test_parameters(void **state)
+{
+    (void) state;
+    for (int degree = 0; degree <= 3; degree++) {
+        const int planes = sg_param_count(degree);
+        int next = 0, c = 0;
+        for (; c < SG_COLUMNS && sg_column_is_parameter(c); c++) {
+            assert_int_equal(sg_columns[c].first, next);
+            next += sg_column_planes(c, degree);
+            assert_int_equal(sg_column_end(c, planes), next);
+            assert_int_equal(sg_column_array_planes(c, degree), planes);
+            assert_int_equal(sg_column_has_array(c), c == SG_C_PARAMETERS);
+            assert_true(sg_columns[c].group < SG_GROUPS);
+        }
+        assert_int_equal(next, planes);
+        for (; c < SG_COLUMNS; c++) {
+            assert_false(sg_column_is_parameter(c));
+            assert_true(sg_column_has_array(c));
+            assert_int_equal(sg_columns[c].first, 0);
+            assert_int_equal(sg_column_array_planes(c, degree), sg_column_planes(c, degree));
+        }
+    }
+    assert_int_equal(sg_columns[SG_C_OPACITY].first, SG_P_OPACITY);
+    assert_int_equal(sg_columns[SG_C_SCALE].first, SG_P_SCALE);
+    assert_int_equal(sg_columns[SG_C_ROTATION].first, SG_P_ROT);
+    assert_int_equal(sg_columns[SG_C_SH_DC].first, SG_P_SH);
+}
+
+static void test_rows(void **state)
+{
+    (void) state;
+    bool place[SG_COLUMNS + 1] = {true};
+    int exported = 0;
+    for (int c = 0; c < SG_COLUMNS; c++) {
+        const struct sg_column *column = &sg_columns[c];
+        assert_in_range(strlen(column->name), 1, 23); /* a section's title with its NUL */
+        for (int other = 0; other < c; other++)
+            assert_string_not_equal(column->name, sg_columns[other].name);
+        /* Only parameters are given by rows, drawn or shrunk; a row to insert is no copy. */
+        for (int kind = 0; kind < SG_EDIT_KINDS; kind++)
+            assert_true(column->fate[kind] < SG_FATE_ROW || sg_column_is_parameter(c));
+        assert_true(column->fate[SG_EDIT_INSERT] ==
+                    (sg_column_is_parameter(c) ? SG_FATE_ROW : SG_FATE_ZERO));
+        assert_true(column->fate[SG_EDIT_CHILD] != SG_FATE_ROW);
+        assert_true(!(column->bits & SG_COLUMN_SAVED) != !(column->bits & SG_COLUMN_LOST));
+        /* Places in a PLY file are 1, 2, ... */
+        assert_int_equal(column->place > 0, column->property != NULL);
+        assert_in_range(column->place, 0, SG_COLUMNS);
+        assert_false(column->place && place[column->place]);
+        place[column->place] = true;
+        exported += column->place > 0;
+    }
+    for (int k = 1; k <= exported; k++)
+        assert_true(place[k]);
+}
+
+/* Arrays of the columns that are asked for, zeroed, with whole blocks. */
+static void test_create(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_columns o;
+    assert_int_equal(sg_columns_create(ctx, 17, 1, SG_COLUMN_SAVED, &o), SG_OK);
+    assert_int_equal(o.capacity, 32);
+    for (int c = 0; c < SG_COLUMNS; c++) {
+        const bool expected = !sg_column_is_parameter(c) && (sg_columns[c].bits & SG_COLUMN_SAVED);
+        assert_int_equal(o.at[c] != NULL, expected);
+        for (size_t i = 0; expected && i < 32 * (size_t) sg_column_planes(c, 1); i++)
+            assert_true(o.at[c][i] == 0);
+    }
+    sg_columns_clear(&o);
+    assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+    sg_ctx_destroy(&ctx);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_parameters),
+        cmocka_unit_test(test_rows),
+        cmocka_unit_test(test_create),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
