@@ -307,9 +307,69 @@ static void test_points(void **state)
     sg_points_destroy(&back, &colours);
 }
 
+/* ---- arrays ---- */
+
+/* A model whose arrays are copied field by field, with a gap between rows, is the same one; every
+ * plane belongs to one field. */
+static void test_arrays(void **state)
+{
+    struct fixture *f = *state;
+    enum { N = 37, GAP = 2 };
+    for (int degree = 0; degree <= 3; degree++) {
+        struct sg_model *from = make_model(f->ctx, N, degree, 5), *to;
+        assert_int_equal(sg_model_create(f->ctx, N, degree, &to), SG_OK);
+        int planes = 0, index = 0;
+        for (const char *name; (name = sg_model_field_name(index)); index++) {
+            const int width = sg_model_field_width(name, degree);
+            const size_t stride = (size_t) width + GAP;
+            float *rows = malloc(N * stride * sizeof(*rows));
+            for (size_t i = 0; i < N * stride; i++)
+                rows[i] = -99;
+            assert_int_equal(sg_model_get_array(f->ctx, from, name, rows, stride), SG_OK);
+            for (size_t i = 0; i < N; i++)
+                for (size_t k = 0; k < GAP; k++)
+                    assert_true(rows[i * stride + (size_t) width + k] == -99);
+            assert_int_equal(sg_model_set_array(f->ctx, to, name, rows, stride), SG_OK);
+            planes += width;
+            free(rows);
+        }
+        assert_int_equal(index, 6);
+        assert_int_equal(planes, sg_param_count(degree));
+        assert_memory_equal(from->params, to->params,
+                            from->capacity * (size_t) planes * sizeof(float));
+        sg_model_destroy(&from);
+        sg_model_destroy(&to);
+    }
+}
+
+static void test_array_layout(void **state)
+{
+    struct fixture *f = *state;
+    struct sg_model *m = make_model(f->ctx, 20, 1, 5);
+    float opacity[20], scale[60], rest[180];
+    assert_int_equal(sg_model_get_array(f->ctx, m, "opacity", opacity, 0), SG_OK);
+    assert_int_equal(sg_model_get_array(f->ctx, m, "scale", scale, 0), SG_OK);
+    assert_int_equal(sg_model_get_array(f->ctx, m, "sh_rest", rest, 0), SG_OK);
+    assert_true(opacity[17] == *sg_model_at(m, 17, SG_P_OPACITY));
+    assert_true(scale[3 * 17 + 2] == *sg_model_at(m, 17, SG_P_SCALE + 2));
+    assert_true(rest[9 * 17 + 3 * (2 - 1) + 1] == *sg_model_at(m, 17, SG_P_SH + 3 * 2 + 1));
+
+    assert_int_equal(sg_model_get_array(f->ctx, m, "colour", rest, 0), SG_ERR_USAGE);
+    assert_non_null(strstr(sg_last_error(f->ctx), "\"colour\""));
+    assert_int_equal(sg_model_get_array(f->ctx, m, "sh_rest", rest, 8), SG_ERR_USAGE);
+    assert_non_null(strstr(sg_last_error(f->ctx), "row_stride: found 8 floats"));
+    assert_int_equal(sg_model_set_array(f->ctx, m, "scale", scale, 2), SG_ERR_USAGE);
+    assert_null(sg_model_field_name(-1));
+    assert_int_equal(sg_model_field_width("sh_rest", 0), 0);
+    assert_int_equal(sg_model_field_width("sh_rest", 4), -1);
+    assert_int_equal(sg_model_field_width("colour", 1), -1);
+    sg_model_destroy(&m);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        scene_test(test_arrays),        scene_test(test_array_layout),
         scene_test(test_nearest),       scene_test(test_init_points),
         scene_test(test_init_refusals), scene_test(test_init_random),
         scene_test(test_inspect),       scene_test(test_round_trip),

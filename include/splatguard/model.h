@@ -57,6 +57,23 @@ static inline float *sg_model_at(const struct sg_model *m, size_t i, int p)
 SG_API int sg_model_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_model **out);
 SG_API void sg_model_destroy(struct sg_model **model);
 
+/* Parameters as plain arrays, a row for each Gaussian, values as stored (before activation):
+ * "position" 3, "scale" 3, "rotation" 4, "opacity" 1, "sh_dc" 3 floats a row; "sh_rest" 3 (d+1)^2 -
+ * 3, coefficient k of channel c at 3 (k - 1) + c.
+ *
+ * Names of the fields: index from 0; NULL after the last. */
+SG_API const char *sg_model_field_name(int index);
+/* Floats a row at SH degree 0..3; -1 for an unknown field or degree. */
+SG_API int sg_model_field_width(const char *field, int sh_degree);
+/* Copies a field out of a model and into one, of all its Gaussians. row_stride: floats from row to
+ * row, 0 = packed. Values in are taken as they are, see sg_model_check. Errors: SG_ERR_USAGE for an
+ * unknown field and a stride that is shorter than a row. Thread safety: as the model, and as the
+ * context. */
+SG_API int sg_model_get_array(sg_ctx *ctx, const struct sg_model *model, const char *field,
+                              float *out, size_t row_stride);
+SG_API int sg_model_set_array(sg_ctx *ctx, struct sg_model *model, const char *field,
+                              const float *values, size_t row_stride);
+
 /* Initial Gaussians at points (Kerbl et al. 2023, section 5.1): isotropic, scale = RMS distance to
  * the exact 3 nearest other points, opacity 0.1, active degree 0. xyz: n x 3; rgb: n x 3. Errors:
  * SG_ERR_INPUT for fewer than 4 points and positions that are not finite, SG_ERR_USAGE for the
