@@ -13,20 +13,20 @@
 int attack_load(struct attack_run *r)
 {
     struct attack_config *c = r->config;
-    const bool blender =
-        run_has(c->source, "transforms_test.json") && run_has(c->source, "transforms_train.json");
-    c->scene.params.eval = blender || c->views == VIEWS_TRAIN;
-    int error = sg_scene_load(r->ctx, c->source, &c->scene.params, &r->scene);
+    const bool blender = run_has(c->run.source, "transforms_test.json") &&
+                         run_has(c->run.source, "transforms_train.json");
+    c->run.scene.eval = blender || c->run.views == SG_ATTACK_TRAIN_VIEWS;
+    int error = sg_scene_load(r->ctx, c->run.source, &c->run.scene, &r->scene);
     if (error == SG_ERR_INPUT && blender) { /* or their photos are not here */
-        c->scene.params.eval = false;
-        error = sg_scene_load(r->ctx, c->source, &c->scene.params, &r->scene);
+        c->run.scene.eval = false;
+        error = sg_scene_load(r->ctx, c->run.source, &c->run.scene, &r->scene);
     }
-    if (!error && c->scene.params.eval && c->views == VIEWS_ALL &&
+    if (!error && c->run.scene.eval && c->run.views == SG_ATTACK_ALL_VIEWS &&
         r->scene->format != SG_FORMAT_BLENDER) {
-        c->scene.params.eval =
+        c->run.scene.eval =
             false; /* another layout lies in the same folder, and is the one that is read */
         sg_scene_destroy(&r->scene);
-        error = sg_scene_load(r->ctx, c->source, &c->scene.params, &r->scene);
+        error = sg_scene_load(r->ctx, c->run.source, &c->run.scene, &r->scene);
     }
     return error ? report(r->ctx, error) : 0;
 }
@@ -44,45 +44,44 @@ static int whole(const char *summary, int iterations)
 static int train_proxy(const struct attack_config *c, char **model)
 {
     const struct command *train = &command_train;
-    struct train_config t = *(const struct train_config *) train->defaults;
-    bool *given = calloc(options_count(train), sizeof(*given));
-    char *folder = run_path(c->output, "attack/proxy"),
+    struct train_config t;
+    struct option_place list[OPTIONS_MAX];
+    bool given[OPTIONS_MAX] = {false};
+    train->defaults(&t);
+    char *folder = run_path(c->run.folder, "attack/proxy"),
          *done = folder ? run_path(folder, "summary.json") : NULL;
     char *begun = folder ? run_path(folder, "checkpoint.bin") : NULL;
-    int code = given && folder && done && begun ? 0 : no_memory();
+    int code = folder && done && begun ? 0 : no_memory();
     if (code || (c->resume && !access(done, F_OK) && access(begun, F_OK)))
         goto done;
-    t.source = c->source;
-    t.output = folder;
-    t.proxy_of = c->output;
-    t.train.iterations = c->proxy_iterations;
-    t.train.seed = c->attack.seed;
-    t.train.max_instances = c->attack.max_instances;
-    t.train.cpu = c->attack.cpu;
-    t.engine = c->engine;
-    t.scene = c->scene;
-    t.scene.params.eval = false;
-    t.eval = c->views == VIEWS_TRAIN;
-    t.eval_every = 0;
+    t.run.source = c->run.source;
+    t.run.folder = folder;
+    t.proxy_of = c->run.folder;
+    t.run.train.iterations = c->run.proxy_iterations;
+    t.run.train.seed = c->run.attack.seed;
+    t.run.train.max_instances = c->run.attack.max_instances;
+    t.run.train.cpu = c->run.attack.cpu;
+    t.run.train.engine = c->run.attack.engine;
+    t.run.scene = c->run.scene;
+    t.run.scene.eval = c->run.views == SG_ATTACK_TRAIN_VIEWS;
+    t.run.eval_every = 0;
     t.threads = c->threads;
-    t.max_memory = c->max_memory;
-    for (size_t i = 0; train->options[i].name;
-         i++) /* a resumed proxy has another limit of its own */
-        given[i] = train->options[i].type != OPT_GROUP &&
-                   train->options[i].offset == offsetof(struct train_config, max_memory);
+    t.run.max_memory = c->run.max_memory;
+    /* a resumed proxy has another limit of its own */
+    for (size_t i = options_list(train, list); i-- > 0;)
+        given[i] = !strcmp(list[i].row->name, "max-memory");
     t.quiet = c->quiet;
     t.resume = c->resume && !access(begun, F_OK);
     t.force = !t.resume;
     if (!c->quiet)
         say(stderr, "training the proxy\n");
     code = train->run(&t, given, NULL, 0);
-    if (!code && (code = whole(done, c->proxy_iterations)))
+    if (!code && (code = whole(done, c->run.proxy_iterations)))
         say(stderr, "splatguard: %s: memory did not suffice for the proxy\n", folder);
     if (!code)
         unlink(begun); /* marks it as whole; its model is what counts */
 done:
     *model = code ? NULL : find_model(folder, 0);
-    free(given);
     free(folder);
     free(done);
     free(begun);
@@ -91,7 +90,7 @@ done:
 
 static int checkpoint(struct attack_run *r)
 {
-    char *path = run_path(r->config->output, "attack/checkpoint.bin");
+    char *path = run_path(r->config->run.folder, "attack/checkpoint.bin");
     const int code = path ? attack_log_step(r) : no_memory(),
               error = path && !code ? sg_attack_save(r->attack, path) : 0;
     free(path);
@@ -103,8 +102,8 @@ static int loop(struct attack_run *r)
     const struct attack_config *c = r->config;
     int code = 0, done = sg_attack_iteration(r->attack);
     /* An interrupted attack goes on to where its state is whole. */
-    while (!code && done < c->attack.iterations &&
-           (!interrupted() || done % c->attack.update_interval)) {
+    while (!code && done < r->params.iterations &&
+           (!interrupted() || done % r->params.update_interval)) {
         const double start = sg_seconds();
         const int error = sg_attack_step(r->attack, &r->step);
         r->totals.seconds += sg_seconds() - start;
@@ -121,18 +120,18 @@ static int loop(struct attack_run *r)
                                                             .loss = r->step.loss,
                                                             .psnr = r->step.psnr,
                                                             .gaussians = r->step.gaussians});
-        if (done % 100 == 0 || done == 1 || done == c->attack.iterations)
+        if (done % 100 == 0 || done == 1 || done == r->params.iterations)
             code = attack_log_step(r);
-        if (!code && c->save_every && done % c->save_every == 0 &&
-            done % c->attack.update_interval == 0 && done < c->attack.iterations)
+        if (!code && c->run.save_every && done % c->run.save_every == 0 &&
+            done % r->params.update_interval == 0 && done < r->params.iterations)
             code = checkpoint(r);
     }
-    if (!code && done < c->attack.iterations) {
+    if (!code && done < r->params.iterations) {
         progress_break(&r->progress);
         code = checkpoint(r);
         if (!code) {
             say(stderr, "interrupted at iteration %d; saved\n", done);
-            say_resume("attack", c->output);
+            say_resume("attack", c->run.folder);
         }
         return code ? code : 130;
     }
@@ -142,7 +141,7 @@ static int loop(struct attack_run *r)
 static int start_decoy(struct attack_run *r, const char *proxy)
 {
     struct sg_model *model = NULL;
-    char *saved = run_path(r->config->output, "attack/checkpoint.bin");
+    char *saved = run_path(r->config->run.folder, "attack/checkpoint.bin");
     int error = sg_model_read_ply(r->ctx, proxy, UINT32_MAX, &model),
         code = saved ? 0 : no_memory();
     if (!error)
@@ -150,14 +149,14 @@ static int start_decoy(struct attack_run *r, const char *proxy)
     if (!error)
         r->proxy_gaussians = model->count;
     if (!error && !code && r->config->resume && !access(saved, F_OK)) {
-        char *state = run_path(r->config->output, "attack");
+        char *state = run_path(r->config->run.folder, "attack");
         if (state)
             run_clean(state);
         free(state);
         sg_model_destroy(&model);
-        error = sg_attack_resume(r->ctx, r->scene, saved, &r->config->attack, &r->attack);
+        error = sg_attack_resume(r->ctx, r->scene, saved, &r->params, &r->attack);
     } else if (!error && !code)
-        error = sg_attack_create(r->ctx, r->scene, model, &r->config->attack, &r->attack);
+        error = sg_attack_create(r->ctx, r->scene, model, &r->params, &r->attack);
     sg_model_destroy(&model);
     free(saved);
     if (error)
@@ -168,7 +167,7 @@ static int start_decoy(struct attack_run *r, const char *proxy)
 static int save_decoy(struct attack_run *r)
 {
     struct sg_model *decoy = NULL;
-    char *path = run_path(r->config->output, "attack/decoy.ply");
+    char *path = run_path(r->config->run.folder, "attack/decoy.ply");
     int error = path ? sg_attack_decoy(r->attack, &decoy) : SG_ERR_BUDGET;
     if (!error)
         error = sg_model_write_ply(r->ctx, decoy, path);
@@ -181,7 +180,7 @@ int attack_whole(struct attack_run *r, const char *proxy)
 {
     struct attack_config *c = r->config;
     int code = 0;
-    const bool splat = c->method == METHOD_POISON_SPLAT;
+    const bool splat = c->run.method == SG_METHOD_POISON_SPLAT;
     char *model = proxy ? strdup(proxy) : NULL;
     if (splat && !model) { /* which loads the scene for itself */
         sg_scene_destroy(&r->scene);
@@ -196,19 +195,19 @@ int attack_whole(struct attack_run *r, const char *proxy)
     r->lasting = !code;
     if (!code && splat) {
         progress_begin(&r->progress, c->quiet, sg_attack_iteration(r->attack),
-                       c->attack.iterations);
+                       r->params.iterations);
         code = loop(r);
     }
     const bool ended = !code;
-    if (!code && c->keep_decoy && splat)
+    if (!code && c->run.keep_decoy && splat)
         code = save_decoy(r);
     if (!code && (code = attack_write(r)) == exit_code(SG_ERR_INTERRUPTED))
         say(stderr, "interrupted while writing\n");
     /* What cannot be written must not cost the attack. */
     if (code && ended && (!splat || !checkpoint(r)))
-        say_resume("attack", c->output);
+        say_resume("attack", c->run.folder);
     if (!code) {
-        char *saved = run_path(c->output, "attack/checkpoint.bin");
+        char *saved = run_path(c->run.folder, "attack/checkpoint.bin");
         if (saved)
             unlink(saved);
         free(saved);

@@ -11,6 +11,7 @@ struct attack_run {
     struct attack_config *config;
     sg_ctx *ctx;
     struct sg_scene *scene;
+    struct sg_attack_params params; /* with the preset applied */
     sg_attack *attack;
     const char *proxy; /* path of its model */
     size_t proxy_gaussians;

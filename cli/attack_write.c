@@ -6,6 +6,8 @@
 
 #include "attack_run.h"
 #include "interrupt.h"
+#include "core/json_text.h"
+#include "run/config.h"
 #include "run_log.h"
 
 /* Lines up to the checkpoint stay. */
@@ -26,7 +28,7 @@ static bool take(void *arg, const json_t *line)
 
 int attack_log_open(struct attack_run *r)
 {
-    r->log_path = run_path(r->config->output, "attack/log.jsonl");
+    r->log_path = run_path(r->config->run.folder, "attack/log.jsonl");
     return r->log_path ? run_log_open(r->log_path, r->config->resume ? take : NULL, r, &r->log)
                        : no_memory();
 }
@@ -59,13 +61,13 @@ static bool add_growth(void *curve, const json_t *line)
 static bool *choose(const struct attack_run *r)
 {
     const size_t n = r->scene->n_train,
-                 wanted = (size_t) lround((double) r->config->ratio * (double) n);
+                 wanted = (size_t) lround((double) r->config->run.ratio * (double) n);
     bool *chosen = calloc(n ? n : 1, sizeof(*chosen));
     for (size_t k = 0; chosen && k < wanted; k++) {
         size_t best = n;
         for (size_t i = 0; i < n; i++)
-            if (!chosen[i] && (best == n || sg_attack_draw(r->config->attack.seed, i) <
-                                                sg_attack_draw(r->config->attack.seed, best)))
+            if (!chosen[i] && (best == n || sg_attack_draw(r->params.seed, i) <
+                                                sg_attack_draw(r->params.seed, best)))
                 best = i;
         chosen[best] = true;
     }
@@ -74,19 +76,19 @@ static bool *choose(const struct attack_run *r)
 
 static int poison(struct attack_run *r, size_t view, uint8_t *rgb)
 {
-    static const enum sg_naive_attack naive[] = {[METHOD_NOISE] = SG_NAIVE_NOISE,
-                                                 [METHOD_TV_PER_VIEW] = SG_NAIVE_TV,
-                                                 [METHOD_DRIFT] = SG_NAIVE_DRIFT};
+    static const enum sg_naive_attack naive[] = {[SG_METHOD_NOISE] = SG_NAIVE_NOISE,
+                                                 [SG_METHOD_TV_PER_VIEW] = SG_NAIVE_TV,
+                                                 [SG_METHOD_DRIFT] = SG_NAIVE_DRIFT};
     const struct attack_config *c = r->config;
     int error;
-    if (c->method == METHOD_POISON_SPLAT)
+    if (c->run.method == SG_METHOD_POISON_SPLAT)
         error = sg_attack_poison(r->attack, view, rgb);
     else
-        error = sg_attack_naive(r->ctx, &r->scene->train[view], view, &c->attack, naive[c->method],
-                                rgb);
+        error = sg_attack_naive(r->ctx, &r->scene->train[view], view, &r->params,
+                                naive[c->run.method], rgb);
     const struct sg_view *v = &r->scene->train[view];
     const size_t width = (size_t) v->camera.width,
-                 spared = (size_t) lroundf(c->spare * (float) width);
+                 spared = (size_t) lroundf(c->run.spare * (float) width);
     for (size_t y = 0; y < (size_t) v->camera.height && !error; y++)
         memcpy(rgb + 3 * width * y, v->rgb + 3 * width * y, 3 * spared);
     return error;
@@ -102,7 +104,7 @@ static int write_views(struct attack_run *r, const bool *chosen, json_t *images,
 {
     const struct attack_config *c = r->config;
     const struct sg_scene *scene = r->scene;
-    int error = sg_poisoned_scene_begin(r->ctx, scene, &c->files, c->output);
+    int error = sg_poisoned_scene_begin(r->ctx, scene, &c->run.files, c->run.folder);
     /* The training views last: should a scene name a photo in both splits, its poison stands. */
     for (size_t k = 0; k < scene->n_train + scene->n_test && !error; k++) {
         const bool train = k >= scene->n_test;
@@ -117,7 +119,7 @@ static int write_views(struct attack_run *r, const bool *chosen, json_t *images,
         if (train && chosen[i])
             error = poison(r, i, rgb);
         if (!error)
-            error = sg_poisoned_scene_image(r->ctx, scene, view, &c->files, c->output,
+            error = sg_poisoned_scene_image(r->ctx, scene, view, &c->run.files, c->run.folder,
                                             train && chosen[i] ? rgb : view->rgb, &p);
         free(rgb);
         if (!error)
@@ -143,7 +145,7 @@ int attack_write(struct attack_run *r)
     struct tally t = {0};
     json_t *images = json_array();
     bool *chosen = choose(r);
-    char *path = run_path(c->output, "poison.json");
+    char *path = run_path(c->run.folder, "poison.json");
     int code = chosen && path ? 0 : no_memory();
     const int error = code ? 0 : write_views(r, chosen, images, &t);
     if (error)
@@ -155,13 +157,13 @@ int attack_write(struct attack_run *r)
         json_t *growth = json_array();
         if (r->attack)
             run_log_read(r->log_path, add_growth, growth);
-        json_t *root =
-            json_pack("{s:s,s:o,s:o,s:o}", "version", sg_version(), "options",
-                      options_to_json(&command_attack, c), "images", images, "growth", growth);
+        json_t *root = json_pack("{s:s,s:o,s:o,s:o}", "version", sg_version(), "options",
+                                 sg_config_to_json(sg_attack_run_config, &c->run), "images", images,
+                                 "growth", growth);
         images = NULL;
 #define PUT(key, value) json_object_set_new(root, key, value)
         PUT("epsilon_levels",
-            number_json(round(255 * (double) c->attack.epsilon))); /* null: no bound */
+            number_json(round(255 * (double) r->params.epsilon))); /* null: no bound */
         PUT("poisoned_images", json_integer((json_int_t) t.poisoned));
         PUT("clean_images",
             json_integer((json_int_t) (r->scene->n_train + r->scene->n_test - t.poisoned)));
@@ -169,12 +171,12 @@ int attack_write(struct attack_run *r)
         PUT("psnr_mean", number_json(t.psnr / n));
         PUT("tv_before_mean", number_json(t.before / n));
         PUT("tv_after_mean", number_json(t.after / n));
-        if (c->method == METHOD_TV_PER_VIEW)
-            PUT("schedule", json_pack("{s:i}", "inner", c->attack.inner));
+        if (c->run.method == SG_METHOD_TV_PER_VIEW)
+            PUT("schedule", json_pack("{s:i}", "inner", r->params.inner));
         if (r->attack) {
             PUT("schedule",
-                json_pack("{s:i,s:i,s:i}", "iterations", c->attack.iterations, "inner",
-                          c->attack.inner, "update-interval", c->attack.update_interval));
+                json_pack("{s:i,s:i,s:i}", "iterations", r->params.iterations, "inner",
+                          r->params.inner, "update-interval", r->params.update_interval));
             PUT("proxy", sg_text_to_json(r->proxy));
             PUT("proxy_gaussians", json_integer((json_int_t) r->proxy_gaussians));
             PUT("decoy_max_gaussians", json_integer((json_int_t) r->totals.max_gaussians));
@@ -194,7 +196,7 @@ int attack_write(struct attack_run *r)
             say(stderr,
                 "%zu poisoned images in %s: largest change %.0f grey levels, PSNR %.2f dB, total "
                 "variation %.2f to %.2f\n",
-                t.poisoned, c->output, t.linf, t.psnr / n, t.before / n, t.after / n);
+                t.poisoned, c->run.folder, t.linf, t.psnr / n, t.before / n, t.after / n);
     }
     json_decref(images);
     free(chosen);

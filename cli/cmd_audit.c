@@ -8,7 +8,7 @@
 #include "output.h"
 
 struct audit_config {
-    struct scene_options scene;
+    struct sg_scene_params scene;
     const char *report;
     bool json, quiet, eval, exit_code;
     int threads;
@@ -16,26 +16,29 @@ struct audit_config {
 };
 
 #define A(field) offsetof(struct audit_config, field)
-static const struct option audit_options[] = {
-    GROUP_ROW("Output"),
-    FLAG_ROW("json", A(json), "Print one JSON object.", .transient = true),
+static const struct sg_option audit_options[] = {
+    FLAG_ROW("json", A(json), "Print one JSON object.", .group = "Output"),
     TEXT_ROW("report", A(report), "OUT.html",
              "Write a page with the reasons, spectra and heat maps of the most suspicious and the "
              "least suspicious photos.",
-             .transient = true),
+             .group = "Output"),
     FLAG_ROW("exit-code", A(exit_code),
              "Exit with status 5 where the photos look poisoned, with 6 where suspicious.",
-             .transient = true),
-    FLAG_ROW("eval", A(eval), "Leave the test views out, as train --eval does.", .transient = true),
-    NUMBER_ROW("threads", OPT_INT, A(threads), 0, 256, "T", "Worker threads; 0 = one per CPU.",
-               .letter = 'j', .transient = true),
-    MEMORY_ROW(struct audit_config, max_memory),
-    FLAG_ROW("quiet", A(quiet), "Warnings and the verdict only.", .letter = 'q', .transient = true),
-    SCENE_OPTIONS(struct audit_config, scene, true),
+             .group = "Output"),
+    FLAG_ROW("eval", A(eval), "Leave the test views out, as train --eval does.", .group = "Output"),
+    NUMBER_ROW("threads", SG_OPTION_INT, A(threads), 0, 256, "T",
+               "Worker threads; 0 = one per CPU.", .letter = 'j', .group = "Output"),
+    MEMORY_ROW(struct audit_config, max_memory, .group = "Output"),
+    FLAG_ROW("quiet", A(quiet), "Warnings and the verdict only.", .letter = 'q', .group = "Output"),
     {0},
 };
 
-static const struct audit_config defaults = {.scene = {SCENE_OPTION_DEFAULTS}};
+static const struct option_part audit_parts[] = {{sg_scene_options, A(scene), "smooth"}, {0}};
+
+static void defaults(void *config)
+{
+    *(struct audit_config *) config = (struct audit_config){.scene = sg_scene_params_default()};
+}
 
 static json_t *features(const struct sg_audit_features *f)
 {
@@ -119,9 +122,8 @@ static int run_audit(const void *config, const bool *given, const char *const *p
         sg_ctx_destroy(&ctx);
         return code;
     }
-    c.scene.params.format = (enum sg_scene_format) c.scene.format;
-    c.scene.params.eval = c.eval;
-    int error = sg_scene_load(ctx, positional[0], &c.scene.params, &scene);
+    c.scene.eval = c.eval;
+    int error = sg_scene_load(ctx, positional[0], &c.scene, &scene);
     if (!error) {
         warn_small_photos(scene);
         error = sg_audit_scene(ctx, scene, &audit);
@@ -149,9 +151,11 @@ const struct command command_audit = {
     .description = "Looks for what an attack on the cost of training has to leave in photos: fine "
                    "oscillation, everywhere, in every photo. Exit status 0 whatever the verdict, "
                    "unless --exit-code is given.",
+    .groups = "Output|Scene",
     .options = audit_options,
+    .parts = audit_parts,
     .config_size = sizeof(struct audit_config),
-    .defaults = &defaults,
+    .defaults = defaults,
     .min_positional = 1,
     .max_positional = 1,
     .run = run_audit,

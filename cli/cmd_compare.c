@@ -12,17 +12,21 @@ struct compare_config {
     bool json, csv;
 };
 
-static const struct option compare_options[] = {
+static const struct sg_option compare_options[] = {
     FLAG_ROW("json", offsetof(struct compare_config, json), "Print a JSON array, one object a run.",
-             .transient = true),
+             .group = "Output"),
     FLAG_ROW("csv", offsetof(struct compare_config, csv),
-             "Print comma-separated values, one line a run.", .transient = true),
-    MODEL_OPTIONS(struct compare_config),
-    SCENE_OPTIONS(struct compare_config, m.scene, true),
+             "Print comma-separated values, one line a run.", .group = "Output"),
+    MODEL_ROWS(struct compare_config),
     {0},
 };
 
-static const struct compare_config defaults = {.m = {MODEL_OPTION_DEFAULTS}};
+static const struct option_part compare_parts[] = MODEL_PARTS(struct compare_config);
+
+static void defaults(void *config)
+{
+    *(struct compare_config *) config = (struct compare_config){.m = model_options_default()};
+}
 
 /* The instance list stands apart from the model: what a poisoned scene costs is mostly there. */
 enum {
@@ -220,9 +224,11 @@ const struct command command_compare = {
                    "`splatguard train`, with ratios to the first. With --scene, PSNR, SSIM and "
                    "speed are measured anew on its views: give the clean scene to runs on poisoned "
                    "copies of it (and --downscale as the attack had it).",
+    .groups = "Output|" MODEL_GROUPS,
     .options = compare_options,
+    .parts = compare_parts,
     .config_size = sizeof(struct compare_config),
-    .defaults = &defaults,
+    .defaults = defaults,
     .min_positional = 1,
     .max_positional = OPTIONS_MAX_POSITIONAL,
     .run = run_compare,

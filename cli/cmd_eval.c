@@ -10,17 +10,21 @@ struct eval_config {
     bool json, per_view;
 };
 
-static const struct option eval_options[] = {
-    MODEL_OPTIONS(struct eval_config),
+static const struct sg_option eval_options[] = {
+    MODEL_ROWS(struct eval_config),
     FLAG_ROW("json", offsetof(struct eval_config, json), "Print one JSON object.",
-             .transient = true),
+             .group = "Output"),
     FLAG_ROW("per-view", offsetof(struct eval_config, per_view), "Print each view's values too.",
-             .transient = true),
-    SCENE_OPTIONS(struct eval_config, m.scene, true),
+             .group = "Output"),
     {0},
 };
 
-static const struct eval_config defaults = {.m = {MODEL_OPTION_DEFAULTS}};
+static const struct option_part eval_parts[] = MODEL_PARTS(struct eval_config);
+
+static void defaults(void *config)
+{
+    *(struct eval_config *) config = (struct eval_config){.m = model_options_default()};
+}
 
 static int print_json(const struct eval_config *c, const struct model_views *v,
                       const struct sg_eval *e)
@@ -74,9 +78,11 @@ const struct command command_eval = {
     .summary = "Measures PSNR, SSIM and rendering speed.",
     .description = "Renders the views of SCENE and compares them with the photos, clamped and "
                    "rounded to 8 bits. A run's folder brings its own scene options.",
+    .groups = "Output|" MODEL_GROUPS,
     .options = eval_options,
+    .parts = eval_parts,
     .config_size = sizeof(struct eval_config),
-    .defaults = &defaults,
+    .defaults = defaults,
     .min_positional = 1,
     .max_positional = 1,
     .run = run_eval,

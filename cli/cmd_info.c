@@ -8,15 +8,17 @@ struct info_config {
     uint64_t max_memory;
 };
 
-static const struct option info_options[] = {
-    GROUP_ROW("Output"),
+static const struct sg_option info_options[] = {
     FLAG_ROW("json", offsetof(struct info_config, json), "Print one JSON object.",
-             .transient = true),
-    MEMORY_ROW(struct info_config, max_memory),
+             .group = "Output"),
+    MEMORY_ROW(struct info_config, max_memory, .group = "Output"),
     {0},
 };
 
-static const struct info_config defaults = {0};
+static void defaults(void *config)
+{
+    *(struct info_config *) config = (struct info_config){0};
+}
 
 static int print_json(const struct sg_model_info *i)
 {
@@ -105,9 +107,10 @@ const struct command command_info = {
         "Prints count, SH degree, bounds and percentiles of scale and opacity. A file that cannot "
         "be read is refused with the place and the reason. Exit status 2 also for a model with "
         "values that are not finite, which no other command takes.",
+    .groups = "Output",
     .options = info_options,
     .config_size = sizeof(struct info_config),
-    .defaults = &defaults,
+    .defaults = defaults,
     .min_positional = 1,
     .max_positional = 1,
     .run = run_info,

@@ -13,22 +13,25 @@ struct render_config {
     bool pfm, depth;
 };
 
-static const struct option render_options[] = {
-    GROUP_ROW("Output"),
+static const struct sg_option render_options[] = {
     TEXT_ROW("output", offsetof(struct render_config, output), "DIR", "Folder for the images.",
-             .letter = 'o', .transient = true),
+             .letter = 'o', .group = "Output"),
     FLAG_ROW("float", offsetof(struct render_config, pfm),
-             "Write PFM (32-bit float, not clamped) instead of PNG.", .transient = true),
+             "Write PFM (32-bit float, not clamped) instead of PNG.", .group = "Output"),
     FLAG_ROW("depth", offsetof(struct render_config, depth),
              "Write NAME_depth too: mean depth in scene units (PFM), or nearest white to farthest "
              "dark grey (PNG).",
-             .transient = true),
-    MODEL_OPTIONS(struct render_config),
-    SCENE_OPTIONS(struct render_config, m.scene, true),
+             .group = "Output"),
+    MODEL_ROWS(struct render_config),
     {0},
 };
 
-static const struct render_config defaults = {.m = {MODEL_OPTION_DEFAULTS}};
+static const struct option_part render_parts[] = MODEL_PARTS(struct render_config);
+
+static void defaults(void *config)
+{
+    *(struct render_config *) config = (struct render_config){.m = model_options_default()};
+}
 
 /* PFM stores rows bottom to top; a negative scale says little endian. */
 static int write_pfm(sg_ctx *ctx, const char *path, const float *planes, int width, int height,
@@ -194,9 +197,11 @@ const struct command command_render = {
     .summary = "Renders the views of a scene to images.",
     .description =
         "Renders a model from the cameras of SCENE, one image a view under the view's name.",
+    .groups = "Output|" MODEL_GROUPS,
     .options = render_options,
+    .parts = render_parts,
     .config_size = sizeof(struct render_config),
-    .defaults = &defaults,
+    .defaults = defaults,
     .min_positional = 1,
     .max_positional = 1,
     .run = run_render,

@@ -20,26 +20,27 @@ struct spectrum_config {
 #define TITLE_MAX 28 /* letters: what fits above an image */
 
 #define S(field) offsetof(struct spectrum_config, field)
-static const struct option spectrum_options[] = {
+static const struct sg_option spectrum_options[] = {
     TEXT_ROW("output", S(output), "OUT.png",
-             "Draw the picture, of at most 6 images, into this file.", .letter = 'o',
-             .transient = true),
-    FLAG_ROW("json", S(json), "Print a JSON array, one object an image.", .transient = true),
-    MEMORY_ROW(struct spectrum_config, max_memory),
-    NUMBER_ROW("gain", OPT_DOUBLE, S(gain), 0.01, 255, "X",
-               "How much differences from the first image are magnified.", .transient = true),
-    TEXT_ROW("crop", S(crop), "X,Y,W,H", "Also draw this part of every image, magnified.",
-             .transient = true),
-    NUMBER_ROW("low", OPT_DOUBLE, S(p.low), 0, 1, "X",
-               "Lower edge of the band, as a part of the Nyquist frequency.", .transient = true),
-    NUMBER_ROW("high", OPT_DOUBLE, S(p.high), 0, 1, "X", "Upper edge of the band.",
-               .transient = true),
-    NUMBER_ROW("bins", OPT_INT, S(p.bins), 4, SG_SPECTRUM_BINS_MAX, "N",
-               "Directions over the full circle; divisible by 4.", .transient = true),
+             "Draw the picture, of at most 6 images, into this file.", .letter = 'o'),
+    FLAG_ROW("json", S(json), "Print a JSON array, one object an image."),
+    MEMORY_ROW(struct spectrum_config, max_memory, .group = NULL),
+    NUMBER_ROW("gain", SG_OPTION_DOUBLE, S(gain), 0.01, 255, "X",
+               "How much differences from the first image are magnified."),
+    TEXT_ROW("crop", S(crop), "X,Y,W,H", "Also draw this part of every image, magnified."),
+    NUMBER_ROW("low", SG_OPTION_DOUBLE, S(p.low), 0, 1, "X",
+               "Lower edge of the band, as a part of the Nyquist frequency."),
+    NUMBER_ROW("high", SG_OPTION_DOUBLE, S(p.high), 0, 1, "X", "Upper edge of the band."),
+    NUMBER_ROW("bins", SG_OPTION_INT, S(p.bins), 4, SG_SPECTRUM_BINS_MAX, "N",
+               "Directions over the full circle; divisible by 4."),
     {0},
 };
 
-static const struct spectrum_config defaults = {.p = {SG_SPECTRUM_DEFAULTS}, .gain = 8};
+static void defaults(void *config)
+{
+    *(struct spectrum_config *) config =
+        (struct spectrum_config){.p = sg_spectrum_params_default(), .gain = 8};
+}
 
 static int load(sg_ctx *ctx, const char *path, const struct spectrum_config *c,
                 struct picture_image *out)
@@ -210,7 +211,7 @@ const struct command command_spectrum = {
         "variation. With -o, draws photos, differences from the first, spectra and distributions.",
     .options = spectrum_options,
     .config_size = sizeof(struct spectrum_config),
-    .defaults = &defaults,
+    .defaults = defaults,
     .min_positional = 1,
     .max_positional = OPTIONS_MAX_POSITIONAL,
     .run = run_spectrum,

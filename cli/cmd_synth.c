@@ -9,28 +9,21 @@ struct synth_config {
 };
 
 #define S(field) offsetof(struct synth_config, field)
-#define INTEGER(name, field, low, high, help)                                                      \
-    NUMBER_ROW(name, OPT_INT, S(field), low, high, "N", help)
-
-static const struct option synth_options[] = {
-    GROUP_ROW("Output"),
+static const struct sg_option synth_options[] = {
     TEXT_ROW("output", S(output), "DIR", "Folder to make; must not exist or be empty.",
-             .letter = 'o', .transient = true),
-    INTEGER("width", p.width, 16, 4096, "Image width in pixels."),
-    INTEGER("height", p.height, 16, 4096, "Image height in pixels."),
-    INTEGER("train-views", p.train_views, 4, 4096, "Views to train on."),
-    INTEGER("test-views", p.test_views, 1, 4096,
-            "Views to hold out in the Blender layout; in COLMAP's every 8th is one."),
-    INTEGER("points", p.points, 4, 10000000, "Surface points of the COLMAP layout."),
-    INTEGER("samples", p.samples, 1, 8, "Anti-aliasing samples per pixel and axis."),
-    NUMBER_ROW("seed", OPT_U64, S(p.seed), 0, 9e15, "S", "Same options and seed, same bytes."),
-    NUMBER_ROW("threads", OPT_INT, S(threads), 0, 256, "T", "Worker threads; 0 = one per CPU.",
-               .letter = 'j', .transient = true),
-    FLAG_ROW("quiet", S(quiet), "Warnings only.", .letter = 'q', .transient = true),
+             .letter = 'o', .group = "Output"),
+    NUMBER_ROW("threads", SG_OPTION_INT, S(threads), 0, 256, "T",
+               "Worker threads; 0 = one per CPU.", .letter = 'j', .group = "Output"),
+    FLAG_ROW("quiet", S(quiet), "Warnings only.", .letter = 'q', .group = "Output"),
     {0},
 };
 
-static const struct synth_config defaults = {.p = {SG_SYNTH_DEFAULTS}};
+static const struct option_part synth_parts[] = {{sg_synth_options, S(p), NULL}, {0}};
+
+static void defaults(void *config)
+{
+    *(struct synth_config *) config = (struct synth_config){.p = sg_synth_params_default()};
+}
 
 static int run_synth(const void *config, const bool *given, const char *const *positional,
                      int count)
@@ -68,8 +61,10 @@ const struct command command_synth = {
     .summary = "Makes a ray-traced scene with exact cameras, to train and test on.",
     .description =
         "Ray-traces the project's own scene and writes it in Blender and in COLMAP layout.",
+    .groups = "Output",
     .options = synth_options,
+    .parts = synth_parts,
     .config_size = sizeof(struct synth_config),
-    .defaults = &defaults,
+    .defaults = defaults,
     .run = run_synth,
 };

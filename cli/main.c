@@ -20,7 +20,8 @@ static void usage(FILE *out)
     for (size_t i = 0; i < COMMANDS; i++)
         fprintf(out, "  splatguard %-7s %s\n      %s\n", commands[i]->name, commands[i]->arguments,
                 commands[i]->summary);
-    fprintf(out, "\nsplatguard COMMAND --help lists the options of a command.\n\nExit status:\n");
+    fprintf(out, "\nsplatguard COMMAND --help lists the options of a command, --help-all those "
+                 "that few need too.\n\nExit status:\n");
     for (const struct exit_meaning *e = exit_meanings; e->meaning; e++)
         fprintf(out, "  %3d  %s\n", (int) e->status, e->meaning);
 }
@@ -52,7 +53,9 @@ static void markdown(void)
 {
     printf("# Options\n\nMade by `splatguard help --markdown`; a test keeps it up to date. Names "
            "may be written with underscores as in the reference (`--densify_grad_threshold`), "
-           "values as `--name value` or `--name=value`. No option may be given twice.\n\nSizes: "
+           "values as `--name value` or `--name=value`. No option may be given twice. `--help` "
+           "leaves out the options with a star, "
+           "`--help-all` lists them too.\n\nSizes: "
            "`1500M`, `1.5G`, `2GiB`, `500MB`; K, M, G, T and KiB, MiB, GiB, TiB are powers of "
            "1024, KB, MB, GB, TB of 1000. Times: seconds, or `90s`, `10m`, `1h30m`, `1d`.\n");
     for (size_t i = 0; i < COMMANDS; i++)
@@ -67,12 +70,9 @@ static int run(const struct command *c, int argc, char **argv)
     const char *positional[OPTIONS_MAX_POSITIONAL];
     int count, code;
     void *config = malloc(c->config_size);
-    bool *given = calloc(options_count(c), sizeof(*given));
-    if (!config || !given) {
-        free(config);
-        free(given);
+    bool given[OPTIONS_MAX];
+    if (!config)
         return no_memory();
-    }
     code = options_parse(c, argc, argv, config, positional, &count, given);
     if (code == 0 && count < c->min_positional) {
         say(stderr, "splatguard %s: missing argument; usage: splatguard %s %s\n", c->name, c->name,
@@ -82,7 +82,6 @@ static int run(const struct command *c, int argc, char **argv)
     if (code == 0)
         code = c->run(config, given, positional, count);
     free(config);
-    free(given);
     return code < 0 ? 0 : code;
 }
 
@@ -151,7 +150,7 @@ int main(int argc, char **argv)
         else if (argc > 2 && !strcmp(argv[2], "--markdown"))
             markdown();
         else if (argc > 2 && find(argv[2]))
-            options_help(find(argv[2]), stdout);
+            options_help(find(argv[2]), false, stdout);
         else if (argc > 2)
             return unknown(argv[2]);
         else

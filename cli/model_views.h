@@ -6,42 +6,43 @@
 #include "commands.h"
 
 struct model_options {
-    const char *scene_path, *cpu;
-    struct scene_options scene;
+    const char *scene_path, *engine, *cpu;
+    struct sg_scene_params scene;
     struct sg_render_params render;
-    int split, engine, threads, iteration;
+    int split, threads, iteration;
     uint64_t max_memory;
     bool quiet;
 };
 #define SPLITS "test|train"
 
-#define MODEL_OPTIONS(config)                                                                      \
-    GROUP_ROW("Model and views"),                                                                  \
-        TEXT_ROW("scene", offsetof(config, m.scene_path), "SCENE",                                 \
-                 "The photos and cameras; a run knows its own.", .letter = 's',                    \
-                 .transient = true),                                                               \
+#define MODEL_ROWS(config)                                                                         \
+    TEXT_ROW("scene", offsetof(config, m.scene_path), "SCENE",                                     \
+             "The photos and cameras; a run knows its own.", .group = MODEL_GROUP, .letter = 's'), \
         CHOICE_ROW("split", offsetof(config, m.split), SPLITS, "SPLIT",                            \
-                   "Which views: " SPLITS ".", .transient = true),                                 \
-        NUMBER_ROW("iteration", OPT_INT, offsetof(config, m.iteration), 0, 10000000, "N",          \
-                   "Which model of a run; 0 = the newest.", .transient = true),                    \
-        NUMBER_ROW("threads", OPT_INT, offsetof(config, m.threads), 0, 256, "T",                   \
-                   "Worker threads; 0 = one per CPU.", .letter = 'j', .transient = true),          \
-        MEMORY_ROW(config, m.max_memory),                                                          \
-        FLAG_ROW("quiet", offsetof(config, m.quiet), "Warnings only.", .letter = 'q',              \
-                 .transient = true),                                                               \
-        CHOICE_ROW("engine", offsetof(config, m.engine), ENGINES, "NAME",                          \
-                   "cpu, or ref: the slow scalar oracle.", .alias = "backend", .transient = true), \
+                   "Which views: " SPLITS ".", .group = MODEL_GROUP),                              \
+        NUMBER_ROW("iteration", SG_OPTION_INT, offsetof(config, m.iteration), 0, 10000000, "N",    \
+                   "Which model of a run; 0 = the newest.", .group = MODEL_GROUP),                 \
+        NUMBER_ROW("threads", SG_OPTION_INT, offsetof(config, m.threads), 0, 256, "T",             \
+                   "Worker threads; 0 = one per CPU.", .group = MODEL_GROUP, .letter = 'j'),       \
+        MEMORY_ROW(config, m.max_memory, .group = MODEL_GROUP),                                    \
+        FLAG_ROW("quiet", offsetof(config, m.quiet), "Warnings only.", .group = MODEL_GROUP,       \
+                 .letter = 'q'),                                                                   \
+        TEXT_ROW("engine", offsetof(config, m.engine), "NAME",                                     \
+                 "cpu, or ref: the slow scalar oracle.", .group = MODEL_GROUP, .expert = true,     \
+                 .choices = "cpu|ref", .alias = "backend"),                                        \
         TEXT_ROW(                                                                                  \
             "cpu", offsetof(config, m.cpu), "VARIANT",                                             \
             "Instruction set: baseline, avx2, avx512 or neon; the best by default (or SG_CPU).",   \
-            .transient = true),                                                                    \
-        NUMBER_ROW("max-instances", OPT_U64, offsetof(config, m.render.max_instances), 1, 4e9,     \
-                   "N", "(Gaussian, tile) pairs held at once; more are processed in bands.",       \
-                   .transient = true),                                                             \
-        FLAG_ROW("reference-tiles", offsetof(config, m.render.reference_tiles),                    \
-                 "Keep every tile of the 3-sigma square, for parity checks.", .transient = true)
+            .group = MODEL_GROUP, .expert = true)
+#define MODEL_GROUP "Model and views"
+#define MODEL_GROUPS MODEL_GROUP "|Scene|Rasteriser"
+#define MODEL_PARTS(config)                                                                        \
+    {                                                                                              \
+        {sg_scene_options, offsetof(config, m.scene), "smooth"},                                   \
+            {sg_render_options, offsetof(config, m.render), NULL}, {0},                            \
+    }
 
-#define MODEL_OPTION_DEFAULTS .scene = {SCENE_OPTION_DEFAULTS}, .render = {SG_RENDER_DEFAULTS}
+struct model_options model_options_default(void);
 
 struct model_views {
     sg_ctx *ctx;

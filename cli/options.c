@@ -1,16 +1,50 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "options.h"
 
-#include <errno.h>
-#include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
-#include "quantities.h"
-
-static void *value_of(const struct option *o, void *config)
+/* Where a name is in "one|two|three", or their number. */
+static size_t place_of(const char *list, const char *name)
 {
-    return (char *) config + o->offset;
+    size_t i = 0;
+    for (; list && *list; i++) {
+        const size_t n = strcspn(list, "|");
+        if (name && strlen(name) == n && !memcmp(list, name, n))
+            return i + 1;
+        list += n + (list[n] == '|');
+    }
+    return name ? i + 1 : 0;
+}
+
+static bool is_in(const char *list, const char *name)
+{
+    return list && place_of(list, name) < place_of(list, "");
+}
+
+static size_t add_group(const struct command *c, size_t group, struct option_place *list, size_t n)
+{
+    for (const struct sg_option *o = c->options; o->name; o++)
+        if (n < OPTIONS_MAX && place_of(c->groups, o->group) == group)
+            list[n++] = (struct option_place){o, 0};
+    for (const struct option_part *p = c->parts; p && p->rows; p++)
+        for (const struct sg_option *o = p->rows(); o->name; o++)
+            if (n < OPTIONS_MAX && place_of(c->groups, o->group) == group &&
+                !is_in(p->without, o->name))
+                list[n++] = (struct option_place){o, p->at};
+    return n;
+}
+
+size_t options_list(const struct command *c, struct option_place list[OPTIONS_MAX])
+{
+    size_t n = 0;
+    for (size_t group = 0; group <= place_of(c->groups, ""); group++)
+        n = add_group(c, group, list, n);
+    return n;
+}
+
+static size_t offset_of(const struct option_place *p)
+{
+    return p->at + p->row->offset;
 }
 
 /* Dashes and underscores are the same in option names. */
@@ -46,167 +80,75 @@ size_t name_distance(const char *a, size_t n, const char *b)
     return row[m];
 }
 
-static int unknown(const struct command *c, const char *name, size_t n)
+static int unknown(const struct command *c, const struct option_place *list, size_t count,
+                   const char *name, size_t n)
 {
-    const struct option *near = NULL;
+    const char *near = NULL;
     size_t best = 4;
-    for (const struct option *o = c->options; o->name; o++) {
-        size_t d = o->type == OPT_GROUP ? 64 : name_distance(name, n, o->name);
-        if (o->type != OPT_GROUP && n > 2 && !strncmp(name, o->name, n))
-            d = 0; /* the beginning of a name */
+    for (size_t i = 0; i < count; i++) {
+        const char *other = list[i].row->name;
+        const size_t d = n > 2 && !strncmp(name, other, n) ? 0 /* the beginning of a name */
+                                                           : name_distance(name, n, other);
         if (d < best)
-            best = d, near = o;
+            best = d, near = other;
     }
     say(stderr, "splatguard %s: unknown option %s%.*s", c->name, n > 1 ? "--" : "-", (int) n, name);
     if (near)
-        say(stderr, "; did you mean --%s?", near->name);
+        say(stderr, "; did you mean --%s?", near);
     say(stderr, "\n");
     return 1;
 }
 
-static int bad_value(const struct command *c, const struct option *o, const char *text,
-                     const char *expected)
+/* Index of the option with that name, older name or letter, or count. */
+static size_t find(const struct option_place *list, size_t count, const char *name, size_t n)
 {
-    say(stderr, "splatguard %s: --%s: found \"%s\", expected %s\n", c->name, o->name, text,
-        expected);
-    return 1;
-}
-
-/* Which of "one|two|three" a text is, or -1. */
-static int index_of(const char *list, const char *text)
-{
-    for (int i = 0; list && *list; i++) {
-        const size_t n = strcspn(list, "|");
-        if (strlen(text) == n && !memcmp(list, text, n))
+    for (size_t i = 0; i < count; i++) {
+        const struct sg_option *o = list[i].row;
+        if (same_name(name, o->name, n) || (o->alias && same_name(name, o->alias, n)) ||
+            (n == 1 && *name == o->letter))
             return i;
-        list += n + (list[n] == '|');
     }
-    return -1;
-}
-
-/* The i-th of them. */
-static void copy_of(const char *list, int i, char *text, size_t size)
-{
-    for (; i > 0; i--)
-        list += strcspn(list, "|") + 1;
-    snprintf(text, size, "%.*s", (int) strcspn(list, "|"), list);
-}
-
-static int set_choice(const struct command *c, const struct option *o, int *value, const char *text)
-{
-    const int index = index_of(o->choices, text);
-    if (index >= 0) {
-        *value = index;
-        return 0;
-    }
-    char expected[160];
-    snprintf(expected, sizeof(expected), "one of %s", o->choices);
-    return bad_value(c, o, text, expected);
-}
-
-double options_number(double v)
-{
-    char text[32];
-    snprintf(text, sizeof(text), "%.15g", v);
-    return strtod(text, NULL);
-}
-
-int options_set(const struct command *c, const struct option *o, void *config, const char *text)
-{
-    void *value = value_of(o, config);
-    char expected[128], *end;
-    errno = 0;
-    switch (o->type) {
-    case OPT_FLAG:
-        *(bool *) value = true;
-        return 0;
-    case OPT_STRING:
-        if (!text[0]) /* an empty folder name would mean the root */
-            return bad_value(c, o, text, "a name");
-        *(const char **) value = text;
-        return 0;
-    case OPT_CHOICE:
-        return set_choice(c, o, value, text);
-    case OPT_FLOAT:
-    case OPT_DOUBLE:
-    case OPT_TIME: {
-        const int word = index_of(o->words, text);
-        if (word >= 0) {
-            *(float *) value = (float) (-1 - word);
-            return 0;
-        }
-        double v = strtod(text, &end);
-        const bool known = o->type == OPT_TIME ? quantity_seconds(text, &v) : end != text && !*end;
-        snprintf(expected, sizeof(expected),
-                 o->type == OPT_TIME ? "a time from %g to %g seconds, such as 90s, 1h30m or 1d"
-                 : o->words          ? "a number from %g to %g or one of %s"
-                                     : "a number from %g to %g",
-                 o->low, o->high, o->words ? o->words : "");
-        if (!known || !(v >= o->low && v <= o->high))
-            return bad_value(c, o, text, expected);
-        if (o->type == OPT_FLOAT)
-            *(float *) value = (float) v;
-        else
-            *(double *) value = options_number(v);
-        return 0;
-    }
-    case OPT_BYTES:
-        snprintf(expected, sizeof(expected),
-                 "a size from %.0f to %.0f bytes, such as 500MB, 1.5G or 2GiB", o->low, o->high);
-        uint64_t bytes;
-        if (!quantity_bytes(text, &bytes) || (double) bytes < o->low || (double) bytes > o->high)
-            return bad_value(c, o, text, expected);
-        *(uint64_t *) value = bytes;
-        return 0;
-    default: {
-        snprintf(expected, sizeof(expected), "a whole number from %.0f to %.0f%s", o->low, o->high,
-                 o->nonzero ? ", but not 0" : "");
-        const long long v = strtoll(text, &end, 10);
-        if (end == text || *end || errno || (double) v < o->low || (double) v > o->high ||
-            (o->nonzero && !v))
-            return bad_value(c, o, text, expected);
-        if (o->type == OPT_INT)
-            *(int *) value = (int) v;
-        else
-            *(uint64_t *) value = (uint64_t) v;
-        return 0;
-    }
-    }
-}
-
-static const struct option *find(const struct command *c, const char *name, size_t n)
-{
-    for (const struct option *o = c->options; o->name; o++)
-        if (o->type != OPT_GROUP &&
-            (same_name(name, o->name, n) || (o->alias && same_name(name, o->alias, n)) ||
-             (n == 1 && *name == o->letter)))
-            return o;
-    return NULL;
+    return count;
 }
 
 /* Which of two values was meant cannot be known. Two rows of one value are two names of it. */
-static bool is_repeated(const struct command *c, const struct option *o, const bool *given)
+static bool is_repeated(const struct command *c, const struct option_place *list, size_t count,
+                        size_t now, const bool *given)
 {
-    for (const struct option *other = c->options; other->name; other++) {
-        if (other->type == OPT_GROUP || other->offset != o->offset || !given[other - c->options])
+    const struct sg_option *o = list[now].row;
+    for (size_t i = 0; i < count; i++) {
+        if (offset_of(&list[i]) != offset_of(&list[now]) || !given[i])
             continue;
-        if (other == o)
+        if (i == now)
             say(stderr, "splatguard %s: --%s%s%s: found twice, expected once\n", c->name, o->name,
                 o->alias ? ", also called --" : "", o->alias ? o->alias : "");
         else
             say(stderr,
                 "splatguard %s: found --%s and --%s, which mean the same, expected one of them\n",
-                c->name, other->name, o->name);
+                c->name, list[i].row->name, o->name);
         return true;
     }
     return false;
 }
 
-int options_parse(const struct command *c, int argc, char **argv, void *config,
-                  const char **positional, int *count, bool *given)
+static int set(const struct command *c, const struct option_place *p, void *config,
+               const char *text)
 {
-    memcpy(config, c->defaults, c->config_size);
-    memset(given, 0, options_count(c) * sizeof(*given));
+    char expected[256];
+    if (sg_option_set(p->row, (char *) config + p->at, text, expected, sizeof(expected)))
+        return 0;
+    say(stderr, "splatguard %s: --%s: found \"%s\", expected %s\n", c->name, p->row->name, text,
+        expected);
+    return 1;
+}
+
+int options_parse(const struct command *c, int argc, char **argv, void *config,
+                  const char **positional, int *count, bool given[OPTIONS_MAX])
+{
+    struct option_place list[OPTIONS_MAX];
+    const size_t options = options_list(c, list);
+    c->defaults(config);
+    memset(given, 0, OPTIONS_MAX * sizeof(*given));
     *count = 0;
     bool only_positional = false;
     for (int i = 0; i < argc; i++) {
@@ -227,75 +169,38 @@ int options_parse(const struct command *c, int argc, char **argv, void *config,
             only_positional = true;
             continue;
         }
-        if (!strcmp(a, "--help") || !strcmp(a, "-h")) {
-            options_help(c, stdout);
+        if (!strcmp(a, "--help") || !strcmp(a, "-h") || !strcmp(a, "--help-all")) {
+            options_help(c, !strcmp(a, "--help-all"), stdout);
             return -1;
         }
         const bool brief = a[1] != '-'; /* -w, -j 2, -j2 */
         const char *name = a + (brief ? 1 : 2),
                    *text = brief && name[1] ? name + 1 : strchr(name, '=');
         const size_t n = brief ? 1 : text ? (size_t) (text - name) : strlen(name);
-        const struct option *o = find(c, name, n);
-        if (!o)
-            return unknown(c, name, n);
+        const size_t found = find(list, options, name, n);
+        if (found == options)
+            return unknown(c, list, options, name, n);
+        const struct sg_option *o = list[found].row;
         if (!brief && text)
             text++;
-        if (o->type == OPT_FLAG && text) {
-            say(stderr, "splatguard %s: --%s takes no value\n", c->name, o->name);
-            return 1;
-        }
-        if (o->type != OPT_FLAG) {
-            text = text ? text : i + 1 < argc ? argv[++i] : NULL;
-            if (!text) {
-                say(stderr, "splatguard %s: --%s: found no value, expected %s\n", c->name, o->name,
-                    o->argument);
+        if (o->type == SG_OPTION_FLAG) {
+            if (text) {
+                say(stderr, "splatguard %s: --%s takes no value\n", c->name, o->name);
                 return 1;
             }
+            text = "true";
         }
-        if (is_repeated(c, o, given) || options_set(c, o, config, text))
+        text = text ? text : i + 1 < argc ? argv[++i] : NULL;
+        if (!text) {
+            say(stderr, "splatguard %s: --%s: found no value, expected %s\n", c->name, o->name,
+                o->unit);
             return 1;
-        given[o - c->options] = true;
+        }
+        if (is_repeated(c, list, options, found, given) || set(c, &list[found], config, text))
+            return 1;
+        given[found] = true;
     }
     return 0;
-}
-
-bool options_show(const struct option *o, const void *config, char *text, size_t size)
-{
-    const void *value = (const char *) config + o->offset;
-    switch (o->type) {
-    case OPT_INT:
-        snprintf(text, size, "%d", *(const int *) value);
-        return true;
-    case OPT_U64:
-    case OPT_BYTES:
-        snprintf(text, size, "%llu", (unsigned long long) *(const uint64_t *) value);
-        return true;
-    case OPT_FLOAT:
-        if (o->words && *(const float *) value < 0) {
-            copy_of(o->words, (int) -*(const float *) value - 1, text, size);
-            return true;
-        }
-        for (int digits = 6; digits <= 9; digits++) { /* the shortest that reads back the same */
-            snprintf(text, size, "%.*g", digits, (double) *(const float *) value);
-            if (strtof(text, NULL) == *(const float *) value)
-                break;
-        }
-        return true;
-    case OPT_DOUBLE:
-    case OPT_TIME:
-        snprintf(text, size, "%.15g", *(const double *) value);
-        return true;
-    case OPT_STRING:
-        if (!*(const char *const *) value)
-            return false;
-        snprintf(text, size, "%s", *(const char *const *) value);
-        return true;
-    case OPT_CHOICE:
-        copy_of(o->choices, *(const int *) value, text, size);
-        return true;
-    default:
-        return false;
-    }
 }
 
 json_t *number_json(double v)
@@ -303,144 +208,50 @@ json_t *number_json(double v)
     return v - v == 0 ? json_real(v) : json_null();
 }
 
-json_t *options_to_json(const struct command *c, const void *config)
-{
-    json_t *object = json_object();
-    for (const struct option *o = c->options; o->name; o++) {
-        char text[4096];
-        const void *value = (const char *) config + o->offset;
-        if (o->type == OPT_GROUP || o->transient)
-            continue;
-        json_t *v = json_null();
-        if (o->type == OPT_FLAG)
-            v = json_boolean(*(const bool *) value);
-        else if (o->type == OPT_INT)
-            v = json_integer(*(const int *) value);
-        else if (o->type == OPT_U64 || o->type == OPT_BYTES)
-            v = json_integer((json_int_t) * (const uint64_t *) value);
-        else if (o->type == OPT_STRING && *(const char *const *) value)
-            v = sg_bytes_to_json(*(const char *const *) value);
-        else if (o->words && *(const float *) value < 0 &&
-                 options_show(o, config, text, sizeof(text)))
-            v = sg_text_to_json(text);
-        else if (options_show(o, config, text, sizeof(text)))
-            v = o->type == OPT_FLOAT || o->type == OPT_DOUBLE || o->type == OPT_TIME
-                    ? json_real(strtod(text, NULL))
-                    : sg_text_to_json(text);
-        json_object_set_new(object, o->name, v);
-    }
-    return object;
-}
-
-/* One value of a run's options. */
-static int set_json(const struct command *c, const struct option *o, void *config, const json_t *v,
-                    const char *path)
-{
-    const bool number = o->type != OPT_FLAG && o->type != OPT_STRING && o->type != OPT_CHOICE &&
-                        !(o->words && json_is_string(v));
-    char text[64];
-    if (json_is_null(v))
-        return 0;
-    if (o->type == OPT_FLAG ? !json_is_boolean(v)
-        : number            ? !json_is_number(v)
-                            : !json_is_string(v)) {
-        say(stderr, "splatguard: %s: option \"%s\": found %s, expected %s\n", path, o->name,
-            sg_json_show(v, (char[SG_JSON_SHOWN]){0}),
-            o->type == OPT_FLAG ? "true or false"
-            : number            ? "a number"
-                                : "a text");
-        return 1;
-    }
-    if (o->type == OPT_FLAG) {
-        *(bool *) value_of(o, config) = json_is_true(v);
-        return 0;
-    }
-    if (json_is_integer(v))
-        snprintf(text, sizeof(text), "%lld", (long long) json_integer_value(v));
-    else if (json_is_real(v))
-        snprintf(text, sizeof(text), "%.17g", json_real_value(v));
-    const int code = options_set(c, o, config, number ? text : json_string_value(v));
-    if (code)
-        say(stderr, "splatguard: in %s\n", path);
-    return code;
-}
-
-int options_from_json(const struct command *c, void *config, const json_t *object, const char *path)
-{
-    const char *key;
-    json_t *v;
-    if (!json_is_object(object)) {
-        say(stderr, "splatguard: %s: found no \"options\", expected an object\n", path);
-        return 1;
-    }
-    json_object_foreach((json_t *) object, key, v)
-    {
-        const struct option *o = find(c, key, strlen(key));
-        if (!o || o->transient) {
-            say(stderr, "splatguard: %s: found an unknown option \"%s\"\n", path, key);
-            return 1;
-        }
-        if (set_json(c, o, config, v, path))
-            return 1;
-    }
-    return 0;
-}
-
-int options_adopt(const struct command *c, const char *group, const bool *given, void *config,
-                  const json_t *object, const char *path)
-{
-    bool inside = false;
-    for (const struct option *o = c->options; o->name; o++) {
-        if (o->type == OPT_GROUP) {
-            inside = !strcmp(o->name, group);
-            continue;
-        }
-        const json_t *v =
-            inside && !given[o - c->options] ? json_object_get(object, o->name) : NULL;
-        if (!v && inside && o->alias && !given[o - c->options])
-            v = json_object_get(object, o->alias);
-        if (v && set_json(c, o, config, v, path))
-            return 1;
-    }
-    return 0;
-}
-
 bool options_given(const struct command *c, const bool *given, size_t offset)
 {
-    for (const struct option *o = c->options; o->name; o++)
-        if (o->type != OPT_GROUP && o->offset == offset && given[o - c->options])
+    struct option_place list[OPTIONS_MAX];
+    const size_t n = options_list(c, list);
+    for (size_t i = 0; i < n; i++)
+        if (offset_of(&list[i]) == offset && given[i])
             return true;
     return false;
 }
 
-size_t options_count(const struct command *c)
+const char *options_name(const struct command *c, const char *message)
 {
-    size_t n = 0;
-    while (c->options[n].name)
-        n++;
-    return n;
+    struct option_place list[OPTIONS_MAX];
+    const size_t n = options_list(c, list), length = strcspn(message, ":");
+    for (size_t i = 0; i < n; i++) {
+        const char *field = list[i].row->field;
+        if (field && strlen(field) == length && !memcmp(field, message, length))
+            return list[i].row->name;
+    }
+    return NULL;
 }
 
 int options_conflict(const struct command *c, const bool *given, const void *config,
                      const void *run)
 {
-    for (const struct option *o = c->options; o->name; o++) {
-        char now[4096] = "on", then[4096] = "off";
-        if (o->type == OPT_GROUP || o->transient || !given[o - c->options])
+    struct option_place list[OPTIONS_MAX];
+    const size_t n = options_list(c, list);
+    for (size_t i = 0; i < n; i++) {
+        char now[4096], then[4096];
+        const struct sg_option *o = list[i].row;
+        if (!o->field || o->transient || !given[i]) /* its own rows are of one process */
             continue;
-        if (o->type == OPT_FLAG) {
-            if (*(const bool *) ((const char *) run + o->offset))
-                continue;
-        } else {
-            if (!options_show(o, run, then, sizeof(then)))
-                snprintf(then, sizeof(then), "not set");
-            if (options_show(o, config, now, sizeof(now)) && !strcmp(now, then))
-                continue;
-        }
+        const bool set = sg_option_get(o, (const char *) run + list[i].at, then, sizeof(then));
+        const bool shown = sg_option_get(o, (const char *) config + list[i].at, now, sizeof(now));
+        if (shown && set && !strcmp(now, then))
+            continue;
+        const bool flag = o->type == SG_OPTION_FLAG;
         say(stderr,
             "splatguard %s: --%s: found %s, but the run has %s, and a resumed run keeps its "
             "options\n",
-            c->name, o->name, now, then);
+            c->name, o->name, flag ? "on" : now,
+            flag  ? "off"
+            : set ? then
+                  : "not set");
         return 1;
     }
     return 0;

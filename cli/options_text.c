@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The option tables as text for people: --help, docs/options.md and the man page. */
+#include <stdlib.h>
 #include <string.h>
 
-#include "options.h"
+#include "commands.h"
 
 #define HELP_WIDTH 100
 #define HELP_INDENT 34
@@ -26,32 +27,85 @@ static void wrap(FILE *out, const char *text, size_t indent, size_t column)
 }
 
 /* What is written behind the name: the choices where there are some. */
-static const char *argument_of(const struct option *o)
+static const char *argument_of(const struct sg_option *o)
 {
-    return o->choices ? o->choices : o->argument ? o->argument : "";
+    return o->choices ? o->choices : o->unit ? o->unit : "";
 }
 
-void options_help(const struct command *c, FILE *out)
+/* The options of a command with their defaults. */
+struct listing {
+    struct option_place list[OPTIONS_MAX];
+    size_t n;
+    void *defaults;
+};
+
+static bool list_options(const struct command *c, struct listing *l)
 {
+    l->n = options_list(c, l->list);
+    l->defaults = calloc(1, c->config_size);
+    if (l->defaults)
+        c->defaults(l->defaults);
+    else
+        no_memory();
+    return l->defaults;
+}
+
+/* The heading that the i-th option begins, or NULL. */
+static const char *heading(const struct listing *l, size_t i)
+{
+    const char *group = l->list[i].row->group, *before = i ? l->list[i - 1].row->group : NULL;
+    return group && (!before || strcmp(group, before)) ? group : NULL;
+}
+
+/* False if there is nothing to show: flags, unset names. */
+static bool default_of(const struct listing *l, size_t i, char *text, size_t size)
+{
+    const struct option_place *p = &l->list[i];
+    return p->row->type != SG_OPTION_FLAG &&
+           sg_option_get(p->row, (const char *) l->defaults + p->at, text, size);
+}
+
+static void help_row(const struct listing *l, size_t i, FILE *out)
+{
+    char left[64], value[128], help[1024];
+    const struct sg_option *o = l->list[i].row;
+    const char brief[] = {'-', o->letter, ',', ' ', 0};
+    snprintf(left, sizeof(left), "  %s--%s %s", o->letter ? brief : "    ", o->name,
+             argument_of(o));
+    const bool has_value = default_of(l, i, value, sizeof(value));
+    snprintf(help, sizeof(help), has_value ? "%s [%s]" : "%s", o->help, value);
+    if (strlen(left) >= HELP_INDENT)
+        fprintf(out, "%s\n%*s", left, HELP_INDENT, "");
+    else
+        fprintf(out, "%-*s", HELP_INDENT, left);
+    wrap(out, help, HELP_INDENT, HELP_INDENT);
+}
+
+void options_help(const struct command *c, bool everything, FILE *out)
+{
+    struct listing l;
+    size_t hidden = 0;
+    const char *title = NULL;
+    if (!list_options(c, &l))
+        return;
     fprintf(out, "splatguard %s %s\n\n", c->name, c->arguments);
     wrap(out, c->description, 0, 0);
-    for (const struct option *o = c->options; o->name; o++) {
-        char left[64], value[128], help[512];
-        if (o->type == OPT_GROUP) {
-            fprintf(out, "\n%s:\n", o->name);
+    if (l.n && !l.list[0].row->group)
+        fprintf(out, "\n");
+    for (size_t i = 0; i < l.n; i++) {
+        title = heading(&l, i) ? heading(&l, i) : title;
+        if (l.list[i].row->expert && !everything) {
+            hidden++;
             continue;
         }
-        const char brief[] = {'-', o->letter, ',', ' ', 0};
-        snprintf(left, sizeof(left), "  %s--%s %s", o->letter ? brief : "    ", o->name,
-                 argument_of(o));
-        const bool has_value = options_show(o, c->defaults, value, sizeof(value));
-        snprintf(help, sizeof(help), has_value ? "%s [%s]" : "%s", o->help, value);
-        if (strlen(left) >= HELP_INDENT)
-            fprintf(out, "%s\n%*s", left, HELP_INDENT, "");
-        else
-            fprintf(out, "%-*s", HELP_INDENT, left);
-        wrap(out, help, HELP_INDENT, HELP_INDENT);
+        if (title)
+            fprintf(out, "\n%s:\n", title);
+        title = NULL;
+        help_row(&l, i, out);
     }
+    if (hidden)
+        fprintf(out, "\nsplatguard %s --help-all lists %zu more options.\n", c->name, hidden);
+    free(l.defaults);
 }
 
 /* A bar would end the cell. */
@@ -63,26 +117,29 @@ static void cell(FILE *out, const char *text)
 
 void options_markdown(const struct command *c, FILE *out)
 {
+    static const char head[] = "\n| option | meaning | default |\n|---|---|---|\n";
+    struct listing l;
+    if (!list_options(c, &l))
+        return;
     fprintf(out, "\n## splatguard %s\n\n    splatguard %s %s\n\n%s\n", c->name, c->name,
             c->arguments, c->description);
-    if (c->options->name && c->options->type != OPT_GROUP)
-        fprintf(out, "\n| option | meaning | default |\n|---|---|---|\n");
-    for (const struct option *o = c->options; o->name; o++) {
+    if (l.n && !l.list[0].row->group)
+        fputs(head, out);
+    for (size_t i = 0; i < l.n; i++) {
+        const struct sg_option *o = l.list[i].row;
         char value[128];
-        if (o->type == OPT_GROUP) {
-            fprintf(out, "\n### %s: %s\n\n| option | meaning | default |\n|---|---|---|\n", c->name,
-                    o->name);
-            continue;
-        }
+        if (heading(&l, i))
+            fprintf(out, "\n### %s: %s\n%s", c->name, heading(&l, i), head);
         fprintf(out, "| `--%s%s", o->name, argument_of(o)[0] ? " " : "");
         cell(out, argument_of(o));
         fprintf(out, "`");
         if (o->letter)
             fprintf(out, ", `-%c`", o->letter);
-        fprintf(out, " | ");
+        fprintf(out, o->expert ? " \\* | " : " | ");
         cell(out, o->help);
-        fprintf(out, " | %s |\n", options_show(o, c->defaults, value, sizeof(value)) ? value : "");
+        fprintf(out, " | %s |\n", default_of(&l, i, value, sizeof(value)) ? value : "");
     }
+    free(l.defaults);
 }
 
 /* roff takes a dash for a hyphen and a backslash for a command. */
@@ -97,17 +154,19 @@ void options_roff(FILE *out, const char *text)
 
 void options_man(const struct command *c, FILE *out)
 {
+    struct listing l;
+    if (!list_options(c, &l))
+        return;
     fprintf(out, ".SS splatguard %s ", c->name);
     options_roff(out, c->arguments);
     fprintf(out, "\n");
     options_roff(out, c->description);
     fprintf(out, "\n");
-    for (const struct option *o = c->options; o->name; o++) {
+    for (size_t i = 0; i < l.n; i++) {
+        const struct sg_option *o = l.list[i].row;
         char value[128];
-        if (o->type == OPT_GROUP) {
-            fprintf(out, ".PP\n%s:\n", o->name);
-            continue;
-        }
+        if (heading(&l, i))
+            fprintf(out, ".PP\n%s:\n", heading(&l, i));
         fprintf(out, ".TP\n\\fB");
         if (o->letter)
             fprintf(out, "\\-%c, ", o->letter);
@@ -115,11 +174,12 @@ void options_man(const struct command *c, FILE *out)
         options_roff(out, o->name);
         fprintf(out, "\\fR \\fI%s\\fR\n", argument_of(o));
         options_roff(out, o->help);
-        if (options_show(o, c->defaults, value, sizeof(value))) {
+        if (default_of(&l, i, value, sizeof(value))) {
             fprintf(out, " Default: ");
             options_roff(out, value);
             fprintf(out, ".");
         }
         fprintf(out, "\n");
     }
+    free(l.defaults);
 }

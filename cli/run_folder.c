@@ -10,6 +10,8 @@
 #include <unistd.h>
 
 #include "core/file.h"
+#include "core/json_text.h"
+#include "run/config.h"
 
 #define JSON_BYTES                                                                                 \
     (256                                                                                           \
@@ -126,19 +128,20 @@ static void put_quoted(FILE *out, const char *text)
 /* The text that viewers of the reference parse. */
 static int write_cfg_args(const struct train_config *c)
 {
-    char *text = NULL, *path = run_path(c->output, "cfg_args"),
-         *absolute = realpath(c->source, NULL);
+    char *text = NULL, *path = run_path(c->run.folder, "cfg_args"),
+         *absolute = realpath(c->run.source, NULL);
     size_t size = 0;
     FILE *out = open_memstream(&text, &size);
     if (out) {
-        fprintf(out, "Namespace(data_device='cpu', eval=%s, images=", c->eval ? "True" : "False");
-        put_quoted(out, c->scene.params.images ? c->scene.params.images : "images");
+        fprintf(out, "Namespace(data_device='cpu', eval=%s, images=",
+                c->run.scene.eval ? "True" : "False");
+        put_quoted(out, c->run.scene.images ? c->run.scene.images : "images");
         fprintf(out, ", model_path=");
-        put_quoted(out, c->output);
-        fprintf(out, ", resolution=%d, sh_degree=%d, source_path=", c->scene.params.resolution,
-                c->train.sh_degree);
-        put_quoted(out, absolute ? absolute : c->source);
-        fprintf(out, ", white_background=%s)", c->train.white_background ? "True" : "False");
+        put_quoted(out, c->run.folder);
+        fprintf(out, ", resolution=%d, sh_degree=%d, source_path=", c->run.scene.resolution,
+                c->run.train.sh_degree);
+        put_quoted(out, absolute ? absolute : c->run.source);
+        fprintf(out, ", white_background=%s)", c->run.scene.white_background ? "True" : "False");
     }
     const int code = !out || fclose(out) || !path ? no_memory() : run_write_file(path, text, size);
     free(text);
@@ -149,9 +152,9 @@ static int write_cfg_args(const struct train_config *c)
 
 int run_write_config(const struct train_config *c, const char *variant)
 {
-    char *path = run_path(c->output, "config.json");
-    json_t *options = options_to_json(&command_train, c);
-    json_object_set_new(options, "source-path", run_place_json(c->source));
+    char *path = run_path(c->run.folder, "config.json");
+    json_t *options = sg_config_to_json(sg_run_config, &c->run);
+    json_object_set_new(options, "source-path", run_place_json(c->run.source));
     json_t *root = json_pack("{s:s,s:s,s:o}", "version", sg_version(), "cpu_variant", variant,
                              "options", options);
     const int code = root && path ? run_write_json(path, root) : no_memory();
@@ -329,16 +332,16 @@ void run_clean(const char *run)
 int run_create(sg_ctx *ctx, const struct train_config *c, const struct sg_scene *scene,
                const struct sg_model *initial, const char *variant)
 {
-    char *cameras = run_path(c->output, "cameras.json");
-    int error = cameras ? sg_dir_create(ctx, c->output) : SG_ERR_BUDGET, code = 0;
+    char *cameras = run_path(c->run.folder, "cameras.json");
+    int error = cameras ? sg_dir_create(ctx, c->run.folder) : SG_ERR_BUDGET, code = 0;
     if (!error) {
-        clean(c->output, true);
+        clean(c->run.folder, true);
         code = run_write_config(c, variant); /* first: it marks the folder as a run's */
         error = code ? SG_OK : sg_cameras_write_json(ctx, scene, cameras);
     }
     code = error ? report(ctx, error) : code;
     if (!code)
-        code = write_input(ctx, c->output, initial);
+        code = write_input(ctx, c->run.folder, initial);
     if (!code)
         code = write_cfg_args(c);
     free(cameras);
@@ -376,14 +379,15 @@ int run_save_checkpoint(sg_ctx *ctx, const char *run, sg_trainer *trainer)
     return error ? report(ctx, error) : 0;
 }
 
-int run_read_config(const char *run, struct train_config *c, json_t **keep)
+int run_read_config(sg_ctx *ctx, const char *run, struct sg_run_params *p, json_t **keep)
 {
     char *path = run_path(run, "config.json");
     json_t *root = path ? run_read_json(path, "config.json of a run") : NULL;
     *keep = root;
     const int code =
-        !root || options_from_json(&command_train, c, json_object_get(root, "options"), path) ? 2
-                                                                                              : 0;
+        root ? report(ctx, sg_config_from_json(ctx, sg_run_config, p,
+                                               json_object_get(root, "options"), true, path))
+             : STATUS_INPUT;
     free(path);
     return code;
 }

@@ -59,7 +59,7 @@ void run_clean(const char *run);
 int run_save_model(sg_ctx *ctx, const char *run, sg_trainer *trainer);
 int run_save_checkpoint(sg_ctx *ctx, const char *run, sg_trainer *trainer);
 
-/* Reads RUN/config.json into c; *keep owns the strings. Returns an exit code. */
-int run_read_config(const char *run, struct train_config *c, json_t **keep);
+/* Reads RUN/config.json into p; *keep owns the strings. Returns an exit code. */
+int run_read_config(sg_ctx *ctx, const char *run, struct sg_run_params *p, json_t **keep);
 
 #endif

@@ -101,6 +101,8 @@ bool is_same(const char *a, const char *b)
 
 int report(const sg_ctx *ctx, int error)
 {
+    if (!error)
+        return STATUS_DONE;
     const char *text = ctx ? sg_last_error(ctx) : "";
     if (error == SG_ERR_BUDGET && !text[0])
         return no_memory();
@@ -113,10 +115,14 @@ int report(const sg_ctx *ctx, int error)
     return exit_code(error);
 }
 
-int report_option(const sg_ctx *ctx, const char *command, int error)
+int report_option(const sg_ctx *ctx, const struct command *command, int error)
 {
-    if (error)
-        say(stderr, "splatguard %s: --%s\n", command, sg_last_error(ctx));
+    const char *message = error ? sg_last_error(ctx) : "", *name = options_name(command, message);
+    if (error == SG_ERR_USAGE && name)
+        say(stderr, "splatguard %s: --%s%s\n", command->name, name,
+            message + strcspn(message, ":"));
+    else if (error)
+        return report(ctx, error);
     return exit_code(error);
 }
 

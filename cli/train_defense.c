@@ -4,33 +4,30 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "option/option.h"
 #include "train_run.h"
 
 void train_settle_defense(struct train_config *c, const struct sg_defense_params *preset)
 {
-    struct sg_defense_params *d = &c->train.defense;
-    d->on = c->defense;
-    if (d->rho_least == PRESET_RHO_LEAST) /* a rho of one's own comes without */
-        d->rho_least = d->rho == PRESET_RHO ? options_number(preset->rho_least) : 0;
-    d->rho = d->rho == PRESET_RHO ? options_number(preset->rho) : d->rho;
-    d->lambda = d->lambda == PRESET_LAMBDA ? options_number(preset->lambda) : d->lambda;
+    struct sg_defense_params *d = &c->run.train.defense;
+    if (d->rho_least == SG_PRESET_RHO) /* a rho of one's own comes without */
+        d->rho_least = d->rho == SG_PRESET_RHO ? sg_round_digits(preset->rho_least) : 0;
+    d->rho = d->rho == SG_PRESET_RHO ? sg_round_digits(preset->rho) : d->rho;
+    d->lambda = d->lambda == SG_PRESET_LAMBDA ? sg_round_digits(preset->lambda) : d->lambda;
     d->frequency =
-        d->frequency == PRESET_FREQUENCY ? options_number(preset->frequency) : d->frequency;
+        d->frequency == SG_PRESET_FREQUENCY ? sg_round_digits(preset->frequency) : d->frequency;
     d->view_weights = preset->view_weights;
-    if (c->tolerance == TOLERANCE_PRESET)
-        c->tolerance = c->defense && c->preset == DEFENSE_AUTO ? TOLERANCE_AUTO : 0;
-    c->train.tolerance = fmaxf(c->tolerance, 0);
+    if (c->run.train.tolerance == SG_TOLERANCE_PRESET)
+        c->run.train.tolerance =
+            d->on && c->run.preset == SG_RUN_PRESET_AUTO ? SG_TOLERANCE_AUTO : 0;
 }
 
-/* The paper's rho and lambda for its datasets; for auto, what holds without photos. */
-static struct sg_defense_params published(int preset)
+/* The published rho and lambda; for auto, what holds without photos. */
+static struct sg_defense_params published(enum sg_run_preset preset)
 {
-    const struct {
-        double rho, lambda;
-    } of[] = {[DEFENSE_NS] = {0.03, 4}, [DEFENSE_TT] = {0.045, 4}, [DEFENSE_MIP] = {0.05, 5}};
-    struct sg_defense_params p = {SG_DEFENSE_DEFAULTS};
-    if (preset != DEFENSE_AUTO)
-        p.rho = of[preset].rho, p.lambda = of[preset].lambda;
+    static const char *const names[] = {"auto", "ns", "tt", "mip"};
+    struct sg_defense_params p = sg_defense_params_default();
+    sg_defense_preset(names[preset], &p);
     return p;
 }
 
@@ -40,20 +37,19 @@ static const char *vain_option(const struct train_config *c, const bool *given)
     /* At a limit these decide who stays. */
     static const char *const ranking[] = {"filter-frequency", "filter-exponent", "filter-views",
                                           "filter-sigma",     "filter-hits",     "filter-sample"};
-    const struct option *o = command_train.options;
-    const bool limited = c->train.max_gaussians || c->max_memory;
-    bool inside = false;
-    if (c->defense || c->audit == AUDIT_DEFEND)
+    struct option_place list[OPTIONS_MAX];
+    const size_t n = options_list(&command_train, list);
+    const bool limited = c->run.train.max_gaussians || c->run.max_memory;
+    if (c->run.train.defense.on || c->run.audit == SG_RUN_AUDIT_DEFEND)
         return NULL;
-    for (size_t i = 0; o[i].name; i++) {
-        if (o[i].type == OPT_GROUP)
-            inside = !strcmp(o[i].name, "Defense");
-        bool counts = !strcmp(o[i].name, "defense") || !strcmp(o[i].name, "audit") ||
-                      !strcmp(o[i].name, "tolerance");
+    for (size_t i = 0; i < n; i++) {
+        const struct sg_option *o = list[i].row;
+        bool counts = !strcmp(o->name, "defense") || !strcmp(o->name, "audit") ||
+                      !strcmp(o->name, "tolerance") || !strcmp(o->name, "smooth");
         for (size_t k = 0; k < sizeof(ranking) / sizeof(ranking[0]); k++)
-            counts |= limited && !strcmp(o[i].name, ranking[k]);
-        if (inside && given[i] && !counts)
-            return o[i].name;
+            counts |= limited && !strcmp(o->name, ranking[k]);
+        if (!strcmp(o->group, "Defense") && given[i] && !counts)
+            return o->name;
     }
     return NULL;
 }
@@ -69,21 +65,22 @@ int train_check(const struct train_run *r, const bool *given)
             vain);
         return 1;
     }
-    if (c.audit == AUDIT_DEFEND && !c.defense &&
-        options_given(&command_train, given, offsetof(struct train_config, defense))) {
+    if (c.run.audit == SG_RUN_AUDIT_DEFEND && !c.run.train.defense.on &&
+        options_given(&command_train, given, offsetof(struct train_config, run.train.defense.on))) {
         say(stderr, "splatguard train: --defense off and --audit defend exclude each other\n");
         return 1;
     }
-    const struct sg_defense_params *d = &c.train.defense;
-    if (d->rho_least > 0 && (d->rho == PRESET_RHO ? c.preset != DEFENSE_AUTO : d->rho >= 0)) {
+    const struct sg_defense_params *d = &c.run.train.defense;
+    if (d->rho_least > 0 &&
+        (d->rho == SG_PRESET_RHO ? c.run.preset != SG_RUN_PRESET_AUTO : d->rho >= 0)) {
         say(stderr, "splatguard train: --rho-least: found with a fixed rho, expected --preset auto "
                     "or a --rho below 0\n");
         return 1;
     }
-    const struct sg_defense_params preset = published(c.preset);
+    const struct sg_defense_params preset = published(c.run.preset);
     train_settle_defense(&c, &preset);
-    const int error = sg_train_check(r->ctx, &c.train);
-    return report_option(r->ctx, "train", error);
+    c.run.train.tolerance = fmaxf(c.run.train.tolerance, 0);
+    return report_option(r->ctx, &command_train, sg_train_check(r->ctx, &c.run.train));
 }
 
 /* Says what was found, and does what --audit asks for. */
@@ -95,13 +92,14 @@ static int heed(struct train_config *c, const struct sg_audit *found)
             clean ? "" : "warning: ", sg_audit_verdict_name(found->verdict), found->score);
     for (size_t i = 0; i < found->count_reasons && !clean; i++)
         say(stderr, "  %s\n", found->reasons[i]);
-    if (c->audit == AUDIT_REFUSE && found->verdict == SG_AUDIT_POISONED) {
+    if (c->run.audit == SG_RUN_AUDIT_REFUSE && found->verdict == SG_AUDIT_POISONED) {
         say(stderr, "splatguard: %s: found poisoned photos, expected clean ones (--audit refuse)\n",
-            c->source);
+            c->run.source);
         return STATUS_POISONED;
     }
-    if (c->audit == AUDIT_DEFEND && !clean && !c->resume) /* a run keeps the defense that it has */
-        c->defense = 1;
+    if (c->run.audit == SG_RUN_AUDIT_DEFEND && !clean &&
+        !c->resume) /* a run keeps the defense that it has */
+        c->run.train.defense.on = true;
     return 0;
 }
 
@@ -116,8 +114,8 @@ static int audit(struct train_run *r, struct sg_defense_params *preset)
     r->audit = sg_audit_verdict_name(found->verdict), r->audit_score = found->score;
     warn_small_photos(r->scene);
     int code = heed(c, found);
-    const bool automatic = c->defense && c->preset == DEFENSE_AUTO;
-    if (!code && (automatic || c->tolerance == TOLERANCE_AUTO)) {
+    const bool automatic = c->run.train.defense.on && c->run.preset == SG_RUN_PRESET_AUTO;
+    if (!code && (automatic || c->run.train.tolerance == SG_TOLERANCE_AUTO)) {
         struct sg_defense_params p = *preset;
         r->view_weights = malloc((found->count + 1) * sizeof(*r->view_weights));
         r->tolerances = malloc((found->count + 1) * sizeof(*r->tolerances));
@@ -134,14 +132,17 @@ static int audit(struct train_run *r, struct sg_defense_params *preset)
 int train_decide(struct train_run *r)
 {
     struct train_config *c = r->config;
-    struct sg_defense_params preset = published(c->preset);
+    struct sg_defense_params preset = published(c->run.preset);
     int code = 0;
-    if (c->preset == DEFENSE_AUTO)
+    if (c->run.preset == SG_RUN_PRESET_AUTO)
         preset.frequency = sg_defense_frequency(r->scene->extent);
-    if (c->audit != AUDIT_OFF || c->tolerance == TOLERANCE_AUTO ||
-        (c->defense && c->preset == DEFENSE_AUTO))
+    if (c->run.audit != SG_RUN_AUDIT_OFF || c->run.train.tolerance == SG_TOLERANCE_AUTO ||
+        (c->run.train.defense.on && c->run.preset == SG_RUN_PRESET_AUTO))
         code = audit(r, &preset);
     train_settle_defense(c, &preset);
-    c->train.tolerances = c->tolerance == TOLERANCE_AUTO ? r->tolerances : NULL;
+    r->train = c->run.train;
+    r->train.tolerances = c->run.train.tolerance == SG_TOLERANCE_AUTO ? r->tolerances : NULL;
+    r->train.tolerance = fmaxf(c->run.train.tolerance, 0);
+    r->train.white_background = c->run.scene.white_background;
     return code;
 }

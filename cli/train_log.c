@@ -63,7 +63,7 @@ static bool take(void *arg, const json_t *line)
 
 int train_log_open(struct train_run *r)
 {
-    r->log_path = run_path(r->config->output, "log.jsonl");
+    r->log_path = run_path(r->config->run.folder, "log.jsonl");
     return r->log_path ? run_log_open(r->log_path, r->config->resume ? take : NULL, r, &r->log)
                        : no_memory();
 }
@@ -99,7 +99,7 @@ int train_log_step(struct train_run *r)
         (json_int_t) t->max_instances, "train_seconds", number_json(t->seconds), "cpu_seconds",
         number_json(t->cpu_seconds));
     r->cloned = r->split = r->pruned = 0;
-    if (r->config->train.defense.on) {
+    if (r->config->run.train.defense.on) {
         json_object_set_new(line, "anisotropy", number_json(s->defense.anisotropy));
         json_object_set_new(line, "total_variation", number_json(s->defense.total_variation));
         json_object_set_new(line, "filter_events", json_integer((json_int_t) t->filter_events));

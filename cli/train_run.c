@@ -48,10 +48,10 @@ static int save(struct train_run *r)
 {
     /* The log's line at a checkpoint carries the totals that a resumed run goes on from. */
     const int logged = train_log_step(r);
-    int code = run_save_model(r->ctx, r->config->output, r->trainer);
+    int code = run_save_model(r->ctx, r->config->run.folder, r->trainer);
     if (code)
         return code;
-    code = run_save_checkpoint(r->ctx, r->config->output, r->trainer);
+    code = run_save_checkpoint(r->ctx, r->config->run.folder, r->trainer);
     r->resumable = !code;
     r->saved = sg_trainer_iteration(r->trainer);
     if (code == exit_code(SG_ERR_BUDGET)) {
@@ -68,9 +68,10 @@ static int save(struct train_run *r)
 static void watch_filter(struct train_run *r)
 {
     const struct sg_train_step *s = &r->step;
-    if (r->config->train.defense.rho < 0)
+    if (r->config->run.train.defense.rho < 0)
         return;
-    const int growths = (s->iteration - r->window_from) / r->config->train.densification_interval;
+    const int growths =
+        (s->iteration - r->window_from) / r->config->run.train.densification_interval;
     r->window_grown += s->cloned + s->split, r->window_removed += s->defense.removed;
     r->window_events += s->defense.filtered;
     if (r->window_events < STARVING || growths < STARVING / 2)
@@ -107,7 +108,7 @@ static void after_step(struct train_run *r)
 {
     const struct sg_train_step *s = &r->step;
     const struct train_config *c = r->config;
-    const bool last = s->iteration == c->train.iterations;
+    const bool last = s->iteration == c->run.train.iterations;
     progress_step(&r->progress, s);
     if (s->gaussians > r->totals.max_gaussians)
         r->totals.max_gaussians = s->gaussians;
@@ -119,17 +120,17 @@ static void after_step(struct train_run *r)
         endure(r, train_log_filter(r));
     }
     watch_filter(r);
-    if (sg_due(r->before, s->iteration, c->log_every) || last || s->iteration == 1)
+    if (sg_due(r->before, s->iteration, c->run.log_every) || last || s->iteration == 1)
         endure(r, train_log_step(r));
-    if (due(r, c->save_every) && !last)
+    if (due(r, c->run.save_every) && !last)
         endure(r, save(r));
-    if (c->eval && due(r, c->eval_every) && !last)
+    if (c->run.scene.eval && due(r, c->run.eval_every) && !last)
         endure(r, measure(r, 0));
 }
 
 static int loop(struct train_run *r)
 {
-    while (sg_trainer_iteration(r->trainer) < r->config->train.iterations && !interrupted()) {
+    while (sg_trainer_iteration(r->trainer) < r->config->run.train.iterations && !interrupted()) {
         const double start = sg_seconds(), cpu = cpu_now();
         r->before = sg_trainer_iteration(r->trainer);
         const int error = sg_trainer_step(r->trainer, &r->step);
@@ -146,11 +147,11 @@ static int loop(struct train_run *r)
             if (gaussians > r->totals.max_gaussians)
                 r->totals.max_gaussians = gaussians;
             const int lost =
-                done > r->saved ? run_save_model(r->ctx, r->config->output, r->trainer) : 0;
+                done > r->saved ? run_save_model(r->ctx, r->config->run.folder, r->trainer) : 0;
             r->saved = lost ? r->saved : done;
             if (r->saved)
                 say(stderr, "the model of iteration %d is saved in %s\n", r->saved,
-                    r->config->output);
+                    r->config->run.folder);
             if (r->saved &&
                 error == SG_ERR_BUDGET) /* a smaller model than asked for, but a model */
                 code = lost == exit_code(SG_ERR_BUDGET) ? 0 : lost;
@@ -167,14 +168,14 @@ static int loop(struct train_run *r)
 /* Ends the run: what there is, is saved, interrupted or not. */
 static int finish(struct train_run *r)
 {
-    const bool cut = sg_trainer_iteration(r->trainer) < r->config->train.iterations;
+    const bool cut = sg_trainer_iteration(r->trainer) < r->config->run.train.iterations;
     if (cut)
         progress_break(&r->progress);
     /* Without a step there is nothing new, and perhaps less: a tighter limit thins out. */
     const bool stepped = sg_trainer_iteration(r->trainer) > r->saved || !r->config->resume;
     int code = stepped ? save(r) : 0;
     r->resumable |= !stepped;
-    if (!code && r->config->eval && !cut)
+    if (!code && r->config->run.scene.eval && !cut)
         code = measure(r, 1);
     if (!code)
         code = train_summary_write(r);
@@ -187,7 +188,7 @@ static int finish(struct train_run *r)
         say(stderr, "interrupted at iteration %d; saved\n", sg_trainer_iteration(r->trainer));
         if (r->resumable)
             say_resume(r->config->proxy_of ? "attack" : "train",
-                       r->config->proxy_of ? r->config->proxy_of : r->config->output);
+                       r->config->proxy_of ? r->config->proxy_of : r->config->run.folder);
         code = 130;
     }
     return code;
@@ -207,20 +208,20 @@ static bool is_summed_up(const char *run, int iteration)
 
 static int restore(struct train_run *r, const char *variant)
 {
-    char *path = run_path(r->config->output, "checkpoint.bin");
+    char *path = run_path(r->config->run.folder, "checkpoint.bin");
     if (!path)
         return no_memory();
     if (access(path, F_OK)) {
         say(stderr,
             "splatguard: %s: found no checkpoint, so nothing to go on from; start anew with "
             "--force\n",
-            r->config->output);
+            r->config->run.folder);
         free(path);
         return 2;
     }
-    run_clean(r->config->output);
-    r->config->train.seconds_before = sg_seconds() - r->begun; /* reading photos */
-    const int error = sg_trainer_resume(r->ctx, r->scene, path, &r->config->train, &r->trainer);
+    run_clean(r->config->run.folder);
+    r->train.seconds_before = sg_seconds() - r->begun; /* reading photos */
+    const int error = sg_trainer_resume(r->ctx, r->scene, path, &r->train, &r->trainer);
     free(path);
     if (error)
         return report(r->ctx, error);
@@ -230,15 +231,15 @@ static int restore(struct train_run *r, const char *variant)
             "digits\n",
             variant, sg_trainer_variant(r->trainer));
     r->saved = sg_trainer_iteration(r->trainer); /* a model comes before its checkpoint */
-    r->finished =
-        r->saved >= r->config->train.iterations && is_summed_up(r->config->output, r->saved);
+    r->finished = r->saved >= r->config->run.train.iterations &&
+                  is_summed_up(r->config->run.folder, r->saved);
     if (r->finished) { /* a tighter limit would only thin it out */
         say(stderr, "%s: all %d iterations are done; --iterations asks for more\n",
-            r->config->output, r->saved);
+            r->config->run.folder, r->saved);
         return 0;
     }
     if (interrupted()) {
-        say(stderr, "interrupted before the first step; %s is as it was\n", r->config->output);
+        say(stderr, "interrupted before the first step; %s is as it was\n", r->config->run.folder);
         return 130;
     }
     /* Iterations may have been raised. */
@@ -250,12 +251,13 @@ static int create(struct train_run *r)
 {
     const struct train_config *c = r->config;
     struct sg_model *initial = NULL;
-    int code = 0, error = c->init ? sg_model_read_ply(r->ctx, c->init, UINT32_MAX, &initial) : 0;
+    int code = 0,
+        error = c->run.init ? sg_model_read_ply(r->ctx, c->run.init, UINT32_MAX, &initial) : 0;
     if (!error && initial)
-        error = sg_model_check(r->ctx, initial, c->init);
-    r->config->train.seconds_before = sg_seconds() - r->begun; /* reading photos and model */
+        error = sg_model_check(r->ctx, initial, c->run.init);
+    r->train.seconds_before = sg_seconds() - r->begun; /* reading photos and model */
     if (!error)
-        error = sg_trainer_create(r->ctx, r->scene, initial, &c->train, &r->trainer);
+        error = sg_trainer_create(r->ctx, r->scene, initial, &r->train, &r->trainer);
     sg_model_destroy(&initial);
     if (!error)
         error = sg_trainer_model(r->trainer, &initial);
@@ -291,7 +293,7 @@ int train_whole(struct train_run *r)
         code = finish(r);
     const bool starved = code == exit_code(SG_ERR_BUDGET);
     if ((code == 2 || starved) && !r->error && r->saved) {
-        say(stderr, "the model of iteration %d is saved in %s\n", r->saved, r->config->output);
+        say(stderr, "the model of iteration %d is saved in %s\n", r->saved, r->config->run.folder);
         if (starved) { /* a model, if not the last */
             r->error = SG_ERR_BUDGET;
             code = train_summary_write(r);

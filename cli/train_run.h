@@ -18,6 +18,7 @@ struct train_run {
     struct train_config *config;
     sg_ctx *ctx;
     struct sg_scene *scene;
+    struct sg_train_params train; /* what the trainer gets: presets and audit are applied */
     sg_trainer *trainer;
     FILE *log;
     char *log_path;

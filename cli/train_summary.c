@@ -50,7 +50,7 @@ static json_t *stages(const sg_trainer *trainer)
 /* How many photos have a tolerance, and what it is on average, in grey levels. */
 static json_t *tolerance(const struct train_run *r)
 {
-    const struct sg_train_params *p = &r->config->train;
+    const struct sg_train_params *p = &r->train;
     size_t photos = 0;
     double sum = 0;
     for (size_t i = 0; i < r->scene->n_train; i++) {
@@ -73,8 +73,8 @@ static json_t *budget(const struct train_run *r, const struct sg_train_limits *l
     if (l->time_bound)
         json_array_append_new(binding, json_string("time"));
     return json_pack("{s:I,s:I,s:o,s:o}", "max_gaussians", (json_int_t) l->max_gaussians,
-                     "max_memory", (json_int_t) r->config->max_memory, "max_time",
-                     number_json(r->config->train.max_seconds), "binding", binding);
+                     "max_memory", (json_int_t) r->config->run.max_memory, "max_time",
+                     number_json(r->config->run.train.max_seconds), "binding", binding);
 }
 
 int train_summary_write(struct train_run *r)
@@ -87,20 +87,20 @@ int train_summary_write(struct train_run *r)
 #define PUT(key, value) json_object_set_new(s, key, value)
 #define COUNT(key, value) PUT(key, json_integer((json_int_t) (value)))
     PUT("version", json_string(sg_version()));
-    PUT("scene", sg_text_to_json(r->config->source));
+    PUT("scene", sg_text_to_json(r->config->run.source));
     struct sg_train_limits limits;
     sg_trainer_limits(r->trainer, &limits);
     COUNT("iterations", done);
     COUNT("steps", limits.steps);
-    PUT("interrupted", json_boolean(done < r->config->train.iterations));
+    PUT("interrupted", json_boolean(done < r->config->run.train.iterations));
     COUNT("max_gaussians", t->max_gaussians);
     COUNT("final_gaussians", sg_trainer_gaussians(r->trainer));
     COUNT("max_instances", t->max_instances);
-    if (r->config->train.defense.on)
+    if (r->config->run.train.defense.on)
         PUT("defense", json_pack("{s:I,s:I,s:o}", "filter_events", (json_int_t) t->filter_events,
                                  "filter_removed", (json_int_t) t->filter_removed, "seconds",
                                  train_log_parts(r)));
-    if (r->config->train.tolerance > 0 || r->config->train.tolerances)
+    if (r->train.tolerance > 0 || r->train.tolerances)
         PUT("tolerance", tolerance(r));
     if (r->audit)
         PUT("audit",
@@ -129,7 +129,7 @@ int train_summary_write(struct train_run *r)
     }
 #undef COUNT
 #undef PUT
-    char *path = run_path(r->config->output, "summary.json");
+    char *path = run_path(r->config->run.folder, "summary.json");
     const int code = path ? run_write_json(path, s) : no_memory();
     free(path);
     json_decref(s);

@@ -720,9 +720,9 @@ static void test_refusals(void **state)
     static const struct {
         const char *name;
         double value;
-    } cases[] = {{"rho", 1},          {"rho", -1},         {"rho-least", 0.6},
-                 {"rho-least", -0.1}, {"filter-views", 0}, {"band-high", 0.1},
-                 {"bins", 255},       {"bins", 7},         {"lambda", -1}};
+    } cases[] = {{"rho", 1},          {"rho", -1},  {"rho_least", 0.6},
+                 {"rho_least", -0.1}, {"views", 0}, {"band.high", 0.1},
+                 {"bins", 255},       {"bins", 7},  {"lambda", -1}};
     f.scene.train = f.views;
     for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
         struct sg_train_params p = good;
@@ -730,11 +730,11 @@ static void test_refusals(void **state)
         const char *name = cases[i].name;
         if (!strcmp(name, "rho"))
             p.defense.rho = cases[i].value;
-        else if (!strcmp(name, "rho-least"))
+        else if (!strcmp(name, "rho_least"))
             p.defense.rho_least = cases[i].value;
-        else if (!strcmp(name, "filter-views"))
+        else if (!strcmp(name, "views"))
             p.defense.views = (int) cases[i].value;
-        else if (!strcmp(name, "band-high"))
+        else if (!strcmp(name, "band.high"))
             p.defense.spectrum.band.high = cases[i].value;
         else if (!strcmp(name, "bins"))
             p.defense.spectrum.band.bins = (int) cases[i].value;

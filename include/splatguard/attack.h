@@ -65,6 +65,15 @@ struct sg_attack_params {
     .max_instances = 1u << 24, .engine = "cpu"
 SG_API struct sg_attack_params sg_attack_params_default(void);
 
+/* The published schedules by data set and epsilon: "ns" (NeRF-Synthetic), "mip" (Mip-NeRF 360),
+ * "tt" (Tanks and Temples), or "auto": ns for Blender scenes, else mip. Sets iterations, inner and
+ * update_interval of `params` by its epsilon. Returns false for any other name. */
+SG_API bool sg_attack_preset(const char *name, enum sg_scene_format format,
+                             struct sg_attack_params *params);
+
+/* What stands for "the preset's" in these three, in struct sg_attack_run_params and the options. */
+#define SG_ATTACK_BY_PRESET 0
+
 /* What one visit of a view did. */
 struct sg_attack_step {
     int iteration;               /* 1-based */

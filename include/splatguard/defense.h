@@ -66,6 +66,16 @@ struct sg_defense_params {
     .spectrum = {SG_ANISOTROPY_DEFAULTS}
 SG_API struct sg_defense_params sg_defense_params_default(void);
 
+/* The paper's rho and lambda for its data sets: "ns" (NeRF-Synthetic), "tt" (Tanks and Temples) or
+ * "mip" (Mip-NeRF 360). Sets rho, rho_least, frequency, lambda and view_weights, not `on`. Returns
+ * false for any other name, "auto" too: that one needs the photos, see sg_defense_automatic. */
+SG_API bool sg_defense_preset(const char *name, struct sg_defense_params *params);
+
+/* What stands for "the preset's" in struct sg_run_params and its options. */
+#define SG_PRESET_RHO (-1.0) /* of rho and rho_least */
+#define SG_PRESET_LAMBDA (-1.0)
+#define SG_PRESET_FREQUENCY 0.0
+
 struct sg_audit;
 
 /* Cycles per scene unit that mean the same in scenes of any units. extent: the scene's. */

@@ -74,6 +74,11 @@ struct sg_train_params {
     .defense = {SG_DEFENSE_DEFAULTS}, .engine = "cpu"
 SG_API struct sg_train_params sg_train_params_default(void);
 
+/* What may stand in `tolerance` of struct sg_run_params: what the audit estimates for each photo;
+ * or that where the defense is on with preset auto, else 0. */
+#define SG_TOLERANCE_AUTO (-1.0f)
+#define SG_TOLERANCE_PRESET (-2.0f)
+
 /* SG_ERR_USAGE, naming the value and its range, where a number is out of it; sg_trainer_create
  * checks this and what depends on scene and machine. params: not NULL. */
 SG_API int sg_train_check(sg_ctx *ctx, const struct sg_train_params *params);

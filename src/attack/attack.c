@@ -9,8 +9,8 @@
 
 #include "ascent.h"
 #include "core/clock.h"
-#include "core/ranges.h"
 #include "math/constants.h"
+#include "option/option.h"
 #include "spectral/plans.h"
 #include "splatguard/eval.h"
 #include "train/densify.h"
@@ -38,35 +38,11 @@ struct sg_attack_params sg_attack_params_default(void)
 int sg_attack_check(sg_ctx *ctx, const struct sg_attack_params *p)
 {
     sg_clear_error(ctx);
-    const struct sg_range ranges[] = {
-        {"epsilon", (double) p->epsilon, 0, INFINITY},
-        {"iterations", p->iterations, 1, 1e7},
-        {"inner", p->inner, 0, 1000},
-        {"step", (double) p->step, 0, 1},
-        {"update-interval", p->update_interval, 1, 1000},
-        {"lambda-dssim", (double) p->lambda_dssim, 0, 1},
-        {"feature-lr", (double) p->feature_lr, 0, 1},
-        {"opacity-lr", (double) p->opacity_lr, 0, 1},
-        {"scaling-lr", (double) p->scaling_lr, 0, 1},
-        {"rotation-lr", (double) p->rotation_lr, 0, 1},
-        {"percent-dense", (double) p->percent_dense, 0, 1},
-        {"densification-interval", p->densification_interval, 1, 1e7},
-        {"densify-grad-threshold", (double) p->densify_grad_threshold, 0, 1e30},
-        {"spectral-weight", (double) p->spectral_weight, 0, 1e6},
-        {"victim-tolerance", (double) p->victim_tolerance, 0, 255},
-        {"texture", (double) p->texture, 0, 255},
-        {"wavelength", (double) p->wavelength, 0, 1e6},
-        {"scale-floor", (double) p->scale_floor, 0, 1e6},
-        {"tv", p->tv, SG_TV_VERTICAL2, SG_TV_ISO},
-        {"max-instances", (double) p->max_instances, 1, 4e9},
-    };
-    int code = sg_check_ranges(ctx, ranges, sizeof(ranges) / sizeof(ranges[0]));
+    int code = sg_check_options(ctx, sg_attack_options(), p);
     if (!code && p->texture > 0 && !isfinite(p->epsilon))
         code = sg_fail(ctx, SG_ERR_USAGE,
                        "texture: found %g and an epsilon of %g, expected a finite epsilon",
                        (double) p->texture, (double) p->epsilon);
-    if (!code)
-        code = sg_check_max_gaussians(ctx, p->max_gaussians);
     return code ? code : sg_engine_check(ctx, p->engine, p->cpu);
 }
 

@@ -8,6 +8,7 @@
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
+#include "option/option.h"
 #include "scene/reader.h"
 
 #define NAME_MAX_BYTES 255
@@ -30,36 +31,13 @@ struct sg_scene_builder {
     size_t room_xyz, room_rgb; /* points that the scene's arrays have room for */
 };
 
-int sg_scene_params_check(sg_ctx *ctx, const struct sg_scene_params *p)
-{
-    if ((unsigned) p->format > SG_FORMAT_NERFSTUDIO)
-        return sg_fail(ctx, SG_ERR_USAGE,
-                       "scene parameters: found format %d, expected one of enum sg_scene_format",
-                       (int) p->format);
-    if ((unsigned) p->smooth > SG_SMOOTH_BILATERAL)
-        return sg_fail(ctx, SG_ERR_USAGE,
-                       "scene parameters: found smooth %d, expected one of enum sg_smooth",
-                       (int) p->smooth);
-    if (p->resolution != -1 && (p->resolution < 1 || p->resolution > 16384))
-        return sg_fail(ctx, SG_ERR_USAGE,
-                       "scene parameters: found resolution %d, expected -1 or 1..16384",
-                       p->resolution);
-    if (!(p->downscale >= 1 && p->downscale <= 64))
-        return sg_fail(ctx, SG_ERR_USAGE, "scene parameters: found downscale %g, expected 1..64",
-                       p->downscale);
-    if (p->test_every < 1)
-        return sg_fail(ctx, SG_ERR_USAGE,
-                       "scene parameters: found test_every %d, expected 1 or more", p->test_every);
-    return SG_OK;
-}
-
 int sg_scene_builder_create(sg_ctx *ctx, const struct sg_scene_params *params,
                             sg_scene_builder **out)
 {
     sg_clear_error(ctx);
     *out = NULL;
     const struct sg_scene_params p = params ? *params : sg_scene_params_default();
-    int code = sg_scene_params_check(ctx, &p);
+    int code = sg_check_options(ctx, sg_scene_options(), &p);
     if (code)
         return code;
     sg_scene_builder *b = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*b));

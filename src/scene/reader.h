@@ -134,8 +134,6 @@ uint64_t sg_view_hash(const struct sg_view *view);
 
 /* builder.c */
 
-/* The numbers of a folder's scene and of one from memory that have a range. */
-int sg_scene_params_check(sg_ctx *ctx, const struct sg_scene_params *params);
 /* SG_SPLIT_TRAIN or SG_SPLIT_TEST. To be asked for one view after the other, by sorted name; *rank
  * begins at 0. */
 enum sg_view_split sg_split(const struct sg_scene_params *params, enum sg_view_split split,

@@ -11,6 +11,7 @@
 #include "core/file.h"
 #include "core/rng.h"
 #include "image/image.h"
+#include "option/option.h"
 #include "files.h"
 
 #define ANGLE_X 0.6911112070083618 /* of the NeRF synthetic cameras */
@@ -36,26 +37,6 @@ struct synth {
     struct synth_point *points;
     atomic_int code;
 };
-
-static int check(sg_ctx *ctx, const struct sg_synth_params *p)
-{
-    const struct {
-        const char *name;
-        int value, low, high;
-    } ranges[] = {
-        {"width", p->width, 16, 4096},
-        {"height", p->height, 16, 4096},
-        {"train_views", p->train_views, 4, 4096},
-        {"test_views", p->test_views, 1, 4096},
-        {"points", p->points, 4, 10000000},
-        {"samples", p->samples, 1, 8},
-    };
-    for (size_t i = 0; i < sizeof(ranges) / sizeof(*ranges); i++)
-        if (ranges[i].value < ranges[i].low || ranges[i].value > ranges[i].high)
-            return sg_fail(ctx, SG_ERR_USAGE, "synth: %s: found %d, expected %d to %d",
-                           ranges[i].name, ranges[i].value, ranges[i].low, ranges[i].high);
-    return SG_OK;
-}
 
 static int check_empty(sg_ctx *ctx, const char *dir)
 {
@@ -258,7 +239,7 @@ int sg_synth_write(sg_ctx *ctx, const char *dir, const struct sg_synth_params *p
     sg_clear_error(ctx);
     const struct sg_synth_params defaults = sg_synth_params_default(),
                                  *p = params ? params : &defaults;
-    int code = check(ctx, p);
+    int code = sg_check_options(ctx, sg_synth_options(), p);
     if (code)
         return code;
     bool begun = false;

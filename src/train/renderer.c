@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "renderer.h"
 
+#include "option/option.h"
+
 struct sg_renderer {
     sg_ctx *ctx;
     struct sg_engine *engine;
@@ -36,12 +38,15 @@ int sg_renderer_create(sg_ctx *ctx, const char *engine, const char *cpu,
     sg_clear_error(ctx);
     *out = NULL;
     struct sg_engine *b;
-    int code = sg_engine_create(ctx, engine ? engine : "cpu", cpu, &b);
+    params = params ? params : &defaults;
+    int code = sg_check_options(ctx, sg_render_options(), params);
+    if (!code)
+        code = sg_engine_create(ctx, engine ? engine : "cpu", cpu, &b);
     if (code)
         return code;
     code = sg_engine_upload(b, model, NULL);
     if (!code)
-        code = sg_renderer_borrow(b, model->active_sh_degree, params ? params : &defaults, out);
+        code = sg_renderer_borrow(b, model->active_sh_degree, params, out);
     if (code)
         sg_engine_destroy(&b);
     else

@@ -7,10 +7,16 @@ expect 0 --help
 expect 0 help train
 expect 0 --version
 grep -q '^splatguard [0-9]' out || fail "--version prints $(cat out)"
-for command in train eval render synth info; do
+for command in train attack eval render synth info compare spectrum audit; do
     expect 0 $command --help
     grep -q "^splatguard $command " out || fail "$command --help"
     awk 'length > 100 { exit 1 }' out || fail "$command --help is wider than 100 columns"
+    shown=$(grep -cE '^ {2}(-.,| {3}) --' out || true)
+    [ "$shown" -le 30 ] || fail "$command --help lists $shown options"
+    hidden=$(sed -n "s/^splatguard $command --help-all lists \([0-9]*\) more options.*/\1/p" out)
+    expect 0 $command --help-all
+    all=$(grep -cE '^ {2}(-.,| {3}) --' out || true)
+    [ "$((shown + ${hidden:-0}))" = "$all" ] || fail "$command: $shown options and $hidden more, not $all"
 done
 expect 0 -V
 grep -q '^splatguard [0-9]' out || fail "-V prints $(cat out)"
@@ -58,7 +64,11 @@ expect 1 spectrum a.png --crop 0,0,8,8; says '--crop: found without a picture'
 
 # Ranges are those of the option that a value came from.
 expect 1 train scene -o run -r 0; says '--resolution: found "0", expected a whole number from -1 to 16384, but not 0'
-expect 1 train scene -o run --rho 2; says '--rho: found "2", expected a number from -1 to 0.5'
+expect 1 train scene -o run --rho 2; says '--rho: found "2", expected a number from -0.9 to 0.5 or "preset"'
+expect 2 train nowhere -o run --smooth gaussian; says nowhere
+expect 1 train scene -o run --preset ns --rho=-0.95; says '--rho: found "-0.95", expected'
+expect 2 train nowhere -o run --rho preset --rho-least=-1 --filter-frequency 0 --defense spectral; says nowhere
+expect 1 train scene -o run --band-low 0.9 --band-high 0.5 --defense spectral; says '--band-high: found 0.5, expected 0.9 to 1'
 expect 1 spectrum a.png --low 0.9 --high 0.1; says '--low: found 0.9, expected less than --high, 0.1'
 expect 0 train --help; tr '\n' ' ' <out | tr -s ' ' | grep -q 'at a time, 0 to 0.5; from -0.9' || fail "--rho has no range"
 

@@ -6,6 +6,8 @@
 #include <string.h>
 #include <strings.h>
 
+#include "core/numbers.h"
+
 /* Bytes of a unit, 0 = there is none of this name. */
 static uint64_t unit_bytes(const char *name)
 {
@@ -24,7 +26,7 @@ static uint64_t unit_bytes(const char *name)
     return bytes;
 }
 
-bool quantity_bytes(const char *text, uint64_t *bytes)
+bool sg_quantity_bytes(const char *text, uint64_t *bytes)
 {
     static const char digits[] = "0123456789";
     const size_t whole = strspn(text, digits);
@@ -36,17 +38,17 @@ bool quantity_bytes(const char *text, uint64_t *bytes)
     if (!whole || (point && (!part || unit == 1)) || !unit || errno ||
         n > (UINT64_MAX - unit) / unit)
         return false;
-    const double fraction = point ? strtod(text + whole, NULL) : 0;
+    const double fraction = point ? sg_strtod(text + whole, NULL) : 0;
     *bytes = n * unit + (uint64_t) (fraction * (double) unit);
     return true;
 }
 
-bool quantity_seconds(const char *text, double *seconds)
+bool sg_quantity_seconds(const char *text, double *seconds)
 {
     static const char units[] = "dhms";
     static const double of[] = {86400, 3600, 60, 1};
     char *end;
-    double sum = strtod(text, &end);
+    double sum = sg_strtod(text, &end);
     size_t next = 0; /* the first unit that may still come */
     if (end == text)
         return false;
@@ -64,7 +66,7 @@ bool quantity_seconds(const char *text, double *seconds)
                 break;
             if (!strchr(".0123456789", *more))
                 return false;
-            number = strtod(more, &end);
+            number = sg_strtod(more, &end);
             if (end == more)
                 return false;
         }

@@ -1,0 +1,183 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The parameters of a training: names, ranges and help, which the check, the command line and
+ * config.json are made from. */
+#include "option/option.h"
+#include "splatguard/train.h"
+
+#define STRUCT struct sg_train_params
+#define GROUP(name) .group = name
+#define EXPERT .expert = true
+
+#define INTEGER(name, field, low, high, help, ...)                                                 \
+    SG_NUMBER(SG_OPTION_INT, name, field, low, high, "N", help, __VA_ARGS__)
+#define COUNT(name, field, low, high, help, ...)                                                   \
+    SG_NUMBER(SG_OPTION_U64, name, field, low, high, "N", help, __VA_ARGS__)
+#define FLOAT(name, field, low, high, help, ...)                                                   \
+    SG_NUMBER(SG_OPTION_FLOAT, name, field, low, high, "X", help, __VA_ARGS__)
+#define DOUBLE(name, field, low, high, help, ...)                                                  \
+    SG_NUMBER(SG_OPTION_DOUBLE, name, field, low, high, "X", help, __VA_ARGS__)
+
+#define RUN GROUP("Run")
+#define LOSS GROUP("Model and loss")
+#define RATES GROUP("Learning rates"), EXPERT
+#define DENSIFY GROUP("Densification")
+#define BUDGETS GROUP("Budgets")
+#define DEFENSE GROUP("Defense")
+#define RASTERISER GROUP("Rasteriser"), EXPERT
+
+/* Choices are indices of enums. */
+_Static_assert(SG_SIGMA_EIGEN == 1 && SG_HIT_VIEWS == 1 && SG_HIT_WEIGHT == 2 &&
+                   SG_PRUNE_THRESHOLD == 1 && SG_VIEWS_ALL == 1 && SG_TV_NORM_L1 == 1 &&
+                   SG_TV_NORM_HUBER == 2 && SG_ENERGY_AMPLITUDE == 1 && SG_CHANNELS_LUMA == 1,
+               "the order of the defense's choices");
+
+static const struct sg_option train_options[] = {
+    INTEGER("iterations", iterations, 1, 1e7, "Training iterations.", RUN),
+    SG_NUMBER(SG_OPTION_U64, "seed", seed, 0, 9e15, "S", "Seed of every random draw.", RUN,
+              .any = true),
+    SG_OPTION_ENGINE(RUN, EXPERT),
+    SG_OPTION_CPU(RUN, EXPERT),
+    COUNT("init-points", init_points, 4, 1e8, "Random points where the scene has none.",
+          GROUP("Initialisation"), EXPERT),
+    INTEGER("sh-degree", sh_degree, 0, 3, "Degree of the spherical harmonics.", LOSS),
+    INTEGER("sh-interval", sh_interval, 1, 1e7, "Iterations between raises of the degree in use.",
+            LOSS, EXPERT),
+    SG_FLAG("random-background", random_background, "A random background colour each iteration.",
+            LOSS, EXPERT),
+    FLOAT("lambda-dssim", lambda_dssim, 0, 1, "Weight of 1 - SSIM against L1.", LOSS, EXPERT),
+    FLOAT("position-lr-init", position_lr_init, 1e-12, 1000,
+          "Position, at the start, in scene extents.", RATES),
+    FLOAT("position-lr-final", position_lr_final, 1e-12, 1000,
+          "Position, at the end, in scene extents.", RATES),
+    INTEGER("position-lr-max-steps", position_lr_max_steps, 1, 1e9, "Iterations between the two.",
+            RATES),
+    FLOAT("feature-lr", feature_lr, 0, 1000, "Colour; higher SH degrees learn at a twentieth.",
+          RATES),
+    FLOAT("opacity-lr", opacity_lr, 0, 1000, "Opacity.", RATES),
+    FLOAT("scaling-lr", scaling_lr, 0, 1000, "Scale.", RATES),
+    FLOAT("rotation-lr", rotation_lr, 0, 1000, "Rotation.", RATES),
+    FLOAT("percent-dense", percent_dense, 0, 1000,
+          "Split Gaussians larger than this share of the extent, clone smaller ones.", DENSIFY,
+          EXPERT),
+    INTEGER("densification-interval", densification_interval, 1, 1e7,
+            "Iterations between densifications.", DENSIFY, EXPERT),
+    INTEGER("densify-from-iter", densify_from_iter, 0, 1e9, "Densify after this iteration.",
+            DENSIFY, EXPERT),
+    INTEGER("densify-until-iter", densify_until_iter, 0, 1e9, "Densify before this iteration.",
+            DENSIFY, EXPERT),
+    FLOAT("densify-grad-threshold", densify_grad_threshold, 0, 1e9,
+          "Mean view-space gradient that makes a Gaussian grow.", DENSIFY),
+    INTEGER("opacity-reset-interval", opacity_reset_interval, 1, 1e9,
+            "Iterations between opacity resets.", DENSIFY, EXPERT),
+    COUNT("max-gaussians", max_gaussians, 4, 4e9,
+          "Most Gaussians; at the limit, new ones take the place of those that the defense's "
+          "filter scores lowest. 0 = no limit.",
+          BUDGETS, .or_zero = true),
+    SG_NUMBER(SG_OPTION_TIME, "max-time", max_seconds, 0, 1e9, "TIME",
+              "Most time until the model is trained, e.g. 90s, 10m or 1h30m: iterations are "
+              "skipped so that the schedule still ends. 0 = no limit.",
+              BUDGETS),
+    SG_SWITCH("defense", defense.on, "off|spectral", "NAME",
+              "Against poisoned photos: prune Gaussians of high frequency, keep renders smooth and "
+              "even over directions.",
+              DEFENSE),
+    SG_NUMBER(SG_OPTION_FLOAT, "tolerance", tolerance, 0, 255, "LEVELS|auto",
+              "The loss compares a render with the nearest image that differs from the photo by "
+              "at most LEVELS grey levels, so that noise within them has no effect. auto: of each "
+              "photo as much as the audit finds noise in it. preset: auto with --defense spectral "
+              "--preset auto, else 0.",
+              DEFENSE, .words = "auto|preset", .first_word = SG_TOLERANCE_AUTO),
+    DOUBLE("rho", defense.rho, -0.9, 0.5,
+           "Share of the Gaussians that the filter removes at a time, 0 to 0.5; from -0.9 to below "
+           "0: that share of recent growth; -1 = the preset's.",
+           DEFENSE, .words = "preset", .first_word = SG_PRESET_RHO),
+    DOUBLE("rho-least", defense.rho_least, 0, 0.5,
+           "Least share that the filter removes at a time while --rho is negative. It shrinks to 0 "
+           "when densification ends, and holds only while the model is larger than half of its "
+           "first size. -1 = the preset's, 0 with a --rho.",
+           DEFENSE, EXPERT, .words = "preset", .first_word = SG_PRESET_RHO),
+    DOUBLE("filter-frequency", defense.frequency, 1e-9, 1e9,
+           "Reference frequency t, cycles per scene unit; 0 = the preset's: 8, auto: 41.6 / the "
+           "scene's extent.",
+           DEFENSE, EXPERT, .words = "preset", .first_word = SG_PRESET_FREQUENCY),
+    DOUBLE("filter-exponent", defense.exponent, 0, 100, "Exponent alpha of the frequency weight.",
+           DEFENSE, EXPERT),
+    INTEGER("filter-views", defense.views, 1, 1e7, "Training views that hits are counted in.",
+            DEFENSE, EXPERT),
+    INTEGER("filter-interval", defense.interval, 1, 1e7, "Iterations between removals.", DEFENSE,
+            EXPERT),
+    INTEGER("filter-from", defense.from, -1, 1e9,
+            "Remove after this iteration; -1 = as densification.", DEFENSE, EXPERT),
+    INTEGER("filter-until", defense.until, -1, 1e9,
+            "Remove before this iteration; -1 = until densification ends, which always holds while "
+            "--rho is negative.",
+            DEFENSE, EXPERT),
+    SG_CHOICE("filter-sigma", defense.sigma, "std|eigen", "NAME",
+              "Size in the frequency weight: smallest scale, or its square (the smallest "
+              "eigenvalue).",
+              DEFENSE, EXPERT),
+    SG_CHOICE("filter-hits", defense.hit, "pixels|views|weight", "NAME",
+              "Hits of a Gaussian: pixels it is blended in, views, or its weight in the pixels.",
+              DEFENSE, EXPERT),
+    SG_CHOICE("filter-rule", defense.rule, "exact|threshold", "NAME",
+              "Remove exactly the share, or all up to the score there (LightGaussian's rule).",
+              DEFENSE, EXPERT),
+    SG_CHOICE("filter-sample", defense.sample, "random|all", "NAME",
+              "Views to count in: a new sample each time, or all.", DEFENSE, EXPERT),
+    DOUBLE("lambda", defense.lambda, 0, 1e6,
+           "Weight of the two losses on renders (auto: of photos that look poisoned, up to four "
+           "times as much where they oscillate strongly); -1 = the preset's.",
+           DEFENSE, .words = "preset", .first_word = SG_PRESET_LAMBDA),
+    DOUBLE("anisotropy-scale", defense.anisotropy_scale, 0, 1e6,
+           "Times lambda: weight of the spectrum's anisotropy.", DEFENSE, EXPERT),
+    DOUBLE("tv-scale", defense.tv_scale, 0, 1e6, "Times lambda: weight of the total variation.",
+           DEFENSE, EXPERT),
+    SG_CHOICE("tv-norm", defense.tv, "l2|l1|huber", "NAME",
+              "Total variation: mean of squared or of absolute differences; huber: squared up to "
+              "16 grey levels, then linear.",
+              DEFENSE, EXPERT),
+    DOUBLE("band-low", defense.spectrum.band.low, 0, 1,
+           "Lower edge of the band, as a part of the Nyquist frequency.", DEFENSE, EXPERT),
+    DOUBLE("band-high", defense.spectrum.band.high, 0, 1, "Upper edge of the band.", DEFENSE,
+           EXPERT),
+    INTEGER("bins", defense.spectrum.band.bins, 2, SG_SPECTRUM_BINS_MAX,
+            "Directions of the spectrum, even.", DEFENSE, EXPERT),
+    SG_CHOICE("energy", defense.spectrum.energy, "power|amplitude", "NAME",
+              "What a coefficient of the spectrum counts.", DEFENSE, EXPERT),
+    SG_CHOICE("channels", defense.spectrum.channels, "sum|luma", "NAME",
+              "Energy of all three channels, or of the luma.", DEFENSE, EXPERT),
+    SG_FLAG("exact-spectrum", defense.spectrum.exact_size,
+            "Transform awkward image sides as they are; by default they are continued to the next "
+            "quick length.",
+            DEFENSE, EXPERT),
+    COUNT("max-instances", max_instances, 1, 4e9,
+          "(Gaussian, tile) pairs held at once; views with more are processed in bands, with the "
+          "same result.",
+          RASTERISER),
+    SG_FLAG("reference-tiles", reference_tiles,
+            "Keep every tile of the 3-sigma square, for parity checks.", RASTERISER),
+    {0},
+};
+
+const struct sg_option *sg_train_options(void)
+{
+    return train_options;
+}
+
+#undef STRUCT
+#define STRUCT struct sg_render_params
+
+static const struct sg_option render_options[] = {
+    COUNT("max-instances", max_instances, 1, 4e9,
+          "(Gaussian, tile) pairs held at once; more are processed in bands.", RASTERISER,
+          .transient = true),
+    SG_FLAG("reference-tiles", reference_tiles,
+            "Keep every tile of the 3-sigma square, for parity checks.", RASTERISER,
+            .transient = true),
+    {0},
+};
+
+const struct sg_option *sg_render_options(void)
+{
+    return render_options;
+}

@@ -1,0 +1,230 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The tables of options: each row sets, prints and checks its field. */
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "option/option.h"
+#include "option/quantities.h"
+#include "splatguard/splatguard.h"
+
+/* Every table with the defaults of its struct. */
+union params {
+    struct sg_train_params train;
+    struct sg_attack_params attack;
+    struct sg_scene_params scene;
+    struct sg_synth_params synth;
+    struct sg_render_params render;
+    struct sg_run_params run;
+    struct sg_attack_run_params attack_run;
+};
+#define TABLES 7
+
+static const struct sg_option *table(int i, union params *p)
+{
+    memset(p, 0, sizeof(*p));
+    switch (i) {
+    case 0:
+        p->train = sg_train_params_default();
+        return sg_train_options();
+    case 1:
+        p->attack = sg_attack_params_default();
+        return sg_attack_options();
+    case 2:
+        p->scene = sg_scene_params_default();
+        return sg_scene_options();
+    case 3:
+        p->synth = sg_synth_params_default();
+        return sg_synth_options();
+    case 4:
+        p->render = sg_render_params_default();
+        return sg_render_options();
+    case 5:
+        p->run = sg_run_params_default();
+        return sg_run_options();
+    default:
+        p->attack_run = sg_attack_run_params_default();
+        return sg_attack_run_options();
+    }
+}
+
+static bool is_number(const struct sg_option *o)
+{
+    return o->type != SG_OPTION_FLAG && o->type != SG_OPTION_SWITCH && o->type != SG_OPTION_TEXT &&
+           o->type != SG_OPTION_CHOICE;
+}
+
+static void test_rows_are_whole(void **state)
+{
+    (void) state;
+    union params p;
+    for (int t = 0; t < TABLES; t++) {
+        const struct sg_option *rows = table(t, &p);
+        for (const struct sg_option *o = rows; o->name; o++) {
+            if (!o->field || !o->help || !o->group || (o->type != SG_OPTION_FLAG && !o->unit))
+                fail_msg("table %d, %s: a member is missing", t, o->name);
+            if (is_number(o) && !(o->low < o->high))
+                fail_msg("%s: from %g to %g", o->name, o->low, o->high);
+            if ((o->type == SG_OPTION_CHOICE || o->type == SG_OPTION_SWITCH) && !o->choices)
+                fail_msg("%s has no choices", o->name);
+            if (sg_option_find(rows, o->name) != o)
+                fail_msg("%s is there twice", o->name);
+            if (strchr(o->name, '_') || strchr(o->field, '-'))
+                fail_msg("%s, %s: dashes in names, underscores in fields", o->name, o->field);
+        }
+    }
+    assert_null(sg_option_find(sg_train_options(), "densify"));
+    assert_string_equal(sg_option_find(sg_train_options(), "densify_grad_threshold")->name,
+                        "densify-grad-threshold");
+    assert_string_equal(sg_option_find(sg_train_options(), "backend")->name, "engine");
+}
+
+/* Defaults are within their ranges, and what is printed reads back to the same bytes. */
+static void test_defaults_read_back(void **state)
+{
+    (void) state;
+    sg_ctx *ctx;
+    assert_int_equal(sg_ctx_create(&ctx, NULL), SG_OK);
+    for (int t = 0; t < TABLES; t++) {
+        union params p, q;
+        const struct sg_option *rows = table(t, &p);
+        table(t, &q);
+        if (t != 6)
+            assert_int_equal(sg_check_options(ctx, rows, &p), SG_OK);
+        for (const struct sg_option *o = rows; o->name; o++) {
+            char text[64], expected[256];
+            if (!sg_option_get(o, &p, text, sizeof(text)))
+                continue;
+            if (!sg_option_set(o, &q, text, expected, sizeof(expected)))
+                fail_msg("%s: %s is refused, expected %s", o->name, text, expected);
+            if (o->type != SG_OPTION_TEXT && memcmp(&p, &q, sizeof(p)))
+                fail_msg("%s: %s does not read back the same", o->name, text);
+            sg_option_copy(o, &q, &p); /* texts are other pointers now */
+            assert_memory_equal(&p, &q, sizeof(p));
+        }
+    }
+    sg_ctx_destroy(&ctx);
+}
+
+/* Both ends of a range are accepted, and what is beyond them by sg_option_set and by the library's
+ * check alike not. */
+static void test_ranges(void **state)
+{
+    (void) state;
+    sg_ctx *ctx;
+    assert_int_equal(sg_ctx_create(&ctx, NULL), SG_OK);
+    for (int t = 0; t < TABLES; t++) {
+        union params p;
+        const struct sg_option *rows = table(t, &p);
+        for (const struct sg_option *o = rows; o->name; o++) {
+            char text[64], expected[256] = "";
+            const double ends[] = {o->low, o->high};
+            for (int k = 0; k < 2 && is_number(o); k++) {
+                const double step = k ? 1 : -1, beyond = ends[k] + step * (5 + fabs(ends[k]));
+                table(t, &p);
+                snprintf(text, sizeof(text), "%.17g", ends[k]);
+                if (o->type == SG_OPTION_INT || o->type == SG_OPTION_U64 ||
+                    o->type == SG_OPTION_BYTES)
+                    snprintf(text, sizeof(text), "%.0f", ends[k]);
+                if (!sg_option_set(o, &p, text, NULL, 0))
+                    fail_msg("%s: %s is refused", o->name, text);
+                snprintf(text, sizeof(text), "%.0f", beyond);
+                if (sg_option_set(o, &p, text, expected, sizeof(expected)) || !expected[0])
+                    fail_msg("%s: %s is accepted", o->name, text);
+                if (o->type == SG_OPTION_DOUBLE && !o->words) {
+                    memcpy((char *) &p + o->offset, &beyond, sizeof(beyond));
+                    assert_int_equal(sg_check_options(ctx, rows, &p), SG_ERR_USAGE);
+                    if (strncmp(sg_last_error(ctx), o->field, strlen(o->field)))
+                        fail_msg("%s: the message is %s", o->name, sg_last_error(ctx));
+                    sg_clear_error(ctx);
+                }
+            }
+            table(t, &p);
+            if (o->type != SG_OPTION_TEXT || o->choices) {
+                assert_false(sg_option_set(o, &p, "of no kind", expected, sizeof(expected)));
+                assert_true(expected[0]);
+            }
+            assert_false(sg_option_set(o, &p, "", NULL, 0));
+        }
+    }
+    sg_ctx_destroy(&ctx);
+}
+
+static void check_text(const char *name, const char *text, const char *printed)
+{
+    char back[64] = "";
+    struct sg_run_params p = sg_run_params_default();
+    const struct sg_option *o = sg_option_find(sg_train_options(), name);
+    if (sg_option_set(o, &p.train, text, NULL, 0))
+        sg_option_get(o, &p.train, back, sizeof(back));
+    assert_string_equal(back, printed);
+}
+
+static void test_texts(void **state)
+{
+    (void) state;
+    check_text("rho", "preset", "preset");
+    check_text("rho", "-1", "preset");
+    check_text("rho", "-0.9", "-0.9");
+    check_text("filter-frequency", "0", "preset");
+    check_text("tolerance", "auto", "auto");
+    check_text("tolerance", "2.5", "2.5");
+    check_text("tolerance", "-3", "");
+    check_text("max-gaussians", "0", "0");
+    check_text("max-gaussians", "3", "");
+    check_text("max-time", "1h30m", "5400");
+    check_text("engine", "ref", "ref");
+    check_text("engine", "gpu", "");
+    check_text("defense", "spectral", "spectral");
+    check_text("sh-degree", "2.5", "");
+    check_text("lambda-dssim", "nan", "");
+    struct sg_attack_params a = sg_attack_params_default();
+    const struct sg_option *epsilon = sg_option_find(sg_attack_options(), "epsilon");
+    for (int level = 0; level <= 255; level++) {
+        char text[16], back[16];
+        snprintf(text, sizeof(text), "%d", level);
+        assert_true(sg_option_set(epsilon, &a, text, NULL, 0));
+        assert_true(a.epsilon == (float) (level / 255.0));
+        assert_true(sg_option_get(epsilon, &a, back, sizeof(back)));
+        assert_string_equal(back, text);
+    }
+    assert_true(sg_option_set(epsilon, &a, "inf", NULL, 0) && isinf(a.epsilon));
+    assert_false(sg_option_set(epsilon, &a, "7.5", NULL, 0));
+    assert_false(sg_option_set(epsilon, &a, "256", NULL, 0));
+}
+
+/* Published values: a change here is a change of the experiments. */
+static void test_presets(void **state)
+{
+    (void) state;
+    struct sg_defense_params d = sg_defense_params_default();
+    assert_true(sg_defense_preset("tt", &d));
+    assert_true(d.rho == 0.045 && d.lambda == 4 && d.rho_least == 0 && d.frequency == 8 && !d.on);
+    assert_false(sg_defense_preset("auto", &d));
+    assert_true(sg_defense_preset("mip", &d) && d.rho == 0.05 && d.lambda == 5);
+    struct sg_attack_params a = sg_attack_params_default();
+    assert_true(sg_attack_preset("auto", SG_FORMAT_COLMAP, &a));
+    assert_true(a.iterations == 12000 && a.inner == 25 && a.update_interval == 1);
+    assert_true(sg_attack_preset("auto", SG_FORMAT_BLENDER, &a));
+    assert_true(a.iterations == 36000 && a.inner == 15 && a.update_interval == 1);
+    a.epsilon = INFINITY;
+    assert_true(sg_attack_preset("tt", SG_FORMAT_BLENDER, &a));
+    assert_true(a.iterations == 6000 && a.inner == 25 && a.update_interval == 10);
+    assert_false(sg_attack_preset("NS", SG_FORMAT_BLENDER, &a));
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_rows_are_whole), cmocka_unit_test(test_defaults_read_back),
+        cmocka_unit_test(test_ranges),         cmocka_unit_test(test_texts),
+        cmocka_unit_test(test_presets),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
