@@ -14,11 +14,10 @@
 
 #define SHOWN 3   /* photos from each end of the ranking */
 #define PANEL 270 /* pixels, the longer side: four in a row */
-#define HEAT                                                                                       \
-    32.0f /* grey levels of oscillation that are drawn white: all that a bound of 16 allows */
-#define FAINT                                                                                      \
-    0.1 /* grey levels of white noise whose spectrum is drawn black; a thousand times as many are  \
-           white */
+/* grey levels of oscillation that are drawn white: all that a bound of 16 allows */
+#define HEAT 32.0f
+/* grey levels of white noise whose spectrum is drawn black; a thousand times as many are white */
+#define FAINT 0.1
 
 /* Names need not be UTF-8; the page must be. */
 static void put_text(FILE *f, const char *name)

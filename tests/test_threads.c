@@ -85,8 +85,8 @@ static void test_jobs_in_a_row(void **state)
 }
 
 #define GREEDY 8
-#define GREEDY_BYTES                                                                               \
-    1000 /* below what the allocator maps anew, so that the race is as tight as it can be */
+/* below what the allocator maps anew, so that the race is as tight as it can be */
+#define GREEDY_BYTES 1000
 
 struct greedy {
     sg_ctx *ctx;

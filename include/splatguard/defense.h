@@ -44,7 +44,7 @@ struct sg_defense_params {
     int views;        /* K*, training views that hits are counted in, 1..10 million. Default 48. */
     int interval;     /* T_prune, iterations, 1..10 million. Default 100. */
     int from, until;  /* iterations, exclusive, to 1e9; -1 = as densification: pruning on after it
-                         kills the  model. Default -1. */
+                         kills the model. Default -1. */
     enum sg_filter_sigma sigma; /* Default SG_SIGMA_STD. */
     enum sg_hit hit;            /* Default SG_HIT_PIXELS. */
     enum sg_prune_rule rule;    /* Default SG_PRUNE_EXACT. */

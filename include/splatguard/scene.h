@@ -32,7 +32,7 @@ struct sg_scene_params {
                          other, to 16384 =   target width. Default -1. */
     double downscale; /* divides the size after the resolution rule, 1..64. Default 1. */
     bool white_background;  /* RGBA is composited on white instead of black (COLMAP: alpha is
-                               ignored). Default  false. */
+                               ignored). Default false. */
     bool eval;              /* hold test views out of training. Default false: every view trains
                                (Blender: its test file is then not loaded). */
     int test_every;         /* every N-th view by sorted name is a test view (COLMAP, nerfstudio).
@@ -43,7 +43,7 @@ struct sg_scene_params {
     bool follow_links; /* symbolic links in the folder may lead out of it; links that stay inside
                           are always followed. Default false. */
     bool untrained;    /* nothing will be trained on the views: all of them may be test views, and
-                          there is no    warning about what training would lack. Default false. */
+                          there is no warning about what training would lack. Default false. */
     bool strict; /* refuse a scene of which a photo is missing or at another scale than its camera;
                     else such photos are skipped, or their focal lengths scaled, with a warning.
                     Default false. */

@@ -17,8 +17,8 @@
 #include "splatguard/eval.h"
 #include "splatguard/model.h"
 
-#define COPY_BYTES                                                                                 \
-    (UINT64_C(1) << 36) /* COLMAP's points can be large; mostly it has been read before */
+/* COLMAP's points can be large; mostly it has been read before */
+#define COPY_BYTES (UINT64_C(1) << 36)
 #define CLOUD "points.ply"
 
 /* The folder that a file goes to. */

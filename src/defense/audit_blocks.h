@@ -7,8 +7,8 @@
 #include "splatguard/audit.h"
 
 #define SG_AUDIT_BLOCK 16 /* pixels of the photo on a block's side */
-#define SG_AUDIT_UNIT                                                                              \
-    4 /* values are quarters of grey levels, so that means of four pixels are kept */
+/* values are quarters of grey levels, so that means of four pixels are kept */
+#define SG_AUDIT_UNIT 4
 #define SG_AUDIT_BINS 9 /* of second differences */
 
 /* Over the used pixels of a block that have two neighbours in one direction. The step is the

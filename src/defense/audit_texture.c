@@ -9,9 +9,9 @@
 
 #include "audit_blocks.h"
 
-#define ENERGY                                                                                     \
-    0.25 /* grey levels squared: rounding; added to sums of squares so that smooth tiles do not    \
-            divide by 0 */
+/* grey levels squared: rounding. Added to sums of squares so that smooth tiles do not divide by
+ * 0. */
+#define ENERGY 0.25
 #define LEAST 0.15     /* mean square step of the tiles that count */
 #define PIXELS 512     /* they have, of at most 2048 pixels and directions */
 #define BIN_SHARE 3e-3 /* added to shares before their logarithm */

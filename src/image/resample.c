@@ -6,8 +6,8 @@
 
 #include "image.h"
 
-#define PRECISION                                                                                  \
-    22 /* bits after the point: 8 bits of sample, 2 of overshoot, 22 of weight fill an int32 */
+/* bits after the point: 8 bits of sample, 2 of overshoot, 22 of weight fill an int32 */
+#define PRECISION 22
 
 /* One output sample is the weighted sum of count inputs from first. */
 struct taps {

@@ -11,9 +11,8 @@
 #include "scene/colmap.h"
 
 #define SHOWN 80 /* bytes of a line that messages quote */
-#define LINE_BYTES                                                                                 \
-    4096 /* of a line that are kept: the tracks of points and the observations of images are       \
-            longer */
+/* of a line that are kept: the tracks of points and the observations of images are longer */
+#define LINE_BYTES 4096
 
 struct lines {
     struct sg_source *in;

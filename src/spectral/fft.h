@@ -10,9 +10,8 @@
 
 #define SG_FFT_LANES 16
 #define SG_FFT_ROWS (2 * SG_FFT_LANES) /* real rows at once */
-#define SG_FFT_POINT                                                                               \
-    (2 * SG_FFT_LANES) /* floats of a point of 16 transforms: the real parts, the imaginary parts  \
-                        * \ */
+/* floats of a point of 16 transforms: the real parts, the imaginary parts */
+#define SG_FFT_POINT (2 * SG_FFT_LANES)
 
 /* Columns of a half spectrum: horizontal frequencies 0 .. width / 2. */
 #define SG_FFT_COLUMNS(width) ((size_t) (width) / 2 + 1)
@@ -23,8 +22,8 @@
 #define SG_FFT_PANELS(columns) (((size_t) (columns) + SG_FFT_LANES - 1) / SG_FFT_LANES)
 
 #define SG_FFT_STAGES 32 /* n < 2^31 */
-#define SG_FFT_PRIME_MAX                                                                           \
-    97 /* larger prime factors take longer by definition than the whole length by Bluestein */
+/* larger prime factors take longer by definition than the whole length by Bluestein */
+#define SG_FFT_PRIME_MAX 97
 
 /* The length n = radix x rest is transformed as `radix` transforms of length rest, whose results
  * one pass joins. */

@@ -14,8 +14,8 @@
 
 #define MAGIC "SGCKPT\0\10" /* the last byte is the version */
 
-#define MAX_ITERATION                                                                              \
-    10000000 /* of struct sg_train_params; counting on from it overflows nothing */
+/* of struct sg_train_params; counting on from it overflows nothing */
+#define MAX_ITERATION 10000000
 
 static bool counters_sound(const struct sg_checkpoint_header *h)
 {

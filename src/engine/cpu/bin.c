@@ -9,8 +9,8 @@
 #include "math/tiles.h"
 
 #define CHUNK 4096 /* Gaussians a piece of work, in index order */
-#define ORDER_CHUNKS                                                                               \
-    16 /* pieces of the sorted order; fixed, so that nothing depends on the number of threads */
+/* pieces of the sorted order; fixed, so that nothing depends on the number of threads */
+#define ORDER_CHUNKS 16
 #define AHEAD 16 /* entries of the order to prefetch: they point all over the model */
 #define RADIX_BITS 11
 #define RADIX (1 << RADIX_BITS)

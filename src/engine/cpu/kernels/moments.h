@@ -27,12 +27,9 @@ SIMD float centred(int pixel)
 
 #if LANES == 16
 
-#define LOW(a, b)                                                                                  \
-    (real) _mm512_shuffle_f32x4((__m512) (a), (__m512) (b), 0x88) /* rows 0 and 2 of a, then of b  \
-                                                                   * \ */
-#define HIGH(a, b)                                                                                 \
-    (real) _mm512_shuffle_f32x4((__m512) (a), (__m512) (b), 0xdd) /* rows 1 and 3                  \
-                                                                   * \ */
+/* rows 0 and 2 of a, then of b; HIGH: rows 1 and 3 */
+#define LOW(a, b) (real) _mm512_shuffle_f32x4((__m512) (a), (__m512) (b), 0x88)
+#define HIGH(a, b) (real) _mm512_shuffle_f32x4((__m512) (a), (__m512) (b), 0xdd)
 
 SIMD void window_make(struct window *o, const real g[3], int block, int part)
 {
