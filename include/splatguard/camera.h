@@ -2,9 +2,9 @@
 #ifndef SPLATGUARD_CAMERA_H
 #define SPLATGUARD_CAMERA_H
 
-/* A pinhole camera. World to camera: x_c = R x_w + t, axes x right, y down, z forward.
- * Focal lengths and principal point are in pixels of a width x height image whose top-left CORNER
- * is (0,0), so that the centre of the top-left pixel is (0.5, 0.5), as in COLMAP. */
+/* A pinhole camera. World to camera: x_c = R x_w + t, with axes x right, y down, z forward. Focal
+ * lengths and principal point are in pixels. The top-left corner of the image is (0, 0), so the
+ * centre of the top-left pixel is (0.5, 0.5), as in COLMAP. */
 struct sg_camera {
     int width, height; /* pixels, 1..16384 */
     double fx, fy;     /* > 0 */

@@ -8,14 +8,15 @@
 extern "C" {
 #endif
 
-/* The project's own ray-traced scene: exact cameras, surface points, known answers. */
+/* A ray-traced still life with exact cameras and surface points. */
 struct sg_synth_params {
     int width, height; /* pixels, 16..4096. Default 400 x 400. */
     int train_views;   /* 4..4096. Default 60. */
-    int test_views; /* 1..4096, of the Blender layout; in COLMAP's every 8th is one. Default 12. */
-    int points;     /* surface points in the COLMAP layout, 4..10 million. Default 20000. */
-    int samples;    /* anti-aliasing samples per pixel and axis, 1..8. Default 3. */
-    uint64_t seed;  /* Default 0. Same parameters, same bytes. */
+    int test_views;    /* Blender layout, 1..4096; in the COLMAP layout every 8th view is one.
+                          Default 12. */
+    int points;        /* surface points in the COLMAP layout, 4..10 million. Default 20000. */
+    int samples;       /* anti-aliasing samples per pixel and axis, 1..8. Default 3. */
+    uint64_t seed;     /* Default 0. The same parameters give the same bytes. */
 };
 
 #define SG_SYNTH_DEFAULTS                                                                          \
@@ -23,8 +24,8 @@ struct sg_synth_params {
 SG_API struct sg_synth_params sg_synth_params_default(void);
 
 /* Writes DIR/blender and DIR/colmap. DIR must not exist or be empty. params may be NULL. Errors:
- * SG_ERR_USAGE for values out of range, SG_ERR_INPUT for other folders and what cannot be written,
- * SG_ERR_BUDGET. */
+ * SG_ERR_USAGE for values out of range, SG_ERR_INPUT if the folder is not empty or cannot be
+ * written to, SG_ERR_BUDGET. */
 SG_API int sg_synth_write(sg_ctx *ctx, const char *dir, const struct sg_synth_params *params);
 
 #ifdef __cplusplus
