@@ -15,9 +15,9 @@
 extern "C" {
 #endif
 
-/* Defaults are those of the reference (Kerbl et al. 2023, the 2023 release). Where a range is not
- * given: learning rates and percent_dense 0..1e3 (of positions from 1e-12), intervals 1..1e9
- * iterations, densify_from_iter and _until_iter 0..1e9. */
+/* Defaults are those of the reference (Kerbl et al. 2023, the 2023 release). Ranges that are not
+ * given below: learning rates and percent_dense 0..1e3 (those of positions from 1e-12),
+ * intervals 1..1e9 iterations, densify_from_iter and densify_until_iter 0..1e9. */
 struct sg_train_params {
     int iterations;         /* 1..10 million. Default 30000. */
     uint64_t seed;          /* Default 42. */
@@ -25,12 +25,12 @@ struct sg_train_params {
     int sh_interval;        /* iterations between degree raises, 1..10 million. Default 1000. */
     bool white_background;  /* Default false. */
     bool random_background; /* a random colour each iteration. Default false. */
-    float lambda_dssim;     /* weight of 1-SSIM, 0..1. Default 0.2. */
+    float lambda_dssim;     /* weight of 1 - SSIM, 0..1. Default 0.2. */
     /* The loss compares a render with the nearest image that differs from the photo by at most
-     * `tolerance` grey levels (0..255) in each value: a change of the photos within it has no
+     * `tolerance` grey levels (0..255) in each value. A change of the photos within it has no
      * gradient at a model of the unchanged photos. Default 0. */
     float tolerance;
-    /* NULL, or of each training view, instead. Borrowed as long as the trainer. */
+    /* NULL, or one tolerance per training view, instead. Must outlive the trainer. */
     const float *tolerances;
     float position_lr_init;    /* x scene extent. Default 1.6e-4. */
     float position_lr_final;   /* x scene extent. Default 1.6e-6. */
@@ -46,17 +46,18 @@ struct sg_train_params {
     float densify_grad_threshold; /* view-space gradient, NDC; 0..1e9. Default 0.0002. */
     int opacity_reset_interval;   /* Default 3000. */
     uint64_t init_points; /* random points when the scene has none, 4..1e8. Default 100000. */
-    /* Budgets; 0 = none. Where the context limits memory, the trainer further limits itself to what
-     * fits. */
-    uint64_t max_gaussians; /* at least 4; from there on new ones take the place of those scored
-                               lowest. Default 0. */
-    double max_seconds; /* from creation on, whatever is done between steps; to 1e9. From the first
-                           step on the schedule advances by iterations or by time, whichever is
-                           ahead, so that a run cut short still ends as a whole one. Default 0. */
-    double seconds_before; /* that count already, e.g. for reading the photos. Default 0. */
-    double (*clock)(
-        void *); /* seconds from any start, never backwards; NULL = the system's. Default NULL. */
-    void *clock_arg;
+    /* Budgets; 0 = none. If the context limits memory, the trainer also keeps within that. */
+    /* At least 4. At the limit new Gaussians replace those with the lowest scores. Default 0. */
+    uint64_t max_gaussians;
+    /* Seconds since creation, including the time between steps; at most 1e9. The schedule advances
+     * by iterations or by time since the first step, whichever is ahead, so a shortened run still
+     * completes its schedule. Default 0. */
+    double max_seconds;
+    double seconds_before; /* spent already, e.g. on reading the photos. Default 0. */
+    /* Returns seconds since any fixed time; must not go backwards. NULL = the system's clock.
+     * Default NULL. */
+    double (*clock)(void *);
+    void *clock_arg;        /* passed to clock */
     uint64_t max_instances; /* see sg_render_params. Default 1 << 24. */
     bool reference_tiles;   /* see sg_render_params. Default false. */
     struct sg_defense_params defense;
@@ -79,17 +80,17 @@ SG_API struct sg_train_params sg_train_params_default(void);
 #define SG_TOLERANCE_AUTO (-1.0f)
 #define SG_TOLERANCE_PRESET (-2.0f)
 
-/* SG_ERR_USAGE, naming the value and its range, where a number is out of it; sg_trainer_create
- * checks this and what depends on scene and machine. params: not NULL. */
+/* Checks the ranges: SG_ERR_USAGE names the value and its range. sg_trainer_create checks this too,
+ * and what depends on scene and machine. params: not NULL. */
 SG_API int sg_train_check(sg_ctx *ctx, const struct sg_train_params *params);
 
-/* What one iteration did. */
+/* The results of one iteration. */
 struct sg_train_step {
     int iteration;                /* 1-based */
     size_t view;                  /* index into scene->train */
-    double loss, l1, ssim, psnr;  /* of this view, before the update; psnr on unclamped values */
+    double loss, l1, ssim, psnr;  /* of this view, before the update; psnr of unclamped values */
     size_t gaussians;             /* at its end: after densification and the filter */
-    size_t cloned, split, pruned; /* of this iteration's densification, else 0 */
+    size_t cloned, split, pruned; /* by the densification of this iteration, else 0 */
     struct sg_render_stats render;
     struct sg_defense_step defense;
 };
@@ -97,63 +98,65 @@ struct sg_train_step {
 /* Seconds spent per stage since creation (wall clock). */
 struct sg_train_times {
     double project, bin, raster, loss, raster_backward, update, densify;
-    double anisotropy, total_variation, count,
-        prune; /* of the defense; prune: ranking and removal */
+    /* Of the defense; count: counting hits, prune: ranking and removal. */
+    double anisotropy, total_variation, count, prune;
 };
 
 /* Thread safety: unsafe. The scene must outlive the trainer and is not changed. */
 typedef struct sg_trainer sg_trainer;
 
-/* initial may be NULL: points of the scene, or random ones. It is copied; where the context has a
- * limit on memory the caller destroys it before the first step, for the plan counts on that. params
- * may be NULL. Errors: SG_ERR_USAGE for values out of range, SG_ERR_INPUT for a scene without
- * training views or of which masks leave nothing and for an initial model with a value that is not
- * finite, SG_ERR_BUDGET where the run cannot fit. */
+/* initial: a model to start from, which is copied; NULL = the points of the scene, or random ones.
+ * With a memory limit, destroy `initial` before the first step: its memory is already promised to
+ * the run. params may be NULL. Errors: SG_ERR_USAGE for values out of range; SG_ERR_INPUT if the
+ * scene has no training view or no used pixel, or if `initial` has a value that is not finite;
+ * SG_ERR_BUDGET if the run cannot fit. */
 SG_API int sg_trainer_create(sg_ctx *ctx, const struct sg_scene *scene,
                              const struct sg_model *initial, const struct sg_train_params *params,
                              sg_trainer **out);
-/* From a file of sg_trainer_save, with the same scene and params: goes on to the very bytes of an
- * uninterrupted run. Limits, iterations, engine and sh_degree may differ, and then the bytes do
- * (the last iteration of a run takes no step); where the photos differ from those at the time of
- * saving, so may tolerance, rho, rho_least, frequency and lambda. Errors: those of
- * sg_trainer_create; SG_ERR_INPUT for a file that is no checkpoint of this scene and run, or of one
+/* Continues from a file of sg_trainer_save. With the same scene and params the result has the same
+ * bytes as an uninterrupted run. Limits, iterations, engine and sh_degree may differ, and then the
+ * bytes do (the last iteration of a run takes no step). If the photos have changed since the file
+ * was saved, tolerance, rho, rho_least, frequency and lambda may differ too. Errors: those of
+ * sg_trainer_create; SG_ERR_INPUT if the file is not a checkpoint of this scene and run, or is one
  * with other parameters. */
 SG_API int sg_trainer_resume(sg_ctx *ctx, const struct sg_scene *scene, const char *path,
                              const struct sg_train_params *params, sg_trainer **out);
 SG_API void sg_trainer_destroy(sg_trainer **trainer);
 
-/* One iteration; after the last one Adam stands still. step may be NULL. Errors: SG_ERR_BUDGET;
- * SG_ERR_INPUT where every Gaussian has become transparent, so that none is left. After an error
- * the trainer can still be saved and destroyed, with that iteration half done: what is resumed from
- * there is a sound model, not the one of an uninterrupted run. */
+/* Runs one iteration. The last iteration, and any after it, does not move parameters. step may be
+ * NULL. Errors: SG_ERR_BUDGET; SG_ERR_INPUT if every Gaussian has become transparent, so that none
+ * is left. After an error the trainer can still be saved and destroyed, with that iteration half
+ * done. A run that is resumed from there has a sound model, but not that of an uninterrupted run.
+ */
 SG_API int sg_trainer_step(sg_trainer *trainer, struct sg_train_step *step);
 
-/* Iterations done so far, those that a lack of time skipped included. */
+/* Iterations so far, including those that were skipped for lack of time. */
 SG_API int sg_trainer_iteration(const sg_trainer *trainer);
 
-/* What limits the run, as far as it is known, and whether it has. */
+/* The limits of the run, as far as they are known, and which of them were reached. */
 struct sg_train_limits {
-    uint64_t max_gaussians; /* 0 = none */
-    bool by_memory;         /* that limit comes from the context's max_memory */
-    bool gaussians_bound, time_bound;
-    uint64_t steps; /* iterations really done, of sg_trainer_iteration */
+    uint64_t max_gaussians;           /* 0 = none */
+    bool by_memory;                   /* max_gaussians follows from the context's max_memory */
+    bool gaussians_bound, time_bound; /* the limit was reached */
+    uint64_t steps;                   /* iterations done, without those that were skipped */
 };
 SG_API void sg_trainer_limits(const sg_trainer *trainer, struct sg_train_limits *out);
 SG_API size_t sg_trainer_gaussians(const sg_trainer *trainer);
 SG_API void sg_trainer_times(const sg_trainer *trainer, struct sg_train_times *out);
 
-/* "avx512", "ref", ...: what the engine really runs. */
+/* The variant of the engine that runs: "avx512", "ref", ... */
 SG_API const char *sg_trainer_variant(const sg_trainer *trainer);
 
-/* A copy of the current model; the caller owns *out. */
+/* Copies the current model; the caller owns *out. */
 SG_API int sg_trainer_model(sg_trainer *trainer, struct sg_model **out);
 
-/* Draws the current model in the run's own buffers, without a copy, on white or black as the run
- * says. It lasts until the trainer's next step or its end; the caller destroys *out. */
+/* A renderer of the current model that uses the buffers of the run, without a copy, on the run's
+ * background. It is valid until the next step of the trainer or its destruction. The caller
+ * destroys *out. */
 SG_API int sg_trainer_renderer(sg_trainer *trainer, sg_renderer **out);
 
-/* The whole state, for sg_trainer_resume. The file appears whole or not at all. Errors:
- * SG_ERR_INPUT where it cannot be written, SG_ERR_BUDGET. */
+/* Saves the whole state for sg_trainer_resume. The file appears whole or not at all. Errors:
+ * SG_ERR_INPUT if it cannot be written, SG_ERR_BUDGET. */
 SG_API int sg_trainer_save(sg_trainer *trainer, const char *path);
 
 #ifdef __cplusplus
