@@ -18,40 +18,43 @@ enum sg_scene_format {
     SG_FORMAT_BLENDER,    /* transforms_train.json, transforms_test.json */
     SG_FORMAT_COLMAP,     /* sparse/0 or sparse, images/ */
     SG_FORMAT_NERFSTUDIO, /* transforms.json */
-    SG_FORMAT_MEMORY,     /* of scenes that a builder made; no folder has it */
+    SG_FORMAT_MEMORY,     /* made by a builder, not read from a folder */
 };
 
-/* Filters against noise, with the results of OpenCV's: Gaussian of 5 x 5 pixels and sigma 1.5;
+/* Filters against noise, with the same results as OpenCV's: Gaussian of 5 x 5 pixels and sigma 1.5;
  * bilateral of diameter 9 with both sigmas 75 (grey levels, pixels). */
 enum sg_smooth { SG_SMOOTH_OFF, SG_SMOOTH_GAUSSIAN, SG_SMOOTH_BILATERAL };
 
 struct sg_scene_params {
     enum sg_scene_format format; /* default SG_FORMAT_AUTO */
     const char *images;          /* image folder below the scene, COLMAP only; NULL = "images" */
-    int resolution;   /* the reference's -r: 1, 2, 4, 8 divide the size; -1 = at most 1600 wide;
-                         other, to 16384 =   target width. Default -1. */
-    double downscale; /* divides the size after the resolution rule, 1..64. Default 1. */
-    bool white_background;  /* RGBA is composited on white instead of black (COLMAP: alpha is
-                               ignored). Default false. */
-    bool eval;              /* hold test views out of training. Default false: every view trains
-                               (Blender: its test file is then not loaded). */
-    int test_every;         /* every N-th view by sorted name is a test view (COLMAP, nerfstudio).
-                               Default 8. */
-    bool centred_principal; /* ignore cx, cy as the reference does. Default false. */
-    const char *
-        masks; /* folder of masks (white = use) with the images' names; NULL = "masks" if present */
-    bool follow_links; /* symbolic links in the folder may lead out of it; links that stay inside
-                          are always followed. Default false. */
-    bool untrained;    /* nothing will be trained on the views: all of them may be test views, and
-                          there is no warning about what training would lack. Default false. */
-    bool strict; /* refuse a scene of which a photo is missing or at another scale than its camera;
-                    else such photos are skipped, or their focal lengths scaled, with a warning.
-                    Default false. */
-    enum sg_smooth
-        smooth;          /* filter of the training photos, after resizing. Default SG_SMOOTH_OFF */
-    uint64_t max_pixels; /* per image. Default 1 << 28. */
-    uint64_t max_images; /* Default 1 << 16. */
-    uint64_t max_points; /* Default 1 << 27. */
+    /* The reference's -r: 1, 2, 4 and 8 divide the size; -1 = at most 1600 wide; other values, up
+     * to 16384, are the target width. Default -1. */
+    int resolution;
+    double downscale; /* divides the size after `resolution`, 1..64. Default 1. */
+    /* Composite RGBA on white instead of black (COLMAP: alpha is ignored). Default false. */
+    bool white_background;
+    /* Hold test views out of training. Default false: every view is a training view, and the test
+     * file of Blender scenes is not loaded. */
+    bool eval;
+    /* Every N-th view by sorted name is a test view (COLMAP, nerfstudio). Default 8. */
+    int test_every;
+    bool centred_principal; /* ignore cx and cy, as the reference does. Default false. */
+    /* Folder of masks (white = use) with the names of the images; NULL = "masks" if it exists. */
+    const char *masks;
+    /* Follow symbolic links that lead out of the folder. Links that stay inside are always
+     * followed. Default false. */
+    bool follow_links;
+    /* Nothing will be trained on the views: all may be test views, and no warning is given about
+     * what training would lack. Default false. */
+    bool untrained;
+    /* Refuse a scene if a photo is missing or has another scale than its camera. Otherwise such
+     * photos are skipped, or their focal lengths scaled, with a warning. Default false. */
+    bool strict;
+    enum sg_smooth smooth; /* filters training photos after resizing. Default SG_SMOOTH_OFF. */
+    uint64_t max_pixels;   /* per image. Default 1 << 28. */
+    uint64_t max_images;   /* Default 1 << 16. */
+    uint64_t max_points;   /* Default 1 << 27. */
 };
 
 #define SG_SCENE_DEFAULTS                                                                          \
@@ -61,32 +64,34 @@ SG_API struct sg_scene_params sg_scene_params_default(void);
 
 /* One view: a photo, its undistorted pinhole camera and its optional mask. */
 struct sg_view {
-    char *name; /* base name up to the FIRST dot, as the reference; where two are the same, of all
-                   the path without its ending, "/" as "_" */
-    char *file; /* the photo as the scene's own files name it */
-    char *path; /* file it was decoded from */
-    bool undistorted;        /* rgb is not as photographed: the lens' distortion was taken out */
-    struct sg_camera camera; /* for the size of rgb */
+    /* The base name up to the first dot, as in the reference. If two are equal, all views have
+     * their path without its ending instead, with "_" for "/". */
+    char *name;
+    char *file;                  /* the photo as the scene's own files name it */
+    char *path;                  /* the file it was decoded from */
+    bool undistorted;            /* the distortion of the lens was removed from rgb */
+    struct sg_camera camera;     /* for the size of rgb */
     int file_width, file_height; /* size before any downscale, for cameras.json */
     uint8_t *rgb;  /* height x width x 3, row-major, sRGB bytes as in the file, composited */
-    uint8_t *mask; /* height x width, 0 = ignored in the loss, 255 = used; NULL = all used */
+    uint8_t *mask; /* height x width, 0 = ignored, 255 = used; NULL = all used */
     uint64_t hash; /* of rgb and mask as they were added; 0 = not known */
 };
 
 /* Thread safety: read-only after loading. */
 struct sg_scene {
-    enum sg_scene_format format;  /* as recognised */
-    char *path;                   /* of the folder; from memory: a name for messages */
-    struct sg_view *train, *test; /* train: name order for COLMAP and nerfstudio, file order for
-                                     Blender, else the order of adding */
+    enum sg_scene_format format; /* as recognised */
+    char *path;                  /* of the folder; for a scene from memory a name for messages */
+    /* Training views in the order of their names (COLMAP, nerfstudio), of the file (Blender), or of
+     * adding (memory); test views. */
+    struct sg_view *train, *test;
     size_t n_train, n_test;
     size_t n_points;       /* 0 if the scene has none */
     float *points;         /* n_points x 3 positions */
     uint8_t *point_colors; /* n_points x 3 */
     bool white_background;
-    bool follow_links; /* as it was loaded */
-    double center[3];  /* mean of the train camera centres */
-    double extent;     /* 1.1 x largest distance of a train camera centre from their mean */
+    bool follow_links; /* as given to sg_scene_load */
+    double center[3];  /* mean of the centres of the training cameras */
+    double extent;     /* 1.1 x the largest distance of such a centre from `center` */
 };
 
 /* Loads cameras, points and images (decoded in parallel, undistorted, resampled). params may be
@@ -103,8 +108,8 @@ SG_API const char *sg_scene_format_name(enum sg_scene_format format);
 typedef struct sg_scene_builder sg_scene_builder;
 
 enum sg_view_split {
-    SG_SPLIT_AUTO, /* with params.eval every test_every-th of these by sorted name is a test view,
-                      else all are training views */
+    SG_SPLIT_AUTO, /* with params.eval every test_every-th of these views by sorted name is a test
+                      view; otherwise all are training views */
     SG_SPLIT_TRAIN,
     SG_SPLIT_TEST
 };
@@ -125,21 +130,21 @@ struct sg_view_desc {
     enum sg_view_split split; /* Default SG_SPLIT_AUTO. */
 };
 
-/* params may be NULL; of them count eval, test_every, untrained, white_background (of renders),
- * max_pixels, max_images and max_points. The caller owns *out. Errors: SG_ERR_USAGE,
+/* params may be NULL. Only these are used: eval, test_every, untrained, white_background (of
+ * renders), max_pixels, max_images and max_points. The caller owns *out. Errors: SG_ERR_USAGE,
  * SG_ERR_BUDGET. */
 SG_API int sg_scene_builder_create(sg_ctx *ctx, const struct sg_scene_params *params,
                                    sg_scene_builder **out);
-/* After an error the builder is as before. Errors: SG_ERR_USAGE, naming the view and the field, for
+/* An error leaves the builder unchanged. Errors: SG_ERR_USAGE, naming the view and the field, for
  * values out of range; SG_ERR_BUDGET. */
 SG_API int sg_scene_builder_add_view(sg_scene_builder *builder, const struct sg_view_desc *view);
-/* Adds n points to those that are there. xyz: n x 3, finite; rgb: n x 3, or NULL for grey. Both are
+/* Adds n points. xyz: n x 3, finite; rgb: n x 3, or NULL for grey. Both are
  * copied. Errors as above. */
 SG_API int sg_scene_builder_add_points(sg_scene_builder *builder, const float *xyz,
                                        const uint8_t *rgb, size_t n);
 /* Splits the views, measures the extent, and makes the scene, which the caller owns. *builder is
- * destroyed and set to NULL; after an error it is as before. Errors: SG_ERR_USAGE for no training
- * view and for names that are there twice; SG_ERR_BUDGET. */
+ * destroyed and set to NULL; an error leaves it unchanged. Errors: SG_ERR_USAGE if there is no
+ * training view or a name occurs twice; SG_ERR_BUDGET. */
 SG_API int sg_scene_builder_finish(sg_scene_builder **builder, struct sg_scene **out);
 /* NULL-safe; sets *builder to NULL. */
 SG_API void sg_scene_builder_destroy(sg_scene_builder **builder);
