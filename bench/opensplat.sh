@@ -43,10 +43,11 @@ row() {
     printf 'program\tstart\tPSNR, dB\tseconds\tGaussians, end\tcommit\tmachine\n'
     printf 'OpenSplat 1.1.5\t\t24.4\t805\t\t\t%s\n' "$machine"
     for points in 10000 100000; do
+        grouped=${points%000}" 000"
         "$tool" train "$lego" -o "$work/run" --force --quiet --threads 2 --iterations 2000 --downscale 2 --eval \
             --init-points $points --position-lr-max-steps 2000 >/dev/null
-        awk -F': ' -v points=$points -v commit="$commit" -v machine="$machine" '{ gsub(/,/, "", $2); v[$1] = $2 }
-            END { printf "splatguard\t%d random points\t%.2f\t%.0f\t%d\t%s\t%s\n", points, v["  \"psnr\""],
+        awk -F': ' -v points="$grouped" -v commit="$commit" -v machine="$machine" '{ gsub(/,/, "", $2); v[$1] = $2 }
+            END { printf "splatguard\t%s random points\t%.2f\t%.0f\t%d\t%s\t%s\n", points, v["  \"psnr\""],
                          v["  \"train_seconds\""], v["  \"final_gaussians\""], commit, machine }' "$work/run/summary.json"
     done
 } >"$work/opensplat-quality.tsv"
