@@ -31,9 +31,9 @@ static inline int sg_param_count(int sh_degree)
     return SG_P_SH + 3 * (sh_degree + 1) * (sh_degree + 1);
 }
 
-/* The Gaussian store: structure of arrays in blocks of SG_LANES Gaussians. Plane p of Gaussian i is
- * params[sg_param_index(planes, i, p)]. Lanes past count in the last block are zero.
- * Thread safety: none; the owner synchronises. */
+/* The Gaussian store: a structure of arrays in blocks of SG_LANES Gaussians. Plane p of Gaussian i
+ * is params[sg_param_index(planes, i, p)]. Unused lanes of the last block are zero. Thread safety:
+ * none; the owner synchronises. */
 struct sg_model {
     size_t count;         /* Gaussians */
     size_t capacity;      /* allocated, a multiple of SG_LANES */
@@ -57,18 +57,17 @@ static inline float *sg_model_at(const struct sg_model *m, size_t i, int p)
 SG_API int sg_model_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_model **out);
 SG_API void sg_model_destroy(struct sg_model **model);
 
-/* Parameters as plain arrays, a row for each Gaussian, values as stored (before activation):
- * "position" 3, "scale" 3, "rotation" 4, "opacity" 1, "sh_dc" 3 floats a row; "sh_rest" 3 (d+1)^2 -
- * 3, coefficient k of channel c at 3 (k - 1) + c.
+/* Parameters as plain arrays, one row per Gaussian, values as stored (before activation):
+ * "position" 3, "scale" 3, "rotation" 4, "opacity" 1, "sh_dc" 3 floats per row; "sh_rest" 3 (d+1)^2
+ * - 3, with coefficient k of channel c at 3 (k - 1) + c.
  *
  * Names of the fields: index from 0; NULL after the last. */
 SG_API const char *sg_model_field_name(int index);
-/* Floats a row at SH degree 0..3; -1 for an unknown field or degree. */
+/* Floats per row at SH degree 0..3; -1 for an unknown field or degree. */
 SG_API int sg_model_field_width(const char *field, int sh_degree);
-/* Copies a field out of a model and into one, of all its Gaussians. row_stride: floats from row to
- * row, 0 = packed. Values in are taken as they are, see sg_model_check. Errors: SG_ERR_USAGE for an
- * unknown field and a stride that is shorter than a row. Thread safety: as the model, and as the
- * context. */
+/* Copies a field of all Gaussians out of a model, or into one. row_stride: floats from row to row,
+ * 0 = packed. Values are not checked: see sg_model_check. Errors: SG_ERR_USAGE for an unknown field
+ * or a stride shorter than a row. Thread safety: as the model and the context. */
 SG_API int sg_model_get_array(sg_ctx *ctx, const struct sg_model *model, const char *field,
                               float *out, size_t row_stride);
 SG_API int sg_model_set_array(sg_ctx *ctx, struct sg_model *model, const char *field,
@@ -81,15 +80,15 @@ SG_API int sg_model_set_array(sg_ctx *ctx, struct sg_model *model, const char *f
 SG_API int sg_model_init_points(sg_ctx *ctx, const float *xyz, const uint8_t *rgb, size_t n,
                                 int sh_degree, struct sg_model **out);
 
-/* n >= 4 grey points drawn uniformly from [-1.3, 1.3]^3, the reference's start for scenes without
- * points. Errors and ownership as above. */
+/* Initial Gaussians at n >= 4 grey points drawn uniformly from [-1.3, 1.3]^3, as the reference does
+ * for scenes without points. Errors and ownership as above. */
 SG_API int sg_model_init_random(sg_ctx *ctx, size_t n, uint64_t seed, int sh_degree,
                                 struct sg_model **out);
 
-/* Reads a 3DGS PLY: binary or ASCII, any property order, SH degree 0..3 (active = stored). The file
- * is read in pieces: beside the model it takes less than a megabyte. Values that are not finite are
- * kept: see sg_model_check. The caller owns *out. Errors: SG_ERR_INPUT, also for more than
- * max_gaussians; SG_ERR_BUDGET. */
+/* Reads a 3DGS PLY: binary or ASCII, any property order, SH degree 0..3 (all of it active). The
+ * file is read in pieces that take less than a megabyte beside the model. Values that are not
+ * finite are kept: see sg_model_check. The caller owns *out. Errors: SG_ERR_INPUT, also for more
+ * than max_gaussians; SG_ERR_BUDGET. */
 SG_API int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussians,
                              struct sg_model **out);
 
@@ -97,9 +96,9 @@ SG_API int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussia
  * f_rest below. The file appears whole or not at all. */
 SG_API int sg_model_write_ply(sg_ctx *ctx, const struct sg_model *model, const char *path);
 
-/* Point cloud PLY (x y z, optional red green blue). xyz, rgb: n x 3; read from a file without
- * colours rgb is 127. Arrays are owned by the caller: free with sg_points_destroy. Errors: as of
- * models. */
+/* Reads and writes a point cloud PLY (x y z, optional red green blue). xyz, rgb: n x 3. Points
+ * without colours are read as 127. The caller owns the arrays and frees them with
+ * sg_points_destroy. Errors: as for models. */
 SG_API int sg_points_read_ply(sg_ctx *ctx, const char *path, uint64_t max_points, float **xyz,
                               uint8_t **rgb, size_t *n);
 SG_API int sg_points_write_ply(sg_ctx *ctx, const char *path, const float *xyz, const uint8_t *rgb,
@@ -109,21 +108,21 @@ SG_API void sg_points_destroy(float **xyz, uint8_t **rgb);
 /* cameras.json as the reference writes it: test cameras first, then train. */
 SG_API int sg_cameras_write_json(sg_ctx *ctx, const struct sg_scene *scene, const char *path);
 
-/* SG_ERR_INPUT, naming Gaussian and property, where a parameter is not finite: such a model can be
- * inspected, not used. name starts the message. */
+/* SG_ERR_INPUT, naming Gaussian and property, if a parameter is not finite. Such a model can be
+ * inspected but not used. The message begins with `name`. */
 SG_API int sg_model_check(sg_ctx *ctx, const struct sg_model *model, const char *name);
 
-/* What `splatguard info` tells about a model. Percentiles are of the activated values of Gaussians
- * without a NaN or infinity, and NaN where there is none. */
+/* What `splatguard info` prints about a model. Percentiles are of the activated values, over
+ * Gaussians without a NaN or infinity; NaN if there is none. */
 struct sg_model_info {
     size_t count;
     int sh_degree;
-    double min[3], max[3];      /* bounds of the finite positions; min > max without any */
+    double min[3], max[3];      /* bounds of the finite positions; min > max if there is none */
     double scale_percentile[5]; /* largest standard deviation per Gaussian: 1, 25, 50, 75, 99 % */
     double opacity_percentile[5];
     size_t nonfinite;        /* Gaussians with a NaN or infinity in any plane */
-    size_t first_nonfinite;  /* the first of them, from 0 */
-    char first_property[24]; /* and its property in a PLY that is not finite; "" without one */
+    size_t first_nonfinite;  /* the first of them, counted from 0 */
+    char first_property[24]; /* its first property in a PLY that is not finite; "" if none */
     size_t zero_rotation;    /* quaternions of length 0 */
     size_t transparent;      /* opacity < 1/255: never drawn */
 };

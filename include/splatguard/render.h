@@ -13,36 +13,36 @@ extern "C" {
 #endif
 
 struct sg_render_params {
-    float background[3];    /* 0..1. Default black. */
-    bool reference_tiles;   /* keep every tile of the 3-sigma square, as the reference. Default
-                             * false. */
-    uint64_t max_instances; /* (Gaussian, tile) pairs held at once; more are processed in bands.
-                               Default 1 << 24. */
+    float background[3]; /* 0..1. Default black. */
+    /* Keep every tile of the 3-sigma square, as the reference does. Default false. */
+    bool reference_tiles;
+    /* (Gaussian, tile) pairs held at once. Views with more are processed in bands. Default 1 << 24.
+     */
+    uint64_t max_instances;
 };
 #define SG_RENDER_DEFAULTS .max_instances = 1u << 24
 SG_API struct sg_render_params sg_render_params_default(void);
 
-/* What a view cost. */
+/* The work that a view took. */
 struct sg_render_stats {
-    uint64_t visible;   /* Gaussians that pass the cull */
+    uint64_t visible;   /* Gaussians that are not culled */
     uint64_t instances; /* (Gaussian, tile) pairs */
-    uint64_t pairs;     /* (Gaussian, pixel) pairs evaluated; 0 where the engine does not count */
+    uint64_t pairs;     /* (Gaussian, pixel) pairs evaluated; 0 if the engine does not count them */
     uint64_t max_tile;  /* longest tile list */
     uint32_t bands;     /* bands the image was processed in */
 };
 
 /* What counts as a hit of a Gaussian in a view. */
 enum sg_hit {
-    SG_HIT_PIXELS, /* each pixel it is blended in (the indicator of LightGaussian, Fan et al.
-                    * 2024) */
+    SG_HIT_PIXELS, /* each pixel it is blended in (as in LightGaussian, Fan et al. 2024) */
     SG_HIT_VIEWS,  /* the view, if it is blended in any pixel */
-    SG_HIT_WEIGHT  /* each pixel, by its weight there: alpha x transmittance */
+    SG_HIT_WEIGHT  /* each pixel, with the Gaussian's weight there: alpha x transmittance */
 };
 
 /* A renderer holds a copy of a model on an engine ("cpu" or "ref"). Thread safety: unsafe. */
 typedef struct sg_renderer sg_renderer;
 
-/* cpu: NULL = best variant this machine has, else "baseline", "avx2", "avx512", "neon".
+/* cpu: NULL = the best variant that this machine has, else "baseline", "avx2", "avx512", "neon".
  * params may be NULL. The model is copied; the caller destroys *out. Errors: SG_ERR_USAGE for an
  * engine or variant that is not there and for max_instances outside 1..4e9, SG_ERR_BUDGET. */
 SG_API int sg_renderer_create(sg_ctx *ctx, const char *engine, const char *cpu,
@@ -50,10 +50,10 @@ SG_API int sg_renderer_create(sg_ctx *ctx, const char *engine, const char *cpu,
                               sg_renderer **out);
 SG_API void sg_renderer_destroy(sg_renderer **renderer);
 
-/* rgb: 3 planes of height x width floats, not clamped; alpha, depth: one plane each or NULL (depth
- * is the alpha-weighted sum of z in camera space; divide by alpha for the mean). stats may be NULL.
- * Errors: SG_ERR_USAGE for a camera with a side outside 1..16384 or a focal length that is not
- * positive, SG_ERR_BUDGET. */
+/* Renders one view. rgb: 3 planes of height x width floats, not clamped. alpha, depth: one plane
+ * each, or NULL. depth is the alpha-weighted sum of z in camera space; divide it by alpha for the
+ * mean. stats may be NULL. Errors: SG_ERR_USAGE for a camera with a side outside 1..16384 or a
+ * focal length that is not positive, SG_ERR_BUDGET. */
 SG_API int sg_render(sg_renderer *renderer, const struct sg_camera *camera, float *rgb,
                      float *alpha, float *depth, struct sg_render_stats *stats);
 
