@@ -108,7 +108,8 @@ SG_API int sg_attack_resume(sg_ctx *ctx, const struct sg_scene *scene, const cha
                             const struct sg_attack_params *params, sg_attack **out);
 SG_API void sg_attack_destroy(sg_attack **attack);
 
-/* Runs one iteration. step may be NULL. Errors: those of sg_trainer_step. */
+/* Runs one iteration. step may be NULL. Errors: those of sg_trainer_step. After a
+ * cancelled step the attack is as before the call. */
 SG_API int sg_attack_step(sg_attack *attack, struct sg_attack_step *step);
 SG_API int sg_attack_iteration(const sg_attack *attack);
 

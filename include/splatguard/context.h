@@ -26,6 +26,21 @@ enum sg_mem_tag {
     SG_MEM_TAGS
 };
 
+/* Calls that can take more than a second report progress in these stages; done and total count what
+ * the comment says. A stage can be reported more than once, each time from 0. */
+enum sg_stage {
+    SG_STAGE_LOAD,     /* sg_scene_load: photos */
+    SG_STAGE_AUDIT,    /* sg_audit_scene: photos */
+    SG_STAGE_EVALUATE, /* sg_evaluate: renders */
+    SG_STAGE_SYNTH,    /* sg_synth_write: pictures, then groups of points */
+    SG_STAGE_INIT,     /* sg_model_init_points, also of a new trainer: groups of points */
+    SG_STAGE_TRAIN,    /* sg_trainer_step: iterations done before this one, of all */
+    SG_STAGE_COUNT,    /* views that hits are counted in, within an iteration of training */
+    SG_STAGE_ATTACK,   /* sg_attack_step: iterations done before this one, of all */
+    SG_STAGE_ASCEND,   /* sg_attack_step, _poison and _naive: steps of the inner ascent */
+    SG_STAGES
+};
+
 /* A context owns the thread pool, the memory ledger, the logger and the last error.
  * Thread safety: one call at a time per context, unless a function says otherwise; different
  * contexts are independent. */
@@ -39,6 +54,12 @@ struct sg_ctx_params {
      * afterwards. Default NULL. */
     void (*log)(void *priv, enum sg_log_level level, const char *message);
     void *log_priv;
+    /* NULL = none. Called only on the thread that called the library, from within that call. It
+     * must not use the context. A result other than 0 cancels: the call ends with
+     * SG_ERR_INTERRUPTED, soon but not at once, and frees what it made; functions that work on an
+     * object say what becomes of it. Default NULL. */
+    int (*progress)(void *priv, enum sg_stage stage, uint64_t done, uint64_t total);
+    void *progress_priv;
 };
 
 /* params may be NULL for the defaults. On success *out is owned by the caller; free with
@@ -51,6 +72,9 @@ SG_API void sg_ctx_destroy(sg_ctx **ctx);
 
 /* Message of the last failed call, "" if none; valid until the next call on this context. */
 SG_API const char *sg_last_error(const sg_ctx *ctx);
+
+/* "load", "audit", ... */
+SG_API const char *sg_stage_name(enum sg_stage stage);
 
 SG_API int sg_ctx_threads(const sg_ctx *ctx);
 

@@ -8,12 +8,11 @@
  * splatguard --help. */
 enum sg_error {
     SG_OK = 0,
-    SG_ERR_USAGE = -1,    /* the caller asked for something that makes no sense      -> exit 1 */
-    SG_ERR_INPUT = -2,    /* a file or folder is missing, malformed or unwritable    -> exit 2 */
-    SG_ERR_BUDGET = -3,   /* a limit on memory or counts would be exceeded           -> exit 3 */
-    SG_ERR_INTERNAL = -4, /* a bug, or the system refused something basic            -> exit 4 */
-    SG_ERR_INTERRUPTED =
-        -5, /* for callers that stop on request; not of the library    -> exit 130 */
+    SG_ERR_USAGE = -1,       /* the caller asked for something that makes no sense      -> exit 1 */
+    SG_ERR_INPUT = -2,       /* a file or folder is missing, malformed or unwritable    -> exit 2 */
+    SG_ERR_BUDGET = -3,      /* a limit on memory or counts would be exceeded           -> exit 3 */
+    SG_ERR_INTERNAL = -4,    /* a bug, or the system refused something basic            -> exit 4 */
+    SG_ERR_INTERRUPTED = -5, /* the progress function of the context cancelled  -> exit 130 */
 };
 
 #endif

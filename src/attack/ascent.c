@@ -41,9 +41,12 @@ int sg_ascend(struct sg_engine *e, const struct ascent *a, const float *photo, i
                              .from = x,
                              .to = scratch};
     for (int k = 0; k < a->steps; k++) {
-        if (a->spectral)
+        int code =
+            sg_progress(sg_engine_ctx(e), SG_STAGE_ASCEND, (uint64_t) k, (uint64_t) a->steps);
+        if (a->spectral && !code)
             step.extra = spectral_descent(a, step.from, values);
-        const int code = sg_engine_ascend(e, &step);
+        if (!code)
+            code = sg_engine_ascend(e, &step);
         if (code)
             return code;
         float *next = k % 2 ? scratch : x;

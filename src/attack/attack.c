@@ -230,8 +230,9 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
     const int w = view->camera.width, h = view->camera.height;
     const size_t values = 3 * (size_t) w * (size_t) h;
     struct sg_step result;
-    int code = render(a, step.view);
-    if (code)
+    int code =
+        sg_progress(t->ctx, SG_STAGE_ATTACK, (uint64_t) t->iteration, (uint64_t) p->iterations);
+    if (code || (code = render(a, step.view)))
         return code;
 
     const double start = sg_seconds();

@@ -133,6 +133,73 @@ void sg_parallel_for(sg_ctx *ctx, size_t n, void (*fn)(void *, size_t, int), voi
     sg_pool_run(ctx->pool, n, fn, arg);
 }
 
+const char *sg_stage_name(enum sg_stage stage)
+{
+    static const char *const names[SG_STAGES] = {
+        [SG_STAGE_LOAD] = "load",   [SG_STAGE_AUDIT] = "audit",   [SG_STAGE_EVALUATE] = "evaluate",
+        [SG_STAGE_SYNTH] = "synth", [SG_STAGE_INIT] = "init",     [SG_STAGE_TRAIN] = "train",
+        [SG_STAGE_COUNT] = "count", [SG_STAGE_ATTACK] = "attack", [SG_STAGE_ASCEND] = "ascend",
+    };
+    return (unsigned) stage < SG_STAGES ? names[stage] : "unknown";
+}
+
+static int cancelled(sg_ctx *ctx, enum sg_stage stage, uint64_t done, uint64_t total)
+{
+    sg_clear_error(ctx); /* of items that failed at the same time */
+    return sg_fail(ctx, SG_ERR_INTERRUPTED, "%s: cancelled after %llu of %llu",
+                   sg_stage_name(stage), (unsigned long long) done, (unsigned long long) total);
+}
+
+int sg_progress(sg_ctx *ctx, enum sg_stage stage, uint64_t done, uint64_t total)
+{
+    const struct sg_ctx_params *p = &ctx->params;
+    if (!p->progress || !p->progress(p->progress_priv, stage, done, total))
+        return SG_OK;
+    return cancelled(ctx, stage, done, total);
+}
+
+struct stage_job {
+    const struct sg_ctx_params *params;
+    enum sg_stage stage;
+    size_t n;
+    void (*fn)(void *, size_t, int);
+    void *arg;
+    atomic_size_t done;
+    atomic_bool cancelled;
+};
+
+static void report_item(struct stage_job *j)
+{
+    const struct sg_ctx_params *p = j->params;
+    if (p->progress(p->progress_priv, j->stage, atomic_load(&j->done), j->n))
+        atomic_store(&j->cancelled, true);
+}
+
+static void stage_item(void *arg, size_t i, int thread)
+{
+    struct stage_job *j = arg;
+    if (!thread && !atomic_load(&j->cancelled)) /* thread 0 is the caller's */
+        report_item(j);
+    if (atomic_load(&j->cancelled))
+        return;
+    j->fn(j->arg, i, thread);
+    atomic_fetch_add(&j->done, 1);
+}
+
+int sg_parallel_stage(sg_ctx *ctx, enum sg_stage stage, size_t n, void (*fn)(void *, size_t, int),
+                      void *arg)
+{
+    if (!ctx->params.progress) {
+        sg_parallel_for(ctx, n, fn, arg);
+        return SG_OK;
+    }
+    struct stage_job j = {.params = &ctx->params, .stage = stage, .n = n, .fn = fn, .arg = arg};
+    sg_parallel_for(ctx, n, stage_item, &j);
+    if (!atomic_load(&j.cancelled))
+        report_item(&j);
+    return atomic_load(&j.cancelled) ? cancelled(ctx, stage, atomic_load(&j.done), n) : SG_OK;
+}
+
 const char *sg_version(void)
 {
     return SG_VERSION;

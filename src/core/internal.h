@@ -57,4 +57,12 @@ __attribute__((format(printf, 2, 3))) char *sg_strf(sg_ctx *ctx, const char *for
  * for scratch, never for results. */
 void sg_parallel_for(sg_ctx *ctx, size_t n, void (*fn)(void *arg, size_t i, int thread), void *arg);
 
+/* Tells the caller's progress function. SG_ERR_INTERRUPTED where that wants to cancel. Only on the
+ * thread that called the library. */
+int sg_progress(sg_ctx *ctx, enum sg_stage stage, uint64_t done, uint64_t total);
+/* sg_parallel_for that reports how many items are done. SG_ERR_INTERRUPTED: some items were not
+ * called. What items have failed with is for the caller to look at when this returns SG_OK. */
+int sg_parallel_stage(sg_ctx *ctx, enum sg_stage stage, size_t n,
+                      void (*fn)(void *arg, size_t i, int thread), void *arg);
+
 #endif

@@ -245,8 +245,10 @@ int sg_audit_scene(sg_ctx *ctx, const struct sg_scene *scene, struct sg_audit **
     int code = a && codes && a->images ? SG_OK : SG_ERR_BUDGET;
     if (!code) {
         a->count = scene->n_train;
-        sg_parallel_for(ctx, a->count, audit_view, &(struct audit_job){ctx, scene, a, codes});
-        sg_clear_error(ctx); /* of photos that are measured again */
+        code = sg_parallel_stage(ctx, SG_STAGE_AUDIT, a->count, audit_view,
+                                 &(struct audit_job){ctx, scene, a, codes});
+        if (!code)
+            sg_clear_error(ctx); /* of photos that are measured again */
         for (size_t i = 0; i < a->count && !code; i++) {
             if (codes[i] == SG_ERR_BUDGET) /* all threads at once were too many */
                 audit_view(&(struct audit_job){ctx, scene, a, codes}, i, 0);

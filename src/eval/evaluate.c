@@ -22,9 +22,13 @@ static int time_frames(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views,
 {
     double *frames = sg_alloc_raw(ctx, SG_MEM_MISC, ROUNDS * n, sizeof(double)), sum = 0;
     int code = frames ? SG_OK : SG_ERR_BUDGET;
+    const size_t total = n + WARM_UP + ROUNDS * n; /* renders, those that were scored too */
     for (size_t i = 0; i < WARM_UP && !code; i++)
-        code = sg_render(r, &views[i % n].camera, rgb, NULL, NULL, NULL);
+        if (!(code = sg_progress(ctx, SG_STAGE_EVALUATE, n + i, total)))
+            code = sg_render(r, &views[i % n].camera, rgb, NULL, NULL, NULL);
     for (size_t i = 0; i < ROUNDS * n && !code; i++) {
+        if ((code = sg_progress(ctx, SG_STAGE_EVALUATE, n + WARM_UP + i, total)))
+            break;
         const double start = sg_seconds();
         code = sg_render(r, &views[i % n].camera, rgb, NULL, NULL, NULL);
         sum += frames[i] = sg_seconds() - start;
@@ -90,7 +94,9 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
     for (size_t i = 0; i < n; i++) {
         const struct sg_camera *c = &views[i].camera;
         struct sg_view_score *score = &out->per_view[i];
-        if ((code = sg_render(r, c, rgb, NULL, NULL, NULL)))
+        const size_t timed = time_fps ? WARM_UP + ROUNDS * n : 0;
+        if ((code = sg_progress(ctx, SG_STAGE_EVALUATE, i, n + timed)) ||
+            (code = sg_render(r, c, rgb, NULL, NULL, NULL)))
             goto done;
         sg_quantise(rgb, c->width, c->height, bytes);
         if ((code = score_view(ctx, &views[i], bytes, photo, score)))

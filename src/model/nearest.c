@@ -181,12 +181,12 @@ int sg_nearest3(sg_ctx *ctx, const float *xyz, size_t n, float *out)
     t.index = sg_alloc_raw(ctx, SG_MEM_MISC, n, sizeof(*t.index));
     t.axis = sg_alloc_raw(ctx, SG_MEM_MISC, n, sizeof(*t.axis));
     t.box = sg_alloc_raw(ctx, SG_MEM_MISC, n / APART + 1, sizeof(*t.box));
-    const int code = t.index && t.axis && t.box ? SG_OK : SG_ERR_BUDGET;
+    int code = t.index && t.axis && t.box ? SG_OK : SG_ERR_BUDGET;
     if (!code) {
         for (size_t i = 0; i < n; i++)
             t.index[i] = (uint32_t) i;
         build(&t, 0, n);
-        sg_parallel_for(ctx, (n + PIECE - 1) / PIECE, query_piece, &t);
+        code = sg_parallel_stage(ctx, SG_STAGE_INIT, (n + PIECE - 1) / PIECE, query_piece, &t);
     }
     sg_free(t.index);
     sg_free(t.axis);

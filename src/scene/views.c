@@ -302,7 +302,9 @@ static int load_rest(struct job *job, size_t n)
     uint64_t bytes = 0;
     sg_clear_error(ctx);
     for (size_t i = 0; i < n; i++) {
-        const int code = job->views[i].rgb ? SG_OK : load_view(job, &job->shots[i], &job->views[i]);
+        int code = sg_progress(ctx, SG_STAGE_LOAD, loaded, n);
+        if (!code && !job->views[i].rgb)
+            code = load_view(job, &job->shots[i], &job->views[i]);
         if (code != SG_ERR_BUDGET && code)
             return code;
         if (code && loaded) {
@@ -359,9 +361,9 @@ int sg_views_load(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scen
 {
     struct job job = {
         .ctx = ctx, .dir = dir, .params = params, .shots = shots->items, .views = views};
-    sg_parallel_for(ctx, shots->count, load_one, &job);
-    const int code =
-        atomic_load(&job.crowded) ? load_rest(&job, shots->count) : atomic_load(&job.code);
+    int code = sg_parallel_stage(ctx, SG_STAGE_LOAD, shots->count, load_one, &job);
+    if (!code)
+        code = atomic_load(&job.crowded) ? load_rest(&job, shots->count) : atomic_load(&job.code);
     return code ? code : check_scale(ctx, params, shots, views);
 }
 

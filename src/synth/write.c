@@ -268,12 +268,14 @@ int sg_synth_write(sg_ctx *ctx, const char *dir, const struct sg_synth_params *p
     sg_synth_scene_build(&s->scene, p->seed);
     place_cameras(s);
     order_views(s);
-    sg_parallel_for(ctx, n, make_view, s);
-    code = atomic_load(&s->code);
-    if (code)
-        goto done;
-    sg_parallel_for(ctx, ((size_t) p->points + PICK_BLOCK - 1) / PICK_BLOCK, pick_block, s);
-    code = write_models(s);
+    code = sg_parallel_stage(ctx, SG_STAGE_SYNTH, n, make_view, s);
+    if (!code)
+        code = atomic_load(&s->code);
+    if (!code)
+        code = sg_parallel_stage(ctx, SG_STAGE_SYNTH,
+                                 ((size_t) p->points + PICK_BLOCK - 1) / PICK_BLOCK, pick_block, s);
+    if (!code)
+        code = write_models(s);
 done:
     if (code && begun)
         remove_begun(s);

@@ -318,6 +318,10 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
 {
     sg_clear_error(t->ctx);
     const struct sg_train_params *p = &t->params;
+    int code =
+        sg_progress(t->ctx, SG_STAGE_TRAIN, (uint64_t) t->iteration, (uint64_t) p->iterations);
+    if (code)
+        return code;
     const int before = t->iteration, it = next_iteration(t);
     struct sg_train_step step = {.iteration = it, .view = sg_trainer_pick_view(t, t->steps + 1)};
     const struct sg_view *view = &t->scene->train[step.view];
@@ -328,7 +332,6 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     const size_t n_losses = list_losses(t, step.view, losses);
     const struct sg_target target = {.photo = t->photos[step.view]};
     struct sg_step result;
-    int code;
     background(t, it, render.background);
 
     if ((code = sg_engine_draw(t->engine, &view->camera, sg_active_degree(p, t->start_degree, it),

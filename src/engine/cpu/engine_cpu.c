@@ -483,7 +483,8 @@ static int count_hits(struct sg_engine *base, const struct sg_camera *const *vie
     for (size_t v = 0; v < n && !code; v++) {
         if (job.seen)
             memset(job.seen, 0, b->model.count);
-        if (!(code = do_project(base, views[v], 0, params)) && !(code = do_bin(base)))
+        if (!(code = sg_progress(base->ctx, SG_STAGE_COUNT, v, n)) &&
+            !(code = do_project(base, views[v], 0, params)) && !(code = do_bin(base)))
             code = count_view(b, kind, &job);
     }
     sg_free(job.seen);

@@ -316,7 +316,9 @@ static int count_hits(struct sg_engine *base, const struct sg_camera *const *vie
     struct ref_engine *b = (struct ref_engine *) base;
     memset(hits, 0, b->model.count * sizeof(*hits));
     for (size_t v = 0; v < n; v++) {
-        const int code = do_project(base, views[v], 0, params);
+        int code = sg_progress(base->ctx, SG_STAGE_COUNT, v, n);
+        if (!code)
+            code = do_project(base, views[v], 0, params);
         if (code)
             return code;
         each_pixel(b, NULL, kind == SG_HIT_WEIGHT ? pixel_weights : pixel_pairs);
