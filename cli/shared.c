@@ -128,10 +128,9 @@ int report_option(const sg_ctx *ctx, const struct command *command, int error)
 
 static void log_line(void *priv, enum sg_log_level level, const char *message)
 {
-    const bool *quiet = priv;
-    if (level <= SG_LOG_WARN || (level == SG_LOG_INFO && !*quiet)) /* the message is printable */
-        fprintf(stderr, "%s%s%s\n", isatty(STDERR_FILENO) ? "\r\033[K" : "",
-                level <= SG_LOG_WARN ? "warning: " : "", message);
+    (void) priv;
+    fprintf(stderr, "%s%s%s\n", isatty(STDERR_FILENO) ? "\r\033[K" : "",
+            level == SG_LOG_WARN ? "warning: " : "", message); /* which is printable */
 }
 
 /* Bytes of the process that the library's ledger does not see: code, stacks, other libraries' own
@@ -149,8 +148,6 @@ static uint64_t outside_ledger(void)
 
 int open_context(sg_ctx **ctx, int threads, uint64_t max_memory, bool quiet)
 {
-    static bool quiet_log;
-    quiet_log = quiet;
     if (max_memory) {
         const uint64_t outside = outside_ledger(), least = outside + (8 << 20);
         /* What is freed goes back to the system at once. */
@@ -165,10 +162,11 @@ int open_context(sg_ctx **ctx, int threads, uint64_t max_memory, bool quiet)
         memory.whole = max_memory, memory.outside = outside;
         max_memory -= outside;
     }
-    const int code = sg_ctx_create(ctx, &(struct sg_ctx_params){.threads = threads,
-                                                                .max_memory = max_memory,
-                                                                .log = log_line,
-                                                                .log_priv = &quiet_log});
+    const int code =
+        sg_ctx_create(ctx, &(struct sg_ctx_params){.threads = threads,
+                                                   .max_memory = max_memory,
+                                                   .log = log_line,
+                                                   .log_level = quiet ? SG_LOG_WARN : SG_LOG_INFO});
     if (code)
         say(stderr, "splatguard: cannot start %d threads\n", threads);
     return exit_code(code);

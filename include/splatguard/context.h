@@ -12,7 +12,12 @@
 extern "C" {
 #endif
 
-enum sg_log_level { SG_LOG_ERROR, SG_LOG_WARN, SG_LOG_INFO, SG_LOG_DEBUG };
+/* Errors are not logged: the call that fails returns them. */
+enum sg_log_level {
+    SG_LOG_WARN,  /* the call goes on, though perhaps not as the caller meant */
+    SG_LOG_INFO,  /* what was loaded */
+    SG_LOG_DEBUG, /* decisions: engine and kernels, plan of the memory, bands, densification */
+};
 
 /* What a byte is for. Every allocation of the library carries one of these. */
 enum sg_mem_tag {
@@ -54,6 +59,7 @@ struct sg_ctx_params {
      * afterwards. Default NULL. */
     void (*log)(void *priv, enum sg_log_level level, const char *message);
     void *log_priv;
+    enum sg_log_level log_level; /* messages above it are not sent. Default SG_LOG_WARN. */
     /* NULL = none. Called only on the thread that called the library, from within that call. It
      * must not use the context. A result other than 0 cancels: the call ends with
      * SG_ERR_INTERRUPTED, soon but not at once, and frees what it made; functions that work on an
@@ -63,8 +69,8 @@ struct sg_ctx_params {
 };
 
 /* params may be NULL for the defaults. On success *out is owned by the caller; free with
- * sg_ctx_destroy. Errors, of which there is no message: SG_ERR_USAGE (threads), SG_ERR_BUDGET,
- * SG_ERR_INTERNAL (threads cannot start). */
+ * sg_ctx_destroy. Errors, of which there is no message: SG_ERR_USAGE (threads, log_level),
+ * SG_ERR_BUDGET, SG_ERR_INTERNAL (threads cannot start). */
 SG_API int sg_ctx_create(sg_ctx **out, const struct sg_ctx_params *params);
 
 /* NULL-safe; sets *ctx to NULL. Objects made with the context must be destroyed first. */

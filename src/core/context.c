@@ -46,9 +46,11 @@ int sg_ctx_create(sg_ctx **out, const struct sg_ctx_params *params)
         long online = sysconf(_SC_NPROCESSORS_ONLN);
         threads = online < 1 ? 1 : online > 256 ? 256 : (int) online;
     }
-    if (threads < 1 || threads > 256 || sg_pool_create(&ctx->pool, threads)) {
+    const bool sound =
+        threads >= 1 && threads <= 256 && (unsigned) ctx->params.log_level <= SG_LOG_DEBUG;
+    if (!sound || sg_pool_create(&ctx->pool, threads)) {
         free(ctx);
-        return threads < 1 || threads > 256 ? SG_ERR_USAGE : SG_ERR_INTERNAL;
+        return sound ? SG_ERR_INTERNAL : SG_ERR_USAGE;
     }
     pthread_mutex_init(&ctx->error_lock, NULL);
     *out = ctx;
@@ -112,7 +114,7 @@ void sg_clear_error(sg_ctx *ctx)
 
 void sg_log(sg_ctx *ctx, enum sg_log_level level, const char *format, ...)
 {
-    if (!ctx->params.log)
+    if (!ctx->params.log || level > ctx->params.log_level)
         return;
     char text[1024];
     va_list args;

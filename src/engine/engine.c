@@ -55,7 +55,13 @@ int sg_engine_create(sg_ctx *ctx, const char *name, const char *variant, struct 
     *out = NULL;
     const struct sg_engine_kind *kind = sg_engine_find(ctx, name);
     const int code = kind && kind->check ? kind->check(ctx, variant) : SG_OK;
-    return kind ? code ? code : kind->create(ctx, variant, out) : SG_ERR_USAGE;
+    if (!kind || code)
+        return kind ? code : SG_ERR_USAGE;
+    const int made = kind->create(ctx, variant, out);
+    if (!made)
+        sg_log(ctx, SG_LOG_DEBUG, "engine: %s, kernels %s, %d threads", kind->name,
+               sg_engine_variant(*out), sg_ctx_threads(ctx));
+    return made;
 }
 
 void sg_engine_destroy(struct sg_engine **engine)

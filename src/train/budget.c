@@ -62,5 +62,11 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
     const uint64_t left = limit - fixed - out->gaussians * (each - LISTED * need.instance);
     const uint64_t lists = need.instance ? left / need.instance : p->max_instances;
     out->instances = lists < p->max_instances ? lists : p->max_instances;
+    sg_log(
+        ctx, SG_LOG_DEBUG,
+        "memory: limit %llu bytes, %llu for photos, tables and the largest view, %llu a Gaussian: "
+        "at most %llu Gaussians and %llu instances at once",
+        (unsigned long long) limit, (unsigned long long) fixed, (unsigned long long) each,
+        (unsigned long long) out->gaussians, (unsigned long long) out->instances);
     return SG_OK;
 }

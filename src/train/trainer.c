@@ -273,6 +273,10 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
         &r);
     step->cloned = r.cloned, step->split = r.split, step->pruned = r.pruned;
     t->gaussians_bound |= r.replaced || r.limited;
+    if (!code)
+        sg_log(t->ctx, SG_LOG_DEBUG,
+               "iteration %d: of %zu Gaussians %zu cloned, %zu split, %zu pruned", it, n, r.cloned,
+               r.split, r.pruned);
     const double grown = (double) (r.cloned + r.split) / (double) n;
     t->growth += (grown - t->growth) * (t->growth > 0 ? GROWTH_PACE : 1);
     t->growths += it > sg_filters_from(p);
@@ -289,6 +293,9 @@ static int filter(sg_trainer *t, int it, const struct sg_render_params *render,
         t->filter_first = sg_engine_count(t->engine);
     const int code =
         sg_filter(t->engine, t->scene, &p->defense, render, filter_share(t, it), p->seed, it, step);
+    if (!code)
+        sg_log(t->ctx, SG_LOG_DEBUG, "iteration %d: of %zu Gaussians the filter removed %zu", it,
+               step->scored, step->removed);
     t->prune_seconds += seconds_not_counting(t) - start;
     t->growths = 0;
     return code;

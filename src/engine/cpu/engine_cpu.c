@@ -31,6 +31,7 @@ struct cpu_engine {
     size_t loss_scratch_floats;
     size_t sums_rows;
     struct sg_image_losses image_losses;
+    int most_bands; /* of a view so far; only for the log */
 };
 
 static void destroy(struct sg_engine *base)
@@ -148,6 +149,13 @@ static int do_bin(struct sg_engine *base)
                                                 .instances = b->bins.total,
                                                 .max_tile = b->bins.max_tile,
                                                 .bands = (uint32_t) b->bins.band_count};
+    if (b->bins.band_count > b->most_bands) {
+        b->most_bands = b->bins.band_count;
+        sg_log(base->ctx, SG_LOG_DEBUG,
+               "engine: %d x %d pixels in %d bands: %llu instances, at most %llu at once",
+               b->camera.width, b->camera.height, b->bins.band_count,
+               (unsigned long long) b->bins.total, (unsigned long long) b->params.max_instances);
+    }
     /* The lists of one band are held at once. Those of several are made while they are needed. */
     return b->bins.band_count == 1 ? sg_bins_band(base->ctx, &b->bins, 0) : SG_OK;
 }
