@@ -11,7 +11,7 @@
 #include "train/trainer.h"
 
 #define SIDE 20
-#define HEADER 152 /* bytes of the format before its arrays */
+#define HEADER ((size_t) 136) /* bytes of the format before its sections */
 #define AT_COUNT 8
 #define AT_DEGREE 16
 #define AT_ITERATION 20
@@ -22,11 +22,15 @@
 #define AT_EXTENT 72
 #define AT_VISITED 80
 #define AT_SPENT 88
-#define AT_GROWTH 96
-#define AT_GROWTHS 112
-#define AT_PARAMETERS 128
-#define AT_STRENGTH 136
-#define AT_KIND 144
+#define AT_KIND 108
+#define AT_PARAMETERS 112
+#define AT_STRENGTH 120
+#define AT_SECTIONS 128
+
+#define SECTION ((size_t) 40) /* bytes of a section's head */
+#define AT_PLANES 24
+#define AT_BYTES 32
+#define SECTIONS 11 /* of 10 columns and the strategy */
 
 struct fixture {
     sg_ctx *ctx;
@@ -37,6 +41,7 @@ struct fixture {
     char path[32];
     char *data; /* a sound checkpoint after 3 iterations */
     size_t size;
+    size_t at[SECTIONS + 1]; /* where its sections begin; where the last one ends */
 };
 
 static char *slurp(const char *path, size_t *size)
@@ -82,6 +87,13 @@ static int setup(void **state)
     close(mkstemp(f->path));
     assert_int_equal(sg_trainer_save(f->trainer, f->path), SG_OK);
     f->data = slurp(f->path, &f->size);
+    f->at[0] = HEADER;
+    for (int s = 0; s < SECTIONS; s++) {
+        uint64_t bytes;
+        memcpy(&bytes, f->data + f->at[s] + AT_BYTES, sizeof(bytes));
+        f->at[s + 1] = f->at[s] + SECTION + (size_t) bytes;
+    }
+    assert_int_equal(f->at[SECTIONS], f->size - 8);
     *state = f;
     return 0;
 }
@@ -185,15 +197,15 @@ static void test_sealed_lies(void **state)
         {"more visits than iterations", AT_VISITED, 4, 8},
         {"negative time", AT_SPENT, 0xbff0000000000000u, 8},
         {"NaN time", AT_SPENT, 0x7ff8000000000000u, 8},
-        {"negative growth", AT_GROWTH, 0xbff0000000000000u, 8},
-        {"negative number of growths", AT_GROWTHS, (uint32_t) -1, 4},
-        {"more growths than iterations", AT_GROWTHS, 4, 4},
-        {"NaN growth", AT_GROWTH, 0x7ff8000000000000u, 8},
         {"other parameters", AT_PARAMETERS, 1, 8},
         {"another strength of the defense", AT_STRENGTH, 1, 8},
         {"a checkpoint of an attack", AT_KIND, 1, 4},
         {"an unknown kind", AT_KIND, 2, 4},
         {"NaN extent", AT_EXTENT, 0x7ff8000000000000u, 8},
+        {"no sections", AT_SECTIONS, 0, 4},
+        {"a section less", AT_SECTIONS, 10, 4},
+        {"a section more", AT_SECTIONS, 12, 4},
+        {"most sections", AT_SECTIONS, UINT32_MAX, 4},
     };
     for (size_t i = 0; i < sizeof(lies) / sizeof(lies[0]); i++) {
         char *bad = malloc(f->size);
@@ -206,14 +218,135 @@ static void test_sealed_lies(void **state)
     }
 }
 
+/* The sections as they are in the file, those of `order` only; sealed. */
+static void spill_sections(struct fixture *f, const char *data, const int *order, uint32_t n)
+{
+    char *bad = malloc(2 * f->size);
+    size_t size = HEADER;
+    memcpy(bad, data, HEADER);
+    memcpy(bad + AT_SECTIONS, &n, sizeof(n));
+    for (uint32_t s = 0; s < n; s++) {
+        memcpy(bad + size, data + f->at[order[s]], f->at[order[s] + 1] - f->at[order[s]]);
+        size += f->at[order[s] + 1] - f->at[order[s]];
+    }
+    seal(bad, size + 8);
+    spill(f->path, bad, size + 8);
+    free(bad);
+}
+
+static const int in_order[] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10};
+
+/* Each section is needed, and none may come twice or be cut. */
+static void test_sections(void **state)
+{
+    struct fixture *f = *state;
+    for (int s = 0; s < SECTIONS; s++) {
+        int order[SECTIONS + 1], n = 0;
+        char title[24];
+        memcpy(title, f->data + f->at[s], sizeof(title));
+        for (int k = 0; k < SECTIONS; k++)
+            if (k != s)
+                order[n++] = k;
+        spill_sections(f, f->data, order, SECTIONS - 1);
+        expect_refusal(f, "a section is missing");
+        assert_non_null(strstr(sg_last_error(f->ctx), title));
+        assert_non_null(strstr(sg_last_error(f->ctx), "found no section"));
+        memcpy(order, in_order, sizeof(in_order));
+        order[SECTIONS] = s;
+        spill_sections(f, f->data, order, SECTIONS + 1);
+        expect_refusal(f, "a section comes twice");
+        assert_non_null(strstr(sg_last_error(f->ctx), title));
+        for (size_t size = f->at[s] + 1; size < f->at[s + 1]; size += 1 + SECTION / 2) {
+            char *cut = malloc(size + 8);
+            memcpy(cut, f->data, size);
+            seal(cut, size + 8);
+            spill(f->path, cut, size + 8);
+            free(cut);
+            expect_refusal(f, "a section is cut off");
+        }
+    }
+}
+
+static void test_section_heads(void **state)
+{
+    struct fixture *f = *state;
+    const struct {
+        const char *what, *message;
+        size_t section, at;
+        uint64_t value;
+        size_t bytes;
+    } lies[] = {
+        {"an unknown column", "osspacity", 1, 1, 0x7974696361707373, 8},
+        {"an empty title", "\"\"", 1, 0, 0, 8},
+        {"a title without an end", "position", 0, 8, UINT64_MAX, 8},
+        {"a column that is not saved", "gradient\"", 8, 8, 0, 8},
+        {"a plane less", "2 planes", 0, AT_PLANES, 2, 4},
+        {"no planes", "0 planes", 2, AT_PLANES, 0, 4},
+        {"most planes", "4294967295 planes", 5, AT_PLANES, UINT32_MAX, 4},
+        {"planes of another degree", "45 planes", 5, AT_PLANES, 45, 4},
+        {"a byte more", "445 bytes", 0, AT_BYTES, 445, 8},
+        {"no bytes", "0 bytes", 6, AT_BYTES, 0, 8},
+        {"most bytes", "18446744073709551615 bytes", 7, AT_BYTES, UINT64_MAX, 8},
+        {"another strategy", "strategy:Xefault", 10, 8, 0x746c756166655800 | ':', 8},
+        {"a smaller state", "16 bytes", 10, AT_BYTES, 16, 8},
+        {"negative growth", "strategy:default", 10, SECTION, 0xbff0000000000000u, 8},
+        {"NaN growth", "strategy:default", 10, SECTION, 0x7ff8000000000000u, 8},
+        {"more growths than iterations", "strategy:default", 10, SECTION + 8, 4, 8},
+        {"most growths", "strategy:default", 10, SECTION + 8, UINT64_MAX, 8},
+    };
+    for (size_t i = 0; i < sizeof(lies) / sizeof(lies[0]); i++) {
+        char *bad = malloc(f->size);
+        memcpy(bad, f->data, f->size);
+        memcpy(bad + f->at[lies[i].section] + lies[i].at, &lies[i].value, lies[i].bytes);
+        seal(bad, f->size);
+        spill(f->path, bad, f->size);
+        free(bad);
+        expect_refusal(f, lies[i].what);
+        if (!strstr(sg_last_error(f->ctx), lies[i].message))
+            fail_msg("%s: \"%s\" does not have \"%s\"", lies[i].what, sg_last_error(f->ctx),
+                     lies[i].message);
+    }
+}
+
+/* Sections may come in any order. */
+static void test_section_order(void **state)
+{
+    struct fixture *f = *state;
+    int order[SECTIONS];
+    size_t size;
+    sg_trainer *t;
+    for (int s = 0; s < SECTIONS; s++)
+        order[s] = SECTIONS - 1 - s;
+    spill_sections(f, f->data, order, SECTIONS);
+    assert_int_equal(resume(f, f->path, &t), SG_OK);
+    assert_int_equal(sg_trainer_save(t, f->path), SG_OK);
+    sg_trainer_destroy(&t);
+    char *again = slurp(f->path, &size);
+    assert_int_equal(size, f->size);
+    assert_memory_equal(again, f->data, size);
+    free(again);
+}
+
+/* An earlier version is named. */
+static void test_version(void **state)
+{
+    struct fixture *f = *state;
+    f->data[7] = 7;
+    seal(f->data, f->size);
+    spill(f->path, f->data, f->size);
+    expect_refusal(f, "version 7");
+    assert_non_null(strstr(sg_last_error(f->ctx), "found version 7, expected version 8"));
+}
+
 /* Parameters may be anything a float can be: training goes on without harm to the process. */
 static void test_sealed_garbage(void **state)
 {
     struct fixture *f = *state;
     char *bad = malloc(f->size);
     memcpy(bad, f->data, f->size);
-    for (size_t i = HEADER; i + 8 < f->size; i++)
-        bad[i] = (char) (int) draw(5, i, -128, 127.9f);
+    for (size_t s = 0; s < SECTIONS - 1; s++) /* not of the strategy's state */
+        for (size_t i = f->at[s] + SECTION; i < f->at[s + 1]; i++)
+            bad[i] = (char) (int) draw(5, i, -128, 127.9f);
     seal(bad, f->size);
     spill(f->path, bad, f->size);
     free(bad);
@@ -288,8 +421,11 @@ int main(void)
 {
 #define ONE(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
     const struct CMUnitTest tests[] = {
-        ONE(test_every_cut),        ONE(test_every_flip),  ONE(test_sealed_lies),
-        ONE(test_sealed_garbage),   ONE(test_other_files), ONE(test_photos_hashed_once),
+        ONE(test_every_cut),        ONE(test_every_flip),
+        ONE(test_sealed_lies),      ONE(test_sections),
+        ONE(test_section_heads),    ONE(test_section_order),
+        ONE(test_version),          ONE(test_sealed_garbage),
+        ONE(test_other_files),      ONE(test_photos_hashed_once),
         ONE(test_other_parameters),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

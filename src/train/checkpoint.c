@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The trainer's whole state in one file: a header, then parameters, moments and statistics as they
- * lie in memory (little endian float32), then a checksum of everything before it. */
+/* The trainer's whole state in one file: a header, a section for each column that is saved (little
+ * endian float32) and for the state of the strategy, then a checksum of everything before it. */
 #include <string.h>
 
 #define XXH_INLINE_ALL
@@ -22,8 +22,7 @@ static bool counters_sound(const struct sg_checkpoint_header *h)
     bool sound = h->iteration >= 0 && h->iteration <= MAX_ITERATION;
     for (int g = 0; g < SG_GROUPS; g++)
         sound = sound && h->adam_steps[g] >= 0 && h->adam_steps[g] <= h->iteration;
-    return sound && h->steps <= (uint64_t) h->iteration && h->spent >= 0 && h->spent < 1e12 &&
-           h->growth >= 0 && h->growth <= 1 && h->growths >= 0 && h->growths <= h->iteration;
+    return sound && h->steps <= (uint64_t) h->iteration && h->spent >= 0 && h->spent < 1e12;
 }
 
 static uint32_t cameras_hash(const struct sg_scene *scene)
@@ -66,29 +65,105 @@ static void put(struct hashed *s, const void *data, size_t bytes)
     fwrite(data, 1, bytes, s->stream); /* errors surface when the file is committed */
 }
 
-#define PARTS 5
+#define STRATEGY "strategy:"
 
-/* Bytes of each array of a checkpoint in file order: parameters, two moments, two statistics. */
-static void sizes_of(size_t n, int sh_degree, size_t bytes[PARTS])
+static void title_of_strategy(const struct sg_strategy *strategy, char title[24])
 {
-    const size_t blocks = (n + SG_LANES - 1) / SG_LANES;
-    for (int i = 0; i < PARTS; i++)
-        bytes[i] = i < 3 ? blocks * SG_LANES * (size_t) sg_param_count(sh_degree) * sizeof(float)
-                         : n * sizeof(float);
+    snprintf(title, 24, STRATEGY "%s", strategy->name);
+}
+
+static uint64_t column_bytes(int c, size_t n, int sh_degree)
+{
+    return n * (uint64_t) sg_column_planes(c, sh_degree) * sizeof(float);
+}
+
+static bool is_saved(int c)
+{
+    return sg_columns[c].bits & SG_COLUMN_SAVED;
+}
+
+/* How many of n Gaussians are in the block that begins with this one. */
+static size_t block_rows(size_t n, size_t first)
+{
+    return n - first < SG_LANES ? n - first : SG_LANES;
+}
+
+/* A column's section, from the array that it lies in. */
+static void put_column(struct hashed *s, int c, int sh_degree, size_t n, const float *array)
+{
+    struct sg_checkpoint_section head = {.planes = (uint32_t) sg_column_planes(c, sh_degree),
+                                         .bytes = column_bytes(c, n, sh_degree)};
+    float block[SG_PARAMS_MAX * SG_LANES];
+    const int stride = sg_column_array_planes(c, sh_degree);
+    snprintf(head.title, sizeof(head.title), "%s", sg_columns[c].name);
+    put(s, &head, sizeof(head));
+    for (size_t first = 0; first < n; first += SG_LANES) {
+        const size_t rows = block_rows(n, first);
+        for (size_t p = 0; p < head.planes; p++)
+            memcpy(block + p * rows,
+                   array + sg_param_index(stride, first, sg_columns[c].first + (int) p),
+                   rows * sizeof(float));
+        put(s, block, head.planes * rows * sizeof(float));
+    }
+}
+
+/* One array at a time through `scratch`: a second copy of all would be the largest thing that a run
+ * holds. */
+static int put_columns(sg_trainer *t, struct hashed *sink, struct sg_model *scratch)
+{
+    for (int c = 0; c < SG_COLUMNS; c++) {
+        struct sg_columns one = {0};
+        int code = SG_OK;
+        one.at[c] = scratch->params;
+        if (!is_saved(c))
+            continue;
+        if (c == SG_C_PARAMETERS)
+            code = sg_engine_download(t->engine, scratch, NULL);
+        else if (sg_column_has_array(c))
+            code = sg_engine_download(t->engine, NULL, &one);
+        if (code)
+            return code;
+        put_column(sink, c, t->sh_degree, scratch->count, scratch->params);
+    }
+    return SG_OK;
+}
+
+static void put_strategy(const sg_trainer *t, struct hashed *sink)
+{
+    struct sg_checkpoint_section head = {.bytes = t->strategy->state_bytes};
+    if (!head.bytes)
+        return;
+    title_of_strategy(t->strategy, head.title);
+    put(sink, &head, sizeof(head));
+    put(sink, t->strategy_state, head.bytes);
+}
+
+/* A model's worth of memory for any column's array. */
+static int alloc_scratch(const sg_trainer *t, struct sg_model *out)
+{
+    const size_t n = sg_engine_count(t->engine), blocks = (n + SG_LANES - 1) / SG_LANES;
+    int most = 0;
+    for (int c = 0; c < SG_COLUMNS; c++) {
+        const int planes = sg_column_array_planes(c, t->sh_degree);
+        most = is_saved(c) && planes > most ? planes : most;
+    }
+    *out = (struct sg_model){.count = n, .capacity = blocks * SG_LANES, .sh_degree = t->sh_degree};
+    out->params = sg_alloc_raw(t->ctx, SG_MEM_MODEL, out->capacity, (size_t) most * sizeof(float));
+    return out->params ? SG_OK : SG_ERR_BUDGET;
 }
 
 int sg_trainer_save(sg_trainer *t, const char *path)
 {
     sg_ctx *ctx = t->ctx;
     sg_clear_error(ctx);
-    struct sg_model *m = NULL;
+    struct sg_model m = {0};
     struct sg_file_writer w = {0};
     struct hashed sink;
-    int code = sg_model_create(ctx, sg_trainer_gaussians(t), t->sh_degree, &m);
+    int code = alloc_scratch(t, &m);
     if (code || (code = sg_file_create(ctx, &w, path)))
         goto done;
-    struct sg_checkpoint_header h = {.count = m->count,
-                                     .sh_degree = m->sh_degree,
+    struct sg_checkpoint_header h = {.count = m.count,
+                                     .sh_degree = m.sh_degree,
                                      .iteration = t->iteration,
                                      .start_degree = t->start_degree,
                                      .cameras = cameras_hash(t->scene),
@@ -99,40 +174,30 @@ int sg_trainer_save(sg_trainer *t, const char *path)
                                      .spent = t->params.max_seconds > 0
                                                   ? sg_trainer_elapsed(t)
                                                   : 0, /* else the same bytes always */
-                                     .growth = t->growth,
                                      .gaussians_bound = t->gaussians_bound,
                                      .time_bound = t->time_bound,
-                                     .growths = t->growths,
                                      .photos = t->photos_hash,
-                                     .filter_first = t->filter_first,
                                      .parameters = t->identity.parameters,
                                      .strength = t->identity.strength,
-                                     .kind = t->identity.kind};
+                                     .kind = t->identity.kind,
+                                     .sections = t->strategy->state_bytes > 0};
+    for (int c = 0; c < SG_COLUMNS; c++)
+        h.sections += is_saved(c);
     memcpy(h.magic, MAGIC, sizeof(h.magic));
     for (int g = 0; g < SG_GROUPS; g++)
         h.adam_steps[g] = t->adam_steps[g];
     sink.stream = w.stream;
     XXH3_64bits_reset(&sink.hash);
     put(&sink, &h, sizeof(h));
-    /* One array at a time through the model's own: a second copy of all would be the largest thing
-     * that a run holds. */
-    struct sg_columns parts[PARTS] = {[1].at[SG_C_MOMENT1] = m->params,
-                                      [2].at[SG_C_MOMENT2] = m->params,
-                                      [3].at[SG_C_GRAD_SUM] = m->params,
-                                      [4].at[SG_C_GRAD_COUNT] = m->params};
-    size_t bytes[PARTS];
-    sizes_of(m->count, m->sh_degree, bytes);
-    for (int i = 0; i < PARTS; i++) {
-        if ((code = sg_engine_download(t->engine, i == 0 ? m : NULL, &parts[i])))
-            goto done;
-        put(&sink, m->params, bytes[i]);
-    }
+    if ((code = put_columns(t, &sink, &m)))
+        goto done;
+    put_strategy(t, &sink);
     const uint64_t digest = XXH3_64bits_digest(&sink.hash);
     fwrite(&digest, sizeof(digest), 1, w.stream);
     code = sg_file_commit(ctx, &w);
 done:
     sg_file_abandon(&w);
-    sg_model_destroy(&m);
+    sg_free(m.params);
     return code;
 }
 
@@ -190,8 +255,7 @@ static int check_header(const sg_trainer *t, FILE *f, const char *path,
     fseek(f, 0, SEEK_END);
     const long long size = ftell(f);
     fseek(f, (long) at, SEEK_SET);
-    const uint64_t per_gaussian =
-        (uint64_t) sg_param_count(h->sh_degree) * 3 * sizeof(float) + 2 * sizeof(float);
+    const uint64_t per_gaussian = (uint64_t) sg_param_count(h->sh_degree) * sizeof(float);
     if (size < at || h->count > (uint64_t) (size - at) / per_gaussian)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found %lld bytes, expected room for %llu Gaussians",
                        path, size, (unsigned long long) h->count);
@@ -234,68 +298,150 @@ void sg_checkpoint_close(struct sg_checkpoint *c)
     c->file = NULL;
 }
 
-/* Of an array for n Gaussians that lies in the file as blocks of SG_LANES, those `kept` of them
- * that stay. */
-static bool take(struct hashed *s, size_t planes, size_t bytes, size_t n, size_t kept, float *to)
+static bool get(struct hashed *s, void *to, size_t bytes)
 {
+    if (fread(to, 1, bytes, s->stream) != bytes)
+        return false;
+    XXH3_64bits_update(&s->hash, to, bytes);
+    return true;
+}
+
+static int torn(sg_ctx *ctx, const char *path)
+{
+    return sg_fail(ctx, SG_ERR_INPUT,
+                   "%s: found a truncated or altered checkpoint: the checksum does not match",
+                   path);
+}
+
+/* A checkpoint on its way into memory. */
+struct reading {
+    const sg_trainer *t;
+    const struct sg_checkpoint *c;
+    struct hashed in;
+    size_t n, kept; /* Gaussians in the file, and those that stay */
+    struct sg_model *m;
+    struct sg_columns columns;
+    void *state;                /* of the strategy */
+    bool found[SG_COLUMNS + 1]; /* the last: the strategy's section */
+};
+
+/* Of a column of n Gaussians those `kept` of them that stay. */
+static bool get_column(struct reading *r, int c)
+{
+    const int degree = r->m->sh_degree, stride = sg_column_array_planes(c, degree);
+    const size_t planes = (size_t) sg_column_planes(c, degree);
     float block[SG_PARAMS_MAX * SG_LANES];
+    float *to = sg_column_is_parameter(c) ? r->m->params : r->columns.at[c];
     size_t k = 0;
-    for (size_t first = 0; first < n; first += SG_LANES) {
-        const size_t whole = planes * SG_LANES * sizeof(float),
-                     size = bytes < whole ? bytes : whole;
-        if (fread(block, 1, size, s->stream) != size)
+    for (size_t first = 0; first < r->n; first += SG_LANES) {
+        const size_t rows = block_rows(r->n, first);
+        if (!get(&r->in, block, planes * rows * sizeof(float)))
             return false;
-        XXH3_64bits_update(&s->hash, block, size);
-        bytes -= size;
-        for (size_t i; k < kept && (i = sg_evenly(n, k, kept)) < first + SG_LANES; k++)
+        for (size_t i; k < r->kept && (i = sg_evenly(r->n, k, r->kept)) < first + rows; k++)
             for (size_t p = 0; p < planes; p++)
-                to[sg_param_index((int) planes, k, (int) p)] = block[p * SG_LANES + i - first];
+                to[sg_param_index(stride, k, sg_columns[c].first + (int) p)] =
+                    block[p * rows + i - first];
     }
     return true;
+}
+
+/* The column that a section is of, SG_COLUMNS: the strategy's state; -1: neither. */
+static int find_section(const struct reading *r, const struct sg_checkpoint_section *s)
+{
+    char title[sizeof(s->title)];
+    title_of_strategy(r->t->strategy, title);
+    if (r->t->strategy->state_bytes && !strncmp(s->title, title, sizeof(title)))
+        return SG_COLUMNS;
+    for (int c = 0; c < SG_COLUMNS; c++)
+        if (is_saved(c) && !strncmp(s->title, sg_columns[c].name, sizeof(s->title)))
+            return c;
+    return -1;
+}
+
+static int get_section(struct reading *r)
+{
+    sg_ctx *ctx = r->t->ctx;
+    const char *path = r->c->path;
+    struct sg_checkpoint_section s;
+    char title[sizeof(s.title) + 1];
+    const long long at = ftell(r->in.stream);
+    if (!get(&r->in, &s, sizeof(s)))
+        return torn(ctx, path);
+    const int c = find_section(r, &s);
+    sg_show_bytes(s.title, strnlen(s.title, sizeof(s.title)), title);
+    if (c < 0)
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: byte %lld: found section \"%s\", expected a column of this version or "
+                       "the state of strategy %s",
+                       path, at, title, r->t->strategy->name);
+    if (r->found[c])
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: byte %lld: found section \"%s\" twice", path, at,
+                       title);
+    r->found[c] = true;
+    const int degree = r->m->sh_degree;
+    const uint32_t planes = c < SG_COLUMNS ? (uint32_t) sg_column_planes(c, degree) : 0;
+    const uint64_t bytes =
+        c < SG_COLUMNS ? column_bytes(c, r->n, degree) : r->t->strategy->state_bytes;
+    if (s.planes != planes || s.bytes != bytes)
+        return sg_fail(
+            ctx, SG_ERR_INPUT,
+            "%s: byte %lld: found section \"%s\" with %u planes and %llu bytes, expected "
+            "%u and %llu",
+            path, at, title, s.planes, (unsigned long long) s.bytes, planes,
+            (unsigned long long) bytes);
+    const bool whole = c < SG_COLUMNS ? get_column(r, c) : get(&r->in, r->state, (size_t) bytes);
+    return whole ? SG_OK : torn(ctx, path);
+}
+
+/* Each section is there, and the file is as it was written. */
+static int check_end(struct reading *r)
+{
+    sg_ctx *ctx = r->t->ctx;
+    const struct sg_strategy *strategy = r->t->strategy;
+    char title[24];
+    title_of_strategy(strategy, title);
+    for (int c = 0; c <= SG_COLUMNS; c++)
+        if (!r->found[c] && (c < SG_COLUMNS ? is_saved(c) : strategy->state_bytes > 0))
+            return sg_fail(ctx, SG_ERR_INPUT, "%s: found no section \"%s\", expected one",
+                           r->c->path, c < SG_COLUMNS ? sg_columns[c].name : title);
+    uint64_t digest = 0;
+    if (fread(&digest, sizeof(digest), 1, r->in.stream) != 1 || fgetc(r->in.stream) != EOF ||
+        digest != XXH3_64bits_digest(&r->in.hash))
+        return torn(ctx, r->c->path);
+    if (strategy->sound && !strategy->sound(r->state, r->c->header.iteration))
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: section \"%s\": found a state that iteration %d cannot have",
+                       r->c->path, title, r->c->header.iteration);
+    return SG_OK;
 }
 
 int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
 {
     sg_ctx *ctx = t->ctx;
     const struct sg_checkpoint_header *h = &c->header;
-    const size_t n = (size_t) h->count, kept = sg_begin_again(t, n),
-                 planes = (size_t) sg_param_count(h->sh_degree);
-    struct sg_model *m = NULL;
-    struct sg_columns o = {0};
+    struct reading r = {
+        .t = t, .c = c, .in.stream = c->file, .n = (size_t) h->count, .state = t->strategy_state};
     int code;
-    if ((code = sg_model_create(ctx, kept, h->sh_degree, &m)) ||
-        (code = sg_columns_create(ctx, kept, h->sh_degree, SG_COLUMN_SAVED, &o)))
+    r.kept = sg_begin_again(t, r.n);
+    XXH3_64bits_reset(&r.in.hash);
+    XXH3_64bits_update(&r.in.hash, h, sizeof(*h));
+    if ((code = sg_model_create(ctx, r.kept, h->sh_degree, &r.m)) ||
+        (code = sg_columns_create(ctx, r.kept, h->sh_degree, SG_COLUMN_SAVED, &r.columns)))
         goto done;
-    struct hashed s = {.stream = c->file};
-    XXH3_64bits_reset(&s.hash);
-    XXH3_64bits_update(&s.hash, h, sizeof(*h));
-    float *const parts[PARTS] = {m->params, o.at[SG_C_MOMENT1], o.at[SG_C_MOMENT2],
-                                 o.at[SG_C_GRAD_SUM], o.at[SG_C_GRAD_COUNT]};
-    size_t bytes[PARTS];
-    sizes_of(n, h->sh_degree, bytes);
-    uint64_t digest = 0;
-    bool whole = true;
-    for (int i = 0; i < PARTS && whole; i++)
-        whole = take(&s, i < 3 ? planes : 1, bytes[i], n, kept, parts[i]);
-    whole = whole && fread(&digest, sizeof(digest), 1, c->file) == 1 && fgetc(c->file) == EOF;
-    if (!whole || digest != XXH3_64bits_digest(&s.hash)) {
-        code = sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: found a truncated or altered checkpoint: the checksum does not match",
-                       c->path);
-        goto done;
-    }
-    if ((code = sg_engine_adopt(t->engine, m, &o)))
+    for (uint32_t s = 0; s < h->sections; s++)
+        if ((code = get_section(&r)))
+            goto done;
+    if ((code = check_end(&r)) || (code = sg_engine_adopt(t->engine, r.m, &r.columns)))
         goto done;
     t->start_degree = h->start_degree;
     t->iteration = h->iteration;
     t->steps = h->steps;
     t->spent += h->spent;
-    t->growth = h->growth, t->growths = h->growths, t->filter_first = h->filter_first;
-    t->gaussians_bound = h->gaussians_bound || kept < n, t->time_bound = h->time_bound;
+    t->gaussians_bound = h->gaussians_bound || r.kept < r.n, t->time_bound = h->time_bound;
     for (int g = 0; g < SG_GROUPS; g++)
         t->adam_steps[g] = h->adam_steps[g];
 done:
-    sg_columns_clear(&o);
-    sg_model_destroy(&m);
+    sg_columns_clear(&r.columns);
+    sg_model_destroy(&r.m);
     return code;
 }

@@ -6,6 +6,7 @@
 
 #include "engine/engine.h"
 
+/* Then follow the sections, and 8 bytes: XXH3-64 of everything before. */
 struct sg_checkpoint_header {
     char magic[8];
     uint64_t count;
@@ -17,13 +18,20 @@ struct sg_checkpoint_header {
     double extent;
     uint64_t steps;
     double spent; /* seconds */
-    double growth;
     uint32_t gaussians_bound, time_bound;
-    int32_t growths;
     uint32_t photos; /* hash of the training views' pixels and masks */
-    uint64_t filter_first;
+    uint32_t kind;
     uint64_t parameters, strength; /* struct sg_identity */
-    uint32_t kind, zero;
+    uint32_t sections, zero;
+};
+
+/* Before the bytes of a section: of a column that is saved, once each and in any order, blocks of
+ * SG_LANES Gaussians with `planes` planes each, the last block cut off; of the state of the
+ * strategy (title "strategy:" and its name), if it has one. */
+struct sg_checkpoint_section {
+    char title[24]; /* filled up with zeros */
+    uint32_t planes, zero;
+    uint64_t bytes;
 };
 
 struct sg_checkpoint {

@@ -8,8 +8,6 @@
 #include "begin.h"
 #include "checkpoint.h"
 #include "core/clock.h"
-#include "defense/filter.h"
-#include "densify.h"
 #include "math/constants.h"
 #include "renderer.h"
 #include "scene/used.h"
@@ -45,6 +43,13 @@ static uint64_t bytes_held(const struct sg_model *m)
     return m ? (uint64_t) m->capacity * (uint64_t) sg_param_count(m->sh_degree) * sizeof(float) : 0;
 }
 
+static int alloc_state(sg_trainer *t)
+{
+    const size_t bytes = t->strategy->state_bytes;
+    t->strategy_state = bytes ? sg_alloc(t->ctx, SG_MEM_MISC, 1, bytes) : NULL;
+    return bytes && !t->strategy_state ? SG_ERR_BUDGET : SG_OK;
+}
+
 int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_trainer_start *start,
                     const struct sg_train_params *params, sg_trainer **out)
 {
@@ -60,6 +65,7 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
     /* One camera has no extent; 1 keeps the learning rates finite and moving. */
     t->extent = scene->extent > 0 ? scene->extent : 1;
     t->epoch = UINT64_MAX;
+    t->strategy = start->strategy ? start->strategy : &sg_strategy_default;
     int code = check_scene(ctx, &t->params, scene);
     if (code)
         goto fail;
@@ -76,8 +82,11 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
     t->params.sh_degree = t->params.sh_degree < t->sh_degree ? t->params.sh_degree : t->sh_degree;
     if ((code = sg_budget_plan(ctx, scene, &t->params, t->sh_degree, bytes_held(start->initial),
                                start->sums, &t->budget)) ||
+        (code = alloc_state(t)) ||
         (code = sg_engine_create(ctx, t->params.engine, t->params.cpu, &t->engine)) ||
         (code = start->checkpoint ? sg_checkpoint_read(t, &saved) : sg_begin(t, start->initial)))
+        goto fail;
+    if (!start->checkpoint && t->strategy->begin && (code = t->strategy->begin(t)))
         goto fail;
     t->order = sg_alloc(ctx, SG_MEM_MISC, scene->n_train, sizeof(*t->order));
     t->photos = sg_alloc(ctx, SG_MEM_MISC, scene->n_train, sizeof(*t->photos));
@@ -132,6 +141,7 @@ void sg_trainer_destroy(sg_trainer **trainer)
         return;
     sg_trainer *t = *trainer;
     sg_engine_destroy(&t->engine);
+    sg_free(t->strategy_state);
     sg_free(t->photos);
     sg_free(t->order);
     sg_free(t);
@@ -207,100 +217,6 @@ static int next_iteration(sg_trainer *t)
     return by_time > next ? by_time : next;
 }
 
-#define GROWTH_PACE 0.25 /* of the newest densification in what grows of late */
-
-/* A share of what grows leaves growth positive, and what goes anyhow leaves half: no model dies out
- * of either, whatever its scene. The latter fades: early there is time to grow again what is
- * missed. */
-static double filter_share(const sg_trainer *t, int it)
-{
-    const struct sg_train_params *p = &t->params;
-    const struct sg_defense_params *d = &p->defense;
-    const double from = sg_filters_from(p), until = p->densify_until_iter;
-    if (d->rho >= 0)
-        return d->rho;
-    if (it >= until || !t->growths)
-        return 0;
-    const double n = (double) sg_engine_count(t->engine);
-    const double first = t->filter_first ? (double) t->filter_first : n,
-                 spare = n > 0 ? 1 - first / 2 / n : 0;
-    const double least = d->rho_least * (until - it) / (until - from);
-    return fmax(fmin(-d->rho * t->growth * t->growths, 0.5), fmin(least, spare));
-}
-
-/* Most that gives way at a densification where a budget binds. */
-#define REPLACED 0.03f
-
-struct score_call {
-    sg_trainer *t;
-    const struct sg_render_params *render;
-    int it;
-};
-
-static int score_model(void *arg, struct sg_scores *out)
-{
-    const struct score_call *c = arg;
-    return sg_score(c->t->engine, c->t->scene, &c->t->params.defense, c->render, c->t->params.seed,
-                    c->it, out);
-}
-
-/* A clock that stands still while hits are counted, which is a stage of its own. */
-static double seconds_not_counting(const sg_trainer *t)
-{
-    return sg_seconds() - sg_engine_times(t->engine).count;
-}
-
-static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
-                   struct sg_train_step *step)
-{
-    const struct sg_train_params *p = &t->params;
-    struct sg_densify_result r;
-    const double start = seconds_not_counting(t);
-    const size_t n = sg_engine_count(t->engine);
-    const int code = sg_densify(
-        t->engine,
-        &(struct sg_densify_params){.gradient = p->densify_grad_threshold,
-                                    .split_scale = (float) ((double) p->percent_dense * t->extent),
-                                    .prune_scale = it > p->opacity_reset_interval
-                                                       ? (float) (SG_PRUNE_EXTENT * t->extent)
-                                                       : 0,
-                                    .max_gaussians = t->budget.gaussians,
-                                    .score = score_model,
-                                    .arg = &(struct score_call){t, render, it},
-                                    .replace = REPLACED,
-                                    .seed = p->seed,
-                                    .stream = (uint64_t) it},
-        &r);
-    step->cloned = r.cloned, step->split = r.split, step->pruned = r.pruned;
-    t->gaussians_bound |= r.replaced || r.limited;
-    if (!code)
-        sg_log(t->ctx, SG_LOG_DEBUG,
-               "iteration %d: of %zu Gaussians %zu cloned, %zu split, %zu pruned", it, n, r.cloned,
-               r.split, r.pruned);
-    const double grown = (double) (r.cloned + r.split) / (double) n;
-    t->growth += (grown - t->growth) * (t->growth > 0 ? GROWTH_PACE : 1);
-    t->growths += it > sg_filters_from(p);
-    t->densify_seconds += seconds_not_counting(t) - start;
-    return code;
-}
-
-static int filter(sg_trainer *t, int it, const struct sg_render_params *render,
-                  struct sg_defense_step *step)
-{
-    const struct sg_train_params *p = &t->params;
-    const double start = seconds_not_counting(t);
-    if (!t->filter_first)
-        t->filter_first = sg_engine_count(t->engine);
-    const int code =
-        sg_filter(t->engine, t->scene, &p->defense, render, filter_share(t, it), p->seed, it, step);
-    if (!code)
-        sg_log(t->ctx, SG_LOG_DEBUG, "iteration %d: of %zu Gaussians the filter removed %zu", it,
-               step->scored, step->removed);
-    t->prune_seconds += seconds_not_counting(t) - start;
-    t->growths = 0;
-    return code;
-}
-
 /* The losses of a view; returns their number. */
 static size_t list_losses(const sg_trainer *t, size_t view, struct sg_loss out[SG_LOSSES])
 {
@@ -347,13 +263,7 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
         (code = sg_engine_raster_backward(t->engine)))
         return code;
 
-    /* The released code rebuilds every tensor when it densifies and the opacity tensor when it
-     * resets: gradients are lost and Adam stands still for them in that iteration. The last
-     * iteration takes no step either. */
-    const bool densifies = sg_densifies(p, before, it);
-    const bool filters =
-        sg_filters(p, before, it) && (densifies || d->rho >= 0 || filter_share(t, it) > 0);
-    const bool resets = sg_resets_opacity(p, before, it);
+    const struct sg_strategy_plan plan = t->strategy->plan(t, before, it);
     const double lr[SG_GROUPS] = {
         [SG_G_XYZ] = sg_position_lr(p, it) * t->extent,
         [SG_G_OPACITY] = (double) p->opacity_lr,
@@ -362,15 +272,11 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
         [SG_G_DC] = (double) p->feature_lr,
         [SG_G_REST] = (double) p->feature_lr / 20,
     };
-    const bool moves = !densifies && !filters && it < p->iterations;
-    const struct sg_update update = {.statistics = it < p->densify_until_iter};
-    if ((code = sg_trainer_update(t, moves ? lr : NULL, resets, update)))
-        return code;
-    if (densifies && (code = densify(t, it, &render, &step)))
-        return code;
-    if (filters && (code = filter(t, it, &render, &step.defense)))
-        return code;
-    if (resets && (code = sg_engine_reset_opacity(t->engine, SG_RESET_OPACITY)))
+    /* As in the released code, the last iteration takes no step. */
+    const bool moves = !plan.rests && it < p->iterations;
+    const struct sg_update update = {.statistics = plan.statistics};
+    if ((code = sg_trainer_update(t, moves ? lr : NULL, plan.rests_opacity, update)) ||
+        (code = t->strategy->after_step(t, before, it, &render, &step)))
         return code;
 
     t->iteration = it;

@@ -6,6 +6,7 @@
 #include "budget.h"
 #include "identity.h"
 #include "splatguard/train.h"
+#include "strategy.h"
 
 /* All of a run's state is here and in the engine; random draws depend on the iteration only. */
 struct sg_trainer {
@@ -21,19 +22,18 @@ struct sg_trainer {
     uint64_t steps; /* as many, unless time is short */
     double spent;   /* seconds of the steps before the clock's `started` */
     double started, step_begun;
-    double first_begun;    /* the first step of this process */
-    int first_after;       /* the iteration that it follows */
-    double gap;            /* between the beginnings of the newest two steps; 0 = not known */
-    bool steps_here;       /* step_begun is known */
-    double growth;         /* share of the Gaussians that grow at a densification, of late */
-    int growths;           /* densifications in the filter's window since its newest removal */
-    uint64_t filter_first; /* Gaussians before its first removal; 0 = none yet */
+    double first_begun; /* the first step of this process */
+    int first_after;    /* the iteration that it follows */
+    double gap;         /* between the beginnings of the newest two steps; 0 = not known */
+    bool steps_here;    /* step_begun is known */
+    const struct sg_strategy *strategy;
+    void *strategy_state;
     struct sg_budget budget;
     bool gaussians_bound, time_bound;
     int adam_steps[SG_GROUPS];
     sg_photo *photos;                      /* of the training views */
     uint32_t photos_hash;                  /* of their pixels as the run began with them */
-    double densify_seconds, prune_seconds; /* the stages of its own */
+    double densify_seconds, prune_seconds; /* of the strategy */
     uint64_t epoch;                        /* that `order` is for */
     uint32_t *order;
 };
@@ -43,6 +43,7 @@ struct sg_trainer_start {
     const struct sg_model *initial;     /* NULL: the scene's points, or random ones */
     const char *checkpoint;             /* instead, unless NULL */
     const struct sg_identity *identity; /* of the run; NULL: a training with these parameters */
+    const struct sg_strategy *strategy; /* NULL: the default */
     bool sums; /* gradients will be summed over views (struct sg_update, accumulate) */
 };
 

@@ -1,0 +1,43 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* How the set of Gaussians changes while a model learns. Each strategy is a file; the trainer calls
+ * it through this table of functions. */
+#ifndef SG_STRATEGY_H
+#define SG_STRATEGY_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "splatguard/train.h"
+
+struct sg_render_params;
+
+/* What an iteration leaves out because of what the strategy does in it. */
+struct sg_strategy_plan {
+    bool rests;         /* no parameter moves */
+    bool rests_opacity; /* opacities do not move */
+    bool statistics;    /* the view counts in the statistics of densification */
+};
+
+/* A step goes from iteration `before` to `it`, which is more than one further where a run's time is
+ * short. The random draws of a strategy depend on seed and iteration only. */
+struct sg_strategy {
+    const char *name; /* in checkpoints: at most 14 characters */
+    /* What it remembers, in sg_trainer.strategy_state: numbers without padding, zero in a new run.
+     * Checkpoints save it. 0: nothing. */
+    size_t state_bytes;
+    /* Optional: false for a state that cannot be, in a checkpoint of this iteration. */
+    bool (*sound)(const void *state, int iteration);
+    /* Optional: changes the initial model of a new run. */
+    int (*begin)(sg_trainer *t);
+    /* Before the update. */
+    struct sg_strategy_plan (*plan)(const sg_trainer *t, int before, int it);
+    /* After it: edits the model. Fills what `out` tells about that. */
+    int (*after_step)(sg_trainer *t, int before, int it, const struct sg_render_params *render,
+                      struct sg_train_step *out);
+};
+
+/* Clones, splits, prunes and resets opacities as Kerbl et al. 2023 do; the frequency filter of the
+ * defense removes. */
+extern const struct sg_strategy sg_strategy_default;
+
+#endif

@@ -1,0 +1,167 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The default strategy: adaptive density control in the order of the released code of Kerbl et al.
+ * 2023, and the defense's filter between its growth and its opacity resets. */
+#include <math.h>
+
+#include "core/clock.h"
+#include "defense/filter.h"
+#include "densify.h"
+#include "math/constants.h"
+#include "schedule.h"
+#include "strategy.h"
+#include "trainer.h"
+
+struct state {
+    double growth;         /* share of the Gaussians that grow at a densification, of late */
+    uint64_t growths;      /* densifications in the filter's window since its newest removal */
+    uint64_t filter_first; /* Gaussians before its first removal; 0 = none yet */
+};
+
+static bool sound(const void *state, int iteration)
+{
+    const struct state *s = state;
+    return s->growth >= 0 && s->growth <= 1 && s->growths <= (uint64_t) iteration;
+}
+
+#define GROWTH_PACE 0.25 /* of the newest densification in what grows of late */
+
+/* A share of what grows leaves growth positive, and what goes anyhow leaves half: no model dies out
+ * of either, whatever its scene. The latter fades: early there is time to grow again what is
+ * missed. */
+static double filter_share(const sg_trainer *t, int it)
+{
+    const struct state *s = t->strategy_state;
+    const struct sg_train_params *p = &t->params;
+    const struct sg_defense_params *d = &p->defense;
+    const double from = sg_filters_from(p), until = p->densify_until_iter;
+    if (d->rho >= 0)
+        return d->rho;
+    if (it >= until || !s->growths)
+        return 0;
+    const double n = (double) sg_engine_count(t->engine);
+    const double first = s->filter_first ? (double) s->filter_first : n,
+                 spare = n > 0 ? 1 - first / 2 / n : 0;
+    const double least = d->rho_least * (until - it) / (until - from);
+    return fmax(fmin(-d->rho * s->growth * (double) s->growths, 0.5), fmin(least, spare));
+}
+
+/* Most that gives way at a densification where a budget binds. */
+#define REPLACED 0.03f
+
+struct score_call {
+    sg_trainer *t;
+    const struct sg_render_params *render;
+    int it;
+};
+
+static int score_model(void *arg, struct sg_scores *out)
+{
+    const struct score_call *c = arg;
+    return sg_score(c->t->engine, c->t->scene, &c->t->params.defense, c->render, c->t->params.seed,
+                    c->it, out);
+}
+
+/* A clock that stands still while hits are counted, which is a stage of its own. */
+static double seconds_not_counting(const sg_trainer *t)
+{
+    return sg_seconds() - sg_engine_times(t->engine).count;
+}
+
+static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
+                   struct sg_train_step *step)
+{
+    const struct sg_train_params *p = &t->params;
+    struct state *s = t->strategy_state;
+    struct sg_densify_result r;
+    const double start = seconds_not_counting(t);
+    const size_t n = sg_engine_count(t->engine);
+    const int code = sg_densify(
+        t->engine,
+        &(struct sg_densify_params){.gradient = p->densify_grad_threshold,
+                                    .split_scale = (float) ((double) p->percent_dense * t->extent),
+                                    .prune_scale = it > p->opacity_reset_interval
+                                                       ? (float) (SG_PRUNE_EXTENT * t->extent)
+                                                       : 0,
+                                    .max_gaussians = t->budget.gaussians,
+                                    .score = score_model,
+                                    .arg = &(struct score_call){t, render, it},
+                                    .replace = REPLACED,
+                                    .seed = p->seed,
+                                    .stream = (uint64_t) it},
+        &r);
+    step->cloned = r.cloned, step->split = r.split, step->pruned = r.pruned;
+    t->gaussians_bound |= r.replaced || r.limited;
+    if (!code)
+        sg_log(t->ctx, SG_LOG_DEBUG,
+               "iteration %d: of %zu Gaussians %zu cloned, %zu split, %zu pruned", it, n, r.cloned,
+               r.split, r.pruned);
+    const double grown = (double) (r.cloned + r.split) / (double) n;
+    s->growth += (grown - s->growth) * (s->growth > 0 ? GROWTH_PACE : 1);
+    s->growths += it > sg_filters_from(p);
+    t->densify_seconds += seconds_not_counting(t) - start;
+    return code;
+}
+
+static int filter(sg_trainer *t, int it, const struct sg_render_params *render,
+                  struct sg_defense_step *step)
+{
+    const struct sg_train_params *p = &t->params;
+    struct state *s = t->strategy_state;
+    const double start = seconds_not_counting(t);
+    if (!s->filter_first)
+        s->filter_first = sg_engine_count(t->engine);
+    const int code =
+        sg_filter(t->engine, t->scene, &p->defense, render, filter_share(t, it), p->seed, it, step);
+    if (!code)
+        sg_log(t->ctx, SG_LOG_DEBUG, "iteration %d: of %zu Gaussians the filter removed %zu", it,
+               step->scored, step->removed);
+    t->prune_seconds += seconds_not_counting(t) - start;
+    s->growths = 0;
+    return code;
+}
+
+struct events {
+    bool densifies, filters, resets;
+};
+
+static struct events events_of(const sg_trainer *t, int before, int it)
+{
+    const struct sg_train_params *p = &t->params;
+    const bool densifies = sg_densifies(p, before, it);
+    return (struct events){.densifies = densifies,
+                           .filters = sg_filters(p, before, it) &&
+                                      (densifies || p->defense.rho >= 0 || filter_share(t, it) > 0),
+                           .resets = sg_resets_opacity(p, before, it)};
+}
+
+/* The released code rebuilds every tensor when it densifies and the opacity tensor when it resets:
+ * gradients are lost and Adam stands still for them in that iteration. */
+static struct sg_strategy_plan plan(const sg_trainer *t, int before, int it)
+{
+    const struct events e = events_of(t, before, it);
+    return (struct sg_strategy_plan){.rests = e.densifies || e.filters,
+                                     .rests_opacity = e.resets,
+                                     .statistics = it < t->params.densify_until_iter};
+}
+
+static int after_step(sg_trainer *t, int before, int it, const struct sg_render_params *render,
+                      struct sg_train_step *out)
+{
+    const struct events e = events_of(t, before, it); /* before a densification changes the share */
+    int code = SG_OK;
+    if (e.densifies)
+        code = densify(t, it, render, out);
+    if (!code && e.filters)
+        code = filter(t, it, render, &out->defense);
+    if (!code && e.resets)
+        code = sg_engine_reset_opacity(t->engine, SG_RESET_OPACITY);
+    return code;
+}
+
+const struct sg_strategy sg_strategy_default = {
+    .name = "default",
+    .state_bytes = sizeof(struct state),
+    .sound = sound,
+    .plan = plan,
+    .after_step = after_step,
+};
