@@ -12,14 +12,14 @@
 extern "C" {
 #endif
 
-/* Errors are not logged: the call that fails returns them. */
+/* Errors are returned, not logged. */
 enum sg_log_level {
-    SG_LOG_WARN,  /* the call goes on, though perhaps not as the caller meant */
+    SG_LOG_WARN,  /* the call continues, but its result may not be what the caller meant */
     SG_LOG_INFO,  /* what was loaded */
-    SG_LOG_DEBUG, /* decisions: engine and kernels, plan of the memory, bands, densification */
+    SG_LOG_DEBUG, /* decisions: engine and kernels, memory plan, bands, densification */
 };
 
-/* What a byte is for. Every allocation of the library carries one of these. */
+/* The purpose of an allocation. Every allocation of the library has one. */
 enum sg_mem_tag {
     SG_MEM_MISC,      /* parsers, names, small tables                              */
     SG_MEM_IMAGES,    /* decoded photos, masks                                     */
@@ -31,17 +31,17 @@ enum sg_mem_tag {
     SG_MEM_TAGS
 };
 
-/* Calls that can take more than a second report progress in these stages; done and total count what
- * the comment says. A stage can be reported more than once, each time from 0. */
+/* Calls that can take more than a second report progress in these stages. The comments name the
+ * units of `done` and `total`. A stage can be reported more than once, each time from 0. */
 enum sg_stage {
     SG_STAGE_LOAD,     /* sg_scene_load: photos */
     SG_STAGE_AUDIT,    /* sg_audit_scene: photos */
     SG_STAGE_EVALUATE, /* sg_evaluate: renders */
     SG_STAGE_SYNTH,    /* sg_synth_write: pictures, then groups of points */
     SG_STAGE_INIT,     /* sg_model_init_points, also of a new trainer: groups of points */
-    SG_STAGE_TRAIN,    /* sg_trainer_step: iterations done before this one, of all */
-    SG_STAGE_COUNT,    /* views that hits are counted in, within an iteration of training */
-    SG_STAGE_ATTACK,   /* sg_attack_step: iterations done before this one, of all */
+    SG_STAGE_TRAIN,    /* sg_trainer_step: iterations; `done` is the number before this one */
+    SG_STAGE_COUNT,    /* within an iteration of training: views in which hits are counted */
+    SG_STAGE_ATTACK,   /* sg_attack_step: iterations; `done` is the number before this one */
     SG_STAGE_ASCEND,   /* sg_attack_step, _poison and _naive: steps of the inner ascent */
     SG_STAGES
 };
@@ -52,28 +52,29 @@ enum sg_stage {
 typedef struct sg_ctx sg_ctx;
 
 struct sg_ctx_params {
-    int threads; /* worker threads, 1..256; 0 = one per online CPU. Default 0. Results do not depend
-                    on it, unless max_memory binds: more threads leave less of it to the model. */
-    uint64_t max_memory; /* bytes the ledger may hold at once; 0 = no limit. Default 0. */
-    /* NULL = silent. Called on any thread, perhaps on several at once; the message is gone
-     * afterwards. Default NULL. */
+    /* Worker threads, 1..256; 0 = one per online CPU. Results do not depend on it, unless
+     * max_memory is reached: more threads leave less memory to the model. Default 0. */
+    int threads;
+    uint64_t max_memory; /* bytes that may be allocated at once; 0 = no limit. Default 0. */
+    /* NULL = silent. Called on any thread, perhaps on several at once. The message is valid during
+     * the call only. Default NULL. */
     void (*log)(void *priv, enum sg_log_level level, const char *message);
     void *log_priv;
-    enum sg_log_level log_level; /* messages above it are not sent. Default SG_LOG_WARN. */
+    enum sg_log_level log_level; /* the most detailed level that is sent. Default SG_LOG_WARN. */
     /* NULL = none. Called only on the thread that called the library, from within that call. It
-     * must not use the context. A result other than 0 cancels: the call ends with
-     * SG_ERR_INTERRUPTED, soon but not at once, and frees what it made; functions that work on an
-     * object say what becomes of it. Default NULL. */
+     * must not use the context. A result other than 0 cancels: the call soon ends with
+     * SG_ERR_INTERRUPTED and frees what it made. Functions that work on an object document its
+     * state after that. Default NULL. */
     int (*progress)(void *priv, enum sg_stage stage, uint64_t done, uint64_t total);
     void *progress_priv;
 };
 
-/* params may be NULL for the defaults. On success *out is owned by the caller; free with
- * sg_ctx_destroy. Errors, of which there is no message: SG_ERR_USAGE (threads, log_level),
- * SG_ERR_BUDGET, SG_ERR_INTERNAL (threads cannot start). */
+/* params may be NULL for the defaults. The caller owns *out and frees it with sg_ctx_destroy.
+ * Errors, which have no message: SG_ERR_USAGE (threads, log_level), SG_ERR_BUDGET, SG_ERR_INTERNAL
+ * (threads cannot start). */
 SG_API int sg_ctx_create(sg_ctx **out, const struct sg_ctx_params *params);
 
-/* NULL-safe; sets *ctx to NULL. Objects made with the context must be destroyed first. */
+/* Accepts NULL; sets *ctx to NULL. Destroy the objects of the context first. */
 SG_API void sg_ctx_destroy(sg_ctx **ctx);
 
 /* Message of the last failed call, "" if none; valid until the next call on this context. */
@@ -87,7 +88,7 @@ SG_API int sg_ctx_threads(const sg_ctx *ctx);
 /* sg_ctx_params.max_memory. */
 SG_API uint64_t sg_mem_limit(const sg_ctx *ctx);
 
-/* Bytes held now and at most so far under one tag; tag SG_MEM_TAGS asks for the total. */
+/* Bytes allocated under one tag, now and at most so far. SG_MEM_TAGS asks for the total. */
 SG_API uint64_t sg_mem_current(const sg_ctx *ctx, enum sg_mem_tag tag);
 SG_API uint64_t sg_mem_peak(const sg_ctx *ctx, enum sg_mem_tag tag);
 SG_API const char *sg_mem_tag_name(enum sg_mem_tag tag);

@@ -75,8 +75,8 @@ struct sg_train_params {
     .defense = {SG_DEFENSE_DEFAULTS}, .engine = "cpu"
 SG_API struct sg_train_params sg_train_params_default(void);
 
-/* What may stand in `tolerance` of struct sg_run_params: what the audit estimates for each photo;
- * or that where the defense is on with preset auto, else 0. */
+/* Values of `tolerance` in struct sg_run_params. AUTO: the audit's estimate for each photo. PRESET:
+ * as AUTO if the defense is on with preset auto, else 0. */
 #define SG_TOLERANCE_AUTO (-1.0f)
 #define SG_TOLERANCE_PRESET (-2.0f)
 
