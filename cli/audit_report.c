@@ -7,10 +7,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "commands.h"
+#include "core/file.h"
 #include "image/image.h"
-
-#include "output.h"
-#include "run_folder.h"
 
 #define SHOWN 3   /* photos from each end of the ranking */
 #define PANEL 270 /* pixels, the longer side: four in a row */
@@ -265,9 +264,11 @@ int audit_report(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_audi
     lost |= f && fclose(f);
     if (lost && !code)
         code = SG_ERR_BUDGET;
-    code = code ? report(ctx, code) : output_check_replaced(path); /* still */
+    code = report(ctx, code);
+    if (!code) /* still */
+        code = report(ctx, sg_output_check_replaced(ctx, path));
     if (!code)
-        code = run_write_file(path, page, size);
+        code = report(ctx, sg_file_write(ctx, path, page, size));
     free(page);
     free(order);
     return code;

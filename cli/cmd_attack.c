@@ -1,19 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* splatguard attack: proxy, decoy, poisons. While it runs, POISONED/attack holds the proxy's run,
- * the checkpoint and the log; poison.json comes last and marks a finished attack. */
-#include <errno.h>
+/* splatguard attack: proxy, decoy, poisons. */
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
-#include "attack_run.h"
-#include "core/file.h"
-#include "core/json_text.h"
-#include "run/config.h"
+#include "commands.h"
 #include "interrupt.h"
-#include "output.h"
+#include "progress.h"
+
+struct attack_config {
+    struct sg_attack_run_params run;
+    bool resume, force, quiet;
+    int threads;
+};
 
 #define A(field) offsetof(struct attack_config, field)
 
@@ -44,38 +42,23 @@ static void defaults(void *config)
         (struct attack_config){.run = sg_attack_run_params_default()};
 }
 
-/* The published schedule where the options leave it to the preset. */
-static struct sg_attack_params apply_preset(const struct sg_attack_run_params *run,
-                                            enum sg_scene_format format)
-{
-    static const char *const names[] = {"auto", "ns", "mip", "tt"};
-    struct sg_attack_params p = run->attack, preset = run->attack;
-    sg_attack_preset(names[run->preset], format, &preset);
-    if (run->method == SG_METHOD_TV_PER_VIEW)
-        preset.inner = 100;
-    p.iterations = p.iterations ? p.iterations : preset.iterations;
-    p.inner = p.inner ? p.inner : preset.inner;
-    p.update_interval = p.update_interval ? p.update_interval : preset.update_interval;
-    return p;
-}
-
 /* An option that would have no effect. */
-static int refuse_vain(const struct attack_config *c)
+static int refuse_unused(const struct sg_attack_run_params *p)
 {
     const struct {
         const char *option, *methods;
-        bool vain;
+        bool unused;
     } rules[] = {
         {"epsilon inf", "poison-splat",
-         !isfinite(c->run.attack.epsilon) && c->run.method != SG_METHOD_POISON_SPLAT},
+         !isfinite(p->attack.epsilon) && p->method != SG_METHOD_POISON_SPLAT},
         {"victim-tolerance", "poison-splat",
-         c->run.attack.victim_tolerance > 0 && c->run.method != SG_METHOD_POISON_SPLAT},
+         p->attack.victim_tolerance > 0 && p->method != SG_METHOD_POISON_SPLAT},
         {"texture", "poison-splat, noise or tv-per-view",
-         c->run.attack.texture > 0 && c->run.method == SG_METHOD_DRIFT},
-        {"wavelength", "drift", c->run.attack.wavelength > 0 && c->run.method != SG_METHOD_DRIFT},
+         p->attack.texture > 0 && p->method == SG_METHOD_DRIFT},
+        {"wavelength", "drift", p->attack.wavelength > 0 && p->method != SG_METHOD_DRIFT},
     };
     for (size_t i = 0; i < sizeof(rules) / sizeof(rules[0]); i++)
-        if (rules[i].vain) {
+        if (rules[i].unused) {
             say(stderr, "splatguard attack: --%s goes with --method %s only\n", rules[i].option,
                 rules[i].methods);
             return 1;
@@ -83,191 +66,113 @@ static int refuse_vain(const struct attack_config *c)
     return 0;
 }
 
-/* The parts of the configuration that follow from others. */
-static int settle(struct attack_config *c)
-{
-    c->run.attack.cpu = cpu_variant(c->run.attack.cpu);
-    return refuse_vain(c);
-}
-
-static bool is_attack(const char *folder)
-{
-    return run_options_in(folder, "attack/config.json", "epsilon") ||
-           run_options_in(folder, "poison.json", "epsilon");
-}
-
-/* Nothing in it to go on from, and nothing to use. */
-static bool is_lost(const char *folder)
-{
-    return !run_has(folder, "poison.json") && !run_has(folder, "attack/checkpoint.bin") &&
-           !run_has(folder, "attack/proxy");
-}
-
-/* Its last file is there, and nothing to go on from. */
-static bool is_finished(const char *output)
-{
-    return run_has(output, "poison.json") && !run_has(output, "attack/checkpoint.bin");
-}
-
-static void remove_earlier(const char *output)
-{
-    static const char *const files[] = {
-        "poison.json",      "attack/checkpoint.bin",     "attack/log.jsonl",
-        "attack/decoy.ply", "attack/proxy/summary.json", "attack/proxy/checkpoint.bin"};
-    for (size_t i = 0; i < sizeof(files) / sizeof(files[0]); i++) {
-        char *path = run_path(output, files[i]);
-        if (path)
-            unlink(path);
-        free(path);
-    }
-}
-
 /* The attack's own options; the command line may change what does not touch the result. */
-static int adopt(struct attack_config *c, const bool *given, const char *argument, json_t **keep)
+static int adopt_attack(struct attack_config *c, const bool *given, const char *argument)
 {
     struct attack_config now = *c;
-    const char *output = now.run.folder ? now.run.folder : argument;
-    if (!output || now.force) {
+    struct sg_attack_run_params *run = &c->run, *p = &now.run;
+    const char *folder = p->folder ? p->folder : argument;
+    if (!folder || now.force) {
         say(stderr, now.force ? "splatguard attack: --resume and --force exclude each other\n"
                               : "splatguard attack: --resume needs the poisoned folder\n");
-        return 1;
+        return STATUS_USAGE;
     }
-    char *path = run_path(output, "attack/config.json");
-    *keep = path ? run_read_json(path, "config.json of an attack") : NULL;
-    defaults(c);
     sg_ctx *ctx;
-    int code = *keep ? open_context(&ctx, 1, 0, now.quiet) : STATUS_INPUT;
-    if (*keep && !code) {
-        code = report(ctx, sg_config_from_json(ctx, sg_attack_run_config, &c->run,
-                                               json_object_get(*keep, "options"), true, path));
-        sg_ctx_destroy(&ctx);
-    }
-    free(path);
+    int code = open_context(&ctx, 1, 0, now.quiet);
+    if (!code)
+        code = report(ctx, sg_attack_run_read_params(ctx, folder, run));
+    sg_ctx_destroy(&ctx);
     if (code)
         return code;
-    c->run.folder = output;
-    c->resume = true;
-    c->run.scene.follow_links =
-        now.run.scene.follow_links; /* leave is the user's to give, each time */
-    c->run.scene.strict = now.run.scene.strict;
-    c->quiet = now.quiet, c->threads = now.threads, c->run.keep_decoy = now.run.keep_decoy;
-    c->run.max_memory = options_given(&command_attack, given, A(run.max_memory))
-                            ? now.run.max_memory
-                            : c->run.max_memory;
-    if (now.run.folder && argument && take_scene(&command_attack, argument, &now.run.source))
+    run->scene.follow_links = p->scene.follow_links; /* leave is the user's to give, each time */
+    run->scene.strict = p->scene.strict;
+    run->keep_decoy = p->keep_decoy;
+    if (options_given(&command_attack, given, A(run.max_memory)))
+        run->max_memory = p->max_memory;
+    if (p->folder && argument && take_scene(&command_attack, argument, &p->source))
         return STATUS_USAGE;
-    c->run.source = now.run.source = now.run.source ? now.run.source : c->run.source;
-    c->run.proxy = now.run.proxy = now.run.proxy ? now.run.proxy : c->run.proxy;
+    run->source = p->source = p->source ? p->source : run->source;
+    run->proxy = p->proxy = p->proxy ? p->proxy : run->proxy;
     return options_conflict(&command_attack, given, &now, c);
 }
 
-static int write_config(const struct attack_config *c)
+/* Shows one line for the proxy and one for the attack, each from its first step on. */
+struct attack_progress {
+    struct progress line;
+    struct sg_attack_run_status status;
+    bool quiet, begun, proxy;
+    int proxy_iterations;
+};
+
+static int on_proxy_step(void *priv, const struct sg_train_step *step)
 {
-    char *path = run_path(c->run.folder, "attack/config.json");
-    json_t *options = sg_config_to_json(sg_attack_run_config, &c->run);
-    json_object_set_new(options, "source-path", run_place_json(c->run.source));
-    if (c->run.proxy)
-        json_object_set_new(options, "proxy", run_place_json(c->run.proxy));
-    json_t *root = json_pack("{s:s,s:o}", "version", sg_version(), "options", options);
-    const int code = root && path ? run_write_json(path, root) : no_memory();
-    json_decref(root);
-    free(path);
-    return code;
+    struct attack_progress *p = priv;
+    interrupt_catch();
+    if (step && !p->proxy)
+        progress_begin(&p->line, p->quiet, step->iteration - 1, p->proxy_iterations);
+    if (step)
+        progress_step(&p->line, step);
+    p->proxy |= step != NULL;
+    return interrupted();
 }
 
-/* Nothing came of it: what was begun goes, so that the same command works once the cause is
- * gone. */
-static void forget(const char *output)
+static int on_step(void *priv, const struct sg_attack_step *step)
 {
-    char *config = run_path(output, "attack/config.json"),
-         *log = run_path(output, "attack/log.jsonl");
-    char *state = run_path(output, "attack");
-    if (config && log && state && is_lost(output)) {
-        unlink(config);
-        unlink(log);
-        rmdir(state); /* where it is empty */
-    }
-    free(config);
-    free(log);
-    free(state);
+    struct attack_progress *p = priv;
+    interrupt_catch();
+    if (step && !p->begun)
+        progress_begin(&p->line, p->quiet, p->status.first, p->status.iterations);
+    if (step)
+        progress_step(&p->line, &(struct sg_train_step){.iteration = step->iteration,
+                                                        .loss = step->loss,
+                                                        .psnr = step->psnr,
+                                                        .gaussians = step->gaussians});
+    p->begun |= step != NULL;
+    return interrupted();
+}
+
+static int attack(sg_ctx *ctx, struct attack_config *c)
+{
+    struct attack_progress p = {.quiet = c->quiet, .proxy_iterations = c->run.proxy_iterations};
+    c->run.step = on_step, c->run.proxy_step = on_proxy_step, c->run.step_priv = &p;
+    const enum sg_run_start start = c->resume  ? SG_RUN_RESUME
+                                    : c->force ? SG_RUN_REPLACE
+                                               : SG_RUN_NEW;
+    const int error = sg_attack_run(ctx, &c->run, start, &p.status);
+    if (error && (p.begun || p.proxy))
+        progress_break(&p.line);
+    if (p.status.finished)
+        say(stderr, "%s: the attack is finished; --force replaces it\n", c->run.folder);
+    report_option(ctx, &command_attack, error);
+    if (error && p.status.resumable)
+        say_resume("attack", c->run.folder);
+    return exit_code(error);
 }
 
 static int run_attack(const void *config, const bool *given, const char *const *positional,
                       int count)
 {
     struct attack_config c = *(const struct attack_config *) config;
-    struct attack_run r = {.config = &c};
-    struct output output = OUTPUT_NONE;
-    json_t *keep = NULL;
-    char *proxy = NULL;
-    bool fresh = false; /* a folder that was not there, or empty */
+    sg_ctx *ctx = NULL;
     int code = 0;
     if (c.resume)
-        code = adopt(&c, given, count ? positional[0] : NULL, &keep);
+        code = adopt_attack(&c, given, count ? positional[0] : NULL);
     else if (count)
         code = take_scene(&command_attack, positional[0], &c.run.source);
     if (!code && (!c.run.source || !c.run.folder)) {
         say(stderr, "splatguard attack: missing %s; usage: splatguard attack %s\n",
             c.run.source ? "-o POISONED" : "SCENE", command_attack.arguments);
-        code = 1;
+        code = STATUS_USAGE;
     }
+    c.run.attack.cpu = cpu_variant(c.run.attack.cpu);
     if (!code)
-        code = settle(&c);
-    if (!code && c.resume && is_finished(c.run.folder)) {
-        say(stderr, "%s: the attack is finished; --force replaces it\n", c.run.folder);
-        goto done;
-    }
-    const struct output_rules rules = {.command = "attack",
-                                       .earlier = "attack",
-                                       .is_own = is_attack,
-                                       .is_lost = is_lost,
-                                       .within = "attack/proxy/config.json",
-                                       .makes_scenes = true,
-                                       .force = c.force,
-                                       .resume = c.resume,
-                                       .inputs = {c.run.source, c.run.proxy}};
+        code = refuse_unused(&c.run);
     if (!code)
-        code = open_context(&r.ctx, c.threads, c.run.max_memory, c.quiet);
+        code = open_context(&ctx, c.threads, c.run.max_memory, c.quiet);
     if (!code)
-        code = output_claim(&output, r.ctx, c.run.folder, &rules);
-    if (!code)
-        code = attack_load(&r);
-    if (!code) {
-        r.params = apply_preset(&c.run, r.scene->format);
-        const int error = sg_attack_check(r.ctx, &r.params);
-        code = report_option(r.ctx, &command_attack, error);
-    }
-    if (!code && c.run.method == SG_METHOD_POISON_SPLAT && c.run.proxy &&
-        !(proxy = find_model(c.run.proxy, 0)))
-        code = 2;
-    /* Nothing of an earlier attack goes before this one can begin. */
-    if (!code && !c.resume) {
-        fresh = !run_has_other_files(c.run.folder);
-        char *state = run_path(c.run.folder, "attack");
-        const int error = state ? sg_dir_create(r.ctx, state) : SG_ERR_BUDGET;
-        code = error ? report(r.ctx, error) : 0;
-        free(state);
-        if (!code) {
-            remove_earlier(c.run.folder);
-            code = write_config(&c);
-        }
-    }
-    if (!code)
-        code = attack_whole(&r, proxy);
-done:
-    free(proxy);
-    free(r.log_path);
-    if (r.log && fclose(r.log) && !code)
-        code = 2;
-    if (r.ctx) {
-        sg_attack_destroy(&r.attack);
-        sg_scene_destroy(&r.scene);
-    }
-    if (fresh && code && code != 130 && !r.lasting)
-        forget(c.run.folder);
-    output_release(&output);
-    sg_ctx_destroy(&r.ctx);
-    json_decref(keep);
+        code = attack(ctx, &c);
+    sg_ctx_destroy(&ctx);
+    sg_attack_run_params_clear(&c.run);
     return code;
 }
 

@@ -5,7 +5,6 @@
 
 #include "audit_report.h"
 #include "commands.h"
-#include "output.h"
 
 struct audit_config {
     struct sg_scene_params scene;
@@ -118,14 +117,13 @@ static int run_audit(const void *config, const bool *given, const char *const *p
     int code = open_context(&ctx, c.threads, c.max_memory, c.quiet);
     if (code)
         return code;
-    if (c.report && (code = output_check_file(ctx, c.report))) {
+    if (c.report && (code = report(ctx, sg_output_check_file(ctx, c.report)))) {
         sg_ctx_destroy(&ctx);
         return code;
     }
     c.scene.eval = c.eval;
     int error = sg_scene_load(ctx, positional[0], &c.scene, &scene);
     if (!error) {
-        warn_small_photos(scene);
         error = sg_audit_scene(ctx, scene, &audit);
     }
     if (error)

@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "model_views.h"
-#include "run_folder.h"
 
 struct compare_config {
     struct model_options m;
@@ -70,32 +69,27 @@ struct run {
     double value[METRICS]; /* NaN = not known */
 };
 
-static double number(const json_t *object, const char *key)
-{
-    const json_t *v = json_object_get(object, key);
-    return json_is_number(v) ? json_number_value(v) : NAN;
-}
-
 static int read_run(struct run *r, const char *path)
 {
-    char *file = run_path(path, "summary.json");
-    json_t *s = file ? run_read_json(file, "summary.json of a run") : NULL;
+    sg_ctx *ctx;
+    sg_run_summary *s = NULL;
+    int code = open_context(&ctx, 1, 0, true);
     r->path = path;
-    if (!s) {
-        free(file);
-        return 2;
+    if (!code)
+        code = report(ctx, sg_run_summary_read(ctx, path, &s));
+    for (int m = 0; m < METRICS && !code; m++)
+        r->value[m] = sg_run_summary_number(s, metrics[m].key);
+    if (!code) {
+        r->value[MODEL] = sg_run_summary_number(s, "peak_ledger_bytes_by_tag.model") +
+                          sg_run_summary_number(s, "peak_ledger_bytes_by_tag.optimiser");
+        r->value[INSTANCES] = sg_run_summary_number(s, "peak_ledger_bytes_by_tag.instances");
+        r->value[IMAGES] = sg_run_summary_number(s, "peak_ledger_bytes_by_tag.images");
+        if (sg_run_summary_number(s, "interrupted") == 1)
+            say(stderr, "warning: %s: the run was interrupted\n", path);
     }
-    const json_t *tags = json_object_get(s, "peak_ledger_bytes_by_tag");
-    for (int m = 0; m < METRICS; m++)
-        r->value[m] = number(s, metrics[m].key);
-    r->value[MODEL] = number(tags, "model") + number(tags, "optimiser");
-    r->value[INSTANCES] = number(tags, "instances");
-    r->value[IMAGES] = number(tags, "images");
-    if (json_is_true(json_object_get(s, "interrupted")))
-        say(stderr, "warning: %s: the run was interrupted\n", path);
-    json_decref(s);
-    free(file);
-    return 0;
+    sg_run_summary_destroy(&s);
+    sg_ctx_destroy(&ctx);
+    return code;
 }
 
 /* On the views of --scene instead of what the run measured itself. */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include <stdlib.h>
+#include <limits.h>
 
 #include "commands.h"
 
@@ -76,27 +76,25 @@ static int run_info(const void *config, const bool *given, const char *const *po
     sg_ctx *ctx;
     struct sg_model *model = NULL;
     struct sg_model_info info;
-    char *path = find_model(positional[0], 0);
-    int code = path ? open_context(&ctx, 1, c->max_memory, true) : 2;
-    if (!code) {
-        int error = sg_model_read_ply(ctx, path, UINT32_MAX, &model);
-        if (!error)
-            error = sg_model_inspect(ctx, model, &info);
-        if (error)
-            code = report(ctx, error);
-        else if (c->json)
-            code = print_json(&info);
-        else
-            print_text(path, &info);
-        if (!code) { /* told in full, but of no use */
-            error = sg_model_check(ctx, model, path);
-            code = error ? report(ctx, error) : 0;
-        }
-        sg_model_destroy(&model);
-        sg_ctx_destroy(&ctx);
-    }
-    free(path);
-    return code;
+    char path[PATH_MAX];
+    const int code = open_context(&ctx, 1, c->max_memory, true);
+    if (code)
+        return code;
+    int error = sg_run_find_model(ctx, positional[0], 0, path, sizeof(path));
+    if (!error)
+        error = sg_model_read_ply(ctx, path, UINT32_MAX, &model);
+    if (!error)
+        error = sg_model_inspect(ctx, model, &info);
+    int status = report(ctx, error);
+    if (!status && c->json)
+        status = print_json(&info);
+    else if (!status)
+        print_text(path, &info);
+    if (!status) /* told in full, but of no use */
+        status = report(ctx, sg_model_check(ctx, model, path));
+    sg_model_destroy(&model);
+    sg_ctx_destroy(&ctx);
+    return status;
 }
 
 const struct command command_info = {

@@ -4,7 +4,6 @@
 
 #include "core/file.h"
 #include "model_views.h"
-#include "output.h"
 #include "image/image.h"
 
 struct render_config {
@@ -134,7 +133,7 @@ static int refuse_others(const struct render_config *c, const struct model_views
             if (asprintf(&path, "%s/%s%s.png", c->output, v->views[i].name, depth ? "_depth" : "") <
                 0)
                 return no_memory();
-            code = output_check_replaced(path);
+            code = report(v->ctx, sg_output_check_replaced(v->ctx, path));
             free(path);
         }
     return code;
@@ -146,17 +145,16 @@ static int run_render(const void *config, const bool *given, const char *const *
     (void) count;
     struct render_config copy = *(const struct render_config *) config, *c = &copy;
     struct model_views v;
-    struct output output = OUTPUT_NONE;
+    sg_output *output = NULL;
     if (!c->output) {
         say(stderr, "splatguard render: missing -o DIR\n");
         return 1;
     }
     int code = model_views_open(&v, positional[0], &command_render, given, c, &c->m);
     if (!code)
-        code = output_claim(&output, v.ctx, c->output,
-                            &(struct output_rules){.command = "render",
-                                                   .adds = true,
-                                                   .inputs = {positional[0], c->m.scene_path}});
+        code = report(v.ctx, sg_output_claim(v.ctx, c->output, "render", true,
+                                             (const char *[]){positional[0], c->m.scene_path, NULL},
+                                             &output));
     if (!code)
         code = refuse_photos(&v, c->output);
     if (!code)
@@ -186,7 +184,7 @@ static int run_render(const void *config, const bool *given, const char *const *
         sg_free(b.alpha);
         sg_free(b.depth);
     }
-    output_release(&output);
+    sg_output_release(&output);
     model_views_close(&v);
     return code;
 }

@@ -7,7 +7,6 @@
 #include "spectrum_picture.h"
 
 #include "commands.h"
-#include "output.h"
 
 struct spectrum_config {
     const char *output, *crop;
@@ -132,7 +131,9 @@ static int draw(sg_ctx *ctx, const struct spectrum_config *c, const struct pictu
     uint8_t *rgb = NULL;
     int width, height;
     int error = picture_draw(ctx, images, n, c->gain, crop, &rgb, &width, &height);
-    int code = error ? report(ctx, error) : output_check_replaced(c->output); /* still */
+    int code = report(ctx, error);
+    if (!code) /* still */
+        code = report(ctx, sg_output_check_replaced(ctx, c->output));
     if (!code) {
         error = sg_image_write_picture(ctx, c->output, rgb, width, height, 3);
         code = error ? report(ctx, error) : 0;
@@ -181,7 +182,7 @@ static int run_spectrum(const void *config, const bool *given, const char *const
     if (code)
         return code;
     if (c->output)
-        code = output_check_file(ctx, c->output);
+        code = report(ctx, sg_output_check_file(ctx, c->output));
     for (int k = 0; k < count && !code; k++) {
         const int error = load(ctx, positional[k], c, &images[k]);
         code = error ? report(ctx, error) : 0;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "output.h"
+#include "commands.h"
 
 struct synth_config {
     struct sg_synth_params p;
@@ -31,7 +31,7 @@ static int run_synth(const void *config, const bool *given, const char *const *p
     (void) given, (void) positional, (void) count;
     const struct synth_config *c = config;
     sg_ctx *ctx;
-    struct output output = OUTPUT_NONE;
+    sg_output *output = NULL;
     if (!c->output) {
         say(stderr, "splatguard synth: missing -o DIR\n");
         return 1;
@@ -39,7 +39,7 @@ static int run_synth(const void *config, const bool *given, const char *const *p
     int code = open_context(&ctx, c->threads, 0, c->quiet);
     if (code)
         return code;
-    code = output_claim(&output, ctx, c->output, &(struct output_rules){.command = "synth"});
+    code = report(ctx, sg_output_claim(ctx, c->output, "synth", false, NULL, &output));
     if (!code) {
         const int error = sg_synth_write(ctx, c->output, &c->p);
         code = error ? report(ctx, error) : 0;
@@ -50,7 +50,7 @@ static int run_synth(const void *config, const bool *given, const char *const *p
             "%s/colmap, with %d\n",
             c->p.train_views, c->p.width, c->p.height, c->output, c->p.test_views, c->output,
             (c->p.train_views + 6) / 7);
-    output_release(&output);
+    sg_output_release(&output);
     sg_ctx_destroy(&ctx);
     return code;
 }

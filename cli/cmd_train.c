@@ -1,10 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <string.h>
 
+#include "commands.h"
 #include "interrupt.h"
-#include "output.h"
-#include "scene/used.h"
-#include "train_run.h"
+#include "progress.h"
+
+struct train_config {
+    struct sg_run_params run;
+    bool resume, force, quiet;
+    int threads;
+};
 
 #define T(field) offsetof(struct train_config, field)
 
@@ -35,133 +40,168 @@ static void defaults(void *config)
     *(struct train_config *) config = (struct train_config){.run = sg_run_params_default()};
 }
 
+/* An option of the defense that has no effect, or NULL. */
+static const char *unused_option(const struct train_config *c, const bool *given)
+{
+    /* At a limit these decide who stays. */
+    static const char *const ranking[] = {"filter-frequency", "filter-exponent", "filter-views",
+                                          "filter-sigma",     "filter-hits",     "filter-sample"};
+    struct option_place list[OPTIONS_MAX];
+    const size_t n = options_list(&command_train, list);
+    const bool limited = c->run.train.max_gaussians || c->run.max_memory;
+    if (c->run.train.defense.on || c->run.audit == SG_RUN_AUDIT_DEFEND)
+        return NULL;
+    for (size_t i = 0; i < n; i++) {
+        const struct sg_option *o = list[i].row;
+        bool counts = !strcmp(o->name, "defense") || !strcmp(o->name, "audit") ||
+                      !strcmp(o->name, "tolerance") || !strcmp(o->name, "smooth");
+        for (size_t k = 0; k < sizeof(ranking) / sizeof(ranking[0]); k++)
+            counts |= limited && !strcmp(o->name, ranking[k]);
+        if (!strcmp(o->group, "Defense") && given[i] && !counts)
+            return o->name;
+    }
+    return NULL;
+}
+
+static int check_options(const struct train_config *c, const bool *given)
+{
+    const char *unused = c->resume ? NULL : unused_option(c, given);
+    if (unused) {
+        say(stderr,
+            "splatguard train: --%s: found without a defense, expected --defense spectral or "
+            "--audit defend with it\n",
+            unused);
+        return STATUS_USAGE;
+    }
+    if (c->run.audit == SG_RUN_AUDIT_DEFEND && !c->run.train.defense.on &&
+        options_given(&command_train, given, T(run.train.defense.on))) {
+        say(stderr, "splatguard train: --defense off and --audit defend exclude each other\n");
+        return STATUS_USAGE;
+    }
+    return STATUS_DONE;
+}
+
 /* RUN's own options. The command line may say where the scene is now, ask for more iterations, and
- * change what does not touch the result; anything else that differs is refused. What is left to the
- * preset does not differ. */
-static int adopt_run(struct train_config *c, const bool *given, const char *argument, json_t **keep)
+ * change what does not touch the result; anything else that differs is refused. */
+static int adopt_run(struct train_config *c, const bool *given, const char *argument)
 {
     struct train_config now = *c;
     const struct command *t = &command_train;
-    if (now.run.folder && argument && take_scene(t, argument, &now.run.source))
+    struct sg_run_params *run = &c->run, *p = &now.run;
+    if (p->folder && argument && take_scene(t, argument, &p->source))
         return STATUS_USAGE;
-    now.run.folder = now.run.folder ? now.run.folder : argument;
-    if (!now.run.folder || now.force) {
+    p->folder = p->folder ? p->folder : argument;
+    if (!p->folder || now.force) {
         say(stderr, now.force ? "splatguard train: --resume and --force exclude each other\n"
                               : "splatguard train: --resume needs the run's folder\n");
-        return 1;
+        return STATUS_USAGE;
     }
-    defaults(c);
     sg_ctx *ctx;
     int code = open_context(&ctx, 1, 0, now.quiet);
     if (!code)
-        code = run_read_config(ctx, now.run.folder, &c->run, keep);
+        code = report(ctx, sg_run_read_params(ctx, p->folder, run));
     sg_ctx_destroy(&ctx);
     if (code)
         return code;
-    c->run.folder = now.run.folder;
-    c->resume = true;
-    c->proxy_of = now.proxy_of;
-    c->quiet = now.quiet;
-    c->threads = now.threads;
-    c->run.max_memory =
-        options_given(t, given, T(run.max_memory)) ? now.run.max_memory : c->run.max_memory;
-    c->run.source = now.run.source ? now.run.source : c->run.source;
-    c->run.scene.follow_links =
-        now.run.scene.follow_links; /* leave is the user's to give, each time */
-    c->run.scene.strict = now.run.scene.strict;
-    c->run.train.cpu =
-        now.run.train.cpu
-            ? now.run.train.cpu /* for a machine without the run's: the last digits may differ */
-            : json_string_value(json_object_get(*keep, "cpu_variant"));
-    if (now.run.train.iterations > c->run.train.iterations &&
+    run->source = p->source ? p->source : run->source;
+    run->scene.follow_links = p->scene.follow_links; /* leave is the user's to give, each time */
+    run->scene.strict = p->scene.strict;
+    if (p->train.cpu) /* for a machine without the run's: the last digits may differ */
+        run->train.cpu = p->train.cpu;
+    if (p->train.iterations > run->train.iterations &&
         options_given(t, given, T(run.train.iterations)))
-        c->run.train.iterations = now.run.train.iterations;
-    c->run.save_every =
-        options_given(t, given, T(run.save_every)) ? now.run.save_every : c->run.save_every;
-    c->run.eval_every =
-        options_given(t, given, T(run.eval_every)) ? now.run.eval_every : c->run.eval_every;
-    c->run.log_every =
-        options_given(t, given, T(run.log_every)) ? now.run.log_every : c->run.log_every;
-    now.run.source = c->run.source;
-    train_settle_defense(&now, &c->run.train.defense);
+        run->train.iterations = p->train.iterations;
+    if (options_given(t, given, T(run.max_memory)))
+        run->max_memory = p->max_memory;
+    if (options_given(t, given, T(run.save_every)))
+        run->save_every = p->save_every;
+    if (options_given(t, given, T(run.eval_every)))
+        run->eval_every = p->eval_every;
+    if (options_given(t, given, T(run.log_every)))
+        run->log_every = p->log_every;
+    p->source = run->source;
     return options_conflict(t, given, &now, c);
 }
 
-/* The parts of the configuration that follow from others. */
-static void settle(struct train_config *c)
+/* Called before anything is written, and after each iteration. */
+static int on_step(void *priv, const struct sg_train_step *step)
 {
-    c->run.train.cpu = cpu_variant(c->run.train.cpu);
+    if (step)
+        progress_step(priv, step);
+    else
+        interrupt_catch();
+    return interrupted();
+}
+
+/* What became of the run, for people. */
+static void say_end(const struct train_config *c, const struct sg_run_status *s, int error)
+{
+    const bool kept = error && error != SG_ERR_INTERRUPTED;
+    if (s->ended_by == SG_ERR_BUDGET && !error)
+        say_limit();
+    if ((kept || s->ended_by) && s->saved)
+        say(stderr, "the model of iteration %d is saved in %s\n", s->saved, c->run.folder);
+    if ((!error || error == SG_ERR_INTERRUPTED) && !s->ended_by && s->limits.time_bound)
+        say(stderr, "time was short: %llu of %d iterations were done, on the schedule of all\n",
+            (unsigned long long) s->limits.steps, s->iteration);
+}
+
+static int train(sg_ctx *ctx, struct train_config *c)
+{
+    sg_run *run;
+    struct sg_run_status s;
+    struct progress progress = {.quiet = true};
+    c->run.step = on_step, c->run.step_priv = &progress;
+    const enum sg_run_start start = c->resume  ? SG_RUN_RESUME
+                                    : c->force ? SG_RUN_REPLACE
+                                               : SG_RUN_NEW;
+    int error = sg_run_open(ctx, &c->run, start, &run);
+    if (error)
+        return report_option(ctx, &command_train, error);
+    sg_run_status(run, &s);
+    if (s.finished) {
+        say(stderr, "%s: all %d iterations are done; --iterations asks for more\n", c->run.folder,
+            s.iteration);
+        sg_run_close(&run);
+        return STATUS_DONE;
+    }
+    progress_begin(&progress, c->quiet, s.iteration, s.iterations);
+    error = sg_run_train(run);
+    sg_run_status(run, &s);
+    if (s.iteration < s.iterations)
+        progress_break(&progress);
+    report(ctx, error);
+    say_end(c, &s, error);
+    if (error == SG_ERR_INTERRUPTED && s.resumable)
+        say_resume("train", c->run.folder);
+    sg_run_close(&run);
+    return exit_code(error);
 }
 
 static int run_train(const void *config, const bool *given, const char *const *positional,
                      int count)
 {
     struct train_config c = *(const struct train_config *) config;
-    struct train_run r = {.config = &c, .begun = sg_seconds()};
-    struct output output = OUTPUT_NONE;
-    json_t *keep = NULL;
+    sg_ctx *ctx = NULL;
     int code = 0;
     if (c.resume)
-        code = adopt_run(&c, given, count ? positional[0] : NULL, &keep);
+        code = adopt_run(&c, given, count ? positional[0] : NULL);
     else if (count)
         code = take_scene(&command_train, positional[0], &c.run.source);
     if (!code && (!c.run.source || !c.run.folder)) {
         say(stderr, "splatguard train: missing %s; usage: splatguard train %s\n",
             c.run.source ? "-o RUN" : "SCENE", command_train.arguments);
-        code = 1;
+        code = STATUS_USAGE;
     }
-    if (code)
-        goto done;
-    settle(&c);
-    const struct output_rules rules = {.command = "train",
-                                       .earlier = "run",
-                                       .is_own = run_is_ours,
-                                       .is_lost = run_is_lost,
-                                       .within = "point_cloud/iteration_N",
-                                       .force = c.force,
-                                       .resume = c.resume,
-                                       .nested = c.proxy_of != NULL,
-                                       .inputs = {c.run.source, c.run.init}};
-    if ((code = open_context(&r.ctx, c.threads, c.run.max_memory, c.quiet)) ||
-        (code = train_check(&r, given)) ||
-        (code = output_claim(&output, r.ctx, c.run.folder, &rules)))
-        goto done;
-    const int error = sg_scene_load(r.ctx, c.run.source, &c.run.scene, &r.scene);
-    if (error) {
-        code = report(r.ctx, error);
-        goto done;
-    }
-    if (c.run.scene.eval &&
-        !sg_views_used(r.scene->test, r.scene->n_test)) { /* nothing to measure */
-        say(stderr, "splatguard: %s: found no test view with a used pixel, needed for --eval\n",
-            c.run.source);
-        code = 2;
-        goto done;
-    }
-    if ((code = train_decide(&r)))
-        goto done;
-    interrupt_catch(); /* before anything is written */
-    if ((code = train_start(&r, json_string_value(json_object_get(keep, "cpu_variant")))) ||
-        r.finished)
-        goto done;
-    progress_begin(&r.progress, c.quiet, sg_trainer_iteration(r.trainer), c.run.train.iterations);
-    code = train_whole(&r);
-done:
-    if (r.log && fclose(r.log) && !code)
-        code = 2;
-    if (r.ctx) {
-        sg_eval_clear(&r.eval);
-        sg_trainer_destroy(&r.trainer);
-        sg_scene_destroy(&r.scene);
-    }
-    if (code && code != STATUS_INTERRUPTED && r.created && !r.saved)
-        run_forget(c.run.folder);
-    output_release(&output);
-    sg_ctx_destroy(&r.ctx);
-    free(r.view_weights);
-    free(r.tolerances);
-    free(r.log_path);
-    json_decref(keep);
+    if (!code)
+        code = check_options(&c, given);
+    c.run.train.cpu = cpu_variant(c.run.train.cpu);
+    if (!code)
+        code = open_context(&ctx, c.threads, c.run.max_memory, c.quiet);
+    if (!code)
+        code = train(ctx, &c);
+    sg_ctx_destroy(&ctx);
+    sg_run_params_clear(&c.run);
     return code;
 }
 

@@ -14,9 +14,6 @@ extern const struct command command_train, command_eval, command_render, command
     NUMBER_ROW("max-memory", SG_OPTION_BYTES, offsetof(config, field), 0, 9e15, "BYTES",           \
                "Most memory of the process; 0 = no limit.", __VA_ARGS__)
 
-/* Where the audit's verdict means little. */
-void warn_small_photos(const struct sg_scene *scene);
-
 /* The scene that a command line names by its place, unless another option names one too. Returns an
  * exit code. */
 int take_scene(const struct command *c, const char *place, const char **source);
@@ -31,13 +28,18 @@ int no_memory(void);
 int json_print(json_t *value, int indent);
 json_t *numbers_json(const double *values, int n);
 
+bool is_folder(const char *path);
+
 /* The same file or folder under any name. */
 bool is_same(const char *a, const char *b);
 
 /* Prints the last error; returns its exit code. */
 int report(const sg_ctx *ctx, int error);
 
-/* The same for a check of parameters, whose error names the field of an option. */
+/* How --max-memory becomes the limit that messages name. */
+void say_limit(void);
+
+/* The same as report for a check of parameters, whose error names the field of an option. */
 int report_option(const sg_ctx *ctx, const struct command *command, int error);
 
 /* A context that logs warnings to stderr (info too unless quiet). Returns an exit code. */
@@ -45,9 +47,5 @@ int open_context(sg_ctx **ctx, int threads, uint64_t max_memory, bool quiet);
 
 /* --cpu, else SG_CPU, else NULL. */
 const char *cpu_variant(const char *option);
-
-/* MODEL.ply, or the point_cloud of an iteration (0 = the newest) of a run folder, as text the
- * caller frees. NULL after printing what is wrong. */
-char *find_model(const char *path, int iteration);
 
 #endif

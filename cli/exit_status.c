@@ -27,6 +27,8 @@ int exit_code(int error)
         return STATUS_INPUT;
     case SG_ERR_BUDGET:
         return STATUS_BUDGET;
+    case SG_ERR_POISONED:
+        return STATUS_POISONED;
     case SG_ERR_INTERRUPTED:
         return STATUS_INTERRUPTED;
     default:

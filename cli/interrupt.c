@@ -14,7 +14,11 @@ static void on_signal(int signal_number)
 
 void interrupt_catch(void)
 {
+    static bool done;
     struct sigaction action;
+    if (done)
+        return;
+    done = true;
     memset(&action, 0, sizeof(action));
     action.sa_handler = on_signal;
     action.sa_flags = (int) SA_RESETHAND;

@@ -5,7 +5,7 @@
 #include <stdbool.h>
 
 /* From here on SIGINT, SIGTERM and SIGHUP (unless ignored, as under nohup) only set the flag, each
- * once: a second one of its kind ends the process. */
+ * once (a second call does nothing): a second one of its kind ends the process. */
 void interrupt_catch(void);
 bool interrupted(void);
 

@@ -50,7 +50,7 @@ struct model_views {
     struct sg_model *model;
     sg_renderer *renderer;
     const struct sg_view *views;
-    json_t *run; /* config.json of the run folder; owns texts of the options */
+    struct sg_run_params run; /* owns texts of the options */
     size_t n;
 };
 

@@ -242,8 +242,8 @@ int options_conflict(const struct command *c, const bool *given, const void *con
             continue;
         const bool set = sg_option_get(o, (const char *) run + list[i].at, then, sizeof(then));
         const bool shown = sg_option_get(o, (const char *) config + list[i].at, now, sizeof(now));
-        if (shown && set && !strcmp(now, then))
-            continue;
+        if ((shown && set && !strcmp(now, then)) || (o->words && !strcmp(now, "preset")))
+            continue; /* what is left to the preset does not differ */
         const bool flag = o->type == SG_OPTION_FLAG;
         say(stderr,
             "splatguard %s: --%s: found %s, but the run has %s, and a resumed run keeps its "

@@ -93,6 +93,12 @@ json_t *numbers_json(const double *values, int n)
     return list;
 }
 
+bool is_folder(const char *path)
+{
+    struct stat st;
+    return !stat(path, &st) && S_ISDIR(st.st_mode);
+}
+
 bool is_same(const char *a, const char *b)
 {
     struct stat x, y;
@@ -106,13 +112,20 @@ int report(const sg_ctx *ctx, int error)
     const char *text = ctx ? sg_last_error(ctx) : "";
     if (error == SG_ERR_BUDGET && !text[0])
         return no_memory();
-    say(stderr, "splatguard: %s\n", text[0] ? text : "internal error");
-    if (error == SG_ERR_BUDGET && memory.whole)
+    say(stderr, "%s%s\n",
+        error == SG_ERR_INTERRUPTED ? "" : "splatguard: ", text[0] ? text : "internal error");
+    if (error == SG_ERR_BUDGET)
+        say_limit();
+    return exit_code(error);
+}
+
+void say_limit(void)
+{
+    if (memory.whole)
         say(stderr,
             "the limit is --max-memory, %llu bytes, less %llu for the process itself; add the "
             "latter to the number expected\n",
             (unsigned long long) memory.whole, (unsigned long long) memory.outside);
-    return exit_code(error);
 }
 
 int report_option(const sg_ctx *ctx, const struct command *command, int error)
@@ -176,55 +189,4 @@ const char *cpu_variant(const char *option)
 {
     const char *environment = getenv("SG_CPU");
     return option ? option : environment && environment[0] ? environment : NULL;
-}
-
-/* Clean photos with a smaller side can have any score: docs/audit.md has the figures. */
-#define SIDE_JUDGED 200
-
-void warn_small_photos(const struct sg_scene *scene)
-{
-    size_t small = 0;
-    for (size_t i = 0; i < scene->n_train; i++)
-        small += scene->train[i].camera.width < SIDE_JUDGED ||
-                 scene->train[i].camera.height < SIDE_JUDGED;
-    if (2 * small > scene->n_train)
-        say(stderr,
-            "warning: audit: photos with fewer than %d pixels on a side are too small to be judged "
-            "well: clean ones can look poisoned\n",
-            SIDE_JUDGED);
-}
-
-char *find_model(const char *path, int iteration)
-{
-    char *found = NULL, *folder = NULL;
-    if (access(path, F_OK)) {
-        say(stderr, "splatguard: %s: cannot open the model: %s\n", path, strerror(errno));
-        return NULL;
-    }
-    if (!sg_dir_exists(path))
-        return strdup(path);
-    if (asprintf(&folder, "%s/point_cloud", path) < 0)
-        return NULL;
-    DIR *d = iteration ? NULL : opendir(folder);
-    int newest = iteration;
-    for (struct dirent *e; d && (e = readdir(d));) {
-        int n;
-        char rest;
-        char *file = NULL;
-        if (sscanf(e->d_name, "iteration_%d%c", &n, &rest) == 1 && n > newest &&
-            asprintf(&file, "%s/%s/point_cloud.ply", folder, e->d_name) > 0 && !access(file, F_OK))
-            newest = n;
-        free(file);
-    }
-    if (d)
-        closedir(d);
-    if (!newest)
-        say(stderr,
-            "splatguard: %s: found no point_cloud/iteration_N/point_cloud.ply, expected a run "
-            "folder\n",
-            path);
-    else if (asprintf(&found, "%s/iteration_%d/point_cloud.ply", folder, newest) < 0)
-        found = NULL;
-    free(folder);
-    return found;
 }

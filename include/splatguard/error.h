@@ -12,7 +12,8 @@ enum sg_error {
     SG_ERR_INPUT = -2,       /* a file or folder is missing, malformed or unwritable    -> exit 2 */
     SG_ERR_BUDGET = -3,      /* a limit on memory or counts would be exceeded           -> exit 3 */
     SG_ERR_INTERNAL = -4,    /* a bug, or the system refused something basic            -> exit 4 */
-    SG_ERR_INTERRUPTED = -5, /* the progress function of the context cancelled  -> exit 130 */
+    SG_ERR_INTERRUPTED = -5, /* a progress or step function cancelled                 -> exit 130 */
+    SG_ERR_POISONED = -6,    /* the photos look poisoned, which the run refuses         -> exit 5 */
 };
 
 #endif

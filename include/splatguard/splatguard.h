@@ -11,6 +11,7 @@
 #include "eval.h"
 #include "model.h"
 #include "option.h"
+#include "output.h"
 #include "render.h"
 #include "run.h"
 #include "scene.h"

@@ -229,6 +229,22 @@ static void audit_view(void *arg, size_t i, int thread)
     image->tau_error = poisoned ? image->features.amplitude_error : 0;
 }
 
+/* Clean photos with a smaller side can have any score: docs/audit.md has the figures. */
+#define SIDE_JUDGED 200
+
+static void warn_small_photos(sg_ctx *ctx, const struct sg_scene *scene)
+{
+    size_t small = 0;
+    for (size_t i = 0; i < scene->n_train; i++)
+        small += scene->train[i].camera.width < SIDE_JUDGED ||
+                 scene->train[i].camera.height < SIDE_JUDGED;
+    if (2 * small > scene->n_train)
+        sg_log(ctx, SG_LOG_WARN,
+               "audit: photos with fewer than %d pixels on a side are too small to be judged well: "
+               "clean ones can look poisoned",
+               SIDE_JUDGED);
+}
+
 int sg_audit_scene(sg_ctx *ctx, const struct sg_scene *scene, struct sg_audit **out)
 {
     sg_clear_error(ctx);
@@ -238,6 +254,7 @@ int sg_audit_scene(sg_ctx *ctx, const struct sg_scene *scene, struct sg_audit **
             ctx, SG_ERR_INPUT,
             "%s: audit: found no training view with a used pixel: masks leave nothing to look at",
             scene->path);
+    warn_small_photos(ctx, scene);
     struct sg_audit *a = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*a));
     int *codes = sg_alloc(ctx, SG_MEM_MISC, scene->n_train, sizeof(*codes));
     if (a)

@@ -111,7 +111,7 @@ for vain in "--rho 0.03" "--preset mip" "--filter-views 3" "--lambda 2 --audit w
 done
 for fixed in "--preset ns" "--rho 0" "--rho 0.2"; do
     expect 1 train nowhere -o bad --defense spectral --rho-least 0.1 $fixed
-    says 'expected --preset auto or'
+    says 'expected preset auto or'
 done
 expect 2 train nowhere -o bad --defense spectral --rho-least 0.1
 expect 2 train nowhere -o bad --defense spectral --rho-least 0.1 --rho -0.2 --preset ns

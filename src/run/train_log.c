@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "run_log.h"
-#include "train_run.h"
+#include "core/json_text.h"
+#include "train.h"
 
 #define PARTS 4
 
@@ -17,18 +17,18 @@ static double *part(struct sg_train_times *t, int k)
     return (double *) ((char *) t + parts[k].offset);
 }
 
-json_t *train_log_parts(const struct train_run *r)
+json_t *sg_run_defense_seconds(const sg_run *r)
 {
     struct sg_train_times before = r->totals.parts, here;
     json_t *object = json_object();
     sg_trainer_times(r->trainer, &here);
     for (int k = 0; k < PARTS; k++)
         json_object_set_new(object, parts[k].name,
-                            number_json(*part(&before, k) + *part(&here, k)));
+                            sg_number_json(*part(&before, k) + *part(&here, k)));
     return object;
 }
 
-static void take_totals(struct train_totals *t, const json_t *line)
+static void take_totals(struct run_totals *t, const json_t *line)
 {
     if (!json_object_get(line, "train_seconds"))
         return;
@@ -46,7 +46,7 @@ static void take_totals(struct train_totals *t, const json_t *line)
 /* Lines up to the checkpoint, of iterations and of the filter, stay. */
 static bool take(void *arg, const json_t *line)
 {
-    struct train_run *r = arg;
+    sg_run *r = arg;
     const json_t *iteration = json_object_get(line, "iteration");
     if (!iteration)
         iteration = json_object_get(line, "filter");
@@ -61,69 +61,69 @@ static bool take(void *arg, const json_t *line)
     return true;
 }
 
-int train_log_open(struct train_run *r)
+int sg_run_open_log(sg_run *r)
 {
-    r->log_path = run_path(r->config->run.folder, "log.jsonl");
-    return r->log_path ? run_log_open(r->log_path, r->config->resume ? take : NULL, r, &r->log)
-                       : no_memory();
+    return sg_run_log_open(r->ctx, r->params.folder, "log.jsonl", r->resume ? take : NULL, r,
+                           &r->log);
 }
 
 /* What cannot be logged once is not tried again: the training goes on. */
-static int write_line(struct train_run *r, json_t *line)
+static int write_line(sg_run *r, json_t *line)
 {
     if (r->log_lost) {
         json_decref(line);
         return 0;
     }
-    const int code = run_log_line(r->log, r->log_path, line);
+    const int code = sg_run_log_line(&r->log, line);
     r->log_lost = code != 0;
     return code;
 }
 
-int train_log_step(struct train_run *r)
+int sg_run_log_step(sg_run *r)
 {
     const struct sg_train_step *s = &r->step;
-    const struct train_totals *t = &r->totals;
+    const struct run_totals *t = &r->totals;
     if (r->logged == s->iteration || !s->iteration)
         return 0;
     r->logged = s->iteration;
     json_t *line = json_pack(
         "{s:i,s:o,s:o,s:o,s:o,s:o,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:o,s:o}", "iteration",
-        s->iteration, "loss", number_json(s->loss), "l1", number_json(s->l1), "ssim",
-        number_json(s->ssim), "psnr", number_json(s->psnr), "view",
+        s->iteration, "loss", sg_number_json(s->loss), "l1", sg_number_json(s->l1), "ssim",
+        sg_number_json(s->ssim), "psnr", sg_number_json(s->psnr), "view",
         sg_text_to_json(r->scene->train[s->view].name), "gaussians", (json_int_t) s->gaussians,
         "cloned", (json_int_t) r->cloned, "split", (json_int_t) r->split, "pruned",
         (json_int_t) r->pruned, "visible", (json_int_t) s->render.visible, "instances",
         (json_int_t) s->render.instances, "max_tile", (json_int_t) s->render.max_tile,
         "max_gaussians", (json_int_t) t->max_gaussians, "max_instances",
-        (json_int_t) t->max_instances, "train_seconds", number_json(t->seconds), "cpu_seconds",
-        number_json(t->cpu_seconds));
+        (json_int_t) t->max_instances, "train_seconds", sg_number_json(t->seconds), "cpu_seconds",
+        sg_number_json(t->cpu_seconds));
     r->cloned = r->split = r->pruned = 0;
-    if (r->config->run.train.defense.on) {
-        json_object_set_new(line, "anisotropy", number_json(s->defense.anisotropy));
-        json_object_set_new(line, "total_variation", number_json(s->defense.total_variation));
+    if (r->train.defense.on) {
+        json_object_set_new(line, "anisotropy", sg_number_json(s->defense.anisotropy));
+        json_object_set_new(line, "total_variation", sg_number_json(s->defense.total_variation));
         json_object_set_new(line, "filter_events", json_integer((json_int_t) t->filter_events));
         json_object_set_new(line, "filter_removed", json_integer((json_int_t) t->filter_removed));
-        json_object_set_new(line, "defense_seconds", train_log_parts(r));
+        json_object_set_new(line, "defense_seconds", sg_run_defense_seconds(r));
     }
     return write_line(r, line);
 }
 
-int train_log_filter(struct train_run *r)
+int sg_run_log_filter(sg_run *r)
 {
     const struct sg_defense_step *d = &r->step.defense;
     return write_line(
-        r, json_pack("{s:i,s:o,s:I,s:I,s:o,s:[o,o,o],s:I}", "filter", r->step.iteration, "rho",
-                     number_json(d->rho), "scored", (json_int_t) d->scored, "removed",
-                     (json_int_t) d->removed, "unseen_share",
-                     number_json(d->scored ? (double) d->unseen / (double) d->scored : 0),
-                     "log_score_percentiles", number_json(d->score[0]), number_json(d->score[1]),
-                     number_json(d->score[2]), "gaussians", (json_int_t) r->step.gaussians));
+        r,
+        json_pack("{s:i,s:o,s:I,s:I,s:o,s:[o,o,o],s:I}", "filter", r->step.iteration, "rho",
+                  sg_number_json(d->rho), "scored", (json_int_t) d->scored, "removed",
+                  (json_int_t) d->removed, "unseen_share",
+                  sg_number_json(d->scored ? (double) d->unseen / (double) d->scored : 0),
+                  "log_score_percentiles", sg_number_json(d->score[0]), sg_number_json(d->score[1]),
+                  sg_number_json(d->score[2]), "gaussians", (json_int_t) r->step.gaussians));
 }
 
-int train_log_eval(struct train_run *r)
+int sg_run_log_eval(sg_run *r)
 {
-    return write_line(r,
-                      json_pack("{s:i,s:o,s:o}", "iteration", r->evaluated, "test_psnr",
-                                number_json(r->eval.psnr), "test_ssim", number_json(r->eval.ssim)));
+    return write_line(r, json_pack("{s:i,s:o,s:o}", "iteration", r->evaluated, "test_psnr",
+                                   sg_number_json(r->eval.psnr), "test_ssim",
+                                   sg_number_json(r->eval.ssim)));
 }

@@ -3,7 +3,8 @@
 #include <string.h>
 #include <sys/resource.h>
 
-#include "train_run.h"
+#include "core/json_text.h"
+#include "train.h"
 
 /* The processor's name, so that every figure says where it comes from. */
 static json_t *machine(void)
@@ -43,12 +44,12 @@ static json_t *stages(const sg_trainer *trainer)
                {"densify", t.densify}, {"count", t.count}};
     json_t *object = json_object();
     for (size_t i = 0; i < sizeof(all) / sizeof(all[0]); i++)
-        json_object_set_new(object, all[i].name, number_json(all[i].seconds));
+        json_object_set_new(object, all[i].name, sg_number_json(all[i].seconds));
     return object;
 }
 
 /* How many photos have a tolerance, and what it is on average, in grey levels. */
-static json_t *tolerance(const struct train_run *r)
+static json_t *tolerance(const sg_run *r)
 {
     const struct sg_train_params *p = &r->train;
     size_t photos = 0;
@@ -59,57 +60,57 @@ static json_t *tolerance(const struct train_run *r)
         sum += (double) levels;
     }
     return json_pack("{s:I,s:o}", "photos", (json_int_t) photos, "levels",
-                     number_json(photos ? sum / (double) photos : 0));
+                     sg_number_json(photos ? sum / (double) photos : 0));
 }
 
 /* The limits of the run and those that it met. */
-static json_t *budget(const struct train_run *r, const struct sg_train_limits *l)
+static json_t *budget(const sg_run *r, const struct sg_train_limits *l)
 {
     json_t *binding = json_array();
-    const bool out_of_memory = r->error == SG_ERR_BUDGET;
+    const bool out_of_memory = r->ended_by == SG_ERR_BUDGET;
     if (l->gaussians_bound || out_of_memory)
         json_array_append_new(binding,
                               json_string(l->by_memory || out_of_memory ? "memory" : "gaussians"));
     if (l->time_bound)
         json_array_append_new(binding, json_string("time"));
     return json_pack("{s:I,s:I,s:o,s:o}", "max_gaussians", (json_int_t) l->max_gaussians,
-                     "max_memory", (json_int_t) r->config->run.max_memory, "max_time",
-                     number_json(r->config->run.train.max_seconds), "binding", binding);
+                     "max_memory", (json_int_t) r->params.max_memory, "max_time",
+                     sg_number_json(r->train.max_seconds), "binding", binding);
 }
 
-int train_summary_write(struct train_run *r)
+int sg_run_write_summary(sg_run *r)
 {
-    const struct train_totals *t = &r->totals;
-    const int done = r->error && r->saved ? r->saved : sg_trainer_iteration(r->trainer);
+    const struct run_totals *t = &r->totals;
+    const int done = r->ended_by && r->saved ? r->saved : sg_trainer_iteration(r->trainer);
     struct rusage usage;
     getrusage(RUSAGE_SELF, &usage);
     json_t *s = json_object();
 #define PUT(key, value) json_object_set_new(s, key, value)
 #define COUNT(key, value) PUT(key, json_integer((json_int_t) (value)))
     PUT("version", json_string(sg_version()));
-    PUT("scene", sg_text_to_json(r->config->run.source));
+    PUT("scene", sg_text_to_json(r->params.source));
     struct sg_train_limits limits;
     sg_trainer_limits(r->trainer, &limits);
     COUNT("iterations", done);
     COUNT("steps", limits.steps);
-    PUT("interrupted", json_boolean(done < r->config->run.train.iterations));
+    PUT("interrupted", json_boolean(done < r->train.iterations));
     COUNT("max_gaussians", t->max_gaussians);
     COUNT("final_gaussians", sg_trainer_gaussians(r->trainer));
     COUNT("max_instances", t->max_instances);
-    if (r->config->run.train.defense.on)
+    if (r->train.defense.on)
         PUT("defense", json_pack("{s:I,s:I,s:o}", "filter_events", (json_int_t) t->filter_events,
                                  "filter_removed", (json_int_t) t->filter_removed, "seconds",
-                                 train_log_parts(r)));
+                                 sg_run_defense_seconds(r)));
     if (r->train.tolerance > 0 || r->train.tolerances)
         PUT("tolerance", tolerance(r));
     if (r->audit)
         PUT("audit",
-            json_pack("{s:s,s:o}", "verdict", r->audit, "score", number_json(r->audit_score)));
+            json_pack("{s:s,s:o}", "verdict", r->audit, "score", sg_number_json(r->audit_score)));
     PUT("budget", budget(r, &limits));
-    PUT("train_seconds", number_json(t->seconds));
-    PUT("cpu_seconds", number_json(t->cpu_seconds));
+    PUT("train_seconds", sg_number_json(t->seconds));
+    PUT("cpu_seconds", sg_number_json(t->cpu_seconds));
     PUT("iterations_per_second",
-        number_json(t->seconds > 0 ? (double) limits.steps / t->seconds : 0));
+        sg_number_json(t->seconds > 0 ? (double) limits.steps / t->seconds : 0));
     COUNT("peak_rss_bytes", (uint64_t) usage.ru_maxrss * 1024);
     COUNT("peak_ledger_bytes", sg_mem_peak(r->ctx, SG_MEM_TAGS));
     PUT("peak_ledger_bytes_by_tag", ledger(r->ctx));
@@ -120,18 +121,14 @@ int train_summary_write(struct train_run *r)
     COUNT("train_views", r->scene->n_train);
     COUNT("test_views", r->scene->n_test);
     if (r->eval.views && r->evaluated == done) {
-        PUT("psnr", number_json(r->eval.psnr));
-        PUT("ssim", number_json(r->eval.ssim));
+        PUT("psnr", sg_number_json(r->eval.psnr));
+        PUT("ssim", sg_number_json(r->eval.ssim));
     }
     if (r->eval.fps > 0 && r->evaluated == done) { /* timed at the end only */
-        PUT("fps", number_json(r->eval.fps));
-        PUT("fps_mean", number_json(r->eval.fps_mean));
+        PUT("fps", sg_number_json(r->eval.fps));
+        PUT("fps_mean", sg_number_json(r->eval.fps_mean));
     }
 #undef COUNT
 #undef PUT
-    char *path = run_path(r->config->run.folder, "summary.json");
-    const int code = path ? run_write_json(path, s) : no_memory();
-    free(path);
-    json_decref(s);
-    return code;
+    return sg_run_write_json(r->ctx, r->params.folder, "summary.json", s);
 }

@@ -13,8 +13,16 @@
 #include <unistd.h>
 
 #include "core/file.h"
-#include "run_folder.h"
+#include "files.h"
 #include "scene/reader.h"
+
+struct sg_output {
+    sg_ctx *ctx;
+    char *folder, *mark;
+    const char *maker;
+    int lock;    /* descriptor, -1 = not ours */
+    size_t made; /* length of the first folder that was made on the way, 0 = none */
+};
 
 #define MARK ".splatguard"
 #define MARK_BYTES 512
@@ -51,7 +59,7 @@ static bool is_within(const char *path, const char *folder)
 static int refuse_scene_around(sg_ctx *ctx, const char *path, const char *own)
 {
     char *place = existing_place(path);
-    int code = place ? 0 : no_memory();
+    int code = place ? SG_OK : sg_no_memory(ctx);
     for (char *end = place ? place + strlen(place) : NULL; end && !code;
          end = strrchr(place, '/')) {
         if (end != place)
@@ -59,11 +67,10 @@ static int refuse_scene_around(sg_ctx *ctx, const char *path, const char *own)
         else
             end[1] = 0; /* the root */
         if ((!own || strcmp(place, own)) && sg_scene_recognised(ctx, place)) {
-            say(stderr,
-                "splatguard: %s: found the output in the scene %s, expected a place apart from "
-                "every scene\n",
-                path, place);
-            code = 2;
+            code = sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: found the output in the scene %s, expected a place apart from "
+                           "every scene",
+                           path, place);
         }
         if (end == place)
             break;
@@ -72,33 +79,32 @@ static int refuse_scene_around(sg_ctx *ctx, const char *path, const char *own)
     return code;
 }
 
-static int refuse_inputs_inside(const char *folder, const char *real, const char *const *inputs)
+static int refuse_inputs_inside(sg_ctx *ctx, const char *folder, const char *real,
+                                const char *const *inputs)
 {
     for (; real && *inputs; inputs++) {
         char *input = realpath(*inputs, NULL);
         const bool inside = input && is_within(input, real);
         free(input);
-        if (inside) {
-            say(stderr,
-                "splatguard: %s: found the output around the input %s, expected a folder apart "
-                "from it\n",
-                folder, *inputs);
-            return 2;
-        }
+        if (inside)
+            return sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: found the output around the input %s, expected a folder apart from "
+                           "it",
+                           folder, *inputs);
     }
     return 0;
 }
 
-static int check_place(sg_ctx *ctx, const char *folder, const struct output_rules *rules)
+static int check_place(sg_ctx *ctx, const char *folder, const struct sg_output_rules *rules)
 {
     char *real = realpath(folder, NULL);
-    const bool own = real && rules->is_own && rules->is_own(folder);
+    const bool own = real && rules->is_own && rules->is_own(ctx, folder);
     /* What was begun there goes on there, and a scene that the tool made is replaced as a whole. */
     int code = rules->resume && own
                    ? 0
                    : refuse_scene_around(ctx, folder, own && rules->makes_scenes ? real : NULL);
     if (!code && !rules->resume)
-        code = refuse_inputs_inside(folder, real, rules->inputs);
+        code = refuse_inputs_inside(ctx, folder, real, rules->inputs);
     free(real);
     return code;
 }
@@ -111,11 +117,11 @@ static bool read_mark(int fd, char text[MARK_BYTES])
     return n == 0 || (n > 0 && !strncmp(text, "splatguard ", 11));
 }
 
-static bool is_marked(const struct output *o)
+static bool is_marked(const sg_output *o)
 {
     char text[MARK_BYTES], expected[64];
     const int fd = open(o->mark, O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
-    snprintf(expected, sizeof(expected), "splatguard %s\n", o->command);
+    snprintf(expected, sizeof(expected), "splatguard %s\n", o->maker);
     const bool marked =
         fd >= 0 && read_mark(fd, text) && !strncmp(text, expected, strlen(expected));
     if (fd >= 0)
@@ -125,7 +131,7 @@ static bool is_marked(const struct output *o)
 
 /* Who else holds the lock. An owner that has just begun has not written that yet, and an earlier
  * one that was killed may have left its own name. */
-static int say_owner(const struct output *o, int fd)
+static int owner_error(const sg_output *o, int fd)
 {
     char text[MARK_BYTES], host[256] = "", here[256] = "";
     long pid = 0;
@@ -145,20 +151,18 @@ static int say_owner(const struct output *o, int fd)
             nanosleep(&pause, NULL);
     }
     if (owner)
-        say(stderr, "splatguard: %s: in use by %s, %s\n", o->folder, text, owner);
-    else
-        say(stderr, "splatguard: %s: in use by another process\n", o->folder);
-    return 2;
+        return sg_fail(o->ctx, SG_ERR_INPUT, "%s: in use by %s, %s", o->folder, text, owner);
+    return sg_fail(o->ctx, SG_ERR_INPUT, "%s: in use by another process", o->folder);
 }
 
-static void write_mark(const struct output *o, bool owned)
+static void write_mark(const sg_output *o, bool owned)
 {
     char text[MARK_BYTES], host[256] = "", when[32] = "";
     const time_t now = time(NULL);
     struct tm utc;
     gethostname(host, sizeof(host) - 1);
     strftime(when, sizeof(when), "%Y-%m-%d %H:%M:%S UTC", gmtime_r(&now, &utc));
-    int n = snprintf(text, sizeof(text), "splatguard %s\n", o->command);
+    int n = snprintf(text, sizeof(text), "splatguard %s\n", o->maker);
     if (owned)
         n += snprintf(text + n, sizeof(text) - (size_t) n, "process %ld on %s since %s\n",
                       (long) getpid(), host, when);
@@ -167,44 +171,41 @@ static void write_mark(const struct output *o, bool owned)
         return;
 }
 
-/* One try. Returns an exit code, or -1 where somebody removed the folder or the mark in the
- * meantime. */
-static int try_lock(struct output *o, sg_ctx *ctx)
+#define RETRY 1
+
+/* One try. RETRY where somebody removed the folder or the mark in the meantime. */
+static int try_lock(sg_output *o)
 {
     size_t made;
     char text[MARK_BYTES];
     struct stat st, named;
-    sg_clear_error(ctx);
-    const int error = sg_dir_make(ctx, o->folder, &made);
-    if (error)
-        return report(ctx, error);
+    int code = sg_dir_make(o->ctx, o->folder, &made);
+    if (code)
+        return code;
     o->made = o->made ? o->made : made;
     const int fd = open(o->mark, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0666);
+    if (fd < 0 && errno == ENOENT)
+        return RETRY;
     if (fd < 0)
-        return errno == ENOENT ? -1 : run_cannot("write", o->mark);
-    int code = 0;
-    if (fstat(fd, &st) || !S_ISREG(st.st_mode) || st.st_nlink > 1) {
-        say(stderr,
-            "splatguard: %s: found a link, folder or device, expected the mark of an output "
-            "folder\n",
-            o->mark);
-        code = 2;
-    } else if (flock(fd, LOCK_EX | LOCK_NB)) {
+        return sg_fail(o->ctx, SG_ERR_INPUT, "%s: cannot write: %s", o->mark, strerror(errno));
+    if (fstat(fd, &st) || !S_ISREG(st.st_mode) || st.st_nlink > 1)
+        code = sg_fail(o->ctx, SG_ERR_INPUT,
+                       "%s: found a link, folder or device, expected the mark of an output folder",
+                       o->mark);
+    else if (flock(fd, LOCK_EX | LOCK_NB)) {
         if (errno == EWOULDBLOCK)
-            code = say_owner(o, fd);
+            code = owner_error(o, fd);
         else
-            say(stderr, "warning: %s: cannot lock it: %s; nothing keeps a second process out\n",
-                o->folder, strerror(errno));
+            sg_log(o->ctx, SG_LOG_WARN,
+                   "%s: cannot lock it: %s; nothing keeps a second process out", o->folder,
+                   strerror(errno));
     }
     if (!code && (fstat(fd, &st) || stat(o->mark, &named) || st.st_ino != named.st_ino ||
                   st.st_dev != named.st_dev))
-        code = -1;
-    if (!code && !read_mark(fd, text)) {
-        say(stderr,
-            "splatguard: %s: found a file that splatguard did not make, expected its mark\n",
-            o->mark);
-        code = 2;
-    }
+        code = RETRY;
+    if (!code && !read_mark(fd, text))
+        code = sg_fail(o->ctx, SG_ERR_INPUT,
+                       "%s: found a file that splatguard did not make, expected its mark", o->mark);
     if (code)
         close(fd);
     else
@@ -214,55 +215,54 @@ static int try_lock(struct output *o, sg_ctx *ctx)
 
 /* What is in the folder: other people's files are left alone, what the command made is for the
  * owner to judge. */
-static int check_content(const struct output *o, const struct output_rules *rules)
+static int check_content(const sg_output *o, const struct sg_output_rules *rules)
 {
-    if (rules->resume || !run_has_other_files(o->folder))
+    if (rules->resume || !sg_run_has_files(o->folder))
         return 0;
-    const bool own = is_marked(o) || (rules->is_own && rules->is_own(o->folder));
-    if (own && (o->lock < 0 || rules->force || rules->adds ||
-                (rules->is_lost && rules->is_lost(o->folder))))
+    const bool own = is_marked(o) || (rules->is_own && rules->is_own(o->ctx, o->folder));
+    if (own && (o->lock < 0 || rules->replace || rules->adds ||
+                (rules->is_lost && rules->is_lost(o->ctx, o->folder))))
         return 0;
     if (own && rules->earlier)
-        say(stderr,
-            "splatguard: %s: found an earlier %s; continue it with --resume or replace it with "
-            "--force\n",
-            o->folder, rules->earlier);
-    else
-        say(stderr,
-            "splatguard: %s: found other files, which `splatguard %s` does not replace, expected a "
-            "new or empty folder\n",
-            o->folder, rules->command);
-    return 2;
+        return sg_fail(o->ctx, SG_ERR_INPUT,
+                       "%s: found an earlier %s, expected a new folder, or to continue or replace "
+                       "what is there",
+                       o->folder, rules->earlier);
+    return sg_fail(o->ctx, SG_ERR_INPUT,
+                   "%s: found other files, which `%s` does not replace, expected a new or empty "
+                   "folder",
+                   o->folder, rules->maker);
 }
 
 static int refuse_links(sg_ctx *ctx, const char *folder, const char *name)
 {
     char *path;
-    sg_clear_error(ctx);
-    const int error = sg_path_below(ctx, folder, name, &path);
+    const int code = sg_path_below(ctx, folder, name, &path);
     sg_free(path);
-    return error ? report(ctx, error) : 0;
+    return code;
 }
 
-int output_claim(struct output *o, sg_ctx *ctx, const char *folder,
-                 const struct output_rules *rules)
+int sg_output_claim_by(sg_ctx *ctx, const char *folder, const struct sg_output_rules *rules,
+                       sg_output **out)
 {
-    *o = (struct output) OUTPUT_NONE;
-    o->command = rules->command;
-    o->folder = strdup(folder);
-    o->mark = run_path(folder, MARK);
-    int code = o->folder && o->mark ? 0 : no_memory();
+    sg_clear_error(ctx);
+    sg_output *o = *out = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*o));
+    if (!o)
+        return SG_ERR_BUDGET;
+    *o = (sg_output){.ctx = ctx,
+                     .lock = -1,
+                     .maker = rules->maker,
+                     .folder = sg_strdup(ctx, folder),
+                     .mark = sg_strf(ctx, "%s/" MARK, folder)};
+    int code = o->folder && o->mark ? SG_OK : SG_ERR_BUDGET, tried = RETRY;
     if (!code && !rules->nested)
         code = check_place(ctx, folder, rules);
     if (!code)
         code = check_content(o, rules);
-    int tried = -1;
-    for (int i = 0; i < TRIES && !code && tried < 0; i++)
-        tried = try_lock(o, ctx);
-    if (!code && tried < 0) {
-        say(stderr, "splatguard: %s: cannot write: others keep removing it\n", folder);
-        code = 2;
-    }
+    for (int i = 0; i < TRIES && !code && tried == RETRY; i++)
+        tried = try_lock(o);
+    if (!code && tried == RETRY)
+        tried = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write: others keep removing it", folder);
     code = code ? code : tried;
     if (!code)
         code = check_content(o, rules);
@@ -270,13 +270,22 @@ int output_claim(struct output *o, sg_ctx *ctx, const char *folder,
         code = refuse_links(ctx, folder, rules->within);
     if (!code)
         write_mark(o, true);
-    if (code)
-        output_release(o);
+    else
+        sg_output_release(out);
     return code;
 }
 
+int sg_output_claim(sg_ctx *ctx, const char *folder, const char *maker, bool adds,
+                    const char *const *inputs, sg_output **out)
+{
+    struct sg_output_rules rules = {.maker = maker, .adds = adds};
+    for (int i = 0; i < 2 && inputs && inputs[i]; i++)
+        rules.inputs[i] = inputs[i];
+    return sg_output_claim_by(ctx, folder, &rules, out);
+}
+
 /* Removes the folders that were made, as far as they are empty. */
-static void remove_made(const struct output *o)
+static void remove_made(const sg_output *o)
 {
     for (size_t n = strlen(o->folder); o->made && n >= o->made; n--)
         if (!o->folder[n] || o->folder[n] == '/') {
@@ -286,13 +295,16 @@ static void remove_made(const struct output *o)
         }
 }
 
-void output_release(struct output *o)
+void sg_output_release(sg_output **output)
 {
+    sg_output *o = output ? *output : NULL;
+    if (!o)
+        return;
     if (o->lock >= 0) {
         char text[MARK_BYTES];
         /* The mark is removed under the lock: whoever opened it before sees that it is gone, and
          * starts again. */
-        if (!run_has_other_files(o->folder) || (read_mark(o->lock, text) && !*text))
+        if (!sg_run_has_files(o->folder) || (read_mark(o->lock, text) && !*text))
             unlink(o->mark);
         else if (is_marked(o))
             write_mark(o, false);
@@ -300,9 +312,10 @@ void output_release(struct output *o)
     }
     if (o->folder)
         remove_made(o);
-    free(o->folder);
-    free(o->mark);
-    *o = (struct output) OUTPUT_NONE;
+    sg_free(o->folder);
+    sg_free(o->mark);
+    sg_free(o);
+    *output = NULL;
 }
 
 /* Whether the beginning of the file says that the tool made it: see sg_image_write_picture and
@@ -320,33 +333,30 @@ static bool is_own_file(const char *path)
                      memmem(head, (size_t) n, page, sizeof(page) - 1));
 }
 
-int output_check_replaced(const char *path)
+int sg_output_check_replaced(sg_ctx *ctx, const char *path)
 {
     struct stat st;
+    sg_clear_error(ctx);
     if (lstat(path, &st)) /* nothing there, or writing says what is wrong */
-        return 0;
+        return SG_OK;
     if (!S_ISREG(st.st_mode))
-        say(stderr,
-            "splatguard: %s: cannot write: found a link, folder or device, expected a file\n",
-            path);
-    else if (!is_own_file(path))
-        say(stderr,
-            "splatguard: %s: found a file that splatguard did not make, expected a new name\n",
-            path);
-    else
-        return 0;
-    return 2;
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: cannot write: found a link, folder or device, expected a file", path);
+    if (!is_own_file(path))
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found a file that splatguard did not make, expected a new name", path);
+    return SG_OK;
 }
 
-int output_check_file(sg_ctx *ctx, const char *path)
+int sg_output_check_file(sg_ctx *ctx, const char *path)
 {
     const char *slash = strrchr(path, '/');
-    char *folder = slash == path ? strdup("/")
-                   : slash       ? strndup(path, (size_t) (slash - path))
-                                 : strdup(".");
-    int code = folder ? output_check_replaced(path) : no_memory();
+    char *folder = slash == path ? sg_strdup(ctx, "/")
+                   : slash       ? sg_strf(ctx, "%.*s", (int) (slash - path), path)
+                                 : sg_strdup(ctx, ".");
+    int code = folder ? sg_output_check_replaced(ctx, path) : SG_ERR_BUDGET;
     if (!code)
         code = refuse_scene_around(ctx, folder, NULL);
-    free(folder);
+    sg_free(folder);
     return code;
 }

@@ -1,0 +1,407 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* An attack from its parameters to its last file. */
+#include "attack.h"
+
+#include <limits.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "config.h"
+#include "core/clock.h"
+#include "core/file.h"
+#include "folder.h"
+#include "option/option.h"
+#include "train.h"
+
+void sg_attack_run_params_clear(struct sg_attack_run_params *p)
+{
+    json_decref(p->texts);
+    p->texts = NULL;
+}
+
+int sg_attack_run_read_params(sg_ctx *ctx, const char *folder, struct sg_attack_run_params *out)
+{
+    json_t *root;
+    sg_clear_error(ctx);
+    *out = sg_attack_run_params_default();
+    out->folder = folder;
+    int code =
+        sg_run_read_json(ctx, folder, "attack/config.json", "config.json of an attack", &root);
+    if (code)
+        return code;
+    out->texts = root;
+    char *path = sg_strf(ctx, "%s/attack/config.json", folder);
+    code = path ? sg_config_from_json(ctx, sg_attack_run_config, out,
+                                      json_object_get(root, "options"), true, path)
+                : SG_ERR_BUDGET;
+    sg_free(path);
+    return code;
+}
+
+bool sg_attack_ask(struct attack_run *r, const struct sg_attack_step *step)
+{
+    if (r->params->step && r->params->step(r->params->step_priv, step))
+        r->stopped = true;
+    return r->stopped;
+}
+
+/* Scenes of Blender bring test photos of their own, which stay clean; where there are none, nothing
+ * is missing. */
+static int load_scene(struct attack_run *r)
+{
+    const struct sg_attack_run_params *p = r->params;
+    struct sg_scene_params *s = &r->scene_params;
+    const bool blender = sg_run_has(r->ctx, p->source, "transforms_test.json") &&
+                         sg_run_has(r->ctx, p->source, "transforms_train.json");
+    *s = p->scene;
+    s->eval = blender || p->views == SG_ATTACK_TRAIN_VIEWS;
+    int code = sg_scene_load(r->ctx, p->source, s, &r->scene);
+    if (code == SG_ERR_INPUT && blender) { /* or their photos are not here */
+        s->eval = false;
+        code = sg_scene_load(r->ctx, p->source, s, &r->scene);
+    }
+    if (!code && s->eval && p->views == SG_ATTACK_ALL_VIEWS &&
+        r->scene->format != SG_FORMAT_BLENDER) {
+        s->eval = false; /* another layout lies in the same folder, and is the one that is read */
+        sg_scene_destroy(&r->scene);
+        code = sg_scene_load(r->ctx, p->source, s, &r->scene);
+    }
+    return code;
+}
+
+/* The published schedule where the parameters leave it to the preset. */
+static void apply_preset(struct attack_run *r)
+{
+    static const char *const names[] = {"auto", "ns", "mip", "tt"};
+    struct sg_attack_params *p = &r->attack_params, preset = r->params->attack;
+    *p = preset;
+    sg_attack_preset(names[r->params->preset], r->scene->format, &preset);
+    if (r->params->method == SG_METHOD_TV_PER_VIEW)
+        preset.inner = 100;
+    p->iterations = p->iterations ? p->iterations : preset.iterations;
+    p->inner = p->inner ? p->inner : preset.inner;
+    p->update_interval = p->update_interval ? p->update_interval : preset.update_interval;
+    r->status->iterations = p->iterations;
+}
+
+/* SG_ERR_BUDGET unless a run's summary says that it took all its iterations. */
+static int check_whole(sg_ctx *ctx, const char *run, int iterations)
+{
+    json_t *s;
+    int code = sg_run_read_json(ctx, run, "summary.json", "summary.json of a run", &s);
+    if (!code && json_integer_value(json_object_get(s, "iterations")) != iterations)
+        code = sg_fail(ctx, SG_ERR_BUDGET, "%s: memory did not suffice for the proxy", run);
+    json_decref(s);
+    return code;
+}
+
+/* How a proxy is trained, in the attack's folder or with what it was begun with. */
+static struct sg_run_params proxy_params(const struct sg_attack_run_params *p, const char *folder)
+{
+    struct sg_run_params t = sg_run_params_default();
+    t.source = p->source;
+    t.folder = folder;
+    t.train.iterations = p->proxy_iterations;
+    t.train.seed = p->attack.seed;
+    t.train.max_instances = p->attack.max_instances;
+    t.train.engine = p->attack.engine;
+    t.train.cpu = p->attack.cpu;
+    t.scene = p->scene;
+    t.scene.eval = p->views == SG_ATTACK_TRAIN_VIEWS;
+    t.eval_every = 0;
+    t.max_memory = p->max_memory;
+    t.step = p->proxy_step;
+    t.step_priv = p->step_priv;
+    return t;
+}
+
+/* Trains the proxy as any run, into FOLDER/attack/proxy, or goes on with it. */
+static int train_proxy(struct attack_run *r, char model[PATH_MAX])
+{
+    const struct sg_attack_run_params *p = r->params;
+    char *folder = sg_strf(r->ctx, "%s/attack/proxy", p->folder);
+    sg_run *run = NULL;
+    if (!folder)
+        return SG_ERR_BUDGET;
+    const bool begun = sg_run_has(r->ctx, folder, "checkpoint.bin"),
+               done = r->resume && !begun && sg_run_has(r->ctx, folder, "summary.json"),
+               resume = r->resume && begun;
+    struct sg_run_params t = proxy_params(p, folder), own = {0};
+    int code = SG_OK;
+    if (!done && resume) {
+        code = sg_run_read_params(r->ctx, folder, &own);
+        own.source = t.source, own.max_memory = t.max_memory;
+        own.scene.follow_links = t.scene.follow_links, own.scene.strict = t.scene.strict;
+        own.train.cpu = t.train.cpu ? t.train.cpu : own.train.cpu;
+        own.step = t.step, own.step_priv = t.step_priv;
+    }
+    if (!done && !code) {
+        sg_log(r->ctx, SG_LOG_INFO, "training the proxy");
+        code = sg_run_open_in(r->ctx, resume ? &own : &t, resume ? SG_RUN_RESUME : SG_RUN_REPLACE,
+                              true, &run);
+        if (!code)
+            code = sg_run_train(run);
+        struct sg_run_status status = {0};
+        if (run)
+            sg_run_status(run, &status);
+        r->status->resumable = status.resumable;
+        sg_run_close(&run);
+        if (!code)
+            code = check_whole(r->ctx, folder, p->proxy_iterations);
+        char *checkpoint = sg_strf(r->ctx, "%s/checkpoint.bin", folder);
+        if (!code && checkpoint)
+            unlink(checkpoint); /* marks it as whole; its model is what counts */
+        sg_free(checkpoint);
+    }
+    if (!code)
+        code = sg_run_find_model(r->ctx, folder, 0, model, PATH_MAX);
+    sg_run_params_clear(&own);
+    sg_free(folder);
+    return code;
+}
+
+static int save_checkpoint(struct attack_run *r)
+{
+    char *path = sg_strf(r->ctx, "%s/attack/checkpoint.bin", r->params->folder);
+    int code = path ? sg_attack_log_step(r) : SG_ERR_BUDGET;
+    if (!code)
+        code = sg_attack_save(r->attack, path);
+    sg_free(path);
+    return code;
+}
+
+static int loop(struct attack_run *r)
+{
+    const struct sg_attack_params *p = &r->attack_params;
+    int code = SG_OK, done = sg_attack_iteration(r->attack);
+    /* A stopped attack goes on to where its state is whole. */
+    while (!code && done < p->iterations && (!r->stopped || done % p->update_interval)) {
+        const double start = sg_seconds();
+        code = sg_attack_step(r->attack, &r->step);
+        r->totals.seconds += sg_seconds() - start;
+        if (code)
+            return code;
+        done = r->step.iteration;
+        r->totals.inner_seconds += r->step.inner_seconds;
+        r->totals.inner_bytes += (double) r->step.inner_bytes;
+        if (r->step.gaussians > r->totals.max_gaussians)
+            r->totals.max_gaussians = r->step.gaussians;
+        sg_attack_ask(r, &r->step);
+        if (done % 100 == 0 || done == 1 || done == p->iterations)
+            code = sg_attack_log_step(r);
+        if (!code && r->params->save_every && done % r->params->save_every == 0 &&
+            done % p->update_interval == 0 && done < p->iterations)
+            code = save_checkpoint(r);
+    }
+    if (!code && done < p->iterations) {
+        code = save_checkpoint(r);
+        if (!code) {
+            r->status->resumable = true;
+            code = sg_fail(r->ctx, SG_ERR_INTERRUPTED, "interrupted at iteration %d; saved", done);
+        }
+    }
+    return code;
+}
+
+static int start_decoy(struct attack_run *r)
+{
+    struct sg_model *model = NULL;
+    char *state = sg_strf(r->ctx, "%s/attack", r->params->folder);
+    char *saved = state ? sg_strf(r->ctx, "%s/checkpoint.bin", state) : NULL;
+    int code = saved ? sg_model_read_ply(r->ctx, r->proxy, UINT32_MAX, &model) : SG_ERR_BUDGET;
+    if (!code)
+        code = sg_model_check(r->ctx, model, r->proxy);
+    if (!code)
+        r->proxy_gaussians = model->count;
+    if (!code && r->resume && !access(saved, F_OK)) {
+        sg_run_remove_temporary(state);
+        sg_model_destroy(&model);
+        code = sg_attack_resume(r->ctx, r->scene, saved, &r->attack_params, &r->attack);
+    } else if (!code)
+        code = sg_attack_create(r->ctx, r->scene, model, &r->attack_params, &r->attack);
+    sg_model_destroy(&model);
+    sg_free(saved);
+    sg_free(state);
+    return code ? code : sg_attack_open_log(r);
+}
+
+static int save_decoy(struct attack_run *r)
+{
+    struct sg_model *decoy = NULL;
+    char *path = sg_strf(r->ctx, "%s/attack/decoy.ply", r->params->folder);
+    int code = path ? sg_attack_decoy(r->attack, &decoy) : SG_ERR_BUDGET;
+    if (!code)
+        code = sg_model_write_ply(r->ctx, decoy, path);
+    sg_model_destroy(&decoy);
+    sg_free(path);
+    return code;
+}
+
+static bool is_attack(sg_ctx *ctx, const char *folder)
+{
+    return sg_run_has_option(ctx, folder, "attack/config.json", "epsilon") ||
+           sg_run_has_option(ctx, folder, "poison.json", "epsilon");
+}
+
+/* Nothing in it to go on from, and nothing to use. */
+static bool is_lost(sg_ctx *ctx, const char *folder)
+{
+    return !sg_run_has(ctx, folder, "poison.json") &&
+           !sg_run_has(ctx, folder, "attack/checkpoint.bin") &&
+           !sg_run_has(ctx, folder, "attack/proxy");
+}
+
+static void remove_file(sg_ctx *ctx, const char *folder, const char *name)
+{
+    char *path = sg_strf(ctx, "%s/%s", folder, name);
+    if (path)
+        unlink(path);
+    sg_free(path);
+}
+
+/* Makes FOLDER/attack with its config.json. What an earlier attack left goes. */
+static int begin_files(struct attack_run *r)
+{
+    static const char *const files[] = {
+        "poison.json",      "attack/checkpoint.bin",     "attack/log.jsonl",
+        "attack/decoy.ply", "attack/proxy/summary.json", "attack/proxy/checkpoint.bin"};
+    const struct sg_attack_run_params *p = r->params;
+    char *state = sg_strf(r->ctx, "%s/attack", p->folder);
+    const int code = state ? sg_dir_create(r->ctx, state) : SG_ERR_BUDGET;
+    sg_free(state);
+    if (code)
+        return code;
+    for (size_t i = 0; i < sizeof(files) / sizeof(files[0]); i++)
+        remove_file(r->ctx, p->folder, files[i]);
+    json_t *options = sg_config_to_json(sg_attack_run_config, p);
+    json_object_set_new(options, "source-path", sg_place_json(p->source));
+    if (p->proxy)
+        json_object_set_new(options, "proxy", sg_place_json(p->proxy));
+    return sg_run_write_json(r->ctx, p->folder, "attack/config.json",
+                             json_pack("{s:s,s:o}", "version", sg_version(), "options", options));
+}
+
+/* Nothing came of it: what was begun goes, so that the same call works once the cause is gone. */
+static void remove_begun(sg_ctx *ctx, const char *folder)
+{
+    if (!is_lost(ctx, folder))
+        return;
+    remove_file(ctx, folder, "attack/config.json");
+    remove_file(ctx, folder, "attack/log.jsonl");
+    char *state = sg_strf(ctx, "%s/attack", folder);
+    if (state)
+        rmdir(state); /* where it is empty */
+    sg_free(state);
+}
+
+/* Proxy, decoy, poisons. */
+static int run_attack(struct attack_run *r, char model[PATH_MAX])
+{
+    const struct sg_attack_run_params *p = r->params;
+    const bool splat = p->method == SG_METHOD_POISON_SPLAT;
+    int code = SG_OK;
+    if (splat && !model[0]) { /* which loads the scene for itself */
+        sg_scene_destroy(&r->scene);
+        code = train_proxy(r, model);
+        if (!code)
+            code = load_scene(r);
+    }
+    if (code)
+        return code;
+    r->status->resumable = false;
+    sg_attack_ask(r, NULL);
+    r->proxy = model[0] ? model : NULL;
+    if (splat) {
+        code = start_decoy(r);
+        if (!code)
+            r->status->first = sg_attack_iteration(r->attack);
+        if (!code)
+            code = loop(r);
+        if (code)
+            return code;
+    }
+    if (p->keep_decoy && splat)
+        code = save_decoy(r);
+    if (!code)
+        code = sg_attack_write(r);
+    if (!code) {
+        remove_file(r->ctx, p->folder, "attack/checkpoint.bin");
+        return code;
+    }
+    /* What cannot be written must not cost the attack. */
+    char *why = sg_strdup(r->ctx, sg_last_error(r->ctx));
+    sg_clear_error(r->ctx);
+    const int lost = splat ? save_checkpoint(r) : SG_OK;
+    if (lost)
+        sg_log(r->ctx, SG_LOG_WARN, "%s", sg_last_error(r->ctx));
+    r->status->resumable = !lost;
+    sg_clear_error(r->ctx);
+    sg_fail(r->ctx, code, "%s", why ? why : "out of memory");
+    sg_free(why);
+    return code;
+}
+
+/* In a folder that is claimed. *fresh: it was new or empty. */
+static int begin_attack(struct attack_run *r, char model[PATH_MAX], bool *fresh)
+{
+    const struct sg_attack_run_params *p = r->params;
+    int code = load_scene(r);
+    if (code)
+        return code;
+    apply_preset(r);
+    code = sg_attack_check(r->ctx, &r->attack_params);
+    if (!code && p->method == SG_METHOD_POISON_SPLAT && p->proxy)
+        code = sg_run_find_model(r->ctx, p->proxy, 0, model, PATH_MAX);
+    /* Nothing of an earlier attack goes before this one can begin. */
+    if (!code && !r->resume) {
+        *fresh = !sg_run_has_files(p->folder);
+        code = begin_files(r);
+    }
+    return code;
+}
+
+int sg_attack_run(sg_ctx *ctx, const struct sg_attack_run_params *p, enum sg_run_start start,
+                  struct sg_attack_run_status *status)
+{
+    sg_clear_error(ctx);
+    struct sg_attack_run_status own;
+    struct attack_run r = {.ctx = ctx,
+                           .params = p,
+                           .resume = start == SG_RUN_RESUME,
+                           .status = status ? status : &own};
+    *r.status = (struct sg_attack_run_status){0};
+    sg_output *output = NULL;
+    char model[PATH_MAX] = "";
+    bool fresh = false;
+    const struct sg_output_rules rules = {.maker = "attack",
+                                          .earlier = "attack",
+                                          .is_own = is_attack,
+                                          .is_lost = is_lost,
+                                          .within = "attack/proxy/config.json",
+                                          .makes_scenes = true,
+                                          .replace = start == SG_RUN_REPLACE,
+                                          .resume = r.resume,
+                                          .inputs = {p->source, p->proxy}};
+    int code = p->source && p->folder
+                   ? sg_check_options(ctx, sg_attack_run_options(), p)
+                   : sg_fail(ctx, SG_ERR_USAGE, "attack: found no source or folder");
+    if (code)
+        return code;
+    r.status->finished = r.resume && sg_run_has(ctx, p->folder, "poison.json") &&
+                         !sg_run_has(ctx, p->folder, "attack/checkpoint.bin");
+    if (!r.status->finished) {
+        code = sg_output_claim_by(ctx, p->folder, &rules, &output);
+        if (!code)
+            code = begin_attack(&r, model, &fresh);
+        if (!code)
+            code = run_attack(&r, model);
+        const int closed = sg_run_log_close(&r.log);
+        code = code ? code : closed;
+        sg_attack_destroy(&r.attack);
+        sg_scene_destroy(&r.scene);
+        if (fresh && code && code != SG_ERR_INTERRUPTED && !r.status->resumable)
+            remove_begun(ctx, p->folder);
+        sg_output_release(&output);
+    }
+    return code;
+}

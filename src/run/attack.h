@@ -1,0 +1,40 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* An attack in progress, and what it leaves: attack/log.jsonl, the poisoned scene, poison.json. */
+#ifndef SG_RUN_ATTACK_H
+#define SG_RUN_ATTACK_H
+
+#include "files.h"
+#include "output.h"
+#include "splatguard/run.h"
+
+struct attack_run {
+    sg_ctx *ctx;
+    const struct sg_attack_run_params *params;
+    struct sg_attack_params attack_params; /* with the preset applied */
+    struct sg_scene_params scene_params;   /* by which the scene was loaded at last */
+    bool resume;
+    struct sg_scene *scene;
+    sg_attack *attack;
+    const char *proxy; /* path of its model */
+    size_t proxy_gaussians;
+    struct sg_run_log log;
+    struct sg_attack_step step; /* newest */
+    int logged;                 /* iteration of the newest line */
+    bool stopped;               /* by the caller */
+    struct {
+        double seconds, inner_seconds, inner_bytes;
+        uint64_t max_gaussians;
+    } totals; /* of the whole attack: a resumed one goes on from those in its log */
+    struct sg_attack_run_status *status;
+};
+
+/* Whether the caller wants to stop. */
+bool sg_attack_ask(struct attack_run *r, const struct sg_attack_step *step);
+
+int sg_attack_open_log(struct attack_run *r); /* when resuming, lines after the checkpoint go */
+int sg_attack_log_step(struct attack_run *r);
+
+/* The poisoned scene, then poison.json. */
+int sg_attack_write(struct attack_run *r);
+
+#endif

@@ -1,0 +1,194 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <math.h>
+#include <string.h>
+#include <sys/resource.h>
+
+#include "attack.h"
+#include "config.h"
+#include "core/json_text.h"
+
+/* Lines up to the checkpoint stay. */
+static bool take(void *arg, const json_t *line)
+{
+    struct attack_run *r = arg;
+    const json_t *iteration = json_object_get(line, "iteration");
+    if (!json_is_integer(iteration) ||
+        json_integer_value(iteration) > sg_attack_iteration(r->attack))
+        return false;
+    r->logged = (int) json_integer_value(iteration);
+    r->totals.seconds = json_number_value(json_object_get(line, "seconds"));
+    r->totals.inner_seconds = json_number_value(json_object_get(line, "inner_seconds"));
+    r->totals.inner_bytes = json_number_value(json_object_get(line, "inner_bytes"));
+    r->totals.max_gaussians = (uint64_t) json_integer_value(json_object_get(line, "max_gaussians"));
+    return true;
+}
+
+int sg_attack_open_log(struct attack_run *r)
+{
+    return sg_run_log_open(r->ctx, r->params->folder, "attack/log.jsonl", r->resume ? take : NULL,
+                           r, &r->log);
+}
+
+int sg_attack_log_step(struct attack_run *r)
+{
+    const struct sg_attack_step *s = &r->step;
+    if (r->logged == s->iteration || !s->iteration)
+        return 0;
+    r->logged = s->iteration;
+    json_t *line = json_pack(
+        "{s:i,s:I,s:o,s:o,s:o,s:o,s:o,s:I,s:o,s:o,s:o}", "iteration", s->iteration, "gaussians",
+        (json_int_t) s->gaussians, "loss", sg_number_json(s->loss), "l1", sg_number_json(s->l1),
+        "ssim", sg_number_json(s->ssim), "psnr", sg_number_json(s->psnr), "tv",
+        sg_number_json(s->tv), "max_gaussians", (json_int_t) r->totals.max_gaussians, "seconds",
+        sg_number_json(r->totals.seconds), "inner_seconds", sg_number_json(r->totals.inner_seconds),
+        "inner_bytes", sg_number_json(r->totals.inner_bytes));
+    return sg_run_log_line(&r->log, line);
+}
+
+/* [iteration, Gaussians] of a line of the log. */
+static bool add_growth(void *curve, const json_t *line)
+{
+    json_array_append_new(curve, json_pack("[O,O]", json_object_get(line, "iteration"),
+                                           json_object_get(line, "gaussians")));
+    return true;
+}
+
+/* Which views are poisoned: round(ratio n) of them, those with the least draws. */
+static bool *choose(const struct attack_run *r)
+{
+    const size_t n = r->scene->n_train,
+                 wanted = (size_t) lround((double) r->params->ratio * (double) n);
+    bool *chosen = sg_alloc(r->ctx, SG_MEM_MISC, n + 1, sizeof(*chosen));
+    for (size_t k = 0; chosen && k < wanted; k++) {
+        size_t best = n;
+        for (size_t i = 0; i < n; i++)
+            if (!chosen[i] && (best == n || sg_attack_draw(r->params->attack.seed, i) <
+                                                sg_attack_draw(r->params->attack.seed, best)))
+                best = i;
+        chosen[best] = true;
+    }
+    return chosen;
+}
+
+static int poison(struct attack_run *r, size_t view, uint8_t *rgb)
+{
+    static const enum sg_naive_attack naive[] = {[SG_METHOD_NOISE] = SG_NAIVE_NOISE,
+                                                 [SG_METHOD_TV_PER_VIEW] = SG_NAIVE_TV,
+                                                 [SG_METHOD_DRIFT] = SG_NAIVE_DRIFT};
+    const struct sg_attack_run_params *p = r->params;
+    int error;
+    if (p->method == SG_METHOD_POISON_SPLAT)
+        error = sg_attack_poison(r->attack, view, rgb);
+    else
+        error = sg_attack_naive(r->ctx, &r->scene->train[view], view, &r->attack_params,
+                                naive[p->method], rgb);
+    const struct sg_view *v = &r->scene->train[view];
+    const size_t width = (size_t) v->camera.width,
+                 spared = (size_t) lroundf(p->spare * (float) width);
+    for (size_t y = 0; y < (size_t) v->camera.height && !error; y++)
+        memcpy(rgb + 3 * width * y, v->rgb + 3 * width * y, 3 * spared);
+    return error;
+}
+
+/* Means and the worst case over the images, for people. */
+struct tally {
+    size_t poisoned;
+    double linf, psnr, before, after;
+};
+
+static int write_views(struct attack_run *r, const bool *chosen, json_t *images, struct tally *t)
+{
+    const struct sg_attack_run_params *p = r->params;
+    const struct sg_scene *scene = r->scene;
+    int error = sg_poisoned_scene_begin(r->ctx, scene, &p->files, p->folder);
+    /* The training views last: should a scene name a photo in both splits, its poison stands. */
+    for (size_t k = 0; k < scene->n_train + scene->n_test && !error; k++) {
+        const bool train = k >= scene->n_test;
+        const size_t i = train ? k - scene->n_test : k;
+        if (sg_attack_ask(r, NULL))
+            return sg_fail(r->ctx, SG_ERR_INTERRUPTED, "interrupted while writing");
+        const struct sg_view *view = train ? &scene->train[i] : &scene->test[i];
+        struct sg_poison_report report = {0};
+        uint8_t *rgb = sg_alloc_raw(r->ctx, SG_MEM_FRAME, (size_t) view->camera.height,
+                                    3 * (size_t) view->camera.width);
+        if (!rgb)
+            return SG_ERR_BUDGET;
+        if (train && chosen[i])
+            error = poison(r, i, rgb);
+        if (!error)
+            error = sg_poisoned_scene_image(r->ctx, scene, view, &p->files, p->folder,
+                                            train && chosen[i] ? rgb : view->rgb, &report);
+        sg_free(rgb);
+        if (!error)
+            json_array_append_new(
+                images,
+                json_pack("{s:o,s:o,s:b,s:o,s:o,s:o,s:o}", "name", sg_text_to_json(view->name),
+                          "file", sg_text_to_json(report.file), "poisoned", train && chosen[i],
+                          "linf", sg_number_json(report.linf), "psnr", sg_number_json(report.psnr),
+                          "tv_before", sg_number_json(report.tv_before), "tv_after",
+                          sg_number_json(report.tv_after)));
+        if (!error && train && chosen[i]) {
+            t->poisoned++;
+            t->linf = report.linf > t->linf ? report.linf : t->linf;
+            t->psnr += report.psnr, t->before += report.tv_before, t->after += report.tv_after;
+        }
+        sg_poison_report_clear(&report);
+    }
+    return error;
+}
+
+int sg_attack_write(struct attack_run *r)
+{
+    const struct sg_attack_run_params *p = r->params;
+    const struct sg_attack_params *a = &r->attack_params;
+    struct tally t = {0};
+    json_t *images = json_array();
+    bool *chosen = choose(r);
+    const int code = chosen ? write_views(r, chosen, images, &t) : SG_ERR_BUDGET;
+    sg_free(chosen);
+    if (code) {
+        json_decref(images);
+        return code;
+    }
+    struct rusage usage;
+    getrusage(RUSAGE_SELF, &usage);
+    const double n = t.poisoned ? (double) t.poisoned : 1;
+    json_t *growth = json_array();
+    if (r->attack && sg_run_log_read(r->ctx, r->log.path, add_growth, growth))
+        sg_clear_error(r->ctx); /* a curve with a gap */
+    json_t *root =
+        json_pack("{s:s,s:o,s:o,s:o}", "version", sg_version(), "options",
+                  sg_config_to_json(sg_attack_run_config, p), "images", images, "growth", growth);
+#define PUT(key, value) json_object_set_new(root, key, value)
+    PUT("epsilon_levels", sg_number_json(round(255 * (double) a->epsilon))); /* null: no bound */
+    PUT("poisoned_images", json_integer((json_int_t) t.poisoned));
+    PUT("clean_images",
+        json_integer((json_int_t) (r->scene->n_train + r->scene->n_test - t.poisoned)));
+    PUT("linf_max", sg_number_json(t.linf));
+    PUT("psnr_mean", sg_number_json(t.psnr / n));
+    PUT("tv_before_mean", sg_number_json(t.before / n));
+    PUT("tv_after_mean", sg_number_json(t.after / n));
+    if (p->method == SG_METHOD_TV_PER_VIEW)
+        PUT("schedule", json_pack("{s:i}", "inner", a->inner));
+    if (r->attack) {
+        PUT("schedule", json_pack("{s:i,s:i,s:i}", "iterations", a->iterations, "inner", a->inner,
+                                  "update-interval", a->update_interval));
+        PUT("proxy", sg_text_to_json(r->proxy));
+        PUT("proxy_gaussians", json_integer((json_int_t) r->proxy_gaussians));
+        PUT("decoy_max_gaussians", json_integer((json_int_t) r->totals.max_gaussians));
+        PUT("attack_seconds", sg_number_json(r->totals.seconds));
+        PUT("inner_seconds", sg_number_json(r->totals.inner_seconds));
+        PUT("inner_gigabytes_per_second",
+            sg_number_json(r->totals.inner_seconds > 0
+                               ? 1e-9 * r->totals.inner_bytes / r->totals.inner_seconds
+                               : 0));
+    }
+    PUT("peak_rss_bytes", json_integer((json_int_t) usage.ru_maxrss * 1024));
+    PUT("threads", json_integer(sg_ctx_threads(r->ctx)));
+#undef PUT
+    sg_log(r->ctx, SG_LOG_INFO,
+           "%zu poisoned images in %s: largest change %.0f grey levels, PSNR %.2f dB, total "
+           "variation %.2f to %.2f",
+           t.poisoned, p->folder, t.linf, t.psnr / n, t.before / n, t.after / n);
+    return sg_run_write_json(r->ctx, p->folder, "poison.json", root);
+}

@@ -1,0 +1,98 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "files.h"
+
+#include <dirent.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "core/file.h"
+#include "core/json_text.h"
+
+/* A config or summary has a few thousand; parsed it takes a hundred times as many. */
+#define JSON_BYTES (256 << 10)
+
+bool sg_run_has(sg_ctx *ctx, const char *run, const char *name)
+{
+    char *path = sg_strf(ctx, "%s/%s", run, name);
+    const bool has = path && !access(path, F_OK);
+    sg_free(path);
+    return has;
+}
+
+bool sg_run_has_files(const char *folder)
+{
+    DIR *d = opendir(folder);
+    bool found = false;
+    for (struct dirent *e; d && !found && (e = readdir(d));)
+        found = e->d_name[0] != '.';
+    if (d)
+        closedir(d);
+    return found;
+}
+
+int sg_no_memory(sg_ctx *ctx)
+{
+    return sg_fail(ctx, SG_ERR_BUDGET, "out of memory");
+}
+
+json_t *sg_number_json(double v)
+{
+    return v - v == 0 ? json_real(v) : json_null();
+}
+
+int sg_run_read_json(sg_ctx *ctx, const char *run, const char *name, const char *what, json_t **out)
+{
+    json_error_t error = {0};
+    char *path = sg_strf(ctx, "%s/%s", run, name), *text = NULL;
+    size_t size = 0;
+    *out = NULL;
+    int code = path ? sg_file_read(ctx, path, JSON_BYTES, &text, &size) : SG_ERR_BUDGET;
+    /* the byte-order mark of some editors */
+    const size_t skip = !code && size >= 3 && !memcmp(text, "\xef\xbb\xbf", 3) ? 3 : 0;
+    if (!code && !(*out = json_loadb(text + skip, size - skip, JSON_REJECT_DUPLICATES, &error)))
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: %s; expected the %s", path, error.line,
+                       error.text, what);
+    if (!code)
+        sg_bytes_from_json(json_object_get(*out, "options"));
+    sg_free(text);
+    sg_free(path);
+    return code;
+}
+
+int sg_run_write_json(sg_ctx *ctx, const char *run, const char *name, json_t *value)
+{
+    char *path = sg_strf(ctx, "%s/%s", run, name);
+    char *text = value ? json_dumps(value, JSON_INDENT(2) | JSON_REAL_PRECISION(15)) : NULL;
+    int code = !path ? SG_ERR_BUDGET : text ? SG_OK : sg_no_memory(ctx);
+    if (!code) {
+        const size_t n = strlen(text);
+        text[n] = '\n'; /* in place of the final zero: the length is passed on */
+        code = sg_file_write(ctx, path, text, n + 1);
+    }
+    free(text);
+    sg_free(path);
+    json_decref(value);
+    return code;
+}
+
+json_t *sg_place_json(const char *folder)
+{
+    char *absolute = realpath(folder, NULL);
+    json_t *value = sg_bytes_to_json(absolute ? absolute : folder);
+    free(absolute);
+    return value ? value : json_null();
+}
+
+bool sg_run_has_option(sg_ctx *ctx, const char *run, const char *name, const char *option)
+{
+    json_t *root = NULL;
+    const bool before = sg_failed(ctx);
+    sg_run_read_json(ctx, run, name, "config.json", &root);
+    if (!before) /* a question, whose answer may be no */
+        sg_clear_error(ctx);
+    const bool ours = json_is_string(json_object_get(root, "version")) &&
+                      json_object_get(json_object_get(root, "options"), option);
+    json_decref(root);
+    return ours;
+}

@@ -1,0 +1,54 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Files of runs: JSON that may come from a stranger, logs of a line each time. */
+#ifndef SG_RUN_FILES_H
+#define SG_RUN_FILES_H
+
+#include <jansson.h>
+#include <stdio.h>
+
+#include "core/internal.h"
+
+/* RUN/NAME is there. */
+bool sg_run_has(sg_ctx *ctx, const char *run, const char *name);
+
+/* The folder holds files that are not hidden: some systems put those everywhere. */
+bool sg_run_has_files(const char *folder);
+
+/* SG_ERR_BUDGET, saying so: for memory that other libraries allocate. */
+int sg_no_memory(sg_ctx *ctx);
+
+/* Of JSON without a number: null. */
+json_t *sg_number_json(double v);
+
+/* RUN/NAME as JSON; json_decref(*out). what: "config.json of a run", for messages. */
+int sg_run_read_json(sg_ctx *ctx, const char *run, const char *name, const char *what,
+                     json_t **out);
+/* Indented. Releases the value. */
+int sg_run_write_json(sg_ctx *ctx, const char *run, const char *name, json_t *value);
+
+/* An absolute path, byte for byte. */
+json_t *sg_place_json(const char *folder);
+
+/* RUN/NAME is a config.json, or the like, of this library, with that option among its options. */
+bool sg_run_has_option(sg_ctx *ctx, const char *run, const char *name, const char *option);
+
+/* log.jsonl of a run or an attack. Gets every line that is JSON; whether to keep it. */
+typedef bool (*sg_run_log_take)(void *arg, const json_t *line);
+
+struct sg_run_log {
+    sg_ctx *ctx;
+    FILE *stream;
+    char *path;
+};
+
+/* To append; take and its arg decide which lines of an earlier log stay. take NULL: a new log. */
+int sg_run_log_open(sg_ctx *ctx, const char *run, const char *name, sg_run_log_take take, void *arg,
+                    struct sg_run_log *log);
+/* Writes and releases a line. */
+int sg_run_log_line(struct sg_run_log *log, json_t *line);
+/* SG_ERR_INPUT where what was written before did not arrive. Safe on a zeroed log. */
+int sg_run_log_close(struct sg_run_log *log);
+/* Shows every line to take, whose answer does not matter. No log: no lines. */
+int sg_run_log_read(sg_ctx *ctx, const char *path, sg_run_log_take take, void *arg);
+
+#endif

@@ -1,0 +1,34 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A run's folder: the reference's layout (point_cloud/iteration_N/point_cloud.ply, cameras.json,
+ * input.ply, cfg_args) plus config.json, summary.json, log.jsonl and checkpoint.bin. Every file but
+ * the log appears whole. */
+#ifndef SG_RUN_FOLDER_H
+#define SG_RUN_FOLDER_H
+
+#include "files.h"
+#include "splatguard/run.h"
+
+/* config.json: the version, the CPU variant and all lasting options. */
+int sg_run_write_config(sg_ctx *ctx, const struct sg_run_params *p, const char *variant);
+
+bool sg_run_is_run(sg_ctx *ctx, const char *folder); /* by its config.json */
+
+/* Creates the folder and writes what is known before training. What an earlier run left goes. */
+int sg_run_create_files(sg_ctx *ctx, const struct sg_run_params *p, const struct sg_scene *scene,
+                        const struct sg_model *initial, const char *variant);
+
+/* No model, no checkpoint and no summary: a run that failed or was killed before its first save. */
+bool sg_run_is_lost(sg_ctx *ctx, const char *run);
+
+/* Removes all that sg_run_create_files and a training without any save wrote, so that the same
+ * call works again. */
+void sg_run_remove_files(sg_ctx *ctx, const char *run);
+
+/* Removes what killed processes were writing. */
+void sg_run_remove_temporary(const char *run);
+
+/* Model and checkpoint of the trainer's present iteration. */
+int sg_run_save_model(sg_ctx *ctx, const char *run, sg_trainer *trainer);
+int sg_run_save_checkpoint(sg_ctx *ctx, const char *run, sg_trainer *trainer);
+
+#endif

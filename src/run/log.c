@@ -1,0 +1,141 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "files.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "core/file.h"
+
+#define LOG_BYTES (UINT64_C(1) << 32)
+#define LINE_BYTES 65536 /* ours have a few hundred */
+
+/* The bytes of the next line, or as many as there is room for; -1 at the end. A log may come from a
+ * stranger. */
+static long next_line(FILE *in, char *line)
+{
+    long n = 0;
+    int c;
+    while ((c = getc_unlocked(in)) != EOF) {
+        if (n < LINE_BYTES)
+            line[n++] = (char) c;
+        if (c == '\n')
+            return n;
+    }
+    return n ? n : -1;
+}
+
+/* Lines to keep go to kept, if there is one. */
+static int each_line(sg_ctx *ctx, FILE *in, const char *path, sg_run_log_take take, void *arg,
+                     FILE *kept)
+{
+    char *line = sg_alloc_raw(ctx, SG_MEM_MISC, LINE_BYTES, 1);
+    for (long n; line && (n = next_line(in, line)) >= 0;) {
+        json_t *value = json_loadb(line, (size_t) n, 0, NULL);
+        if (value && take(arg, value) && kept)
+            fwrite(line, 1, (size_t) n, kept); /* errors surface at the end */
+        json_decref(value);
+    }
+    sg_free(line);
+    if (line && ferror(in))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read: %s", path, strerror(errno));
+    return line ? SG_OK : SG_ERR_BUDGET;
+}
+
+/* *in is NULL where there is no log. */
+static int open_log(sg_ctx *ctx, const char *path, FILE **in)
+{
+    struct stat st;
+    *in = NULL;
+    if (access(path, F_OK) && errno == ENOENT)
+        return SG_OK;
+    int code = sg_file_open(ctx, path, in);
+    if (!code && (fstat(fileno(*in), &st) || (uint64_t) st.st_size > LOG_BYTES)) {
+        fclose(*in);
+        *in = NULL;
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read: %s", path, strerror(EFBIG));
+    }
+    return code;
+}
+
+int sg_run_log_read(sg_ctx *ctx, const char *path, sg_run_log_take take, void *arg)
+{
+    FILE *in;
+    int code = open_log(ctx, path, &in);
+    if (in) {
+        code = each_line(ctx, in, path, take, arg, NULL);
+        fclose(in);
+    }
+    return code;
+}
+
+/* What was killed may have logged beyond its checkpoint: those iterations will be done and logged
+ * again. */
+static int trim(sg_ctx *ctx, const char *path, sg_run_log_take take, void *arg)
+{
+    FILE *in;
+    struct sg_file_writer out;
+    int code = open_log(ctx, path, &in);
+    if (!in)
+        return code;
+    code = sg_file_create(ctx, &out, path);
+    if (!code)
+        code = each_line(ctx, in, path, take, arg, out.stream);
+    if (!code)
+        code = sg_file_commit(ctx, &out);
+    sg_file_abandon(&out);
+    fclose(in);
+    return code;
+}
+
+/* Through no link, and a pipe without a reader does not hold it up. */
+static FILE *open_to_write(const char *path, bool append)
+{
+    const int how =
+        O_WRONLY | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK | (append ? O_APPEND : O_TRUNC);
+    const int fd = open(path, how, 0666);
+    struct stat st;
+    FILE *f = NULL;
+    if (fd >= 0 && !fstat(fd, &st) && !S_ISREG(st.st_mode))
+        errno = EINVAL;
+    else if (fd >= 0)
+        f = fdopen(fd, append ? "ab" : "wb");
+    if (fd >= 0 && !f)
+        close(fd);
+    return f;
+}
+
+int sg_run_log_open(sg_ctx *ctx, const char *run, const char *name, sg_run_log_take take, void *arg,
+                    struct sg_run_log *log)
+{
+    *log = (struct sg_run_log){.ctx = ctx, .path = sg_strf(ctx, "%s/%s", run, name)};
+    int code = !log->path ? SG_ERR_BUDGET : take ? trim(ctx, log->path, take, arg) : SG_OK;
+    if (!code && !(log->stream = open_to_write(log->path, take)))
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write: %s", log->path, strerror(errno));
+    return code;
+}
+
+int sg_run_log_line(struct sg_run_log *log, json_t *line)
+{
+    char *text = line ? json_dumps(line, JSON_COMPACT | JSON_REAL_PRECISION(8)) : NULL;
+    errno = 0;
+    const bool bad = !text || fprintf(log->stream, "%s\n", text) < 0 || fflush(log->stream);
+    const int why = errno ? errno : EIO;
+    free(text);
+    json_decref(line);
+    return bad ? sg_fail(log->ctx, SG_ERR_INPUT, "%s: cannot write: %s", log->path, strerror(why))
+               : SG_OK;
+}
+
+int sg_run_log_close(struct sg_run_log *log)
+{
+    int code = SG_OK;
+    if (log->stream && fclose(log->stream))
+        code = sg_fail(log->ctx, SG_ERR_INPUT, "%s: cannot write: %s", log->path, strerror(errno));
+    sg_free(log->path);
+    *log = (struct sg_run_log){0};
+    return code;
+}

@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef SG_RUN_OUTPUT_H
+#define SG_RUN_OUTPUT_H
+
+#include "core/internal.h"
+#include "splatguard/output.h"
+
+struct sg_output_rules {
+    const char *maker;   /* the mark names it */
+    const char *earlier; /* what is continued or replaced, "run"; NULL: there is no such thing */
+    bool adds;           /* to a folder that it made before */
+    /* Made by the maker, whatever its mark says; NULL: the mark alone tells. */
+    bool (*is_own)(sg_ctx *ctx, const char *folder);
+    /* Nothing in what it made is worth keeping: replaced unasked; NULL: never so. */
+    bool (*is_lost)(sg_ctx *ctx, const char *folder);
+    const char *within; /* what is written below it: no folder on the way may be a link; or NULL */
+    bool makes_scenes;  /* a scene in the folder may be the maker's own */
+    bool replace, resume;
+    bool nested;           /* in the output of a maker that has asked for itself */
+    const char *inputs[3]; /* what is read, NULL at the end */
+};
+
+int sg_output_claim_by(sg_ctx *ctx, const char *folder, const struct sg_output_rules *rules,
+                       sg_output **out);
+
+#endif

@@ -1,0 +1,160 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Reading a run's folder: parameters, scene, model, summary. */
+#include <dirent.h>
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "config.h"
+#include "core/file.h"
+#include "files.h"
+#include "splatguard/run.h"
+
+#define CFG_ARGS_BYTES 65536 /* others have a few hundred */
+
+void sg_run_params_clear(struct sg_run_params *p)
+{
+    json_decref(p->texts);
+    p->texts = NULL;
+}
+
+static int read_params(sg_ctx *ctx, const char *folder, bool strict, struct sg_run_params *out)
+{
+    json_t *root;
+    sg_clear_error(ctx);
+    *out = sg_run_params_default();
+    out->folder = folder;
+    int code = sg_run_read_json(ctx, folder, "config.json", "config.json of a run", &root);
+    if (code)
+        return code;
+    out->texts = root;
+    char *path = sg_strf(ctx, "%s/config.json", folder);
+    code = path ? sg_config_from_json(ctx, sg_run_config, out, json_object_get(root, "options"),
+                                      strict, path)
+                : SG_ERR_BUDGET;
+    const char *variant = json_string_value(json_object_get(root, "cpu_variant"));
+    out->train.cpu = variant ? variant : out->train.cpu;
+    sg_free(path);
+    return code;
+}
+
+int sg_run_read_params(sg_ctx *ctx, const char *folder, struct sg_run_params *out)
+{
+    return read_params(ctx, folder, true, out);
+}
+
+/* What another trainer's folder says in cfg_args. Its text is Python, of which only plain cases are
+ * read. */
+static void read_cfg_args(sg_ctx *ctx, const char *run, struct sg_scene_params *scene)
+{
+    char *path = sg_strf(ctx, "%s/cfg_args", run), *text = NULL;
+    size_t size = 0;
+    int n;
+    if (path && !sg_file_read(ctx, path, CFG_ARGS_BYTES, &text, &size)) {
+        const char *resolution = strstr(text, "resolution=");
+        scene->white_background = strstr(text, "white_background=True");
+        if (resolution && sscanf(resolution, "resolution=%d", &n) == 1 && n >= -1 && n &&
+            n <= 16384)
+            scene->resolution = n;
+    }
+    sg_clear_error(ctx); /* without it, or with another text, the defaults hold */
+    sg_free(text);
+    sg_free(path);
+}
+
+int sg_run_read_scene(sg_ctx *ctx, const char *folder, struct sg_run_params *out)
+{
+    sg_clear_error(ctx);
+    if (sg_run_has(ctx, folder, "config.json"))
+        return read_params(ctx, folder, false, out);
+    *out = sg_run_params_default();
+    out->folder = folder;
+    out->scene.eval = true;
+    read_cfg_args(ctx, folder, &out->scene);
+    return SG_OK;
+}
+
+/* The newest iteration with a model, or 0. */
+static int newest(sg_ctx *ctx, const char *run)
+{
+    char *folder = sg_strf(ctx, "%s/point_cloud", run);
+    DIR *d = folder ? opendir(folder) : NULL;
+    int best = 0;
+    for (struct dirent *e; d && (e = readdir(d));) {
+        int n;
+        char rest;
+        if (sscanf(e->d_name, "iteration_%d%c", &n, &rest) != 1 || n <= best)
+            continue;
+        char *file = sg_strf(ctx, "%s/%s/point_cloud.ply", folder, e->d_name);
+        if (file && !access(file, F_OK))
+            best = n;
+        sg_free(file);
+    }
+    if (d)
+        closedir(d);
+    sg_free(folder);
+    return best;
+}
+
+int sg_run_find_model(sg_ctx *ctx, const char *path, int iteration, char *out, size_t size)
+{
+    sg_clear_error(ctx);
+    int n;
+    if (access(path, F_OK))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: cannot open the model: %s", path, strerror(errno));
+    if (!sg_dir_exists(path)) {
+        n = snprintf(out, size, "%s", path);
+    } else {
+        iteration = iteration ? iteration : newest(ctx, path);
+        if (!iteration)
+            return sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: found no point_cloud/iteration_N/point_cloud.ply, expected a run "
+                           "folder",
+                           path);
+        n = snprintf(out, size, "%s/point_cloud/iteration_%d/point_cloud.ply", path, iteration);
+    }
+    return n >= 0 && (size_t) n < size
+               ? SG_OK
+               : sg_fail(ctx, SG_ERR_BUDGET, "%s: found a path of %d bytes, expected less than %zu",
+                         path, n, size);
+}
+
+struct sg_run_summary {
+    json_t *root;
+};
+
+int sg_run_summary_read(sg_ctx *ctx, const char *folder, sg_run_summary **out)
+{
+    sg_clear_error(ctx);
+    *out = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(**out));
+    int code =
+        *out ? sg_run_read_json(ctx, folder, "summary.json", "summary.json of a run", &(*out)->root)
+             : SG_ERR_BUDGET;
+    if (code)
+        sg_run_summary_destroy(out);
+    return code;
+}
+
+double sg_run_summary_number(const sg_run_summary *summary, const char *key)
+{
+    const json_t *v = summary->root;
+    while (*key) {
+        const size_t n = strcspn(key, ".");
+        char part[64];
+        snprintf(part, sizeof(part), "%.*s", (int) n, key);
+        v = json_object_get(v, part);
+        key += n + (key[n] == '.');
+    }
+    return json_is_boolean(v) ? json_is_true(v) : json_is_number(v) ? json_number_value(v) : NAN;
+}
+
+void sg_run_summary_destroy(sg_run_summary **summary)
+{
+    if (!summary || !*summary)
+        return;
+    json_decref((*summary)->root);
+    sg_free(*summary);
+    *summary = NULL;
+}

@@ -1,0 +1,404 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A run from its parameters to its last file. */
+#include "train.h"
+
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "core/clock.h"
+#include "core/file.h"
+#include "scene/used.h"
+#include "train/schedule.h"
+
+static double cpu_now(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+    return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
+}
+
+/* Whether the caller wants to stop. */
+static bool ask(sg_run *r, const struct sg_train_step *step)
+{
+    if (r->params.step && r->params.step(r->params.step_priv, step))
+        r->stopped = true;
+    return r->stopped;
+}
+
+/* Measures the test views; fps only at the end. Where memory is short for that, the run goes on
+ * without. */
+static int measure(sg_run *r, int time_fps)
+{
+    sg_renderer *renderer = NULL;
+    sg_clear_error(r->ctx);
+    int code = sg_trainer_renderer(r->trainer, &renderer);
+    if (!code) {
+        sg_eval_clear(&r->eval);
+        code = sg_evaluate(r->ctx, renderer, r->scene->test, r->scene->n_test, time_fps, &r->eval);
+    }
+    sg_renderer_destroy(&renderer);
+    if (code == SG_ERR_BUDGET) {
+        sg_log(r->ctx, SG_LOG_WARN, "%s; the test views are not measured", sg_last_error(r->ctx));
+        sg_clear_error(r->ctx);
+        return SG_OK;
+    }
+    if (code)
+        return code;
+    r->evaluated = sg_trainer_iteration(r->trainer);
+    sg_log(r->ctx, SG_LOG_INFO, "iteration %d: PSNR %.3f, SSIM %.4f on %zu test views",
+           r->evaluated, r->eval.psnr, r->eval.ssim, r->eval.views);
+    return sg_run_log_eval(r);
+}
+
+/* A file that cannot be written, now, is no reason to lose a training. */
+static void note_error(sg_run *r, int code)
+{
+    if (!code)
+        return;
+    sg_log(r->ctx, SG_LOG_WARN, "%s", sg_last_error(r->ctx));
+    if (!r->write_error && code != SG_ERR_BUDGET) { /* there may be memory for the next */
+        r->write_error = code;
+        r->write_message = sg_strdup(r->ctx, sg_last_error(r->ctx));
+    }
+    sg_clear_error(r->ctx);
+}
+
+static int save(sg_run *r)
+{
+    /* The log's line at a checkpoint carries the totals that a resumed run goes on from. */
+    note_error(r, sg_run_log_step(r));
+    int code = sg_run_save_model(r->ctx, r->params.folder, r->trainer);
+    if (code)
+        return code;
+    code = sg_run_save_checkpoint(r->ctx, r->params.folder, r->trainer);
+    r->resumable = !code;
+    r->saved = sg_trainer_iteration(r->trainer);
+    if (code == SG_ERR_BUDGET) {
+        sg_log(r->ctx, SG_LOG_WARN,
+               "%s; the model is saved, its checkpoint is not: a resumed run goes on from an "
+               "earlier one, if there is one",
+               sg_last_error(r->ctx));
+        sg_clear_error(r->ctx);
+        code = SG_OK; /* the model is what was asked for */
+    }
+    return code;
+}
+
+#define STARVING 10 /* removals */
+
+/* A fixed rho above the scene's growth eats the model up: warns once. */
+static void watch_filter(sg_run *r)
+{
+    const struct sg_train_step *s = &r->step;
+    if (r->train.defense.rho < 0)
+        return;
+    const int growths = (s->iteration - r->window_from) / r->train.densification_interval;
+    r->window_grown += s->cloned + s->split, r->window_removed += s->defense.removed;
+    r->window_events += s->defense.filtered;
+    if (r->window_events < STARVING || growths < STARVING / 2)
+        return;
+    if (r->window_removed > r->window_grown && s->gaussians < r->first_gaussians && !r->starves) {
+        r->starves = true;
+        sg_log(
+            r->ctx, SG_LOG_WARN,
+            "over %d removals the filter took more than grew, and there are fewer Gaussians than "
+            "at first: %zu; rho is too high for this scene",
+            r->window_events, s->gaussians);
+    }
+    r->window_from = s->iteration;
+    r->window_grown = r->window_removed = 0;
+    r->window_events = 0;
+}
+
+/* Where time is so short that a step passes over several, none. */
+static bool due(const sg_run *r, int every)
+{
+    const int stride = r->step.iteration - r->before;
+    return every && (stride == 1 || stride < every) && sg_due(r->before, r->step.iteration, every);
+}
+
+/* Everything that is due after an iteration; the end has its own. */
+static void after_step(sg_run *r)
+{
+    const struct sg_train_step *s = &r->step;
+    const struct sg_run_params *p = &r->params;
+    const bool last = s->iteration == p->train.iterations;
+    if (s->gaussians > r->totals.max_gaussians)
+        r->totals.max_gaussians = s->gaussians;
+    if (s->render.instances > r->totals.max_instances)
+        r->totals.max_instances = s->render.instances;
+    r->cloned += s->cloned, r->split += s->split, r->pruned += s->pruned;
+    if (s->defense.filtered) {
+        r->totals.filter_events++, r->totals.filter_removed += s->defense.removed;
+        note_error(r, sg_run_log_filter(r));
+    }
+    watch_filter(r);
+    if (sg_due(r->before, s->iteration, p->log_every) || last || s->iteration == 1)
+        note_error(r, sg_run_log_step(r));
+    if (due(r, p->save_every) && !last)
+        note_error(r, save(r));
+    if (p->scene.eval && due(r, p->eval_every) && !last)
+        note_error(r, measure(r, 0));
+}
+
+/* The training cannot go on. The model so far is worth keeping; the checkpoint stays, for this
+ * iteration is half done. */
+static int end_early(sg_run *r, int error)
+{
+    char *why = sg_strdup(r->ctx, sg_last_error(r->ctx));
+    const int done = sg_trainer_iteration(r->trainer);
+    const size_t gaussians = sg_trainer_gaussians(r->trainer); /* may have grown before it failed */
+    if (gaussians > r->totals.max_gaussians)
+        r->totals.max_gaussians = gaussians;
+    sg_clear_error(r->ctx);
+    const int lost =
+        done > r->saved ? sg_run_save_model(r->ctx, r->params.folder, r->trainer) : SG_OK;
+    if (lost)
+        sg_log(r->ctx, SG_LOG_WARN, "%s", sg_last_error(r->ctx));
+    sg_clear_error(r->ctx);
+    r->saved = lost ? r->saved : done;
+    r->ended_by = error;
+    int code = sg_run_write_summary(r);
+    if (r->saved && error == SG_ERR_BUDGET) { /* a smaller model than asked for, but a model */
+        sg_log(r->ctx, SG_LOG_WARN, "%s", why ? why : "out of memory");
+        error = lost == SG_ERR_BUDGET ? SG_OK : lost;
+    }
+    if (error) {
+        sg_clear_error(r->ctx);
+        code = sg_fail(r->ctx, error, "%s", why ? why : "out of memory");
+    }
+    sg_free(why);
+    return code;
+}
+
+static int loop(sg_run *r)
+{
+    while (sg_trainer_iteration(r->trainer) < r->params.train.iterations && !r->stopped) {
+        const double start = sg_seconds(), cpu = cpu_now();
+        r->before = sg_trainer_iteration(r->trainer);
+        const int error = sg_trainer_step(r->trainer, &r->step);
+        r->totals.seconds += sg_seconds() - start;
+        r->totals.cpu_seconds += cpu_now() - cpu;
+        if (error == SG_ERR_INTERRUPTED) { /* by the context's progress function */
+            sg_clear_error(r->ctx);
+            r->stopped = true;
+        } else if (error)
+            return end_early(r, error);
+        else {
+            after_step(r);
+            ask(r, &r->step);
+        }
+    }
+    return SG_OK;
+}
+
+/* Ends the run: what there is, is saved, stopped or not. */
+static int finish(sg_run *r)
+{
+    const bool cut = sg_trainer_iteration(r->trainer) < r->params.train.iterations;
+    /* Without a step there is nothing new, and perhaps less: a tighter limit thins out. */
+    const bool stepped = sg_trainer_iteration(r->trainer) > r->saved || !r->resume;
+    int code = stepped ? save(r) : SG_OK;
+    r->resumable |= !stepped;
+    if (!code && r->params.scene.eval && !cut)
+        code = measure(r, 1);
+    if (!code)
+        code = sg_run_write_summary(r);
+    if (!code && cut)
+        code = sg_fail(r->ctx, SG_ERR_INTERRUPTED, "interrupted at iteration %d; saved",
+                       sg_trainer_iteration(r->trainer));
+    return code;
+}
+
+int sg_run_train(sg_run *r)
+{
+    sg_clear_error(r->ctx);
+    if (r->finished)
+        return SG_OK;
+    if (!r->first_gaussians)
+        r->first_gaussians = sg_trainer_gaussians(r->trainer);
+    r->window_from = sg_trainer_iteration(r->trainer);
+    int code = loop(r);
+    if (!code && !r->ended_by)
+        code = finish(r);
+    if (code == SG_ERR_BUDGET && !r->ended_by && r->saved) { /* a model, if not the last */
+        sg_log(r->ctx, SG_LOG_WARN, "%s", sg_last_error(r->ctx));
+        sg_clear_error(r->ctx);
+        r->ended_by = SG_ERR_BUDGET;
+        code = sg_run_write_summary(r);
+        if (!code && r->stopped)
+            code =
+                sg_fail(r->ctx, SG_ERR_INTERRUPTED, "interrupted at iteration %d; saved", r->saved);
+    }
+    if (!code && r->write_error)
+        code = sg_fail(r->ctx, r->write_error, "%s",
+                       r->write_message ? r->write_message : "a file could not be written");
+    const int closed = sg_run_log_close(&r->log);
+    code = code ? code : closed;
+    r->failed = code && code != SG_ERR_INTERRUPTED;
+    return code;
+}
+
+/* Whether the run's summary is that of its end. */
+static bool is_summed_up(sg_run *r, int iteration)
+{
+    json_t *s = NULL;
+    if (sg_run_has(r->ctx, r->params.folder, "summary.json"))
+        sg_run_read_json(r->ctx, r->params.folder, "summary.json", "summary.json of a run", &s);
+    sg_clear_error(r->ctx); /* an unreadable one is written anew */
+    const bool whole = json_integer_value(json_object_get(s, "iterations")) == iteration &&
+                       json_is_false(json_object_get(s, "interrupted"));
+    json_decref(s);
+    return whole;
+}
+
+/* From the checkpoint. */
+static int restore(sg_run *r)
+{
+    const char *folder = r->params.folder;
+    if (!sg_run_has(r->ctx, folder, "checkpoint.bin"))
+        return sg_fail(r->ctx, SG_ERR_INPUT,
+                       "%s: found no checkpoint, so nothing to go on from; replace the run",
+                       folder);
+    json_t *config = NULL;
+    char *path = sg_strf(r->ctx, "%s/checkpoint.bin", folder);
+    int code =
+        path ? sg_run_read_json(r->ctx, folder, "config.json", "config.json of a run", &config)
+             : SG_ERR_BUDGET;
+    if (!code) {
+        sg_run_remove_temporary(folder);
+        r->train.seconds_before = sg_seconds() - r->begun; /* reading photos */
+        code = sg_trainer_resume(r->ctx, r->scene, path, &r->train, &r->trainer);
+    }
+    sg_free(path);
+    const char *now = code ? NULL : sg_trainer_variant(r->trainer),
+               *variant = json_string_value(json_object_get(config, "cpu_variant"));
+    if (!code && variant && strcmp(variant, now))
+        sg_log(
+            r->ctx, SG_LOG_WARN,
+            "the run was made with %s and goes on with %s: results can differ in the last digits",
+            variant, now);
+    if (!code) {
+        r->saved = sg_trainer_iteration(r->trainer); /* a model comes before its checkpoint */
+        /* a tighter limit would only thin it out */
+        r->finished = r->saved >= r->params.train.iterations && is_summed_up(r, r->saved);
+    }
+    if (!code && !r->finished && ask(r, NULL))
+        code = sg_fail(r->ctx, SG_ERR_INTERRUPTED,
+                       "interrupted before the first step; %s is as it was", folder);
+    if (!code && !r->finished) /* iterations may have been raised */
+        code = sg_run_write_config(r->ctx, &r->params, variant ? variant : now);
+    json_decref(config);
+    return code;
+}
+
+/* From points or a model. */
+static int create(sg_run *r)
+{
+    const struct sg_run_params *p = &r->params;
+    struct sg_model *initial = NULL;
+    int code = p->init ? sg_model_read_ply(r->ctx, p->init, UINT32_MAX, &initial) : SG_OK;
+    if (!code && initial)
+        code = sg_model_check(r->ctx, initial, p->init);
+    r->train.seconds_before = sg_seconds() - r->begun; /* reading photos and model */
+    if (!code)
+        code = sg_trainer_create(r->ctx, r->scene, initial, &r->train, &r->trainer);
+    sg_model_destroy(&initial);
+    if (!code)
+        code = sg_trainer_model(r->trainer, &initial);
+    if (!code && ask(r, NULL)) /* an earlier run is still there */
+        code = sg_fail(r->ctx, SG_ERR_INTERRUPTED, "interrupted before anything was written");
+    if (!code) {
+        r->created = true;
+        code = sg_run_create_files(r->ctx, p, r->scene, initial, sg_trainer_variant(r->trainer));
+    }
+    sg_model_destroy(&initial);
+    return code;
+}
+
+static int open_run(sg_run *r, const struct sg_output_rules *rules)
+{
+    const struct sg_run_params *p = &r->params;
+    int code = sg_run_check(r->ctx, p);
+    if (!code)
+        code = sg_output_claim_by(r->ctx, p->folder, rules, &r->output);
+    if (!code)
+        code = sg_scene_load(r->ctx, p->source, &p->scene, &r->scene);
+    if (!code && p->scene.eval && !sg_views_used(r->scene->test, r->scene->n_test))
+        code = sg_fail(r->ctx, SG_ERR_INPUT,
+                       "%s: found no test view with a used pixel, needed to evaluate", p->source);
+    if (!code)
+        code = sg_run_decide_defense(r);
+    if (!code)
+        ask(r, NULL); /* before the trainer, which takes its time */
+    if (!code)
+        code = r->resume ? restore(r) : create(r);
+    if (code || r->finished)
+        return code;
+    r->totals.max_gaussians = sg_trainer_gaussians(r->trainer);
+    return sg_run_open_log(r);
+}
+
+int sg_run_open_in(sg_ctx *ctx, const struct sg_run_params *params, enum sg_run_start start,
+                   bool nested, sg_run **out)
+{
+    sg_clear_error(ctx);
+    sg_run *r = *out = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*r));
+    if (!r)
+        return SG_ERR_BUDGET;
+    *r = (sg_run){
+        .ctx = ctx, .params = *params, .resume = start == SG_RUN_RESUME, .begun = sg_seconds()};
+    const struct sg_output_rules rules = {.maker = "train",
+                                          .earlier = "run",
+                                          .is_own = sg_run_is_run,
+                                          .is_lost = sg_run_is_lost,
+                                          .within = "point_cloud/iteration_N",
+                                          .replace = start == SG_RUN_REPLACE,
+                                          .resume = start == SG_RUN_RESUME,
+                                          .nested = nested,
+                                          .inputs = {params->source, params->init}};
+    const int code = params->source && params->folder
+                         ? open_run(r, &rules)
+                         : sg_fail(ctx, SG_ERR_USAGE, "run: found no source or folder");
+    r->failed = code && code != SG_ERR_INTERRUPTED;
+    if (code)
+        sg_run_close(out);
+    return code;
+}
+
+int sg_run_open(sg_ctx *ctx, const struct sg_run_params *params, enum sg_run_start start,
+                sg_run **out)
+{
+    return sg_run_open_in(ctx, params, start, false, out);
+}
+
+void sg_run_status(const sg_run *r, struct sg_run_status *out)
+{
+    *out = (struct sg_run_status){.iteration = sg_trainer_iteration(r->trainer),
+                                  .iterations = r->params.train.iterations,
+                                  .saved = r->saved,
+                                  .finished = r->finished,
+                                  .resumable = r->resumable,
+                                  .ended_by = r->ended_by};
+    sg_trainer_limits(r->trainer, &out->limits);
+}
+
+void sg_run_close(sg_run **run)
+{
+    sg_run *r = run ? *run : NULL;
+    if (!r)
+        return;
+    sg_run_log_close(&r->log);
+    sg_eval_clear(&r->eval);
+    sg_trainer_destroy(&r->trainer);
+    sg_scene_destroy(&r->scene);
+    if (r->failed && r->created && !r->saved)
+        sg_run_remove_files(r->ctx, r->params.folder);
+    sg_output_release(&r->output);
+    sg_free(r->view_weights);
+    sg_free(r->tolerances);
+    sg_free(r->write_message);
+    sg_free(r);
+    *run = NULL;
+}

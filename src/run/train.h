@@ -1,0 +1,77 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A training in progress: from its photos to its files. */
+#ifndef SG_RUN_TRAIN_H
+#define SG_RUN_TRAIN_H
+
+#include "folder.h"
+#include "output.h"
+#include "splatguard/eval.h"
+
+/* Of the whole run: a resumed one goes on from those in its log. */
+struct run_totals {
+    double seconds, cpu_seconds; /* of training alone, without evaluation and files */
+    uint64_t max_gaussians, max_instances;
+    uint64_t filter_events, filter_removed; /* of the defense */
+    struct sg_train_times parts; /* seconds of the processes before; of the defense only */
+};
+
+struct sg_run {
+    sg_ctx *ctx;
+    struct sg_run_params params;  /* as config.json has them */
+    struct sg_train_params train; /* as the trainer gets them: preset and audit are applied */
+    bool resume;
+    sg_output *output;
+    struct sg_scene *scene;
+    sg_trainer *trainer;
+    struct sg_run_log log;
+    struct run_totals totals;
+    const char *audit; /* the verdict, or NULL */
+    double audit_score;
+    float *view_weights, *tolerances;    /* of each training view, from the audit, or NULL */
+    double begun;                        /* on the monotonic clock */
+    struct sg_train_step step;           /* newest */
+    int before;                          /* iteration before it */
+    bool stopped;                        /* by the caller */
+    int ended_by;                        /* error that ended it early, or SG_OK */
+    int write_error;                     /* of the first file that could not be written */
+    char *write_message;                 /* what that said */
+    bool log_lost;                       /* log.jsonl is one of them */
+    int logged;                          /* iteration of the newest line */
+    uint64_t cloned, split, pruned;      /* since then */
+    size_t first_gaussians;              /* of the run, or of its log */
+    size_t window_grown, window_removed; /* over the newest removals */
+    int window_from, window_events;
+    bool starves;        /* a warning about that was given */
+    bool created;        /* its folder has files of this process */
+    bool failed;         /* when opened or run */
+    bool resumable;      /* the newest checkpoint is of the newest model */
+    bool finished;       /* resumed, with nothing left to do */
+    int saved;           /* iteration of the newest model that is saved, 0 = none */
+    struct sg_eval eval; /* newest measurement */
+    int evaluated;       /* its iteration, 0 = none */
+};
+
+/* In the folder of an attack that is claimed already, if nested. */
+int sg_run_open_in(sg_ctx *ctx, const struct sg_run_params *params, enum sg_run_start start,
+                   bool nested, sg_run **out);
+
+/* What the preset decides where the parameters leave it to that, as config.json keeps it. */
+void sg_run_apply_preset(struct sg_run_params *p, const struct sg_defense_params *preset);
+
+/* The defense that follows from parameters and photos: fills run->train. A resumed run has decided
+ * whether there is one. */
+int sg_run_decide_defense(sg_run *run);
+
+/* Opens log.jsonl. When resuming, lines of iterations after the checkpoint go, and the totals come
+ * from the last one left. */
+int sg_run_open_log(sg_run *run);
+int sg_run_log_step(sg_run *run); /* once per iteration; does nothing the second time */
+int sg_run_log_filter(sg_run *run);
+int sg_run_log_eval(sg_run *run);
+
+/* {"anisotropy": seconds, ...} of the defense's parts, of the whole run. The caller owns it. */
+json_t *sg_run_defense_seconds(const sg_run *run);
+
+int sg_run_write_summary(sg_run *run);
+
+#endif

@@ -1,0 +1,255 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Runs as a program that embeds the library uses them. */
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#include "core/file.h"
+#include "params.h"
+#include "splatguard/splatguard.h"
+
+static char root[] = "/tmp/sg-run-XXXXXX";
+static char scene[64];
+
+static char *at(const char *name)
+{
+    static char paths[8][128];
+    static int next;
+    char *path = paths[next++ % 8];
+    snprintf(path, sizeof(paths[0]), "%s/%s", root, name);
+    return path;
+}
+
+static sg_ctx *new_context(void)
+{
+    sg_ctx *ctx;
+    assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 2}), SG_OK);
+    return ctx;
+}
+
+static int set_up(void **state)
+{
+    (void) state;
+    if (!mkdtemp(root))
+        return 1;
+    sg_ctx *ctx = new_context();
+    const int code = sg_synth_write(ctx, at("scene"),
+                                    sg_synth_params(.width = 40, .height = 32, .train_views = 6,
+                                                    .test_views = 2, .points = 100, .samples = 1));
+    snprintf(scene, sizeof(scene), "%s/scene/blender", root);
+    sg_ctx_destroy(&ctx);
+    return code;
+}
+
+static int tear_down(void **state)
+{
+    (void) state;
+    char command[64];
+    snprintf(command, sizeof(command), "rm -rf %s", root);
+    return system(command);
+}
+
+static struct sg_run_params short_run(const char *folder)
+{
+    struct sg_run_params p = sg_run_params_default();
+    p.source = scene, p.folder = folder;
+    p.scene.eval = true;
+    p.train.iterations = 24, p.train.init_points = 200, p.train.sh_degree = 1;
+    p.log_every = 5;
+    return p;
+}
+
+/* All that an embedder needs: a run from a folder of photos to a folder with a model. */
+static int train(sg_ctx *ctx, const struct sg_run_params *params, enum sg_run_start start,
+                 struct sg_run_status *status)
+{
+    sg_run *run;
+    int code = sg_run_open(ctx, params, start, &run);
+    if (code)
+        return code;
+    code = sg_run_train(run);
+    sg_run_status(run, status);
+    sg_run_close(&run);
+    return code;
+}
+
+static int stop_at(void *priv, const struct sg_train_step *step)
+{
+    return step && step->iteration == *(int *) priv;
+}
+
+static void assert_same_model(sg_ctx *ctx, const char *a, const char *b)
+{
+    char path[128], *data[2];
+    size_t size[2];
+    assert_int_equal(sg_run_find_model(ctx, a, 0, path, sizeof(path)), SG_OK);
+    assert_int_equal(sg_file_read(ctx, path, 1 << 20, &data[0], &size[0]), SG_OK);
+    assert_int_equal(sg_run_find_model(ctx, b, 0, path, sizeof(path)), SG_OK);
+    assert_int_equal(sg_file_read(ctx, path, 1 << 20, &data[1], &size[1]), SG_OK);
+    assert_int_equal(size[0], size[1]);
+    assert_memory_equal(data[0], data[1], size[0]);
+    sg_free(data[0]);
+    sg_free(data[1]);
+}
+
+/* Stopped and continued, a run gives the bytes of an uninterrupted one. */
+static void test_resume(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = new_context();
+    char *whole = at("whole"), *cut = at("cut");
+    struct sg_run_status s;
+    struct sg_run_params p = short_run(whole), q = short_run(cut), back;
+    assert_int_equal(train(ctx, &p, SG_RUN_NEW, &s), SG_OK);
+    assert_true(s.iteration == 24 && s.iterations == 24 && s.saved == 24 && s.resumable);
+    assert_true(!s.finished && s.ended_by == SG_OK);
+
+    int stop = 11;
+    q.step = stop_at, q.step_priv = &stop;
+    assert_int_equal(train(ctx, &q, SG_RUN_NEW, &s), SG_ERR_INTERRUPTED);
+    assert_string_equal(sg_last_error(ctx), "interrupted at iteration 11; saved");
+    assert_true(s.iteration == 11 && s.saved == 11 && s.resumable);
+
+    assert_int_equal(sg_run_read_params(ctx, cut, &back), SG_OK);
+    assert_int_equal(back.train.iterations, 24);
+    assert_int_equal(back.log_every, 5);
+    assert_true(back.scene.eval && back.train.tolerance == 0 && back.train.defense.rho == 0.03);
+    back.train.lambda_dssim = 0.5f; /* another run */
+    assert_int_equal(train(ctx, &back, SG_RUN_RESUME, &s), SG_ERR_INPUT);
+    back.train.lambda_dssim = 0.2f;
+    assert_int_equal(train(ctx, &back, SG_RUN_RESUME, &s), SG_OK);
+    assert_int_equal(s.saved, 24);
+    assert_same_model(ctx, whole, cut);
+    assert_int_equal(train(ctx, &back, SG_RUN_RESUME, &s), SG_OK);
+    assert_true(s.finished);
+    sg_run_params_clear(&back);
+
+    sg_run_summary *summary;
+    assert_int_equal(sg_run_summary_read(ctx, cut, &summary), SG_OK);
+    assert_true(sg_run_summary_number(summary, "iterations") == 24);
+    assert_true(sg_run_summary_number(summary, "interrupted") == 0);
+    assert_true(sg_run_summary_number(summary, "psnr") > 5);
+    assert_true(sg_run_summary_number(summary, "stage_seconds.project") >= 0);
+    assert_true(isnan(sg_run_summary_number(summary, "stage_seconds.tea")));
+    assert_true(isnan(sg_run_summary_number(summary, "variant")));
+    sg_run_summary_destroy(&summary);
+    assert_null(summary);
+    sg_ctx_destroy(&ctx);
+}
+
+/* One owner at a time; nothing is replaced unasked. */
+static void test_folders(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = new_context();
+    struct sg_run_status s;
+    const char *folder = at("owned");
+    struct sg_run_params p = short_run(folder);
+    sg_run *run, *other;
+    assert_int_equal(sg_run_open(ctx, &p, SG_RUN_NEW, &run), SG_OK);
+    assert_int_equal(sg_run_open(ctx, &p, SG_RUN_REPLACE, &other), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(ctx), "in use by splatguard train, process"));
+    assert_null(other);
+    assert_int_equal(sg_run_train(run), SG_OK);
+    sg_run_close(&run);
+    assert_null(run);
+    assert_int_equal(train(ctx, &p, SG_RUN_NEW, &s), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(ctx), "found an earlier run"));
+    assert_int_equal(train(ctx, &p, SG_RUN_REPLACE, &s), SG_OK);
+    p.folder = scene;
+    assert_int_equal(train(ctx, &p, SG_RUN_NEW, &s), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(ctx), "in the scene"));
+    p.folder = at("void");
+    assert_int_equal(train(ctx, &p, SG_RUN_RESUME, &s), SG_ERR_INPUT);
+    p.source = at("nowhere");
+    assert_int_equal(train(ctx, &p, SG_RUN_NEW, &s), SG_ERR_INPUT);
+    assert_int_equal(access(at("void"), F_OK), -1);
+
+    sg_output *output;
+    assert_int_equal(sg_output_claim(ctx, folder, "pictures", true, NULL, &output), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(ctx), "found other files"));
+    assert_int_equal(sg_output_claim(ctx, at("pictures"), "pictures", true, NULL, &output), SG_OK);
+    sg_output_release(&output);
+    assert_int_equal(access(at("pictures"), F_OK), -1);
+    sg_ctx_destroy(&ctx);
+}
+
+/* Wrong values are told by the field, before anything is read. */
+static void test_checks(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = new_context();
+    sg_run *run;
+    struct sg_run_params p = short_run(at("checked"));
+    p.source = at("nowhere");
+    p.train.defense.rho = -0.95;
+    assert_int_equal(sg_run_open(ctx, &p, SG_RUN_NEW, &run), SG_ERR_USAGE);
+    assert_string_equal(sg_last_error(ctx), "defense.rho: found -0.95, expected -0.9 to 0.5");
+    p = short_run(at("checked"));
+    p.train.defense.rho = 0.03, p.train.defense.rho_least = 0.01;
+    assert_int_equal(sg_run_check(ctx, &p), SG_ERR_USAGE);
+    assert_non_null(strstr(sg_last_error(ctx), "defense.rho_least: found 0.01 with a fixed rho"));
+    p.train.defense.rho_least = 0, p.log_every = 0;
+    assert_int_equal(sg_run_check(ctx, &p), SG_ERR_USAGE);
+    assert_non_null(strstr(sg_last_error(ctx), "log_every: found 0, expected 1 to"));
+    p.log_every = 1, p.train.tolerance = -3;
+    assert_int_equal(sg_run_check(ctx, &p), SG_ERR_USAGE);
+    p.train.tolerance = SG_TOLERANCE_AUTO;
+    assert_int_equal(sg_run_check(ctx, &p), SG_OK);
+    p.source = NULL;
+    assert_int_equal(sg_run_open(ctx, &p, SG_RUN_NEW, &run), SG_ERR_USAGE);
+    sg_ctx_destroy(&ctx);
+}
+
+static int stop_attack(void *priv, const struct sg_attack_step *step)
+{
+    return step && step->iteration >= *(int *) priv;
+}
+
+/* The proxy is trained on the way; stopped and continued, an attack ends as a whole one. */
+static void test_attack(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = new_context();
+    struct sg_attack_run_status s;
+    struct sg_attack_run_params p = sg_attack_run_params_default(), back;
+    int stop = 3;
+    p.source = scene, p.folder = at("poisoned");
+    p.attack.iterations = 6, p.attack.inner = 2;
+    p.proxy_iterations = 8;
+    p.step = stop_attack, p.step_priv = &stop;
+    assert_int_equal(sg_attack_run(ctx, &p, SG_RUN_NEW, &s), SG_ERR_INTERRUPTED);
+    assert_true(s.resumable && s.first == 0 && s.iterations == 6 && !s.finished);
+    assert_int_equal(access(at("poisoned/poison.json"), F_OK), -1);
+    assert_int_equal(sg_attack_run_read_params(ctx, p.folder, &back), SG_OK);
+    assert_true(back.attack.iterations == 6 && back.attack.epsilon == p.attack.epsilon);
+    assert_int_equal(back.attack.update_interval, SG_ATTACK_BY_PRESET);
+    assert_int_equal(sg_attack_run(ctx, &back, SG_RUN_RESUME, &s), SG_OK);
+    assert_int_equal(s.first, 3);
+    assert_int_equal(access(at("poisoned/poison.json"), F_OK), 0);
+    assert_int_equal(sg_attack_run(ctx, &back, SG_RUN_RESUME, &s), SG_OK);
+    assert_true(s.finished);
+    sg_attack_run_params_clear(&back);
+    p.ratio = 2;
+    assert_int_equal(sg_attack_run(ctx, &p, SG_RUN_REPLACE, NULL), SG_ERR_USAGE);
+    assert_non_null(strstr(sg_last_error(ctx), "ratio: found 2, expected 0 to 1"));
+    sg_ctx_destroy(&ctx);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_resume),
+        cmocka_unit_test(test_folders),
+        cmocka_unit_test(test_checks),
+        cmocka_unit_test(test_attack),
+    };
+    return cmocka_run_group_tests(tests, set_up, tear_down);
+}
