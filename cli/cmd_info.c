@@ -4,13 +4,15 @@
 #include "commands.h"
 
 struct info_config {
-    bool json;
+    bool json, devices;
     uint64_t max_memory;
 };
 
 static const struct sg_option info_options[] = {
     FLAG_ROW("json", offsetof(struct info_config, json), "Print one JSON object.",
              .group = "Output"),
+    FLAG_ROW("devices", offsetof(struct info_config, devices),
+             "List the engines and CPU variants of this build.", .group = "Output"),
     MEMORY_ROW(struct info_config, max_memory, .group = "Output"),
     {0},
 };
@@ -69,10 +71,39 @@ static void print_text(const char *path, const struct sg_model_info *i)
                i->transparent);
 }
 
+static int print_devices(bool json)
+{
+    struct sg_engine_info e;
+    json_t *list = json_array();
+    for (size_t i = 0; sg_engine_list(i, &e); i++) {
+        json_array_append_new(list, json_pack("{s:s,s:s?,s:s,s:b,s:b,s:s?}", "engine", e.engine,
+                                              "variant", e.variant, "description", e.description,
+                                              "available", (int) e.available, "chosen",
+                                              (int) e.chosen, "missing", e.missing));
+        if (!json)
+            printf("%-4s %-9s %s%s%s%s\n", e.engine, e.variant ? e.variant : "-", e.description,
+                   e.missing ? "; this machine lacks " : "", e.missing ? e.missing : "",
+                   e.chosen && e.variant ? "; chosen" : "");
+    }
+    if (json)
+        return json_print(list, 0);
+    json_decref(list);
+    return 0;
+}
+
 static int run_info(const void *config, const bool *given, const char *const *positional, int count)
 {
-    (void) given, (void) count;
+    (void) given;
     const struct info_config *c = config;
+    if (c->devices && count)
+        say(stderr, "splatguard info: found %s and --devices, expected one of them\n",
+            positional[0]);
+    else if (!c->devices && !count)
+        say(stderr, "splatguard info: missing argument: a run, a model, or --devices\n");
+    if (c->devices == (count > 0))
+        return STATUS_USAGE;
+    if (c->devices)
+        return print_devices(c->json);
     sg_ctx *ctx;
     struct sg_model *model = NULL;
     struct sg_model_info info;
@@ -99,17 +130,18 @@ static int run_info(const void *config, const bool *given, const char *const *po
 
 const struct command command_info = {
     .name = "info",
-    .arguments = "RUN|MODEL.ply [--json]",
+    .arguments = "RUN|MODEL.ply [--json]  or  --devices",
     .summary = "Says what is in a model and what is wrong with it.",
     .description =
         "Prints count, SH degree, bounds and percentiles of scale and opacity. A file that cannot "
         "be read is refused with the place and the reason. Exit status 2 also for a model with "
-        "values that are not finite, which no other command takes.",
+        "values that are not finite, which no other command takes. With --devices: the engines and "
+        "CPU variants of this build, and whether this machine runs them.",
     .groups = "Output",
     .options = info_options,
     .config_size = sizeof(struct info_config),
     .defaults = defaults,
-    .min_positional = 1,
+    .min_positional = 0,
     .max_positional = 1,
     .run = run_info,
 };

@@ -646,7 +646,7 @@ static void test_shares(void **state)
     for (int k = 0; k < 2; k++) {
         own[1] = k ? NAN : 1001;
         assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_ERR_USAGE);
-        assert_non_null(strstr(sg_last_error(f.ctx), "share of a view"));
+        assert_non_null(strstr(sg_last_error(f.ctx), "defense.view_weights["));
     }
     p.defense.view_weights = NULL; /* where a mask leaves nothing, nothing pulls */
     t = begin_training(&f, &p);

@@ -7,6 +7,7 @@
 #include "camera.h"
 #include "context.h"
 #include "defense.h"
+#include "engine.h"
 #include "error.h"
 #include "eval.h"
 #include "model.h"

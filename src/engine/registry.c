@@ -41,3 +41,17 @@ int sg_engine_variants(const char *name, const char *out[SG_ENGINE_VARIANTS])
     const struct sg_engine_kind *kind = find(name);
     return kind && kind->variants ? kind->variants(out) : 0;
 }
+
+bool sg_engine_list(size_t index, struct sg_engine_info *out)
+{
+    for (size_t k = 0; k < KINDS; k++)
+        for (size_t i = 0;; i++) {
+            *out = (struct sg_engine_info){.engine = kinds[k]->name};
+            if (!kinds[k]->describe(i, out))
+                break;
+            if (!index--)
+                return true;
+        }
+    *out = (struct sg_engine_info){0};
+    return false;
+}

@@ -23,11 +23,12 @@ static int check_scene(sg_ctx *ctx, const struct sg_train_params *p, const struc
                        scene->path);
     for (size_t i = 0; p->tolerances && i < scene->n_train; i++)
         if (!(p->tolerances[i] >= 0 && p->tolerances[i] <= 255))
-            return sg_fail(ctx, SG_ERR_USAGE, "tolerance of a view: found %g, expected 0 to 255",
+            return sg_fail(ctx, SG_ERR_USAGE, "tolerances[%zu]: found %g, expected 0 to 255", i,
                            (double) p->tolerances[i]);
     for (size_t i = 0; p->defense.view_weights && i < scene->n_train; i++)
         if (!(p->defense.view_weights[i] >= 0 && p->defense.view_weights[i] <= 1e3f))
-            return sg_fail(ctx, SG_ERR_USAGE, "share of a view: found %g, expected 0 to 1000",
+            return sg_fail(ctx, SG_ERR_USAGE,
+                           "defense.view_weights[%zu]: found %g, expected 0 to 1000", i,
                            (double) p->defense.view_weights[i]);
     return SG_OK;
 }

@@ -111,3 +111,12 @@ cp -r scene/colmap led; rm -r led/images led/masks; ln -s ../renders led/images
 expect 2 render run --scene led --follow-links --split train -o renders -q; says 'found the photo'
 find scene notes photos held theirs models -type f -exec cksum {} + | sort >after
 cmp before after || fail "an input changed"
+
+# Engines and variants, as a table and as JSON: one variant is chosen, and a training can be told to take it.
+expect 0 info --devices
+grep -q '^ref ' out && grep -q '^cpu .*; chosen$' out || fail "info --devices lists no engines"
+chosen=$(sed -n 's/^cpu  *\([a-z0-9]*\) .*; chosen$/\1/p' out)
+expect 0 info --devices --json
+grep -q "\"variant\": *\"$chosen\"" out || fail "info --devices --json lacks $chosen"
+expect 1 info --devices model.ply; says 'expected one of them'
+expect 1 info; says 'missing argument'

@@ -466,13 +466,48 @@ static void test_front_end(void **state)
 #undef REFUSED
 }
 
+/* Each engine and variant that is listed can be created where it is available, and is refused where
+ * it is not; one of each engine is chosen, and that is what runs. */
+static void test_list(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_engine_info e;
+    size_t n = 0;
+    int chosen[2] = {0};
+    for (; sg_engine_list(n, &e); n++) {
+        struct sg_engine *engine;
+        assert_true(e.description[0] && e.available == !e.missing);
+        const int code = sg_engine_create(ctx, e.engine, e.variant, &engine);
+        assert_int_equal(code, e.available ? SG_OK : SG_ERR_USAGE);
+        if (!code && e.variant)
+            assert_string_equal(sg_engine_variant(engine), e.variant);
+        sg_engine_destroy(&engine);
+        if (!e.chosen)
+            continue;
+        chosen[!strcmp(e.engine, "ref")]++;
+        assert_int_equal(sg_engine_create(ctx, e.engine, NULL, &engine), SG_OK);
+        assert_string_equal(sg_engine_variant(engine), e.variant ? e.variant : e.engine);
+        sg_engine_destroy(&engine);
+    }
+    assert_true(n >= 2 && chosen[0] == 1 && chosen[1] == 1);
+    assert_null(e.engine);
+    assert_false(sg_engine_list((size_t) -1, &e));
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_random),     cmocka_unit_test(test_reference_instances),
-        cmocka_unit_test(test_nasty),      cmocka_unit_test(test_nothing_visible),
-        cmocka_unit_test(test_bands),      cmocka_unit_test(test_hits),
-        cmocka_unit_test(test_hits_alone), cmocka_unit_test(test_floor),
+        cmocka_unit_test(test_list),
+        cmocka_unit_test(test_random),
+        cmocka_unit_test(test_reference_instances),
+        cmocka_unit_test(test_nasty),
+        cmocka_unit_test(test_nothing_visible),
+        cmocka_unit_test(test_bands),
+        cmocka_unit_test(test_hits),
+        cmocka_unit_test(test_hits_alone),
+        cmocka_unit_test(test_floor),
         cmocka_unit_test(test_front_end),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -641,4 +641,5 @@ const struct sg_engine_kind sg_engine_cpu = {
     .check = check,
     .variants = variants,
     .footprint = footprint,
+    .describe = sg_cpu_describe,
 };

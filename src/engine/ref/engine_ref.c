@@ -463,5 +463,12 @@ static struct sg_footprint footprint(const struct sg_work *w)
     };
 }
 
+static bool describe(size_t index, struct sg_engine_info *out)
+{
+    out->description = "scalar and slow: what the others are tested against";
+    out->available = out->chosen = true;
+    return index == 0;
+}
+
 const struct sg_engine_kind sg_engine_ref = {
-    .name = "ref", .create = create, .footprint = footprint};
+    .name = "ref", .create = create, .footprint = footprint, .describe = describe};
