@@ -47,6 +47,15 @@ run(${CC} -x c++ -Wall -Wextra -Werror ${flags} -o ${PREFIX}/first-cxx ${SOURCE}
 run(${PREFIX}/first-cxx)
 expect("${out}" "${answer}")
 
+file(GLOB examples ${SOURCE}/examples/*.c)
+foreach(example ${examples})
+    get_filename_component(name ${example} NAME_WE)
+    run(${CC} -std=c11 -Wall -Wextra -Werror ${flags} -o ${PREFIX}/examples-${name} ${example} ${package} -lm)
+endforeach()
+run(${PREFIX}/examples-render_from_memory ${PREFIX}/picture.ppm)
+run(${PREFIX}/examples-scene_from_memory ${PREFIX}/ball.ply)
+expect("${out}" "Gaussians, PSNR")
+
 run(${CMAKE_COMMAND} -S ${SOURCE}/tests/install -B ${PREFIX}/user -G ${GENERATOR} -DCMAKE_C_COMPILER=${CC}
     -DCMAKE_PREFIX_PATH=${PREFIX} -DCMAKE_C_FLAGS=${flags})
 run(${CMAKE_COMMAND} --build ${PREFIX}/user)
