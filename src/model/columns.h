@@ -52,8 +52,7 @@ struct sg_column {
     /* of a parameter: */
     int first; /* plane */
     enum sg_group group;
-    /* of one that is exported: */
-    int place;            /* among the exported columns of a PLY file, from 1; 0 = not exported */
+    int place;            /* among the parameters of a PLY file, from 1 */
     const char *property; /* its name there, and the plane's number if it has several planes */
 };
 

@@ -5,27 +5,55 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "columns.h"
 #include "core/file.h"
 #include "ply.h"
 #include "splatguard/model.h"
 
-/* Store plane of a column of a file with `rest` f_rest properties; -1: always 0 (normals). */
-static int column_plane(int column, int rest)
+/* The number in the name of a plane's property: SH is channel-major in the file. */
+static int number_of(int c, int plane, int sh_degree)
 {
-    if (column < 3)
-        return SG_P_XYZ + column;
-    if (column < 6)
-        return -1;
-    if (column < 9)
-        return SG_P_SH + column - 6;
-    if (column < 9 + rest) {
-        const int k = (column - 9) % (rest / 3) + 1, channel = (column - 9) / (rest / 3);
-        return SG_P_SH + 3 * k + channel;
-    }
-    column -= 9 + rest;
-    return column == 0  ? SG_P_OPACITY
-           : column < 4 ? SG_P_SCALE + column - 1
-                        : SG_P_ROT + column - 4;
+    const int rest = sg_column_planes(c, sh_degree) / 3;
+    return c == SG_C_SH_REST ? plane % 3 * rest + plane / 3 : plane;
+}
+
+static void property_name(int c, int plane, int sh_degree, char name[24])
+{
+    if (c == SG_C_POSITION)
+        snprintf(name, 24, "%c", 'x' + plane);
+    else if (sg_column_planes(c, sh_degree) == 1)
+        snprintf(name, 24, "%s", sg_columns[c].property);
+    else
+        snprintf(name, 24, "%s%d", sg_columns[c].property, number_of(c, plane, sh_degree));
+}
+
+void sg_plane_name(int plane, int sh_degree, char name[24])
+{
+    int c = 0;
+    while (plane >= sg_column_end(c, sg_param_count(sh_degree)))
+        c++;
+    property_name(c, plane - sg_columns[c].first, sh_degree, name);
+}
+
+#define NORMALS 3 /* properties behind the position, always 0 */
+#define NO_PLANE (-1)
+
+/* The store's planes in the order of the file; returns their number. */
+static int file_order(int sh_degree, int plane[SG_PARAMS_MAX + NORMALS])
+{
+    int n = 0;
+    for (int place = 1; place <= SG_COLUMNS; place++)
+        for (int c = 0; c < SG_COLUMNS; c++) {
+            if (sg_columns[c].place != place)
+                continue;
+            const int planes = sg_column_planes(c, sh_degree);
+            for (int p = 0; p < planes; p++)
+                plane[n + number_of(c, p, sh_degree)] = sg_columns[c].first + p;
+            n += planes;
+            for (int k = 0; c == SG_C_POSITION && k < NORMALS; k++)
+                plane[n++] = NO_PLANE;
+        }
+    return n;
 }
 
 int sg_model_write_ply(sg_ctx *ctx, const struct sg_model *m, const char *path)
@@ -36,51 +64,27 @@ int sg_model_write_ply(sg_ctx *ctx, const struct sg_model *m, const char *path)
     if (code)
         return code;
     FILE *f = w.stream;
+    int plane[SG_PARAMS_MAX + NORMALS];
+    const int properties = file_order(m->sh_degree, plane);
     fprintf(f, "ply\nformat binary_little_endian 1.0\ncomment splatguard %s\nelement vertex %zu\n",
             sg_version(), m->count);
-    static const char *const fixed[] = {"x", "y", "z", "nx", "ny", "nz"};
-    for (int i = 0; i < 6; i++)
-        fprintf(f, "property float %s\n", fixed[i]);
-    for (int i = 0; i < 3; i++)
-        fprintf(f, "property float f_dc_%d\n", i);
-    const int planes = sg_param_count(m->sh_degree), rest = planes - SG_P_SH - 3;
-    for (int i = 0; i < rest; i++)
-        fprintf(f, "property float f_rest_%d\n", i);
-    fprintf(f, "property float opacity\n");
-    for (int i = 0; i < 3; i++)
-        fprintf(f, "property float scale_%d\n", i);
-    for (int i = 0; i < 4; i++)
-        fprintf(f, "property float rot_%d\n", i);
+    for (int k = 0, normal = 0; k < properties; k++) {
+        char name[24];
+        if (plane[k] == NO_PLANE)
+            snprintf(name, sizeof(name), "n%c", 'x' + normal++);
+        else
+            sg_plane_name(plane[k], m->sh_degree, name);
+        fprintf(f, "property float %s\n", name);
+    }
     fprintf(f, "end_header\n");
-    const int columns = 17 + rest;
     for (size_t i = 0; i < m->count; i++) {
-        float row[17 + SG_PARAMS_MAX];
-        for (int c = 0; c < columns; c++) {
-            const int plane = column_plane(c, rest);
-            row[c] = plane >= 0 ? *sg_model_at(m, i, plane) : 0;
-        }
-        fwrite(row, sizeof(float), (size_t) columns,
+        float row[SG_PARAMS_MAX + NORMALS];
+        for (int k = 0; k < properties; k++)
+            row[k] = plane[k] == NO_PLANE ? 0 : *sg_model_at(m, i, plane[k]);
+        fwrite(row, sizeof(float), (size_t) properties,
                f); /* little endian hosts only, as the store itself */
     }
     return sg_file_commit(ctx, &w);
-}
-
-void sg_plane_name(int plane, int sh_degree, char name[24])
-{
-    if (plane < SG_P_OPACITY)
-        snprintf(name, 24, "%c", 'x' + plane);
-    else if (plane == SG_P_OPACITY)
-        snprintf(name, 24, "opacity");
-    else if (plane < SG_P_ROT)
-        snprintf(name, 24, "scale_%d", plane - SG_P_SCALE);
-    else if (plane < SG_P_SH)
-        snprintf(name, 24, "rot_%d", plane - SG_P_ROT);
-    else if (plane < SG_P_SH + 3)
-        snprintf(name, 24, "f_dc_%d", plane - SG_P_SH);
-    else {
-        const int k = (plane - SG_P_SH) / 3, channel = (plane - SG_P_SH) % 3;
-        snprintf(name, 24, "f_rest_%d", channel * ((sh_degree + 1) * (sh_degree + 1) - 1) + k - 1);
-    }
 }
 
 /* Property index of every plane, and the degree, from the names. */
