@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Poison-splat: total variation and its gradients, the bound, and the loop around them. */
 #include "attack/ascent.h"
-#include "engine/ref/ref_ascend.h"
+#include "image/total_variation.h"
 
 #include <unistd.h>
 

@@ -4,7 +4,7 @@
 
 #include "core/rng.h"
 #include "defense/filter.h"
-#include "spectral/total_variation.h"
+#include "image/total_variation.h"
 #include "splatguard/audit.h"
 #include "train/schedule.h"
 #include "train/trainer.h"

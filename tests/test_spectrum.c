@@ -8,7 +8,7 @@
 #include "nearness.h"
 #include "engine/host/image_losses.h"
 #include "engine/ref/ref_losses.h"
-#include "spectral/total_variation.h"
+#include "image/total_variation.h"
 
 static uint8_t *image_of(int w, int h, double (*value)(int x, int y))
 {

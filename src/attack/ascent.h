@@ -30,8 +30,4 @@ int sg_ascend(struct sg_engine *e, const struct ascent *a, const float *photo, i
 int sg_texture_bound(sg_ctx *ctx, const uint8_t *rgb, int width, int height, float epsilon,
                      float texture, float *bound);
 
-/* Sum over the values of 3 planes. rows: scratch, 3 x height. */
-double sg_tv_planes(sg_ctx *ctx, const float *planes, int width, int height, enum sg_tv_form form,
-                    double *rows);
-
 #endif

@@ -9,6 +9,7 @@
 
 #include "ascent.h"
 #include "core/clock.h"
+#include "image/total_variation.h"
 #include "math/constants.h"
 #include "option/option.h"
 #include "spectral/plans.h"

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "image_losses.h"
 
-#include "spectral/total_variation.h"
+#include "image/total_variation.h"
 
 static int anisotropy(sg_ctx *ctx, struct sg_image_losses *s, const struct sg_loss *loss,
                       const float *planes, int width, int height, float *gradient, double *out)

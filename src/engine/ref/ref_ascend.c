@@ -1,54 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The scalar step up the total variation. */
-#include "ref_ascend.h"
-
 #include <math.h>
 
 #include "engine/ops.h"
+#include "image/total_variation.h"
 
 #define ROWS 16 /* a piece of work */
-#define ISO_FLOOR 1e-12f
 
 static float sign(float v)
 {
     return (float) ((v > 0) - (v < 0));
-}
-
-/* The difference to the next column, 0 where there is none. */
-static float right(const float *row, int width, int i)
-{
-    return i + 1 < width ? row[i + 1] - row[i] : 0;
-}
-
-/* 1 / the root of pixel i's term. */
-static float iso_weight(const float *row, const float *below, int width, int i)
-{
-    const float v = below[i] - row[i], h = right(row, width, i);
-    return 1 / sqrtf(v * v + h * h + ISO_FLOOR);
-}
-
-void sg_tv_gradient_row(const float *plane, int width, int height, int y, enum sg_tv_form form,
-                        float *out)
-{
-    const float *row = plane + (size_t) y * (size_t) width;
-    const float *above = y > 0 ? row - width : row,
-                *below = y + 1 < height ? row + width : row; /* none: no difference */
-    if (form == SG_TV_ISO) {
-        for (int i = 0; i < width; i++) {
-            const float own =
-                -((below[i] - row[i]) + right(row, width, i)) * iso_weight(row, below, width, i);
-            const float up = (row[i] - above[i]) * iso_weight(above, row, width, i);
-            out[i] = own + up +
-                     (i > 0 ? (row[i] - row[i - 1]) * iso_weight(row, below, width, i - 1) : 0);
-        }
-        return;
-    }
-    const float weight = form == SG_TV_VERTICAL2 ? 2 : 1;
-    for (int i = 0; i < width; i++)
-        out[i] = weight * (sign(row[i] - above[i]) + sign(row[i] - below[i]));
-    if (form == SG_TV_ANISO)
-        for (int i = 0; i < width; i++)
-            out[i] += (i > 0 ? sign(row[i] - row[i - 1]) : 0) - sign(right(row, width, i));
 }
 
 static void ascend_row(const struct sg_ascend *a, size_t r)

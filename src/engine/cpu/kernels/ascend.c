@@ -3,6 +3,8 @@
  * sg_ascend in one pass. */
 #include "kernels.h"
 
+#include "image/total_variation.h"
+
 /* LANES pixels of a row with those to their left and right; at the ends of the row, themselves. */
 struct run {
     real left, here, right;
@@ -28,7 +30,7 @@ SIMD real sign(real v)
 /* 1 / the root of the term of a pixel with these differences to the next row and column. */
 SIMD real weight(real v, real h)
 {
-    return 1 / r_sqrt(v * v + h * h + 1e-12f);
+    return 1 / r_sqrt(v * v + h * h + SG_TV_ISO_FLOOR);
 }
 
 SIMD real gradient(enum sg_tv_form form, struct run above, struct run row, struct run below)
