@@ -15,8 +15,7 @@ static const struct command *const commands[] = {
 
 static void usage(FILE *out)
 {
-    fprintf(out, "splatguard %s: 3D Gaussian Splatting from photos that nobody vouches for\n\n",
-            sg_version());
+    fprintf(out, "splatguard %s: 3D Gaussian Splatting from untrusted photos\n\n", sg_version());
     for (size_t i = 0; i < COMMANDS; i++)
         fprintf(out, "  splatguard %-7s %s\n      %s\n", commands[i]->name, commands[i]->arguments,
                 commands[i]->summary);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Checkpoints nobody vouches for: whatever is in the file, loading refuses it by name and changes
+/* Untrusted checkpoints: whatever the file contains, loading refuses it by name and changes
  * nothing. */
 #include <limits.h>
 #include <unistd.h>

@@ -44,8 +44,8 @@ void *sg_alloc_raw(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size);
  * amortised. */
 int sg_grow(sg_ctx *ctx, enum sg_mem_tag tag, void *array, size_t *capacity, size_t need,
             size_t keep, size_t size);
-/* Room that nobody touches and sg_free gives back: it stands in the ledger for what another library
- * allocates for itself. Nothing where there is no limit. */
+/* Charges `bytes` to the ledger for memory that another library will allocate. *room is not to be
+ * used; release it with sg_free. Without a limit nothing is charged. */
 int sg_reserve(sg_ctx *ctx, enum sg_mem_tag tag, uint64_t bytes, void **room);
 /* NULL-safe, thread safe. Every allocation knows its context and is credited to that one. */
 void sg_free(void *memory);

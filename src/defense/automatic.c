@@ -49,8 +49,8 @@ static int descending(const void *a, const void *b)
     return (x < y) - (x > y);
 }
 
-/* Those of which there is no doubt are judged among themselves, from a twentieth of the votes on;
- * the weaker ones of them take nothing from the stronger. */
+/* Certain photos form a set of their own, which counts in full from a twentieth of the votes on.
+ * Its strength is the best mean of the strongest n, so that weaker photos cannot dilute it. */
 static double strength_of_few(float *parts, size_t n, double votes)
 {
     double sum = 0, most = 0;

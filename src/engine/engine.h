@@ -60,7 +60,7 @@ int sg_engine_adopt(struct sg_engine *e, struct sg_model *model, struct sg_colum
 int sg_engine_download(struct sg_engine *e, struct sg_model *model, struct sg_columns *columns);
 size_t sg_engine_count(const struct sg_engine *e);
 
-/* What decides about Gaussians: where to put `count` values of each; any may be NULL. */
+/* Statistics of the Gaussians. Each pointer that is not NULL receives `count` floats. */
 struct sg_statistics {
     float *gradient;     /* mean view-space gradient since the last edit */
     float *opacity;      /* activated */

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the readers of scene formats hand over: shots, that is photos by name with their lens and
- * pose, before any photo is decoded. Everything here comes from files nobody vouches for; a shot in
- * the list has been checked. */
+/* The result of the readers of scene formats: shots, that is photos by name with lens and pose,
+ * before any photo is decoded. The files are untrusted; every shot in the list has been checked. */
 #ifndef SG_SCENE_READER_H
 #define SG_SCENE_READER_H
 

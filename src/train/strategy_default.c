@@ -12,7 +12,7 @@
 #include "trainer.h"
 
 struct state {
-    double growth;         /* share of the Gaussians that grow at a densification, of late */
+    double growth;         /* share of the Gaussians that grow at a densification, smoothed */
     uint64_t growths;      /* densifications in the filter's window since its newest removal */
     uint64_t filter_first; /* Gaussians before its first removal; 0 = none yet */
 };
@@ -23,11 +23,11 @@ static bool sound(const void *state, int iteration)
     return s->growth >= 0 && s->growth <= 1 && s->growths <= (uint64_t) iteration;
 }
 
-#define GROWTH_PACE 0.25 /* of the newest densification in what grows of late */
+#define GROWTH_PACE 0.25 /* weight of the newest densification in the smoothed growth */
 
-/* A share of what grows leaves growth positive, and what goes anyhow leaves half: no model dies out
- * of either, whatever its scene. The latter fades: early there is time to grow again what is
- * missed. */
+/* Removing a share of the growth cannot shrink the model, and the minimum share stops at half of
+ * its first size, so neither can empty it. The minimum fades, since only early removals leave time
+ * to grow again what is missed. */
 static double filter_share(const sg_trainer *t, int it)
 {
     const struct state *s = t->strategy_state;
@@ -61,7 +61,7 @@ static int score_model(void *arg, struct sg_scores *out)
                     c->it, out);
 }
 
-/* A clock that stands still while hits are counted, which is a stage of its own. */
+/* Seconds without those of counting hits, which is a stage of its own. */
 static double seconds_not_counting(const sg_trainer *t)
 {
     return sg_seconds() - sg_engine_times(t->engine).count;
@@ -135,7 +135,7 @@ static struct events events_of(const sg_trainer *t, int before, int it)
 }
 
 /* The released code rebuilds every tensor when it densifies and the opacity tensor when it resets:
- * gradients are lost and Adam stands still for them in that iteration. */
+ * gradients are lost, and Adam does not move them in that iteration. */
 static struct sg_strategy_plan plan(const sg_trainer *t, int before, int it)
 {
     const struct events e = events_of(t, before, it);
