@@ -11,8 +11,8 @@ import sys
 import numpy as np
 
 HIDDEN = 8  # units of each network
-STEPS, RATE, PENALTY = 200, 0.03, 3e-3  # of the squared weights, for rows whose weights add up to 1
-AMPLITUDE_PENALTY = 3e-3
+STEPS, RATE, PENALTY = 200, 0.03, 6e-3  # of the squared weights, for rows whose weights add up to 1
+AMPLITUDE_PENALTY = 2e-2
 LIMIT = 4  # standard deviations to which features are cut
 POISONED, SUSPICIOUS = np.log(9), np.log(1.5)  # logits of the scores 0.9 and 0.6
 FIRST = 18  # statistic of texture in struct sg_audit_features; before it, the number of tiles
@@ -34,12 +34,16 @@ def texture_names():
         if luma:
             yield from (f"{plane} bin {k}" for k in range(9))
             yield f"{plane} energy with brightness"
+    yield from (f"range {q}" for q in ("2", "5", "10", "25", "50", "75"))
+    yield from (f"closed range {q}" for q in ("10", "25", "50", "75"))
+    yield from (f"open range {q}" for q in ("5", "25", "50"))
+    yield from ("closed share", "open ends", "closed ends")
 
 
 NAMES = list(texture_names())
 
 
-SHARES = {"clean, noisy": 0.2, "noise": 2}  # of families, per row
+SHARES = {"clean, noisy": 0.5, "noise": 0.7}  # of families, per row
 COLUMNS = ("kind", "family", "form", "epsilon", "source", "photo", "area")
 
 
@@ -53,7 +57,7 @@ class Data:
         for name in COLUMNS:
             setattr(self, name, d[name][rows])
         self.x = x[rows, FIRST:]
-        down, across, share, noisy = x[rows][:, [2, 3, 4, 7]].T  # osc_down, osc_across, osc_share, noisy
+        down, across, share, self.quiet, noisy = x[rows][:, [2, 3, 4, 5, 7]].T  # osc_down, osc_across, osc_share, osc_quiet, noisy
         self.strong = 13.5 * share + 4.7 * np.abs(np.log((down + 0.5) / (across + 0.5))) + 9.7 * noisy
         self.poisoned = self.epsilon > 0
         self.fitted = ~np.char.startswith(self.family, "weak:") & (self.family != "spared")
@@ -172,27 +176,56 @@ def table(head, rows):
     print()
 
 
-def medians(z, *keys):
-    label = np.array(["/".join(map(str, k)) for k in zip(*keys)])
-    return {k: np.median(z[label == k]) for k in sorted(set(label))}
+def quantile(values, part):
+    """As src/defense/audit.c has it."""
+    values = np.sort(values)
+    return values[min(int(part * len(values) + 1e-9), len(values) - 1)]
 
 
-def report(d, z, tau):
+def trimmed_mean(values):
+    """As src/defense/audit.c has it."""
+    n, place = len(values), np.arange(len(values))
+    return (np.clip(np.minimum(place + 1, 0.8 * n) - np.maximum(place, 0.2 * n), 0, 1) * np.sort(values)).sum() / (0.6 * n)
+
+
+def verdicts(d, rows, z, *keys):
+    """Logit of each set: as src/defense/audit.c judges it."""
+    label = np.array(["/".join(map(str, k)) for k in zip(*(key[rows] for key in keys))])
+    sets = {}
+    for name in sorted(set(label)):
+        own, quiet = z[rows][label == name], d.quiet[rows][label == name]
+        spread = np.log(quantile(quiet, 0.84) + 0.05) - np.log(quantile(quiet, 0.16) + 0.05)
+        alike = len(own) >= 8 and spread < 0.45 and quantile(quiet, 0.5) > 0.2
+        sets[name] = max(trimmed_mean(own) + (min(3 * (0.45 - spread), 1) if alike else 0), quantile(own, 0.5) - 1)
+    return sets
+
+
+def tolerance(d, z, tau, own, error):
+    """That of `--tolerance auto`, if it looked at these crops alone: of PNG, JPEG and half size."""
+    for form in ("png", "jpeg", "half"):
+        rows = own & (d.form == form) & (z > SUSPICIOUS)
+        yield np.median(tau[rows]) * (1 + error) if rows.any() else 0
+
+
+def report(d, z, tau, error):
     clean = d.family == "clean"
-    sets = medians(z[clean], d.kind[clean], d.form[clean])
+    sets = verdicts(d, clean, z, d.kind, d.form)
     print(f"Clean photos left out: {100 * (z[clean] > POISONED).mean():.1f} % called poisoned, "
-          f"{100 * ((z[clean] > SUSPICIOUS) & (z[clean] <= POISONED)).mean():.1f} % suspicious. Clean sets (kind and form, median photo): "
+          f"{100 * ((z[clean] > SUSPICIOUS) & (z[clean] <= POISONED)).mean():.1f} % suspicious. Clean sets (a kind in a form): "
           f"{sum(v > POISONED for v in sets.values())} of {len(sets)} poisoned, {sum(POISONED >= v > SUSPICIOUS for v in sets.values())} suspicious.\n")
     worst = sorted(((100 * (z[clean & (d.kind == k)] > POISONED).mean(), k) for k in set(d.kind[clean])), reverse=True)
+    print("Clean sets called poisoned:", ", ".join(f"{k} {1 / (1 + np.exp(-v)):.2f}" for k, v in sets.items() if v > POISONED) or "none", "\n")
+    cut = d.family == "clean, cut"
+    print(f"Clean cut-outs: {100 * (z[cut] > POISONED).mean():.1f} % called poisoned, {100 * ((z[cut] > SUSPICIOUS) & (z[cut] <= POISONED)).mean():.1f} % suspicious.\n")
     print("Kinds with clean photos called poisoned:", ", ".join(f"{k} {v:.0f} %" for v, k in worst if v > 0), "\n")
     rows = []
     real = np.char.startswith(d.family, "set:")
     for name, family in (("sets left out", real), ("transplants", d.family == "transplant"), ("own ascent", d.family == "tv"),
-                         ("noise", d.family == "noise"), ("spared", d.family == "spared")):
+                         ("noise", d.family == "noise"), ("cut-outs", d.family == "transplant, cut"), ("spared", d.family == "spared")):
         for epsilon in (8, 16, 24):
             own = family & (d.epsilon == epsilon)
             if own.any():
-                middle = medians(z[own], d.kind[own], d.family[own], d.form[own])
+                middle = verdicts(d, own, z, d.kind, d.family, d.form)
                 rows.append((name, str(epsilon), area(np.array(list(sets.values())), np.array(list(middle.values()))), area(z[clean], z[own]),
                              *(area(z[clean & (d.form == f)], z[own & (d.form == f)]) for f in ("png", "jpeg", "half", "half-jpeg")),
                              (z[own] > POISONED).mean(), np.median(tau[own]), (np.abs(tau[own] - epsilon) <= 4).mean()))
@@ -201,8 +234,9 @@ def report(d, z, tau):
     for name in sorted(set(f for f in d.family if f.startswith(("set:", "weak:")))):
         own = d.family == name
         same = clean & (d.kind == d.kind[own][0])
-        rows.append((name.removeprefix("set:"), area(z[clean], z[own]), area(z[same], z[own]), (z[own] > POISONED).mean(), (z[own] > SUSPICIOUS).mean(), np.median(tau[own])))
-    table(("set left out", "AUC, all clean", "AUC, own clean", "poisoned", "not clean", "tau"), rows)
+        rows.append((name.removeprefix("set:"), area(z[clean], z[own]), area(z[same], z[own]), (z[own] > POISONED).mean(), (z[own] > SUSPICIOUS).mean(),
+                     *(f"{v:.1f}" for v in tolerance(d, z, tau, own, error))))
+    table(("set left out", "AUC, all clean", "AUC, own clean", "poisoned", "not clean", "tolerance, PNG", "JPEG 75", "half size"), rows)
     p = 1 / (1 + np.exp(-z))
     w = row_weights(d, np.ones(len(z), bool) & d.fitted)
     p, y = p[d.fitted], d.poisoned[d.fitted]
@@ -232,10 +266,10 @@ def main():
     z, tau = highest(d, parts, z, tau, z_parts, tau_parts, offset)
     strong = POISONED - np.quantile(d.strong[d.family == "clean"], 0.995)
     z = np.maximum(z, d.strong + strong)
-    report(d, z, tau)
     own = d.fitted & d.poisoned & (z > SUSPICIOUS)
     w = row_weights(d, own)
     error = np.sqrt((w * (np.log(tau[own]) - np.log(d.epsilon[own])) ** 2).sum() / w.sum())
+    report(d, z, tau, error)
     print(f"Standard error of ln(tau) of photos left out that are not called clean: {error:.2f}. Calibration: {slope:.2f} z {constant:+.2f}. "
           f"Offset of parts: {offset:.2f}. Gross oscillation: {strong:+.2f}.\n")
     if len(sys.argv) == 3:

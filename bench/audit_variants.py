@@ -24,7 +24,7 @@ EPSILONS = (8, 16, 24)
 WEAK = 1.2  # sets whose total variation grew by less are no attack, for want of a good proxy: not fitted
 SCENES = {"lego": ("train/*.png", 6), "bonsai": ("images/*", 10), "train": ("images/*", 10), "fox": ("images/*", 8),
           "garden": ("images/*", 12), "brighton": ("images/*", 8)}
-FEATURES = 18 + 146  # doubles in struct sg_audit_features, of which the last are the texture
+FEATURES = 18 + 162  # doubles in struct sg_audit_features, of which the last are the texture
 rng = np.random.default_rng(2)
 
 
@@ -109,6 +109,14 @@ def transplant(a, residual):
     return bound(a + r[y:y + h, x:x + w])
 
 
+def resized(residual, epsilon):
+    """A finer or coarser poison: the Gaussians of other scenes are of other sizes on the photo."""
+    factor = rng.uniform(0.6, 1.6)
+    h, w = (int(n * factor) for n in residual.shape[:2])
+    planes = [np.asarray(Image.fromarray(residual[..., k].astype(np.float32)).resize((w, h), Image.BILINEAR)) for k in range(3)]
+    return np.clip(np.rint(1.3 * np.stack(planes, 2)), -epsilon, epsilon).astype(np.int16)
+
+
 def painted():
     """Shading and edges without any noise, as in renders."""
     y, x = np.mgrid[0:300, 0:300]
@@ -117,6 +125,15 @@ def painted():
         c, d = rng.integers(25, 60, 2)
         yield bound(np.stack([90 + 40 * np.sin(x * a + k) + 30 * np.cos(y * b) + (x // c + y // d) % 2 * 30 * (i % 3 > 0)
                               for k in range(3)], 2))
+
+
+def cut_out(a):
+    """An object before nothing, as renders and masked photos are: black or white around a wavy ellipse."""
+    h, w = a.shape[:2]
+    y, x = np.mgrid[0:h, 0:w]
+    y, x = (y - rng.uniform(0.4, 0.6) * h) / (rng.uniform(0.2, 0.5) * h), (x - rng.uniform(0.4, 0.6) * w) / (rng.uniform(0.2, 0.5) * w)
+    inside = np.hypot(y, x) < 1 + 0.2 * np.sin(rng.integers(2, 8) * np.arctan2(y, x) + rng.uniform(0, 7))
+    return np.where(inside[..., None], a, np.uint8(0 if rng.random() < 0.75 else 255))
 
 
 def spare(poisoned, clean, part):
@@ -180,17 +197,36 @@ class Measure:
         return np.array(out)[:FEATURES]
 
 
+def draw_residual(pool, source, epsilon):
+    """The change to a part of one of its photos, scaled to epsilon."""
+    for _ in range(20):
+        own, residual = pool[source][rng.integers(len(pool[source]))]
+        residual = residual[90:310, 60:340] if source == "lego" else residual  # the object
+        if np.abs(residual).mean() > 0.35 * own:
+            break
+    return np.rint(residual * (epsilon / own)).astype(np.int16)
+
+
+def cut_outs(measure, kind, photos, pool):
+    others = [s for s in pool if s != kind]
+    for i, a in enumerate(photos):
+        a = cut_out(a)
+        for form in rng.permutation(list(FORMS))[:2]:
+            measure(kind, "clean, cut", form, 0, "", i, a)
+        source = rng.choice(others)
+        for epsilon in EPSILONS:
+            residual = draw_residual(pool, source, epsilon)
+            x = transplant(a, resized(residual, epsilon) if rng.random() < 0.5 else residual)
+            measure(kind, "transplant, cut", rng.choice(list(FORMS)), epsilon, source, i, x)
+
+
 def poisons(measure, kind, photos, pool):
     others = [s for s in pool if s != kind]
     for i, a in enumerate(photos):
         for epsilon in EPSILONS:
-            for source in rng.permutation(others)[:2]:
-                for _ in range(20):
-                    own, residual = pool[source][rng.integers(len(pool[source]))]
-                    residual = residual[90:310, 60:340] if source == "lego" else residual  # the object
-                    if np.abs(residual).mean() > 0.35 * own:
-                        break
-                x = transplant(a, np.rint(residual * (epsilon / own)))
+            for k, source in enumerate(rng.permutation(others)[:2]):
+                residual = draw_residual(pool, source, epsilon)
+                x = transplant(a, resized(residual, epsilon) if k else residual)
                 measure(kind, "transplant", rng.choice(list(FORMS)), epsilon, source, i, x)
                 if epsilon > 8 and i % 3 == 1:
                     measure(kind, "spared", rng.choice(["png", "jpeg"]), epsilon, source, i, spare(x, a, rng.choice([0.3, 0.5])))
@@ -226,6 +262,9 @@ def main():
             if i % 2 == 0:
                 measure(kind, "clean, noisy", rng.choice(["png", "jpeg", "half"]), 0, "", i, sensor_noise(a))
         poisons(measure, kind, own, pool)
+    for kind, own in kinds.items():
+        if kind not in SCENES:
+            cut_outs(measure, kind, own, pool)
     columns = list(zip(*((*row[:-1], row[-1].result()) for row in measure.rows)))
     names = ("kind", "family", "form", "epsilon", "source", "photo", "area", "features")
     np.savez_compressed(out, **{n: np.array(c) for n, c in zip(names, columns)})

@@ -168,6 +168,48 @@ static void test_texture(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* The last statistics, of the ranges of the channels in cells. */
+enum {
+    RANGE = SG_AUDIT_TEXTURE - 16,
+    CLOSED = RANGE + 6,
+    OPEN = CLOSED + 4,
+    CLOSED_SHARE = OPEN + 3
+};
+
+/* A bound shows as half of the range on grey, and as all of it on black and on white. */
+static void test_range(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    for (int base = 0; base <= 255; base += 85)
+        for (int bound = 8; bound <= 24; bound += 8) {
+            for (int i = 0; i < 3 * W * H; i++)
+                image[i] = clamp(base + bound * (draw(3, (uint64_t) i, -1, 1) > 0 ? 1 : -1));
+            const struct sg_audit_features f = measure(ctx, NULL);
+            const bool closed = base == 0 || base == 255;
+            const double *all = f.texture + RANGE;
+            for (int k = 0; k < 13; k++)
+                assert_float_equal(all[k], log(bound + 0.5), 1e-12);
+            assert_float_equal(f.texture[CLOSED_SHARE], closed, 1e-12);
+            /* All pixels are at an end of their cell, half of them at that which is not closed. */
+            assert_float_equal(f.texture[CLOSED_SHARE + 1], closed ? 0.2 : 1, 1e-12);
+            assert_float_equal(f.texture[CLOSED_SHARE + 2], closed ? 0.5 : 0.1, 0.02);
+        }
+    /* Half of the photo is black: each half has its own cells. Without noise there are none. */
+    for (int i = 0; i < 3 * W * H; i++)
+        image[i] =
+            clamp((i / 3 % W < W / 2 ? 0 : 128) +
+                  (i / 3 % W < W / 2 ? 8 : 16) * (draw(3, (uint64_t) i, -1, 1) > 0 ? 1 : -1));
+    struct sg_audit_features f = measure(ctx, NULL);
+    assert_float_equal(f.texture[CLOSED_SHARE], 0.5, 1e-12);
+    assert_float_equal(f.texture[CLOSED], log(8.5), 1e-12);
+    assert_float_equal(f.texture[OPEN], log(16.5), 1e-12);
+    memset(image, 0, sizeof(image));
+    f = measure(ctx, NULL);
+    assert_true(f.texture[RANGE] == 0 && f.texture[CLOSED_SHARE] == 0);
+    sg_ctx_destroy(&ctx);
+}
+
 /* What a mask leaves out is not seen, whatever is in it; what it leaves in is, whatever its
  * pattern. */
 static void test_masks(void **state)
@@ -282,7 +324,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_features), cmocka_unit_test(test_faint),
         cmocka_unit_test(test_colours),  cmocka_unit_test(test_sizes),
-        cmocka_unit_test(test_texture),  cmocka_unit_test(test_masks),
-        cmocka_unit_test(test_outlines), cmocka_unit_test(test_memory)};
+        cmocka_unit_test(test_texture),  cmocka_unit_test(test_range),
+        cmocka_unit_test(test_masks),    cmocka_unit_test(test_outlines),
+        cmocka_unit_test(test_memory)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

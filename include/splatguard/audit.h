@@ -11,7 +11,7 @@
 extern "C" {
 #endif
 
-#define SG_AUDIT_TEXTURE 146
+#define SG_AUDIT_TEXTURE 162
 
 enum sg_audit_verdict {
     SG_AUDIT_CLEAN,

@@ -15,7 +15,7 @@ static double logistic(double x)
     return 1 / (1 + exp(-x));
 }
 
-/* Of a photo, and of a set by its median photo. */
+/* Of a photo, and of a set. */
 static double score_of(double ragged, double evidence)
 {
     return ragged > SG_AUDIT_RAGGED ? 1 : logistic(evidence);
@@ -53,6 +53,21 @@ static double quantile(struct vote *votes, size_t n, double part)
     while (i + 1 < n && (sum += votes[i].weight) <= part * total)
         i++;
     return n ? votes[i].value : 0;
+}
+
+/* The mean of the middle three fifths of the votes, which outliers do not move. */
+static double trimmed_mean(struct vote *votes, size_t n)
+{
+    double total = 0, before = 0, sum = 0;
+    qsort(votes, n, sizeof(*votes), by_value);
+    for (size_t i = 0; i < n; i++)
+        total += votes[i].weight;
+    for (size_t i = 0; i < n; i++) {
+        const double after = before + votes[i].weight;
+        sum += fmax(fmin(after, 0.8 * total) - fmax(before, 0.2 * total), 0) * votes[i].value;
+        before = after;
+    }
+    return sum / (0.6 * total);
 }
 
 /* Of a double in each image. Returns how many vote. */
@@ -112,9 +127,9 @@ static double score_of_few(const struct sg_audit *a)
                                                                                       : 0;
 }
 
-/* Half of the photos decide, a little sooner where they are alike, or a quarter that look worse, or
- * fewer of which there is no doubt. What the median photo has and no clean set had becomes a
- * reason. */
+/* Most of the photos decide, a little sooner where they are alike, or their median, which clean
+ * photos that an attacker adds move less, or fewer of which there is no doubt. What the median
+ * photo has and no clean set had becomes a reason. */
 static int conclude(sg_ctx *ctx, struct sg_audit *a)
 {
 #define MEDIAN(field) median_of(a, offsetof(struct sg_audit_image, field), votes)
@@ -131,14 +146,14 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
             (struct vote){a->images[i].features.evidence, sg_audit_vote(&a->images[i].features)};
         judged += votes[judged].weight > 0;
     }
-    const double middle = judged ? quantile(votes, judged, 0.5) : -INFINITY;
-    const double upper = judged ? quantile(votes, judged, 0.75) : -INFINITY;
+    const double middle = judged ? trimmed_mean(votes, judged) : -INFINITY;
+    const double median = judged ? quantile(votes, judged, 0.5) : -INFINITY;
     const double quiet = MEDIAN(features.osc_quiet);
     const bool alike =
         range < 0.45 && quiet > 0.2; /* where nothing oscillates, all photos are alike */
     const double ragged = MEDIAN(features.ragged);
     a->score =
-        score_of(ragged, fmax(middle + (alike ? fmin(3 * (0.45 - range), 1) : 0), upper - 1));
+        score_of(ragged, fmax(middle + (alike ? fmin(3 * (0.45 - range), 1) : 0), median - 1));
     a->score = fmax(a->score, score_of_few(a));
     a->verdict = verdict_of(a->score);
     if (a->verdict !=

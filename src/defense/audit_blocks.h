@@ -55,8 +55,10 @@ void sg_audit_halve(struct audit_plane *p, uint8_t *mask);
 /* A photo and its halves and quarters, of which one may be poisoned alone. */
 #define SG_AUDIT_AREAS 9
 
-/* The statistics of texture, see audit_texture.c: for luma at three sizes and two colour
- * differences at two sizes, in this order, one call each. */
+#define SG_AUDIT_RANGE 16 /* statistics of sg_audit_range for an area */
+
+/* The statistics, see audit_texture.c and audit_range.c: of luma at three sizes and two colour
+ * differences at two sizes, in this order, one call each; then of the ranges of the channels. */
 struct audit_texture {
     size_t across, down; /* tiles */
     bool *kept;          /* tiles in which luma varies, set by the first call */
@@ -66,6 +68,10 @@ struct audit_texture {
 };
 
 void sg_audit_texture(struct audit_texture *t, const struct audit_plane *p, bool luma);
+void sg_audit_range(struct audit_texture *t, const uint8_t *rgb, const uint8_t *mask, size_t w,
+                    size_t h);
+
+bool sg_audit_has_quarter(size_t area, bool right, bool lower);
 
 /* Tiles that are kept in an area; the first area is the photo. */
 size_t sg_audit_tiles(const struct audit_texture *t, size_t area);

@@ -347,6 +347,7 @@ int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int w
         out->anisotropy = spectrum.anisotropy;
         measure_luma(&room, rgb, out, map);
         out->osc_chroma = (measure_chroma(&room, rgb, 0, 1) + measure_chroma(&room, rgb, 2, 1)) / 2;
+        sg_audit_range(&room.texture, rgb, mask, (size_t) width, (size_t) height);
         judge(&room.texture, out);
     } else {
         code = SG_ERR_BUDGET;

@@ -111,12 +111,19 @@ struct area {
     double *next;
 };
 
-/* All, the halves, the quarters. */
+/* All, the halves, the quarters: left, right, top and bottom end in halves of the photo. */
+static const uint8_t places[SG_AUDIT_AREAS][4] = {{0, 2, 0, 2}, {0, 1, 0, 2}, {1, 2, 0, 2},
+                                                  {0, 2, 0, 1}, {0, 2, 1, 2}, {0, 1, 0, 1},
+                                                  {1, 2, 0, 1}, {0, 1, 1, 2}, {1, 2, 1, 2}};
+
+bool sg_audit_has_quarter(size_t area, bool right, bool lower)
+{
+    const uint8_t *p = places[area];
+    return p[0] <= right && right < p[1] && p[2] <= lower && lower < p[3];
+}
+
 static struct area area_of(struct audit_texture *t, size_t i)
 {
-    static const uint8_t places[SG_AUDIT_AREAS][4] = {{0, 2, 0, 2}, {0, 1, 0, 2}, {1, 2, 0, 2},
-                                                      {0, 2, 0, 1}, {0, 2, 1, 2}, {0, 1, 0, 1},
-                                                      {1, 2, 0, 1}, {0, 1, 1, 2}, {1, 2, 1, 2}};
     const uint8_t *p = places[i];
     return (struct area){.texture = t,
                          .left = p[0] * t->across / 2,
