@@ -3,7 +3,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "audit_report.h"
 #include "commands.h"
 
 struct audit_config {
@@ -64,7 +63,7 @@ static int print_json(const struct sg_audit *a)
     json_t *images = json_array();
     for (size_t i = 0; i < a->count; i++)
         json_array_append_new(images, json_pack("{s:o,s:o,s:s,s:o,s:o,s:o}", "name",
-                                                sg_text_to_json(a->images[i].name), "score",
+                                                text_json(a->images[i].name), "score",
                                                 score_json(&a->images[i]), "verdict",
                                                 sg_audit_verdict_name(a->images[i].verdict), "tau",
                                                 number_json(a->images[i].tau), "tau_error",
@@ -133,7 +132,7 @@ static int run_audit(const void *config, const bool *given, const char *const *p
     else
         print_text(audit);
     if (!code && c.report)
-        code = audit_report(ctx, scene, audit, c.report);
+        code = report(ctx, sg_audit_write_page(ctx, scene, audit, c.report));
     if (!code && c.exit_code)
         code = verdict_status(audit->verdict);
     sg_audit_destroy(&audit);

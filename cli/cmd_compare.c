@@ -174,8 +174,7 @@ static int print_json(const struct run *runs, int n)
 {
     json_t *list = json_array();
     for (int i = 0; i < n; i++) {
-        json_t *r = json_pack("{s:o}", "run", sg_text_to_json(runs[i].path)),
-               *ratios = json_object();
+        json_t *r = json_pack("{s:o}", "run", text_json(runs[i].path)), *ratios = json_object();
         for (int m = 0; m < METRICS; m++) {
             const double v = runs[i].value[m];
             json_object_set_new(r, metrics[m].key,

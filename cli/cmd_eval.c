@@ -2,7 +2,6 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "core/internal.h"
 #include "model_views.h"
 
 struct eval_config {
@@ -34,10 +33,9 @@ static int print_json(const struct eval_config *c, const struct model_views *v,
                   (int) e->views, "gaussians", (json_int_t) v->model->count);
     json_t *list = c->per_view ? json_array() : NULL;
     for (size_t i = 0; list && i < e->views; i++)
-        json_array_append_new(list,
-                              json_pack("{s:o,s:o,s:o}", "name", sg_text_to_json(v->views[i].name),
-                                        "psnr", number_json(e->per_view[i].psnr), "ssim",
-                                        number_json(e->per_view[i].ssim)));
+        json_array_append_new(list, json_pack("{s:o,s:o,s:o}", "name", text_json(v->views[i].name),
+                                              "psnr", number_json(e->per_view[i].psnr), "ssim",
+                                              number_json(e->per_view[i].ssim)));
     if (list)
         json_object_set_new(root, "per_view", list);
     return json_print(root, 0);
@@ -58,7 +56,7 @@ static int run_eval(const void *config, const bool *given, const char *const *po
             code = print_json(c, &v, &e);
         else {
             for (size_t i = 0; c->per_view && i < e.views; i++) {
-                sg_make_printable(v.views[i].name); /* a line end in it too */
+                make_printable(v.views[i].name); /* a line end in it too */
                 printf("%-32s PSNR %7.3f  SSIM %.4f\n", v.views[i].name, e.per_view[i].psnr,
                        e.per_view[i].ssim);
             }

@@ -2,9 +2,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "core/file.h"
 #include "model_views.h"
-#include "image/image.h"
 
 struct render_config {
     struct model_options m;
@@ -30,24 +28,6 @@ static const struct option_part render_parts[] = MODEL_PARTS(struct render_confi
 static void defaults(void *config)
 {
     *(struct render_config *) config = (struct render_config){.m = model_options_default()};
-}
-
-/* PFM stores rows bottom to top; a negative scale says little endian. */
-static int write_pfm(sg_ctx *ctx, const char *path, const float *planes, int width, int height,
-                     int channels)
-{
-    struct sg_file_writer w;
-    int code = sg_file_create(ctx, &w, path);
-    if (code)
-        return code;
-    fprintf(w.stream, "%s\n%d %d\n-1.0\n", channels == 3 ? "PF" : "Pf", width, height);
-    const size_t plane = (size_t) width * (size_t) height;
-    for (int y = height - 1; y >= 0; y--)
-        for (int x = 0; x < width; x++)
-            for (int ch = 0; ch < channels; ch++)
-                fwrite(&planes[(size_t) ch * plane + (size_t) y * (size_t) width + (size_t) x],
-                       sizeof(float), 1, w.stream);
-    return sg_file_commit(ctx, &w);
 }
 
 /* Where alpha is too small for a depth the picture is black. */
@@ -76,29 +56,32 @@ static int render_view(const struct render_config *c, struct model_views *v,
     const int w = view->camera.width, h = view->camera.height;
     const size_t n = (size_t) w * (size_t) h;
     int error = sg_render(v->renderer, &view->camera, b->rgb, b->alpha, b->depth, NULL);
-    char *path = sg_strf(v->ctx, "%s/%s.%s", c->output, view->name, c->pfm ? "pfm" : "png");
-    char *depth_path =
-        sg_strf(v->ctx, "%s/%s_depth.%s", c->output, view->name, c->pfm ? "pfm" : "png");
+    const char *ending = c->pfm ? "pfm" : "png";
+    char *path = NULL, *depth_path = NULL;
+    if (asprintf(&path, "%s/%s.%s", c->output, view->name, ending) < 0)
+        path = NULL;
+    if (asprintf(&depth_path, "%s/%s_depth.%s", c->output, view->name, ending) < 0)
+        depth_path = NULL;
     if (!error && !(path && depth_path))
         error = SG_ERR_BUDGET;
     if (!error && c->pfm)
-        error = write_pfm(v->ctx, path, b->rgb, w, h, 3);
+        error = sg_picture_write_pfm(v->ctx, path, b->rgb, w, h, 3);
     else if (!error) {
         sg_quantise(b->rgb, w, h, b->bytes);
-        error = sg_image_write_picture(v->ctx, path, b->bytes, w, h, 3);
+        error = sg_picture_write_png(v->ctx, path, b->bytes, w, h, 3);
     }
     if (!error && c->depth) {
         for (size_t i = 0; i < n; i++) /* the weighted sum becomes the mean */
             b->depth[i] = b->alpha[i] > 0 ? b->depth[i] / b->alpha[i] : 0;
         if (c->pfm)
-            error = write_pfm(v->ctx, depth_path, b->depth, w, h, 1);
+            error = sg_picture_write_pfm(v->ctx, depth_path, b->depth, w, h, 1);
         else {
             depth_picture(b->depth, b->alpha, n, b->bytes);
-            error = sg_image_write_picture(v->ctx, depth_path, b->bytes, w, h, 1);
+            error = sg_picture_write_png(v->ctx, depth_path, b->bytes, w, h, 1);
         }
     }
-    sg_free(path);
-    sg_free(depth_path);
+    free(path);
+    free(depth_path);
     return error;
 }
 
@@ -165,24 +148,22 @@ static int run_render(const void *config, const bool *given, const char *const *
             const size_t n = (size_t) v.views[i].camera.width * (size_t) v.views[i].camera.height;
             pixels = n > pixels ? n : pixels;
         }
-        struct buffers b = {.rgb = sg_alloc_raw(v.ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float)),
-                            .bytes = sg_alloc_raw(v.ctx, SG_MEM_FRAME, pixels, 3)};
+        struct buffers b = {.rgb = sg_mem_alloc(v.ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float)),
+                            .bytes = sg_mem_alloc(v.ctx, SG_MEM_FRAME, pixels, 3)};
         if (c->depth) {
-            b.alpha = sg_alloc_raw(v.ctx, SG_MEM_FRAME, pixels, sizeof(float));
-            b.depth = sg_alloc_raw(v.ctx, SG_MEM_FRAME, pixels, sizeof(float));
+            b.alpha = sg_mem_alloc(v.ctx, SG_MEM_FRAME, pixels, sizeof(float));
+            b.depth = sg_mem_alloc(v.ctx, SG_MEM_FRAME, pixels, sizeof(float));
         }
-        int error = b.rgb && b.bytes && (!c->depth || (b.alpha && b.depth))
-                        ? sg_dir_create(v.ctx, c->output)
-                        : SG_ERR_BUDGET;
+        int error = b.rgb && b.bytes && (!c->depth || (b.alpha && b.depth)) ? SG_OK : SG_ERR_BUDGET;
         for (size_t i = 0; i < v.n && !error; i++)
             error = render_view(c, &v, &v.views[i], &b);
         code = error ? report(v.ctx, error) : 0;
         if (!code && !c->m.quiet)
             say(stderr, "%zu views rendered to %s\n", v.n, c->output);
-        sg_free(b.rgb);
-        sg_free(b.bytes);
-        sg_free(b.alpha);
-        sg_free(b.depth);
+        sg_mem_free(b.rgb);
+        sg_mem_free(b.bytes);
+        sg_mem_free(b.alpha);
+        sg_mem_free(b.depth);
     }
     sg_output_release(&output);
     model_views_close(&v);

@@ -3,9 +3,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "image/image.h"
-#include "spectrum_picture.h"
-
 #include "commands.h"
 
 struct spectrum_config {
@@ -42,70 +39,64 @@ static void defaults(void *config)
 }
 
 static int load(sg_ctx *ctx, const char *path, const struct spectrum_config *c,
-                struct picture_image *out)
+                struct sg_spectrum_image *out)
 {
-    struct sg_image image = {0};
-    int error = sg_image_read(ctx, path, UINT64_C(1) << 28, &image);
+    out->title = strlen(path) > TITLE_MAX ? path + strlen(path) - TITLE_MAX : path;
+    int error = sg_picture_read(ctx, path, UINT64_C(1) << 28, &out->picture);
     if (error)
         return error;
-    const size_t n = (size_t) image.width * (size_t) image.height;
-    uint8_t *rgb = sg_alloc_raw(ctx, SG_MEM_IMAGES, n, 3);
-    float *amplitude = sg_alloc_raw(ctx, SG_MEM_IMAGES, n, sizeof(float));
-    out->title = strlen(path) > TITLE_MAX ? path + strlen(path) - TITLE_MAX : path;
-    out->width = image.width, out->height = image.height;
-    out->rgb = rgb, out->amplitude = amplitude; /* freed by the caller */
-    error = rgb && amplitude ? SG_OK : SG_ERR_BUDGET;
-    if (!error) {
-        sg_image_flatten(&image, SG_ALPHA_ON_BLACK, rgb);
-        error = sg_spectrum_measure(ctx, rgb, image.width, image.height, &c->p, &out->spectrum,
-                                    amplitude);
-    }
-    sg_image_clear(&image);
-    return error;
+    out->amplitude =
+        sg_mem_alloc(ctx, SG_MEM_IMAGES, (size_t) out->picture.width * (size_t) out->picture.height,
+                     sizeof(float)); /* freed by the caller */
+    if (!out->amplitude)
+        return SG_ERR_BUDGET;
+    return sg_spectrum_measure(ctx, out->picture.rgb, out->picture.width, out->picture.height,
+                               &c->p, &out->spectrum, out->amplitude);
 }
 
-static int print_json(const struct picture_image *images, int n, const char *const *paths)
+static int print_json(const struct sg_spectrum_image *images, int n, const char *const *paths)
 {
     json_t *list = json_array();
     for (int k = 0; k < n; k++) {
         const struct sg_spectrum *s = &images[k].spectrum;
         json_array_append_new(
             list,
-            json_pack("{s:o,s:i,s:i,s:f,s:f,s:f,s:o,s:o,s:o}", "image", sg_text_to_json(paths[k]),
-                      "width", images[k].width, "height", images[k].height, "entropy", s->entropy,
-                      "anisotropy", s->anisotropy, "band_share", s->band_share, "total_variation",
+            json_pack("{s:o,s:i,s:i,s:f,s:f,s:f,s:o,s:o,s:o}", "image", text_json(paths[k]),
+                      "width", images[k].picture.width, "height", images[k].picture.height,
+                      "entropy", s->entropy, "anisotropy", s->anisotropy, "band_share",
+                      s->band_share, "total_variation",
                       json_pack("{s:f,s:f}", "aniso",
-                                sg_total_variation(images[k].rgb, images[k].width, images[k].height,
-                                                   SG_TV_ANISO),
+                                sg_total_variation(images[k].picture.rgb, images[k].picture.width,
+                                                   images[k].picture.height, SG_TV_ANISO),
                                 "vertical2",
-                                sg_total_variation(images[k].rgb, images[k].width, images[k].height,
-                                                   SG_TV_VERTICAL2)),
+                                sg_total_variation(images[k].picture.rgb, images[k].picture.width,
+                                                   images[k].picture.height, SG_TV_VERTICAL2)),
                       "angular", numbers_json(s->angular, s->bins), "radial",
                       numbers_json(s->radial, SG_SPECTRUM_RINGS)));
     }
     return json_print(list, 2);
 }
 
-static int print_lines(const struct picture_image *images, int n, const char *const *paths)
+static int print_lines(const struct sg_spectrum_image *images, int n, const char *const *paths)
 {
     for (int k = 0; k < n; k++) {
         const struct sg_spectrum *s = &images[k].spectrum;
-        const double both =
-            sg_total_variation(images[k].rgb, images[k].width, images[k].height, SG_TV_ANISO);
-        const double vertical =
-            sg_total_variation(images[k].rgb, images[k].width, images[k].height, SG_TV_VERTICAL2) /
-            2;
+        const double both = sg_total_variation(images[k].picture.rgb, images[k].picture.width,
+                                               images[k].picture.height, SG_TV_ANISO);
+        const double vertical = sg_total_variation(images[k].picture.rgb, images[k].picture.width,
+                                                   images[k].picture.height, SG_TV_VERTICAL2) /
+                                2;
         say(stdout,
             "%s: %d x %d, anisotropy %.4f, %.3f %% of the energy in the band, total variation %.2f "
             "down + %.2f across\n",
-            paths[k], images[k].width, images[k].height, s->anisotropy, 100 * s->band_share,
-            vertical, both - vertical);
+            paths[k], images[k].picture.width, images[k].picture.height, s->anisotropy,
+            100 * s->band_share, vertical, both - vertical);
     }
     return 0;
 }
 
-static int parse_crop(const char *text, const struct picture_image *images, int n,
-                      struct picture_crop *crop)
+static int parse_crop(const char *text, const struct sg_spectrum_image *images, int n,
+                      struct sg_spectrum_crop *crop)
 {
     char rest;
     if (!text)
@@ -114,39 +105,24 @@ static int parse_crop(const char *text, const struct picture_image *images, int 
         sscanf(text, "%d,%d,%d,%d%c", &crop->x, &crop->y, &crop->width, &crop->height, &rest) == 4;
     for (int k = 0; k < n; k++)
         if (!four || crop->x < 0 || crop->y < 0 || crop->width < 1 || crop->height < 1 ||
-            crop->width > images[k].width || crop->x > images[k].width - crop->width ||
-            crop->height > images[k].height || crop->y > images[k].height - crop->height) {
+            crop->width > images[k].picture.width ||
+            crop->x > images[k].picture.width - crop->width ||
+            crop->height > images[k].picture.height ||
+            crop->y > images[k].picture.height - crop->height) {
             say(stderr,
                 "splatguard spectrum: --crop: found \"%s\", expected X,Y,W,H within %d x %d "
                 "pixels\n",
-                text, images[k].width, images[k].height);
+                text, images[k].picture.width, images[k].picture.height);
             return 1;
         }
     return 0;
-}
-
-static int draw(sg_ctx *ctx, const struct spectrum_config *c, const struct picture_image *images,
-                int n, const struct picture_crop *crop)
-{
-    uint8_t *rgb = NULL;
-    int width, height;
-    int error = picture_draw(ctx, images, n, c->gain, crop, &rgb, &width, &height);
-    int code = report(ctx, error);
-    if (!code) /* still */
-        code = report(ctx, sg_output_check_replaced(ctx, c->output));
-    if (!code) {
-        error = sg_image_write_picture(ctx, c->output, rgb, width, height, 3);
-        code = error ? report(ctx, error) : 0;
-    }
-    sg_free(rgb);
-    return code;
 }
 
 static int run_spectrum(const void *config, const bool *given, const char *const *positional,
                         int count)
 {
     const struct spectrum_config *c = config;
-    struct picture_image images[OPTIONS_MAX_POSITIONAL] = {0};
+    struct sg_spectrum_image images[OPTIONS_MAX_POSITIONAL] = {0};
     sg_ctx *ctx;
     const size_t drawn[] = {S(crop), S(gain)};
     for (size_t i = 0; i < 2; i++)
@@ -166,9 +142,9 @@ static int run_spectrum(const void *config, const bool *given, const char *const
             c->p.bins);
         return 1;
     }
-    if (c->output && count > PICTURE_IMAGES_MAX) {
+    if (c->output && count > SG_SPECTRUM_IMAGES_MAX) {
         say(stderr, "splatguard spectrum: found %d images, expected at most %d in a picture\n",
-            count, PICTURE_IMAGES_MAX);
+            count, SG_SPECTRUM_IMAGES_MAX);
         return 1;
     }
     for (int k = 0; c->output && k < count; k++)
@@ -187,16 +163,17 @@ static int run_spectrum(const void *config, const bool *given, const char *const
         const int error = load(ctx, positional[k], c, &images[k]);
         code = error ? report(ctx, error) : 0;
     }
-    struct picture_crop crop = {0};
+    struct sg_spectrum_crop crop = {0};
     if (!code)
         code = parse_crop(c->crop, images, count, &crop);
     if (!code && c->output)
-        code = draw(ctx, c, images, count, &crop);
+        code =
+            report(ctx, sg_spectrum_write_picture(ctx, c->output, images, count, c->gain, &crop));
     if (!code)
         code = (c->json ? print_json : print_lines)(images, count, positional);
     for (int k = 0; k < count; k++) {
-        sg_free((void *) (uintptr_t) images[k].rgb);
-        sg_free((void *) (uintptr_t) images[k].amplitude);
+        sg_picture_clear(&images[k].picture);
+        sg_mem_free(images[k].amplitude);
     }
     sg_ctx_destroy(&ctx);
     return code;

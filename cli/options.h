@@ -10,7 +10,6 @@
 #include <stdint.h>
 #include <stdio.h>
 
-#include "core/json_text.h"
 #include "splatguard/option.h"
 
 /* Prints what may quote files or options: control characters other than line ends become "?". */
@@ -76,6 +75,12 @@ int options_parse(const struct command *c, int argc, char **argv, void *config,
 /* How many letters differ between a word of n bytes and a name; dashes and underscores are the
  * same. */
 size_t name_distance(const char *word, size_t n, const char *name);
+
+/* What would steer a terminal becomes "?". */
+void make_printable(char *text);
+
+/* A JSON string; of text that is not UTF-8, what is not ASCII becomes "?". */
+json_t *text_json(const char *text);
 
 /* For JSON: a number that is not finite becomes null. */
 json_t *number_json(double v);

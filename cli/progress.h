@@ -3,7 +3,6 @@
 #ifndef CLI_PROGRESS_H
 #define CLI_PROGRESS_H
 
-#include "core/clock.h"
 #include "splatguard/splatguard.h"
 
 struct progress {

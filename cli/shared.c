@@ -9,7 +9,24 @@
 #include <unistd.h>
 
 #include "commands.h"
-#include "core/file.h"
+
+void make_printable(char *text)
+{
+    for (unsigned char *c = (unsigned char *) text; *c; c++)
+        if (*c < ' ' || *c == 127 || (c[0] == 0xc2 && c[1] >= 0x80 && c[1] < 0xa0))
+            *c = '?';
+}
+
+json_t *text_json(const char *text)
+{
+    json_t *value = json_string(text);
+    char *copy = value ? NULL : strdup(text);
+    for (char *c = copy; c && *c; c++)
+        *c = (unsigned char) *c < 0x80 ? *c : '?';
+    value = copy ? json_string(copy) : value;
+    free(copy);
+    return value;
+}
 
 void say(FILE *to, const char *format, ...)
 {
@@ -22,7 +39,7 @@ void say(FILE *to, const char *format, ...)
         char *end = strchr(line, '\n');
         if (end)
             *end = 0;
-        sg_make_printable(line);
+        make_printable(line);
         if (end)
             *end++ = '\n';
         line = end;

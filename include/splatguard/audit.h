@@ -93,6 +93,12 @@ SG_API const char *sg_audit_verdict_name(enum sg_audit_verdict verdict);
 SG_API int sg_audit_measure(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int width,
                             int height, struct sg_audit_features *out, float *map);
 
+/* Writes a page (HTML, without any other file) with the reasons, spectra and heat maps of the most
+ * and the least suspicious photos, and a table of all. Errors: SG_ERR_INPUT where it cannot be
+ * written or another's file is there, SG_ERR_BUDGET. */
+SG_API int sg_audit_write_page(sg_ctx *ctx, const struct sg_scene *scene,
+                               const struct sg_audit *audit, const char *path);
+
 #ifdef __cplusplus
 }
 #endif

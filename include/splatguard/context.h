@@ -88,6 +88,12 @@ SG_API int sg_ctx_threads(const sg_ctx *ctx);
 /* sg_ctx_params.max_memory. */
 SG_API uint64_t sg_mem_limit(const sg_ctx *ctx);
 
+/* Zeroed memory of count x size bytes, 64-byte aligned, that counts as the library's own: for
+ * callers that keep to the context's limit. NULL, with SG_ERR_BUDGET as the last error, where it
+ * does not fit. Thread safe. */
+SG_API void *sg_mem_alloc(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size);
+SG_API void sg_mem_free(void *memory); /* NULL-safe, thread safe */
+
 /* Bytes allocated under one tag, now and at most so far. SG_MEM_TAGS asks for the total. */
 SG_API uint64_t sg_mem_current(const sg_ctx *ctx, enum sg_mem_tag tag);
 SG_API uint64_t sg_mem_peak(const sg_ctx *ctx, enum sg_mem_tag tag);

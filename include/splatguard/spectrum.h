@@ -6,6 +6,7 @@
 #include <stdint.h>
 
 #include "context.h"
+#include "picture.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -64,6 +65,29 @@ struct sg_spectrum {
 SG_API int sg_spectrum_measure(sg_ctx *ctx, const uint8_t *rgb, int width, int height,
                                const struct sg_spectrum_params *params, struct sg_spectrum *out,
                                float *amplitude);
+
+#define SG_SPECTRUM_IMAGES_MAX 6 /* in a picture */
+
+/* One image to draw: a column of the picture. */
+struct sg_spectrum_image {
+    const char *title;
+    struct sg_picture picture;
+    float *amplitude; /* height x width, of sg_spectrum_measure */
+    struct sg_spectrum spectrum;
+};
+
+/* A part of every image, in pixels; width 0: none. */
+struct sg_spectrum_crop {
+    int x, y, width, height;
+};
+
+/* Draws up to SG_SPECTRUM_IMAGES_MAX photos, the same crop of all, `gain` times the differences
+ * from the first where sizes agree, spectra, and the angular and radial distributions of all, into
+ * a PNG. Errors: SG_ERR_USAGE for another number of images, SG_ERR_INPUT where it cannot be written
+ * or another's file is there, SG_ERR_BUDGET. */
+SG_API int sg_spectrum_write_picture(sg_ctx *ctx, const char *path,
+                                     const struct sg_spectrum_image *images, int n, double gain,
+                                     const struct sg_spectrum_crop *crop);
 
 #ifdef __cplusplus
 }

@@ -13,6 +13,7 @@
 #include "model.h"
 #include "option.h"
 #include "output.h"
+#include "picture.h"
 #include "render.h"
 #include "run.h"
 #include "scene.h"

@@ -388,3 +388,13 @@ char *sg_strdup(sg_ctx *ctx, const char *text)
 {
     return sg_strf(ctx, "%s", text);
 }
+
+void *sg_mem_alloc(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size)
+{
+    return sg_alloc(ctx, tag, count, size);
+}
+
+void sg_mem_free(void *memory)
+{
+    sg_free(memory);
+}

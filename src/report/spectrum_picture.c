@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "spectrum_picture.h"
+/* Photos, differences, spectra and their distributions in one picture. */
+#include "splatguard/spectrum.h"
 
 #include <ctype.h>
 #include <math.h>
@@ -9,6 +10,7 @@
 
 #include "image/image.h"
 #include "image/stroke_font.h"
+#include "splatguard/output.h"
 
 #define CELL 320 /* pixels, the longer side of an image */
 #define GAP 16
@@ -21,9 +23,9 @@ struct canvas {
     int width, height;
 };
 
-static const uint8_t colours[PICTURE_IMAGES_MAX][3] = {{0x22, 0x66, 0xaa}, {0xcc, 0x33, 0x44},
-                                                       {0x22, 0x88, 0x44}, {0xbb, 0x88, 0x00},
-                                                       {0x88, 0x33, 0xaa}, {0x44, 0x44, 0x44}};
+static const uint8_t colours[SG_SPECTRUM_IMAGES_MAX][3] = {{0x22, 0x66, 0xaa}, {0xcc, 0x33, 0x44},
+                                                           {0x22, 0x88, 0x44}, {0xbb, 0x88, 0x00},
+                                                           {0x88, 0x33, 0xaa}, {0x44, 0x44, 0x44}};
 static const uint8_t ink[3] = {0x33, 0x33, 0x33}, faint[3] = {0xdd, 0xdd, 0xdd};
 
 static void blend(struct canvas *c, int x, int y, const uint8_t colour[3], double alpha)
@@ -86,46 +88,50 @@ static int place(sg_ctx *ctx, struct canvas *c, const uint8_t *rgb, int width, i
     return code;
 }
 
-static int draw_difference(sg_ctx *ctx, struct canvas *c, const struct picture_image *a,
-                           const struct picture_image *b, double gain, int x, int y, int w, int h)
+static int draw_difference(sg_ctx *ctx, struct canvas *c, const struct sg_spectrum_image *a,
+                           const struct sg_spectrum_image *b, double gain, int x, int y, int w,
+                           int h)
 {
-    const size_t n = 3 * (size_t) a->width * (size_t) a->height;
+    const size_t n = 3 * (size_t) a->picture.width * (size_t) a->picture.height;
     uint8_t *d = sg_alloc_raw(ctx, SG_MEM_IMAGES, n, 1);
     if (!d)
         return SG_ERR_BUDGET;
     for (size_t i = 0; i < n; i++)
-        d[i] = (uint8_t) (fmin(fmax(127.5 + gain * (b->rgb[i] - a->rgb[i]), 0), 255) + 0.5);
-    const int code = place(ctx, c, d, a->width, a->height, x, y, w, h);
+        d[i] =
+            (uint8_t) (fmin(fmax(127.5 + gain * (b->picture.rgb[i] - a->picture.rgb[i]), 0), 255) +
+                       0.5);
+    const int code = place(ctx, c, d, a->picture.width, a->picture.height, x, y, w, h);
     sg_free(d);
     return code;
 }
 
 /* Magnified without smoothing: what matters here is pixels. */
-static void draw_crop(struct canvas *c, const struct picture_image *p,
-                      const struct picture_crop *crop, int x, int y, int w, int h)
+static void draw_crop(struct canvas *c, const struct sg_spectrum_image *p,
+                      const struct sg_spectrum_crop *crop, int x, int y, int w, int h)
 {
     for (int row = 0; row < h; row++)
         for (int column = 0; column < w; column++) {
-            const size_t from = (size_t) (crop->y + row * crop->height / h) * (size_t) p->width +
-                                (size_t) (crop->x + column * crop->width / w);
+            const size_t from =
+                (size_t) (crop->y + row * crop->height / h) * (size_t) p->picture.width +
+                (size_t) (crop->x + column * crop->width / w);
             memcpy(c->rgb + 3 * ((size_t) (y + row) * (size_t) c->width + (size_t) (x + column)),
-                   p->rgb + 3 * from, 3);
+                   p->picture.rgb + 3 * from, 3);
         }
 }
 
 /* One scale for all columns, so that brightness can be compared: between two percentiles of the
  * first. */
-static int draw_amplitude(sg_ctx *ctx, struct canvas *c, const struct picture_image *p, float low,
-                          float high, int x, int y)
+static int draw_amplitude(sg_ctx *ctx, struct canvas *c, const struct sg_spectrum_image *p,
+                          float low, float high, int x, int y)
 {
-    const size_t n = (size_t) p->width * (size_t) p->height;
+    const size_t n = (size_t) p->picture.width * (size_t) p->picture.height;
     uint8_t *grey = sg_alloc_raw(ctx, SG_MEM_IMAGES, n, 3);
     if (!grey)
         return SG_ERR_BUDGET;
     for (size_t i = 0; i < n; i++)
         memset(grey + 3 * i,
                (int) (255 * fminf(fmaxf((p->amplitude[i] - low) / (high - low), 0), 1) + 0.5f), 3);
-    const int code = place(ctx, c, grey, p->width, p->height, x, y, CELL, CELL);
+    const int code = place(ctx, c, grey, p->picture.width, p->picture.height, x, y, CELL, CELL);
     sg_free(grey);
     return code;
 }
@@ -153,8 +159,8 @@ static void axes(struct canvas *c, const struct plot *p, const char *title,
 static void stroke(struct canvas *c, double x0, double y0, double x1, double y1, int k,
                    double *done)
 {
-    static const int dashes[PICTURE_IMAGES_MAX][2] = {{1, 0},  {12, 6}, {3, 5},
-                                                      {20, 4}, {8, 8},  {2, 10}}; /* on, off */
+    static const int dashes[SG_SPECTRUM_IMAGES_MAX][2] = {{1, 0},  {12, 6}, {3, 5},
+                                                          {20, 4}, {8, 8},  {2, 10}}; /* on, off */
     const double length = hypot(x1 - x0, y1 - y0), on = dashes[k][0], period = on + dashes[k][1];
     for (double a = 0, b; a < length; a = b) {
         const double phase = fmod(*done + a, period);
@@ -179,15 +185,15 @@ static void curve(struct canvas *c, const struct plot *p, const double *values, 
     }
 }
 
-static void draw_plots(struct canvas *c, const struct picture_image *images, int n, int top)
+static void draw_plots(struct canvas *c, const struct sg_spectrum_image *images, int n, int top)
 {
     static const char *const directions[] = {"-90", "-45", "0", "45", "90"};
     static const char *const frequencies[] = {"0", "0.125", "0.25", "0.375", "0.5"};
     const int half = (c->width - 3 * GAP) / 2;
     struct plot a = {GAP + AXIS, top, half - AXIS - GAP, PLOT - AXIS, 0, 0}, r = a;
     r.x += half + GAP;
-    double angular[PICTURE_IMAGES_MAX][SG_SPECTRUM_BINS_MAX / 2],
-        radial[PICTURE_IMAGES_MAX][SG_SPECTRUM_RINGS];
+    double angular[SG_SPECTRUM_IMAGES_MAX][SG_SPECTRUM_BINS_MAX / 2],
+        radial[SG_SPECTRUM_IMAGES_MAX][SG_SPECTRUM_RINGS];
     r.low = INFINITY, r.high = -INFINITY;
     for (int k = 0; k < n; k++) {
         const struct sg_spectrum *s = &images[k].spectrum;
@@ -235,9 +241,9 @@ static int compare_floats(const void *a, const void *b)
 }
 
 /* What is black and what is white in the spectra. */
-static int find_range(sg_ctx *ctx, const struct picture_image *p, float *low, float *high)
+static int find_range(sg_ctx *ctx, const struct sg_spectrum_image *p, float *low, float *high)
 {
-    const size_t n = (size_t) p->width * (size_t) p->height;
+    const size_t n = (size_t) p->picture.width * (size_t) p->picture.height;
     float *sorted = sg_alloc_raw(ctx, SG_MEM_IMAGES, n, sizeof(float));
     if (!sorted)
         return SG_ERR_BUDGET;
@@ -249,19 +255,19 @@ static int find_range(sg_ctx *ctx, const struct picture_image *p, float *low, fl
     return SG_OK;
 }
 
-int picture_draw(sg_ctx *ctx, const struct picture_image *images, int n, double gain,
-                 const struct picture_crop *crop, uint8_t **rgb, int *width, int *height)
+static int draw(sg_ctx *ctx, const struct sg_spectrum_image *images, int n, double gain,
+                const struct sg_spectrum_crop *crop, uint8_t **rgb, int *width, int *height)
 {
     int tallest = 1;
     bool differences = false;
     for (int k = 0; k < n; k++) {
-        const double scale =
-            (double) CELL /
-            (images[k].width > images[k].height ? images[k].width : images[k].height);
-        const int h = (int) fmax(images[k].height * scale, 1);
+        const double scale = (double) CELL / (images[k].picture.width > images[k].picture.height
+                                                  ? images[k].picture.width
+                                                  : images[k].picture.height);
+        const int h = (int) fmax(images[k].picture.height * scale, 1);
         tallest = h > tallest ? h : tallest;
-        differences |=
-            k && images[k].width == images[0].width && images[k].height == images[0].height;
+        differences |= k && images[k].picture.width == images[0].picture.width &&
+                       images[k].picture.height == images[0].picture.height;
     }
     const int columns = n > 1 ? n : 2; /* room for the plots */
     const double enlarged =
@@ -279,15 +285,19 @@ int picture_draw(sg_ctx *ctx, const struct picture_image *images, int n, double 
     if (c.rgb)
         memset(c.rgb, 255, 3 * (size_t) c.width * (size_t) c.height);
     for (int k = 0; k < n && !code; k++) {
-        const struct picture_image *p = &images[k];
-        const double scale = (double) CELL / (p->width > p->height ? p->width : p->height);
-        const int w = (int) fmax(p->width * scale, 1), h = (int) fmax(p->height * scale, 1),
-                  x = GAP + k * (CELL + GAP);
+        const struct sg_spectrum_image *p = &images[k];
+        const double scale =
+            (double) CELL /
+            (p->picture.width > p->picture.height ? p->picture.width : p->picture.height);
+        const int w = (int) fmax(p->picture.width * scale, 1),
+                  h = (int) fmax(p->picture.height * scale, 1), x = GAP + k * (CELL + GAP);
         text(&c, x + CELL / 2.0, photos - 10, 13, colours[k], p->title);
-        code = place(ctx, &c, p->rgb, p->width, p->height, x + (CELL - w) / 2, photos, w, h);
+        code = place(ctx, &c, p->picture.rgb, p->picture.width, p->picture.height,
+                     x + (CELL - w) / 2, photos, w, h);
         if (!code && crop_h)
             draw_crop(&c, p, crop, x + (CELL - crop_w) / 2, crops, crop_w, crop_h);
-        if (!code && k && p->width == images[0].width && p->height == images[0].height) {
+        if (!code && k && p->picture.width == images[0].picture.width &&
+            p->picture.height == images[0].picture.height) {
             char label[48];
             snprintf(label, sizeof(label), "DIFFERENCE X %.3g", gain);
             code = draw_difference(ctx, &c, &images[0], p, gain, x + (CELL - w) / 2, changes, w, h);
@@ -302,5 +312,23 @@ int picture_draw(sg_ctx *ctx, const struct picture_image *images, int n, double 
         sg_free(c.rgb);
     else
         *rgb = c.rgb, *width = c.width, *height = c.height;
+    return code;
+}
+
+int sg_spectrum_write_picture(sg_ctx *ctx, const char *path, const struct sg_spectrum_image *images,
+                              int n, double gain, const struct sg_spectrum_crop *crop)
+{
+    uint8_t *rgb = NULL;
+    int width, height;
+    sg_clear_error(ctx);
+    if (n < 1 || n > SG_SPECTRUM_IMAGES_MAX)
+        return sg_fail(ctx, SG_ERR_USAGE, "spectrum: found %d images, expected 1 to %d", n,
+                       SG_SPECTRUM_IMAGES_MAX);
+    int code = draw(ctx, images, n, gain, crop, &rgb, &width, &height);
+    if (!code)
+        code = sg_output_check_replaced(ctx, path);
+    if (!code)
+        code = sg_image_write_picture(ctx, path, rgb, width, height, 3);
+    sg_free(rgb);
     return code;
 }

@@ -1,15 +1,16 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The audit as one page without any other file. Names come from strangers: all text is escaped. */
-#include "audit_report.h"
+#include "splatguard/audit.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "commands.h"
 #include "core/file.h"
+#include "core/json_text.h"
 #include "image/image.h"
+#include "splatguard/output.h"
 
 #define SHOWN 3   /* photos from each end of the ranking */
 #define PANEL 270 /* pixels, the longer side: four in a row */
@@ -146,11 +147,10 @@ static int put_view(sg_ctx *ctx, FILE *f, const struct sg_view *v,
     return code;
 }
 
-static const struct sg_audit_image *ranked_by;
-
 /* The highest first, photos without a score last. */
-static int by_score(const void *a, const void *b)
+static int by_score(const void *a, const void *b, void *images)
 {
+    const struct sg_audit_image *ranked_by = images;
     const size_t x = *(const size_t *) a, y = *(const size_t *) b;
     const bool p = ranked_by[x].verdict == SG_AUDIT_UNSEEN,
                q = ranked_by[y].verdict == SG_AUDIT_UNSEEN;
@@ -238,19 +238,19 @@ static void put_table(FILE *f, const struct sg_audit *a, const size_t *order)
     fprintf(f, "</table></div>\n");
 }
 
-int audit_report(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_audit *a,
-                 const char *path)
+int sg_audit_write_page(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_audit *a,
+                        const char *path)
 {
     char *page = NULL;
     size_t size = 0;
-    size_t *order = malloc((a->count + 1) * sizeof(*order));
+    sg_clear_error(ctx);
+    size_t *order = sg_alloc(ctx, SG_MEM_MISC, a->count + 1, sizeof(*order));
     FILE *f = open_memstream(&page, &size);
     int code = order && f ? SG_OK : SG_ERR_BUDGET;
     for (size_t i = 0; i < a->count && !code; i++)
         order[i] = i;
     if (!code) {
-        ranked_by = a->images;
-        qsort(order, a->count, sizeof(*order), by_score);
+        qsort_r(order, a->count, sizeof(*order), by_score, a->images);
         put_head(f, scene, a);
         fprintf(f, "<h2>Highest and lowest scores</h2>\n");
     }
@@ -262,14 +262,13 @@ int audit_report(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_audi
         put_table(f, a, order);
     bool lost = f && ferror(f);
     lost |= f && fclose(f);
-    if (lost && !code)
-        code = SG_ERR_BUDGET;
-    code = report(ctx, code);
+    if (!f || (lost && !code))
+        code = sg_fail(ctx, SG_ERR_BUDGET, "%s: out of memory for the page", path);
     if (!code) /* still */
-        code = report(ctx, sg_output_check_replaced(ctx, path));
+        code = sg_output_check_replaced(ctx, path);
     if (!code)
-        code = report(ctx, sg_file_write(ctx, path, page, size));
+        code = sg_file_write(ctx, path, page, size);
     free(page);
-    free(order);
+    sg_free(order);
     return code;
 }

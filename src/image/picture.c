@@ -1,0 +1,54 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "splatguard/picture.h"
+
+#include "core/file.h"
+#include "image.h"
+
+int sg_picture_read(sg_ctx *ctx, const char *path, uint64_t max_pixels, struct sg_picture *out)
+{
+    struct sg_image image = {0};
+    sg_clear_error(ctx);
+    *out = (struct sg_picture){0};
+    int code = sg_image_read(ctx, path, max_pixels, &image);
+    if (code)
+        return code;
+    const size_t n = (size_t) image.width * (size_t) image.height;
+    out->width = image.width, out->height = image.height;
+    out->rgb = sg_alloc_raw(ctx, SG_MEM_IMAGES, n, 3);
+    if (out->rgb)
+        sg_image_flatten(&image, SG_ALPHA_ON_BLACK, out->rgb);
+    sg_image_clear(&image);
+    return out->rgb ? SG_OK : SG_ERR_BUDGET;
+}
+
+void sg_picture_clear(struct sg_picture *picture)
+{
+    sg_free(picture->rgb);
+    *picture = (struct sg_picture){0};
+}
+
+int sg_picture_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, int width,
+                         int height, int channels)
+{
+    sg_clear_error(ctx);
+    return sg_image_write_picture(ctx, path, pixels, width, height, channels);
+}
+
+/* PFM stores rows bottom to top; a negative scale says little endian. */
+int sg_picture_write_pfm(sg_ctx *ctx, const char *path, const float *planes, int width, int height,
+                         int channels)
+{
+    struct sg_file_writer w;
+    sg_clear_error(ctx);
+    int code = sg_file_create(ctx, &w, path);
+    if (code)
+        return code;
+    fprintf(w.stream, "%s\n%d %d\n-1.0\n", channels == 3 ? "PF" : "Pf", width, height);
+    const size_t plane = (size_t) width * (size_t) height;
+    for (int y = height - 1; y >= 0; y--)
+        for (int x = 0; x < width; x++)
+            for (int ch = 0; ch < channels; ch++)
+                fwrite(&planes[(size_t) ch * plane + (size_t) y * (size_t) width + (size_t) x],
+                       sizeof(float), 1, w.stream);
+    return sg_file_commit(ctx, &w);
+}
