@@ -11,7 +11,7 @@
 #include "train/trainer.h"
 
 #define SIDE 20
-#define HEADER ((size_t) 136) /* bytes of the format before its sections */
+#define HEADER ((size_t) 144) /* bytes of the format before its sections */
 #define AT_COUNT 8
 #define AT_DEGREE 16
 #define AT_ITERATION 20
@@ -22,10 +22,11 @@
 #define AT_EXTENT 72
 #define AT_VISITED 80
 #define AT_SPENT 88
-#define AT_KIND 108
-#define AT_PARAMETERS 112
-#define AT_STRENGTH 120
-#define AT_SECTIONS 128
+#define AT_NOISE 96
+#define AT_KIND 116
+#define AT_PARAMETERS 120
+#define AT_STRENGTH 128
+#define AT_SECTIONS 136
 
 #define SECTION ((size_t) 40) /* bytes of a section's head */
 #define AT_PLANES 24
@@ -197,6 +198,9 @@ static void test_sealed_lies(void **state)
         {"more visits than iterations", AT_VISITED, 4, 8},
         {"negative time", AT_SPENT, 0xbff0000000000000u, 8},
         {"NaN time", AT_SPENT, 0x7ff8000000000000u, 8},
+        {"negative noise", AT_NOISE, 0xbff0000000000000u, 8},
+        {"noise above 255 levels", AT_NOISE, 0x4070000000000000u, 8},
+        {"NaN noise", AT_NOISE, 0x7ff8000000000000u, 8},
         {"other parameters", AT_PARAMETERS, 1, 8},
         {"another strength of the defense", AT_STRENGTH, 1, 8},
         {"a checkpoint of an attack", AT_KIND, 1, 4},

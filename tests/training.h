@@ -80,7 +80,8 @@ static inline struct sg_model *train(struct fixture *f, const struct sg_train_pa
     struct sg_model *m;
     while (sg_trainer_iteration(t) < iterations) {
         struct sg_train_step s;
-        assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+        if (sg_trainer_step(t, &s))
+            fail_msg("%s", sg_last_error(f->ctx));
         assert_int_equal(s.gaussians, sg_trainer_gaussians(t));
         if (losses)
             losses[s.iteration - 1] = s.loss;

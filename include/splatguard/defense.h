@@ -73,6 +73,10 @@ SG_API struct sg_defense_params sg_defense_params_default(void);
  * false for any other name, also for "auto", which needs the photos: see sg_defense_automatic. */
 SG_API bool sg_defense_preset(const char *name, struct sg_defense_params *params);
 
+/* The largest amplitude, in grey levels, that a tolerance answers. Photos that are changed by more
+ * say too little about their scene: the filter and the regulariser keep their model small. */
+#define SG_TOLERANCE_MAX 32.0
+
 /* Values of struct sg_run_params and its options that mean "that of the preset". */
 #define SG_PRESET_RHO (-1.0) /* rho and rho_least */
 #define SG_PRESET_LAMBDA (-1.0)
@@ -85,12 +89,12 @@ struct sg_audit;
 SG_API double sg_defense_frequency(double extent);
 
 /* Preset auto: chooses the defense by an audit of the photos, independently of the scene's unit of
- * length. Photos that are not clean get the tolerance that the audit estimates, and a light
- * regulariser. Photos that are changed by more than a tolerance can cover get a strong regulariser
- * and filter. Clean photos are hardly affected. Sets rho, rho_least, frequency, lambda and
- * view_weights of `params`, not `on`. extent: that of the scene. view_weights, tolerances: arrays
- * of one float per training view, which are filled. view_weights must outlive the use of `params`;
- * tolerances (grey levels) are for sg_train_params.tolerances. */
+ * length. Photos that are not clean get the tolerance that the audit estimates. Photos that are
+ * changed by more than a tolerance can cover get a strong regulariser and filter. Clean photos are
+ * hardly affected. Sets rho, rho_least, frequency, lambda and view_weights of `params`, not `on`.
+ * extent: that of the scene. view_weights, tolerances: arrays of one float per training view, which
+ * are filled. view_weights must outlive the use of `params`; tolerances (grey levels) are for
+ * sg_train_params.tolerances. */
 SG_API void sg_defense_automatic(const struct sg_audit *audit, double extent, float *view_weights,
                                  float *tolerances, struct sg_defense_params *params);
 

@@ -32,6 +32,14 @@ struct sg_train_params {
     float tolerance;
     /* NULL, or one tolerance per training view, instead. Must outlive the trainer. */
     const float *tolerances;
+    /* Weight of the total variation (mean of absolute differences) of renders of photos with a
+     * tolerance, 0..1000. It chooses among the images that the tolerance allows. It is left out if
+     * the defense's total variation has a weight for the photo. Default 0.1. */
+    float tolerance_tv;
+    /* With `tolerances`: the iteration after which the noise in these photos is measured, in what
+     * photos and renders differ in. The measured level replaces every tolerance above 0. 0..1e9,
+     * 0 = never, -1 = a tenth of densify_until_iter. Default -1. */
+    int tolerance_look;
     float position_lr_init;    /* x scene extent. Default 1.6e-4. */
     float position_lr_final;   /* x scene extent. Default 1.6e-6. */
     int position_lr_max_steps; /* Default 30000. */
@@ -67,12 +75,12 @@ struct sg_train_params {
 
 #define SG_TRAIN_DEFAULTS                                                                          \
     .iterations = 30000, .seed = 42, .sh_degree = 3, .sh_interval = 1000, .lambda_dssim = 0.2f,    \
-    .position_lr_init = 1.6e-4f, .position_lr_final = 1.6e-6f, .position_lr_max_steps = 30000,     \
-    .feature_lr = 0.0025f, .opacity_lr = 0.05f, .scaling_lr = 0.005f, .rotation_lr = 0.001f,       \
-    .percent_dense = 0.01f, .densification_interval = 100, .densify_from_iter = 500,               \
-    .densify_until_iter = 15000, .densify_grad_threshold = 0.0002f,                                \
-    .opacity_reset_interval = 3000, .init_points = 100000, .max_instances = 1u << 24,              \
-    .defense = {SG_DEFENSE_DEFAULTS}, .engine = "cpu"
+    .tolerance_tv = 0.1f, .tolerance_look = -1, .position_lr_init = 1.6e-4f,                       \
+    .position_lr_final = 1.6e-6f, .position_lr_max_steps = 30000, .feature_lr = 0.0025f,           \
+    .opacity_lr = 0.05f, .scaling_lr = 0.005f, .rotation_lr = 0.001f, .percent_dense = 0.01f,      \
+    .densification_interval = 100, .densify_from_iter = 500, .densify_until_iter = 15000,          \
+    .densify_grad_threshold = 0.0002f, .opacity_reset_interval = 3000, .init_points = 100000,      \
+    .max_instances = 1u << 24, .defense = {SG_DEFENSE_DEFAULTS}, .engine = "cpu"
 SG_API struct sg_train_params sg_train_params_default(void);
 
 /* Values of `tolerance` in struct sg_run_params. AUTO: the audit's estimate for each photo. PRESET:
@@ -84,6 +92,14 @@ SG_API struct sg_train_params sg_train_params_default(void);
  * and what depends on scene and machine. params: not NULL. */
 SG_API int sg_train_check(sg_ctx *ctx, const struct sg_train_params *params);
 
+/* Noise in the photos with a tolerance, see tolerance_look. */
+struct sg_noise {
+    size_t photos;   /* that were measured; 0 in iterations that measure nothing */
+    double level;    /* the new tolerance in grey levels: the 75th percentile over the photos */
+    double kurtosis; /* median. Below 2.5 for a bounded poison, 3 for normal noise, more for texture
+                        that the model lacks. */
+};
+
 /* The results of one iteration. */
 struct sg_train_step {
     int iteration;                /* 1-based */
@@ -93,6 +109,7 @@ struct sg_train_step {
     size_t cloned, split, pruned; /* by the densification of this iteration, else 0 */
     struct sg_render_stats render;
     struct sg_defense_step defense;
+    struct sg_noise noise;
 };
 
 /* Seconds spent per stage since creation (wall clock). */
@@ -142,6 +159,8 @@ struct sg_train_limits {
     uint64_t steps;                   /* iterations done, without those that were skipped */
 };
 SG_API void sg_trainer_limits(const sg_trainer *trainer, struct sg_train_limits *out);
+/* Tolerance of the photo of a training view now, in grey levels; 0 = none. */
+SG_API float sg_trainer_tolerance(const sg_trainer *trainer, size_t view);
 SG_API size_t sg_trainer_gaussians(const sg_trainer *trainer);
 SG_API void sg_trainer_times(const sg_trainer *trainer, struct sg_train_times *out);
 

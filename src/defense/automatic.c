@@ -13,14 +13,6 @@
  * below the third. */
 static const double strong = 2.3, loud = 1.8, coarse = 7;
 
-/* The largest amplitude, in grey levels, that a tolerance answers. Photos changed by more say too
- * little of their scene: there the filter and the regulariser keep the model small. */
-static const double bounded = 32;
-
-/* Lambda next to a tolerance: it chooses among the images that the tolerance allows, and need not
- * overcome a poison. */
-static const double light = 1;
-
 static double suspicion_of(const struct sg_audit_image *image)
 {
     return fmin(fmax((image->score - 0.3) / 0.6, 0), 1);
@@ -31,7 +23,7 @@ static double suspicion_of(const struct sg_audit_image *image)
  * costs some detail. */
 static float tolerance_of(const struct sg_audit *audit, const struct sg_audit_image *image)
 {
-    if (image->tau == 0 || fmax(image->tau, audit->tau) > bounded)
+    if (image->tau == 0 || fmax(image->tau, audit->tau) > SG_TOLERANCE_MAX)
         return 0;
     return (float) fmax(image->tau, audit->tau + audit->tau_error);
 }
@@ -90,7 +82,8 @@ void sg_defense_automatic(const struct sg_audit *audit, double extent, float *vi
         const struct sg_audit_features *f = &audit->images[i].features;
         const double loudness =
             fmax(f->osc_quiet / loud, fmax(f->half_osc, f->quarter_osc) / coarse);
-        const double weight = tolerances[i] > 0 ? light / p->lambda : fmin(fmax(loudness, 1), 4);
+        /* A tolerated photo has a regulariser of its own. */
+        const double weight = tolerances[i] > 0 ? 0 : fmin(fmax(loudness, 1), 4);
         view_weights[i] = (float) (suspicion_of(&audit->images[i]) * weight);
     }
     p->view_weights = view_weights;

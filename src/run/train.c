@@ -133,6 +133,8 @@ static void after_step(sg_run *r)
         r->totals.filter_events++, r->totals.filter_removed += s->defense.removed;
         note_error(r, sg_run_log_filter(r));
     }
+    if (s->noise.photos)
+        note_error(r, sg_run_log_noise(r));
     watch_filter(r);
     if (sg_due(r->before, s->iteration, p->log_every) || last || s->iteration == 1)
         note_error(r, sg_run_log_step(r));

@@ -67,6 +67,7 @@ int sg_run_decide_defense(sg_run *run);
 int sg_run_open_log(sg_run *run);
 int sg_run_log_step(sg_run *run); /* once per iteration; does nothing the second time */
 int sg_run_log_filter(sg_run *run);
+int sg_run_log_noise(sg_run *run);
 int sg_run_log_eval(sg_run *run);
 
 /* {"anisotropy": seconds, ...} of the defense's parts, of the whole run. The caller owns it. */

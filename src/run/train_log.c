@@ -43,13 +43,15 @@ static void take_totals(struct run_totals *t, const json_t *line)
             json_object_get(json_object_get(line, "defense_seconds"), parts[k].name));
 }
 
-/* Lines up to the checkpoint, of iterations and of the filter, stay. */
+/* Lines up to the checkpoint, of iterations, of the filter and of noise, stay. */
 static bool take(void *arg, const json_t *line)
 {
     sg_run *r = arg;
     const json_t *iteration = json_object_get(line, "iteration");
     if (!iteration)
         iteration = json_object_get(line, "filter");
+    if (!iteration)
+        iteration = json_object_get(line, "noise");
     if (!json_is_integer(iteration) ||
         json_integer_value(iteration) > sg_trainer_iteration(r->trainer))
         return false;
@@ -119,6 +121,14 @@ int sg_run_log_filter(sg_run *r)
                   sg_number_json(d->scored ? (double) d->unseen / (double) d->scored : 0),
                   "log_score_percentiles", sg_number_json(d->score[0]), sg_number_json(d->score[1]),
                   sg_number_json(d->score[2]), "gaussians", (json_int_t) r->step.gaussians));
+}
+
+int sg_run_log_noise(sg_run *r)
+{
+    const struct sg_noise *n = &r->step.noise;
+    return write_line(r, json_pack("{s:i,s:I,s:o,s:o}", "noise", r->step.iteration, "photos",
+                                   (json_int_t) n->photos, "level", sg_number_json(n->level),
+                                   "kurtosis", sg_number_json(n->kurtosis)));
 }
 
 int sg_run_log_eval(sg_run *r)

@@ -51,11 +51,10 @@ static json_t *stages(const sg_trainer *trainer)
 /* How many photos have a tolerance, and what it is on average, in grey levels. */
 static json_t *tolerance(const sg_run *r)
 {
-    const struct sg_train_params *p = &r->train;
     size_t photos = 0;
     double sum = 0;
     for (size_t i = 0; i < r->scene->n_train; i++) {
-        const float levels = p->tolerances ? p->tolerances[i] : p->tolerance;
+        const float levels = sg_trainer_tolerance(r->trainer, i);
         photos += levels > 0;
         sum += (double) levels;
     }

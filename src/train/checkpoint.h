@@ -18,6 +18,7 @@ struct sg_checkpoint_header {
     double extent;
     uint64_t steps;
     double spent; /* seconds */
+    double noise; /* grey levels */
     uint32_t gaussians_bound, time_bound;
     uint32_t photos; /* hash of the training views' pixels and masks */
     uint32_t kind;

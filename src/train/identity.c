@@ -16,6 +16,8 @@ struct sg_identity sg_train_identity(const struct sg_train_params *p)
                               p->white_background,
                               p->random_background,
                               (double) p->lambda_dssim,
+                              (double) p->tolerance_tv,
+                              p->tolerance_look,
                               (double) p->position_lr_init,
                               (double) p->position_lr_final,
                               p->position_lr_max_steps,

@@ -87,6 +87,14 @@ static const struct sg_option train_options[] = {
               "photo as much as the audit finds noise in it. preset: auto with --defense spectral "
               "--preset auto, else 0.",
               DEFENSE, .words = "auto|preset", .first_word = SG_TOLERANCE_AUTO),
+    FLOAT("tolerance-tv", tolerance_tv, 0, 1000,
+          "Weight of the total variation of renders of photos with a tolerance: it chooses among "
+          "the images that the tolerance allows.",
+          DEFENSE, EXPERT),
+    INTEGER("tolerance-look", tolerance_look, -1, 1e9,
+            "With --tolerance auto: after this iteration the tolerance becomes the noise that the "
+            "model leaves over; -1 = a tenth of --densify-until-iter, 0 = never.",
+            DEFENSE, EXPERT),
     DOUBLE("rho", defense.rho, -0.9, 0.5,
            "Share of the Gaussians that the filter removes at a time, 0 to 0.5; from -0.9 to below "
            "0: that share of recent growth; -1 = the preset's.",

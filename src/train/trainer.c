@@ -218,12 +218,20 @@ static int next_iteration(sg_trainer *t)
     return by_time > next ? by_time : next;
 }
 
+float sg_trainer_tolerance(const sg_trainer *t, size_t view)
+{
+    const struct sg_train_params *p = &t->params;
+    if (!p->tolerances)
+        return p->tolerance;
+    return p->tolerances[view] > 0 && t->noise > 0 ? (float) t->noise : p->tolerances[view];
+}
+
 /* The losses of a view; returns their number. */
 static size_t list_losses(const sg_trainer *t, size_t view, struct sg_loss out[SG_LOSSES])
 {
     const struct sg_train_params *p = &t->params;
     const struct sg_defense_params *d = &p->defense;
-    const float levels = p->tolerances ? p->tolerances[view] : p->tolerance;
+    const float levels = sg_trainer_tolerance(t, view);
     const double lambda = d->view_weights ? d->lambda * (double) d->view_weights[view] : d->lambda;
     const double anisotropy = lambda * d->anisotropy_scale, tv = lambda * d->tv_scale;
     size_t n = 0;
@@ -235,6 +243,9 @@ static size_t list_losses(const sg_trainer *t, size_t view, struct sg_loss out[S
         out[n++] = (struct sg_loss){SG_LOSS_ANISOTROPY, anisotropy, {.anisotropy = d->spectrum}};
     if (d->on && tv != 0)
         out[n++] = (struct sg_loss){SG_LOSS_TOTAL_VARIATION, tv, {.total_variation = d->tv}};
+    else if (levels > 0 && p->tolerance_tv > 0)
+        out[n++] = (struct sg_loss){
+            SG_LOSS_TOTAL_VARIATION, (double) p->tolerance_tv, {.total_variation = SG_TV_NORM_L1}};
     return n;
 }
 
@@ -293,6 +304,10 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     step.loss = value.total, step.l1 = value.l1, step.ssim = value.ssim;
     step.psnr = -10 * log10(value.mse > 1e-10 ? value.mse : 1e-10);
     step.gaussians = sg_engine_count(t->engine);
+    const int look = p->tolerance_look < 0 ? p->densify_until_iter / 10 : p->tolerance_look;
+    if (p->tolerances && before < look && it >= look &&
+        (code = sg_trainer_measure_noise(t, it, &step.noise)))
+        return code;
     if (out)
         *out = step;
     return SG_OK;

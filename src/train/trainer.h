@@ -30,6 +30,8 @@ struct sg_trainer {
     void *strategy_state;
     struct sg_budget budget;
     bool gaussians_bound, time_bound;
+    double
+        noise; /* grey levels, measured; the tolerance of the photos that have one. 0 = not yet */
     int adam_steps[SG_GROUPS];
     sg_photo *photos;                      /* of the training views */
     uint32_t photos_hash;                  /* of their pixels as the run began with them */
@@ -55,6 +57,10 @@ size_t sg_trainer_pick_view(sg_trainer *t, uint64_t step);
 
 /* Seconds of all steps, those before a checkpoint included. */
 double sg_trainer_elapsed(const sg_trainer *t);
+
+/* The tolerances of a run that has them of each view, measured anew after iteration `it`. Draws
+ * other views. Without memory nothing changes. */
+int sg_trainer_measure_noise(sg_trainer *t, int it, struct sg_noise *out);
 
 /* The engine's update, with an Adam step at these rates unless lr is NULL. The step counters
  * advance with it, or stay where it fails. hold_opacity: that group does not move. */

@@ -1,0 +1,79 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A second look at the tolerances, during training. The audit estimates the amplitude of a poison
+ * from the photos alone; a model that has learned the scene, but not yet the noise, shows it. */
+#include <stdlib.h>
+
+#include "begin.h"
+#include "defense/residual.h"
+#include "schedule.h"
+#include "trainer.h"
+
+#define PHOTOS 32 /* at most so many are measured */
+
+static int ascending(const void *a, const void *b)
+{
+    const double x = *(const double *) a, y = *(const double *) b;
+    return (x > y) - (x < y);
+}
+
+static int measure_view(sg_trainer *t, size_t view, int sh_degree, float *image,
+                        struct sg_residual *out)
+{
+    const struct sg_view *v = &t->scene->train[view];
+    const float level = t->params.white_background;
+    const struct sg_render_params render = {.max_instances = t->budget.instances,
+                                            .reference_tiles = t->params.reference_tiles,
+                                            .background = {level, level, level}};
+    int code = sg_engine_draw(t->engine, &v->camera, sh_degree, &render, false);
+    if (!code)
+        code = sg_engine_read_image(t->engine, image, NULL, NULL);
+    if (!code)
+        code = sg_residual_measure(t->ctx, v->rgb, v->mask, image, v->camera.width,
+                                   v->camera.height, out);
+    return code;
+}
+
+int sg_trainer_measure_noise(sg_trainer *t, int it, struct sg_noise *out)
+{
+    size_t tolerated = 0, pixels = 0;
+    double levels[PHOTOS], kurtosis[PHOTOS];
+    *out = (struct sg_noise){0};
+    for (size_t i = 0; i < t->scene->n_train; i++) {
+        const struct sg_camera *c = &t->scene->train[i].camera;
+        const size_t n = (size_t) c->width * (size_t) c->height;
+        tolerated += t->params.tolerances[i] > 0;
+        pixels = n > pixels ? n : pixels;
+    }
+    const size_t wanted = tolerated < PHOTOS ? tolerated : PHOTOS;
+    float *image = sg_alloc_raw(t->ctx, SG_MEM_FRAME, pixels, 3 * sizeof(*image));
+    int code = image ? SG_OK : SG_ERR_BUDGET;
+    for (size_t i = 0, rank = 0, taken = 0; taken < wanted && !code; i++) {
+        if (!(t->params.tolerances[i] > 0) || rank++ != sg_evenly(tolerated, taken, wanted))
+            continue;
+        struct sg_residual r;
+        taken++;
+        code = measure_view(t, i, sg_active_degree(&t->params, t->start_degree, it), image, &r);
+        if (!code && r.blocks) {
+            levels[out->photos] = r.level;
+            kurtosis[out->photos++] = r.kurtosis;
+        }
+    }
+    sg_free(image);
+    if (code == SG_ERR_BUDGET) {
+        *out = (struct sg_noise){0};
+        sg_log(t->ctx, SG_LOG_WARN,
+               "no memory to measure the noise in the photos: the tolerances "
+               "of the audit stay");
+        sg_clear_error(t->ctx);
+        return SG_OK;
+    }
+    if (!code && out->photos) {
+        qsort(levels, out->photos, sizeof(*levels), ascending);
+        qsort(kurtosis, out->photos, sizeof(*kurtosis), ascending);
+        out->level = levels[out->photos * 3 / 4] < SG_TOLERANCE_MAX ? levels[out->photos * 3 / 4]
+                                                                    : SG_TOLERANCE_MAX;
+        out->kurtosis = kurtosis[out->photos / 2];
+        t->noise = out->level;
+    }
+    return code;
+}
