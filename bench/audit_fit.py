@@ -57,7 +57,7 @@ class Data:
         for name in COLUMNS:
             setattr(self, name, d[name][rows])
         self.x = x[rows, FIRST:]
-        down, across, share, self.quiet, noisy = x[rows][:, [2, 3, 4, 5, 7]].T  # osc_down, osc_across, osc_share, osc_quiet, noisy
+        down, across, share, noisy = x[rows][:, [2, 3, 4, 7]].T  # osc_down, osc_across, osc_share, noisy
         self.strong = 13.5 * share + 4.7 * np.abs(np.log((down + 0.5) / (across + 0.5))) + 9.7 * noisy
         self.poisoned = self.epsilon > 0
         self.fitted = ~np.char.startswith(self.family, "weak:") & (self.family != "spared")
@@ -193,10 +193,8 @@ def verdicts(d, rows, z, *keys):
     label = np.array(["/".join(map(str, k)) for k in zip(*(key[rows] for key in keys))])
     sets = {}
     for name in sorted(set(label)):
-        own, quiet = z[rows][label == name], d.quiet[rows][label == name]
-        spread = np.log(quantile(quiet, 0.84) + 0.05) - np.log(quantile(quiet, 0.16) + 0.05)
-        alike = len(own) >= 8 and spread < 0.45 and quantile(quiet, 0.5) > 0.2
-        sets[name] = max(trimmed_mean(own) + (min(3 * (0.45 - spread), 1) if alike else 0), quantile(own, 0.5) - 1)
+        own = z[rows][label == name]
+        sets[name] = max(trimmed_mean(own), quantile(own, 0.5) - 1)
     return sets
 
 

@@ -87,15 +87,6 @@ static double median_of(const struct sg_audit *a, size_t offset, struct vote *vo
     return quantile(votes, collect(a, offset, votes), 0.5);
 }
 
-/* Clean photos differ in how much their quiet parts oscillate, by a factor; poisoned ones are
- * alike. ln of what lies between most of them, or NAN of few. */
-static double spread(const struct sg_audit *a, struct vote *votes)
-{
-    const size_t n = collect(a, offsetof(struct sg_audit_image, features.osc_quiet), votes);
-    return n < 8 ? NAN
-                 : log(quantile(votes, n, 0.84) + 0.05) - log(quantile(votes, n, 0.16) + 0.05);
-}
-
 /* The median of a double in each image that is not clean. */
 static double median_of_poisoned(const struct sg_audit *a, size_t offset, struct vote *votes)
 {
@@ -127,9 +118,9 @@ static double score_of_few(const struct sg_audit *a)
                                                                                       : 0;
 }
 
-/* Most of the photos decide, a little sooner where they are alike, or their median, which clean
- * photos that an attacker adds move less, or fewer of which there is no doubt. What the median
- * photo has and no clean set had becomes a reason. */
+/* Most of the photos decide, or their median, which clean photos that an attacker adds move less,
+ * or fewer of which there is no doubt. What the median photo has and no clean set had becomes a
+ * reason. */
 static int conclude(sg_ctx *ctx, struct sg_audit *a)
 {
 #define MEDIAN(field) median_of(a, offsetof(struct sg_audit_image, field), votes)
@@ -139,7 +130,6 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
     struct vote *votes = sg_alloc(ctx, SG_MEM_MISC, a->count, sizeof(*votes));
     if (!votes)
         return SG_ERR_BUDGET;
-    const double range = spread(a, votes);
     size_t judged = 0;
     for (size_t i = 0; i < a->count; i++) {
         votes[judged] =
@@ -149,11 +139,8 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
     const double middle = judged ? trimmed_mean(votes, judged) : -INFINITY;
     const double median = judged ? quantile(votes, judged, 0.5) : -INFINITY;
     const double quiet = MEDIAN(features.osc_quiet);
-    const bool alike =
-        range < 0.45 && quiet > 0.2; /* where nothing oscillates, all photos are alike */
     const double ragged = MEDIAN(features.ragged);
-    a->score =
-        score_of(ragged, fmax(middle + (alike ? fmin(3 * (0.45 - range), 1) : 0), median - 1));
+    a->score = score_of(ragged, fmax(middle, median - 1));
     a->score = fmax(a->score, score_of_few(a));
     a->verdict = verdict_of(a->score);
     if (a->verdict !=
@@ -190,10 +177,6 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
         down > 2 * across + 1 || across > 2 * down + 1,
         "rows oscillate by %.1f grey levels, columns by %.1f; in most clean photos they are alike",
         down, across);
-    REASON(alike && range < 0.35,
-           "quiet parts of most photos oscillate alike, within a factor of %.2f; clean photos "
-           "differ more",
-           exp(range));
     REASON(noisy > 0.7,
            "in %.0f %% of a photo's area nearly half of all variation sticks out from both "
            "neighbours; in most clean photos in less than 70 %%",
