@@ -42,27 +42,68 @@ static void defaults(void *config)
         (struct attack_config){.run = sg_attack_run_params_default()};
 }
 
-/* An option that would have no effect. */
-static int refuse_unused(const struct sg_attack_run_params *p)
+#define POISON_SPLAT (1u << SG_METHOD_POISON_SPLAT)
+#define NOISE (1u << SG_METHOD_NOISE)
+#define TV_PER_VIEW (1u << SG_METHOD_TV_PER_VIEW)
+#define DRIFT (1u << SG_METHOD_DRIFT)
+
+/* The methods that an option has an effect on. *refused: without it the poison would not be what
+ * was asked for. */
+static unsigned methods_of(const struct sg_option *o, bool unbounded, bool *refused)
 {
-    const struct {
-        const char *option, *methods;
-        bool unused;
+    static const struct {
+        const char *name;
+        unsigned methods;
+        bool refused;
     } rules[] = {
-        {"epsilon inf", "poison-splat",
-         !isfinite(p->attack.epsilon) && p->method != SG_METHOD_POISON_SPLAT},
-        {"victim-tolerance", "poison-splat",
-         p->attack.victim_tolerance > 0 && p->method != SG_METHOD_POISON_SPLAT},
-        {"texture", "poison-splat, noise or tv-per-view",
-         p->attack.texture > 0 && p->method == SG_METHOD_DRIFT},
-        {"wavelength", "drift", p->attack.wavelength > 0 && p->method != SG_METHOD_DRIFT},
+        {"texture", POISON_SPLAT | NOISE | TV_PER_VIEW, true},
+        {"victim-tolerance", POISON_SPLAT, true},
+        {"wavelength", DRIFT, true},
+        {"inner", POISON_SPLAT | TV_PER_VIEW, false},
+        {"step", POISON_SPLAT | TV_PER_VIEW, false},
+        {"tv", POISON_SPLAT | TV_PER_VIEW, false},
+        {"spectral-weight", POISON_SPLAT | TV_PER_VIEW, false},
+        {"scale-floor", POISON_SPLAT, false},
+        {"preset", POISON_SPLAT, false},
+        {"iterations", POISON_SPLAT, false},
+        {"update-interval", POISON_SPLAT, false},
+        {"save-every", POISON_SPLAT, false},
     };
+    *refused = false;
     for (size_t i = 0; i < sizeof(rules) / sizeof(rules[0]); i++)
-        if (rules[i].unused) {
-            say(stderr, "splatguard attack: --%s goes with --method %s only\n", rules[i].option,
-                rules[i].methods);
-            return 1;
+        if (!strcmp(o->name, rules[i].name)) {
+            *refused = rules[i].refused;
+            return rules[i].methods;
         }
+    if (!strcmp(o->name, "epsilon") && unbounded) {
+        *refused = true;
+        return POISON_SPLAT;
+    }
+    return !strcmp(o->group, "Proxy and decoy") ? POISON_SPLAT : ~0u;
+}
+
+/* Options without an effect on the method are refused or told of. */
+static int check_method(const struct sg_attack_run_params *p, const bool *given)
+{
+    static const char *const names[] = {"poison-splat", "noise", "tv-per-view", "drift"};
+    struct option_place list[OPTIONS_MAX];
+    const size_t n = options_list(&command_attack, list);
+    for (size_t i = 0; i < n; i++) {
+        const struct sg_option *o = list[i].row;
+        bool refused;
+        const unsigned methods = methods_of(o, !isfinite(p->attack.epsilon), &refused);
+        if (!given[i] || methods >> p->method & 1)
+            continue;
+        char expected[64] = "";
+        for (int m = 0; m <= SG_METHOD_DRIFT; m++)
+            if (methods >> m & 1)
+                snprintf(expected + strlen(expected), sizeof(expected) - strlen(expected), "%s%s",
+                         *expected ? " or " : "", names[m]);
+        say(stderr, "%s--%s has no effect with --method %s; it goes with --method %s\n",
+            refused ? "splatguard attack: " : "warning: ", o->name, names[p->method], expected);
+        if (refused)
+            return STATUS_USAGE;
+    }
     return 0;
 }
 
@@ -166,7 +207,7 @@ static int run_attack(const void *config, const bool *given, const char *const *
     }
     c.run.attack.cpu = cpu_variant(c.run.attack.cpu);
     if (!code)
-        code = refuse_unused(&c.run);
+        code = check_method(&c.run, given);
     if (!code)
         code = open_context(&ctx, c.threads, c.run.max_memory, c.quiet);
     if (!code)

@@ -133,10 +133,15 @@ expect 1 attack scene/blender; says 'missing -o POISONED'
 expect 1 attack scene/blender -o x --epsilon much; says '--epsilon'
 expect 1 attack scene/blender -o x --epsilon 0.5; says 'a whole number'
 expect 1 attack scene/blender -o poisoned --force --max-gaussians 3; says '--max-gaussians'; [ -s poisoned/poison.json ] || fail "gone for nothing"
-expect 1 attack scene/blender -o x --method noise --epsilon inf; says 'poison-splat only'
-expect 1 attack scene/blender -o x --wavelength 40; says '--wavelength goes with --method drift only'
-expect 1 attack scene/blender -o x --method noise --victim-tolerance 8; says '--victim-tolerance goes with --method poison-splat'
-expect 1 attack scene/blender -o x --method drift --texture 8; says '--texture goes with'
+expect 1 attack scene/blender -o x --method noise --epsilon inf; says 'goes with --method poison-splat'
+expect 1 attack scene/blender -o x --wavelength 40
+says '--wavelength has no effect with --method poison-splat; it goes with --method drift'
+expect 1 attack scene/blender -o x --method noise --victim-tolerance 8; says '--victim-tolerance has no effect'
+expect 1 attack scene/blender -o x --method drift --texture 8; says 'poison-splat or noise or tv-per-view'
+expect 0 attack scene/colmap -o unused --method noise -q --inner 3 --iterations 9 --feature-lr 0.1
+for option in inner iterations feature-lr; do says "warning: --$option has no effect with --method noise"; done
+expect 0 attack scene/colmap -o unused --method tv-per-view -q --inner 1 --force
+[ ! -s err ] || fail "--inner has an effect with tv-per-view"
 expect 1 attack scene/blender -o x --epsilon inf --texture 8; says '--texture: found 8 and an epsilon of inf, expected a finite'
 expect 2 attack scene/blender -o scene/blender; says 'in the scene'
 expect 2 attack scene/blender -o scene/blender/x; says 'in the scene'
