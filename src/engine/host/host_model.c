@@ -167,45 +167,51 @@ struct moves {
     size_t count;    /* items */
 };
 
+/* A column as it lies in an array. */
+struct part {
+    int first, end; /* planes */
+    const enum sg_fate *fate;
+};
+
 /* Rows of one array after an edit. */
 struct edit_job {
     const struct moves *moves;
     const float *from;
     float *to;
-    int first, end; /* the columns that lie in it */
+    int planes, n_parts;
+    struct part parts[SG_COLUMNS];
 };
 
-/* What is copied to planes of row i, before that is changed; NULL: zeros. */
-static const float *origin(const struct edit_job *j, enum sg_fate fate, size_t item, int planes)
+static void copy_planes(const struct part *part, const float *from, float *to)
 {
-    const struct moves *m = j->moves;
-    const size_t source = m->source[item];
-    if (fate == SG_FATE_ROW)
-        return m->edit->rows->params + sg_param_index(planes, source - m->h->count, 0);
-    return fate == SG_FATE_ZERO || (fate == SG_FATE_ASKED && !m->edit->statistics)
-               ? NULL
-               : j->from + sg_param_index(planes, source, 0);
+    for (int p = part->first; p < part->end; p++)
+        to[p * SG_LANES] = from ? from[p * SG_LANES] : 0;
 }
 
-static void edit_row(const struct edit_job *j, size_t i, int planes)
+static void edit_row(const struct edit_job *j, size_t i)
 {
     const struct moves *m = j->moves;
-    const size_t item = m->order[i], entry = item - m->edit->kept;
+    const struct sg_edit *e = m->edit;
+    const size_t item = m->order[i], entry = item - e->kept, source = m->source[item];
     const enum sg_edit_kind kind =
-        item < m->edit->kept ? SG_EDIT_KEEP : (enum sg_edit_kind) m->edit->kind[entry];
-    float *to = j->to + sg_param_index(planes, i, 0);
-    for (int c = j->first; c < j->end; c++) {
-        const int first = sg_columns[c].first, end = first + sg_column_planes(c, m->h->sh_degree);
-        const float *from = origin(j, sg_columns[c].fate[kind], item, planes);
-        for (int p = first; p < end; p++)
-            to[p * SG_LANES] = from ? from[p * SG_LANES] : 0;
+        item < e->kept ? SG_EDIT_KEEP : (enum sg_edit_kind) e->kind[entry];
+    const float *from = kind == SG_EDIT_INSERT
+                            ? e->rows->params + sg_param_index(j->planes, source - m->h->count, 0)
+                            : j->from + sg_param_index(j->planes, source, 0);
+    float *to = j->to + sg_param_index(j->planes, i, 0);
+    for (int k = 0; k < j->n_parts; k++) {
+        const enum sg_fate fate = j->parts[k].fate[kind];
+        const bool zero = fate == SG_FATE_ZERO || (fate == SG_FATE_ASKED && !e->statistics);
+        copy_planes(&j->parts[k], zero ? NULL : from, to);
     }
+    if (kind != SG_EDIT_CHILD)
+        return;
     /* In the order of the table: positions are drawn before scales shrink. */
-    for (int c = j->first; c < j->end; c++)
-        if (sg_columns[c].fate[kind] == SG_FATE_DRAW)
-            draw_position(to, m->edit, entry);
-        else if (sg_columns[c].fate[kind] == SG_FATE_SHRINK)
-            shrink(to, sg_columns[c].first, sg_column_planes(c, m->h->sh_degree));
+    for (int k = 0; k < j->n_parts; k++)
+        if (j->parts[k].fate[kind] == SG_FATE_DRAW)
+            draw_position(to, e, entry);
+        else if (j->parts[k].fate[kind] == SG_FATE_SHRINK)
+            shrink(to, j->parts[k].first, j->parts[k].end - j->parts[k].first);
 }
 
 #define EDIT_BLOCKS 64 /* a piece of work */
@@ -214,10 +220,9 @@ static void edit_piece(void *arg, size_t piece, int thread)
 {
     (void) thread;
     const struct edit_job *j = arg;
-    const int planes = sg_column_array_planes(j->first, j->moves->h->sh_degree);
     const size_t first = piece * EDIT_BLOCKS * SG_LANES, stop = first + EDIT_BLOCKS * SG_LANES;
     for (size_t i = first; i < stop && i < j->moves->count; i++)
-        edit_row(j, i, planes);
+        edit_row(j, i);
 }
 
 /* Replaces one array by what the edit makes of it, so that only one exists twice at any time. */
@@ -227,10 +232,12 @@ static int edit_array(sg_ctx *ctx, struct sg_host_model *h, int column, const st
     struct edit_job job = {.moves = moves,
                            .from = h->at[column],
                            .to = sg_alloc_raw(ctx, tag_of(column), most, block),
-                           .first = column,
-                           .end = column + 1};
-    while (column == SG_C_PARAMETERS && sg_column_is_parameter(job.end))
-        job.end++;
+                           .planes = sg_column_array_planes(column, h->sh_degree)};
+    for (int c = column; c == column || (column == SG_C_PARAMETERS && sg_column_is_parameter(c));
+         c++) {
+        const int first = sg_columns[c].first, planes = sg_column_planes(c, h->sh_degree);
+        job.parts[job.n_parts++] = (struct part){first, first + planes, sg_columns[c].fate};
+    }
     if (!job.to)
         return SG_ERR_BUDGET;
     if (most * SG_LANES > moves->count) /* lanes past the end */
