@@ -62,6 +62,13 @@ static int load_colmap(sg_ctx *ctx)
     return load(ctx, colmap);
 }
 
+static int read_black(void *priv, uint8_t *rgb)
+{
+    (void) priv;
+    memset(rgb, 0, 3 * 6 * 4);
+    return 0;
+}
+
 static int build(sg_ctx *ctx)
 {
     static const uint8_t rgb[3 * 6 * 4], mask[6 * 4];
@@ -72,11 +79,15 @@ static int build(sg_ctx *ctx)
         .camera = {.width = 6, .height = 4, .fx = 5, .fy = 5, .R = {1, 0, 0, 0, 1, 0, 0, 0, 1}},
         .rgb = rgb};
     int code = sg_scene_builder_create(ctx, NULL, &builder);
+    if (!code)
+        sg_scene_builder_keep_photos(builder, 0);
     for (int i = 0; i < 6 && !code; i++) {
         char name[8];
         snprintf(name, sizeof(name), "%d", i);
         view.name = name;
         view.mask = i % 2 ? mask : NULL;
+        view.rgb = i < 3 ? rgb : NULL;
+        view.read = i < 3 ? NULL : read_black;
         view.split = i % 3 ? SG_SPLIT_TRAIN : SG_SPLIT_TEST;
         code = sg_scene_builder_add_view(builder, &view);
         if (!code)
@@ -85,6 +96,12 @@ static int build(sg_ctx *ctx)
     if (!code)
         code = sg_scene_builder_finish(&builder, &scene);
     assert_true(!code == (scene != NULL));
+    for (size_t i = 0; scene && i < scene->n_train && !code; i++) {
+        const uint8_t *pixels;
+        code = sg_view_pixels(ctx, &scene->train[i], &pixels);
+        if (!code)
+            sg_view_release(&scene->train[i]);
+    }
     sg_scene_builder_destroy(&builder);
     sg_scene_destroy(&scene);
     return code;

@@ -72,9 +72,12 @@ struct sg_view {
     bool undistorted;            /* the distortion of the lens was removed from rgb */
     struct sg_camera camera;     /* for the size of rgb */
     int file_width, file_height; /* size before any downscale, for cameras.json */
-    uint8_t *rgb;  /* height x width x 3, row-major, sRGB bytes as in the file, composited */
-    uint8_t *mask; /* height x width, 0 = ignored, 255 = used; NULL = all used */
-    uint64_t hash; /* of rgb and mask as they were added; 0 = not known */
+    /* height x width x 3, row-major, sRGB bytes as in the file, composited. NULL for a photo that
+     * is read when it is needed: see sg_view_pixels. */
+    uint8_t *rgb;
+    uint8_t *mask;              /* height x width, 0 = ignored, 255 = used; NULL = all used */
+    uint64_t hash;              /* of rgb and mask as they were added; 0 = not known */
+    struct sg_lazy_photo *lazy; /* private */
 };
 
 /* Thread safety: read-only after loading. */
@@ -89,9 +92,10 @@ struct sg_scene {
     float *points;         /* n_points x 3 positions */
     uint8_t *point_colors; /* n_points x 3 */
     bool white_background;
-    bool follow_links; /* as given to sg_scene_load */
-    double center[3];  /* mean of the centres of the training cameras */
-    double extent;     /* 1.1 x the largest distance of such a centre from `center` */
+    bool follow_links;           /* as given to sg_scene_load */
+    double center[3];            /* mean of the centres of the training cameras */
+    double extent;               /* 1.1 x the largest distance of such a centre from `center` */
+    struct sg_lazy_photos *lazy; /* private */
 };
 
 /* Loads cameras, points and images (decoded in parallel, undistorted, resampled). params may be
@@ -100,6 +104,13 @@ struct sg_scene {
 SG_API int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *params,
                          struct sg_scene **out);
 SG_API void sg_scene_destroy(struct sg_scene **scene);
+
+/* The pixels of a view, laid out as `rgb`, for as long as sg_view_release has not been called as
+ * often as this. Errors, after which *rgb is NULL and nothing is to be released: SG_ERR_INPUT if
+ * the photo cannot be read or has other pixels than when the view was added; SG_ERR_BUDGET. Thread
+ * safety: as the context. */
+SG_API int sg_view_pixels(sg_ctx *ctx, const struct sg_view *view, const uint8_t **rgb);
+SG_API void sg_view_release(const struct sg_view *view);
 
 SG_API const char *sg_scene_format_name(enum sg_scene_format format);
 
@@ -114,7 +125,7 @@ enum sg_view_split {
     SG_SPLIT_TEST
 };
 
-/* A view for sg_scene_builder_add_view, which copies everything. Start from zeros. */
+/* A view for sg_scene_builder_add_view, which copies all texts and arrays. Start from zeros. */
 struct sg_view_desc {
     /* 1..255 bytes without "/" and control characters; distinct within the training views and
      * within the test views. */
@@ -128,6 +139,14 @@ struct sg_view_desc {
                             all used. Default NULL. */
     size_t mask_stride;  /* bytes from row to row; 0 = camera.width. Default 0. */
     enum sg_view_split split; /* Default SG_SPLIT_AUTO. */
+    /* Instead of rgb, which is then NULL: writes camera.height x camera.width x 3 bytes without
+     * gaps. Returns 0, or another number if it cannot, which ends the call of the library with
+     * SG_ERR_INPUT. It is called once in sg_scene_builder_add_view and again when pixels are needed
+     * that have been dropped, with the same result each time. It can be called on any thread, but
+     * on one at a time for the views of a scene, and must not use the context. Must stay callable
+     * until the scene is destroyed. Default NULL. */
+    int (*read)(void *priv, uint8_t *rgb);
+    void *read_priv;
 };
 
 /* params may be NULL. Only these are used: eval, test_every, untrained, white_background (of
@@ -136,8 +155,12 @@ struct sg_view_desc {
 SG_API int sg_scene_builder_create(sg_ctx *ctx, const struct sg_scene_params *params,
                                    sg_scene_builder **out);
 /* An error leaves the builder unchanged. Errors: SG_ERR_USAGE, naming the view and the field, for
- * values out of range; SG_ERR_BUDGET. */
+ * values out of range; SG_ERR_INPUT if the photo cannot be read; SG_ERR_BUDGET. */
 SG_API int sg_scene_builder_add_view(sg_scene_builder *builder, const struct sg_view_desc *view);
+/* For views with `read`: the bytes of photos that stay in memory after their use; the others are
+ * dropped and read again. To be called before such views are added. Default: all of them, or with a
+ * memory limit of the context a quarter of it. */
+SG_API void sg_scene_builder_keep_photos(sg_scene_builder *builder, uint64_t bytes);
 /* Adds n points. xyz: n x 3, finite; rgb: n x 3, or NULL for grey. Both are
  * copied. Errors as above. */
 SG_API int sg_scene_builder_add_points(sg_scene_builder *builder, const float *xyz,

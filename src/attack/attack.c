@@ -12,6 +12,7 @@
 #include "image/total_variation.h"
 #include "math/constants.h"
 #include "option/option.h"
+#include "scene/photo.h"
 #include "spectral/plans.h"
 #include "splatguard/eval.h"
 #include "train/densify.h"
@@ -174,14 +175,19 @@ static int render(sg_attack *a, size_t index)
     if ((code = sg_engine_draw(t->engine, &view->camera, t->start_degree, &params, false)) ||
         (code = sg_engine_read_image(t->engine, a->image, NULL, NULL)))
         return code;
+    const uint8_t *rgb;
+    if ((code = sg_photo_pixels(t->ctx, view, &rgb)))
+        return code;
     for (size_t ch = 0; ch < 3; ch++)
         for (size_t i = 0; i < n; i++)
-            a->photo[ch * n + i] = (float) view->rgb[3 * i + ch] / 255.0f;
+            a->photo[ch * n + i] = (float) rgb[3 * i + ch] / 255.0f;
     for (size_t i = 0; i < 3 * n && isfinite(a->params.epsilon); i++)
         a->image[i] = a->image[i] > 0 ? a->image[i] < 1 ? a->image[i] : 1 : 0;
-    return a->bound ? sg_texture_bound(t->ctx, view->rgb, view->camera.width, view->camera.height,
-                                       a->params.epsilon, a->params.texture, a->bound)
-                    : SG_OK;
+    if (a->bound)
+        code = sg_texture_bound(t->ctx, rgb, view->camera.width, view->camera.height,
+                                a->params.epsilon, a->params.texture, a->bound);
+    sg_view_release(view);
+    return code;
 }
 
 /* The inner maximisation: a->image becomes the target. */

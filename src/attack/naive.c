@@ -5,6 +5,7 @@
 #include "ascent.h"
 #include "engine/engine.h"
 #include "core/rng.h"
+#include "scene/photo.h"
 #include "splatguard/eval.h"
 
 float sg_attack_draw(uint64_t seed, uint64_t view)
@@ -47,20 +48,14 @@ static float wave_at(const struct wave *w, size_t x, size_t y)
     return w->amplitude * (float) cos(w->phase + w->right * (double) x + w->down * (double) y);
 }
 
-int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index,
-                    const struct sg_attack_params *params, enum sg_naive_attack method,
-                    uint8_t *rgb)
+/* photo_rgb: of the view. */
+static int naive(sg_ctx *ctx, const struct sg_view *view, const uint8_t *photo_rgb, uint64_t index,
+                 const struct sg_attack_params *params, enum sg_naive_attack method, uint8_t *rgb)
 {
-    const struct sg_attack_params p = params ? *params : sg_attack_params_default();
+    const struct sg_attack_params p = *params;
     const int w = view->camera.width, h = view->camera.height;
     const size_t n = (size_t) w * (size_t) h;
-    int code = sg_attack_check(ctx, &p);
-    if (code)
-        return code;
-    if (!(p.epsilon >= 0 && p.epsilon <= 1))
-        return sg_fail(ctx, SG_ERR_USAGE,
-                       "epsilon: found %g, expected 0 to 255 grey levels for this method",
-                       255 * (double) p.epsilon);
+    int code;
     struct sg_engine *engine;
     if ((code = sg_engine_create(ctx, p.engine, p.cpu, &engine)))
         return code;
@@ -71,7 +66,7 @@ int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index,
     }
     float *x = photo + 3 * n, *scratch = photo + 6 * n;
     float *bound = p.texture > 0 && method != SG_NAIVE_DRIFT ? photo + 12 * n : NULL;
-    if (bound && (code = sg_texture_bound(ctx, view->rgb, w, h, p.epsilon, p.texture, bound))) {
+    if (bound && (code = sg_texture_bound(ctx, photo_rgb, w, h, p.epsilon, p.texture, bound))) {
         sg_free(photo);
         sg_engine_destroy(&engine);
         return code;
@@ -79,7 +74,7 @@ int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index,
     const struct wave wave = draw_wave(&p, index, w, h);
     for (size_t ch = 0; ch < 3; ch++)
         for (size_t i = 0; i < n; i++) {
-            const float v = (float) view->rgb[3 * i + ch] / 255.0f,
+            const float v = (float) photo_rgb[3 * i + ch] / 255.0f,
                         e = bound ? bound[i] : p.epsilon;
             const float change =
                 method == SG_NAIVE_NOISE   ? sg_rng_normal(p.seed, SG_RNG_NOISE, index, ch * n + i)
@@ -103,5 +98,25 @@ int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index,
     sg_engine_destroy(&engine);
     sg_quantise(x, w, h, rgb);
     sg_free(photo);
+    return code;
+}
+
+int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t index,
+                    const struct sg_attack_params *params, enum sg_naive_attack method,
+                    uint8_t *rgb)
+{
+    const struct sg_attack_params p = params ? *params : sg_attack_params_default();
+    const uint8_t *photo;
+    int code = sg_attack_check(ctx, &p);
+    if (code)
+        return code;
+    if (!(p.epsilon >= 0 && p.epsilon <= 1))
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "epsilon: found %g, expected 0 to 255 grey levels for this method",
+                       255 * (double) p.epsilon);
+    if ((code = sg_photo_pixels(ctx, view, &photo)))
+        return code;
+    code = naive(ctx, view, photo, index, &p, method, rgb);
+    sg_view_release(view);
     return code;
 }

@@ -12,6 +12,7 @@
 #include "core/file.h"
 #include "core/numbers.h"
 #include "image/image.h"
+#include "scene/photo.h"
 #include "scene/reader.h"
 #include "splatguard/attack.h"
 #include "splatguard/eval.h"
@@ -236,17 +237,22 @@ static int measure(sg_ctx *ctx, const struct sg_view *view, const char *path,
     int code = sg_image_read(ctx, path, UINT64_C(1) << 28, &image);
     if (code)
         return code;
+    const uint8_t *rgb;
+    if ((code = sg_photo_pixels(ctx, view, &rgb)))
+        goto done;
     int largest = 0;
     for (size_t i = 0; i < 3 * (size_t) w * (size_t) h; i++) {
-        const int d = abs(image.pixels[i] - view->rgb[i]);
+        const int d = abs(image.pixels[i] - rgb[i]);
         largest = d > largest ? d : largest;
     }
     report->linf = largest;
-    report->psnr = fmin(sg_psnr_u8(view->rgb, image.pixels, w, h), 100);
-    report->tv_before = sg_total_variation(view->rgb, w, h, SG_TV_ANISO);
+    report->psnr = fmin(sg_psnr_u8(rgb, image.pixels, w, h), 100);
+    report->tv_before = sg_total_variation(rgb, w, h, SG_TV_ANISO);
     report->tv_after = sg_total_variation(image.pixels, w, h, SG_TV_ANISO);
+    sg_view_release(view);
+done:
     sg_image_clear(&image);
-    return SG_OK;
+    return code;
 }
 
 /* Where the reader looks first: the name in the scene's own files. */

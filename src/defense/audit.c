@@ -8,6 +8,7 @@
 
 #include "audit_photo.h"
 #include "core/internal.h"
+#include "scene/photo.h"
 #include "scene/used.h"
 
 static double logistic(double x)
@@ -216,8 +217,12 @@ static void audit_view(void *arg, size_t i, int thread)
     const struct sg_view *v = &j->scene->train[i];
     struct sg_audit_image *image = &j->audit->images[i];
     image->name = v->name;
-    j->codes[i] = sg_audit_measure(j->ctx, v->rgb, v->mask, v->camera.width, v->camera.height,
+    const uint8_t *rgb;
+    if ((j->codes[i] = sg_photo_pixels(j->ctx, v, &rgb)))
+        return;
+    j->codes[i] = sg_audit_measure(j->ctx, rgb, v->mask, v->camera.width, v->camera.height,
                                    &image->features, NULL);
+    sg_view_release(v);
     const bool seen = sg_views_used(v, 1);
     image->score = seen ? score_of(image->features.ragged, image->features.evidence) : 0;
     image->verdict = seen ? verdict_of(image->score) : SG_AUDIT_UNSEEN;
@@ -265,7 +270,7 @@ int sg_audit_scene(sg_ctx *ctx, const struct sg_scene *scene, struct sg_audit **
         if (!code)
             sg_clear_error(ctx); /* of photos that are measured again */
         for (size_t i = 0; i < a->count && !code; i++) {
-            if (codes[i] == SG_ERR_BUDGET) /* all threads at once were too many */
+            if (codes[i]) /* all threads at once were too many, or its message is wanted */
                 audit_view(&(struct audit_job){ctx, scene, a, codes}, i, 0);
             code = codes[i];
             a->verdicts[a->images[i].verdict]++;

@@ -5,6 +5,7 @@
 
 #include "core/clock.h"
 #include "core/internal.h"
+#include "scene/photo.h"
 #include "splatguard/eval.h"
 
 #define WARM_UP 10
@@ -61,10 +62,15 @@ static int score_view(sg_ctx *ctx, const struct sg_view *v, const uint8_t *rende
     const int w = v->camera.width, h = v->camera.height;
     const size_t pixels = (size_t) w * (size_t) h;
     double share = 1;
-    memcpy(photo, v->rgb, 3 * pixels);
+    const uint8_t *rgb;
+    int code = sg_photo_pixels(ctx, v, &rgb);
+    if (code)
+        return code;
+    memcpy(photo, rgb, 3 * pixels);
+    sg_view_release(v);
     if (v->mask)
         share = used_share(v->mask, render, pixels, photo);
-    const int code = sg_ssim_u8(ctx, render, photo, w, h, &score->ssim);
+    code = sg_ssim_u8(ctx, render, photo, w, h, &score->ssim);
     score->psnr =
         share > 0 ? fmin(sg_psnr_u8(render, photo, w, h) + 10 * log10(share), EQUAL_PSNR) : NAN;
     score->ssim = share > 0 ? score->ssim : NAN;

@@ -11,6 +11,7 @@
 #include "core/json_text.h"
 #include "image/image.h"
 #include "splatguard/output.h"
+#include "scene/photo.h"
 
 #define SHOWN 3   /* photos from each end of the ranking */
 #define PANEL 270 /* pixels, the longer side: four in a row */
@@ -115,10 +116,13 @@ static int put_view(sg_ctx *ctx, FILE *f, const struct sg_view *v,
     put_text(f, image->name);
     fprintf(f, ": %s, score %.3f</h3>\n<div class=row>\n", sg_audit_verdict_name(image->verdict),
             image->score);
-    int code = map && amplitude && rgb ? put_picture(ctx, f, v->rgb, w, h, "photo", v->name)
-                                       : SG_ERR_BUDGET;
+    const uint8_t *photo = NULL;
+    int code = map && amplitude && rgb ? sg_photo_pixels(ctx, v, &photo) : SG_ERR_BUDGET;
+    const bool held = !code;
     if (!code)
-        code = sg_audit_measure(ctx, v->rgb, v->mask, w, h, &features, map);
+        code = put_picture(ctx, f, photo, w, h, "photo", v->name);
+    if (!code)
+        code = sg_audit_measure(ctx, photo, v->mask, w, h, &features, map);
     if (!code) {
         for (size_t i = 0; i < pixels; i++)
             heat(sqrtf(map[i / (size_t) w / 16 * (size_t) across + i % (size_t) w / 16] / HEAT),
@@ -128,7 +132,7 @@ static int put_view(sg_ctx *ctx, FILE *f, const struct sg_view *v,
             "oscillation in grey levels: black 0, red 4, yellow 14, white 32 and more", v->name);
     }
     if (!code)
-        code = sg_spectrum_measure(ctx, v->rgb, w, h, NULL, &spectrum, amplitude);
+        code = sg_spectrum_measure(ctx, photo, w, h, NULL, &spectrum, amplitude);
     if (!code) {
         for (size_t i = 0; i < pixels; i++) {
             const double levels = 255 * expm1((double) amplitude[i]) / sqrt((double) pixels);
@@ -141,6 +145,8 @@ static int put_view(sg_ctx *ctx, FILE *f, const struct sg_view *v,
     if (!code)
         put_directions(f, &spectrum);
     fprintf(f, "</div>\n");
+    if (held)
+        sg_view_release(v);
     sg_free(map);
     sg_free(amplitude);
     sg_free(rgb);

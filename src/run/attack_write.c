@@ -6,6 +6,7 @@
 #include "attack.h"
 #include "config.h"
 #include "core/json_text.h"
+#include "scene/photo.h"
 
 /* Lines up to the checkpoint stay. */
 static bool take(void *arg, const json_t *line)
@@ -85,9 +86,13 @@ static int poison(struct attack_run *r, size_t view, uint8_t *rgb)
     const struct sg_view *v = &r->scene->train[view];
     const size_t width = (size_t) v->camera.width,
                  spared = (size_t) lroundf(p->spare * (float) width);
-    for (size_t y = 0; y < (size_t) v->camera.height && !error; y++)
-        memcpy(rgb + 3 * width * y, v->rgb + 3 * width * y, 3 * spared);
-    return error;
+    const uint8_t *photo;
+    if (error || (error = sg_photo_pixels(r->ctx, v, &photo)))
+        return error;
+    for (size_t y = 0; y < (size_t) v->camera.height; y++)
+        memcpy(rgb + 3 * width * y, photo + 3 * width * y, 3 * spared);
+    sg_view_release(v);
+    return SG_OK;
 }
 
 /* Means and the worst case over the images, for people. */
@@ -113,11 +118,15 @@ static int write_views(struct attack_run *r, const bool *chosen, json_t *images,
                                     3 * (size_t) view->camera.width);
         if (!rgb)
             return SG_ERR_BUDGET;
-        if (train && chosen[i])
-            error = poison(r, i, rgb);
-        if (!error)
-            error = sg_poisoned_scene_image(r->ctx, scene, view, &p->files, p->folder,
-                                            train && chosen[i] ? rgb : view->rgb, &report);
+        const bool poisoned = train && chosen[i];
+        const uint8_t *photo = rgb;
+        error = poisoned ? poison(r, i, rgb) : sg_photo_pixels(r->ctx, view, &photo);
+        if (!error) {
+            error =
+                sg_poisoned_scene_image(r->ctx, scene, view, &p->files, p->folder, photo, &report);
+            if (!poisoned)
+                sg_view_release(view);
+        }
         sg_free(rgb);
         if (!error)
             json_array_append_new(

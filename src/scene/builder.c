@@ -9,12 +9,14 @@
 #include <xxhash.h>
 
 #include "option/option.h"
+#include "scene/photo.h"
 #include "scene/reader.h"
 
 #define NAME_MAX_BYTES 255
 #define FOCAL_MIN 1e-6
 #define ROTATION_ERROR 1e-3
 #define GREY 127
+#define KEPT_SHARE 4 /* lazy photos may keep a quarter of the context's memory limit */
 
 struct item {
     struct sg_view view;
@@ -28,6 +30,7 @@ struct sg_scene_builder {
     struct sg_scene *scene; /* has the points already */
     struct item *items;
     size_t count, capacity;
+    uint64_t keep;             /* bytes of lazy photos */
     size_t room_xyz, room_rgb; /* points that the scene's arrays have room for */
 };
 
@@ -45,6 +48,7 @@ int sg_scene_builder_create(sg_ctx *ctx, const struct sg_scene_params *params,
         return SG_ERR_BUDGET;
     b->ctx = ctx;
     b->params = p;
+    b->keep = sg_mem_limit(ctx) ? sg_mem_limit(ctx) / KEPT_SHARE : UINT64_MAX;
     b->scene = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*b->scene));
     code = b->scene ? sg_scene_builder_set_source(b, SG_FORMAT_MEMORY, "scene from memory")
                     : SG_ERR_BUDGET;
@@ -207,9 +211,10 @@ static int check_view(const sg_scene_builder *b, const struct sg_view_desc *d)
     if (!code)
         code = check_camera(b, d->name, &d->camera);
     const size_t width = (size_t) d->camera.width;
-    if (!code && !d->rgb)
-        code = sg_fail(b->ctx, SG_ERR_USAGE, "view %zu \"%s\": rgb: found NULL, expected pixels",
-                       b->count, d->name);
+    if (!code && !d->rgb == !d->read)
+        code = sg_fail(b->ctx, SG_ERR_USAGE,
+                       "view %zu \"%s\": rgb: found %s, expected either rgb or read", b->count,
+                       d->name, d->rgb ? "both pixels and read" : "NULL");
     if (!code)
         code = check_stride(b, d->name, "rgb_stride", d->rgb_stride, 3 * width);
     if (!code)
@@ -237,7 +242,7 @@ int sg_scene_builder_add_view(sg_scene_builder *b, const struct sg_view_desc *d)
     if (b->count >= b->params.max_images)
         return sg_fail(ctx, SG_ERR_USAGE, "view %zu: found more than %llu views (max_images)",
                        b->count, (unsigned long long) b->params.max_images);
-    const int code = check_view(b, d);
+    int code = check_view(b, d);
     if (code)
         return code;
     const int width = d->camera.width, height = d->camera.height;
@@ -245,17 +250,33 @@ int sg_scene_builder_add_view(sg_scene_builder *b, const struct sg_view_desc *d)
     view.name = sg_strdup(ctx, d->name);
     view.file = sg_strdup(ctx, d->name);
     view.path = sg_strdup(ctx, d->name);
-    view.rgb = copy_rows(ctx, d->rgb, d->rgb_stride, 3 * (size_t) width, height);
+    if (d->rgb)
+        view.rgb = copy_rows(ctx, d->rgb, d->rgb_stride, 3 * (size_t) width, height);
     if (d->mask)
         view.mask = copy_rows(ctx, d->mask, d->mask_stride, (size_t) width, height);
-    if (!view.name || !view.file || !view.path || !view.rgb || (d->mask && !view.mask)) {
+    if (!view.name || !view.file || !view.path || (d->rgb && !view.rgb) ||
+        (d->mask && !view.mask)) {
         sg_view_clear(&view);
         return SG_ERR_BUDGET;
     }
     for (size_t i = 0; view.mask && i < (size_t) width * (size_t) height; i++)
         view.mask[i] = view.mask[i] ? 255 : 0;
-    view.hash = sg_view_hash(&view);
+    if (d->rgb)
+        view.hash = sg_view_hash(&view);
+    else if (!b->scene->lazy)
+        code = sg_lazy_photos_create(ctx, b->keep, &b->scene->lazy);
+    if (d->read && !code)
+        code = sg_lazy_photo_create(ctx, b->scene->lazy, d, &view);
+    if (code) {
+        sg_view_clear(&view);
+        return code;
+    }
     return sg_scene_builder_put_view(b, &view, d->split);
+}
+
+void sg_scene_builder_keep_photos(sg_scene_builder *b, uint64_t bytes)
+{
+    b->keep = bytes;
 }
 
 int sg_scene_builder_add_points(sg_scene_builder *b, const float *xyz, const uint8_t *rgb, size_t n)

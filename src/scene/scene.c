@@ -5,6 +5,7 @@
 
 #include <string.h>
 
+#include "scene/photo.h"
 #include "scene/reader.h"
 
 static const struct {
@@ -161,6 +162,7 @@ void sg_scene_destroy(struct sg_scene **scene)
         sg_view_clear(&s->train[i]);
     for (size_t i = 0; i < s->n_test; i++)
         sg_view_clear(&s->test[i]);
+    sg_lazy_photos_destroy(&s->lazy);
     sg_free(s->train);
     sg_free(s->test);
     sg_free(s->points);

@@ -7,6 +7,7 @@
 
 #include "image/image.h"
 #include "image/smooth.h"
+#include "scene/photo.h"
 #include "scene/reader.h"
 
 struct job {
@@ -374,5 +375,6 @@ void sg_view_clear(struct sg_view *view)
     sg_free(view->path);
     sg_free(view->rgb);
     sg_free(view->mask);
+    sg_lazy_photo_destroy(view->lazy);
     *view = (struct sg_view){0};
 }

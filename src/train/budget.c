@@ -3,6 +3,7 @@
 
 #include "engine/engine.h"
 #include "engine/registry.h"
+#include "scene/photo.h"
 #include "splatguard/model.h"
 
 /* Bytes of training's own, beside the engine's. */
@@ -47,7 +48,8 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
     const uint64_t view = largest_view(engine, work, scene->test, scene->n_test,
                                        largest_view(engine, work, scene->train, scene->n_train, 0));
     const uint64_t each = need.gaussian + PLAN_BYTES + LISTED * need.instance;
-    const uint64_t fixed = (held > leaving ? held - leaving : 0) + view + FIXED_BYTES;
+    const uint64_t fixed = (held > leaving ? held - leaving : 0) +
+                           sg_lazy_photos_to_come(scene->lazy) + view + FIXED_BYTES;
     if (limit < fixed + LEAST * each)
         return sg_fail(
             ctx, SG_ERR_BUDGET,

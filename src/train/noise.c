@@ -5,6 +5,7 @@
 
 #include "begin.h"
 #include "defense/residual.h"
+#include "scene/photo.h"
 #include "schedule.h"
 #include "trainer.h"
 
@@ -27,9 +28,11 @@ static int measure_view(sg_trainer *t, size_t view, int sh_degree, float *image,
     int code = sg_engine_draw(t->engine, &v->camera, sh_degree, &render, false);
     if (!code)
         code = sg_engine_read_image(t->engine, image, NULL, NULL);
-    if (!code)
-        code = sg_residual_measure(t->ctx, v->rgb, v->mask, image, v->camera.width,
-                                   v->camera.height, out);
+    const uint8_t *rgb;
+    if (code || (code = sg_photo_pixels(t->ctx, v, &rgb)))
+        return code;
+    code = sg_residual_measure(t->ctx, rgb, v->mask, image, v->camera.width, v->camera.height, out);
+    sg_view_release(v);
     return code;
 }
 

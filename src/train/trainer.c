@@ -10,6 +10,7 @@
 #include "core/clock.h"
 #include "math/constants.h"
 #include "renderer.h"
+#include "scene/photo.h"
 #include "scene/used.h"
 #include "schedule.h"
 
@@ -97,8 +98,8 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
     }
     for (size_t i = 0; i < scene->n_train; i++) {
         const struct sg_view *v = &scene->train[i];
-        if ((code = sg_engine_photo_add(t->engine, v->camera.width, v->camera.height, v->rgb,
-                                        v->mask, &t->photos[i])))
+        if (!v->lazy && (code = sg_engine_photo_add(t->engine, v->camera.width, v->camera.height,
+                                                    v->rgb, v->mask, &t->photos[i])))
             goto fail;
     }
     sg_checkpoint_close(&saved);
@@ -249,6 +250,27 @@ static size_t list_losses(const sg_trainer *t, size_t view, struct sg_loss out[S
     return n;
 }
 
+/* The losses against the photo; one that is read when it is needed is handed over for as long. */
+static int compare(sg_trainer *t, size_t index, const struct sg_loss *losses, size_t n)
+{
+    const struct sg_view *v = &t->scene->train[index];
+    sg_photo photo = t->photos[index];
+    const uint8_t *rgb;
+    int code = v->lazy ? sg_photo_pixels(t->ctx, v, &rgb) : SG_OK;
+    if (code)
+        return code;
+    if (v->lazy)
+        code =
+            sg_engine_photo_add(t->engine, v->camera.width, v->camera.height, rgb, v->mask, &photo);
+    if (!code)
+        code = sg_engine_losses(t->engine, &(struct sg_target){.photo = photo}, losses, n);
+    if (v->lazy) {
+        sg_engine_photo_drop(t->engine, photo);
+        sg_view_release(v);
+    }
+    return code;
+}
+
 int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
 {
     sg_clear_error(t->ctx);
@@ -265,13 +287,12 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     const struct sg_defense_params *d = &p->defense;
     struct sg_loss losses[SG_LOSSES];
     const size_t n_losses = list_losses(t, step.view, losses);
-    const struct sg_target target = {.photo = t->photos[step.view]};
     struct sg_step result;
     background(t, it, render.background);
 
     if ((code = sg_engine_draw(t->engine, &view->camera, sg_active_degree(p, t->start_degree, it),
                                &render, false)) ||
-        (code = sg_engine_losses(t->engine, &target, losses, n_losses)) ||
+        (code = compare(t, step.view, losses, n_losses)) ||
         (code = sg_engine_raster_backward(t->engine)))
         return code;
 
