@@ -132,7 +132,7 @@ static void training_photos_of_a_scene(void **state)
         sg_scene_destroy(&s);
     }
     sg_scene_destroy(&plain);
-    expect_failure(f, sg_scene_params(.smooth = 3), SG_ERR_USAGE, "smooth 3", NULL);
+    expect_failure(f, sg_scene_params(.smooth = 3), SG_ERR_USAGE, "smooth: found 3", NULL);
 }
 
 static void out_of_memory(void **state)
