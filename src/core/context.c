@@ -191,12 +191,14 @@ static void stage_item(void *arg, size_t i, int thread)
 int sg_parallel_stage(sg_ctx *ctx, enum sg_stage stage, size_t n, void (*fn)(void *, size_t, int),
                       void *arg)
 {
-    if (!ctx->params.progress) {
+    if (!ctx->params.progress || !n) {
         sg_parallel_for(ctx, n, fn, arg);
         return SG_OK;
     }
     struct stage_job j = {.params = &ctx->params, .stage = stage, .n = n, .fn = fn, .arg = arg};
-    sg_parallel_for(ctx, n, stage_item, &j);
+    report_item(&j); /* 0: other threads can be ahead of the caller's first item */
+    if (!atomic_load(&j.cancelled))
+        sg_parallel_for(ctx, n, stage_item, &j);
     if (!atomic_load(&j.cancelled))
         report_item(&j);
     return atomic_load(&j.cancelled) ? cancelled(ctx, stage, atomic_load(&j.done), n) : SG_OK;
