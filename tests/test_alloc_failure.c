@@ -6,8 +6,10 @@
 
 #include "core/internal.h"
 #include "models.h"
+#include "splatguard/run.h"
 
-static char folder[] = "/tmp/sg_alloc_XXXXXX", blender[64], colmap[64], ply[64], checkpoint[64];
+static char folder[] = "/tmp/sg_alloc_XXXXXX", blender[64], colmap[64], ply[64], checkpoint[64],
+            run_folder[64], poisoned[64];
 
 static int make_scene(void **state)
 {
@@ -18,6 +20,8 @@ static int make_scene(void **state)
     snprintf(colmap, sizeof(colmap), "%s/scene/colmap", folder);
     snprintf(ply, sizeof(ply), "%s/model.ply", folder);
     snprintf(checkpoint, sizeof(checkpoint), "%s/checkpoint", folder);
+    snprintf(run_folder, sizeof(run_folder), "%s/run", folder);
+    snprintf(poisoned, sizeof(poisoned), "%s/poisoned", folder);
     char scene[64];
     snprintf(scene, sizeof(scene), "%s/scene", folder);
     sg_ctx *ctx = make_context(1);
@@ -194,6 +198,38 @@ static int attack(sg_ctx *ctx)
     return code;
 }
 
+/* A run and its folder, with audit, defense, evaluation and checkpoint. A run that lacks memory on
+ * the way ends early, with what it has; so SG_OK is allowed. */
+static int run(sg_ctx *ctx)
+{
+    sg_run *r = NULL;
+    sg_run_summary *summary = NULL;
+    char path[128];
+    struct sg_run_params p = sg_run_params_default();
+    p.source = colmap, p.folder = run_folder, p.scene.eval = true;
+    p.train.iterations = 2, p.train.sh_degree = 0, p.train.defense.on = true;
+    p.audit = SG_RUN_AUDIT_WARN, p.save_every = 1;
+    int code = sg_run_open(ctx, &p, SG_RUN_REPLACE, &r);
+    assert_true(!code == (r != NULL));
+    if (!code)
+        code = sg_run_train(r);
+    sg_run_close(&r);
+    if (!code)
+        code = sg_run_find_model(ctx, run_folder, 0, path, sizeof(path));
+    if (!code)
+        code = sg_run_summary_read(ctx, run_folder, &summary);
+    sg_run_summary_destroy(&summary);
+    return code;
+}
+
+static int attack_run(sg_ctx *ctx)
+{
+    struct sg_attack_run_params p = sg_attack_run_params_default();
+    p.source = colmap, p.folder = poisoned, p.proxy_iterations = 2;
+    p.attack.iterations = 2, p.attack.inner = 1;
+    return sg_attack_run(ctx, &p, SG_RUN_REPLACE, NULL);
+}
+
 static void fail_each(int (*work)(sg_ctx *))
 {
     sg_ctx *ctx = make_context(1);
@@ -232,6 +268,8 @@ TEST(build)
 TEST(train)
 TEST(audit)
 TEST(attack)
+TEST(run)
+TEST(attack_run)
 
 int main(void)
 {
@@ -239,6 +277,7 @@ int main(void)
         cmocka_unit_test(test_load_blender), cmocka_unit_test(test_load_colmap),
         cmocka_unit_test(test_build),        cmocka_unit_test(test_train),
         cmocka_unit_test(test_audit),        cmocka_unit_test(test_attack),
+        cmocka_unit_test(test_run),          cmocka_unit_test(test_attack_run),
     };
     return cmocka_run_group_tests(tests, make_scene, remove_scene);
 }

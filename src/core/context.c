@@ -28,6 +28,7 @@ struct sg_ctx {
     sg_pool *pool;
     pthread_mutex_t error_lock;
     char error[1024];
+    int error_code;                         /* of that message */
     struct counter memory[SG_MEM_TAGS + 1]; /* the last one is the total */
     _Atomic uint64_t to_failure; /* allocations, the last of which fails; 0 = none does */
     _Atomic uint64_t wanted;     /* bytes in all that the newest refusal was for */
@@ -99,7 +100,9 @@ int sg_fail(sg_ctx *ctx, int code, const char *format, ...)
     if (!ctx->error[0]) {
         vsnprintf(ctx->error, sizeof(ctx->error), format, args);
         sg_make_printable(ctx->error);
+        ctx->error_code = code;
     }
+    code = ctx->error_code;
     pthread_mutex_unlock(&ctx->error_lock);
     va_end(args);
     return code;

@@ -11,8 +11,8 @@
 
 #include "splatguard/context.h"
 
-/* Records the message and returns code. Thread safe: the first failure since the last
- * sg_clear_error wins. */
+/* Records code and message and returns the code. The first failure since the last sg_clear_error
+ * wins: later ones change nothing and get its code, so that code and message agree. Thread safe. */
 __attribute__((format(printf, 3, 4))) int sg_fail(sg_ctx *ctx, int code, const char *format, ...);
 void sg_clear_error(sg_ctx *ctx);
 bool sg_failed(
