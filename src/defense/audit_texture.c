@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "audit_blocks.h"
+#include "core/compare.h"
 
 /* grey levels squared: rounding. Added to sums of squares so that smooth tiles do not divide by
  * 0. */
@@ -95,12 +96,6 @@ static double value_of(const struct tile *t, enum value value)
     default:
         return log(t->level / fmax(t->used, 1) + 8);
     }
-}
-
-static int ascending(const void *a, const void *b)
-{
-    const float x = *(const float *) a, y = *(const float *) b;
-    return (x > y) - (x < y);
 }
 
 /* The tiles of one area, and where its statistics go. */
@@ -191,7 +186,7 @@ static double deviation(const struct area *a, size_t n)
 static void put_quantiles(struct area *a, enum value value, const double *parts, int count)
 {
     const size_t n = fill(a, value);
-    qsort(a->texture->column, n, sizeof(*a->texture->column), ascending);
+    qsort(a->texture->column, n, sizeof(*a->texture->column), sg_float_ascending);
     for (int k = 0; k < count; k++)
         put(a, quantile(a, n, parts[k]));
 }
@@ -201,7 +196,7 @@ static void put_direction(struct area *a)
 {
     const size_t n = fill(a, DIRECTION);
     const float *column = a->texture->column;
-    qsort(a->texture->column, n, sizeof(*column), ascending);
+    qsort(a->texture->column, n, sizeof(*column), sg_float_ascending);
     put(a, n ? fabs((double) column[(n - 1) / 2] + (double) column[n / 2]) / 2 : 0);
     put(a, deviation(a, n));
 }

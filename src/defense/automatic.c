@@ -5,6 +5,7 @@
 #include <stdlib.h>
 
 #include "audit_photo.h"
+#include "core/compare.h"
 #include "splatguard/defense.h"
 
 /* Grey levels a pixel: oscillation from which on a poison gets the whole filter; that of quiet
@@ -35,18 +36,12 @@ double sg_defense_frequency(double extent)
     return fmin(fmax(8 * 5.2 / (extent > 0 ? extent : 1), 1e-9), 1e9);
 }
 
-static int descending(const void *a, const void *b)
-{
-    const float x = *(const float *) a, y = *(const float *) b;
-    return (x < y) - (x > y);
-}
-
 /* Certain photos form a set of their own, which counts in full from a twentieth of the votes on.
  * Its strength is the best mean of the strongest n, so that weaker photos cannot dilute it. */
 static double strength_of_few(float *parts, size_t n, double votes)
 {
     double sum = 0, most = 0;
-    qsort(parts, n, sizeof(*parts), descending);
+    qsort(parts, n, sizeof(*parts), sg_float_descending);
     for (size_t i = 0; i < n; i++) {
         sum += (double) parts[i];
         most = fmax(most, sum / (double) (i + 1) * fmin(20 * (double) (i + 1) / votes, 1));

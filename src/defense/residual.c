@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "residual.h"
+#include "core/compare.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -24,12 +25,6 @@ static int by_energy(const void *a, const void *b)
     if (x->energy != y->energy)
         return x->energy < y->energy ? -1 : 1;
     return x->at < y->at ? -1 : 1;
-}
-
-static int ascending(const void *a, const void *b)
-{
-    const float x = *(const float *) a, y = *(const float *) b;
-    return (x > y) - (x < y);
 }
 
 static void low_pass_row(const float *in, size_t stride, int n, const float taps[RADIUS + 1],
@@ -112,7 +107,7 @@ static void measure(const float *planes, int width, size_t pixels, const struct 
         }
     }
     const double total = (double) (n * VALUES);
-    qsort(values, n * VALUES, sizeof(*values), ascending);
+    qsort(values, n * VALUES, sizeof(*values), sg_float_ascending);
     out->blocks = n;
     out->level = (double) values[n * VALUES / 10 * 9];
     out->kurtosis = second > 0 ? fourth * total / (second * second) : 0;

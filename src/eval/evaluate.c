@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "core/clock.h"
+#include "core/compare.h"
 #include "core/internal.h"
 #include "scene/photo.h"
 #include "splatguard/eval.h"
@@ -11,12 +12,6 @@
 #define WARM_UP 10
 #define ROUNDS 3
 #define EQUAL_PSNR 100.0 /* reported for identical images, whose PSNR is infinite */
-
-static int ascending(const void *a, const void *b)
-{
-    const double x = *(const double *) a, y = *(const double *) b;
-    return (x > y) - (x < y);
-}
 
 static int time_frames(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t n,
                        float *rgb, struct sg_eval *out)
@@ -35,7 +30,7 @@ static int time_frames(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views,
         sum += frames[i] = sg_seconds() - start;
     }
     if (!code) {
-        qsort(frames, ROUNDS * n, sizeof(double), ascending);
+        qsort(frames, ROUNDS * n, sizeof(double), sg_double_ascending);
         out->fps = 1 / frames[ROUNDS * n / 2];
         out->fps_mean = (double) (ROUNDS * n) / sum;
     }

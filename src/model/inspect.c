@@ -2,16 +2,11 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "core/compare.h"
 #include "core/internal.h"
 #include "math/constants.h"
 #include "ply.h"
 #include "splatguard/model.h"
-
-static int ascending(const void *a, const void *b)
-{
-    const float x = *(const float *) a, y = *(const float *) b;
-    return (x > y) - (x < y);
-}
 
 static bool all_finite(const struct sg_model *m, size_t i, int first, int end)
 {
@@ -49,7 +44,7 @@ int sg_model_check(sg_ctx *ctx, const struct sg_model *m, const char *name)
 static void percentiles(float *values, size_t n, double out[5])
 {
     static const double at[5] = {0.01, 0.25, 0.5, 0.75, 0.99};
-    qsort(values, n, sizeof(*values), ascending);
+    qsort(values, n, sizeof(*values), sg_float_ascending);
     for (int k = 0; k < 5; k++)
         out[k] = n ? (double) values[(size_t) (at[k] * (double) (n - 1) + 0.5)] : NAN;
 }

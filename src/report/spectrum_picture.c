@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/compare.h"
 #include "image/image.h"
 #include "image/stroke_font.h"
 #include "splatguard/output.h"
@@ -234,12 +235,6 @@ static void draw_plots(struct canvas *c, const struct sg_spectrum_image *images,
     }
 }
 
-static int compare_floats(const void *a, const void *b)
-{
-    const float x = *(const float *) a, y = *(const float *) b;
-    return (x > y) - (x < y);
-}
-
 /* What is black and what is white in the spectra. */
 static int find_range(sg_ctx *ctx, const struct sg_spectrum_image *p, float *low, float *high)
 {
@@ -248,7 +243,7 @@ static int find_range(sg_ctx *ctx, const struct sg_spectrum_image *p, float *low
     if (!sorted)
         return SG_ERR_BUDGET;
     memcpy(sorted, p->amplitude, n * sizeof(float));
-    qsort(sorted, n, sizeof(float), compare_floats);
+    qsort(sorted, n, sizeof(float), sg_float_ascending);
     *low = sorted[n / 50];
     *high = fmaxf(sorted[n - 1 - n / 1000], *low + 1e-3f);
     sg_free(sorted);

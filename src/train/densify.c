@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "densify.h"
+#include "core/compare.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -22,12 +23,6 @@ static void append(struct plan *p, size_t source, enum sg_edit_kind kind)
 {
     p->source[p->appended] = (uint32_t) source;
     p->kind[p->appended++] = (uint8_t) kind;
-}
-
-static int descending(const void *a, const void *b)
-{
-    const float x = *(const float *) a, y = *(const float *) b;
-    return (x < y) - (x > y);
 }
 
 /* Marks the lowest scored to go, or the last ones where nothing tells them apart: what is above the
@@ -74,7 +69,7 @@ static int choose_growth(struct sg_engine *engine, struct plan *plan, const floa
             wishes[wish++] = gradient[i];
     *limited = wish > room;
     if (*limited) {
-        qsort(wishes, wish, sizeof(*wishes), descending);
+        qsort(wishes, wish, sizeof(*wishes), sg_float_descending);
         const float least = room ? wishes[room - 1] : INFINITY;
         while (above < room && wishes[above] > least)
             above++;

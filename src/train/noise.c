@@ -4,18 +4,13 @@
 #include <stdlib.h>
 
 #include "begin.h"
+#include "core/compare.h"
 #include "defense/residual.h"
 #include "scene/photo.h"
 #include "schedule.h"
 #include "trainer.h"
 
 #define PHOTOS 32 /* at most so many are measured */
-
-static int ascending(const void *a, const void *b)
-{
-    const double x = *(const double *) a, y = *(const double *) b;
-    return (x > y) - (x < y);
-}
 
 static int measure_view(sg_trainer *t, size_t view, int sh_degree, float *image,
                         struct sg_residual *out)
@@ -71,8 +66,8 @@ int sg_trainer_measure_noise(sg_trainer *t, int it, struct sg_noise *out)
         return SG_OK;
     }
     if (!code && out->photos) {
-        qsort(levels, out->photos, sizeof(*levels), ascending);
-        qsort(kurtosis, out->photos, sizeof(*kurtosis), ascending);
+        qsort(levels, out->photos, sizeof(*levels), sg_double_ascending);
+        qsort(kurtosis, out->photos, sizeof(*kurtosis), sg_double_ascending);
         out->level = levels[out->photos * 3 / 4] < SG_TOLERANCE_MAX ? levels[out->photos * 3 / 4]
                                                                     : SG_TOLERANCE_MAX;
         out->kurtosis = kurtosis[out->photos / 2];

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "morton.h"
+#include "core/compare.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -14,12 +15,6 @@
 struct item {
     uint32_t key, index;
 };
-
-static int ascending(const void *a, const void *b)
-{
-    const float x = *(const float *) a, y = *(const float *) b;
-    return (x > y) - (x < y);
-}
 
 static float position(const struct sg_places *p, size_t place, int axis)
 {
@@ -44,7 +39,7 @@ static void lattice(const struct sg_places *places, const uint32_t *source, size
     *low = *per_unit = 0;
     if (!n)
         return;
-    qsort(sample, n, sizeof(*sample), ascending);
+    qsort(sample, n, sizeof(*sample), sg_float_ascending);
     *low = sample[n / 50];
     const float span = sample[n - 1 - n / 50] - *low;
     *per_unit = span > 0 && isfinite(span) ? CELLS / span : 0;
