@@ -1,12 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Every allocation of a small load, training, audit, attack and evaluation made to fail once: each
  * ends with SG_ERR_BUDGET and a message, leaves nothing behind, and works afterwards. */
-#include <sys/stat.h>
-#include <unistd.h>
-
 #include "core/internal.h"
-#include "models.h"
 #include "splatguard/run.h"
+#include "synth_scene.h"
 
 static char folder[] = "/tmp/sg_alloc_XXXXXX", blender[64], colmap[64], ply[64], checkpoint[64],
             run_folder[64], poisoned[64];
@@ -14,30 +11,22 @@ static char folder[] = "/tmp/sg_alloc_XXXXXX", blender[64], colmap[64], ply[64],
 static int make_scene(void **state)
 {
     (void) state;
-    if (!mkdtemp(folder))
-        return -1;
+    const int code =
+        make_synth_scene(folder, sg_synth_params(.width = 24, .height = 20, .train_views = 4,
+                                                 .test_views = 1, .points = 40, .samples = 1));
     snprintf(blender, sizeof(blender), "%s/scene/blender", folder);
     snprintf(colmap, sizeof(colmap), "%s/scene/colmap", folder);
     snprintf(ply, sizeof(ply), "%s/model.ply", folder);
     snprintf(checkpoint, sizeof(checkpoint), "%s/checkpoint", folder);
     snprintf(run_folder, sizeof(run_folder), "%s/run", folder);
     snprintf(poisoned, sizeof(poisoned), "%s/poisoned", folder);
-    char scene[64];
-    snprintf(scene, sizeof(scene), "%s/scene", folder);
-    sg_ctx *ctx = make_context(1);
-    const struct sg_synth_params *p = sg_synth_params(.width = 24, .height = 20, .train_views = 4,
-                                                      .test_views = 1, .points = 40, .samples = 1);
-    assert_int_equal(sg_synth_write(ctx, scene, p), SG_OK);
-    sg_ctx_destroy(&ctx);
-    return 0;
+    return code;
 }
 
 static int remove_scene(void **state)
 {
     (void) state;
-    char command[64];
-    snprintf(command, sizeof(command), "rm -rf %s", folder);
-    return system(command);
+    return remove_synth_scene(folder);
 }
 
 static int load(sg_ctx *ctx, const char *path)

@@ -2,10 +2,8 @@
 /* Progress functions: on the caller's thread, in order; cancelling at each of their calls ends with
  * SG_ERR_INTERRUPTED and leaves nothing. */
 #include <pthread.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
-#include "models.h"
+#include "synth_scene.h"
 
 static char folder[] = "/tmp/sg_progress_XXXXXX", colmap[64], made[64];
 
@@ -42,26 +40,18 @@ static sg_ctx *watched(int threads, struct watch *w)
 static int make_scene(void **state)
 {
     (void) state;
-    if (!mkdtemp(folder))
-        return -1;
-    char scene[64];
-    snprintf(scene, sizeof(scene), "%s/scene", folder);
+    const int code =
+        make_synth_scene(folder, sg_synth_params(.width = 24, .height = 20, .train_views = 4,
+                                                 .test_views = 1, .points = 40, .samples = 1));
     snprintf(colmap, sizeof(colmap), "%s/scene/colmap", folder);
     snprintf(made, sizeof(made), "%s/made", folder);
-    sg_ctx *ctx = make_context(1);
-    const struct sg_synth_params *p = sg_synth_params(.width = 24, .height = 20, .train_views = 4,
-                                                      .test_views = 1, .points = 40, .samples = 1);
-    assert_int_equal(sg_synth_write(ctx, scene, p), SG_OK);
-    sg_ctx_destroy(&ctx);
-    return 0;
+    return code;
 }
 
 static int remove_scene(void **state)
 {
     (void) state;
-    char command[64];
-    snprintf(command, sizeof(command), "rm -rf %s", folder);
-    return system(command);
+    return remove_synth_scene(folder);
 }
 
 static int load(sg_ctx *ctx)

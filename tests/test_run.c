@@ -14,6 +14,7 @@
 #include "core/file.h"
 #include "params.h"
 #include "splatguard/splatguard.h"
+#include "synth_scene.h"
 
 static char root[] = "/tmp/sg-run-XXXXXX";
 static char scene[64];
@@ -37,23 +38,17 @@ static sg_ctx *new_context(void)
 static int set_up(void **state)
 {
     (void) state;
-    if (!mkdtemp(root))
-        return 1;
-    sg_ctx *ctx = new_context();
-    const int code = sg_synth_write(ctx, at("scene"),
-                                    sg_synth_params(.width = 40, .height = 32, .train_views = 6,
-                                                    .test_views = 2, .points = 100, .samples = 1));
+    const int code =
+        make_synth_scene(root, sg_synth_params(.width = 40, .height = 32, .train_views = 6,
+                                               .test_views = 2, .points = 100, .samples = 1));
     snprintf(scene, sizeof(scene), "%s/scene/blender", root);
-    sg_ctx_destroy(&ctx);
     return code;
 }
 
 static int tear_down(void **state)
 {
     (void) state;
-    char command[64];
-    snprintf(command, sizeof(command), "rm -rf %s", root);
-    return system(command);
+    return remove_synth_scene(root);
 }
 
 static struct sg_run_params short_run(const char *folder)

@@ -1,40 +1,30 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Scenes from memory: the same results as from a folder, and refusals that name the field. */
-#include <unistd.h>
-
 #include "core/internal.h"
-#include "models.h"
+#include "synth_scene.h"
 
 #define WIDTH 40
 #define HEIGHT 32
 #define PAD 7 /* bytes between rows */
 
-static char folder[] = "/tmp/sg_memory_XXXXXX", written[64], colmap[64], copy[64], checkpoint[64];
+static char folder[] = "/tmp/sg_memory_XXXXXX", colmap[64], copy[64], checkpoint[64];
 
 static int make_scene(void **state)
 {
     (void) state;
-    if (!mkdtemp(folder))
-        return -1;
-    snprintf(written, sizeof(written), "%s/scene", folder);
+    const int code =
+        make_synth_scene(folder, sg_synth_params(.width = WIDTH, .height = HEIGHT, .train_views = 9,
+                                                 .test_views = 1, .points = 60, .samples = 1));
     snprintf(colmap, sizeof(colmap), "%s/scene/colmap", folder);
     snprintf(copy, sizeof(copy), "%s/copy", folder);
     snprintf(checkpoint, sizeof(checkpoint), "%s/checkpoint", folder);
-    sg_ctx *ctx = make_context(2);
-    const struct sg_synth_params *p =
-        sg_synth_params(.width = WIDTH, .height = HEIGHT, .train_views = 9, .test_views = 1,
-                        .points = 60, .samples = 1);
-    assert_int_equal(sg_synth_write(ctx, written, p), SG_OK);
-    sg_ctx_destroy(&ctx);
-    return 0;
+    return code;
 }
 
 static int remove_scene(void **state)
 {
     (void) state;
-    char command[64];
-    snprintf(command, sizeof(command), "rm -rf %s", folder);
-    return system(command);
+    return remove_synth_scene(folder);
 }
 
 /* Rows with something between them. */
