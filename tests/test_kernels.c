@@ -506,8 +506,7 @@ static void test_black(void **state)
 }
 
 /* The gradient that densification looks at, by moving the image under one Gaussian: half the
- * image's size is one
- * unit. */
+ * image's size is one unit. */
 static void test_view_space_gradient(void **state)
 {
     (void) state;

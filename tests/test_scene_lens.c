@@ -328,8 +328,7 @@ static void folds(void **state)
 }
 
 /* Coefficients that mirror parts of the photo, or turn it back at once: no pixel is shown twice, or
- * there is an
- * error. */
+ * there is an error. */
 static void lenses_that_cannot_be(void **state)
 {
     struct fixture *f = *state;

@@ -157,8 +157,7 @@ int sg_engine_project_backward(struct sg_engine *e, bool statistics);
  * gradients of the parameters need not be stored. With it, update->statistics has no effect. */
 int sg_engine_optimise(struct sg_engine *e, const struct sg_update *update);
 /* Engine to host: dL/d parameters of the view, in a model-shaped object. Before optimise. For tests
- * and
- * sensitivities. */
+ * and sensitivities. */
 int sg_engine_read_gradients(struct sg_engine *e, struct sg_model *out);
 
 /* Of the newest view and its losses, as far as its stages have run. */

@@ -177,8 +177,7 @@ int sg_colmap_images_txt(sg_ctx *ctx, struct sg_source *in, uint64_t max_images,
         code =
             sg_colmap_add_image(ctx, out, max_images, cameras, where, (uint32_t) camera, q, t, p);
         /* Its 2D points, three numbers each, possibly an empty line. A file without them would lose
-         * every other
-         * image. */
+         * every other image. */
         if (!code && next_line(ctx, &l) && l.words % 3)
             code = bad_line(ctx, &l, "2D points, three numbers each, or an empty line");
     }

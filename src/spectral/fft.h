@@ -17,8 +17,7 @@
 #define SG_FFT_COLUMNS(width) ((size_t) (width) / 2 + 1)
 
 /* Half spectra are stored in panels of 16 columns: all rows of the first panel, a point each, then
- * those of the
- * next. */
+ * those of the next. */
 #define SG_FFT_PANELS(columns) (((size_t) (columns) + SG_FFT_LANES - 1) / SG_FFT_LANES)
 
 #define SG_FFT_STAGES 32 /* n < 2^31 */

@@ -193,8 +193,7 @@ double sg_trainer_elapsed(const sg_trainer *t)
 }
 
 /* One more, or as many as the time that will have passed asks for; so the last one begins while
- * there is time for
- * it. */
+ * there is time for it. */
 static int next_iteration(sg_trainer *t)
 {
     const struct sg_train_params *p = &t->params;

@@ -189,8 +189,7 @@ static void floor_backward(const void *arg, const float *params, int planes, flo
 }
 
 /* The image with a shape is that of the shaped parameters; its gradients are those of the
- * parameters, by
- * differences. */
+ * parameters, by differences. */
 static void test_shape(void **state)
 {
     (void) state;

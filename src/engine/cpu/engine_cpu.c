@@ -274,8 +274,7 @@ static int photometric(struct sg_engine *base, const struct sg_target_pixels *ta
                 9 * sizeof(double)))
         return SG_ERR_BUDGET;
     /* Each piece computes ten rows that are its neighbours': the fewer the better, but the threads
-     * should end
-     * together. */
+     * should end together. */
     const int rows = height / (2 * threads) + 1;
     struct loss_job job = {.kernels = b->kernels,
                            .args = {.width = b->camera.width,
