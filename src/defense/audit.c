@@ -232,7 +232,7 @@ static void audit_view(void *arg, size_t i, int thread)
     image->tau_error = poisoned ? image->features.amplitude_error : 0;
 }
 
-/* Clean photos with a smaller side can have any score: docs/audit.md has the figures. */
+/* Smaller sides have too few tiles for the statistics, which were fitted to larger crops. */
 #define SIDE_JUDGED 200
 
 static void warn_small_photos(sg_ctx *ctx, const struct sg_scene *scene)
