@@ -101,7 +101,7 @@ static int build(sg_ctx *ctx)
 }
 
 /* Creation, steps with densification, filter and losses, saving, resuming, model, PLY, renderer. */
-static int train(sg_ctx *ctx)
+static int train_by(sg_ctx *ctx, enum sg_train_strategy strategy)
 {
     struct sg_scene *scene = NULL;
     sg_trainer *trainer = NULL, *resumed = NULL;
@@ -113,6 +113,9 @@ static int train(sg_ctx *ctx)
     p.densify_until_iter = 7;
     p.opacity_reset_interval = 5, p.sh_degree = 1, p.densify_grad_threshold = 1e-6f;
     p.defense.on = true, p.defense.interval = 2, p.defense.views = 2;
+    p.strategy = strategy;
+    if (strategy == SG_STRATEGY_MCMC)
+        p.defense.rho = 0;
     int code = sg_scene_load(ctx, colmap, NULL, &scene);
     if (!code)
         code = sg_trainer_create(ctx, scene, NULL, &p, &trainer);
@@ -142,6 +145,16 @@ static int train(sg_ctx *ctx)
     sg_trainer_destroy(&trainer);
     sg_scene_destroy(&scene);
     return code;
+}
+
+static int train(sg_ctx *ctx)
+{
+    return train_by(ctx, SG_STRATEGY_DEFAULT);
+}
+
+static int train_mcmc(sg_ctx *ctx)
+{
+    return train_by(ctx, SG_STRATEGY_MCMC);
 }
 
 static int audit(sg_ctx *ctx)
@@ -255,6 +268,7 @@ TEST(load_blender)
 TEST(load_colmap)
 TEST(build)
 TEST(train)
+TEST(train_mcmc)
 TEST(audit)
 TEST(attack)
 TEST(run)
@@ -265,8 +279,9 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_load_blender), cmocka_unit_test(test_load_colmap),
         cmocka_unit_test(test_build),        cmocka_unit_test(test_train),
-        cmocka_unit_test(test_audit),        cmocka_unit_test(test_attack),
-        cmocka_unit_test(test_run),          cmocka_unit_test(test_attack_run),
+        cmocka_unit_test(test_train_mcmc),   cmocka_unit_test(test_audit),
+        cmocka_unit_test(test_attack),       cmocka_unit_test(test_run),
+        cmocka_unit_test(test_attack_run),
     };
     return cmocka_run_group_tests(tests, make_scene, remove_scene);
 }

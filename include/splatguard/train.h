@@ -15,6 +15,27 @@
 extern "C" {
 #endif
 
+/* How the set of Gaussians changes while a model learns. */
+enum sg_train_strategy {
+    SG_STRATEGY_DEFAULT, /* clones, splits, prunes, resets opacities (Kerbl et al. 2023) */
+    SG_STRATEGY_MCMC     /* relocates, adds up to a cap, explores (Kheradmand et al. 2024) */
+};
+
+/* Of SG_STRATEGY_MCMC. It edits as often as densification_interval says, after densify_from_iter,
+ * and takes nothing else of the default's parameters. */
+struct sg_mcmc_params {
+    uint64_t cap_max;  /* most Gaussians, 4..4e9. Default 1000000. */
+    double growth;     /* factor of their number at an edit, 1..2. Default 1.05. */
+    int until;         /* edits before this iteration, 0..1e9. Default 25000. */
+    float opacity_reg; /* weight of the mean opacity in the loss, 0..1e3. Default 0.01. */
+    float scale_reg;   /* weight of the mean scale in the loss, 0..1e3. Default 0.01. */
+    float noise_lr;    /* of positions, in learning rates of positions, 0..1e9. Default 5e5. */
+};
+
+#define SG_MCMC_DEFAULTS                                                                           \
+    .cap_max = 1000000, .growth = 1.05, .until = 25000, .opacity_reg = 0.01f, .scale_reg = 0.01f,  \
+    .noise_lr = 5e5f
+
 /* Defaults are those of the reference (Kerbl et al. 2023, the 2023 release). Ranges that are not
  * given below: learning rates and percent_dense 0..1e3 (those of positions from 1e-12),
  * intervals 1..1e9 iterations, densify_from_iter and densify_until_iter 0..1e9. */
@@ -48,11 +69,13 @@ struct sg_train_params {
     float scaling_lr;          /* Default 0.005. */
     float rotation_lr;         /* Default 0.001. */
     float percent_dense; /* clone below, split above this share of the extent. Default 0.01. */
-    int densification_interval;   /* 1..10 million. Default 100. */
-    int densify_from_iter;        /* Default 500. */
-    int densify_until_iter;       /* Default 15000. */
-    float densify_grad_threshold; /* view-space gradient, NDC; 0..1e9. Default 0.0002. */
-    int opacity_reset_interval;   /* Default 3000. */
+    int densification_interval;      /* 1..10 million. Default 100. */
+    int densify_from_iter;           /* Default 500. */
+    int densify_until_iter;          /* Default 15000. */
+    float densify_grad_threshold;    /* view-space gradient, NDC; 0..1e9. Default 0.0002. */
+    int opacity_reset_interval;      /* Default 3000. */
+    enum sg_train_strategy strategy; /* Default SG_STRATEGY_DEFAULT. */
+    struct sg_mcmc_params mcmc;
     uint64_t init_points; /* random points when the scene has none, 4..1e8. Default 100000. */
     /* Budgets; 0 = none. If the context limits memory, the trainer also keeps within that. */
     /* At least 4. At the limit new Gaussians replace those with the lowest scores. Default 0. */
@@ -80,7 +103,8 @@ struct sg_train_params {
     .opacity_lr = 0.05f, .scaling_lr = 0.005f, .rotation_lr = 0.001f, .percent_dense = 0.01f,      \
     .densification_interval = 100, .densify_from_iter = 500, .densify_until_iter = 15000,          \
     .densify_grad_threshold = 0.0002f, .opacity_reset_interval = 3000, .init_points = 100000,      \
-    .max_instances = 1u << 24, .defense = {SG_DEFENSE_DEFAULTS}, .engine = "cpu"
+    .mcmc = {SG_MCMC_DEFAULTS}, .max_instances = 1u << 24, .defense = {SG_DEFENSE_DEFAULTS},       \
+    .engine = "cpu"
 SG_API struct sg_train_params sg_train_params_default(void);
 
 /* Values of `tolerance` in struct sg_run_params. AUTO: the audit's estimate for each photo. PRESET:
@@ -107,6 +131,7 @@ struct sg_train_step {
     double loss, l1, ssim, psnr;  /* of this view, before the update; psnr of unclamped values */
     size_t gaussians;             /* at its end: after densification and the filter */
     size_t cloned, split, pruned; /* by the densification of this iteration, else 0 */
+    size_t relocated;             /* dead Gaussians, by SG_STRATEGY_MCMC; it adds those cloned */
     struct sg_render_stats render;
     struct sg_defense_step defense;
     struct sg_noise noise;

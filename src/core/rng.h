@@ -17,7 +17,10 @@ enum sg_rng_use {
     SG_RNG_NOISE = 6,
     SG_RNG_POISONED = 7,
     SG_RNG_COUNTED = 8,
-    SG_RNG_DRIFT = 9
+    SG_RNG_DRIFT = 9,
+    SG_RNG_RELOCATE = 10,
+    SG_RNG_GROW = 11,
+    SG_RNG_EXPLORE = 12
 };
 
 static inline uint64_t sg_rng_mix(uint64_t x) /* the finaliser of splitmix64 (Steele et al. 2014) */

@@ -171,6 +171,32 @@ int sg_engine_reset_opacity(struct sg_engine *e, float limit)
     return leave(e, e->ops->reset_opacity(e, limit), IMAGE, 0);
 }
 
+static int lacks(const struct sg_engine *e, const char *what)
+{
+    return sg_fail(e->ctx, SG_ERR_USAGE, "engine %s: found a call of %s, which it does not have",
+                   e->ops->name, what);
+}
+
+int sg_engine_relocate(struct sg_engine *e, const struct sg_relocation *r)
+{
+    const size_t n = sg_engine_count(e);
+    if (!e->ops->relocate)
+        return lacks(e, "relocate");
+    for (size_t i = 0; i < r->count; i++)
+        if (r->to[i] >= n || r->from[i] >= n)
+            return sg_fail(e->ctx, SG_ERR_USAGE,
+                           "relocate: entry %zu: found Gaussians %u and %u, expected two of %zu", i,
+                           r->to[i], r->from[i], n);
+    return leave(e, e->ops->relocate(e, r), IMAGE, 0);
+}
+
+int sg_engine_explore(struct sg_engine *e, const struct sg_exploration *x)
+{
+    if (!e->ops->explore)
+        return lacks(e, "explore");
+    return leave(e, e->ops->explore(e, x), IMAGE, 0);
+}
+
 int sg_engine_set_shape(struct sg_engine *e, const struct sg_shape *shape)
 {
     if (shape && !e->ops->shape)

@@ -93,6 +93,28 @@ int sg_engine_floor_scale(struct sg_engine *e, float smallest);
 /* opacity = min(opacity, limit); zeroes the opacity moments. */
 int sg_engine_reset_opacity(struct sg_engine *e, float limit);
 
+/* Gaussians that change in place, one entry after the other: number `to` takes all parameters of
+ * number `from`, which may be itself, then the opacity, and `scale` is added to its scales, as
+ * stored. fresh: its moments become 0. */
+struct sg_relocation {
+    size_t count;
+    const uint32_t *to, *from;
+    const float *opacity, *scale;
+    const uint8_t *fresh;
+};
+/* SG_ERR_USAGE for a number that no Gaussian has, or an engine that has no such operation. */
+int sg_engine_relocate(struct sg_engine *e, const struct sg_relocation *relocation);
+
+/* Noise on the positions that explores where a Gaussian is nearly transparent (Kheradmand et al.
+ * 2024): position += amount / (1 + exp(100 (opacity - 0.005))) covariance n, with n normal (seed,
+ * SG_RNG_EXPLORE, stream, 3 index + axis). */
+struct sg_exploration {
+    float amount;
+    uint64_t seed, stream;
+};
+/* SG_ERR_USAGE for an engine that has no such operation. */
+int sg_engine_explore(struct sg_engine *e, const struct sg_exploration *exploration);
+
 /* A step between the parameters and the projection: what is drawn in place of the parameters of
  * SG_LANES Gaussians. All arrays are blocks of `planes` planes, laid out as in sg_model.params. */
 struct sg_shape {
@@ -147,6 +169,9 @@ struct sg_update {
     bool adam; /* false: no group moves */
     float rate[SG_GROUPS], root[SG_GROUPS];
     bool statistics; /* count this view in the statistics of densification */
+    /* Weights in the loss of the mean opacity of all Gaussians and of the mean of their scales.
+     * Only a step with adam has these terms. */
+    float mean_opacity, mean_scale;
     bool accumulate; /* gradients add up over the updates without adam; the next one with adam takes
                         the sum. Lost when the model is edited. */
 };

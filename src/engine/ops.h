@@ -58,6 +58,10 @@ struct sg_engine_ops {
     int (*floor_scale)(struct sg_engine *, float smallest);
     int (*reset_opacity)(struct sg_engine *, float limit);
 
+    /* Optional: there are no such operations. */
+    int (*relocate)(struct sg_engine *, const struct sg_relocation *);
+    int (*explore)(struct sg_engine *, const struct sg_exploration *);
+
     /* Optional: an engine in host memory reads the photos where they are. */
     int (*photo_add)(struct sg_engine *, sg_photo, const struct sg_photo_entry *);
     void (*photo_drop)(struct sg_engine *, sg_photo);

@@ -95,6 +95,7 @@ int sg_begin(sg_trainer *t, const struct sg_model *initial)
     if (code)
         return code;
     t->gaussians_bound = limit && n > limit;
+    t->from_points = !initial;
     if (!initial)
         code = initial_model(t->ctx, t->scene, &t->params, limit, &made);
     else if (t->gaussians_bound)

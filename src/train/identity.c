@@ -51,10 +51,17 @@ struct sg_identity sg_train_identity(const struct sg_train_params *p)
                               d->spectrum.energy,
                               d->spectrum.channels,
                               d->spectrum.exact_size};
+    const struct sg_mcmc_params *m = &p->mcmc;
+    const double mcmc[] = {
+        (double) m->cap_max,   m->growth,           m->until, (double) m->opacity_reg,
+        (double) m->scale_reg, (double) m->noise_lr};
     const double strength[] = {(double) p->tolerance, d->rho, d->rho_least, d->frequency,
                                d->lambda};
+    uint64_t parameters = sg_hash_numbers(numbers, sizeof(numbers) / sizeof(numbers[0]));
+    if (p->strategy == SG_STRATEGY_MCMC)
+        parameters += sg_hash_numbers(mcmc, sizeof(mcmc) / sizeof(mcmc[0]));
     return (struct sg_identity){
         .kind = SG_RUN_TRAINING,
-        .parameters = sg_hash_numbers(numbers, sizeof(numbers) / sizeof(numbers[0])),
+        .parameters = parameters,
         .strength = sg_hash_numbers(strength, sizeof(strength) / sizeof(strength[0]))};
 }

@@ -21,11 +21,13 @@
 #define LOSS GROUP("Model and loss")
 #define RATES GROUP("Learning rates"), EXPERT
 #define DENSIFY GROUP("Densification")
+#define MCMC GROUP("Densification by --strategy mcmc")
 #define BUDGETS GROUP("Budgets")
 #define DEFENSE GROUP("Defense")
 #define RASTERISER GROUP("Rasteriser"), EXPERT
 
 /* Choices are indices of enums. */
+_Static_assert(SG_STRATEGY_MCMC == 1, "the order of the strategies");
 _Static_assert(SG_SIGMA_EIGEN == 1 && SG_HIT_VIEWS == 1 && SG_HIT_WEIGHT == 2 &&
                    SG_PRUNE_THRESHOLD == 1 && SG_VIEWS_ALL == 1 && SG_TV_NORM_L1 == 1 &&
                    SG_TV_NORM_HUBER == 2 && SG_ENERGY_AMPLITUDE == 1 && SG_CHANNELS_LUMA == 1,
@@ -56,6 +58,11 @@ static const struct sg_option train_options[] = {
     FLOAT("opacity-lr", opacity_lr, 0, 1000, "Opacity.", RATES),
     FLOAT("scaling-lr", scaling_lr, 0, 1000, "Scale.", RATES),
     FLOAT("rotation-lr", rotation_lr, 0, 1000, "Rotation.", RATES),
+    SG_CHOICE("strategy", strategy, "default|mcmc", "NAME",
+              "How the number of Gaussians changes. default: clones, splits, prunes and resets of "
+              "opacity. mcmc: transparent Gaussians move to opaque ones, copies of these are added "
+              "up to --cap-max, and noise on positions explores.",
+              DENSIFY),
     FLOAT("percent-dense", percent_dense, 0, 1000,
           "Split Gaussians larger than this share of the extent, clone smaller ones.", DENSIFY,
           EXPERT),
@@ -69,6 +76,16 @@ static const struct sg_option train_options[] = {
           "Mean view-space gradient that makes a Gaussian grow.", DENSIFY),
     INTEGER("opacity-reset-interval", opacity_reset_interval, 1, 1e9,
             "Iterations between opacity resets.", DENSIFY, EXPERT),
+    COUNT("cap-max", mcmc.cap_max, 4, 4e9, "Most Gaussians.", MCMC, EXPERT),
+    DOUBLE("mcmc-growth", mcmc.growth, 1, 2, "Factor of their number at each edit, up to the cap.",
+           MCMC, EXPERT),
+    INTEGER("mcmc-until", mcmc.until, 0, 1e9, "Edit before this iteration.", MCMC, EXPERT),
+    FLOAT("opacity-reg", mcmc.opacity_reg, 0, 1000, "Weight of the mean opacity in the loss.", MCMC,
+          EXPERT),
+    FLOAT("scale-reg", mcmc.scale_reg, 0, 1000, "Weight of the mean scale in the loss.", MCMC,
+          EXPERT),
+    FLOAT("noise-lr", mcmc.noise_lr, 0, 1e9, "Noise on positions, in learning rates of positions.",
+          MCMC, EXPERT),
     COUNT("max-gaussians", max_gaussians, 4, 4e9,
           "Most Gaussians; at the limit, new ones take the place of those that the defense's "
           "filter scores lowest. 0 = no limit.",

@@ -22,6 +22,11 @@ int sg_train_check(sg_ctx *ctx, const struct sg_train_params *p)
     const int code = sg_check_options(ctx, sg_train_options(), p);
     if (code)
         return code;
+    if (p->strategy == SG_STRATEGY_MCMC && p->defense.on && p->defense.rho != 0)
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "defense.rho: found %g with the strategy mcmc, which moves Gaussians where "
+                       "the default removes them, expected 0",
+                       p->defense.rho);
     if (!(p->seconds_before >= 0 && p->seconds_before <= 1e9))
         return sg_fail(ctx, SG_ERR_USAGE, "seconds_before: found %g, expected 0 to 1e9",
                        p->seconds_before);

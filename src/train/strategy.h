@@ -13,9 +13,10 @@ struct sg_render_params;
 
 /* What an iteration leaves out because of what the strategy does in it. */
 struct sg_strategy_plan {
-    bool rests;         /* no parameter moves */
-    bool rests_opacity; /* opacities do not move */
-    bool statistics;    /* the view counts in the statistics of densification */
+    bool rests;                     /* no parameter moves */
+    bool rests_opacity;             /* opacities do not move */
+    bool statistics;                /* the view counts in the statistics of densification */
+    float mean_opacity, mean_scale; /* weights of these in the loss, see sg_update */
 };
 
 /* A step goes from iteration `before` to `it`, which is more than one further where a run's time is
@@ -39,5 +40,13 @@ struct sg_strategy {
 /* Clones, splits, prunes and resets opacities as Kerbl et al. 2023 do; the frequency filter of the
  * defense removes. */
 extern const struct sg_strategy sg_strategy_default;
+
+/* Moves nearly transparent Gaussians to where opaque ones are, adds more of those up to a cap, and
+ * lets positions explore (Kheradmand et al. 2024). */
+extern const struct sg_strategy sg_strategy_mcmc;
+
+/* What `count` Gaussians in one place need each to look like one of this opacity: the opacity, and
+ * *scale, the factor of its scales. */
+double sg_mcmc_share(double opacity, unsigned count, double *scale);
 
 #endif

@@ -52,6 +52,9 @@ static int alloc_state(sg_trainer *t)
     return bytes && !t->strategy_state ? SG_ERR_BUDGET : SG_OK;
 }
 
+static const struct sg_strategy *const strategies[] = {
+    [SG_STRATEGY_DEFAULT] = &sg_strategy_default, [SG_STRATEGY_MCMC] = &sg_strategy_mcmc};
+
 int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_trainer_start *start,
                     const struct sg_train_params *params, sg_trainer **out)
 {
@@ -67,10 +70,10 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
     /* One camera has no extent; 1 keeps the learning rates finite and moving. */
     t->extent = scene->extent > 0 ? scene->extent : 1;
     t->epoch = UINT64_MAX;
-    t->strategy = start->strategy ? start->strategy : &sg_strategy_default;
     int code = check_scene(ctx, &t->params, scene);
     if (code)
         goto fail;
+    t->strategy = start->strategy ? start->strategy : strategies[t->params.strategy];
     t->photos_hash = sg_photos_hash(scene);
     t->params.clock = t->params.clock ? t->params.clock : system_clock;
     t->identity = start->identity ? *start->identity : sg_train_identity(&t->params);
@@ -306,7 +309,9 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     };
     /* As in the released code, the last iteration takes no step. */
     const bool moves = !plan.rests && it < p->iterations;
-    const struct sg_update update = {.statistics = plan.statistics};
+    const struct sg_update update = {.statistics = plan.statistics,
+                                     .mean_opacity = plan.mean_opacity,
+                                     .mean_scale = plan.mean_scale};
     if ((code = sg_trainer_update(t, moves ? lr : NULL, plan.rests_opacity, update)) ||
         (code = t->strategy->after_step(t, before, it, &render, &step)))
         return code;

@@ -26,6 +26,7 @@ struct sg_trainer {
     int first_after;    /* the iteration that it follows */
     double gap;         /* between the beginnings of the newest two steps; 0 = not known */
     bool steps_here;    /* step_begun is known */
+    bool from_points;   /* the initial model was made of points, not given */
     const struct sg_strategy *strategy;
     void *strategy_state;
     struct sg_budget budget;
@@ -45,7 +46,7 @@ struct sg_trainer_start {
     const struct sg_model *initial;     /* NULL: the scene's points, or random ones */
     const char *checkpoint;             /* instead, unless NULL */
     const struct sg_identity *identity; /* of the run; NULL: a training with these parameters */
-    const struct sg_strategy *strategy; /* NULL: the default */
+    const struct sg_strategy *strategy; /* NULL: that of the parameters */
     bool sums; /* gradients will be summed over views (struct sg_update, accumulate) */
 };
 

@@ -528,6 +528,18 @@ static int reset_opacity(struct sg_engine *base, float limit)
     return SG_OK;
 }
 
+static int relocate(struct sg_engine *base, const struct sg_relocation *r)
+{
+    sg_host_relocate(&((struct cpu_engine *) base)->model, r);
+    return SG_OK;
+}
+
+static int explore(struct sg_engine *base, const struct sg_exploration *x)
+{
+    sg_host_explore(base->ctx, &((struct cpu_engine *) base)->model, x);
+    return SG_OK;
+}
+
 struct ascend_job {
     const struct cpu_kernels *kernels;
     const struct sg_ascend *args;
@@ -564,6 +576,8 @@ static const struct sg_engine_ops ops = {
     .edit = edit,
     .floor_scale = floor_scale,
     .reset_opacity = reset_opacity,
+    .relocate = relocate,
+    .explore = explore,
     .project = do_project,
     .bin = do_bin,
     .raster = raster,

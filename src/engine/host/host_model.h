@@ -28,6 +28,8 @@ void sg_host_statistics(sg_ctx *ctx, const struct sg_host_model *h,
 int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *edit);
 void sg_host_floor_scale(struct sg_host_model *h, float smallest);
 void sg_host_reset_opacity(struct sg_host_model *h, float limit);
+void sg_host_relocate(struct sg_host_model *h, const struct sg_relocation *r);
+void sg_host_explore(sg_ctx *ctx, struct sg_host_model *h, const struct sg_exploration *x);
 /* The optional stage, forth and back: fills the shaped column; turns the gradient of what is drawn
  * into that of the parameters. */
 int sg_host_shape(sg_ctx *ctx, struct sg_host_model *h, const struct sg_shape *shape);

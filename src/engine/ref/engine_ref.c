@@ -368,6 +368,11 @@ static int optimise(struct sg_engine *base, const struct sg_update *u)
                     g += sums[at];
                     sums[at] = u->adam ? 0 : g;
                 }
+                const float o = 1 / (1 + expf(-params[at]));
+                if (p == SG_P_OPACITY)
+                    g += u->mean_opacity / (float) h->count * o * (1 - o);
+                if (p >= SG_P_SCALE && p < SG_P_SCALE + 3)
+                    g += u->mean_scale / (3 * (float) h->count) * expf(params[at]);
                 if (u->adam && u->rate[group] > 0)
                     params[at] =
                         adam_step(params[at], g, &h->at[SG_C_MOMENT1][at], &h->at[SG_C_MOMENT2][at],
@@ -416,6 +421,18 @@ static int reset_opacity(struct sg_engine *base, float limit)
     return SG_OK;
 }
 
+static int relocate(struct sg_engine *base, const struct sg_relocation *r)
+{
+    sg_host_relocate(&((struct ref_engine *) base)->model, r);
+    return SG_OK;
+}
+
+static int explore(struct sg_engine *base, const struct sg_exploration *x)
+{
+    sg_host_explore(base->ctx, &((struct ref_engine *) base)->model, x);
+    return SG_OK;
+}
+
 static const struct sg_engine_ops ops = {
     .name = "ref",
     .destroy = destroy,
@@ -428,6 +445,8 @@ static const struct sg_engine_ops ops = {
     .edit = edit,
     .floor_scale = floor_scale,
     .reset_opacity = reset_opacity,
+    .relocate = relocate,
+    .explore = explore,
     .project = do_project,
     .bin = do_bin,
     .raster = raster,

@@ -140,6 +140,21 @@ SIMD void accumulate(const struct cpu_learn_args *a, size_t offset, int planes, 
     }
 }
 
+/* Adds the gradients of the weighted means of opacities and scales. base: the first of the lanes;
+ * those past the end have none. */
+SIMD void regularise(const struct cpu_learn_args *a, size_t base, const float *params, real *out)
+{
+    const struct sg_update *u = a->update;
+    if (!(u->mean_opacity > 0 || u->mean_scale > 0))
+        return;
+    const float n = (float) a->count;
+    const mask there = r_lt(r_lane(), r_set((float) (a->count - base)));
+    const real o = 1 / (1 + r_exp(-r_load(params + SG_P_OPACITY * SG_LANES)));
+    out[SG_P_OPACITY] += r_keep(there, u->mean_opacity / n * (o * (1 - o)));
+    for (int p = SG_P_SCALE; p < SG_P_SCALE + 3; p++)
+        out[p] += r_keep(there, u->mean_scale / (3 * n) * r_exp(r_load(params + p * SG_LANES)));
+}
+
 void KERNEL(project_backward_optimise)(const struct cpu_learn_args *a, size_t first, size_t end)
 {
     const struct view view = view_make(a->camera);
@@ -160,8 +175,10 @@ void KERNEL(project_backward_optimise)(const struct cpu_learn_args *a, size_t fi
             accumulate(a, offset, planes, out);
             for (int plane = 0; a->gradients && plane < planes; plane++)
                 r_store(a->gradients + offset + plane * SG_LANES, out[plane]);
-            if (a->update->adam)
+            if (a->update->adam) {
+                regularise(a, base, a->params + offset, out);
                 adam(a, a->params + offset, a->m + offset, a->v + offset, out, planes);
+            }
         }
 }
 
@@ -170,14 +187,17 @@ void KERNEL(optimise)(const struct cpu_learn_args *a, size_t first, size_t end)
     const int planes = active_planes(a);
     for (size_t block = first; block < end; block++)
         for (int half = 0; half < SG_LANES; half += LANES) {
-            if (block * SG_LANES + (size_t) half >= a->count)
+            const size_t base = block * SG_LANES + (size_t) half;
+            if (base >= a->count)
                 break;
             const size_t offset = block * (size_t) a->planes * SG_LANES + (size_t) half;
             real out[SG_PARAMS_MAX];
             for (int plane = 0; plane < planes; plane++)
                 out[plane] = r_load(a->gradients + offset + plane * SG_LANES);
             accumulate(a, offset, planes, out);
-            if (a->update->adam)
+            if (a->update->adam) {
+                regularise(a, base, a->params + offset, out);
                 adam(a, a->params + offset, a->m + offset, a->v + offset, out, planes);
+            }
         }
 }

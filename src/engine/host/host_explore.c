@@ -1,0 +1,81 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What densification as Markov chain Monte Carlo does to a model in host memory. */
+#include <math.h>
+#include <string.h>
+
+#include "core/rng.h"
+#include "host_model.h"
+#include "math/constants.h"
+
+void sg_host_relocate(struct sg_host_model *h, const struct sg_relocation *r)
+{
+    float *params = h->at[SG_C_PARAMETERS], *moments[] = {h->at[SG_C_MOMENT1], h->at[SG_C_MOMENT2]};
+    for (size_t k = 0; k < r->count; k++) {
+        float *to = params + sg_param_index(h->planes, r->to[k], 0);
+        const float *from = params + sg_param_index(h->planes, r->from[k], 0);
+        for (int p = 0; p < h->planes; p++)
+            to[p * SG_LANES] = from[p * SG_LANES];
+        to[SG_P_OPACITY * SG_LANES] = r->opacity[k];
+        for (int p = SG_P_SCALE; p < SG_P_SCALE + 3; p++)
+            to[p * SG_LANES] += r->scale[k];
+        for (int m = 0; m < 2 && r->fresh[k]; m++)
+            for (int p = 0; p < h->planes && moments[m]; p++)
+                moments[m][sg_param_index(h->planes, r->to[k], p)] = 0;
+    }
+}
+
+struct explore_job {
+    const struct sg_host_model *h;
+    struct sg_exploration how;
+};
+
+#define CHUNK 4096
+#define LEAST_GATE 1e-12f /* less moves nothing */
+
+/* p: one Gaussian's planes. Adds covariance x n to its position. */
+#define AT(plane) p[(plane) *SG_LANES]
+static void move(float *p, const float *n)
+{
+    float q[4], s2[3], len = 0, along[3];
+    for (int k = 0; k < 4; k++)
+        len += AT(SG_P_ROT + k) * AT(SG_P_ROT + k);
+    len = fmaxf(sqrtf(len), 1e-12f);
+    for (int k = 0; k < 4; k++)
+        q[k] = AT(SG_P_ROT + k) / len;
+    for (int k = 0; k < 3; k++)
+        s2[k] = expf(2 * AT(SG_P_SCALE + k));
+    const float r = q[0], x = q[1], y = q[2], z = q[3];
+    const float R[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - r * z),     2 * (x * z + r * y),
+                        2 * (x * y + r * z),     1 - 2 * (x * x + z * z), 2 * (y * z - r * x),
+                        2 * (x * z - r * y),     2 * (y * z + r * x),     1 - 2 * (x * x + y * y)};
+    for (int k = 0; k < 3; k++)
+        along[k] = s2[k] * (R[k] * n[0] + R[3 + k] * n[1] + R[6 + k] * n[2]);
+    for (int k = 0; k < 3; k++)
+        AT(SG_P_XYZ + k) += R[3 * k] * along[0] + R[3 * k + 1] * along[1] + R[3 * k + 2] * along[2];
+}
+
+static void explore_chunk(void *arg, size_t chunk, int thread)
+{
+    (void) thread;
+    const struct explore_job *j = arg;
+    const struct sg_host_model *h = j->h;
+    const size_t end = (chunk + 1) * CHUNK < h->count ? (chunk + 1) * CHUNK : h->count;
+    for (size_t i = chunk * CHUNK; i < end; i++) {
+        float *p = h->at[SG_C_PARAMETERS] + sg_param_index(h->planes, i, 0), n[3];
+        const float opacity = 1 / (1 + expf(-AT(SG_P_OPACITY)));
+        const float gate = 1 / (1 + expf(100 * (opacity - SG_PRUNE_OPACITY)));
+        if (!(gate > LEAST_GATE))
+            continue;
+        for (size_t k = 0; k < 3; k++)
+            n[k] = j->how.amount * gate *
+                   sg_rng_normal(j->how.seed, SG_RNG_EXPLORE, j->how.stream, 3 * i + k);
+        move(p, n);
+    }
+}
+#undef AT
+
+void sg_host_explore(sg_ctx *ctx, struct sg_host_model *h, const struct sg_exploration *x)
+{
+    sg_parallel_for(ctx, (h->count + CHUNK - 1) / CHUNK, explore_chunk,
+                    &(struct explore_job){h, *x});
+}

@@ -1,0 +1,402 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The strategy mcmc: its formulas against published values, its order of operations, its limits,
+ * and that it repeats. */
+#include <unistd.h>
+
+#include "core/rng.h"
+#include "train/trainer.h"
+#include "training.h"
+
+/* Values of the double sum of the paper. */
+static void test_share(void **state)
+{
+    (void) state;
+    static const struct {
+        double opacity;
+        unsigned count;
+        double own, scale;
+    } cases[] = {{0.5, 1, 0.5, 1},
+                 {0.5, 2, 0.292893219, 0.952151954},
+                 {0.9, 2, 0.683772234, 0.867937851},
+                 {0.9, 5, 0.369042656, 0.797124447},
+                 {0.99, 10, 0.369042656, 0.667350279},
+                 {0.2, 3, 0.0716822333, 0.978668533},
+                 {0.999, 50, 0.12903641, 0.584918253},
+                 {0.999, 70, 0.12903641, 0.584918253}}; /* more count as 50 */
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
+        double scale;
+        const double own = sg_mcmc_share(cases[i].opacity, cases[i].count, &scale);
+        if (fabs(own - cases[i].own) > 1e-8 || fabs(scale - cases[i].scale) > 1e-8)
+            fail_msg("%g, %u: found %.9g and %.9g", cases[i].opacity, cases[i].count, own, scale);
+    }
+    double scale;
+    assert_true(sg_mcmc_share(0.006, 50, &scale) == (double) 0.005f); /* never dead */
+    assert_true(sg_mcmc_share(1, 1, &scale) < 1 && scale > 0.9);
+}
+
+/* N coincident copies look in their centre as the one did, and so does the integral along a line
+ * through it. */
+static void test_share_conserves(void **state)
+{
+    (void) state;
+    static const double opacity[] = {0.5, 0.9, 0.9, 0.99};
+    static const unsigned count[] = {2, 2, 5, 10};
+    for (int i = 0; i < 4; i++) {
+        double scale, before = 0, after = 0;
+        const double own = sg_mcmc_share(opacity[i], count[i], &scale);
+        for (int x = -4000; x <= 4000; x++) {
+            const double d = x * 0.002;
+            before += opacity[i] * exp(-d * d / 2);
+            after += 1 - pow(1 - own * exp(-d * d / (2 * scale * scale)), count[i]);
+        }
+        assert_true(fabs(1 - pow(1 - own, count[i]) - opacity[i]) < 1e-12);
+        assert_true(fabs(after / before - 1) < 1e-6);
+    }
+}
+
+static void download(sg_ctx *ctx, struct sg_engine *e, int degree, struct sg_model **m,
+                     struct sg_columns *o)
+{
+    const size_t n = sg_engine_count(e);
+    assert_int_equal(sg_model_create(ctx, n, degree, m), SG_OK);
+    assert_int_equal(sg_columns_create(ctx, n, degree, SG_COLUMN_SAVED, o), SG_OK);
+    assert_int_equal(sg_engine_download(e, *m, o), SG_OK);
+}
+
+#define OPACITY_WEIGHT 0.3f
+#define SCALE_WEIGHT 0.2f
+
+/* The part of the loss that the weights add. */
+static double regulariser(const struct sg_model *m)
+{
+    double sum = 0;
+    for (size_t i = 0; i < m->count; i++) {
+        sum += (double) OPACITY_WEIGHT / (1 + exp(-(double) *sg_model_at(m, i, SG_P_OPACITY)));
+        for (int k = 0; k < 3; k++)
+            sum += (double) SCALE_WEIGHT / 3 * exp((double) *sg_model_at(m, i, SG_P_SCALE + k));
+    }
+    return sum / (double) m->count;
+}
+
+/* With an image that has no gradient the first moments are a tenth of the regularisers' gradient,
+ * of Gaussians in and out of sight alike. */
+static void test_regularisers(void **state)
+{
+    (void) state;
+    enum { SIZE = 32 };
+    static const float zero[3 * SIZE * SIZE];
+    static const char *const engines[] = {"cpu", "ref"};
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_model(ctx, 37, 1, 51), *after;
+    const struct sg_camera camera = make_camera(SIZE, SIZE, 3);
+    const struct sg_render_params params = {SG_RENDER_DEFAULTS};
+    *sg_model_at(m, 5, SG_P_XYZ + 2) = -50; /* behind the camera */
+    for (int k = 0; k < 4; k++) {
+        struct sg_engine *e = make_engine(ctx, engines[k / 2], NULL, m, NULL);
+        struct sg_update u = {
+            .adam = true, .mean_opacity = OPACITY_WEIGHT, .mean_scale = SCALE_WEIGHT};
+        struct sg_columns o;
+        for (int g = 0; g < SG_GROUPS; g++)
+            u.rate[g] = 0.001f, u.root[g] = 30;
+        assert_int_equal(sg_engine_draw(e, &camera, 1, &params, false), SG_OK);
+        assert_int_equal(sg_engine_write_image_gradient(e, zero), SG_OK);
+        assert_int_equal(sg_engine_raster_backward(e), SG_OK);
+        if (k % 2) /* stored gradients, too */
+            assert_int_equal(sg_engine_project_backward(e, false), SG_OK);
+        assert_int_equal(sg_engine_optimise(e, &u), SG_OK);
+        download(ctx, e, 1, &after, &o);
+        for (size_t i = 0; i < m->count; i++)
+            for (int p = 0; p < sg_param_count(1); p++) {
+                float *value = sg_model_at(m, i, p);
+                const float kept = *value, step = 0.01f;
+                *value = kept + step;
+                const double above = regulariser(m), high = (double) *value;
+                *value = kept - step;
+                const double expected = (above - regulariser(m)) / (high - (double) *value);
+                *value = kept;
+                const double found =
+                    10 * (double) o.at[SG_C_MOMENT1][sg_param_index(sg_param_count(1), i, p)];
+                if (fabs(found - expected) > 1e-4 * fabs(expected) + 1e-9)
+                    fail_msg("%s: Gaussian %zu, plane %d: gradient %g, expected %g", engines[k / 2],
+                             i, p, found, expected);
+                if (p == SG_P_OPACITY || p == SG_P_SCALE)
+                    assert_true(expected > 1e-5);
+            }
+        sg_columns_clear(&o);
+        sg_model_destroy(&after);
+        sg_engine_destroy(&e);
+    }
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
+/* The noise is covariance x normal, gated by opacity: through the matrix, on the gate's published
+ * values, and nothing else moves. */
+static void test_explore(void **state)
+{
+    (void) state;
+    static const float opacity[] = {0.001f, 0.005f, 0.01f, 0.05f};
+    static const double gate[] = {0.598688, 0.5, 0.377541, 0.0109869};
+    static const char *const engines[] = {"cpu", "ref"};
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_model(ctx, 5, 0, 52), *after;
+    struct sg_columns o;
+    for (size_t i = 0; i < 4; i++)
+        *sg_model_at(m, i, SG_P_OPACITY) = logf(opacity[i] / (1 - opacity[i]));
+    *sg_model_at(m, 4, SG_P_OPACITY) = 1; /* holds still */
+    for (int k = 0; k < 2; k++) {
+        struct sg_engine *e = make_engine(ctx, engines[k], NULL, m, NULL);
+        assert_int_equal(
+            sg_engine_explore(e, &(struct sg_exploration){.amount = 40, .seed = 7, .stream = 9}),
+            SG_OK);
+        download(ctx, e, 0, &after, &o);
+        for (size_t i = 0; i < 5; i++) {
+            double q[4], R[9], sigma[9] = {0}, len = 0;
+            for (int c = 0; c < 4; c++)
+                q[c] = (double) *sg_model_at(m, i, SG_P_ROT + c), len += q[c] * q[c];
+            for (int c = 0; c < 4; c++)
+                q[c] /= sqrt(len);
+            R[0] = 1 - 2 * (q[2] * q[2] + q[3] * q[3]), R[1] = 2 * (q[1] * q[2] - q[0] * q[3]);
+            R[2] = 2 * (q[1] * q[3] + q[0] * q[2]), R[3] = 2 * (q[1] * q[2] + q[0] * q[3]);
+            R[4] = 1 - 2 * (q[1] * q[1] + q[3] * q[3]), R[5] = 2 * (q[2] * q[3] - q[0] * q[1]);
+            R[6] = 2 * (q[1] * q[3] - q[0] * q[2]), R[7] = 2 * (q[2] * q[3] + q[0] * q[1]);
+            R[8] = 1 - 2 * (q[1] * q[1] + q[2] * q[2]);
+            for (int a = 0; a < 3; a++)
+                for (int b = 0; b < 3; b++)
+                    for (int c = 0; c < 3; c++)
+                        sigma[3 * a + b] += R[3 * a + c] * R[3 * b + c] *
+                                            exp(2 * (double) *sg_model_at(m, i, SG_P_SCALE + c));
+            for (int a = 0; a < 3; a++) {
+                double expected = 0;
+                for (int b = 0; b < 3 && i < 4; b++)
+                    expected += 40 * gate[i] * sigma[3 * a + b] *
+                                (double) sg_rng_normal(7, SG_RNG_EXPLORE, 9, 3 * i + (size_t) b);
+                const double found = (double) *sg_model_at(after, i, SG_P_XYZ + a) -
+                                     (double) *sg_model_at(m, i, SG_P_XYZ + a);
+                if (fabs(found - expected) > 1e-4 * fabs(expected) + 1e-6)
+                    fail_msg("%s: Gaussian %zu, axis %d: moved by %g, expected %g", engines[k], i,
+                             a, found, expected);
+            }
+            for (int p = SG_P_OPACITY; p < sg_param_count(0); p++)
+                assert_true(*sg_model_at(after, i, p) == *sg_model_at(m, i, p));
+        }
+        sg_columns_clear(&o);
+        sg_model_destroy(&after);
+        sg_engine_destroy(&e);
+    }
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
+/* An entry copies parameters, sets the opacity, adds to the scales, and clears moments only where
+ * it says so. */
+static void test_relocate(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m = make_model(ctx, 20, 1, 53), *after;
+    struct sg_columns o, found;
+    const int planes = sg_param_count(1);
+    assert_int_equal(sg_columns_create(ctx, 20, 1, SG_COLUMN_SAVED, &o), SG_OK);
+    for (size_t i = 0; i < o.capacity * (size_t) planes; i++)
+        o.at[SG_C_MOMENT1][i] = o.at[SG_C_MOMENT2][i] = 3;
+    struct sg_engine *e = make_engine(ctx, "cpu", NULL, m, &o);
+    const struct sg_relocation r = {.count = 2,
+                                    .to = (const uint32_t[]){4, 17},
+                                    .from = (const uint32_t[]){17, 17},
+                                    .opacity = (const float[]){-1, -2},
+                                    .scale = (const float[]){-0.5f, -0.25f},
+                                    .fresh = (const uint8_t[]){0, 1}};
+    assert_int_equal(sg_engine_relocate(e, &r), SG_OK);
+    download(ctx, e, 1, &after, &found);
+    for (size_t i = 0; i < 20; i++)
+        for (int p = 0; p < planes; p++) {
+            const size_t from = i == 4 ? 17 : i;
+            const bool moved = i == 4 || i == 17, scale = p >= SG_P_SCALE && p < SG_P_SCALE + 3;
+            float expected = *sg_model_at(m, from, p);
+            if (moved && p == SG_P_OPACITY)
+                expected = i == 4 ? -1 : -2;
+            if (moved && scale)
+                expected += i == 4 ? -0.5f : -0.25f;
+            assert_true(*sg_model_at(after, i, p) == expected);
+            const size_t at = sg_param_index(planes, i, p);
+            assert_true(found.at[SG_C_MOMENT1][at] == (i == 17 ? 0 : 3));
+            assert_true(found.at[SG_C_MOMENT2][at] == (i == 17 ? 0 : 3));
+        }
+    const struct sg_relocation wrong[] = {
+        {.count = 1, .to = (const uint32_t[]){20}, .from = r.from},
+        {.count = 1, .to = r.to, .from = (const uint32_t[]){20}}};
+    for (int k = 0; k < 2; k++)
+        assert_int_equal(sg_engine_relocate(e, &wrong[k]), SG_ERR_USAGE);
+    sg_engine_destroy(&e);
+    sg_columns_clear(&o);
+    sg_columns_clear(&found);
+    sg_model_destroy(&m);
+    sg_model_destroy(&after);
+    sg_ctx_destroy(&ctx);
+}
+
+/* Edits at 10, 15, 20 and 25. */
+static struct sg_train_params mcmc_params(void)
+{
+    struct sg_train_params p = short_params();
+    p.strategy = SG_STRATEGY_MCMC;
+    p.mcmc.until = 30;
+    p.mcmc.cap_max = 140;
+    return p;
+}
+
+/* Grows by the factor, rounded down, to the cap; the dead are moved, all others make room by none;
+ * the edit of an iteration takes the place of its step, which only an edit of nothing leaves. */
+static void test_order(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(2);
+    struct sg_train_params p = mcmc_params();
+    static const size_t expected[] = {126, 132, 138, 140};
+    for (size_t i = 0; i < 7; i++)
+        *sg_model_at(f.start, 10 * i, SG_P_OPACITY) = -9; /* dead */
+    p.opacity_lr = 0;                                     /* and they stay dead */
+    sg_trainer *t = begin_training(&f, &p);
+    for (int it = 1; it <= 32; it++) {
+        struct sg_train_step s;
+        const int steps = t->adam_steps[SG_G_XYZ];
+        assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+        const bool edit = it % 5 == 0 && it >= 10 && it < 30;
+        assert_int_equal(s.gaussians, it < 10 ? 120 : it >= 25 ? 140 : expected[it / 5 - 2]);
+        assert_int_equal(s.relocated, it == 10 ? 7 : 0);
+        assert_int_equal(t->adam_steps[SG_G_XYZ] - steps, !edit);
+        assert_int_equal(s.split + s.pruned, 0);
+    }
+    struct sg_train_limits limits;
+    sg_trainer_limits(t, &limits);
+    assert_false(limits.gaussians_bound); /* the cap is no budget */
+    sg_trainer_destroy(&t);
+
+    /* At the cap with no dead one the step is taken. */
+    p.mcmc.cap_max = 100;
+    for (size_t i = 0; i < 7; i++)
+        *sg_model_at(f.start, 10 * i, SG_P_OPACITY) = 0;
+    t = begin_training(&f, &p);
+    for (int it = 1; it <= 12; it++)
+        assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+    assert_int_equal(t->adam_steps[SG_G_XYZ], 12);
+    assert_int_equal(sg_trainer_gaussians(t), 120);
+    sg_trainer_destroy(&t);
+
+    /* A budget below the cap binds. */
+    p.mcmc.cap_max = 140, p.max_gaussians = 125;
+    t = begin_training(&f, &p);
+    for (int it = 1; it <= 30; it++)
+        assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+    sg_trainer_limits(t, &limits);
+    assert_int_equal(sg_trainer_gaussians(t), 125);
+    assert_true(limits.gaussians_bound);
+    sg_trainer_destroy(&t);
+    clear_fixture(&f);
+}
+
+/* Five edits without a death from 100000 on. */
+static void test_growth(void **state)
+{
+    (void) state;
+    static const size_t expected[] = {105000, 110250, 115762, 121550, 127627};
+    double n = 100000;
+    for (int k = 0; k < 5; k++) {
+        n = floor(sg_train_params_default().mcmc.growth * n);
+        assert_true(n == (double) expected[k]);
+    }
+}
+
+/* The same bytes for any number of threads, and after a checkpoint between two edits; another
+ * strategy refuses it. */
+static void test_repeats(void **state)
+{
+    (void) state;
+    char path[] = "/tmp/sg_mcmc_XXXXXX";
+    struct sg_train_params p = mcmc_params();
+    struct fixture fixtures[2];
+    struct sg_model *expected = NULL, *found;
+    close(mkstemp(path));
+    for (int k = 0; k < 2; k++) {
+        struct fixture *f = &fixtures[k];
+        *f = make_fixture(k ? 4 : 1);
+        for (size_t i = 0; i < 9; i++)
+            *sg_model_at(f->start, 7 * i, SG_P_OPACITY) = -9;
+        found = train(f, &p, 40, path, NULL, NULL);
+        if (k) {
+            assert_same(found, expected);
+            sg_model_destroy(&found);
+        } else
+            expected = found;
+        found = train(f, &p, 40, NULL, path, NULL);
+        assert_same(found, expected);
+        sg_model_destroy(&found);
+    }
+    sg_trainer *t;
+    struct sg_train_params others[2] = {short_params(), p};
+    others[1].mcmc.opacity_reg = 0.02f;
+    for (int k = 0; k < 2; k++) {
+        assert_int_equal(
+            sg_trainer_resume(fixtures[0].ctx, &fixtures[0].scene, path, &others[k], &t),
+            SG_ERR_INPUT);
+        assert_non_null(strstr(sg_last_error(fixtures[0].ctx), path));
+    }
+    unlink(path);
+    sg_model_destroy(&expected);
+    clear_fixture(&fixtures[0]);
+    clear_fixture(&fixtures[1]);
+}
+
+/* Points begin at half the opacity and a tenth of the size. */
+static void test_begin(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(1);
+    struct sg_train_params p = mcmc_params();
+    struct sg_model *m[2];
+    p.init_points = 50;
+    for (int mcmc = 0; mcmc < 2; mcmc++) {
+        sg_trainer *t;
+        p.strategy = mcmc ? SG_STRATEGY_MCMC : SG_STRATEGY_DEFAULT;
+        f.scene.train = f.views;
+        assert_int_equal(sg_trainer_create(f.ctx, &f.scene, NULL, &p, &t), SG_OK);
+        assert_int_equal(sg_trainer_model(t, &m[mcmc]), SG_OK);
+        sg_trainer_destroy(&t);
+    }
+    for (size_t i = 0; i < 50; i++) {
+        assert_true(*sg_model_at(m[1], i, SG_P_OPACITY) == 0);
+        assert_true(fabsf(*sg_model_at(m[0], i, SG_P_SCALE) + logf(0.1f) -
+                          *sg_model_at(m[1], i, SG_P_SCALE)) < 1e-6f);
+        assert_true(*sg_model_at(m[1], i, SG_P_XYZ) == *sg_model_at(m[0], i, SG_P_XYZ));
+    }
+    sg_model_destroy(&m[0]);
+    sg_model_destroy(&m[1]);
+    clear_fixture(&f);
+}
+
+/* The filter removes Gaussians, which this strategy does not do. */
+static void test_defense(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_train_params p = mcmc_params();
+    p.defense.on = true;
+    assert_int_equal(sg_train_check(ctx, &p), SG_ERR_USAGE);
+    assert_non_null(strstr(sg_last_error(ctx), "defense.rho"));
+    p.defense.rho = 0;
+    assert_int_equal(sg_train_check(ctx, &p), SG_OK);
+    sg_ctx_destroy(&ctx);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_share),        cmocka_unit_test(test_share_conserves),
+        cmocka_unit_test(test_regularisers), cmocka_unit_test(test_explore),
+        cmocka_unit_test(test_relocate),     cmocka_unit_test(test_order),
+        cmocka_unit_test(test_growth),       cmocka_unit_test(test_repeats),
+        cmocka_unit_test(test_begin),        cmocka_unit_test(test_defense),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
