@@ -34,9 +34,10 @@ struct sg_render_stats {
 
 /* What counts as a hit of a Gaussian in a view. */
 enum sg_hit {
-    SG_HIT_PIXELS, /* each pixel it is blended in (as in LightGaussian, Fan et al. 2024) */
-    SG_HIT_VIEWS,  /* the view, if it is blended in any pixel */
-    SG_HIT_WEIGHT  /* each pixel, with the Gaussian's weight there: alpha x transmittance */
+    SG_HIT_PIXELS,       /* each pixel it is blended in (as in LightGaussian, Fan et al. 2024) */
+    SG_HIT_VIEWS,        /* the view, if it is blended in any pixel */
+    SG_HIT_WEIGHT,       /* each pixel, with the Gaussian's weight there: alpha x transmittance */
+    SG_HIT_TRANSMITTANCE /* each pixel, with the transmittance in front of the Gaussian there */
 };
 
 /* A renderer holds a copy of a model on an engine ("cpu" or "ref"). Thread safety: unsafe. */

@@ -279,7 +279,7 @@ static void test_hits(void **state)
     const struct cpu_kernels *variants[4];
     double *ref = must(m->count, sizeof(double)), *hits = must(m->count, sizeof(double));
     struct sg_render_params params = {SG_RENDER_DEFAULTS};
-    for (int kind = SG_HIT_PIXELS; kind <= SG_HIT_WEIGHT; kind++) {
+    for (int kind = SG_HIT_PIXELS; kind <= SG_HIT_TRANSMITTANCE; kind++) {
         double blended = 0;
         struct sg_engine *b = make_engine(ctx, "ref", NULL, m, NULL);
         assert_int_equal(sg_engine_count_hits(b, views, 3, &params, (enum sg_hit) kind, ref),

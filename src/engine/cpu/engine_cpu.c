@@ -470,7 +470,7 @@ static int count_view(struct cpu_engine *b, enum sg_hit kind, struct hit_job *jo
             return SG_ERR_BUDGET;
         struct raster_job raster = {.kernel = b->kernels->raster_count,
                                     .args = raster_args(b, band)};
-        raster.args.weigh = kind == SG_HIT_WEIGHT;
+        raster.args.hit = kind;
         sg_parallel_for(ctx, band_tiles(b, band), raster_tile, &raster);
         sg_parallel_for(ctx, pieces(b->model.count), hit_piece, job);
     }

@@ -62,7 +62,7 @@ struct cpu_raster_args {
     float *alpha, *depth;  /* planes or NULL */
     const float *gradient; /* 3 planes */
     float *slots;          /* raster_count: one float per instance */
-    bool weigh; /* raster_count: sums alpha x transmittance, else counts blended pixels */
+    enum sg_hit hit;       /* raster_count: what to sum; views are counted as pixels */
 };
 
 struct cpu_learn_args {

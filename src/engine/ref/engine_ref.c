@@ -302,12 +302,17 @@ static int loss(struct sg_engine *base, const struct sg_target_pixels *target,
 
 static void pixel_pairs(struct ref_engine *b, size_t entries, int x, int y)
 {
-    ref_pixel_count(b->splats, b->list, entries, x, y, false);
+    ref_pixel_count(b->splats, b->list, entries, x, y, SG_HIT_PIXELS);
 }
 
 static void pixel_weights(struct ref_engine *b, size_t entries, int x, int y)
 {
-    ref_pixel_count(b->splats, b->list, entries, x, y, true);
+    ref_pixel_count(b->splats, b->list, entries, x, y, SG_HIT_WEIGHT);
+}
+
+static void pixel_transmittances(struct ref_engine *b, size_t entries, int x, int y)
+{
+    ref_pixel_count(b->splats, b->list, entries, x, y, SG_HIT_TRANSMITTANCE);
 }
 
 static int count_hits(struct sg_engine *base, const struct sg_camera *const *views, size_t n,
@@ -321,7 +326,10 @@ static int count_hits(struct sg_engine *base, const struct sg_camera *const *vie
             code = do_project(base, views[v], 0, params);
         if (code)
             return code;
-        each_pixel(b, NULL, kind == SG_HIT_WEIGHT ? pixel_weights : pixel_pairs);
+        each_pixel(b, NULL,
+                   kind == SG_HIT_WEIGHT          ? pixel_weights
+                   : kind == SG_HIT_TRANSMITTANCE ? pixel_transmittances
+                                                  : pixel_pairs);
         for (size_t i = 0; i < b->model.count; i++)
             hits[i] += kind == SG_HIT_VIEWS ? b->splats[i].hits > 0 : b->splats[i].hits;
     }

@@ -12,6 +12,7 @@
 #include "math/sh.h"
 #include "math/tile_rect.h"
 #include "splatguard/model.h"
+#include "splatguard/render.h"
 
 struct ref_splat {
     struct splat s;
@@ -133,9 +134,9 @@ static inline void ref_pixel_forward(const struct ref_splat *splats, const struc
     image->last[at] = last;
 }
 
-/* Adds 1, or the weight in the pixel's colour, to each splat that is blended. */
+/* Adds what the kind of hit counts to each splat that is blended. */
 static inline void ref_pixel_count(struct ref_splat *splats, const struct ref_entry *list, size_t m,
-                                   int ix, int iy, bool weigh)
+                                   int ix, int iy, enum sg_hit hit)
 {
     real t = 1;
     for (size_t k = 0; k < m; k++) {
@@ -145,7 +146,9 @@ static inline void ref_pixel_count(struct ref_splat *splats, const struct ref_en
         const real next = t * (1 - alpha);
         if (next < (real) SG_T_MIN)
             break;
-        splats[list[k].id].hits += weigh ? (double) (alpha * t) : 1;
+        splats[list[k].id].hits += hit == SG_HIT_WEIGHT          ? (double) (alpha * t)
+                                   : hit == SG_HIT_TRANSMITTANCE ? (double) t
+                                                                 : 1;
         t = next;
     }
 }

@@ -2,8 +2,9 @@
 /* The forward pass without colour: what each instance contributes to its tile. */
 #include "tile.h"
 
-SIMD uint64_t tally(const struct cpu_raster_args *a, int tile, bool weigh)
+SIMD uint64_t tally(const struct cpu_raster_args *a, int tile, enum sg_hit hit)
 {
+    const bool weigh = hit == SG_HIT_WEIGHT || hit == SG_HIT_TRANSMITTANCE;
     const int x0 = tile % a->grid_x * SG_TILE, y0 = tile / a->grid_x * SG_TILE;
     const size_t first = a->tile_start[tile - a->first_tile],
                  end = a->tile_start[tile - a->first_tile + 1];
@@ -46,7 +47,7 @@ SIMD uint64_t tally(const struct cpu_raster_args *a, int tile, bool weigh)
                         real weight[GROUP];
                         pairs_eval(&p, &batch, list + i, px, py);
                         for (int u = 0; u < GROUP; u++) {
-                            weight[u] = p.alpha[u] * chain;
+                            weight[u] = hit == SG_HIT_TRANSMITTANCE ? chain : p.alpha[u] * chain;
                             chain = chain - chain * p.alpha[u];
                             open = r_le(r_set(SG_T_MIN), chain);
                             blended[u] = r_and(p.drawn[u], open);
@@ -74,5 +75,7 @@ SIMD uint64_t tally(const struct cpu_raster_args *a, int tile, bool weigh)
 
 uint64_t KERNEL(raster_count)(const struct cpu_raster_args *a, int tile)
 {
-    return a->weigh ? tally(a, tile, true) : tally(a, tile, false);
+    return a->hit == SG_HIT_WEIGHT          ? tally(a, tile, SG_HIT_WEIGHT)
+           : a->hit == SG_HIT_TRANSMITTANCE ? tally(a, tile, SG_HIT_TRANSMITTANCE)
+                                            : tally(a, tile, SG_HIT_PIXELS);
 }
