@@ -30,6 +30,8 @@ struct sg_strategy {
     bool (*sound)(const void *state, int iteration);
     /* Optional: changes the initial model of a new run. */
     int (*begin)(sg_trainer *t);
+    /* Optional: changes the learning rates of an iteration, one per enum sg_group. */
+    void (*rates)(const sg_trainer *t, int before, int it, double *rates);
     /* Before the update. */
     struct sg_strategy_plan (*plan)(const sg_trainer *t, int before, int it);
     /* After it: edits the model. Fills what `out` tells about that. */

@@ -299,7 +299,7 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
         return code;
 
     const struct sg_strategy_plan plan = t->strategy->plan(t, before, it);
-    const double lr[SG_GROUPS] = {
+    double lr[SG_GROUPS] = {
         [SG_G_XYZ] = sg_position_lr(p, it) * t->extent,
         [SG_G_OPACITY] = (double) p->opacity_lr,
         [SG_G_SCALE] = (double) p->scaling_lr,
@@ -307,6 +307,8 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
         [SG_G_DC] = (double) p->feature_lr,
         [SG_G_REST] = (double) p->feature_lr / 20,
     };
+    if (t->strategy->rates)
+        t->strategy->rates(t, before, it, lr);
     /* As in the released code, the last iteration takes no step. */
     const bool moves = !plan.rests && it < p->iterations;
     const struct sg_update update = {.statistics = plan.statistics,
