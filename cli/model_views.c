@@ -10,20 +10,20 @@ struct model_options model_options_default(void)
         .engine = "cpu", .scene = sg_scene_params_default(), .render = sg_render_params_default()};
 }
 
-/* What a run says about its scene holds where the command line says nothing else. */
-static int adopt_run(struct model_views *v, const char *run, const struct command *command,
-                     const bool *given, void *config, struct model_options *o)
+int adopt_run_scene(sg_ctx *ctx, const char *folder, const struct command *command,
+                    const bool *given, const void *config, struct sg_scene_params *scene,
+                    const char **scene_path, struct sg_run_params *run)
 {
-    const size_t at = (size_t) ((char *) &o->scene - (char *) config);
-    const int error = sg_run_read_scene(v->ctx, run, &v->run);
+    const size_t at = (size_t) ((const char *) scene - (const char *) config);
+    const int error = sg_run_read_scene(ctx, folder, run);
     if (error)
-        return report(v->ctx, error);
+        return report(ctx, error);
     for (const struct sg_option *row = sg_scene_options(); row->name; row++)
         if (!row->transient && !strcmp(row->group, "Scene") &&
             !options_given(command, given, at + row->offset))
-            sg_option_copy(row, &o->scene, &v->run.scene);
-    if (!o->scene_path)
-        o->scene_path = v->run.source;
+            sg_option_copy(row, scene, &run->scene);
+    if (!*scene_path)
+        *scene_path = run->source;
     return STATUS_DONE;
 }
 
@@ -37,7 +37,8 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
     if (!code)
         code = report(v->ctx, sg_run_find_model(v->ctx, model, o->iteration, path, sizeof(path)));
     if (!code && is_run)
-        code = adopt_run(v, model, command, given, config, o);
+        code = adopt_run_scene(v->ctx, model, command, given, config, &o->scene, &o->scene_path,
+                               &v->run);
     if (!code && o->iteration && !is_run) {
         say(stderr,
             "splatguard %s: --iteration: found with the model %s, expected a run's folder\n",

@@ -44,6 +44,12 @@ struct model_options {
 
 struct model_options model_options_default(void);
 
+/* What a run says about its scene holds where the command line says nothing else: scene, of the
+ * command's config, and *scene_path. run: owns the texts. Returns an exit code. */
+int adopt_run_scene(sg_ctx *ctx, const char *folder, const struct command *command,
+                    const bool *given, const void *config, struct sg_scene_params *scene,
+                    const char **scene_path, struct sg_run_params *run);
+
 struct model_views {
     sg_ctx *ctx;
     struct sg_scene *scene;

@@ -157,6 +157,28 @@ static int train_mcmc(sg_ctx *ctx)
     return train_by(ctx, SG_STRATEGY_MCMC);
 }
 
+/* Each score, removal, and a round of fine-tuning. */
+static int prune(sg_ctx *ctx)
+{
+    struct sg_scene *scene = NULL;
+    struct sg_model *model = NULL;
+    struct sg_prune_params p = sg_prune_params_default();
+    p.finetune = 2, p.ratio = 0.3;
+    int code = sg_scene_load(ctx, colmap, NULL, &scene);
+    if (!code)
+        code = sg_model_init_random(ctx, 60, 1, 1, &model);
+    for (int method = SG_PRUNER_LIGHTGAUSSIAN; method <= SG_PRUNER_SPECTRAL && !code; method++) {
+        struct sg_model *pruned = NULL;
+        p.method = (enum sg_pruner) method;
+        code = sg_prune(ctx, scene, model, &p, &pruned, NULL);
+        assert_true(!code == (pruned != NULL));
+        sg_model_destroy(&pruned);
+    }
+    sg_model_destroy(&model);
+    sg_scene_destroy(&scene);
+    return code;
+}
+
 static int audit(sg_ctx *ctx)
 {
     struct sg_scene *scene = NULL;
@@ -269,6 +291,7 @@ TEST(load_colmap)
 TEST(build)
 TEST(train)
 TEST(train_mcmc)
+TEST(prune)
 TEST(audit)
 TEST(attack)
 TEST(run)
@@ -279,9 +302,9 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_load_blender), cmocka_unit_test(test_load_colmap),
         cmocka_unit_test(test_build),        cmocka_unit_test(test_train),
-        cmocka_unit_test(test_train_mcmc),   cmocka_unit_test(test_audit),
-        cmocka_unit_test(test_attack),       cmocka_unit_test(test_run),
-        cmocka_unit_test(test_attack_run),
+        cmocka_unit_test(test_train_mcmc),   cmocka_unit_test(test_prune),
+        cmocka_unit_test(test_audit),        cmocka_unit_test(test_attack),
+        cmocka_unit_test(test_run),          cmocka_unit_test(test_attack_run),
     };
     return cmocka_run_group_tests(tests, make_scene, remove_scene);
 }

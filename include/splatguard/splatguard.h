@@ -14,6 +14,7 @@
 #include "option.h"
 #include "output.h"
 #include "picture.h"
+#include "prune.h"
 #include "render.h"
 #include "run.h"
 #include "scene.h"

@@ -1,0 +1,157 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <limits.h>
+#include <string.h>
+
+#include "interrupt.h"
+#include "model_views.h"
+#include "progress.h"
+
+struct prune_config {
+    struct sg_prune_params prune;
+    struct sg_scene_params scene;
+    const char *scene_path, *output;
+    int threads, iteration;
+    uint64_t max_memory;
+    bool eval, json, quiet;
+};
+
+#define P(field) offsetof(struct prune_config, field)
+#define GROUP .group = "Model and views"
+
+static const struct sg_option prune_options[] = {
+    TEXT_ROW("output", P(output), "OUT.ply", "File to write the pruned model to.", GROUP,
+             .letter = 'o'),
+    TEXT_ROW("scene", P(scene_path), "SCENE", "The photos and cameras; a run knows its own.", GROUP,
+             .letter = 's'),
+    FLAG_ROW("eval", P(eval),
+             "Hold the test views out: score and fine-tune on the others; a run knows its own.",
+             GROUP),
+    NUMBER_ROW("iteration", SG_OPTION_INT, P(iteration), 0, 10000000, "N",
+               "Which model of a run; 0 = the newest.", GROUP),
+    NUMBER_ROW("threads", SG_OPTION_INT, P(threads), 0, 256, "T",
+               "Worker threads; 0 = one per CPU. Results are the same.", GROUP, .letter = 'j'),
+    MEMORY_ROW(struct prune_config, max_memory, GROUP),
+    FLAG_ROW("json", P(json), "Print one JSON object.", GROUP),
+    FLAG_ROW("quiet", P(quiet), "No progress.", GROUP, .letter = 'q'),
+    {0},
+};
+
+static const struct option_part prune_parts[] = {
+    {sg_prune_options, P(prune), NULL}, {sg_scene_options, P(scene), NULL}, {0}};
+
+static void defaults(void *config)
+{
+    *(struct prune_config *) config = (struct prune_config){.prune = sg_prune_params_default(),
+                                                            .scene = sg_scene_params_default()};
+}
+
+static int on_step(void *priv, const struct sg_train_step *step)
+{
+    struct progress *p = priv;
+    if (step->iteration == 1) /* of each round */
+        progress_begin(p, p->quiet, 0, p->iterations);
+    progress_step(p, step);
+    return interrupted();
+}
+
+static int say_result(const struct prune_config *c, const struct sg_prune_result *r, size_t left)
+{
+    if (c->json) {
+        json_t *rounds = json_array();
+        for (int i = 0; i < r->rounds; i++)
+            json_array_append_new(
+                rounds, json_pack("{s:I,s:I,s:I}", "before", (json_int_t) r->before[i], "removed",
+                                  (json_int_t) r->removed[i], "unseen", (json_int_t) r->unseen[i]));
+        return json_print(json_pack("{s:I,s:o}", "gaussians", (json_int_t) left, "rounds", rounds),
+                          0);
+    }
+    for (int i = 0; i < r->rounds; i++)
+        printf("removed %zu of %zu Gaussians, %zu of which no view shows\n", r->removed[i],
+               r->before[i], r->unseen[i]);
+    say(stdout, "%s: %zu Gaussians\n", c->output, left);
+    return STATUS_DONE;
+}
+
+static int prune(sg_ctx *ctx, struct prune_config *c, const char *path)
+{
+    struct sg_model *model = NULL, *pruned = NULL;
+    struct sg_scene *scene = NULL;
+    struct sg_prune_result result = {0};
+    struct progress progress = {.quiet = c->quiet, .iterations = c->prune.finetune};
+    int error = sg_output_check_file(ctx, c->output);
+    if (!error)
+        error = sg_model_read_ply(ctx, path, UINT32_MAX, &model);
+    if (!error)
+        error = sg_model_check(ctx, model, path);
+    if (!error)
+        error = sg_scene_load(ctx, c->scene_path, &c->scene, &scene);
+    if (!error) {
+        c->prune.white_background = c->scene.white_background;
+        c->prune.step = on_step, c->prune.step_priv = &progress;
+        interrupt_catch();
+        error = sg_prune(ctx, scene, model, &c->prune, &pruned, &result);
+    }
+    if (!error)
+        error = sg_model_write_ply(ctx, pruned, c->output);
+    const size_t left = pruned ? pruned->count : 0;
+    sg_model_destroy(&model);
+    sg_model_destroy(&pruned);
+    sg_scene_destroy(&scene);
+    if (error == SG_ERR_INTERRUPTED)
+        progress_break(&progress);
+    return error ? report_option(ctx, &command_prune, error) : say_result(c, &result, left);
+}
+
+static int run_prune(const void *config, const bool *given, const char *const *positional,
+                     int count)
+{
+    (void) count;
+    struct prune_config copy = *(const struct prune_config *) config, *c = &copy;
+    struct sg_run_params run = sg_run_params_default();
+    sg_ctx *ctx = NULL;
+    char path[PATH_MAX];
+    const bool is_run = is_folder(positional[0]);
+    int code = open_context(&ctx, c->threads, c->max_memory, c->quiet);
+    if (!code)
+        code = report(ctx, sg_run_find_model(ctx, positional[0], c->iteration, path, sizeof(path)));
+    if (!code && is_run)
+        code = adopt_run_scene(ctx, positional[0], &command_prune, given, c, &c->scene,
+                               &c->scene_path, &run);
+    if (!code && (!c->scene_path || !c->output)) {
+        say(stderr, "splatguard prune: missing %s; usage: splatguard prune %s\n",
+            c->scene_path ? "-o OUT.ply" : "--scene SCENE", command_prune.arguments);
+        code = STATUS_USAGE;
+    }
+    if (!code && c->iteration && !is_run) {
+        say(stderr,
+            "splatguard prune: --iteration: found with the model %s, expected a run's "
+            "folder\n",
+            positional[0]);
+        code = STATUS_USAGE;
+    }
+    c->scene.eval = c->eval || (is_run && run.scene.eval);
+    c->prune.cpu = cpu_variant(c->prune.cpu);
+    if (!code)
+        code = prune(ctx, c, path);
+    sg_ctx_destroy(&ctx);
+    sg_run_params_clear(&run);
+    return code;
+}
+
+const struct command command_prune = {
+    .name = "prune",
+    .arguments = "RUN|MODEL.ply --scene SCENE -o OUT.ply [options]",
+    .summary = "Removes Gaussians by a published score and trains what is left.",
+    .description =
+        "Scores the Gaussians of a trained model over the training views of SCENE, removes the "
+        "lowest and trains the others without densification, as LightGaussian and PUP 3D-GS do; "
+        "also with the score of the spectral defense. A run's folder brings its own scene options.",
+    .groups = "Pruning|Model and views|Scene|LightGaussian|PUP 3D-GS|Spectral|Defense",
+    .options = prune_options,
+    .parts = prune_parts,
+    .config_size = sizeof(struct prune_config),
+    .defaults = defaults,
+    .min_positional = 1,
+    .max_positional = 1,
+    .run = run_prune,
+};

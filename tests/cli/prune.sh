@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+# Pruning a model of a run, or a PLY with the scene named, by each method.
+. "$(dirname "$0")/common.sh"
+small_scene
+expect 0 train scene/blender -o run $short --init-points 300 --eval
+
+gaussians() { expect 0 info "$1" --json; sed -n 's/.*"gaussians": \([0-9]*\).*/\1/p' out | head -1; }
+model=run/point_cloud/iteration_120/point_cloud.ply
+before=$(gaussians $model)
+for method in lightgaussian pup spectral; do
+    expect 0 prune run --method $method --ratio 0.5 --finetune 20 --trained 120 -o $method.ply -q
+    left=$(gaussians $method.ply)
+    [ "$left" -le $((before - before / 2)) ] && [ "$left" -ge 1 ] || fail "$method left $left of $before"
+    expect 0 eval $method.ply --scene scene/blender -q
+done
+cmp -s lightgaussian.ply pup.ply && fail "two methods made the same model"
+expect 0 prune run --ratio 0.5 --finetune 20 --trained 120 -o same.ply -q --threads 1
+cmp lightgaussian.ply same.ply || fail "another number of threads, another model"
+
+# A PLY brings no scene options: --eval says what the run has said.
+expect 0 prune $model --scene scene/blender --ratio 0.5 --finetune 20 --trained 120 --eval -o ply.ply -q
+cmp lightgaussian.ply ply.ply || fail "the model and its run differ"
+expect 0 prune $model --scene scene/blender --finetune 0 --json -o bare.ply -q
+grep -q "\"rounds\": \[{\"before\": $before, \"removed\": " out || fail "prune --json says $(cat out)"
+expect 0 prune run --method pup --finetune 0 -o two.ply
+[ "$(grep -c '^removed' out)" -eq 2 ] || fail "pup says $(cat out), expected two rounds"
+
+# Nothing is half-written or lost.
+expect 2 prune run --finetune 0 -o scene/blender/out.ply; says 'scene'
+echo mine >mine.txt
+expect 2 prune run --finetune 0 -o mine.txt; says 'mine.txt'
+grep -q mine mine.txt || fail "another's file is gone"
+expect 1 prune $model -o x.ply; says 'missing --scene SCENE'
+expect 1 prune run; says 'missing -o OUT.ply'
+expect 1 prune $model --scene scene/blender --iteration 5 -o x.ply; says "expected a run's folder"
+expect 1 prune run --ratio 2 -o x.ply; says '--ratio'
+expect 1 prune run --method magic -o x.ply; says '--method'
+expect 2 prune nothing.ply --scene scene/blender -o x.ply; says 'nothing.ply'
+printf 'ply\nformat ascii 1.0\nelement vertex 1\nend_header\n' >bad.ply
+expect 2 prune bad.ply --scene scene/blender -o x.ply; says 'bad.ply'
+expect 3 prune run --max-memory 1M -o x.ply; says 'max-memory'
+[ ! -e x.ply ] || fail "a failed prune wrote a model"
+
+# Ctrl-C leaves no file.
+"$tool" prune run --finetune 1000000 -o x.ply 2>err &
+wait_for err
+interrupt $!
+[ $? -eq 130 ] || fail "an interrupted prune did not exit with 130"
+[ ! -e x.ply ] || fail "an interrupted prune wrote a model"
