@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The strategy mcmc: its formulas against published values, its order of operations, its limits,
- * and that it repeats. */
-#include <unistd.h>
-
+/* The strategy mcmc: its formulas against published values, its order of operations, its
+ * limits. */
 #include "core/rng.h"
 #include "train/trainer.h"
 #include "training.h"
@@ -308,46 +306,6 @@ static void test_growth(void **state)
     }
 }
 
-/* The same bytes for any number of threads, and after a checkpoint between two edits; another
- * strategy refuses it. */
-static void test_repeats(void **state)
-{
-    (void) state;
-    char path[] = "/tmp/sg_mcmc_XXXXXX";
-    struct sg_train_params p = mcmc_params();
-    struct fixture fixtures[2];
-    struct sg_model *expected = NULL, *found;
-    close(mkstemp(path));
-    for (int k = 0; k < 2; k++) {
-        struct fixture *f = &fixtures[k];
-        *f = make_fixture(k ? 4 : 1);
-        for (size_t i = 0; i < 9; i++)
-            *sg_model_at(f->start, 7 * i, SG_P_OPACITY) = -9;
-        found = train(f, &p, 40, path, NULL, NULL);
-        if (k) {
-            assert_same(found, expected);
-            sg_model_destroy(&found);
-        } else
-            expected = found;
-        found = train(f, &p, 40, NULL, path, NULL);
-        assert_same(found, expected);
-        sg_model_destroy(&found);
-    }
-    sg_trainer *t;
-    struct sg_train_params others[2] = {short_params(), p};
-    others[1].mcmc.opacity_reg = 0.02f;
-    for (int k = 0; k < 2; k++) {
-        assert_int_equal(
-            sg_trainer_resume(fixtures[0].ctx, &fixtures[0].scene, path, &others[k], &t),
-            SG_ERR_INPUT);
-        assert_non_null(strstr(sg_last_error(fixtures[0].ctx), path));
-    }
-    unlink(path);
-    sg_model_destroy(&expected);
-    clear_fixture(&fixtures[0]);
-    clear_fixture(&fixtures[1]);
-}
-
 /* Points begin at half the opacity and a tenth of the size. */
 static void test_begin(void **state)
 {
@@ -395,8 +353,8 @@ int main(void)
         cmocka_unit_test(test_share),        cmocka_unit_test(test_share_conserves),
         cmocka_unit_test(test_regularisers), cmocka_unit_test(test_explore),
         cmocka_unit_test(test_relocate),     cmocka_unit_test(test_order),
-        cmocka_unit_test(test_growth),       cmocka_unit_test(test_repeats),
-        cmocka_unit_test(test_begin),        cmocka_unit_test(test_defense),
+        cmocka_unit_test(test_growth),       cmocka_unit_test(test_begin),
+        cmocka_unit_test(test_defense),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -69,10 +69,13 @@ struct sg_train_params {
     float scaling_lr;          /* Default 0.005. */
     float rotation_lr;         /* Default 0.001. */
     float percent_dense; /* clone below, split above this share of the extent. Default 0.01. */
-    int densification_interval;      /* 1..10 million. Default 100. */
-    int densify_from_iter;           /* Default 500. */
-    int densify_until_iter;          /* Default 15000. */
-    float densify_grad_threshold;    /* view-space gradient, NDC; 0..1e9. Default 0.0002. */
+    int densification_interval;   /* 1..10 million. Default 100. */
+    int densify_from_iter;        /* Default 500. */
+    int densify_until_iter;       /* Default 15000. */
+    float densify_grad_threshold; /* view-space gradient, NDC; 0..1e9. Default 0.0002. */
+    /* Growth follows from absolute gradients of the pixels (Ye et al. 2024), which need a higher
+     * densify_grad_threshold: 0.0008. Default false. */
+    bool absgrad;
     int opacity_reset_interval;      /* Default 3000. */
     enum sg_train_strategy strategy; /* Default SG_STRATEGY_DEFAULT. */
     struct sg_mcmc_params mcmc;

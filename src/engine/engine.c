@@ -131,6 +131,16 @@ size_t sg_engine_count(const struct sg_engine *e)
     return e->ops->count(e);
 }
 
+int sg_engine_set_statistic(struct sg_engine *e, enum sg_gradient_statistic statistic)
+{
+    if (statistic == SG_GRADIENT_ABSOLUTE && !e->ops->absolute)
+        return sg_fail(e->ctx, SG_ERR_USAGE,
+                       "statistic: found absolute gradients, which engine %s does not count",
+                       e->ops->name);
+    e->statistic = statistic;
+    return leave(e, SG_OK, SPLATS | LISTS | IMAGE | IMAGE_GRADIENT, 0);
+}
+
 int sg_engine_read_statistics(struct sg_engine *e, const struct sg_statistics *out)
 {
     return e->ops->read_statistics(e, out);

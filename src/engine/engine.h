@@ -62,11 +62,18 @@ size_t sg_engine_count(const struct sg_engine *e);
 
 /* Statistics of the Gaussians. Each pointer that is not NULL receives `count` floats. */
 struct sg_statistics {
-    float *gradient;     /* mean view-space gradient since the last edit */
+    float *gradient;     /* mean of the statistic since the last edit */
     float *opacity;      /* activated */
     float *largest;      /* of the three scales, activated */
     float *log_smallest; /* of the three scales, its logarithm: as stored */
 };
+/* What densification counts of a view: the norm of the gradient of a splat's position (NDC), or of
+ * its sums over the pixels of absolute gradients along x and y (Ye et al. 2024), in which noise
+ * does not cancel. */
+enum sg_gradient_statistic { SG_GRADIENT_NORM, SG_GRADIENT_ABSOLUTE };
+/* From the next raster_backward on; SG_GRADIENT_NORM by default. SG_ERR_USAGE for an engine that
+ * does not count absolute gradients. */
+int sg_engine_set_statistic(struct sg_engine *e, enum sg_gradient_statistic statistic);
 /* Engine to host. */
 int sg_engine_read_statistics(struct sg_engine *e, const struct sg_statistics *out);
 

@@ -31,7 +31,8 @@ struct sg_engine {
     unsigned ready; /* what the stages have left: enum sg_ready in engine.c */
     int sh_degree;  /* of the model, as stored */
     int width, height;
-    const struct sg_shape *shape;  /* or NULL */
+    const struct sg_shape *shape; /* or NULL */
+    enum sg_gradient_statistic statistic;
     struct sg_photo_entry *photos; /* of handle k + 1 */
     size_t photo_count, photo_capacity;
     bool clocks_stopped;
@@ -45,6 +46,7 @@ struct sg_engine {
  * it. */
 struct sg_engine_ops {
     const char *name;
+    bool absolute; /* it counts SG_GRADIENT_ABSOLUTE */
     void (*destroy)(struct sg_engine *);
     const char *(*variant)(const struct sg_engine *);
 

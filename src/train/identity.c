@@ -2,6 +2,7 @@
 #include "identity.h"
 
 #define XXH_INLINE_ALL
+#include <string.h>
 #include <xxhash.h>
 
 uint64_t sg_hash_numbers(const double *numbers, size_t n)
@@ -59,7 +60,9 @@ struct sg_identity sg_train_identity(const struct sg_train_params *p)
                                d->lambda};
     uint64_t parameters = sg_hash_numbers(numbers, sizeof(numbers) / sizeof(numbers[0]));
     if (p->strategy == SG_STRATEGY_MCMC)
-        parameters += sg_hash_numbers(mcmc, sizeof(mcmc) / sizeof(mcmc[0]));
+        parameters = XXH3_64bits_withSeed(mcmc, sizeof(mcmc), parameters);
+    if (p->absgrad)
+        parameters = XXH3_64bits_withSeed("absgrad", strlen("absgrad"), parameters);
     return (struct sg_identity){
         .kind = SG_RUN_TRAINING,
         .parameters = parameters,

@@ -74,6 +74,10 @@ static const struct sg_option train_options[] = {
             DENSIFY, EXPERT),
     FLOAT("densify-grad-threshold", densify_grad_threshold, 0, 1e9,
           "Mean view-space gradient that makes a Gaussian grow.", DENSIFY),
+    SG_FLAG("absgrad", absgrad,
+            "Growth follows from the sum over pixels of absolute gradients; use a higher "
+            "--densify-grad-threshold, 0.0008.",
+            DENSIFY, EXPERT),
     INTEGER("opacity-reset-interval", opacity_reset_interval, 1, 1e9,
             "Iterations between opacity resets.", DENSIFY, EXPERT),
     COUNT("cap-max", mcmc.cap_max, 4, 4e9, "Most Gaussians.", MCMC, EXPERT),

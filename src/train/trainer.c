@@ -89,6 +89,8 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
                                start->sums, &t->budget)) ||
         (code = alloc_state(t)) ||
         (code = sg_engine_create(ctx, t->params.engine, t->params.cpu, &t->engine)) ||
+        (code = sg_engine_set_statistic(t->engine, t->params.absgrad ? SG_GRADIENT_ABSOLUTE
+                                                                     : SG_GRADIENT_NORM)) ||
         (code = start->checkpoint ? sg_checkpoint_read(t, &saved) : sg_begin(t, start->initial)))
         goto fail;
     if (!start->checkpoint && t->strategy->begin && (code = t->strategy->begin(t)))

@@ -508,13 +508,117 @@ static void test_statistics(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* dL/dimage of two pixels beside the middle of a round splat: `sign` times as much on the right. */
+static void push(struct sg_engine *e, float sign)
+{
+    static float gradient[3 * PIXELS];
+    const size_t middle = (size_t) (H / 2) * W + W / 2;
+    memset(gradient, 0, sizeof(gradient));
+    gradient[middle - 2] = 1;
+    gradient[middle + 2] = sign;
+    assert_int_equal(sg_engine_write_image_gradient(e, gradient), SG_OK);
+    assert_int_equal(sg_engine_raster_backward(e), SG_OK);
+    assert_int_equal(sg_engine_project_backward(e, true), SG_OK);
+}
+
+/* Contributions of two pixels that are opposite cancel in the norm, and add up in the absolute
+ * statistic; there equal ones and opposite ones are the same. */
+static void test_absolute_cancels_nothing(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m;
+    struct sg_camera camera = {
+        .width = W, .height = H, .fx = 60, .fy = 60, .cx = W / 2 + 0.5, .cy = H / 2 + 0.5};
+    const struct sg_render_params params = {SG_RENDER_DEFAULTS};
+    camera.R[0] = camera.R[4] = camera.R[8] = 1;
+    assert_int_equal(sg_model_create(ctx, 1, 0, &m), SG_OK);
+    *sg_model_at(m, 0, SG_P_XYZ + 2) = 2;
+    *sg_model_at(m, 0, SG_P_ROT) = 1;
+    for (int axis = 0; axis < 3; axis++)
+        *sg_model_at(m, 0, SG_P_SCALE + axis) = logf(0.1f);
+    *sg_model_at(m, 0, SG_P_SH) = 1;
+    for (int k = 0; k < case_count; k++) {
+        float found[2][2];
+        for (int absolute = 0; absolute < 2; absolute++)
+            for (int same = 0; same < 2; same++) {
+                struct sg_engine *e = begin(ctx, k, m, NULL);
+                assert_int_equal(
+                    sg_engine_set_statistic(e, absolute ? SG_GRADIENT_ABSOLUTE : SG_GRADIENT_NORM),
+                    SG_OK);
+                assert_int_equal(sg_engine_draw(e, &camera, 0, &params, false), SG_OK);
+                push(e, same ? 1 : -1);
+                assert_int_equal(
+                    sg_engine_read_statistics(
+                        e, &(struct sg_statistics){.gradient = &found[absolute][same]}),
+                    SG_OK);
+                sg_engine_destroy(&e);
+            }
+        /* a gradient of the same sign on both sides would move it both ways */
+        assert_true(found[0][0] > 0.1f);
+        assert_true(found[0][1] < 1e-5f * found[0][0]);
+        assert_float_equal((double) found[1][0], (double) found[0][0], 1e-4 * (double) found[0][0]);
+        assert_float_equal((double) found[1][1], (double) found[0][0], 1e-4 * (double) found[0][0]);
+    }
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
+/* Both statistics over two views as the oracle's, with few and with many instances at once. */
+static void test_gradient_statistics(void **state)
+{
+    (void) state;
+    static float weight[3 * PIXELS];
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_model(ctx, GAUSSIANS, DEGREE, 37);
+    for (size_t i = 0; i < 3 * PIXELS; i++)
+        weight[i] = draw(19, i, -1, 1);
+    for (int absolute = 0; absolute < 2; absolute++)
+        for (int banded = 0; banded < 2; banded++) {
+            float expected[GAUSSIANS], found[GAUSSIANS];
+            for (int k = case_count - 1; k >= 0; k--) { /* the oracle is the last */
+                const struct sg_render_params params = {.max_instances = banded ? 300 : 1 << 20};
+                struct sg_engine *e = begin(ctx, k, m, NULL);
+                assert_int_equal(
+                    sg_engine_set_statistic(e, absolute ? SG_GRADIENT_ABSOLUTE : SG_GRADIENT_NORM),
+                    SG_OK);
+                for (int view = 2; view < 4; view++) {
+                    const struct sg_camera camera = make_camera(W, H, view);
+                    assert_int_equal(sg_engine_draw(e, &camera, DEGREE, &params, false), SG_OK);
+                    assert_int_equal(sg_engine_write_image_gradient(e, weight), SG_OK);
+                    assert_int_equal(sg_engine_raster_backward(e), SG_OK);
+                    assert_int_equal(sg_engine_optimise(e, &(struct sg_update){.statistics = true}),
+                                     SG_OK);
+                }
+                float *to = k == case_count - 1 ? expected : found, largest = 0;
+                assert_int_equal(
+                    sg_engine_read_statistics(e, &(struct sg_statistics){.gradient = to}), SG_OK);
+                sg_engine_destroy(&e);
+                for (size_t i = 0; i < GAUSSIANS; i++)
+                    largest = fmaxf(largest, expected[i]);
+                size_t off = 0;
+                for (size_t i = 0; i < GAUSSIANS && to == found; i++)
+                    off += !(fabsf(found[i] - expected[i]) <= 2e-3f * largest);
+                if (off > 3 || !(largest > 0))
+                    fail_msg("%s: statistic %d: %zu are off", case_name(cases[k]), absolute, off);
+            }
+        }
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_losses),         cmocka_unit_test(test_two_stages),
-        cmocka_unit_test(test_shape),          cmocka_unit_test(test_adopt),
-        cmocka_unit_test(test_edits),          cmocka_unit_test(test_statistics),
+        cmocka_unit_test(test_losses),
+        cmocka_unit_test(test_two_stages),
+        cmocka_unit_test(test_shape),
+        cmocka_unit_test(test_adopt),
+        cmocka_unit_test(test_edits),
+        cmocka_unit_test(test_statistics),
         cmocka_unit_test(test_edit_arguments),
+        cmocka_unit_test(test_absolute_cancels_nothing),
+        cmocka_unit_test(test_gradient_statistics),
     };
     return cmocka_run_group_tests(tests, find_cases, NULL);
 }

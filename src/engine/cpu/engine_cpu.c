@@ -309,14 +309,20 @@ static int loss(struct sg_engine *base, const struct sg_target_pixels *target,
                          target->mask, b->gradient, &base->step.loss[l->kind]);
 }
 
+static bool absolute(const struct cpu_engine *b)
+{
+    return b->base.statistic == SG_GRADIENT_ABSOLUTE;
+}
+
 static void band_sum_piece(void *arg, size_t piece, int thread)
 {
     (void) thread;
     const struct cpu_engine *b = arg;
-    const size_t n = b->model.count, stop = piece_end(n, piece) * SG_LANES;
+    const size_t n = b->model.count, stop = piece_end(n, piece) * SG_LANES,
+                 used = absolute(b) ? CPU_SLOT_ABSOLUTE : CPU_SLOT_USED;
     for (size_t i = piece * BLOCKS_PER_PIECE * SG_LANES; i < stop && i < n; i++)
         for (size_t k = b->bins.slot_start[i]; k < b->bins.slot_start[i + 1]; k++)
-            for (size_t j = 0; j < 9; j++)
+            for (size_t j = 0; j < used; j++)
                 b->band_sums[i * CPU_SLOT_FLOATS + j] += b->slots[k * CPU_SLOT_FLOATS + j];
 }
 
@@ -341,7 +347,8 @@ static int raster_backward(struct sg_engine *base)
         struct raster_job job = {.kernel = b->kernels->raster, .args = raster_args(b, band)};
         if (banded) /* this band's blocks are not at hand any more: draw it again */
             sg_parallel_for(ctx, band_tiles(b, band), raster_tile, &job);
-        job.kernel = b->kernels->raster_backward;
+        job.kernel =
+            absolute(b) ? b->kernels->raster_backward_absolute : b->kernels->raster_backward;
         sg_parallel_for(ctx, band_tiles(b, band), raster_tile, &job);
         if (banded)
             sg_parallel_for(ctx, pieces(b->model.count), band_sum_piece, b);
@@ -377,6 +384,7 @@ static struct cpu_learn_args learn_args(const struct cpu_engine *b)
                                    .degree = b->degree,
                                    .splats = b->splats,
                                    .extents = b->bins.extents,
+                                   .absolute = absolute(b),
                                    .slots = banded ? b->band_sums : b->slots,
                                    .slot_start = banded ? NULL : b->bins.slot_start,
                                    .gradients = h->at[SG_C_GRADIENT]};
@@ -566,6 +574,7 @@ static int ascend(struct sg_engine *base, const struct sg_ascend *a)
 
 static const struct sg_engine_ops ops = {
     .name = "cpu",
+    .absolute = true,
     .destroy = destroy,
     .variant = variant,
     .upload = upload,

@@ -32,8 +32,12 @@ struct cpu_instance {
     uint32_t splat, slot; /* slot: where the backward pass leaves its gradient */
 };
 
-#define CPU_PREFETCH 16    /* instances; as many zero ones follow the last */
-#define CPU_SLOT_FLOATS 12 /* 9 used: sum w, w dx, w dy, w dx^2, w dx dy, w dy^2, r, g, b */
+#define CPU_PREFETCH 16 /* instances; as many zero ones follow the last */
+/* Sum w, w dx, w dy, w dx^2, w dx dy, w dy^2, r, g, b; then, where absolute gradients are counted,
+ * the sums of |dL/dx| and |dL/dy|. */
+#define CPU_SLOT_FLOATS 12
+#define CPU_SLOT_USED 9
+#define CPU_SLOT_ABSOLUTE 11
 
 struct cpu_project_args {
     const float *params;
@@ -74,6 +78,7 @@ struct cpu_learn_args {
     int planes, degree;
     const struct cpu_splat *splats;
     const struct cpu_extent *extents;
+    bool absolute;              /* the slots have absolute gradients, which are the statistic */
     const float *slots;         /* gradients summed over this band */
     const uint32_t *slot_start; /* count + 1 */
     float *accumulated;         /* NULL, or gradients of earlier views, as params */
@@ -102,6 +107,8 @@ struct cpu_loss_args {
     /* Return the number of (Gaussian, pixel) pairs evaluated. */                                  \
     K(raster, uint64_t, (const struct cpu_raster_args *, int tile))                                \
     K(raster_backward, uint64_t, (const struct cpu_raster_args *, int tile))                       \
+    /* The same, with absolute gradients in the slots. */                                          \
+    K(raster_backward_absolute, uint64_t, (const struct cpu_raster_args *, int tile))              \
     K(raster_count, uint64_t, (const struct cpu_raster_args *, int tile))                          \
     K(optimise, void, (const struct cpu_learn_args *, size_t first_block, size_t end_block))       \
     /* Without a step of Adam in the update: project_backward. */                                  \

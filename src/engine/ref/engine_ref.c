@@ -179,6 +179,7 @@ static int raster_backward(struct sg_engine *base)
         struct ref_splat *s = &b->splats[i];
         s->g = (struct splat_grad){0};
         s->g_o = s->g_rgb[0] = s->g_rgb[1] = s->g_rgb[2] = 0;
+        s->absolute[0] = s->absolute[1] = 0;
     }
     each_pixel(b, NULL, pixel_backward);
     return SG_OK;
@@ -346,7 +347,9 @@ static int do_project_backward(struct sg_engine *base, bool statistics)
     for (size_t i = 0; i < h->count; i++) {
         const struct ref_splat *s = &b->splats[i];
         if (statistics && s->radius) {
-            const float gx = s->g.x * b->view.half_w, gy = s->g.y * b->view.half_h;
+            const bool absolute = base->statistic == SG_GRADIENT_ABSOLUTE;
+            const float gx = (absolute ? s->absolute[0] : s->g.x) * b->view.half_w,
+                        gy = (absolute ? s->absolute[1] : s->g.y) * b->view.half_h;
             h->at[SG_C_GRAD_SUM][i] += sqrtf(gx * gx + gy * gy);
             h->at[SG_C_GRAD_COUNT][i] += 1;
         }
@@ -443,6 +446,7 @@ static int explore(struct sg_engine *base, const struct sg_exploration *x)
 
 static const struct sg_engine_ops ops = {
     .name = "ref",
+    .absolute = true,
     .destroy = destroy,
     .variant = variant,
     .upload = upload,

@@ -24,7 +24,8 @@ struct ref_splat {
     /* gradients of the loss */
     struct splat_grad g;
     real g_o, g_rgb[3];
-    double hits; /* of this view */
+    real absolute[2]; /* sums over pixels of |dL/dx|, |dL/dy| */
+    double hits;      /* of this view */
 };
 
 struct ref_entry {
@@ -183,8 +184,12 @@ static inline void ref_pixel_backward(struct ref_splat *splats, const struct ref
             s->o * dalpha; /* the 0.99 clamp passes the gradient, as in the reference */
         s->g_o += gauss * dalpha;
         const real hx = gauss * dx, hy = gauss * dy;
-        s->g.x += dgauss * (-hx * s->s.A - hy * s->s.B);
-        s->g.y += dgauss * (-hy * s->s.C - hx * s->s.B);
+        const real gx = dgauss * (-hx * s->s.A - hy * s->s.B);
+        const real gy = dgauss * (-hy * s->s.C - hx * s->s.B);
+        s->g.x += gx;
+        s->g.y += gy;
+        s->absolute[0] += gx < 0 ? -gx : gx;
+        s->absolute[1] += gy < 0 ? -gy : gy;
         s->g.A += (real) -0.5 * hx * dx * dgauss;
         s->g.Bh += (real) -0.5 * hx * dy * dgauss;
         s->g.C += (real) -0.5 * hy * dy * dgauss;

@@ -9,7 +9,7 @@
 #include "math/sh.h"
 
 struct lanes {
-    float sums[9][LANES], r[LANES], g[LANES], b[LANES], visible[LANES];
+    float sums[CPU_SLOT_ABSOLUTE][LANES], r[LANES], g[LANES], b[LANES], visible[LANES];
 };
 
 /* Adds up the slots of each Gaussian in tile order: the same order for any number of threads or
@@ -32,12 +32,15 @@ SIMD bool gather(const struct cpu_learn_args *a, size_t base, struct lanes *l)
         l->visible[lane] = 1;
         const size_t first = a->slot_start ? a->slot_start[i] : i,
                      end = a->slot_start ? a->slot_start[i + 1] : i + 1;
-        float sum[9] = {0};
+        float sum[CPU_SLOT_USED] = {0};
         for (size_t k = first; k < end; k++)
-            for (int j = 0; j < 9; j++)
+            for (int j = 0; j < CPU_SLOT_USED; j++)
                 sum[j] += a->slots[k * CPU_SLOT_FLOATS + (size_t) j];
-        for (int j = 0; j < 9; j++)
+        for (int j = 0; j < CPU_SLOT_USED; j++)
             l->sums[j][lane] = sum[j];
+        for (int j = CPU_SLOT_USED; a->absolute && j < CPU_SLOT_ABSOLUTE; j++)
+            for (size_t k = first; k < end; k++)
+                l->sums[j][lane] += a->slots[k * CPU_SLOT_FLOATS + (size_t) j];
     }
     return true;
 }
@@ -64,7 +67,8 @@ SIMD void pull(const struct cpu_learn_args *a, const struct view *view, size_t b
         .C = -0.5f * sums[5],
     };
     if (a->update->statistics) {
-        const real gx = g.x * view->half_w, gy = g.y * view->half_h;
+        const real gx = (a->absolute ? r_load(l->sums[9]) : g.x) * view->half_w,
+                   gy = (a->absolute ? r_load(l->sums[10]) : g.y) * view->half_h;
         float norm[LANES];
         r_store(norm, r_sqrt(gx * gx + gy * gy));
         for (int lane = 0; lane < LANES; lane++)

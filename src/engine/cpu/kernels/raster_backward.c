@@ -10,6 +10,8 @@
  * tile. */
 #include "moments.h"
 
+#define LN2 0.693147181f
+
 struct part_state {
     real chain, prefix, total; /* chain: as in the forward pass */
     real g[3];
@@ -47,7 +49,21 @@ SIMD void store_slot(float *slot, const float *sums, const struct cpu_splat *s, 
     slot[8] = sums[8];
 }
 
-uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *a, int tile)
+/* Adds to the sums of a group's splats those of |w across X| and |w (down^2 dy - shear X)|, where X
+ * = across dx - shear dy: half of the gradient of the logarithm to the base 2. */
+SIMD void add_absolute(const struct pairs *p, const real *w, real px, real py, float (*sums)[SUMS],
+                       const uint8_t *list)
+{
+    for (int u = 0; u < GROUP; u++) {
+        const struct cpu_splat *s = p->splat[u];
+        const real dy = py - s->y, x = s->across * (px - s->x) - s->shear * dy;
+        const real gx = w[u] * (s->across * x), gy = w[u] * (s->down * s->down * dy - s->shear * x);
+        sums[list[u]][9] += r_sum(r_max(gx, -gx));
+        sums[list[u]][10] += r_sum(r_max(gy, -gy));
+    }
+}
+
+SIMD uint64_t backward(const struct cpu_raster_args *a, int tile, const bool absolute)
 {
     const int x0 = tile % a->grid_x * SG_TILE, y0 = tile / a->grid_x * SG_TILE;
     const size_t first = a->tile_start[tile - a->first_tile],
@@ -120,6 +136,8 @@ uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *a, int tile)
                         w[u] = r_keep(r_and(last[u], p.drawn[u]), p.raw[u] * dalpha);
                     }
                     window_add(&window, w, weight, sums, list + i);
+                    if (absolute)
+                        add_absolute(&p, w, px, py, sums, list + i);
                     i += GROUP;
                     if (!m_any(last[GROUP - 1]))
                         break;
@@ -128,13 +146,27 @@ uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *a, int tile)
                 states[block][part] = s;
                 anyone |= m_any(r_le(r_set(SG_T_MIN), s.chain));
             }
-        for (int i = 0; i < count; i++)
-            store_slot(a->slots + (size_t) a->instances[at + (size_t) i].slot * CPU_SLOT_FLOATS,
-                       sums[i], &batch.splats[i], (float) x0 - centred(0), (float) y0 - centred(0));
+        for (int i = 0; i < count; i++) {
+            float *slot = a->slots + (size_t) a->instances[at + (size_t) i].slot * CPU_SLOT_FLOATS;
+            store_slot(slot, sums[i], &batch.splats[i], (float) x0 - centred(0),
+                       (float) y0 - centred(0));
+            if (absolute)
+                slot[9] = 2 * LN2 * sums[i][9], slot[10] = 2 * LN2 * sums[i][10];
+        }
     }
     for (at = at < reached ? at : reached; at < end;
          at++) /* behind everything: no pixel sees them */
         memset(a->slots + (size_t) a->instances[at].slot * CPU_SLOT_FLOATS, 0,
                CPU_SLOT_FLOATS * sizeof(float));
     return pairs;
+}
+
+uint64_t KERNEL(raster_backward)(const struct cpu_raster_args *a, int tile)
+{
+    return backward(a, tile, false);
+}
+
+uint64_t KERNEL(raster_backward_absolute)(const struct cpu_raster_args *a, int tile)
+{
+    return backward(a, tile, true);
 }
