@@ -278,7 +278,9 @@ static double ssim_mean(const double *x, const double *y, double *gradient)
                     m1 += k * a, m2 += k * b, xx += k * a * a, yy += k * b * b, xy += k * a * b;
                 }
             const int at = r * SIDE + c;
-            sum += ssim_point(m1, m2, xx + yy, xy, &M[at], &XX[at], &XY[at]);
+            const struct ssim s = ssim_point(m1, m2, xx + yy, xy);
+            sum += s.s;
+            M[at] = s.d_m, XX[at] = s.d_xx, XY[at] = s.d_xy;
         }
     for (int r = 0; gradient && r < TALL; r++)
         for (int c = 0; c < SIDE; c++) {

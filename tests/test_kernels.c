@@ -58,8 +58,9 @@ static struct exact_loss exact(const float *rgb, const uint8_t *target, const ui
                     m[0] += k * a, m[1] += k * b, m[2] += k * a * a, m[3] += k * b * b,
                         m[4] += k * a * b;
                 }
-            o.ssim += ssim_point(m[0], m[1], m[2] + m[3], m[4], &maps[3 * at], &maps[3 * at + 1],
-                                 &maps[3 * at + 2]);
+            const struct ssim s = ssim_point(m[0], m[1], m[2] + m[3], m[4]);
+            o.ssim += s.s;
+            maps[3 * at] = s.d_m, maps[3 * at + 1] = s.d_xx, maps[3 * at + 2] = s.d_xy;
         }
         for (int at = 0; at < w * h; at++) {
             double s[3] = {0};

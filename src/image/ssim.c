@@ -40,7 +40,7 @@ static void row(void *arg, size_t y, int thread)
             accumulate(j, (int) y + k, (double) sg_ssim_window[k + SG_SSIM_RADIUS], sums);
     for (int x = 0; x < j->width; x++)
         for (int ch = 0; ch < 3; ch++) {
-            double m[MOMENTS] = {0}, unused[3];
+            double m[MOMENTS] = {0};
             for (int k = -SG_SSIM_RADIUS; k <= SG_SSIM_RADIUS; k++) {
                 if (x + k < 0 || x + k >= j->width)
                     continue;
@@ -48,7 +48,7 @@ static void row(void *arg, size_t y, int thread)
                     m[i] += (double) sg_ssim_window[k + SG_SSIM_RADIUS] *
                             sums[MOMENTS * (3 * (x + k) + ch) + i];
             }
-            total += ssim_point(m[0], m[1], m[2], m[3], &unused[0], &unused[1], &unused[2]);
+            total += ssim_point(m[0], m[1], m[2], m[3]).s;
         }
     j->rows[y] = total;
 }

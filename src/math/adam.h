@@ -5,16 +5,21 @@
 
 #include "constants.h"
 
-/* rate = lr / (1 - beta1^t), root = 1 / sqrt(1 - beta2^t). Returns the new parameter. */
-static inline real adam_step(real p, real g, real *m, real *v, scalar rate, scalar root)
+/* A parameter and its moments. */
+struct adam_state {
+    real p, m, v;
+};
+
+/* rate = lr / (1 - beta1^t), root = 1 / sqrt(1 - beta2^t). */
+SG_FN STRUCT(adam_state) adam_step(STRUCT(adam_state) s, real g, scalar rate, scalar root)
 {
-    const scalar b1 = (scalar) SG_ADAM_BETA1, b2 = (scalar) SG_ADAM_BETA2;
-    *m = b1 * *m + ((scalar) 1 - b1) * g;
-    *v = b2 * *v + ((scalar) 1 - b2) * g * g;
+    const scalar b1 = NUM(SG_ADAM_BETA1), b2 = NUM(SG_ADAM_BETA2);
+    s.m = b1 * s.m + (NUM(1) - b1) * g;
+    s.v = b2 * s.v + (NUM(1) - b2) * g * g;
     /* The bound keeps the fast reciprocal of an infinite moment from being NaN. */
-    return p -
-           rate * *m *
-               r_reciprocal(r_min(r_sqrt(*v) * root, r_set((scalar) 1e30)) + (scalar) SG_ADAM_EPS);
+    s.p = s.p -
+          rate * s.m * r_reciprocal(r_min(r_sqrt(s.v) * root, r_set(NUM(1e30))) + NUM(SG_ADAM_EPS));
+    return s;
 }
 
 #endif

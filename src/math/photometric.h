@@ -10,27 +10,33 @@
 #define SG_SSIM_C2 0.0009f
 
 /* Gaussian, sigma 1.5, normalised to sum 1. */
-static const float sg_ssim_window[SG_SSIM_TAPS] = {
+SG_TABLE float sg_ssim_window[SG_SSIM_TAPS] = {
     0.00102838008f, 0.00759875814f, 0.03600077213f, 0.10936068951f, 0.21300553771f, 0.26601172486f,
     0.21300553771f, 0.10936068951f, 0.03600077213f, 0.00759875814f, 0.00102838008f};
 
+/* S; d_m is dS/d(m1) with the second moments' dependence folded in, d_xx = dS/d(squares), d_xy =
+ * dS/d(xy). */
+struct ssim {
+    real s, d_m, d_xx, d_xy;
+};
+
 /* m1 = w*x, m2 = w*y, squares = w*(x^2 + y^2), xy = w*xy: the variances are only ever used as a
- * sum. Returns S; *d_m is dS/d(m1) with the second moments' dependence folded in, *d_xx =
- * dS/d(squares), *d_xy = dS/d(xy). */
-static inline real ssim_point(real m1, real m2, real squares, real xy, real *d_m, real *d_xx,
-                              real *d_xy)
+ * sum. */
+SG_FN STRUCT(ssim) ssim_point(real m1, real m2, real squares, real xy)
 {
-    const scalar c1 = SG_SSIM_C1, c2 = SG_SSIM_C2, two = 2;
+    const scalar c1 = NUM(SG_SSIM_C1), c2 = NUM(SG_SSIM_C2), two = NUM(2);
     const real a1 = two * m1 * m2 + c1, a2 = two * (xy - m1 * m2) + c2;
     const real b1 = m1 * m1 + m2 * m2 + c1;
     /* In exact arithmetic a variance; of values far above 1 its rounding may be below -c2. */
     const real b2 = r_max(squares - m1 * m1 - m2 * m2, r_set(0)) + c2;
-    const real inv = (scalar) 1 / (b1 * b2), s = a1 * a2 * inv;
+    const real inv = NUM(1) / (b1 * b2), s = a1 * a2 * inv;
     const real p_a1 = a2 * inv, p_a2 = a1 * inv, p_b1 = -s * b2 * inv, p_b2 = -s * b1 * inv;
-    *d_m = two * (m2 * (p_a1 - p_a2) + m1 * (p_b1 - p_b2));
-    *d_xx = p_b2;
-    *d_xy = two * p_a2;
-    return s;
+    STRUCT(ssim) o;
+    o.s = s;
+    o.d_m = two * (m2 * (p_a1 - p_a2) + m1 * (p_b1 - p_b2));
+    o.d_xx = p_b2;
+    o.d_xy = two * p_a2;
+    return o;
 }
 
 #endif

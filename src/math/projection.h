@@ -5,7 +5,9 @@
 #define SG_MATH_PROJECTION_H
 
 #include "constants.h"
+#ifndef SG_GLSL
 #include "splatguard/camera.h"
+#endif
 
 /* A camera in the precision of the arithmetic, with what projection needs of it. */
 struct view {
@@ -15,6 +17,7 @@ struct view {
     scalar half_w, half_h; /* d px / d ndc */
 };
 
+#ifndef SG_GLSL /* which has no doubles */
 static inline struct view view_make(const struct sg_camera *c)
 {
     struct view v;
@@ -38,6 +41,7 @@ static inline struct view view_make(const struct sg_camera *c)
     v.half_w = (scalar) c->width / 2, v.half_h = (scalar) c->height / 2;
     return v;
 }
+#endif
 
 struct splat {
     real x, y, z; /* pixel position, camera-space depth */
@@ -51,91 +55,94 @@ struct splat {
 
 /* What the forward pass computes on the way and the backward pass needs again. */
 struct projection {
-    real q[4], qlen; /* normalised quaternion and the stored one's length */
-    real R[9];       /* of the Gaussian */
-    real s[3];       /* activated scales */
-    real S[6];       /* 3D covariance 00 01 02 11 12 22 */
-    real tx, ty, iz; /* camera space, 1/z; tx, ty already clamped */
-    real ux, uy;     /* camera space, not clamped */
-    mask in_x, in_y; /* not clamped */
-    real T[6];       /* J R_view, 2 x 3 */
+    real q[4], qlen;   /* normalised quaternion and the stored one's length */
+    real R[9];         /* of the Gaussian */
+    real s[3];         /* activated scales */
+    real S[6];         /* 3D covariance 00 01 02 11 12 22 */
+    real tx, ty, iz;   /* camera space, 1/z; tx, ty already clamped */
+    real ux, uy;       /* camera space, not clamped */
+    mask in_x, in_y;   /* not clamped */
+    real T0[3], T1[3]; /* rows of J R_view */
 };
 
+/* What the parameters v, o, p and g of the two functions hold. */
+#define V REF(v)
+#define O REF(o)
+#define P REF(p)
+#define G REF(g)
+
 /* xyz: 3, scale: 3 logs, rot: 4. */
-static inline void project(const struct view *v, const real *xyz, const real *scale,
-                           const real *rot, struct splat *o, struct projection *p)
+SG_FN void project(IN(view, v), IN_ARRAY(real, xyz, 3), IN_ARRAY(real, scale, 3),
+                   IN_ARRAY(real, rot, 4), OUT(splat, o), OUT(projection, p))
 {
     const real x = xyz[0], y = xyz[1], z = xyz[2];
-    const scalar *W = v->R;
-    p->ux = W[0] * x + W[1] * y + W[2] * z + v->t[0];
-    p->uy = W[3] * x + W[4] * y + W[5] * z + v->t[1];
-    o->z = W[6] * x + W[7] * y + W[8] * z + v->t[2];
-    const mask front = r_lt(r_set((scalar) SG_Z_MIN), o->z);
-    const real tz = r_sel(front, o->z, r_set(1)); /* keeps culled lanes finite */
-    p->iz = (scalar) 1 / tz;
+    P.ux = V.R[0] * x + V.R[1] * y + V.R[2] * z + V.t[0];
+    P.uy = V.R[3] * x + V.R[4] * y + V.R[5] * z + V.t[1];
+    O.z = V.R[6] * x + V.R[7] * y + V.R[8] * z + V.t[2];
+    const mask front = r_lt(r_set(NUM(SG_Z_MIN)), O.z);
+    const real tz = r_sel(front, O.z, r_set(1)); /* keeps culled lanes finite */
+    P.iz = NUM(1) / tz;
 
     const real len2 = rot[0] * rot[0] + rot[1] * rot[1] + rot[2] * rot[2] + rot[3] * rot[3];
-    p->qlen = r_max(r_sqrt(len2), r_set((scalar) 1e-12));
-    const real il = (scalar) 1 / p->qlen;
+    P.qlen = r_max(r_sqrt(len2), r_set(NUM(1e-12)));
+    const real il = NUM(1) / P.qlen;
     for (int i = 0; i < 4; i++)
-        p->q[i] = rot[i] * il;
-    const real r = p->q[0], qx = p->q[1], qy = p->q[2], qz = p->q[3];
-    const scalar one = 1, two = 2;
-    p->R[0] = one - two * (qy * qy + qz * qz), p->R[1] = two * (qx * qy - r * qz),
-    p->R[2] = two * (qx * qz + r * qy);
-    p->R[3] = two * (qx * qy + r * qz), p->R[4] = one - two * (qx * qx + qz * qz),
-    p->R[5] = two * (qy * qz - r * qx);
-    p->R[6] = two * (qx * qz - r * qy), p->R[7] = two * (qy * qz + r * qx),
-    p->R[8] = one - two * (qx * qx + qy * qy);
+        P.q[i] = rot[i] * il;
+    const real r = P.q[0], qx = P.q[1], qy = P.q[2], qz = P.q[3];
+    const scalar one = NUM(1), two = NUM(2);
+    P.R[0] = one - two * (qy * qy + qz * qz), P.R[1] = two * (qx * qy - r * qz),
+    P.R[2] = two * (qx * qz + r * qy);
+    P.R[3] = two * (qx * qy + r * qz), P.R[4] = one - two * (qx * qx + qz * qz),
+    P.R[5] = two * (qy * qz - r * qx);
+    P.R[6] = two * (qx * qz - r * qy), P.R[7] = two * (qy * qz + r * qx),
+    P.R[8] = one - two * (qx * qx + qy * qy);
     real s2[3];
     for (int i = 0; i < 3; i++) {
-        p->s[i] = r_exp(scale[i]);
-        s2[i] = p->s[i] * p->s[i];
+        P.s[i] = r_exp(scale[i]);
+        s2[i] = P.s[i] * P.s[i];
     }
     for (int i = 0, k = 0; i < 3; i++)
         for (int j = i; j < 3; j++, k++)
-            p->S[k] = p->R[3 * i] * p->R[3 * j] * s2[0] +
-                      p->R[3 * i + 1] * p->R[3 * j + 1] * s2[1] +
-                      p->R[3 * i + 2] * p->R[3 * j + 2] * s2[2];
+            P.S[k] = P.R[3 * i] * P.R[3 * j] * s2[0] + P.R[3 * i + 1] * P.R[3 * j + 1] * s2[1] +
+                     P.R[3 * i + 2] * P.R[3 * j + 2] * s2[2];
 
-    const real rx = p->ux * p->iz, ry = p->uy * p->iz;
-    p->in_x = r_and(r_le(r_set(v->lim[0]), rx), r_le(rx, r_set(v->lim[1])));
-    p->in_y = r_and(r_le(r_set(v->lim[2]), ry), r_le(ry, r_set(v->lim[3])));
-    p->tx = r_min(r_max(rx, r_set(v->lim[0])), r_set(v->lim[1])) * tz;
-    p->ty = r_min(r_max(ry, r_set(v->lim[2])), r_set(v->lim[3])) * tz;
-    const real j00 = v->fx * p->iz, j11 = v->fy * p->iz;
-    const real j02 = -j00 * p->tx * p->iz, j12 = -j11 * p->ty * p->iz;
+    const real rx = P.ux * P.iz, ry = P.uy * P.iz;
+    P.in_x = r_and(r_le(r_set(V.lim[0]), rx), r_le(rx, r_set(V.lim[1])));
+    P.in_y = r_and(r_le(r_set(V.lim[2]), ry), r_le(ry, r_set(V.lim[3])));
+    P.tx = r_min(r_max(rx, r_set(V.lim[0])), r_set(V.lim[1])) * tz;
+    P.ty = r_min(r_max(ry, r_set(V.lim[2])), r_set(V.lim[3])) * tz;
+    const real j00 = V.fx * P.iz, j11 = V.fy * P.iz;
+    const real j02 = -j00 * P.tx * P.iz, j12 = -j11 * P.ty * P.iz;
     for (int j = 0; j < 3; j++) {
-        p->T[j] = j00 * W[j] + j02 * W[6 + j];
-        p->T[3 + j] = j11 * W[3 + j] + j12 * W[6 + j];
+        P.T0[j] = j00 * V.R[j] + j02 * V.R[6 + j];
+        P.T1[j] = j11 * V.R[3 + j] + j12 * V.R[6 + j];
     }
-    const real *S = p->S, *T0 = p->T, *T1 = p->T + 3;
-    const real u0 = S[0] * T0[0] + S[1] * T0[1] + S[2] * T0[2];
-    const real u1 = S[1] * T0[0] + S[3] * T0[1] + S[4] * T0[2];
-    const real u2 = S[2] * T0[0] + S[4] * T0[1] + S[5] * T0[2];
-    const real w0 = S[0] * T1[0] + S[1] * T1[1] + S[2] * T1[2];
-    const real w1 = S[1] * T1[0] + S[3] * T1[1] + S[4] * T1[2];
-    const real w2 = S[2] * T1[0] + S[4] * T1[1] + S[5] * T1[2];
-    o->a = T0[0] * u0 + T0[1] * u1 + T0[2] * u2 + (scalar) SG_BLUR;
-    o->b = T1[0] * u0 + T1[1] * u1 + T1[2] * u2;
-    o->c = T1[0] * w0 + T1[1] * w1 + T1[2] * w2 + (scalar) SG_BLUR;
-    o->det = o->a * o->c - o->b * o->b;
+    const real u0 = P.S[0] * P.T0[0] + P.S[1] * P.T0[1] + P.S[2] * P.T0[2];
+    const real u1 = P.S[1] * P.T0[0] + P.S[3] * P.T0[1] + P.S[4] * P.T0[2];
+    const real u2 = P.S[2] * P.T0[0] + P.S[4] * P.T0[1] + P.S[5] * P.T0[2];
+    const real w0 = P.S[0] * P.T1[0] + P.S[1] * P.T1[1] + P.S[2] * P.T1[2];
+    const real w1 = P.S[1] * P.T1[0] + P.S[3] * P.T1[1] + P.S[4] * P.T1[2];
+    const real w2 = P.S[2] * P.T1[0] + P.S[4] * P.T1[1] + P.S[5] * P.T1[2];
+    O.a = P.T0[0] * u0 + P.T0[1] * u1 + P.T0[2] * u2 + NUM(SG_BLUR);
+    O.b = P.T1[0] * u0 + P.T1[1] * u1 + P.T1[2] * u2;
+    O.c = P.T1[0] * w0 + P.T1[1] * w1 + P.T1[2] * w2 + NUM(SG_BLUR);
+    O.det = O.a * O.c - O.b * O.b;
     /* The reference culls det == 0; in exact arithmetic det > 0.09, so negative means that float
      * overflowed or cancelled and the conic would be garbage. Beyond 1e16 (a splat of 1e8 pixels)
      * the gradient would overflow. */
-    const real big = r_set((scalar) 1e30);
-    const mask sound = r_and(r_lt(r_set(0), o->det), r_lt(r_max(o->a, o->c), r_set((scalar) 1e16)));
-    const real det = r_sel(sound, o->det, r_set(1));
+    const real big = r_set(NUM(1e30));
+    const mask sound = r_and(r_lt(r_set(0), O.det), r_lt(r_max(O.a, O.c), r_set(NUM(1e16))));
+    const real det = r_sel(sound, O.det, r_set(1));
     const real idet = one / det;
-    o->A = o->c * idet, o->B = -o->b * idet, o->C = o->a * idet;
-    const real mid = (scalar) 0.5 * (o->a + o->c);
-    o->sigma = r_sqrt(mid + r_sqrt(r_max(r_set((scalar) 0.1), mid * mid - det)));
-    const real iz_ndc = one / (tz + (scalar) 1e-7);
-    o->x = v->fx * p->ux * iz_ndc + v->cx;
-    o->y = v->fy * p->uy * iz_ndc + v->cy;
+    O.A = O.c * idet, O.B = -O.b * idet, O.C = O.a * idet;
+    const real mid = NUM(0.5) * (O.a + O.c);
+    O.sigma = r_sqrt(mid + r_sqrt(r_max(r_set(NUM(0.1)), mid * mid - det)));
+    const real iz_ndc = one / (tz + NUM(1e-7));
+    O.x = V.fx * P.ux * iz_ndc + V.cx;
+    O.y = V.fy * P.uy * iz_ndc + V.cy;
     const mask finite =
-        r_and(r_and(r_lt(-big, o->x), r_lt(o->x, big)), r_and(r_lt(-big, o->y), r_lt(o->y, big)));
-    o->visible = r_and(r_and(front, sound), finite);
+        r_and(r_and(r_lt(-big, O.x), r_lt(O.x, big)), r_and(r_lt(-big, O.y), r_lt(O.y, big)));
+    O.visible = r_and(r_and(front, sound), finite);
 }
 
 /* Gradient of the loss with respect to a splat. */
@@ -145,81 +152,82 @@ struct splat_grad {
 };
 
 /* Backward of project(). out_*: dL/d stored parameters. den^2 + 1e-7 as the reference. */
-static inline void project_backward(const struct view *v, const struct projection *p,
-                                    const struct splat *o, const struct splat_grad *g,
-                                    real *out_xyz, real *out_scale, real *out_rot)
+SG_FN void project_backward(IN(view, v), IN(projection, p), IN(splat, o), IN(splat_grad, g),
+                            OUT_ARRAY(real, out_xyz, 3), OUT_ARRAY(real, out_scale, 3),
+                            OUT_ARRAY(real, out_rot, 4))
 {
-    const scalar *W = v->R;
-    const real a = o->a, b = o->b, c = o->c;
-    const real k = (scalar) 1 / (o->det * o->det + (scalar) 1e-7);
-    const real off = o->det - a * c; /* = -b^2, in the reference's arithmetic */
-    const real da = k * (-c * c * g->A + (scalar) 2 * b * c * g->Bh + off * g->C);
-    const real dc = k * (-a * a * g->C + (scalar) 2 * a * b * g->Bh + off * g->A);
-    const real db =
-        (scalar) 2 * k * (b * c * g->A - (o->det + (scalar) 2 * b * b) * g->Bh + a * b * g->C);
+    const real a = O.a, b = O.b, c = O.c;
+    const real k = NUM(1) / (O.det * O.det + NUM(1e-7));
+    const real off = O.det - a * c; /* = -b^2, in the reference's arithmetic */
+    const real da = k * (-c * c * G.A + NUM(2) * b * c * G.Bh + off * G.C);
+    const real dc = k * (-a * a * G.C + NUM(2) * a * b * G.Bh + off * G.A);
+    const real db = NUM(2) * k * (b * c * G.A - (O.det + NUM(2) * b * b) * G.Bh + a * b * G.C);
 
-    const real *T0 = p->T, *T1 = p->T + 3;
     real D[9]; /* symmetric dL/dSigma with halved off-diagonals */
     for (int i = 0; i < 3; i++)
         for (int j = i; j < 3; j++)
-            D[3 * i + j] = D[3 * j + i] = T0[i] * T0[j] * da +
-                                          (scalar) 0.5 * (T0[i] * T1[j] + T0[j] * T1[i]) * db +
-                                          T1[i] * T1[j] * dc;
+            D[3 * i + j] = D[3 * j + i] = P.T0[i] * P.T0[j] * da +
+                                          NUM(0.5) * (P.T0[i] * P.T1[j] + P.T0[j] * P.T1[i]) * db +
+                                          P.T1[i] * P.T1[j] * dc;
 
-    const real *S = p->S;
     real dT0[3], dT1[3];
+    SG_TABLE int at[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
     for (int i = 0; i < 3; i++) {
-        static const int at[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
-        const real st0 = S[at[3 * i]] * T0[0] + S[at[3 * i + 1]] * T0[1] + S[at[3 * i + 2]] * T0[2];
-        const real st1 = S[at[3 * i]] * T1[0] + S[at[3 * i + 1]] * T1[1] + S[at[3 * i + 2]] * T1[2];
-        dT0[i] = (scalar) 2 * da * st0 + db * st1;
-        dT1[i] = (scalar) 2 * dc * st1 + db * st0;
+        const real st0 =
+            P.S[at[3 * i]] * P.T0[0] + P.S[at[3 * i + 1]] * P.T0[1] + P.S[at[3 * i + 2]] * P.T0[2];
+        const real st1 =
+            P.S[at[3 * i]] * P.T1[0] + P.S[at[3 * i + 1]] * P.T1[1] + P.S[at[3 * i + 2]] * P.T1[2];
+        dT0[i] = NUM(2) * da * st0 + db * st1;
+        dT1[i] = NUM(2) * dc * st1 + db * st0;
     }
-    const real dj00 = dT0[0] * W[0] + dT0[1] * W[1] + dT0[2] * W[2];
-    const real dj02 = dT0[0] * W[6] + dT0[1] * W[7] + dT0[2] * W[8];
-    const real dj11 = dT1[0] * W[3] + dT1[1] * W[4] + dT1[2] * W[5];
-    const real dj12 = dT1[0] * W[6] + dT1[1] * W[7] + dT1[2] * W[8];
-    const real fx2 = v->fx * p->iz * p->iz, fy2 = v->fy * p->iz * p->iz;
-    real dtx = r_sel(p->in_x, -fx2 * dj02, r_set(0));
-    real dty = r_sel(p->in_y, -fy2 * dj12, r_set(0));
+    const real dj00 = dT0[0] * V.R[0] + dT0[1] * V.R[1] + dT0[2] * V.R[2];
+    const real dj02 = dT0[0] * V.R[6] + dT0[1] * V.R[7] + dT0[2] * V.R[8];
+    const real dj11 = dT1[0] * V.R[3] + dT1[1] * V.R[4] + dT1[2] * V.R[5];
+    const real dj12 = dT1[0] * V.R[6] + dT1[1] * V.R[7] + dT1[2] * V.R[8];
+    const real fx2 = V.fx * P.iz * P.iz, fy2 = V.fy * P.iz * P.iz;
+    real dtx = r_sel(P.in_x, -fx2 * dj02, r_set(0));
+    real dty = r_sel(P.in_y, -fy2 * dj12, r_set(0));
     /* The factor 2 stands also where the tangent was clamped (exact would be 1), as in the
      * reference. */
-    real dtz =
-        -fx2 * dj00 - fy2 * dj11 + (scalar) 2 * p->iz * (fx2 * p->tx * dj02 + fy2 * p->ty * dj12);
+    real dtz = -fx2 * dj00 - fy2 * dj11 + NUM(2) * P.iz * (fx2 * P.tx * dj02 + fy2 * P.ty * dj12);
 
-    const real tz = (scalar) 1 / p->iz, iw = (scalar) 1 / (tz + (scalar) 1e-7);
-    dtx += g->x * v->fx * iw;
-    dty += g->y * v->fy * iw;
-    dtz -= (g->x * v->fx * p->ux + g->y * v->fy * p->uy) * iw * iw;
+    const real tz = NUM(1) / P.iz, iw = NUM(1) / (tz + NUM(1e-7));
+    dtx += G.x * V.fx * iw;
+    dty += G.y * V.fy * iw;
+    dtz -= (G.x * V.fx * P.ux + G.y * V.fy * P.uy) * iw * iw;
     for (int j = 0; j < 3; j++)
-        out_xyz[j] = W[j] * dtx + W[3 + j] * dty + W[6 + j] * dtz;
+        out_xyz[j] = V.R[j] * dtx + V.R[3 + j] * dty + V.R[6 + j] * dtz;
 
     /* Sigma = M^T M with M = diag(s) R^T. */
-    const real *R = p->R;
     real E[9]; /* dL/dR[j][k] at 3j + k */
     for (int kk = 0; kk < 3; kk++) {
         real ds = r_set(0);
         for (int j = 0; j < 3; j++) {
-            const real dM = (scalar) 2 * p->s[kk] *
-                            (R[kk] * D[j] + R[3 + kk] * D[3 + j] + R[6 + kk] * D[6 + j]);
-            ds += R[3 * j + kk] * dM;
-            E[3 * j + kk] = p->s[kk] * dM;
+            const real dM = NUM(2) * P.s[kk] *
+                            (P.R[kk] * D[j] + P.R[3 + kk] * D[3 + j] + P.R[6 + kk] * D[6 + j]);
+            ds += P.R[3 * j + kk] * dM;
+            E[3 * j + kk] = P.s[kk] * dM;
         }
-        out_scale[kk] = ds * p->s[kk];
+        out_scale[kk] = ds * P.s[kk];
     }
-    const real r = p->q[0], x = p->q[1], y = p->q[2], z = p->q[3];
+    const real r = P.q[0], x = P.q[1], y = P.q[2], z = P.q[3];
     const real d[4] = {
-        (scalar) 2 * (z * (E[3] - E[1]) + y * (E[2] - E[6]) + x * (E[7] - E[5])),
-        (scalar) 2 * (y * (E[1] + E[3]) + z * (E[2] + E[6]) + r * (E[7] - E[5]) -
-                      (scalar) 2 * x * (E[4] + E[8])),
-        (scalar) 2 * (x * (E[1] + E[3]) + r * (E[2] - E[6]) + z * (E[5] + E[7]) -
-                      (scalar) 2 * y * (E[0] + E[8])),
-        (scalar) 2 * (r * (E[3] - E[1]) + x * (E[2] + E[6]) + y * (E[5] + E[7]) -
-                      (scalar) 2 * z * (E[0] + E[4])),
+        NUM(2) * (z * (E[3] - E[1]) + y * (E[2] - E[6]) + x * (E[7] - E[5])),
+        NUM(2) * (y * (E[1] + E[3]) + z * (E[2] + E[6]) + r * (E[7] - E[5]) -
+                  NUM(2) * x * (E[4] + E[8])),
+        NUM(2) * (x * (E[1] + E[3]) + r * (E[2] - E[6]) + z * (E[5] + E[7]) -
+                  NUM(2) * y * (E[0] + E[8])),
+        NUM(2) * (r * (E[3] - E[1]) + x * (E[2] + E[6]) + y * (E[5] + E[7]) -
+                  NUM(2) * z * (E[0] + E[4])),
     };
-    const real dot = p->q[0] * d[0] + p->q[1] * d[1] + p->q[2] * d[2] + p->q[3] * d[3];
+    const real dot = P.q[0] * d[0] + P.q[1] * d[1] + P.q[2] * d[2] + P.q[3] * d[3];
     for (int i = 0; i < 4; i++)
-        out_rot[i] = (d[i] - p->q[i] * dot) / p->qlen;
+        out_rot[i] = (d[i] - P.q[i] * dot) / P.qlen;
 }
+
+#undef V
+#undef O
+#undef P
+#undef G
 
 #endif

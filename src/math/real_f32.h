@@ -7,6 +7,8 @@
 #include <math.h>
 #include <stdbool.h>
 
+#include "dialect.h"
+
 typedef float real;
 typedef float scalar; /* one lane of real */
 typedef bool mask;

@@ -7,6 +7,8 @@
 #include <math.h>
 #include <stdbool.h>
 
+#include "dialect.h"
+
 typedef double real;
 typedef double scalar; /* one lane of real */
 typedef bool mask;

@@ -19,28 +19,38 @@ struct ellipse {
 
 /* q at the border: 2 ln(255 opacity), widened (at most doubled) where the evaluated conic is
  * inexact because a c / det is large, and by more than the error of r_root. */
-static inline real ellipse_border(real opacity, real a, real c, real det)
+SG_FN real ellipse_border(real opacity, real a, real c, real det)
 {
-    const real widen = r_min((scalar) 1e-6 * (a * c / det), r_set(1));
-    return (scalar) 2 * r_log((scalar) 255 * opacity) * ((scalar) 1 + widen) + (scalar) 0.02;
+    const real widen = r_min(NUM(1e-6) * (a * c / det), r_set(1));
+    return NUM(2) * r_log(NUM(255) * opacity) * (NUM(1) + widen) + NUM(0.02);
 }
 
 /* k: q at the border. */
-static inline struct ellipse ellipse_make(real k, real slope, real var, real c)
+SG_FN STRUCT(ellipse) ellipse_make(real k, real slope, real var, real c)
 {
-    return (struct ellipse){slope, k * var, var / c, r_sqrt(k * c),
-                            slope * c * r_sqrt(k / (slope * slope * c + var))};
+    STRUCT(ellipse) e;
+    e.slope = slope, e.reach = k * var, e.taper = var / c, e.ymax = r_sqrt(k * c);
+    e.yright = slope * c * r_sqrt(k / (slope * slope * c + var));
+    return e;
 }
 
-/* Horizontal extent of the ellipse between rows y0 <= y1 (relative to its centre). False: it does
- * not reach them. */
-static inline mask ellipse_row_span(const struct ellipse *e, real y0, real y1, real *x0, real *x1)
+/* Horizontal extent of an ellipse between two rows, relative to its centre. hit: it reaches them.
+ */
+struct row_span {
+    mask hit;
+    real x0, x1;
+};
+
+/* Rows y0 <= y1, relative to the centre. */
+SG_FN STRUCT(row_span) ellipse_row_span(STRUCT(ellipse) e, real y0, real y1)
 {
-    const real ya = r_min(r_max(e->yright, y0), y1), yb = r_min(r_max(-e->yright, y0), y1);
+    const real ya = r_min(r_max(e.yright, y0), y1), yb = r_min(r_max(-e.yright, y0), y1);
     const real zero = r_set(0);
-    *x1 = e->slope * ya + r_root(r_max(e->reach - ya * ya * e->taper, zero));
-    *x0 = e->slope * yb - r_root(r_max(e->reach - yb * yb * e->taper, zero));
-    return r_and(r_le(y0, e->ymax), r_le(-e->ymax, y1));
+    STRUCT(row_span) o;
+    o.x1 = e.slope * ya + r_root(r_max(e.reach - ya * ya * e.taper, zero));
+    o.x0 = e.slope * yb - r_root(r_max(e.reach - yb * yb * e.taper, zero));
+    o.hit = r_and(r_le(y0, e.ymax), r_le(-e.ymax, y1));
+    return o;
 }
 
 #endif

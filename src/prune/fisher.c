@@ -27,7 +27,7 @@ struct fisher_splat {
     double x, y, A, B, C, o, rgb[3];
     float z;
     bool visible;
-    struct sg_tile_rect rect;
+    struct tile_rect rect;
 };
 
 struct job {
@@ -70,7 +70,7 @@ static void project_piece(void *arg, size_t piece, int thread)
                                              .o = s.o,
                                              .rgb = {s.rgb[0], s.rgb[1], s.rgb[2]},
                                              .z = (float) s.s.z,
-                                             .visible = s.radius > 0,
+                                             .visible = s.visible,
                                              .rect = s.rect};
     }
 }

@@ -24,15 +24,15 @@ row_tiles(const struct bins *b, const struct cpu_splat *s, const struct ellipse 
     *first = x0, *end = x1;
     if (b->reference_tiles)
         return;
-    float left, right;
     const float top = (float) (ty * SG_TILE) - s->y;
-    if (!ellipse_row_span(e, top, top + (SG_TILE - 1), &left, &right)) {
+    const struct row_span span = ellipse_row_span(*e, top, top + (SG_TILE - 1));
+    if (!span.hit) {
         *end = x0;
         return;
     }
     const float scale = 1.0f / SG_TILE, lo = (float) x0, hi = (float) x1;
-    const int c0 = (int) r_max(r_min((s->x + left + 1) * scale, hi), lo);
-    const int c1 = (int) r_max(r_min((s->x + right + SG_TILE) * scale, hi), lo);
+    const int c0 = (int) r_max(r_min((s->x + span.x0 + 1) * scale, hi), lo);
+    const int c1 = (int) r_max(r_min((s->x + span.x1 + SG_TILE) * scale, hi), lo);
     *first = c0, *end = c1 > c0 ? c1 : c0;
 }
 

@@ -160,7 +160,7 @@ static int do_bin(struct sg_engine *base)
     struct ref_engine *b = (struct ref_engine *) base;
     struct sg_render_stats s = {.bands = 1};
     for (size_t i = 0; i < b->model.count; i++)
-        s.visible += b->splats[i].radius > 0;
+        s.visible += b->splats[i].visible;
     base->step.stats = s;
     return SG_OK;
 }
@@ -260,8 +260,10 @@ static int photometric(struct sg_engine *base, const struct sg_target_pixels *ta
                         m1 += k * a, m2 += k * c, xx += k * a * a, yy += k * c * c, xy += k * a * c;
                     }
                 const size_t at = (size_t) y * (size_t) w + (size_t) x;
-                ssim += (double) ssim_point((float) m1, (float) m2, (float) (xx + yy), (float) xy,
-                                            &M[at], &XX[at], &XY[at]);
+                const struct ssim s =
+                    ssim_point((float) m1, (float) m2, (float) (xx + yy), (float) xy);
+                ssim += (double) s.s;
+                M[at] = s.d_m, XX[at] = s.d_xx, XY[at] = s.d_xy;
             }
         for (int y = 0; y < h; y++)
             for (int x = 0; x < w; x++) {
@@ -346,7 +348,7 @@ static int do_project_backward(struct sg_engine *base, bool statistics)
         return SG_ERR_BUDGET;
     for (size_t i = 0; i < h->count; i++) {
         const struct ref_splat *s = &b->splats[i];
-        if (statistics && s->radius) {
+        if (statistics && s->visible) {
             const bool absolute = base->statistic == SG_GRADIENT_ABSOLUTE;
             const float gx = (absolute ? s->absolute[0] : s->g.x) * b->view.half_w,
                         gy = (absolute ? s->absolute[1] : s->g.y) * b->view.half_h;
@@ -384,10 +386,12 @@ static int optimise(struct sg_engine *base, const struct sg_update *u)
                     g += u->mean_opacity / (float) h->count * o * (1 - o);
                 if (p >= SG_P_SCALE && p < SG_P_SCALE + 3)
                     g += u->mean_scale / (3 * (float) h->count) * expf(params[at]);
-                if (u->adam && u->rate[group] > 0)
-                    params[at] =
-                        adam_step(params[at], g, &h->at[SG_C_MOMENT1][at], &h->at[SG_C_MOMENT2][at],
-                                  u->rate[group], u->root[group]);
+                if (!u->adam || !(u->rate[group] > 0))
+                    continue;
+                float *m = &h->at[SG_C_MOMENT1][at], *v = &h->at[SG_C_MOMENT2][at];
+                const struct adam_state s = adam_step((struct adam_state){params[at], *m, *v}, g,
+                                                      u->rate[group], u->root[group]);
+                params[at] = s.p, *m = s.m, *v = s.v;
             }
     return SG_OK;
 }

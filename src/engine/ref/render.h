@@ -19,8 +19,8 @@ struct ref_splat {
     struct projection p;
     real o, rgb[3], dir[3], dist;
     bool clamped[3];
-    int radius; /* 0: not visible */
-    struct sg_tile_rect rect;
+    bool visible;
+    struct tile_rect rect;
     /* gradients of the loss */
     struct splat_grad g;
     real g_o, g_rgb[3];
@@ -72,10 +72,9 @@ static inline void ref_project(const struct view *v, const real *params, int deg
         o->clamped[ch] = c < 0;
         o->rgb[ch] = o->clamped[ch] ? 0 : c;
     }
-    if (!o->s.visible || !finite ||
-        !sg_tile_rect((float) o->s.x, (float) o->s.y, (float) o->s.sigma, grid_x, grid_y,
-                      &o->radius, &o->rect))
-        o->radius = 0;
+    o->rect = tile_rect_make((float) o->s.x, (float) o->s.y, (float) o->s.sigma, grid_x, grid_y);
+    o->visible = o->s.visible && finite && o->rect.radius > 0 && o->rect.x0 < o->rect.x1 &&
+                 o->rect.y0 < o->rect.y1;
 }
 
 /* Entries of one tile in drawing order; list holds up to n. */
@@ -85,7 +84,8 @@ static inline size_t ref_tile_list(const struct ref_splat *splats, size_t n, int
     size_t m = 0;
     for (size_t i = 0; i < n; i++) {
         const struct ref_splat *s = &splats[i];
-        if (s->radius && tx >= s->rect.x0 && tx < s->rect.x1 && ty >= s->rect.y0 && ty < s->rect.y1)
+        if (s->visible && tx >= s->rect.x0 && tx < s->rect.x1 && ty >= s->rect.y0 &&
+            ty < s->rect.y1)
             list[m++] = (struct ref_entry){(float) s->s.z, (uint32_t) i};
     }
     if (m) /* of no Gaussians there is no list */
@@ -203,7 +203,7 @@ static inline void ref_parameter_gradient(const struct view *v, const struct ref
 {
     for (int p = 0; p < SG_PARAMS_MAX; p++)
         out[p] = 0;
-    if (!s->radius)
+    if (!s->visible)
         return;
     project_backward(v, &s->p, &s->s, &s->g, out + SG_P_XYZ, out + SG_P_SCALE, out + SG_P_ROT);
     out[SG_P_OPACITY] = s->g_o * s->o * (1 - s->o);

@@ -120,10 +120,11 @@ SIMD void adam(const struct cpu_learn_args *a, float *p, float *m, float *v, con
             continue;
         for (int plane = sg_columns[c].first; plane < sg_column_end(c, planes); plane++) {
             const int at = plane * SG_LANES;
-            real rm = r_load(m + at), rv = r_load(v + at);
-            r_store(p + at, adam_step(r_load(p + at), gradient[plane], &rm, &rv, rate, root));
-            r_store(m + at, rm);
-            r_store(v + at, rv);
+            const struct adam_state old = {r_load(p + at), r_load(m + at), r_load(v + at)},
+                                    new = adam_step(old, gradient[plane], rate, root);
+            r_store(p + at, new.p);
+            r_store(m + at, new.m);
+            r_store(v + at, new.v);
         }
     }
 }

@@ -131,14 +131,12 @@ static __attribute__((noinline)) void derive_row(const float *x, const float *t,
 {
     struct row_sums s = *sums;
     for (int i = 0; i < width; i += LANES) {
-        real d_m, d_xx, d_xy;
-        const real value =
-            ssim_point(along(moments[0] + i), along(moments[1] + i), along(moments[2] + i),
-                       along(moments[3] + i), &d_m, &d_xx, &d_xy);
-        s.ssim += r_keep(r_lt(r_lane() + (float) i, r_set((float) width)), value);
-        row_store(derivatives[0], i, width, d_m);
-        row_store(derivatives[1], i, width, d_xx);
-        row_store(derivatives[2], i, width, d_xy);
+        const struct ssim at = ssim_point(along(moments[0] + i), along(moments[1] + i),
+                                          along(moments[2] + i), along(moments[3] + i));
+        s.ssim += r_keep(r_lt(r_lane() + (float) i, r_set((float) width)), at.s);
+        row_store(derivatives[0], i, width, at.d_m);
+        row_store(derivatives[1], i, width, at.d_xx);
+        row_store(derivatives[2], i, width, at.d_xy);
         const real d = row_load(x, i, width) - row_load(t, i, width);
         s.l1 += r_max(d, -d);
         s.l2 += d * d;

@@ -11,7 +11,7 @@
 
 #define LOG2E 1.4426950408889634f
 
-/* The reference's tile rectangle, as sg_tile_rect. */
+/* The reference's tile rectangle, as tile_rect_make. */
 struct rects {
     ireal x0, y0, x1, y1;
 };
@@ -43,12 +43,11 @@ SIMD ireal tile_bits(const struct cpu_project_args *a, const struct rects *r,
         const mask inside = r_and(small, r_lt(r_set((float) row), r_from_int(height)));
         if (!m_any(inside))
             return bits;
-        real left, right;
         const real top = r_from_int(r->y0 + row) * (float) SG_TILE - y;
-        const mask hit = ellipse_row_span(e, top, top + (float) (SG_TILE - 1), &left, &right);
-        const ireal c0 = r_to_int(r_max(r_min((x + left + 1) * scale, hi), lo)) - r->x0;
-        const ireal c1 = r_to_int(r_max(r_min((x + right + SG_TILE) * scale, hi), lo)) - r->x0;
-        const mask some = r_and(r_and(inside, hit), r_lt(r_from_int(c0), r_from_int(c1)));
+        const struct row_span span = ellipse_row_span(*e, top, top + (float) (SG_TILE - 1));
+        const ireal c0 = r_to_int(r_max(r_min((x + span.x0 + 1) * scale, hi), lo)) - r->x0;
+        const ireal c1 = r_to_int(r_max(r_min((x + span.x1 + SG_TILE) * scale, hi), lo)) - r->x0;
+        const mask some = r_and(r_and(inside, span.hit), r_lt(r_from_int(c0), r_from_int(c1)));
         bits |= i_sel(some, ((one << c1) - (one << c0)) << (row * width), i_set(0));
     }
 }

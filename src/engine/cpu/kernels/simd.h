@@ -9,6 +9,8 @@
 #include <stdint.h>
 #include <string.h>
 
+#include "math/dialect.h"
+
 #if defined(__x86_64__)
 #include <immintrin.h>
 #elif defined(__aarch64__)

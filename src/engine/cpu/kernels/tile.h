@@ -100,15 +100,15 @@ SIMD void batch_find(const struct batch *b, int n, int x0, int y0, uint16_t *hit
         const struct ellipse e = {in[2], in[3], in[4], in[5], in[6]};
         ireal bits = {0};
         for (int row = 0; row < 4; row++) {
-            real left, right;
             const real top = (float) (y0 + row * BLOCK) - y;
-            const mask hit = ellipse_row_span(&e, top, top + (float) (BLOCK - 1), &left, &right);
+            const struct row_span span = ellipse_row_span(e, top, top + (float) (BLOCK - 1));
             /* Blocks whose pixel centres 4c .. 4c + 3 meet [x + left, x + right]; clamped, any
              * float converts. */
-            const ireal c0 = r_to_int(r_max(r_min((x + left + 1) * 0.25f, r_set(4)), r_set(0)));
-            const ireal c1 = r_to_int(r_max(r_min((x + right + 4) * 0.25f, r_set(4)), r_set(0)));
-            const ireal span = (i_set(1) << c1) - (i_set(1) << c0); /* bits c0 .. c1 - 1 */
-            bits |= i_sel(r_and(hit, r_le(left, right)), (span & 15) << (4 * row), i_set(0));
+            const ireal c0 = r_to_int(r_max(r_min((x + span.x0 + 1) * 0.25f, r_set(4)), r_set(0)));
+            const ireal c1 = r_to_int(r_max(r_min((x + span.x1 + 4) * 0.25f, r_set(4)), r_set(0)));
+            const ireal columns = (i_set(1) << c1) - (i_set(1) << c0); /* bits c0 .. c1 - 1 */
+            bits |= i_sel(r_and(span.hit, r_le(span.x0, span.x1)), (columns & 15) << (4 * row),
+                          i_set(0));
         }
         const halves found = __builtin_convertvector(bits, halves);
         memcpy(hits + i, &found, sizeof(uint16_t) * (size_t) (n - i < LANES ? n - i : LANES));
