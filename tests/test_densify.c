@@ -185,9 +185,49 @@ static void test_replaced(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Poison-splat's universal threshold: all grow, also beyond it, or none does, and then statistics
+ * go on. */
+static void test_overshoot(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    for (int full = 0; full < 2; full++) {
+        struct sg_model *m = make_model(ctx, FULL, 0, 3);
+        const struct sg_densify_params p = {.gradient = 0.5f,
+                                            .split_scale = 9,
+                                            .max_gaussians = FULL + 1 - (size_t) full,
+                                            .overshoot = true,
+                                            .seed = 1};
+        struct sg_densify_result r;
+        struct sg_columns o, after;
+        struct sg_engine *b;
+        assert_int_equal(sg_columns_create(ctx, FULL, 0, SG_COLUMN_SAVED, &o), SG_OK);
+        assert_int_equal(sg_columns_create(ctx, 2 * FULL, 0, SG_COLUMN_SAVED, &after), SG_OK);
+        for (size_t i = 0; i < FULL; i++) {
+            o.at[SG_C_GRAD_SUM][i] = i < 30, o.at[SG_C_GRAD_COUNT][i] = 1;
+            *sg_model_at(m, i, SG_P_OPACITY) = i < FULL - 5 ? 2 : -8; /* the last are pruned */
+        }
+        b = make_engine(ctx, "cpu", NULL, m, &o);
+        assert_int_equal(sg_densify(b, &p, &r), SG_OK);
+        assert_int_equal(r.cloned, full ? 0 : 30);
+        assert_int_equal(r.pruned, 5);
+        assert_int_equal(r.limited, full);
+        assert_int_equal(sg_engine_count(b), FULL - 5 + r.cloned);
+        assert_int_equal(sg_engine_download(b, NULL, &after), SG_OK);
+        for (size_t i = 0; i < FULL - 5; i++)
+            assert_true(after.at[SG_C_GRAD_COUNT][i] == (full ? 1 : 0));
+        sg_engine_destroy(&b);
+        sg_columns_clear(&o);
+        sg_columns_clear(&after);
+        sg_model_destroy(&m);
+    }
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_densify), cmocka_unit_test(test_alike),
-                                       cmocka_unit_test(test_replaced)};
+                                       cmocka_unit_test(test_replaced),
+                                       cmocka_unit_test(test_overshoot)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

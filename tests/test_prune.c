@@ -343,6 +343,86 @@ static void pruning_removes_and_repairs(void **state)
     clear_fixture(&f);
 }
 
+/* At 8/15 and 12/15 of the iterations; a resumed run has the same bytes. */
+static void training_removes_twice(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(2);
+    struct sg_train_params p = short_params();
+    p.strategy = SG_STRATEGY_LIGHTGAUSSIAN, p.densify_until_iter = 20;
+    f.scene.train = f.views;
+    sg_trainer *t = begin_training(&f, &p);
+    size_t before = f.start->count;
+    struct sg_model *held = NULL, *rested = NULL;
+    while (sg_trainer_iteration(t) < 40) {
+        struct sg_train_step s;
+        assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+        if (s.iteration == 21)
+            assert_in_range(s.gaussians, before * 2 / 5, before - (before - 1) / 2 - 1);
+        if (s.iteration == 32)
+            assert_in_range(s.gaussians, before / 2, before - (size_t) (0.4 * (double) before));
+        if (s.iteration == 31)
+            assert_int_equal(sg_trainer_model(t, &held), SG_OK);
+        if (s.iteration == 32)
+            assert_int_equal(sg_trainer_model(t, &rested), SG_OK);
+        before = s.gaussians;
+    }
+    /* The one that removes takes no step: what stays is as it was, in its order. */
+    for (size_t i = 0, k = 0; i < rested->count; i++, k++) {
+        while (k < held->count &&
+               *sg_model_at(held, k, SG_P_XYZ) != *sg_model_at(rested, i, SG_P_XYZ))
+            k++;
+        assert_true(k < held->count);
+    }
+    sg_model_destroy(&held);
+    sg_model_destroy(&rested);
+    sg_trainer_destroy(&t);
+    struct sg_model *whole = train(&f, &p, 40, "prune_at_20.bin", NULL, NULL),
+                    *resumed = train(&f, &p, 40, NULL, "prune_at_20.bin", NULL);
+    assert_same(whole, resumed);
+    p.strategy = SG_STRATEGY_DEFAULT;
+    assert_int_equal(sg_trainer_resume(f.ctx, &f.scene, "prune_at_20.bin", &p, &t), SG_ERR_INPUT);
+    remove("prune_at_20.bin");
+    sg_model_destroy(&whole);
+    sg_model_destroy(&resumed);
+    clear_fixture(&f);
+}
+
+/* Each way to meet a limit keeps it, but for the one that may exceed it. */
+static void limits_are_met(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(2);
+    struct sg_model *models[4];
+    for (int way = SG_AT_LIMIT_SCORE; way <= SG_AT_LIMIT_UNIVERSAL; way++) {
+        struct sg_train_params p = short_params();
+        p.max_gaussians = 150, p.at_limit = (enum sg_at_limit) way,
+        p.densify_grad_threshold = 1e-6f;
+        f.scene.train = f.views;
+        sg_trainer *t = begin_training(&f, &p);
+        size_t most = 0;
+        struct sg_train_limits limits;
+        while (sg_trainer_iteration(t) < 40) {
+            struct sg_train_step s;
+            assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+            most = s.gaussians > most ? s.gaussians : most;
+        }
+        sg_trainer_limits(t, &limits);
+        assert_true(limits.gaussians_bound);
+        assert_true(way == SG_AT_LIMIT_UNIVERSAL ? most > 150 && most <= 300 : most <= 150);
+        assert_int_equal(sg_trainer_model(t, &models[way]), SG_OK);
+        sg_trainer_destroy(&t);
+        struct sg_model *again = train(&f, &p, 40, NULL, NULL, NULL);
+        assert_same(models[way], again);
+        sg_model_destroy(&again);
+    }
+    assert_true(models[0]->count != models[1]->count ||
+                memcmp(models[0]->params, models[1]->params, 64) != 0);
+    for (int way = 0; way < 4; way++)
+        sg_model_destroy(&models[way]);
+    clear_fixture(&f);
+}
+
 static void scores_do_not_depend_on_threads(void **state)
 {
     (void) state;
@@ -393,6 +473,8 @@ int main(void)
         cmocka_unit_test(ranks_are_those_of_the_released_code),
         cmocka_unit_test(rates_follow_the_released_schedule),
         cmocka_unit_test(pruning_removes_and_repairs),
+        cmocka_unit_test(training_removes_twice),
+        cmocka_unit_test(limits_are_met),
         cmocka_unit_test(scores_do_not_depend_on_threads),
         cmocka_unit_test(bad_parameters_are_refused),
     };

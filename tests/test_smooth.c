@@ -23,7 +23,7 @@ static void constant_images_stay(void **state)
     uint8_t rgb[W * H * 3], out[W * H * 3];
     for (int value = 0; value < 256; value += 51) {
         memset(rgb, value, sizeof(rgb));
-        for (enum sg_smooth kind = SG_SMOOTH_GAUSSIAN; kind <= SG_SMOOTH_BILATERAL; kind++)
+        for (enum sg_smooth kind = SG_SMOOTH_GAUSSIAN; kind <= SG_SMOOTH_WAVELET; kind++)
             for (int w = 1; w < 4; w++) { /* also narrower than the filters */
                 smooth(f, kind, rgb, NULL, w, 2, out);
                 assert_memory_equal(out, rgb, (size_t) (w * 2 * 3));
@@ -102,10 +102,36 @@ static void masked_pixels_do_not_leak(void **state)
         mask[i] = i % W < W / 2 ? 255 : 0;
         memset(rgb + 3 * i, mask[i] ? 100 : 200 + i % 50, 3);
     }
-    for (enum sg_smooth kind = SG_SMOOTH_GAUSSIAN; kind <= SG_SMOOTH_BILATERAL; kind++) {
+    for (enum sg_smooth kind = SG_SMOOTH_GAUSSIAN; kind <= SG_SMOOTH_WAVELET; kind++) {
         smooth(f, kind, rgb, mask, W, H, out);
         assert_memory_equal(out, rgb, sizeof(rgb));
     }
+}
+
+/* Noise of +-16 on a ramp with an edge: most of it goes and the edge stays. Without noise nothing
+ * changes. */
+static void wavelets_remove_noise(void **state)
+{
+    enum { SIDE = 64 };
+    struct fixture *f = *state;
+    static uint8_t clean[SIDE * SIDE * 3], noisy[sizeof(clean)], out[sizeof(clean)];
+    uint32_t random = 1;
+    for (size_t i = 0; i < sizeof(clean); i++) {
+        const size_t x = i / 3 % SIDE;
+        random = random * 1664525 + 1013904223;
+        clean[i] = (uint8_t) (x < SIDE / 2 ? 40 + x : 150 + x);
+        noisy[i] = (uint8_t) (clean[i] + (random >> 30 & 1 ? 16 : -16));
+    }
+    smooth(f, SG_SMOOTH_WAVELET, clean, NULL, SIDE, SIDE, out);
+    assert_memory_equal(out, clean, sizeof(out));
+    smooth(f, SG_SMOOTH_WAVELET, noisy, NULL, SIDE, SIDE, out);
+    double error = 0, edge = 0;
+    for (size_t i = 0; i < sizeof(clean); i++) {
+        error += (out[i] - clean[i]) * (double) (out[i] - clean[i]);
+        edge += i / 3 % SIDE == SIDE / 2 ? out[i] - out[i - 3] : 0;
+    }
+    assert_true(sqrt(error / sizeof(clean)) < 6); /* of 16 */
+    assert_true(edge / (3 * SIDE) > 70);          /* of 111 */
 }
 
 /* Training photos are smoothed after they were resized; test photos and other scenes are not. */
@@ -122,7 +148,7 @@ static void training_photos_of_a_scene(void **state)
     put_png(f, "a.png", 20, 10, 3, 1);
     put_png(f, "b.png", 20, 10, 3, 2);
     struct sg_scene *plain = load(f, sg_scene_params(.eval = true, .downscale = 2));
-    for (enum sg_smooth kind = SG_SMOOTH_GAUSSIAN; kind <= SG_SMOOTH_BILATERAL; kind++) {
+    for (enum sg_smooth kind = SG_SMOOTH_GAUSSIAN; kind <= SG_SMOOTH_WAVELET; kind++) {
         struct sg_scene *s = load(f, sg_scene_params(.eval = true, .downscale = 2, .smooth = kind));
         uint8_t out[10 * 5 * 3];
         smooth(f, kind, plain->train[0].rgb, NULL, 10, 5, out);
@@ -132,7 +158,7 @@ static void training_photos_of_a_scene(void **state)
         sg_scene_destroy(&s);
     }
     sg_scene_destroy(&plain);
-    expect_failure(f, sg_scene_params(.smooth = 3), SG_ERR_USAGE, "smooth: found 3", NULL);
+    expect_failure(f, sg_scene_params(.smooth = 4), SG_ERR_USAGE, "smooth: found 4", NULL);
 }
 
 static void out_of_memory(void **state)
@@ -142,16 +168,21 @@ static void out_of_memory(void **state)
     uint8_t rgb[W * H * 3] = {0}, out[W * H * 3];
     assert_int_equal(
         sg_ctx_create(&small, &(struct sg_ctx_params){.threads = 1, .max_memory = 100}), SG_OK);
-    assert_int_equal(sg_smooth(small, SG_SMOOTH_GAUSSIAN, rgb, NULL, W, H, out), SG_ERR_BUDGET);
+    for (enum sg_smooth kind = SG_SMOOTH_GAUSSIAN; kind <= SG_SMOOTH_WAVELET; kind++)
+        assert_int_equal(sg_smooth(small, kind, rgb, NULL, W, H, out), SG_ERR_BUDGET);
     sg_ctx_destroy(&small);
 }
 
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        scene_test(constant_images_stay),       scene_test(impulse_through_the_gaussian),
-        scene_test(every_pixel_is_as_defined),  scene_test(masked_pixels_do_not_leak),
-        scene_test(training_photos_of_a_scene), scene_test(out_of_memory),
+        scene_test(constant_images_stay),
+        scene_test(impulse_through_the_gaussian),
+        scene_test(every_pixel_is_as_defined),
+        scene_test(masked_pixels_do_not_leak),
+        scene_test(wavelets_remove_noise),
+        scene_test(training_photos_of_a_scene),
+        scene_test(out_of_memory),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

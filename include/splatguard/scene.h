@@ -21,9 +21,11 @@ enum sg_scene_format {
     SG_FORMAT_MEMORY,     /* made by a builder, not read from a folder */
 };
 
-/* Filters against noise, with the same results as OpenCV's: Gaussian of 5 x 5 pixels and sigma 1.5;
- * bilateral of diameter 9 with both sigmas 75 (grey levels, pixels). */
-enum sg_smooth { SG_SMOOTH_OFF, SG_SMOOTH_GAUSSIAN, SG_SMOOTH_BILATERAL };
+/* Filters against noise. With the same results as OpenCV's: Gaussian of 5 x 5 pixels and sigma 1.5;
+ * bilateral of diameter 9 with both sigmas 75 (grey levels, pixels). Wavelet: soft thresholds of
+ * BayesShrink (Chang et al. 2000) on three levels of undecimated Haar wavelets, with the noise
+ * estimated from each channel. */
+enum sg_smooth { SG_SMOOTH_OFF, SG_SMOOTH_GAUSSIAN, SG_SMOOTH_BILATERAL, SG_SMOOTH_WAVELET };
 
 struct sg_scene_params {
     enum sg_scene_format format; /* default SG_FORMAT_AUTO */

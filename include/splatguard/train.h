@@ -18,7 +18,22 @@ extern "C" {
 /* How the set of Gaussians changes while a model learns. */
 enum sg_train_strategy {
     SG_STRATEGY_DEFAULT, /* clones, splits, prunes, resets opacities (Kerbl et al. 2023) */
-    SG_STRATEGY_MCMC     /* relocates, adds up to a cap, explores (Kheradmand et al. 2024) */
+    SG_STRATEGY_MCMC,    /* relocates, adds up to a cap, explores (Kheradmand et al. 2024) */
+    /* The default, and LightGaussian during training (Fan et al. 2024): at 8/15 and 12/15 of the
+     * iterations its score removes 50 % and 40 %, and every 1000 iterations the rates shrink by
+     * 3 %. */
+    SG_STRATEGY_LIGHTGAUSSIAN
+};
+
+/* What happens where the default strategy's growth meets max_gaussians. */
+enum sg_at_limit {
+    SG_AT_LIMIT_SCORE,  /* new Gaussians replace those that the defense's filter scores lowest */
+    SG_AT_LIMIT_RANDOM, /* new Gaussians replace some that are drawn by seed */
+    SG_AT_LIMIT_STOP,   /* of those that would grow, the steepest do until the limit is met */
+    /* As the universal threshold of Poison-splat: at a densification that finds fewer than the
+     * limit, all that would grow do, which can go up to twice beyond it; at one that finds as many,
+     * none does, and statistics go on. */
+    SG_AT_LIMIT_UNIVERSAL
 };
 
 /* Of SG_STRATEGY_MCMC. It edits as often as densification_interval says, after densify_from_iter,
@@ -81,8 +96,8 @@ struct sg_train_params {
     struct sg_mcmc_params mcmc;
     uint64_t init_points; /* random points when the scene has none, 4..1e8. Default 100000. */
     /* Budgets; 0 = none. If the context limits memory, the trainer also keeps within that. */
-    /* At least 4. At the limit new Gaussians replace those with the lowest scores. Default 0. */
-    uint64_t max_gaussians;
+    uint64_t max_gaussians;    /* at least 4. Default 0. */
+    enum sg_at_limit at_limit; /* Default SG_AT_LIMIT_SCORE. */
     /* Seconds since creation, including the time between steps; at most 1e9. The schedule advances
      * by iterations or by time since the first step, whichever is ahead, so a shortened run still
      * completes its schedule. Default 0. */

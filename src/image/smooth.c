@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Smoothing filters against noise in photos, with the results of OpenCV's of the same names. */
+/* Smoothing filters against noise in photos. Gaussian and bilateral have the results of OpenCV's.
+ */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -46,8 +47,8 @@ static void make_bilateral(struct filter *f)
         f->range[d] = (float) exp(-d * (double) d / (2 * variance));
 }
 
-/* Reflects at the border without repeating the border's own pixel; an image of one is repeated. */
-static int mirror(int i, int n)
+/* An image of one is repeated. */
+int sg_mirror(int i, int n)
 {
     const int period = n > 1 ? 2 * n - 2 : 1;
     i %= period;
@@ -79,6 +80,8 @@ int sg_smooth(sg_ctx *ctx, enum sg_smooth kind, const uint8_t *rgb, const uint8_
               int height, uint8_t *out)
 {
     struct filter f = {.n = 0};
+    if (kind == SG_SMOOTH_WAVELET)
+        return sg_smooth_wavelet(ctx, rgb, mask, width, height, out);
     if (kind == SG_SMOOTH_GAUSSIAN)
         make_gaussian(&f);
     else
@@ -89,9 +92,9 @@ int sg_smooth(sg_ctx *ctx, enum sg_smooth kind, const uint8_t *rgb, const uint8_
     int *rows = sg_alloc_raw(ctx, SG_MEM_FRAME, longest, sizeof(*rows));
     const int code = columns && rows ? SG_OK : SG_ERR_BUDGET;
     for (int i = 0; i < width + 2 * RADIUS_MAX && !code; i++)
-        columns[i] = mirror(i - RADIUS_MAX, width);
+        columns[i] = sg_mirror(i - RADIUS_MAX, width);
     for (int i = 0; i < height + 2 * RADIUS_MAX && !code; i++)
-        rows[i] = mirror(i - RADIUS_MAX, height);
+        rows[i] = sg_mirror(i - RADIUS_MAX, height);
     for (int y = 0; y < height && !code; y++)
         for (int x = 0; x < width; x++) {
             const size_t at = (size_t) y * (size_t) width + (size_t) x;

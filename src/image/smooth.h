@@ -7,10 +7,18 @@
 #include "core/internal.h"
 
 /* rgb, out: height x width x 3, not the same memory. mask: height x width, 0 = unused, NULL = all
- * are used; unused pixels are copied and have no influence. kind: not SG_SMOOTH_OFF. Each pixel
- * becomes a weighted mean of its neighbourhood, rounded to nearest; the image is mirrored at its
- * border without repeating the border's pixels. Safe from worker threads. SG_ERR_BUDGET. */
+ * are used; unused pixels are copied and have no influence. kind: not SG_SMOOTH_OFF. With the
+ * Gaussian and the bilateral filter each pixel becomes a weighted mean of its neighbourhood. Values
+ * are rounded to nearest; the image is mirrored at its border without repeating the border's
+ * pixels. Safe from worker threads. SG_ERR_BUDGET. */
 int sg_smooth(sg_ctx *ctx, enum sg_smooth kind, const uint8_t *rgb, const uint8_t *mask, int width,
               int height, uint8_t *out);
+
+/* The wavelet filter; unused pixels are taken for the mean of the used ones. */
+int sg_smooth_wavelet(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int width, int height,
+                      uint8_t *out);
+
+/* Where index i lies: reflected at the borders of 0..n - 1 without repeating their own pixel. */
+int sg_mirror(int i, int n);
 
 #endif

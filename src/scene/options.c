@@ -8,7 +8,8 @@
 #define EXPERT .expert = true
 
 _Static_assert(SG_FORMAT_AUTO == 0 && SG_FORMAT_BLENDER == 1 && SG_FORMAT_COLMAP == 2 &&
-                   SG_FORMAT_NERFSTUDIO == 3 && SG_SMOOTH_GAUSSIAN == 1 && SG_SMOOTH_BILATERAL == 2,
+                   SG_FORMAT_NERFSTUDIO == 3 && SG_SMOOTH_GAUSSIAN == 1 &&
+                   SG_SMOOTH_BILATERAL == 2 && SG_SMOOTH_WAVELET == 3,
                "the order of formats and filters");
 
 static const struct sg_option scene_options[] = {
@@ -38,9 +39,10 @@ static const struct sg_option scene_options[] = {
     SG_FLAG("strict", strict,
             "Refuse a scene with missing photos, or photos at another scale than their camera.",
             SCENE, .transient = true),
-    SG_CHOICE("smooth", smooth, "off|gaussian|bilateral", "FILTER",
+    SG_CHOICE("smooth", smooth, "off|gaussian|bilateral|wavelet", "FILTER",
               "Smooth the training photos after resizing, as a simple defense to compare with: "
-              "Gaussian of 5 x 5 pixels, sigma 1.5; bilateral of diameter 9, both sigmas 75.",
+              "Gaussian of 5 x 5 pixels, sigma 1.5; bilateral of diameter 9, both sigmas 75; soft "
+              "thresholds of wavelets.",
               .group = "Defense", EXPERT),
     {0},
 };

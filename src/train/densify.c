@@ -112,7 +112,11 @@ int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p,
             gradient[i] >= p->gradient ? scale[i] <= p->split_scale ? CLONES : SPLITS : STAYS;
         wish += plan.keep[i] != STAYS;
     }
-    if (p->max_gaussians && n + wish > p->max_gaussians) {
+    const bool paused = p->overshoot && p->max_gaussians && n >= p->max_gaussians;
+    for (size_t i = 0; i < n && paused; i++)
+        plan.keep[i] = STAYS;
+    result->limited = paused && wish;
+    if (!p->overshoot && p->max_gaussians && n + wish > p->max_gaussians) {
         if ((code = make_room(engine, p, &plan, n, wish, &result->replaced)))
             goto done;
         const size_t room = p->max_gaussians - (n - result->replaced);
@@ -158,6 +162,7 @@ int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p,
                                                     .appended = plan.appended,
                                                     .source = plan.source,
                                                     .kind = plan.kind,
+                                                    .statistics = paused,
                                                     .seed = p->seed,
                                                     .stream = p->stream});
 done:

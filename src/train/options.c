@@ -30,7 +30,8 @@
 _Static_assert(SG_STRATEGY_MCMC == 1, "the order of the strategies");
 _Static_assert(SG_SIGMA_EIGEN == 1 && SG_HIT_VIEWS == 1 && SG_HIT_WEIGHT == 2 &&
                    SG_PRUNE_THRESHOLD == 1 && SG_VIEWS_ALL == 1 && SG_TV_NORM_L1 == 1 &&
-                   SG_TV_NORM_HUBER == 2 && SG_ENERGY_AMPLITUDE == 1 && SG_CHANNELS_LUMA == 1,
+                   SG_TV_NORM_HUBER == 2 && SG_STRATEGY_LIGHTGAUSSIAN == 2 &&
+                   SG_AT_LIMIT_UNIVERSAL == 3 && SG_ENERGY_AMPLITUDE == 1 && SG_CHANNELS_LUMA == 1,
                "the order of the defense's choices");
 
 static const struct sg_option train_options[] = {
@@ -58,10 +59,11 @@ static const struct sg_option train_options[] = {
     FLOAT("opacity-lr", opacity_lr, 0, 1000, "Opacity.", RATES),
     FLOAT("scaling-lr", scaling_lr, 0, 1000, "Scale.", RATES),
     FLOAT("rotation-lr", rotation_lr, 0, 1000, "Rotation.", RATES),
-    SG_CHOICE("strategy", strategy, "default|mcmc", "NAME",
+    SG_CHOICE("strategy", strategy, "default|mcmc|lightgaussian", "NAME",
               "How the number of Gaussians changes. default: clones, splits, prunes and resets of "
               "opacity. mcmc: transparent Gaussians move to opaque ones, copies of these are added "
-              "up to --cap-max, and noise on positions explores.",
+              "up to --cap-max, and noise on positions explores. lightgaussian: the default, and "
+              "LightGaussian's score removes 50 % and 40 % at 8/15 and 12/15 of the iterations.",
               DENSIFY),
     FLOAT("percent-dense", percent_dense, 0, 1000,
           "Split Gaussians larger than this share of the extent, clone smaller ones.", DENSIFY,
@@ -91,9 +93,14 @@ static const struct sg_option train_options[] = {
     FLOAT("noise-lr", mcmc.noise_lr, 0, 1e9, "Noise on positions, in learning rates of positions.",
           MCMC, EXPERT),
     COUNT("max-gaussians", max_gaussians, 4, 4e9,
-          "Most Gaussians; at the limit, new ones take the place of those that the defense's "
-          "filter scores lowest. 0 = no limit.",
-          BUDGETS, .or_zero = true),
+          "Most Gaussians; --at-limit says what happens there. 0 = no limit.", BUDGETS,
+          .or_zero = true),
+    SG_CHOICE("at-limit", at_limit, "score|random|stop|universal", "NAME",
+              "Where growth meets --max-gaussians: new Gaussians take the place of those that the "
+              "defense's filter scores lowest, or of some at random; the steepest grow until the "
+              "limit is met; or all grow as long as there are fewer than the limit, which can "
+              "exceed it (Poison-splat's universal threshold).",
+              BUDGETS, EXPERT),
     SG_NUMBER(SG_OPTION_TIME, "max-time", max_seconds, 0, 1e9, "TIME",
               "Most time until the model is trained, e.g. 90s, 10m or 1h30m: iterations are "
               "skipped so that the schedule still ends. 0 = no limit.",

@@ -4,6 +4,7 @@
 #include <math.h>
 
 #include "core/clock.h"
+#include "core/rng.h"
 #include "defense/filter.h"
 #include "densify.h"
 #include "math/constants.h"
@@ -16,6 +17,8 @@ struct state {
     uint64_t growths;      /* densifications in the filter's window since its newest removal */
     uint64_t filter_first; /* Gaussians before its first removal; 0 = none yet */
 };
+
+_Static_assert(sizeof(struct state) == SG_DEFAULT_STATE_BYTES, "the size of the state");
 
 static bool sound(const void *state, int iteration)
 {
@@ -54,9 +57,30 @@ struct score_call {
     int it;
 };
 
+/* Scores that the seed draws. */
+static int draw_scores(const struct score_call *c, struct sg_scores *out)
+{
+    sg_ctx *ctx = c->t->ctx;
+    const size_t n = sg_engine_count(c->t->engine);
+    *out = (struct sg_scores){.count = n};
+    out->score = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*out->score));
+    out->log_smallest = sg_alloc(ctx, SG_MEM_OPTIMISER, n, sizeof(*out->log_smallest));
+    out->keys = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*out->keys));
+    if (!out->score || !out->log_smallest || !out->keys) {
+        sg_scores_clear(out);
+        return SG_ERR_BUDGET;
+    }
+    for (size_t i = 0; i < n; i++)
+        out->score[i] =
+            (double) sg_rng_uniform(c->t->params.seed, SG_RNG_REPLACE, (uint64_t) c->it, i);
+    return SG_OK;
+}
+
 static int score_model(void *arg, struct sg_scores *out)
 {
     const struct score_call *c = arg;
+    if (c->t->params.at_limit == SG_AT_LIMIT_RANDOM)
+        return draw_scores(c, out);
     return sg_score(c->t->engine, c->t->scene, &c->t->params.defense, c->render, c->t->params.seed,
                     c->it, out);
 }
@@ -75,6 +99,9 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
     struct sg_densify_result r;
     const double start = seconds_not_counting(t);
     const size_t n = sg_engine_count(t->engine);
+    /* A limit of the memory is not exceeded. */
+    const bool overshoots = p->at_limit == SG_AT_LIMIT_UNIVERSAL && !t->budget.by_memory,
+               stops = p->at_limit >= SG_AT_LIMIT_STOP;
     const int code = sg_densify(
         t->engine,
         &(struct sg_densify_params){.gradient = p->densify_grad_threshold,
@@ -83,7 +110,8 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
                                                        ? (float) (SG_PRUNE_EXTENT * t->extent)
                                                        : 0,
                                     .max_gaussians = t->budget.gaussians,
-                                    .score = score_model,
+                                    .overshoot = overshoots,
+                                    .score = stops ? NULL : score_model,
                                     .arg = &(struct score_call){t, render, it},
                                     .replace = REPLACED,
                                     .seed = p->seed,

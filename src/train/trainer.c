@@ -52,8 +52,10 @@ static int alloc_state(sg_trainer *t)
     return bytes && !t->strategy_state ? SG_ERR_BUDGET : SG_OK;
 }
 
-static const struct sg_strategy *const strategies[] = {
-    [SG_STRATEGY_DEFAULT] = &sg_strategy_default, [SG_STRATEGY_MCMC] = &sg_strategy_mcmc};
+static const struct sg_strategy *const strategies[] = {[SG_STRATEGY_DEFAULT] = &sg_strategy_default,
+                                                       [SG_STRATEGY_MCMC] = &sg_strategy_mcmc,
+                                                       [SG_STRATEGY_LIGHTGAUSSIAN] =
+                                                           &sg_strategy_lightgaussian};
 
 int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_trainer_start *start,
                     const struct sg_train_params *params, sg_trainer **out)

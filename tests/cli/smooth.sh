@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: Apache-2.0
+# A scene written with smoothed photos trains to the model of the filter in the trainer.
+. "$(dirname "$0")/common.sh"
+small_scene
+for filter in gaussian bilateral wavelet; do
+    expect 0 smooth scene/blender --smooth $filter -o $filter -q
+    expect 0 train scene/blender -o run_$filter $short --init-points 200 --smooth $filter
+    expect 0 train $filter -o file_$filter $short --init-points 200
+    cmp run_$filter/point_cloud/iteration_120/point_cloud.ply file_$filter/point_cloud/iteration_120/point_cloud.ply ||
+        fail "$filter: file and trainer differ"
+done
+cmp -s gaussian/train/r_0.png wavelet/train/r_0.png && fail "two filters made the same photo"
+cmp -s gaussian/train/r_0.png scene/blender/train/r_0.png && fail "nothing was smoothed"
+
+# COLMAP: JPEG, and the test views as they are.
+expect 0 smooth scene/colmap --views train --save png -o colmap -q
+[ -s colmap/images/view_0001.png ] && [ -n "$(ls colmap/sparse/0)" ] || fail "no COLMAP scene"
+expect 1 smooth scene/blender; says 'missing -o SMOOTHED'
+expect 1 smooth scene/blender --smooth off -o off; says '--smooth'
+expect 2 smooth nothing -o x; says 'nothing'
+expect 2 smooth scene/blender -o scene/blender/inside; says 'scene'
+expect 2 smooth scene/blender -o gaussian -q; says 'gaussian'
+expect 1 smooth scene/blender --smooth median -o x; says '--smooth'
+[ ! -e x ] && [ ! -e off ] || fail "a failed smooth left something"
