@@ -67,19 +67,27 @@ struct sg_fft_rows {
     size_t panel;  /* floats from a panel to the next */
 };
 
+/* Name, result and arguments of every kernel; what they are written once in. */
+#define SG_FFT_KERNELS(K)                                                                          \
+    /* SG_FFT_LANES complex transforms of n points each. in and out do not overlap. */             \
+    K(columns, void,                                                                               \
+      (const struct sg_fft *, const float *in, float *out, bool backward, float *scratch))         \
+    /* Row i begins at row[i]. */                                                                  \
+    K(rows, void,                                                                                  \
+      (const struct sg_fft *, const struct sg_fft_rows *, const float *const *row,                 \
+       float *scratch))                                                                            \
+    /* Adds scale times the real transforms back to the `width` values at each row[i] that is not  \
+     * NULL. Columns beyond the stored ones are 0, the imaginary part of column 0 is not read, and \
+     * the column of frequency n / 2 must not be stored. The last value gets what belongs to its   \
+     * repetitions too. */                                                                         \
+    K(rows_back, void,                                                                             \
+      (const struct sg_fft *, const struct sg_fft_rows *, float *const *row, float scale,          \
+       float *scratch))
+
 struct sg_fft_kernels {
-    /* SG_FFT_LANES complex transforms of n points each. in and out do not overlap. */
-    void (*columns)(const struct sg_fft *, const float *in, float *out, bool backward,
-                    float *scratch);
-    /* Row i begins at row[i]. */
-    void (*rows)(const struct sg_fft *, const struct sg_fft_rows *, const float *const *row,
-                 float *scratch);
-    /* Adds scale times the real transforms back to the `width` values at each row[i] that is not
-     * NULL. Columns beyond the stored ones are 0, the imaginary part of column 0 is not read, and
-     * the column of frequency n / 2 must not be stored. The last value gets what belongs to its
-     * repetitions too. */
-    void (*rows_back)(const struct sg_fft *, const struct sg_fft_rows *, float *const *row,
-                      float scale, float *scratch);
+#define K(kernel, result, arguments) result(*kernel) arguments;
+    SG_FFT_KERNELS(K)
+#undef K
 };
 
 /* The same by scalar code in double precision; slow. */

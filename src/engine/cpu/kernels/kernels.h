@@ -16,10 +16,8 @@
 CPU_KERNELS(K)
 #undef K
 
-void KERNEL(fft_columns)(const struct sg_fft *, const float *, float *, bool, float *);
-void KERNEL(fft_rows)(const struct sg_fft *, const struct sg_fft_rows *, const float *const *,
-                      float *);
-void KERNEL(fft_rows_back)(const struct sg_fft *, const struct sg_fft_rows *, float *const *, float,
-                           float *);
+#define K(kernel, result, arguments) result KERNEL(fft_##kernel) arguments;
+SG_FFT_KERNELS(K)
+#undef K
 
 #endif

@@ -5,10 +5,11 @@
 #define SG_STRING(a) SG_STRING_(a)
 
 const struct cpu_kernels KERNEL(kernels) = {.name = SG_STRING(SG_ISA),
-                                            .fft = {.columns = KERNEL(fft_columns),
-                                                    .rows = KERNEL(fft_rows),
-                                                    .rows_back = KERNEL(fft_rows_back)},
 #define K(kernel, result, arguments) .kernel = KERNEL(kernel),
                                             CPU_KERNELS(K)
 #undef K
-};
+                                                .fft = {
+#define K(kernel, result, arguments) .kernel = KERNEL(fft_##kernel),
+                                                SG_FFT_KERNELS(K)
+#undef K
+                                            }};
