@@ -18,10 +18,12 @@ static void ascend_row(const struct sg_ascend *a, size_t r)
     const size_t at = r * (size_t) a->width;
     const float *x = a->from + at, *v = a->photo + at;
     float *to = a->to + at;
+    const float weight = a->form == SG_TV_VERTICAL2 ? 0.5f : 1; /* 1 per neighbour */
     sg_tv_gradient_row(a->from + channel * plane, a->width, a->height,
                        (int) (r % (size_t) a->height), a->form, to);
     for (int i = 0; i < a->width; i++) {
-        float y = x[i] + a->step * sign(to[i] + (a->extra ? a->extra[at + (size_t) i] : 0));
+        float y =
+            x[i] + a->step * sign(weight * to[i] + (a->extra ? a->extra[at + (size_t) i] : 0));
         const float epsilon = a->bound ? a->bound[at + (size_t) i - channel * plane] : a->epsilon;
         y = fminf(fmaxf(y, v[i] - epsilon), v[i] + epsilon);
         to[i] = fminf(fmaxf(y, 0), 1);
