@@ -2,7 +2,7 @@
 pkg_check_modules(CMOCKA REQUIRED IMPORTED_TARGET cmocka) # plain C, works under sanitizers
 # Labels select tests for the parts of ./check: `threads` for the thread sanitizer, `package` for what is installed, `slow`
 # for what sanitizers and other compilers need not repeat, `fuzz`. A new test gets `threads`, unless it is listed here.
-set(SG_SERIAL test_checkpoint test_columns test_folder test_gradients test_image test_kernels test_morton test_ply)
+set(SG_SERIAL test_checkpoint test_columns test_folder test_gradients test_image test_morton test_ply)
 file(GLOB SG_TESTS CONFIGURE_DEPENDS tests/test_*.c tests/engine/test_*.c)
 foreach(source ${SG_TESTS})
     get_filename_component(name ${source} NAME_WE)
@@ -17,6 +17,15 @@ foreach(source ${SG_TESTS})
         set_tests_properties(${name} PROPERTIES LABELS threads)
     endif()
 endforeach()
+
+# Every kernel against its oracle, one by one; `build/checkkernels --bench` times them.
+file(GLOB SG_CHECKS CONFIGURE_DEPENDS tests/kernels/*.c)
+add_executable(checkkernels ${SG_CHECKS})
+target_include_directories(checkkernels PRIVATE src tests)
+target_link_libraries(checkkernels PRIVATE splatguard_internal sg_flags sg_overrides PkgConfig::CMOCKA Threads::Threads m)
+target_compile_options(checkkernels PRIVATE -O2)
+add_test(NAME kernels COMMAND checkkernels)
+
 file(GLOB SG_TEST_PARTS CONFIGURE_DEPENDS tests/*.cmake)
 foreach(part ${SG_TEST_PARTS})
     include(${part})

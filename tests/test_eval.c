@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* PSNR, SSIM and evaluation against values worked out another way. */
+/* PSNR and evaluation against values worked out another way. tests/kernels/check_image.c has
+ * SSIM. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -20,45 +21,6 @@ static sg_ctx *context(int threads)
     return ctx;
 }
 
-/* A smooth pattern with noise; the same seed gives the same picture. */
-static uint8_t *picture(int width, int height, unsigned seed)
-{
-    uint8_t *p = malloc((size_t) width * (size_t) height * 3);
-    for (int i = 0; i < width * height * 3; i++) {
-        seed = seed * 1664525u + 1013904223u;
-        p[i] = (uint8_t) (100 + 60 * sin(i / 3 % width * 0.3) + (seed >> 26));
-    }
-    return p;
-}
-
-static double at(const uint8_t *p, int width, int height, int x, int y, int ch)
-{
-    return x < 0 || y < 0 || x >= width || y >= height ? 0 : p[3 * (y * width + x) + ch] / 255.0;
-}
-
-/* The definition, position by position with the two-dimensional window. */
-static double direct_ssim(const uint8_t *a, const uint8_t *b, int width, int height)
-{
-    double window[11], total = 0, sum = 0;
-    for (int k = 0; k < 11; k++)
-        total += window[k] = exp(-(k - 5) * (k - 5) / 4.5);
-    for (int y = 0; y < height; y++)
-        for (int x = 0; x < width; x++)
-            for (int ch = 0; ch < 3; ch++) {
-                double ma = 0, mb = 0, aa = 0, bb = 0, ab = 0;
-                for (int j = 0; j < 11; j++)
-                    for (int i = 0; i < 11; i++) {
-                        const double w = window[i] * window[j] / (total * total);
-                        const double u = at(a, width, height, x + i - 5, y + j - 5, ch);
-                        const double v = at(b, width, height, x + i - 5, y + j - 5, ch);
-                        ma += w * u, mb += w * v, aa += w * u * u, bb += w * v * v, ab += w * u * v;
-                    }
-                sum += (2 * ma * mb + 1e-4) * (2 * (ab - ma * mb) + 9e-4) /
-                       ((ma * ma + mb * mb + 1e-4) * (aa - ma * ma + bb - mb * mb + 9e-4));
-            }
-    return sum / (width * height * 3);
-}
-
 static void psnr_has_known_values(void **state)
 {
     (void) state;
@@ -75,33 +37,6 @@ static void psnr_has_known_values(void **state)
     memset(a, 0, sizeof(a));
     memset(b, 255, sizeof(b));
     assert_true(fabs(sg_psnr_u8(a, b, 4, 5)) < 1e-12);
-}
-
-static void ssim_agrees_with_its_definition(void **state)
-{
-    (void) state;
-    static const int sizes[][2] = {{1, 1}, {3, 17}, {11, 11}, {40, 4}, {33, 37}};
-    for (size_t s = 0; s < sizeof(sizes) / sizeof(sizes[0]); s++) {
-        const int w = sizes[s][0], h = sizes[s][1];
-        uint8_t *a = picture(w, h, 1), *b = picture(w, h, 2);
-        const double expected = direct_ssim(a, b, w, h);
-        double first = 0;
-        for (int threads = 1; threads <= 7; threads += 3) {
-            sg_ctx *ctx = context(threads);
-            double got = 0, same = 0;
-            assert_int_equal(sg_ssim_u8(ctx, a, b, w, h, &got), SG_OK);
-            assert_int_equal(sg_ssim_u8(ctx, a, a, w, h, &same), SG_OK);
-            assert_true(fabs(got - expected) < 1e-6);
-            assert_true(fabs(same - 1) < 1e-9);
-            if (threads == 1)
-                first = got;
-            assert_memory_equal(&got, &first, sizeof(got)); /* whatever the threads */
-            assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
-            sg_ctx_destroy(&ctx);
-        }
-        free(a);
-        free(b);
-    }
 }
 
 static void quantisation_clamps_and_rounds(void **state)
@@ -192,7 +127,6 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(psnr_has_known_values),
-        cmocka_unit_test(ssim_agrees_with_its_definition),
         cmocka_unit_test(quantisation_clamps_and_rounds),
         cmocka_unit_test(evaluation_measures_a_flat_view),
     };

@@ -19,10 +19,19 @@ list(REMOVE_ITEM sources ${SOURCE}/src/core/json_text.c) # there is no jansson f
 compile(kernels -DSG_ISA=neon -O3 -ffp-contract=fast ${kernels})
 compile(fft -DSG_ISA=neon -O3 -ffp-contract=off ${fft})
 compile(library -O2 -ffp-contract=off ${sources} ${SOURCE}/src/model/store.c ${SOURCE}/src/model/init.c
-    ${SOURCE}/src/model/nearest.c)
+    ${SOURCE}/src/model/nearest.c ${SOURCE}/src/model/columns.c ${SOURCE}/src/image/total_variation.c
+    ${SOURCE}/src/image/ssim.c)
 file(GLOB objects ${BUILD}/*/*.o)
-foreach(test engine/test_engine engine/test_operations test_kernels test_fft)
-    execute_process(COMMAND ${CC} ${flags} -O2 -ffp-contract=off ${SOURCE}/tests/${test}.c ${objects} -static -pthread
-        -lm -o ${BUILD}/program COMMAND_ERROR_IS_FATAL ANY)
+
+# run(SOURCES...): a test program.
+function(run)
+    execute_process(COMMAND ${CC} ${flags} -O2 -ffp-contract=off ${ARGN} ${objects} -static -pthread -lm
+        -o ${BUILD}/program COMMAND_ERROR_IS_FATAL ANY)
     execute_process(COMMAND ${QEMU} ${BUILD}/program COMMAND_ERROR_IS_FATAL ANY)
+endfunction()
+
+file(GLOB checks ${SOURCE}/tests/kernels/*.c)
+run(${checks})
+foreach(test engine/test_engine engine/test_operations engine/test_gaussians test_fft)
+    run(${SOURCE}/tests/${test}.c)
 endforeach()

@@ -36,26 +36,29 @@
 
 struct CMUnitTest {
     const char *name;
-    void (*test)(void **state);
+    void (*test_func)(void **state);
+    void *initial_state;
 };
 #define cmocka_unit_test(f)                                                                        \
     {                                                                                              \
-#f, f                                                                                      \
+        .name = #f, .test_func = f                                                                 \
     }
 
-static inline int neon_run(const struct CMUnitTest *tests, size_t n, int (*setup)(void **),
-                           int (*teardown)(void **))
+static inline int _cmocka_run_group_tests(const char *group, const struct CMUnitTest *tests,
+                                          size_t n, int (*setup)(void **), int (*teardown)(void **))
 {
-    void *state = NULL;
-    if (setup && setup(&state))
+    void *shared = NULL;
+    if (setup && setup(&shared))
         return 1;
     for (size_t i = 0; i < n; i++) {
-        tests[i].test(&state);
-        printf("%s\n", tests[i].name);
+        void *state = tests[i].initial_state ? tests[i].initial_state : shared;
+        tests[i].test_func(&state);
+        printf("%s: %s\n", group, tests[i].name);
     }
-    return teardown ? teardown(&state) : 0;
+    return teardown ? teardown(&shared) : 0;
 }
 #define cmocka_run_group_tests(tests, setup, teardown)                                             \
-    neon_run((tests), sizeof(tests) / sizeof((tests)[0]), (setup), (teardown))
+    _cmocka_run_group_tests("tests", (tests), sizeof(tests) / sizeof((tests)[0]), (setup),         \
+                            (teardown))
 
 #endif
