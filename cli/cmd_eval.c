@@ -6,7 +6,7 @@
 
 struct eval_config {
     struct model_options m;
-    bool json, per_view;
+    bool json, per_view, corrected;
 };
 
 static const struct sg_option eval_options[] = {
@@ -14,6 +14,10 @@ static const struct sg_option eval_options[] = {
     FLAG_ROW("json", offsetof(struct eval_config, json), "Print one JSON object.",
              .group = "Output"),
     FLAG_ROW("per-view", offsetof(struct eval_config, per_view), "Print each view's values too.",
+             .group = "Output"),
+    FLAG_ROW("match-colours", offsetof(struct eval_config, corrected),
+             "Measure also after matching the colours of each render to its photo's, as usual "
+             "where exposures differ: each channel by a factor and an offset.",
              .group = "Output"),
     {0},
 };
@@ -31,11 +35,21 @@ static int print_json(const struct eval_config *c, const struct model_views *v,
     json_t *root =
         json_pack("{s:f,s:f,s:f,s:i,s:I}", "psnr", e->psnr, "ssim", e->ssim, "fps", e->fps, "views",
                   (int) e->views, "gaussians", (json_int_t) v->model->count);
+    if (c->corrected) {
+        json_object_set_new(root, "corrected_psnr", number_json(e->corrected_psnr));
+        json_object_set_new(root, "corrected_ssim", number_json(e->corrected_ssim));
+    }
     json_t *list = c->per_view ? json_array() : NULL;
-    for (size_t i = 0; list && i < e->views; i++)
-        json_array_append_new(list, json_pack("{s:o,s:o,s:o}", "name", text_json(v->views[i].name),
-                                              "psnr", number_json(e->per_view[i].psnr), "ssim",
-                                              number_json(e->per_view[i].ssim)));
+    for (size_t i = 0; list && i < e->views; i++) {
+        const struct sg_view_score *score = &e->per_view[i];
+        json_t *view = json_pack("{s:o,s:o,s:o}", "name", text_json(v->views[i].name), "psnr",
+                                 number_json(score->psnr), "ssim", number_json(score->ssim));
+        if (c->corrected) {
+            json_object_set_new(view, "corrected_psnr", number_json(score->corrected_psnr));
+            json_object_set_new(view, "corrected_ssim", number_json(score->corrected_ssim));
+        }
+        json_array_append_new(list, view);
+    }
     if (list)
         json_object_set_new(root, "per_view", list);
     return json_print(root, 0);
@@ -49,7 +63,8 @@ static int run_eval(const void *config, const bool *given, const char *const *po
     struct sg_eval e = {0};
     int code = model_views_open(&v, positional[0], &command_eval, given, c, &c->m);
     if (!code) {
-        const int error = sg_evaluate(v.ctx, v.renderer, v.views, v.n, 1, &e);
+        const int error = sg_evaluate(v.ctx, v.renderer, v.views, v.n,
+                                      SG_EVAL_FPS | (c->corrected ? SG_EVAL_CORRECTED : 0), &e);
         if (error)
             code = report(v.ctx, error);
         else if (c->json)
@@ -62,6 +77,9 @@ static int run_eval(const void *config, const bool *given, const char *const *po
             }
             printf("PSNR %.3f  SSIM %.4f  FPS %.1f (mean %.1f)  %zu views  %zu Gaussians\n", e.psnr,
                    e.ssim, e.fps, e.fps_mean, e.views, v.model->count);
+            if (c->corrected)
+                printf("with matched colours: PSNR %.3f  SSIM %.4f\n", e.corrected_psnr,
+                       e.corrected_ssim);
         }
         if (v.ctx)
             sg_eval_clear(&e);

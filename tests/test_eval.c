@@ -123,12 +123,80 @@ static void evaluation_measures_a_flat_view(void **state)
     free(photos);
 }
 
+/* A photo that shows the render with another contrast and brightness is the render, once colours
+ * are matched, whatever is masked out. */
+static void matched_colours_undo_an_exposure(void **state)
+{
+    (void) state;
+    enum { SIDE = 40 };
+    sg_ctx *ctx = context(2);
+    static float rgb[3 * SIDE * SIDE];
+    static uint8_t photo[3 * SIDE * SIDE], mask[SIDE * SIDE];
+    struct sg_view view = {.camera = {.width = SIDE,
+                                      .height = SIDE,
+                                      .fx = SIDE,
+                                      .fy = SIDE,
+                                      .cx = SIDE / 2,
+                                      .cy = SIDE / 2,
+                                      .R = {1, 0, 0, 0, 1, 0, 0, 0, 1}},
+                           .rgb = photo};
+    struct sg_model *m;
+    sg_renderer *r;
+    struct sg_eval e;
+    assert_int_equal(sg_model_create(ctx, 3, 0, &m), SG_OK);
+    for (size_t i = 0; i < 3; i++) {
+        *sg_model_at(m, i, SG_P_XYZ) = 0.3f * (float) i - 0.3f;
+        *sg_model_at(m, i, SG_P_XYZ + 2) = 2;
+        *sg_model_at(m, i, SG_P_ROT) = 1;
+        *sg_model_at(m, i, SG_P_OPACITY) = 2;
+        for (int k = 0; k < 3; k++) {
+            *sg_model_at(m, i, SG_P_SCALE + k) = -1.5f;
+            *sg_model_at(m, i, SG_P_SH + k) = (float) ((i + (size_t) k) % 3) - 0.5f;
+        }
+    }
+    assert_int_equal(sg_renderer_create(ctx, "ref", NULL, m, NULL, &r), SG_OK);
+    assert_int_equal(sg_render(r, &view.camera, rgb, NULL, NULL, NULL), SG_OK);
+    for (int ch = 0; ch < 3; ch++)
+        for (int i = 0; i < SIDE * SIDE; i++)
+            photo[3 * i + ch] =
+                (uint8_t) (255 * ((0.5 + 0.1 * ch) * fmin((double) rgb[ch * SIDE * SIDE + i], 1) +
+                                  0.2) +
+                           0.5);
+    assert_int_equal(sg_evaluate(ctx, r, &view, 1, 0, &e), SG_OK);
+    assert_true(e.psnr < 20 && e.corrected_psnr == 0); /* not asked for */
+    sg_eval_clear(&e);
+    assert_int_equal(sg_evaluate(ctx, r, &view, 1, SG_EVAL_CORRECTED, &e), SG_OK);
+    assert_true(e.psnr < 20 && e.corrected_psnr > 48 && e.corrected_ssim > 0.99);
+    assert_true(e.per_view[0].corrected_psnr == e.corrected_psnr);
+    sg_eval_clear(&e);
+
+    /* what a mask leaves out is not matched to */
+    for (int i = 0; i < SIDE * SIDE; i++)
+        mask[i] = i < SIDE * SIDE / 2;
+    memset(photo + sizeof(photo) / 2, 255, sizeof(photo) / 2);
+    view.mask = mask;
+    assert_int_equal(sg_evaluate(ctx, r, &view, 1, SG_EVAL_CORRECTED, &e), SG_OK);
+    assert_true(e.psnr < 20 && e.corrected_psnr > 48);
+    sg_eval_clear(&e);
+    view.mask = NULL;
+
+    /* a flat photo says nothing: the render stays */
+    memset(photo, 100, sizeof(photo));
+    assert_int_equal(sg_evaluate(ctx, r, &view, 1, SG_EVAL_CORRECTED, &e), SG_OK);
+    assert_true(e.psnr == e.corrected_psnr && e.ssim == e.corrected_ssim);
+    sg_eval_clear(&e);
+    sg_renderer_destroy(&r);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(psnr_has_known_values),
         cmocka_unit_test(quantisation_clamps_and_rounds),
         cmocka_unit_test(evaluation_measures_a_flat_view),
+        cmocka_unit_test(matched_colours_undo_an_exposure),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

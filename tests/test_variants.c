@@ -3,6 +3,8 @@
  * which a run without the variant refuses. */
 #include <unistd.h>
 
+#include "train/exposure.h"
+#include "train/trainer.h"
 #include "training.h"
 
 static void assert_repeats(const struct sg_train_params *p, const struct sg_train_params *other)
@@ -74,11 +76,91 @@ static void test_mcmc(void **state)
     assert_repeats(&p, &other);
 }
 
+/* A photo that is darker than the others is explained by its exposure, not by the model. */
+static void test_exposure(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(2);
+    struct sg_train_params p = short_params();
+    const struct sg_train_params other = p;
+    sg_trainer *t;
+    p.exposure = true;
+    p.iterations = 120, p.densify_until_iter = 0;
+    for (size_t i = 0; i < 3 * SIDE * SIDE; i++)
+        f.views[2].rgb[i] = (uint8_t) (0.7 * f.views[2].rgb[i]);
+    f.scene.train = f.views;
+    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.truth, &p, &t), SG_OK);
+    for (int k = 0; k < SG_EXPOSURE; k++)
+        assert_true(sg_trainer_exposure(t, 2)[k] == (k % 5 == 0 ? 1 : 0));
+    while (sg_trainer_iteration(t) < 120)
+        assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+    for (size_t view = 0; view < VIEWS; view++)
+        for (int c = 0; c < 3; c++) {
+            const float *e = sg_trainer_exposure(t, view);
+            assert_true(view == 2 ? e[5 * c] < 0.92f : e[5 * c] > 0.95f);
+        }
+    sg_trainer_destroy(&t);
+    clear_fixture(&f);
+
+    p = other;
+    p.exposure = true;
+    assert_repeats(&p, &other);
+}
+
+/* A checkpoint's exposures must be numbers. */
+static void test_exposure_checkpoint(void **state)
+{
+    (void) state;
+    char path[] = "/tmp/sg_variant_XXXXXX";
+    struct fixture f = make_fixture(1);
+    struct sg_train_params p = short_params();
+    p.exposure = true;
+    close(mkstemp(path));
+    sg_trainer *t = begin_training(&f, &p);
+    t->exposures[SG_EXPOSURE + 3] = NAN;
+    assert_int_equal(sg_trainer_save(t, path), SG_OK);
+    sg_trainer_destroy(&t);
+    assert_int_equal(sg_trainer_resume(f.ctx, &f.scene, path, &p, &t), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(f.ctx), "section \"exposure\": found value 15 of nan"));
+    unlink(path);
+    clear_fixture(&f);
+}
+
+/* Steps of Adam with rates from 0.01 to 0.001, of all photos: those of others by momentum. */
+static void test_exposure_steps(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_train_params p = short_params();
+    float *e;
+    double gradient[SG_EXPOSURE] = {0};
+    assert_true(fabs(sg_exposure_lr(&p, 0) - 0.01) < 1e-9);
+    assert_true(fabs(sg_exposure_lr(&p, 20) - 0.01 / sqrt(10)) < 1e-8);
+    assert_true(fabs(sg_exposure_lr(&p, 40) - 0.001) < 1e-9);
+    assert_int_equal(sg_exposures_create(ctx, 2, &e), SG_OK);
+    gradient[0] = 2, gradient[7] = -3;
+    sg_exposures_step(e, 2, 1, gradient, &p, 0, 1);
+    for (int k = 0; k < 2 * SG_EXPOSURE; k++) {
+        const double start = k % SG_EXPOSURE % 5 == 0, moved = k == SG_EXPOSURE       ? -0.01
+                                                               : k == SG_EXPOSURE + 7 ? 0.01
+                                                                                      : 0;
+        assert_true(fabs((double) e[k] - start - moved) < 1e-7);
+    }
+    memset(gradient, 0, sizeof(gradient));
+    sg_exposures_step(e, 2, 0, gradient, &p, 0, 2); /* the other photo: m 0.18, v 0.003996 */
+    const double m = 0.9 * 0.2 / (1 - 0.81), v = 0.999 * 0.004 / (1 - 0.999 * 0.999);
+    assert_true(fabs((double) e[SG_EXPOSURE] - (0.99 - 0.01 * m / sqrt(v))) < 1e-6);
+    assert_true(e[0] == 1);
+    sg_free(e);
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_absgrad),
-        cmocka_unit_test(test_mcmc),
+        cmocka_unit_test(test_absgrad),        cmocka_unit_test(test_mcmc),
+        cmocka_unit_test(test_exposure),       cmocka_unit_test(test_exposure_checkpoint),
+        cmocka_unit_test(test_exposure_steps),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -26,21 +26,31 @@ SG_API int sg_ssim_u8(sg_ctx *ctx, const uint8_t *a, const uint8_t *b, int width
 SG_API void sg_quantise(const float *planar, int width, int height, uint8_t *rgb);
 
 struct sg_view_score {
-    double psnr, ssim; /* NAN if the mask leaves no pixel */
+    double psnr, ssim;                     /* NAN if the mask leaves no pixel */
+    double corrected_psnr, corrected_ssim; /* with SG_EVAL_CORRECTED, else 0 */
 };
 
 struct sg_eval {
     size_t views;
-    double psnr, ssim;              /* means over the views that have a used pixel */
+    double psnr, ssim; /* means over the views that have a used pixel */
+    double corrected_psnr, corrected_ssim;
     double fps, fps_mean;           /* from the median and the mean frame time; 0 unless timed */
     struct sg_view_score *per_view; /* views entries; owned by the eval: sg_eval_clear */
 };
 
-/* Renders n views and compares them with their photos, without masked pixels. time_fps: also
- * renders all views 3 times after 10 warm-up frames. After an error *out is empty. Errors:
- * SG_ERR_INPUT if there is no view or no used pixel, SG_ERR_BUDGET. */
+enum sg_eval_what {
+    SG_EVAL_FPS = 1, /* also renders all views 3 times after 10 warm-up frames */
+    /* Also compares after matching the colours of each render to its photo's, for photos whose
+     * exposure the model does not know: the least-squares fit of each channel of the render by a x
+     * photo + b is undone. */
+    SG_EVAL_CORRECTED = 2
+};
+
+/* Renders n views and compares them with their photos, without masked pixels. what: SG_EVAL_* or 0.
+ * After an error *out is empty. Errors: SG_ERR_INPUT if there is no view or no used pixel,
+ * SG_ERR_BUDGET. */
 SG_API int sg_evaluate(sg_ctx *ctx, sg_renderer *renderer, const struct sg_view *views, size_t n,
-                       int time_fps, struct sg_eval *out);
+                       int what, struct sg_eval *out);
 SG_API void sg_eval_clear(struct sg_eval *eval);
 
 #ifdef __cplusplus

@@ -76,6 +76,11 @@ struct sg_train_params {
      * photos and renders differ in. The measured level replaces every tolerance above 0. 0..1e9,
      * 0 = never, -1 = a tenth of densify_until_iter. Default -1. */
     int tolerance_look;
+    /* Each photo has an affine map of colours, which is learned with the model and shows how the
+     * photo was exposed. Renders are without. Default false. */
+    bool exposure;
+    float exposure_lr_init;    /* at the first iteration, 1e-12..1e3. Default 0.01. */
+    float exposure_lr_final;   /* at the last, 1e-12..1e3. Default 0.001. */
     float position_lr_init;    /* x scene extent. Default 1.6e-4. */
     float position_lr_final;   /* x scene extent. Default 1.6e-6. */
     int position_lr_max_steps; /* Default 30000. */
@@ -116,9 +121,10 @@ struct sg_train_params {
 
 #define SG_TRAIN_DEFAULTS                                                                          \
     .iterations = 30000, .seed = 42, .sh_degree = 3, .sh_interval = 1000, .lambda_dssim = 0.2f,    \
-    .tolerance_tv = 0.1f, .tolerance_look = -1, .position_lr_init = 1.6e-4f,                       \
-    .position_lr_final = 1.6e-6f, .position_lr_max_steps = 30000, .feature_lr = 0.0025f,           \
-    .opacity_lr = 0.05f, .scaling_lr = 0.005f, .rotation_lr = 0.001f, .percent_dense = 0.01f,      \
+    .tolerance_tv = 0.1f, .tolerance_look = -1, .exposure_lr_init = 0.01f,                         \
+    .exposure_lr_final = 0.001f, .position_lr_init = 1.6e-4f, .position_lr_final = 1.6e-6f,        \
+    .position_lr_max_steps = 30000, .feature_lr = 0.0025f, .opacity_lr = 0.05f,                    \
+    .scaling_lr = 0.005f, .rotation_lr = 0.001f, .percent_dense = 0.01f,                           \
     .densification_interval = 100, .densify_from_iter = 500, .densify_until_iter = 15000,          \
     .densify_grad_threshold = 0.0002f, .opacity_reset_interval = 3000, .init_points = 100000,      \
     .mcmc = {SG_MCMC_DEFAULTS}, .max_instances = 1u << 24, .defense = {SG_DEFENSE_DEFAULTS},       \
@@ -204,6 +210,10 @@ struct sg_train_limits {
 SG_API void sg_trainer_limits(const sg_trainer *trainer, struct sg_train_limits *out);
 /* Tolerance of the photo of a training view now, in grey levels; 0 = none. */
 SG_API float sg_trainer_tolerance(const sg_trainer *trainer, size_t view);
+/* The exposure of a training view's photo now, of a run that learns them: 3 rows of 4 numbers,
+ * where channel c of the photo is the sum over k of colour[k] row[k][c], and row[c][3]. NULL
+ * without. Valid until the next step. */
+SG_API const float *sg_trainer_exposure(const sg_trainer *trainer, size_t view);
 SG_API size_t sg_trainer_gaussians(const sg_trainer *trainer);
 SG_API void sg_trainer_times(const sg_trainer *trainer, struct sg_train_times *out);
 

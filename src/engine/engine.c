@@ -316,7 +316,12 @@ int sg_engine_read_image(struct sg_engine *e, float *rgb, float *alpha, float *d
 static int find_target(const struct sg_engine *e, const struct sg_target *t,
                        struct sg_target_pixels *out)
 {
-    *out = (struct sg_target_pixels){.photo = t->photo, .planes = t->planes};
+    *out =
+        (struct sg_target_pixels){.photo = t->photo, .planes = t->planes, .exposure = t->exposure};
+    if (t->exposure && !e->ops->exposure)
+        return sg_fail(e->ctx, SG_ERR_USAGE,
+                       "losses: found a photo with an exposure, which engine %s does not have",
+                       e->ops->name);
     if (!t->photo)
         return t->planes ? SG_OK
                          : sg_fail(e->ctx, SG_ERR_USAGE,

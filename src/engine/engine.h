@@ -12,6 +12,7 @@
 
 #include "core/internal.h"
 #include "losses.h"
+#include "math/exposure.h"
 #include "model/columns.h"
 #include "splatguard/camera.h"
 #include "splatguard/model.h"
@@ -36,6 +37,7 @@ struct sg_work {
     int sh_degree;
     bool accumulate; /* see sg_update */
     bool anisotropy; /* the losses have one */
+    bool exposure;   /* targets have one */
     int width, height, threads;
 };
 struct sg_footprint {
@@ -196,7 +198,8 @@ int sg_engine_read_gradients(struct sg_engine *e, struct sg_model *out);
 struct sg_step {
     struct sg_render_stats stats;
     struct sg_photometric_value photometric;
-    double loss[SG_LOSSES]; /* without their weights; NAN = not in the list */
+    double loss[SG_LOSSES];       /* without their weights; NAN = not in the list */
+    double exposure[SG_EXPOSURE]; /* dL/dexposure of the photometric loss, if the target has one */
 };
 /* Waits for all stages that were called; the only call that does, beside those that bring memory to
  * the host. */

@@ -13,6 +13,9 @@
 struct sg_target {
     uint32_t photo;      /* a handle, or 0 with planes */
     const float *planes; /* host, 3 planes: an image instead of the photo's; or NULL */
+    /* NULL, or the photo's exposure (math/exposure.h): the photometric loss compares what it makes
+     * of the render. The other losses are of the render itself. */
+    const float *exposure;
 };
 
 enum sg_loss_kind { SG_LOSS_PHOTOMETRIC, SG_LOSS_ANISOTROPY, SG_LOSS_TOTAL_VARIATION, SG_LOSSES };

@@ -21,6 +21,7 @@ struct sg_target_pixels {
     const uint8_t *rgb;  /* host, height x width x 3 */
     const uint8_t *mask; /* host, height x width, or NULL */
     const float *planes; /* host, 3 planes */
+    const float *exposure;
 };
 
 /* The beginning of every engine's own structure. */
@@ -47,6 +48,7 @@ struct sg_engine {
 struct sg_engine_ops {
     const char *name;
     bool absolute; /* it counts SG_GRADIENT_ABSOLUTE */
+    bool exposure; /* its photometric loss knows exposures */
     void (*destroy)(struct sg_engine *);
     const char *(*variant)(const struct sg_engine *);
 

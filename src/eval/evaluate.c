@@ -51,30 +51,77 @@ static double used_share(const uint8_t *mask, const uint8_t *render, size_t pixe
     return (double) used / (double) pixels;
 }
 
-static int score_view(sg_ctx *ctx, const struct sg_view *v, const uint8_t *render, uint8_t *photo,
-                      struct sg_view_score *score)
+/* The pixels that a score is of. */
+struct scored {
+    const struct sg_view *view;
+    uint8_t *photo, *render; /* bytes; the photo's masked pixels are the render's */
+    double share;            /* that the mask leaves */
+};
+
+static int score(sg_ctx *ctx, const struct scored *s, double *psnr, double *ssim)
 {
-    const int w = v->camera.width, h = v->camera.height;
-    const size_t pixels = (size_t) w * (size_t) h;
-    double share = 1;
-    const uint8_t *rgb;
-    int code = sg_photo_pixels(ctx, v, &rgb);
-    if (code)
-        return code;
-    memcpy(photo, rgb, 3 * pixels);
-    sg_view_release(v);
-    if (v->mask)
-        share = used_share(v->mask, render, pixels, photo);
-    code = sg_ssim_u8(ctx, render, photo, w, h, &score->ssim);
-    score->psnr =
-        share > 0 ? fmin(sg_psnr_u8(render, photo, w, h) + 10 * log10(share), EQUAL_PSNR) : NAN;
-    score->ssim = share > 0 ? score->ssim : NAN;
+    const int w = s->view->camera.width, h = s->view->camera.height;
+    const int code = sg_ssim_u8(ctx, s->render, s->photo, w, h, ssim);
+    *psnr = s->share > 0
+                ? fmin(sg_psnr_u8(s->render, s->photo, w, h) + 10 * log10(s->share), EQUAL_PSNR)
+                : NAN;
+    *ssim = s->share > 0 ? *ssim : NAN;
     return code;
 }
 
-int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t n, int time_fps,
+/* Undoes, in each channel, the best fit render = a photo + b over the used pixels. A render without
+ * such a relation stays as it is. */
+static void match_colours(const struct sg_view *v, const uint8_t *photo, float *rgb)
+{
+    const size_t pixels = (size_t) v->camera.width * (size_t) v->camera.height;
+    for (size_t ch = 0; ch < 3; ch++) {
+        double n = 0, x = 0, y = 0, xx = 0, xy = 0;
+        float *plane = rgb + ch * pixels;
+        for (size_t i = 0; i < pixels; i++) {
+            if (v->mask && !v->mask[i])
+                continue;
+            const double p = photo[3 * i + ch] / 255.0, r = fmin(fmax((double) plane[i], 0), 1);
+            n++, x += p, y += r, xx += p * p, xy += p * r;
+        }
+        const double spread = n * xx - x * x, a = (n * xy - x * y) / spread, b = (y - a * x) / n;
+        if (!(spread > 1e-8 * n * n) || !(fabs(a) > 1e-8))
+            continue;
+        for (size_t i = 0; i < pixels; i++)
+            plane[i] = (float) ((fmin(fmax((double) plane[i], 0), 1) - b) / a);
+    }
+}
+
+/* rgb: the render, which is lost. */
+static int score_view(sg_ctx *ctx, const struct sg_view *v, float *rgb, uint8_t *render,
+                      uint8_t *photo, int what, struct sg_view_score *out)
+{
+    const int w = v->camera.width, h = v->camera.height;
+    const size_t pixels = (size_t) w * (size_t) h;
+    struct scored s = {v, photo, render, 1};
+    const uint8_t *bytes;
+    int code = sg_photo_pixels(ctx, v, &bytes);
+    if (code)
+        return code;
+    memcpy(photo, bytes, 3 * pixels);
+    sg_view_release(v);
+    sg_quantise(rgb, w, h, render);
+    if (what & SG_EVAL_CORRECTED)
+        match_colours(v, photo, rgb);
+    if (v->mask)
+        s.share = used_share(v->mask, render, pixels, photo);
+    code = score(ctx, &s, &out->psnr, &out->ssim);
+    if (code || !(what & SG_EVAL_CORRECTED))
+        return code;
+    sg_quantise(rgb, w, h, render);
+    if (v->mask)
+        used_share(v->mask, render, pixels, photo);
+    return score(ctx, &s, &out->corrected_psnr, &out->corrected_ssim);
+}
+
+int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t n, int what,
                 struct sg_eval *out)
 {
+    const int time_fps = what & SG_EVAL_FPS;
     sg_clear_error(ctx);
     *out = (struct sg_eval){.views = n};
     if (!n)
@@ -94,18 +141,18 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
         goto done;
     for (size_t i = 0; i < n; i++) {
         const struct sg_camera *c = &views[i].camera;
-        struct sg_view_score *score = &out->per_view[i];
+        struct sg_view_score *view = &out->per_view[i];
         const size_t timed = time_fps ? WARM_UP + ROUNDS * n : 0;
         if ((code = sg_progress(ctx, SG_STAGE_EVALUATE, i, n + timed)) ||
             (code = sg_render(r, c, rgb, NULL, NULL, NULL)))
             goto done;
-        sg_quantise(rgb, c->width, c->height, bytes);
-        if ((code = score_view(ctx, &views[i], bytes, photo, score)))
+        if ((code = score_view(ctx, &views[i], rgb, bytes, photo, what, view)))
             goto done;
-        if (isnan(score->psnr))
+        if (isnan(view->psnr))
             continue;
         measured++;
-        out->psnr += score->psnr, out->ssim += score->ssim;
+        out->psnr += view->psnr, out->ssim += view->ssim;
+        out->corrected_psnr += view->corrected_psnr, out->corrected_ssim += view->corrected_ssim;
     }
     if (!(measured > 0)) {
         code = sg_fail(ctx, SG_ERR_INPUT,
@@ -113,6 +160,7 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
         goto done;
     }
     out->psnr /= measured, out->ssim /= measured;
+    out->corrected_psnr /= measured, out->corrected_ssim /= measured;
     if (time_fps)
         code = time_frames(ctx, r, views, n, rgb, out);
 done:

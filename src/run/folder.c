@@ -10,6 +10,7 @@
 
 #include "config.h"
 #include "core/file.h"
+#include "core/json_text.h"
 
 /* A Python string literal. */
 static void put_quoted(FILE *out, const char *text)
@@ -93,9 +94,9 @@ static DIR *open_folder(int at, const char *name, int links)
 /* NAME.tmpPID for a name that runs and attacks write. */
 static bool is_temporary(const char *file)
 {
-    static const char *const names[] = {"config.json",    "summary.json", "log.jsonl",
-                                        "checkpoint.bin", "cfg_args",     "cameras.json",
-                                        "input.ply",      "decoy.ply",    "point_cloud.ply"};
+    static const char *const names[] = {
+        "config.json",  "summary.json", "log.jsonl", "checkpoint.bin",  "cfg_args",
+        "cameras.json", "input.ply",    "decoy.ply", "point_cloud.ply", "exposure.json"};
     for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); i++) {
         const size_t n = strlen(names[i]);
         long pid;
@@ -140,7 +141,8 @@ static void clean_models(DIR *run, bool all)
  * Only files that a run writes are touched. */
 static void clean(const char *run, bool all)
 {
-    static const char *const files[] = {"summary.json", "log.jsonl", "checkpoint.bin"};
+    static const char *const files[] = {"summary.json", "log.jsonl", "checkpoint.bin",
+                                        "exposure.json"};
     DIR *d = open_folder(AT_FDCWD, run, 0);
     if (!d)
         return;
@@ -212,7 +214,30 @@ int sg_run_create_files(sg_ctx *ctx, const struct sg_run_params *p, const struct
     return code;
 }
 
-int sg_run_save_model(sg_ctx *ctx, const char *run, sg_trainer *trainer)
+/* The maps of the training photos by name, as the reference writes them. */
+static int save_exposures(sg_ctx *ctx, const char *run, const struct sg_scene *scene,
+                          const sg_trainer *trainer)
+{
+    json_t *root = json_object();
+    for (size_t i = 0; root && i < scene->n_train; i++) {
+        const float *e = sg_trainer_exposure(trainer, i);
+        json_t *rows = json_array();
+        for (int k = 0; k < 3; k++)
+            json_array_append_new(rows,
+                                  json_pack("[f,f,f,f]", (double) e[4 * k], (double) e[4 * k + 1],
+                                            (double) e[4 * k + 2], (double) e[4 * k + 3]));
+        json_t *name = sg_text_to_json(scene->train[i].name);
+        if (name)
+            json_object_set_new(root, json_string_value(name), rows);
+        else
+            json_decref(rows);
+        json_decref(name);
+    }
+    return sg_run_write_json(ctx, run, "exposure.json", root);
+}
+
+int sg_run_save_model(sg_ctx *ctx, const char *run, const struct sg_scene *scene,
+                      sg_trainer *trainer)
 {
     char name[64], *path;
     snprintf(name, sizeof(name), "point_cloud/iteration_%d/point_cloud.ply",
@@ -230,6 +255,8 @@ int sg_run_save_model(sg_ctx *ctx, const char *run, sg_trainer *trainer)
         code = sg_trainer_model(trainer, &m);
     if (!code)
         code = sg_model_write_ply(ctx, m, path);
+    if (!code && sg_trainer_exposure(trainer, 0))
+        code = save_exposures(ctx, run, scene, trainer);
     sg_model_destroy(&m);
     sg_free(path);
     return code;

@@ -28,7 +28,8 @@ void sg_run_remove_files(sg_ctx *ctx, const char *run);
 void sg_run_remove_temporary(const char *run);
 
 /* Model and checkpoint of the trainer's present iteration. */
-int sg_run_save_model(sg_ctx *ctx, const char *run, sg_trainer *trainer);
+int sg_run_save_model(sg_ctx *ctx, const char *run, const struct sg_scene *scene,
+                      sg_trainer *trainer);
 int sg_run_save_checkpoint(sg_ctx *ctx, const char *run, sg_trainer *trainer);
 
 #endif

@@ -26,7 +26,8 @@ static bool ask(sg_run *r, const struct sg_train_step *step)
     return r->stopped;
 }
 
-/* Measures the test views; fps only at the end. Where memory is short for that, the run goes on
+/* Measures the test views, also with matched colours where exposures are learned; fps only at the
+ * end. Where memory is short for that, the run goes on
  * without. */
 static int measure(sg_run *r, int time_fps)
 {
@@ -35,7 +36,8 @@ static int measure(sg_run *r, int time_fps)
     int code = sg_trainer_renderer(r->trainer, &renderer);
     if (!code) {
         sg_eval_clear(&r->eval);
-        code = sg_evaluate(r->ctx, renderer, r->scene->test, r->scene->n_test, time_fps, &r->eval);
+        const int what = (time_fps ? SG_EVAL_FPS : 0) | (r->train.exposure ? SG_EVAL_CORRECTED : 0);
+        code = sg_evaluate(r->ctx, renderer, r->scene->test, r->scene->n_test, what, &r->eval);
     }
     sg_renderer_destroy(&renderer);
     if (code == SG_ERR_BUDGET) {
@@ -68,7 +70,7 @@ static int save(sg_run *r)
 {
     /* The log's line at a checkpoint carries the totals that a resumed run goes on from. */
     note_error(r, sg_run_log_step(r));
-    int code = sg_run_save_model(r->ctx, r->params.folder, r->trainer);
+    int code = sg_run_save_model(r->ctx, r->params.folder, r->scene, r->trainer);
     if (code)
         return code;
     code = sg_run_save_checkpoint(r->ctx, r->params.folder, r->trainer);
@@ -155,7 +157,7 @@ static int end_early(sg_run *r, int error)
         r->totals.max_gaussians = gaussians;
     sg_clear_error(r->ctx);
     const int lost =
-        done > r->saved ? sg_run_save_model(r->ctx, r->params.folder, r->trainer) : SG_OK;
+        done > r->saved ? sg_run_save_model(r->ctx, r->params.folder, r->scene, r->trainer) : SG_OK;
     if (lost)
         sg_log(r->ctx, SG_LOG_WARN, "%s", sg_last_error(r->ctx));
     sg_clear_error(r->ctx);

@@ -133,7 +133,12 @@ int sg_run_log_noise(sg_run *r)
 
 int sg_run_log_eval(sg_run *r)
 {
-    return write_line(r, json_pack("{s:i,s:o,s:o}", "iteration", r->evaluated, "test_psnr",
-                                   sg_number_json(r->eval.psnr), "test_ssim",
-                                   sg_number_json(r->eval.ssim)));
+    json_t *line =
+        json_pack("{s:i,s:o,s:o}", "iteration", r->evaluated, "test_psnr",
+                  sg_number_json(r->eval.psnr), "test_ssim", sg_number_json(r->eval.ssim));
+    if (line && r->train.exposure) {
+        json_object_set_new(line, "corrected_psnr", sg_number_json(r->eval.corrected_psnr));
+        json_object_set_new(line, "corrected_ssim", sg_number_json(r->eval.corrected_ssim));
+    }
+    return write_line(r, line);
 }

@@ -122,6 +122,10 @@ int sg_run_write_summary(sg_run *r)
     if (r->eval.views && r->evaluated == done) {
         PUT("psnr", sg_number_json(r->eval.psnr));
         PUT("ssim", sg_number_json(r->eval.ssim));
+        if (r->train.exposure) {
+            PUT("corrected_psnr", sg_number_json(r->eval.corrected_psnr));
+            PUT("corrected_ssim", sg_number_json(r->eval.corrected_ssim));
+        }
     }
     if (r->eval.fps > 0 && r->evaluated == done) { /* timed at the end only */
         PUT("fps", sg_number_json(r->eval.fps));

@@ -41,6 +41,7 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
     const struct sg_work work = {.sh_degree = sh_degree,
                                  .accumulate = accumulate,
                                  .anisotropy = p->defense.on,
+                                 .exposure = p->exposure,
                                  .threads = sg_ctx_threads(ctx),
                                  .width = 1,
                                  .height = 1};

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The trainer's whole state in one file: a header, a section for each column that is saved (little
  * endian float32) and for the state of the strategy, then a checksum of everything before it. */
+#include <math.h>
 #include <string.h>
 
 #define XXH_INLINE_ALL
@@ -9,6 +10,7 @@
 #include "begin.h"
 #include "checkpoint.h"
 #include "core/file.h"
+#include "exposure.h"
 #include "scene/reader.h"
 #include "trainer.h"
 
@@ -129,14 +131,30 @@ static int put_columns(sg_trainer *t, struct hashed *sink, struct sg_model *scra
     return SG_OK;
 }
 
-static void put_strategy(const sg_trainer *t, struct hashed *sink)
+/* A section that is no column. */
+static void put_numbers(struct hashed *sink, const char *title, const void *numbers, uint64_t bytes)
 {
-    struct sg_checkpoint_section head = {.bytes = t->strategy->state_bytes};
-    if (!head.bytes)
-        return;
-    title_of_strategy(t->strategy, head.title);
+    struct sg_checkpoint_section head = {.bytes = bytes};
+    snprintf(head.title, sizeof(head.title), "%s", title);
     put(sink, &head, sizeof(head));
-    put(sink, t->strategy_state, head.bytes);
+    put(sink, numbers, bytes);
+}
+
+#define EXPOSURE "exposure"
+
+static uint64_t exposure_bytes(const sg_trainer *t)
+{
+    return t->exposures ? t->scene->n_train * SG_EXPOSURE_FLOATS * sizeof(float) : 0;
+}
+
+static void put_state(const sg_trainer *t, struct hashed *sink)
+{
+    char title[24];
+    title_of_strategy(t->strategy, title);
+    if (t->strategy->state_bytes)
+        put_numbers(sink, title, t->strategy_state, t->strategy->state_bytes);
+    if (t->exposures)
+        put_numbers(sink, EXPOSURE, t->exposures, exposure_bytes(t));
 }
 
 /* A model's worth of memory for any column's array. */
@@ -163,26 +181,26 @@ int sg_trainer_save(sg_trainer *t, const char *path)
     int code = alloc_scratch(t, &m);
     if (code || (code = sg_file_create(ctx, &w, path)))
         goto done;
-    struct sg_checkpoint_header h = {.count = m.count,
-                                     .sh_degree = m.sh_degree,
-                                     .iteration = t->iteration,
-                                     .start_degree = t->start_degree,
-                                     .cameras = cameras_hash(t->scene),
-                                     .seed = t->params.seed,
-                                     .views = t->scene->n_train,
-                                     .extent = t->extent,
-                                     .steps = t->steps,
-                                     .spent = t->params.max_seconds > 0
-                                                  ? sg_trainer_elapsed(t)
-                                                  : 0, /* else the same bytes always */
-                                     .noise = t->noise,
-                                     .gaussians_bound = t->gaussians_bound,
-                                     .time_bound = t->time_bound,
-                                     .photos = t->photos_hash,
-                                     .parameters = t->identity.parameters,
-                                     .strength = t->identity.strength,
-                                     .kind = t->identity.kind,
-                                     .sections = t->strategy->state_bytes > 0};
+    struct sg_checkpoint_header h = {
+        .count = m.count,
+        .sh_degree = m.sh_degree,
+        .iteration = t->iteration,
+        .start_degree = t->start_degree,
+        .cameras = cameras_hash(t->scene),
+        .seed = t->params.seed,
+        .views = t->scene->n_train,
+        .extent = t->extent,
+        .steps = t->steps,
+        .spent =
+            t->params.max_seconds > 0 ? sg_trainer_elapsed(t) : 0, /* else the same bytes always */
+        .noise = t->noise,
+        .gaussians_bound = t->gaussians_bound,
+        .time_bound = t->time_bound,
+        .photos = t->photos_hash,
+        .parameters = t->identity.parameters,
+        .strength = t->identity.strength,
+        .kind = t->identity.kind,
+        .sections = (t->strategy->state_bytes > 0) + (t->exposures != NULL)};
     for (int c = 0; c < SG_COLUMNS; c++)
         h.sections += is_saved(c);
     memcpy(h.magic, MAGIC, sizeof(h.magic));
@@ -193,7 +211,7 @@ int sg_trainer_save(sg_trainer *t, const char *path)
     put(&sink, &h, sizeof(h));
     if ((code = put_columns(t, &sink, &m)))
         goto done;
-    put_strategy(t, &sink);
+    put_state(t, &sink);
     const uint64_t digest = XXH3_64bits_digest(&sink.hash);
     fwrite(&digest, sizeof(digest), 1, w.stream);
     code = sg_file_commit(ctx, &w);
@@ -315,6 +333,9 @@ static int torn(sg_ctx *ctx, const char *path)
                    path);
 }
 
+/* Of a checkpoint: columns, then these. */
+enum { STRATEGY_STATE = SG_COLUMNS, EXPOSURES, SECTIONS };
+
 /* A checkpoint on its way into memory. */
 struct reading {
     const sg_trainer *t;
@@ -323,8 +344,8 @@ struct reading {
     size_t n, kept; /* Gaussians in the file, and those that stay */
     struct sg_model *m;
     struct sg_columns columns;
-    void *state;                /* of the strategy */
-    bool found[SG_COLUMNS + 1]; /* the last: the strategy's section */
+    void *state; /* of the strategy */
+    bool found[SECTIONS];
 };
 
 /* Of a column of n Gaussians those `kept` of them that stay. */
@@ -347,16 +368,37 @@ static bool get_column(struct reading *r, int c)
     return true;
 }
 
-/* The column that a section is of, SG_COLUMNS: the strategy's state; -1: neither. */
+static uint64_t section_bytes(const struct reading *r, int c)
+{
+    return c == STRATEGY_STATE ? r->t->strategy->state_bytes
+           : c == EXPOSURES    ? exposure_bytes(r->t)
+           : is_saved(c)       ? column_bytes(c, r->n, r->m->sh_degree)
+                               : 0;
+}
+
+static void section_title(const struct reading *r, int c, char title[24])
+{
+    if (c == STRATEGY_STATE)
+        title_of_strategy(r->t->strategy, title);
+    else
+        snprintf(title, 24, "%s", c == EXPOSURES ? EXPOSURE : sg_columns[c].name);
+}
+
+/* A section that this run has. sh_rest of degree 0 is there, without a byte. */
+static bool is_expected(const struct reading *r, int c)
+{
+    return c < SG_COLUMNS ? is_saved(c) : section_bytes(r, c) > 0;
+}
+
+/* Which one it is; -1: none of this run's. */
 static int find_section(const struct reading *r, const struct sg_checkpoint_section *s)
 {
     char title[sizeof(s->title)];
-    title_of_strategy(r->t->strategy, title);
-    if (r->t->strategy->state_bytes && !strncmp(s->title, title, sizeof(title)))
-        return SG_COLUMNS;
-    for (int c = 0; c < SG_COLUMNS; c++)
-        if (is_saved(c) && !strncmp(s->title, sg_columns[c].name, sizeof(s->title)))
+    for (int c = 0; c < SECTIONS; c++) {
+        section_title(r, c, title);
+        if (is_expected(r, c) && !strncmp(s->title, title, sizeof(title)))
             return c;
+    }
     return -1;
 }
 
@@ -382,8 +424,7 @@ static int get_section(struct reading *r)
     r->found[c] = true;
     const int degree = r->m->sh_degree;
     const uint32_t planes = c < SG_COLUMNS ? (uint32_t) sg_column_planes(c, degree) : 0;
-    const uint64_t bytes =
-        c < SG_COLUMNS ? column_bytes(c, r->n, degree) : r->t->strategy->state_bytes;
+    const uint64_t bytes = section_bytes(r, c);
     if (s.planes != planes || s.bytes != bytes)
         return sg_fail(
             ctx, SG_ERR_INPUT,
@@ -391,7 +432,9 @@ static int get_section(struct reading *r)
             "%u and %llu",
             path, at, title, s.planes, (unsigned long long) s.bytes, planes,
             (unsigned long long) bytes);
-    const bool whole = c < SG_COLUMNS ? get_column(r, c) : get(&r->in, r->state, (size_t) bytes);
+    const bool whole =
+        c < SG_COLUMNS ? get_column(r, c)
+                       : get(&r->in, c == EXPOSURES ? r->t->exposures : r->state, (size_t) bytes);
     return whole ? SG_OK : torn(ctx, path);
 }
 
@@ -401,11 +444,13 @@ static int check_end(struct reading *r)
     sg_ctx *ctx = r->t->ctx;
     const struct sg_strategy *strategy = r->t->strategy;
     char title[24];
-    title_of_strategy(strategy, title);
-    for (int c = 0; c <= SG_COLUMNS; c++)
-        if (!r->found[c] && (c < SG_COLUMNS ? is_saved(c) : strategy->state_bytes > 0))
+    for (int c = 0; c < SECTIONS; c++) {
+        section_title(r, c, title);
+        if (!r->found[c] && is_expected(r, c))
             return sg_fail(ctx, SG_ERR_INPUT, "%s: found no section \"%s\", expected one",
-                           r->c->path, c < SG_COLUMNS ? sg_columns[c].name : title);
+                           r->c->path, title);
+    }
+    title_of_strategy(strategy, title);
     uint64_t digest = 0;
     if (fread(&digest, sizeof(digest), 1, r->in.stream) != 1 || fgetc(r->in.stream) != EOF ||
         digest != XXH3_64bits_digest(&r->in.hash))
@@ -414,6 +459,12 @@ static int check_end(struct reading *r)
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: section \"%s\": found a state that iteration %d cannot have",
                        r->c->path, title, r->c->header.iteration);
+    for (size_t i = 0; i < exposure_bytes(r->t) / sizeof(float); i++)
+        if (!isfinite(r->t->exposures[i]))
+            return sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: section \"" EXPOSURE "\": found value %zu of %g, expected finite "
+                           "numbers",
+                           r->c->path, i, (double) r->t->exposures[i]);
     return SG_OK;
 }
 

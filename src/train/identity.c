@@ -61,6 +61,9 @@ struct sg_identity sg_train_identity(const struct sg_train_params *p)
     uint64_t parameters = sg_hash_numbers(numbers, sizeof(numbers) / sizeof(numbers[0]));
     if (p->strategy == SG_STRATEGY_MCMC)
         parameters = XXH3_64bits_withSeed(mcmc, sizeof(mcmc), parameters);
+    const double exposure[] = {(double) p->exposure_lr_init, (double) p->exposure_lr_final};
+    if (p->exposure)
+        parameters = XXH3_64bits_withSeed(exposure, sizeof(exposure), parameters);
     if (p->absgrad)
         parameters = XXH3_64bits_withSeed("absgrad", strlen("absgrad"), parameters);
     return (struct sg_identity){

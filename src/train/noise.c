@@ -23,6 +23,14 @@ static int measure_view(sg_trainer *t, size_t view, int sh_degree, float *image,
     int code = sg_engine_draw(t->engine, &v->camera, sh_degree, &render, false);
     if (!code)
         code = sg_engine_read_image(t->engine, image, NULL, NULL);
+    const float *exposure = sg_trainer_exposure(t, view);
+    const size_t n = (size_t) v->camera.width * (size_t) v->camera.height;
+    for (size_t i = 0; i < n && exposure && !code; i++) {
+        const float colour[3] = {image[i], image[n + i], image[2 * n + i]};
+        float shown[3];
+        sg_expose(exposure, colour, shown);
+        image[i] = shown[0], image[n + i] = shown[1], image[2 * n + i] = shown[2];
+    }
     const uint8_t *rgb;
     if (code || (code = sg_photo_pixels(t->ctx, v, &rgb)))
         return code;

@@ -48,6 +48,13 @@ static const struct sg_option train_options[] = {
     SG_FLAG("random-background", random_background, "A random background colour each iteration.",
             LOSS, EXPERT),
     FLOAT("lambda-dssim", lambda_dssim, 0, 1, "Weight of 1 - SSIM against L1.", LOSS, EXPERT),
+    SG_FLAG(
+        "exposure", exposure,
+        "Learn how each photo was exposed, as an affine map of colours. Test views are measured "
+        "without, and after matching colours.",
+        LOSS),
+    FLOAT("exposure-lr-init", exposure_lr_init, 1e-12, 1000, "Exposures, at the start.", RATES),
+    FLOAT("exposure-lr-final", exposure_lr_final, 1e-12, 1000, "Exposures, at the end.", RATES),
     FLOAT("position-lr-init", position_lr_init, 1e-12, 1000,
           "Position, at the start, in scene extents.", RATES),
     FLOAT("position-lr-final", position_lr_final, 1e-12, 1000,
@@ -75,7 +82,7 @@ static const struct sg_option train_options[] = {
     INTEGER("densify-until-iter", densify_until_iter, 0, 1e9, "Densify before this iteration.",
             DENSIFY, EXPERT),
     FLOAT("densify-grad-threshold", densify_grad_threshold, 0, 1e9,
-          "Mean view-space gradient that makes a Gaussian grow.", DENSIFY),
+          "Mean view-space gradient that makes a Gaussian grow.", DENSIFY, EXPERT),
     SG_FLAG("absgrad", absgrad,
             "Growth follows from the sum over pixels of absolute gradients; use a higher "
             "--densify-grad-threshold, 0.0008.",

@@ -8,6 +8,7 @@
 #include "begin.h"
 #include "checkpoint.h"
 #include "core/clock.h"
+#include "exposure.h"
 #include "math/constants.h"
 #include "renderer.h"
 #include "scene/photo.h"
@@ -90,6 +91,7 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
     if ((code = sg_budget_plan(ctx, scene, &t->params, t->sh_degree, bytes_held(start->initial),
                                start->sums, &t->budget)) ||
         (code = alloc_state(t)) ||
+        (t->params.exposure && (code = sg_exposures_create(ctx, scene->n_train, &t->exposures))) ||
         (code = sg_engine_create(ctx, t->params.engine, t->params.cpu, &t->engine)) ||
         (code = sg_engine_set_statistic(t->engine, t->params.absgrad ? SG_GRADIENT_ABSOLUTE
                                                                      : SG_GRADIENT_NORM)) ||
@@ -151,6 +153,7 @@ void sg_trainer_destroy(sg_trainer **trainer)
     sg_trainer *t = *trainer;
     sg_engine_destroy(&t->engine);
     sg_free(t->strategy_state);
+    sg_free(t->exposures);
     sg_free(t->photos);
     sg_free(t->order);
     sg_free(t);
@@ -233,6 +236,11 @@ float sg_trainer_tolerance(const sg_trainer *t, size_t view)
     return p->tolerances[view] > 0 && t->noise > 0 ? (float) t->noise : p->tolerances[view];
 }
 
+const float *sg_trainer_exposure(const sg_trainer *t, size_t view)
+{
+    return t->exposures ? t->exposures + view * SG_EXPOSURE : NULL;
+}
+
 /* The losses of a view; returns their number. */
 static size_t list_losses(const sg_trainer *t, size_t view, struct sg_loss out[SG_LOSSES])
 {
@@ -269,7 +277,10 @@ static int compare(sg_trainer *t, size_t index, const struct sg_loss *losses, si
         code =
             sg_engine_photo_add(t->engine, v->camera.width, v->camera.height, rgb, v->mask, &photo);
     if (!code)
-        code = sg_engine_losses(t->engine, &(struct sg_target){.photo = photo}, losses, n);
+        code = sg_engine_losses(
+            t->engine,
+            &(struct sg_target){.photo = photo, .exposure = sg_trainer_exposure(t, index)}, losses,
+            n);
     if (v->lazy) {
         sg_engine_photo_drop(t->engine, photo);
         sg_view_release(v);
@@ -326,6 +337,9 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     t->steps++;
     if ((code = sg_engine_read_step(t->engine, &result)))
         return code;
+    if (t->exposures && it < p->iterations)
+        sg_exposures_step(t->exposures, t->scene->n_train, step.view, result.exposure, p, it,
+                          t->steps);
     const struct sg_photometric_value value = result.photometric;
     step.render = result.stats;
     if (d->on) {

@@ -41,6 +41,14 @@ expect 0 render run -o floats --float --split train --quiet
 [ "$(head -n 2 floats/r_0.pfm | tr "\n" " ")" = "PF 64 48 " ] || fail "not a PFM"
 [ "$(wc -c <floats/r_0.pfm)" = $((14 + 64 * 48 * 12)) ] || fail "PFM of $(wc -c <floats/r_0.pfm) bytes"
 
+# Exposures: a map for each training photo; test views are measured with and without matched colours.
+expect 0 train scene/blender -o exposed --eval $short --init-points 500 --exposure
+[ "$(grep -c '"r_' exposed/exposure.json)" = 6 ] || fail "exposure.json: $(cat exposed/exposure.json)"
+grep -q '"corrected_psnr":' exposed/summary.json || fail "summary.json has no corrected_psnr"
+expect 0 eval exposed --json --match-colours --per-view
+[ "$(grep -o corrected_psnr out | wc -l)" = 3 ] || fail "$(cat out)"
+grep -q corrected run/summary.json && fail "a run without exposures has matched colours"
+
 expect 0 info run; grep -q 'SH degree 3' out || fail "$(cat out)"
 expect 0 info $model --json; grep -q '"nonfinite": 0' out || fail "$(cat out)"
 

@@ -6,6 +6,7 @@
 
 #include "bin.h"
 #include "dispatch.h"
+#include "engine/host/exposure.h"
 #include "engine/host/host_model.h"
 #include "engine/host/image_losses.h"
 #include "engine/ops.h"
@@ -31,6 +32,7 @@ struct cpu_engine {
     size_t loss_scratch_floats;
     size_t sums_rows;
     struct sg_image_losses image_losses;
+    struct sg_host_exposure exposed;
     int most_bands; /* of a view so far; only for the log */
 };
 
@@ -40,6 +42,7 @@ static void destroy(struct sg_engine *base)
     sg_host_clear(&b->model);
     sg_bins_clear(&b->bins);
     sg_image_losses_clear(&b->image_losses);
+    sg_host_exposure_clear(&b->exposed);
     void *owned[] = {b->splats, b->slots,    b->band_sums,    b->rgb, b->alpha,
                      b->depth,  b->gradient, b->loss_scratch, b->sums};
     for (size_t i = 0; i < sizeof(owned) / sizeof(owned[0]); i++)
@@ -271,7 +274,9 @@ static int photometric(struct sg_engine *base, const struct sg_target_pixels *ta
         b->loss_scratch_floats = scratch;
     }
     if (sg_grow(base->ctx, SG_MEM_FRAME, &b->sums, &b->sums_rows, (size_t) height, 0,
-                9 * sizeof(double)))
+                9 * sizeof(double)) ||
+        (target->exposure &&
+         sg_host_expose(base->ctx, &b->exposed, target->exposure, b->rgb, b->camera.width, height)))
         return SG_ERR_BUDGET;
     /* Each piece computes ten rows that are its neighbours': the fewer the better, but the threads
      * should end together. */
@@ -279,7 +284,7 @@ static int photometric(struct sg_engine *base, const struct sg_target_pixels *ta
     struct loss_job job = {.kernels = b->kernels,
                            .args = {.width = b->camera.width,
                                     .height = height,
-                                    .rgb = b->rgb,
+                                    .rgb = target->exposure ? b->exposed.image : b->rgb,
                                     .target = target,
                                     .params = p,
                                     .gradient = b->gradient,
@@ -288,6 +293,9 @@ static int photometric(struct sg_engine *base, const struct sg_target_pixels *ta
                            .scratch = b->loss_scratch};
     sg_parallel_for(base->ctx, 3 * (((size_t) height + (size_t) job.rows - 1) / (size_t) job.rows),
                     loss_rows, &job);
+    if (target->exposure)
+        sg_host_expose_backward(base->ctx, &b->exposed, target->exposure, b->rgb, b->camera.width,
+                                height, b->gradient, base->step.exposure);
     double sums[3] = {0};
     for (int row = 0; row < 3 * b->camera.height; row++)
         for (int k = 0; k < 3; k++)
@@ -575,6 +583,7 @@ static int ascend(struct sg_engine *base, const struct sg_ascend *a)
 static const struct sg_engine_ops ops = {
     .name = "cpu",
     .absolute = true,
+    .exposure = true,
     .destroy = destroy,
     .variant = variant,
     .upload = upload,
@@ -647,8 +656,9 @@ static struct sg_footprint footprint(const struct sg_work *w)
                                 sizeof(uint32_t) + 2 * sizeof(struct bin_entry) +
                                 SLOT_BYTES; /* slot: of the bands' sums */
     const uint64_t instance = sizeof(struct cpu_instance) + sizeof(uint16_t) + SLOT_BYTES;
-    const uint64_t pixel =
-        5 * 3 * sizeof(float) + 2 * sizeof(float); /* image, gradient, spectra; alpha, depth */
+    const uint64_t pixel = 5 * 3 * sizeof(float) +
+                           2 * sizeof(float) /* image, gradient, spectra; alpha, depth */
+                           + (w->exposure ? GROWN(3 * sizeof(float)) : 0);
     /* Rows of the loss and of the transforms; slack. */
     const uint64_t column =
         sizeof(float) * (CPU_LOSS_SCRATCH_ROWS + (w->anisotropy ? 2 * SG_FFT_POINT : 0)) + 128;

@@ -222,8 +222,9 @@ static float window_sum(const float *values, int stride, int width, int height, 
     return (float) sum;
 }
 
-static int photometric(struct sg_engine *base, const struct sg_target_pixels *target,
-                       const struct sg_photometric *p)
+/* image: the render, or what the target's exposure makes of it. */
+static void compare(struct sg_engine *base, const float *image,
+                    const struct sg_target_pixels *target, const struct sg_photometric *p)
 {
     struct ref_engine *b = (struct ref_engine *) base;
     const int w = b->image.width, h = b->image.height;
@@ -232,7 +233,7 @@ static int photometric(struct sg_engine *base, const struct sg_target_pixels *ta
     double l1 = 0, mse = 0, ssim = 0;
     float *X = b->scratch, *Y = X + n, *M = X + 2 * n, *XX = X + 3 * n, *XY = X + 4 * n;
     for (int ch = 0; ch < 3; ch++) {
-        const float *img = b->image.rgb + (size_t) ch * n;
+        const float *img = image + (size_t) ch * n;
         float *grad = b->gradient + (size_t) ch * n;
         for (size_t i = 0; i < n; i++) {
             X[i] = img[i];
@@ -281,6 +282,44 @@ static int photometric(struct sg_engine *base, const struct sg_target_pixels *ta
     base->step.photometric =
         sg_photometric_value_of(l1 / values, mse / values, ssim / values, p->lambda_dssim);
     base->step.loss[SG_LOSS_PHOTOMETRIC] = base->step.photometric.total;
+}
+
+static int photometric(struct sg_engine *base, const struct sg_target_pixels *target,
+                       const struct sg_photometric *p)
+{
+    struct ref_engine *b = (struct ref_engine *) base;
+    const size_t n = pixels(b);
+    const float *e = target->exposure, *rgb = b->image.rgb;
+    if (!e) {
+        compare(base, rgb, target, p);
+        return SG_OK;
+    }
+    float *image = sg_alloc(base->ctx, SG_MEM_FRAME, n, 3 * sizeof(float));
+    if (!image)
+        return SG_ERR_BUDGET;
+    for (size_t i = 0; i < n; i++)
+        for (size_t c = 0; c < 3; c++) {
+            for (size_t k = 0; k < 3; k++)
+                image[c * n + i] += rgb[k * n + i] * e[4 * k + c];
+            image[c * n + i] += e[4 * c + 3];
+        }
+    compare(base, image, target, p);
+    memset(base->step.exposure, 0, sizeof(base->step.exposure));
+    for (size_t i = 0; i < n; i++) {
+        double g[3];
+        for (size_t c = 0; c < 3; c++)
+            g[c] = (double) b->gradient[c * n + i];
+        for (size_t k = 0; k < 3; k++) {
+            double sum = 0;
+            for (size_t c = 0; c < 3; c++) {
+                sum += g[c] * (double) e[4 * k + c];
+                base->step.exposure[4 * k + c] += g[c] * (double) rgb[k * n + i];
+            }
+            base->step.exposure[4 * k + 3] += g[k];
+            b->gradient[k * n + i] = (float) sum;
+        }
+    }
+    sg_free(image);
     return SG_OK;
 }
 
@@ -451,6 +490,7 @@ static int explore(struct sg_engine *base, const struct sg_exploration *x)
 static const struct sg_engine_ops ops = {
     .name = "ref",
     .absolute = true,
+    .exposure = true,
     .destroy = destroy,
     .variant = variant,
     .upload = upload,
@@ -494,7 +534,8 @@ static struct sg_footprint footprint(const struct sg_work *w)
     const uint64_t projection = sizeof(struct ref_splat) + sizeof(struct ref_entry);
     return (struct sg_footprint){
         .gaussian = sg_host_footprint(w, true) + projection + projection / 2,
-        .view = (uint64_t) w->width * (uint64_t) w->height * (21 * sizeof(float) + sizeof(int)),
+        .view = (uint64_t) w->width * (uint64_t) w->height *
+                ((w->exposure ? 24 : 21) * sizeof(float) + sizeof(int)),
     };
 }
 
