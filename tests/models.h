@@ -133,6 +133,7 @@ struct loss_case {
     float lambda_dssim, tolerance;
     const uint8_t *target, *mask; /* as of a photo; target NULL: planes */
     const float *planes;          /* as of struct sg_target */
+    float low_pass;
 };
 
 /* Of the view that the engine has drawn, and dL/dimage. */
@@ -141,7 +142,7 @@ static inline struct sg_photometric_value lose(struct sg_engine *b, const struct
     struct sg_step step;
     struct sg_target target = {.planes = c->planes};
     const struct sg_loss loss = {
-        SG_LOSS_PHOTOMETRIC, 1, {.photometric = {c->lambda_dssim, c->tolerance}}};
+        SG_LOSS_PHOTOMETRIC, 1, {.photometric = {c->lambda_dssim, c->tolerance, c->low_pass}}};
     static const uint8_t unused[1];
     if (c->target || c->mask)
         assert_int_equal(sg_engine_photo_add(b, b->width, b->height, c->target ? c->target : unused,

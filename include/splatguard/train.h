@@ -76,6 +76,11 @@ struct sg_train_params {
      * photos and renders differ in. The measured level replaces every tolerance above 0. 0..1e9,
      * 0 = never, -1 = a tenth of densify_until_iter. Default -1. */
     int tolerance_look;
+    /* The loss of photos with a tolerance, in the last tenth of the iterations: weight of the mean
+     * squared difference from the photo itself after a low-pass filter. Where any photo has a
+     * tolerance, the colours alone learn in these iterations. So contrast below the tolerance comes
+     * back as far as many pixels of many photos agree on it. 0..1000, 0 = off. Default 20. */
+    float tolerance_colours;
     /* Each photo has an affine map of colours, which is learned with the model and shows how the
      * photo was exposed. Renders are without. Default false. */
     bool exposure;
@@ -121,10 +126,10 @@ struct sg_train_params {
 
 #define SG_TRAIN_DEFAULTS                                                                          \
     .iterations = 30000, .seed = 42, .sh_degree = 3, .sh_interval = 1000, .lambda_dssim = 0.2f,    \
-    .tolerance_tv = 0.1f, .tolerance_look = -1, .exposure_lr_init = 0.01f,                         \
-    .exposure_lr_final = 0.001f, .position_lr_init = 1.6e-4f, .position_lr_final = 1.6e-6f,        \
-    .position_lr_max_steps = 30000, .feature_lr = 0.0025f, .opacity_lr = 0.05f,                    \
-    .scaling_lr = 0.005f, .rotation_lr = 0.001f, .percent_dense = 0.01f,                           \
+    .tolerance_tv = 0.1f, .tolerance_look = -1, .tolerance_colours = 20,                           \
+    .exposure_lr_init = 0.01f, .exposure_lr_final = 0.001f, .position_lr_init = 1.6e-4f,           \
+    .position_lr_final = 1.6e-6f, .position_lr_max_steps = 30000, .feature_lr = 0.0025f,           \
+    .opacity_lr = 0.05f, .scaling_lr = 0.005f, .rotation_lr = 0.001f, .percent_dense = 0.01f,      \
     .densification_interval = 100, .densify_from_iter = 500, .densify_until_iter = 15000,          \
     .densify_grad_threshold = 0.0002f, .opacity_reset_interval = 3000, .init_points = 100000,      \
     .mcmc = {SG_MCMC_DEFAULTS}, .max_instances = 1u << 24, .defense = {SG_DEFENSE_DEFAULTS},       \

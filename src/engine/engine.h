@@ -38,6 +38,7 @@ struct sg_work {
     bool accumulate; /* see sg_update */
     bool anisotropy; /* the losses have one */
     bool exposure;   /* targets have one */
+    bool low_pass;   /* the photometric loss has that term */
     int width, height, threads;
 };
 struct sg_footprint {

@@ -23,16 +23,22 @@ enum sg_loss_kind { SG_LOSS_PHOTOMETRIC, SG_LOSS_ANISOTROPY, SG_LOSS_TOTAL_VARIA
 /* (1 - lambda) L1 + lambda (1 - SSIM). The target of a value is the nearest to the render within
  * `tolerance` of the photo, for L1 and SSIM alike. It counts as a constant, and a value that is its
  * own target has no gradient. So a change of the photo by at most `tolerance` has no gradient at a
- * model that shows the unchanged photo. */
+ * model that shows the unchanged photo.
+ *
+ * low_pass adds low_pass x the mean of the squared differences from the photo itself after a
+ * low-pass filter, the window of SSIM. What oscillates in a changed photo is small there. Where the
+ * photo is within `tolerance` of black (of white), a darker (brighter) render counts as equal,
+ * because there a change can only have gone to one side. */
 struct sg_photometric {
     float lambda_dssim;
     float tolerance; /* 0..1, of the value range; 0: the target is the photo */
+    float low_pass;  /* weight */
 };
 
 struct sg_photometric_value {
     double l1, ssim; /* means over all values; masked-out pixels count as equal */
     double mse;      /* on unclamped values */
-    double total;    /* (1 - lambda) l1 + lambda (1 - ssim) */
+    double total;    /* (1 - lambda) l1 + lambda (1 - ssim), and the low-pass term */
 };
 
 struct sg_loss {

@@ -42,6 +42,8 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
                                  .accumulate = accumulate,
                                  .anisotropy = p->defense.on,
                                  .exposure = p->exposure,
+                                 .low_pass = (p->tolerance > 0 || p->tolerances) &&
+                                             p->tolerance_colours > 0,
                                  .threads = sg_ctx_threads(ctx),
                                  .width = 1,
                                  .height = 1};

@@ -130,6 +130,11 @@ static const struct sg_option train_options[] = {
             "With --tolerance auto: after this iteration the tolerance becomes the noise that the "
             "model leaves over; -1 = a tenth of --densify-until-iter, 0 = never.",
             DEFENSE, EXPERT),
+    FLOAT("tolerance-colours", tolerance_colours, 0, 1000,
+          "If any photo has a tolerance, the colours alone learn in the last tenth of the "
+          "iterations. There the loss of these photos has the squared low-pass difference too, "
+          "with this weight, which gives back contrast below the tolerance. 0 = off.",
+          DEFENSE, EXPERT),
     DOUBLE("rho", defense.rho, -0.9, 0.5,
            "Share of the Gaussians that the filter removes at a time, 0 to 0.5; from -0.9 to below "
            "0: that share of recent growth; -1 = the preset's.",

@@ -152,6 +152,7 @@ struct events {
     bool densifies, filters, resets;
 };
 
+/* Opacities need time to recover from a reset before only colours learn. */
 static struct events events_of(const sg_trainer *t, int before, int it)
 {
     const struct sg_train_params *p = &t->params;
@@ -159,7 +160,8 @@ static struct events events_of(const sg_trainer *t, int before, int it)
     return (struct events){.densifies = densifies,
                            .filters = sg_filters(p, before, it) &&
                                       (densifies || p->defense.rho >= 0 || filter_share(t, it) > 0),
-                           .resets = sg_resets_opacity(p, before, it)};
+                           .resets = sg_resets_opacity(p, before, it) &&
+                                     it < t->colours_from - p->iterations / 10};
 }
 
 /* The released code rebuilds every tensor when it densifies and the opacity tensor when it resets:

@@ -2,6 +2,7 @@
 /* The training loop of Kerbl et al. 2023 in the order of the released code. */
 #include "trainer.h"
 
+#include <limits.h>
 #include <math.h>
 #include <string.h>
 
@@ -58,6 +59,15 @@ static const struct sg_strategy *const strategies[] = {[SG_STRATEGY_DEFAULT] = &
                                                        [SG_STRATEGY_LIGHTGAUSSIAN] =
                                                            &sg_strategy_lightgaussian};
 
+/* See tolerance_colours. */
+static int colours_from(const struct sg_train_params *p, size_t n_views)
+{
+    bool tolerates = !p->tolerances && p->tolerance > 0;
+    for (size_t i = 0; p->tolerances && i < n_views; i++)
+        tolerates |= p->tolerances[i] > 0;
+    return tolerates && p->tolerance_colours > 0 ? p->iterations - p->iterations / 10 : INT_MAX;
+}
+
 int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_trainer_start *start,
                     const struct sg_train_params *params, sg_trainer **out)
 {
@@ -78,6 +88,7 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
         goto fail;
     t->strategy = start->strategy ? start->strategy : strategies[t->params.strategy];
     t->photos_hash = sg_photos_hash(scene);
+    t->colours_from = colours_from(&t->params, scene->n_train);
     t->params.clock = t->params.clock ? t->params.clock : system_clock;
     t->identity = start->identity ? *start->identity : sg_train_identity(&t->params);
     t->started = t->params.clock(t->params.clock_arg);
@@ -241,8 +252,8 @@ const float *sg_trainer_exposure(const sg_trainer *t, size_t view)
     return t->exposures ? t->exposures + view * SG_EXPOSURE : NULL;
 }
 
-/* The losses of a view; returns their number. */
-static size_t list_losses(const sg_trainer *t, size_t view, struct sg_loss out[SG_LOSSES])
+/* The losses of a view in iteration `it`; returns their number. */
+static size_t list_losses(const sg_trainer *t, size_t view, int it, struct sg_loss out[SG_LOSSES])
 {
     const struct sg_train_params *p = &t->params;
     const struct sg_defense_params *d = &p->defense;
@@ -253,7 +264,9 @@ static size_t list_losses(const sg_trainer *t, size_t view, struct sg_loss out[S
     out[n++] = (struct sg_loss){
         SG_LOSS_PHOTOMETRIC,
         1,
-        {.photometric = {p->lambda_dssim, .tolerance = sg_loss_tolerance(levels)}}};
+        {.photometric = {p->lambda_dssim, .tolerance = sg_loss_tolerance(levels),
+                         .low_pass =
+                             levels > 0 && it > t->colours_from ? p->tolerance_colours : 0}}};
     if (d->on && anisotropy != 0)
         out[n++] = (struct sg_loss){SG_LOSS_ANISOTROPY, anisotropy, {.anisotropy = d->spectrum}};
     if (d->on && tv != 0)
@@ -288,6 +301,14 @@ static int compare(sg_trainer *t, size_t index, const struct sg_loss *losses, si
     return code;
 }
 
+/* Their rates fall to a fiftieth, so that in the end noise cancels over many views. */
+static void learn_colours(const sg_trainer *t, int it, double lr[SG_GROUPS])
+{
+    const double done = (double) (it - t->colours_from) / (t->params.iterations - t->colours_from);
+    for (int g = 0; g < SG_GROUPS; g++)
+        lr[g] *= g == SG_G_DC || g == SG_G_REST ? pow(0.02, done) : 0;
+}
+
 int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
 {
     sg_clear_error(t->ctx);
@@ -303,7 +324,7 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
                                       .reference_tiles = p->reference_tiles};
     const struct sg_defense_params *d = &p->defense;
     struct sg_loss losses[SG_LOSSES];
-    const size_t n_losses = list_losses(t, step.view, losses);
+    const size_t n_losses = list_losses(t, step.view, it, losses);
     struct sg_step result;
     background(t, it, render.background);
 
@@ -313,7 +334,9 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
         (code = sg_engine_raster_backward(t->engine)))
         return code;
 
-    const struct sg_strategy_plan plan = t->strategy->plan(t, before, it);
+    const bool colours_only = it > t->colours_from;
+    const struct sg_strategy_plan plan =
+        colours_only ? (struct sg_strategy_plan){0} : t->strategy->plan(t, before, it);
     double lr[SG_GROUPS] = {
         [SG_G_XYZ] = sg_position_lr(p, it) * t->extent,
         [SG_G_OPACITY] = (double) p->opacity_lr,
@@ -324,13 +347,15 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     };
     if (t->strategy->rates)
         t->strategy->rates(t, before, it, lr);
+    if (colours_only)
+        learn_colours(t, it, lr);
     /* As in the released code, the last iteration takes no step. */
     const bool moves = !plan.rests && it < p->iterations;
     const struct sg_update update = {.statistics = plan.statistics,
                                      .mean_opacity = plan.mean_opacity,
                                      .mean_scale = plan.mean_scale};
     if ((code = sg_trainer_update(t, moves ? lr : NULL, plan.rests_opacity, update)) ||
-        (code = t->strategy->after_step(t, before, it, &render, &step)))
+        (!colours_only && (code = t->strategy->after_step(t, before, it, &render, &step))))
         return code;
 
     t->iteration = it;

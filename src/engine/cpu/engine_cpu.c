@@ -9,6 +9,7 @@
 #include "engine/host/exposure.h"
 #include "engine/host/host_model.h"
 #include "engine/host/image_losses.h"
+#include "engine/host/low_pass.h"
 #include "engine/ops.h"
 
 #define BLOCKS_PER_PIECE 64 /* of SG_LANES Gaussians */
@@ -32,6 +33,7 @@ struct cpu_engine {
     size_t loss_scratch_floats;
     size_t sums_rows;
     struct sg_image_losses image_losses;
+    struct sg_host_low_pass low_pass;
     struct sg_host_exposure exposed;
     int most_bands; /* of a view so far; only for the log */
 };
@@ -42,6 +44,7 @@ static void destroy(struct sg_engine *base)
     sg_host_clear(&b->model);
     sg_bins_clear(&b->bins);
     sg_image_losses_clear(&b->image_losses);
+    sg_host_low_pass_clear(&b->low_pass);
     sg_host_exposure_clear(&b->exposed);
     void *owned[] = {b->splats, b->slots,    b->band_sums,    b->rgb, b->alpha,
                      b->depth,  b->gradient, b->loss_scratch, b->sums};
@@ -293,6 +296,10 @@ static int photometric(struct sg_engine *base, const struct sg_target_pixels *ta
                            .scratch = b->loss_scratch};
     sg_parallel_for(base->ctx, 3 * (((size_t) height + (size_t) job.rows - 1) / (size_t) job.rows),
                     loss_rows, &job);
+    double low_pass = 0;
+    if (p->low_pass > 0 && sg_host_low_pass(base->ctx, &b->low_pass, job.args.rgb, target, p,
+                                            b->camera.width, height, b->gradient, &low_pass))
+        return SG_ERR_BUDGET;
     if (target->exposure)
         sg_host_expose_backward(base->ctx, &b->exposed, target->exposure, b->rgb, b->camera.width,
                                 height, b->gradient, base->step.exposure);
@@ -303,6 +310,7 @@ static int photometric(struct sg_engine *base, const struct sg_target_pixels *ta
     const double values = 3.0 * (double) b->camera.width * (double) b->camera.height;
     base->step.photometric = sg_photometric_value_of(sums[0] / values, sums[1] / values,
                                                      sums[2] / values, p->lambda_dssim);
+    base->step.photometric.total += (double) p->low_pass * low_pass;
     base->step.loss[SG_LOSS_PHOTOMETRIC] = base->step.photometric.total;
     return SG_OK;
 }
@@ -658,7 +666,8 @@ static struct sg_footprint footprint(const struct sg_work *w)
     const uint64_t instance = sizeof(struct cpu_instance) + sizeof(uint16_t) + SLOT_BYTES;
     const uint64_t pixel = 5 * 3 * sizeof(float) +
                            2 * sizeof(float) /* image, gradient, spectra; alpha, depth */
-                           + (w->exposure ? GROWN(3 * sizeof(float)) : 0);
+                           + (w->exposure ? GROWN(3 * sizeof(float)) : 0) +
+                           (w->low_pass ? GROWN(SG_HOST_LOW_PASS_PIXEL) : 0);
     /* Rows of the loss and of the transforms; slack. */
     const uint64_t column =
         sizeof(float) * (CPU_LOSS_SCRATCH_ROWS + (w->anisotropy ? 2 * SG_FFT_POINT : 0)) + 128;

@@ -222,6 +222,36 @@ static float window_sum(const float *values, int stride, int width, int height, 
     return (float) sum;
 }
 
+/* The low-pass term of one channel: its sum of squares; adds the gradient. D, P: scratch. */
+static double low_pass(const struct ref_engine *b, const float *image,
+                       const struct sg_target_pixels *target, size_t ch,
+                       const struct sg_photometric *p, float *D, float *P, float *gradient)
+{
+    const int w = b->image.width, h = b->image.height;
+    const size_t n = pixels(b);
+    const float dark = p->tolerance, scale = 2 * p->low_pass / (3 * (float) n);
+    double sum = 0;
+    for (int pass = 0; pass < 2; pass++) {
+        for (size_t i = 0; i < n; i++) {
+            const float photo = target->planes ? target->planes[ch * n + i]
+                                               : (float) target->rgb[3 * i + ch] / 255.0f;
+            const float d = image[i] - photo;
+            const bool counts = !(target->mask && !target->mask[i]) && !(photo < dark && d < 0) &&
+                                !(photo > 1 - dark && d > 0);
+            if (pass == 0)
+                D[i] = counts ? d : 0;
+            else if (counts)
+                gradient[i] +=
+                    scale * window_sum(P, 1, w, h, (int) (i % (size_t) w), (int) (i / (size_t) w));
+        }
+        for (size_t i = 0; i < n && pass == 0; i++) {
+            P[i] = window_sum(D, 1, w, h, (int) (i % (size_t) w), (int) (i / (size_t) w));
+            sum += (double) P[i] * (double) P[i];
+        }
+    }
+    return sum;
+}
+
 /* image: the render, or what the target's exposure makes of it. */
 static void compare(struct sg_engine *base, const float *image,
                     const struct sg_target_pixels *target, const struct sg_photometric *p)
@@ -230,7 +260,7 @@ static void compare(struct sg_engine *base, const float *image,
     const int w = b->image.width, h = b->image.height;
     const size_t n = pixels(b);
     const float unit = 1 / (3 * (float) n);
-    double l1 = 0, mse = 0, ssim = 0;
+    double l1 = 0, mse = 0, ssim = 0, passed = 0;
     float *X = b->scratch, *Y = X + n, *M = X + 2 * n, *XX = X + 3 * n, *XY = X + 4 * n;
     for (int ch = 0; ch < 3; ch++) {
         const float *img = image + (size_t) ch * n;
@@ -277,10 +307,13 @@ static void compare(struct sg_engine *base, const float *image,
         for (size_t i = 0; i < n; i++)
             if ((target->mask && !target->mask[i]) || (p->tolerance > 0 && X[i] == Y[i]))
                 grad[i] = 0; /* the target is the image itself there: no pull */
+        if (p->low_pass > 0)
+            passed += low_pass(b, img, target, (size_t) ch, p, M, XX, grad);
     }
     const double values = 3 * (double) n;
     base->step.photometric =
         sg_photometric_value_of(l1 / values, mse / values, ssim / values, p->lambda_dssim);
+    base->step.photometric.total += (double) p->low_pass * passed / values;
     base->step.loss[SG_LOSS_PHOTOMETRIC] = base->step.photometric.total;
 }
 
