@@ -9,13 +9,12 @@
 
 #include "ascent.h"
 #include "core/clock.h"
+#include "decoy.h"
 #include "image/total_variation.h"
-#include "math/constants.h"
 #include "option/option.h"
 #include "scene/photo.h"
 #include "spectral/plans.h"
 #include "splatguard/eval.h"
-#include "train/densify.h"
 #include "train/trainer.h"
 
 #define POSITION_LR 1.6e-4
@@ -23,8 +22,7 @@
 struct sg_attack {
     sg_ctx *ctx;
     struct sg_attack_params params;
-    sg_trainer
-        *trainer; /* the decoy with its optimiser: only its state is used, not its schedule */
+    sg_trainer *trainer;            /* the decoy: its state and strategy, not its schedule */
     float *image, *photo, *scratch; /* 3 planes each of the largest view */
     double *rows;                   /* 3 sums a row of the highest */
     float *extra;                   /* 3 planes more with a spectral term */
@@ -118,10 +116,14 @@ static int open_attack(sg_ctx *ctx, const struct sg_scene *scene, struct sg_trai
     const struct sg_identity identity = identity_of(&p);
     start.identity = &identity;
     start.sums = p.update_interval > 1;
+    start.strategy = &sg_strategy_decoy;
     struct sg_train_params decoy = sg_train_params_default();
     decoy.iterations = p.iterations, decoy.seed = p.seed, decoy.lambda_dssim = p.lambda_dssim;
     decoy.max_gaussians = p.max_gaussians, decoy.max_instances = p.max_instances;
     decoy.engine = p.engine, decoy.cpu = p.cpu;
+    decoy.percent_dense = p.percent_dense;
+    decoy.densification_interval = p.densification_interval;
+    decoy.densify_grad_threshold = fminf(p.densify_grad_threshold, 1e9f); /* the option's largest */
     code = allocate(a, scene); /* first: the trainer plans with what is left */
     if (!code)
         code = sg_trainer_open(ctx, scene, &start, &decoy, &a->trainer);
@@ -210,22 +212,6 @@ static int ascend(sg_attack *a, int width, int height)
     return sg_ascend(a->trainer->engine, &ascent, a->photo, width, height, a->image, a->scratch);
 }
 
-static int densify(sg_attack *a, int it)
-{
-    const struct sg_attack_params *p = &a->params;
-    sg_trainer *t = a->trainer;
-    struct sg_densify_result result;
-    return sg_densify(
-        t->engine,
-        &(struct sg_densify_params){.gradient = p->densify_grad_threshold,
-                                    .split_scale = (float) ((double) p->percent_dense * t->extent),
-                                    .prune_scale = (float) (SG_PRUNE_EXTENT * t->extent),
-                                    .max_gaussians = t->budget.gaussians,
-                                    .seed = p->seed,
-                                    .stream = (uint64_t) it},
-        &result);
-}
-
 int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
 {
     const struct sg_attack_params *p = &a->params;
@@ -256,10 +242,11 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
         (code = sg_engine_raster_backward(t->engine)))
         return code;
 
-    /* As in training, where the decoy is densified its gradients are lost. */
-    const bool densifies = it % p->densification_interval == 0 && it != p->iterations;
-    const bool moves = !densifies && it % p->update_interval == 0;
-    const struct sg_update update = {.statistics = true, .accumulate = p->update_interval > 1};
+    const struct sg_strategy_plan plan = t->strategy->plan(t, t->iteration, it);
+    const bool moves = !plan.rests && it % p->update_interval == 0;
+    const struct sg_update update = {.statistics = plan.statistics,
+                                     .accumulate = p->update_interval > 1};
+    struct sg_train_step edits = {0};
     const double lr[SG_GROUPS] = {
         [SG_G_XYZ] = p->move_positions ? POSITION_LR * t->extent : 0,
         [SG_G_OPACITY] = (double) p->opacity_lr,
@@ -269,10 +256,10 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
         [SG_G_REST] = (double) p->feature_lr / 20,
     };
     if ((code = sg_trainer_update(t, moves ? lr : NULL, false, update)) ||
-        (densifies && (code = densify(a, it))))
+        (code = t->strategy->after_step(t, t->iteration, it, NULL, &edits)))
         return code;
     /* As often as the decoy grows: what learning takes off a scale in between is little. */
-    if (p->scale_floor > 0 && (densifies || it == p->iterations) &&
+    if (p->scale_floor > 0 && (plan.rests || it == p->iterations) &&
         (code = sg_engine_floor_scale(t->engine, p->scale_floor)))
         return code;
 

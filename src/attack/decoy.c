@@ -1,0 +1,40 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "decoy.h"
+
+#include "math/constants.h"
+#include "train/densify.h"
+#include "train/schedule.h"
+#include "train/trainer.h"
+
+/* As in training, gradients are lost where the model is densified. */
+static struct sg_strategy_plan plan(const sg_trainer *t, int before, int it)
+{
+    const struct sg_train_params *p = &t->params;
+    return (struct sg_strategy_plan){.rests = it != p->iterations &&
+                                              sg_due(before, it, p->densification_interval),
+                                     .statistics = true};
+}
+
+static int after_step(sg_trainer *t, int before, int it, const struct sg_render_params *render,
+                      struct sg_train_step *out)
+{
+    const struct sg_train_params *p = &t->params;
+    struct sg_densify_result r;
+    (void) render;
+    if (!plan(t, before, it).rests)
+        return SG_OK;
+    const int code = sg_densify(
+        t->engine,
+        &(struct sg_densify_params){.gradient = p->densify_grad_threshold,
+                                    .split_scale = (float) ((double) p->percent_dense * t->extent),
+                                    .prune_scale = (float) (SG_PRUNE_EXTENT * t->extent),
+                                    .max_gaussians = t->budget.gaussians,
+                                    .seed = p->seed,
+                                    .stream = (uint64_t) it},
+        &r);
+    out->cloned = r.cloned, out->split = r.split, out->pruned = r.pruned;
+    return code;
+}
+
+const struct sg_strategy sg_strategy_decoy = {
+    .name = "decoy", .plan = plan, .after_step = after_step};

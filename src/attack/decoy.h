@@ -1,0 +1,11 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef SG_ATTACK_DECOY_H
+#define SG_ATTACK_DECOY_H
+
+#include "train/strategy.h"
+
+/* Clones, splits and prunes as the default does, from the first interval to the last iteration,
+ * with no reset of opacities: the decoy grows as long as the attack goes on. */
+extern const struct sg_strategy sg_strategy_decoy;
+
+#endif
