@@ -40,6 +40,9 @@ struct sg_model {
     int sh_degree;        /* degree stored, 0..3 */
     int active_sh_degree; /* degree used for rendering, 0..sh_degree */
     float *params;        /* capacity x planes floats, 64-byte aligned */
+    /* What variants of 3DGS keep for each Gaussian beside its parameters, as PLY files have it; or
+     * NULL. The library's own. */
+    struct sg_columns *columns;
 };
 
 static inline size_t sg_param_index(int planes, size_t i, int p)

@@ -52,9 +52,15 @@ struct sg_column {
     /* of a parameter: */
     int first; /* plane */
     enum sg_group group;
-    int place;            /* among the parameters of a PLY file, from 1 */
+    /* of what a PLY file has: */
+    int place;            /* from 1, parameters first; 0 = it is in no file */
     const char *property; /* its name there, and the plane's number if it has several planes */
 };
+
+/* More rows, C(NAME, ...) each, for tests. */
+#ifndef SG_COLUMNS_MORE
+#define SG_COLUMNS_MORE(C)
+#endif
 
 /* The table: parameters first, in the order of their planes. */
 #define SG_FATES_PARAMETER                                                                         \
@@ -94,7 +100,8 @@ struct sg_column {
     C(GRADIENT, .name = "gradient", .planes = SG_PLANES_PARAMETERS, .bits = SG_COLUMN_LOST)        \
     C(ACCUMULATED, .name = "accumulated", .planes = SG_PLANES_PARAMETERS, .bits = SG_COLUMN_LOST)  \
     /* What is drawn in place of the parameters (struct sg_shape) */                               \
-    C(SHAPED, .name = "shaped", .planes = SG_PLANES_PARAMETERS, .bits = SG_COLUMN_LOST)
+    C(SHAPED, .name = "shaped", .planes = SG_PLANES_PARAMETERS, .bits = SG_COLUMN_LOST)            \
+    SG_COLUMNS_MORE(C)
 
 enum sg_column_id {
 #define C(id, ...) SG_C_##id,
@@ -137,5 +144,14 @@ struct sg_columns {
 int sg_columns_create(sg_ctx *ctx, size_t count, int sh_degree, unsigned bits,
                       struct sg_columns *out);
 void sg_columns_clear(struct sg_columns *columns);
+
+/* Gives a model the columns beside its parameters that PLY files have: those that `like` has, or
+ * all where it is NULL. They are zeros; model->columns stays NULL where there is none. */
+int sg_model_add_columns(sg_ctx *ctx, struct sg_model *model, const struct sg_model *like);
+/* A model of `count` Gaussians, all zeros, with the degrees and columns of another. */
+int sg_model_create_like(sg_ctx *ctx, const struct sg_model *like, size_t count,
+                         struct sg_model **out);
+/* Gaussian i of a model becomes number k of one that is like it. */
+void sg_model_copy_row(const struct sg_model *from, size_t i, struct sg_model *to, size_t k);
 
 #endif

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "core/internal.h"
-#include "splatguard/model.h"
+#include "columns.h"
 
 int sg_model_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_model **out)
 {
@@ -33,6 +32,55 @@ void sg_model_destroy(struct sg_model **model)
     if (!model || !*model)
         return;
     sg_free((*model)->params);
+    if ((*model)->columns)
+        sg_columns_clear((*model)->columns);
+    sg_free((*model)->columns);
     sg_free(*model);
     *model = NULL;
+}
+
+static bool is_exported(int c)
+{
+    return sg_columns[c].place && !sg_column_is_parameter(c);
+}
+
+int sg_model_add_columns(sg_ctx *ctx, struct sg_model *m, const struct sg_model *like)
+{
+    for (int c = 0; c < SG_COLUMNS; c++) {
+        if (!is_exported(c) || (like && !(like->columns && like->columns->at[c])))
+            continue;
+        if (!m->columns && !(m->columns = sg_alloc(ctx, SG_MEM_MODEL, 1, sizeof(*m->columns))))
+            return SG_ERR_BUDGET;
+        m->columns->capacity = m->capacity;
+        if (!m->columns->at[c] &&
+            !(m->columns->at[c] =
+                  sg_alloc(ctx, SG_MEM_MODEL, m->capacity,
+                           (size_t) sg_column_planes(c, m->sh_degree) * sizeof(float))))
+            return SG_ERR_BUDGET;
+    }
+    return SG_OK;
+}
+
+int sg_model_create_like(sg_ctx *ctx, const struct sg_model *like, size_t count,
+                         struct sg_model **out)
+{
+    int code = sg_model_create(ctx, count, like->sh_degree, out);
+    if (code)
+        return code;
+    (*out)->active_sh_degree = like->active_sh_degree;
+    if (like->columns && (code = sg_model_add_columns(ctx, *out, like)))
+        sg_model_destroy(out);
+    return code;
+}
+
+void sg_model_copy_row(const struct sg_model *from, size_t i, struct sg_model *to, size_t k)
+{
+    for (int p = 0; p < sg_param_count(from->sh_degree); p++)
+        *sg_model_at(to, k, p) = *sg_model_at(from, i, p);
+    for (int c = 0; c < SG_COLUMNS && from->columns; c++) {
+        const int planes = from->columns->at[c] ? sg_column_planes(c, from->sh_degree) : 0;
+        for (int p = 0; p < planes; p++)
+            to->columns->at[c][sg_param_index(planes, k, p)] =
+                from->columns->at[c][sg_param_index(planes, i, p)];
+    }
 }

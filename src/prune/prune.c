@@ -102,7 +102,7 @@ static int remove_lowest(sg_ctx *ctx, const struct sg_scene *scene, const struct
 {
     const struct sg_model *m = *model;
     const size_t n = m->count;
-    const int planes = sg_param_count(m->sh_degree), round = result->rounds;
+    const int round = result->rounds;
     struct sg_model *left = NULL;
     double *score = sg_alloc_raw(ctx, SG_MEM_MISC, 2 * n, sizeof(*score));
     uint8_t *keep = sg_alloc_raw(ctx, SG_MEM_MISC, n, 1);
@@ -113,19 +113,15 @@ static int remove_lowest(sg_ctx *ctx, const struct sg_scene *scene, const struct
         for (size_t i = 0; i < n; i++)
             result->unseen[round] += score[i] == 0 || score[i] == -INFINITY;
         result->removed[round] = sg_prune_choose(score, n, ratio, score + n, keep);
-        code = sg_model_create(ctx, n - result->removed[round], m->sh_degree, &left);
+        code = sg_model_create_like(ctx, m, n - result->removed[round], &left);
     }
     for (size_t i = 0, to = 0; i < n && !code; i++)
-        if (keep[i]) {
-            for (int plane = 0; plane < planes; plane++)
-                *sg_model_at(left, to, plane) = *sg_model_at(m, i, plane);
-            to++;
-        }
+        if (keep[i])
+            sg_model_copy_row(m, i, left, to++);
     sg_free(score);
     sg_free(keep);
     if (code)
         return code;
-    left->active_sh_degree = m->active_sh_degree;
     sg_model_destroy(model);
     *model = left;
     result->rounds++;
@@ -134,13 +130,10 @@ static int remove_lowest(sg_ctx *ctx, const struct sg_scene *scene, const struct
 
 static int copy_model(sg_ctx *ctx, const struct sg_model *m, struct sg_model **out)
 {
-    const int code = sg_model_create(ctx, m->count, m->sh_degree, out);
-    if (code)
-        return code;
-    memcpy((*out)->params, m->params,
-           (*out)->capacity * (size_t) sg_param_count(m->sh_degree) * sizeof(float));
-    (*out)->active_sh_degree = m->active_sh_degree;
-    return SG_OK;
+    const int code = sg_model_create_like(ctx, m, m->count, out);
+    for (size_t i = 0; i < m->count && !code; i++)
+        sg_model_copy_row(m, i, *out, i);
+    return code;
 }
 
 int sg_prune(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *model,

@@ -54,15 +54,12 @@ static int initial_model(sg_ctx *ctx, const struct sg_scene *scene, const struct
 static int thinned_copy(sg_ctx *ctx, const struct sg_model *m, uint64_t limit,
                         struct sg_model **out)
 {
-    const int planes = sg_param_count(m->sh_degree);
-    const int code = sg_model_create(ctx, limit, m->sh_degree, out);
+    const int code = sg_model_create_like(ctx, m, limit, out);
     if (code)
         return code;
     say_thinned(ctx, m->count, limit);
-    (*out)->active_sh_degree = m->active_sh_degree;
     for (size_t k = 0; k < limit; k++)
-        for (int p = 0; p < planes; p++)
-            *sg_model_at(*out, k, p) = *sg_model_at(m, sg_evenly(m->count, k, limit), p);
+        sg_model_copy_row(m, sg_evenly(m->count, k, limit), *out, k);
     return SG_OK;
 }
 
@@ -102,8 +99,9 @@ int sg_begin(sg_trainer *t, const struct sg_model *initial)
         code = thinned_copy(t->ctx, initial, limit, &made);
     if (!code) {
         t->start_degree = (made ? made : initial)->active_sh_degree;
-        code = made ? sg_engine_adopt(t->engine, made, &(struct sg_columns){0})
-                    : sg_engine_upload(t->engine, initial, NULL);
+        code = made ? sg_engine_adopt(t->engine, made,
+                                      made->columns ? made->columns : &(struct sg_columns){0})
+                    : sg_engine_upload(t->engine, initial, initial->columns);
     }
     sg_model_destroy(&made);
     return code;

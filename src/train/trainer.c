@@ -440,7 +440,8 @@ int sg_trainer_model(sg_trainer *t, struct sg_model **out)
     int code = sg_model_create(t->ctx, sg_trainer_gaussians(t), t->sh_degree, out);
     if (code)
         return code;
-    if ((code = sg_engine_download(t->engine, *out, NULL)))
+    if ((code = sg_model_add_columns(t->ctx, *out, NULL)) ||
+        (code = sg_engine_download(t->engine, *out, (*out)->columns)))
         sg_model_destroy(out);
     else
         (*out)->active_sh_degree = sg_active_degree(&t->params, t->start_degree, t->iteration);
