@@ -9,3 +9,20 @@ if(NOT CMAKE_CROSSCOMPILING)
     add_custom_command(OUTPUT splatguard.1 COMMAND splatguard_tool help --man > splatguard.1 DEPENDS splatguard_tool VERBATIM)
     add_custom_target(man ALL DEPENDS splatguard.1)
 endif()
+
+# Databases of results, for `bench` and `report`; both say so where SQLite is missing.
+pkg_check_modules(SQLITE IMPORTED_TARGET sqlite3)
+if(SQLITE_FOUND)
+    target_compile_definitions(splatguard_tool PRIVATE SG_SQLITE)
+    target_link_libraries(splatguard_tool PRIVATE PkgConfig::SQLITE)
+endif()
+# The commit that results are of; "unknown" outside a clone.
+find_package(Git QUIET)
+if(GIT_FOUND)
+    execute_process(COMMAND ${GIT_EXECUTABLE} rev-parse --short HEAD WORKING_DIRECTORY ${PROJECT_SOURCE_DIR}
+        OUTPUT_VARIABLE SG_COMMIT OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET)
+endif()
+if(NOT SG_COMMIT)
+    set(SG_COMMIT unknown)
+endif()
+set_source_files_properties(cli/bench_store.c PROPERTIES COMPILE_DEFINITIONS SG_COMMIT="${SG_COMMIT}")

@@ -1,0 +1,103 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What `splatguard bench` and `report` share: the jobs of a plan and the database of their results.
+ */
+#ifndef CLI_BENCH_H
+#define CLI_BENCH_H
+
+#include "commands.h"
+
+/* ---- plans ---- */
+
+enum job_kind { JOB_SCENE, JOB_PROXY, JOB_POISON, JOB_TRAIN, JOB_PRUNE };
+extern const char *const job_kinds[]; /* "scene", ... */
+
+#define JOB_NEEDS 3
+
+struct job {
+    enum job_kind kind;
+    char key[33];                                 /* of the configuration, what it needs included */
+    const char *scene, *photos, *defense, *model; /* names of the plan; borrowed */
+    int seed;
+    json_t *config;       /* kind, options, and the keys of what it needs */
+    const json_t *from;   /* of the plan: the scene's object */
+    int needs[JOB_NEEDS]; /* jobs that come first: the scene, the poison or run, the clean run */
+    int n_needs;
+};
+
+/* What a plan asks for, by its names; two can be one job. */
+struct cell {
+    const char *scene, *photos, *defense, *model;
+    int seed, job;
+};
+
+struct plan {
+    json_t *root;
+    char *name, *folder; /* of the file, without its ending; where its paths begin */
+    struct job *jobs;    /* each after those that it needs */
+    int n;
+    struct cell *cells;
+    int n_cells;
+    int threads; /* of each job */
+    bool alone;  /* one job at a time, so that times can be compared */
+    double timeout;
+    uint64_t memory; /* bytes resident of a job, 0 = no limit */
+};
+
+/* Reads a plan; says what is wrong with it. data: folder that paths of scenes are relative to, NULL
+ * = the plan's. shard of shards: only the cells of every so many poisons, 0 of 1 = all. Returns an
+ * exit code; clear it in any case. */
+int plan_read(struct plan *plan, const char *path, const char *data, int shard, int shards);
+void plan_clear(struct plan *plan);
+
+/* Options of "--name value" lists, of which the later win; a new array. */
+json_t *options_merge(const json_t *const *lists, int n);
+
+/* ---- results ---- */
+
+struct outcome {
+    const char *status; /* done, failed, crashed, timeout, memory */
+    int exit_status, signal;
+    char message[256];
+    char started[32]; /* ISO 8601 */
+    double seconds, cpu_seconds;
+    uint64_t peak_rss;
+    int beside; /* jobs at the same time, itself included */
+    char *command;
+    json_t *run_config, *summary, *eval; /* as their files have them, or NULL */
+    char *log;                           /* log.jsonl, or NULL */
+};
+
+struct store;
+
+/* Opens a database, which is made unless it must exist. Says what is wrong with one that is locked,
+ * read-only, damaged or not ours. Returns an exit code. */
+int store_open(const char *path, bool must_exist, struct store **out);
+void store_close(struct store **store);
+/* Which cells the plan has now. */
+int store_cells(struct store *s, const struct plan *plan);
+/* The status of a job, "" if it has none. number: NAN, or that metric of it. */
+int store_status(struct store *s, const char *key, char status[16]);
+double store_metric(struct store *s, const char *key, const char *name);
+/* Replaces a job's rows in one transaction. */
+int store_put(struct store *s, const struct job *job, const struct outcome *o);
+
+/* Calls row for each row of a query, with texts of its columns, NULL for null; a result other than
+ * 0 stops. argument: bound as the first parameter, or NULL. Returns an exit code. */
+int store_query(struct store *s, const char *sql, const char *argument,
+                int (*row)(void *arg, int columns, const char *const *values), void *arg);
+
+/* ---- running ---- */
+
+struct bench {
+    struct plan *plan;
+    struct store *store;
+    const char *work; /* folder of what the jobs make */
+    int jobs;         /* at the same time */
+    uint64_t memory;  /* that all of them may have, 0 = any */
+    bool retry, keep, quiet;
+};
+
+/* Runs what is missing. Returns an exit code. */
+int bench_run(const struct bench *b);
+
+#endif

@@ -1,0 +1,529 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A plan file: scenes x photos x defenses x models x seeds, as jobs with what they need. */
+#include <dirent.h>
+#include <limits.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "bench.h"
+
+const char *const job_kinds[] = {"scene", "proxy", "poison", "train", "prune"};
+
+#define OFF "off"     /* the defense without any */
+#define CLEAN "clean" /* photos as they are */
+
+struct reader {
+    struct plan *plan;
+    const char *path, *data;
+    int shard, shards, capacity;
+};
+
+__attribute__((format(printf, 2, 3))) static int wrong(const struct reader *r, const char *format,
+                                                       ...)
+{
+    char text[512];
+    va_list args;
+    va_start(args, format);
+    vsnprintf(text, sizeof(text), format, args);
+    va_end(args);
+    say(stderr, "splatguard bench: %s: %s\n", r->path, text);
+    return STATUS_INPUT;
+}
+
+/* An object's keys are those of the list "one|two". */
+static int check_keys(const struct reader *r, const json_t *object, const char *where,
+                      const char *known)
+{
+    const char *key;
+    json_t *value;
+    if (!json_is_object(object))
+        return wrong(r, "%s: expected an object", where);
+    json_object_foreach((json_t *) object, key, value)
+    {
+        const size_t n = strlen(key);
+        bool found = false;
+        for (const char *k = known; *k && !found; k += strcspn(k, "|"), k += *k == '|')
+            found = strcspn(k, "|") == n && !memcmp(k, key, n);
+        if (!found)
+            return wrong(r, "%s: found \"%s\", expected one of %s", where, key, known);
+    }
+    return STATUS_DONE;
+}
+
+static int check_options(const struct reader *r, const json_t *list, const char *where)
+{
+    if (list && !json_is_array(list))
+        return wrong(r, "%s: expected a list of options", where);
+    for (size_t i = 0; i < json_array_size(list); i++)
+        if (!json_is_string(json_array_get(list, i)))
+            return wrong(r, "%s[%zu]: expected a text", where, i);
+    return STATUS_DONE;
+}
+
+static bool is_option(const char *word)
+{
+    return word[0] == '-' && !(word[1] >= '0' && word[1] <= '9') && word[1] != '.' && word[1];
+}
+
+json_t *options_merge(const json_t *const *lists, int n)
+{
+    json_t *merged = json_object(), *out = json_array();
+    for (int l = 0; l < n; l++)
+        for (size_t i = 0; i < json_array_size(lists[l]); i++) {
+            const char *name = json_string_value(json_array_get(lists[l], i)),
+                       *value = json_string_value(json_array_get(lists[l], i + 1));
+            const bool has = value && !is_option(value);
+            json_object_set_new(merged, name, has ? json_string(value) : json_null());
+            i += has;
+        }
+    const char *key;
+    json_t *value;
+    json_object_foreach(merged, key, value)
+    {
+        json_array_append_new(out, json_string(key));
+        if (!json_is_null(value))
+            json_array_append(out, value);
+    }
+    json_decref(merged);
+    return out;
+}
+
+/* The finaliser of splitmix64 (Steele et al. 2014). */
+static uint64_t mix(uint64_t x)
+{
+    x = (x ^ x >> 30) * 0xbf58476d1ce4e5b9u;
+    x = (x ^ x >> 27) * 0x94d049bb133111ebu;
+    return x ^ x >> 31;
+}
+
+/* 128 bits that name a configuration. */
+static void make_key(const json_t *config, char key[33])
+{
+    uint64_t a = 1, b = 2;
+    char *text = json_dumps(config, JSON_SORT_KEYS | JSON_COMPACT);
+    for (const char *c = text ? text : ""; *c; c++) {
+        a = mix(a + (unsigned char) *c + 0x9e3779b97f4a7c15u);
+        b = mix(b + (unsigned char) *c + 0xd1b54a32d192ed03u);
+    }
+    free(text);
+    snprintf(key, 33, "%016llx%016llx", (unsigned long long) a, (unsigned long long) b);
+}
+
+/* Of a folder's files: how many, their bytes, and the newest change. A scene whose photos change is
+ * another scene. */
+struct print {
+    long long files, bytes, newest;
+};
+
+static void add_folder(const char *path, int depth, struct print *p)
+{
+    DIR *d = depth < 8 ? opendir(path) : NULL;
+    for (struct dirent *e; d && (e = readdir(d));) {
+        char child[PATH_MAX];
+        struct stat st;
+        if (e->d_name[0] == '.' ||
+            snprintf(child, sizeof(child), "%s/%s", path, e->d_name) >= (int) sizeof(child) ||
+            stat(child, &st))
+            continue;
+        if (S_ISDIR(st.st_mode))
+            add_folder(child, depth + 1, p);
+        else
+            p->files++, p->bytes += st.st_size,
+                p->newest = st.st_mtime > p->newest ? st.st_mtime : p->newest;
+    }
+    if (d)
+        closedir(d);
+}
+
+/* The index of a job with this configuration, which is taken over; -1 without memory. */
+static int add_job(struct reader *r, struct job job)
+{
+    struct plan *p = r->plan;
+    for (int i = 0; i < job.n_needs; i++) {
+        char name[16];
+        snprintf(name, sizeof(name), "needs_%d", i);
+        json_object_set_new(job.config, name, json_string(p->jobs[job.needs[i]].key));
+    }
+    make_key(job.config, job.key);
+    for (int i = 0; i < p->n; i++)
+        if (!strcmp(p->jobs[i].key, job.key)) {
+            json_decref(job.config);
+            return i;
+        }
+    if (p->n == r->capacity) {
+        const int capacity = r->capacity ? 2 * r->capacity : 64;
+        struct job *more = realloc(p->jobs, (size_t) capacity * sizeof(*more));
+        if (!more) {
+            json_decref(job.config);
+            return -1;
+        }
+        p->jobs = more, r->capacity = capacity;
+    }
+    p->jobs[p->n] = job;
+    return p->n++;
+}
+
+static const json_t *in(const json_t *object, const char *a, const char *b)
+{
+    return json_object_get(json_object_get(object, a), b);
+}
+
+/* The scene: made by synth, or a folder. */
+static int add_scene(struct reader *r, const char *name)
+{
+    const json_t *scene = in(r->plan->root, "scenes", name),
+                 *synth = json_object_get(scene, "synth");
+    json_t *config = json_pack("{s:s,s:s}", "kind", "scene", "name", name);
+    if (synth)
+        json_object_set(config, "synth", (json_t *) synth);
+    else {
+        struct print p = {0};
+        char path[PATH_MAX];
+        const char *at = json_string_value(json_object_get(scene, "path"));
+        snprintf(path, sizeof(path), "%s%s%s", *at == '/' ? "" : r->data, *at == '/' ? "" : "/",
+                 at);
+        add_folder(path, 0, &p);
+        if (!p.files) {
+            json_decref(config);
+            wrong(r, "scenes.%s: found no file in %s", name, path);
+            return -1;
+        }
+        json_object_set_new(config, "path", json_string(path));
+        json_object_set_new(config, "print", json_pack("[I,I,I]", p.files, p.bytes, p.newest));
+    }
+    return add_job(r, (struct job){.kind = JOB_SCENE,
+                                   .scene = name,
+                                   .photos = "",
+                                   .defense = "",
+                                   .model = "",
+                                   .config = config,
+                                   .from = scene});
+}
+
+static int make_job(struct reader *r, enum job_kind kind, const struct cell *c, json_t *options,
+                    const int *needs, int n_needs)
+{
+    struct job job = {.kind = kind,
+                      .scene = c->scene,
+                      .photos = c->photos,
+                      .defense = c->defense,
+                      .model = c->model,
+                      .seed = c->seed,
+                      .config = json_pack("{s:s,s:i,s:o}", "kind", job_kinds[kind], "seed", c->seed,
+                                          "options", options),
+                      .from = in(r->plan->root, "scenes", c->scene)};
+    memcpy(job.needs, needs, (size_t) n_needs * sizeof(*needs));
+    job.n_needs = n_needs;
+    return add_job(r, job);
+}
+
+static const json_t *scene_options(const struct reader *r, const char *scene, const char *what)
+{
+    return json_object_get(in(r->plan->root, "scenes", scene), what);
+}
+
+static int add_proxy(struct reader *r, const char *scene, int at)
+{
+    const json_t *const lists[] = {
+        scene_options(r, scene, "options"), json_object_get(r->plan->root, "train"),
+        scene_options(r, scene, "train"), json_object_get(r->plan->root, "proxy")};
+    const struct cell c = {scene, CLEAN, "proxy", "", 42, 0};
+    return make_job(r, JOB_PROXY, &c, options_merge(lists, 4), &at, 1);
+}
+
+static bool uses_proxy(const json_t *options)
+{
+    for (size_t i = 0; i < json_array_size(options); i++)
+        if (!strcmp(json_string_value(json_array_get(options, i)), "--method"))
+            return !strcmp(json_string_value(json_array_get(options, i + 1)), "poison-splat");
+    return true;
+}
+
+/* The photos of a cell: the scene itself, or a poison of it. */
+static int add_photos(struct reader *r, const char *scene, const char *photos, int at)
+{
+    const json_t *attack = in(r->plan->root, "photos", photos);
+    if (!json_array_size(attack))
+        return at;
+    const json_t *const lists[] = {scene_options(r, scene, "options"),
+                                   scene_options(r, scene, "attack"), attack};
+    int needs[2] = {at};
+    const bool proxy = uses_proxy(attack);
+    if (proxy && (needs[1] = add_proxy(r, scene, at)) < 0)
+        return -1;
+    const struct cell c = {scene, photos, "", "", 42, 0};
+    return make_job(r, JOB_POISON, &c, options_merge(lists, 3), needs, 1 + proxy);
+}
+
+static const json_t *train_options(const json_t *defense)
+{
+    return json_is_array(defense) ? defense : json_object_get(defense, "train");
+}
+
+/* Some option is {clean} or {clean*X}. */
+static bool needs_clean(const json_t *options)
+{
+    for (size_t i = 0; i < json_array_size(options); i++)
+        if (!strncmp(json_string_value(json_array_get(options, i)), "{clean", 6))
+            return true;
+    return false;
+}
+
+static int add_cell(struct reader *r, const struct cell *c)
+{
+    const json_t *defense = in(r->plan->root, "defenses", c->defense),
+                 *prune = json_is_object(defense) ? json_object_get(defense, "prune") : NULL;
+    const int at = add_scene(r, c->scene),
+              photos = at < 0 ? -1 : add_photos(r, c->scene, c->photos, at);
+    int needs[JOB_NEEDS] = {at, photos}, n = 2;
+    if (photos < 0)
+        return -1;
+    const json_t *own = prune ? prune : train_options(defense);
+    if (needs_clean(own)) {
+        const struct cell clean = {c->scene, CLEAN, OFF, c->model, c->seed, 0};
+        if ((needs[n++] = add_cell(r, &clean)) < 0)
+            return -1;
+    }
+    if (prune) {
+        const char *from = json_string_value(json_object_get(defense, "from"));
+        const struct cell base = {c->scene, c->photos, from ? from : OFF, c->model, c->seed, 0};
+        if ((needs[1] = add_cell(r, &base)) < 0)
+            return -1;
+        return make_job(r, JOB_PRUNE, c, options_merge(&prune, 1), needs, n);
+    }
+    const json_t *const lists[] = {
+        scene_options(r, c->scene, "options"), json_object_get(r->plan->root, "train"),
+        scene_options(r, c->scene, "train"), in(r->plan->root, "models", c->model), own};
+    return make_job(r, JOB_TRAIN, c, options_merge(lists, 5), needs, n);
+}
+
+/* The named entries of a list in a block of runs, all of them where there is no list. */
+static int check_names(const struct reader *r, const json_t *block, size_t index, const char *list,
+                       const char *table)
+{
+    const json_t *names = json_object_get(block, list);
+    if (!json_array_size(names))
+        return wrong(r, "runs[%zu].%s: expected a list of names of %s", index, list, table);
+    for (size_t i = 0; i < json_array_size(names); i++) {
+        const char *name = json_string_value(json_array_get(names, i));
+        if (!name || !in(r->plan->root, table, name))
+            return wrong(r, "runs[%zu].%s[%zu]: found %s, expected a name of %s", index, list, i,
+                         name ? name : "no text", table);
+    }
+    return STATUS_DONE;
+}
+
+/* Cells of one poison are of one shard. */
+static bool in_shard(const struct reader *r, const struct cell *c)
+{
+    char key[33];
+    json_t *name = json_pack("[s,s]", c->scene, c->photos);
+    make_key(name, key);
+    json_decref(name);
+    key[8] = 0;
+    return (int) (strtoul(key, NULL, 16) % (unsigned) r->shards) == r->shard;
+}
+
+static int add_to_cells(struct reader *r, const struct cell *c, int job)
+{
+    struct plan *p = r->plan;
+    for (int i = 0; i < p->n_cells; i++)
+        if (p->cells[i].job == job && !strcmp(p->cells[i].defense, c->defense) &&
+            !strcmp(p->cells[i].photos, c->photos) && !strcmp(p->cells[i].model, c->model))
+            return 0;
+    struct cell *more = realloc(p->cells, (size_t) (p->n_cells + 1) * sizeof(*more));
+    if (!more)
+        return -1;
+    p->cells = more;
+    p->cells[p->n_cells] = *c;
+    p->cells[p->n_cells++].job = job;
+    return 0;
+}
+
+#define EACH(i, list) for (size_t i = 0; i < json_array_size(json_object_get(block, list)); i++)
+#define NAME(i, list) json_string_value(json_array_get(json_object_get(block, list), i))
+
+static int add_block(struct reader *r, const json_t *block, size_t index)
+{
+    static const char *const lists[] = {"scenes", "photos", "defenses", "models"};
+    char where[32];
+    snprintf(where, sizeof(where), "runs[%zu]", index);
+    int code = check_keys(r, block, where, "scenes|photos|defenses|models|seeds");
+    for (int i = 0; i < 4 && !code; i++)
+        code = check_names(r, block, index, lists[i], lists[i]);
+    if (code)
+        return code;
+    if (!json_array_size(json_object_get(block, "seeds")))
+        return wrong(r, "%s.seeds: expected a list of numbers", where);
+    /* Seeds last: what is to be compared runs close together. */
+    EACH(k, "seeds")
+    EACH(s, "scenes")
+    EACH(p, "photos")
+    EACH(m, "models")
+    EACH(d, "defenses")
+    {
+        const json_t *seed = json_array_get(json_object_get(block, "seeds"), k);
+        if (!json_is_integer(seed))
+            return wrong(r, "%s.seeds[%zu]: expected a whole number", where, k);
+        const struct cell c = {NAME(s, "scenes"),
+                               NAME(p, "photos"),
+                               NAME(d, "defenses"),
+                               NAME(m, "models"),
+                               (int) json_integer_value(seed),
+                               0};
+        if (!in_shard(r, &c))
+            continue;
+        const int job = add_cell(r, &c);
+        if (job < 0)
+            return STATUS_INPUT;
+        if (add_to_cells(r, &c, job))
+            return no_memory();
+    }
+    return STATUS_DONE;
+}
+
+static int check_scenes(const struct reader *r)
+{
+    const char *name;
+    json_t *scene;
+    char where[128];
+    int code = STATUS_DONE;
+    if (!json_is_object(json_object_get(r->plan->root, "scenes")))
+        return wrong(r, "scenes: expected an object");
+    json_object_foreach(json_object_get(r->plan->root, "scenes"), name, scene)
+    {
+        snprintf(where, sizeof(where), "scenes.%.80s", name);
+        if ((code = check_keys(r, scene, where, "path|synth|layout|options|train|attack|paper")))
+            return code;
+        static const char *const lists[] = {"synth", "options", "train", "attack"};
+        for (int i = 0; i < 4 && !code; i++)
+            code = check_options(r, json_object_get(scene, lists[i]), where);
+        if (code)
+            return code;
+        if (!json_object_get(scene, "synth") == !json_is_string(json_object_get(scene, "path")))
+            return wrong(r, "%s: expected either path or synth", where);
+    }
+    return STATUS_DONE;
+}
+
+static int check_lists(const struct reader *r, const char *table)
+{
+    const char *name;
+    json_t *value, *object = json_object_get(r->plan->root, table);
+    char where[128];
+    if (!json_is_object(object))
+        return wrong(r, "%s: expected an object", table);
+    json_object_foreach(object, name, value)
+    {
+        int code = STATUS_DONE;
+        snprintf(where, sizeof(where), "%s.%.80s", table, name);
+        if (json_is_object(value) && !strcmp(table, "defenses")) {
+            code = check_keys(r, value, where, "train|prune|from");
+            if (!code)
+                code = check_options(r, json_object_get(value, "train"), where);
+            if (!code)
+                code = check_options(r, json_object_get(value, "prune"), where);
+            const json_t *from = json_object_get(value, "from");
+            if (!code && from &&
+                (!json_is_string(from) || !in(r->plan->root, table, json_string_value(from)) ||
+                 json_object_get(in(r->plan->root, table, json_string_value(from)), "prune")))
+                code = wrong(r, "%s.from: expected the name of a defense that trains", where);
+        } else
+            code = check_options(r, value, where);
+        if (code)
+            return code;
+    }
+    return STATUS_DONE;
+}
+
+static int read_limits(struct reader *r)
+{
+    struct plan *p = r->plan;
+    const json_t *threads = json_object_get(p->root, "threads"),
+                 *timeout = json_object_get(p->root, "timeout"),
+                 *memory = json_object_get(p->root, "memory");
+    static const struct sg_option time = {.name = "timeout",
+                                          .type = SG_OPTION_TIME,
+                                          .offset = offsetof(struct plan, timeout),
+                                          .high = 1e9},
+                                  bytes = {.name = "memory",
+                                           .type = SG_OPTION_BYTES,
+                                           .offset = offsetof(struct plan, memory),
+                                           .high = 9e15};
+    char expected[128] = "a text";
+    p->threads = threads ? (int) json_integer_value(threads) : 1;
+    p->alone = json_is_true(json_object_get(p->root, "alone"));
+    if (p->threads < 1 || p->threads > 256)
+        return wrong(r, "threads: expected a whole number from 1 to 256");
+    if (timeout && !(json_is_string(timeout) && sg_option_set(&time, p, json_string_value(timeout),
+                                                              expected, sizeof(expected))))
+        return wrong(r, "timeout: expected %s", expected);
+    if (memory && !(json_is_string(memory) && sg_option_set(&bytes, p, json_string_value(memory),
+                                                            expected, sizeof(expected))))
+        return wrong(r, "memory: expected %s", expected);
+    return STATUS_DONE;
+}
+
+static int read_plan(struct reader *r)
+{
+    struct plan *p = r->plan;
+    int code = check_keys(r, p->root, "plan",
+                          "about|threads|timeout|memory|alone|train|proxy|scenes|photos|defenses|"
+                          "models|runs");
+    if (!code)
+        code = read_limits(r);
+    if (!code)
+        code = check_options(r, json_object_get(p->root, "train"), "train");
+    if (!code)
+        code = check_options(r, json_object_get(p->root, "proxy"), "proxy");
+    if (!code)
+        code = check_scenes(r);
+    static const char *const tables[] = {"photos", "defenses", "models"};
+    for (int i = 0; i < 3 && !code; i++)
+        code = check_lists(r, tables[i]);
+    if (!code && !in(p->root, "photos", CLEAN))
+        code = wrong(r, "photos: found no " CLEAN ", expected [] for photos as they are");
+    if (!code && json_array_size(in(p->root, "photos", CLEAN)))
+        code = wrong(r, "photos." CLEAN ": expected []");
+    if (!code && !in(p->root, "defenses", OFF))
+        code = wrong(r, "defenses: found no " OFF ", expected [] for no defense");
+    const json_t *runs = json_object_get(p->root, "runs");
+    if (!code && !json_array_size(runs))
+        code = wrong(r, "runs: expected a list of blocks");
+    for (size_t i = 0; i < json_array_size(runs) && !code; i++)
+        code = add_block(r, json_array_get(runs, i), i);
+    return code;
+}
+
+int plan_read(struct plan *p, const char *path, const char *data, int shard, int shards)
+{
+    json_error_t error;
+    *p = (struct plan){.root = json_load_file(path, JSON_REJECT_DUPLICATES, &error)};
+    if (!p->root) {
+        say(stderr, "splatguard bench: %s: line %d, column %d: %s\n", path, error.line,
+            error.column, error.text);
+        return STATUS_INPUT;
+    }
+    const char *slash = strrchr(path, '/'), *base = slash ? slash + 1 : path;
+    p->name = strndup(base, strcspn(base, "."));
+    p->folder = slash ? strndup(path, (size_t) (slash - path)) : strdup(".");
+    if (!p->name || !p->folder)
+        return no_memory();
+    struct reader r = {
+        .plan = p, .path = path, .data = data ? data : p->folder, .shard = shard, .shards = shards};
+    return read_plan(&r);
+}
+
+void plan_clear(struct plan *p)
+{
+    for (int i = 0; i < p->n; i++)
+        json_decref(p->jobs[i].config);
+    free(p->jobs);
+    free(p->cells);
+    free(p->name);
+    free(p->folder);
+    json_decref(p->root);
+    *p = (struct plan){0};
+}

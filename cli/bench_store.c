@@ -1,0 +1,412 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The results of benchmarks in an SQLite database. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/utsname.h>
+#include <unistd.h>
+
+#include "bench.h"
+
+#ifdef SG_SQLITE
+#include <sqlite3.h>
+
+#define APPLICATION 0x53475042
+#define VERSION 1
+
+struct store {
+    sqlite3 *db;
+    char *path;
+};
+
+static const char schema[] =
+    "CREATE TABLE job(key TEXT PRIMARY KEY, kind TEXT NOT NULL, status TEXT NOT NULL,"
+    " exit_status INT, signal INT, message TEXT, started TEXT, seconds REAL, cpu_seconds REAL,"
+    " peak_rss INT, beside INT, alone INT, version TEXT, commit_id TEXT, machine TEXT, cores INT,"
+    " engine TEXT, config TEXT, command TEXT, run_config TEXT, summary TEXT) WITHOUT ROWID;"
+    "CREATE TABLE cell(plan TEXT, position INT, key TEXT, kind TEXT, scene TEXT, photos TEXT,"
+    " defense TEXT, model TEXT, seed INT, PRIMARY KEY(plan, position)) WITHOUT ROWID;"
+    "CREATE TABLE plan(name TEXT PRIMARY KEY, text TEXT) WITHOUT ROWID;"
+    "CREATE TABLE metric(key TEXT, name TEXT, value REAL, PRIMARY KEY(key, name)) WITHOUT ROWID;"
+    "CREATE TABLE curve(key TEXT, iteration INT, gaussians INT, loss REAL, psnr REAL,"
+    " instances INT, seconds REAL, PRIMARY KEY(key, iteration)) WITHOUT ROWID;"
+    "CREATE TABLE view(key TEXT, name TEXT, psnr REAL, ssim REAL, PRIMARY KEY(key, name))"
+    " WITHOUT ROWID;";
+
+static int failed(const struct store *s)
+{
+    say(stderr, "splatguard: %s: %s\n", s->path, sqlite3_errmsg(s->db));
+    return STATUS_INPUT;
+}
+
+static int run(struct store *s, const char *sql)
+{
+    return sqlite3_exec(s->db, sql, NULL, NULL, NULL) ? failed(s) : STATUS_DONE;
+}
+
+static int read_number(void *number, int columns, char **values, char **names)
+{
+    (void) columns, (void) names;
+    *(long *) number = values[0] ? strtol(values[0], NULL, 10) : 0;
+    return 0;
+}
+
+static int read_ok(void *ok, int columns, char **values, char **names)
+{
+    (void) columns, (void) names;
+    *(bool *) ok = values[0] && !strcmp(values[0], "ok");
+    return 0;
+}
+
+/* Before anything is written to it. */
+static int check_whole(struct store *s)
+{
+    bool ok = false;
+    if (sqlite3_exec(s->db, "PRAGMA quick_check(1)", read_ok, &ok, NULL))
+        return failed(s);
+    if (!ok)
+        say(stderr, "splatguard: %s: database disk image is malformed; it stays as it is\n",
+            s->path);
+    return ok ? STATUS_DONE : STATUS_INPUT;
+}
+
+/* One of ours, or a new one. */
+static int check_kind(struct store *s)
+{
+    long application = 0, version = 0, tables = 0;
+    char text[64];
+    if (sqlite3_exec(s->db, "PRAGMA application_id", read_number, &application, NULL) ||
+        sqlite3_exec(s->db, "PRAGMA user_version", read_number, &version, NULL) ||
+        sqlite3_exec(s->db, "SELECT count(*) FROM sqlite_master", read_number, &tables, NULL))
+        return failed(s);
+    if (!tables && !application) {
+        snprintf(text, sizeof(text), "PRAGMA application_id=%d; PRAGMA user_version=%d;",
+                 APPLICATION, VERSION);
+        int code = run(s, "BEGIN IMMEDIATE");
+        if (!code)
+            code = run(s, schema);
+        if (!code)
+            code = run(s, text);
+        return code ? code : run(s, "COMMIT");
+    }
+    if (application != APPLICATION || version != VERSION) {
+        say(stderr,
+            "splatguard: %s: found a database that is not of this version of splatguard bench; "
+            "it stays as it is\n",
+            s->path);
+        return STATUS_INPUT;
+    }
+    return STATUS_DONE;
+}
+
+int store_open(const char *path, bool must_exist, struct store **out)
+{
+    struct store *s = *out = calloc(1, sizeof(*s));
+    if (!s || !(s->path = strdup(path)))
+        return no_memory();
+    const int flags =
+        must_exist ? SQLITE_OPEN_READONLY : SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE;
+    if (sqlite3_open_v2(path, &s->db, flags, NULL))
+        return failed(s);
+    sqlite3_extended_result_codes(s->db, 1);
+    sqlite3_busy_timeout(s->db, 10000);
+    /* Text of a stranger's database is data: nothing in its schema runs. */
+    sqlite3_db_config(s->db, SQLITE_DBCONFIG_DEFENSIVE, 1, NULL);
+    sqlite3_db_config(s->db, SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0, NULL);
+    const int code = check_kind(s);
+    return code || must_exist ? code : check_whole(s);
+}
+
+void store_close(struct store **store)
+{
+    if (*store) {
+        sqlite3_close((*store)->db);
+        free((*store)->path);
+    }
+    free(*store);
+    *store = NULL;
+}
+
+/* A statement with its values: types "t" text, "i" whole number, "r" number, "j" JSON. Without NAN:
+ * that is null. */
+static int put(struct store *s, const char *sql, const char *types, ...)
+{
+    sqlite3_stmt *q = NULL;
+    if (sqlite3_prepare_v2(s->db, sql, -1, &q, NULL))
+        return failed(s);
+    va_list args;
+    va_start(args, types);
+    for (int i = 0; types[i]; i++) {
+        const char *text = types[i] == 't' ? va_arg(args, const char *) : NULL;
+        if (types[i] == 't' && text)
+            sqlite3_bind_text(q, i + 1, text, -1, SQLITE_TRANSIENT);
+        else if (types[i] == 'i')
+            sqlite3_bind_int64(q, i + 1, va_arg(args, long long));
+        else if (types[i] == 'r') {
+            const double v = va_arg(args, double);
+            if (isfinite(v))
+                sqlite3_bind_double(q, i + 1, v);
+        } else if (types[i] == 'j') {
+            json_t *value = va_arg(args, json_t *);
+            char *dump = value ? json_dumps(value, JSON_SORT_KEYS | JSON_COMPACT) : NULL;
+            if (dump)
+                sqlite3_bind_text(q, i + 1, dump, -1, SQLITE_TRANSIENT);
+            free(dump);
+        }
+    }
+    va_end(args);
+    const int result = sqlite3_step(q);
+    const int code = result == SQLITE_DONE || result == SQLITE_ROW ? STATUS_DONE : failed(s);
+    sqlite3_finalize(q);
+    return code;
+}
+
+/* Ends a transaction: what is half done is undone. */
+static int end(struct store *s, int code)
+{
+    if (!code)
+        code = run(s, "COMMIT");
+    if (code)
+        sqlite3_exec(s->db, "ROLLBACK", NULL, NULL, NULL);
+    return code;
+}
+
+int store_cells(struct store *s, const struct plan *plan)
+{
+    int code = run(s, "BEGIN IMMEDIATE");
+    if (code)
+        return code;
+    code = put(s, "DELETE FROM cell WHERE plan=?", "t", plan->name);
+    if (!code)
+        code = put(s, "INSERT OR REPLACE INTO plan VALUES(?,?)", "tj", plan->name, plan->root);
+    for (int i = 0; i < plan->n_cells && !code; i++) {
+        const struct cell *c = &plan->cells[i];
+        const struct job *j = &plan->jobs[c->job];
+        code = put(s, "INSERT INTO cell VALUES(?,?,?,?,?,?,?,?,?)",
+                   "tittttt"
+                   "ti",
+                   plan->name, (long long) i, j->key, job_kinds[j->kind], c->scene, c->photos,
+                   c->defense, c->model, (long long) c->seed);
+    }
+    return end(s, code);
+}
+
+int store_status(struct store *s, const char *key, char status[16])
+{
+    sqlite3_stmt *q = NULL;
+    status[0] = 0;
+    if (sqlite3_prepare_v2(s->db, "SELECT status FROM job WHERE key=?", -1, &q, NULL))
+        return failed(s);
+    sqlite3_bind_text(q, 1, key, -1, SQLITE_TRANSIENT);
+    const int result = sqlite3_step(q);
+    if (result == SQLITE_ROW)
+        snprintf(status, 16, "%s", (const char *) sqlite3_column_text(q, 0));
+    const int code = result == SQLITE_ROW || result == SQLITE_DONE ? STATUS_DONE : failed(s);
+    sqlite3_finalize(q);
+    return code;
+}
+
+double store_metric(struct store *s, const char *key, const char *name)
+{
+    sqlite3_stmt *q = NULL;
+    double v = NAN;
+    if (sqlite3_prepare_v2(s->db, "SELECT value FROM metric WHERE key=? AND name=?", -1, &q, NULL))
+        return v;
+    sqlite3_bind_text(q, 1, key, -1, SQLITE_TRANSIENT);
+    sqlite3_bind_text(q, 2, name, -1, SQLITE_TRANSIENT);
+    if (sqlite3_step(q) == SQLITE_ROW && sqlite3_column_type(q, 0) != SQLITE_NULL)
+        v = sqlite3_column_double(q, 0);
+    sqlite3_finalize(q);
+    return v;
+}
+
+/* Every number of a JSON object, those in objects with a dot: "stage_seconds.loss". */
+static int put_numbers(struct store *s, const char *key, const char *prefix, const json_t *object)
+{
+    const char *name;
+    json_t *value;
+    int code = STATUS_DONE;
+    json_object_foreach((json_t *) object, name, value)
+    {
+        char path[128];
+        snprintf(path, sizeof(path), "%s%s%s", prefix, *prefix ? "." : "", name);
+        if (code)
+            return code;
+        if (json_is_object(value))
+            code = put_numbers(s, key, path, value);
+        else if (json_is_number(value))
+            code = put(s, "INSERT OR REPLACE INTO metric VALUES(?,?,?)", "ttr", key, path,
+                       json_number_value(value));
+    }
+    return code;
+}
+
+static double number_of(const json_t *object, const char *name)
+{
+    const json_t *v = json_object_get(object, name);
+    return json_is_number(v) ? json_number_value(v) : NAN;
+}
+
+static int put_curve(struct store *s, const char *key, const char *log)
+{
+    int code = STATUS_DONE;
+    for (const char *line = log; line && *line && !code;) {
+        const size_t n = strcspn(line, "\n");
+        json_t *o = json_loadb(line, n, 0, NULL);
+        if (json_is_object(o) && json_object_get(o, "gaussians") && json_object_get(o, "loss"))
+            code = put(s, "INSERT OR REPLACE INTO curve VALUES(?,?,?,?,?,?,?)", "tirrrrr", key,
+                       (long long) number_of(o, "iteration"), number_of(o, "gaussians"),
+                       number_of(o, "loss"), number_of(o, "psnr"), number_of(o, "instances"),
+                       number_of(o, "train_seconds"));
+        json_decref(o);
+        line += n + (line[n] == '\n');
+    }
+    return code;
+}
+
+static int put_eval(struct store *s, const char *key, const json_t *eval)
+{
+    const json_t *views = json_object_get(eval, "per_view");
+    int code = eval ? put_numbers(s, key, "eval", eval) : STATUS_DONE;
+    for (size_t i = 0; i < json_array_size(views) && !code; i++) {
+        const json_t *v = json_array_get(views, i);
+        code = put(s, "INSERT OR REPLACE INTO view VALUES(?,?,?,?)", "ttrr", key,
+                   json_string_value(json_object_get(v, "name")), number_of(v, "psnr"),
+                   number_of(v, "ssim"));
+    }
+    return code;
+}
+
+static void machine_name(char *text, size_t size)
+{
+    struct utsname u;
+    char line[256];
+    snprintf(text, size, "%s", uname(&u) ? "unknown" : u.machine);
+    FILE *f = fopen("/proc/cpuinfo", "r");
+    while (f && fgets(line, sizeof(line), f))
+        if (!strncmp(line, "model name", 10) && strchr(line, ':')) {
+            snprintf(text, size, "%s", strchr(line, ':') + 2);
+            text[strcspn(text, "\n")] = 0;
+            break;
+        }
+    if (f)
+        fclose(f);
+}
+
+static int store_drop(struct store *s, const char *key)
+{
+    static const char *const sql[] = {
+        "DELETE FROM metric WHERE key=?", "DELETE FROM curve WHERE key=?",
+        "DELETE FROM view WHERE key=?", "DELETE FROM job WHERE key=?"};
+    int code = STATUS_DONE;
+    for (int i = 0; i < 4 && !code; i++)
+        code = put(s, sql[i], "t", key);
+    return code;
+}
+
+int store_put(struct store *s, const struct job *j, const struct outcome *o)
+{
+    char machine[128];
+    machine_name(machine, sizeof(machine));
+    const json_t *variant = json_object_get(o->run_config, "cpu_variant");
+    int code = run(s, "BEGIN IMMEDIATE");
+    if (code)
+        return code;
+    code = store_drop(s, j->key);
+    if (!code)
+        code = put(s, "INSERT INTO job VALUES(?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)",
+                   "ttt"
+                   "ii"
+                   "tt"
+                   "rr"
+                   "iii"
+                   "ttt"
+                   "i"
+                   "tjtjj",
+                   j->key, job_kinds[j->kind], o->status, (long long) o->exit_status,
+                   (long long) o->signal, o->message[0] ? o->message : NULL, o->started, o->seconds,
+                   o->cpu_seconds, (long long) o->peak_rss, (long long) o->beside,
+                   (long long) (o->beside == 1), sg_version(), SG_COMMIT, machine,
+                   (long long) sysconf(_SC_NPROCESSORS_ONLN), json_string_value(variant), j->config,
+                   o->command, o->run_config, o->summary);
+    if (!code && o->summary)
+        code = put_numbers(s, j->key, "", o->summary);
+    if (!code)
+        code = put_eval(s, j->key, o->eval);
+    if (!code)
+        code = put_curve(s, j->key, o->log);
+    return end(s, code);
+}
+
+int store_query(struct store *s, const char *sql, const char *argument,
+                int (*row)(void *arg, int columns, const char *const *values), void *arg)
+{
+    sqlite3_stmt *q = NULL;
+    if (sqlite3_prepare_v2(s->db, sql, -1, &q, NULL))
+        return failed(s);
+    if (argument)
+        sqlite3_bind_text(q, 1, argument, -1, SQLITE_TRANSIENT);
+    int result, stop = 0;
+    while (!stop && (result = sqlite3_step(q)) == SQLITE_ROW) {
+        const char *values[32];
+        const int n = sqlite3_column_count(q);
+        for (int i = 0; i < n && i < 32; i++)
+            values[i] = (const char *) sqlite3_column_text(q, i);
+        stop = row(arg, n, values);
+    }
+    const int code = stop ? stop : result == SQLITE_DONE ? STATUS_DONE : failed(s);
+    sqlite3_finalize(q);
+    return code;
+}
+
+#else
+
+int store_open(const char *path, bool must_exist, struct store **out)
+{
+    (void) must_exist;
+    *out = NULL;
+    say(stderr,
+        "splatguard: %s: this build has no SQLite, which results are kept in; build it where "
+        "libsqlite3-dev is installed\n",
+        path);
+    return STATUS_USAGE;
+}
+
+void store_close(struct store **store)
+{
+    *store = NULL;
+}
+
+int store_cells(struct store *s, const struct plan *plan)
+{
+    (void) s, (void) plan;
+    return STATUS_INTERNAL;
+}
+
+int store_status(struct store *s, const char *key, char status[16])
+{
+    (void) s, (void) key;
+    status[0] = 0;
+    return STATUS_INTERNAL;
+}
+
+double store_metric(struct store *s, const char *key, const char *name)
+{
+    (void) s, (void) key, (void) name;
+    return NAN;
+}
+
+int store_put(struct store *s, const struct job *job, const struct outcome *o)
+{
+    (void) s, (void) job, (void) o;
+    return STATUS_INTERNAL;
+}
+
+int store_query(struct store *s, const char *sql, const char *argument,
+                int (*row)(void *arg, int columns, const char *const *values), void *arg)
+{
+    (void) s, (void) sql, (void) argument, (void) row, (void) arg;
+    return STATUS_INTERNAL;
+}
+
+#endif

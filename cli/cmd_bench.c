@@ -1,0 +1,180 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "bench.h"
+
+struct bench_config {
+    const char *output, *work, *data, *shard;
+    int jobs, slurm;
+    uint64_t max_memory;
+    bool retry, keep, list, quiet;
+};
+
+#define B(field) offsetof(struct bench_config, field)
+
+static const struct sg_option bench_options[] = {
+    TEXT_ROW("output", B(output), "DB", "Database of the results; what is in it is not run again.",
+             .letter = 'o'),
+    TEXT_ROW("work", B(work), "DIR",
+             "Folder for scenes, poisons and runs, which jobs share; DB.work by default."),
+    TEXT_ROW("data", B(data), "DIR",
+             "Folder that the paths of scenes are relative to; the plan's by default."),
+    NUMBER_ROW("jobs", SG_OPTION_INT, B(jobs), 0, 1024, "N",
+               "Jobs at the same time; 0 = as many as there are CPUs for their threads.",
+               .letter = 'j'),
+    NUMBER_ROW("max-memory", SG_OPTION_BYTES, B(max_memory), 0, 9e15, "BYTES",
+               "Start no more jobs than have room in this, by the plan's memory of each; 0 = no "
+               "limit."),
+    TEXT_ROW("shard", B(shard), "I/N",
+             "Only the I-th of N parts of the plan, from 1; cells of one poison are of one part."),
+    NUMBER_ROW("slurm", SG_OPTION_INT, B(slurm), 0, 10000, "N",
+               "Print a script for sbatch that runs the plan as an array of N jobs, and end."),
+    FLAG_ROW("retry", B(retry), "Run again what failed, crashed or took too long."),
+    FLAG_ROW("keep", B(keep), "Keep the checkpoints of runs that are done."),
+    FLAG_ROW("list", B(list), "Print the jobs of the plan and end."),
+    FLAG_ROW("quiet", B(quiet), "Say only what fails.", .letter = 'q'),
+    {0},
+};
+
+static void defaults(void *config)
+{
+    memset(config, 0, sizeof(struct bench_config));
+}
+
+static int wrong_shard(const char *text)
+{
+    say(stderr, "splatguard bench: --shard: found \"%s\", expected I/N with I from 1 to N\n", text);
+    return STATUS_USAGE;
+}
+
+static int print_slurm(const struct bench_config *c, const char *plan)
+{
+    char program[PATH_MAX];
+    const ssize_t n = readlink("/proc/self/exe", program, sizeof(program) - 1);
+    program[n > 0 ? n : 0] = 0;
+    printf("#!/bin/sh\n#SBATCH --job-name=splatguard\n#SBATCH --array=1-%d\n", c->slurm);
+    printf("# Each job writes a database of its own; splatguard report reads them together.\n");
+    printf("exec '%s' bench '%s' -o '%s'.$SLURM_ARRAY_TASK_ID --shard $SLURM_ARRAY_TASK_ID/%d",
+           program, plan, c->output, c->slurm);
+    if (c->data)
+        printf(" --data '%s'", c->data);
+    if (c->work)
+        printf(" --work '%s'.$SLURM_ARRAY_TASK_ID", c->work);
+    printf("\n");
+    return STATUS_DONE;
+}
+
+static void print_jobs(const struct plan *p)
+{
+    for (int i = 0; i < p->n; i++) {
+        const struct job *j = &p->jobs[i];
+        say(stdout, "%.8s %-6s %s %s %s %s seed %d\n", j->key, job_kinds[j->kind], j->scene,
+            j->photos, j->defense, j->model, j->seed);
+    }
+}
+
+/* The folder of the jobs, for one bench at a time: the lock goes with the process. */
+static int claim_work(const char *work, int *lock)
+{
+    char path[PATH_MAX + 8];
+    if (mkdir(work, 0777) && errno != EEXIST) {
+        say(stderr, "splatguard bench: %s: cannot make the folder: %s\n", work, strerror(errno));
+        return STATUS_INPUT;
+    }
+    snprintf(path, sizeof(path), "%s/.bench", work);
+    *lock = open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0666);
+    if (*lock < 0 || flock(*lock, LOCK_EX | LOCK_NB)) {
+        say(stderr, "splatguard bench: %s: %s\n", work,
+            *lock >= 0 && errno == EWOULDBLOCK ? "another bench works in this folder"
+                                               : strerror(errno));
+        return STATUS_INPUT;
+    }
+    return STATUS_DONE;
+}
+
+static int run_plan(const struct bench_config *c, struct plan *p)
+{
+    struct bench b = {.plan = p,
+                      .jobs = c->jobs,
+                      .memory = c->max_memory,
+                      .retry = c->retry,
+                      .keep = c->keep,
+                      .quiet = c->quiet};
+    char work[PATH_MAX], whole[PATH_MAX];
+    int lock = -1;
+    const long cpus = sysconf(_SC_NPROCESSORS_ONLN);
+    if (!b.jobs)
+        b.jobs = cpus / p->threads > 1 ? (int) (cpus / p->threads) : 1;
+    if (p->alone)
+        b.jobs = 1;
+    snprintf(work, sizeof(work), "%s%s", c->work ? c->work : c->output, c->work ? "" : ".work");
+    int code = store_open(c->output, false, &b.store);
+    if (!code)
+        code = claim_work(work, &lock);
+    if (!code && !realpath(work, whole)) {
+        say(stderr, "splatguard bench: %s: %s\n", work, strerror(errno));
+        code = STATUS_INPUT;
+    }
+    b.work = whole;
+    if (!code)
+        code = store_cells(b.store, p);
+    if (!code)
+        code = bench_run(&b);
+    if (code == STATUS_INTERRUPTED)
+        say(stderr, "interrupted; the same command goes on\n");
+    store_close(&b.store);
+    if (lock >= 0)
+        close(lock);
+    return code;
+}
+
+static int run_bench(const void *config, const bool *given, const char *const *positional,
+                     int count)
+{
+    (void) given, (void) count;
+    const struct bench_config *c = config;
+    struct plan plan = {0};
+    int shard = 1, shards = 1;
+    char rest;
+    if (c->shard && (sscanf(c->shard, "%d/%d%c", &shard, &shards, &rest) != 2 || shard < 1 ||
+                     shards < 1 || shard > shards))
+        return wrong_shard(c->shard);
+    if (!c->output && !c->list) {
+        say(stderr, "splatguard bench: missing -o DB; usage: splatguard bench %s\n",
+            command_bench.arguments);
+        return STATUS_USAGE;
+    }
+    int code = plan_read(&plan, positional[0], c->data, shard - 1, shards);
+    if (!code && c->list)
+        print_jobs(&plan);
+    else if (!code && c->slurm)
+        code = print_slurm(c, positional[0]);
+    else if (!code)
+        code = run_plan(c, &plan);
+    plan_clear(&plan);
+    return code;
+}
+
+const struct command command_bench = {
+    .name = "bench",
+    .arguments = "PLAN.json -o DB [options]",
+    .summary = "Runs a plan of attacks and defenses and keeps the results in a database.",
+    .description =
+        "Runs the scenes, photos, defenses, models and seeds of PLAN, each as a process of its "
+        "own, as many at a time as there are CPUs. Proxies and poisons are made once. A run that "
+        "crashes or takes too long is a row of the database. Stopped at any time, the same "
+        "command goes on; only what is missing or has changed runs. See docs/bench.md.",
+    .options = bench_options,
+    .config_size = sizeof(struct bench_config),
+    .defaults = defaults,
+    .min_positional = 1,
+    .max_positional = 1,
+    .run = run_bench,
+};

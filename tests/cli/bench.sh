@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+# Plans: stopped and gone on with, changed, with runs that fail; databases that cannot be used.
+. "$(dirname "$0")/common.sh"
+ask() { sqlite3 "$1" "$2"; }
+plan() { # FILE TRAIN-ITERATIONS MORE-DEFENSES: a plan of one scene
+    cat >"$1" <<END
+{"timeout": "60s", "train": ["--iterations", "$2", "--init-points", "200", "--densify-until-iter", "30", "--save-every", "20"],
+ "scenes": {"s": {"synth": ["--width", "48", "--height", "36", "--train-views", "5", "--test-views", "2", "--points", "200", "--samples", "1"]}},
+ "photos": {"clean": [], "noise": ["--method", "noise", "--epsilon", "16"]},
+ "defenses": {"off": [], "half": ["--max-gaussians", "{clean*0.5}"], "lg": {"prune": ["--finetune", "5", "--trained", "60"]}$3},
+ "models": {"default": []},
+ "runs": [{"scenes": ["s"], "photos": ["clean", "noise"], "defenses": ["off", "half", "lg"$(echo "$3" | sed -n 's/.*"\(bad\)".*/, "\1"/p')], "models": ["default"], "seeds": [1]}]}
+END
+}
+plan plan.json 60 ''
+if "$tool" bench plan.json -o scene/none.db 2>&1 | grep -q 'no SQLite' || ! command -v sqlite3 >/dev/null; then
+    echo "skipped: no SQLite"
+    exit 77
+fi
+expect 0 bench plan.json -o once.db -q
+says '0 jobs were done before, 8 are done now, 0 failed'
+[ "$(ask once.db 'select count(*) from view')" -eq 12 ] || fail "no metrics of the views"
+[ "$(ask once.db 'select count(distinct key) from curve')" -eq 4 ] || fail "no curves"
+half="select m.value from metric m join cell c using(key) where c.defense='half' and c.photos='noise' and m.name='max_gaussians'"
+[ "$(ask once.db "$half")" = 100.0 ] || fail "half of the clean count is $(ask once.db "$half")"
+expect 0 bench plan.json -o once.db -q
+says '8 jobs were done before, 0 are done now'
+
+# Killed at any time: nothing is lost, nothing is done twice.
+for delay in 0.1 0.3 0.5 0.8 1.2; do
+    "$tool" bench plan.json -o killed.db -q 2>/dev/null &
+    pid=$!
+    sleep $delay
+    kill -KILL $pid 2>/dev/null
+    wait $pid 2>/dev/null
+    ask killed.db 'select key, started from job' >>seen 2>/dev/null
+    sleep 0.3 # its processes save and end
+done
+expect 0 bench plan.json -o killed.db -q
+ask killed.db 'select key, started from job' >end
+while read -r row; do grep -qF "$row" end || fail "a job ran twice: $row"; done <seen
+results="select key, name, value from metric where name in ('eval.psnr', 'eval.ssim', 'final_gaussians') order by 1, 2"
+[ "$(ask killed.db "$results")" = "$(ask once.db "$results")" ] || fail "a stopped plan has other results"
+
+# Ctrl-C lets the runs save.
+plan long.json 100000 ''
+"$tool" bench long.json -o long.db -q 2>err &
+pid=$!
+waited=0
+until [ -d long.db.work ] || [ $waited -ge 100 ]; do sleep 0.1; waited=$((waited + 1)); done
+sleep 1
+interrupt $pid
+[ $? -eq 130 ] || fail "an interrupted bench did not exit with 130"
+says 'the same command goes on'
+
+# What changed runs; what fails is a row.
+plan plan.json 60 ', "bad": ["--rho", "7"]'
+expect 0 bench plan.json -o once.db -q
+says '8 jobs were done before, 0 are done now, 2 failed'
+[ "$(ask once.db "select count(*) from job where status='failed' and exit_status=1 and message like '%--rho%'")" -eq 2 ] || fail "no row for a failure"
+expect 0 bench plan.json -o once.db -q
+says '0 failed'
+sed 's/"timeout": "60s"/"timeout": "1s"/; s/"60"/"90000"/' plan.json >slow.json
+expect 0 bench slow.json -o slow.db -q --jobs 8
+[ "$(ask slow.db "select count(*) from job where status='timeout'")" -ge 1 ] || fail "no row for a timeout"
+
+# Parts of a plan are all of it; a script for a cluster.
+plan plan.json 60 ''
+for i in 1 2 3; do "$tool" bench plan.json --list --shard $i/3; done | grep -c half >parts
+[ "$(cat parts)" -eq 2 ] || fail "the parts have $(cat parts) of 2 cells"
+expect 0 bench plan.json -o cluster.db --slurm 3
+grep -q 'array=1-3' out && grep -q -- '--shard ..\?SLURM_ARRAY_TASK_ID/3\|--shard .SLURM_ARRAY_TASK_ID/3' out || fail "the script is $(cat out)"
+[ ! -e cluster.db ] || fail "a script made a database"
+expect 1 bench plan.json -o x.db --shard 4/3; says '--shard'
+
+# Databases that cannot be used stay as they are.
+echo 'this is no database, but a file that somebody needs, and it is long enough to be looked at....' >file.db
+cp file.db copy.db
+expect 2 bench plan.json -o file.db; says 'file.db: file is not a database'
+cmp file.db copy.db || fail "a file that is no database has changed"
+ask foreign.db 'create table mine(x); insert into mine values(1)'
+expect 2 bench plan.json -o foreign.db; says 'not of this version of splatguard bench'
+[ "$(ask foreign.db 'select * from mine')" = 1 ] || fail "another's database has changed"
+(ulimit -f 4; "$tool" bench plan.json -o full.db -q 2>err; [ $? -eq 2 ]) || fail "a full disk was not noticed"
+says 'full.db'
+dd if=/dev/urandom of=once.db bs=1024 seek=4 count=4 conv=notrunc 2>/dev/null
+cp once.db torn.db
+expect 2 bench plan.json -o once.db; says 'once.db: database disk image is malformed'
+cmp once.db torn.db || fail "a damaged database has changed"
+
+# Plans with mistakes.
+echo '{"scenes": 3' >bad.json; expect 2 bench bad.json -o x.db; says 'bad.json: line'
+sed 's/"off", "half"/"off", "helf"/' plan.json >bad.json
+expect 2 bench bad.json -o x.db; says 'runs[0].defenses[1]: found helf, expected a name of defenses'
+sed 's/"timeout"/"timeuot"/' plan.json >bad.json
+expect 2 bench bad.json -o x.db; says 'found "timeuot"'
+sed 's/"synth".*/"path": "nowhere"}},/' plan.json >bad.json
+expect 2 bench bad.json -o x.db; says 'scenes.s: found no file in ./nowhere'
+[ ! -e x.db ] || fail "a bad plan made a database"
+expect 1 bench plan.json; says 'missing -o DB'
