@@ -35,6 +35,7 @@ struct setup {
     int degree;
     size_t count;
     double params[MOST][SG_PARAMS_MAX];
+    bool mip;
     double weight[3 * PIXELS]; /* the loss is sum of weight x image */
 };
 
@@ -45,11 +46,16 @@ static struct ref_image image = {WIDTH, HEIGHT, rgb, transmittance, depth, last}
 
 #define GRID(n) (((n) + SG_TILE - 1) / SG_TILE)
 
+static struct view view_of(const struct setup *s)
+{
+    return s->mip ? view_make_mip(&s->camera) : view_make(&s->camera);
+}
+
 /* Loss; with backward, the splats hold their gradients afterwards. Counts the blended pairs in
  * *blended: where a parameter step changes it, a cut-off was crossed and the loss jumps. */
 static double evaluate(const struct setup *s, bool backward, long *blended)
 {
-    const struct view view = view_make(&s->camera);
+    const struct view view = view_of(s);
     struct ref_entry list[MOST];
     double loss = 0;
     long pairs = 0;
@@ -113,7 +119,7 @@ static const char *group_name(int p)
  * may stay crossed. */
 static void check_all(struct setup *s)
 {
-    const struct view view = view_make(&s->camera);
+    const struct view view = view_of(s);
     double gradient[MOST][SG_PARAMS_MAX], largest[SG_PARAMS_MAX] = {0};
     long here;
     evaluate(s, true, &here);
@@ -161,6 +167,38 @@ static void gradients_of_every_parameter(void **state)
     for (int degree = 0; degree <= 3; degree++) {
         make_setup(&s, 4, degree, 100 + (uint64_t) degree);
         check_all(&s);
+    }
+}
+
+/* Through the compensation of the 2D filter, for Gaussians of a few pixels and of less than one. */
+static void gradients_with_the_mip_filter(void **state)
+{
+    (void) state;
+    static struct setup s;
+    for (int degree = 0; degree <= 1; degree++) {
+        make_setup(&s, 4, degree, 110 + (uint64_t) degree);
+        s.mip = true;
+        for (size_t i = 0; i < s.count; i++)
+            for (int k = 0; k < 3; k++)
+                s.params[i][SG_P_SCALE + k] -= 0.6 * (double) i;
+        for (size_t i = 0; i < s.count; i++)
+            s.params[i][SG_P_OPACITY] += 1;
+        check_all(&s);
+    }
+}
+
+/* Values that the released code gives. */
+static void gains_of_the_mip_filter(void **state)
+{
+    (void) state;
+    static const double cases[][4] = {{1, 0, 1, 0.909091083},
+                                      {4, 1, 2, 0.959084559},
+                                      {0.1, 0, 0.1, 0.49999475},
+                                      {0.01, 0, 0.01, 0.0909108346},
+                                      {0.001, 0, 0.001, 0}};
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
+        const double a = cases[i][0], b = cases[i][1], c = cases[i][2];
+        assert_near(mip_gain(a * c - b * b, (a + 0.1) * (c + 0.1) - b * b), cases[i][3], 1e-8);
     }
 }
 
@@ -350,6 +388,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(gradients_of_every_parameter),
+        cmocka_unit_test(gradients_with_the_mip_filter),
+        cmocka_unit_test(gains_of_the_mip_filter),
         cmocka_unit_test(gradients_when_layers_hide_each_other),
         cmocka_unit_test(gradients_of_needles_and_specks),
         cmocka_unit_test(gradients_outside_the_tangent_clamp),

@@ -16,6 +16,10 @@ struct sg_render_params {
     float background[3]; /* 0..1. Default black. */
     /* Keep every tile of the 3-sigma square, as the reference does. Default false. */
     bool reference_tiles;
+    /* The 2D filter of Mip-Splatting (Yu et al. 2024): each Gaussian is widened by a variance of
+     * 0.1 pixels instead of 0.3, and its opacity makes up for that. For models that were trained
+     * with it. Default false. */
+    bool mip_filter;
     /* (Gaussian, tile) pairs held at once. Views with more are processed in bands. Default 1 << 24.
      */
     uint64_t max_instances;

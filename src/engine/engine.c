@@ -260,6 +260,16 @@ static int run_shape(struct sg_engine *e)
     return code;
 }
 
+static int check_filter(const struct sg_engine *e, const struct sg_render_params *params)
+{
+    return !params->mip_filter || e->ops->mip_filter
+               ? SG_OK
+               : sg_fail(e->ctx, SG_ERR_USAGE,
+                         "render: found the 2D filter of Mip-Splatting, which engine %s does not "
+                         "have",
+                         e->ops->name);
+}
+
 int sg_engine_project(struct sg_engine *e, const struct sg_camera *camera, int sh_degree,
                       const struct sg_render_params *params)
 {
@@ -267,7 +277,9 @@ int sg_engine_project(struct sg_engine *e, const struct sg_camera *camera, int s
     e->step = (struct sg_step){0};
     for (int k = 0; k < SG_LOSSES; k++)
         e->step.loss[k] = NAN;
-    int code = run_shape(e);
+    int code = check_filter(e, params);
+    if (!code)
+        code = run_shape(e);
     if (code)
         return leave(e, code, 0, 0);
     const double start = sg_seconds();
@@ -443,7 +455,9 @@ int sg_engine_read_step(struct sg_engine *e, struct sg_step *out)
 int sg_engine_count_hits(struct sg_engine *e, const struct sg_camera *const *views, size_t n,
                          const struct sg_render_params *params, enum sg_hit kind, double *hits)
 {
-    int code = run_shape(e);
+    int code = check_filter(e, params);
+    if (!code)
+        code = run_shape(e);
     const double start = sg_seconds();
     if (!code)
         code = e->ops->count_hits(e, views, n, params, kind, hits);

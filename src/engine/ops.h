@@ -47,8 +47,9 @@ struct sg_engine {
  * it. */
 struct sg_engine_ops {
     const char *name;
-    bool absolute; /* it counts SG_GRADIENT_ABSOLUTE */
-    bool exposure; /* its photometric loss knows exposures */
+    bool absolute;   /* it counts SG_GRADIENT_ABSOLUTE */
+    bool exposure;   /* its photometric loss knows exposures */
+    bool mip_filter; /* of struct sg_render_params */
     void (*destroy)(struct sg_engine *);
     const char *(*variant)(const struct sg_engine *);
 

@@ -7,10 +7,12 @@
 #define SG_ALPHA_MIN (1.0f / 255.0f)   /* below it a pair is skipped */
 #define SG_LOG2_ALPHA_MIN -7.99435344f /* log2 of it */
 #define SG_ALPHA_MAX 0.99f
-#define SG_T_MIN 1e-4f /* transmittance at which a pixel stops */
-#define SG_Z_MIN 0.2f  /* cull in front of it */
-#define SG_BLUR 0.3f   /* added to the diagonal of the 2D covariance, pixels squared */
-#define SG_GUARD 1.3f  /* tangent clamp, in half fields of view */
+#define SG_T_MIN 1e-4f    /* transmittance at which a pixel stops */
+#define SG_Z_MIN 0.2f     /* cull in front of it */
+#define SG_BLUR 0.3f      /* added to the diagonal of the 2D covariance, pixels squared */
+#define SG_MIP_BLUR 0.1f  /* the same of Mip-Splatting (Yu et al. 2024), with compensation */
+#define SG_MIP_LEAST 1e-6 /* in its formulas, as the released code has it */
+#define SG_GUARD 1.3f     /* tangent clamp, in half fields of view */
 
 #define SG_ADAM_BETA1 0.9f
 #define SG_ADAM_BETA2 0.999f

@@ -9,12 +9,19 @@
 #include "splatguard/camera.h"
 #endif
 
+/* Whether opacities make up for the blur; a constant where that is known to the compiler. */
+#ifndef SG_COMPENSATED
+#define SG_COMPENSATED(v) ((v).compensated > NUM(0))
+#endif
+
 /* A camera in the precision of the arithmetic, with what projection needs of it. */
 struct view {
     scalar R[9], t[3], centre[3];
     scalar fx, fy, cx, cy; /* cx, cy as px = fx x/z + cx, pixel centres at integers */
     scalar lim[4];         /* tangent clamp: -x, +x, -y, +y */
     scalar half_w, half_h; /* d px / d ndc */
+    scalar blur;           /* added to the diagonal of the 2D covariance */
+    scalar compensated;    /* 1: opacities make up for the blur; 0 */
 };
 
 #ifndef SG_GLSL /* which has no doubles */
@@ -39,6 +46,15 @@ static inline struct view view_make(const struct sg_camera *c)
     v.lim[2] = (scalar) - (c->cy / c->fy + my);
     v.lim[3] = (scalar) ((c->height - c->cy) / c->fy + my);
     v.half_w = (scalar) c->width / 2, v.half_h = (scalar) c->height / 2;
+    v.blur = (scalar) SG_BLUR, v.compensated = 0;
+    return v;
+}
+
+/* With the 2D filter of Mip-Splatting (Yu et al. 2024, section 5.2). */
+static inline struct view view_make_mip(const struct sg_camera *c)
+{
+    struct view v = view_make(c);
+    v.blur = (scalar) SG_MIP_BLUR, v.compensated = 1;
     return v;
 }
 #endif
@@ -48,6 +64,7 @@ struct splat {
     real a, b, c; /* 2D covariance with blur */
     real A, B, C; /* its inverse, the conic */
     real det;
+    real gain;    /* of the opacity: 1, or what makes up for the blur */
     real sigma;   /* standard deviation along the longer axis, as the reference rounds it:
                      sqrt(lambda) */
     mask visible; /* in front of the camera and invertible; NaN is not visible */
@@ -63,7 +80,17 @@ struct projection {
     real ux, uy;       /* camera space, not clamped */
     mask in_x, in_y;   /* not clamped */
     real T0[3], T1[3]; /* rows of J R_view */
+    real a0, c0;       /* diagonal of the 2D covariance without blur */
 };
+
+/* From the determinants of the 2D covariance without and with blur. */
+SG_FN real mip_gain(real plain, real blurred)
+{
+    const real least = r_set(NUM(SG_MIP_LEAST));
+    const real det0 = r_max(least, plain), det1 = r_max(least, blurred);
+    const real gain = r_sqrt(det0 / (det1 + least) + least);
+    return r_sel(r_and(r_lt(least, det0), r_lt(least, det1)), gain, r_set(NUM(0)));
+}
 
 /* What the parameters v, o, p and g of the two functions hold. */
 #define V REF(v)
@@ -123,11 +150,16 @@ SG_FN void project(IN(view, v), IN_ARRAY(real, xyz, 3), IN_ARRAY(real, scale, 3)
     const real w0 = P.S[0] * P.T1[0] + P.S[1] * P.T1[1] + P.S[2] * P.T1[2];
     const real w1 = P.S[1] * P.T1[0] + P.S[3] * P.T1[1] + P.S[4] * P.T1[2];
     const real w2 = P.S[2] * P.T1[0] + P.S[4] * P.T1[1] + P.S[5] * P.T1[2];
-    O.a = P.T0[0] * u0 + P.T0[1] * u1 + P.T0[2] * u2 + NUM(SG_BLUR);
+    P.a0 = P.T0[0] * u0 + P.T0[1] * u1 + P.T0[2] * u2;
+    O.a = P.a0 + V.blur;
     O.b = P.T1[0] * u0 + P.T1[1] * u1 + P.T1[2] * u2;
-    O.c = P.T1[0] * w0 + P.T1[1] * w1 + P.T1[2] * w2 + NUM(SG_BLUR);
+    P.c0 = P.T1[0] * w0 + P.T1[1] * w1 + P.T1[2] * w2;
+    O.c = P.c0 + V.blur;
     O.det = O.a * O.c - O.b * O.b;
-    /* The reference culls det == 0; in exact arithmetic det > 0.09, so negative means that float
+    O.gain = r_set(1);
+    if (SG_COMPENSATED(V))
+        O.gain = mip_gain(P.a0 * P.c0 - O.b * O.b, O.det);
+    /* The reference culls det == 0; in exact arithmetic det >= blur^2, so negative means that float
      * overflowed or cancelled and the conic would be garbage. Beyond 1e16 (a splat of 1e8 pixels)
      * the gradient would overflow. */
     const real big = r_set(NUM(1e30));
@@ -149,6 +181,7 @@ SG_FN void project(IN(view, v), IN_ARRAY(real, xyz, 3), IN_ARRAY(real, scale, 3)
 struct splat_grad {
     real x, y;     /* pixel position */
     real A, Bh, C; /* conic; Bh is half of the true derivative with respect to B */
+    real opacity;  /* drawn opacity, times that opacity; read where the view is compensated */
 };
 
 /* Backward of project(). out_*: dL/d stored parameters. den^2 + 1e-7 as the reference. */
@@ -159,9 +192,18 @@ SG_FN void project_backward(IN(view, v), IN(projection, p), IN(splat, o), IN(spl
     const real a = O.a, b = O.b, c = O.c;
     const real k = NUM(1) / (O.det * O.det + NUM(1e-7));
     const real off = O.det - a * c; /* = -b^2, in the reference's arithmetic */
-    const real da = k * (-c * c * G.A + NUM(2) * b * c * G.Bh + off * G.C);
-    const real dc = k * (-a * a * G.C + NUM(2) * a * b * G.Bh + off * G.A);
-    const real db = NUM(2) * k * (b * c * G.A - (O.det + NUM(2) * b * b) * G.Bh + a * b * G.C);
+    real da = k * (-c * c * G.A + NUM(2) * b * c * G.Bh + off * G.C);
+    real dc = k * (-a * a * G.C + NUM(2) * a * b * G.Bh + off * G.A);
+    real db = NUM(2) * k * (b * c * G.A - (O.det + NUM(2) * b * b) * G.Bh + a * b * G.C);
+    if (SG_COMPENSATED(V)) { /* what is not drawn has G.opacity 0 */
+        const real least = r_set(NUM(SG_MIP_LEAST)), gain = O.gain + least;
+        const real det0 = r_max(least, P.a0 * P.c0 - b * b), det1 = r_max(least, O.det);
+        const real e = NUM(0.5) * G.opacity / (gain * gain);
+        const real e0 = e / (det1 + least), e1 = -e * det0 / (det1 * det1 + least);
+        da += e0 * P.c0 + e1 * c;
+        dc += e0 * P.a0 + e1 * a;
+        db -= NUM(2) * b * (e0 + e1);
+    }
 
     real D[9]; /* symmetric dL/dSigma with halved off-diagonals */
     for (int i = 0; i < 3; i++)

@@ -179,7 +179,7 @@ static void make_map(const struct job *j, size_t i, double map[GEOMETRY + 3][6])
     load(j->model, i, planes);
     ref_project(&j->view, planes, j->degree, j->grid_x, j->grid_y, &s);
     for (int k = 0; k < GEOMETRY; k++) {
-        const struct splat_grad unit = {k == 0, k == 1, k == 2, k == 3, k == 4};
+        const struct splat_grad unit = {k == 0, k == 1, k == 2, k == 3, k == 4, 0};
         project_backward(&j->view, &s.p, &s.s, &unit, map[k], map[k] + 3, rotation);
     }
     for (int ch = 0; ch < 3; ch++) {

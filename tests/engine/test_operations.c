@@ -723,6 +723,57 @@ static void test_exposure_values(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* With the 2D filter of Mip-Splatting images, gradients and hits are the oracle's, and others than
+ * without. */
+static void test_mip_filter(void **state)
+{
+    (void) state;
+    static float weight[3 * PIXELS], rgb[3 * PIXELS], right[3 * PIXELS], plain[3 * PIXELS];
+    static double hits[GAUSSIANS], right_hits[GAUSSIANS];
+    sg_ctx *ctx = make_context(2);
+    const struct sg_camera camera = make_camera(W, H, 3), *views[] = {&camera};
+    struct sg_model *m = make_model(ctx, GAUSSIANS, DEGREE, 40), *expected = NULL;
+    for (size_t i = 0; i < 3 * PIXELS; i++)
+        weight[i] = draw(20, i, -1, 1);
+    for (size_t i = 0; i < GAUSSIANS; i += 2) /* of about a pixel */
+        for (int axis = 0; axis < 3; axis++)
+            *sg_model_at(m, i, SG_P_SCALE + axis) = draw(21, i, -5, -3);
+    for (int k = case_count - 1; k >= 0; k--) { /* the oracle is the last */
+        struct sg_render_params params = {SG_RENDER_DEFAULTS};
+        struct sg_engine *e = begin(ctx, k, m, NULL);
+        assert_int_equal(sg_engine_draw(e, &camera, DEGREE, &params, false), SG_OK);
+        assert_int_equal(sg_engine_read_image(e, plain, NULL, NULL), SG_OK);
+        params.mip_filter = true;
+        assert_int_equal(sg_engine_draw(e, &camera, DEGREE, &params, false), SG_OK);
+        assert_int_equal(sg_engine_read_image(e, rgb, NULL, NULL), SG_OK);
+        assert_int_equal(sg_engine_write_image_gradient(e, weight), SG_OK);
+        struct sg_model *g = gradients_of(ctx, e, m);
+        assert_int_equal(sg_engine_count_hits(e, views, 1, &params, SG_HIT_WEIGHT, hits), SG_OK);
+        if (!expected) {
+            expected = g;
+            memcpy(right, rgb, sizeof(rgb));
+            memcpy(right_hits, hits, sizeof(hits));
+        } else {
+            size_t off = 0;
+            for (size_t i = 0; i < 3 * PIXELS; i++)
+                off += !(fabsf(rgb[i] - right[i]) < 1e-3f);
+            for (size_t i = 0; i < GAUSSIANS; i++)
+                off += !(fabs(hits[i] - right_hits[i]) < 0.01 * right_hits[i] + 0.05);
+            assert_true(off < 20);
+            assert_near(k, "gradient", g, expected, 2e-3f, 0.03);
+            sg_model_destroy(&g);
+        }
+        size_t differ = 0;
+        for (size_t i = 0; i < 3 * PIXELS; i++)
+            differ += fabsf(rgb[i] - plain[i]) > 0.01f;
+        assert_true(differ > PIXELS / 4);
+        sg_engine_destroy(&e);
+    }
+    sg_model_destroy(&expected);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -737,6 +788,7 @@ int main(void)
         cmocka_unit_test(test_gradient_statistics),
         cmocka_unit_test(test_exposure_gradient),
         cmocka_unit_test(test_exposure_values),
+        cmocka_unit_test(test_mip_filter),
     };
     return cmocka_run_group_tests(tests, find_cases, NULL);
 }

@@ -28,13 +28,13 @@ static void write_slots(float *slots, size_t n, const double sums[CPU_SLOT_ABSOL
             slots[k * CPU_SLOT_FLOATS + j] = (float) (sums[j] / (double) n);
 }
 
-/* absolute: the statistic is of absolute gradients. */
-static struct state make_state(size_t count, int degree, bool absolute)
+/* absolute: the statistic is of absolute gradients. mip: with the filter of Mip-Splatting. */
+static struct state make_state(size_t count, int degree, bool absolute, bool mip)
 {
     sg_ctx *ctx = make_context(1);
-    struct state o = {
-        .s = make_screen(ctx, make_model(ctx, count, DEGREE, 60), make_camera(70, 50, 3), degree),
-        .absolute = absolute};
+    struct state o = {.s = make_filtered_screen(ctx, make_model(ctx, count, DEGREE, 60),
+                                                make_camera(70, 50, 3), degree, mip),
+                      .absolute = absolute};
     const struct screen *s = &o.s;
     const size_t n = s->model->capacity * (size_t) s->planes;
     o.values = n;
@@ -213,11 +213,18 @@ static struct sg_update update_of(int k)
 static const size_t counts[] = {1, 16, 37, 200};
 #define COUNTS (sizeof(counts) / sizeof(counts[0]))
 
-static void compare_both(const struct cpu_kernels *k)
+typedef void (*learn_kernel)(const struct cpu_learn_args *, size_t, size_t);
+
+static learn_kernel both_by(const struct cpu_kernels *k, bool mip)
+{
+    return mip ? k->project_backward_optimise_mip : k->project_backward_optimise;
+}
+
+static void compare_both_by(const struct cpu_kernels *k, bool mip)
 {
     for (size_t c = 0; c < COUNTS; c++)
         for (int step = 0; step < 32; step++) {
-            struct state o = make_state(counts[c], step / 8, step / 4 % 2);
+            struct state o = make_state(counts[c], step / 8, step / 4 % 2, mip);
             const struct sg_update u = update_of(step % 4);
             struct outcome x = outcome_of(&o, &u, o.expected);
             const struct cpu_learn_args a = args_of(&o, &u);
@@ -225,8 +232,8 @@ static void compare_both(const struct cpu_kernels *k)
             memcpy(sum, o.grad_sum, counts[c] * sizeof(float));
             memcpy(number, o.grad_count, counts[c] * sizeof(float));
             const size_t blocks = (counts[c] + SG_LANES - 1) / SG_LANES;
-            k->project_backward_optimise(&a, blocks / 2, blocks);
-            k->project_backward_optimise(&a, 0, blocks / 2);
+            both_by(k, mip)(&a, blocks / 2, blocks);
+            both_by(k, mip)(&a, 0, blocks / 2);
             compare_all(k, &o, &u, &x, true, 2e-3);
             for (size_t i = 0; i < counts[c]; i++) {
                 const bool counted = u.statistics && o.s.splats[i].visible;
@@ -242,11 +249,21 @@ static void compare_both(const struct cpu_kernels *k)
         }
 }
 
+static void compare_both(const struct cpu_kernels *k)
+{
+    compare_both_by(k, false);
+}
+
+static void compare_both_mip(const struct cpu_kernels *k)
+{
+    compare_both_by(k, true);
+}
+
 static void compare_optimise(const struct cpu_kernels *k)
 {
     for (size_t c = 0; c < COUNTS; c++)
         for (int step = 0; step < 16; step++) {
-            struct state o = make_state(counts[c], step / 4, false);
+            struct state o = make_state(counts[c], step / 4, false, false);
             const struct sg_update u = update_of(step % 4);
             double *gradients = doubles(o.gradients, o.values);
             struct outcome x = outcome_of(&o, &u, gradients);
@@ -262,9 +279,9 @@ static void compare_optimise(const struct cpu_kernels *k)
 
 #define BENCH 4096
 
-static double bench_both(const struct cpu_kernels *k)
+static double bench_both_by(const struct cpu_kernels *k, bool mip)
 {
-    struct state o = make_state(BENCH, DEGREE, false);
+    struct state o = make_state(BENCH, DEGREE, false, mip);
     const struct sg_update u = update_of(1);
     const struct cpu_learn_args a = args_of(&o, &u);
     struct timing t = {0};
@@ -273,7 +290,7 @@ static double bench_both(const struct cpu_kernels *k)
     volatile double sink = 0;
     while (timing_again(&t))
         if (k)
-            k->project_backward_optimise(&a, 0, BENCH / SG_LANES);
+            both_by(k, mip)(&a, 0, BENCH / SG_LANES);
         else
             for (size_t i = 0; i < BENCH; i++) {
                 struct ref_splat *r = &o.s.splats[i];
@@ -287,9 +304,19 @@ static double bench_both(const struct cpu_kernels *k)
     return timing_result(&t, BENCH);
 }
 
+static double bench_both(const struct cpu_kernels *k)
+{
+    return bench_both_by(k, false);
+}
+
+static double bench_both_mip(const struct cpu_kernels *k)
+{
+    return bench_both_by(k, true);
+}
+
 static double bench_optimise(const struct cpu_kernels *k)
 {
-    struct state o = make_state(BENCH, DEGREE, false);
+    struct state o = make_state(BENCH, DEGREE, false, false);
     const struct sg_update u = update_of(1);
     const struct cpu_learn_args a = args_of(&o, &u);
     struct timing t = {0};
@@ -312,3 +339,5 @@ const struct kernel_check check_project_backward_optimise = {
     "project_backward_optimise", "Gaussian", false, compare_both, bench_both};
 const struct kernel_check check_optimise = {"optimise", "Gaussian", false, compare_optimise,
                                             bench_optimise};
+const struct kernel_check check_project_backward_optimise_mip = {
+    "project_backward_optimise_mip", "Gaussian", false, compare_both_mip, bench_both_mip};

@@ -74,6 +74,13 @@ static void check_records(const char *variant, const struct screen *s,
     free(b);
 }
 
+typedef void (*project_kernel)(const struct cpu_project_args *, size_t, size_t);
+
+static project_kernel project_by(const struct cpu_kernels *k, bool mip)
+{
+    return mip ? k->project_mip : k->project;
+}
+
 static void check_model(const struct cpu_kernels *k, struct screen *s)
 {
     struct cpu_splat *splats = must(s->count, sizeof(*splats));
@@ -92,8 +99,8 @@ static void check_model(const struct cpu_kernels *k, struct screen *s)
         memset(extents, 0xaa, (s->count + 1) * sizeof(*extents));
         const struct cpu_extent beyond = extents[s->count];
         const size_t blocks = (s->count + SG_LANES - 1) / SG_LANES;
-        k->project(&a, blocks / 2, blocks); /* any range of blocks */
-        k->project(&a, 0, blocks / 2);
+        project_by(k, s->mip)(&a, blocks / 2, blocks); /* any range of blocks */
+        project_by(k, s->mip)(&a, 0, blocks / 2);
         assert_memory_equal(&extents[s->count], &beyond, sizeof(beyond));
         const size_t wrong = wrong_extents(s, extents, whole);
         if (wrong > s->count / 200) /* a rectangle's edge may round to either side */
@@ -105,7 +112,7 @@ static void check_model(const struct cpu_kernels *k, struct screen *s)
     free(extents);
 }
 
-static void check(const struct cpu_kernels *k)
+static void check_by(const struct cpu_kernels *k, bool mip)
 {
     static const size_t counts[] = {1, 15, 16, 17, 301};
     for (int degree = 0; degree <= 3; degree++)
@@ -118,17 +125,28 @@ static void check(const struct cpu_kernels *k)
                     *sg_model_at(m, i, SG_P_SCALE) = i < 15 ? 0.5f : -3;
                     *sg_model_at(m, i, SG_P_OPACITY) = i % 2 ? 2 : -6;
                 }
-            struct screen s = make_screen(ctx, m, make_camera(150, 110, 3), degree);
+            struct screen s = make_filtered_screen(ctx, m, make_camera(150, 110, 3), degree, mip);
             check_model(k, &s);
             clear_screen(&s);
         }
 }
 
-static double bench(const struct cpu_kernels *k)
+static void check(const struct cpu_kernels *k)
+{
+    check_by(k, false);
+}
+
+static void check_mip(const struct cpu_kernels *k)
+{
+    check_by(k, true);
+}
+
+static double bench_by(const struct cpu_kernels *k, bool mip)
 {
     enum { N = 16384 };
     sg_ctx *ctx = make_context(1);
-    struct screen s = make_screen(ctx, make_model(ctx, N, 3, 40), make_camera(800, 600, 3), 3);
+    struct screen s =
+        make_filtered_screen(ctx, make_model(ctx, N, 3, 40), make_camera(800, 600, 3), 3, mip);
     struct cpu_splat *splats = must(N, sizeof(*splats));
     struct timing t = {0};
     const struct cpu_project_args a = {.params = s.model->params,
@@ -142,7 +160,7 @@ static double bench(const struct cpu_kernels *k)
                                        .extents = s.extents};
     while (timing_again(&t))
         if (k)
-            k->project(&a, 0, N / SG_LANES);
+            project_by(k, mip)(&a, 0, N / SG_LANES);
         else
             for (size_t i = 0; i < N; i++)
                 ref_project(&s.view, s.params[i], 3, s.grid_x, s.grid_y, &s.splats[i]);
@@ -151,4 +169,16 @@ static double bench(const struct cpu_kernels *k)
     return timing_result(&t, N);
 }
 
+static double bench(const struct cpu_kernels *k)
+{
+    return bench_by(k, false);
+}
+
+static double bench_mip(const struct cpu_kernels *k)
+{
+    return bench_by(k, true);
+}
+
 const struct kernel_check check_project = {"project", "Gaussian", false, check, bench};
+const struct kernel_check check_project_mip = {"project_mip", "Gaussian", false, check_mip,
+                                               bench_mip};

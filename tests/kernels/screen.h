@@ -16,6 +16,7 @@ struct screen {
     struct sg_camera camera;
     struct view view;
     int degree, planes, grid_x, grid_y;
+    bool mip; /* with the 2D filter of Mip-Splatting */
     size_t count, pixels;
     double (*params)[SG_PARAMS_MAX];
     struct ref_splat *splats;
@@ -50,11 +51,11 @@ static inline struct cpu_splat record_of(const struct ref_splat *s)
 }
 
 /* Takes the model. degree: of the colours. */
-static inline struct screen make_screen(sg_ctx *ctx, struct sg_model *model,
-                                        struct sg_camera camera, int degree)
+static inline struct screen make_filtered_screen(sg_ctx *ctx, struct sg_model *model,
+                                                 struct sg_camera camera, int degree, bool mip)
 {
-    struct screen s = {.ctx = ctx, .model = model, .camera = camera, .degree = degree};
-    s.view = view_make(&s.camera);
+    struct screen s = {.ctx = ctx, .model = model, .camera = camera, .degree = degree, .mip = mip};
+    s.view = mip ? view_make_mip(&s.camera) : view_make(&s.camera);
     s.planes = sg_param_count(model->sh_degree);
     s.grid_x = (camera.width + SG_TILE - 1) / SG_TILE;
     s.grid_y = (camera.height + SG_TILE - 1) / SG_TILE;
@@ -73,6 +74,12 @@ static inline struct screen make_screen(sg_ctx *ctx, struct sg_model *model,
         s.extents[i] = (struct cpu_extent){.x1 = r->visible};
     }
     return s;
+}
+
+static inline struct screen make_screen(sg_ctx *ctx, struct sg_model *model,
+                                        struct sg_camera camera, int degree)
+{
+    return make_filtered_screen(ctx, model, camera, degree, false);
 }
 
 static inline void clear_screen(struct screen *s)

@@ -93,7 +93,7 @@ static size_t piece_end(size_t n, size_t piece)
 }
 
 struct project_job {
-    const struct cpu_kernels *kernels;
+    void (*kernel)(const struct cpu_project_args *, size_t, size_t);
     struct cpu_project_args args;
 };
 
@@ -101,7 +101,7 @@ static void project_piece(void *arg, size_t piece, int thread)
 {
     (void) thread;
     const struct project_job *j = arg;
-    j->kernels->project(&j->args, piece * BLOCKS_PER_PIECE, piece_end(j->args.count, piece));
+    j->kernel(&j->args, piece * BLOCKS_PER_PIECE, piece_end(j->args.count, piece));
 }
 
 /* Replaces *buffer by one of n items; contents undefined. */
@@ -130,7 +130,7 @@ static int do_project(struct sg_engine *base, const struct sg_camera *camera, in
             return SG_ERR_BUDGET;
         b->pixels = pixels;
     }
-    struct project_job job = {b->kernels,
+    struct project_job job = {params->mip_filter ? b->kernels->project_mip : b->kernels->project,
                               {.params = sg_host_effective(&b->model),
                                .count = n,
                                .planes = b->model.planes,
@@ -406,6 +406,13 @@ static struct cpu_learn_args learn_args(const struct cpu_engine *b)
                                    .gradients = h->at[SG_C_GRADIENT]};
 }
 
+static void (*pull_kernel(const struct cpu_engine *b))(const struct cpu_learn_args *, size_t,
+                                                       size_t)
+{
+    return b->params.mip_filter ? b->kernels->project_backward_optimise_mip
+                                : b->kernels->project_backward_optimise;
+}
+
 static int project_backward(struct sg_engine *base, bool statistics)
 {
     struct cpu_engine *b = (struct cpu_engine *) base;
@@ -414,7 +421,7 @@ static int project_backward(struct sg_engine *base, bool statistics)
         return SG_ERR_BUDGET;
     const struct sg_host_model *h = &b->model;
     const struct sg_update update = {.statistics = statistics};
-    struct learn_job job = {b->kernels->project_backward_optimise, learn_args(b)};
+    struct learn_job job = {pull_kernel(b), learn_args(b)};
     job.args.update = &update;
     memset(h->at[SG_C_GRADIENT], 0, h->capacity * (size_t) h->planes * sizeof(float));
     sg_parallel_for(base->ctx, pieces(h->count), learn_piece, &job);
@@ -446,7 +453,7 @@ static int optimise(struct sg_engine *base, const struct sg_update *u)
 static int project_backward_optimise(struct sg_engine *base, const struct sg_update *u)
 {
     struct cpu_engine *b = (struct cpu_engine *) base;
-    return learn(b, u, false, b->kernels->project_backward_optimise);
+    return learn(b, u, false, pull_kernel(b));
 }
 
 static int shape(struct sg_engine *base, const struct sg_shape *how)
@@ -592,6 +599,7 @@ static const struct sg_engine_ops ops = {
     .name = "cpu",
     .absolute = true,
     .exposure = true,
+    .mip_filter = true,
     .destroy = destroy,
     .variant = variant,
     .upload = upload,

@@ -104,6 +104,7 @@ struct cpu_loss_args {
 /* Name, result and arguments of every kernel, in this order; what they are written once in. */
 #define CPU_KERNELS(K)                                                                             \
     K(project, void, (const struct cpu_project_args *, size_t first_block, size_t end_block))      \
+    K(project_mip, void, (const struct cpu_project_args *, size_t first_block, size_t end_block))  \
     /* Return the number of (Gaussian, pixel) pairs evaluated. */                                  \
     K(raster, uint64_t, (const struct cpu_raster_args *, int tile))                                \
     K(raster_backward, uint64_t, (const struct cpu_raster_args *, int tile))                       \
@@ -113,6 +114,8 @@ struct cpu_loss_args {
     K(optimise, void, (const struct cpu_learn_args *, size_t first_block, size_t end_block))       \
     /* Without a step of Adam in the update: project_backward. */                                  \
     K(project_backward_optimise, void,                                                             \
+      (const struct cpu_learn_args *, size_t first_block, size_t end_block))                       \
+    K(project_backward_optimise_mip, void,                                                         \
       (const struct cpu_learn_args *, size_t first_block, size_t end_block))                       \
     /* Rows first to end - 1 of a channel: sums and gradient. scratch: CPU_LOSS_SCRATCH(width)     \
      * floats. */                                                                                  \

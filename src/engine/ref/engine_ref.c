@@ -112,7 +112,7 @@ static int do_project(struct sg_engine *base, const struct sg_camera *camera, in
         sg_grow(base->ctx, SG_MEM_INSTANCES, &b->list, &b->list_capacity, n, 0, sizeof(*b->list)) ||
         reserve_frame(b, (size_t) camera->width * (size_t) camera->height))
         return SG_ERR_BUDGET;
-    b->view = view_make(camera);
+    b->view = params->mip_filter ? view_make_mip(camera) : view_make(camera);
     b->params = *params;
     b->degree = sh_degree;
     b->image.width = camera->width, b->image.height = camera->height;
@@ -524,6 +524,7 @@ static const struct sg_engine_ops ops = {
     .name = "ref",
     .absolute = true,
     .exposure = true,
+    .mip_filter = true,
     .destroy = destroy,
     .variant = variant,
     .upload = upload,

@@ -17,7 +17,9 @@
 struct ref_splat {
     struct splat s;
     struct projection p;
-    real o, rgb[3], dir[3], dist;
+    real o;   /* as it is drawn: with the view's compensation */
+    real own; /* without */
+    real rgb[3], dir[3], dist;
     bool clamped[3];
     bool visible;
     struct tile_rect rect;
@@ -55,7 +57,8 @@ static inline void ref_project(const struct view *v, const real *params, int deg
 {
     *o = (struct ref_splat){0};
     project(v, params + SG_P_XYZ, params + SG_P_SCALE, params + SG_P_ROT, &o->s, &o->p);
-    o->o = 1 / (1 + r_exp(-params[SG_P_OPACITY]));
+    o->own = 1 / (1 + r_exp(-params[SG_P_OPACITY]));
+    o->o = o->own * o->s.gain;
     real d[3], basis[16];
     for (int i = 0; i < 3; i++)
         d[i] = params[i] - v->centre[i];
@@ -205,8 +208,10 @@ static inline void ref_parameter_gradient(const struct view *v, const struct ref
         out[p] = 0;
     if (!s->visible)
         return;
-    project_backward(v, &s->p, &s->s, &s->g, out + SG_P_XYZ, out + SG_P_SCALE, out + SG_P_ROT);
-    out[SG_P_OPACITY] = s->g_o * s->o * (1 - s->o);
+    struct splat_grad splat = s->g;
+    splat.opacity = s->g_o * s->o;
+    project_backward(v, &s->p, &s->s, &splat, out + SG_P_XYZ, out + SG_P_SCALE, out + SG_P_ROT);
+    out[SG_P_OPACITY] = s->g_o * s->o * (1 - s->own);
     real basis[16], weight[16], d[3];
     sh_basis(degree, s->dir[0], s->dir[1], s->dir[2], basis);
     for (int k = 0; k < (degree + 1) * (degree + 1); k++) {

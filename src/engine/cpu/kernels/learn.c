@@ -4,6 +4,8 @@
  * in registers and L1 only. */
 #include "kernels.h"
 
+#include "filter.h"
+
 #include "math/adam.h"
 #include "math/projection.h"
 #include "math/sh.h"
@@ -65,6 +67,7 @@ SIMD void pull(const struct cpu_learn_args *a, const struct view *view, size_t b
         .A = -0.5f * sums[3],
         .Bh = -0.5f * sums[4],
         .C = -0.5f * sums[5],
+        .opacity = sums[0],
     };
     if (a->update->statistics) {
         const real gx = (a->absolute ? r_load(l->sums[9]) : g.x) * view->half_w,
@@ -160,9 +163,9 @@ SIMD void regularise(const struct cpu_learn_args *a, size_t base, const float *p
         out[p] += r_keep(there, u->mean_scale / (3 * n) * r_exp(r_load(params + p * SG_LANES)));
 }
 
-void KERNEL(project_backward_optimise)(const struct cpu_learn_args *a, size_t first, size_t end)
+void FILTERED(project_backward_optimise)(const struct cpu_learn_args *a, size_t first, size_t end)
 {
-    const struct view view = view_make(a->camera);
+    const struct view view = VIEW(a->camera);
     const int planes = active_planes(a);
     for (size_t block = first; block < end; block++)
         for (int half = 0; half < SG_LANES; half += LANES) {
@@ -187,6 +190,7 @@ void KERNEL(project_backward_optimise)(const struct cpu_learn_args *a, size_t fi
         }
 }
 
+#ifndef SG_MIP
 void KERNEL(optimise)(const struct cpu_learn_args *a, size_t first, size_t end)
 {
     const int planes = active_planes(a);
@@ -206,3 +210,4 @@ void KERNEL(optimise)(const struct cpu_learn_args *a, size_t first, size_t end)
             }
         }
 }
+#endif

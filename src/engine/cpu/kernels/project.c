@@ -2,6 +2,8 @@
 /* Gaussians to splats, LANES at a time. */
 #include "kernels.h"
 
+#include "filter.h"
+
 #include <math.h>
 #include <string.h>
 
@@ -71,9 +73,9 @@ SIMD void store_extents(const struct cpu_project_args *a, size_t base, const str
     }
 }
 
-void KERNEL(project)(const struct cpu_project_args *a, size_t first, size_t end)
+void FILTERED(project)(const struct cpu_project_args *a, size_t first, size_t end)
 {
-    const struct view v = view_make(a->camera);
+    const struct view v = VIEW(a->camera);
     const int coefficients = (a->degree + 1) * (a->degree + 1);
     for (size_t block = first; block < end; block++)
         for (int half = 0; half < SG_LANES; half += LANES) {
@@ -98,7 +100,7 @@ void KERNEL(project)(const struct cpu_project_args *a, size_t first, size_t end)
                 memset(a->extents + base, 0, n * sizeof(*a->extents));
                 continue;
             }
-            const real opacity = 1 / (1 + r_exp(-planes[SG_P_OPACITY]));
+            const real opacity = GAIN(s) / (1 + r_exp(-planes[SG_P_OPACITY]));
 
             real d[3], basis[16], rgb[3];
             for (int i = 0; i < 3; i++)

@@ -1,0 +1,20 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Whether a file's kernels have the 2D filter of Mip-Splatting: those of *_mip.c do, which include
+ * the other file. It is decided when they are compiled, since the usual ones would round
+ * differently with a branch in them. */
+#ifndef SG_KERNELS_FILTER_H
+#define SG_KERNELS_FILTER_H
+
+#ifdef SG_MIP
+#define SG_COMPENSATED(v) true
+#define VIEW(camera) view_make_mip(camera)
+#define GAIN(s) (s).gain
+#define FILTERED(name) SG_PASTE(sg_cpu_##name##_mip, SG_ISA)
+#else
+#define SG_COMPENSATED(v) false
+#define VIEW(camera) view_make(camera)
+#define GAIN(s) 1
+#define FILTERED(name) KERNEL(name)
+#endif
+
+#endif
