@@ -148,7 +148,7 @@ struct attack_progress {
 static int on_proxy_step(void *priv, const struct sg_train_step *step)
 {
     struct attack_progress *p = priv;
-    interrupt_catch();
+    interrupt_by_steps();
     if (step && !p->proxy)
         progress_begin(&p->line, p->quiet, step->iteration - 1, p->proxy_iterations);
     if (step)
@@ -160,7 +160,7 @@ static int on_proxy_step(void *priv, const struct sg_train_step *step)
 static int on_step(void *priv, const struct sg_attack_step *step)
 {
     struct attack_progress *p = priv;
-    interrupt_catch();
+    interrupt_by_steps();
     if (step && !p->begun)
         progress_begin(&p->line, p->quiet, p->status.first, p->status.iterations);
     if (step)
@@ -179,6 +179,7 @@ static int attack(sg_ctx *ctx, struct attack_config *c)
     const enum sg_run_start start = c->resume  ? SG_RUN_RESUME
                                     : c->force ? SG_RUN_REPLACE
                                                : SG_RUN_NEW;
+    interrupt_catch();
     const int error = sg_attack_run(ctx, &c->run, start, &p.status);
     if (error && (p.begun || p.proxy))
         progress_break(&p.line);

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "commands.h"
+#include "interrupt.h"
 
 struct audit_config {
     struct sg_scene_params scene;
@@ -121,10 +122,10 @@ static int run_audit(const void *config, const bool *given, const char *const *p
         return code;
     }
     c.scene.eval = c.eval;
+    interrupt_catch();
     int error = sg_scene_load(ctx, positional[0], &c.scene, &scene);
-    if (!error) {
+    if (!error)
         error = sg_audit_scene(ctx, scene, &audit);
-    }
     if (error)
         code = report(ctx, error);
     else if (c.json)

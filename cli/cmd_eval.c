@@ -2,6 +2,7 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "interrupt.h"
 #include "model_views.h"
 
 struct eval_config {
@@ -61,6 +62,7 @@ static int run_eval(const void *config, const bool *given, const char *const *po
     struct eval_config copy = *(const struct eval_config *) config, *c = &copy;
     struct model_views v;
     struct sg_eval e = {0};
+    interrupt_catch();
     int code = model_views_open(&v, positional[0], &command_eval, given, c, &c->m);
     if (!code) {
         const int error = sg_evaluate(v.ctx, v.renderer, v.views, v.n,

@@ -78,6 +78,7 @@ static int prune(sg_ctx *ctx, struct prune_config *c, const char *path)
     struct sg_scene *scene = NULL;
     struct sg_prune_result result = {0};
     struct progress progress = {.quiet = c->quiet, .iterations = c->prune.finetune};
+    interrupt_catch();
     int error = sg_output_check_file(ctx, c->output);
     if (!error)
         error = sg_model_read_ply(ctx, path, UINT32_MAX, &model);
@@ -88,7 +89,6 @@ static int prune(sg_ctx *ctx, struct prune_config *c, const char *path)
     if (!error) {
         c->prune.white_background = c->scene.white_background;
         c->prune.step = on_step, c->prune.step_priv = &progress;
-        interrupt_catch();
         error = sg_prune(ctx, scene, model, &c->prune, &pruned, &result);
     }
     if (!error)

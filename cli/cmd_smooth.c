@@ -79,13 +79,12 @@ static int run_smooth(const void *config, const bool *given, const char *const *
     if (code)
         return code;
     const char *const inputs[] = {positional[0], NULL};
+    interrupt_catch();
     int error = sg_output_claim(ctx, c->output, "smooth", false, inputs, &output);
     if (!error)
         error = sg_scene_load(ctx, positional[0], &c->scene, &scene);
-    if (!error) {
-        interrupt_catch();
+    if (!error)
         error = write_scene(ctx, scene, c);
-    }
     const int status = report_option(ctx, &command_smooth, error);
     sg_scene_destroy(&scene);
     sg_output_release(&output);

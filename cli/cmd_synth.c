@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "commands.h"
+#include "interrupt.h"
 
 struct synth_config {
     struct sg_synth_params p;
@@ -39,6 +40,7 @@ static int run_synth(const void *config, const bool *given, const char *const *p
     int code = open_context(&ctx, c->threads, 0, c->quiet);
     if (code)
         return code;
+    interrupt_catch();
     code = report(ctx, sg_output_claim(ctx, c->output, "synth", false, NULL, &output));
     if (!code) {
         const int error = sg_synth_write(ctx, c->output, &c->p);

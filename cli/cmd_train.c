@@ -126,10 +126,9 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
 /* Called before anything is written, and after each iteration. */
 static int on_step(void *priv, const struct sg_train_step *step)
 {
+    interrupt_by_steps();
     if (step)
         progress_step(priv, step);
-    else
-        interrupt_catch();
     return interrupted();
 }
 
@@ -155,6 +154,7 @@ static int train(sg_ctx *ctx, struct train_config *c)
     const enum sg_run_start start = c->resume  ? SG_RUN_RESUME
                                     : c->force ? SG_RUN_REPLACE
                                                : SG_RUN_NEW;
+    interrupt_catch();
     int error = sg_run_open(ctx, &c->run, start, &run);
     if (error)
         return report_option(ctx, &command_train, error);

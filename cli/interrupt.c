@@ -5,6 +5,7 @@
 #include <string.h>
 
 static volatile sig_atomic_t caught;
+static bool by_steps;
 
 static void on_signal(int signal_number)
 {
@@ -32,4 +33,14 @@ void interrupt_catch(void)
 bool interrupted(void)
 {
     return caught;
+}
+
+void interrupt_by_steps(void)
+{
+    by_steps = true;
+}
+
+bool interrupt_cancels(void)
+{
+    return caught && !by_steps;
 }

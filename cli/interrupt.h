@@ -9,4 +9,9 @@
 void interrupt_catch(void);
 bool interrupted(void);
 
+/* The flag cancels whatever the library does, until a command asks it itself between its steps:
+ * then it saves first. */
+void interrupt_by_steps(void);
+bool interrupt_cancels(void);
+
 #endif

@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "commands.h"
+#include "interrupt.h"
 
 void make_printable(char *text)
 {
@@ -129,8 +130,10 @@ int report(const sg_ctx *ctx, int error)
     const char *text = ctx ? sg_last_error(ctx) : "";
     if (error == SG_ERR_BUDGET && !text[0])
         return no_memory();
-    say(stderr, "%s%s\n",
-        error == SG_ERR_INTERRUPTED ? "" : "splatguard: ", text[0] ? text : "internal error");
+    if (error == SG_ERR_INTERRUPTED)
+        say(stderr, "%s\n", text[0] ? text : "interrupted");
+    else
+        say(stderr, "splatguard: %s\n", text[0] ? text : "internal error");
     if (error == SG_ERR_BUDGET)
         say_limit();
     return exit_code(error);
@@ -161,6 +164,13 @@ static void log_line(void *priv, enum sg_log_level level, const char *message)
     (void) priv;
     fprintf(stderr, "%s%s%s\n", isatty(STDERR_FILENO) ? "\r\033[K" : "",
             level == SG_LOG_WARN ? "warning: " : "", message); /* which is printable */
+}
+
+/* Called by whatever takes more than a second. */
+static int on_progress(void *priv, enum sg_stage stage, uint64_t done, uint64_t total)
+{
+    (void) priv, (void) stage, (void) done, (void) total;
+    return interrupt_cancels();
 }
 
 /* Bytes of the process that the library's ledger does not see: code, stacks, other libraries' own
@@ -196,6 +206,7 @@ int open_context(sg_ctx **ctx, int threads, uint64_t max_memory, bool quiet)
         sg_ctx_create(ctx, &(struct sg_ctx_params){.threads = threads,
                                                    .max_memory = max_memory,
                                                    .log = log_line,
+                                                   .progress = on_progress,
                                                    .log_level = quiet ? SG_LOG_WARN : SG_LOG_INFO});
     if (code)
         say(stderr, "splatguard: cannot start %d threads\n", threads);

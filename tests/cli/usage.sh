@@ -103,3 +103,10 @@ expect 2 train nowhere -o run --resume; says run/config.json
 # Every command that works for a while can be quiet and takes a number of threads.
 expect 0 synth -q -j 1 -o quiet --width 16 --height 16 --train-views 4 --test-views 1 --points 10 --samples 1
 [ ! -s err ] || fail "synth -q says something"
+
+# Ctrl-C cancels what is not saved in steps: it ends at once and leaves nothing.
+"$tool" synth -o cancelled --train-views 400 -q 2>err &
+interrupt $!
+[ $? = 130 ] || fail "synth, interrupted: another exit code"
+says 'synth: cancelled after'
+[ ! -e cancelled ] || fail "synth, interrupted: left $(ls cancelled)"
