@@ -27,45 +27,42 @@ int sg_model_field_width(const char *field, int sh_degree)
     return c < 0 || sh_degree < 0 || sh_degree > 3 ? -1 : sg_column_planes(c, sh_degree);
 }
 
-/* Which field it is; the stride becomes one in floats. */
-static int look_up(sg_ctx *ctx, const struct sg_model *m, const char *field, size_t *stride, int *c)
+/* The values of a field, into `out` or from `in`. */
+static int copy_field(sg_ctx *ctx, const struct sg_model *m, const char *field, size_t row_stride,
+                      float *out, const float *in)
 {
     sg_clear_error(ctx);
-    *c = find(field);
-    if (*c < 0)
+    const int c = find(field);
+    if (c < 0)
         return sg_fail(ctx, SG_ERR_USAGE,
                        "model: found field \"%s\", expected position, scale, rotation, opacity, "
                        "sh_dc or sh_rest",
                        field);
-    const size_t width = (size_t) sg_model_field_width(field, m->sh_degree);
-    if (*stride && *stride < width)
+    const size_t width = (size_t) sg_column_planes(c, m->sh_degree);
+    const size_t stride = row_stride ? row_stride : width;
+    if (stride < width)
         return sg_fail(ctx, SG_ERR_USAGE,
                        "model: %s: row_stride: found %zu floats, expected 0 or at least %zu", field,
-                       *stride, width);
-    *stride = *stride ? *stride : width;
+                       stride, width);
+    for (size_t i = 0; i < m->count; i++)
+        for (size_t p = 0; p < width; p++) {
+            float *value = sg_model_at(m, i, sg_columns[c].first + (int) p);
+            if (out)
+                out[i * stride + p] = *value;
+            else
+                *value = in[i * stride + p];
+        }
     return SG_OK;
 }
 
 int sg_model_get_array(sg_ctx *ctx, const struct sg_model *m, const char *field, float *out,
                        size_t row_stride)
 {
-    int c;
-    const int code = look_up(ctx, m, field, &row_stride, &c);
-    const int width = code ? 0 : sg_model_field_width(field, m->sh_degree);
-    for (size_t i = 0; i < m->count && !code; i++)
-        for (int p = 0; p < width; p++)
-            out[i * row_stride + (size_t) p] = *sg_model_at(m, i, sg_columns[c].first + p);
-    return code;
+    return copy_field(ctx, m, field, row_stride, out, NULL);
 }
 
 int sg_model_set_array(sg_ctx *ctx, struct sg_model *m, const char *field, const float *values,
                        size_t row_stride)
 {
-    int c;
-    const int code = look_up(ctx, m, field, &row_stride, &c);
-    const int width = code ? 0 : sg_model_field_width(field, m->sh_degree);
-    for (size_t i = 0; i < m->count && !code; i++)
-        for (int p = 0; p < width; p++)
-            *sg_model_at(m, i, sg_columns[c].first + p) = values[i * row_stride + (size_t) p];
-    return code;
+    return copy_field(ctx, m, field, row_stride, NULL, values);
 }
