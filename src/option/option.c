@@ -90,6 +90,12 @@ static bool in_range(const struct sg_option *o, double v)
     return (v >= o->low && v <= o->high && !(o->nonzero && v == 0)) || (o->or_zero && v == 0);
 }
 
+/* What a range leaves out or adds, behind it. */
+static const char *exception(const struct sg_option *o)
+{
+    return o->or_zero ? ", or 0" : o->nonzero ? ", but not 0" : "";
+}
+
 /* Which of the words a value stands for, or -1. */
 static int word_of(const struct sg_option *o, double v)
 {
@@ -100,7 +106,7 @@ static int word_of(const struct sg_option *o, double v)
 /* What is expected of a number in a text, or of a field. */
 static void describe(const struct sg_option *o, char *text, size_t size)
 {
-    const char *also = o->or_zero ? ", or 0" : o->nonzero ? ", but not 0" : "";
+    const char *also = exception(o);
     const locale_t before = uselocale(sg_c_locale());
     switch (o->type) {
     case SG_OPTION_FLAG:
@@ -295,12 +301,11 @@ bool sg_option_get(const struct sg_option *o, const void *params, char *text, si
 static int refuse(sg_ctx *ctx, const struct sg_option *o, double v)
 {
     const double unit = o->type == SG_OPTION_LEVELS ? LEVELS : 1;
-    const char *also = o->or_zero ? ", or 0" : o->nonzero ? ", but not 0" : "";
     if (o->type == SG_OPTION_CHOICE)
         return sg_fail(ctx, SG_ERR_USAGE, "%s: found %d, expected 0 to %d: one of %s", o->field,
                        (int) v, count_words(o->choices) - 1, o->choices);
     return sg_fail(ctx, SG_ERR_USAGE, "%s: found %g, expected %g to %g%s", o->field, v,
-                   o->low / unit, o->high / unit, also);
+                   o->low / unit, o->high / unit, exception(o));
 }
 
 int sg_check_options(sg_ctx *ctx, const struct sg_option *options, const void *params)
