@@ -1,0 +1,116 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Contexts with the tool's log, memory limit and Ctrl-C, and how their errors are reported. */
+#include <malloc.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "commands.h"
+#include "interrupt.h"
+
+/* Of --max-memory, if it was given. */
+static struct {
+    uint64_t whole, outside;
+} memory;
+
+int no_memory(void)
+{
+    say(stderr, "splatguard: out of memory\n");
+    return exit_code(SG_ERR_BUDGET);
+}
+
+int report(const sg_ctx *ctx, int error)
+{
+    if (!error)
+        return STATUS_DONE;
+    const char *text = ctx ? sg_last_error(ctx) : "";
+    if (error == SG_ERR_BUDGET && !text[0])
+        return no_memory();
+    if (error == SG_ERR_INTERRUPTED)
+        say(stderr, "%s\n", text[0] ? text : "interrupted");
+    else
+        say(stderr, "splatguard: %s\n", text[0] ? text : "internal error");
+    if (error == SG_ERR_BUDGET)
+        say_limit();
+    return exit_code(error);
+}
+
+void say_limit(void)
+{
+    if (memory.whole)
+        say(stderr,
+            "the limit is --max-memory, %llu bytes, less %llu for the process itself; add the "
+            "latter to the number expected\n",
+            (unsigned long long) memory.whole, (unsigned long long) memory.outside);
+}
+
+int report_option(const sg_ctx *ctx, const struct command *command, int error)
+{
+    const char *message = error ? sg_last_error(ctx) : "", *name = options_name(command, message);
+    if (error == SG_ERR_USAGE && name)
+        say(stderr, "splatguard %s: --%s%s\n", command->name, name,
+            message + strcspn(message, ":"));
+    else if (error)
+        return report(ctx, error);
+    return exit_code(error);
+}
+
+static void log_line(void *priv, enum sg_log_level level, const char *message)
+{
+    (void) priv;
+    fprintf(stderr, "%s%s%s\n", isatty(STDERR_FILENO) ? "\r\033[K" : "",
+            level == SG_LOG_WARN ? "warning: " : "", message); /* which is printable */
+}
+
+/* Called by whatever takes more than a second. */
+static int on_progress(void *priv, enum sg_stage stage, uint64_t done, uint64_t total)
+{
+    (void) priv, (void) stage, (void) done, (void) total;
+    return interrupt_cancels();
+}
+
+/* Bytes of the process that the library's ledger does not see: code, stacks, other libraries' own
+ * memory. */
+static uint64_t outside_ledger(void)
+{
+    unsigned long long pages = 0;
+    FILE *f = fopen("/proc/self/statm", "r");
+    if (f && fscanf(f, "%*u %llu", &pages) != 1)
+        pages = 0;
+    if (f)
+        fclose(f);
+    return pages * (uint64_t) sysconf(_SC_PAGESIZE) + (24 << 20);
+}
+
+int open_context(sg_ctx **ctx, int threads, uint64_t max_memory, bool quiet)
+{
+    if (max_memory) {
+        const uint64_t outside = outside_ledger(), least = outside + (8 << 20);
+        /* What is freed goes back to the system at once. */
+        mallopt(M_MMAP_THRESHOLD, 1 << 20);
+        if (max_memory < least) {
+            say(stderr,
+                "splatguard: --max-memory: found %llu bytes, expected at least %llu for the "
+                "process itself\n",
+                (unsigned long long) max_memory, (unsigned long long) least);
+            return 3;
+        }
+        memory.whole = max_memory, memory.outside = outside;
+        max_memory -= outside;
+    }
+    const int code =
+        sg_ctx_create(ctx, &(struct sg_ctx_params){.threads = threads,
+                                                   .max_memory = max_memory,
+                                                   .log = log_line,
+                                                   .progress = on_progress,
+                                                   .log_level = quiet ? SG_LOG_WARN : SG_LOG_INFO});
+    if (code)
+        say(stderr, "splatguard: cannot start %d threads\n", threads);
+    return exit_code(code);
+}
+
+const char *cpu_variant(const char *option)
+{
+    const char *environment = getenv("SG_CPU");
+    return option ? option : environment && environment[0] ? environment : NULL;
+}

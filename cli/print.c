@@ -1,0 +1,84 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What the tool says: text for people, and JSON. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "commands.h"
+
+void make_printable(char *text)
+{
+    for (unsigned char *c = (unsigned char *) text; *c; c++)
+        if (*c < ' ' || *c == 127 || (c[0] == 0xc2 && c[1] >= 0x80 && c[1] < 0xa0))
+            *c = '?';
+}
+
+void say(FILE *to, const char *format, ...)
+{
+    char *text = NULL;
+    va_list args;
+    va_start(args, format);
+    const int n = vasprintf(&text, format, args);
+    va_end(args);
+    for (char *line = text; n >= 0 && line;) {
+        char *end = strchr(line, '\n');
+        if (end)
+            *end = 0;
+        make_printable(line);
+        if (end)
+            *end++ = '\n';
+        line = end;
+    }
+    if (n >= 0)
+        fputs(text, to);
+    free(text);
+}
+
+void say_resume(const char *command, const char *folder)
+{
+    static const char plain[] =
+        "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-+=:,./@%";
+    char *word = NULL;
+    size_t size;
+    FILE *out = strspn(folder, plain) == strlen(folder) && *folder != '-'
+                    ? NULL
+                    : open_memstream(&word, &size);
+    if (out) {
+        fputs(*folder == '-' ? "'./" : "'", out);
+        for (const char *c = folder; *c; c++)
+            fputs(*c == '\'' ? "'\\''" : (char[]){*c, 0}, out);
+        fputs("'", out);
+        fclose(out);
+    }
+    say(stderr, "Continue with: splatguard %s --resume %s\n", command, word ? word : folder);
+    free(word);
+}
+
+json_t *text_json(const char *text)
+{
+    json_t *value = json_string(text);
+    char *copy = value ? NULL : strdup(text);
+    for (char *c = copy; c && *c; c++)
+        *c = (unsigned char) *c < 0x80 ? *c : '?';
+    value = copy ? json_string(copy) : value;
+    free(copy);
+    return value;
+}
+
+json_t *numbers_json(const double *values, int n)
+{
+    json_t *list = json_array();
+    for (int i = 0; i < n; i++)
+        json_array_append_new(list, number_json(values[i]));
+    return list;
+}
+
+int json_print(json_t *value, int indent)
+{
+    char *text = json_dumps(value, JSON_INDENT((size_t) indent) | JSON_REAL_PRECISION(8));
+    json_decref(value);
+    if (!text)
+        return no_memory();
+    printf("%s\n", text);
+    free(text);
+    return 0;
+}
