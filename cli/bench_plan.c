@@ -202,6 +202,15 @@ static int add_scene(struct reader *r, const char *name)
                                    .from = scene});
 }
 
+/* {preset} stands for the scene's. */
+static void name_preset(const struct reader *r, const char *scene, json_t *options)
+{
+    json_t *preset = json_object_get(in(r->plan->root, "scenes", scene), "preset");
+    for (size_t i = 0; i < json_array_size(options) && preset; i++)
+        if (!strcmp(json_string_value(json_array_get(options, i)), "{preset}"))
+            json_array_set(options, i, preset);
+}
+
 static int make_job(struct reader *r, enum job_kind kind, const struct cell *c, json_t *options,
                     const int *needs, int n_needs)
 {
@@ -214,6 +223,7 @@ static int make_job(struct reader *r, enum job_kind kind, const struct cell *c, 
                       .config = json_pack("{s:s,s:i,s:o}", "kind", job_kinds[kind], "seed", c->seed,
                                           "options", options),
                       .from = in(r->plan->root, "scenes", c->scene)};
+    name_preset(r, c->scene, options);
     memcpy(job.needs, needs, (size_t) n_needs * sizeof(*needs));
     job.n_needs = n_needs;
     return add_job(r, job);
@@ -224,13 +234,16 @@ static const json_t *scene_options(const struct reader *r, const char *scene, co
     return json_object_get(in(r->plan->root, "scenes", scene), what);
 }
 
+#define MERGE(lists) options_merge(lists, sizeof(lists) / sizeof((lists)[0]))
+
 static int add_proxy(struct reader *r, const char *scene, int at)
 {
     const json_t *const lists[] = {
-        scene_options(r, scene, "options"), json_object_get(r->plan->root, "train"),
-        scene_options(r, scene, "train"), json_object_get(r->plan->root, "proxy")};
+        scene_options(r, scene, "size"), scene_options(r, scene, "options"),
+        json_object_get(r->plan->root, "train"), scene_options(r, scene, "train"),
+        json_object_get(r->plan->root, "proxy")};
     const struct cell c = {scene, CLEAN, "proxy", "", 42, 0};
-    return make_job(r, JOB_PROXY, &c, options_merge(lists, 4), &at, 1);
+    return make_job(r, JOB_PROXY, &c, MERGE(lists), &at, 1);
 }
 
 static bool uses_proxy(const json_t *options)
@@ -247,14 +260,15 @@ static int add_photos(struct reader *r, const char *scene, const char *photos, i
     const json_t *attack = in(r->plan->root, "photos", photos);
     if (!json_array_size(attack))
         return at;
-    const json_t *const lists[] = {scene_options(r, scene, "options"),
+    const json_t *const lists[] = {scene_options(r, scene, "size"),
+                                   scene_options(r, scene, "options"),
                                    scene_options(r, scene, "attack"), attack};
     int needs[2] = {at};
     const bool proxy = uses_proxy(attack);
     if (proxy && (needs[1] = add_proxy(r, scene, at)) < 0)
         return -1;
     const struct cell c = {scene, photos, "", "", 42, 0};
-    return make_job(r, JOB_POISON, &c, options_merge(lists, 3), needs, 1 + proxy);
+    return make_job(r, JOB_POISON, &c, MERGE(lists), needs, 1 + proxy);
 }
 
 static const json_t *train_options(const json_t *defense)
@@ -293,10 +307,14 @@ static int add_cell(struct reader *r, const struct cell *c)
             return -1;
         return make_job(r, JOB_PRUNE, c, options_merge(&prune, 1), needs, n);
     }
-    const json_t *const lists[] = {
-        scene_options(r, c->scene, "options"), json_object_get(r->plan->root, "train"),
-        scene_options(r, c->scene, "train"), in(r->plan->root, "models", c->model), own};
-    return make_job(r, JOB_TRAIN, c, options_merge(lists, 5), needs, n);
+    /* Poisons have the size that is trained already. */
+    const json_t *const lists[] = {photos == at ? scene_options(r, c->scene, "size") : NULL,
+                                   scene_options(r, c->scene, "options"),
+                                   json_object_get(r->plan->root, "train"),
+                                   scene_options(r, c->scene, "train"),
+                                   in(r->plan->root, "models", c->model),
+                                   own};
+    return make_job(r, JOB_TRAIN, c, MERGE(lists), needs, n);
 }
 
 /* The named entries of a list in a block of runs, all of them where there is no list. */
@@ -395,13 +413,16 @@ static int check_scenes(const struct reader *r)
     json_object_foreach(json_object_get(r->plan->root, "scenes"), name, scene)
     {
         snprintf(where, sizeof(where), "scenes.%.80s", name);
-        if ((code = check_keys(r, scene, where, "path|synth|layout|options|train|attack|paper")))
+        if ((code =
+                 check_keys(r, scene, where, "path|synth|layout|size|options|train|attack|preset")))
             return code;
-        static const char *const lists[] = {"synth", "options", "train", "attack"};
-        for (int i = 0; i < 4 && !code; i++)
+        static const char *const lists[] = {"synth", "size", "options", "train", "attack"};
+        for (int i = 0; i < 5 && !code; i++)
             code = check_options(r, json_object_get(scene, lists[i]), where);
         if (code)
             return code;
+        if (json_object_get(scene, "preset") && !json_is_string(json_object_get(scene, "preset")))
+            return wrong(r, "%s.preset: expected a text", where);
         if (!json_object_get(scene, "synth") == !json_is_string(json_object_get(scene, "path")))
             return wrong(r, "%s: expected either path or synth", where);
     }

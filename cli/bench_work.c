@@ -172,8 +172,11 @@ static void add_eval(struct scheduler *s, struct command_line *c, int index, con
     add(c, "--json"), add(c, "--per-view");
     add(c, "--quiet"), add(c, "--threads"), add(c, "%d", p->threads), add(c, "--scene");
     add_source(s, c, j->needs[0]);
-    if (j->kind == JOB_PRUNE)
-        add_options(s, c, j, json_object_get(j->from, "options"));
+    const json_t *const lists[] = {json_object_get(j->from, "size"),
+                                   json_object_get(j->from, "options")};
+    json_t *options = options_merge(lists, 2);
+    add_options(s, c, j, options);
+    json_decref(options);
 }
 
 static void add_train(struct scheduler *s, struct command_line *c, int index)
@@ -355,7 +358,7 @@ static void last_words(struct work *w)
     free(text);
 }
 
-static void collect(const struct job *j, struct work *w)
+static void collect(struct scheduler *s, const struct job *j, struct work *w)
 {
     if (j->kind == JOB_TRAIN || j->kind == JOB_PROXY) {
         w->out.summary = load_json(below(w, "run/summary.json"));
@@ -369,8 +372,12 @@ static void collect(const struct job *j, struct work *w)
     if (j->kind == JOB_TRAIN || j->kind == JOB_PRUNE)
         w->out.eval = load_json(below(w, "out.1"));
     const json_t *left = json_object_get(w->out.summary, "gaussians");
-    if (j->kind == JOB_PRUNE && left)
+    if (j->kind == JOB_PRUNE && left) { /* the most were there before it pruned */
+        const char *run = s->b->plan->jobs[j->needs[1]].key;
         json_object_set(w->out.summary, "final_gaussians", (json_t *) left);
+        json_object_set_new(w->out.summary, "max_gaussians",
+                            number_json(store_metric(s->b->store, run, "max_gaussians")));
+    }
 }
 
 static void clear_outcome(struct outcome *o)
@@ -390,7 +397,7 @@ static int finish(struct scheduler *s, int index, const char *status)
     struct work *w = &s->work[index];
     w->out.status = status;
     if (!strcmp(status, "done"))
-        collect(j, w);
+        collect(s, j, w);
     const int code = store_put(s->b->store, j, &w->out);
     if (code)
         return code;

@@ -5,7 +5,7 @@ ask() { sqlite3 "$1" "$2"; }
 plan() { # FILE TRAIN-ITERATIONS MORE-DEFENSES: a plan of one scene
     cat >"$1" <<END
 {"timeout": "60s", "train": ["--iterations", "$2", "--init-points", "200", "--densify-until-iter", "30", "--save-every", "20"],
- "scenes": {"s": {"synth": ["--width", "48", "--height", "36", "--train-views", "5", "--test-views", "2", "--points", "200", "--samples", "1"]}},
+ "scenes": {"s": {"synth": ["--width", "48", "--height", "36", "--train-views", "5", "--test-views", "2", "--points", "200", "--samples", "1"], "size": ["--downscale", "2"]}},
  "photos": {"clean": [], "noise": ["--method", "noise", "--epsilon", "16"]},
  "defenses": {"off": [], "half": ["--max-gaussians", "{clean*0.5}"], "lg": {"prune": ["--finetune", "5", "--trained", "60"]}$3},
  "models": {"default": []},
@@ -20,6 +20,8 @@ fi
 expect 0 bench plan.json -o once.db -q
 says '0 jobs were done before, 8 are done now, 0 failed'
 [ "$(ask once.db 'select count(*) from view')" -eq 12 ] || fail "no metrics of the views"
+scale="select json_extract(run_config, '\$.options.downscale') from job join cell using(key) where defense='off' order by photos"
+[ "$(ask once.db "$scale" | tr '\n' ' ')" = "2.0 1.0 " ] || fail "photos are scaled by $(ask once.db "$scale"), expected 2 and 1: a poison is small already"
 [ "$(ask once.db 'select count(distinct key) from curve')" -eq 4 ] || fail "no curves"
 half="select m.value from metric m join cell c using(key) where c.defense='half' and c.photos='noise' and m.name='max_gaussians'"
 [ "$(ask once.db "$half")" = 100.0 ] || fail "half of the clean count is $(ask once.db "$half")"
