@@ -26,3 +26,10 @@ if(NOT SG_COMMIT)
     set(SG_COMMIT unknown)
 endif()
 set_source_files_properties(cli/bench_store.c PROPERTIES COMPILE_DEFINITIONS SG_COMMIT="${SG_COMMIT}")
+# The script and the style of a report's page are in the program.
+foreach(part js css)
+    add_custom_command(OUTPUT report_${part}.c COMMAND ${CMAKE_COMMAND} -DINPUT=${PROJECT_SOURCE_DIR}/cli/report.${part}
+        -DOUTPUT=${PROJECT_BINARY_DIR}/report_${part}.c -DNAME=report_${part} -P ${PROJECT_SOURCE_DIR}/cmake/embed.cmake
+        DEPENDS ${PROJECT_SOURCE_DIR}/cli/report.${part} ${PROJECT_SOURCE_DIR}/cmake/embed.cmake VERBATIM)
+    target_sources(splatguard_tool PRIVATE ${PROJECT_BINARY_DIR}/report_${part}.c)
+endforeach()

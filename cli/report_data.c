@@ -1,0 +1,221 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "report.h"
+
+const struct metric_column metric_columns[M_METRICS] = {
+    [M_MAX_GAUSSIANS] = {"max_gaussians", "most Gaussians", "max_gaussians", "final_gaussians", 1,
+                         0},
+    [M_GAUSSIANS] = {"gaussians", "Gaussians", "final_gaussians", NULL, 1, 0},
+    [M_PSNR] = {"psnr", "PSNR", "eval.psnr", NULL, 1, 2},
+    [M_SSIM] = {"ssim", "SSIM", "eval.ssim", NULL, 1, 4},
+    [M_FPS] = {"fps", "FPS", "eval.fps", NULL, 1, 1},
+    [M_SECONDS] = {"train_seconds", "training, s", "train_seconds", NULL, 1, 1},
+    [M_MEMORY] = {"ledger_megabytes", "memory, MB", "peak_ledger_bytes", NULL, 1e-6, 0},
+    [M_RSS] = {"rss_megabytes", "resident, MB", "peak_rss_bytes", NULL, 1e-6, 0},
+};
+
+static char *copy(const char *text)
+{
+    return strdup(text ? text : "");
+}
+
+/* The same cell of another database, or NULL. */
+static struct result *find_cell(const struct report *r, const char *const *v)
+{
+    for (size_t i = 0; i < r->n; i++) {
+        const struct result *x = &r->results[i];
+        const char *const own[] = {x->plan, x->scene, x->photos, x->defense, x->model};
+        bool same = !strcmp(x->key, v[6] ? v[6] : "") && x->seed == (v[5] ? atoi(v[5]) : 0);
+        for (int k = 0; k < 5 && same; k++)
+            same = !strcmp(own[k], v[k] ? v[k] : "");
+        if (same)
+            return &r->results[i];
+    }
+    return NULL;
+}
+
+static void clear_result(struct result *x)
+{
+    char *texts[] = {x->plan,   x->scene,   x->photos, x->defense, x->model, x->key,
+                     x->status, x->message, x->commit, x->machine, x->engine};
+    for (size_t k = 0; k < sizeof(texts) / sizeof(texts[0]); k++)
+        free(texts[k]);
+    *x = (struct result){0};
+}
+
+static int take_cell(void *arg, int columns, const char *const *v)
+{
+    struct report *r = arg;
+    struct result *x = find_cell(r, v);
+    (void) columns;
+    if (x && (!strcmp(x->status, "done") || !v[7] || strcmp(v[7], "done")))
+        return STATUS_DONE;
+    if (x)
+        clear_result(x);
+    else if (r->n == r->capacity) {
+        const size_t capacity = r->capacity ? 2 * r->capacity : 64;
+        struct result *more = realloc(r->results, capacity * sizeof(*more));
+        if (!more)
+            return no_memory();
+        r->results = more, r->capacity = capacity;
+    }
+    x = x ? x : &r->results[r->n++];
+    *x = (struct result){.plan = copy(v[0]),
+                         .scene = copy(v[1]),
+                         .photos = copy(v[2]),
+                         .defense = copy(v[3]),
+                         .model = copy(v[4]),
+                         .seed = v[5] ? atoi(v[5]) : 0,
+                         .key = copy(v[6]),
+                         .status = copy(v[7]),
+                         .message = copy(v[8]),
+                         .alone = v[9] && atoi(v[9]),
+                         .commit = copy(v[10]),
+                         .machine = copy(v[11]),
+                         .engine = copy(v[12]),
+                         .seconds = v[13] ? atof(v[13]) : NAN};
+    for (int m = 0; m < M_METRICS; m++)
+        x->value[m] = NAN;
+    return STATUS_DONE;
+}
+
+/* Results of one key, which can be several cells. */
+struct keyed {
+    struct report *r;
+    json_t *index; /* key: number of the first cell with it */
+    json_t *known; /* curves of the databases before */
+};
+
+static int take_metric(void *arg, int columns, const char *const *v)
+{
+    struct keyed *k = arg;
+    (void) columns;
+    const json_t *at = v[0] ? json_object_get(k->index, v[0]) : NULL;
+    if (!at || !v[1] || !v[2])
+        return STATUS_DONE;
+    for (size_t i = (size_t) json_integer_value(at); i < k->r->n; i++)
+        for (int m = 0; m < M_METRICS && !strcmp(k->r->results[i].key, v[0]); m++) {
+            const struct metric_column *c = &metric_columns[m];
+            double *value = &k->r->results[i].value[m];
+            if (!strcmp(v[1], c->first) || (c->then && isnan(*value) && !strcmp(v[1], c->then)))
+                *value = atof(v[2]) * c->unit;
+        }
+    return STATUS_DONE;
+}
+
+static int take_point(void *arg, int columns, const char *const *v)
+{
+    struct keyed *k = arg;
+    json_t *curve = v[0] ? json_object_get(k->r->curves, v[0]) : NULL, *point;
+    if (!v[0] || json_object_get(k->known, v[0])) /* of a database before */
+        return STATUS_DONE;
+    if (!curve)
+        json_object_set_new(k->r->curves, v[0], curve = json_array());
+    point = json_array();
+    for (int i = 1; i < columns; i++)
+        json_array_append_new(point, v[i] ? json_real(atof(v[i])) : json_null());
+    return json_array_append_new(curve, point) ? no_memory() : STATUS_DONE;
+}
+
+int report_load(struct report *r, const char *path)
+{
+    struct store *s;
+    struct keyed k = {.r = r, .index = json_object()};
+    if (!r->curves)
+        r->curves = json_object();
+    k.known = json_copy(r->curves);
+    int code = store_open(path, true, &s);
+    if (!code)
+        code = store_query(s,
+                           "SELECT c.plan, c.scene, c.photos, c.defense, c.model, c.seed, c.key,"
+                           " j.status, j.message, j.alone, j.commit_id, j.machine, j.engine,"
+                           " j.seconds FROM cell c LEFT JOIN job j USING(key)"
+                           " ORDER BY c.plan, c.position",
+                           NULL, take_cell, r);
+    for (size_t i = r->n; i-- > 0;)
+        json_object_set_new(k.index, r->results[i].key, json_integer((json_int_t) i));
+    if (!code)
+        code = store_query(s,
+                           "SELECT key, name, value FROM metric"
+                           " WHERE key IN (SELECT key FROM cell)",
+                           NULL, take_metric, &k);
+    if (!code)
+        code = store_query(s,
+                           "SELECT key, iteration, gaussians, psnr, instances FROM curve"
+                           " WHERE key IN (SELECT key FROM cell) ORDER BY key, iteration",
+                           NULL, take_point, &k);
+    json_decref(k.index);
+    json_decref(k.known);
+    store_close(&s);
+    return code;
+}
+
+static bool is_alike(const struct result *a, const struct result *b)
+{
+    return !strcmp(a->plan, b->plan) && !strcmp(a->scene, b->scene) &&
+           !strcmp(a->photos, b->photos) && !strcmp(a->defense, b->defense) &&
+           !strcmp(a->model, b->model);
+}
+
+static void add_to_group(struct group *g, const struct result *x)
+{
+    g->cells++;
+    if (strcmp(x->status, "done")) {
+        g->why = *x->status ? x->status : "not run";
+        return;
+    }
+    g->runs++;
+    for (int m = 0; m < M_METRICS; m++) { /* Welford's; deviation is the sum of squares so far */
+        const double before = g->runs > 1 ? g->mean[m] : 0;
+        g->mean[m] = before + (x->value[m] - before) / g->runs;
+        g->deviation[m] += (x->value[m] - before) * (x->value[m] - g->mean[m]);
+    }
+}
+
+int report_group(struct report *r)
+{
+    r->groups = calloc(r->n + 1, sizeof(*r->groups));
+    if (!r->groups)
+        return no_memory();
+    for (size_t i = 0; i < r->n; i++) {
+        struct group *g = r->groups;
+        while (g < r->groups + r->n_groups && !is_alike(g->first, &r->results[i]))
+            g++;
+        if (g == r->groups + r->n_groups) {
+            r->n_groups++;
+            g->first = &r->results[i];
+        }
+        add_to_group(g, &r->results[i]);
+    }
+    for (size_t i = 0; i < r->n_groups; i++)
+        for (int m = 0; m < M_METRICS; m++) {
+            struct group *g = &r->groups[i];
+            g->mean[m] = g->runs ? g->mean[m] : NAN;
+            g->deviation[m] = g->runs > 1 ? sqrt(g->deviation[m] / (g->runs - 1)) : NAN;
+        }
+    return STATUS_DONE;
+}
+
+const struct group *report_find(const struct report *r, const struct group *like,
+                                const char *photos, const char *defense)
+{
+    struct result wanted = *like->first;
+    wanted.photos = (char *) photos, wanted.defense = (char *) defense;
+    for (size_t i = 0; i < r->n_groups; i++)
+        if (is_alike(r->groups[i].first, &wanted))
+            return &r->groups[i];
+    return NULL;
+}
+
+void report_clear(struct report *r)
+{
+    for (size_t i = 0; i < r->n; i++)
+        clear_result(&r->results[i]);
+    free(r->results);
+    free(r->groups);
+    json_decref(r->curves);
+    *r = (struct report){0};
+}

@@ -1,0 +1,67 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The report as one page without any other file. Names come from a database: all text is escaped.
+ */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "report.h"
+
+static json_t *result_json(const struct report *r, const struct result *x)
+{
+    json_t *o = json_pack("{s:o,s:o,s:o,s:o,s:o,s:i,s:b}", "plan", text_json(x->plan), "scene",
+                          text_json(x->scene), "photos", text_json(x->photos), "defense",
+                          text_json(x->defense), "model", text_json(x->model), "seed", x->seed,
+                          "alone", x->alone);
+    for (int m = 0; m < M_METRICS; m++)
+        json_object_set_new(o, metric_columns[m].name, number_json(x->value[m]));
+    json_t *curve = json_object_get(r->curves, x->key);
+    json_object_set_new(o, "curve", curve ? json_incref(curve) : json_array());
+    return o;
+}
+
+/* Nothing in it can end the script element. */
+static void put_json(FILE *f, json_t *value)
+{
+    char *text = json_dumps(value, JSON_COMPACT | JSON_REAL_PRECISION(8));
+    for (const char *c = text ? text : "[]"; *c; c++)
+        if (*c == '<')
+            fputs("\\u003c", f);
+        else
+            fputc(*c, f);
+    free(text);
+    json_decref(value);
+}
+
+void put_page(FILE *f, const struct report *r)
+{
+    static const char *const figures[] = {"gaussians", "quality", "tradeoff", "growth",
+                                          "instances"};
+    json_t *list = json_array();
+    for (size_t i = 0; i < r->n; i++)
+        if (!strcmp(r->results[i].status, "done"))
+            json_array_append_new(list, result_json(r, &r->results[i]));
+    fprintf(
+        f,
+        "<!doctype html>\n<html lang=en><head><meta charset=utf-8><title>splatguard: "
+        "report</title>\n<meta http-equiv=Content-Security-Policy content=\"default-src 'none'; "
+        "style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\n<meta name=generator "
+        "content=splatguard>\n<style>\n%s</style></head><body>\n<h1>Report</h1>\n",
+        report_css);
+    if (json_array_size(list)) {
+        fprintf(f, "<p class=choices><label>scene <select id=scene></select></label><label>photos "
+                   "<select id=photos><option value=\"\">all</option></select></label>"
+                   "<label>defense <select id=defense><option value=\"\">all</option></select>"
+                   "</label></p>\n");
+        for (size_t i = 0; i < sizeof(figures) / sizeof(figures[0]); i++)
+            fprintf(f, "<figure id=%s></figure>\n", figures[i]);
+    }
+    put_tables(f, r, HTML);
+    if (json_array_size(list)) {
+        fprintf(f, "<script type=application/json id=results>");
+        put_json(f, list);
+        fprintf(f, "</script>\n<script>\n%s</script>\n", report_js);
+    } else
+        json_decref(list);
+    fprintf(f, "</body></html>\n");
+}

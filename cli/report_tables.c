@@ -1,0 +1,323 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The tables of a report, as Markdown and as HTML. */
+#include <math.h>
+#include <string.h>
+
+#include "report.h"
+
+#define OFF "off"
+#define CLEAN "clean"
+
+void put_escaped(FILE *f, const char *text)
+{
+    for (const char *c = text; *c; c++)
+        if (strchr("<>&\"'", *c))
+            fprintf(f, "&#%d;", *c);
+        else
+            fputc((unsigned char) *c < ' ' ? ' ' : *c, f);
+}
+
+static void put_text(FILE *f, enum format format, const char *text)
+{
+    if (format == HTML) {
+        put_escaped(f, text);
+        return;
+    }
+    for (const char *c = text; *c; c++) {
+        if (strchr("|\\<>*_`[]", *c) && *c != '_')
+            fputc('\\', f);
+        fputc((unsigned char) *c < ' ' ? ' ' : *c, f);
+    }
+}
+
+static void heading(FILE *f, enum format format, int level, const char *text)
+{
+    fprintf(f, format == HTML ? "<h%d>" : "\n%.*s ", level, "######");
+    put_text(f, format, text);
+    fprintf(f, format == HTML ? "</h%d>\n" : "\n\n", level);
+}
+
+static void begin_table(FILE *f, enum format format, const char *const *titles, int n)
+{
+    fprintf(f, format == HTML ? "<table><thead><tr>" : "|");
+    for (int i = 0; i < n; i++)
+        fprintf(f, format == HTML ? "<th>%s</th>" : " %s |", titles[i]);
+    fprintf(f, format == HTML ? "</tr></thead><tbody>\n" : "\n|");
+    for (int i = 0; i < n && format == MARKDOWN; i++)
+        fprintf(f, i ? "---:|" : "---|");
+    fprintf(f, format == HTML ? "" : "\n");
+}
+
+static void begin_row(FILE *f, enum format format, const char *name)
+{
+    fprintf(f, format == HTML ? "<tr><th>" : "| ");
+    put_text(f, format, name);
+    fprintf(f, format == HTML ? "</th>" : " |");
+}
+
+static void end_row(FILE *f, enum format format)
+{
+    fprintf(f, format == HTML ? "</tr>\n" : "\n");
+}
+
+static void end_table(FILE *f, enum format format)
+{
+    fprintf(f, format == HTML ? "</tbody></table>\n" : "\n");
+}
+
+static void put_cell(FILE *f, enum format format, const char *text)
+{
+    fprintf(f, format == HTML ? "<td>" : " ");
+    put_text(f, format, text);
+    fprintf(f, format == HTML ? "</td>" : " |");
+}
+
+static void put_number(FILE *f, enum format format, double mean, double deviation, int digits)
+{
+    char text[96] = "";
+    if (isfinite(mean))
+        snprintf(text, sizeof(text), "%.*f", digits, mean);
+    if (isfinite(mean) && isfinite(deviation))
+        snprintf(text + strlen(text), sizeof(text) - strlen(text), " \u00b1 %.*f", digits,
+                 deviation);
+    put_cell(f, format, text);
+}
+
+static void put_ratio(FILE *f, enum format format, const struct group *g, const struct group *to)
+{
+    put_number(f, format, to ? g->mean[M_MAX_GAUSSIANS] / to->mean[M_MAX_GAUSSIANS] : NAN, NAN, 2);
+}
+
+/* A scene's runs on some photos: one row a defense. */
+static void put_defenses(FILE *f, const struct report *r, enum format format, size_t from)
+{
+    static const char *const titles[] = {
+        "defense", "n",   "Gaussians at most", "of clean",  "left", "PSNR",
+        "SSIM",    "FPS", "training, s",       "memory, MB"};
+    const struct result *x = r->groups[from].first;
+    const struct group *clean = report_find(r, &r->groups[from], CLEAN, OFF);
+    begin_table(f, format, titles, 10);
+    for (size_t i = from; i < r->n_groups; i++) {
+        const struct group *g = &r->groups[i];
+        char n[32];
+        if (strcmp(g->first->plan, x->plan) || strcmp(g->first->scene, x->scene) ||
+            strcmp(g->first->photos, x->photos) || strcmp(g->first->model, x->model))
+            continue;
+        begin_row(f, format, g->first->defense);
+        snprintf(n, sizeof(n), g->runs < g->cells ? "%d of %d" : "%d", g->runs, g->cells);
+        put_cell(f, format, n);
+        if (g->runs) {
+            put_number(f, format, g->mean[M_MAX_GAUSSIANS], g->deviation[M_MAX_GAUSSIANS], 0);
+            put_ratio(f, format, g, clean);
+            for (int m = M_GAUSSIANS; m <= M_MEMORY; m++)
+                put_number(f, format, g->mean[m], g->deviation[m], metric_columns[m].digits);
+        } else
+            for (int k = 0; k < 8; k++) /* a cell without a run says so */
+                put_cell(f, format, k ? "" : g->why);
+        end_row(f, format);
+    }
+    end_table(f, format);
+}
+
+/* The first of its scene, photos and model. */
+static bool begins_block(const struct report *r, size_t i)
+{
+    for (size_t k = 0; k < i; k++) {
+        const struct result *a = r->groups[k].first, *b = r->groups[i].first;
+        if (!strcmp(a->plan, b->plan) && !strcmp(a->scene, b->scene) &&
+            !strcmp(a->photos, b->photos) && !strcmp(a->model, b->model))
+            return false;
+    }
+    return true;
+}
+
+/* Ratios of Gaussians, Lu et al.'s attack and the spectral defense as their paper prints them, at
+ * epsilon 16 and full size. */
+static const struct {
+    const char *scene;
+    double poison, defense;
+} published[] = {{"lego", 2.35, 2.89},  {"bonsai", 4.82, 5.92}, {"garden", 1.36, 4.57},
+                 {"train", 1.19, 2.67}, {"chair", 1.96, 3.46},  {"hotdog", 6.14, 3.71}};
+/* Quality on poisoned photos, measured on clean ones. */
+static const struct {
+    const char *scene, *defense;
+    double psnr, ssim;
+} quality[] = {{"bonsai", "off", 27.14, 0.64},
+               {"bonsai", "ut", 22.68, 0.75},
+               {"bonsai", "lightgaussian", 27.05, 0.67},
+               {"bonsai", "pup", 26.81, 0.69},
+               {"bonsai", "spectral", 29.07, 0.84},
+               {"garden", "off", 24.63, 0.65},
+               {"garden", "ut", 18.99, 0.47},
+               {"garden", "lightgaussian", 24.05, 0.64},
+               {"garden", "pup", 23.77, 0.64},
+               {"garden", "spectral", 25.13, 0.73},
+               {"chair", "off", 24.60, 0.22},
+               {"chair", "spectral", 25.00, 0.23}};
+#define COUNT(list) (sizeof(list) / sizeof(list[0]))
+
+static void put_published(FILE *f, const struct report *r, enum format format)
+{
+    static const char *const titles[] = {"scene", "poison of clean", "paper", "poison of spectral",
+                                         "paper"};
+    bool any = false;
+    for (size_t i = 0; i < r->n_groups; i++) {
+        const struct group *g = &r->groups[i], *poison = report_find(r, g, "eps16", OFF),
+                           *defense = report_find(r, g, "eps16", "spectral");
+        size_t k = 0;
+        while (k < COUNT(published) && strcmp(published[k].scene, g->first->scene))
+            k++;
+        if (k == COUNT(published) || strcmp(g->first->photos, CLEAN) ||
+            strcmp(g->first->defense, OFF) || !poison)
+            continue;
+        if (!any) {
+            heading(f, format, 2, "Next to the paper: most Gaussians, epsilon 16");
+            begin_table(f, format, titles, 5);
+        }
+        any = true;
+        begin_row(f, format, g->first->scene);
+        put_ratio(f, format, poison, g);
+        put_number(f, format, published[k].poison, NAN, 2);
+        if (defense)
+            put_ratio(f, format, poison, defense);
+        else
+            put_cell(f, format, "");
+        put_number(f, format, published[k].defense, NAN, 2);
+        end_row(f, format);
+    }
+    if (any)
+        end_table(f, format);
+}
+
+static void put_quality(FILE *f, const struct report *r, enum format format)
+{
+    static const char *const titles[] = {"scene, defense", "PSNR", "paper", "SSIM", "paper"};
+    bool any = false;
+    for (size_t i = 0; i < r->n_groups; i++) {
+        const struct group *g = &r->groups[i];
+        char name[128];
+        for (size_t k = 0; k < COUNT(quality); k++) {
+            if (strcmp(quality[k].scene, g->first->scene) ||
+                strcmp(quality[k].defense, g->first->defense) || strcmp(g->first->photos, "eps16"))
+                continue;
+            if (!any) {
+                heading(f, format, 2, "Next to the paper: quality on poisoned photos");
+                begin_table(f, format, titles, 5);
+            }
+            any = true;
+            snprintf(name, sizeof(name), "%s, %s", g->first->scene, g->first->defense);
+            begin_row(f, format, name);
+            put_number(f, format, g->mean[M_PSNR], g->deviation[M_PSNR], 2);
+            put_number(f, format, quality[k].psnr, NAN, 2);
+            put_number(f, format, g->mean[M_SSIM], g->deviation[M_SSIM], 4);
+            put_number(f, format, quality[k].ssim, NAN, 2);
+            end_row(f, format);
+        }
+    }
+    if (any)
+        end_table(f, format);
+}
+
+static void put_failures(FILE *f, const struct report *r, enum format format)
+{
+    static const char *const titles[] = {"run", "status", "message"};
+    bool any = false;
+    for (size_t i = 0; i < r->n; i++) {
+        const struct result *x = &r->results[i];
+        char name[256];
+        if (!strcmp(x->status, "done"))
+            continue;
+        if (!any) {
+            heading(f, format, 2, "Runs without a result");
+            begin_table(f, format, titles, 3);
+        }
+        any = true;
+        snprintf(name, sizeof(name), "%s, %s, %s, %s, seed %d", x->scene, x->photos, x->defense,
+                 x->model, x->seed);
+        begin_row(f, format, name);
+        put_cell(f, format, *x->status ? x->status : "not run");
+        put_cell(f, format, x->message);
+        end_row(f, format);
+    }
+    if (any)
+        end_table(f, format);
+}
+
+static void put_about(FILE *f, const struct report *r, enum format format)
+{
+    size_t done = 0, beside = 0;
+    const struct result *last = NULL;
+    for (size_t i = 0; i < r->n; i++)
+        if (!strcmp(r->results[i].status, "done")) {
+            last = &r->results[i];
+            done++, beside += !last->alone;
+        }
+    fprintf(f, "%s%zu of %zu runs are done.", format == HTML ? "<p>" : "", done, r->n);
+    if (last) {
+        fprintf(f, " The last one is of commit ");
+        put_text(f, format, last->commit);
+        fprintf(f, ", on ");
+        put_text(f, format, last->machine);
+        fprintf(f, ".");
+    }
+    fprintf(f,
+            "%sn: seeds; after \u00b1: standard deviation over them. PSNR and SSIM are means "
+            "over the test views of the clean scene.%s%s",
+            format == HTML ? " " : "\n",
+            beside ? " Times and frames per second of runs that shared "
+                     "the machine are not comparable."
+                   : "",
+            format == HTML ? "</p>\n" : "\n");
+}
+
+void put_tables(FILE *f, const struct report *r, enum format format)
+{
+    put_about(f, r, format);
+    put_published(f, r, format);
+    put_quality(f, r, format);
+    for (size_t i = 0; i < r->n_groups; i++) {
+        const struct result *x = r->groups[i].first;
+        char title[256];
+        if (!begins_block(r, i))
+            continue;
+        snprintf(title, sizeof(title), "%s: %s, photos %s%s%s", x->plan, x->scene, x->photos,
+                 strcmp(x->model, "default") ? ", model " : "",
+                 strcmp(x->model, "default") ? x->model : "");
+        heading(f, format, 2, title);
+        put_defenses(f, r, format, i);
+    }
+    put_failures(f, r, format);
+}
+
+static void put_csv_text(FILE *f, const char *text)
+{
+    const bool quoted = strpbrk(text, ",\"\n\r");
+    fputs(quoted ? "\"" : "", f);
+    for (const char *c = text; *c; c++)
+        fprintf(f, *c == '"' ? "\"\"" : "%c", *c);
+    fputs(quoted ? "\"," : ",", f);
+}
+
+void put_csv(FILE *f, const struct report *r)
+{
+    fprintf(f, "plan,scene,photos,defense,model,seed,status,alone,commit,machine,engine,seconds");
+    for (int m = 0; m < M_METRICS; m++)
+        fprintf(f, ",%s", metric_columns[m].name);
+    fprintf(f, "\n");
+    for (size_t i = 0; i < r->n; i++) {
+        const struct result *x = &r->results[i];
+        const char *const texts[] = {x->plan, x->scene, x->photos, x->defense, x->model};
+        for (int k = 0; k < 5; k++)
+            put_csv_text(f, texts[k]);
+        fprintf(f, "%d,", x->seed);
+        put_csv_text(f, *x->status ? x->status : "not run");
+        fprintf(f, "%d,", x->alone);
+        put_csv_text(f, x->commit);
+        put_csv_text(f, x->machine);
+        put_csv_text(f, x->engine);
+        fprintf(f, isfinite(x->seconds) ? "%.3f" : "", x->seconds);
+        for (int m = 0; m < M_METRICS; m++)
+            fprintf(f, isfinite(x->value[m]) ? ",%.10g" : ",", x->value[m]);
+        fprintf(f, "\n");
+    }
+}

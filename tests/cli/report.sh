@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+# A report's tables and figures have the numbers of its database, and what is in that is only data.
+. "$(dirname "$0")/common.sh"
+cat >plan.json <<'END'
+{"train": ["--iterations", "20", "--init-points", "100", "--log-every", "5"],
+ "scenes": {"s": {"synth": ["--width", "48", "--height", "36", "--train-views", "4", "--test-views", "2", "--points", "100", "--samples", "1"]}},
+ "photos": {"clean": [], "noise": ["--method", "noise", "--epsilon", "16"]},
+ "defenses": {"off": [], "lg": {"prune": ["--finetune", "5"]}, "bad": ["--rho", "7"]}, "models": {"default": []},
+ "runs": [{"scenes": ["s"], "photos": ["clean", "noise"], "defenses": ["off", "lg", "bad"], "models": ["default"], "seeds": [1, 2]}]}
+END
+"$tool" bench plan.json -o r.db -q 2>err
+if grep -q 'no SQLite' err || ! command -v sqlite3 >/dev/null; then
+    echo "skipped: no SQLite"
+    exit 77
+fi
+ask() { sqlite3 r.db "$1"; }
+expect 0 report r.db -o page -q
+for file in report.md results.csv report.html; do [ -s page/$file ] || fail "no $file"; done
+[ "$(wc -l <page/results.csv)" -eq 13 ] || fail "the CSV has $(wc -l <page/results.csv) lines, expected 13"
+mean=$(ask "select printf('%.2f', avg(value)) from metric join cell using(key) where name='eval.psnr' and photos='noise' and defense='off'")
+grep -q "^| off | 2 |.* $mean ± " page/report.md || fail "the tables lack $mean: $(cat page/report.md)"
+grep -q '^| bad | 0 of 2 | failed |' page/report.md || fail "a cell without a run does not say so"
+grep -q 's, clean, bad, default, seed 1 | failed | splatguard train: --rho' page/report.md || fail "no reason for a failure"
+grep -qE '(src|href)=|@import|fetch\(' page/report.html && fail "the page refers to something elsewhere"
+
+# Other reports may be replaced, other files not.
+expect 0 report r.db r.db -o page -q
+mkdir mine && echo mine >mine/report.md
+expect 2 report r.db -o mine
+grep -q mine mine/report.md || fail "another's file is gone"
+expect 2 report none.db -o x; says 'none.db'
+expect 1 report r.db; says 'missing -o DIR'
+echo 'no database at all, but long enough to look at: 0123456789012345678901234567890123456789' >no.db
+expect 2 report no.db -o x; says 'no.db: file is not a database'
+[ ! -e x ] || fail "a failed report left something"
+
+# Names of a stranger's database.
+name="</script><img src=x onerror=alert(1)>|\`\"'"
+printf "update cell set defense='%s' where defense='off'" "$(printf %s "$name" | sed "s/'/''/g")" | sqlite3 r.db
+expect 0 report r.db -o hostile -q
+grep -q '<img' hostile/report.html && fail "a name is an element of the page"
+grep -q '[^\\]<img' hostile/report.md && fail "a name is an element of the Markdown page"
+
+# The figures, in a browser, against the database.
+browser=$(command -v chromium || command -v google-chrome) || { echo "figures not looked at: no Chromium"; exit 0; }
+timeout 60 "$browser" --headless --no-sandbox --disable-gpu --user-data-dir="$work/browser" \
+    --dump-dom "file://$work/page/report.html" >dom.html 2>browser.err || fail "no page: $(tail -3 browser.err)"
+grep -o 'class="mark" data-value="[^"]*"' dom.html | sed 's/.*="\([^"]*\)"/\1/' | sort -g >drawn
+{
+    for metric in max_gaussians eval.psnr; do
+        ask "select avg(value) from metric join cell using(key) where name='$metric' group by photos, defense"
+    done
+    ask "select value from metric join cell using(key) where name='eval.psnr'"
+    ask "select gaussians from curve c join cell using(key) where iteration=20"
+    ask "select instances from curve c join cell using(key) where iteration=20"
+} >means
+sort -g means >expected
+paste drawn expected | awk 'NF != 2 || $1 - $2 > 1e-4 * $2 || $2 - $1 > 1e-4 * $2 { bad = 1; print } END { exit bad }' ||
+    fail "the figures have other values than the database"
