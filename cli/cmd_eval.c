@@ -92,7 +92,7 @@ static int run_eval(const void *config, const bool *given, const char *const *po
 
 const struct command command_eval = {
     .name = "eval",
-    .arguments = "RUN|MODEL.ply --scene SCENE [options]",
+    .arguments = "RUN|MODEL --scene SCENE [options]",
     .summary = "Measures PSNR, SSIM and rendering speed.",
     .description = "Renders the views of SCENE and compares them with the photos, clamped and "
                    "rounded to 8 bits. A run's folder brings its own scene options.",

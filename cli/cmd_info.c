@@ -113,7 +113,7 @@ static int run_info(const void *config, const bool *given, const char *const *po
         return code;
     int error = sg_run_find_model(ctx, positional[0], 0, path, sizeof(path));
     if (!error)
-        error = sg_model_read_ply(ctx, path, UINT32_MAX, &model);
+        error = sg_model_read(ctx, path, UINT32_MAX, &model);
     if (!error)
         error = sg_model_inspect(ctx, model, &info);
     int status = report(ctx, error);
@@ -130,7 +130,7 @@ static int run_info(const void *config, const bool *given, const char *const *po
 
 const struct command command_info = {
     .name = "info",
-    .arguments = "RUN|MODEL.ply [--json]  or  --devices",
+    .arguments = "RUN|MODEL [--json]  or  --devices",
     .summary = "Says what is in a model and what is wrong with it.",
     .description =
         "Prints count, SH degree, bounds and percentiles of scale and opacity. A file that cannot "

@@ -81,7 +81,7 @@ static int prune(sg_ctx *ctx, struct prune_config *c, const char *path)
     interrupt_catch();
     int error = sg_output_check_file(ctx, c->output);
     if (!error)
-        error = sg_model_read_ply(ctx, path, UINT32_MAX, &model);
+        error = sg_model_read(ctx, path, UINT32_MAX, &model);
     if (!error)
         error = sg_model_check(ctx, model, path);
     if (!error)
@@ -140,7 +140,7 @@ static int run_prune(const void *config, const bool *given, const char *const *p
 
 const struct command command_prune = {
     .name = "prune",
-    .arguments = "RUN|MODEL.ply --scene SCENE -o OUT.ply [options]",
+    .arguments = "RUN|MODEL --scene SCENE -o OUT.ply [options]",
     .summary = "Removes Gaussians by a published score and trains what is left.",
     .description =
         "Scores the Gaussians of a trained model over the training views of SCENE, removes the "

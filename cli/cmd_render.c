@@ -172,7 +172,7 @@ static int run_render(const void *config, const bool *given, const char *const *
 
 const struct command command_render = {
     .name = "render",
-    .arguments = "RUN|MODEL.ply --scene SCENE -o DIR [options]",
+    .arguments = "RUN|MODEL --scene SCENE -o DIR [options]",
     .summary = "Renders the views of a scene to images.",
     .description =
         "Renders a model from the cameras of SCENE, one image a view under the view's name.",

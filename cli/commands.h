@@ -8,7 +8,7 @@
 
 extern const struct command command_train, command_eval, command_render, command_synth,
     command_info, command_attack, command_compare, command_spectrum, command_audit, command_prune,
-    command_smooth, command_bench, command_report;
+    command_smooth, command_bench, command_report, command_convert;
 
 /* Of every command that reads files which may come from a stranger. */
 #define MEMORY_ROW(config, field, ...)                                                             \

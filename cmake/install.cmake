@@ -9,6 +9,10 @@ install(TARGETS splatguard EXPORT splatguard-targets
 # A static library drags its dependencies into every link, so they are then public requirements.
 get_target_property(type splatguard TYPE)
 set(SG_PC_REQUIRES "spng libturbojpeg libwebp jansson libxxhash")
+if(ZLIB_FOUND)
+    string(APPEND SG_PC_REQUIRES " zlib")
+    set(SG_CONFIG_ZLIB ZLIB=zlib)
+endif()
 set(SG_PC_LIBS "-lm -pthread")
 if(type STREQUAL "STATIC_LIBRARY")
     set(SG_PC_LINKAGE "Requires: ${SG_PC_REQUIRES}\nLibs: -L\${libdir} -lsplatguard ${SG_PC_LIBS}")

@@ -10,6 +10,7 @@
 #include "engine.h"
 #include "error.h"
 #include "eval.h"
+#include "format.h"
 #include "model.h"
 #include "option.h"
 #include "output.h"

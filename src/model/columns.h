@@ -151,7 +151,7 @@ int sg_model_add_columns(sg_ctx *ctx, struct sg_model *model, const struct sg_mo
 /* A model of `count` Gaussians, all zeros, with the degrees and columns of another. */
 int sg_model_create_like(sg_ctx *ctx, const struct sg_model *like, size_t count,
                          struct sg_model **out);
-/* Gaussian i of a model becomes number k of one that is like it. */
+/* Gaussian i of a model becomes number k of one that is like it, or has a lower SH degree. */
 void sg_model_copy_row(const struct sg_model *from, size_t i, struct sg_model *to, size_t k);
 
 #endif

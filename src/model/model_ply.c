@@ -197,26 +197,24 @@ static int create_mapped(sg_ctx *ctx, const struct map *map, uint64_t count, con
     return code;
 }
 
-int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussians, struct sg_model **out)
+int sg_ply_read_model(sg_ctx *ctx, struct sg_source *in, uint64_t max_gaussians,
+                      struct sg_model **out)
 {
-    sg_clear_error(ctx);
     *out = NULL;
-    struct sg_source in;
     struct ply p;
     struct sg_model *m = NULL;
     struct map map;
     struct values values[PROPERTIES_MAX];
     float row[PLY_MAX_PROPERTIES];
-    int code = sg_source_open(ctx, &in, path, PLY_MAX_BYTES);
-    if (code || (code = sg_ply_open(ctx, &p, &in, max_gaussians)) ||
-        (code = map_columns(ctx, &p, &map)))
+    int code = sg_ply_open(ctx, &p, in, max_gaussians);
+    if (code || (code = map_columns(ctx, &p, &map)))
         goto done;
     if (!p.rows) {
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: header: found 0 Gaussians, expected at least one",
-                       path);
+                       in->path);
         goto done;
     }
-    if ((code = create_mapped(ctx, &map, p.rows, path, &m)))
+    if ((code = create_mapped(ctx, &map, p.rows, in->path, &m)))
         goto done;
     find_values(m, map.property, map.count, values);
     for (uint64_t i = 0; i < p.rows; i++) {
@@ -231,6 +229,17 @@ int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussians, str
     m = NULL;
 done:
     sg_model_destroy(&m);
+    return code;
+}
+
+int sg_model_read_ply(sg_ctx *ctx, const char *path, uint64_t max_gaussians, struct sg_model **out)
+{
+    sg_clear_error(ctx);
+    *out = NULL;
+    struct sg_source in;
+    int code = sg_source_open(ctx, &in, path, PLY_MAX_BYTES);
+    if (!code)
+        code = sg_ply_read_model(ctx, &in, max_gaussians, out);
     sg_source_close(&in);
     return code;
 }

@@ -5,6 +5,7 @@
 #define SG_PLY_H
 
 #include "core/source.h"
+#include "splatguard/model.h"
 
 #define PLY_MAX_BYTES ((uint64_t) 1 << 36)
 #define PLY_MAX_PROPERTIES 256 /* of all elements together */
@@ -58,6 +59,10 @@ int sg_ply_row(sg_ctx *ctx, struct ply *p, uint64_t row, float *values);
 /* After the last row of `vertex`: the elements behind it, and the end of the file where the header
  * says it is. */
 int sg_ply_finish(sg_ctx *ctx, struct ply *p);
+
+/* A model from a source at the first byte of a PLY file; see sg_model_read_ply. */
+int sg_ply_read_model(sg_ctx *ctx, struct sg_source *in, uint64_t max_gaussians,
+                      struct sg_model **out);
 
 /* The name that a plane of a model has as a property. */
 void sg_plane_name(int plane, int sh_degree, char name[24]);

@@ -75,12 +75,13 @@ int sg_model_create_like(sg_ctx *ctx, const struct sg_model *like, size_t count,
 
 void sg_model_copy_row(const struct sg_model *from, size_t i, struct sg_model *to, size_t k)
 {
-    for (int p = 0; p < sg_param_count(from->sh_degree); p++)
+    for (int p = 0; p < sg_param_count(to->sh_degree); p++)
         *sg_model_at(to, k, p) = *sg_model_at(from, i, p);
     for (int c = 0; c < SG_COLUMNS && from->columns; c++) {
-        const int planes = from->columns->at[c] ? sg_column_planes(c, from->sh_degree) : 0;
-        for (int p = 0; p < planes; p++)
-            to->columns->at[c][sg_param_index(planes, k, p)] =
+        const int planes = from->columns->at[c] ? sg_column_planes(c, from->sh_degree) : 0,
+                  kept = from->columns->at[c] ? sg_column_planes(c, to->sh_degree) : 0;
+        for (int p = 0; p < kept; p++)
+            to->columns->at[c][sg_param_index(kept, k, p)] =
                 from->columns->at[c][sg_param_index(planes, i, p)];
     }
 }

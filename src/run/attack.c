@@ -11,6 +11,7 @@
 #include "core/file.h"
 #include "folder.h"
 #include "option/option.h"
+#include "splatguard/format.h"
 #include "train.h"
 
 void sg_attack_run_params_clear(struct sg_attack_run_params *p)
@@ -208,7 +209,7 @@ static int start_decoy(struct attack_run *r)
     struct sg_model *model = NULL;
     char *state = sg_strf(r->ctx, "%s/attack", r->params->folder);
     char *saved = state ? sg_strf(r->ctx, "%s/checkpoint.bin", state) : NULL;
-    int code = saved ? sg_model_read_ply(r->ctx, r->proxy, UINT32_MAX, &model) : SG_ERR_BUDGET;
+    int code = saved ? sg_model_read(r->ctx, r->proxy, UINT32_MAX, &model) : SG_ERR_BUDGET;
     if (!code)
         code = sg_model_check(r->ctx, model, r->proxy);
     if (!code)

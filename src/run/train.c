@@ -9,6 +9,7 @@
 #include "core/clock.h"
 #include "core/file.h"
 #include "scene/used.h"
+#include "splatguard/format.h"
 #include "train/schedule.h"
 
 static double cpu_now(void)
@@ -302,7 +303,7 @@ static int create(sg_run *r)
 {
     const struct sg_run_params *p = &r->params;
     struct sg_model *initial = NULL;
-    int code = p->init ? sg_model_read_ply(r->ctx, p->init, UINT32_MAX, &initial) : SG_OK;
+    int code = p->init ? sg_model_read(r->ctx, p->init, UINT32_MAX, &initial) : SG_OK;
     if (!code && initial)
         code = sg_model_check(r->ctx, initial, p->init);
     r->train.seconds_before = sg_seconds() - r->begun; /* reading photos and model */

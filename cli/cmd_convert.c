@@ -1,0 +1,135 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include <limits.h>
+#include <stdlib.h>
+
+#include "commands.h"
+
+struct convert_config {
+    struct sg_model_selection selection;
+    struct sg_model_file file;
+    const char *crop;
+    uint64_t max_memory;
+    int iteration;
+    bool quiet;
+};
+
+#define M(field) offsetof(struct convert_config, field)
+
+static const struct sg_option convert_options[] = {
+    CHOICE_ROW("format", M(file.format), "auto|ply|compressed-ply|splat|spz|ksplat|glb", "FORMAT",
+               "Format of OUT; auto: by its ending. ksplat can only be read.", .group = "Output"),
+    NUMBER_ROW("spz-version", SG_OPTION_INT, M(file.spz_version), 2, 3, "N",
+               "Version of .spz; 2 has coarse rotations, but older programs read it.",
+               .group = "Output"),
+    NUMBER_ROW("sh-degree", SG_OPTION_INT, M(selection.sh_degree), 0, 3, "N",
+               "Keep spherical harmonics up to this degree.", .group = "Selection"),
+    TEXT_ROW("crop", M(crop), "BOX",
+             "Keep the Gaussians with their centre in the box X0,Y0,Z0,X1,Y1,Z1 (scene units).",
+             .group = "Selection"),
+    NUMBER_ROW("min-opacity", SG_OPTION_DOUBLE, M(selection.min_opacity), 0, 1, "A",
+               "Keep the Gaussians of at least this opacity.", .group = "Selection"),
+    NUMBER_ROW("iteration", SG_OPTION_INT, M(iteration), 0, 10000000, "N",
+               "The run's model after this iteration; 0 = the newest.", .group = "Output"),
+    MEMORY_ROW(struct convert_config, max_memory, .group = "Output"),
+    FLAG_ROW("quiet", M(quiet), "Warnings only.", .group = "Output", .letter = 'q'),
+    {0},
+};
+
+static void defaults(void *config)
+{
+    *(struct convert_config *) config = (struct convert_config){
+        .selection = sg_model_selection_default(), .file = sg_model_file_default()};
+}
+
+static bool parse_box(const char *text, struct sg_model_selection *s)
+{
+    double value[6];
+    for (int k = 0; k < 6; k++) {
+        char *end;
+        value[k] = strtod(text, &end);
+        if (end == text || *end != (k < 5 ? ',' : 0))
+            return false;
+        text = end + 1;
+    }
+    s->crop = true;
+    for (int k = 0; k < 3; k++) {
+        s->low[k] = value[k], s->high[k] = value[3 + k];
+        if (!(s->low[k] <= s->high[k]))
+            return false;
+    }
+    return true;
+}
+
+static int run_convert(const void *config, const bool *given, const char *const *positional,
+                       int count)
+{
+    (void) given, (void) count;
+    struct convert_config copy = *(const struct convert_config *) config, *c = &copy;
+    const char *out = positional[1];
+    struct sg_model *model = NULL, *kept = NULL;
+    sg_ctx *ctx = NULL;
+    char path[PATH_MAX];
+    if (c->crop && !parse_box(c->crop, &c->selection)) {
+        say(stderr,
+            "splatguard convert: --crop: found \"%s\", expected six numbers X0,Y0,Z0,X1,Y1,Z1 with "
+            "X0 <= X1, Y0 <= Y1 and Z0 <= Z1\n",
+            c->crop);
+        return STATUS_USAGE;
+    }
+    if (c->iteration && !is_folder(positional[0])) {
+        say(stderr,
+            "splatguard convert: --iteration: found with the model %s, expected a run's folder\n",
+            positional[0]);
+        return STATUS_USAGE;
+    }
+    if (!c->file.format && !(c->file.format = sg_model_format_of(out))) {
+        say(stderr,
+            "splatguard convert: %s: found no known ending, expected .ply, .compressed.ply, "
+            ".splat, .spz or .glb, or --format\n",
+            out);
+        return STATUS_USAGE;
+    }
+    if (c->file.format == SG_MODEL_KSPLAT) {
+        say(stderr, "splatguard convert: %s: found format ksplat, which is only read\n", out);
+        return STATUS_USAGE;
+    }
+    const int code = open_context(&ctx, 1, c->max_memory, c->quiet);
+    if (code)
+        return code;
+    int error = sg_run_find_model(ctx, positional[0], c->iteration, path, sizeof(path));
+    if (!error)
+        error = sg_output_check_file(ctx, out);
+    if (!error)
+        error = sg_model_read(ctx, path, UINT32_MAX, &model);
+    if (!error)
+        error = sg_model_select(ctx, model, &c->selection, &kept);
+    const size_t before = model ? model->count : 0;
+    sg_model_destroy(&model);
+    if (!error)
+        error = sg_model_write(ctx, kept, out, &c->file);
+    if (!error && !c->quiet)
+        say(stdout, "%s: %zu of %zu Gaussians, SH degree %d, %s\n", out, kept->count, before,
+            kept->sh_degree, sg_model_format_name(c->file.format));
+    const int status = report(ctx, error);
+    sg_model_destroy(&kept);
+    sg_ctx_destroy(&ctx);
+    return status;
+}
+
+const struct command command_convert = {
+    .name = "convert",
+    .arguments = "RUN|MODEL OUT [options]",
+    .summary = "Converts a model between file formats, or keeps a part of it.",
+    .description =
+        "Reads .ply, compressed .ply of SuperSplat, .splat, .spz or .ksplat, recognised by content "
+        "where the format has a mark, and writes .ply, .compressed.ply, .splat, .spz or .glb "
+        "(glTF with KHR_gaussian_splatting). Formats but .ply and .glb round; docs/formats.md has "
+        "how much. OUT must be new.",
+    .groups = "Selection|Output",
+    .options = convert_options,
+    .config_size = sizeof(struct convert_config),
+    .defaults = defaults,
+    .min_positional = 2,
+    .max_positional = 2,
+    .run = run_convert,
+};

@@ -1,0 +1,143 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Recognises model files and hands them to their readers and writers. */
+#include <strings.h>
+
+#include "codec.h"
+#include "core/file.h"
+#include "model/ply.h"
+
+/* Far more than the 4 billion Gaussians of a model take in any format. */
+#define MAX_BYTES ((uint64_t) 1 << 40)
+
+static const struct {
+    const char *name, *ending;
+} formats[SG_MODEL_FORMATS] = {
+    [SG_MODEL_AUTO] = {"auto", NULL},
+    [SG_MODEL_PLY] = {"ply", ".ply"},
+    [SG_MODEL_SPLAT] = {"splat", ".splat"},
+    [SG_MODEL_SPZ] = {"spz", ".spz"},
+    [SG_MODEL_KSPLAT] = {"ksplat", ".ksplat"},
+    [SG_MODEL_GLB] = {"glb", ".glb"},
+    [SG_MODEL_COMPRESSED_PLY] = {"compressed-ply", ".compressed.ply"},
+};
+
+const char *sg_model_format_name(enum sg_model_format format)
+{
+    return format >= 0 && format < SG_MODEL_FORMATS ? formats[format].name : "unknown";
+}
+
+static bool ends_with(const char *text, const char *end)
+{
+    const size_t n = strlen(text), m = strlen(end);
+    return n > m && !strcasecmp(text + n - m, end);
+}
+
+enum sg_model_format sg_model_format_of(const char *path)
+{
+    int found = SG_MODEL_AUTO;
+    for (int f = 1; f < SG_MODEL_FORMATS; f++) /* .compressed.ply is longer than .ply */
+        if (ends_with(path, formats[f].ending) &&
+            (!found || strlen(formats[f].ending) > strlen(formats[found].ending)))
+            found = f;
+    return (enum sg_model_format) found;
+}
+
+struct sg_model_file sg_model_file_default(void)
+{
+    return (struct sg_model_file){SG_MODEL_FILE_DEFAULTS};
+}
+
+static bool starts_with(struct sg_source *in, const char *bytes, size_t n)
+{
+    const char *start = sg_source_peek(in, n);
+    return start && !memcmp(start, bytes, n);
+}
+
+/* A text that only headers of compressed PLY files have. */
+static bool is_compressed_ply(struct sg_source *in)
+{
+    static const char mark[] = "property uint packed_position";
+    const size_t n = sg_source_fill(in, 4096);
+    return memmem(in->window, n < 4096 ? n : 4096, mark, sizeof(mark) - 1);
+}
+
+static int read_from(sg_ctx *ctx, struct sg_source *in, uint64_t max_gaussians,
+                     struct sg_model **out)
+{
+    const enum sg_model_format named = sg_model_format_of(in->path);
+    if (starts_with(in, "\x1f\x8b", 2))
+        return sg_spz_read(ctx, in, max_gaussians, out);
+    if (starts_with(in, "NGSP", 4))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found .spz of version 4 or above, expected 2 or 3",
+                       in->path);
+    if (starts_with(in, "glTF", 4) || starts_with(in, "PK\3\4", 4))
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found %s, expected .ply, .compressed.ply, .splat, .spz or .ksplat",
+                       in->path, starts_with(in, "glTF", 4) ? "glTF" : "a zip archive");
+    if (!starts_with(in, "ply", 3)) { /* these have no mark */
+        if (named == SG_MODEL_KSPLAT)
+            return sg_ksplat_read(ctx, in, max_gaussians, out);
+        if (named == SG_MODEL_SPLAT)
+            return sg_splat_read(ctx, in, max_gaussians, out);
+    }
+    return is_compressed_ply(in) ? sg_compressed_ply_read(ctx, in, max_gaussians, out)
+                                 : sg_ply_read_model(ctx, in, max_gaussians, out);
+}
+
+int sg_model_read(sg_ctx *ctx, const char *path, uint64_t max_gaussians, struct sg_model **out)
+{
+    sg_clear_error(ctx);
+    *out = NULL;
+    struct sg_source in;
+    int code = sg_source_open(ctx, &in, path, MAX_BYTES);
+    if (!code)
+        code = read_from(ctx, &in, max_gaussians, out);
+    sg_source_close(&in);
+    return code;
+}
+
+static int check_file(sg_ctx *ctx, const char *path, const struct sg_model_file *file)
+{
+    if (file->format == SG_MODEL_KSPLAT)
+        return sg_fail(ctx, SG_ERR_USAGE, "%s: found format ksplat, which is only read", path);
+    if (file->format <= SG_MODEL_AUTO || file->format >= SG_MODEL_FORMATS)
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "%s: found no format, expected a name that ends with .ply, "
+                       ".compressed.ply, .splat, .spz or .glb",
+                       path);
+    if (file->spz_version != 2 && file->spz_version != 3)
+        return sg_fail(ctx, SG_ERR_USAGE, "spz_version: found %d, expected 2 or 3",
+                       file->spz_version);
+    return SG_OK;
+}
+
+int sg_model_write(sg_ctx *ctx, const struct sg_model *m, const char *path,
+                   const struct sg_model_file *file)
+{
+    sg_clear_error(ctx);
+    struct sg_model_file choice = file ? *file : sg_model_file_default();
+    struct sg_file_writer w = {0};
+    if (choice.format == SG_MODEL_AUTO)
+        choice.format = sg_model_format_of(path);
+    int code = check_file(ctx, path, &choice);
+    if (!code && choice.format == SG_MODEL_PLY)
+        return sg_model_write_ply(ctx, m, path);
+    if (!code)
+        code = sg_model_check(ctx, m, path);
+    if (!code)
+        code = sg_file_create(ctx, &w, path);
+    if (code)
+        return code;
+    if (choice.format == SG_MODEL_COMPRESSED_PLY)
+        code = sg_compressed_ply_write(m, w.stream);
+    else if (choice.format == SG_MODEL_SPLAT)
+        code = sg_splat_write(m, w.stream);
+    else if (choice.format == SG_MODEL_SPZ)
+        code = sg_spz_write(ctx, m, w.stream, path, choice.spz_version);
+    else
+        code = sg_glb_write(ctx, m, w.stream, path);
+    if (!code)
+        code = sg_file_commit(ctx, &w);
+    sg_file_abandon(&w);
+    return code;
+}

@@ -1,0 +1,436 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Model files of other programs: what a round trip keeps, files made by hand, and damaged ones. */
+#include "scene_files.h"
+
+#include "format/codec.h"
+#include "models.h"
+
+#include <zlib.h>
+
+/* The most that a value may change: |difference| <= absolute + relative |value|. */
+struct slack {
+    float position, position_relative, log_scale, opacity, dc, sh, turn;
+};
+
+static void assert_near(float found, float expected, float slack, const char *what, size_t i)
+{
+    if (!(fabsf(found - expected) <= slack))
+        fail_msg("Gaussian %zu: %s: found %g, expected %g +- %g", i, what, (double) found,
+                 (double) expected, (double) slack);
+}
+
+/* Of the rotation from one quaternion to another: 1 - |cos| of half its angle. */
+static float turn(const struct sg_model *a, const struct sg_model *b, size_t i)
+{
+    float p[4], q[4], dot = 0;
+    sg_unit_quaternion(a, i, p);
+    sg_unit_quaternion(b, i, q);
+    for (int k = 0; k < 4; k++)
+        dot += p[k] * q[k];
+    return 1 - fabsf(dot);
+}
+
+static void compare(const struct sg_model *a, const struct sg_model *b, const struct slack *s)
+{
+    const int degree = a->sh_degree < b->sh_degree ? a->sh_degree : b->sh_degree;
+    assert_int_equal(a->count, b->count);
+    for (size_t i = 0; i < a->count; i++) {
+        for (int k = 0; k < 3; k++) {
+            const float x = *sg_model_at(a, i, SG_P_XYZ + k);
+            assert_near(*sg_model_at(b, i, SG_P_XYZ + k), x,
+                        s->position + s->position_relative * fabsf(x), "position", i);
+            assert_near(*sg_model_at(b, i, SG_P_SCALE + k), *sg_model_at(a, i, SG_P_SCALE + k),
+                        s->log_scale, "scale", i);
+            assert_near(*sg_model_at(b, i, SG_P_SH + k), *sg_model_at(a, i, SG_P_SH + k), s->dc,
+                        "sh_dc", i);
+        }
+        assert_near(sg_logistic(*sg_model_at(b, i, SG_P_OPACITY)),
+                    sg_logistic(*sg_model_at(a, i, SG_P_OPACITY)), s->opacity, "opacity", i);
+        assert_near(turn(a, b, i), 0, s->turn, "rotation", i);
+        for (int k = 3; k < 3 * (degree + 1) * (degree + 1) && s->sh < 9; k++)
+            assert_near(*sg_model_at(b, i, SG_P_SH + k), *sg_model_at(a, i, SG_P_SH + k), s->sh,
+                        "sh_rest", i);
+    }
+}
+
+/* Colours within what bytes can hold: 0..1. */
+static struct sg_model *make(sg_ctx *ctx, size_t n, int degree)
+{
+    struct sg_model *m = make_model(ctx, n, degree, 5);
+    for (size_t i = 0; i < n; i++)
+        for (int k = 0; k < 3; k++)
+            *sg_model_at(m, i, SG_P_SH + k) = draw(9, 3 * i + (size_t) k, -1.7f, 1.7f);
+    return m;
+}
+
+/* The tolerances that docs/formats.md tells. Positions of the model are within 1 of the origin, so
+ * that ranges of chunks are at most 2 wide. */
+static const struct {
+    const char *file;
+    int version;
+    struct slack slack;
+} trips[] = {
+    {"m.ply", 2, {0, 0, 0, 0, 0, 0, 1e-6f}},
+    {"m.splat", 2, {0, 0, 1e-6f, 0.5f / 255, 0.51f / 255 / SG_SH_C0, 9, 2e-4f}},
+    {"m.spz", 2, {0.51f / 4096, 0, 0.51f / 16, 0.5f / 255, 0.51f / 255 / 0.15f, 0.0665f, 8e-3f}},
+    {"m.spz", 3, {0.51f / 4096, 0, 0.51f / 16, 0.5f / 255, 0.51f / 255 / 0.15f, 0.0665f, 3e-6f}},
+    {"m.compressed.ply",
+     2,
+     {2 * 0.51f / 1023, 0, 3.5f * 0.51f / 1023, 0.5f / 255, 4 * 0.51f / 255, 1.0f / 64 + 1e-4f,
+      2e-6f}},
+};
+
+static void test_round_trips(void **state)
+{
+    struct fixture *f = *state;
+    for (size_t t = 0; t < sizeof(trips) / sizeof(trips[0]); t++)
+        for (int degree = 0; degree <= 3; degree++)
+            for (size_t n = 1; n <= 700; n = n == 1 ? 256 : n == 256 ? 700 : 701) {
+                struct sg_model *m = make(f->ctx, n, degree), *back;
+                const struct sg_model_file file = {.spz_version = trips[t].version};
+                assert_int_equal(sg_model_write(f->ctx, m, at(f, trips[t].file), &file), SG_OK);
+                if (sg_model_read(f->ctx, f->path, n, &back))
+                    fail_msg("%s", sg_last_error(f->ctx));
+                assert_int_equal(back->sh_degree, strstr(f->path, ".splat") ? 0 : degree);
+                compare(m, back, &trips[t].slack);
+                sg_model_destroy(&back);
+                /* One more is refused, by a message with both numbers. */
+                if (n > 1) {
+                    assert_int_equal(sg_model_read(f->ctx, f->path, n - 1, &back), SG_ERR_INPUT);
+                    assert_null(back);
+                }
+                sg_model_destroy(&m);
+            }
+}
+
+/* What was read is written as the same bytes again: no drift over many conversions. */
+static void test_second_trip_is_exact(void **state)
+{
+    struct fixture *f = *state;
+    static const char *const names[] = {"a.splat", "a.spz"};
+    for (int k = 0; k < 2; k++) {
+        struct sg_model *m = make(f->ctx, 300, 3), *once, *twice;
+        assert_int_equal(sg_model_write(f->ctx, m, at(f, names[k]), NULL), SG_OK);
+        assert_int_equal(sg_model_read(f->ctx, f->path, 300, &once), SG_OK);
+        assert_int_equal(sg_model_write(f->ctx, once, f->path, NULL), SG_OK);
+        assert_int_equal(sg_model_read(f->ctx, f->path, 300, &twice), SG_OK);
+        compare(once, twice, &(struct slack){0, 0, 2e-7f, 1e-6f, 1e-6f, 1e-6f, 2e-4f});
+        sg_model_destroy(&m);
+        sg_model_destroy(&once);
+        sg_model_destroy(&twice);
+    }
+}
+
+/* A .splat of two rows, byte by byte. */
+static void test_splat_bytes(void **state)
+{
+    struct fixture *f = *state;
+    const float numbers[6] = {1, -2, 3, 1, expf(-2), 0};
+    uint8_t row[64] = {0};
+    struct sg_model *m;
+    memcpy(row, numbers, 24);
+    memcpy(row + 24, (uint8_t[]){255, 0, 128, 0, 255, 128, 0, 128}, 8);
+    put(f, "s.splat", row, 64);
+    assert_int_equal(sg_model_read(f->ctx, at(f, "s.splat"), 2, &m), SG_OK);
+    assert_int_equal(m->count, 2);
+    assert_near(*sg_model_at(m, 0, SG_P_XYZ + 1), -2, 0, "y", 0);
+    assert_near(*sg_model_at(m, 0, SG_P_SCALE), 0, 0, "scale_0", 0);
+    assert_near(*sg_model_at(m, 0, SG_P_SCALE + 1), -2, 1e-6f, "scale_1", 0);
+    assert_near(*sg_model_at(m, 0, SG_P_SCALE + 2), -20, 0, "scale_2 of 0", 0);
+    assert_near(*sg_model_at(m, 0, SG_P_SH), 1.7724539f, 1e-5f, "red", 0);
+    assert_near(*sg_model_at(m, 0, SG_P_SH + 1), -1.7724539f, 1e-5f, "green", 0);
+    assert_near(*sg_model_at(m, 0, SG_P_OPACITY), logf(0.25f / 254.75f), 1e-5f, "opacity 0", 0);
+    assert_near(*sg_model_at(m, 0, SG_P_ROT), 127 / 128.0f, 0, "w", 0);
+    assert_near(*sg_model_at(m, 0, SG_P_ROT + 2), -1, 0, "y of the rotation", 0);
+    sg_model_destroy(&m);
+}
+
+static void put_gzip(struct fixture *f, const char *name, const void *data, size_t size)
+{
+    uint8_t packed[4096];
+    z_stream z = {0};
+    assert_int_equal(deflateInit2(&z, 6, Z_DEFLATED, 15 + 16, 8, Z_DEFAULT_STRATEGY), Z_OK);
+    z.next_in = (unsigned char *) (uintptr_t) data, z.avail_in = (unsigned) size;
+    z.next_out = packed, z.avail_out = sizeof(packed);
+    assert_int_equal(deflate(&z, Z_FINISH), Z_STREAM_END);
+    put(f, name, packed, z.total_out);
+    deflateEnd(&z);
+}
+
+/* Headers of .spz that are refused, each with what is wrong in the message. */
+static void test_spz_headers(void **state)
+{
+    struct fixture *f = *state;
+    const uint8_t good[16 + 20] = {'N', 'G', 'S', 'P', 2, 0, 0, 0, 1, 0, 0, 0, 0, 12};
+    static const struct {
+        int at, value;
+        const char *says;
+    } cases[] = {{0, 'M', "something else"}, {4, 1, "version 1"},       {4, 4, "version 4"},
+                 {8, 0, "0 Gaussians"},      {8, 2, "too little data"}, {11, 200, "cannot hold"},
+                 {12, 4, "SH degree 4"},     {13, 24, "24 bits"},       {14, 2, "extensions"}};
+    struct sg_model *m;
+    put_gzip(f, "good.spz", good, 16 + 19);
+    assert_int_equal(sg_model_read(f->ctx, at(f, "good.spz"), 9, &m), SG_OK);
+    sg_model_destroy(&m);
+    for (size_t k = 0; k < sizeof(cases) / sizeof(cases[0]); k++) {
+        uint8_t bytes[16 + 19];
+        memcpy(bytes, good, sizeof(bytes));
+        bytes[cases[k].at] = (uint8_t) cases[k].value;
+        put_gzip(f, "bad.spz", bytes, sizeof(bytes));
+        assert_int_equal(sg_model_read(f->ctx, at(f, "bad.spz"), 9, &m), SG_ERR_INPUT);
+        if (!strstr(sg_last_error(f->ctx), cases[k].says))
+            fail_msg("\"%s\" does not say \"%s\"", sg_last_error(f->ctx), cases[k].says);
+    }
+    put_gzip(f, "long.spz", good, 16 + 20);
+    assert_int_equal(sg_model_read(f->ctx, at(f, "long.spz"), 9, &m), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(f->ctx), "behind the last Gaussian"));
+}
+
+static void put_u32(uint8_t *to, uint32_t v)
+{
+    memcpy(to, &v, 4);
+}
+
+static uint16_t to_half(float v) /* of normal numbers */
+{
+    int exponent;
+    const float m = frexpf(fabsf(v), &exponent);
+    return v == 0 ? 0
+                  : (uint16_t) ((v < 0 ? 0x8000 : 0) | (exponent + 14) << 10 |
+                                ((int) lrintf(m * 2048) - 1024));
+}
+
+/* A .ksplat of a model as the level of compression says; returns its size. Buckets of 4. */
+static size_t make_ksplat(const struct sg_model *m, int level, uint8_t *file)
+{
+    const uint32_t n = (uint32_t) m->count, full = n / 4, partial = n % 4 != 0,
+                   buckets = level ? full + partial : 0;
+    const float block = 5, low = -1, high = 1;
+    uint8_t *s = file + 4096, *to = s + 1024;
+    memset(file, 0, 4096 + 1024);
+    file[1] = 1, file[20] = (uint8_t) level;
+    put_u32(file + 4, 1), put_u32(file + 8, 1), put_u32(file + 12, n), put_u32(file + 16, n);
+    memcpy(file + 36, &low, 4), memcpy(file + 40, &high, 4);
+    put_u32(s, n), put_u32(s + 4, n + 1), put_u32(s + 8, 4), put_u32(s + 12, buckets);
+    memcpy(s + 16, &block, 4);
+    s[20] = level ? 12 : 0;
+    put_u32(s + 32, level ? full : 0), put_u32(s + 36, level ? partial : 0);
+    s[40] = (uint8_t) m->sh_degree;
+    if (level && partial)
+        put_u32(to, n % 4), to += 4;
+    for (uint32_t b = 0; b < buckets; b++) /* its centre is its number */
+        for (int k = 0; k < 3; k++, to += 4)
+            memcpy(to, &(float){0.01f * (float) b}, 4);
+    const int order[] = {SG_P_SCALE,   SG_P_SCALE + 1, SG_P_SCALE + 2, SG_P_ROT,
+                         SG_P_ROT + 1, SG_P_ROT + 2,   SG_P_ROT + 3};
+    for (uint32_t i = 0; i < n; i++) {
+        for (int k = 0; k < 3; k++) {
+            const float x = *sg_model_at(m, i, SG_P_XYZ + k);
+            const int q = (int) lrintf((x - 0.01f * (float) (i / 4)) / (block / 2) * 32767) + 32767;
+            if (level)
+                memcpy(to, &(uint16_t){(uint16_t) q}, 2), to += 2;
+            else
+                memcpy(to, &x, 4), to += 4;
+        }
+        for (int k = 0; k < 7; k++) {
+            float v = *sg_model_at(m, i, order[k]);
+            v = k < 3 ? expf(v) : v;
+            if (level)
+                memcpy(to, &(uint16_t){to_half(v)}, 2), to += 2;
+            else
+                memcpy(to, &v, 4), to += 4;
+        }
+        for (int k = 0; k < 3; k++)
+            *to++ = sg_byte_of_dc(*sg_model_at(m, i, SG_P_SH + k));
+        *to++ = sg_byte(255 * sg_logistic(*sg_model_at(m, i, SG_P_OPACITY)));
+        for (int d = 1, first = 1; d <= m->sh_degree; first += 2 * d + 1, d++)
+            for (int c = 0; c < 3; c++)
+                for (int k = first; k < first + 2 * d + 1; k++) {
+                    const float v = *sg_model_at(m, i, SG_P_SH + 3 * k + c);
+                    if (level == 0)
+                        memcpy(to, &v, 4), to += 4;
+                    else if (level == 1)
+                        memcpy(to, &(uint16_t){to_half(v)}, 2), to += 2;
+                    else
+                        *to++ = (uint8_t) lrintf((v + 1) / 2 * 255);
+                }
+    }
+    const size_t row = (size_t) (to - s - 1024) / (n ? n : 1) + 64; /* room for one more */
+    memset(to, 0, row);
+    return (size_t) (to - file) + row;
+}
+
+static void test_ksplat(void **state)
+{
+    struct fixture *f = *state;
+    uint8_t *file = malloc(1 << 20);
+    const struct slack slack[3] = {
+        {0, 0, 1e-6f, 0.5f / 255, 0.51f / 255 / SG_SH_C0, 0, 1e-6f},
+        {1e-4f, 0, 1e-3f, 0.5f / 255, 0.51f / 255 / SG_SH_C0, 2e-4f, 1e-5f},
+        {1e-4f, 0, 1e-3f, 0.5f / 255, 0.51f / 255 / SG_SH_C0, 0.51f * 2 / 255, 1e-5f}};
+    for (int level = 0; level <= 2; level++)
+        for (int degree = 0; degree <= 3; degree++) {
+            struct sg_model *m = make(f->ctx, 23, degree), *back;
+            put(f, "m.ksplat", file, make_ksplat(m, level, file));
+            if (sg_model_read(f->ctx, at(f, "m.ksplat"), 100, &back))
+                fail_msg("%s", sg_last_error(f->ctx));
+            assert_int_equal(back->sh_degree, degree);
+            compare(m, back, &slack[level]);
+            sg_model_destroy(&m);
+            sg_model_destroy(&back);
+        }
+    free(file);
+}
+
+/* A random change or end of each kind of file is read or refused, but harms nothing. */
+static void test_damage(void **state)
+{
+    struct fixture *f = *state;
+    static const char *const names[] = {"d.splat", "d.spz", "d.compressed.ply", "d.ksplat"};
+    uint8_t *made = malloc(1 << 20);
+    for (int n = 0; n < 4; n++) {
+        struct sg_model *m = make(f->ctx, 300, 1), *back;
+        char *data;
+        size_t size;
+        if (n == 3)
+            put(f, names[n], made, make_ksplat(m, 1, made));
+        else
+            assert_int_equal(sg_model_write(f->ctx, m, at(f, names[n]), NULL), SG_OK);
+        assert_int_equal(sg_file_read(f->ctx, at(f, names[n]), 1 << 20, &data, &size), SG_OK);
+        int refused = 0;
+        for (uint64_t k = 0; k < 400; k++) {
+            const uint64_t random = sg_rng_u64(3, SG_RNG_SYNTH, (uint64_t) n, k);
+            /* Most of what can go wrong is in the headers. */
+            const size_t where = (size_t) (random >> 8) % (random & 1   ? size
+                                                           : size < 200 ? size
+                                                                        : 200);
+            const bool header = n == 3 && random & 2;
+            const size_t place = header ? 4096 + where % 64 : where;
+            const char kept = data[place];
+            const bool cut = k % 4 == 0;
+            data[place] = (char) (random >> 40);
+            put(f, names[n], data, cut ? place : size);
+            data[place] = kept;
+            const int code = sg_model_read(f->ctx, at(f, names[n]), 1000, &back);
+            assert_true(code == SG_OK || code == SG_ERR_INPUT);
+            assert_true((code == SG_OK) == (back != NULL));
+            assert_true(code == SG_OK || strstr(sg_last_error(f->ctx), names[n]));
+            refused += code != SG_OK;
+            sg_model_destroy(&back);
+        }
+        assert_true(refused > 90); /* those that were cut */
+        sg_free(data);
+        sg_model_destroy(&m);
+    }
+    free(made);
+}
+
+static void test_writing_refusals(void **state)
+{
+    struct fixture *f = *state;
+    struct sg_model *m = make(f->ctx, 3, 0);
+    assert_int_equal(sg_model_write(f->ctx, m, at(f, "m.ksplat"), NULL), SG_ERR_USAGE);
+    assert_int_equal(sg_model_write(f->ctx, m, at(f, "m.xyz"), NULL), SG_ERR_USAGE);
+    assert_int_equal(
+        sg_model_write(f->ctx, m, at(f, "m.spz"), &(struct sg_model_file){.spz_version = 4}),
+        SG_ERR_USAGE);
+    *sg_model_at(m, 1, SG_P_XYZ) = 9e6f;
+    assert_int_equal(sg_model_write(f->ctx, m, at(f, "m.spz"), NULL), SG_ERR_INPUT);
+    *sg_model_at(m, 1, SG_P_XYZ) = 8e6f; /* whole numbers fit */
+    assert_int_equal(sg_model_write(f->ctx, m, at(f, "m.spz"), NULL), SG_OK);
+    *sg_model_at(m, 1, SG_P_XYZ) = NAN;
+    unlink(at(f, "m.spz"));
+    static const char *const names[] = {"m.spz", "m.splat", "m.compressed.ply", "m.glb"};
+    for (int k = 0; k < 4; k++) {
+        assert_int_equal(sg_model_write(f->ctx, m, at(f, names[k]), NULL), SG_ERR_INPUT);
+        assert_false(sg_file_exists(f->path));
+    }
+    sg_model_destroy(&m);
+}
+
+static void test_select(void **state)
+{
+    struct fixture *f = *state;
+    struct sg_model *m = make(f->ctx, 400, 3), *kept;
+    struct sg_model_selection s = {.sh_degree = 1,
+                                   .crop = true,
+                                   .low = {-0.5, -1, -1},
+                                   .high = {0.5, 1, 1},
+                                   .min_opacity = 0.5};
+    assert_int_equal(sg_model_select(f->ctx, m, &s, &kept), SG_OK);
+    assert_int_equal(kept->sh_degree, 1);
+    size_t to = 0;
+    for (size_t i = 0; i < m->count; i++) {
+        if (fabsf(*sg_model_at(m, i, 0)) > 0.5f || *sg_model_at(m, i, SG_P_OPACITY) < 0)
+            continue;
+        assert_true(to < kept->count);
+        for (int p = 0; p < sg_param_count(1); p++)
+            assert_memory_equal(sg_model_at(kept, to, p), sg_model_at(m, i, p), 4);
+        to++;
+    }
+    assert_int_equal(to, kept->count);
+    assert_in_range(to, 50, 200);
+    sg_model_destroy(&kept);
+    s.low[0] = s.high[0] = 7;
+    assert_int_equal(sg_model_select(f->ctx, m, &s, &kept), SG_ERR_INPUT);
+    s.low[0] = 8;
+    assert_int_equal(sg_model_select(f->ctx, m, &s, &kept), SG_ERR_USAGE);
+    s.crop = false, s.min_opacity = NAN;
+    assert_int_equal(sg_model_select(f->ctx, m, &s, &kept), SG_ERR_USAGE);
+    assert_null(kept);
+    sg_model_destroy(&m);
+}
+
+/* Gaussians seen by a camera are those of the mirrored axes seen by a mirrored camera: signs of
+ * rotations and SH belong together. */
+static void test_axes(void **state)
+{
+    struct fixture *f = *state;
+    static const struct sg_axes axes[] = {{1, -1, -1}, {-1, -1, 1}, {-1, 1, -1}};
+    enum { SIDE = 32, VALUES = 3 * SIDE * SIDE };
+    float *images = malloc(2 * VALUES * sizeof(float));
+    for (int t = 0; t < 3; t++) {
+        struct sg_model *m = make(f->ctx, 40, 3);
+        struct sg_camera camera = make_camera(SIDE, SIDE, 4);
+        sg_renderer *r;
+        for (int pass = 0; pass < 2; pass++) {
+            assert_int_equal(sg_renderer_create(f->ctx, "ref", NULL, m, NULL, &r), SG_OK);
+            assert_int_equal(sg_render(r, &camera, images + pass * VALUES, NULL, NULL, NULL),
+                             SG_OK);
+            sg_renderer_destroy(&r);
+            const int sign[3] = {axes[t].x, axes[t].y, axes[t].z};
+            int quaternion[4], sh[15];
+            sg_axes_signs(axes[t], quaternion, sh);
+            for (size_t i = 0; i < m->count; i++) {
+                for (int k = 0; k < 3; k++)
+                    *sg_model_at(m, i, SG_P_XYZ + k) *= (float) sign[k];
+                for (int k = 0; k < 4; k++)
+                    *sg_model_at(m, i, SG_P_ROT + k) *= (float) quaternion[k];
+                for (int k = 0; k < 45; k++)
+                    *sg_model_at(m, i, SG_P_SH + 3 + k) *= (float) sh[k / 3];
+            }
+            for (int k = 0; k < 9; k++)
+                camera.R[k] *= sign[k % 3];
+        }
+        for (int k = 0; k < VALUES; k++)
+            assert_near(images[VALUES + k], images[k], 1e-5f, "pixel", (size_t) k);
+        sg_model_destroy(&m);
+    }
+    free(images);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        scene_test(test_round_trips),
+        scene_test(test_second_trip_is_exact),
+        scene_test(test_splat_bytes),
+        scene_test(test_spz_headers),
+        scene_test(test_ksplat),
+        scene_test(test_damage),
+        scene_test(test_writing_refusals),
+        scene_test(test_select),
+        scene_test(test_axes),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
