@@ -101,7 +101,7 @@ static int build(sg_ctx *ctx)
 }
 
 /* Creation, steps with densification, filter and losses, saving, resuming, model, PLY, renderer. */
-static int train_by(sg_ctx *ctx, enum sg_train_strategy strategy)
+static int train_by(sg_ctx *ctx, enum sg_train_strategy strategy, enum sg_train_model kind)
 {
     struct sg_scene *scene = NULL;
     sg_trainer *trainer = NULL, *resumed = NULL;
@@ -113,7 +113,7 @@ static int train_by(sg_ctx *ctx, enum sg_train_strategy strategy)
     p.densify_until_iter = 7;
     p.opacity_reset_interval = 5, p.sh_degree = 1, p.densify_grad_threshold = 1e-6f;
     p.defense.on = true, p.defense.interval = 2, p.defense.views = 2;
-    p.strategy = strategy;
+    p.strategy = strategy, p.model = kind;
     if (strategy == SG_STRATEGY_MCMC)
         p.defense.rho = 0;
     int code = sg_scene_load(ctx, colmap, NULL, &scene);
@@ -149,12 +149,17 @@ static int train_by(sg_ctx *ctx, enum sg_train_strategy strategy)
 
 static int train(sg_ctx *ctx)
 {
-    return train_by(ctx, SG_STRATEGY_DEFAULT);
+    return train_by(ctx, SG_STRATEGY_DEFAULT, SG_MODEL_3DGS);
 }
 
 static int train_mcmc(sg_ctx *ctx)
 {
-    return train_by(ctx, SG_STRATEGY_MCMC);
+    return train_by(ctx, SG_STRATEGY_MCMC, SG_MODEL_3DGS);
+}
+
+static int train_mip(sg_ctx *ctx)
+{
+    return train_by(ctx, SG_STRATEGY_DEFAULT, SG_MODEL_MIP);
 }
 
 /* Each score, removal, and a round of fine-tuning. */
@@ -291,6 +296,7 @@ TEST(load_colmap)
 TEST(build)
 TEST(train)
 TEST(train_mcmc)
+TEST(train_mip)
 TEST(prune)
 TEST(audit)
 TEST(attack)
@@ -302,9 +308,10 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_load_blender), cmocka_unit_test(test_load_colmap),
         cmocka_unit_test(test_build),        cmocka_unit_test(test_train),
-        cmocka_unit_test(test_train_mcmc),   cmocka_unit_test(test_prune),
-        cmocka_unit_test(test_audit),        cmocka_unit_test(test_attack),
-        cmocka_unit_test(test_run),          cmocka_unit_test(test_attack_run),
+        cmocka_unit_test(test_train_mcmc),   cmocka_unit_test(test_train_mip),
+        cmocka_unit_test(test_prune),        cmocka_unit_test(test_audit),
+        cmocka_unit_test(test_attack),       cmocka_unit_test(test_run),
+        cmocka_unit_test(test_attack_run),
     };
     return cmocka_run_group_tests(tests, make_scene, remove_scene);
 }

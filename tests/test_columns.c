@@ -71,7 +71,7 @@ static void test_create(void **state)
     assert_int_equal(sg_columns_create(ctx, 17, 1, SG_COLUMN_SAVED, &o), SG_OK);
     assert_int_equal(o.capacity, 32);
     for (int c = 0; c < SG_COLUMNS; c++) {
-        const bool expected = !sg_column_is_parameter(c) && (sg_columns[c].bits & SG_COLUMN_SAVED);
+        const bool expected = !sg_column_is_parameter(c) && sg_column_of(c, SG_COLUMN_SAVED);
         assert_int_equal(o.at[c] != NULL, expected);
         for (size_t i = 0; expected && i < 32 * (size_t) sg_column_planes(c, 1); i++)
             assert_true(o.at[c][i] == 0);

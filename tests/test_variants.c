@@ -76,6 +76,15 @@ static void test_mcmc(void **state)
     assert_repeats(&p, &other);
 }
 
+static void test_mip(void **state)
+{
+    (void) state;
+    struct sg_train_params p = short_params();
+    const struct sg_train_params other = p;
+    p.model = SG_MODEL_MIP;
+    assert_repeats(&p, &other);
+}
+
 /* A photo that is darker than the others is explained by its exposure, not by the model. */
 static void test_exposure(void **state)
 {
@@ -158,8 +167,11 @@ static void test_exposure_steps(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_absgrad),        cmocka_unit_test(test_mcmc),
-        cmocka_unit_test(test_exposure),       cmocka_unit_test(test_exposure_checkpoint),
+        cmocka_unit_test(test_absgrad),
+        cmocka_unit_test(test_mcmc),
+        cmocka_unit_test(test_mip),
+        cmocka_unit_test(test_exposure),
+        cmocka_unit_test(test_exposure_checkpoint),
         cmocka_unit_test(test_exposure_steps),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

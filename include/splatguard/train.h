@@ -36,6 +36,12 @@ enum sg_at_limit {
     SG_AT_LIMIT_UNIVERSAL
 };
 
+/* What a Gaussian is drawn as. */
+enum sg_train_model {
+    SG_MODEL_3DGS,
+    SG_MODEL_MIP /* with a 3D and a 2D filter against aliasing (Mip-Splatting, Yu et al. 2024) */
+};
+
 /* Of SG_STRATEGY_MCMC. It edits as often as densification_interval says, after densify_from_iter,
  * and takes nothing else of the default's parameters. */
 struct sg_mcmc_params {
@@ -55,13 +61,14 @@ struct sg_mcmc_params {
  * given below: learning rates and percent_dense 0..1e3 (those of positions from 1e-12),
  * intervals 1..1e9 iterations, densify_from_iter and densify_until_iter 0..1e9. */
 struct sg_train_params {
-    int iterations;         /* 1..10 million. Default 30000. */
-    uint64_t seed;          /* Default 42. */
-    int sh_degree;          /* 0..3. Default 3. */
-    int sh_interval;        /* iterations between degree raises, 1..10 million. Default 1000. */
-    bool white_background;  /* Default false. */
-    bool random_background; /* a random colour each iteration. Default false. */
-    float lambda_dssim;     /* weight of 1 - SSIM, 0..1. Default 0.2. */
+    int iterations;            /* 1..10 million. Default 30000. */
+    uint64_t seed;             /* Default 42. */
+    enum sg_train_model model; /* Default SG_MODEL_3DGS. SG_MODEL_MIP needs SG_STRATEGY_DEFAULT. */
+    int sh_degree;             /* 0..3. Default 3. */
+    int sh_interval;           /* iterations between degree raises, 1..10 million. Default 1000. */
+    bool white_background;     /* Default false. */
+    bool random_background;    /* a random colour each iteration. Default false. */
+    float lambda_dssim;        /* weight of 1 - SSIM, 0..1. Default 0.2. */
     /* The loss compares a render with the nearest image that differs from the photo by at most
      * `tolerance` grey levels (0..255) in each value. A change of the photos within it has no
      * gradient at a model of the unchanged photos. Default 0. */
@@ -225,7 +232,8 @@ SG_API void sg_trainer_times(const sg_trainer *trainer, struct sg_train_times *o
 /* The variant of the engine that runs: "avx512", "ref", ... */
 SG_API const char *sg_trainer_variant(const sg_trainer *trainer);
 
-/* Copies the current model; the caller owns *out. */
+/* Copies the current model; the caller owns *out. With SG_MODEL_MIP the 3D filter is in its scales
+ * and opacities; it is to be drawn with sg_render_params.mip_filter. */
 SG_API int sg_trainer_model(sg_trainer *trainer, struct sg_model **out);
 
 /* A renderer of the current model that uses the buffers of the run, without a copy, on the run's

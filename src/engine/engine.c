@@ -133,7 +133,7 @@ size_t sg_engine_count(const struct sg_engine *e)
 
 int sg_engine_set_statistic(struct sg_engine *e, enum sg_gradient_statistic statistic)
 {
-    if (statistic == SG_GRADIENT_ABSOLUTE && !e->ops->absolute)
+    if (statistic != SG_GRADIENT_NORM && !e->ops->absolute)
         return sg_fail(e->ctx, SG_ERR_USAGE,
                        "statistic: found absolute gradients, which engine %s does not count",
                        e->ops->name);
@@ -207,6 +207,13 @@ int sg_engine_explore(struct sg_engine *e, const struct sg_exploration *x)
     return leave(e, e->ops->explore(e, x), IMAGE, 0);
 }
 
+int sg_engine_filter(struct sg_engine *e, const struct sg_camera *const *cameras, size_t n)
+{
+    if (!e->ops->filter)
+        return lacks(e, "filter");
+    return leave(e, e->ops->filter(e, cameras, n), IMAGE, 0);
+}
+
 int sg_engine_set_shape(struct sg_engine *e, const struct sg_shape *shape)
 {
     if (shape && !e->ops->shape)
@@ -262,6 +269,10 @@ static int run_shape(struct sg_engine *e)
 
 static int check_filter(const struct sg_engine *e, const struct sg_render_params *params)
 {
+    if (e->statistic == SG_GRADIENT_MIP && !params->mip_filter)
+        return sg_fail(e->ctx, SG_ERR_USAGE,
+                       "render: found no 2D filter, expected that of Mip-Splatting, which the "
+                       "statistic needs");
     return !params->mip_filter || e->ops->mip_filter
                ? SG_OK
                : sg_fail(e->ctx, SG_ERR_USAGE,

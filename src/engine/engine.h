@@ -38,6 +38,7 @@ struct sg_work {
     bool accumulate; /* see sg_update */
     bool anisotropy; /* the losses have one */
     bool exposure;   /* targets have one */
+    bool mip;        /* with the filters of Mip-Splatting */
     bool low_pass;   /* the photometric loss has that term */
     int width, height, threads;
 };
@@ -69,11 +70,18 @@ struct sg_statistics {
     float *opacity;      /* activated */
     float *largest;      /* of the three scales, activated */
     float *log_smallest; /* of the three scales, its logarithm: as stored */
+    float *absolute;     /* with SG_GRADIENT_MIP: mean of the sums of absolute gradients */
 };
 /* What densification counts of a view: the norm of the gradient of a splat's position (NDC), or of
  * its sums over the pixels of absolute gradients along x and y (Ye et al. 2024), in which noise
  * does not cancel. */
-enum sg_gradient_statistic { SG_GRADIENT_NORM, SG_GRADIENT_ABSOLUTE };
+enum sg_gradient_statistic {
+    SG_GRADIENT_NORM,
+    SG_GRADIENT_ABSOLUTE,
+    /* The norm, and beside it the sums of absolute gradients along x and y, added. Only for views
+     * with mip_filter. */
+    SG_GRADIENT_MIP
+};
 /* From the next raster_backward on; SG_GRADIENT_NORM by default. SG_ERR_USAGE for an engine that
  * does not count absolute gradients. */
 int sg_engine_set_statistic(struct sg_engine *e, enum sg_gradient_statistic statistic);
@@ -100,7 +108,7 @@ struct sg_edit {
 int sg_engine_edit(struct sg_engine *e, const struct sg_edit *edit);
 /* Scales = max(scales, smallest), activated. */
 int sg_engine_floor_scale(struct sg_engine *e, float smallest);
-/* opacity = min(opacity, limit); zeroes the opacity moments. */
+/* opacity = min(opacity, limit), as it is drawn with the shape; zeroes the opacity moments. */
 int sg_engine_reset_opacity(struct sg_engine *e, float limit);
 
 /* Gaussians that change in place, one entry after the other: number `to` takes all parameters of
@@ -125,14 +133,23 @@ struct sg_exploration {
 /* SG_ERR_USAGE for an engine that has no such operation. */
 int sg_engine_explore(struct sg_engine *e, const struct sg_exploration *exploration);
 
+/* The 3D filter of Mip-Splatting (Yu et al. 2024, section 5.1), in SG_C_FILTER: no Gaussian is
+ * drawn with details that none of these cameras could see. SG_ERR_USAGE for an engine that has
+ * none. */
+int sg_engine_filter(struct sg_engine *e, const struct sg_camera *const *cameras, size_t n);
+
 /* A step between the parameters and the projection: what is drawn in place of the parameters of
- * SG_LANES Gaussians. All arrays are blocks of `planes` planes, laid out as in sg_model.params. */
+ * SG_LANES Gaussians. params, shaped and gradients are blocks of `planes` planes, laid out as in
+ * sg_model.params. */
 struct sg_shape {
     const char *name;
     const void *arg; /* of the functions */
-    void (*forward)(const void *arg, const float *params, int planes, float *shaped);
+    int column;      /* of one plane, whose values the functions get; SG_COLUMNS: none */
+    void (*forward)(const void *arg, const float *params, const float *column, int planes,
+                    float *shaped);
     /* gradients: of what is drawn; becomes those of the parameters. */
-    void (*backward)(const void *arg, const float *params, int planes, float *gradients);
+    void (*backward)(const void *arg, const float *params, const float *column, int planes,
+                     float *gradients);
 };
 /* shape: borrowed, NULL = what is drawn are the parameters (default). SG_ERR_USAGE for an engine
  * that has no such stage. */

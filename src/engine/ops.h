@@ -65,6 +65,7 @@ struct sg_engine_ops {
 
     /* Optional: there are no such operations. */
     int (*relocate)(struct sg_engine *, const struct sg_relocation *);
+    int (*filter)(struct sg_engine *, const struct sg_camera *const *, size_t n);
     int (*explore)(struct sg_engine *, const struct sg_exploration *);
 
     /* Optional: an engine in host memory reads the photos where they are. */

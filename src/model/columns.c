@@ -25,7 +25,7 @@ int sg_columns_create(sg_ctx *ctx, size_t count, int sh_degree, unsigned bits,
 {
     *out = (struct sg_columns){.capacity = (count + SG_LANES - 1) / SG_LANES * SG_LANES};
     for (int c = 0; c < SG_COLUMNS; c++)
-        if (!sg_column_is_parameter(c) && (sg_columns[c].bits & bits) &&
+        if (!sg_column_is_parameter(c) && sg_column_of(c, bits) &&
             !(out->at[c] = sg_alloc(ctx, SG_MEM_OPTIMISER, out->capacity,
                                     (size_t) sg_column_planes(c, sh_degree) * sizeof(float)))) {
             sg_columns_clear(out);

@@ -38,7 +38,8 @@ enum sg_fate {
 enum sg_column_bits {
     SG_COLUMN_PARAMETER = 1, /* lies in sg_model.params, is learned and has a group */
     SG_COLUMN_SAVED = 2,     /* in checkpoints; it exists from the first step of the optimiser on */
-    SG_COLUMN_LOST = 4       /* no edit keeps it: it is made again when it is needed */
+    SG_COLUMN_LOST = 4,      /* no edit keeps it: it is made again when it is needed */
+    SG_COLUMN_MIP = 8        /* only models with the filters of Mip-Splatting have it */
 };
 
 #define SG_PLANES_REST (-1)       /* those of SH degrees above 0 */
@@ -96,6 +97,11 @@ struct sg_column {
       .fate = {[SG_EDIT_KEEP] = SG_FATE_ASKED})                                                    \
     C(GRAD_COUNT, .name = "gradient_count", .planes = 1, .bits = SG_COLUMN_SAVED,                  \
       .fate = {[SG_EDIT_KEEP] = SG_FATE_ASKED})                                                    \
+    /* Standard deviation of the 3D filter; sum of absolute view-space gradients along x and y */  \
+    C(FILTER, .name = "filter_3d", .planes = 1, .bits = SG_COLUMN_SAVED | SG_COLUMN_MIP,           \
+      .fate = {SG_FATE_COPY, SG_FATE_COPY, SG_FATE_ZERO, SG_FATE_COPY})                            \
+    C(GRAD_ABSOLUTE, .name = "gradient_absolute", .planes = 1,                                     \
+      .bits = SG_COLUMN_SAVED | SG_COLUMN_MIP, .fate = {[SG_EDIT_KEEP] = SG_FATE_ASKED})           \
     /* Gradients of the view, and sums over earlier views (sg_update.accumulate) */                \
     C(GRADIENT, .name = "gradient", .planes = SG_PLANES_PARAMETERS, .bits = SG_COLUMN_LOST)        \
     C(ACCUMULATED, .name = "accumulated", .planes = SG_PLANES_PARAMETERS, .bits = SG_COLUMN_LOST)  \
@@ -116,6 +122,13 @@ extern const struct sg_column sg_columns[SG_COLUMNS];
 static inline bool sg_column_is_parameter(int c)
 {
     return sg_columns[c].bits & SG_COLUMN_PARAMETER;
+}
+
+/* It has one of these bits, and SG_COLUMN_MIP is among them if it needs that. */
+static inline bool sg_column_of(int c, unsigned bits)
+{
+    return (sg_columns[c].bits & bits & ~SG_COLUMN_MIP) &&
+           (!(sg_columns[c].bits & SG_COLUMN_MIP) || (bits & SG_COLUMN_MIP));
 }
 
 /* It has an array of its own, or is the first of those that share one. */
@@ -140,7 +153,7 @@ struct sg_columns {
     size_t capacity;
     float *at[SG_COLUMNS];
 };
-/* All that have one of these bits, zeroed. SG_ERR_BUDGET. */
+/* All that have one of these bits (sg_column_of), zeroed. SG_ERR_BUDGET. */
 int sg_columns_create(sg_ctx *ctx, size_t count, int sh_degree, unsigned bits,
                       struct sg_columns *out);
 void sg_columns_clear(struct sg_columns *columns);

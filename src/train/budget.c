@@ -42,6 +42,7 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
                                  .accumulate = accumulate,
                                  .anisotropy = p->defense.on,
                                  .exposure = p->exposure,
+                                 .mip = p->model == SG_MODEL_MIP,
                                  .low_pass = (p->tolerance > 0 || p->tolerances) &&
                                              p->tolerance_colours > 0,
                                  .threads = sg_ctx_threads(ctx),
@@ -50,7 +51,8 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
     const struct sg_footprint need = sg_engine_footprint(engine, &work);
     const uint64_t view = largest_view(engine, work, scene->test, scene->n_test,
                                        largest_view(engine, work, scene->train, scene->n_train, 0));
-    const uint64_t each = need.gaussian + PLAN_BYTES + LISTED * need.instance;
+    const uint64_t each = need.gaussian + PLAN_BYTES + LISTED * need.instance +
+                          (work.mip ? 2 * sizeof(float) : 0); /* a second statistic, sorted */
     const uint64_t fixed = (held > leaving ? held - leaving : 0) +
                            sg_lazy_photos_to_come(scene->lazy) + view + FIXED_BYTES;
     if (limit < fixed + LEAST * each)

@@ -80,9 +80,14 @@ static uint64_t column_bytes(int c, size_t n, int sh_degree)
     return n * (uint64_t) sg_column_planes(c, sh_degree) * sizeof(float);
 }
 
-static bool is_saved(int c)
+static unsigned saved_bits(const sg_trainer *t)
 {
-    return sg_columns[c].bits & SG_COLUMN_SAVED;
+    return SG_COLUMN_SAVED | (t->params.model == SG_MODEL_MIP ? SG_COLUMN_MIP : 0);
+}
+
+static bool is_saved(const sg_trainer *t, int c)
+{
+    return sg_column_of(c, saved_bits(t));
 }
 
 /* How many of n Gaussians are in the block that begins with this one. */
@@ -118,7 +123,7 @@ static int put_columns(sg_trainer *t, struct hashed *sink, struct sg_model *scra
         struct sg_columns one = {0};
         int code = SG_OK;
         one.at[c] = scratch->params;
-        if (!is_saved(c))
+        if (!is_saved(t, c))
             continue;
         if (c == SG_C_PARAMETERS)
             code = sg_engine_download(t->engine, scratch, NULL);
@@ -164,7 +169,7 @@ static int alloc_scratch(const sg_trainer *t, struct sg_model *out)
     int most = 0;
     for (int c = 0; c < SG_COLUMNS; c++) {
         const int planes = sg_column_array_planes(c, t->sh_degree);
-        most = is_saved(c) && planes > most ? planes : most;
+        most = is_saved(t, c) && planes > most ? planes : most;
     }
     *out = (struct sg_model){.count = n, .capacity = blocks * SG_LANES, .sh_degree = t->sh_degree};
     out->params = sg_alloc_raw(t->ctx, SG_MEM_MODEL, out->capacity, (size_t) most * sizeof(float));
@@ -202,7 +207,7 @@ int sg_trainer_save(sg_trainer *t, const char *path)
         .kind = t->identity.kind,
         .sections = (t->strategy->state_bytes > 0) + (t->exposures != NULL)};
     for (int c = 0; c < SG_COLUMNS; c++)
-        h.sections += is_saved(c);
+        h.sections += is_saved(t, c);
     memcpy(h.magic, MAGIC, sizeof(h.magic));
     for (int g = 0; g < SG_GROUPS; g++)
         h.adam_steps[g] = t->adam_steps[g];
@@ -372,7 +377,7 @@ static uint64_t section_bytes(const struct reading *r, int c)
 {
     return c == STRATEGY_STATE ? r->t->strategy->state_bytes
            : c == EXPOSURES    ? exposure_bytes(r->t)
-           : is_saved(c)       ? column_bytes(c, r->n, r->m->sh_degree)
+           : is_saved(r->t, c) ? column_bytes(c, r->n, r->m->sh_degree)
                                : 0;
 }
 
@@ -387,7 +392,7 @@ static void section_title(const struct reading *r, int c, char title[24])
 /* A section that this run has. sh_rest of degree 0 is there, without a byte. */
 static bool is_expected(const struct reading *r, int c)
 {
-    return c < SG_COLUMNS ? is_saved(c) : section_bytes(r, c) > 0;
+    return c < SG_COLUMNS ? is_saved(r->t, c) : section_bytes(r, c) > 0;
 }
 
 /* Which one it is; -1: none of this run's. */
@@ -479,7 +484,7 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
     XXH3_64bits_reset(&r.in.hash);
     XXH3_64bits_update(&r.in.hash, h, sizeof(*h));
     if ((code = sg_model_create(ctx, r.kept, h->sh_degree, &r.m)) ||
-        (code = sg_columns_create(ctx, r.kept, h->sh_degree, SG_COLUMN_SAVED, &r.columns)))
+        (code = sg_columns_create(ctx, r.kept, h->sh_degree, saved_bits(t), &r.columns)))
         goto done;
     for (uint32_t s = 0; s < h->sections; s++)
         if ((code = get_section(&r)))

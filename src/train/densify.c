@@ -85,6 +85,22 @@ static int choose_growth(struct sg_engine *engine, struct plan *plan, const floa
     return SG_OK;
 }
 
+/* Of n values that lie before n of scratch: as large a share reaches it as that of the gradients
+ * that reach `least`. Linear between values. */
+static float quantile(float *values, const float *gradient, size_t n, float least)
+{
+    size_t reach = 0;
+    float *sorted = values + n;
+    for (size_t i = 0; i < n; i++)
+        reach += gradient[i] >= least;
+    memcpy(sorted, values, n * sizeof(*sorted));
+    qsort(sorted, n, sizeof(*sorted), sg_float_descending);
+    const double at = (double) reach / (double) n * (double) (n - 1);
+    const size_t k = (size_t) at, next = k + 1 < n ? k + 1 : k;
+    return (float) ((double) sorted[k] +
+                    (at - (double) k) * ((double) sorted[next] - (double) sorted[k]));
+}
+
 int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p,
                struct sg_densify_result *result)
 {
@@ -93,23 +109,27 @@ int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p,
     int code = SG_ERR_BUDGET;
     struct plan plan = {0};
     *result = (struct sg_densify_result){0};
-    float *stats = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, 3 * sizeof(float));
+    float *stats = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, (p->absolute ? 5 : 3) * sizeof(float));
     plan.keep = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, 1);
     plan.kind = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, SG_SPLIT_CHILDREN);
     plan.source = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, SG_SPLIT_CHILDREN * sizeof(uint32_t));
     if (!stats || !plan.keep || !plan.kind || !plan.source)
         goto done;
-    float *gradient = stats, *opacity = stats + n, *scale = stats + 2 * n;
+    float *gradient = stats, *opacity = stats + n, *scale = stats + 2 * n,
+          *absolute = stats + 3 * n;
     if ((code = sg_engine_read_statistics(
-             engine,
-             &(struct sg_statistics){.gradient = gradient, .opacity = opacity, .largest = scale})))
+             engine, &(struct sg_statistics){.gradient = gradient,
+                                             .opacity = opacity,
+                                             .largest = scale,
+                                             .absolute = p->absolute ? absolute : NULL})))
         goto done;
+    const float steep = p->absolute ? quantile(absolute, gradient, n, p->gradient) : INFINITY;
 
     /* Who grows: one more of each, whether it is cloned or split. */
     size_t wish = 0;
     for (size_t i = 0; i < n; i++) {
-        plan.keep[i] =
-            gradient[i] >= p->gradient ? scale[i] <= p->split_scale ? CLONES : SPLITS : STAYS;
+        const bool grows = gradient[i] >= p->gradient || (p->absolute && absolute[i] >= steep);
+        plan.keep[i] = grows ? scale[i] <= p->split_scale ? CLONES : SPLITS : STAYS;
         wish += plan.keep[i] != STAYS;
     }
     const bool paused = p->overshoot && p->max_gaussians && n >= p->max_gaussians;

@@ -6,7 +6,10 @@
 #include "defense/filter.h"
 
 struct sg_densify_params {
-    float gradient;         /* a mean view-space gradient of this or more densifies */
+    float gradient; /* a mean view-space gradient of this or more densifies */
+    /* As Mip-Splatting: so does one among the steepest by the absolute statistic, of which there
+     * are as many as reach `gradient`. */
+    bool absolute;
     float split_scale;      /* scene units: larger Gaussians split, others are cloned */
     float prune_scale;      /* scene units: larger ones are removed; 0 = off */
     uint64_t max_gaussians; /* of the model afterwards; 0 = no limit */

@@ -65,6 +65,8 @@ struct sg_identity sg_train_identity(const struct sg_train_params *p)
     const double exposure[] = {(double) p->exposure_lr_init, (double) p->exposure_lr_final};
     if (p->exposure)
         parameters = XXH3_64bits_withSeed(exposure, sizeof(exposure), parameters);
+    if (p->model == SG_MODEL_MIP)
+        parameters = XXH3_64bits_withSeed("mip", strlen("mip"), parameters);
     if (p->absgrad)
         parameters = XXH3_64bits_withSeed("absgrad", strlen("absgrad"), parameters);
     return (struct sg_identity){

@@ -17,9 +17,9 @@ static int measure_view(sg_trainer *t, size_t view, int sh_degree, float *image,
 {
     const struct sg_view *v = &t->scene->train[view];
     const float level = t->params.white_background;
-    const struct sg_render_params render = {.max_instances = t->budget.instances,
-                                            .reference_tiles = t->params.reference_tiles,
-                                            .background = {level, level, level}};
+    struct sg_render_params render = sg_trainer_render(t);
+    for (int ch = 0; ch < 3; ch++)
+        render.background[ch] = level;
     int code = sg_engine_draw(t->engine, &v->camera, sh_degree, &render, false);
     if (!code)
         code = sg_engine_read_image(t->engine, image, NULL, NULL);

@@ -28,6 +28,7 @@
 
 /* Choices are indices of enums. */
 _Static_assert(SG_STRATEGY_MCMC == 1, "the order of the strategies");
+_Static_assert(SG_MODEL_MIP == 1, "the order of the models");
 _Static_assert(SG_SIGMA_EIGEN == 1 && SG_HIT_VIEWS == 1 && SG_HIT_WEIGHT == 2 &&
                    SG_PRUNE_THRESHOLD == 1 && SG_VIEWS_ALL == 1 && SG_TV_NORM_L1 == 1 &&
                    SG_TV_NORM_HUBER == 2 && SG_STRATEGY_LIGHTGAUSSIAN == 2 &&
@@ -42,6 +43,9 @@ static const struct sg_option train_options[] = {
     SG_OPTION_CPU(RUN, EXPERT),
     COUNT("init-points", init_points, 4, 1e8, "Random points where the scene has none.",
           GROUP("Initialisation"), EXPERT),
+    SG_CHOICE("model", model, "3dgs|mip", "NAME",
+              "mip: Mip-Splatting, with filters against aliasing at other distances and sizes.",
+              LOSS, EXPERT),
     INTEGER("sh-degree", sh_degree, 0, 3, "Degree of the spherical harmonics.", LOSS),
     INTEGER("sh-interval", sh_interval, 1, 1e7, "Iterations between raises of the degree in use.",
             LOSS, EXPERT),

@@ -22,6 +22,10 @@ int sg_train_check(sg_ctx *ctx, const struct sg_train_params *p)
     const int code = sg_check_options(ctx, sg_train_options(), p);
     if (code)
         return code;
+    if (p->model == SG_MODEL_MIP && (p->strategy != SG_STRATEGY_DEFAULT || p->absgrad))
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "model: found mip with %s, expected the strategy default without absgrad",
+                       p->absgrad ? "absgrad" : "another strategy");
     if (p->strategy == SG_STRATEGY_MCMC && p->defense.on && p->defense.rho != 0)
         return sg_fail(ctx, SG_ERR_USAGE,
                        "defense.rho: found %g with the strategy mcmc, which moves Gaussians where "

@@ -30,6 +30,16 @@ static inline bool sg_resets_opacity(const struct sg_train_params *p, int before
             (p->white_background && before < p->densify_from_iter && it >= p->densify_from_iter));
 }
 
+#define SG_FILTER_EVERY 100
+
+/* Where nothing densifies any more the 3D filter of Mip-Splatting follows the positions on a
+ * schedule of its own; after a densification it is always made anew. */
+static inline bool sg_renews_filter(const struct sg_train_params *p, int before, int it)
+{
+    return p->model == SG_MODEL_MIP && it > p->densify_until_iter &&
+           it < p->iterations - SG_FILTER_EVERY && sg_due(before, it, SG_FILTER_EVERY);
+}
+
 static inline int sg_filters_from(const struct sg_train_params *p)
 {
     return p->defense.from < 0 ? p->densify_from_iter : p->defense.from;

@@ -105,6 +105,7 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
     const int code = sg_densify(
         t->engine,
         &(struct sg_densify_params){.gradient = p->densify_grad_threshold,
+                                    .absolute = p->model == SG_MODEL_MIP,
                                     .split_scale = (float) ((double) p->percent_dense * t->extent),
                                     .prune_scale = it > p->opacity_reset_interval
                                                        ? (float) (SG_PRUNE_EXTENT * t->extent)
@@ -181,6 +182,8 @@ static int after_step(sg_trainer *t, int before, int it, const struct sg_render_
     int code = SG_OK;
     if (e.densifies)
         code = densify(t, it, render, out);
+    if (!code && e.densifies)
+        code = sg_trainer_renew_filter(t);
     if (!code && e.filters)
         code = filter(t, it, render, &out->defense);
     if (!code && e.resets)

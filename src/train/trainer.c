@@ -11,6 +11,7 @@
 #include "core/clock.h"
 #include "exposure.h"
 #include "math/constants.h"
+#include "model/mip.h"
 #include "renderer.h"
 #include "scene/photo.h"
 #include "scene/used.h"
@@ -68,6 +69,40 @@ static int colours_from(const struct sg_train_params *p, size_t n_views)
     return tolerates && p->tolerance_colours > 0 ? p->iterations - p->iterations / 10 : INT_MAX;
 }
 
+static const struct sg_shape mip_shape = {
+    .name = "mip", .column = SG_C_FILTER, .forward = sg_mip_forward, .backward = sg_mip_backward};
+
+/* What the engine draws and counts. */
+static int set_model(sg_trainer *t)
+{
+    const bool mip = t->params.model == SG_MODEL_MIP;
+    const int code = mip ? sg_engine_set_shape(t->engine, &mip_shape) : SG_OK;
+    return code ? code
+                : sg_engine_set_statistic(t->engine, mip                 ? SG_GRADIENT_MIP
+                                                     : t->params.absgrad ? SG_GRADIENT_ABSOLUTE
+                                                                         : SG_GRADIENT_NORM);
+}
+
+struct sg_render_params sg_trainer_render(const sg_trainer *t)
+{
+    return (struct sg_render_params){.max_instances = t->budget.instances,
+                                     .reference_tiles = t->params.reference_tiles,
+                                     .mip_filter = t->params.model == SG_MODEL_MIP};
+}
+
+int sg_trainer_renew_filter(sg_trainer *t)
+{
+    if (t->params.model != SG_MODEL_MIP)
+        return SG_OK;
+    const size_t n = t->scene->n_train;
+    const struct sg_camera **cameras = sg_alloc_raw(t->ctx, SG_MEM_MISC, n, sizeof(*cameras));
+    for (size_t i = 0; cameras && i < n; i++)
+        cameras[i] = &t->scene->train[i].camera;
+    const int code = cameras ? sg_engine_filter(t->engine, cameras, n) : SG_ERR_BUDGET;
+    sg_free(cameras);
+    return code;
+}
+
 int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_trainer_start *start,
                     const struct sg_train_params *params, sg_trainer **out)
 {
@@ -104,11 +139,11 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
         (code = alloc_state(t)) ||
         (t->params.exposure && (code = sg_exposures_create(ctx, scene->n_train, &t->exposures))) ||
         (code = sg_engine_create(ctx, t->params.engine, t->params.cpu, &t->engine)) ||
-        (code = sg_engine_set_statistic(t->engine, t->params.absgrad ? SG_GRADIENT_ABSOLUTE
-                                                                     : SG_GRADIENT_NORM)) ||
+        (code = set_model(t)) ||
         (code = start->checkpoint ? sg_checkpoint_read(t, &saved) : sg_begin(t, start->initial)))
         goto fail;
-    if (!start->checkpoint && t->strategy->begin && (code = t->strategy->begin(t)))
+    if (!start->checkpoint && ((t->strategy->begin && (code = t->strategy->begin(t))) ||
+                               (code = sg_trainer_renew_filter(t))))
         goto fail;
     t->order = sg_alloc(ctx, SG_MEM_MISC, scene->n_train, sizeof(*t->order));
     t->photos = sg_alloc(ctx, SG_MEM_MISC, scene->n_train, sizeof(*t->photos));
@@ -320,8 +355,7 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     const int before = t->iteration, it = next_iteration(t);
     struct sg_train_step step = {.iteration = it, .view = sg_trainer_pick_view(t, t->steps + 1)};
     const struct sg_view *view = &t->scene->train[step.view];
-    struct sg_render_params render = {.max_instances = t->budget.instances,
-                                      .reference_tiles = p->reference_tiles};
+    struct sg_render_params render = sg_trainer_render(t);
     const struct sg_defense_params *d = &p->defense;
     struct sg_loss losses[SG_LOSSES];
     const size_t n_losses = list_losses(t, step.view, it, losses);
@@ -426,12 +460,29 @@ const char *sg_trainer_variant(const sg_trainer *t)
 int sg_trainer_renderer(sg_trainer *t, sg_renderer **out)
 {
     sg_clear_error(t->ctx);
-    struct sg_render_params render = {.max_instances = t->budget.instances,
-                                      .reference_tiles = t->params.reference_tiles};
+    struct sg_render_params render = sg_trainer_render(t);
     for (int ch = 0; ch < 3; ch++)
         render.background[ch] = t->params.white_background ? 1 : 0;
     return sg_renderer_borrow(
         t->engine, sg_active_degree(&t->params, t->start_degree, t->iteration), &render, out);
+}
+
+/* Scales and opacities as they are drawn. */
+static int fold_filter(sg_trainer *t, struct sg_model *m)
+{
+    const size_t block = (size_t) sg_param_count(m->sh_degree) * SG_LANES;
+    float shaped[SG_PARAMS_MAX * SG_LANES];
+    struct sg_columns filter = {.capacity = m->capacity};
+    filter.at[SG_C_FILTER] = sg_alloc_raw(t->ctx, SG_MEM_MODEL, m->capacity, sizeof(float));
+    int code =
+        filter.at[SG_C_FILTER] ? sg_engine_download(t->engine, NULL, &filter) : SG_ERR_BUDGET;
+    for (size_t b = 0; b < m->capacity / SG_LANES && !code; b++) {
+        sg_mip_forward(NULL, m->params + b * block, filter.at[SG_C_FILTER] + b * SG_LANES,
+                       sg_param_count(m->sh_degree), shaped);
+        memcpy(m->params + b * block, shaped, block * sizeof(float));
+    }
+    sg_columns_clear(&filter);
+    return code;
 }
 
 int sg_trainer_model(sg_trainer *t, struct sg_model **out)
@@ -441,7 +492,8 @@ int sg_trainer_model(sg_trainer *t, struct sg_model **out)
     if (code)
         return code;
     if ((code = sg_model_add_columns(t->ctx, *out, NULL)) ||
-        (code = sg_engine_download(t->engine, *out, (*out)->columns)))
+        (code = sg_engine_download(t->engine, *out, (*out)->columns)) ||
+        (t->params.model == SG_MODEL_MIP && (code = fold_filter(t, *out))))
         sg_model_destroy(out);
     else
         (*out)->active_sh_degree = sg_active_degree(&t->params, t->start_degree, t->iteration);

@@ -65,6 +65,12 @@ double sg_trainer_elapsed(const sg_trainer *t);
  * other views. Without memory nothing changes. */
 int sg_trainer_measure_noise(sg_trainer *t, int it, struct sg_noise *out);
 
+/* How its views are drawn, on black. */
+struct sg_render_params sg_trainer_render(const sg_trainer *t);
+
+/* Of SG_MODEL_MIP: the 3D filter, from all training views; of others nothing. */
+int sg_trainer_renew_filter(sg_trainer *t);
+
 /* The engine's update, with an Adam step at these rates unless lr is NULL. The step counters
  * advance with it, or stay where it fails. hold_opacity: that group does not move. */
 int sg_trainer_update(sg_trainer *t, const double *lr, bool hold_opacity, struct sg_update u);

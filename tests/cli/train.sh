@@ -49,6 +49,15 @@ expect 0 eval exposed --json --match-colours --per-view
 [ "$(grep -o corrected_psnr out | wc -l)" = 3 ] || fail "$(cat out)"
 grep -q corrected run/summary.json && fail "a run without exposures has matched colours"
 
+# A model with filters against aliasing: eval draws it as training did, also at other sizes.
+expect 0 train scene/blender -o mip --eval $short --init-points 500 --model mip
+expect 0 eval mip --json
+psnr=$(sed 's/.*"psnr": \([0-9.]*\).*/\1/' out)
+grep -q "\"psnr\": ${psnr%??}" mip/summary.json || fail "eval says $psnr, summary.json $(grep psnr mip/summary.json)"
+expect 0 eval mip --json -r 2
+expect 0 eval mip/point_cloud/iteration_120/point_cloud.ply --scene scene/blender --json --mip-filter
+grep -q "\"psnr\": ${psnr%??}" out || fail "the PLY alone measures differently: $(cat out), run: $psnr"
+
 expect 0 info run; grep -q 'SH degree 3' out || fail "$(cat out)"
 expect 0 info $model --json; grep -q '"nonfinite": 0' out || fail "$(cat out)"
 

@@ -168,8 +168,10 @@ static void test_two_stages(void **state)
 
 /* Scales that have a floor, softly: scale' = log(exp(scale) + floor), and colours that are
  * halved. */
-static void floor_forward(const void *arg, const float *params, int planes, float *shaped)
+static void floor_forward(const void *arg, const float *params, const float *column, int planes,
+                          float *shaped)
 {
+    (void) column;
     const float least = *(const float *) arg;
     memcpy(shaped, params, (size_t) planes * SG_LANES * sizeof(float));
     for (int i = SG_P_SCALE * SG_LANES; i < SG_P_ROT * SG_LANES; i++)
@@ -178,8 +180,10 @@ static void floor_forward(const void *arg, const float *params, int planes, floa
         shaped[i] = 0.5f * params[i];
 }
 
-static void floor_backward(const void *arg, const float *params, int planes, float *gradients)
+static void floor_backward(const void *arg, const float *params, const float *column, int planes,
+                           float *gradients)
 {
+    (void) column;
     const float least = *(const float *) arg;
     (void) planes;
     for (int i = SG_P_SCALE * SG_LANES; i < SG_P_ROT * SG_LANES; i++)
@@ -196,7 +200,7 @@ static void test_shape(void **state)
     enum { N = 12 };
     static float weight[3 * PIXELS], rgb[2][3 * PIXELS];
     static const float least = 0.05f;
-    const struct sg_shape shape = {"floor", &least, floor_forward, floor_backward};
+    const struct sg_shape shape = {"floor", &least, SG_COLUMNS, floor_forward, floor_backward};
     const struct sg_camera camera = make_camera(W, H, 3);
     const struct sg_render_params params = {SG_RENDER_DEFAULTS};
     for (size_t i = 0; i < 3 * PIXELS; i++)
@@ -210,7 +214,7 @@ static void test_shape(void **state)
             *sg_model_at(m, i, SG_P_XYZ + axis) *= 0.6f;
     }
     assert_int_equal(sg_model_create(ctx, N, 1, &shaped), SG_OK);
-    floor_forward(&least, m->params, sg_param_count(1), shaped->params);
+    floor_forward(&least, m->params, NULL, sg_param_count(1), shaped->params);
     assert_int_equal(sg_model_create(ctx, N, 1, &g), SG_OK);
     for (int k = 0; k < case_count; k++) {
         struct sg_engine *e = begin(ctx, k, shaped, NULL);
@@ -486,9 +490,10 @@ static void test_statistics(void **state)
     float gradient[GAUSSIANS], opacity[GAUSSIANS], largest[GAUSSIANS], smallest[GAUSSIANS];
     for (int k = 0; k < case_count; k++) {
         struct sg_engine *e = begin(ctx, k, m, &o);
-        assert_int_equal(sg_engine_read_statistics(
-                             e, &(struct sg_statistics){gradient, opacity, largest, smallest}),
-                         SG_OK);
+        assert_int_equal(
+            sg_engine_read_statistics(
+                e, &(struct sg_statistics){gradient, opacity, largest, smallest, NULL}),
+            SG_OK);
         for (size_t i = 0; i < GAUSSIANS; i++) {
             const float *s[3] = {sg_model_at(m, i, SG_P_SCALE), sg_model_at(m, i, SG_P_SCALE + 1),
                                  sg_model_at(m, i, SG_P_SCALE + 2)};
@@ -573,15 +578,16 @@ static void test_gradient_statistics(void **state)
     struct sg_model *m = make_model(ctx, GAUSSIANS, DEGREE, 37);
     for (size_t i = 0; i < 3 * PIXELS; i++)
         weight[i] = draw(19, i, -1, 1);
-    for (int absolute = 0; absolute < 2; absolute++)
+    for (int kind = SG_GRADIENT_NORM; kind <= SG_GRADIENT_MIP; kind++)
         for (int banded = 0; banded < 2; banded++) {
-            float expected[GAUSSIANS], found[GAUSSIANS];
+            const bool mip = kind == SG_GRADIENT_MIP;
+            float expected[2 * GAUSSIANS], found[2 * GAUSSIANS];
             for (int k = case_count - 1; k >= 0; k--) { /* the oracle is the last */
-                const struct sg_render_params params = {.max_instances = banded ? 300 : 1 << 20};
+                const struct sg_render_params params = {.max_instances = banded ? 300 : 1 << 20,
+                                                        .mip_filter = mip};
                 struct sg_engine *e = begin(ctx, k, m, NULL);
-                assert_int_equal(
-                    sg_engine_set_statistic(e, absolute ? SG_GRADIENT_ABSOLUTE : SG_GRADIENT_NORM),
-                    SG_OK);
+                assert_int_equal(sg_engine_set_statistic(e, (enum sg_gradient_statistic) kind),
+                                 SG_OK);
                 for (int view = 2; view < 4; view++) {
                     const struct sg_camera camera = make_camera(W, H, view);
                     assert_int_equal(sg_engine_draw(e, &camera, DEGREE, &params, false), SG_OK);
@@ -592,15 +598,17 @@ static void test_gradient_statistics(void **state)
                 }
                 float *to = k == case_count - 1 ? expected : found, largest = 0;
                 assert_int_equal(
-                    sg_engine_read_statistics(e, &(struct sg_statistics){.gradient = to}), SG_OK);
+                    sg_engine_read_statistics(
+                        e, &(struct sg_statistics){.gradient = to, .absolute = to + GAUSSIANS}),
+                    SG_OK);
                 sg_engine_destroy(&e);
-                for (size_t i = 0; i < GAUSSIANS; i++)
+                for (size_t i = 0; i < 2 * GAUSSIANS; i++)
                     largest = fmaxf(largest, expected[i]);
                 size_t off = 0;
-                for (size_t i = 0; i < GAUSSIANS && to == found; i++)
+                for (size_t i = 0; i < 2 * GAUSSIANS && to == found; i++)
                     off += !(fabsf(found[i] - expected[i]) <= 2e-3f * largest);
-                if (off > 3 || !(largest > 0))
-                    fail_msg("%s: statistic %d: %zu are off", case_name(cases[k]), absolute, off);
+                if (off > 3 || !(largest > 0) || !(expected[GAUSSIANS] > 0) != !mip)
+                    fail_msg("%s: statistic %d: %zu are off", case_name(cases[k]), kind, off);
             }
         }
     sg_model_destroy(&m);

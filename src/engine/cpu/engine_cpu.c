@@ -327,7 +327,7 @@ static int loss(struct sg_engine *base, const struct sg_target_pixels *target,
 
 static bool absolute(const struct cpu_engine *b)
 {
-    return b->base.statistic == SG_GRADIENT_ABSOLUTE;
+    return b->base.statistic != SG_GRADIENT_NORM;
 }
 
 static void band_sum_piece(void *arg, size_t piece, int thread)
@@ -401,9 +401,17 @@ static struct cpu_learn_args learn_args(const struct cpu_engine *b)
                                    .splats = b->splats,
                                    .extents = b->bins.extents,
                                    .absolute = absolute(b),
+                                   .grad_absolute = h->at[SG_C_GRAD_ABSOLUTE],
                                    .slots = banded ? b->band_sums : b->slots,
                                    .slot_start = banded ? NULL : b->bins.slot_start,
                                    .gradients = h->at[SG_C_GRADIENT]};
+}
+
+static int alloc_absolute(struct cpu_engine *b)
+{
+    return b->base.statistic == SG_GRADIENT_MIP
+               ? sg_host_alloc(b->base.ctx, &b->model, SG_C_GRAD_ABSOLUTE)
+               : SG_OK;
 }
 
 static void (*pull_kernel(const struct cpu_engine *b))(const struct cpu_learn_args *, size_t,
@@ -416,7 +424,7 @@ static void (*pull_kernel(const struct cpu_engine *b))(const struct cpu_learn_ar
 static int project_backward(struct sg_engine *base, bool statistics)
 {
     struct cpu_engine *b = (struct cpu_engine *) base;
-    if ((statistics && sg_host_alloc_saved(base->ctx, &b->model)) ||
+    if ((statistics && sg_host_alloc_saved(base->ctx, &b->model)) || alloc_absolute(b) ||
         sg_host_alloc(base->ctx, &b->model, SG_C_GRADIENT))
         return SG_ERR_BUDGET;
     const struct sg_host_model *h = &b->model;
@@ -432,7 +440,7 @@ static int learn(struct cpu_engine *b, const struct sg_update *u, bool stored,
                  void (*kernel)(const struct cpu_learn_args *, size_t, size_t))
 {
     struct sg_host_model *h = &b->model;
-    if (sg_host_alloc_saved(b->base.ctx, h) ||
+    if (sg_host_alloc_saved(b->base.ctx, h) || alloc_absolute(b) ||
         (u->accumulate && sg_host_alloc(b->base.ctx, h, SG_C_ACCUMULATED)))
         return SG_ERR_BUDGET;
     struct learn_job job = {kernel, learn_args(b)};
@@ -555,7 +563,7 @@ static int floor_scale(struct sg_engine *base, float smallest)
 
 static int reset_opacity(struct sg_engine *base, float limit)
 {
-    sg_host_reset_opacity(&((struct cpu_engine *) base)->model, limit);
+    sg_host_reset_opacity(&((struct cpu_engine *) base)->model, limit, base->shape);
     return SG_OK;
 }
 
@@ -563,6 +571,11 @@ static int relocate(struct sg_engine *base, const struct sg_relocation *r)
 {
     sg_host_relocate(&((struct cpu_engine *) base)->model, r);
     return SG_OK;
+}
+
+static int filter(struct sg_engine *base, const struct sg_camera *const *cameras, size_t n)
+{
+    return sg_host_filter(base->ctx, &((struct cpu_engine *) base)->model, cameras, n);
 }
 
 static int explore(struct sg_engine *base, const struct sg_exploration *x)
@@ -612,6 +625,7 @@ static const struct sg_engine_ops ops = {
     .reset_opacity = reset_opacity,
     .relocate = relocate,
     .explore = explore,
+    .filter = filter,
     .project = do_project,
     .bin = do_bin,
     .raster = raster,

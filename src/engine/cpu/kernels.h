@@ -74,6 +74,7 @@ struct cpu_learn_args {
     const float *shaped; /* what was projected: params, or what a shape makes of them */
     float *params, *m, *v;
     float *grad_sum, *grad_count;
+    float *grad_absolute; /* of kernels with the mip filter: NULL, or the sums beside the norm */
     size_t count;
     int planes, degree;
     const struct cpu_splat *splats;

@@ -35,8 +35,7 @@ int sg_host_alloc(sg_ctx *ctx, struct sg_host_model *h, int column)
 int sg_host_alloc_saved(sg_ctx *ctx, struct sg_host_model *h)
 {
     for (int c = 0; c < SG_COLUMNS; c++)
-        if (sg_column_has_array(c) && (sg_columns[c].bits & SG_COLUMN_SAVED) &&
-            sg_host_alloc(ctx, h, c))
+        if (sg_column_has_array(c) && sg_column_of(c, SG_COLUMN_SAVED) && sg_host_alloc(ctx, h, c))
             return SG_ERR_BUDGET;
     return SG_OK;
 }
@@ -102,7 +101,7 @@ static void statistics_chunk(void *arg, size_t chunk, int thread)
     const struct statistics_job *j = arg;
     const struct sg_host_model *h = j->h;
     const float *params = h->at[SG_C_PARAMETERS], *sum = h->at[SG_C_GRAD_SUM],
-                *views = h->at[SG_C_GRAD_COUNT];
+                *views = h->at[SG_C_GRAD_COUNT], *absolute = h->at[SG_C_GRAD_ABSOLUTE];
     const size_t end =
         (chunk + 1) * STATISTICS_CHUNK < h->count ? (chunk + 1) * STATISTICS_CHUNK : h->count;
     for (size_t i = chunk * STATISTICS_CHUNK; i < end; i++) {
@@ -110,6 +109,8 @@ static void statistics_chunk(void *arg, size_t chunk, int thread)
         const float s[3] = {p[0], p[SG_LANES], p[2 * SG_LANES]};
         if (j->out.gradient)
             j->out.gradient[i] = sum && views && views[i] > 0 ? sum[i] / views[i] : 0;
+        if (j->out.absolute)
+            j->out.absolute[i] = absolute && views && views[i] > 0 ? absolute[i] / views[i] : 0;
         if (j->out.opacity)
             j->out.opacity[i] = 1 / (1 + expf(-params[sg_param_index(h->planes, i, SG_P_OPACITY)]));
         if (j->out.largest)
@@ -313,15 +314,32 @@ void sg_host_floor_scale(struct sg_host_model *h, float smallest)
         }
 }
 
-void sg_host_reset_opacity(struct sg_host_model *h, float limit)
+static const float *column_of(const struct sg_host_model *h, const struct sg_shape *shape,
+                              size_t block)
+{
+    return shape->column < SG_COLUMNS ? h->at[shape->column] + block * SG_LANES : NULL;
+}
+
+void sg_host_reset_opacity(struct sg_host_model *h, float limit, const struct sg_shape *shape)
 {
     const float logit = logf(limit / (1 - limit));
     float *params = h->at[SG_C_PARAMETERS], *m = h->at[SG_C_MOMENT1], *v = h->at[SG_C_MOMENT2];
+    float shaped[SG_PARAMS_MAX * SG_LANES];
     for (size_t i = 0; i < h->count; i++) {
-        const size_t at = sg_param_index(h->planes, i, SG_P_OPACITY);
-        params[at] = fminf(params[at], logit);
+        const size_t at = sg_param_index(h->planes, i, SG_P_OPACITY), lane = i % SG_LANES;
+        if (shape && !lane)
+            shape->forward(shape->arg, params + sg_param_index(h->planes, i, 0),
+                           column_of(h, shape, i / SG_LANES), h->planes, shaped);
         if (m && v)
             m[at] = v[at] = 0;
+        if (!shape) {
+            params[at] = fminf(params[at], logit);
+            continue;
+        }
+        const float drawn = 1 / (1 + expf(-shaped[SG_P_OPACITY * SG_LANES + lane])),
+                    own = 1 / (1 + expf(-params[at])), less = limit * own / drawn;
+        if (drawn > limit)
+            params[at] = logf(less / (1 - less));
     }
 }
 
@@ -341,15 +359,18 @@ static void shape_piece(void *arg, size_t piece, int thread)
     for (size_t b = piece * EDIT_BLOCKS; b < end && b < most; b++) {
         const float *params = at[SG_C_PARAMETERS] + b * block;
         if (j->back)
-            j->shape->backward(j->shape->arg, params, j->h->planes, at[SG_C_GRADIENT] + b * block);
+            j->shape->backward(j->shape->arg, params, column_of(j->h, j->shape, b), j->h->planes,
+                               at[SG_C_GRADIENT] + b * block);
         else
-            j->shape->forward(j->shape->arg, params, j->h->planes, at[SG_C_SHAPED] + b * block);
+            j->shape->forward(j->shape->arg, params, column_of(j->h, j->shape, b), j->h->planes,
+                              at[SG_C_SHAPED] + b * block);
     }
 }
 
 int sg_host_shape(sg_ctx *ctx, struct sg_host_model *h, const struct sg_shape *shape)
 {
-    if (sg_host_alloc(ctx, h, SG_C_SHAPED))
+    if (sg_host_alloc(ctx, h, SG_C_SHAPED) ||
+        (shape->column < SG_COLUMNS && sg_host_alloc(ctx, h, shape->column)))
         return SG_ERR_BUDGET;
     sg_parallel_for(ctx, (blocks(h->count) + EDIT_BLOCKS - 1) / EDIT_BLOCKS, shape_piece,
                     &(struct shape_job){h, shape, false});
@@ -377,8 +398,9 @@ uint64_t sg_host_footprint(const struct sg_work *work, bool gradient)
         const uint64_t bytes =
             (uint64_t) sg_column_array_planes(c, work->sh_degree) * sizeof(float);
         if (!sg_column_has_array(c) ||
-            !((sg_columns[c].bits & SG_COLUMN_SAVED) ||
-              (c == SG_C_ACCUMULATED && work->accumulate) || (c == SG_C_GRADIENT && gradient)))
+            !(sg_column_of(c, SG_COLUMN_SAVED | (work->mip ? SG_COLUMN_MIP : 0)) ||
+              (c == SG_C_ACCUMULATED && work->accumulate) ||
+              (c == SG_C_GRADIENT && (gradient || work->mip)) || (c == SG_C_SHAPED && work->mip)))
             continue;
         sum += bytes;
         largest = bytes > largest ? bytes : largest;

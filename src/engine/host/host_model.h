@@ -27,7 +27,10 @@ void sg_host_statistics(sg_ctx *ctx, const struct sg_host_model *h,
 /* Where memory runs out the model is as it was, or edited and without its other columns. */
 int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *edit);
 void sg_host_floor_scale(struct sg_host_model *h, float smallest);
-void sg_host_reset_opacity(struct sg_host_model *h, float limit);
+/* shape: through which it is drawn, or NULL. */
+void sg_host_reset_opacity(struct sg_host_model *h, float limit, const struct sg_shape *shape);
+int sg_host_filter(sg_ctx *ctx, struct sg_host_model *h, const struct sg_camera *const *cameras,
+                   size_t n);
 void sg_host_relocate(struct sg_host_model *h, const struct sg_relocation *r);
 void sg_host_explore(sg_ctx *ctx, struct sg_host_model *h, const struct sg_exploration *x);
 /* The optional stage, forth and back: fills the shaped column; turns the gradient of what is drawn

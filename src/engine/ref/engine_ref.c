@@ -416,6 +416,7 @@ static int do_project_backward(struct sg_engine *base, bool statistics)
     struct ref_engine *b = (struct ref_engine *) base;
     struct sg_host_model *h = &b->model;
     if ((statistics && sg_host_alloc_saved(base->ctx, h)) ||
+        (base->statistic == SG_GRADIENT_MIP && sg_host_alloc(base->ctx, h, SG_C_GRAD_ABSOLUTE)) ||
         sg_host_alloc(base->ctx, h, SG_C_GRADIENT))
         return SG_ERR_BUDGET;
     for (size_t i = 0; i < h->count; i++) {
@@ -426,6 +427,9 @@ static int do_project_backward(struct sg_engine *base, bool statistics)
                         gy = (absolute ? s->absolute[1] : s->g.y) * b->view.half_h;
             h->at[SG_C_GRAD_SUM][i] += sqrtf(gx * gx + gy * gy);
             h->at[SG_C_GRAD_COUNT][i] += 1;
+            if (base->statistic == SG_GRADIENT_MIP)
+                h->at[SG_C_GRAD_ABSOLUTE][i] +=
+                    s->absolute[0] * b->view.half_w + s->absolute[1] * b->view.half_h;
         }
         float planes[SG_PARAMS_MAX], g[SG_PARAMS_MAX];
         gather(b, i, planes);
@@ -504,7 +508,7 @@ static int floor_scale(struct sg_engine *base, float smallest)
 
 static int reset_opacity(struct sg_engine *base, float limit)
 {
-    sg_host_reset_opacity(&((struct ref_engine *) base)->model, limit);
+    sg_host_reset_opacity(&((struct ref_engine *) base)->model, limit, base->shape);
     return SG_OK;
 }
 
@@ -512,6 +516,11 @@ static int relocate(struct sg_engine *base, const struct sg_relocation *r)
 {
     sg_host_relocate(&((struct ref_engine *) base)->model, r);
     return SG_OK;
+}
+
+static int filter(struct sg_engine *base, const struct sg_camera *const *cameras, size_t n)
+{
+    return sg_host_filter(base->ctx, &((struct ref_engine *) base)->model, cameras, n);
 }
 
 static int explore(struct sg_engine *base, const struct sg_exploration *x)
@@ -537,6 +546,7 @@ static const struct sg_engine_ops ops = {
     .reset_opacity = reset_opacity,
     .relocate = relocate,
     .explore = explore,
+    .filter = filter,
     .project = do_project,
     .bin = do_bin,
     .raster = raster,

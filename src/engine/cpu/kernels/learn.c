@@ -70,8 +70,18 @@ SIMD void pull(const struct cpu_learn_args *a, const struct view *view, size_t b
         .opacity = sums[0],
     };
     if (a->update->statistics) {
-        const real gx = (a->absolute ? r_load(l->sums[9]) : g.x) * view->half_w,
-                   gy = (a->absolute ? r_load(l->sums[10]) : g.y) * view->half_h;
+#ifdef SG_MIP
+        const bool absolute = a->absolute && !a->grad_absolute;
+        float sum[LANES];
+        r_store(sum, r_load(l->sums[9]) * view->half_w + r_load(l->sums[10]) * view->half_h);
+        for (int lane = 0; lane < LANES && a->grad_absolute; lane++)
+            if (l->visible[lane] > 0)
+                a->grad_absolute[base + (size_t) lane] += sum[lane];
+#else
+        const bool absolute = a->absolute;
+#endif
+        const real gx = (absolute ? r_load(l->sums[9]) : g.x) * view->half_w,
+                   gy = (absolute ? r_load(l->sums[10]) : g.y) * view->half_h;
         float norm[LANES];
         r_store(norm, r_sqrt(gx * gx + gy * gy));
         for (int lane = 0; lane < LANES; lane++)
