@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fits the audit's weights (src/defense/audit_weights.h) and says how well they do on kinds and scenes left out.
 
-    bench/audit_fit.py VARIANTS.npz [WEIGHTS.h]
+    bench/audit_fit.py VARIANTS.npz COMMIT MACHINE [WEIGHTS.h]
 
-VARIANTS.npz: from bench/audit_variants.py. Prints Markdown; writes the weights, fitted to all. Needs NumPy.
+VARIANTS.npz: from bench/audit_variants.py. Prints sentences and writes the tables of bench/results/audit.md, whose rows name COMMIT and
+MACHINE; then scripts/tables. WEIGHTS.h: writes the weights, fitted to all. Needs NumPy.
 """
 import sys
 
@@ -168,12 +169,13 @@ def area(clean, poisoned):
     return (low + high).mean() / 2 / len(both) if len(both) and len(poisoned) else float("nan")
 
 
-def table(head, rows):
-    print("|", " | ".join(head), "|")
-    print("|" + "---|" * len(head))
-    for row in rows:
-        print("|", " | ".join(r if isinstance(r, str) else f"{r:.3f}" for r in row), "|")
-    print()
+def table(name, head, rows, run):
+    """Writes bench/results/NAME.tsv. run: the commit and the machine, columns of every row."""
+    with open(f"bench/results/{name}.tsv", "w", encoding="utf-8") as f:
+        f.write("\t".join((*head, "commit", "machine")) + "\n")
+        for row in rows:
+            cells = ("" if r != r else r if isinstance(r, str) else f"{r:.3f}" for r in row)
+            f.write("\t".join((*cells, *run)) + "\n")
 
 
 def quantile(values, part):
@@ -205,7 +207,7 @@ def tolerance(d, z, tau, own, error):
         yield np.median(tau[rows]) * (1 + error) if rows.any() else 0
 
 
-def report(d, z, tau, error):
+def report(d, z, tau, error, run):
     clean = d.family == "clean"
     sets = verdicts(d, clean, z, d.kind, d.form)
     print(f"Clean photos left out: {100 * (z[clean] > POISONED).mean():.1f} % called poisoned, "
@@ -227,14 +229,14 @@ def report(d, z, tau, error):
                 rows.append((name, str(epsilon), area(np.array(list(sets.values())), np.array(list(middle.values()))), area(z[clean], z[own]),
                              *(area(z[clean & (d.form == f)], z[own & (d.form == f)]) for f in ("png", "jpeg", "half", "half-jpeg")),
                              (z[own] > POISONED).mean(), np.median(tau[own]), (np.abs(tau[own] - epsilon) <= 4).mean()))
-    table(("poison", "epsilon", "AUC sets", "AUC photos", "PNG", "JPEG 75", "half size", "half, JPEG", "called poisoned", "tau, median", "within 4"), rows)
+    table("audit-poisons", ("poison", "epsilon", "AUC sets", "AUC photos", "PNG", "JPEG 75", "half size", "half, JPEG", "called poisoned", "tau, median", "within 4"), rows, run)
     rows = []
     for name in sorted(set(f for f in d.family if f.startswith(("set:", "weak:")))):
         own = d.family == name
         same = clean & (d.kind == d.kind[own][0])
         rows.append((name.removeprefix("set:"), area(z[clean], z[own]), area(z[same], z[own]), (z[own] > POISONED).mean(), (z[own] > SUSPICIOUS).mean(),
                      *(f"{v:.1f}" for v in tolerance(d, z, tau, own, error))))
-    table(("set left out", "AUC, all clean", "AUC, own clean", "poisoned", "not clean", "tolerance, PNG", "JPEG 75", "half size"), rows)
+    table("audit-sets", ("set left out", "AUC, all clean", "AUC, own clean", "poisoned", "not clean", "tolerance, PNG", "JPEG 75", "half size"), rows, run)
     p = 1 / (1 + np.exp(-z))
     w = row_weights(d, np.ones(len(z), bool) & d.fitted)
     p, y = p[d.fitted], d.poisoned[d.fitted]
@@ -242,11 +244,11 @@ def report(d, z, tau, error):
     for low, high in ((0, .1), (.1, .3), (.3, .6), (.6, .9), (.9, .97), (.97, 1.01)):
         own = (p >= low) & (p < high)
         rows.append((f"{low} to {min(high, 1)}", (w * p)[own].sum() / w[own].sum(), (w * y)[own].sum() / w[own].sum(), str(own.sum())))
-    table(("score", "mean", "share poisoned", "photos"), rows)
+    table("audit-scores", ("score", "mean", "share poisoned", "photos"), rows, run)
 
 
 def main():
-    if len(sys.argv) not in (2, 3):
+    if len(sys.argv) not in (4, 5):
         sys.exit(__doc__)
     d, parts = Data(sys.argv[1]), Data(sys.argv[1], False)
     assert d.x.shape[1] == len(NAMES)
@@ -267,14 +269,14 @@ def main():
     own = d.fitted & d.poisoned & (z > SUSPICIOUS)
     w = row_weights(d, own)
     error = np.sqrt((w * (np.log(tau[own]) - np.log(d.epsilon[own])) ** 2).sum() / w.sum())
-    report(d, z, tau, error)
+    report(d, z, tau, error, sys.argv[2:4])
     print(f"Standard error of ln(tau) of photos left out that are not called clean: {error:.2f}. Calibration: {slope:.2f} z {constant:+.2f}. "
           f"Offset of parts: {offset:.2f}. Gross oscillation: {strong:+.2f}.\n")
-    if len(sys.argv) == 3:
+    if len(sys.argv) == 5:
         scale, score, amplitude = fit(d, d.fitted)
         score[1], score[2] = slope * score[1], slope * score[2]
         score[2][-1] += constant
-        write(sys.argv[2], scale, score, amplitude, offset, strong, error)
+        write(sys.argv[4], scale, score, amplitude, offset, strong, error)
 
 
 def part_offset(d, parts, z, z_parts):
