@@ -61,7 +61,7 @@ static int copy(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_folde
  * memory has none. */
 static bool needs_transforms(const struct sg_scene *scene)
 {
-    bool any = scene->format == SG_FORMAT_NERFSTUDIO || scene->format == SG_FORMAT_MEMORY;
+    bool any = scene->format != SG_FORMAT_BLENDER && scene->format != SG_FORMAT_COLMAP;
     for (size_t i = 0; i < scene->n_train && !any; i++)
         any = scene->train[i].undistorted;
     for (size_t i = 0; i < scene->n_test && !any; i++)

@@ -18,7 +18,21 @@ struct sg_target {
     const float *exposure;
 };
 
-enum sg_loss_kind { SG_LOSS_PHOTOMETRIC, SG_LOSS_ANISOTROPY, SG_LOSS_TOTAL_VARIATION, SG_LOSSES };
+/* Losses on the render alone: kind, name, and the type of their parameters. Each has a function for
+ * engines in host memory, sg_image_loss_NAME (host/image_losses.h), and an oracle, sg_ref_loss_NAME
+ * (ref/ref_losses.h). */
+#define SG_IMAGE_LOSSES(L)                                                                         \
+    /* of its spectrum; the same parameters in all calls */                                        \
+    L(ANISOTROPY, anisotropy, struct sg_anisotropy_params)                                         \
+    L(TOTAL_VARIATION, total_variation, enum sg_tv_norm)
+
+enum sg_loss_kind {
+    SG_LOSS_PHOTOMETRIC,
+#define L(kind, name, type) SG_LOSS_##kind,
+    SG_IMAGE_LOSSES(L)
+#undef L
+        SG_LOSSES
+};
 
 /* (1 - lambda) L1 + lambda (1 - SSIM). The target of a value is the nearest to the render within
  * `tolerance` of the photo, for L1 and SSIM alike. It counts as a constant, and a value that is its
@@ -46,8 +60,9 @@ struct sg_loss {
     double weight; /* of a photometric loss always 1 */
     union {
         struct sg_photometric photometric;
-        struct sg_anisotropy_params anisotropy; /* the same in all calls */
-        enum sg_tv_norm total_variation;
+#define L(kind, name, type) type name;
+        SG_IMAGE_LOSSES(L)
+#undef L
     };
 };
 

@@ -1,20 +1,31 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* How a scene is loaded: names, ranges and help. */
 #include "option/option.h"
-#include "splatguard/scene.h"
+#include "scene/reader.h"
 
 #define STRUCT struct sg_scene_params
 #define SCENE .group = "Scene"
 #define EXPERT .expert = true
 
-_Static_assert(SG_FORMAT_AUTO == 0 && SG_FORMAT_BLENDER == 1 && SG_FORMAT_COLMAP == 2 &&
-                   SG_FORMAT_NERFSTUDIO == 3 && SG_SMOOTH_GAUSSIAN == 1 &&
-                   SG_SMOOTH_BILATERAL == 2 && SG_SMOOTH_WAVELET == 3,
-               "the order of formats and filters");
+_Static_assert(SG_SMOOTH_GAUSSIAN == 1 && SG_SMOOTH_BILATERAL == 2 && SG_SMOOTH_WAVELET == 3,
+               "the order of filters");
+
+/* Of the formats among the choices. */
+enum place {
+    PLACE_AUTO,
+#define R(value, name, files, turn) PLACE_##value,
+    SG_READERS(R)
+#undef R
+};
+#define R(value, name, files, turn)                                                                \
+    _Static_assert((int) SG_FORMAT_##value == (int) PLACE_##value, "the order of formats");
+SG_READERS(R)
+#undef R
+#define R(value, name, files, turn) "|" #name /* the choices are one string */
+#define FORMATS "auto" SG_READERS(R)
 
 static const struct sg_option scene_options[] = {
-    SG_CHOICE("format", format, "auto|blender|colmap|nerfstudio", "FORMAT",
-              "Layout of the scene folder.", SCENE),
+    SG_CHOICE("format", format, FORMATS, "FORMAT", "Layout of the scene folder.", SCENE),
     SG_TEXT("images", images, "DIR", "COLMAP: image folder below the scene, e.g. images_4.", SCENE,
             .letter = 'i'),
     SG_NUMBER(SG_OPTION_INT, "resolution", resolution, -1, 16384, "R",

@@ -92,18 +92,23 @@ int sg_pose_from_opengl(sg_ctx *ctx, const double m[16], const char *where, doub
 int sg_pose_from_quaternion(sg_ctx *ctx, const double q[4], const double v[3], const char *where,
                             double R[9], double t[3]);
 
-/* One file a format. dir is the scene folder, and every file is opened through it. Points stay
- * empty where the scene has none. */
-int sg_read_blender(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
-                    struct sg_shots *shots, struct sg_points *points);
-int sg_read_colmap(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
-                   struct sg_shots *shots, struct sg_points *points);
-int sg_read_nerfstudio(sg_ctx *ctx, const struct sg_folder *dir,
-                       const struct sg_scene_params *params, struct sg_shots *shots,
+/* The formats that have a reader, in the order of enum sg_scene_format: value, name, the files that
+ * a scene is recognised by, and the turn in which each is tried, from 1: as in the reference, a
+ * COLMAP model wins over transforms_train.json. */
+#define SG_READERS(R)                                                                              \
+    R(BLENDER, blender, "transforms_train.json", 2)                                                \
+    R(COLMAP, colmap, "sparse/0/images.bin and cameras.bin (or .txt, or in sparse/)", 1)           \
+    R(NERFSTUDIO, nerfstudio, "transforms.json", 3)
+
+/* One file a format: is the folder such a scene, and what does it hold? dir is the scene folder,
+ * and every file is opened through it. Points stay empty where the scene has none. */
+#define R(value, name, files, turn)                                                                \
+    bool sg_is_##name(sg_ctx *ctx, const struct sg_folder *dir);                                   \
+    int sg_read_##name(sg_ctx *ctx, const struct sg_folder *dir,                                   \
+                       const struct sg_scene_params *params, struct sg_shots *shots,               \
                        struct sg_points *points);
-bool sg_is_blender(sg_ctx *ctx, const struct sg_folder *dir);
-bool sg_is_colmap(sg_ctx *ctx, const struct sg_folder *dir);
-bool sg_is_nerfstudio(sg_ctx *ctx, const struct sg_folder *dir);
+SG_READERS(R)
+#undef R
 
 /* The folder is a scene, by the files that the formats begin with. Records no error. */
 bool sg_scene_recognised(sg_ctx *ctx, const char *path);

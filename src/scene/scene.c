@@ -3,47 +3,59 @@
  */
 #include "splatguard/scene.h"
 
+#include <stdio.h>
 #include <string.h>
 
 #include "scene/photo.h"
 #include "scene/reader.h"
 
 static const struct {
-    const char *name;
+    const char *name, *files;
+    int turn; /* in which it is tried; 0: there is no reader */
     bool (*is)(sg_ctx *ctx, const struct sg_folder *dir);
     int (*read)(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
                 struct sg_shots *shots, struct sg_points *points);
 } formats[] = {
-    [SG_FORMAT_AUTO] = {"auto", NULL, NULL},
-    [SG_FORMAT_BLENDER] = {"blender", sg_is_blender, sg_read_blender},
-    [SG_FORMAT_COLMAP] = {"colmap", sg_is_colmap, sg_read_colmap},
-    [SG_FORMAT_NERFSTUDIO] = {"nerfstudio", sg_is_nerfstudio, sg_read_nerfstudio},
-    [SG_FORMAT_MEMORY] = {"memory", NULL, NULL},
+    [SG_FORMAT_AUTO] = {.name = "auto"},
+#define R(value, name, files, turn)                                                                \
+    [SG_FORMAT_##value] = {#name, files, turn, sg_is_##name, sg_read_##name},
+    SG_READERS(R)
+#undef R
+        [SG_FORMAT_MEMORY] = {.name = "memory"},
 };
+#define FORMATS (sizeof(formats) / sizeof(*formats))
 
 const char *sg_scene_format_name(enum sg_scene_format format)
 {
-    return (unsigned) format < sizeof(formats) / sizeof(*formats) ? formats[format].name
-                                                                  : "unknown";
+    return (unsigned) format < FORMATS ? formats[format].name : "unknown";
 }
 
-/* The order is the reference's: a COLMAP model wins over transforms_train.json. */
+/* The format that is tried in a turn, or AUTO after the last one. */
+static enum sg_scene_format format_of_turn(int turn)
+{
+    for (size_t f = 0; f < FORMATS; f++)
+        if (formats[f].turn == turn)
+            return (enum sg_scene_format) f;
+    return SG_FORMAT_AUTO;
+}
+
 static int recognise(sg_ctx *ctx, const struct sg_folder *dir, enum sg_scene_format *format)
 {
-    static const enum sg_scene_format order[] = {SG_FORMAT_COLMAP, SG_FORMAT_BLENDER,
-                                                 SG_FORMAT_NERFSTUDIO};
-    for (size_t i = 0; i < sizeof(order) / sizeof(*order); i++) {
-        *format = order[i];
-        const bool is = formats[order[i]].is(ctx, dir);
+    char looked_for[512] = "";
+    for (int turn = 1; (*format = format_of_turn(turn)) != SG_FORMAT_AUTO; turn++) {
+        const bool is = formats[*format].is(ctx, dir);
+        const size_t n = strlen(looked_for);
         if (sg_failed(ctx))
             return SG_ERR_BUDGET;
         if (is)
             return SG_OK;
+        snprintf(looked_for + n, sizeof(looked_for) - n, "%s%s",
+                 turn == 1                                    ? ""
+                 : format_of_turn(turn + 1) == SG_FORMAT_AUTO ? " and "
+                                                              : ", ",
+                 formats[*format].files);
     }
-    return sg_fail(ctx, SG_ERR_INPUT,
-                   "%s: found no scene, looked for sparse/0/images.bin and cameras.bin (or .txt, "
-                   "or in sparse/), transforms_train.json and transforms.json",
-                   dir->path);
+    return sg_fail(ctx, SG_ERR_INPUT, "%s: found no scene, looked for %s", dir->path, looked_for);
 }
 
 bool sg_scene_recognised(sg_ctx *ctx, const char *path)

@@ -12,23 +12,30 @@
 
 #include "spectral/fft.h"
 
-/* A kernel that is listed in CPU_KERNELS or SG_FFT_KERNELS and has no check does not link. */
-#define IMAGE_KERNELS(K) K(anisotropy, , ) K(total_variation, , ) K(ssim, , )
+/* A kernel of CPU_KERNELS or SG_FFT_KERNELS, or a loss of SG_IMAGE_LOSSES, that has no check does
+ * not link. */
 #define K(kernel, result, arguments) extern const struct kernel_check check_##kernel;
 CPU_KERNELS(K)
-IMAGE_KERNELS(K)
 #undef K
 #define K(kernel, result, arguments) extern const struct kernel_check check_fft_##kernel;
 SG_FFT_KERNELS(K)
 #undef K
+#define L(kind, name, type) extern const struct kernel_check check_##name;
+SG_IMAGE_LOSSES(L)
+#undef L
+extern const struct kernel_check check_ssim;
 
 static const struct kernel_check *const checks[] = {
 #define K(kernel, result, arguments) &check_##kernel,
-    CPU_KERNELS(K) IMAGE_KERNELS(K)
+    CPU_KERNELS(K)
 #undef K
 #define K(kernel, result, arguments) &check_fft_##kernel,
-        SG_FFT_KERNELS(K)
+            SG_FFT_KERNELS(K)
 #undef K
+#define L(kind, name, type) &check_##name,
+                SG_IMAGE_LOSSES(L)
+#undef L
+        & check_ssim,
 };
 #define CHECKS (sizeof(checks) / sizeof(checks[0]))
 

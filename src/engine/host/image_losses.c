@@ -3,8 +3,9 @@
 
 #include "image/total_variation.h"
 
-static int anisotropy(sg_ctx *ctx, struct sg_image_losses *s, const struct sg_loss *loss,
-                      const float *planes, int width, int height, float *gradient, double *out)
+int sg_image_loss_anisotropy(sg_ctx *ctx, struct sg_image_losses *s, const struct sg_loss *loss,
+                             const float *planes, int width, int height, float *gradient,
+                             double *out)
 {
     struct sg_anisotropy *plan;
     const int code = sg_plans_find(ctx, &s->plans, &loss->anisotropy, s->fft, width, height, &plan);
@@ -13,8 +14,9 @@ static int anisotropy(sg_ctx *ctx, struct sg_image_losses *s, const struct sg_lo
     return code;
 }
 
-static int total_variation(sg_ctx *ctx, struct sg_image_losses *s, const struct sg_loss *loss,
-                           const float *planes, int width, int height, float *gradient, double *out)
+int sg_image_loss_total_variation(sg_ctx *ctx, struct sg_image_losses *s,
+                                  const struct sg_loss *loss, const float *planes, int width,
+                                  int height, float *gradient, double *out)
 {
     if (sg_grow(ctx, SG_MEM_FRAME, &s->rows, &s->cap_rows, 6 * (size_t) height, 0, sizeof(double)))
         return SG_ERR_BUDGET;
@@ -34,8 +36,13 @@ int sg_image_loss(sg_ctx *ctx, struct sg_image_losses *s, const struct sg_loss *
                   const float *planes, int width, int height, const uint8_t *mask, float *gradient,
                   double *out)
 {
-    const int code = (loss->kind == SG_LOSS_ANISOTROPY ? anisotropy : total_variation)(
-        ctx, s, loss, planes, width, height, gradient, out);
+    static int (*const kinds[SG_LOSSES])(sg_ctx *, struct sg_image_losses *, const struct sg_loss *,
+                                         const float *, int, int, float *, double *) = {
+#define L(kind, name, type) [SG_LOSS_##kind] = sg_image_loss_##name,
+        SG_IMAGE_LOSSES(L)
+#undef L
+    };
+    const int code = kinds[loss->kind](ctx, s, loss, planes, width, height, gradient, out);
     if (!code)
         mask_gradient(mask, (size_t) width * (size_t) height, gradient);
     return code;

@@ -15,6 +15,14 @@ struct sg_image_losses {
     size_t cap_rows;
 };
 
+/* A kind of loss: what sg_image_loss does, without a mask. */
+#define L(kind, name, type)                                                                        \
+    int sg_image_loss_##name(sg_ctx *ctx, struct sg_image_losses *state,                           \
+                             const struct sg_loss *loss, const float *planes, int width,           \
+                             int height, float *gradient, double *out);
+SG_IMAGE_LOSSES(L)
+#undef L
+
 /* The loss without its weight. Adds the weighted gradient to `gradient`, and then clears it where
  * the mask (height x width, or NULL) is 0. planes, gradient: 3 planes. Same bytes for any number of
  * threads. Errors: SG_ERR_BUDGET. */

@@ -52,9 +52,10 @@ static double share(const struct sg_anisotropy_params *p, int channel, int plane
 
 /* 1 - H / ln B, and the gradient of it, from the whole complex spectrum of the image continued to a
  * quick size. */
-static int anisotropy(sg_ctx *ctx, const struct sg_anisotropy_params *p, const float *x, int w,
-                      int h, double *gradient, double *out)
+int sg_ref_loss_anisotropy(sg_ctx *ctx, const struct sg_loss *loss, const float *x, int w, int h,
+                           double *gradient, double *out)
 {
+    const struct sg_anisotropy_params *p = &loss->anisotropy;
     const int W = sg_anisotropy_width(w, p->exact_size), H = sg_anisotropy_height(h, p->exact_size);
     const int bins = p->band.bins, planes = p->channels == SG_CHANNELS_LUMA ? 1 : 3;
     const size_t n = (size_t) W * (size_t) H, pixels = (size_t) w * (size_t) h;
@@ -137,10 +138,13 @@ static double slope_of(double d, enum sg_tv_norm norm)
 }
 
 /* Mean over the vertical differences plus mean over the horizontal ones. */
-static double total_variation(enum sg_tv_norm norm, const float *x, int w, int h, double *gradient)
+int sg_ref_loss_total_variation(sg_ctx *ctx, const struct sg_loss *loss, const float *x, int w,
+                                int h, double *gradient, double *out)
 {
+    (void) ctx;
+    const enum sg_tv_norm norm = loss->total_variation;
     const double count[2] = {3.0 * w * (h - 1), 3.0 * (w - 1) * h};
-    double loss = 0;
+    *out = 0;
     if (gradient)
         memset(gradient, 0, 3 * (size_t) w * (size_t) h * sizeof(*gradient));
     for (int i = 0; i < 3 * w * h; i++)
@@ -149,20 +153,23 @@ static double total_variation(enum sg_tv_norm norm, const float *x, int w, int h
                 continue;
             const int next = i + (across ? 1 : w);
             const double d = (double) (x[next] - x[i]);
-            loss += norm_of(d, norm) / count[across];
+            *out += norm_of(d, norm) / count[across];
             if (gradient) {
                 gradient[next] += slope_of(d, norm) / count[across];
                 gradient[i] -= slope_of(d, norm) / count[across];
             }
         }
-    return loss;
+    return SG_OK;
 }
 
 int sg_ref_image_loss(sg_ctx *ctx, const struct sg_loss *loss, const float *planes, int width,
                       int height, double *gradient, double *out)
 {
-    if (loss->kind == SG_LOSS_ANISOTROPY)
-        return anisotropy(ctx, &loss->anisotropy, planes, width, height, gradient, out);
-    *out = total_variation(loss->total_variation, planes, width, height, gradient);
-    return SG_OK;
+    static int (*const kinds[SG_LOSSES])(sg_ctx *, const struct sg_loss *, const float *, int, int,
+                                         double *, double *) = {
+#define L(kind, name, type) [SG_LOSS_##kind] = sg_ref_loss_##name,
+        SG_IMAGE_LOSSES(L)
+#undef L
+    };
+    return kinds[loss->kind](ctx, loss, planes, width, height, gradient, out);
 }

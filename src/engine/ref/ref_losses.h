@@ -7,9 +7,16 @@
 #include "core/internal.h"
 #include "engine/losses.h"
 
-/* Anisotropy or total variation without its weight, to *out. gradient: NULL, or 3 planes that get
+/* A loss of this list without its weight, to *out. gradient: NULL, or 3 planes that get
  * dL/dplanes without the weight (assigned). planes: 3 planes. Errors: SG_ERR_BUDGET. */
 int sg_ref_image_loss(sg_ctx *ctx, const struct sg_loss *loss, const float *planes, int width,
                       int height, double *gradient, double *out);
+
+/* A kind of loss: the same. */
+#define L(kind, name, type)                                                                        \
+    int sg_ref_loss_##name(sg_ctx *ctx, const struct sg_loss *loss, const float *planes,           \
+                           int width, int height, double *gradient, double *out);
+SG_IMAGE_LOSSES(L)
+#undef L
 
 #endif
