@@ -6,9 +6,10 @@
 struct sg_renderer {
     sg_ctx *ctx;
     struct sg_engine *engine;
-    bool borrowed;
+    bool borrowed, drawn;
     struct sg_render_params params;
-    int degree;
+    int degree;    /* drawn */
+    int sh_degree; /* of the model */
 };
 
 int sg_renderer_borrow(struct sg_engine *engine, int sh_degree,
@@ -49,8 +50,10 @@ int sg_renderer_create(sg_ctx *ctx, const char *engine, const char *cpu,
         code = sg_renderer_borrow(b, model->active_sh_degree, params, out);
     if (code)
         sg_engine_destroy(&b);
-    else
+    else {
         (*out)->borrowed = false;
+        (*out)->sh_degree = model->sh_degree;
+    }
     return code;
 }
 
@@ -86,5 +89,30 @@ int sg_render(sg_renderer *r, const struct sg_camera *camera, float *rgb, float 
         *stats = step.stats;
     if (r->borrowed)
         sg_engine_stop_clocks(r->engine, false);
+    r->drawn = !code;
+    return code;
+}
+
+int sg_render_backward(sg_renderer *r, const float *gradient, struct sg_model *out)
+{
+    sg_clear_error(r->ctx);
+    if (r->borrowed)
+        return sg_fail(r->ctx, SG_ERR_USAGE,
+                       "render: found the renderer of a trainer, expected one of a model");
+    if (!r->drawn)
+        return sg_fail(r->ctx, SG_ERR_USAGE,
+                       "render: found no view that was drawn, expected sg_render before");
+    if (out->count != sg_engine_count(r->engine) || out->sh_degree != r->sh_degree)
+        return sg_fail(r->ctx, SG_ERR_USAGE,
+                       "render: found %zu Gaussians of SH degree %d for gradients, expected %zu of "
+                       "degree %d",
+                       out->count, out->sh_degree, sg_engine_count(r->engine), r->sh_degree);
+    int code = sg_engine_write_image_gradient(r->engine, gradient);
+    if (!code)
+        code = sg_engine_raster_backward(r->engine);
+    if (!code)
+        code = sg_engine_project_backward(r->engine, false);
+    if (!code)
+        code = sg_engine_read_gradients(r->engine, out);
     return code;
 }

@@ -1,0 +1,98 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* sg_render_backward against central differences of sg_render, on every engine. */
+#include "models.h"
+#include "splatguard/render.h"
+
+enum { SIDE = 24, VALUES = 3 * SIDE * SIDE };
+
+/* L = sum of weight x image. */
+static double loss(sg_ctx *ctx, const struct engine_case *c, const struct sg_model *m,
+                   const struct sg_camera *camera, const float *weight)
+{
+    static float rgb[VALUES];
+    const struct sg_render_params params = {.background = {0.2f, 0.5f, 0.1f},
+                                            .max_instances = 1 << 20};
+    sg_renderer *r;
+    double sum = 0;
+    assert_int_equal(sg_renderer_create(ctx, c->engine, c->variant, m, &params, &r), SG_OK);
+    assert_int_equal(sg_render(r, camera, rgb, NULL, NULL, NULL), SG_OK);
+    for (int k = 0; k < VALUES; k++)
+        sum += (double) weight[k] * (double) rgb[k];
+    sg_renderer_destroy(&r);
+    return sum;
+}
+
+static void test_differences(void **state)
+{
+    (void) state;
+    struct engine_case cases[ENGINE_CASES];
+    static float weight[VALUES], rgb[VALUES];
+    for (size_t k = 0; k < VALUES; k++)
+        weight[k] = draw(4, k, -1, 1);
+    for (int c = 0, n = engine_cases(cases); c < n; c++) {
+        sg_ctx *ctx = make_context(1);
+        struct sg_model *m = make_model(ctx, 5, 2, 8), *gradients;
+        const struct sg_camera camera = make_camera(SIDE, SIDE, 3);
+        const struct sg_render_params params = {.background = {0.2f, 0.5f, 0.1f},
+                                                .max_instances = 1 << 20};
+        sg_renderer *r;
+        for (size_t i = 0; i < m->count; i++) /* wide and smooth: few pixels cross a cut-off */
+            for (int k = 0; k < 3; k++)
+                *sg_model_at(m, i, SG_P_SCALE + k) = -0.7f + 0.1f * (float) k;
+        assert_int_equal(sg_model_create(ctx, 5, 2, &gradients), SG_OK);
+        assert_int_equal(sg_renderer_create(ctx, cases[c].engine, cases[c].variant, m, &params, &r),
+                         SG_OK);
+        assert_int_equal(sg_render_backward(r, weight, gradients), SG_ERR_USAGE); /* not drawn */
+        assert_int_equal(sg_render(r, &camera, rgb, NULL, NULL, NULL), SG_OK);
+        assert_int_equal(sg_render_backward(r, weight, gradients), SG_OK);
+        sg_renderer_destroy(&r);
+        int outliers = 0, checked = 0;
+        double largest = 0;
+        for (size_t i = 0; i < m->count; i++)
+            for (int p = 0; p < sg_param_count(2); p++, checked++) {
+                float *value = sg_model_at(m, i, p), kept = *value, step = 4e-3f;
+                *value = kept + step;
+                const double above = loss(ctx, &cases[c], m, &camera, weight);
+                *value = kept - step;
+                const double below = loss(ctx, &cases[c], m, &camera, weight);
+                *value = kept;
+                const double found = (double) *sg_model_at(gradients, i, p),
+                             expected = (above - below) / (2 * (double) step);
+                largest = fmax(largest, fabs(expected));
+                outliers += fabs(found - expected) > 0.02 + 0.03 * fabs(expected);
+            }
+        assert_true(largest > 1);
+        if (outliers * 20 > checked) /* a pixel that crosses a cut-off makes a jump */
+            fail_msg("%s: %d of %d gradients differ", case_name(cases[c]), outliers, checked);
+        sg_model_destroy(&m);
+        sg_model_destroy(&gradients);
+        assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+        sg_ctx_destroy(&ctx);
+    }
+}
+
+static void test_refusals(void **state)
+{
+    (void) state;
+    static float rgb[VALUES];
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m = make_model(ctx, 5, 1, 8), *other;
+    const struct sg_camera camera = make_camera(SIDE, SIDE, 3);
+    sg_renderer *r;
+    assert_int_equal(sg_renderer_create(ctx, NULL, NULL, m, NULL, &r), SG_OK);
+    assert_int_equal(sg_render(r, &camera, rgb, NULL, NULL, NULL), SG_OK);
+    assert_int_equal(sg_model_create(ctx, 5, 2, &other), SG_OK);
+    assert_int_equal(sg_render_backward(r, rgb, other), SG_ERR_USAGE);
+    assert_non_null(strstr(sg_last_error(ctx), "expected 5 of degree 1"));
+    sg_model_destroy(&other);
+    sg_renderer_destroy(&r);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_differences),
+                                       cmocka_unit_test(test_refusals)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
