@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The 3D filter of Mip-Splatting: its values and gradients, what it follows from, and how a
  * training uses it. */
+#include <unistd.h>
+
 #include "model/mip.h"
 #include "train/densify.h"
 #include "train/schedule.h"
@@ -283,13 +285,54 @@ static void test_model(void **state)
     clear_fixture(&f);
 }
 
+/* A file with the filter beside the parameters has it as its last property, and is read as the
+ * folded model; a filter that is no number is refused. */
+static void test_files(void **state)
+{
+    (void) state;
+    char path[] = "/tmp/sg_mip_XXXXXX", line[80] = "", before[80] = "";
+    struct fixture f = make_fixture(2);
+    struct sg_train_params p = short_params();
+    struct sg_model *m[2], *back;
+    p.model = SG_MODEL_MIP;
+    close(mkstemp(path));
+    for (int keep = 0; keep < 2; keep++) {
+        p.keep_filter = keep;
+        m[keep] = train(&f, &p, 12, NULL, NULL, NULL);
+    }
+    assert_null(m[0]->columns ? m[0]->columns->at[SG_C_FILTER] : NULL);
+    assert_true(m[1]->columns->at[SG_C_FILTER][0] > 0);
+    assert_true(*sg_model_at(m[1], 0, SG_P_SCALE) < *sg_model_at(m[0], 0, SG_P_SCALE));
+    assert_int_equal(sg_model_write_ply(f.ctx, m[1], path), SG_OK);
+    FILE *file = fopen(path, "r");
+    while (strcmp(line, "end_header\n") && (memcpy(before, line, sizeof(line)), 1))
+        assert_non_null(fgets(line, sizeof(line), file));
+    fclose(file);
+    assert_string_equal(before, "property float filter_3D\n");
+    assert_int_equal(sg_model_read_ply(f.ctx, path, 1000000, &back), SG_OK);
+    assert_same(back, m[0]);
+    assert_null(back->columns->at[SG_C_FILTER]);
+    sg_model_destroy(&back);
+    static const float wrong[] = {-0.1f, NAN, INFINITY};
+    for (int k = 0; k < 3; k++) {
+        m[1]->columns->at[SG_C_FILTER][5] = wrong[k];
+        assert_int_equal(sg_model_write_ply(f.ctx, m[1], path), SG_OK);
+        assert_int_equal(sg_model_read_ply(f.ctx, path, 1000000, &back), SG_ERR_INPUT);
+        assert_non_null(strstr(sg_last_error(f.ctx), "Gaussian 5: filter_3D: found"));
+    }
+    unlink(path);
+    sg_model_destroy(&m[0]);
+    sg_model_destroy(&m[1]);
+    clear_fixture(&f);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_values), cmocka_unit_test(test_gradient),
         cmocka_unit_test(test_filter), cmocka_unit_test(test_reset),
         cmocka_unit_test(test_growth), cmocka_unit_test(test_schedule),
-        cmocka_unit_test(test_model),
+        cmocka_unit_test(test_model),  cmocka_unit_test(test_files),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

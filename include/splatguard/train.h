@@ -64,11 +64,15 @@ struct sg_train_params {
     int iterations;            /* 1..10 million. Default 30000. */
     uint64_t seed;             /* Default 42. */
     enum sg_train_model model; /* Default SG_MODEL_3DGS. SG_MODEL_MIP needs SG_STRATEGY_DEFAULT. */
-    int sh_degree;             /* 0..3. Default 3. */
-    int sh_interval;           /* iterations between degree raises, 1..10 million. Default 1000. */
-    bool white_background;     /* Default false. */
-    bool random_background;    /* a random colour each iteration. Default false. */
-    float lambda_dssim;        /* weight of 1 - SSIM, 0..1. Default 0.2. */
+    /* With SG_MODEL_MIP: models have the 3D filter beside their parameters, and PLY files as the
+     * property filter_3D. Renderers do not know it; reading such a file folds it in. Default
+     * false. */
+    bool keep_filter;
+    int sh_degree;          /* 0..3. Default 3. */
+    int sh_interval;        /* iterations between degree raises, 1..10 million. Default 1000. */
+    bool white_background;  /* Default false. */
+    bool random_background; /* a random colour each iteration. Default false. */
+    float lambda_dssim;     /* weight of 1 - SSIM, 0..1. Default 0.2. */
     /* The loss compares a render with the nearest image that differs from the photo by at most
      * `tolerance` grey levels (0..255) in each value. A change of the photos within it has no
      * gradient at a model of the unchanged photos. Default 0. */
@@ -233,7 +237,7 @@ SG_API void sg_trainer_times(const sg_trainer *trainer, struct sg_train_times *o
 SG_API const char *sg_trainer_variant(const sg_trainer *trainer);
 
 /* Copies the current model; the caller owns *out. With SG_MODEL_MIP the 3D filter is in its scales
- * and opacities; it is to be drawn with sg_render_params.mip_filter. */
+ * and opacities, unless keep_filter; it is to be drawn with sg_render_params.mip_filter. */
 SG_API int sg_trainer_model(sg_trainer *trainer, struct sg_model **out);
 
 /* A renderer of the current model that uses the buffers of the run, without a copy, on the run's

@@ -99,7 +99,8 @@ struct sg_column {
       .fate = {[SG_EDIT_KEEP] = SG_FATE_ASKED})                                                    \
     /* Standard deviation of the 3D filter; sum of absolute view-space gradients along x and y */  \
     C(FILTER, .name = "filter_3d", .planes = 1, .bits = SG_COLUMN_SAVED | SG_COLUMN_MIP,           \
-      .fate = {SG_FATE_COPY, SG_FATE_COPY, SG_FATE_ZERO, SG_FATE_COPY})                            \
+      .fate = {SG_FATE_COPY, SG_FATE_COPY, SG_FATE_ZERO, SG_FATE_COPY}, .place = 7,                \
+      .property = "filter_3D")                                                                     \
     C(GRAD_ABSOLUTE, .name = "gradient_absolute", .planes = 1,                                     \
       .bits = SG_COLUMN_SAVED | SG_COLUMN_MIP, .fate = {[SG_EDIT_KEEP] = SG_FATE_ASKED})           \
     /* Gradients of the view, and sums over earlier views (sg_update.accumulate) */                \

@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "columns.h"
+
 /* ln of the standard deviation of the sum, from both logarithms: no square overflows. */
 static float widened(float log_scale, float log_filter)
 {
@@ -59,4 +61,27 @@ void sg_mip_backward(const void *unused, const float *params, const float *filte
             gradients[AT(SG_P_SCALE + k)] =
                 gradients[AT(SG_P_SCALE + k)] * kept[k] + gradient * (1 - kept[k]);
     }
+}
+
+int sg_mip_fold(sg_ctx *ctx, struct sg_model *m, const char *path)
+{
+    float *filter = m->columns ? m->columns->at[SG_C_FILTER] : NULL;
+    const int planes = sg_param_count(m->sh_degree);
+    float shaped[SG_PARAMS_MAX * SG_LANES];
+    for (size_t i = 0; i < m->count && filter; i++)
+        if (!(filter[i] >= 0 && isfinite(filter[i])))
+            return sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: Gaussian %zu: filter_3D: found %g, expected a finite number of at "
+                           "least 0",
+                           path, i, (double) filter[i]);
+    for (size_t i = 0; i < m->count && filter; i += SG_LANES) {
+        float *params = m->params + sg_param_index(planes, i, 0);
+        sg_mip_forward(NULL, params, filter + i, planes, shaped);
+        memcpy(params, shaped, (size_t) planes * SG_LANES * sizeof(float));
+    }
+    if (filter) {
+        sg_free(filter);
+        m->columns->at[SG_C_FILTER] = NULL;
+    }
+    return SG_OK;
 }

@@ -12,4 +12,9 @@ void sg_mip_forward(const void *unused, const float *params, const float *filter
 void sg_mip_backward(const void *unused, const float *params, const float *filter, int planes,
                      float *gradients);
 
+/* Gives a model that has filters in a column the scales and opacities that it is drawn with, and
+ * takes the column away. path: for messages. SG_ERR_INPUT for a filter that is not a finite number
+ * of at least 0. */
+int sg_mip_fold(sg_ctx *ctx, struct sg_model *m, const char *path);
+
 #endif

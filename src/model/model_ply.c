@@ -7,6 +7,7 @@
 
 #include "columns.h"
 #include "core/file.h"
+#include "mip.h"
 #include "ply.h"
 #include "splatguard/model.h"
 
@@ -223,7 +224,7 @@ int sg_ply_read_model(sg_ctx *ctx, struct sg_source *in, uint64_t max_gaussians,
         for (int k = 0; k < map.count; k++)
             *value_at(&values[k], (size_t) i) = row[map.index[k]];
     }
-    if ((code = sg_ply_finish(ctx, &p)))
+    if ((code = sg_ply_finish(ctx, &p)) || (code = sg_mip_fold(ctx, m, in->path)))
         goto done;
     *out = m;
     m = NULL;

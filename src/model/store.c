@@ -47,7 +47,8 @@ static bool is_exported(int c)
 int sg_model_add_columns(sg_ctx *ctx, struct sg_model *m, const struct sg_model *like)
 {
     for (int c = 0; c < SG_COLUMNS; c++) {
-        if (!is_exported(c) || (like && !(like->columns && like->columns->at[c])))
+        if (!is_exported(c) || (like ? !(like->columns && like->columns->at[c])
+                                     : !sg_column_of(c, ~(unsigned) SG_COLUMN_MIP)))
             continue;
         if (!m->columns && !(m->columns = sg_alloc(ctx, SG_MEM_MODEL, 1, sizeof(*m->columns))))
             return SG_ERR_BUDGET;

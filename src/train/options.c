@@ -46,6 +46,10 @@ static const struct sg_option train_options[] = {
     SG_CHOICE("model", model, "3dgs|mip", "NAME",
               "mip: Mip-Splatting, with filters against aliasing at other distances and sizes.",
               LOSS, EXPERT),
+    SG_FLAG("keep-filter", keep_filter,
+            "With --model mip: save the 3D filter as the property filter_3D, as the released code "
+            "does, instead of folded into scales and opacities.",
+            LOSS, EXPERT),
     INTEGER("sh-degree", sh_degree, 0, 3, "Degree of the spherical harmonics.", LOSS),
     INTEGER("sh-interval", sh_interval, 1, 1e7, "Iterations between raises of the degree in use.",
             LOSS, EXPERT),

@@ -467,22 +467,15 @@ int sg_trainer_renderer(sg_trainer *t, sg_renderer **out)
         t->engine, sg_active_degree(&t->params, t->start_degree, t->iteration), &render, out);
 }
 
-/* Scales and opacities as they are drawn. */
-static int fold_filter(sg_trainer *t, struct sg_model *m)
+/* Room for the filter of a model that has one. */
+static int add_filter(const sg_trainer *t, struct sg_model *m)
 {
-    const size_t block = (size_t) sg_param_count(m->sh_degree) * SG_LANES;
-    float shaped[SG_PARAMS_MAX * SG_LANES];
-    struct sg_columns filter = {.capacity = m->capacity};
-    filter.at[SG_C_FILTER] = sg_alloc_raw(t->ctx, SG_MEM_MODEL, m->capacity, sizeof(float));
-    int code =
-        filter.at[SG_C_FILTER] ? sg_engine_download(t->engine, NULL, &filter) : SG_ERR_BUDGET;
-    for (size_t b = 0; b < m->capacity / SG_LANES && !code; b++) {
-        sg_mip_forward(NULL, m->params + b * block, filter.at[SG_C_FILTER] + b * SG_LANES,
-                       sg_param_count(m->sh_degree), shaped);
-        memcpy(m->params + b * block, shaped, block * sizeof(float));
-    }
-    sg_columns_clear(&filter);
-    return code;
+    float any;
+    struct sg_columns filter = {0};
+    filter.at[SG_C_FILTER] = &any;
+    return t->params.model == SG_MODEL_MIP
+               ? sg_model_add_columns(t->ctx, m, &(struct sg_model){.columns = &filter})
+               : SG_OK;
 }
 
 int sg_trainer_model(sg_trainer *t, struct sg_model **out)
@@ -491,9 +484,9 @@ int sg_trainer_model(sg_trainer *t, struct sg_model **out)
     int code = sg_model_create(t->ctx, sg_trainer_gaussians(t), t->sh_degree, out);
     if (code)
         return code;
-    if ((code = sg_model_add_columns(t->ctx, *out, NULL)) ||
+    if ((code = sg_model_add_columns(t->ctx, *out, NULL)) || (code = add_filter(t, *out)) ||
         (code = sg_engine_download(t->engine, *out, (*out)->columns)) ||
-        (t->params.model == SG_MODEL_MIP && (code = fold_filter(t, *out))))
+        (!t->params.keep_filter && (code = sg_mip_fold(t->ctx, *out, "model"))))
         sg_model_destroy(out);
     else
         (*out)->active_sh_degree = sg_active_degree(&t->params, t->start_degree, t->iteration);

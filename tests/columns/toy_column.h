@@ -6,7 +6,7 @@
 
 #define SG_COLUMNS_MORE(C)                                                                         \
     C(TOY, .name = "toy", .planes = 2, .bits = SG_COLUMN_SAVED,                                    \
-      .fate = {[SG_EDIT_COPY] = SG_FATE_COPY, [SG_EDIT_KEEP] = SG_FATE_COPY}, .place = 7,          \
+      .fate = {[SG_EDIT_COPY] = SG_FATE_COPY, [SG_EDIT_KEEP] = SG_FATE_COPY}, .place = 8,          \
       .property = "toy_")
 
 #endif
