@@ -14,7 +14,7 @@ struct ascent {
     int steps;
     enum sg_tv_form form;
     const float *bound;             /* a plane: the epsilon of each pixel instead; or NULL */
-    struct sg_anisotropy *spectral; /* NULL, or what is lowered beside, for images of this size */
+    struct sg_anisotropy *spectral; /* NULL, or a loss to lower too, of this image size */
     float spectral_weight;
     float *extra; /* 3 planes, with spectral */
 };

@@ -24,9 +24,9 @@ struct sg_attack {
     struct sg_attack_params params;
     sg_trainer *trainer;            /* the decoy: its state and strategy, not its schedule */
     float *image, *photo, *scratch; /* 3 planes each of the largest view */
-    double *rows;                   /* 3 sums a row of the highest */
-    float *extra;                   /* 3 planes more with a spectral term */
-    float *bound;                   /* a plane with texture: that of each pixel of the photo */
+    double *rows;                   /* 3 sums per row of the highest view */
+    float *extra;                   /* 3 more planes, with a spectral term */
+    float *bound;                   /* a plane, with texture: the bound of each pixel */
     struct sg_plans plans;          /* of the spectral term */
 };
 
@@ -165,8 +165,8 @@ void sg_attack_destroy(sg_attack **attack)
 }
 
 /* The decoy's render of a view into a->image, the photo into a->photo, its bound into a->bound.
- * Where poisons are bounded the render is cut to a picture's range, not yet to that near the
- * photo. */
+ * With a finite epsilon the render is clamped to [0, 1], but not yet to epsilon around the photo.
+ */
 static int render(sg_attack *a, size_t index)
 {
     const sg_trainer *t = a->trainer;
@@ -258,7 +258,7 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
     if ((code = sg_trainer_update(t, moves ? lr : NULL, false, update)) ||
         (code = t->strategy->after_step(t, t->iteration, it, NULL, &edits)))
         return code;
-    /* As often as the decoy grows: what learning takes off a scale in between is little. */
+    /* As often as the decoy grows. In between, learning shrinks a scale only a little. */
     if (p->scale_floor > 0 && (plan.rests || it == p->iterations) &&
         (code = sg_engine_floor_scale(t->engine, p->scale_floor)))
         return code;
@@ -281,8 +281,9 @@ int sg_attack_iteration(const sg_attack *a)
     return a->trainer->iteration;
 }
 
-/* Against a tolerance: from the decoy's render to the ascended image, and on by the tolerance. A
- * victim stops that far short of its photo, at what this decoy shows. */
+/* Against a tolerance: the poison goes from the decoy's render to the ascended image, and beyond it
+ * by the tolerance. A victim's render stays within the tolerance of its photo, which is then what
+ * this decoy shows. */
 static int overshoot(sg_attack *a, int width, int height)
 {
     const float tolerance = a->params.victim_tolerance / 255;

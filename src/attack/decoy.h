@@ -5,7 +5,7 @@
 #include "train/strategy.h"
 
 /* Clones, splits and prunes as the default does, from the first interval to the last iteration,
- * with no reset of opacities: the decoy grows as long as the attack goes on. */
+ * with no reset of opacities: the decoy grows during the whole attack. */
 extern const struct sg_strategy sg_strategy_decoy;
 
 #endif

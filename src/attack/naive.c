@@ -24,7 +24,7 @@ struct wave {
     float amplitude;
 };
 
-/* Direction, sign and the pixel of the crest are drawn: there the drift reaches the amplitude. */
+/* Direction, sign, and the pixel at which the drift reaches its amplitude are drawn. */
 static struct wave draw_wave(const struct sg_attack_params *p, uint64_t index, int width,
                              int height)
 {

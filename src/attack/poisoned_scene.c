@@ -18,11 +18,11 @@
 #include "splatguard/eval.h"
 #include "splatguard/model.h"
 
-/* COLMAP's points can be large; mostly it has been read before */
+/* COLMAP's points can be large; usually they have been read before */
 #define COPY_BYTES (UINT64_C(1) << 36)
 #define CLOUD "points.ply"
 
-/* The folder that a file goes to. */
+/* The folder of a file. */
 static int make_folder(sg_ctx *ctx, char *path)
 {
     char *slash = strrchr(path, '/');
@@ -32,8 +32,8 @@ static int make_folder(sg_ctx *ctx, char *path)
     return code;
 }
 
-/* What lies in the scene's folder, and nothing that a link hands out. Loading has read through no
- * such link. */
+/* Copies only what is inside the scene's folder, and follows no link out of it: loading has not
+ * followed one either. */
 static int copy(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_folder *from,
                 const char *to, const char *name)
 {
@@ -57,8 +57,8 @@ static int copy(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_folde
     return code;
 }
 
-/* The scene's own camera files do not hold for photos without their distortion, and a scene from
- * memory has none. */
+/* The camera files of the scene do not describe photos whose distortion was undone, and a scene
+ * from memory has no files. */
 static bool needs_transforms(const struct sg_scene *scene)
 {
     bool any = scene->format != SG_FORMAT_BLENDER && scene->format != SG_FORMAT_COLMAP;
@@ -69,7 +69,7 @@ static bool needs_transforms(const struct sg_scene *scene)
     return any;
 }
 
-/* Where the view's image goes, below the folder. */
+/* The path of the view's image below the folder. */
 static char *image_file(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view,
                         const struct sg_poison_files *files)
 {
@@ -146,8 +146,8 @@ static int write_transforms(sg_ctx *ctx, const struct sg_scene *scene,
     return code;
 }
 
-/* An earlier set in the same folder must not be read instead of this one: cameras of another
- * layout. */
+/* Removes cameras of another layout: an earlier set in the same folder must not be read instead of
+ * this one. */
 static int remove_cameras(sg_ctx *ctx, const char *folder, const char *const *names)
 {
     for (; *names; names++) {
@@ -162,7 +162,7 @@ static int remove_cameras(sg_ctx *ctx, const char *folder, const char *const *na
     return SG_OK;
 }
 
-/* Or its photos with other endings. */
+/* Removes photos of an earlier set with other endings. */
 static int remove_namesakes(sg_ctx *ctx, const char *path)
 {
     static const char *const endings[] = {".png", ".jpg", ".jpeg", ".webp",
@@ -179,7 +179,7 @@ static int remove_namesakes(sg_ctx *ctx, const char *path)
     return SG_OK;
 }
 
-/* The scene's own folder, whose files would be lost. */
+/* Refuses the scene's own folder, whose files would be lost. */
 static int refuse_scene(sg_ctx *ctx, const struct sg_scene *scene, const char *folder)
 {
     struct stat own, other;
@@ -255,7 +255,7 @@ done:
     return code;
 }
 
-/* Where the reader looks first: the name in the scene's own files. */
+/* The path that the reader tries first: the name in the scene's own files. */
 static int write_mask(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view,
                       const char *folder, const char *file)
 {

@@ -39,8 +39,8 @@ static void add_row(const struct window *w, int y, int times)
     }
 }
 
-/* Differences that add_row makes of a window of rows x columns, of which the last of the photo have
- * no next. */
+/* The number of differences that add_row adds for a window of rows x columns. The photo's last row
+ * and column have no next one. */
 static int count(int rows, int columns, bool last_row, bool last_column)
 {
     return 3 * (rows * (columns - last_column) + columns * (rows - last_row));

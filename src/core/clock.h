@@ -4,7 +4,7 @@
 
 #include <time.h>
 
-/* Seconds since some moment, never backwards. */
+/* Seconds since a fixed moment; never goes backwards. */
 static inline double sg_seconds(void)
 {
     struct timespec t;

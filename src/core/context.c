@@ -30,8 +30,8 @@ struct sg_ctx {
     char error[1024];
     int error_code;                         /* of that message */
     struct counter memory[SG_MEM_TAGS + 1]; /* the last one is the total */
-    _Atomic uint64_t to_failure; /* allocations, the last of which fails; 0 = none does */
-    _Atomic uint64_t wanted;     /* bytes in all that the newest refusal was for */
+    _Atomic uint64_t to_failure;            /* allocations until one is made to fail; 0 = none */
+    _Atomic uint64_t wanted; /* total bytes that the newest refused allocation would have needed */
 };
 
 int sg_ctx_create(sg_ctx **out, const struct sg_ctx_params *params)
@@ -251,8 +251,8 @@ static void raise_peak(struct counter *c, uint64_t now)
         ;
 }
 
-/* Adds to the total unless that passes the limit. In one step: threads asking at once cannot share
- * the last room. */
+/* Adds to the total unless that would exceed the limit. One atomic step, so that two threads cannot
+ * both take the last free bytes. */
 static bool reserve(sg_ctx *ctx, size_t bytes, uint64_t *held)
 {
     struct counter *total = &ctx->memory[SG_MEM_TAGS];
@@ -275,7 +275,7 @@ bool sg_fail_allocation(sg_ctx *ctx, uint64_t nth)
     return atomic_exchange(&ctx->to_failure, nth) == 0;
 }
 
-/* Counts down to the allocation that a test wants to fail. */
+/* Counts down to the allocation that a test makes fail. */
 static bool fails(sg_ctx *ctx)
 {
     uint64_t left = atomic_load_explicit(&ctx->to_failure, memory_order_relaxed);
@@ -313,7 +313,8 @@ void *sg_alloc_raw(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size)
         return NULL;
     }
     *h = (struct header){ctx, bytes, tag};
-    /* Peaks only once it is granted, so that a refusal leaves the ledger as it was. */
+    /* The peak is raised only when an allocation succeeds, so that a refusal leaves the ledger
+     * unchanged. */
     struct counter *own = &ctx->memory[tag];
     raise_peak(&ctx->memory[SG_MEM_TAGS], held + bytes);
     raise_peak(own, atomic_fetch_add_explicit(&own->current, bytes, memory_order_relaxed) + bytes);

@@ -39,7 +39,7 @@ bool sg_replaceable(const char *path)
 
 FILE *sg_temporary_open(const char *path)
 {
-    unlink(path); /* left behind by a namesake, or laid there */
+    unlink(path); /* left by a process with the same number, or put there on purpose */
     return fopen(path, "wbx");
 }
 
@@ -66,7 +66,7 @@ int sg_file_create(sg_ctx *ctx, struct sg_file_writer *w, const char *path)
     w->stream = sg_temporary_open(w->temporary);
     if (!w->stream) {
         int code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write: %s", path, strerror(errno));
-        sg_free(w->temporary); /* nothing of ours to remove */
+        sg_free(w->temporary); /* nothing was made that would have to be removed */
         w->temporary = NULL;
         sg_file_abandon(w);
         return code;
@@ -195,7 +195,7 @@ int sg_dir_make(sg_ctx *ctx, const char *path, size_t *made)
         if (!mkdir(copy, 0777))
             *made = *made ? *made : (size_t) (p - copy);
         else if (errno == ENOENT &&
-                 tries++ < MAKE_TRIES) { /* what was there a moment ago is gone */
+                 tries++ < MAKE_TRIES) { /* it has been removed since the last look */
             *p = kept;
             p = copy + 1;
             continue;

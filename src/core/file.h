@@ -8,15 +8,14 @@
 
 #include "internal.h"
 
-/* What both the functions below and those without a context are made of. NULL or false: see
- * errno. */
+/* The steps of the functions below, for callers without a context. NULL or false: see errno. */
 FILE *
-sg_regular_stream(int fd); /* takes a descriptor over that was opened to read; else as below */
-FILE *sg_regular_open(
-    const char *path); /* to read; EINVAL: a pipe, device or folder, and nothing waits for it */
+sg_regular_stream(int fd); /* takes over a descriptor that was opened to read; otherwise as below */
+FILE *sg_regular_open(const char *path); /* to read; EINVAL: a pipe, device or folder. Never waits
+                                            for a pipe's writer. */
 bool sg_replaceable(
-    const char *path); /* nothing is there, or a file: renaming would replace /dev/null */
-FILE *sg_temporary_open(const char *path); /* to write; goes through no link that lies there */
+    const char *path); /* there is nothing or a regular file: renaming would replace /dev/null */
+FILE *sg_temporary_open(const char *path); /* to write; does not follow a link of that name */
 bool sg_temporary_finish(FILE *stream, const char *temporary,
                          const char *path); /* synced, closed, renamed */
 
@@ -33,7 +32,7 @@ void sg_file_abandon(struct sg_file_writer *w); /* safe after commit, and on a z
 /* For reading, from a regular file: pipes and devices are refused without waiting for them. */
 int sg_file_open(sg_ctx *ctx, const char *path, FILE **out);
 int sg_open_failed(sg_ctx *ctx,
-                   const char *path); /* records what errno says of the functions above */
+                   const char *path); /* turns errno of the functions above into an error */
 
 /* Whole file into memory with a zero byte after it. Larger than max_bytes: SG_ERR_INPUT. Free with
  * sg_free. */
@@ -44,8 +43,8 @@ int sg_file_write(sg_ctx *ctx, const char *path, const void *data, size_t size);
 
 bool sg_file_exists(const char *path);
 bool sg_dir_exists(const char *path);
-/* mkdir -p, also while others remove what is empty. made: length of the first folder that was not
- * there, else 0. */
+/* mkdir -p, also while other processes remove empty folders. made: length of the path of the first
+ * folder that was made, or 0. */
 int sg_dir_make(sg_ctx *ctx, const char *path, size_t *made);
 int sg_dir_create(sg_ctx *ctx, const char *path);
 

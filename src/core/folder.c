@@ -12,8 +12,8 @@
 #define DEPTH_MAX 64 /* folders below each other */
 #define LINKS_MAX 40 /* on the way to one file, as in the kernel */
 
-/* Where a walk is: the folders from the root down, each opened, and what is left of the name. ".."
- * goes back to a folder on the stack, never to where that folder may have been moved. */
+/* The state of a walk: all folders from the root down, each opened, and the rest of the name. ".."
+ * returns to a folder on this stack, not to wherever that folder may have been moved. */
 struct walk {
     const struct sg_folder *root;
     int stack[DEPTH_MAX], depth, links;

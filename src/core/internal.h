@@ -15,24 +15,24 @@
  * wins: later ones change nothing and get its code, so that code and message agree. Thread safe. */
 __attribute__((format(printf, 3, 4))) int sg_fail(sg_ctx *ctx, int code, const char *format, ...);
 void sg_clear_error(sg_ctx *ctx);
-bool sg_failed(
-    const sg_ctx *ctx); /* since then: for what answers yes or no and may lack the memory to look */
+bool sg_failed(const sg_ctx *ctx); /* Whether a call has failed since then. For functions that
+                                      return yes or no, and may run out of memory. */
 
-/* Messages quote files; what would steer a terminal becomes "?". */
+/* Replaces control characters by "?", since messages quote file contents. */
 void sg_make_printable(char *text);
 
-/* The beginning of a file of any kind as text of n bytes at most, room for n + 1: what is not ASCII
- * becomes "?". */
+/* The beginning of any file as text: at most n bytes and a zero; bytes that are not ASCII become
+ * "?". */
 void sg_show_bytes(const char *bytes, size_t n, char *text);
 
 __attribute__((format(printf, 3, 4))) void sg_log(sg_ctx *ctx, enum sg_log_level level,
                                                   const char *format, ...);
 
-/* Bytes in all that the newest refused allocation was for. */
+/* Total bytes that the newest refused allocation would have needed. */
 uint64_t sg_mem_wanted(const sg_ctx *ctx);
 
 /* For tests: the nth allocation from now on fails as if the system had no memory; 0 = none. Returns
- * whether the one asked for before has failed. */
+ * whether the allocation of the call before has failed. */
 bool sg_fail_allocation(sg_ctx *ctx, uint64_t nth);
 
 /* 64-byte aligned, zeroed. NULL after recording SG_ERR_BUDGET, on overflow of count x size too.
@@ -57,11 +57,11 @@ __attribute__((format(printf, 2, 3))) char *sg_strf(sg_ctx *ctx, const char *for
  * for scratch, never for results. */
 void sg_parallel_for(sg_ctx *ctx, size_t n, void (*fn)(void *arg, size_t i, int thread), void *arg);
 
-/* Tells the caller's progress function. SG_ERR_INTERRUPTED where that wants to cancel. Only on the
- * thread that called the library. */
+/* Calls the caller's progress function. SG_ERR_INTERRUPTED if that cancels. Only on the thread that
+ * called the library. */
 int sg_progress(sg_ctx *ctx, enum sg_stage stage, uint64_t done, uint64_t total);
-/* sg_parallel_for that reports how many items are done. SG_ERR_INTERRUPTED: some items were not
- * called. What items have failed with is for the caller to look at when this returns SG_OK. */
+/* sg_parallel_for that reports how many items are done. SG_ERR_INTERRUPTED: fn was not called for
+ * some items. After SG_OK the caller checks the results of the items. */
 int sg_parallel_stage(sg_ctx *ctx, enum sg_stage stage, size_t n,
                       void (*fn)(void *arg, size_t i, int thread), void *arg);
 

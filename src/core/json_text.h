@@ -4,18 +4,18 @@
 
 #include <jansson.h>
 
-/* A JSON string. Names of files need not be UTF-8, JSON must be: of those that are not, what is not
- * ASCII becomes "?", and 4095 bytes stay. NULL without memory. */
+/* A JSON string. File names need not be UTF-8, but JSON must be: in a name that is not, bytes that
+ * are not ASCII become "?", and at most 4095 bytes are kept. NULL without memory. */
 json_t *sg_text_to_json(const char *text);
 
-/* The same without loss: text that is no UTF-8 becomes {"percent": "/tmp/caf%E9"}, of which %XX is
- * a byte. NULL without memory. */
+/* The same without loss: text that is not UTF-8 becomes {"percent": "/tmp/caf%E9"}, where %XX
+ * stands for a byte. NULL without memory. */
 json_t *sg_bytes_to_json(const char *text);
-/* Turns such members of an object back: from then on they are strings of their bytes, not to be
+/* Converts such members of an object back to strings of the original bytes, which must not be
  * written as JSON. */
 void sg_bytes_from_json(json_t *object);
 
-/* A value as messages quote it: as it is where that is short, else its kind. NULL is "nothing".
+/* A value as messages quote it: the value itself if it is short, else its kind; NULL is "nothing".
  * Returns text. */
 #define SG_JSON_SHOWN 64
 const char *sg_json_show(const json_t *value, char text[SG_JSON_SHOWN]);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Decimal points, whatever locale the program has chosen. */
+/* Numbers with decimal points in every locale. */
 #ifndef SG_NUMBERS_H
 #define SG_NUMBERS_H
 

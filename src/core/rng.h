@@ -7,7 +7,7 @@
 #include <math.h>
 #include <stdint.h>
 
-/* What the draws are for; mixed into the stream so that two uses never share numbers. */
+/* The use of the numbers. It is mixed into the stream, so that two uses never share numbers. */
 enum sg_rng_use {
     SG_RNG_VIEWS = 1,
     SG_RNG_INIT = 2,

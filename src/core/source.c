@@ -65,8 +65,8 @@ size_t sg_source_fill(struct sg_source *s, size_t n)
                  : 0;
         if (got < 0 && errno == EINTR)
             continue;
-        if (got <= 0) /* the end, or a file that was cut short meanwhile: the caller misses bytes
-                         either way */
+        if (got <= 0) /* the end, or the file was cut in the meantime: in both cases the caller
+                         finds too few bytes */
             break;
         s->ready += (size_t) got;
     }

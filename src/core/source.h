@@ -8,11 +8,11 @@
 
 #include "internal.h"
 
-#define SG_SOURCE_WINDOW ((size_t) 1 << 18) /* the most that can be looked at in one piece */
+#define SG_SOURCE_WINDOW ((size_t) 1 << 18) /* the most bytes that one call returns */
 
 struct sg_source {
     const char *path; /* for messages */
-    FILE *file;       /* NULL: the window is all there is */
+    FILE *file;       /* NULL: the window holds everything */
     bool owned;       /* the file is closed with the source */
     uint64_t size, at;
     char *buffer;       /* NULL for memory */
@@ -29,7 +29,7 @@ int sg_source_of_file(sg_ctx *ctx, struct sg_source *s, FILE *file, const char *
 void sg_source_of_memory(struct sg_source *s, const char *path, const void *data, size_t size);
 void sg_source_close(struct sg_source *s);
 
-/* Bytes to come, by the size that the file had at the beginning. */
+/* Bytes that are left, by the size that the file had when it was opened. */
 static inline uint64_t sg_source_left(const struct sg_source *s)
 {
     return s->size - s->at;
@@ -38,8 +38,7 @@ static inline uint64_t sg_source_left(const struct sg_source *s)
 /* Reads on until the window holds n bytes or the rest of the file. Returns how many it holds. */
 size_t sg_source_fill(struct sg_source *s, size_t n);
 
-/* The next n bytes, at most SG_SOURCE_WINDOW; NULL where there are not so many. They stay until the
- * next call. */
+/* The next n bytes, at most SG_SOURCE_WINDOW; NULL if fewer are left. Valid until the next call. */
 static inline const char *sg_source_peek(struct sg_source *s, size_t n)
 {
     return s->ready >= n || sg_source_fill(s, n) >= n ? s->window : NULL;

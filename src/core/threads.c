@@ -26,8 +26,8 @@ struct sg_pool {
     atomic_int running;
 };
 
-/* An iteration is some twenty jobs with little between them, and to sleep and wake costs as much as
- * a small job: look a few ten microseconds before sleeping. */
+/* An iteration has about twenty jobs in quick succession, and sleeping and waking costs as much as
+ * a small job. So a worker spins for some ten microseconds before it sleeps. */
 #define LOOKS 1000
 
 static void pause_core(void)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A pool of worker threads. Own code rather than OpenMP: the count is per context, and
- * ThreadSanitizer sees it. */
+/* A pool of worker threads. Not OpenMP, because each context has its own number of threads, and
+ * because ThreadSanitizer can check this code. */
 #ifndef SG_CORE_THREADS_H
 #define SG_CORE_THREADS_H
 

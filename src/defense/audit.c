@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The verdict on photos, from what audit_features.c measures. */
+/* Verdicts on photos and sets, from the measurements of audit_features.c. */
 #include "splatguard/audit.h"
 
 #include <math.h>
@@ -32,7 +32,7 @@ static enum sg_audit_verdict verdict_of(double score)
                                  : SG_AUDIT_CLEAN;
 }
 
-/* What a photo has of something, and how much it counts. */
+/* A value of a photo, and its weight. */
 struct vote {
     double value, weight;
 };
@@ -43,7 +43,7 @@ static int by_value(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* The value up to which this part of the votes is. */
+/* The quantile of the votes: the value below which this share of them is. */
 static double quantile(struct vote *votes, size_t n, double part)
 {
     double total = 0, sum = 0;
@@ -56,7 +56,7 @@ static double quantile(struct vote *votes, size_t n, double part)
     return n ? votes[i].value : 0;
 }
 
-/* The mean of the middle three fifths of the votes, which outliers do not move. */
+/* The mean of the middle three fifths of the votes, which is robust against outliers. */
 static double trimmed_mean(struct vote *votes, size_t n)
 {
     double total = 0, before = 0, sum = 0;
@@ -119,9 +119,9 @@ static double score_of_few(const struct sg_audit *a)
                                                                                       : 0;
 }
 
-/* Most of the photos decide, or their median, which clean photos that an attacker adds move less,
- * or fewer of which there is no doubt. What the median photo has and no clean set had becomes a
- * reason. */
+/* The verdict follows most of the photos, or their median, which clean photos added by an attacker
+ * move less, or a few certain ones. Values of the median photo that no clean set had become
+ * reasons. */
 static int conclude(sg_ctx *ctx, struct sg_audit *a)
 {
 #define MEDIAN(field) median_of(a, offsetof(struct sg_audit_image, field), votes)
@@ -144,8 +144,8 @@ static int conclude(sg_ctx *ctx, struct sg_audit *a)
     a->score = score_of(ragged, fmax(middle, median - 1));
     a->score = fmax(a->score, score_of_few(a));
     a->verdict = verdict_of(a->score);
-    if (a->verdict !=
-        SG_AUDIT_CLEAN) { /* photos of one set err alike: the error is not less than that of one */
+    if (a->verdict != SG_AUDIT_CLEAN) { /* photos of one set have the same kind of error, so the
+                                           error of the set is that of one photo */
         a->tau = median_of_poisoned(a, offsetof(struct sg_audit_image, tau), votes);
         a->tau_error = median_of_poisoned(a, offsetof(struct sg_audit_image, tau_error), votes);
     }
@@ -268,9 +268,10 @@ int sg_audit_scene(sg_ctx *ctx, const struct sg_scene *scene, struct sg_audit **
         code = sg_parallel_stage(ctx, SG_STAGE_AUDIT, a->count, audit_view,
                                  &(struct audit_job){ctx, scene, a, codes});
         if (!code)
-            sg_clear_error(ctx); /* of photos that are measured again */
+            sg_clear_error(ctx); /* of the photos that are measured again */
         for (size_t i = 0; i < a->count && !code; i++) {
-            if (codes[i]) /* all threads at once were too many, or its message is wanted */
+            if (codes[i]) /* memory was short with all threads at once, or the message of its error
+                             is needed */
                 audit_view(&(struct audit_job){ctx, scene, a, codes}, i, 0);
             code = codes[i];
             a->verdicts[a->images[i].verdict]++;

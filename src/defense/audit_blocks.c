@@ -20,7 +20,7 @@ static inline int bin_of(int curvature)
     return k;
 }
 
-/* The line's next used pixel: the one before it now has two neighbours. */
+/* The next used pixel of a line. The pixel before it now has two neighbours. */
 static inline void meet(struct audit_line *l, int after, size_t block, struct audit_block *blocks,
                         bool down)
 {

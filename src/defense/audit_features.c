@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What an image looks like to the audit. */
+/* Measurements of an image for the audit. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,14 +10,14 @@
 #include "core/internal.h"
 #include "spectral/frequency.h"
 
-/* A block is noisy that oscillates by more than so many grey levels a pixel and has more than this
- * share of its variation in that. */
+/* A block is noisy if it oscillates by more than this many grey levels per pixel, and if
+ * oscillation is more than this share of its variation. */
 #define NOISY_OSCILLATION 2.5
 #define NOISY_SHARE 0.45
 
-#define TILES 2 /* of which there are no statistics with fewer */
+#define TILES 2 /* fewer tiles have no statistics */
 
-/* Bounds outside of this were not fitted, nor will they be believed. */
+/* The fit had no bounds outside of this range, so estimates are limited to it. */
 #define TAU_LEAST 4
 #define TAU_MOST 32
 
@@ -76,7 +76,7 @@ static bool varies(const struct audit_plane *p, size_t block)
     return false;
 }
 
-/* The share of the used pixels that have one that is left out above, below, left or right. */
+/* The share of the used pixels that have an unused neighbour. */
 static double ragged(const struct audit_plane *p)
 {
     size_t used = 0, border = 0;
@@ -107,7 +107,7 @@ static double content(const struct audit_plane *p, bool all)
     return (double) pixels;
 }
 
-/* A block's oscillation, which counts as much as it has pixels. */
+/* The oscillation of a block, weighted by its pixels. */
 struct share {
     float oscillation;
     uint32_t weight;
@@ -120,7 +120,7 @@ static int ascending(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* The oscillation up to which this part of the weight is. */
+/* The quantile of the oscillation by weight. */
 static double quantile(const struct share *s, size_t n, double weight)
 {
     double sum = 0;
@@ -130,8 +130,8 @@ static double quantile(const struct share *s, size_t n, double weight)
     return n ? (double) s[i].oscillation : 0;
 }
 
-/* What local extremes carry of all variation. Two levels a pixel more, so that faint noise on
- * smooth photos, which costs nothing, is not most of what there is. */
+/* The share of local extremes in all variation. Two grey levels per pixel are added to the
+ * variation, so that faint noise on smooth photos, which costs nothing, has no large share. */
 static double share_of_extremes(double extremes, double total, double pixels)
 {
     return pixels > 0 ? extremes / 2 / (total + SG_AUDIT_UNIT * pixels) : 0;
@@ -143,13 +143,13 @@ static double oscillation_of(const struct audit_block *b)
     return mean(v.oscillation, &v);
 }
 
-/* How the oscillation lies over the blocks. */
+/* The distribution of oscillation over the blocks. */
 struct distribution {
-    double tenth, quarter, half; /* of the area has no more, grey levels */
+    double tenth, quarter, half; /* grey levels that this share of the area does not exceed */
     double noisy;                /* share of the area */
 };
 
-/* Blocks of one colour, a background, say nothing about the rest. */
+/* Blocks of one colour, such as a background, are left out. */
 static struct distribution distribute(const struct audit_plane *p, struct share *own)
 {
     size_t n = 0;
@@ -284,7 +284,7 @@ static double measure_chroma(struct room *r, const uint8_t *rgb, size_t a, size_
 
 enum network { SCORE, TAU };
 
-/* One layer of hidden units and a linear combination, of the statistics in deviations from their
+/* A network with one hidden layer. Its inputs are the statistics, in standard deviations from their
  * mean. */
 static double evaluate(enum network network, const double *texture)
 {
@@ -307,15 +307,16 @@ static double evaluate(enum network network, const double *texture)
     return sum;
 }
 
-/* Of gross oscillation, in whatever pattern. It only grows with it, and with the part of the photo
- * that oscillates. */
+/* The logit of gross oscillation in any pattern. It grows with the oscillation and with the
+ * oscillating part of the photo. */
 static double evidence_strong(const struct sg_audit_features *f)
 {
     const double ratio = fabs(log((f->osc_down + 0.5) / (f->osc_across + 0.5)));
     return 13.5 * f->osc_share + 4.7 * ratio + 9.7 * f->noisy + SG_AUDIT_STRONG_CONSTANT;
 }
 
-/* Of the whole photo, or of the half or quarter with the most evidence, which chance raises. */
+/* The highest score of the photo, its halves and its quarters. The offset corrects for the maximum
+ * of several scores being higher by chance. */
 static void judge(const struct audit_texture *t, struct sg_audit_features *out)
 {
     double highest = -INFINITY, amplitude = (out->osc_down + out->osc_across) / 2;

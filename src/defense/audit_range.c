@@ -1,18 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* How far the values of one channel lie apart in cells of 8 x 8 pixels. A poison that uses its
- * whole bound makes this at least twice the bound wherever the scene is smooth, and once where the
- * scene is black or white, since values end there. */
+/* The range of the values of one channel in cells of 8 x 8 pixels. A poison that uses its whole
+ * bound makes the range at least twice the bound where the scene is smooth, and at least the bound
+ * where the scene is black or white, since values are clipped there. */
 #include <math.h>
 #include <string.h>
 
 #include "audit_blocks.h"
 
 #define CELL 8     /* pixels on a side */
-#define USED 32    /* pixels that a cell has at least */
-#define FEW 16     /* cells of one sort, of which there are no statistics with fewer */
+#define USED 32    /* least pixels of a cell */
+#define FEW 16     /* least cells of a kind that have statistics */
 #define LEVELS 256 /* of a channel */
-#define DARK 2     /* values at most this much are as low as they can be */
-#define BRIGHT 253 /* and from this on as high */
+#define DARK 2     /* values up to this are black */
+#define BRIGHT 253 /* values from this on are white */
 #define QUARTERS 4 /* of a photo */
 #define TILE (2 * SG_AUDIT_BLOCK)
 
@@ -25,7 +25,7 @@ struct ranges {
     uint32_t cells[LEVELS], ends[LEVELS];
 };
 
-/* Cells whose values end between black and white, and those that reach one of them. */
+/* Cells whose values reach neither black nor white, and cells whose values do. */
 struct area_ranges {
     struct ranges open, closed;
 };
@@ -104,7 +104,7 @@ static double logarithm(const struct histogram *h, double part, double scale)
     return h->total ? log((double) quantile(h, part) * scale + 0.5) : 0;
 }
 
-/* The share of their pixels that lie at the ends of cells of at most this range. */
+/* The share of pixels near an end of their cell's range, over cells of at most this range. */
 static double ends(const struct ranges *r, size_t range, double otherwise)
 {
     uint64_t cells = 0, pixels = 0;
@@ -113,8 +113,8 @@ static double ends(const struct ranges *r, size_t range, double otherwise)
     return cells ? (double) pixels / (double) cells / (CELL * CELL) : otherwise;
 }
 
-/* Writes SG_AUDIT_RANGE statistics. Those of a sort of cells that there are few of are those of
- * all. */
+/* Writes SG_AUDIT_RANGE statistics. Where a kind has too few cells, the statistics of all cells are
+ * used. */
 static void put(const struct area_ranges *r, double *out)
 {
     static const double all_parts[] = {0.02, 0.05, 0.1, 0.25, 0.5, 0.75};

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Statistics that tell a poison from texture: how strong neighbouring steps are and how they follow
- * each other, over tiles of 2 x 2 blocks. A poison within a bound is about equally strong in all
- * tiles, its steps alternate, and their sizes differ less than those of a scene, whose steps are
- * mostly small and sometimes large. */
+/* Statistics that distinguish a poison from texture: how strong neighbouring steps are and how they
+ * follow each other, over tiles of 2 x 2 blocks. A poison within a bound is about equally strong in
+ * all tiles, its steps alternate, and their sizes differ less than those of a scene, whose steps
+ * are mostly small and sometimes large. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,7 +14,7 @@
  * 0. */
 #define ENERGY 0.25
 #define LEAST 0.15     /* mean square step of the tiles that count */
-#define PIXELS 512     /* they have, of at most 2048 pixels and directions */
+#define PIXELS 512     /* pixels and directions that a tile needs, of at most 2048 */
 #define BIN_SHARE 3e-3 /* added to shares before their logarithm */
 
 /* The sums of a tile's blocks, in grey levels. */
@@ -77,8 +77,7 @@ static double value_of(const struct tile *t, enum value value)
     switch (value) {
     case ENERGY_LN:
         return log(squares + ENERGY) / 2;
-    case NEXT: /* correlation of a step with the next, of which alternation makes -1 and a slope
-                * 1 */
+    case NEXT: /* correlation of a step with the next: -1 for alternating steps, 1 for a slope */
         return t->next / n / (squares + ENERGY);
     case SECOND:
         return t->second / n / (squares + ENERGY);

@@ -8,10 +8,10 @@
 #include "core/compare.h"
 #include "splatguard/defense.h"
 
-/* Grey levels a pixel: oscillation from which on a poison gets the whole filter; that of quiet
- * parts, and that at half and a quarter of the size, from which on it gets more lambda, up to four
- * times as much. A scene's own texture has a share in the first, none in the second, and stays
- * below the third. */
+/* Grey levels a pixel: the oscillation at which a poison gets the full filter; the oscillation of
+ * quiet parts, and that at half and a quarter of the size, above which lambda grows, up to four
+ * times. The texture of a scene contributes to the first, not to the second, and stays below the
+ * third. */
 static const double strong = 2.3, loud = 1.8, coarse = 7;
 
 static double suspicion_of(const struct sg_audit_image *image)
@@ -60,15 +60,15 @@ void sg_defense_automatic(const struct sg_audit *audit, double extent, float *vi
         const double amplitude =
             (image->features.osc_down + image->features.osc_across) / 2 / strong;
         tolerances[i] = tolerance_of(audit, image);
-        /* Growth follows the energy of the noise: a weak one is not worth the filter's price, and
-         * one that is tolerated makes none. */
+        /* Growth follows the energy of the noise. Weak noise costs less than the filter does, and
+         * tolerated noise causes no growth. */
         const double part =
             tolerances[i] > 0 ? 0 : suspicion_of(image) * fmin(amplitude * amplitude, 1);
         strength += vote * part;
         votes += vote;
         if (image->score >= SG_AUDIT_CERTAIN)
             view_weights[certain++] =
-                (float) (vote * part); /* room until they have their own values */
+                (float) (vote * part); /* for now the strength of the certain photos */
     }
     strength =
         votes > 0 ? fmax(strength / votes, strength_of_few(view_weights, certain, votes)) : 0;
@@ -84,6 +84,6 @@ void sg_defense_automatic(const struct sg_audit *audit, double extent, float *vi
     p->view_weights = view_weights;
     p->rho = -(0.1 + 0.35 * strength);
     p->rho_least = 0.05 * strength *
-                   strength; /* of a weak poison there is little to save, and views to lose */
+                   strength; /* against a weak poison the filter saves little and costs quality */
     p->frequency = sg_defense_frequency(extent);
 }

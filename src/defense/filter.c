@@ -88,7 +88,7 @@ void sg_scores_clear(struct sg_scores *s)
     *s = (struct sg_scores){0};
 }
 
-/* An integer that orders as the number does. */
+/* An integer key with the order of the number. */
 static uint64_t key_of(double v)
 {
     uint64_t bits;
@@ -135,7 +135,8 @@ void sg_scores_remove(const struct sg_scores *s, size_t k, uint8_t *keep)
 {
     if (!k)
         return;
-    /* First by score: all below the last one to go, and of its equals as many as are left. */
+    /* First all entries below the score at rank k, then as many equal ones as are left to remove.
+     */
     size_t n = 0;
     for (size_t i = 0; i < s->count; i++)
         if (keep[i])
@@ -181,7 +182,7 @@ int sg_filter(struct sg_engine *engine, const struct sg_scene *scene,
             for (size_t i = 0; i < n; i++)
                 lowest += s.score[i] <= limit;
         }
-        lowest = lowest < n ? lowest : n - 1; /* a model has at least one */
+        lowest = lowest < n ? lowest : n - 1; /* a model keeps at least one Gaussian */
         sg_scores_remove(&s, lowest, keep);
         out->filtered = true;
         out->rho = rho;

@@ -10,13 +10,14 @@
 #define VALUES (3 * BLOCK * BLOCK) /* of a block */
 #define RADIUS 6                   /* of the low-pass */
 #define SIGMA 2.0
-#define RENDER_MARGIN 24 /* grey levels from black or white: a poison of so much is not clipped */
+#define RENDER_MARGIN                                                                              \
+    24 /* grey levels from black or white: a poison of this amplitude is not clipped */
 #define PHOTO_MARGIN 3
 #define LEAST_BLOCKS 50 /* of which a tenth is measured */
 
 struct block {
     double energy;
-    size_t at; /* its index among all */
+    size_t at; /* its index among all blocks */
 };
 
 static int by_energy(const void *a, const void *b)

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The amplitude of a photo's noise, from what a model that cannot fit it leaves over.
+/* The amplitude of a photo's noise, from the residual of a model that cannot fit it.
  *
  * A model of many photos, early in training and with a tolerance, shows the scene without the
- * noise of a single photo. What is left, photo minus render, is noise and detail that the model
- * does not have yet. The detail is removed as far as possible: the difference is high-passed, and
- * only the quietest tenth of the photo counts. There a bounded poison leaves values near its
- * bound. */
+ * noise of a single photo. The residual, photo minus render, is then noise, and detail that the
+ * model does not have yet. The detail is removed as far as possible: the difference is
+ * high-passed, and only the quietest tenth of the photo counts. There a bounded poison leaves
+ * values near its bound. */
 #ifndef SG_DEFENSE_RESIDUAL_H
 #define SG_DEFENSE_RESIDUAL_H
 

@@ -18,7 +18,7 @@ static int time_frames(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views,
 {
     double *frames = sg_alloc_raw(ctx, SG_MEM_MISC, ROUNDS * n, sizeof(double)), sum = 0;
     int code = frames ? SG_OK : SG_ERR_BUDGET;
-    const size_t total = n + WARM_UP + ROUNDS * n; /* renders, those that were scored too */
+    const size_t total = n + WARM_UP + ROUNDS * n; /* renders, including those of the scores */
     for (size_t i = 0; i < WARM_UP && !code; i++)
         if (!(code = sg_progress(ctx, SG_STAGE_EVALUATE, n + i, total)))
             code = sg_render(r, &views[i % n].camera, rgb, NULL, NULL, NULL);
@@ -38,8 +38,8 @@ static int time_frames(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views,
     return code;
 }
 
-/* Pixels that the mask leaves out are taken from the render, as in the loss; PSNR is then of the
- * others alone. */
+/* Unused pixels are copied from the render, as in the loss. PSNR is then taken over the used
+ * pixels. */
 static double used_share(const uint8_t *mask, const uint8_t *render, size_t pixels, uint8_t *photo)
 {
     size_t used = 0;
@@ -51,11 +51,11 @@ static double used_share(const uint8_t *mask, const uint8_t *render, size_t pixe
     return (double) used / (double) pixels;
 }
 
-/* The pixels that a score is of. */
+/* The pixels that a score compares. */
 struct scored {
     const struct sg_view *view;
     uint8_t *photo, *render; /* bytes; the photo's masked pixels are the render's */
-    double share;            /* that the mask leaves */
+    double share;            /* used pixels */
 };
 
 static int score(sg_ctx *ctx, const struct scored *s, double *psnr, double *ssim)

@@ -87,7 +87,7 @@ done:
     return code;
 }
 
-/* What a JPEG's markers tell, read without belief in what they say. */
+/* What the markers of a JPEG say. They are untrusted. */
 struct outline {
     bool whole; /* decoded by way of all coefficients, 2 bytes each: progressive, or one scan a
                    colour */
@@ -96,7 +96,7 @@ struct outline {
 
 static struct outline outline_of(const uint8_t *data, size_t size)
 {
-    struct outline o = {.whole = true}; /* of what is not understood the worst */
+    struct outline o = {.whole = true}; /* the worst case where a marker is not understood */
     int colours = 0;
     for (size_t i = 2; i + 1 < size && data[i] == 0xff;) {
         const uint8_t marker = data[i + 1];
@@ -139,7 +139,7 @@ static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t s
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG header: %s", name, tjGetErrorStr2(jpeg));
         goto done;
     }
-    if (space < 0 || width < 1 || height < 1) { /* tables without a picture pass as a header */
+    if (space < 0 || width < 1 || height < 1) { /* a file of tables only is also read as a header */
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: JPEG header: found no picture", name);
         goto done;
     }
@@ -156,13 +156,13 @@ static int decode_jpeg(sg_ctx *ctx, const char *name, const void *data, size_t s
                           &room);
     if (code)
         goto done;
-    /* Few scans: a progressive file may else spend minutes on one photo. A complaint means damaged
-     * or missing pixels, with one exception. */
+    /* The number of scans is limited: decoding a progressive file could otherwise take minutes. A
+     * warning of the decoder means damaged or missing pixels, with one exception. */
     const int format = grey ? TJPF_GRAY : TJPF_RGB;
     const int flags = TJFLAG_ACCURATEDCT | TJFLAG_LIMITSCANS | TJFLAG_STOPONWARNING;
     int failed = tjDecompress2(jpeg, data, size, out->pixels, width, 0, height, format, flags);
-    /* Some cameras put zeros before the end marker. How many are the pixels' own is found by
-     * halving. */
+    /* Some cameras put zeros before the end marker. Bisection finds how many zeros belong to the
+     * pixels. */
     size_t least = outline.end, most = outline.end;
     while (least && !((const uint8_t *) data)[least - 1])
         least--;
@@ -272,7 +272,7 @@ int sg_image_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t m
     *out = (struct sg_image){0};
     /* An uncompressed 16-bit RGBA file is 8 bytes a pixel; the rest is for metadata. */
     uint64_t limit = max_pixels > UINT64_MAX / 16 ? UINT64_MAX : max_pixels * 8 + (64u << 20);
-    uint8_t head[SIGNATURE_BYTES]; /* before the rest is held */
+    uint8_t head[SIGNATURE_BYTES]; /* before the whole file is in memory */
     const size_t n = fread(head, 1, sizeof(head), stream);
     rewind(stream);
     if (signature_of(head, n) == UNKNOWN)

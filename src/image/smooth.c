@@ -10,7 +10,7 @@
 #define RADIUS_MAX 4
 #define DISTANCES (3 * 255 + 1)
 
-/* One pixel of the neighbourhood. */
+/* A pixel of the neighbourhood. */
 struct tap {
     int dx, dy;
     float weight;
@@ -86,7 +86,7 @@ int sg_smooth(sg_ctx *ctx, enum sg_smooth kind, const uint8_t *rgb, const uint8_
         make_gaussian(&f);
     else
         make_bilateral(&f);
-    /* Where columns -RADIUS_MAX to width - 1 + RADIUS_MAX lie; the same for rows. */
+    /* Mirrored indices of columns -RADIUS_MAX to width - 1 + RADIUS_MAX, and of rows. */
     const size_t longest = (size_t) (width > height ? width : height) + 2 * RADIUS_MAX;
     int *columns = sg_alloc_raw(ctx, SG_MEM_FRAME, longest, sizeof(*columns));
     int *rows = sg_alloc_raw(ctx, SG_MEM_FRAME, longest, sizeof(*rows));

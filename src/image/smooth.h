@@ -14,11 +14,11 @@
 int sg_smooth(sg_ctx *ctx, enum sg_smooth kind, const uint8_t *rgb, const uint8_t *mask, int width,
               int height, uint8_t *out);
 
-/* The wavelet filter; unused pixels are taken for the mean of the used ones. */
+/* The wavelet filter. Unused pixels count as the mean of the used ones. */
 int sg_smooth_wavelet(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int width, int height,
                       uint8_t *out);
 
-/* Where index i lies: reflected at the borders of 0..n - 1 without repeating their own pixel. */
+/* Index i reflected at the borders of 0..n - 1, without repeating the border's pixel. */
 int sg_mirror(int i, int n);
 
 #endif

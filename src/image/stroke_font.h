@@ -5,9 +5,9 @@
 
 #include <stdbool.h>
 
-/* Is the point (x, y) inked by the line of text? The text is centred on x = 0 and stands on y = 0;
- * `size` is the height of its capitals and `weight` the half width of a stroke, as a part of size.
- * Capitals, digits and . - / + only. */
+/* Is the point (x, y) inked by the line of text? The text is centred on x = 0, and its baseline is
+ * y = 0; `size` is the height of its capitals and `weight` the half width of a stroke, as a part of
+ * size. Capitals, digits and . - / + only. */
 bool sg_stroke_ink(const char *text, double x, double y, double size, double weight);
 
 #endif

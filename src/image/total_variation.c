@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Total variation: the penalty on renders, and the forms that an attack makes large, of planes and
- * of bytes. Scalar code; kernels/ascend.c has the gradient of the forms in vectors, and
- * ref_losses.c the penalty by definition. */
+/* Total variation: the penalty on renders, and the forms that an attack raises, of planes and of
+ * bytes. Scalar code; kernels/ascend.c has the gradient of the forms in vectors, and ref_losses.c
+ * the penalty by definition. */
 #include "total_variation.h"
 
 #include <math.h>
@@ -21,7 +21,7 @@ struct tv_job {
 
 #define LANES 16 /* pixels side by side, so that compilers may vectorise them */
 
-/* d, cut off at the edge: without branches, which loops would not become vectors with. */
+/* d clamped to the edge. Without branches, so that compilers can vectorise the loops. */
 static inline float cut(float d)
 {
     return 0.5f * (fabsf(d + SG_TV_EDGE) - fabsf(d - SG_TV_EDGE));
@@ -69,7 +69,8 @@ static inline void add_pull(const struct tv_job *j, const float *here, const flo
             horizontal * (slope_of(here[x] - left[x], norm) - slope_of(right[x] - here[x], norm));
 }
 
-/* Beyond the border is what is at it, from where nothing pulls. */
+/* Beyond the border the image repeats its last row or column, so differences and gradients are 0
+ * there. */
 static inline void row_of(const struct tv_job *j, size_t r, enum sg_tv_norm norm)
 {
     const int w = j->width, y = (int) (r % (size_t) j->height), last = w - 1;
@@ -87,7 +88,7 @@ static inline void row_of(const struct tv_job *j, size_t r, enum sg_tv_norm norm
                  to + last);
 }
 
-/* A copy of the loops for each norm. */
+/* Instantiates the loops once per norm. */
 static void tv_row(void *arg, size_t r, int thread)
 {
     (void) thread;
@@ -124,7 +125,7 @@ double sg_tv_loss(sg_ctx *ctx, const float *planes, int width, int height, enum 
     return (vertical > 0 ? sums[0] / vertical : 0) + (horizontal > 0 ? sums[1] / horizontal : 0);
 }
 
-/* ---- what an attack makes large ---- */
+/* ---- the forms that an attack raises ---- */
 
 static float sign(float v)
 {

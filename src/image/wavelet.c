@@ -35,8 +35,8 @@ static void bands_at(const struct plane *p, int x, int y, int d, float out[4])
     out[2] = (a + b - c - e) / 4, out[3] = (a - b - c + e) / 4;
 }
 
-/* Standard deviation of the noise: the median of the finest diagonal band, which a photo's own
- * content hardly has. */
+/* Standard deviation of the noise: the median of the finest diagonal band, in which the photo
+ * itself has little energy. */
 static double noise_of(const struct plane *p)
 {
     const size_t n = (size_t) p->width * (size_t) p->height;
@@ -55,8 +55,8 @@ static float shrink(float v, float threshold)
     return fabsf(v) <= threshold ? 0 : v > 0 ? v - threshold : v + threshold;
 }
 
-/* One level: `next` becomes the means, `detail` what the shrunk differences give back, which is the
- * mean over the four ways that a value takes part. */
+/* One level: `next` becomes the means, `detail` the reconstruction from the shrunk differences: the
+ * mean over the four ways in which a value takes part. */
 static void split(const struct plane *p, int d, double noise, float *detail)
 {
     const size_t n = (size_t) p->width * (size_t) p->height;

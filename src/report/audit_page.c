@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The audit as one page without any other file. Names come from strangers: all text is escaped. */
+/* The audit as a single HTML file. Names are untrusted: all text is escaped. */
 #include "splatguard/audit.h"
 
 #include <math.h>
@@ -15,7 +15,7 @@
 
 #define SHOWN 3   /* photos from each end of the ranking */
 #define PANEL 270 /* pixels, the longer side: four in a row */
-/* grey levels of oscillation that are drawn white: all that a bound of 16 allows */
+/* grey levels of oscillation that are drawn white: the most that a bound of 16 allows */
 #define HEAT 32.0f
 /* grey levels of white noise whose spectrum is drawn black; a thousand times as many are white */
 #define FAINT 0.1
@@ -100,7 +100,7 @@ static void put_directions(FILE *f, const struct sg_spectrum *s)
             s->anisotropy);
 }
 
-/* Photo, where it oscillates, and its spectrum. */
+/* The photo, a map of its oscillation, and its spectrum. */
 static int put_view(sg_ctx *ctx, FILE *f, const struct sg_view *v,
                     const struct sg_audit_image *image)
 {

@@ -53,7 +53,7 @@ static void line(struct canvas *c, double x0, double y0, double x1, double y1, d
         }
 }
 
-/* The stroke font has capitals only. Centred on x, standing on y. */
+/* The stroke font has capitals only. Centred on x, with y as the baseline. */
 static void text(struct canvas *c, double x, double y, double size, const uint8_t colour[3],
                  const char *words)
 {
@@ -106,7 +106,7 @@ static int draw_difference(sg_ctx *ctx, struct canvas *c, const struct sg_spectr
     return code;
 }
 
-/* Magnified without smoothing: what matters here is pixels. */
+/* Magnified without smoothing, so that pixels stay visible. */
 static void draw_crop(struct canvas *c, const struct sg_spectrum_image *p,
                       const struct sg_spectrum_crop *crop, int x, int y, int w, int h)
 {
@@ -228,14 +228,14 @@ static void draw_plots(struct canvas *c, const struct sg_spectrum_image *images,
         double done = 0;
         curve(c, &a, angular[k], images[k].spectrum.bins / 2, k);
         curve(c, &r, radial[k], SG_SPECTRUM_RINGS, k);
-        char name[16]; /* as long as there is room for */
+        char name[16]; /* as long as there is room for the next one */
         snprintf(name, sizeof(name), "%s", images[k].title);
         stroke(c, r.x + r.w - 190, y - 4, r.x + r.w - 150, y - 4, k, &done);
         text(c, r.x + r.w - 140 + 4.5 * (double) strlen(name), y, 10, colours[k], name);
     }
 }
 
-/* What is black and what is white in the spectra. */
+/* The values that are black and white in the spectra. */
 static int find_range(sg_ctx *ctx, const struct sg_spectrum_image *p, float *low, float *high)
 {
     const size_t n = (size_t) p->picture.width * (size_t) p->picture.height;

@@ -46,8 +46,8 @@ bool sg_attack_ask(struct attack_run *r, const struct sg_attack_step *step)
     return r->stopped;
 }
 
-/* Scenes of Blender bring test photos of their own, which stay clean; where there are none, nothing
- * is missing. */
+/* Blender scenes have test photos of their own, which stay clean. It is no fault if there are none.
+ */
 static int load_scene(struct attack_run *r)
 {
     const struct sg_attack_run_params *p = r->params;
@@ -57,13 +57,13 @@ static int load_scene(struct attack_run *r)
     *s = p->scene;
     s->eval = blender || p->views == SG_ATTACK_TRAIN_VIEWS;
     int code = sg_scene_load(r->ctx, p->source, s, &r->scene);
-    if (code == SG_ERR_INPUT && blender) { /* or their photos are not here */
+    if (code == SG_ERR_INPUT && blender) { /* or their photos are missing */
         s->eval = false;
         code = sg_scene_load(r->ctx, p->source, s, &r->scene);
     }
     if (!code && s->eval && p->views == SG_ATTACK_ALL_VIEWS &&
         r->scene->format != SG_FORMAT_BLENDER) {
-        s->eval = false; /* another layout lies in the same folder, and is the one that is read */
+        s->eval = false; /* the folder has another layout too, which is read instead */
         sg_scene_destroy(&r->scene);
         code = sg_scene_load(r->ctx, p->source, s, &r->scene);
     }
@@ -85,7 +85,7 @@ static void apply_preset(struct attack_run *r)
     r->status->iterations = p->iterations;
 }
 
-/* SG_ERR_BUDGET unless a run's summary says that it took all its iterations. */
+/* SG_ERR_BUDGET unless the summary of the run says that all iterations were done. */
 static int check_whole(sg_ctx *ctx, const char *run, int iterations)
 {
     json_t *s;
@@ -96,7 +96,7 @@ static int check_whole(sg_ctx *ctx, const char *run, int iterations)
     return code;
 }
 
-/* How a proxy is trained, in the attack's folder or with what it was begun with. */
+/* Parameters of the proxy's training, or those that it was begun with. */
 static struct sg_run_params proxy_params(const struct sg_attack_run_params *p, const char *folder)
 {
     struct sg_run_params t = sg_run_params_default();
@@ -151,7 +151,7 @@ static int train_proxy(struct attack_run *r, char model[PATH_MAX])
             code = check_whole(r->ctx, folder, p->proxy_iterations);
         char *checkpoint = sg_strf(r->ctx, "%s/checkpoint.bin", folder);
         if (!code && checkpoint)
-            unlink(checkpoint); /* marks it as whole; its model is what counts */
+            unlink(checkpoint); /* marks it as complete; only its model is needed */
         sg_free(checkpoint);
     }
     if (!code)
@@ -175,7 +175,7 @@ static int loop(struct attack_run *r)
 {
     const struct sg_attack_params *p = &r->attack_params;
     int code = SG_OK, done = sg_attack_iteration(r->attack);
-    /* A stopped attack goes on to where its state is whole. */
+    /* A stopped attack continues to the next iteration at which it can be saved. */
     while (!code && done < p->iterations && (!r->stopped || done % p->update_interval)) {
         const double start = sg_seconds();
         code = sg_attack_step(r->attack, &r->step);
@@ -244,7 +244,7 @@ static bool is_attack(sg_ctx *ctx, const char *folder)
            sg_run_has_option(ctx, folder, "poison.json", "epsilon");
 }
 
-/* Nothing in it to go on from, and nothing to use. */
+/* The folder holds nothing to continue from and nothing to use. */
 static bool is_lost(sg_ctx *ctx, const char *folder)
 {
     return !sg_run_has(ctx, folder, "poison.json") &&
@@ -260,7 +260,7 @@ static void remove_file(sg_ctx *ctx, const char *folder, const char *name)
     sg_free(path);
 }
 
-/* Makes FOLDER/attack with its config.json. What an earlier attack left goes. */
+/* Makes FOLDER/attack with its config.json. Removes what an earlier attack left. */
 static int begin_files(struct attack_run *r)
 {
     static const char *const files[] = {
@@ -282,7 +282,8 @@ static int begin_files(struct attack_run *r)
                              json_pack("{s:s,s:o}", "version", sg_version(), "options", options));
 }
 
-/* Nothing came of it: what was begun goes, so that the same call works once the cause is gone. */
+/* The attack failed before its first save. Removes what was begun, so that the same call works once
+ * the cause is gone. */
 static void remove_begun(sg_ctx *ctx, const char *folder)
 {
     if (!is_lost(ctx, folder))
@@ -301,7 +302,7 @@ static int run_attack(struct attack_run *r, char model[PATH_MAX])
     const struct sg_attack_run_params *p = r->params;
     const bool splat = p->method == SG_METHOD_POISON_SPLAT;
     int code = SG_OK;
-    if (splat && !model[0]) { /* which loads the scene for itself */
+    if (splat && !model[0]) { /* the proxy's run loads the scene itself */
         sg_scene_destroy(&r->scene);
         code = train_proxy(r, model);
         if (!code)
@@ -329,7 +330,7 @@ static int run_attack(struct attack_run *r, char model[PATH_MAX])
         remove_file(r->ctx, p->folder, "attack/checkpoint.bin");
         return code;
     }
-    /* What cannot be written must not cost the attack. */
+    /* A log that cannot be written does not end the attack. */
     char *why = sg_strdup(r->ctx, sg_last_error(r->ctx));
     sg_clear_error(r->ctx);
     const int lost = splat ? save_checkpoint(r) : SG_OK;
@@ -353,7 +354,7 @@ static int begin_attack(struct attack_run *r, char model[PATH_MAX], bool *fresh)
     code = sg_attack_check(r->ctx, &r->attack_params);
     if (!code && p->method == SG_METHOD_POISON_SPLAT && p->proxy)
         code = sg_run_find_model(r->ctx, p->proxy, 0, model, PATH_MAX);
-    /* Nothing of an earlier attack goes before this one can begin. */
+    /* Nothing of an earlier attack is removed before this one can begin. */
     if (!code && !r->resume) {
         *fresh = !sg_run_has_files(p->folder);
         code = begin_files(r);

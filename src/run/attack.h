@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* An attack in progress, and what it leaves: attack/log.jsonl, the poisoned scene, poison.json. */
+/* An attack in progress, and its files: attack/log.jsonl, the poisoned scene, poison.json. */
 #ifndef SG_RUN_ATTACK_H
 #define SG_RUN_ATTACK_H
 
@@ -11,7 +11,7 @@ struct attack_run {
     sg_ctx *ctx;
     const struct sg_attack_run_params *params;
     struct sg_attack_params attack_params; /* with the preset applied */
-    struct sg_scene_params scene_params;   /* by which the scene was loaded at last */
+    struct sg_scene_params scene_params;   /* with which the scene was loaded */
     bool resume;
     struct sg_scene *scene;
     sg_attack *attack;
@@ -31,7 +31,7 @@ struct attack_run {
 /* Whether the caller wants to stop. */
 bool sg_attack_ask(struct attack_run *r, const struct sg_attack_step *step);
 
-int sg_attack_open_log(struct attack_run *r); /* when resuming, lines after the checkpoint go */
+int sg_attack_open_log(struct attack_run *r); /* resuming: removes later lines */
 int sg_attack_log_step(struct attack_run *r);
 
 /* The poisoned scene, then poison.json. */

@@ -8,7 +8,7 @@
 #include "core/json_text.h"
 #include "scene/photo.h"
 
-/* Lines up to the checkpoint stay. */
+/* Keeps the lines up to the checkpoint. */
 static bool take(void *arg, const json_t *line)
 {
     struct attack_run *r = arg;
@@ -106,7 +106,8 @@ static int write_views(struct attack_run *r, const bool *chosen, json_t *images,
     const struct sg_attack_run_params *p = r->params;
     const struct sg_scene *scene = r->scene;
     int error = sg_poisoned_scene_begin(r->ctx, scene, &p->files, p->folder);
-    /* The training views last: should a scene name a photo in both splits, its poison stands. */
+    /* The training views are written last: if a scene names a photo in both splits, the file is the
+     * poison. */
     for (size_t k = 0; k < scene->n_train + scene->n_test && !error; k++) {
         const bool train = k >= scene->n_test;
         const size_t i = train ? k - scene->n_test : k;
@@ -164,7 +165,7 @@ int sg_attack_write(struct attack_run *r)
     const double n = t.poisoned ? (double) t.poisoned : 1;
     json_t *growth = json_array();
     if (r->attack && sg_run_log_read(r->ctx, r->log.path, add_growth, growth))
-        sg_clear_error(r->ctx); /* a curve with a gap */
+        sg_clear_error(r->ctx); /* the curve then has a gap */
     json_t *root =
         json_pack("{s:s,s:o,s:o,s:o}", "version", sg_version(), "options",
                   sg_config_to_json(sg_attack_run_config, p), "images", images, "growth", growth);

@@ -15,7 +15,7 @@ const struct sg_config_part sg_run_config[] = {
     {sg_train_options, offsetof(struct sg_run_params, train), NULL},
     {0}};
 
-/* An attack renders on black, whatever the background of the scene's photos. */
+/* An attack renders on black, regardless of the background of the scene's photos. */
 const struct sg_config_part sg_attack_run_config[] = {
     {sg_attack_run_options, 0, NULL},
     {sg_scene_options, offsetof(struct sg_attack_run_params, scene), "white-background|smooth"},
@@ -30,7 +30,7 @@ static bool is_left_out(const struct sg_config_part *part, const struct sg_optio
 static bool is_real(const struct sg_option *o)
 {
     return o->type == SG_OPTION_FLOAT || o->type == SG_OPTION_DOUBLE || o->type == SG_OPTION_TIME ||
-           (o->type == SG_OPTION_LEVELS && !o->whole); /* those may be "inf" */
+           (o->type == SG_OPTION_LEVELS && !o->whole); /* whole ones may be "inf" */
 }
 
 static bool is_whole(const struct sg_option *o)

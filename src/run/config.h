@@ -21,8 +21,9 @@ extern const struct sg_config_part sg_run_config[], sg_attack_run_config[];
 /* All lasting options; the caller owns the object. NULL without memory. */
 json_t *sg_config_to_json(const struct sg_config_part *parts, const void *params);
 
-/* And back; what the object lacks stays as it is. Texts live as long as the object. path: of the
- * file, for messages. SG_ERR_INPUT for values out of range and, if strict, unknown options. */
+/* The reverse. Options that the object lacks are left unchanged. Texts live as long as the object.
+ * path: of the file, for messages. SG_ERR_INPUT for values out of range and, if strict, unknown
+ * options. */
 int sg_config_from_json(sg_ctx *ctx, const struct sg_config_part *parts, void *params,
                         const json_t *object, bool strict, const char *path);
 

@@ -9,7 +9,7 @@
 #include "core/file.h"
 #include "core/json_text.h"
 
-/* A config or summary has a few thousand; parsed it takes a hundred times as many. */
+/* A config or summary has a few thousand bytes. Parsing needs a hundred times as many. */
 #define JSON_BYTES (256 << 10)
 
 bool sg_run_has(sg_ctx *ctx, const char *run, const char *name)
@@ -89,7 +89,7 @@ bool sg_run_has_option(sg_ctx *ctx, const char *run, const char *name, const cha
     json_t *root = NULL;
     const bool before = sg_failed(ctx);
     sg_run_read_json(ctx, run, name, "config.json", &root);
-    if (!before) /* a question, whose answer may be no */
+    if (!before) /* no error: the answer is "no" */
         sg_clear_error(ctx);
     const bool ours = json_is_string(json_object_get(root, "version")) &&
                       json_object_get(json_object_get(root, "options"), option);

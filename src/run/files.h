@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Files of runs: JSON that may come from a stranger, logs of a line each time. */
+/* Files of runs: untrusted JSON, and logs with one JSON object per line. */
 #ifndef SG_RUN_FILES_H
 #define SG_RUN_FILES_H
 
@@ -8,16 +8,16 @@
 
 #include "core/internal.h"
 
-/* RUN/NAME is there. */
+/* RUN/NAME exists. */
 bool sg_run_has(sg_ctx *ctx, const char *run, const char *name);
 
-/* The folder holds files that are not hidden: some systems put those everywhere. */
+/* The folder holds files that are not hidden. Some systems put hidden files everywhere. */
 bool sg_run_has_files(const char *folder);
 
-/* SG_ERR_BUDGET, saying so: for memory that other libraries allocate. */
+/* SG_ERR_BUDGET with its message, where another library could not allocate. */
 int sg_no_memory(sg_ctx *ctx);
 
-/* Of JSON without a number: null. */
+/* A number as JSON; null if it is not finite. */
 json_t *sg_number_json(double v);
 
 /* RUN/NAME as JSON; json_decref(*out). what: "config.json of a run", for messages. */
@@ -46,9 +46,9 @@ int sg_run_log_open(sg_ctx *ctx, const char *run, const char *name, sg_run_log_t
                     struct sg_run_log *log);
 /* Writes and releases a line. */
 int sg_run_log_line(struct sg_run_log *log, json_t *line);
-/* SG_ERR_INPUT where what was written before did not arrive. Safe on a zeroed log. */
+/* SG_ERR_INPUT if an earlier write failed. Safe on a zeroed log. */
 int sg_run_log_close(struct sg_run_log *log);
-/* Shows every line to take, whose answer does not matter. No log: no lines. */
+/* Passes every line to take and ignores its result. Without a log there are no lines. */
 int sg_run_log_read(sg_ctx *ctx, const char *path, sg_run_log_take take, void *arg);
 
 #endif

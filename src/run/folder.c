@@ -81,7 +81,7 @@ bool sg_run_is_run(sg_ctx *ctx, const char *folder)
     return sg_run_has_option(ctx, folder, "config.json", "densify-grad-threshold");
 }
 
-/* Below another folder or AT_FDCWD, and through no link: a run may come from a stranger. */
+/* Below another folder or AT_FDCWD. Follows no link, since a run may not be trusted. */
 static DIR *open_folder(int at, const char *name, int links)
 {
     const int fd = openat(at, name, O_RDONLY | O_DIRECTORY | O_CLOEXEC | links);
@@ -91,7 +91,7 @@ static DIR *open_folder(int at, const char *name, int links)
     return d;
 }
 
-/* NAME.tmpPID for a name that runs and attacks write. */
+/* Whether a name is NAME.tmpPID for a file that runs and attacks write. */
 static bool is_temporary(const char *file)
 {
     static const char *const names[] = {
@@ -107,7 +107,7 @@ static bool is_temporary(const char *file)
     return false;
 }
 
-/* What a killed process was writing into a folder. */
+/* Removes the unfinished files of a killed process from a folder. */
 static void remove_temporary(DIR *d)
 {
     for (struct dirent *e; (e = readdir(d));)

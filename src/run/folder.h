@@ -11,9 +11,9 @@
 /* config.json: the version, the CPU variant and all lasting options. */
 int sg_run_write_config(sg_ctx *ctx, const struct sg_run_params *p, const char *variant);
 
-bool sg_run_is_run(sg_ctx *ctx, const char *folder); /* by its config.json */
+bool sg_run_is_run(sg_ctx *ctx, const char *folder); /* recognised by its config.json */
 
-/* Creates the folder and writes what is known before training. What an earlier run left goes. */
+/* Creates the folder and writes what is known before training. Removes what an earlier run left. */
 int sg_run_create_files(sg_ctx *ctx, const struct sg_run_params *p, const struct sg_scene *scene,
                         const struct sg_model *initial, const char *variant);
 
@@ -24,7 +24,7 @@ bool sg_run_is_lost(sg_ctx *ctx, const char *run);
  * call works again. */
 void sg_run_remove_files(sg_ctx *ctx, const char *run);
 
-/* Removes what killed processes were writing. */
+/* Removes the unfinished files of killed processes. */
 void sg_run_remove_temporary(const char *run);
 
 /* Model and checkpoint of the trainer's present iteration. */

@@ -11,10 +11,10 @@
 #include "core/file.h"
 
 #define LOG_BYTES (UINT64_C(1) << 32)
-#define LINE_BYTES 65536 /* ours have a few hundred */
+#define LINE_BYTES 65536 /* the library's lines have a few hundred bytes */
 
-/* The bytes of the next line, or as many as there is room for; -1 at the end. A log may come from a
- * stranger. */
+/* The bytes of the next line, or as many as there is room for; -1 at the end. A log is untrusted.
+ */
 static long next_line(FILE *in, char *line)
 {
     long n = 0;
@@ -28,7 +28,7 @@ static long next_line(FILE *in, char *line)
     return n ? n : -1;
 }
 
-/* Lines to keep go to kept, if there is one. */
+/* Writes the lines to keep to `kept`, if it is not NULL. */
 static int each_line(sg_ctx *ctx, FILE *in, const char *path, sg_run_log_take take, void *arg,
                      FILE *kept)
 {
@@ -36,7 +36,7 @@ static int each_line(sg_ctx *ctx, FILE *in, const char *path, sg_run_log_take ta
     for (long n; line && (n = next_line(in, line)) >= 0;) {
         json_t *value = json_loadb(line, (size_t) n, 0, NULL);
         if (value && take(arg, value) && kept)
-            fwrite(line, 1, (size_t) n, kept); /* errors surface at the end */
+            fwrite(line, 1, (size_t) n, kept); /* errors are reported at the end */
         json_decref(value);
     }
     sg_free(line);
@@ -72,7 +72,7 @@ int sg_run_log_read(sg_ctx *ctx, const char *path, sg_run_log_take take, void *a
     return code;
 }
 
-/* What was killed may have logged beyond its checkpoint: those iterations will be done and logged
+/* A killed process may have logged iterations after its checkpoint. They will be done and logged
  * again. */
 static int trim(sg_ctx *ctx, const char *path, sg_run_log_take take, void *arg)
 {
@@ -91,7 +91,7 @@ static int trim(sg_ctx *ctx, const char *path, sg_run_log_take take, void *arg)
     return code;
 }
 
-/* Through no link, and a pipe without a reader does not hold it up. */
+/* Follows no link, and does not wait for the reader of a pipe. */
 static FILE *open_to_write(const char *path, bool append)
 {
     const int how =

@@ -20,14 +20,14 @@ struct sg_output {
     sg_ctx *ctx;
     char *folder, *mark;
     const char *maker;
-    int lock;    /* descriptor, -1 = not ours */
+    int lock;    /* descriptor; -1 = not owned */
     size_t made; /* length of the first folder that was made on the way, 0 = none */
 };
 
 #define MARK ".splatguard"
 #define MARK_BYTES 512
 #define TRIES 100   /* while others make and remove the same folder */
-#define PATIENCE 50 /* times 10 ms, until an owner has written who it is */
+#define PATIENCE 50 /* waits of 10 ms for an owner to write its name */
 
 /* The path without links and dots, or that of the nearest folder above that exists. NULL without
  * memory. */
@@ -99,7 +99,7 @@ static int check_place(sg_ctx *ctx, const char *folder, const struct sg_output_r
 {
     char *real = realpath(folder, NULL);
     const bool own = real && rules->is_own && rules->is_own(ctx, folder);
-    /* What was begun there goes on there, and a scene that the tool made is replaced as a whole. */
+    /* A run continues in its folder, and a scene that the tool made is replaced as a whole. */
     int code = rules->resume && own
                    ? 0
                    : refuse_scene_around(ctx, folder, own && rules->makes_scenes ? real : NULL);
@@ -109,7 +109,7 @@ static int check_place(sg_ctx *ctx, const char *folder, const struct sg_output_r
     return code;
 }
 
-/* The mark as text; false where it is neither empty nor one of ours. */
+/* The mark as text; false if it is neither empty nor written by this library. */
 static bool read_mark(int fd, char text[MARK_BYTES])
 {
     const ssize_t n = pread(fd, text, MARK_BYTES - 1, 0);
@@ -129,8 +129,8 @@ static bool is_marked(const sg_output *o)
     return marked;
 }
 
-/* Who else holds the lock. An owner that has just begun has not written that yet, and an earlier
- * one that was killed may have left its own name. */
+/* The name of the other owner of the lock. A new owner may not have written its name yet, and a
+ * killed one may have left its own. */
 static int owner_error(const sg_output *o, int fd)
 {
     char text[MARK_BYTES], host[256] = "", here[256] = "";
@@ -213,8 +213,8 @@ static int try_lock(sg_output *o)
     return code;
 }
 
-/* What is in the folder: other people's files are left alone, what the command made is for the
- * owner to judge. */
+/* Checks the contents of the folder. Files of others are never touched; the caller decides about
+ * files that the command made. */
 static int check_content(const sg_output *o, const struct sg_output_rules *rules)
 {
     if (rules->resume || !sg_run_has_files(o->folder))
@@ -337,7 +337,7 @@ int sg_output_check_replaced(sg_ctx *ctx, const char *path)
 {
     struct stat st;
     sg_clear_error(ctx);
-    if (lstat(path, &st)) /* nothing there, or writing says what is wrong */
+    if (lstat(path, &st)) /* there is no file, or writing will report the error */
         return SG_OK;
     if (!S_ISREG(st.st_mode))
         return sg_fail(ctx, SG_ERR_INPUT,

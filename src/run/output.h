@@ -9,14 +9,15 @@ struct sg_output_rules {
     const char *maker;   /* the mark names it */
     const char *earlier; /* what is continued or replaced, "run"; NULL: there is no such thing */
     bool adds;           /* to a folder that it made before */
-    /* Made by the maker, whatever its mark says; NULL: the mark alone tells. */
+    /* Whether the maker made it, regardless of its mark; NULL: the mark decides. */
     bool (*is_own)(sg_ctx *ctx, const char *folder);
-    /* Nothing in what it made is worth keeping: replaced unasked; NULL: never so. */
+    /* Whether nothing in it is worth keeping, so that it may be replaced without asking; NULL:
+     * never. */
     bool (*is_lost)(sg_ctx *ctx, const char *folder);
     const char *within; /* what is written below it: no folder on the way may be a link; or NULL */
     bool makes_scenes;  /* a scene in the folder may be the maker's own */
     bool replace, resume;
-    bool nested;           /* in the output of a maker that has asked for itself */
+    bool nested;           /* inside the output of a maker that holds the lock already */
     const char *inputs[3]; /* what is read, NULL at the end */
 };
 

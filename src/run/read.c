@@ -12,7 +12,7 @@
 #include "files.h"
 #include "splatguard/run.h"
 
-#define CFG_ARGS_BYTES 65536 /* others have a few hundred */
+#define CFG_ARGS_BYTES 65536 /* other trainers write a few hundred bytes */
 
 void sg_run_params_clear(struct sg_run_params *p)
 {
@@ -45,8 +45,8 @@ int sg_run_read_params(sg_ctx *ctx, const char *folder, struct sg_run_params *ou
     return read_params(ctx, folder, true, out);
 }
 
-/* What another trainer's folder says in cfg_args. Its text is Python, of which only plain cases are
- * read. */
+/* Reads cfg_args of another trainer's folder. It is Python text, of which only simple cases are
+ * understood. */
 static void read_cfg_args(sg_ctx *ctx, const char *run, struct sg_scene_params *scene)
 {
     char *path = sg_strf(ctx, "%s/cfg_args", run), *text = NULL;
@@ -59,7 +59,7 @@ static void read_cfg_args(sg_ctx *ctx, const char *run, struct sg_scene_params *
             n <= 16384)
             scene->resolution = n;
     }
-    sg_clear_error(ctx); /* without it, or with another text, the defaults hold */
+    sg_clear_error(ctx); /* without it, or with other text, the defaults apply */
     sg_free(text);
     sg_free(path);
 }

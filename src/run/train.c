@@ -28,8 +28,7 @@ static bool ask(sg_run *r, const struct sg_train_step *step)
 }
 
 /* Measures the test views, also with matched colours where exposures are learned; fps only at the
- * end. Where memory is short for that, the run goes on
- * without. */
+ * end. If memory is short for that, the run continues without it. */
 static int measure(sg_run *r, int time_fps)
 {
     sg_renderer *renderer = NULL;
@@ -54,7 +53,8 @@ static int measure(sg_run *r, int time_fps)
     return sg_run_log_eval(r);
 }
 
-/* A file that cannot be written, now, is no reason to lose a training. */
+/* A file that cannot be written does not end the training. The first such error is returned at the
+ * end. */
 static void note_error(sg_run *r, int code)
 {
     if (!code)
@@ -83,14 +83,14 @@ static int save(sg_run *r)
                "earlier one, if there is one",
                sg_last_error(r->ctx));
         sg_clear_error(r->ctx);
-        code = SG_OK; /* the model is what was asked for */
+        code = SG_OK; /* the model is saved, which is what counts */
     }
     return code;
 }
 
 #define STARVING 10 /* removals */
 
-/* A fixed rho above the scene's growth eats the model up: warns once. */
+/* Warns once if a fixed rho removes more than the scene grows. */
 static void watch_filter(sg_run *r)
 {
     const struct sg_train_step *s = &r->step;
@@ -114,7 +114,7 @@ static void watch_filter(sg_run *r)
     r->window_events = 0;
 }
 
-/* Where time is so short that a step passes over several, none. */
+/* False where time is so short that one step passes several due iterations. */
 static bool due(const sg_run *r, int every)
 {
     const int stride = r->step.iteration - r->before;
@@ -147,7 +147,7 @@ static void after_step(sg_run *r)
         note_error(r, measure(r, 0));
 }
 
-/* The training cannot go on. The model so far is worth keeping; the checkpoint stays, for this
+/* The training cannot continue. Saves the model so far. The checkpoint stays as it is, since this
  * iteration is half done. */
 static int end_early(sg_run *r, int error)
 {
@@ -165,7 +165,7 @@ static int end_early(sg_run *r, int error)
     r->saved = lost ? r->saved : done;
     r->ended_by = error;
     int code = sg_run_write_summary(r);
-    if (r->saved && error == SG_ERR_BUDGET) { /* a smaller model than asked for, but a model */
+    if (r->saved && error == SG_ERR_BUDGET) { /* the model is smaller than asked for, but valid */
         sg_log(r->ctx, SG_LOG_WARN, "%s", why ? why : "out of memory");
         error = lost == SG_ERR_BUDGET ? SG_OK : lost;
     }
@@ -198,11 +198,12 @@ static int loop(sg_run *r)
     return SG_OK;
 }
 
-/* Ends the run: what there is, is saved, stopped or not. */
+/* Ends the run, stopped or complete: saves everything. */
 static int finish(sg_run *r)
 {
     const bool cut = sg_trainer_iteration(r->trainer) < r->params.train.iterations;
-    /* Without a step there is nothing new, and perhaps less: a tighter limit thins out. */
+    /* Without a step there is nothing new to save, and a tighter limit may have thinned the model
+     * out. */
     const bool stepped = sg_trainer_iteration(r->trainer) > r->saved || !r->resume;
     int code = stepped ? save(r) : SG_OK;
     r->resumable |= !stepped;
@@ -227,7 +228,8 @@ int sg_run_train(sg_run *r)
     int code = loop(r);
     if (!code && !r->ended_by)
         code = finish(r);
-    if (code == SG_ERR_BUDGET && !r->ended_by && r->saved) { /* a model, if not the last */
+    if (code == SG_ERR_BUDGET && !r->ended_by &&
+        r->saved) { /* a model of an earlier iteration is saved */
         sg_log(r->ctx, SG_LOG_WARN, "%s", sg_last_error(r->ctx));
         sg_clear_error(r->ctx);
         r->ended_by = SG_ERR_BUDGET;

@@ -64,9 +64,8 @@ int sg_read_blender(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_sc
         code = read_split(ctx, dir, "transforms_test.json", params, true, shots);
     if (!code)
         code = sg_shots_drop_missing(ctx, params, shots, dir->path);
-    if (code ||
-        !sg_has_file(dir,
-                     "points3d.ply")) /* where the reference looks, and leaves its random points */
+    if (code || !sg_has_file(dir, "points3d.ply")) /* the file that the reference reads, and where
+                                                      it saves its random points */
         return code;
     char *path = sg_strf(ctx, "%s/points3d.ply", dir->path);
     code = path ? sg_read_points(ctx, dir, path, params->max_points, points) : SG_ERR_BUDGET;

@@ -21,7 +21,7 @@
 struct item {
     struct sg_view view;
     enum sg_view_split split;
-    bool test; /* what split comes to; set by sg_scene_builder_finish */
+    bool test; /* result of the split; set by sg_scene_builder_finish */
 };
 
 struct sg_scene_builder {

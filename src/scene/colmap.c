@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* COLMAP folders: which files there are, what a camera model means here, where the photos lie. */
+/* COLMAP folders: finds their files, translates camera models, and finds the photos. */
 #include "scene/colmap.h"
 
 #include <limits.h>
@@ -10,16 +10,16 @@
 
 #define MODEL_BYTES                                                                                \
     (UINT64_C(1)                                                                                   \
-     << 34) /* 2D observations of large scenes fill gigabytes; the ledger has its own limit */
+     << 34) /* large scenes have gigabytes of 2D observations; memory has its own limit */
 #define CAMERA_SIDE_MAX (1 << 20)
 
 #define K(name) (int) offsetof(struct sg_lens, name)
 static const struct {
     const char *name;
-    int params, focals; /* how many of one camera; focal lengths among them, which come first,
-                           before cx and cy */
+    int params,
+        focals; /* number of parameters; number of focal lengths, which come before cx and cy */
     enum sg_lens_kind kind;
-    int rest[8]; /* where the parameters after cx and cy go */
+    int rest[8]; /* the coefficients that the parameters after cx and cy set */
 } models[] = {
     {"SIMPLE_PINHOLE", 3, 1, SG_LENS_POLYNOMIAL, {0}},
     {"PINHOLE", 4, 2, SG_LENS_POLYNOMIAL, {0}},
@@ -79,7 +79,7 @@ int sg_colmap_add_camera(sg_ctx *ctx, struct sg_colmap_cameras *cameras, const c
                            .kind = models[model].kind};
     for (int i = focals + 2; i < models[model].params; i++)
         *(double *) ((char *) &lens + models[model].rest[i - focals - 2]) = p[i];
-    if (!(lens.fy > 0)) /* the lens alone would take 0 for "not given" */
+    if (!(lens.fy > 0)) /* struct sg_lens takes 0 for "not given" */
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found focal length %g, expected a positive one",
                        where, lens.fy);
     int code = sg_lens_check(ctx, &lens, where);
@@ -136,7 +136,7 @@ static const char *const folders[] = {"sparse/0", "sparse"};
 
 static bool has_part(const struct sg_folder *dir, const char *folder, const char *name)
 {
-    char path[PATH_MAX]; /* one that is longer could not be opened */
+    char path[PATH_MAX]; /* a longer path could not be opened */
     return snprintf(path, sizeof(path), "%s/%s", folder, name) < (int) sizeof(path) &&
            sg_folder_has(dir, path);
 }

@@ -15,7 +15,7 @@ struct sg_colmap_camera {
 };
 
 struct sg_colmap_cameras {
-    struct sg_colmap_camera *items; /* rising ids once all are read */
+    struct sg_colmap_camera *items; /* sorted by id once all are read */
     size_t count, capacity;
 };
 

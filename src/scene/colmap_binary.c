@@ -6,9 +6,9 @@
 
 #include "scene/colmap.h"
 
-#define NAME_BYTES 4096 /* of a photo, with its final zero: what a path can have */
+#define NAME_BYTES 4096 /* of a photo's name with its final zero, as a path allows */
 
-/* The next bytes, passed over; NULL where the file ends before. */
+/* Skips the next bytes and returns them; NULL if the file ends before. */
 static const uint8_t *take(struct sg_source *in, size_t n)
 {
     const char *bytes = sg_source_peek(in, n);

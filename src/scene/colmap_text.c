@@ -18,8 +18,8 @@ struct lines {
     struct sg_source *in;
     uint64_t number; /* of the line last returned, from 1 */
     size_t words;    /* in all of that line */
-    bool cut;        /* its end was not kept */
-    int code;        /* of what is no text */
+    bool cut;        /* the line was longer than what is kept */
+    int code;        /* the error of a file that is not text */
     char text[LINE_BYTES];
 };
 
@@ -103,7 +103,7 @@ static bool get_whole(char **p, uint64_t max, uint64_t *out)
 {
     char *s = *p + strspn(*p, " \t"), *end;
     *p = s;
-    if (*s < '0' || *s > '9') /* strtoull would take a minus */
+    if (*s < '0' || *s > '9') /* strtoull accepts a minus sign */
         return false;
     errno = 0;
     *out = strtoull(s, &end, 10);

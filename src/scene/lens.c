@@ -82,7 +82,7 @@ double sg_lens_fold(const struct sg_lens *l, double r2_max)
 {
     const bool rational = l->kind == SG_LENS_RATIONAL, fisheye = l->kind == SG_LENS_FISHEYE;
     if (l->kind == SG_LENS_FOV)
-        return INFINITY; /* it grows for ever */
+        return INFINITY; /* it never stops growing */
     const double above[5] = {1, l->k1, l->k2, l->k3, rational ? 0 : l->k4};
     const double below[4] = {1, rational ? l->k4 : 0, rational ? l->k5 : 0, rational ? l->k6 : 0};
     /* r above(r^2) / below(r^2) grows while (above + 2 s above') below - 2 s above below' is

@@ -43,8 +43,8 @@ static int get_list(sg_ctx *ctx, const json_t *root, const char *key, const char
     return SG_OK;
 }
 
-/* The file's own split: what it names as test, else as validation, is held out; what no list names
- * is left out. */
+/* The split of the file itself: the frames of its test list, or else of its validation list, are
+ * held out. Frames in no list are left out. */
 static int split_by_lists(sg_ctx *ctx, const json_t *root, const char *file, struct sg_shots *shots)
 {
     json_t *train = NULL, *test = NULL;

@@ -9,9 +9,9 @@
 /* Every photo is used once an epoch, so keeping the same ones is as good as keeping the newest. */
 struct sg_lazy_photos {
     pthread_mutex_t lock;
-    uint64_t keep;           /* bytes of photos that nobody uses, at most */
+    uint64_t keep;           /* most bytes of photos without a user */
     uint64_t held;           /* bytes now */
-    uint64_t total, largest; /* of all these photos */
+    uint64_t total, largest; /* of all photos that are read when needed */
 };
 
 struct sg_lazy_photo {

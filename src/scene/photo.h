@@ -5,9 +5,9 @@
 #include "core/internal.h"
 #include "splatguard/scene.h"
 
-/* What the photos of a scene that are read when they are needed share. */
+/* State shared by the photos of a scene that are read when they are needed. */
 struct sg_lazy_photos;
-/* keep: bytes that photos without a user may hold. */
+/* keep: bytes of photos without a user that stay in memory. */
 int sg_lazy_photos_create(sg_ctx *ctx, uint64_t keep, struct sg_lazy_photos **out);
 /* After all of its photos. NULL-safe. */
 void sg_lazy_photos_destroy(struct sg_lazy_photos **photos);

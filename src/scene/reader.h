@@ -12,9 +12,8 @@
 /* Scene units, so that squared distances stay finite in single precision products. */
 #define SG_POSE_MAX 1e12
 
-/* How a lens moves what lies in direction (x, y, 1), r from the axis. The coefficients that a kind
- * does not name are
- * 0. */
+/* How a lens moves a point in direction (x, y, 1), at distance r from the axis. The coefficients
+ * that a kind does not name are 0. */
 enum sg_lens_kind {
     SG_LENS_POLYNOMIAL, /* r (1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8), p1 p2: pinholes, RADIAL,
                            OPENCV */
@@ -79,8 +78,8 @@ const char *sg_base_name(const char *path);
  * where it has none, if there is such a file: photos that were converted keep their place. *out:
  * NULL if there is none. */
 int sg_find_converted(sg_ctx *ctx, const struct sg_folder *dir, const char *path, char **out);
-/* Drops the shots without a path, with one warning for all. None is left, or strict:
- * SG_ERR_INPUT. */
+/* Drops the shots without a path, with one warning for all. SG_ERR_INPUT if none is left, or with
+ * strict. */
 int sg_shots_drop_missing(sg_ctx *ctx, const struct sg_scene_params *params, struct sg_shots *shots,
                           const char *where);
 /* Every coefficient finite, focal lengths or angles usable. */
@@ -154,7 +153,7 @@ int sg_scene_builder_set_source(sg_scene_builder *builder, enum sg_scene_format 
 /* lens.c */
 
 bool sg_lens_is_distorted(const struct sg_lens *lens);
-/* Where direction (x, y, 1) is in the photo, in focal lengths from the principal point. */
+/* The position of direction (x, y, 1) in the photo, in focal lengths from the principal point. */
 void sg_lens_distort(const struct sg_lens *lens, double x, double y, double *xd, double *yd);
 /* Square of the radius, up to r2_max, up to which the radial part grows: beyond, it folds back and
  * would show parts of the photo twice. Infinite if it grows all the way. */
@@ -164,7 +163,7 @@ bool sg_lens_keeps_sides(const struct sg_lens *lens, double x, double y);
 
 /* undistort.c: the photo a pinhole with the lens' focal lengths and principal point would have
  * taken, same size. src, dst: height x width x 3. valid: height x width, 255 where the source has
- * the pixel, else 0 and black. *lost counts those. mask (may be NULL) is moved along in place. The
+ * the pixel, else 0 and black. *lost counts those. mask (may be NULL) is undistorted in place. The
  * lens is for this size. */
 int sg_undistort(sg_ctx *ctx, const struct sg_lens *lens, int width, int height, const uint8_t *src,
                  uint8_t *dst, uint8_t *valid, uint8_t *mask, size_t *lost);

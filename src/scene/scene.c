@@ -147,7 +147,8 @@ int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *p
         code = find_masks(ctx, &dir, params, &shots);
     if (code)
         goto done;
-    for (size_t i = 0, rank = 0; i < shots.count; i++) /* readers sort what they do not split */
+    for (size_t i = 0, rank = 0; i < shots.count;
+         i++) /* readers sort the shots that they do not split */
         shots.items[i].split = sg_split(params, shots.items[i].split, &rank);
     views = sg_alloc(ctx, SG_MEM_MISC, shots.count, sizeof(*views));
     code = views ? sg_views_load(ctx, &dir, params, &shots, views) : SG_ERR_BUDGET;

@@ -233,12 +233,12 @@ int sg_pose_from_opengl(sg_ctx *ctx, const double m[16], const char *where, doub
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: found %g %g %g %g as last row of the pose, expected 0 0 0 1", where,
                        m[12], m[13], m[14], m[15]);
-    /* Some exporters leave the scene's scale in the rotation. It changes no projection, so take it
-     * out. */
+    /* Some exporters leave the scale of the scene in the rotation. It changes no projection, so it
+     * is removed. */
     double a[9], squares = 0;
     for (int i = 0; i < 9; i++) {
-        a[i] =
-            m[i / 3 * 4 + i % 3] * (i % 3 ? -1 : 1); /* OpenGL to COLMAP axes: y and z turn round */
+        a[i] = m[i / 3 * 4 + i % 3] *
+               (i % 3 ? -1 : 1); /* OpenGL to COLMAP axes: y and z change sign */
         squares += a[i] * a[i];
     }
     double scale = sqrt(squares / 3), worst = 0;
@@ -292,7 +292,7 @@ int sg_pose_from_quaternion(sg_ctx *ctx, const double q[4], const double v[3], c
 
 bool sg_has_file(const struct sg_folder *dir, const char *name)
 {
-    char path[PATH_MAX]; /* one that is longer could not be opened */
+    char path[PATH_MAX]; /* a longer path could not be opened */
     return snprintf(path, sizeof(path), "%s/%s", dir->path, name) < (int) sizeof(path) &&
            sg_folder_has(dir, path);
 }

@@ -8,8 +8,8 @@
 #include "core/json_text.h"
 #include "core/source.h"
 
-/* At most what the parser holds of a text: every value begins after one of these marks, or is in a
- * string. */
+/* The most memory that the parser needs for a text: every value begins after one of these
+ * characters, or is inside a string. */
 static uint64_t parsed_bytes(const char *data, size_t size)
 {
     uint64_t bytes = 2 * (uint64_t) size;
@@ -31,7 +31,7 @@ int sg_transforms_read(sg_ctx *ctx, const struct sg_folder *dir, const char *fil
     if (!code)
         code = sg_source_skip_mark(ctx, &in);
     const size_t ready = code ? 0 : sg_source_fill(&in, SG_SOURCE_WINDOW);
-    if (ready && memchr(in.window, 0, ready)) /* before all of it is held */
+    if (ready && memchr(in.window, 0, ready)) /* before the whole file is in memory */
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: found a zero byte, expected JSON", file);
     sg_source_close(&in);
     if (!code)
@@ -188,8 +188,8 @@ int sg_json_lens(sg_ctx *ctx, const json_t *object, const char *where, struct sg
     return SG_OK;
 }
 
-/* Coefficients that mean one thing to one program and another to the next, or nothing to a lens of
- * this kind. */
+/* Coefficients whose meaning differs between programs, or that a lens of this kind does not have.
+ */
 static int check_kind(sg_ctx *ctx, const struct sg_lens *lens, const char *where)
 {
     if (lens->kind == SG_LENS_POLYNOMIAL && (lens->k4 != 0 || lens->k5 != 0 || lens->k6 != 0))
@@ -261,7 +261,8 @@ int sg_find_photo(sg_ctx *ctx, const struct sg_folder *dir, const char *file, ch
 {
     static const char *const suffixes[] = {"", ".png", ".jpg", ".jpeg", ".webp"};
     const char *dot = strrchr(sg_base_name(file), '.');
-    /* A name that ends in a known suffix is not lengthened; one with a dot elsewhere may be. */
+    /* No suffix is added to a name that ends in a known one. A name with another dot may get one.
+     */
     bool complete = false;
     for (size_t i = 1; i < sizeof(suffixes) / sizeof(*suffixes); i++)
         complete |= dot && !strcasecmp(dot, suffixes[i]);

@@ -14,14 +14,15 @@ struct sg_transforms {
     void *room;            /* the parser's memory, in the ledger */
 };
 
-/* The whole text, which is the caller's; what begins as no text is refused first. */
+/* The whole text, which the caller owns. A file that does not begin like text is refused before it
+ * is read. */
 int sg_transforms_read(sg_ctx *ctx, const struct sg_folder *dir, const char *file, char **data,
                        size_t *size);
 /* At most max_frames. A byte-order mark may come first. */
 int sg_transforms_load(sg_ctx *ctx, const char *file, const char *data, size_t size,
                        uint64_t max_frames, struct sg_transforms *out);
 void sg_transforms_clear(struct sg_transforms *transforms);
-/* Leaves *out alone where the key is absent or null. */
+/* Leaves *out unchanged if the key is absent or null. */
 int sg_json_number(sg_ctx *ctx, const json_t *object, const char *key, const char *where,
                    double *out);
 int sg_json_text(sg_ctx *ctx, const json_t *object, const char *key, const char *where,

@@ -6,7 +6,7 @@
 
 #include "splatguard/scene.h"
 
-/* Whether a mask leaves anything of one of these views. */
+/* Whether any of these views has a used pixel. */
 static inline bool sg_views_used(const struct sg_view *views, size_t n)
 {
     for (size_t i = 0; i < n; i++)

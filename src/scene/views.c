@@ -16,8 +16,8 @@ struct job {
     const struct sg_scene_params *params;
     const struct sg_shot *shots;
     struct sg_view *views;
-    atomic_int code;     /* of a photo that cannot be read; the others stop */
-    atomic_bool crowded; /* there was no memory for another one at the same time */
+    atomic_int code;     /* the first error of a photo; the other threads then stop */
+    atomic_bool crowded; /* there was no memory to decode another photo at the same time */
 };
 
 /* The reference's resolution rule, in double precision and with its roundings, then the
@@ -122,7 +122,8 @@ static int load_mask(struct job *job, const struct sg_shot *shot, int width, int
     if (code)
         return code;
     size_t n = (size_t) image.width * (size_t) image.height, step = (size_t) image.channels;
-    for (size_t i = 0; i < n && step > 1; i++) { /* in place: the read position is never behind */
+    for (size_t i = 0; i < n && step > 1;
+         i++) { /* in place, since reading is never behind writing */
         const uint8_t *p = image.pixels + i * step;
         image.pixels[i] = (uint8_t) ((p[0] + p[1] + p[2]) / 3);
     }
@@ -218,7 +219,7 @@ static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view
     const size_t pixels = (size_t) width * (size_t) height;
     view->file_width = width;
     view->file_height = height;
-    if (image.channels == 3) { /* already what is wanted: take it over */
+    if (image.channels == 3) { /* nothing to change: takes over the pixels */
         view->rgb = image.pixels;
         image.pixels = NULL;
     } else {
@@ -256,7 +257,7 @@ static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view
     for (size_t i = 0; i < n && view->mask; i++)
         view->mask[i] = view->mask[i] > 127 ? 255 : 0;
     for (size_t i = 0; i < n && valid;
-         i++) /* strict: a pixel with a share of black outside is a wrong target */
+         i++) /* a pixel that is partly outside the photo would be a wrong target */
         valid[i] = valid[i] == 255 && (!view->mask || view->mask[i]) ? 255 : 0;
     if (valid) {
         sg_free(view->mask);
@@ -295,7 +296,7 @@ static void load_one(void *arg, size_t i, int thread)
         atomic_store(&job->code, code);
 }
 
-/* Where all threads at once were too many for the memory: one after the other. */
+/* Where memory was short with all threads at once, the rest is loaded one photo at a time. */
 static int load_rest(struct job *job, size_t n)
 {
     sg_ctx *ctx = job->ctx;
@@ -328,7 +329,7 @@ static int load_rest(struct job *job, size_t n)
     return SG_OK;
 }
 
-/* Photos of another size than their camera's are what --images is for; elsewhere they may be a
+/* With --images, photos of another size than their camera's are expected; otherwise they may be a
  * mistake. */
 static int check_scale(sg_ctx *ctx, const struct sg_scene_params *params,
                        const struct sg_shots *shots, const struct sg_view *views)

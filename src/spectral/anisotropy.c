@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Rows are transformed 32 at a time, columns 16 at a time and only those that reach into the band;
- * what is done with their coefficients is done while they are in the cache. */
+/* Rows are transformed 32 at a time, and columns 16 at a time, but only those that have
+ * coefficients in the band. Coefficients are used while they are in the cache. */
 #include "anisotropy.h"
 
 #include <math.h>
@@ -20,9 +20,9 @@ struct sg_anisotropy {
     const struct sg_fft_kernels *fft;
     struct sg_anisotropy_params params;
     int width, height;            /* of the image */
-    int w, h;                     /* of what is transformed */
+    int w, h;                     /* of the transform */
     int planes;                   /* transformed */
-    int columns;                  /* that reach into the band, the first ones */
+    int columns;                  /* with coefficients in the band: the first ones */
     struct sg_fft *across, *down; /* of a row, of a column */
     uint8_t *direction;           /* panels x h x LANES: bin of each coefficient */
     float *buffers;               /* a thread: `buffer` floats */
@@ -237,8 +237,8 @@ static void transform_columns(void *arg, size_t piece, int thread)
     const int bins = a->params.band.bins;
     const uint8_t *bin = directions_of(a, piece);
     float *f = panel_of(a, 0, piece), *own = a->buffers + (size_t) thread * a->buffer;
-    double energy[APART][256] = {
-        0}; /* of OUTSIDE too: no branch; neighbours often share a bin, but not its sum */
+    double energy[APART][256] = {0}; /* OUTSIDE has sums too, which avoids a branch. Neighbours
+                                        often share a bin, so each lane has its own sum. */
     double whole[256] = {
         0}; /* of column 0, which has its conjugates itself; the others do not store theirs */
     a->fft->columns(a->down, f, own, false, own + panel_size(a));
@@ -342,7 +342,7 @@ static void pull_rows(void *arg, size_t piece, int thread)
     a->fft->rows_back(a->across, &p.rows, rows, 1, scratch);
 }
 
-/* Adds a row of `beyond` to the last row of every channel that it is of. */
+/* Adds a row of `beyond` to the last row of each of its channels. */
 static void add_beyond(const struct sg_anisotropy *a, size_t plane, const float *from)
 {
     const size_t width = (size_t) a->width, pixels = width * (size_t) a->height;

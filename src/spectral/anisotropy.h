@@ -12,9 +12,9 @@ struct sg_anisotropy;
 struct sg_fft_kernels;
 
 /* params may be NULL, and so may fft: the fastest kernels. A side with other factors than 2, 3, 5,
- * 7 and a single 11 or 13 is slow to transform, and so is an odd width; from 256 pixels on it grows
- * to the next quick one, unless params ask for the exact size: the last row or column is repeated,
- * and loss and gradient are those of the image so continued. */
+ * 7 and a single 11 or 13 is slow to transform, and so is an odd width. From 256 pixels on, such a
+ * side is extended to the next quick length by repeating the last row or column, unless params ask
+ * for the exact size. Loss and gradient are then those of the extended image. */
 int sg_anisotropy_create(sg_ctx *ctx, int width, int height,
                          const struct sg_anisotropy_params *params,
                          const struct sg_fft_kernels *fft, struct sg_anisotropy **out);

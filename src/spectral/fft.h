@@ -67,7 +67,7 @@ struct sg_fft_rows {
     size_t panel;  /* floats from a panel to the next */
 };
 
-/* Name, result and arguments of every kernel; what they are written once in. */
+/* Name, result and arguments of every kernel. They are written here only. */
 #define SG_FFT_KERNELS(K)                                                                          \
     /* SG_FFT_LANES complex transforms of n points each. in and out do not overlap. */             \
     K(columns, void,                                                                               \

@@ -8,14 +8,14 @@
 #include "splatguard/spectrum.h"
 
 /* Direction of the coefficient in row u and column v of a half spectrum, `outside` if it is not in
- * the band. The Nyquist lines have none. That of its conjugate is bins / 2 further. */
+ * the band. The Nyquist lines have none. The direction of its conjugate is bins / 2 further. */
 int sg_spectrum_bin(int u, int v, int width, int height, const struct sg_spectrum_params *p,
                     int outside);
 
 /* |frequency| of that coefficient as a part of the Nyquist frequency. */
 double sg_spectrum_radius(int u, int v, int width, int height);
 
-/* sg_spectrum_measure for worker threads: it keeps the error of another. */
+/* sg_spectrum_measure for worker threads: it does not clear the error of another thread. */
 int sg_spectrum_of(sg_ctx *ctx, const uint8_t *rgb, int width, int height,
                    const struct sg_spectrum_params *params, struct sg_spectrum *out,
                    float *amplitude);

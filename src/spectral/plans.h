@@ -15,8 +15,8 @@ struct sg_plans {
     unsigned clock;
 };
 
-/* The plan for a size, owned by the cache and there until the next call. params, fft: the same in
- * all calls; may be NULL. Errors: SG_ERR_BUDGET. */
+/* The plan for a size. The cache owns it, and it is valid until the next call. params, fft: the
+ * same in all calls; may be NULL. Errors: SG_ERR_BUDGET. */
 int sg_plans_find(sg_ctx *ctx, struct sg_plans *plans, const struct sg_anisotropy_params *params,
                   const struct sg_fft_kernels *fft, int width, int height,
                   struct sg_anisotropy **out);

@@ -10,7 +10,7 @@
 
 #define PI 3.14159265358979323846
 #define GOLDEN_ANGLE 2.39996322972865332
-#define OFFSET 1e-3 /* rays start this far above a surface */
+#define OFFSET 1e-3 /* distance from the surface at which rays start */
 #define LAMP_RAYS 24
 #define SKY_RAYS 32
 #define RAYS_MAX 32
@@ -29,7 +29,7 @@ struct bundle {
     struct vec origin, axis;
     double slope, length;
     int from; /* solid they leave */
-    bool any; /* any hit will do: reach becomes 0 */
+    bool any; /* any hit ends the ray: reach becomes 0 */
     int n;
     struct vec direction[RAYS_MAX];
     double reach[RAYS_MAX]; /* shrinks to the first hit */
@@ -179,8 +179,8 @@ static double lamp_in_sight(const struct synth_scene *scene, const struct synth_
     return (double) seen / rays;
 }
 
-/* Occluders count less with distance, and not at all at the end of the reach: what lies there is
- * lit itself. */
+/* Occluders count less with distance, and not at all at the end of the reach, because they are lit
+ * themselves. */
 static double sky_in_sight(const struct synth_scene *scene, const struct synth_hit *hit, int rays)
 {
     const struct vec n = hit->n;

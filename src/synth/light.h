@@ -5,8 +5,8 @@
 
 #include "scene.h"
 
-/* What other solids let through: slow to find, equal for all eyes, and smooth enough to share
- * within a pixel. */
+/* The light that other solids let through. It is slow to compute, the same from every direction,
+ * and smooth enough to be shared within a pixel. */
 struct synth_exposure {
     double key; /* part of the lamp in sight, 0..1 */
     double sky; /* part of the sky in sight, cosine-weighted, 0..1 */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the solids look like: procedural textures, gloss and print. */
+/* Materials of the solids: procedural textures, gloss and print. */
 #ifndef SG_SYNTH_MATERIALS_H
 #define SG_SYNTH_MATERIALS_H
 
@@ -30,7 +30,7 @@ struct surface {
     double mirror;       /* part of the reflection that is sharp, 0..1: traced if above 0 */
 };
 
-/* p and n in the frame of the object, so that a texture moves with it. */
+/* p and n are in the frame of the object, so that a texture moves with it. */
 struct surface sg_synth_surface(enum material material, struct vec p, struct vec n);
 
 /* Half sides of the printed faces, which look along -y of their object. */

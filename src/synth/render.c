@@ -12,7 +12,7 @@
 struct sample {
     int solid; /* -1: nothing */
     struct vec n, colour;
-    struct vec display; /* colour as the eye grades it, for the contrast */
+    struct vec display; /* colour in display values, to measure contrast */
     struct synth_exposure exposure;
 };
 

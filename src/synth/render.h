@@ -19,8 +19,8 @@ struct synth_camera {
 struct synth_camera sg_synth_camera_at(struct vec centre, struct vec target, int width, int height,
                                        double angle_x);
 
-/* height x width x 4 bytes: sRGB, straight alpha, 0 where nothing is. samples: per pixel and
- * axis. */
+/* height x width x 4 bytes: sRGB, straight alpha, 0 where no solid is. samples: per pixel and axis.
+ */
 int sg_synth_render(sg_ctx *ctx, const struct synth_scene *scene, const struct synth_camera *camera,
                     int samples, uint8_t *rgba);
 

@@ -25,8 +25,8 @@ static void put(struct builder *b, struct solid solid)
     s->objects[s->n_objects - 1].count++;
 }
 
-/* Opens an object that stands at (x, y, z above the table), turned by `turn` around z and leaning
- * back by `lean`. */
+/* Begins an object at (x, y, z above the table), rotated by `turn` around z and tilted back by
+ * `lean`. */
 static void place(struct builder *b, double x, double y, double z, double turn, double lean)
 {
     struct synth_scene *s = b->scene;
@@ -163,7 +163,7 @@ static void chart(struct builder *b)
     }
 }
 
-/* Sections between two posts are objects of their own: small bounds. */
+/* Sections between two posts are separate objects, so that their bounds are small. */
 static void fence(struct builder *b)
 {
     const double radius = 1.12, from = 2.15, step = 0.08;

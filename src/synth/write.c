@@ -113,8 +113,8 @@ static int make_folders(struct synth *s)
     return code;
 }
 
-/* Only what make_folders made and this process filled: the folder was empty before. Then the caller
- * can try again. */
+/* Removes only what make_folders made and this process wrote, so that the caller can try again: the
+ * folder was empty before. */
 static void remove_begun(const struct synth *s)
 {
     static const char *const folders[] = {"blender/train",   "blender/test",  "colmap/images",
@@ -200,7 +200,7 @@ static void pick_block(void *arg, size_t block, int thread)
                 c->height * (double) sg_rng_uniform(s->p.seed, SG_RNG_SYNTH, DRAW_POINTS, draw + 1);
             found = sg_synth_pick(&s->scene, c, p->x, p->y, &p->p, p->rgb);
         }
-        if (!found) { /* a very flat or tall picture: its middle shows the scene for certain */
+        if (!found) { /* a very flat or tall picture, whose middle shows the scene */
             p->x = 0.5 * c->width;
             p->y = 0.5 * c->height;
             sg_synth_pick(&s->scene, c, p->x, p->y, &p->p, p->rgb);
