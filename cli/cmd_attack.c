@@ -82,7 +82,7 @@ static unsigned methods_of(const struct sg_option *o, bool unbounded, bool *refu
     return !strcmp(o->group, "Proxy and decoy") ? POISON_SPLAT : ~0u;
 }
 
-/* Options without an effect on the method are refused or told of. */
+/* Refuses options without an effect on the method, or warns of them. */
 static int check_method(const struct sg_attack_run_params *p, const bool *given)
 {
     static const char *const names[] = {"poison-splat", "noise", "tv-per-view", "drift"};
@@ -125,7 +125,7 @@ static int adopt_attack(struct attack_config *c, const bool *given, const char *
     sg_ctx_destroy(&ctx);
     if (code)
         return code;
-    run->scene.follow_links = p->scene.follow_links; /* leave is the user's to give, each time */
+    run->scene.follow_links = p->scene.follow_links; /* permission is given anew for each run */
     run->scene.strict = p->scene.strict;
     run->keep_decoy = p->keep_decoy;
     if (options_given(&command_attack, given, A(run.max_memory)))

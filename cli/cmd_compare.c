@@ -27,7 +27,7 @@ static void defaults(void *config)
     *(struct compare_config *) config = (struct compare_config){.m = model_options_default()};
 }
 
-/* The instance list stands apart from the model: what a poisoned scene costs is mostly there. */
+/* The instance list is apart from the model, since it is most of what a poisoned scene costs. */
 enum {
     MAX_GAUSSIANS,
     FINAL_GAUSSIANS,
@@ -92,7 +92,7 @@ static int read_run(struct run *r, const char *path)
     return code;
 }
 
-/* On the views of --scene instead of what the run measured itself. */
+/* Measured on the views of --scene, instead of by the run itself. */
 static int measure(struct run *r, const struct compare_config *config, const bool *given)
 {
     struct compare_config c = *config;
@@ -114,7 +114,7 @@ static double ratio(const struct run *runs, int i, int m)
     return runs[i].value[m] / runs[0].value[m];
 }
 
-/* Summaries may come from strangers: a count may be no whole number, or none that fits. */
+/* Summaries are untrusted: a count may not be a whole number, or may be too large. */
 static bool is_count(int metric, double value)
 {
     return metrics[metric].whole && fabs(value) < 9e15 && value == floor(value);

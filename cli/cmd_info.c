@@ -121,7 +121,7 @@ static int run_info(const void *config, const bool *given, const char *const *po
         status = print_json(&info);
     else if (!status)
         print_text(path, &info);
-    if (!status) /* told in full, but of no use */
+    if (!status) /* printed in full, but of no use */
         status = report(ctx, sg_model_check(ctx, model, path));
     sg_model_destroy(&model);
     sg_ctx_destroy(&ctx);

@@ -105,8 +105,8 @@ static int refuse_photos(const struct model_views *v, const char *output)
     return 0;
 }
 
-/* What lies there under the name of a view must be a render: this is known before the first is
- * written. PFM has no place for a mark, there the folder's counts. */
+/* An existing file with the name of a view must be a render. This is checked before the first file
+ * is written. PFM files have no mark; for them the folder's mark counts. */
 static int refuse_others(const struct render_config *c, const struct model_views *v)
 {
     int code = 0;

@@ -43,7 +43,7 @@ static void defaults(void *config)
 /* An option of the defense that has no effect, or NULL. */
 static const char *unused_option(const struct train_config *c, const bool *given)
 {
-    /* At a limit these decide who stays. */
+    /* At a limit these decide which Gaussians stay. */
     static const char *const ranking[] = {"filter-frequency", "filter-exponent", "filter-views",
                                           "filter-sigma",     "filter-hits",     "filter-sample"};
     struct option_place list[OPTIONS_MAX];
@@ -104,7 +104,7 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
     if (code)
         return code;
     run->source = p->source ? p->source : run->source;
-    run->scene.follow_links = p->scene.follow_links; /* leave is the user's to give, each time */
+    run->scene.follow_links = p->scene.follow_links; /* permission is given anew for each run */
     run->scene.strict = p->scene.strict;
     if (p->train.cpu) /* for a machine without the run's: the last digits may differ */
         run->train.cpu = p->train.cpu;
@@ -132,7 +132,7 @@ static int on_step(void *priv, const struct sg_train_step *step)
     return interrupted();
 }
 
-/* What became of the run, for people. */
+/* Prints how the run ended. */
 static void say_end(const struct train_config *c, const struct sg_run_status *s, int error)
 {
     const bool kept = error && error != SG_ERR_INTERRUPTED;

@@ -10,7 +10,7 @@ extern const struct command command_train, command_eval, command_render, command
     command_info, command_attack, command_compare, command_spectrum, command_audit, command_prune,
     command_smooth, command_bench, command_report, command_convert;
 
-/* Of every command that reads files which may come from a stranger. */
+/* For every command that reads untrusted files. */
 #define MEMORY_ROW(config, field, ...)                                                             \
     NUMBER_ROW("max-memory", SG_OPTION_BYTES, offsetof(config, field), 0, 9e15, "BYTES",           \
                "Most memory of the process; 0 = no limit.", __VA_ARGS__)
@@ -19,7 +19,7 @@ extern const struct command command_train, command_eval, command_render, command
  * exit code. */
 int take_scene(const struct command *c, const char *place, const char **source);
 
-/* How to go on with what was interrupted, for a shell. */
+/* Prints the command that continues an interrupted run. */
 void say_resume(const char *command, const char *folder);
 
 /* Says that the command itself could not allocate something small; returns the exit code 3. */
@@ -37,7 +37,7 @@ bool is_same(const char *a, const char *b);
 /* Prints the last error; returns its exit code. */
 int report(const sg_ctx *ctx, int error);
 
-/* How --max-memory becomes the limit that messages name. */
+/* Explains how --max-memory relates to the limit in messages. */
 void say_limit(void);
 
 /* The same as report for a check of parameters, whose error names the field of an option. */

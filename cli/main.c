@@ -111,7 +111,7 @@ static int unknown(const char *name)
     return STATUS_USAGE;
 }
 
-/* Output that did not arrive is a failure too. */
+/* Output that could not be written is a failure too. */
 static int flushed(int code)
 {
     errno = 0;
@@ -121,8 +121,8 @@ static int flushed(int code)
     return code ? code : 2;
 }
 
-/* Where the caller closed a standard stream, no file may get its number. What goes to standard
- * output fails. */
+/* If the caller closed a standard stream, no file may get its number. Writing to standard output
+ * then fails. */
 static bool hold_standard_streams(void)
 {
     for (int fd = 0; fd < 3; fd++)
@@ -136,8 +136,7 @@ int main(int argc, char **argv)
     const char *name = argc > 1 ? argv[1] : "--help";
     if (!hold_standard_streams())
         return 4;
-    /* `| head` or a full disk must not cost a training: what cannot be written is noticed where it
-     * is finished. */
+    /* `| head` or a full disk must not end a training: failed writes are noticed at the end. */
     signal(SIGPIPE, SIG_IGN);
     signal(SIGXFSZ, SIG_IGN);
     if (!strcmp(name, "--version") || !strcmp(name, "-V") || !strcmp(name, "version")) {

@@ -44,7 +44,7 @@ struct model_options {
 
 struct model_options model_options_default(void);
 
-/* What a run says about its scene holds where the command line says nothing else: scene, of the
+/* The run's own settings of its scene apply where the command line has none: scene, of the
  * command's config, and *scene_path. run: owns the texts. Returns an exit code. */
 int adopt_run_scene(sg_ctx *ctx, const char *folder, const struct command *command,
                     const bool *given, const void *config, struct sg_scene_params *scene,
@@ -60,9 +60,9 @@ struct model_views {
     size_t n;
 };
 
-/* MODEL is a PLY or a run's folder, whose own scene and scene options hold where the command line
- * says nothing else. config is the command's, options its `struct model_options`. Returns an exit
- * code; close in any case. */
+/* MODEL is a PLY or a run's folder, whose scene and scene options apply where the command line has
+ * none. config is the command's, options its `struct model_options`. Returns an exit code; close in
+ * any case. */
 int model_views_open(struct model_views *v, const char *model, const struct command *command,
                      const bool *given, void *config, struct model_options *options);
 void model_views_close(struct model_views *v);

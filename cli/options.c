@@ -111,7 +111,8 @@ static size_t find(const struct option_place *list, size_t count, const char *na
     return count;
 }
 
-/* Which of two values was meant cannot be known. Two rows of one value are two names of it. */
+/* An option given twice is refused, since it is not clear which value was meant. Two rows with the
+ * same field are two names of one option. */
 static bool is_repeated(const struct command *c, const struct option_place *list, size_t count,
                         size_t now, const bool *given)
 {

@@ -76,7 +76,7 @@ int options_parse(const struct command *c, int argc, char **argv, void *config,
  * same. */
 size_t name_distance(const char *word, size_t n, const char *name);
 
-/* What would steer a terminal becomes "?". */
+/* Replaces control characters by "?". */
 void make_printable(char *text);
 
 /* A JSON string; of text that is not UTF-8, what is not ASCII becomes "?". */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the tool says: text for people, and JSON. */
+/* The tool's output: text and JSON. */
 #include <stdlib.h>
 #include <string.h>
 

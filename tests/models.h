@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the tests of rendering and training share: contexts, cameras, random models. */
+/* Shared by the tests of rendering and training: contexts, cameras, random models. */
 #ifndef TESTS_MODELS_H
 #define TESTS_MODELS_H
 

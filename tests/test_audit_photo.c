@@ -82,7 +82,8 @@ static void test_faint(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Red and blue are told from green alike: green, which is in both differences, counts twice. */
+/* Red and blue differ from green in the same way; green, which is in both differences, counts
+ * twice. */
 static void test_colours(void **state)
 {
     (void) state;

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a run begins with: points, a model or a checkpoint, thinned out where they are more than its
- * limit. */
+/* The first model of a run: from points, a model or a checkpoint, thinned out to its limit. */
 #include <unistd.h>
 
 #include "math/constants.h"

@@ -226,7 +226,7 @@ static void test_memory(void **state)
         unlink(path);
         sg_ctx_destroy(&ctx);
     }
-    /* What cannot fit at all is refused before it starts. */
+    /* A run that cannot fit is refused before it starts. */
     sg_trainer *t;
     assert_int_equal(
         sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = 4 << 20}), SG_OK);
@@ -386,7 +386,8 @@ static void test_same_limit(void **state)
         sg_trainer_destroy(&t);
         assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
         sg_ctx_destroy(&ctx);
-        /* Much less memory than the checkpoint's model takes: what fits of it goes on. */
+        /* With much less memory than the checkpoint's model needs, a part of the model continues.
+         */
         p.max_gaussians = 0;
         assert_int_equal(
             sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = 12 << 20}),

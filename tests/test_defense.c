@@ -85,7 +85,7 @@ static void test_ranks(void **state)
     }
 }
 
-/* Six Gaussians in a row before a camera: who goes, and why. */
+/* Six Gaussians in a row in front of a camera: which are removed, and why. */
 static void test_filter(void **state)
 {
     (void) state;
@@ -117,8 +117,9 @@ static void test_filter(void **state)
         {0.34, SG_PRUNE_EXACT, 2, -0.75f},
         {0.17, SG_PRUNE_THRESHOLD, 1, -1.25f},
         {0.41, SG_PRUNE_THRESHOLD, 3, -0.25f},
-        {0.01, SG_PRUNE_THRESHOLD, 1, -1.25f}, /* what is not seen goes, whatever the share */
-        {0, SG_PRUNE_THRESHOLD, 0, -1.25f},    /* unless there is none */
+        {0.01, SG_PRUNE_THRESHOLD, 1,
+         -1.25f},                           /* unseen Gaussians are removed, whatever the share */
+        {0, SG_PRUNE_THRESHOLD, 0, -1.25f}, /* unless there is none */
     };
     for (size_t c = 0; c < sizeof(cases) / sizeof(cases[0]); c++) {
         struct sg_defense_step step = {.anisotropy = 3};
@@ -133,7 +134,7 @@ static void test_filter(void **state)
         assert_int_equal(sg_engine_download(b, after, NULL), SG_OK);
         assert_float_equal(*sg_model_at(after, 0, 0), cases[c].first, 0);
         for (size_t i = 0; i < after->count && cases[c].removed;
-             i++) /* what nobody saw went first */
+             i++) /* unseen Gaussians were removed first */
             assert_true(*sg_model_at(after, i, SG_P_XYZ + 2) > -1);
         sg_model_destroy(&after);
         sg_engine_destroy(&b);
@@ -249,7 +250,7 @@ static void test_events(void **state)
         }
         assert_true(events >= 2);
         assert_int_equal(t->adam_steps[SG_G_XYZ],
-                         40 - edits - 1); /* Adam stands still where the model is edited */
+                         40 - edits - 1); /* Adam takes no step where the model is edited */
         sg_trainer_destroy(&t);
     }
     clear_fixture(&f);
@@ -647,7 +648,7 @@ static void test_shares(void **state)
         assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_ERR_USAGE);
         assert_non_null(strstr(sg_last_error(f.ctx), "defense.view_weights["));
     }
-    p.defense.view_weights = NULL; /* where a mask leaves nothing, nothing pulls */
+    p.defense.view_weights = NULL; /* without used pixels there is no gradient */
     t = begin_training(&f, &p);
     f.views[sg_trainer_pick_view(t, 1)].mask =
         none; /* of the view that the run below begins with */

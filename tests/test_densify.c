@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Densification: who grows, who goes, and what a limit leaves of that. */
+/* Densification: which Gaussians grow and which are removed, without and with a limit. */
 #include "engine/engine.h"
 #include "math/constants.h"
 #include "models.h"

@@ -52,7 +52,7 @@ static void quantisation_clamps_and_rounds(void **state)
     assert_memory_equal(got, expected, sizeof(got));
 }
 
-/* A model nobody sees renders the background, whose distance to a flat photo is known. */
+/* A model that is not in view renders the background, whose distance to a flat photo is known. */
 static void evaluation_measures_a_flat_view(void **state)
 {
     (void) state;
@@ -92,7 +92,7 @@ static void evaluation_measures_a_flat_view(void **state)
     assert_true(e.fps > 0 && e.fps_mean > 0);
     sg_eval_clear(&e);
 
-    /* What a mask leaves out does not count, however wrong; PSNR is that of the rest. */
+    /* Masked pixels do not count, however wrong they are; PSNR is that of the others. */
     uint8_t mask[24 * 20];
     for (int i = 0; i < 24 * 20; i++)
         mask[i] = i < 100 ? 0 : 255;

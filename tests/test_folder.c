@@ -115,7 +115,7 @@ static void links(void **state)
     sg_folder_close(&folder);
 }
 
-/* Somebody swaps a file and a folder for links and back, all the time. */
+/* Another thread swaps a file and a folder for links and back, all the time. */
 struct swapper {
     struct fixture f;
     atomic_bool stop;

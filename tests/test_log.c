@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What each log level sends. */
+/* The messages of each log level. */
 #include "models.h"
 
 #define SIDE 40

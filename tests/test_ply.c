@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* PLY files from other trainers and from nobody in particular. */
+/* PLY files of other trainers, and malformed ones. */
 #include "scene_files.h"
 
 #include "models.h"

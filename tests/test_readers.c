@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What holds for every reader of a stranger's files: missing photos, byte-order marks, files that
- * are huge and empty. */
+/* Rules for every reader of untrusted files: missing photos, byte-order marks, files that are huge
+ * and empty. */
 #include "scene_files.h"
 
 #include <errno.h>

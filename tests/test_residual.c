@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The amplitude of noise in a photo, from what a render leaves over. */
+/* The amplitude of noise in a photo, from its difference to a render. */
 #include <math.h>
 
 #include "scene_files.h"

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the readers make of well-formed scenes. */
+/* Well-formed scenes, by every reader. */
 #include "colmap_files.h"
 
 #include <math.h>

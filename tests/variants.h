@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What tests run on: the oracle and every variant of the CPU engine that this machine runs. */
+/* The engines that tests run on: the oracle and every variant of the CPU engine that this machine
+ * runs. */
 #ifndef TESTS_VARIANTS_H
 #define TESTS_VARIANTS_H
 

@@ -16,7 +16,7 @@
 /* Learning-rate groups. */
 enum sg_group { SG_G_XYZ, SG_G_OPACITY, SG_G_SCALE, SG_G_ROT, SG_G_DC, SG_G_REST, SG_GROUPS };
 
-/* Of a row after an edit: how it came about. */
+/* The origin of a row after an edit. */
 enum sg_edit_kind {
     SG_EDIT_COPY,   /* a copy of a Gaussian */
     SG_EDIT_CHILD,  /* half of one that was split */

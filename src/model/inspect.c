@@ -68,7 +68,7 @@ int sg_model_inspect(sg_ctx *ctx, const struct sg_model *m, struct sg_model_info
         bool turned = false;
         for (int k = 0; k < 4; k++)
             turned |= *sg_model_at(m, i, SG_P_ROT + k) !=
-                      0; /* a NaN is no zero: it is counted as not finite */
+                      0; /* NaN is not counted as zero, but as not finite */
         out->zero_rotation += !turned;
         if (all_finite(m, i, SG_P_XYZ, SG_P_XYZ + 3))
             for (int k = 0; k < 3; k++) {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Three nearest neighbours with a k-d tree kept as a permutation: exact, unless a search meets
- * PATIENCE leaves, which happens where somebody placed the points for it. So nothing makes it
- * quadratic. */
+/* Three nearest neighbours with a k-d tree kept as a permutation: exact, unless a search visits
+ * PATIENCE leaves, which happens only with points that were placed to make it slow. So no input
+ * makes it quadratic. */
 #include "nearest.h"
 
 #include <math.h>
@@ -10,7 +10,7 @@
 #define PIECE 1024
 #define APART 8      /* at least as many items are between two medians */
 #define PATIENCE 512 /* leaves; a search in photographed scenes meets ten */
-#define HASTE 40     /* rounds of selection a random order never needs */
+#define HASTE 40     /* rounds of selection that a random order never needs */
 
 struct tree {
     const float *xyz;
@@ -56,8 +56,8 @@ static uint32_t fair_pivot(const struct tree *t, size_t low, size_t high, int ax
     return a[low + groups / 2];
 }
 
-/* Puts the element of rank k where it belongs, smaller ones before it (Hoare 1961). A file made to
- * defeat the cheap pivot costs HASTE rounds, then every round is linear for sure. */
+/* Moves the element of rank k to index k, with smaller ones before it (Hoare 1961). A file made to
+ * defeat the cheap pivot costs HASTE rounds; after them every round is linear in any case. */
 static void select_rank(const struct tree *t, size_t low, size_t high, size_t k, int axis)
 {
     uint32_t *a = t->index;

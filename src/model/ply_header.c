@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Headers of PLY files (Turk 1994). Nothing here is believed yet: counts are checked where rows are
+/* Headers of PLY files (Turk 1994). Counts are not trusted here: they are checked before rows are
  * read. */
 #include <stdio.h>
 #include <string.h>
@@ -72,7 +72,7 @@ static int parse_format(sg_ctx *ctx, struct ply *p, const char *line, int at)
                    p->in->path, at, line);
 }
 
-/* Whether nothing follows in a line of which sscanf has read so many characters. */
+/* Whether a line ends after the characters that sscanf has read. */
 static bool is_whole(const char *line, int read)
 {
     return read > 0 && !line[read + (int) strspn(line + read, " \t")];

@@ -184,8 +184,8 @@ int sg_ply_find(const struct ply *p, const char *name)
     return -1;
 }
 
-/* Whether the file can hold all rows that the header tells of, and where they have a fixed size, no
- * more. */
+/* Whether the file can hold all rows of the header; where rows have a fixed size, whether it holds
+ * exactly those. */
 static int check_size(sg_ctx *ctx, const struct ply *p)
 {
     const struct sg_source *in = p->in;

@@ -90,7 +90,7 @@ static bool in_range(const struct sg_option *o, double v)
     return (v >= o->low && v <= o->high && !(o->nonzero && v == 0)) || (o->or_zero && v == 0);
 }
 
-/* What a range leaves out or adds, behind it. */
+/* Exceptions of a range, for messages. */
 static const char *exception(const struct sg_option *o)
 {
     return o->or_zero ? ", or 0" : o->nonzero ? ", but not 0" : "";

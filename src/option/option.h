@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the tables of options are made of and checked with. */
+/* Rows of the tables of options, and their checks. */
 #ifndef SG_OPTION_OPTION_H
 #define SG_OPTION_OPTION_H
 
@@ -35,7 +35,7 @@
         .low = low_, .high = high_, .unit = unit_, .help = help_, __VA_ARGS__                      \
     }
 
-/* Both trained and rendered with. */
+/* Of training and rendering alike. */
 #define SG_OPTION_ENGINE(...)                                                                      \
     SG_TEXT("engine", engine, "NAME", "cpu, or ref: the slow scalar oracle.",                      \
             .choices = "cpu|ref", .alias = "backend", __VA_ARGS__)

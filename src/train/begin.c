@@ -17,7 +17,7 @@ static void say_thinned(sg_ctx *ctx, size_t n, size_t limit)
            "%zu initial Gaussians are more than fit: training starts from %zu of them", n, limit);
 }
 
-/* How many Gaussians a run begins with that is given none. */
+/* The number of Gaussians that a run without an initial model begins with. */
 static size_t initial_count(const struct sg_scene *scene, const struct sg_train_params *p)
 {
     return scene->n_points ? scene->n_points : p->init_points;
@@ -50,7 +50,7 @@ static int initial_model(sg_ctx *ctx, const struct sg_scene *scene, const struct
     return code;
 }
 
-/* As many of a model as fit, evenly. */
+/* A copy of a model, thinned out evenly to the limit. */
 static int thinned_copy(sg_ctx *ctx, const struct sg_model *m, uint64_t limit,
                         struct sg_model **out)
 {
@@ -63,8 +63,8 @@ static int thinned_copy(sg_ctx *ctx, const struct sg_model *m, uint64_t limit,
     return SG_OK;
 }
 
-/* What the process itself takes, and so what is left of --max-memory, is a little more or less each
- * time. */
+/* The memory of the process itself varies a little from run to run, and so does the rest of
+ * --max-memory. */
 #define UNCERTAIN 0.03
 
 size_t sg_begin_again(sg_trainer *t, size_t n)

@@ -6,14 +6,14 @@
 #include "scene/photo.h"
 #include "splatguard/model.h"
 
-/* Bytes of training's own, beside the engine's. */
+/* Bytes that training needs beside the engine. */
 #define PLAN_BYTES                                                                                 \
     (3 * 4 + 1 + 2 * (1 + 4) + 3 * 8 + 2 * 4 +                                                     \
-     8)                          /* one that is judged: statistics, scores, order */
+     8)                          /* a Gaussian while it is scored: statistics, scores, order */
 #define PIXEL_BYTES (3 * 12 + 8) /* renders and photos that are measured */
 #define FIXED_BYTES (8 << 20)    /* tables that do not grow with the input */
 #define LISTED 2                 /* instances a Gaussian to hold at once */
-#define LEAST 1000               /* Gaussians: a smaller model is none */
+#define LEAST 1000               /* the fewest Gaussians of a model */
 
 /* Bytes of the buffers for the most demanding view. */
 static uint64_t largest_view(const struct sg_engine_kind *engine, struct sg_work work,

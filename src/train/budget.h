@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a run may hold: the context's limit on memory, turned into limits on Gaussians and tile
- * lists before it starts. */
+/* The limits of a run. Before it starts, the context's memory limit is converted to limits on
+ * Gaussians and tile lists. */
 #ifndef SG_TRAIN_BUDGET_H
 #define SG_TRAIN_BUDGET_H
 

@@ -16,7 +16,7 @@
 
 #define MAGIC "SGCKPT\0\10" /* the last byte is the version */
 
-/* of struct sg_train_params; counting on from it overflows nothing */
+/* of struct sg_train_params; counting beyond it does not overflow */
 #define MAX_ITERATION 10000000
 
 static bool counters_sound(const struct sg_checkpoint_header *h)
@@ -56,7 +56,7 @@ uint32_t sg_photos_hash(const struct sg_scene *scene)
     return (uint32_t) XXH3_64bits_digest(&hash);
 }
 
-/* A file and the hash of what went to it or came from it. */
+/* A file and the hash of the bytes written to it or read from it. */
 struct hashed {
     FILE *stream;
     XXH3_state_t hash;
@@ -65,7 +65,7 @@ struct hashed {
 static void put(struct hashed *s, const void *data, size_t bytes)
 {
     XXH3_64bits_update(&s->hash, data, bytes);
-    fwrite(data, 1, bytes, s->stream); /* errors surface when the file is committed */
+    fwrite(data, 1, bytes, s->stream); /* errors are reported when the file is committed */
 }
 
 #define STRATEGY "strategy:"
@@ -115,8 +115,8 @@ static void put_column(struct hashed *s, int c, int sh_degree, size_t n, const f
     }
 }
 
-/* One array at a time through `scratch`: a second copy of all would be the largest thing that a run
- * holds. */
+/* One array at a time through `scratch`: a second copy of all arrays would be the largest
+ * allocation of a run. */
 static int put_columns(sg_trainer *t, struct hashed *sink, struct sg_model *scratch)
 {
     for (int c = 0; c < SG_COLUMNS; c++) {
@@ -162,7 +162,7 @@ static void put_state(const sg_trainer *t, struct hashed *sink)
         put_numbers(sink, EXPOSURE, t->exposures, exposure_bytes(t));
 }
 
-/* A model's worth of memory for any column's array. */
+/* A buffer in the form of a model, large enough for the array of any column. */
 static int alloc_scratch(const sg_trainer *t, struct sg_model *out)
 {
     const size_t n = sg_engine_count(t->engine), blocks = (n + SG_LANES - 1) / SG_LANES;
@@ -256,8 +256,8 @@ static int check_header(const sg_trainer *t, FILE *f, const char *path,
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: found a run with other parameters, expected those of this run", path);
 
-    /* Another decoder is no reason to refuse, nor is a defense that an audit adapted to what it
-     * decodes. */
+    /* Photos that another decoder changed are not refused, nor is a defense that an audit adapted
+     * to them. */
     if (h->photos != t->photos_hash)
         sg_log(ctx, SG_LOG_WARN, "%s: the run began with other photos than %s has now", path,
                t->scene->path);
@@ -274,8 +274,7 @@ static int check_header(const sg_trainer *t, FILE *f, const char *path,
                        path, offsetof(struct sg_checkpoint_header, iteration), h->iteration,
                        h->adam_steps[SG_G_XYZ], MAX_ITERATION);
 
-    /* The file's own length says whether the count can be true before anything is allocated for
-     * it. */
+    /* Checks the count against the file's length before anything is allocated for it. */
     const long long at = ftell(f);
     fseek(f, 0, SEEK_END);
     const long long size = ftell(f);
@@ -341,12 +340,12 @@ static int torn(sg_ctx *ctx, const char *path)
 /* Of a checkpoint: columns, then these. */
 enum { STRATEGY_STATE = SG_COLUMNS, EXPOSURES, SECTIONS };
 
-/* A checkpoint on its way into memory. */
+/* A checkpoint while it is read. */
 struct reading {
     const sg_trainer *t;
     const struct sg_checkpoint *c;
     struct hashed in;
-    size_t n, kept; /* Gaussians in the file, and those that stay */
+    size_t n, kept; /* Gaussians in the file, and how many are kept */
     struct sg_model *m;
     struct sg_columns columns;
     void *state; /* of the strategy */
@@ -389,7 +388,7 @@ static void section_title(const struct reading *r, int c, char title[24])
         snprintf(title, 24, "%s", c == EXPOSURES ? EXPOSURE : sg_columns[c].name);
 }
 
-/* A section that this run has. sh_rest of degree 0 is there, without a byte. */
+/* A section that this run needs. sh_rest of degree 0 exists, with 0 bytes. */
 static bool is_expected(const struct reading *r, int c)
 {
     return c < SG_COLUMNS ? is_saved(r->t, c) : section_bytes(r, c) > 0;

@@ -47,8 +47,7 @@ struct sg_scene;
 /* Of the training views' pixels and masks; reads only those without a hash of their own. */
 uint32_t sg_photos_hash(const struct sg_scene *scene);
 
-/* Opens the file and believes its header only where it fits this run and the file's length. To be
- * closed. */
+/* Opens the file and checks its header against this run and the file's length. To be closed. */
 int sg_checkpoint_open(const struct sg_trainer *t, const char *path, struct sg_checkpoint *out);
 /* The state, to a trainer with an empty engine. */
 int sg_checkpoint_read(struct sg_trainer *t, const struct sg_checkpoint *c);

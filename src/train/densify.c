@@ -25,8 +25,9 @@ static void append(struct plan *p, size_t source, enum sg_edit_kind kind)
     p->kind[p->appended++] = (uint8_t) kind;
 }
 
-/* Marks the lowest scored to go, or the last ones where nothing tells them apart: what is above the
- * limit, and as many more as would grow, within params->replace. Returns an error code. */
+/* Marks Gaussians for removal: those above the limit, and as many more as would grow, within
+ * params->replace. The lowest scored are removed, or the last ones where there are no scores.
+ * Returns an error code. */
 static int make_room(struct sg_engine *engine, const struct sg_densify_params *p, struct plan *plan,
                      size_t n, size_t wish, size_t *goes)
 {
@@ -56,7 +57,8 @@ static int make_room(struct sg_engine *engine, const struct sg_densify_params *p
     return stays ? SG_OK : SG_ERR_BUDGET;
 }
 
-/* Of those that would grow, the steepest `room` may, the first of equals. */
+/* Of those that would grow, only the `room` with the largest gradients may; among equals, the first
+ * ones. */
 static int choose_growth(struct sg_engine *engine, struct plan *plan, const float *gradient,
                          size_t n, size_t room, bool *limited)
 {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a checkpoint must have been made by to be continued: the kind of a run, and a hash of the
+/* A checkpoint can be continued only by a run of the same identity: its kind, and a hash of the
  * parameters that decide its result. Limits, iterations, engine and threads are not among them. */
 #ifndef SG_TRAIN_IDENTITY_H
 #define SG_TRAIN_IDENTITY_H

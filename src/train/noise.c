@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A second look at the tolerances, during training. The audit estimates the amplitude of a poison
- * from the photos alone; a model that has learned the scene, but not yet the noise, shows it. */
+/* Tolerances are measured again during training. The audit estimates the amplitude of a poison from
+ * the photos alone. A model that has learned the scene, but not yet the noise, allows a better
+ * estimate. */
 #include <stdlib.h>
 
 #include "begin.h"
@@ -10,7 +11,7 @@
 #include "schedule.h"
 #include "trainer.h"
 
-#define PHOTOS 32 /* at most so many are measured */
+#define PHOTOS 32 /* most photos that are measured */
 
 static int measure_view(sg_trainer *t, size_t view, int sh_degree, float *image,
                         struct sg_residual *out)

@@ -79,7 +79,7 @@ int sg_render(sg_renderer *r, const struct sg_camera *camera, float *rgb, float 
         return sg_fail(r->ctx, SG_ERR_USAGE,
                        "render: found focal lengths %g and %g, expected positive ones", camera->fx,
                        camera->fy);
-    if (r->borrowed) /* what others draw with it is no stage of the owner's */
+    if (r->borrowed) /* renders of a borrowed engine do not count in the owner's times */
         sg_engine_stop_clocks(r->engine, true);
     int code = sg_engine_draw(r->engine, camera, r->degree, &r->params, alpha || depth);
     if (!code)

@@ -9,7 +9,7 @@
 #include "core/rng.h"
 #include "splatguard/train.h"
 
-/* Something that is due every `every` iterations is due in a step from iteration `before` to `it`.
+/* Whether an event of every `every` iterations is due in the step from iteration `before` to `it`.
  * Steps are longer than one where a run's time is short. */
 static inline bool sg_due(int before, int it, int every)
 {

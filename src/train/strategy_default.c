@@ -48,7 +48,7 @@ static double filter_share(const sg_trainer *t, int it)
     return fmax(fmin(-d->rho * s->growth * (double) s->growths, 0.5), fmin(least, spare));
 }
 
-/* Most that gives way at a densification where a budget binds. */
+/* Largest share that is replaced at a densification where a budget binds. */
 #define REPLACED 0.03f
 
 struct score_call {
@@ -57,7 +57,7 @@ struct score_call {
     int it;
 };
 
-/* Scores that the seed draws. */
+/* Random scores. */
 static int draw_scores(const struct score_call *c, struct sg_scores *out)
 {
     sg_ctx *ctx = c->t->ctx;
@@ -99,7 +99,7 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
     struct sg_densify_result r;
     const double start = seconds_not_counting(t);
     const size_t n = sg_engine_count(t->engine);
-    /* A limit of the memory is not exceeded. */
+    /* A limit that follows from memory is never exceeded. */
     const bool overshoots = p->at_limit == SG_AT_LIMIT_UNIVERSAL && !t->budget.by_memory,
                stops = p->at_limit >= SG_AT_LIMIT_STOP;
     const int code = sg_densify(

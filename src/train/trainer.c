@@ -166,7 +166,7 @@ fail:
     return code;
 }
 
-/* To learn from the photos, which takes a pixel. */
+/* Fails if no training view has a used pixel. */
 static int open_to_train(sg_ctx *ctx, const struct sg_scene *scene,
                          const struct sg_trainer_start *start, const struct sg_train_params *params,
                          sg_trainer **out)
@@ -248,7 +248,7 @@ double sg_trainer_elapsed(const sg_trainer *t)
     return t->spent + t->params.clock(t->params.clock_arg) - t->started;
 }
 
-/* One more, or as many as the time that will have passed asks for; so the last one begins while
+/* The next iteration, or a later one if time is short, so that the last iteration begins while
  * there is time for it. */
 static int next_iteration(sg_trainer *t)
 {
@@ -256,10 +256,10 @@ static int next_iteration(sg_trainer *t)
     const int next = t->iteration + 1;
     if (!(p->max_seconds > 0))
         return next;
-    /* From one step to the next, so that what the caller always does between them counts; the
-     * lesser of two, since now and then it does more: saves, measures. */
+    /* Measured from step to step, so that the caller's regular work between them counts. The lesser
+     * of two gaps, since the caller sometimes saves or measures. */
     const double now = sg_trainer_elapsed(t), gap = t->steps_here ? now - t->step_begun : 0;
-    if (!t->steps_here) /* what was done before it takes time, but none of the schedule */
+    if (!t->steps_here) /* the time before the first step counts, but is no part of the schedule */
         t->first_begun = now, t->first_after = t->iteration;
     const double left = p->max_seconds - t->first_begun;
     const double share =
@@ -312,7 +312,8 @@ static size_t list_losses(const sg_trainer *t, size_t view, int it, struct sg_lo
     return n;
 }
 
-/* The losses against the photo; one that is read when it is needed is handed over for as long. */
+/* Computes the losses against the photo. A photo that is read when needed is handed to the engine
+ * for this call only. */
 static int compare(sg_trainer *t, size_t index, const struct sg_loss *losses, size_t n)
 {
     const struct sg_view *v = &t->scene->train[index];

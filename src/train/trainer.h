@@ -19,7 +19,7 @@ struct sg_trainer {
     int sh_degree;    /* stored */
     int start_degree; /* active at iteration 0 */
     int iteration;
-    uint64_t steps; /* as many, unless time is short */
+    uint64_t steps; /* equal to `iteration`, unless time is short */
     double spent;   /* seconds of the steps before the clock's `started` */
     double started, step_begun;
     double first_begun; /* the first step of this process */
@@ -72,7 +72,7 @@ struct sg_render_params sg_trainer_render(const sg_trainer *t);
 int sg_trainer_renew_filter(sg_trainer *t);
 
 /* The engine's update, with an Adam step at these rates unless lr is NULL. The step counters
- * advance with it, or stay where it fails. hold_opacity: that group does not move. */
+ * advance with it, and stay unchanged if it fails. hold_opacity: that group does not move. */
 int sg_trainer_update(sg_trainer *t, const double *lr, bool hold_opacity, struct sg_update u);
 
 #endif
