@@ -12,7 +12,7 @@ static const struct sg_option info_options[] = {
     FLAG_ROW("json", offsetof(struct info_config, json), "Print one JSON object.",
              .group = "Output"),
     FLAG_ROW("devices", offsetof(struct info_config, devices),
-             "List the engines and CPU variants of this build.", .group = "Output"),
+             "List the engines, CPU variants and Vulkan devices.", .group = "Output"),
     MEMORY_ROW(struct info_config, max_memory, .group = "Output"),
     {0},
 };
@@ -71,9 +71,29 @@ static void print_text(const char *path, const struct sg_model_info *i)
                i->transparent);
 }
 
+#define MOST_DEVICES 16
+
+static void print_device(size_t number, const struct sg_device_info *d)
+{
+    printf("vulkan:%zu %s, driver %s, %.1f GB, %.1f free%s%s%s\n", number, d->name, d->driver,
+           (double) d->memory / 1e9, (double) d->memory_free / 1e9, d->missing ? "; lacks " : "",
+           d->missing ? d->missing : "", d->cpu ? "; on the CPU: used by name only" : "");
+}
+
+static json_t *device_json(size_t number, const struct sg_device_info *d)
+{
+    return json_pack("{s:s,s:I,s:s,s:s,s:I,s:I,s:b,s:b,s:s?}", "engine", "vulkan", "number",
+                     (json_int_t) number, "name", d->name, "driver", d->driver, "memory",
+                     (json_int_t) d->memory, "memory_free", (json_int_t) d->memory_free, "cpu",
+                     (int) d->cpu, "available", (int) !d->missing, "missing", d->missing);
+}
+
 static int print_devices(bool json)
 {
     struct sg_engine_info e;
+    struct sg_device_info devices[MOST_DEVICES];
+    const char *missing;
+    const size_t n = sg_device_list(devices, MOST_DEVICES, &missing);
     json_t *list = json_array();
     for (size_t i = 0; sg_engine_list(i, &e); i++) {
         json_array_append_new(list, json_pack("{s:s,s:s?,s:s,s:b,s:b,s:s?}", "engine", e.engine,
@@ -81,9 +101,14 @@ static int print_devices(bool json)
                                               "available", (int) e.available, "chosen",
                                               (int) e.chosen, "missing", e.missing));
         if (!json)
-            printf("%-4s %-9s %s%s%s%s\n", e.engine, e.variant ? e.variant : "-", e.description,
+            printf("%-6s %-9s %s%s%s%s\n", e.engine, e.variant ? e.variant : "-", e.description,
                    e.missing ? "; this machine lacks " : "", e.missing ? e.missing : "",
                    e.chosen && e.variant ? "; chosen" : "");
+    }
+    for (size_t i = 0; i < n; i++) {
+        json_array_append_new(list, device_json(i, &devices[i]));
+        if (!json)
+            print_device(i, &devices[i]);
     }
     if (json)
         return json_print(list, 0);
@@ -136,7 +161,8 @@ const struct command command_info = {
         "Prints count, SH degree, bounds and percentiles of scale and opacity. A file that cannot "
         "be read is refused with the place and the reason. Exit status 2 also for a model with "
         "values that are not finite, which no other command takes. With --devices: the engines and "
-        "CPU variants of this build, and whether this machine runs them.",
+        "CPU variants of this build, and whether this machine runs them; and the devices that the "
+        "engine vulkan finds, by number, name, driver and memory.",
     .groups = "Output",
     .options = info_options,
     .config_size = sizeof(struct info_config),

@@ -27,9 +27,9 @@ struct model_options {
         MEMORY_ROW(config, m.max_memory, .group = MODEL_GROUP),                                    \
         FLAG_ROW("quiet", offsetof(config, m.quiet), "Warnings only.", .group = MODEL_GROUP,       \
                  .letter = 'q'),                                                                   \
-        TEXT_ROW("engine", offsetof(config, m.engine), "NAME",                                     \
-                 "cpu, or ref: the slow scalar oracle.", .group = MODEL_GROUP, .expert = true,     \
-                 .choices = "cpu|ref", .alias = "backend"),                                        \
+        TEXT_ROW("engine", offsetof(config, m.engine), "NAME", SG_ENGINE_HELP,                     \
+                 .group = MODEL_GROUP, .expert = true, .choices = SG_ENGINE_CHOICES,               \
+                 .alias = "backend"),                                                              \
         TEXT_ROW(                                                                                  \
             "cpu", offsetof(config, m.cpu), "VARIANT",                                             \
             "Instruction set: baseline, avx2, avx512 or neon; the best by default (or SG_CPU).",   \

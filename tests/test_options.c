@@ -181,6 +181,14 @@ static void test_texts(void **state)
     check_text("max-time", "1h30m", "5400");
     check_text("engine", "ref", "ref");
     check_text("engine", "gpu", "");
+    check_text("engine", "vulkan", "vulkan");
+    check_text("engine", "vulkan:0", "vulkan:0");
+    check_text("engine", "vulkan:a b", "vulkan:a b");
+    check_text("engine", "vulkan:", "");
+    check_text("engine", "vulkanic", "");
+    check_text("engine", "vulkan[:DEVICE]x", "");
+    check_text("engine", "cpu:0", "");
+    check_text("engine", ":", "");
     check_text("defense", "spectral", "spectral");
     check_text("sh-degree", "2.5", "");
     check_text("lambda-dssim", "nan", "");

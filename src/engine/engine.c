@@ -44,20 +44,31 @@ static void lap(const struct sg_engine *e, double start, double *sum)
 
 /* ---- creation ---- */
 
+/* What an engine is to run on or with. */
+static const char *choice_of(const struct sg_engine_kind *kind, const char *name,
+                             const char *variant)
+{
+    if (!kind || !kind->devices)
+        return variant;
+    const char *colon = name ? strchr(name, ':') : NULL;
+    return colon ? colon + 1 : NULL;
+}
+
 int sg_engine_check(sg_ctx *ctx, const char *name, const char *variant)
 {
     const struct sg_engine_kind *kind = sg_engine_find(ctx, name);
-    return kind ? kind->check ? kind->check(ctx, variant) : SG_OK : SG_ERR_USAGE;
+    if (!kind)
+        return SG_ERR_USAGE;
+    return kind->check ? kind->check(ctx, choice_of(kind, name, variant)) : SG_OK;
 }
 
 int sg_engine_create(sg_ctx *ctx, const char *name, const char *variant, struct sg_engine **out)
 {
     *out = NULL;
     const struct sg_engine_kind *kind = sg_engine_find(ctx, name);
-    const int code = kind && kind->check ? kind->check(ctx, variant) : SG_OK;
-    if (!kind || code)
-        return kind ? code : SG_ERR_USAGE;
-    const int made = kind->create(ctx, variant, out);
+    if (!kind)
+        return SG_ERR_USAGE;
+    const int made = kind->create(ctx, choice_of(kind, name, variant), out);
     if (!made)
         sg_log(ctx, SG_LOG_DEBUG, "engine: %s, kernels %s, %d threads", kind->name,
                sg_engine_variant(*out), sg_ctx_threads(ctx));

@@ -101,6 +101,8 @@ struct sg_engine_ops {
 /* An engine that this build has. */
 struct sg_engine_kind {
     const char *name;
+    /* It runs on devices: in place of a variant it is given what follows "name:", or NULL. */
+    bool devices;
     int (*create)(sg_ctx *ctx, const char *variant, struct sg_engine **out);
     /* SG_ERR_USAGE for a variant that is not known or does not run here; NULL is the best one. */
     int (*check)(sg_ctx *ctx, const char *variant);
@@ -110,7 +112,7 @@ struct sg_engine_kind {
     /* For sg_engine_list: fills in all but the engine's name. Returns false after the last one. */
     bool (*describe)(size_t index, struct sg_engine_info *out);
 };
-extern const struct sg_engine_kind sg_engine_cpu, sg_engine_ref;
+extern const struct sg_engine_kind sg_engine_cpu, sg_engine_vulkan, sg_engine_ref;
 
 /* The scalar step, over the context's threads. */
 void sg_ref_ascend(sg_ctx *ctx, const struct sg_ascend *a);

@@ -5,13 +5,21 @@
 
 #include "ops.h"
 
-static const struct sg_engine_kind *const kinds[] = {&sg_engine_cpu, &sg_engine_ref};
+static const struct sg_engine_kind *const kinds[] = {&sg_engine_cpu, &sg_engine_vulkan,
+                                                     &sg_engine_ref};
 #define KINDS (sizeof(kinds) / sizeof(kinds[0]))
+
+/* An engine with devices takes the choice of one behind its name and a colon. */
+static bool is(const struct sg_engine_kind *kind, const char *name)
+{
+    const size_t n = strlen(kind->name);
+    return !strncmp(name, kind->name, n) && (!name[n] || (kind->devices && name[n] == ':'));
+}
 
 static const struct sg_engine_kind *find(const char *name)
 {
     for (size_t i = 0; i < KINDS; i++)
-        if (!name || !strcmp(name, kinds[i]->name))
+        if (!name || is(kinds[i], name))
             return kinds[i];
     return NULL;
 }

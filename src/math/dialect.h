@@ -13,7 +13,7 @@
  *   TO_INT(x), TO_FLOAT(x)      conversions
  *
  * There are no pointers, casts or static variables, and no names that GLSL reserves. This is the C
- * side. */
+ * side; math/real_glsl.h is the other. */
 #ifndef SG_MATH_DIALECT_H
 #define SG_MATH_DIALECT_H
 

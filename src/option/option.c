@@ -201,6 +201,20 @@ static bool set_whole(const struct sg_option *o, void *value, const char *text)
     return true;
 }
 
+/* A word "name[:MORE]" of the list stands for "name" and for "name:" with anything behind it. */
+static bool is_listed(const char *list, const char *text)
+{
+    if (sg_word_index(list, text) >= 0)
+        return true;
+    const size_t name = strcspn(text, ":|");
+    for (const char *word = list; word; word = strchr(word, '|')) {
+        word += *word == '|';
+        if (!strncmp(word, text, name) && word[name] == '[' && (!text[name] || text[name + 1]))
+            return true;
+    }
+    return false;
+}
+
 static bool set(const struct sg_option *o, void *value, const char *text)
 {
     const int index = sg_word_index(o->choices, text);
@@ -211,7 +225,9 @@ static bool set(const struct sg_option *o, void *value, const char *text)
         *(bool *) value = text[0] == 't';
         return true;
     case SG_OPTION_TEXT:
-        if (!text[0] || (o->choices && index < 0)) /* an empty folder name would mean the root */
+        if (!text[0] ||
+            (o->choices &&
+             !is_listed(o->choices, text))) /* an empty folder name would mean the root */
             return false;
         *(const char **) value = text;
         return true;

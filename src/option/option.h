@@ -4,6 +4,7 @@
 #define SG_OPTION_OPTION_H
 
 #include "core/internal.h"
+#include "splatguard/engine.h"
 #include "splatguard/option.h"
 
 /* A row of a table of STRUCT, a macro of the file. Other members may follow the help text. */
@@ -37,8 +38,8 @@
 
 /* Of training and rendering alike. */
 #define SG_OPTION_ENGINE(...)                                                                      \
-    SG_TEXT("engine", engine, "NAME", "cpu, or ref: the slow scalar oracle.",                      \
-            .choices = "cpu|ref", .alias = "backend", __VA_ARGS__)
+    SG_TEXT("engine", engine, "NAME", SG_ENGINE_HELP, .choices = SG_ENGINE_CHOICES,                \
+            .alias = "backend", __VA_ARGS__)
 #define SG_OPTION_CPU(...)                                                                         \
     SG_TEXT("cpu", cpu, "VARIANT",                                                                 \
             "Instruction set: baseline, avx2, avx512 or neon; the best by default (or SG_CPU).",   \

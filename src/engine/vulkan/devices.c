@@ -1,0 +1,159 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "devices.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#define SHARED_MEMORY 28672 /* bytes that a workgroup of our kernels has at most */
+
+/* A queue family that computes; one that cannot draw is the device's own for that. */
+static bool find_queue(const struct vk_functions *vk, struct vk_device_choice *d)
+{
+    VkQueueFamilyProperties families[16];
+    uint32_t n = sizeof(families) / sizeof(families[0]);
+    int best = -1;
+    vk->GetPhysicalDeviceQueueFamilyProperties(d->physical, &n, families);
+    for (uint32_t i = 0; i < n; i++)
+        if (families[i].queueFlags & VK_QUEUE_COMPUTE_BIT &&
+            (best < 0 || !(families[i].queueFlags & VK_QUEUE_GRAPHICS_BIT)))
+            best = (int) i;
+    d->queue_family = best < 0 ? 0 : (uint32_t) best;
+    return best >= 0;
+}
+
+static bool has_extension(const struct vk_functions *vk, VkPhysicalDevice device, const char *name)
+{
+    uint32_t n = 0;
+    bool found = false;
+    vk->EnumerateDeviceExtensionProperties(device, NULL, &n, NULL);
+    VkExtensionProperties *list = malloc((n ? n : 1) * sizeof(*list));
+    if (list && vk->EnumerateDeviceExtensionProperties(device, NULL, &n, list) == VK_SUCCESS)
+        for (uint32_t i = 0; i < n && !found; i++)
+            found = !strcmp(list[i].extensionName, name);
+    free(list);
+    return found;
+}
+
+static void read_memory(const struct vk_functions *vk, struct vk_device_choice *d)
+{
+    VkPhysicalDeviceMemoryBudgetPropertiesEXT budget = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_BUDGET_PROPERTIES_EXT};
+    VkPhysicalDeviceMemoryProperties2 memory = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_PROPERTIES_2,
+        .pNext = d->memory_budget ? &budget : NULL};
+    vk->GetPhysicalDeviceMemoryProperties2(d->physical, &memory);
+    const VkPhysicalDeviceMemoryProperties *m = &memory.memoryProperties;
+    for (uint32_t i = 0; i < m->memoryHeapCount; i++) {
+        if (!(m->memoryHeaps[i].flags & VK_MEMORY_HEAP_DEVICE_LOCAL_BIT) ||
+            m->memoryHeaps[i].size <= d->info.memory)
+            continue;
+        const uint64_t size = m->memoryHeaps[i].size;
+        const uint64_t used = d->memory_budget ? budget.heapUsage[i] : 0,
+                       most = d->memory_budget ? budget.heapBudget[i] : size;
+        d->info.memory = size;
+        d->info.memory_free = most > used ? most - used : 0;
+    }
+}
+
+static void look_at(const struct vk_functions *vk, struct vk_device_choice *d)
+{
+    VkPhysicalDeviceVulkan12Properties more = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_PROPERTIES};
+    VkPhysicalDeviceSubgroupProperties subgroup = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_PROPERTIES, .pNext = &more};
+    VkPhysicalDeviceProperties2 properties = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, .pNext = &subgroup};
+    VkPhysicalDeviceVulkan12Features features12 = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES};
+    VkPhysicalDeviceFeatures2 features = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2,
+                                          .pNext = &features12};
+    vk->GetPhysicalDeviceProperties2(d->physical, &properties);
+    vk->GetPhysicalDeviceFeatures2(d->physical, &features);
+    const VkPhysicalDeviceProperties *p = &properties.properties;
+    d->type = p->deviceType;
+    d->lanes = subgroup.subgroupSize;
+    d->memory_budget = has_extension(vk, d->physical, VK_EXT_MEMORY_BUDGET_EXTENSION_NAME);
+    snprintf(d->info.name, sizeof(d->info.name), "%s", p->deviceName);
+    snprintf(d->info.driver, sizeof(d->info.driver), "%.100s %.100s", more.driverName,
+             more.driverInfo);
+    d->info.cpu = p->deviceType == VK_PHYSICAL_DEVICE_TYPE_CPU;
+    read_memory(vk, d);
+    if (p->apiVersion < VK_API_VERSION_1_2)
+        d->info.missing = "Vulkan 1.2";
+    else if (!find_queue(vk, d))
+        d->info.missing = "a queue that computes";
+    else if (!features12.bufferDeviceAddress)
+        d->info.missing = "buffer device addresses";
+    else if (p->limits.maxComputeWorkGroupInvocations < 256 ||
+             p->limits.maxComputeWorkGroupSize[0] < 256)
+        d->info.missing = "workgroups of 256 invocations";
+    else if (p->limits.maxComputeSharedMemorySize < SHARED_MEMORY)
+        d->info.missing = "28 KiB of shared memory a workgroup";
+}
+
+int sg_vk_devices(const struct vk_functions *vk, struct vk_device_choice out[VK_DEVICES])
+{
+    VkPhysicalDevice found[VK_DEVICES];
+    uint32_t n = VK_DEVICES;
+    const VkResult result = vk->EnumeratePhysicalDevices(vk->instance, &n, found);
+    if (result != VK_SUCCESS && result != VK_INCOMPLETE)
+        return 0;
+    for (uint32_t i = 0; i < n; i++) {
+        out[i] = (struct vk_device_choice){.physical = found[i]};
+        look_at(vk, &out[i]);
+    }
+    return (int) n;
+}
+
+/* Of devices that nobody has named: the greater is better, 0 is not taken. */
+static int rank(const struct vk_device_choice *d)
+{
+    if (d->info.missing || d->info.cpu)
+        return 0;
+    return d->type == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU     ? 4
+           : d->type == VK_PHYSICAL_DEVICE_TYPE_VIRTUAL_GPU    ? 3
+           : d->type == VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU ? 2
+                                                               : 1;
+}
+
+static bool contains(const char *text, const char *part)
+{
+    for (; *text; text++)
+        if (!strncasecmp(text, part, strlen(part)))
+            return true;
+    return false;
+}
+
+int sg_vk_choose_device(sg_ctx *ctx, const struct vk_device_choice *devices, int n,
+                        const char *selector, const struct vk_device_choice **out)
+{
+    *out = NULL;
+    char *end = NULL;
+    const long number = selector && *selector ? strtol(selector, &end, 10) : -1;
+    const bool by_number = end && !*end;
+    for (int i = 0; i < n; i++) {
+        const struct vk_device_choice *d = &devices[i];
+        if (!selector) {
+            if (rank(d) > 0 && (!*out || rank(d) > rank(*out) ||
+                                (rank(d) == rank(*out) && d->info.memory > (*out)->info.memory)))
+                *out = d;
+        } else if (!*out && (by_number ? number == i : contains(d->info.name, selector)))
+            *out = d;
+    }
+    if (*out && !(*out)->info.missing)
+        return SG_OK;
+    if (*out)
+        return sg_fail(ctx, SG_ERR_USAGE, "vulkan: %s lacks %s", (*out)->info.name,
+                       (*out)->info.missing);
+    if (!selector)
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "vulkan: found no GPU among %d devices; a driver on the CPU is used by name "
+                       "only (vulkan:NAME), `splatguard info --devices` lists all",
+                       n);
+    return sg_fail(ctx, SG_ERR_USAGE,
+                   "vulkan: found no device \"%s\" among %d; `splatguard info --devices` lists "
+                   "their names and numbers",
+                   selector, n);
+}

@@ -1,0 +1,30 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Which devices there are, and which of them a name chooses. */
+#ifndef SG_VULKAN_DEVICES_H
+#define SG_VULKAN_DEVICES_H
+
+#include "core/internal.h"
+#include "loader.h"
+#include "splatguard/engine.h"
+
+#define VK_DEVICES 16 /* the most that are looked at */
+
+struct vk_device_choice {
+    VkPhysicalDevice physical;
+    struct sg_device_info info;
+    VkPhysicalDeviceType type;
+    uint32_t queue_family;
+    uint32_t lanes; /* its subgroup size */
+    bool memory_budget;
+};
+
+/* All devices of an open loader, in its order; returns their number. */
+int sg_vk_devices(const struct vk_functions *vk, struct vk_device_choice out[VK_DEVICES]);
+
+/* selector: NULL (a GPU: a card before one that shares the host's memory, then the one with more
+ * memory), a number of the list, or part of a name in any case. SG_ERR_USAGE where none is meant or
+ * it cannot be used. */
+int sg_vk_choose_device(sg_ctx *ctx, const struct vk_device_choice *devices, int n,
+                        const char *selector, const struct vk_device_choice **out);
+
+#endif

@@ -1,0 +1,68 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The parts of the Vulkan engine. */
+#ifndef SG_VULKAN_ENGINE_H
+#define SG_VULKAN_ENGINE_H
+
+#include "engine/host/exposure.h"
+#include "engine/host/host_model.h"
+#include "engine/host/image_losses.h"
+#include "engine/host/low_pass.h"
+#include "engine/ops.h"
+#include "lists.h"
+
+struct vulkan_engine {
+    struct sg_engine base;
+    struct gpu *gpu;
+    size_t count;
+    int planes;
+    struct gpu_buffer at[SG_COLUMNS]; /* as sg_host_model.at; without a buffer: zeros */
+    struct gpu_buffer *photos;        /* of handle k + 1 */
+    size_t cap_photos;
+    /* of a view */
+    struct sg_render_params params;
+    int degree;
+    uint32_t width, height;
+    struct gpu_lists lists;
+    struct gpu_buffer view, splats, image, alpha, depth, blocks, reached, checkpoints;
+    struct gpu_buffer gradient, slots, band_sums, step;
+    /* of losses */
+    struct gpu_buffer given, target, maps, sums, exposed;
+    struct sg_image_losses image_losses; /* these three: on the host */
+    struct sg_host_low_pass low_pass;
+    struct sg_host_exposure exposure;
+    float lambda_dssim;
+    double low_passed;   /* that term, with its weight */
+    bool ran[SG_LOSSES]; /* of the kinds whose values are on the device */
+};
+
+static inline struct vulkan_engine *vulkan_of(struct sg_engine *base)
+{
+    return (struct vulkan_engine *) base;
+}
+
+/* vulkan_model.c */
+int sg_vulkan_upload(struct sg_engine *, const struct sg_model *, const struct sg_columns *);
+int sg_vulkan_download(struct sg_engine *, struct sg_model *, struct sg_columns *);
+int sg_vulkan_read_statistics(struct sg_engine *, const struct sg_statistics *);
+int sg_vulkan_edit(struct sg_engine *, const struct sg_edit *);
+int sg_vulkan_relocate(struct sg_engine *, const struct sg_relocation *);
+int sg_vulkan_explore(struct sg_engine *, const struct sg_exploration *);
+int sg_vulkan_floor_scale(struct sg_engine *, float smallest);
+int sg_vulkan_reset_opacity(struct sg_engine *, float limit);
+int sg_vulkan_shape(struct sg_engine *, const struct sg_shape *);
+int sg_vulkan_shape_backward(struct sg_engine *, const struct sg_shape *);
+/* Makes room for a column, zeroed, unless there is some. */
+int sg_vulkan_alloc(struct vulkan_engine *, int column);
+/* For all that a checkpoint saves. */
+int sg_vulkan_alloc_saved(struct vulkan_engine *);
+uint64_t sg_vulkan_column_bytes(const struct vulkan_engine *, int column);
+void sg_vulkan_drop_columns(struct vulkan_engine *, unsigned bits); /* but not the parameters */
+
+/* vulkan_losses.c */
+int sg_vulkan_photo_add(struct sg_engine *, sg_photo, const struct sg_photo_entry *);
+void sg_vulkan_photo_drop(struct sg_engine *, sg_photo);
+int sg_vulkan_loss(struct sg_engine *, const struct sg_target_pixels *, const struct sg_loss *);
+/* Values of the losses from the results. */
+void sg_vulkan_read_losses(struct vulkan_engine *, const uint32_t results[VK_RESULTS]);
+
+#endif

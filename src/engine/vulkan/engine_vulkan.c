@@ -1,0 +1,442 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The Vulkan engine: records the kernels of each stage. The host waits where it needs a number:
+ * once an iteration for the size of the lists, and where a caller asks for results. Every sum is
+ * taken in a fixed order, so that one device and driver always give the same bytes. */
+#include <string.h>
+
+#include "engine.h"
+#include "math/real_f32.h"
+
+#include "math/projection.h"
+
+static uint64_t groups_of(uint64_t items)
+{
+    return (items + VK_GROUP - 1) / VK_GROUP;
+}
+
+static void destroy(struct sg_engine *base)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    struct gpu *g = e->gpu;
+    struct gpu_buffer *owned[] = {
+        &e->view,    &e->splats,      &e->image,    &e->alpha, &e->depth,     &e->blocks,
+        &e->reached, &e->checkpoints, &e->gradient, &e->slots, &e->band_sums, &e->step,
+        &e->given,   &e->target,      &e->maps,     &e->sums,  &e->exposed};
+    sg_gpu_flush(g);
+    for (size_t i = 0; i < sizeof(owned) / sizeof(owned[0]); i++)
+        sg_gpu_release(g, owned[i]);
+    for (int c = 0; c < SG_COLUMNS; c++)
+        sg_gpu_release(g, &e->at[c]);
+    for (size_t i = 0; i < e->cap_photos; i++)
+        sg_gpu_release(g, &e->photos[i]);
+    sg_free(e->photos);
+    sg_gpu_lists_clear(g, &e->lists);
+    sg_log(base->ctx, SG_LOG_DEBUG,
+           "vulkan: at most %llu bytes on the device, %llu dispatches in %llu submissions",
+           (unsigned long long) g->peak[SG_MEM_TAGS], (unsigned long long) g->dispatches,
+           (unsigned long long) g->submissions);
+    sg_gpu_close(&e->gpu);
+    sg_image_losses_clear(&e->image_losses);
+    sg_host_low_pass_clear(&e->low_pass);
+    sg_host_exposure_clear(&e->exposure);
+    sg_free(e);
+}
+
+static const char *variant(const struct sg_engine *base)
+{
+    return ((const struct vulkan_engine *) base)->gpu->chosen.info.name;
+}
+
+static size_t count(const struct sg_engine *base)
+{
+    return ((const struct vulkan_engine *) base)->count;
+}
+
+/* ---- a view ---- */
+
+static int do_project(struct sg_engine *base, const struct sg_camera *camera, int sh_degree,
+                      const struct sg_render_params *params)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    struct gpu *g = e->gpu;
+    const struct view view = params->mip_filter ? view_make_mip(camera) : view_make(camera);
+    _Static_assert(sizeof(view) == 27 * sizeof(float), "as view_load reads it");
+    const uint64_t values = 3 * (uint64_t) camera->width * (uint64_t) camera->height;
+    e->params = *params;
+    e->degree = sh_degree;
+    e->width = (uint32_t) camera->width, e->height = (uint32_t) camera->height;
+    memset(e->ran, 0, sizeof(e->ran));
+    if (sg_gpu_reserve(g, SG_MEM_MISC, &e->view, sizeof(view)) ||
+        sg_gpu_reserve(g, SG_MEM_SPLATS, &e->splats, 64 * (uint64_t) e->count) ||
+        sg_gpu_reserve(g, SG_MEM_FRAME, &e->image, 4 * values) ||
+        sg_gpu_reserve(g, SG_MEM_FRAME, &e->gradient, 4 * values))
+        return SG_ERR_BUDGET;
+    int code = sg_gpu_lists_begin(g, &e->lists, e->count, camera->width, camera->height,
+                                  params->reference_tiles);
+    if (!code)
+        code = sg_gpu_update(g, &e->view, &view, sizeof(view));
+    const int shown = e->at[SG_C_SHAPED].buffer ? SG_C_SHAPED : SG_C_PARAMETERS;
+    return code
+               ? code
+               : GPU_RUN(g, project, sh_degree, groups_of(e->count), .params = e->at[shown].address,
+                         .view = e->view.address, .splats = e->splats.address,
+                         .rects = e->lists.rects.address, .keys = e->lists.keys.address,
+                         .flags = e->lists.flags.address, .results = e->lists.results.address,
+                         .count = (uint32_t) e->count, .planes = (uint32_t) e->planes,
+                         .grid_x = e->lists.grid_x, .grid_y = e->lists.grid_y);
+}
+
+static int do_bin(struct sg_engine *base)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    const int code = sg_gpu_lists_make(e->gpu, &e->lists, &e->splats, e->params.max_instances,
+                                       &base->step.stats);
+    return code || e->lists.band_count > 1 ? code : sg_gpu_lists_band(e->gpu, &e->lists, 0);
+}
+
+/* Draws the present band. */
+static int raster_band(struct vulkan_engine *e, bool auxiliary)
+{
+    struct gpu *g = e->gpu;
+    const struct gpu_lists *l = &e->lists;
+    const struct gpu_band *band = &l->bands[l->band];
+    const uint32_t tiles = band->end - band->first;
+    if (sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->blocks, 4 * band->instances) ||
+        sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->reached, 4 * (uint64_t) tiles) ||
+        sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->checkpoints, 16 * 256 * sg_gpu_lists_units(l)))
+        return SG_ERR_BUDGET;
+    return GPU_RUN(g, raster, 0, tiles, .splats = e->splats.address,
+                   .instances = l->instances.address, .tile_start = l->tile_start.address,
+                   .chunk_start = l->chunk_start.address, .blocks = e->blocks.address,
+                   .reached = e->reached.address, .checkpoints = e->checkpoints.address,
+                   .image = e->image.address, .alpha = sg_gpu_at(g, &e->alpha),
+                   .depth = sg_gpu_at(g, &e->depth), .results = l->results.address,
+                   .first_tile = band->first, .tiles = tiles, .grid_x = l->grid_x,
+                   .width = e->width, .height = e->height, .auxiliary = auxiliary,
+                   .background_r = e->params.background[0], .background_g = e->params.background[1],
+                   .background_b = e->params.background[2]);
+}
+
+static int raster(struct sg_engine *base, bool auxiliary)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    const uint64_t bytes = 4 * (uint64_t) e->width * e->height;
+    int code = SG_OK;
+    if (auxiliary && (sg_gpu_reserve(e->gpu, SG_MEM_FRAME, &e->alpha, bytes) ||
+                      sg_gpu_reserve(e->gpu, SG_MEM_FRAME, &e->depth, bytes)))
+        return SG_ERR_BUDGET;
+    for (int band = 0; band < e->lists.band_count && !code; band++)
+        if (!(code = sg_gpu_lists_band(e->gpu, &e->lists, band)))
+            code = raster_band(e, auxiliary);
+    return code;
+}
+
+static int read_image(struct sg_engine *base, float *rgb, float *alpha, float *depth)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    const uint64_t bytes = 4 * (uint64_t) e->width * e->height;
+    int code = sg_gpu_read(e->gpu, &e->image, 0, rgb, 3 * bytes);
+    if (alpha && !code)
+        code = sg_gpu_read(e->gpu, &e->alpha, 0, alpha, bytes);
+    if (depth && !code)
+        code = sg_gpu_read(e->gpu, &e->depth, 0, depth, bytes);
+    return code;
+}
+
+static int write_image_gradient(struct sg_engine *base, const float *gradient)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    return sg_gpu_write(e->gpu, &e->gradient, 0, gradient, 12 * (uint64_t) e->width * e->height);
+}
+
+/* Adds the slots of the present band, of `width` floats, to sums by Gaussian. */
+static int add_slots(struct vulkan_engine *e, const struct gpu_buffer *sums, uint32_t width)
+{
+    return GPU_RUN(e->gpu, slots_add, 0, groups_of(e->count), .slots = e->slots.address,
+                   .slot_start = e->lists.slot_start.address, .sums = sums->address,
+                   .count = (uint32_t) e->count, .width = width);
+}
+
+/* Room for sums of `width` floats by Gaussian, zeroed. */
+static int begin_sums(struct vulkan_engine *e, uint32_t width)
+{
+    const uint64_t bytes = 4 * (uint64_t) width * e->count;
+    const int code = sg_gpu_reserve(e->gpu, SG_MEM_SPLATS, &e->band_sums, bytes);
+    return code ? code : sg_gpu_fill(e->gpu, &e->band_sums, 0, bytes, 0);
+}
+
+static int raster_backward(struct sg_engine *base)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    struct gpu *g = e->gpu;
+    struct gpu_lists *l = &e->lists;
+    const bool banded = l->band_count > 1;
+    int code = banded ? begin_sums(e, VK_SLOT) : SG_OK;
+    for (int band = 0; band < l->band_count && !code; band++) {
+        const struct gpu_band *b = &l->bands[band];
+        code = sg_gpu_lists_band(g, l, band);
+        if (!code)
+            code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->slots, 4 * VK_SLOT * b->instances);
+        if (!code && banded) /* its states are not at hand any more: draw it again */
+            code = raster_band(e, false);
+        if (!code)
+            code = GPU_RUN(
+                g, raster_backward, 0, sg_gpu_lists_units(l), .splats = e->splats.address,
+                .instances = l->instances.address, .tile_start = l->tile_start.address,
+                .chunk_start = l->chunk_start.address, .blocks = e->blocks.address,
+                .reached = e->reached.address, .checkpoints = e->checkpoints.address,
+                .image = e->image.address, .gradient = e->gradient.address,
+                .slots = e->slots.address, .first_tile = b->first, .tiles = b->end - b->first,
+                .grid_x = l->grid_x, .width = e->width, .height = e->height);
+        if (!code && banded)
+            code = add_slots(e, &e->band_sums, VK_SLOT);
+    }
+    return code;
+}
+
+/* ---- learning ---- */
+
+static int learn(struct vulkan_engine *e, const struct sg_update *u, uint32_t what)
+{
+    struct gpu *g = e->gpu;
+    const bool banded = e->lists.band_count > 1;
+    float step[2 * SG_GROUPS + 2];
+    if ((what & (VK_LEARN_ADAM | VK_LEARN_STATISTICS) && sg_vulkan_alloc_saved(e)) ||
+        (what & VK_LEARN_ACCUMULATE && sg_vulkan_alloc(e, SG_C_ACCUMULATED)) ||
+        sg_gpu_reserve(g, SG_MEM_MISC, &e->step, sizeof(step)))
+        return SG_ERR_BUDGET;
+    memcpy(step, u->rate, sizeof(u->rate));
+    memcpy(step + SG_GROUPS, u->root, sizeof(u->root));
+    step[2 * SG_GROUPS] = u->mean_opacity, step[2 * SG_GROUPS + 1] = u->mean_scale;
+    const int shown = e->at[SG_C_SHAPED].buffer ? SG_C_SHAPED : SG_C_PARAMETERS;
+    const int code = sg_gpu_update(g, &e->step, step, sizeof(step));
+    return code ? code
+                : GPU_RUN(g, learn, e->degree, groups_of(e->count), .shaped = e->at[shown].address,
+                          .params = e->at[SG_C_PARAMETERS].address,
+                          .m = sg_gpu_at(g, &e->at[SG_C_MOMENT1]),
+                          .v = sg_gpu_at(g, &e->at[SG_C_MOMENT2]),
+                          .grad_sum = sg_gpu_at(g, &e->at[SG_C_GRAD_SUM]),
+                          .grad_count = sg_gpu_at(g, &e->at[SG_C_GRAD_COUNT]),
+                          .gradients = sg_gpu_at(g, &e->at[SG_C_GRADIENT]),
+                          .accumulated = sg_gpu_at(g, &e->at[SG_C_ACCUMULATED]),
+                          .splats = e->splats.address, .rects = e->lists.rects.address,
+                          .slots = sg_gpu_at(g, banded ? &e->band_sums : &e->slots),
+                          .slot_start = sg_gpu_at(g, &e->lists.slot_start), .view = e->view.address,
+                          .step = e->step.address, .count = (uint32_t) e->count,
+                          .planes = (uint32_t) e->planes,
+                          .what = what | (banded ? VK_LEARN_BANDED : 0));
+}
+
+static int do_project_backward(struct sg_engine *base, bool statistics)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    int code = sg_vulkan_alloc(e, SG_C_GRADIENT);
+    if (!code)
+        code = sg_gpu_fill(e->gpu, &e->at[SG_C_GRADIENT], 0,
+                           sg_vulkan_column_bytes(e, SG_C_GRADIENT), 0);
+    return code ? code
+                : learn(e, &(struct sg_update){0},
+                        VK_LEARN_PULL | VK_LEARN_STORE | (statistics ? VK_LEARN_STATISTICS : 0));
+}
+
+static uint32_t bits_of(const struct sg_update *u)
+{
+    return (u->adam ? VK_LEARN_ADAM : 0) | (u->accumulate ? VK_LEARN_ACCUMULATE : 0);
+}
+
+static int optimise(struct sg_engine *base, const struct sg_update *u)
+{
+    return bits_of(u) ? learn(vulkan_of(base), u, bits_of(u)) : SG_OK;
+}
+
+static int project_backward_optimise(struct sg_engine *base, const struct sg_update *u)
+{
+    const uint32_t what = bits_of(u) | (u->statistics ? VK_LEARN_STATISTICS : 0);
+    return what ? learn(vulkan_of(base), u, VK_LEARN_PULL | what) : SG_OK;
+}
+
+static int read_gradients(struct sg_engine *base, struct sg_model *out)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    return sg_gpu_read(e->gpu, &e->at[SG_C_GRADIENT], 0, out->params,
+                       sg_vulkan_column_bytes(e, SG_C_GRADIENT));
+}
+
+static int read_step(struct sg_engine *base)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    uint32_t r[VK_RESULTS];
+    if (!e->lists.results.buffer)
+        return SG_OK; /* no view yet */
+    const int code = sg_gpu_read(e->gpu, &e->lists.results, 0, r, sizeof(r));
+    if (code)
+        return code;
+    if (e->lists.band_count == 1)
+        base->step.stats.max_tile = r[VK_RESULT_LONGEST];
+    base->step.stats.pairs = r[VK_RESULT_PAIRS] | (uint64_t) r[VK_RESULT_PAIRS + 1] << 32;
+    sg_vulkan_read_losses(e, r);
+    return SG_OK;
+}
+
+/* ---- hits ---- */
+
+/* What the hits of the drawn view are, one float a Gaussian, to the device's sums. */
+static int count_view(struct vulkan_engine *e, enum sg_hit kind)
+{
+    struct gpu *g = e->gpu;
+    struct gpu_lists *l = &e->lists;
+    int code = begin_sums(e, 1);
+    for (int band = 0; band < l->band_count && !code; band++) {
+        const struct gpu_band *b = &l->bands[band];
+        code = sg_gpu_lists_band(g, l, band);
+        if (!code)
+            code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->slots, 4 * b->instances);
+        if (!code)
+            code = GPU_RUN(g, raster_count, 0, b->end - b->first, .splats = e->splats.address,
+                           .instances = l->instances.address, .tile_start = l->tile_start.address,
+                           .slots = e->slots.address, .first_tile = b->first,
+                           .tiles = b->end - b->first, .grid_x = l->grid_x, .width = e->width,
+                           .height = e->height, .hit = (uint32_t) kind);
+        if (!code)
+            code = add_slots(e, &e->band_sums, 1);
+    }
+    return code;
+}
+
+static int count_hits(struct sg_engine *base, const struct sg_camera *const *views, size_t n,
+                      const struct sg_render_params *params, enum sg_hit kind, double *hits)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    float *of_view = sg_alloc_raw(base->ctx, SG_MEM_SPLATS, e->count, sizeof(*of_view));
+    int code = of_view || !e->count ? SG_OK : SG_ERR_BUDGET;
+    memset(hits, 0, e->count * sizeof(*hits));
+    for (size_t v = 0; v < n && !code; v++) {
+        if ((code = sg_progress(base->ctx, SG_STAGE_COUNT, v, n)) ||
+            (code = do_project(base, views[v], 0, params)) || (code = do_bin(base)) ||
+            (code = count_view(e, kind)) ||
+            (code = sg_gpu_read(e->gpu, &e->band_sums, 0, of_view, 4 * (uint64_t) e->count)))
+            break;
+        for (size_t i = 0; i < e->count; i++)
+            hits[i] += kind != SG_HIT_VIEWS ? (double) of_view[i] : of_view[i] > 0;
+    }
+    sg_free(of_view);
+    return code;
+}
+
+static const struct sg_engine_ops ops = {
+    .name = "vulkan",
+    .exposure = true,
+    .mip_filter = true,
+    .destroy = destroy,
+    .variant = variant,
+    .upload = sg_vulkan_upload,
+    .download = sg_vulkan_download,
+    .count = count,
+    .read_statistics = sg_vulkan_read_statistics,
+    .edit = sg_vulkan_edit,
+    .floor_scale = sg_vulkan_floor_scale,
+    .reset_opacity = sg_vulkan_reset_opacity,
+    .relocate = sg_vulkan_relocate,
+    .explore = sg_vulkan_explore,
+    .photo_add = sg_vulkan_photo_add,
+    .photo_drop = sg_vulkan_photo_drop,
+    .shape = sg_vulkan_shape,
+    .shape_backward = sg_vulkan_shape_backward,
+    .project = do_project,
+    .bin = do_bin,
+    .raster = raster,
+    .read_image = read_image,
+    .loss = sg_vulkan_loss,
+    .write_image_gradient = write_image_gradient,
+    .raster_backward = raster_backward,
+    .project_backward = do_project_backward,
+    .optimise = optimise,
+    .project_backward_optimise = project_backward_optimise,
+    .read_gradients = read_gradients,
+    .read_step = read_step,
+    .count_hits = count_hits,
+};
+
+static int create(sg_ctx *ctx, const char *selector, struct sg_engine **out)
+{
+    struct vulkan_engine *e = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*e));
+    if (!e)
+        return SG_ERR_BUDGET;
+    const int code = sg_gpu_open(ctx, selector, &e->gpu);
+    if (code) {
+        sg_free(e);
+        return code;
+    }
+    e->base = (struct sg_engine){.ops = &ops, .ctx = ctx};
+    e->lists.band = -1;
+    sg_log(ctx, SG_LOG_DEBUG, "vulkan: %s, driver %s, %u invocations a block of pixels",
+           e->gpu->chosen.info.name, e->gpu->chosen.info.driver, e->gpu->lanes);
+    *out = &e->base;
+    return SG_OK;
+}
+
+static int check(sg_ctx *ctx, const char *selector)
+{
+    struct vk_functions vk;
+    struct vk_device_choice devices[VK_DEVICES];
+    const struct vk_device_choice *chosen;
+    const char *missing = sg_vk_open(&vk);
+    if (missing)
+        return sg_fail(ctx, SG_ERR_USAGE, "vulkan: this machine lacks %s", missing);
+    const int code =
+        sg_vk_choose_device(ctx, devices, sg_vk_devices(&vk, devices), selector, &chosen);
+    sg_vk_close(&vk);
+    return code;
+}
+
+/* Of the host: an edit holds a copy of the model, an image is read. */
+static struct sg_footprint footprint(const struct sg_work *w)
+{
+    const uint64_t pixels = (uint64_t) w->width * (uint64_t) w->height;
+    return (struct sg_footprint){.gaussian = sg_host_footprint(w, false) + 36,
+                                 .view = pixels * (5 * 3 * sizeof(float) + 4)};
+}
+
+static bool describe(size_t index, struct sg_engine_info *out)
+{
+    struct vk_functions vk;
+    struct vk_device_choice devices[VK_DEVICES];
+    out->description = "Vulkan compute";
+    if (index > 0)
+        return false;
+    out->missing = sg_vk_open(&vk);
+    if (!out->missing) {
+        const int n = sg_vk_devices(&vk, devices);
+        out->missing = "a GPU with Vulkan 1.2";
+        for (int i = 0; i < n; i++)
+            if (!devices[i].info.cpu && !devices[i].info.missing)
+                out->missing = NULL;
+        sg_vk_close(&vk);
+    }
+    out->available = out->chosen = !out->missing;
+    return true;
+}
+
+const struct sg_engine_kind sg_engine_vulkan = {
+    .name = "vulkan",
+    .devices = true,
+    .create = create,
+    .check = check,
+    .footprint = footprint,
+    .describe = describe,
+};
+
+size_t sg_device_list(struct sg_device_info *out, size_t most, const char **missing)
+{
+    struct vk_functions vk;
+    struct vk_device_choice devices[VK_DEVICES];
+    size_t n = 0;
+    *missing = sg_vk_open(&vk);
+    if (*missing)
+        return 0;
+    const int found = sg_vk_devices(&vk, devices);
+    for (int i = 0; i < found && n < most; i++)
+        out[n++] = devices[i].info;
+    sg_vk_close(&vk);
+    return n;
+}

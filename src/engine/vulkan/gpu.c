@@ -1,0 +1,414 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "gpu.h"
+
+#include <string.h>
+
+#define STAGING (4u << 20) /* bytes */
+#define MOST_GROUPS 65535  /* of a dimension, on every device */
+
+static int fail_result(struct gpu *g, VkResult result, const char *what)
+{
+    if (result == VK_ERROR_OUT_OF_HOST_MEMORY || result == VK_ERROR_OUT_OF_DEVICE_MEMORY)
+        return sg_fail(g->ctx, SG_ERR_BUDGET, "vulkan: %s: out of memory on %s", what,
+                       g->chosen.info.name);
+    if (result == VK_ERROR_DEVICE_LOST)
+        g->lost = true;
+    return sg_fail(g->ctx, SG_ERR_INTERNAL, "vulkan: %s: %s (error %d of %s)", what,
+                   result == VK_ERROR_DEVICE_LOST ? "the device is lost" : "failed", (int) result,
+                   g->chosen.info.name);
+}
+
+/* ---- buffers ---- */
+
+static void account(struct gpu *g, enum sg_mem_tag tag, uint64_t bytes, bool more)
+{
+    const int tags[] = {(int) tag, SG_MEM_TAGS};
+    for (int i = 0; i < 2; i++) {
+        uint64_t *now = &g->current[tags[i]];
+        *now = more ? *now + bytes : *now - bytes;
+        if (*now > g->peak[tags[i]])
+            g->peak[tags[i]] = *now;
+    }
+}
+
+/* A type of memory with all of `flags`, and if possible with `better`. */
+static int find_memory(const struct gpu *g, uint32_t types, VkMemoryPropertyFlags flags,
+                       VkMemoryPropertyFlags better)
+{
+    VkPhysicalDeviceMemoryProperties2 m = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MEMORY_PROPERTIES_2};
+    g->vk.GetPhysicalDeviceMemoryProperties2(g->chosen.physical, &m);
+    int best = -1;
+    for (int i = (int) m.memoryProperties.memoryTypeCount - 1; i >= 0; i--) {
+        const VkMemoryPropertyFlags has = m.memoryProperties.memoryTypes[i].propertyFlags;
+        if ((types >> i & 1) && (has & flags) == flags &&
+            (best < 0 || (has & better) == better ||
+             (m.memoryProperties.memoryTypes[best].propertyFlags & better) != better))
+            best = i;
+    }
+    return best;
+}
+
+static void destroy_buffer(struct gpu *g, struct gpu_buffer *b)
+{
+    if (b->buffer)
+        g->vk.DestroyBuffer(g->device, b->buffer, NULL);
+    if (b->memory) {
+        g->vk.FreeMemory(g->device, b->memory, NULL);
+        account(g, b->tag, b->bytes, false);
+    }
+    *b = (struct gpu_buffer){0};
+}
+
+static int create_buffer(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *b, uint64_t bytes,
+                         bool mapped)
+{
+    *b = (struct gpu_buffer){.tag = tag, .bytes = (bytes + 255) / 256 * 256};
+    if (g->limit && g->current[SG_MEM_TAGS] + b->bytes > g->limit)
+        return sg_fail(g->ctx, SG_ERR_BUDGET,
+                       "vulkan: found %llu bytes in use on %s and %llu wanted for %s, expected at "
+                       "most %llu",
+                       (unsigned long long) g->current[SG_MEM_TAGS], g->chosen.info.name,
+                       (unsigned long long) b->bytes, sg_mem_tag_name(tag),
+                       (unsigned long long) g->limit);
+    const VkBufferCreateInfo info = {
+        .sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
+        .size = b->bytes,
+        .usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_SRC_BIT |
+                 VK_BUFFER_USAGE_TRANSFER_DST_BIT | VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT};
+    VkResult result = g->vk.CreateBuffer(g->device, &info, NULL, &b->buffer);
+    if (result)
+        return fail_result(g, result, sg_mem_tag_name(tag));
+    VkMemoryRequirements need;
+    g->vk.GetBufferMemoryRequirements(g->device, b->buffer, &need);
+    const int type =
+        mapped ? find_memory(g, need.memoryTypeBits,
+                             VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT |
+                                 VK_MEMORY_PROPERTY_HOST_COHERENT_BIT,
+                             VK_MEMORY_PROPERTY_HOST_CACHED_BIT)
+               : find_memory(g, need.memoryTypeBits, 0, VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT);
+    const VkMemoryAllocateFlagsInfo flags = {.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_FLAGS_INFO,
+                                             .flags = VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT};
+    const VkMemoryAllocateInfo memory = {.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO,
+                                         .pNext = &flags,
+                                         .allocationSize = need.size,
+                                         .memoryTypeIndex = (uint32_t) type};
+    result = type < 0 ? VK_ERROR_OUT_OF_DEVICE_MEMORY
+                      : g->vk.AllocateMemory(g->device, &memory, NULL, &b->memory);
+    if (!result) {
+        account(g, tag, b->bytes, true);
+        result = g->vk.BindBufferMemory(g->device, b->buffer, b->memory, 0);
+    }
+    if (!result && mapped)
+        result = g->vk.MapMemory(g->device, b->memory, 0, VK_WHOLE_SIZE, 0, &b->mapped);
+    if (result) {
+        destroy_buffer(g, b);
+        return fail_result(g, result, sg_mem_tag_name(tag));
+    }
+    b->address = g->vk.GetBufferDeviceAddress(
+        g->device, &(VkBufferDeviceAddressInfo){
+                       .sType = VK_STRUCTURE_TYPE_BUFFER_DEVICE_ADDRESS_INFO, .buffer = b->buffer});
+    return SG_OK;
+}
+
+void sg_gpu_release(struct gpu *g, struct gpu_buffer *b)
+{
+    if (!b->buffer)
+        return;
+    if (g->recording)
+        sg_gpu_flush(g); /* commands may use it; a failure is met again by the next one */
+    destroy_buffer(g, b);
+}
+
+int sg_gpu_reserve(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *b, uint64_t bytes)
+{
+    bytes = bytes ? bytes : 4;
+    if (b->bytes >= bytes)
+        return SG_OK;
+    const uint64_t more = b->bytes + b->bytes / 2;
+    if (g->recording && b->buffer) {
+        const int code = sg_gpu_flush(g);
+        if (code)
+            return code;
+    }
+    destroy_buffer(g, b);
+    if (more > bytes && (!g->limit || g->current[SG_MEM_TAGS] + more <= g->limit) &&
+        !create_buffer(g, tag, b, more, false))
+        return SG_OK;
+    return create_buffer(g, tag, b, bytes, false);
+}
+
+VkDeviceAddress sg_gpu_at(const struct gpu *g, const struct gpu_buffer *b)
+{
+    return b->buffer ? b->address : g->none.address;
+}
+
+/* ---- commands ---- */
+
+static int record(struct gpu *g)
+{
+    if (g->recording)
+        return SG_OK;
+    if (g->lost)
+        return fail_result(g, VK_ERROR_DEVICE_LOST, "recording");
+    const VkCommandBufferBeginInfo info = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO,
+                                           .flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT};
+    const VkResult result = g->vk.BeginCommandBuffer(g->commands, &info);
+    if (result)
+        return fail_result(g, result, "recording");
+    g->recording = true;
+    return SG_OK;
+}
+
+/* What was recorded so far is done and seen by all that follows. */
+static void barrier(struct gpu *g)
+{
+    const VkPipelineStageFlags stages =
+        VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_TRANSFER_BIT;
+    const VkAccessFlags writes = VK_ACCESS_SHADER_WRITE_BIT | VK_ACCESS_TRANSFER_WRITE_BIT;
+    const VkMemoryBarrier all = {.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
+                                 .srcAccessMask = writes,
+                                 .dstAccessMask = writes | VK_ACCESS_SHADER_READ_BIT |
+                                                  VK_ACCESS_TRANSFER_READ_BIT |
+                                                  VK_ACCESS_HOST_READ_BIT};
+    g->vk.CmdPipelineBarrier(g->commands, stages, stages | VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &all,
+                             0, NULL, 0, NULL);
+}
+
+static bool draws_tiles(enum gpu_kernel kernel)
+{
+    return kernel == GPU_raster || kernel == GPU_raster_backward || kernel == GPU_raster_count;
+}
+
+static int make_pipeline(struct gpu *g, enum gpu_kernel kernel, int variant)
+{
+    VkPipeline *pipeline = &g->pipelines[kernel][variant];
+    if (*pipeline)
+        return SG_OK;
+    static const char *const names[] = {
+#define K(name) #name,
+        VK_KERNELS(K)
+#undef K
+    };
+    const VkShaderModuleCreateInfo code = {.sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO,
+                                           .codeSize = sg_vulkan_code[kernel].bytes,
+                                           .pCode = sg_vulkan_code[kernel].words};
+    VkShaderModule module;
+    VkResult result = g->vk.CreateShaderModule(g->device, &code, NULL, &module);
+    if (result)
+        return fail_result(g, result, names[kernel]);
+    const uint32_t constants[2] = {VK_BLOCKS * g->lanes,
+                                   draws_tiles(kernel) ? g->lanes : (uint32_t) variant};
+    const VkSpecializationMapEntry entries[2] = {{0, 0, 4}, {1, 4, 4}};
+    const VkSpecializationInfo special = {2, entries, sizeof(constants), constants};
+    const VkComputePipelineCreateInfo info = {
+        .sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO,
+        .stage = {.sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
+                  .stage = VK_SHADER_STAGE_COMPUTE_BIT,
+                  .module = module,
+                  .pName = "main",
+                  .pSpecializationInfo = &special},
+        .layout = g->layout};
+    result = g->vk.CreateComputePipelines(g->device, VK_NULL_HANDLE, 1, &info, NULL, pipeline);
+    g->vk.DestroyShaderModule(g->device, module, NULL);
+    return result ? fail_result(g, result, names[kernel]) : SG_OK;
+}
+
+int sg_gpu_dispatch(struct gpu *g, enum gpu_kernel kernel, int variant, const void *args,
+                    size_t size, uint64_t groups)
+{
+    if (!groups)
+        return SG_OK;
+    int code = make_pipeline(g, kernel, variant);
+    if (code || (code = record(g)))
+        return code;
+    g->vk.CmdBindPipeline(g->commands, VK_PIPELINE_BIND_POINT_COMPUTE,
+                          g->pipelines[kernel][variant]);
+    g->vk.CmdPushConstants(g->commands, g->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, (uint32_t) size,
+                           args);
+    const uint64_t rows = (groups + MOST_GROUPS - 1) / MOST_GROUPS;
+    if (rows > MOST_GROUPS)
+        return sg_fail(g->ctx, SG_ERR_BUDGET, "vulkan: found %llu workgroups, which is too many",
+                       (unsigned long long) groups);
+    g->vk.CmdDispatch(g->commands, (uint32_t) ((groups + rows - 1) / rows), (uint32_t) rows, 1);
+    barrier(g);
+    g->dispatches++;
+    return SG_OK;
+}
+
+int sg_gpu_fill(struct gpu *g, const struct gpu_buffer *b, uint64_t offset, uint64_t bytes,
+                uint32_t value)
+{
+    const int code = record(g);
+    if (code || !bytes)
+        return code;
+    g->vk.CmdFillBuffer(g->commands, b->buffer, offset, bytes, value);
+    barrier(g);
+    return SG_OK;
+}
+
+int sg_gpu_update(struct gpu *g, const struct gpu_buffer *b, const void *from, uint64_t bytes)
+{
+    const int code = record(g);
+    if (code)
+        return code;
+    g->vk.CmdUpdateBuffer(g->commands, b->buffer, 0, bytes, from);
+    barrier(g);
+    return SG_OK;
+}
+
+int sg_gpu_copy(struct gpu *g, const struct gpu_buffer *from, uint64_t from_offset,
+                const struct gpu_buffer *to, uint64_t to_offset, uint64_t bytes)
+{
+    const int code = record(g);
+    if (code || !bytes)
+        return code;
+    g->vk.CmdCopyBuffer(g->commands, from->buffer, to->buffer, 1,
+                        &(VkBufferCopy){from_offset, to_offset, bytes});
+    barrier(g);
+    return SG_OK;
+}
+
+int sg_gpu_flush(struct gpu *g)
+{
+    if (!g->recording)
+        return SG_OK;
+    g->recording = false;
+    const VkSubmitInfo info = {.sType = VK_STRUCTURE_TYPE_SUBMIT_INFO,
+                               .commandBufferCount = 1,
+                               .pCommandBuffers = &g->commands};
+    VkResult result = g->vk.EndCommandBuffer(g->commands);
+    if (!result)
+        result = g->vk.ResetFences(g->device, 1, &g->fence);
+    if (!result)
+        result = g->vk.QueueSubmit(g->queue, 1, &info, g->fence);
+    if (!result)
+        result = g->vk.WaitForFences(g->device, 1, &g->fence, VK_TRUE, UINT64_MAX);
+    g->submissions++;
+    return result ? fail_result(g, result, "waiting") : SG_OK;
+}
+
+int sg_gpu_write(struct gpu *g, const struct gpu_buffer *to, uint64_t offset, const void *from,
+                 uint64_t bytes)
+{
+    int code = sg_gpu_flush(g); /* the window may be in use */
+    for (uint64_t done = 0; done < bytes && !code;) {
+        const uint64_t n = bytes - done < STAGING ? bytes - done : STAGING;
+        memcpy(g->staging.mapped, (const char *) from + done, n);
+        if (!(code = sg_gpu_copy(g, &g->staging, 0, to, offset + done, n)))
+            code = sg_gpu_flush(g);
+        done += n;
+    }
+    return code;
+}
+
+int sg_gpu_read(struct gpu *g, const struct gpu_buffer *from, uint64_t offset, void *to,
+                uint64_t bytes)
+{
+    int code = SG_OK;
+    for (uint64_t done = 0; done < bytes && !code;) {
+        const uint64_t n = bytes - done < STAGING ? bytes - done : STAGING;
+        if (!(code = sg_gpu_copy(g, from, offset + done, &g->staging, 0, n)) &&
+            !(code = sg_gpu_flush(g)))
+            memcpy((char *) to + done, g->staging.mapped, n);
+        done += n;
+    }
+    return code;
+}
+
+/* ---- creation ---- */
+
+static int open_device(struct gpu *g)
+{
+    const float priority = 1;
+    const VkDeviceQueueCreateInfo queue = {.sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO,
+                                           .queueFamilyIndex = g->chosen.queue_family,
+                                           .queueCount = 1,
+                                           .pQueuePriorities = &priority};
+    VkPhysicalDeviceVulkan12Features features = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES,
+        .bufferDeviceAddress = VK_TRUE};
+    const VkDeviceCreateInfo info = {.sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO,
+                                     .pNext = &features,
+                                     .queueCreateInfoCount = 1,
+                                     .pQueueCreateInfos = &queue};
+    VkResult result = g->vk.CreateDevice(g->chosen.physical, &info, NULL, &g->device);
+    if (result)
+        return fail_result(g, result, "opening the device");
+    sg_vk_open_device(&g->vk, g->device);
+    g->vk.GetDeviceQueue(g->device, g->chosen.queue_family, 0, &g->queue);
+    const VkPushConstantRange range = {VK_SHADER_STAGE_COMPUTE_BIT, 0, GPU_ARGUMENTS};
+    const VkPipelineLayoutCreateInfo layout = {.sType =
+                                                   VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO,
+                                               .pushConstantRangeCount = 1,
+                                               .pPushConstantRanges = &range};
+    const VkCommandPoolCreateInfo pool = {.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO,
+                                          .flags = VK_COMMAND_POOL_CREATE_RESET_COMMAND_BUFFER_BIT,
+                                          .queueFamilyIndex = g->chosen.queue_family};
+    const VkFenceCreateInfo fence = {.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO};
+    result = g->vk.CreatePipelineLayout(g->device, &layout, NULL, &g->layout);
+    if (!result)
+        result = g->vk.CreateCommandPool(g->device, &pool, NULL, &g->pool);
+    if (!result)
+        result = g->vk.AllocateCommandBuffers(
+            g->device,
+            &(VkCommandBufferAllocateInfo){.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO,
+                                           .commandPool = g->pool,
+                                           .level = VK_COMMAND_BUFFER_LEVEL_PRIMARY,
+                                           .commandBufferCount = 1},
+            &g->commands);
+    if (!result)
+        result = g->vk.CreateFence(g->device, &fence, NULL, &g->fence);
+    if (result)
+        return fail_result(g, result, "opening the device");
+    const int code = create_buffer(g, SG_MEM_MISC, &g->staging, STAGING, true);
+    return code ? code : create_buffer(g, SG_MEM_MISC, &g->none, 256, false);
+}
+
+int sg_gpu_open(sg_ctx *ctx, const char *selector, struct gpu **out)
+{
+    *out = NULL;
+    struct gpu *g = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*g));
+    if (!g)
+        return SG_ERR_BUDGET;
+    g->ctx = ctx;
+    const char *missing = sg_vk_open(&g->vk);
+    if (missing) {
+        sg_free(g);
+        return sg_fail(ctx, SG_ERR_USAGE, "vulkan: this machine lacks %s", missing);
+    }
+    struct vk_device_choice devices[VK_DEVICES];
+    const struct vk_device_choice *chosen;
+    int code = sg_vk_choose_device(ctx, devices, sg_vk_devices(&g->vk, devices), selector, &chosen);
+    if (!code) {
+        g->chosen = *chosen;
+        g->lanes = chosen->lanes < 4 ? 4 : chosen->lanes > 32 ? 32 : chosen->lanes;
+        code = open_device(g);
+    }
+    if (code)
+        sg_gpu_close(&g);
+    *out = g;
+    return code;
+}
+
+void sg_gpu_close(struct gpu **gpu)
+{
+    struct gpu *g = *gpu;
+    *gpu = NULL;
+    if (!g)
+        return;
+    if (g->device) {
+        g->vk.DeviceWaitIdle(g->device);
+        destroy_buffer(g, &g->staging);
+        destroy_buffer(g, &g->none);
+        for (int k = 0; k < GPU_KERNELS; k++)
+            for (int v = 0; v < 4; v++)
+                g->vk.DestroyPipeline(g->device, g->pipelines[k][v], NULL);
+        g->vk.DestroyFence(g->device, g->fence, NULL);
+        g->vk.DestroyCommandPool(g->device, g->pool, NULL);
+        g->vk.DestroyPipelineLayout(g->device, g->layout, NULL);
+        g->vk.DestroyDevice(g->device, NULL);
+    }
+    sg_vk_close(&g->vk);
+    sg_free(g);
+}

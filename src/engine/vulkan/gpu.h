@@ -1,0 +1,109 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A Vulkan device as the engine sees it: buffers with a ledger, kernels, and a list of commands
+ * that is recorded until somebody waits for it. Thread safety: unsafe. */
+#ifndef SG_VULKAN_GPU_H
+#define SG_VULKAN_GPU_H
+
+#include "devices.h"
+#include "shaders/args.h"
+
+/* ---- kernels ---- */
+
+#define GPU_ARGUMENTS 128 /* bytes of push constants */
+
+struct gpu_code {
+    const uint32_t *words; /* SPIR-V */
+    size_t bytes;
+};
+
+enum gpu_kernel {
+#define K(name) GPU_##name,
+    VK_KERNELS(K)
+#undef K
+        GPU_KERNELS
+};
+
+extern const struct gpu_code sg_vulkan_code[GPU_KERNELS];
+
+/* Arguments of each kernel: struct args_project and so on. */
+#define ARG_POINTER(type, name) VkDeviceAddress name;
+#define ARG_UINT(name) uint32_t name;
+#define ARG_FLOAT(name) float name;
+#define K(kernel)                                                                                  \
+    struct args_##kernel {                                                                         \
+        ARGS_##kernel(ARG_POINTER, ARG_UINT, ARG_FLOAT)                                            \
+    };                                                                                             \
+    _Static_assert(sizeof(struct args_##kernel) <= GPU_ARGUMENTS, "what all devices have");
+VK_KERNELS(K)
+#undef K
+#undef ARG_POINTER
+#undef ARG_UINT
+#undef ARG_FLOAT
+
+/* ---- buffers ---- */
+
+struct gpu_buffer {
+    VkBuffer buffer; /* 0: none */
+    VkDeviceMemory memory;
+    VkDeviceAddress address;
+    uint64_t bytes;
+    enum sg_mem_tag tag;
+    void *mapped; /* of one that the host sees, else NULL */
+};
+
+struct gpu {
+    sg_ctx *ctx;
+    struct vk_functions vk;
+    struct vk_device_choice chosen;
+    VkDevice device;
+    VkQueue queue;
+    VkPipelineLayout layout;
+    VkPipeline pipelines[GPU_KERNELS][4]; /* by SH degree, where a kernel depends on it */
+    VkCommandPool pool;
+    VkCommandBuffer commands;
+    VkFence fence;
+    bool recording, lost;
+    struct gpu_buffer staging; /* the host's window on device memory */
+    struct gpu_buffer none;    /* what unused arguments point to */
+    uint32_t lanes;            /* invocations of a block of pixels */
+    uint64_t limit;            /* bytes of device memory, 0 = none */
+    uint64_t current[SG_MEM_TAGS + 1], peak[SG_MEM_TAGS + 1]; /* the last: of all */
+    uint64_t dispatches, submissions;
+};
+
+/* selector: see vk_choose_device. SG_ERR_USAGE, SG_ERR_BUDGET, SG_ERR_INTERNAL. */
+int sg_gpu_open(sg_ctx *ctx, const char *selector, struct gpu **out);
+void sg_gpu_close(struct gpu **gpu);
+
+/* Makes room for at least `bytes`. Where the buffer has to grow, it may become half as large again
+ * as it was, and what it held is lost. SG_ERR_BUDGET: it holds nothing. */
+int sg_gpu_reserve(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *b, uint64_t bytes);
+void sg_gpu_release(struct gpu *g, struct gpu_buffer *b);
+
+/* Address of a buffer, or of one that nobody uses. */
+VkDeviceAddress sg_gpu_at(const struct gpu *g, const struct gpu_buffer *b);
+
+/* ---- commands: recorded, in order ---- */
+
+/* variant: the SH degree, 0 where the kernel does not depend on it. */
+int sg_gpu_dispatch(struct gpu *g, enum gpu_kernel kernel, int variant, const void *args,
+                    size_t size, uint64_t groups);
+#define GPU_RUN(g, kernel, variant, groups, ...)                                                   \
+    sg_gpu_dispatch(g, GPU_##kernel, variant, &(struct args_##kernel){__VA_ARGS__},                \
+                    sizeof(struct args_##kernel), groups)
+int sg_gpu_fill(struct gpu *g, const struct gpu_buffer *b, uint64_t offset, uint64_t bytes,
+                uint32_t value);
+/* At most 65536 bytes, in words. */
+int sg_gpu_update(struct gpu *g, const struct gpu_buffer *b, const void *from, uint64_t bytes);
+int sg_gpu_copy(struct gpu *g, const struct gpu_buffer *from, uint64_t from_offset,
+                const struct gpu_buffer *to, uint64_t to_offset, uint64_t bytes);
+
+/* Submits what is recorded and waits for it. SG_ERR_INTERNAL: the device is lost. */
+int sg_gpu_flush(struct gpu *g);
+/* Waits. Offsets and sizes are multiples of 4. */
+int sg_gpu_write(struct gpu *g, const struct gpu_buffer *to, uint64_t offset, const void *from,
+                 uint64_t bytes);
+int sg_gpu_read(struct gpu *g, const struct gpu_buffer *from, uint64_t offset, void *to,
+                uint64_t bytes);
+
+#endif

@@ -1,0 +1,155 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What the host and the kernels agree on, for C and GLSL: every kernel's arguments (its push
+ * constants, at most 128 bytes) as a list of P(type, name), a buffer's address, U(name), an
+ * unsigned number, and F(name), a float. */
+#ifndef SG_VULKAN_ARGS_H
+#define SG_VULKAN_ARGS_H
+
+#define VK_BATCH 32      /* instances staged at once */
+#define VK_CHUNK 128     /* instances between two checkpoints: a unit of the backward pass */
+#define VK_BLOCKS 8      /* of 8 x 4 pixels in a tile */
+#define VK_BLOCK_SIZE 32 /* pixels */
+#define VK_SLOT 9        /* floats: sum w, w dx, w dy, w dx^2, w dx dy, w dy^2, r, g, b */
+#define VK_GROUP 256     /* invocations of the kernels without a tile */
+#define VK_SCAN 1024     /* numbers that a workgroup scans */
+#define VK_SORT 1024     /* keys that a workgroup sorts */
+#define VK_SORT_GROUP 64 /* invocations: each sorts VK_SORT / VK_SORT_GROUP keys in order */
+#define VK_DIGITS 256
+
+/* Numbers that kernels leave for the host; pairs are low and high words. */
+#define VK_RESULT_VISIBLE 0
+#define VK_RESULT_DRAWN 1
+#define VK_RESULT_INSTANCES 2
+#define VK_RESULT_PAIRS 4
+#define VK_RESULT_LONGEST 6
+#define VK_RESULT_SCANNED 7
+#define VK_RESULT_LOSSES 8 /* 3 floats of the photometric loss, one of the total variation */
+#define VK_RESULTS 16
+
+#define VK_KERNELS(K)                                                                              \
+    K(project)                                                                                     \
+    K(count)                                                                                       \
+    K(tile_totals)                                                                                 \
+    K(scan_sum)                                                                                    \
+    K(scan_spine)                                                                                  \
+    K(scan_apply)                                                                                  \
+    K(compact)                                                                                     \
+    K(gather)                                                                                      \
+    K(radix_count)                                                                                 \
+    K(radix_scatter)                                                                               \
+    K(emit)                                                                                        \
+    K(tile_start)                                                                                  \
+    K(tile_chunks)                                                                                 \
+    K(raster)                                                                                      \
+    K(raster_backward)                                                                             \
+    K(raster_count)                                                                                \
+    K(slots_add)                                                                                   \
+    K(learn)                                                                                       \
+    K(target)                                                                                      \
+    K(ssim)                                                                                        \
+    K(ssim_gradient)                                                                               \
+    K(total_variation)                                                                             \
+    K(loss_sums)                                                                                   \
+    K(move)                                                                                        \
+    K(planes)
+
+/* clang-format off */
+#define ARGS_project(P, U, F)                                                                      \
+    P(Floats, params) P(Floats, view) P(Floats, splats) P(Uints, rects) P(Uints, keys)             \
+    P(Uints, flags) P(Uints, results) U(count) U(planes) U(grid_x) U(grid_y)
+
+/* Tiles first to end - 1, in row-major order, are the band. */
+#define ARGS_count(P, U, F)                                                                        \
+    P(Floats, splats) P(Uints, rects) P(Uints, counts) P(Uints, results) U(count) U(grid_x)        \
+    U(first) U(end) U(reference_tiles)
+#define ARGS_tile_totals(P, U, F)                                                                  \
+    P(Floats, splats) P(Uints, rects) P(Uints, totals) U(count) U(grid_x) U(tiles)                 \
+    U(reference_tiles)
+
+/* Exclusive sums of `from` to `to`; the sum of all goes to to[count] and, where its address is
+ * not the sums' own, to *total. */
+#define ARGS_scan(P, U, F)                                                                         \
+    P(Uints, from) P(Uints, to) P(Uints, sums) P(Uints, total) U(count)
+#define ARGS_scan_sum ARGS_scan
+#define ARGS_scan_spine ARGS_scan
+#define ARGS_scan_apply ARGS_scan
+
+#define ARGS_compact(P, U, F)                                                                      \
+    P(Uints, flags) P(Uints, places) P(Uints, keys) P(Uints, to_keys) P(Uints, to_values)          \
+    U(count)
+#define ARGS_gather(P, U, F)                                                                       \
+    P(Uints, from) P(Uints, index) P(Uints, to) U(count)
+#define ARGS_radix_count(P, U, F)                                                                  \
+    P(Uints, keys) P(Uints, digits) U(count) U(groups) U(shift)
+#define ARGS_radix_scatter(P, U, F)                                                                \
+    P(Uints, keys) P(Uints, values) P(Uints, digits) P(Uints, to_keys) P(Uints, to_values)         \
+    U(count) U(groups) U(shift)
+#define ARGS_emit(P, U, F)                                                                         \
+    P(Floats, splats) P(Uints, rects) P(Uints, order) P(Uints, places) P(Uints, slot_start)        \
+    P(Uints, keys) P(Uints, values) P(Uints, emitted) U(count) U(grid_x) U(first) U(end)           \
+    U(reference_tiles)
+#define ARGS_tile_start(P, U, F)                                                                   \
+    P(Uints, keys) P(Uints, values) P(Uints, emitted) P(Uints, instances) P(Uints, tile_start)     \
+    U(count) U(tiles)
+#define ARGS_tile_chunks(P, U, F)                                                                  \
+    P(Uints, tile_start) P(Uints, chunks) P(Uints, results) U(tiles)
+
+/* auxiliary: 1 = alpha and depth too */
+#define ARGS_raster(P, U, F)                                                                       \
+    P(Floats, splats) P(Uints, instances) P(Uints, tile_start) P(Uints, chunk_start)               \
+    P(Uints, blocks) P(Uints, reached) P(Floats, checkpoints) P(Floats, image) P(Floats, alpha)    \
+    P(Floats, depth) P(Uints, results) U(first_tile) U(tiles) U(grid_x) U(width) U(height)         \
+    U(auxiliary) F(background_r) F(background_g) F(background_b)
+#define ARGS_raster_backward(P, U, F)                                                              \
+    P(Floats, splats) P(Uints, instances) P(Uints, tile_start) P(Uints, chunk_start)               \
+    P(Uints, blocks) P(Uints, reached) P(Floats, checkpoints) P(Floats, image)                     \
+    P(Floats, gradient) P(Floats, slots) U(first_tile) U(tiles) U(grid_x) U(width) U(height)
+/* hit: enum sg_hit */
+#define ARGS_raster_count(P, U, F)                                                                 \
+    P(Floats, splats) P(Uints, instances) P(Uints, tile_start) P(Floats, slots) U(first_tile)      \
+    U(tiles) U(grid_x) U(width) U(height) U(hit)
+/* Adds each Gaussian's slots of `width` floats to its sums. */
+#define ARGS_slots_add(P, U, F)                                                                    \
+    P(Floats, slots) P(Uints, slot_start) P(Floats, sums) U(count) U(width)
+
+/* Bits of `what`. */
+#define VK_LEARN_PULL 1 /* gradients from the slots; else they are read */
+#define VK_LEARN_STORE 2
+#define VK_LEARN_STATISTICS 4
+#define VK_LEARN_ACCUMULATE 8
+#define VK_LEARN_ADAM 16
+#define VK_LEARN_BANDED 32 /* slots: sums over the bands, one a Gaussian */
+/* step: 6 rates, 6 roots (enum sg_group), mean_opacity, mean_scale */
+#define ARGS_learn(P, U, F)                                                                        \
+    P(Floats, shaped) P(Floats, params) P(Floats, m) P(Floats, v) P(Floats, grad_sum)              \
+    P(Floats, grad_count) P(Floats, gradients) P(Floats, accumulated) P(Floats, splats)            \
+    P(Uints, rects) P(Floats, slots) P(Uints, slot_start) P(Floats, view) P(Floats, step)          \
+    U(count) U(planes) U(what)
+
+/* photo: a word a pixel, red in the lowest byte, the mask in the highest. planes: 1 = `planes` are
+ * the target; masked: 1 = there is a mask. */
+#define ARGS_target(P, U, F)                                                                       \
+    P(Uints, photo) P(Floats, given) P(Floats, image) P(Floats, target) U(pixels) U(planes)        \
+    U(masked) F(tolerance)
+#define ARGS_ssim(P, U, F)                                                                         \
+    P(Floats, image) P(Floats, target) P(Floats, maps) P(Floats, sums) U(width) U(height)
+#define ARGS_ssim_gradient(P, U, F)                                                                \
+    P(Floats, image) P(Floats, target) P(Floats, maps) P(Uints, photo) P(Floats, gradient)         \
+    U(width) U(height) U(masked) U(tolerant) F(l1) F(dssim)
+/* norm: enum sg_tv_norm. Adds `across` and `down` times the slopes to the gradient. */
+#define ARGS_total_variation(P, U, F)                                                              \
+    P(Floats, image) P(Uints, photo) P(Floats, gradient) P(Floats, sums) U(width) U(height)        \
+    U(masked) U(norm) F(across) F(down) F(weight) F(edge)
+/* Sums `width` floats of `count` groups, in a fixed order. */
+#define ARGS_loss_sums(P, U, F)                                                                    \
+    P(Floats, from) P(Floats, to) U(count) U(width)
+/* Changes of the parameters in place: 0 = scales to at least `limit`, as stored; 1 = opacity to at
+ * most `limit`, as stored, and its moments to 0 where there are some. */
+#define ARGS_move(P, U, F)                                                                         \
+    P(Floats, params) P(Floats, m) P(Floats, v) U(count) U(planes) U(what) U(moments) F(limit)
+/* The first `width` planes of every Gaussian on their own. */
+#define ARGS_planes(P, U, F)                                                                       \
+    P(Floats, from) P(Floats, to) U(count) U(planes) U(width)
+/* clang-format on */
+
+#endif

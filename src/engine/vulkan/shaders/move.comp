@@ -1,0 +1,29 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Floor of the scales, reset of the opacities. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+
+layout(local_size_x = VK_GROUP) in;
+ARGUMENTS(move);
+
+#define P_OPACITY 3
+#define P_SCALE 4
+
+void main()
+{
+    const uint i = thread_index();
+    if (i >= a.count)
+        return;
+    if (a.what == 0) {
+        for (uint k = 0; k < 3; k++) {
+            const uint at = param_at(a.planes, i, P_SCALE + k);
+            a.params.v[at] = r_max(a.params.v[at], a.limit);
+        }
+        return;
+    }
+    const uint at = param_at(a.planes, i, P_OPACITY);
+    a.params.v[at] = r_min(a.params.v[at], a.limit);
+    if (a.moments != 0)
+        a.m.v[at] = a.v.v[at] = 0.0;
+}

@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* How often each digit occurs in each group's keys; digit by digit, so that their exclusive sums
+ * are places. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "radix.glsl"
+
+layout(local_size_x = VK_SORT_GROUP) in;
+ARGUMENTS(radix_count);
+
+void main()
+{
+    const uint group = group_index();
+    if (group >= a.groups)
+        return;
+    count_runs(a.keys, group * VK_SORT, a.count, a.shift);
+    for (uint digit = gl_LocalInvocationID.x; digit < VK_DIGITS; digit += VK_SORT_GROUP) {
+        uint sum = 0;
+        for (uint k = 0; k < WORDS; k++) {
+            const uint four = counters[digit][k];
+            sum += (four & 255) + (four >> 8 & 255) + (four >> 16 & 255) + (four >> 24);
+        }
+        a.digits.v[digit * a.groups + group] = sum;
+    }
+}

@@ -1,0 +1,105 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* One tile, front to back: Kerbl et al. 2023, algorithm 2. Every VK_CHUNK instances each pixel
+ * leaves its state, from which the backward pass goes on. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "tile.glsl"
+ARGUMENTS(raster);
+
+shared uint open_pixels, rows_walked;
+
+void main()
+{
+    const uint tile = group_index(), t = gl_LocalInvocationID.x;
+    if (tile >= a.tiles)
+        return;
+    const uint x0 = (tile + a.first_tile) % a.grid_x * SG_TILE,
+               y0 = (tile + a.first_tile) / a.grid_x * SG_TILE;
+    const uint first = a.tile_start.v[tile], end = a.tile_start.v[tile + 1];
+    float chain[MOST_PIXELS], left[MOST_PIXELS], depth[MOST_PIXELS];
+    vec3 colour[MOST_PIXELS];
+    uint rows = 0;
+    [[unroll]] for (uint p = 0; p < PIXELS; p++) {
+        const uvec2 at = uvec2(x0, y0) + pixel_of(p);
+        chain[p] = at.x < a.width && at.y < a.height ? 1.0 : 0.0;
+        left[p] = 1.0, depth[p] = 0.0, colour[p] = vec3(0.0);
+    }
+    if (t == 0)
+        rows_walked = 0;
+    uint at = first;
+    for (; at < end; at += VK_BATCH) {
+        const uint n = min(end - at, VK_BATCH);
+        if ((at - first) % VK_CHUNK == 0) {
+            const uint chunk = a.chunk_start.v[tile] + (at - first) / VK_CHUNK;
+            [[unroll]] for (uint p = 0; p < PIXELS; p++) {
+                const uint to = 4 * (chunk * 256 + p * INVOCATIONS + t);
+                a.checkpoints.v[to] = colour[p].x;
+                a.checkpoints.v[to + 1] = colour[p].y;
+                a.checkpoints.v[to + 2] = colour[p].z;
+                a.checkpoints.v[to + 3] = chain[p];
+            }
+        }
+        barrier(); /* all have left the last batch, and read open_pixels */
+        for (uint block = t; block < VK_BLOCKS; block += INVOCATIONS)
+            batch_rows[block] = 0;
+        if (t == 0)
+            open_pixels = 0;
+        barrier(); /* lists are empty */
+        for (uint k = t; k < n; k += INVOCATIONS) {
+            const uint i = a.instances.v[2 * (at + k)], bits = blocks_of(a.splats, i, x0, y0);
+            batch_stage(a.splats, i, k);
+            batch_mark(bits, k);
+            a.blocks.v[at + k] = bits;
+        }
+        barrier(); /* the batch is staged */
+        const uint list = batch_rows[block_of()];
+        bool open = false;
+        [[unroll]] for (uint p = 0; p < PIXELS; p++) {
+            const uvec2 pixel = uvec2(x0, y0) + pixel_of(p);
+            float c = chain[p];
+            for (uint todo = list; todo != 0 && c >= SG_T_MIN; todo &= todo - 1) {
+                const uint k = findLSB(todo);
+                const float alpha = pair_of(k, float(pixel.x), float(pixel.y)).alpha;
+                const float weight = alpha * c;
+                c = chain_next(c, alpha);
+                if (c >= SG_T_MIN) {
+                    left[p] = c;
+                    colour[p] += weight * batch_colour[k].xyz;
+                    depth[p] += weight * batch_light[k].z;
+                }
+            }
+            chain[p] = c;
+            open = open || c >= SG_T_MIN;
+        }
+        if (t % LANES == 0)
+            rows += bitCount(list);
+        if (open)
+            atomicOr(open_pixels, 1);
+        barrier(); /* all have told whether they are open */
+        if (open_pixels == 0) {
+            at += n;
+            break;
+        }
+    }
+    if (rows > 0)
+        atomicAdd(rows_walked, rows);
+    [[unroll]] for (uint p = 0; p < PIXELS; p++) {
+        const uvec2 pixel = uvec2(x0, y0) + pixel_of(p);
+        if (pixel.x >= a.width || pixel.y >= a.height)
+            continue;
+        const uint to = pixel.y * a.width + pixel.x, plane = a.width * a.height;
+        a.image.v[to] = colour[p].x + left[p] * a.background_r;
+        a.image.v[plane + to] = colour[p].y + left[p] * a.background_g;
+        a.image.v[2 * plane + to] = colour[p].z + left[p] * a.background_b;
+        if (a.auxiliary != 0) {
+            a.alpha.v[to] = 1.0 - left[p];
+            a.depth.v[to] = depth[p];
+        }
+    }
+    barrier(); /* all have added their rows */
+    if (t == 0) {
+        a.reached.v[tile] = min(at, end);
+        ADD_WIDE(a.results, VK_RESULT_PAIRS, rows_walked * VK_BLOCK_SIZE);
+    }
+}

@@ -1,0 +1,160 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Gradients of one chunk of a tile's list: VK_CHUNK instances.
+ *
+ * Front to back again: with q = colour . g and the prefix P_i = sum of alpha_j T_j q_j over j <= i,
+ * the light behind splat i is image . g - P_i, so that dL/dalpha_i = T_i q_i - (image . g - P_i) /
+ * (1 - alpha_i). A chunk begins with the state that the forward pass left there. All gradients of
+ * position and conic are moments of w = opacity G dL/dalpha: summed about the tile's centre, and
+ * moved to the splat's centre at the end. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "tile.glsl"
+#include "rounds.glsl"
+ARGUMENTS(raster_backward);
+
+#define PARTS 4 /* of a block: its rows of 8 pixels */
+#define CENTRE (0.5 * (SG_TILE - 1))
+
+shared float row_w[VK_BLOCKS][ROWS][VK_BLOCK_SIZE], row_weight[VK_BLOCKS][ROWS][VK_BLOCK_SIZE];
+shared float parts[VK_BLOCKS * ROWS * PARTS][VK_SLOT];
+shared float sums[VK_BLOCKS][VK_BATCH][VK_SLOT];
+shared vec3 pull[256]; /* dL/dimage of block b, pixel q at 32 b + q */
+
+/* Sums over the 8 pixels of a row of a block. */
+void sum_part(uint item)
+{
+    const uint part = item % PARTS, row = item / PARTS % ROWS, block = item / (PARTS * ROWS);
+    float s0 = 0.0, s1 = 0.0, s2 = 0.0;
+    vec3 colour = vec3(0.0);
+    for (uint k = 0; k < 8; k++) {
+        const uint q = 8 * part + k;
+        const float w = row_w[block][row][q], x = float(block % 2 * 8 + k) - CENTRE;
+        s0 += w, s1 += w * x, s2 += w * x * x;
+        colour += row_weight[block][row][q] * pull[32 * block + q];
+    }
+    const float y = float(block / 2 * 4 + part) - CENTRE;
+    parts[item][0] = s0, parts[item][1] = s0 * y, parts[item][2] = s0 * y * y;
+    parts[item][3] = s1, parts[item][4] = s1 * y, parts[item][5] = s2;
+    parts[item][6] = colour.x, parts[item][7] = colour.y, parts[item][8] = colour.z;
+}
+
+void main()
+{
+    const uint unit = group_index(), t = gl_LocalInvocationID.x;
+    if (unit >= a.chunk_start.v[a.tiles])
+        return;
+    uint tile = 0;
+    for (uint above = a.tiles; above - tile > 1;) { /* the last tile that begins by this chunk */
+        const uint middle = (tile + above) / 2;
+        if (a.chunk_start.v[middle] <= unit)
+            tile = middle;
+        else
+            above = middle;
+    }
+    const uint x0 = (tile + a.first_tile) % a.grid_x * SG_TILE,
+               y0 = (tile + a.first_tile) / a.grid_x * SG_TILE;
+    const uint first = a.tile_start.v[tile] + (unit - a.chunk_start.v[tile]) * VK_CHUNK;
+    const uint end = min(first + VK_CHUNK, a.tile_start.v[tile + 1]);
+    const uint reached = min(end, a.reached.v[tile]); /* behind it no pixel sees anything */
+    for (uint k = max(first, reached) + t; k < end; k += INVOCATIONS)
+        for (uint j = 0; j < VK_SLOT; j++)
+            a.slots.v[a.instances.v[2 * k + 1] * VK_SLOT + j] = 0.0;
+    if (first >= reached)
+        return;
+
+    const uint plane = a.width * a.height, block = block_of();
+    float chain[MOST_PIXELS], prefix[MOST_PIXELS], total[MOST_PIXELS];
+    [[unroll]] for (uint p = 0; p < PIXELS; p++) {
+        const uvec2 pixel = uvec2(x0, y0) + pixel_of(p);
+        const uint q = 32 * block + t % LANES + p * LANES;
+        const uint from = 4 * (unit * 256 + p * INVOCATIONS + t);
+        chain[p] = prefix[p] = total[p] = 0.0;
+        pull[q] = vec3(0.0);
+        if (pixel.x < a.width && pixel.y < a.height) {
+            const uint at = pixel.y * a.width + pixel.x;
+            const vec3 g = vec3(a.gradient.v[at], a.gradient.v[plane + at],
+                                a.gradient.v[2 * plane + at]);
+            pull[q] = g;
+            total[p] = g.x * a.image.v[at] + g.y * a.image.v[plane + at] +
+                       g.z * a.image.v[2 * plane + at];
+            prefix[p] = g.x * a.checkpoints.v[from] + g.y * a.checkpoints.v[from + 1] +
+                        g.z * a.checkpoints.v[from + 2];
+            chain[p] = a.checkpoints.v[from + 3];
+        }
+    }
+    for (uint at = first; at < reached; at += VK_BATCH) {
+        const uint n = min(reached - at, VK_BATCH);
+        barrier(); /* all have left the last batch */
+        for (uint b = t; b < VK_BLOCKS; b += INVOCATIONS)
+            batch_rows[b] = 0;
+        barrier(); /* lists are empty */
+        for (uint k = t; k < n; k += INVOCATIONS) {
+            batch_stage(a.splats, a.instances.v[2 * (at + k)], k);
+            batch_mark(a.blocks.v[at + k], k);
+        }
+        barrier(); /* the batch is staged */
+        const uint rounds = rounds_of();
+        for (uint round = 0; round < rounds; round++) {
+            const uint list = without_first(batch_rows[block], round * ROWS);
+            [[unroll]] for (uint p = 0; p < PIXELS; p++) {
+                const uvec2 pixel = uvec2(x0, y0) + pixel_of(p);
+                const uint q = t % LANES + p * LANES;
+                const vec3 g = pull[32 * block + q];
+                uint todo = list;
+                for (uint row = 0; row < ROWS; row++) {
+                    float w = 0.0, weight = 0.0;
+                    if (todo != 0 && chain[p] >= SG_T_MIN) {
+                        const uint k = findLSB(todo);
+                        const pair o = pair_of(k, float(pixel.x), float(pixel.y));
+                        const float before = chain[p];
+                        chain[p] = chain_next(before, o.alpha);
+                        if (chain[p] >= SG_T_MIN && o.alpha > 0.0) {
+                            const float light = dot(batch_colour[k].xyz, g);
+                            weight = o.alpha * before;
+                            prefix[p] += weight * light;
+                            w = o.raw * (before * light - (total[p] - prefix[p]) / (1.0 - o.alpha));
+                        }
+                    }
+                    todo &= todo - 1;
+                    row_w[block][row][q] = w;
+                    row_weight[block][row][q] = weight;
+                }
+            }
+            barrier(); /* the pixels of the round are there */
+            for (uint item = t; item < VK_BLOCKS * ROWS * PARTS; item += INVOCATIONS)
+                sum_part(item);
+            barrier(); /* the parts are there, and the pixels read */
+            for (uint item = t; item < VK_BLOCKS * ROWS; item += INVOCATIONS) {
+                const uint b = item / ROWS;
+                const uint k = row_of(batch_rows[b], round * ROWS + item % ROWS);
+                for (uint j = 0; j < VK_SLOT && k < 32; j++)
+                    sums[b][k][j] = (parts[item * PARTS][j] + parts[item * PARTS + 1][j]) +
+                                    (parts[item * PARTS + 2][j] + parts[item * PARTS + 3][j]);
+            }
+        }
+        barrier(); /* the sums of all blocks are there */
+        for (uint k = t; k < n; k += INVOCATIONS) {
+            float s[VK_SLOT];
+            for (uint j = 0; j < VK_SLOT; j++)
+                s[j] = 0.0;
+            for (uint b = 0; b < VK_BLOCKS; b++)
+                if ((batch_rows[b] >> k & 1) != 0)
+                    for (uint j = 0; j < VK_SLOT; j++)
+                        s[j] += sums[b][k][j];
+            const float dx = float(x0) + CENTRE - batch_shape[k].x;
+            const float dy = float(y0) + CENTRE - batch_shape[k].y;
+            const uint to = a.instances.v[2 * (at + k) + 1] * VK_SLOT;
+            const float wx = s[3] + dx * s[0], wy = s[1] + dy * s[0];
+            a.slots.v[to] = s[0];
+            a.slots.v[to + 1] = wx;
+            a.slots.v[to + 2] = wy;
+            a.slots.v[to + 3] = s[5] + dx * (s[3] + wx);
+            a.slots.v[to + 4] = s[4] + dx * s[1] + dy * wx;
+            a.slots.v[to + 5] = s[2] + dy * (s[1] + wy);
+            a.slots.v[to + 6] = s[6];
+            a.slots.v[to + 7] = s[7];
+            a.slots.v[to + 8] = s[8];
+        }
+    }
+}

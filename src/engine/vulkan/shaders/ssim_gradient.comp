@@ -1,0 +1,47 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* dL/dimage from the derivatives of S under the window. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "window.glsl"
+ARGUMENTS(ssim_gradient);
+
+shared vec3 maps[WIDE * WIDE];
+shared vec3 along[WIDE][SIDE];
+
+void main()
+{
+    const place p = place_of(a.width, a.height);
+    const uint t = gl_LocalInvocationID.x, plane = a.width * a.height;
+    if (p.channel >= 3)
+        return;
+    for (uint k = t; k < WIDE * WIDE; k += SIDE * SIDE) {
+        const int at = bordered(p, k, a.width, a.height);
+        maps[k] = at >= 0 ? vec3(a.maps.v[at], a.maps.v[3 * plane + at], a.maps.v[6 * plane + at])
+                          : vec3(0.0);
+    }
+    barrier(); /* the maps are staged */
+    for (uint k = t; k < WIDE * SIDE; k += SIDE * SIDE) {
+        const uint row = k / SIDE, column = k % SIDE;
+        vec3 sum = vec3(0.0);
+        for (uint i = 0; i < SG_SSIM_TAPS; i++)
+            sum += sg_ssim_window[i] * maps[row * WIDE + column + i];
+        along[row][column] = sum;
+    }
+    barrier(); /* all rows are there */
+    const uint column = t % SIDE, row = t / SIDE, x = p.x0 + column, y = p.y0 + row;
+    if (x >= a.width || y >= a.height)
+        return;
+    vec3 m = vec3(0.0);
+    for (uint i = 0; i < SG_SSIM_TAPS; i++)
+        m += sg_ssim_window[i] * along[row + i][column];
+    const uint at = y * a.width + x;
+    const float image = a.image.v[p.channel * plane + at], other = a.target.v[p.channel * plane + at];
+    const float sign_of = image > other ? 1.0 : image < other ? -1.0 : 0.0;
+    float g = a.l1 * sign_of + a.dssim * (m.x + 2.0 * image * m.y + other * m.z);
+    if (a.tolerant != 0 && sign_of == 0.0) /* no pull where the target is the render itself */
+        g = 0.0;
+    if (a.masked != 0 && a.photo.v[at] >> 24 == 0)
+        g = 0.0;
+    a.gradient.v[p.channel * plane + at] = g;
+}

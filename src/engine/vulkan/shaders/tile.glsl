@@ -1,0 +1,90 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What the kernels of a tile share. A tile is VK_BLOCKS blocks of 8 x 4 pixels, and each block
+ * walks only the instances whose ellipse reaches it. A block belongs to LANES neighbouring
+ * invocations with PIXELS pixels each; LANES is the device's subgroup size, at most 32, and no
+ * result depends on it: no kernel uses subgroup operations. */
+#include "splat.glsl"
+
+layout(local_size_x_id = 0) in; /* VK_BLOCKS x LANES */
+layout(constant_id = 1) const uint LANES = 32;
+const uint PIXELS = VK_BLOCK_SIZE / LANES;
+#define MOST_PIXELS 8 /* LANES is at least 4; loops over PIXELS are unrolled */
+const uint INVOCATIONS = VK_BLOCKS * LANES;
+
+/* A batch of instances. */
+shared vec4 batch_shape[VK_BATCH]; /* x, y, across, shear */
+shared vec4 batch_light[VK_BATCH]; /* down, peak, z, 0 */
+shared vec4 batch_colour[VK_BATCH];
+shared uint batch_rows[VK_BLOCKS]; /* a bit an instance that reaches the block */
+
+uint block_of()
+{
+    return gl_LocalInvocationID.x / LANES;
+}
+
+/* Offset of pixel p of this invocation from the tile's corner. */
+uvec2 pixel_of(uint p)
+{
+    const uint block = block_of(), q = gl_LocalInvocationID.x % LANES + p * LANES;
+    return uvec2(block % 2 * 8 + q % 8, block / 2 * 4 + q / 8);
+}
+
+/* Stages splat i as number k of the batch. */
+void batch_stage(Floats splats, uint i, uint k)
+{
+    const uint at = i * SPLAT;
+    batch_shape[k] = vec4(splats.v[at + S_X], splats.v[at + S_Y], splats.v[at + S_ACROSS],
+                          splats.v[at + S_SHEAR]);
+    batch_light[k] =
+        vec4(splats.v[at + S_DOWN], splats.v[at + S_PEAK], splats.v[at + S_Z], 0.0);
+    batch_colour[k] = vec4(splats.v[at + S_R], splats.v[at + S_G], splats.v[at + S_B], 0.0);
+}
+
+/* Bits of the blocks that a splat can touch. x0, y0: the tile's first pixel. */
+uint blocks_of(Floats splats, uint i, uint x0, uint y0)
+{
+    const ellipse e = ellipse_load(splats, i);
+    const float x = splats.v[i * SPLAT + S_X] - float(x0), y = splats.v[i * SPLAT + S_Y];
+    uint bits = 0;
+    for (uint row = 0; row < 4; row++) {
+        const float top = float(y0 + row * 4) - y;
+        const row_span span = ellipse_row_span(e, top, top + 3.0);
+        /* Blocks whose pixel centres 8c .. 8c + 7 meet the span; clamped, any float converts. */
+        const uint c0 = uint(r_max(r_min((x + span.x0 + 1.0) * 0.125, 2.0), 0.0));
+        const uint c1 = uint(r_max(r_min((x + span.x1 + 8.0) * 0.125, 2.0), 0.0));
+        if (span.hit && span.x0 <= span.x1 && c0 < c1)
+            bits |= ((1u << c1) - (1u << c0)) << 2 * row;
+    }
+    return bits;
+}
+
+/* Marks instance k of the batch in the lists of its blocks. */
+void batch_mark(uint bits, uint k)
+{
+    for (uint block = 0; block < VK_BLOCKS; block++)
+        if ((bits >> block & 1) != 0)
+            atomicOr(batch_rows[block], 1u << k);
+}
+
+/* Opacity of a pair before its bound, and the alpha that is drawn: 0 where a skip test of Kerbl et
+ * al. applies. Forward and backward pass must round it alike. */
+struct pair {
+    float raw, alpha;
+};
+pair pair_of(uint k, float px, float py)
+{
+    precise const float dx = px - batch_shape[k].x, dy = py - batch_shape[k].y;
+    precise const float down = batch_light[k].x * dy;
+    precise const float along = batch_shape[k].z * dx - batch_shape[k].w * dy;
+    precise const float power = batch_light[k].y - down * down - along * along;
+    precise const float raw = exp2(power);
+    return pair(raw, power >= SG_LOG2_ALPHA_MIN ? r_min(raw, SG_ALPHA_MAX) : 0.0);
+}
+
+/* The chain is the product of all (1 - alpha) so far. It never rises, so "the pixel has not
+ * stopped" is chain >= SG_T_MIN. */
+float chain_next(float chain, float alpha)
+{
+    precise const float next = chain - chain * alpha;
+    return next;
+}

@@ -1,0 +1,198 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Photos on the device, and what a render is compared with. The anisotropy of its spectrum is
+ * computed on the host. */
+#include <string.h>
+
+#include "engine.h"
+#include "math/real_f32.h"
+
+#include "math/photometric.h"
+
+static uint64_t groups_of(uint64_t items, uint64_t each)
+{
+    return (items + each - 1) / each;
+}
+
+int sg_vulkan_photo_add(struct sg_engine *base, sg_photo photo, const struct sg_photo_entry *p)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    const size_t pixels = (size_t) p->width * (size_t) p->height, before = e->cap_photos;
+    if (sg_grow(base->ctx, SG_MEM_MISC, &e->photos, &e->cap_photos, photo, before,
+                sizeof(*e->photos)))
+        return SG_ERR_BUDGET;
+    memset(e->photos + before, 0, (e->cap_photos - before) * sizeof(*e->photos));
+    uint32_t *words = sg_alloc_raw(base->ctx, SG_MEM_IMAGES, pixels, sizeof(*words));
+    if (!words)
+        return SG_ERR_BUDGET;
+    for (size_t i = 0; i < pixels; i++)
+        words[i] = p->rgb[3 * i] | (uint32_t) p->rgb[3 * i + 1] << 8 |
+                   (uint32_t) p->rgb[3 * i + 2] << 16 | (p->mask && !p->mask[i] ? 0 : 0xff000000u);
+    int code = sg_gpu_reserve(e->gpu, SG_MEM_IMAGES, &e->photos[photo - 1], 4 * (uint64_t) pixels);
+    if (!code)
+        code = sg_gpu_write(e->gpu, &e->photos[photo - 1], 0, words, 4 * (uint64_t) pixels);
+    sg_free(words);
+    if (code)
+        sg_vulkan_photo_drop(base, photo);
+    return code;
+}
+
+void sg_vulkan_photo_drop(struct sg_engine *base, sg_photo photo)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    if (photo <= e->cap_photos)
+        sg_gpu_release(e->gpu, &e->photos[photo - 1]);
+}
+
+static VkDeviceAddress photo_at(const struct vulkan_engine *e, sg_photo photo)
+{
+    return photo ? sg_gpu_at(e->gpu, &e->photos[photo - 1]) : e->gpu->none.address;
+}
+
+/* L1 and SSIM of an image and their gradient, on the device. */
+static int compare(struct vulkan_engine *e, const struct gpu_buffer *image,
+                   const struct sg_target_pixels *t, const struct sg_photometric *p)
+{
+    struct gpu *g = e->gpu;
+    const uint64_t pixels = (uint64_t) e->width * e->height, values = 3 * pixels;
+    const uint64_t groups = 3 * groups_of(e->width, 16) * groups_of(e->height, 16);
+    const float unit = 1 / (3 * (float) e->width * (float) e->height);
+    if (sg_gpu_reserve(g, SG_MEM_FRAME, &e->target, 4 * values) ||
+        sg_gpu_reserve(g, SG_MEM_FRAME, &e->maps, 3 * 4 * values) ||
+        sg_gpu_reserve(g, SG_MEM_FRAME, &e->sums, 3 * 4 * groups) ||
+        (t->planes && sg_gpu_reserve(g, SG_MEM_FRAME, &e->given, 4 * values)))
+        return SG_ERR_BUDGET;
+    int code = t->planes ? sg_gpu_write(g, &e->given, 0, t->planes, 4 * values) : SG_OK;
+    if (!t->photo && !code) /* whose words the kernel reads all the same */
+        code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->given, 4 * values);
+    const VkDeviceAddress photo = t->photo ? photo_at(e, t->photo) : sg_gpu_at(g, &e->given);
+    if (!code)
+        code = GPU_RUN(g, target, 0, groups_of(pixels, VK_GROUP), .photo = photo,
+                       .given = t->planes ? e->given.address : image->address,
+                       .image = image->address, .target = e->target.address,
+                       .pixels = (uint32_t) pixels, .planes = t->planes != NULL,
+                       .masked = t->mask != NULL, .tolerance = p->tolerance);
+    if (!code)
+        code = GPU_RUN(g, ssim, 0, groups, .image = image->address, .target = e->target.address,
+                       .maps = e->maps.address, .sums = e->sums.address, .width = e->width,
+                       .height = e->height);
+    if (!code)
+        code = GPU_RUN(g, loss_sums, 0, 1, .from = e->sums.address,
+                       .to = e->lists.results.address + 4 * VK_RESULT_LOSSES,
+                       .count = (uint32_t) groups, .width = 3);
+    e->lambda_dssim = p->lambda_dssim;
+    e->ran[SG_LOSS_PHOTOMETRIC] = !code;
+    return code ? code
+                : GPU_RUN(g, ssim_gradient, 0, groups, .image = image->address,
+                          .target = e->target.address, .maps = e->maps.address, .photo = photo,
+                          .gradient = e->gradient.address, .width = e->width, .height = e->height,
+                          .masked = t->mask != NULL, .tolerant = p->tolerance > 0,
+                          .l1 = (1 - p->lambda_dssim) * unit, .dssim = -p->lambda_dssim * unit);
+}
+
+/* What exposure and the low-pass term add is computed on the host. */
+static int photometric(struct vulkan_engine *e, const struct sg_target_pixels *t,
+                       const struct sg_photometric *p)
+{
+    sg_ctx *ctx = e->base.ctx;
+    const int width = (int) e->width, height = (int) e->height;
+    const size_t values = 3 * (size_t) e->width * (size_t) e->height, bytes = 4 * values;
+    e->low_passed = 0;
+    if (!t->exposure && !(p->low_pass > 0))
+        return compare(e, &e->image, t, p);
+    float *image = sg_alloc_raw(ctx, SG_MEM_FRAME, values, sizeof(float));
+    float *gradient = sg_alloc_raw(ctx, SG_MEM_FRAME, values, sizeof(float));
+    const struct gpu_buffer *shown = t->exposure ? &e->exposed : &e->image;
+    double passed = 0;
+    int code = image && gradient ? sg_gpu_read(e->gpu, &e->image, 0, image, bytes) : SG_ERR_BUDGET;
+    if (t->exposure && !code &&
+        !(code = sg_host_expose(ctx, &e->exposure, t->exposure, image, width, height)) &&
+        !(code = sg_gpu_reserve(e->gpu, SG_MEM_FRAME, &e->exposed, bytes)))
+        code = sg_gpu_write(e->gpu, &e->exposed, 0, e->exposure.image, bytes);
+    if (!code && !(code = compare(e, shown, t, p)))
+        code = sg_gpu_read(e->gpu, &e->gradient, 0, gradient, bytes);
+    if (!code && p->low_pass > 0)
+        code = sg_host_low_pass(ctx, &e->low_pass, t->exposure ? e->exposure.image : image, t, p,
+                                width, height, gradient, &passed);
+    if (!code && t->exposure)
+        sg_host_expose_backward(ctx, &e->exposure, t->exposure, image, width, height, gradient,
+                                e->base.step.exposure);
+    if (!code)
+        code = sg_gpu_write(e->gpu, &e->gradient, 0, gradient, bytes);
+    e->low_passed = (double) p->low_pass * passed;
+    sg_free(image);
+    sg_free(gradient);
+    return code;
+}
+
+static int total_variation(struct vulkan_engine *e, const struct sg_target_pixels *t,
+                           const struct sg_loss *l)
+{
+    struct gpu *g = e->gpu;
+    const uint64_t groups = groups_of(3 * (uint64_t) e->width * e->height, VK_GROUP);
+    const double down = 3.0 * (e->height - 1) * e->width, across = 3.0 * e->height * (e->width - 1);
+    int code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->sums, 4 * groups);
+    if (!code)
+        code = GPU_RUN(g, total_variation, 0, groups, .image = e->image.address,
+                       .photo = t->mask ? photo_at(e, t->photo) : e->image.address,
+                       .gradient = e->gradient.address, .sums = e->sums.address, .width = e->width,
+                       .height = e->height, .masked = t->mask != NULL,
+                       .norm = (uint32_t) l->total_variation,
+                       .across = across > 0 ? (float) (1 / across) : 0,
+                       .down = down > 0 ? (float) (1 / down) : 0, .weight = (float) l->weight,
+                       .edge = SG_TV_EDGE);
+    e->ran[SG_LOSS_TOTAL_VARIATION] = !code;
+    return code ? code
+                : GPU_RUN(g, loss_sums, 0, 1, .from = e->sums.address,
+                          .to = e->lists.results.address + 4 * (VK_RESULT_LOSSES + 3),
+                          .count = (uint32_t) groups, .width = 1);
+}
+
+static int on_host(struct vulkan_engine *e, const struct sg_target_pixels *t,
+                   const struct sg_loss *l)
+{
+    const size_t values = 3 * (size_t) e->width * (size_t) e->height, bytes = 4 * values;
+    float *image = sg_alloc_raw(e->base.ctx, SG_MEM_FRAME, values, sizeof(float));
+    float *gradient = sg_alloc_raw(e->base.ctx, SG_MEM_FRAME, values, sizeof(float));
+    int code = image && gradient ? sg_gpu_read(e->gpu, &e->image, 0, image, bytes) : SG_ERR_BUDGET;
+    if (!code)
+        code = sg_gpu_read(e->gpu, &e->gradient, 0, gradient, bytes);
+    if (!code)
+        code = sg_image_loss(e->base.ctx, &e->image_losses, l, image, (int) e->width,
+                             (int) e->height, t->mask, gradient, &e->base.step.loss[l->kind]);
+    if (!code)
+        code = sg_gpu_write(e->gpu, &e->gradient, 0, gradient, bytes);
+    sg_free(image);
+    sg_free(gradient);
+    return code;
+}
+
+int sg_vulkan_loss(struct sg_engine *base, const struct sg_target_pixels *target,
+                   const struct sg_loss *l)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    switch (l->kind) {
+    case SG_LOSS_PHOTOMETRIC:
+        return photometric(e, target, &l->photometric);
+    case SG_LOSS_TOTAL_VARIATION:
+        return total_variation(e, target, l);
+    default:
+        return on_host(e, target, l);
+    }
+}
+
+void sg_vulkan_read_losses(struct vulkan_engine *e, const uint32_t results[VK_RESULTS])
+{
+    struct sg_step *step = &e->base.step;
+    float sums[4];
+    memcpy(sums, results + VK_RESULT_LOSSES, sizeof(sums));
+    const double values = 3.0 * e->width * e->height;
+    if (e->ran[SG_LOSS_PHOTOMETRIC]) {
+        step->photometric =
+            sg_photometric_value_of((double) sums[0] / values, (double) sums[1] / values,
+                                    (double) sums[2] / values, e->lambda_dssim);
+        step->photometric.total += e->low_passed;
+        step->loss[SG_LOSS_PHOTOMETRIC] = step->photometric.total;
+    }
+    if (e->ran[SG_LOSS_TOTAL_VARIATION])
+        step->loss[SG_LOSS_TOTAL_VARIATION] = (double) sums[3];
+}

@@ -1,0 +1,299 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The model and the state of its optimiser on the device. What moves whole Gaussians goes through
+ * the host, where it is the code of the other engines. */
+#include <math.h>
+#include <string.h>
+
+#include "engine.h"
+
+static size_t blocks(size_t count)
+{
+    return (count + SG_LANES - 1) / SG_LANES;
+}
+
+static uint64_t bytes_of(const struct vulkan_engine *e, int column, size_t count)
+{
+    return (uint64_t) blocks(count) * SG_LANES * sizeof(float) *
+           (uint64_t) sg_column_array_planes(column, e->base.sh_degree);
+}
+
+uint64_t sg_vulkan_column_bytes(const struct vulkan_engine *e, int column)
+{
+    return bytes_of(e, column, e->count);
+}
+
+static enum sg_mem_tag tag_of(int column)
+{
+    return column == SG_C_PARAMETERS || column == SG_C_SHAPED ? SG_MEM_MODEL : SG_MEM_OPTIMISER;
+}
+
+void sg_vulkan_drop_columns(struct vulkan_engine *e, unsigned bits)
+{
+    for (int c = 0; c < SG_COLUMNS; c++)
+        if (c != SG_C_PARAMETERS && (sg_columns[c].bits & bits))
+            sg_gpu_release(e->gpu, &e->at[c]);
+}
+
+int sg_vulkan_alloc(struct vulkan_engine *e, int column)
+{
+    if (e->at[column].buffer)
+        return SG_OK;
+    const uint64_t bytes = sg_vulkan_column_bytes(e, column);
+    const int code = sg_gpu_reserve(e->gpu, tag_of(column), &e->at[column], bytes);
+    return code ? code : sg_gpu_fill(e->gpu, &e->at[column], 0, bytes, 0);
+}
+
+int sg_vulkan_alloc_saved(struct vulkan_engine *e)
+{
+    for (int c = 0; c < SG_COLUMNS; c++)
+        if (sg_column_has_array(c) && sg_column_of(c, SG_COLUMN_SAVED) && sg_vulkan_alloc(e, c))
+            return SG_ERR_BUDGET;
+    return SG_OK;
+}
+
+/* Replaces a column by `count` Gaussians' values. Where memory runs out it is as it was. */
+static int replace(struct vulkan_engine *e, int column, const float *from, size_t count)
+{
+    struct gpu_buffer made = {0};
+    const uint64_t bytes = bytes_of(e, column, count);
+    int code = sg_gpu_reserve(e->gpu, tag_of(column), &made, bytes);
+    if (!code)
+        code = sg_gpu_write(e->gpu, &made, 0, from, bytes);
+    if (code) {
+        sg_gpu_release(e->gpu, &made);
+        return code;
+    }
+    sg_gpu_release(e->gpu, &e->at[column]);
+    e->at[column] = made;
+    return SG_OK;
+}
+
+static int check_size(sg_ctx *ctx, size_t count, int planes)
+{
+    const uint64_t most = UINT32_MAX / (uint64_t) planes - SG_LANES;
+    return count <= most ? SG_OK
+                         : sg_fail(ctx, SG_ERR_BUDGET,
+                                   "vulkan: found %zu Gaussians of %d values, at most %llu are "
+                                   "supported",
+                                   count, planes, (unsigned long long) most);
+}
+
+int sg_vulkan_upload(struct sg_engine *base, const struct sg_model *m,
+                     const struct sg_columns *columns)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    const int planes = sg_param_count(m->sh_degree), before = base->sh_degree;
+    int code = check_size(base->ctx, m->count, planes);
+    if (code)
+        return code;
+    base->sh_degree = m->sh_degree; /* of which the columns now are */
+    code = replace(e, SG_C_PARAMETERS, m->params, m->count);
+    if (code) {
+        base->sh_degree = before;
+        return code;
+    }
+    sg_vulkan_drop_columns(e, ~0u);
+    e->count = m->count;
+    e->planes = planes;
+    for (int c = 0; c < SG_COLUMNS && columns && !code; c++)
+        if (c != SG_C_PARAMETERS && columns->at[c])
+            code = replace(e, c, columns->at[c], m->count);
+    return code;
+}
+
+int sg_vulkan_download(struct sg_engine *base, struct sg_model *m, struct sg_columns *columns)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    int code = SG_OK;
+    for (int c = 0; c < SG_COLUMNS && !code; c++) {
+        const uint64_t bytes = sg_vulkan_column_bytes(e, c);
+        float *to = c == SG_C_PARAMETERS ? m ? m->params : NULL : columns ? columns->at[c] : NULL;
+        if (to && e->at[c].buffer)
+            code = sg_gpu_read(e->gpu, &e->at[c], 0, to, bytes);
+        else if (to)
+            memset(to, 0, bytes);
+    }
+    return code;
+}
+
+/* ---- through the host ---- */
+
+/* A copy of the columns that there are, but for those that no edit keeps. */
+static int mirror(struct vulkan_engine *e, struct sg_host_model *h)
+{
+    int code = SG_OK;
+    *h = (struct sg_host_model){.count = e->count,
+                                .capacity = blocks(e->count) * SG_LANES,
+                                .sh_degree = e->base.sh_degree,
+                                .planes = e->planes};
+    for (int c = 0; c < SG_COLUMNS && !code; c++)
+        if (e->at[c].buffer && !(sg_columns[c].bits & SG_COLUMN_LOST) &&
+            !(code = sg_host_alloc(e->base.ctx, h, c)))
+            code = sg_gpu_read(e->gpu, &e->at[c], 0, h->at[c], sg_vulkan_column_bytes(e, c));
+    if (code)
+        sg_host_clear(h);
+    return code;
+}
+
+/* What became of the copy, to the device. Where memory runs out the model is as it was, or this one
+ * without any column but its parameters. */
+static int adopt_mirror(struct vulkan_engine *e, const struct sg_host_model *h)
+{
+    int code = replace(e, SG_C_PARAMETERS, h->at[SG_C_PARAMETERS], h->count);
+    if (code)
+        return code;
+    e->count = h->count;
+    for (int c = 0; c < SG_COLUMNS; c++) {
+        if (c == SG_C_PARAMETERS || !e->at[c].buffer)
+            continue;
+        sg_gpu_release(e->gpu, &e->at[c]);
+        if (h->at[c] && !code)
+            code = replace(e, c, h->at[c], h->count);
+    }
+    if (code)
+        sg_vulkan_drop_columns(e, ~0u);
+    return code;
+}
+
+int sg_vulkan_edit(struct sg_engine *base, const struct sg_edit *edit)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    struct sg_host_model h;
+    sg_vulkan_drop_columns(e, SG_COLUMN_LOST);
+    int code = check_size(base->ctx, edit->kept + edit->appended, e->planes);
+    if (code || (code = mirror(e, &h)))
+        return code;
+    code = sg_host_edit(base->ctx, &h, edit);
+    if (!code)
+        code = adopt_mirror(e, &h);
+    sg_host_clear(&h);
+    return code;
+}
+
+int sg_vulkan_relocate(struct sg_engine *base, const struct sg_relocation *r)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    struct sg_host_model h;
+    int code = mirror(e, &h);
+    if (code)
+        return code;
+    sg_host_relocate(&h, r);
+    code = adopt_mirror(e, &h);
+    sg_host_clear(&h);
+    return code;
+}
+
+int sg_vulkan_explore(struct sg_engine *base, const struct sg_exploration *x)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    struct sg_host_model h = {.count = e->count,
+                              .capacity = blocks(e->count) * SG_LANES,
+                              .sh_degree = base->sh_degree,
+                              .planes = e->planes};
+    const uint64_t bytes = sg_vulkan_column_bytes(e, SG_C_PARAMETERS);
+    int code = sg_host_alloc(base->ctx, &h, SG_C_PARAMETERS);
+    if (!code)
+        code = sg_gpu_read(e->gpu, &e->at[SG_C_PARAMETERS], 0, h.at[SG_C_PARAMETERS], bytes);
+    if (!code) {
+        sg_host_explore(base->ctx, &h, x);
+        code = sg_gpu_write(e->gpu, &e->at[SG_C_PARAMETERS], 0, h.at[SG_C_PARAMETERS], bytes);
+    }
+    sg_host_clear(&h);
+    return code;
+}
+
+/* The parameters, what the shape reads, and one more column: the stage in host memory changes it.
+ */
+static int run_shape(struct vulkan_engine *e, const struct sg_shape *shape, int column,
+                     int (*stage)(sg_ctx *, struct sg_host_model *, const struct sg_shape *))
+{
+    struct sg_host_model h = {.count = e->count,
+                              .capacity = blocks(e->count) * SG_LANES,
+                              .sh_degree = e->base.sh_degree,
+                              .planes = e->planes};
+    const int columns[] = {SG_C_PARAMETERS, column, shape->column};
+    const int n = shape->column < SG_COLUMNS ? 3 : 2;
+    int code = SG_OK;
+    for (int k = 0; k < n && !code; k++)
+        if (!(code = sg_vulkan_alloc(e, columns[k])) &&
+            !(code = sg_host_alloc(e->base.ctx, &h, columns[k])))
+            code = sg_gpu_read(e->gpu, &e->at[columns[k]], 0, h.at[columns[k]],
+                               sg_vulkan_column_bytes(e, columns[k]));
+    if (!code)
+        code = stage(e->base.ctx, &h, shape);
+    if (!code)
+        code = sg_gpu_write(e->gpu, &e->at[column], 0, h.at[column],
+                            sg_vulkan_column_bytes(e, column));
+    sg_host_clear(&h);
+    return code;
+}
+
+int sg_vulkan_shape(struct sg_engine *base, const struct sg_shape *shape)
+{
+    return run_shape(vulkan_of(base), shape, SG_C_SHAPED, sg_host_shape);
+}
+
+int sg_vulkan_shape_backward(struct sg_engine *base, const struct sg_shape *shape)
+{
+    return run_shape(vulkan_of(base), shape, SG_C_GRADIENT, sg_host_shape_backward);
+}
+
+/* ---- small ones ---- */
+
+int sg_vulkan_read_statistics(struct sg_engine *base, const struct sg_statistics *out)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    const int statistics[] = {SG_C_GRAD_SUM, SG_C_GRAD_COUNT};
+    const size_t capacity = blocks(e->count) * SG_LANES, bytes = capacity * sizeof(float);
+    struct sg_host_model h = {.count = e->count, .capacity = capacity, .planes = SG_P_ROT};
+    struct gpu_buffer some = {0};
+    int code = sg_gpu_reserve(e->gpu, SG_MEM_SPLATS, &some, SG_P_ROT * (uint64_t) bytes);
+    h.at[SG_C_PARAMETERS] = sg_alloc(base->ctx, SG_MEM_MODEL, capacity, SG_P_ROT * sizeof(float));
+    if (!h.at[SG_C_PARAMETERS])
+        code = SG_ERR_BUDGET;
+    if (!code)
+        code = GPU_RUN(e->gpu, planes, 0, (e->count + VK_GROUP - 1) / VK_GROUP,
+                       .from = e->at[SG_C_PARAMETERS].address, .to = some.address,
+                       .count = (uint32_t) e->count, .planes = (uint32_t) e->planes,
+                       .width = SG_P_ROT);
+    if (!code)
+        code = sg_gpu_read(e->gpu, &some, 0, h.at[SG_C_PARAMETERS], SG_P_ROT * (uint64_t) bytes);
+    for (int k = 0; k < 2 && !code; k++)
+        if (e->at[statistics[k]].buffer && !(code = sg_host_alloc(base->ctx, &h, statistics[k])))
+            code = sg_gpu_read(e->gpu, &e->at[statistics[k]], 0, h.at[statistics[k]], bytes);
+    if (!code)
+        sg_host_statistics(base->ctx, &h, out);
+    sg_gpu_release(e->gpu, &some);
+    sg_host_clear(&h);
+    return code;
+}
+
+static int move(struct vulkan_engine *e, uint32_t what, float limit)
+{
+    const bool moments = e->at[SG_C_MOMENT1].buffer && e->at[SG_C_MOMENT2].buffer;
+    return GPU_RUN(
+        e->gpu, move, 0, (e->count + VK_GROUP - 1) / VK_GROUP,
+        .params = e->at[SG_C_PARAMETERS].address, .m = sg_gpu_at(e->gpu, &e->at[SG_C_MOMENT1]),
+        .v = sg_gpu_at(e->gpu, &e->at[SG_C_MOMENT2]), .count = (uint32_t) e->count,
+        .planes = (uint32_t) e->planes, .what = what, .moments = moments, .limit = limit);
+}
+
+int sg_vulkan_floor_scale(struct sg_engine *base, float smallest)
+{
+    return move(vulkan_of(base), 0, logf(smallest));
+}
+
+int sg_vulkan_reset_opacity(struct sg_engine *base, float limit)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    struct sg_host_model h;
+    if (!base->shape)
+        return move(e, 1, logf(limit / (1 - limit)));
+    int code = mirror(e, &h);
+    if (code)
+        return code;
+    sg_host_reset_opacity(&h, limit, base->shape);
+    code = adopt_mirror(e, &h);
+    sg_host_clear(&h);
+    return code;
+}

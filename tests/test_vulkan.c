@@ -1,0 +1,105 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Training on a Vulkan device against the CPU engine: SG_TEST_ENGINE names the device. */
+#include <unistd.h>
+
+#include "training.h"
+
+static double mean(const double *v, int first, int end)
+{
+    double sum = 0;
+    for (int i = first; i < end; i++)
+        sum += v[i];
+    return sum / (end - first);
+}
+
+/* The same losses as the CPU's as long as both make the same decisions, and nearly the same at the
+ * end; the same bytes from run to run. */
+static void test_training(void **state)
+{
+    (void) state;
+    struct sg_train_params p = short_params();
+    struct fixture f = make_fixture(2);
+    double expected[40], found[40];
+    struct sg_model *cpu = train(&f, &p, 40, NULL, NULL, expected);
+    p.engine = main_engine();
+    struct sg_model *one = train(&f, &p, 40, NULL, NULL, found);
+    struct sg_model *two = train(&f, &p, 40, NULL, NULL, NULL);
+    assert_same(one, two);
+    for (int i = 0; i < 20; i++)
+        if (!(fabs(found[i] - expected[i]) < 1e-3 * expected[i]))
+            fail_msg("loss %d: found %.9f, expected %.9f", i + 1, found[i], expected[i]);
+    assert_float_equal(mean(found, 30, 40), mean(expected, 30, 40), 0.01 * mean(expected, 30, 40));
+    assert_true(one->count > f.start->count); /* it did densify */
+    assert_true(fabs((double) one->count - (double) cpu->count) < 0.02 * (double) cpu->count + 2);
+    sg_model_destroy(&cpu);
+    sg_model_destroy(&one);
+    sg_model_destroy(&two);
+    clear_fixture(&f);
+}
+
+/* One format of checkpoints for all engines: a run begun on the CPU goes on on the device and back.
+ * On one engine a resumed run is the same as one that was not interrupted. */
+static void test_resume(void **state)
+{
+    (void) state;
+    struct sg_train_params p = short_params(), other = p;
+    char path[] = "/tmp/sg_checkpoint_XXXXXX";
+    close(mkstemp(path));
+    struct fixture f = make_fixture(2);
+    double whole[40], resumed[40];
+    other.engine = main_engine();
+    for (int back = 0; back < 2; back++) {
+        struct sg_model *a = train(&f, back ? &other : &p, 40, path, NULL, whole);
+        struct sg_model *b = train(&f, back ? &p : &other, 40, NULL, path, resumed);
+        assert_true(fabs((double) a->count - (double) b->count) < 0.02 * (double) a->count + 2);
+        assert_float_equal(mean(resumed, 30, 40), mean(whole, 30, 40), 0.01 * mean(whole, 30, 40));
+        sg_model_destroy(&b);
+        if (back) {
+            b = train(&f, &other, 40, NULL, path, NULL);
+            assert_same(a, b);
+            sg_model_destroy(&b);
+        }
+        sg_model_destroy(&a);
+    }
+    unlink(path);
+    clear_fixture(&f);
+}
+
+/* Names and numbers that no device has are refused, with what there is to do. */
+static void test_choice(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_device_info devices[16];
+    struct sg_engine *e;
+    const char *missing;
+    char name[300];
+    const size_t n = sg_device_list(devices, 16, &missing);
+    assert_true(n > 0 && !missing);
+    assert_int_equal(sg_engine_create(ctx, "vulkan:nonsense", NULL, &e), SG_ERR_USAGE);
+    assert_non_null(strstr(sg_last_error(ctx), "no device \"nonsense\""));
+    assert_int_equal(sg_engine_create(ctx, "vulkan:99", NULL, &e), SG_ERR_USAGE);
+    assert_null(e);
+    for (size_t i = 0; i < n; i++) {
+        snprintf(name, sizeof(name), "vulkan:%zu", i);
+        assert_int_equal(sg_engine_check(ctx, name, NULL),
+                         devices[i].missing ? SG_ERR_USAGE : SG_OK);
+        assert_true(devices[i].name[0] && devices[i].memory > 0);
+    }
+    assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+    sg_ctx_destroy(&ctx);
+}
+
+int main(void)
+{
+    if (!getenv("SG_TEST_ENGINE")) {
+        printf("skipped: SG_TEST_ENGINE names no device\n");
+        return 77;
+    }
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_choice),
+        cmocka_unit_test(test_training),
+        cmocka_unit_test(test_resume),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
