@@ -34,7 +34,7 @@ static struct sg_step losses_of(struct sg_engine *e, const struct sg_model *m, c
     const struct sg_camera camera = make_camera(W, H, 3);
     const struct sg_render_params params = {SG_RENDER_DEFAULTS, .background = {0.3f, 0.2f, 0.6f}};
     const struct sg_loss losses[] = {
-        {SG_LOSS_PHOTOMETRIC, 1, {.photometric = {0.2f, 0}}},
+        {SG_LOSS_PHOTOMETRIC, 1, {.photometric = {.lambda_dssim = 0.2f}}},
         {SG_LOSS_ANISOTROPY, 0.02, {.anisotropy = {SG_ANISOTROPY_DEFAULTS}}},
         {SG_LOSS_TOTAL_VARIATION, 3, {.total_variation = SG_TV_NORM_HUBER}},
     };
@@ -643,7 +643,7 @@ static struct sg_step exposed_loss(struct sg_engine *e, const struct sg_model *m
     static uint8_t photo[3 * PIXELS];
     const struct sg_camera camera = make_camera(W, H, 3);
     const struct sg_render_params params = {SG_RENDER_DEFAULTS, .background = {0.3f, 0.2f, 0.6f}};
-    const struct sg_loss loss = {SG_LOSS_PHOTOMETRIC, 1, {.photometric = {0.2f, 0}}};
+    const struct sg_loss loss = {SG_LOSS_PHOTOMETRIC, 1, {.photometric = {.lambda_dssim = 0.2f}}};
     struct sg_target target = {.exposure = exposure};
     struct sg_step step;
     for (size_t i = 0; i < 3 * PIXELS; i++)
