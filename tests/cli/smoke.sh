@@ -1,0 +1,18 @@
+# SPDX-License-Identifier: Apache-2.0
+# The plan `smoke` from nothing to its page: every kind of job and defense.
+. "$(dirname "$0")/common.sh"
+"$tool" bench "$source_dir/bench/plans/smoke.json" -o smoke.db -q 2>err
+if grep -q 'no SQLite' err; then
+    echo "skipped: no SQLite"
+    exit 77
+fi
+says ' 0 failed, 0 need one of these, 0 are left'
+expect 0 report smoke.db -o page -q
+grep -q '^21 of 21 runs are done' page/report.md || fail "not all runs are done: $(head -5 page/report.md)"
+for defense in off ut cap-random smooth-gaussian lightgaussian pup spectral tolerance; do
+    [ "$(grep -c "^| $defense | [12] | [1-9]" page/report.md)" -ge 2 ] || fail "no result of $defense"
+done
+# The other plans can be read; they need photos.
+for plan in desk paper; do
+    expect 2 bench "$source_dir/bench/plans/$plan.json" --data . --list; says 'found no file in'
+done
