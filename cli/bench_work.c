@@ -10,6 +10,7 @@
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
@@ -41,6 +42,7 @@ struct scheduler {
     const struct bench *b;
     struct work *work;
     int running, done, failed, left;
+    int held; /* jobs that could begin but for a process of an earlier bench */
     char program[PATH_MAX];
 };
 
@@ -284,6 +286,20 @@ static int open_output(const struct work *w, const char *name, bool append)
                 O_WRONLY | O_CREAT | O_CLOEXEC | (append ? O_APPEND : O_TRUNC), 0666);
 }
 
+/* The lock of a job's folder, beside it; -1 where a process of an earlier bench, which was killed,
+ * still saves what it has. */
+static int hold(const struct work *w)
+{
+    char path[PATH_MAX + 8];
+    snprintf(path, sizeof(path), "%s.lock", w->folder);
+    const int lock = open(path, O_RDWR | O_CREAT | O_NOFOLLOW, 0666);
+    if (lock >= 0 && flock(lock, LOCK_EX | LOCK_NB)) {
+        close(lock);
+        return -1;
+    }
+    return lock;
+}
+
 /* Starts the phase, in a process group that a terminal's Ctrl-C does not reach: this process tells
  * it to end. It ends too where this process dies. */
 static bool start_phase(struct scheduler *s, int index)
@@ -294,6 +310,7 @@ static bool start_phase(struct scheduler *s, int index)
         return false;
     note_command(w, &c);
     const int out = open_output(w, "out", false), err = open_output(w, "err", true);
+    const int lock = hold(w); /* the process has it until it ends */
     const pid_t parent = getpid();
     w->pid = out < 0 || err < 0 ? -1 : fork();
     if (!w->pid) {
@@ -306,6 +323,8 @@ static bool start_phase(struct scheduler *s, int index)
         execv(s->program, c.words);
         _exit(STATUS_INTERNAL);
     }
+    if (lock >= 0)
+        close(lock);
     if (out >= 0)
         close(out);
     if (err >= 0)
@@ -512,14 +531,21 @@ static bool has_room(const struct scheduler *s)
 static int start_ready(struct scheduler *s)
 {
     int code = STATUS_DONE;
+    s->held = 0;
     for (int i = 0; i < s->b->plan->n && !code && !interrupted(); i++) {
         struct work *w = &s->work[i];
         const int ready = w->state == WAITING ? is_ready(s, i) : 0;
         if (ready < 0) {
             w->state = FAILED; /* no row: it has not run */
             s->left++;
-        } else if (ready && has_room(s))
-            code = begin(s, i);
+        } else if (ready && has_room(s)) {
+            const int lock = hold(w);
+            s->held += lock < 0;
+            if (lock >= 0) {
+                close(lock);
+                code = begin(s, i);
+            }
+        }
     }
     return code;
 }
@@ -586,7 +612,7 @@ int bench_run(const struct bench *b)
     for (int i = 0; i < b->plan->n && !code; i++)
         had += s.work[i].state == DONE;
     interrupt_catch();
-    while (!code && !(code = start_ready(&s)) && s.running)
+    while (!code && !(code = start_ready(&s)) && (s.running || s.held))
         code = wait_some(&s);
     if (code)
         stop_all(&s);
