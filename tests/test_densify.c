@@ -224,10 +224,61 @@ static void test_overshoot(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Where growth is blocked, what was large on the screen since the last clearing goes, after the
+ * first reset only; each engine counts the same radii. */
+static void test_screen(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    const struct sg_camera camera = make_camera(90, 70, 3);
+    const struct sg_render_params render = {SG_RENDER_DEFAULTS};
+    struct engine_case cases[ENGINE_CASES];
+    const int n_cases = engine_cases(cases);
+    float expected[60];
+    for (int k = n_cases - 1; k >= 0; k--) { /* the oracle first */
+        for (int late = 0; late < 2; late++) {
+            struct sg_model *m = make_model(ctx, 60, 0, 3);
+            float radius[60];
+            size_t large = 0;
+            for (size_t i = 0; i < 60; i++)
+                *sg_model_at(m, i, SG_P_OPACITY) = 2;
+            struct sg_engine *b = make_engine(ctx, cases[k].engine, cases[k].variant, m, NULL);
+            assert_int_equal(sg_engine_draw(b, &camera, 0, &render, false), SG_OK);
+            assert_int_equal(sg_engine_count_radii(b), SG_OK);
+            assert_int_equal(
+                sg_engine_read_statistics(b, &(struct sg_statistics){.radius = radius}), SG_OK);
+            for (size_t i = 0; i < 60; i++)
+                large += radius[i] > 20;
+            assert_in_range(large, 2, 55);
+            if (k == n_cases - 1)
+                memcpy(expected, radius, sizeof(radius));
+            assert_memory_equal(radius, expected, sizeof(radius));
+            const struct sg_densify_params p = {.gradient = 9,
+                                                .prune_scale = late ? 1e9f : 0,
+                                                .max_gaussians = 10,
+                                                .overshoot = true,
+                                                .seed = 1};
+            struct sg_densify_result r;
+            assert_int_equal(sg_densify(b, &p, &r), SG_OK);
+            assert_int_equal(r.pruned, late ? large : 0);
+            assert_int_equal(
+                sg_engine_read_statistics(b, &(struct sg_statistics){.radius = radius}), SG_OK);
+            size_t left = 0; /* the others keep what was counted */
+            for (size_t i = 0; i < sg_engine_count(b); i++)
+                left += radius[i] > 0;
+            assert_true(left > 0);
+            sg_engine_destroy(&b);
+            sg_model_destroy(&m);
+        }
+    }
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_densify), cmocka_unit_test(test_alike),
                                        cmocka_unit_test(test_replaced),
-                                       cmocka_unit_test(test_overshoot)};
+                                       cmocka_unit_test(test_overshoot),
+                                       cmocka_unit_test(test_screen)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -423,6 +423,43 @@ static void limits_are_met(void **state)
     clear_fixture(&f);
 }
 
+/* With a limit of 4 nothing grows; what is larger than 20 pixels goes at the first densification
+ * after the first reset. A resumed run has the same bytes. */
+static void universal_threshold_is_the_released_one(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(2);
+    struct sg_train_params p = short_params();
+    p.max_gaussians = f.start->count, p.at_limit = SG_AT_LIMIT_UNIVERSAL;
+    p.densify_grad_threshold = 1e-6f;
+    for (size_t i = 0; i < 3; i++)
+        for (int k = 0; k < 3; k++)
+            *sg_model_at(f.start, i, SG_P_SCALE + k) = -0.4f; /* as large as the view */
+    for (int k = 0; k < 3; k++)
+        *sg_model_at(f.start, 0, k) = 0;
+    f.scene.train = f.views, f.scene.extent = 20;
+    sg_trainer *t = begin_training(&f, &p);
+    size_t at_20 = 0;
+    while (sg_trainer_iteration(t) < 25) {
+        struct sg_train_step s;
+        assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+        assert_int_equal(s.cloned + s.split, 0);
+        if (s.iteration == 20)
+            at_20 = s.gaussians;
+        if (s.iteration == 25)
+            assert_true(s.pruned >= 1 && s.gaussians == at_20 - s.pruned);
+    }
+    assert_true(at_20 > 0);
+    sg_trainer_destroy(&t);
+    struct sg_model *whole = train(&f, &p, 40, "universal_at_20.bin", NULL, NULL),
+                    *resumed = train(&f, &p, 40, NULL, "universal_at_20.bin", NULL);
+    assert_same(whole, resumed);
+    remove("universal_at_20.bin");
+    sg_model_destroy(&whole);
+    sg_model_destroy(&resumed);
+    clear_fixture(&f);
+}
+
 static void scores_do_not_depend_on_threads(void **state)
 {
     (void) state;
@@ -475,6 +512,7 @@ int main(void)
         cmocka_unit_test(pruning_removes_and_repairs),
         cmocka_unit_test(training_removes_twice),
         cmocka_unit_test(limits_are_met),
+        cmocka_unit_test(universal_threshold_is_the_released_one),
         cmocka_unit_test(scores_do_not_depend_on_threads),
         cmocka_unit_test(bad_parameters_are_refused),
     };

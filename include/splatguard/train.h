@@ -32,7 +32,8 @@ enum sg_at_limit {
     SG_AT_LIMIT_STOP,   /* of those that would grow, the steepest do until the limit is met */
     /* As the universal threshold of Poison-splat: at a densification that finds fewer than the
      * limit, all that would grow do, which can go up to twice beyond it; at one that finds as many,
-     * none does, and statistics go on. */
+     * none does, statistics go on, and after the first reset of opacity what was larger than 20
+     * pixels on the screen goes. */
     SG_AT_LIMIT_UNIVERSAL
 };
 

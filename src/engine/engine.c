@@ -438,6 +438,13 @@ int sg_engine_project_backward(struct sg_engine *e, bool statistics)
     return leave(e, code, ~(unsigned) (SPLAT_GRADIENTS | PARAMETER_GRADIENTS), PARAMETER_GRADIENTS);
 }
 
+int sg_engine_count_radii(struct sg_engine *e)
+{
+    const int code = e->ops->count_radii ? need(e, SPLATS, "count_radii", "a projected view")
+                                         : lacks(e, "count_radii");
+    return code ? code : e->ops->count_radii(e);
+}
+
 int sg_engine_optimise(struct sg_engine *e, const struct sg_update *update)
 {
     const bool ready = e->ready & PARAMETER_GRADIENTS;

@@ -70,6 +70,7 @@ struct sg_statistics {
     float *opacity;      /* activated */
     float *largest;      /* of the three scales, activated */
     float *log_smallest; /* of the three scales, its logarithm: as stored */
+    float *radius;       /* largest on the screen, as sg_engine_count_radii has counted, pixels */
     float *absolute;     /* with SG_GRADIENT_MIP: mean of the sums of absolute gradients */
 };
 /* What densification counts of a view: the norm of the gradient of a splat's position (NDC), or of
@@ -205,6 +206,9 @@ struct sg_update {
 /* Gradients of the projected Gaussians to those of the parameters. statistics: counts
  * this view in the statistics of densification. */
 int sg_engine_project_backward(struct sg_engine *e, bool statistics);
+/* Raises the largest radius of each Gaussian to that in the view that was projected, before it
+ * moves. SG_ERR_USAGE for an engine that has no such operation. */
+int sg_engine_count_radii(struct sg_engine *e);
 /* A step of the optimiser. Without project_backward before, it does that too, as fast as it can:
  * gradients of the parameters need not be stored. With it, update->statistics has no effect. */
 int sg_engine_optimise(struct sg_engine *e, const struct sg_update *update);

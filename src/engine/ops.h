@@ -64,6 +64,7 @@ struct sg_engine_ops {
     int (*reset_opacity)(struct sg_engine *, float limit);
 
     /* Optional: there are no such operations. */
+    int (*count_radii)(struct sg_engine *);
     int (*relocate)(struct sg_engine *, const struct sg_relocation *);
     int (*filter)(struct sg_engine *, const struct sg_camera *const *, size_t n);
     int (*explore)(struct sg_engine *, const struct sg_exploration *);

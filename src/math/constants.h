@@ -24,6 +24,8 @@
 #define SG_SPLIT_SHRINK 1.6f /* 0.8 x children */
 #define SG_PRUNE_EXTENT 0.1f /* largest scale kept after the first reset, in scene extents */
 
+#define SG_PRUNE_RADIUS 20 /* pixels: larger ones go too, where radii are not cleared before */
+
 #define SG_COLOUR_ROUNDING 1e-6f /* a black of -1e-8 is black, not clamped: its gradient passes */
 #define SG_COLOUR_MAX 1e6f /* brighter is a broken model: not drawn, so that no loss overflows */
 #define SG_SH_C0 0.28209479177387814f

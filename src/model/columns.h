@@ -39,7 +39,8 @@ enum sg_column_bits {
     SG_COLUMN_PARAMETER = 1, /* lies in sg_model.params, is learned and has a group */
     SG_COLUMN_SAVED = 2,     /* in checkpoints; it exists from the first step of the optimiser on */
     SG_COLUMN_LOST = 4,      /* no edit keeps it: it is made again when it is needed */
-    SG_COLUMN_MIP = 8        /* only models with the filters of Mip-Splatting have it */
+    SG_COLUMN_MIP = 8,       /* only models with the filters of Mip-Splatting have it */
+    SG_COLUMN_RADII = 16     /* only runs that count radii have it */
 };
 
 #define SG_PLANES_REST (-1)       /* those of SH degrees above 0 */
@@ -97,6 +98,9 @@ struct sg_column {
       .fate = {[SG_EDIT_KEEP] = SG_FATE_ASKED})                                                    \
     C(GRAD_COUNT, .name = "gradient_count", .planes = 1, .bits = SG_COLUMN_SAVED,                  \
       .fate = {[SG_EDIT_KEEP] = SG_FATE_ASKED})                                                    \
+    /* Of the radii on the screen, in pixels: the largest */                                       \
+    C(RADIUS, .name = "largest_radius", .planes = 1, .bits = SG_COLUMN_SAVED | SG_COLUMN_RADII,    \
+      .fate = {[SG_EDIT_KEEP] = SG_FATE_ASKED})                                                    \
     /* Standard deviation of the 3D filter; sum of absolute view-space gradients along x and y */  \
     C(FILTER, .name = "filter_3d", .planes = 1, .bits = SG_COLUMN_SAVED | SG_COLUMN_MIP,           \
       .fate = {SG_FATE_COPY, SG_FATE_COPY, SG_FATE_ZERO, SG_FATE_COPY}, .place = 7,                \
@@ -125,11 +129,11 @@ static inline bool sg_column_is_parameter(int c)
     return sg_columns[c].bits & SG_COLUMN_PARAMETER;
 }
 
-/* It has one of these bits, and SG_COLUMN_MIP is among them if it needs that. */
+/* It has one of these bits, and SG_COLUMN_MIP and _RADII are among them if it needs those. */
 static inline bool sg_column_of(int c, unsigned bits)
 {
-    return (sg_columns[c].bits & bits & ~SG_COLUMN_MIP) &&
-           (!(sg_columns[c].bits & SG_COLUMN_MIP) || (bits & SG_COLUMN_MIP));
+    const unsigned own = sg_columns[c].bits, needed = own & (SG_COLUMN_MIP | SG_COLUMN_RADII);
+    return (own & bits & ~needed) && (bits & needed) == needed;
 }
 
 /* It has an array of its own, or is the first of those that share one. */

@@ -12,6 +12,7 @@
 #include "core/file.h"
 #include "exposure.h"
 #include "scene/reader.h"
+#include "schedule.h"
 #include "trainer.h"
 
 #define MAGIC "SGCKPT\0\10" /* the last byte is the version */
@@ -82,7 +83,8 @@ static uint64_t column_bytes(int c, size_t n, int sh_degree)
 
 static unsigned saved_bits(const sg_trainer *t)
 {
-    return SG_COLUMN_SAVED | (t->params.model == SG_MODEL_MIP ? SG_COLUMN_MIP : 0);
+    return SG_COLUMN_SAVED | (t->params.model == SG_MODEL_MIP ? SG_COLUMN_MIP : 0) |
+           (sg_counts_radii(&t->params) ? SG_COLUMN_RADII : 0);
 }
 
 static bool is_saved(const sg_trainer *t, int c)

@@ -112,10 +112,11 @@ int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p,
     struct plan plan = {0};
     *result = (struct sg_densify_result){0};
     float *stats = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, (p->absolute ? 5 : 3) * sizeof(float));
+    float *radius = p->overshoot ? sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(float)) : NULL;
     plan.keep = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, 1);
     plan.kind = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, SG_SPLIT_CHILDREN);
     plan.source = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, SG_SPLIT_CHILDREN * sizeof(uint32_t));
-    if (!stats || !plan.keep || !plan.kind || !plan.source)
+    if (!stats || (p->overshoot && !radius) || !plan.keep || !plan.kind || !plan.source)
         goto done;
     float *gradient = stats, *opacity = stats + n, *scale = stats + 2 * n,
           *absolute = stats + 3 * n;
@@ -123,6 +124,7 @@ int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p,
              engine, &(struct sg_statistics){.gradient = gradient,
                                              .opacity = opacity,
                                              .largest = scale,
+                                             .radius = radius,
                                              .absolute = p->absolute ? absolute : NULL})))
         goto done;
     const float steep = p->absolute ? quantile(absolute, gradient, n, p->gradient) : INFINITY;
@@ -168,7 +170,8 @@ int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p,
     size_t kept = 0;
     for (size_t i = 0; i < n; i++) {
         const bool parent = plan.keep[i] == SPLITS,
-                   dies = plan.keep[i] == GOES || DIES(i, scale[i]);
+                   dies = plan.keep[i] == GOES || DIES(i, scale[i]) ||
+                          (paused && p->prune_scale > 0 && radius[i] > SG_PRUNE_RADIUS);
         result->pruned += !parent && dies;
         plan.keep[i] = !parent && !dies;
         kept += plan.keep[i];
@@ -189,6 +192,7 @@ int sg_densify(struct sg_engine *engine, const struct sg_densify_params *p,
                                                     .stream = p->stream});
 done:
     sg_free(stats);
+    sg_free(radius);
     sg_free(plan.keep);
     sg_free(plan.kind);
     sg_free(plan.source);

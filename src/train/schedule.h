@@ -40,6 +40,13 @@ static inline bool sg_renews_filter(const struct sg_train_params *p, int before,
            it < p->iterations - SG_FILTER_EVERY && sg_due(before, it, SG_FILTER_EVERY);
 }
 
+/* Whether the largest radii on the screen count: for what the universal threshold removes. */
+static inline bool sg_counts_radii(const struct sg_train_params *p)
+{
+    return p->strategy != SG_STRATEGY_MCMC && p->at_limit == SG_AT_LIMIT_UNIVERSAL &&
+           p->max_gaussians > 0;
+}
+
 static inline int sg_filters_from(const struct sg_train_params *p)
 {
     return p->defense.from < 0 ? p->densify_from_iter : p->defense.from;

@@ -16,6 +16,7 @@ struct sg_strategy_plan {
     bool rests;                     /* no parameter moves */
     bool rests_opacity;             /* opacities do not move */
     bool statistics;                /* the view counts in the statistics of densification */
+    bool radii;                     /* and in the largest radii on the screen */
     float mean_opacity, mean_scale; /* weights of these in the loss, see sg_update */
 };
 

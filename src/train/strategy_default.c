@@ -172,7 +172,9 @@ static struct sg_strategy_plan plan(const sg_trainer *t, int before, int it)
     const struct events e = events_of(t, before, it);
     return (struct sg_strategy_plan){.rests = e.densifies || e.filters,
                                      .rests_opacity = e.resets,
-                                     .statistics = it < t->params.densify_until_iter};
+                                     .statistics = it < t->params.densify_until_iter,
+                                     .radii = it < t->params.densify_until_iter &&
+                                              sg_counts_radii(&t->params)};
 }
 
 static int after_step(sg_trainer *t, int before, int it, const struct sg_render_params *render,

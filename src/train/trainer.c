@@ -372,6 +372,8 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     const bool colours_only = it > t->colours_from;
     const struct sg_strategy_plan plan =
         colours_only ? (struct sg_strategy_plan){0} : t->strategy->plan(t, before, it);
+    if (plan.radii && (code = sg_engine_count_radii(t->engine)))
+        return code;
     double lr[SG_GROUPS] = {
         [SG_G_XYZ] = sg_position_lr(p, it) * t->extent,
         [SG_G_OPACITY] = (double) p->opacity_lr,

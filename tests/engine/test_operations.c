@@ -505,8 +505,10 @@ static void test_statistics(void **state)
     for (int k = 0; k < case_count; k++) {
         struct sg_engine *e = begin(ctx, k, m, &o);
         assert_int_equal(
-            sg_engine_read_statistics(
-                e, &(struct sg_statistics){gradient, opacity, largest, smallest, NULL}),
+            sg_engine_read_statistics(e, &(struct sg_statistics){.gradient = gradient,
+                                                                 .opacity = opacity,
+                                                                 .largest = largest,
+                                                                 .log_smallest = smallest}),
             SG_OK);
         for (size_t i = 0; i < GAUSSIANS; i++) {
             const float *s[3] = {sg_model_at(m, i, SG_P_SCALE), sg_model_at(m, i, SG_P_SCALE + 1),

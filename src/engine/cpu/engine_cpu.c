@@ -567,6 +567,12 @@ static int reset_opacity(struct sg_engine *base, float limit)
     return SG_OK;
 }
 
+static int count_radii(struct sg_engine *base)
+{
+    struct cpu_engine *b = (struct cpu_engine *) base;
+    return sg_host_count_radii(base->ctx, &b->model, &b->camera, b->params.mip_filter);
+}
+
 static int relocate(struct sg_engine *base, const struct sg_relocation *r)
 {
     sg_host_relocate(&((struct cpu_engine *) base)->model, r);
@@ -623,6 +629,7 @@ static const struct sg_engine_ops ops = {
     .edit = edit,
     .floor_scale = floor_scale,
     .reset_opacity = reset_opacity,
+    .count_radii = count_radii,
     .relocate = relocate,
     .explore = explore,
     .filter = filter,

@@ -109,6 +109,8 @@ static void statistics_chunk(void *arg, size_t chunk, int thread)
         const float s[3] = {p[0], p[SG_LANES], p[2 * SG_LANES]};
         if (j->out.gradient)
             j->out.gradient[i] = sum && views && views[i] > 0 ? sum[i] / views[i] : 0;
+        if (j->out.radius)
+            j->out.radius[i] = h->at[SG_C_RADIUS] ? h->at[SG_C_RADIUS][i] : 0;
         if (j->out.absolute)
             j->out.absolute[i] = absolute && views && views[i] > 0 ? absolute[i] / views[i] : 0;
         if (j->out.opacity)

@@ -33,6 +33,9 @@ int sg_host_filter(sg_ctx *ctx, struct sg_host_model *h, const struct sg_camera 
                    size_t n);
 void sg_host_relocate(struct sg_host_model *h, const struct sg_relocation *r);
 void sg_host_explore(sg_ctx *ctx, struct sg_host_model *h, const struct sg_exploration *x);
+/* Raises the largest radii to those in this view. mip: see sg_render_params. */
+int sg_host_count_radii(sg_ctx *ctx, struct sg_host_model *h, const struct sg_camera *camera,
+                        bool mip);
 /* The optional stage, forth and back: fills the shaped column; turns the gradient of what is drawn
  * into that of the parameters. */
 int sg_host_shape(sg_ctx *ctx, struct sg_host_model *h, const struct sg_shape *shape);

@@ -512,6 +512,18 @@ static int reset_opacity(struct sg_engine *base, float limit)
     return SG_OK;
 }
 
+static int count_radii(struct sg_engine *base)
+{
+    struct ref_engine *b = (struct ref_engine *) base;
+    if (sg_host_alloc(base->ctx, &b->model, SG_C_RADIUS))
+        return SG_ERR_BUDGET;
+    float *largest = b->model.at[SG_C_RADIUS];
+    for (size_t i = 0; i < b->model.count; i++)
+        if (b->splats[i].visible)
+            largest[i] = fmaxf(largest[i], (float) b->splats[i].rect.radius);
+    return SG_OK;
+}
+
 static int relocate(struct sg_engine *base, const struct sg_relocation *r)
 {
     sg_host_relocate(&((struct ref_engine *) base)->model, r);
@@ -544,6 +556,7 @@ static const struct sg_engine_ops ops = {
     .edit = edit,
     .floor_scale = floor_scale,
     .reset_opacity = reset_opacity,
+    .count_radii = count_radii,
     .relocate = relocate,
     .explore = explore,
     .filter = filter,
