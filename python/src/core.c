@@ -1,0 +1,505 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Contexts, handles, buffers, errors, and the module itself. */
+#include "core.h"
+
+#include <stdio.h>
+#include <string.h>
+
+PyObject *core_types[KINDS], *core_context_type;
+static PyObject *errors[7]; /* by -code; [0] is the base */
+
+static PyObject *error_type(int code)
+{
+    return code < 0 && code >= -6 ? errors[-code] : errors[0];
+}
+
+/* ---- contexts ---- */
+
+static void on_log(void *priv, enum sg_log_level level, const char *message)
+{
+    struct context *c = priv;
+    const PyGILState_STATE state = PyGILState_Ensure();
+    PyObject *type, *value, *trace;
+    PyErr_Fetch(&type, &value, &trace); /* another callback may have left one */
+    PyObject *text = PyUnicode_DecodeUTF8(message, (Py_ssize_t) strlen(message), "replace");
+    PyObject *done = text ? PyObject_CallFunction(c->log, "iO", (int) level, text) : NULL;
+    if (!done)
+        PyErr_WriteUnraisable(c->log);
+    Py_XDECREF(text);
+    Py_XDECREF(done);
+    PyErr_Restore(type, value, trace);
+    PyGILState_Release(state);
+}
+
+/* On the thread that called the library: an exception left here is raised where the call ends. */
+static int on_progress(void *priv, enum sg_stage stage, uint64_t done, uint64_t total)
+{
+    struct context *c = priv;
+    const PyGILState_STATE state = PyGILState_Ensure();
+    int cancel = PyErr_Occurred() || PyErr_CheckSignals();
+    if (!cancel && c->progress) {
+        PyObject *answer =
+            PyObject_CallFunction(c->progress, "sKK", sg_stage_name(stage),
+                                  (unsigned long long) done, (unsigned long long) total);
+        cancel = !answer || (answer != Py_None && PyObject_IsTrue(answer));
+        Py_XDECREF(answer);
+    }
+    PyGILState_Release(state);
+    return cancel;
+}
+
+static PyObject *context_new(PyTypeObject *type, PyObject *args, PyObject *kw)
+{
+    static char *names[] = {"threads", "max_memory", "log", "progress", "log_level", NULL};
+    int threads = 0, level = SG_LOG_WARN;
+    unsigned long long max_memory = 0;
+    PyObject *log = NULL, *progress = NULL;
+    if (!PyArg_ParseTupleAndKeywords(args, kw, "|iKOOi:Context", names, &threads, &max_memory, &log,
+                                     &progress, &level))
+        return NULL;
+    struct context *c = (struct context *) ((allocfunc) PyType_GetSlot(type, Py_tp_alloc))(type, 0);
+    if (!c)
+        return NULL;
+    c->log = log == Py_None ? NULL : log;
+    c->progress = progress == Py_None ? NULL : progress;
+    Py_XINCREF(c->log);
+    Py_XINCREF(c->progress);
+    const struct sg_ctx_params params = {.threads = threads,
+                                         .max_memory = max_memory,
+                                         .log = c->log ? on_log : NULL,
+                                         .log_priv = c,
+                                         .log_level = (enum sg_log_level) level,
+                                         .progress = on_progress,
+                                         .progress_priv = c};
+    c->lock = PyThread_allocate_lock();
+    const int code = c->lock ? sg_ctx_create(&c->ctx, &params) : SG_ERR_BUDGET;
+    if (code) {
+        PyErr_Format(error_type(code), "threads %d, log_level %d: cannot make a context", threads,
+                     level);
+        Py_DECREF((PyObject *) c);
+        return NULL;
+    }
+    return (PyObject *) c;
+}
+
+static void free_object(PyObject *self)
+{
+    PyTypeObject *type = Py_TYPE(self);
+    ((freefunc) PyType_GetSlot(type, Py_tp_free))(self);
+    Py_DECREF((PyObject *) type);
+}
+
+static void context_dealloc(PyObject *self)
+{
+    struct context *c = (struct context *) self;
+    sg_ctx_destroy(&c->ctx);
+    if (c->lock)
+        PyThread_free_lock(c->lock);
+    Py_XDECREF(c->log);
+    Py_XDECREF(c->progress);
+    free_object(self);
+}
+
+static PyObject *context_memory(PyObject *self, PyObject *none)
+{
+    (void) none;
+    const sg_ctx *ctx = ((struct context *) self)->ctx;
+    PyObject *dict = PyDict_New();
+    for (int tag = 0; tag <= SG_MEM_TAGS && dict; tag++) {
+        PyObject *pair =
+            Py_BuildValue("(KK)", (unsigned long long) sg_mem_current(ctx, (enum sg_mem_tag) tag),
+                          (unsigned long long) sg_mem_peak(ctx, (enum sg_mem_tag) tag));
+        const char *name = tag == SG_MEM_TAGS ? "total" : sg_mem_tag_name((enum sg_mem_tag) tag);
+        if (!pair || PyDict_SetItemString(dict, name, pair))
+            Py_CLEAR(dict);
+        Py_XDECREF(pair);
+    }
+    return dict;
+}
+
+static PyMethodDef context_methods[] = {{"memory", context_memory, METH_NOARGS, NULL}, {0}};
+static PyType_Slot context_slots[] = {{Py_tp_new, context_new},
+                                      {Py_tp_dealloc, context_dealloc},
+                                      {Py_tp_methods, context_methods},
+                                      {0}};
+static PyType_Spec context_spec = {.name = "splatguard._core.Context",
+                                   .basicsize = sizeof(struct context),
+                                   .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_BASETYPE,
+                                   .slots = context_slots};
+
+/* ---- handles ---- */
+
+static void release(struct handle *h, enum kind kind)
+{
+    switch (kind) {
+    case SCENE:
+        sg_scene_destroy(&h->scene);
+        break;
+    case MODEL:
+        sg_model_destroy(&h->model);
+        break;
+    case RENDERER:
+        sg_renderer_destroy(&h->renderer);
+        break;
+    case TRAINER:
+        sg_trainer_destroy(&h->trainer);
+        break;
+    default:
+        sg_attack_destroy(&h->attack);
+    }
+    Py_CLEAR(h->keep);
+}
+
+#define DEALLOC(name, kind)                                                                        \
+    static void name(PyObject *self)                                                               \
+    {                                                                                              \
+        struct handle *h = (struct handle *) self;                                                 \
+        release(h, kind);                                                                          \
+        Py_CLEAR(h->context);                                                                      \
+        free_object(self);                                                                         \
+    }
+DEALLOC(scene_dealloc, SCENE)
+DEALLOC(model_dealloc, MODEL)
+DEALLOC(renderer_dealloc, RENDERER)
+DEALLOC(trainer_dealloc, TRAINER)
+DEALLOC(attack_dealloc, ATTACK)
+
+/* Handles come from functions of the module alone. */
+static PyObject *refuse_new(PyTypeObject *type, PyObject *args, PyObject *kw)
+{
+    (void) args, (void) kw;
+    PyErr_Format(PyExc_TypeError, "%R is not to be called", (PyObject *) type);
+    return NULL;
+}
+
+#define SLOTS(dealloc)                                                                             \
+    {                                                                                              \
+        {Py_tp_dealloc, dealloc}, {Py_tp_new, refuse_new},                                         \
+        {                                                                                          \
+            0                                                                                      \
+        }                                                                                          \
+    }
+static PyType_Slot slots[KINDS][3] = {SLOTS(scene_dealloc), SLOTS(model_dealloc),
+                                      SLOTS(renderer_dealloc), SLOTS(trainer_dealloc),
+                                      SLOTS(attack_dealloc)};
+static const char *const type_names[KINDS] = {
+    "splatguard._core.Scene", "splatguard._core.Model", "splatguard._core.Renderer",
+    "splatguard._core.Trainer", "splatguard._core.Attack"};
+
+struct handle *handle_new(enum kind kind, struct context *context, PyObject *keep)
+{
+    PyTypeObject *type = (PyTypeObject *) core_types[kind];
+    struct handle *h = (struct handle *) ((allocfunc) PyType_GetSlot(type, Py_tp_alloc))(type, 0);
+    if (!h) {
+        Py_XDECREF(keep);
+        return NULL;
+    }
+    Py_INCREF((PyObject *) context);
+    h->context = context;
+    h->keep = keep;
+    return h;
+}
+
+static int convert(PyObject *object, PyObject *type, void *out)
+{
+    if (!PyObject_TypeCheck(object, (PyTypeObject *) type)) {
+        PyErr_Format(PyExc_TypeError, "found %R, expected %R", object, type);
+        return 0;
+    }
+    *(PyObject **) out = object;
+    return 1;
+}
+
+int to_context(PyObject *object, void *out)
+{
+    return convert(object, core_context_type, out);
+}
+
+int to_scene(PyObject *object, void *out)
+{
+    return convert(object, core_types[SCENE], out);
+}
+
+int to_model(PyObject *object, void *out)
+{
+    return convert(object, core_types[MODEL], out);
+}
+
+int to_renderer(PyObject *object, void *out)
+{
+    return convert(object, core_types[RENDERER], out);
+}
+
+int to_trainer(PyObject *object, void *out)
+{
+    return convert(object, core_types[TRAINER], out);
+}
+
+int to_attack(PyObject *object, void *out)
+{
+    return convert(object, core_types[ATTACK], out);
+}
+
+int to_model_or_none(PyObject *object, void *out)
+{
+    *(PyObject **) out = NULL;
+    return object == Py_None || to_model(object, out);
+}
+
+/* ---- calls ---- */
+
+bool call_begin(struct call *call, struct context *context)
+{
+    if (atomic_load(&context->owner) == PyThread_get_thread_ident()) {
+        PyErr_SetString(PyExc_RuntimeError,
+                        "found a call of the library in its own callback, expected none with the "
+                        "same context");
+        return false;
+    }
+    call->context = context;
+    call->thread = PyEval_SaveThread();
+    PyThread_acquire_lock(context->lock, WAIT_LOCK);
+    atomic_store(&context->owner, PyThread_get_thread_ident());
+    return true;
+}
+
+bool call_end(struct call *call, int code)
+{
+    char message[1024] = "";
+    if (code)
+        strncat(message, sg_last_error(call->context->ctx), sizeof(message) - 1);
+    atomic_store(&call->context->owner, 0);
+    PyThread_release_lock(call->context->lock);
+    PyEval_RestoreThread(call->thread);
+    if (PyErr_Occurred()) /* of a callback: it is why the call ended */
+        return false;
+    if (!code)
+        return true;
+    PyObject *text = PyUnicode_DecodeUTF8(message, (Py_ssize_t) strlen(message), "replace");
+    if (text)
+        PyErr_SetObject(error_type(code), text);
+    Py_XDECREF(text);
+    return false;
+}
+
+/* ---- arrays ---- */
+
+static size_t size_of(char item)
+{
+    return item == 'B' ? 1 : item == 'f' ? 4 : 8;
+}
+
+/* The item of a buffer in native order; 0 where it is none of ours. Booleans are bytes. */
+static char item_of(const Py_buffer *view)
+{
+    const char *f = view->format ? view->format : "B";
+    f += *f == '@' || *f == '=' || *f == '<';
+    const char item = *f == '?' || *f == 'b' || *f == 'c' ? 'B' : *f;
+    return f[0] && !f[1] && (item == 'B' || item == 'f' || item == 'd') ? item : 0;
+}
+
+void array_release(struct array *a)
+{
+    if (a->memory) {
+        PyBuffer_Release(&a->view);
+        Py_CLEAR(a->memory);
+    }
+    PyMem_Free(a->converted);
+    memset(a, 0, sizeof(*a));
+}
+
+static bool check_shape(struct array *a, char found, char item, size_t count, const char *what)
+{
+    const size_t items = found ? (size_t) a->view.len / size_of(found) : 0;
+    if (found && items == count && (found == item || (found != 'B' && item != 'B')))
+        return true;
+    PyErr_Format(PyExc_ValueError, "%s: found %zu values of type '%s', expected %zu of type '%c'",
+                 what, items, a->view.format ? a->view.format : "B", count, item);
+    array_release(a);
+    return false;
+}
+
+bool array_read(struct array *a, PyObject *object, char item, size_t count, const char *what,
+                bool none)
+{
+    memset(a, 0, sizeof(*a));
+    if (object == Py_None && none)
+        return true;
+    a->memory = PyMemoryView_GetContiguous(object, PyBUF_READ, 'C'); /* copies only what has gaps */
+    if (!a->memory)
+        return false;
+    if (PyObject_GetBuffer(a->memory, &a->view, PyBUF_ND | PyBUF_FORMAT)) {
+        Py_CLEAR(a->memory);
+        return false;
+    }
+    const char found = item_of(&a->view);
+    if (!check_shape(a, found, item, count, what))
+        return false;
+    a->data = a->view.buf;
+    if (found == item)
+        return true;
+    a->data = a->converted = PyMem_Malloc(count * size_of(item) + 1);
+    if (!a->converted) {
+        array_release(a);
+        PyErr_NoMemory();
+        return false;
+    }
+    for (size_t i = 0; i < count; i++)
+        if (item == 'f')
+            ((float *) a->converted)[i] = (float) ((const double *) a->view.buf)[i];
+        else
+            ((double *) a->converted)[i] = (double) ((const float *) a->view.buf)[i];
+    return true;
+}
+
+bool array_write(struct array *a, PyObject *object, char item, size_t count, const char *what,
+                 bool none)
+{
+    memset(a, 0, sizeof(*a));
+    if (object == Py_None && none)
+        return true;
+    if (PyObject_GetBuffer(object, &a->view, PyBUF_WRITABLE | PyBUF_ND | PyBUF_FORMAT))
+        return false;
+    a->memory = object;
+    Py_INCREF(object);
+    const char found = item_of(&a->view);
+    if (!check_shape(a, found, found == item ? item : 'B', found == item ? count : SIZE_MAX, what))
+        return false;
+    a->data = a->view.buf;
+    return true;
+}
+
+/* ---- parameters ---- */
+
+/* The text of a value as option tables read it, as bytes. */
+static PyObject *text_of(PyObject *value)
+{
+    PyObject *text;
+    if (PyBool_Check(value))
+        text = PyUnicode_FromString(value == Py_True ? "true" : "false");
+    else
+        text = PyFloat_Check(value) ? PyObject_Repr(value) : PyObject_Str(value);
+    PyObject *bytes = text ? PyUnicode_AsUTF8String(text) : NULL;
+    Py_XDECREF(text);
+    return bytes;
+}
+
+bool params_set(const struct sg_option *rows, void *params, PyObject *dict, PyObject *keep)
+{
+    PyObject *key, *value;
+    Py_ssize_t at = 0;
+    while (PyDict_Next(dict, &at, &key, &value)) {
+        if (value == Py_None)
+            continue;
+        PyObject *name = PyUnicode_AsUTF8String(key), *text = name ? text_of(value) : NULL;
+        bool good = text && !PyList_Append(keep, text);
+        if (good) {
+            char *n = PyBytes_AsString(name), expected[160] = "";
+            const size_t length = strlen(n);
+            if (length && n[length - 1] == '_') /* lambda_ */
+                n[length - 1] = 0;
+            const struct sg_option *row = sg_option_find(rows, n);
+            if (!row)
+                PyErr_Format(PyExc_TypeError,
+                             "found parameter %R, which is none of these; see "
+                             "splatguard.options()",
+                             key);
+            else if (!sg_option_set(row, params, PyBytes_AsString(text), expected,
+                                    sizeof(expected)))
+                PyErr_Format(errors[-SG_ERR_USAGE], "%s: found %R, expected %s", n, value,
+                             expected);
+            good = !PyErr_Occurred();
+        }
+        Py_XDECREF(name);
+        Py_XDECREF(text);
+        if (!good)
+            return false;
+    }
+    return true;
+}
+
+bool camera_read(struct sg_camera *camera, PyObject *object)
+{
+    struct array a;
+    if (!array_read(&a, object, 'd', 18, "camera", false))
+        return false;
+    const double *v = a.data;
+    if (!(v[0] >= 1 && v[0] <= 16384 && v[1] >= 1 && v[1] <= 16384)) {
+        PyErr_SetString(errors[-SG_ERR_USAGE], "camera: found an image whose sides are not 1 to "
+                                               "16384");
+        array_release(&a);
+        return false;
+    }
+    *camera = (struct sg_camera){
+        .width = (int) v[0], .height = (int) v[1], .fx = v[2], .fy = v[3], .cx = v[4], .cy = v[5]};
+    memcpy(camera->R, v + 6, sizeof(camera->R));
+    memcpy(camera->t, v + 15, sizeof(camera->t));
+    array_release(&a);
+    return true;
+}
+
+/* ---- the module ---- */
+
+/* PyModule_AddObjectRef came with 3.10. */
+static bool add_object(PyObject *module, const char *name, PyObject *object)
+{
+    Py_INCREF(object);
+    if (!PyModule_AddObject(module, name, object))
+        return true;
+    Py_DECREF(object);
+    return false;
+}
+
+static bool add_error(PyObject *module, int index, const char *name, const char *doc,
+                      PyObject *second)
+{
+    char full[64];
+    snprintf(full, sizeof(full), "splatguard.%s", name);
+    PyObject *bases = !index   ? NULL
+                      : second ? PyTuple_Pack(2, errors[0], second)
+                               : PyTuple_Pack(1, errors[0]);
+    errors[index] = PyErr_NewExceptionWithDoc(full, doc, bases, NULL);
+    Py_XDECREF(bases);
+    return errors[index] && add_object(module, name, errors[index]);
+}
+
+static struct PyModuleDef definition = {PyModuleDef_HEAD_INIT, .m_name = "splatguard._core",
+                                        .m_size = -1};
+
+PyMODINIT_FUNC PyInit__core(void);
+PyMODINIT_FUNC PyInit__core(void)
+{
+    PyObject *module = PyModule_Create(&definition);
+    bool good =
+        module && add_error(module, 0, "Error", "Any failure of the library.", NULL) &&
+        add_error(module, 1, "UsageError", "An argument or parameter is not allowed.",
+                  PyExc_ValueError) &&
+        add_error(module, 2, "InputError", "A file or folder is missing, malformed or unwritable.",
+                  PyExc_ValueError) &&
+        add_error(module, 3, "BudgetError",
+                  "A limit on memory or counts would be exceeded; the message says how much is "
+                  "needed.",
+                  PyExc_MemoryError) &&
+        add_error(module, 4, "InternalError", "A bug, or the system refused something basic.",
+                  PyExc_RuntimeError) &&
+        add_error(module, 5, "Cancelled", "A progress function cancelled the call.", NULL) &&
+        add_error(module, 6, "PoisonedError", "The photos look poisoned, which was refused.",
+                  NULL) &&
+        (core_context_type = PyType_FromSpec(&context_spec)) != NULL;
+    for (int k = 0; k < KINDS && good; k++) {
+        PyType_Spec spec = {.name = type_names[k],
+                            .basicsize = sizeof(struct handle),
+                            .flags = Py_TPFLAGS_DEFAULT,
+                            .slots = slots[k]};
+        core_types[k] = PyType_FromSpec(&spec);
+        good = core_types[k] != NULL;
+    }
+    if (good)
+        good = add_object(module, "Context", core_context_type) &&
+               !PyModule_AddFunctions(module, core_object_methods) &&
+               !PyModule_AddFunctions(module, core_scene_methods) &&
+               !PyModule_AddFunctions(module, core_work_methods);
+    if (!good)
+        Py_CLEAR(module);
+    return module;
+}

@@ -1,0 +1,408 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Scenes: from folders, and from arrays or functions that return arrays. */
+#include "core.h"
+
+#include <string.h>
+
+static PyObject *scene_load(PyObject *module, PyObject *args)
+{
+    (void) module;
+    struct context *c;
+    PyObject *path, *dict, *keep = PyList_New(0);
+    struct sg_scene_params p = sg_scene_params_default();
+    struct handle *h = NULL;
+    int eval, untrained;
+    if (!keep || !PyArg_ParseTuple(args, "O&O&O!pp", to_context, &c, PyUnicode_FSConverter, &path,
+                                   &PyDict_Type, &dict, &eval, &untrained)) {
+        Py_XDECREF(keep);
+        return NULL;
+    }
+    p.eval = eval, p.untrained = untrained;
+    if (params_set(sg_scene_options(), &p, dict, keep) && (h = handle_new(SCENE, c, NULL)) &&
+        !CALL(c, sg_scene_load(c->ctx, PyBytes_AsString(path), &p, &h->scene)))
+        Py_CLEAR(h);
+    Py_DECREF(path);
+    Py_DECREF(keep);
+    return (PyObject *) h;
+}
+
+/* A photo that a function returns. Capsules of these are kept by the scene. */
+struct lazy {
+    struct context *context;
+    PyObject *function;
+    size_t bytes;
+};
+
+static int read_lazy(void *priv, uint8_t *rgb)
+{
+    struct lazy *l = priv;
+    const PyGILState_STATE state = PyGILState_Ensure();
+    struct array a;
+    PyObject *image = PyErr_Occurred() ? NULL : PyObject_CallObject(l->function, NULL);
+    const bool good = image && array_read(&a, image, 'B', l->bytes, "image", false);
+    if (good) {
+        memcpy(rgb, a.data, l->bytes);
+        array_release(&a);
+    } else if (atomic_load(&l->context->owner) != PyThread_get_thread_ident())
+        PyErr_WriteUnraisable(l->function); /* no call ends on this thread to raise it */
+    Py_XDECREF(image);
+    PyGILState_Release(state);
+    return !good;
+}
+
+static void free_lazy(PyObject *capsule)
+{
+    struct lazy *l = PyCapsule_GetPointer(capsule, NULL);
+    Py_DECREF(l->function);
+    PyMem_Free(l);
+}
+
+static struct lazy *make_lazy(struct context *context, PyObject *function, size_t bytes,
+                              PyObject *keep)
+{
+    struct lazy *l = PyMem_Malloc(sizeof(*l));
+    if (!l) {
+        PyErr_NoMemory();
+        return NULL;
+    }
+    *l = (struct lazy){context, function, bytes};
+    Py_INCREF(function);
+    PyObject *capsule = PyCapsule_New(l, NULL, free_lazy);
+    if (!capsule) {
+        Py_DECREF(function);
+        PyMem_Free(l);
+        return NULL;
+    }
+    const int failed = PyList_Append(keep, capsule);
+    Py_DECREF(capsule);
+    return failed ? NULL : l;
+}
+
+/* item: (name, camera, image or function, mask or None, split). */
+static bool add_view(struct context *c, sg_scene_builder *b, PyObject *item, PyObject *keep)
+{
+    const char *name;
+    PyObject *camera, *image, *mask_object;
+    int split;
+    struct array rgb = {0}, mask = {0};
+    struct sg_view_desc v = {0};
+    if (!PyArg_ParseTuple(item, "sOOOi", &name, &camera, &image, &mask_object, &split) ||
+        !camera_read(&v.camera, camera))
+        return false;
+    const size_t pixels = (size_t) v.camera.width * (size_t) v.camera.height;
+    v.name = name;
+    v.split = (enum sg_view_split) split;
+    bool good = array_read(&mask, mask_object, 'B', pixels, "mask", true);
+    v.mask = mask.data;
+    if (good && PyCallable_Check(image)) {
+        v.read = read_lazy;
+        v.read_priv = make_lazy(c, image, 3 * pixels, keep);
+        good = v.read_priv != NULL;
+    } else if (good) {
+        good = array_read(&rgb, image, 'B', 3 * pixels, "image", false);
+        v.rgb = rgb.data;
+    }
+    good = good && CALL(c, sg_scene_builder_add_view(b, &v));
+    array_release(&rgb);
+    array_release(&mask);
+    return good;
+}
+
+static PyObject *scene_build(PyObject *module, PyObject *args)
+{
+    (void) module;
+    struct context *c;
+    PyObject *dict, *views, *points, *colors, *item;
+    Py_ssize_t n;
+    unsigned long long keep_bytes;
+    int eval, untrained;
+    struct sg_scene_params p = sg_scene_params_default();
+    sg_scene_builder *b = NULL;
+    if (!PyArg_ParseTuple(args, "O&O!OOOnKpp", to_context, &c, &PyDict_Type, &dict, &views, &points,
+                          &colors, &n, &keep_bytes, &eval, &untrained))
+        return NULL;
+    p.eval = eval, p.untrained = untrained;
+    PyObject *keep = PyList_New(0), *iterator = PyObject_GetIter(views);
+    struct array xyz = {0}, rgb = {0};
+    struct handle *h = NULL;
+    bool good = keep && iterator && params_set(sg_scene_options(), &p, dict, keep) &&
+                CALL(c, sg_scene_builder_create(c->ctx, &p, &b));
+    if (good && keep_bytes)
+        sg_scene_builder_keep_photos(b, keep_bytes);
+    while (good && (item = PyIter_Next(iterator))) {
+        good = add_view(c, b, item, keep);
+        Py_DECREF(item);
+    }
+    good = good && !PyErr_Occurred();
+    if (good && points != Py_None)
+        good = array_read(&xyz, points, 'f', 3 * (size_t) n, "points", false) &&
+               array_read(&rgb, colors, 'B', 3 * (size_t) n, "colors", true) &&
+               CALL(c, sg_scene_builder_add_points(b, xyz.data, rgb.data, (size_t) n));
+    if (good) {
+        Py_INCREF(keep);
+        h = handle_new(SCENE, c, keep);
+        if (h && !CALL(c, sg_scene_builder_finish(&b, &h->scene)))
+            Py_CLEAR(h);
+    }
+    sg_scene_builder_destroy(&b);
+    array_release(&xyz);
+    array_release(&rgb);
+    Py_XDECREF(iterator);
+    Py_XDECREF(keep);
+    return (PyObject *) h;
+}
+
+static PyObject *view_dict(const struct sg_view *v)
+{
+    const struct sg_camera *c = &v->camera;
+    PyObject *numbers = PyList_New(0);
+    const double head[6] = {c->width, c->height, c->fx, c->fy, c->cx, c->cy};
+    for (int k = 0; k < 18 && numbers; k++) {
+        const double x = k < 6 ? head[k] : k < 15 ? c->R[k - 6] : c->t[k - 15];
+        PyObject *number = PyFloat_FromDouble(x);
+        if (!number || PyList_Append(numbers, number))
+            Py_CLEAR(numbers);
+        Py_XDECREF(number);
+    }
+    PyObject *name = numbers ? PyUnicode_DecodeFSDefault(v->name) : NULL,
+             *file = name ? PyUnicode_DecodeFSDefault(v->file ? v->file : "") : NULL,
+             *dict = file ? Py_BuildValue("{s:O,s:O,s:O,s:O}", "name", name, "file", file, "camera",
+                                          numbers, "masked", v->mask ? Py_True : Py_False)
+                          : NULL;
+    Py_XDECREF(numbers);
+    Py_XDECREF(name);
+    Py_XDECREF(file);
+    return dict;
+}
+
+static PyObject *view_list(const struct sg_view *views, size_t n)
+{
+    PyObject *list = PyList_New(0);
+    for (size_t i = 0; i < n && list; i++) {
+        PyObject *dict = view_dict(&views[i]);
+        if (!dict || PyList_Append(list, dict))
+            Py_CLEAR(list);
+        Py_XDECREF(dict);
+    }
+    return list;
+}
+
+static PyObject *scene_info(PyObject *module, PyObject *args)
+{
+    (void) module;
+    struct handle *h;
+    if (!PyArg_ParseTuple(args, "O&", to_scene, &h))
+        return NULL;
+    const struct sg_scene *s = h->scene;
+    PyObject *train = view_list(s->train, s->n_train),
+             *test = train ? view_list(s->test, s->n_test) : NULL,
+             *dict =
+                 test ? Py_BuildValue("{s:s,s:d,s:(ddd),s:n,s:O,s:O}", "format",
+                                      sg_scene_format_name(s->format), "extent", s->extent,
+                                      "center", s->center[0], s->center[1], s->center[2], "points",
+                                      (Py_ssize_t) s->n_points, "train", train, "test", test)
+                      : NULL;
+    Py_XDECREF(train);
+    Py_XDECREF(test);
+    return dict;
+}
+
+static const struct sg_view *view_of(const struct handle *h, int test, Py_ssize_t index)
+{
+    const struct sg_scene *s = h->scene;
+    const size_t n = test ? s->n_test : s->n_train;
+    if (index < 0 || (size_t) index >= n) {
+        PyErr_Format(PyExc_IndexError, "found view %zd, expected less than %zu", index, n);
+        return NULL;
+    }
+    return test ? &s->test[index] : &s->train[index];
+}
+
+static int copy_pixels(sg_ctx *ctx, const struct sg_view *v, void *out)
+{
+    const uint8_t *rgb;
+    const int code = sg_view_pixels(ctx, v, &rgb);
+    if (!code) {
+        memcpy(out, rgb, 3 * (size_t) v->camera.width * (size_t) v->camera.height);
+        sg_view_release(v);
+    }
+    return code;
+}
+
+static PyObject *scene_pixels(PyObject *module, PyObject *args)
+{
+    (void) module;
+    struct handle *h;
+    int test;
+    Py_ssize_t index;
+    PyObject *objects[2];
+    struct array rgb, mask = {0};
+    const struct sg_view *v;
+    if (!PyArg_ParseTuple(args, "O&pnOO", to_scene, &h, &test, &index, &objects[0], &objects[1]) ||
+        !(v = view_of(h, test, index)))
+        return NULL;
+    const size_t pixels = (size_t) v->camera.width * (size_t) v->camera.height;
+    const bool good = array_write(&rgb, objects[0], 'B', 3 * pixels, "image", false) &&
+                      array_write(&mask, objects[1], 'B', pixels, "mask", true) &&
+                      CALL(h->context, copy_pixels(h->context->ctx, v, (void *) rgb.data));
+    if (good && mask.data)
+        memcpy((void *) mask.data, v->mask, v->mask ? pixels : 0);
+    array_release(&rgb);
+    array_release(&mask);
+    return good ? Py_BuildValue("") : NULL;
+}
+
+static PyObject *scene_points(PyObject *module, PyObject *args)
+{
+    (void) module;
+    struct handle *h;
+    PyObject *objects[2];
+    struct array xyz, rgb = {0};
+    if (!PyArg_ParseTuple(args, "O&OO", to_scene, &h, &objects[0], &objects[1]))
+        return NULL;
+    const size_t n = 3 * h->scene->n_points;
+    const bool good = array_write(&xyz, objects[0], 'f', n, "points", false) &&
+                      array_write(&rgb, objects[1], 'B', n, "colors", false);
+    if (good && n) {
+        memcpy((void *) xyz.data, h->scene->points, n * sizeof(float));
+        memcpy((void *) rgb.data, h->scene->point_colors, n);
+    }
+    array_release(&xyz);
+    array_release(&rgb);
+    return good ? Py_BuildValue("") : NULL;
+}
+
+/* ---- audit ---- */
+
+static PyObject *image_dict(const struct sg_audit_image *i)
+{
+    const struct sg_audit_features *f = &i->features;
+    PyObject *features = Py_BuildValue(
+        "{s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d,s:d}", "tv_down",
+        f->tv_down, "tv_across", f->tv_across, "osc_down", f->osc_down, "osc_across", f->osc_across,
+        "osc_share", f->osc_share, "osc_quiet", f->osc_quiet, "osc_chroma", f->osc_chroma, "noisy",
+        f->noisy, "half_quiet", f->half_quiet, "half_osc", f->half_osc, "half_share", f->half_share,
+        "quarter_osc", f->quarter_osc, "quarter_share", f->quarter_share, "content", f->content,
+        "ragged", f->ragged, "slope", f->slope, "anisotropy", f->anisotropy);
+    PyObject *name = features ? PyUnicode_DecodeFSDefault(i->name) : NULL;
+    PyObject *dict =
+        name ? Py_BuildValue("{s:O,s:s,s:d,s:d,s:d,s:O}", "name", name, "verdict",
+                             sg_audit_verdict_name(i->verdict), "score", i->score, "tau", i->tau,
+                             "tau_error", i->tau_error, "features", features)
+             : NULL;
+    Py_XDECREF(name);
+    Py_XDECREF(features);
+    return dict;
+}
+
+/* What preset auto makes of it: parameters by the names of options, and arrays per view. */
+static PyObject *automatic_dict(const struct sg_audit *audit, const struct sg_scene *scene)
+{
+    struct sg_defense_params p = sg_defense_params_default();
+    const Py_ssize_t bytes = (Py_ssize_t) (scene->n_train * sizeof(float));
+    PyObject *weights = PyByteArray_FromStringAndSize(NULL, bytes),
+             *tolerances = weights ? PyByteArray_FromStringAndSize(NULL, bytes) : NULL,
+             *dict = NULL;
+    if (tolerances) {
+        sg_defense_automatic(audit, scene->extent, (float *) (void *) PyByteArray_AsString(weights),
+                             (float *) (void *) PyByteArray_AsString(tolerances), &p);
+        dict = Py_BuildValue("{s:d,s:d,s:d,s:d,s:O,s:O}", "rho", p.rho, "rho_least", p.rho_least,
+                             "filter_frequency", p.frequency, "lambda", p.lambda, "view_weights",
+                             weights, "tolerances", tolerances);
+    }
+    Py_XDECREF(weights);
+    Py_XDECREF(tolerances);
+    return dict;
+}
+
+static PyObject *audit_dict(const struct sg_audit *a, const struct sg_scene *scene)
+{
+    PyObject *images = PyList_New(0), *reasons = PyList_New(0);
+    for (size_t i = 0; i < a->count && images; i++) {
+        PyObject *dict = image_dict(&a->images[i]);
+        if (!dict || PyList_Append(images, dict))
+            Py_CLEAR(images);
+        Py_XDECREF(dict);
+    }
+    for (size_t i = 0; i < a->count_reasons && reasons; i++) {
+        PyObject *text = PyUnicode_FromString(a->reasons[i]);
+        if (!text || PyList_Append(reasons, text))
+            Py_CLEAR(reasons);
+        Py_XDECREF(text);
+    }
+    PyObject *automatic = images && reasons ? automatic_dict(a, scene) : NULL;
+    PyObject *dict = automatic ? Py_BuildValue("{s:s,s:d,s:d,s:d,s:O,s:O,s:O}", "verdict",
+                                               sg_audit_verdict_name(a->verdict), "score", a->score,
+                                               "tau", a->tau, "tau_error", a->tau_error, "reasons",
+                                               reasons, "images", images, "defense", automatic)
+                               : NULL;
+    Py_XDECREF(images);
+    Py_XDECREF(reasons);
+    Py_XDECREF(automatic);
+    return dict;
+}
+
+static PyObject *audit(PyObject *module, PyObject *args)
+{
+    (void) module;
+    struct handle *h;
+    struct sg_audit *result = NULL;
+    if (!PyArg_ParseTuple(args, "O&", to_scene, &h) ||
+        !CALL(h->context, sg_audit_scene(h->context->ctx, h->scene, &result)))
+        return NULL;
+    PyObject *dict = audit_dict(result, h->scene);
+    sg_audit_destroy(&result);
+    return dict;
+}
+
+static int score(sg_ctx *ctx, sg_renderer *r, const struct sg_scene *s, int test, int what,
+                 struct sg_eval *out)
+{
+    return sg_evaluate(ctx, r, test ? s->test : s->train, test ? s->n_test : s->n_train, what, out);
+}
+
+static PyObject *evaluate(PyObject *module, PyObject *args)
+{
+    (void) module;
+    struct handle *h, *r;
+    int test, what;
+    struct sg_eval e = {0};
+    if (!PyArg_ParseTuple(args, "O&O&pi", to_scene, &h, to_renderer, &r, &test, &what))
+        return NULL;
+    if (h->context != r->context)
+        return PyErr_Format(PyExc_ValueError, "found scene and model of different contexts");
+    if (!CALL(h->context, score(h->context->ctx, r->renderer, h->scene, test, what, &e)))
+        return NULL;
+    PyObject *views = PyList_New(0);
+    for (size_t i = 0; i < e.views && views; i++) {
+        const struct sg_view *v = view_of(h, test, (Py_ssize_t) i);
+        const struct sg_view_score *s = &e.per_view[i];
+        PyObject *dict =
+            Py_BuildValue("{s:s,s:d,s:d}", "name", v->name, "psnr", s->psnr, "ssim", s->ssim);
+        if (dict && what & SG_EVAL_CORRECTED) {
+            PyObject *more = Py_BuildValue("(dd)", s->corrected_psnr, s->corrected_ssim);
+            if (!more || PyDict_SetItemString(dict, "corrected", more))
+                Py_CLEAR(dict);
+            Py_XDECREF(more);
+        }
+        if (!dict || PyList_Append(views, dict))
+            Py_CLEAR(views);
+        Py_XDECREF(dict);
+    }
+    PyObject *dict = views ? Py_BuildValue("{s:d,s:d,s:d,s:d,s:d,s:O}", "psnr", e.psnr, "ssim",
+                                           e.ssim, "fps", e.fps, "corrected_psnr", e.corrected_psnr,
+                                           "corrected_ssim", e.corrected_ssim, "views", views)
+                           : NULL;
+    Py_XDECREF(views);
+    sg_eval_clear(&e);
+    return dict;
+}
+
+PyMethodDef core_scene_methods[] = {{"scene_load", scene_load, METH_VARARGS, NULL},
+                                    {"scene_build", scene_build, METH_VARARGS, NULL},
+                                    {"scene_info", scene_info, METH_VARARGS, NULL},
+                                    {"scene_pixels", scene_pixels, METH_VARARGS, NULL},
+                                    {"scene_points", scene_points, METH_VARARGS, NULL},
+                                    {"audit", audit, METH_VARARGS, NULL},
+                                    {"evaluate", evaluate, METH_VARARGS, NULL},
+                                    {0}};

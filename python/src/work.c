@@ -1,0 +1,277 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Training, attacks, presets and option tables. */
+#include "core.h"
+
+#include <string.h>
+
+static bool same_context(const struct handle *a, const struct handle *b)
+{
+    if (!b || a->context == b->context)
+        return true;
+    PyErr_SetString(PyExc_ValueError, "found scene and model of different contexts");
+    return false;
+}
+
+/* An array per view that must outlive what is made: copied into a bytes object in `keep`. */
+static bool keep_floats(const float **out, PyObject *object, size_t n, const char *what,
+                        PyObject *keep)
+{
+    struct array a;
+    *out = NULL;
+    if (object == Py_None)
+        return true;
+    if (!array_read(&a, object, 'f', n, what, false))
+        return false;
+    PyObject *bytes = PyBytes_FromStringAndSize(a.data, (Py_ssize_t) (n * sizeof(float)));
+    array_release(&a);
+    if (!bytes || PyList_Append(keep, bytes)) {
+        Py_XDECREF(bytes);
+        return false;
+    }
+    *out = (const float *) (const void *) PyBytes_AsString(bytes);
+    Py_DECREF(bytes); /* the list has it */
+    return true;
+}
+
+static PyObject *trainer_new(PyObject *module, PyObject *args)
+{
+    (void) module;
+    struct handle *scene, *model, *h = NULL;
+    PyObject *dict, *tolerances, *weights, *path = NULL, *keep = PyList_New(0);
+    int defense;
+    struct sg_train_params p = sg_train_params_default();
+    if (!keep ||
+        !PyArg_ParseTuple(args, "O&O&O!OOpO&", to_scene, &scene, to_model_or_none, &model,
+                          &PyDict_Type, &dict, &tolerances, &weights, &defense,
+                          PyUnicode_FSConverter, &path) ||
+        !same_context(scene, model)) {
+        Py_XDECREF(keep);
+        Py_XDECREF(path);
+        return NULL;
+    }
+    const size_t views = scene->scene->n_train;
+    const char *checkpoint = PyBytes_AsString(path);
+    sg_ctx *ctx = scene->context->ctx;
+    bool good = !PyList_Append(keep, (PyObject *) scene) &&
+                params_set(sg_train_options(), &p, dict, keep) &&
+                keep_floats(&p.tolerances, tolerances, views, "tolerances", keep) &&
+                keep_floats(&p.defense.view_weights, weights, views, "view_weights", keep);
+    p.defense.on |= defense;
+    if (good) {
+        Py_INCREF(keep);
+        h = handle_new(TRAINER, scene->context, keep);
+        good = h &&
+               CALL(scene->context,
+                    *checkpoint ? sg_trainer_resume(ctx, scene->scene, checkpoint, &p, &h->trainer)
+                                : sg_trainer_create(ctx, scene->scene, model ? model->model : NULL,
+                                                    &p, &h->trainer));
+        if (!good)
+            Py_CLEAR(h);
+    }
+    Py_DECREF(keep);
+    Py_DECREF(path);
+    return (PyObject *) h;
+}
+
+static PyObject *trainer_step(PyObject *module, PyObject *args)
+{
+    (void) module;
+    struct handle *h;
+    struct sg_train_step s;
+    if (!PyArg_ParseTuple(args, "O&", to_trainer, &h) ||
+        !CALL(h->context, sg_trainer_step(h->trainer, &s)))
+        return NULL;
+    return Py_BuildValue("{s:i,s:n,s:d,s:d,s:d,s:d,s:n,s:n,s:n,s:n,s:K,s:K,s:O,s:n}", "iteration",
+                         s.iteration, "view", (Py_ssize_t) s.view, "loss", s.loss, "l1", s.l1,
+                         "ssim", s.ssim, "psnr", s.psnr, "gaussians", (Py_ssize_t) s.gaussians,
+                         "cloned", (Py_ssize_t) s.cloned, "split", (Py_ssize_t) s.split, "pruned",
+                         (Py_ssize_t) s.pruned, "visible", (unsigned long long) s.render.visible,
+                         "instances", (unsigned long long) s.render.instances, "filtered",
+                         s.defense.filtered ? Py_True : Py_False, "filter_removed",
+                         (Py_ssize_t) s.defense.removed);
+}
+
+static PyObject *trainer_state(PyObject *module, PyObject *args)
+{
+    (void) module;
+    struct handle *h;
+    struct sg_train_limits l;
+    if (!PyArg_ParseTuple(args, "O&", to_trainer, &h))
+        return NULL;
+    sg_trainer_limits(h->trainer, &l);
+    return Py_BuildValue(
+        "{s:i,s:n,s:s,s:K,s:O,s:O,s:O,s:K}", "iteration", sg_trainer_iteration(h->trainer),
+        "gaussians", (Py_ssize_t) sg_trainer_gaussians(h->trainer), "variant",
+        sg_trainer_variant(h->trainer), "max_gaussians", (unsigned long long) l.max_gaussians,
+        "by_memory", l.by_memory ? Py_True : Py_False, "gaussians_bound",
+        l.gaussians_bound ? Py_True : Py_False, "time_bound", l.time_bound ? Py_True : Py_False,
+        "steps", (unsigned long long) l.steps);
+}
+
+static PyObject *trainer_model(PyObject *module, PyObject *args)
+{
+    (void) module;
+    struct handle *t, *h;
+    if (!PyArg_ParseTuple(args, "O&", to_trainer, &t))
+        return NULL;
+    h = handle_new(MODEL, t->context, NULL);
+    if (h && !CALL(t->context, sg_trainer_model(t->trainer, &h->model)))
+        Py_CLEAR(h);
+    return (PyObject *) h;
+}
+
+static PyObject *trainer_save(PyObject *module, PyObject *args)
+{
+    (void) module;
+    struct handle *h;
+    PyObject *path;
+    if (!PyArg_ParseTuple(args, "O&O&", to_trainer, &h, PyUnicode_FSConverter, &path))
+        return NULL;
+    const bool good = CALL(h->context, sg_trainer_save(h->trainer, PyBytes_AsString(path)));
+    Py_DECREF(path);
+    return good ? Py_BuildValue("") : NULL;
+}
+
+static PyObject *attack_new(PyObject *module, PyObject *args)
+{
+    (void) module;
+    struct handle *scene, *proxy, *h = NULL;
+    PyObject *dict, *keep = PyList_New(0);
+    const char *preset;
+    struct sg_attack_params p = sg_attack_params_default();
+    if (keep &&
+        PyArg_ParseTuple(args, "O&O&O!s", to_scene, &scene, to_model, &proxy, &PyDict_Type, &dict,
+                         &preset) &&
+        same_context(scene, proxy) && !PyList_Append(keep, (PyObject *) scene) &&
+        params_set(sg_attack_options(), &p, dict, keep)) {
+        if (*preset && !sg_attack_preset(preset, scene->scene->format, &p))
+            PyErr_Format(PyExc_ValueError, "preset: found \"%s\", expected auto, ns, mip or tt",
+                         preset);
+        /* What the caller gives has precedence over the preset. */
+        else if (params_set(sg_attack_options(), &p, dict, keep)) {
+            Py_INCREF(keep);
+            h = handle_new(ATTACK, scene->context, keep);
+            if (h && !CALL(scene->context, sg_attack_create(scene->context->ctx, scene->scene,
+                                                            proxy->model, &p, &h->attack)))
+                Py_CLEAR(h);
+        }
+    }
+    Py_XDECREF(keep);
+    return h ? Py_BuildValue("(Ni)", (PyObject *) h, p.iterations) : NULL;
+}
+
+static PyObject *attack_step(PyObject *module, PyObject *args)
+{
+    (void) module;
+    struct handle *h;
+    struct sg_attack_step s;
+    if (!PyArg_ParseTuple(args, "O&", to_attack, &h) ||
+        !CALL(h->context, sg_attack_step(h->attack, &s)))
+        return NULL;
+    return Py_BuildValue("{s:i,s:n,s:d,s:d,s:d,s:d,s:d,s:n}", "iteration", s.iteration, "view",
+                         (Py_ssize_t) s.view, "loss", s.loss, "l1", s.l1, "ssim", s.ssim, "psnr",
+                         s.psnr, "tv", s.tv, "gaussians", (Py_ssize_t) s.gaussians);
+}
+
+static PyObject *attack_poison(PyObject *module, PyObject *args)
+{
+    (void) module;
+    struct handle *h;
+    Py_ssize_t view, bytes;
+    PyObject *object;
+    struct array rgb;
+    if (!PyArg_ParseTuple(args, "O&nOn", to_attack, &h, &view, &object, &bytes) ||
+        !array_write(&rgb, object, 'B', (size_t) bytes, "image", false))
+        return NULL;
+    const bool good =
+        CALL(h->context, sg_attack_poison(h->attack, (size_t) view, (uint8_t *) rgb.data));
+    array_release(&rgb);
+    return good ? Py_BuildValue("") : NULL;
+}
+
+static PyObject *defense_preset(PyObject *module, PyObject *args)
+{
+    (void) module;
+    const char *name;
+    struct sg_defense_params p = sg_defense_params_default();
+    if (!PyArg_ParseTuple(args, "s", &name))
+        return NULL;
+    if (!sg_defense_preset(name, &p))
+        return PyErr_Format(PyExc_ValueError, "preset: found \"%s\", expected ns, tt or mip", name);
+    return Py_BuildValue("{s:d,s:d,s:d,s:d}", "rho", p.rho, "rho_least", p.rho_least,
+                         "filter_frequency", p.frequency, "lambda", p.lambda);
+}
+
+static PyObject *option_dict(const struct sg_option *o)
+{
+    return Py_BuildValue("{s:s,s:s,s:s,s:s,s:d,s:d,s:O}", "name", o->name, "group",
+                         o->group ? o->group : "", "help", o->help, "choices",
+                         o->choices ? o->choices : "", "low", o->low, "high", o->high, "expert",
+                         o->expert ? Py_True : Py_False);
+}
+
+static PyObject *options(PyObject *module, PyObject *args)
+{
+    (void) module;
+    static const struct {
+        const char *name;
+        const struct sg_option *(*rows)(void);
+    } tables[] = {{"train", sg_train_options},
+                  {"attack", sg_attack_options},
+                  {"scene", sg_scene_options},
+                  {"render", sg_render_options}};
+    const char *name;
+    if (!PyArg_ParseTuple(args, "s", &name))
+        return NULL;
+    for (size_t t = 0; t < sizeof(tables) / sizeof(tables[0]); t++) {
+        if (strcmp(name, tables[t].name))
+            continue;
+        PyObject *list = PyList_New(0);
+        for (const struct sg_option *o = tables[t].rows(); o->name && list; o++) {
+            PyObject *dict = option_dict(o);
+            if (!dict || PyList_Append(list, dict))
+                Py_CLEAR(list);
+            Py_XDECREF(dict);
+        }
+        return list;
+    }
+    return PyErr_Format(PyExc_ValueError, "found \"%s\", expected train, attack, scene or render",
+                        name);
+}
+
+static PyObject *engines(PyObject *module, PyObject *none)
+{
+    (void) module, (void) none;
+    PyObject *list = PyList_New(0);
+    struct sg_engine_info e;
+    for (size_t i = 0; list && sg_engine_list(i, &e); i++) {
+        PyObject *dict = Py_BuildValue("{s:s,s:z,s:s,s:O,s:O}", "engine", e.engine, "cpu",
+                                       e.variant, "description", e.description, "available",
+                                       e.available ? Py_True : Py_False, "chosen",
+                                       e.chosen ? Py_True : Py_False);
+        if (!dict || PyList_Append(list, dict))
+            Py_CLEAR(list);
+        Py_XDECREF(dict);
+    }
+    return list;
+}
+
+static PyObject *version(PyObject *module, PyObject *none)
+{
+    (void) module, (void) none;
+    return PyUnicode_FromString(sg_version());
+}
+
+PyMethodDef core_work_methods[] = {{"trainer_new", trainer_new, METH_VARARGS, NULL},
+                                   {"trainer_step", trainer_step, METH_VARARGS, NULL},
+                                   {"trainer_state", trainer_state, METH_VARARGS, NULL},
+                                   {"trainer_model", trainer_model, METH_VARARGS, NULL},
+                                   {"trainer_save", trainer_save, METH_VARARGS, NULL},
+                                   {"attack_new", attack_new, METH_VARARGS, NULL},
+                                   {"attack_step", attack_step, METH_VARARGS, NULL},
+                                   {"attack_poison", attack_poison, METH_VARARGS, NULL},
+                                   {"defense_preset", defense_preset, METH_VARARGS, NULL},
+                                   {"options", options, METH_VARARGS, NULL},
+                                   {"engines", engines, METH_NOARGS, NULL},
+                                   {"version", version, METH_NOARGS, NULL},
+                                   {0}};

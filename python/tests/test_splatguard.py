@@ -1,0 +1,410 @@
+# SPDX-License-Identifier: Apache-2.0
+import ast
+import gc
+import math
+import os
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import splatguard as sg
+
+SIDE = 40
+SHORT = dict(iterations=30, init_points=150, sh_degree=1, sh_interval=5, densify_from_iter=4,
+             densification_interval=5, densify_until_iter=25)
+
+
+def camera(angle, side=SIDE):
+    s, c = math.sin(angle), math.cos(angle)
+    return sg.Camera(side, side, side, R=((c, 0, s), (0, 1, 0), (-s, 0, c)), t=(0, 0, 4))
+
+
+def photo(k, side=SIDE):
+    y, x = np.mgrid[0:side, 0:side]
+    return np.stack([100 + 2 * x, 90 + 3 * y, 60 + 5 * (x + y + 7 * k) % 90], -1).astype(np.uint8)
+
+
+def scene_of(views=6, context=None, **params):
+    return sg.Scene.build((sg.View(f"view_{k}", camera(k), photo(k)) for k in range(views)),
+                          context=context, **params)
+
+
+def model_of(n=30, degree=1, seed=1, context=None):
+    r = np.random.default_rng(seed)
+    f = lambda *s: r.normal(size=s).astype(np.float32)
+    rest = {0: 0, 1: 9, 2: 24, 3: 45}[degree]
+    return sg.Model.from_arrays(f(n, 3) * 0.5, -1.5 + 0.2 * f(n, 3), f(n, 4), f(n, 1), f(n, 3),
+                                0.1 * f(n, rest) if rest else None, context=context)
+
+
+# ---- arrays ----
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_model_arrays_are_bit_exact(degree):
+    model = model_of(37, degree)
+    for name, values in model.arrays().items():
+        bits = np.random.default_rng(3).integers(0, 2**32, values.shape, np.uint32)
+        model[name] = bits.view(np.float32)  # NaNs with payloads too
+        assert np.array_equal(np.asarray(model[name]).view(np.uint32), bits)
+    assert len(model.arrays()) == (6 if degree else 5)
+
+
+def test_results_share_memory_with_numpy():
+    out = model_of()["position"]
+    array = np.asarray(out)
+    array[0, 0] = 7
+    assert out[0, 0] == 7 and array.dtype == np.float32 and array.shape == (30, 3)
+
+
+def test_arrays_with_gaps_and_doubles_are_taken():
+    model = sg.Model(5, 0)
+    wide = np.arange(40, dtype=np.float64).reshape(5, 8)
+    model["position"] = wide[:, 2:5]
+    assert np.array_equal(model["position"], wide[:, 2:5].astype(np.float32))
+    flipped = photo(1)[::-1]
+    scene = sg.Scene.build([sg.View("a", camera(0), flipped)])
+    assert np.array_equal(scene.train[0].image, flipped)
+
+
+def test_wrong_arrays_are_refused():
+    model = sg.Model(5, 0)
+    for wrong in (np.zeros((5, 4), np.float32), np.zeros((5, 3), np.int32), np.zeros(14, np.float32)):
+        with pytest.raises(ValueError, match="position: found .* expected 15"):
+            model["position"] = wrong
+    with pytest.raises(KeyError):
+        model["colour"]
+    with pytest.raises(sg.UsageError, match="found an image of"):
+        sg.Scene.build([sg.View("a", camera(0), photo(0, 20))])
+    with pytest.raises(TypeError):
+        model["position"] = [1.0] * 15
+    with pytest.raises(TypeError):
+        type(model._handle)()
+
+
+# ---- scenes ----
+
+def test_scene_has_what_was_put_in():
+    mask = (np.arange(SIDE * SIDE).reshape(SIDE, SIDE) % 3 > 0).astype(np.uint8) * 255
+    points = np.random.default_rng(0).normal(size=(20, 3)).astype(np.float32)
+    colors = np.arange(60, dtype=np.uint8).reshape(20, 3)
+    scene = sg.Scene.build([sg.View("a", camera(0), photo(0), mask),
+                            sg.View("b", camera(1), photo(1), split="test"),
+                            sg.View("c", camera(2), lambda: photo(2))], points, colors)
+    assert [v.name for v in scene.train] == ["a", "c"] and [v.name for v in scene.test] == ["b"]
+    assert np.array_equal(scene.train[0].mask, mask) and scene.train[1].mask is None
+    assert np.array_equal(scene.train[1].image, photo(2))
+    assert scene.test[0].camera.R == camera(1).R and scene.test[0].camera.t == (0, 0, 4)
+    xyz, rgb = scene.points()
+    assert np.array_equal(xyz, points) and np.array_equal(rgb, colors)
+
+
+def test_lazy_photos_train_the_same_model():
+    context, reads = sg.Context(threads=2), []
+
+    def lazy(k):
+        def read():
+            reads.append(k)
+            return photo(k)
+        return read
+
+    scene = sg.Scene.build((sg.View(f"view_{k}", camera(k), lazy(k)) for k in range(6)),
+                           context=context, keep_photos=1)
+    ours = sg.train(scene, **SHORT).arrays()
+    assert len(reads) > 20  # read again when they were needed
+    theirs = sg.train(scene_of(context=context), **SHORT).arrays()
+    for name in theirs:
+        assert np.array_equal(ours[name], theirs[name])
+
+
+def test_errors_of_photos_and_generators_arrive():
+    def broken():
+        raise OSError("no such photo")
+
+    with pytest.raises(OSError, match="no such photo"):
+        sg.Scene.build([sg.View("a", camera(0), broken)])
+
+    def views():
+        yield sg.View("a", camera(0), photo(0))
+        raise LookupError("the generator")
+
+    with pytest.raises(LookupError, match="the generator"):
+        sg.Scene.build(views())
+
+
+# ---- training ----
+
+def test_train_with_callback_and_resume(tmp_path):
+    scene, steps = scene_of(), []
+    whole = sg.train(scene, callback=steps.append, **SHORT)
+    assert [s["iteration"] for s in steps] == list(range(1, 31))
+    assert all(math.isfinite(s["loss"]) for s in steps)
+
+    def interrupt(step):
+        if step["iteration"] == 12:
+            raise KeyboardInterrupt
+
+    saved = tmp_path / "state.bin"
+    with pytest.raises(KeyboardInterrupt):
+        sg.train(scene, callback=interrupt, save=saved, **SHORT)
+    resumed = sg.train(scene, resume=saved, **SHORT)
+    for name, values in whole.arrays().items():
+        assert np.array_equal(resumed[name], values)
+    assert len(sg.train(scene, callback=lambda step: step["iteration"] == 3, **SHORT)) == 150
+
+
+def test_progress_cancels_and_reports():
+    seen = []
+    context = sg.Context(threads=1, progress=lambda *a: seen.append(a) or len(seen) > 40)
+    with pytest.raises(sg.Cancelled):
+        sg.train(scene_of(context=context), **{**SHORT, "iterations": 1000})
+    assert "train" in {stage for stage, _, _ in seen}
+
+
+def test_signal_interrupts_and_saves(tmp_path):
+    scene, saved = scene_of(), tmp_path / "state.bin"
+    timer = threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGINT))
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        sg.train(scene, save=saved, **{**SHORT, "iterations": 10_000_000})
+    timer.join()
+    assert saved.stat().st_size > 1000
+
+
+def test_gil_is_free_and_contexts_are_independent():
+    counts, stop = [0], threading.Event()
+
+    def count():
+        while not stop.is_set():
+            counts[0] += 1
+            time.sleep(0)
+
+    context = sg.Context(threads=1)
+    renderer = sg.Renderer(model_of(3000, 3, context=context))
+    thread = threading.Thread(target=count)
+    thread.start()
+    before = counts[0]
+    renderer.render(camera(0, 2000))
+    assert counts[0] > before + 5
+    stop.set()
+    thread.join()
+    models = []
+    threads = [threading.Thread(target=lambda: models.append(sg.train(scene_of(
+        context=sg.Context(threads=1)), **SHORT))) for _ in range(3)]
+    for t in threads:
+        t.start()
+    for t in threads:
+        t.join()
+    assert len(models) == 3
+    for name, values in models[0].arrays().items():
+        assert np.array_equal(models[1][name], values) and np.array_equal(models[2][name], values)
+
+
+def test_a_callback_must_not_call_its_own_context():
+    seen = []
+
+    def progress(*_):
+        try:
+            model.info()
+        except RuntimeError as error:
+            seen.append(str(error))
+
+    context = sg.Context(progress=progress)
+    model = model_of(context=context)
+    sg.train(scene_of(context=context), **SHORT)
+    assert seen and "own callback" in seen[0]
+
+
+# ---- rendering ----
+
+def test_gradients_are_those_of_finite_differences():
+    model = model_of(6, 2, seed=4)
+    model["scale"] = np.full((6, 3), -0.7, np.float32) + np.float32([0, 0.1, 0.2])
+    y, x = np.mgrid[0:SIDE, 0:SIDE]
+    weight = np.stack([np.cos(x / 9), np.sin(y / 8), np.cos((x + y) / 11)]).astype(np.float32)
+
+    def loss():
+        drawn = sg.Renderer(model, background=(0.2, 0.5, 0.1)).render(camera(0.3))
+        return float((np.asarray(drawn.color).astype(np.float64) * weight).sum())
+
+    renderer = sg.Renderer(model, background=(0.2, 0.5, 0.1))
+    with pytest.raises(sg.UsageError, match="no view"):
+        renderer.backward(np.zeros(0, np.float32))
+    renderer.render(camera(0.3))
+    gradients = renderer.backward(weight)
+    for name, values in model.arrays().items():
+        values, found = np.array(values), np.asarray(gradients[name])
+        expected = np.zeros_like(found)
+        for index in np.ndindex(values.shape):
+            kept = values[index]
+            values[index] = kept + 4e-3
+            model[name] = values
+            above = loss()
+            values[index] = kept - 4e-3
+            model[name] = values
+            below = loss()
+            values[index] = kept
+            model[name] = values
+            expected[index] = (above - below) / 8e-3
+        # Not value by value: a step lets pixels cross the opacity from which they are drawn.
+        error = np.linalg.norm(found - expected) / np.linalg.norm(expected)
+        assert error < 0.1, name
+
+
+def test_render_alpha_and_depth():
+    model = model_of(500)
+    drawn = sg.Renderer(model).render(camera(0), alpha=True, depth=True)
+    alpha, depth = np.asarray(drawn.alpha), np.asarray(drawn.depth)
+    assert drawn.color.shape == (3, SIDE, SIDE) and alpha.max() > 0.9
+    inside = alpha > 0.5
+    assert 2 < np.median(depth[inside] / alpha[inside]) < 6
+    plain = sg.Renderer(model, engine="ref").render(camera(0))
+    assert plain.alpha is None
+    assert np.abs(np.asarray(plain.color) - np.asarray(drawn.color)).max() < 1e-3
+    model["opacity"] = np.full((500, 1), np.nan, np.float32)
+    with pytest.raises(sg.InputError, match="opacity"):
+        sg.Renderer(model)
+
+
+def test_evaluate():
+    scene = scene_of(views=6, eval=True, test_every=3)
+    model = sg.train(scene, **SHORT)
+    scores = sg.evaluate(model, scene, match_colors=True)
+    assert [v["name"] for v in scores["views"]] == ["view_0", "view_3"]
+    drawn = np.asarray(sg.Renderer(model).render(scene.test[0].camera).color).transpose(1, 2, 0)
+    rounded = np.floor(np.clip(drawn, 0, 1) * 255 + 0.5)
+    mse = np.mean((rounded - np.asarray(scene.test[0].image).astype(np.float64)) ** 2)
+    assert abs(10 * math.log10(255**2 / mse) - scores["views"][0]["psnr"]) < 0.05
+
+
+# ---- attack and defense ----
+
+def test_audit_of_100_arrays_without_a_file(monkeypatch):
+    y, x = np.mgrid[0:96, 0:96]
+    r = np.random.default_rng(0)
+
+    def clean(k):
+        rgb = np.stack([128 + 60 * np.sin((x + 9 * k) / 23), 128 + 60 * np.cos((y - k) / 19),
+                        100 + (x + y) / 3], -1)
+        return np.clip(rgb, 0, 255).astype(np.uint8)
+
+    def poisoned(k):
+        return np.clip(clean(k) + 16 * np.sign(r.normal(size=(96, 96, 3))), 0, 255).astype(np.uint8)
+
+    def refuse(*_args, **_kw):
+        raise AssertionError("a file was opened")
+
+    monkeypatch.setattr("builtins.open", refuse)
+    bad = sg.audit_images(poisoned(k) for k in range(100))
+    good = sg.audit_images((clean(k) for k in range(100)), names=(f"n{k:03}" for k in range(100)))
+    assert bad["verdict"] == "poisoned" and len(bad["images"]) == 100 and bad["reasons"]
+    assert good["verdict"] == "clean" and good["images"][7]["name"] == "n007"
+    assert bad["score"] > good["score"]
+
+
+def test_attack_keeps_its_bound_and_audit_defends():
+    scene, visits = scene_of(), []
+    model = sg.train(scene, **SHORT)
+    poison = sg.attack(scene, model, callback=visits.append, preset="", iterations=12, inner=3,
+                       epsilon=8)
+    assert len(visits) == 12
+    for view in scene.train:
+        difference = np.asarray(poison[view.name]).astype(int) - np.asarray(view.image)
+        assert 0 < np.abs(difference).max() <= 8
+    assert len(sg.train(scene, audit=sg.audit(scene), **SHORT)) > 0
+    preset = sg.defense_preset("mip")
+    trainer = sg.Trainer(scene, defense=True, filter_interval=5, **{**SHORT, **preset})
+    assert any([trainer.step()["filtered"] for _ in range(20)])
+
+
+# ---- errors, files, memory ----
+
+def test_errors_have_classes_and_names():
+    with pytest.raises(sg.UsageError, match="iterations: found -1"):
+        sg.train(scene_of(), iterations=-1)
+    with pytest.raises(TypeError, match="iteratoins"):
+        sg.train(scene_of(), iteratoins=1)
+    with pytest.raises(sg.InputError, match="/nowhere"):
+        sg.Scene.load("/nowhere")
+    context = sg.Context(max_memory=1 << 20)
+    with pytest.raises(sg.BudgetError):
+        sg.Model(100_000, 3, context=context)
+    with pytest.raises(MemoryError):
+        scene_of(views=300, context=context)
+    with pytest.raises(ValueError, match="different contexts"):
+        sg.train(scene_of(context=sg.Context()), initial=model_of())
+    assert issubclass(sg.Cancelled, sg.Error) and issubclass(sg.BudgetError, MemoryError)
+
+
+def test_files_of_models(tmp_path):
+    model = model_of(300, 2)
+    model.save(tmp_path / "m.ply")
+    for name, values in sg.Model.load(tmp_path / "m.ply").arrays().items():
+        assert np.array_equal(values, model[name])
+    for ending in ("splat", "spz", "compressed.ply"):
+        model.save(tmp_path / f"m.{ending}")
+        back = np.asarray(sg.Model.load(tmp_path / f"m.{ending}")["position"])
+        if ending != "compressed.ply":
+            assert np.abs(back - np.asarray(model["position"])).max() < 5e-3
+    box = ((-9, -9, -9), (0, 9, 9))
+    assert len(model.select(box=box)) == (np.asarray(model["position"])[:, 0] <= 0).sum()
+
+
+def test_options_and_help():
+    assert {o["name"] for o in sg.options("train")} >= {"iterations", "lambda", "rho"}
+    assert all(o["help"] for what in ("train", "attack", "scene", "render")
+               for o in sg.options(what))
+    assert any(e["chosen"] for e in sg.engines())
+    for name in sg.__all__:
+        assert getattr(sg, name).__doc__, name
+
+
+def test_stubs_have_what_the_package_has():
+    path = os.path.join(os.path.dirname(sg.__file__), "__init__.pyi")
+    with open(path, encoding="utf-8") as file:
+        tree = ast.parse(file.read())
+    classes = {n.name: n for n in tree.body if isinstance(n, ast.ClassDef)}
+    assert set(classes) | {n.name for n in tree.body if isinstance(n, ast.FunctionDef)} >= set(
+        sg.__all__)
+    for name, node in classes.items():
+        if issubclass(getattr(sg, name), BaseException):
+            continue
+        public = {m for m in vars(getattr(sg, name)) if not m.startswith("_")}
+        stubbed = {m.name for m in node.body if isinstance(m, ast.FunctionDef)} | {
+            m.target.id for m in node.body if isinstance(m, ast.AnnAssign)}
+        assert public <= stubbed, f"{name}: {public - stubbed}"
+
+
+def rss():
+    with open("/proc/self/statm", encoding="ascii") as file:
+        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def test_nothing_leaks_over_1000_objects():
+    context, image = sg.Context(threads=1), photo(0)
+    points = np.random.default_rng(0).normal(size=(8, 3))
+
+    def round_trip():
+        scene = sg.Scene.build([sg.View("a", camera(0), image),
+                                sg.View("b", camera(1), lambda: image)], context=context)
+        model = sg.Model.from_points(points, image[0, :8], 1, context=context)
+        renderer = sg.Renderer(model)
+        renderer.backward(renderer.render(camera(0)).color)
+        sg.Trainer(scene, initial=model, iterations=2).step()
+        with pytest.raises(sg.InputError):
+            sg.Model.load("/nowhere", context=context)
+
+    for _ in range(50):
+        round_trip()
+    gc.collect()
+    before = rss()
+    for _ in range(1000):
+        round_trip()
+    gc.collect()
+    assert context.memory()["total"][0] == 0
+    assert rss() - before < 4 << 20
+    for _ in range(200):
+        sg.Context(threads=2)
+    assert rss() - before < 6 << 20
