@@ -12,8 +12,22 @@ static double mean(const double *v, int first, int end)
     return sum / (end - first);
 }
 
+/* FNV-1a of a model's values. */
+static uint64_t hash_of(const struct sg_model *m)
+{
+    uint64_t hash = 0xcbf29ce484222325u;
+    for (size_t i = 0; i < m->count; i++)
+        for (int p = 0; p < sg_param_count(m->sh_degree); p++) {
+            uint8_t bytes[sizeof(float)];
+            memcpy(bytes, sg_model_at(m, i, p), sizeof(bytes));
+            for (size_t k = 0; k < sizeof(bytes); k++)
+                hash = (hash ^ bytes[k]) * 0x100000001b3u;
+        }
+    return hash;
+}
+
 /* The same losses as the CPU's as long as both make the same decisions, and nearly the same at the
- * end; the same bytes from run to run. */
+ * end; the same bytes from run to run. Prints a hash, which tests/vulkan/widths.sh compares. */
 static void test_training(void **state)
 {
     (void) state;
@@ -25,6 +39,7 @@ static void test_training(void **state)
     struct sg_model *one = train(&f, &p, 40, NULL, NULL, found);
     struct sg_model *two = train(&f, &p, 40, NULL, NULL, NULL);
     assert_same(one, two);
+    printf("model %016llx\n", (unsigned long long) hash_of(one));
     for (int i = 0; i < 20; i++)
         if (!(fabs(found[i] - expected[i]) < 1e-3 * expected[i]))
             fail_msg("loss %d: found %.9f, expected %.9f", i + 1, found[i], expected[i]);

@@ -8,7 +8,7 @@ endif()
 if(SG_LAVAPIPE AND SG_VALIDATION)
     list(GET SG_LAVAPIPE 0 icd)
     function(sg_vulkan_test name program width)
-        add_test(NAME vulkan_${name}_${width} COMMAND ${program})
+        add_test(NAME vulkan_${name}_${width} COMMAND ${program} ${ARGN})
         set_tests_properties(vulkan_${name}_${width} PROPERTIES LABELS vulkan TIMEOUT 900
             ENVIRONMENT "SG_TEST_ENGINE=vulkan:llvmpipe;LP_NATIVE_VECTOR_WIDTH=${width};VK_ICD_FILENAMES=${icd};VK_DRIVER_FILES=${icd};VK_INSTANCE_LAYERS=VK_LAYER_KHRONOS_validation;VK_LAYER_SETTINGS_PATH=${PROJECT_SOURCE_DIR}/tests/vulkan"
             FAIL_REGULAR_EXPRESSION "Validation (Error|Warning|Performance);VUID-;UNASSIGNED-;SYNC-HAZARD;FAILED")
@@ -19,6 +19,7 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
     endforeach()
     sg_vulkan_test(gaussians test_gaussians 256)
     sg_vulkan_test(training test_vulkan 256)
+    sg_vulkan_test(widths sh all ${CMAKE_CURRENT_SOURCE_DIR}/tests/vulkan/widths.sh $<TARGET_FILE:test_vulkan>)
 else()
     add_test(NAME vulkan COMMAND sh -c
         "echo 'skipped: needs the Vulkan engine (no sanitizer), mesa-vulkan-drivers and vulkan-validationlayers'; exit 77")
