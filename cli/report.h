@@ -46,6 +46,7 @@ struct report {
     size_t n, capacity;
     struct group *groups;
     size_t n_groups;
+    json_t *plans;  /* by name */
     json_t *curves; /* key: list of [iteration, Gaussians, PSNR, instances] */
 };
 
@@ -53,6 +54,9 @@ struct report {
 int report_load(struct report *r, const char *path);
 int report_group(struct report *r);
 void report_clear(struct report *r);
+
+/* The share of the clean count that a defense is limited to by {clean*X} in its plan, or 0. */
+double report_limit(const struct report *r, const struct result *x);
 
 /* The group with other photos or another defense, or NULL. */
 const struct group *report_find(const struct report *r, const struct group *like,

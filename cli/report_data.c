@@ -120,12 +120,38 @@ static int take_point(void *arg, int columns, const char *const *v)
     return json_array_append_new(curve, point) ? no_memory() : STATUS_DONE;
 }
 
+static int take_plan(void *arg, int columns, const char *const *v)
+{
+    struct report *r = arg;
+    (void) columns;
+    json_t *plan = v[0] && v[1] ? json_loads(v[1], 0, NULL) : NULL;
+    if (plan)
+        json_object_set_new(r->plans, v[0], plan);
+    return STATUS_DONE;
+}
+
+double report_limit(const struct report *r, const struct result *x)
+{
+    const json_t *defense = json_object_get(
+        json_object_get(json_object_get(r->plans, x->plan), "defenses"), x->defense);
+    const json_t *options = json_is_array(defense) ? defense : json_object_get(defense, "train");
+    for (size_t i = 0; i < json_array_size(options); i++) {
+        const char *text = json_string_value(json_array_get(options, i));
+        double share;
+        if (text && !strcmp(text, "{clean}"))
+            return 1;
+        if (text && sscanf(text, "{clean*%lf}", &share) == 1)
+            return share;
+    }
+    return 0;
+}
+
 int report_load(struct report *r, const char *path)
 {
     struct store *s;
     struct keyed k = {.r = r, .index = json_object()};
     if (!r->curves)
-        r->curves = json_object();
+        r->curves = json_object(), r->plans = json_object();
     k.known = json_copy(r->curves);
     int code = store_open(path, true, &s);
     if (!code)
@@ -137,6 +163,8 @@ int report_load(struct report *r, const char *path)
                            NULL, take_cell, r);
     for (size_t i = r->n; i-- > 0;)
         json_object_set_new(k.index, r->results[i].key, json_integer((json_int_t) i));
+    if (!code)
+        code = store_query(s, "SELECT name, text FROM plan", NULL, take_plan, r);
     if (!code)
         code = store_query(s,
                            "SELECT key, name, value FROM metric"
@@ -217,5 +245,6 @@ void report_clear(struct report *r)
     free(r->results);
     free(r->groups);
     json_decref(r->curves);
+    json_decref(r->plans);
     *r = (struct report){0};
 }

@@ -218,6 +218,57 @@ static void put_quality(FILE *f, const struct report *r, enum format format)
         end_table(f, format);
 }
 
+static bool same_scene(const struct result *a, const struct result *b)
+{
+    return !strcmp(a->plan, b->plan) && !strcmp(a->scene, b->scene) && !strcmp(a->model, b->model);
+}
+
+static bool is_limited(const struct report *r, const struct group *g)
+{
+    return g->runs && report_limit(r, g->first) > 0;
+}
+
+/* Those of one scene, from its first one on: who is better with as many Gaussians. */
+static void put_limited(FILE *f, const struct report *r, enum format format, size_t from)
+{
+    static const char *const titles[] = {"limit, defense, photos", "n", "Gaussians", "PSNR", "SSIM",
+                                         "PSNR without a limit"};
+    const struct result *scene = r->groups[from].first;
+    char name[256], n[16];
+    snprintf(name, sizeof(name), "%s: %s, limits in shares of the clean count", scene->plan,
+             scene->scene);
+    heading(f, format, 2, name);
+    begin_table(f, format, titles, 6);
+    for (size_t i = from; i < r->n_groups; i++) {
+        const struct group *g = &r->groups[i], *off = report_find(r, g, g->first->photos, OFF);
+        if (!is_limited(r, g) || !same_scene(g->first, scene))
+            continue;
+        snprintf(name, sizeof(name), "%.2f, %s, %s", report_limit(r, g->first), g->first->defense,
+                 g->first->photos);
+        begin_row(f, format, name);
+        snprintf(n, sizeof(n), "%d", g->runs);
+        put_cell(f, format, n);
+        put_number(f, format, g->mean[M_GAUSSIANS], g->deviation[M_GAUSSIANS], 0);
+        put_number(f, format, g->mean[M_PSNR], g->deviation[M_PSNR], 2);
+        put_number(f, format, g->mean[M_SSIM], g->deviation[M_SSIM], 4);
+        put_number(f, format, off ? off->mean[M_PSNR] : NAN, NAN, 2);
+        end_row(f, format);
+    }
+    end_table(f, format);
+}
+
+static void put_limits(FILE *f, const struct report *r, enum format format)
+{
+    for (size_t i = 0; i < r->n_groups; i++) {
+        bool first = is_limited(r, &r->groups[i]);
+        for (size_t k = 0; k < i && first; k++)
+            first = !is_limited(r, &r->groups[k]) ||
+                    !same_scene(r->groups[k].first, r->groups[i].first);
+        if (first)
+            put_limited(f, r, format, i);
+    }
+}
+
 static void put_failures(FILE *f, const struct report *r, enum format format)
 {
     static const char *const titles[] = {"run", "status", "message"};
@@ -286,6 +337,7 @@ void put_tables(FILE *f, const struct report *r, enum format format)
         heading(f, format, 2, title);
         put_defenses(f, r, format, i);
     }
+    put_limits(f, r, format);
     put_failures(f, r, format);
 }
 

@@ -12,6 +12,7 @@ grep -q '^21 of 21 runs are done' page/report.md || fail "not all runs are done:
 for defense in off ut cap-random smooth-gaussian lightgaussian pup spectral tolerance; do
     [ "$(grep -c "^| $defense | [12] | [1-9]" page/report.md)" -ge 2 ] || fail "no result of $defense"
 done
+grep -q '^| 0.50, cap-random, eps16 | 1 |' page/report.md || fail "no table of limits"
 # The other plans can be read; they need photos.
 for plan in desk paper; do
     expect 2 bench "$source_dir/bench/plans/$plan.json" --data . --list; says 'found no file in'
