@@ -36,8 +36,8 @@ SIMD ireal tile_bits(const struct cpu_project_args *a, const struct rects *r,
                      const struct ellipse *e, real x, real y, mask small)
 {
     const ireal width = r->x1 - r->x0, height = r->y1 - r->y0, one = i_set(1);
-    if (a->reference_tiles)
-        return (one << (width * height)) - one;
+    if (a->reference_tiles) /* 1 to 31 bits, of which the highest must not overflow */
+        return (((one << (i_sel(small, width * height, one) - one)) - one) << one) + one;
     const real lo = r_from_int(r->x0), hi = r_from_int(r->x1);
     const float scale = 1.0f / SG_TILE;
     ireal bits = i_set(0);
