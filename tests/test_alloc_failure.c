@@ -2,6 +2,7 @@
 /* Every allocation of a small load, training, audit, attack and evaluation made to fail once: each
  * ends with SG_ERR_BUDGET and a message, leaves nothing behind, and works afterwards. */
 #include "core/internal.h"
+#include "splatguard/format.h"
 #include "splatguard/run.h"
 #include "synth_scene.h"
 
@@ -291,6 +292,29 @@ static void fail_each(int (*work)(sg_ctx *))
         (void) state;                                                                              \
         fail_each(work);                                                                           \
     }
+/* A model to each format that is written, and from each that is read and written. */
+static int convert(sg_ctx *ctx)
+{
+    static const char *const endings[] = {"ply", "compressed.ply", "splat", "spz", "glb"};
+    struct sg_model *model = NULL, *part = NULL;
+    int code = sg_model_init_random(ctx, 60, 1, 1, &model);
+    if (!code)
+        code = sg_model_select(ctx, model, NULL, &part);
+    for (size_t k = 0; k < sizeof(endings) / sizeof(endings[0]) && !code; k++) {
+        struct sg_model *back = NULL;
+        char path[96];
+        snprintf(path, sizeof(path), "%s/m.%s", folder, endings[k]);
+        code = sg_model_write(ctx, part, path, NULL);
+        if (!code && k < 4)
+            code = sg_model_read(ctx, path, 100, &back);
+        assert_true(code || k == 4 || back->count == 60);
+        sg_model_destroy(&back);
+    }
+    sg_model_destroy(&part);
+    sg_model_destroy(&model);
+    return code;
+}
+
 TEST(load_blender)
 TEST(load_colmap)
 TEST(build)
@@ -302,6 +326,7 @@ TEST(audit)
 TEST(attack)
 TEST(run)
 TEST(attack_run)
+TEST(convert)
 
 int main(void)
 {
@@ -311,7 +336,7 @@ int main(void)
         cmocka_unit_test(test_train_mcmc),   cmocka_unit_test(test_train_mip),
         cmocka_unit_test(test_prune),        cmocka_unit_test(test_audit),
         cmocka_unit_test(test_attack),       cmocka_unit_test(test_run),
-        cmocka_unit_test(test_attack_run),
+        cmocka_unit_test(test_attack_run),   cmocka_unit_test(test_convert),
     };
     return cmocka_run_group_tests(tests, make_scene, remove_scene);
 }
