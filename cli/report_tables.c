@@ -345,8 +345,11 @@ static void put_csv_text(FILE *f, const char *text)
 {
     const bool quoted = strpbrk(text, ",\"\n\r");
     fputs(quoted ? "\"" : "", f);
-    for (const char *c = text; *c; c++)
-        fprintf(f, *c == '"' ? "\"\"" : "%c", *c);
+    for (const char *c = text; *c; c++) {
+        if (*c == '"')
+            fputc('"', f);
+        fputc(*c, f);
+    }
     fputs(quoted ? "\"," : ",", f);
 }
 
@@ -367,9 +370,13 @@ void put_csv(FILE *f, const struct report *r)
         put_csv_text(f, x->commit);
         put_csv_text(f, x->machine);
         put_csv_text(f, x->engine);
-        fprintf(f, isfinite(x->seconds) ? "%.3f" : "", x->seconds);
-        for (int m = 0; m < M_METRICS; m++)
-            fprintf(f, isfinite(x->value[m]) ? ",%.10g" : ",", x->value[m]);
+        if (isfinite(x->seconds))
+            fprintf(f, "%.3f", x->seconds);
+        for (int m = 0; m < M_METRICS; m++) {
+            fputc(',', f);
+            if (isfinite(x->value[m]))
+                fprintf(f, "%.10g", x->value[m]);
+        }
         fprintf(f, "\n");
     }
 }
