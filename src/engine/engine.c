@@ -28,8 +28,8 @@ static int need(const struct sg_engine *e, unsigned what, const char *stage, con
                    before);
 }
 
-/* A stage has run, or has failed: only then is there what it leaves. `kept`: of what was there
- * before. */
+/* Records which results exist after a stage: of the earlier ones those in `kept`, and what it has
+ * made unless it failed. */
 static int leave(struct sg_engine *e, int code, unsigned kept, unsigned made)
 {
     e->ready = (e->ready & kept) | (code ? 0 : made);

@@ -9,7 +9,7 @@
 #include "registry.h"
 #include "splatguard/engine.h"
 
-/* What a photo handle stands for. */
+/* The photo behind a handle. */
 struct sg_photo_entry {
     int width, height;
     const uint8_t *rgb, *mask; /* host; rgb NULL: the handle is free */

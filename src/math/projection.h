@@ -229,7 +229,7 @@ SG_FN void project_backward(IN(view, v), IN(projection, p), IN(splat, o), IN(spl
     const real fx2 = V.fx * P.iz * P.iz, fy2 = V.fy * P.iz * P.iz;
     real dtx = r_sel(P.in_x, -fx2 * dj02, r_set(0));
     real dty = r_sel(P.in_y, -fy2 * dj12, r_set(0));
-    /* The factor 2 stands also where the tangent was clamped (exact would be 1), as in the
+    /* The factor 2 is also used where the tangent was clamped (exact would be 1), as in the
      * reference. */
     real dtz = -fx2 * dj00 - fy2 * dj11 + NUM(2) * P.iz * (fx2 * P.tx * dj02 + fy2 * P.ty * dj12);
 

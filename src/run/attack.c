@@ -116,7 +116,7 @@ static struct sg_run_params proxy_params(const struct sg_attack_run_params *p, c
     return t;
 }
 
-/* Trains the proxy as any run, into FOLDER/attack/proxy, or goes on with it. */
+/* Trains the proxy like any run, in FOLDER/attack/proxy, or continues it. */
 static int train_proxy(struct attack_run *r, char model[PATH_MAX])
 {
     const struct sg_attack_run_params *p = r->params;

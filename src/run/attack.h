@@ -24,7 +24,7 @@ struct attack_run {
     struct {
         double seconds, inner_seconds, inner_bytes;
         uint64_t max_gaussians;
-    } totals; /* of the whole attack: a resumed one goes on from those in its log */
+    } totals; /* of the whole attack: a resumed attack starts from those in its log */
     struct sg_attack_run_status *status;
 };
 

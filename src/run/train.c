@@ -69,7 +69,7 @@ static void note_error(sg_run *r, int code)
 
 static int save(sg_run *r)
 {
-    /* The log's line at a checkpoint carries the totals that a resumed run goes on from. */
+    /* The log's line at a checkpoint carries the totals that a resumed run starts from. */
     note_error(r, sg_run_log_step(r));
     int code = sg_run_save_model(r->ctx, r->params.folder, r->scene, r->trainer);
     if (code)

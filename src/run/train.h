@@ -7,7 +7,7 @@
 #include "output.h"
 #include "splatguard/eval.h"
 
-/* Of the whole run: a resumed one goes on from those in its log. */
+/* Of the whole run: a resumed run starts from those in its log. */
 struct run_totals {
     double seconds, cpu_seconds; /* of training alone, without evaluation and files */
     uint64_t max_gaussians, max_instances;

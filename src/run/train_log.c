@@ -69,7 +69,7 @@ int sg_run_open_log(sg_run *r)
                            &r->log);
 }
 
-/* What cannot be logged once is not tried again: the training goes on. */
+/* After a failure nothing more is logged; the training continues. */
 static int write_line(sg_run *r, json_t *line)
 {
     if (r->log_lost) {

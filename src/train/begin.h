@@ -11,7 +11,7 @@ size_t sg_evenly(size_t n, size_t k, size_t limit);
  * is NULL. */
 int sg_begin(sg_trainer *t, const struct sg_model *initial);
 
-/* How many of a checkpoint's n Gaussians the run goes on with: fewer where the limits have become
+/* How many of a checkpoint's n Gaussians the run keeps: fewer where the limits have become
  * tighter. */
 size_t sg_begin_again(sg_trainer *t, size_t n);
 

@@ -14,7 +14,7 @@ struct sg_densify_params {
     float prune_scale;      /* scene units: larger ones are removed; 0 = off */
     uint64_t max_gaussians; /* of the model afterwards; 0 = no limit */
     /* All grow where there are fewer than the limit. At it none does, statistics go on, and with
-     * prune_scale what is large on the screen goes. */
+     * prune_scale Gaussians that are large on the screen are removed. */
     bool overshoot;
     /* Called where the limit binds: the lowest scored make room for what grows most, but for at
      * most this share of the model at a time, so that what is new has time to show its worth. NULL:

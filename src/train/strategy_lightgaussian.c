@@ -19,7 +19,7 @@ static const struct {
 } removals[] = {{8, 0.5}, {12, 0.4}};
 #define REMOVALS (sizeof(removals) / sizeof(removals[0]))
 
-/* The share that goes in this step, or 0. A step that passes over both takes the second. */
+/* The share that is removed in this step, or 0. A step that passes over both takes the second. */
 static double share(const sg_trainer *t, int before, int it)
 {
     double ratio = 0;

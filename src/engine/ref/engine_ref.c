@@ -306,7 +306,7 @@ static void compare(struct sg_engine *base, const float *image,
             }
         for (size_t i = 0; i < n; i++)
             if ((target->mask && !target->mask[i]) || (p->tolerance > 0 && X[i] == Y[i]))
-                grad[i] = 0; /* the target is the image itself there: no pull */
+                grad[i] = 0; /* the target is the image itself there */
         if (p->low_pass > 0)
             passed += low_pass(b, img, target, (size_t) ch, p, M, XX, grad);
     }

@@ -156,7 +156,7 @@ static __attribute__((noinline)) void gradient_row(const float *x, const float *
                         vt * along(derivatives[2] + i);
         const real sign = r_keep(r_lt(vt, vx), r_set(1)) - r_keep(r_lt(vx, vt), r_set(1));
         real g = l1 * sign + dssim * ds;
-        if (tolerant) /* no pull where the target is the render itself */
+        if (tolerant) /* no gradient where the target is the render itself */
             g *= sign * sign;
         if (used) {
             real keep = r_set(0);

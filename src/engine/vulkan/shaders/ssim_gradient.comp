@@ -39,7 +39,7 @@ void main()
     const float image = a.image.v[p.channel * plane + at], other = a.target.v[p.channel * plane + at];
     const float sign_of = image > other ? 1.0 : image < other ? -1.0 : 0.0;
     float g = a.l1 * sign_of + a.dssim * (m.x + 2.0 * image * m.y + other * m.z);
-    if (a.tolerant != 0 && sign_of == 0.0) /* no pull where the target is the render itself */
+    if (a.tolerant != 0 && sign_of == 0.0) /* no gradient where the target is the render itself */
         g = 0.0;
     if (a.masked != 0 && a.photo.v[at] >> 24 == 0)
         g = 0.0;

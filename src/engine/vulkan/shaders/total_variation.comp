@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Total variation: its value summed over groups of 256 values, without the weight, and its gradient
- * added to the image's. Beyond the border is what is at it, from where nothing pulls. */
+ * added to the image's. Beyond the border the border's value repeats, which adds no gradient. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
