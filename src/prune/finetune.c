@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "finetune.h"
 
-#include <math.h>
-
 #include "model/columns.h"
 #include "train/schedule.h"
 #include "train/trainer.h"
@@ -10,16 +8,10 @@
 #define SHRINK 0.95
 #define INTERVAL 400 /* iterations */
 
-/* The released programs shrink all rates after the schedule of positions has set its own, so that
- * the position's is smaller in that iteration only. */
 static void rates(const sg_trainer *t, int before, int it, double *lr)
 {
     (void) t;
-    for (int g = 0; g < SG_GROUPS; g++)
-        if (g != SG_G_XYZ)
-            lr[g] *= pow(SHRINK, it / INTERVAL);
-        else if (sg_due(before, it, INTERVAL))
-            lr[g] *= SHRINK;
+    sg_shrink_rates(before, it, SHRINK, INTERVAL, lr);
 }
 
 static struct sg_strategy_plan plan(const sg_trainer *t, int before, int it)

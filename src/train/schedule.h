@@ -7,6 +7,7 @@
 #include <math.h>
 
 #include "core/rng.h"
+#include "model/columns.h"
 #include "splatguard/train.h"
 
 /* Whether an event of every `every` iterations is due in the step from iteration `before` to `it`.
@@ -75,6 +76,19 @@ static inline double sg_position_lr(const struct sg_train_params *p, int it)
     u = u > 1 ? 1 : u;
     return exp((1 - u) * log((double) p->position_lr_init) +
                u * log((double) p->position_lr_final));
+}
+
+/* Every `every` iterations all rates shrink by a factor. LightGaussian and PUP 3D-GS do so after
+ * the schedule of positions has set its own, so that the position's is smaller in that iteration
+ * only. */
+static inline void sg_shrink_rates(int before, int it, double factor, int every,
+                                   double lr[SG_GROUPS])
+{
+    for (int g = 0; g < SG_GROUPS; g++)
+        if (g != SG_G_XYZ)
+            lr[g] *= pow(factor, it / every);
+        else if (sg_due(before, it, every))
+            lr[g] *= factor;
 }
 
 /* Order of views in an epoch: Fisher-Yates, the same distribution as drawing from a shrinking

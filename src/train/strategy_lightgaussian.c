@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* LightGaussian during training, as its released program does it: after the densification and the
  * reset of an iteration it removes by its score. */
-#include <math.h>
-
 #include "core/clock.h"
 #include "prune/score.h"
 #include "schedule.h"
@@ -36,16 +34,10 @@ static bool sound(const void *state, int iteration)
     return sg_strategy_default.sound(state, iteration);
 }
 
-/* The rates shrink after the schedule of positions has set its own, so that the position's is
- * smaller in that iteration only. */
 static void rates(const sg_trainer *t, int before, int it, double *lr)
 {
     (void) t;
-    for (int g = 0; g < SG_GROUPS; g++)
-        if (g != SG_G_XYZ)
-            lr[g] *= pow(SHRINK, it / INTERVAL);
-        else if (sg_due(before, it, INTERVAL))
-            lr[g] *= SHRINK;
+    sg_shrink_rates(before, it, SHRINK, INTERVAL, lr);
 }
 
 static struct sg_strategy_plan plan(const sg_trainer *t, int before, int it)
