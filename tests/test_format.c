@@ -191,13 +191,13 @@ static void put_u32(uint8_t *to, uint32_t v)
     memcpy(to, &v, 4);
 }
 
-static uint16_t to_half(float v) /* of normal numbers */
+static uint16_t to_half(float v) /* smaller ones than normal halves become 0 */
 {
     int exponent;
     const float m = frexpf(fabsf(v), &exponent);
-    return v == 0 ? 0
-                  : (uint16_t) ((v < 0 ? 0x8000 : 0) | (exponent + 14) << 10 |
-                                ((int) lrintf(m * 2048) - 1024));
+    return v == 0 || exponent < -13 ? 0
+                                    : (uint16_t) ((v < 0 ? 0x8000 : 0) | (exponent + 14) << 10 |
+                                                  ((int) lrintf(m * 2048) - 1024));
 }
 
 /* A .ksplat of a model as the level of compression says; returns its size. Buckets of 4. */

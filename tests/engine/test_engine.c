@@ -397,7 +397,8 @@ static void test_front_end(void **state)
     struct engine_case cases[ENGINE_CASES];
     const struct sg_camera camera = make_camera(W, H, 3);
     const struct sg_render_params params = {SG_RENDER_DEFAULTS};
-    const struct sg_loss photometric = {SG_LOSS_PHOTOMETRIC, 1, {.photometric = {0.2f, 0}}};
+    const struct sg_loss photometric = {
+        SG_LOSS_PHOTOMETRIC, 1, {.photometric = {.lambda_dssim = 0.2f}}};
     const struct sg_loss wrong[] = {
         {SG_LOSS_TOTAL_VARIATION, 1, {.total_variation = SG_TV_NORM_L1}}, photometric};
     static uint8_t rgb[3 * W * H];
