@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include "train/exposure.h"
+#include "train/schedule.h"
 #include "train/trainer.h"
 #include "training.h"
 

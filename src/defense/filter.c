@@ -51,18 +51,29 @@ static void score_chunk(void *arg, size_t chunk, int thread)
     }
 }
 
+int sg_scores_create(sg_ctx *ctx, size_t n, struct sg_scores *out)
+{
+    *out = (struct sg_scores){
+        .count = n,
+        .score = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*out->score)),
+        .log_smallest = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*out->log_smallest)),
+        .keys = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*out->keys))};
+    if (out->score && out->log_smallest && out->keys)
+        return SG_OK;
+    sg_scores_clear(out);
+    return SG_ERR_BUDGET;
+}
+
 int sg_score(struct sg_engine *engine, const struct sg_scene *scene,
              const struct sg_defense_params *p, const struct sg_render_params *render,
              uint64_t seed, int it, struct sg_scores *out)
 {
     sg_ctx *ctx = sg_engine_ctx(engine);
     const size_t n = sg_engine_count(engine);
-    *out = (struct sg_scores){.count = n};
     const struct sg_camera **views = sg_alloc_raw(ctx, SG_MEM_MISC, scene->n_train, sizeof(*views));
-    out->score = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*out->score));
-    out->log_smallest = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*out->log_smallest));
-    out->keys = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*out->keys));
-    int code = views && out->score && out->log_smallest && out->keys ? SG_OK : SG_ERR_BUDGET;
+    int code = sg_scores_create(ctx, n, out);
+    if (!views)
+        code = SG_ERR_BUDGET;
     if (!code)
         code = sg_engine_count_hits(engine, views, sample_views(scene, p, seed, it, views), render,
                                     p->hit, out->score);

@@ -19,11 +19,13 @@ double sg_filter_log_weight(const struct sg_defense_params *p, float log_smalles
 /* Scores of all Gaussians. All arrays: one value each. */
 struct sg_scores {
     size_t count, unseen; /* unseen: without a hit, -INFINITY */
-    double *score;        /* ln; NULL before sg_score */
+    double *score;        /* ln; NULL: there are no scores */
     float *log_smallest;  /* decides between equal scores */
     uint64_t *keys;       /* scratch */
 };
 
+/* Room for n of each. SG_ERR_BUDGET. */
+int sg_scores_create(sg_ctx *ctx, size_t n, struct sg_scores *out);
 /* Counts hits over the sampled views of the scene at iteration it. */
 int sg_score(struct sg_engine *engine, const struct sg_scene *scene,
              const struct sg_defense_params *p, const struct sg_render_params *render,

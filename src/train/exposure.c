@@ -2,6 +2,7 @@
 #include "exposure.h"
 
 #include "math/constants.h"
+#include "schedule.h"
 
 #define EPSILON 1e-8 /* of Adam: not that of the Gaussians */
 

@@ -5,8 +5,6 @@
 #ifndef SG_TRAIN_EXPOSURE_H
 #define SG_TRAIN_EXPOSURE_H
 
-#include <math.h>
-
 #include "engine/engine.h"
 #include "splatguard/train.h"
 
@@ -18,13 +16,5 @@ int sg_exposures_create(sg_ctx *ctx, size_t n, float **out);
 /* steps: with this one. */
 void sg_exposures_step(float *exposures, size_t n, size_t view, const double *gradient,
                        const struct sg_train_params *params, int it, uint64_t steps);
-
-/* Log-linear from the first to the last iteration. */
-static inline double sg_exposure_lr(const struct sg_train_params *p, int it)
-{
-    const double u = (double) it / p->iterations;
-    return exp((1 - u) * log((double) p->exposure_lr_init) +
-               u * log((double) p->exposure_lr_final));
-}
 
 #endif

@@ -69,13 +69,21 @@ static inline int sg_active_degree(const struct sg_train_params *p, int start, i
     return d < p->sh_degree ? d : p->sh_degree;
 }
 
-/* Log-linear from init to final. */
+/* From `first` at u = 0 to `last` at 1, linear in its logarithm. */
+static inline double sg_log_linear(double u, float first, float last)
+{
+    return exp((1 - u) * log((double) first) + u * log((double) last));
+}
+
 static inline double sg_position_lr(const struct sg_train_params *p, int it)
 {
-    double u = (double) it / p->position_lr_max_steps;
-    u = u > 1 ? 1 : u;
-    return exp((1 - u) * log((double) p->position_lr_init) +
-               u * log((double) p->position_lr_final));
+    const double u = (double) it / p->position_lr_max_steps;
+    return sg_log_linear(u > 1 ? 1 : u, p->position_lr_init, p->position_lr_final);
+}
+
+static inline double sg_exposure_lr(const struct sg_train_params *p, int it)
+{
+    return sg_log_linear((double) it / p->iterations, p->exposure_lr_init, p->exposure_lr_final);
 }
 
 /* Every `every` iterations all rates shrink by a factor. LightGaussian and PUP 3D-GS do so after

@@ -36,20 +36,10 @@ struct explore_job {
 #define AT(plane) p[(plane) *SG_LANES]
 static void move(float *p, const float *n)
 {
-    float q[4], s2[3], len = 0, along[3];
-    for (int k = 0; k < 4; k++)
-        len += AT(SG_P_ROT + k) * AT(SG_P_ROT + k);
-    len = fmaxf(sqrtf(len), 1e-12f);
-    for (int k = 0; k < 4; k++)
-        q[k] = AT(SG_P_ROT + k) / len;
+    float R[9], along[3];
+    sg_host_rotation(p, R);
     for (int k = 0; k < 3; k++)
-        s2[k] = expf(2 * AT(SG_P_SCALE + k));
-    const float r = q[0], x = q[1], y = q[2], z = q[3];
-    const float R[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - r * z),     2 * (x * z + r * y),
-                        2 * (x * y + r * z),     1 - 2 * (x * x + z * z), 2 * (y * z - r * x),
-                        2 * (x * z - r * y),     2 * (y * z + r * x),     1 - 2 * (x * x + y * y)};
-    for (int k = 0; k < 3; k++)
-        along[k] = s2[k] * (R[k] * n[0] + R[3 + k] * n[1] + R[6 + k] * n[2]);
+        along[k] = expf(2 * AT(SG_P_SCALE + k)) * (R[k] * n[0] + R[3 + k] * n[1] + R[6 + k] * n[2]);
     for (int k = 0; k < 3; k++)
         AT(SG_P_XYZ + k) += R[3 * k] * along[0] + R[3 * k + 1] * along[1] + R[3 * k + 2] * along[2];
 }
