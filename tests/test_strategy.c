@@ -29,11 +29,12 @@ static struct sg_strategy_plan plan(const sg_trainer *t, int before, int it)
 }
 
 /* Every third iteration one more, where the newest state puts it. */
-static int after_step(sg_trainer *t, int before, int it, const struct sg_render_params *render,
-                      struct sg_train_step *out)
+static int after_step(sg_trainer *t, const struct sg_strategy_plan *planned, int before, int it,
+                      const struct sg_render_params *render, struct sg_train_step *out)
 {
     (void) before, (void) render;
     struct state *s = t->strategy_state;
+    assert_true(planned->rests == (it == 2) && planned->rests_opacity == (it == 4));
     if (it % 3)
         return SG_OK;
     const size_t n = sg_engine_count(t->engine);

@@ -256,7 +256,7 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
         [SG_G_REST] = (double) p->feature_lr / 20,
     };
     if ((code = sg_trainer_update(t, moves ? lr : NULL, false, update)) ||
-        (code = t->strategy->after_step(t, t->iteration, it, NULL, &edits)))
+        (code = t->strategy->after_step(t, &plan, t->iteration, it, NULL, &edits)))
         return code;
     /* As often as the decoy grows. In between, learning shrinks a scale only a little. */
     if (p->scale_floor > 0 && (plan.rests || it == p->iterations) &&

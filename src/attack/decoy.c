@@ -15,13 +15,13 @@ static struct sg_strategy_plan plan(const sg_trainer *t, int before, int it)
                                      .statistics = true};
 }
 
-static int after_step(sg_trainer *t, int before, int it, const struct sg_render_params *render,
-                      struct sg_train_step *out)
+static int after_step(sg_trainer *t, const struct sg_strategy_plan *planned, int before, int it,
+                      const struct sg_render_params *render, struct sg_train_step *out)
 {
     const struct sg_train_params *p = &t->params;
     struct sg_densify_result r;
-    (void) render;
-    if (!plan(t, before, it).rests)
+    (void) before, (void) render;
+    if (!planned->rests)
         return SG_OK;
     const int code = sg_densify(
         t->engine,

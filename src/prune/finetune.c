@@ -20,15 +20,7 @@ static struct sg_strategy_plan plan(const sg_trainer *t, int before, int it)
     return (struct sg_strategy_plan){.rests = before < 1};
 }
 
-static int after_step(sg_trainer *t, int before, int it, const struct sg_render_params *render,
-                      struct sg_train_step *out)
-{
-    (void) t, (void) before, (void) it, (void) render, (void) out;
-    return SG_OK;
-}
-
-const struct sg_strategy sg_strategy_finetune = {
-    .name = "finetune", .rates = rates, .plan = plan, .after_step = after_step};
+const struct sg_strategy sg_strategy_finetune = {.name = "finetune", .rates = rates, .plan = plan};
 
 struct sg_train_params sg_finetune_params(const struct sg_prune_params *p)
 {

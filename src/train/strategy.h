@@ -35,9 +35,10 @@ struct sg_strategy {
     void (*rates)(const sg_trainer *t, int before, int it, double *rates);
     /* Before the update. */
     struct sg_strategy_plan (*plan)(const sg_trainer *t, int before, int it);
-    /* After it: edits the model. Fills what `out` tells about that. */
-    int (*after_step)(sg_trainer *t, int before, int it, const struct sg_render_params *render,
-                      struct sg_train_step *out);
+    /* Optional. After the update, with the plan of this step: edits the model. Fills what `out`
+     * tells about that. */
+    int (*after_step)(sg_trainer *t, const struct sg_strategy_plan *plan, int before, int it,
+                      const struct sg_render_params *render, struct sg_train_step *out);
 };
 
 /* Clones, splits, prunes and resets opacities as Kerbl et al. 2023 do; the frequency filter of the

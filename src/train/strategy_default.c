@@ -3,7 +3,6 @@
  * 2023, and the defense's filter between its growth and its opacity resets. */
 #include <math.h>
 
-#include "core/clock.h"
 #include "core/rng.h"
 #include "defense/filter.h"
 #include "densify.h"
@@ -60,20 +59,13 @@ struct score_call {
 /* Random scores. */
 static int draw_scores(const struct score_call *c, struct sg_scores *out)
 {
-    sg_ctx *ctx = c->t->ctx;
-    const size_t n = sg_engine_count(c->t->engine);
-    *out = (struct sg_scores){.count = n};
-    out->score = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*out->score));
-    out->log_smallest = sg_alloc(ctx, SG_MEM_OPTIMISER, n, sizeof(*out->log_smallest));
-    out->keys = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*out->keys));
-    if (!out->score || !out->log_smallest || !out->keys) {
-        sg_scores_clear(out);
-        return SG_ERR_BUDGET;
-    }
-    for (size_t i = 0; i < n; i++)
+    const int code = sg_scores_create(c->t->ctx, sg_engine_count(c->t->engine), out);
+    for (size_t i = 0; i < out->count && !code; i++) {
         out->score[i] =
             (double) sg_rng_uniform(c->t->params.seed, SG_RNG_REPLACE, (uint64_t) c->it, i);
-    return SG_OK;
+        out->log_smallest[i] = 0;
+    }
+    return code;
 }
 
 static int score_model(void *arg, struct sg_scores *out)
@@ -85,19 +77,13 @@ static int score_model(void *arg, struct sg_scores *out)
                     c->it, out);
 }
 
-/* Seconds without those of counting hits, which is a stage of its own. */
-static double seconds_not_counting(const sg_trainer *t)
-{
-    return sg_seconds() - sg_engine_times(t->engine).count;
-}
-
 static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
                    struct sg_train_step *step)
 {
     const struct sg_train_params *p = &t->params;
     struct state *s = t->strategy_state;
     struct sg_densify_result r;
-    const double start = seconds_not_counting(t);
+    const double start = sg_trainer_seconds_not_counting(t);
     const size_t n = sg_engine_count(t->engine);
     /* A limit that follows from memory is never exceeded. */
     const bool overshoots = p->at_limit == SG_AT_LIMIT_UNIVERSAL && !t->budget.by_memory,
@@ -127,7 +113,7 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
     const double grown = (double) (r.cloned + r.split) / (double) n;
     s->growth += (grown - s->growth) * (s->growth > 0 ? GROWTH_PACE : 1);
     s->growths += it > sg_filters_from(p);
-    t->densify_seconds += seconds_not_counting(t) - start;
+    t->densify_seconds += sg_trainer_seconds_not_counting(t) - start;
     return code;
 }
 
@@ -136,7 +122,7 @@ static int filter(sg_trainer *t, int it, const struct sg_render_params *render,
 {
     const struct sg_train_params *p = &t->params;
     struct state *s = t->strategy_state;
-    const double start = seconds_not_counting(t);
+    const double start = sg_trainer_seconds_not_counting(t);
     if (!s->filter_first)
         s->filter_first = sg_engine_count(t->engine);
     const int code =
@@ -144,7 +130,7 @@ static int filter(sg_trainer *t, int it, const struct sg_render_params *render,
     if (!code)
         sg_log(t->ctx, SG_LOG_DEBUG, "iteration %d: of %zu Gaussians the filter removed %zu", it,
                step->scored, step->removed);
-    t->prune_seconds += seconds_not_counting(t) - start;
+    t->prune_seconds += sg_trainer_seconds_not_counting(t) - start;
     s->growths = 0;
     return code;
 }
@@ -177,9 +163,10 @@ static struct sg_strategy_plan plan(const sg_trainer *t, int before, int it)
                                               sg_counts_radii(&t->params)};
 }
 
-static int after_step(sg_trainer *t, int before, int it, const struct sg_render_params *render,
-                      struct sg_train_step *out)
+static int after_step(sg_trainer *t, const struct sg_strategy_plan *planned, int before, int it,
+                      const struct sg_render_params *render, struct sg_train_step *out)
 {
+    (void) planned;
     const struct events e = events_of(t, before, it); /* before a densification changes the share */
     int code = SG_OK;
     if (e.densifies)

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* LightGaussian during training, as its released program does it: after the densification and the
  * reset of an iteration it removes by its score. */
-#include "core/clock.h"
 #include "prune/score.h"
 #include "schedule.h"
 #include "strategy.h"
@@ -75,15 +74,15 @@ static int remove_lowest(sg_trainer *t, double ratio, const struct sg_render_par
     return code;
 }
 
-static int after_step(sg_trainer *t, int before, int it, const struct sg_render_params *render,
-                      struct sg_train_step *out)
+static int after_step(sg_trainer *t, const struct sg_strategy_plan *planned, int before, int it,
+                      const struct sg_render_params *render, struct sg_train_step *out)
 {
     const double ratio = share(t, before, it);
-    int code = sg_strategy_default.after_step(t, before, it, render, out);
-    const double start = sg_seconds() - sg_engine_times(t->engine).count;
+    int code = sg_strategy_default.after_step(t, planned, before, it, render, out);
+    const double start = sg_trainer_seconds_not_counting(t);
     if (!code && ratio > 0) {
         code = remove_lowest(t, ratio, render, out);
-        t->prune_seconds += sg_seconds() - sg_engine_times(t->engine).count - start;
+        t->prune_seconds += sg_trainer_seconds_not_counting(t) - start;
     }
     return code;
 }

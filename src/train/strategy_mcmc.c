@@ -13,16 +13,6 @@
 #define MOST_SHARE 50 /* as one Gaussian: more copies are made, but count no more */
 #define SHARE_OPACITY_MAX (1 - 0x1p-23)
 
-struct state {
-    uint64_t edits; /* whether the iteration that is being computed relocates and grows */
-};
-
-static bool sound(const void *state, int iteration)
-{
-    (void) iteration;
-    return ((const struct state *) state)->edits <= 1;
-}
-
 /* Its integral along a line through the centre stays the same. */
 double sg_mcmc_share(double opacity, unsigned count, double *scale)
 {
@@ -82,7 +72,6 @@ static struct sg_strategy_plan plan(const sg_trainer *t, int before, int it)
     const bool due = it > p->densify_from_iter && it < p->mcmc.until &&
                      sg_due(before, it, p->densification_interval);
     const bool edits = due && (target(t, n, &bound) > n || any_dead(t));
-    ((struct state *) t->strategy_state)->edits = edits;
     /* As in the released code: tensors that are made anew have no gradient. */
     return (struct sg_strategy_plan){
         .rests = edits, .mean_opacity = p->mcmc.opacity_reg, .mean_scale = p->mcmc.scale_reg};
@@ -130,6 +119,25 @@ struct entries {
     float *opacity, *scale;
     uint8_t *fresh;
 };
+
+static int create_entries(sg_ctx *ctx, size_t n, struct entries *e)
+{
+    *e = (struct entries){.to = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*e->to)),
+                          .from = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*e->from)),
+                          .opacity = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*e->opacity)),
+                          .scale = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*e->scale)),
+                          .fresh = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, 1)};
+    return e->to && e->from && e->opacity && e->scale && e->fresh ? SG_OK : SG_ERR_BUDGET;
+}
+
+static void clear_entries(struct entries *e)
+{
+    sg_free(e->to);
+    sg_free(e->from);
+    sg_free(e->opacity);
+    sg_free(e->scale);
+    sg_free(e->fresh);
+}
 
 static void add_entry(struct entries *e, const struct draws *d, size_t to, size_t from, bool fresh)
 {
@@ -227,13 +235,7 @@ static int edit(sg_trainer *t, int it, struct sg_train_step *step)
         goto done;
     d.below = sg_alloc_raw(t->ctx, SG_MEM_OPTIMISER, n, sizeof(*d.below));
     d.times = sg_alloc_raw(t->ctx, SG_MEM_OPTIMISER, n, sizeof(*d.times));
-    e.to = sg_alloc_raw(t->ctx, SG_MEM_OPTIMISER, n, sizeof(*e.to));
-    e.from = sg_alloc_raw(t->ctx, SG_MEM_OPTIMISER, n, sizeof(*e.from));
-    e.opacity = sg_alloc_raw(t->ctx, SG_MEM_OPTIMISER, n, sizeof(*e.opacity));
-    e.scale = sg_alloc_raw(t->ctx, SG_MEM_OPTIMISER, n, sizeof(*e.scale));
-    e.fresh = sg_alloc_raw(t->ctx, SG_MEM_OPTIMISER, n, 1);
-    code = d.below && d.times && e.to && e.from && e.opacity && e.scale && e.fresh ? SG_OK
-                                                                                   : SG_ERR_BUDGET;
+    code = d.below && d.times ? create_entries(t->ctx, n, &e) : SG_ERR_BUDGET;
     if (!code)
         code = relocate(t, it, &d, &e, &step->relocated);
     if (!code && more)
@@ -247,23 +249,17 @@ done:
     sg_free(d.opacity);
     sg_free(d.below);
     sg_free(d.times);
-    sg_free(e.to);
-    sg_free(e.from);
-    sg_free(e.opacity);
-    sg_free(e.scale);
-    sg_free(e.fresh);
+    clear_entries(&e);
     t->densify_seconds += sg_seconds() - start;
     return code;
 }
 
-static int after_step(sg_trainer *t, int before, int it, const struct sg_render_params *render,
-                      struct sg_train_step *out)
+static int after_step(sg_trainer *t, const struct sg_strategy_plan *planned, int before, int it,
+                      const struct sg_render_params *render, struct sg_train_step *out)
 {
     (void) before, (void) render;
     const struct sg_train_params *p = &t->params;
-    struct state *s = t->strategy_state;
-    int code = s->edits ? edit(t, it, out) : SG_OK;
-    s->edits = 0;
+    int code = planned->rests ? edit(t, it, out) : SG_OK;
     const double amount = (double) p->mcmc.noise_lr * sg_position_lr(p, it) * t->extent;
     if (!code && it < p->iterations && amount > 0)
         code = sg_engine_explore(t->engine, &(struct sg_exploration){.amount = (float) amount,
@@ -276,23 +272,22 @@ static int after_step(sg_trainer *t, int before, int it, const struct sg_render_
 static int begin(sg_trainer *t)
 {
     const size_t n = sg_engine_count(t->engine);
-    const float opacity = 0, scale = logf(0.1f); /* a half; a tenth */
-    const uint8_t fresh = 0;
-    int code = SG_OK;
-    for (uint32_t i = 0; i < n && t->from_points && !code; i++)
-        code = sg_engine_relocate(t->engine, &(struct sg_relocation){.count = 1,
-                                                                     .to = &i,
-                                                                     .from = &i,
-                                                                     .opacity = &opacity,
-                                                                     .scale = &scale,
-                                                                     .fresh = &fresh});
+    struct entries e = {0};
+    int code = t->from_points ? create_entries(t->ctx, n, &e) : SG_OK;
+    for (; t->from_points && !code && e.count < n; e.count++) {
+        e.to[e.count] = e.from[e.count] = (uint32_t) e.count;
+        e.opacity[e.count] = 0; /* a half */
+        e.scale[e.count] = logf(0.1f);
+        e.fresh[e.count] = 0;
+    }
+    if (!code)
+        code = run_entries(t, &e);
+    clear_entries(&e);
     return code;
 }
 
 const struct sg_strategy sg_strategy_mcmc = {
     .name = "mcmc",
-    .state_bytes = sizeof(struct state),
-    .sound = sound,
     .begin = begin,
     .plan = plan,
     .after_step = after_step,

@@ -248,6 +248,11 @@ double sg_trainer_elapsed(const sg_trainer *t)
     return t->spent + t->params.clock(t->params.clock_arg) - t->started;
 }
 
+double sg_trainer_seconds_not_counting(const sg_trainer *t)
+{
+    return sg_seconds() - sg_engine_times(t->engine).count;
+}
+
 /* The next iteration, or a later one if time is short, so that the last iteration begins while
  * there is time for it. */
 static int next_iteration(sg_trainer *t)
@@ -392,7 +397,8 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
                                      .mean_opacity = plan.mean_opacity,
                                      .mean_scale = plan.mean_scale};
     if ((code = sg_trainer_update(t, moves ? lr : NULL, plan.rests_opacity, update)) ||
-        (!colours_only && (code = t->strategy->after_step(t, before, it, &render, &step))))
+        (!colours_only && t->strategy->after_step &&
+         (code = t->strategy->after_step(t, &plan, before, it, &render, &step))))
         return code;
 
     t->iteration = it;

@@ -61,6 +61,9 @@ size_t sg_trainer_pick_view(sg_trainer *t, uint64_t step);
 /* Seconds of all steps, those before a checkpoint included. */
 double sg_trainer_elapsed(const sg_trainer *t);
 
+/* Seconds since a fixed moment, without those of counting hits, which is a stage of its own. */
+double sg_trainer_seconds_not_counting(const sg_trainer *t);
+
 /* The tolerances of a run that has them of each view, measured anew after iteration `it`. Draws
  * other views. Without memory nothing changes. */
 int sg_trainer_measure_noise(sg_trainer *t, int it, struct sg_noise *out);
