@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "core/rng.h"
+#include "scene/cameras.h"
 
 double sg_filter_log_weight(const struct sg_defense_params *p, float log_smallest)
 {
@@ -19,8 +20,6 @@ static size_t sample_views(const struct sg_scene *scene, const struct sg_defense
                            uint64_t seed, int it, const struct sg_camera **views)
 {
     const size_t n = scene->n_train, wanted = (size_t) p->views;
-    for (size_t i = 0; i < n; i++)
-        views[i] = &scene->train[i].camera;
     if (p->sample == SG_VIEWS_ALL || wanted >= n)
         return n;
     for (size_t i = 0; i < wanted; i++) {
@@ -70,7 +69,7 @@ int sg_score(struct sg_engine *engine, const struct sg_scene *scene,
 {
     sg_ctx *ctx = sg_engine_ctx(engine);
     const size_t n = sg_engine_count(engine);
-    const struct sg_camera **views = sg_alloc_raw(ctx, SG_MEM_MISC, scene->n_train, sizeof(*views));
+    const struct sg_camera **views = sg_training_cameras(ctx, scene);
     int code = sg_scores_create(ctx, n, out);
     if (!views)
         code = SG_ERR_BUDGET;

@@ -107,7 +107,7 @@ static float mean_of(const uint8_t *rgb, const uint8_t *mask, size_t pixels, int
 {
     double sum = 0, n = 0;
     for (size_t i = 0; i < pixels; i++)
-        if (!mask || mask[i])
+        if (mask[i])
             sum += rgb[3 * i + (size_t) channel], n++;
     return n > 0 ? (float) (sum / n) : 0;
 }
@@ -123,7 +123,7 @@ int sg_smooth_wavelet(sg_ctx *ctx, const uint8_t *rgb, const uint8_t *mask, int 
     p.low = memory, p.next = memory + n;
     float *detail = memory + 2 * n;
     for (int ch = 0; ch < 3; ch++) {
-        const float mean = mean_of(rgb, mask, (size_t) width * (size_t) height, ch);
+        const float mean = mask ? mean_of(rgb, mask, (size_t) width * (size_t) height, ch) : 0;
         for (int y = 0; y < p.height; y++)
             for (int x = 0; x < p.width; x++) {
                 const size_t at = (size_t) sg_mirror(y - MARGIN, height) * (size_t) width +

@@ -14,6 +14,7 @@
 
 #include "engine/ref/render.h"
 #include "score.h"
+#include "scene/cameras.h"
 
 #define GEOMETRY 5                            /* of u: x, y, A, half B, C */
 #define PAIRS (GEOMETRY * (GEOMETRY + 1) / 2) /* of them */
@@ -372,11 +373,9 @@ double sg_log_det6(const double *matrix)
 int sg_pup(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *m,
            const struct sg_prune_params *p, double *score)
 {
-    const struct sg_camera **views = sg_alloc_raw(ctx, SG_MEM_MISC, scene->n_train, sizeof(*views));
+    const struct sg_camera **views = sg_training_cameras(ctx, scene);
     double *f = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, m->count, FISHER * sizeof(*f));
     int code = views && f ? SG_OK : SG_ERR_BUDGET;
-    for (size_t i = 0; i < scene->n_train && !code; i++)
-        views[i] = &scene->train[i].camera;
     if (!code)
         code = accumulate(ctx, views, scene->n_train, m, p, f);
     for (size_t i = 0; i < m->count && !code; i++) {

@@ -8,6 +8,7 @@
 
 #include "core/compare.h"
 #include "score.h"
+#include "scene/cameras.h"
 
 static double exp_sum(const struct sg_model *m, size_t i)
 {
@@ -52,11 +53,11 @@ static int finish(sg_ctx *ctx, const struct sg_model *m, const struct sg_prune_p
         return SG_ERR_BUDGET;
     int code = SG_OK;
     for (size_t i = 0; i < n; i++)
-        volume[i] = exp_sum(m, i);
-    if (p->score == SG_GLOBAL_MAX_V)
-        for (size_t i = 0; i < n; i++)
+        if (p->score == SG_GLOBAL_MAX_V)
             factor[i] = largest_scale(m, i);
-    else
+        else
+            volume[i] = exp_sum(m, i);
+    if (p->score != SG_GLOBAL_MAX_V)
         code = sg_volume_factors(ctx, p, volume, n, factor);
     for (size_t i = 0; i < n && !code; i++)
         score[i] *= factor[i];
@@ -69,11 +70,9 @@ int sg_lightgaussian(struct sg_engine *engine, const struct sg_scene *scene,
                      const struct sg_render_params *render, double *score)
 {
     sg_ctx *ctx = sg_engine_ctx(engine);
-    const struct sg_camera **views = sg_alloc_raw(ctx, SG_MEM_MISC, scene->n_train, sizeof(*views));
+    const struct sg_camera **views = sg_training_cameras(ctx, scene);
     if (!views)
         return SG_ERR_BUDGET;
-    for (size_t i = 0; i < scene->n_train; i++)
-        views[i] = &scene->train[i].camera;
     int code = sg_engine_count_hits(engine, views, scene->n_train, render,
                                     p->weight == SG_GLOBAL_WEIGHT_TRANSMITTANCE &&
                                             p->score != SG_GLOBAL_COUNT

@@ -13,6 +13,7 @@
 #include "math/constants.h"
 #include "model/mip.h"
 #include "renderer.h"
+#include "scene/cameras.h"
 #include "scene/photo.h"
 #include "scene/used.h"
 #include "schedule.h"
@@ -94,11 +95,9 @@ int sg_trainer_renew_filter(sg_trainer *t)
 {
     if (t->params.model != SG_MODEL_MIP)
         return SG_OK;
-    const size_t n = t->scene->n_train;
-    const struct sg_camera **cameras = sg_alloc_raw(t->ctx, SG_MEM_MISC, n, sizeof(*cameras));
-    for (size_t i = 0; cameras && i < n; i++)
-        cameras[i] = &t->scene->train[i].camera;
-    const int code = cameras ? sg_engine_filter(t->engine, cameras, n) : SG_ERR_BUDGET;
+    const struct sg_camera **cameras = sg_training_cameras(t->ctx, t->scene);
+    const int code =
+        cameras ? sg_engine_filter(t->engine, cameras, t->scene->n_train) : SG_ERR_BUDGET;
     sg_free(cameras);
     return code;
 }
