@@ -201,11 +201,8 @@ static int run_attack(const void *config, const bool *given, const char *const *
         code = adopt_attack(&c, given, count ? positional[0] : NULL);
     else if (count)
         code = take_scene(&command_attack, positional[0], &c.run.source);
-    if (!code && (!c.run.source || !c.run.folder)) {
-        say(stderr, "splatguard attack: missing %s; usage: splatguard attack %s\n",
-            c.run.source ? "-o POISONED" : "SCENE", command_attack.arguments);
-        code = STATUS_USAGE;
-    }
+    if (!code && (!c.run.source || !c.run.folder))
+        code = missing(&command_attack, c.run.source ? "-o POISONED" : "SCENE");
     c.run.attack.cpu = cpu_variant(c.run.attack.cpu);
     if (!code)
         code = check_method(&c.run, given);

@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* splatguard audit: are these photos poisoned? */
-#include <stdlib.h>
-#include <string.h>
 
 #include "commands.h"
 #include "interrupt.h"

@@ -54,19 +54,30 @@ static int wrong_shard(const char *text)
     return STATUS_USAGE;
 }
 
+static void put_argument(const char *before, const char *word)
+{
+    fputs(before, stdout);
+    put_word(stdout, word);
+}
+
 static int print_slurm(const struct bench_config *c, const char *plan)
 {
     char program[PATH_MAX];
-    const ssize_t n = readlink("/proc/self/exe", program, sizeof(program) - 1);
-    program[n > 0 ? n : 0] = 0;
+    const int code = own_program(&command_bench, program, sizeof(program));
+    if (code)
+        return code;
     printf("#!/bin/sh\n#SBATCH --job-name=splatguard\n#SBATCH --array=1-%d\n", c->slurm);
     printf("# Each job writes a database of its own; splatguard report reads them together.\n");
-    printf("exec '%s' bench '%s' -o '%s'.$SLURM_ARRAY_TASK_ID --shard $SLURM_ARRAY_TASK_ID/%d",
-           program, plan, c->output, c->slurm);
+    put_argument("exec ", program);
+    put_argument(" bench ", plan);
+    put_argument(" -o ", c->output);
+    printf(".$SLURM_ARRAY_TASK_ID --shard $SLURM_ARRAY_TASK_ID/%d", c->slurm);
     if (c->data)
-        printf(" --data '%s'", c->data);
-    if (c->work)
-        printf(" --work '%s'.$SLURM_ARRAY_TASK_ID", c->work);
+        put_argument(" --data ", c->data);
+    if (c->work) {
+        put_argument(" --work ", c->work);
+        printf(".$SLURM_ARRAY_TASK_ID");
+    }
     printf("\n");
     return STATUS_DONE;
 }
@@ -146,11 +157,8 @@ static int run_bench(const void *config, const bool *given, const char *const *p
     if (c->shard && (sscanf(c->shard, "%d/%d%c", &shard, &shards, &rest) != 2 || shard < 1 ||
                      shards < 1 || shard > shards))
         return wrong_shard(c->shard);
-    if (!c->output && !c->list) {
-        say(stderr, "splatguard bench: missing -o DB; usage: splatguard bench %s\n",
-            command_bench.arguments);
-        return STATUS_USAGE;
-    }
+    if (!c->output && !c->list)
+        return missing(&command_bench, "-o DB");
     int code = plan_read(&plan, positional[0], c->data, shard - 1, shards);
     if (!code && c->list)
         print_jobs(&plan);

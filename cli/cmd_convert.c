@@ -76,12 +76,8 @@ static int run_convert(const void *config, const bool *given, const char *const 
             c->crop);
         return STATUS_USAGE;
     }
-    if (c->iteration && !is_folder(positional[0])) {
-        say(stderr,
-            "splatguard convert: --iteration: found with the model %s, expected a run's folder\n",
-            positional[0]);
+    if (check_iteration(&command_convert, positional[0], c->iteration))
         return STATUS_USAGE;
-    }
     if (!c->file.format && !(c->file.format = sg_model_format_of(out))) {
         say(stderr,
             "splatguard convert: %s: found no known ending, expected .ply, .compressed.ply, "

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <limits.h>
-#include <string.h>
 
 #include "interrupt.h"
 #include "model_views.h"
@@ -117,18 +116,10 @@ static int run_prune(const void *config, const bool *given, const char *const *p
     if (!code && is_run)
         code = adopt_run_scene(ctx, positional[0], &command_prune, given, c, &c->scene,
                                &c->scene_path, &run);
-    if (!code && (!c->scene_path || !c->output)) {
-        say(stderr, "splatguard prune: missing %s; usage: splatguard prune %s\n",
-            c->scene_path ? "-o OUT.ply" : "--scene SCENE", command_prune.arguments);
-        code = STATUS_USAGE;
-    }
-    if (!code && c->iteration && !is_run) {
-        say(stderr,
-            "splatguard prune: --iteration: found with the model %s, expected a run's "
-            "folder\n",
-            positional[0]);
-        code = STATUS_USAGE;
-    }
+    if (!code && (!c->scene_path || !c->output))
+        code = missing(&command_prune, c->scene_path ? "-o OUT.ply" : "--scene SCENE");
+    if (!code)
+        code = check_iteration(&command_prune, positional[0], c->iteration);
     c->scene.eval = c->eval || (is_run && run.scene.eval);
     c->prune.cpu = cpu_variant(c->prune.cpu);
     if (!code)

@@ -1,5 +1,4 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include <string.h>
 
 #include "commands.h"
 #include "interrupt.h"
@@ -65,11 +64,8 @@ static int run_smooth(const void *config, const bool *given, const char *const *
     struct sg_scene *scene = NULL;
     sg_output *output = NULL;
     sg_ctx *ctx = NULL;
-    if (!c->output) {
-        say(stderr, "splatguard smooth: missing -o SMOOTHED; usage: splatguard smooth %s\n",
-            command_smooth.arguments);
-        return STATUS_USAGE;
-    }
+    if (!c->output)
+        return missing(&command_smooth, "-o SMOOTHED");
     if (c->scene.smooth == SG_SMOOTH_OFF) {
         say(stderr, "splatguard smooth: --smooth: found off, expected a filter\n");
         return STATUS_USAGE;

@@ -188,11 +188,8 @@ static int run_train(const void *config, const bool *given, const char *const *p
         code = adopt_run(&c, given, count ? positional[0] : NULL);
     else if (count)
         code = take_scene(&command_train, positional[0], &c.run.source);
-    if (!code && (!c.run.source || !c.run.folder)) {
-        say(stderr, "splatguard train: missing %s; usage: splatguard train %s\n",
-            c.run.source ? "-o RUN" : "SCENE", command_train.arguments);
-        code = STATUS_USAGE;
-    }
+    if (!code && (!c.run.source || !c.run.folder))
+        code = missing(&command_train, c.run.source ? "-o RUN" : "SCENE");
     if (!code)
         code = check_options(&c, given);
     c.run.train.cpu = cpu_variant(c.run.train.cpu);

@@ -22,6 +22,18 @@ int take_scene(const struct command *c, const char *place, const char **source);
 /* Prints the command that continues an interrupted run. */
 void say_resume(const char *command, const char *folder);
 
+/* Text as one word of a shell. */
+void put_word(FILE *to, const char *text);
+
+/* The path of this program, for commands that start it again. Returns an exit code. */
+int own_program(const struct command *c, char *path, size_t size);
+
+/* Says what the command line lacks, and the usage; returns the exit code 1. */
+int missing(const struct command *c, const char *what);
+
+/* --iteration belongs to runs. Returns an exit code. */
+int check_iteration(const struct command *c, const char *model, int iteration);
+
 /* Says that the command itself could not allocate something small; returns the exit code 3. */
 int no_memory(void);
 

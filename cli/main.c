@@ -75,9 +75,7 @@ static int run(const struct command *c, int argc, char **argv)
         return no_memory();
     code = options_parse(c, argc, argv, config, positional, &count, given);
     if (code == 0 && count < c->min_positional) {
-        say(stderr, "splatguard %s: missing argument; usage: splatguard %s %s\n", c->name, c->name,
-            c->arguments);
-        code = 1;
+        code = missing(c, "argument");
     }
     if (code == 0)
         code = c->run(config, given, positional, count);

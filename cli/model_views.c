@@ -39,12 +39,8 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
     if (!code && is_run)
         code = adopt_run_scene(v->ctx, model, command, given, config, &o->scene, &o->scene_path,
                                &v->run);
-    if (!code && o->iteration && !is_run) {
-        say(stderr,
-            "splatguard %s: --iteration: found with the model %s, expected a run's folder\n",
-            command->name, model);
-        code = STATUS_USAGE;
-    }
+    if (!code)
+        code = check_iteration(command, model, o->iteration);
     if (!code && !o->scene_path) {
         say(stderr, "splatguard %s: missing --scene SCENE\n", command->name);
         code = 1;

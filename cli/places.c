@@ -1,6 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Scenes and folders that a command line names. */
+#include <errno.h>
+#include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include "commands.h"
 
@@ -25,4 +28,31 @@ bool is_same(const char *a, const char *b)
 {
     struct stat x, y;
     return !stat(a, &x) && !stat(b, &y) && x.st_dev == y.st_dev && x.st_ino == y.st_ino;
+}
+
+int own_program(const struct command *c, char *path, size_t size)
+{
+    const ssize_t n = readlink("/proc/self/exe", path, size - 1);
+    path[n > 0 ? n : 0] = 0;
+    if (n > 0)
+        return STATUS_DONE;
+    say(stderr, "splatguard %s: cannot find this program: /proc/self/exe: %s\n", c->name,
+        strerror(errno));
+    return STATUS_INTERNAL;
+}
+
+int missing(const struct command *c, const char *what)
+{
+    say(stderr, "splatguard %s: missing %s; usage: splatguard %s %s\n", c->name, what, c->name,
+        c->arguments);
+    return STATUS_USAGE;
+}
+
+int check_iteration(const struct command *c, const char *model, int iteration)
+{
+    if (!iteration || is_folder(model))
+        return STATUS_DONE;
+    say(stderr, "splatguard %s: --iteration: found with the model %s, expected a run's folder\n",
+        c->name, model);
+    return STATUS_USAGE;
 }

@@ -33,6 +33,14 @@ void say(FILE *to, const char *format, ...)
     free(text);
 }
 
+void put_word(FILE *to, const char *text)
+{
+    fputs(*text == '-' ? "'./" : "'", to);
+    for (const char *c = text; *c; c++)
+        fputs(*c == '\'' ? "'\\''" : (char[]){*c, 0}, to);
+    fputs("'", to);
+}
+
 void say_resume(const char *command, const char *folder)
 {
     static const char plain[] =
@@ -43,10 +51,7 @@ void say_resume(const char *command, const char *folder)
                     ? NULL
                     : open_memstream(&word, &size);
     if (out) {
-        fputs(*folder == '-' ? "'./" : "'", out);
-        for (const char *c = folder; *c; c++)
-            fputs(*c == '\'' ? "'\\''" : (char[]){*c, 0}, out);
-        fputs("'", out);
+        put_word(out, folder);
         fclose(out);
     }
     say(stderr, "Continue with: splatguard %s --resume %s\n", command, word ? word : folder);
