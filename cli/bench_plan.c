@@ -173,6 +173,9 @@ static const json_t *in(const json_t *object, const char *a, const char *b)
 /* The scene: made by synth, or a folder. */
 static int add_scene(struct reader *r, const char *name)
 {
+    for (int i = 0; i < r->plan->n; i++)
+        if (r->plan->jobs[i].kind == JOB_SCENE && !strcmp(r->plan->jobs[i].scene, name))
+            return i;
     const json_t *scene = in(r->plan->root, "scenes", name),
                  *synth = json_object_get(scene, "synth");
     json_t *config = json_pack("{s:s,s:s}", "kind", "scene", "name", name);
@@ -249,8 +252,10 @@ static int add_proxy(struct reader *r, const char *scene, int at)
 static bool uses_proxy(const json_t *options)
 {
     for (size_t i = 0; i < json_array_size(options); i++)
-        if (!strcmp(json_string_value(json_array_get(options, i)), "--method"))
-            return !strcmp(json_string_value(json_array_get(options, i + 1)), "poison-splat");
+        if (!strcmp(json_string_value(json_array_get(options, i)), "--method")) {
+            const char *method = json_string_value(json_array_get(options, i + 1));
+            return method && !strcmp(method, "poison-splat");
+        }
     return true;
 }
 
@@ -317,18 +322,17 @@ static int add_cell(struct reader *r, const struct cell *c)
     return make_job(r, JOB_TRAIN, c, MERGE(lists), needs, n);
 }
 
-/* The named entries of a list in a block of runs, all of them where there is no list. */
-static int check_names(const struct reader *r, const json_t *block, size_t index, const char *list,
-                       const char *table)
+/* A list of names in a block of runs: of entries of the table of the same name. */
+static int check_names(const struct reader *r, const json_t *block, size_t index, const char *list)
 {
     const json_t *names = json_object_get(block, list);
     if (!json_array_size(names))
-        return wrong(r, "runs[%zu].%s: expected a list of names of %s", index, list, table);
+        return wrong(r, "runs[%zu].%s: expected a list of names of %s", index, list, list);
     for (size_t i = 0; i < json_array_size(names); i++) {
         const char *name = json_string_value(json_array_get(names, i));
-        if (!name || !in(r->plan->root, table, name))
+        if (!name || !in(r->plan->root, list, name))
             return wrong(r, "runs[%zu].%s[%zu]: found %s, expected a name of %s", index, list, i,
-                         name ? name : "no text", table);
+                         name ? name : "no text", list);
     }
     return STATUS_DONE;
 }
@@ -370,7 +374,7 @@ static int add_block(struct reader *r, const json_t *block, size_t index)
     snprintf(where, sizeof(where), "runs[%zu]", index);
     int code = check_keys(r, block, where, "scenes|photos|defenses|models|seeds");
     for (int i = 0; i < 4 && !code; i++)
-        code = check_names(r, block, index, lists[i], lists[i]);
+        code = check_names(r, block, index, lists[i]);
     if (code)
         return code;
     if (!json_array_size(json_object_get(block, "seeds")))
@@ -508,8 +512,11 @@ static int read_plan(struct reader *r)
         code = wrong(r, "photos: found no " CLEAN ", expected [] for photos as they are");
     if (!code && json_array_size(in(p->root, "photos", CLEAN)))
         code = wrong(r, "photos." CLEAN ": expected []");
-    if (!code && !in(p->root, "defenses", OFF))
+    const json_t *off = in(p->root, "defenses", OFF);
+    if (!code && !off)
         code = wrong(r, "defenses: found no " OFF ", expected [] for no defense");
+    if (!code && (!json_is_array(off) || json_array_size(off)))
+        code = wrong(r, "defenses." OFF ": expected []");
     const json_t *runs = json_object_get(p->root, "runs");
     if (!code && !json_array_size(runs))
         code = wrong(r, "runs: expected a list of blocks");

@@ -286,16 +286,21 @@ static int open_output(const struct work *w, const char *name, bool append)
                 O_WRONLY | O_CREAT | O_CLOEXEC | (append ? O_APPEND : O_TRUNC), 0666);
 }
 
-/* The lock of a job's folder, beside it; -1 where a process of an earlier bench, which was killed,
- * still saves what it has. */
+#define HELD (-1)
+#define NO_LOCK (-2)
+
+/* The lock of a job's folder, beside it. HELD: by a process of an earlier bench, which was killed
+ * and still saves what it has. NO_LOCK: the file cannot be opened, which errno explains. */
 static int hold(const struct work *w)
 {
     char path[PATH_MAX + 8];
     snprintf(path, sizeof(path), "%s.lock", w->folder);
     const int lock = open(path, O_RDWR | O_CREAT | O_NOFOLLOW, 0666);
-    if (lock >= 0 && flock(lock, LOCK_EX | LOCK_NB)) {
+    if (lock < 0)
+        return NO_LOCK;
+    if (flock(lock, LOCK_EX | LOCK_NB)) {
         close(lock);
-        return -1;
+        return HELD;
     }
     return lock;
 }
@@ -308,11 +313,12 @@ static bool start_phase(struct scheduler *s, int index)
     struct command_line c;
     if (!make_command(s, index, &c))
         return false;
+    const bool whole = c.n < ARGUMENTS - 1;
     note_command(w, &c);
     const int out = open_output(w, "out", false), err = open_output(w, "err", true);
     const int lock = hold(w); /* the process has it until it ends */
     const pid_t parent = getpid();
-    w->pid = out < 0 || err < 0 ? -1 : fork();
+    w->pid = out < 0 || err < 0 || !whole ? -1 : fork();
     if (!w->pid) {
         setpgid(0, 0);
         prctl(PR_SET_PDEATHSIG, SIGTERM);
@@ -332,7 +338,8 @@ static bool start_phase(struct scheduler *s, int index)
     for (int i = 0; i < c.n; i++)
         free(c.words[i]);
     if (w->pid < 0)
-        snprintf(w->out.message, sizeof(w->out.message), "cannot start: %s", strerror(errno));
+        snprintf(w->out.message, sizeof(w->out.message), "cannot start: %s",
+                 whole ? strerror(errno) : "too many options");
     w->told = 0;
     return w->pid > 0;
 }
@@ -540,8 +547,11 @@ static int start_ready(struct scheduler *s)
             s->left++;
         } else if (ready && has_room(s)) {
             const int lock = hold(w);
-            s->held += lock < 0;
-            if (lock >= 0) {
+            s->held += lock == HELD;
+            if (lock == NO_LOCK) {
+                say(stderr, "splatguard bench: %s.lock: %s\n", w->folder, strerror(errno));
+                code = STATUS_INPUT;
+            } else if (lock >= 0) {
                 close(lock);
                 code = begin(s, i);
             }
@@ -606,8 +616,11 @@ static void stop_all(struct scheduler *s)
 int bench_run(const struct bench *b)
 {
     struct scheduler s = {.b = b, .work = calloc((size_t) b->plan->n + 1, sizeof(struct work))};
-    const ssize_t n = readlink("/proc/self/exe", s.program, sizeof(s.program) - 1);
-    int code = s.work && n > 0 ? recall(&s) : no_memory();
+    if (!s.work)
+        return no_memory();
+    int code = own_program(&command_bench, s.program, sizeof(s.program));
+    if (!code)
+        code = recall(&s);
     int had = 0;
     for (int i = 0; i < b->plan->n && !code; i++)
         had += s.work[i].state == DONE;

@@ -74,6 +74,14 @@ expect 0 bench plan.json -o cluster.db --slurm 3
 grep -q 'array=1-3' out && grep -q -- '--shard ..\?SLURM_ARRAY_TASK_ID/3\|--shard .SLURM_ARRAY_TASK_ID/3' out || fail "the script is $(cat out)"
 [ ! -e cluster.db ] || fail "a script made a database"
 expect 1 bench plan.json -o x.db --shard 4/3; says '--shard'
+expect 0 bench plan.json -o "it's.db" --slurm 2
+grep -qF "'it'\\''s.db'" out && sh -n out || fail "a quote in a name breaks the script: $(cat out)"
+
+# A folder of jobs that cannot be locked.
+expect 0 bench plan.json -o lock.db -q
+rm lock.db
+for lock in lock.db.work/*.lock; do ln -sf nowhere "$lock"; done
+expect 2 bench plan.json -o lock.db -q; says '.lock: Too many levels of symbolic links'
 
 # Databases that cannot be used stay as they are.
 echo 'this is no database, but a file that somebody needs, and it is long enough to be looked at....' >file.db
@@ -98,5 +106,9 @@ sed 's/"timeout"/"timeuot"/' plan.json >bad.json
 expect 2 bench bad.json -o x.db; says 'found "timeuot"'
 sed 's/"synth".*/"path": "nowhere"}},/' plan.json >bad.json
 expect 2 bench bad.json -o x.db; says 'scenes.s: found no file in ./nowhere'
+sed 's/"off": \[\]/"off": ["--max-gaussians", "{clean}"]/' plan.json >bad.json
+expect 2 bench bad.json -o x.db; says 'defenses.off: expected []'
+sed 's/\["--method", "noise", "--epsilon", "16"\]/["--method"]/' plan.json >bad.json
+expect 0 bench bad.json --list
 [ ! -e x.db ] || fail "a bad plan made a database"
 expect 1 bench plan.json; says 'missing -o DB'
