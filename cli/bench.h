@@ -82,8 +82,8 @@ double store_metric(struct store *s, const char *key, const char *name);
 int store_put(struct store *s, const struct job *job, const struct outcome *o);
 
 /* Calls row for each row of a query, with texts of its columns, NULL for null; a result other than
- * 0 stops. argument: bound as the first parameter, or NULL. Returns an exit code. */
-int store_query(struct store *s, const char *sql, const char *argument,
+ * 0 stops. Returns an exit code. */
+int store_query(struct store *s, const char *sql,
                 int (*row)(void *arg, int columns, const char *const *values), void *arg);
 
 /* ---- running ---- */

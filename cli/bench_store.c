@@ -338,14 +338,12 @@ int store_put(struct store *s, const struct job *j, const struct outcome *o)
     return end(s, code);
 }
 
-int store_query(struct store *s, const char *sql, const char *argument,
+int store_query(struct store *s, const char *sql,
                 int (*row)(void *arg, int columns, const char *const *values), void *arg)
 {
     sqlite3_stmt *q = NULL;
     if (sqlite3_prepare_v2(s->db, sql, -1, &q, NULL))
         return failed(s);
-    if (argument)
-        sqlite3_bind_text(q, 1, argument, -1, SQLITE_TRANSIENT);
     int result, stop = 0;
     while (!stop && (result = sqlite3_step(q)) == SQLITE_ROW) {
         const char *values[32];
@@ -402,10 +400,10 @@ int store_put(struct store *s, const struct job *job, const struct outcome *o)
     return STATUS_INTERNAL;
 }
 
-int store_query(struct store *s, const char *sql, const char *argument,
+int store_query(struct store *s, const char *sql,
                 int (*row)(void *arg, int columns, const char *const *values), void *arg)
 {
-    (void) s, (void) sql, (void) argument, (void) row, (void) arg;
+    (void) s, (void) sql, (void) row, (void) arg;
     return STATUS_INTERNAL;
 }
 

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <errno.h>
 #include <limits.h>
-#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -62,11 +61,8 @@ static int run_report(const void *config, const bool *given, const char *const *
     struct report r = {0};
     sg_output *output = NULL;
     sg_ctx *ctx = NULL;
-    if (!c->output) {
-        say(stderr, "splatguard report: missing -o DIR; usage: splatguard report %s\n",
-            command_report.arguments);
-        return STATUS_USAGE;
-    }
+    if (!c->output)
+        return missing(&command_report, "-o DIR");
     int code = STATUS_DONE;
     for (int i = 0; i < count && !code; i++)
         code = report_load(&r, positional[i]);

@@ -19,7 +19,7 @@ enum report_metric {
     M_METRICS
 };
 extern const struct metric_column {
-    const char *name, *title; /* of the CSV; of tables */
+    const char *name;         /* in the CSV */
     const char *first, *then; /* of the database's table `metric`: the second where there is no
                                  first */
     double unit;
@@ -66,8 +66,6 @@ const struct group *report_find(const struct report *r, const struct group *like
 
 enum format { MARKDOWN, HTML };
 
-/* Text of a stranger for a page. */
-void put_escaped(FILE *f, const char *text);
 void put_tables(FILE *f, const struct report *r, enum format format);
 void put_csv(FILE *f, const struct report *r);
 void put_page(FILE *f, const struct report *r);

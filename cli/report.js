@@ -6,10 +6,10 @@ const colours = ['#4878d0', '#ee854a', '#6acc64', '#d65f5f', '#956cb4', '#8c613c
     '#d5bb67', '#82c6e2'];
 const width = 900, height = 340, left = 70, bottom = 40, top_ = 16, right = 180;
 const unique = list => [...new Set(list)];
-const scenes = unique(results.map(r => r.plan + ': ' + r.scene + (r.model === 'default' ? '' : ', ' + r.model)));
 const defenses = unique(results.map(r => r.defense));
 const colour = name => colours[defenses.indexOf(name) % colours.length];
 const sceneOf = r => r.plan + ': ' + r.scene + (r.model === 'default' ? '' : ', ' + r.model);
+const scenes = unique(results.map(sceneOf));
 
 function element(parent, name, attributes, text) {
     const e = document.createElementNS('http://www.w3.org/2000/svg', name);
@@ -30,8 +30,8 @@ function ticks(low, high) {
 const short = v => Math.abs(v) >= 1e6 ? +(v / 1e6).toPrecision(4) + ' M' : Math.abs(v) >= 1e4 ? +(v / 1e3).toPrecision(4) + ' k'
     : String(+v.toPrecision(4));
 
-// An empty plot with axes; at(x, y) are its pixels.
-function plot(id, title, x, y, names) {
+// An empty plot with axes, with numbers at that of x or without. px and py convert to its pixels.
+function plot(id, title, x, y, numbers) {
     const figure = document.getElementById(id);
     figure.replaceChildren();
     const svg = element(figure, 'svg', {viewBox: `0 0 ${width} ${height}`, role: 'img', 'aria-label': title});
@@ -43,7 +43,7 @@ function plot(id, title, x, y, names) {
         element(svg, 'path', {class: 'axis', d: `M${left} ${py(v)}H${width - right}`});
         element(svg, 'text', {x: left - 6, y: py(v) + 4, 'text-anchor': 'end'}, short(v));
     }
-    if (names)
+    if (numbers)
         for (const v of ticks(...x))
             element(svg, 'text', {x: px(v), y: height - bottom + 18, 'text-anchor': 'middle'}, short(v));
     element(svg, 'path', {class: 'axis', d: `M${left} ${top_}V${height - bottom}H${width - right}`});
@@ -92,7 +92,7 @@ function bars(id, title, key, chosen) {
 // Quality against Gaussians: circles on clean photos, squares on others.
 function scatter(id, title, chosen) {
     const points = chosen.filter(r => r.gaussians !== null && r.psnr !== null);
-    if (!points.length) return;
+    if (!points.length) return document.getElementById(id).replaceChildren();
     const range = key => [Math.min(...points.map(r => r[key])), Math.max(...points.map(r => r[key]))];
     const y = range('psnr');
     const {svg, px, py} = plot(id, title, [0, range('gaussians')[1] * 1.05], [y[0] - .3, y[1] + .3], true);
@@ -111,11 +111,12 @@ function scatter(id, title, chosen) {
 function lines(id, title, column, chosen) {
     const runs = chosen.filter(r => r.curve.length);
     const points = runs.flatMap(r => r.curve.filter(p => p[column] !== null));
-    if (!points.length) return;
+    if (!points.length) return document.getElementById(id).replaceChildren();
     const {svg, px, py} = plot(id, title, [0, Math.max(...points.map(p => p[0]))],
         [0, Math.max(...points.map(p => p[column])) * 1.05], true);
     for (const r of runs) {
         const curve = r.curve.filter(p => p[column] !== null);
+        if (!curve.length) continue;
         element(svg, 'path', {d: 'M' + curve.map(p => px(p[0]).toFixed(1) + ' ' + py(p[column]).toFixed(1)).join('L'),
             fill: 'none', stroke: colour(r.defense), 'stroke-width': 2,
             'stroke-dasharray': r.photos === 'clean' ? '5 4' : 'none'});

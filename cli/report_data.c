@@ -6,15 +6,14 @@
 #include "report.h"
 
 const struct metric_column metric_columns[M_METRICS] = {
-    [M_MAX_GAUSSIANS] = {"max_gaussians", "most Gaussians", "max_gaussians", "final_gaussians", 1,
-                         0},
-    [M_GAUSSIANS] = {"gaussians", "Gaussians", "final_gaussians", NULL, 1, 0},
-    [M_PSNR] = {"psnr", "PSNR", "eval.psnr", NULL, 1, 2},
-    [M_SSIM] = {"ssim", "SSIM", "eval.ssim", NULL, 1, 4},
-    [M_FPS] = {"fps", "FPS", "eval.fps", NULL, 1, 1},
-    [M_SECONDS] = {"train_seconds", "training, s", "train_seconds", NULL, 1, 1},
-    [M_MEMORY] = {"ledger_megabytes", "memory, MB", "peak_ledger_bytes", NULL, 1e-6, 0},
-    [M_RSS] = {"rss_megabytes", "resident, MB", "peak_rss_bytes", NULL, 1e-6, 0},
+    [M_MAX_GAUSSIANS] = {"max_gaussians", "max_gaussians", "final_gaussians", 1, 0},
+    [M_GAUSSIANS] = {"gaussians", "final_gaussians", NULL, 1, 0},
+    [M_PSNR] = {"psnr", "eval.psnr", NULL, 1, 2},
+    [M_SSIM] = {"ssim", "eval.ssim", NULL, 1, 4},
+    [M_FPS] = {"fps", "eval.fps", NULL, 1, 1},
+    [M_SECONDS] = {"train_seconds", "train_seconds", NULL, 1, 1},
+    [M_MEMORY] = {"ledger_megabytes", "peak_ledger_bytes", NULL, 1e-6, 0},
+    [M_RSS] = {"rss_megabytes", "peak_rss_bytes", NULL, 1e-6, 0},
 };
 
 static char *copy(const char *text)
@@ -112,11 +111,11 @@ static int take_point(void *arg, int columns, const char *const *v)
     json_t *curve = v[0] ? json_object_get(k->r->curves, v[0]) : NULL, *point;
     if (!v[0] || json_object_get(k->known, v[0])) /* of a database before */
         return STATUS_DONE;
-    if (!curve)
-        json_object_set_new(k->r->curves, v[0], curve = json_array());
+    if (!curve && json_object_set_new(k->r->curves, v[0], curve = json_array()))
+        return STATUS_DONE; /* a key that is no text */
     point = json_array();
     for (int i = 1; i < columns; i++)
-        json_array_append_new(point, v[i] ? json_real(atof(v[i])) : json_null());
+        json_array_append_new(point, number_json(v[i] ? atof(v[i]) : NAN));
     return json_array_append_new(curve, point) ? no_memory() : STATUS_DONE;
 }
 
@@ -160,21 +159,21 @@ int report_load(struct report *r, const char *path)
                            " j.status, j.message, j.alone, j.commit_id, j.machine, j.engine,"
                            " j.seconds FROM cell c LEFT JOIN job j USING(key)"
                            " ORDER BY c.plan, c.position",
-                           NULL, take_cell, r);
+                           take_cell, r);
     for (size_t i = r->n; i-- > 0;)
         json_object_set_new(k.index, r->results[i].key, json_integer((json_int_t) i));
     if (!code)
-        code = store_query(s, "SELECT name, text FROM plan", NULL, take_plan, r);
+        code = store_query(s, "SELECT name, text FROM plan", take_plan, r);
     if (!code)
         code = store_query(s,
                            "SELECT key, name, value FROM metric"
                            " WHERE key IN (SELECT key FROM cell)",
-                           NULL, take_metric, &k);
+                           take_metric, &k);
     if (!code)
         code = store_query(s,
                            "SELECT key, iteration, gaussians, psnr, instances FROM curve"
                            " WHERE key IN (SELECT key FROM cell) ORDER BY key, iteration",
-                           NULL, take_point, &k);
+                           take_point, &k);
     json_decref(k.index);
     json_decref(k.known);
     store_close(&s);

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The report as one page without any other file. Names come from a database: all text is escaped.
  */
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 

@@ -8,7 +8,8 @@
 #define OFF "off"
 #define CLEAN "clean"
 
-void put_escaped(FILE *f, const char *text)
+/* Text that is not trusted, for a page. */
+static void put_escaped(FILE *f, const char *text)
 {
     for (const char *c = text; *c; c++)
         if (strchr("<>&\"'", *c))
@@ -24,7 +25,7 @@ static void put_text(FILE *f, enum format format, const char *text)
         return;
     }
     for (const char *c = text; *c; c++) {
-        if (strchr("|\\<>*_`[]", *c) && *c != '_')
+        if (strchr("|\\<>*`[]", *c))
             fputc('\\', f);
         fputc((unsigned char) *c < ' ' ? ' ' : *c, f);
     }
@@ -88,6 +89,16 @@ static void put_ratio(FILE *f, enum format format, const struct group *g, const 
     put_number(f, format, to ? g->mean[M_MAX_GAUSSIANS] / to->mean[M_MAX_GAUSSIANS] : NAN, NAN, 2);
 }
 
+static bool same_scene(const struct result *a, const struct result *b)
+{
+    return !strcmp(a->plan, b->plan) && !strcmp(a->scene, b->scene) && !strcmp(a->model, b->model);
+}
+
+static bool same_block(const struct result *a, const struct result *b)
+{
+    return same_scene(a, b) && !strcmp(a->photos, b->photos);
+}
+
 /* A scene's runs on some photos: one row a defense. */
 static void put_defenses(FILE *f, const struct report *r, enum format format, size_t from)
 {
@@ -100,8 +111,7 @@ static void put_defenses(FILE *f, const struct report *r, enum format format, si
     for (size_t i = from; i < r->n_groups; i++) {
         const struct group *g = &r->groups[i];
         char n[32];
-        if (strcmp(g->first->plan, x->plan) || strcmp(g->first->scene, x->scene) ||
-            strcmp(g->first->photos, x->photos) || strcmp(g->first->model, x->model))
+        if (!same_block(g->first, x))
             continue;
         begin_row(f, format, g->first->defense);
         snprintf(n, sizeof(n), g->runs < g->cells ? "%d of %d" : "%d", g->runs, g->cells);
@@ -122,12 +132,9 @@ static void put_defenses(FILE *f, const struct report *r, enum format format, si
 /* The first of its scene, photos and model. */
 static bool begins_block(const struct report *r, size_t i)
 {
-    for (size_t k = 0; k < i; k++) {
-        const struct result *a = r->groups[k].first, *b = r->groups[i].first;
-        if (!strcmp(a->plan, b->plan) && !strcmp(a->scene, b->scene) &&
-            !strcmp(a->photos, b->photos) && !strcmp(a->model, b->model))
+    for (size_t k = 0; k < i; k++)
+        if (same_block(r->groups[k].first, r->groups[i].first))
             return false;
-    }
     return true;
 }
 
@@ -216,11 +223,6 @@ static void put_quality(FILE *f, const struct report *r, enum format format)
     }
     if (any)
         end_table(f, format);
-}
-
-static bool same_scene(const struct result *a, const struct result *b)
-{
-    return !strcmp(a->plan, b->plan) && !strcmp(a->scene, b->scene) && !strcmp(a->model, b->model);
 }
 
 static bool is_limited(const struct report *r, const struct group *g)

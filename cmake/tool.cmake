@@ -22,6 +22,10 @@ if(GIT_FOUND)
     execute_process(COMMAND ${GIT_EXECUTABLE} rev-parse --short HEAD WORKING_DIRECTORY ${PROJECT_SOURCE_DIR}
         OUTPUT_VARIABLE SG_COMMIT OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET)
 endif()
+set(reflog ${PROJECT_SOURCE_DIR}/.git/logs/HEAD) # another commit: configure again
+if(EXISTS ${reflog})
+    set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${reflog})
+endif()
 if(NOT SG_COMMIT)
     set(SG_COMMIT unknown)
 endif()

@@ -40,6 +40,12 @@ printf "update cell set defense='%s' where defense='off'" "$(printf %s "$name" |
 expect 0 report r.db -o hostile -q
 grep -q '<img' hostile/report.html && fail "a name is an element of the page"
 grep -q '[^\\]<img' hostile/report.md && fail "a name is an element of the Markdown page"
+cp r.db keys.db
+key=$(ask "select key from curve limit 1")
+for table in cell job metric curve; do
+    sqlite3 keys.db "update $table set key=cast(x'ff' as text) where key='$key'" || fail "no such key in $table"
+done
+expect 0 report keys.db -o hostile -q
 
 # The figures, in a browser, against the database.
 browser=$(command -v chromium || command -v google-chrome) || { echo "figures not looked at: no Chromium"; exit 0; }
