@@ -8,27 +8,17 @@
 #include "math/constants.h"
 #include "morton.h"
 
-static size_t blocks(size_t count)
-{
-    return (count + SG_LANES - 1) / SG_LANES;
-}
-
 /* Of a column's array. */
 static size_t block_bytes(const struct sg_host_model *h, int column)
 {
     return (size_t) sg_column_array_planes(column, h->sh_degree) * SG_LANES * sizeof(float);
 }
 
-static enum sg_mem_tag tag_of(int column)
-{
-    return column == SG_C_PARAMETERS || column == SG_C_SHAPED ? SG_MEM_MODEL : SG_MEM_OPTIMISER;
-}
-
 int sg_host_alloc(sg_ctx *ctx, struct sg_host_model *h, int column)
 {
     if (!h->at[column])
         h->at[column] =
-            sg_alloc(ctx, tag_of(column), h->capacity / SG_LANES, block_bytes(h, column));
+            sg_alloc(ctx, sg_column_tag(column), h->capacity / SG_LANES, block_bytes(h, column));
     return h->at[column] ? SG_OK : SG_ERR_BUDGET;
 }
 
@@ -44,7 +34,7 @@ int sg_host_upload(sg_ctx *ctx, struct sg_host_model *h, const struct sg_model *
                    const struct sg_columns *columns)
 {
     struct sg_host_model n = {.count = m->count,
-                              .capacity = blocks(m->count) * SG_LANES,
+                              .capacity = sg_blocks(m->count) * SG_LANES,
                               .sh_degree = m->sh_degree,
                               .planes = sg_param_count(m->sh_degree)};
     for (int c = 0; c < SG_COLUMNS; c++) {
@@ -55,7 +45,7 @@ int sg_host_upload(sg_ctx *ctx, struct sg_host_model *h, const struct sg_model *
             sg_host_clear(&n);
             return SG_ERR_BUDGET;
         }
-        memcpy(n.at[c], from, blocks(n.count) * block_bytes(&n, c));
+        memcpy(n.at[c], from, sg_blocks(n.count) * block_bytes(&n, c));
     }
     sg_host_clear(h);
     *h = n;
@@ -78,7 +68,7 @@ void sg_host_adopt(struct sg_host_model *h, struct sg_model *m, struct sg_column
 int sg_host_download(const struct sg_host_model *h, struct sg_model *m, struct sg_columns *columns)
 {
     for (int c = 0; c < SG_COLUMNS; c++) {
-        const size_t bytes = blocks(h->count) * block_bytes(h, c);
+        const size_t bytes = sg_blocks(h->count) * block_bytes(h, c);
         float *to = c == SG_C_PARAMETERS ? m ? m->params : NULL : columns ? columns->at[c] : NULL;
         if (to && h->at[c])
             memcpy(to, h->at[c], bytes);
@@ -238,10 +228,10 @@ static void edit_piece(void *arg, size_t piece, int thread)
 /* Replaces one array by what the edit makes of it, so that only one exists twice at any time. */
 static int edit_array(sg_ctx *ctx, struct sg_host_model *h, int column, const struct moves *moves)
 {
-    const size_t most = blocks(moves->count), block = block_bytes(h, column);
+    const size_t most = sg_blocks(moves->count), block = block_bytes(h, column);
     struct edit_job job = {.moves = moves,
                            .from = h->at[column],
-                           .to = sg_alloc_raw(ctx, tag_of(column), most, block),
+                           .to = sg_alloc_raw(ctx, sg_column_tag(column), most, block),
                            .planes = sg_column_array_planes(column, h->sh_degree)};
     for (int c = column; c == column || (column == SG_C_PARAMETERS && sg_column_is_parameter(c));
          c++) {
@@ -307,7 +297,7 @@ int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *e)
     if (edited && code)
         drop(h, ~0u);
     if (edited)
-        h->count = moves.count, h->capacity = blocks(moves.count) * SG_LANES;
+        h->count = moves.count, h->capacity = sg_blocks(moves.count) * SG_LANES;
     sg_free(moves.order);
     sg_free(moves.source);
     return code;
@@ -362,7 +352,7 @@ static void shape_piece(void *arg, size_t piece, int thread)
 {
     (void) thread;
     const struct shape_job *j = arg;
-    const size_t end = (piece + 1) * EDIT_BLOCKS, most = blocks(j->h->count),
+    const size_t end = (piece + 1) * EDIT_BLOCKS, most = sg_blocks(j->h->count),
                  block = block_bytes(j->h, SG_C_PARAMETERS) / sizeof(float);
     float *const *at = j->h->at;
     for (size_t b = piece * EDIT_BLOCKS; b < end && b < most; b++) {
@@ -381,14 +371,14 @@ int sg_host_shape(sg_ctx *ctx, struct sg_host_model *h, const struct sg_shape *s
     if (sg_host_alloc(ctx, h, SG_C_SHAPED) ||
         (shape->column < SG_COLUMNS && sg_host_alloc(ctx, h, shape->column)))
         return SG_ERR_BUDGET;
-    sg_parallel_for(ctx, (blocks(h->count) + EDIT_BLOCKS - 1) / EDIT_BLOCKS, shape_piece,
+    sg_parallel_for(ctx, (sg_blocks(h->count) + EDIT_BLOCKS - 1) / EDIT_BLOCKS, shape_piece,
                     &(struct shape_job){h, shape, false});
     return SG_OK;
 }
 
 int sg_host_shape_backward(sg_ctx *ctx, struct sg_host_model *h, const struct sg_shape *shape)
 {
-    sg_parallel_for(ctx, (blocks(h->count) + EDIT_BLOCKS - 1) / EDIT_BLOCKS, shape_piece,
+    sg_parallel_for(ctx, (sg_blocks(h->count) + EDIT_BLOCKS - 1) / EDIT_BLOCKS, shape_piece,
                     &(struct shape_job){h, shape, true});
     return SG_OK;
 }

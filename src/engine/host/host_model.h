@@ -14,6 +14,17 @@ struct sg_host_model {
     float *at[SG_COLUMNS];
 };
 
+static inline size_t sg_blocks(size_t gaussians)
+{
+    return (gaussians + SG_LANES - 1) / SG_LANES;
+}
+
+/* What a column's array counts as in the ledger. */
+static inline enum sg_mem_tag sg_column_tag(int column)
+{
+    return column == SG_C_PARAMETERS || column == SG_C_SHAPED ? SG_MEM_MODEL : SG_MEM_OPTIMISER;
+}
+
 int sg_host_upload(sg_ctx *ctx, struct sg_host_model *h, const struct sg_model *m,
                    const struct sg_columns *columns);
 void sg_host_adopt(struct sg_host_model *h, struct sg_model *m, struct sg_columns *columns);

@@ -9,11 +9,6 @@
 
 #include "math/projection.h"
 
-static uint64_t groups_of(uint64_t items)
-{
-    return (items + VK_GROUP - 1) / VK_GROUP;
-}
-
 static void destroy(struct sg_engine *base)
 {
     struct vulkan_engine *e = vulkan_of(base);
@@ -33,7 +28,7 @@ static void destroy(struct sg_engine *base)
     sg_gpu_lists_clear(g, &e->lists);
     sg_log(base->ctx, SG_LOG_DEBUG,
            "vulkan: at most %llu bytes on the device, %llu dispatches in %llu submissions",
-           (unsigned long long) g->peak[SG_MEM_TAGS], (unsigned long long) g->dispatches,
+           (unsigned long long) g->peak, (unsigned long long) g->dispatches,
            (unsigned long long) g->submissions);
     sg_gpu_close(&e->gpu);
     sg_image_losses_clear(&e->image_losses);
@@ -66,24 +61,22 @@ static int do_project(struct sg_engine *base, const struct sg_camera *camera, in
     e->degree = sh_degree;
     e->width = (uint32_t) camera->width, e->height = (uint32_t) camera->height;
     memset(e->ran, 0, sizeof(e->ran));
-    if (sg_gpu_reserve(g, SG_MEM_MISC, &e->view, sizeof(view)) ||
-        sg_gpu_reserve(g, SG_MEM_SPLATS, &e->splats, 64 * (uint64_t) e->count) ||
-        sg_gpu_reserve(g, SG_MEM_FRAME, &e->image, 4 * values) ||
-        sg_gpu_reserve(g, SG_MEM_FRAME, &e->gradient, 4 * values))
-        return SG_ERR_BUDGET;
-    int code = sg_gpu_lists_begin(g, &e->lists, e->count, camera->width, camera->height,
-                                  params->reference_tiles);
-    if (!code)
-        code = sg_gpu_update(g, &e->view, &view, sizeof(view));
+    int code;
+    if ((code = sg_gpu_reserve(g, SG_MEM_MISC, &e->view, sizeof(view))) ||
+        (code = sg_gpu_reserve(g, SG_MEM_SPLATS, &e->splats, 64 * (uint64_t) e->count)) ||
+        (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->image, 4 * values)) ||
+        (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->gradient, 4 * values)) ||
+        (code = sg_gpu_lists_begin(g, &e->lists, e->count, camera->width, camera->height,
+                                   params->reference_tiles)) ||
+        (code = sg_gpu_update(g, &e->view, &view, sizeof(view))))
+        return code;
     const int shown = e->at[SG_C_SHAPED].buffer ? SG_C_SHAPED : SG_C_PARAMETERS;
-    return code
-               ? code
-               : GPU_RUN(g, project, sh_degree, groups_of(e->count), .params = e->at[shown].address,
-                         .view = e->view.address, .splats = e->splats.address,
-                         .rects = e->lists.rects.address, .keys = e->lists.keys.address,
-                         .flags = e->lists.flags.address, .results = e->lists.results.address,
-                         .count = (uint32_t) e->count, .planes = (uint32_t) e->planes,
-                         .grid_x = e->lists.grid_x, .grid_y = e->lists.grid_y);
+    return GPU_RUN(g, project, sh_degree, FOR_EACH(e->count), .params = e->at[shown].address,
+                   .view = e->view.address, .splats = e->splats.address,
+                   .rects = e->lists.rects.address, .keys = e->lists.keys.address,
+                   .flags = e->lists.flags.address, .results = e->lists.results.address,
+                   .count = (uint32_t) e->count, .planes = (uint32_t) e->planes,
+                   .grid_x = e->lists.grid_x, .grid_y = e->lists.grid_y);
 }
 
 static int do_bin(struct sg_engine *base)
@@ -101,10 +94,12 @@ static int raster_band(struct vulkan_engine *e, bool auxiliary)
     const struct gpu_lists *l = &e->lists;
     const struct gpu_band *band = &l->bands[l->band];
     const uint32_t tiles = band->end - band->first;
-    if (sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->blocks, 4 * band->instances) ||
-        sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->reached, 4 * (uint64_t) tiles) ||
-        sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->checkpoints, 16 * 256 * sg_gpu_lists_units(l)))
-        return SG_ERR_BUDGET;
+    int code;
+    if ((code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->blocks, 4 * band->instances)) ||
+        (code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->reached, 4 * (uint64_t) tiles)) ||
+        (code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->checkpoints,
+                               16 * 256 * sg_gpu_lists_units(l))))
+        return code;
     return GPU_RUN(g, raster, 0, tiles, .splats = e->splats.address,
                    .instances = l->instances.address, .tile_start = l->tile_start.address,
                    .chunk_start = l->chunk_start.address, .blocks = e->blocks.address,
@@ -122,9 +117,9 @@ static int raster(struct sg_engine *base, bool auxiliary)
     struct vulkan_engine *e = vulkan_of(base);
     const uint64_t bytes = 4 * (uint64_t) e->width * e->height;
     int code = SG_OK;
-    if (auxiliary && (sg_gpu_reserve(e->gpu, SG_MEM_FRAME, &e->alpha, bytes) ||
-                      sg_gpu_reserve(e->gpu, SG_MEM_FRAME, &e->depth, bytes)))
-        return SG_ERR_BUDGET;
+    if (auxiliary && ((code = sg_gpu_reserve(e->gpu, SG_MEM_FRAME, &e->alpha, bytes)) ||
+                      (code = sg_gpu_reserve(e->gpu, SG_MEM_FRAME, &e->depth, bytes))))
+        return code;
     for (int band = 0; band < e->lists.band_count && !code; band++)
         if (!(code = sg_gpu_lists_band(e->gpu, &e->lists, band)))
             code = raster_band(e, auxiliary);
@@ -152,7 +147,7 @@ static int write_image_gradient(struct sg_engine *base, const float *gradient)
 /* Adds the slots of the present band, of `width` floats, to sums by Gaussian. */
 static int add_slots(struct vulkan_engine *e, const struct gpu_buffer *sums, uint32_t width)
 {
-    return GPU_RUN(e->gpu, slots_add, 0, groups_of(e->count), .slots = e->slots.address,
+    return GPU_RUN(e->gpu, slots_add, 0, FOR_EACH(e->count), .slots = e->slots.address,
                    .slot_start = e->lists.slot_start.address, .sums = sums->address,
                    .count = (uint32_t) e->count, .width = width);
 }
@@ -201,17 +196,18 @@ static int learn(struct vulkan_engine *e, const struct sg_update *u, uint32_t wh
     struct gpu *g = e->gpu;
     const bool banded = e->lists.band_count > 1;
     float step[2 * SG_GROUPS + 2];
-    if ((what & (VK_LEARN_ADAM | VK_LEARN_STATISTICS) && sg_vulkan_alloc_saved(e)) ||
-        (what & VK_LEARN_ACCUMULATE && sg_vulkan_alloc(e, SG_C_ACCUMULATED)) ||
-        sg_gpu_reserve(g, SG_MEM_MISC, &e->step, sizeof(step)))
-        return SG_ERR_BUDGET;
+    int code;
+    if ((what & (VK_LEARN_ADAM | VK_LEARN_STATISTICS) && (code = sg_vulkan_alloc_saved(e))) ||
+        (what & VK_LEARN_ACCUMULATE && (code = sg_vulkan_alloc(e, SG_C_ACCUMULATED))) ||
+        (code = sg_gpu_reserve(g, SG_MEM_MISC, &e->step, sizeof(step))))
+        return code;
     memcpy(step, u->rate, sizeof(u->rate));
     memcpy(step + SG_GROUPS, u->root, sizeof(u->root));
     step[2 * SG_GROUPS] = u->mean_opacity, step[2 * SG_GROUPS + 1] = u->mean_scale;
     const int shown = e->at[SG_C_SHAPED].buffer ? SG_C_SHAPED : SG_C_PARAMETERS;
-    const int code = sg_gpu_update(g, &e->step, step, sizeof(step));
+    code = sg_gpu_update(g, &e->step, step, sizeof(step));
     return code ? code
-                : GPU_RUN(g, learn, e->degree, groups_of(e->count), .shaped = e->at[shown].address,
+                : GPU_RUN(g, learn, e->degree, FOR_EACH(e->count), .shaped = e->at[shown].address,
                           .params = e->at[SG_C_PARAMETERS].address,
                           .m = sg_gpu_at(g, &e->at[SG_C_MOMENT1]),
                           .v = sg_gpu_at(g, &e->at[SG_C_MOMENT2]),

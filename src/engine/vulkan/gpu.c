@@ -20,17 +20,6 @@ static int fail_result(struct gpu *g, VkResult result, const char *what)
 
 /* ---- buffers ---- */
 
-static void account(struct gpu *g, enum sg_mem_tag tag, uint64_t bytes, bool more)
-{
-    const int tags[] = {(int) tag, SG_MEM_TAGS};
-    for (int i = 0; i < 2; i++) {
-        uint64_t *now = &g->current[tags[i]];
-        *now = more ? *now + bytes : *now - bytes;
-        if (*now > g->peak[tags[i]])
-            g->peak[tags[i]] = *now;
-    }
-}
-
 /* A type of memory with all of `flags`, and if possible with `better`. */
 static int find_memory(const struct gpu *g, uint32_t types, VkMemoryPropertyFlags flags,
                        VkMemoryPropertyFlags better)
@@ -55,7 +44,7 @@ static void destroy_buffer(struct gpu *g, struct gpu_buffer *b)
         g->vk.DestroyBuffer(g->device, b->buffer, NULL);
     if (b->memory) {
         g->vk.FreeMemory(g->device, b->memory, NULL);
-        account(g, b->tag, b->bytes, false);
+        g->held -= b->bytes;
     }
     *b = (struct gpu_buffer){0};
 }
@@ -63,17 +52,11 @@ static void destroy_buffer(struct gpu *g, struct gpu_buffer *b)
 static int create_buffer(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *b, uint64_t bytes,
                          bool mapped)
 {
-    *b = (struct gpu_buffer){.tag = tag, .bytes = (bytes + 255) / 256 * 256};
-    if (g->limit && g->current[SG_MEM_TAGS] + b->bytes > g->limit)
-        return sg_fail(g->ctx, SG_ERR_BUDGET,
-                       "vulkan: found %llu bytes in use on %s and %llu wanted for %s, expected at "
-                       "most %llu",
-                       (unsigned long long) g->current[SG_MEM_TAGS], g->chosen.info.name,
-                       (unsigned long long) b->bytes, sg_mem_tag_name(tag),
-                       (unsigned long long) g->limit);
+    const uint64_t size = (bytes + 255) / 256 * 256;
+    *b = (struct gpu_buffer){0};
     const VkBufferCreateInfo info = {
         .sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
-        .size = b->bytes,
+        .size = size,
         .usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_SRC_BIT |
                  VK_BUFFER_USAGE_TRANSFER_DST_BIT | VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT};
     VkResult result = g->vk.CreateBuffer(g->device, &info, NULL, &b->buffer);
@@ -96,7 +79,9 @@ static int create_buffer(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *
     result = type < 0 ? VK_ERROR_OUT_OF_DEVICE_MEMORY
                       : g->vk.AllocateMemory(g->device, &memory, NULL, &b->memory);
     if (!result) {
-        account(g, tag, b->bytes, true);
+        b->bytes = size;
+        g->held += size;
+        g->peak = g->held > g->peak ? g->held : g->peak;
         result = g->vk.BindBufferMemory(g->device, b->buffer, b->memory, 0);
     }
     if (!result && mapped)
@@ -132,9 +117,12 @@ int sg_gpu_reserve(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *b, uin
             return code;
     }
     destroy_buffer(g, b);
-    if (more > bytes && (!g->limit || g->current[SG_MEM_TAGS] + more <= g->limit) &&
-        !create_buffer(g, tag, b, more, false))
-        return SG_OK;
+    if (more > bytes) {
+        const int code = create_buffer(g, tag, b, more, false);
+        if (code != SG_ERR_BUDGET)
+            return code;
+        sg_clear_error(g->ctx); /* less is enough */
+    }
     return create_buffer(g, tag, b, bytes, false);
 }
 

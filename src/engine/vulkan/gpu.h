@@ -47,7 +47,6 @@ struct gpu_buffer {
     VkDeviceMemory memory;
     VkDeviceAddress address;
     uint64_t bytes;
-    enum sg_mem_tag tag;
     void *mapped; /* of one that the host sees, else NULL */
 };
 
@@ -66,17 +65,24 @@ struct gpu {
     struct gpu_buffer staging; /* the host's window on device memory */
     struct gpu_buffer none;    /* what unused arguments point to */
     uint32_t lanes;            /* invocations of a block of pixels */
-    uint64_t limit;            /* bytes of device memory, 0 = none */
-    uint64_t current[SG_MEM_TAGS + 1], peak[SG_MEM_TAGS + 1]; /* the last: of all */
+    uint64_t held, peak;       /* bytes of device memory */
     uint64_t dispatches, submissions;
 };
+
+/* Workgroups for so many items. */
+static inline uint64_t gpu_groups(uint64_t items, uint64_t each)
+{
+    return (items + each - 1) / each;
+}
+#define FOR_EACH(n) gpu_groups(n, VK_GROUP) /* of the kernels without a tile */
 
 /* selector: see vk_choose_device. SG_ERR_USAGE, SG_ERR_BUDGET, SG_ERR_INTERNAL. */
 int sg_gpu_open(sg_ctx *ctx, const char *selector, struct gpu **out);
 void sg_gpu_close(struct gpu **gpu);
 
 /* Makes room for at least `bytes`. Where the buffer has to grow, it may become half as large again
- * as it was, and what it held is lost. SG_ERR_BUDGET: it holds nothing. */
+ * as it was, and what it held is lost. After an error it holds nothing. The tag is for messages.
+ * SG_ERR_BUDGET, or SG_ERR_INTERNAL where commands that use the buffer fail. */
 int sg_gpu_reserve(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *b, uint64_t bytes);
 void sg_gpu_release(struct gpu *g, struct gpu_buffer *b);
 

@@ -1,13 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "lists.h"
 
-static uint64_t groups_of(uint64_t items, uint64_t each)
-{
-    return (items + each - 1) / each;
-}
-
-#define FOR_EACH(n) groups_of(n, VK_GROUP)
-
 /* Makes room for n words. */
 static int words(struct gpu *g, struct gpu_buffer *b, uint64_t n)
 {
@@ -18,13 +11,10 @@ static int words(struct gpu *g, struct gpu_buffer *b, uint64_t n)
 static int scan(struct gpu *g, struct gpu_lists *l, const struct gpu_buffer *from,
                 const struct gpu_buffer *to, uint64_t n)
 {
-    const uint64_t groups = groups_of(n, VK_SCAN);
-    int code = words(g, &l->sums, groups + 1);
-    const struct args_scan_sum args = {.from = from->address,
-                                       .to = to->address,
-                                       .sums = l->sums.address,
-                                       .total = l->sums.address + groups * sizeof(uint32_t),
-                                       .count = (uint32_t) n};
+    const uint64_t groups = gpu_groups(n, VK_SCAN);
+    int code = words(g, &l->sums, groups);
+    const struct args_scan_sum args = {
+        .from = from->address, .to = to->address, .sums = l->sums.address, .count = (uint32_t) n};
     if (!code)
         code = sg_gpu_dispatch(g, GPU_scan_sum, 0, &args, sizeof(args), groups);
     if (!code)
@@ -36,7 +26,7 @@ static int scan(struct gpu *g, struct gpu_lists *l, const struct gpu_buffer *fro
 static int sort(struct gpu *g, struct gpu_lists *l, struct gpu_buffer keys[2],
                 struct gpu_buffer values[2], uint64_t n, int bits, int *at)
 {
-    const uint64_t groups = groups_of(n, VK_SORT);
+    const uint64_t groups = gpu_groups(n, VK_SORT);
     int code = words(g, &l->digits, groups * VK_DIGITS + 1);
     for (int shift = 0; shift < bits && n && !code; shift += 8) {
         const int from = *at, to = 1 - from;
@@ -64,11 +54,12 @@ int sg_gpu_lists_begin(struct gpu *g, struct gpu_lists *l, size_t count, int wid
     l->reference_tiles = reference_tiles;
     l->band = -1;
     l->band_count = 0;
-    if (sg_gpu_reserve(g, SG_MEM_SPLATS, &l->rects, 8 * count) ||
-        sg_gpu_reserve(g, SG_MEM_SPLATS, &l->keys, 4 * count) ||
-        sg_gpu_reserve(g, SG_MEM_SPLATS, &l->flags, 4 * (count + 1)) ||
-        sg_gpu_reserve(g, SG_MEM_MISC, &l->results, VK_RESULTS * sizeof(uint32_t)))
-        return SG_ERR_BUDGET;
+    int code;
+    if ((code = sg_gpu_reserve(g, SG_MEM_SPLATS, &l->rects, 8 * count)) ||
+        (code = sg_gpu_reserve(g, SG_MEM_SPLATS, &l->keys, 4 * count)) ||
+        (code = sg_gpu_reserve(g, SG_MEM_SPLATS, &l->flags, 4 * (count + 1))) ||
+        (code = sg_gpu_reserve(g, SG_MEM_MISC, &l->results, VK_RESULTS * sizeof(uint32_t))))
+        return code;
     return sg_gpu_fill(g, &l->results, 0, VK_RESULTS * sizeof(uint32_t), 0);
 }
 
@@ -127,11 +118,11 @@ int sg_gpu_lists_make(struct gpu *g, struct gpu_lists *l, const struct gpu_buffe
     const uint32_t tiles = l->grid_x * l->grid_y, n = l->count;
     uint32_t r[VK_RESULTS];
     l->splats = splats;
-    if (words(g, &l->counts, (uint64_t) n + 1) || words(g, &l->places, (uint64_t) n + 1))
-        return SG_ERR_BUDGET;
-    int code = count_tiles(g, l, 0, tiles);
-    if (!code)
-        code = scan(g, l, &l->flags, &l->places, n);
+    int code;
+    if ((code = words(g, &l->counts, (uint64_t) n + 1)) ||
+        (code = words(g, &l->places, (uint64_t) n + 1)) || (code = count_tiles(g, l, 0, tiles)))
+        return code;
+    code = scan(g, l, &l->flags, &l->places, n);
     if (!code)
         code = sg_gpu_copy(g, &l->places, 4 * (uint64_t) n, &l->results, 4 * VK_RESULT_DRAWN, 4);
     if (!code)
@@ -142,8 +133,8 @@ int sg_gpu_lists_make(struct gpu *g, struct gpu_lists *l, const struct gpu_buffe
     *stats = (struct sg_render_stats){.visible = r[VK_RESULT_VISIBLE], .instances = total};
     l->drawn = r[VK_RESULT_DRAWN];
     for (int k = 0; k < 2; k++)
-        if (words(g, &l->order[k], l->drawn) || words(g, &l->depths[k], l->drawn))
-            return SG_ERR_BUDGET;
+        if ((code = words(g, &l->order[k], l->drawn)) || (code = words(g, &l->depths[k], l->drawn)))
+            return code;
     l->sorted = 0;
     code = GPU_RUN(g, compact, 0, FOR_EACH(n), .flags = l->flags.address,
                    .places = l->places.address, .keys = l->keys.address,
@@ -177,12 +168,14 @@ int sg_gpu_lists_band(struct gpu *g, struct gpu_lists *l, int band)
     while (tiles >> bits) /* the number of tiles is a key too */
         bits++;
     for (int k = 0; k < 2; k++)
-        if (words(g, &l->tiles[k], m) || words(g, &l->values[k], m))
-            return SG_ERR_BUDGET;
-    if (words(g, &l->slot_start, (uint64_t) l->count + 1) || words(g, &l->emitted, 2 * m) ||
-        words(g, &l->instances, 2 * m) || words(g, &l->tile_start, (uint64_t) tiles + 1) ||
-        words(g, &l->chunks, tiles) || words(g, &l->chunk_start, (uint64_t) tiles + 1))
-        return SG_ERR_BUDGET;
+        if ((code = words(g, &l->tiles[k], m)) || (code = words(g, &l->values[k], m)))
+            return code;
+    if ((code = words(g, &l->slot_start, (uint64_t) l->count + 1)) ||
+        (code = words(g, &l->emitted, 2 * m)) || (code = words(g, &l->instances, 2 * m)) ||
+        (code = words(g, &l->tile_start, (uint64_t) tiles + 1)) ||
+        (code = words(g, &l->chunks, tiles)) ||
+        (code = words(g, &l->chunk_start, (uint64_t) tiles + 1)))
+        return code;
     if (l->band_count > 1)
         code = count_tiles(g, l, b->first, b->end);
     if (!code)

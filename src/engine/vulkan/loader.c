@@ -3,8 +3,6 @@
 
 #include <dlfcn.h>
 
-#include "splatguard/version.h"
-
 /* dlsym returns an object's pointer; POSIX lets it be a function's. */
 #define LOAD(target, source)                                                                       \
     do {                                                                                           \

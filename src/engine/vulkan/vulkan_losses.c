@@ -4,14 +4,6 @@
 #include <string.h>
 
 #include "engine.h"
-#include "math/real_f32.h"
-
-#include "math/photometric.h"
-
-static uint64_t groups_of(uint64_t items, uint64_t each)
-{
-    return (items + each - 1) / each;
-}
 
 int sg_vulkan_photo_add(struct sg_engine *base, sg_photo photo, const struct sg_photo_entry *p)
 {
@@ -54,23 +46,23 @@ static int compare(struct vulkan_engine *e, const struct gpu_buffer *image,
 {
     struct gpu *g = e->gpu;
     const uint64_t pixels = (uint64_t) e->width * e->height, values = 3 * pixels;
-    const uint64_t groups = 3 * groups_of(e->width, 16) * groups_of(e->height, 16);
+    const uint64_t groups = 3 * gpu_groups(e->width, 16) * gpu_groups(e->height, 16);
     const float unit = 1 / (3 * (float) e->width * (float) e->height);
-    if (sg_gpu_reserve(g, SG_MEM_FRAME, &e->target, 4 * values) ||
-        sg_gpu_reserve(g, SG_MEM_FRAME, &e->maps, 3 * 4 * values) ||
-        sg_gpu_reserve(g, SG_MEM_FRAME, &e->sums, 3 * 4 * groups) ||
-        (t->planes && sg_gpu_reserve(g, SG_MEM_FRAME, &e->given, 4 * values)))
-        return SG_ERR_BUDGET;
-    int code = t->planes ? sg_gpu_write(g, &e->given, 0, t->planes, 4 * values) : SG_OK;
-    if (!t->photo && !code) /* whose words the kernel reads all the same */
-        code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->given, 4 * values);
+    int code;
+    if ((code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->target, 4 * values)) ||
+        (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->maps, 3 * 4 * values)) ||
+        (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->sums, 3 * 4 * groups)) ||
+        /* Without a photo, the kernel reads words of this instead. */
+        ((t->planes || !t->photo) &&
+         (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->given, 4 * values))) ||
+        (t->planes && (code = sg_gpu_write(g, &e->given, 0, t->planes, 4 * values))))
+        return code;
     const VkDeviceAddress photo = t->photo ? photo_at(e, t->photo) : sg_gpu_at(g, &e->given);
-    if (!code)
-        code = GPU_RUN(g, target, 0, groups_of(pixels, VK_GROUP), .photo = photo,
-                       .given = t->planes ? e->given.address : image->address,
-                       .image = image->address, .target = e->target.address,
-                       .pixels = (uint32_t) pixels, .planes = t->planes != NULL,
-                       .masked = t->mask != NULL, .tolerance = p->tolerance);
+    code =
+        GPU_RUN(g, target, 0, FOR_EACH(pixels), .photo = photo,
+                .given = t->planes ? e->given.address : image->address, .image = image->address,
+                .target = e->target.address, .pixels = (uint32_t) pixels,
+                .planes = t->planes != NULL, .masked = t->mask != NULL, .tolerance = p->tolerance);
     if (!code)
         code = GPU_RUN(g, ssim, 0, groups, .image = image->address, .target = e->target.address,
                        .maps = e->maps.address, .sums = e->sums.address, .width = e->width,
@@ -128,7 +120,7 @@ static int total_variation(struct vulkan_engine *e, const struct sg_target_pixel
                            const struct sg_loss *l)
 {
     struct gpu *g = e->gpu;
-    const uint64_t groups = groups_of(3 * (uint64_t) e->width * e->height, VK_GROUP);
+    const uint64_t groups = gpu_groups(3 * (uint64_t) e->width * e->height, VK_GROUP);
     const double down = 3.0 * (e->height - 1) * e->width, across = 3.0 * e->height * (e->width - 1);
     int code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->sums, 4 * groups);
     if (!code)

@@ -6,25 +6,15 @@
 
 #include "engine.h"
 
-static size_t blocks(size_t count)
-{
-    return (count + SG_LANES - 1) / SG_LANES;
-}
-
 static uint64_t bytes_of(const struct vulkan_engine *e, int column, size_t count)
 {
-    return (uint64_t) blocks(count) * SG_LANES * sizeof(float) *
+    return (uint64_t) sg_blocks(count) * SG_LANES * sizeof(float) *
            (uint64_t) sg_column_array_planes(column, e->base.sh_degree);
 }
 
 uint64_t sg_vulkan_column_bytes(const struct vulkan_engine *e, int column)
 {
     return bytes_of(e, column, e->count);
-}
-
-static enum sg_mem_tag tag_of(int column)
-{
-    return column == SG_C_PARAMETERS || column == SG_C_SHAPED ? SG_MEM_MODEL : SG_MEM_OPTIMISER;
 }
 
 void sg_vulkan_drop_columns(struct vulkan_engine *e, unsigned bits)
@@ -39,16 +29,17 @@ int sg_vulkan_alloc(struct vulkan_engine *e, int column)
     if (e->at[column].buffer)
         return SG_OK;
     const uint64_t bytes = sg_vulkan_column_bytes(e, column);
-    const int code = sg_gpu_reserve(e->gpu, tag_of(column), &e->at[column], bytes);
+    const int code = sg_gpu_reserve(e->gpu, sg_column_tag(column), &e->at[column], bytes);
     return code ? code : sg_gpu_fill(e->gpu, &e->at[column], 0, bytes, 0);
 }
 
 int sg_vulkan_alloc_saved(struct vulkan_engine *e)
 {
-    for (int c = 0; c < SG_COLUMNS; c++)
-        if (sg_column_has_array(c) && sg_column_of(c, SG_COLUMN_SAVED) && sg_vulkan_alloc(e, c))
-            return SG_ERR_BUDGET;
-    return SG_OK;
+    int code = SG_OK;
+    for (int c = 0; c < SG_COLUMNS && !code; c++)
+        if (sg_column_has_array(c) && sg_column_of(c, SG_COLUMN_SAVED))
+            code = sg_vulkan_alloc(e, c);
+    return code;
 }
 
 /* Replaces a column by `count` Gaussians' values. Where memory runs out it is as it was. */
@@ -56,7 +47,7 @@ static int replace(struct vulkan_engine *e, int column, const float *from, size_
 {
     struct gpu_buffer made = {0};
     const uint64_t bytes = bytes_of(e, column, count);
-    int code = sg_gpu_reserve(e->gpu, tag_of(column), &made, bytes);
+    int code = sg_gpu_reserve(e->gpu, sg_column_tag(column), &made, bytes);
     if (!code)
         code = sg_gpu_write(e->gpu, &made, 0, from, bytes);
     if (code) {
@@ -118,14 +109,19 @@ int sg_vulkan_download(struct sg_engine *base, struct sg_model *m, struct sg_col
 
 /* ---- through the host ---- */
 
+static struct sg_host_model empty_mirror(const struct vulkan_engine *e)
+{
+    return (struct sg_host_model){.count = e->count,
+                                  .capacity = sg_blocks(e->count) * SG_LANES,
+                                  .sh_degree = e->base.sh_degree,
+                                  .planes = e->planes};
+}
+
 /* A copy of the columns that there are, but for those that no edit keeps. */
 static int mirror(struct vulkan_engine *e, struct sg_host_model *h)
 {
     int code = SG_OK;
-    *h = (struct sg_host_model){.count = e->count,
-                                .capacity = blocks(e->count) * SG_LANES,
-                                .sh_degree = e->base.sh_degree,
-                                .planes = e->planes};
+    *h = empty_mirror(e);
     for (int c = 0; c < SG_COLUMNS && !code; c++)
         if (e->at[c].buffer && !(sg_columns[c].bits & SG_COLUMN_LOST) &&
             !(code = sg_host_alloc(e->base.ctx, h, c)))
@@ -186,10 +182,7 @@ int sg_vulkan_relocate(struct sg_engine *base, const struct sg_relocation *r)
 int sg_vulkan_explore(struct sg_engine *base, const struct sg_exploration *x)
 {
     struct vulkan_engine *e = vulkan_of(base);
-    struct sg_host_model h = {.count = e->count,
-                              .capacity = blocks(e->count) * SG_LANES,
-                              .sh_degree = base->sh_degree,
-                              .planes = e->planes};
+    struct sg_host_model h = empty_mirror(e);
     const uint64_t bytes = sg_vulkan_column_bytes(e, SG_C_PARAMETERS);
     int code = sg_host_alloc(base->ctx, &h, SG_C_PARAMETERS);
     if (!code)
@@ -207,10 +200,7 @@ int sg_vulkan_explore(struct sg_engine *base, const struct sg_exploration *x)
 static int run_shape(struct vulkan_engine *e, const struct sg_shape *shape, int column,
                      int (*stage)(sg_ctx *, struct sg_host_model *, const struct sg_shape *))
 {
-    struct sg_host_model h = {.count = e->count,
-                              .capacity = blocks(e->count) * SG_LANES,
-                              .sh_degree = e->base.sh_degree,
-                              .planes = e->planes};
+    struct sg_host_model h = empty_mirror(e);
     const int columns[] = {SG_C_PARAMETERS, column, shape->column};
     const int n = shape->column < SG_COLUMNS ? 3 : 2;
     int code = SG_OK;
@@ -244,7 +234,7 @@ int sg_vulkan_read_statistics(struct sg_engine *base, const struct sg_statistics
 {
     struct vulkan_engine *e = vulkan_of(base);
     const int statistics[] = {SG_C_GRAD_SUM, SG_C_GRAD_COUNT};
-    const size_t capacity = blocks(e->count) * SG_LANES, bytes = capacity * sizeof(float);
+    const size_t capacity = sg_blocks(e->count) * SG_LANES, bytes = capacity * sizeof(float);
     struct sg_host_model h = {.count = e->count, .capacity = capacity, .planes = SG_P_ROT};
     struct gpu_buffer some = {0};
     int code = sg_gpu_reserve(e->gpu, SG_MEM_SPLATS, &some, SG_P_ROT * (uint64_t) bytes);
@@ -252,10 +242,10 @@ int sg_vulkan_read_statistics(struct sg_engine *base, const struct sg_statistics
     if (!h.at[SG_C_PARAMETERS])
         code = SG_ERR_BUDGET;
     if (!code)
-        code = GPU_RUN(e->gpu, planes, 0, (e->count + VK_GROUP - 1) / VK_GROUP,
-                       .from = e->at[SG_C_PARAMETERS].address, .to = some.address,
-                       .count = (uint32_t) e->count, .planes = (uint32_t) e->planes,
-                       .width = SG_P_ROT);
+        code =
+            GPU_RUN(e->gpu, planes, 0, FOR_EACH(e->count), .from = e->at[SG_C_PARAMETERS].address,
+                    .to = some.address, .count = (uint32_t) e->count,
+                    .planes = (uint32_t) e->planes, .width = SG_P_ROT);
     if (!code)
         code = sg_gpu_read(e->gpu, &some, 0, h.at[SG_C_PARAMETERS], SG_P_ROT * (uint64_t) bytes);
     for (int k = 0; k < 2 && !code; k++)
@@ -271,11 +261,11 @@ int sg_vulkan_read_statistics(struct sg_engine *base, const struct sg_statistics
 static int move(struct vulkan_engine *e, uint32_t what, float limit)
 {
     const bool moments = e->at[SG_C_MOMENT1].buffer && e->at[SG_C_MOMENT2].buffer;
-    return GPU_RUN(
-        e->gpu, move, 0, (e->count + VK_GROUP - 1) / VK_GROUP,
-        .params = e->at[SG_C_PARAMETERS].address, .m = sg_gpu_at(e->gpu, &e->at[SG_C_MOMENT1]),
-        .v = sg_gpu_at(e->gpu, &e->at[SG_C_MOMENT2]), .count = (uint32_t) e->count,
-        .planes = (uint32_t) e->planes, .what = what, .moments = moments, .limit = limit);
+    return GPU_RUN(e->gpu, move, 0, FOR_EACH(e->count), .params = e->at[SG_C_PARAMETERS].address,
+                   .m = sg_gpu_at(e->gpu, &e->at[SG_C_MOMENT1]),
+                   .v = sg_gpu_at(e->gpu, &e->at[SG_C_MOMENT2]), .count = (uint32_t) e->count,
+                   .planes = (uint32_t) e->planes, .what = what, .moments = moments,
+                   .limit = limit);
 }
 
 int sg_vulkan_floor_scale(struct sg_engine *base, float smallest)

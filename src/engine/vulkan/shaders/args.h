@@ -22,7 +22,6 @@
 #define VK_RESULT_INSTANCES 2
 #define VK_RESULT_PAIRS 4
 #define VK_RESULT_LONGEST 6
-#define VK_RESULT_SCANNED 7
 #define VK_RESULT_LOSSES 8 /* 3 floats of the photometric loss, one of the total variation */
 #define VK_RESULTS 16
 
@@ -66,10 +65,9 @@
     P(Floats, splats) P(Uints, rects) P(Uints, totals) U(count) U(grid_x) U(tiles)                 \
     U(reference_tiles)
 
-/* Exclusive sums of `from` to `to`; the sum of all goes to to[count] and, where its address is
- * not the sums' own, to *total. */
+/* Exclusive sums of `from` to `to`; the sum of all goes to to[count]. */
 #define ARGS_scan(P, U, F)                                                                         \
-    P(Uints, from) P(Uints, to) P(Uints, sums) P(Uints, total) U(count)
+    P(Uints, from) P(Uints, to) P(Uints, sums) U(count)
 #define ARGS_scan_sum ARGS_scan
 #define ARGS_scan_spine ARGS_scan
 #define ARGS_scan_apply ARGS_scan

@@ -5,6 +5,12 @@
 #extension GL_EXT_control_flow_attributes : require
 #include "args.h"
 
+/* Planes of a Gaussian's parameters, as SG_P_* of the host. */
+#define P_OPACITY 3
+#define P_SCALE 4
+#define P_ROT 7
+#define P_SH 11
+
 layout(buffer_reference, std430, buffer_reference_align = 4) buffer Floats {
     float v[];
 };

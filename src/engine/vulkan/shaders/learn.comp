@@ -15,10 +15,6 @@ const int COEFFICIENTS = (DEGREE + 1) * (DEGREE + 1);
 const int PLANES = 11 + 3 * COEFFICIENTS; /* of the active degree: the others are not moved */
 ARGUMENTS(learn);
 
-#define P_OPACITY 3
-#define P_SCALE 4
-#define P_ROT 7
-#define P_SH 11
 #define PARAMS_MAX 59
 
 float shaped(uint i, int plane)

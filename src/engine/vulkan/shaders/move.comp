@@ -7,9 +7,6 @@
 layout(local_size_x = VK_GROUP) in;
 ARGUMENTS(move);
 
-#define P_OPACITY 3
-#define P_SCALE 4
-
 void main()
 {
     const uint i = thread_index();

@@ -13,10 +13,6 @@ layout(constant_id = 1) const int DEGREE = 3;
 ARGUMENTS(project);
 
 #define LOG2E 1.4426950408889634
-#define P_OPACITY 3
-#define P_SCALE 4
-#define P_ROT 7
-#define P_SH 11
 
 shared uint visible_here;
 

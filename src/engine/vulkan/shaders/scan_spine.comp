@@ -20,8 +20,6 @@ void main()
             a.sums.v[i] = before + sum;
         before += all;
     }
-    if (gl_LocalInvocationID.x == 0) {
+    if (gl_LocalInvocationID.x == 0)
         a.to.v[a.count] = before;
-        a.total.v[0] = before;
-    }
 }
