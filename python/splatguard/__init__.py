@@ -171,9 +171,8 @@ class View:
         if self._place is None or not self._mask:
             return self._mask if self._place is None else None
         scene, test, index = self._place
-        rgb = _array("B", self.camera.height, self.camera.width, 3)
         out = _array("B", self.camera.height, self.camera.width)
-        _core.scene_pixels(scene, test, index, rgb, out)
+        _core.scene_pixels(scene, test, index, None, out)
         return out
 
     def __repr__(self):
@@ -421,8 +420,9 @@ class Trainer:
             view_weights = own["view_weights"] if view_weights is None else view_weights
             params = {**found, **{k.rstrip("_"): v for k, v in params.items()}}
             defense = True
-        self._handle = _core.trainer_new(scene._handle, initial and initial._handle, params,
-                                         tolerances, view_weights, defense, resume or b"")
+        model = None if initial is None else initial._handle
+        self._handle = _core.trainer_new(scene._handle, model, params, tolerances, view_weights,
+                                         defense, resume or b"")
 
     def step(self):
         """Runs one iteration. Returns a dict: iteration, view (index into scene.train), loss, l1,
@@ -459,7 +459,8 @@ def train(scene, callback=None, save=None, **params):
     that train(scene, resume=save, ...) continues. Other arguments: see Trainer.
     """
     trainer = Trainer(scene, **params)
-    last = int(params.get("iterations", 30000))
+    last = params.get("iterations")
+    last = 30000 if last is None else int(last)
     try:
         while trainer.iteration < last:
             step = trainer.step()

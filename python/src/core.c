@@ -308,10 +308,11 @@ void array_release(struct array *a)
     memset(a, 0, sizeof(*a));
 }
 
-static bool check_shape(struct array *a, char found, char item, size_t count, const char *what)
+static bool check_shape(struct array *a, char found, char item, bool convertible, size_t count,
+                        const char *what)
 {
     const size_t items = found ? (size_t) a->view.len / size_of(found) : 0;
-    if (found && items == count && (found == item || (found != 'B' && item != 'B')))
+    if (found && items == count && (found == item || (convertible && found != 'B' && item != 'B')))
         return true;
     PyErr_Format(PyExc_ValueError, "%s: found %zu values of type '%s', expected %zu of type '%c'",
                  what, items, a->view.format ? a->view.format : "B", count, item);
@@ -333,7 +334,7 @@ bool array_read(struct array *a, PyObject *object, char item, size_t count, cons
         return false;
     }
     const char found = item_of(&a->view);
-    if (!check_shape(a, found, item, count, what))
+    if (!check_shape(a, found, item, true, count, what))
         return false;
     a->data = a->view.buf;
     if (found == item)
@@ -363,10 +364,25 @@ bool array_write(struct array *a, PyObject *object, char item, size_t count, con
     a->memory = object;
     Py_INCREF(object);
     const char found = item_of(&a->view);
-    if (!check_shape(a, found, found == item ? item : 'B', found == item ? count : SIZE_MAX, what))
+    if (!check_shape(a, found, item, false, count, what))
         return false;
     a->data = a->view.buf;
     return true;
+}
+
+void list_take(PyObject **list, PyObject *item)
+{
+    if (!item || PyList_Append(*list, item))
+        Py_CLEAR(*list);
+    Py_XDECREF(item);
+}
+
+bool same_context(const struct handle *a, const struct handle *b)
+{
+    if (!b || a->context == b->context)
+        return true;
+    PyErr_SetString(PyExc_ValueError, "found scene and model of different contexts");
+    return false;
 }
 
 /* ---- parameters ---- */

@@ -68,6 +68,12 @@ bool call_end(struct call *call, int code);
         call_begin(&call_, context) && call_end(&call_, expression);                               \
     })
 
+/* Appends an item, which it releases. Where that fails, or there is no item, the list becomes NULL
+ * with an exception. */
+void list_take(PyObject **list, PyObject *item);
+/* Whether a scene and a model (or NULL) may be used together, or an exception. */
+bool same_context(const struct handle *a, const struct handle *b);
+
 /* Buffers. Rows of an array that is not contiguous are copied. */
 struct array {
     Py_buffer view;

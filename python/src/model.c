@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-/* Runs what makes a model; `expression` writes to h->model. */
+/* The handle, or NULL where making it has failed. */
 static PyObject *made(struct handle *h, bool good)
 {
     if (good)
@@ -136,9 +136,7 @@ static PyObject *fields(PyObject *module, PyObject *args)
     const char *name;
     for (int i = 0; list && (name = sg_model_field_name(i)); i++) {
         PyObject *pair = Py_BuildValue("(si)", name, sg_model_field_width(name, degree));
-        if (!pair || PyList_Append(list, pair))
-            Py_CLEAR(list);
-        Py_XDECREF(pair);
+        list_take(&list, pair);
     }
     return list;
 }

@@ -160,9 +160,7 @@ static PyObject *view_dict(const struct sg_view *v)
     for (int k = 0; k < 18 && numbers; k++) {
         const double x = k < 6 ? head[k] : k < 15 ? c->R[k - 6] : c->t[k - 15];
         PyObject *number = PyFloat_FromDouble(x);
-        if (!number || PyList_Append(numbers, number))
-            Py_CLEAR(numbers);
-        Py_XDECREF(number);
+        list_take(&numbers, number);
     }
     PyObject *name = numbers ? PyUnicode_DecodeFSDefault(v->name) : NULL,
              *file = name ? PyUnicode_DecodeFSDefault(v->file ? v->file : "") : NULL,
@@ -180,9 +178,7 @@ static PyObject *view_list(const struct sg_view *views, size_t n)
     PyObject *list = PyList_New(0);
     for (size_t i = 0; i < n && list; i++) {
         PyObject *dict = view_dict(&views[i]);
-        if (!dict || PyList_Append(list, dict))
-            Py_CLEAR(list);
-        Py_XDECREF(dict);
+        list_take(&list, dict);
     }
     return list;
 }
@@ -242,9 +238,10 @@ static PyObject *scene_pixels(PyObject *module, PyObject *args)
         !(v = view_of(h, test, index)))
         return NULL;
     const size_t pixels = (size_t) v->camera.width * (size_t) v->camera.height;
-    const bool good = array_write(&rgb, objects[0], 'B', 3 * pixels, "image", false) &&
-                      array_write(&mask, objects[1], 'B', pixels, "mask", true) &&
-                      CALL(h->context, copy_pixels(h->context->ctx, v, (void *) rgb.data));
+    const bool good =
+        array_write(&rgb, objects[0], 'B', 3 * pixels, "image", true) &&
+        array_write(&mask, objects[1], 'B', pixels, "mask", true) &&
+        (!rgb.data || CALL(h->context, copy_pixels(h->context->ctx, v, (void *) rgb.data)));
     if (good && mask.data)
         memcpy((void *) mask.data, v->mask, v->mask ? pixels : 0);
     array_release(&rgb);
@@ -320,15 +317,11 @@ static PyObject *audit_dict(const struct sg_audit *a, const struct sg_scene *sce
     PyObject *images = PyList_New(0), *reasons = PyList_New(0);
     for (size_t i = 0; i < a->count && images; i++) {
         PyObject *dict = image_dict(&a->images[i]);
-        if (!dict || PyList_Append(images, dict))
-            Py_CLEAR(images);
-        Py_XDECREF(dict);
+        list_take(&images, dict);
     }
     for (size_t i = 0; i < a->count_reasons && reasons; i++) {
         PyObject *text = PyUnicode_FromString(a->reasons[i]);
-        if (!text || PyList_Append(reasons, text))
-            Py_CLEAR(reasons);
-        Py_XDECREF(text);
+        list_take(&reasons, text);
     }
     PyObject *automatic = images && reasons ? automatic_dict(a, scene) : NULL;
     PyObject *dict = automatic ? Py_BuildValue("{s:s,s:d,s:d,s:d,s:O,s:O,s:O}", "verdict",
@@ -369,25 +362,23 @@ static PyObject *evaluate(PyObject *module, PyObject *args)
     struct sg_eval e = {0};
     if (!PyArg_ParseTuple(args, "O&O&pi", to_scene, &h, to_renderer, &r, &test, &what))
         return NULL;
-    if (h->context != r->context)
-        return PyErr_Format(PyExc_ValueError, "found scene and model of different contexts");
+    if (!same_context(h, r))
+        return NULL;
     if (!CALL(h->context, score(h->context->ctx, r->renderer, h->scene, test, what, &e)))
         return NULL;
     PyObject *views = PyList_New(0);
     for (size_t i = 0; i < e.views && views; i++) {
         const struct sg_view *v = view_of(h, test, (Py_ssize_t) i);
         const struct sg_view_score *s = &e.per_view[i];
-        PyObject *dict =
-            Py_BuildValue("{s:s,s:d,s:d}", "name", v->name, "psnr", s->psnr, "ssim", s->ssim);
+        PyObject *dict = Py_BuildValue("{s:N,s:d,s:d}", "name", PyUnicode_DecodeFSDefault(v->name),
+                                       "psnr", s->psnr, "ssim", s->ssim);
         if (dict && what & SG_EVAL_CORRECTED) {
             PyObject *more = Py_BuildValue("(dd)", s->corrected_psnr, s->corrected_ssim);
             if (!more || PyDict_SetItemString(dict, "corrected", more))
                 Py_CLEAR(dict);
             Py_XDECREF(more);
         }
-        if (!dict || PyList_Append(views, dict))
-            Py_CLEAR(views);
-        Py_XDECREF(dict);
+        list_take(&views, dict);
     }
     PyObject *dict = views ? Py_BuildValue("{s:d,s:d,s:d,s:d,s:d,s:O}", "psnr", e.psnr, "ssim",
                                            e.ssim, "fps", e.fps, "corrected_psnr", e.corrected_psnr,

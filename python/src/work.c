@@ -4,14 +4,6 @@
 
 #include <string.h>
 
-static bool same_context(const struct handle *a, const struct handle *b)
-{
-    if (!b || a->context == b->context)
-        return true;
-    PyErr_SetString(PyExc_ValueError, "found scene and model of different contexts");
-    return false;
-}
-
 /* An array per view that must outlive what is made: copied into a bytes object in `keep`. */
 static bool keep_floats(const float **out, PyObject *object, size_t n, const char *what,
                         PyObject *keep)
@@ -229,9 +221,7 @@ static PyObject *options(PyObject *module, PyObject *args)
         PyObject *list = PyList_New(0);
         for (const struct sg_option *o = tables[t].rows(); o->name && list; o++) {
             PyObject *dict = option_dict(o);
-            if (!dict || PyList_Append(list, dict))
-                Py_CLEAR(list);
-            Py_XDECREF(dict);
+            list_take(&list, dict);
         }
         return list;
     }
@@ -249,9 +239,7 @@ static PyObject *engines(PyObject *module, PyObject *none)
                                        e.variant, "description", e.description, "available",
                                        e.available ? Py_True : Py_False, "chosen",
                                        e.chosen ? Py_True : Py_False);
-        if (!dict || PyList_Append(list, dict))
-            Py_CLEAR(list);
-        Py_XDECREF(dict);
+        list_take(&list, dict);
     }
     return list;
 }

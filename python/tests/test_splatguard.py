@@ -4,8 +4,10 @@ import gc
 import math
 import os
 import signal
+import struct
 import threading
 import time
+import zlib
 
 import numpy as np
 import pytest
@@ -279,6 +281,33 @@ def test_evaluate():
     assert abs(10 * math.log10(255**2 / mse) - scores["views"][0]["psnr"]) < 0.05
 
 
+def png(rgb):
+    height, width, _ = rgb.shape
+    chunk = lambda kind, data: (struct.pack(">I", len(data)) + kind + data +
+                                struct.pack(">I", zlib.crc32(kind + data)))
+    rows = b"".join(b"\0" + row.tobytes() for row in rgb)
+    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)) +
+            chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
+
+
+def test_names_of_photos_need_not_be_utf8(tmp_path):
+    model = tmp_path / "sparse" / "0"
+    model.mkdir(parents=True)
+    (tmp_path / "images").mkdir()
+    (model / "cameras.txt").write_text(f"1 PINHOLE {SIDE} {SIDE} 60 60 20 20\n")
+    (model / "points3D.txt").write_text("1 0 0 4 90 90 90 0.5\n")
+    names = [b"caf\xe9.png", b"plain.png"]
+    (model / "images.txt").write_bytes(b"".join(
+        b"%d 1 0 0 0 %d 0 0 1 %s\n\n" % (k + 1, k, name) for k, name in enumerate(names)))
+    for k, name in enumerate(names):
+        with open(os.path.join(os.fsencode(tmp_path / "images"), name), "wb") as f:
+            f.write(png(photo(k)))
+    scene = sg.Scene.load(tmp_path, eval=True, test_every=2)
+    scores = sg.evaluate(model_of(context=scene.context), scene)
+    assert [v["name"] for v in scores["views"]] == [v.name for v in scene.test]
+    assert os.fsdecode(names[0])[:-4] in [v["name"] for v in scores["views"]]
+
+
 # ---- attack and defense ----
 
 def test_audit_of_100_arrays_without_a_file(monkeypatch):
@@ -335,6 +364,9 @@ def test_errors_have_classes_and_names():
         scene_of(views=300, context=context)
     with pytest.raises(ValueError, match="different contexts"):
         sg.train(scene_of(context=sg.Context()), initial=model_of())
+    scene = scene_of()
+    assert sg.Trainer(scene, initial=sg.Model(0, 1, context=scene.context)).iteration == 0
+    assert len(sg.train(scene, iterations=None, callback=lambda step: True)) > 0
     assert issubclass(sg.Cancelled, sg.Error) and issubclass(sg.BudgetError, MemoryError)
 
 
