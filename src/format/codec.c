@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "codec.h"
 
+#include "model/columns.h"
+
 int sg_short_file(sg_ctx *ctx, const struct sg_source *in)
 {
     return sg_fail(ctx, SG_ERR_INPUT, "%s: byte %llu: found the end of the file, expected more",
@@ -17,16 +19,8 @@ int sg_claimed_model(sg_ctx *ctx, const struct sg_source *in, uint64_t count, in
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found %llu Gaussians, the limit is %llu", in->path,
                        (unsigned long long) count, (unsigned long long) max_gaussians);
     const int code = sg_model_create(ctx, (size_t) count, sh_degree, out);
-    if (code == SG_ERR_BUDGET && sg_mem_limit(ctx)) { /* say which file */
-        sg_clear_error(ctx);
-        return sg_fail(
-            ctx, code,
-            "%s: memory: found %llu Gaussians of %zu bytes, the limit for all is %llu bytes",
-            in->path, (unsigned long long) count,
-            (size_t) sg_param_count(sh_degree) * sizeof(float),
-            (unsigned long long) sg_mem_limit(ctx));
-    }
-    return code;
+    return sg_model_refused(ctx, code, in->path, count,
+                            (size_t) sg_param_count(sh_degree) * sizeof(float));
 }
 
 void sg_axes_signs(struct sg_axes a, int quaternion[4], int sh[15])

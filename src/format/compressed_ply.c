@@ -31,15 +31,12 @@ struct layout {
     int chunk_floats, words, bytes; /* per row of the three elements */
 };
 
-/* Where properties of one type are in an element. */
-static int find(const struct ply *p, const struct ply_element *e, const char *name,
-                enum ply_type type)
+/* Where a property is in an element, or -1. */
+static int find(const struct ply *p, const struct ply_element *e, const char *name)
 {
-    for (int i = 0; i < e->properties; i++) {
-        const struct ply_property *q = &p->all[e->first + i];
-        if (!strcmp(q->name, name) && q->type == type && !q->list)
+    for (int i = 0; i < e->properties; i++)
+        if (!strcmp(p->all[e->first + i].name, name))
             return i;
-    }
     return -1;
 }
 
@@ -77,7 +74,7 @@ static int read_layout(sg_ctx *ctx, const struct ply *p, struct layout *l)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: header: found element %s, expected none after sh",
                        p->in->path, e[3].name);
     for (int i = 0; i < RANGES; i++) {
-        l->chunk[i] = find(p, &e[0], range_names[i], PLY_F32);
+        l->chunk[i] = find(p, &e[0], range_names[i]);
         if (l->chunk[i] < 0 && i < RANGE_COLOUR)
             return refuse(ctx, p, range_names[i]);
     }
@@ -85,7 +82,7 @@ static int read_layout(sg_ctx *ctx, const struct ply *p, struct layout *l)
     for (int i = RANGE_COLOUR; i < RANGES; i++)
         l->colours &= l->chunk[i] >= 0;
     for (int i = 0; i < WORDS; i++)
-        if ((l->word[i] = find(p, &e[1], word_names[i], PLY_U32)) < 0)
+        if ((l->word[i] = find(p, &e[1], word_names[i])) < 0)
             return refuse(ctx, p, word_names[i]);
     l->chunks = e[0].rows, l->count = e[1].rows;
     l->chunk_floats = e[0].properties, l->words = e[1].properties;
@@ -106,7 +103,7 @@ static int read_layout(sg_ctx *ctx, const struct ply *p, struct layout *l)
     for (int i = 0; i < l->bytes; i++) {
         char name[24];
         snprintf(name, sizeof(name), "f_rest_%d", i);
-        if ((l->sh[i] = find(p, &e[2], name, PLY_U8)) < 0)
+        if ((l->sh[i] = find(p, &e[2], name)) < 0)
             return refuse(ctx, p, name);
     }
     return SG_OK;

@@ -4,7 +4,6 @@
 
 #include "codec.h"
 #include "core/file.h"
-#include "model/ply.h"
 
 /* Far more than the 4 billion Gaussians of a model take in any format. */
 #define MAX_BYTES ((uint64_t) 1 << 40)

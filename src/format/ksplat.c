@@ -189,8 +189,11 @@ static int read_section(struct file *f, uint32_t index, const struct section *s,
                         size_t first)
 {
     char *sizes = NULL, *centres = NULL;
-    int code = take(f, s->partial, 4, &sizes);
-    if (!code)
+    int code = SG_OK;
+    if (!f->level) /* no positions in buckets */
+        sg_source_skip(f->in, 4 * (uint64_t) s->partial +
+                                  (uint64_t) s->bucket_bytes * (uint64_t) s->buckets);
+    else if (!(code = take(f, s->partial, 4, &sizes)))
         code = take(f, s->bucket_bytes ? s->buckets : 0, s->bucket_bytes, &centres);
     const size_t bytes = row_bytes(f->level, s->sh_degree);
     uint32_t bucket = 0, in_bucket = 0;

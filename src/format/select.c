@@ -44,15 +44,10 @@ int sg_model_select(sg_ctx *ctx, const struct sg_model *m,
     if (!code && !count)
         code = sg_fail(ctx, SG_ERR_INPUT, "model: found none of %zu Gaussians in the selection",
                        m->count);
-    const int degree = s.sh_degree < m->sh_degree ? s.sh_degree : m->sh_degree;
     if (!code)
-        code = sg_model_create(ctx, count, degree, out);
-    if (!code && m->columns && (code = sg_model_add_columns(ctx, *out, m)))
-        sg_model_destroy(out);
+        code = sg_model_create_like(ctx, m, count, s.sh_degree, out);
     for (size_t i = 0, to = 0; i < m->count && !code; i++)
         if (is_selected(m, i, &s))
             sg_model_copy_row(m, i, *out, to++);
-    if (!code && m->active_sh_degree < degree)
-        (*out)->active_sh_degree = m->active_sh_degree;
     return code;
 }

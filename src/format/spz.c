@@ -107,7 +107,7 @@ static void decode_rotation(struct sg_model *m, size_t i, const uint8_t *b, cons
     int sign[4], sh[15], largest = 3;
     uint32_t bits = 0;
     if (h->version == 3) {
-        bits = b[0] | (uint32_t) b[1] << 8 | (uint32_t) b[2] << 16 | (uint32_t) b[3] << 24;
+        bits = sg_u32((const char *) b);
         largest = (int) (bits >> 30);
     }
     for (int k = 3; k >= 0; k--) {
@@ -181,14 +181,20 @@ static int choose_fraction(sg_ctx *ctx, const struct sg_model *m, const char *pa
                          (double) most);
 }
 
+/* The low bytes of a number, the lowest first. */
+static void put_bytes(uint8_t *to, uint32_t v, int bytes)
+{
+    for (int k = 0; k < bytes; k++)
+        to[k] = (uint8_t) (v >> 8 * k);
+}
+
 static void encode_position(const struct sg_model *m, size_t i, uint8_t *b, const struct header *h)
 {
     const int sign[3] = {axes.x, axes.y, axes.z};
     for (int k = 0; k < 3; k++) {
         const int32_t fixed = (int32_t) lrintf(
             ldexpf((float) sign[k] * *sg_model_at(m, i, SG_P_XYZ + k), h->fraction));
-        for (int byte = 0; byte < 3; byte++)
-            *b++ = (uint8_t) ((uint32_t) fixed >> 8 * byte);
+        put_bytes(b + 3 * k, (uint32_t) fixed, 3);
     }
 }
 
@@ -237,8 +243,7 @@ static void encode_rotation(const struct sg_model *m, size_t i, uint8_t *b, cons
         bits = bits << 10 | (negative ? ROTATION_MAX + 1 : 0) |
                (magnitude < ROTATION_MAX ? magnitude : ROTATION_MAX);
     }
-    for (int byte = 0; byte < 4; byte++)
-        b[byte] = (uint8_t) (bits >> 8 * byte);
+    put_bytes(b, bits, 4);
 }
 
 /* Rounded to 5 bits in degree 1 and to 4 bits above, which gzip then finds. */
@@ -280,8 +285,7 @@ int sg_spz_write(sg_ctx *ctx, const struct sg_model *m, FILE *f, const char *pat
     if (code)
         return code;
     uint8_t bytes[HEADER] = {'N', 'G', 'S', 'P', (uint8_t) version};
-    for (int k = 0; k < 4; k++)
-        bytes[8 + k] = (uint8_t) (h.count >> 8 * k);
+    put_bytes(bytes + 8, h.count, 4);
     bytes[12] = (uint8_t) h.sh_degree, bytes[13] = (uint8_t) h.fraction;
     sg_gzip_write(g, bytes, HEADER);
     write_array(g, m, 9, &h, encode_position);

@@ -166,9 +166,12 @@ void sg_columns_clear(struct sg_columns *columns);
 /* Gives a model the columns beside its parameters that PLY files have: those that `like` has, or
  * all where it is NULL. They are zeros; model->columns stays NULL where there is none. */
 int sg_model_add_columns(sg_ctx *ctx, struct sg_model *model, const struct sg_model *like);
-/* A model of `count` Gaussians, all zeros, with the degrees and columns of another. */
-int sg_model_create_like(sg_ctx *ctx, const struct sg_model *like, size_t count,
+/* A model of `count` Gaussians, all zeros, with the columns of another and at most its degrees. */
+int sg_model_create_like(sg_ctx *ctx, const struct sg_model *like, size_t count, int sh_degree,
                          struct sg_model **out);
+/* What making a model for a file gave: where the memory limit refused it, the message names the
+ * file and what it asked for. bytes: of a Gaussian. Returns the code. */
+int sg_model_refused(sg_ctx *ctx, int code, const char *path, uint64_t count, size_t bytes);
 /* Gaussian i of a model becomes number k of one that is like it, or has a lower SH degree. */
 void sg_model_copy_row(const struct sg_model *from, size_t i, struct sg_model *to, size_t k);
 

@@ -188,14 +188,7 @@ static int create_mapped(sg_ctx *ctx, const struct map *map, uint64_t count, con
             found.at[map->property[k].column] = &any;
     if (!code && (code = sg_model_add_columns(ctx, *out, &(struct sg_model){.columns = &found})))
         sg_model_destroy(out);
-    if (code == SG_ERR_BUDGET && sg_mem_limit(ctx)) { /* say which file */
-        sg_clear_error(ctx);
-        sg_fail(ctx, code,
-                "%s: memory: found %llu Gaussians of %zu bytes, the limit for all is %llu bytes",
-                path, (unsigned long long) count, (size_t) map->count * sizeof(float),
-                (unsigned long long) sg_mem_limit(ctx));
-    }
-    return code;
+    return sg_model_refused(ctx, code, path, count, (size_t) map->count * sizeof(float));
 }
 
 int sg_ply_read_model(sg_ctx *ctx, struct sg_source *in, uint64_t max_gaussians,

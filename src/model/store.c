@@ -62,16 +62,28 @@ int sg_model_add_columns(sg_ctx *ctx, struct sg_model *m, const struct sg_model 
     return SG_OK;
 }
 
-int sg_model_create_like(sg_ctx *ctx, const struct sg_model *like, size_t count,
+int sg_model_create_like(sg_ctx *ctx, const struct sg_model *like, size_t count, int sh_degree,
                          struct sg_model **out)
 {
-    int code = sg_model_create(ctx, count, like->sh_degree, out);
+    const int degree = sh_degree < like->sh_degree ? sh_degree : like->sh_degree;
+    int code = sg_model_create(ctx, count, degree, out);
     if (code)
         return code;
-    (*out)->active_sh_degree = like->active_sh_degree;
+    if (like->active_sh_degree < degree)
+        (*out)->active_sh_degree = like->active_sh_degree;
     if (like->columns && (code = sg_model_add_columns(ctx, *out, like)))
         sg_model_destroy(out);
     return code;
+}
+
+int sg_model_refused(sg_ctx *ctx, int code, const char *path, uint64_t count, size_t bytes)
+{
+    if (code != SG_ERR_BUDGET || !sg_mem_limit(ctx))
+        return code;
+    sg_clear_error(ctx);
+    return sg_fail(ctx, code,
+                   "%s: memory: found %llu Gaussians of %zu bytes, the limit for all is %llu bytes",
+                   path, (unsigned long long) count, bytes, (unsigned long long) sg_mem_limit(ctx));
 }
 
 void sg_model_copy_row(const struct sg_model *from, size_t i, struct sg_model *to, size_t k)

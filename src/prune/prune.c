@@ -113,7 +113,7 @@ static int remove_lowest(sg_ctx *ctx, const struct sg_scene *scene, const struct
         for (size_t i = 0; i < n; i++)
             result->unseen[round] += score[i] == 0 || score[i] == -INFINITY;
         result->removed[round] = sg_prune_choose(score, n, ratio, score + n, keep);
-        code = sg_model_create_like(ctx, m, n - result->removed[round], &left);
+        code = sg_model_create_like(ctx, m, n - result->removed[round], m->sh_degree, &left);
     }
     for (size_t i = 0, to = 0; i < n && !code; i++)
         if (keep[i])
@@ -130,7 +130,7 @@ static int remove_lowest(sg_ctx *ctx, const struct sg_scene *scene, const struct
 
 static int copy_model(sg_ctx *ctx, const struct sg_model *m, struct sg_model **out)
 {
-    const int code = sg_model_create_like(ctx, m, m->count, out);
+    const int code = sg_model_create_like(ctx, m, m->count, m->sh_degree, out);
     for (size_t i = 0; i < m->count && !code; i++)
         sg_model_copy_row(m, i, *out, i);
     return code;

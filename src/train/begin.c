@@ -54,7 +54,7 @@ static int initial_model(sg_ctx *ctx, const struct sg_scene *scene, const struct
 static int thinned_copy(sg_ctx *ctx, const struct sg_model *m, uint64_t limit,
                         struct sg_model **out)
 {
-    const int code = sg_model_create_like(ctx, m, limit, out);
+    const int code = sg_model_create_like(ctx, m, limit, m->sh_degree, out);
     if (code)
         return code;
     say_thinned(ctx, m->count, limit);

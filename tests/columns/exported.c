@@ -111,13 +111,13 @@ static void test_copies(void **state)
     (void) state;
     sg_ctx *ctx = make_context(1);
     struct sg_model *m = make_toys(ctx), *plain = make_model(ctx, 2, DEGREE, 93), *out;
-    assert_int_equal(sg_model_create_like(ctx, m, 2, &out), SG_OK);
+    assert_int_equal(sg_model_create_like(ctx, m, 2, m->sh_degree, &out), SG_OK);
     sg_model_copy_row(m, 30, out, 0);
     sg_model_copy_row(m, 7, out, 1);
     assert_true(toy_of(out->columns, 0, 1) == 30.5f && toy_of(out->columns, 1, 0) == 7);
     assert_true(*sg_model_at(out, 1, SG_P_SH) == *sg_model_at(m, 7, SG_P_SH));
     sg_model_destroy(&out);
-    assert_int_equal(sg_model_create_like(ctx, plain, 2, &out), SG_OK);
+    assert_int_equal(sg_model_create_like(ctx, plain, 2, plain->sh_degree, &out), SG_OK);
     assert_null(out->columns);
     sg_model_destroy(&out);
     sg_model_destroy(&plain);
@@ -142,7 +142,7 @@ static void test_edit(void **state)
         .keep = keep, .kept = N / 2, .appended = 2, .source = source, .kind = kind};
     assert_int_equal(sg_host_upload(ctx, &h, m, m->columns), SG_OK);
     assert_int_equal(sg_host_edit(ctx, &h, &edit), SG_OK);
-    assert_int_equal(sg_model_create_like(ctx, m, N / 2 + 2, &after), SG_OK);
+    assert_int_equal(sg_model_create_like(ctx, m, N / 2 + 2, m->sh_degree, &after), SG_OK);
     assert_int_equal(sg_host_download(&h, after, after->columns), SG_OK);
     for (size_t i = 0; i < N / 2; i++)
         assert_true(toy_of(after->columns, i, 1) == (float) (2 * i + 1) + 0.5f);
