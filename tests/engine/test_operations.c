@@ -2,52 +2,12 @@
 /* What every engine must do, by the calls of engine.h alone: each case runs on every engine and
  * variant of this machine and is compared with the oracle, or with differences of the engine's own
  * values. */
-#include "models.h"
+#include "operations.h"
 
-#define W 52
-#define H 41
-#define PIXELS ((size_t) W * H)
-#define GAUSSIANS 150
-#define DEGREE 2
-
-static struct engine_case cases[ENGINE_CASES];
-static int case_count;
-
-static int find_cases(void **state)
-{
-    (void) state;
-    case_count = engine_cases(cases);
-    return 0;
-}
-
-static struct sg_engine *begin(sg_ctx *ctx, int k, const struct sg_model *m,
-                               const struct sg_columns *o)
-{
-    return make_engine(ctx, cases[k].engine, cases[k].variant, m, o);
-}
-
-/* Draws and compares with a photo, by the first n of three losses. */
 static struct sg_step losses_of(struct sg_engine *e, const struct sg_model *m, const uint8_t *mask,
                                 size_t n)
 {
-    static uint8_t photo[3 * PIXELS];
-    const struct sg_camera camera = make_camera(W, H, 3);
-    const struct sg_render_params params = {SG_RENDER_DEFAULTS, .background = {0.3f, 0.2f, 0.6f}};
-    const struct sg_loss losses[] = {
-        {SG_LOSS_PHOTOMETRIC, 1, {.photometric = {.lambda_dssim = 0.2f}}},
-        {SG_LOSS_ANISOTROPY, 0.02, {.anisotropy = {SG_ANISOTROPY_DEFAULTS}}},
-        {SG_LOSS_TOTAL_VARIATION, 3, {.total_variation = SG_TV_NORM_HUBER}},
-    };
-    struct sg_target target = {0};
-    struct sg_step step;
-    for (size_t i = 0; i < 3 * PIXELS; i++)
-        photo[i] = (uint8_t) draw(14, i, 0, 255.9f);
-    assert_int_equal(sg_engine_photo_add(e, W, H, photo, mask, &target.photo), SG_OK);
-    assert_int_equal(sg_engine_draw(e, &camera, m->sh_degree, &params, false), SG_OK);
-    assert_int_equal(sg_engine_losses(e, &target, losses, n), SG_OK);
-    assert_int_equal(sg_engine_read_step(e, &step), SG_OK);
-    sg_engine_photo_drop(e, target.photo);
-    return step;
+    return losses_against(e, m, mask, NULL, 255.9f, n);
 }
 
 static bool counts_absolute(int k)
@@ -62,42 +22,6 @@ static bool counts_absolute(int k)
     sg_engine_destroy(&e);
     sg_ctx_destroy(&ctx);
     return code == SG_OK;
-}
-
-/* Gradients of all parameters after losses_of. */
-static struct sg_model *gradients_of(sg_ctx *ctx, struct sg_engine *e, const struct sg_model *m)
-{
-    struct sg_model *g;
-    assert_int_equal(sg_engine_raster_backward(e), SG_OK);
-    assert_int_equal(sg_model_create(ctx, m->count, m->sh_degree, &g), SG_OK);
-    assert_int_equal(sg_engine_read_gradients(e, g), SG_OK);
-    return g;
-}
-
-static size_t values_of(const struct sg_model *m)
-{
-    return m->capacity * (size_t) sg_param_count(m->sh_degree);
-}
-
-/* Of all values at most a share may differ by more than `relative` of the largest of their
- * plane. */
-static void assert_near(int k, const char *what, const struct sg_model *found,
-                        const struct sg_model *expected, float relative, double share)
-{
-    const int planes = sg_param_count(expected->sh_degree);
-    assert_int_equal(found->count, expected->count);
-    for (int p = 0; p < planes; p++) {
-        float largest = 0;
-        size_t off = 0;
-        for (size_t i = 0; i < expected->count; i++)
-            largest = fmaxf(largest, fabsf(*sg_model_at(expected, i, p)));
-        for (size_t i = 0; i < expected->count; i++)
-            off += !(fabsf(*sg_model_at(found, i, p) - *sg_model_at(expected, i, p)) <=
-                     relative * largest + 1e-9f);
-        if ((double) off > share * (double) expected->count + 1e-9)
-            fail_msg("%s: %s: plane %d: %zu of %zu values are off", case_name(cases[k]), what, p,
-                     off, expected->count);
-    }
 }
 
 /* Every loss on its own and all of them, with a mask and without: values and gradients as the
@@ -635,173 +559,6 @@ static void test_gradient_statistics(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* ---- exposures ---- */
-
-/* The loss of a random, dark photo with this exposure, NULL = none, on a model that is drawn anew.
- */
-static struct sg_step exposed_loss(struct sg_engine *e, const struct sg_model *m,
-                                   const uint8_t *mask, const float *exposure)
-{
-    static uint8_t photo[3 * PIXELS];
-    const struct sg_camera camera = make_camera(W, H, 3);
-    const struct sg_render_params params = {SG_RENDER_DEFAULTS, .background = {0.3f, 0.2f, 0.6f}};
-    const struct sg_loss loss = {SG_LOSS_PHOTOMETRIC, 1, {.photometric = {.lambda_dssim = 0.2f}}};
-    struct sg_target target = {.exposure = exposure};
-    struct sg_step step;
-    for (size_t i = 0; i < 3 * PIXELS; i++)
-        photo[i] = (uint8_t) draw(14, i, 0, 40);
-    assert_int_equal(sg_engine_photo_add(e, W, H, photo, mask, &target.photo), SG_OK);
-    assert_int_equal(sg_engine_upload(e, m, NULL), SG_OK);
-    assert_int_equal(sg_engine_draw(e, &camera, m->sh_degree, &params, false), SG_OK);
-    assert_int_equal(sg_engine_losses(e, &target, &loss, 1), SG_OK);
-    assert_int_equal(sg_engine_read_step(e, &step), SG_OK);
-    sg_engine_photo_drop(e, target.photo);
-    return step;
-}
-
-/* What it makes of a render is brighter than the photo everywhere: the loss has no kink. */
-static const float some_exposure[SG_EXPOSURE] = {0.9f, 0.1f, -0.05f, 0.3f,   0.08f, 1.1f,
-                                                 0.2f, 0.3f, -0.1f,  -0.03f, 0.75f, 0.35f};
-
-/* The gradients with respect to an exposure and, through it, to colours, by differences of the
- * loss. */
-static void test_exposure_gradient(void **state)
-{
-    (void) state;
-    enum { N = 30 };
-    sg_ctx *ctx = make_context(2);
-    struct sg_model *m = make_model(ctx, N, 0, 38);
-    for (int k = 0; k < case_count; k++) {
-        struct sg_engine *e = begin(ctx, k, m, NULL);
-        const struct sg_step at = exposed_loss(e, m, NULL, some_exposure);
-        struct sg_model *g = gradients_of(ctx, e, m);
-        float moved[SG_EXPOSURE];
-        for (int i = 0; i < SG_EXPOSURE; i++) {
-            double change = 0;
-            for (int side = -1; side <= 1; side += 2) {
-                memcpy(moved, some_exposure, sizeof(moved));
-                moved[i] += 0.01f * (float) side;
-                change += side * exposed_loss(e, m, NULL, moved).loss[SG_LOSS_PHOTOMETRIC] / 0.02;
-            }
-            if (!(fabs(change - at.exposure[i]) < 0.02 * fabs(change) + 5e-4))
-                fail_msg("%s: number %d: gradient %g, expected %g", case_name(cases[k]), i,
-                         at.exposure[i], change);
-        }
-        float largest = 0;
-        for (size_t i = 0; i < N; i++)
-            largest = fmaxf(largest, fabsf(*sg_model_at(g, i, SG_P_SH + 1)));
-        for (size_t i = 0; i < N; i++) {
-            float *green = sg_model_at(m, i, SG_P_SH + 1);
-            const float kept = *green;
-            double change = 0;
-            for (int side = -1; side <= 1; side += 2) {
-                *green = kept + 0.05f * (float) side;
-                change += side * exposed_loss(e, m, NULL, some_exposure).loss[0] / 0.1;
-            }
-            *green = kept;
-            const float found = *sg_model_at(g, i, SG_P_SH + 1);
-            if (!(fabs(change - (double) found) < 0.08 * (double) largest))
-                fail_msg("%s: Gaussian %zu: gradient %g, expected %g", case_name(cases[k]), i,
-                         (double) found, change);
-        }
-        sg_model_destroy(&g);
-        sg_engine_destroy(&e);
-    }
-    sg_model_destroy(&m);
-    sg_ctx_destroy(&ctx);
-}
-
-/* Every engine has the oracle's values; the identity is no exposure. */
-static void test_exposure_values(void **state)
-{
-    (void) state;
-    static const float identity[SG_EXPOSURE] = {[0] = 1, [5] = 1, [10] = 1};
-    static uint8_t mask[PIXELS];
-    for (size_t i = 0; i < PIXELS; i++)
-        mask[i] = i % 7 ? 255 : 0;
-    sg_ctx *ctx = make_context(2);
-    struct sg_model *m = make_model(ctx, GAUSSIANS, DEGREE, 39), *right = NULL;
-    struct sg_step expected = {0};
-    for (int k = case_count - 1; k >= 0; k--) {
-        struct sg_engine *e = begin(ctx, k, m, NULL);
-        const struct sg_step none = exposed_loss(e, m, NULL, NULL);
-        struct sg_model *g = gradients_of(ctx, e, m);
-        const struct sg_step same = exposed_loss(e, m, NULL, identity);
-        struct sg_model *h = gradients_of(ctx, e, m);
-        assert_true(same.photometric.total == none.photometric.total);
-        assert_memory_equal(g->params, h->params, values_of(g) * sizeof(float));
-        sg_model_destroy(&g);
-        sg_model_destroy(&h);
-        const struct sg_step found = exposed_loss(e, m, mask, some_exposure);
-        g = gradients_of(ctx, e, m);
-        if (!right) {
-            expected = found, right = g;
-        } else {
-            assert_true(fabs(found.photometric.total / expected.photometric.total - 1) < 1e-4);
-            for (int i = 0; i < SG_EXPOSURE; i++)
-                assert_true(fabs(found.exposure[i] - expected.exposure[i]) <
-                            2e-3 * fabs(expected.exposure[i]) + 1e-4);
-            assert_near(k, "gradient", g, right, 2e-3f, 0.03);
-            sg_model_destroy(&g);
-        }
-        sg_engine_destroy(&e);
-    }
-    sg_model_destroy(&right);
-    sg_model_destroy(&m);
-    sg_ctx_destroy(&ctx);
-}
-
-/* With the 2D filter of Mip-Splatting images, gradients and hits are the oracle's, and others than
- * without. */
-static void test_mip_filter(void **state)
-{
-    (void) state;
-    static float weight[3 * PIXELS], rgb[3 * PIXELS], right[3 * PIXELS], plain[3 * PIXELS];
-    static double hits[GAUSSIANS], right_hits[GAUSSIANS];
-    sg_ctx *ctx = make_context(2);
-    const struct sg_camera camera = make_camera(W, H, 3), *views[] = {&camera};
-    struct sg_model *m = make_model(ctx, GAUSSIANS, DEGREE, 40), *expected = NULL;
-    for (size_t i = 0; i < 3 * PIXELS; i++)
-        weight[i] = draw(20, i, -1, 1);
-    for (size_t i = 0; i < GAUSSIANS; i += 2) /* of about a pixel */
-        for (int axis = 0; axis < 3; axis++)
-            *sg_model_at(m, i, SG_P_SCALE + axis) = draw(21, i, -5, -3);
-    for (int k = case_count - 1; k >= 0; k--) { /* the oracle is the last */
-        struct sg_render_params params = {SG_RENDER_DEFAULTS};
-        struct sg_engine *e = begin(ctx, k, m, NULL);
-        assert_int_equal(sg_engine_draw(e, &camera, DEGREE, &params, false), SG_OK);
-        assert_int_equal(sg_engine_read_image(e, plain, NULL, NULL), SG_OK);
-        params.mip_filter = true;
-        assert_int_equal(sg_engine_draw(e, &camera, DEGREE, &params, false), SG_OK);
-        assert_int_equal(sg_engine_read_image(e, rgb, NULL, NULL), SG_OK);
-        assert_int_equal(sg_engine_write_image_gradient(e, weight), SG_OK);
-        struct sg_model *g = gradients_of(ctx, e, m);
-        assert_int_equal(sg_engine_count_hits(e, views, 1, &params, SG_HIT_WEIGHT, hits), SG_OK);
-        if (!expected) {
-            expected = g;
-            memcpy(right, rgb, sizeof(rgb));
-            memcpy(right_hits, hits, sizeof(hits));
-        } else {
-            size_t off = 0;
-            for (size_t i = 0; i < 3 * PIXELS; i++)
-                off += !(fabsf(rgb[i] - right[i]) < 1e-3f);
-            for (size_t i = 0; i < GAUSSIANS; i++)
-                off += !(fabs(hits[i] - right_hits[i]) < 0.01 * right_hits[i] + 0.05);
-            assert_true(off < 20);
-            assert_near(k, "gradient", g, expected, 2e-3f, 0.03);
-            sg_model_destroy(&g);
-        }
-        size_t differ = 0;
-        for (size_t i = 0; i < 3 * PIXELS; i++)
-            differ += fabsf(rgb[i] - plain[i]) > 0.01f;
-        assert_true(differ > PIXELS / 4);
-        sg_engine_destroy(&e);
-    }
-    sg_model_destroy(&expected);
-    sg_model_destroy(&m);
-    sg_ctx_destroy(&ctx);
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -814,9 +571,6 @@ int main(void)
         cmocka_unit_test(test_edit_arguments),
         cmocka_unit_test(test_absolute_cancels_nothing),
         cmocka_unit_test(test_gradient_statistics),
-        cmocka_unit_test(test_exposure_gradient),
-        cmocka_unit_test(test_exposure_values),
-        cmocka_unit_test(test_mip_filter),
     };
     return cmocka_run_group_tests(tests, find_cases, NULL);
 }

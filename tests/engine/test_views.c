@@ -1,0 +1,165 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Views that are more than a camera: exposures of photos, and the 2D filter of Mip-Splatting, on
+ * every engine and variant. */
+#include "operations.h"
+
+/* The loss of a dark photo on a model that is drawn anew. */
+static struct sg_step exposed_loss(struct sg_engine *e, const struct sg_model *m,
+                                   const uint8_t *mask, const float *exposure)
+{
+    assert_int_equal(sg_engine_upload(e, m, NULL), SG_OK);
+    return losses_against(e, m, mask, exposure, 40, 1);
+}
+
+/* What it makes of a render is brighter than the photo everywhere: the loss has no kink. */
+static const float some_exposure[SG_EXPOSURE] = {0.9f, 0.1f, -0.05f, 0.3f,   0.08f, 1.1f,
+                                                 0.2f, 0.3f, -0.1f,  -0.03f, 0.75f, 0.35f};
+
+/* The gradients with respect to an exposure and, through it, to colours, by differences of the
+ * loss. */
+static void test_exposure_gradient(void **state)
+{
+    (void) state;
+    enum { N = 30 };
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_model(ctx, N, 0, 38);
+    for (int k = 0; k < case_count; k++) {
+        struct sg_engine *e = begin(ctx, k, m, NULL);
+        const struct sg_step at = exposed_loss(e, m, NULL, some_exposure);
+        struct sg_model *g = gradients_of(ctx, e, m);
+        float moved[SG_EXPOSURE];
+        for (int i = 0; i < SG_EXPOSURE; i++) {
+            double change = 0;
+            for (int side = -1; side <= 1; side += 2) {
+                memcpy(moved, some_exposure, sizeof(moved));
+                moved[i] += 0.01f * (float) side;
+                change += side * exposed_loss(e, m, NULL, moved).loss[SG_LOSS_PHOTOMETRIC] / 0.02;
+            }
+            if (!(fabs(change - at.exposure[i]) < 0.02 * fabs(change) + 5e-4))
+                fail_msg("%s: number %d: gradient %g, expected %g", case_name(cases[k]), i,
+                         at.exposure[i], change);
+        }
+        float largest = 0;
+        for (size_t i = 0; i < N; i++)
+            largest = fmaxf(largest, fabsf(*sg_model_at(g, i, SG_P_SH + 1)));
+        for (size_t i = 0; i < N; i++) {
+            float *green = sg_model_at(m, i, SG_P_SH + 1);
+            const float kept = *green;
+            double change = 0;
+            for (int side = -1; side <= 1; side += 2) {
+                *green = kept + 0.05f * (float) side;
+                change += side * exposed_loss(e, m, NULL, some_exposure).loss[0] / 0.1;
+            }
+            *green = kept;
+            const float found = *sg_model_at(g, i, SG_P_SH + 1);
+            if (!(fabs(change - (double) found) < 0.08 * (double) largest))
+                fail_msg("%s: Gaussian %zu: gradient %g, expected %g", case_name(cases[k]), i,
+                         (double) found, change);
+        }
+        sg_model_destroy(&g);
+        sg_engine_destroy(&e);
+    }
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
+/* Every engine has the oracle's values; the identity is no exposure. */
+static void test_exposure_values(void **state)
+{
+    (void) state;
+    static const float identity[SG_EXPOSURE] = {[0] = 1, [5] = 1, [10] = 1};
+    static uint8_t mask[PIXELS];
+    for (size_t i = 0; i < PIXELS; i++)
+        mask[i] = i % 7 ? 255 : 0;
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_model(ctx, GAUSSIANS, DEGREE, 39), *right = NULL;
+    struct sg_step expected = {0};
+    for (int k = case_count - 1; k >= 0; k--) {
+        struct sg_engine *e = begin(ctx, k, m, NULL);
+        const struct sg_step none = exposed_loss(e, m, NULL, NULL);
+        struct sg_model *g = gradients_of(ctx, e, m);
+        const struct sg_step same = exposed_loss(e, m, NULL, identity);
+        struct sg_model *h = gradients_of(ctx, e, m);
+        assert_true(same.photometric.total == none.photometric.total);
+        assert_memory_equal(g->params, h->params, values_of(g) * sizeof(float));
+        sg_model_destroy(&g);
+        sg_model_destroy(&h);
+        const struct sg_step found = exposed_loss(e, m, mask, some_exposure);
+        g = gradients_of(ctx, e, m);
+        if (!right) {
+            expected = found, right = g;
+        } else {
+            assert_true(fabs(found.photometric.total / expected.photometric.total - 1) < 1e-4);
+            for (int i = 0; i < SG_EXPOSURE; i++)
+                assert_true(fabs(found.exposure[i] - expected.exposure[i]) <
+                            2e-3 * fabs(expected.exposure[i]) + 1e-4);
+            assert_near(k, "gradient", g, right, 2e-3f, 0.03);
+            sg_model_destroy(&g);
+        }
+        sg_engine_destroy(&e);
+    }
+    sg_model_destroy(&right);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
+/* With the 2D filter of Mip-Splatting images, gradients and hits are the oracle's, and others than
+ * without. */
+static void test_mip_filter(void **state)
+{
+    (void) state;
+    static float weight[3 * PIXELS], rgb[3 * PIXELS], right[3 * PIXELS], plain[3 * PIXELS];
+    static double hits[GAUSSIANS], right_hits[GAUSSIANS];
+    sg_ctx *ctx = make_context(2);
+    const struct sg_camera camera = make_camera(W, H, 3), *views[] = {&camera};
+    struct sg_model *m = make_model(ctx, GAUSSIANS, DEGREE, 40), *expected = NULL;
+    for (size_t i = 0; i < 3 * PIXELS; i++)
+        weight[i] = draw(20, i, -1, 1);
+    for (size_t i = 0; i < GAUSSIANS; i += 2) /* of about a pixel */
+        for (int axis = 0; axis < 3; axis++)
+            *sg_model_at(m, i, SG_P_SCALE + axis) = draw(21, i, -5, -3);
+    for (int k = case_count - 1; k >= 0; k--) { /* the oracle is the last */
+        struct sg_render_params params = {SG_RENDER_DEFAULTS};
+        struct sg_engine *e = begin(ctx, k, m, NULL);
+        assert_int_equal(sg_engine_draw(e, &camera, DEGREE, &params, false), SG_OK);
+        assert_int_equal(sg_engine_read_image(e, plain, NULL, NULL), SG_OK);
+        params.mip_filter = true;
+        assert_int_equal(sg_engine_draw(e, &camera, DEGREE, &params, false), SG_OK);
+        assert_int_equal(sg_engine_read_image(e, rgb, NULL, NULL), SG_OK);
+        assert_int_equal(sg_engine_write_image_gradient(e, weight), SG_OK);
+        struct sg_model *g = gradients_of(ctx, e, m);
+        assert_int_equal(sg_engine_count_hits(e, views, 1, &params, SG_HIT_WEIGHT, hits), SG_OK);
+        if (!expected) {
+            expected = g;
+            memcpy(right, rgb, sizeof(rgb));
+            memcpy(right_hits, hits, sizeof(hits));
+        } else {
+            size_t off = 0;
+            for (size_t i = 0; i < 3 * PIXELS; i++)
+                off += !(fabsf(rgb[i] - right[i]) < 1e-3f);
+            for (size_t i = 0; i < GAUSSIANS; i++)
+                off += !(fabs(hits[i] - right_hits[i]) < 0.01 * right_hits[i] + 0.05);
+            assert_true(off < 20);
+            assert_near(k, "gradient", g, expected, 2e-3f, 0.03);
+            sg_model_destroy(&g);
+        }
+        size_t differ = 0;
+        for (size_t i = 0; i < 3 * PIXELS; i++)
+            differ += fabsf(rgb[i] - plain[i]) > 0.01f;
+        assert_true(differ > PIXELS / 4);
+        sg_engine_destroy(&e);
+    }
+    sg_model_destroy(&expected);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_exposure_gradient),
+        cmocka_unit_test(test_exposure_values),
+        cmocka_unit_test(test_mip_filter),
+    };
+    return cmocka_run_group_tests(tests, find_cases, NULL);
+}
