@@ -54,9 +54,18 @@ static bool is_within(const char *path, const char *folder)
     return !strncmp(path, folder, n) && (path[n] == '/' || !path[n] || n == 1);
 }
 
-/* path: of a new output. own: the output itself, which may be a scene that the tool made, or
- * NULL. */
-static int refuse_scene_around(sg_ctx *ctx, const char *path, const char *own)
+/* Whether the place is the output itself, and holds a scene that its maker made. */
+static bool is_own_scene(sg_ctx *ctx, const char *place, const char *output,
+                         const struct sg_output_rules *rules)
+{
+    char *real = rules && rules->makes_scenes ? realpath(output, NULL) : NULL;
+    const bool own = real && !strcmp(place, real) && rules->is_own(ctx, output);
+    free(real);
+    return own;
+}
+
+/* path: of a new output. rules: of the output, or NULL where it is a file. */
+static int refuse_scene_around(sg_ctx *ctx, const char *path, const struct sg_output_rules *rules)
 {
     char *place = existing_place(path);
     int code = place ? SG_OK : sg_no_memory(ctx);
@@ -66,7 +75,8 @@ static int refuse_scene_around(sg_ctx *ctx, const char *path, const char *own)
             *end = 0;
         else
             end[1] = 0; /* the root */
-        if ((!own || strcmp(place, own)) && sg_scene_recognised(ctx, place)) {
+        /* In this order: another process that makes the scene says first whose it is. */
+        if (sg_scene_recognised(ctx, place) && !is_own_scene(ctx, place, path, rules)) {
             code = sg_fail(ctx, SG_ERR_INPUT,
                            "%s: found the output in the scene %s, expected a place apart from "
                            "every scene",
@@ -97,15 +107,15 @@ static int refuse_inputs_inside(sg_ctx *ctx, const char *folder, const char *rea
 
 static int check_place(sg_ctx *ctx, const char *folder, const struct sg_output_rules *rules)
 {
-    char *real = realpath(folder, NULL);
-    const bool own = real && rules->is_own && rules->is_own(ctx, folder);
-    /* A run continues in its folder, and a scene that the tool made is replaced as a whole. */
-    int code = rules->resume && own
-                   ? 0
-                   : refuse_scene_around(ctx, folder, own && rules->makes_scenes ? real : NULL);
-    if (!code && !rules->resume)
+    /* A run continues in its folder. */
+    if (rules->resume && rules->is_own && rules->is_own(ctx, folder))
+        return 0;
+    int code = refuse_scene_around(ctx, folder, rules);
+    if (!code && !rules->resume) {
+        char *real = realpath(folder, NULL);
         code = refuse_inputs_inside(ctx, folder, real, rules->inputs);
-    free(real);
+        free(real);
+    }
     return code;
 }
 
