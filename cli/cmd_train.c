@@ -49,12 +49,15 @@ static const char *unused_option(const struct train_config *c, const bool *given
     struct option_place list[OPTIONS_MAX];
     const size_t n = options_list(&command_train, list);
     const bool limited = c->run.train.max_gaussians || c->run.max_memory;
+    const bool tolerates =
+        c->run.train.tolerance > 0 || c->run.train.tolerance == SG_TOLERANCE_AUTO;
     if (c->run.train.defense.on || c->run.audit == SG_RUN_AUDIT_DEFEND)
         return NULL;
     for (size_t i = 0; i < n; i++) {
         const struct sg_option *o = list[i].row;
         bool counts = !strcmp(o->name, "defense") || !strcmp(o->name, "audit") ||
-                      !strcmp(o->name, "tolerance") || !strcmp(o->name, "smooth");
+                      !strcmp(o->name, "tolerance") || !strcmp(o->name, "smooth") ||
+                      (tolerates && !strncmp(o->name, "tolerance-", 10));
         for (size_t k = 0; k < sizeof(ranking) / sizeof(ranking[0]); k++)
             counts |= limited && !strcmp(o->name, ranking[k]);
         if (!strcmp(o->group, "Defense") && given[i] && !counts)
