@@ -182,6 +182,7 @@ static void test_texts(void **state)
     check_text("engine", "ref", "ref");
     check_text("engine", "gpu", "");
     check_text("engine", "vulkan", "vulkan");
+    check_text("engine", "auto", "auto");
     check_text("engine", "vulkan:0", "vulkan:0");
     check_text("engine", "vulkan:a b", "vulkan:a b");
     check_text("engine", "vulkan:", "");

@@ -14,10 +14,10 @@ extern "C" {
 #endif
 
 /* What the field `engine` of parameters takes, as the choices of an option and in its help. */
-#define SG_ENGINE_CHOICES "cpu|vulkan[:DEVICE]|ref"
+#define SG_ENGINE_CHOICES "cpu|vulkan[:DEVICE]|ref|auto"
 #define SG_ENGINE_HELP                                                                             \
     "What computes: cpu; vulkan on a GPU, or on the device with this number or part of a name "    \
-    "(see info --devices); ref, the slow scalar oracle."
+    "(see info --devices); ref, the slow scalar oracle; auto, a GPU where there is one, else cpu."
 
 /* All texts are static. */
 struct sg_engine_info {

@@ -69,6 +69,9 @@ int sg_engine_create(sg_ctx *ctx, const char *name, const char *variant, struct 
     if (!kind)
         return SG_ERR_USAGE;
     const int made = kind->create(ctx, choice_of(kind, name, variant), out);
+    if (!made && name && !strcmp(name, SG_ENGINE_AUTO))
+        sg_log(ctx, SG_LOG_INFO, "engine: auto takes %s: %s", kind->name,
+               kind->devices ? sg_engine_variant(*out) : "this machine has no GPU for vulkan");
     if (!made)
         sg_log(ctx, SG_LOG_DEBUG, "engine: %s, kernels %s, %d threads", kind->name,
                sg_engine_variant(*out), sg_ctx_threads(ctx));

@@ -22,8 +22,8 @@ struct sg_engine;
 
 /* ---- creation ---- */
 
-/* name: of an engine ("cpu", "ref"), NULL = "cpu"; variant: of its kernels, NULL = the best this
- * machine runs. SG_ERR_USAGE for one that is not known or does not run here. */
+/* name: of an engine ("cpu", "ref") or "auto", NULL = "cpu"; variant: of its kernels, NULL = the
+ * best this machine runs. SG_ERR_USAGE for one that is not known or does not run here. */
 int sg_engine_check(sg_ctx *ctx, const char *name, const char *variant);
 int sg_engine_create(sg_ctx *ctx, const char *name, const char *variant, struct sg_engine **out);
 void sg_engine_destroy(struct sg_engine **engine);

@@ -110,7 +110,8 @@ struct sg_engine_kind {
     /* Names of the variants that run here, slowest first; returns their number. */
     int (*variants)(const char *out[SG_ENGINE_VARIANTS]);
     struct sg_footprint (*footprint)(const struct sg_work *);
-    /* For sg_engine_list: fills in all but the engine's name. Returns false after the last one. */
+    /* For sg_engine_list: fills in all but the engine's name. Returns false after the last one. out
+     * NULL: only this. */
     bool (*describe)(size_t index, struct sg_engine_info *out);
 };
 extern const struct sg_engine_kind sg_engine_cpu, sg_engine_vulkan, sg_engine_ref;

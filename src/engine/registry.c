@@ -16,8 +16,21 @@ static bool is(const struct sg_engine_kind *kind, const char *name)
     return !strncmp(name, kind->name, n) && (!name[n] || (kind->devices && name[n] == ':'));
 }
 
+/* "auto": an engine whose device nobody has to name, else the first. */
+static const struct sg_engine_kind *best(void)
+{
+    for (size_t i = 0; i < KINDS; i++) {
+        struct sg_engine_info info = {0};
+        if (kinds[i]->devices && kinds[i]->describe(0, &info) && info.available)
+            return kinds[i];
+    }
+    return kinds[0];
+}
+
 static const struct sg_engine_kind *find(const char *name)
 {
+    if (name && !strcmp(name, SG_ENGINE_AUTO))
+        return best();
     for (size_t i = 0; i < KINDS; i++)
         if (!name || is(kinds[i], name))
             return kinds[i];
@@ -27,9 +40,9 @@ static const struct sg_engine_kind *find(const char *name)
 const struct sg_engine_kind *sg_engine_find(sg_ctx *ctx, const char *name)
 {
     const struct sg_engine_kind *kind = find(name);
-    char list[64] = "";
+    char list[64] = SG_ENGINE_AUTO;
     for (size_t i = 0; !kind && i < KINDS; i++) {
-        strcat(list, i ? i + 1 < KINDS ? ", " : " or " : "");
+        strcat(list, i + 1 < KINDS ? ", " : " or ");
         strcat(list, kinds[i]->name);
     }
     if (!kind)
@@ -54,11 +67,11 @@ bool sg_engine_list(size_t index, struct sg_engine_info *out)
 {
     for (size_t k = 0; k < KINDS; k++)
         for (size_t i = 0;; i++) {
-            *out = (struct sg_engine_info){.engine = kinds[k]->name};
-            if (!kinds[k]->describe(i, out))
+            if (!kinds[k]->describe(i, NULL))
                 break;
+            *out = (struct sg_engine_info){.engine = kinds[k]->name};
             if (!index--)
-                return true;
+                return kinds[k]->describe(i, out);
         }
     *out = (struct sg_engine_info){0};
     return false;

@@ -5,12 +5,14 @@
 
 #include "core/internal.h"
 
-#define SG_ENGINES 4         /* the most that there are */
-#define SG_ENGINE_VARIANTS 4 /* the most that an engine has */
+#define SG_ENGINE_AUTO "auto" /* a GPU where there is one, else the CPU */
+#define SG_ENGINES 4          /* the most that there are */
+#define SG_ENGINE_VARIANTS 4  /* the most that an engine has */
 
 struct sg_engine_kind;
 
-/* The engine of this name, NULL = the first. NULL with SG_ERR_USAGE recorded: unknown. */
+/* The engine of this name, which may be SG_ENGINE_AUTO; NULL = the first. NULL with SG_ERR_USAGE
+ * recorded: unknown. */
 const struct sg_engine_kind *sg_engine_find(sg_ctx *ctx, const char *name);
 
 /* Names of all engines, in order; returns their number. */

@@ -459,7 +459,7 @@ static void test_front_end(void **state)
                     before.optimise > 0);
         sg_engine_destroy(&b);
         REFUSED(SG_ERR_USAGE, sg_engine_create(ctx, "gpu", NULL, &b),
-                "expected cpu, vulkan or ref");
+                "expected auto, cpu, vulkan or ref");
         REFUSED(SG_ERR_USAGE, sg_engine_create(ctx, "cpu", "mmx", &b), "cpu: found \"mmx\"");
         sg_model_destroy(&m);
         assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);

@@ -53,8 +53,8 @@ int sg_cpu_variants(const struct cpu_kernels *out[SG_ENGINE_VARIANTS])
 
 bool sg_cpu_describe(size_t index, struct sg_engine_info *out)
 {
-    if (index >= VARIANTS)
-        return false;
+    if (index >= VARIANTS || !out)
+        return index < VARIANTS;
     const struct cpu_kernels *running[SG_ENGINE_VARIANTS];
     const int n = sg_cpu_variants(running);
     out->variant = variants[index].kernels->name;

@@ -598,8 +598,10 @@ static struct sg_footprint footprint(const struct sg_work *w)
 
 static bool describe(size_t index, struct sg_engine_info *out)
 {
-    out->description = "scalar and slow: what the others are tested against";
-    out->available = out->chosen = true;
+    if (index == 0 && out) {
+        out->description = "scalar and slow: what the others are tested against";
+        out->available = out->chosen = true;
+    }
     return index == 0;
 }
 

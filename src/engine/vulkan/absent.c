@@ -24,8 +24,10 @@ static struct sg_footprint footprint(const struct sg_work *work)
 
 static bool describe(size_t index, struct sg_engine_info *out)
 {
-    out->description = "Vulkan compute";
-    out->missing = MISSING;
+    if (index == 0 && out) {
+        out->description = "Vulkan compute";
+        out->missing = MISSING;
+    }
     return index == 0;
 }
 

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "devices.h"
 
+#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -126,22 +127,29 @@ static bool contains(const char *text, const char *part)
     return false;
 }
 
+/* The device that is taken where nobody has named one. */
+static const struct vk_device_choice *best_of(const struct vk_device_choice *devices, int n)
+{
+    const struct vk_device_choice *best = NULL;
+    for (int i = 0; i < n; i++) {
+        const struct vk_device_choice *d = &devices[i];
+        if (rank(d) > 0 && (!best || rank(d) > rank(best) ||
+                            (rank(d) == rank(best) && d->info.memory > best->info.memory)))
+            best = d;
+    }
+    return best;
+}
+
 int sg_vk_choose_device(sg_ctx *ctx, const struct vk_device_choice *devices, int n,
                         const char *selector, const struct vk_device_choice **out)
 {
-    *out = NULL;
+    *out = selector ? NULL : best_of(devices, n);
     char *end = NULL;
     const long number = selector && *selector ? strtol(selector, &end, 10) : -1;
     const bool by_number = end && !*end;
-    for (int i = 0; i < n; i++) {
-        const struct vk_device_choice *d = &devices[i];
-        if (!selector) {
-            if (rank(d) > 0 && (!*out || rank(d) > rank(*out) ||
-                                (rank(d) == rank(*out) && d->info.memory > (*out)->info.memory)))
-                *out = d;
-        } else if (!*out && (by_number ? number == i : contains(d->info.name, selector)))
-            *out = d;
-    }
+    for (int i = 0; i < n && !*out && selector; i++)
+        if (by_number ? number == i : contains(devices[i].info.name, selector))
+            *out = &devices[i];
     if (*out && !(*out)->info.missing)
         return SG_OK;
     if (*out)
@@ -156,4 +164,49 @@ int sg_vk_choose_device(sg_ctx *ctx, const struct vk_device_choice *devices, int
                    "vulkan: found no device \"%s\" among %d; `splatguard info --devices` lists "
                    "their names and numbers",
                    selector, n);
+}
+
+/* What this process lacks to run on a GPU, once somebody has looked: engines are listed one by one,
+ * and `auto` asks several times. */
+static struct {
+    pthread_mutex_t lock;
+    bool known;
+    const char *missing;
+} seen = {.lock = PTHREAD_MUTEX_INITIALIZER};
+
+size_t sg_device_list(struct sg_device_info *out, size_t most, const char **missing)
+{
+    struct vk_functions vk;
+    struct vk_device_choice devices[VK_DEVICES];
+    size_t n = 0;
+    const char *lacks = *missing = sg_vk_open(&vk);
+    if (!lacks) {
+        const int found = sg_vk_devices(&vk, devices);
+        for (int i = 0; i < found && n < most; i++)
+            out[n++] = devices[i].info;
+        lacks = best_of(devices, found) ? NULL : "a GPU with Vulkan 1.2";
+        sg_vk_close(&vk);
+    }
+    pthread_mutex_lock(&seen.lock);
+    seen.known = true;
+    seen.missing = lacks;
+    pthread_mutex_unlock(&seen.lock);
+    return n;
+}
+
+bool sg_vulkan_describe(size_t index, struct sg_engine_info *out)
+{
+    if (index > 0 || !out)
+        return index == 0;
+    pthread_mutex_lock(&seen.lock);
+    const bool known = seen.known;
+    pthread_mutex_unlock(&seen.lock);
+    if (!known)
+        sg_device_list(NULL, 0, &out->missing);
+    pthread_mutex_lock(&seen.lock);
+    out->missing = seen.missing;
+    pthread_mutex_unlock(&seen.lock);
+    out->description = "Vulkan compute";
+    out->available = out->chosen = !out->missing;
+    return true;
 }

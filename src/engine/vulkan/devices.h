@@ -27,4 +27,7 @@ int sg_vk_devices(const struct vk_functions *vk, struct vk_device_choice out[VK_
 int sg_vk_choose_device(sg_ctx *ctx, const struct vk_device_choice *devices, int n,
                         const char *selector, const struct vk_device_choice **out);
 
+/* Of sg_engine_vulkan. */
+bool sg_vulkan_describe(size_t index, struct sg_engine_info *out);
+
 #endif

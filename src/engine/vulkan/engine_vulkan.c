@@ -393,46 +393,11 @@ static struct sg_footprint footprint(const struct sg_work *w)
                                  .view = pixels * (5 * 3 * sizeof(float) + 4)};
 }
 
-static bool describe(size_t index, struct sg_engine_info *out)
-{
-    struct vk_functions vk;
-    struct vk_device_choice devices[VK_DEVICES];
-    out->description = "Vulkan compute";
-    if (index > 0)
-        return false;
-    out->missing = sg_vk_open(&vk);
-    if (!out->missing) {
-        const int n = sg_vk_devices(&vk, devices);
-        out->missing = "a GPU with Vulkan 1.2";
-        for (int i = 0; i < n; i++)
-            if (!devices[i].info.cpu && !devices[i].info.missing)
-                out->missing = NULL;
-        sg_vk_close(&vk);
-    }
-    out->available = out->chosen = !out->missing;
-    return true;
-}
-
 const struct sg_engine_kind sg_engine_vulkan = {
     .name = "vulkan",
     .devices = true,
     .create = create,
     .check = check,
     .footprint = footprint,
-    .describe = describe,
+    .describe = sg_vulkan_describe,
 };
-
-size_t sg_device_list(struct sg_device_info *out, size_t most, const char **missing)
-{
-    struct vk_functions vk;
-    struct vk_device_choice devices[VK_DEVICES];
-    size_t n = 0;
-    *missing = sg_vk_open(&vk);
-    if (*missing)
-        return 0;
-    const int found = sg_vk_devices(&vk, devices);
-    for (int i = 0; i < found && n < most; i++)
-        out[n++] = devices[i].info;
-    sg_vk_close(&vk);
-    return n;
-}
