@@ -25,6 +25,7 @@
 #define assert_null(p) assert_true((p) == NULL)
 #define assert_non_null(p) assert_true((p) != NULL)
 #define assert_int_equal(a, b) assert_true((unsigned long long) (a) == (unsigned long long) (b))
+#define assert_string_equal(a, b) assert_true(!strcmp((a), (b)))
 #define assert_memory_equal(a, b, n) assert_true(!memcmp((a), (b), (n)))
 #define assert_memory_not_equal(a, b, n) assert_true(memcmp((a), (b), (n)))
 #define assert_float_equal(a, b, epsilon)                                                          \
