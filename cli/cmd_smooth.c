@@ -51,7 +51,11 @@ static int write_scene(sg_ctx *ctx, const struct sg_scene *scene, const struct s
             k < scene->n_test ? &scene->test[k] : &scene->train[k - scene->n_test];
         if (interrupted())
             return SG_ERR_INTERRUPTED;
-        error = sg_poisoned_scene_image(ctx, scene, view, &c->files, c->output, view->rgb, NULL);
+        const uint8_t *rgb;
+        if ((error = sg_view_pixels(ctx, view, &rgb)))
+            break;
+        error = sg_poisoned_scene_image(ctx, scene, view, &c->files, c->output, rgb, NULL);
+        sg_view_release(view);
     }
     return error;
 }

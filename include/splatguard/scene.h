@@ -75,7 +75,8 @@ struct sg_view {
     struct sg_camera camera;     /* for the size of rgb */
     int file_width, file_height; /* size before any downscale, for cameras.json */
     /* height x width x 3, row-major, sRGB bytes as in the file, composited. NULL for a photo that
-     * is read when it is needed: see sg_view_pixels. */
+     * is read when it is needed, as all photos of a folder are that is loaded in a context with a
+     * memory limit: see sg_view_pixels. */
     uint8_t *rgb;
     uint8_t *mask;              /* height x width, 0 = ignored, 255 = used; NULL = all used */
     uint64_t hash;              /* of rgb and mask as they were added; 0 = not known */
@@ -101,8 +102,9 @@ struct sg_scene {
 };
 
 /* Loads cameras, points and images (decoded in parallel, undistorted, resampled). params may be
- * NULL. On success the caller owns *out. Errors: SG_ERR_USAGE for values out of range,
- * SG_ERR_INPUT, SG_ERR_BUDGET. */
+ * NULL. With a memory limit of the context, photos that do not fit are read again from their files
+ * whenever they are used; the scene keeps its folder open for that. On success the caller owns
+ * *out. Errors: SG_ERR_USAGE for values out of range, SG_ERR_INPUT, SG_ERR_BUDGET. */
 SG_API int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *params,
                          struct sg_scene **out);
 SG_API void sg_scene_destroy(struct sg_scene **scene);
@@ -159,8 +161,9 @@ SG_API int sg_scene_builder_create(sg_ctx *ctx, const struct sg_scene_params *pa
 /* An error leaves the builder unchanged. Errors: SG_ERR_USAGE, naming the view and the field, for
  * values out of range; SG_ERR_INPUT if the photo cannot be read; SG_ERR_BUDGET. */
 SG_API int sg_scene_builder_add_view(sg_scene_builder *builder, const struct sg_view_desc *view);
-/* For views with `read`: the bytes of photos that stay in memory after their use; the others are
- * dropped and read again. To be called before such views are added. Default: all of them, or with a
+/* For views with `read`: the bytes of photos, as the context counts them, that stay in memory after
+ * their use; the others are dropped and read again. A training that needs the memory drops more. To
+ * be called before such views are added. Default: all of them, or with a
  * memory limit of the context a quarter of it. */
 SG_API void sg_scene_builder_keep_photos(sg_scene_builder *builder, uint64_t bytes);
 /* Adds n points. xyz: n x 3, finite; rgb: n x 3, or NULL for grey. Both are

@@ -270,6 +270,34 @@ static void discharge(struct counter *c, size_t bytes)
     atomic_fetch_sub_explicit(&c->current, bytes, memory_order_relaxed);
 }
 
+/* NULL: this thread measures nothing. */
+static _Thread_local struct sg_meter *meter;
+
+void sg_meter_begin(struct sg_meter *m)
+{
+    *m = (struct sg_meter){0};
+    meter = m;
+}
+
+void sg_meter_end(struct sg_meter *m)
+{
+    if (meter == m)
+        meter = NULL;
+}
+
+static void measure(int64_t bytes)
+{
+    if (!meter)
+        return;
+    meter->now += bytes;
+    meter->peak = meter->now > meter->peak ? meter->now : meter->peak;
+}
+
+size_t sg_mem_cost(size_t bytes)
+{
+    return (bytes + 2 * ALIGN - 1) / ALIGN * ALIGN;
+}
+
 bool sg_fail_allocation(sg_ctx *ctx, uint64_t nth)
 {
     return atomic_exchange(&ctx->to_failure, nth) == 0;
@@ -293,7 +321,7 @@ void *sg_alloc_raw(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size)
                 sg_mem_tag_name(tag));
         return NULL;
     }
-    bytes = (bytes + 2 * ALIGN - 1) / ALIGN * ALIGN;
+    bytes = sg_mem_cost(bytes);
     uint64_t held;
     struct header *h = NULL;
     if (reserve(ctx, bytes, &held)) {
@@ -318,6 +346,7 @@ void *sg_alloc_raw(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size)
     struct counter *own = &ctx->memory[tag];
     raise_peak(&ctx->memory[SG_MEM_TAGS], held + bytes);
     raise_peak(own, atomic_fetch_add_explicit(&own->current, bytes, memory_order_relaxed) + bytes);
+    measure((int64_t) bytes);
     return (char *) h + ALIGN;
 }
 
@@ -345,6 +374,7 @@ void sg_free(void *memory)
     struct header *h = (struct header *) ((char *) memory - ALIGN);
     discharge(&h->owner->memory[h->tag], h->bytes);
     discharge(&h->owner->memory[SG_MEM_TAGS], h->bytes);
+    measure(-(int64_t) h->bytes);
     free(h);
 }
 

@@ -44,6 +44,15 @@ void *sg_alloc_raw(sg_ctx *ctx, enum sg_mem_tag tag, size_t count, size_t size);
  * amortised. */
 int sg_grow(sg_ctx *ctx, enum sg_mem_tag tag, void *array, size_t *capacity, size_t need,
             size_t keep, size_t size);
+/* What an allocation of `bytes` is charged with. */
+size_t sg_mem_cost(size_t bytes);
+/* Measures what this thread holds of the memory that it allocates from here on, until it calls
+ * sg_meter_end with the same meter. Memory that another thread frees stays counted. */
+struct sg_meter {
+    int64_t now, peak;
+};
+void sg_meter_begin(struct sg_meter *meter);
+void sg_meter_end(struct sg_meter *meter);
 /* Charges `bytes` to the ledger for memory that another library will allocate. *room is not to be
  * used; release it with sg_free. Without a limit nothing is charged. */
 int sg_reserve(sg_ctx *ctx, enum sg_mem_tag tag, uint64_t bytes, void **room);

@@ -32,7 +32,7 @@ static const struct sg_option run_options[] = {
     SG_TEXT("init", init, "MODEL.ply", "Start from this model.", GROUP("Initialisation")),
     SG_NUMBER(SG_OPTION_BYTES, "max-memory", max_memory, 0, 9e15, "BYTES",
               "Most memory of the whole process, e.g. 1500M, 1.5G or 500MB: limits Gaussians and "
-              "tile lists to what fits. 0 = no limit.",
+              "tile lists to what fits, and reads photos again that do not fit. 0 = no limit.",
               GROUP("Budgets")),
     SG_CHOICE("audit", audit, "off|warn|refuse|defend", "MODE",
               "Look at the photos first (see `audit`): say what is found, refuse poisoned ones "

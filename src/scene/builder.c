@@ -110,6 +110,14 @@ int sg_scene_builder_put_view(sg_scene_builder *b, struct sg_view *view, enum sg
     return code;
 }
 
+int sg_scene_builder_put_files(sg_scene_builder *b, struct sg_scene_files **files,
+                               struct sg_lazy_photos **lazy)
+{
+    const int code = sg_lazy_photos_create(b->ctx, UINT64_MAX, files, &b->scene->lazy);
+    *lazy = b->scene->lazy;
+    return code;
+}
+
 void sg_scene_builder_put_points(sg_scene_builder *b, struct sg_points *points)
 {
     b->scene->points = points->xyz;
@@ -264,7 +272,7 @@ int sg_scene_builder_add_view(sg_scene_builder *b, const struct sg_view_desc *d)
     if (d->rgb)
         view.hash = sg_view_hash(&view);
     else if (!b->scene->lazy)
-        code = sg_lazy_photos_create(ctx, b->keep, &b->scene->lazy);
+        code = sg_lazy_photos_create(ctx, b->keep, NULL, &b->scene->lazy);
     if (d->read && !code)
         code = sg_lazy_photo_create(ctx, b->scene->lazy, d, &view);
     if (code) {

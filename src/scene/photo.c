@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Photos that are read by the caller's function when they are needed. */
+/* Photos that are read when they are needed: by the caller's function, or again from their file. */
 #include "scene/photo.h"
 
 #include <pthread.h>
@@ -9,91 +9,182 @@
 /* Every photo is used once an epoch, so keeping the same ones is as good as keeping the newest. */
 struct sg_lazy_photos {
     pthread_mutex_t lock;
-    uint64_t keep;           /* most bytes of photos without a user */
-    uint64_t held;           /* bytes now */
-    uint64_t total, largest; /* of all photos that are read when needed */
+    struct sg_scene_files *files;
+    struct sg_photo_bytes bytes;
+    uint64_t keep; /* most bytes of photos without a user */
+    struct sg_lazy_photo *first;
 };
 
 struct sg_lazy_photo {
     struct sg_lazy_photos *all;
+    struct sg_lazy_photo *next, **link; /* the list of all */
+    const struct sg_shot *shot;         /* the file; NULL: a function of the caller */
     int (*read)(void *priv, uint8_t *rgb);
     void *priv;
     uint8_t *rgb; /* or NULL */
-    size_t bytes;
+    size_t size, bytes;
     int users;
 };
 
-int sg_lazy_photos_create(sg_ctx *ctx, uint64_t keep, struct sg_lazy_photos **out)
+int sg_lazy_photos_create(sg_ctx *ctx, uint64_t most, struct sg_scene_files **files,
+                          struct sg_lazy_photos **out)
 {
-    *out = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(**out));
-    if (!*out)
+    struct sg_lazy_photos *all = *out = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*all));
+    if (!all) {
+        sg_scene_files_destroy(files);
         return SG_ERR_BUDGET;
-    (*out)->keep = keep;
-    pthread_mutex_init(&(*out)->lock, NULL);
+    }
+    all->bytes.most = all->keep = most;
+    if (files) {
+        all->files = *files;
+        *files = NULL;
+    }
+    pthread_mutex_init(&all->lock, NULL);
     return SG_OK;
 }
 
 void sg_lazy_photos_destroy(struct sg_lazy_photos **photos)
 {
-    if (*photos)
-        pthread_mutex_destroy(&(*photos)->lock);
+    if (!*photos)
+        return;
+    sg_scene_files_destroy(&(*photos)->files);
+    pthread_mutex_destroy(&(*photos)->lock);
     sg_free(*photos);
     *photos = NULL;
 }
 
-uint64_t sg_lazy_photos_to_come(const struct sg_lazy_photos *p)
+struct sg_photo_bytes sg_lazy_photos_bytes(const struct sg_lazy_photos *all)
 {
-    if (!p)
-        return 0;
-    const uint64_t most = (p->total < p->keep ? p->total : p->keep) + p->largest;
-    return most > p->held ? most - p->held : 0;
+    return all ? all->bytes : (struct sg_photo_bytes){0};
+}
+
+/* The functions below that have no context are to be called with the lock. */
+
+static void drop(struct sg_lazy_photo *p)
+{
+    sg_free(p->rgb);
+    p->rgb = NULL;
+    p->all->bytes.held -= p->bytes;
+}
+
+static void hold(struct sg_lazy_photo *p, uint8_t *rgb)
+{
+    p->rgb = rgb;
+    p->all->bytes.held += p->bytes;
+}
+
+static void drop_unused(struct sg_lazy_photos *all, bool test)
+{
+    for (struct sg_lazy_photo *p = all->first; p && all->bytes.held > all->keep; p = p->next)
+        if (p->rgb && !p->users && test == (p->shot && p->shot->split == SG_SPLIT_TEST))
+            drop(p);
+}
+
+static void keep(struct sg_lazy_photos *all, uint64_t bytes)
+{
+    all->keep = bytes < all->bytes.most ? bytes : all->bytes.most;
+    all->bytes.dropped |= all->keep < all->bytes.total;
+    drop_unused(all, true);
+    drop_unused(all, false);
+}
+
+static void add(struct sg_lazy_photo *p, uint64_t read)
+{
+    struct sg_lazy_photos *all = p->all;
+    p->next = all->first, p->link = &all->first;
+    if (p->next)
+        p->next->link = &p->next;
+    all->first = p;
+    all->bytes.total += p->bytes;
+    all->bytes.read = read > all->bytes.read ? read : all->bytes.read;
+    keep(all, all->keep);
+}
+
+void sg_lazy_photos_keep(struct sg_lazy_photos *all, uint64_t bytes)
+{
+    if (!all)
+        return;
+    pthread_mutex_lock(&all->lock);
+    keep(all, bytes);
+    pthread_mutex_unlock(&all->lock);
+}
+
+bool sg_lazy_photos_halve(struct sg_lazy_photos *all)
+{
+    const uint64_t held = all ? all->bytes.held : 0;
+    sg_lazy_photos_keep(all, held / 2);
+    return held && all->bytes.held < held;
+}
+
+void sg_lazy_photos_settle(sg_ctx *ctx, struct sg_lazy_photos *all)
+{
+    const struct sg_photo_bytes b = all->bytes;
+    const uint64_t limit = sg_mem_limit(ctx), others = sg_mem_current(ctx, SG_MEM_TAGS) - b.held;
+    /* The sum depends on the photos alone, not on the order in which threads read them. */
+    all->bytes.dropped = others + b.total + b.read > limit;
+    sg_lazy_photos_keep(all, all->bytes.dropped ? limit / 2 : UINT64_MAX);
 }
 
 void sg_lazy_photo_destroy(struct sg_lazy_photo *p)
 {
     if (!p)
         return;
-    p->all->held -= p->rgb ? p->bytes : 0;
-    p->all->total -= p->bytes;
-    sg_free(p->rgb);
+    if (p->rgb)
+        drop(p);
+    p->all->bytes.total -= p->bytes;
+    *p->link = p->next;
+    if (p->next)
+        p->next->link = p->link;
     sg_free(p);
 }
 
-/* To be called with the lock. view->hash 0: it is taken from what is read. */
-static int read_photo(sg_ctx *ctx, struct sg_lazy_photo *p, const struct sg_view *view,
-                      uint64_t *hash)
+/* *hash: of what was read, which is as it was unless this fails. */
+static int read_function(sg_ctx *ctx, const struct sg_lazy_photo *p, const struct sg_view *view,
+                         uint8_t **rgb, uint64_t *hash)
 {
     struct sg_view filled = *view;
-    filled.rgb = sg_alloc_raw(ctx, SG_MEM_IMAGES, p->bytes, 1);
-    if (!filled.rgb)
+    filled.rgb = *rgb = sg_alloc_raw(ctx, SG_MEM_IMAGES, p->size, 1);
+    if (!*rgb)
         return SG_ERR_BUDGET;
-    int code = SG_OK;
-    const int result = p->read(p->priv, filled.rgb);
-    *hash = result ? 0 : sg_view_hash(&filled);
+    const int result = p->read(p->priv, *rgb);
     if (result)
-        code = sg_fail(ctx, SG_ERR_INPUT, "view \"%s\": read: found result %d, expected 0",
+        return sg_fail(ctx, SG_ERR_INPUT, "view \"%s\": read: found result %d, expected 0",
                        view->name, result);
-    else if (view->hash && view->hash != *hash)
-        code = sg_fail(ctx, SG_ERR_INPUT,
+    *hash = sg_view_hash(&filled);
+    if (view->hash && view->hash != *hash)
+        return sg_fail(ctx, SG_ERR_INPUT,
                        "view \"%s\": read: found other pixels than when the view was added",
                        view->name);
-    if (code) {
-        sg_free(filled.rgb);
-        return code;
-    }
-    p->rgb = filled.rgb;
-    p->all->held += p->bytes;
     return SG_OK;
 }
 
-/* To be called with the lock. */
-static void let_go(struct sg_lazy_photo *p)
+static int read_file(sg_ctx *ctx, const struct sg_lazy_photo *p, const struct sg_view *view,
+                     uint8_t **rgb)
 {
-    if (--p->users || p->all->held <= p->all->keep)
-        return;
-    sg_free(p->rgb);
-    p->rgb = NULL;
-    p->all->held -= p->bytes;
+    struct sg_view again = {0};
+    int code = sg_view_load(ctx, p->all->files, p->shot, &again);
+    if (!code && (again.hash != view->hash || again.file_width != view->file_width ||
+                  again.file_height != view->file_height))
+        code =
+            sg_fail(ctx, SG_ERR_INPUT,
+                    "%s: found another photo or mask than when the scene was loaded", view->path);
+    *rgb = again.rgb;
+    again.rgb = NULL;
+    sg_view_clear(&again);
+    return code;
+}
+
+static int read_photo(sg_ctx *ctx, struct sg_lazy_photo *p, const struct sg_view *view,
+                      uint64_t *hash)
+{
+    uint8_t *rgb = NULL;
+    const int code =
+        p->shot ? read_file(ctx, p, view, &rgb) : read_function(ctx, p, view, &rgb, hash);
+    if (code)
+        sg_free(rgb);
+    else
+        hold(p, rgb);
+    return code;
 }
 
 int sg_view_pixels(sg_ctx *ctx, const struct sg_view *view, const uint8_t **rgb)
@@ -123,7 +214,8 @@ void sg_view_release(const struct sg_view *view)
     if (!p)
         return;
     pthread_mutex_lock(&p->all->lock);
-    let_go(p);
+    if (!--p->users && p->all->bytes.held > p->all->keep)
+        drop(p);
     pthread_mutex_unlock(&p->all->lock);
 }
 
@@ -133,19 +225,35 @@ int sg_lazy_photo_create(sg_ctx *ctx, struct sg_lazy_photos *all, const struct s
     struct sg_lazy_photo *p = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*p));
     if (!p)
         return SG_ERR_BUDGET;
+    const size_t size = 3 * (size_t) d->camera.width * (size_t) d->camera.height;
     *p = (struct sg_lazy_photo){.all = all,
                                 .read = d->read,
                                 .priv = d->read_priv,
-                                .bytes = 3 * (size_t) d->camera.width * (size_t) d->camera.height};
+                                .size = size,
+                                .bytes = sg_mem_cost(size)};
     const int code = read_photo(ctx, p, view, &view->hash);
     if (code) {
         sg_free(p);
         return code;
     }
-    p->users = 1;
-    let_go(p);
-    all->total += p->bytes;
-    all->largest = p->bytes > all->largest ? p->bytes : all->largest;
+    add(p, p->bytes);
     view->lazy = p;
+    return SG_OK;
+}
+
+int sg_lazy_photo_keep(sg_ctx *ctx, struct sg_lazy_photos *all, const struct sg_shot *shot,
+                       uint64_t read, struct sg_view *view)
+{
+    struct sg_lazy_photo *p = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*p));
+    if (!p)
+        return SG_ERR_BUDGET;
+    const size_t size = 3 * (size_t) view->camera.width * (size_t) view->camera.height;
+    *p = (struct sg_lazy_photo){.all = all, .shot = shot, .size = size, .bytes = sg_mem_cost(size)};
+    pthread_mutex_lock(&all->lock);
+    hold(p, view->rgb);
+    view->rgb = NULL;
+    view->lazy = p;
+    add(p, read);
+    pthread_mutex_unlock(&all->lock);
     return SG_OK;
 }

@@ -5,24 +5,48 @@
 #include "core/internal.h"
 #include "splatguard/scene.h"
 
-/* State shared by the photos of a scene that are read when they are needed. */
+/* Photos of a scene that are read when they are needed, and their common state. Bytes are those
+ * that the context counts. */
 struct sg_lazy_photos;
-/* keep: bytes of photos without a user that stay in memory. */
-int sg_lazy_photos_create(sg_ctx *ctx, uint64_t keep, struct sg_lazy_photos **out);
+struct sg_scene_files;
+struct sg_shot;
+
+/* most: bytes of photos without a user that may stay in memory. files: the photos are read from
+ * them; NULL for scenes from memory. Takes the files, also where it fails. */
+int sg_lazy_photos_create(sg_ctx *ctx, uint64_t most, struct sg_scene_files **files,
+                          struct sg_lazy_photos **out);
 /* After all of its photos. NULL-safe. */
 void sg_lazy_photos_destroy(struct sg_lazy_photos **photos);
-/* Bytes that may be held at once, beyond those that are held now. NULL: 0. */
-uint64_t sg_lazy_photos_to_come(const struct sg_lazy_photos *photos);
+
+/* Bytes of a scene's lazy photos. */
+struct sg_photo_bytes {
+    uint64_t held;  /* now */
+    uint64_t total; /* all at once */
+    uint64_t read;  /* while one of them is read, itself included */
+    uint64_t most;  /* that may stay */
+    bool dropped;   /* not all of them have always stayed */
+};
+struct sg_photo_bytes sg_lazy_photos_bytes(const struct sg_lazy_photos *photos); /* NULL: zeros */
+/* From now on at most `bytes` stay without a user. Test photos are dropped first. NULL-safe. */
+void sg_lazy_photos_keep(struct sg_lazy_photos *photos, uint64_t bytes);
+/* Halves what is held. Returns whether that dropped anything. */
+bool sg_lazy_photos_halve(struct sg_lazy_photos *photos);
+/* After all photos of a folder were added: where they do not all fit, with one that is being read,
+ * half of the memory limit is left to those who use the photos. */
+void sg_lazy_photos_settle(sg_ctx *ctx, struct sg_lazy_photos *photos);
 
 /* Reads the photo for the first time. Sets view->lazy and view->hash; the view has its name, camera
  * and mask. */
 int sg_lazy_photo_create(sg_ctx *ctx, struct sg_lazy_photos *all, const struct sg_view_desc *desc,
                          struct sg_view *view);
+/* Of a view that was loaded from files: takes its pixels. read: bytes that loading needed. Thread
+ * safe. */
+int sg_lazy_photo_keep(sg_ctx *ctx, struct sg_lazy_photos *all, const struct sg_shot *shot,
+                       uint64_t read, struct sg_view *view);
 void sg_lazy_photo_destroy(struct sg_lazy_photo *photo); /* NULL-safe */
 
 /* sg_view_pixels for the library's own threads: it clears no error, and several may call it at
- * once.
- */
+ * once. */
 int sg_photo_pixels(sg_ctx *ctx, const struct sg_view *view, const uint8_t **rgb);
 
 #endif

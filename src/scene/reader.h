@@ -127,10 +127,23 @@ int sg_nerfstudio_parse(sg_ctx *ctx, const char *file, const char *data, size_t 
                         const struct sg_scene_params *params, struct sg_shots *shots,
                         char **points_file);
 
+/* Where the photos of a scene are, and how they are read. */
+struct sg_scene_files {
+    struct sg_folder dir;
+    struct sg_scene_params params; /* without texts */
+    struct sg_shots shots;
+};
+/* NULL-safe; sets *files to NULL. */
+void sg_scene_files_destroy(struct sg_scene_files **files);
+
 /* views.c: decodes, undistorts and resamples the photo of every shot, in parallel. views: one a
- * shot, zeroed. */
-int sg_views_load(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
-                  const struct sg_shots *shots, struct sg_view *views);
+ * shot, zeroed. lazy: takes the pixels; may be NULL. */
+int sg_views_load(sg_ctx *ctx, const struct sg_scene_params *params,
+                  const struct sg_scene_files *files, struct sg_lazy_photos *lazy,
+                  struct sg_view *views);
+/* One of them. view: zeroed. Thread safe. */
+int sg_view_load(sg_ctx *ctx, const struct sg_scene_files *files, const struct sg_shot *shot,
+                 struct sg_view *view);
 void sg_view_clear(struct sg_view *view);
 /* Of the pixels and the mask. */
 uint64_t sg_view_hash(const struct sg_view *view);
@@ -146,6 +159,9 @@ int sg_scene_builder_put_view(sg_scene_builder *builder, struct sg_view *view,
                               enum sg_view_split split);
 /* Takes the arrays; there are no other points. */
 void sg_scene_builder_put_points(sg_scene_builder *builder, struct sg_points *points);
+/* Photos are to be read again from these files, which the scene takes, also where this fails. */
+int sg_scene_builder_put_files(sg_scene_builder *builder, struct sg_scene_files **files,
+                               struct sg_lazy_photos **lazy);
 /* Where the views come from, for messages and for the copies of the scene. */
 int sg_scene_builder_set_source(sg_scene_builder *builder, enum sg_scene_format format,
                                 const char *path);

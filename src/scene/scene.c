@@ -117,51 +117,82 @@ struct sg_scene_params sg_scene_params_default(void)
     return (struct sg_scene_params){SG_SCENE_DEFAULTS};
 }
 
+void sg_scene_files_destroy(struct sg_scene_files **files)
+{
+    if (!files || !*files)
+        return;
+    sg_shots_clear(&(*files)->shots);
+    sg_folder_close(&(*files)->dir);
+    sg_free(*files);
+    *files = NULL;
+}
+
+/* The shots and points of the folder. */
+static int read_files(sg_ctx *ctx, const char *path, const struct sg_scene_params *params,
+                      sg_scene_builder *builder, struct sg_scene_files *files)
+{
+    struct sg_points points = {0};
+    enum sg_scene_format format = params->format;
+    struct sg_shots *shots = &files->shots;
+    int code = sg_folder_open(ctx, path, params->follow_links, &files->dir);
+    if (!code && format == SG_FORMAT_AUTO)
+        code = recognise(ctx, &files->dir, &format);
+    if (!code)
+        code = sg_scene_builder_set_source(builder, format, path);
+    if (code)
+        return code;
+    code = formats[format].read(ctx, &files->dir, params, shots, &points);
+    sg_scene_builder_put_points(builder, &points); /* also after a failure: it frees them */
+    if (!code && !shots->count)
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no images, expected at least one", path);
+    if (!code)
+        code = find_masks(ctx, &files->dir, params, shots);
+    for (size_t i = 0, rank = 0; i < shots->count;
+         i++) /* readers sort the shots that they do not split */
+        shots->items[i].split = sg_split(params, shots->items[i].split, &rank);
+    return code;
+}
+
 int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *params,
                   struct sg_scene **out)
 {
-    struct sg_shots shots = {0};
-    struct sg_points points = {0};
-    struct sg_view *views = NULL;
     sg_scene_builder *builder = NULL;
-    struct sg_folder dir = {.fd = -1};
     const struct sg_scene_params defaults = sg_scene_params_default();
     *out = NULL;
     if (!params)
         params = &defaults;
-    enum sg_scene_format format = params->format;
     int code = sg_scene_builder_create(ctx, params, &builder);
-    if (!code)
-        code = sg_folder_open(ctx, path, params->follow_links, &dir);
-    if (!code && format == SG_FORMAT_AUTO)
-        code = recognise(ctx, &dir, &format);
-    if (!code)
-        code = sg_scene_builder_set_source(builder, format, path);
     if (code)
+        return code;
+    struct sg_scene_files *own = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*own));
+    const struct sg_scene_files *files = own;
+    struct sg_lazy_photos *lazy = NULL;
+    struct sg_view *views = NULL;
+    size_t n = 0;
+    if (!own) {
+        code = SG_ERR_BUDGET;
         goto done;
-    code = formats[format].read(ctx, &dir, params, &shots, &points);
-    sg_scene_builder_put_points(builder, &points); /* also after a failure: it frees them */
-    if (!code && !shots.count)
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: found no images, expected at least one", path);
-    if (!code)
-        code = find_masks(ctx, &dir, params, &shots);
-    if (code)
+    }
+    own->dir.fd = -1;
+    own->params = *params;
+    own->params.images = own->params.masks = NULL;
+    if ((code = read_files(ctx, path, params, builder, own)))
         goto done;
-    for (size_t i = 0, rank = 0; i < shots.count;
-         i++) /* readers sort the shots that they do not split */
-        shots.items[i].split = sg_split(params, shots.items[i].split, &rank);
-    views = sg_alloc(ctx, SG_MEM_MISC, shots.count, sizeof(*views));
-    code = views ? sg_views_load(ctx, &dir, params, &shots, views) : SG_ERR_BUDGET;
-    for (size_t i = 0; i < shots.count && !code; i++)
-        code = sg_scene_builder_put_view(builder, &views[i], shots.items[i].split);
+    n = own->shots.count;
+    /* With a limit on memory, photos can be dropped and read again. */
+    if (sg_mem_limit(ctx) && (code = sg_scene_builder_put_files(builder, &own, &lazy)))
+        goto done;
+    views = sg_alloc(ctx, SG_MEM_MISC, n, sizeof(*views));
+    code = views ? sg_views_load(ctx, params, files, lazy, views) : SG_ERR_BUDGET;
+    for (size_t i = 0; i < n && !code; i++)
+        code = sg_scene_builder_put_view(builder, &views[i], files->shots.items[i].split);
     if (!code)
         code = sg_scene_builder_finish(&builder, out);
 done:
-    for (size_t i = 0; i < shots.count && views; i++)
+    for (size_t i = 0; i < n && views; i++)
         sg_view_clear(&views[i]);
     sg_free(views);
-    sg_shots_clear(&shots);
-    sg_folder_close(&dir);
+    sg_scene_files_destroy(&own);
     sg_scene_builder_destroy(&builder);
     return code;
 }

@@ -12,9 +12,8 @@
 
 struct job {
     sg_ctx *ctx;
-    const struct sg_folder *dir;
-    const struct sg_scene_params *params;
-    const struct sg_shot *shots;
+    const struct sg_scene_files *files;
+    struct sg_lazy_photos *lazy; /* or NULL */
     struct sg_view *views;
     atomic_int code;     /* the first error of a photo; the other threads then stop */
     atomic_bool crowded; /* there was no memory to decode another photo at the same time */
@@ -99,26 +98,26 @@ static int fit_lens(sg_ctx *ctx, const struct sg_shot *shot, int width, int heig
 }
 
 /* Opened once, in the scene's folder, and decoded from that. */
-static int read_image(struct job *job, const char *path, struct sg_image *out)
+static int read_image(sg_ctx *ctx, const struct sg_scene_files *files, const char *path,
+                      struct sg_image *out)
 {
     FILE *f;
-    int code = sg_folder_file(job->ctx, job->dir, path, &f);
+    int code = sg_folder_file(ctx, &files->dir, path, &f);
     if (!code) {
-        code = sg_image_read_stream(job->ctx, f, path, job->params->max_pixels, out);
+        code = sg_image_read_stream(ctx, f, path, files->params.max_pixels, out);
         fclose(f);
     }
     return code;
 }
 
 /* The mask of a shot at the photo's size, 0 or 255. */
-static int load_mask(struct job *job, const struct sg_shot *shot, int width, int height,
-                     uint8_t **out)
+static int load_mask(sg_ctx *ctx, const struct sg_scene_files *files, const struct sg_shot *shot,
+                     int width, int height, uint8_t **out)
 {
-    sg_ctx *ctx = job->ctx;
     struct sg_image image = {0};
     size_t pixels = (size_t) width * (size_t) height;
     uint8_t *grey = NULL;
-    int code = read_image(job, shot->mask, &image);
+    int code = read_image(ctx, files, shot->mask, &image);
     if (code)
         return code;
     size_t n = (size_t) image.width * (size_t) image.height, step = (size_t) image.channels;
@@ -199,10 +198,10 @@ static int smooth(sg_ctx *ctx, enum sg_smooth kind, struct sg_view *view, int w,
     return code;
 }
 
-static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view *view)
+int sg_view_load(sg_ctx *ctx, const struct sg_scene_files *files, const struct sg_shot *shot,
+                 struct sg_view *view)
 {
-    sg_ctx *ctx = job->ctx;
-    const struct sg_scene_params *params = job->params;
+    const struct sg_scene_params *params = &files->params;
     struct sg_image image = {0};
     struct sg_lens lens;
     uint8_t *valid = NULL;
@@ -212,7 +211,7 @@ static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view
     view->path = sg_strdup(ctx, shot->path);
     if (!view->name || !view->file || !view->path)
         return SG_ERR_BUDGET;
-    int code = read_image(job, shot->path, &image);
+    int code = read_image(ctx, files, shot->path, &image);
     if (code)
         return code;
     const int width = image.width, height = image.height;
@@ -239,7 +238,7 @@ static int load_view(struct job *job, const struct sg_shot *shot, struct sg_view
     if (!code)
         code = fit_lens(ctx, shot, width, height, &lens);
     if (!code && shot->mask)
-        code = load_mask(job, shot, width, height, &view->mask);
+        code = load_mask(ctx, files, shot, width, height, &view->mask);
     if (code)
         goto done;
     view->undistorted = sg_lens_is_distorted(&lens);
@@ -281,50 +280,58 @@ done:
     return code;
 }
 
+/* After an error the view is empty. */
+static int load_view(struct job *job, size_t i)
+{
+    const struct sg_shot *shot = &job->files->shots.items[i];
+    struct sg_view *view = &job->views[i];
+    struct sg_meter meter;
+    sg_meter_begin(&meter);
+    int code = sg_view_load(job->ctx, job->files, shot, view);
+    sg_meter_end(&meter);
+    if (!code && job->lazy)
+        code = sg_lazy_photo_keep(job->ctx, job->lazy, shot, (uint64_t) meter.peak, view);
+    if (code)
+        sg_view_clear(view);
+    return code;
+}
+
 static void load_one(void *arg, size_t i, int thread)
 {
     struct job *job = arg;
     (void) thread;
     if (atomic_load(&job->code))
         return;
-    const int code = load_view(job, &job->shots[i], &job->views[i]);
-    if (code)
-        sg_view_clear(&job->views[i]);
+    const int code = load_view(job, i);
     if (code == SG_ERR_BUDGET)
         atomic_store(&job->crowded, true);
     else if (code)
         atomic_store(&job->code, code);
 }
 
-/* Where memory was short with all threads at once, the rest is loaded one photo at a time. */
+/* Where memory was short with all threads at once, the rest is loaded one photo at a time, and
+ * photos that were loaded make room for it. */
 static int load_rest(struct job *job, size_t n)
 {
     sg_ctx *ctx = job->ctx;
-    size_t loaded = 0;
-    uint64_t bytes = 0;
-    sg_clear_error(ctx);
     for (size_t i = 0; i < n; i++) {
-        int code = sg_progress(ctx, SG_STAGE_LOAD, loaded, n);
-        if (!code && !job->views[i].rgb)
-            code = load_view(job, &job->shots[i], &job->views[i]);
-        if (code != SG_ERR_BUDGET && code)
-            return code;
-        if (code && loaded) {
-            const uint64_t rest = sg_mem_limit(ctx) + bytes * (n - loaded) / loaded,
-                           wanted = sg_mem_wanted(ctx);
+        sg_clear_error(ctx);
+        int code = sg_progress(ctx, SG_STAGE_LOAD, i, n);
+        while (!code && !job->views[i].name && (code = load_view(job, i)) == SG_ERR_BUDGET &&
+               sg_lazy_photos_halve(job->lazy)) {
+            sg_clear_error(ctx);
+            code = SG_OK;
+        }
+        if (code == SG_ERR_BUDGET && sg_mem_limit(ctx)) {
             sg_clear_error(ctx);
             return sg_fail(ctx, code,
-                           "%s: memory: found a limit of %llu bytes, expected at least %llu: %zu "
-                           "of %zu photos fit, of %llu bytes on average",
-                           job->shots[i].path, (unsigned long long) sg_mem_limit(ctx),
-                           (unsigned long long) (rest > wanted ? rest : wanted), loaded, n,
-                           (unsigned long long) (bytes / loaded));
+                           "%s: memory: found a limit of %llu bytes, expected at least %llu to "
+                           "read this photo",
+                           job->files->shots.items[i].path, (unsigned long long) sg_mem_limit(ctx),
+                           (unsigned long long) sg_mem_wanted(ctx));
         }
         if (code)
             return code;
-        const struct sg_camera *c = &job->views[i].camera;
-        bytes += (uint64_t) c->width * (uint64_t) c->height * (job->views[i].mask ? 4 : 3);
-        loaded++;
     }
     return SG_OK;
 }
@@ -358,15 +365,18 @@ static int check_scale(sg_ctx *ctx, const struct sg_scene_params *params,
     return SG_OK;
 }
 
-int sg_views_load(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_scene_params *params,
-                  const struct sg_shots *shots, struct sg_view *views)
+int sg_views_load(sg_ctx *ctx, const struct sg_scene_params *params,
+                  const struct sg_scene_files *files, struct sg_lazy_photos *lazy,
+                  struct sg_view *views)
 {
-    struct job job = {
-        .ctx = ctx, .dir = dir, .params = params, .shots = shots->items, .views = views};
-    int code = sg_parallel_stage(ctx, SG_STAGE_LOAD, shots->count, load_one, &job);
+    struct job job = {.ctx = ctx, .files = files, .lazy = lazy, .views = views};
+    int code = sg_parallel_stage(ctx, SG_STAGE_LOAD, files->shots.count, load_one, &job);
     if (!code)
-        code = atomic_load(&job.crowded) ? load_rest(&job, shots->count) : atomic_load(&job.code);
-    return code ? code : check_scale(ctx, params, shots, views);
+        code = atomic_load(&job.crowded) ? load_rest(&job, files->shots.count)
+                                         : atomic_load(&job.code);
+    if (!code && lazy)
+        sg_lazy_photos_settle(ctx, lazy);
+    return code ? code : check_scale(ctx, params, &files->shots, views);
 }
 
 void sg_view_clear(struct sg_view *view)

@@ -28,11 +28,44 @@ static uint64_t largest_view(const struct sg_engine_kind *engine, struct sg_work
     return most;
 }
 
+static uint64_t lesser(uint64_t a, uint64_t b)
+{
+    return a < b ? a : b;
+}
+
+/* The least that photos take while they are used: all of them, or one at a time. */
+static uint64_t least_photos(const struct sg_photo_bytes *p)
+{
+    return p->dropped || p->total > p->most ? p->read : lesser(p->total, p->read);
+}
+
+/* Divides `room` bytes between photos and Gaussians. These need at least `least` and at most
+ * `wanted`. Returns what the photos take, including one that is being read. */
+static uint64_t divide(const struct sg_photo_bytes *p, uint64_t room, uint64_t least,
+                       uint64_t wanted, struct sg_budget *out)
+{
+    const uint64_t rest = room - lesser(wanted, room);
+    uint64_t share = lesser(room / 2, room - least);
+    share = share > rest ? share : rest;
+    const uint64_t all = p->total + (p->dropped ? p->read : 0);
+    out->photos_stay = all <= share && p->total <= p->most;
+    if (out->photos_stay) {
+        out->photos = p->total;
+        return all;
+    }
+    out->photos = lesser(share > p->read ? share - p->read : 0, p->most);
+    return out->photos + p->read;
+}
+
 int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *p,
                    int sh_degree, uint64_t leaving, bool accumulate, struct sg_budget *out)
 {
-    *out = (struct sg_budget){.gaussians = p->max_gaussians, .instances = p->max_instances};
-    const uint64_t limit = sg_mem_limit(ctx), held = sg_mem_current(ctx, SG_MEM_TAGS);
+    const struct sg_photo_bytes photos = sg_lazy_photos_bytes(scene->lazy);
+    *out = (struct sg_budget){.gaussians = p->max_gaussians,
+                              .instances = p->max_instances,
+                              .photos = photos.most,
+                              .photos_stay = photos.total <= photos.most};
+    const uint64_t limit = sg_mem_limit(ctx), held = sg_mem_current(ctx, SG_MEM_TAGS) - photos.held;
     if (!limit)
         return SG_OK;
     const struct sg_engine_kind *engine = sg_engine_find(ctx, p->engine);
@@ -53,27 +86,36 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
                                        largest_view(engine, work, scene->train, scene->n_train, 0));
     const uint64_t each = need.gaussian + PLAN_BYTES + LISTED * need.instance +
                           (work.mip ? 2 * sizeof(float) : 0); /* a second statistic, sorted */
-    const uint64_t fixed = (held > leaving ? held - leaving : 0) +
-                           sg_lazy_photos_to_come(scene->lazy) + view + FIXED_BYTES;
-    if (limit < fixed + LEAST * each)
+    const uint64_t fixed = (held > leaving ? held - leaving : 0) + view + FIXED_BYTES,
+                   least = LEAST * each, expected = fixed + least_photos(&photos) + least;
+    if (limit < expected)
         return sg_fail(
             ctx, SG_ERR_BUDGET,
             "%s: memory: found a limit of %llu bytes, expected at least %llu: photos and tables "
             "are %llu, the buffers of the largest view %llu, and %d Gaussians %llu",
-            scene->path, (unsigned long long) limit, (unsigned long long) (fixed + LEAST * each),
-            (unsigned long long) (fixed - view), (unsigned long long) view, LEAST,
-            (unsigned long long) (LEAST * each));
-    const uint64_t fit = (limit - fixed) / each;
+            scene->path, (unsigned long long) limit, (unsigned long long) expected,
+            (unsigned long long) (expected - least - view), (unsigned long long) view, LEAST,
+            (unsigned long long) least);
+    const uint64_t room = limit - fixed, wanted = p->max_gaussians && p->max_gaussians < room / each
+                                                      ? p->max_gaussians * each
+                                                      : room;
+    const uint64_t free = room - divide(&photos, room, least, wanted, out);
+    const uint64_t fit = free / each;
     out->by_memory = !p->max_gaussians || fit < p->max_gaussians;
     out->gaussians = out->by_memory ? fit : p->max_gaussians;
-    const uint64_t left = limit - fixed - out->gaussians * (each - LISTED * need.instance);
+    const uint64_t left = free - out->gaussians * (each - LISTED * need.instance);
     const uint64_t lists = need.instance ? left / need.instance : p->max_instances;
     out->instances = lists < p->max_instances ? lists : p->max_instances;
     sg_log(
         ctx, SG_LOG_DEBUG,
         "memory: limit %llu bytes, %llu for photos, tables and the largest view, %llu a Gaussian: "
         "at most %llu Gaussians and %llu instances at once",
-        (unsigned long long) limit, (unsigned long long) fixed, (unsigned long long) each,
+        (unsigned long long) limit, (unsigned long long) (limit - free), (unsigned long long) each,
         (unsigned long long) out->gaussians, (unsigned long long) out->instances);
+    if (!out->photos_stay)
+        sg_log(ctx, SG_LOG_WARN,
+               "%s: memory: %llu of the %llu bytes of the photos stay in memory; the other photos "
+               "are read again whenever they are used",
+               scene->path, (unsigned long long) out->photos, (unsigned long long) photos.total);
     return SG_OK;
 }

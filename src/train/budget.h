@@ -11,11 +11,14 @@ struct sg_budget {
     uint64_t gaussians; /* 0 = no limit */
     uint64_t instances; /* held at once */
     bool by_memory;     /* `gaussians` comes from the limit on memory */
+    uint64_t photos;    /* bytes of lazy photos that may stay in memory without a user */
+    bool photos_stay;   /* all of them fit */
 };
 
-/* Of a run on this scene, whose images are in memory. leaving: bytes in use that will be free
- * before the first step; accumulate: gradients add up over views. SG_ERR_BUDGET with an estimate
- * where not even a small model fits. */
+/* Of a run on this scene. leaving: bytes in use that will be free before the first step;
+ * accumulate: gradients add up over views. Where photos can be read again, at least half of the
+ * memory that both can have is for Gaussians, as far as max_gaussians needs it. SG_ERR_BUDGET with
+ * an estimate where not even a small model fits. */
 int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *params,
                    int sh_degree, uint64_t leaving, bool accumulate, struct sg_budget *out);
 

@@ -102,6 +102,21 @@ int sg_trainer_renew_filter(sg_trainer *t)
     return code;
 }
 
+/* Hands the photo to the engine once, for the whole run. */
+static int hold_photo(sg_trainer *t, size_t view)
+{
+    const struct sg_view *v = &t->scene->train[view];
+    const uint8_t *rgb;
+    int code = sg_photo_pixels(t->ctx, v, &rgb);
+    if (code)
+        return code;
+    code = sg_engine_photo_add(t->engine, v->camera.width, v->camera.height, rgb, v->mask,
+                               &t->photos[view]);
+    if (code)
+        sg_view_release(v);
+    return code;
+}
+
 int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_trainer_start *start,
                     const struct sg_train_params *params, sg_trainer **out)
 {
@@ -134,8 +149,10 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
                                      : t->params.sh_degree;
     t->params.sh_degree = t->params.sh_degree < t->sh_degree ? t->params.sh_degree : t->sh_degree;
     if ((code = sg_budget_plan(ctx, scene, &t->params, t->sh_degree, bytes_held(start->initial),
-                               start->sums, &t->budget)) ||
-        (code = alloc_state(t)) ||
+                               start->sums, &t->budget)))
+        goto fail;
+    sg_lazy_photos_keep(scene->lazy, t->budget.photos);
+    if ((code = alloc_state(t)) ||
         (t->params.exposure && (code = sg_exposures_create(ctx, scene->n_train, &t->exposures))) ||
         (code = sg_engine_create(ctx, t->params.engine, t->params.cpu, &t->engine)) ||
         (code = set_model(t)) ||
@@ -150,12 +167,9 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
         code = SG_ERR_BUDGET;
         goto fail;
     }
-    for (size_t i = 0; i < scene->n_train; i++) {
-        const struct sg_view *v = &scene->train[i];
-        if (!v->lazy && (code = sg_engine_photo_add(t->engine, v->camera.width, v->camera.height,
-                                                    v->rgb, v->mask, &t->photos[i])))
+    for (size_t i = 0; i < scene->n_train; i++)
+        if ((t->budget.photos_stay || !scene->train[i].lazy) && (code = hold_photo(t, i)))
             goto fail;
-    }
     sg_checkpoint_close(&saved);
     *out = t;
     return SG_OK;
@@ -197,6 +211,9 @@ void sg_trainer_destroy(sg_trainer **trainer)
         return;
     sg_trainer *t = *trainer;
     sg_engine_destroy(&t->engine);
+    for (size_t i = 0; t->photos && i < t->scene->n_train; i++)
+        if (t->photos[i])
+            sg_view_release(&t->scene->train[i]);
     sg_free(t->strategy_state);
     sg_free(t->exposures);
     sg_free(t->photos);
@@ -316,27 +333,22 @@ static size_t list_losses(const sg_trainer *t, size_t view, int it, struct sg_lo
     return n;
 }
 
-/* Computes the losses against the photo. A photo that is read when needed is handed to the engine
- * for this call only. */
+/* Computes the losses against the photo. One that does not stay in memory is read and handed to the
+ * engine for this call only. */
 static int compare(sg_trainer *t, size_t index, const struct sg_loss *losses, size_t n)
 {
-    const struct sg_view *v = &t->scene->train[index];
-    sg_photo photo = t->photos[index];
-    const uint8_t *rgb;
-    int code = v->lazy ? sg_photo_pixels(t->ctx, v, &rgb) : SG_OK;
+    const bool stays = t->photos[index];
+    int code = stays ? SG_OK : hold_photo(t, index);
     if (code)
         return code;
-    if (v->lazy)
-        code =
-            sg_engine_photo_add(t->engine, v->camera.width, v->camera.height, rgb, v->mask, &photo);
-    if (!code)
-        code = sg_engine_losses(
-            t->engine,
-            &(struct sg_target){.photo = photo, .exposure = sg_trainer_exposure(t, index)}, losses,
-            n);
-    if (v->lazy) {
-        sg_engine_photo_drop(t->engine, photo);
-        sg_view_release(v);
+    code = sg_engine_losses(
+        t->engine,
+        &(struct sg_target){.photo = t->photos[index], .exposure = sg_trainer_exposure(t, index)},
+        losses, n);
+    if (!stays) {
+        sg_engine_photo_drop(t->engine, t->photos[index]);
+        t->photos[index] = 0;
+        sg_view_release(&t->scene->train[index]);
     }
     return code;
 }

@@ -95,6 +95,28 @@ says 'expected at least'
 sanitized || says 'the limit is --max-memory, 37748736 bytes, less' # their process alone is larger
 [ ! -e none/summary.json ] || fail "a run that cannot fit has begun"
 
+# Photos that do not fit are read again. The model is the same, and one that changes ends the run.
+if ! sanitized; then
+    large="--iterations 20 --resolution 800 --init-points 300 --max-gaussians 500 -q"
+    expect 0 train scene/blender -o roomy $large
+    expect 3 train scene/blender -o tight $large --max-memory 60M
+    need=$(sed -n 's/.*expected at least \([0-9]*\):.*/\1/p' err)
+    own=$(sed -n 's/.*less \([0-9]*\) for the process.*/\1/p' err)
+    limit=$((need + own + 1000000)) # for the process, which varies
+    expect 0 train scene/blender -o tight $large --max-memory $limit; says 'bytes of the photos stay in memory; the other photos are read again'
+    model=point_cloud/iteration_20/point_cloud.ply
+    cmp roomy/$model tight/$model || fail "reading photos again changes the model"
+    cp -r scene/blender moving
+    "$tool" train moving -o changed $(once $large --iterations 100000 --log-every 1 --max-memory $limit) 2>err &
+    wait_for changed/log.jsonl
+    for photo in moving/train/*; do # at once, and different from what it was
+        cp scene/blender/test/r_0.png "$photo.new" && mv "$photo.new" "$photo"
+    done
+    wait $! && fail "a photo that changed was trained on"
+    [ $? = 2 ] || fail "a photo that changed: exit code $?"
+    says 'found another photo or mask than when the scene was loaded'; says moving/train/r_; says 'is saved in changed'
+fi
+
 # Time: less than asked for, a model at the end.
 expect 0 train scene/blender -o brief --init-points 400 --quiet --iterations 1000000 --max-time 2s
 [ "$(field brief iterations)" = 1000000 ] || fail "the schedule did not end"
