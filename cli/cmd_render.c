@@ -7,7 +7,7 @@
 struct render_config {
     struct model_options m;
     const char *output;
-    bool pfm, depth;
+    bool pfm, depth, photo;
 };
 
 static const struct sg_option render_options[] = {
@@ -18,6 +18,9 @@ static const struct sg_option render_options[] = {
     FLAG_ROW("depth", offsetof(struct render_config, depth),
              "Write NAME_depth too: mean depth in scene units (PFM), or nearest white to farthest "
              "dark grey (PNG).",
+             .group = "Output"),
+    FLAG_ROW("photo", offsetof(struct render_config, photo),
+             "Write NAME_photo.png too: the photo of the view, in the size of the render.",
              .group = "Output"),
     MODEL_ROWS(struct render_config),
     {0},
@@ -50,6 +53,17 @@ struct buffers {
     uint8_t *bytes;
 };
 
+static int copy_photo(struct model_views *v, const struct sg_view *view, const char *path)
+{
+    const uint8_t *rgb;
+    int error = sg_view_pixels(v->ctx, view, &rgb);
+    if (!error) {
+        error = sg_picture_write_png(v->ctx, path, rgb, view->camera.width, view->camera.height, 3);
+        sg_view_release(view);
+    }
+    return error;
+}
+
 static int render_view(const struct render_config *c, struct model_views *v,
                        const struct sg_view *view, const struct buffers *b)
 {
@@ -57,12 +71,14 @@ static int render_view(const struct render_config *c, struct model_views *v,
     const size_t n = (size_t) w * (size_t) h;
     int error = sg_render(v->renderer, &view->camera, b->rgb, b->alpha, b->depth, NULL);
     const char *ending = c->pfm ? "pfm" : "png";
-    char *path = NULL, *depth_path = NULL;
+    char *path = NULL, *depth_path = NULL, *photo_path = NULL;
     if (asprintf(&path, "%s/%s.%s", c->output, view->name, ending) < 0)
         path = NULL;
     if (asprintf(&depth_path, "%s/%s_depth.%s", c->output, view->name, ending) < 0)
         depth_path = NULL;
-    if (!error && !(path && depth_path))
+    if (asprintf(&photo_path, "%s/%s_photo.png", c->output, view->name) < 0)
+        photo_path = NULL;
+    if (!error && !(path && depth_path && photo_path))
         error = SG_ERR_BUDGET;
     if (!error && c->pfm)
         error = sg_picture_write_pfm(v->ctx, path, b->rgb, w, h, 3);
@@ -80,8 +96,11 @@ static int render_view(const struct render_config *c, struct model_views *v,
             error = sg_picture_write_png(v->ctx, depth_path, b->bytes, w, h, 1);
         }
     }
+    if (!error && c->photo)
+        error = copy_photo(v, view, photo_path);
     free(path);
     free(depth_path);
+    free(photo_path);
     return error;
 }
 
@@ -109,12 +128,17 @@ static int refuse_photos(const struct model_views *v, const char *output)
  * is written. PFM files have no mark; for them the folder's mark counts. */
 static int refuse_others(const struct render_config *c, const struct model_views *v)
 {
+    const struct {
+        const char *ending;
+        bool written;
+    } kinds[] = {{"", !c->pfm}, {"_depth", c->depth && !c->pfm}, {"_photo", c->photo}};
     int code = 0;
-    for (size_t i = 0; i < v->n && !c->pfm && !code; i++)
-        for (int depth = 0; depth <= c->depth && !code; depth++) {
+    for (size_t i = 0; i < v->n && !code; i++)
+        for (int k = 0; k < 3 && !code; k++) {
             char *path = NULL;
-            if (asprintf(&path, "%s/%s%s.png", c->output, v->views[i].name, depth ? "_depth" : "") <
-                0)
+            if (!kinds[k].written)
+                continue;
+            if (asprintf(&path, "%s/%s%s.png", c->output, v->views[i].name, kinds[k].ending) < 0)
                 return no_memory();
             code = report(v->ctx, sg_output_check_replaced(v->ctx, path));
             free(path);

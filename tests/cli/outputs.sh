@@ -107,6 +107,9 @@ cp photos/view_0001.png renders/view_0001.png
 expect 2 render run --split train -o renders -q; says 'did not make'
 cmp photos/view_0001.png renders/view_0001.png || fail "a photo among the renders is gone"
 rm renders/view_0001.png; expect 0 render run --split train -o renders -q
+cp photos/view_0001.png renders/view_0001_photo.png
+expect 2 render run --split train -o renders -q --photo; says 'did not make'
+rm renders/view_0001_photo.png
 cp -r scene/colmap led; rm -r led/images led/masks; ln -s ../renders led/images
 expect 2 render run --scene led --follow-links --split train -o renders -q; says 'found the photo'
 find scene notes photos held theirs models -type f -exec cksum {} + | sort >after

@@ -36,6 +36,9 @@ grep -q "\"psnr\": $psnr" out && fail "-w made no difference"
 
 expect 0 render run -o images --depth
 [ "$(ls images)" = "$(printf 'r_0.png\nr_0_depth.png\nr_1.png\nr_1_depth.png')" ] || fail "rendered: $(ls images)"
+expect 0 render run -o both --photo --quiet
+[ "$(ls both)" = "$(printf 'r_0.png\nr_0_photo.png\nr_1.png\nr_1_photo.png')" ] || fail "rendered: $(ls both)"
+cmp -s both/r_0.png both/r_0_photo.png && fail "a render is its photo"
 expect 0 render run -o floats --float --split train --quiet
 [ "$(find floats -type f ! -name '.*' | wc -l)" = 6 ] || fail "rendered: $(ls floats)"
 [ "$(head -n 2 floats/r_0.pfm | tr "\n" " ")" = "PF 64 48 " ] || fail "not a PFM"
