@@ -8,7 +8,7 @@
 
 /* ---- plans ---- */
 
-enum job_kind { JOB_SCENE, JOB_PROXY, JOB_POISON, JOB_TRAIN, JOB_PRUNE };
+enum job_kind { JOB_SCENE, JOB_PROXY, JOB_POISON, JOB_TRAIN, JOB_PRUNE, JOB_PICTURES };
 extern const char *const job_kinds[]; /* "scene", ... */
 
 #define JOB_NEEDS 3
@@ -18,9 +18,11 @@ struct job {
     char key[33];                                 /* of the configuration, what it needs included */
     const char *scene, *photos, *defense, *model; /* names of the plan; borrowed */
     int seed;
-    json_t *config;       /* kind, options, and the keys of what it needs */
-    const json_t *from;   /* of the plan: the scene's object */
-    int needs[JOB_NEEDS]; /* jobs that come first: the scene, the poison or run, the clean run */
+    json_t *config;     /* kind, options, and the keys of what it needs */
+    const json_t *from; /* of the plan: the scene's object */
+    /* Jobs that come first: the scene; the poison or run; the clean run, or of pictures the photos
+     * that the run was trained on. */
+    int needs[JOB_NEEDS];
     int n_needs;
 };
 
@@ -52,6 +54,30 @@ void plan_clear(struct plan *plan);
 /* Options of "--name value" lists, of which the later win; a new array. */
 json_t *options_merge(const json_t *const *lists, int n);
 
+/* ---- pictures ---- */
+
+enum picture_kind { PICTURE_PHOTO, PICTURE_RENDER, PICTURE_KINDS };
+extern const char *const picture_kinds[PICTURE_KINDS]; /* "photo", "render" */
+#define PICTURE_DIRECTIONS 36
+
+struct picture {
+    uint8_t *png; /* the middle of one view */
+    size_t size;
+    /* Means over all views, as of struct sg_spectrum. */
+    double radial[SG_SPECTRUM_RINGS], angular[PICTURE_DIRECTIONS];
+};
+
+/* Of a model: the same views as photos and as renders. */
+struct pictures {
+    char view[256]; /* the one that is shown */
+    struct picture kinds[PICTURE_KINDS];
+};
+
+/* Reads what `render --photo` wrote. Says what is wrong with it. Returns an exit code; clear it in
+ * any case. */
+int pictures_read(const char *folder, struct pictures *out);
+void pictures_clear(struct pictures *pictures);
+
 /* ---- results ---- */
 
 struct outcome {
@@ -65,6 +91,8 @@ struct outcome {
     char *command;
     json_t *run_config, *summary, *eval; /* as their files have them, or NULL */
     char *log;                           /* log.jsonl, or NULL */
+    const char *shown;                   /* key of the job that `pictures` are of, or NULL */
+    struct pictures pictures;
 };
 
 struct store;

@@ -9,10 +9,11 @@
 
 #include "bench.h"
 
-const char *const job_kinds[] = {"scene", "proxy", "poison", "train", "prune"};
+const char *const job_kinds[] = {"scene", "proxy", "poison", "train", "prune", "pictures"};
 
 #define OFF "off"     /* the defense without any */
 #define CLEAN "clean" /* photos as they are */
+#define DEFENSES "defenses"
 
 struct reader {
     struct plan *plan;
@@ -52,13 +53,24 @@ static int check_keys(const struct reader *r, const json_t *object, const char *
     return STATUS_DONE;
 }
 
+/* {clean} or {clean*X}. */
+static bool is_limit(const json_t *option)
+{
+    return !strncmp(json_string_value(option), "{clean", 6);
+}
+
 static int check_options(const struct reader *r, const json_t *list, const char *where)
 {
     if (list && !json_is_array(list))
         return wrong(r, "%s: expected a list of options", where);
-    for (size_t i = 0; i < json_array_size(list); i++)
-        if (!json_is_string(json_array_get(list, i)))
+    for (size_t i = 0; i < json_array_size(list); i++) {
+        const json_t *option = json_array_get(list, i);
+        if (!json_is_string(option))
             return wrong(r, "%s[%zu]: expected a text", where, i);
+        if (is_limit(option) && strncmp(where, DEFENSES ".", strlen(DEFENSES ".")))
+            return wrong(r, "%s[%zu]: found %s, which only defenses can have", where, i,
+                         json_string_value(option));
+    }
     return STATUS_DONE;
 }
 
@@ -281,18 +293,17 @@ static const json_t *train_options(const json_t *defense)
     return json_is_array(defense) ? defense : json_object_get(defense, "train");
 }
 
-/* Some option is {clean} or {clean*X}. */
 static bool needs_clean(const json_t *options)
 {
     for (size_t i = 0; i < json_array_size(options); i++)
-        if (!strncmp(json_string_value(json_array_get(options, i)), "{clean", 6))
+        if (is_limit(json_array_get(options, i)))
             return true;
     return false;
 }
 
 static int add_cell(struct reader *r, const struct cell *c)
 {
-    const json_t *defense = in(r->plan->root, "defenses", c->defense),
+    const json_t *defense = in(r->plan->root, DEFENSES, c->defense),
                  *prune = json_is_object(defense) ? json_object_get(defense, "prune") : NULL;
     const int at = add_scene(r, c->scene),
               photos = at < 0 ? -1 : add_photos(r, c->scene, c->photos, at);
@@ -320,6 +331,22 @@ static int add_cell(struct reader *r, const struct cell *c)
                                    in(r->plan->root, "models", c->model),
                                    own};
     return make_job(r, JOB_TRAIN, c, MERGE(lists), needs, n);
+}
+
+/* Renders of the cell's model from the cameras of its photos: of the first seed. */
+static int add_pictures(struct reader *r, const struct cell *c, int job)
+{
+    for (int i = 0; i < r->plan->n; i++) {
+        const struct job *j = &r->plan->jobs[i];
+        if (j->kind == JOB_PICTURES && !strcmp(j->scene, c->scene) &&
+            !strcmp(j->photos, c->photos) && !strcmp(j->defense, c->defense) &&
+            !strcmp(j->model, c->model))
+            return i;
+    }
+    const int at = add_scene(r, c->scene), photos = add_photos(r, c->scene, c->photos, at);
+    const json_t *const lists[] = {photos == at ? scene_options(r, c->scene, "size") : NULL,
+                                   scene_options(r, c->scene, "options")};
+    return make_job(r, JOB_PICTURES, c, MERGE(lists), (const int[]){at, job, photos}, 3);
 }
 
 /* A list of names in a block of runs: of entries of the table of the same name. */
@@ -400,7 +427,8 @@ static int add_block(struct reader *r, const json_t *block, size_t index)
         const int job = add_cell(r, &c);
         if (job < 0)
             return STATUS_INPUT;
-        if (add_to_cells(r, &c, job))
+        if (add_to_cells(r, &c, job) || (json_is_true(json_object_get(r->plan->root, "pictures")) &&
+                                         add_pictures(r, &c, job) < 0))
             return no_memory();
     }
     return STATUS_DONE;
@@ -444,7 +472,7 @@ static int check_lists(const struct reader *r, const char *table)
     {
         int code = STATUS_DONE;
         snprintf(where, sizeof(where), "%s.%.80s", table, name);
-        if (json_is_object(value) && !strcmp(table, "defenses")) {
+        if (json_is_object(value) && !strcmp(table, DEFENSES)) {
             code = check_keys(r, value, where, "train|prune|from");
             if (!code)
                 code = check_options(r, json_object_get(value, "train"), where);
@@ -496,7 +524,7 @@ static int read_plan(struct reader *r)
     struct plan *p = r->plan;
     int code = check_keys(r, p->root, "plan",
                           "about|threads|timeout|memory|alone|train|proxy|scenes|photos|defenses|"
-                          "models|runs");
+                          "models|runs|pictures");
     if (!code)
         code = read_limits(r);
     if (!code)
@@ -505,14 +533,17 @@ static int read_plan(struct reader *r)
         code = check_options(r, json_object_get(p->root, "proxy"), "proxy");
     if (!code)
         code = check_scenes(r);
-    static const char *const tables[] = {"photos", "defenses", "models"};
+    const json_t *pictures = json_object_get(p->root, "pictures");
+    if (!code && pictures && !json_is_boolean(pictures))
+        code = wrong(r, "pictures: expected true or false");
+    static const char *const tables[] = {"photos", DEFENSES, "models"};
     for (int i = 0; i < 3 && !code; i++)
         code = check_lists(r, tables[i]);
     if (!code && !in(p->root, "photos", CLEAN))
         code = wrong(r, "photos: found no " CLEAN ", expected [] for photos as they are");
     if (!code && json_array_size(in(p->root, "photos", CLEAN)))
         code = wrong(r, "photos." CLEAN ": expected []");
-    const json_t *off = in(p->root, "defenses", OFF);
+    const json_t *off = in(p->root, DEFENSES, OFF);
     if (!code && !off)
         code = wrong(r, "defenses: found no " OFF ", expected [] for no defense");
     if (!code && (!json_is_array(off) || json_array_size(off)))

@@ -33,6 +33,14 @@ static const char schema[] =
     "CREATE TABLE view(key TEXT, name TEXT, psnr REAL, ssim REAL, PRIMARY KEY(key, name))"
     " WITHOUT ROWID;";
 
+/* Later than the tables above. of: the key of the job whose model is shown. what: photo or render.
+ * kind: radial or angular. */
+static const char later[] =
+    "CREATE TABLE IF NOT EXISTS picture(of TEXT, what TEXT, view TEXT, png BLOB,"
+    " PRIMARY KEY(of, what)) WITHOUT ROWID;"
+    "CREATE TABLE IF NOT EXISTS spectrum(of TEXT, what TEXT, kind TEXT, bin INT, value REAL,"
+    " PRIMARY KEY(of, what, kind, bin)) WITHOUT ROWID;";
+
 static int failed(const struct store *s)
 {
     say(stderr, "splatguard: %s: %s\n", s->path, sqlite3_errmsg(s->db));
@@ -109,12 +117,14 @@ int store_open(const char *path, bool must_exist, struct store **out)
     if (sqlite3_open_v2(path, &s->db, flags, NULL))
         return failed(s);
     sqlite3_extended_result_codes(s->db, 1);
-    sqlite3_busy_timeout(s->db, 10000);
+    sqlite3_busy_timeout(s->db, must_exist ? 2000 : 10000); /* milliseconds */
     /* Text of a stranger's database is data: nothing in its schema runs. */
     sqlite3_db_config(s->db, SQLITE_DBCONFIG_DEFENSIVE, 1, NULL);
     sqlite3_db_config(s->db, SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0, NULL);
-    const int code = check_kind(s);
-    return code || must_exist ? code : check_whole(s);
+    int code = check_kind(s);
+    if (!code && !must_exist)
+        code = check_whole(s);
+    return code || must_exist ? code : run(s, later);
 }
 
 void store_close(struct store **store)
@@ -127,8 +137,8 @@ void store_close(struct store **store)
     *store = NULL;
 }
 
-/* A statement with its values: types "t" text, "i" whole number, "r" number, "j" JSON. Without NAN:
- * that is null. */
+/* A statement with its values: types "t" text, "i" whole number, "r" number, "j" JSON, "b" bytes
+ * and their number. Without NAN: that is null. */
 static int put(struct store *s, const char *sql, const char *types, ...)
 {
     sqlite3_stmt *q = NULL;
@@ -146,6 +156,9 @@ static int put(struct store *s, const char *sql, const char *types, ...)
             const double v = va_arg(args, double);
             if (isfinite(v))
                 sqlite3_bind_double(q, i + 1, v);
+        } else if (types[i] == 'b') {
+            const void *bytes = va_arg(args, const void *);
+            sqlite3_bind_blob64(q, i + 1, bytes, va_arg(args, size_t), SQLITE_TRANSIENT);
         } else if (types[i] == 'j') {
             json_t *value = va_arg(args, json_t *);
             char *dump = value ? json_dumps(value, JSON_SORT_KEYS | JSON_COMPACT) : NULL;
@@ -277,6 +290,31 @@ static int put_eval(struct store *s, const char *key, const json_t *eval)
     return code;
 }
 
+static int put_spectrum(struct store *s, const char *of, const char *what, const char *kind,
+                        const double *values, int n)
+{
+    int code = STATUS_DONE;
+    for (int i = 0; i < n && !code; i++)
+        code = put(s, "INSERT OR REPLACE INTO spectrum VALUES(?,?,?,?,?)", "tttir", of, what, kind,
+                   (long long) i, values[i]);
+    return code;
+}
+
+static int put_pictures(struct store *s, const char *of, const struct pictures *pictures)
+{
+    int code = STATUS_DONE;
+    for (int k = 0; k < PICTURE_KINDS && !code; k++) {
+        const struct picture *p = &pictures->kinds[k];
+        code = put(s, "INSERT OR REPLACE INTO picture VALUES(?,?,?,?)", "tttb", of,
+                   picture_kinds[k], pictures->view, (const void *) p->png, p->size);
+        if (!code)
+            code = put_spectrum(s, of, picture_kinds[k], "radial", p->radial, SG_SPECTRUM_RINGS);
+        if (!code)
+            code = put_spectrum(s, of, picture_kinds[k], "angular", p->angular, PICTURE_DIRECTIONS);
+    }
+    return code;
+}
+
 static void machine_name(char *text, size_t size)
 {
     struct utsname u;
@@ -297,9 +335,10 @@ static int store_drop(struct store *s, const char *key)
 {
     static const char *const sql[] = {
         "DELETE FROM metric WHERE key=?", "DELETE FROM curve WHERE key=?",
-        "DELETE FROM view WHERE key=?", "DELETE FROM job WHERE key=?"};
+        "DELETE FROM view WHERE key=?",   "DELETE FROM job WHERE key=?",
+        "DELETE FROM picture WHERE of=?", "DELETE FROM spectrum WHERE of=?"};
     int code = STATUS_DONE;
-    for (int i = 0; i < 4 && !code; i++)
+    for (int i = 0; i < 6 && !code; i++)
         code = put(s, sql[i], "t", key);
     return code;
 }
@@ -335,6 +374,8 @@ int store_put(struct store *s, const struct job *j, const struct outcome *o)
         code = put_eval(s, j->key, o->eval);
     if (!code)
         code = put_curve(s, j->key, o->log);
+    if (!code && o->shown)
+        code = put_pictures(s, o->shown, &o->pictures);
     return end(s, code);
 }
 

@@ -221,6 +221,18 @@ static void add_prune(struct scheduler *s, struct command_line *c, int index)
     add_options(s, c, j, options_of(j));
 }
 
+/* The model from the cameras of its own training photos, and these photos. */
+static void add_render(struct scheduler *s, struct command_line *c, int index)
+{
+    const struct job *j = &s->b->plan->jobs[index];
+    const bool run = s->b->plan->jobs[j->needs[1]].kind == JOB_TRAIN;
+    add(c, "render"), add(c, "%s/%s", s->work[j->needs[1]].folder, run ? "run" : "model.ply");
+    add(c, "--scene"), add_source(s, c, j->needs[2]);
+    add(c, "-o"), add(c, "%s/views", s->work[index].folder);
+    add(c, "--split"), add(c, "train"), add(c, "--photo");
+    add_options(s, c, j, options_of(j));
+}
+
 /* The command of a job's phase; false: there is none left. */
 static bool make_command(struct scheduler *s, int index, struct command_line *c)
 {
@@ -237,9 +249,10 @@ static bool make_command(struct scheduler *s, int index, struct command_line *c)
         add(c, "synth"), add(c, "-o"), add(c, "%s/scene", w->folder);
         add_options(s, c, j, synth);
     } else if (w->phase == 0 && j->kind != JOB_SCENE)
-        (j->kind == JOB_POISON  ? add_attack
-         : j->kind == JOB_PRUNE ? add_prune
-                                : add_train)(s, c, index);
+        (j->kind == JOB_POISON     ? add_attack
+         : j->kind == JOB_PRUNE    ? add_prune
+         : j->kind == JOB_PICTURES ? add_render
+                                   : add_train)(s, c, index);
     else {
         free(c->words[0]);
         return false;
@@ -384,8 +397,18 @@ static void last_words(struct work *w)
     free(text);
 }
 
-static void collect(struct scheduler *s, const struct job *j, struct work *w)
+/* Returns an exit code. */
+static int collect(struct scheduler *s, const struct job *j, struct work *w)
 {
+    if (j->kind == JOB_PICTURES) {
+        char views[PATH_MAX + 64];
+        snprintf(views, sizeof(views), "%s", below(w, "views"));
+        const int code = pictures_read(views, &w->out.pictures);
+        w->out.shown = s->b->plan->jobs[j->needs[1]].key;
+        if (!s->b->keep)
+            remove_folder(views);
+        return code;
+    }
     if (j->kind == JOB_TRAIN || j->kind == JOB_PROXY) {
         w->out.summary = load_json(below(w, "run/summary.json"));
         w->out.run_config = load_json(below(w, "run/config.json"));
@@ -404,6 +427,7 @@ static void collect(struct scheduler *s, const struct job *j, struct work *w)
         json_object_set_new(w->out.summary, "max_gaussians",
                             number_json(store_metric(s->b->store, run, "max_gaussians")));
     }
+    return STATUS_DONE;
 }
 
 static void clear_outcome(struct outcome *o)
@@ -413,6 +437,7 @@ static void clear_outcome(struct outcome *o)
     json_decref(o->eval);
     free(o->log);
     free(o->command);
+    pictures_clear(&o->pictures);
     *o = (struct outcome){0};
 }
 
@@ -421,9 +446,11 @@ static int finish(struct scheduler *s, int index, const char *status)
 {
     const struct job *j = &s->b->plan->jobs[index];
     struct work *w = &s->work[index];
+    if (!strcmp(status, "done") && collect(s, j, w)) {
+        status = "failed";
+        snprintf(w->out.message, sizeof(w->out.message), "its pictures cannot be read");
+    }
     w->out.status = status;
-    if (!strcmp(status, "done"))
-        collect(s, j, w);
     const int code = store_put(s->b->store, j, &w->out);
     if (code)
         return code;

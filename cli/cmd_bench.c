@@ -78,7 +78,12 @@ static int print_slurm(const struct bench_config *c, const char *plan)
         put_argument(" --work ", c->work);
         printf(".$SLURM_ARRAY_TASK_ID");
     }
-    printf("\n");
+    if (c->jobs)
+        printf(" --jobs %d", c->jobs);
+    if (c->max_memory)
+        printf(" --max-memory %llu", (unsigned long long) c->max_memory);
+    printf("%s%s%s\n", c->retry ? " --retry" : "", c->keep ? " --keep" : "",
+           c->quiet ? " --quiet" : "");
     return STATUS_DONE;
 }
 

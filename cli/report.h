@@ -48,6 +48,8 @@ struct report {
     size_t n_groups;
     json_t *plans;  /* by name */
     json_t *curves; /* key: list of [iteration, Gaussians, PSNR, instances] */
+    /* key: {photo, render: {view, png (base64), radial, angular (lists)}} */
+    json_t *pictures;
 };
 
 /* Adds a database's results. Returns an exit code. */

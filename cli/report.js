@@ -7,7 +7,8 @@ const colours = ['#4878d0', '#ee854a', '#6acc64', '#d65f5f', '#956cb4', '#8c613c
 const width = 900, height = 340, left = 70, bottom = 40, top_ = 16, right = 180;
 const unique = list => [...new Set(list)];
 const defenses = unique(results.map(r => r.defense));
-const colour = name => colours[defenses.indexOf(name) % colours.length];
+const photosName = 'the photos';
+const colour = name => name === photosName ? 'currentColor' : colours[defenses.indexOf(name) % colours.length];
 const sceneOf = r => r.plan + ': ' + r.scene + (r.model === 'default' ? '' : ', ' + r.model);
 const scenes = unique(results.map(sceneOf));
 
@@ -107,24 +108,69 @@ function scatter(id, title, chosen) {
     legend(svg, defenses.filter(d => points.some(r => r.defense === d)));
 }
 
+// Lines of points [x, y], each with the colour of a defense: {name, defense, dashed, points}. The mark is at the first
+// x from `at` on, or at the end.
+function series(id, title, list, low, at) {
+    list = list.filter(l => l.points.length);
+    const points = list.flatMap(l => l.points);
+    if (!points.length) return document.getElementById(id).replaceChildren();
+    const ys = points.map(p => p[1]), x = points.map(p => p[0]);
+    const {svg, px, py} = plot(id, title, [Math.min(0, ...x), Math.max(...x)],
+        [Math.min(low, ...ys), Math.max(...ys) * 1.05], true);
+    for (const l of list) {
+        element(svg, 'path', {d: 'M' + l.points.map(p => px(p[0]).toFixed(1) + ' ' + py(p[1]).toFixed(1)).join('L'),
+            fill: 'none', stroke: colour(l.defense), 'stroke-width': 2, 'stroke-dasharray': l.dashed ? '5 4' : 'none'});
+        const p = l.points.find(q => q[0] >= at) || l.points[l.points.length - 1];
+        mark(svg, 'circle', {cx: px(p[0]), cy: py(p[1]), r: 5, fill: colour(l.defense)}, p[1],
+            `${l.name}: ${short(p[1])}` + (at === Infinity ? ' at the end' : ` at ${short(p[0])}`));
+    }
+    legend(svg, [...defenses, photosName].filter(d => list.some(l => l.defense === d)));
+}
+
 // A column of the curves over the iterations, one line a run.
 function lines(id, title, column, chosen) {
-    const runs = chosen.filter(r => r.curve.length);
-    const points = runs.flatMap(r => r.curve.filter(p => p[column] !== null));
-    if (!points.length) return document.getElementById(id).replaceChildren();
-    const {svg, px, py} = plot(id, title, [0, Math.max(...points.map(p => p[0]))],
-        [0, Math.max(...points.map(p => p[column])) * 1.05], true);
-    for (const r of runs) {
-        const curve = r.curve.filter(p => p[column] !== null);
-        if (!curve.length) continue;
-        element(svg, 'path', {d: 'M' + curve.map(p => px(p[0]).toFixed(1) + ' ' + py(p[column]).toFixed(1)).join('L'),
-            fill: 'none', stroke: colour(r.defense), 'stroke-width': 2,
-            'stroke-dasharray': r.photos === 'clean' ? '5 4' : 'none'});
-        const end = curve[curve.length - 1];
-        mark(svg, 'circle', {cx: px(end[0]), cy: py(end[column]), r: 5, fill: colour(r.defense)}, end[column],
-            `${r.photos}, ${r.defense}, seed ${r.seed}: ${short(end[column])} at the end`);
+    series(id, title, chosen.map(r => ({name: `${r.photos}, ${r.defense}, seed ${r.seed}`, defense: r.defense,
+        dashed: r.photos === 'clean', points: r.curve.filter(p => p[column] !== null).map(p => [p[0], p[column]])})), 0, Infinity);
+}
+
+// Runs with pictures, those without a defense first: their photos are those of all.
+const pictured = chosen => chosen.filter(r => r.pictures && r.pictures.render)
+    .sort((a, b) => (a.defense !== 'off') - (b.defense !== 'off'));
+
+// A spectrum of the photos of each kind, and of the renders of each run.
+function spectra(id, title, kind, chosen, point, low, at) {
+    const list = [];
+    for (const r of pictured(chosen)) {
+        const of = (what, defense) => ({name: `${r.photos}, ${defense}`, defense, dashed: r.photos === 'clean',
+            points: (r.pictures[what][kind] || []).map(point).filter(p => isFinite(p[1]))});
+        if (r.pictures.photo && !list.some(l => l.defense === photosName && l.name.startsWith(r.photos + ',')))
+            list.push(of('photo', photosName));
+        list.push(of('render', r.defense));
     }
-    legend(svg, defenses.filter(d => runs.some(r => r.defense === d)));
+    series(id, title, list, low, at);
+}
+
+// The middle of one training view: the photos, and what each run made of them.
+function crops(chosen) {
+    const section = document.getElementById('crops');
+    section.replaceChildren();
+    const add = (picture, text) => {
+        const figure = document.createElement('figure'), image = document.createElement('img'),
+            caption = document.createElement('figcaption');
+        image.src = 'data:image/png;base64,' + picture.png;
+        image.alt = caption.textContent = text;
+        figure.append(image, caption);
+        section.append(figure);
+    };
+    const seen = new Set();
+    for (const r of pictured(chosen)) {
+        if (r.pictures.photo && r.pictures.photo.png && !seen.has(r.photos)) {
+            seen.add(r.photos);
+            add(r.pictures.photo, `${r.photos}: photo ${r.pictures.photo.view}`);
+        }
+        if (r.pictures.render.png)
+            add(r.pictures.render, `${r.photos}, ${r.defense}` + (r.psnr === null ? '' : `: ${r.psnr.toFixed(2)} dB`));
+    }
 }
 
 function choose(id, names) {
@@ -142,6 +188,11 @@ function draw() {
     bars('quality', 'PSNR on the test views of the clean scene, dB', 'psnr', chosen);
     scatter('tradeoff', 'PSNR against Gaussians: circles on clean photos, squares on others', chosen);
     lines('growth', 'Gaussians over the iterations; dashed on clean photos', 1, chosen);
+    spectra('radial', 'Energy over frequency in cycles per pixel, log10 of the mean over training views; dashed on clean photos',
+        'radial', chosen, (v, i) => [(i + .5) / 128, Math.log10(v)], -2, .375);
+    spectra('angular', 'Share of the energy between 0.15 and 0.45 cycles per pixel by direction in degrees',
+        'angular', chosen, (v, i) => [-180 + 10 * (i + .5), v], 0, 0);
+    crops(chosen);
     lines('instances', '(Gaussian, tile) pairs of the view over the iterations: what memory and time follow', 3, chosen);
 }
 

@@ -119,6 +119,100 @@ static int take_point(void *arg, int columns, const char *const *v)
     return json_array_append_new(curve, point) ? no_memory() : STATUS_DONE;
 }
 
+static char *base64(const char *hex)
+{
+    static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    const size_t n = strlen(hex) / 2;
+    char *out = malloc((n + 2) / 3 * 4 + 1), *o = out;
+    for (size_t i = 0; i < n && out; i += 3) {
+        unsigned word = 0;
+        for (size_t k = 0; k < 3; k++) {
+            unsigned byte = 0;
+            if (i + k < n)
+                sscanf(hex + 2 * (i + k), "%2x", &byte);
+            word = word << 8 | byte;
+        }
+        for (size_t k = 0; k < 4; k++)
+            *o++ = i + k > n ? '=' : digits[word >> (18 - 6 * k) & 63];
+    }
+    if (out)
+        *o = 0;
+    return out;
+}
+
+/* The object of one kind of picture of a job, made where there is none; NULL if it is of a database
+ * before, or the names are no text. */
+static json_t *picture_of(const struct keyed *k, const char *key, const char *what)
+{
+    if (!key || !what || json_object_get(k->known, key))
+        return NULL;
+    json_t *all = json_object_get(k->r->pictures, key);
+    if (!all && json_object_set_new(k->r->pictures, key, all = json_object()))
+        return NULL;
+    json_t *one = json_object_get(all, what);
+    if (!one && json_object_set_new(all, what, one = json_object()))
+        return NULL;
+    return one;
+}
+
+static int take_picture(void *arg, int columns, const char *const *v)
+{
+    (void) columns;
+    json_t *one = picture_of(arg, v[0], v[1]);
+    char *png = one && v[3] ? base64(v[3]) : NULL;
+    if (png) {
+        json_object_set_new(one, "view", text_json(v[2] ? v[2] : ""));
+        json_object_set_new(one, "png", json_string(png));
+    }
+    free(png);
+    return STATUS_DONE;
+}
+
+static int take_bin(void *arg, int columns, const char *const *v)
+{
+    (void) columns;
+    json_t *one = picture_of(arg, v[0], v[1]);
+    json_t *list = one && v[2] ? json_object_get(one, v[2]) : NULL;
+    if (one && v[2] && !list && json_object_set_new(one, v[2], list = json_array()))
+        return STATUS_DONE;
+    return list && json_array_append_new(list, number_json(v[3] ? atof(v[3]) : NAN)) ? no_memory()
+                                                                                     : STATUS_DONE;
+}
+
+static int count_row(void *arg, int columns, const char *const *v)
+{
+    (void) columns, (void) v;
+    ++*(int *) arg;
+    return STATUS_DONE;
+}
+
+/* Databases of the first versions have no pictures. */
+static int load_pictures(struct keyed *k, struct store *s)
+{
+    int tables = 0;
+    json_t *known = k->known;
+    int code = store_query(s,
+                           "SELECT name FROM sqlite_master WHERE type='table' AND name IN"
+                           " ('picture', 'spectrum')",
+                           count_row, &tables);
+    if (code || tables < 2)
+        return code;
+    k->known = json_copy(k->r->pictures);
+    code = store_query(s,
+                       "SELECT of, what, view, hex(png) FROM picture"
+                       " WHERE of IN (SELECT key FROM cell) AND what IN ('photo', 'render')",
+                       take_picture, k);
+    if (!code)
+        code = store_query(s,
+                           "SELECT of, what, kind, value FROM spectrum"
+                           " WHERE of IN (SELECT key FROM cell) AND what IN ('photo', 'render')"
+                           " AND kind IN ('radial', 'angular') ORDER BY of, what, kind, bin",
+                           take_bin, k);
+    json_decref(k->known);
+    k->known = known;
+    return code;
+}
+
 static int take_plan(void *arg, int columns, const char *const *v)
 {
     struct report *r = arg;
@@ -150,7 +244,7 @@ int report_load(struct report *r, const char *path)
     struct store *s;
     struct keyed k = {.r = r, .index = json_object()};
     if (!r->curves)
-        r->curves = json_object(), r->plans = json_object();
+        r->curves = json_object(), r->plans = json_object(), r->pictures = json_object();
     k.known = json_copy(r->curves);
     int code = store_open(path, true, &s);
     if (!code)
@@ -174,6 +268,8 @@ int report_load(struct report *r, const char *path)
                            "SELECT key, iteration, gaussians, psnr, instances FROM curve"
                            " WHERE key IN (SELECT key FROM cell) ORDER BY key, iteration",
                            take_point, &k);
+    if (!code)
+        code = load_pictures(&k, s);
     json_decref(k.index);
     json_decref(k.known);
     store_close(&s);
@@ -244,6 +340,7 @@ void report_clear(struct report *r)
     free(r->results);
     free(r->groups);
     json_decref(r->curves);
+    json_decref(r->pictures);
     json_decref(r->plans);
     *r = (struct report){0};
 }

@@ -16,6 +16,9 @@ static json_t *result_json(const struct report *r, const struct result *x)
         json_object_set_new(o, metric_columns[m].name, number_json(x->value[m]));
     json_t *curve = json_object_get(r->curves, x->key);
     json_object_set_new(o, "curve", curve ? json_incref(curve) : json_array());
+    json_t *pictures = json_object_get(r->pictures, x->key);
+    if (pictures)
+        json_object_set(o, "pictures", pictures);
     return o;
 }
 
@@ -35,7 +38,7 @@ static void put_json(FILE *f, json_t *value)
 void put_page(FILE *f, const struct report *r)
 {
     static const char *const figures[] = {"gaussians", "quality", "tradeoff", "growth",
-                                          "instances"};
+                                          "instances", "radial",  "angular"};
     json_t *list = json_array();
     for (size_t i = 0; i < r->n; i++)
         if (!strcmp(r->results[i].status, "done"))
@@ -44,7 +47,8 @@ void put_page(FILE *f, const struct report *r)
         f,
         "<!doctype html>\n<html lang=en><head><meta charset=utf-8><title>splatguard: "
         "report</title>\n<meta http-equiv=Content-Security-Policy content=\"default-src 'none'; "
-        "style-src 'unsafe-inline'; script-src 'unsafe-inline'\">\n<meta name=generator "
+        "style-src 'unsafe-inline'; img-src data:; script-src 'unsafe-inline'\">\n<meta "
+        "name=generator "
         "content=splatguard>\n<style>\n%s</style></head><body>\n<h1>Report</h1>\n",
         report_css);
     if (json_array_size(list)) {
@@ -54,6 +58,7 @@ void put_page(FILE *f, const struct report *r)
                    "</label></p>\n");
         for (size_t i = 0; i < sizeof(figures) / sizeof(figures[0]); i++)
             fprintf(f, "<figure id=%s></figure>\n", figures[i]);
+        fprintf(f, "<section id=crops></section>\n");
     }
     put_tables(f, r, HTML);
     if (json_array_size(list)) {

@@ -77,6 +77,9 @@ expect 1 bench plan.json -o x.db --shard 4/3; says '--shard'
 expect 0 bench plan.json -o "it's.db" --slurm 2
 grep -qF "'it'\\''s.db'" out && sh -n out || fail "a quote in a name breaks the script: $(cat out)"
 
+expect 0 bench plan.json -o c.db --slurm 2 --jobs 3 --max-memory 4G --retry --keep -q
+grep -q -- '--jobs 3 --max-memory 4[0-9]* --retry --keep --quiet$' out || fail "the script lacks options: $(cat out)"
+
 # A folder of jobs that cannot be locked.
 expect 0 bench plan.json -o lock.db -q
 rm lock.db
@@ -91,6 +94,21 @@ cmp file.db copy.db || fail "a file that is no database has changed"
 ask foreign.db 'create table mine(x); insert into mine values(1)'
 expect 2 bench plan.json -o foreign.db; says 'not of this version of splatguard bench'
 [ "$(ask foreign.db 'select * from mine')" = 1 ] || fail "another's database has changed"
+expect 0 bench plan.json -o used.db -q
+cp used.db copy.db
+chmod 444 used.db
+if ! [ -w used.db ]; then # root may write it all the same
+    expect 2 bench plan.json -o used.db -q; says 'used.db: attempt to write a readonly database'
+    cmp used.db copy.db || fail "a read-only database has changed"
+fi
+chmod 644 used.db
+{ echo 'begin exclusive;'; sleep 14; } | sqlite3 used.db &
+sleep 0.3
+expect 2 report used.db -o locked; says 'used.db: database is locked'
+expect 2 bench plan.json -o used.db -q; says 'used.db: database is locked'
+[ ! -e locked ] || fail "a failed report left something"
+wait $!
+cmp used.db copy.db || fail "a locked database has changed"
 (ulimit -f 4; "$tool" bench plan.json -o full.db -q 2>err; [ $? -eq 2 ]) || fail "a full disk was not noticed"
 says 'full.db'
 dd if=/dev/urandom of=once.db bs=1024 seek=4 count=4 conv=notrunc 2>/dev/null
@@ -106,6 +124,8 @@ sed 's/"timeout"/"timeuot"/' plan.json >bad.json
 expect 2 bench bad.json -o x.db; says 'found "timeuot"'
 sed 's/"synth".*/"path": "nowhere"}},/' plan.json >bad.json
 expect 2 bench bad.json -o x.db; says 'scenes.s: found no file in ./nowhere'
+sed 's/"clean": \[\]/"clean": [], "bad": ["--epsilon", "{clean*2}"]/' plan.json >bad.json
+expect 2 bench bad.json -o x.db; says 'photos.bad[1]: found {clean*2}, which only defenses can have'
 sed 's/"off": \[\]/"off": ["--max-gaussians", "{clean}"]/' plan.json >bad.json
 expect 2 bench bad.json -o x.db; says 'defenses.off: expected []'
 sed 's/\["--method", "noise", "--epsilon", "16"\]/["--method"]/' plan.json >bad.json

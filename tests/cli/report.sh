@@ -2,7 +2,7 @@
 # A report's tables and figures have the numbers of its database, and what is in that is only data.
 . "$(dirname "$0")/common.sh"
 cat >plan.json <<'END'
-{"train": ["--iterations", "20", "--init-points", "100", "--log-every", "5"],
+{"pictures": true, "train": ["--iterations", "20", "--init-points", "100", "--log-every", "5"],
  "scenes": {"s": {"synth": ["--width", "48", "--height", "36", "--train-views", "4", "--test-views", "2", "--points", "100", "--samples", "1"]}},
  "photos": {"clean": [], "noise": ["--method", "noise", "--epsilon", "16"]},
  "defenses": {"off": [], "lg": {"prune": ["--finetune", "5"]}, "bad": ["--rho", "7"]}, "models": {"default": []},
@@ -34,6 +34,13 @@ echo 'no database at all, but long enough to look at: 01234567890123456789012345
 expect 2 report no.db -o x; says 'no.db: file is not a database'
 [ ! -e x ] || fail "a failed report left something"
 
+# A database that an older version made, without pictures.
+sqlite3 r.db ".clone old.db" >/dev/null 2>&1
+sqlite3 old.db "pragma application_id=$(ask 'pragma application_id'); pragma user_version=1; drop table picture; drop table spectrum"
+expect 0 report old.db -o old -q
+grep -q '"pictures"' old/report.html && fail "pictures from nowhere"
+grep -q '"pictures"' page/report.html || fail "no pictures"
+
 # Names of a stranger's database.
 name="</script><img src=x onerror=alert(1)>|\`\"'"
 printf "update cell set defense='%s' where defense='off'" "$(printf %s "$name" | sed "s/'/''/g")" | sqlite3 r.db
@@ -59,7 +66,13 @@ grep -o 'class="mark" data-value="[^"]*"' dom.html | sed 's/.*="\([^"]*\)"/\1/' 
     ask "select value from metric join cell using(key) where name='eval.psnr'"
     ask "select gaussians from curve c join cell using(key) where iteration=20"
     ask "select instances from curve c join cell using(key) where iteration=20"
+    # The photos are those of the runs without a defense.
+    shown="from spectrum s join cell on of=key where (what='render' or defense<>'lg') and" # `off` has a stranger's name now
+    ask "select log10(value) $shown s.kind='radial' and bin=48"
+    ask "select value $shown s.kind='angular' and bin=18"
 } >means
 sort -g means >expected
-paste drawn expected | awk 'NF != 2 || $1 - $2 > 1e-4 * $2 || $2 - $1 > 1e-4 * $2 { bad = 1; print } END { exit bad }' ||
+[ "$(ask "select count(*) from spectrum where kind='angular' and bin=18")" -eq 8 ] || fail "not all models have spectra"
+[ "$(grep -c '<img src="data:image/png;base64,' dom.html)" -ge 1 ] || fail "the page has no crops"
+paste drawn expected | awk 'NF != 2 || ($1 - $2) ^ 2 > (1e-4 * $2) ^ 2 { bad = 1; print } END { exit bad }' ||
     fail "the figures have other values than the database"

@@ -14,6 +14,6 @@ for defense in off ut cap-random smooth-gaussian lightgaussian pup spectral tole
 done
 grep -q '^| 0.50, cap-random, eps16 | 1 |' page/report.md || fail "no table of limits"
 # The other plans can be read; they need photos.
-for plan in desk paper; do
+for plan in desk evening paper; do
     expect 2 bench "$source_dir/bench/plans/$plan.json" --data . --list; says 'found no file in'
 done

@@ -1,0 +1,135 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What a model's views look like: the middle one, and spectra of all, beside those of the photos.
+ */
+#include <dirent.h>
+#include <limits.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "bench.h"
+
+#define SIDE_MAX 256            /* of the part that is kept, pixels */
+#define PIXELS_MAX (1ull << 28) /* of a picture */
+#define PHOTO "_photo.png"
+
+const char *const picture_kinds[PICTURE_KINDS] = {
+    [PICTURE_PHOTO] = "photo", [PICTURE_RENDER] = "render"};
+
+/* The names of the views in the folder, of which each has a photo beside it. */
+static int list_views(const char *folder, char ***names)
+{
+    struct dirent **entries;
+    const int found = scandir(folder, &entries, NULL, alphasort);
+    int n = 0;
+    *names = found > 0 ? calloc((size_t) found, sizeof(**names)) : NULL;
+    for (int i = 0; i < found; i++) {
+        const size_t length = strlen(entries[i]->d_name), tail = strlen(PHOTO);
+        if (*names && length > tail && !strcmp(entries[i]->d_name + length - tail, PHOTO) &&
+            ((*names)[n] = strndup(entries[i]->d_name, length - tail)))
+            n++;
+        free(entries[i]);
+    }
+    if (found >= 0)
+        free(entries);
+    return n;
+}
+
+static void crop(const struct sg_picture *p, struct sg_picture *out)
+{
+    const int w = p->width < SIDE_MAX ? p->width : SIDE_MAX,
+              h = p->height < SIDE_MAX ? p->height : SIDE_MAX;
+    const int x = (p->width - w) / 2, y = (p->height - h) / 2;
+    *out = (struct sg_picture){w, h, malloc((size_t) w * (size_t) h * 3)};
+    for (int i = 0; i < h && out->rgb; i++)
+        memcpy(out->rgb + (size_t) i * (size_t) w * 3,
+               p->rgb + ((size_t) (y + i) * (size_t) p->width + (size_t) x) * 3, (size_t) w * 3);
+}
+
+static int read_bytes(const char *path, uint8_t **bytes, size_t *size)
+{
+    FILE *f = fopen(path, "rb");
+    long n = -1;
+    if (f && !fseek(f, 0, SEEK_END))
+        n = ftell(f);
+    *bytes = n > 0 ? malloc((size_t) n) : NULL;
+    const bool whole =
+        *bytes && !fseek(f, 0, SEEK_SET) && fread(*bytes, 1, (size_t) n, f) == (size_t) n;
+    *size = whole ? (size_t) n : 0;
+    if (f)
+        fclose(f);
+    return whole ? SG_OK : SG_ERR_INPUT;
+}
+
+/* Keeps the middle of a picture as PNG. */
+static int keep(sg_ctx *ctx, const char *folder, const struct sg_picture *p, struct picture *out)
+{
+    char path[PATH_MAX];
+    struct sg_picture part;
+    crop(p, &part);
+    int error = part.rgb ? SG_OK : SG_ERR_BUDGET;
+    snprintf(path, sizeof(path), "%s/.part.png", folder);
+    if (!error)
+        error = sg_picture_write_png(ctx, path, part.rgb, part.width, part.height, 3);
+    if (!error)
+        error = read_bytes(path, &out->png, &out->size);
+    free(part.rgb);
+    return error;
+}
+
+/* Adds a picture's spectrum to the sums, and keeps the picture where it is the one to show. */
+static int add(sg_ctx *ctx, const char *folder, const char *path, bool shown, struct picture *out)
+{
+    struct sg_picture p = {0};
+    struct sg_spectrum s;
+    const struct sg_spectrum_params params = {.low = 0.3, .high = 0.9, .bins = PICTURE_DIRECTIONS};
+    int error = sg_picture_read(ctx, path, PIXELS_MAX, &p);
+    if (!error)
+        error = sg_spectrum_measure(ctx, p.rgb, p.width, p.height, &params, &s, NULL);
+    if (!error && shown)
+        error = keep(ctx, folder, &p, out);
+    for (int i = 0; i < SG_SPECTRUM_RINGS && !error; i++)
+        out->radial[i] += s.radial[i];
+    for (int i = 0; i < PICTURE_DIRECTIONS && !error; i++)
+        out->angular[i] += s.angular[i];
+    sg_picture_clear(&p);
+    return error;
+}
+
+int pictures_read(const char *folder, struct pictures *out)
+{
+    static const char *const endings[PICTURE_KINDS] = {
+        [PICTURE_PHOTO] = PHOTO, [PICTURE_RENDER] = ".png"};
+    sg_ctx *ctx;
+    char **names, path[PATH_MAX];
+    *out = (struct pictures){0};
+    int error = open_context(&ctx, 1, 0, true);
+    if (error)
+        return error;
+    const int n = list_views(folder, &names);
+    for (int i = 0; i < n && !error; i++)
+        for (int k = 0; k < PICTURE_KINDS && !error; k++) {
+            snprintf(path, sizeof(path), "%s/%s%s", folder, names[i], endings[k]);
+            error = add(ctx, folder, path, i == n / 2, &out->kinds[k]);
+        }
+    for (int k = 0; k < PICTURE_KINDS; k++) {
+        for (int i = 0; i < SG_SPECTRUM_RINGS; i++)
+            out->kinds[k].radial[i] /= n ? n : 1;
+        for (int i = 0; i < PICTURE_DIRECTIONS; i++)
+            out->kinds[k].angular[i] /= n ? n : 1;
+    }
+    if (n)
+        snprintf(out->view, sizeof(out->view), "%s", names[n / 2]);
+    const int code = n ? report(ctx, error) : STATUS_INPUT;
+    for (int i = 0; i < n; i++)
+        free(names[i]);
+    free(names);
+    sg_ctx_destroy(&ctx);
+    return code;
+}
+
+void pictures_clear(struct pictures *p)
+{
+    for (int k = 0; k < PICTURE_KINDS; k++)
+        free(p->kinds[k].png);
+    *p = (struct pictures){0};
+}
