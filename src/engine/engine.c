@@ -10,7 +10,7 @@
 #include "core/clock.h"
 #include "ops.h"
 
-/* What the stages leave for later ones. */
+/* Results of a stage that later stages need. */
 enum sg_ready {
     SPLATS = 1,
     LISTS = 2,

@@ -31,8 +31,8 @@ sg_ctx *sg_engine_ctx(const struct sg_engine *e);
 const char *
 sg_engine_variant(const struct sg_engine *e); /* "avx512", "ref", ...: what really runs */
 
-/* What an engine needs for a shape of work, in bytes at the worst moment of an iteration or an
- * edit. */
+/* The memory that an engine needs for a shape of work: bytes at the worst moment of an iteration or
+ * an edit. */
 struct sg_work {
     int sh_degree;
     bool accumulate; /* see sg_update */
@@ -89,9 +89,9 @@ int sg_engine_set_statistic(struct sg_engine *e, enum sg_gradient_statistic stat
 /* Engine to host. */
 int sg_engine_read_statistics(struct sg_engine *e, const struct sg_statistics *out);
 
-/* A change of the set of Gaussians: survivors in their order, then the appended ones in theirs;
- * from a few thousand on, the engine puts them all into an order of its own that nothing but the
- * model and the edit decides. The table of columns (model/columns.h) says what becomes of each. */
+/* A change of the set of Gaussians: survivors in their order, then appended Gaussians in theirs.
+ * The engine reorders models of a few thousand Gaussians or more; the new order depends on the
+ * model and the edit only. The table of columns (model/columns.h) says what becomes of each. */
 struct sg_edit {
     const uint8_t *keep; /* one byte per present Gaussian */
     size_t kept;         /* number of non-zero bytes */
@@ -99,7 +99,7 @@ struct sg_edit {
     const uint32_t *source; /* appended entries: index before the edit, or of a row to insert */
     const uint8_t *kind;    /* enum sg_edit_kind: copy, child or insert */
     const struct sg_model *rows; /* parameters of inserted ones; of the SH degree of the model */
-    bool statistics;             /* the survivors keep theirs, else all are cleared */
+    bool statistics;             /* survivors keep their statistics; false: all are cleared */
     uint64_t seed, stream; /* of the children's positions: normal (seed, SG_RNG_SPLIT, stream, 3
                               entry + axis) */
 };
@@ -139,7 +139,7 @@ int sg_engine_explore(struct sg_engine *e, const struct sg_exploration *explorat
  * none. */
 int sg_engine_filter(struct sg_engine *e, const struct sg_camera *const *cameras, size_t n);
 
-/* A step between the parameters and the projection: what is drawn in place of the parameters of
+/* A step between parameters and projection: it computes what is drawn in place of the parameters of
  * SG_LANES Gaussians. params, shaped and gradients are blocks of `planes` planes, laid out as in
  * sg_model.params. */
 struct sg_shape {
@@ -148,12 +148,12 @@ struct sg_shape {
     int column;      /* of one plane, whose values the functions get; SG_COLUMNS: none */
     void (*forward)(const void *arg, const float *params, const float *column, int planes,
                     float *shaped);
-    /* gradients: of what is drawn; becomes those of the parameters. */
+    /* gradients: of the output of `forward`; replaced by those of the parameters. */
     void (*backward)(const void *arg, const float *params, const float *column, int planes,
                      float *gradients);
 };
-/* shape: borrowed, NULL = what is drawn are the parameters (default). SG_ERR_USAGE for an engine
- * that has no such stage. */
+/* shape: borrowed; NULL = the parameters are drawn as they are (default). SG_ERR_USAGE for an
+ * engine that has no such stage. */
 int sg_engine_set_shape(struct sg_engine *e, const struct sg_shape *shape);
 
 /* ---- photos ---- */

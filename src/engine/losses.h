@@ -9,12 +9,13 @@
 #include "splatguard/spectrum.h"
 #include "splatguard/variation.h"
 
-/* 0 of the photo's mask are pixels that do not count: equal to the render, with no gradient. */
+/* Pixels where the photo's mask is 0 do not count: they are equal to the render and have no
+ * gradient. */
 struct sg_target {
     uint32_t photo;      /* a handle, or 0 with planes */
     const float *planes; /* host, 3 planes: an image instead of the photo's; or NULL */
-    /* NULL, or the photo's exposure (math/exposure.h): the photometric loss compares what it makes
-     * of the render. The other losses are of the render itself. */
+    /* NULL, or the photo's exposure (math/exposure.h): the photometric loss compares the photo with
+     * the exposed render. The other losses are of the render itself. */
     const float *exposure;
 };
 
@@ -42,7 +43,7 @@ enum sg_loss_kind {
  * low_pass adds low_pass x the mean of the squared differences from the photo itself after a
  * low-pass filter, the window of SSIM. What oscillates in a changed photo is small there. Where the
  * photo is within `tolerance` of black (of white), a darker (brighter) render counts as equal,
- * because there a change can only have gone to one side. */
+ * because a change of the photo can have moved such a value in one direction only. */
 struct sg_photometric {
     float lambda_dssim;
     float tolerance; /* 0..1, of the value range; 0: the target is the photo */

@@ -6,13 +6,13 @@
 #include "splatguard/prune.h"
 #include "train/strategy.h"
 
-/* No densification and no opacity reset. The first iteration takes no step: in the released
- * programs it is the one that prunes. Every 400 iterations all rates but the position's shrink by 5
+/* No densification and no opacity reset. The first iteration takes no step: the released programs
+ * prune in it. Every 400 iterations all rates but the position's shrink by 5
  * %. */
 extern const struct sg_strategy sg_strategy_finetune;
 
-/* Of a fine-tuning: the position's rate continues from the iteration that the model was trained for
- * to the end of both. */
+/* Parameters of the fine-tuning. The learning rate of positions continues from the last iteration
+ * of the model's training. */
 struct sg_train_params sg_finetune_params(const struct sg_prune_params *params);
 
 /* *model becomes a fine-tuned one, or NULL after an error. */

@@ -265,7 +265,7 @@ static struct sg_camera reduced(const struct sg_camera *c, int reduce)
     return small;
 }
 
-/* Adds what one view tells, in the order of the tiles: the same bytes for any number of threads.
+/* Adds the part of one view, in the order of the tiles: the same bytes for any number of threads.
  * f: FISHER values per Gaussian. */
 static int add_view(sg_ctx *ctx, struct job *j, size_t capacity[3], double *f)
 {
@@ -360,7 +360,7 @@ double sg_log_det6(const double *matrix)
             for (int s = 0; s < k; s++)
                 v -= l[6 * i + s] * l[6 * k + s];
             if (i == k) {
-                if (!(v > 1e-15)) /* what rounding leaves of 0 */
+                if (!(v > 1e-15)) /* rounding errors of 0 */
                     return -INFINITY;
                 l[7 * i] = sqrt(v);
                 sum += log(v);

@@ -96,7 +96,7 @@ size_t sg_prune_choose(const double *score, size_t n, double ratio, double *sort
     return removed;
 }
 
-/* *model loses what its scores say. */
+/* Removes the Gaussians with the lowest scores from *model. */
 static int remove_lowest(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_prune_params *p,
                          double ratio, struct sg_model **model, struct sg_prune_result *result)
 {

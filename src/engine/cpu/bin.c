@@ -142,8 +142,8 @@ static void place_digits(void *arg, size_t chunk, int thread)
         j->to[h[j->from[i].key >> j->shift & (RADIX - 1)]++] = j->from[i];
 }
 
-/* From counts per chunk and key to where each chunk puts its first element of each key. start:
- * `keys` + 1 numbers, set to the first place of each key. */
+/* Turns the counts per chunk and key into the place of each chunk's first element of each key.
+ * start: `keys` + 1 numbers, set to the first place of each key. */
 static void place_counts(uint32_t *counts, size_t keys, size_t stride, uint32_t *start)
 {
     memset(start, 0, (keys + 1) * sizeof(*start));
@@ -153,7 +153,7 @@ static void place_counts(uint32_t *counts, size_t keys, size_t stride, uint32_t 
     for (size_t k = 0; k < keys; k++)
         start[k + 1] += start[k];
     for (size_t c = 0; c < ORDER_CHUNKS;
-         c++) /* leaves each key's end, which is the next one's start */
+         c++) /* leaves the end of each key, which is the start of the next */
         for (size_t k = 0; k < keys; k++) {
             const uint32_t n = counts[c * stride + k];
             counts[c * stride + k] = start[k];

@@ -281,8 +281,8 @@ static int photometric(struct sg_engine *base, const struct sg_target_pixels *ta
         (target->exposure &&
          sg_host_expose(base->ctx, &b->exposed, target->exposure, b->rgb, b->camera.width, height)))
         return SG_ERR_BUDGET;
-    /* Each piece computes ten rows that are its neighbours': the fewer the better, but the threads
-     * should end together. */
+    /* Each piece computes ten rows of its neighbours again, so few pieces are better. But the
+     * threads should end at the same time. */
     const int rows = height / (2 * threads) + 1;
     struct loss_job job = {.kernels = b->kernels,
                            .args = {.width = b->camera.width,
@@ -361,7 +361,7 @@ static int raster_backward(struct sg_engine *base)
                     CPU_SLOT_FLOATS * sizeof(float)))
             return SG_ERR_BUDGET;
         struct raster_job job = {.kernel = b->kernels->raster, .args = raster_args(b, band)};
-        if (banded) /* this band's blocks are not at hand any more: draw it again */
+        if (banded) /* a later band has overwritten the block masks: draw this band again */
             sg_parallel_for(ctx, band_tiles(b, band), raster_tile, &job);
         job.kernel =
             absolute(b) ? b->kernels->raster_backward_absolute : b->kernels->raster_backward;

@@ -32,7 +32,7 @@ struct cpu_instance {
     uint32_t splat, slot; /* slot: where the backward pass leaves its gradient */
 };
 
-#define CPU_PREFETCH 16 /* instances; as many zero ones follow the last */
+#define CPU_PREFETCH 16 /* instances; as many zero instances follow the last */
 /* Sum w, w dx, w dy, w dx^2, w dx dy, w dy^2, r, g, b; then, where absolute gradients are counted,
  * the sums of |dL/dx| and |dL/dy|. */
 #define CPU_SLOT_FLOATS 12
@@ -60,18 +60,18 @@ struct cpu_raster_args {
     uint16_t *hits; /* per instance: 4x4 blocks of the tile it can touch; written by forward, read
                        by backward */
     uint32_t *reached; /* per tile, from first_tile: end of the instances that any pixel was still
-                          open for */
+                          open to */
     float background[3];
     float *rgb;            /* 3 planes, written by forward, read by backward */
     float *alpha, *depth;  /* planes or NULL */
     const float *gradient; /* 3 planes */
     float *slots;          /* raster_count: one float per instance */
-    enum sg_hit hit;       /* raster_count: what to sum; views are counted as pixels */
+    enum sg_hit hit;       /* raster_count: the kind of hit to sum; views are counted as pixels */
 };
 
 struct cpu_learn_args {
     const struct sg_camera *camera;
-    const float *shaped; /* what was projected: params, or what a shape makes of them */
+    const float *shaped; /* what was projected: params, or the output of a shape */
     float *params, *m, *v;
     float *grad_sum, *grad_count;
     float *grad_absolute; /* of kernels with the mip filter: NULL, or the sums beside the norm */
@@ -102,7 +102,7 @@ struct cpu_loss_args {
 #define CPU_LOSS_SCRATCH_ROWS (4 * CPU_LOSS_STEP + 50)
 #define CPU_LOSS_SCRATCH(width) (CPU_LOSS_SCRATCH_ROWS * CPU_LOSS_STRIDE(width)) /* floats */
 
-/* Name, result and arguments of every kernel, in this order; what they are written once in. */
+/* The one list of all kernels: name, result and arguments, in this order. */
 #define CPU_KERNELS(K)                                                                             \
     K(project, void, (const struct cpu_project_args *, size_t first_block, size_t end_block))      \
     K(project_mip, void, (const struct cpu_project_args *, size_t first_block, size_t end_block))  \

@@ -160,8 +160,8 @@ static void shrink(float *p, int first, int planes)
 struct moves {
     const struct sg_edit *edit;
     const struct sg_host_model *h; /* before */
-    /* of every item, those kept and then those appended: its index before, or its row of the
-     * edit's, counted on from there */
+    /* of every item, first those kept, then those appended: its index before the edit, or the old
+     * count plus its row among the edit's */
     uint32_t *source;
     uint32_t *order; /* of every row after the edit: its item */
     size_t count;    /* items */
@@ -248,7 +248,7 @@ static int edit_array(sg_ctx *ctx, struct sg_host_model *h, int column, const st
     return SG_OK;
 }
 
-#define ORDER_FROM 4096 /* Gaussians: fewer stay in the caches, however they lie */
+#define ORDER_FROM 4096 /* Gaussians; fewer fit the caches in any order */
 
 static int plan_moves(sg_ctx *ctx, struct moves *m)
 {
@@ -404,6 +404,7 @@ uint64_t sg_host_footprint(const struct sg_work *work, bool gradient)
         sum += bytes;
         largest = bytes > largest ? bytes : largest;
     }
-    /* An edit or a checkpoint has one array twice; an edit, where each row comes from and goes. */
+    /* An edit or a checkpoint holds one array twice. An edit also has the source and the order of
+     * rows. */
     return sum + largest + 2 * sizeof(uint32_t);
 }

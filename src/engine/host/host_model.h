@@ -19,7 +19,7 @@ static inline size_t sg_blocks(size_t gaussians)
     return (gaussians + SG_LANES - 1) / SG_LANES;
 }
 
-/* What a column's array counts as in the ledger. */
+/* The memory tag of a column's array. */
 static inline enum sg_mem_tag sg_column_tag(int column)
 {
     return column == SG_C_PARAMETERS || column == SG_C_SHAPED ? SG_MEM_MODEL : SG_MEM_OPTIMISER;

@@ -22,8 +22,8 @@ static float position(const struct sg_places *p, size_t place, int axis)
                             : p->rows[sg_param_index(p->planes, place - p->count, SG_P_XYZ + axis)];
 }
 
-/* The lattice spans all but the outermost fiftieths: strays must not push everything else into one
- * cell. It is that of the Gaussians before the edit, or of the items where there was none. */
+/* The lattice leaves out a fiftieth at each end, so that strays do not push all others into one
+ * cell. It spans the Gaussians before the edit, or the items if there were none. */
 static void lattice(const struct sg_places *places, const uint32_t *source, size_t n_items,
                     int axis, float *low, float *per_unit)
 {

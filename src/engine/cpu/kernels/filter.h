@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Whether a file's kernels have the 2D filter of Mip-Splatting: those of *_mip.c do, which include
- * the other file. It is decided when they are compiled, since the usual ones would round
- * differently with a branch in them. */
+/* Whether a file's kernels have the 2D filter of Mip-Splatting. Those of *_mip.c have it, and
+ * include the file without it. This is decided at compile time, because a branch would change the
+ * rounding of the usual kernels. */
 #ifndef SG_KERNELS_FILTER_H
 #define SG_KERNELS_FILTER_H
 

@@ -148,7 +148,7 @@ SIMD int active_planes(const struct cpu_learn_args *a)
     return SG_P_SH + 3 * (a->degree + 1) * (a->degree + 1);
 }
 
-/* Where `accumulated` is: adds it to the gradients, which it becomes unless a step takes them. */
+/* Adds `accumulated`, if there is one, to the gradients. Without a step the sum is stored there. */
 SIMD void accumulate(const struct cpu_learn_args *a, size_t offset, int planes, real *out)
 {
     for (int plane = 0; a->accumulated && plane < planes; plane++) {
@@ -159,7 +159,7 @@ SIMD void accumulate(const struct cpu_learn_args *a, size_t offset, int planes, 
 }
 
 /* Adds the gradients of the weighted means of opacities and scales. base: the first of the lanes;
- * those past the end have none. */
+ * lanes past the end have none. */
 SIMD void regularise(const struct cpu_learn_args *a, size_t base, const float *params, real *out)
 {
     const struct sg_update *u = a->update;

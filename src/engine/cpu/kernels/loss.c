@@ -168,8 +168,8 @@ static __attribute__((noinline)) void gradient_row(const float *x, const float *
     }
 }
 
-/* Partial derivatives of SSIM at rows y to y + count - 1, count <= ROWS; of those that the piece
- * owns also the sums. */
+/* Partial derivatives of SSIM at rows y to y + count - 1, count <= ROWS; and the sums of the rows
+ * that the piece owns. */
 SIMD void forward(const struct band *image, const struct band *target, const struct band maps[3],
                   int y, int count, double *sums, int first, int end)
 {
@@ -288,8 +288,7 @@ SIMD int most(int a, int b)
     return a > b ? a : b;
 }
 
-/* Three bands of derivatives follow each step of CPU_LOSS_STEP rows 5 rows ahead, and the
- * target 10. */
+/* Derivatives are computed 5 rows ahead of the rows of a step, and the target 10 rows ahead. */
 void KERNEL(loss)(const struct cpu_loss_args *a, int channel, int first, int end, float *scratch)
 {
     const int w = a->width, h = a->height;

@@ -115,7 +115,7 @@ void FILTERED(project)(const struct cpu_project_args *a, size_t first, size_t en
             for (int ch = 0; ch < 3; ch++) {
                 good = r_and(good, r_and(r_lt(rgb[ch], r_set(SG_COLOUR_MAX)),
                                          r_lt(r_set(-SG_COLOUR_MAX), rgb[ch])));
-                /* The backward pass knows the clamped by their 0. */
+                /* The backward pass recognises a clamped colour by its 0. */
                 rgb[ch] = r_sel(r_lt(rgb[ch], r_set(-SG_COLOUR_ROUNDING)), r_set(0),
                                 r_max(rgb[ch], r_set(1e-30f)));
             }

@@ -91,7 +91,7 @@ SIMD uint64_t backward(const struct cpu_raster_args *a, int tile, const bool abs
     bool anyone = true;
     size_t at = first;
     const size_t reached =
-        a->reached[tile - a->first_tile]; /* the forward pass knows the blocks up to there */
+        a->reached[tile - a->first_tile]; /* the forward pass wrote block masks up to here */
     for (; at < reached && anyone; at += BATCH) {
         const int count = reached - at < BATCH ? (int) (reached - at) : BATCH;
         batch_load(&batch, a, at, count);
@@ -113,8 +113,8 @@ SIMD uint64_t backward(const struct cpu_raster_args *a, int tile, const bool abs
                 while (i < n) {
                     struct pairs p;
                     pairs_eval(&p, &batch, list + i, px, py);
-                    /* What runs from pair to pair first, so that the long part below is
-                     * independent. */
+                    /* Values that depend on the pair before come first, so that the pairs are
+                     * independent in the long part below. */
                     mask last[GROUP];
                     real t[GROUP], weight[GROUP], q[GROUP], behind[GROUP], w[GROUP];
                     for (int u = 0; u < GROUP; u++) {

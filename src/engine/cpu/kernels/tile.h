@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the forward and the backward raster kernel share: a tile is drawn as 16 blocks of 4x4
- * pixels, each with its own list of the splats that can touch it, so that a block's pixels stay in
- * registers while its list runs by. Lists are made for BATCH instances at a time: scratch is
- * bounded whatever the scene. */
+/* Common parts of the forward and the backward raster kernel. A tile is drawn as 16 blocks of 4x4
+ * pixels. Each block has its own list of the splats that can touch it, so that its pixels stay in
+ * registers while the list is processed. Lists are made for BATCH instances at a time, so that
+ * scratch is bounded for every scene. */
 #ifndef SG_KERNELS_TILE_H
 #define SG_KERNELS_TILE_H
 
@@ -44,7 +44,7 @@ SIMD real part_y(int part)
 }
 
 /* Copies n instances' splats, then zeroes to whole vectors. The gathering loads miss the caches, so
- * they are announced well ahead. */
+ * they are prefetched. */
 SIMD void batch_load(struct batch *b, const struct cpu_raster_args *a, size_t first, int n)
 {
     for (int i = 0; i < n; i++) {
