@@ -34,7 +34,7 @@ static inline void add_camera(struct bytes *b, int id, int model, int width, int
         add_f64(b, params[i]);
 }
 
-/* Camera looks along z from (x, 0, 0); with some observations to be skipped. */
+/* The camera looks along z from (x, 0, 0). Its observations are to be skipped. */
 static inline void add_image(struct bytes *b, int id, int camera, const char *name, double x,
                              int observations)
 {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Every allocation of a small load, training, audit, attack and evaluation made to fail once: each
- * ends with SG_ERR_BUDGET and a message, leaves nothing behind, and works afterwards. */
+/* Every allocation of a small load, training, audit, attack and evaluation is made to fail once.
+ * Each call ends with SG_ERR_BUDGET and a message, leaks nothing, and works afterwards. */
 #include "core/internal.h"
 #include "splatguard/format.h"
 #include "splatguard/run.h"
@@ -36,7 +36,7 @@ static int load(sg_ctx *ctx, const char *path)
     static size_t points[2];
     const int code = sg_scene_load(ctx, path, NULL, &scene);
     assert_true(!code == (scene != NULL));
-    if (scene) { /* what was missed for want of memory would be missing */
+    if (scene) { /* an event that was skipped for lack of memory would be missing */
         size_t *expected = &points[path == colmap];
         *expected = *expected ? *expected : scene->n_points + 1;
         assert_int_equal(scene->n_points + 1, *expected);

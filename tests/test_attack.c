@@ -54,7 +54,8 @@ static void test_gradients(void **state)
     }
 }
 
-/* The published form sees no horizontal differences, and in a ramp only its ends. */
+/* The published form ignores horizontal differences, and has a gradient at the ends of a ramp only.
+ */
 static void test_ramps(void **state)
 {
     (void) state;
@@ -72,8 +73,8 @@ static void test_ramps(void **state)
     }
 }
 
-/* Whatever the image and however many steps: inside the ball and the range, larger in total
- * variation, the same bytes for any number of threads, and what the oracle says. */
+/* For every image and number of steps: the poison is within the bound and the range, has more total
+ * variation, is the same for any number of threads, and agrees with the oracle. */
 static void test_ascent(void **state)
 {
     (void) state;
@@ -412,7 +413,7 @@ static void test_bounded(void **state)
     }
 }
 
-/* Without a bound the poison leaves the photo, and the decoy's growth goes with it. */
+/* Without a bound the poison leaves the photo, and the decoy grows. */
 static void test_unbounded(void **state)
 {
     struct fixture *f = *state;
@@ -481,8 +482,8 @@ static double beyond(const uint8_t *a, const uint8_t *b, int tolerance)
     return sum / (3 * SIDE * SIDE);
 }
 
-/* A clean model has more loss left at these poisons, through the tolerance, than at those of an
- * attacker who does not know it; the decoy, which learned as the victim would, has less. */
+/* With the tolerance, a clean model has a higher loss at these poisons than at those of an attacker
+ * who does not know the tolerance. The decoy, which learns as the victim would, has a lower one. */
 static void test_victim_tolerance(void **state)
 {
     enum { EPSILON = 16, TOLERANCE = 10 };

@@ -45,9 +45,9 @@ static bool says(const struct sg_audit *a, const char *words)
     return false;
 }
 
-/* What the fitted weights make of known noise, since no change of them should go unseen. One that
- * is meant, after bench/audit_fit.py, puts the logits here that the failures name, and its report
- * into bench/results/audit.md. */
+/* The logits of known noise with the fitted weights, so that no change of the weights stays
+ * unnoticed. After a new fit (bench/audit_fit.py) put the logits of the failures here, and the
+ * report into bench/results/audit.md. */
 static void test_scores(void **state)
 {
     (void) state;
@@ -70,7 +70,7 @@ static void test_scores(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* A photo that lies on its side is judged as before, with rows and columns exchanged. */
+/* A photo that is turned by 90 degrees has the same score, with rows and columns exchanged. */
 static void test_turned(void **state)
 {
     (void) state;
@@ -118,7 +118,7 @@ static void test_verdicts(void **state)
             before = a->score;
             if (levels[k] <= !rows) /* rows that alternate are odd even where they are faint */
                 assert_true(a->verdict == SG_AUDIT_CLEAN && a->count_reasons == 0);
-            if (levels[k] >= 8) /* in every pixel it may also be that of a camera in the dark */
+            if (levels[k] >= 8) /* noise in every pixel may also come from a camera in the dark */
                 assert_true(rows ? a->verdict == SG_AUDIT_POISONED : a->verdict != SG_AUDIT_CLEAN);
             assert_true((a->verdict == SG_AUDIT_CLEAN) == (a->count_reasons == 0));
             sg_audit_destroy(&a);
@@ -140,15 +140,15 @@ static void test_verdicts(void **state)
     a = audit(ctx, few, 12, true);
     assert_int_equal(a->verdict, SG_AUDIT_POISONED);
     sg_audit_destroy(&a);
-    /* One of ten is enough not to be called clean, even where there is some doubt of it. */
+    /* One of ten is enough that a set is not called clean, even where its score is not certain. */
     for (int n = 10; n <= 11; n++) {
         a = audit(ctx, (double[11]){20}, n, false);
         assert_true(a->images[0].verdict == SG_AUDIT_POISONED && a->images[0].score < 0.99);
         assert_int_equal(a->verdict, n == 10 ? SG_AUDIT_SUSPICIOUS : SG_AUDIT_CLEAN);
         sg_audit_destroy(&a);
     }
-    /* Three in sixty decide where there is no doubt of them, and there one in a hundred is not
-     * called clean. */
+    /* Three of sixty decide where their scores are certain; then one of a hundred is not called
+     * clean either. */
     double crowd[MOST] = {16, 16, 16};
     for (int n = 60; n <= 61; n++) {
         a = audit(ctx, crowd, n, true);
@@ -205,8 +205,8 @@ static void test_no_vote(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Parts of a photo that an attacker spares, side by side or here and there, smooth or not, do not
- * hide the others. */
+/* Parts of a photo that an attacker spares do not hide the others, whether they are in one place or
+ * scattered, smooth or not. */
 static void test_spared(void **state)
 {
     (void) state;
@@ -247,7 +247,7 @@ static int ascending(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Little is won by making a third of the photos differ: the middle three fifths decide, or the
+/* An attacker gains little by sparing a third of the photos: the middle three fifths decide, or the
  * median less 1. */
 static void test_outliers(void **state)
 {
@@ -307,7 +307,7 @@ static void test_amplitude(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Noise is told by all that it shows in, each in a sentence of its own. */
+/* The reasons name every feature that shows the noise, one sentence each. */
 static void test_reasons(void **state)
 {
     (void) state;
@@ -323,8 +323,8 @@ static void test_reasons(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Where memory is enough for one photo, more threads need no more of it, and scores are the same;
- * less is an error. */
+/* Memory for one photo is enough for any number of threads, with the same scores. Less is an error.
+ */
 static void test_memory(void **state)
 {
     (void) state;
@@ -363,7 +363,7 @@ static void test_memory(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* One photo that memory does not suffice for, among small ones that it does: the error says so. */
+/* One photo needs more memory than there is, and the others do not: the error names it. */
 static void test_true_cause(void **state)
 {
     (void) state;
@@ -386,7 +386,7 @@ static void test_true_cause(void **state)
     }
 }
 
-/* A photo of which the mask leaves nothing has no verdict, and a set of such photos neither. */
+/* A fully masked photo has no verdict, and a set of such photos has none. */
 static void test_unseen(void **state)
 {
     (void) state;
@@ -407,7 +407,7 @@ static void test_unseen(void **state)
     assert_string_equal(sg_audit_verdict_name(SG_AUDIT_UNSEEN), "unseen");
     sg_audit_destroy(&a);
     views[0].mask = nothing;
-    for (int k = 0; k < 2; k++) { /* of no photo there is nothing to see either */
+    for (int k = 0; k < 2; k++) { /* a set without photos has no verdict either */
         scene.n_train = k ? 0 : 3;
         assert_int_equal(sg_audit_scene(ctx, &scene, &a), SG_ERR_INPUT);
         assert_null(a);

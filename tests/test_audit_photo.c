@@ -17,8 +17,8 @@ static void test_features(void **state)
     struct sg_audit_features f = measure(ctx, NULL);
     assert_true(f.tv_down == 0 && f.osc_down == 0 && f.osc_share == 0 && f.osc_quiet == 0 &&
                 f.noisy == 0);
-    /* Rows that alternate by 20 levels: every inner pixel is an extreme, all variation is in them,
-     * none across. */
+    /* Rows that alternate by 20 levels: every inner pixel is an extreme, and all variation is
+     * vertical. */
     for (int y = 0; y < H; y++)
         memset(image + 3 * W * y, y % 2 ? 110 : 90, 3 * W);
     float map[(H + 15) / 16 * ((W + 15) / 16)];
@@ -30,7 +30,7 @@ static void test_features(void **state)
     assert_float_equal(map[(W + 15) / 16 + 1], 10, 1e-5); /* of both directions' mean */
     assert_true(f.noisy == 1);
     assert_true(f.half_quiet == 0 && f.half_osc == 0 && f.half_share == 0 && f.quarter_osc == 0);
-    /* Pairs of rows do so at half the size, fours at a quarter. */
+    /* Pairs of rows alternate at half the size, groups of four at a quarter. */
     for (int pair = 2; pair <= 4; pair += 2) {
         for (int y = 0; y < H; y++)
             memset(image + 3 * W * y, y / pair % 2 ? 110 : 90, 3 * W);
@@ -97,7 +97,7 @@ static void test_colours(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Noise is told at any size: blocks that the border cuts off do not pass for quiet parts. */
+/* Noise is found at any size: blocks that the border cuts off do not count as quiet parts. */
 static void test_sizes(void **state)
 {
     (void) state;
@@ -211,8 +211,8 @@ static void test_range(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* What a mask leaves out is not seen, whatever is in it; what it leaves in is, whatever its
- * pattern. */
+/* Masked pixels have no effect, whatever they contain. The others count, whatever the pattern of
+ * the mask. */
 static void test_masks(void **state)
 {
     (void) state;
@@ -254,7 +254,8 @@ static void test_masks(void **state)
         }
     assert_int_equal(sg_audit_measure(ctx, image, mask, W, H, &f, NULL), SG_OK);
     assert_true(f.osc_quiet > 0.7 * whole.osc_quiet && f.noisy > 0.9 * whole.noisy);
-    assert_true(f.ragged == 1); /* which could hide more than this noise, and is told by itself */
+    assert_true(f.ragged ==
+                1); /* a mask like this could hide more than noise, and is reported on its own */
     struct sg_view view = {
         .name = (char *) "photo", .camera = {.width = W, .height = H}, .rgb = image, .mask = mask};
     struct sg_audit *a;
@@ -270,7 +271,7 @@ static void test_masks(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Borders of a mask count on all four sides, and content is what shows something inside it. */
+/* Borders of a mask count on all four sides; content counts where it is inside. */
 static void test_outlines(void **state)
 {
     (void) state;
@@ -299,7 +300,7 @@ static void test_outlines(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Whatever memory is refused, nothing is kept. */
+/* Nothing leaks, whichever allocation is refused. */
 static void test_memory(void **state)
 {
     (void) state;

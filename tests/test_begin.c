@@ -38,8 +38,8 @@ static void test_points(void **state)
     clear_fixture(&f);
 }
 
-/* Of a model likewise, whole and with its SH degree; one with a value that is not finite is
- * none. */
+/* The same for a model, with all its parameters and its SH degree. A model with a value that is not
+ * finite is refused. */
 static void test_model(void **state)
 {
     (void) state;
@@ -64,8 +64,8 @@ static void test_model(void **state)
     clear_fixture(&f);
 }
 
-/* What memory allows is not the same each time: a checkpoint that is hardly above it goes on whole,
- * one that is above what the user asks for does not. */
+/* The number that memory allows varies from run to run. A checkpoint slightly above it continues
+ * whole; one above the user's own limit is thinned out. */
 static void test_checkpoint_above_limit(void **state)
 {
     (void) state;

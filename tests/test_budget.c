@@ -9,8 +9,9 @@
 #include "train/trainer.h"
 #include "training.h"
 
-/* Whatever wants to grow, dies or is scored how: never above the limit, full where enough want to,
- * and no one goes that is scored above one who stays. */
+/* For any scores and any Gaussians that are to grow or to be removed: the model is never above the
+ * limit, it is full if enough are to grow, and none is replaced that scores above one that stays.
+ */
 struct random_scores {
     sg_ctx *ctx;
     uint64_t seed;
@@ -78,12 +79,13 @@ static void test_growth(void **state)
                     seed % 4 == 1); /* large ones may have split into smaller */
         some_died += dying > 0 && result.replaced > 0;
         if (dying == 0 &&
-            n + wish >= limit + result.replaced) /* those who went may have wished to grow */
+            n + wish >=
+                limit + result.replaced) /* removed ones may have been among those to grow */
             assert_true(count + result.replaced >= limit);
         if (n + wish <= limit)
             assert_true(result.replaced == 0 && !result.limited);
-        if (seed % 5 &&
-            result.replaced) { /* the highest of those who went is below the lowest who stayed */
+        if (seed % 5 && result.replaced) { /* the highest score that was removed is below the lowest
+                                              that stayed */
             struct sg_model *after;
             double lowest = 1e9, highest = -1e9;
             assert_int_equal(sg_model_create(ctx, count, 0, &after), SG_OK);
@@ -145,7 +147,7 @@ static void test_limit(void **state)
         sg_trainer_limits(t, &limits);
         assert_true(limits.gaussians_bound && !limits.by_memory && !limits.time_bound);
         sg_trainer_destroy(&t);
-        /* Fewer than it begins with: thinned out evenly. */
+        /* A limit below the first number of Gaussians: they are thinned out evenly. */
         p.max_gaussians = 50;
         t = begin_training(&f, &p);
         assert_int_equal(sg_trainer_gaussians(t), 50);
@@ -155,8 +157,8 @@ static void test_limit(void **state)
     }
 }
 
-/* Of so few that 3% of them is nobody, none gives way: the limit stops growth all the same, and the
- * run says so. */
+/* Of so few Gaussians that 3 % of them is none, none is replaced. The limit still stops growth, and
+ * the run says so. */
 static void test_few_at_limit(void **state)
 {
     (void) state;
@@ -179,7 +181,7 @@ static void test_few_at_limit(void **state)
     clear_fixture(&f);
 }
 
-/* Growth that would take all memory ends where the context's limit is, without an error. */
+/* Growth that would take all memory stops at the context's limit, without an error. */
 static void test_memory(void **state)
 {
     (void) state;
@@ -336,9 +338,8 @@ static void test_large_gaussians(void **state)
     free(view.rgb);
 }
 
-/* Neither the model that a run begins with, which goes, nor the SH degree of a run that goes on,
- * which its checkpoint knows, changes what fits; and a tighter limit holds from the first step
- * on. */
+/* The number that fits depends neither on the initial model, which is freed, nor on the SH degree
+ * that is asked for when a run is resumed. A tighter limit holds from the first step on. */
 static void test_same_limit(void **state)
 {
     (void) state;
@@ -365,7 +366,7 @@ static void test_same_limit(void **state)
         sg_model_destroy(&initial);
         sg_trainer_limits(t, &resumed);
         const uint64_t begun =
-            resumed.max_gaussians; /* but for the few bytes that a model takes besides */
+            resumed.max_gaussians; /* apart from a few bytes of the model's structure */
         assert_in_range(begun, limits.max_gaussians - 1, limits.max_gaussians);
         assert_int_equal(sg_trainer_gaussians(t), begun);
         assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
@@ -410,7 +411,7 @@ static double fake_clock(void *arg)
     return *now;
 }
 
-/* Steps of a second each: the run ends in time and as a whole one, resumed or not. */
+/* Steps of a second each: the run ends in time, with its whole schedule, resumed or not. */
 static void test_time(void **state)
 {
     (void) state;
@@ -450,7 +451,7 @@ static void test_time(void **state)
             }
             assert_int_equal(s.iteration, 400);
             assert_true(now - begin - away <=
-                        fmax(limits[k] + 1, 2)); /* the first step tells how long one is */
+                        fmax(limits[k] + 1, 2)); /* the first step shows how long one takes */
             assert_int_equal(t->steps, steps);
             if (k == 0) /* a hundred steps: every densification took place, one perhaps just as they
                            begin */
@@ -460,8 +461,7 @@ static void test_time(void **state)
             sg_trainer_destroy(&t);
         }
     }
-    /* What went by before counts; of a pause, which will not come again, the next step does not
-     * expect another. */
+    /* Time before the first step counts. A pause is not expected to happen again. */
     for (int pause = 0; pause < 2; pause++) {
         p.max_seconds = 100, p.seconds_before = pause ? 0 : 90;
         sg_trainer *t = begin_training(&f, &p);
@@ -475,7 +475,8 @@ static void test_time(void **state)
         assert_true(now - begin <= p.max_seconds - p.seconds_before + 1);
         sg_trainer_destroy(&t);
     }
-    /* Time enough: every iteration, also where most of it went by before the first. */
+    /* With enough time every iteration is done, also if most of the time passes before the first.
+     */
     sg_trainer *t;
     struct sg_train_limits l;
     p.max_seconds = 1000, p.seconds_before = 900, p.iterations = 60;

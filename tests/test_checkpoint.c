@@ -125,8 +125,7 @@ static int resume(struct fixture *f, const char *path, sg_trainer **out)
     return sg_trainer_resume(f->ctx, &f->scene, path, NULL, out);
 }
 
-/* The file as it is now must be refused with a message that names it, and nothing be left of the
- * trial. */
+/* The file must be refused with a message that names it, and nothing may leak. */
 static void expect_refusal(struct fixture *f, const char *what)
 {
     sg_trainer *t;
@@ -166,7 +165,8 @@ static void test_every_flip(void **state)
     }
 }
 
-/* The checksum keeps accidents out, not people: every field must be sound although it matches. */
+/* The checksum protects from accidents, not from attackers: each field is checked although it
+ * matches. */
 static void test_sealed_lies(void **state)
 {
     struct fixture *f = *state;
@@ -240,7 +240,7 @@ static void spill_sections(struct fixture *f, const char *data, const int *order
 
 static const int in_order[] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10};
 
-/* Each section is needed, and none may come twice or be cut. */
+/* Each section is needed; none may be there twice or be cut. */
 static void test_sections(void **state)
 {
     struct fixture *f = *state;
@@ -342,7 +342,7 @@ static void test_version(void **state)
     assert_non_null(strstr(sg_last_error(f->ctx), "found version 7, expected version 8"));
 }
 
-/* Parameters may be anything a float can be: training goes on without harm to the process. */
+/* Parameters may be any float: training continues without harm to the process. */
 static void test_sealed_garbage(void **state)
 {
     struct fixture *f = *state;
@@ -364,7 +364,7 @@ static void test_sealed_garbage(void **state)
     sg_trainer_destroy(&t);
 }
 
-/* A run goes on with its own parameters, limits aside. */
+/* A run continues with its own parameters, except for limits. */
 static void test_other_parameters(void **state)
 {
     struct fixture *f = *state;
@@ -387,7 +387,7 @@ static void test_other_parameters(void **state)
             assert_non_null(strstr(sg_last_error(f->ctx), f->path));
         sg_trainer_destroy(&t);
     }
-    /* What an audit has derived from the photos may follow other photos. */
+    /* Values that an audit derived from the photos may change with the photos. */
     struct sg_train_params p = sg_train_params_default();
     p.defense.lambda = 1;
     f->views[0].rgb[0] ^= 1;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The table of columns keeps the promises that everything which loops over it relies on. */
+/* Properties of the table of columns that every loop over it relies on. */
 #include "model/columns.h"
 
 #include "models.h"
@@ -43,7 +43,7 @@ static void test_rows(void **state)
         assert_in_range(strlen(column->name), 1, 23); /* a section's title with its NUL */
         for (int other = 0; other < c; other++)
             assert_string_not_equal(column->name, sg_columns[other].name);
-        /* Only parameters are given by rows, drawn or shrunk; a row to insert is no copy. */
+        /* Only parameters are set by rows, drawn or shrunk; an inserted row is no copy. */
         for (int kind = 0; kind < SG_EDIT_KINDS; kind++)
             assert_true(column->fate[kind] < SG_FATE_ROW || sg_column_is_parameter(c));
         assert_true(column->fate[SG_EDIT_INSERT] ==

@@ -117,9 +117,8 @@ static void test_filter(void **state)
         {0.34, SG_PRUNE_EXACT, 2, -0.75f},
         {0.17, SG_PRUNE_THRESHOLD, 1, -1.25f},
         {0.41, SG_PRUNE_THRESHOLD, 3, -0.25f},
-        {0.01, SG_PRUNE_THRESHOLD, 1,
-         -1.25f},                           /* unseen Gaussians are removed, whatever the share */
-        {0, SG_PRUNE_THRESHOLD, 0, -1.25f}, /* unless there is none */
+        {0.01, SG_PRUNE_THRESHOLD, 1, -1.25f}, /* unseen Gaussians are removed for every share */
+        {0, SG_PRUNE_THRESHOLD, 0, -1.25f},    /* unless there is none */
     };
     for (size_t c = 0; c < sizeof(cases) / sizeof(cases[0]); c++) {
         struct sg_defense_step step = {.anisotropy = 3};
@@ -151,8 +150,8 @@ static void test_filter(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Which views are counted in: all of them, or so many, each at most once and others each time and
- * by each seed. */
+/* Which views are counted: all, or a number of them. Each is counted at most once, and the choice
+ * differs between events and seeds. */
 static void test_views(void **state)
 {
     (void) state;
@@ -164,7 +163,7 @@ static void test_views(void **state)
     struct sg_engine *b;
     double *own[7];
     b = make_engine(ctx, "cpu", NULL, m, NULL);
-    for (int v = 0; v < 7; v++) { /* sizes apart, so that a view can be told by its hits */
+    for (int v = 0; v < 7; v++) { /* sizes apart, so that hits identify the view */
         views[v] = (struct sg_view){.camera = make_camera(20 + 9 * v, 30, 3)};
         const struct sg_camera *camera = &views[v].camera;
         own[v] = malloc(200 * sizeof(double));
@@ -301,8 +300,7 @@ static double first_variation(struct fixture *f, const struct sg_train_params *p
     return sg_tv_loss(f->ctx, planes, SIDE, SIDE, p->defense.tv, 0, NULL, rows);
 }
 
-/* Each loss has its own weight, is measured in its own norm, and falls the more the higher its
- * weight. */
+/* Each loss has its own weight and norm, and falls more with a higher weight. */
 static void test_losses(void **state)
 {
     (void) state;
@@ -388,7 +386,7 @@ static void test_share_of_growth(void **state)
                 before = s.iteration;
                 if (!s.defense.filtered)
                     continue;
-                assert_true(before < 45); /* afterwards it is not worth its price */
+                assert_true(before < 45); /* afterwards the price is too high */
                 assert_float_equal(s.defense.rho, fmin(0.3 * growth * growths, 0.5), 1e-12);
                 growths = 0;
                 events++, removals += s.defense.removed > 0;
@@ -401,8 +399,8 @@ static void test_share_of_growth(void **state)
     clear_fixture(&f);
 }
 
-/* Though next to nothing grows: as much as asked for when the filter begins, less and less until
- * densification ends, and down to half of the first model. */
+/* Almost nothing grows: the least share is removed when the filter begins. It shrinks until
+ * densification ends, and stops at half of the first model. */
 static void test_least(void **state)
 {
     (void) state;
@@ -439,7 +437,8 @@ static void test_least(void **state)
     clear_fixture(&f);
 }
 
-/* Clean photos are hardly touched, weak poisons a little; and a scene's units do not matter. */
+/* The defense is weak on clean photos and mild on weak poisons, and a scene's units do not matter.
+ */
 static void test_automatic(void **state)
 {
     (void) state;
@@ -473,7 +472,7 @@ static void test_automatic(void **state)
         sg_defense_automatic(&audit, 5.2 * units, shares, tolerances, &p);
         assert_float_equal(sg_filter_log_weight(&p, (float) (-4 + log(units))), weight, 1e-5);
     }
-    /* Photos without doubt are judged among themselves, and blank ones not at all. */
+    /* Certain photos form a set of their own; blank ones are not judged. */
     struct sg_audit_image many[60] = {{.score = 0}};
     for (int i = 0; i < 60; i++)
         many[i] = (struct sg_audit_image){.score = 0.1, .features = {.content = 1e4}};
@@ -514,8 +513,7 @@ static void test_automatic(void **state)
     assert_float_equal(p.rho, -0.1, 1e-12);
 }
 
-/* What a tolerance answers needs no filter; what is beyond it does, and clean photos get
- * neither. */
+/* Noise within a tolerance needs no filter, more noise does, and clean photos get neither. */
 static void test_automatic_tolerance(void **state)
 {
     (void) state;
@@ -545,7 +543,7 @@ static void test_automatic_tolerance(void **state)
     assert_float_equal(p.rho, -(0.1 + 0.35 * 2 / 3), 1e-12);
 }
 
-/* Another way to the model that is expected. */
+/* Another way to compute the expected model. */
 static void train_same(struct fixture *f, const struct sg_train_params *p, const char *load,
                        const struct sg_model *expected)
 {
@@ -609,7 +607,7 @@ static void test_combinations(void **state)
     clear_fixture(&f);
 }
 
-/* A view's share of lambda: nothing for all is lambda 0, everything is none given, half is half of
+/* Weights of views: 0 for all equals lambda 0, 1 for all equals no weights, a half equals half of
  * lambda, and each view has its own. */
 static void test_shares(void **state)
 {
@@ -663,8 +661,9 @@ static void test_shares(void **state)
     clear_fixture(&f);
 }
 
-/* The 10th, 50th and 90th percentile that an event reports are of what is seen, and those who stay
- * keep the statistics that a densification will read. Of a model that nobody sees one is left. */
+/* The 10th, 50th and 90th percentile of an event are those of Gaussians that are seen. Gaussians
+ * that stay keep the statistics for densification. Of a model that no view sees one Gaussian is
+ * left. */
 static void test_report(void **state)
 {
     (void) state;

@@ -182,7 +182,7 @@ static struct sg_train_params tolerant_params(void)
     return p;
 }
 
-/* Of the geometry nothing moves in the last tenth, and no Gaussian comes or goes. */
+/* In the last tenth no geometry moves, and no Gaussian is added or removed. */
 static void colours_alone_learn(void **state)
 {
     (void) state;
@@ -200,7 +200,7 @@ static void colours_alone_learn(void **state)
             moved += !same;
         }
     assert_true(moved > before->count);
-    p.tolerance_colours = 0; /* all learn, and densification goes on */
+    p.tolerance_colours = 0; /* all parameters learn, and densification continues */
     struct sg_model *off = train(&f, &p, 99, NULL, NULL, NULL);
     assert_true(off->count != before->count ||
                 memcmp(off->params, before->params, 16 * sizeof(float)) != 0);

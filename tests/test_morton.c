@@ -15,7 +15,7 @@ static float distance(const struct sg_model *m, size_t a, size_t b)
     return d;
 }
 
-/* A permutation in which neighbours are near: strays and NaNs neither disturb it nor get lost. */
+/* A permutation in which neighbours are near. Strays and NaNs are kept and do not disturb it. */
 static void test_order(void **state)
 {
     (void) state;
@@ -54,8 +54,8 @@ static int by_bits(const void *a, const void *b)
     return memcmp(a, b, 3 * sizeof(float));
 }
 
-/* Whatever the order, the edit's Gaussians are those: survivors with moments and, if asked for,
- * statistics, copies and inserted rows without. */
+/* In any order, an edit has the same Gaussians: survivors keep moments and, if asked for,
+ * statistics; copies and inserted rows have none. */
 static void edited(bool statistics)
 {
     sg_ctx *ctx = make_context(3);
@@ -149,7 +149,7 @@ static void test_edit_memory(void **state)
     const uint64_t array = N * (uint64_t) sg_param_count(1) * sizeof(float),
                    rest = N * UINT64_C(32);
     int as_was = 0, edited = 0, done = 0;
-    /* Up to 3 arrays of old and new size and one more of the new, and what is small. */
+    /* Up to 3 arrays of old and new size, one more of the new size, and small ones. */
     for (uint64_t limit = 3 * array + rest; limit <= 6 * array + 2 * rest; limit += rest / 8) {
         sg_ctx *ctx;
         struct sg_host_model h = {0};

@@ -137,7 +137,7 @@ static void test_colmap_jpeg(void **state)
                 sg_file_exists(at(f, "out/images/sub/b.jpg")));
 }
 
-/* Photos may have any name: they are told by what they contain. */
+/* Photos may have any name: their contents identify them. */
 static void test_colmap_names(void **state)
 {
     struct fixture *f = *state;
@@ -182,7 +182,7 @@ static void test_nerfstudio(void **state)
     check(f, sg_scene_params(), SG_POISON_AUTO, SG_FORMAT_NERFSTUDIO);
 }
 
-/* Cameras of a rig share photo names; their masks are told apart by folder. */
+/* Cameras of a rig share photo names; folders distinguish their masks. */
 static void test_rig_masks(void **state)
 {
     struct fixture *f = *state;
@@ -205,7 +205,7 @@ static void test_rig_masks(void **state)
     check(f, sg_scene_params(), SG_POISON_AUTO, SG_FORMAT_NERFSTUDIO);
 }
 
-/* The scene's own folder is refused, and so is whatever leads out of the new one. */
+/* The scene's own folder is refused, and so is a path that leads out of the new one. */
 static void test_places(void **state)
 {
     struct fixture *f = *state;

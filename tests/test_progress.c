@@ -177,7 +177,7 @@ TEST(train,
      1u << SG_STAGE_INIT | 1u << SG_STAGE_TRAIN | 1u << SG_STAGE_COUNT | 1u << SG_STAGE_EVALUATE)
 TEST(attack, 1u << SG_STAGE_ATTACK | 1u << SG_STAGE_ASCEND)
 
-/* A training and an attack that were cancelled between iterations go on to the same bytes. */
+/* A training and an attack that were cancelled between iterations continue to the same bytes. */
 static void test_goes_on(void **state)
 {
     (void) state;

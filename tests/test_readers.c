@@ -44,7 +44,8 @@ static void remove_layout(struct fixture *f, int i)
         assert_int_equal(remove(at(f, layouts[i].files[k])), 0);
 }
 
-/* Skipped with one warning; refused where that is asked for, and where none is there. */
+/* Missing photos are skipped with one warning. They are refused with `strict`, and if all are
+ * missing. */
 static void missing_photos(void **state)
 {
     struct fixture *f = *state;
@@ -141,8 +142,8 @@ static double seconds(void)
     return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
 }
 
-/* A file of zeros, of a size that no memory holds, in the place of each file: refused by name, at
- * once and in little memory. With a header before them, too. */
+/* A file of zeros that is larger than memory takes the place of each file. It is refused by name,
+ * at once and with little memory; also with a sound header before the zeros. */
 static void huge_sparse_files(void **state)
 {
     struct fixture *f = *state;

@@ -73,7 +73,8 @@ static void photos_without_noise(void **state)
     test_free(p);
 }
 
-/* Texture that the model has not learned is left over too, but not in the quietest tenth. */
+/* Texture that the model has not learned is in the difference too, but not in its quietest tenth.
+ */
 static void texture_does_not_count(void **state)
 {
     struct picture *p = make(NONE, 0);

@@ -61,7 +61,7 @@ static struct sg_run_params short_run(const char *folder)
     return p;
 }
 
-/* All that an embedder needs: a run from a folder of photos to a folder with a model. */
+/* A whole run of an embedding program: from a folder of photos to a folder with a model. */
 static int train(sg_ctx *ctx, const struct sg_run_params *params, enum sg_run_start start,
                  struct sg_run_status *status)
 {
@@ -176,7 +176,7 @@ static void test_folders(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Wrong values are told by the field, before anything is read. */
+/* Errors name the field of a wrong value, before anything is read. */
 static void test_checks(void **state)
 {
     (void) state;

@@ -52,8 +52,8 @@ static void test_training(void **state)
     clear_fixture(&f);
 }
 
-/* One format of checkpoints for all engines: a run begun on the CPU goes on on the device and back.
- * On one engine a resumed run is the same as one that was not interrupted. */
+/* One format of checkpoints for all engines: a run that begins on the CPU continues on the device,
+ * and back. On one engine a resumed run is the same as one that was not interrupted. */
 static void test_resume(void **state)
 {
     (void) state;
