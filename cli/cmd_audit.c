@@ -144,8 +144,8 @@ const struct command command_audit = {
     .name = "audit",
     .arguments = "SCENE [options]",
     .summary = "Tells poisoned photos from clean ones, before training.",
-    .description = "Looks for what an attack on the cost of training has to leave in photos: fine "
-                   "oscillation, everywhere, in every photo. Exit status 0 whatever the verdict, "
+    .description = "Looks for the traces that attacks on the cost of training leave: fine "
+                   "oscillation everywhere in every photo. The exit status is 0 for every verdict, "
                    "unless --exit-code is given.",
     .groups = "Output|Scene",
     .options = audit_options,

@@ -20,25 +20,26 @@ struct bench_config {
 #define B(field) offsetof(struct bench_config, field)
 
 static const struct sg_option bench_options[] = {
-    TEXT_ROW("output", B(output), "DB", "Database of the results; what is in it is not run again.",
+    TEXT_ROW("output", B(output), "DB",
+             "Database of the results; jobs whose results it has are not run again.",
              .letter = 'o'),
     TEXT_ROW("work", B(work), "DIR",
-             "Folder for scenes, poisons and runs, which jobs share; DB.work by default."),
+             "Common folder of all jobs for scenes, poisons and runs; DB.work by default."),
     TEXT_ROW("data", B(data), "DIR",
              "Folder that the paths of scenes are relative to; the plan's by default."),
     NUMBER_ROW("jobs", SG_OPTION_INT, B(jobs), 0, 1024, "N",
                "Jobs at the same time; 0 = as many as there are CPUs for their threads.",
                .letter = 'j'),
     NUMBER_ROW("max-memory", SG_OPTION_BYTES, B(max_memory), 0, 9e15, "BYTES",
-               "Start no more jobs than have room in this, by the plan's memory of each; 0 = no "
-               "limit."),
-    TEXT_ROW("shard", B(shard), "I/N",
-             "Only the I-th of N parts of the plan, from 1; cells of one poison are of one part."),
+               "Most memory of all jobs together, by the plan's memory of each job; 0 = no limit."),
+    TEXT_ROW(
+        "shard", B(shard), "I/N",
+        "Only the I-th of N parts of the plan, from 1; cells of one poison are in the same part."),
     NUMBER_ROW("slurm", SG_OPTION_INT, B(slurm), 0, 10000, "N",
-               "Print a script for sbatch that runs the plan as an array of N jobs, and end."),
+               "Only print a script for sbatch that runs the plan as an array of N jobs."),
     FLAG_ROW("retry", B(retry), "Run again what failed, crashed or took too long."),
     FLAG_ROW("keep", B(keep), "Keep the checkpoints of runs that are done."),
-    FLAG_ROW("list", B(list), "Print the jobs of the plan and end."),
+    FLAG_ROW("list", B(list), "Only print the jobs of the plan."),
     FLAG_ROW("quiet", B(quiet), "Say only what fails.", .letter = 'q'),
     {0},
 };
@@ -144,7 +145,7 @@ static int run_plan(const struct bench_config *c, struct plan *p)
     if (!code)
         code = bench_run(&b);
     if (code == STATUS_INTERRUPTED)
-        say(stderr, "interrupted; the same command goes on\n");
+        say(stderr, "interrupted; the same command continues\n");
     store_close(&b.store);
     if (lock >= 0)
         close(lock);
@@ -182,8 +183,8 @@ const struct command command_bench = {
     .description =
         "Runs the scenes, photos, defenses, models and seeds of PLAN, each as a process of its "
         "own, as many at a time as there are CPUs. Proxies and poisons are made once. A run that "
-        "crashes or takes too long is a row of the database. Stopped at any time, the same "
-        "command goes on; only what is missing or has changed runs. See docs/bench.md.",
+        "crashes or takes too long is a row of the database. It can be stopped at any time: the "
+        "same command continues, and runs only what is missing or has changed. See docs/bench.md.",
     .options = bench_options,
     .config_size = sizeof(struct bench_config),
     .defaults = defaults,

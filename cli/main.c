@@ -20,8 +20,8 @@ static void usage(FILE *out)
     for (size_t i = 0; i < COMMANDS; i++)
         fprintf(out, "  splatguard %-7s %s\n      %s\n", commands[i]->name, commands[i]->arguments,
                 commands[i]->summary);
-    fprintf(out, "\nsplatguard COMMAND --help lists the options of a command, --help-all those "
-                 "that few need too.\n\nExit status:\n");
+    fprintf(out, "\nsplatguard COMMAND --help lists the options of a command, --help-all lists all "
+                 "of them.\n\nExit status:\n");
     for (const struct exit_meaning *e = exit_meanings; e->meaning; e++)
         fprintf(out, "  %3d  %s\n", (int) e->status, e->meaning);
 }

@@ -57,12 +57,12 @@ static const struct sg_option attack_options[] = {
           "Against a filter of thin Gaussians: smallest scale in the decoy, scene units; 0 = none.",
           ATTACK, EXPERT),
     FLOAT("wavelength", wavelength, 0, 1e6, "PIXELS",
-          "Of the drift; from the photo's size on it looks like a change of exposure. 0 = the "
-          "photo's longer side.",
+          "Wavelength of the drift. At the photo's size or more it looks like a change of "
+          "exposure. 0 = the photo's longer side.",
           ATTACK, EXPERT),
     FLOAT("victim-tolerance", victim_tolerance, 0, 255, "LEVELS",
           "Against training with --tolerance LEVELS: the decoy learns as such a victim does, and "
-          "poisons go beyond what it shows, within the bound.",
+          "poisons exceed what it shows, within the bound.",
           ATTACK, EXPERT),
     FLOAT("texture", texture, 0, 255, "LEVELS",
           "Against an audit: where neighbouring values of the clean photo differ by less than "
@@ -82,8 +82,8 @@ static const struct sg_option attack_options[] = {
             "Iterations between densifications.", DECOY, EXPERT),
     FLOAT("densify-grad-threshold", densify_grad_threshold, 0, 1e30, "X",
           "Mean view-space gradient that makes a Gaussian grow.", DECOY, EXPERT),
-    COUNT("max-gaussians", max_gaussians, 4, 4e9, "Growth of the decoy stops there; 0 = no limit.",
-          DECOY, .or_zero = true),
+    COUNT("max-gaussians", max_gaussians, 4, 4e9,
+          "Growth of the decoy stops at this number; 0 = no limit.", DECOY, .or_zero = true),
     COUNT("max-instances", max_instances, 1, 4e9,
           "(Gaussian, tile) pairs held at once; views with more are processed in bands, with the "
           "same result.",

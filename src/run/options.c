@@ -16,16 +16,16 @@ _Static_assert(SG_RUN_PRESET_MIP == 3 && SG_RUN_AUDIT_DEFEND == 3 && SG_METHOD_D
 
 #define STRUCT struct sg_run_params
 static const struct sg_option run_options[] = {
-    SG_TEXT("source-path", source, "SCENE", "The reference's way to name the scene.", GROUP("Run"),
-            EXPERT, .letter = 's'),
+    SG_TEXT("source-path", source, "SCENE", "The reference's name for the argument SCENE.",
+            GROUP("Run"), EXPERT, .letter = 's'),
     SG_FLAG("eval", scene.eval, "Hold the test views out and measure PSNR and SSIM on them.",
             GROUP("Run")),
     INTEGER("save-every", save_every, 0, 1e7,
-            "Save model and checkpoint every N iterations, unless --max-time makes steps of as "
-            "many; 0 = at the end only.",
+            "Save model and checkpoint every N iterations (less often where --max-time makes "
+            "larger steps); 0 = at the end only.",
             GROUP("Run")),
     INTEGER("eval-every", eval_every, 0, 1e7,
-            "Measure the test views every N iterations, likewise; 0 = at the end only.",
+            "Measure the test views every N iterations, as above; 0 = at the end only.",
             GROUP("Run")),
     INTEGER("log-every", log_every, 1, 1e7, "Write a line to log.jsonl every N iterations.",
             GROUP("Run"), EXPERT),
@@ -40,8 +40,8 @@ static const struct sg_option run_options[] = {
               GROUP("Defense")),
     SG_CHOICE("preset", preset, "auto|ns|tt|mip", "NAME",
               "The paper's rho and lambda for NeRF-Synthetic, Tanks and Temples, Mip-NeRF 360; "
-              "auto: a share of the run's own growth, and for each photo the more lambda the more "
-              "it looks poisoned (see `audit`).",
+              "auto: a share of the run's own growth, and more lambda for photos that look more "
+              "poisoned (see `audit`).",
               GROUP("Defense")),
     {0},
 };

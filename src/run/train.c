@@ -79,7 +79,7 @@ static int save(sg_run *r)
     r->saved = sg_trainer_iteration(r->trainer);
     if (code == SG_ERR_BUDGET) {
         sg_log(r->ctx, SG_LOG_WARN,
-               "%s; the model is saved, its checkpoint is not: a resumed run goes on from an "
+               "%s; the model is saved, its checkpoint is not: a resumed run continues from an "
                "earlier one, if there is one",
                sg_last_error(r->ctx));
         sg_clear_error(r->ctx);
@@ -266,8 +266,7 @@ static int restore(sg_run *r)
     const char *folder = r->params.folder;
     if (!sg_run_has(r->ctx, folder, "checkpoint.bin"))
         return sg_fail(r->ctx, SG_ERR_INPUT,
-                       "%s: found no checkpoint, so nothing to go on from; replace the run",
-                       folder);
+                       "%s: found no checkpoint to continue from; replace the run", folder);
     json_t *config = NULL;
     char *path = sg_strf(r->ctx, "%s/checkpoint.bin", folder);
     int code =
@@ -284,7 +283,7 @@ static int restore(sg_run *r)
     if (!code && variant && strcmp(variant, now))
         sg_log(
             r->ctx, SG_LOG_WARN,
-            "the run was made with %s and goes on with %s: results can differ in the last digits",
+            "the run was made with %s and continues with %s: results can differ in the last digits",
             variant, now);
     if (!code) {
         r->saved = sg_trainer_iteration(r->trainer); /* a model comes before its checkpoint */

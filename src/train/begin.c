@@ -78,7 +78,7 @@ size_t sg_begin_again(sg_trainer *t, size_t n)
     }
     sg_log(
         t->ctx, SG_LOG_WARN,
-        "the checkpoint's %zu Gaussians are more than fit now: training goes on with %zu of them",
+        "the checkpoint's %zu Gaussians are more than fit now: training continues with %zu of them",
         n, limit);
     return limit;
 }

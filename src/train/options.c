@@ -134,14 +134,15 @@ static const struct sg_option train_options[] = {
           "Weight of the total variation of renders of photos with a tolerance: it chooses among "
           "the images that the tolerance allows.",
           DEFENSE, EXPERT),
-    INTEGER("tolerance-look", tolerance_look, -1, 1e9,
-            "With --tolerance auto: after this iteration the tolerance becomes the noise that the "
-            "model leaves over; -1 = a tenth of --densify-until-iter, 0 = never.",
-            DEFENSE, EXPERT),
+    INTEGER(
+        "tolerance-look", tolerance_look, -1, 1e9,
+        "With --tolerance auto: after this iteration the tolerance becomes the noise in the "
+        "difference between photos and renders; -1 = a tenth of --densify-until-iter, 0 = never.",
+        DEFENSE, EXPERT),
     FLOAT("tolerance-colours", tolerance_colours, 0, 1000,
-          "If any photo has a tolerance, the colours alone learn in the last tenth of the "
-          "iterations. There the loss of these photos has the squared low-pass difference too, "
-          "with this weight, which gives back contrast below the tolerance. 0 = off.",
+          "If any photo has a tolerance, only colours learn in the last tenth of the iterations. "
+          "The loss of these photos then includes the squared low-pass difference, with this "
+          "weight, which restores contrast below the tolerance. 0 = off.",
           DEFENSE, EXPERT),
     DOUBLE("rho", defense.rho, -0.9, 0.5,
            "Share of the Gaussians that the filter removes at a time, 0 to 0.5; from -0.9 to below "
@@ -158,7 +159,7 @@ static const struct sg_option train_options[] = {
            DEFENSE, EXPERT, .words = "preset", .first_word = SG_PRESET_FREQUENCY),
     DOUBLE("filter-exponent", defense.exponent, 0, 100, "Exponent alpha of the frequency weight.",
            DEFENSE, EXPERT),
-    INTEGER("filter-views", defense.views, 1, 1e7, "Training views that hits are counted in.",
+    INTEGER("filter-views", defense.views, 1, 1e7, "Training views in which hits are counted.",
             DEFENSE, EXPERT),
     INTEGER("filter-interval", defense.interval, 1, 1e7, "Iterations between removals.", DEFENSE,
             EXPERT),
@@ -203,8 +204,8 @@ static const struct sg_option train_options[] = {
     SG_CHOICE("channels", defense.spectrum.channels, "sum|luma", "NAME",
               "Energy of all three channels, or of the luma.", DEFENSE, EXPERT),
     SG_FLAG("exact-spectrum", defense.spectrum.exact_size,
-            "Transform awkward image sides as they are; by default they are continued to the next "
-            "quick length.",
+            "Transform image sides of any length as they are; by default they are extended to the "
+            "next fast length.",
             DEFENSE, EXPERT),
     COUNT("max-instances", max_instances, 1, 4e9,
           "(Gaussian, tile) pairs held at once; views with more are processed in bands, with the "

@@ -49,7 +49,7 @@ for image in poisoned/train/*.png; do
     cmp "cut/train/${image##*/}" "whole/train/${image##*/}" || fail "resumed at $reached, other poisons"
 done
 
-# An interrupted proxy goes on too.
+# An interrupted proxy is continued too.
 "$tool" attack scene/blender -o early $(once $options --proxy-iterations 20000) 2>err &
 pid=$!
 wait_for early/attack/proxy/log.jsonl
@@ -133,9 +133,9 @@ expect 1 attack scene/blender; says 'missing -o POISONED'
 expect 1 attack scene/blender -o x --epsilon much; says '--epsilon'
 expect 1 attack scene/blender -o x --epsilon 0.5; says 'a whole number'
 expect 1 attack scene/blender -o poisoned --force --max-gaussians 3; says '--max-gaussians'; [ -s poisoned/poison.json ] || fail "gone for nothing"
-expect 1 attack scene/blender -o x --method noise --epsilon inf; says 'goes with --method poison-splat'
+expect 1 attack scene/blender -o x --method noise --epsilon inf; says 'belongs to --method poison-splat'
 expect 1 attack scene/blender -o x --wavelength 40
-says '--wavelength has no effect with --method poison-splat; it goes with --method drift'
+says '--wavelength has no effect with --method poison-splat; it belongs to --method drift'
 expect 1 attack scene/blender -o x --method noise --victim-tolerance 8; says '--victim-tolerance has no effect'
 expect 1 attack scene/blender -o x --method drift --texture 8; says 'poison-splat or noise or tv-per-view'
 expect 0 attack scene/colmap -o unused --method noise -q --inner 3 --iterations 9 --feature-lr 0.1

@@ -53,7 +53,7 @@ until [ -d long.db.work ] || [ $waited -ge 100 ]; do sleep 0.1; waited=$((waited
 sleep 1
 interrupt $pid
 [ $? -eq 130 ] || fail "an interrupted bench did not exit with 130"
-says 'the same command goes on'
+says 'the same command continues'
 
 # What changed runs; what fails is a row.
 plan plan.json 60 ', "bad": ["--rho", "7"]'

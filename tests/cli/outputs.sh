@@ -85,7 +85,7 @@ refused attack scene/colmap -o poisoned --force --method noise -q; says 'found a
 unchanged poisoned
 rm poisoned/attack/proxy
 
-# What worked goes on to work: the tool's own outputs are replaced, added to and continued; the inputs stay.
+# What worked still works: the tool's own outputs are replaced, added to and continued; the inputs stay.
 find scene notes photos held theirs models -type f -exec cksum {} + | sort >before
 expect 0 train scene/colmap -o run --force $short
 expect 0 train --resume run --iterations 2 -q
