@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+#include <ctype.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <signal.h>
@@ -7,6 +8,7 @@
 #include <unistd.h>
 
 #include "commands.h"
+#include "completion.h"
 
 static const struct command *const commands[] = {
     &command_train,  &command_eval,    &command_render,   &command_synth,  &command_info,
@@ -26,27 +28,61 @@ static void usage(FILE *out)
         fprintf(out, "  %3d  %s\n", (int) e->status, e->meaning);
 }
 
-static void man(void)
+/* "splatguard-train" in capitals, and what comes before SYNOPSIS. */
+static void man_title(const char *name, const char *summary)
 {
-    printf(".TH SPLATGUARD 1 \"\" \"splatguard %s\"\n.SH NAME\nsplatguard \\- train, render and "
-           "measure 3D Gaussian Splatting scenes\n.SH SYNOPSIS\n",
-           sg_version());
-    for (size_t i = 0; i < COMMANDS; i++) {
-        printf(".B splatguard %s\n", commands[i]->name);
-        options_roff(stdout, commands[i]->arguments);
-        printf("\n.br\n");
-    }
-    printf(".B splatguard help\n[COMMAND]\n.br\n.B splatguard \\-\\-version\n");
-    printf(".SH COMMANDS\n");
-    for (size_t i = 0; i < COMMANDS; i++)
-        options_man(commands[i], stdout);
+    printf(".TH SPLATGUARD");
+    for (const char *c = name ? name : ""; *c; c++)
+        printf("%s%c", c == name ? "\\-" : "", toupper((unsigned char) *c));
+    printf(" 1 \"\" \"splatguard %s\"\n.SH NAME\nsplatguard%s%s \\- ", sg_version(),
+           name ? "\\-" : "", name ? name : "");
+    options_roff(stdout, summary);
+    printf("\n.SH SYNOPSIS\n");
+}
+
+static void man_synopsis(const struct command *c)
+{
+    printf(".B splatguard %s\n", c->name);
+    options_roff(stdout, c->arguments);
+    printf("\n");
+}
+
+static void man_exit_status(void)
+{
     printf(".SH EXIT STATUS\n");
     for (const struct exit_meaning *e = exit_meanings; e->meaning; e++) {
         printf(".TP\n.B %d\n", (int) e->status);
         options_roff(stdout, e->meaning);
         printf("\n");
     }
+}
+
+/* splatguard(1) */
+static void man(void)
+{
+    man_title(NULL, "train, render and measure 3D Gaussian Splatting scenes");
+    for (size_t i = 0; i < COMMANDS; i++) {
+        man_synopsis(commands[i]);
+        printf(".br\n");
+    }
+    printf(".B splatguard help\n[COMMAND]\n.br\n.B splatguard \\-\\-version\n.SH COMMANDS\n");
+    for (size_t i = 0; i < COMMANDS; i++) {
+        printf(".TP\n.BR splatguard\\-%s (1)\n", commands[i]->name);
+        options_roff(stdout, commands[i]->summary);
+        printf("\n");
+    }
+    man_exit_status();
     printf(".SH ENVIRONMENT\n.TP\n.B SG_CPU\nCPU variant to use, as \\-\\-cpu.\n");
+}
+
+/* splatguard-COMMAND(1) */
+static void man_command(const struct command *c)
+{
+    man_title(c->name, c->summary);
+    man_synopsis(c);
+    options_man(c, stdout);
+    man_exit_status();
+    printf(".SH SEE ALSO\n.BR splatguard (1)\n");
 }
 
 static void markdown(void)
@@ -109,6 +145,12 @@ static int unknown(const char *name)
     return STATUS_USAGE;
 }
 
+static int unknown_shell(const char *name)
+{
+    say(stderr, "splatguard help: --completion: found \"%s\", expected bash, zsh or fish\n", name);
+    return STATUS_USAGE;
+}
+
 /* Output that could not be written is a failure too. */
 static int flushed(int code)
 {
@@ -142,7 +184,12 @@ int main(int argc, char **argv)
         return flushed(0);
     }
     if (!strcmp(name, "--help") || !strcmp(name, "-h") || !strcmp(name, "help")) {
-        if (argc > 2 && !strcmp(argv[2], "--man"))
+        if (argc > 3 && !strcmp(argv[2], "--completion")) {
+            if (!completion_write(argv[3], commands, COMMANDS, stdout))
+                return unknown_shell(argv[3]);
+        } else if (argc > 3 && !strcmp(argv[2], "--man") && find(argv[3]))
+            man_command(find(argv[3]));
+        else if (argc == 3 && !strcmp(argv[2], "--man"))
             man();
         else if (argc > 2 && !strcmp(argv[2], "--markdown"))
             markdown();

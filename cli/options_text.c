@@ -157,16 +157,14 @@ void options_man(const struct command *c, FILE *out)
     struct listing l;
     if (!list_options(c, &l))
         return;
-    fprintf(out, ".SS splatguard %s ", c->name);
-    options_roff(out, c->arguments);
-    fprintf(out, "\n");
+    fprintf(out, ".SH DESCRIPTION\n");
     options_roff(out, c->description);
-    fprintf(out, "\n");
+    fprintf(out, "\n.SH OPTIONS\n");
     for (size_t i = 0; i < l.n; i++) {
         const struct sg_option *o = l.list[i].row;
         char value[128];
         if (heading(&l, i))
-            fprintf(out, ".PP\n%s:\n", heading(&l, i));
+            fprintf(out, ".SS %s\n", heading(&l, i));
         fprintf(out, ".TP\n\\fB");
         if (o->letter)
             fprintf(out, "\\-%c, ", o->letter);

@@ -1,4 +1,4 @@
-# Installed files: public headers, library, pkg-config file, CMake package, tool and man page.
+# Installed files: public headers, library, pkg-config file, CMake package, tool, man pages and completions.
 include(CMakePackageConfigHelpers)
 
 install(DIRECTORY include/splatguard DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} FILES_MATCHING PATTERN "*.h")
@@ -50,5 +50,10 @@ if(TARGET splatguard_tool)
     install(TARGETS splatguard_tool RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
 endif()
 if(TARGET man)
-    install(FILES ${PROJECT_BINARY_DIR}/splatguard.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
+    set(SG_ZSH_COMPLETIONS ${CMAKE_INSTALL_DATADIR}/zsh/site-functions CACHE STRING "Where zsh looks for completions")
+    install(DIRECTORY ${PROJECT_BINARY_DIR}/man/ DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 FILES_MATCHING PATTERN "*.1")
+    set(completions ${PROJECT_BINARY_DIR}/completions)
+    install(FILES ${completions}/bash DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions RENAME splatguard)
+    install(FILES ${completions}/zsh DESTINATION ${SG_ZSH_COMPLETIONS} RENAME _splatguard)
+    install(FILES ${completions}/fish DESTINATION ${CMAKE_INSTALL_DATADIR}/fish/vendor_completions.d RENAME splatguard.fish)
 endif()

@@ -1,13 +1,28 @@
-# The command line tool and its man page, which comes from the option tables. It includes public headers only: `src` is not
+# The command line tool, and its man pages and completions, which come from the option tables. It includes public headers only: `src` is not
 # in its path, and a test looks.
 file(GLOB SG_TOOL_SOURCES CONFIGURE_DEPENDS cli/*.c)
 add_executable(splatguard_tool ${SG_TOOL_SOURCES})
 set_target_properties(splatguard_tool PROPERTIES OUTPUT_NAME splatguard)
 target_link_libraries(splatguard_tool PRIVATE splatguard_internal sg_flags sg_overrides PkgConfig::JANSSON m)
 
+# Man pages and completions for shells: one page for the tool, and one for each cli/cmd_NAME.c.
 if(NOT CMAKE_CROSSCOMPILING)
-    add_custom_command(OUTPUT splatguard.1 COMMAND splatguard_tool help --man > splatguard.1 DEPENDS splatguard_tool VERBATIM)
-    add_custom_target(man ALL DEPENDS splatguard.1)
+    function(sg_help output)
+        add_custom_command(OUTPUT ${output} COMMAND splatguard_tool help ${ARGN} > ${output} DEPENDS splatguard_tool VERBATIM)
+        set_property(GLOBAL APPEND PROPERTY SG_HELP ${PROJECT_BINARY_DIR}/${output})
+    endfunction()
+    file(GLOB commands CONFIGURE_DEPENDS cli/cmd_*.c)
+    list(TRANSFORM commands REPLACE ".*/cmd_(.*)\\.c$" "\\1")
+    file(MAKE_DIRECTORY ${PROJECT_BINARY_DIR}/man ${PROJECT_BINARY_DIR}/completions)
+    sg_help(man/splatguard.1 --man)
+    foreach(name ${commands})
+        sg_help(man/splatguard-${name}.1 --man ${name})
+    endforeach()
+    foreach(shell bash zsh fish)
+        sg_help(completions/${shell} --completion ${shell})
+    endforeach()
+    get_property(help GLOBAL PROPERTY SG_HELP)
+    add_custom_target(man ALL DEPENDS ${help})
 endif()
 
 # Databases of results, for `bench` and `report`; both say so where SQLite is missing.

@@ -3,10 +3,11 @@
 . "$(dirname "$0")/common.sh"
 expect 0 help --markdown
 cmp out "$source_dir/docs/options.md" || fail "docs/options.md is out of date: splatguard help --markdown >docs/options.md"
-expect 0 help --man
+expect 0 help --man train
 for option in iterations densify grad scene per split; do
     grep -q "$option" out || fail "the man page lacks $option"
 done
+expect 0 help --man
 sed -n '/^\.SH SYNOPSIS/,/^\.SH COMMANDS/p' out | tr -d '\134' >synopsis
 for arguments in 'train SCENE -o RUN' 'eval RUN|MODEL --scene SCENE' 'render RUN|MODEL --scene SCENE -o DIR' 'synth -o DIR' \
     'info RUN|MODEL' 'attack SCENE -o POISONED' 'compare RUN...' 'spectrum IMAGE...' 'audit SCENE' 'prune RUN|MODEL' 'convert RUN|MODEL OUT' 'smooth SCENE -o SMOOTHED' 'bench PLAN.json -o DB' 'report DB... -o DIR' 'help [COMMAND]'; do
