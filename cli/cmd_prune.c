@@ -116,6 +116,13 @@ static int run_prune(const void *config, const bool *given, const char *const *p
     if (!code && is_run)
         code = adopt_run_scene(ctx, positional[0], &command_prune, given, c, &c->scene,
                                &c->scene_path, &run);
+    if (!code && is_run && run.train.model != SG_MODEL_3DGS) {
+        say(stderr,
+            "splatguard prune: %s: found a run of another --model, expected one of 3dgs: scores "
+            "and fine-tuning draw Gaussians as 3DGS does\n",
+            positional[0]);
+        code = STATUS_INPUT;
+    }
     if (!code && (!c->scene_path || !c->output))
         code = missing(&command_prune, c->scene_path ? "-o OUT.ply" : "--scene SCENE");
     if (!code)

@@ -25,6 +25,9 @@ grep -q "\"rounds\": \[{\"before\": $before, \"removed\": " out || fail "prune -
 expect 0 prune run --method pup --finetune 0 -o two.ply
 [ "$(grep -c '^removed' out)" -eq 2 ] || fail "pup says $(cat out), expected two rounds"
 
+expect 0 train scene/blender -o mip --iterations 1 --init-points 50 --model mip -q
+expect 2 prune mip --finetune 0 -o x.ply; says 'mip: found a run of another --model'
+
 # Nothing is half-written or lost.
 expect 2 prune run --finetune 0 -o scene/blender/out.ply; says 'scene'
 echo mine >mine.txt
