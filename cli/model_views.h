@@ -16,12 +16,16 @@ struct model_options {
 #define SPLITS "test|train"
 
 #define MODEL_ROWS(config)                                                                         \
-    TEXT_ROW("scene", offsetof(config, m.scene_path), "SCENE",                                     \
-             "The photos and cameras; a run knows its own.", .group = MODEL_GROUP, .letter = 's'), \
+    MODEL_SCENE_ROW(config),                                                                       \
         CHOICE_ROW("split", offsetof(config, m.split), SPLITS, "SPLIT",                            \
                    "Which views: " SPLITS ".", .group = MODEL_GROUP),                              \
-        NUMBER_ROW("iteration", SG_OPTION_INT, offsetof(config, m.iteration), 0, 10000000, "N",    \
-                   "Which model of a run; 0 = the newest.", .group = MODEL_GROUP),                 \
+        MODEL_OTHER_ROWS(config)
+#define MODEL_SCENE_ROW(config)                                                                    \
+    TEXT_ROW("scene", offsetof(config, m.scene_path), "SCENE",                                     \
+             "The photos and cameras; a run knows its own.", .group = MODEL_GROUP, .letter = 's')
+#define MODEL_OTHER_ROWS(config)                                                                   \
+    NUMBER_ROW("iteration", SG_OPTION_INT, offsetof(config, m.iteration), 0, 10000000, "N",        \
+               "Which model of a run; 0 = the newest.", .group = MODEL_GROUP),                     \
         NUMBER_ROW("threads", SG_OPTION_INT, offsetof(config, m.threads), 0, 256, "T",             \
                    "Worker threads; 0 = one per CPU.", .group = MODEL_GROUP, .letter = 'j'),       \
         MEMORY_ROW(config, m.max_memory, .group = MODEL_GROUP),                                    \

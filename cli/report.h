@@ -72,6 +72,6 @@ void put_tables(FILE *f, const struct report *r, enum format format);
 void put_csv(FILE *f, const struct report *r);
 void put_page(FILE *f, const struct report *r);
 
-extern const char report_js[], report_css[]; /* the files of these names */
+extern const char report_js[], page_css[], report_css[]; /* the files of these names */
 
 #endif

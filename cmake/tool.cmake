@@ -45,10 +45,18 @@ if(NOT SG_COMMIT)
     set(SG_COMMIT unknown)
 endif()
 set_source_files_properties(cli/bench_store.c PROPERTIES COMPILE_DEFINITIONS SG_COMMIT="${SG_COMMIT}")
-# The script and the style of a report's page are in the program.
-foreach(part js css)
-    add_custom_command(OUTPUT report_${part}.c COMMAND ${CMAKE_COMMAND} -DINPUT=${PROJECT_SOURCE_DIR}/cli/report.${part}
-        -DOUTPUT=${PROJECT_BINARY_DIR}/report_${part}.c -DNAME=report_${part} -P ${PROJECT_SOURCE_DIR}/cmake/embed.cmake
-        DEPENDS ${PROJECT_SOURCE_DIR}/cli/report.${part} ${PROJECT_SOURCE_DIR}/cmake/embed.cmake VERBATIM)
-    target_sources(splatguard_tool PRIVATE ${PROJECT_BINARY_DIR}/report_${part}.c)
+# An HTTP server, for `view` and `train --view`; both say so where it is missing.
+pkg_check_modules(MICROHTTPD IMPORTED_TARGET libmicrohttpd)
+if(MICROHTTPD_FOUND)
+    set_source_files_properties(cli/view_server.c PROPERTIES COMPILE_DEFINITIONS SG_MICROHTTPD)
+    target_link_libraries(splatguard_tool PRIVATE PkgConfig::MICROHTTPD Threads::Threads)
+endif()
+# Scripts and styles of pages are in the program.
+foreach(file cli/report.js cli/report.css cli/view.html cli/view.js cli/view.css cli/view_icon.svg src/report/page.css)
+    get_filename_component(name ${file} NAME)
+    string(REPLACE "." "_" name ${name})
+    add_custom_command(OUTPUT ${name}.c COMMAND ${CMAKE_COMMAND} -DINPUT=${PROJECT_SOURCE_DIR}/${file}
+        -DOUTPUT=${PROJECT_BINARY_DIR}/${name}.c -DNAME=${name} -P ${PROJECT_SOURCE_DIR}/cmake/embed.cmake
+        DEPENDS ${PROJECT_SOURCE_DIR}/${file} ${PROJECT_SOURCE_DIR}/cmake/embed.cmake VERBATIM)
+    target_sources(splatguard_tool PRIVATE ${PROJECT_BINARY_DIR}/${name}.c)
 endforeach()

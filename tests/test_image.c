@@ -2,6 +2,8 @@
 /* Decoding, writing and resampling of images. */
 #include "scene_files.h"
 
+#include "splatguard/picture.h"
+
 #include <spng.h>
 #include <turbojpeg.h>
 #include <webp/encode.h>
@@ -313,6 +315,36 @@ static void resample_known_values(void **state)
         assert_int_equal(small[i], 201);
 }
 
+static void pictures_in_memory(void **state)
+{
+    struct fixture *f = *state;
+    uint8_t rgb[32 * 24 * 3];
+    for (size_t i = 0; i < sizeof(rgb); i++)
+        rgb[i] = (uint8_t) (i / 3 % 32 * 4 + i % 3 * 40);
+    const uint64_t held = sg_mem_current(f->ctx, SG_MEM_TAGS);
+    for (int k = 0; k < 2; k++) {
+        void *data;
+        size_t size;
+        struct sg_image image;
+        assert_int_equal(
+            sg_picture_encode(f->ctx, (enum sg_picture_format) k, rgb, 32, 24, &data, &size),
+            SG_OK);
+        assert_memory_equal(data, k == SG_PICTURE_PNG ? "\x89PNG" : "\xff\xd8\xff", 3);
+        assert_true(sg_mem_current(f->ctx, SG_MEM_FRAME) >= size);
+        assert_int_equal(sg_image_decode(f->ctx, "x", data, size, MAX_PIXELS, &image), SG_OK);
+        for (size_t i = 0; i < sizeof(rgb); i++)
+            assert_in_range(image.pixels[i] + 6 - rgb[i], k == SG_PICTURE_PNG ? 6 : 0,
+                            k == SG_PICTURE_PNG ? 6 : 12);
+        sg_image_clear(&image);
+        sg_mem_free(data);
+        assert_int_equal(
+            sg_picture_encode(f->ctx, (enum sg_picture_format) k, rgb, 0, 24, &data, &size),
+            SG_ERR_USAGE);
+        assert_null(data);
+    }
+    assert_int_equal(sg_mem_current(f->ctx, SG_MEM_TAGS), held);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -324,6 +356,7 @@ int main(void)
         scene_test(bomb_is_refused_before_allocation),
         scene_test(flatten_truncates),
         scene_test(resample_known_values),
+        scene_test(pictures_in_memory),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

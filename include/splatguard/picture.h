@@ -26,6 +26,14 @@ SG_API void sg_picture_clear(struct sg_picture *picture); /* safe on a zeroed on
 SG_API int sg_picture_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, int width,
                                 int height, int channels);
 
+enum sg_picture_format { SG_PICTURE_PNG, SG_PICTURE_JPEG };
+
+/* A file in memory: PNG, or JPEG of quality 90 with colour at full resolution. pixels: height x
+ * width x 3. The caller frees *out with sg_mem_free. Errors: SG_ERR_USAGE, SG_ERR_BUDGET. Thread
+ * safety: as the context. */
+SG_API int sg_picture_encode(sg_ctx *ctx, enum sg_picture_format format, const uint8_t *pixels,
+                             int width, int height, void **out, size_t *size);
+
 /* Portable float map, little endian. planes: 1 or 3 (channels) of height x width floats. Errors as
  * above. */
 SG_API int sg_picture_write_pfm(sg_ctx *ctx, const char *path, const float *planes, int width,

@@ -366,35 +366,70 @@ int sg_image_write_picture(sg_ctx *ctx, const char *path, const uint8_t *pixels,
     return write_png(ctx, path, true, pixels, width, height, channels);
 }
 
+/* A codec's memory as the context's. */
+static int take_copy(sg_ctx *ctx, const void *from, size_t n, void **data, size_t *size)
+{
+    *data = sg_alloc_raw(ctx, SG_MEM_FRAME, n, 1);
+    *size = *data ? n : 0;
+    if (*data)
+        memcpy(*data, from, n);
+    return *data ? SG_OK : SG_ERR_BUDGET;
+}
+
 int sg_image_encode_png(sg_ctx *ctx, const uint8_t *pixels, int width, int height, int channels,
                         void **data, size_t *size)
 {
+    void *png = NULL;
     *data = NULL;
-    const int code = png_possible(ctx, "memory", width, height, channels);
+    int code = png_possible(ctx, "memory", width, height, channels);
     if (code)
         return code;
-    const int failed = encode_png(NULL, false, data, size, pixels, width, height, channels);
-    return failed ? sg_fail(ctx, SG_ERR_BUDGET, "cannot encode a PNG: %s", spng_strerror(failed))
-                  : SG_OK;
+    const int failed = encode_png(NULL, false, &png, size, pixels, width, height, channels);
+    code = failed ? sg_fail(ctx, SG_ERR_BUDGET, "cannot encode a PNG: %s", spng_strerror(failed))
+                  : take_copy(ctx, png, *size, data, size);
+    free(png);
+    return code;
+}
+
+/* Compresses; *data is the codec's: tjFree. name stands for the place in messages. */
+static int make_jpeg(sg_ctx *ctx, const char *name, const uint8_t *rgb, int width, int height,
+                     int quality, bool full_chroma, unsigned char **data, unsigned long *size)
+{
+    tjhandle jpeg = tjInitCompress();
+    int code = SG_OK;
+    *data = NULL;
+    if (!jpeg)
+        return sg_fail(ctx, SG_ERR_BUDGET, "%s: cannot start the JPEG encoder", name);
+    if (tjCompress2(jpeg, rgb, width, 0, height, TJPF_RGB, data, size,
+                    full_chroma ? TJSAMP_444 : TJSAMP_420, quality, TJFLAG_ACCURATEDCT))
+        code =
+            sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write the JPEG: %s", name, tjGetErrorStr2(jpeg));
+    tjDestroy(jpeg);
+    return code;
 }
 
 int sg_image_write_jpeg(sg_ctx *ctx, const char *path, const uint8_t *rgb, int width, int height,
                         int quality, bool full_chroma)
 {
-    unsigned char *data = NULL;
+    unsigned char *data;
     unsigned long size = 0;
-    int code = SG_OK;
-    tjhandle jpeg = tjInitCompress();
-    if (!jpeg)
-        return sg_fail(ctx, SG_ERR_BUDGET, "%s: cannot start the JPEG encoder", path);
-    if (tjCompress2(jpeg, rgb, width, 0, height, TJPF_RGB, &data, &size,
-                    full_chroma ? TJSAMP_444 : TJSAMP_420, quality, TJFLAG_ACCURATEDCT))
-        code =
-            sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write the JPEG: %s", path, tjGetErrorStr2(jpeg));
+    int code = make_jpeg(ctx, path, rgb, width, height, quality, full_chroma, &data, &size);
     if (!code)
         code = sg_file_write(ctx, path, data, size);
     tjFree(data);
-    tjDestroy(jpeg);
+    return code;
+}
+
+int sg_image_encode_jpeg(sg_ctx *ctx, const uint8_t *rgb, int width, int height, int quality,
+                         bool full_chroma, void **data, size_t *size)
+{
+    unsigned char *jpeg;
+    unsigned long n = 0;
+    *data = NULL;
+    int code = make_jpeg(ctx, "memory", rgb, width, height, quality, full_chroma, &jpeg, &n);
+    if (!code)
+        code = take_copy(ctx, jpeg, n, data, size);
+    tjFree(jpeg);
     return code;
 }
 

@@ -36,13 +36,17 @@ int sg_image_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, int
 int sg_image_write_picture(sg_ctx *ctx, const char *path, const uint8_t *pixels, int width,
                            int height, int channels);
 
-/* The same into memory, without the text: free(*data). */
+/* The same into memory, without the text: sg_free(*data). */
 int sg_image_encode_png(sg_ctx *ctx, const uint8_t *pixels, int width, int height, int channels,
                         void **data, size_t *size);
 
 /* Baseline JPEG of RGB pixels. quality: 1..100. full_chroma: 4:4:4 instead of 4:2:0. */
 int sg_image_write_jpeg(sg_ctx *ctx, const char *path, const uint8_t *rgb, int width, int height,
                         int quality, bool full_chroma);
+
+/* The same into memory: sg_free(*data). */
+int sg_image_encode_jpeg(sg_ctx *ctx, const uint8_t *rgb, int width, int height, int quality,
+                         bool full_chroma, void **data, size_t *size);
 
 void sg_image_clear(struct sg_image *image); /* safe on a zeroed image */
 

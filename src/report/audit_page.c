@@ -74,7 +74,7 @@ static int put_picture(sg_ctx *ctx, FILE *f, const uint8_t *rgb, int w, int h, c
         put_base64(f, png, size);
         fprintf(f, "\"><figcaption>%s</figcaption></figure>\n", title);
     }
-    free(png);
+    sg_free(png);
     sg_free(small);
     return code;
 }

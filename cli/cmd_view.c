@@ -1,0 +1,221 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* splatguard view: a page of this machine on which a model or a scene can be looked at. */
+#include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <spawn.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "interrupt.h"
+#include "model_views.h"
+#include "view_pictures.h"
+
+struct view_config {
+    struct model_options m;
+    int port;
+    bool open;
+};
+
+static const struct sg_option view_options[] = {
+    NUMBER_ROW("port", SG_OPTION_INT, offsetof(struct view_config, port), 0, 65535, "N",
+               "Port of the page; 0 = any that is free.", .group = "Page"),
+    FLAG_ROW("open", offsetof(struct view_config, open), "Open the page in a browser.",
+             .group = "Page"),
+    MODEL_SCENE_ROW(struct view_config),
+    MODEL_OTHER_ROWS(struct view_config),
+    {0},
+};
+
+static const struct option_part view_parts[] = MODEL_PARTS(struct view_config);
+
+static void defaults(void *config)
+{
+    *(struct view_config *) config = (struct view_config){.m = model_options_default()};
+}
+
+struct viewed {
+    sg_ctx *ctx;
+    struct sg_run_params run; /* owns texts of the options */
+    struct sg_scene *scene;
+    struct sg_model *model;
+    sg_renderer *renderer;
+    struct view_pictures pictures;
+};
+
+/* A folder with any of these is a run, else a scene. */
+static bool is_run(const char *folder)
+{
+    static const char *const marks[] = {"config.json", "cfg_args", "point_cloud"};
+    char path[PATH_MAX];
+    for (size_t i = 0; i < sizeof(marks) / sizeof(marks[0]); i++)
+        if (snprintf(path, sizeof(path), "%s/%s", folder, marks[i]) < (int) sizeof(path) &&
+            !access(path, F_OK))
+            return true;
+    return false;
+}
+
+/* The scene that was named must be there; that of a run may have gone. */
+static int load_scene(struct viewed *v, struct model_options *o, bool named)
+{
+    if (!o->scene_path)
+        return STATUS_DONE;
+    o->scene.eval = o->scene.untrained = true;
+    const int error = sg_scene_load(v->ctx, o->scene_path, &o->scene, &v->scene);
+    if (!error || named || error == SG_ERR_INTERRUPTED)
+        return report(v->ctx, error);
+    say(stderr, "warning: %s; the photos are not shown\n", sg_last_error(v->ctx));
+    return STATUS_DONE;
+}
+
+/* The model of a file or run, or Gaussians at the points of a scene. */
+static int load_model(struct viewed *v, const struct model_options *o, const char *path)
+{
+    int error = SG_OK;
+    if (path) {
+        error = sg_model_read(v->ctx, path, UINT32_MAX, &v->model);
+        if (!error)
+            error = sg_model_check(v->ctx, v->model, path);
+    } else if (v->scene->n_points >= 4)
+        error = sg_model_init_points(v->ctx, v->scene->points, v->scene->point_colors,
+                                     v->scene->n_points, 0, &v->model);
+    if (!error && v->model)
+        error = sg_renderer_create(v->ctx, o->engine, cpu_variant(o->cpu), v->model, &o->render,
+                                   &v->renderer);
+    return report(v->ctx, error);
+}
+
+static int open_viewed(struct viewed *v, const char *place, const bool *given,
+                       struct view_config *c)
+{
+    struct model_options *o = &c->m;
+    char path[PATH_MAX];
+    const bool folder = is_folder(place), run = folder && is_run(place),
+               named = (folder && !run) || o->scene_path;
+    v->run = sg_run_params_default();
+    int code = open_context(&v->ctx, o->threads, o->max_memory, o->quiet);
+    if (!code && folder && !run) {
+        if (o->scene_path) {
+            say(stderr, "splatguard view: found two scenes, %s and --scene %s, expected one\n",
+                place, o->scene_path);
+            return STATUS_USAGE;
+        }
+        o->scene_path = place;
+    } else if (!code)
+        code = report(v->ctx, sg_run_find_model(v->ctx, place, o->iteration, path, sizeof(path)));
+    if (!code && run)
+        code = adopt_run_scene(v->ctx, place, &command_view, given, c, &o->scene, &o->scene_path,
+                               &v->run);
+    if (!code && !folder)
+        code = check_iteration(&command_view, place, o->iteration);
+    for (int ch = 0; ch < 3; ch++)
+        o->render.background[ch] = o->scene.white_background ? 1 : 0;
+    o->render.mip_filter |= v->run.train.model == SG_MODEL_MIP;
+    if (!code)
+        code = load_scene(v, o, named);
+    if (!code)
+        code = load_model(v, o, folder && !run ? NULL : path);
+    return code;
+}
+
+/* A browser's command line can be read by every user of the machine, so the token is in a file that
+ * only this user can read, and that leads to the page. Returns its name, which the caller removes
+ * and frees, or NULL. */
+static char *open_browser(const char *address)
+{
+    const char *folder = getenv("XDG_RUNTIME_DIR");
+    char *path = NULL;
+    pid_t child;
+    if (asprintf(&path, "%s/splatguard-XXXXXX.html", folder && folder[0] ? folder : "/tmp") < 0)
+        return NULL;
+    const int fd = mkostemps(path, 5, O_CLOEXEC);
+    FILE *f = fd < 0 ? NULL : fdopen(fd, "w");
+    if (f) {
+        fprintf(f,
+                "<!doctype html><meta charset=utf-8><meta http-equiv=refresh content=\"0;url=%s\">"
+                "<title>splatguard</title><a href=\"%s\">splatguard</a>\n",
+                address, address);
+        errno = fclose(f) ? errno : 0;
+    }
+    char *arguments[] = {(char *) "xdg-open", path, NULL};
+    const int error =
+        !f || errno ? errno : posix_spawnp(&child, arguments[0], NULL, NULL, arguments, environ);
+    if (!error)
+        waitpid(child, NULL, 0);
+    else
+        say(stderr, "warning: cannot open a browser: %s\n", strerror(error));
+    return path;
+}
+
+static int serve(struct viewed *v, const struct view_config *c, const char *place)
+{
+    view_server *server = NULL;
+    struct view_ask ask;
+    char *redirect = NULL;
+    int code = exit_code(sg_ctx_create(
+        &v->pictures.own, &(struct sg_ctx_params){.threads = 1, .max_memory = VIEW_MEMORY}));
+    v->pictures.ctx = v->ctx, v->pictures.scene = v->scene, v->pictures.model = v->renderer;
+    if (!code && !v->scene)
+        code = report(v->ctx, view_place_camera(&v->pictures, v->ctx, v->model));
+    if (!code)
+        code = view_server_open(v->pictures.own, c->port, &server);
+    if (!code)
+        code = view_publish_scene(&v->pictures, server, place, false);
+    if (!code) {
+        printf("%s\n", view_server_address(server));
+        fflush(stdout);
+        if (!c->m.quiet)
+            say(stderr, "open this address in a browser of this machine; Ctrl-C ends the view\n");
+        if (c->open)
+            redirect = open_browser(view_server_address(server));
+    }
+    interrupt_catch();
+    while (!code && !interrupted())
+        if (view_server_next(server, 0.2, &ask))
+            view_draw(&v->pictures, server, &ask, v->renderer);
+    if (redirect)
+        unlink(redirect);
+    free(redirect);
+    view_server_close(&server);
+    view_pictures_clear(&v->pictures);
+    sg_ctx_destroy(&v->pictures.own);
+    return code;
+}
+
+static int run_view(const void *config, const bool *given, const char *const *positional, int count)
+{
+    (void) count;
+    struct view_config c = *(const struct view_config *) config;
+    struct viewed v = {0};
+    int code = open_viewed(&v, positional[0], given, &c);
+    if (!code)
+        code = serve(&v, &c, positional[0]);
+    sg_renderer_destroy(&v.renderer);
+    if (v.ctx) {
+        sg_model_destroy(&v.model);
+        sg_scene_destroy(&v.scene);
+    }
+    sg_ctx_destroy(&v.ctx);
+    sg_run_params_clear(&v.run);
+    return code;
+}
+
+const struct command command_view = {
+    .name = "view",
+    .arguments = "RUN|MODEL|SCENE [options]",
+    .summary = "Shows a model and its photos on a page in the browser.",
+    .description =
+        "Prints the address of a page on which the model, or the points of a scene, can be looked "
+        "at from everywhere and compared with the photos. The page needs no network; only "
+        "programs of this machine that know the address reach it. Ctrl-C ends it.",
+    .groups = "Page|" MODEL_GROUPS,
+    .options = view_options,
+    .parts = view_parts,
+    .config_size = sizeof(struct view_config),
+    .defaults = defaults,
+    .min_positional = 1,
+    .max_positional = 1,
+    .run = run_view,
+};

@@ -1,0 +1,517 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "view_server.h"
+
+#include <string.h>
+
+#include "commands.h"
+
+#ifdef SG_MICROHTTPD
+
+#include <arpa/inet.h>
+#include <errno.h>
+#include <math.h>
+#include <microhttpd.h>
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <sys/random.h>
+#include <time.h>
+
+#define CLIENTS 256              /* connections at once, of which most can be idle */
+#define CLIENT_BYTES (16 * 1024) /* of headers */
+#define CLIENT_SECONDS 10        /* without a byte */
+#define WAITING 8                /* pictures that wait to be drawn */
+#define TOKEN 32                 /* letters: 128 bits */
+
+struct view_file {
+    const char *name, *type, *text;
+};
+extern const char view_html[], view_css[], view_js[], view_icon_svg[], page_css[];
+static const struct view_file files[] = {{"", "text/html; charset=utf-8", view_html},
+                                         {"view.css", "text/css; charset=utf-8", view_css},
+                                         {"page.css", "text/css; charset=utf-8", page_css},
+                                         {"view.js", "text/javascript; charset=utf-8", view_js},
+                                         {"icon.svg", "image/svg+xml", view_icon_svg}};
+
+/* A request for a picture, from its first line to its last byte. */
+struct request {
+    struct MHD_Connection *connection;
+    struct view_ask ask;
+    bool asked, answered;
+    uint8_t *pixels; /* of the answer, or NULL */
+    int width, height;
+};
+
+struct view_server {
+    sg_ctx *ctx;
+    struct MHD_Daemon *daemon;
+    char token[TOKEN + 1], address[64 + TOKEN];
+    int port;
+    pthread_mutex_t lock;
+    pthread_cond_t more;              /* requests */
+    struct request *waiting[WAITING]; /* the oldest first */
+    int n_waiting;
+    struct request *drawing;
+    char *scene, *state;
+    bool closing;
+    atomic_int wish;
+};
+
+/* ---- answers ---- */
+
+static enum MHD_Result send_response(struct MHD_Connection *c, unsigned status, const char *type,
+                                     struct MHD_Response *r)
+{
+    static const char *const headers[][2] = {
+        {"Content-Security-Policy",
+         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src "
+         "'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"},
+        {"X-Content-Type-Options", "nosniff"},
+        {"Referrer-Policy", "no-referrer"},
+        {"Cross-Origin-Resource-Policy", "same-origin"},
+        {"Cross-Origin-Opener-Policy", "same-origin"},
+        {"Cache-Control", "no-store"}};
+    if (!r)
+        return MHD_NO;
+    for (size_t i = 0; i < sizeof(headers) / sizeof(headers[0]); i++)
+        MHD_add_response_header(r, headers[i][0], headers[i][1]);
+    MHD_add_response_header(r, "Content-Type", type);
+    const enum MHD_Result done = MHD_queue_response(c, status, r);
+    MHD_destroy_response(r);
+    return done;
+}
+
+/* A text that outlives the answer. */
+static enum MHD_Result send_text(struct MHD_Connection *c, unsigned status, const char *type,
+                                 const char *text)
+{
+    return send_response(
+        c, status, type,
+        MHD_create_response_from_buffer(strlen(text), (void *) text, MHD_RESPMEM_PERSISTENT));
+}
+
+static enum MHD_Result say_status(struct MHD_Connection *c, unsigned status, const char *text)
+{
+    return send_text(c, status, "text/plain; charset=utf-8", text);
+}
+
+/* A text that another thread may replace. */
+static enum MHD_Result send_json(view_server *s, struct MHD_Connection *c, char *const *text)
+{
+    pthread_mutex_lock(&s->lock);
+    struct MHD_Response *r =
+        *text ? MHD_create_response_from_buffer(strlen(*text), *text, MHD_RESPMEM_MUST_COPY) : NULL;
+    pthread_mutex_unlock(&s->lock);
+    return r ? send_response(c, MHD_HTTP_OK, "application/json", r)
+             : say_status(c, MHD_HTTP_SERVICE_UNAVAILABLE, "not yet\n");
+}
+
+/* A picture on its way out counts in the context until its last byte is sent. */
+struct outgoing {
+    uint8_t *data;
+    size_t size;
+};
+
+static ssize_t read_outgoing(void *cls, uint64_t at, char *to, size_t most)
+{
+    const struct outgoing *o = cls;
+    if (at >= o->size)
+        return MHD_CONTENT_READER_END_OF_STREAM;
+    const size_t n = o->size - at < most ? (size_t) (o->size - at) : most;
+    memcpy(to, o->data + at, n);
+    return (ssize_t) n;
+}
+
+static void free_outgoing(void *cls)
+{
+    struct outgoing *o = cls;
+    sg_mem_free(o->data);
+    sg_mem_free(o);
+}
+
+/* Encoded here, so that the thread of the model goes on. */
+static enum MHD_Result send_picture(view_server *s, struct request *q)
+{
+    void *data = NULL;
+    size_t size = 0;
+    struct outgoing *o = NULL;
+    struct MHD_Response *r = NULL;
+    if (q->pixels && !sg_picture_encode(s->ctx, q->ask.still ? SG_PICTURE_PNG : SG_PICTURE_JPEG,
+                                        q->pixels, q->width, q->height, &data, &size))
+        o = sg_mem_alloc(s->ctx, SG_MEM_FRAME, 1, sizeof(*o));
+    sg_mem_free(q->pixels);
+    q->pixels = NULL;
+    if (o) {
+        *o = (struct outgoing){.data = data, .size = size};
+        r = MHD_create_response_from_callback(size, 1 << 15, read_outgoing, o, free_outgoing);
+    }
+    if (r)
+        return send_response(q->connection, MHD_HTTP_OK, q->ask.still ? "image/png" : "image/jpeg",
+                             r);
+    sg_mem_free(data);
+    sg_mem_free(o);
+    return say_status(q->connection, MHD_HTTP_SERVICE_UNAVAILABLE, "cannot be drawn\n");
+}
+
+/* ---- requests ---- */
+
+/* In a time that does not depend on where they differ. */
+static bool same_token(const char *a, const char *b)
+{
+    unsigned different = 0;
+    for (int i = 0; i < TOKEN; i++)
+        different |= (unsigned) (a[i] ^ b[i]);
+    return !different;
+}
+
+/* What a browser says about the place that a request is for or from. A name that another site has
+ * made point here would be in it. */
+static bool is_here(const view_server *s, const char *place)
+{
+    char here[32], local[32];
+    snprintf(here, sizeof(here), "127.0.0.1:%d", s->port);
+    snprintf(local, sizeof(local), "localhost:%d", s->port);
+    return !strcmp(place, here) || !strcmp(place, local);
+}
+
+static enum MHD_Result count_header(void *cls, enum MHD_ValueKind kind, const char *name,
+                                    const char *value)
+{
+    (void) kind, (void) value;
+    int *n = cls;
+    n[0] += !strcasecmp(name, "Host"), n[1] += !strcasecmp(name, "Origin");
+    return MHD_YES;
+}
+
+static bool is_allowed(const view_server *s, struct MHD_Connection *c, const char *url)
+{
+    const char *host = MHD_lookup_connection_value(c, MHD_HEADER_KIND, "Host"),
+               *origin = MHD_lookup_connection_value(c, MHD_HEADER_KIND, "Origin");
+    int n[2] = {0};
+    MHD_get_connection_values(c, MHD_HEADER_KIND, count_header, n);
+    if (n[0] != 1 || n[1] > 1 || !host || !is_here(s, host))
+        return false;
+    if (n[1] && !(origin && !strncmp(origin, "http://", 7) && is_here(s, origin + 7)))
+        return false;
+    return strlen(url) > TOKEN + 1 && url[TOKEN + 1] == '/' && same_token(url + 1, s->token);
+}
+
+/* A number of the query, or NAN. */
+static double number(struct MHD_Connection *c, const char *name)
+{
+    const char *text = MHD_lookup_connection_value(c, MHD_GET_ARGUMENT_KIND, name);
+    char *end;
+    const double v = text && text[0] ? strtod(text, &end) : NAN;
+    return text && text[0] && !*end ? v : NAN;
+}
+
+static bool read_ask(struct MHD_Connection *c, struct view_ask *a)
+{
+    static const char *const pose[7] = {"qw", "qx", "qy", "qz", "tx", "ty", "tz"};
+    const double kind = number(c, "kind"), view = number(c, "view"), still = number(c, "still");
+    double length = 0;
+    *a = (struct view_ask){.still = still == 1, .scale = number(c, "scale")};
+    if (!(kind >= 0 && kind < VIEW_KINDS && kind == floor(kind)) ||
+        !(view >= 0 && view < 1e9 && view == floor(view)) || !(still == 0 || still == 1) ||
+        !(a->scale >= 0.05 && a->scale <= 1))
+        return false;
+    a->kind = (enum view_kind) kind, a->view = (size_t) view;
+    for (int i = 0; i < 7; i++) {
+        a->pose[i] = number(c, pose[i]);
+        if (!(fabs(a->pose[i]) < (i < 4 ? 2 : 1e12)))
+            return false;
+        length += i < 4 ? a->pose[i] * a->pose[i] : 0;
+    }
+    return length > 0.01;
+}
+
+static enum MHD_Result queue_picture(view_server *s, struct request *q)
+{
+    if (!read_ask(q->connection, &q->ask))
+        return say_status(q->connection, MHD_HTTP_BAD_REQUEST, "not a picture\n");
+    pthread_mutex_lock(&s->lock);
+    const bool room = s->n_waiting < WAITING && !s->closing;
+    if (room) {
+        q->asked = true;
+        s->waiting[s->n_waiting++] = q;
+        MHD_suspend_connection(q->connection);
+        pthread_cond_signal(&s->more);
+    }
+    pthread_mutex_unlock(&s->lock);
+    return room ? MHD_YES
+                : say_status(q->connection, MHD_HTTP_SERVICE_UNAVAILABLE,
+                             "too many pictures are waiting\n");
+}
+
+static enum MHD_Result serve(view_server *s, struct request *q, const char *name, bool post)
+{
+    static const char *const wishes[] = {
+        [VIEW_GO] = "go", [VIEW_PAUSE] = "pause", [VIEW_STOP] = "stop"};
+    struct MHD_Connection *c = q->connection;
+    if (post) {
+        for (int i = 0; i < 3; i++)
+            if (!strcmp(name, wishes[i])) {
+                int old = atomic_load(&s->wish);
+                while (old != VIEW_STOP && !atomic_compare_exchange_weak(&s->wish, &old, i))
+                    ;
+                return say_status(c, MHD_HTTP_OK, "done\n");
+            }
+        return say_status(c, MHD_HTTP_NOT_FOUND, "no such wish\n");
+    }
+    if (!strcmp(name, "picture"))
+        return queue_picture(s, q);
+    if (!strcmp(name, "scene"))
+        return send_json(s, c, &s->scene);
+    if (!strcmp(name, "state"))
+        return send_json(s, c, &s->state);
+    for (size_t i = 0; i < sizeof(files) / sizeof(files[0]); i++)
+        if (!strcmp(name, files[i].name))
+            return send_text(c, MHD_HTTP_OK, files[i].type, files[i].text);
+    return say_status(c, MHD_HTTP_NOT_FOUND, "no such page\n");
+}
+
+/* libmicrohttpd calls it when the headers are there, for each piece of a body, and when all is
+ * there; again after a picture was drawn. */
+static enum MHD_Result handle(void *cls, struct MHD_Connection *c, const char *url,
+                              const char *method, const char *version, const char *upload,
+                              size_t *upload_size, void **kept)
+{
+    (void) version, (void) upload;
+    view_server *s = cls;
+    struct request *q = *kept;
+    if (!q) {
+        *kept = q = sg_mem_alloc(s->ctx, SG_MEM_MISC, 1, sizeof(*q));
+        if (!q)
+            return MHD_NO;
+        q->connection = c;
+        return MHD_YES;
+    }
+    if (*upload_size) /* no request has a body */
+        return MHD_NO;
+    const bool post = !strcmp(method, "POST");
+    pthread_mutex_lock(&s->lock);
+    const bool answered = q->answered;
+    pthread_mutex_unlock(&s->lock);
+    if (answered)
+        return send_picture(s, q);
+    if (q->asked)
+        return MHD_YES;
+    if (!is_allowed(s, c, url))
+        return say_status(c, MHD_HTTP_FORBIDDEN,
+                          "Open the address that splatguard has printed, with all its letters.\n");
+    if (!post && strcmp(method, "GET"))
+        return say_status(c, MHD_HTTP_METHOD_NOT_ALLOWED, "GET or POST\n");
+    return serve(s, q, url + TOKEN + 2, post);
+}
+
+/* A connection has ended, perhaps before its picture was drawn. */
+static void completed(void *cls, struct MHD_Connection *c, void **kept,
+                      enum MHD_RequestTerminationCode how)
+{
+    (void) c, (void) how;
+    view_server *s = cls;
+    struct request *q = *kept;
+    if (!q)
+        return;
+    pthread_mutex_lock(&s->lock);
+    for (int i = 0; i < s->n_waiting; i++)
+        if (s->waiting[i] == q) {
+            memmove(&s->waiting[i], &s->waiting[i + 1],
+                    (size_t) (--s->n_waiting - i) * sizeof(s->waiting[0]));
+            break;
+        }
+    s->drawing = s->drawing == q ? NULL : s->drawing;
+    pthread_mutex_unlock(&s->lock);
+    sg_mem_free(q->pixels);
+    sg_mem_free(q);
+    *kept = NULL;
+}
+
+/* ---- the thread of the model ---- */
+
+bool view_server_next(view_server *s, double seconds, struct view_ask *ask)
+{
+    struct timespec until;
+    clock_gettime(CLOCK_MONOTONIC, &until);
+    const double at = (double) until.tv_nsec * 1e-9 + seconds;
+    until.tv_sec += (time_t) at;
+    until.tv_nsec = (long) ((at - floor(at)) * 1e9);
+    pthread_mutex_lock(&s->lock);
+    while (!s->n_waiting && seconds > 0 && !pthread_cond_timedwait(&s->more, &s->lock, &until))
+        ;
+    const bool any = s->n_waiting > 0;
+    if (any) {
+        s->drawing = s->waiting[0];
+        *ask = s->drawing->ask;
+        memmove(&s->waiting[0], &s->waiting[1], (size_t) --s->n_waiting * sizeof(s->waiting[0]));
+    }
+    pthread_mutex_unlock(&s->lock);
+    return any;
+}
+
+void view_server_answer(view_server *s, uint8_t *pixels, int width, int height)
+{
+    pthread_mutex_lock(&s->lock);
+    struct request *q = s->drawing;
+    s->drawing = NULL;
+    if (q) {
+        q->pixels = pixels, q->width = width, q->height = height;
+        q->answered = true;
+        MHD_resume_connection(q->connection);
+    }
+    pthread_mutex_unlock(&s->lock);
+    if (!q)
+        sg_mem_free(pixels);
+}
+
+static void set_text(view_server *s, char **text, const char *json)
+{
+    const size_t n = strlen(json) + 1;
+    char *copy = sg_mem_alloc(s->ctx, SG_MEM_MISC, n, 1);
+    if (!copy)
+        return;
+    memcpy(copy, json, n);
+    pthread_mutex_lock(&s->lock);
+    char *old = *text;
+    *text = copy;
+    pthread_mutex_unlock(&s->lock);
+    sg_mem_free(old);
+}
+
+void view_server_set_scene(view_server *s, const char *json)
+{
+    set_text(s, &s->scene, json);
+}
+
+void view_server_set_state(view_server *s, const char *json)
+{
+    set_text(s, &s->state, json);
+}
+
+enum view_wish view_server_wish(const view_server *s)
+{
+    return (enum view_wish) atomic_load_explicit(&s->wish, memory_order_relaxed);
+}
+
+const char *view_server_address(const view_server *s)
+{
+    return s->address;
+}
+
+/* ---- begin and end ---- */
+
+static bool make_token(char *token)
+{
+    uint8_t random[TOKEN / 2];
+    if (getrandom(random, sizeof(random), 0) != (ssize_t) sizeof(random))
+        return false;
+    for (size_t i = 0; i < sizeof(random); i++)
+        snprintf(token + 2 * i, 3, "%02x", random[i]);
+    return true;
+}
+
+int view_server_open(sg_ctx *ctx, int port, view_server **out)
+{
+    struct sockaddr_in place = {.sin_family = AF_INET,
+                                .sin_port = htons((uint16_t) port),
+                                .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    view_server *s = *out = sg_mem_alloc(ctx, SG_MEM_MISC, 1, sizeof(*s));
+    if (!s)
+        return no_memory();
+    pthread_condattr_t monotonic;
+    s->ctx = ctx;
+    pthread_mutex_init(&s->lock, NULL);
+    pthread_condattr_init(&monotonic);
+    pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
+    pthread_cond_init(&s->more, &monotonic);
+    pthread_condattr_destroy(&monotonic);
+    if (!make_token(s->token)) {
+        say(stderr, "splatguard: cannot make a token: %s\n", strerror(errno));
+        view_server_close(out);
+        return STATUS_INTERNAL;
+    }
+    errno = 0;
+    s->daemon = MHD_start_daemon(
+        MHD_USE_AUTO | MHD_USE_INTERNAL_POLLING_THREAD | MHD_ALLOW_SUSPEND_RESUME, (uint16_t) port,
+        NULL, NULL, handle, s, MHD_OPTION_SOCK_ADDR, &place, MHD_OPTION_CONNECTION_LIMIT,
+        (unsigned) CLIENTS, MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t) CLIENT_BYTES,
+        MHD_OPTION_CONNECTION_TIMEOUT, (unsigned) CLIENT_SECONDS, MHD_OPTION_NOTIFY_COMPLETED,
+        completed, s, MHD_OPTION_END);
+    const union MHD_DaemonInfo *info =
+        s->daemon ? MHD_get_daemon_info(s->daemon, MHD_DAEMON_INFO_BIND_PORT) : NULL;
+    if (!info) {
+        say(stderr, "splatguard: --port: cannot listen at 127.0.0.1:%d: %s\n", port,
+            strerror(errno ? errno : EIO));
+        view_server_close(out);
+        return STATUS_INPUT;
+    }
+    s->port = info->port;
+    snprintf(s->address, sizeof(s->address), "http://127.0.0.1:%d/%s/", s->port, s->token);
+    return STATUS_DONE;
+}
+
+void view_server_close(view_server **server)
+{
+    view_server *s = server ? *server : NULL;
+    struct view_ask ask;
+    if (!s)
+        return;
+    pthread_mutex_lock(&s->lock);
+    s->closing = true;
+    pthread_mutex_unlock(&s->lock);
+    while (s->daemon && view_server_next(s, 0, &ask)) /* none may be suspended at the end */
+        view_server_answer(s, NULL, 0, 0);
+    if (s->daemon)
+        MHD_stop_daemon(s->daemon);
+    pthread_mutex_destroy(&s->lock);
+    pthread_cond_destroy(&s->more);
+    sg_mem_free(s->scene);
+    sg_mem_free(s->state);
+    sg_mem_free(s);
+    *server = NULL;
+}
+
+#else
+
+int view_server_open(sg_ctx *ctx, int port, view_server **out)
+{
+    (void) ctx, (void) port;
+    *out = NULL;
+    say(stderr, "splatguard: this build has no HTTP server: install libmicrohttpd "
+                "(libmicrohttpd-dev) and build again\n");
+    return STATUS_USAGE;
+}
+const char *view_server_address(const view_server *s)
+{
+    (void) s;
+    return "";
+}
+void view_server_close(view_server **s)
+{
+    (void) s;
+}
+void view_server_set_scene(view_server *s, const char *json)
+{
+    (void) s, (void) json;
+}
+void view_server_set_state(view_server *s, const char *json)
+{
+    (void) s, (void) json;
+}
+bool view_server_next(view_server *s, double seconds, struct view_ask *ask)
+{
+    (void) s, (void) seconds, (void) ask;
+    return false;
+}
+void view_server_answer(view_server *s, uint8_t *pixels, int width, int height)
+{
+    (void) s, (void) width, (void) height;
+    sg_mem_free(pixels);
+}
+enum view_wish view_server_wish(const view_server *s)
+{
+    (void) s;
+    return VIEW_GO;
+}
+
+#endif

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+# The live view: whom it answers, what it draws, what strangers cost it, and its page in a browser.
+. "$(dirname "$0")/common.sh"
+small_scene
+expect 0 train scene/blender -o run --iterations 30 -q --eval
+"$tool" view run >out 2>err &
+pid=$!
+until [ -s out ] || grep -q 'no HTTP server' err; do sleep 0.1; done
+[ -s out ] || { echo "skipped: no libmicrohttpd"; exit 77; }
+interrupt $pid || fail "the view ends with $?"
+command -v python3 >/dev/null || { echo "skipped: no Python"; exit 77; }
+expect 1 view; says 'missing argument'
+expect 1 view run --port 70000; says '--port'
+expect 1 view scene/blender --scene scene/blender; says 'found two scenes'
+expect 1 view run/point_cloud/iteration_30/point_cloud.ply --iteration 3; says '--iteration'
+expect 2 view none.ply; says 'none.ply'
+expect 2 view run --scene none; says 'none'
+
+begin() { # ARGUMENTS: a view in the background, its address in $address
+    rm -f address
+    "$tool" view "$@" >address 2>view.err &
+    view=$!
+    wait_for address
+    address=$(cat address)
+}
+end() {
+    interrupt $view || fail "the view ends with $?: $(cat view.err)"
+}
+
+begin run
+port=${address#*1:}
+expect 2 view run --port "${port%%/*}"; says 'cannot listen'
+mkdir renders
+expect 0 render run -o renders/train --split train -q
+expect 0 render run -o renders/test --split test -q
+python3 "$source_dir/tests/cli/view_requests.py" "$address" "$view" renders scene/blender || fail "requests"
+python3 "$source_dir/tests/cli/view_page.py" "$address" || fail "the page"
+end
+
+# A model alone, a scene alone, and a run whose scene has gone.
+begin run/point_cloud/iteration_30/point_cloud.ply
+python3 "$source_dir/tests/cli/view_requests.py" "$address" --draws || fail "a model alone"
+end
+begin scene/colmap
+python3 "$source_dir/tests/cli/view_requests.py" "$address" --draws || fail "a scene alone"
+end
+mv scene gone
+begin run
+grep -q 'the photos are not shown' view.err || fail "no word about the lost scene: $(cat view.err)"
+python3 "$source_dir/tests/cli/view_requests.py" "$address" --draws || fail "a run without its scene"
+end

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""view_page.py ADDRESS: the page of `splatguard view` in Chromium: it draws, its controls work, it asks nobody else."""
+import sys
+
+import browser
+
+if not browser.find():
+    print("page not looked at: no Chromium")
+    sys.exit()
+address = sys.argv[1].strip()
+b = browser.Browser()
+try:
+    b.open(address)
+    b.wait("document.readyState === 'complete' && +document.getElementById('canvas').dataset.drawn > 0")
+    # The canvas shows what the server draws for the photo's camera, scaled to its size.
+    psnr = b.evaluate("""(async () => {
+        const still = await fetchPicture(0, 1, 1), other = new OffscreenCanvas(canvas.width, canvas.height).getContext('2d');
+        other.drawImage(still, 0, 0, canvas.width, canvas.height);
+        const x = context.getImageData(0, 0, canvas.width, canvas.height).data,
+            y = other.getImageData(0, 0, canvas.width, canvas.height).data;
+        let sum = 0, some = 0;
+        for (let i = 0; i < x.length; i++) sum += (x[i] - y[i]) ** 2, some = Math.max(some, i % 4 < 3 ? x[i] : 0);
+        return some && 10 * Math.log10(255 * 255 * x.length / (sum || 1));
+    })()""")
+    assert psnr > 30, "the canvas is %s dB from the render" % psnr
+
+    def after(script, what):
+        before = b.evaluate("[camera.c, camera.R].flat(2).join() + [view, kind(), $('mode').value, $('wipe').value].join()")
+        drawn = b.evaluate("canvas.dataset.drawn")
+        script()
+        b.wait("canvas.dataset.drawn !== '%s' || %s" % (drawn, "true" if what == "mode" else "false"))
+        now = b.evaluate("[camera.c, camera.R].flat(2).join() + [view, kind(), $('mode').value, $('wipe').value].join()")
+        assert before != now, what
+
+    b.evaluate("canvas.focus()")
+    for key in ("ArrowLeft", "ArrowDown", "w", "a", "q", "]", "2", "4", "1", ".", "m", "ArrowUp", "d", "r"):
+        after(lambda key=key: b.key(key), {"m": "mode"}.get(key, key))
+    for script in ("$('next').click()", "$('previous').click()", "canvas.dispatchEvent(new WheelEvent('wheel', {deltaY: 100}))"):
+        after(lambda script=script: b.evaluate(script), script)
+    # The camera turns about the middle and keeps its distance; at a photo it is the photo's.
+    assert b.evaluate("""(() => { jump(0); $('mode').value = 'orbit';
+        const far = length(add(camera.c, pivot, -1)); turn(.3, .2);
+        return Math.abs(length(add(camera.c, pivot, -1)) / far - 1) < 1e-9 && Math.abs(dot(camera.R[0], camera.R[1])) < 1e-9; })()""")
+    # Every control has a name and can be reached; nothing is wider than a phone.
+    for dark in (False, True):
+        b.open(address, 400, 800, dark)
+        b.wait("+document.getElementById('canvas').dataset.drawn > 0")
+        assert b.evaluate("document.documentElement.scrollWidth <= 400"), "wider than the phone"
+        ink, paper = b.evaluate("(s => [s.color, s.backgroundColor])(getComputedStyle(document.body))")
+        assert (sum(map(int, paper[4:-1].split(","))) < 200) == dark, (ink, paper)
+    assert b.evaluate("[...document.querySelectorAll('select, input, button')].every(e => e.labels?.length || e.ariaLabel || e.textContent.trim())")
+    assert not b.complaints(), b.complaints()
+    foreign = [url for url in b.requests() if not url.startswith(address)]
+    assert not foreign, foreign
+    print("canvas within %.1f dB of the render" % psnr)
+finally:
+    b.close()
