@@ -3,12 +3,12 @@
 
 #include "commands.h"
 #include "interrupt.h"
-#include "progress.h"
+#include "train_view.h"
 
 struct train_config {
     struct sg_run_params run;
-    bool resume, force, quiet;
-    int threads;
+    bool resume, force, quiet, view;
+    int threads, port;
 };
 
 #define T(field) offsetof(struct train_config, field)
@@ -27,6 +27,11 @@ static const struct sg_option train_options[] = {
              .group = "Run"),
     FLAG_ROW("force", T(force), "Replace an earlier run in the folder.", .group = "Run"),
     FLAG_ROW("quiet", T(quiet), "No progress.", .group = "Run", .letter = 'q'),
+    FLAG_ROW("view", T(view),
+             "Print the address of a page that shows the training, and can pause and stop it.",
+             .group = "Run", .expert = true),
+    NUMBER_ROW("port", SG_OPTION_INT, T(port), 0, 65535, "N",
+               "Port of that page; 0 = any that is free.", .group = "Run", .expert = true),
     {0},
 };
 
@@ -68,6 +73,10 @@ static const char *unused_option(const struct train_config *c, const bool *given
 
 static int check_options(const struct train_config *c, const bool *given)
 {
+    if (!c->view && options_given(&command_train, given, T(port))) {
+        say(stderr, "splatguard train: --port: found without --view, expected with it\n");
+        return STATUS_USAGE;
+    }
     const char *unused = c->resume ? NULL : unused_option(c, given);
     if (unused) {
         say(stderr,
@@ -126,13 +135,19 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
     return options_conflict(t, given, &now, c);
 }
 
+struct stepping {
+    struct progress progress;
+    struct train_view *view; /* or NULL */
+};
+
 /* Called before anything is written, and after each iteration. */
 static int on_step(void *priv, const struct sg_train_step *step)
 {
+    struct stepping *s = priv;
     interrupt_by_steps();
     if (step)
-        progress_step(priv, step);
-    return interrupted();
+        progress_step(&s->progress, step);
+    return (step && s->view && train_view_step(s->view, &s->progress, step)) || interrupted();
 }
 
 /* Prints how the run ended. */
@@ -148,12 +163,13 @@ static void say_end(const struct train_config *c, const struct sg_run_status *s,
             (unsigned long long) s->limits.steps, s->iteration);
 }
 
-static int train(sg_ctx *ctx, struct train_config *c)
+static int train(sg_ctx *ctx, struct train_config *c, struct train_view *view)
 {
     sg_run *run;
     struct sg_run_status s;
-    struct progress progress = {.quiet = true};
-    c->run.step = on_step, c->run.step_priv = &progress;
+    struct stepping stepping = {.progress.quiet = true, .view = view};
+    struct progress *progress = &stepping.progress;
+    c->run.step = on_step, c->run.step_priv = &stepping;
     const enum sg_run_start start = c->resume  ? SG_RUN_RESUME
                                     : c->force ? SG_RUN_REPLACE
                                                : SG_RUN_NEW;
@@ -168,11 +184,15 @@ static int train(sg_ctx *ctx, struct train_config *c)
         sg_run_close(&run);
         return STATUS_DONE;
     }
-    progress_begin(&progress, c->quiet, s.iteration, s.iterations);
+    if (view && train_view_begin(view, ctx, run, &c->run)) {
+        sg_run_close(&run);
+        return STATUS_BUDGET;
+    }
+    progress_begin(progress, c->quiet, s.iteration, s.iterations);
     error = sg_run_train(run);
     sg_run_status(run, &s);
     if (s.iteration < s.iterations)
-        progress_break(&progress);
+        progress_break(progress);
     report(ctx, error);
     say_end(c, &s, error);
     if (error == SG_ERR_INTERRUPTED && s.resumable)
@@ -186,6 +206,7 @@ static int run_train(const void *config, const bool *given, const char *const *p
 {
     struct train_config c = *(const struct train_config *) config;
     sg_ctx *ctx = NULL;
+    struct train_view *view = NULL;
     int code = 0;
     if (c.resume)
         code = adopt_run(&c, given, count ? positional[0] : NULL);
@@ -199,7 +220,10 @@ static int run_train(const void *config, const bool *given, const char *const *p
     if (!code)
         code = open_context(&ctx, c.threads, c.run.max_memory, c.quiet);
     if (!code)
-        code = train(ctx, &c);
+        code = c.view ? train_view_open(c.port, &view) : STATUS_DONE;
+    if (!code)
+        code = train(ctx, &c, view);
+    train_view_close(&view);
     sg_ctx_destroy(&ctx);
     sg_run_params_clear(&c.run);
     return code;
@@ -211,7 +235,8 @@ const struct command command_train = {
     .summary = "Trains a model from photos with known cameras.",
     .description =
         "Trains a 3D Gaussian Splatting model of SCENE (Blender, COLMAP or nerfstudio layout) into "
-        "the folder RUN. Ctrl-C saves and exits; `train --resume RUN` continues.",
+        "the folder RUN. Ctrl-C saves and exits; `train --resume RUN` continues. --view prints the "
+        "address of a page that shows it.",
     .groups = "Run|Scene|Initialisation|Model and loss|Learning rates|Densification|Budgets|"
               "Defense|Rasteriser",
     .options = train_options,

@@ -49,6 +49,9 @@ bool is_same(const char *a, const char *b);
 /* Prints the last error; returns its exit code. */
 int report(const sg_ctx *ctx, int error);
 
+/* Bytes of the process in memory now, 0 where the system does not say. */
+uint64_t resident_bytes(void);
+
 /* Explains how --max-memory relates to the limit in messages. */
 void say_limit(void);
 

@@ -69,9 +69,7 @@ static int on_progress(void *priv, enum sg_stage stage, uint64_t done, uint64_t 
     return interrupt_cancels();
 }
 
-/* Bytes of the process that the library's ledger does not see: code, stacks, other libraries' own
- * memory. */
-static uint64_t outside_ledger(void)
+uint64_t resident_bytes(void)
 {
     unsigned long long pages = 0;
     FILE *f = fopen("/proc/self/statm", "r");
@@ -79,7 +77,14 @@ static uint64_t outside_ledger(void)
         pages = 0;
     if (f)
         fclose(f);
-    return pages * (uint64_t) sysconf(_SC_PAGESIZE) + (24 << 20);
+    return pages * (uint64_t) sysconf(_SC_PAGESIZE);
+}
+
+/* Bytes of the process that the library's ledger does not see: code, stacks, other libraries' own
+ * memory. */
+static uint64_t outside_ledger(void)
+{
+    return resident_bytes() + (24 << 20);
 }
 
 int open_context(sg_ctx **ctx, int threads, uint64_t max_memory, bool quiet)

@@ -111,6 +111,12 @@ struct sg_run_status {
 };
 SG_API void sg_run_status(const sg_run *run, struct sg_run_status *out);
 
+/* For `step` after sg_run_open, which may look at the model between two iterations: neither changes
+ * the result. The scene belongs to the run. The renderer is that of sg_trainer_renderer, which the
+ * caller destroys before `step` returns. */
+SG_API const struct sg_scene *sg_run_scene(const sg_run *run);
+SG_API int sg_run_renderer(sg_run *run, sg_renderer **out);
+
 /* Unlocks the folder. A run that failed before its first save leaves nothing behind. NULL-safe;
  * sets *run to NULL. */
 SG_API void sg_run_close(sg_run **run);

@@ -390,6 +390,16 @@ void sg_run_status(const sg_run *r, struct sg_run_status *out)
     sg_trainer_limits(r->trainer, &out->limits);
 }
 
+const struct sg_scene *sg_run_scene(const sg_run *r)
+{
+    return r->scene;
+}
+
+int sg_run_renderer(sg_run *r, sg_renderer **out)
+{
+    return sg_trainer_renderer(r->trainer, out);
+}
+
 void sg_run_close(sg_run **run)
 {
     sg_run *r = run ? *run : NULL;

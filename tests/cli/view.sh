@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 # The live view: whom it answers, what it draws, what strangers cost it, and its page in a browser.
 . "$(dirname "$0")/common.sh"
+view=
+trap '[ -z "$view" ] || kill "$view" 2>/dev/null' EXIT
 small_scene
 expect 0 train scene/blender -o run --iterations 30 -q --eval
 "$tool" view run >out 2>err &
-pid=$!
+view=$!
 until [ -s out ] || grep -q 'no HTTP server' err; do sleep 0.1; done
 [ -s out ] || { echo "skipped: no libmicrohttpd"; exit 77; }
-interrupt $pid || fail "the view ends with $?"
+interrupt "$view" || fail "the view ends with $?"
 command -v python3 >/dev/null || { echo "skipped: no Python"; exit 77; }
 expect 1 view; says 'missing argument'
 expect 1 view run --port 70000; says '--port'
@@ -24,7 +26,8 @@ begin() { # ARGUMENTS: a view in the background, its address in $address
     address=$(cat address)
 }
 end() {
-    interrupt $view || fail "the view ends with $?: $(cat view.err)"
+    interrupt "$view" || fail "the view ends with $?: $(cat view.err)"
+    view=
 }
 
 begin run

@@ -44,7 +44,7 @@ try:
     # Every control has a name and can be reached; nothing is wider than a phone.
     for dark in (False, True):
         b.open(address, 400, 800, dark)
-        b.wait("+document.getElementById('canvas').dataset.drawn > 0")
+        b.wait("+document.getElementById('canvas')?.dataset.drawn > 0")
         assert b.evaluate("document.documentElement.scrollWidth <= 400"), "wider than the phone"
         ink, paper = b.evaluate("(s => [s.color, s.backgroundColor])(getComputedStyle(document.body))")
         assert (sum(map(int, paper[4:-1].split(","))) < 200) == dark, (ink, paper)

@@ -1,0 +1,128 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "train_view.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <time.h>
+
+#include "commands.h"
+#include "interrupt.h"
+#include "view_pictures.h"
+
+#define SAID_EVERY 0.25 /* seconds between states */
+#define SHARE 3         /* for each second of pictures this many of training, at least */
+
+struct train_view {
+    view_server *server;
+    struct view_pictures pictures;
+    sg_run *run;
+    const struct sg_run_params *params;
+    uint64_t removed; /* by the defense */
+    double said;      /* when the page was told the state */
+    double free_from; /* when the next picture may be drawn */
+};
+
+static double seconds(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
+}
+
+int train_view_open(int port, struct train_view **out)
+{
+    struct train_view *v = *out = calloc(1, sizeof(*v));
+    if (!v)
+        return no_memory();
+    /* A ledger of its own: the page takes nothing that the run was promised. */
+    int code = exit_code(sg_ctx_create(
+        &v->pictures.own, &(struct sg_ctx_params){.threads = 1, .max_memory = VIEW_MEMORY}));
+    if (!code)
+        code = view_server_open(v->pictures.own, port, &v->server);
+    if (!code) {
+        printf("%s\n", view_server_address(v->server));
+        fflush(stdout);
+    } else
+        train_view_close(out);
+    return code;
+}
+
+/* Tells the page. step: NULL before the first. */
+static void say_state(struct train_view *v, const struct progress *p,
+                      const struct sg_train_step *step, bool paused)
+{
+    struct sg_run_status s;
+    sg_run_status(v->run, &s);
+    const double now = seconds(), done = step ? s.iteration - p->first : 0,
+                 left = done > 0 ? (s.iterations - s.iteration) * (now - p->start) / done : NAN;
+    json_t *state = json_pack(
+        "{s:i,s:i,s:I,s:I,s:o,s:o,s:I,s:I,s:o,s:b,s:I,s:b}", "iteration", s.iteration, "iterations",
+        s.iterations, "gaussians", (json_int_t) (step ? step->gaussians : 0), "max_gaussians",
+        (json_int_t) s.limits.max_gaussians, "loss", number_json(step ? p->loss : NAN), "psnr",
+        number_json(step ? p->psnr : NAN), "memory", (json_int_t) resident_bytes(), "max_memory",
+        (json_int_t) v->params->max_memory, "seconds_left", number_json(left), "defense",
+        v->params->train.defense.on, "removed", (json_int_t) v->removed, "paused", paused);
+    char *text = state ? json_dumps(state, JSON_COMPACT) : NULL;
+    if (text)
+        view_server_set_state(v->server, text);
+    free(text);
+    json_decref(state);
+    v->said = now;
+}
+
+int train_view_begin(struct train_view *v, sg_ctx *ctx, sg_run *run,
+                     const struct sg_run_params *params)
+{
+    v->run = run, v->params = params;
+    v->pictures.ctx = ctx, v->pictures.scene = sg_run_scene(run), v->pictures.model = true;
+    say_state(v, NULL, NULL, false);
+    return view_publish_scene(&v->pictures, v->server, params->folder, true);
+}
+
+/* One picture, if one is wanted within so many seconds. */
+static void draw(struct train_view *v, double wait)
+{
+    struct view_ask ask;
+    sg_renderer *renderer = NULL;
+    if (!view_server_next(v->server, wait, &ask))
+        return;
+    const double start = seconds();
+    if (ask.kind != VIEW_PHOTO && sg_run_renderer(v->run, &renderer))
+        renderer = NULL;
+    view_draw(&v->pictures, v->server, &ask, renderer);
+    sg_renderer_destroy(&renderer);
+    const double end = seconds();
+    v->free_from = end + SHARE * (end - start);
+}
+
+bool train_view_step(struct train_view *v, struct progress *progress,
+                     const struct sg_train_step *step)
+{
+    const double begin = seconds();
+    v->removed += step->defense.removed;
+    if (begin - v->said > SAID_EVERY)
+        say_state(v, progress, step, false);
+    if (begin > v->free_from)
+        draw(v, 0);
+    if (view_server_wish(v->server) == VIEW_PAUSE) {
+        while (view_server_wish(v->server) == VIEW_PAUSE && !interrupted()) {
+            say_state(v, progress, step, true);
+            draw(v, 0.1);
+        }
+        progress->start += seconds() - begin;
+        say_state(v, progress, step, false);
+    }
+    return view_server_wish(v->server) == VIEW_STOP;
+}
+
+void train_view_close(struct train_view **view)
+{
+    struct train_view *v = view ? *view : NULL;
+    if (!v)
+        return;
+    view_server_close(&v->server);
+    view_pictures_clear(&v->pictures);
+    sg_ctx_destroy(&v->pictures.own);
+    free(v);
+    *view = NULL;
+}

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+# train --view: the page pauses, stops and looks on, and the result has the bytes of a training without it.
+. "$(dirname "$0")/common.sh"
+train=
+trap '[ -z "$train" ] || kill "$train" 2>/dev/null' EXIT
+small_scene
+options="scene/colmap --eval --iterations 600 --sh-interval 20 --densify-from-iter 10 --densification-interval 20 \
+    --opacity-reset-interval 200 --densify-until-iter 500 --defense spectral --rho 0.1 --rho-least 0 -q"
+expect 1 train scene/blender -o run --port 8000; says '--port'
+# shellcheck disable=SC2086
+"$tool" train $options -o seen --view >address 2>err &
+train=$!
+until [ -s address ] || grep -q 'no HTTP server' err; do sleep 0.1; done
+[ -s address ] || { echo "skipped: no libmicrohttpd"; exit 77; }
+command -v python3 >/dev/null || { echo "skipped: no Python"; exit 77; }
+python3 "$source_dir/tests/cli/view_training.py" "$(cat address)" look || fail "looking on"
+wait $train || fail "the training ends with $?"
+
+# shellcheck disable=SC2086
+expect 0 train $options -o plain
+for file in point_cloud/iteration_600/point_cloud.ply checkpoint.bin; do
+    cmp plain/$file seen/$file || fail "$file is another one with the view"
+done
+
+# Stopped by the page, with everything saved.
+rm address
+# shellcheck disable=SC2086
+"$tool" train $options -o stopped --view >address 2>err &
+train=$!
+wait_for address
+python3 "$source_dir/tests/cli/view_training.py" "$(cat address)" stop || fail "stopping"
+wait $train
+[ $? -eq 130 ] || fail "a stopped training does not end with 130"
+says 'train --resume stopped'
+expect 0 train --resume stopped -q
+for file in point_cloud/iteration_600/point_cloud.ply checkpoint.bin; do
+    cmp plain/$file stopped/$file || fail "$file is another one after a stop"
+done
