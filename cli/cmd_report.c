@@ -4,34 +4,51 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "model_views.h"
 #include "report.h"
 
 struct report_config {
+    struct model_options m; /* of a run's pictures */
     const char *output;
-    bool quiet;
 };
 
 static const struct sg_option report_options[] = {
     TEXT_ROW("output", offsetof(struct report_config, output), "DIR",
-             "Folder to write report.md, results.csv and report.html to.", .letter = 'o'),
-    FLAG_ROW("quiet", offsetof(struct report_config, quiet), "Warnings only.", .letter = 'q'),
+             "Folder to write report.html to, and of a bench report.md and results.csv.",
+             .letter = 'o'),
+    TEXT_ROW("scene", offsetof(struct report_config, m.scene_path), "SCENE",
+             "The photos of a run; it knows its own.", .letter = 's'),
+    FLAG_ROW("quiet", offsetof(struct report_config, m.quiet), "Warnings only.", .letter = 'q'),
     {0},
 };
 
 static void defaults(void *config)
 {
-    memset(config, 0, sizeof(struct report_config));
+    *(struct report_config *) config = (struct report_config){.m = model_options_default()};
 }
 
-static void put_markdown(FILE *f, const struct report *r)
+static int put_markdown(FILE *f, const void *r)
 {
     fprintf(f, "# Report\n\n");
     put_tables(f, r, MARKDOWN);
+    return STATUS_DONE;
+}
+
+static int put_values(FILE *f, const void *r)
+{
+    put_csv(f, r);
+    return STATUS_DONE;
+}
+
+static int put_html(FILE *f, const void *r)
+{
+    put_page(f, r);
+    return STATUS_DONE;
 }
 
 /* The file appears whole or not at all. */
-static int write_file(const char *folder, const char *name, const struct report *r,
-                      void (*put)(FILE *, const struct report *))
+static int write_file(const char *folder, const char *name, const void *what,
+                      int (*put)(FILE *, const void *))
 {
     char path[PATH_MAX], temporary[PATH_MAX];
     if (snprintf(path, sizeof(path), "%s/%s", folder, name) >= (int) sizeof(path) - 8)
@@ -40,29 +57,83 @@ static int write_file(const char *folder, const char *name, const struct report 
     unlink(temporary);
     FILE *f = fopen(temporary, "wx");
     errno = f ? 0 : errno;
-    if (f)
-        put(f, r);
-    const bool whole = f && !fflush(f) && !ferror(f) && !fsync(fileno(f));
+    const int code = f ? put(f, what) : STATUS_DONE;
+    const bool whole = f && !code && !fflush(f) && !ferror(f) && !fsync(fileno(f));
     const int error = errno;
     if (f)
         fclose(f);
     if (whole && !rename(temporary, path))
         return STATUS_DONE;
-    say(stderr, "splatguard report: %s: cannot write: %s\n", path, strerror(error ? error : EIO));
+    if (!code)
+        say(stderr, "splatguard report: %s: cannot write: %s\n", path,
+            strerror(error ? error : EIO));
     unlink(temporary);
-    return STATUS_INPUT;
+    return code ? code : STATUS_INPUT;
+}
+
+struct run_page {
+    const char *folder;
+    sg_run_summary *summary;
+    struct sg_run_params params;
+    struct model_views views;
+    bool pictures;
+};
+
+static int put_run_page(FILE *f, const void *what)
+{
+    const struct run_page *r = what;
+    struct model_views views = r->views;
+    return put_run(f, r->folder, r->summary, &r->params, r->pictures ? &views : NULL);
+}
+
+/* Without its photos a run still has a page. */
+static int open_pictures(struct run_page *r, struct report_config *c, const bool *given)
+{
+    c->m.split = r->params.scene.eval ? 0 : 1;
+    const int code = model_views_open(&r->views, r->folder, &command_report, given, c, &c->m);
+    r->pictures = !code;
+    if (code != STATUS_INPUT && code != STATUS_USAGE)
+        return code;
+    say(stderr, "warning: the page has no pictures\n");
+    return STATUS_DONE;
+}
+
+static int report_of_run(const char *folder, struct report_config *c, const bool *given)
+{
+    struct run_page r = {.folder = folder, .params = sg_run_params_default()};
+    sg_ctx *ctx = NULL;
+    sg_output *output = NULL;
+    int code = open_context(&ctx, 1, 0, c->m.quiet);
+    if (!code)
+        code = report(ctx, sg_run_summary_read(ctx, folder, &r.summary));
+    if (!code)
+        code = report(ctx, sg_run_read_params(ctx, folder, &r.params));
+    if (!code)
+        code = report(ctx, sg_output_claim(ctx, c->output, "report", true,
+                                           (const char *[]){folder, NULL}, &output));
+    if (!code)
+        code = open_pictures(&r, c, given);
+    if (!code)
+        code = write_file(c->output, "report.html", &r, put_run_page);
+    model_views_close(&r.views);
+    sg_output_release(&output);
+    sg_run_summary_destroy(&r.summary);
+    sg_run_params_clear(&r.params);
+    sg_ctx_destroy(&ctx);
+    return code;
 }
 
 static int run_report(const void *config, const bool *given, const char *const *positional,
                       int count)
 {
-    (void) given;
-    const struct report_config *c = config;
+    struct report_config copy = *(const struct report_config *) config, *c = &copy;
     struct report r = {0};
     sg_output *output = NULL;
     sg_ctx *ctx = NULL;
     if (!c->output)
         return missing(&command_report, "-o DIR");
+    if (count == 1 && is_folder(positional[0]))
+        return report_of_run(positional[0], c, given);
     int code = STATUS_DONE;
     for (int i = 0; i < count && !code; i++)
         code = report_load(&r, positional[i]);
@@ -74,15 +145,15 @@ static int run_report(const void *config, const bool *given, const char *const *
     if (!code)
         code = report_group(&r);
     if (!code)
-        code = open_context(&ctx, 1, 0, c->quiet);
+        code = open_context(&ctx, 1, 0, c->m.quiet);
     if (!code)
         code = report(ctx, sg_output_claim(ctx, c->output, "report", true, NULL, &output));
     if (!code)
         code = write_file(c->output, "report.md", &r, put_markdown);
     if (!code)
-        code = write_file(c->output, "results.csv", &r, put_csv);
+        code = write_file(c->output, "results.csv", &r, put_values);
     if (!code)
-        code = write_file(c->output, "report.html", &r, put_page);
+        code = write_file(c->output, "report.html", &r, put_html);
     sg_output_release(&output);
     sg_ctx_destroy(&ctx);
     report_clear(&r);
@@ -91,11 +162,14 @@ static int run_report(const void *config, const bool *given, const char *const *
 
 const struct command command_report = {
     .name = "report",
-    .arguments = "DB... -o DIR",
-    .summary = "Makes tables and figures of the results of a bench.",
+    .arguments = "RUN|DB... -o DIR",
+    .summary = "Makes a page of a run, or of the results of a bench.",
     .description =
-        "Reads databases of `splatguard bench` and writes report.md, results.csv and report.html, "
-        "one page with tables and figures that needs no other file and no network.",
+        "Of a run of `splatguard train`: report.html with its growth, its budgets, where time and "
+        "memory went, and pictures next to the photos. Of databases of `splatguard bench`: "
+        "report.md, "
+        "results.csv and report.html with tables and figures. A page needs no other file and no "
+        "network.",
     .options = report_options,
     .config_size = sizeof(struct report_config),
     .defaults = defaults,

@@ -4,7 +4,9 @@
 const results = JSON.parse(document.getElementById('results').textContent);
 const colours = ['#4878d0', '#ee854a', '#6acc64', '#d65f5f', '#956cb4', '#8c613c', '#dc7ec0', '#797979',
     '#d5bb67', '#82c6e2'];
-const width = 900, height = 340, left = 70, bottom = 40, top_ = 16, right = 180;
+// A figure is as wide as its place, so that its letters are as large as the text's. Where that is narrow its legend is below.
+const height = 340, left = 62, top_ = 16, narrow = 640;
+let width = 900, bottom = 40, right = 180;
 const unique = list => [...new Set(list)];
 const defenses = unique(results.map(r => r.defense));
 const photosName = 'the photos';
@@ -35,7 +37,9 @@ const short = v => Math.abs(v) >= 1e6 ? +(v / 1e6).toPrecision(4) + ' M' : Math.
 function plot(id, title, x, y, numbers) {
     const figure = document.getElementById(id);
     figure.replaceChildren();
-    const svg = element(figure, 'svg', {viewBox: `0 0 ${width} ${height}`, role: 'img', 'aria-label': title});
+    width = Math.max(300, Math.min(900, figure.clientWidth || 900));
+    right = width < narrow ? 12 : 180, bottom = width < narrow && !numbers ? 90 : 40;
+    const svg = element(figure, 'svg', {viewBox: `0 0 ${width} ${height}`, width, role: 'img', 'aria-label': title});
     const span = v => v[1] > v[0] ? v : [v[0] - 1, v[0] + 1];
     x = span(x), y = span(y);
     const px = v => left + (v - x[0]) / (x[1] - x[0]) * (width - left - right);
@@ -55,10 +59,12 @@ function plot(id, title, x, y, numbers) {
 }
 
 function legend(svg, names) {
+    const below = width < narrow, x = below ? left : width - right + 16, y = below ? height + 4 : top_;
     names.forEach((name, i) => {
-        element(svg, 'rect', {x: width - right + 16, y: top_ + 18 * i, width: 12, height: 12, fill: colour(name)});
-        element(svg, 'text', {x: width - right + 34, y: top_ + 18 * i + 11}, name);
+        element(svg, 'rect', {x, y: y + 20 * i, width: 12, height: 12, style: `fill: ${colour(name)}`});
+        element(svg, 'text', {x: x + 18, y: y + 20 * i + 11}, name);
     });
+    if (below) svg.setAttribute('viewBox', `0 0 ${width} ${y + 20 * names.length}`);
 }
 
 function mark(svg, name, attributes, value, title) {
@@ -78,13 +84,15 @@ function bars(id, title, key, chosen) {
     const {svg, py} = plot(id, title, [0, 1], [0, most * 1.05 || 1], false);
     const group = (width - left - right) / photos.length, bar = group / (shown.length + 1);
     photos.forEach((p, i) => {
-        element(svg, 'text', {x: left + group * (i + .5), y: height - bottom + 18, 'text-anchor': 'middle'}, p);
+        const x = left + group * (i + .5), y = height - bottom + 18;
+        element(svg, 'text', width < narrow ? {x, y, 'text-anchor': 'end', transform: `rotate(-35 ${x} ${y})`}
+            : {x, y, 'text-anchor': 'middle'}, p);
         shown.forEach((d, k) => {
             const v = cells.find(c => c.d === d && c.p === p).v;
             if (!v.length) return;
             const m = mean(v), y = py(m);
             mark(svg, 'rect', {x: left + group * i + bar * (k + .5), y, width: bar * .9, height: height - bottom - y,
-                fill: colour(d)}, m, `${p}, ${d}: ${short(m)} (n = ${v.length})`);
+                style: `fill: ${colour(d)}`}, m, `${p}, ${d}: ${short(m)} (n = ${v.length})`);
         });
     });
     legend(svg, shown);
@@ -100,10 +108,10 @@ function scatter(id, title, chosen) {
     for (const r of points) {
         const text = `${r.photos}, ${r.defense}, seed ${r.seed}: ${short(r.gaussians)} Gaussians, ${r.psnr.toFixed(2)} dB`;
         if (r.photos === 'clean')
-            mark(svg, 'circle', {cx: px(r.gaussians), cy: py(r.psnr), r: 6, fill: colour(r.defense)}, r.psnr, text);
+            mark(svg, 'circle', {cx: px(r.gaussians), cy: py(r.psnr), r: 6, style: `fill: ${colour(r.defense)}`}, r.psnr, text);
         else
             mark(svg, 'rect', {x: px(r.gaussians) - 5, y: py(r.psnr) - 5, width: 10, height: 10,
-                fill: colour(r.defense)}, r.psnr, text);
+                style: `fill: ${colour(r.defense)}`}, r.psnr, text);
     }
     legend(svg, defenses.filter(d => points.some(r => r.defense === d)));
 }
@@ -121,7 +129,7 @@ function series(id, title, list, low, at) {
         element(svg, 'path', {d: 'M' + l.points.map(p => px(p[0]).toFixed(1) + ' ' + py(p[1]).toFixed(1)).join('L'),
             fill: 'none', stroke: colour(l.defense), 'stroke-width': 2, 'stroke-dasharray': l.dashed ? '5 4' : 'none'});
         const p = l.points.find(q => q[0] >= at) || l.points[l.points.length - 1];
-        mark(svg, 'circle', {cx: px(p[0]), cy: py(p[1]), r: 5, fill: colour(l.defense)}, p[1],
+        mark(svg, 'circle', {cx: px(p[0]), cy: py(p[1]), r: 5, style: `fill: ${colour(l.defense)}`}, p[1],
             `${l.name}: ${short(p[1])}` + (at === Infinity ? ' at the end' : ` at ${short(p[0])}`));
     }
     legend(svg, [...defenses, photosName].filter(d => list.some(l => l.defense === d)));
@@ -199,4 +207,10 @@ function draw() {
 choose('scene', scenes);
 choose('photos', unique(results.map(r => r.photos)));
 choose('defense', defenses);
+let shownWidth = document.body.clientWidth;
+addEventListener('resize', () => {
+    if (document.body.clientWidth === shownWidth) return;
+    shownWidth = document.body.clientWidth;
+    draw();
+});
 draw();

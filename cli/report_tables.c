@@ -8,8 +8,7 @@
 #define OFF "off"
 #define CLEAN "clean"
 
-/* Text that is not trusted, for a page. */
-static void put_escaped(FILE *f, const char *text)
+void put_escaped(FILE *f, const char *text)
 {
     for (const char *c = text; *c; c++)
         if (strchr("<>&\"'", *c))

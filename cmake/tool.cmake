@@ -52,7 +52,7 @@ if(MICROHTTPD_FOUND)
     target_link_libraries(splatguard_tool PRIVATE PkgConfig::MICROHTTPD Threads::Threads)
 endif()
 # Scripts and styles of pages are in the program.
-foreach(file cli/report.js cli/report.css cli/view.html cli/view.js cli/view.css cli/view_icon.svg src/report/page.css)
+foreach(file cli/report.js cli/view.html cli/view.js cli/view.css cli/view_icon.svg src/report/page.css)
     get_filename_component(name ${file} NAME)
     string(REPLACE "." "_" name ${name})
     add_custom_command(OUTPUT ${name}.c COMMAND ${CMAKE_COMMAND} -DINPUT=${PROJECT_SOURCE_DIR}/${file}

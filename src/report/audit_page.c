@@ -20,6 +20,8 @@
 /* grey levels of white noise whose spectrum is drawn black; a thousand times as many are white */
 #define FAINT 0.1
 
+extern const char sg_page_css[]; /* page.css */
+
 /* Names need not be UTF-8; the page must be. */
 static void put_text(FILE *f, const char *name)
 {
@@ -173,30 +175,13 @@ static void put_head(FILE *f, const struct sg_scene *scene, const struct sg_audi
     if (a->verdicts[SG_AUDIT_UNSEEN])
         snprintf(unseen, sizeof(unseen), ", %zu unseen: masks leave nothing of them",
                  a->verdicts[SG_AUDIT_UNSEEN]);
-    fprintf(
-        f,
-        "<!doctype html>\n<html lang=en><meta charset=utf-8><meta name=viewport "
-        "content=\"width=device-width\">\n"
-        "<meta name=generator content=\"splatguard %s\">\n"
-        "<title>Audit: %s</title>\n<style>\n"
-        ":root{color-scheme:light "
-        "dark;--ink:#222;--paper:#fff;--faint:#555;--line:#ddd;--bar:#357;--clean:#176b43;"
-        "--suspicious:#8a5200;--poisoned:#b3202c}\n"
-        "@media(prefers-color-scheme:dark){:root{--ink:#ddd;--paper:#161616;--faint:#aaa;--line:#"
-        "444;--bar:#7ab;"
-        "--clean:#5fc493;--suspicious:#e5a34d;--poisoned:#ff7a80}}\n"
-        "body{font:16px/1.5 system-ui,sans-serif;margin:2em auto;max-width:1140px;padding:0 1em;"
-        "background:var(--paper);color:var(--ink);overflow-wrap:break-word}\n"
-        "table{border-collapse:collapse}td,th{padding:.1em .8em;text-align:right;border-bottom:1px "
-        "solid var(--line)}\n"
-        "td:first-child,th:first-child{text-align:left}.wide{overflow-x:auto}img,svg{max-width:100%"
-        "%;height:auto}\n"
-        ".row{display:flex;flex-wrap:wrap;align-items:start;gap:12px}figure{margin:0;display:table}"
-        "\n"
-        "figcaption{display:table-caption;caption-side:bottom;font-size:13px;color:var(--faint)}\n"
-        "rect{fill:var(--bar)}.clean{color:var(--clean)}.suspicious{color:var(--suspicious)}"
-        ".poisoned{color:var(--poisoned)}\n</style>\n<h1>",
-        sg_version(), sg_audit_verdict_name(a->verdict));
+    fprintf(f,
+            "<!doctype html>\n<html lang=en><meta charset=utf-8><meta name=viewport "
+            "content=\"width=device-width\">\n"
+            "<meta name=generator content=\"splatguard %s\">\n"
+            "<title>Audit: %s</title>\n<style>\n"
+            "%s</style>\n<h1>",
+            sg_version(), sg_audit_verdict_name(a->verdict), sg_page_css);
     put_text(f, scene->path);
     fprintf(f,
             ": <span class=%s>%s</span></h1>\n<p>Score %.3f. Of %zu photos %zu poisoned, %zu "

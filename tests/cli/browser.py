@@ -84,7 +84,9 @@ class Browser:
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600)
         self.call("Emulation.setEmulatedMedia",
                   features=[{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}])
+        self.call("Page.navigate", url="about:blank")
         self.call("Page.navigate", url=url)
+        self.wait("location.href === " + json.dumps(url))
 
     def key(self, key):
         for kind in ("keyDown", "keyUp"):

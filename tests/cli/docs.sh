@@ -10,7 +10,7 @@ done
 expect 0 help --man
 sed -n '/^\.SH SYNOPSIS/,/^\.SH COMMANDS/p' out | tr -d '\134' >synopsis
 for arguments in 'train SCENE -o RUN' 'eval RUN|MODEL --scene SCENE' 'render RUN|MODEL --scene SCENE -o DIR' 'synth -o DIR' \
-    'info RUN|MODEL' 'attack SCENE -o POISONED' 'compare RUN...' 'spectrum IMAGE...' 'audit SCENE' 'prune RUN|MODEL' 'convert RUN|MODEL OUT' 'smooth SCENE -o SMOOTHED' 'bench PLAN.json -o DB' 'report DB... -o DIR' 'help [COMMAND]'; do
+    'info RUN|MODEL' 'attack SCENE -o POISONED' 'compare RUN...' 'spectrum IMAGE...' 'audit SCENE' 'prune RUN|MODEL' 'convert RUN|MODEL OUT' 'smooth SCENE -o SMOOTHED' 'bench PLAN.json -o DB' 'report RUN|DB... -o DIR' 'view RUN|MODEL|SCENE' 'help [COMMAND]'; do
     tr '\n' ' ' <synopsis | grep -qF -- ".B splatguard $arguments" || fail "the man page's SYNOPSIS lacks: $arguments"
 done
 if command -v man >/dev/null 2>&1 && command -v groff >/dev/null 2>&1; then

@@ -74,5 +74,6 @@ grep -o 'class="mark" data-value="[^"]*"' dom.html | sed 's/.*="\([^"]*\)"/\1/' 
 sort -g means >expected
 [ "$(ask "select count(*) from spectrum where kind='angular' and bin=18")" -eq 8 ] || fail "not all models have spectra"
 [ "$(grep -c '<img src="data:image/png;base64,' dom.html)" -ge 1 ] || fail "the page has no crops"
+command -v python3 >/dev/null && { python3 "$source_dir/tests/cli/page_look.py" "file://$work/page/report.html" || fail "the look"; }
 paste drawn expected | awk 'NF != 2 || ($1 - $2) ^ 2 > (1e-4 * $2) ^ 2 { bad = 1; print } END { exit bad }' ||
     fail "the figures have other values than the database"

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+# The page of a run has the run's numbers and pictures, and what strangers named is only text.
+. "$(dirname "$0")/common.sh"
+small_scene
+name='run <img src=x>&'
+expect 0 train scene/colmap -o "$name" --eval --iterations 60 --log-every 10 --eval-every 30 --max-gaussians 400 --max-memory 1G -q \
+    --densify-from-iter 10 --densification-interval 10
+expect 0 report "$name" -o page -q
+[ "$(ls page)" = report.html ] || fail "the folder has $(ls page)"
+page=page/report.html
+grep -q '<img src=x' $page && fail "a name is an element"
+sed 's/src=x//g' $page | grep -oE '(src|href)=.{12}|@import|url\(' | grep -v 'src="data:image' && fail "the page refers to something elsewhere"
+grep -q '<script' $page && fail "a script"
+json() { python3 -c 'import json, sys; print(eval("s" + sys.argv[2], {"s": json.load(open(sys.argv[1]))}))' "$name/summary.json" "$1"; }
+if command -v python3 >/dev/null; then
+    grep -q "Gaussians<td>$(json '["final_gaussians"]')\$" $page || fail "another number of Gaussians"
+    grep -q "test views<td>$(printf %.2f "$(json '["psnr"]')") dB" $page || fail "another PSNR"
+    grep -q "<th scope=row>Gaussians<td>$(json '["max_gaussians"]')<td>400<td>" $page || fail "no budget of Gaussians"
+    grep -q '<th scope=row>memory<td>.*<td>1074 MB' $page || fail "no budget of memory"
+    python3 "$source_dir/tests/cli/page_look.py" "file://$work/$page" || fail "the look"
+fi
+[ "$(grep -c '<svg role=img' $page)" -eq 4 ] || fail "not four curves"
+[ "$(grep -o 'class=mark data-value' $page | wc -l)" -eq 2 ] || fail "not two measurements"
+[ "$(grep -o 'data:image/png;base64' $page | wc -l)" -ge 3 ] || fail "no pictures"
+grep -q -- '--max-gaussians<td>400' $page || fail "an option is missing"
+
+# Without its photos; with a log that is damaged, or gone.
+mv scene gone
+expect 0 report "$name" -o page -q; says 'the page has no pictures'
+grep -q 'data:image' $page && fail "pictures of nothing"
+expect 0 report "$name" -o page -q --scene gone/colmap
+grep -q 'data:image' $page || fail "no pictures of --scene"
+printf '{"iteration": 1e999}\n\377\376\n[]\n{"iteration": "x"}\n{"iteration": 5, "gaussians": 1e300, "loss": null}\n{"itera' >"$name/log.jsonl"
+expect 0 report "$name" -o page -q
+rm "$name/log.jsonl"
+expect 0 report "$name" -o page -q
+grep -q '<svg role=img' $page && fail "curves of nothing"
+rm "$name/summary.json"
+expect 2 report "$name" -o page; says 'summary.json'
+expect 2 report gone -o page; says 'gone'
+mkdir mine && echo mine >mine/report.html
+expect 2 report "$name" -o mine
