@@ -35,7 +35,7 @@ static int print_json(const struct eval_config *c, const struct model_views *v,
 {
     json_t *root =
         json_pack("{s:f,s:f,s:f,s:i,s:I}", "psnr", e->psnr, "ssim", e->ssim, "fps", e->fps, "views",
-                  (int) e->views, "gaussians", (json_int_t) v->model->count);
+                  (int) e->views, "gaussians", (json_int_t) sg_model_gaussians(v->model));
     if (c->corrected) {
         json_object_set_new(root, "corrected_psnr", number_json(e->corrected_psnr));
         json_object_set_new(root, "corrected_ssim", number_json(e->corrected_ssim));
@@ -78,7 +78,7 @@ static int run_eval(const void *config, const bool *given, const char *const *po
                        e.per_view[i].ssim);
             }
             printf("PSNR %.3f  SSIM %.4f  FPS %.1f (mean %.1f)  %zu views  %zu Gaussians\n", e.psnr,
-                   e.ssim, e.fps, e.fps_mean, e.views, v.model->count);
+                   e.ssim, e.fps, e.fps_mean, e.views, (size_t) sg_model_gaussians(v.model));
             if (c->corrected)
                 printf("with matched colours: PSNR %.3f  SSIM %.4f\n", e.corrected_psnr,
                        e.corrected_ssim);

@@ -1,4 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+#include <inttypes.h>
 #include <limits.h>
 
 #include "commands.h"
@@ -22,19 +23,24 @@ static void defaults(void *config)
     *(struct info_config *) config = (struct info_config){0};
 }
 
-static int print_json(const struct sg_model_info *i)
+static int print_json(const struct sg_model_info *i, uint64_t gaussians)
 {
     json_t *first = i->nonfinite
                         ? json_pack("{s:I,s:s}", "gaussian", (json_int_t) i->first_nonfinite,
                                     "property", i->first_property)
                         : json_null();
     json_t *root = json_pack(
-        "{s:I,s:i,s:o,s:o,s:o,s:o,s:I,s:o,s:I,s:I}", "gaussians", (json_int_t) i->count,
+        "{s:I,s:i,s:o,s:o,s:o,s:o,s:I,s:o,s:I,s:I}", "gaussians", (json_int_t) gaussians,
         "sh_degree", i->sh_degree, "min", numbers_json(i->min, 3), "max", numbers_json(i->max, 3),
         "scale_percentiles", numbers_json(i->scale_percentile, 5), "opacity_percentiles",
         numbers_json(i->opacity_percentile, 5), "nonfinite", (json_int_t) i->nonfinite,
         "first_nonfinite", first, "zero_rotation", (json_int_t) i->zero_rotation, "transparent",
         (json_int_t) i->transparent);
+    if (gaussians > i->count) { /* opacities are made in a view */
+        json_object_set_new(root, "anchors", json_integer((json_int_t) i->count));
+        json_object_del(root, "opacity_percentiles");
+        json_object_del(root, "transparent");
+    }
     return json_print(root, 0);
 }
 
@@ -49,17 +55,23 @@ static void print_percentiles(const char *title, const double *values)
     printf("\n");
 }
 
-static void print_text(const char *path, const struct sg_model_info *i)
+static void print_text(const char *path, const struct sg_model_info *i, uint64_t gaussians)
 {
-    printf("%s\n  Gaussians  %zu, SH degree %d\n", path, i->count, i->sh_degree);
+    printf("%s\n", path);
+    if (gaussians > i->count)
+        printf("  anchors    %zu, of which networks make up to %" PRIu64 " Gaussians in a view\n",
+               i->count, gaussians);
+    else
+        printf("  Gaussians  %zu, SH degree %d\n", i->count, i->sh_degree);
     if (i->min[0] <= i->max[0])
         printf("  bounds     x %.4g .. %.4g, y %.4g .. %.4g, z %.4g .. %.4g\n", i->min[0],
                i->max[0], i->min[1], i->max[1], i->min[2], i->max[2]);
     else
         printf("  bounds     none: no position is finite\n");
     printf("  percentile       1 %%        25 %%       50 %%       75 %%       99 %%\n");
-    print_percentiles("scale", i->scale_percentile);
-    print_percentiles("opacity", i->opacity_percentile);
+    print_percentiles(gaussians > i->count ? "offsets" : "scale", i->scale_percentile);
+    if (gaussians == i->count) /* those of anchors are made in a view */
+        print_percentiles("opacity", i->opacity_percentile);
     if (i->nonfinite)
         printf("  broken     %zu Gaussians hold a NaN or an infinity, the first is Gaussian %zu "
                "(%s)\n",
@@ -138,14 +150,14 @@ static int run_info(const void *config, const bool *given, const char *const *po
         return code;
     int error = sg_run_find_model(ctx, positional[0], 0, path, sizeof(path));
     if (!error)
-        error = sg_model_read(ctx, path, UINT32_MAX, &model);
+        error = sg_model_read_drawable(ctx, path, UINT32_MAX, &model);
     if (!error)
         error = sg_model_inspect(ctx, model, &info);
     int status = report(ctx, error);
     if (!status && c->json)
-        status = print_json(&info);
+        status = print_json(&info, sg_model_gaussians(model));
     else if (!status)
-        print_text(path, &info);
+        print_text(path, &info, sg_model_gaussians(model));
     if (!status) /* printed in full, but of no use */
         status = report(ctx, sg_model_check(ctx, model, path));
     sg_model_destroy(&model);

@@ -115,6 +115,7 @@ static int train_by(sg_ctx *ctx, enum sg_train_strategy strategy, enum sg_train_
     p.opacity_reset_interval = 5, p.sh_degree = 1, p.densify_grad_threshold = 1e-6f;
     p.defense.on = true, p.defense.interval = 2, p.defense.views = 2;
     p.strategy = strategy, p.model = kind;
+    p.scaffold.from = 1, p.scaffold.voxel = 0.05f, p.scaffold.cells = 4;
     if (strategy == SG_STRATEGY_MCMC)
         p.defense.rho = 0;
     int code = sg_scene_load(ctx, colmap, NULL, &scene);
@@ -133,7 +134,7 @@ static int train_by(sg_ctx *ctx, enum sg_train_strategy strategy, enum sg_train_
     if (!code)
         code = sg_model_write_ply(ctx, model, ply);
     if (!code)
-        code = sg_model_read_ply(ctx, ply, 1000000, &read);
+        code = sg_model_read_drawable(ctx, ply, 1000000, &read);
     if (!code)
         code = sg_renderer_create(ctx, NULL, NULL, read, NULL, &renderer);
     if (!code)
@@ -151,6 +152,11 @@ static int train_by(sg_ctx *ctx, enum sg_train_strategy strategy, enum sg_train_
 static int train(sg_ctx *ctx)
 {
     return train_by(ctx, SG_STRATEGY_DEFAULT, SG_MODEL_3DGS);
+}
+
+static int train_scaffold(sg_ctx *ctx)
+{
+    return train_by(ctx, SG_STRATEGY_DEFAULT, SG_MODEL_SCAFFOLD);
 }
 
 static int train_mcmc(sg_ctx *ctx)
@@ -320,6 +326,7 @@ TEST(load_colmap)
 TEST(build)
 TEST(train)
 TEST(train_mcmc)
+TEST(train_scaffold)
 TEST(train_mip)
 TEST(prune)
 TEST(audit)
@@ -333,10 +340,11 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_load_blender), cmocka_unit_test(test_load_colmap),
         cmocka_unit_test(test_build),        cmocka_unit_test(test_train),
-        cmocka_unit_test(test_train_mcmc),   cmocka_unit_test(test_train_mip),
-        cmocka_unit_test(test_prune),        cmocka_unit_test(test_audit),
-        cmocka_unit_test(test_attack),       cmocka_unit_test(test_run),
-        cmocka_unit_test(test_attack_run),   cmocka_unit_test(test_convert),
+        cmocka_unit_test(test_train_mcmc),   cmocka_unit_test(test_train_scaffold),
+        cmocka_unit_test(test_train_mip),    cmocka_unit_test(test_prune),
+        cmocka_unit_test(test_audit),        cmocka_unit_test(test_attack),
+        cmocka_unit_test(test_run),          cmocka_unit_test(test_attack_run),
+        cmocka_unit_test(test_convert),
     };
     return cmocka_run_group_tests(tests, make_scene, remove_scene);
 }

@@ -43,11 +43,12 @@ static void test_rows(void **state)
         assert_in_range(strlen(column->name), 1, 23); /* a section's title with its NUL */
         for (int other = 0; other < c; other++)
             assert_string_not_equal(column->name, sg_columns[other].name);
-        /* Only parameters are set by rows, drawn or shrunk; an inserted row is no copy. */
+        /* Only parameters are drawn or shrunk, and only they and anchors' values set by rows; an
+         * inserted row is no copy. */
         for (int kind = 0; kind < SG_EDIT_KINDS; kind++)
-            assert_true(column->fate[kind] < SG_FATE_ROW || sg_column_is_parameter(c));
+            assert_true(column->fate[kind] < SG_FATE_DRAW || sg_column_is_parameter(c));
         assert_true(column->fate[SG_EDIT_INSERT] ==
-                    (sg_column_is_parameter(c) ? SG_FATE_ROW : SG_FATE_ZERO));
+                    (sg_column_is_parameter(c) || c == SG_C_ANCHOR ? SG_FATE_ROW : SG_FATE_ZERO));
         assert_true(column->fate[SG_EDIT_CHILD] != SG_FATE_ROW);
         assert_true(!(column->bits & SG_COLUMN_SAVED) != !(column->bits & SG_COLUMN_LOST));
         /* Parameters are in a PLY file, at places 1, 2, ..., and other columns may be. */

@@ -21,6 +21,10 @@ extern "C" {
  * same order of sizes but different weights next to hits. */
 enum sg_filter_sigma { SG_SIGMA_STD /* the smallest scale */, SG_SIGMA_EIGEN /* its square */ };
 
+/* Of a model of anchors, whose size: that of each Gaussian in each view where it is drawn, or that
+ * of the anchor, which limits them. */
+enum sg_anchor_sigma { SG_ANCHOR_SIGMA_NEURAL, SG_ANCHOR_SIGMA_ANCHOR };
+
 /* Which Gaussians are "the lowest share rho of N". */
 enum sg_prune_rule {
     SG_PRUNE_EXACT,    /* floor(rho N) of them */
@@ -47,10 +51,11 @@ struct sg_defense_params {
     /* Iterations, exclusive, at most 1e9; -1 = as densification. A model does not survive pruning
      * that continues long after densification. Default -1. */
     int from, until;
-    enum sg_filter_sigma sigma; /* Default SG_SIGMA_STD. */
-    enum sg_hit hit;            /* Default SG_HIT_PIXELS. */
-    enum sg_prune_rule rule;    /* Default SG_PRUNE_EXACT. */
-    enum sg_prune_views sample; /* Default SG_VIEWS_RANDOM. */
+    enum sg_filter_sigma sigma;        /* Default SG_SIGMA_STD. */
+    enum sg_anchor_sigma anchor_sigma; /* Default SG_ANCHOR_SIGMA_NEURAL. */
+    enum sg_hit hit;                   /* Default SG_HIT_PIXELS. */
+    enum sg_prune_rule rule;           /* Default SG_PRUNE_EXACT. */
+    enum sg_prune_views sample;        /* Default SG_VIEWS_RANDOM. */
     /* In the image: loss + lambda (anisotropy_scale L_ani + tv_scale L_tv) of the render. */
     double lambda; /* 0..1e6, also the range of the scales. Default 4. */
     /* NULL, or a factor of lambda per training view, 0..1e3, so that photos that look clean are not

@@ -34,6 +34,12 @@ SG_API enum sg_model_format sg_model_format_of(const char *path);
 SG_API int sg_model_read(sg_ctx *ctx, const char *path, uint64_t max_gaussians,
                          struct sg_model **out);
 
+/* The same, and anchors of Scaffold-GS (SG_MODEL_SCAFFOLD) as a training writes them: a PLY file,
+ * and networks.safetensors beside it. A renderer draws such a model; sg_model_write_ply,
+ * sg_model_gaussians and sg_model_destroy take it too, and nothing else does. */
+SG_API int sg_model_read_drawable(sg_ctx *ctx, const char *path, uint64_t max_gaussians,
+                                  struct sg_model **out);
+
 struct sg_model_file {
     enum sg_model_format format; /* Default SG_MODEL_AUTO. */
     int spz_version;             /* 2, or 3 with finer rotations. Default 3. */

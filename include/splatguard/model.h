@@ -60,6 +60,9 @@ static inline float *sg_model_at(const struct sg_model *m, size_t i, int p)
 SG_API int sg_model_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_model **out);
 SG_API void sg_model_destroy(struct sg_model **model);
 
+/* Gaussians that a model can be drawn as: its count, or for one of anchors 10 times that. */
+SG_API uint64_t sg_model_gaussians(const struct sg_model *model);
+
 /* Parameters as plain arrays, one row per Gaussian, values as stored (before activation):
  * "position" 3, "scale" 3, "rotation" 4, "opacity" 1, "sh_dc" 3 floats per row; "sh_rest" 3 (d+1)^2
  * - 3, with coefficient k of channel c at 3 (k - 1) + c.

@@ -65,8 +65,8 @@ SG_API int sg_render(sg_renderer *renderer, const struct sg_camera *camera, floa
 /* Gradients of a scalar L with respect to the parameters as stored, from dL/dimage of the view that
  * sg_render drew last with this renderer: the backward pass of a rasteriser. gradient: 3 planes of
  * height x width floats. out: a model of the renderer's count and SH degree, which receives dL/d of
- * each parameter. Errors: SG_ERR_USAGE for a model of another shape, and before a view was drawn or
- * after the renderer of a trainer was used; SG_ERR_BUDGET. */
+ * each parameter. Errors: SG_ERR_USAGE for a model of another shape or of anchors, and before a
+ * view was drawn or after the renderer of a trainer was used; SG_ERR_BUDGET. */
 SG_API int sg_render_backward(sg_renderer *renderer, const float *gradient, struct sg_model *out);
 
 #ifdef __cplusplus

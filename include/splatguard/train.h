@@ -40,7 +40,10 @@ enum sg_at_limit {
 /* What a Gaussian is drawn as. */
 enum sg_train_model {
     SG_MODEL_3DGS,
-    SG_MODEL_MIP /* with a 3D and a 2D filter against aliasing (Mip-Splatting, Yu et al. 2024) */
+    SG_MODEL_MIP, /* with a 3D and a 2D filter against aliasing (Mip-Splatting, Yu et al. 2024) */
+    /* Anchors, of which networks make up to 10 Gaussians each for every view anew (Scaffold-GS, Lu
+     * et al. 2024). */
+    SG_MODEL_SCAFFOLD
 };
 
 /* Of SG_STRATEGY_MCMC. It edits as often as densification_interval says, after densify_from_iter,
@@ -58,13 +61,38 @@ struct sg_mcmc_params {
     .cap_max = 1000000, .growth = 1.05, .until = 25000, .opacity_reg = 0.01f, .scale_reg = 0.01f,  \
     .noise_lr = 5e5f
 
+/* Of SG_MODEL_SCAFFOLD. Rates that have two values fall from the first to the last as those of
+ * positions do, over position_lr_max_steps. Growth is as often as densification_interval says and
+ * ends at densify_until_iter; densify_grad_threshold is that of its coarsest grid, and
+ * densify_from_iter is when its statistics begin. No other parameter of densification counts. */
+struct sg_scaffold_params {
+    float voxel; /* side of the cells that get an anchor from points, scene units, 0..1e6; 0 = by
+                    the points' distances. Default 0.001. */
+    int cells;   /* of the coarsest grid of growth, in voxels, 1..4096; a quarter and a sixteenth of
+                    it for the finer ones. Default 16. */
+    int from;    /* growth after this iteration, 0..1e9. Default 1500. */
+    float offset_lr_init, offset_lr_final; /* x scene extent. Default 0.01 and 1e-4. */
+    float feature_lr;                      /* Default 0.0075. */
+    float scaling_lr;                      /* Default 0.007. */
+    /* of the networks */
+    float opacity_lr_init, opacity_lr_final;       /* Default 0.002 and 2e-5. */
+    float covariance_lr_init, covariance_lr_final; /* Default 0.004 and 0.004. */
+    float colour_lr_init, colour_lr_final;         /* Default 0.008 and 5e-5. */
+};
+
+#define SG_SCAFFOLD_DEFAULTS                                                                       \
+    .voxel = 0.001f, .cells = 16, .from = 1500, .offset_lr_init = 0.01f, .offset_lr_final = 1e-4f, \
+    .feature_lr = 0.0075f, .scaling_lr = 0.007f, .opacity_lr_init = 0.002f,                        \
+    .opacity_lr_final = 2e-5f, .covariance_lr_init = 0.004f, .covariance_lr_final = 0.004f,        \
+    .colour_lr_init = 0.008f, .colour_lr_final = 5e-5f
+
 /* Defaults are those of the reference (Kerbl et al. 2023, the 2023 release). Ranges that are not
  * given below: learning rates and percent_dense 0..1e3 (those of positions from 1e-12),
  * intervals 1..1e9 iterations, densify_from_iter and densify_until_iter 0..1e9. */
 struct sg_train_params {
     int iterations;            /* 1..10 million. Default 30000. */
     uint64_t seed;             /* Default 42. */
-    enum sg_train_model model; /* Default SG_MODEL_3DGS. SG_MODEL_MIP needs SG_STRATEGY_DEFAULT. */
+    enum sg_train_model model; /* Default SG_MODEL_3DGS. Others need SG_STRATEGY_DEFAULT. */
     /* With SG_MODEL_MIP: models have the 3D filter beside their parameters, and PLY files as the
      * property filter_3D. Renderers do not know it; reading such a file folds it in. Default
      * false. */
@@ -91,7 +119,8 @@ struct sg_train_params {
     /* The loss of photos with a tolerance, in the last tenth of the iterations: weight of the mean
      * squared difference from the photo itself after a low-pass filter. Where any photo has a
      * tolerance, the colours alone learn in these iterations. So contrast below the tolerance comes
-     * back as far as many pixels of many photos agree on it. 0..1000, 0 = off. Default 20. */
+     * back as far as many pixels of many photos agree on it. 0..1000, 0 = off, and so always with
+     * SG_MODEL_SCAFFOLD. Default 20. */
     float tolerance_colours;
     /* Each photo has an affine map of colours, which is learned with the model and shows how the
      * photo was exposed. Renders are without. Default false. */
@@ -116,6 +145,7 @@ struct sg_train_params {
     int opacity_reset_interval;      /* Default 3000. */
     enum sg_train_strategy strategy; /* Default SG_STRATEGY_DEFAULT. */
     struct sg_mcmc_params mcmc;
+    struct sg_scaffold_params scaffold;
     uint64_t init_points; /* random points when the scene has none, 4..1e8. Default 100000. */
     /* Budgets; 0 = none. If the context limits memory, the trainer also keeps within that. */
     uint64_t max_gaussians;    /* at least 4. Default 0. */
@@ -144,8 +174,8 @@ struct sg_train_params {
     .opacity_lr = 0.05f, .scaling_lr = 0.005f, .rotation_lr = 0.001f, .percent_dense = 0.01f,      \
     .densification_interval = 100, .densify_from_iter = 500, .densify_until_iter = 15000,          \
     .densify_grad_threshold = 0.0002f, .opacity_reset_interval = 3000, .init_points = 100000,      \
-    .mcmc = {SG_MCMC_DEFAULTS}, .max_instances = 1u << 24, .defense = {SG_DEFENSE_DEFAULTS},       \
-    .engine = "cpu"
+    .mcmc = {SG_MCMC_DEFAULTS}, .scaffold = {SG_SCAFFOLD_DEFAULTS}, .max_instances = 1u << 24,     \
+    .defense = {SG_DEFENSE_DEFAULTS}, .engine = "cpu"
 SG_API struct sg_train_params sg_train_params_default(void);
 
 /* Values of `tolerance` in struct sg_run_params. AUTO: the audit's estimate for each photo. PRESET:
@@ -238,7 +268,8 @@ SG_API void sg_trainer_times(const sg_trainer *trainer, struct sg_train_times *o
 SG_API const char *sg_trainer_variant(const sg_trainer *trainer);
 
 /* Copies the current model; the caller owns *out. With SG_MODEL_MIP the 3D filter is in its scales
- * and opacities, unless keep_filter; it is to be drawn with sg_render_params.mip_filter. */
+ * and opacities, unless keep_filter; it is to be drawn with sg_render_params.mip_filter. With
+ * SG_MODEL_SCAFFOLD it is one of anchors, see sg_model_read_drawable. */
 SG_API int sg_trainer_model(sg_trainer *trainer, struct sg_model **out);
 
 /* A renderer of the current model that uses the buffers of the run, without a copy, on the run's

@@ -21,7 +21,9 @@ enum sg_rng_use {
     SG_RNG_RELOCATE = 10,
     SG_RNG_GROW = 11,
     SG_RNG_EXPLORE = 12,
-    SG_RNG_REPLACE = 13
+    SG_RNG_REPLACE = 13,
+    SG_RNG_NETWORKS = 14,
+    SG_RNG_ANCHORS = 15
 };
 
 static inline uint64_t sg_rng_mix(uint64_t x) /* the finaliser of splitmix64 (Steele et al. 2014) */

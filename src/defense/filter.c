@@ -34,6 +34,7 @@ static size_t sample_views(const struct sg_scene *scene, const struct sg_defense
 struct score_job {
     const struct sg_defense_params *p;
     struct sg_scores *s;
+    bool weighed; /* hits have their weight already */
 };
 
 #define CHUNK 4096
@@ -44,10 +45,15 @@ static void score_chunk(void *arg, size_t chunk, int thread)
     const struct score_job *j = arg;
     const size_t end = (chunk + 1) * CHUNK < j->s->count ? (chunk + 1) * CHUNK : j->s->count;
     for (size_t i = chunk * CHUNK; i < end; i++) {
-        const double hits = j->s->score[i];
-        j->s->score[i] =
-            hits > 0 ? sg_filter_log_weight(j->p, j->s->log_smallest[i]) + log(hits) : -INFINITY;
+        const double hits = j->s->score[i],
+                     weight = j->weighed ? 0 : sg_filter_log_weight(j->p, j->s->log_smallest[i]);
+        j->s->score[i] = hits > 0 ? weight + log(hits) : -INFINITY;
     }
+}
+
+static double weight_of(const void *params, float log_smallest)
+{
+    return exp(sg_filter_log_weight(params, log_smallest));
 }
 
 int sg_scores_create(sg_ctx *ctx, size_t n, struct sg_scores *out)
@@ -70,12 +76,15 @@ int sg_score(struct sg_engine *engine, const struct sg_scene *scene,
     sg_ctx *ctx = sg_engine_ctx(engine);
     const size_t n = sg_engine_count(engine);
     const struct sg_camera **views = sg_training_cameras(ctx, scene);
+    const bool weighed = sg_engine_each(engine) > 1 && p->anchor_sigma == SG_ANCHOR_SIGMA_NEURAL;
     int code = sg_scores_create(ctx, n, out);
     if (!views)
         code = SG_ERR_BUDGET;
+    const size_t counted = code ? 0 : sample_views(scene, p, seed, it, views);
     if (!code)
-        code = sg_engine_count_hits(engine, views, sample_views(scene, p, seed, it, views), render,
-                                    p->hit, out->score);
+        code = weighed ? sg_engine_weigh_hits(engine, views, counted, render, p->hit, weight_of, p,
+                                              out->score)
+                       : sg_engine_count_hits(engine, views, counted, render, p->hit, out->score);
     if (!code)
         code = sg_engine_read_statistics(
             engine, &(struct sg_statistics){.log_smallest = out->log_smallest});
@@ -86,7 +95,8 @@ int sg_score(struct sg_engine *engine, const struct sg_scene *scene,
     }
     for (size_t i = 0; i < n; i++)
         out->unseen += !(out->score[i] > 0);
-    sg_parallel_for(ctx, (n + CHUNK - 1) / CHUNK, score_chunk, &(struct score_job){p, out});
+    sg_parallel_for(ctx, (n + CHUNK - 1) / CHUNK, score_chunk,
+                    &(struct score_job){p, out, weighed});
     return SG_OK;
 }
 

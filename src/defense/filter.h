@@ -26,7 +26,8 @@ struct sg_scores {
 
 /* Room for n of each. SG_ERR_BUDGET. */
 int sg_scores_create(sg_ctx *ctx, size_t n, struct sg_scores *out);
-/* Counts hits over the sampled views of the scene at iteration it. */
+/* Counts hits over the sampled views of the scene at iteration it. An anchor has those of its
+ * Gaussians, each with a weight of its own or that of the anchor (p->anchor_sigma). */
 int sg_score(struct sg_engine *engine, const struct sg_scene *scene,
              const struct sg_defense_params *p, const struct sg_render_params *render,
              uint64_t seed, int it, struct sg_scores *out);

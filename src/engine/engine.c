@@ -9,6 +9,7 @@
 
 #include "core/clock.h"
 #include "ops.h"
+#include "scaffold/scaffold.h"
 
 /* Results of a stage that later stages need. */
 enum sg_ready {
@@ -103,7 +104,13 @@ const char *sg_engine_variant(const struct sg_engine *e)
 struct sg_footprint sg_engine_footprint(const struct sg_engine_kind *engine,
                                         const struct sg_work *work)
 {
-    return engine->footprint(work);
+    struct sg_work drawn = *work;
+    drawn.sh_degree = work->anchors ? 0 : work->sh_degree;
+    drawn.anchors = false;
+    struct sg_footprint f = engine->footprint(&drawn);
+    if (work->anchors)
+        f.gaussian = sg_scaffold_footprint(work, f.gaussian);
+    return f;
 }
 
 /* ---- the model ---- */
@@ -143,6 +150,11 @@ int sg_engine_download(struct sg_engine *e, struct sg_model *m, struct sg_column
 size_t sg_engine_count(const struct sg_engine *e)
 {
     return e->ops->count(e);
+}
+
+size_t sg_engine_each(const struct sg_engine *e)
+{
+    return e->each ? (size_t) e->each : 1;
 }
 
 int sg_engine_set_statistic(struct sg_engine *e, enum sg_gradient_statistic statistic)
@@ -226,6 +238,20 @@ int sg_engine_filter(struct sg_engine *e, const struct sg_camera *const *cameras
     if (!e->ops->filter)
         return lacks(e, "filter");
     return leave(e, e->ops->filter(e, cameras, n), IMAGE, 0);
+}
+
+int sg_engine_settle(struct sg_engine *e, const struct sg_settling *s)
+{
+    if (!e->ops->settle)
+        return lacks(e, "settle");
+    return leave(e, e->ops->settle(e, s), IMAGE, 0);
+}
+
+int sg_engine_learn_networks(struct sg_engine *e, const struct sg_network_update *u)
+{
+    if (!e->ops->learn_networks)
+        return lacks(e, "learn_networks");
+    return leave(e, e->ops->learn_networks(e, u), IMAGE, 0);
 }
 
 int sg_engine_set_shape(struct sg_engine *e, const struct sg_shape *shape)
@@ -493,6 +519,19 @@ int sg_engine_count_hits(struct sg_engine *e, const struct sg_camera *const *vie
     const double start = sg_seconds();
     if (!code)
         code = e->ops->count_hits(e, views, n, params, kind, hits);
+    lap(e, start, &e->times.count);
+    return leave(e, code, 0, 0);
+}
+
+int sg_engine_weigh_hits(struct sg_engine *e, const struct sg_camera *const *views, size_t n,
+                         const struct sg_render_params *params, enum sg_hit kind,
+                         double (*weight)(const void *arg, float log_smallest), const void *arg,
+                         double *hits)
+{
+    if (!e->ops->weigh_hits)
+        return lacks(e, "weigh_hits");
+    const double start = sg_seconds();
+    const int code = e->ops->weigh_hits(e, views, n, params, kind, weight, arg, hits);
     lap(e, start, &e->times.count);
     return leave(e, code, 0, 0);
 }

@@ -39,6 +39,7 @@ struct sg_work {
     bool anisotropy; /* the losses have one */
     bool exposure;   /* targets have one */
     bool mip;        /* with the filters of Mip-Splatting */
+    bool anchors;    /* Gaussians are made of anchors, in each view anew */
     bool low_pass;   /* the photometric loss has that term */
     int width, height, threads;
 };
@@ -63,6 +64,8 @@ int sg_engine_adopt(struct sg_engine *e, struct sg_model *model, struct sg_colum
  * is left out. */
 int sg_engine_download(struct sg_engine *e, struct sg_model *model, struct sg_columns *columns);
 size_t sg_engine_count(const struct sg_engine *e);
+/* Gaussians that one of the model can be drawn as: more than 1, if it is an anchor. */
+size_t sg_engine_each(const struct sg_engine *e);
 
 /* Statistics of the Gaussians. Each pointer that is not NULL receives `count` floats. */
 struct sg_statistics {
@@ -138,6 +141,23 @@ int sg_engine_explore(struct sg_engine *e, const struct sg_exploration *explorat
  * drawn with details that none of these cameras could see. SG_ERR_USAGE for an engine that has
  * none. */
 int sg_engine_filter(struct sg_engine *e, const struct sg_camera *const *cameras, size_t n);
+
+/* Of a model of anchors (Scaffold-GS, Lu et al. 2024), after its growth: statistics of Gaussians
+ * that were drawn in more than `drawn` views begin anew, and those of anchors that were seen in
+ * more than `seen`. No size of an anchor, as stored, is larger than `log_largest`. SG_ERR_USAGE for
+ * an engine that has none. */
+struct sg_settling {
+    float drawn, seen, log_largest;
+};
+int sg_engine_settle(struct sg_engine *e, const struct sg_settling *settling);
+
+/* One Adam step of the weights of each network, by the gradients of the view that was optimised
+ * last, before the model is edited: see struct sg_update. SG_ERR_USAGE for an engine without
+ * networks. */
+struct sg_network_update {
+    float rate[SG_NETWORKS], root;
+};
+int sg_engine_learn_networks(struct sg_engine *e, const struct sg_network_update *update);
 
 /* A step between parameters and projection: it computes what is drawn in place of the parameters of
  * SG_LANES Gaussians. params, shaped and gradients are blocks of `planes` planes, laid out as in
@@ -231,6 +251,14 @@ int sg_engine_read_step(struct sg_engine *e, struct sg_step *out);
  * was being processed is lost. */
 int sg_engine_count_hits(struct sg_engine *e, const struct sg_camera *const *views, size_t n,
                          const struct sg_render_params *params, enum sg_hit kind, double *hits);
+
+/* The same of a model of anchors, where each hit of a Gaussian counts weight(arg, ln of its
+ * smallest scale), and an anchor has those of its Gaussians. SG_ERR_USAGE for an engine of other
+ * models. */
+int sg_engine_weigh_hits(struct sg_engine *e, const struct sg_camera *const *views, size_t n,
+                         const struct sg_render_params *params, enum sg_hit kind,
+                         double (*weight)(const void *arg, float log_smallest), const void *arg,
+                         double *hits);
 
 /* ---- images on their own ---- */
 

@@ -34,6 +34,7 @@ struct sg_engine {
     int width, height;
     const struct sg_shape *shape; /* or NULL */
     enum sg_gradient_statistic statistic;
+    int each;                      /* Gaussians that one of the model can be drawn as; 0: 1 */
     struct sg_photo_entry *photos; /* of handle k + 1 */
     size_t photo_count, photo_capacity;
     bool clocks_stopped;
@@ -68,6 +69,8 @@ struct sg_engine_ops {
     int (*relocate)(struct sg_engine *, const struct sg_relocation *);
     int (*filter)(struct sg_engine *, const struct sg_camera *const *, size_t n);
     int (*explore)(struct sg_engine *, const struct sg_exploration *);
+    int (*settle)(struct sg_engine *, const struct sg_settling *);
+    int (*learn_networks)(struct sg_engine *, const struct sg_network_update *);
 
     /* Optional: an engine in host memory reads the photos where they are. */
     int (*photo_add)(struct sg_engine *, sg_photo, const struct sg_photo_entry *);
@@ -96,6 +99,11 @@ struct sg_engine_ops {
 
     int (*count_hits)(struct sg_engine *, const struct sg_camera *const *, size_t n,
                       const struct sg_render_params *, enum sg_hit, double *hits);
+    /* Optional: there is no such operation. */
+    int (*weigh_hits)(struct sg_engine *, const struct sg_camera *const *, size_t n,
+                      const struct sg_render_params *, enum sg_hit,
+                      double (*weight)(const void *arg, float log_smallest), const void *arg,
+                      double *hits);
     int (*ascend)(struct sg_engine *, const struct sg_ascend *); /* optional: the oracle's */
 };
 

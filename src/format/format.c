@@ -4,6 +4,7 @@
 
 #include "codec.h"
 #include "core/file.h"
+#include "model/anchors.h"
 
 /* Far more than the 4 billion Gaussians of a model take in any format. */
 #define MAX_BYTES ((uint64_t) 1 << 40)
@@ -93,6 +94,18 @@ int sg_model_read(sg_ctx *ctx, const char *path, uint64_t max_gaussians, struct 
         code = read_from(ctx, &in, max_gaussians, out);
     sg_source_close(&in);
     return code;
+}
+
+int sg_model_read_drawable(sg_ctx *ctx, const char *path, uint64_t max_gaussians,
+                           struct sg_model **out)
+{
+    sg_clear_error(ctx);
+    bool anchors;
+    *out = NULL;
+    const int code = sg_anchors_recognise(ctx, path, &anchors);
+    return code      ? code
+           : anchors ? sg_anchors_read(ctx, path, max_gaussians, out)
+                     : sg_model_read(ctx, path, max_gaussians, out);
 }
 
 static int check_file(sg_ctx *ctx, const char *path, const struct sg_model_file *file)

@@ -38,5 +38,6 @@ void sg_columns_clear(struct sg_columns *columns)
 {
     for (int c = 0; c < SG_COLUMNS; c++)
         sg_free(columns->at[c]);
+    sg_free(columns->networks);
     *columns = (struct sg_columns){0};
 }

@@ -10,11 +10,22 @@
 
 #include <stdbool.h>
 
+#include "anchor.h"
 #include "core/internal.h"
 #include "splatguard/model.h"
 
-/* Learning-rate groups. */
-enum sg_group { SG_G_XYZ, SG_G_OPACITY, SG_G_SCALE, SG_G_ROT, SG_G_DC, SG_G_REST, SG_GROUPS };
+/* Learning-rate groups. Of anchors, offsets and features learn instead of positions and colours. */
+enum sg_group {
+    SG_G_XYZ,
+    SG_G_OPACITY,
+    SG_G_SCALE,
+    SG_G_ROT,
+    SG_G_DC,
+    SG_G_REST,
+    SG_GROUPS,
+    SG_G_OFFSET = SG_G_XYZ,
+    SG_G_FEATURE = SG_G_DC
+};
 
 /* The origin of a row after an edit. */
 enum sg_edit_kind {
@@ -25,7 +36,7 @@ enum sg_edit_kind {
     SG_EDIT_KINDS
 };
 
-/* What an edit does to the values of such a row. ROW, DRAW and SHRINK are for parameters. */
+/* What an edit does to the values of such a row. DRAW and SHRINK are for parameters. */
 enum sg_fate {
     SG_FATE_ZERO,
     SG_FATE_COPY,
@@ -40,8 +51,12 @@ enum sg_column_bits {
     SG_COLUMN_SAVED = 2,     /* in checkpoints; it exists from the first step of the optimiser on */
     SG_COLUMN_LOST = 4,      /* no edit keeps it: it is made again when it is needed */
     SG_COLUMN_MIP = 8,       /* only models with the filters of Mip-Splatting have it */
-    SG_COLUMN_RADII = 16     /* only runs that count radii have it */
+    SG_COLUMN_RADII = 16,    /* only runs that count radii have it */
+    SG_COLUMN_ANCHORS = 32   /* only models of anchors have it */
 };
+#define SG_COLUMN_VARIANTS (SG_COLUMN_MIP | SG_COLUMN_RADII | SG_COLUMN_ANCHORS)
+
+#define SG_COLUMN_PLANES_MAX SG_A_PLANES /* of a column that is saved */
 
 #define SG_PLANES_REST (-1)       /* those of SH degrees above 0 */
 #define SG_PLANES_PARAMETERS (-2) /* as many as all parameters */
@@ -107,6 +122,15 @@ struct sg_column {
       .property = "filter_3D")                                                                     \
     C(GRAD_ABSOLUTE, .name = "gradient_absolute", .planes = 1,                                     \
       .bits = SG_COLUMN_SAVED | SG_COLUMN_MIP, .fate = {[SG_EDIT_KEEP] = SG_FATE_ASKED})           \
+    /* Of anchors: values beside the parameters, Adam's moments of these, statistics of growth */  \
+    C(ANCHOR, .name = "anchor", .planes = SG_A_PLANES,                                             \
+      .bits = SG_COLUMN_SAVED | SG_COLUMN_ANCHORS, .fate = SG_FATES_PARAMETER)                     \
+    C(ANCHOR_MOMENT1, .name = "anchor_moment1", .planes = SG_A_PLANES,                             \
+      .bits = SG_COLUMN_SAVED | SG_COLUMN_ANCHORS, .fate = {[SG_EDIT_KEEP] = SG_FATE_COPY})        \
+    C(ANCHOR_MOMENT2, .name = "anchor_moment2", .planes = SG_A_PLANES,                             \
+      .bits = SG_COLUMN_SAVED | SG_COLUMN_ANCHORS, .fate = {[SG_EDIT_KEEP] = SG_FATE_COPY})        \
+    C(ANCHOR_STATISTICS, .name = "anchor_statistics", .planes = SG_A_STATISTICS,                   \
+      .bits = SG_COLUMN_SAVED | SG_COLUMN_ANCHORS, .fate = {[SG_EDIT_KEEP] = SG_FATE_ASKED})       \
     /* Gradients of the view, and sums over earlier views (sg_update.accumulate) */                \
     C(GRADIENT, .name = "gradient", .planes = SG_PLANES_PARAMETERS, .bits = SG_COLUMN_LOST)        \
     C(ACCUMULATED, .name = "accumulated", .planes = SG_PLANES_PARAMETERS, .bits = SG_COLUMN_LOST)  \
@@ -129,10 +153,10 @@ static inline bool sg_column_is_parameter(int c)
     return sg_columns[c].bits & SG_COLUMN_PARAMETER;
 }
 
-/* It has one of these bits, and SG_COLUMN_MIP and _RADII are among them if it needs those. */
+/* It has one of these bits, and those of SG_COLUMN_VARIANTS that it needs are among them. */
 static inline bool sg_column_of(int c, unsigned bits)
 {
-    const unsigned own = sg_columns[c].bits, needed = own & (SG_COLUMN_MIP | SG_COLUMN_RADII);
+    const unsigned own = sg_columns[c].bits, needed = own & SG_COLUMN_VARIANTS;
     return (own & bits & ~needed) && (bits & needed) == needed;
 }
 
@@ -157,6 +181,7 @@ int sg_column_array_planes(int c, int sh_degree);
 struct sg_columns {
     size_t capacity;
     float *at[SG_COLUMNS];
+    struct sg_networks *networks; /* of anchors; or NULL */
 };
 /* All that have one of these bits (sg_column_of), zeroed. SG_ERR_BUDGET. */
 int sg_columns_create(sg_ctx *ctx, size_t count, int sh_degree, unsigned bits,

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "columns.h"
+#include "anchors.h"
 #include "core/file.h"
 #include "mip.h"
 #include "ply.h"
@@ -108,6 +108,8 @@ static int file_order(const struct sg_model *m, struct property *out)
 int sg_model_write_ply(sg_ctx *ctx, const struct sg_model *m, const char *path)
 {
     sg_clear_error(ctx);
+    if (sg_model_has_anchors(m))
+        return sg_anchors_write(ctx, m, path);
     struct sg_file_writer w;
     int code = sg_file_create(ctx, &w, path);
     if (code)
@@ -162,6 +164,11 @@ static int map_columns(sg_ctx *ctx, const struct ply *p, struct map *map)
             if (wanted->column < 0)
                 continue;
             const int index = sg_ply_find(p, wanted->name);
+            if (index < 0 && sg_column_is_parameter(c) && sg_ply_find(p, "f_anchor_feat_0") >= 0)
+                return sg_fail(ctx, SG_ERR_INPUT,
+                               "%s: header: found anchors of Scaffold-GS, whose Gaussians exist "
+                               "only in a view, expected a 3D Gaussian model",
+                               p->in->path);
             if (index < 0 && sg_column_is_parameter(c))
                 return sg_fail(ctx, SG_ERR_INPUT,
                                "%s: header: found no property %s, expected a 3D Gaussian model",

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include "columns.h"
+#include "anchors.h"
 
 int sg_model_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_model **out)
 {
@@ -37,6 +37,11 @@ void sg_model_destroy(struct sg_model **model)
     sg_free((*model)->columns);
     sg_free(*model);
     *model = NULL;
+}
+
+uint64_t sg_model_gaussians(const struct sg_model *m)
+{
+    return (uint64_t) m->count * (sg_model_has_anchors(m) ? SG_ANCHOR_GAUSSIANS : 1);
 }
 
 static bool is_exported(int c)

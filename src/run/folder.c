@@ -95,8 +95,9 @@ static DIR *open_folder(int at, const char *name, int links)
 static bool is_temporary(const char *file)
 {
     static const char *const names[] = {
-        "config.json",  "summary.json", "log.jsonl", "checkpoint.bin",  "cfg_args",
-        "cameras.json", "input.ply",    "decoy.ply", "point_cloud.ply", "exposure.json"};
+        "config.json",     "summary.json",  "log.jsonl",           "checkpoint.bin",
+        "cfg_args",        "cameras.json",  "input.ply",           "decoy.ply",
+        "point_cloud.ply", "exposure.json", "networks.safetensors"};
     for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); i++) {
         const size_t n = strlen(names[i]);
         long pid;
@@ -128,8 +129,10 @@ static void clean_models(DIR *run, bool all)
         if (!d)
             continue;
         remove_temporary(d);
-        if (all)
+        if (all) {
             unlinkat(dirfd(d), "point_cloud.ply", 0);
+            unlinkat(dirfd(d), "networks.safetensors", 0);
+        }
         closedir(d);
         unlinkat(dirfd(models), e->d_name, AT_REMOVEDIR); /* where it is empty */
     }

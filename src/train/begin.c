@@ -69,17 +69,17 @@ static int thinned_copy(sg_ctx *ctx, const struct sg_model *m, uint64_t limit,
 
 size_t sg_begin_again(sg_trainer *t, size_t n)
 {
-    const size_t limit = t->budget.gaussians;
-    if (!limit || n <= limit)
+    const size_t each = sg_engine_each(t->engine), limit = t->budget.gaussians / each;
+    if (!t->budget.gaussians || n <= limit)
         return n;
     if (t->budget.by_memory && (double) n <= (1 + UNCERTAIN) * (double) limit) {
-        t->budget.gaussians = n;
+        t->budget.gaussians = n * each;
         return n;
     }
     sg_log(
         t->ctx, SG_LOG_WARN,
         "the checkpoint's %zu Gaussians are more than fit now: training continues with %zu of them",
-        n, limit);
+        n * each, limit * each);
     return limit;
 }
 
@@ -87,13 +87,20 @@ int sg_begin(sg_trainer *t, const struct sg_model *initial)
 {
     const uint64_t limit = t->budget.gaussians;
     struct sg_model *made = NULL;
+    if (initial && t->strategy->initial)
+        return sg_fail(t->ctx, SG_ERR_USAGE,
+                       "init: found an initial model, expected none with the strategy %s, which "
+                       "makes its own",
+                       t->strategy->name);
     const size_t n = initial ? initial->count : initial_count(t->scene, &t->params);
     int code = initial ? sg_model_check(t->ctx, initial, "initial model") : SG_OK;
     if (code)
         return code;
-    t->gaussians_bound = limit && n > limit;
+    t->gaussians_bound = limit && n > limit && !t->strategy->initial;
     t->from_points = !initial;
-    if (!initial)
+    if (!initial && t->strategy->initial)
+        code = t->strategy->initial(t, &made);
+    else if (!initial)
         code = initial_model(t->ctx, t->scene, &t->params, limit, &made);
     else if (t->gaussians_bound)
         code = thinned_copy(t->ctx, initial, limit, &made);

@@ -76,6 +76,7 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
                                  .anisotropy = p->defense.on,
                                  .exposure = p->exposure,
                                  .mip = p->model == SG_MODEL_MIP,
+                                 .anchors = p->model == SG_MODEL_SCAFFOLD,
                                  .low_pass = (p->tolerance > 0 || p->tolerances) &&
                                              p->tolerance_colours > 0,
                                  .threads = sg_ctx_threads(ctx),

@@ -84,6 +84,7 @@ static uint64_t column_bytes(int c, size_t n, int sh_degree)
 static unsigned saved_bits(const sg_trainer *t)
 {
     return SG_COLUMN_SAVED | (t->params.model == SG_MODEL_MIP ? SG_COLUMN_MIP : 0) |
+           (t->params.model == SG_MODEL_SCAFFOLD ? SG_COLUMN_ANCHORS : 0) |
            (sg_counts_radii(&t->params) ? SG_COLUMN_RADII : 0);
 }
 
@@ -103,7 +104,7 @@ static void put_column(struct hashed *s, int c, int sh_degree, size_t n, const f
 {
     struct sg_checkpoint_section head = {.planes = (uint32_t) sg_column_planes(c, sh_degree),
                                          .bytes = column_bytes(c, n, sh_degree)};
-    float block[SG_PARAMS_MAX * SG_LANES];
+    float block[SG_COLUMN_PLANES_MAX * SG_LANES];
     const int stride = sg_column_array_planes(c, sh_degree);
     snprintf(head.title, sizeof(head.title), "%s", sg_columns[c].name);
     put(s, &head, sizeof(head));
@@ -154,6 +155,26 @@ static uint64_t exposure_bytes(const sg_trainer *t)
     return t->exposures ? t->scene->n_train * SG_EXPOSURE_FLOATS * sizeof(float) : 0;
 }
 
+#define NETWORKS "networks"
+
+static uint64_t networks_bytes(const sg_trainer *t)
+{
+    return t->params.model == SG_MODEL_SCAFFOLD ? sizeof(struct sg_networks) : 0;
+}
+
+static int put_networks(const sg_trainer *t, struct hashed *sink)
+{
+    if (!networks_bytes(t))
+        return SG_OK;
+    struct sg_columns own = {.networks =
+                                 sg_alloc_raw(t->ctx, SG_MEM_MISC, 1, sizeof(struct sg_networks))};
+    const int code = own.networks ? sg_engine_download(t->engine, NULL, &own) : SG_ERR_BUDGET;
+    if (!code)
+        put_numbers(sink, NETWORKS, own.networks, sizeof(*own.networks));
+    sg_free(own.networks);
+    return code;
+}
+
 static void put_state(const sg_trainer *t, struct hashed *sink)
 {
     char title[24];
@@ -188,26 +209,27 @@ int sg_trainer_save(sg_trainer *t, const char *path)
     int code = alloc_scratch(t, &m);
     if (code || (code = sg_file_create(ctx, &w, path)))
         goto done;
-    struct sg_checkpoint_header h = {
-        .count = m.count,
-        .sh_degree = m.sh_degree,
-        .iteration = t->iteration,
-        .start_degree = t->start_degree,
-        .cameras = cameras_hash(t->scene),
-        .seed = t->params.seed,
-        .views = t->scene->n_train,
-        .extent = t->extent,
-        .steps = t->steps,
-        .spent =
-            t->params.max_seconds > 0 ? sg_trainer_elapsed(t) : 0, /* else the same bytes always */
-        .noise = t->noise,
-        .gaussians_bound = t->gaussians_bound,
-        .time_bound = t->time_bound,
-        .photos = t->photos_hash,
-        .parameters = t->identity.parameters,
-        .strength = t->identity.strength,
-        .kind = t->identity.kind,
-        .sections = (t->strategy->state_bytes > 0) + (t->exposures != NULL)};
+    struct sg_checkpoint_header h = {.count = m.count,
+                                     .sh_degree = m.sh_degree,
+                                     .iteration = t->iteration,
+                                     .start_degree = t->start_degree,
+                                     .cameras = cameras_hash(t->scene),
+                                     .seed = t->params.seed,
+                                     .views = t->scene->n_train,
+                                     .extent = t->extent,
+                                     .steps = t->steps,
+                                     .spent = t->params.max_seconds > 0
+                                                  ? sg_trainer_elapsed(t)
+                                                  : 0, /* else the same bytes always */
+                                     .noise = t->noise,
+                                     .gaussians_bound = t->gaussians_bound,
+                                     .time_bound = t->time_bound,
+                                     .photos = t->photos_hash,
+                                     .parameters = t->identity.parameters,
+                                     .strength = t->identity.strength,
+                                     .kind = t->identity.kind,
+                                     .sections = (t->strategy->state_bytes > 0) +
+                                                 (t->exposures != NULL) + (networks_bytes(t) > 0)};
     for (int c = 0; c < SG_COLUMNS; c++)
         h.sections += is_saved(t, c);
     memcpy(h.magic, MAGIC, sizeof(h.magic));
@@ -219,6 +241,8 @@ int sg_trainer_save(sg_trainer *t, const char *path)
     if ((code = put_columns(t, &sink, &m)))
         goto done;
     put_state(t, &sink);
+    if ((code = put_networks(t, &sink)))
+        goto done;
     const uint64_t digest = XXH3_64bits_digest(&sink.hash);
     fwrite(&digest, sizeof(digest), 1, w.stream);
     code = sg_file_commit(ctx, &w);
@@ -340,7 +364,7 @@ static int torn(sg_ctx *ctx, const char *path)
 }
 
 /* Of a checkpoint: columns, then these. */
-enum { STRATEGY_STATE = SG_COLUMNS, EXPOSURES, SECTIONS };
+enum { STRATEGY_STATE = SG_COLUMNS, EXPOSURES, NETWORK_WEIGHTS, SECTIONS };
 
 /* A checkpoint while it is read. */
 struct reading {
@@ -359,7 +383,7 @@ static bool get_column(struct reading *r, int c)
 {
     const int degree = r->m->sh_degree, stride = sg_column_array_planes(c, degree);
     const size_t planes = (size_t) sg_column_planes(c, degree);
-    float block[SG_PARAMS_MAX * SG_LANES];
+    float block[SG_COLUMN_PLANES_MAX * SG_LANES];
     float *to = sg_column_is_parameter(c) ? r->m->params : r->columns.at[c];
     size_t k = 0;
     for (size_t first = 0; first < r->n; first += SG_LANES) {
@@ -376,10 +400,11 @@ static bool get_column(struct reading *r, int c)
 
 static uint64_t section_bytes(const struct reading *r, int c)
 {
-    return c == STRATEGY_STATE ? r->t->strategy->state_bytes
-           : c == EXPOSURES    ? exposure_bytes(r->t)
-           : is_saved(r->t, c) ? column_bytes(c, r->n, r->m->sh_degree)
-                               : 0;
+    return c == STRATEGY_STATE    ? r->t->strategy->state_bytes
+           : c == EXPOSURES       ? exposure_bytes(r->t)
+           : c == NETWORK_WEIGHTS ? networks_bytes(r->t)
+           : is_saved(r->t, c)    ? column_bytes(c, r->n, r->m->sh_degree)
+                                  : 0;
 }
 
 static void section_title(const struct reading *r, int c, char title[24])
@@ -387,7 +412,10 @@ static void section_title(const struct reading *r, int c, char title[24])
     if (c == STRATEGY_STATE)
         title_of_strategy(r->t->strategy, title);
     else
-        snprintf(title, 24, "%s", c == EXPOSURES ? EXPOSURE : sg_columns[c].name);
+        snprintf(title, 24, "%s",
+                 c == EXPOSURES         ? EXPOSURE
+                 : c == NETWORK_WEIGHTS ? NETWORKS
+                                        : sg_columns[c].name);
 }
 
 /* A section that this run needs. sh_rest of degree 0 exists, with 0 bytes. */
@@ -438,10 +466,24 @@ static int get_section(struct reading *r)
             "%u and %llu",
             path, at, title, s.planes, (unsigned long long) s.bytes, planes,
             (unsigned long long) bytes);
-    const bool whole =
-        c < SG_COLUMNS ? get_column(r, c)
-                       : get(&r->in, c == EXPOSURES ? r->t->exposures : r->state, (size_t) bytes);
+    void *numbers = c == EXPOSURES         ? (void *) r->t->exposures
+                    : c == NETWORK_WEIGHTS ? (void *) r->columns.networks
+                                           : r->state;
+    const bool whole = c < SG_COLUMNS ? get_column(r, c) : get(&r->in, numbers, (size_t) bytes);
     return whole ? SG_OK : torn(ctx, path);
+}
+
+static int check_networks(const struct reading *r)
+{
+    const struct sg_networks *n = r->columns.networks;
+    const float *values = (const float *) n;
+    for (size_t i = 0; i < sizeof(*n) / sizeof(float); i++)
+        if (!isfinite(values[i]) || (i + 1 == sizeof(*n) / sizeof(float) && !(values[i] > 0)))
+            return sg_fail(r->t->ctx, SG_ERR_INPUT,
+                           "%s: section \"" NETWORKS "\": found value %zu of %g, expected finite "
+                           "numbers, and a voxel above 0",
+                           r->c->path, i, (double) values[i]);
+    return SG_OK;
 }
 
 /* Each section is there, and the file is as it was written. */
@@ -471,7 +513,7 @@ static int check_end(struct reading *r)
                            "%s: section \"" EXPOSURE "\": found value %zu of %g, expected finite "
                            "numbers",
                            r->c->path, i, (double) r->t->exposures[i]);
-    return SG_OK;
+    return networks_bytes(r->t) ? check_networks(r) : SG_OK;
 }
 
 int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
@@ -487,6 +529,11 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
     if ((code = sg_model_create(ctx, r.kept, h->sh_degree, &r.m)) ||
         (code = sg_columns_create(ctx, r.kept, h->sh_degree, saved_bits(t), &r.columns)))
         goto done;
+    if (networks_bytes(t) &&
+        !(r.columns.networks = sg_alloc(ctx, SG_MEM_MODEL, 1, sizeof(*r.columns.networks)))) {
+        code = SG_ERR_BUDGET;
+        goto done;
+    }
     for (uint32_t s = 0; s < h->sections; s++)
         if ((code = get_section(&r)))
             goto done;

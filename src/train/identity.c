@@ -67,6 +67,23 @@ struct sg_identity sg_train_identity(const struct sg_train_params *p)
         parameters = XXH3_64bits_withSeed(exposure, sizeof(exposure), parameters);
     if (p->model == SG_MODEL_MIP)
         parameters = XXH3_64bits_withSeed("mip", strlen("mip"), parameters);
+    const struct sg_scaffold_params *s = &p->scaffold;
+    const double scaffold[] = {(double) s->voxel,
+                               s->cells,
+                               s->from,
+                               (double) s->offset_lr_init,
+                               (double) s->offset_lr_final,
+                               (double) s->feature_lr,
+                               (double) s->scaling_lr,
+                               (double) s->opacity_lr_init,
+                               (double) s->opacity_lr_final,
+                               (double) s->covariance_lr_init,
+                               (double) s->covariance_lr_final,
+                               (double) s->colour_lr_init,
+                               (double) s->colour_lr_final,
+                               d->anchor_sigma};
+    if (p->model == SG_MODEL_SCAFFOLD)
+        parameters = XXH3_64bits_withSeed(scaffold, sizeof(scaffold), parameters);
     if (p->absgrad)
         parameters = XXH3_64bits_withSeed("absgrad", strlen("absgrad"), parameters);
     return (struct sg_identity){

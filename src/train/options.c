@@ -22,16 +22,17 @@
 #define RATES GROUP("Learning rates"), EXPERT
 #define DENSIFY GROUP("Densification")
 #define MCMC GROUP("Densification by --strategy mcmc")
+#define ANCHORS GROUP("Anchors of --model scaffold"), EXPERT
 #define BUDGETS GROUP("Budgets")
 #define DEFENSE GROUP("Defense")
 #define RASTERISER GROUP("Rasteriser"), EXPERT
 
 /* Choices are indices of enums. */
 _Static_assert(SG_STRATEGY_MCMC == 1, "the order of the strategies");
-_Static_assert(SG_MODEL_MIP == 1, "the order of the models");
-_Static_assert(SG_SIGMA_EIGEN == 1 && SG_HIT_VIEWS == 1 && SG_HIT_WEIGHT == 2 &&
-                   SG_PRUNE_THRESHOLD == 1 && SG_VIEWS_ALL == 1 && SG_TV_NORM_L1 == 1 &&
-                   SG_TV_NORM_HUBER == 2 && SG_STRATEGY_LIGHTGAUSSIAN == 2 &&
+_Static_assert(SG_MODEL_MIP == 1 && SG_MODEL_SCAFFOLD == 2, "the order of the models");
+_Static_assert(SG_SIGMA_EIGEN == 1 && SG_ANCHOR_SIGMA_ANCHOR == 1 && SG_HIT_VIEWS == 1 &&
+                   SG_HIT_WEIGHT == 2 && SG_PRUNE_THRESHOLD == 1 && SG_VIEWS_ALL == 1 &&
+                   SG_TV_NORM_L1 == 1 && SG_TV_NORM_HUBER == 2 && SG_STRATEGY_LIGHTGAUSSIAN == 2 &&
                    SG_AT_LIMIT_UNIVERSAL == 3 && SG_ENERGY_AMPLITUDE == 1 && SG_CHANNELS_LUMA == 1,
                "the order of the defense's choices");
 
@@ -43,8 +44,9 @@ static const struct sg_option train_options[] = {
     SG_OPTION_CPU(RUN, EXPERT),
     COUNT("init-points", init_points, 4, 1e8, "Random points where the scene has none.",
           GROUP("Initialisation"), EXPERT),
-    SG_CHOICE("model", model, "3dgs|mip", "NAME",
-              "mip: Mip-Splatting, with filters against aliasing at other distances and sizes.",
+    SG_CHOICE("model", model, "3dgs|mip|scaffold", "NAME",
+              "mip: Mip-Splatting, with filters against aliasing at other distances and sizes. "
+              "scaffold: Scaffold-GS, anchors of which networks make Gaussians for each view.",
               LOSS, EXPERT),
     SG_FLAG("keep-filter", keep_filter,
             "With --model mip: save the 3D filter as the property filter_3D, as the released code "
@@ -107,6 +109,33 @@ static const struct sg_option train_options[] = {
           EXPERT),
     FLOAT("noise-lr", mcmc.noise_lr, 0, 1e9, "Noise on positions, in learning rates of positions.",
           MCMC, EXPERT),
+    FLOAT("voxel-size", scaffold.voxel, 0, 1e6,
+          "Side of the cells that get an anchor from points, scene units; 0 = by the points' "
+          "distances.",
+          ANCHORS),
+    INTEGER("anchor-cells", scaffold.cells, 1, 4096,
+            "Cells of the coarsest grid of growth, in voxels; a quarter and a sixteenth of it for "
+            "the finer grids.",
+            ANCHORS),
+    INTEGER("anchors-from-iter", scaffold.from, 0, 1e9, "Anchors grow after this iteration.",
+            ANCHORS),
+    FLOAT("offset-lr-init", scaffold.offset_lr_init, 1e-12, 1000,
+          "Offsets, at the start, in scene extents.", ANCHORS),
+    FLOAT("offset-lr-final", scaffold.offset_lr_final, 1e-12, 1000,
+          "Offsets, at the end, in scene extents.", ANCHORS),
+    FLOAT("anchor-feature-lr", scaffold.feature_lr, 0, 1000, "Features.", ANCHORS),
+    FLOAT("anchor-scaling-lr", scaffold.scaling_lr, 0, 1000, "Scales.", ANCHORS),
+    FLOAT("opacity-network-lr-init", scaffold.opacity_lr_init, 1e-12, 1000,
+          "Network of opacities, at the start.", ANCHORS),
+    FLOAT("opacity-network-lr-final", scaffold.opacity_lr_final, 1e-12, 1000, "At the end.",
+          ANCHORS),
+    FLOAT("covariance-network-lr-init", scaffold.covariance_lr_init, 1e-12, 1000,
+          "Network of scales and rotations, at the start.", ANCHORS),
+    FLOAT("covariance-network-lr-final", scaffold.covariance_lr_final, 1e-12, 1000, "At the end.",
+          ANCHORS),
+    FLOAT("colour-network-lr-init", scaffold.colour_lr_init, 1e-12, 1000,
+          "Network of colours, at the start.", ANCHORS),
+    FLOAT("colour-network-lr-final", scaffold.colour_lr_final, 1e-12, 1000, "At the end.", ANCHORS),
     COUNT("max-gaussians", max_gaussians, 4, 4e9,
           "Most Gaussians; --at-limit says what happens there. 0 = no limit.", BUDGETS,
           .or_zero = true),
@@ -172,6 +201,10 @@ static const struct sg_option train_options[] = {
     SG_CHOICE("filter-sigma", defense.sigma, "std|eigen", "NAME",
               "Size in the frequency weight: smallest scale, or its square (the smallest "
               "eigenvalue).",
+              DEFENSE, EXPERT),
+    SG_CHOICE("filter-anchors", defense.anchor_sigma, "neural|anchor", "NAME",
+              "With --model scaffold, whose size: that of each Gaussian where it is drawn, or that "
+              "of its anchor.",
               DEFENSE, EXPERT),
     SG_CHOICE("filter-hits", defense.hit, "pixels|views|weight", "NAME",
               "Hits of a Gaussian: pixels it is blended in, views, or its weight in the pixels.",

@@ -3,7 +3,10 @@
 #include "splatguard/train.h"
 
 #include "engine/engine.h"
+#include "model/anchor.h"
 #include "option/option.h"
+
+#define LEAST_OF_ANCHORS (4 * SG_ANCHOR_GAUSSIANS)
 
 struct sg_train_params sg_train_params_default(void)
 {
@@ -26,6 +29,22 @@ int sg_train_check(sg_ctx *ctx, const struct sg_train_params *p)
         return sg_fail(ctx, SG_ERR_USAGE,
                        "model: found mip with %s, expected the strategy default without absgrad",
                        p->absgrad ? "absgrad" : "another strategy");
+    if (p->model == SG_MODEL_SCAFFOLD && (p->strategy != SG_STRATEGY_DEFAULT || p->absgrad))
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "model: found scaffold with %s, expected the strategy default, in whose "
+                       "place its anchors grow, without absgrad",
+                       p->absgrad ? "absgrad" : "another strategy");
+    if (p->model == SG_MODEL_SCAFFOLD && p->max_gaussians && p->max_gaussians < LEAST_OF_ANCHORS)
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "max_gaussians: found %llu with the model scaffold, expected at least %d: "
+                       "those of 4 anchors",
+                       (unsigned long long) p->max_gaussians, LEAST_OF_ANCHORS);
+    if (p->model == SG_MODEL_SCAFFOLD &&
+        (p->at_limit == SG_AT_LIMIT_RANDOM || p->at_limit == SG_AT_LIMIT_UNIVERSAL))
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "at_limit: found %s with the model scaffold, expected score or stop: at the "
+                       "limit the steepest anchors grow",
+                       p->at_limit == SG_AT_LIMIT_RANDOM ? "random" : "universal");
     if (p->strategy == SG_STRATEGY_MCMC && p->defense.on && p->defense.rho != 0)
         return sg_fail(ctx, SG_ERR_USAGE,
                        "defense.rho: found %g with the strategy mcmc, which moves Gaussians where "

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "renderer.h"
 
+#include "engine/scaffold/scaffold.h"
+#include "model/anchors.h"
 #include "option/option.h"
 
 struct sg_renderer {
@@ -45,7 +47,10 @@ int sg_renderer_create(sg_ctx *ctx, const char *engine, const char *cpu,
         code = sg_engine_create(ctx, engine ? engine : "cpu", cpu, &b);
     if (code)
         return code;
-    code = sg_engine_upload(b, model, NULL);
+    if (sg_model_has_anchors(model))
+        code = sg_scaffold_wrap(ctx, &b);
+    if (!code)
+        code = sg_engine_upload(b, model, model->columns);
     if (!code)
         code = sg_renderer_borrow(b, model->active_sh_degree, params, out);
     if (code)
@@ -99,6 +104,9 @@ int sg_render_backward(sg_renderer *r, const float *gradient, struct sg_model *o
     if (r->borrowed)
         return sg_fail(r->ctx, SG_ERR_USAGE,
                        "render: found the renderer of a trainer, expected one of a model");
+    if (sg_engine_each(r->engine) > 1)
+        return sg_fail(r->ctx, SG_ERR_USAGE,
+                       "render: found a model of anchors, expected one of Gaussians");
     if (!r->drawn)
         return sg_fail(r->ctx, SG_ERR_USAGE,
                        "render: found no view that was drawn, expected sg_render before");

@@ -50,7 +50,8 @@ static inline bool sg_counts_radii(const struct sg_train_params *p)
 
 static inline int sg_filters_from(const struct sg_train_params *p)
 {
-    return p->defense.from < 0 ? p->densify_from_iter : p->defense.from;
+    const int grows = p->model == SG_MODEL_SCAFFOLD ? p->scaffold.from : p->densify_from_iter;
+    return p->defense.from < 0 ? grows : p->defense.from;
 }
 
 static inline bool sg_filters(const struct sg_train_params *p, int before, int it)

@@ -29,6 +29,10 @@ struct sg_strategy {
     size_t state_bytes;
     /* Optional: false for a state that cannot be, in a checkpoint of this iteration. */
     bool (*sound)(const void *state, int iteration);
+    /* Its colours do not learn without the rest: sg_train_params.tolerance_colours is off. */
+    bool whole;
+    /* Optional: makes the initial model of a new run, in place of Gaussians at the points. */
+    int (*initial)(sg_trainer *t, struct sg_model **out);
     /* Optional: changes the initial model of a new run. */
     int (*begin)(sg_trainer *t);
     /* Optional: changes the learning rates of an iteration, one per enum sg_group. */
@@ -52,6 +56,9 @@ extern const struct sg_strategy sg_strategy_mcmc;
 
 /* The default with LightGaussian's pruning during training (Fan et al. 2024). */
 extern const struct sg_strategy sg_strategy_lightgaussian;
+
+/* Anchors that grow on grids, and the networks that make Gaussians of them (Lu et al. 2024). */
+extern const struct sg_strategy sg_strategy_scaffold;
 
 /* What `count` Gaussians in one place need each to look like one of this opacity: the opacity, and
  * *scale, the factor of its scales. */

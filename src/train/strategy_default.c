@@ -1,50 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The default strategy: adaptive density control in the order of the released code of Kerbl et al.
  * 2023, and the defense's filter between its growth and its opacity resets. */
-#include <math.h>
-
 #include "core/rng.h"
 #include "defense/filter.h"
 #include "densify.h"
+#include "filtering.h"
 #include "math/constants.h"
 #include "schedule.h"
 #include "strategy.h"
 #include "trainer.h"
 
-struct state {
-    double growth;         /* share of the Gaussians that grow at a densification, smoothed */
-    uint64_t growths;      /* densifications in the filter's window since its newest removal */
-    uint64_t filter_first; /* Gaussians before its first removal; 0 = none yet */
-};
-
-_Static_assert(sizeof(struct state) == SG_DEFAULT_STATE_BYTES, "the size of the state");
+_Static_assert(sizeof(struct sg_filtering) == SG_DEFAULT_STATE_BYTES, "the size of the state");
 
 static bool sound(const void *state, int iteration)
 {
-    const struct state *s = state;
-    return s->growth >= 0 && s->growth <= 1 && s->growths <= (uint64_t) iteration;
-}
-
-#define GROWTH_PACE 0.25 /* weight of the newest densification in the smoothed growth */
-
-/* Removing a share of the growth cannot shrink the model, and the minimum share stops at half of
- * its first size, so neither can empty it. The minimum fades, since only early removals leave time
- * to grow again what is missed. */
-static double filter_share(const sg_trainer *t, int it)
-{
-    const struct state *s = t->strategy_state;
-    const struct sg_train_params *p = &t->params;
-    const struct sg_defense_params *d = &p->defense;
-    const double from = sg_filters_from(p), until = p->densify_until_iter;
-    if (d->rho >= 0)
-        return d->rho;
-    if (it >= until || !s->growths)
-        return 0;
-    const double n = (double) sg_engine_count(t->engine);
-    const double first = s->filter_first ? (double) s->filter_first : n,
-                 spare = n > 0 ? 1 - first / 2 / n : 0;
-    const double least = d->rho_least * (until - it) / (until - from);
-    return fmax(fmin(-d->rho * s->growth * (double) s->growths, 0.5), fmin(least, spare));
+    return sg_filtering_sound(state, iteration);
 }
 
 /* Largest share that is replaced at a densification where a budget binds. */
@@ -81,7 +51,6 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
                    struct sg_train_step *step)
 {
     const struct sg_train_params *p = &t->params;
-    struct state *s = t->strategy_state;
     struct sg_densify_result r;
     const double start = sg_trainer_seconds_not_counting(t);
     const size_t n = sg_engine_count(t->engine);
@@ -110,28 +79,8 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
         sg_log(t->ctx, SG_LOG_DEBUG,
                "iteration %d: of %zu Gaussians %zu cloned, %zu split, %zu pruned", it, n, r.cloned,
                r.split, r.pruned);
-    const double grown = (double) (r.cloned + r.split) / (double) n;
-    s->growth += (grown - s->growth) * (s->growth > 0 ? GROWTH_PACE : 1);
-    s->growths += it > sg_filters_from(p);
+    sg_filtering_grown(t, t->strategy_state, it, (double) (r.cloned + r.split) / (double) n);
     t->densify_seconds += sg_trainer_seconds_not_counting(t) - start;
-    return code;
-}
-
-static int filter(sg_trainer *t, int it, const struct sg_render_params *render,
-                  struct sg_defense_step *step)
-{
-    const struct sg_train_params *p = &t->params;
-    struct state *s = t->strategy_state;
-    const double start = sg_trainer_seconds_not_counting(t);
-    if (!s->filter_first)
-        s->filter_first = sg_engine_count(t->engine);
-    const int code =
-        sg_filter(t->engine, t->scene, &p->defense, render, filter_share(t, it), p->seed, it, step);
-    if (!code)
-        sg_log(t->ctx, SG_LOG_DEBUG, "iteration %d: of %zu Gaussians the filter removed %zu", it,
-               step->scored, step->removed);
-    t->prune_seconds += sg_trainer_seconds_not_counting(t) - start;
-    s->growths = 0;
     return code;
 }
 
@@ -145,8 +94,7 @@ static struct events events_of(const sg_trainer *t, int before, int it)
     const struct sg_train_params *p = &t->params;
     const bool densifies = sg_densifies(p, before, it);
     return (struct events){.densifies = densifies,
-                           .filters = sg_filters(p, before, it) &&
-                                      (densifies || p->defense.rho >= 0 || filter_share(t, it) > 0),
+                           .filters = sg_filtering_due(t, t->strategy_state, before, it, densifies),
                            .resets = sg_resets_opacity(p, before, it) &&
                                      it < t->colours_from - p->iterations / 10};
 }
@@ -174,7 +122,7 @@ static int after_step(sg_trainer *t, const struct sg_strategy_plan *planned, int
     if (!code && e.densifies)
         code = sg_trainer_renew_filter(t);
     if (!code && e.filters)
-        code = filter(t, it, render, &out->defense);
+        code = sg_filtering_run(t, t->strategy_state, it, render, &out->defense);
     if (!code && e.resets)
         code = sg_engine_reset_opacity(t->engine, SG_RESET_OPACITY);
     return code;
@@ -182,7 +130,7 @@ static int after_step(sg_trainer *t, const struct sg_strategy_plan *planned, int
 
 const struct sg_strategy sg_strategy_default = {
     .name = "default",
-    .state_bytes = sizeof(struct state),
+    .state_bytes = sizeof(struct sg_filtering),
     .sound = sound,
     .plan = plan,
     .after_step = after_step,

@@ -9,8 +9,10 @@
 #include "begin.h"
 #include "checkpoint.h"
 #include "core/clock.h"
+#include "engine/scaffold/scaffold.h"
 #include "exposure.h"
 #include "math/constants.h"
+#include "model/anchors.h"
 #include "model/mip.h"
 #include "renderer.h"
 #include "scene/cameras.h"
@@ -61,6 +63,11 @@ static const struct sg_strategy *const strategies[] = {[SG_STRATEGY_DEFAULT] = &
                                                        [SG_STRATEGY_LIGHTGAUSSIAN] =
                                                            &sg_strategy_lightgaussian};
 
+static const struct sg_strategy *strategy_of(const struct sg_train_params *p)
+{
+    return p->model == SG_MODEL_SCAFFOLD ? &sg_strategy_scaffold : strategies[p->strategy];
+}
+
 /* See tolerance_colours. */
 static int colours_from(const struct sg_train_params *p, size_t n_views)
 {
@@ -77,7 +84,9 @@ static const struct sg_shape mip_shape = {
 static int set_model(sg_trainer *t)
 {
     const bool mip = t->params.model == SG_MODEL_MIP;
-    const int code = mip ? sg_engine_set_shape(t->engine, &mip_shape) : SG_OK;
+    const int code = mip ? sg_engine_set_shape(t->engine, &mip_shape)
+                     : t->params.model == SG_MODEL_SCAFFOLD ? sg_scaffold_wrap(t->ctx, &t->engine)
+                                                            : SG_OK;
     return code ? code
                 : sg_engine_set_statistic(t->engine, mip                 ? SG_GRADIENT_MIP
                                                      : t->params.absgrad ? SG_GRADIENT_ABSOLUTE
@@ -135,18 +144,19 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
     int code = check_scene(ctx, &t->params, scene);
     if (code)
         goto fail;
-    t->strategy = start->strategy ? start->strategy : strategies[t->params.strategy];
+    t->strategy = start->strategy ? start->strategy : strategy_of(&t->params);
     t->photos_hash = sg_photos_hash(scene);
-    t->colours_from = colours_from(&t->params, scene->n_train);
+    t->colours_from = t->strategy->whole ? INT_MAX : colours_from(&t->params, scene->n_train);
     t->params.clock = t->params.clock ? t->params.clock : system_clock;
     t->identity = start->identity ? *start->identity : sg_train_identity(&t->params);
     t->started = t->params.clock(t->params.clock_arg);
     t->spent = t->params.seconds_before;
     if (start->checkpoint && (code = sg_checkpoint_open(t, start->checkpoint, &saved)))
         goto fail;
-    t->sh_degree = start->checkpoint ? saved.header.sh_degree
-                   : start->initial  ? start->initial->sh_degree
-                                     : t->params.sh_degree;
+    t->sh_degree = start->checkpoint      ? saved.header.sh_degree
+                   : start->initial       ? start->initial->sh_degree
+                   : t->strategy->initial ? 0 /* of what is made */
+                                          : t->params.sh_degree;
     t->params.sh_degree = t->params.sh_degree < t->sh_degree ? t->params.sh_degree : t->sh_degree;
     if ((code = sg_budget_plan(ctx, scene, &t->params, t->sh_degree, bytes_held(start->initial),
                                start->sums, &t->budget)))
@@ -427,7 +437,7 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     }
     step.loss = value.total, step.l1 = value.l1, step.ssim = value.ssim;
     step.psnr = -10 * log10(value.mse > 1e-10 ? value.mse : 1e-10);
-    step.gaussians = sg_engine_count(t->engine);
+    step.gaussians = sg_trainer_gaussians(t);
     const int look = p->tolerance_look < 0 ? p->densify_until_iter / 10 : p->tolerance_look;
     if (p->tolerances && before < look && it >= look &&
         (code = sg_trainer_measure_noise(t, it, &step.noise)))
@@ -453,7 +463,7 @@ void sg_trainer_limits(const sg_trainer *t, struct sg_train_limits *out)
 
 size_t sg_trainer_gaussians(const sg_trainer *t)
 {
-    return sg_engine_count(t->engine);
+    return sg_engine_count(t->engine) * sg_engine_each(t->engine);
 }
 
 void sg_trainer_times(const sg_trainer *t, struct sg_train_times *out)
@@ -487,9 +497,11 @@ int sg_trainer_renderer(sg_trainer *t, sg_renderer **out)
         t->engine, sg_active_degree(&t->params, t->start_degree, t->iteration), &render, out);
 }
 
-/* Room for the filter of a model that has one. */
-static int add_filter(const sg_trainer *t, struct sg_model *m)
+/* Room for what the model has beside its parameters. */
+static int add_columns(const sg_trainer *t, struct sg_model *m)
 {
+    if (t->params.model == SG_MODEL_SCAFFOLD)
+        return sg_anchors_add(t->ctx, m);
     float any;
     struct sg_columns filter = {0};
     filter.at[SG_C_FILTER] = &any;
@@ -501,10 +513,10 @@ static int add_filter(const sg_trainer *t, struct sg_model *m)
 int sg_trainer_model(sg_trainer *t, struct sg_model **out)
 {
     sg_clear_error(t->ctx);
-    int code = sg_model_create(t->ctx, sg_trainer_gaussians(t), t->sh_degree, out);
+    int code = sg_model_create(t->ctx, sg_engine_count(t->engine), t->sh_degree, out);
     if (code)
         return code;
-    if ((code = sg_model_add_columns(t->ctx, *out, NULL)) || (code = add_filter(t, *out)) ||
+    if ((code = sg_model_add_columns(t->ctx, *out, NULL)) || (code = add_columns(t, *out)) ||
         (code = sg_engine_download(t->engine, *out, (*out)->columns)) ||
         (!t->params.keep_filter && (code = sg_mip_fold(t->ctx, *out, "model"))))
         sg_model_destroy(out);

@@ -61,6 +61,27 @@ expect 0 eval mip --json -r 2
 expect 0 eval mip/point_cloud/iteration_120/point_cloud.ply --scene scene/blender --json --mip-filter
 grep -q "\"psnr\": ${psnr%??}" out || fail "the PLY alone measures differently: $(cat out), run: $psnr"
 
+# A model of anchors: eval and render make its Gaussians with the networks beside it.
+expect 0 train scene/blender -o anchors --eval $short --init-points 500 --model scaffold --anchors-from-iter 40 \
+    --voxel-size 0.02
+expect 0 eval anchors --json
+psnr=$(sed 's/.*"psnr": \([0-9.]*\).*/\1/' out)
+grep -q "\"psnr\": ${psnr%??}" anchors/summary.json || fail "eval says $psnr, summary.json $(grep psnr anchors/summary.json)"
+gaussians=$(sed 's/.*"gaussians": \([0-9]*\).*/\1/' out)
+grep -q "\"final_gaussians\": $gaussians" anchors/summary.json || fail "eval says $gaussians Gaussians"
+expect 0 info anchors --json; grep -q "\"anchors\": ${gaussians%0}[,}]" out || fail "$(cat out)"
+anchors=anchors/point_cloud/iteration_120/point_cloud.ply
+expect 0 eval $anchors --scene scene/blender --json
+grep -q "\"psnr\": ${psnr%??}" out || fail "the files alone measure differently: $(cat out), run: $psnr"
+expect 2 convert anchors anchors.ply; says 'found anchors of Scaffold-GS'
+expect 2 train scene/blender -o none --init $anchors; says 'found anchors of Scaffold-GS'
+expect 1 train scene/blender -o none --model scaffold --strategy mcmc; says 'found scaffold with another strategy'
+mv anchors/point_cloud/iteration_120/networks.safetensors .
+expect 2 eval anchors; says networks.safetensors
+mv networks.safetensors anchors/point_cloud/iteration_120
+expect 0 train scene/blender -o anchors --force --iterations 20 --init-points 500 -q
+[ "$(find anchors -name '*.safetensors')" = "" ] || fail "--force left networks"
+
 expect 0 info run; grep -q 'SH degree 3' out || fail "$(cat out)"
 expect 0 info $model --json; grep -q '"nonfinite": 0' out || fail "$(cat out)"
 

@@ -4,6 +4,7 @@
 #define SG_CPU_KERNELS_H
 
 #include "engine/ops.h"
+#include "engine/scaffold/neural.h"
 #include "spectral/fft.h"
 
 /* One projected Gaussian: a cache line; undefined where the extent says that it is not visible.
@@ -122,7 +123,15 @@ struct cpu_loss_args {
      * floats. */                                                                                  \
     K(loss, void, (const struct cpu_loss_args *, int channel, int first, int end, float *scratch)) \
     /* One of the 3 x height rows. */                                                              \
-    K(ascend, void, (const struct sg_ascend *, size_t row))
+    K(ascend, void, (const struct sg_ascend *, size_t row))                                        \
+    /* What a view draws of a block of anchors, and back: see sg_ref_neural. */                    \
+    K(neural, void,                                                                                \
+      (const struct sg_neural_args *, const struct sg_anchor_block *,                              \
+       float(*drawn)[SG_DRAWN_PLANES][SG_LANES]))                                                  \
+    K(neural_backward, void,                                                                       \
+      (const struct sg_neural_args *, const struct sg_anchor_block *,                              \
+       float(*gradient)[SG_DRAWN_PLANES][SG_LANES], struct sg_anchor_gradient *,                   \
+       struct sg_weight_sums *) )
 
 struct cpu_kernels {
     const char *name;

@@ -176,7 +176,7 @@ struct part {
 /* Rows of one array after an edit. */
 struct edit_job {
     const struct moves *moves;
-    const float *from;
+    const float *from, *rows; /* rows: of the edit, or NULL */
     float *to;
     int planes, n_parts;
     struct part parts[SG_COLUMNS];
@@ -195,9 +195,11 @@ static void edit_row(const struct edit_job *j, size_t i)
     const size_t item = m->order[i], entry = item - e->kept, source = m->source[item];
     const enum sg_edit_kind kind =
         item < e->kept ? SG_EDIT_KEEP : (enum sg_edit_kind) e->kind[entry];
-    const float *from = kind == SG_EDIT_INSERT
-                            ? e->rows->params + sg_param_index(j->planes, source - m->h->count, 0)
-                            : j->from + sg_param_index(j->planes, source, 0);
+    const float *from = NULL;
+    if (kind != SG_EDIT_INSERT)
+        from = j->from + sg_param_index(j->planes, source, 0);
+    else if (j->rows)
+        from = j->rows + sg_param_index(j->planes, source - m->h->count, 0);
     float *to = j->to + sg_param_index(j->planes, i, 0);
     for (int k = 0; k < j->n_parts; k++) {
         const enum sg_fate fate = j->parts[k].fate[kind];
@@ -225,12 +227,21 @@ static void edit_piece(void *arg, size_t piece, int thread)
         edit_row(j, i);
 }
 
+/* What inserted rows have for the array of a column; NULL: nothing. */
+static const float *rows_of(const struct sg_model *rows, int column)
+{
+    if (!rows || column == SG_C_PARAMETERS)
+        return rows ? rows->params : NULL;
+    return rows->columns ? rows->columns->at[column] : NULL;
+}
+
 /* Replaces one array by what the edit makes of it, so that only one exists twice at any time. */
 static int edit_array(sg_ctx *ctx, struct sg_host_model *h, int column, const struct moves *moves)
 {
     const size_t most = sg_blocks(moves->count), block = block_bytes(h, column);
     struct edit_job job = {.moves = moves,
                            .from = h->at[column],
+                           .rows = rows_of(moves->edit->rows, column),
                            .to = sg_alloc_raw(ctx, sg_column_tag(column), most, block),
                            .planes = sg_column_array_planes(column, h->sh_degree)};
     for (int c = column; c == column || (column == SG_C_PARAMETERS && sg_column_is_parameter(c));
@@ -397,7 +408,8 @@ uint64_t sg_host_footprint(const struct sg_work *work, bool gradient)
         const uint64_t bytes =
             (uint64_t) sg_column_array_planes(c, work->sh_degree) * sizeof(float);
         if (!sg_column_has_array(c) ||
-            !(sg_column_of(c, SG_COLUMN_SAVED | (work->mip ? SG_COLUMN_MIP : 0)) ||
+            !(sg_column_of(c, SG_COLUMN_SAVED | (work->mip ? SG_COLUMN_MIP : 0) |
+                                  (work->anchors ? SG_COLUMN_ANCHORS : 0)) ||
               (c == SG_C_ACCUMULATED && work->accumulate) ||
               (c == SG_C_GRADIENT && (gradient || work->mip)) || (c == SG_C_SHAPED && work->mip)))
             continue;

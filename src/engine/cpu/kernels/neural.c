@@ -1,0 +1,241 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The networks of Scaffold-GS on blocks of anchors. Values of an anchor are in a lane, but in sums
+ * over anchors, where lanes are hidden values: so every product is a broadcast and a vector. */
+#include "kernels.h"
+
+#include "math/neural.h"
+
+#define PARTS (SG_LANES / LANES) /* vectors of a row */
+#define ROWS 4                   /* of a product at once: their sums stay in registers */
+#define OUTPUT_ROWS 5
+
+_Static_assert(SG_HIDDEN % LANES == 0 && SG_NETWORK_HIDDEN % LANES == 0 && SG_LANES % LANES == 0,
+               "whole vectors");
+_Static_assert(SG_HIDDEN % ROWS == 0 && SG_ANCHOR_FEATURES % ROWS == 0 &&
+                   SG_NETWORK_HIDDEN % ROWS == 0 && SG_O_COVARIANCE % OUTPUT_ROWS == 0 &&
+                   SG_O_COLOUR % OUTPUT_ROWS == 0 && SG_OUTPUTS % OUTPUT_ROWS == 0,
+               "whole groups of rows");
+
+/* What the networks compute on the way. */
+struct layers {
+    float input[SG_NETWORK_INPUTS + 1][SG_LANES];
+    float hidden[SG_HIDDEN][SG_LANES], output[SG_OUTPUTS][SG_LANES];
+};
+
+SIMD void fill_inputs(const struct sg_neural_args *a, const struct sg_anchor_block *b,
+                      struct layers *l)
+{
+    memcpy(l->input, b->anchor[SG_A_FEATURE], SG_ANCHOR_FEATURES * sizeof(l->input[0]));
+    for (int i = 0; i < SG_LANES; i += LANES) {
+        real d[3];
+        for (int k = 0; k < 3; k++)
+            d[k] = r_load(b->position[k] + i) - a->centre[k];
+        const real length = r_sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+        for (int k = 0; k < 3; k++)
+            r_store(l->input[SG_ANCHOR_FEATURES + k] + i, d[k] / length);
+        r_store(l->input[SG_NETWORK_INPUTS] + i, r_set(1));
+    }
+}
+
+SIMD void hidden_layer(const struct sg_weights *w, struct layers *l)
+{
+    for (int h = 0; h < SG_HIDDEN; h += ROWS)
+        for (int i = 0; i < SG_LANES; i += LANES) {
+            real sum[ROWS];
+            for (int r = 0; r < ROWS; r++)
+                sum[r] = r_set(0);
+            for (int k = 0; k <= SG_NETWORK_INPUTS; k++) {
+                const real x = r_load(l->input[k] + i);
+                for (int r = 0; r < ROWS; r++)
+                    sum[r] = r_fma(r_set(w->input[k][h + r]), x, sum[r]);
+            }
+            for (int r = 0; r < ROWS; r++)
+                r_store(l->hidden[h + r] + i, r_max(sum[r], r_set(0)));
+        }
+}
+
+/* Hidden values of the network that has this output. */
+SIMD float (*hidden_of(float (*hidden)[SG_LANES], int output))[SG_LANES]
+{
+    return hidden + (output < SG_O_COVARIANCE ? 0
+                     : output < SG_O_COLOUR   ? SG_NETWORK_HIDDEN
+                                              : 2 * SG_NETWORK_HIDDEN);
+}
+
+SIMD void output_layer(const struct sg_weights *w, struct layers *l)
+{
+    for (int o = 0; o < SG_OUTPUTS; o += OUTPUT_ROWS) {
+        float(*hidden)[SG_LANES] = hidden_of(l->hidden, o);
+        for (int i = 0; i < SG_LANES; i += LANES) {
+            real sum[OUTPUT_ROWS];
+            for (int r = 0; r < OUTPUT_ROWS; r++)
+                sum[r] = r_set(w->bias[o + r]);
+            for (int h = 0; h < SG_NETWORK_HIDDEN; h++) {
+                const real x = r_load(hidden[h] + i);
+                for (int r = 0; r < OUTPUT_ROWS; r++)
+                    sum[r] = r_fma(r_set(w->output[o + r][h]), x, sum[r]);
+            }
+            for (int r = 0; r < OUTPUT_ROWS; r++)
+                r_store(l->output[o + r] + i, sum[r]);
+        }
+    }
+}
+
+/* Gaussian k of the anchors from lane i on. */
+SIMD struct neural neural_of(const struct sg_anchor_block *b, const struct layers *l, int k, int i)
+{
+    struct neural n = {.y = r_load(l->output[SG_O_OPACITY + k] + i)};
+    for (int j = 0; j < 7; j++)
+        n.cov[j] = r_load(l->output[SG_O_COVARIANCE + 7 * k + j] + i);
+    for (int j = 0; j < 3; j++) {
+        n.colour[j] = r_load(l->output[SG_O_COLOUR + 3 * k + j] + i);
+        n.offset[j] = r_load(b->anchor[SG_A_OFFSET + 3 * k + j] + i);
+        n.anchor[j] = r_load(b->position[j] + i);
+        n.reach[j] = r_load(b->reach[j] + i);
+        n.size[j] = r_load(b->anchor[SG_A_SIZE + j] + i);
+    }
+    return n;
+}
+
+void KERNEL(neural)(const struct sg_neural_args *a, const struct sg_anchor_block *b,
+                    float (*drawn)[SG_DRAWN_PLANES][SG_LANES])
+{
+    struct layers l;
+    fill_inputs(a, b, &l);
+    hidden_layer(a->weights, &l);
+    output_layer(a->weights, &l);
+    for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++)
+        for (int i = 0; i < SG_LANES; i += LANES) {
+            const struct neural n = neural_of(b, &l, k, i);
+            real planes[SG_DRAWN_PLANES];
+            neural_forward(&n, planes);
+            planes[SG_P_OPACITY] =
+                r_sel(r_lt(r_set(0), n.y), planes[SG_P_OPACITY], r_set(-__builtin_inff()));
+            for (int p = 0; p < SG_DRAWN_PLANES; p++)
+                r_store(drawn[k][p] + i, planes[p]);
+        }
+}
+
+/* Gradients of the outputs, and of the anchors' own values. */
+SIMD void pull_outputs(const struct sg_neural_args *a, const struct sg_anchor_block *b,
+                       const struct layers *l, float (*gradient)[SG_DRAWN_PLANES][SG_LANES],
+                       float (*output)[SG_LANES], struct sg_anchor_gradient *out)
+{
+    for (int i = 0; i < SG_LANES; i += LANES) {
+        real reach[3] = {r_set(0), r_set(0), r_set(0)}, size[3] = {r_set(0), r_set(0), r_set(0)};
+        for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++) {
+            const struct neural n = neural_of(b, l, k, i);
+            const mask exists = r_lt(r_set(0), n.y);
+            real planes[SG_DRAWN_PLANES], g[SG_DRAWN_PLANES];
+            struct neural d;
+            neural_forward(&n, planes);
+            for (int p = 0; p < SG_DRAWN_PLANES; p++)
+                g[p] = r_keep(exists, r_load(gradient[k][p] + i));
+            neural_backward(&n, planes, g, r_keep(exists, r_set(a->volume)), &d);
+            r_store(output[SG_O_OPACITY + k] + i, d.y);
+            for (int j = 0; j < 7; j++)
+                r_store(output[SG_O_COVARIANCE + 7 * k + j] + i, r_keep(exists, d.cov[j]));
+            for (int j = 0; j < 3; j++) {
+                r_store(output[SG_O_COLOUR + 3 * k + j] + i, d.colour[j]);
+                r_store(out->anchor[SG_A_OFFSET + 3 * k + j] + i, d.offset[j]);
+                reach[j] += d.reach[j], size[j] += r_keep(exists, d.size[j]);
+            }
+        }
+        for (int j = 0; j < 3; j++) {
+            r_store(out->reach[j] + i, reach[j]);
+            r_store(out->anchor[SG_A_SIZE + j] + i, size[j]);
+        }
+    }
+}
+
+/* Gradients of the hidden values before the ReLU. */
+SIMD void pull_hidden(const struct sg_weights *w, const struct layers *l, float (*output)[SG_LANES],
+                      float (*hidden)[SG_LANES])
+{
+    for (int network = 0; network < SG_NETWORKS; network++)
+        for (int h = 0; h < SG_NETWORK_HIDDEN; h += ROWS) {
+            const int at = network * SG_NETWORK_HIDDEN + h;
+            for (int i = 0; i < SG_LANES; i += LANES) {
+                real sum[ROWS];
+                for (int r = 0; r < ROWS; r++)
+                    sum[r] = r_set(0);
+                for (int o = sg_network_row(network); o < sg_network_row(network + 1); o++) {
+                    const real g = r_load(output[o] + i);
+                    for (int r = 0; r < ROWS; r++)
+                        sum[r] = r_fma(r_set(w->output[o][h + r]), g, sum[r]);
+                }
+                for (int r = 0; r < ROWS; r++)
+                    r_store(hidden[at + r] + i,
+                            r_keep(r_lt(r_set(0), r_load(l->hidden[at + r] + i)), sum[r]));
+            }
+        }
+}
+
+SIMD void pull_features(const struct sg_weights *w, float (*hidden)[SG_LANES],
+                        struct sg_anchor_gradient *out)
+{
+    for (int f = 0; f < SG_ANCHOR_FEATURES; f += ROWS)
+        for (int i = 0; i < SG_LANES; i += LANES) {
+            real sum[ROWS];
+            for (int r = 0; r < ROWS; r++)
+                sum[r] = r_set(0);
+            for (int h = 0; h < SG_HIDDEN; h++) {
+                const real g = r_load(hidden[h] + i);
+                for (int r = 0; r < ROWS; r++)
+                    sum[r] = r_fma(r_set(w->input[f + r][h]), g, sum[r]);
+            }
+            for (int r = 0; r < ROWS; r++)
+                r_store(out->anchor[SG_A_FEATURE + f + r] + i, sum[r]);
+        }
+}
+
+SIMD void transpose(float (*rows)[SG_LANES], float (*out)[SG_HIDDEN])
+{
+    for (int h = 0; h < SG_HIDDEN; h++)
+        for (int lane = 0; lane < SG_LANES; lane++)
+            out[lane][h] = rows[h][lane];
+}
+
+/* sums[r][c] += the sum over the anchors of rows[r] times the c-th of their hidden values. */
+SIMD void add_products(float (*rows)[SG_LANES], int count, float (*hidden)[SG_HIDDEN], int first,
+                       int columns, float *sums)
+{
+    for (int r = 0; r < count; r++)
+        for (int c = 0; c < columns; c += 2 * LANES) {
+            float *to = sums + r * columns + c;
+            real even = r_load(to), odd = r_load(to + LANES);
+            for (int lane = 0; lane < SG_LANES; lane++) {
+                const real g = r_set(rows[r][lane]);
+                even = r_fma(g, r_load(&hidden[lane][first + c]), even);
+                odd = r_fma(g, r_load(&hidden[lane][first + c + LANES]), odd);
+            }
+            r_store(to, even);
+            r_store(to + LANES, odd);
+        }
+}
+
+void KERNEL(neural_backward)(const struct sg_neural_args *a, const struct sg_anchor_block *b,
+                             float (*gradient)[SG_DRAWN_PLANES][SG_LANES],
+                             struct sg_anchor_gradient *out, struct sg_weight_sums *sums)
+{
+    struct layers l;
+    float output[SG_OUTPUTS][SG_LANES], hidden[SG_HIDDEN][SG_LANES];
+    float across[SG_LANES][SG_HIDDEN];
+    fill_inputs(a, b, &l);
+    hidden_layer(a->weights, &l);
+    output_layer(a->weights, &l);
+    pull_outputs(a, b, &l, gradient, output, out);
+    pull_hidden(a->weights, &l, output, hidden);
+    pull_features(a->weights, hidden, out);
+    transpose(l.hidden, across);
+    for (int n = 0; n < SG_NETWORKS; n++) {
+        const int first = sg_network_row(n), end = sg_network_row(n + 1);
+        add_products(output + first, end - first, across, n * SG_NETWORK_HIDDEN, SG_NETWORK_HIDDEN,
+                     sums->output[first]);
+    }
+    transpose(hidden, across);
+    add_products(l.input, SG_NETWORK_INPUTS + 1, across, 0, SG_HIDDEN, sums->input[0]);
+    for (int o = 0; o < SG_OUTPUTS; o++)
+        for (int i = 0; i < SG_LANES; i += LANES)
+            r_store(sums->bias[o] + i, r_load(sums->bias[o] + i) + r_load(output[o] + i));
+}

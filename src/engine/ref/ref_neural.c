@@ -1,0 +1,64 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The oracle of Scaffold-GS over blocks, for the engine "ref". */
+#include "math/real_f32.h"
+
+#include "engine/scaffold/neural.h"
+#include "ref_neural.h"
+
+_Static_assert(sizeof(struct ref_weights) == sizeof(struct sg_weights), "weights in float");
+
+static struct ref_anchor anchor_of(const struct sg_anchor_block *b, int lane)
+{
+    struct ref_anchor a;
+    for (int k = 0; k < 3; k++)
+        a.position[k] = b->position[k][lane], a.reach[k] = b->reach[k][lane];
+    for (int p = 0; p < SG_A_PLANES; p++)
+        a.anchor[p] = b->anchor[p][lane];
+    return a;
+}
+
+void sg_ref_neural(const struct sg_neural_args *args, const struct sg_anchor_block *block,
+                   float (*drawn)[SG_DRAWN_PLANES][SG_LANES])
+{
+    struct ref_weights w;
+    memcpy(&w, args->weights, sizeof(w));
+    for (int lane = 0; lane < SG_LANES; lane++) {
+        const struct ref_anchor a = anchor_of(block, lane);
+        real planes[SG_ANCHOR_GAUSSIANS][SG_NEURAL_PLANES];
+        bool exists[SG_ANCHOR_GAUSSIANS];
+        ref_neural_forward(&w, &a, args->centre, planes, exists);
+        for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++)
+            for (int p = 0; p < SG_DRAWN_PLANES; p++)
+                drawn[k][p][lane] = p == SG_P_OPACITY && !exists[k] ? -INFINITY : planes[k][p];
+    }
+}
+
+void sg_ref_neural_backward(const struct sg_neural_args *args, const struct sg_anchor_block *block,
+                            float (*gradient)[SG_DRAWN_PLANES][SG_LANES],
+                            struct sg_anchor_gradient *out, struct sg_weight_sums *sums)
+{
+    struct ref_weights w, sum;
+    memcpy(&w, args->weights, sizeof(w));
+    for (int lane = 0; lane < SG_LANES; lane++) {
+        const struct ref_anchor a = anchor_of(block, lane);
+        struct ref_anchor d;
+        real g[SG_ANCHOR_GAUSSIANS][SG_NEURAL_PLANES];
+        memset(&sum, 0, sizeof(sum));
+        for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++)
+            for (int p = 0; p < SG_DRAWN_PLANES; p++)
+                g[k][p] = gradient[k][p][lane];
+        ref_neural_backward(&w, &a, args->centre, g, args->volume, &d, &sum);
+        for (int k = 0; k < 3; k++)
+            out->reach[k][lane] = d.reach[k];
+        for (int p = 0; p < SG_A_PLANES; p++)
+            out->anchor[p][lane] = d.anchor[p];
+        for (int i = 0; i <= SG_NETWORK_INPUTS; i++)
+            for (int h = 0; h < SG_HIDDEN; h++)
+                sums->input[i][h] += sum.input[i][h];
+        for (int o = 0; o < SG_OUTPUTS; o++) {
+            sums->bias[o][lane] += sum.bias[o];
+            for (int h = 0; h < SG_NETWORK_HIDDEN; h++)
+                sums->output[o][h] += sum.output[o][h];
+        }
+    }
+}

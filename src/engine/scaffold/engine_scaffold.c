@@ -1,0 +1,376 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The operations of the engine for anchors: its model, and the stages of the engine that draws. */
+#include <math.h>
+#include <string.h>
+
+#include "engine/cpu/dispatch.h"
+#include "scaffold.h"
+#include "state.h"
+
+static struct scaffold_engine *of(struct sg_engine *base)
+{
+    return (struct scaffold_engine *) base;
+}
+
+static const struct scaffold_engine *of_const(const struct sg_engine *base)
+{
+    return (const struct scaffold_engine *) base;
+}
+
+static void destroy(struct sg_engine *base)
+{
+    struct scaffold_engine *b = of(base);
+    sg_engine_destroy(&b->inner);
+    sg_host_clear(&b->anchors);
+    void *owned[] = {b->networks, b->sees,   b->seen,     b->drawn,       b->pulled,
+                     b->sums,     b->counts, b->gradient, b->weight_sums, b->weight_gradient,
+                     b->place};
+    for (size_t i = 0; i < sizeof(owned) / sizeof(owned[0]); i++)
+        sg_free(owned[i]);
+    sg_free(b);
+}
+
+static const char *variant(const struct sg_engine *base)
+{
+    return sg_engine_variant(of_const(base)->inner);
+}
+
+/* ---- the model ---- */
+
+static int refuse_plain(sg_ctx *ctx, const struct sg_columns *columns)
+{
+    return columns && columns->networks && columns->at[SG_C_ANCHOR]
+               ? SG_OK
+               : sg_fail(ctx, SG_ERR_INTERNAL, "engine: found a model without anchors");
+}
+
+static int upload(struct sg_engine *base, const struct sg_model *m,
+                  const struct sg_columns *columns)
+{
+    struct scaffold_engine *b = of(base);
+    struct sg_networks *networks;
+    int code = refuse_plain(base->ctx, columns);
+    if (code)
+        return code;
+    if (!(networks = sg_alloc_raw(base->ctx, SG_MEM_MODEL, 1, sizeof(*networks))))
+        return SG_ERR_BUDGET;
+    *networks = *columns->networks;
+    if ((code = sg_host_upload(base->ctx, &b->anchors, m, columns))) {
+        sg_free(networks);
+        return code;
+    }
+    sg_free(b->networks);
+    b->networks = networks;
+    return SG_OK;
+}
+
+static int adopt(struct sg_engine *base, struct sg_model *m, struct sg_columns *columns)
+{
+    struct scaffold_engine *b = of(base);
+    const int code = refuse_plain(base->ctx, columns);
+    if (code)
+        return code;
+    sg_free(b->networks);
+    b->networks = columns->networks;
+    sg_host_adopt(&b->anchors, m, columns);
+    return SG_OK;
+}
+
+static int download(struct sg_engine *base, struct sg_model *m, struct sg_columns *columns)
+{
+    const struct scaffold_engine *b = of(base);
+    if (columns && columns->networks)
+        *columns->networks = *b->networks;
+    return sg_host_download(&b->anchors, m, columns);
+}
+
+static size_t count(const struct sg_engine *base)
+{
+    return of_const(base)->anchors.count;
+}
+
+/* The scales of an anchor's Gaussians are at most its sizes. */
+static int read_statistics(struct sg_engine *base, const struct sg_statistics *out)
+{
+    const struct sg_host_model *h = &of(base)->anchors;
+    sg_host_statistics(base->ctx, h, out);
+    for (size_t i = 0; i < h->count; i++) {
+        const float *p = h->at[SG_C_ANCHOR] + sg_param_index(SG_A_PLANES, i, SG_A_SIZE);
+        const float s[3] = {p[0], p[SG_LANES], p[2 * SG_LANES]};
+        if (out->largest)
+            out->largest[i] = expf(fmaxf(fmaxf(s[0], s[1]), s[2]));
+        if (out->log_smallest)
+            out->log_smallest[i] = fminf(fminf(s[0], s[1]), s[2]);
+    }
+    return SG_OK;
+}
+
+static int edit(struct sg_engine *base, const struct sg_edit *e)
+{
+    of(base)->learns = false;
+    return sg_host_edit(base->ctx, &of(base)->anchors, e);
+}
+
+static int floor_scale(struct sg_engine *base, float smallest)
+{
+    (void) smallest;
+    return sg_fail(base->ctx, SG_ERR_USAGE,
+                   "engine: found least scales, which anchors do not have");
+}
+
+static int reset_opacity(struct sg_engine *base, float limit)
+{
+    (void) limit;
+    return sg_fail(base->ctx, SG_ERR_USAGE,
+                   "engine: found a reset of opacity, expected a model "
+                   "without networks");
+}
+
+static int settle(struct sg_engine *base, const struct sg_settling *s)
+{
+    struct sg_host_model *h = &of(base)->anchors;
+    if (sg_host_alloc(base->ctx, h, SG_C_ANCHOR_STATISTICS))
+        return SG_ERR_BUDGET;
+    for (size_t i = 0; i < h->count; i++) {
+        float *p = h->at[SG_C_ANCHOR] + sg_param_index(SG_A_PLANES, i, SG_A_SIZE),
+              *stat = h->at[SG_C_ANCHOR_STATISTICS] + sg_param_index(SG_A_STATISTICS, i, 0);
+        for (int k = 0; k < 3; k++)
+            p[k * SG_LANES] = fminf(p[k * SG_LANES], s->log_largest);
+        for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++)
+            if (stat[(SG_A_DRAWN + k) * SG_LANES] > s->drawn)
+                stat[(SG_A_DRAWN + k) * SG_LANES] = stat[(SG_A_GRADIENT + k) * SG_LANES] = 0;
+        if (stat[SG_A_SEEN * SG_LANES] > s->seen)
+            stat[SG_A_SEEN * SG_LANES] = stat[SG_A_OPACITY * SG_LANES] = 0;
+    }
+    return SG_OK;
+}
+
+static int do_project(struct sg_engine *base, const struct sg_camera *camera, int sh_degree,
+                      const struct sg_render_params *params)
+{
+    (void) sh_degree;
+    struct scaffold_engine *b = of(base);
+    const int code = sg_scaffold_view(b, camera);
+    b->inner->step = base->step;
+    b->inner->width = base->width, b->inner->height = base->height;
+    return code ? code : b->inner->ops->project(b->inner, camera, 0, params);
+}
+
+/* ---- the engine that draws ---- */
+
+static int bin(struct sg_engine *base)
+{
+    return of(base)->inner->ops->bin(of(base)->inner);
+}
+
+static int raster(struct sg_engine *base, bool auxiliary)
+{
+    return of(base)->inner->ops->raster(of(base)->inner, auxiliary);
+}
+
+static int read_image(struct sg_engine *base, float *rgb, float *alpha, float *depth)
+{
+    return of(base)->inner->ops->read_image(of(base)->inner, rgb, alpha, depth);
+}
+
+static int loss(struct sg_engine *base, const struct sg_target_pixels *target,
+                const struct sg_loss *l)
+{
+    return of(base)->inner->ops->loss(of(base)->inner, target, l);
+}
+
+static int write_image_gradient(struct sg_engine *base, const float *gradient)
+{
+    return of(base)->inner->ops->write_image_gradient(of(base)->inner, gradient);
+}
+
+static int raster_backward(struct sg_engine *base)
+{
+    return of(base)->inner->ops->raster_backward(of(base)->inner);
+}
+
+static int read_step(struct sg_engine *base)
+{
+    struct sg_engine *inner = of(base)->inner;
+    const int code = inner->ops->read_step ? inner->ops->read_step(inner) : SG_OK;
+    base->step = inner->step;
+    return code;
+}
+
+/* ---- anchors and networks ---- */
+
+static int pull(struct sg_engine *base, bool statistics)
+{
+    return sg_scaffold_pull(of(base), statistics);
+}
+
+static int optimise(struct sg_engine *base, const struct sg_update *u)
+{
+    return sg_scaffold_optimise(of(base), u);
+}
+
+static int learn_networks(struct sg_engine *base, const struct sg_network_update *u)
+{
+    return sg_scaffold_learn(of(base), u);
+}
+
+/* out: scales, and the anchors' own values where it has room for them. */
+static int read_gradients(struct sg_engine *base, struct sg_model *out)
+{
+    const struct scaffold_engine *b = of(base);
+    float *anchor = out->columns ? out->columns->at[SG_C_ANCHOR] : NULL;
+    const int planes = b->anchors.planes;
+    memset(out->params, 0, out->capacity * (size_t) planes * sizeof(float));
+    if (anchor)
+        memset(anchor, 0, out->capacity * SG_A_PLANES * sizeof(float));
+    for (size_t k = 0; k < b->seen_count; k++) {
+        const struct sg_anchor_gradient *g = &b->gradient[k / SG_LANES];
+        const size_t i = b->seen[k].anchor, lane = k % SG_LANES;
+        for (int axis = 0; axis < 3; axis++)
+            out->params[sg_param_index(planes, i, SG_P_SCALE + axis)] = g->reach[axis][lane];
+        for (int p = 0; anchor && p < SG_A_PLANES; p++)
+            anchor[sg_param_index(SG_A_PLANES, i, p)] = g->anchor[p][lane];
+    }
+    if (out->columns && out->columns->networks)
+        out->columns->networks->value = *b->weight_gradient;
+    return SG_OK;
+}
+
+/* ---- hits ---- */
+
+/* Of the view's Gaussians. */
+struct own_hits {
+    double *hits;
+    float *params; /* NULL: nobody asks for their scales */
+    size_t cap_hits, cap_params;
+};
+
+static int count_view(struct scaffold_engine *b, const struct sg_camera *view,
+                      const struct sg_render_params *params, enum sg_hit kind, bool scales,
+                      struct own_hits *own)
+{
+    sg_ctx *ctx = b->base.ctx;
+    const size_t n = sg_scaffold_drawn(b);
+    if (sg_grow(ctx, SG_MEM_SPLATS, &own->hits, &own->cap_hits, n, 0, sizeof(*own->hits)) ||
+        (scales && sg_grow(ctx, SG_MEM_SPLATS, &own->params, &own->cap_params, sg_blocks(n), 0,
+                           SG_DRAWN_PLANES * SG_LANES * sizeof(float))))
+        return SG_ERR_BUDGET;
+    struct sg_model m = {.count = n, .params = own->params};
+    const int code = scales ? b->inner->ops->download(b->inner, &m, NULL) : SG_OK;
+    return code ? code : b->inner->ops->count_hits(b->inner, &view, 1, params, kind, own->hits);
+}
+
+static float log_smallest_of(const float *params, size_t i)
+{
+    const float *s = params + sg_param_index(SG_DRAWN_PLANES, i, SG_P_SCALE);
+    return fminf(fminf(s[0], s[SG_LANES]), s[2 * SG_LANES]);
+}
+
+/* Those of an anchor are those of its Gaussians, added up. */
+static int weigh_hits(struct sg_engine *base, const struct sg_camera *const *views, size_t n,
+                      const struct sg_render_params *params, enum sg_hit kind,
+                      double (*weight)(const void *arg, float log_smallest), const void *arg,
+                      double *hits)
+{
+    struct scaffold_engine *b = of(base);
+    struct own_hits own = {0};
+    int code = SG_OK;
+    memset(hits, 0, b->anchors.count * sizeof(*hits));
+    for (size_t v = 0; v < n && !code; v++) {
+        if ((code = sg_progress(base->ctx, SG_STAGE_COUNT, v, n)) ||
+            (code = sg_scaffold_view(b, views[v])) ||
+            (code = count_view(b, views[v], params, kind, weight != NULL, &own)))
+            break;
+        for (size_t k = 0; k < b->seen_count; k++) {
+            const struct seen *s = &b->seen[k];
+            const size_t end = s->first + (size_t) __builtin_popcount(s->exists);
+            double sum = 0;
+            for (size_t i = s->first; i < end; i++)
+                if (own.hits[i] > 0)
+                    sum += own.hits[i] * (weight ? weight(arg, log_smallest_of(own.params, i)) : 1);
+            hits[s->anchor] += kind == SG_HIT_VIEWS && !weight ? sum > 0 : sum;
+        }
+    }
+    sg_free(own.hits);
+    sg_free(own.params);
+    return code;
+}
+
+static int count_hits(struct sg_engine *base, const struct sg_camera *const *views, size_t n,
+                      const struct sg_render_params *params, enum sg_hit kind, double *hits)
+{
+    return weigh_hits(base, views, n, params, kind, NULL, NULL, hits);
+}
+
+static const struct sg_engine_ops ops = {
+    .name = "scaffold",
+    .exposure = true,
+    .destroy = destroy,
+    .variant = variant,
+    .upload = upload,
+    .adopt = adopt,
+    .download = download,
+    .count = count,
+    .read_statistics = read_statistics,
+    .edit = edit,
+    .floor_scale = floor_scale,
+    .reset_opacity = reset_opacity,
+    .settle = settle,
+    .project = do_project,
+    .bin = bin,
+    .raster = raster,
+    .read_image = read_image,
+    .loss = loss,
+    .write_image_gradient = write_image_gradient,
+    .raster_backward = raster_backward,
+    .project_backward = pull,
+    .optimise = optimise,
+    .learn_networks = learn_networks,
+    .read_gradients = read_gradients,
+    .read_step = read_step,
+    .count_hits = count_hits,
+    .weigh_hits = weigh_hits,
+};
+
+int sg_scaffold_wrap(sg_ctx *ctx, struct sg_engine **engine)
+{
+    struct sg_engine *inner = *engine;
+    const struct cpu_kernels *kernels = NULL;
+    const bool ref = !strcmp(inner->ops->name, "ref");
+    struct scaffold_engine *b = NULL;
+    int code = SG_OK;
+    if (!ref && strcmp(inner->ops->name, "cpu") != 0)
+        code =
+            sg_fail(ctx, SG_ERR_USAGE,
+                    "engine: found %s with a model of anchors (Scaffold-GS), expected cpu or ref",
+                    inner->ops->name);
+    else if (!ref)
+        code = sg_cpu_select(ctx, sg_engine_variant(inner), &kernels);
+    if (!code &&
+        (!(b = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*b))) ||
+         !(b->weight_gradient = sg_alloc(ctx, SG_MEM_SPLATS, 1, sizeof(*b->weight_gradient)))))
+        code = SG_ERR_BUDGET;
+    if (code) {
+        sg_free(b);
+        return code;
+    }
+    b->base = (struct sg_engine){.ops = &ops, .ctx = ctx, .each = SG_ANCHOR_GAUSSIANS};
+    b->inner = inner;
+    b->neural = ref ? sg_ref_neural : kernels->neural;
+    b->neural_backward = ref ? sg_ref_neural_backward : kernels->neural_backward;
+    *engine = &b->base;
+    return SG_OK;
+}
+
+uint64_t sg_scaffold_footprint(const struct sg_work *work, uint64_t drawn)
+{
+    struct sg_work own = *work;
+    own.sh_degree = 0;
+    const uint64_t seen =
+        sizeof(struct sg_anchor_gradient) / SG_LANES + sizeof(struct seen) + sizeof(uint32_t) + 1;
+    const uint64_t pulled = (SG_DRAWN_PLANES + 2) * sizeof(float);
+    /* Growth reads a copy of what it needs. */
+    const uint64_t read = (SG_DRAWN_PLANES + SG_A_PLANES + SG_A_STATISTICS) * sizeof(float);
+    return drawn + pulled * 3 / 2 +
+           (sg_host_footprint(&own, false) + seen * 3 / 2 + read) / SG_ANCHOR_GAUSSIANS;
+}

@@ -1,0 +1,237 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Gradients of a view's Gaussians to those of its anchors and of the networks, and the steps of
+ * Adam. */
+#include "math/real_f32.h"
+
+#include <string.h>
+
+#include "math/adam.h"
+#include "state.h"
+
+#define NOWHERE UINT32_MAX
+
+/* Gradients of the Gaussians, and their statistics if they count. */
+static int pull_drawn(struct scaffold_engine *b, bool statistics)
+{
+    sg_ctx *ctx = b->base.ctx;
+    struct sg_engine *inner = b->inner;
+    const size_t blocks = sg_blocks(sg_scaffold_drawn(b));
+    struct sg_columns counted = {0};
+    if (sg_grow(ctx, SG_MEM_SPLATS, &b->pulled, &b->cap_pulled, blocks, 0,
+                SG_DRAWN_PLANES * SG_LANES * sizeof(float)) ||
+        (statistics && (sg_grow(ctx, SG_MEM_SPLATS, &b->sums, &b->cap_sums, blocks, 0,
+                                SG_LANES * sizeof(float)) ||
+                        sg_grow(ctx, SG_MEM_SPLATS, &b->counts, &b->cap_counts, blocks, 0,
+                                SG_LANES * sizeof(float)))))
+        return SG_ERR_BUDGET;
+    struct sg_model m = {
+        .count = sg_scaffold_drawn(b), .capacity = blocks * SG_LANES, .params = b->pulled};
+    int code = inner->ops->project_backward(inner, statistics);
+    if (!code)
+        code = inner->ops->read_gradients(inner, &m);
+    counted.at[SG_C_GRAD_SUM] = b->sums, counted.at[SG_C_GRAD_COUNT] = b->counts;
+    if (!code && statistics)
+        code = inner->ops->download(inner, NULL, &counted);
+    return code;
+}
+
+#define PIECES 32 /* of the sums over anchors */
+
+struct pull_job {
+    struct scaffold_engine *b;
+    size_t blocks, each; /* blocks in all, and of a piece */
+    bool statistics;
+};
+
+static void count_anchor(const struct scaffold_engine *b, const struct seen *s)
+{
+    float *stat =
+        b->anchors.at[SG_C_ANCHOR_STATISTICS] + sg_param_index(SG_A_STATISTICS, s->anchor, 0);
+    size_t from = s->first;
+    stat[SG_A_SEEN * SG_LANES] += 1;
+    stat[SG_A_OPACITY * SG_LANES] += s->opacity;
+    for (int g = 0; g < SG_ANCHOR_GAUSSIANS; g++) {
+        if (!(s->exists >> g & 1))
+            continue;
+        stat[(SG_A_GRADIENT + g) * SG_LANES] += b->sums[from];
+        stat[(SG_A_DRAWN + g) * SG_LANES] += b->counts[from];
+        from++;
+    }
+}
+
+static void pull_piece(void *arg, size_t piece, int thread)
+{
+    (void) thread;
+    const struct pull_job *j = arg;
+    struct scaffold_engine *b = j->b;
+    const size_t end = (piece + 1) * j->each;
+    struct sg_weight_sums *sums = &b->weight_sums[piece];
+    memset(sums, 0, sizeof(*sums));
+    for (size_t block = piece * j->each; block < end && block < j->blocks; block++) {
+        struct sg_anchor_block anchors;
+        sg_drawn_block gradient;
+        memset(gradient, 0, sizeof(gradient));
+        sg_scaffold_gather(b, block, &anchors);
+        for (size_t lane = 0; lane < SG_LANES; lane++) {
+            const size_t at = block * SG_LANES + lane;
+            if (at >= b->seen_count)
+                break;
+            const struct seen *s = &b->seen[at];
+            size_t from = s->first;
+            for (int g = 0; g < SG_ANCHOR_GAUSSIANS; g++) {
+                if (!(s->exists >> g & 1))
+                    continue;
+                for (int p = 0; p < SG_DRAWN_PLANES; p++)
+                    gradient[g][p][lane] = b->pulled[sg_param_index(SG_DRAWN_PLANES, from, p)];
+                from++;
+            }
+            if (j->statistics)
+                count_anchor(b, s);
+        }
+        b->neural_backward(&b->args, &anchors, gradient, &b->gradient[block], sums);
+    }
+}
+
+static void add_weights(struct scaffold_engine *b, size_t pieces)
+{
+    struct sg_weights *to = b->weight_gradient;
+    memset(to, 0, sizeof(*to));
+    for (size_t piece = 0; piece < pieces; piece++) {
+        const struct sg_weight_sums *s = &b->weight_sums[piece];
+        for (int i = 0; i <= SG_NETWORK_INPUTS; i++)
+            for (int h = 0; h < SG_HIDDEN; h++)
+                to->input[i][h] += s->input[i][h];
+        for (int o = 0; o < SG_OUTPUTS; o++) {
+            for (int h = 0; h < SG_NETWORK_HIDDEN; h++)
+                to->output[o][h] += s->output[o][h];
+            for (int lane = 0; lane < SG_LANES; lane++)
+                to->bias[o] += s->bias[o][lane];
+        }
+    }
+}
+
+int sg_scaffold_pull(struct scaffold_engine *b, bool statistics)
+{
+    sg_ctx *ctx = b->base.ctx;
+    const size_t blocks = sg_blocks(b->seen_count), each = (blocks + PIECES - 1) / PIECES;
+    const size_t pieces = each ? (blocks + each - 1) / each : 0;
+    int code = pull_drawn(b, statistics && b->drawn_count);
+    if (code)
+        return code;
+    if ((statistics && sg_host_alloc(ctx, &b->anchors, SG_C_ANCHOR_STATISTICS)) ||
+        sg_grow(ctx, SG_MEM_SPLATS, &b->gradient, &b->cap_gradient, blocks, 0,
+                sizeof(*b->gradient)) ||
+        sg_grow(ctx, SG_MEM_SPLATS, &b->weight_sums, &b->cap_weight_sums, pieces, 0,
+                sizeof(*b->weight_sums)))
+        return SG_ERR_BUDGET;
+    b->args.volume = b->drawn_count ? SG_ANCHOR_VOLUME / (float) b->drawn_count : 0;
+    struct pull_job job = {b, blocks, each, statistics};
+    sg_parallel_for(ctx, pieces, pull_piece, &job);
+    add_weights(b, pieces);
+    b->learns = true;
+    return SG_OK;
+}
+
+/* ---- the optimiser ---- */
+
+struct learn_job {
+    struct scaffold_engine *b;
+    const struct sg_update *u;
+};
+
+/* One plane of a block. */
+static void step_plane(float *p, float *m, float *v, const float *g, float rate, float root)
+{
+    for (int lane = 0; lane < SG_LANES; lane++) {
+        const struct adam_state s =
+            adam_step((struct adam_state){p[lane], m[lane], v[lane]}, g[lane], rate, root);
+        p[lane] = s.p, m[lane] = s.m, v[lane] = s.v;
+    }
+}
+
+/* The gradients of a block of anchors; those that were not seen have none. */
+static void spread(const struct scaffold_engine *b, size_t block, struct sg_anchor_gradient *out)
+{
+    memset(out, 0, sizeof(*out));
+    for (size_t lane = 0; lane < SG_LANES; lane++) {
+        const size_t i = block * SG_LANES + lane;
+        if (i >= b->anchors.count || b->place[i] == NOWHERE)
+            continue;
+        const struct sg_anchor_gradient *from = &b->gradient[b->place[i] / SG_LANES];
+        const size_t at = b->place[i] % SG_LANES;
+        for (int k = 0; k < 3; k++)
+            out->reach[k][lane] = from->reach[k][at];
+        for (int p = 0; p < SG_A_PLANES; p++)
+            out->anchor[p][lane] = from->anchor[p][at];
+    }
+}
+
+#define LEARN_BLOCKS 16
+
+static void learn_piece(void *arg, size_t piece, int thread)
+{
+    (void) thread;
+    const struct learn_job *j = arg;
+    const struct sg_update *u = j->u;
+    struct sg_host_model *h = &j->b->anchors;
+    const size_t most = sg_blocks(h->count), end = (piece + 1) * LEARN_BLOCKS;
+    for (size_t block = piece * LEARN_BLOCKS; block < end && block < most; block++) {
+        struct sg_anchor_gradient g;
+        const size_t params = sg_param_index(h->planes, block * SG_LANES, SG_P_SCALE),
+                     anchor = sg_param_index(SG_A_PLANES, block * SG_LANES, 0);
+        spread(j->b, block, &g);
+        for (size_t k = 0; k < 3; k++)
+            step_plane(h->at[SG_C_PARAMETERS] + params + k * SG_LANES,
+                       h->at[SG_C_MOMENT1] + params + k * SG_LANES,
+                       h->at[SG_C_MOMENT2] + params + k * SG_LANES, g.reach[k], u->rate[SG_G_SCALE],
+                       u->root[SG_G_SCALE]);
+        for (size_t k = 0; k < SG_A_PLANES; k++) {
+            const enum sg_group group = k < SG_A_FEATURE ? SG_G_OFFSET
+                                        : k < SG_A_SIZE  ? SG_G_FEATURE
+                                                         : SG_G_SCALE;
+            step_plane(h->at[SG_C_ANCHOR] + anchor + k * SG_LANES,
+                       h->at[SG_C_ANCHOR_MOMENT1] + anchor + k * SG_LANES,
+                       h->at[SG_C_ANCHOR_MOMENT2] + anchor + k * SG_LANES, g.anchor[k],
+                       u->rate[group], u->root[group]);
+        }
+    }
+}
+
+int sg_scaffold_optimise(struct scaffold_engine *b, const struct sg_update *u)
+{
+    struct sg_host_model *h = &b->anchors;
+    sg_ctx *ctx = b->base.ctx;
+    if (u->accumulate || u->mean_opacity != 0 || u->mean_scale != 0)
+        return sg_fail(ctx, SG_ERR_USAGE, "engine: found an update that anchors do not have");
+    if (!u->adam)
+        return SG_OK;
+    if (sg_host_alloc(ctx, h, SG_C_MOMENT1) || sg_host_alloc(ctx, h, SG_C_MOMENT2) ||
+        sg_host_alloc(ctx, h, SG_C_ANCHOR_MOMENT1) || sg_host_alloc(ctx, h, SG_C_ANCHOR_MOMENT2) ||
+        sg_grow(ctx, SG_MEM_SPLATS, &b->place, &b->cap_place, h->count, 0, sizeof(*b->place)))
+        return SG_ERR_BUDGET;
+    for (size_t i = 0; i < h->count; i++)
+        b->place[i] = NOWHERE;
+    for (size_t k = 0; k < b->seen_count; k++)
+        b->place[b->seen[k].anchor] = (uint32_t) k;
+    struct learn_job job = {b, u};
+    sg_parallel_for(ctx, (sg_blocks(h->count) + LEARN_BLOCKS - 1) / LEARN_BLOCKS, learn_piece,
+                    &job);
+    return SG_OK;
+}
+
+int sg_scaffold_learn(struct scaffold_engine *b, const struct sg_network_update *u)
+{
+    if (!b->learns)
+        return sg_fail(b->base.ctx, SG_ERR_INTERNAL,
+                       "engine: learn_networks: found no gradients of this view and model");
+    b->learns = false;
+    float *p = (float *) &b->networks->value, *m = (float *) &b->networks->moment1,
+          *v = (float *) &b->networks->moment2;
+    const float *g = (const float *) b->weight_gradient;
+    for (size_t i = 0; i < SG_WEIGHTS; i++) {
+        const struct adam_state s = adam_step((struct adam_state){p[i], m[i], v[i]}, g[i],
+                                              u->rate[sg_weight_network(i)], u->root);
+        p[i] = s.p, m[i] = s.m, v[i] = s.v;
+    }
+    return SG_OK;
+}

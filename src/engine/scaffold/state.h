@@ -1,0 +1,61 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The state of the engine for anchors, and its own stages: view.c makes Gaussians of anchors,
+ * learn.c takes their gradients back. However work is cut into pieces, every sum is taken in a
+ * fixed order, so that any number of threads gives the same bytes. */
+#ifndef SG_SCAFFOLD_STATE_H
+#define SG_SCAFFOLD_STATE_H
+
+#include "engine/host/host_model.h"
+#include "engine/ops.h"
+#include "neural.h"
+
+/* What a view makes of an anchor that it sees. */
+struct seen {
+    uint32_t anchor;
+    uint32_t first;  /* its first Gaussian */
+    uint16_t exists; /* a bit for each that it has */
+    float opacity;   /* the sum of theirs */
+};
+
+struct scaffold_engine {
+    struct sg_engine base;
+    struct sg_engine *inner;
+    void (*neural)(const struct sg_neural_args *, const struct sg_anchor_block *,
+                   float (*)[SG_DRAWN_PLANES][SG_LANES]);
+    void (*neural_backward)(const struct sg_neural_args *, const struct sg_anchor_block *,
+                            float (*)[SG_DRAWN_PLANES][SG_LANES], struct sg_anchor_gradient *,
+                            struct sg_weight_sums *);
+    struct sg_host_model anchors;
+    struct sg_networks *networks;
+    /* of the view */
+    struct sg_neural_args args;
+    uint8_t *sees; /* of each anchor */
+    struct seen *seen;
+    size_t seen_count, drawn_count, last_drawn;
+    sg_drawn_block *drawn;               /* of a chunk */
+    float *pulled, *sums, *counts;       /* of the Gaussians: gradients, statistics of growth */
+    struct sg_anchor_gradient *gradient; /* by block of seen anchors */
+    struct sg_weight_sums *weight_sums;  /* of each piece */
+    struct sg_weights *weight_gradient;
+    uint32_t *place; /* of each anchor among those seen */
+    bool learns;     /* weight_gradient is that of the newest view */
+    size_t cap_sees, cap_seen, cap_drawn, cap_pulled, cap_sums, cap_counts, cap_gradient, cap_place,
+        cap_weight_sums;
+};
+
+/* A view without Gaussians gets one that is not drawn. */
+static inline size_t sg_scaffold_drawn(const struct scaffold_engine *b)
+{
+    return b->drawn_count ? b->drawn_count : 1;
+}
+
+/* Makes the view's Gaussians, and hands them to the engine that draws. */
+int sg_scaffold_view(struct scaffold_engine *b, const struct sg_camera *camera);
+/* The values of a block of seen anchors. Lanes beyond the last are its copies. */
+void sg_scaffold_gather(const struct scaffold_engine *b, size_t block, struct sg_anchor_block *out);
+/* Gradients of the view's Gaussians to those of anchors and weights. */
+int sg_scaffold_pull(struct scaffold_engine *b, bool statistics);
+int sg_scaffold_optimise(struct scaffold_engine *b, const struct sg_update *u);
+int sg_scaffold_learn(struct scaffold_engine *b, const struct sg_network_update *u);
+
+#endif

@@ -1,0 +1,78 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Scaffold-GS (Lu et al. 2024): Gaussians that networks make anew for each view, from anchors. An
+ * anchor has a position, a feature, SG_ANCHOR_GAUSSIANS offsets and six scales. */
+#ifndef SG_MODEL_ANCHOR_H
+#define SG_MODEL_ANCHOR_H
+
+#include "splatguard/model.h"
+
+#define SG_ANCHOR_GAUSSIANS 10 /* of an anchor, of which a view draws those that are opaque */
+#define SG_ANCHOR_FEATURES 32
+#define SG_ANCHOR_VOLUME 0.01f /* weight in the loss of the mean product of the drawn scales */
+
+/* An anchor is a Gaussian of SH degree 0 to the library: its position is fixed, its scales
+ * (SG_P_SCALE) are the unit of its offsets, the rest is not used. The others of its values are in
+ * the column SG_C_ANCHOR, in these planes. */
+enum sg_anchor_plane {
+    SG_A_OFFSET = 0,   /* 3 SG_ANCHOR_GAUSSIANS: of Gaussian k along axis i at 3 k + i */
+    SG_A_FEATURE = 30, /* SG_ANCHOR_FEATURES */
+    SG_A_SIZE = 62,    /* 3: natural log of the largest scales of its Gaussians */
+    SG_A_PLANES = 65
+};
+
+/* Of an anchor, in the column SG_C_ANCHOR_STATISTICS. */
+enum sg_anchor_statistic {
+    SG_A_GRADIENT = 0, /* of each offset: sum of the gradient norms of its Gaussian */
+    SG_A_DRAWN = 10,   /* of each offset: views that drew it */
+    SG_A_OPACITY = 20, /* sum of its Gaussians' opacities over the views that saw the anchor */
+    SG_A_SEEN = 21,    /* those views */
+    SG_A_STATISTICS = 22
+};
+
+/* The networks: each has one hidden layer of SG_NETWORK_HIDDEN values behind a ReLU. All read the
+ * same inputs, so their hidden layers lie side by side. */
+enum sg_network { SG_N_OPACITY, SG_N_COVARIANCE, SG_N_COLOUR, SG_NETWORKS };
+#define SG_NETWORK_HIDDEN 32
+#define SG_NETWORK_INPUTS (SG_ANCHOR_FEATURES + 3) /* the feature, and the direction of view */
+#define SG_HIDDEN (SG_NETWORKS * SG_NETWORK_HIDDEN)
+
+/* Outputs: an opacity for each Gaussian, then a size, 3, and a rotation, 4, then a colour. */
+#define SG_O_OPACITY 0
+#define SG_O_COVARIANCE SG_ANCHOR_GAUSSIANS
+#define SG_O_COLOUR (8 * SG_ANCHOR_GAUSSIANS)
+#define SG_OUTPUTS (11 * SG_ANCHOR_GAUSSIANS)
+
+/* Rows of `output` before those of a network, and behind the last. */
+static inline int sg_network_row(int network)
+{
+    return network == SG_N_OPACITY      ? SG_O_OPACITY
+           : network == SG_N_COVARIANCE ? SG_O_COVARIANCE
+           : network == SG_N_COLOUR     ? SG_O_COLOUR
+                                        : SG_OUTPUTS;
+}
+
+struct sg_weights {
+    float input[SG_NETWORK_INPUTS + 1][SG_HIDDEN]; /* by input; the last row: biases */
+    float output[SG_OUTPUTS][SG_NETWORK_HIDDEN];   /* by output, from its network's hidden values */
+    float bias[SG_OUTPUTS];
+};
+#define SG_WEIGHTS (sizeof(struct sg_weights) / sizeof(float))
+
+/* The network that a value of struct sg_weights belongs to. */
+static inline enum sg_network sg_weight_network(size_t i)
+{
+    const size_t first = (SG_NETWORK_INPUTS + 1) * SG_HIDDEN,
+                 biases = first + SG_OUTPUTS * SG_NETWORK_HIDDEN;
+    if (i < first)
+        return (enum sg_network)(i % SG_HIDDEN / SG_NETWORK_HIDDEN);
+    const size_t row = i < biases ? (i - first) / SG_NETWORK_HIDDEN : i - biases;
+    return row < SG_O_COVARIANCE ? SG_N_OPACITY : row < SG_O_COLOUR ? SG_N_COVARIANCE : SG_N_COLOUR;
+}
+
+/* What all anchors of a model share. */
+struct sg_networks {
+    struct sg_weights value, moment1, moment2; /* moments: of Adam */
+    float voxel;                               /* cell of the finest growth, scene units */
+};
+
+#endif

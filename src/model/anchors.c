@@ -1,0 +1,156 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The anchors that a training begins with, and networks of random weights. */
+#include "anchors.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/compare.h"
+#include "core/rng.h"
+#include "nearest.h"
+
+#define MIN_SQUARED_SCALE 1e-7f
+#define INITIAL_LOGIT -2.1972246f /* of an opacity that is carried along and not used */
+
+int sg_anchors_add(sg_ctx *ctx, struct sg_model *m)
+{
+    if (!m->columns && !(m->columns = sg_alloc(ctx, SG_MEM_MODEL, 1, sizeof(*m->columns))))
+        return SG_ERR_BUDGET;
+    m->columns->capacity = m->capacity;
+    m->columns->at[SG_C_ANCHOR] =
+        sg_alloc(ctx, SG_MEM_MODEL, m->capacity, SG_A_PLANES * sizeof(float));
+    m->columns->networks = sg_alloc(ctx, SG_MEM_MODEL, 1, sizeof(*m->columns->networks));
+    return m->columns->at[SG_C_ANCHOR] && m->columns->networks ? SG_OK : SG_ERR_BUDGET;
+}
+
+/* Uniform, as wide as the root of the inputs' number asks for. */
+static void draw_networks(struct sg_networks *n, uint64_t seed)
+{
+    float *w = (float *) &n->value;
+    const size_t hidden = sizeof(n->value.input) / sizeof(float);
+    for (size_t i = 0; i < SG_WEIGHTS; i++) {
+        const float inputs = i < hidden ? SG_NETWORK_INPUTS : SG_NETWORK_HIDDEN;
+        w[i] = (2 * sg_rng_uniform(seed, SG_RNG_NETWORKS, 0, i) - 1) / sqrtf(inputs);
+    }
+}
+
+bool sg_anchor_cell(float position, float size, int64_t *cell)
+{
+    const float at = rintf(position / size);
+    if (!(fabsf(at) <= 0x1p62f))
+        return false;
+    *cell = (int64_t) at;
+    return true;
+}
+
+static int cell_ascending(const void *a, const void *b)
+{
+    const int64_t *x = a, *y = b;
+    for (int k = 0; k < 3; k++)
+        if (x[k] != y[k])
+            return x[k] < y[k] ? -1 : 1;
+    return 0;
+}
+
+/* The element that the released code takes for the median. */
+static int median_voxel(sg_ctx *ctx, const float *xyz, size_t n, float *out)
+{
+    float *d2 = sg_alloc_raw(ctx, SG_MEM_MISC, n, sizeof(*d2));
+    int code = d2 ? sg_nearest3(ctx, xyz, n, d2) : SG_ERR_BUDGET;
+    if (!code) {
+        qsort(d2, n, sizeof(*d2), sg_float_ascending);
+        *out = d2[n / 2 - 1];
+        if (!(*out > 0))
+            code = sg_fail(ctx, SG_ERR_INPUT,
+                           "points: found half of them on others, expected a voxel size");
+    }
+    sg_free(d2);
+    return code;
+}
+
+/* The cells of all points, sorted, each once. */
+static int find_cells(sg_ctx *ctx, const float *xyz, size_t n, float voxel, int64_t (**out)[3],
+                      size_t *count)
+{
+    int64_t(*cells)[3] = sg_alloc_raw(ctx, SG_MEM_MISC, n, sizeof(*cells));
+    *out = cells;
+    if (!cells)
+        return SG_ERR_BUDGET;
+    for (size_t i = 0; i < n; i++)
+        for (size_t k = 0; k < 3; k++)
+            if (!sg_anchor_cell(xyz[3 * i + k], voxel, &cells[i][k]))
+                return sg_fail(ctx, SG_ERR_INPUT,
+                               "points: point %zu: found coordinate %g, expected at most 2^62 "
+                               "voxels of %g",
+                               i, (double) xyz[3 * i + k], (double) voxel);
+    qsort(cells, n, sizeof(*cells), cell_ascending);
+    size_t unique = 0;
+    for (size_t i = 0; i < n; i++)
+        if (!i || cell_ascending(cells[i], cells[unique - 1]) != 0)
+            memmove(cells[unique++], cells[i], sizeof(*cells));
+    *count = unique;
+    return unique >= 4 ? SG_OK
+                       : sg_fail(ctx, SG_ERR_INPUT,
+                                 "points: found %zu voxels of %g with a point, expected at least 4",
+                                 unique, (double) voxel);
+}
+
+static int make_anchors(sg_ctx *ctx, const float *xyz, size_t n, struct sg_model **out)
+{
+    float *d2 = sg_alloc_raw(ctx, SG_MEM_MISC, n, sizeof(*d2));
+    struct sg_model *m = NULL;
+    int code = d2 ? sg_nearest3(ctx, xyz, n, d2) : SG_ERR_BUDGET;
+    if (!code)
+        code = sg_model_create(ctx, n, 0, &m);
+    if (!code)
+        code = sg_anchors_add(ctx, m);
+    for (size_t i = 0; i < n && !code; i++) {
+        const float scale = 0.5f * logf(fminf(fmaxf(d2[i], MIN_SQUARED_SCALE), 1e30f));
+        for (size_t k = 0; k < 3; k++) {
+            *sg_model_at(m, i, SG_P_XYZ + (int) k) = xyz[3 * i + k];
+            *sg_model_at(m, i, SG_P_SCALE + (int) k) = scale;
+            m->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, i, SG_A_SIZE + (int) k)] =
+                scale;
+        }
+        *sg_model_at(m, i, SG_P_OPACITY) = INITIAL_LOGIT;
+        *sg_model_at(m, i, SG_P_ROT) = 1;
+    }
+    sg_free(d2);
+    if (code)
+        sg_model_destroy(&m);
+    *out = m;
+    return code;
+}
+
+int sg_anchors_init(sg_ctx *ctx, const float *xyz, size_t n, const struct sg_anchor_start *start,
+                    size_t *cells, struct sg_model **out)
+{
+    int64_t(*cell)[3] = NULL;
+    float voxel = start->voxel, *at = NULL;
+    *out = NULL;
+    if (n < 4)
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "points: found %zu, expected at least 4: scales come from 3 neighbours", n);
+    int code = voxel > 0 ? SG_OK : median_voxel(ctx, xyz, n, &voxel);
+    if (!code)
+        code = find_cells(ctx, xyz, n, voxel, &cell, cells);
+    if (!code) {
+        const size_t kept = start->limit && *cells > start->limit ? start->limit : *cells;
+        at = sg_alloc_raw(ctx, SG_MEM_MISC, kept, 3 * sizeof(*at));
+        code = at ? SG_OK : SG_ERR_BUDGET;
+        for (size_t i = 0; i < 3 * kept && !code; i++) /* thinned out evenly */
+            at[i] = (float) cell[(size_t) ((uint64_t) *cells * (i / 3) / kept)][i % 3] * voxel;
+        sg_free(cell);
+        cell = NULL;
+        if (!code)
+            code = make_anchors(ctx, at, kept, out);
+    }
+    if (!code) {
+        draw_networks((*out)->columns->networks, start->seed);
+        (*out)->columns->networks->voxel = voxel;
+    }
+    sg_free(cell);
+    sg_free(at);
+    return code;
+}

@@ -1,0 +1,43 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Models of anchors: their start and their files. */
+#ifndef SG_MODEL_ANCHORS_H
+#define SG_MODEL_ANCHORS_H
+
+#include "columns.h"
+#include "core/source.h"
+
+/* Whether a model is one of anchors. */
+static inline bool sg_model_has_anchors(const struct sg_model *m)
+{
+    return m->columns && m->columns->networks;
+}
+
+/* Gives a model of SH degree 0 the values of anchors beside its parameters and networks, all
+ * zeros. SG_ERR_BUDGET. */
+int sg_anchors_add(sg_ctx *ctx, struct sg_model *model);
+
+struct sg_anchor_start {
+    float voxel;   /* side of the cells that get an anchor, scene units; 0: the median of the mean
+                      squared distances to the 3 nearest points, as the released code does */
+    size_t limit;  /* at most so many anchors, at least 4; 0 = any number */
+    uint64_t seed; /* of the networks */
+};
+/* Anchors in the cells that hold a point. *cells: that there are. SG_ERR_INPUT for fewer than 4
+ * cells and points that are not finite or beyond all cells; SG_ERR_BUDGET. */
+int sg_anchors_init(sg_ctx *ctx, const float *xyz, size_t n, const struct sg_anchor_start *start,
+                    size_t *cells, struct sg_model **out);
+
+/* The cell of a position along an axis, rounded half to even; false: it is not finite or beyond
+ * 2^62 cells. */
+bool sg_anchor_cell(float position, float size, int64_t *cell);
+
+/* Anchors as the released code writes them, and NETWORKS_FILE beside them. Each file appears whole
+ * or not at all, that of the networks first. */
+#define SG_NETWORKS_FILE "networks.safetensors"
+int sg_anchors_write(sg_ctx *ctx, const struct sg_model *model, const char *path);
+/* SG_ERR_INPUT also for more than max_anchors. */
+int sg_anchors_read(sg_ctx *ctx, const char *path, uint64_t max_anchors, struct sg_model **out);
+/* Whether a file is a PLY file with anchors, by its header. Errors: as of sg_model_read_ply. */
+int sg_anchors_recognise(sg_ctx *ctx, const char *path, bool *found);
+
+#endif

@@ -1,0 +1,349 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Files of a model of anchors: a PLY file with the properties of the released code, and beside it
+ * the networks' weights as safetensors (a length, a JSON header, raw data). */
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include <jansson.h>
+
+#include "anchors.h"
+#include "core/file.h"
+#include "ply.h"
+
+/* ---- anchors ---- */
+
+/* Where a value of an anchor lies: in sg_model.params, or in the column. */
+struct place {
+    bool column;
+    int plane; /* -1: it is a normal, always 0 */
+    char name[24];
+};
+#define PROPERTIES 79
+
+/* In the order of the file. */
+static void list_properties(struct place out[PROPERTIES])
+{
+    int n = 0;
+#define ADD(column_, plane_, ...)                                                                  \
+    do {                                                                                           \
+        out[n] = (struct place){.column = column_, .plane = plane_};                               \
+        snprintf(out[n++].name, sizeof(out->name), __VA_ARGS__);                                   \
+    } while (0)
+    for (int k = 0; k < 3; k++)
+        ADD(false, SG_P_XYZ + k, "%c", 'x' + k);
+    for (int k = 0; k < 3; k++)
+        ADD(false, -1, "n%c", 'x' + k);
+    for (int k = 0; k < 3 * SG_ANCHOR_GAUSSIANS; k++) /* by axis */
+        ADD(true, SG_A_OFFSET + 3 * (k % SG_ANCHOR_GAUSSIANS) + k / SG_ANCHOR_GAUSSIANS,
+            "f_offset_%d", k);
+    for (int k = 0; k < SG_ANCHOR_FEATURES; k++)
+        ADD(true, SG_A_FEATURE + k, "f_anchor_feat_%d", k);
+    ADD(false, SG_P_OPACITY, "opacity");
+    for (int k = 0; k < 6; k++)
+        ADD(k >= 3, k < 3 ? SG_P_SCALE + k : SG_A_SIZE + k - 3, "scale_%d", k);
+    for (int k = 0; k < 4; k++)
+        ADD(false, SG_P_ROT + k, "rot_%d", k);
+#undef ADD
+}
+
+static float *value_at(const struct sg_model *m, const struct place *p, size_t i)
+{
+    return p->column ? &m->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, i, p->plane)]
+                     : sg_model_at(m, i, p->plane);
+}
+
+static int write_anchors(sg_ctx *ctx, const struct sg_model *m, const char *path)
+{
+    struct place place[PROPERTIES];
+    struct sg_file_writer w;
+    const int code = sg_file_create(ctx, &w, path);
+    if (code)
+        return code;
+    list_properties(place);
+    fprintf(w.stream,
+            "ply\nformat binary_little_endian 1.0\ncomment splatguard %s, anchors of Scaffold-GS: "
+            "their networks are in " SG_NETWORKS_FILE "\nelement vertex %zu\n",
+            sg_version(), m->count);
+    for (int k = 0; k < PROPERTIES; k++)
+        fprintf(w.stream, "property float %s\n", place[k].name);
+    fprintf(w.stream, "end_header\n");
+    for (size_t i = 0; i < m->count; i++) {
+        float row[PROPERTIES];
+        for (int k = 0; k < PROPERTIES; k++)
+            row[k] = place[k].plane < 0 ? 0 : *value_at(m, &place[k], i);
+        fwrite(row, sizeof(float), PROPERTIES, w.stream);
+    }
+    return sg_file_commit(ctx, &w);
+}
+
+/* ---- networks ---- */
+
+static const char *const networks[SG_NETWORKS] = {"opacity", "covariance", "colour"};
+
+/* A matrix or biases of a network as PyTorch has them: linear layer 0 or 2 of it. */
+struct tensor {
+    char name[40];
+    int rows, columns; /* columns 0: biases */
+    int network, layer;
+};
+#define TENSORS (4 * SG_NETWORKS)
+
+static void list_tensors(struct tensor out[TENSORS])
+{
+    for (int n = 0, k = 0; n < SG_NETWORKS; n++)
+        for (int layer = 0; layer <= 2; layer += 2)
+            for (int bias = 0; bias < 2; bias++, k++) {
+                const int rows =
+                    layer ? sg_network_row(n + 1) - sg_network_row(n) : SG_NETWORK_HIDDEN;
+                const int columns = layer ? SG_NETWORK_HIDDEN : SG_NETWORK_INPUTS;
+                out[k] = (struct tensor){
+                    .rows = rows, .columns = bias ? 0 : columns, .network = n, .layer = layer};
+                snprintf(out[k].name, sizeof(out[k].name), "%s.%d.%s", networks[n], layer,
+                         bias ? "bias" : "weight");
+            }
+}
+
+static size_t values_of(const struct tensor *t)
+{
+    return (size_t) t->rows * (size_t) (t->columns ? t->columns : 1);
+}
+
+static float *weight_at(struct sg_weights *w, const struct tensor *t, size_t k)
+{
+    const size_t columns = (size_t) (t->columns ? t->columns : 1), row = k / columns,
+                 column = k % columns;
+    if (!t->layer)
+        return &w->input[t->columns ? column : SG_NETWORK_INPUTS]
+                        [(size_t) (t->network * SG_NETWORK_HIDDEN) + row];
+    const size_t output = (size_t) sg_network_row(t->network) + row;
+    return t->columns ? &w->output[output][column] : &w->bias[output];
+}
+
+static json_t *shape_of(const struct tensor *t)
+{
+    return t->columns ? json_pack("[i,i]", t->rows, t->columns) : json_pack("[i]", t->rows);
+}
+
+static char *header_text(const struct sg_networks *n, const struct tensor *tensors)
+{
+    char voxel[32];
+    snprintf(voxel, sizeof(voxel), "%.9g", (double) n->voxel);
+    json_t *root = json_pack("{s:{s:s,s:s}}", "__metadata__", "format", "splatguard scaffold 1",
+                             "voxel", voxel);
+    size_t at = 0;
+    for (int k = 0; k < TENSORS; k++) {
+        const size_t end = at + values_of(&tensors[k]) * sizeof(float);
+        json_object_set_new(root, tensors[k].name,
+                            json_pack("{s:s,s:o,s:[I,I]}", "dtype", "F32", "shape",
+                                      shape_of(&tensors[k]), "data_offsets", (json_int_t) at,
+                                      (json_int_t) end));
+        at = end;
+    }
+    char *text = json_dumps(root, JSON_COMPACT);
+    json_decref(root);
+    return text;
+}
+
+static int write_networks(sg_ctx *ctx, struct sg_networks *n, const char *path)
+{
+    struct tensor tensors[TENSORS];
+    struct sg_file_writer w = {0};
+    list_tensors(tensors);
+    char *text = header_text(n, tensors);
+    int code = text ? sg_file_create(ctx, &w, path) : sg_fail(ctx, SG_ERR_BUDGET, "out of memory");
+    if (!code) {
+        const uint64_t size = (strlen(text) + 7) / 8 * 8; /* padded with spaces */
+        fwrite(&size, sizeof(size), 1, w.stream);
+        fprintf(w.stream, "%-*s", (int) size, text);
+        for (int k = 0; k < TENSORS; k++)
+            for (size_t i = 0; i < values_of(&tensors[k]); i++)
+                fwrite(weight_at(&n->value, &tensors[k], i), sizeof(float), 1, w.stream);
+        code = sg_file_commit(ctx, &w);
+    }
+    free(text);
+    return code;
+}
+
+#define HEADER_MAX (64 << 10)
+#define FILE_MAX (1 << 20)
+
+/* The number of a metadata entry, which safetensors keeps as text. */
+static bool read_voxel(const json_t *root, float *out)
+{
+    const char *text =
+        json_string_value(json_object_get(json_object_get(root, "__metadata__"), "voxel"));
+    char *end;
+    *out = text ? strtof(text, &end) : 0;
+    return text && end != text && !*end && *out > 0 && isfinite(*out);
+}
+
+/* Where the values of a tensor begin in the data. */
+static int find_tensor(sg_ctx *ctx, const char *path, const json_t *root, const struct tensor *t,
+                       size_t data, size_t *at)
+{
+    const json_t *entry = json_object_get(root, t->name);
+    json_t *shape = shape_of(t);
+    const json_t *offsets = json_object_get(entry, "data_offsets");
+    const char *type = json_string_value(json_object_get(entry, "dtype"));
+    const json_int_t first = json_integer_value(json_array_get(offsets, 0)),
+                     end = json_integer_value(json_array_get(offsets, 1));
+    const bool sound = type && !strcmp(type, "F32") &&
+                       json_equal(json_object_get(entry, "shape"), shape) && first >= 0 &&
+                       end >= first && (uint64_t) end <= data &&
+                       (uint64_t) (end - first) == values_of(t) * sizeof(float);
+    json_decref(shape);
+    *at = (size_t) first;
+    return sound ? SG_OK
+                 : sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: header: found no tensor %s of %d x %d float32 values in %zu bytes "
+                           "of data",
+                           path, t->name, t->rows, t->columns ? t->columns : 1, data);
+}
+
+static int parse_networks(sg_ctx *ctx, const char *path, const char *bytes, size_t size,
+                          struct sg_networks *out)
+{
+    uint64_t length = 0;
+    json_error_t error;
+    struct tensor tensors[TENSORS];
+    if (size >= sizeof(length))
+        memcpy(&length, bytes, sizeof(length));
+    if (size < sizeof(length) || length > HEADER_MAX || length > size - sizeof(length))
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: byte 0: found a header of %" PRIu64 " bytes in a file of %zu, expected "
+                       "one of at most %d: safetensors",
+                       path, length, size, HEADER_MAX);
+    json_t *root =
+        json_loadb(bytes + sizeof(length), (size_t) length, JSON_REJECT_DUPLICATES, &error);
+    if (!json_is_object(root)) {
+        json_decref(root);
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no JSON object: %s", path, error.text);
+    }
+    const char *data = bytes + sizeof(length) + length;
+    const size_t left = size - sizeof(length) - (size_t) length;
+    int code = read_voxel(root, &out->voxel)
+                   ? SG_OK
+                   : sg_fail(ctx, SG_ERR_INPUT,
+                             "%s: header: found no voxel above 0 in __metadata__", path);
+    list_tensors(tensors);
+    for (int k = 0; k < TENSORS && !code; k++) {
+        size_t at;
+        code = find_tensor(ctx, path, root, &tensors[k], left, &at);
+        for (size_t i = 0; i < values_of(&tensors[k]) && !code; i++) {
+            float v;
+            memcpy(&v, data + at + i * sizeof(v), sizeof(v));
+            if (!isfinite(v))
+                code = sg_fail(ctx, SG_ERR_INPUT,
+                               "%s: %s: found value %zu of %g, expected finite numbers", path,
+                               tensors[k].name, i, (double) v);
+            *weight_at(&out->value, &tensors[k], i) = v;
+        }
+    }
+    json_decref(root);
+    return code;
+}
+
+/* The file beside a PLY file. */
+static char *networks_path(sg_ctx *ctx, const char *path)
+{
+    const char *slash = strrchr(path, '/');
+    return slash ? sg_strf(ctx, "%.*s/" SG_NETWORKS_FILE, (int) (slash - path), path)
+                 : sg_strdup(ctx, SG_NETWORKS_FILE);
+}
+
+/* ---- both ---- */
+
+int sg_anchors_write(sg_ctx *ctx, const struct sg_model *m, const char *path)
+{
+    char *beside = networks_path(ctx, path);
+    int code = beside ? write_networks(ctx, m->columns->networks, beside) : SG_ERR_BUDGET;
+    if (!code)
+        code = write_anchors(ctx, m, path);
+    sg_free(beside);
+    return code;
+}
+
+static int read_rows(sg_ctx *ctx, struct ply *p, const struct place *place, const int *index,
+                     struct sg_model *m)
+{
+    float row[PLY_MAX_PROPERTIES];
+    for (size_t i = 0; i < m->count; i++) {
+        const int code = sg_ply_row(ctx, p, i, row);
+        if (code)
+            return code;
+        for (int k = 0; k < PROPERTIES; k++) {
+            if (place[k].plane < 0)
+                continue;
+            if (!isfinite(row[index[k]]))
+                return sg_fail(ctx, SG_ERR_INPUT,
+                               "%s: anchor %zu: found %s %g, expected a finite number", p->in->path,
+                               i, place[k].name, (double) row[index[k]]);
+            *value_at(m, &place[k], i) = row[index[k]];
+        }
+    }
+    return sg_ply_finish(ctx, p);
+}
+
+static int read_anchors(sg_ctx *ctx, struct sg_source *in, uint64_t max_anchors,
+                        struct sg_model **out)
+{
+    struct ply p;
+    struct place place[PROPERTIES];
+    int index[PROPERTIES];
+    int code = sg_ply_open(ctx, &p, in, max_anchors);
+    list_properties(place);
+    for (int k = 0; k < PROPERTIES && !code; k++)
+        if ((index[k] = sg_ply_find(&p, place[k].name)) < 0 && place[k].plane >= 0)
+            code = sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: header: found no property %s, expected anchors of Scaffold-GS",
+                           in->path, place[k].name);
+    if (!code && !p.rows)
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: header: found 0 anchors, expected at least one",
+                       in->path);
+    if (!code)
+        code = sg_model_refused(ctx, sg_model_create(ctx, (size_t) p.rows, 0, out), in->path,
+                                p.rows, PROPERTIES * sizeof(float));
+    if (!code)
+        code = sg_model_refused(ctx, sg_anchors_add(ctx, *out), in->path, p.rows,
+                                PROPERTIES * sizeof(float));
+    return code ? code : read_rows(ctx, &p, place, index, *out);
+}
+
+int sg_anchors_read(sg_ctx *ctx, const char *path, uint64_t max_anchors, struct sg_model **out)
+{
+    struct sg_source in;
+    char *beside = networks_path(ctx, path), *bytes = NULL;
+    size_t size = 0;
+    *out = NULL;
+    int code = beside ? sg_source_open(ctx, &in, path, PLY_MAX_BYTES) : SG_ERR_BUDGET;
+    if (!code)
+        code = read_anchors(ctx, &in, max_anchors, out);
+    if (beside)
+        sg_source_close(&in);
+    if (!code)
+        code = sg_file_read(ctx, beside, FILE_MAX, &bytes, &size);
+    if (!code)
+        code = parse_networks(ctx, beside, bytes, size, (*out)->columns->networks);
+    if (code)
+        sg_model_destroy(out);
+    sg_free(bytes);
+    sg_free(beside);
+    return code;
+}
+
+int sg_anchors_recognise(sg_ctx *ctx, const char *path, bool *found)
+{
+    struct sg_source in;
+    struct ply p = {.in = &in};
+    const char *mark;
+    *found = false;
+    int code = sg_source_open(ctx, &in, path, PLY_MAX_BYTES);
+    if (!code && (mark = sg_source_peek(&in, 3)) && !memcmp(mark, "ply", 3) &&
+        !(code = sg_ply_parse_header(ctx, &p)))
+        for (int i = 0; i < p.total; i++)
+            *found |= !strcmp(p.all[i].name, "f_anchor_feat_0");
+    sg_source_close(&in);
+    return code;
+}

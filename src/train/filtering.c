@@ -1,0 +1,66 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "filtering.h"
+
+#include <math.h>
+
+#include "defense/filter.h"
+#include "schedule.h"
+
+#define GROWTH_PACE 0.25 /* weight of the newest densification in the smoothed growth */
+
+bool sg_filtering_sound(const struct sg_filtering *s, int iteration)
+{
+    return s->growth >= 0 && s->growth <= 1 && s->growths <= (uint64_t) iteration;
+}
+
+void sg_filtering_grown(const sg_trainer *t, struct sg_filtering *s, int it, double share)
+{
+    s->growth += (share - s->growth) * (s->growth > 0 ? GROWTH_PACE : 1);
+    s->growths += it > sg_filters_from(&t->params);
+}
+
+/* Removing a share of the growth cannot shrink the model, and the minimum share stops at half of
+ * its first size, so neither can empty it. The minimum fades, since only early removals leave time
+ * to grow again what is missed. */
+static double share_of(const sg_trainer *t, const struct sg_filtering *s, int it)
+{
+    const struct sg_train_params *p = &t->params;
+    const struct sg_defense_params *d = &p->defense;
+    const double from = sg_filters_from(p), until = p->densify_until_iter;
+    if (d->rho >= 0)
+        return d->rho;
+    if (it >= until || !s->growths)
+        return 0;
+    const double n = (double) sg_engine_count(t->engine);
+    const double first = s->filter_first ? (double) s->filter_first : n,
+                 spare = n > 0 ? 1 - first / 2 / n : 0;
+    const double least = d->rho_least * (until - it) / (until - from);
+    return fmax(fmin(-d->rho * s->growth * (double) s->growths, 0.5), fmin(least, spare));
+}
+
+bool sg_filtering_due(const sg_trainer *t, const struct sg_filtering *s, int before, int it,
+                      bool densifies)
+{
+    const struct sg_train_params *p = &t->params;
+    return sg_filters(p, before, it) &&
+           (densifies || p->defense.rho >= 0 || share_of(t, s, it) > 0);
+}
+
+int sg_filtering_run(sg_trainer *t, struct sg_filtering *s, int it,
+                     const struct sg_render_params *render, struct sg_defense_step *step)
+{
+    const struct sg_train_params *p = &t->params;
+    const size_t each = sg_engine_each(t->engine);
+    const double start = sg_trainer_seconds_not_counting(t);
+    if (!s->filter_first)
+        s->filter_first = sg_engine_count(t->engine);
+    const int code =
+        sg_filter(t->engine, t->scene, &p->defense, render, share_of(t, s, it), p->seed, it, step);
+    if (!code)
+        sg_log(t->ctx, SG_LOG_DEBUG, "iteration %d: of %zu Gaussians the filter removed %zu", it,
+               step->scored, step->removed);
+    step->scored *= each, step->removed *= each, step->unseen *= each;
+    t->prune_seconds += sg_trainer_seconds_not_counting(t) - start;
+    s->growths = 0;
+    return code;
+}

@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* How much the defense's filter removes where its share follows growth: of every strategy that
+ * grows and has the filter. */
+#ifndef SG_TRAIN_FILTERING_H
+#define SG_TRAIN_FILTERING_H
+
+#include "trainer.h"
+
+/* A strategy's memory of it: numbers without padding, for checkpoints. */
+struct sg_filtering {
+    double growth;         /* share of the Gaussians that grow at a densification, smoothed */
+    uint64_t growths;      /* densifications in the filter's window since its newest removal */
+    uint64_t filter_first; /* Gaussians before its first removal; 0 = none yet */
+};
+
+bool sg_filtering_sound(const struct sg_filtering *s, int iteration);
+/* A densification let this share of the Gaussians grow. */
+void sg_filtering_grown(const sg_trainer *t, struct sg_filtering *s, int it, double share);
+/* Whether the filter removes in the step from iteration `before` to `it`. */
+bool sg_filtering_due(const sg_trainer *t, const struct sg_filtering *s, int before, int it,
+                      bool densifies);
+/* Removes, and fills what `step` tells about that. */
+int sg_filtering_run(sg_trainer *t, struct sg_filtering *s, int it,
+                     const struct sg_render_params *render, struct sg_defense_step *step);
+
+#endif

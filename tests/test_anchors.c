@@ -1,0 +1,424 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Anchors of Scaffold-GS on their own: cells, start, growth and files. */
+#include <unistd.h>
+
+#include "model/anchors.h"
+#include "models.h"
+#include "splatguard/format.h"
+#include "train/growth.h"
+
+#define assert_near(a, b)                                                                          \
+    do {                                                                                           \
+        const double a_ = (double) (a), b_ = (double) (b);                                         \
+        if (!(fabs(a_ - b_) <= 1e-6 * fmax(fabs(b_), 1e-3)))                                       \
+            fail_msg("%s: found %.9g, expected %.9g", #a, a_, b_);                                 \
+    } while (0)
+
+static float *anchor_at(const struct sg_model *m, size_t i, int plane)
+{
+    return &m->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, i, plane)];
+}
+
+/* Half to even, as the released code rounds. */
+static void test_cells(void **state)
+{
+    (void) state;
+    static const struct {
+        float position, size;
+        int64_t cell;
+    } cases[] = {{8, 16, 0}, {24, 16, 2}, {40, 16, 2}, {-24, 16, -2}, {-23, 16, -1}, {0, 1, 0}};
+    int64_t cell;
+    for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
+        assert_true(sg_anchor_cell(cases[i].position, cases[i].size, &cell));
+        assert_int_equal(cell, cases[i].cell);
+    }
+    assert_false(sg_anchor_cell(1e30f, 1e-3f, &cell));
+    assert_false(sg_anchor_cell(INFINITY, 1, &cell));
+    assert_false(sg_anchor_cell(NAN, 1, &cell));
+}
+
+static void test_start(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    /* two of them in one cell */
+    const float xyz[] = {0.04f, 0, 0, -0.04f, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 3.04f};
+    struct sg_model *m, *same;
+    size_t cells;
+    struct sg_anchor_start start = {.voxel = 0.1f, .seed = 3};
+    assert_int_equal(sg_anchors_init(ctx, xyz, 5, &start, &cells, &m), SG_OK);
+    assert_int_equal(cells, 4);
+    assert_int_equal(m->count, 4);
+    const float at[4][3] = {{0, 0, 0}, {0, 0, 3}, {0, 2, 0}, {1, 0, 0}}; /* sorted by x, y, z */
+    for (size_t i = 0; i < 4; i++)
+        for (int k = 0; k < 3; k++)
+            assert_near(*sg_model_at(m, i, SG_P_XYZ + k), at[i][k]);
+    const double mean = (1 + 4 + 9) / 3.0; /* squared distances of the first to the others */
+    for (int k = 0; k < 3; k++) {
+        assert_near(*sg_model_at(m, 0, SG_P_SCALE + k), 0.5 * log(mean));
+        assert_near(*anchor_at(m, 0, SG_A_SIZE + k), 0.5 * log(mean));
+    }
+    for (int p = 0; p < SG_A_SIZE; p++)
+        assert_true(*anchor_at(m, 2, p) == 0);
+    /* weights follow from the seed, and are as wide as their layer's inputs ask for */
+    const struct sg_networks *n = m->columns->networks;
+    float most = 0;
+    for (int h = 0; h < SG_HIDDEN; h++)
+        most = fmaxf(most, fabsf(n->value.input[0][h]));
+    assert_true(most > 0.12f && most <= 1 / sqrtf(SG_NETWORK_INPUTS));
+    assert_int_equal(sg_anchors_init(ctx, xyz, 5, &start, &cells, &same), SG_OK);
+    assert_memory_equal(&n->value, &same->columns->networks->value, sizeof(n->value));
+    sg_model_destroy(&same);
+    sg_model_destroy(&m);
+    const float row[] = {0, 0, 0, 1, 0, 0, 2, 0, 0, 3, 0, 0, 4, 0, 0, 5, 0, 0, 6, 0, 0, 7, 0, 0};
+    start.limit = 4; /* every other */
+    assert_int_equal(sg_anchors_init(ctx, row, 8, &start, &cells, &m), SG_OK);
+    assert_int_equal(cells, 8);
+    assert_int_equal(m->count, 4);
+    assert_near(*sg_model_at(m, 3, SG_P_XYZ), 6);
+    sg_model_destroy(&m);
+    const float bad[] = {0, 0, 0, 1, 0, 0, 2, 0, 0, NAN, 0, 0};
+    start.limit = 0;
+    assert_int_equal(sg_anchors_init(ctx, bad, 4, &start, &cells, &m), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(ctx), "point 3"));
+    sg_clear_error(ctx);
+    const float crowd[] = {0, 0, 0, 0, 0, 0, 0.01f, 0, 0, 1, 0, 0};
+    assert_int_equal(sg_anchors_init(ctx, crowd, 4, &start, &cells, &m), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(ctx), "found 2 voxels"));
+    sg_ctx_destroy(&ctx);
+}
+
+/* One anchor with one Gaussian that grows, as in the released code. */
+struct growing {
+    struct sg_model *m;
+    float *statistics;
+    struct sg_growth_params p;
+};
+
+static struct growing make_growing(sg_ctx *ctx, size_t n)
+{
+    struct growing g = {.p = {.voxel = 0.001f,
+                              .factor = 16,
+                              .gradient = 0.0002f,
+                              .drawn = 40,
+                              .drop = 0, /* none is left out */
+                              .limit = SIZE_MAX}};
+    assert_int_equal(sg_model_create(ctx, n, 0, &g.m), SG_OK);
+    assert_int_equal(sg_anchors_add(ctx, g.m), SG_OK);
+    g.statistics = calloc(g.m->capacity, SG_A_STATISTICS * sizeof(float));
+    assert_non_null(g.statistics);
+    for (size_t i = 0; i < n; i++)
+        for (int k = 0; k < 3; k++)
+            *sg_model_at(g.m, i, SG_P_SCALE + k) = logf(0.01f);
+    return g;
+}
+
+static void mark(struct growing *g, size_t i, int k, float drawn, float mean)
+{
+    g->statistics[sg_param_index(SG_A_STATISTICS, i, SG_A_DRAWN + k)] = drawn;
+    g->statistics[sg_param_index(SG_A_STATISTICS, i, SG_A_GRADIENT + k)] = drawn * mean;
+}
+
+static struct sg_model *grow(sg_ctx *ctx, const struct growing *g, bool *bound)
+{
+    struct sg_model *rows;
+    const struct sg_anchor_view view = {g->m->count, g->m->params, g->m->columns->at[SG_C_ANCHOR],
+                                        g->statistics};
+    assert_int_equal(sg_grow_anchors(ctx, &view, &g->p, &rows, bound), SG_OK);
+    return rows;
+}
+
+static void test_growth(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct growing g = make_growing(ctx, 2);
+    struct sg_model *rows;
+    bool bound;
+    *sg_model_at(g.m, 1, SG_P_XYZ) = 5;
+    for (int f = 0; f < SG_ANCHOR_FEATURES; f++) {
+        *anchor_at(g.m, 0, SG_A_FEATURE + f) = f % 2 ? -1.0f : (float) f;
+        *anchor_at(g.m, 1, SG_A_FEATURE + f) = 2;
+    }
+    /* Along x at 0.017: cell 1 of the coarsest grid. Cell 4 of the next then has that anchor, and
+     * the gradient is too small for the finest. */
+    *anchor_at(g.m, 0, SG_A_OFFSET) = 1.7f;
+    mark(&g, 0, 0, 40, 0.0005f);
+    assert_null(grow(ctx, &g, &bound)); /* not drawn often enough */
+    mark(&g, 0, 0, 41, 0.0005f);
+    rows = grow(ctx, &g, &bound);
+    assert_non_null(rows);
+    assert_false(bound);
+    assert_int_equal(rows->count, 1);
+    assert_near(*sg_model_at(rows, 0, SG_P_XYZ), 0.016);
+    assert_near(*sg_model_at(rows, 0, SG_P_XYZ + 1), 0);
+    for (int k = 0; k < 3; k++) {
+        assert_near(*sg_model_at(rows, 0, SG_P_SCALE + k), log(0.016));
+        assert_near(*anchor_at(rows, 0, SG_A_SIZE + k), log(0.016));
+        assert_true(*anchor_at(rows, 0, SG_A_OFFSET + k) == 0);
+    }
+    assert_true(*sg_model_at(rows, 0, SG_P_ROT) == 1);
+    sg_model_destroy(&rows);
+
+    /* A second one in the same cell: the larger of each feature. */
+    *anchor_at(g.m, 1, SG_A_OFFSET + 3 * 4) = (0.018f - 5) / 0.01f;
+    mark(&g, 1, 4, 50, 0.0003f);
+    rows = grow(ctx, &g, &bound);
+    assert_int_equal(rows->count, 1);
+    for (int f = 0; f < SG_ANCHOR_FEATURES; f++)
+        assert_near(*anchor_at(rows, 0, SG_A_FEATURE + f), f % 2 || f < 2 ? 2 : f);
+    sg_model_destroy(&rows);
+
+    /* The finest grid: 1.7 cells of 16 are 6.8 of 4 and 27.2 of 1. */
+    *anchor_at(g.m, 0, SG_A_OFFSET + 1) = 1.13f;
+    mark(&g, 0, 0, 41, 0.0009f);
+    mark(&g, 1, 4, 0, 0);
+    rows = grow(ctx, &g, &bound);
+    assert_int_equal(rows->count, 3);
+    const double x[3] = {0.016, 0.016, 0.017}, y[3] = {0.016, 0.012, 0.011};
+    for (size_t i = 0; i < 3; i++) {
+        assert_near(*sg_model_at(rows, i, SG_P_XYZ), x[i]);
+        assert_near(*sg_model_at(rows, i, SG_P_XYZ + 1), y[i]);
+        assert_near(*sg_model_at(rows, i, SG_P_SCALE), log((double[]){0.016, 0.004, 0.001}[i]));
+    }
+    sg_model_destroy(&rows);
+    g.p.limit = 2;
+    rows = grow(ctx, &g, &bound);
+    assert_true(bound);
+    assert_int_equal(rows->count, 2);
+    sg_model_destroy(&rows);
+    g.p.limit = 0;
+    assert_null(grow(ctx, &g, &bound));
+    assert_true(bound);
+    g.p.limit = SIZE_MAX;
+    /* Beyond the first grid nothing grows where that has added nothing; a factor of 4 has no third
+     * grid. */
+    g.p.factor = 4;
+    rows = grow(ctx, &g, &bound);
+    assert_int_equal(rows->count, 2);
+    sg_model_destroy(&rows);
+    *sg_model_at(g.m, 1, SG_P_XYZ) = 0.016f, *sg_model_at(g.m, 1, SG_P_XYZ + 1) = 0.012f;
+    assert_null(grow(ctx, &g, &bound));
+    /* A Gaussian that has gone beyond all cells is left out. */
+    *anchor_at(g.m, 0, SG_A_OFFSET) = 1e30f;
+    assert_null(grow(ctx, &g, &bound));
+    free(g.statistics);
+    sg_model_destroy(&g.m);
+    sg_ctx_destroy(&ctx);
+}
+
+/* Half of the candidates are left out on the coarsest grid; the draws follow from the seed. */
+static void test_drop(void **state)
+{
+    (void) state;
+    enum { N = 400 };
+    sg_ctx *ctx = make_context(1);
+    struct growing g = make_growing(ctx, N);
+    bool bound;
+    for (size_t i = 0; i < N; i++) {
+        *sg_model_at(g.m, i, SG_P_XYZ) = (float) i;
+        *anchor_at(g.m, i, SG_A_OFFSET + 1) = 30; /* 0.3 */
+        mark(&g, i, 0, 50, 0.0003f);
+    }
+    g.p.drop = 0.5f, g.p.factor = 2; /* one grid */
+    struct sg_model *rows = grow(ctx, &g, &bound), *again = grow(ctx, &g, &bound);
+    assert_in_range(rows->count, N / 2 - 40, N / 2 + 40);
+    assert_int_equal(rows->count, again->count);
+    assert_memory_equal(rows->params, again->params,
+                        rows->capacity * (size_t) sg_param_count(0) * sizeof(float));
+    sg_model_destroy(&again);
+    g.p.stream = 1;
+    again = grow(ctx, &g, &bound);
+    assert_true(again->count != rows->count ||
+                memcmp(rows->params, again->params,
+                       rows->capacity * (size_t) sg_param_count(0) * sizeof(float)) != 0);
+    sg_model_destroy(&rows);
+    sg_model_destroy(&again);
+    free(g.statistics);
+    sg_model_destroy(&g.m);
+    sg_ctx_destroy(&ctx);
+}
+
+/* ---- files ---- */
+
+static char folder[] = "/tmp/sg_anchors_XXXXXX", model_path[64], weights_path[64];
+
+static int make_folder(void **state)
+{
+    (void) state;
+    assert_non_null(mkdtemp(folder));
+    snprintf(model_path, sizeof(model_path), "%s/point_cloud.ply", folder);
+    snprintf(weights_path, sizeof(weights_path), "%s/" SG_NETWORKS_FILE, folder);
+    return 0;
+}
+
+static int remove_folder(void **state)
+{
+    (void) state;
+    unlink(model_path);
+    unlink(weights_path);
+    return rmdir(folder);
+}
+
+static struct sg_model *make_random(sg_ctx *ctx, size_t n)
+{
+    struct sg_model *m;
+    assert_int_equal(sg_model_create(ctx, n, 0, &m), SG_OK);
+    assert_int_equal(sg_anchors_add(ctx, m), SG_OK);
+    for (size_t i = 0; i < n; i++) {
+        for (int p = 0; p < SG_P_SH; p++)
+            *sg_model_at(m, i, p) = draw(50, SG_P_SH * i + (size_t) p, -1, 1);
+        for (int p = 0; p < SG_A_PLANES; p++)
+            *anchor_at(m, i, p) = draw(51, SG_A_PLANES * i + (size_t) p, -1, 1);
+    }
+    float *w = (float *) &m->columns->networks->value;
+    for (size_t i = 0; i < SG_WEIGHTS; i++)
+        w[i] = draw(52, i, -1, 1);
+    m->columns->networks->voxel = 0.0123f;
+    return m;
+}
+
+static char *read_all(const char *path, size_t *size)
+{
+    FILE *f = fopen(path, "rb");
+    assert_non_null(f);
+    fseek(f, 0, SEEK_END);
+    *size = (size_t) ftell(f);
+    rewind(f);
+    char *bytes = malloc(*size + 1);
+    assert_non_null(bytes);
+    assert_int_equal(fread(bytes, 1, *size, f), *size);
+    bytes[*size] = 0;
+    fclose(f);
+    return bytes;
+}
+
+static void write_all(const char *path, const char *bytes, size_t size)
+{
+    FILE *f = fopen(path, "wb");
+    assert_non_null(f);
+    assert_int_equal(fwrite(bytes, 1, size, f), size);
+    fclose(f);
+}
+
+static void test_files(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m = make_random(ctx, 21), *read;
+    size_t size;
+    assert_int_equal(sg_model_write_ply(ctx, m, model_path), SG_OK);
+    assert_int_equal(sg_model_gaussians(m), 210);
+    assert_int_equal(sg_model_read_drawable(ctx, model_path, 100, &read), SG_OK);
+    assert_int_equal(read->count, 21);
+    for (size_t i = 0; i < 21; i++) {
+        for (int p = 0; p < SG_P_SH; p++)
+            assert_true(*sg_model_at(read, i, p) == *sg_model_at(m, i, p));
+        for (int p = 0; p < SG_A_PLANES; p++)
+            assert_true(*anchor_at(read, i, p) == *anchor_at(m, i, p));
+    }
+    assert_memory_equal(&read->columns->networks->value, &m->columns->networks->value,
+                        sizeof(struct sg_weights));
+    assert_true(read->columns->networks->voxel == m->columns->networks->voxel);
+    sg_model_destroy(&read);
+
+    /* the layout of the released code: 79 properties, offsets by axis */
+    char *bytes = read_all(model_path, &size);
+    int properties = 0;
+    for (const char *at = bytes; (at = strstr(at, "property float ")); at++)
+        properties++;
+    assert_int_equal(properties, 79);
+    const char *row = strstr(bytes, "end_header\n") + strlen("end_header\n");
+    float value;
+    memcpy(&value, row + (6 + 2 * 10 + 3) * sizeof(float), sizeof(value)); /* z of Gaussian 3 */
+    assert_true(value == *anchor_at(m, 0, SG_A_OFFSET + 3 * 3 + 2));
+    free(bytes);
+
+    /* What does not know anchors says so. */
+    assert_int_equal(sg_model_read(ctx, model_path, 100, &read), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(ctx), "anchors of Scaffold-GS"));
+    sg_clear_error(ctx);
+    assert_int_equal(sg_model_read_drawable(ctx, model_path, 20, &read), SG_ERR_INPUT);
+    sg_clear_error(ctx);
+    unlink(weights_path);
+    assert_int_equal(sg_model_read_drawable(ctx, model_path, 100, &read), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(ctx), SG_NETWORKS_FILE));
+    sg_clear_error(ctx);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
+/* Files that are cut or altered are refused; none is read with what they say unchecked. */
+static void test_hostile(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m = make_random(ctx, 5), *read;
+    size_t size, ply_size;
+    assert_int_equal(sg_model_write_ply(ctx, m, model_path), SG_OK);
+    char *good = read_all(weights_path, &size), *ply = read_all(model_path, &ply_size);
+    uint64_t length;
+    memcpy(&length, good, sizeof(length));
+    static const struct {
+        const char *find, *replace, *says;
+    } edits[] = {{"\"F32\"", "\"F16\"", "found no tensor"},
+                 {"[32,35]", "[35,32]", "found no tensor"},
+                 {"\"data_offsets\":[0,", "\"data_offsets\":[9,", "found no tensor"},
+                 {"\"voxel\":\"0.0", "\"voxel\":\"-.0", "voxel"},
+                 {"\"voxel\":\"0.0", "\"voxel\":\"nan", "voxel"},
+                 {"opacity.0.bias", "opacity.0.bais", "opacity.0.bias"},
+                 {"{\"", "[\"", "header"}};
+    for (size_t i = 0; i < sizeof(edits) / sizeof(edits[0]); i++) {
+        char *bad = malloc(size + 1), *at;
+        assert_non_null(bad);
+        memcpy(bad, good, size + 1);
+        at = memmem(bad, size, edits[i].find, strlen(edits[i].find));
+        assert_non_null(at);
+        memcpy(at, edits[i].replace, strlen(edits[i].replace));
+        write_all(weights_path, bad, size);
+        if (sg_model_read_drawable(ctx, model_path, 100, &read) != SG_ERR_INPUT ||
+            !strstr(sg_last_error(ctx), edits[i].says))
+            fail_msg("%s: found \"%s\"", edits[i].replace, sg_last_error(ctx));
+        sg_clear_error(ctx);
+        free(bad);
+    }
+    for (size_t cut = 0; cut < size; cut += cut < 1200 ? 37 : 1501) {
+        write_all(weights_path, good, cut);
+        assert_int_equal(sg_model_read_drawable(ctx, model_path, 100, &read), SG_ERR_INPUT);
+        sg_clear_error(ctx);
+    }
+    const float nan = NAN;
+    memcpy(good + sizeof(length) + length + 40, &nan, sizeof(nan));
+    write_all(weights_path, good, size);
+    assert_int_equal(sg_model_read_drawable(ctx, model_path, 100, &read), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(ctx), "opacity.0.weight"));
+    sg_clear_error(ctx);
+    length = UINT64_MAX;
+    memcpy(good, &length, sizeof(length));
+    write_all(weights_path, good, size);
+    assert_int_equal(sg_model_read_drawable(ctx, model_path, 100, &read), SG_ERR_INPUT);
+    sg_clear_error(ctx);
+    assert_int_equal(sg_model_write_ply(ctx, m, model_path), SG_OK);
+    for (size_t cut = 0; cut < ply_size; cut += 97) {
+        write_all(model_path, ply, cut);
+        assert_int_equal(sg_model_read_drawable(ctx, model_path, 100, &read), SG_ERR_INPUT);
+        sg_clear_error(ctx);
+    }
+    memcpy(ply + ply_size - 4, &nan, sizeof(nan));
+    write_all(model_path, ply, ply_size);
+    assert_int_equal(sg_model_read_drawable(ctx, model_path, 100, &read), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(ctx), "anchor 4: found rot_3"));
+    sg_clear_error(ctx);
+    free(good);
+    free(ply);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_cells), cmocka_unit_test(test_start), cmocka_unit_test(test_growth),
+        cmocka_unit_test(test_drop),  cmocka_unit_test(test_files), cmocka_unit_test(test_hostile)};
+    return cmocka_run_group_tests(tests, make_folder, remove_folder);
+}

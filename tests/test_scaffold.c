@@ -1,0 +1,350 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Models of anchors (Scaffold-GS): gradients of the oracle by differences, the chain from the image
+ * to anchors and networks, and the start. */
+#include "math/real_f64.h"
+
+#include "engine/ref/ref_neural.h"
+#include "engine/ref/render.h"
+#include "engine/scaffold/scaffold.h"
+#include "model/anchors.h"
+#include "models.h"
+
+/* ---- the oracle in double precision ---- */
+
+struct one {
+    struct ref_weights w;
+    struct ref_anchor a;
+    double centre[3], volume, factor[SG_ANCHOR_GAUSSIANS][SG_NEURAL_PLANES];
+};
+
+/* Of all that exists: a weighted sum of what is drawn, and the products of the scales. */
+static double value_of(const struct one *o)
+{
+    double drawn[SG_ANCHOR_GAUSSIANS][SG_NEURAL_PLANES], sum = 0;
+    bool exists[SG_ANCHOR_GAUSSIANS];
+    ref_neural_forward(&o->w, &o->a, o->centre, drawn, exists);
+    for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++) {
+        for (int p = 0; p < SG_NEURAL_PLANES && exists[k]; p++)
+            sum += o->factor[k][p] * drawn[k][p];
+        if (exists[k])
+            sum += o->volume * exp(drawn[k][4] + drawn[k][5] + drawn[k][6]);
+    }
+    return sum;
+}
+
+static void compare_change(struct one *o, double *value, double gradient, const char *what, int i)
+{
+    const double kept = *value, step = 1e-6;
+    *value = kept + step;
+    const double above = value_of(o);
+    *value = kept - step;
+    const double change = (above - value_of(o)) / (2 * step);
+    *value = kept;
+    if (!(fabs(gradient - change) < 1e-6 + 1e-5 * fabs(change)))
+        fail_msg("%s %d: gradient %g, expected %g", what, i, gradient, change);
+}
+
+static void test_oracle(void **state)
+{
+    (void) state;
+    struct one *o = calloc(1, sizeof(*o));
+    struct ref_weights *sum = calloc(1, sizeof(*sum));
+    struct ref_anchor d;
+    double *w = (double *) &o->w, *dw = (double *) sum;
+    assert_non_null(o);
+    assert_non_null(sum);
+    for (size_t i = 0; i < SG_WEIGHTS; i++)
+        w[i] = (double) draw(30, i, -0.3f, 0.3f);
+    for (size_t i = 0; i < SG_A_PLANES; i++)
+        o->a.anchor[i] = (double) draw(31, i, -1, 1);
+    for (size_t k = 0; k < 3; k++) {
+        o->a.position[k] = (double) draw(32, k, -1, 1);
+        o->a.reach[k] = (double) draw(33, k, -2, 0);
+        o->centre[k] = (double) draw(34, k, 2, 4);
+    }
+    for (size_t k = 0; k < SG_ANCHOR_GAUSSIANS; k++)
+        for (size_t p = 0; p < SG_NEURAL_PLANES; p++)
+            o->factor[k][p] = (double) draw(35, SG_NEURAL_PLANES * k + p, -1, 1);
+    o->volume = 0.7;
+    ref_neural_backward(&o->w, &o->a, o->centre, o->factor, o->volume, &d, sum);
+    for (int k = 0; k < 3; k++)
+        compare_change(o, &o->a.reach[k], d.reach[k], "reach", k);
+    for (int p = 0; p < SG_A_PLANES; p++)
+        compare_change(o, &o->a.anchor[p], d.anchor[p], "anchor", p);
+    for (size_t i = 0; i < SG_WEIGHTS; i++)
+        compare_change(o, &w[i], dw[i], "weight", (int) i);
+    free(o);
+    free(sum);
+}
+
+/* ---- an engine ---- */
+
+#define ANCHORS 3
+
+static struct sg_model *make_anchors(sg_ctx *ctx, size_t n, uint64_t seed)
+{
+    struct sg_model *m;
+    assert_int_equal(sg_model_create(ctx, n, 0, &m), SG_OK);
+    assert_int_equal(sg_anchors_add(ctx, m), SG_OK);
+    struct sg_networks *networks = m->columns->networks;
+    float *w = (float *) &networks->value;
+    for (size_t i = 0; i < n; i++) {
+        for (int k = 0; k < 3; k++) {
+            *sg_model_at(m, i, SG_P_XYZ + k) = draw(seed, 3 * i + (size_t) k, -0.6f, 0.6f);
+            *sg_model_at(m, i, SG_P_SCALE + k) = draw(seed + 1, 3 * i + (size_t) k, -2, -1);
+        }
+        *sg_model_at(m, i, SG_P_ROT) = 1;
+        for (size_t p = 0; p < SG_A_PLANES; p++)
+            m->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, i, (int) p)] =
+                p < SG_A_SIZE ? draw(seed + 2, SG_A_PLANES * i + p, -1, 1)
+                              : draw(seed + 2, SG_A_PLANES * i + p, -2, -1);
+    }
+    for (size_t i = 0; i < SG_WEIGHTS; i++)
+        w[i] = draw(seed + 3, i, -0.3f, 0.3f);
+    networks->voxel = 0.01f;
+    return m;
+}
+
+static struct sg_engine *make_scaffold(sg_ctx *ctx, struct engine_case c, const struct sg_model *m)
+{
+    struct sg_engine *e;
+    assert_int_equal(sg_engine_create(ctx, c.engine, c.variant, &e), SG_OK);
+    assert_int_equal(sg_scaffold_wrap(ctx, &e), SG_OK);
+    assert_int_equal(sg_engine_upload(e, m, m->columns), SG_OK);
+    return e;
+}
+
+#define W 37
+#define H 29
+#define GRID(n) (((n) + SG_TILE - 1) / SG_TILE)
+#define DRAWN (ANCHORS * SG_ANCHOR_GAUSSIANS)
+
+/* The whole chain in double precision: anchors and weights, their Gaussians, the image, and as the
+ * loss a weighted sum of it and the regulariser. */
+struct chain {
+    struct ref_weights w;
+    struct ref_anchor a[ANCHORS];
+    struct sg_camera camera;
+    double weight[3 * W * H];
+    struct ref_splat splats[DRAWN];
+    double drawn[DRAWN][SG_PARAMS_MAX];
+    size_t source[DRAWN], count; /* source: anchor and number of each that is drawn */
+};
+
+static void centre_of(const struct chain *c, double centre[3])
+{
+    const struct view view = view_make(&c->camera);
+    memcpy(centre, view.centre, sizeof(view.centre));
+}
+
+/* *events: a number that changes where a cut-off is crossed and the loss jumps. */
+static double evaluate(struct chain *c, bool backward, long *events)
+{
+    static double rgb[3 * W * H], transmittance[W * H], depth[W * H];
+    static int last[W * H];
+    static const float black[3];
+    struct ref_image image = {W, H, rgb, transmittance, depth, last};
+    const struct view view = view_make(&c->camera);
+    struct ref_entry list[DRAWN];
+    double loss = 0, volume = 0;
+    c->count = 0;
+    *events = 0;
+    for (size_t i = 0; i < ANCHORS; i++) {
+        double drawn[SG_ANCHOR_GAUSSIANS][SG_NEURAL_PLANES], centre[3];
+        bool exists[SG_ANCHOR_GAUSSIANS];
+        centre_of(c, centre);
+        ref_neural_forward(&c->w, &c->a[i], centre, drawn, exists);
+        for (size_t k = 0; k < SG_ANCHOR_GAUSSIANS; k++) {
+            if (!exists[k])
+                continue;
+            memcpy(c->drawn[c->count], drawn[k], sizeof(drawn[k]));
+            c->source[c->count] = i * SG_ANCHOR_GAUSSIANS + k;
+            *events = *events * 31 + (long) c->source[c->count++];
+            volume += exp(drawn[k][4] + drawn[k][5] + drawn[k][6]);
+        }
+    }
+    for (size_t i = 0; i < c->count; i++)
+        ref_project(&view, c->drawn[i], 0, GRID(W), GRID(H), &c->splats[i]);
+    for (int ty = 0; ty < GRID(H); ty++)
+        for (int tx = 0; tx < GRID(W); tx++) {
+            const size_t m = ref_tile_list(c->splats, c->count, tx, ty, list);
+            for (int y = ty * SG_TILE; y < (ty + 1) * SG_TILE && y < H; y++)
+                for (int x = tx * SG_TILE; x < (tx + 1) * SG_TILE && x < W; x++) {
+                    ref_pixel_forward(c->splats, list, m, x, y, black, &image);
+                    *events += 1000 * last[y * W + x];
+                    for (size_t k = 0; k < m; k++) {
+                        double dx, dy, gauss, alpha;
+                        *events += ref_pair(&c->splats[list[k].id], x, y, &dx, &dy, &gauss, &alpha);
+                    }
+                    if (backward)
+                        ref_pixel_backward(c->splats, list, x, y, black, &image, c->weight);
+                }
+        }
+    for (int i = 0; i < 3 * W * H; i++)
+        loss += c->weight[i] * rgb[i];
+    return loss + (double) SG_ANCHOR_VOLUME * volume / (double) c->count;
+}
+
+/* The gradient by the oracle, after evaluate with backward. */
+static void pull(const struct chain *c, struct ref_anchor out[ANCHORS], struct ref_weights *sum)
+{
+    const struct view view = view_make(&c->camera);
+    double drawn[ANCHORS][SG_ANCHOR_GAUSSIANS][SG_NEURAL_PLANES], centre[3];
+    memset(sum, 0, sizeof(*sum));
+    memset(drawn, 0, sizeof(drawn));
+    centre_of(c, centre);
+    for (size_t i = 0; i < c->count; i++) {
+        double g[SG_PARAMS_MAX];
+        ref_parameter_gradient(&view, &c->splats[i], c->drawn[i], 0, g);
+        memcpy(drawn[c->source[i] / SG_ANCHOR_GAUSSIANS][c->source[i] % SG_ANCHOR_GAUSSIANS], g,
+               sizeof(drawn[0][0]));
+    }
+    for (size_t i = 0; i < ANCHORS; i++)
+        ref_neural_backward(&c->w, &c->a[i], centre, drawn[i],
+                            (double) SG_ANCHOR_VOLUME / (double) c->count, &out[i], sum);
+}
+
+static struct chain *make_chain(const struct sg_model *m)
+{
+    struct chain *c = calloc(1, sizeof(*c));
+    const float *from = (const float *) &m->columns->networks->value;
+    assert_non_null(c);
+    for (size_t i = 0; i < SG_WEIGHTS; i++)
+        ((double *) &c->w)[i] = (double) from[i];
+    for (size_t i = 0; i < ANCHORS; i++) {
+        for (int k = 0; k < 3; k++) {
+            c->a[i].position[k] = (double) *sg_model_at(m, i, SG_P_XYZ + k);
+            c->a[i].reach[k] = (double) *sg_model_at(m, i, SG_P_SCALE + k);
+        }
+        for (int p = 0; p < SG_A_PLANES; p++)
+            c->a[i].anchor[p] =
+                (double) m->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, i, p)];
+    }
+    c->camera = make_camera(W, H, 2.2);
+    for (size_t i = 0; i < 3 * W * H; i++)
+        c->weight[i] = (double) draw(45, i, -1, 1);
+    return c;
+}
+
+/* Compares a gradient with differences; counts values at which every step crosses a cut-off. */
+static void compare_chain(struct chain *c, double *value, double gradient, const char *what,
+                          size_t i, int *crossed)
+{
+    const double kept = *value;
+    double step = 1e-5, change = 0;
+    long here, above, below;
+    evaluate(c, false, &here);
+    for (int attempt = 0; attempt < 4; attempt++, step /= 8) {
+        *value = kept + step;
+        change = evaluate(c, false, &above);
+        *value = kept - step;
+        change = (change - evaluate(c, false, &below)) / (2 * step);
+        *value = kept;
+        if (above == here && below == here)
+            break;
+    }
+    if (above != here || below != here)
+        ++*crossed;
+    else if (!(fabs(gradient - change) < 1e-4 + 1e-4 * fabs(change)))
+        fail_msg("%s %zu: gradient %g, expected %g", what, i, gradient, change);
+}
+
+/* An anchor's six scales, offsets and feature, and weights, through the image. */
+static void test_chain(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m = make_anchors(ctx, ANCHORS, 40);
+    struct chain *c = make_chain(m);
+    struct ref_weights *sum = calloc(1, sizeof(*sum));
+    struct ref_anchor g[ANCHORS];
+    long events;
+    int crossed = 0;
+    assert_non_null(sum);
+    evaluate(c, true, &events);
+    assert_in_range(c->count, 8, DRAWN - 4);
+    pull(c, g, sum);
+    for (size_t i = 0; i < ANCHORS; i++) {
+        for (size_t k = 0; k < 3; k++)
+            compare_chain(c, &c->a[i].reach[k], g[i].reach[k], "reach", k, &crossed);
+        for (size_t p = 0; p < SG_A_PLANES; p++)
+            compare_chain(c, &c->a[i].anchor[p], g[i].anchor[p], "anchor", p, &crossed);
+    }
+    for (size_t i = 0; i < SG_WEIGHTS; i += 31)
+        compare_chain(c, (double *) &c->w + i, ((double *) sum)[i], "weight", i, &crossed);
+    assert_in_range(crossed, 0, 5);
+    free(sum);
+    free(c);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
+/* Values of the engine against the oracle's, as a part of the largest. */
+static void compare_values(const char *name, const char *what, const float *found,
+                           const double *expected, size_t n)
+{
+    double most = 0;
+    for (size_t i = 0; i < n; i++)
+        most = fmax(most, fabs(expected[i]));
+    assert_true(most > 0);
+    for (size_t i = 0; i < n; i++)
+        if (!(fabs((double) found[i] - expected[i]) < 2e-3 * most))
+            fail_msg("%s: %s %zu: gradient %g, expected %g", name, what, i, (double) found[i],
+                     expected[i]);
+}
+
+static void test_engines(void **state)
+{
+    (void) state;
+    struct engine_case cases[ENGINE_CASES];
+    const int n = engine_cases(cases);
+    for (int k = 0; k < n; k++) {
+        if (!strncmp(cases[k].engine, "vulkan", 6))
+            continue;
+        sg_ctx *ctx = make_context(2);
+        struct sg_model *m = make_anchors(ctx, ANCHORS, 40),
+                        *found = make_anchors(ctx, ANCHORS, 41);
+        struct chain *c = make_chain(m);
+        struct ref_weights *sum = calloc(1, sizeof(*sum));
+        struct ref_anchor g[ANCHORS];
+        struct sg_engine *e = make_scaffold(ctx, cases[k], m);
+        const struct sg_render_params params = sg_render_params_default();
+        static float weights[3 * W * H];
+        long events;
+        assert_non_null(sum);
+        for (size_t i = 0; i < 3 * W * H; i++)
+            weights[i] = (float) c->weight[i];
+        evaluate(c, true, &events);
+        pull(c, g, sum);
+        assert_int_equal(sg_engine_draw(e, &c->camera, 0, &params, false), SG_OK);
+        assert_int_equal(sg_engine_write_image_gradient(e, weights), SG_OK);
+        assert_int_equal(sg_engine_raster_backward(e), SG_OK);
+        assert_int_equal(sg_engine_project_backward(e, true), SG_OK);
+        assert_int_equal(sg_engine_read_gradients(e, found), SG_OK);
+        for (size_t i = 0; i < ANCHORS; i++) {
+            float reach[3], anchor[SG_A_PLANES];
+            for (int axis = 0; axis < 3; axis++)
+                reach[axis] = *sg_model_at(found, i, SG_P_SCALE + axis);
+            for (int p = 0; p < SG_A_PLANES; p++)
+                anchor[p] = found->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, i, p)];
+            compare_values(case_name(cases[k]), "reach", reach, g[i].reach, 3);
+            compare_values(case_name(cases[k]), "anchor", anchor, g[i].anchor, SG_A_PLANES);
+        }
+        compare_values(case_name(cases[k]), "weight",
+                       (const float *) &found->columns->networks->value, (const double *) sum,
+                       SG_WEIGHTS);
+        sg_engine_destroy(&e);
+        free(sum);
+        free(c);
+        sg_model_destroy(&m);
+        sg_model_destroy(&found);
+        sg_ctx_destroy(&ctx);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_oracle), cmocka_unit_test(test_chain),
+                                       cmocka_unit_test(test_engines)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,370 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Trainings of anchors: what is the same, what a checkpoint keeps, and what limits do. */
+#include <unistd.h>
+
+#include "model/anchors.h"
+#include "train/trainer.h"
+#include "training.h"
+
+/* The fixture's photos, and the points of its model. */
+static struct fixture make_points(int threads)
+{
+    struct fixture f = make_fixture(threads);
+    f.scene.n_points = f.truth->count;
+    f.scene.points = malloc(f.truth->count * 3 * sizeof(float));
+    f.scene.point_colors = calloc(f.truth->count, 3);
+    assert_int_equal(sg_model_get_array(f.ctx, f.truth, "position", f.scene.points, 0), SG_OK);
+    return f;
+}
+
+static void clear_points(struct fixture *f)
+{
+    free(f->scene.points);
+    free(f->scene.point_colors);
+    clear_fixture(f);
+}
+
+/* Grows at 12, 16, ..., 32. */
+static struct sg_train_params scaffold_params(void)
+{
+    struct sg_train_params p = short_params();
+    p.model = SG_MODEL_SCAFFOLD;
+    p.scaffold.voxel = 0.05f;
+    p.scaffold.cells = 4;
+    p.scaffold.from = 8;
+    p.densify_from_iter = 2;
+    p.densification_interval = 4;
+    p.densify_grad_threshold = 1e-6f;
+    p.position_lr_max_steps = 40;
+    return p;
+}
+
+static sg_trainer *begin(struct fixture *f, const struct sg_train_params *p)
+{
+    sg_trainer *t;
+    f->scene.train = f->views;
+    if (sg_trainer_create(f->ctx, &f->scene, NULL, p, &t))
+        fail_msg("%s", sg_last_error(f->ctx));
+    return t;
+}
+
+struct course {
+    double loss[40];
+    size_t gaussians[40];
+};
+
+static struct sg_model *run(struct fixture *f, sg_trainer *t, int until, struct course *course)
+{
+    struct sg_model *m;
+    struct sg_train_step s;
+    while (sg_trainer_iteration(t) < until) {
+        if (sg_trainer_step(t, &s))
+            fail_msg("%s", sg_last_error(f->ctx));
+        course->loss[s.iteration - 1] = s.loss;
+        course->gaussians[s.iteration - 1] = s.gaussians;
+        assert_true(isfinite(s.loss));
+    }
+    assert_int_equal(sg_trainer_model(t, &m), SG_OK);
+    return m;
+}
+
+static void assert_same_anchors(const struct sg_model *a, const struct sg_model *b)
+{
+    assert_same(a, b);
+    for (size_t i = 0; i < a->count; i++)
+        for (int p = 0; p < SG_A_PLANES; p++) {
+            const size_t at = sg_param_index(SG_A_PLANES, i, p);
+            assert_memory_equal(&a->columns->at[SG_C_ANCHOR][at], &b->columns->at[SG_C_ANCHOR][at],
+                                sizeof(float));
+        }
+    assert_memory_equal(a->columns->networks, b->columns->networks, sizeof(struct sg_networks));
+}
+
+/* It learns and grows, and the same bytes come from any number of threads. */
+static void test_threads(void **state)
+{
+    (void) state;
+    struct course first_course = {0};
+    char path[] = "/tmp/sg_scaffold_XXXXXX";
+    close(mkstemp(path));
+    for (int threads = 1; threads <= 3; threads++) {
+        struct fixture f = make_points(threads);
+        struct course course;
+        const struct sg_train_params p = scaffold_params();
+        sg_trainer *t = begin(&f, &p);
+        const size_t before = sg_trainer_gaussians(t);
+        struct sg_model *m = run(&f, t, 40, &course);
+        assert_int_equal(before % SG_ANCHOR_GAUSSIANS, 0);
+        assert_int_equal(sg_trainer_gaussians(t), m->count * SG_ANCHOR_GAUSSIANS);
+        assert_true(course.gaussians[39] > before);
+        assert_true(course.gaussians[10] == before && course.gaussians[11] > before);
+        assert_true(course.loss[38] + course.loss[37] < 0.7 * (course.loss[0] + course.loss[1]));
+        if (threads > 1)
+            assert_memory_equal(&course, &first_course, sizeof(course));
+        assert_int_equal(sg_trainer_save(t, path), SG_OK);
+        static char kept[1 << 22], now[1 << 22];
+        FILE *file = fopen(path, "rb");
+        assert_non_null(file);
+        const size_t size = fread(now, 1, sizeof(now), file);
+        fclose(file);
+        assert_in_range(size, 1000, sizeof(now) - 1);
+        if (threads > 1)
+            assert_memory_equal(kept, now, size);
+        memcpy(kept, now, size);
+        first_course = course;
+        sg_trainer_destroy(&t);
+        sg_model_destroy(&m);
+        clear_points(&f);
+    }
+    unlink(path);
+}
+
+/* A resumed run has the bytes of one that was not interrupted. */
+static void test_resume(void **state)
+{
+    (void) state;
+    char path[] = "/tmp/sg_scaffold_XXXXXX";
+    close(mkstemp(path));
+    for (int at = 5; at < 40; at += 8) { /* 5, 13, ..., between growths; one before any */
+        struct fixture f = make_points(2);
+        struct course whole, part;
+        const struct sg_train_params p = scaffold_params();
+        sg_trainer *t = begin(&f, &p);
+        struct sg_model *expected = run(&f, t, 40, &whole), *found, *unused;
+        sg_trainer_destroy(&t);
+        t = begin(&f, &p);
+        unused = run(&f, t, at, &part);
+        assert_int_equal(sg_trainer_save(t, path), SG_OK);
+        sg_trainer_destroy(&t);
+        t = resume_training(&f, &p, path);
+        found = run(&f, t, 40, &part);
+        assert_memory_equal(&whole, &part, sizeof(whole));
+        assert_same_anchors(expected, found);
+        sg_trainer_destroy(&t);
+        sg_model_destroy(&expected);
+        sg_model_destroy(&found);
+        sg_model_destroy(&unused);
+        clear_points(&f);
+    }
+    /* Another model's run is refused, and a file that was altered. */
+    struct fixture f = make_points(1);
+    struct sg_train_params other = scaffold_params();
+    f.scene.train = f.views;
+    sg_trainer *t;
+    other.scaffold.cells = 8;
+    assert_int_equal(sg_trainer_resume(f.ctx, &f.scene, path, &other, &t), SG_ERR_INPUT);
+    sg_clear_error(f.ctx);
+    other = short_params();
+    assert_int_equal(sg_trainer_resume(f.ctx, &f.scene, path, &other, &t), SG_ERR_INPUT);
+    sg_clear_error(f.ctx);
+    other = scaffold_params();
+    FILE *file = fopen(path, "r+b");
+    assert_non_null(file);
+    fseek(file, -5000, SEEK_END);
+    fputc('x', file);
+    fclose(file);
+    assert_int_equal(sg_trainer_resume(f.ctx, &f.scene, path, &other, &t), SG_ERR_INPUT);
+    sg_clear_error(f.ctx);
+    assert_int_equal(truncate(path, 4000), 0);
+    assert_int_equal(sg_trainer_resume(f.ctx, &f.scene, path, &other, &t), SG_ERR_INPUT);
+    sg_clear_error(f.ctx);
+    clear_points(&f);
+    unlink(path);
+}
+
+/* Adam does not move anchors in iterations in which they grow, but always moves the networks, and
+ * anchors that the view did not see, by their momentum. */
+static void test_steps(void **state)
+{
+    (void) state;
+    struct fixture f = make_points(1);
+    struct sg_train_params p = scaffold_params();
+    p.densify_grad_threshold = 1e9f; /* none grows */
+    struct course course;
+    sg_trainer *t = begin(&f, &p);
+    struct sg_model *before = run(&f, t, 11, &course), *after = run(&f, t, 12, &course);
+    assert_same(before, after);
+    assert_memory_equal(before->columns->at[SG_C_ANCHOR], after->columns->at[SG_C_ANCHOR],
+                        before->capacity * SG_A_PLANES * sizeof(float));
+    assert_true(memcmp(before->columns->networks, after->columns->networks,
+                       sizeof(struct sg_networks)) != 0);
+    assert_int_equal(t->adam_steps[SG_G_FEATURE], 11);
+    sg_model_destroy(&before);
+    before = run(&f, t, 13, &course);
+    size_t same = 0;
+    for (size_t i = 0; i < before->count; i++)
+        same += before->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, i, SG_A_FEATURE)] ==
+                after->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, i, SG_A_FEATURE)];
+    assert_true(same < before->count / 4);
+    sg_model_destroy(&before);
+    sg_model_destroy(&after);
+    sg_trainer_destroy(&t);
+    clear_points(&f);
+}
+
+/* A view that draws nothing has a loss, and leaves no NaN. */
+static void test_nothing_drawn(void **state)
+{
+    (void) state;
+    struct fixture f = make_points(1);
+    struct sg_train_params p = scaffold_params();
+    struct course course;
+    p.scaffold.from = 1000;
+    sg_trainer *t = begin(&f, &p);
+    struct sg_model *m;
+    assert_int_equal(sg_trainer_model(t, &m), SG_OK);
+    for (int o = 0; o < SG_ANCHOR_GAUSSIANS; o++) { /* tanh(-1) */
+        m->columns->networks->value.bias[SG_O_OPACITY + o] = -1;
+        for (int h = 0; h < SG_NETWORK_HIDDEN; h++)
+            m->columns->networks->value.output[SG_O_OPACITY + o][h] = 0;
+    }
+    assert_int_equal(sg_engine_upload(t->engine, m, m->columns), SG_OK);
+    sg_model_destroy(&m);
+    m = run(&f, t, 10, &course);
+    const float *w = (const float *) m->columns->networks;
+    for (size_t i = 0; i < sizeof(*m->columns->networks) / sizeof(float); i++)
+        assert_true(isfinite(w[i]));
+    sg_model_destroy(&m);
+    sg_trainer_destroy(&t);
+    clear_points(&f);
+}
+
+/* Limits count the Gaussians that anchors can be drawn as. */
+static void test_limits(void **state)
+{
+    (void) state;
+    struct fixture f = make_points(1);
+    struct sg_train_params p = scaffold_params();
+    struct course course;
+    struct sg_train_limits limits;
+    sg_trainer *t = begin(&f, &p);
+    const size_t first = sg_trainer_gaussians(t);
+    sg_trainer_destroy(&t);
+    p.max_gaussians = first + 95;
+    t = begin(&f, &p);
+    struct sg_model *m = run(&f, t, 40, &course);
+    for (int i = 0; i < 40; i++)
+        assert_true(course.gaussians[i] <= p.max_gaussians);
+    assert_int_equal(course.gaussians[39], first + 90);
+    sg_trainer_limits(t, &limits);
+    assert_true(limits.gaussians_bound);
+    sg_model_destroy(&m);
+    sg_trainer_destroy(&t);
+    p.max_gaussians = 100;
+    t = begin(&f, &p);
+    assert_int_equal(sg_trainer_gaussians(t), 100);
+    sg_trainer_destroy(&t);
+    clear_points(&f);
+}
+
+/* The memory that the plan allows is enough, also for checkpoints and measurements. */
+static void test_memory(void **state)
+{
+    (void) state;
+    struct fixture f = make_points(2);
+    struct sg_train_params p = scaffold_params();
+    struct sg_train_limits limits;
+    struct sg_train_step s;
+    f.scene.train = f.views;
+    char path[] = "/tmp/sg_scaffold_XXXXXX";
+    close(mkstemp(path));
+    const uint64_t limit = 13 << 20;
+    sg_ctx *ctx;
+    sg_trainer *t;
+    sg_renderer *renderer;
+    struct sg_eval eval;
+    p.iterations = 120, p.densify_until_iter = 110;
+    p.scaffold.voxel = 0.004f;
+    p.densify_grad_threshold = 0;
+    assert_int_equal(
+        sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 2, .max_memory = limit}), SG_OK);
+    if (sg_trainer_create(ctx, &f.scene, NULL, &p, &t))
+        fail_msg("%s", sg_last_error(ctx));
+    sg_trainer_limits(t, &limits);
+    assert_true(limits.by_memory);
+    assert_in_range(limits.max_gaussians, 2000, 12000);
+    while (sg_trainer_iteration(t) < p.iterations) {
+        if (sg_trainer_step(t, &s))
+            fail_msg("%s", sg_last_error(ctx));
+        assert_true(s.gaussians <= limits.max_gaussians);
+        if (s.iteration % 50 == 0)
+            assert_int_equal(sg_trainer_save(t, path), SG_OK);
+    }
+    assert_int_equal(sg_trainer_renderer(t, &renderer), SG_OK);
+    assert_int_equal(sg_evaluate(ctx, renderer, f.views, 1, 0, &eval), SG_OK);
+    sg_eval_clear(&eval);
+    sg_renderer_destroy(&renderer);
+    sg_trainer_limits(t, &limits);
+    assert_true(limits.gaussians_bound);
+    assert_true(sg_trainer_gaussians(t) > limits.max_gaussians * 9 / 10);
+    assert_true(sg_mem_peak(ctx, SG_MEM_TAGS) <= limit);
+    sg_trainer_destroy(&t);
+    sg_ctx_destroy(&ctx);
+    unlink(path);
+    clear_points(&f);
+}
+
+/* The filter removes the share of the anchors, with either size, after they grew. */
+static void test_filter(void **state)
+{
+    (void) state;
+    for (int sigma = 0; sigma < 2; sigma++) {
+        struct fixture f = make_points(2);
+        struct sg_train_params p = scaffold_params();
+        p.defense.on = true;
+        p.defense.rho = 0.2;
+        p.defense.interval = 4;
+        p.defense.views = 3;
+        p.defense.anchor_sigma = (enum sg_anchor_sigma) sigma;
+        sg_trainer *t = begin(&f, &p);
+        struct sg_train_step s;
+        size_t filtered = 0;
+        while (sg_trainer_iteration(t) < 40) {
+            if (sg_trainer_step(t, &s))
+                fail_msg("%s", sg_last_error(f.ctx));
+            filtered += s.defense.filtered;
+            assert_true(s.defense.filtered ==
+                        (s.iteration >= 12 && s.iteration < 35 && s.iteration % 4 == 0));
+            if (s.defense.filtered)
+                assert_int_equal(s.defense.removed,
+                                 s.defense.scored / SG_ANCHOR_GAUSSIANS / 5 * SG_ANCHOR_GAUSSIANS);
+        }
+        assert_int_equal(filtered, 6);
+        sg_trainer_destroy(&t);
+        clear_points(&f);
+    }
+}
+
+static void test_refused(void **state)
+{
+    (void) state;
+    struct fixture f = make_points(1);
+    struct sg_train_params p = scaffold_params();
+    sg_trainer *t;
+    f.scene.train = f.views;
+    p.max_gaussians = 39;
+    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, NULL, &p, &t), SG_ERR_USAGE);
+    p = scaffold_params();
+    p.strategy = SG_STRATEGY_MCMC;
+    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, NULL, &p, &t), SG_ERR_USAGE);
+    p = scaffold_params();
+    p.absgrad = true;
+    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, NULL, &p, &t), SG_ERR_USAGE);
+    p = scaffold_params();
+    p.at_limit = SG_AT_LIMIT_UNIVERSAL;
+    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, NULL, &p, &t), SG_ERR_USAGE);
+    p = scaffold_params();
+    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_ERR_USAGE);
+    assert_non_null(strstr(sg_last_error(f.ctx), "init"));
+    clear_points(&f);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_threads), cmocka_unit_test(test_resume),
+        cmocka_unit_test(test_steps),   cmocka_unit_test(test_nothing_drawn),
+        cmocka_unit_test(test_limits),  cmocka_unit_test(test_memory),
+        cmocka_unit_test(test_filter),  cmocka_unit_test(test_refused)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
