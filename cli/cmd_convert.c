@@ -16,8 +16,9 @@ struct convert_config {
 #define M(field) offsetof(struct convert_config, field)
 
 static const struct sg_option convert_options[] = {
-    CHOICE_ROW("format", M(file.format), "auto|ply|compressed-ply|splat|spz|ksplat|glb", "FORMAT",
-               "Format of OUT; auto: by its ending. ksplat can only be read.", .group = "Output"),
+    CHOICE_ROW("format", M(file.format), "auto|ply|compressed-ply|splat|spz|ksplat|sog|glb",
+               "FORMAT", "Format of OUT; auto: by its ending. ksplat and sog can only be read.",
+               .group = "Output"),
     NUMBER_ROW("spz-version", SG_OPTION_INT, M(file.spz_version), 2, 3, "N",
                "Version of .spz; 2 has coarse rotations, but older programs read it.",
                .group = "Output"),
@@ -85,8 +86,9 @@ static int run_convert(const void *config, const bool *given, const char *const 
             out);
         return STATUS_USAGE;
     }
-    if (c->file.format == SG_MODEL_KSPLAT) {
-        say(stderr, "splatguard convert: %s: found format ksplat, which is only read\n", out);
+    if (c->file.format == SG_MODEL_KSPLAT || c->file.format == SG_MODEL_SOG) {
+        say(stderr, "splatguard convert: %s: found format %s, which is only read\n", out,
+            sg_model_format_name(c->file.format));
         return STATUS_USAGE;
     }
     const int code = open_context(&ctx, 1, c->max_memory, c->quiet);
@@ -117,7 +119,8 @@ const struct command command_convert = {
     .arguments = "RUN|MODEL OUT [options]",
     .summary = "Converts a model between file formats, or keeps a part of it.",
     .description =
-        "Reads .ply, compressed .ply of SuperSplat, .splat, .spz or .ksplat, recognised by content "
+        "Reads .ply, compressed .ply of SuperSplat, .splat, .spz, .ksplat or .sog, recognised by "
+        "content "
         "where the format has a mark, and writes .ply, .compressed.ply, .splat, .spz or .glb "
         "(glTF with KHR_gaussian_splatting). Formats but .ply and .glb round; docs/formats.md has "
         "how much. OUT must be new.",

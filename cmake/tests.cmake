@@ -3,11 +3,11 @@ pkg_check_modules(CMOCKA REQUIRED IMPORTED_TARGET cmocka) # plain C, works under
 # Labels select tests for the parts of ./check: `threads` for the thread sanitizer, `package` for what is installed, `slow`
 # for what sanitizers and other compilers need not repeat, `fuzz`, `memory`. A new test gets `threads`, unless it is listed
 # here.
-set(SG_SERIAL test_checkpoint test_columns test_folder test_format test_gradients test_image test_morton test_ply)
+set(SG_SERIAL test_checkpoint test_columns test_folder test_format test_gradients test_image test_morton test_ply test_sog)
 file(GLOB SG_TESTS CONFIGURE_DEPENDS tests/test_*.c tests/engine/test_*.c)
 if(NOT ZLIB_FOUND)
-    message(STATUS "test_format: left out, zlib is missing")
-    list(FILTER SG_TESTS EXCLUDE REGEX "test_format")
+    message(STATUS "test_format, test_sog: left out, zlib is missing")
+    list(FILTER SG_TESTS EXCLUDE REGEX "test_(format|sog)")
 endif()
 if(NOT SG_HAVE_VULKAN)
     list(FILTER SG_TESTS EXCLUDE REGEX "test_devices")

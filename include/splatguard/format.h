@@ -19,18 +19,21 @@ enum sg_model_format {
     SG_MODEL_SPLAT,          /* .splat: 32 bytes a Gaussian, without SH of degree 1 and above */
     SG_MODEL_SPZ,            /* .spz: of Niantic, versions 2 and 3; where zlib was at build */
     SG_MODEL_KSPLAT,         /* .ksplat: of GaussianSplats3D; is read only */
+    SG_MODEL_SOG,            /* .sog: of PlayCanvas, version 2; is read only, where zlib was */
     SG_MODEL_GLB,            /* .glb: glTF with KHR_gaussian_splatting; is written only */
     SG_MODEL_FORMATS
 };
 
-/* "ply", "compressed-ply", "splat", "spz", "ksplat", "glb"; "auto". */
+/* "ply", "compressed-ply", "splat", "spz", "ksplat", "sog", "glb"; "auto". */
 SG_API const char *sg_model_format_name(enum sg_model_format format);
 /* By the ending of a file's name, in any case of letters; SG_MODEL_AUTO for another ending. */
 SG_API enum sg_model_format sg_model_format_of(const char *path);
 
 /* Reads a model in any format that can be read. It is recognised by its content; .splat, which has
  * no mark, by its ending. Memory: that of the model, and less than a megabyte; for compressed PLY
- * 72 bytes per 256 Gaussians too. The caller owns *out. Errors: as of sg_model_read_ply. */
+ * 72 bytes per 256 Gaussians too, and
+ * for .sog the file and two of its images. The caller owns *out. Errors: as of sg_model_read_ply.
+ */
 SG_API int sg_model_read(sg_ctx *ctx, const char *path, uint64_t max_gaussians,
                          struct sg_model **out);
 

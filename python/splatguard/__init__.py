@@ -40,7 +40,7 @@ __all__ = [
 ]
 __version__ = _core.version()
 
-_FORMATS = ("auto", "ply", "compressed-ply", "splat", "spz", "ksplat", "glb")
+_FORMATS = ("auto", "ply", "compressed-ply", "splat", "spz", "ksplat", "sog", "glb")
 _SPLITS = {None: 0, "train": 1, "test": 2}
 
 
@@ -297,7 +297,7 @@ class Model:
 
     @classmethod
     def load(cls, path, max_gaussians=2**32 - 1, context=None):
-        """Reads .ply, compressed .ply, .splat, .spz or .ksplat."""
+        """Reads .ply, compressed .ply, .splat, .spz, .ksplat or .sog."""
         context = _context(context)
         return cls._of(_core.model_read(context, path, max_gaussians), context)
 

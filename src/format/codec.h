@@ -17,6 +17,7 @@ int sg_splat_read(sg_ctx *ctx, struct sg_source *in, uint64_t max_gaussians, str
 int sg_spz_read(sg_ctx *ctx, struct sg_source *in, uint64_t max_gaussians, struct sg_model **out);
 int sg_ksplat_read(sg_ctx *ctx, struct sg_source *in, uint64_t max_gaussians,
                    struct sg_model **out);
+int sg_sog_read(sg_ctx *ctx, struct sg_source *in, uint64_t max_gaussians, struct sg_model **out);
 int sg_compressed_ply_read(sg_ctx *ctx, struct sg_source *in, uint64_t max_gaussians,
                            struct sg_model **out);
 

@@ -17,6 +17,7 @@ static const struct {
     [SG_MODEL_SPLAT] = {"splat", ".splat"},
     [SG_MODEL_SPZ] = {"spz", ".spz"},
     [SG_MODEL_KSPLAT] = {"ksplat", ".ksplat"},
+    [SG_MODEL_SOG] = {"sog", ".sog"},
     [SG_MODEL_GLB] = {"glb", ".glb"},
     [SG_MODEL_COMPRESSED_PLY] = {"compressed-ply", ".compressed.ply"},
 };
@@ -70,10 +71,13 @@ static int read_from(sg_ctx *ctx, struct sg_source *in, uint64_t max_gaussians,
     if (starts_with(in, "NGSP", 4))
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found .spz of version 4 or above, expected 2 or 3",
                        in->path);
-    if (starts_with(in, "glTF", 4) || starts_with(in, "PK\3\4", 4))
-        return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: found %s, expected .ply, .compressed.ply, .splat, .spz or .ksplat",
-                       in->path, starts_with(in, "glTF", 4) ? "glTF" : "a zip archive");
+    if (starts_with(in, "PK\3\4", 4))
+        return sg_sog_read(ctx, in, max_gaussians, out);
+    if (starts_with(in, "glTF", 4))
+        return sg_fail(
+            ctx, SG_ERR_INPUT,
+            "%s: found glTF, expected .ply, .compressed.ply, .splat, .spz, .ksplat or .sog",
+            in->path);
     if (!starts_with(in, "ply", 3)) { /* these have no mark */
         if (named == SG_MODEL_KSPLAT)
             return sg_ksplat_read(ctx, in, max_gaussians, out);
@@ -110,8 +114,9 @@ int sg_model_read_drawable(sg_ctx *ctx, const char *path, uint64_t max_gaussians
 
 static int check_file(sg_ctx *ctx, const char *path, const struct sg_model_file *file)
 {
-    if (file->format == SG_MODEL_KSPLAT)
-        return sg_fail(ctx, SG_ERR_USAGE, "%s: found format ksplat, which is only read", path);
+    if (file->format == SG_MODEL_KSPLAT || file->format == SG_MODEL_SOG)
+        return sg_fail(ctx, SG_ERR_USAGE, "%s: found format %s, which is only read", path,
+                       formats[file->format].name);
     if (file->format <= SG_MODEL_AUTO || file->format >= SG_MODEL_FORMATS)
         return sg_fail(ctx, SG_ERR_USAGE,
                        "%s: found no format, expected a name that ends with .ply, "

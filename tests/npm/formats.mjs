@@ -76,6 +76,7 @@ run(tool, 'convert', model, at('ours-3.spz'), '--spz-version', '3', '-q');
 
 // Their files in our readers. splat-transform writes .spz of version 4, so spz itself writes the others.
 run('node', splatTransform, '-q', model, at('theirs.compressed.ply'));
+run('node', splatTransform, '-q', '-g', 'cpu', model, at('theirs.sog'));
 const spz = await createSpz();
 const cloud = await spz.loadSpzFromBuffer(readFileSync(at('ours-3.spz')), { to: spz.CoordinateSystem.RDF });
 for (const version of [2, 3])
@@ -89,7 +90,7 @@ for (const level of [0, 1, 2]) {
     writeFileSync(at(`theirs-${level}.ksplat`), new Uint8Array(buffer.bufferData));
 }
 ['theirs.compressed.ply', 'theirs-2.spz', 'theirs-3.spz', 'theirs-0.ksplat', 'theirs-1.ksplat',
-    'theirs-2.ksplat'].forEach(compare);
+    'theirs-2.ksplat', 'theirs.sog'].forEach(compare);
 
 // .glb: no reader there, so both write one.
 const glb = (path) => {

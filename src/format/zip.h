@@ -1,0 +1,26 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A zip archive in memory, for reading: entries that are stored or deflated, without zip64,
+ * encryption and parts. */
+#ifndef SG_FORMAT_ZIP_H
+#define SG_FORMAT_ZIP_H
+
+#include "core/internal.h"
+
+struct sg_zip {
+    sg_ctx *ctx;
+    const char *path; /* for messages */
+    const uint8_t *data;
+    size_t size;
+    size_t directory, directory_end; /* bytes of it */
+    unsigned entries;
+};
+
+/* data must outlive *out. SG_ERR_INPUT for what is no archive; SG_ERR_USAGE: built without zlib. */
+int sg_zip_open(sg_ctx *ctx, const char *path, const uint8_t *data, size_t size,
+                struct sg_zip *out);
+/* The first entry of a name, in memory of its own: sg_free(*data). SG_ERR_INPUT if there is none,
+ * if it is damaged, or has more than `most` bytes, which is known before memory is taken. */
+int sg_zip_read(const struct sg_zip *zip, const char *name, size_t most, uint8_t **data,
+                size_t *size);
+
+#endif
