@@ -5,10 +5,12 @@
 #include <string.h>
 
 #include "model_views.h"
+#include "page.h"
 
 struct compare_config {
     struct model_options m;
     bool json, csv;
+    const char *html;
 };
 
 static const struct sg_option compare_options[] = {
@@ -16,6 +18,8 @@ static const struct sg_option compare_options[] = {
              .group = "Output"),
     FLAG_ROW("csv", offsetof(struct compare_config, csv),
              "Print comma-separated values, one line a run.", .group = "Output"),
+    TEXT_ROW("html", offsetof(struct compare_config, html), "FILE",
+             "Write a page with the table and bars to FILE instead.", .group = "Output"),
     MODEL_ROWS(struct compare_config),
     {0},
 };
@@ -149,6 +153,81 @@ static int print_table(const struct run *runs, int n)
     return 0;
 }
 
+struct compared {
+    const struct run *runs;
+    int n;
+};
+
+static void put_value(FILE *f, const struct run *runs, int i, int m)
+{
+    const double v = runs[i].value[m] * metrics[m].scale;
+    if (!isfinite(v)) {
+        fprintf(f, "-");
+        return;
+    }
+    fprintf(f, metrics[m].format ? metrics[m].format : fabs(v) < 100 ? "%.3g" : "%.0f", v);
+    if (i && metrics[m].ratio && isfinite(ratio(runs, i, m)))
+        fprintf(f, " (%.2fx)", ratio(runs, i, m));
+}
+
+/* A bar for each run, of a metric that can be compared by lengths. */
+static void put_bars_of(FILE *f, const struct compared *c, int m)
+{
+    double most = 0;
+    for (int i = 0; i < c->n; i++)
+        most = fmax(most, isfinite(c->runs[i].value[m]) ? c->runs[i].value[m] : 0);
+    if (!(most > 0))
+        return;
+    fprintf(f, "<h2>%s</h2>\n<table class=bars>\n", metrics[m].title);
+    for (int i = 0; i < c->n; i++) {
+        const double share = fmax(0, c->runs[i].value[m] / most); /* 0 of NAN */
+        fprintf(f, "<tr><th scope=row>");
+        put_name(f, c->runs[i].path);
+        fprintf(f, "<td>");
+        put_value(f, c->runs, i, m);
+        fprintf(f,
+                "<td><svg width=200 height=14 viewBox=\"0 0 200 14\" preserveAspectRatio=none "
+                "aria-hidden=true><rect width=%.1f height=14 /></svg>\n",
+                200 * share);
+    }
+    fprintf(f, "</table>\n");
+}
+
+static int put_comparison(FILE *f, const void *what)
+{
+    static const int shown[] = {MAX_GAUSSIANS, SECONDS, RSS, FPS};
+    const struct compared *c = what;
+    put_page_head(f, "Comparison");
+    fprintf(f, "<div class=wide><table><tr><th>");
+    for (int i = 0; i < c->n; i++) {
+        fprintf(f, "<th scope=col>");
+        put_name(f, c->runs[i].path);
+    }
+    for (int m = 0; m < METRICS; m++) {
+        fprintf(f, "\n<tr><th scope=row>%s", metrics[m].title);
+        for (int i = 0; i < c->n; i++) {
+            fprintf(f, "<td>");
+            put_value(f, c->runs, i, m);
+        }
+    }
+    fprintf(f, "\n</table></div>\n<p>In brackets: how many times the first run's.\n");
+    for (size_t k = 0; k < sizeof(shown) / sizeof(shown[0]); k++)
+        put_bars_of(f, c, shown[k]);
+    fprintf(f, "</body></html>\n");
+    return STATUS_DONE;
+}
+
+static int write_html(const struct compare_config *c, const struct run *runs, int n)
+{
+    sg_ctx *ctx;
+    int code = open_context(&ctx, 1, 0, true);
+    if (!code)
+        code = report(ctx, sg_output_check_file(ctx, c->html));
+    sg_ctx_destroy(&ctx);
+    return code ? code
+                : write_whole("compare", c->html, &(struct compared){runs, n}, put_comparison);
+}
+
 static int print_csv(const struct run *runs, int n)
 {
     printf("run");
@@ -194,8 +273,8 @@ static int run_compare(const void *config, const bool *given, const char *const 
     const struct compare_config *c = config;
     struct run *runs = calloc((size_t) count, sizeof(*runs));
     int code = runs ? 0 : no_memory();
-    if (c->json && c->csv) {
-        say(stderr, "splatguard compare: --json and --csv exclude each other\n");
+    if (c->json + c->csv + !!c->html > 1) {
+        say(stderr, "splatguard compare: --json, --csv and --html exclude each other\n");
         code = 1;
     }
     for (int i = 0; i < count && !code; i++) {
@@ -203,7 +282,9 @@ static int run_compare(const void *config, const bool *given, const char *const 
         if (!code && c->m.scene_path)
             code = measure(&runs[i], c, given);
     }
-    if (!code)
+    if (!code && c->html)
+        code = write_html(c, runs, count);
+    else if (!code)
         code = (c->json ? print_json : c->csv ? print_csv : print_table)(runs, count);
     free(runs);
     return code;

@@ -1,10 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#include <errno.h>
 #include <limits.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "model_views.h"
+#include "page.h"
 #include "report.h"
 
 struct report_config {
@@ -46,29 +45,13 @@ static int put_html(FILE *f, const void *r)
     return STATUS_DONE;
 }
 
-/* The file appears whole or not at all. */
 static int write_file(const char *folder, const char *name, const void *what,
                       int (*put)(FILE *, const void *))
 {
-    char path[PATH_MAX], temporary[PATH_MAX];
+    char path[PATH_MAX];
     if (snprintf(path, sizeof(path), "%s/%s", folder, name) >= (int) sizeof(path) - 8)
         return STATUS_USAGE;
-    snprintf(temporary, sizeof(temporary), "%.*s.tmp", (int) sizeof(temporary) - 5, path);
-    unlink(temporary);
-    FILE *f = fopen(temporary, "wx");
-    errno = f ? 0 : errno;
-    const int code = f ? put(f, what) : STATUS_DONE;
-    const bool whole = f && !code && !fflush(f) && !ferror(f) && !fsync(fileno(f));
-    const int error = errno;
-    if (f)
-        fclose(f);
-    if (whole && !rename(temporary, path))
-        return STATUS_DONE;
-    if (!code)
-        say(stderr, "splatguard report: %s: cannot write: %s\n", path,
-            strerror(error ? error : EIO));
-    unlink(temporary);
-    return code ? code : STATUS_INPUT;
+    return write_whole("report", path, what, put);
 }
 
 struct run_page {

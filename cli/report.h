@@ -70,9 +70,6 @@ enum format { MARKDOWN, HTML };
 
 void put_tables(FILE *f, const struct report *r, enum format format);
 void put_csv(FILE *f, const struct report *r);
-/* Text that is not trusted, for a page. */
-void put_escaped(FILE *f, const char *text);
-
 /* The page of one run. views: of its pictures, or NULL. Returns an exit code. */
 struct model_views;
 int put_run(FILE *f, const char *folder, const sg_run_summary *summary,

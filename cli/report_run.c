@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "model_views.h"
+#include "page.h"
 #include "report.h"
 #include "report_chart.h"
 
@@ -65,13 +66,6 @@ static int read_log(const char *folder, struct curves *c)
 }
 
 /* ---- facts ---- */
-
-static void put_name(FILE *f, const char *text)
-{
-    json_t *valid = text_json(text);
-    put_escaped(f, valid ? json_string_value(valid) : "");
-    json_decref(valid);
-}
 
 static double fact(const sg_run_summary *s, const char *key)
 {
@@ -319,16 +313,7 @@ int put_run(FILE *f, const char *folder, const sg_run_summary *summary,
 {
     struct curves c = {0};
     int code = read_log(folder, &c);
-    fprintf(f,
-            "<!doctype html>\n<html lang=en><head><meta charset=utf-8><meta name=viewport "
-            "content=\"width=device-width\">\n<meta http-equiv=Content-Security-Policy "
-            "content=\"default-src 'none'; style-src 'unsafe-inline'; img-src data:\">\n"
-            "<meta name=generator content=\"splatguard %s\">\n<title>splatguard: ",
-            sg_version());
-    put_name(f, folder);
-    fprintf(f, "</title>\n<style>\n%s</style></head><body>\n<h1>", page_css);
-    put_name(f, folder);
-    fprintf(f, "</h1>\n");
+    put_page_head(f, folder);
     if (fact(summary, "interrupted") == 1)
         fprintf(f, "<p class=suspicious>The run was interrupted.\n");
     put_facts(f, summary);

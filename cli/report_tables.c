@@ -3,19 +3,11 @@
 #include <math.h>
 #include <string.h>
 
+#include "page.h"
 #include "report.h"
 
 #define OFF "off"
 #define CLEAN "clean"
-
-void put_escaped(FILE *f, const char *text)
-{
-    for (const char *c = text; *c; c++)
-        if (strchr("<>&\"'", *c))
-            fprintf(f, "&#%d;", *c);
-        else
-            fputc((unsigned char) *c < ' ' ? ' ' : *c, f);
-}
 
 static void put_text(FILE *f, enum format format, const char *text)
 {

@@ -24,6 +24,23 @@ fi
 [ "$(grep -o 'data:image/png;base64' $page | wc -l)" -ge 3 ] || fail "no pictures"
 grep -q -- '--max-gaussians<td>400' $page || fail "an option is missing"
 
+# Runs next to each other.
+expect 0 compare "$name" "$name" --html both.html
+[ ! -s out ] || fail "compare --html prints too"
+grep -q '<img src=x' both.html && fail "a name is an element of the comparison"
+[ "$(grep -c '<rect' both.html)" -ge 6 ] || fail "no bars"
+expect 0 compare "$name" "$name"
+most=$(awk '/^Gaussians, most/ { print $3 }' out)
+grep -q "^<tr><th scope=row>Gaussians, most<td>$most<td>$most (1.00x)" both.html || fail "another table than compare prints"
+expect 0 compare "$name" "$name" --html both.html
+echo mine >mine.html
+expect 2 compare "$name" --html mine.html
+grep -q mine mine.html || fail "another's file is gone"
+expect 1 compare "$name" --html x.html --csv; says 'exclude each other'
+if command -v python3 >/dev/null; then
+    python3 "$source_dir/tests/cli/page_look.py" "file://$work/both.html" || fail "the look of a comparison"
+fi
+
 # Without its photos; with a log that is damaged, or gone.
 mv scene gone
 expect 0 report "$name" -o page -q; says 'the page has no pictures'

@@ -1,0 +1,63 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "page.h"
+
+#include <errno.h>
+#include <limits.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "commands.h"
+
+extern const char page_css[];
+
+void put_escaped(FILE *f, const char *text)
+{
+    for (const char *c = text; *c; c++)
+        if (strchr("<>&\"'", *c))
+            fprintf(f, "&#%d;", *c);
+        else
+            fputc((unsigned char) *c < ' ' ? ' ' : *c, f);
+}
+
+void put_name(FILE *f, const char *text)
+{
+    json_t *valid = text_json(text);
+    put_escaped(f, valid ? json_string_value(valid) : "");
+    json_decref(valid);
+}
+
+void put_page_head(FILE *f, const char *title)
+{
+    fprintf(f,
+            "<!doctype html>\n<html lang=en><head><meta charset=utf-8><meta name=viewport "
+            "content=\"width=device-width\">\n<meta http-equiv=Content-Security-Policy "
+            "content=\"default-src 'none'; style-src 'unsafe-inline'; img-src data:\">\n"
+            "<meta name=generator content=\"splatguard %s\">\n<title>splatguard: ",
+            sg_version());
+    put_name(f, title);
+    fprintf(f, "</title>\n<style>\n%s</style></head><body>\n<h1>", page_css);
+    put_name(f, title);
+    fprintf(f, "</h1>\n");
+}
+
+int write_whole(const char *command, const char *path, const void *what,
+                int (*put)(FILE *, const void *))
+{
+    char temporary[PATH_MAX];
+    snprintf(temporary, sizeof(temporary), "%.*s.tmp", (int) sizeof(temporary) - 5, path);
+    unlink(temporary);
+    FILE *f = fopen(temporary, "wx");
+    errno = f ? 0 : errno;
+    const int code = f ? put(f, what) : STATUS_DONE;
+    const bool whole = f && !code && !fflush(f) && !ferror(f) && !fsync(fileno(f));
+    const int error = errno;
+    if (f)
+        fclose(f);
+    if (whole && !rename(temporary, path))
+        return STATUS_DONE;
+    if (!code)
+        say(stderr, "splatguard %s: %s: cannot write: %s\n", command, path,
+            strerror(error ? error : EIO));
+    unlink(temporary);
+    return code ? code : STATUS_INPUT;
+}

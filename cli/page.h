@@ -1,0 +1,22 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What the pages of commands share. Names are untrusted: all text is escaped. */
+#ifndef CLI_PAGE_H
+#define CLI_PAGE_H
+
+#include <stdio.h>
+
+#include "splatguard/splatguard.h"
+
+/* Text for a page, and the same of a name that need not be UTF-8. */
+void put_escaped(FILE *f, const char *text);
+void put_name(FILE *f, const char *text);
+
+/* The beginning of a page without a script, up to its heading, in the look of all pages. */
+void put_page_head(FILE *f, const char *title);
+
+/* A file that appears whole or not at all. put returns an exit code. command: for messages. Returns
+ * an exit code. */
+int write_whole(const char *command, const char *path, const void *what,
+                int (*put)(FILE *, const void *));
+
+#endif
