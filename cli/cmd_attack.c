@@ -130,6 +130,8 @@ static int adopt_attack(struct attack_config *c, const bool *given, const char *
     run->keep_decoy = p->keep_decoy;
     if (options_given(&command_attack, given, A(run.max_memory)))
         run->max_memory = p->max_memory;
+    if (options_given(&command_attack, given, A(run.max_vram)))
+        run->max_vram = p->max_vram;
     if (p->folder && argument && take_scene(&command_attack, argument, &p->source))
         return STATUS_USAGE;
     run->source = p->source = p->source ? p->source : run->source;
@@ -207,7 +209,7 @@ static int run_attack(const void *config, const bool *given, const char *const *
     if (!code)
         code = check_method(&c.run, given);
     if (!code)
-        code = open_context(&ctx, c.threads, c.run.max_memory, c.quiet);
+        code = open_engine_context(&ctx, c.threads, c.run.max_memory, c.run.max_vram, c.quiet);
     if (!code)
         code = attack(ctx, &c);
     sg_ctx_destroy(&ctx);

@@ -10,7 +10,7 @@ struct prune_config {
     struct sg_scene_params scene;
     const char *scene_path, *output;
     int threads, iteration;
-    uint64_t max_memory;
+    uint64_t max_memory, max_vram;
     bool eval, json, quiet;
 };
 
@@ -30,6 +30,7 @@ static const struct sg_option prune_options[] = {
     NUMBER_ROW("threads", SG_OPTION_INT, P(threads), 0, 256, "T",
                "Worker threads; 0 = one per CPU. Results are the same.", GROUP, .letter = 'j'),
     MEMORY_ROW(struct prune_config, max_memory, GROUP),
+    VRAM_ROW(struct prune_config, max_vram, GROUP),
     FLAG_ROW("json", P(json), "Print one JSON object.", GROUP),
     FLAG_ROW("quiet", P(quiet), "No progress.", GROUP, .letter = 'q'),
     {0},
@@ -110,7 +111,7 @@ static int run_prune(const void *config, const bool *given, const char *const *p
     sg_ctx *ctx = NULL;
     char path[PATH_MAX];
     const bool is_run = is_folder(positional[0]);
-    int code = open_context(&ctx, c->threads, c->max_memory, c->quiet);
+    int code = open_engine_context(&ctx, c->threads, c->max_memory, c->max_vram, c->quiet);
     if (!code)
         code = report(ctx, sg_run_find_model(ctx, positional[0], c->iteration, path, sizeof(path)));
     if (!code && is_run)

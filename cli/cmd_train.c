@@ -125,6 +125,8 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
         run->train.iterations = p->train.iterations;
     if (options_given(t, given, T(run.max_memory)))
         run->max_memory = p->max_memory;
+    if (options_given(t, given, T(run.max_vram)))
+        run->max_vram = p->max_vram;
     if (options_given(t, given, T(run.save_every)))
         run->save_every = p->save_every;
     if (options_given(t, given, T(run.eval_every)))
@@ -218,7 +220,7 @@ static int run_train(const void *config, const bool *given, const char *const *p
         code = check_options(&c, given);
     c.run.train.cpu = cpu_variant(c.run.train.cpu);
     if (!code)
-        code = open_context(&ctx, c.threads, c.run.max_memory, c.quiet);
+        code = open_engine_context(&ctx, c.threads, c.run.max_memory, c.run.max_vram, c.quiet);
     if (!code)
         code = c.view ? train_view_open(c.port, &view) : STATUS_DONE;
     if (!code)

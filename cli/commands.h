@@ -14,6 +14,10 @@ extern const struct command command_train, command_eval, command_render, command
 #define MEMORY_ROW(config, field, ...)                                                             \
     NUMBER_ROW("max-memory", SG_OPTION_BYTES, offsetof(config, field), 0, 9e15, "BYTES",           \
                "Most memory of the process; 0 = no limit.", __VA_ARGS__)
+/* For those of them that have an engine. */
+#define VRAM_ROW(config, field, ...)                                                               \
+    NUMBER_ROW("max-vram", SG_OPTION_BYTES, offsetof(config, field), 0, 9e15, "BYTES",             \
+               "Most memory of the device; 0 = nine tenths of what is free.", __VA_ARGS__)
 
 /* The scene that a command line names by its place, unless another option names one too. Returns an
  * exit code. */
@@ -60,6 +64,9 @@ int report_option(const sg_ctx *ctx, const struct command *command, int error);
 
 /* A context that logs warnings to stderr (info too unless quiet). Returns an exit code. */
 int open_context(sg_ctx **ctx, int threads, uint64_t max_memory, bool quiet);
+/* The same, and a limit on the memory of a device. */
+int open_engine_context(sg_ctx **ctx, int threads, uint64_t max_memory, uint64_t max_vram,
+                        bool quiet);
 
 /* --cpu, else SG_CPU, else NULL. */
 const char *cpu_variant(const char *option);

@@ -89,6 +89,12 @@ static uint64_t outside_ledger(void)
 
 int open_context(sg_ctx **ctx, int threads, uint64_t max_memory, bool quiet)
 {
+    return open_engine_context(ctx, threads, max_memory, 0, quiet);
+}
+
+int open_engine_context(sg_ctx **ctx, int threads, uint64_t max_memory, uint64_t max_vram,
+                        bool quiet)
+{
     if (max_memory) {
         const uint64_t outside = outside_ledger(), least = outside + (8 << 20);
         /* What is freed goes back to the system at once. */
@@ -106,6 +112,7 @@ int open_context(sg_ctx **ctx, int threads, uint64_t max_memory, bool quiet)
     const int code =
         sg_ctx_create(ctx, &(struct sg_ctx_params){.threads = threads,
                                                    .max_memory = max_memory,
+                                                   .max_vram = max_vram,
                                                    .log = log_line,
                                                    .progress = on_progress,
                                                    .log_level = quiet ? SG_LOG_WARN : SG_LOG_INFO});

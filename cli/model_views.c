@@ -33,7 +33,7 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
     *v = (struct model_views){.run = sg_run_params_default()};
     char path[PATH_MAX];
     const bool is_run = is_folder(model);
-    int code = open_context(&v->ctx, o->threads, o->max_memory, o->quiet);
+    int code = open_engine_context(&v->ctx, o->threads, o->max_memory, o->max_vram, o->quiet);
     if (!code)
         code = report(v->ctx, sg_run_find_model(v->ctx, model, o->iteration, path, sizeof(path)));
     if (!code && is_run)

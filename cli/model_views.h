@@ -10,7 +10,7 @@ struct model_options {
     struct sg_scene_params scene;
     struct sg_render_params render;
     int split, threads, iteration;
-    uint64_t max_memory;
+    uint64_t max_memory, max_vram;
     bool quiet;
 };
 #define SPLITS "test|train"
@@ -29,6 +29,7 @@ struct model_options {
         NUMBER_ROW("threads", SG_OPTION_INT, offsetof(config, m.threads), 0, 256, "T",             \
                    "Worker threads; 0 = one per CPU.", .group = MODEL_GROUP, .letter = 'j'),       \
         MEMORY_ROW(config, m.max_memory, .group = MODEL_GROUP),                                    \
+        VRAM_ROW(config, m.max_vram, .group = MODEL_GROUP),                                        \
         FLAG_ROW("quiet", offsetof(config, m.quiet), "Warnings only.", .group = MODEL_GROUP,       \
                  .letter = 'q'),                                                                   \
         TEXT_ROW("engine", offsetof(config, m.engine), "NAME", SG_ENGINE_HELP,                     \

@@ -20,6 +20,7 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
     endforeach()
     sg_vulkan_test(gaussians test_gaussians 256)
     sg_vulkan_test(training test_vulkan 256)
+    sg_vulkan_test(memory test_device_memory 256)
     sg_vulkan_test(widths sh all ${CMAKE_CURRENT_SOURCE_DIR}/tests/vulkan/widths.sh $<TARGET_FILE:test_vulkan>)
 else()
     add_test(NAME vulkan COMMAND sh -c

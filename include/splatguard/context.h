@@ -56,6 +56,9 @@ struct sg_ctx_params {
      * max_memory is reached: more threads leave less memory to the model. Default 0. */
     int threads;
     uint64_t max_memory; /* bytes that may be allocated at once; 0 = no limit. Default 0. */
+    /* Bytes of a device's memory that its engine may hold at once; 0 = nine tenths of what is free
+     * when it starts. Default 0. */
+    uint64_t max_vram;
     /* NULL = silent. Called on any thread, perhaps on several at once. The message is valid during
      * the call only. Default NULL. */
     void (*log)(void *priv, enum sg_log_level level, const char *message);
@@ -98,6 +101,9 @@ SG_API void sg_mem_free(void *memory); /* NULL-safe, thread safe */
 SG_API uint64_t sg_mem_current(const sg_ctx *ctx, enum sg_mem_tag tag);
 SG_API uint64_t sg_mem_peak(const sg_ctx *ctx, enum sg_mem_tag tag);
 SG_API const char *sg_mem_tag_name(enum sg_mem_tag tag);
+/* The same of a device's memory, which counts apart. */
+SG_API uint64_t sg_vram_current(const sg_ctx *ctx, enum sg_mem_tag tag);
+SG_API uint64_t sg_vram_peak(const sg_ctx *ctx, enum sg_mem_tag tag);
 
 #ifdef __cplusplus
 }

@@ -44,6 +44,7 @@ struct sg_run_params {
     int log_every;       /* between lines of log.jsonl, 1..10 million. Default 100. */
     uint64_t max_memory; /* for config.json and summary.json: what the user allowed the process. The
                             context's own limit is what binds. Default 0. */
+    uint64_t max_vram;   /* likewise, of the memory of its device. Default 0. */
     /* NULL, or called after each iteration, and with step NULL before the first file is written.
      * A result other than 0 stops the run, which saves what there is. Default NULL. */
     int (*step)(void *priv, const struct sg_train_step *step);
@@ -162,8 +163,8 @@ struct sg_attack_run_params {
     float spare;          /* share of each photo, from the left, that stays, 0..1. Default 0. */
     int proxy_iterations; /* 1..10 million. Default 30000. */
     int save_every;       /* iterations between checkpoints; 0 = when stopped only. Default 5000. */
-    uint64_t max_memory;  /* see sg_run_params */
-    bool keep_decoy;      /* writes attack/decoy.ply. Default false. */
+    uint64_t max_memory, max_vram; /* see sg_run_params */
+    bool keep_decoy;               /* writes attack/decoy.ply. Default false. */
     /* NULL, or called after each iteration, and with step NULL where the attack can be stopped
      * between iterations. A result other than 0 stops it, with everything saved. Default NULL. */
     int (*step)(void *priv, const struct sg_attack_step *step);

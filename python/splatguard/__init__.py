@@ -69,6 +69,7 @@ class Context(_core.Context):
 
     threads: worker threads, 0 = one per CPU; results do not depend on it.
     max_memory: bytes that may be allocated at once, 0 = no limit; beyond it calls raise BudgetError.
+    max_vram: likewise of the memory of a device, 0 = nine tenths of what is free.
     log: called as log(level, message) with level 0 = warning, 1 = info, 2 = debug; on any thread.
     log_level: the most detailed level that is sent.
     progress: called as progress(stage, done, total) on the thread of the call; a true result

@@ -50,12 +50,13 @@ static int on_progress(void *priv, enum sg_stage stage, uint64_t done, uint64_t 
 
 static PyObject *context_new(PyTypeObject *type, PyObject *args, PyObject *kw)
 {
-    static char *names[] = {"threads", "max_memory", "log", "progress", "log_level", NULL};
+    static char *names[] = {"threads",   "max_memory", "log", "progress",
+                            "log_level", "max_vram",   NULL};
     int threads = 0, level = SG_LOG_WARN;
-    unsigned long long max_memory = 0;
+    unsigned long long max_memory = 0, max_vram = 0;
     PyObject *log = NULL, *progress = NULL;
-    if (!PyArg_ParseTupleAndKeywords(args, kw, "|iKOOi:Context", names, &threads, &max_memory, &log,
-                                     &progress, &level))
+    if (!PyArg_ParseTupleAndKeywords(args, kw, "|iKOOiK:Context", names, &threads, &max_memory,
+                                     &log, &progress, &level, &max_vram))
         return NULL;
     struct context *c = (struct context *) ((allocfunc) PyType_GetSlot(type, Py_tp_alloc))(type, 0);
     if (!c)
@@ -66,6 +67,7 @@ static PyObject *context_new(PyTypeObject *type, PyObject *args, PyObject *kw)
     Py_XINCREF(c->progress);
     const struct sg_ctx_params params = {.threads = threads,
                                          .max_memory = max_memory,
+                                         .max_vram = max_vram,
                                          .log = c->log ? on_log : NULL,
                                          .log_priv = c,
                                          .log_level = (enum sg_log_level) level,

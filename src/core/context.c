@@ -8,6 +8,7 @@
 
 #include "internal.h"
 #include "threads.h"
+#include "vram.h"
 
 #define ALIGN 64 /* a cache line, and the widest vector */
 
@@ -31,6 +32,7 @@ struct sg_ctx {
     int error_code;                         /* of that message */
     struct counter memory[SG_MEM_TAGS + 1]; /* the last one is the total */
     _Atomic uint64_t to_failure;            /* allocations until one is made to fail; 0 = none */
+    struct sg_vram vram;
     _Atomic uint64_t wanted; /* total bytes that the newest refused allocation would have needed */
 };
 
@@ -42,6 +44,7 @@ int sg_ctx_create(sg_ctx **out, const struct sg_ctx_params *params)
         return SG_ERR_BUDGET;
     if (params)
         ctx->params = *params;
+    ctx->vram.given = ctx->params.max_vram;
     int threads = ctx->params.threads;
     if (threads == 0) {
         long online = sysconf(_SC_NPROCESSORS_ONLN);
@@ -226,6 +229,21 @@ const char *sg_mem_tag_name(enum sg_mem_tag tag)
 uint64_t sg_mem_wanted(const sg_ctx *ctx)
 {
     return ctx->wanted;
+}
+
+struct sg_vram *sg_ctx_vram(sg_ctx *ctx)
+{
+    return &ctx->vram;
+}
+
+uint64_t sg_vram_current(const sg_ctx *ctx, enum sg_mem_tag tag)
+{
+    return ctx->vram.current[tag];
+}
+
+uint64_t sg_vram_peak(const sg_ctx *ctx, enum sg_mem_tag tag)
+{
+    return ctx->vram.peak[tag];
 }
 
 uint64_t sg_mem_limit(const sg_ctx *ctx)

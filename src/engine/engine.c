@@ -113,6 +113,14 @@ struct sg_footprint sg_engine_footprint(const struct sg_engine_kind *engine,
     return f;
 }
 
+bool sg_engine_on_device(const struct sg_engine_kind *engine, const struct sg_work *work,
+                         struct sg_footprint *out)
+{
+    if (engine->on_device)
+        *out = engine->on_device(work);
+    return engine->on_device != NULL;
+}
+
 /* ---- the model ---- */
 
 /* The engine has taken this model, or has failed. */

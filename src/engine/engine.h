@@ -31,8 +31,8 @@ sg_ctx *sg_engine_ctx(const struct sg_engine *e);
 const char *
 sg_engine_variant(const struct sg_engine *e); /* "avx512", "ref", ...: what really runs */
 
-/* The memory that an engine needs for a shape of work: bytes at the worst moment of an iteration or
- * an edit. */
+/* The host memory that an engine needs for a shape of work: bytes at the worst moment of an
+ * iteration or an edit. */
 struct sg_work {
     int sh_degree;
     bool accumulate; /* see sg_update */
@@ -47,10 +47,15 @@ struct sg_footprint {
     uint64_t gaussian; /* one of the model: parameters, optimiser, projection */
     uint64_t instance; /* one (Gaussian, tile) pair held at once */
     uint64_t view;     /* the buffers of an image of this size */
+    uint64_t photo;    /* a photo of this size, beside the pixels that the scene holds */
 };
 struct sg_engine_kind; /* see registry.h */
 struct sg_footprint sg_engine_footprint(const struct sg_engine_kind *engine,
                                         const struct sg_work *work);
+/* The same in the memory of its device, whose limit and use are in the context's ledger
+ * (core/vram.h) once the engine is created. Returns false for an engine without a device. */
+bool sg_engine_on_device(const struct sg_engine_kind *engine, const struct sg_work *work,
+                         struct sg_footprint *out);
 
 /* ---- the model ---- */
 

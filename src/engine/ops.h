@@ -117,7 +117,8 @@ struct sg_engine_kind {
     int (*check)(sg_ctx *ctx, const char *variant);
     /* Names of the variants that run here, slowest first; returns their number. */
     int (*variants)(const char *out[SG_ENGINE_VARIANTS]);
-    struct sg_footprint (*footprint)(const struct sg_work *);
+    struct sg_footprint (*footprint)(const struct sg_work *); /* in host memory */
+    struct sg_footprint (*on_device)(const struct sg_work *); /* optional: it has no device */
     /* For sg_engine_list: fills in all but the engine's name. Returns false after the last one. out
      * NULL: only this. */
     bool (*describe)(size_t index, struct sg_engine_info *out);

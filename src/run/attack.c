@@ -110,7 +110,7 @@ static struct sg_run_params proxy_params(const struct sg_attack_run_params *p, c
     t.scene = p->scene;
     t.scene.eval = p->views == SG_ATTACK_TRAIN_VIEWS;
     t.eval_every = 0;
-    t.max_memory = p->max_memory;
+    t.max_memory = p->max_memory, t.max_vram = p->max_vram;
     t.step = p->proxy_step;
     t.step_priv = p->step_priv;
     return t;
@@ -131,7 +131,7 @@ static int train_proxy(struct attack_run *r, char model[PATH_MAX])
     int code = SG_OK;
     if (!done && resume) {
         code = sg_run_read_params(r->ctx, folder, &own);
-        own.source = t.source, own.max_memory = t.max_memory;
+        own.source = t.source, own.max_memory = t.max_memory, own.max_vram = t.max_vram;
         own.scene.follow_links = t.scene.follow_links, own.scene.strict = t.scene.strict;
         own.train.cpu = t.train.cpu ? t.train.cpu : own.train.cpu;
         own.step = t.step, own.step_priv = t.step_priv;

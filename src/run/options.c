@@ -34,6 +34,11 @@ static const struct sg_option run_options[] = {
               "Most memory of the whole process, e.g. 1500M, 1.5G or 500MB: limits Gaussians and "
               "tile lists to what fits, and reads photos again that do not fit. 0 = no limit.",
               GROUP("Budgets")),
+    SG_NUMBER(
+        SG_OPTION_BYTES, "max-vram", max_vram, 0, 9e15, "BYTES",
+        "Most memory of the device that --engine vulkan runs on, likewise; 0 = nine tenths of "
+        "what is free.",
+        GROUP("Budgets"), EXPERT),
     SG_CHOICE("audit", audit, "off|warn|refuse|defend", "MODE",
               "Look at the photos first (see `audit`): say what is found, refuse poisoned ones "
               "with exit status 5, or turn the defense on unless they are clean.",
@@ -74,6 +79,11 @@ static const struct sg_option attack_run_options[] = {
               "Most memory of the whole process, e.g. 1500M: limits the decoy to what fits. 0 = "
               "no limit.",
               GROUP("Run")),
+    SG_NUMBER(
+        SG_OPTION_BYTES, "max-vram", max_vram, 0, 9e15, "BYTES",
+        "Most memory of the device that --engine vulkan runs on, likewise; 0 = nine tenths of "
+        "what is free.",
+        GROUP("Run"), EXPERT),
     INTEGER("save-every", save_every, 0, 1e7,
             "Save a checkpoint every N iterations; 0 = when interrupted only.", GROUP("Run")),
     SG_CHOICE("views", views, "all|train", "WHICH",

@@ -77,6 +77,7 @@ static int save(sg_run *r)
     code = sg_run_save_checkpoint(r->ctx, r->params.folder, r->trainer);
     r->resumable = !code;
     r->saved = sg_trainer_iteration(r->trainer);
+    r->checkpoint = code ? r->checkpoint : r->saved;
     if (code == SG_ERR_BUDGET) {
         sg_log(r->ctx, SG_LOG_WARN,
                "%s; the model is saved, its checkpoint is not: a resumed run continues from an "
@@ -217,6 +218,18 @@ static int finish(sg_run *r)
     return code;
 }
 
+/* After what ends a run without a word on its state, such as the loss of a device. */
+static int name_checkpoint(sg_run *r, int code)
+{
+    char *why = sg_strdup(r->ctx, sg_last_error(r->ctx));
+    sg_clear_error(r->ctx);
+    code = sg_fail(r->ctx, code,
+                   "%s; %s/checkpoint.bin of iteration %d is kept: a resumed run goes on from it",
+                   why ? why : "internal error", r->params.folder, r->checkpoint);
+    sg_free(why);
+    return code;
+}
+
 int sg_run_train(sg_run *r)
 {
     sg_clear_error(r->ctx);
@@ -241,6 +254,8 @@ int sg_run_train(sg_run *r)
     if (!code && r->write_error)
         code = sg_fail(r->ctx, r->write_error, "%s",
                        r->write_message ? r->write_message : "a file could not be written");
+    if (code == SG_ERR_INTERNAL && r->checkpoint)
+        code = name_checkpoint(r, code);
     const int closed = sg_run_log_close(&r->log);
     code = code ? code : closed;
     r->failed = code && code != SG_ERR_INTERRUPTED;
@@ -286,7 +301,8 @@ static int restore(sg_run *r)
             "the run was made with %s and continues with %s: results can differ in the last digits",
             variant, now);
     if (!code) {
-        r->saved = sg_trainer_iteration(r->trainer); /* a model comes before its checkpoint */
+        /* a model comes before its checkpoint */
+        r->saved = r->checkpoint = sg_trainer_iteration(r->trainer);
         /* a tighter limit would only thin it out */
         r->finished = r->saved >= r->params.train.iterations && is_summed_up(r, r->saved);
     }

@@ -47,6 +47,7 @@ struct sg_run {
     bool resumable;      /* the newest checkpoint is of the newest model */
     bool finished;       /* resumed, with nothing left to do */
     int saved;           /* iteration of the newest model that is saved, 0 = none */
+    int checkpoint;      /* and of the newest checkpoint */
     struct sg_eval eval; /* newest measurement */
     int evaluated;       /* its iteration, 0 = none */
 };

@@ -23,12 +23,12 @@ static json_t *machine(void)
     return name ? name : json_string("unknown");
 }
 
-static json_t *ledger(const sg_ctx *ctx)
+static json_t *ledger(const sg_ctx *ctx, uint64_t (*peak)(const sg_ctx *, enum sg_mem_tag))
 {
     json_t *tags = json_object();
     for (int tag = 0; tag < SG_MEM_TAGS; tag++)
         json_object_set_new(tags, sg_mem_tag_name((enum sg_mem_tag) tag),
-                            json_integer((json_int_t) sg_mem_peak(ctx, (enum sg_mem_tag) tag)));
+                            json_integer((json_int_t) peak(ctx, (enum sg_mem_tag) tag)));
     return tags;
 }
 
@@ -72,8 +72,9 @@ static json_t *budget(const sg_run *r, const struct sg_train_limits *l)
                               json_string(l->by_memory || out_of_memory ? "memory" : "gaussians"));
     if (l->time_bound)
         json_array_append_new(binding, json_string("time"));
-    return json_pack("{s:I,s:I,s:o,s:o}", "max_gaussians", (json_int_t) l->max_gaussians,
-                     "max_memory", (json_int_t) r->params.max_memory, "max_time",
+    return json_pack("{s:I,s:I,s:I,s:o,s:o}", "max_gaussians", (json_int_t) l->max_gaussians,
+                     "max_memory", (json_int_t) r->params.max_memory, "max_vram",
+                     (json_int_t) r->params.max_vram, "max_time",
                      sg_number_json(r->train.max_seconds), "binding", binding);
 }
 
@@ -112,7 +113,11 @@ int sg_run_write_summary(sg_run *r)
         sg_number_json(t->seconds > 0 ? (double) limits.steps / t->seconds : 0));
     COUNT("peak_rss_bytes", (uint64_t) usage.ru_maxrss * 1024);
     COUNT("peak_ledger_bytes", sg_mem_peak(r->ctx, SG_MEM_TAGS));
-    PUT("peak_ledger_bytes_by_tag", ledger(r->ctx));
+    PUT("peak_ledger_bytes_by_tag", ledger(r->ctx, sg_mem_peak));
+    if (sg_vram_peak(r->ctx, SG_MEM_TAGS)) {
+        COUNT("peak_vram_bytes", sg_vram_peak(r->ctx, SG_MEM_TAGS));
+        PUT("peak_vram_bytes_by_tag", ledger(r->ctx, sg_vram_peak));
+    }
     PUT("stage_seconds", stages(r->trainer));
     PUT("variant", json_string(sg_trainer_variant(r->trainer)));
     PUT("machine", machine());

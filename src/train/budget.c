@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "budget.h"
 
+#include "core/vram.h"
 #include "engine/engine.h"
 #include "engine/registry.h"
 #include "scene/photo.h"
@@ -57,6 +58,22 @@ static uint64_t divide(const struct sg_photo_bytes *p, uint64_t room, uint64_t l
     return out->photos + p->read;
 }
 
+static struct sg_work work_of(sg_ctx *ctx, const struct sg_train_params *p, int sh_degree,
+                              bool accumulate)
+{
+    return (struct sg_work){.sh_degree = sh_degree,
+                            .accumulate = accumulate,
+                            .anisotropy = p->defense.on,
+                            .exposure = p->exposure,
+                            .mip = p->model == SG_MODEL_MIP,
+                            .anchors = p->model == SG_MODEL_SCAFFOLD,
+                            .low_pass =
+                                (p->tolerance > 0 || p->tolerances) && p->tolerance_colours > 0,
+                            .threads = sg_ctx_threads(ctx),
+                            .width = 1,
+                            .height = 1};
+}
+
 int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *p,
                    int sh_degree, uint64_t leaving, bool accumulate, struct sg_budget *out)
 {
@@ -71,17 +88,7 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
     const struct sg_engine_kind *engine = sg_engine_find(ctx, p->engine);
     if (!engine)
         return SG_ERR_USAGE;
-    const struct sg_work work = {.sh_degree = sh_degree,
-                                 .accumulate = accumulate,
-                                 .anisotropy = p->defense.on,
-                                 .exposure = p->exposure,
-                                 .mip = p->model == SG_MODEL_MIP,
-                                 .anchors = p->model == SG_MODEL_SCAFFOLD,
-                                 .low_pass = (p->tolerance > 0 || p->tolerances) &&
-                                             p->tolerance_colours > 0,
-                                 .threads = sg_ctx_threads(ctx),
-                                 .width = 1,
-                                 .height = 1};
+    const struct sg_work work = work_of(ctx, p, sh_degree, accumulate);
     const struct sg_footprint need = sg_engine_footprint(engine, &work);
     const uint64_t view = largest_view(engine, work, scene->test, scene->n_test,
                                        largest_view(engine, work, scene->train, scene->n_train, 0));
@@ -118,5 +125,67 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
                "%s: memory: %llu of the %llu bytes of the photos stay in memory; the other photos "
                "are read again whenever they are used",
                scene->path, (unsigned long long) out->photos, (unsigned long long) photos.total);
+    return SG_OK;
+}
+
+/* What views need on a device, in bytes. */
+struct device_views {
+    uint64_t held, lazy; /* all photos: those that stay, and those that may come and go */
+    uint64_t passing;    /* the largest of the latter */
+    uint64_t buffers;    /* of the most demanding view */
+};
+
+static void add_views(struct device_views *v, const struct sg_engine_kind *engine,
+                      struct sg_work work, const struct sg_view *views, size_t n, bool trained)
+{
+    for (size_t i = 0; i < n; i++) {
+        struct sg_footprint f;
+        work.width = views[i].camera.width, work.height = views[i].camera.height;
+        sg_engine_on_device(engine, &work, &f);
+        v->buffers = f.view > v->buffers ? f.view : v->buffers;
+        if (trained)
+            *(views[i].lazy ? &v->lazy : &v->held) += f.photo;
+        if (trained && views[i].lazy && f.photo > v->passing)
+            v->passing = f.photo;
+    }
+}
+
+int sg_budget_plan_device(sg_ctx *ctx, const struct sg_scene *scene,
+                          const struct sg_train_params *p, int sh_degree, bool accumulate,
+                          struct sg_budget *limits)
+{
+    const struct sg_engine_kind *engine = sg_engine_find(ctx, p->engine);
+    const struct sg_work work = work_of(ctx, p, sh_degree, accumulate);
+    struct sg_footprint need;
+    struct device_views v = {0};
+    if (!engine || !sg_engine_on_device(engine, &work, &need))
+        return engine ? SG_OK : SG_ERR_USAGE;
+    add_views(&v, engine, work, scene->train, scene->n_train, true);
+    add_views(&v, engine, work, scene->test, scene->n_test, false);
+    /* Buffers that grow take half as much again while less than half of the memory is in use. */
+    const uint64_t whole = sg_ctx_vram(ctx)->limit, limit = whole / 6 * 5,
+                   each = need.gaussian + LISTED * need.instance, least = LEAST * each,
+                   others = sg_vram_current(ctx, SG_MEM_TAGS) + v.held + v.buffers;
+    limits->photos_stay &= limit > others && v.lazy < (limit - others) / 2;
+    const uint64_t photos = v.held + (limits->photos_stay ? v.lazy : v.passing),
+                   fixed = others - v.held + photos;
+    if (limit < fixed + least)
+        return sg_fail(
+            ctx, SG_ERR_BUDGET,
+            "%s: memory of the device: found a limit of %llu bytes, expected at least %llu: photos "
+            "are %llu, the buffers of the largest view %llu, and %d Gaussians %llu",
+            scene->path, (unsigned long long) whole,
+            (unsigned long long) ((fixed + least) / 5 * 6 + 6), (unsigned long long) photos,
+            (unsigned long long) v.buffers, LEAST, (unsigned long long) least);
+    const uint64_t fit = (limit - fixed) / each;
+    if (!limits->gaussians || fit < limits->gaussians)
+        limits->by_memory = true, limits->gaussians = fit;
+    const uint64_t lists = (limit - fixed - limits->gaussians * need.gaussian) / need.instance;
+    limits->instances = lists < limits->instances ? lists : limits->instances;
+    sg_log(ctx, SG_LOG_DEBUG,
+           "memory of the device: limit %llu bytes, %llu for photos and the largest view: at most "
+           "%llu Gaussians and %llu instances at once",
+           (unsigned long long) whole, (unsigned long long) fixed,
+           (unsigned long long) limits->gaussians, (unsigned long long) limits->instances);
     return SG_OK;
 }

@@ -165,6 +165,8 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
     if ((code = alloc_state(t)) ||
         (t->params.exposure && (code = sg_exposures_create(ctx, scene->n_train, &t->exposures))) ||
         (code = sg_engine_create(ctx, t->params.engine, t->params.cpu, &t->engine)) ||
+        (code = sg_budget_plan_device(ctx, scene, &t->params, t->sh_degree, start->sums,
+                                      &t->budget)) ||
         (code = set_model(t)) ||
         (code = start->checkpoint ? sg_checkpoint_read(t, &saved) : sg_begin(t, start->initial)))
         goto fail;

@@ -28,8 +28,8 @@ static void destroy(struct sg_engine *base)
     sg_gpu_lists_clear(g, &e->lists);
     sg_log(base->ctx, SG_LOG_DEBUG,
            "vulkan: at most %llu bytes on the device, %llu dispatches in %llu submissions",
-           (unsigned long long) g->peak, (unsigned long long) g->dispatches,
-           (unsigned long long) g->submissions);
+           (unsigned long long) sg_vram_peak(base->ctx, SG_MEM_TAGS),
+           (unsigned long long) g->dispatches, (unsigned long long) g->submissions);
     sg_gpu_close(&e->gpu);
     sg_image_losses_clear(&e->image_losses);
     sg_host_low_pass_clear(&e->low_pass);
@@ -393,11 +393,27 @@ static struct sg_footprint footprint(const struct sg_work *w)
                                  .view = pixels * (5 * 3 * sizeof(float) + 4)};
 }
 
+/* A Gaussian's columns, what a view keeps of it, its sums over bands, and what densification reads;
+ * an instance's keys and values twice, its two lists, blocks, slot and share of the checkpoints;
+ * images, their gradients and targets, the maps of SSIM, alpha and depth. */
+static struct sg_footprint on_device(const struct sg_work *w)
+{
+    const uint64_t pixels = (uint64_t) w->width * (uint64_t) w->height,
+                   tiles =
+                       gpu_groups((uint64_t) w->width, 16) * gpu_groups((uint64_t) w->height, 16);
+    return (struct sg_footprint){
+        .gaussian = sg_host_footprint(w, false) + 4 * (27 + VK_SLOT + SG_P_ROT) + 1,
+        .instance = 4 * (2 + 2 + 2 + 2 + 1 + VK_SLOT) + 16 * 256 / VK_CHUNK + 1,
+        .view = pixels * 4 * (9 * 3 + 2) + tiles * (16 * 256 + 64),
+        .photo = 4 * pixels};
+}
+
 const struct sg_engine_kind sg_engine_vulkan = {
     .name = "vulkan",
     .devices = true,
     .create = create,
     .check = check,
     .footprint = footprint,
+    .on_device = on_device,
     .describe = sg_vulkan_describe,
 };

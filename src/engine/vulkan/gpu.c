@@ -3,6 +3,8 @@
 
 #include <string.h>
 
+#include "core/vram.h"
+
 #define STAGING (4u << 20) /* bytes */
 #define MOST_GROUPS 65535  /* of a dimension, on every device */
 
@@ -42,10 +44,9 @@ static void destroy_buffer(struct gpu *g, struct gpu_buffer *b)
 {
     if (b->buffer)
         g->vk.DestroyBuffer(g->device, b->buffer, NULL);
-    if (b->memory) {
+    if (b->memory)
         g->vk.FreeMemory(g->device, b->memory, NULL);
-        g->held -= b->bytes;
-    }
+    sg_vram_give(g->ctx, b->tag, b->charged);
     *b = (struct gpu_buffer){0};
 }
 
@@ -53,7 +54,7 @@ static int create_buffer(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *
                          bool mapped)
 {
     const uint64_t size = (bytes + 255) / 256 * 256;
-    *b = (struct gpu_buffer){0};
+    *b = (struct gpu_buffer){.tag = tag};
     const VkBufferCreateInfo info = {
         .sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
         .size = size,
@@ -64,6 +65,12 @@ static int create_buffer(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *
         return fail_result(g, result, sg_mem_tag_name(tag));
     VkMemoryRequirements need;
     g->vk.GetBufferMemoryRequirements(g->device, b->buffer, &need);
+    const int refused = sg_vram_take(g->ctx, tag, need.size);
+    if (refused) {
+        destroy_buffer(g, b);
+        return refused;
+    }
+    b->charged = need.size;
     const int type =
         mapped ? find_memory(g, need.memoryTypeBits,
                              VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT |
@@ -76,12 +83,11 @@ static int create_buffer(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *
                                          .pNext = &flags,
                                          .allocationSize = need.size,
                                          .memoryTypeIndex = (uint32_t) type};
-    result = type < 0 ? VK_ERROR_OUT_OF_DEVICE_MEMORY
-                      : g->vk.AllocateMemory(g->device, &memory, NULL, &b->memory);
+    result = type < 0 || sg_device_fails(g->ctx, SG_DEVICE_ALLOCATION)
+                 ? VK_ERROR_OUT_OF_DEVICE_MEMORY
+                 : g->vk.AllocateMemory(g->device, &memory, NULL, &b->memory);
     if (!result) {
         b->bytes = size;
-        g->held += size;
-        g->peak = g->held > g->peak ? g->held : g->peak;
         result = g->vk.BindBufferMemory(g->device, b->buffer, b->memory, 0);
     }
     if (!result && mapped)
@@ -117,7 +123,8 @@ int sg_gpu_reserve(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *b, uin
             return code;
     }
     destroy_buffer(g, b);
-    if (more > bytes) {
+    const struct sg_vram *v = sg_ctx_vram(g->ctx);
+    if (more > bytes && v->current[SG_MEM_TAGS] + more <= v->limit / 2) {
         const int code = create_buffer(g, tag, b, more, false);
         if (code != SG_ERR_BUDGET)
             return code;
@@ -269,7 +276,9 @@ int sg_gpu_flush(struct gpu *g)
     if (!result)
         result = g->vk.ResetFences(g->device, 1, &g->fence);
     if (!result)
-        result = g->vk.QueueSubmit(g->queue, 1, &info, g->fence);
+        result = sg_device_fails(g->ctx, SG_DEVICE_SUBMISSION)
+                     ? VK_ERROR_DEVICE_LOST
+                     : g->vk.QueueSubmit(g->queue, 1, &info, g->fence);
     if (!result)
         result = g->vk.WaitForFences(g->device, 1, &g->fence, VK_TRUE, UINT64_MAX);
     g->submissions++;
@@ -349,6 +358,7 @@ static int open_device(struct gpu *g)
         result = g->vk.CreateFence(g->device, &fence, NULL, &g->fence);
     if (result)
         return fail_result(g, result, "opening the device");
+    sg_vram_limit(g->ctx, g->chosen.info.memory_free);
     const int code = create_buffer(g, SG_MEM_MISC, &g->staging, STAGING, true);
     return code ? code : create_buffer(g, SG_MEM_MISC, &g->none, 256, false);
 }

@@ -46,7 +46,8 @@ struct gpu_buffer {
     VkBuffer buffer; /* 0: none */
     VkDeviceMemory memory;
     VkDeviceAddress address;
-    uint64_t bytes;
+    uint64_t bytes, charged; /* what fits, and what the ledger counts */
+    enum sg_mem_tag tag;
     void *mapped; /* of one that the host sees, else NULL */
 };
 
@@ -65,7 +66,6 @@ struct gpu {
     struct gpu_buffer staging; /* the host's window on device memory */
     struct gpu_buffer none;    /* what unused arguments point to */
     uint32_t lanes;            /* invocations of a block of pixels */
-    uint64_t held, peak;       /* bytes of device memory */
     uint64_t dispatches, submissions;
 };
 
@@ -81,8 +81,8 @@ int sg_gpu_open(sg_ctx *ctx, const char *selector, struct gpu **out);
 void sg_gpu_close(struct gpu **gpu);
 
 /* Makes room for at least `bytes`. Where the buffer has to grow, it may become half as large again
- * as it was, and what it held is lost. After an error it holds nothing. The tag is for messages.
- * SG_ERR_BUDGET, or SG_ERR_INTERNAL where commands that use the buffer fail. */
+ * as it was, as long as most of the memory is free, and what it held is lost. After an error it
+ * holds nothing. SG_ERR_BUDGET, or SG_ERR_INTERNAL where commands that use the buffer fail. */
 int sg_gpu_reserve(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *b, uint64_t bytes);
 void sg_gpu_release(struct gpu *g, struct gpu_buffer *b);
 
