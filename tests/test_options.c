@@ -13,6 +13,7 @@
 #include "option/option.h"
 #include "option/quantities.h"
 #include "splatguard/splatguard.h"
+#include "train/identity.h"
 
 /* Every table with the defaults of its struct. */
 union params {
@@ -228,12 +229,72 @@ static void test_presets(void **state)
     assert_false(sg_attack_preset("NS", SG_FORMAT_BLENDER, &a));
 }
 
+/* Sets the field to another value of its range. */
+static void change(const struct sg_option *o, struct sg_train_params *p)
+{
+    char before[256], after[256], text[64];
+    sg_option_get(o, p, before, sizeof(before));
+    const char *word = o->choices ? strchr(o->choices, '|') : NULL;
+    const double values[] = {o->low, o->high, (o->low + o->high) / 2};
+    for (int i = 0; i < 4; i++) {
+        if (i < 3 && is_number(o))
+            snprintf(text, sizeof(text), "%.17g", values[i]);
+        else if (o->type == SG_OPTION_FLAG)
+            snprintf(text, sizeof(text), strcmp(before, "true") ? "true" : "false");
+        else if (i)
+            snprintf(text, sizeof(text), "%.*s", (int) strcspn(word + 1, "|"), word + 1);
+        else
+            snprintf(text, sizeof(text), "%.*s", (int) strcspn(o->choices, "|"), o->choices);
+        if (sg_option_set(o, p, text, NULL, 0) && sg_option_get(o, p, after, sizeof(after)) &&
+            strcmp(before, after))
+            return;
+    }
+    fail_msg("--%s: no other value than %s was found", o->name, before);
+}
+
+static bool is_listed(const char *list, const char *name)
+{
+    return strstr(list, name) && sg_word_index(list, name) >= 0;
+}
+
+/* A checkpoint is refused by a run with another value of any option that decides the result. The
+ * exceptions are written here, so that a new option is not forgotten in src/train/identity.c. */
+static void test_identity(void **state)
+{
+    (void) state;
+    static const char free_to_change[] =
+        /* where and how long it runs, and limits, which the run says when they bind */
+        "iterations|engine|cpu|max-gaussians|max-time|max-instances|at-limit|"
+        /* what has no effect after the beginning, or on the training */
+        "init-points|keep-filter|"
+        /* what the checkpoint has in fields and sections of its own */
+        "seed|sh-degree|strategy";
+    int checked = 0;
+    for (const struct sg_option *o = sg_train_options(); o->name; o++) {
+        struct sg_train_params p = sg_train_params_default();
+        if (!strncmp(o->field, "mcmc.", 5))
+            p.strategy = SG_STRATEGY_MCMC;
+        if (!strncmp(o->field, "scaffold.", 9) || strstr(o->help, "With --model scaffold"))
+            p.model = SG_MODEL_SCAFFOLD;
+        p.exposure = !strncmp(o->field, "exposure_", 9);
+        const struct sg_identity before = sg_train_identity(&p);
+        if (is_listed(free_to_change, o->name))
+            continue;
+        change(o, &p);
+        const struct sg_identity after = sg_train_identity(&p);
+        if (before.parameters == after.parameters && before.strength == after.strength)
+            fail_msg("--%s is not in the identity of a run", o->name);
+        checked++;
+    }
+    assert_true(checked > 40);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_rows_are_whole), cmocka_unit_test(test_defaults_read_back),
         cmocka_unit_test(test_ranges),         cmocka_unit_test(test_texts),
-        cmocka_unit_test(test_presets),
+        cmocka_unit_test(test_presets),        cmocka_unit_test(test_identity),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
