@@ -100,16 +100,16 @@ static void pairs(const struct cpu_kernels *kernels, struct roofline *out)
     for (int i = 0; i < 768; i++)
         gradient[i] = 0.1f;
     const uint32_t start[2] = {0, N};
-    uint16_t *hits = calloc(N, sizeof(*hits));
-    uint32_t reached;
+    uint16_t *block_mask = calloc(N, sizeof(*block_mask));
+    uint32_t tile_end;
     const struct cpu_raster_args a = {.width = 16,
                                       .height = 16,
                                       .grid_x = 1,
                                       .splats = splats,
                                       .instances = instances,
                                       .tile_start = start,
-                                      .hits = hits,
-                                      .reached = &reached,
+                                      .block_mask = block_mask,
+                                      .tile_end = &tile_end,
                                       .rgb = rgb,
                                       .gradient = gradient,
                                       .slots = slots};
@@ -128,7 +128,7 @@ static void pairs(const struct cpu_kernels *kernels, struct roofline *out)
     free(splats);
     free(instances);
     free(slots);
-    free(hits);
+    free(block_mask);
 }
 
 struct roofline roofline_measure(sg_ctx *ctx, const struct cpu_kernels *kernels)

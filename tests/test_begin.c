@@ -85,7 +85,7 @@ static void test_checkpoint_above_limit(void **state)
     assert_int_equal(sg_trainer_gaussians(t), 119);
     for (int k = 0; k < 3; k++) {
         t->budget = (struct sg_budget){.gaussians = cases[k].limit, .by_memory = true};
-        assert_int_equal(sg_begin_again(t, 120), cases[k].left);
+        assert_int_equal(sg_trainer_fit_count(t, 120), cases[k].left);
         assert_int_equal(t->budget.gaussians, cases[k].left);
     }
     sg_trainer_destroy(&t);

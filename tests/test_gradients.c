@@ -46,7 +46,7 @@ static struct ref_image image = {WIDTH, HEIGHT, rgb, transmittance, depth, last}
 
 #define GRID(n) (((n) + SG_TILE - 1) / SG_TILE)
 
-static struct view view_of(const struct setup *s)
+static struct pinhole view_of(const struct setup *s)
 {
     return s->mip ? view_make_mip(&s->camera) : view_make(&s->camera);
 }
@@ -55,7 +55,7 @@ static struct view view_of(const struct setup *s)
  * *blended: where a parameter step changes it, a cut-off was crossed and the loss jumps. */
 static double evaluate(const struct setup *s, bool backward, long *blended)
 {
-    const struct view view = view_of(s);
+    const struct pinhole view = view_of(s);
     struct ref_entry list[MOST];
     double loss = 0;
     long pairs = 0;
@@ -119,7 +119,7 @@ static const char *group_name(int p)
  * may stay crossed. */
 static void check_all(struct setup *s)
 {
-    const struct view view = view_of(s);
+    const struct pinhole view = view_of(s);
     double gradient[MOST][SG_PARAMS_MAX], largest[SG_PARAMS_MAX] = {0};
     long here;
     evaluate(s, true, &here);
@@ -241,7 +241,7 @@ static void gradients_outside_the_tangent_clamp(void **state)
     for (size_t i = 0; i < 2; i++)
         for (int k = 0; k < 3; k++)
             s.params[i][SG_P_SCALE + k] = -0.9 - 0.2 * k;
-    const struct view view = view_make(&s.camera);
+    const struct pinhole view = view_make(&s.camera);
     long here, above, below;
     evaluate(&s, true, &here);
     assert_false(splats[0].p.in_x);
@@ -285,7 +285,7 @@ static void saturated_alpha_keeps_its_gradient(void **state)
     evaluate(&s, true, NULL);
     assert_near(1 - transmittance[at], (double) SG_ALPHA_MAX, 1e-12);
     double gradient[SG_PARAMS_MAX];
-    const struct view view = view_make(&s.camera);
+    const struct pinhole view = view_make(&s.camera);
     ref_parameter_gradient(&view, &splats[0], s.params[0], 0, gradient);
     const double o = 1 / (1 + exp(-10.0));
     const double expected = (splats[0].rgb[0] - (double) background[0]) * o * (1 - o);

@@ -20,7 +20,7 @@ static struct ref_splat splats[MOST];
 static struct ref_entry list[MOST];
 static double planes[MOST][SG_PARAMS_MAX];
 
-static void project_all(const struct sg_model *m, const struct view *view, int width, int height)
+static void project_all(const struct sg_model *m, const struct pinhole *view, int width, int height)
 {
     image.width = width, image.height = height;
     for (size_t i = 0; i < m->count; i++) {
@@ -36,7 +36,7 @@ static void brute_fisher(const struct sg_model *m, const struct sg_camera *camer
 {
     static double unit[3 * SIDE * SIDE];
     static const float background[3];
-    const struct view view = view_make(camera);
+    const struct pinhole view = view_make(camera);
     const int width = camera->width, height = camera->height;
     project_all(m, &view, width, height);
     for (int y = 0; y < height; y++)
@@ -141,7 +141,7 @@ static void log_det_is_exact(void **state)
 static void naive_sums(const struct sg_model *m, const struct sg_camera *camera, bool weighed,
                        double *sum)
 {
-    const struct view view = view_make(camera);
+    const struct pinhole view = view_make(camera);
     project_all(m, &view, camera->width, camera->height);
     for (int y = 0; y < camera->height; y++)
         for (int x = 0; x < camera->width; x++) {

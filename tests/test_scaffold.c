@@ -133,7 +133,7 @@ struct chain {
 
 static void centre_of(const struct chain *c, double centre[3])
 {
-    const struct view view = view_make(&c->camera);
+    const struct pinhole view = view_make(&c->camera);
     memcpy(centre, view.centre, sizeof(view.centre));
 }
 
@@ -144,7 +144,7 @@ static double evaluate(struct chain *c, bool backward, long *events)
     static int last[W * H];
     static const float black[3];
     struct ref_image image = {W, H, rgb, transmittance, depth, last};
-    const struct view view = view_make(&c->camera);
+    const struct pinhole view = view_make(&c->camera);
     struct ref_entry list[DRAWN];
     double loss = 0, volume = 0;
     c->count = 0;
@@ -188,7 +188,7 @@ static double evaluate(struct chain *c, bool backward, long *events)
 /* The gradient by the oracle, after evaluate with backward. */
 static void pull(const struct chain *c, struct ref_anchor out[ANCHORS], struct ref_weights *sum)
 {
-    const struct view view = view_make(&c->camera);
+    const struct pinhole view = view_make(&c->camera);
     double drawn[ANCHORS][SG_ANCHOR_GAUSSIANS][SG_NEURAL_PLANES], centre[3];
     memset(sum, 0, sizeof(*sum));
     memset(drawn, 0, sizeof(drawn));

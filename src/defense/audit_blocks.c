@@ -21,8 +21,8 @@ static inline int bin_of(int curvature)
 }
 
 /* The next used pixel of a line. The pixel before it now has two neighbours. */
-static inline void meet(struct audit_line *l, int after, size_t block, struct audit_block *blocks,
-                        bool down)
+static inline void push_pixel(struct audit_line *l, int after, size_t block,
+                              struct audit_block *blocks, bool down)
 {
     const int step = after - l->here;
     if (l->seen >= 2) {
@@ -73,8 +73,8 @@ void sg_audit_sum(const struct audit_plane *p)
                 continue;
             p->blocks[block].used++;
             p->blocks[block].level += p->values[i];
-            meet(&row, p->values[i], block, p->blocks, false);
-            meet(&p->columns[x], p->values[i], block, p->blocks, true);
+            push_pixel(&row, p->values[i], block, p->blocks, false);
+            push_pixel(&p->columns[x], p->values[i], block, p->blocks, true);
         }
     }
 }

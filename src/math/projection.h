@@ -15,7 +15,7 @@
 #endif
 
 /* A camera in the precision of the arithmetic, with what projection needs of it. */
-struct view {
+struct pinhole {
     scalar R[9], t[3], centre[3];
     scalar fx, fy, cx, cy; /* cx, cy as px = fx x/z + cx, pixel centres at integers */
     scalar lim[4];         /* tangent clamp: -x, +x, -y, +y */
@@ -25,9 +25,9 @@ struct view {
 };
 
 #ifndef SG_GLSL /* which has no doubles */
-static inline struct view view_make(const struct sg_camera *c)
+static inline struct pinhole view_make(const struct sg_camera *c)
 {
-    struct view v;
+    struct pinhole v;
     for (int i = 0; i < 9; i++)
         v.R[i] = (scalar) c->R[i];
     for (int i = 0; i < 3; i++) {
@@ -51,9 +51,9 @@ static inline struct view view_make(const struct sg_camera *c)
 }
 
 /* With the 2D filter of Mip-Splatting (Yu et al. 2024, section 5.2). */
-static inline struct view view_make_mip(const struct sg_camera *c)
+static inline struct pinhole view_make_mip(const struct sg_camera *c)
 {
-    struct view v = view_make(c);
+    struct pinhole v = view_make(c);
     v.blur = (scalar) SG_MIP_BLUR, v.compensated = 1;
     return v;
 }
@@ -99,7 +99,7 @@ SG_FN real mip_gain(real plain, real blurred)
 #define G REF(g)
 
 /* xyz: 3, scale: 3 logs, rot: 4. */
-SG_FN void project(IN(view, v), IN_ARRAY(real, xyz, 3), IN_ARRAY(real, scale, 3),
+SG_FN void project(IN(pinhole, v), IN_ARRAY(real, xyz, 3), IN_ARRAY(real, scale, 3),
                    IN_ARRAY(real, rot, 4), OUT(splat, o), OUT(projection, p))
 {
     const real x = xyz[0], y = xyz[1], z = xyz[2];
@@ -185,7 +185,7 @@ struct splat_grad {
 };
 
 /* Backward of project(). out_*: dL/d stored parameters. den^2 + 1e-7 as the reference. */
-SG_FN void project_backward(IN(view, v), IN(projection, p), IN(splat, o), IN(splat_grad, g),
+SG_FN void project_backward(IN(pinhole, v), IN(projection, p), IN(splat, o), IN(splat_grad, g),
                             OUT_ARRAY(real, out_xyz, 3), OUT_ARRAY(real, out_scale, 3),
                             OUT_ARRAY(real, out_rot, 4))
 {

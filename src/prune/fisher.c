@@ -33,7 +33,7 @@ struct fisher_splat {
 
 struct job {
     const struct sg_model *model;
-    struct view view;
+    struct pinhole view;
     int width, height, grid_x, grid_y, degree;
     double background[3];
     bool cumulative;

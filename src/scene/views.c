@@ -159,8 +159,8 @@ static int resize(sg_ctx *ctx, uint8_t **plane, int width, int height, int chann
 
 /* Takes the lens distortion out of the view's pixels and mask. *valid: which pixels the photo has,
  * NULL if all. */
-static int straighten(sg_ctx *ctx, const struct sg_shot *shot, const struct sg_lens *lens,
-                      struct sg_view *view, uint8_t **valid)
+static int undistort_view(sg_ctx *ctx, const struct sg_shot *shot, const struct sg_lens *lens,
+                          struct sg_view *view, uint8_t **valid)
 {
     size_t pixels = (size_t) lens->width * (size_t) lens->height, lost;
     uint8_t *pinhole = sg_alloc_raw(ctx, SG_MEM_IMAGES, pixels, 3);
@@ -243,7 +243,7 @@ int sg_view_load(sg_ctx *ctx, const struct sg_scene_files *files, const struct s
         goto done;
     view->undistorted = sg_lens_is_distorted(&lens);
     if (view->undistorted)
-        code = straighten(ctx, shot, &lens, view, &valid);
+        code = undistort_view(ctx, shot, &lens, view, &valid);
     if (!code)
         code = resize(ctx, &view->rgb, width, height, 3, w, h);
     if (!code)

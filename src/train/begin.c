@@ -67,7 +67,7 @@ static int thinned_copy(sg_ctx *ctx, const struct sg_model *m, uint64_t limit,
  * --max-memory. */
 #define UNCERTAIN 0.03
 
-size_t sg_begin_again(sg_trainer *t, size_t n)
+size_t sg_trainer_fit_count(sg_trainer *t, size_t n)
 {
     const size_t each = sg_engine_each(t->engine), limit = t->budget.gaussians / each;
     if (!t->budget.gaussians || n <= limit)
@@ -83,7 +83,7 @@ size_t sg_begin_again(sg_trainer *t, size_t n)
     return limit;
 }
 
-int sg_begin(sg_trainer *t, const struct sg_model *initial)
+int sg_trainer_init_model(sg_trainer *t, const struct sg_model *initial)
 {
     const uint64_t limit = t->budget.gaussians;
     struct sg_model *made = NULL;

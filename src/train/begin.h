@@ -9,10 +9,10 @@ size_t sg_evenly(size_t n, size_t k, size_t limit);
 
 /* Gives the engine its Gaussians: those of `initial`, or the scene's points or random ones where it
  * is NULL. */
-int sg_begin(sg_trainer *t, const struct sg_model *initial);
+int sg_trainer_init_model(sg_trainer *t, const struct sg_model *initial);
 
 /* How many of a checkpoint's n Gaussians the run keeps: fewer where the limits have become
  * tighter. */
-size_t sg_begin_again(sg_trainer *t, size_t n);
+size_t sg_trainer_fit_count(sg_trainer *t, size_t n);
 
 #endif

@@ -523,7 +523,7 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
     struct reading r = {
         .t = t, .c = c, .in.stream = c->file, .n = (size_t) h->count, .state = t->strategy_state};
     int code;
-    r.kept = sg_begin_again(t, r.n);
+    r.kept = sg_trainer_fit_count(t, r.n);
     XXH3_64bits_reset(&r.in.hash);
     XXH3_64bits_update(&r.in.hash, h, sizeof(*h));
     if ((code = sg_model_create(ctx, r.kept, h->sh_degree, &r.m)) ||

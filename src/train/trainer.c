@@ -168,7 +168,8 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
         (code = sg_budget_plan_device(ctx, scene, &t->params, t->sh_degree, start->sums,
                                       &t->budget)) ||
         (code = set_model(t)) ||
-        (code = start->checkpoint ? sg_checkpoint_read(t, &saved) : sg_begin(t, start->initial)))
+        (code = start->checkpoint ? sg_checkpoint_read(t, &saved)
+                                  : sg_trainer_init_model(t, start->initial)))
         goto fail;
     if (!start->checkpoint && ((t->strategy->begin && (code = t->strategy->begin(t))) ||
                                (code = sg_trainer_renew_filter(t))))

@@ -12,8 +12,8 @@ struct frame {
     double *image_gradient;
     struct ref_entry *list;
     struct cpu_instance *instances;
-    uint16_t *hits;
-    uint32_t reached;
+    uint16_t *block_mask;
+    uint32_t tile_end;
     double *sums; /* per Gaussian: of its slots */
 };
 
@@ -31,7 +31,7 @@ static struct frame make_frame(const struct screen *s)
                       .image_gradient = must(3 * s->pixels, sizeof(double)),
                       .list = must(s->count, sizeof(struct ref_entry)),
                       .instances = must(s->count + CPU_PREFETCH, sizeof(struct cpu_instance)),
-                      .hits = must(s->count, sizeof(uint16_t)),
+                      .block_mask = must(s->count, sizeof(uint16_t)),
                       .sums = calloc(s->count * CPU_SLOT_FLOATS, sizeof(double))};
     assert_non_null(f.sums);
     for (size_t i = 0; i < 3 * s->pixels; i++)
@@ -43,7 +43,7 @@ static void clear_frame(struct frame *f)
 {
     void *owned[] = {f->rgb,       f->alpha,     f->depth,       f->gradient,   f->slots,
                      f->image.rgb, f->image.t,   f->image.depth, f->image.last, f->image_gradient,
-                     f->list,      f->instances, f->hits,        f->sums};
+                     f->list,      f->instances, f->block_mask,  f->sums};
     for (size_t i = 0; i < sizeof(owned) / sizeof(owned[0]); i++)
         free(owned[i]);
 }
@@ -82,8 +82,8 @@ static void kernel_tile(const struct cpu_kernels *k, const struct screen *s, str
                                 .instances = f->instances,
                                 .tile_start = start,
                                 .first_tile = tile,
-                                .hits = f->hits,
-                                .reached = &f->reached,
+                                .block_mask = f->block_mask,
+                                .tile_end = &f->tile_end,
                                 .rgb = f->rgb,
                                 .alpha = auxiliary ? f->alpha : NULL,
                                 .depth = auxiliary ? f->depth : NULL,

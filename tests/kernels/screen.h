@@ -14,7 +14,7 @@ struct screen {
     sg_ctx *ctx;
     struct sg_model *model;
     struct sg_camera camera;
-    struct view view;
+    struct pinhole view;
     int degree, planes, grid_x, grid_y;
     bool mip; /* with the 2D filter of Mip-Splatting */
     size_t count, pixels;

@@ -338,9 +338,10 @@ int sg_bins_band(sg_ctx *ctx, struct bins *b, int band)
                 sizeof(uint32_t)) ||
         sg_grow(ctx, SG_MEM_INSTANCES, &b->tile_start, &b->cap_tiles, band_tiles + 1, 0,
                 sizeof(uint32_t)) ||
-        sg_grow(ctx, SG_MEM_INSTANCES, &b->reached, &b->cap_reached, band_tiles, 0,
+        sg_grow(ctx, SG_MEM_INSTANCES, &b->tile_end, &b->cap_tile_end, band_tiles, 0,
                 sizeof(uint32_t)) ||
-        sg_grow(ctx, SG_MEM_INSTANCES, &b->hits, &b->cap_hits, total, 0, sizeof(uint16_t)) ||
+        sg_grow(ctx, SG_MEM_INSTANCES, &b->block_mask, &b->cap_block_mask, total, 0,
+                sizeof(uint16_t)) ||
         sg_grow(ctx, SG_MEM_INSTANCES, &b->instances, &b->cap_instances, total + CPU_PREFETCH, 0,
                 sizeof(*b->instances)))
         return SG_ERR_BUDGET;
@@ -371,7 +372,7 @@ void sg_bins_clear(struct bins *b)
     sg_free(b->slot_start);
     sg_free(b->tile_start);
     sg_free(b->instances);
-    sg_free(b->hits);
-    sg_free(b->reached);
+    sg_free(b->block_mask);
+    sg_free(b->tile_end);
     *b = (struct bins){.band = -1};
 }

@@ -35,11 +35,11 @@ struct bins {
     uint32_t *slot_start; /* count + 1: first slot of each Gaussian, in index order */
     uint32_t *tile_start; /* tiles of the band + 1 */
     struct cpu_instance *instances;
-    uint16_t *hits; /* see cpu_raster_args; for the band's instances and tiles */
-    uint32_t *reached;
+    uint16_t *block_mask; /* see cpu_raster_args; for the band's instances and tiles */
+    uint32_t *tile_end;
     /* capacities */
     size_t cap_extents, cap_order, cap_swap, cap_digits, cap_chunks, cap_histogram, cap_total,
-        cap_bands, cap_slots, cap_tiles, cap_instances, cap_hits, cap_reached;
+        cap_bands, cap_slots, cap_tiles, cap_instances, cap_block_mask, cap_tile_end;
 };
 
 /* Begins a view: room for the extents that projection writes. */

@@ -189,8 +189,8 @@ static struct cpu_raster_args raster_args(const struct cpu_engine *b, int band)
                                 .instances = b->bins.instances,
                                 .tile_start = b->bins.tile_start,
                                 .first_tile = b->bins.bands[band].first,
-                                .hits = b->bins.hits,
-                                .reached = b->bins.reached,
+                                .block_mask = b->bins.block_mask,
+                                .tile_end = b->bins.tile_end,
                                 .rgb = b->rgb,
                                 .gradient = b->gradient,
                                 .slots = b->slots};

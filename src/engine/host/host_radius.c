@@ -8,7 +8,7 @@
 
 struct radius_job {
     const struct sg_host_model *h;
-    struct view view;
+    struct pinhole view;
     int grid_x, grid_y;
 };
 

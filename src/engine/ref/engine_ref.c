@@ -21,7 +21,7 @@ struct ref_engine {
     struct ref_image image;
     size_t pixels_capacity;
     float *gradient, *scratch; /* 3 planes; 3 x 3 planes */
-    struct view view;
+    struct pinhole view;
     struct sg_render_params params;
     int degree, grid_x, grid_y;
 };

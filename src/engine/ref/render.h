@@ -52,7 +52,7 @@ static int ref_entry_compare(const void *a, const void *b)
 }
 
 /* params: one Gaussian's planes. degree: SH degree to use. */
-static inline void ref_project(const struct view *v, const real *params, int degree, int grid_x,
+static inline void ref_project(const struct pinhole *v, const real *params, int degree, int grid_x,
                                int grid_y, struct ref_splat *o)
 {
     *o = (struct ref_splat){0};
@@ -201,7 +201,7 @@ static inline void ref_pixel_backward(struct ref_splat *splats, const struct ref
 
 /* Splat gradients to the gradients of one Gaussian's planes (assigned; all sg_param_count(3) of
  * them). */
-static inline void ref_parameter_gradient(const struct view *v, const struct ref_splat *s,
+static inline void ref_parameter_gradient(const struct pinhole *v, const struct ref_splat *s,
                                           const real *params, int degree, real *out)
 {
     for (int p = 0; p < SG_PARAMS_MAX; p++)

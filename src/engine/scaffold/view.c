@@ -10,7 +10,7 @@
 
 struct sees_job {
     const struct scaffold_engine *b;
-    struct view view;
+    struct pinhole view;
     int grid_x, grid_y;
 };
 

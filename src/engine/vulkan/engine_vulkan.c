@@ -54,7 +54,7 @@ static int do_project(struct sg_engine *base, const struct sg_camera *camera, in
 {
     struct vulkan_engine *e = vulkan_of(base);
     struct gpu *g = e->gpu;
-    const struct view view = params->mip_filter ? view_make_mip(camera) : view_make(camera);
+    const struct pinhole view = params->mip_filter ? view_make_mip(camera) : view_make(camera);
     _Static_assert(sizeof(view) == 27 * sizeof(float), "as view_load reads it");
     const uint64_t values = 3 * (uint64_t) camera->width * (uint64_t) camera->height;
     e->params = *params;

@@ -48,7 +48,7 @@ SIMD bool gather(const struct cpu_learn_args *a, size_t base, struct lanes *l)
 }
 
 /* Gradients of the parameters, and the statistics of densification. */
-SIMD void pull(const struct cpu_learn_args *a, const struct view *view, size_t base,
+SIMD void pull(const struct cpu_learn_args *a, const struct pinhole *view, size_t base,
                const float *params, const struct lanes *l, real *out)
 {
     const int coefficients = (a->degree + 1) * (a->degree + 1);
@@ -175,7 +175,7 @@ SIMD void regularise(const struct cpu_learn_args *a, size_t base, const float *p
 
 void FILTERED(project_backward_optimise)(const struct cpu_learn_args *a, size_t first, size_t end)
 {
-    const struct view view = VIEW(a->camera);
+    const struct pinhole view = VIEW(a->camera);
     const int planes = active_planes(a);
     for (size_t block = first; block < end; block++)
         for (int half = 0; half < SG_LANES; half += LANES) {

@@ -48,8 +48,8 @@ SIMD uint64_t draw(const struct cpu_raster_args *a, int tile, bool depth)
     for (size_t at = first; at < end && anyone; at += BATCH) {
         const int count = end - at < BATCH ? (int) (end - at) : BATCH;
         batch_load(&batch, a, at, count);
-        batch_find(&batch, count, x0, y0, a->hits + at);
-        batch_list(&batch, a->hits + at, count);
+        batch_find(&batch, count, x0, y0, a->block_mask + at);
+        batch_list(&batch, a->block_mask + at, count);
         reached = at + (size_t) count;
         anyone = false;
         for (int block = 0; block < BLOCKS; block++)
@@ -90,7 +90,7 @@ SIMD uint64_t draw(const struct cpu_raster_args *a, int tile, bool depth)
             }
     }
 
-    a->reached[tile - a->first_tile] = (uint32_t) reached;
+    a->tile_end[tile - a->first_tile] = (uint32_t) reached;
     const size_t plane = (size_t) a->width * (size_t) a->height;
     for (int block = 0; block < BLOCKS; block++)
         for (int part = 0; part < PARTS; part++) {

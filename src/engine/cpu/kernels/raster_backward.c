@@ -91,11 +91,11 @@ SIMD uint64_t backward(const struct cpu_raster_args *a, int tile, const bool abs
     bool anyone = true;
     size_t at = first;
     const size_t reached =
-        a->reached[tile - a->first_tile]; /* the forward pass wrote block masks up to here */
+        a->tile_end[tile - a->first_tile]; /* the forward pass wrote block masks up to here */
     for (; at < reached && anyone; at += BATCH) {
         const int count = reached - at < BATCH ? (int) (reached - at) : BATCH;
         batch_load(&batch, a, at, count);
-        batch_list(&batch, a->hits + at, count);
+        batch_list(&batch, a->block_mask + at, count);
         memset(sums, 0, sizeof(sums[0]) * (size_t) count);
         anyone = false;
         for (int block = 0; block < BLOCKS; block++)

@@ -28,8 +28,8 @@ SIMD uint64_t tally(const struct cpu_raster_args *a, int tile, enum sg_hit hit)
         memset(pixels, 0, sizeof(pixels));
         if (anyone) {
             batch_load(&batch, a, at, count);
-            batch_find(&batch, count, x0, y0, a->hits + at);
-            batch_list(&batch, a->hits + at, count);
+            batch_find(&batch, count, x0, y0, a->block_mask + at);
+            batch_list(&batch, a->block_mask + at, count);
             anyone = false;
             for (int block = 0; block < BLOCKS; block++)
                 for (int part = 0; part < PARTS; part++) {

@@ -91,7 +91,7 @@ SIMD void splat_fields(const struct cpu_splat *s, real out[FIELDS])
 }
 
 /* Which blocks each splat can touch, a bit a block. x0, y0: the tile's first pixel. */
-SIMD void batch_find(const struct batch *b, int n, int x0, int y0, uint16_t *hits)
+SIMD void batch_find(const struct batch *b, int n, int x0, int y0, uint16_t *block_mask)
 {
     for (int i = 0; i < n; i += LANES) {
         real in[FIELDS];
@@ -111,13 +111,13 @@ SIMD void batch_find(const struct batch *b, int n, int x0, int y0, uint16_t *hit
                           i_set(0));
         }
         const halves found = __builtin_convertvector(bits, halves);
-        memcpy(hits + i, &found, sizeof(uint16_t) * (size_t) (n - i < LANES ? n - i : LANES));
+        memcpy(block_mask + i, &found, sizeof(uint16_t) * (size_t) (n - i < LANES ? n - i : LANES));
     }
 }
 
 /* The blocks' lists from the bits, padded to whole groups with a splat that is under every
  * cut-off. */
-SIMD void batch_list(struct batch *b, const uint16_t *hits, int n)
+SIMD void batch_list(struct batch *b, const uint16_t *block_mask, int n)
 {
     for (int block = 0; block < BLOCKS; block++)
         b->length[block] = 0;
@@ -125,7 +125,7 @@ SIMD void batch_list(struct batch *b, const uint16_t *hits, int n)
     __m512i index = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
     for (int i = 0; i < n; i += 16) {
         const __mmask16 valid = (__mmask16) (n - i < 16 ? (1 << (n - i)) - 1 : 0xffff);
-        const __m512i bits = _mm512_cvtepu16_epi32(_mm256_maskz_loadu_epi16(valid, hits + i));
+        const __m512i bits = _mm512_cvtepu16_epi32(_mm256_maskz_loadu_epi16(valid, block_mask + i));
         for (int block = 0; block < BLOCKS; block++) {
             const __mmask16 m = _mm512_test_epi32_mask(bits, _mm512_set1_epi32(1 << block));
             const __m128i packed = _mm512_cvtepi32_epi8(_mm512_maskz_compress_epi32(m, index));
@@ -136,7 +136,7 @@ SIMD void batch_list(struct batch *b, const uint16_t *hits, int n)
     }
 #else
     for (int i = 0; i < n; i++)
-        for (uint32_t left = hits[i]; left; left &= left - 1) {
+        for (uint32_t left = block_mask[i]; left; left &= left - 1) {
             const int block = __builtin_ctz(left);
             b->list[block][b->length[block]++] = (uint8_t) i;
         }

@@ -51,7 +51,7 @@ void pull(uint i, out float g[PARAMS_MAX])
     }
     for (int k = 0; k < 4; k++)
         rot[k] = shaped(i, P_ROT + k);
-    const view v = view_load(a.view);
+    const pinhole v = view_load(a.view);
     splat s;
     projection p;
     project(v, xyz, scales, rot, s, p);

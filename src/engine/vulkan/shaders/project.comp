@@ -37,7 +37,7 @@ void main()
         for (uint k = 0; k < 4; k++)
             rot[k] = a.params.v[param_at(a.planes, i, P_ROT + k)];
         const float logit = a.params.v[param_at(a.planes, i, P_OPACITY)];
-        const view v = view_load(a.view);
+        const pinhole v = view_load(a.view);
         splat s;
         projection p;
         project(v, xyz, scales, rot, s, p);

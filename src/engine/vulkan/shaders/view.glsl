@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "math/projection.h"
 
-/* A struct view as the host wrote it: all of it are floats, in this order. */
-view view_load(Floats from)
+/* A struct pinhole as the host wrote it: all of it are floats, in this order. */
+pinhole view_load(Floats from)
 {
-    view v;
+    pinhole v;
     for (int i = 0; i < 9; i++)
         v.R[i] = from.v[i];
     for (int i = 0; i < 3; i++) {
