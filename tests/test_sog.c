@@ -27,7 +27,7 @@ struct archive {
 static void put_le(uint8_t **at, uint64_t value, int bytes)
 {
     for (int i = 0; i < bytes; i++)
-        *(*at)++ = (uint8_t) (value >> 8 * i);
+        *(*at)++ = (uint8_t) (i < 8 ? value >> 8 * i : 0);
 }
 
 static void add(struct archive *a, const char *name, const void *data, size_t size, bool deflated)
