@@ -164,8 +164,8 @@ static bool same_token(const char *a, const char *b)
     return !different;
 }
 
-/* What a browser says about the place that a request is for or from. A name that another site has
- * made point here would be in it. */
+/* Whether a Host or Origin is this server. A site that makes a name of its own resolve to 127.0.0.1
+ * (DNS rebinding) has that name in both. */
 static bool is_here(const view_server *s, const char *place)
 {
     char here[32], local[32];
@@ -430,6 +430,7 @@ int view_server_open(sg_ctx *ctx, int port, view_server **out)
         view_server_close(out);
         return STATUS_INTERNAL;
     }
+    pthread_mutex_lock(&s->lock); /* requests wait until the port is known */
     errno = 0;
     s->daemon = MHD_start_daemon(
         MHD_USE_AUTO | MHD_USE_INTERNAL_POLLING_THREAD | MHD_ALLOW_SUSPEND_RESUME, (uint16_t) port,
@@ -439,13 +440,14 @@ int view_server_open(sg_ctx *ctx, int port, view_server **out)
         completed, s, MHD_OPTION_END);
     const union MHD_DaemonInfo *info =
         s->daemon ? MHD_get_daemon_info(s->daemon, MHD_DAEMON_INFO_BIND_PORT) : NULL;
+    s->port = info ? info->port : 0;
+    pthread_mutex_unlock(&s->lock);
     if (!info) {
         say(stderr, "splatguard: --port: cannot listen at 127.0.0.1:%d: %s\n", port,
             strerror(errno ? errno : EIO));
         view_server_close(out);
         return STATUS_INPUT;
     }
-    s->port = info->port;
     snprintf(s->address, sizeof(s->address), "http://127.0.0.1:%d/%s/", s->port, s->token);
     return STATUS_DONE;
 }
