@@ -75,7 +75,7 @@ static int load_model(struct viewed *v, const struct model_options *o, const cha
 {
     int error = SG_OK;
     if (path) {
-        error = sg_model_read(v->ctx, path, UINT32_MAX, &v->model);
+        error = sg_model_read_drawable(v->ctx, path, UINT32_MAX, &v->model);
         if (!error)
             error = sg_model_check(v->ctx, v->model, path);
     } else if (v->scene->n_points >= 4)

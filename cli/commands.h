@@ -8,7 +8,7 @@
 
 extern const struct command command_train, command_eval, command_render, command_synth,
     command_info, command_attack, command_compare, command_spectrum, command_audit, command_prune,
-    command_smooth, command_bench, command_report, command_convert, command_view;
+    command_smooth, command_bench, command_report, command_convert, command_view, command_export;
 
 /* For every command that reads untrusted files. */
 #define MEMORY_ROW(config, field, ...)                                                             \

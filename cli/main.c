@@ -11,9 +11,10 @@
 #include "completion.h"
 
 static const struct command *const commands[] = {
-    &command_train,  &command_eval,    &command_render,   &command_synth,   &command_info,
-    &command_attack, &command_compare, &command_spectrum, &command_audit,   &command_prune,
-    &command_smooth, &command_bench,   &command_report,   &command_convert, &command_view};
+    &command_train,  &command_eval,    &command_render,  &command_synth,
+    &command_info,   &command_attack,  &command_compare, &command_spectrum,
+    &command_audit,  &command_prune,   &command_smooth,  &command_bench,
+    &command_report, &command_convert, &command_view,    &command_export};
 #define COMMANDS (sizeof(commands) / sizeof(commands[0]))
 
 static void usage(FILE *out)

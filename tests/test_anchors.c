@@ -306,6 +306,7 @@ static void test_files(void **state)
     (void) state;
     sg_ctx *ctx = make_context(1);
     struct sg_model *m = make_random(ctx, 21), *read;
+    char other[96];
     size_t size;
     assert_int_equal(sg_model_write_ply(ctx, m, model_path), SG_OK);
     assert_int_equal(sg_model_gaussians(m), 210);
@@ -339,6 +340,17 @@ static void test_files(void **state)
     assert_non_null(strstr(sg_last_error(ctx), "anchors of Scaffold-GS"));
     sg_clear_error(ctx);
     assert_int_equal(sg_model_read_drawable(ctx, model_path, 20, &read), SG_ERR_INPUT);
+    sg_clear_error(ctx);
+    struct sg_prune_params prune = sg_prune_params_default();
+    struct sg_scene scene = {.path = (char *) "none"};
+    double scores[21];
+    assert_int_equal(sg_model_select(ctx, m, NULL, &read), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(ctx), "anchors of Scaffold-GS"));
+    snprintf(other, sizeof(other), "%s/a.splat", folder);
+    assert_int_equal(sg_model_write(ctx, m, other, NULL), SG_ERR_INPUT);
+    assert_int_equal(access(other, F_OK), -1);
+    assert_int_equal(sg_prune_scores(ctx, &scene, m, &prune, scores), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(ctx), "anchors of Scaffold-GS"));
     sg_clear_error(ctx);
     unlink(weights_path);
     assert_int_equal(sg_model_read_drawable(ctx, model_path, 100, &read), SG_ERR_INPUT);

@@ -8,6 +8,7 @@
 #include "engine/scaffold/scaffold.h"
 #include "model/anchors.h"
 #include "models.h"
+#include "splatguard/format.h"
 
 /* ---- the oracle in double precision ---- */
 
@@ -342,9 +343,53 @@ static void test_engines(void **state)
     }
 }
 
+/* Networks that do not depend on what they read make the same Gaussians in each view: baked, they
+ * look the same. */
+static void test_bake(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_anchors(ctx, ANCHORS, 40), *baked, *again;
+    struct sg_view views[3] = {{.camera = make_camera(W, H, 2.2)},
+                               {.camera = make_camera(W, H, 2.6)},
+                               {.camera = make_camera(W, H, 3)}};
+    memset(m->columns->networks->value.input, 0, sizeof(m->columns->networks->value.input));
+    float *bias = m->columns->networks->value.bias;
+    for (size_t o = 0; o < SG_OUTPUTS; o++)
+        bias[o] = draw(60, o, -1, 1);
+    bias[SG_O_OPACITY + 4] = -1, bias[SG_O_OPACITY + 5] = 0.5f;
+    assert_int_equal(sg_model_bake(ctx, m, views, 3, &baked), SG_OK);
+    assert_true(baked->count % ANCHORS == 0 && baked->count < DRAWN);
+    assert_int_equal(sg_model_bake(ctx, baked, views, 3, &again), SG_ERR_USAGE);
+    sg_clear_error(ctx);
+    static float rgb[2][3 * W * H];
+    const struct sg_model *const models[2] = {m, baked};
+    for (int k = 0; k < 2; k++) {
+        sg_renderer *r;
+        assert_int_equal(sg_renderer_create(ctx, NULL, NULL, models[k], NULL, &r), SG_OK);
+        assert_int_equal(sg_render(r, &views[1].camera, rgb[k], NULL, NULL, NULL), SG_OK);
+        sg_renderer_destroy(&r);
+    }
+    float most = 0;
+    for (int i = 0; i < 3 * W * H; i++) {
+        most = fmaxf(most, rgb[0][i]);
+        if (!(fabsf(rgb[0][i] - rgb[1][i]) < 2e-3f))
+            fail_msg("value %d: %g, baked %g", i, (double) rgb[0][i], (double) rgb[1][i]);
+    }
+    assert_true(most > 0.2f);
+    /* None that no view draws */
+    for (int o = 0; o < SG_ANCHOR_GAUSSIANS; o++)
+        bias[SG_O_OPACITY + o] = -1;
+    memset(m->columns->networks->value.output, 0, sizeof(m->columns->networks->value.output));
+    sg_model_destroy(&baked);
+    assert_int_equal(sg_model_bake(ctx, m, views, 3, &baked), SG_ERR_INPUT);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_oracle), cmocka_unit_test(test_chain),
-                                       cmocka_unit_test(test_engines)};
+                                       cmocka_unit_test(test_engines), cmocka_unit_test(test_bake)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -140,6 +140,8 @@ int sg_model_write(sg_ctx *ctx, const struct sg_model *m, const char *path,
     if (!code && choice.format == SG_MODEL_PLY)
         return sg_model_write_ply(ctx, m, path);
     if (!code)
+        code = sg_model_refuse_anchors(ctx, m);
+    if (!code)
         code = sg_model_check(ctx, m, path);
     if (!code)
         code = sg_file_create(ctx, &w, path);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "codec.h"
+#include "model/anchors.h"
 #include "model/columns.h"
 
 struct sg_model_selection sg_model_selection_default(void)
@@ -38,6 +39,8 @@ int sg_model_select(sg_ctx *ctx, const struct sg_model *m,
     *out = NULL;
     const struct sg_model_selection s = selection ? *selection : sg_model_selection_default();
     int code = check(ctx, &s);
+    if (!code)
+        code = sg_model_refuse_anchors(ctx, m);
     size_t count = 0;
     for (size_t i = 0; i < m->count && !code; i++)
         count += is_selected(m, i, &s);

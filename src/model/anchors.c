@@ -13,6 +13,15 @@
 #define MIN_SQUARED_SCALE 1e-7f
 #define INITIAL_LOGIT -2.1972246f /* of an opacity that is carried along and not used */
 
+int sg_model_refuse_anchors(sg_ctx *ctx, const struct sg_model *m)
+{
+    return !sg_model_has_anchors(m)
+               ? SG_OK
+               : sg_fail(ctx, SG_ERR_INPUT,
+                         "model: found anchors of Scaffold-GS, whose Gaussians exist only in a "
+                         "view, expected a 3D Gaussian model");
+}
+
 int sg_anchors_add(sg_ctx *ctx, struct sg_model *m)
 {
     if (!m->columns && !(m->columns = sg_alloc(ctx, SG_MEM_MODEL, 1, sizeof(*m->columns))))

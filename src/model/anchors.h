@@ -12,6 +12,9 @@ static inline bool sg_model_has_anchors(const struct sg_model *m)
     return m->columns && m->columns->networks;
 }
 
+/* SG_ERR_INPUT for a model of anchors: what works on stored Gaussians cannot take it. */
+int sg_model_refuse_anchors(sg_ctx *ctx, const struct sg_model *model);
+
 /* Gives a model of SH degree 0 the values of anchors beside its parameters and networks, all
  * zeros. SG_ERR_BUDGET. */
 int sg_anchors_add(sg_ctx *ctx, struct sg_model *model);

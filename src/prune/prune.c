@@ -7,6 +7,7 @@
 #include "core/compare.h"
 #include "defense/filter.h"
 #include "finetune.h"
+#include "model/anchors.h"
 #include "option/option.h"
 #include "score.h"
 
@@ -27,7 +28,9 @@ int sg_prune_check(sg_ctx *ctx, const struct sg_prune_params *params)
 static int check(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *m,
                  const struct sg_prune_params *p)
 {
-    const int code = sg_prune_check(ctx, p);
+    int code = sg_prune_check(ctx, p);
+    if (!code)
+        code = sg_model_refuse_anchors(ctx, m);
     if (!code && !scene->n_train)
         return sg_fail(ctx, SG_ERR_INPUT, "%s: found no training view, expected at least one",
                        scene->path);

@@ -6,6 +6,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "model/anchors.h"
+
 size_t sg_evenly(size_t n, size_t k, size_t limit)
 {
     return (size_t) ((uint64_t) n * k / limit);
@@ -94,6 +96,8 @@ int sg_trainer_init_model(sg_trainer *t, const struct sg_model *initial)
                        t->strategy->name);
     const size_t n = initial ? initial->count : initial_count(t->scene, &t->params);
     int code = initial ? sg_model_check(t->ctx, initial, "initial model") : SG_OK;
+    if (!code && initial)
+        code = sg_model_refuse_anchors(t->ctx, initial);
     if (code)
         return code;
     t->gaussians_bound = limit && n > limit && !t->strategy->initial;

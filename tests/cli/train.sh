@@ -73,6 +73,11 @@ expect 0 info anchors --json; grep -q "\"anchors\": ${gaussians%0}[,}]" out || f
 anchors=anchors/point_cloud/iteration_120/point_cloud.ply
 expect 0 eval $anchors --scene scene/blender --json
 grep -q "\"psnr\": ${psnr%??}" out || fail "the files alone measure differently: $(cat out), run: $psnr"
+expect 0 export anchors baked.ply --view-independent; grep -q '^lost: ' out || fail "$(cat out)"
+expect 0 eval baked.ply --scene scene/blender --json; grep -q '"views": 2' out || fail "$(cat out)"
+expect 1 export anchors other.ply; says view-independent
+expect 1 export run other.ply --view-independent; says 'expected anchors'
+[ ! -e other.ply ] || fail "export left a file"
 expect 2 convert anchors anchors.ply; says 'found anchors of Scaffold-GS'
 expect 2 train scene/blender -o none --init $anchors; says 'found anchors of Scaffold-GS'
 expect 1 train scene/blender -o none --model scaffold --strategy mcmc; says 'found scaffold with another strategy'

@@ -1,0 +1,72 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "model_views.h"
+
+struct export_config {
+    struct model_options m;
+    bool view_independent;
+};
+
+static const struct sg_option export_options[] = {
+    FLAG_ROW("view-independent", offsetof(struct export_config, view_independent),
+             "Gaussians that look the same from everywhere, as the mean over the views.",
+             .group = "Output"),
+    MODEL_ROWS(struct export_config),
+    {0},
+};
+
+static const struct option_part export_parts[] = MODEL_PARTS(struct export_config);
+
+static void defaults(void *config)
+{
+    *(struct export_config *) config = (struct export_config){.m = model_options_default()};
+    ((struct export_config *) config)->m.split = 1;
+}
+
+static int run_export(const void *config, const bool *given, const char *const *positional,
+                      int count)
+{
+    (void) count;
+    struct export_config copy = *(const struct export_config *) config, *c = &copy;
+    struct model_views v;
+    struct sg_model *baked = NULL;
+    const char *out = positional[1];
+    if (!c->view_independent)
+        return missing(&command_export, "--view-independent, the only way of export so far");
+    int code = model_views_open(&v, positional[0], &command_export, given, c, &c->m);
+    if (!code) {
+        int error = sg_output_check_file(v.ctx, out);
+        if (!error)
+            error = sg_model_bake(v.ctx, v.model, v.views, v.n, &baked);
+        if (!error)
+            error = sg_model_write(v.ctx, baked, out, NULL);
+        code = report(v.ctx, error);
+    }
+    if (!code && !c->m.quiet)
+        say(stdout,
+            "%s: %zu Gaussians, the mean of those that %zu views made of %zu anchors\n"
+            "lost: how opacities, sizes and colours change with the direction of view\n",
+            out, baked->count, v.n, v.model->count);
+    if (v.ctx)
+        sg_model_destroy(&baked);
+    model_views_close(&v);
+    return code;
+}
+
+const struct command command_export = {
+    .name = "export",
+    .arguments = "RUN|MODEL OUT --view-independent [options]",
+    .summary = "Makes a model that viewers open of anchors (train --model scaffold).",
+    .description =
+        "Scaffold-GS makes its Gaussians for each view anew. This writes one Gaussian for each of "
+        "those that the training views drew, with the means of opacity, size, rotation and colour, "
+        "as a model of SH degree 0. OUT is new and ends as those of convert do. What depends on "
+        "the direction of view is lost, and with it quality: eval measures how much.",
+    .groups = "Output|" MODEL_GROUPS,
+    .options = export_options,
+    .parts = export_parts,
+    .config_size = sizeof(struct export_config),
+    .defaults = defaults,
+    .min_positional = 2,
+    .max_positional = 2,
+    .run = run_export,
+};
