@@ -52,6 +52,34 @@ static void test_training(void **state)
     clear_fixture(&f);
 }
 
+/* Mip-Splatting, growth by absolute gradients, and a limit that looks at radii on the screen: the
+ * same losses as the CPU's as long as both make the same decisions. */
+static void test_variants(void **state)
+{
+    (void) state;
+    for (int k = 0; k < 3; k++) {
+        struct sg_train_params p = short_params();
+        p.model = k == 0 ? SG_MODEL_MIP : SG_MODEL_3DGS;
+        p.absgrad = k == 1;
+        p.at_limit = k == 2 ? SG_AT_LIMIT_UNIVERSAL : p.at_limit;
+        p.max_gaussians = k == 2 ? 130 : 0;
+        struct fixture f = make_fixture(2);
+        double expected[15], found[15];
+        struct sg_model *cpu = train(&f, &p, 15, NULL, NULL, expected);
+        p.engine = main_engine();
+        struct sg_model *device = train(&f, &p, 15, NULL, NULL, found);
+        for (int i = 0; i < 15; i++)
+            if (!(fabs(found[i] - expected[i]) < (i < 8 ? 1e-3 : 2e-2) * expected[i]))
+                fail_msg("variant %d, loss %d: found %.9f, expected %.9f", k, i + 1, found[i],
+                         expected[i]);
+        assert_true(fabs((double) device->count - (double) cpu->count) <
+                    0.02 * (double) cpu->count + 2);
+        sg_model_destroy(&cpu);
+        sg_model_destroy(&device);
+        clear_fixture(&f);
+    }
+}
+
 /* One format of checkpoints for all engines: a run that begins on the CPU continues on the device,
  * and back. On one engine a resumed run is the same as one that was not interrupted. */
 static void test_resume(void **state)
@@ -114,6 +142,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_choice),
         cmocka_unit_test(test_training),
+        cmocka_unit_test(test_variants),
         cmocka_unit_test(test_resume),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -7,7 +7,7 @@
 #include <string.h>
 #include <strings.h>
 
-#define SHARED_MEMORY 28672 /* bytes that a workgroup of our kernels has at most */
+#define SHARED_MEMORY 32768 /* bytes that a workgroup of our kernels has at most */
 
 /* A queue family that computes; one that cannot draw is the device's own for that. */
 static bool find_queue(const struct vk_functions *vk, struct vk_device_choice *d)
@@ -91,7 +91,7 @@ static void look_at(const struct vk_functions *vk, struct vk_device_choice *d)
              p->limits.maxComputeWorkGroupSize[0] < 256)
         d->info.missing = "workgroups of 256 invocations";
     else if (p->limits.maxComputeSharedMemorySize < SHARED_MEMORY)
-        d->info.missing = "28 KiB of shared memory a workgroup";
+        d->info.missing = "32 KiB of shared memory a workgroup";
 }
 
 int sg_vk_devices(const struct vk_functions *vk, struct vk_device_choice out[VK_DEVICES])

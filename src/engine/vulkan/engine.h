@@ -19,12 +19,14 @@ struct vulkan_engine {
     struct gpu_buffer *photos;        /* of handle k + 1 */
     size_t cap_photos;
     /* of a view */
+    struct sg_camera camera;
     struct sg_render_params params;
     int degree;
     uint32_t width, height;
     struct gpu_lists lists;
-    struct gpu_buffer view, splats, image, alpha, depth, blocks, reached, checkpoints;
-    struct gpu_buffer gradient, slots, band_sums, step;
+    struct gpu_buffer view; /* struct pinhole, and what learn adds to it */
+    struct gpu_buffer splats, image, alpha, depth, blocks, reached, checkpoints;
+    struct gpu_buffer gradient, slots, band_sums;
     /* of losses */
     struct gpu_buffer given, target, maps, sums, exposed;
     struct sg_image_losses image_losses; /* these three: on the host */
@@ -47,6 +49,8 @@ int sg_vulkan_read_statistics(struct sg_engine *, const struct sg_statistics *);
 int sg_vulkan_edit(struct sg_engine *, const struct sg_edit *);
 int sg_vulkan_relocate(struct sg_engine *, const struct sg_relocation *);
 int sg_vulkan_explore(struct sg_engine *, const struct sg_exploration *);
+int sg_vulkan_filter(struct sg_engine *, const struct sg_camera *const *cameras, size_t n);
+int sg_vulkan_count_radii(struct sg_engine *);
 int sg_vulkan_floor_scale(struct sg_engine *, float smallest);
 int sg_vulkan_reset_opacity(struct sg_engine *, float limit);
 int sg_vulkan_shape(struct sg_engine *, const struct sg_shape *);

@@ -13,10 +13,10 @@ static void destroy(struct sg_engine *base)
 {
     struct vulkan_engine *e = vulkan_of(base);
     struct gpu *g = e->gpu;
-    struct gpu_buffer *owned[] = {
-        &e->view,    &e->splats,      &e->image,    &e->alpha, &e->depth,     &e->blocks,
-        &e->reached, &e->checkpoints, &e->gradient, &e->slots, &e->band_sums, &e->step,
-        &e->given,   &e->target,      &e->maps,     &e->sums,  &e->exposed};
+    struct gpu_buffer *owned[] = {&e->view,     &e->splats, &e->image,     &e->alpha,
+                                  &e->depth,    &e->blocks, &e->reached,   &e->checkpoints,
+                                  &e->gradient, &e->slots,  &e->band_sums, &e->given,
+                                  &e->target,   &e->maps,   &e->sums,      &e->exposed};
     sg_gpu_flush(g);
     for (size_t i = 0; i < sizeof(owned) / sizeof(owned[0]); i++)
         sg_gpu_release(g, owned[i]);
@@ -55,20 +55,21 @@ static int do_project(struct sg_engine *base, const struct sg_camera *camera, in
     struct vulkan_engine *e = vulkan_of(base);
     struct gpu *g = e->gpu;
     const struct pinhole view = params->mip_filter ? view_make_mip(camera) : view_make(camera);
-    _Static_assert(sizeof(view) == 27 * sizeof(float), "as view_load reads it");
+    _Static_assert(sizeof(view) == VK_VIEW * sizeof(float), "as view_load reads it");
     const uint64_t values = 3 * (uint64_t) camera->width * (uint64_t) camera->height;
+    e->camera = *camera;
     e->params = *params;
     e->degree = sh_degree;
     e->width = (uint32_t) camera->width, e->height = (uint32_t) camera->height;
     memset(e->ran, 0, sizeof(e->ran));
     int code;
-    if ((code = sg_gpu_reserve(g, SG_MEM_MISC, &e->view, sizeof(view))) ||
+    if ((code = sg_gpu_reserve(g, SG_MEM_MISC, &e->view, 4 * (VK_VIEW + VK_STEP))) ||
         (code = sg_gpu_reserve(g, SG_MEM_SPLATS, &e->splats, 64 * (uint64_t) e->count)) ||
         (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->image, 4 * values)) ||
         (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->gradient, 4 * values)) ||
         (code = sg_gpu_lists_begin(g, &e->lists, e->count, camera->width, camera->height,
                                    params->reference_tiles)) ||
-        (code = sg_gpu_update(g, &e->view, &view, sizeof(view))))
+        (code = sg_gpu_update(g, &e->view, 0, &view, sizeof(view))))
         return code;
     const int shown = e->at[SG_C_SHAPED].buffer ? SG_C_SHAPED : SG_C_PARAMETERS;
     return GPU_RUN(g, project, sh_degree, FOR_EACH(e->count), .params = e->at[shown].address,
@@ -165,18 +166,19 @@ static int raster_backward(struct sg_engine *base)
     struct vulkan_engine *e = vulkan_of(base);
     struct gpu *g = e->gpu;
     struct gpu_lists *l = &e->lists;
-    const bool banded = l->band_count > 1;
-    int code = banded ? begin_sums(e, VK_SLOT) : SG_OK;
+    const bool banded = l->band_count > 1, absolute = base->statistic != SG_GRADIENT_NORM;
+    const uint32_t width = absolute ? VK_SLOT_ABSOLUTE : VK_SLOT;
+    int code = banded ? begin_sums(e, width) : SG_OK;
     for (int band = 0; band < l->band_count && !code; band++) {
         const struct gpu_band *b = &l->bands[band];
         code = sg_gpu_lists_band(g, l, band);
         if (!code)
-            code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->slots, 4 * VK_SLOT * b->instances);
+            code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->slots, 4 * width * b->instances);
         if (!code && banded) /* its states are not at hand any more: draw it again */
             code = raster_band(e, false);
         if (!code)
             code = GPU_RUN(
-                g, raster_backward, 0, sg_gpu_lists_units(l), .splats = e->splats.address,
+                g, raster_backward, absolute, sg_gpu_lists_units(l), .splats = e->splats.address,
                 .instances = l->instances.address, .tile_start = l->tile_start.address,
                 .chunk_start = l->chunk_start.address, .blocks = e->blocks.address,
                 .reached = e->reached.address, .checkpoints = e->checkpoints.address,
@@ -184,7 +186,7 @@ static int raster_backward(struct sg_engine *base)
                 .slots = e->slots.address, .first_tile = b->first, .tiles = b->end - b->first,
                 .grid_x = l->grid_x, .width = e->width, .height = e->height);
         if (!code && banded)
-            code = add_slots(e, &e->band_sums, VK_SLOT);
+            code = add_slots(e, &e->band_sums, width);
     }
     return code;
 }
@@ -195,17 +197,22 @@ static int learn(struct vulkan_engine *e, const struct sg_update *u, uint32_t wh
 {
     struct gpu *g = e->gpu;
     const bool banded = e->lists.band_count > 1;
-    float step[2 * SG_GROUPS + 2];
+    const enum sg_gradient_statistic statistic = e->base.statistic;
+    float step[VK_STEP];
+    _Static_assert(2 * SG_GROUPS + 2 == VK_STEP, "rates, roots, two weights");
     int code;
+    what |= (banded ? VK_LEARN_BANDED : 0) |
+            (statistic != SG_GRADIENT_NORM ? VK_LEARN_ABSOLUTE : 0) |
+            (statistic == SG_GRADIENT_MIP ? VK_LEARN_BESIDE : 0);
     if ((what & (VK_LEARN_ADAM | VK_LEARN_STATISTICS) && (code = sg_vulkan_alloc_saved(e))) ||
         (what & VK_LEARN_ACCUMULATE && (code = sg_vulkan_alloc(e, SG_C_ACCUMULATED))) ||
-        (code = sg_gpu_reserve(g, SG_MEM_MISC, &e->step, sizeof(step))))
+        (what & VK_LEARN_BESIDE && (code = sg_vulkan_alloc(e, SG_C_GRAD_ABSOLUTE))))
         return code;
     memcpy(step, u->rate, sizeof(u->rate));
     memcpy(step + SG_GROUPS, u->root, sizeof(u->root));
     step[2 * SG_GROUPS] = u->mean_opacity, step[2 * SG_GROUPS + 1] = u->mean_scale;
     const int shown = e->at[SG_C_SHAPED].buffer ? SG_C_SHAPED : SG_C_PARAMETERS;
-    code = sg_gpu_update(g, &e->step, step, sizeof(step));
+    code = sg_gpu_update(g, &e->view, sizeof(struct pinhole), step, sizeof(step));
     return code ? code
                 : GPU_RUN(g, learn, e->degree, FOR_EACH(e->count), .shaped = e->at[shown].address,
                           .params = e->at[SG_C_PARAMETERS].address,
@@ -213,14 +220,14 @@ static int learn(struct vulkan_engine *e, const struct sg_update *u, uint32_t wh
                           .v = sg_gpu_at(g, &e->at[SG_C_MOMENT2]),
                           .grad_sum = sg_gpu_at(g, &e->at[SG_C_GRAD_SUM]),
                           .grad_count = sg_gpu_at(g, &e->at[SG_C_GRAD_COUNT]),
+                          .grad_absolute = sg_gpu_at(g, &e->at[SG_C_GRAD_ABSOLUTE]),
                           .gradients = sg_gpu_at(g, &e->at[SG_C_GRADIENT]),
                           .accumulated = sg_gpu_at(g, &e->at[SG_C_ACCUMULATED]),
                           .splats = e->splats.address, .rects = e->lists.rects.address,
                           .slots = sg_gpu_at(g, banded ? &e->band_sums : &e->slots),
                           .slot_start = sg_gpu_at(g, &e->lists.slot_start), .view = e->view.address,
-                          .step = e->step.address, .count = (uint32_t) e->count,
-                          .planes = (uint32_t) e->planes,
-                          .what = what | (banded ? VK_LEARN_BANDED : 0));
+                          .count = (uint32_t) e->count, .planes = (uint32_t) e->planes,
+                          .what = what);
 }
 
 static int do_project_backward(struct sg_engine *base, bool statistics)
@@ -321,6 +328,7 @@ static int count_hits(struct sg_engine *base, const struct sg_camera *const *vie
 
 static const struct sg_engine_ops ops = {
     .name = "vulkan",
+    .absolute = true,
     .exposure = true,
     .mip_filter = true,
     .destroy = destroy,
@@ -334,6 +342,8 @@ static const struct sg_engine_ops ops = {
     .reset_opacity = sg_vulkan_reset_opacity,
     .relocate = sg_vulkan_relocate,
     .explore = sg_vulkan_explore,
+    .count_radii = sg_vulkan_count_radii,
+    .filter = sg_vulkan_filter,
     .photo_add = sg_vulkan_photo_add,
     .photo_drop = sg_vulkan_photo_drop,
     .shape = sg_vulkan_shape,
@@ -402,8 +412,8 @@ static struct sg_footprint on_device(const struct sg_work *w)
                    tiles =
                        gpu_groups((uint64_t) w->width, 16) * gpu_groups((uint64_t) w->height, 16);
     return (struct sg_footprint){
-        .gaussian = sg_host_footprint(w, false) + 4 * (27 + VK_SLOT + SG_P_ROT) + 1,
-        .instance = 4 * (2 + 2 + 2 + 2 + 1 + VK_SLOT) + 16 * 256 / VK_CHUNK + 1,
+        .gaussian = sg_host_footprint(w, false) + 4 * (27 + VK_SLOT_ABSOLUTE + SG_P_ROT) + 1,
+        .instance = 4 * (2 + 2 + 2 + 2 + 1 + VK_SLOT_ABSOLUTE) + 16 * 256 / VK_CHUNK + 1,
         .view = pixels * 4 * (9 * 3 + 2) + tiles * (16 * 256 + 64),
         .photo = 4 * pixels};
 }

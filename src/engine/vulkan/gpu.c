@@ -192,10 +192,11 @@ static int make_pipeline(struct gpu *g, enum gpu_kernel kernel, int variant)
     VkResult result = g->vk.CreateShaderModule(g->device, &code, NULL, &module);
     if (result)
         return fail_result(g, result, names[kernel]);
-    const uint32_t constants[2] = {VK_BLOCKS * g->lanes,
-                                   draws_tiles(kernel) ? g->lanes : (uint32_t) variant};
-    const VkSpecializationMapEntry entries[2] = {{0, 0, 4}, {1, 4, 4}};
-    const VkSpecializationInfo special = {2, entries, sizeof(constants), constants};
+    const uint32_t constants[3] = {VK_BLOCKS * g->lanes,
+                                   draws_tiles(kernel) ? g->lanes : (uint32_t) variant,
+                                   variant ? VK_SLOT_ABSOLUTE : VK_SLOT};
+    const VkSpecializationMapEntry entries[3] = {{0, 0, 4}, {1, 4, 4}, {2, 8, 4}};
+    const VkSpecializationInfo special = {3, entries, sizeof(constants), constants};
     const VkComputePipelineCreateInfo info = {
         .sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO,
         .stage = {.sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
@@ -242,12 +243,13 @@ int sg_gpu_fill(struct gpu *g, const struct gpu_buffer *b, uint64_t offset, uint
     return SG_OK;
 }
 
-int sg_gpu_update(struct gpu *g, const struct gpu_buffer *b, const void *from, uint64_t bytes)
+int sg_gpu_update(struct gpu *g, const struct gpu_buffer *b, uint64_t offset, const void *from,
+                  uint64_t bytes)
 {
     const int code = record(g);
     if (code)
         return code;
-    g->vk.CmdUpdateBuffer(g->commands, b->buffer, 0, bytes, from);
+    g->vk.CmdUpdateBuffer(g->commands, b->buffer, offset, bytes, from);
     barrier(g);
     return SG_OK;
 }

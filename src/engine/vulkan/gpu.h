@@ -58,7 +58,7 @@ struct gpu {
     VkDevice device;
     VkQueue queue;
     VkPipelineLayout layout;
-    VkPipeline pipelines[GPU_KERNELS][4]; /* by SH degree, where a kernel depends on it */
+    VkPipeline pipelines[GPU_KERNELS][4]; /* by variant */
     VkCommandPool pool;
     VkCommandBuffer commands;
     VkFence fence;
@@ -91,7 +91,7 @@ VkDeviceAddress sg_gpu_at(const struct gpu *g, const struct gpu_buffer *b);
 
 /* ---- commands: recorded, in order ---- */
 
-/* variant: the SH degree, 0 where the kernel does not depend on it. */
+/* variant: the SH degree, or 1 where absolute gradients are summed; else 0. */
 int sg_gpu_dispatch(struct gpu *g, enum gpu_kernel kernel, int variant, const void *args,
                     size_t size, uint64_t groups);
 #define GPU_RUN(g, kernel, variant, groups, ...)                                                   \
@@ -100,7 +100,8 @@ int sg_gpu_dispatch(struct gpu *g, enum gpu_kernel kernel, int variant, const vo
 int sg_gpu_fill(struct gpu *g, const struct gpu_buffer *b, uint64_t offset, uint64_t bytes,
                 uint32_t value);
 /* At most 65536 bytes, in words. */
-int sg_gpu_update(struct gpu *g, const struct gpu_buffer *b, const void *from, uint64_t bytes);
+int sg_gpu_update(struct gpu *g, const struct gpu_buffer *b, uint64_t offset, const void *from,
+                  uint64_t bytes);
 int sg_gpu_copy(struct gpu *g, const struct gpu_buffer *from, uint64_t from_offset,
                 const struct gpu_buffer *to, uint64_t to_offset, uint64_t bytes);
 

@@ -179,18 +179,61 @@ int sg_vulkan_relocate(struct sg_engine *base, const struct sg_relocation *r)
     return code;
 }
 
+/* Copies of some columns, which are made where there are none. */
+static int mirror_some(struct vulkan_engine *e, struct sg_host_model *h, const int *columns, int n)
+{
+    int code = SG_OK;
+    *h = empty_mirror(e);
+    for (int k = 0; k < n && !code; k++)
+        if (!(code = sg_vulkan_alloc(e, columns[k])) &&
+            !(code = sg_host_alloc(e->base.ctx, h, columns[k])))
+            code = sg_gpu_read(e->gpu, &e->at[columns[k]], 0, h->at[columns[k]],
+                               sg_vulkan_column_bytes(e, columns[k]));
+    return code;
+}
+
+static int write_back(struct vulkan_engine *e, const struct sg_host_model *h, int column)
+{
+    return sg_gpu_write(e->gpu, &e->at[column], 0, h->at[column],
+                        sg_vulkan_column_bytes(e, column));
+}
+
 int sg_vulkan_explore(struct sg_engine *base, const struct sg_exploration *x)
 {
     struct vulkan_engine *e = vulkan_of(base);
-    struct sg_host_model h = empty_mirror(e);
-    const uint64_t bytes = sg_vulkan_column_bytes(e, SG_C_PARAMETERS);
-    int code = sg_host_alloc(base->ctx, &h, SG_C_PARAMETERS);
-    if (!code)
-        code = sg_gpu_read(e->gpu, &e->at[SG_C_PARAMETERS], 0, h.at[SG_C_PARAMETERS], bytes);
+    struct sg_host_model h;
+    int code = mirror_some(e, &h, (const int[]){SG_C_PARAMETERS}, 1);
     if (!code) {
         sg_host_explore(base->ctx, &h, x);
-        code = sg_gpu_write(e->gpu, &e->at[SG_C_PARAMETERS], 0, h.at[SG_C_PARAMETERS], bytes);
+        code = write_back(e, &h, SG_C_PARAMETERS);
     }
+    sg_host_clear(&h);
+    return code;
+}
+
+int sg_vulkan_filter(struct sg_engine *base, const struct sg_camera *const *cameras, size_t n)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    struct sg_host_model h;
+    int code = mirror_some(e, &h, (const int[]){SG_C_PARAMETERS, SG_C_FILTER}, 2);
+    if (!code)
+        code = sg_host_filter(base->ctx, &h, cameras, n);
+    if (!code)
+        code = write_back(e, &h, SG_C_FILTER);
+    sg_host_clear(&h);
+    return code;
+}
+
+int sg_vulkan_count_radii(struct sg_engine *base)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    const int columns[] = {SG_C_PARAMETERS, SG_C_RADIUS, SG_C_SHAPED};
+    struct sg_host_model h;
+    int code = mirror_some(e, &h, columns, e->at[SG_C_SHAPED].buffer ? 3 : 2);
+    if (!code)
+        code = sg_host_count_radii(base->ctx, &h, &e->camera, e->params.mip_filter);
+    if (!code)
+        code = write_back(e, &h, SG_C_RADIUS);
     sg_host_clear(&h);
     return code;
 }
@@ -200,20 +243,13 @@ int sg_vulkan_explore(struct sg_engine *base, const struct sg_exploration *x)
 static int run_shape(struct vulkan_engine *e, const struct sg_shape *shape, int column,
                      int (*stage)(sg_ctx *, struct sg_host_model *, const struct sg_shape *))
 {
-    struct sg_host_model h = empty_mirror(e);
     const int columns[] = {SG_C_PARAMETERS, column, shape->column};
-    const int n = shape->column < SG_COLUMNS ? 3 : 2;
-    int code = SG_OK;
-    for (int k = 0; k < n && !code; k++)
-        if (!(code = sg_vulkan_alloc(e, columns[k])) &&
-            !(code = sg_host_alloc(e->base.ctx, &h, columns[k])))
-            code = sg_gpu_read(e->gpu, &e->at[columns[k]], 0, h.at[columns[k]],
-                               sg_vulkan_column_bytes(e, columns[k]));
+    struct sg_host_model h;
+    int code = mirror_some(e, &h, columns, shape->column < SG_COLUMNS ? 3 : 2);
     if (!code)
         code = stage(e->base.ctx, &h, shape);
     if (!code)
-        code = sg_gpu_write(e->gpu, &e->at[column], 0, h.at[column],
-                            sg_vulkan_column_bytes(e, column));
+        code = write_back(e, &h, column);
     sg_host_clear(&h);
     return code;
 }
@@ -233,7 +269,7 @@ int sg_vulkan_shape_backward(struct sg_engine *base, const struct sg_shape *shap
 int sg_vulkan_read_statistics(struct sg_engine *base, const struct sg_statistics *out)
 {
     struct vulkan_engine *e = vulkan_of(base);
-    const int statistics[] = {SG_C_GRAD_SUM, SG_C_GRAD_COUNT};
+    const int statistics[] = {SG_C_GRAD_SUM, SG_C_GRAD_COUNT, SG_C_GRAD_ABSOLUTE, SG_C_RADIUS};
     const size_t capacity = sg_blocks(e->count) * SG_LANES, bytes = capacity * sizeof(float);
     struct sg_host_model h = {.count = e->count, .capacity = capacity, .planes = SG_P_ROT};
     struct gpu_buffer some = {0};
@@ -248,7 +284,7 @@ int sg_vulkan_read_statistics(struct sg_engine *base, const struct sg_statistics
                     .planes = (uint32_t) e->planes, .width = SG_P_ROT);
     if (!code)
         code = sg_gpu_read(e->gpu, &some, 0, h.at[SG_C_PARAMETERS], SG_P_ROT * (uint64_t) bytes);
-    for (int k = 0; k < 2 && !code; k++)
+    for (int k = 0; k < 4 && !code; k++)
         if (e->at[statistics[k]].buffer && !(code = sg_host_alloc(base->ctx, &h, statistics[k])))
             code = sg_gpu_read(e->gpu, &e->at[statistics[k]], 0, h.at[statistics[k]], bytes);
     if (!code)

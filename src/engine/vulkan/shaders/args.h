@@ -5,15 +5,16 @@
 #ifndef SG_VULKAN_ARGS_H
 #define SG_VULKAN_ARGS_H
 
-#define VK_BATCH 32      /* instances staged at once */
-#define VK_CHUNK 128     /* instances between two checkpoints: a unit of the backward pass */
-#define VK_BLOCKS 8      /* of 8 x 4 pixels in a tile */
-#define VK_BLOCK_SIZE 32 /* pixels */
-#define VK_SLOT 9        /* floats: sum w, w dx, w dy, w dx^2, w dx dy, w dy^2, r, g, b */
-#define VK_GROUP 256     /* invocations of the kernels without a tile */
-#define VK_SCAN 1024     /* numbers that a workgroup scans */
-#define VK_SORT 1024     /* keys that a workgroup sorts */
-#define VK_SORT_GROUP 64 /* invocations: each sorts VK_SORT / VK_SORT_GROUP keys in order */
+#define VK_BATCH 32         /* instances staged at once */
+#define VK_CHUNK 128        /* instances between two checkpoints: a unit of the backward pass */
+#define VK_BLOCKS 8         /* of 8 x 4 pixels in a tile */
+#define VK_BLOCK_SIZE 32    /* pixels */
+#define VK_SLOT 9           /* floats: sum w, w dx, w dy, w dx^2, w dx dy, w dy^2, r, g, b */
+#define VK_SLOT_ABSOLUTE 11 /* and, where absolute gradients are counted, |dL/dx|, |dL/dy| */
+#define VK_GROUP 256        /* invocations of the kernels without a tile */
+#define VK_SCAN 1024        /* numbers that a workgroup scans */
+#define VK_SORT 1024        /* keys that a workgroup sorts */
+#define VK_SORT_GROUP 64    /* invocations: each sorts VK_SORT / VK_SORT_GROUP keys in order */
 #define VK_DIGITS 256
 
 /* Numbers that kernels leave for the host; pairs are low and high words. */
@@ -116,12 +117,17 @@
 #define VK_LEARN_STATISTICS 4
 #define VK_LEARN_ACCUMULATE 8
 #define VK_LEARN_ADAM 16
-#define VK_LEARN_BANDED 32 /* slots: sums over the bands, one a Gaussian */
-/* step: 6 rates, 6 roots (enum sg_group), mean_opacity, mean_scale */
+#define VK_LEARN_BANDED 32   /* slots: sums over the bands, one a Gaussian */
+#define VK_LEARN_ABSOLUTE 64 /* slots have absolute gradients: they are the statistic, */
+#define VK_LEARN_BESIDE 128  /* or are added up in grad_absolute, beside the norm */
+/* Of the buffer `view`: the view, then the step: 6 rates, 6 roots (enum sg_group), mean_opacity,
+ * mean_scale. */
+#define VK_VIEW 27
+#define VK_STEP 14
 #define ARGS_learn(P, U, F)                                                                        \
     P(Floats, shaped) P(Floats, params) P(Floats, m) P(Floats, v) P(Floats, grad_sum)              \
-    P(Floats, grad_count) P(Floats, gradients) P(Floats, accumulated) P(Floats, splats)            \
-    P(Uints, rects) P(Floats, slots) P(Uints, slot_start) P(Floats, view) P(Floats, step)          \
+    P(Floats, grad_count) P(Floats, grad_absolute) P(Floats, gradients) P(Floats, accumulated)     \
+    P(Floats, splats) P(Uints, rects) P(Floats, slots) P(Uints, slot_start) P(Floats, view)        \
     U(count) U(planes) U(what)
 
 /* photo: a word a pixel, red in the lowest byte, the mask in the highest. planes: 1 = `planes` are

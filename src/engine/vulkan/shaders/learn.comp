@@ -36,15 +36,20 @@ int group_of(int plane)
 /* Gradients of the parameters of a visible Gaussian, and the statistics of densification. */
 void pull(uint i, out float g[PARAMS_MAX])
 {
-    float sums[VK_SLOT], xyz[3], scales[3], rot[4], at_xyz[3], at_scale[3], at_rot[4];
+    float sums[VK_SLOT_ABSOLUTE], xyz[3], scales[3], rot[4], at_xyz[3], at_scale[3], at_rot[4];
     float dir[3], basis[16], weight[16], d[3], rgb[3];
     const bool banded = (a.what & VK_LEARN_BANDED) != 0;
     const uint first = banded ? i : a.slot_start.v[i], end = banded ? i + 1 : a.slot_start.v[i + 1];
-    for (int j = 0; j < VK_SLOT; j++)
+    const bool absolute = (a.what & VK_LEARN_ABSOLUTE) != 0;
+    const uint width = absolute ? VK_SLOT_ABSOLUTE : VK_SLOT;
+    for (int j = 0; j < VK_SLOT_ABSOLUTE; j++)
         sums[j] = 0.0;
-    for (uint k = first; k < end; k++)
+    for (uint k = first; k < end; k++) {
         for (int j = 0; j < VK_SLOT; j++)
-            sums[j] += a.slots.v[k * VK_SLOT + j];
+            sums[j] += a.slots.v[k * width + j];
+        for (int j = VK_SLOT; j < VK_SLOT_ABSOLUTE && absolute; j++)
+            sums[j] += a.slots.v[k * width + j];
+    }
     for (int k = 0; k < 3; k++) {
         xyz[k] = shaped(i, k);
         scales[k] = shaped(i, P_SCALE + k);
@@ -63,7 +68,11 @@ void pull(uint i, out float g[PARAMS_MAX])
     o.C = -0.5 * sums[5];
     o.opacity = sums[0];
     if ((a.what & VK_LEARN_STATISTICS) != 0) {
-        const float gx = o.x * v.half_w, gy = o.y * v.half_h;
+        const bool beside = (a.what & VK_LEARN_BESIDE) != 0;
+        const float gx = (absolute && !beside ? sums[9] : o.x) * v.half_w;
+        const float gy = (absolute && !beside ? sums[10] : o.y) * v.half_h;
+        if (beside)
+            a.grad_absolute.v[i] += sums[9] * v.half_w + sums[10] * v.half_h;
         a.grad_sum.v[i] += sqrt(gx * gx + gy * gy);
         a.grad_count.v[i] += 1.0;
     }
@@ -121,7 +130,7 @@ void main()
             a.gradients.v[param_at(a.planes, i, plane)] = g[plane];
     if ((a.what & VK_LEARN_ADAM) == 0)
         return;
-    const float mean_opacity = a.step.v[12], mean_scale = a.step.v[13];
+    const float mean_opacity = a.view.v[VK_VIEW + 12], mean_scale = a.view.v[VK_VIEW + 13];
     if (mean_opacity > 0.0) {
         const float o = 1.0 / (1.0 + exp(-a.params.v[param_at(a.planes, i, P_OPACITY)]));
         g[P_OPACITY] += mean_opacity / float(a.count) * (o * (1.0 - o));
@@ -132,7 +141,7 @@ void main()
                         exp(a.params.v[param_at(a.planes, i, plane)]);
     for (int plane = 0; plane < PLANES; plane++) {
         const int group = group_of(plane);
-        const float rate = a.step.v[group], root = a.step.v[6 + group];
+        const float rate = a.view.v[VK_VIEW + group], root = a.view.v[VK_VIEW + 6 + group];
         if (!(rate > 0.0))
             continue;
         const uint at = param_at(a.planes, i, plane);

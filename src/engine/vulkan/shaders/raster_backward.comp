@@ -13,13 +13,37 @@
 #include "rounds.glsl"
 ARGUMENTS(raster_backward);
 
+layout(constant_id = 2) const uint SLOT = VK_SLOT; /* or VK_SLOT_ABSOLUTE */
+
+#define LN2 0.693147181
 #define PARTS 4 /* of a block: its rows of 8 pixels */
 #define CENTRE (0.5 * (SG_TILE - 1))
 
 shared float row_w[VK_BLOCKS][ROWS][VK_BLOCK_SIZE], row_weight[VK_BLOCKS][ROWS][VK_BLOCK_SIZE];
-shared float parts[VK_BLOCKS * ROWS * PARTS][VK_SLOT];
-shared float sums[VK_BLOCKS][VK_BATCH][VK_SLOT];
+shared float parts[VK_BLOCKS * ROWS * PARTS][SLOT];
+shared float sums[VK_BLOCKS][VK_BATCH][SLOT];
 shared vec3 pull[256]; /* dL/dimage of block b, pixel q at 32 b + q */
+
+/* Of the row-th instance in the round of a block: the gradient of the logarithm to the base 2 is
+ * twice w (across X, down^2 dy - shear X), where X = across dx - shear dy. */
+void sum_absolute(uint item, uint k, vec2 corner)
+{
+    const uint part = item % PARTS, row = item / PARTS % ROWS, block = item / (PARTS * ROWS);
+    float sx = 0.0, sy = 0.0;
+    if (k < 32) {
+        const vec4 shape = batch_shape[k];
+        const float down = batch_light[k].x, dy = corner.y + float(block / 2 * 4 + part) - shape.y;
+        for (uint p = 0; p < 8; p++) {
+            const float w = row_w[block][row][8 * part + p];
+            const float dx = corner.x + float(block % 2 * 8 + p) - shape.x;
+            const float along = shape.z * dx - shape.w * dy;
+            sx += abs(w * (shape.z * along));
+            sy += abs(w * (down * down * dy - shape.w * along));
+        }
+    }
+    parts[item][SLOT - 2] = 2.0 * LN2 * sx;
+    parts[item][SLOT - 1] = 2.0 * LN2 * sy;
+}
 
 /* Sums over the 8 pixels of a row of a block. */
 void sum_part(uint item)
@@ -58,8 +82,8 @@ void main()
     const uint end = min(first + VK_CHUNK, a.tile_start.v[tile + 1]);
     const uint reached = min(end, a.reached.v[tile]); /* behind it no pixel sees anything */
     for (uint k = max(first, reached) + t; k < end; k += INVOCATIONS)
-        for (uint j = 0; j < VK_SLOT; j++)
-            a.slots.v[a.instances.v[2 * k + 1] * VK_SLOT + j] = 0.0;
+        for (uint j = 0; j < SLOT; j++)
+            a.slots.v[a.instances.v[2 * k + 1] * SLOT + j] = 0.0;
     if (first >= reached)
         return;
 
@@ -122,29 +146,35 @@ void main()
                 }
             }
             barrier(); /* the pixels of the round are there */
-            for (uint item = t; item < VK_BLOCKS * ROWS * PARTS; item += INVOCATIONS)
+            for (uint item = t; item < VK_BLOCKS * ROWS * PARTS; item += INVOCATIONS) {
                 sum_part(item);
+                if (SLOT > VK_SLOT) {
+                    const uint of_block = batch_rows[item / (PARTS * ROWS)];
+                    sum_absolute(item, row_of(of_block, round * ROWS + item / PARTS % ROWS),
+                                 vec2(x0, y0));
+                }
+            }
             barrier(); /* the parts are there, and the pixels read */
             for (uint item = t; item < VK_BLOCKS * ROWS; item += INVOCATIONS) {
                 const uint b = item / ROWS;
                 const uint k = row_of(batch_rows[b], round * ROWS + item % ROWS);
-                for (uint j = 0; j < VK_SLOT && k < 32; j++)
+                for (uint j = 0; j < SLOT && k < 32; j++)
                     sums[b][k][j] = (parts[item * PARTS][j] + parts[item * PARTS + 1][j]) +
                                     (parts[item * PARTS + 2][j] + parts[item * PARTS + 3][j]);
             }
         }
         barrier(); /* the sums of all blocks are there */
         for (uint k = t; k < n; k += INVOCATIONS) {
-            float s[VK_SLOT];
-            for (uint j = 0; j < VK_SLOT; j++)
+            float s[SLOT];
+            for (uint j = 0; j < SLOT; j++)
                 s[j] = 0.0;
             for (uint b = 0; b < VK_BLOCKS; b++)
                 if ((batch_rows[b] >> k & 1) != 0)
-                    for (uint j = 0; j < VK_SLOT; j++)
+                    for (uint j = 0; j < SLOT; j++)
                         s[j] += sums[b][k][j];
             const float dx = float(x0) + CENTRE - batch_shape[k].x;
             const float dy = float(y0) + CENTRE - batch_shape[k].y;
-            const uint to = a.instances.v[2 * (at + k) + 1] * VK_SLOT;
+            const uint to = a.instances.v[2 * (at + k) + 1] * SLOT;
             const float wx = s[3] + dx * s[0], wy = s[1] + dy * s[0];
             a.slots.v[to] = s[0];
             a.slots.v[to + 1] = wx;
@@ -155,6 +185,8 @@ void main()
             a.slots.v[to + 6] = s[6];
             a.slots.v[to + 7] = s[7];
             a.slots.v[to + 8] = s[8];
+            for (uint j = VK_SLOT; j < SLOT; j++)
+                a.slots.v[to + j] = s[j];
         }
     }
 }
