@@ -134,6 +134,24 @@ static void wavelets_remove_noise(void **state)
     assert_true(edge / (3 * SIDE) > 70);          /* of 111 */
 }
 
+/* A background of one colour, which is most of the photo, does not hide the noise. */
+static void wavelets_see_noise_beside_a_background(void **state)
+{
+    enum { SIDE = 64 };
+    struct fixture *f = *state;
+    static uint8_t noisy[SIDE * SIDE * 3], out[sizeof(noisy)];
+    uint32_t random = 1;
+    double error = 0;
+    for (size_t i = 0; i < sizeof(noisy); i++) {
+        random = random * 1664525 + 1013904223;
+        noisy[i] = i / 3 % SIDE < 40 ? 0 : (uint8_t) (random >> 30 & 1 ? 116 : 84);
+    }
+    smooth(f, SG_SMOOTH_WAVELET, noisy, NULL, SIDE, SIDE, out);
+    for (size_t i = 0; i < sizeof(noisy); i++)
+        error += i / 3 % SIDE < 48 ? 0 : (out[i] - 100) * (double) (out[i] - 100);
+    assert_true(sqrt(error / (16 * SIDE * 3)) < 8); /* of 16 */
+}
+
 /* Training photos are smoothed after they were resized; test photos and other scenes are not. */
 static void training_photos_of_a_scene(void **state)
 {
@@ -176,13 +194,10 @@ static void out_of_memory(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        scene_test(constant_images_stay),
-        scene_test(impulse_through_the_gaussian),
-        scene_test(every_pixel_is_as_defined),
-        scene_test(masked_pixels_do_not_leak),
-        scene_test(wavelets_remove_noise),
-        scene_test(training_photos_of_a_scene),
-        scene_test(out_of_memory),
+        scene_test(constant_images_stay),       scene_test(impulse_through_the_gaussian),
+        scene_test(every_pixel_is_as_defined),  scene_test(masked_pixels_do_not_leak),
+        scene_test(wavelets_remove_noise),      scene_test(wavelets_see_noise_beside_a_background),
+        scene_test(training_photos_of_a_scene), scene_test(out_of_memory),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -36,18 +36,20 @@ static void bands_at(const struct plane *p, int x, int y, int d, float out[4])
 }
 
 /* Standard deviation of the noise: the median of the finest diagonal band, in which the photo
- * itself has little energy. */
+ * itself has little energy. Zeros do not count, so that a background of one colour does not hide
+ * the noise elsewhere. */
 static double noise_of(const struct plane *p)
 {
-    const size_t n = (size_t) p->width * (size_t) p->height;
+    size_t n = 0;
     for (int y = 0; y < p->height; y++)
         for (int x = 0; x < p->width; x++) {
             float band[4];
             bands_at(p, x, y, 1, band);
-            p->next[place(p, x, y)] = fabsf(band[3]);
+            p->next[n] = fabsf(band[3]);
+            n += p->next[n] > 0;
         }
     qsort(p->next, n, sizeof(*p->next), sg_float_ascending);
-    return 2 * (double) p->next[n / 2] / 0.6745;
+    return n ? 2 * (double) p->next[n / 2] / 0.6745 : 0;
 }
 
 static float shrink(float v, float threshold)
