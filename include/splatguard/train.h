@@ -117,11 +117,11 @@ struct sg_train_params {
      * 0 = never, -1 = a tenth of densify_until_iter. Default -1. */
     int tolerance_look;
     /* The loss of photos with a tolerance, in the last tenth of the iterations: weight of the mean
-     * squared difference from the photo itself after a low-pass filter. Where any photo has a
-     * tolerance, the colours alone learn in these iterations. So contrast below the tolerance comes
-     * back as far as many pixels of many photos agree on it. 0..1000, 0 = off, and so always with
-     * SG_MODEL_SCAFFOLD. Default 20. */
-    float tolerance_colours;
+     * squared difference from the photo itself after a low-pass filter. So contrast below the
+     * tolerance comes back as far as many pixels of many photos agree on it. Where any photo has a
+     * tolerance, no Gaussian is added or removed in these iterations, and learning rates fall to a
+     * fiftieth. 0..1000, 0 = off, and so always with SG_MODEL_SCAFFOLD. Default 20. */
+    float tolerance_low_pass;
     /* Each photo has an affine map of colours, which is learned with the model and shows how the
      * photo was exposed. Renders are without. Default false. */
     bool exposure;
@@ -168,7 +168,7 @@ struct sg_train_params {
 
 #define SG_TRAIN_DEFAULTS                                                                          \
     .iterations = 30000, .seed = 42, .sh_degree = 3, .sh_interval = 1000, .lambda_dssim = 0.2f,    \
-    .tolerance_tv = 0.1f, .tolerance_look = -1, .tolerance_colours = 20,                           \
+    .tolerance_tv = 0.1f, .tolerance_look = -1, .tolerance_low_pass = 20,                          \
     .exposure_lr_init = 0.01f, .exposure_lr_final = 0.001f, .position_lr_init = 1.6e-4f,           \
     .position_lr_final = 1.6e-6f, .position_lr_max_steps = 30000, .feature_lr = 0.0025f,           \
     .opacity_lr = 0.05f, .scaling_lr = 0.005f, .rotation_lr = 0.001f, .percent_dense = 0.01f,      \

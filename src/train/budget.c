@@ -68,7 +68,7 @@ static struct sg_work work_of(sg_ctx *ctx, const struct sg_train_params *p, int 
                             .mip = p->model == SG_MODEL_MIP,
                             .anchors = p->model == SG_MODEL_SCAFFOLD,
                             .low_pass =
-                                (p->tolerance > 0 || p->tolerances) && p->tolerance_colours > 0,
+                                (p->tolerance > 0 || p->tolerances) && p->tolerance_low_pass > 0,
                             .threads = sg_ctx_threads(ctx),
                             .width = 1,
                             .height = 1};

@@ -168,10 +168,10 @@ static const struct sg_option train_options[] = {
         "With --tolerance auto: after this iteration the tolerance becomes the noise in the "
         "difference between photos and renders; -1 = a tenth of --densify-until-iter, 0 = never.",
         DEFENSE, EXPERT),
-    FLOAT("tolerance-colours", tolerance_colours, 0, 1000,
-          "If any photo has a tolerance, only colours learn in the last tenth of the iterations. "
-          "The loss of these photos then includes the squared low-pass difference, with this "
-          "weight, which restores contrast below the tolerance. 0 = off.",
+    FLOAT("tolerance-low-pass", tolerance_low_pass, 0, 1000,
+          "Weight of the squared low-pass difference from photos with a tolerance in the last "
+          "tenth of the iterations, which restores contrast below the tolerance. Rates fall "
+          "there, and no Gaussian is added or removed. 0 = off.",
           DEFENSE, EXPERT),
     DOUBLE("rho", defense.rho, -0.9, 0.5,
            "Share of the Gaussians that the filter removes at a time, 0 to 0.5; from -0.9 to below "

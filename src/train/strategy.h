@@ -29,7 +29,7 @@ struct sg_strategy {
     size_t state_bytes;
     /* Optional: false for a state that cannot be, in a checkpoint of this iteration. */
     bool (*sound)(const void *state, int iteration);
-    /* Its colours do not learn without the rest: sg_train_params.tolerance_colours is off. */
+    /* Its last tenth is as the rest: sg_train_params.tolerance_low_pass is off. */
     bool whole;
     /* Optional: makes the initial model of a new run, in place of Gaussians at the points. */
     int (*initial)(sg_trainer *t, struct sg_model **out);

@@ -88,7 +88,7 @@ struct events {
     bool densifies, filters, resets;
 };
 
-/* Opacities need time to recover from a reset before only colours learn. */
+/* Opacities need time to recover from a reset before rates fall. */
 static struct events events_of(const sg_trainer *t, int before, int it)
 {
     const struct sg_train_params *p = &t->params;
@@ -96,7 +96,7 @@ static struct events events_of(const sg_trainer *t, int before, int it)
     return (struct events){.densifies = densifies,
                            .filters = sg_filtering_due(t, t->strategy_state, before, it, densifies),
                            .resets = sg_resets_opacity(p, before, it) &&
-                                     it < t->colours_from - p->iterations / 10};
+                                     it < t->settles_from - p->iterations / 10};
 }
 
 /* The released code rebuilds every tensor when it densifies and the opacity tensor when it resets:

@@ -68,13 +68,13 @@ static const struct sg_strategy *strategy_of(const struct sg_train_params *p)
     return p->model == SG_MODEL_SCAFFOLD ? &sg_strategy_scaffold : strategies[p->strategy];
 }
 
-/* See tolerance_colours. */
-static int colours_from(const struct sg_train_params *p, size_t n_views)
+/* See tolerance_low_pass. */
+static int settles_from(const struct sg_train_params *p, size_t n_views)
 {
     bool tolerates = !p->tolerances && p->tolerance > 0;
     for (size_t i = 0; p->tolerances && i < n_views; i++)
         tolerates |= p->tolerances[i] > 0;
-    return tolerates && p->tolerance_colours > 0 ? p->iterations - p->iterations / 10 : INT_MAX;
+    return tolerates && p->tolerance_low_pass > 0 ? p->iterations - p->iterations / 10 : INT_MAX;
 }
 
 static const struct sg_shape mip_shape = {
@@ -146,7 +146,7 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
         goto fail;
     t->strategy = start->strategy ? start->strategy : strategy_of(&t->params);
     t->photos_hash = sg_photos_hash(scene);
-    t->colours_from = t->strategy->whole ? INT_MAX : colours_from(&t->params, scene->n_train);
+    t->settles_from = t->strategy->whole ? INT_MAX : settles_from(&t->params, scene->n_train);
     t->params.clock = t->params.clock ? t->params.clock : system_clock;
     t->identity = start->identity ? *start->identity : sg_train_identity(&t->params);
     t->started = t->params.clock(t->params.clock_arg);
@@ -335,7 +335,7 @@ static size_t list_losses(const sg_trainer *t, size_t view, int it, struct sg_lo
         1,
         {.photometric = {p->lambda_dssim, .tolerance = sg_loss_tolerance(levels),
                          .low_pass =
-                             levels > 0 && it > t->colours_from ? p->tolerance_colours : 0}}};
+                             levels > 0 && it > t->settles_from ? p->tolerance_low_pass : 0}}};
     if (d->on && anisotropy != 0)
         out[n++] = (struct sg_loss){SG_LOSS_ANISOTROPY, anisotropy, {.anisotropy = d->spectrum}};
     if (d->on && tv != 0)
@@ -366,12 +366,12 @@ static int compare(sg_trainer *t, size_t index, const struct sg_loss *losses, si
     return code;
 }
 
-/* Their rates fall to a fiftieth, so that in the end noise cancels over many views. */
-static void learn_colours(const sg_trainer *t, int it, double lr[SG_GROUPS])
+/* Rates fall to a fiftieth, so that in the end noise cancels over many views. */
+static void settle(const sg_trainer *t, int it, double lr[SG_GROUPS])
 {
-    const double done = (double) (it - t->colours_from) / (t->params.iterations - t->colours_from);
+    const double done = (double) (it - t->settles_from) / (t->params.iterations - t->settles_from);
     for (int g = 0; g < SG_GROUPS; g++)
-        lr[g] *= g == SG_G_DC || g == SG_G_REST ? pow(0.02, done) : 0;
+        lr[g] *= pow(0.02, done);
 }
 
 int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
@@ -398,9 +398,9 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
         (code = sg_engine_raster_backward(t->engine)))
         return code;
 
-    const bool colours_only = it > t->colours_from;
+    const bool settles = it > t->settles_from;
     const struct sg_strategy_plan plan =
-        colours_only ? (struct sg_strategy_plan){0} : t->strategy->plan(t, before, it);
+        settles ? (struct sg_strategy_plan){0} : t->strategy->plan(t, before, it);
     if (plan.radii && (code = sg_engine_count_radii(t->engine)))
         return code;
     double lr[SG_GROUPS] = {
@@ -413,15 +413,15 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     };
     if (t->strategy->rates)
         t->strategy->rates(t, before, it, lr);
-    if (colours_only)
-        learn_colours(t, it, lr);
+    if (settles)
+        settle(t, it, lr);
     /* As in the released code, the last iteration takes no step. */
     const bool moves = !plan.rests && it < p->iterations;
     const struct sg_update update = {.statistics = plan.statistics,
                                      .mean_opacity = plan.mean_opacity,
                                      .mean_scale = plan.mean_scale};
     if ((code = sg_trainer_update(t, moves ? lr : NULL, plan.rests_opacity, update)) ||
-        (!colours_only && t->strategy->after_step &&
+        (!settles && t->strategy->after_step &&
          (code = t->strategy->after_step(t, &plan, before, it, &render, &step))))
         return code;
 

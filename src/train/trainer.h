@@ -33,7 +33,8 @@ struct sg_trainer {
     bool gaussians_bound, time_bound;
     double
         noise; /* grey levels, measured; the tolerance of the photos that have one. 0 = not yet */
-    int colours_from; /* the last iteration in which more than colours learn; INT_MAX = all */
+    int settles_from; /* the last iteration before rates fall and no Gaussian comes or goes; INT_MAX
+                         = all */
     int adam_steps[SG_GROUPS];
     sg_photo *photos;                      /* of the training views */
     float *exposures;                      /* of the training views, see exposure.h; or NULL */

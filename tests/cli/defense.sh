@@ -53,10 +53,10 @@ expect 0 train scene/blender -o tolerant $short --init-points 2000 --tolerance 1
 settled tolerant tolerance 16.0
 cmp -s tolerant/point_cloud/iteration_*/point_cloud.ply plain/point_cloud/iteration_*/point_cloud.ply &&
     fail "the tolerance has no effect"
-expect 1 train scene/blender -o refused --tolerance-colours 0; says '--tolerance-colours: found without a defense'
+expect 1 train scene/blender -o refused --tolerance-low-pass 0; says '--tolerance-low-pass: found without a defense'
 expect 1 train scene/blender -o refused --tolerance 0 --tolerance-tv 1; says '--tolerance-tv: found without a defense'
-expect 0 train scene/blender -o tolerant-colours $short --init-points 2000 --tolerance 16 --tolerance-colours 0
-settled tolerant-colours tolerance-colours 0.0
+expect 0 train scene/blender -o tolerant-plain $short --init-points 2000 --tolerance 16 --tolerance-low-pass 0
+settled tolerant-plain tolerance-low-pass 0.0
 expect 1 train scene/blender -o refused --tolerance 256
 says '0 to 255 or one of auto|preset'
 # auto: the audit decides, with the defense unless told otherwise, and the same where the run is resumed.
