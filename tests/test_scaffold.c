@@ -139,7 +139,7 @@ static void centre_of(const struct chain *c, double centre[3])
 }
 
 /* *events: a number that changes where a cut-off is crossed and the loss jumps. */
-static double evaluate(struct chain *c, bool backward, long *events)
+static double evaluate(struct chain *c, bool backward, unsigned long *events)
 {
     static double rgb[3 * W * H], transmittance[W * H], depth[W * H];
     static int last[W * H];
@@ -160,7 +160,7 @@ static double evaluate(struct chain *c, bool backward, long *events)
                 continue;
             memcpy(c->drawn[c->count], drawn[k], sizeof(drawn[k]));
             c->source[c->count] = i * SG_ANCHOR_GAUSSIANS + k;
-            *events = *events * 31 + (long) c->source[c->count++];
+            *events = *events * 31 + c->source[c->count++];
             volume += exp(drawn[k][4] + drawn[k][5] + drawn[k][6]);
         }
     }
@@ -172,7 +172,7 @@ static double evaluate(struct chain *c, bool backward, long *events)
             for (int y = ty * SG_TILE; y < (ty + 1) * SG_TILE && y < H; y++)
                 for (int x = tx * SG_TILE; x < (tx + 1) * SG_TILE && x < W; x++) {
                     ref_pixel_forward(c->splats, list, m, x, y, black, &image);
-                    *events += 1000 * last[y * W + x];
+                    *events += 1000 * (unsigned long) last[y * W + x];
                     for (size_t k = 0; k < m; k++) {
                         double dx, dy, gauss, alpha;
                         *events += ref_pair(&c->splats[list[k].id], x, y, &dx, &dy, &gauss, &alpha);
@@ -233,7 +233,7 @@ static void compare_chain(struct chain *c, double *value, double gradient, const
 {
     const double kept = *value;
     double step = 1e-5, change = 0;
-    long here, above, below;
+    unsigned long here, above, below;
     evaluate(c, false, &here);
     for (int attempt = 0; attempt < 4; attempt++, step /= 8) {
         *value = kept + step;
@@ -259,7 +259,7 @@ static void test_chain(void **state)
     struct chain *c = make_chain(m);
     struct ref_weights *sum = calloc(1, sizeof(*sum));
     struct ref_anchor g[ANCHORS];
-    long events;
+    unsigned long events;
     int crossed = 0;
     assert_non_null(sum);
     evaluate(c, true, &events);
@@ -311,7 +311,7 @@ static void test_engines(void **state)
         struct sg_engine *e = make_scaffold(ctx, cases[k], m);
         const struct sg_render_params params = sg_render_params_default();
         static float weights[3 * W * H];
-        long events;
+        unsigned long events;
         assert_non_null(sum);
         for (size_t i = 0; i < 3 * W * H; i++)
             weights[i] = (float) c->weight[i];
