@@ -14,8 +14,8 @@ set(fft ${SOURCE}/src/engine/cpu/kernels/fft.c)
 file(GLOB kernels ${SOURCE}/src/engine/cpu/kernels/*.c)
 list(REMOVE_ITEM kernels ${fft})
 file(GLOB sources ${SOURCE}/src/core/*.c ${SOURCE}/src/engine/*.c ${SOURCE}/src/engine/host/*.c
-    ${SOURCE}/src/engine/ref/*.c ${SOURCE}/src/engine/cpu/*.c ${SOURCE}/src/engine/vulkan/absent.c
-    ${SOURCE}/src/spectral/*.c)
+    ${SOURCE}/src/engine/ref/*.c ${SOURCE}/src/engine/cpu/*.c ${SOURCE}/src/engine/scaffold/*.c
+    ${SOURCE}/src/engine/vulkan/absent.c ${SOURCE}/src/spectral/*.c)
 list(REMOVE_ITEM sources ${SOURCE}/src/core/json_text.c) # there is no jansson for the emulated machine
 compile(kernels -DSG_ISA=neon -O3 -ffp-contract=fast ${kernels})
 compile(fft -DSG_ISA=neon -O3 -ffp-contract=off ${fft})
