@@ -3,7 +3,8 @@
 'use strict';
 const results = JSON.parse(document.getElementById('results').textContent);
 const colours = ['#4878d0', '#ee854a', '#6acc64', '#d65f5f', '#956cb4', '#8c613c', '#dc7ec0', '#797979',
-    '#d5bb67', '#82c6e2'];
+    '#d5bb67', '#82c6e2', '#1f3f80', '#a34a00', '#1e7d1e', '#8f1414', '#5b2a86', '#4d3319', '#9c2f7f', '#3b3b3b',
+    '#8a7a1a', '#227a99'];
 // A figure is as wide as its place, so that its letters are as large as the text's. Where that is narrow its legend is below.
 const height = 340, left = 62, top_ = 16, narrow = 640;
 let width = 900, bottom = 40, right = 180;
