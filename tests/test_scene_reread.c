@@ -207,6 +207,44 @@ static void test_more_memory(void **state)
     assert_true(dropped && all);
 }
 
+/* A photo that takes more memory to read than to keep stays, even where it takes more than half of
+ * what photos and Gaussians can have. */
+static void test_reduced_photo(void **state)
+{
+    struct fixture *f = *state;
+    put_png(f, "images/0.png", 1200, 1200, 3, 0);
+    put_text(f, "transforms.json",
+             "{\"fl_x\": 1200, \"fl_y\": 1200, \"frames\": [{\"file_path\": \"images/0.png\", "
+             "\"transform_matrix\": [[1,0,0,0],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}]}");
+    struct sg_train_params p = train_params(0);
+    p.sh_degree = 0;
+    uint64_t limit = 16 << 20, before = 0;
+    for (int i = 0; i < 6; i++) {
+        struct sg_train_limits limits;
+        struct sg_scene *scene;
+        sg_trainer *t;
+        sg_ctx *ctx = limited(1, limit);
+        if (sg_scene_load(ctx, f->dir, sg_scene_params(.resolution = 600), &scene))
+            fail_msg("%s", sg_last_error(ctx));
+        const int code = sg_trainer_create(ctx, scene, NULL, &p, &t);
+        assert_int_equal(code, i ? SG_OK : SG_ERR_BUDGET);
+        if (code) {
+            limit = least(ctx);
+        } else {
+            sg_trainer_limits(t, &limits);
+            assert_true(limits.max_gaussians >= before && limits.max_gaussians >= 1000);
+            assert_true(limits.max_gaussians < 20000);
+            const struct sg_photo_bytes photos = sg_lazy_photos_bytes(scene->lazy);
+            assert_true(photos.held == photos.total && photos.read > photos.total);
+            before = limits.max_gaussians;
+            limit += 200 << 10;
+        }
+        sg_trainer_destroy(&t);
+        sg_scene_destroy(&scene);
+        sg_ctx_destroy(&ctx);
+    }
+}
+
 /* Where there is room, no file is read twice, not even once a photo has been handed over. */
 static void test_room_for_all(void **state)
 {
@@ -295,8 +333,8 @@ static void test_too_little(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        scene_test(test_same_bytes), scene_test(test_more_memory), scene_test(test_room_for_all),
-        scene_test(test_changed),    scene_test(test_too_little),
+        scene_test(test_same_bytes),   scene_test(test_more_memory), scene_test(test_reduced_photo),
+        scene_test(test_room_for_all), scene_test(test_changed),     scene_test(test_too_little),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

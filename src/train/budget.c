@@ -48,13 +48,14 @@ static uint64_t divide(const struct sg_photo_bytes *p, uint64_t room, uint64_t l
     const uint64_t rest = room - lesser(wanted, room);
     uint64_t share = lesser(room / 2, room - least);
     share = share > rest ? share : rest;
+    share = share > p->read ? share : p->read; /* as soon as one photo does not stay */
     const uint64_t all = p->total + (p->dropped ? p->read : 0);
     out->photos_stay = all <= share && p->total <= p->most;
     if (out->photos_stay) {
         out->photos = p->total;
         return all;
     }
-    out->photos = lesser(share > p->read ? share - p->read : 0, p->most);
+    out->photos = lesser(share - p->read, p->most);
     return out->photos + p->read;
 }
 
