@@ -8,6 +8,7 @@
 #ifdef SG_MICROHTTPD
 
 #include <arpa/inet.h>
+#include <dlfcn.h>
 #include <errno.h>
 #include <math.h>
 #include <microhttpd.h>
@@ -57,6 +58,47 @@ struct view_server {
     atomic_int wish;
 };
 
+/* ---- libmicrohttpd ---- */
+
+/* Loaded when a page opens: it brings libraries for TLS along, which no other command should load.
+ * mhd.start_daemon is MHD_start_daemon. */
+#define MHD_FUNCTIONS(F)                                                                           \
+    F(add_response_header)                                                                         \
+    F(create_response_from_buffer)                                                                 \
+    F(create_response_from_callback)                                                               \
+    F(destroy_response)                                                                            \
+    F(get_connection_values)                                                                       \
+    F(get_daemon_info)                                                                             \
+    F(lookup_connection_value)                                                                     \
+    F(queue_response)                                                                              \
+    F(resume_connection)                                                                           \
+    F(start_daemon)                                                                                \
+    F(stop_daemon)                                                                                 \
+    F(suspend_connection)
+
+static struct {
+#define F(name) __typeof__(MHD_##name) *name;
+    MHD_FUNCTIONS(F)
+#undef F
+} mhd;
+
+/* Returns NULL, or what is wrong. dlsym returns an object's pointer; POSIX lets it be a function's.
+ */
+static const char *load_mhd(void)
+{
+    void *library = dlopen("libmicrohttpd.so.12", RTLD_NOW | RTLD_LOCAL);
+    const void *from;
+    if (!library)
+        return dlerror();
+#define F(name)                                                                                    \
+    if (!(from = dlsym(library, "MHD_" #name)))                                                    \
+        return dlerror();                                                                          \
+    *(const void **) &mhd.name = from;
+    MHD_FUNCTIONS(F)
+#undef F
+    return NULL;
+}
+
 /* ---- answers ---- */
 
 static enum MHD_Result send_response(struct MHD_Connection *c, unsigned status, const char *type,
@@ -74,10 +116,10 @@ static enum MHD_Result send_response(struct MHD_Connection *c, unsigned status, 
     if (!r)
         return MHD_NO;
     for (size_t i = 0; i < sizeof(headers) / sizeof(headers[0]); i++)
-        MHD_add_response_header(r, headers[i][0], headers[i][1]);
-    MHD_add_response_header(r, "Content-Type", type);
-    const enum MHD_Result done = MHD_queue_response(c, status, r);
-    MHD_destroy_response(r);
+        mhd.add_response_header(r, headers[i][0], headers[i][1]);
+    mhd.add_response_header(r, "Content-Type", type);
+    const enum MHD_Result done = mhd.queue_response(c, status, r);
+    mhd.destroy_response(r);
     return done;
 }
 
@@ -87,7 +129,7 @@ static enum MHD_Result send_text(struct MHD_Connection *c, unsigned status, cons
 {
     return send_response(
         c, status, type,
-        MHD_create_response_from_buffer(strlen(text), (void *) text, MHD_RESPMEM_PERSISTENT));
+        mhd.create_response_from_buffer(strlen(text), (void *) text, MHD_RESPMEM_PERSISTENT));
 }
 
 static enum MHD_Result say_status(struct MHD_Connection *c, unsigned status, const char *text)
@@ -100,7 +142,7 @@ static enum MHD_Result send_json(view_server *s, struct MHD_Connection *c, char 
 {
     pthread_mutex_lock(&s->lock);
     struct MHD_Response *r =
-        *text ? MHD_create_response_from_buffer(strlen(*text), *text, MHD_RESPMEM_MUST_COPY) : NULL;
+        *text ? mhd.create_response_from_buffer(strlen(*text), *text, MHD_RESPMEM_MUST_COPY) : NULL;
     pthread_mutex_unlock(&s->lock);
     return r ? send_response(c, MHD_HTTP_OK, "application/json", r)
              : say_status(c, MHD_HTTP_SERVICE_UNAVAILABLE, "not yet\n");
@@ -143,7 +185,7 @@ static enum MHD_Result send_picture(view_server *s, struct request *q)
     q->pixels = NULL;
     if (o) {
         *o = (struct outgoing){.data = data, .size = size};
-        r = MHD_create_response_from_callback(size, 1 << 15, read_outgoing, o, free_outgoing);
+        r = mhd.create_response_from_callback(size, 1 << 15, read_outgoing, o, free_outgoing);
     }
     if (r)
         return send_response(q->connection, MHD_HTTP_OK, q->ask.still ? "image/png" : "image/jpeg",
@@ -185,10 +227,10 @@ static enum MHD_Result count_header(void *cls, enum MHD_ValueKind kind, const ch
 
 static bool is_allowed(const view_server *s, struct MHD_Connection *c, const char *url)
 {
-    const char *host = MHD_lookup_connection_value(c, MHD_HEADER_KIND, "Host"),
-               *origin = MHD_lookup_connection_value(c, MHD_HEADER_KIND, "Origin");
+    const char *host = mhd.lookup_connection_value(c, MHD_HEADER_KIND, "Host"),
+               *origin = mhd.lookup_connection_value(c, MHD_HEADER_KIND, "Origin");
     int n[2] = {0};
-    MHD_get_connection_values(c, MHD_HEADER_KIND, count_header, n);
+    mhd.get_connection_values(c, MHD_HEADER_KIND, count_header, n);
     if (n[0] != 1 || n[1] > 1 || !host || !is_here(s, host))
         return false;
     if (n[1] && !(origin && !strncmp(origin, "http://", 7) && is_here(s, origin + 7)))
@@ -199,7 +241,7 @@ static bool is_allowed(const view_server *s, struct MHD_Connection *c, const cha
 /* A number of the query, or NAN. */
 static double number(struct MHD_Connection *c, const char *name)
 {
-    const char *text = MHD_lookup_connection_value(c, MHD_GET_ARGUMENT_KIND, name);
+    const char *text = mhd.lookup_connection_value(c, MHD_GET_ARGUMENT_KIND, name);
     char *end;
     const double v = text && text[0] ? strtod(text, &end) : NAN;
     return text && text[0] && !*end ? v : NAN;
@@ -234,7 +276,7 @@ static enum MHD_Result queue_picture(view_server *s, struct request *q)
     if (room) {
         q->asked = true;
         s->waiting[s->n_waiting++] = q;
-        MHD_suspend_connection(q->connection);
+        mhd.suspend_connection(q->connection);
         pthread_cond_signal(&s->more);
     }
     pthread_mutex_unlock(&s->lock);
@@ -357,7 +399,7 @@ void view_server_answer(view_server *s, uint8_t *pixels, int width, int height)
     if (q) {
         q->pixels = pixels, q->width = width, q->height = height;
         q->answered = true;
-        MHD_resume_connection(q->connection);
+        mhd.resume_connection(q->connection);
     }
     pthread_mutex_unlock(&s->lock);
     if (!q)
@@ -415,6 +457,13 @@ int view_server_open(sg_ctx *ctx, int port, view_server **out)
     struct sockaddr_in place = {.sin_family = AF_INET,
                                 .sin_port = htons((uint16_t) port),
                                 .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    const char *missing = load_mhd();
+    *out = NULL;
+    if (missing) {
+        say(stderr, "splatguard: found no HTTP server: %s; install libmicrohttpd 0.9.71 or newer\n",
+            missing);
+        return STATUS_USAGE;
+    }
     view_server *s = *out = sg_mem_alloc(ctx, SG_MEM_MISC, 1, sizeof(*s));
     if (!s)
         return no_memory();
@@ -432,14 +481,14 @@ int view_server_open(sg_ctx *ctx, int port, view_server **out)
     }
     pthread_mutex_lock(&s->lock); /* requests wait until the port is known */
     errno = 0;
-    s->daemon = MHD_start_daemon(
+    s->daemon = mhd.start_daemon(
         MHD_USE_AUTO | MHD_USE_INTERNAL_POLLING_THREAD | MHD_ALLOW_SUSPEND_RESUME, (uint16_t) port,
         NULL, NULL, handle, s, MHD_OPTION_SOCK_ADDR, &place, MHD_OPTION_CONNECTION_LIMIT,
         (unsigned) CLIENTS, MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t) CLIENT_BYTES,
         MHD_OPTION_CONNECTION_TIMEOUT, (unsigned) CLIENT_SECONDS, MHD_OPTION_NOTIFY_COMPLETED,
         completed, s, MHD_OPTION_END);
     const union MHD_DaemonInfo *info =
-        s->daemon ? MHD_get_daemon_info(s->daemon, MHD_DAEMON_INFO_BIND_PORT) : NULL;
+        s->daemon ? mhd.get_daemon_info(s->daemon, MHD_DAEMON_INFO_BIND_PORT) : NULL;
     s->port = info ? info->port : 0;
     pthread_mutex_unlock(&s->lock);
     if (!info) {
@@ -464,7 +513,7 @@ void view_server_close(view_server **server)
     while (s->daemon && view_server_next(s, 0, &ask)) /* none may be suspended at the end */
         view_server_answer(s, NULL, 0, 0);
     if (s->daemon)
-        MHD_stop_daemon(s->daemon);
+        mhd.stop_daemon(s->daemon);
     pthread_mutex_destroy(&s->lock);
     pthread_cond_destroy(&s->more);
     sg_mem_free(s->scene);

@@ -45,14 +45,16 @@ if(NOT SG_COMMIT)
     set(SG_COMMIT unknown)
 endif()
 set_source_files_properties(cli/bench_store.c PROPERTIES COMPILE_DEFINITIONS SG_COMMIT="${SG_COMMIT}")
-# An HTTP server, for `view` and `train --view`; both say so where it is missing.
+# An HTTP server, for `view` and `train --view`; both say so where it is missing. It is opened at run time, so that nothing
+# is linked.
 option(SG_HTTP "Build the live view where libmicrohttpd is" ON)
 if(SG_HTTP)
-    pkg_check_modules(MICROHTTPD IMPORTED_TARGET libmicrohttpd)
+    pkg_check_modules(MICROHTTPD libmicrohttpd>=0.9.71)
 endif()
 if(SG_HTTP AND MICROHTTPD_FOUND)
-    set_source_files_properties(cli/view_server.c PROPERTIES COMPILE_DEFINITIONS SG_MICROHTTPD)
-    target_link_libraries(splatguard_tool PRIVATE PkgConfig::MICROHTTPD Threads::Threads)
+    set_source_files_properties(cli/view_server.c PROPERTIES
+        COMPILE_DEFINITIONS SG_MICROHTTPD INCLUDE_DIRECTORIES "${MICROHTTPD_INCLUDE_DIRS}")
+    target_link_libraries(splatguard_tool PRIVATE ${CMAKE_DL_LIBS} Threads::Threads)
 endif()
 # Scripts and styles of pages are in the program.
 foreach(file cli/report.js cli/view.html cli/view.js cli/view.css cli/view_icon.svg src/report/page.css)

@@ -10,6 +10,13 @@ view=$!
 until [ -s out ] || grep -q 'no HTTP server' err; do sleep 0.1; done
 [ -s out ] || { echo "skipped: no libmicrohttpd"; exit 77; }
 interrupt "$view" || fail "the view ends with $?"
+! ldd "$tool" | grep microhttpd || fail "every command loads the HTTP server"
+mkdir broken # what has none of its functions
+ln -s "$(ldd "$tool" | awk '/libm\.so/ { print $3 }')" broken/libmicrohttpd.so.12
+LD_LIBRARY_PATH=$PWD/broken:${LD_LIBRARY_PATH:-} expect 1 view run; says 'no HTTP server'; says 'MHD_'
+rm broken/libmicrohttpd.so.12 && : >broken/libmicrohttpd.so.12
+LD_LIBRARY_PATH=$PWD/broken:${LD_LIBRARY_PATH:-} expect 1 train scene/blender -o unseen --view; says 'no HTTP server'
+[ ! -e unseen ] || fail "a training that nobody can look at has begun"
 command -v python3 >/dev/null || { echo "skipped: no Python"; exit 77; }
 expect 1 view; says 'missing argument'
 expect 1 view run --port 70000; says '--port'
