@@ -45,39 +45,25 @@ static void crop(const struct sg_picture *p, struct sg_picture *out)
                p->rgb + ((size_t) (y + i) * (size_t) p->width + (size_t) x) * 3, (size_t) w * 3);
 }
 
-static int read_bytes(const char *path, uint8_t **bytes, size_t *size)
-{
-    FILE *f = fopen(path, "rb");
-    long n = -1;
-    if (f && !fseek(f, 0, SEEK_END))
-        n = ftell(f);
-    *bytes = n > 0 ? malloc((size_t) n) : NULL;
-    const bool whole =
-        *bytes && !fseek(f, 0, SEEK_SET) && fread(*bytes, 1, (size_t) n, f) == (size_t) n;
-    *size = whole ? (size_t) n : 0;
-    if (f)
-        fclose(f);
-    return whole ? SG_OK : SG_ERR_INPUT;
-}
-
 /* Keeps the middle of a picture as PNG. */
-static int keep(sg_ctx *ctx, const char *folder, const struct sg_picture *p, struct picture *out)
+static int keep(sg_ctx *ctx, const struct sg_picture *p, struct picture *out)
 {
-    char path[PATH_MAX];
     struct sg_picture part;
+    void *png = NULL;
     crop(p, &part);
-    int error = part.rgb ? SG_OK : SG_ERR_BUDGET;
-    snprintf(path, sizeof(path), "%s/.part.png", folder);
-    if (!error)
-        error = sg_picture_write_png(ctx, path, part.rgb, part.width, part.height, 3);
-    if (!error)
-        error = read_bytes(path, &out->png, &out->size);
+    int error = part.rgb ? sg_picture_encode(ctx, SG_PICTURE_PNG, part.rgb, part.width, part.height,
+                                             &png, &out->size)
+                         : SG_ERR_BUDGET;
+    out->png = error ? NULL : malloc(out->size); /* longer than the context */
+    if (out->png)
+        memcpy(out->png, png, out->size);
+    sg_mem_free(png);
     free(part.rgb);
-    return error;
+    return error || out->png ? error : SG_ERR_BUDGET;
 }
 
 /* Adds a picture's spectrum to the sums, and keeps the picture where it is the one to show. */
-static int add(sg_ctx *ctx, const char *folder, const char *path, bool shown, struct picture *out)
+static int add(sg_ctx *ctx, const char *path, bool shown, struct picture *out)
 {
     struct sg_picture p = {0};
     struct sg_spectrum s;
@@ -86,7 +72,7 @@ static int add(sg_ctx *ctx, const char *folder, const char *path, bool shown, st
     if (!error)
         error = sg_spectrum_measure(ctx, p.rgb, p.width, p.height, &params, &s, NULL);
     if (!error && shown)
-        error = keep(ctx, folder, &p, out);
+        error = keep(ctx, &p, out);
     for (int i = 0; i < SG_SPECTRUM_RINGS && !error; i++)
         out->radial[i] += s.radial[i];
     for (int i = 0; i < PICTURE_DIRECTIONS && !error; i++)
@@ -109,7 +95,7 @@ int pictures_read(const char *folder, struct pictures *out)
     for (int i = 0; i < n && !error; i++)
         for (int k = 0; k < PICTURE_KINDS && !error; k++) {
             snprintf(path, sizeof(path), "%s/%s%s", folder, names[i], endings[k]);
-            error = add(ctx, folder, path, i == n / 2, &out->kinds[k]);
+            error = add(ctx, path, i == n / 2, &out->kinds[k]);
         }
     for (int k = 0; k < PICTURE_KINDS; k++) {
         for (int i = 0; i < SG_SPECTRUM_RINGS; i++)
