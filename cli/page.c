@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <limits.h>
+#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -24,6 +25,21 @@ void put_name(FILE *f, const char *text)
     json_t *valid = text_json(text);
     put_escaped(f, valid ? json_string_value(valid) : "");
     json_decref(valid);
+}
+
+char *base64(const uint8_t *data, size_t n)
+{
+    static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    char *out = malloc((n + 2) / 3 * 4 + 1), *o = out;
+    for (size_t i = 0; i < n && out; i += 3) {
+        const unsigned word = (unsigned) data[i] << 16 | (i + 1 < n ? data[i + 1] : 0u) << 8 |
+                              (i + 2 < n ? data[i + 2] : 0u);
+        for (size_t k = 0; k < 4; k++)
+            *o++ = i + k > n ? '=' : digits[word >> (18 - 6 * k) & 63];
+    }
+    if (out)
+        *o = 0;
+    return out;
 }
 
 void put_page_head(FILE *f, const char *title)

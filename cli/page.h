@@ -11,6 +11,9 @@
 void put_escaped(FILE *f, const char *text);
 void put_name(FILE *f, const char *text);
 
+/* For a data: address. Returns a text for free(), or NULL without memory. */
+char *base64(const uint8_t *data, size_t n);
+
 /* The beginning of a page without a script, up to its heading, in the look of all pages. */
 void put_page_head(FILE *f, const char *title);
 

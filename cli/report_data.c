@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "page.h"
 #include "report.h"
 
 const struct metric_column metric_columns[M_METRICS] = {
@@ -119,25 +120,18 @@ static int take_point(void *arg, int columns, const char *const *v)
     return json_array_append_new(curve, point) ? no_memory() : STATUS_DONE;
 }
 
-static char *base64(const char *hex)
+/* The bytes that SQLite's hex() has written, as base64, or NULL. */
+static char *base64_of_hex(const char *hex)
 {
-    static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     const size_t n = strlen(hex) / 2;
-    char *out = malloc((n + 2) / 3 * 4 + 1), *o = out;
-    for (size_t i = 0; i < n && out; i += 3) {
-        unsigned word = 0;
-        for (size_t k = 0; k < 3; k++) {
-            unsigned byte = 0;
-            if (i + k < n)
-                sscanf(hex + 2 * (i + k), "%2x", &byte);
-            word = word << 8 | byte;
-        }
-        for (size_t k = 0; k < 4; k++)
-            *o++ = i + k > n ? '=' : digits[word >> (18 - 6 * k) & 63];
+    uint8_t *bytes = malloc(n + 1);
+    for (size_t i = 0; i < 2 * n && bytes; i++) {
+        const int digit = hex[i] <= '9' ? hex[i] - '0' : hex[i] - 'A' + 10;
+        bytes[i / 2] = (uint8_t) (i % 2 ? bytes[i / 2] << 4 | digit : digit);
     }
-    if (out)
-        *o = 0;
-    return out;
+    char *text = bytes ? base64(bytes, n) : NULL;
+    free(bytes);
+    return text;
 }
 
 /* The object of one kind of picture of a job, made where there is none; NULL if it is of a database
@@ -159,7 +153,7 @@ static int take_picture(void *arg, int columns, const char *const *v)
 {
     (void) columns;
     json_t *one = picture_of(arg, v[0], v[1]);
-    char *png = one && v[3] ? base64(v[3]) : NULL;
+    char *png = one && v[3] ? base64_of_hex(v[3]) : NULL;
     if (png) {
         json_object_set_new(one, "view", text_json(v[2] ? v[2] : ""));
         json_object_set_new(one, "png", json_string(png));

@@ -206,17 +206,6 @@ static struct crop worst_crop(const uint8_t *a, const uint8_t *b, int w, int h)
     return best;
 }
 
-static void put_base64(FILE *f, const uint8_t *data, size_t n)
-{
-    static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    for (size_t i = 0; i < n; i += 3) {
-        const unsigned word = (unsigned) data[i] << 16 | (i + 1 < n ? data[i + 1] : 0u) << 8 |
-                              (i + 2 < n ? data[i + 2] : 0u);
-        for (int k = 0; k < 4; k++)
-            fputc(k < 2 || i + (size_t) k - 1 < n ? digits[word >> (18 - 6 * k) & 63] : '=', f);
-    }
-}
-
 /* what: 0 the photo, 1 the render, 2 their difference. */
 static int put_crop(FILE *f, sg_ctx *ctx, const uint8_t *photo, const uint8_t *render, int width,
                     const struct crop *c, int what)
@@ -234,14 +223,15 @@ static int put_crop(FILE *f, sg_ctx *ctx, const uint8_t *photo, const uint8_t *r
                                                    : (uint8_t) (off > 255 ? 255 : off);
         }
     const int error = sg_picture_encode(ctx, SG_PICTURE_PNG, pixels, c->w, c->h, &png, &size);
-    if (!error) {
-        fprintf(f, "<figure><img alt=\"%s\" width=%d height=%d src=\"data:image/png;base64,",
-                titles[what], c->w, c->h);
-        put_base64(f, png, size);
-        fprintf(f, "\"><figcaption>%s</figcaption></figure>\n", titles[what]);
-    }
+    char *text = error ? NULL : base64(png, size);
+    if (text)
+        fprintf(f,
+                "<figure><img alt=\"%s\" width=%d height=%d src=\"data:image/png;base64,%s\">"
+                "<figcaption>%s</figcaption></figure>\n",
+                titles[what], c->w, c->h, text, titles[what]);
+    free(text);
     sg_mem_free(png);
-    return error;
+    return error || text ? error : SG_ERR_BUDGET;
 }
 
 static int put_view(FILE *f, struct model_views *v, size_t i, double psnr)

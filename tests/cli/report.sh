@@ -40,6 +40,12 @@ sqlite3 old.db "pragma application_id=$(ask 'pragma application_id'); pragma use
 expect 0 report old.db -o old -q
 grep -q '"pictures"' old/report.html && fail "pictures from nowhere"
 grep -q '"pictures"' page/report.html || fail "no pictures"
+pictures=$(ask "select count(*) from picture")
+while [ "$pictures" -gt 0 ]; do
+    pictures=$((pictures - 1))
+    ask "select writefile('one.png', png) from picture order by of, what limit 1 offset $pictures" >/dev/null
+    base64 -w 0 one.png | grep -qFf - page/report.html || fail "picture $pictures of the database is not on the page"
+done
 
 # Names of a stranger's database.
 name="</script><img src=x onerror=alert(1)>|\`\"'"
