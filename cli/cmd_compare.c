@@ -180,15 +180,11 @@ static void put_bars_of(FILE *f, const struct compared *c, int m)
         return;
     fprintf(f, "<h2>%s</h2>\n<table class=bars>\n", metrics[m].title);
     for (int i = 0; i < c->n; i++) {
-        const double share = fmax(0, c->runs[i].value[m] / most); /* 0 of NAN */
         fprintf(f, "<tr><th scope=row>");
         put_name(f, c->runs[i].path);
         fprintf(f, "<td>");
         put_value(f, c->runs, i, m);
-        fprintf(f,
-                "<td><svg width=200 height=14 viewBox=\"0 0 200 14\" preserveAspectRatio=none "
-                "aria-hidden=true><rect width=%.1f height=14 /></svg>\n",
-                200 * share);
+        put_bar(f, fmax(0, c->runs[i].value[m] / most)); /* 0 of NAN */
     }
     fprintf(f, "</table>\n");
 }
@@ -197,7 +193,7 @@ static int put_comparison(FILE *f, const void *what)
 {
     static const int shown[] = {MAX_GAUSSIANS, SECONDS, RSS, FPS};
     const struct compared *c = what;
-    put_page_head(f, "Comparison");
+    put_page_head(f, "Comparison", false);
     fprintf(f, "<div class=wide><table><tr><th>");
     for (int i = 0; i < c->n; i++) {
         fprintf(f, "<th scope=col>");

@@ -42,18 +42,26 @@ char *base64(const uint8_t *data, size_t n)
     return out;
 }
 
-void put_page_head(FILE *f, const char *title)
+void put_page_head(FILE *f, const char *title, bool scripts)
 {
     fprintf(f,
             "<!doctype html>\n<html lang=en><head><meta charset=utf-8><meta name=viewport "
             "content=\"width=device-width\">\n<meta http-equiv=Content-Security-Policy "
-            "content=\"default-src 'none'; style-src 'unsafe-inline'; img-src data:\">\n"
+            "content=\"default-src 'none'; style-src 'unsafe-inline'; img-src data:%s\">\n"
             "<meta name=generator content=\"splatguard %s\">\n<title>splatguard: ",
-            sg_version());
+            scripts ? "; script-src 'unsafe-inline'" : "", sg_version());
     put_name(f, title);
     fprintf(f, "</title>\n<style>\n%s</style></head><body>\n<h1>", page_css);
     put_name(f, title);
     fprintf(f, "</h1>\n");
+}
+
+void put_bar(FILE *f, double share)
+{
+    fprintf(f,
+            "<td><svg width=200 height=14 viewBox=\"0 0 200 14\" preserveAspectRatio=none "
+            "aria-hidden=true><rect width=%.1f height=14 /></svg>\n",
+            200 * share);
 }
 
 int write_whole(const char *command, const char *path, const void *what,

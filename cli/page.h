@@ -3,6 +3,7 @@
 #ifndef CLI_PAGE_H
 #define CLI_PAGE_H
 
+#include <stdbool.h>
 #include <stdio.h>
 
 #include "splatguard/splatguard.h"
@@ -14,8 +15,11 @@ void put_name(FILE *f, const char *text);
 /* For a data: address. Returns a text for free(), or NULL without memory. */
 char *base64(const uint8_t *data, size_t n);
 
-/* The beginning of a page without a script, up to its heading, in the look of all pages. */
-void put_page_head(FILE *f, const char *title);
+/* The beginning of a page, up to its heading, in the look of all pages. scripts: it has some. */
+void put_page_head(FILE *f, const char *title, bool scripts);
+
+/* The last cell of a row of a table of the class bars. share: 0..1 of its length. */
+void put_bar(FILE *f, double share);
 
 /* A file that appears whole or not at all. put returns an exit code. command: for messages. Returns
  * an exit code. */

@@ -77,6 +77,6 @@ int put_run(FILE *f, const char *folder, const sg_run_summary *summary,
 
 void put_page(FILE *f, const struct report *r);
 
-extern const char report_js[], page_css[]; /* the files of these names */
+extern const char report_js[]; /* report.js */
 
 #endif

@@ -4,6 +4,8 @@
 
 #include <math.h>
 
+#include "page.h"
+
 #define WIDE 400 /* as a phone, so that letters stay as large as those of the text */
 #define HIGH 240
 #define LEFT 64
@@ -120,14 +122,10 @@ void put_bars(FILE *f, const struct bar *bars, size_t n, double scale, int digit
     fprintf(f, "<h2>%s</h2>\n<div class=wide><table class=bars>\n", title);
     for (size_t i = 0; i < n; i++)
         if (isfinite(bars[i].value) && bars[i].value > 0) {
-            const double share = 100 * bars[i].value / sum;
-            fprintf(f, "<tr><th scope=row>%s<td>", bars[i].name);
-            fprintf(f, "%.*f %s", digits, bars[i].value * scale, unit);
-            fprintf(
-                f,
-                "<td>%.0f %%<td><svg width=200 height=14 viewBox=\"0 0 200 14\" "
-                "preserveAspectRatio=none aria-hidden=true><rect width=%.1f height=14 /></svg>\n",
-                share, 2 * share);
+            const double share = bars[i].value / sum;
+            fprintf(f, "<tr><th scope=row>%s<td>%.*f %s<td>%.0f %%", bars[i].name, digits,
+                    bars[i].value * scale, unit, 100 * share);
+            put_bar(f, share);
         }
     fprintf(f, "</table></div>\n");
 }

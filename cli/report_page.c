@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "page.h"
 #include "report.h"
 
 static json_t *result_json(const struct report *r, const struct result *x)
@@ -43,15 +44,7 @@ void put_page(FILE *f, const struct report *r)
     for (size_t i = 0; i < r->n; i++)
         if (!strcmp(r->results[i].status, "done"))
             json_array_append_new(list, result_json(r, &r->results[i]));
-    fprintf(
-        f,
-        "<!doctype html>\n<html lang=en><head><meta charset=utf-8><meta name=viewport "
-        "content=\"width=device-width\"><title>splatguard: "
-        "report</title>\n<meta http-equiv=Content-Security-Policy content=\"default-src 'none'; "
-        "style-src 'unsafe-inline'; img-src data:; script-src 'unsafe-inline'\">\n<meta "
-        "name=generator "
-        "content=splatguard>\n<style>\n%s</style></head><body>\n<h1>Report</h1>\n",
-        page_css);
+    put_page_head(f, "Report", true);
     if (json_array_size(list)) {
         fprintf(f, "<p class=choices><label>scene <select id=scene></select></label><label>photos "
                    "<select id=photos><option value=\"\">all</option></select></label>"

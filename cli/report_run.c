@@ -98,13 +98,11 @@ static void put_facts(FILE *f, const sg_run_summary *s)
 static void put_limit(FILE *f, const char *name, double used, double limit, double scale,
                       int digits, const char *unit)
 {
-    if (limit > 0 && isfinite(used))
-        fprintf(f,
-                "<tr><th scope=row>%s<td>%.*f%s<td>%.*f%s<td>%.0f %%<td><svg width=200 height=14 "
-                "viewBox=\"0 0 200 14\" preserveAspectRatio=none aria-hidden=true><rect width=%.1f "
-                "height=14 /></svg>\n",
-                name, digits, used * scale, unit, digits, limit * scale, unit, 100 * used / limit,
-                fmin(200, 200 * used / limit));
+    if (!(limit > 0 && isfinite(used)))
+        return;
+    fprintf(f, "<tr><th scope=row>%s<td>%.*f%s<td>%.*f%s<td>%.0f %%", name, digits, used * scale,
+            unit, digits, limit * scale, unit, 100 * used / limit);
+    put_bar(f, fmin(1, used / limit));
 }
 
 static void put_budgets(FILE *f, const sg_run_summary *s)
@@ -303,7 +301,7 @@ int put_run(FILE *f, const char *folder, const sg_run_summary *summary,
 {
     struct curves c = {0};
     int code = read_log(folder, &c);
-    put_page_head(f, folder);
+    put_page_head(f, folder, false);
     if (fact(summary, "interrupted") == 1)
         fprintf(f, "<p class=suspicious>The run was interrupted.\n");
     put_facts(f, summary);
