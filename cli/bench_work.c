@@ -46,13 +46,6 @@ struct scheduler {
     char program[PATH_MAX];
 };
 
-static double now(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
-}
-
 static int remove_entry(const char *path, const struct stat *st, int kind, struct FTW *walk)
 {
     (void) st, (void) kind, (void) walk;
@@ -374,7 +367,7 @@ static uint64_t resident(pid_t pid)
 static void watch(const struct scheduler *s, struct work *w)
 {
     const struct plan *p = s->b->plan;
-    const double t = now();
+    const double t = clock_seconds();
     if (w->told > 0) {
         if (t - w->told > GRACE)
             kill(w->pid, SIGKILL);
@@ -491,7 +484,7 @@ static int reap(struct scheduler *s, int index, int status, const struct rusage 
     o->cpu_seconds += (double) usage->ru_utime.tv_sec + 1e-6 * (double) usage->ru_utime.tv_usec +
                       (double) usage->ru_stime.tv_sec + 1e-6 * (double) usage->ru_stime.tv_usec;
     o->peak_rss = rss > o->peak_rss ? rss : o->peak_rss;
-    o->seconds = now() - w->start;
+    o->seconds = clock_seconds() - w->start;
     o->exit_status = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
     o->signal = WIFSIGNALED(status) ? WTERMSIG(status) : 0;
     w->pid = 0;
@@ -531,7 +524,7 @@ static int begin(struct scheduler *s, int index)
     w->out = (struct outcome){0};
     strftime(w->out.started, sizeof(w->out.started), "%Y-%m-%dT%H:%M:%SZ", gmtime_r(&t, &utc));
     w->state = RUNNING, w->phase = 0, w->why = NULL, w->pid = 0;
-    w->start = now();
+    w->start = clock_seconds();
     s->running++;
     w->out.beside = s->b->jobs;
     return advance(s, index);
@@ -600,7 +593,7 @@ static int wait_some(struct scheduler *s)
         if (wait4(w->pid, &status, WNOHANG, &usage) == w->pid)
             code = reap(s, i, status, &usage);
         else if (interrupted() && w->told == 0)
-            w->told = now(), kill(w->pid, SIGTERM);
+            w->told = clock_seconds(), kill(w->pid, SIGTERM);
         else
             watch(s, w);
     }

@@ -56,6 +56,9 @@ int report(const sg_ctx *ctx, int error);
 /* Bytes of the process in memory now, 0 where the system does not say. */
 uint64_t resident_bytes(void);
 
+/* On a clock that is never set. */
+double clock_seconds(void);
+
 /* Explains how --max-memory relates to the limit in messages. */
 void say_limit(void);
 

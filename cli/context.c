@@ -3,6 +3,7 @@
 #include <malloc.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "commands.h"
@@ -78,6 +79,13 @@ uint64_t resident_bytes(void)
     if (f)
         fclose(f);
     return pages * (uint64_t) sysconf(_SC_PAGESIZE);
+}
+
+double clock_seconds(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
 }
 
 /* Bytes of the process that the library's ledger does not see: code, stacks, other libraries' own

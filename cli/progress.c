@@ -2,21 +2,15 @@
 #include "progress.h"
 
 #include <stdio.h>
-#include <time.h>
 #include <unistd.h>
 
-static double seconds(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
-}
+#include "commands.h"
 
 void progress_begin(struct progress *p, bool quiet, int done, int iterations)
 {
     *p = (struct progress){
         .quiet = quiet, .terminal = isatty(STDERR_FILENO), .first = done, .iterations = iterations};
-    p->start = p->shown = seconds();
+    p->start = p->shown = clock_seconds();
     p->line_every = iterations >= 5000 ? 500 : iterations >= 20 ? iterations / 10 : 1;
 }
 
@@ -26,7 +20,7 @@ void progress_step(struct progress *p, const struct sg_train_step *s)
     p->loss = keep * p->loss + (1 - keep) * s->loss;
     p->psnr = keep * p->psnr + (1 - keep) * s->psnr;
     p->any = true;
-    const double now = seconds();
+    const double now = clock_seconds();
     const bool last = s->iteration == p->iterations;
     if (p->quiet ||
         !(last || (p->terminal ? now - p->shown > 0.1 : s->iteration % p->line_every == 0)))

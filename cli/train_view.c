@@ -3,7 +3,6 @@
 
 #include <math.h>
 #include <stdlib.h>
-#include <time.h>
 
 #include "commands.h"
 #include "interrupt.h"
@@ -21,13 +20,6 @@ struct train_view {
     double said;      /* when the page was told the state */
     double free_from; /* when the next picture may be drawn */
 };
-
-static double seconds(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
-}
 
 int train_view_open(int port, struct train_view **out)
 {
@@ -53,7 +45,7 @@ static void say_state(struct train_view *v, const struct progress *p,
 {
     struct sg_run_status s;
     sg_run_status(v->run, &s);
-    const double now = seconds(), done = step ? s.iteration - p->first : 0,
+    const double now = clock_seconds(), done = step ? s.iteration - p->first : 0,
                  left = done > 0 ? (s.iterations - s.iteration) * (now - p->start) / done : NAN;
     json_t *state = json_pack(
         "{s:i,s:i,s:I,s:I,s:o,s:o,s:I,s:I,s:o,s:b,s:I,s:b}", "iteration", s.iteration, "iterations",
@@ -86,19 +78,19 @@ static void draw(struct train_view *v, double wait)
     sg_renderer *renderer = NULL;
     if (!view_server_next(v->server, wait, &ask))
         return;
-    const double start = seconds();
+    const double start = clock_seconds();
     if (ask.kind != VIEW_PHOTO && sg_run_renderer(v->run, &renderer))
         renderer = NULL;
     view_draw(&v->pictures, v->server, &ask, renderer);
     sg_renderer_destroy(&renderer);
-    const double end = seconds();
+    const double end = clock_seconds();
     v->free_from = end + SHARE * (end - start);
 }
 
 bool train_view_step(struct train_view *v, struct progress *progress,
                      const struct sg_train_step *step)
 {
-    const double begin = seconds();
+    const double begin = clock_seconds();
     v->removed += step->defense.removed;
     if (begin - v->said > SAID_EVERY)
         say_state(v, progress, step, false);
@@ -109,7 +101,7 @@ bool train_view_step(struct train_view *v, struct progress *progress,
             say_state(v, progress, step, true);
             draw(v, 0.1);
         }
-        progress->start += seconds() - begin;
+        progress->start += clock_seconds() - begin;
         say_state(v, progress, step, false);
     }
     return view_server_wish(v->server) == VIEW_STOP;
