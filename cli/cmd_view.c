@@ -6,7 +6,6 @@
 #include <spawn.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include "interrupt.h"
@@ -139,12 +138,16 @@ static char *open_browser(const char *address)
                 address, address);
         errno = fclose(f) ? errno : 0;
     }
+    /* Without a desktop xdg-open lives as long as the browser: it is not waited for, and Ctrl-C is
+     * not for it. */
     char *arguments[] = {(char *) "xdg-open", path, NULL};
+    posix_spawnattr_t apart;
+    posix_spawnattr_init(&apart);
+    posix_spawnattr_setflags(&apart, POSIX_SPAWN_SETPGROUP);
     const int error =
-        !f || errno ? errno : posix_spawnp(&child, arguments[0], NULL, NULL, arguments, environ);
-    if (!error)
-        waitpid(child, NULL, 0);
-    else
+        !f || errno ? errno : posix_spawnp(&child, arguments[0], NULL, &apart, arguments, environ);
+    posix_spawnattr_destroy(&apart);
+    if (error)
         say(stderr, "warning: cannot open a browser: %s\n", strerror(error));
     return path;
 }

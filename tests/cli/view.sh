@@ -47,6 +47,25 @@ python3 "$source_dir/tests/cli/view_requests.py" "$address" "$view" renders scen
 python3 "$source_dir/tests/cli/view_page.py" "$address" || fail "the page"
 end
 
+# A browser that xdg-open runs in the foreground keeps neither the page from its pictures nor a terminal's Ctrl-C for itself.
+mkdir browser
+cat >browser/xdg-open <<'END'
+#!/bin/sh
+cp "$1" redirect
+ps -o pgid= -p $$ >group
+echo $$ >browser.pid
+exec sleep 60
+END
+chmod +x browser/xdg-open
+XDG_RUNTIME_DIR=$work PATH=$work/browser:$PATH begin run --open
+wait_for browser.pid
+python3 "$source_dir/tests/cli/view_requests.py" "$address" --draws || fail "a page that a browser has opened"
+grep -qF "url=$address" redirect || fail "the browser gets another address: $(cat redirect)"
+[ "$(cat group)" -eq "$(cat browser.pid)" ] || fail "the browser is in the view's process group"
+end
+kill "$(cat browser.pid)"
+ls splatguard-*.html 2>/dev/null && fail "the address is left behind"
+
 # A model alone, a scene alone, and a run whose scene has gone.
 begin run/point_cloud/iteration_30/point_cloud.ply
 python3 "$source_dir/tests/cli/view_requests.py" "$address" --draws || fail "a model alone"
