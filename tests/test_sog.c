@@ -300,12 +300,19 @@ static void test_bomb(void **state)
     uint8_t *data, zeros[5000] = {0};
     size_t size;
     add(&a, "zeros", zeros, sizeof(zeros), true);
+    add(&a, "empty", zeros, 0, true);
+    add(&a, "stored", zeros, 0, false);
     finish(&a, "");
     assert_int_equal(sg_zip_open(f->ctx, "a.zip", a.bytes, a.size, &zip), SG_OK);
     assert_int_equal(sg_zip_read(&zip, "zeros", 5000, &data, &size), SG_OK);
     assert_int_equal(size, 5000);
     assert_memory_equal(data, zeros, 5000);
     sg_free(data);
+    for (int k = 0; k < 2; k++) {
+        assert_int_equal(sg_zip_read(&zip, k ? "stored" : "empty", 0, &data, &size), SG_OK);
+        assert_true(data && size == 0);
+        sg_free(data);
+    }
     assert_int_equal(sg_zip_read(&zip, "zeros", 4999, &data, &size), SG_ERR_INPUT);
     uint8_t *claim = a.bytes + zip.directory + 24;
     const uint64_t held = sg_mem_peak(f->ctx, SG_MEM_TAGS);

@@ -3,21 +3,11 @@
 
 #ifdef SG_ZLIB
 #include <string.h>
-#include <zlib.h>
+
+#include "zlib_stream.h"
 
 #define PIECE ((size_t) 1 << 16)
 #define GZIP_WRAPPER 16 /* of inflateInit2 and deflateInit2: added to the size of the window */
-
-static void *take(void *ctx, unsigned count, unsigned size)
-{
-    return sg_alloc_raw(ctx, SG_MEM_MISC, count, size);
-}
-
-static void give(void *ctx, void *memory)
-{
-    (void) ctx;
-    sg_free(memory);
-}
 
 struct sg_gunzip {
     sg_ctx *ctx;
@@ -34,7 +24,7 @@ int sg_gunzip_open(sg_ctx *ctx, struct sg_source *in, struct sg_gunzip **out)
     if (!g)
         return SG_ERR_BUDGET;
     g->ctx = ctx, g->in = in;
-    g->z = (z_stream){.zalloc = take, .zfree = give, .opaque = ctx};
+    g->z = sg_zlib_stream(ctx);
     if (inflateInit2(&g->z, MAX_WBITS + GZIP_WRAPPER) == Z_OK)
         return SG_OK;
     sg_free(g);
@@ -113,7 +103,7 @@ int sg_gzip_open(sg_ctx *ctx, FILE *to, struct sg_gzip **out)
     if (!g)
         return SG_ERR_BUDGET;
     g->to = to;
-    g->z = (z_stream){.zalloc = take, .zfree = give, .opaque = ctx};
+    g->z = sg_zlib_stream(ctx);
     if (deflateInit2(&g->z, Z_DEFAULT_COMPRESSION, Z_DEFLATED, MAX_WBITS + GZIP_WRAPPER,
                      MAX_MEM_LEVEL, Z_DEFAULT_STRATEGY) == Z_OK)
         return SG_OK;

@@ -4,9 +4,10 @@
 #include <string.h>
 
 #include "codec.h"
+#include "gzip.h"
 
 #ifdef SG_ZLIB
-#include <zlib.h>
+#include "zlib_stream.h"
 
 #define END_BYTES 22 /* of the record at the end, before its comment */
 #define COMMENT_MAX 65535
@@ -71,27 +72,15 @@ static int find(const struct sg_zip *z, const char *name, const uint8_t **found)
     return SG_OK;
 }
 
-static void *take(void *ctx, unsigned count, unsigned size)
-{
-    return sg_alloc_raw(ctx, SG_MEM_MISC, count, size);
-}
-
-static void give(void *ctx, void *memory)
-{
-    (void) ctx;
-    sg_free(memory);
-}
-
 /* Whether exactly n bytes come of the data, which has no wrapper. */
 static bool inflate_all(const struct sg_zip *z, const uint8_t *from, size_t packed, uint8_t *to,
                         size_t n)
 {
-    z_stream s = {.zalloc = take, .zfree = give, .opaque = z->ctx};
-    uint8_t beyond; /* a stream that goes on ends here */
+    z_stream s = sg_zlib_stream(z->ctx);
     if (inflateInit2(&s, -MAX_WBITS) != Z_OK)
         return false;
     s.next_in = (uint8_t *) (uintptr_t) from, s.avail_in = (unsigned) packed;
-    s.next_out = n ? to : &beyond, s.avail_out = (unsigned) n;
+    s.next_out = to, s.avail_out = (unsigned) n;
     const bool whole = inflate(&s, Z_FINISH) == Z_STREAM_END && !s.avail_out && !s.avail_in;
     inflateEnd(&s);
     return whole;
@@ -115,17 +104,17 @@ int sg_zip_read(const struct sg_zip *z, const char *name, size_t most, uint8_t *
                        "%s: zip: %s: found method %u, expected one that is stored or deflated and "
                        "not encrypted",
                        z->path, name, method);
-    if (n > most || n / 1100 > packed) /* deflate gives at most 1032 bytes for one */
+    if (n > most || n / SG_DEFLATE_RATIO > packed)
         return sg_fail(z->ctx, SG_ERR_INPUT,
                        "%s: zip: %s: found %zu bytes packed in %zu, expected at most %zu", z->path,
                        name, n, packed, most);
-    const uint8_t *local = z->data + at;
-    if (at > z->directory || z->directory - at < LOCAL_BYTES || memcmp(local, "PK\3\4", 4))
+    if (at > z->directory || z->directory - at < LOCAL_BYTES || memcmp(z->data + at, "PK\3\4", 4))
         return damaged(z, "an entry that is not where the directory says");
+    const uint8_t *local = z->data + at;
     const size_t skip = LOCAL_BYTES + (size_t) u16(local + 26) + u16(local + 28);
     if (z->directory - at < skip || z->directory - at - skip < packed)
         return damaged(z, "an entry beyond the file");
-    *data = sg_alloc_raw(z->ctx, SG_MEM_MISC, n + 1, 1);
+    *data = sg_alloc_raw(z->ctx, SG_MEM_MISC, n, 1);
     if (!*data)
         return SG_ERR_BUDGET;
     *size = n;
