@@ -246,6 +246,7 @@ static void test_refused(void **state)
     refused(f, make_meta("-1", "\"count\":70,\"bands\":2"), "count: found the number -1");
     refused(f, make_meta("900000000", "\"count\":70,\"bands\":2"), "900000000 Gaussians in a file");
     refused(f, make_meta("23", "\"count\":70,\"bands\":4"), "shN.bands: found the number 4");
+    refused(f, make_meta("23", "\"count\":70,\"bands\":4294967298"), "found the number 4294967298");
     refused(f, make_meta("23", "\"count\":60,\"bands\":2"), "of a palette of 60");
     refused(f, make_meta("23", "\"count\":70,\"bands\":3"), "expected colour for 1920");
     refused(f, make_meta("23", "\"count\":60,\"bands\":1"), "512 pixels wide, expected 192");

@@ -81,9 +81,9 @@ static int read_meta(struct file *f)
                        f->in->path, (long long) json_integer_value(count),
                        (unsigned long long) f->in->size);
     f->count = (size_t) json_integer_value(count);
-    f->sh_degree = (int) json_integer_value(bands);
-    if (rest && (!json_is_integer(bands) || f->sh_degree < 1 || f->sh_degree > 3))
+    if (rest && (json_integer_value(bands) < 1 || json_integer_value(bands) > 3))
         return wrong(f, "shN.bands", bands, "1 to 3");
+    f->sh_degree = (int) json_integer_value(bands);
     return SG_OK;
 }
 
