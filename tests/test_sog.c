@@ -328,13 +328,24 @@ static void test_bomb(void **state)
     free(a.bytes);
 }
 
+/* A file with more bytes than an archive can have, most of them a hole. */
+static void test_too_large(void **state)
+{
+    struct fixture *f = *state;
+    struct sg_model *m;
+    const uint64_t held = sg_mem_peak(f->ctx, SG_MEM_TAGS);
+    put(f, "m.sog", "PK\3\4", 4);
+    assert_int_equal(truncate(at(f, "m.sog"), (off_t) 6 << 30), 0);
+    assert_int_equal(sg_model_read(f->ctx, at(f, "m.sog"), 1000, &m), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(f->ctx), "m.sog: found 6442450944 bytes"));
+    assert_true(sg_mem_peak(f->ctx, SG_MEM_TAGS) < held + (1 << 20));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        scene_test(test_values),
-        scene_test(test_refused),
-        scene_test(test_damage),
-        scene_test(test_bomb),
+        scene_test(test_values), scene_test(test_refused),   scene_test(test_damage),
+        scene_test(test_bomb),   scene_test(test_too_large),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -234,7 +234,12 @@ static int read_sh(const struct file *f)
 static int take_file(struct file *f, uint8_t **data)
 {
     const size_t size = (size_t) sg_source_left(f->in);
-    *data = sg_alloc_raw(f->ctx, SG_MEM_MISC, size + 1, 1);
+    *data = NULL;
+    if (f->in->size > SG_ZIP_MAX)
+        return sg_fail(f->ctx, SG_ERR_INPUT,
+                       "%s: found %llu bytes, expected a zip archive of at most %llu", f->in->path,
+                       (unsigned long long) f->in->size, (unsigned long long) SG_ZIP_MAX);
+    *data = sg_alloc_raw(f->ctx, SG_MEM_MISC, size, 1);
     if (!*data)
         return SG_ERR_BUDGET;
     for (size_t at = 0; at < size;) {

@@ -6,6 +6,9 @@
 
 #include "core/internal.h"
 
+/* The largest archive whose places all fit in 32 bits. */
+#define SG_ZIP_MAX ((uint64_t) UINT32_MAX)
+
 struct sg_zip {
     sg_ctx *ctx;
     const char *path; /* for messages */
