@@ -525,8 +525,10 @@ int sg_engine_count_hits(struct sg_engine *e, const struct sg_camera *const *vie
     if (!code)
         code = run_shape(e);
     const double start = sg_seconds();
-    if (!code)
-        code = e->ops->count_hits(e, views, n, params, kind, hits);
+    memset(hits, 0, sg_engine_count(e) * sizeof(*hits));
+    for (size_t v = 0; v < n && !code; v++)
+        if (!(code = sg_progress(e->ctx, SG_STAGE_COUNT, v, n)))
+            code = e->ops->count_hits(e, views[v], params, kind, hits);
     lap(e, start, &e->times.count);
     return leave(e, code, 0, 0);
 }
@@ -539,7 +541,11 @@ int sg_engine_weigh_hits(struct sg_engine *e, const struct sg_camera *const *vie
     if (!e->ops->weigh_hits)
         return lacks(e, "weigh_hits");
     const double start = sg_seconds();
-    const int code = e->ops->weigh_hits(e, views, n, params, kind, weight, arg, hits);
+    int code = SG_OK;
+    memset(hits, 0, sg_engine_count(e) * sizeof(*hits));
+    for (size_t v = 0; v < n && !code; v++)
+        if (!(code = sg_progress(e->ctx, SG_STAGE_COUNT, v, n)))
+            code = e->ops->weigh_hits(e, views[v], params, kind, weight, arg, hits);
     lap(e, start, &e->times.count);
     return leave(e, code, 0, 0);
 }

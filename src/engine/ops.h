@@ -97,13 +97,13 @@ struct sg_engine_ops {
     int (*read_gradients)(struct sg_engine *, struct sg_model *); /* after project_backward */
     int (*read_step)(struct sg_engine *); /* optional: all results are in `step` already */
 
-    int (*count_hits)(struct sg_engine *, const struct sg_camera *const *, size_t n,
-                      const struct sg_render_params *, enum sg_hit, double *hits);
-    /* Optional: there is no such operation. */
-    int (*weigh_hits)(struct sg_engine *, const struct sg_camera *const *, size_t n,
-                      const struct sg_render_params *, enum sg_hit,
-                      double (*weight)(const void *arg, float log_smallest), const void *arg,
-                      double *hits);
+    /* Adds the hits of a view. */
+    int (*count_hits)(struct sg_engine *, const struct sg_camera *, const struct sg_render_params *,
+                      enum sg_hit, double *hits);
+    /* Likewise. Optional: there is no such operation. */
+    int (*weigh_hits)(struct sg_engine *, const struct sg_camera *, const struct sg_render_params *,
+                      enum sg_hit, double (*weight)(const void *arg, float log_smallest),
+                      const void *arg, double *hits);
     int (*ascend)(struct sg_engine *, const struct sg_ascend *); /* optional: the oracle's */
 };
 

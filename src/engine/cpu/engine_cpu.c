@@ -496,7 +496,7 @@ static void hit_piece(void *arg, size_t piece, int thread)
         }
 }
 
-static int count_view(struct cpu_engine *b, enum sg_hit kind, struct hit_job *job)
+static int count_bands(struct cpu_engine *b, enum sg_hit kind, struct hit_job *job)
 {
     sg_ctx *ctx = b->base.ctx;
     for (int band = 0; band < b->bins.band_count; band++) {
@@ -516,23 +516,16 @@ static int count_view(struct cpu_engine *b, enum sg_hit kind, struct hit_job *jo
     return SG_OK;
 }
 
-static int count_hits(struct sg_engine *base, const struct sg_camera *const *views, size_t n,
+static int count_hits(struct sg_engine *base, const struct sg_camera *view,
                       const struct sg_render_params *params, enum sg_hit kind, double *hits)
 {
     struct cpu_engine *b = (struct cpu_engine *) base;
     struct hit_job job = {.b = b, .hits = hits};
-    memset(hits, 0, b->model.count * sizeof(*hits));
-    if (kind == SG_HIT_VIEWS &&
-        !(job.seen = sg_alloc_raw(base->ctx, SG_MEM_SPLATS, b->model.count, 1)))
+    if (kind == SG_HIT_VIEWS && !(job.seen = sg_alloc(base->ctx, SG_MEM_SPLATS, b->model.count, 1)))
         return SG_ERR_BUDGET;
-    int code = SG_OK;
-    for (size_t v = 0; v < n && !code; v++) {
-        if (job.seen)
-            memset(job.seen, 0, b->model.count);
-        if (!(code = sg_progress(base->ctx, SG_STAGE_COUNT, v, n)) &&
-            !(code = do_project(base, views[v], 0, params)) && !(code = do_bin(base)))
-            code = count_view(b, kind, &job);
-    }
+    int code = do_project(base, view, 0, params);
+    if (!code && !(code = do_bin(base)))
+        code = count_bands(b, kind, &job);
     sg_free(job.seen);
     return code;
 }

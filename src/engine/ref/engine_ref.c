@@ -390,24 +390,19 @@ static void pixel_transmittances(struct ref_engine *b, size_t entries, int x, in
     ref_pixel_count(b->splats, b->list, entries, x, y, SG_HIT_TRANSMITTANCE);
 }
 
-static int count_hits(struct sg_engine *base, const struct sg_camera *const *views, size_t n,
+static int count_hits(struct sg_engine *base, const struct sg_camera *view,
                       const struct sg_render_params *params, enum sg_hit kind, double *hits)
 {
     struct ref_engine *b = (struct ref_engine *) base;
-    memset(hits, 0, b->model.count * sizeof(*hits));
-    for (size_t v = 0; v < n; v++) {
-        int code = sg_progress(base->ctx, SG_STAGE_COUNT, v, n);
-        if (!code)
-            code = do_project(base, views[v], 0, params);
-        if (code)
-            return code;
-        each_pixel(b, NULL,
-                   kind == SG_HIT_WEIGHT          ? pixel_weights
-                   : kind == SG_HIT_TRANSMITTANCE ? pixel_transmittances
-                                                  : pixel_pairs);
-        for (size_t i = 0; i < b->model.count; i++)
-            hits[i] += kind == SG_HIT_VIEWS ? b->splats[i].hits > 0 : b->splats[i].hits;
-    }
+    const int code = do_project(base, view, 0, params);
+    if (code)
+        return code;
+    each_pixel(b, NULL,
+               kind == SG_HIT_WEIGHT          ? pixel_weights
+               : kind == SG_HIT_TRANSMITTANCE ? pixel_transmittances
+                                              : pixel_pairs);
+    for (size_t i = 0; i < b->model.count; i++)
+        hits[i] += kind == SG_HIT_VIEWS ? b->splats[i].hits > 0 : b->splats[i].hits;
     return SG_OK;
 }
 

@@ -238,68 +238,53 @@ static int read_gradients(struct sg_engine *base, struct sg_model *out)
 
 /* ---- hits ---- */
 
-/* Of the view's Gaussians. */
-struct own_hits {
-    double *hits;
-    float *params; /* NULL: nobody asks for their scales */
-    size_t cap_hits, cap_params;
-};
-
-static int count_view(struct scaffold_engine *b, const struct sg_camera *view,
-                      const struct sg_render_params *params, enum sg_hit kind, bool scales,
-                      struct own_hits *own)
+/* Those of an anchor are those of its Gaussians, added up. smallest: their scales, or NULL. */
+static void add_hits(const struct scaffold_engine *b, const double *own, const float *smallest,
+                     enum sg_hit kind, double (*weight)(const void *arg, float log_smallest),
+                     const void *arg, double *hits)
 {
-    sg_ctx *ctx = b->base.ctx;
-    const size_t n = sg_scaffold_drawn(b);
-    if (sg_grow(ctx, SG_MEM_SPLATS, &own->hits, &own->cap_hits, n, 0, sizeof(*own->hits)) ||
-        (scales && sg_grow(ctx, SG_MEM_SPLATS, &own->params, &own->cap_params, sg_blocks(n), 0,
-                           SG_DRAWN_PLANES * SG_LANES * sizeof(float))))
-        return SG_ERR_BUDGET;
-    struct sg_model m = {.count = n, .params = own->params};
-    const int code = scales ? b->inner->ops->download(b->inner, &m, NULL) : SG_OK;
-    return code ? code : b->inner->ops->count_hits(b->inner, &view, 1, params, kind, own->hits);
+    for (size_t k = 0; k < b->seen_count; k++) {
+        const struct seen *s = &b->seen[k];
+        const size_t end = s->first + (size_t) __builtin_popcount(s->exists);
+        double sum = 0;
+        for (size_t i = s->first; i < end; i++)
+            if (own[i] > 0)
+                sum += own[i] * (weight ? weight(arg, smallest[i]) : 1);
+        hits[s->anchor] += kind == SG_HIT_VIEWS && !weight ? sum > 0 : sum;
+    }
 }
 
-static float log_smallest_of(const float *params, size_t i)
-{
-    const float *s = params + sg_param_index(SG_DRAWN_PLANES, i, SG_P_SCALE);
-    return fminf(fminf(s[0], s[SG_LANES]), s[2 * SG_LANES]);
-}
-
-/* Those of an anchor are those of its Gaussians, added up. */
-static int weigh_hits(struct sg_engine *base, const struct sg_camera *const *views, size_t n,
+static int weigh_hits(struct sg_engine *base, const struct sg_camera *view,
                       const struct sg_render_params *params, enum sg_hit kind,
                       double (*weight)(const void *arg, float log_smallest), const void *arg,
                       double *hits)
 {
     struct scaffold_engine *b = of(base);
-    struct own_hits own = {0};
-    int code = SG_OK;
-    memset(hits, 0, b->anchors.count * sizeof(*hits));
-    for (size_t v = 0; v < n && !code; v++) {
-        if ((code = sg_progress(base->ctx, SG_STAGE_COUNT, v, n)) ||
-            (code = sg_scaffold_view(b, views[v])) ||
-            (code = count_view(b, views[v], params, kind, weight != NULL, &own)))
-            break;
-        for (size_t k = 0; k < b->seen_count; k++) {
-            const struct seen *s = &b->seen[k];
-            const size_t end = s->first + (size_t) __builtin_popcount(s->exists);
-            double sum = 0;
-            for (size_t i = s->first; i < end; i++)
-                if (own.hits[i] > 0)
-                    sum += own.hits[i] * (weight ? weight(arg, log_smallest_of(own.params, i)) : 1);
-            hits[s->anchor] += kind == SG_HIT_VIEWS && !weight ? sum > 0 : sum;
-        }
-    }
-    sg_free(own.hits);
-    sg_free(own.params);
+    struct sg_engine *inner = b->inner;
+    int code = sg_scaffold_view(b, view);
+    if (code)
+        return code;
+    const size_t n = sg_scaffold_drawn(b);
+    double *own = sg_alloc(base->ctx, SG_MEM_SPLATS, n, sizeof(*own));
+    float *smallest = weight ? sg_alloc_raw(base->ctx, SG_MEM_SPLATS, n, sizeof(*smallest)) : NULL;
+    if (!own || (weight && !smallest))
+        code = SG_ERR_BUDGET;
+    if (!code && weight)
+        code =
+            inner->ops->read_statistics(inner, &(struct sg_statistics){.log_smallest = smallest});
+    if (!code)
+        code = inner->ops->count_hits(inner, view, params, kind, own);
+    if (!code)
+        add_hits(b, own, smallest, kind, weight, arg, hits);
+    sg_free(own);
+    sg_free(smallest);
     return code;
 }
 
-static int count_hits(struct sg_engine *base, const struct sg_camera *const *views, size_t n,
+static int count_hits(struct sg_engine *base, const struct sg_camera *view,
                       const struct sg_render_params *params, enum sg_hit kind, double *hits)
 {
-    return weigh_hits(base, views, n, params, kind, NULL, NULL, hits);
+    return weigh_hits(base, view, params, kind, NULL, NULL, hits);
 }
 
 static const struct sg_engine_ops ops = {

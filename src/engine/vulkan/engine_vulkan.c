@@ -306,22 +306,17 @@ static int count_view(struct vulkan_engine *e, enum sg_hit kind)
     return code;
 }
 
-static int count_hits(struct sg_engine *base, const struct sg_camera *const *views, size_t n,
+static int count_hits(struct sg_engine *base, const struct sg_camera *view,
                       const struct sg_render_params *params, enum sg_hit kind, double *hits)
 {
     struct vulkan_engine *e = vulkan_of(base);
     float *of_view = sg_alloc_raw(base->ctx, SG_MEM_SPLATS, e->count, sizeof(*of_view));
     int code = of_view || !e->count ? SG_OK : SG_ERR_BUDGET;
-    memset(hits, 0, e->count * sizeof(*hits));
-    for (size_t v = 0; v < n && !code; v++) {
-        if ((code = sg_progress(base->ctx, SG_STAGE_COUNT, v, n)) ||
-            (code = do_project(base, views[v], 0, params)) || (code = do_bin(base)) ||
-            (code = count_view(e, kind)) ||
-            (code = sg_gpu_read(e->gpu, &e->band_sums, 0, of_view, 4 * (uint64_t) e->count)))
-            break;
-        for (size_t i = 0; i < e->count; i++)
-            hits[i] += kind != SG_HIT_VIEWS ? (double) of_view[i] : of_view[i] > 0;
-    }
+    if (!code && !(code = do_project(base, view, 0, params)) && !(code = do_bin(base)) &&
+        !(code = count_view(e, kind)))
+        code = sg_gpu_read(e->gpu, &e->band_sums, 0, of_view, 4 * (uint64_t) e->count);
+    for (size_t i = 0; i < e->count && !code; i++)
+        hits[i] += kind != SG_HIT_VIEWS ? (double) of_view[i] : of_view[i] > 0;
     sg_free(of_view);
     return code;
 }
