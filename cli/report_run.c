@@ -1,9 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The page of one run: what it grew to, where the time and the memory went, and how its pictures
  * look next to the photos. Names are untrusted: all text is escaped. */
+#include <fcntl.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include "model_views.h"
 #include "page.h"
@@ -39,22 +42,36 @@ static void take_line(struct curves *c, const json_t *line, size_t stride, size_
     }
 }
 
-/* A run without a log has no curves. A line that is torn or none of ours is left out. */
+/* NULL where it is not there, or no file: a pipe would be waited for. */
+static FILE *open_log(const char *folder)
+{
+    char *path = NULL;
+    struct stat st;
+    const int fd = asprintf(&path, "%s/log.jsonl", folder) < 0
+                       ? -1
+                       : open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    FILE *f = fd < 0 || fstat(fd, &st) || !S_ISREG(st.st_mode) ? NULL : fdopen(fd, "r");
+    if (!f && fd >= 0)
+        close(fd);
+    free(path);
+    return f;
+}
+
+/* A run without a log has no curves. A line that is torn or none of ours is left out; one that is
+ * too long ends the log. */
 static int read_log(const char *folder, struct curves *c)
 {
-    char *path = NULL, *line = NULL;
-    size_t room = 0, lines = 0, seen = 0;
+    char *line = malloc(LINE_MAX_BYTES);
+    size_t lines = 0, seen = 0;
     c->rows = calloc(POINTS_MAX, sizeof(*c->rows));
     c->tests = calloc(POINTS_MAX, sizeof(*c->tests));
-    if (!c->rows || !c->tests || asprintf(&path, "%s/log.jsonl", folder) < 0)
-        return no_memory();
-    FILE *f = fopen(path, "re");
-    free(path);
+    const bool room = line && c->rows && c->tests;
+    FILE *f = room ? open_log(folder) : NULL;
     for (int byte; f && (byte = getc_unlocked(f)) != EOF;)
         lines += byte == '\n';
     if (f)
         rewind(f);
-    while (f && getline(&line, &room, f) > 0 && room <= LINE_MAX_BYTES) {
+    while (f && fgets(line, LINE_MAX_BYTES, f) && strlen(line) < LINE_MAX_BYTES - 1) {
         json_t *object = json_loads(line, JSON_REJECT_DUPLICATES, NULL);
         take_line(c, object, lines / POINTS_MAX + 1, seen++);
         json_decref(object);
@@ -62,7 +79,7 @@ static int read_log(const char *folder, struct curves *c)
     free(line);
     if (f)
         fclose(f);
-    return STATUS_DONE;
+    return room ? STATUS_DONE : no_memory();
 }
 
 /* ---- facts ---- */

@@ -50,6 +50,17 @@ grep -q 'data:image' $page || fail "no pictures of --scene"
 printf '{"iteration": 1e999}\n\377\376\n[]\n{"iteration": "x"}\n{"iteration": 5, "gaussians": 1e300, "loss": null}\n{"itera' >"$name/log.jsonl"
 expect 0 report "$name" -o page -q
 rm "$name/log.jsonl"
+truncate -s 500M "$name/log.jsonl" # one line, which is not held
+if command -v python3 >/dev/null; then
+    python3 -c 'import resource, subprocess, sys
+subprocess.run(sys.argv[1:], check=True, stderr=subprocess.DEVNULL)
+most = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+assert most < 300000, "%d KiB" % most' "$tool" report "$name" -o page -q || fail "the memory of a long line"
+fi
+rm "$name/log.jsonl"
+mkfifo "$name/log.jsonl"
+timeout 20 "$tool" report "$name" -o page -q || fail "a pipe as log"
+rm "$name/log.jsonl"
 expect 0 report "$name" -o page -q
 grep -q '<svg role=img' $page && fail "curves of nothing"
 rm "$name/summary.json"
