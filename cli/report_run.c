@@ -202,22 +202,26 @@ struct crop {
     int x, y, w, h;
 };
 
-/* Where the render is farthest from the photo. */
-static struct crop worst_crop(const uint8_t *a, const uint8_t *b, int w, int h)
+/* Where the render is farthest from the photo. columns: w numbers of scratch. */
+static struct crop worst_crop(const uint8_t *a, const uint8_t *b, int w, int h, double *columns)
 {
     struct crop best = {.w = w < CROP_WIDE ? w : CROP_WIDE, .h = h < CROP_HIGH ? h : CROP_HIGH};
     double most = -1;
-    for (int y = 0; y + best.h <= h; y += CROP_STEP)
+    for (int y = 0; y + best.h <= h; y += CROP_STEP) {
+        memset(columns, 0, (size_t) w * sizeof(*columns));
+        for (int v = y; v < y + best.h; v++)
+            for (int u = 0; u < 3 * w; u++) {
+                const size_t at = 3 * (size_t) v * (size_t) w + (size_t) u;
+                columns[u / 3] += (a[at] - b[at]) * (a[at] - b[at]);
+            }
         for (int x = 0; x + best.w <= w; x += CROP_STEP) {
             double sum = 0;
-            for (int v = y; v < y + best.h; v++)
-                for (int u = 3 * x; u < 3 * (x + best.w); u++) {
-                    const size_t at = 3 * (size_t) v * (size_t) w + (size_t) u;
-                    sum += (a[at] - b[at]) * (a[at] - b[at]);
-                }
+            for (int u = x; u < x + best.w; u++)
+                sum += columns[u];
             if (sum > most)
                 most = sum, best.x = x, best.y = y;
         }
+    }
     return best;
 }
 
@@ -256,15 +260,16 @@ static int put_view(FILE *f, struct model_views *v, size_t i, double psnr)
     const size_t n = (size_t) w * (size_t) h;
     float *planes = sg_mem_alloc(v->ctx, SG_MEM_FRAME, n, 3 * sizeof(float));
     uint8_t *render = sg_mem_alloc(v->ctx, SG_MEM_FRAME, n, 3);
+    double *columns = sg_mem_alloc(v->ctx, SG_MEM_FRAME, (size_t) w, sizeof(*columns));
     const uint8_t *photo = NULL;
-    int error = planes && render ? SG_OK : SG_ERR_BUDGET;
+    int error = planes && render && columns ? SG_OK : SG_ERR_BUDGET;
     if (!error)
         error = sg_render(v->renderer, &view->camera, planes, NULL, NULL, NULL);
     if (!error)
         error = sg_view_pixels(v->ctx, view, &photo);
     if (!error) {
         sg_quantise(planes, w, h, render);
-        const struct crop c = worst_crop(photo, render, w, h);
+        const struct crop c = worst_crop(photo, render, w, h, columns);
         fprintf(f, "<h3>");
         put_name(f, view->name);
         fprintf(f, ": %.2f dB, %d x %d pixels from %d, %d</h3>\n<div class=row>\n", psnr, c.w, c.h,
@@ -276,6 +281,7 @@ static int put_view(FILE *f, struct model_views *v, size_t i, double psnr)
     }
     sg_mem_free(planes);
     sg_mem_free(render);
+    sg_mem_free(columns);
     return error;
 }
 
