@@ -185,14 +185,18 @@ int main(int argc, char **argv)
         return flushed(0);
     }
     if (!strcmp(name, "--help") || !strcmp(name, "-h") || !strcmp(name, "help")) {
-        if (argc > 3 && !strcmp(argv[2], "--completion")) {
-            if (!completion_write(argv[3], commands, COMMANDS, stdout))
-                return unknown_shell(argv[3]);
-        } else if (argc > 3 && !strcmp(argv[2], "--man") && find(argv[3]))
-            man_command(find(argv[3]));
-        else if (argc == 3 && !strcmp(argv[2], "--man"))
-            man();
-        else if (argc > 2 && !strcmp(argv[2], "--markdown"))
+        const char *of = argc > 3 ? argv[3] : "";
+        if (argc > 2 && !strcmp(argv[2], "--completion")) {
+            if (!completion_write(of, commands, COMMANDS, stdout))
+                return unknown_shell(of);
+        } else if (argc > 2 && !strcmp(argv[2], "--man")) {
+            if (*of && !find(of))
+                return unknown(of);
+            if (*of)
+                man_command(find(of));
+            else
+                man();
+        } else if (argc > 2 && !strcmp(argv[2], "--markdown"))
             markdown();
         else if (argc > 2 && find(argv[2]))
             options_help(find(argv[2]), false, stdout);

@@ -6,6 +6,8 @@ for shell in bash zsh fish; do
     mv out $shell
 done
 expect 1 help --completion tcsh; says 'found "tcsh", expected bash, zsh or fish'
+expect 1 help --completion; says 'found "", expected bash, zsh or fish'
+expect 1 help --man trian; says 'unknown command "trian"; did you mean train?'
 
 # One line "COMMAND OPTION" for each, from the page of options.
 expect 0 help --markdown
