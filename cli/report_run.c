@@ -176,7 +176,9 @@ static void put_changed(FILE *f, const struct sg_option *rows, const void *run,
         if (rows->transient || !set || (usual && !strcmp(now, then)))
             continue;
         fprintf(f, "<tr><th scope=row>--%s<td>", rows->name);
-        put_name(f, rows->type == SG_OPTION_FLAG ? "" : now);
+        put_name(f, now);
+        fprintf(f, "<td>");
+        put_name(f, usual ? then : "");
         fprintf(f, "\n");
     }
 }
@@ -184,7 +186,10 @@ static void put_changed(FILE *f, const struct sg_option *rows, const void *run,
 static void put_options(FILE *f, const struct sg_run_params *p)
 {
     const struct sg_run_params standard = sg_run_params_default();
-    fprintf(f, "<h2>Options that differ from their defaults</h2>\n<div class=wide><table>\n");
+    fprintf(f,
+            "<h2>Options that differ from their defaults</h2>\n<p>Where the default is a word, the "
+            "run can have found the value itself.\n<div class=wide><table><tr><th "
+            "scope=col>option<th scope=col>value<th scope=col>default\n");
     put_changed(f, sg_run_options(), p, &standard);
     put_changed(f, sg_scene_options(), &p->scene, &standard.scene);
     put_changed(f, sg_train_options(), &p->train, &standard.train);

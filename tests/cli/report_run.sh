@@ -22,7 +22,9 @@ fi
 [ "$(grep -c '<svg role=img' $page)" -eq 4 ] || fail "not four curves"
 [ "$(grep -o 'class=mark data-value' $page | wc -l)" -eq 2 ] || fail "not two measurements"
 [ "$(grep -o 'data:image/png;base64' $page | wc -l)" -ge 3 ] || fail "no pictures"
-grep -q -- '--max-gaussians<td>400' $page || fail "an option is missing"
+grep -q -- '--max-gaussians<td>400<td>0$' $page || fail "an option is missing"
+grep -q -- '--eval<td>true<td>false$' $page || fail "a flag is missing"
+grep -q -- '--lambda<td>[0-9.]*<td>preset$' $page || fail "a value that the run found looks like a given one"
 
 # Runs next to each other.
 expect 0 compare "$name" "$name" --html both.html
