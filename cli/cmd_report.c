@@ -119,7 +119,14 @@ static int run_report(const void *config, const bool *given, const char *const *
         return report_of_run(positional[0], c, given);
     int code = STATUS_DONE;
     for (int i = 0; i < count && !code; i++)
-        code = report_load(&r, positional[i]);
+        if (is_folder(positional[i])) {
+            say(stderr,
+                "splatguard report: %s: found a folder among several arguments, expected one run, "
+                "or databases of benches\n",
+                positional[i]);
+            code = STATUS_USAGE;
+        } else
+            code = report_load(&r, positional[i]);
     if (!code && !r.n) {
         say(stderr, "splatguard report: %s: found no plan, expected the database of a bench\n",
             positional[0]);

@@ -68,5 +68,6 @@ grep -q '<svg role=img' $page && fail "curves of nothing"
 rm "$name/summary.json"
 expect 2 report "$name" -o page; says 'summary.json'
 expect 2 report gone -o page; says 'gone'
+expect 1 report "$name" "$name" -o both; says 'found a folder among several arguments'
 mkdir mine && echo mine >mine/report.html
 expect 2 report "$name" -o mine
