@@ -53,12 +53,18 @@ void sg_lazy_photos_destroy(struct sg_lazy_photos **photos)
     *photos = NULL;
 }
 
-struct sg_photo_bytes sg_lazy_photos_bytes(const struct sg_lazy_photos *all)
+struct sg_photo_bytes sg_lazy_photos_bytes(struct sg_lazy_photos *all)
 {
-    return all ? all->bytes : (struct sg_photo_bytes){0};
+    struct sg_photo_bytes bytes = {0};
+    if (!all)
+        return bytes;
+    pthread_mutex_lock(&all->lock);
+    bytes = all->bytes;
+    pthread_mutex_unlock(&all->lock);
+    return bytes;
 }
 
-/* The functions below that have no context are to be called with the lock. */
+/* The static functions are to be called with the lock; the others take it. */
 
 static void drop(struct sg_lazy_photo *p)
 {
@@ -111,30 +117,40 @@ void sg_lazy_photos_keep(struct sg_lazy_photos *all, uint64_t bytes)
 
 bool sg_lazy_photos_halve(struct sg_lazy_photos *all)
 {
-    const uint64_t held = all ? all->bytes.held : 0;
-    sg_lazy_photos_keep(all, held / 2);
-    return held && all->bytes.held < held;
+    if (!all)
+        return false;
+    pthread_mutex_lock(&all->lock);
+    const uint64_t held = all->bytes.held;
+    keep(all, held / 2);
+    const bool dropped = all->bytes.held < held;
+    pthread_mutex_unlock(&all->lock);
+    return dropped;
 }
 
 void sg_lazy_photos_settle(sg_ctx *ctx, struct sg_lazy_photos *all)
 {
-    const struct sg_photo_bytes b = all->bytes;
-    const uint64_t limit = sg_mem_limit(ctx), others = sg_mem_current(ctx, SG_MEM_TAGS) - b.held;
+    pthread_mutex_lock(&all->lock);
+    struct sg_photo_bytes *b = &all->bytes;
+    const uint64_t limit = sg_mem_limit(ctx), others = sg_mem_current(ctx, SG_MEM_TAGS) - b->held;
     /* The sum depends on the photos alone, not on the order in which threads read them. */
-    all->bytes.dropped = others + b.total + b.read > limit;
-    sg_lazy_photos_keep(all, all->bytes.dropped ? limit / 2 : UINT64_MAX);
+    b->dropped = others + b->total + b->read > limit;
+    keep(all, b->dropped ? limit / 2 : UINT64_MAX);
+    pthread_mutex_unlock(&all->lock);
 }
 
 void sg_lazy_photo_destroy(struct sg_lazy_photo *p)
 {
     if (!p)
         return;
+    struct sg_lazy_photos *all = p->all;
+    pthread_mutex_lock(&all->lock);
     if (p->rgb)
         drop(p);
-    p->all->bytes.total -= p->bytes;
+    all->bytes.total -= p->bytes;
     *p->link = p->next;
     if (p->next)
         p->next->link = p->link;
+    pthread_mutex_unlock(&all->lock);
     sg_free(p);
 }
 
@@ -231,14 +247,16 @@ int sg_lazy_photo_create(sg_ctx *ctx, struct sg_lazy_photos *all, const struct s
                                 .priv = d->read_priv,
                                 .size = size,
                                 .bytes = sg_mem_cost(size)};
+    pthread_mutex_lock(&all->lock);
     const int code = read_photo(ctx, p, view, &view->hash);
-    if (code) {
+    if (!code)
+        add(p, p->bytes);
+    pthread_mutex_unlock(&all->lock);
+    if (code)
         sg_free(p);
-        return code;
-    }
-    add(p, p->bytes);
-    view->lazy = p;
-    return SG_OK;
+    else
+        view->lazy = p;
+    return code;
 }
 
 int sg_lazy_photo_keep(sg_ctx *ctx, struct sg_lazy_photos *all, const struct sg_shot *shot,

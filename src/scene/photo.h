@@ -26,7 +26,7 @@ struct sg_photo_bytes {
     uint64_t most;  /* that may stay */
     bool dropped;   /* not all of them have always stayed */
 };
-struct sg_photo_bytes sg_lazy_photos_bytes(const struct sg_lazy_photos *photos); /* NULL: zeros */
+struct sg_photo_bytes sg_lazy_photos_bytes(struct sg_lazy_photos *photos); /* NULL: zeros */
 /* From now on at most `bytes` stay without a user. Test photos are dropped first. NULL-safe. */
 void sg_lazy_photos_keep(struct sg_lazy_photos *photos, uint64_t bytes);
 /* Halves what is held. Returns whether that dropped anything. */
