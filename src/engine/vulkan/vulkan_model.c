@@ -109,26 +109,30 @@ int sg_vulkan_download(struct sg_engine *base, struct sg_model *m, struct sg_col
 
 /* ---- through the host ---- */
 
-static struct sg_host_model empty_mirror(const struct vulkan_engine *e)
-{
-    return (struct sg_host_model){.count = e->count,
-                                  .capacity = sg_blocks(e->count) * SG_LANES,
-                                  .sh_degree = e->base.sh_degree,
-                                  .planes = e->planes};
-}
-
-/* A copy of the columns that there are, but for those that no edit keeps. */
-static int mirror(struct vulkan_engine *e, struct sg_host_model *h)
+/* Copies of some columns, which are made where there are none. */
+static int mirror_some(struct vulkan_engine *e, struct sg_host_model *h, const int *columns, int n)
 {
     int code = SG_OK;
-    *h = empty_mirror(e);
-    for (int c = 0; c < SG_COLUMNS && !code; c++)
-        if (e->at[c].buffer && !(sg_columns[c].bits & SG_COLUMN_LOST) &&
-            !(code = sg_host_alloc(e->base.ctx, h, c)))
-            code = sg_gpu_read(e->gpu, &e->at[c], 0, h->at[c], sg_vulkan_column_bytes(e, c));
-    if (code)
-        sg_host_clear(h);
+    *h = (struct sg_host_model){.count = e->count,
+                                .capacity = sg_blocks(e->count) * SG_LANES,
+                                .sh_degree = e->base.sh_degree,
+                                .planes = e->planes};
+    for (int k = 0; k < n && !code; k++)
+        if (!(code = sg_vulkan_alloc(e, columns[k])) &&
+            !(code = sg_host_alloc(e->base.ctx, h, columns[k])))
+            code = sg_gpu_read(e->gpu, &e->at[columns[k]], 0, h->at[columns[k]],
+                               sg_vulkan_column_bytes(e, columns[k]));
     return code;
+}
+
+/* Of the columns that there are, but for those that no edit keeps. */
+static int mirror(struct vulkan_engine *e, struct sg_host_model *h)
+{
+    int columns[SG_COLUMNS], n = 0;
+    for (int c = 0; c < SG_COLUMNS; c++)
+        if (e->at[c].buffer && !(sg_columns[c].bits & SG_COLUMN_LOST))
+            columns[n++] = c;
+    return mirror_some(e, h, columns, n);
 }
 
 /* What became of the copy, to the device. Where memory runs out the model is as it was, or this one
@@ -157,9 +161,11 @@ int sg_vulkan_edit(struct sg_engine *base, const struct sg_edit *edit)
     struct sg_host_model h;
     sg_vulkan_drop_columns(e, SG_COLUMN_LOST);
     int code = check_size(base->ctx, edit->kept + edit->appended, e->planes);
-    if (code || (code = mirror(e, &h)))
+    if (code)
         return code;
-    code = sg_host_edit(base->ctx, &h, edit);
+    code = mirror(e, &h);
+    if (!code)
+        code = sg_host_edit(base->ctx, &h, edit);
     if (!code)
         code = adopt_mirror(e, &h);
     sg_host_clear(&h);
@@ -171,24 +177,11 @@ int sg_vulkan_relocate(struct sg_engine *base, const struct sg_relocation *r)
     struct vulkan_engine *e = vulkan_of(base);
     struct sg_host_model h;
     int code = mirror(e, &h);
-    if (code)
-        return code;
-    sg_host_relocate(&h, r);
-    code = adopt_mirror(e, &h);
+    if (!code) {
+        sg_host_relocate(&h, r);
+        code = adopt_mirror(e, &h);
+    }
     sg_host_clear(&h);
-    return code;
-}
-
-/* Copies of some columns, which are made where there are none. */
-static int mirror_some(struct vulkan_engine *e, struct sg_host_model *h, const int *columns, int n)
-{
-    int code = SG_OK;
-    *h = empty_mirror(e);
-    for (int k = 0; k < n && !code; k++)
-        if (!(code = sg_vulkan_alloc(e, columns[k])) &&
-            !(code = sg_host_alloc(e->base.ctx, h, columns[k])))
-            code = sg_gpu_read(e->gpu, &e->at[columns[k]], 0, h->at[columns[k]],
-                               sg_vulkan_column_bytes(e, columns[k]));
     return code;
 }
 
