@@ -264,7 +264,7 @@ SIMD void next_target(const struct cpu_loss_args *a, int channel, struct band *t
     const float *values =
         a->target->planes ? a->target->planes + (size_t) channel * plane + row : NULL;
     const uint8_t *used = a->target->mask ? a->target->mask + row : NULL;
-    const uint8_t *bytes = a->target->rgb + 3 * row + channel;
+    const uint8_t *bytes = values ? NULL : a->target->rgb + 3 * row + channel;
     float *out = band_own_row(target, y);
     for (int i = 0; i < a->width; i++)
         out[i] = used && !used[i] ? x[i]
