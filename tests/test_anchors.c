@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Anchors of Scaffold-GS on their own: cells, start, growth and files. */
+#include <locale.h>
 #include <unistd.h>
 
 #include "model/anchors.h"
@@ -360,6 +361,47 @@ static void test_files(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* A program whose locale has a decimal comma writes the same bytes, and reads them. */
+static void test_comma(void **state)
+{
+    (void) state;
+    char comma[] = "/tmp/sg_locale_XXXXXX", command[128];
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m = make_random(ctx, 3), *read;
+    size_t size, found_size;
+    assert_int_equal(sg_model_write_ply(ctx, m, model_path), SG_OK);
+    char *expected = read_all(weights_path, &size);
+    assert_non_null(mkdtemp(comma));
+    snprintf(command, sizeof(command), "localedef -i de_DE -f UTF-8 %s/comma 2>&1", comma);
+    const int made = system(command);
+    assert_int_equal(setenv("LOCPATH", comma, 1), 0);
+    const bool set = !made && setlocale(LC_NUMERIC, "comma");
+    unsetenv("LOCPATH");
+    snprintf(command, sizeof(command), "rm -r %s", comma);
+    assert_int_equal(system(command), 0);
+    if (set) {
+        char half[8];
+        snprintf(half, sizeof(half), "%.1f", 0.5);
+        const int written = sg_model_write_ply(ctx, m, model_path),
+                  code = sg_model_read_drawable(ctx, model_path, 100, &read);
+        setlocale(LC_NUMERIC, "C");
+        assert_string_equal(half, "0,5");
+        assert_int_equal(written, SG_OK);
+        assert_int_equal(code, SG_OK);
+        assert_true(read->columns->networks->voxel == m->columns->networks->voxel);
+        char *found = read_all(weights_path, &found_size);
+        assert_int_equal(found_size, size);
+        assert_memory_equal(found, expected, size);
+        free(found);
+        sg_model_destroy(&read);
+    }
+    free(expected);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+    if (!set) /* no localedef here, or no sources for it */
+        skip();
+}
+
 /* Files that are cut or altered are refused; none is read with what they say unchecked. */
 static void test_hostile(void **state)
 {
@@ -429,8 +471,9 @@ static void test_hostile(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_cells), cmocka_unit_test(test_start), cmocka_unit_test(test_growth),
-        cmocka_unit_test(test_drop),  cmocka_unit_test(test_files), cmocka_unit_test(test_hostile)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_cells),  cmocka_unit_test(test_start),
+                                       cmocka_unit_test(test_growth), cmocka_unit_test(test_drop),
+                                       cmocka_unit_test(test_files),  cmocka_unit_test(test_comma),
+                                       cmocka_unit_test(test_hostile)};
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }

@@ -10,6 +10,7 @@
 
 #include "anchors.h"
 #include "core/file.h"
+#include "core/numbers.h"
 #include "ply.h"
 
 /* ---- anchors ---- */
@@ -129,7 +130,9 @@ static json_t *shape_of(const struct tensor *t)
 static char *header_text(const struct sg_networks *n, const struct tensor *tensors)
 {
     char voxel[32];
+    const locale_t before = uselocale(sg_c_locale());
     snprintf(voxel, sizeof(voxel), "%.9g", (double) n->voxel);
+    uselocale(before);
     json_t *root = json_pack("{s:{s:s,s:s}}", "__metadata__", "format", "splatguard scaffold 1",
                              "voxel", voxel);
     size_t at = 0;
@@ -175,7 +178,7 @@ static bool read_voxel(const json_t *root, float *out)
     const char *text =
         json_string_value(json_object_get(json_object_get(root, "__metadata__"), "voxel"));
     char *end;
-    *out = text ? strtof(text, &end) : 0;
+    *out = text ? sg_strtof(text, &end) : 0;
     return text && end != text && !*end && *out > 0 && isfinite(*out);
 }
 
