@@ -11,7 +11,7 @@
 #include "nearest.h"
 
 #define MIN_SQUARED_SCALE 1e-7f
-#define INITIAL_LOGIT -2.1972246f /* of an opacity that is carried along and not used */
+#define LOGIT -2.1972246f /* of an opacity that is carried along and not used */
 
 int sg_model_refuse_anchors(sg_ctx *ctx, const struct sg_model *m)
 {
@@ -31,6 +31,19 @@ int sg_anchors_add(sg_ctx *ctx, struct sg_model *m)
         sg_alloc(ctx, SG_MEM_MODEL, m->capacity, SG_A_PLANES * sizeof(float));
     m->columns->networks = sg_alloc(ctx, SG_MEM_MODEL, 1, sizeof(*m->columns->networks));
     return m->columns->at[SG_C_ANCHOR] && m->columns->networks ? SG_OK : SG_ERR_BUDGET;
+}
+
+void sg_anchor_set(struct sg_model *m, size_t i, const float position[3], float log_unit,
+                   float log_size)
+{
+    float *anchor = m->columns->at[SG_C_ANCHOR] + sg_param_index(SG_A_PLANES, i, 0);
+    for (int k = 0; k < 3; k++) {
+        *sg_model_at(m, i, SG_P_XYZ + k) = position[k];
+        *sg_model_at(m, i, SG_P_SCALE + k) = log_unit;
+        anchor[(SG_A_SIZE + k) * SG_LANES] = log_size;
+    }
+    *sg_model_at(m, i, SG_P_OPACITY) = LOGIT;
+    *sg_model_at(m, i, SG_P_ROT) = 1;
 }
 
 /* Uniform, as wide as the root of the inputs' number asks for. */
@@ -116,14 +129,7 @@ static int make_anchors(sg_ctx *ctx, const float *xyz, size_t n, struct sg_model
         code = sg_anchors_add(ctx, m);
     for (size_t i = 0; i < n && !code; i++) {
         const float scale = 0.5f * logf(fminf(fmaxf(d2[i], MIN_SQUARED_SCALE), 1e30f));
-        for (size_t k = 0; k < 3; k++) {
-            *sg_model_at(m, i, SG_P_XYZ + (int) k) = xyz[3 * i + k];
-            *sg_model_at(m, i, SG_P_SCALE + (int) k) = scale;
-            m->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, i, SG_A_SIZE + (int) k)] =
-                scale;
-        }
-        *sg_model_at(m, i, SG_P_OPACITY) = INITIAL_LOGIT;
-        *sg_model_at(m, i, SG_P_ROT) = 1;
+        sg_anchor_set(m, i, xyz + 3 * i, scale, scale);
     }
     sg_free(d2);
     if (code)

@@ -19,6 +19,11 @@ int sg_model_refuse_anchors(sg_ctx *ctx, const struct sg_model *model);
  * zeros. SG_ERR_BUDGET. */
 int sg_anchors_add(sg_ctx *ctx, struct sg_model *model);
 
+/* Row i of such a model becomes an anchor. log_unit: of its offsets, on all axes, natural log;
+ * log_size: of its Gaussians. */
+void sg_anchor_set(struct sg_model *model, size_t i, const float position[3], float log_unit,
+                   float log_size);
+
 struct sg_anchor_start {
     float voxel;   /* side of the cells that get an anchor, scene units; 0: the median of the mean
                       squared distances to the 3 nearest points, as the released code does */

@@ -10,8 +10,6 @@
 
 #define LEVELS 3
 #define FINER 4 /* times, from grid to grid */
-#define LOG_SIZE_MAX 0.05f
-#define LOGIT -2.1972246f /* carried along, not used */
 
 /* Cells of a grid, each once, with the new anchor that it has got: a hash table with open
  * addresses. */
@@ -77,6 +75,12 @@ static bool cell_of(const float position[3], float size, int64_t cell[3])
            sg_anchor_cell(position[2], size, &cell[2]);
 }
 
+static void centre_of(const struct new_anchor *a, float out[3])
+{
+    for (int k = 0; k < 3; k++)
+        out[k] = (float) a->cell[k] * a->size;
+}
+
 /* Cells of this size that have an anchor: an old one, or one of an earlier grid. */
 static int fill_cells(const struct growing *g, float size, size_t candidates, struct cells *out)
 {
@@ -87,9 +91,10 @@ static int fill_cells(const struct growing *g, float size, size_t candidates, st
     for (size_t i = 0; i < n + g->count; i++) {
         float at[3];
         int64_t cell[3];
-        for (int k = 0; k < 3; k++)
-            at[k] = i < n ? g->old->params[sg_param_index(planes, i, SG_P_XYZ + k)]
-                          : (float) g->new[i - n].cell[k] * g->new[i - n].size;
+        for (int k = 0; k < 3 && i < n; k++)
+            at[k] = g->old->params[sg_param_index(planes, i, SG_P_XYZ + k)];
+        if (i >= n)
+            centre_of(&g->new[i - n], at);
         if (cell_of(at, size, cell))
             put_cell(find_cell(out, cell), cell, OLD);
     }
@@ -206,17 +211,13 @@ static int make_rows(sg_ctx *ctx, const struct new_anchor *new, size_t count,
     if (!code && (code = sg_anchors_add(ctx, m)))
         sg_model_destroy(&m);
     for (size_t i = 0; i < count && !code; i++) {
-        float *anchor = m->columns->at[SG_C_ANCHOR] + sg_param_index(SG_A_PLANES, i, 0);
+        float *feature = m->columns->at[SG_C_ANCHOR] + sg_param_index(SG_A_PLANES, i, SG_A_FEATURE);
         const float log_size = logf(new[i].size);
-        for (int k = 0; k < 3; k++) {
-            *sg_model_at(m, i, SG_P_XYZ + k) = (float) new[i].cell[k] * new[i].size;
-            *sg_model_at(m, i, SG_P_SCALE + k) = log_size;
-            anchor[(SG_A_SIZE + k) * SG_LANES] = fminf(log_size, LOG_SIZE_MAX);
-        }
+        float position[3];
+        centre_of(&new[i], position);
+        sg_anchor_set(m, i, position, log_size, fminf(log_size, SG_ANCHOR_LOG_SIZE_MAX));
         for (int f = 0; f < SG_ANCHOR_FEATURES; f++)
-            anchor[(SG_A_FEATURE + f) * SG_LANES] = new[i].feature[f];
-        *sg_model_at(m, i, SG_P_OPACITY) = LOGIT;
-        *sg_model_at(m, i, SG_P_ROT) = 1;
+            feature[f * SG_LANES] = new[i].feature[f];
     }
     *rows = m;
     return code;

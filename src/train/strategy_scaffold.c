@@ -16,7 +16,6 @@
 
 #define SUCCESS 0.8f /* share of an interval's iterations in which an anchor was seen */
 #define DROP 0.5f
-#define LOG_SIZE_MAX 0.05f
 
 static size_t most_anchors(const sg_trainer *t)
 {
@@ -196,7 +195,8 @@ static int grow(sg_trainer *t, int it, struct sg_train_step *step)
                                                        .stream = (uint64_t) it},
                             &rows, &bound);
     if (!code)
-        code = sg_engine_settle(t->engine, &(struct sg_settling){seen / 2, seen, LOG_SIZE_MAX});
+        code = sg_engine_settle(t->engine,
+                                &(struct sg_settling){seen / 2, seen, SG_ANCHOR_LOG_SIZE_MAX});
     if (!code)
         code = edit(t, keep, kept, rows);
     if (!code) {
