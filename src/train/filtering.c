@@ -8,8 +8,9 @@
 
 #define GROWTH_PACE 0.25 /* weight of the newest densification in the smoothed growth */
 
-bool sg_filtering_sound(const struct sg_filtering *s, int iteration)
+bool sg_filtering_sound(const void *state, int iteration)
 {
+    const struct sg_filtering *s = state;
     return s->growth >= 0 && s->growth <= 1 && s->growths <= (uint64_t) iteration;
 }
 

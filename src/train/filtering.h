@@ -13,7 +13,8 @@ struct sg_filtering {
     uint64_t filter_first; /* Gaussians before its first removal; 0 = none yet */
 };
 
-bool sg_filtering_sound(const struct sg_filtering *s, int iteration);
+/* Of sg_strategy: state is a struct sg_filtering. */
+bool sg_filtering_sound(const void *state, int iteration);
 /* A densification let this share of the Gaussians grow. */
 void sg_filtering_grown(const sg_trainer *t, struct sg_filtering *s, int it, double share);
 /* Whether the filter removes in the step from iteration `before` to `it`. */

@@ -48,7 +48,6 @@ struct sg_strategy {
 /* Clones, splits, prunes and resets opacities as Kerbl et al. 2023 do; the frequency filter of the
  * defense removes. */
 extern const struct sg_strategy sg_strategy_default;
-#define SG_DEFAULT_STATE_BYTES 24 /* of its state, for strategies that include it */
 
 /* Moves nearly transparent Gaussians to where opaque ones are, adds more of those up to a cap, and
  * lets positions explore (Kheradmand et al. 2024). */

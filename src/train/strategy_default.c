@@ -10,13 +10,6 @@
 #include "strategy.h"
 #include "trainer.h"
 
-_Static_assert(sizeof(struct sg_filtering) == SG_DEFAULT_STATE_BYTES, "the size of the state");
-
-static bool sound(const void *state, int iteration)
-{
-    return sg_filtering_sound(state, iteration);
-}
-
 /* Largest share that is replaced at a densification where a budget binds. */
 #define REPLACED 0.03f
 
@@ -131,7 +124,7 @@ static int after_step(sg_trainer *t, const struct sg_strategy_plan *planned, int
 const struct sg_strategy sg_strategy_default = {
     .name = "default",
     .state_bytes = sizeof(struct sg_filtering),
-    .sound = sound,
+    .sound = sg_filtering_sound,
     .plan = plan,
     .after_step = after_step,
 };

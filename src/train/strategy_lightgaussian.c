@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* LightGaussian during training, as its released program does it: after the densification and the
  * reset of an iteration it removes by its score. */
+#include "filtering.h"
 #include "prune/score.h"
 #include "schedule.h"
 #include "strategy.h"
@@ -26,11 +27,6 @@ static double share(const sg_trainer *t, int before, int it)
             ratio = removals[i].ratio;
     }
     return ratio;
-}
-
-static bool sound(const void *state, int iteration)
-{
-    return sg_strategy_default.sound(state, iteration);
 }
 
 static void rates(const sg_trainer *t, int before, int it, double *lr)
@@ -89,8 +85,8 @@ static int after_step(sg_trainer *t, const struct sg_strategy_plan *planned, int
 
 const struct sg_strategy sg_strategy_lightgaussian = {
     .name = "lightgaussian",
-    .state_bytes = SG_DEFAULT_STATE_BYTES,
-    .sound = sound,
+    .state_bytes = sizeof(struct sg_filtering), /* the default's */
+    .sound = sg_filtering_sound,
     .rates = rates,
     .plan = plan,
     .after_step = after_step,

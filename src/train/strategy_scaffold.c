@@ -230,15 +230,10 @@ static int after_step(sg_trainer *t, const struct sg_strategy_plan *planned, int
     return code;
 }
 
-static bool sound(const void *state, int iteration)
-{
-    return sg_filtering_sound(state, iteration);
-}
-
 const struct sg_strategy sg_strategy_scaffold = {
     .name = "scaffold",
     .state_bytes = sizeof(struct sg_filtering),
-    .sound = sound,
+    .sound = sg_filtering_sound,
     .whole = true,
     .initial = initial,
     .rates = rates,
