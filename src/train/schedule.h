@@ -76,10 +76,16 @@ static inline double sg_log_linear(double u, float first, float last)
     return exp((1 - u) * log((double) first) + u * log((double) last));
 }
 
-static inline double sg_position_lr(const struct sg_train_params *p, int it)
+/* A rate that falls over as many iterations as that of positions. */
+static inline double sg_falling_lr(const struct sg_train_params *p, int it, float first, float last)
 {
     const double u = (double) it / p->position_lr_max_steps;
-    return sg_log_linear(u > 1 ? 1 : u, p->position_lr_init, p->position_lr_final);
+    return sg_log_linear(u > 1 ? 1 : u, first, last);
+}
+
+static inline double sg_position_lr(const struct sg_train_params *p, int it)
+{
+    return sg_falling_lr(p, it, p->position_lr_init, p->position_lr_final);
 }
 
 static inline double sg_exposure_lr(const struct sg_train_params *p, int it)

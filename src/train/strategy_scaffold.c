@@ -55,12 +55,6 @@ static int initial(sg_trainer *t, struct sg_model **out)
     return code;
 }
 
-static double fall(const struct sg_train_params *p, int it, float first, float last)
-{
-    const double u = (double) it / p->position_lr_max_steps;
-    return sg_log_linear(u > 1 ? 1 : u, first, last);
-}
-
 static void rates(const sg_trainer *t, int before, int it, double lr[SG_GROUPS])
 {
     (void) before;
@@ -68,7 +62,7 @@ static void rates(const sg_trainer *t, int before, int it, double lr[SG_GROUPS])
     const struct sg_scaffold_params *s = &p->scaffold;
     for (int g = 0; g < SG_GROUPS; g++)
         lr[g] = 0;
-    lr[SG_G_OFFSET] = fall(p, it, s->offset_lr_init, s->offset_lr_final) * t->extent;
+    lr[SG_G_OFFSET] = sg_falling_lr(p, it, s->offset_lr_init, s->offset_lr_final) * t->extent;
     lr[SG_G_FEATURE] = (double) s->feature_lr;
     lr[SG_G_SCALE] = (double) s->scaling_lr;
 }
@@ -102,7 +96,7 @@ static int learn_networks(sg_trainer *t, int it)
     struct sg_network_update u = {.root =
                                       (float) (1 / sqrt(1 - pow((double) SG_ADAM_BETA2, step)))};
     for (int n = 0; n < SG_NETWORKS; n++)
-        u.rate[n] = (float) (fall(&t->params, it, first[n], last[n]) * unbias);
+        u.rate[n] = (float) (sg_falling_lr(&t->params, it, first[n], last[n]) * unbias);
     return sg_engine_learn_networks(t->engine, &u);
 }
 
