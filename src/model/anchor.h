@@ -52,6 +52,12 @@ static inline int sg_network_row(int network)
                                         : SG_OUTPUTS;
 }
 
+/* The network that has this row of `output`. */
+static inline enum sg_network sg_output_network(int row)
+{
+    return row < SG_O_COVARIANCE ? SG_N_OPACITY : row < SG_O_COLOUR ? SG_N_COVARIANCE : SG_N_COLOUR;
+}
+
 struct sg_weights {
     float input[SG_NETWORK_INPUTS + 1][SG_HIDDEN]; /* by input; the last row: biases */
     float output[SG_OUTPUTS][SG_NETWORK_HIDDEN];   /* by output, from its network's hidden values */
@@ -67,7 +73,7 @@ static inline enum sg_network sg_weight_network(size_t i)
     if (i < first)
         return (enum sg_network)(i % SG_HIDDEN / SG_NETWORK_HIDDEN);
     const size_t row = i < biases ? (i - first) / SG_NETWORK_HIDDEN : i - biases;
-    return row < SG_O_COVARIANCE ? SG_N_OPACITY : row < SG_O_COLOUR ? SG_N_COVARIANCE : SG_N_COLOUR;
+    return sg_output_network((int) row);
 }
 
 /* What all anchors of a model share. */

@@ -27,9 +27,7 @@ struct ref_neural {
 /* The hidden values that an output is made of. */
 static inline int ref_first_hidden(int output)
 {
-    return output < SG_O_COVARIANCE ? 0
-           : output < SG_O_COLOUR   ? SG_NETWORK_HIDDEN
-                                    : 2 * SG_NETWORK_HIDDEN;
+    return (int) sg_output_network(output) * SG_NETWORK_HIDDEN;
 }
 
 static inline void ref_networks(const struct ref_weights *w, const struct ref_anchor *a,

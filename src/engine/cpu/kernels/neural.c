@@ -5,12 +5,12 @@
 
 #include "math/neural.h"
 
-#define PARTS (SG_LANES / LANES) /* vectors of a row */
-#define ROWS 4                   /* of a product at once: their sums stay in registers */
+#define ROWS 4 /* of a product at once: their sums stay in registers */
 #define OUTPUT_ROWS 5
 
-_Static_assert(SG_HIDDEN % LANES == 0 && SG_NETWORK_HIDDEN % LANES == 0 && SG_LANES % LANES == 0,
-               "whole vectors");
+_Static_assert(SG_HIDDEN % (2 * LANES) == 0 && SG_NETWORK_HIDDEN % (2 * LANES) == 0 &&
+                   SG_LANES % LANES == 0,
+               "whole pairs of vectors");
 _Static_assert(SG_HIDDEN % ROWS == 0 && SG_ANCHOR_FEATURES % ROWS == 0 &&
                    SG_NETWORK_HIDDEN % ROWS == 0 && SG_O_COVARIANCE % OUTPUT_ROWS == 0 &&
                    SG_O_COLOUR % OUTPUT_ROWS == 0 && SG_OUTPUTS % OUTPUT_ROWS == 0,
@@ -54,18 +54,10 @@ SIMD void hidden_layer(const struct sg_weights *w, struct layers *l)
         }
 }
 
-/* Hidden values of the network that has this output. */
-SIMD float (*hidden_of(float (*hidden)[SG_LANES], int output))[SG_LANES]
-{
-    return hidden + (output < SG_O_COVARIANCE ? 0
-                     : output < SG_O_COLOUR   ? SG_NETWORK_HIDDEN
-                                              : 2 * SG_NETWORK_HIDDEN);
-}
-
 SIMD void output_layer(const struct sg_weights *w, struct layers *l)
 {
     for (int o = 0; o < SG_OUTPUTS; o += OUTPUT_ROWS) {
-        float(*hidden)[SG_LANES] = hidden_of(l->hidden, o);
+        float(*hidden)[SG_LANES] = l->hidden + (int) sg_output_network(o) * SG_NETWORK_HIDDEN;
         for (int i = 0; i < SG_LANES; i += LANES) {
             real sum[OUTPUT_ROWS];
             for (int r = 0; r < OUTPUT_ROWS; r++)
