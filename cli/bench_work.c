@@ -350,19 +350,6 @@ static bool start_phase(struct scheduler *s, int index)
     return w->pid > 0;
 }
 
-static uint64_t resident(pid_t pid)
-{
-    char path[64];
-    unsigned long long pages = 0;
-    snprintf(path, sizeof(path), "/proc/%d/statm", (int) pid);
-    FILE *f = fopen(path, "r");
-    if (f && fscanf(f, "%*u %llu", &pages) != 1)
-        pages = 0;
-    if (f)
-        fclose(f);
-    return pages * (uint64_t) sysconf(_SC_PAGESIZE);
-}
-
 /* Ends what takes too long or too much. */
 static void watch(const struct scheduler *s, struct work *w)
 {
@@ -373,7 +360,7 @@ static void watch(const struct scheduler *s, struct work *w)
             kill(w->pid, SIGKILL);
     } else if (p->timeout > 0 && t - w->start > p->timeout)
         w->why = "timeout", w->told = t, kill(w->pid, SIGTERM);
-    else if (p->memory && resident(w->pid) > p->memory)
+    else if (p->memory && resident_bytes(w->pid) > p->memory)
         w->why = "memory", w->told = t - GRACE, kill(w->pid, SIGKILL);
 }
 

@@ -2,6 +2,8 @@
 #ifndef CLI_COMMANDS_H
 #define CLI_COMMANDS_H
 
+#include <sys/types.h>
+
 #include "exit_status.h"
 #include "options.h"
 #include "splatguard/splatguard.h"
@@ -53,8 +55,8 @@ bool is_same(const char *a, const char *b);
 /* Prints the last error; returns its exit code. */
 int report(const sg_ctx *ctx, int error);
 
-/* Bytes of the process in memory now, 0 where the system does not say. */
-uint64_t resident_bytes(void);
+/* Bytes of a process, 0 = this one, that are in memory now; 0 where the system does not say. */
+uint64_t resident_bytes(pid_t process);
 
 /* On a clock that is never set. */
 double clock_seconds(void);

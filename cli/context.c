@@ -70,10 +70,13 @@ static int on_progress(void *priv, enum sg_stage stage, uint64_t done, uint64_t 
     return interrupt_cancels();
 }
 
-uint64_t resident_bytes(void)
+uint64_t resident_bytes(pid_t process)
 {
+    char path[64] = "/proc/self/statm";
     unsigned long long pages = 0;
-    FILE *f = fopen("/proc/self/statm", "r");
+    if (process)
+        snprintf(path, sizeof(path), "/proc/%d/statm", (int) process);
+    FILE *f = fopen(path, "r");
     if (f && fscanf(f, "%*u %llu", &pages) != 1)
         pages = 0;
     if (f)
@@ -92,7 +95,7 @@ double clock_seconds(void)
  * memory. */
 static uint64_t outside_ledger(void)
 {
-    return resident_bytes() + (24 << 20);
+    return resident_bytes(0) + (24 << 20);
 }
 
 int open_context(sg_ctx **ctx, int threads, uint64_t max_memory, bool quiet)

@@ -51,7 +51,7 @@ static void say_state(struct train_view *v, const struct progress *p,
         "{s:i,s:i,s:I,s:I,s:o,s:o,s:I,s:I,s:o,s:b,s:I,s:b}", "iteration", s.iteration, "iterations",
         s.iterations, "gaussians", (json_int_t) (step ? step->gaussians : 0), "max_gaussians",
         (json_int_t) s.limits.max_gaussians, "loss", number_json(step ? p->loss : NAN), "psnr",
-        number_json(step ? p->psnr : NAN), "memory", (json_int_t) resident_bytes(), "max_memory",
+        number_json(step ? p->psnr : NAN), "memory", (json_int_t) resident_bytes(0), "max_memory",
         (json_int_t) v->params->max_memory, "seconds_left", number_json(left), "defense",
         v->params->train.defense.on, "removed", (json_int_t) v->removed, "paused", paused);
     char *text = state ? json_dumps(state, JSON_COMPACT) : NULL;
