@@ -68,8 +68,9 @@ int write_whole(const char *command, const char *path, const void *what,
                 int (*put)(FILE *, const void *))
 {
     char temporary[PATH_MAX];
-    snprintf(temporary, sizeof(temporary), "%.*s.tmp", (int) sizeof(temporary) - 5, path);
-    unlink(temporary);
+    snprintf(temporary, sizeof(temporary), "%.*s.tmp%ld", (int) sizeof(temporary) - 32, path,
+             (long) getpid());
+    unlink(temporary); /* left by a process with the same number, or put there on purpose */
     FILE *f = fopen(temporary, "wx");
     errno = f ? 0 : errno;
     const int code = f ? put(f, what) : STATUS_DONE;

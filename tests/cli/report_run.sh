@@ -34,7 +34,9 @@ grep -q '<img src=x' both.html && fail "a name is an element of the comparison"
 expect 0 compare "$name" "$name"
 most=$(awk '/^Gaussians, most/ { print $3 }' out)
 grep -q "^<tr><th scope=row>Gaussians, most<td>$most<td>$most (1.00x)" both.html || fail "another table than compare prints"
+echo mine >both.html.tmp
 expect 0 compare "$name" "$name" --html both.html
+grep -q mine both.html.tmp || fail "another's file is gone"
 echo mine >mine.html
 expect 2 compare "$name" --html mine.html
 grep -q mine mine.html || fail "another's file is gone"
