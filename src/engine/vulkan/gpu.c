@@ -106,8 +106,7 @@ void sg_gpu_release(struct gpu *g, struct gpu_buffer *b)
 {
     if (!b->buffer)
         return;
-    if (g->recording)
-        sg_gpu_flush(g); /* commands may use it; a failure is met again by the next one */
+    sg_gpu_flush(g); /* commands may use it; a failure is met again by the next one */
     destroy_buffer(g, b);
 }
 
@@ -117,12 +116,10 @@ int sg_gpu_reserve(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *b, uin
     if (b->bytes >= bytes)
         return SG_OK;
     const uint64_t more = b->bytes + b->bytes / 2;
-    if (g->recording && b->buffer) {
-        const int code = sg_gpu_flush(g);
-        if (code)
-            return code;
-    }
+    const int flushed = b->buffer ? sg_gpu_flush(g) : SG_OK;
     destroy_buffer(g, b);
+    if (flushed)
+        return flushed;
     const struct sg_vram *v = sg_ctx_vram(g->ctx);
     if (more > bytes && v->current[SG_MEM_TAGS] + more <= v->limit / 2) {
         const int code = create_buffer(g, tag, b, more, false);
