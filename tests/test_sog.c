@@ -341,11 +341,36 @@ static void test_too_large(void **state)
     assert_true(sg_mem_peak(f->ctx, SG_MEM_TAGS) < held + (1 << 20));
 }
 
+/* What the parser of meta.json needs is within the limit on memory. */
+static void test_deep_meta(void **state)
+{
+    struct fixture *f = *state;
+    struct archive a = {.bytes = malloc(1 << 20)};
+    struct sg_model *m;
+    sg_ctx *ctx;
+    char *meta = malloc(250002);
+    for (int i = 0; i < 250000; i += 5)
+        memcpy(meta + i, i ? ",[[]]" : "[[[]]", 5);
+    strcpy(meta + 250000, "]");
+    add(&a, "meta.json", meta, strlen(meta), true);
+    finish(&a, "");
+    put(f, "m.sog", a.bytes, a.size);
+    assert_int_equal(sg_model_read(f->ctx, at(f, "m.sog"), 1000, &m), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(f->ctx), "version: found nothing"));
+    assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.max_memory = 8 << 20}), SG_OK);
+    assert_int_equal(sg_model_read(ctx, at(f, "m.sog"), 1000, &m), SG_ERR_BUDGET);
+    assert_null(m);
+    assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+    sg_ctx_destroy(&ctx);
+    free(meta);
+    free(a.bytes);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         scene_test(test_values), scene_test(test_refused),   scene_test(test_damage),
-        scene_test(test_bomb),   scene_test(test_too_large),
+        scene_test(test_bomb),   scene_test(test_too_large), scene_test(test_deep_meta),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -6,6 +6,15 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Every value begins after one of these characters, or is inside a string. */
+int sg_json_reserve(sg_ctx *ctx, const char *data, size_t size, void **room)
+{
+    uint64_t bytes = 2 * (uint64_t) size;
+    for (size_t i = 0; i < size; i++)
+        bytes += data[i] == '{' || data[i] == '[' ? 320 : data[i] == ',' || data[i] == ':' ? 96 : 0;
+    return sg_reserve(ctx, SG_MEM_MISC, bytes, room);
+}
+
 json_t *sg_text_to_json(const char *text)
 {
     json_t *value = json_string(text);

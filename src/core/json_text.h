@@ -4,6 +4,12 @@
 
 #include <jansson.h>
 
+#include "internal.h"
+
+/* Charges the ledger for the most memory that the parser needs for a text. *room: as of sg_reserve,
+ * to be released after the values. */
+int sg_json_reserve(sg_ctx *ctx, const char *data, size_t size, void **room);
+
 /* A JSON string. File names need not be UTF-8, but JSON must be: in a name that is not, bytes that
  * are not ASCII become "?", and at most 4095 bytes are kept. NULL without memory. */
 json_t *sg_text_to_json(const char *text);

@@ -23,6 +23,7 @@ struct file {
     struct sg_source *in;
     struct sg_zip zip;
     json_t *meta;
+    void *room; /* for it, in the ledger */
     size_t count;
     int sh_degree;
     struct sg_model *m;
@@ -61,13 +62,14 @@ static int read_meta(struct file *f)
     size_t size;
     json_error_t error;
     int code = sg_zip_read(&f->zip, "meta.json", META_MAX, &text, &size);
+    if (!code)
+        code = sg_json_reserve(f->ctx, (const char *) text, size, &f->room);
+    if (!code && !(f->meta = json_loadb((const char *) text, size, JSON_REJECT_DUPLICATES, &error)))
+        code = sg_fail(f->ctx, SG_ERR_INPUT, "%s: meta.json: line %d, column %d: %s", f->in->path,
+                       error.line, error.column, error.text);
+    sg_free(text);
     if (code)
         return code;
-    f->meta = json_loadb((const char *) text, size, JSON_REJECT_DUPLICATES, &error);
-    sg_free(text);
-    if (!f->meta)
-        return sg_fail(f->ctx, SG_ERR_INPUT, "%s: meta.json: line %d, column %d: %s", f->in->path,
-                       error.line, error.column, error.text);
     const json_t *version = json_object_get(f->meta, "version"),
                  *count = json_object_get(f->meta, "count"),
                  *rest = json_object_get(f->meta, "shN"), *bands = json_object_get(rest, "bands");
@@ -274,6 +276,7 @@ int sg_sog_read(sg_ctx *ctx, struct sg_source *in, uint64_t max_gaussians, struc
     if (!code && f.sh_degree)
         code = read_sh(&f);
     json_decref(f.meta);
+    sg_free(f.room);
     sg_free(data);
     if (code)
         sg_model_destroy(&f.m);

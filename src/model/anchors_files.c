@@ -11,6 +11,7 @@
 #include "anchors.h"
 #include "core/file.h"
 #include "core/numbers.h"
+#include "core/json_text.h"
 #include "ply.h"
 
 /* ---- anchors ---- */
@@ -218,18 +219,17 @@ static int parse_networks(sg_ctx *ctx, const char *path, const char *bytes, size
                        "%s: byte 0: found a header of %" PRIu64 " bytes in a file of %zu, expected "
                        "one of at most %d: safetensors",
                        path, length, size, HEADER_MAX);
-    json_t *root =
-        json_loadb(bytes + sizeof(length), (size_t) length, JSON_REJECT_DUPLICATES, &error);
-    if (!json_is_object(root)) {
-        json_decref(root);
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no JSON object: %s", path, error.text);
-    }
-    const char *data = bytes + sizeof(length) + length;
+    const char *header = bytes + sizeof(length), *data = header + length;
     const size_t left = size - sizeof(length) - (size_t) length;
-    int code = read_voxel(root, &out->voxel)
-                   ? SG_OK
-                   : sg_fail(ctx, SG_ERR_INPUT,
-                             "%s: header: found no voxel above 0 in __metadata__", path);
+    void *room;
+    int code = sg_json_reserve(ctx, header, (size_t) length, &room);
+    json_t *root =
+        code ? NULL : json_loadb(header, (size_t) length, JSON_REJECT_DUPLICATES, &error);
+    if (!code && !json_is_object(root))
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no JSON object: %s", path, error.text);
+    if (!code && !read_voxel(root, &out->voxel))
+        code =
+            sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no voxel above 0 in __metadata__", path);
     list_tensors(tensors);
     for (int k = 0; k < TENSORS && !code; k++) {
         size_t at;
@@ -245,6 +245,7 @@ static int parse_networks(sg_ctx *ctx, const char *path, const char *bytes, size
         }
     }
     json_decref(root);
+    sg_free(room);
     return code;
 }
 

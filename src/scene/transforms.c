@@ -8,16 +8,6 @@
 #include "core/json_text.h"
 #include "core/source.h"
 
-/* The most memory that the parser needs for a text: every value begins after one of these
- * characters, or is inside a string. */
-static uint64_t parsed_bytes(const char *data, size_t size)
-{
-    uint64_t bytes = 2 * (uint64_t) size;
-    for (size_t i = 0; i < size; i++)
-        bytes += data[i] == '{' || data[i] == '[' ? 320 : data[i] == ',' || data[i] == ':' ? 96 : 0;
-    return bytes;
-}
-
 int sg_transforms_read(sg_ctx *ctx, const struct sg_folder *dir, const char *file, char **data,
                        size_t *size)
 {
@@ -51,7 +41,7 @@ int sg_transforms_load(sg_ctx *ctx, const char *file, const char *data, size_t s
     if (code)
         return code;
     data = text.window, size = text.ready;
-    code = sg_reserve(ctx, SG_MEM_MISC, parsed_bytes(data, size), &out->room);
+    code = sg_json_reserve(ctx, data, size, &out->room);
     if (code)
         return code;
     out->root = json_loadb(data, size, JSON_REJECT_DUPLICATES, &error);
