@@ -7,6 +7,7 @@
 #include "models.h"
 #include "splatguard/format.h"
 #include "train/growth.h"
+#include "whole_file.h"
 
 #define assert_near(a, b)                                                                          \
     do {                                                                                           \
@@ -279,29 +280,6 @@ static struct sg_model *make_random(sg_ctx *ctx, size_t n)
     return m;
 }
 
-static char *read_all(const char *path, size_t *size)
-{
-    FILE *f = fopen(path, "rb");
-    assert_non_null(f);
-    fseek(f, 0, SEEK_END);
-    *size = (size_t) ftell(f);
-    rewind(f);
-    char *bytes = malloc(*size + 1);
-    assert_non_null(bytes);
-    assert_int_equal(fread(bytes, 1, *size, f), *size);
-    bytes[*size] = 0;
-    fclose(f);
-    return bytes;
-}
-
-static void write_all(const char *path, const char *bytes, size_t size)
-{
-    FILE *f = fopen(path, "wb");
-    assert_non_null(f);
-    assert_int_equal(fwrite(bytes, 1, size, f), size);
-    fclose(f);
-}
-
 static void test_files(void **state)
 {
     (void) state;
@@ -325,7 +303,7 @@ static void test_files(void **state)
     sg_model_destroy(&read);
 
     /* the layout of the released code: 79 properties, offsets by axis */
-    char *bytes = read_all(model_path, &size);
+    char *bytes = slurp(model_path, &size);
     int properties = 0;
     for (const char *at = bytes; (at = strstr(at, "property float ")); at++)
         properties++;
@@ -370,7 +348,7 @@ static void test_comma(void **state)
     struct sg_model *m = make_random(ctx, 3), *read;
     size_t size, found_size;
     assert_int_equal(sg_model_write_ply(ctx, m, model_path), SG_OK);
-    char *expected = read_all(weights_path, &size);
+    char *expected = slurp(weights_path, &size);
     assert_non_null(mkdtemp(comma));
     snprintf(command, sizeof(command), "localedef -i de_DE -f UTF-8 %s/comma 2>&1", comma);
     const int made = system(command);
@@ -389,7 +367,7 @@ static void test_comma(void **state)
         assert_int_equal(written, SG_OK);
         assert_int_equal(code, SG_OK);
         assert_true(read->columns->networks->voxel == m->columns->networks->voxel);
-        char *found = read_all(weights_path, &found_size);
+        char *found = slurp(weights_path, &found_size);
         assert_int_equal(found_size, size);
         assert_memory_equal(found, expected, size);
         free(found);
@@ -410,7 +388,7 @@ static void test_hostile(void **state)
     struct sg_model *m = make_random(ctx, 5), *read;
     size_t size, ply_size;
     assert_int_equal(sg_model_write_ply(ctx, m, model_path), SG_OK);
-    char *good = read_all(weights_path, &size), *ply = read_all(model_path, &ply_size);
+    char *good = slurp(weights_path, &size), *ply = slurp(model_path, &ply_size);
     uint64_t length;
     memcpy(&length, good, sizeof(length));
     static const struct {
@@ -429,7 +407,7 @@ static void test_hostile(void **state)
         at = memmem(bad, size, edits[i].find, strlen(edits[i].find));
         assert_non_null(at);
         memcpy(at, edits[i].replace, strlen(edits[i].replace));
-        write_all(weights_path, bad, size);
+        spill(weights_path, bad, size);
         if (sg_model_read_drawable(ctx, model_path, 100, &read) != SG_ERR_INPUT ||
             !strstr(sg_last_error(ctx), edits[i].says))
             fail_msg("%s: found \"%s\"", edits[i].replace, sg_last_error(ctx));
@@ -437,29 +415,30 @@ static void test_hostile(void **state)
         free(bad);
     }
     for (size_t cut = 0; cut < size; cut += cut < 1200 ? 37 : 1501) {
-        write_all(weights_path, good, cut);
+        spill(weights_path, good, cut);
         assert_int_equal(sg_model_read_drawable(ctx, model_path, 100, &read), SG_ERR_INPUT);
         sg_clear_error(ctx);
     }
     const float nan = NAN;
     memcpy(good + sizeof(length) + length + 40, &nan, sizeof(nan));
-    write_all(weights_path, good, size);
+    spill(weights_path, good, size);
     assert_int_equal(sg_model_read_drawable(ctx, model_path, 100, &read), SG_ERR_INPUT);
     assert_non_null(strstr(sg_last_error(ctx), "opacity.0.weight"));
     sg_clear_error(ctx);
     length = UINT64_MAX;
     memcpy(good, &length, sizeof(length));
-    write_all(weights_path, good, size);
+    spill(weights_path, good, size);
     assert_int_equal(sg_model_read_drawable(ctx, model_path, 100, &read), SG_ERR_INPUT);
     sg_clear_error(ctx);
     assert_int_equal(sg_model_write_ply(ctx, m, model_path), SG_OK);
     for (size_t cut = 0; cut < ply_size; cut += 97) {
-        write_all(model_path, ply, cut);
+        spill(model_path, ply, cut);
         assert_int_equal(sg_model_read_drawable(ctx, model_path, 100, &read), SG_ERR_INPUT);
         sg_clear_error(ctx);
     }
-    memcpy(ply + ply_size - 4, &nan, sizeof(nan));
-    write_all(model_path, ply, ply_size);
+    assert_true(ply_size > sizeof(nan));
+    memcpy(ply + ply_size - sizeof(nan), &nan, sizeof(nan));
+    spill(model_path, ply, ply_size);
     assert_int_equal(sg_model_read_drawable(ctx, model_path, 100, &read), SG_ERR_INPUT);
     assert_non_null(strstr(sg_last_error(ctx), "anchor 4: found rot_3"));
     sg_clear_error(ctx);

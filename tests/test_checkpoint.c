@@ -9,6 +9,7 @@
 
 #include "models.h"
 #include "train/trainer.h"
+#include "whole_file.h"
 
 #define SIDE 20
 #define HEADER ((size_t) 144) /* bytes of the format before its sections */
@@ -44,28 +45,6 @@ struct fixture {
     size_t size;
     size_t at[SECTIONS + 1]; /* where its sections begin; where the last one ends */
 };
-
-static char *slurp(const char *path, size_t *size)
-{
-    FILE *f = fopen(path, "rb");
-    assert_non_null(f);
-    fseek(f, 0, SEEK_END);
-    *size = (size_t) ftell(f);
-    rewind(f);
-    char *data = malloc(*size);
-    assert_non_null(data);
-    assert_int_equal(fread(data, 1, *size, f), *size);
-    fclose(f);
-    return data;
-}
-
-static void spill(const char *path, const char *data, size_t size)
-{
-    FILE *f = fopen(path, "wb");
-    assert_non_null(f);
-    assert_int_equal(fwrite(data, 1, size, f), size);
-    fclose(f);
-}
 
 static int setup(void **state)
 {
