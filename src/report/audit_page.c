@@ -9,6 +9,7 @@
 
 #include "core/file.h"
 #include "core/json_text.h"
+#include "core/numbers.h"
 #include "image/image.h"
 #include "splatguard/output.h"
 #include "scene/photo.h"
@@ -235,6 +236,7 @@ int sg_audit_write_page(sg_ctx *ctx, const struct sg_scene *scene, const struct 
     char *page = NULL;
     size_t size = 0;
     sg_clear_error(ctx);
+    const locale_t before = uselocale(sg_c_locale());
     size_t *order = sg_alloc(ctx, SG_MEM_MISC, a->count + 1, sizeof(*order));
     FILE *f = open_memstream(&page, &size);
     int code = order && f ? SG_OK : SG_ERR_BUDGET;
@@ -261,5 +263,6 @@ int sg_audit_write_page(sg_ctx *ctx, const struct sg_scene *scene, const struct 
         code = sg_file_write(ctx, path, page, size);
     free(page);
     sg_free(order);
+    uselocale(before);
     return code;
 }
