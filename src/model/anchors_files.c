@@ -10,8 +10,8 @@
 
 #include "anchors.h"
 #include "core/file.h"
-#include "core/numbers.h"
 #include "core/json_text.h"
+#include "core/numbers.h"
 #include "ply.h"
 
 /* ---- anchors ---- */
