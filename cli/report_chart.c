@@ -9,6 +9,7 @@
 #define WIDE 400 /* as a phone, so that letters stay as large as those of the text */
 #define HIGH 240
 #define LEFT 64
+#define RIGHT 24 /* half of a number below the end of an axis */
 #define BOTTOM 30
 #define TOP 24
 
@@ -39,7 +40,7 @@ struct axes {
 
 static double at_x(const struct axes *a, double v)
 {
-    return LEFT + (v - a->x[0]) / (a->x[1] - a->x[0]) * (WIDE - LEFT - 16);
+    return LEFT + (v - a->x[0]) / (a->x[1] - a->x[0]) * (WIDE - LEFT - RIGHT);
 }
 
 static double at_y(const struct axes *a, double v)
@@ -55,7 +56,7 @@ static void put_axes(FILE *f, const struct axes *a, const char *title)
             title, WIDE, HIGH, WIDE, HIGH);
     for (double v = ceil(a->y[0] / step) * step; v <= a->y[1] + 1e-9 * step; v += step) {
         fprintf(f, "<path class=axis d=\"M%d %.1fH%d\"/><text x=%d y=%.1f text-anchor=end>", LEFT,
-                at_y(a, v), WIDE - 16, LEFT - 6, at_y(a, v) + 5);
+                at_y(a, v), WIDE - RIGHT, LEFT - 6, at_y(a, v) + 5);
         put_count(f, v);
         fprintf(f, "</text>\n");
     }
@@ -93,7 +94,7 @@ void put_curve(FILE *f, const struct curves *c, enum column k, double limit, boo
         a.y[1] = a.y[0] + 1;
     put_axes(f, &a, title);
     if (limit > 0)
-        fprintf(f, "<path class=limit d=\"M%d %.1fH%d\"/>\n", LEFT, at_y(&a, limit), WIDE - 16);
+        fprintf(f, "<path class=limit d=\"M%d %.1fH%d\"/>\n", LEFT, at_y(&a, limit), WIDE - RIGHT);
     fprintf(f, "<path class=curve d=\"");
     for (size_t i = 0; i < c->n; i++)
         if (isfinite(c->rows[i][k])) {
