@@ -2,11 +2,6 @@
 /* The audit's verdicts on sets of photos whose noise is known. */
 #include "photos.h"
 
-#include <unistd.h>
-
-#include "comma.h"
-#include "whole_file.h"
-
 #define MOST 101
 
 /* Noise of each photo; -1: nothing in it, -2: a single pixel. */
@@ -422,49 +417,14 @@ static void test_unseen(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Coordinates of a page's pictures have a decimal point in every program. */
-static void test_page_in_any_locale(void **state)
-{
-    (void) state;
-    char path[] = "/tmp/sg_page_XXXXXX";
-    sg_ctx *ctx = make_context(1);
-    struct sg_audit *a;
-    size_t size, found_size;
-    paint(4, false, 1);
-    struct sg_view view = {
-        .name = (char *) "photo", .camera = {.width = W, .height = H}, .rgb = image};
-    const struct sg_scene scene = {.path = (char *) "scene", .train = &view, .n_train = 1};
-    assert_int_equal(sg_audit_scene(ctx, &scene, &a), SG_OK);
-    close(mkstemp(path));
-    unlink(path);
-    assert_int_equal(sg_audit_write_page(ctx, &scene, a, path), SG_OK);
-    char *expected = slurp(path, &size);
-    const bool set = set_comma();
-    if (set) {
-        const int code = sg_audit_write_page(ctx, &scene, a, path);
-        setlocale(LC_NUMERIC, "C");
-        assert_int_equal(code, SG_OK);
-        char *found = slurp(path, &found_size);
-        assert_int_equal(found_size, size);
-        assert_memory_equal(found, expected, size);
-        free(found);
-    }
-    unlink(path);
-    free(expected);
-    sg_audit_destroy(&a);
-    sg_ctx_destroy(&ctx);
-    if (!set)
-        skip();
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_scores),     cmocka_unit_test(test_turned),
-        cmocka_unit_test(test_verdicts),   cmocka_unit_test(test_no_vote),
-        cmocka_unit_test(test_spared),     cmocka_unit_test(test_outliers),
-        cmocka_unit_test(test_amplitude),  cmocka_unit_test(test_reasons),
-        cmocka_unit_test(test_memory),     cmocka_unit_test(test_unseen),
-        cmocka_unit_test(test_true_cause), cmocka_unit_test(test_page_in_any_locale)};
+        cmocka_unit_test(test_scores),    cmocka_unit_test(test_turned),
+        cmocka_unit_test(test_verdicts),  cmocka_unit_test(test_no_vote),
+        cmocka_unit_test(test_spared),    cmocka_unit_test(test_outliers),
+        cmocka_unit_test(test_amplitude), cmocka_unit_test(test_reasons),
+        cmocka_unit_test(test_memory),    cmocka_unit_test(test_unseen),
+        cmocka_unit_test(test_true_cause)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
