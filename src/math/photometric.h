@@ -39,4 +39,14 @@ SG_FN STRUCT(ssim) ssim_point(real m1, real m2, real squares, real xy)
     return o;
 }
 
+/* Whether a difference d from a photo's value counts in the low-pass term: not where the photo is
+ * within the tolerance of black and the render darker, or of white and the render brighter. */
+SG_FN mask low_pass_counts(real d, real photo, scalar tolerance)
+{
+    const real none = r_set(0), one = r_set(1);
+    const mask below = r_and(r_lt(photo, r_set(tolerance)), r_lt(d, none)),
+               above = r_and(r_lt(r_set(NUM(1) - tolerance), photo), r_lt(none, d));
+    return r_lt(r_sel(below, one, none) + r_sel(above, one, none), one);
+}
+
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Views that are more than a camera: exposures of photos, and the 2D filter of Mip-Splatting, on
- * every engine and variant. */
+/* Views that are more than a camera and a photo: exposures, the low-pass term against what a
+ * photo's change adds, and the 2D filter of Mip-Splatting, on every engine and variant. */
 #include "operations.h"
 
 /* The loss of a dark photo on a model that is drawn anew. */
@@ -103,6 +103,89 @@ static void test_exposure_values(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* A case of the low-pass term: of a photo or of planes, with what there is beside it. */
+struct low_pass_case {
+    bool planes, masked, exposed;
+    float tolerance;
+};
+
+static struct sg_step low_pass_loss(struct sg_engine *e, const struct sg_model *m,
+                                    const struct low_pass_case *c, float low_pass)
+{
+    static uint8_t photo[3 * PIXELS], mask[PIXELS];
+    static float planes[3 * PIXELS];
+    const struct sg_camera camera = make_camera(W, H, 3);
+    const struct sg_render_params params = {SG_RENDER_DEFAULTS, .background = {0.3f, 0.2f, 0.6f}};
+    const struct sg_loss loss = {
+        SG_LOSS_PHOTOMETRIC,
+        1,
+        {.photometric = {.lambda_dssim = 0.2f, .tolerance = c->tolerance, .low_pass = low_pass}}};
+    struct sg_target target = {.exposure = c->exposed ? some_exposure : NULL};
+    struct sg_step step;
+    for (size_t i = 0; i < 3 * PIXELS; i++) { /* many within the tolerance of black or white */
+        const float side = draw(31, i, 0, 1), v = draw(30, i, 0, 1);
+        planes[i] = side < 0.3f ? 0.1f * v : side < 0.5f ? 1 - 0.1f * v : v;
+        photo[i] = (uint8_t) (255 * planes[i]);
+        mask[i % PIXELS] = i % 7 ? 255 : 0;
+    }
+    if (c->planes)
+        target.planes = planes;
+    else
+        assert_int_equal(
+            sg_engine_photo_add(e, W, H, photo, c->masked ? mask : NULL, &target.photo), SG_OK);
+    assert_int_equal(sg_engine_draw(e, &camera, m->sh_degree, &params, false), SG_OK);
+    assert_int_equal(sg_engine_losses(e, &target, &loss, 1), SG_OK);
+    assert_int_equal(sg_engine_read_step(e, &step), SG_OK);
+    sg_engine_photo_drop(e, target.photo);
+    return step;
+}
+
+/* The low-pass term has the oracle's value and gradient, which are the same bytes the second time.
+ */
+static void test_low_pass_values(void **state)
+{
+    (void) state;
+    static const struct low_pass_case of[] = {
+        {.tolerance = 0.1f},
+        {.masked = true, .tolerance = 0.1f},
+        {.planes = true, .tolerance = 0.6f}, /* most values are near black and near white */
+        {.planes = true},
+        {.masked = true, .exposed = true, .tolerance = 0.1f},
+    };
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_model(ctx, GAUSSIANS, DEGREE, 41);
+    for (size_t c = 0; c < sizeof(of) / sizeof(of[0]); c++) {
+        struct sg_model *right = NULL;
+        struct sg_step expected = {0};
+        for (int k = case_count - 1; k >= 0; k--) { /* the oracle is the last */
+            struct sg_engine *e = begin(ctx, k, m, NULL);
+            const struct sg_step without = low_pass_loss(e, m, &of[c], 0);
+            const struct sg_step found = low_pass_loss(e, m, &of[c], 40);
+            struct sg_model *g = gradients_of(ctx, e, m);
+            assert_true(found.photometric.total > 1.01 * without.photometric.total);
+            const struct sg_step again = low_pass_loss(e, m, &of[c], 40);
+            struct sg_model *h = gradients_of(ctx, e, m);
+            assert_memory_equal(g->params, h->params, values_of(g) * sizeof(float));
+            assert_true(again.photometric.total == found.photometric.total);
+            sg_model_destroy(&h);
+            if (!right) {
+                expected = found, right = g;
+            } else {
+                assert_true(fabs(found.photometric.total / expected.photometric.total - 1) < 1e-5);
+                for (int i = 0; i < SG_EXPOSURE && of[c].exposed; i++)
+                    assert_true(fabs(found.exposure[i] - expected.exposure[i]) <
+                                1e-4 * fabs(expected.exposure[i]) + 1e-5);
+                assert_near(k, "gradient", g, right, 1e-4f, 0.02);
+                sg_model_destroy(&g);
+            }
+            sg_engine_destroy(&e);
+        }
+        sg_model_destroy(&right);
+    }
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
 /* With the 2D filter of Mip-Splatting images, gradients and hits are the oracle's, and others than
  * without. */
 static void test_mip_filter(void **state)
@@ -159,6 +242,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_exposure_gradient),
         cmocka_unit_test(test_exposure_values),
+        cmocka_unit_test(test_low_pass_values),
         cmocka_unit_test(test_mip_filter),
     };
     return cmocka_run_group_tests(tests, find_cases, NULL);

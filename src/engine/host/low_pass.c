@@ -26,9 +26,8 @@ static float difference(const struct job *j, size_t r, size_t i, bool *counts)
     const struct sg_target_pixels *t = j->target;
     const float photo =
         t->planes ? t->planes[r * width + i] : (float) t->rgb[3 * pixel + channel] / 255.0f;
-    const float d = j->image[r * width + i] - photo, dark = j->params->tolerance;
-    *counts =
-        !(t->mask && !t->mask[pixel]) && !(photo < dark && d < 0) && !(photo > 1 - dark && d > 0);
+    const float d = j->image[r * width + i] - photo;
+    *counts = !(t->mask && !t->mask[pixel]) && low_pass_counts(d, photo, j->params->tolerance);
     return *counts ? d : 0;
 }
 

@@ -3,10 +3,8 @@
 #ifndef SG_VULKAN_ENGINE_H
 #define SG_VULKAN_ENGINE_H
 
-#include "engine/host/exposure.h"
 #include "engine/host/host_model.h"
 #include "engine/host/image_losses.h"
-#include "engine/host/low_pass.h"
 #include "engine/ops.h"
 #include "lists.h"
 
@@ -29,12 +27,10 @@ struct vulkan_engine {
     struct gpu_buffer gradient, slots, band_sums;
     /* of losses */
     struct gpu_buffer given, target, maps, sums, exposed;
-    struct sg_image_losses image_losses; /* these three: on the host */
-    struct sg_host_low_pass low_pass;
-    struct sg_host_exposure exposure;
-    float lambda_dssim;
-    double low_passed;   /* that term, with its weight */
-    bool ran[SG_LOSSES]; /* of the kinds whose values are on the device */
+    struct sg_image_losses image_losses; /* on the host */
+    float lambda_dssim, low_pass;        /* of the photometric loss that ran */
+    bool ran[SG_LOSSES];                 /* of the kinds whose values are on the device */
+    bool exposed_ran;                    /* and the exposure's gradient */
 };
 
 static inline struct vulkan_engine *vulkan_of(struct sg_engine *base)

@@ -32,8 +32,6 @@ static void destroy(struct sg_engine *base)
            (unsigned long long) g->dispatches, (unsigned long long) g->submissions);
     sg_gpu_close(&e->gpu);
     sg_image_losses_clear(&e->image_losses);
-    sg_host_low_pass_clear(&e->low_pass);
-    sg_host_exposure_clear(&e->exposure);
     sg_free(e);
 }
 
@@ -62,6 +60,7 @@ static int do_project(struct sg_engine *base, const struct sg_camera *camera, in
     e->degree = sh_degree;
     e->width = (uint32_t) camera->width, e->height = (uint32_t) camera->height;
     memset(e->ran, 0, sizeof(e->ran));
+    e->exposed_ran = false;
     int code;
     if ((code = sg_gpu_reserve(g, SG_MEM_MISC, &e->view, 4 * (VK_VIEW + VK_STEP))) ||
         (code = sg_gpu_reserve(g, SG_MEM_SPLATS, &e->splats, 64 * (uint64_t) e->count)) ||

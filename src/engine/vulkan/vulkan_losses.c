@@ -40,6 +40,21 @@ static VkDeviceAddress photo_at(const struct vulkan_engine *e, sg_photo photo)
     return photo ? sg_gpu_at(e->gpu, &e->photos[photo - 1]) : e->gpu->none.address;
 }
 
+/* Without a photo, the kernels read words of the given planes in its place. */
+static VkDeviceAddress photo_or_given(const struct vulkan_engine *e,
+                                      const struct sg_target_pixels *t)
+{
+    return t->photo ? photo_at(e, t->photo) : sg_gpu_at(e->gpu, &e->given);
+}
+
+/* The sums of `width` floats over the groups, to the results. */
+static int add_up(struct vulkan_engine *e, uint64_t groups, uint32_t width, uint32_t result)
+{
+    return GPU_RUN(e->gpu, loss_sums, 0, width, .from = e->sums.address,
+                   .to = e->lists.results.address + 4 * (uint64_t) result,
+                   .count = (uint32_t) groups, .width = width);
+}
+
 /* L1 and SSIM of an image and their gradient, on the device. */
 static int compare(struct vulkan_engine *e, const struct gpu_buffer *image,
                    const struct sg_target_pixels *t, const struct sg_photometric *p)
@@ -52,12 +67,11 @@ static int compare(struct vulkan_engine *e, const struct gpu_buffer *image,
     if ((code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->target, 4 * values)) ||
         (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->maps, 3 * 4 * values)) ||
         (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->sums, 3 * 4 * groups)) ||
-        /* Without a photo, the kernel reads words of this instead. */
         ((t->planes || !t->photo) &&
          (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->given, 4 * values))) ||
         (t->planes && (code = sg_gpu_write(g, &e->given, 0, t->planes, 4 * values))))
         return code;
-    const VkDeviceAddress photo = t->photo ? photo_at(e, t->photo) : sg_gpu_at(g, &e->given);
+    const VkDeviceAddress photo = photo_or_given(e, t);
     code =
         GPU_RUN(g, target, 0, FOR_EACH(pixels), .photo = photo,
                 .given = t->planes ? e->given.address : image->address, .image = image->address,
@@ -68,9 +82,7 @@ static int compare(struct vulkan_engine *e, const struct gpu_buffer *image,
                        .maps = e->maps.address, .sums = e->sums.address, .width = e->width,
                        .height = e->height);
     if (!code)
-        code = GPU_RUN(g, loss_sums, 0, 1, .from = e->sums.address,
-                       .to = e->lists.results.address + 4 * VK_RESULT_LOSSES,
-                       .count = (uint32_t) groups, .width = 3);
+        code = add_up(e, groups, 3, VK_RESULT_LOSSES);
     e->lambda_dssim = p->lambda_dssim;
     e->ran[SG_LOSS_PHOTOMETRIC] = !code;
     return code ? code
@@ -81,39 +93,60 @@ static int compare(struct vulkan_engine *e, const struct gpu_buffer *image,
                           .l1 = (1 - p->lambda_dssim) * unit, .dssim = -p->lambda_dssim * unit);
 }
 
-/* What exposure and the low-pass term add is computed on the host. */
+/* Adds the low-pass term of an image. Its target is at hand from `compare`. */
+static int low_pass(struct vulkan_engine *e, const struct gpu_buffer *image,
+                    const struct sg_target_pixels *t, const struct sg_photometric *p)
+{
+    struct gpu *g = e->gpu;
+    const uint64_t values = 3 * (uint64_t) e->width * e->height;
+    const uint64_t groups = 3 * gpu_groups(e->width, 16) * gpu_groups(e->height, 16);
+    const VkDeviceAddress photo = photo_or_given(e, t);
+    /* The maps of SSIM are not needed any more. */
+    int code =
+        GPU_RUN(g, low_pass, 0, groups, .image = image->address, .photo = photo,
+                .given = sg_gpu_at(g, &e->given), .passed = e->maps.address,
+                .sums = e->sums.address, .width = e->width, .height = e->height,
+                .planes = t->planes != NULL, .masked = t->mask != NULL, .tolerance = p->tolerance);
+    if (!code)
+        code = add_up(e, groups, 1, VK_RESULT_LOSSES + 4);
+    e->low_pass = p->low_pass;
+    return code ? code
+                : GPU_RUN(g, low_pass_gradient, 0, groups, .image = image->address, .photo = photo,
+                          .given = sg_gpu_at(g, &e->given), .passed = e->maps.address,
+                          .gradient = e->gradient.address, .width = e->width, .height = e->height,
+                          .planes = t->planes != NULL, .masked = t->mask != NULL,
+                          .tolerance = p->tolerance, .scale = 2 * p->low_pass / (float) values);
+}
+
+#define EXPOSURE_OF(x)                                                                             \
+    .e0 = (x)[0], .e1 = (x)[1], .e2 = (x)[2], .e3 = (x)[3], .e4 = (x)[4], .e5 = (x)[5],            \
+    .e6 = (x)[6], .e7 = (x)[7], .e8 = (x)[8], .e9 = (x)[9], .e10 = (x)[10], .e11 = (x)[11]
+
 static int photometric(struct vulkan_engine *e, const struct sg_target_pixels *t,
                        const struct sg_photometric *p)
 {
-    sg_ctx *ctx = e->base.ctx;
-    const int width = (int) e->width, height = (int) e->height;
-    const size_t values = 3 * (size_t) e->width * (size_t) e->height, bytes = 4 * values;
-    e->low_passed = 0;
-    if (!t->exposure && !(p->low_pass > 0))
-        return compare(e, &e->image, t, p);
-    float *image = sg_alloc_raw(ctx, SG_MEM_FRAME, values, sizeof(float));
-    float *gradient = sg_alloc_raw(ctx, SG_MEM_FRAME, values, sizeof(float));
+    struct gpu *g = e->gpu;
+    const uint64_t pixels = (uint64_t) e->width * e->height, groups = FOR_EACH(pixels);
     const struct gpu_buffer *shown = t->exposure ? &e->exposed : &e->image;
-    double passed = 0;
-    int code = image && gradient ? sg_gpu_read(e->gpu, &e->image, 0, image, bytes) : SG_ERR_BUDGET;
-    if (t->exposure && !code &&
-        !(code = sg_host_expose(ctx, &e->exposure, t->exposure, image, width, height)) &&
-        !(code = sg_gpu_reserve(e->gpu, SG_MEM_FRAME, &e->exposed, bytes)))
-        code = sg_gpu_write(e->gpu, &e->exposed, 0, e->exposure.image, bytes);
-    if (!code && !(code = compare(e, shown, t, p)))
-        code = sg_gpu_read(e->gpu, &e->gradient, 0, gradient, bytes);
-    if (!code && p->low_pass > 0)
-        code = sg_host_low_pass(ctx, &e->low_pass, t->exposure ? e->exposure.image : image, t, p,
-                                width, height, gradient, &passed);
-    if (!code && t->exposure)
-        sg_host_expose_backward(ctx, &e->exposure, t->exposure, image, width, height, gradient,
-                                e->base.step.exposure);
+    int code = SG_OK;
+    e->low_pass = 0;
+    e->exposed_ran = false;
+    if (t->exposure && !(code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->exposed, 12 * pixels)))
+        code =
+            GPU_RUN(g, expose, 0, groups, .image = e->image.address, .exposed = e->exposed.address,
+                    .pixels = (uint32_t) pixels, EXPOSURE_OF(t->exposure));
     if (!code)
-        code = sg_gpu_write(e->gpu, &e->gradient, 0, gradient, bytes);
-    e->low_passed = (double) p->low_pass * passed;
-    sg_free(image);
-    sg_free(gradient);
-    return code;
+        code = compare(e, shown, t, p);
+    if (p->low_pass > 0 && !code)
+        code = low_pass(e, shown, t, p);
+    if (!t->exposure || code ||
+        (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->sums, 4 * SG_EXPOSURE * groups)))
+        return code;
+    code = GPU_RUN(g, expose_backward, 0, groups, .image = e->image.address,
+                   .gradient = e->gradient.address, .sums = e->sums.address,
+                   .pixels = (uint32_t) pixels, EXPOSURE_OF(t->exposure));
+    e->exposed_ran = true;
+    return code ? code : add_up(e, groups, SG_EXPOSURE, VK_RESULT_EXPOSURE);
 }
 
 static int total_variation(struct vulkan_engine *e, const struct sg_target_pixels *t,
@@ -133,10 +166,7 @@ static int total_variation(struct vulkan_engine *e, const struct sg_target_pixel
                        .down = down > 0 ? (float) (1 / down) : 0, .weight = (float) l->weight,
                        .edge = SG_TV_EDGE);
     e->ran[SG_LOSS_TOTAL_VARIATION] = !code;
-    return code ? code
-                : GPU_RUN(g, loss_sums, 0, 1, .from = e->sums.address,
-                          .to = e->lists.results.address + 4 * (VK_RESULT_LOSSES + 3),
-                          .count = (uint32_t) groups, .width = 1);
+    return code ? code : add_up(e, groups, 1, VK_RESULT_LOSSES + 3);
 }
 
 static int on_host(struct vulkan_engine *e, const struct sg_target_pixels *t,
@@ -175,16 +205,20 @@ int sg_vulkan_loss(struct sg_engine *base, const struct sg_target_pixels *target
 void sg_vulkan_read_losses(struct vulkan_engine *e, const uint32_t results[VK_RESULTS])
 {
     struct sg_step *step = &e->base.step;
-    float sums[4];
+    float sums[5], exposure[SG_EXPOSURE];
     memcpy(sums, results + VK_RESULT_LOSSES, sizeof(sums));
+    memcpy(exposure, results + VK_RESULT_EXPOSURE, sizeof(exposure));
     const double values = 3.0 * e->width * e->height;
     if (e->ran[SG_LOSS_PHOTOMETRIC]) {
         step->photometric =
             sg_photometric_value_of((double) sums[0] / values, (double) sums[1] / values,
                                     (double) sums[2] / values, e->lambda_dssim);
-        step->photometric.total += e->low_passed;
+        if (e->low_pass > 0)
+            step->photometric.total += (double) e->low_pass * (double) sums[4] / values;
         step->loss[SG_LOSS_PHOTOMETRIC] = step->photometric.total;
     }
+    for (int k = 0; k < SG_EXPOSURE && e->exposed_ran; k++)
+        step->exposure[k] = (double) exposure[k];
     if (e->ran[SG_LOSS_TOTAL_VARIATION])
         step->loss[SG_LOSS_TOTAL_VARIATION] = (double) sums[3];
 }

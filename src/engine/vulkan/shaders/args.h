@@ -23,8 +23,11 @@
 #define VK_RESULT_INSTANCES 2
 #define VK_RESULT_PAIRS 4
 #define VK_RESULT_LONGEST 6
-#define VK_RESULT_LOSSES 8 /* 3 floats of the photometric loss, one of the total variation */
-#define VK_RESULTS 16
+/* Floats: 3 of the photometric loss, one of the total variation, one of the low-pass term; and the
+ * gradient of the exposure. */
+#define VK_RESULT_LOSSES 8
+#define VK_RESULT_EXPOSURE 16
+#define VK_RESULTS 28
 
 #define VK_KERNELS(K)                                                                              \
     K(project)                                                                                     \
@@ -48,6 +51,10 @@
     K(target)                                                                                      \
     K(ssim)                                                                                        \
     K(ssim_gradient)                                                                               \
+    K(low_pass)                                                                                    \
+    K(low_pass_gradient)                                                                           \
+    K(expose)                                                                                      \
+    K(expose_backward)                                                                             \
     K(total_variation)                                                                             \
     K(loss_sums)                                                                                   \
     K(move)                                                                                        \
@@ -140,11 +147,26 @@
 #define ARGS_ssim_gradient(P, U, F)                                                                \
     P(Floats, image) P(Floats, target) P(Floats, maps) P(Uints, photo) P(Floats, gradient)         \
     U(width) U(height) U(masked) U(tolerant) F(l1) F(dssim)
+/* passed: what the first leaves for the second. */
+#define ARGS_low_pass(P, U, F)                                                                     \
+    P(Floats, image) P(Uints, photo) P(Floats, given) P(Floats, passed) P(Floats, sums) U(width)   \
+    U(height) U(planes) U(masked) F(tolerance)
+#define ARGS_low_pass_gradient(P, U, F)                                                            \
+    P(Floats, image) P(Uints, photo) P(Floats, given) P(Floats, passed) P(Floats, gradient)        \
+    U(width) U(height) U(planes) U(masked) F(tolerance) F(scale)
+#define ARGS_exposure(F)                                                                           \
+    F(e0) F(e1) F(e2) F(e3) F(e4) F(e5) F(e6) F(e7) F(e8) F(e9) F(e10) F(e11)
+#define EXPOSURE_MAP(a)                                                                            \
+    float[](a.e0, a.e1, a.e2, a.e3, a.e4, a.e5, a.e6, a.e7, a.e8, a.e9, a.e10, a.e11)
+#define ARGS_expose(P, U, F)                                                                       \
+    P(Floats, image) P(Floats, exposed) U(pixels) ARGS_exposure(F)
+#define ARGS_expose_backward(P, U, F)                                                              \
+    P(Floats, image) P(Floats, gradient) P(Floats, sums) U(pixels) ARGS_exposure(F)
 /* norm: enum sg_tv_norm. Adds `across` and `down` times the slopes to the gradient. */
 #define ARGS_total_variation(P, U, F)                                                              \
     P(Floats, image) P(Uints, photo) P(Floats, gradient) P(Floats, sums) U(width) U(height)        \
     U(masked) U(norm) F(across) F(down) F(weight) F(edge)
-/* Sums `width` floats of `count` groups, in a fixed order. */
+/* Sums `width` floats of `count` groups, in a fixed order: a workgroup each. */
 #define ARGS_loss_sums(P, U, F)                                                                    \
     P(Floats, from) P(Floats, to) U(count) U(width)
 /* Changes of the parameters in place: 0 = scales to at least `limit`, as stored; 1 = opacity to at

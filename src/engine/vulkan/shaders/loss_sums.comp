@@ -9,12 +9,11 @@ ARGUMENTS(loss_sums);
 
 void main()
 {
-    for (uint j = 0; j < a.width; j++) {
-        float sum = 0.0;
-        for (uint i = gl_LocalInvocationID.x; i < a.count; i += VK_GROUP)
-            sum += a.from.v[i * a.width + j];
-        const float all = group_sum(sum);
-        if (gl_LocalInvocationID.x == 0)
-            a.to.v[j] = all;
-    }
+    const uint j = group_index();
+    float sum = 0.0;
+    for (uint i = gl_LocalInvocationID.x; i < a.count; i += VK_GROUP)
+        sum += a.from.v[i * a.width + j];
+    const float all = group_sum(sum);
+    if (gl_LocalInvocationID.x == 0)
+        a.to.v[j] = all;
 }

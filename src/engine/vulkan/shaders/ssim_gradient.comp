@@ -3,6 +3,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "photo.glsl"
 #include "window.glsl"
 ARGUMENTS(ssim_gradient);
 
@@ -41,7 +42,7 @@ void main()
     float g = a.l1 * sign_of + a.dssim * (m.x + 2.0 * image * m.y + other * m.z);
     if (a.tolerant != 0 && sign_of == 0.0) /* no gradient where the target is the render itself */
         g = 0.0;
-    if (a.masked != 0 && a.photo.v[at] >> 24 == 0)
+    if (a.masked != 0 && !photo_counts(a.photo.v[at]))
         g = 0.0;
     a.gradient.v[p.channel * plane + at] = g;
 }

@@ -4,6 +4,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "photo.glsl"
 
 layout(local_size_x = VK_GROUP) in;
 ARGUMENTS(target);
@@ -17,8 +18,8 @@ void main()
     for (uint ch = 0; ch < 3; ch++) {
         const uint at = ch * a.pixels + i;
         const float x = a.image.v[at];
-        float t = a.planes != 0 ? a.given.v[at] : float(photo >> 8 * ch & 255) * (1.0 / 255.0);
-        if (a.masked != 0 && photo >> 24 == 0)
+        float t = a.planes != 0 ? a.given.v[at] : photo_value(photo, ch);
+        if (a.masked != 0 && !photo_counts(photo))
             t = x;
         if (a.tolerance > 0.0)
             t = r_min(r_max(x, t - a.tolerance), t + a.tolerance);

@@ -4,6 +4,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "photo.glsl"
 #include "sums.glsl"
 
 layout(local_size_x = VK_GROUP) in;
@@ -43,7 +44,7 @@ void main()
         const float g = a.gradient.v[i] +
                         a.weight * (a.down * (slope_of(above) - slope_of(below)) +
                                     a.across * (slope_of(before) - slope_of(after)));
-        a.gradient.v[i] = a.masked != 0 && a.photo.v[at] >> 24 == 0 ? 0.0 : g;
+        a.gradient.v[i] = a.masked != 0 && !photo_counts(a.photo.v[at]) ? 0.0 : g;
     }
     const float sum = group_sum(value);
     if (gl_LocalInvocationID.x == 0 && i < 3 * pixels)
