@@ -32,23 +32,27 @@
 #define SECTION ((size_t) 40) /* bytes of a section's head */
 #define AT_PLANES 24
 #define AT_BYTES 32
-#define SECTIONS 11 /* of 10 columns and the strategy */
+#define MOST_SECTIONS 16
 
 struct fixture {
     sg_ctx *ctx;
     struct sg_view views[2];
     struct sg_scene scene;
-    struct sg_model *start;
+    struct sg_train_params params;
+    struct sg_model *start; /* NULL: the trainer makes it */
     sg_trainer *trainer;
     char path[32];
     char *data; /* a sound checkpoint after 3 iterations */
     size_t size;
-    size_t at[SECTIONS + 1]; /* where its sections begin; where the last one ends */
+    int sections;                 /* columns, then the strategy, and of anchors the networks */
+    size_t at[MOST_SECTIONS + 1]; /* where its sections begin; where the last one ends */
 };
 
-static int setup(void **state)
+static int begin(void **state, struct sg_train_params params, int sections)
 {
     struct fixture *f = calloc(1, sizeof(*f));
+    f->params = params;
+    f->sections = sections;
     f->ctx = make_context(1);
     for (int v = 0; v < 2; v++) {
         f->views[v].name = (char *) "view";
@@ -59,8 +63,10 @@ static int setup(void **state)
     }
     f->scene =
         (struct sg_scene){.path = (char *) "memory", .train = f->views, .n_train = 2, .extent = 3};
-    f->start = make_model(f->ctx, 37, 1, 2);
-    assert_int_equal(sg_trainer_create(f->ctx, &f->scene, f->start, NULL, &f->trainer), SG_OK);
+    if (params.model == SG_MODEL_3DGS)
+        f->start = make_model(f->ctx, 37, 1, 2);
+    assert_int_equal(sg_trainer_create(f->ctx, &f->scene, f->start, &f->params, &f->trainer),
+                     SG_OK);
     for (int i = 0; i < 3; i++)
         assert_int_equal(sg_trainer_step(f->trainer, NULL), SG_OK);
     strcpy(f->path, "/tmp/sg_ckpt_XXXXXX");
@@ -68,14 +74,29 @@ static int setup(void **state)
     assert_int_equal(sg_trainer_save(f->trainer, f->path), SG_OK);
     f->data = slurp(f->path, &f->size);
     f->at[0] = HEADER;
-    for (int s = 0; s < SECTIONS; s++) {
+    for (int s = 0; s < sections; s++) {
         uint64_t bytes;
         memcpy(&bytes, f->data + f->at[s] + AT_BYTES, sizeof(bytes));
         f->at[s + 1] = f->at[s] + SECTION + (size_t) bytes;
     }
-    assert_int_equal(f->at[SECTIONS], f->size - 8);
+    assert_int_equal(f->at[sections], f->size - 8);
     *state = f;
     return 0;
+}
+
+static int setup(void **state)
+{
+    return begin(state, sg_train_params_default(), 11);
+}
+
+static int setup_anchors(void **state)
+{
+    struct sg_train_params p = sg_train_params_default();
+    p.model = SG_MODEL_SCAFFOLD;
+    p.init_points = 40;
+    p.densify_from_iter = 0;
+    p.scaffold.voxel = 0.05f;
+    return begin(state, p, MOST_SECTIONS);
 }
 
 static int teardown(void **state)
@@ -101,7 +122,7 @@ static void seal(char *data, size_t size)
 
 static int resume(struct fixture *f, const char *path, sg_trainer **out)
 {
-    return sg_trainer_resume(f->ctx, &f->scene, path, NULL, out);
+    return sg_trainer_resume(f->ctx, &f->scene, path, &f->params, out);
 }
 
 /* The file must be refused with a message that names it, and nothing may leak. */
@@ -217,29 +238,30 @@ static void spill_sections(struct fixture *f, const char *data, const int *order
     free(bad);
 }
 
-static const int in_order[] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10};
-
 /* Each section is needed; none may be there twice or be cut. */
 static void test_sections(void **state)
 {
     struct fixture *f = *state;
-    for (int s = 0; s < SECTIONS; s++) {
-        int order[SECTIONS + 1], n = 0;
+    for (int s = 0; s < f->sections; s++) {
+        int order[MOST_SECTIONS + 1], n = 0;
         char title[24];
         memcpy(title, f->data + f->at[s], sizeof(title));
-        for (int k = 0; k < SECTIONS; k++)
+        for (int k = 0; k < f->sections; k++)
             if (k != s)
                 order[n++] = k;
-        spill_sections(f, f->data, order, SECTIONS - 1);
+        spill_sections(f, f->data, order, (uint32_t) n);
         expect_refusal(f, "a section is missing");
         assert_non_null(strstr(sg_last_error(f->ctx), title));
         assert_non_null(strstr(sg_last_error(f->ctx), "found no section"));
-        memcpy(order, in_order, sizeof(in_order));
-        order[SECTIONS] = s;
-        spill_sections(f, f->data, order, SECTIONS + 1);
+        for (n = 0; n < f->sections; n++)
+            order[n] = n;
+        order[n++] = s;
+        spill_sections(f, f->data, order, (uint32_t) n);
         expect_refusal(f, "a section comes twice");
         assert_non_null(strstr(sg_last_error(f->ctx), title));
-        for (size_t size = f->at[s] + 1; size < f->at[s + 1]; size += 1 + SECTION / 2) {
+        const size_t step = 1 + SECTION / 2, content = f->at[s + 1] - f->at[s];
+        for (size_t size = f->at[s] + 1; size < f->at[s + 1];
+             size += size < f->at[s] + 1000 ? step : step + content / 9) {
             char *cut = malloc(size + 8);
             memcpy(cut, f->data, size);
             seal(cut, size + 8);
@@ -295,12 +317,12 @@ static void test_section_heads(void **state)
 static void test_section_order(void **state)
 {
     struct fixture *f = *state;
-    int order[SECTIONS];
+    int order[MOST_SECTIONS];
     size_t size;
     sg_trainer *t;
-    for (int s = 0; s < SECTIONS; s++)
-        order[s] = SECTIONS - 1 - s;
-    spill_sections(f, f->data, order, SECTIONS);
+    for (int s = 0; s < f->sections; s++)
+        order[s] = f->sections - 1 - s;
+    spill_sections(f, f->data, order, (uint32_t) f->sections);
     assert_int_equal(resume(f, f->path, &t), SG_OK);
     assert_int_equal(sg_trainer_save(t, f->path), SG_OK);
     sg_trainer_destroy(&t);
@@ -327,9 +349,15 @@ static void test_sealed_garbage(void **state)
     struct fixture *f = *state;
     char *bad = malloc(f->size);
     memcpy(bad, f->data, f->size);
-    for (size_t s = 0; s < SECTIONS - 1; s++) /* not of the strategy's state */
+    for (int s = 0; s < f->sections; s++) {
+        const char *title = f->data + f->at[s];
+        /* Anchors stay where views see them. */
+        const bool seen = !f->start && (!strcmp(title, "position") || !strcmp(title, "scale"));
+        if (seen || !strncmp(title, "strategy", 8) || !strcmp(title, "networks"))
+            continue;
         for (size_t i = f->at[s] + SECTION; i < f->at[s + 1]; i++)
             bad[i] = (char) (int) draw(5, i, -128, 127.9f);
+    }
     seal(bad, f->size);
     spill(f->path, bad, f->size);
     free(bad);
@@ -400,16 +428,60 @@ static void test_photos_hashed_once(void **state)
     free(again);
 }
 
+/* Networks are finite numbers, and have a voxel above 0. */
+static void test_networks(void **state)
+{
+    struct fixture *f = *state;
+    const size_t first = f->at[MOST_SECTIONS - 1] + SECTION, voxel = f->size - 8 - sizeof(float);
+    const struct {
+        size_t at;
+        float value;
+        const char *message;
+    } lies[] = {{first, NAN, "value 0 of nan"},
+                {first + 2 * 123 * sizeof(float), -INFINITY, "value 246 of -inf"},
+                {voxel - sizeof(float), INFINITY, "of inf"},
+                {voxel, 0, "of 0"},
+                {voxel, -1, "of -1"},
+                {voxel, NAN, "of nan"}};
+    for (size_t i = 0; i < sizeof(lies) / sizeof(lies[0]); i++) {
+        char *bad = malloc(f->size);
+        memcpy(bad, f->data, f->size);
+        memcpy(bad + lies[i].at, &lies[i].value, sizeof(float));
+        seal(bad, f->size);
+        spill(f->path, bad, f->size);
+        free(bad);
+        expect_refusal(f, lies[i].message);
+        if (!strstr(sg_last_error(f->ctx), "section \"networks\"") ||
+            !strstr(sg_last_error(f->ctx), lies[i].message))
+            fail_msg("\"%s\" does not have \"%s\"", sg_last_error(f->ctx), lies[i].message);
+    }
+}
+
 int main(void)
 {
 #define ONE(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
+#define OF_ANCHORS(test)                                                                           \
+    {                                                                                              \
+#test " (anchors)", test, setup_anchors, teardown, NULL                                    \
+    }
     const struct CMUnitTest tests[] = {
-        ONE(test_every_cut),        ONE(test_every_flip),
-        ONE(test_sealed_lies),      ONE(test_sections),
-        ONE(test_section_heads),    ONE(test_section_order),
-        ONE(test_version),          ONE(test_sealed_garbage),
-        ONE(test_other_files),      ONE(test_photos_hashed_once),
+        ONE(test_every_cut),
+        ONE(test_every_flip),
+        ONE(test_sealed_lies),
+        ONE(test_sections),
+        ONE(test_section_heads),
+        ONE(test_section_order),
+        ONE(test_version),
+        ONE(test_sealed_garbage),
+        ONE(test_other_files),
+        ONE(test_photos_hashed_once),
         ONE(test_other_parameters),
+        OF_ANCHORS(test_every_cut),
+        OF_ANCHORS(test_every_flip),
+        OF_ANCHORS(test_sections),
+        OF_ANCHORS(test_section_order),
+        OF_ANCHORS(test_sealed_garbage),
+        OF_ANCHORS(test_networks),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
