@@ -119,6 +119,45 @@ static void test_threads(void **state)
     unlink(path);
 }
 
+/* On every engine: the same bytes from any number of threads, and the losses of the oracle, also
+ * where anchors grow and masks leave pixels out. */
+static void test_engines(void **state)
+{
+    (void) state;
+    struct engine_case cases[ENGINE_CASES];
+    struct course expected;
+    static uint8_t mask[SIDE * SIDE];
+    const int n = engine_cases(cases);
+    for (int i = 0; i < SIDE * SIDE; i++)
+        mask[i] = i % SIDE < SIDE / 2;
+    for (int k = n - 1; k >= 0; k--) { /* the oracle first */
+        struct sg_model *m[2];
+        if (!strncmp(cases[k].engine, "vulkan", 6))
+            continue;
+        for (int threads = 1; threads <= 2; threads++) {
+            struct fixture f = make_points(3 * threads - 2);
+            struct sg_train_params p = scaffold_params();
+            struct course course;
+            p.engine = cases[k].engine, p.cpu = cases[k].variant;
+            f.views[1].mask = mask;
+            sg_trainer *t = begin(&f, &p);
+            m[threads - 1] = run(&f, t, 16, &course);
+            assert_true(course.gaussians[15] > course.gaussians[0]);
+            if (k == n - 1)
+                expected = course;
+            for (int i = 0; i < 16; i++)
+                if (!(fabs(course.loss[i] - expected.loss[i]) < 1e-3 * expected.loss[i]))
+                    fail_msg("%s: iteration %d: loss %g, expected %g", case_name(cases[k]), i + 1,
+                             course.loss[i], expected.loss[i]);
+            sg_trainer_destroy(&t);
+            clear_points(&f);
+        }
+        assert_same_anchors(m[0], m[1]);
+        sg_model_destroy(&m[0]);
+        sg_model_destroy(&m[1]);
+    }
+}
+
 /* A resumed run has the bytes of one that was not interrupted. */
 static void test_resume(void **state)
 {
@@ -362,9 +401,10 @@ static void test_refused(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_threads), cmocka_unit_test(test_resume),
-        cmocka_unit_test(test_steps),   cmocka_unit_test(test_nothing_drawn),
-        cmocka_unit_test(test_limits),  cmocka_unit_test(test_memory),
-        cmocka_unit_test(test_filter),  cmocka_unit_test(test_refused)};
+        cmocka_unit_test(test_threads),       cmocka_unit_test(test_engines),
+        cmocka_unit_test(test_resume),        cmocka_unit_test(test_steps),
+        cmocka_unit_test(test_nothing_drawn), cmocka_unit_test(test_limits),
+        cmocka_unit_test(test_memory),        cmocka_unit_test(test_filter),
+        cmocka_unit_test(test_refused)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
