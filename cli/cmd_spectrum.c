@@ -61,18 +61,18 @@ static int print_json(const struct sg_spectrum_image *images, int n, const char 
         const struct sg_spectrum *s = &images[k].spectrum;
         json_array_append_new(
             list,
-            json_pack("{s:o,s:i,s:i,s:f,s:f,s:f,s:o,s:o,s:o}", "image", text_json(paths[k]),
-                      "width", images[k].picture.width, "height", images[k].picture.height,
-                      "entropy", s->entropy, "anisotropy", s->anisotropy, "band_share",
-                      s->band_share, "total_variation",
-                      json_pack("{s:f,s:f}", "aniso",
-                                sg_total_variation(images[k].picture.rgb, images[k].picture.width,
-                                                   images[k].picture.height, SG_TV_ANISO),
-                                "vertical2",
-                                sg_total_variation(images[k].picture.rgb, images[k].picture.width,
-                                                   images[k].picture.height, SG_TV_VERTICAL2)),
-                      "angular", numbers_json(s->angular, s->bins), "radial",
-                      numbers_json(s->radial, SG_SPECTRUM_RINGS)));
+            json_pack(
+                "{s:o,s:i,s:i,s:f,s:f,s:f,s:o,s:o,s:o}", "image", text_json(paths[k]), "width",
+                images[k].picture.width, "height", images[k].picture.height, "entropy", s->entropy,
+                "anisotropy", s->anisotropy, "band_share", s->band_share, "total_variation",
+                json_pack("{s:f,s:f}", "aniso",
+                          sg_total_variation(images[k].picture.rgb, images[k].picture.width,
+                                             images[k].picture.height, SG_ATTACK_TV_ANISO),
+                          "vertical2",
+                          sg_total_variation(images[k].picture.rgb, images[k].picture.width,
+                                             images[k].picture.height, SG_ATTACK_TV_VERTICAL2)),
+                "angular", numbers_json(s->angular, s->bins), "radial",
+                numbers_json(s->radial, SG_SPECTRUM_RINGS)));
     }
     return json_print(list, 2);
 }
@@ -82,10 +82,11 @@ static int print_lines(const struct sg_spectrum_image *images, int n, const char
     for (int k = 0; k < n; k++) {
         const struct sg_spectrum *s = &images[k].spectrum;
         const double both = sg_total_variation(images[k].picture.rgb, images[k].picture.width,
-                                               images[k].picture.height, SG_TV_ANISO);
-        const double vertical = sg_total_variation(images[k].picture.rgb, images[k].picture.width,
-                                                   images[k].picture.height, SG_TV_VERTICAL2) /
-                                2;
+                                               images[k].picture.height, SG_ATTACK_TV_ANISO);
+        const double vertical =
+            sg_total_variation(images[k].picture.rgb, images[k].picture.width,
+                               images[k].picture.height, SG_ATTACK_TV_VERTICAL2) /
+            2;
         say(stdout,
             "%s: %d x %d, anisotropy %.4f, %.3f %% of the energy in the band, total variation %.2f "
             "down + %.2f across\n",

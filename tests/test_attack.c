@@ -11,7 +11,7 @@
 
 static const char *const form_names[] = {"vertical2", "aniso", "iso"};
 
-static double tv_of_channel(const double *plane, int w, int h, enum sg_tv_form form)
+static double tv_of_channel(const double *plane, int w, int h, enum sg_attack_tv form)
 {
     double sum = 0;
     for (int y = 0; y < h; y++)
@@ -19,9 +19,9 @@ static double tv_of_channel(const double *plane, int w, int h, enum sg_tv_form f
             const double here = plane[y * w + x];
             const double v = y + 1 < h ? plane[(y + 1) * w + x] - here : 0;
             const double u = x + 1 < w ? plane[y * w + x + 1] - here : 0;
-            sum += form == SG_TV_VERTICAL2 ? 2 * fabs(v)
-                   : form == SG_TV_ANISO   ? fabs(v) + fabs(u)
-                                           : sqrt(v * v + u * u + 1e-12);
+            sum += form == SG_ATTACK_TV_VERTICAL2 ? 2 * fabs(v)
+                   : form == SG_ATTACK_TV_ANISO   ? fabs(v) + fabs(u)
+                                                  : sqrt(v * v + u * u + 1e-12);
         }
     return sum;
 }
@@ -31,19 +31,19 @@ static void test_gradients(void **state)
 {
     (void) state;
     enum { W = 7, H = 5 };
-    for (int form = SG_TV_VERTICAL2; form <= SG_TV_ISO; form++) {
+    for (int form = SG_ATTACK_TV_VERTICAL2; form <= SG_ATTACK_TV_ISO; form++) {
         double exact[W * H];
         float plane[W * H], found[W];
         for (int i = 0; i < W * H; i++)
             exact[i] = (double) (plane[i] = draw(3, (uint64_t) i, 0, 1));
         for (int y = 0; y < H; y++) {
-            sg_tv_gradient_row(plane, W, H, y, (enum sg_tv_form) form, found);
+            sg_tv_gradient_row(plane, W, H, y, (enum sg_attack_tv) form, found);
             for (int x = 0; x < W; x++) {
                 const double kept = exact[y * W + x], step = 1e-5;
                 exact[y * W + x] = kept + step;
-                const double more = tv_of_channel(exact, W, H, (enum sg_tv_form) form);
+                const double more = tv_of_channel(exact, W, H, (enum sg_attack_tv) form);
                 exact[y * W + x] = kept - step;
-                const double less = tv_of_channel(exact, W, H, (enum sg_tv_form) form);
+                const double less = tv_of_channel(exact, W, H, (enum sg_attack_tv) form);
                 exact[y * W + x] = kept;
                 const double expected = (more - less) / (2 * step);
                 if (!(fabs((double) found[x] - expected) < 2e-3))
@@ -64,10 +64,10 @@ static void test_ramps(void **state)
     for (int i = 0; i < N * N; i++)
         along[i] = (float) (i % N) / N, down[i] = (float) (i / N) / N;
     for (int y = 0; y < N; y++) {
-        sg_tv_gradient_row(along, N, N, y, SG_TV_VERTICAL2, g);
+        sg_tv_gradient_row(along, N, N, y, SG_ATTACK_TV_VERTICAL2, g);
         for (int x = 0; x < N; x++)
             assert_true(g[x] == 0);
-        sg_tv_gradient_row(down, N, N, y, SG_TV_VERTICAL2, g);
+        sg_tv_gradient_row(down, N, N, y, SG_ATTACK_TV_VERTICAL2, g);
         for (int x = 0; x < N; x++)
             assert_true(g[x] == (y == 0 ? -2.0f : y == N - 1 ? 2.0f : 0));
     }
@@ -90,7 +90,7 @@ static void test_ascent(void **state)
         assert_int_equal(sg_engine_create(ctx, cases[v].engine, cases[v].variant, &engines[v]),
                          SG_OK);
     ref = engines[n];
-    for (int form = SG_TV_VERTICAL2; form <= SG_TV_ISO; form++)
+    for (int form = SG_ATTACK_TV_VERTICAL2; form <= SG_ATTACK_TV_ISO; form++)
         for (uint64_t seed = 0; seed < 12; seed++) {
             const float epsilon = seed % 4 == 3 ? INFINITY : (float) (8 * (seed % 4)) / 255;
             for (uint64_t i = 0; i < VALUES; i++) {
@@ -102,17 +102,17 @@ static void test_ascent(void **state)
             struct ascent a = {.epsilon = epsilon,
                                .step = 2 / 255.0f,
                                .steps = (int) (seed * 3),
-                               .form = (enum sg_tv_form) form,
+                               .form = (enum sg_attack_tv) form,
                                .bound = seed % 3 == 2 ? bound : NULL};
             memcpy(x[0], start, sizeof(start));
             assert_int_equal(sg_ascend(ref, &a, photo, W, H, x[0], scratch), SG_OK);
             for (int v = 0; v < n; v++) {
                 memcpy(x[1], start, sizeof(start));
-                a.steps = form == SG_TV_ISO && seed
+                a.steps = form == SG_ATTACK_TV_ISO && seed
                               ? 1
                               : (int) (seed * 3); /* rounding decides signs of nearly 0 */
                 assert_int_equal(sg_ascend(engines[v], &a, photo, W, H, x[1], scratch), SG_OK);
-                if (form != SG_TV_ISO)
+                if (form != SG_ATTACK_TV_ISO)
                     assert_memory_equal(x[0], x[1], sizeof(start));
                 memcpy(oracle, start, sizeof(start));
                 assert_int_equal(sg_ascend(ref, &a, photo, W, H, oracle, scratch), SG_OK);
@@ -168,7 +168,7 @@ static void test_spectral(void **state)
         struct sg_engine *e;
         assert_int_equal(sg_engine_create(ctx, cases[v].engine, cases[v].variant, &e), SG_OK);
         for (int with = 0; with < 2; with++) {
-            const struct ascent a = {16 / 255.0f, 2 / 255.0f,         10, SG_TV_VERTICAL2,
+            const struct ascent a = {16 / 255.0f, 2 / 255.0f,         10, SG_ATTACK_TV_VERTICAL2,
                                      NULL,        with ? loss : NULL, 3,  extra};
             memcpy(x, photo, sizeof(x));
             assert_int_equal(sg_ascend(e, &a, photo, W, H, x, scratch), SG_OK);
@@ -190,9 +190,11 @@ static void test_byte_variation(void **state)
     (void) state;
     /* 2 x 2 pixels of grey 10 20 / 40 80 */
     const uint8_t rgb[12] = {10, 10, 10, 20, 20, 20, 40, 40, 40, 80, 80, 80};
-    assert_float_equal(sg_total_variation(rgb, 2, 2, SG_TV_VERTICAL2), 2 * (30 + 60) / 4.0, 1e-9);
-    assert_float_equal(sg_total_variation(rgb, 2, 2, SG_TV_ANISO), (30 + 60 + 10 + 40) / 4.0, 1e-9);
-    assert_float_equal(sg_total_variation(rgb, 2, 2, SG_TV_ISO),
+    assert_float_equal(sg_total_variation(rgb, 2, 2, SG_ATTACK_TV_VERTICAL2), 2 * (30 + 60) / 4.0,
+                       1e-9);
+    assert_float_equal(sg_total_variation(rgb, 2, 2, SG_ATTACK_TV_ANISO), (30 + 60 + 10 + 40) / 4.0,
+                       1e-9);
+    assert_float_equal(sg_total_variation(rgb, 2, 2, SG_ATTACK_TV_ISO),
                        (sqrt(30 * 30 + 100) + 60 + 40) / 4.0, 1e-9);
 }
 
@@ -305,7 +307,7 @@ static void test_texture(void **state)
         uint8_t *rgb[2] = {malloc((size_t) values), malloc((size_t) values)};
         for (int method = SG_NAIVE_NOISE; method <= SG_NAIVE_TV; method++) {
             const struct sg_attack_params *p =
-                sg_attack_params(.texture = 6, .inner = 30, .tv = SG_TV_ANISO);
+                sg_attack_params(.texture = 6, .inner = 30, .tv = SG_ATTACK_TV_ANISO);
             int reached = 0, changed = 0, full = 0;
             naive(1, &photo, 1, p, (enum sg_naive_attack) method, rgb[0]);
             naive(3, &photo, 1, p, (enum sg_naive_attack) method, rgb[1]);
@@ -391,8 +393,8 @@ static size_t advance(struct fixture *f, sg_attack *a, int steps)
 static void test_bounded(void **state)
 {
     struct fixture *f = *state;
-    for (int form = SG_TV_VERTICAL2; form <= SG_TV_ISO; form++) {
-        sg_attack *a = begin(f, &(struct sg_attack_params){SHORT, .tv = (enum sg_tv_form) form});
+    for (int form = SG_ATTACK_TV_VERTICAL2; form <= SG_ATTACK_TV_ISO; form++) {
+        sg_attack *a = begin(f, &(struct sg_attack_params){SHORT, .tv = (enum sg_attack_tv) form});
         const size_t grown = advance(f, a, 200);
         if (!(grown > f->proxy->count * 5 / 4))
             fail_msg("%s: %zu Gaussians from %zu", form_names[form], grown, f->proxy->count);
@@ -406,8 +408,8 @@ static void test_bounded(void **state)
                            : most;
             assert_true(most <= 16 && most >= 8);
             assert_true(
-                sg_total_variation(poison, SIDE, SIDE, (enum sg_tv_form) form) >
-                1.05 * sg_total_variation(f->views[v].rgb, SIDE, SIDE, (enum sg_tv_form) form));
+                sg_total_variation(poison, SIDE, SIDE, (enum sg_attack_tv) form) >
+                1.05 * sg_total_variation(f->views[v].rgb, SIDE, SIDE, (enum sg_attack_tv) form));
         }
         sg_attack_destroy(&a);
     }

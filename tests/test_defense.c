@@ -326,10 +326,10 @@ static void test_losses(void **state)
         }
         assert_true(sum[1] < 0.9 * sum[0]);
     }
-    for (int norm = SG_TV_NORM_L2; norm <= SG_TV_NORM_HUBER; norm++) {
+    for (int norm = SG_TV_PENALTY_L2; norm <= SG_TV_PENALTY_HUBER; norm++) {
         struct sg_train_params p = defended();
         struct sg_train_step s;
-        p.defense.tv = (enum sg_tv_norm) norm;
+        p.defense.tv = (enum sg_tv_penalty) norm;
         sg_trainer *t = begin_training(&f, &p);
         assert_int_equal(sg_trainer_step(t, &s), SG_OK);
         sg_trainer_destroy(&t);

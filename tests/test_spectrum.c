@@ -362,33 +362,34 @@ static void test_total_variation(void **state)
         const int w = turned ? 23 : 37, h = turned ? 37 : 23;
         for (int i = 0; i < 3 * 37 * 23; i++)
             x[i] = 0.01f * (float) (turned ? i % w : i % (w * h) / w);
-        assert_float_equal(sg_tv_loss(ctx, x, w, h, SG_TV_NORM_L1, 1, NULL, rows), 0.01, 1e-6);
-        assert_float_equal(sg_tv_loss(ctx, x, w, h, SG_TV_NORM_L2, 1, NULL, rows), 1e-4, 1e-8);
-        assert_float_equal(sg_tv_loss(ctx, x, w, h, SG_TV_NORM_HUBER, 1, NULL, rows), 1e-4, 1e-8);
+        assert_float_equal(sg_tv_loss(ctx, x, w, h, SG_TV_PENALTY_L1, 1, NULL, rows), 0.01, 1e-6);
+        assert_float_equal(sg_tv_loss(ctx, x, w, h, SG_TV_PENALTY_L2, 1, NULL, rows), 1e-4, 1e-8);
+        assert_float_equal(sg_tv_loss(ctx, x, w, h, SG_TV_PENALTY_HUBER, 1, NULL, rows), 1e-4,
+                           1e-8);
     }
     const float jump[] = {0,    0.5f, 0,
                           0.5f, 0,    0.5f}; /* beyond Huber's edge, from where on it is straight */
     const double edge = (double) SG_TV_EDGE;
-    assert_float_equal(sg_tv_loss(ctx, jump, 2, 1, SG_TV_NORM_HUBER, 1, NULL, rows),
+    assert_float_equal(sg_tv_loss(ctx, jump, 2, 1, SG_TV_PENALTY_HUBER, 1, NULL, rows),
                        edge - edge * edge, 1e-6);
     for (int i = 0; i < MOST; i++)
         x[i] = draw(4, (uint64_t) i, 0, 1);
     for (int k = 0; k < 8; k++)
-        for (int norm = SG_TV_NORM_L2; norm <= SG_TV_NORM_HUBER; norm++) {
+        for (int norm = SG_TV_PENALTY_L2; norm <= SG_TV_PENALTY_HUBER; norm++) {
             const int w = sizes[k][0], h = sizes[k][1], n = 3 * w * h;
             memset(g, 0, sizeof(g));
-            sg_tv_loss(ctx, x, w, h, (enum sg_tv_norm) norm, 3, g, rows);
+            sg_tv_loss(ctx, x, w, h, (enum sg_tv_penalty) norm, 3, g, rows);
             float steepest = 0;
             for (int i = 0; i < n; i++)
                 steepest = fmaxf(steepest, fabsf(g[i]));
             for (int i = 0, step_of = n > 500 ? 41 : 1; i < n; i += step_of) {
                 const float kept = x[i],
-                            step = norm == SG_TV_NORM_L2 ? 0.01f : 1e-4f; /* no kink within it */
+                            step = norm == SG_TV_PENALTY_L2 ? 0.01f : 1e-4f; /* no kink within it */
                 double change = 0;
                 for (int side = -1; side <= 1; side += 2) {
                     x[i] = kept + (float) side * step;
-                    change +=
-                        3 * side * sg_tv_loss(ctx, x, w, h, (enum sg_tv_norm) norm, 3, NULL, rows);
+                    change += 3 * side *
+                              sg_tv_loss(ctx, x, w, h, (enum sg_tv_penalty) norm, 3, NULL, rows);
                 }
                 x[i] = kept;
                 change /= 2 * (double) step;
@@ -398,7 +399,7 @@ static void test_total_variation(void **state)
             }
         }
     const float one[3] = {0.1f, 0.2f, 0.3f}; /* a single pixel varies nowhere */
-    assert_true(sg_tv_loss(ctx, one, 1, 1, SG_TV_NORM_L2, 1, NULL, rows) == 0);
+    assert_true(sg_tv_loss(ctx, one, 1, 1, SG_TV_PENALTY_L2, 1, NULL, rows) == 0);
     sg_ctx_destroy(&ctx);
 }
 
@@ -410,7 +411,7 @@ static void test_image_losses(void **state)
     struct sg_image_losses losses = {0};
     const struct sg_loss each[2] = {
         {SG_LOSS_ANISOTROPY, 2, {.anisotropy = {SG_ANISOTROPY_DEFAULTS}}},
-        {SG_LOSS_TOTAL_VARIATION, 3, {.total_variation = SG_TV_NORM_HUBER}},
+        {SG_LOSS_TOTAL_VARIATION, 3, {.total_variation = SG_TV_PENALTY_HUBER}},
     };
     float x[3 * 400], g[3 * 400], expected[3 * 400];
     double rows[6 * 40], found[2];
@@ -424,7 +425,7 @@ static void test_image_losses(void **state)
                 g[i] = expected[i] = 0.5f;
             assert_int_equal(sg_anisotropy_create(ctx, side, 20, NULL, NULL, &a), SG_OK);
             const double ani = sg_anisotropy_loss(a, x, 2, expected);
-            const double tv = sg_tv_loss(ctx, x, side, 20, SG_TV_NORM_HUBER, 3, expected, rows);
+            const double tv = sg_tv_loss(ctx, x, side, 20, SG_TV_PENALTY_HUBER, 3, expected, rows);
             sg_anisotropy_destroy(&a);
             for (int k = 0; k < 2; k++)
                 assert_int_equal(

@@ -17,10 +17,10 @@ struct sg_attack_params {
     /* Bound on |poison - photo| for values in [0, 1]; INFINITY = none. A multiple of 1/255 is kept
      * to the byte. Default 16/255. */
     float epsilon;
-    int iterations;     /* views visited. 1..10 million. Default 36000. */
-    int inner;          /* ascent steps per visit, 0..1000. Default 15. */
-    float step;         /* size of an ascent step. Default 2/255. */
-    enum sg_tv_form tv; /* Default SG_TV_VERTICAL2. */
+    int iterations;       /* views visited. 1..10 million. Default 36000. */
+    int inner;            /* ascent steps per visit, 0..1000. Default 15. */
+    float step;           /* size of an ascent step. Default 2/255. */
+    enum sg_attack_tv tv; /* Default SG_ATTACK_TV_VERTICAL2. */
     /* Against a spectral defense: the ascent also lowers the anisotropy loss of the image (band and
      * directions of SG_SPECTRUM_DEFAULTS). Its gradient is scaled to a mean magnitude of this
      * weight; each neighbour adds 1 to the gradient of the total variation. 0..1e6. Default 0. */
@@ -139,9 +139,6 @@ SG_API int sg_attack_naive(sg_ctx *ctx, const struct sg_view *view, uint64_t ind
                            const struct sg_attack_params *params, enum sg_naive_attack method,
                            uint8_t *rgb);
 
-/* A number in [0, 1) per view, for choosing which views to poison. */
-SG_API float sg_attack_draw(uint64_t seed, uint64_t view);
-
 /* How a poisoned copy of a scene is written. */
 struct sg_poison_files {
     enum sg_poison_save {
@@ -160,7 +157,7 @@ struct sg_poison_report {
     char *file;                 /* below the folder; owned by the report: sg_poison_report_clear */
     double linf;                /* largest difference in the file as written, in grey levels */
     double psnr;                /* dB; 100 for equal images */
-    double tv_before, tv_after; /* sg_total_variation of photo and file, SG_TV_ANISO */
+    double tv_before, tv_after; /* sg_total_variation of photo and file, SG_ATTACK_TV_ANISO */
 };
 SG_API void sg_poison_report_clear(struct sg_poison_report *report);
 
@@ -180,7 +177,7 @@ SG_API int sg_poisoned_scene_image(sg_ctx *ctx, const struct sg_scene *scene,
                                    struct sg_poison_report *report);
 
 /* Total variation of height x width x 3 bytes: mean over the values, in grey levels. */
-SG_API double sg_total_variation(const uint8_t *rgb, int width, int height, enum sg_tv_form form);
+SG_API double sg_total_variation(const uint8_t *rgb, int width, int height, enum sg_attack_tv form);
 
 #ifdef __cplusplus
 }

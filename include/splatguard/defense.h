@@ -63,13 +63,13 @@ struct sg_defense_params {
     const float *view_weights;
     double anisotropy_scale; /* Default 0.005: docs/design/defense.md has the measurements. */
     double tv_scale;         /* Default 1. */
-    enum sg_tv_norm tv;      /* Default SG_TV_NORM_HUBER. */
+    enum sg_tv_penalty tv;   /* Default SG_TV_PENALTY_HUBER. */
     struct sg_anisotropy_params spectrum;
 };
 
 #define SG_DEFENSE_DEFAULTS                                                                        \
     .rho = 0.03, .frequency = 8, .exponent = 2, .views = 48, .interval = 100, .from = -1,          \
-    .until = -1, .lambda = 4, .anisotropy_scale = 0.005, .tv_scale = 1, .tv = SG_TV_NORM_HUBER,    \
+    .until = -1, .lambda = 4, .anisotropy_scale = 0.005, .tv_scale = 1, .tv = SG_TV_PENALTY_HUBER, \
     .spectrum = {SG_ANISOTROPY_DEFAULTS}
 SG_API struct sg_defense_params sg_defense_params_default(void);
 

@@ -12,7 +12,7 @@ struct ascent {
     float epsilon; /* INFINITY: no bound but [0, 1] */
     float step;
     int steps;
-    enum sg_tv_form form;
+    enum sg_attack_tv form;
     const float *bound;             /* a plane: the epsilon of each pixel instead; or NULL */
     struct sg_anisotropy *spectral; /* NULL, or a loss to lower too, of this image size */
     float spectral_weight;

@@ -8,11 +8,6 @@
 #include "scene/photo.h"
 #include "splatguard/eval.h"
 
-float sg_attack_draw(uint64_t seed, uint64_t view)
-{
-    return sg_rng_uniform(seed, SG_RNG_POISONED, 0, view);
-}
-
 static float within(float low, float v, float high)
 {
     return fminf(fmaxf(v, low), high);

@@ -24,7 +24,7 @@
 #define DECOY GROUP("Proxy and decoy")
 
 /* Choices are indices of enums. */
-_Static_assert(SG_TV_VERTICAL2 == 0 && SG_TV_ANISO == 1 && SG_TV_ISO == 2,
+_Static_assert(SG_ATTACK_TV_VERTICAL2 == 0 && SG_ATTACK_TV_ANISO == 1 && SG_ATTACK_TV_ISO == 2,
                "the order of the attack's choices");
 
 static const struct sg_option attack_options[] = {

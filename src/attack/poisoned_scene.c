@@ -247,8 +247,8 @@ static int measure(sg_ctx *ctx, const struct sg_view *view, const char *path,
     }
     report->linf = largest;
     report->psnr = fmin(sg_psnr_u8(rgb, image.pixels, w, h), 100);
-    report->tv_before = sg_total_variation(rgb, w, h, SG_TV_ANISO);
-    report->tv_after = sg_total_variation(image.pixels, w, h, SG_TV_ANISO);
+    report->tv_before = sg_total_variation(rgb, w, h, SG_ATTACK_TV_ANISO);
+    report->tv_after = sg_total_variation(image.pixels, w, h, SG_ATTACK_TV_ANISO);
     sg_view_release(view);
 done:
     sg_image_clear(&image);

@@ -269,11 +269,11 @@ int sg_engine_weigh_hits(struct sg_engine *e, const struct sg_camera *const *vie
 
 /* One step up the total variation of an image, all in host memory, 3 planes each:
  * to = clamp(photo + clamp(from + step sgn(dTV/dfrom + extra) - photo, -epsilon, epsilon), 0,
- * 1), where dTV is half of its value in SG_TV_VERTICAL2: in every form a neighbour adds at most
- * 1. */
+ * 1), where dTV is half of its value in SG_ATTACK_TV_VERTICAL2: in every form a neighbour adds at
+ * most 1. */
 struct sg_ascend {
     float epsilon, step;
-    enum sg_tv_form form;
+    enum sg_attack_tv form;
     int width, height;
     const float *photo, *from;
     const float *bound; /* NULL, or a plane: the epsilon of each pixel */

@@ -25,7 +25,7 @@ struct sg_target {
 #define SG_IMAGE_LOSSES(L)                                                                         \
     /* of its spectrum; the same parameters in all calls */                                        \
     L(ANISOTROPY, anisotropy, struct sg_anisotropy_params)                                         \
-    L(TOTAL_VARIATION, total_variation, enum sg_tv_norm)
+    L(TOTAL_VARIATION, total_variation, enum sg_tv_penalty)
 
 enum sg_loss_kind {
     SG_LOSS_PHOTOMETRIC,

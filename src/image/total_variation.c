@@ -15,7 +15,7 @@ struct tv_job {
     float *gradient;
     int width, height;
     float vertical, horizontal; /* weight of a difference's gradient */
-    enum sg_tv_norm norm;
+    enum sg_tv_penalty norm;
     double *rows; /* per row: vertical and horizontal sums */
 };
 
@@ -27,22 +27,22 @@ static inline float cut(float d)
     return 0.5f * (fabsf(d + SG_TV_EDGE) - fabsf(d - SG_TV_EDGE));
 }
 
-static inline float norm_of(float d, enum sg_tv_norm norm)
+static inline float norm_of(float d, enum sg_tv_penalty norm)
 {
-    return norm == SG_TV_NORM_L2   ? d * d
-           : norm == SG_TV_NORM_L1 ? fabsf(d)
-                                   : cut(d) * (2 * d - cut(d));
+    return norm == SG_TV_PENALTY_L2   ? d * d
+           : norm == SG_TV_PENALTY_L1 ? fabsf(d)
+                                      : cut(d) * (2 * d - cut(d));
 }
 
-static inline float slope_of(float d, enum sg_tv_norm norm)
+static inline float slope_of(float d, enum sg_tv_penalty norm)
 {
-    return norm == SG_TV_NORM_L2   ? 2 * d
-           : norm == SG_TV_NORM_L1 ? (float) ((d > 0) - (d < 0))
-                                   : 2 * cut(d);
+    return norm == SG_TV_PENALTY_L2   ? 2 * d
+           : norm == SG_TV_PENALTY_L1 ? (float) ((d > 0) - (d < 0))
+                                      : 2 * cut(d);
 }
 
 /* Sum over x of the norm of b - a. */
-static inline double row_sum(const float *a, const float *b, int n, enum sg_tv_norm norm)
+static inline double row_sum(const float *a, const float *b, int n, enum sg_tv_penalty norm)
 {
     float part[LANES] = {0};
     double sum = 0;
@@ -60,7 +60,7 @@ static inline double row_sum(const float *a, const float *b, int n, enum sg_tv_n
 /* Adds the gradient of n pixels, given with those around them. */
 static inline void add_pull(const struct tv_job *j, const float *here, const float *above,
                             const float *below, const float *left, const float *right, int n,
-                            enum sg_tv_norm norm, float *restrict to)
+                            enum sg_tv_penalty norm, float *restrict to)
 {
     const float vertical = j->vertical, horizontal = j->horizontal;
     for (int x = 0; x < n; x++)
@@ -71,7 +71,7 @@ static inline void add_pull(const struct tv_job *j, const float *here, const flo
 
 /* Beyond the border the image repeats its last row or column, so differences and gradients are 0
  * there. */
-static inline void row_of(const struct tv_job *j, size_t r, enum sg_tv_norm norm)
+static inline void row_of(const struct tv_job *j, size_t r, enum sg_tv_penalty norm)
 {
     const int w = j->width, y = (int) (r % (size_t) j->height), last = w - 1;
     const float *row = j->planes + r * (size_t) w;
@@ -94,18 +94,18 @@ static void tv_row(void *arg, size_t r, int thread)
     (void) thread;
     const struct tv_job *j = arg;
     switch (j->norm) {
-    case SG_TV_NORM_L2:
-        row_of(j, r, SG_TV_NORM_L2);
+    case SG_TV_PENALTY_L2:
+        row_of(j, r, SG_TV_PENALTY_L2);
         return;
-    case SG_TV_NORM_L1:
-        row_of(j, r, SG_TV_NORM_L1);
+    case SG_TV_PENALTY_L1:
+        row_of(j, r, SG_TV_PENALTY_L1);
         return;
     default:
-        row_of(j, r, SG_TV_NORM_HUBER);
+        row_of(j, r, SG_TV_PENALTY_HUBER);
     }
 }
 
-double sg_tv_loss(sg_ctx *ctx, const float *planes, int width, int height, enum sg_tv_norm norm,
+double sg_tv_loss(sg_ctx *ctx, const float *planes, int width, int height, enum sg_tv_penalty norm,
                   double weight, float *gradient, double *rows)
 {
     const double vertical = 3.0 * (height - 1) * width, horizontal = 3.0 * height * (width - 1);
@@ -145,13 +145,13 @@ static float iso_weight(const float *row, const float *below, int width, int i)
     return 1 / sqrtf(v * v + h * h + SG_TV_ISO_FLOOR);
 }
 
-void sg_tv_gradient_row(const float *plane, int width, int height, int y, enum sg_tv_form form,
+void sg_tv_gradient_row(const float *plane, int width, int height, int y, enum sg_attack_tv form,
                         float *out)
 {
     const float *row = plane + (size_t) y * (size_t) width;
     const float *above = y > 0 ? row - width : row,
                 *below = y + 1 < height ? row + width : row; /* none: no difference */
-    if (form == SG_TV_ISO) {
+    if (form == SG_ATTACK_TV_ISO) {
         for (int i = 0; i < width; i++) {
             const float own =
                 -((below[i] - row[i]) + across(row, width, i)) * iso_weight(row, below, width, i);
@@ -161,10 +161,10 @@ void sg_tv_gradient_row(const float *plane, int width, int height, int y, enum s
         }
         return;
     }
-    const float weight = form == SG_TV_VERTICAL2 ? 2 : 1;
+    const float weight = form == SG_ATTACK_TV_VERTICAL2 ? 2 : 1;
     for (int i = 0; i < width; i++)
         out[i] = weight * (sign(row[i] - above[i]) + sign(row[i] - below[i]));
-    if (form == SG_TV_ANISO)
+    if (form == SG_ATTACK_TV_ANISO)
         for (int i = 0; i < width; i++)
             out[i] += (i > 0 ? sign(row[i] - row[i - 1]) : 0) - sign(across(row, width, i));
 }
@@ -172,7 +172,7 @@ void sg_tv_gradient_row(const float *plane, int width, int height, int y, enum s
 struct variation {
     const float *planes;
     int width, height;
-    enum sg_tv_form form;
+    enum sg_attack_tv form;
     double *rows;
 };
 
@@ -186,14 +186,14 @@ static void variation_row(void *arg, size_t r, int thread)
     double sum = 0;
     for (int i = 0; i < w; i++) {
         const double v = (double) (below[i] - row[i]), h = (double) across(row, w, i);
-        sum += j->form == SG_TV_VERTICAL2 ? 2 * fabs(v)
-               : j->form == SG_TV_ANISO   ? fabs(v) + fabs(h)
-                                          : sqrt(v * v + h * h + (double) SG_TV_ISO_FLOOR);
+        sum += j->form == SG_ATTACK_TV_VERTICAL2 ? 2 * fabs(v)
+               : j->form == SG_ATTACK_TV_ANISO   ? fabs(v) + fabs(h)
+                                                 : sqrt(v * v + h * h + (double) SG_TV_ISO_FLOOR);
     }
     j->rows[r] = sum;
 }
 
-double sg_tv_planes(sg_ctx *ctx, const float *planes, int width, int height, enum sg_tv_form form,
+double sg_tv_planes(sg_ctx *ctx, const float *planes, int width, int height, enum sg_attack_tv form,
                     double *rows)
 {
     sg_parallel_for(ctx, 3 * (size_t) height, variation_row,
@@ -204,7 +204,7 @@ double sg_tv_planes(sg_ctx *ctx, const float *planes, int width, int height, enu
     return sum;
 }
 
-double sg_total_variation(const uint8_t *rgb, int width, int height, enum sg_tv_form form)
+double sg_total_variation(const uint8_t *rgb, int width, int height, enum sg_attack_tv form)
 {
     const size_t stride = 3 * (size_t) width;
     double sum = 0;
@@ -213,9 +213,9 @@ double sg_total_variation(const uint8_t *rgb, int width, int height, enum sg_tv_
             const uint8_t *p = rgb + (size_t) y * stride + i;
             const double v = y + 1 < height ? p[stride] - p[0] : 0,
                          h = i + 3 < stride ? p[3] - p[0] : 0;
-            sum += form == SG_TV_VERTICAL2 ? 2 * fabs(v)
-                   : form == SG_TV_ANISO   ? fabs(v) + fabs(h)
-                                           : sqrt(v * v + h * h);
+            sum += form == SG_ATTACK_TV_VERTICAL2 ? 2 * fabs(v)
+                   : form == SG_ATTACK_TV_ANISO   ? fabs(v) + fabs(h)
+                                                  : sqrt(v * v + h * h);
         }
     return sum / (double) (stride * (size_t) height);
 }

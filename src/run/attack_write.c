@@ -6,6 +6,7 @@
 #include "attack.h"
 #include "config.h"
 #include "core/json_text.h"
+#include "core/rng.h"
 #include "scene/photo.h"
 
 /* Keeps the lines up to the checkpoint. */
@@ -54,6 +55,11 @@ static bool add_growth(void *curve, const json_t *line)
     return true;
 }
 
+static float draw(const struct attack_run *r, uint64_t view)
+{
+    return sg_rng_uniform(r->params->attack.seed, SG_RNG_POISONED, 0, view);
+}
+
 /* Which views are poisoned: round(ratio n) of them, those with the least draws. */
 static bool *choose(const struct attack_run *r)
 {
@@ -63,8 +69,7 @@ static bool *choose(const struct attack_run *r)
     for (size_t k = 0; chosen && k < wanted; k++) {
         size_t best = n;
         for (size_t i = 0; i < n; i++)
-            if (!chosen[i] && (best == n || sg_attack_draw(r->params->attack.seed, i) <
-                                                sg_attack_draw(r->params->attack.seed, best)))
+            if (!chosen[i] && (best == n || draw(r, i) < draw(r, best)))
                 best = i;
         chosen[best] = true;
     }

@@ -32,8 +32,9 @@ _Static_assert(SG_STRATEGY_MCMC == 1, "the order of the strategies");
 _Static_assert(SG_MODEL_MIP == 1 && SG_MODEL_SCAFFOLD == 2, "the order of the models");
 _Static_assert(SG_SIGMA_EIGEN == 1 && SG_ANCHOR_SIGMA_ANCHOR == 1 && SG_HIT_VIEWS == 1 &&
                    SG_HIT_WEIGHT == 2 && SG_PRUNE_THRESHOLD == 1 && SG_VIEWS_ALL == 1 &&
-                   SG_TV_NORM_L1 == 1 && SG_TV_NORM_HUBER == 2 && SG_STRATEGY_LIGHTGAUSSIAN == 2 &&
-                   SG_AT_LIMIT_UNIVERSAL == 3 && SG_ENERGY_AMPLITUDE == 1 && SG_CHANNELS_LUMA == 1,
+                   SG_TV_PENALTY_L1 == 1 && SG_TV_PENALTY_HUBER == 2 &&
+                   SG_STRATEGY_LIGHTGAUSSIAN == 2 && SG_AT_LIMIT_UNIVERSAL == 3 &&
+                   SG_ENERGY_AMPLITUDE == 1 && SG_CHANNELS_LUMA == 1,
                "the order of the defense's choices");
 
 static const struct sg_option train_options[] = {

@@ -341,8 +341,9 @@ static size_t list_losses(const sg_trainer *t, size_t view, int it, struct sg_lo
     if (d->on && tv != 0)
         out[n++] = (struct sg_loss){SG_LOSS_TOTAL_VARIATION, tv, {.total_variation = d->tv}};
     else if (levels > 0 && p->tolerance_tv > 0)
-        out[n++] = (struct sg_loss){
-            SG_LOSS_TOTAL_VARIATION, (double) p->tolerance_tv, {.total_variation = SG_TV_NORM_L1}};
+        out[n++] = (struct sg_loss){SG_LOSS_TOTAL_VARIATION,
+                                    (double) p->tolerance_tv,
+                                    {.total_variation = SG_TV_PENALTY_L1}};
     return n;
 }
 

@@ -40,7 +40,7 @@ static inline struct sg_step losses_against(struct sg_engine *e, const struct sg
     const struct sg_loss losses[] = {
         {SG_LOSS_PHOTOMETRIC, 1, {.photometric = {.lambda_dssim = 0.2f}}},
         {SG_LOSS_ANISOTROPY, 0.02, {.anisotropy = {SG_ANISOTROPY_DEFAULTS}}},
-        {SG_LOSS_TOTAL_VARIATION, 3, {.total_variation = SG_TV_NORM_HUBER}},
+        {SG_LOSS_TOTAL_VARIATION, 3, {.total_variation = SG_TV_PENALTY_HUBER}},
     };
     struct sg_target target = {.exposure = exposure};
     struct sg_step step;

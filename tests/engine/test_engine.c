@@ -400,7 +400,7 @@ static void test_front_end(void **state)
     const struct sg_loss photometric = {
         SG_LOSS_PHOTOMETRIC, 1, {.photometric = {.lambda_dssim = 0.2f}}};
     const struct sg_loss wrong[] = {
-        {SG_LOSS_TOTAL_VARIATION, 1, {.total_variation = SG_TV_NORM_L1}}, photometric};
+        {SG_LOSS_TOTAL_VARIATION, 1, {.total_variation = SG_TV_PENALTY_L1}}, photometric};
     static uint8_t rgb[3 * W * H];
     static float planes[3 * W * H];
     for (int v = 0, n = engine_cases(cases); v < n; v++) {

@@ -18,7 +18,7 @@ static void check_step(const struct cpu_kernels *k, sg_ctx *ctx, struct sg_ascen
     size_t off = 0;
     for (size_t i = 0; i < n; i++)
         off += fabsf(found[i] - expected[i]) > 1e-6f;
-    if (off > (a->form == SG_TV_ISO ? 1 + n / 500 : 0))
+    if (off > (a->form == SG_ATTACK_TV_ISO ? 1 + n / 500 : 0))
         fail_msg("%s: %d x %d, form %d: %zu of %zu values differ", k->name, a->width, a->height,
                  a->form, off, n);
 }
@@ -33,7 +33,7 @@ static void check(const struct cpu_kernels *k)
         for (int option = 0; option < 12; option++) {
             struct sg_ascend a = {.epsilon = 0.06f,
                                   .step = 0.02f,
-                                  .form = (enum sg_tv_form)(option % 3),
+                                  .form = (enum sg_attack_tv)(option % 3),
                                   .width = sizes[s][0],
                                   .height = sizes[s][1],
                                   .photo = photo,
@@ -54,7 +54,7 @@ static double bench(const struct cpu_kernels *k)
           *to = must(VALUES, sizeof(float));
     const struct sg_ascend a = {.epsilon = 0.06f,
                                 .step = 0.02f,
-                                .form = SG_TV_ISO,
+                                .form = SG_ATTACK_TV_ISO,
                                 .width = W,
                                 .height = H,
                                 .photo = photo,

@@ -49,12 +49,12 @@ static void compare_total_variation(const struct cpu_kernels *k)
     float *x = random_floats(MOST, 81, 0, 1), *g = must(MOST, sizeof(float));
     double *expected = must(MOST, sizeof(double)), rows[6 * 40];
     for (size_t s = 0; s < sizeof(sizes) / sizeof(sizes[0]); s++)
-        for (int norm = SG_TV_NORM_L2; norm <= SG_TV_NORM_HUBER; norm++) {
+        for (int norm = SG_TV_PENALTY_L2; norm <= SG_TV_PENALTY_HUBER; norm++) {
             const int w = sizes[s][0], h = sizes[s][1];
             const struct sg_loss loss = {
-                SG_LOSS_TOTAL_VARIATION, 1, {.total_variation = (enum sg_tv_norm) norm}};
+                SG_LOSS_TOTAL_VARIATION, 1, {.total_variation = (enum sg_tv_penalty) norm}};
             ones(g, MOST);
-            const double found = sg_tv_loss(ctx, x, w, h, (enum sg_tv_norm) norm, 3, g, rows);
+            const double found = sg_tv_loss(ctx, x, w, h, (enum sg_tv_penalty) norm, 3, g, rows);
             compare("total variation", w, h, found, oracle_loss(ctx, &loss, x, w, h, expected), g,
                     expected);
         }
@@ -88,7 +88,8 @@ static double bench_loss(const struct sg_loss *loss, struct sg_anisotropy *plan,
 
 static double bench_total_variation(const struct cpu_kernels *k)
 {
-    const struct sg_loss loss = {SG_LOSS_TOTAL_VARIATION, 1, {.total_variation = SG_TV_NORM_HUBER}};
+    const struct sg_loss loss = {
+        SG_LOSS_TOTAL_VARIATION, 1, {.total_variation = SG_TV_PENALTY_HUBER}};
     return bench_loss(&loss, NULL, !k);
 }
 

@@ -18,7 +18,7 @@ static void ascend_row(const struct sg_ascend *a, size_t r)
     const size_t at = r * (size_t) a->width;
     const float *x = a->from + at, *v = a->photo + at;
     float *to = a->to + at;
-    const float weight = a->form == SG_TV_VERTICAL2 ? 0.5f : 1; /* 1 per neighbour */
+    const float weight = a->form == SG_ATTACK_TV_VERTICAL2 ? 0.5f : 1; /* 1 per neighbour */
     sg_tv_gradient_row(a->from + channel * plane, a->width, a->height,
                        (int) (r % (size_t) a->height), a->form, to);
     for (int i = 0; i < a->width; i++) {

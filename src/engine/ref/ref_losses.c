@@ -121,20 +121,20 @@ done:;
     return failed ? SG_ERR_BUDGET : SG_OK;
 }
 
-static double norm_of(double d, enum sg_tv_norm norm)
+static double norm_of(double d, enum sg_tv_penalty norm)
 {
     const double edge = (double) SG_TV_EDGE, size = fabs(d);
-    if (norm == SG_TV_NORM_L1)
+    if (norm == SG_TV_PENALTY_L1)
         return size;
-    return norm == SG_TV_NORM_L2 || size < edge ? d * d : edge * (2 * size - edge);
+    return norm == SG_TV_PENALTY_L2 || size < edge ? d * d : edge * (2 * size - edge);
 }
 
-static double slope_of(double d, enum sg_tv_norm norm)
+static double slope_of(double d, enum sg_tv_penalty norm)
 {
     const double edge = (double) SG_TV_EDGE;
-    if (norm == SG_TV_NORM_L1)
+    if (norm == SG_TV_PENALTY_L1)
         return (d > 0) - (d < 0);
-    return norm == SG_TV_NORM_L2 || fabs(d) < edge ? 2 * d : d > 0 ? 2 * edge : -2 * edge;
+    return norm == SG_TV_PENALTY_L2 || fabs(d) < edge ? 2 * d : d > 0 ? 2 * edge : -2 * edge;
 }
 
 /* Mean over the vertical differences plus mean over the horizontal ones. */
@@ -142,7 +142,7 @@ int sg_ref_loss_total_variation(sg_ctx *ctx, const struct sg_loss *loss, const f
                                 int h, double *gradient, double *out)
 {
     (void) ctx;
-    const enum sg_tv_norm norm = loss->total_variation;
+    const enum sg_tv_penalty norm = loss->total_variation;
     const double count[2] = {3.0 * w * (h - 1), 3.0 * (w - 1) * h};
     *out = 0;
     if (gradient)

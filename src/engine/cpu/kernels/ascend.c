@@ -33,19 +33,20 @@ SIMD real weight(real v, real h)
     return 1 / r_sqrt(v * v + h * h + SG_TV_ISO_FLOOR);
 }
 
-SIMD real gradient(enum sg_tv_form form, struct run above, struct run row, struct run below)
+SIMD real gradient(enum sg_attack_tv form, struct run above, struct run row, struct run below)
 {
-    if (form == SG_TV_ISO)
+    if (form == SG_ATTACK_TV_ISO)
         return (row.here - above.here) * weight(row.here - above.here, above.right - above.here) +
                (row.here - row.left) * weight(below.left - row.left, row.here - row.left) -
                ((below.here - row.here) + (row.right - row.here)) *
                    weight(below.here - row.here, row.right - row.here);
     const real vertical = sign(row.here - above.here) + sign(row.here - below.here);
-    return form == SG_TV_ANISO ? vertical + sign(row.here - row.left) + sign(row.here - row.right)
-                               : vertical;
+    return form == SG_ATTACK_TV_ANISO
+               ? vertical + sign(row.here - row.left) + sign(row.here - row.right)
+               : vertical;
 }
 
-SIMD void ascend(const struct sg_ascend *a, size_t r, enum sg_tv_form form)
+SIMD void ascend(const struct sg_ascend *a, size_t r, enum sg_attack_tv form)
 {
     const int w = a->width, y = (int) (r % (size_t) a->height);
     const size_t at = r * (size_t) w;
@@ -76,13 +77,13 @@ SIMD void ascend(const struct sg_ascend *a, size_t r, enum sg_tv_form form)
 void KERNEL(ascend)(const struct sg_ascend *a, size_t row)
 {
     switch (a->form) {
-    case SG_TV_ISO:
-        ascend(a, row, SG_TV_ISO);
+    case SG_ATTACK_TV_ISO:
+        ascend(a, row, SG_ATTACK_TV_ISO);
         return;
-    case SG_TV_ANISO:
-        ascend(a, row, SG_TV_ANISO);
+    case SG_ATTACK_TV_ANISO:
+        ascend(a, row, SG_ATTACK_TV_ANISO);
         return;
     default:
-        ascend(a, row, SG_TV_VERTICAL2);
+        ascend(a, row, SG_ATTACK_TV_VERTICAL2);
     }
 }

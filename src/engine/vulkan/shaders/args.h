@@ -162,7 +162,7 @@
     P(Floats, image) P(Floats, exposed) U(pixels) ARGS_exposure(F)
 #define ARGS_expose_backward(P, U, F)                                                              \
     P(Floats, image) P(Floats, gradient) P(Floats, sums) U(pixels) ARGS_exposure(F)
-/* norm: enum sg_tv_norm. Adds `across` and `down` times the slopes to the gradient. */
+/* norm: enum sg_tv_penalty. Adds `across` and `down` times the slopes to the gradient. */
 #define ARGS_total_variation(P, U, F)                                                              \
     P(Floats, image) P(Uints, photo) P(Floats, gradient) P(Floats, sums) U(width) U(height)        \
     U(masked) U(norm) F(across) F(down) F(weight) F(edge)

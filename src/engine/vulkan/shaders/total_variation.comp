@@ -10,7 +10,7 @@
 layout(local_size_x = VK_GROUP) in;
 ARGUMENTS(total_variation);
 
-/* enum sg_tv_norm */
+/* enum sg_tv_penalty */
 #define NORM_L2 0
 #define NORM_L1 1
 
