@@ -10,6 +10,7 @@
 
 #include "interrupt.h"
 #include "model_views.h"
+#include "view_model.h"
 #include "view_pictures.h"
 
 struct view_config {
@@ -152,6 +153,18 @@ static char *open_browser(const char *address)
     return path;
 }
 
+/* To the browser, where it can draw it. */
+static void hand_over_model(struct viewed *v, const struct sg_render_params *render,
+                            view_server *server)
+{
+    const bool fits = view_server_draws() && view_model_fits(v->model, render);
+    const int fd = fits ? view_model_write(v->ctx, v->model) : -1;
+    if (fd >= 0)
+        view_server_set_model(server, fd);
+    v->pictures.browser = fd >= 0;
+    memcpy(v->pictures.background, render->background, sizeof(render->background));
+}
+
 static int serve(struct viewed *v, const struct view_config *c, const char *place)
 {
     view_server *server = NULL;
@@ -164,6 +177,8 @@ static int serve(struct viewed *v, const struct view_config *c, const char *plac
         code = report(v->ctx, view_place_camera(&v->pictures, v->ctx, v->model));
     if (!code)
         code = view_server_open(v->pictures.own, c->port, &server);
+    if (!code)
+        hand_over_model(v, &c->m.render, server);
     if (!code)
         code = view_publish_scene(&v->pictures, server, place, false);
     if (!code) {

@@ -77,6 +77,35 @@ async function fetchPicture(of, scale, still) {
     return createImageBitmap(await answer.blob());
 }
 
+// ---- drawn by the browser, where it can ----
+let drawing = null;  // what view_draw.js has opened
+let trouble = '';    // why it has not
+
+function drawnHere() {
+    return drawing && kind() === COLOUR && $('by').value === 'browser';
+}
+
+async function openDrawing() {
+    const began = performance.now();
+    try {
+        const {openDrawing} = await import('./draw.js');
+        drawing = await openDrawing(scene, () => leaveDrawing('its GPU is gone'));
+        for (const e of document.querySelectorAll('.browser')) e.hidden = false;
+        canvas.dataset.loaded = Math.round(performance.now() - began);
+        draw(false);
+    } catch (error) {
+        leaveDrawing(error.message || error);
+    }
+}
+
+function leaveDrawing(why) {
+    drawing = null;
+    canvas.dataset.loaded = 'failed';
+    for (const e of document.querySelectorAll('.browser')) e.hidden = true;
+    trouble = `The browser cannot draw the model: ${why}. splatguard draws it.`;
+    draw(false);
+}
+
 // One request at a time: a small JPEG while the camera moves, an exact PNG when it rests.
 let wanted = false, moving = 0, busy = false;
 function draw(moves) {
@@ -95,7 +124,10 @@ async function work() {
                 photo = await fetchPicture(PHOTO, 1, 1);
                 photoView = view;
             }
-            if (of !== PHOTO) {
+            if (drawnHere()) {
+                if (!await drawing.frame(camera, scene.views[view], ...size())) wanted = true;
+                if (drawing.any) render = drawing.canvas;
+            } else if (of !== PHOTO) {
                 const width = (canvas.clientWidth || 300) * devicePixelRatio;
                 const fit = Math.min(1, Math.max(.05, width / scene.views[view].width));
                 render = await fetchPicture(of, fast ? Math.max(.05, fit / 2) : fit, fast ? 0 : 1);
@@ -106,7 +138,7 @@ async function work() {
             await new Promise(done => setTimeout(done, 500));
         }
         paint();
-        if (fast && !wanted) {
+        if (fast && !wanted && !drawnHere()) {
             await new Promise(done => setTimeout(done, 150));
             if (!wanted) wanted = true, moving = 0;
         }
@@ -115,11 +147,14 @@ async function work() {
     canvas.dataset.drawn = +(canvas.dataset.drawn || 0) + 1;
 }
 
-function paint() {
-    const {width, height} = scene.views[view], of = scene.model ? kind() : PHOTO;
-    const picture = of === PHOTO ? photo : render;
+function size() {
+    const {width, height} = scene.views[view];
     const w = Math.min(width, Math.max(64, Math.round(canvas.clientWidth * devicePixelRatio)));
-    const h = Math.round(w * height / width);
+    return [w, Math.max(1, Math.round(w * height / width))];
+}
+
+function paint() {
+    const of = scene.model ? kind() : PHOTO, picture = of === PHOTO ? photo : render, [w, h] = size();
     if (canvas.width !== w || canvas.height !== h) canvas.width = w, canvas.height = h;
     if (!picture) return;
     context.drawImage(picture, 0, 0, w, h);
@@ -137,7 +172,7 @@ function paint() {
 }
 
 function show(text, bad) {
-    $('message').textContent = text || (atPhoto || !scene.photos ? '' : 'The camera has left the photo: difference and wipe compare different places.');
+    $('message').textContent = text || trouble || (atPhoto || !scene.photos ? '' : 'The camera has left the photo: difference and wipe compare different places.');
     $('message').classList.toggle('bad', !!bad);
 }
 
@@ -180,7 +215,10 @@ const keys = {
     w: () => step(0, 0, .06), s: () => step(0, 0, -.06), a: () => step(-.04, 0, 0), d: () => step(.04, 0, 0),
     q: () => step(0, -.04, 0), e: () => step(0, .04, 0), '[': () => jump(view - 1), ']': () => jump(view + 1),
     r: () => jump(view), m: () => { $('mode').selectedIndex ^= 1; }, p: () => scene.training && $('pause').click(),
-    ',': () => wipe(-5), '.': () => wipe(5)
+    ',': () => wipe(-5), '.': () => wipe(5), b: () => {
+        $('by').selectedIndex ^= 1;
+        draw(false);
+    }
 };
 
 function wipe(by) {
@@ -297,7 +335,7 @@ async function begin() {
     $('photo').addEventListener('change', () => jump(+$('photo').value));
     $('previous').addEventListener('click', () => jump(view - 1));
     $('next').addEventListener('click', () => jump(view + 1));
-    $('kind').addEventListener('change', () => draw(false));
+    for (const id of ['kind', 'by']) $(id).addEventListener('change', () => draw(false));
     $('wipe').addEventListener('input', () => photoView === view && render ? paint() : draw(false));
     findPivot();
     jump(0);
@@ -307,6 +345,7 @@ async function begin() {
         width = canvas.clientWidth;
         draw(false);
     }).observe(canvas);
+    if (scene.browser) openDrawing();
     if (scene.training) {
         $('training').hidden = false;
         poll();

@@ -42,9 +42,10 @@ static json_t *camera_json(const struct sg_camera *c, const char *name, const ch
 {
     double q[4];
     to_quaternion(c->R, q);
-    return json_pack("{s:o,s:s,s:i,s:i,s:f,s:[f,f,f,f],s:[f,f,f]}", "name", text_json(name),
-                     "split", split, "width", c->width, "height", c->height, "fx", c->fx, "q", q[0],
-                     q[1], q[2], q[3], "t", c->t[0], c->t[1], c->t[2]);
+    return json_pack("{s:o,s:s,s:i,s:i,s:f,s:f,s:f,s:f,s:[f,f,f,f],s:[f,f,f]}", "name",
+                     text_json(name), "split", split, "width", c->width, "height", c->height, "fx",
+                     c->fx, "fy", c->fy, "cx", c->cx, "cy", c->cy, "q", q[0], q[1], q[2], q[3], "t",
+                     c->t[0], c->t[1], c->t[2]);
 }
 
 int view_publish_scene(const struct view_pictures *v, view_server *server, const char *title,
@@ -57,9 +58,11 @@ int view_publish_scene(const struct view_pictures *v, view_server *server, const
                                                  i < v->scene->n_train ? "train" : "test"));
     if (!view_count(v))
         json_array_append_new(views, camera_json(&v->camera, "", ""));
-    json_t *all = json_pack("{s:o,s:b,s:b,s:b,s:f,s:o}", "title", text_json(title), "training",
-                            training, "model", v->model, "photos", view_count(v) > 0, "extent",
-                            extent > 0 ? extent : 1, "views", views);
+    json_t *all =
+        json_pack("{s:o,s:b,s:b,s:b,s:b,s:f,s:[f,f,f],s:o}", "title", text_json(title), "training",
+                  training, "model", v->model, "browser", v->browser, "photos", view_count(v) > 0,
+                  "extent", extent > 0 ? extent : 1, "background", (double) v->background[0],
+                  (double) v->background[1], (double) v->background[2], "views", views);
     char *text = all ? json_dumps(all, JSON_COMPACT) : NULL;
     if (text)
         view_server_set_scene(server, text);

@@ -14,6 +14,8 @@ struct view_pictures {
     struct sg_camera camera;      /* that one */
     double extent;                /* of what it looks at, 1.5 times as far away */
     bool model;                   /* there is one to draw */
+    bool browser;                 /* which the page can have, to draw it itself */
+    float background[3];          /* then: behind it */
     float *planes;                /* colour, alpha, depth of a picture */
     size_t pixels;                /* that they have room for */
 };

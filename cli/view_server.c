@@ -16,7 +16,9 @@
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <sys/random.h>
+#include <sys/stat.h>
 #include <time.h>
+#include <unistd.h>
 
 #define CLIENTS 256              /* connections at once, of which most can be idle */
 #define CLIENT_BYTES (16 * 1024) /* of headers */
@@ -28,11 +30,20 @@ struct view_file {
     const char *name, *type, *text;
 };
 extern const char view_html[], view_css[], view_js[], view_icon_svg[], page_css[];
-static const struct view_file files[] = {{"", "text/html; charset=utf-8", view_html},
-                                         {"view.css", "text/css; charset=utf-8", view_css},
-                                         {"page.css", "text/css; charset=utf-8", page_css},
-                                         {"view.js", "text/javascript; charset=utf-8", view_js},
-                                         {"icon.svg", "image/svg+xml", view_icon_svg}};
+#ifdef SG_PLAYCANVAS
+extern const char view_draw_js[], playcanvas_js[], playcanvas_txt[];
+#endif
+static const struct view_file files[] = {
+    {"", "text/html; charset=utf-8", view_html},
+    {"view.css", "text/css; charset=utf-8", view_css},
+    {"page.css", "text/css; charset=utf-8", page_css},
+    {"view.js", "text/javascript; charset=utf-8", view_js},
+#ifdef SG_PLAYCANVAS
+    {"draw.js", "text/javascript; charset=utf-8", view_draw_js},
+    {"playcanvas.js", "text/javascript; charset=utf-8", playcanvas_js},
+    {"playcanvas.txt", "text/plain; charset=utf-8", playcanvas_txt},
+#endif
+    {"icon.svg", "image/svg+xml", view_icon_svg}};
 
 /* A request for a picture, from its first line to its last byte. */
 struct request {
@@ -54,6 +65,7 @@ struct view_server {
     int n_waiting;
     struct request *drawing;
     char *scene, *state;
+    struct MHD_Response *model; /* or NULL */
     bool closing;
     atomic_int wish;
 };
@@ -66,6 +78,7 @@ struct view_server {
     F(add_response_header)                                                                         \
     F(create_response_from_buffer)                                                                 \
     F(create_response_from_callback)                                                               \
+    F(create_response_from_fd)                                                                     \
     F(destroy_response)                                                                            \
     F(get_connection_values)                                                                       \
     F(get_daemon_info)                                                                             \
@@ -101,23 +114,36 @@ static const char *load_mhd(void)
 
 /* ---- answers ---- */
 
-static enum MHD_Result send_response(struct MHD_Connection *c, unsigned status, const char *type,
-                                     struct MHD_Response *r)
+/* PlayCanvas sorts Gaussians on a thread of its own, whose script it makes itself: "blob:". Such a
+ * thread has the page's policy. */
+#ifdef SG_PLAYCANVAS
+#define WORKERS "worker-src blob:; "
+#else
+#define WORKERS ""
+#endif
+
+static void add_headers(struct MHD_Response *r, const char *type)
 {
     static const char *const headers[][2] = {
         {"Content-Security-Policy",
          "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src "
-         "'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"},
+         "'self'; " WORKERS "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"},
         {"X-Content-Type-Options", "nosniff"},
         {"Referrer-Policy", "no-referrer"},
         {"Cross-Origin-Resource-Policy", "same-origin"},
         {"Cross-Origin-Opener-Policy", "same-origin"},
         {"Cache-Control", "no-store"}};
-    if (!r)
-        return MHD_NO;
     for (size_t i = 0; i < sizeof(headers) / sizeof(headers[0]); i++)
         mhd.add_response_header(r, headers[i][0], headers[i][1]);
     mhd.add_response_header(r, "Content-Type", type);
+}
+
+static enum MHD_Result send_response(struct MHD_Connection *c, unsigned status, const char *type,
+                                     struct MHD_Response *r)
+{
+    if (!r)
+        return MHD_NO;
+    add_headers(r, type);
     const enum MHD_Result done = mhd.queue_response(c, status, r);
     mhd.destroy_response(r);
     return done;
@@ -146,6 +172,16 @@ static enum MHD_Result send_json(view_server *s, struct MHD_Connection *c, char 
     pthread_mutex_unlock(&s->lock);
     return r ? send_response(c, MHD_HTTP_OK, "application/json", r)
              : say_status(c, MHD_HTTP_SERVICE_UNAVAILABLE, "not yet\n");
+}
+
+/* Read from its file piece by piece. */
+static enum MHD_Result send_model(view_server *s, struct MHD_Connection *c)
+{
+    pthread_mutex_lock(&s->lock);
+    struct MHD_Response *r = s->model;
+    pthread_mutex_unlock(&s->lock);
+    return r ? mhd.queue_response(c, MHD_HTTP_OK, r)
+             : say_status(c, MHD_HTTP_NOT_FOUND, "no model that a browser can draw\n");
 }
 
 /* A picture on its way out counts in the context until its last byte is sent. */
@@ -306,6 +342,8 @@ static enum MHD_Result serve(view_server *s, struct request *q, const char *name
         return send_json(s, c, &s->scene);
     if (!strcmp(name, "state"))
         return send_json(s, c, &s->state);
+    if (!strcmp(name, "model.ply"))
+        return send_model(s, c);
     for (size_t i = 0; i < sizeof(files) / sizeof(files[0]); i++)
         if (!strcmp(name, files[i].name))
             return send_text(c, MHD_HTTP_OK, files[i].type, files[i].text);
@@ -430,6 +468,29 @@ void view_server_set_state(view_server *s, const char *json)
     set_text(s, &s->state, json);
 }
 
+bool view_server_draws(void)
+{
+#ifdef SG_PLAYCANVAS
+    return true;
+#else
+    return false;
+#endif
+}
+
+void view_server_set_model(view_server *s, int fd)
+{
+    struct stat info;
+    struct MHD_Response *r =
+        fstat(fd, &info) ? NULL : mhd.create_response_from_fd((size_t) info.st_size, fd);
+    if (r)
+        add_headers(r, "application/octet-stream");
+    else
+        close(fd);
+    pthread_mutex_lock(&s->lock);
+    s->model = r;
+    pthread_mutex_unlock(&s->lock);
+}
+
 enum view_wish view_server_wish(const view_server *s)
 {
     return (enum view_wish) atomic_load_explicit(&s->wish, memory_order_relaxed);
@@ -514,6 +575,8 @@ void view_server_close(view_server **server)
         view_server_answer(s, NULL, 0, 0);
     if (s->daemon)
         mhd.stop_daemon(s->daemon);
+    if (s->model)
+        mhd.destroy_response(s->model);
     pthread_mutex_destroy(&s->lock);
     pthread_cond_destroy(&s->more);
     sg_mem_free(s->scene);
@@ -540,6 +603,14 @@ const char *view_server_address(const view_server *s)
 void view_server_close(view_server **s)
 {
     (void) s;
+}
+bool view_server_draws(void)
+{
+    return false;
+}
+void view_server_set_model(view_server *s, int fd)
+{
+    (void) s, (void) fd;
 }
 void view_server_set_scene(view_server *s, const char *json)
 {

@@ -38,6 +38,12 @@ const char *view_server_address(const view_server *s);
 /* Answers what still waits, joins the thread. NULL-safe; sets *s to NULL. */
 void view_server_close(view_server **s);
 
+/* Whether the program has the scripts with which a browser draws a model. */
+bool view_server_draws(void);
+/* The compressed PLY that they draw: takes the descriptor over. To be called before the page is
+ * told of it. */
+void view_server_set_model(view_server *s, int fd);
+
 /* JSON that the page reads: once, or again and again. The text is copied; without memory the former
  * stays. */
 void view_server_set_scene(view_server *s, const char *json);

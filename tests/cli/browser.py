@@ -14,12 +14,15 @@ import tempfile
 import time
 
 
+SOFTWARE_GPU = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+
+
 def find():
     return shutil.which("chromium") or shutil.which("google-chrome")
 
 
 class Browser:
-    def __init__(self):
+    def __init__(self, webgl=False):
         self.folder = tempfile.mkdtemp(prefix="splatguard-browser-")
         to_read, self.to = os.pipe()
         self.come, to_write = os.pipe()
@@ -30,7 +33,7 @@ class Browser:
             os.dup2(write, 4)
 
         self.process = subprocess.Popen(
-            [find(), "--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-pipe", "--no-first-run",
+            [find(), "--headless", "--no-sandbox", *(SOFTWARE_GPU if webgl else ["--disable-gpu", "--disable-3d-apis"]), "--remote-debugging-pipe", "--no-first-run",
              "--disable-dev-shm-usage", "--user-data-dir=" + self.folder, "about:blank"],
             preexec_fn=pipes, close_fds=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         os.close(to_read)

@@ -47,6 +47,19 @@ python3 "$source_dir/tests/cli/view_requests.py" "$address" "$view" renders scen
 python3 "$source_dir/tests/cli/view_page.py" "$address" || fail "the page"
 end
 
+# Drawn by the browser, from a file without a name.
+mkdir tmp
+TMPDIR=$work/tmp begin run
+[ -z "$(ls tmp)" ] || fail "left behind: $(ls tmp)"
+python3 "$source_dir/tests/cli/view_draw.py" "$address" || fail "drawn by the browser"
+end
+TMPDIR=$work/none begin run
+if grep -q 'PlayCanvas Engine v' "$tool"; then
+    grep -q 'the browser gets pictures' view.err || fail "no word about a missing TMPDIR: $(cat view.err)"
+fi
+python3 "$source_dir/tests/cli/view_requests.py" "$address" --draws || fail "a view without TMPDIR"
+end
+
 # A browser that xdg-open runs in the foreground keeps neither the page from its pictures nor a terminal's Ctrl-C for itself.
 mkdir browser
 cat >browser/xdg-open <<'END'

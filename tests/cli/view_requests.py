@@ -83,7 +83,7 @@ assert page("")[0] == 200
 assert ask("/")[0] == 403
 assert ask("/" + token)[0] == 403
 wrong = token[:-1] + ("0" if token[-1] != "0" else "1")
-for name in ("", "view.js", "scene", "picture", "none"):
+for name in ("", "view.js", "scene", "picture", "model.ply", "none"):
     assert ask("/%s/%s" % (wrong, name))[0] == 403, name
     assert page(name, host="evil.example:" + port)[0] == 403, name
     assert page(name, host="127.0.0.1")[0] == 403, name
