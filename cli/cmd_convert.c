@@ -17,7 +17,7 @@ struct convert_config {
 
 static const struct sg_option convert_options[] = {
     CHOICE_ROW("format", M(file.format), "auto|ply|compressed-ply|splat|spz|ksplat|sog|glb",
-               "FORMAT", "Format of OUT; auto: by its ending. ksplat and sog can only be read.",
+               "FORMAT", "Format of OUT; auto: by its ending. ksplat can only be read.",
                .group = "Output"),
     NUMBER_ROW("spz-version", SG_OPTION_INT, M(file.spz_version), 2, 3, "N",
                "Version of .spz; 2 has coarse rotations, but older programs read it.",
@@ -82,16 +82,16 @@ static int run_convert(const void *config, const bool *given, const char *const 
     if (!c->file.format && !(c->file.format = sg_model_format_of(out))) {
         say(stderr,
             "splatguard convert: %s: found no known ending, expected .ply, .compressed.ply, "
-            ".splat, .spz or .glb, or --format\n",
+            ".splat, .spz, .sog or .glb, or --format\n",
             out);
         return STATUS_USAGE;
     }
-    if (c->file.format == SG_MODEL_KSPLAT || c->file.format == SG_MODEL_SOG) {
+    if (c->file.format == SG_MODEL_KSPLAT) {
         say(stderr, "splatguard convert: %s: found format %s, which is only read\n", out,
             sg_model_format_name(c->file.format));
         return STATUS_USAGE;
     }
-    const int code = open_context(&ctx, 1, c->max_memory, c->quiet);
+    const int code = open_context(&ctx, 0, c->max_memory, c->quiet);
     if (code)
         return code;
     int error = sg_run_find_model(ctx, positional[0], c->iteration, path, sizeof(path));
@@ -121,8 +121,9 @@ const struct command command_convert = {
     .description =
         "Reads .ply, compressed .ply of SuperSplat, .splat, .spz, .ksplat or .sog, recognised by "
         "content "
-        "where the format has a mark, and writes .ply, .compressed.ply, .splat, .spz or .glb "
-        "(glTF with KHR_gaussian_splatting). Formats but .ply and .glb round; docs/formats.md has "
+        "where the format has a mark, and writes .ply, .compressed.ply, .splat, .spz, "
+        ".sog or .glb (glTF with KHR_gaussian_splatting). Formats but .ply and .glb round; "
+        "docs/formats.md has "
         "how much. OUT must be new.",
     .groups = "Selection|Output",
     .options = convert_options,

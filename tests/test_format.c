@@ -340,8 +340,8 @@ static void test_writing_refusals(void **state)
     assert_int_equal(sg_model_write(f->ctx, m, at(f, "m.spz"), NULL), SG_OK);
     *sg_model_at(m, 1, SG_P_XYZ) = NAN;
     unlink(at(f, "m.spz"));
-    static const char *const names[] = {"m.spz", "m.splat", "m.compressed.ply", "m.glb"};
-    for (int k = 0; k < 4; k++) {
+    static const char *const names[] = {"m.spz", "m.splat", "m.compressed.ply", "m.sog", "m.glb"};
+    for (int k = 0; k < 5; k++) {
         assert_int_equal(sg_model_write(f->ctx, m, at(f, names[k]), NULL), SG_ERR_INPUT);
         assert_false(sg_file_exists(f->path));
     }

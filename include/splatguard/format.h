@@ -19,7 +19,7 @@ enum sg_model_format {
     SG_MODEL_SPLAT,          /* .splat: 32 bytes a Gaussian, without SH of degree 1 and above */
     SG_MODEL_SPZ,            /* .spz: of Niantic, versions 2 and 3; where zlib was at build */
     SG_MODEL_KSPLAT,         /* .ksplat: of GaussianSplats3D; is read only */
-    SG_MODEL_SOG,            /* .sog: of PlayCanvas, version 2; is read only, where zlib was */
+    SG_MODEL_SOG,            /* .sog: of PlayCanvas, version 2; where zlib was at build */
     SG_MODEL_GLB,            /* .glb: glTF with KHR_gaussian_splatting; is written only */
     SG_MODEL_FORMATS
 };
@@ -59,7 +59,8 @@ SG_API struct sg_model_file sg_model_file_default(void);
 /* Writes a model; the file appears whole or not at all. file may be NULL. Errors: SG_ERR_USAGE for
  * an ending that names no format, one that is not written and a wrong version; SG_ERR_INPUT if the
  * file cannot be written, or the format cannot hold a value: NaN and infinities in all but PLY,
- * positions beyond 8388607 in .spz; SG_ERR_BUDGET. */
+ * positions beyond 8388607 in .spz; SG_ERR_BUDGET. .sog has the Gaussians in another order; it is
+ * the same for any number of threads. */
 SG_API int sg_model_write(sg_ctx *ctx, const struct sg_model *model, const char *path,
                           const struct sg_model_file *file);
 

@@ -303,8 +303,8 @@ class Model:
         return cls._of(_core.model_read(context, path, max_gaussians), context)
 
     def save(self, path, format="auto", spz_version=3):
-        """Writes .ply, .compressed.ply, .splat, .spz or .glb, by the ending or `format`. The file
-        appears whole or not at all."""
+        """Writes .ply, .compressed.ply, .splat, .spz, .sog or .glb, by the ending or `format`. The
+        file appears whole or not at all."""
         if format not in _FORMATS:
             raise UsageError(f"format: found {format!r}, expected one of {', '.join(_FORMATS)}")
         _core.model_write(self._handle, path, _FORMATS.index(format), spz_version)

@@ -24,6 +24,7 @@ int sg_compressed_ply_read(sg_ctx *ctx, struct sg_source *in, uint64_t max_gauss
 int sg_splat_write(const struct sg_model *m, FILE *f);
 int sg_spz_write(sg_ctx *ctx, const struct sg_model *m, FILE *f, const char *path, int version);
 int sg_compressed_ply_write(const struct sg_model *m, FILE *f);
+int sg_sog_write(sg_ctx *ctx, const struct sg_model *m, FILE *f, const char *path);
 int sg_glb_write(sg_ctx *ctx, const struct sg_model *m, FILE *f, const char *path);
 
 /* sg_model_create for the count that a file claims, once it has been compared with the file's

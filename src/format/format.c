@@ -114,13 +114,13 @@ int sg_model_read_drawable(sg_ctx *ctx, const char *path, uint64_t max_gaussians
 
 static int check_file(sg_ctx *ctx, const char *path, const struct sg_model_file *file)
 {
-    if (file->format == SG_MODEL_KSPLAT || file->format == SG_MODEL_SOG)
+    if (file->format == SG_MODEL_KSPLAT)
         return sg_fail(ctx, SG_ERR_USAGE, "%s: found format %s, which is only read", path,
                        formats[file->format].name);
     if (file->format <= SG_MODEL_AUTO || file->format >= SG_MODEL_FORMATS)
         return sg_fail(ctx, SG_ERR_USAGE,
                        "%s: found no format, expected a name that ends with .ply, "
-                       ".compressed.ply, .splat, .spz or .glb",
+                       ".compressed.ply, .splat, .spz, .sog or .glb",
                        path);
     if (file->spz_version != 2 && file->spz_version != 3)
         return sg_fail(ctx, SG_ERR_USAGE, "spz_version: found %d, expected 2 or 3",
@@ -153,6 +153,8 @@ int sg_model_write(sg_ctx *ctx, const struct sg_model *m, const char *path,
         code = sg_splat_write(m, w.stream);
     else if (choice.format == SG_MODEL_SPZ)
         code = sg_spz_write(ctx, m, w.stream, path, choice.spz_version);
+    else if (choice.format == SG_MODEL_SOG)
+        code = sg_sog_write(ctx, m, w.stream, path);
     else
         code = sg_glb_write(ctx, m, w.stream, path);
     if (!code)

@@ -4,16 +4,16 @@
  * components, or places in a table of meta.json. SH of degree 1 and above come from a palette. */
 #include <jansson.h>
 
+#include "cluster.h"
 #include "codec.h"
 #include "core/json_text.h"
 #include "image/image.h"
+#include "sog.h"
 #include "zip.h"
 
 #define META_MAX ((size_t) 1 << 18)
 #define IMAGE_MAX ((size_t) 1 << 30) /* bytes of one that is packed */
-#define TABLE 256                    /* entries of a table */
-#define PALETTE_ROW 64               /* of the palette's image */
-#define PALETTE_MAX 65536
+
 /* Files have 6 bytes or more for a Gaussian. An image of one colour may stand for any number, so a
  * claim beyond this is refused before memory is taken. */
 #define GAUSSIANS_A_BYTE 16
@@ -155,7 +155,7 @@ static int read_rotations(const struct file *f)
     struct sg_image image;
     int code = read_image(f, "quats", 0, f->count, &image);
     for (size_t i = 0; i < f->count && !code; i++) {
-        const int largest = alpha(&image, i) - 252;
+        const int largest = alpha(&image, i) - SG_SOG_LARGEST;
         double sum = 0;
         if (largest < 0) {
             code = sg_fail(f->ctx, SG_ERR_INPUT,
@@ -179,10 +179,10 @@ static int read_rotations(const struct file *f)
 static int read_tabled(const struct file *f, const char *part, int plane, bool opacity)
 {
     struct sg_image image;
-    float table[TABLE];
+    float table[SG_TABLE_SIZE];
     int code = read_image(f, part, 0, f->count, &image);
     if (!code)
-        code = read_numbers(f, part, "codebook", TABLE, table);
+        code = read_numbers(f, part, "codebook", SG_TABLE_SIZE, table);
     for (size_t i = 0; i < f->count && !code; i++) {
         for (int k = 0; k < 3; k++)
             *sg_model_at(f->m, i, plane + k) = table[pixel(&image, i)[k]];
@@ -196,14 +196,14 @@ static int read_tabled(const struct file *f, const char *part, int plane, bool o
 static int read_sh(const struct file *f)
 {
     struct sg_image palette, labels = {0};
-    float table[TABLE];
+    float table[SG_TABLE_SIZE];
     const json_t *count = json_object_get(json_object_get(f->meta, "shN"), "count");
     const json_int_t n = json_integer_value(count);
     const size_t coefficients = (size_t) sg_sh_rest(f->sh_degree) / 3;
-    if (!json_is_integer(count) || n < 1 || n > PALETTE_MAX)
+    if (!json_is_integer(count) || n < 1 || n > SG_SOG_PALETTE_MAX)
         return wrong(f, "shN.count", count, "1 to 65536");
-    const size_t rows = ((size_t) n + PALETTE_ROW - 1) / PALETTE_ROW,
-                 across = PALETTE_ROW * coefficients;
+    const size_t rows = ((size_t) n + SG_SOG_PALETTE_ROW - 1) / SG_SOG_PALETTE_ROW,
+                 across = SG_SOG_PALETTE_ROW * coefficients;
     int code = read_image(f, "shN", 0, rows * across, &palette);
     if (!code && (size_t) palette.width != across)
         code =
@@ -212,7 +212,7 @@ static int read_sh(const struct file *f)
     if (!code)
         code = read_image(f, "shN", 1, f->count, &labels);
     if (!code)
-        code = read_numbers(f, "shN", "codebook", TABLE, table);
+        code = read_numbers(f, "shN", "codebook", SG_TABLE_SIZE, table);
     for (size_t i = 0; i < f->count && !code; i++) {
         const size_t label = pixel(&labels, i)[0] | (size_t) pixel(&labels, i)[1] << 8;
         if (label >= (size_t) n) {
@@ -221,7 +221,8 @@ static int read_sh(const struct file *f)
                            f->in->path, i, label, (long long) n);
             break;
         }
-        const size_t first = label / PALETTE_ROW * across + label % PALETTE_ROW * coefficients;
+        const size_t first =
+            label / SG_SOG_PALETTE_ROW * across + label % SG_SOG_PALETTE_ROW * coefficients;
         for (size_t k = 0; k < coefficients; k++)
             for (int c = 0; c < 3; c++)
                 *sg_model_at(f->m, i, SG_P_SH + 3 * (int) (k + 1) + c) =

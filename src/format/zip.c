@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "zip.h"
 
+#include <stdarg.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "codec.h"
@@ -129,12 +131,81 @@ int sg_zip_read(const struct sg_zip *z, const char *name, size_t most, uint8_t *
     return code;
 }
 
+/* Little-endian bytes of numbers of 2 bytes (w) and 4 (u), as a format's letters say. */
+static uint8_t *put(uint8_t *to, const char *format, ...)
+{
+    va_list list;
+    va_start(list, format);
+    for (; *format; format++) {
+        const uint32_t v = va_arg(list, uint32_t);
+        for (int k = 0; k < (*format == 'u' ? 4 : 2); k++)
+            *to++ = (uint8_t) (v >> 8 * k);
+    }
+    va_end(list);
+    return to;
+}
+
+#define VERSION 10  /* of zip that a reader needs: 1.0 */
+#define UTF8 2048   /* of the flags: names are UTF-8 */
+#define EARLIEST 33 /* date: 1 January 1980, so that equal models are equal files */
+#define WRITTEN_BYTES (ENTRY_BYTES + SG_ZIP_NAME)
+
+/* What both headers of an entry have in common: versions, flags, method, time, date, sizes. */
+static uint8_t *put_entry(const struct sg_zip_writer *w, unsigned i, uint8_t *to)
+{
+    const uint32_t size = w->entry[i].size;
+    return put(to, "wwwwwuuuww", VERSION, UTF8, STORED, 0, EARLIEST, w->entry[i].crc, size, size,
+               (uint32_t) strlen(w->entry[i].name), 0);
+}
+
+int sg_zip_add(struct sg_zip_writer *w, const char *name, const void *data, size_t size)
+{
+    uint8_t header[WRITTEN_BYTES];
+    const unsigned i = w->count;
+    const size_t most = SG_ZIP_MAX - (uint64_t) SG_ZIP_ENTRIES * 2 * WRITTEN_BYTES;
+    if (w->at > most || size > most - w->at)
+        return sg_fail(w->ctx, SG_ERR_INPUT,
+                       "%s: found %llu bytes, expected a zip archive below 4 GB", w->path,
+                       (unsigned long long) w->at + size);
+    snprintf(w->entry[i].name, sizeof(w->entry[i].name), "%s", name);
+    w->entry[i].size = (uint32_t) size, w->entry[i].at = (uint32_t) w->at;
+    w->entry[i].crc = (uint32_t) crc32(0, data, (unsigned) size);
+    const size_t n = (size_t) (put_entry(w, i, put(header, "u", 0x04034b50)) - header);
+    fwrite(header, 1, n, w->to);
+    fputs(w->entry[i].name, w->to);
+    fwrite(data, 1, size, w->to);
+    w->at += n + strlen(w->entry[i].name) + size;
+    w->count++;
+    return SG_OK;
+}
+
+void sg_zip_finish(struct sg_zip_writer *w)
+{
+    uint8_t header[WRITTEN_BYTES];
+    uint32_t bytes = 0;
+    for (unsigned i = 0; i < w->count; i++) {
+        uint8_t *to = put_entry(w, i, put(header, "uw", 0x02014b50, VERSION));
+        to = put(to, "wwwuu", 0, 0, 0, 0, w->entry[i].at);
+        fwrite(header, 1, (size_t) (to - header), w->to);
+        fputs(w->entry[i].name, w->to);
+        bytes += (uint32_t) ((size_t) (to - header) + strlen(w->entry[i].name));
+    }
+    uint8_t *to =
+        put(header, "uwwwwuuw", 0x06054b50, 0, 0, w->count, w->count, bytes, (uint32_t) w->at, 0);
+    fwrite(header, 1, (size_t) (to - header), w->to);
+}
+
 #else
+
+static int missing(sg_ctx *ctx, const char *path)
+{
+    return sg_fail(ctx, SG_ERR_USAGE, "%s: zip archives need zlib, which this build lacks", path);
+}
 
 int sg_zip_open(sg_ctx *ctx, const char *path, const uint8_t *data, size_t size, struct sg_zip *out)
 {
     (void) data, (void) size, (void) out;
-    return sg_fail(ctx, SG_ERR_USAGE, "%s: found a zip archive, but this build has no zlib", path);
+    return missing(ctx, path);
 }
 
 int sg_zip_read(const struct sg_zip *z, const char *name, size_t most, uint8_t **data, size_t *size)
@@ -142,6 +213,17 @@ int sg_zip_read(const struct sg_zip *z, const char *name, size_t most, uint8_t *
     (void) z, (void) name, (void) most;
     *data = NULL, *size = 0;
     return SG_ERR_USAGE;
+}
+
+int sg_zip_add(struct sg_zip_writer *w, const char *name, const void *data, size_t size)
+{
+    (void) name, (void) data, (void) size;
+    return missing(w->ctx, w->path);
+}
+
+void sg_zip_finish(struct sg_zip_writer *w)
+{
+    (void) w;
 }
 
 #endif

@@ -6,6 +6,7 @@
 #include <string.h>
 #include <turbojpeg.h>
 #include <webp/decode.h>
+#include <webp/encode.h>
 
 #include "core/file.h"
 
@@ -13,6 +14,8 @@
  * memory. */
 #define PNG_CHUNK_BYTES (16u << 20)
 #define PNG_CACHE_BYTES (32u << 20)
+#define WEBP_ENCODER_BYTES 48 /* of libwebp for a pixel, measured 37, and for any image */
+#define WEBP_ENCODER_LEAST (14u << 20)
 #define WEBP_TABLE_BYTES 20000 /* five Huffman codes with the largest colour cache */
 
 static int allocate(sg_ctx *ctx, const char *name, uint64_t width, uint64_t height, int channels,
@@ -430,6 +433,36 @@ int sg_image_encode_jpeg(sg_ctx *ctx, const uint8_t *rgb, int width, int height,
     if (!code)
         code = take_copy(ctx, jpeg, n, data, size);
     tjFree(jpeg);
+    return code;
+}
+
+int sg_image_encode_webp(sg_ctx *ctx, const uint8_t *rgba, int width, int height, void **data,
+                         size_t *size)
+{
+    WebPConfig config;
+    WebPPicture picture;
+    WebPMemoryWriter writer;
+    void *room;
+    *data = NULL;
+    if (!WebPConfigInit(&config) || !WebPPictureInit(&picture))
+        return sg_fail(ctx, SG_ERR_USAGE, "cannot encode a WebP: another version of libwebp");
+    int code = sg_reserve(
+        ctx, SG_MEM_MISC,
+        (uint64_t) width * (uint64_t) height * WEBP_ENCODER_BYTES + WEBP_ENCODER_LEAST, &room);
+    if (code)
+        return code;
+    WebPMemoryWriterInit(&writer);
+    config.lossless = config.exact = 1; /* exact: also where alpha is 0 */
+    picture.use_argb = 1, picture.width = width, picture.height = height;
+    picture.writer = WebPMemoryWrite, picture.custom_ptr = &writer;
+    if (!WebPPictureImportRGBA(&picture, rgba, 4 * width) || !WebPEncode(&config, &picture))
+        code = sg_fail(ctx, SG_ERR_BUDGET, "cannot encode a WebP of %d x %d pixels: error %d",
+                       width, height, (int) picture.error_code);
+    else
+        code = take_copy(ctx, writer.mem, writer.size, data, size);
+    WebPPictureFree(&picture);
+    WebPMemoryWriterClear(&writer);
+    sg_free(room);
     return code;
 }
 

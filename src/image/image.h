@@ -48,6 +48,12 @@ int sg_image_write_jpeg(sg_ctx *ctx, const char *path, const uint8_t *rgb, int w
 int sg_image_encode_jpeg(sg_ctx *ctx, const uint8_t *rgb, int width, int height, int quality,
                          bool full_chroma, void **data, size_t *size);
 
+/* WebP of RGBA pixels that keeps every byte, into memory: sg_free(*data). Sides of at most
+ * SG_WEBP_SIDE_MAX. */
+#define SG_WEBP_SIDE_MAX 16383
+int sg_image_encode_webp(sg_ctx *ctx, const uint8_t *rgba, int width, int height, void **data,
+                         size_t *size);
+
 void sg_image_clear(struct sg_image *image); /* safe on a zeroed image */
 
 enum sg_alpha { SG_ALPHA_ON_BLACK, SG_ALPHA_ON_WHITE, SG_ALPHA_DROP };

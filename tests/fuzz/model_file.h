@@ -25,8 +25,7 @@ static inline void read_model_file(const char *ending, const uint8_t *data, size
     if (!sg_model_read(ctx, path, 1 << 16, &m)) {
         unlink(path);
         const enum sg_model_format format = sg_model_format_of(path);
-        const char *const written =
-            format == SG_MODEL_KSPLAT || format == SG_MODEL_SOG ? ".glb" : ending;
+        const char *const written = format == SG_MODEL_KSPLAT ? ".glb" : ending;
         snprintf(path, sizeof(path), "/tmp/sg-fuzz-model-%ld%s", (long) getpid(), written);
         const int code = sg_model_write(ctx, m, path, NULL);
         if (code != SG_OK && code != SG_ERR_INPUT) /* NaN, or beyond the format's range */

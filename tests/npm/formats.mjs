@@ -68,11 +68,11 @@ const compare = (name) => { // both read one file
 };
 
 // Our files in their readers.
-for (const name of ['ours.splat', 'ours.compressed.ply'])
+for (const name of ['ours.splat', 'ours.compressed.ply', 'ours.sog'])
     run(tool, 'convert', model, at(name), '-q');
 run(tool, 'convert', model, at('ours-2.spz'), '--spz-version', '2', '-q');
 run(tool, 'convert', model, at('ours-3.spz'), '--spz-version', '3', '-q');
-['ours.splat', 'ours.compressed.ply', 'ours-2.spz', 'ours-3.spz'].forEach(compare);
+['ours.splat', 'ours.compressed.ply', 'ours.sog', 'ours-2.spz', 'ours-3.spz'].forEach(compare);
 
 // Their files in our readers. splat-transform writes .spz of version 4, so spz itself writes the others.
 run('node', splatTransform, '-q', model, at('theirs.compressed.ply'));
