@@ -131,6 +131,12 @@ static int train_by(sg_ctx *ctx, enum sg_train_strategy strategy, enum sg_train_
         code = sg_trainer_step(resumed, NULL);
     if (!code)
         code = sg_trainer_model(resumed, &model);
+    if (!code && kind != SG_MODEL_SCAFFOLD) {
+        struct sg_filter_pass next;
+        double *scores = calloc(model->count, 2 * sizeof(*scores));
+        code = sg_trainer_scores(resumed, scores, scores + model->count, &next);
+        free(scores);
+    }
     if (!code)
         code = sg_model_write_ply(ctx, model, ply);
     if (!code)

@@ -416,6 +416,16 @@ int sg_run_renderer(sg_run *r, sg_renderer **out)
     return sg_trainer_renderer(r->trainer, out);
 }
 
+int sg_run_model(sg_run *r, struct sg_model **out)
+{
+    return sg_trainer_model(r->trainer, out);
+}
+
+int sg_run_scores(sg_run *r, double *score, double *hits, struct sg_filter_pass *next)
+{
+    return sg_trainer_scores(r->trainer, score, hits, next);
+}
+
 void sg_run_close(sg_run **run)
 {
     sg_run *r = run ? *run : NULL;

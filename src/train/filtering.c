@@ -47,6 +47,20 @@ bool sg_filtering_due(const sg_trainer *t, const struct sg_filtering *s, int bef
            (densifies || p->defense.rho >= 0 || share_of(t, s, it) > 0);
 }
 
+double sg_filtering_next(const sg_trainer *t, int *next)
+{
+    const struct sg_train_params *p = &t->params;
+    struct sg_filtering grown = *(const struct sg_filtering *) t->strategy_state;
+    const int from = sg_filters_from(p), now = t->iteration > from ? t->iteration : from;
+    grown.growths += !grown.growths;
+    for (int it = now + 1; it - now <= p->defense.interval; it++)
+        if (sg_filters(p, it - 1, it)) {
+            *next = it;
+            return share_of(t, &grown, it);
+        }
+    return 0;
+}
+
 int sg_filtering_run(sg_trainer *t, struct sg_filtering *s, int it,
                      const struct sg_render_params *render, struct sg_defense_step *step)
 {

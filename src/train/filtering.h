@@ -20,6 +20,9 @@ void sg_filtering_grown(const sg_trainer *t, struct sg_filtering *s, int it, dou
 /* Whether the filter removes in the step from iteration `before` to `it`. */
 bool sg_filtering_due(const sg_trainer *t, const struct sg_filtering *s, int before, int it,
                       bool densifies);
+/* The share of the next pass, and its iteration; 0 where no pass is left. Where the share follows
+ * growth and nothing has grown since the newest pass: as if it had grown once. */
+double sg_filtering_next(const sg_trainer *t, int *next);
 /* Removes, and fills what `step` tells about that. */
 int sg_filtering_run(sg_trainer *t, struct sg_filtering *s, int it,
                      const struct sg_render_params *render, struct sg_defense_step *step);

@@ -37,6 +37,8 @@ struct sg_strategy {
     int (*begin)(sg_trainer *t);
     /* Optional: changes the learning rates of an iteration, one per enum sg_group. */
     void (*rates)(const sg_trainer *t, int before, int it, double *rates);
+    /* Optional: what the next pass of the defense's filter removes, see sg_filtering_next. */
+    double (*filter_next)(const sg_trainer *t, int *next);
     /* Before the update. */
     struct sg_strategy_plan (*plan)(const sg_trainer *t, int before, int it);
     /* Optional. After the update, with the plan of this step: edits the model. Fills what `out`

@@ -125,6 +125,7 @@ const struct sg_strategy sg_strategy_default = {
     .name = "default",
     .state_bytes = sizeof(struct sg_filtering),
     .sound = sg_filtering_sound,
+    .filter_next = sg_filtering_next,
     .plan = plan,
     .after_step = after_step,
 };

@@ -87,6 +87,7 @@ const struct sg_strategy sg_strategy_lightgaussian = {
     .name = "lightgaussian",
     .state_bytes = sizeof(struct sg_filtering), /* the default's */
     .sound = sg_filtering_sound,
+    .filter_next = sg_filtering_next,
     .rates = rates,
     .plan = plan,
     .after_step = after_step,

@@ -9,6 +9,7 @@
 #include "begin.h"
 #include "checkpoint.h"
 #include "core/clock.h"
+#include "defense/filter.h"
 #include "engine/scaffold/scaffold.h"
 #include "exposure.h"
 #include "math/constants.h"
@@ -499,6 +500,33 @@ int sg_trainer_renderer(sg_trainer *t, sg_renderer **out)
         render.background[ch] = t->params.white_background ? 1 : 0;
     return sg_renderer_borrow(
         t->engine, sg_active_degree(&t->params, t->start_degree, t->iteration), &render, out);
+}
+
+int sg_trainer_scores(sg_trainer *t, double *score, double *hits, struct sg_filter_pass *next)
+{
+    const struct sg_defense_params *d = &t->params.defense;
+    const struct sg_render_params render = sg_trainer_render(t);
+    struct sg_scores s;
+    sg_clear_error(t->ctx);
+    if (sg_engine_each(t->engine) > 1)
+        return sg_fail(t->ctx, SG_ERR_USAGE,
+                       "scores: found a model of anchors, expected one of Gaussians");
+    *next = (struct sg_filter_pass){.iteration = t->iteration};
+    if (t->strategy->filter_next)
+        next->share = t->strategy->filter_next(t, &next->iteration);
+    sg_engine_stop_clocks(t->engine, true);
+    const int code = sg_score(t->engine, t->scene, d, &render, t->params.seed, next->iteration, &s);
+    sg_engine_stop_clocks(t->engine, false);
+    if (code)
+        return code;
+    for (size_t i = 0; i < s.count; i++) {
+        score[i] = s.score[i];
+        hits[i] = s.score[i] > -INFINITY
+                      ? exp(s.score[i] - sg_filter_log_weight(d, s.log_smallest[i]))
+                      : 0;
+    }
+    sg_scores_clear(&s);
+    return SG_OK;
 }
 
 /* Room for what the model has beside its parameters. */
