@@ -262,7 +262,7 @@ static int remove_folder(void **state)
     return rmdir(folder);
 }
 
-static struct sg_model *make_random(sg_ctx *ctx, size_t n)
+static struct sg_model *make_random(sg_ctx *ctx, size_t n, unsigned parts)
 {
     struct sg_model *m;
     assert_int_equal(sg_model_create(ctx, n, 0, &m), SG_OK);
@@ -274,8 +274,9 @@ static struct sg_model *make_random(sg_ctx *ctx, size_t n)
             *anchor_at(m, i, p) = draw(51, SG_A_PLANES * i + (size_t) p, -1, 1);
     }
     float *w = (float *) &m->columns->networks->value;
-    for (size_t i = 0; i < SG_WEIGHTS; i++)
+    for (size_t i = 0; i < (parts ? SG_WEIGHTS : SG_WEIGHTS_PLAIN); i++)
         w[i] = draw(52, i, -1, 1);
+    m->columns->networks->parts = parts;
     m->columns->networks->voxel = 0.0123f;
     return m;
 }
@@ -284,7 +285,7 @@ static void test_files(void **state)
 {
     (void) state;
     sg_ctx *ctx = make_context(1);
-    struct sg_model *m = make_random(ctx, 21), *read;
+    struct sg_model *m = make_random(ctx, 21, 0), *read;
     char other[96];
     size_t size;
     assert_int_equal(sg_model_write_ply(ctx, m, model_path), SG_OK);
@@ -339,12 +340,61 @@ static void test_files(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Networks with optional parts come back with them, under the names of PyTorch. */
+static void test_parts(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m = make_random(ctx, 3, SG_PART_DISTANCE | SG_PART_BANK), *read;
+    size_t size;
+    assert_int_equal(sg_model_write_ply(ctx, m, model_path), SG_OK);
+    assert_int_equal(sg_model_read_drawable(ctx, model_path, 100, &read), SG_OK);
+    assert_int_equal(read->columns->networks->parts, SG_PART_DISTANCE | SG_PART_BANK);
+    assert_memory_equal(&read->columns->networks->value, &m->columns->networks->value,
+                        sizeof(struct sg_weights));
+    sg_model_destroy(&read);
+    char *good = slurp(weights_path, &size);
+    static const char *const has[] = {
+        "\"parts\":\"distance feature_bank\"",
+        "\"colour.0.weight\":{\"dtype\":\"F32\",\"shape\":[32,36]",
+        "\"feature_bank.0.weight\":{\"dtype\":\"F32\",\"shape\":[32,4]",
+        "\"feature_bank.2.weight\":{\"dtype\":\"F32\",\"shape\":[3,32]",
+        "\"feature_bank.2.bias\":{\"dtype\":\"F32\",\"shape\":[3]"};
+    for (size_t i = 0; i < sizeof(has) / sizeof(has[0]); i++)
+        if (!memmem(good, size, has[i], strlen(has[i])))
+            fail_msg("the header does not have %s", has[i]);
+    static const struct {
+        const char *find, *replace, *says;
+    } edits[] = {{"distance feature", "distance_feature", "found parts other than"},
+                 {"distance feature_bank", "distance feature_bang", "found parts other than"},
+                 {"\"distance feature_bank\"", "\"feature_bank\"         ", "opacity.0.weight"},
+                 {"\"distance feature_bank\"", "\"distance\"            !", "header"},
+                 {"feature_bank.0.bias", "feature_bank.1.bias", "feature_bank.0.bias"}};
+    for (size_t i = 0; i < sizeof(edits) / sizeof(edits[0]); i++) {
+        char *bad = malloc(size), *at;
+        assert_non_null(bad);
+        memcpy(bad, good, size);
+        at = memmem(bad, size, edits[i].find, strlen(edits[i].find));
+        assert_non_null(at);
+        memcpy(at, edits[i].replace, strlen(edits[i].replace));
+        spill(weights_path, bad, size);
+        if (sg_model_read_drawable(ctx, model_path, 100, &read) != SG_ERR_INPUT ||
+            !strstr(sg_last_error(ctx), edits[i].says))
+            fail_msg("%s: found \"%s\"", edits[i].replace, sg_last_error(ctx));
+        sg_clear_error(ctx);
+        free(bad);
+    }
+    free(good);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
 /* A program whose locale has a decimal comma writes the same bytes, and reads them. */
 static void test_comma(void **state)
 {
     (void) state;
     sg_ctx *ctx = make_context(1);
-    struct sg_model *m = make_random(ctx, 3), *read;
+    struct sg_model *m = make_random(ctx, 3, 0), *read;
     size_t size, found_size;
     assert_int_equal(sg_model_write_ply(ctx, m, model_path), SG_OK);
     char *expected = slurp(weights_path, &size);
@@ -374,7 +424,7 @@ static void test_hostile(void **state)
 {
     (void) state;
     sg_ctx *ctx = make_context(1);
-    struct sg_model *m = make_random(ctx, 5), *read;
+    struct sg_model *m = make_random(ctx, 5, 0), *read;
     size_t size, ply_size;
     assert_int_equal(sg_model_write_ply(ctx, m, model_path), SG_OK);
     char *good = slurp(weights_path, &size), *ply = slurp(model_path, &ply_size);
@@ -439,9 +489,9 @@ static void test_hostile(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_cells),  cmocka_unit_test(test_start),
-                                       cmocka_unit_test(test_growth), cmocka_unit_test(test_drop),
-                                       cmocka_unit_test(test_files),  cmocka_unit_test(test_comma),
-                                       cmocka_unit_test(test_hostile)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_cells), cmocka_unit_test(test_start),  cmocka_unit_test(test_growth),
+        cmocka_unit_test(test_drop),  cmocka_unit_test(test_files),  cmocka_unit_test(test_parts),
+        cmocka_unit_test(test_comma), cmocka_unit_test(test_hostile)};
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }

@@ -15,7 +15,8 @@
 struct one {
     struct ref_weights w;
     struct ref_anchor a;
-    double centre[3], volume, factor[SG_ANCHOR_GAUSSIANS][SG_NEURAL_PLANES];
+    struct ref_view view;
+    double volume, factor[SG_ANCHOR_GAUSSIANS][SG_NEURAL_PLANES];
 };
 
 /* Of all that exists: a weighted sum of what is drawn, and the products of the scales. */
@@ -23,7 +24,7 @@ static double value_of(const struct one *o)
 {
     double drawn[SG_ANCHOR_GAUSSIANS][SG_NEURAL_PLANES], sum = 0;
     bool exists[SG_ANCHOR_GAUSSIANS];
-    ref_neural_forward(&o->w, &o->a, o->centre, drawn, exists);
+    ref_neural_forward(&o->w, &o->a, &o->view, drawn, exists);
     for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++) {
         for (int p = 0; p < SG_NEURAL_PLANES && exists[k]; p++)
             sum += o->factor[k][p] * drawn[k][p];
@@ -45,9 +46,8 @@ static void compare_change(struct one *o, double *value, double gradient, const 
         fail_msg("%s %d: gradient %g, expected %g", what, i, gradient, change);
 }
 
-static void test_oracle(void **state)
+static void check_oracle(unsigned parts)
 {
-    (void) state;
     struct one *o = calloc(1, sizeof(*o));
     struct ref_weights *sum = calloc(1, sizeof(*sum));
     struct ref_anchor d;
@@ -61,21 +61,62 @@ static void test_oracle(void **state)
     for (size_t k = 0; k < 3; k++) {
         o->a.position[k] = (double) draw(32, k, -1, 1);
         o->a.reach[k] = (double) draw(33, k, -2, 0);
-        o->centre[k] = (double) draw(34, k, 2, 4);
+        o->view.centre[k] = (double) draw(34, k, 2, 4);
     }
+    o->view.parts = parts;
     for (size_t k = 0; k < SG_ANCHOR_GAUSSIANS; k++)
         for (size_t p = 0; p < SG_NEURAL_PLANES; p++)
             o->factor[k][p] = (double) draw(35, SG_NEURAL_PLANES * k + p, -1, 1);
     o->volume = 0.7;
-    ref_neural_backward(&o->w, &o->a, o->centre, o->factor, o->volume, &d, sum);
+    ref_neural_backward(&o->w, &o->a, &o->view, o->factor, o->volume, &d, sum);
     for (int k = 0; k < 3; k++)
         compare_change(o, &o->a.reach[k], d.reach[k], "reach", k);
     for (int p = 0; p < SG_A_PLANES; p++)
         compare_change(o, &o->a.anchor[p], d.anchor[p], "anchor", p);
     for (size_t i = 0; i < SG_WEIGHTS; i++)
         compare_change(o, &w[i], dw[i], "weight", (int) i);
+    /* Weights of a part have a gradient where it is there, else none. */
+    for (size_t h = 0; h < SG_HIDDEN; h++)
+        assert_true(parts & SG_PART_DISTANCE || sum->distance[h] == 0);
+    for (int j = 0; j < SG_BANK_OUTPUTS; j++)
+        assert_true((sum->bank_bias[j] != 0) == (bool) (parts & SG_PART_BANK));
     free(o);
     free(sum);
+}
+
+#define ALL_PARTS (SG_PART_DISTANCE | SG_PART_BANK)
+
+static void test_oracle(void **state)
+{
+    (void) state;
+    for (unsigned parts = 0; parts <= ALL_PARTS; parts++)
+        check_oracle(parts);
+}
+
+/* With all of one copy's share a feature is that copy, in the order of the released code. */
+static void test_bank(void **state)
+{
+    (void) state;
+    struct ref_weights *w = calloc(1, sizeof(*w));
+    struct ref_anchor a;
+    struct ref_neural n;
+    const struct ref_view view = {.centre = {1, 2, 3}, .parts = SG_PART_BANK};
+    assert_non_null(w);
+    for (int f = 0; f < SG_ANCHOR_FEATURES; f++)
+        a.anchor[SG_A_FEATURE + f] = f;
+    memset(a.position, 0, sizeof(a.position));
+    for (int j = 0; j < SG_BANK_OUTPUTS; j++) {
+        for (int k = 0; k < SG_BANK_OUTPUTS; k++)
+            w->bank_bias[k] = k == j ? 0 : -1000;
+        ref_networks(w, &a, &view, &n);
+        for (int f = 0; f < SG_ANCHOR_FEATURES; f++)
+            assert_true(n.input[f] == (j == 0 ? 4 * (f % 8) : j == 1 ? 2 * (f % 16) : f));
+    }
+    for (int k = 0; k < SG_BANK_OUTPUTS; k++)
+        w->bank_bias[k] = 7;
+    ref_networks(w, &a, &view, &n);
+    assert_true(fabs(n.input[9] - (4 + 18 + 9) / 3.0) < 1e-12);
+    free(w);
 }
 
 /* ---- an engine ---- */
@@ -125,6 +166,7 @@ static struct sg_engine *make_scaffold(sg_ctx *ctx, struct engine_case c, const 
 struct chain {
     struct ref_weights w;
     struct ref_anchor a[ANCHORS];
+    unsigned parts;
     struct sg_camera camera;
     double weight[3 * W * H];
     struct ref_splat splats[DRAWN];
@@ -132,10 +174,10 @@ struct chain {
     size_t source[DRAWN], count; /* source: anchor and number of each that is drawn */
 };
 
-static void centre_of(const struct chain *c, double centre[3])
+static struct ref_view view_of(const struct chain *c)
 {
     const struct pinhole view = view_make(&c->camera);
-    memcpy(centre, view.centre, sizeof(view.centre));
+    return (struct ref_view){{view.centre[0], view.centre[1], view.centre[2]}, c->parts};
 }
 
 /* *events: a number that changes where a cut-off is crossed and the loss jumps. */
@@ -151,10 +193,10 @@ static double evaluate(struct chain *c, bool backward, unsigned long *events)
     c->count = 0;
     *events = 0;
     for (size_t i = 0; i < ANCHORS; i++) {
-        double drawn[SG_ANCHOR_GAUSSIANS][SG_NEURAL_PLANES], centre[3];
+        double drawn[SG_ANCHOR_GAUSSIANS][SG_NEURAL_PLANES];
         bool exists[SG_ANCHOR_GAUSSIANS];
-        centre_of(c, centre);
-        ref_neural_forward(&c->w, &c->a[i], centre, drawn, exists);
+        const struct ref_view of = view_of(c);
+        ref_neural_forward(&c->w, &c->a[i], &of, drawn, exists);
         for (size_t k = 0; k < SG_ANCHOR_GAUSSIANS; k++) {
             if (!exists[k])
                 continue;
@@ -190,10 +232,10 @@ static double evaluate(struct chain *c, bool backward, unsigned long *events)
 static void pull(const struct chain *c, struct ref_anchor out[ANCHORS], struct ref_weights *sum)
 {
     const struct pinhole view = view_make(&c->camera);
-    double drawn[ANCHORS][SG_ANCHOR_GAUSSIANS][SG_NEURAL_PLANES], centre[3];
+    const struct ref_view of = view_of(c);
+    double drawn[ANCHORS][SG_ANCHOR_GAUSSIANS][SG_NEURAL_PLANES];
     memset(sum, 0, sizeof(*sum));
     memset(drawn, 0, sizeof(drawn));
-    centre_of(c, centre);
     for (size_t i = 0; i < c->count; i++) {
         double g[SG_PARAMS_MAX];
         ref_parameter_gradient(&view, &c->splats[i], c->drawn[i], 0, g);
@@ -201,7 +243,7 @@ static void pull(const struct chain *c, struct ref_anchor out[ANCHORS], struct r
                sizeof(drawn[0][0]));
     }
     for (size_t i = 0; i < ANCHORS; i++)
-        ref_neural_backward(&c->w, &c->a[i], centre, drawn[i],
+        ref_neural_backward(&c->w, &c->a[i], &of, drawn[i],
                             (double) SG_ANCHOR_VOLUME / (double) c->count, &out[i], sum);
 }
 
@@ -221,6 +263,7 @@ static struct chain *make_chain(const struct sg_model *m)
             c->a[i].anchor[p] =
                 (double) m->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, i, p)];
     }
+    c->parts = m->columns->networks->parts;
     c->camera = make_camera(W, H, 2.2);
     for (size_t i = 0; i < 3 * W * H; i++)
         c->weight[i] = (double) draw(45, i, -1, 1);
@@ -251,11 +294,11 @@ static void compare_chain(struct chain *c, double *value, double gradient, const
 }
 
 /* An anchor's six scales, offsets and feature, and weights, through the image. */
-static void test_chain(void **state)
+static void check_chain(unsigned parts)
 {
-    (void) state;
     sg_ctx *ctx = make_context(1);
     struct sg_model *m = make_anchors(ctx, ANCHORS, 40);
+    m->columns->networks->parts = parts;
     struct chain *c = make_chain(m);
     struct ref_weights *sum = calloc(1, sizeof(*sum));
     struct ref_anchor g[ANCHORS];
@@ -271,13 +314,20 @@ static void test_chain(void **state)
         for (size_t p = 0; p < SG_A_PLANES; p++)
             compare_chain(c, &c->a[i].anchor[p], g[i].anchor[p], "anchor", p, &crossed);
     }
-    for (size_t i = 0; i < SG_WEIGHTS; i += 31)
+    for (size_t i = 0; i < SG_WEIGHTS; i += i < SG_WEIGHTS_PLAIN ? 31 : 5)
         compare_chain(c, (double *) &c->w + i, ((double *) sum)[i], "weight", i, &crossed);
     assert_in_range(crossed, 0, 5);
     free(sum);
     free(c);
     sg_model_destroy(&m);
     sg_ctx_destroy(&ctx);
+}
+
+static void test_chain(void **state)
+{
+    (void) state;
+    check_chain(0);
+    check_chain(ALL_PARTS);
 }
 
 /* Values of the engine against the oracle's, as a part of the largest. */
@@ -294,9 +344,8 @@ static void compare_values(const char *name, const char *what, const float *foun
                      expected[i]);
 }
 
-static void test_engines(void **state)
+static void check_engines(unsigned parts)
 {
-    (void) state;
     struct engine_case cases[ENGINE_CASES];
     const int n = engine_cases(cases);
     for (int k = 0; k < n; k++) {
@@ -305,6 +354,7 @@ static void test_engines(void **state)
         sg_ctx *ctx = make_context(2);
         struct sg_model *m = make_anchors(ctx, ANCHORS, 40),
                         *found = make_anchors(ctx, ANCHORS, 41);
+        m->columns->networks->parts = parts;
         struct chain *c = make_chain(m);
         struct ref_weights *sum = calloc(1, sizeof(*sum));
         struct ref_anchor g[ANCHORS];
@@ -341,6 +391,13 @@ static void test_engines(void **state)
         sg_model_destroy(&found);
         sg_ctx_destroy(&ctx);
     }
+}
+
+static void test_engines(void **state)
+{
+    (void) state;
+    check_engines(0);
+    check_engines(ALL_PARTS);
 }
 
 /* Networks that do not depend on what they read make the same Gaussians in each view: baked, they
@@ -389,7 +446,8 @@ static void test_bake(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_oracle), cmocka_unit_test(test_chain),
-                                       cmocka_unit_test(test_engines), cmocka_unit_test(test_bake)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_oracle), cmocka_unit_test(test_bank),
+                                       cmocka_unit_test(test_chain), cmocka_unit_test(test_engines),
+                                       cmocka_unit_test(test_bake)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -167,7 +167,8 @@ static void test_resume(void **state)
     for (int at = 5; at < 40; at += 8) { /* 5, 13, ..., between growths; one before any */
         struct fixture f = make_points(2);
         struct course whole, part;
-        const struct sg_train_params p = scaffold_params();
+        struct sg_train_params p = scaffold_params();
+        p.scaffold.distance = at > 20, p.scaffold.bank = at > 10;
         sg_trainer *t = begin(&f, &p);
         struct sg_model *expected = run(&f, t, 40, &whole), *found, *unused;
         sg_trainer_destroy(&t);
@@ -207,6 +208,44 @@ static void test_resume(void **state)
     assert_int_equal(truncate(path, 4000), 0);
     assert_int_equal(sg_trainer_resume(f.ctx, &f.scene, path, &other, &t), SG_ERR_INPUT);
     sg_clear_error(f.ctx);
+    clear_points(&f);
+    unlink(path);
+}
+
+/* Optional parts learn, and help. A run without them refuses their checkpoints, and the other way
+ * round. */
+static void test_parts(void **state)
+{
+    (void) state;
+    char path[] = "/tmp/sg_scaffold_XXXXXX";
+    close(mkstemp(path));
+    struct fixture f = make_points(2);
+    struct sg_train_params p = scaffold_params(), other = p;
+    struct course plain, course;
+    sg_trainer *t = begin(&f, &p);
+    sg_model_destroy(&(struct sg_model *){run(&f, t, 40, &plain)});
+    sg_trainer_destroy(&t);
+    p.scaffold.distance = p.scaffold.bank = true;
+    t = begin(&f, &p);
+    struct sg_model *before, *after;
+    assert_int_equal(sg_trainer_model(t, &before), SG_OK);
+    after = run(&f, t, 40, &course);
+    const struct sg_weights *w[2] = {&before->columns->networks->value,
+                                     &after->columns->networks->value};
+    assert_true(memcmp(w[0]->distance, w[1]->distance, sizeof(w[0]->distance)) != 0);
+    for (int j = 0; j < SG_BANK_OUTPUTS; j++)
+        assert_true(w[0]->bank_bias[j] != w[1]->bank_bias[j]);
+    assert_true(course.loss[39] < 1.1 * plain.loss[39]);
+    assert_int_equal(sg_trainer_save(t, path), SG_OK);
+    sg_trainer_destroy(&t);
+    f.scene.train = f.views;
+    assert_int_equal(sg_trainer_resume(f.ctx, &f.scene, path, &other, &t), SG_ERR_INPUT);
+    sg_clear_error(f.ctx);
+    other = p;
+    other.scaffold.bank = false;
+    assert_int_equal(sg_trainer_resume(f.ctx, &f.scene, path, &other, &t), SG_ERR_INPUT);
+    sg_model_destroy(&before);
+    sg_model_destroy(&after);
     clear_points(&f);
     unlink(path);
 }
@@ -401,10 +440,10 @@ static void test_refused(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_threads),       cmocka_unit_test(test_engines),
-        cmocka_unit_test(test_resume),        cmocka_unit_test(test_steps),
-        cmocka_unit_test(test_nothing_drawn), cmocka_unit_test(test_limits),
-        cmocka_unit_test(test_memory),        cmocka_unit_test(test_filter),
-        cmocka_unit_test(test_refused)};
+        cmocka_unit_test(test_threads), cmocka_unit_test(test_engines),
+        cmocka_unit_test(test_resume),  cmocka_unit_test(test_parts),
+        cmocka_unit_test(test_steps),   cmocka_unit_test(test_nothing_drawn),
+        cmocka_unit_test(test_limits),  cmocka_unit_test(test_memory),
+        cmocka_unit_test(test_filter),  cmocka_unit_test(test_refused)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

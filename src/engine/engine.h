@@ -160,7 +160,7 @@ int sg_engine_settle(struct sg_engine *e, const struct sg_settling *settling);
  * last, before the model is edited: see struct sg_update. SG_ERR_USAGE for an engine without
  * networks. */
 struct sg_network_update {
-    float rate[SG_NETWORKS], root;
+    float rate[SG_NETWORK_RATES], root;
 };
 int sg_engine_learn_networks(struct sg_engine *e, const struct sg_network_update *update);
 

@@ -4,6 +4,8 @@
 #ifndef SG_MODEL_ANCHOR_H
 #define SG_MODEL_ANCHOR_H
 
+#include <stddef.h>
+
 #include "splatguard/model.h"
 
 #define SG_ANCHOR_GAUSSIANS 10 /* of an anchor, of which a view draws those that are opaque */
@@ -32,7 +34,14 @@ enum sg_anchor_statistic {
 
 /* The networks: each has one hidden layer of SG_NETWORK_HIDDEN values behind a ReLU. All read the
  * same inputs, so their hidden layers lie side by side. */
-enum sg_network { SG_N_OPACITY, SG_N_COVARIANCE, SG_N_COLOUR, SG_NETWORKS };
+enum sg_network {
+    SG_N_OPACITY,
+    SG_N_COVARIANCE,
+    SG_N_COLOUR,
+    SG_NETWORKS,
+    SG_N_BANK = SG_NETWORKS, /* an optional part, with inputs and outputs of its own */
+    SG_NETWORK_RATES
+};
 #define SG_NETWORK_HIDDEN 32
 #define SG_NETWORK_INPUTS (SG_ANCHOR_FEATURES + 3) /* the feature, and the direction of view */
 #define SG_HIDDEN (SG_NETWORKS * SG_NETWORK_HIDDEN)
@@ -58,20 +67,46 @@ static inline enum sg_network sg_output_network(int row)
     return row < SG_O_COVARIANCE ? SG_N_OPACITY : row < SG_O_COLOUR ? SG_N_COVARIANCE : SG_N_COLOUR;
 }
 
+/* Optional parts of the networks, as in the released code. */
+enum sg_network_part {
+    SG_PART_DISTANCE = 1, /* the distance from camera to anchor is an input too */
+    SG_PART_BANK = 2 /* the networks read a mixture of the feature with coarser copies of itself,
+                        in shares that one more network makes of direction and distance */
+};
+#define SG_BANK_INPUTS 4  /* direction, distance */
+#define SG_BANK_OUTPUTS 3 /* shares: of every fourth value, of every second, of all */
+
+/* What the mixture's copy with this share has in place of value f of a feature. */
+static inline int sg_bank_source(int share, int f)
+{
+    return share == 0   ? f % (SG_ANCHOR_FEATURES / 4) * 4
+           : share == 1 ? f % (SG_ANCHOR_FEATURES / 2) * 2
+                        : f;
+}
+
 struct sg_weights {
     float input[SG_NETWORK_INPUTS + 1][SG_HIDDEN]; /* by input; the last row: biases */
     float output[SG_OUTPUTS][SG_NETWORK_HIDDEN];   /* by output, from its network's hidden values */
     float bias[SG_OUTPUTS];
+    /* of optional parts, zeros without */
+    float distance[SG_HIDDEN]; /* as a row of `input` */
+    float bank_input[SG_BANK_INPUTS + 1][SG_NETWORK_HIDDEN];
+    float bank_output[SG_BANK_OUTPUTS][SG_NETWORK_HIDDEN];
+    float bank_bias[SG_BANK_OUTPUTS];
 };
 #define SG_WEIGHTS (sizeof(struct sg_weights) / sizeof(float))
+#define SG_WEIGHTS_PLAIN (offsetof(struct sg_weights, distance) / sizeof(float)) /* of no part */
 
 /* The network that a value of struct sg_weights belongs to. */
 static inline enum sg_network sg_weight_network(size_t i)
 {
     const size_t first = (SG_NETWORK_INPUTS + 1) * SG_HIDDEN,
                  biases = first + SG_OUTPUTS * SG_NETWORK_HIDDEN;
-    if (i < first)
-        return (enum sg_network)(i % SG_HIDDEN / SG_NETWORK_HIDDEN);
+    if (i < first || (i >= SG_WEIGHTS_PLAIN && i < SG_WEIGHTS_PLAIN + SG_HIDDEN))
+        return (enum sg_network)((i < first ? i : i - SG_WEIGHTS_PLAIN) % SG_HIDDEN /
+                                 SG_NETWORK_HIDDEN);
+    if (i >= SG_WEIGHTS_PLAIN)
+        return SG_N_BANK;
     const size_t row = i < biases ? (i - first) / SG_NETWORK_HIDDEN : i - biases;
     return sg_output_network((int) row);
 }
@@ -80,6 +115,7 @@ static inline enum sg_network sg_weight_network(size_t i)
 struct sg_networks {
     struct sg_weights value, moment1, moment2; /* moments: of Adam */
     float voxel;                               /* cell of the finest growth, scene units */
+    unsigned parts;                            /* bits of enum sg_network_part */
 };
 
 #endif

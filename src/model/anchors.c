@@ -46,15 +46,58 @@ void sg_anchor_set(struct sg_model *m, size_t i, const float position[3], float 
     *sg_model_at(m, i, SG_P_ROT) = 1;
 }
 
+/* Inputs of the layer that weight i belongs to; 0: of a part that is not there. */
+static int fan_in(const struct sg_networks *n, size_t i)
+{
+    const size_t hidden = sizeof(n->value.input) / sizeof(float),
+                 bank = offsetof(struct sg_weights, bank_input) / sizeof(float),
+                 outputs = offsetof(struct sg_weights, bank_output) / sizeof(float);
+    const int distance = n->parts & SG_PART_DISTANCE ? 1 : 0;
+    if (i < SG_WEIGHTS_PLAIN)
+        return i < hidden ? SG_NETWORK_INPUTS + distance : SG_NETWORK_HIDDEN;
+    if (i < bank)
+        return distance ? SG_NETWORK_INPUTS + 1 : 0;
+    return !(n->parts & SG_PART_BANK) ? 0 : i < outputs ? SG_BANK_INPUTS : SG_NETWORK_HIDDEN;
+}
+
 /* Uniform, as wide as the root of the inputs' number asks for. */
 static void draw_networks(struct sg_networks *n, uint64_t seed)
 {
     float *w = (float *) &n->value;
-    const size_t hidden = sizeof(n->value.input) / sizeof(float);
     for (size_t i = 0; i < SG_WEIGHTS; i++) {
-        const float inputs = i < hidden ? SG_NETWORK_INPUTS : SG_NETWORK_HIDDEN;
-        w[i] = (2 * sg_rng_uniform(seed, SG_RNG_NETWORKS, 0, i) - 1) / sqrtf(inputs);
+        const int inputs = fan_in(n, i);
+        w[i] = inputs
+                   ? (2 * sg_rng_uniform(seed, SG_RNG_NETWORKS, 0, i) - 1) / sqrtf((float) inputs)
+                   : 0;
     }
+}
+
+static size_t weights_of(unsigned parts)
+{
+    return parts ? SG_WEIGHTS : SG_WEIGHTS_PLAIN;
+}
+
+size_t sg_networks_floats(unsigned parts)
+{
+    return 3 * weights_of(parts) + 1;
+}
+
+void sg_networks_pack(const struct sg_networks *n, float *out)
+{
+    const size_t each = weights_of(n->parts);
+    const struct sg_weights *const from[] = {&n->value, &n->moment1, &n->moment2};
+    for (int k = 0; k < 3; k++, out += each)
+        memcpy(out, from[k], each * sizeof(float));
+    *out = n->voxel;
+}
+
+void sg_networks_unpack(const float *values, struct sg_networks *n)
+{
+    const size_t each = weights_of(n->parts);
+    struct sg_weights *const to[] = {&n->value, &n->moment1, &n->moment2};
+    for (int k = 0; k < 3; k++, values += each)
+        memcpy(to[k], values, each * sizeof(float));
+    n->voxel = *values;
 }
 
 bool sg_anchor_cell(float position, float size, int64_t *cell)
@@ -162,8 +205,9 @@ int sg_anchors_init(sg_ctx *ctx, const float *xyz, size_t n, const struct sg_anc
             code = make_anchors(ctx, at, kept, out);
     }
     if (!code) {
-        draw_networks((*out)->columns->networks, start->seed);
         (*out)->columns->networks->voxel = voxel;
+        (*out)->columns->networks->parts = start->parts;
+        draw_networks((*out)->columns->networks, start->seed);
     }
     sg_free(cell);
     sg_free(at);

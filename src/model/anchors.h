@@ -25,15 +25,22 @@ void sg_anchor_set(struct sg_model *model, size_t i, const float position[3], fl
                    float log_size);
 
 struct sg_anchor_start {
-    float voxel;   /* side of the cells that get an anchor, scene units; 0: the median of the mean
-                      squared distances to the 3 nearest points, as the released code does */
-    size_t limit;  /* at most so many anchors, at least 4; 0 = any number */
-    uint64_t seed; /* of the networks */
+    float voxel;    /* side of the cells that get an anchor, scene units; 0: the median of the mean
+                       squared distances to the 3 nearest points, as the released code does */
+    size_t limit;   /* at most so many anchors, at least 4; 0 = any number */
+    unsigned parts; /* of the networks: bits of enum sg_network_part */
+    uint64_t seed;  /* of the networks */
 };
 /* Anchors in the cells that hold a point. *cells: that there are. SG_ERR_INPUT for fewer than 4
  * cells and points that are not finite or beyond all cells; SG_ERR_BUDGET. */
 int sg_anchors_init(sg_ctx *ctx, const float *xyz, size_t n, const struct sg_anchor_start *start,
                     size_t *cells, struct sg_model **out);
+
+/* Networks with their moments as numbers, which checkpoints save: weights of parts that are not
+ * there are left out if none is. unpack: into networks whose `parts` are set, the rest zeroed. */
+size_t sg_networks_floats(unsigned parts);
+void sg_networks_pack(const struct sg_networks *networks, float *out);
+void sg_networks_unpack(const float *values, struct sg_networks *networks);
 
 /* The cell of a position along an axis, rounded half to even; false: it is not finite or beyond
  * 2^62 cells. */

@@ -82,7 +82,15 @@ static int write_anchors(sg_ctx *ctx, const struct sg_model *m, const char *path
 
 /* ---- networks ---- */
 
-static const char *const networks[SG_NETWORKS] = {"opacity", "covariance", "colour"};
+static const char *const networks[SG_NETWORK_RATES] = {"opacity", "covariance", "colour",
+                                                       "feature_bank"};
+
+/* As the metadata names them. */
+static const struct {
+    enum sg_network_part part;
+    const char *name;
+} part_names[] = {{SG_PART_DISTANCE, "distance"}, {SG_PART_BANK, "feature_bank"}};
+#define PARTS (sizeof(part_names) / sizeof(part_names[0]))
 
 /* A matrix or biases of a network as PyTorch has them: linear layer 0 or 2 of it. */
 struct tensor {
@@ -90,21 +98,37 @@ struct tensor {
     int rows, columns; /* columns 0: biases */
     int network, layer;
 };
-#define TENSORS (4 * SG_NETWORKS)
+#define MOST_TENSORS (4 * SG_NETWORK_RATES)
 
-static void list_tensors(struct tensor out[TENSORS])
+static int inputs_of(int network, unsigned parts)
 {
-    for (int n = 0, k = 0; n < SG_NETWORKS; n++)
+    return network == SG_N_BANK ? SG_BANK_INPUTS
+                                : SG_NETWORK_INPUTS + (parts & SG_PART_DISTANCE ? 1 : 0);
+}
+
+static int outputs_of(int network)
+{
+    return network == SG_N_BANK ? SG_BANK_OUTPUTS
+                                : sg_network_row(network + 1) - sg_network_row(network);
+}
+
+/* Returns their number. */
+static int list_tensors(unsigned parts, struct tensor out[MOST_TENSORS])
+{
+    const int count = parts & SG_PART_BANK ? SG_NETWORK_RATES : SG_NETWORKS;
+    int k = 0;
+    for (int n = 0; n < count; n++)
         for (int layer = 0; layer <= 2; layer += 2)
             for (int bias = 0; bias < 2; bias++, k++) {
-                const int rows =
-                    layer ? sg_network_row(n + 1) - sg_network_row(n) : SG_NETWORK_HIDDEN;
-                const int columns = layer ? SG_NETWORK_HIDDEN : SG_NETWORK_INPUTS;
-                out[k] = (struct tensor){
-                    .rows = rows, .columns = bias ? 0 : columns, .network = n, .layer = layer};
+                const int columns = layer ? SG_NETWORK_HIDDEN : inputs_of(n, parts);
+                out[k] = (struct tensor){.rows = layer ? outputs_of(n) : SG_NETWORK_HIDDEN,
+                                         .columns = bias ? 0 : columns,
+                                         .network = n,
+                                         .layer = layer};
                 snprintf(out[k].name, sizeof(out[k].name), "%s.%d.%s", networks[n], layer,
                          bias ? "bias" : "weight");
             }
+    return k;
 }
 
 static size_t values_of(const struct tensor *t)
@@ -116,9 +140,15 @@ static float *weight_at(struct sg_weights *w, const struct tensor *t, size_t k)
 {
     const size_t columns = (size_t) (t->columns ? t->columns : 1), row = k / columns,
                  column = k % columns;
+    if (t->network == SG_N_BANK && !t->layer)
+        return &w->bank_input[t->columns ? column : SG_BANK_INPUTS][row];
+    if (t->network == SG_N_BANK)
+        return t->columns ? &w->bank_output[row][column] : &w->bank_bias[row];
+    const size_t hidden = (size_t) (t->network * SG_NETWORK_HIDDEN) + row;
     if (!t->layer)
-        return &w->input[t->columns ? column : SG_NETWORK_INPUTS]
-                        [(size_t) (t->network * SG_NETWORK_HIDDEN) + row];
+        return t->columns && column == SG_NETWORK_INPUTS
+                   ? &w->distance[hidden]
+                   : &w->input[t->columns ? column : SG_NETWORK_INPUTS][hidden];
     const size_t output = (size_t) sg_network_row(t->network) + row;
     return t->columns ? &w->output[output][column] : &w->bias[output];
 }
@@ -128,16 +158,52 @@ static json_t *shape_of(const struct tensor *t)
     return t->columns ? json_pack("[i,i]", t->rows, t->columns) : json_pack("[i]", t->rows);
 }
 
-static char *header_text(const struct sg_networks *n, const struct tensor *tensors)
+/* The names of the parts, with a space behind each but the last. */
+static void name_parts(unsigned parts, char *out, size_t size)
 {
+    *out = 0;
+    for (size_t k = 0; k < PARTS; k++)
+        if (parts & part_names[k].part) {
+            const size_t at = strlen(out);
+            snprintf(out + at, size - at, "%s%s", at ? " " : "", part_names[k].name);
+        }
+}
+
+/* Their bits; false: a name is not known. */
+static bool read_parts(const json_t *root, unsigned *out)
+{
+    const char *at =
+        json_string_value(json_object_get(json_object_get(root, "__metadata__"), "parts"));
+    *out = 0;
+    while (at && *at) {
+        const size_t length = strcspn(at, " ");
+        size_t k = 0;
+        while (k < PARTS && (strlen(part_names[k].name) != length ||
+                             memcmp(part_names[k].name, at, length) != 0))
+            k++;
+        if (k == PARTS)
+            return false;
+        *out |= part_names[k].part;
+        at += length + (at[length] == ' ');
+    }
+    return true;
+}
+
+static char *header_text(const struct sg_networks *n, const struct tensor *tensors, int count)
+{
+    char parts[64];
     char voxel[32];
     const locale_t before = uselocale(sg_c_locale());
     snprintf(voxel, sizeof(voxel), "%.9g", (double) n->voxel);
     uselocale(before);
     json_t *root = json_pack("{s:{s:s,s:s}}", "__metadata__", "format", "splatguard scaffold 1",
                              "voxel", voxel);
+    if (n->parts) {
+        name_parts(n->parts, parts, sizeof(parts));
+        json_object_set_new(json_object_get(root, "__metadata__"), "parts", json_string(parts));
+    }
     size_t at = 0;
-    for (int k = 0; k < TENSORS; k++) {
+    for (int k = 0; k < count; k++) {
         const size_t end = at + values_of(&tensors[k]) * sizeof(float);
         json_object_set_new(root, tensors[k].name,
                             json_pack("{s:s,s:o,s:[I,I]}", "dtype", "F32", "shape",
@@ -152,16 +218,16 @@ static char *header_text(const struct sg_networks *n, const struct tensor *tenso
 
 static int write_networks(sg_ctx *ctx, struct sg_networks *n, const char *path)
 {
-    struct tensor tensors[TENSORS];
+    struct tensor tensors[MOST_TENSORS];
     struct sg_file_writer w = {0};
-    list_tensors(tensors);
-    char *text = header_text(n, tensors);
+    const int count = list_tensors(n->parts, tensors);
+    char *text = header_text(n, tensors, count);
     int code = text ? sg_file_create(ctx, &w, path) : sg_fail(ctx, SG_ERR_BUDGET, "out of memory");
     if (!code) {
         const uint64_t size = (strlen(text) + 7) / 8 * 8; /* padded with spaces */
         fwrite(&size, sizeof(size), 1, w.stream);
         fprintf(w.stream, "%-*s", (int) size, text);
-        for (int k = 0; k < TENSORS; k++)
+        for (int k = 0; k < count; k++)
             for (size_t i = 0; i < values_of(&tensors[k]); i++)
                 fwrite(weight_at(&n->value, &tensors[k], i), sizeof(float), 1, w.stream);
         code = sg_file_commit(ctx, &w);
@@ -211,7 +277,7 @@ static int parse_networks(sg_ctx *ctx, const char *path, const char *bytes, size
 {
     uint64_t length = 0;
     json_error_t error;
-    struct tensor tensors[TENSORS];
+    struct tensor tensors[MOST_TENSORS];
     if (size >= sizeof(length))
         memcpy(&length, bytes, sizeof(length));
     if (size < sizeof(length) || length > HEADER_MAX || length > size - sizeof(length))
@@ -230,8 +296,13 @@ static int parse_networks(sg_ctx *ctx, const char *path, const char *bytes, size
     if (!code && !read_voxel(root, &out->voxel))
         code =
             sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no voxel above 0 in __metadata__", path);
-    list_tensors(tensors);
-    for (int k = 0; k < TENSORS && !code; k++) {
+    if (!code && !read_parts(root, &out->parts))
+        code = sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: header: found parts other than distance and feature_bank in "
+                       "__metadata__",
+                       path);
+    const int count = code ? 0 : list_tensors(out->parts, tensors);
+    for (int k = 0; k < count && !code; k++) {
         size_t at;
         code = find_tensor(ctx, path, root, &tensors[k], left, &at);
         for (size_t i = 0; i < values_of(&tensors[k]) && !code; i++) {

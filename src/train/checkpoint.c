@@ -11,6 +11,7 @@
 #include "checkpoint.h"
 #include "core/file.h"
 #include "exposure.h"
+#include "model/anchors.h"
 #include "scene/reader.h"
 #include "schedule.h"
 #include "trainer.h"
@@ -159,7 +160,9 @@ static uint64_t exposure_bytes(const sg_trainer *t)
 
 static uint64_t networks_bytes(const sg_trainer *t)
 {
-    return t->params.model == SG_MODEL_SCAFFOLD ? sizeof(struct sg_networks) : 0;
+    return t->params.model == SG_MODEL_SCAFFOLD
+               ? sg_networks_floats(sg_network_parts(&t->params)) * sizeof(float)
+               : 0;
 }
 
 static int put_networks(const sg_trainer *t, struct hashed *sink)
@@ -168,9 +171,14 @@ static int put_networks(const sg_trainer *t, struct hashed *sink)
         return SG_OK;
     struct sg_columns own = {.networks =
                                  sg_alloc_raw(t->ctx, SG_MEM_MISC, 1, sizeof(struct sg_networks))};
-    const int code = own.networks ? sg_engine_download(t->engine, NULL, &own) : SG_ERR_BUDGET;
-    if (!code)
-        put_numbers(sink, NETWORKS, own.networks, sizeof(*own.networks));
+    float *numbers = sg_alloc_raw(t->ctx, SG_MEM_MISC, 1, (size_t) networks_bytes(t));
+    const int code =
+        own.networks && numbers ? sg_engine_download(t->engine, NULL, &own) : SG_ERR_BUDGET;
+    if (!code) {
+        sg_networks_pack(own.networks, numbers);
+        put_numbers(sink, NETWORKS, numbers, networks_bytes(t));
+    }
+    sg_free(numbers);
     sg_free(own.networks);
     return code;
 }
@@ -374,7 +382,8 @@ struct reading {
     size_t n, kept; /* Gaussians in the file, and how many are kept */
     struct sg_model *m;
     struct sg_columns columns;
-    void *state; /* of the strategy */
+    float *networks; /* as numbers */
+    void *state;     /* of the strategy */
     bool found[SECTIONS];
 };
 
@@ -467,7 +476,7 @@ static int get_section(struct reading *r)
             path, at, title, s.planes, (unsigned long long) s.bytes, planes,
             (unsigned long long) bytes);
     void *numbers = c == EXPOSURES         ? (void *) r->t->exposures
-                    : c == NETWORK_WEIGHTS ? (void *) r->columns.networks
+                    : c == NETWORK_WEIGHTS ? (void *) r->networks
                                            : r->state;
     const bool whole = c < SG_COLUMNS ? get_column(r, c) : get(&r->in, numbers, (size_t) bytes);
     return whole ? SG_OK : torn(ctx, path);
@@ -475,10 +484,10 @@ static int get_section(struct reading *r)
 
 static int check_networks(const struct reading *r)
 {
-    const struct sg_networks *n = r->columns.networks;
-    const float *values = (const float *) n;
-    for (size_t i = 0; i < sizeof(*n) / sizeof(float); i++)
-        if (!isfinite(values[i]) || (i + 1 == sizeof(*n) / sizeof(float) && !(values[i] > 0)))
+    const float *values = r->networks;
+    const size_t n = (size_t) networks_bytes(r->t) / sizeof(float);
+    for (size_t i = 0; i < n; i++)
+        if (!isfinite(values[i]) || (i + 1 == n && !(values[i] > 0)))
             return sg_fail(r->t->ctx, SG_ERR_INPUT,
                            "%s: section \"" NETWORKS "\": found value %zu of %g, expected finite "
                            "numbers, and a voxel above 0",
@@ -530,14 +539,21 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
         (code = sg_columns_create(ctx, r.kept, h->sh_degree, saved_bits(t), &r.columns)))
         goto done;
     if (networks_bytes(t) &&
-        !(r.columns.networks = sg_alloc(ctx, SG_MEM_MODEL, 1, sizeof(*r.columns.networks)))) {
+        (!(r.networks = sg_alloc_raw(ctx, SG_MEM_MISC, 1, (size_t) networks_bytes(t))) ||
+         !(r.columns.networks = sg_alloc(ctx, SG_MEM_MODEL, 1, sizeof(*r.columns.networks))))) {
         code = SG_ERR_BUDGET;
         goto done;
     }
     for (uint32_t s = 0; s < h->sections; s++)
         if ((code = get_section(&r)))
             goto done;
-    if ((code = check_end(&r)) || (code = sg_engine_adopt(t->engine, r.m, &r.columns)))
+    if ((code = check_end(&r)))
+        goto done;
+    if (r.networks) {
+        r.columns.networks->parts = sg_network_parts(&t->params);
+        sg_networks_unpack(r.networks, r.columns.networks);
+    }
+    if ((code = sg_engine_adopt(t->engine, r.m, &r.columns)))
         goto done;
     t->start_degree = h->start_degree;
     t->iteration = h->iteration;
@@ -548,6 +564,7 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
     for (int g = 0; g < SG_GROUPS; g++)
         t->adam_steps[g] = h->adam_steps[g];
 done:
+    sg_free(r.networks);
     sg_columns_clear(&r.columns);
     sg_model_destroy(&r.m);
     return code;

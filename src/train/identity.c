@@ -5,6 +5,8 @@
 #include <string.h>
 #include <xxhash.h>
 
+#include "schedule.h"
+
 uint64_t sg_hash_numbers(const double *numbers, size_t n)
 {
     return XXH3_64bits(numbers, n * sizeof(*numbers));
@@ -84,6 +86,10 @@ struct sg_identity sg_train_identity(const struct sg_train_params *p)
                                d->anchor_sigma};
     if (p->model == SG_MODEL_SCAFFOLD)
         parameters = XXH3_64bits_withSeed(scaffold, sizeof(scaffold), parameters);
+    const double parts[] = {s->distance, s->bank, (double) s->bank_lr_init,
+                            (double) s->bank_lr_final};
+    if (p->model == SG_MODEL_SCAFFOLD && sg_network_parts(p))
+        parameters = XXH3_64bits_withSeed(parts, sizeof(parts), parameters);
     if (p->absgrad)
         parameters = XXH3_64bits_withSeed("absgrad", strlen("absgrad"), parameters);
     return (struct sg_identity){

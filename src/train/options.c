@@ -120,6 +120,13 @@ static const struct sg_option train_options[] = {
             ANCHORS),
     INTEGER("anchors-from-iter", scaffold.from, 0, 1e9, "Anchors grow after this iteration.",
             ANCHORS),
+    SG_FLAG("anchor-distance", scaffold.distance,
+            "The networks read the distance from the camera to the anchor too.", ANCHORS),
+    SG_FLAG(
+        "feature-bank", scaffold.bank,
+        "The networks read a mixture of the anchor's feature with coarser copies of itself. One "
+        "more network makes the shares, from direction and distance.",
+        ANCHORS),
     FLOAT("offset-lr-init", scaffold.offset_lr_init, 1e-12, 1000,
           "Offsets, at the start, in scene extents.", ANCHORS),
     FLOAT("offset-lr-final", scaffold.offset_lr_final, 1e-12, 1000,
@@ -137,6 +144,9 @@ static const struct sg_option train_options[] = {
     FLOAT("colour-network-lr-init", scaffold.colour_lr_init, 1e-12, 1000,
           "Network of colours, at the start.", ANCHORS),
     FLOAT("colour-network-lr-final", scaffold.colour_lr_final, 1e-12, 1000, "At the end.", ANCHORS),
+    FLOAT("feature-bank-lr-init", scaffold.bank_lr_init, 1e-12, 1000,
+          "Network of the feature bank, at the start.", ANCHORS),
+    FLOAT("feature-bank-lr-final", scaffold.bank_lr_final, 1e-12, 1000, "At the end.", ANCHORS),
     COUNT("max-gaussians", max_gaussians, 4, 4e9,
           "Most Gaussians; --at-limit says what happens there. 0 = no limit.", BUDGETS,
           .or_zero = true),

@@ -48,6 +48,12 @@ static inline bool sg_counts_radii(const struct sg_train_params *p)
            p->max_gaussians > 0;
 }
 
+/* The optional parts of the networks of anchors: bits of enum sg_network_part. */
+static inline unsigned sg_network_parts(const struct sg_train_params *p)
+{
+    return (p->scaffold.distance ? SG_PART_DISTANCE : 0u) | (p->scaffold.bank ? SG_PART_BANK : 0u);
+}
+
 static inline int sg_filters_from(const struct sg_train_params *p)
 {
     const int grows = p->model == SG_MODEL_SCAFFOLD ? p->scaffold.from : p->densify_from_iter;

@@ -28,8 +28,10 @@ static int initial(sg_trainer *t, struct sg_model **out)
     const struct sg_scene *scene = t->scene;
     const struct sg_train_params *p = &t->params;
     const size_t limit = most_anchors(t);
-    const struct sg_anchor_start start = {
-        .voxel = p->scaffold.voxel, .limit = limit < SIZE_MAX ? limit : 0, .seed = p->seed};
+    const struct sg_anchor_start start = {.voxel = p->scaffold.voxel,
+                                          .limit = limit < SIZE_MAX ? limit : 0,
+                                          .parts = sg_network_parts(p),
+                                          .seed = p->seed};
     struct sg_model *points = NULL;
     float *xyz = NULL;
     size_t cells = 0;
@@ -90,12 +92,13 @@ static int learn_networks(sg_trainer *t, int it)
     const struct sg_scaffold_params *s = &t->params.scaffold;
     const double step = (double) t->steps + 1;
     const double unbias = 1 / (1 - pow((double) SG_ADAM_BETA1, step));
-    const float first[SG_NETWORKS] = {s->opacity_lr_init, s->covariance_lr_init, s->colour_lr_init},
-                last[SG_NETWORKS] = {s->opacity_lr_final, s->covariance_lr_final,
-                                     s->colour_lr_final};
+    const float first[SG_NETWORK_RATES] = {s->opacity_lr_init, s->covariance_lr_init,
+                                           s->colour_lr_init, s->bank_lr_init},
+                last[SG_NETWORK_RATES] = {s->opacity_lr_final, s->covariance_lr_final,
+                                          s->colour_lr_final, s->bank_lr_final};
     struct sg_network_update u = {.root =
                                       (float) (1 / sqrt(1 - pow((double) SG_ADAM_BETA2, step)))};
-    for (int n = 0; n < SG_NETWORKS; n++)
+    for (int n = 0; n < SG_NETWORK_RATES; n++)
         u.rate[n] = (float) (sg_falling_lr(&t->params, it, first[n], last[n]) * unbias);
     return sg_engine_learn_networks(t->engine, &u);
 }

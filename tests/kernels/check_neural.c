@@ -14,15 +14,20 @@ struct fixture {
     struct sg_neural_args args;
 };
 
-static struct fixture *make_fixture(void)
+static struct fixture *make_fixture(unsigned parts)
 {
     struct fixture *f = must(1, sizeof(*f));
     memset(f, 0, sizeof(*f));
     float *w = (float *) &f->weights, *g = (float *) f->gradient;
     for (size_t i = 0; i < SG_WEIGHTS; i++)
         w[i] = draw(91, i, -0.25f, 0.25f);
+    for (int h = 0; h < SG_HIDDEN; h++) /* of inputs that are larger than the others */
+        f->weights.distance[h] /= 8;
     for (size_t i = 0; i < SG_DRAWN_ROWS * SG_LANES; i++)
         g[i] = draw(92, i, -1, 1);
+    for (int k = 0; parts && k < SG_ANCHOR_GAUSSIANS; k++) /* large where an opacity is near 0 */
+        for (int lane = 0; lane < SG_LANES; lane++)
+            f->gradient[k][SG_P_OPACITY][lane] /= 50;
     for (size_t lane = 0; lane < SG_LANES; lane++) {
         for (size_t k = 0; k < 3; k++) {
             f->block.position[k][lane] = draw(93, 3 * lane + k, -1, 1);
@@ -32,8 +37,8 @@ static struct fixture *make_fixture(void)
             f->block.anchor[p][lane] =
                 draw(95, SG_A_PLANES * lane + p, -2, p < SG_A_SIZE ? 2.0f : 0.0f);
     }
-    f->args =
-        (struct sg_neural_args){.weights = &f->weights, .centre = {0.3f, -2, 4}, .volume = 0.02f};
+    f->args = (struct sg_neural_args){
+        .weights = &f->weights, .centre = {0.3f, -2, 4}, .parts = parts, .volume = 0.02f};
     return f;
 }
 
@@ -49,8 +54,9 @@ static void expect(const struct fixture *f, struct expected out[SG_LANES], struc
     static struct ref_weights w;
     const float *from = (const float *) &f->weights;
     double *to = (double *) &w;
-    const double centre[3] = {(double) f->args.centre[0], (double) f->args.centre[1],
-                              (double) f->args.centre[2]};
+    const float *centre = f->args.centre;
+    const struct ref_view view = {{(double) centre[0], (double) centre[1], (double) centre[2]},
+                                  f->args.parts};
     for (size_t i = 0; i < SG_WEIGHTS; i++)
         to[i] = (double) from[i];
     memset(sum, 0, sizeof(*sum));
@@ -66,15 +72,15 @@ static void expect(const struct fixture *f, struct expected out[SG_LANES], struc
         for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++)
             for (int p = 0; p < SG_NEURAL_PLANES; p++)
                 gradient[k][p] = (double) f->gradient[k][p][lane];
-        ref_neural_forward(&w, &a, centre, out[lane].drawn, out[lane].exists);
-        ref_neural_backward(&w, &a, centre, gradient, (double) f->args.volume, &out[lane].gradient,
+        ref_neural_forward(&w, &a, &view, out[lane].drawn, out[lane].exists);
+        ref_neural_backward(&w, &a, &view, gradient, (double) f->args.volume, &out[lane].gradient,
                             sum);
     }
 }
 
-static void check_forward(const struct cpu_kernels *k)
+static void check_forward_of(const struct cpu_kernels *k, unsigned parts)
 {
-    struct fixture *f = make_fixture();
+    struct fixture *f = make_fixture(parts);
     static struct expected expected[SG_LANES];
     static struct ref_weights sum;
     sg_drawn_block drawn;
@@ -99,6 +105,14 @@ static void check_forward(const struct cpu_kernels *k)
     free(f);
 }
 
+#define ALL_PARTS (SG_PART_DISTANCE | SG_PART_BANK)
+
+static void check_forward(const struct cpu_kernels *k)
+{
+    check_forward_of(k, 0);
+    check_forward_of(k, ALL_PARTS);
+}
+
 /* A relative error for each value would be too much to ask where terms cancel. */
 static void compare(const char *name, const char *what, const double *found, const double *want,
                     size_t n)
@@ -109,9 +123,32 @@ static void compare(const char *name, const char *what, const double *found, con
     assert_close(name, what, found, want, n, 3e-5 * most, 1e-4, 0);
 }
 
-static void check_backward(const struct cpu_kernels *k)
+/* Of optional parts; `found` has every sum twice. */
+static void compare_parts(const char *name, const struct sg_weight_sums *found,
+                          const struct ref_weights *want)
 {
-    struct fixture *f = make_fixture();
+    double a[SG_HIDDEN], bias[SG_BANK_OUTPUTS] = {0};
+    for (int h = 0; h < SG_HIDDEN; h++)
+        a[h] = (double) found->distance[h] / 2;
+    compare(name, "distance", a, want->distance, SG_HIDDEN);
+    for (int i = 0; i <= SG_BANK_INPUTS; i++) {
+        for (int h = 0; h < SG_NETWORK_HIDDEN; h++)
+            a[h] = (double) found->bank_input[i][h] / 2;
+        compare(name, "feature bank, inputs", a, want->bank_input[i], SG_NETWORK_HIDDEN);
+    }
+    for (int j = 0; j < SG_BANK_OUTPUTS; j++) {
+        for (int h = 0; h < SG_NETWORK_HIDDEN; h++)
+            a[h] = (double) found->bank_output[j][h] / 2;
+        compare(name, "feature bank, outputs", a, want->bank_output[j], SG_NETWORK_HIDDEN);
+        for (int lane = 0; lane < SG_LANES; lane++)
+            bias[j] += (double) found->bank_bias[j][lane] / 2;
+    }
+    compare(name, "feature bank, biases", bias, want->bank_bias, SG_BANK_OUTPUTS);
+}
+
+static void check_backward_of(const struct cpu_kernels *k, unsigned parts)
+{
+    struct fixture *f = make_fixture(parts);
     static struct expected expected[SG_LANES];
     static struct ref_weights sum;
     static struct sg_weight_sums sums;
@@ -146,12 +183,20 @@ static void check_backward(const struct cpu_kernels *k)
             weights[0][o] += (double) sums.bias[o][lane] / 2;
     }
     compare(k->name, "biases", weights[0], weights[1], SG_OUTPUTS);
+    if (parts)
+        compare_parts(k->name, &sums, &sum);
     free(f);
+}
+
+static void check_backward(const struct cpu_kernels *k)
+{
+    check_backward_of(k, 0);
+    check_backward_of(k, ALL_PARTS);
 }
 
 static double bench_forward(const struct cpu_kernels *k)
 {
-    struct fixture *f = make_fixture();
+    struct fixture *f = make_fixture(0);
     sg_drawn_block drawn;
     struct timing t = {0};
     while (timing_again(&t))
@@ -163,7 +208,7 @@ static double bench_forward(const struct cpu_kernels *k)
 
 static double bench_backward(const struct cpu_kernels *k)
 {
-    struct fixture *f = make_fixture();
+    struct fixture *f = make_fixture(0);
     static struct sg_weight_sums sums;
     struct sg_anchor_gradient out;
     struct timing t = {0};

@@ -17,16 +17,22 @@ static struct ref_anchor anchor_of(const struct sg_anchor_block *b, int lane)
     return a;
 }
 
+static struct ref_view view_of(const struct sg_neural_args *args)
+{
+    return (struct ref_view){{args->centre[0], args->centre[1], args->centre[2]}, args->parts};
+}
+
 void sg_ref_neural(const struct sg_neural_args *args, const struct sg_anchor_block *block,
                    float (*drawn)[SG_DRAWN_PLANES][SG_LANES])
 {
     struct ref_weights w;
+    const struct ref_view view = view_of(args);
     memcpy(&w, args->weights, sizeof(w));
     for (int lane = 0; lane < SG_LANES; lane++) {
         const struct ref_anchor a = anchor_of(block, lane);
         real planes[SG_ANCHOR_GAUSSIANS][SG_NEURAL_PLANES];
         bool exists[SG_ANCHOR_GAUSSIANS];
-        ref_neural_forward(&w, &a, args->centre, planes, exists);
+        ref_neural_forward(&w, &a, &view, planes, exists);
         for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++)
             for (int p = 0; p < SG_DRAWN_PLANES; p++)
                 drawn[k][p][lane] = p == SG_P_OPACITY && !exists[k] ? -INFINITY : planes[k][p];
@@ -38,6 +44,7 @@ void sg_ref_neural_backward(const struct sg_neural_args *args, const struct sg_a
                             struct sg_anchor_gradient *out, struct sg_weight_sums *sums)
 {
     struct ref_weights w, sum;
+    const struct ref_view view = view_of(args);
     memcpy(&w, args->weights, sizeof(w));
     for (int lane = 0; lane < SG_LANES; lane++) {
         const struct ref_anchor a = anchor_of(block, lane);
@@ -47,7 +54,7 @@ void sg_ref_neural_backward(const struct sg_neural_args *args, const struct sg_a
         for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++)
             for (int p = 0; p < SG_DRAWN_PLANES; p++)
                 g[k][p] = gradient[k][p][lane];
-        ref_neural_backward(&w, &a, args->centre, g, args->volume, &d, &sum);
+        ref_neural_backward(&w, &a, &view, g, args->volume, &d, &sum);
         for (int k = 0; k < 3; k++)
             out->reach[k][lane] = d.reach[k];
         for (int p = 0; p < SG_A_PLANES; p++)
@@ -60,5 +67,15 @@ void sg_ref_neural_backward(const struct sg_neural_args *args, const struct sg_a
             for (int h = 0; h < SG_NETWORK_HIDDEN; h++)
                 sums->output[o][h] += sum.output[o][h];
         }
+        for (int h = 0; h < SG_HIDDEN; h++)
+            sums->distance[h] += sum.distance[h];
+        for (int h = 0; h < SG_NETWORK_HIDDEN; h++) {
+            for (int i = 0; i <= SG_BANK_INPUTS; i++)
+                sums->bank_input[i][h] += sum.bank_input[i][h];
+            for (int j = 0; j < SG_BANK_OUTPUTS; j++)
+                sums->bank_output[j][h] += sum.bank_output[j][h];
+        }
+        for (int j = 0; j < SG_BANK_OUTPUTS; j++)
+            sums->bank_bias[j][lane] += sum.bank_bias[j];
     }
 }

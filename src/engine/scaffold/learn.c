@@ -107,6 +107,17 @@ static void add_weights(struct scaffold_engine *b, size_t pieces)
             for (int lane = 0; lane < SG_LANES; lane++)
                 to->bias[o] += s->bias[o][lane];
         }
+        for (int h = 0; h < SG_HIDDEN; h++)
+            to->distance[h] += s->distance[h];
+        for (int h = 0; h < SG_NETWORK_HIDDEN; h++) {
+            for (int i = 0; i <= SG_BANK_INPUTS; i++)
+                to->bank_input[i][h] += s->bank_input[i][h];
+            for (int j = 0; j < SG_BANK_OUTPUTS; j++)
+                to->bank_output[j][h] += s->bank_output[j][h];
+        }
+        for (int j = 0; j < SG_BANK_OUTPUTS; j++)
+            for (int lane = 0; lane < SG_LANES; lane++)
+                to->bank_bias[j] += s->bank_bias[j][lane];
     }
 }
 

@@ -29,11 +29,16 @@ struct sg_weight_sums {
     float input[SG_NETWORK_INPUTS + 1][SG_HIDDEN];
     float output[SG_OUTPUTS][SG_NETWORK_HIDDEN];
     float bias[SG_OUTPUTS][SG_LANES]; /* by lane */
+    float distance[SG_HIDDEN];
+    float bank_input[SG_BANK_INPUTS + 1][SG_NETWORK_HIDDEN];
+    float bank_output[SG_BANK_OUTPUTS][SG_NETWORK_HIDDEN];
+    float bank_bias[SG_BANK_OUTPUTS][SG_LANES]; /* by lane */
 };
 
 struct sg_neural_args {
     const struct sg_weights *weights;
     float centre[3]; /* of the camera */
+    unsigned parts;  /* as of struct sg_networks */
     float volume;    /* backward: dL/d (product of the scales) of each Gaussian that exists */
 };
 

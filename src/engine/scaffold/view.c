@@ -58,6 +58,7 @@ static int find_seen(struct scaffold_engine *b, const struct sg_camera *camera)
             b->seen[b->seen_count++] = (struct seen){.anchor = (uint32_t) i};
     memcpy(b->args.centre, job.view.centre, sizeof(b->args.centre));
     b->args.weights = &b->networks->value;
+    b->args.parts = b->networks->parts;
     return SG_OK;
 }
 

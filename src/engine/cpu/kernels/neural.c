@@ -20,12 +20,51 @@ _Static_assert(SG_HIDDEN % ROWS == 0 && SG_ANCHOR_FEATURES % ROWS == 0 &&
 struct layers {
     float input[SG_NETWORK_INPUTS + 1][SG_LANES];
     float hidden[SG_HIDDEN][SG_LANES], output[SG_OUTPUTS][SG_LANES];
+    /* of the feature bank; also without it the distance, row 3 of its inputs */
+    float bank_input[SG_BANK_INPUTS + 1][SG_LANES], bank_hidden[SG_NETWORK_HIDDEN][SG_LANES];
+    float share[SG_BANK_OUTPUTS][SG_LANES];
 };
+
+/* Shares of the copies of a feature that the feature bank mixes. */
+SIMD void bank_layers(const struct sg_weights *w, struct layers *l)
+{
+    for (int h = 0; h < SG_NETWORK_HIDDEN; h++)
+        for (int i = 0; i < SG_LANES; i += LANES) {
+            real sum = r_set(0);
+            for (int k = 0; k <= SG_BANK_INPUTS; k++)
+                sum = r_fma(r_set(w->bank_input[k][h]), r_load(l->bank_input[k] + i), sum);
+            r_store(l->bank_hidden[h] + i, r_max(sum, r_set(0)));
+        }
+    for (int i = 0; i < SG_LANES; i += LANES) {
+        real z[SG_BANK_OUTPUTS], sum = r_set(0);
+        for (int j = 0; j < SG_BANK_OUTPUTS; j++) {
+            z[j] = r_set(w->bank_bias[j]);
+            for (int h = 0; h < SG_NETWORK_HIDDEN; h++)
+                z[j] = r_fma(r_set(w->bank_output[j][h]), r_load(l->bank_hidden[h] + i), z[j]);
+        }
+        const real most = r_max(r_max(z[0], z[1]), z[2]);
+        for (int j = 0; j < SG_BANK_OUTPUTS; j++)
+            sum = sum + (z[j] = r_exp(z[j] - most));
+        for (int j = 0; j < SG_BANK_OUTPUTS; j++)
+            r_store(l->share[j] + i, z[j] / sum);
+    }
+}
+
+SIMD void mix_features(const struct sg_anchor_block *b, struct layers *l)
+{
+    for (int f = 0; f < SG_ANCHOR_FEATURES; f++)
+        for (int i = 0; i < SG_LANES; i += LANES) {
+            real sum = r_set(0);
+            for (int j = 0; j < SG_BANK_OUTPUTS; j++)
+                sum = r_fma(r_load(l->share[j] + i),
+                            r_load(b->anchor[SG_A_FEATURE + sg_bank_source(j, f)] + i), sum);
+            r_store(l->input[f] + i, sum);
+        }
+}
 
 SIMD void fill_inputs(const struct sg_neural_args *a, const struct sg_anchor_block *b,
                       struct layers *l)
 {
-    memcpy(l->input, b->anchor[SG_A_FEATURE], SG_ANCHOR_FEATURES * sizeof(l->input[0]));
     for (int i = 0; i < SG_LANES; i += LANES) {
         real d[3];
         for (int k = 0; k < 3; k++)
@@ -34,11 +73,21 @@ SIMD void fill_inputs(const struct sg_neural_args *a, const struct sg_anchor_blo
         for (int k = 0; k < 3; k++)
             r_store(l->input[SG_ANCHOR_FEATURES + k] + i, d[k] / length);
         r_store(l->input[SG_NETWORK_INPUTS] + i, r_set(1));
+        r_store(l->bank_input[3] + i, length);
+        r_store(l->bank_input[SG_BANK_INPUTS] + i, r_set(1));
     }
+    if (!(a->parts & SG_PART_BANK)) {
+        memcpy(l->input, b->anchor[SG_A_FEATURE], SG_ANCHOR_FEATURES * sizeof(l->input[0]));
+        return;
+    }
+    memcpy(l->bank_input, l->input[SG_ANCHOR_FEATURES], 3 * sizeof(l->input[0]));
+    bank_layers(a->weights, l);
+    mix_features(b, l);
 }
 
-SIMD void hidden_layer(const struct sg_weights *w, struct layers *l)
+SIMD void hidden_layer(const struct sg_neural_args *a, struct layers *l)
 {
+    const struct sg_weights *w = a->weights;
     for (int h = 0; h < SG_HIDDEN; h += ROWS)
         for (int i = 0; i < SG_LANES; i += LANES) {
             real sum[ROWS];
@@ -49,6 +98,8 @@ SIMD void hidden_layer(const struct sg_weights *w, struct layers *l)
                 for (int r = 0; r < ROWS; r++)
                     sum[r] = r_fma(r_set(w->input[k][h + r]), x, sum[r]);
             }
+            for (int r = 0; a->parts & SG_PART_DISTANCE && r < ROWS; r++)
+                sum[r] = r_fma(r_set(w->distance[h + r]), r_load(l->bank_input[3] + i), sum[r]);
             for (int r = 0; r < ROWS; r++)
                 r_store(l->hidden[h + r] + i, r_max(sum[r], r_set(0)));
         }
@@ -94,7 +145,7 @@ void KERNEL(neural)(const struct sg_neural_args *a, const struct sg_anchor_block
 {
     struct layers l;
     fill_inputs(a, b, &l);
-    hidden_layer(a->weights, &l);
+    hidden_layer(a, &l);
     output_layer(a->weights, &l);
     for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++)
         for (int i = 0; i < SG_LANES; i += LANES) {
@@ -181,9 +232,9 @@ SIMD void pull_features(const struct sg_weights *w, float (*hidden)[SG_LANES],
         }
 }
 
-SIMD void transpose(float (*rows)[SG_LANES], float (*out)[SG_HIDDEN])
+SIMD void transpose(float (*rows)[SG_LANES], int count, float (*out)[SG_HIDDEN])
 {
-    for (int h = 0; h < SG_HIDDEN; h++)
+    for (int h = 0; h < count; h++)
         for (int lane = 0; lane < SG_LANES; lane++)
             out[lane][h] = rows[h][lane];
 }
@@ -206,6 +257,56 @@ SIMD void add_products(float (*rows)[SG_LANES], int count, float (*hidden)[SG_HI
         }
 }
 
+/* Gradients of mixtures, in out->anchor, to those of features and of the shares' arguments. */
+SIMD void pull_mixtures(const struct sg_anchor_block *b, const struct layers *l,
+                        struct sg_anchor_gradient *out, float (*argument)[SG_LANES])
+{
+    float(*feature)[SG_LANES] = out->anchor + SG_A_FEATURE;
+    for (int i = 0; i < SG_LANES; i += LANES) {
+        real g[SG_ANCHOR_FEATURES], d[SG_ANCHOR_FEATURES], share[SG_BANK_OUTPUTS], mean = r_set(0);
+        for (int f = 0; f < SG_ANCHOR_FEATURES; f++)
+            g[f] = r_load(feature[f] + i), d[f] = r_set(0);
+        for (int j = 0; j < SG_BANK_OUTPUTS; j++) {
+            const real own = r_load(l->share[j] + i);
+            share[j] = r_set(0);
+            for (int f = 0; f < SG_ANCHOR_FEATURES; f++) {
+                const int from = sg_bank_source(j, f);
+                share[j] = r_fma(g[f], r_load(b->anchor[SG_A_FEATURE + from] + i), share[j]);
+                d[from] = r_fma(own, g[f], d[from]);
+            }
+            mean = r_fma(own, share[j], mean);
+        }
+        for (int j = 0; j < SG_BANK_OUTPUTS; j++)
+            r_store(argument[j] + i, r_load(l->share[j] + i) * (share[j] - mean));
+        for (int f = 0; f < SG_ANCHOR_FEATURES; f++)
+            r_store(feature[f] + i, d[f]);
+    }
+}
+
+SIMD void pull_bank(const struct sg_weights *w, const struct sg_anchor_block *b, struct layers *l,
+                    struct sg_anchor_gradient *out, struct sg_weight_sums *sums)
+{
+    float argument[SG_BANK_OUTPUTS][SG_LANES], hidden[SG_NETWORK_HIDDEN][SG_LANES];
+    float across[SG_LANES][SG_HIDDEN];
+    pull_mixtures(b, l, out, argument);
+    for (int h = 0; h < SG_NETWORK_HIDDEN; h++)
+        for (int i = 0; i < SG_LANES; i += LANES) {
+            real sum = r_set(0);
+            for (int j = 0; j < SG_BANK_OUTPUTS; j++)
+                sum = r_fma(r_set(w->bank_output[j][h]), r_load(argument[j] + i), sum);
+            r_store(hidden[h] + i, r_keep(r_lt(r_set(0), r_load(l->bank_hidden[h] + i)), sum));
+        }
+    transpose(l->bank_hidden, SG_NETWORK_HIDDEN, across);
+    add_products(argument, SG_BANK_OUTPUTS, across, 0, SG_NETWORK_HIDDEN, sums->bank_output[0]);
+    transpose(hidden, SG_NETWORK_HIDDEN, across);
+    add_products(l->bank_input, SG_BANK_INPUTS + 1, across, 0, SG_NETWORK_HIDDEN,
+                 sums->bank_input[0]);
+    for (int j = 0; j < SG_BANK_OUTPUTS; j++)
+        for (int i = 0; i < SG_LANES; i += LANES)
+            r_store(sums->bank_bias[j] + i,
+                    r_load(sums->bank_bias[j] + i) + r_load(argument[j] + i));
+}
+
 void KERNEL(neural_backward)(const struct sg_neural_args *a, const struct sg_anchor_block *b,
                              float (*gradient)[SG_DRAWN_PLANES][SG_LANES],
                              struct sg_anchor_gradient *out, struct sg_weight_sums *sums)
@@ -214,19 +315,23 @@ void KERNEL(neural_backward)(const struct sg_neural_args *a, const struct sg_anc
     float output[SG_OUTPUTS][SG_LANES], hidden[SG_HIDDEN][SG_LANES];
     float across[SG_LANES][SG_HIDDEN];
     fill_inputs(a, b, &l);
-    hidden_layer(a->weights, &l);
+    hidden_layer(a, &l);
     output_layer(a->weights, &l);
     pull_outputs(a, b, &l, gradient, output, out);
     pull_hidden(a->weights, &l, output, hidden);
     pull_features(a->weights, hidden, out);
-    transpose(l.hidden, across);
+    transpose(l.hidden, SG_HIDDEN, across);
     for (int n = 0; n < SG_NETWORKS; n++) {
         const int first = sg_network_row(n), end = sg_network_row(n + 1);
         add_products(output + first, end - first, across, n * SG_NETWORK_HIDDEN, SG_NETWORK_HIDDEN,
                      sums->output[first]);
     }
-    transpose(hidden, across);
+    transpose(hidden, SG_HIDDEN, across);
     add_products(l.input, SG_NETWORK_INPUTS + 1, across, 0, SG_HIDDEN, sums->input[0]);
+    if (a->parts & SG_PART_DISTANCE)
+        add_products(l.bank_input + 3, 1, across, 0, SG_HIDDEN, sums->distance);
+    if (a->parts & SG_PART_BANK)
+        pull_bank(a->weights, b, &l, out, sums);
     for (int o = 0; o < SG_OUTPUTS; o++)
         for (int i = 0; i < SG_LANES; i += LANES)
             r_store(sums->bias[o] + i, r_load(sums->bias[o] + i) + r_load(output[o] + i));
