@@ -12,6 +12,7 @@
 #include "model_views.h"
 #include "view_model.h"
 #include "view_pictures.h"
+#include "view_scores.h"
 
 struct view_config {
     struct model_options m;
@@ -43,6 +44,9 @@ struct viewed {
     struct sg_model *model;
     sg_renderer *renderer;
     struct view_pictures pictures;
+    struct view_scores scores;
+    bool counted; /* hits too */
+    bool trained; /* the model is no scene's points */
 };
 
 /* A folder with any of these is a run, else a scene. */
@@ -74,6 +78,7 @@ static int load_scene(struct viewed *v, struct model_options *o, bool named)
 static int load_model(struct viewed *v, const struct model_options *o, const char *path)
 {
     int error = SG_OK;
+    v->trained = path;
     if (path) {
         error = sg_model_read_drawable(v->ctx, path, UINT32_MAX, &v->model);
         if (!error)
@@ -165,6 +170,47 @@ static void hand_over_model(struct viewed *v, const struct sg_render_params *ren
     memcpy(v->pictures.background, render->background, sizeof(render->background));
 }
 
+/* Scores in all training views, and hits where they are wanted. */
+static int score(struct viewed *v, const struct model_options *o, bool hits)
+{
+    struct sg_prune_params p = sg_prune_params_default();
+    int error = SG_OK;
+    p.engine = o->engine, p.cpu = cpu_variant(o->cpu);
+    if (!v->scores.model) {
+        p.method = SG_PRUNER_SPECTRAL;
+        error = view_scores_copy(&v->scores, v->ctx, v->model);
+        if (!error)
+            error = sg_prune_scores(v->ctx, v->scene, v->model, &p, v->scores.score);
+        v->scores.lowest =
+            (size_t) (sg_defense_params_default().rho * (double) sg_model_gaussians(v->model));
+    }
+    if (!error && hits && !v->counted) {
+        p.method = SG_PRUNER_LIGHTGAUSSIAN, p.score = SG_GLOBAL_COUNT;
+        error = sg_prune_scores(v->ctx, v->scene, v->model, &p, v->scores.hits);
+        v->counted = !error;
+    }
+    return error;
+}
+
+/* What draws a picture of this kind; NULL: nothing. */
+static sg_renderer *renderer_for(struct viewed *v, const struct model_options *o,
+                                 enum view_kind kind)
+{
+    if (kind < VIEW_SCORE)
+        return v->renderer;
+    if (!v->pictures.scores)
+        return NULL;
+    int error = score(v, o, kind == VIEW_HITS);
+    if (!error)
+        error = view_scores_paint(&v->scores, kind, o->engine, cpu_variant(o->cpu), &o->render);
+    if (!error)
+        return v->scores.renderer;
+    if (error != SG_ERR_INTERRUPTED)
+        say(stderr, "warning: %s\n", sg_last_error(v->ctx));
+    view_scores_clear(&v->scores);
+    return NULL;
+}
+
 static int serve(struct viewed *v, const struct view_config *c, const char *place)
 {
     view_server *server = NULL;
@@ -173,6 +219,8 @@ static int serve(struct viewed *v, const struct view_config *c, const char *plac
     int code = exit_code(sg_ctx_create(
         &v->pictures.own, &(struct sg_ctx_params){.threads = 1, .max_memory = VIEW_MEMORY}));
     v->pictures.ctx = v->ctx, v->pictures.scene = v->scene, v->pictures.model = v->renderer;
+    v->pictures.scores = v->pictures.next =
+        v->trained && v->scene && v->scene->n_train && !v->model->columns;
     if (!code && !v->scene)
         code = report(v->ctx, view_place_camera(&v->pictures, v->ctx, v->model));
     if (!code)
@@ -192,7 +240,7 @@ static int serve(struct viewed *v, const struct view_config *c, const char *plac
     interrupt_catch();
     while (!code && !interrupted())
         if (view_server_next(server, 0.2, &ask))
-            view_draw(&v->pictures, server, &ask, v->renderer);
+            view_draw(&v->pictures, server, &ask, renderer_for(v, &c->m, ask.kind));
     if (redirect)
         unlink(redirect);
     free(redirect);
@@ -210,6 +258,7 @@ static int run_view(const void *config, const bool *given, const char *const *po
     int code = open_viewed(&v, positional[0], given, &c);
     if (!code)
         code = serve(&v, &c, positional[0]);
+    view_scores_clear(&v.scores);
     sg_renderer_destroy(&v.renderer);
     if (v.ctx) {
         sg_model_destroy(&v.model);

@@ -7,13 +7,19 @@
 #include "commands.h"
 #include "interrupt.h"
 #include "view_pictures.h"
+#include "view_scores.h"
 
-#define SAID_EVERY 0.25 /* seconds between states */
-#define SHARE 3         /* for each second of pictures this many of training, at least */
+#define SAID_EVERY 0.25           /* seconds between states */
+#define SCORES_MEMORY (256 << 20) /* most of the copy that is drawn in the colours of scores */
+#define INSTANCES (1 << 20)       /* and of what it has in tiles at once */
+#define SHARE 3                   /* for each second of pictures this many of training, at least */
 
 struct train_view {
     view_server *server;
     struct view_pictures pictures;
+    struct view_scores scores;
+    sg_ctx *scores_ctx; /* of their memory */
+    int scored;         /* the iteration that they are of */
     sg_run *run;
     const struct sg_run_params *params;
     uint64_t removed; /* by the defense */
@@ -29,6 +35,9 @@ int train_view_open(int port, struct train_view **out)
     /* A ledger of its own: the page takes nothing that the run was promised. */
     int code = exit_code(sg_ctx_create(
         &v->pictures.own, &(struct sg_ctx_params){.threads = 1, .max_memory = VIEW_MEMORY}));
+    if (!code)
+        code = exit_code(sg_ctx_create(
+            &v->scores_ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = SCORES_MEMORY}));
     if (!code)
         code = view_server_open(v->pictures.own, port, &v->server);
     if (!code) {
@@ -66,9 +75,51 @@ int train_view_begin(struct train_view *v, sg_ctx *ctx, sg_run *run,
                      const struct sg_run_params *params)
 {
     v->run = run, v->params = params;
+    const struct sg_train_params *t = &params->train;
     v->pictures.ctx = ctx, v->pictures.scene = sg_run_scene(run), v->pictures.model = true;
+    v->pictures.scores = t->model != SG_MODEL_SCAFFOLD;
+    v->pictures.next = v->pictures.scores && t->defense.on && t->strategy != SG_STRATEGY_MCMC;
     say_state(v, NULL, NULL, false);
     return view_publish_scene(&v->pictures, v->server, params->folder, true);
+}
+
+/* Scores of the model as it is now. The run's memory is used between two iterations only. */
+static int score(struct train_view *v, int iteration)
+{
+    struct sg_filter_pass next = {0};
+    struct sg_model *model = NULL;
+    int error = sg_run_model(v->run, &model);
+    if (!error)
+        error = view_scores_copy(&v->scores, v->scores_ctx, model);
+    if (!error)
+        error = sg_run_scores(v->run, v->scores.score, v->scores.hits, &next);
+    if (!error)
+        v->scores.lowest = (size_t) (next.share * (double) model->count), v->scored = iteration;
+    sg_model_destroy(&model);
+    return error;
+}
+
+/* What draws the model in the colours of scores, or NULL. */
+static sg_renderer *scores_renderer(struct train_view *v, enum view_kind kind)
+{
+    const struct sg_train_params *t = &v->params->train;
+    struct sg_render_params render = sg_render_params_default();
+    struct sg_run_status s;
+    int error = SG_OK;
+    sg_run_status(v->run, &s);
+    render.mip_filter = t->model == SG_MODEL_MIP;
+    render.max_instances = INSTANCES;
+    for (int ch = 0; ch < 3; ch++)
+        render.background[ch] = t->white_background ? 1 : 0;
+    if (!v->pictures.scores || (kind == VIEW_NEXT && !v->pictures.next))
+        return NULL;
+    if (!v->scores.model || v->scored != s.iteration)
+        error = score(v, s.iteration);
+    if (!error)
+        error = view_scores_paint(&v->scores, kind, NULL, NULL, &render);
+    if (error)
+        view_scores_clear(&v->scores);
+    return v->scores.renderer;
 }
 
 /* One picture, if one is wanted within so many seconds. */
@@ -79,9 +130,10 @@ static void draw(struct train_view *v, double wait)
     if (!view_server_next(v->server, wait, &ask))
         return;
     const double start = clock_seconds();
-    if (ask.kind != VIEW_PHOTO && sg_run_renderer(v->run, &renderer))
+    if (ask.kind < VIEW_SCORE && ask.kind != VIEW_PHOTO && sg_run_renderer(v->run, &renderer))
         renderer = NULL;
-    view_draw(&v->pictures, v->server, &ask, renderer);
+    view_draw(&v->pictures, v->server, &ask,
+              ask.kind < VIEW_SCORE ? renderer : scores_renderer(v, ask.kind));
     sg_renderer_destroy(&renderer);
     const double end = clock_seconds();
     v->free_from = end + SHARE * (end - start);
@@ -114,6 +166,8 @@ void train_view_close(struct train_view **view)
         return;
     view_server_close(&v->server);
     view_pictures_clear(&v->pictures);
+    view_scores_clear(&v->scores);
+    sg_ctx_destroy(&v->scores_ctx);
     sg_ctx_destroy(&v->pictures.own);
     free(v);
     *view = NULL;

@@ -3,7 +3,7 @@
 'use strict';
 const $ = id => document.getElementById(id);
 const canvas = $('canvas'), context = canvas.getContext('2d');
-const COLOUR = 0, DIFFERENCE = 3, PHOTO = 4;
+const COLOUR = 0, DIFFERENCE = 3, PHOTO = 4, SCORE = 5;
 
 // ---- vectors; a camera is {R: world to camera, rows right, down, forward; c: its place} ----
 const add = (a, b, s = 1) => a.map((v, i) => v + s * b[i]);
@@ -39,7 +39,7 @@ function cameraOf(view) {
 
 // ---- state ----
 let scene, camera, pivot, up, view = 0, atPhoto = true;
-let render = null, photo = null, photoView = -1;
+let render = null, photo = null, photoView = -1, scored = -1; // scored: the newest picture of scores
 
 // Where the axes of all cameras come nearest to each other; before the camera where they are parallel.
 function findPivot() {
@@ -128,9 +128,11 @@ async function work() {
                 if (!await drawing.frame(camera, scene.views[view], ...size())) wanted = true;
                 if (drawing.any) render = drawing.canvas;
             } else if (of !== PHOTO) {
+                if (of >= SCORE && scored !== of) show('Counting hits in the training views …');
                 const width = (canvas.clientWidth || 300) * devicePixelRatio;
                 const fit = Math.min(1, Math.max(.05, width / scene.views[view].width));
                 render = await fetchPicture(of, fast ? Math.max(.05, fit / 2) : fit, fast ? 0 : 1);
+                if (of >= SCORE) scored = of;
             }
             show('');
         } catch (error) {
@@ -171,7 +173,17 @@ function paint() {
     }
 }
 
+function explain() {
+    const next = scene.training ? 'what the next pass of the defense\'s filter removes, if nothing changes before it' :
+        'the 3 % with the lowest scores, which a pass of the defense\'s filter would remove';
+    const texts = {5: 'Yellow: the lowest scores, which the defense\'s filter removes first. Violet: the highest.',
+        6: 'Yellow: Gaussians in the fewest pixels of training views. Violet: in the most.', 7: `Red: ${next}.`};
+    $('legend').textContent = texts[kind()] || '';
+    $('legend').hidden = !texts[kind()];
+}
+
 function show(text, bad) {
+    explain();
     $('message').textContent = text || trouble || (atPhoto || !scene.photos ? '' : 'The camera has left the photo: difference and wipe compare different places.');
     $('message').classList.toggle('bad', !!bad);
 }
@@ -230,7 +242,7 @@ addEventListener('keydown', event => {
     const inField = ['SELECT', 'INPUT', 'BUTTON', 'SUMMARY'].includes(event.target.tagName);
     if (!scene || event.ctrlKey || event.altKey || event.metaKey || inField) return;
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-    if (key >= '1' && key <= '5') {
+    if (key >= '1' && key <= '8') {
         const option = $('kind').options[key - 1];
         if (!option || option.disabled) return;
         $('kind').selectedIndex = key - 1;
@@ -326,7 +338,8 @@ async function begin() {
     scene = await answer.json();
     document.title = scene.title + ' – splatguard';
     $('title').textContent = scene.title;
-    for (const e of document.querySelectorAll('.photo')) e.hidden = e.disabled = !scene.photos;
+    for (const [name, there] of [['photo', scene.photos], ['scores', scene.scores], ['next', scene.next]])
+        for (const e of document.querySelectorAll('.' + name)) e.hidden = e.disabled = !there;
     if (!scene.model) {
         for (const option of $('kind').options) option.disabled = +option.value !== PHOTO;
         $('kind').value = PHOTO;

@@ -59,9 +59,10 @@ int view_publish_scene(const struct view_pictures *v, view_server *server, const
     if (!view_count(v))
         json_array_append_new(views, camera_json(&v->camera, "", ""));
     json_t *all =
-        json_pack("{s:o,s:b,s:b,s:b,s:b,s:f,s:[f,f,f],s:o}", "title", text_json(title), "training",
-                  training, "model", v->model, "browser", v->browser, "photos", view_count(v) > 0,
-                  "extent", extent > 0 ? extent : 1, "background", (double) v->background[0],
+        json_pack("{s:o,s:b,s:b,s:b,s:b,s:b,s:b,s:f,s:[f,f,f],s:o}", "title", text_json(title),
+                  "training", training, "model", v->model, "browser", v->browser, "scores",
+                  v->scores, "next", v->next, "photos", view_count(v) > 0, "extent",
+                  extent > 0 ? extent : 1, "background", (double) v->background[0],
                   (double) v->background[1], (double) v->background[2], "views", views);
     char *text = all ? json_dumps(all, JSON_COMPACT) : NULL;
     if (text)
@@ -204,7 +205,7 @@ static bool draw(struct view_pictures *v, const struct view_ask *ask, sg_rendere
     const bool more = ask->kind == VIEW_DEPTH || ask->kind == VIEW_ALPHA;
     if (sg_render(renderer, camera, rgb, more ? alpha : NULL, more ? depth : NULL, NULL))
         return false;
-    if (ask->kind == VIEW_COLOUR)
+    if (ask->kind == VIEW_COLOUR || ask->kind >= VIEW_SCORE)
         sg_quantise(rgb, w, h, to);
     else if (ask->kind == VIEW_DEPTH)
         put_depth(depth, alpha, n, to);

@@ -14,7 +14,17 @@
 #define VIEW_MEMORY (128 << 20) /* bytes of pictures and of what waits to be sent */
 #define VIEW_PIXELS (1 << 21)   /* most of a picture; larger ones are reduced */
 
-enum view_kind { VIEW_COLOUR, VIEW_DEPTH, VIEW_ALPHA, VIEW_DIFFERENCE, VIEW_PHOTO, VIEW_KINDS };
+enum view_kind {
+    VIEW_COLOUR,
+    VIEW_DEPTH,
+    VIEW_ALPHA,
+    VIEW_DIFFERENCE,
+    VIEW_PHOTO,
+    VIEW_SCORE, /* see view_scores.h, with the next two */
+    VIEW_HITS,
+    VIEW_NEXT,
+    VIEW_KINDS
+};
 
 /* What the page asks for. */
 struct view_ask {

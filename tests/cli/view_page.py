@@ -33,10 +33,14 @@ try:
         assert before != now, what
 
     b.evaluate("canvas.focus()")
-    for key in ("ArrowLeft", "ArrowDown", "w", "a", "q", "]", "2", "4", "1", ".", "m", "ArrowUp", "d", "r"):
+    for key in ("ArrowLeft", "ArrowDown", "w", "a", "q", "]", "2", "4", "6", "8", "1", ".", "m", "ArrowUp", "d", "r"):
         after(lambda key=key: b.key(key), {"m": "mode"}.get(key, key))
     for script in ("$('next').click()", "$('previous').click()", "canvas.dispatchEvent(new WheelEvent('wheel', {deltaY: 100}))"):
         after(lambda script=script: b.evaluate(script), script)
+    b.key("8")
+    b.wait("!busy && !$('legend').hidden && $('legend').textContent.includes('Red')")
+    b.key("1")
+    b.wait("!busy && $('legend').hidden")
     # The camera turns about the middle and keeps its distance; at a photo it is the photo's.
     assert b.evaluate("""(() => { jump(0); $('mode').value = 'orbit';
         const far = length(add(camera.c, pivot, -1)); turn(.3, .2);

@@ -116,12 +116,23 @@ assert len(set(photo)) > 10
 for a, b, c in zip(photo, render, difference):
     assert abs(min(255, 4 * abs(a - b)) - c) <= 4, (a, b, c)
 assert len(set(drawn(1, 0)[2])) > 10 and len(set(drawn(2, 0)[2])) > 10, "no depth or no alpha"
+# Scores: other colours than hits, and red is what the filter would remove, the rest is grey.
+assert scene["scores"] and scene["next"]
+score, hits, gone = drawn(5, 0)[2], drawn(6, 0)[2], drawn(7, 0)[2]
+assert len(set(score)) > 10 and score != hits and gone != render
+assert score == drawn(5, 0)[2] and hits == drawn(6, 0)[2]
+red = []
+for i in range(len(scene["views"])):
+    pixels = list(zip(*[iter(drawn(7, i)[2])] * 3))
+    assert all(abs(g - b) <= 1 and r >= g - 1 for r, g, b in pixels)
+    red.append(sum(r > g + 20 for r, g, b in pixels) / len(pixels))
+assert max(red) > 0 and min(red) < 0.1, red  # Gaussians without a hit are the first: they are seen in test views only
 assert picture(0, 0, still=0)[1].count("image/jpeg") == 1
 assert decode(picture(0, 0, scale=0.5)[2])[:2] == (scene["views"][0]["width"] // 2, scene["views"][0]["height"] // 2)
 q = scene["views"][0]["q"]
 for bad in ([0, 0, 0, 0], [float("nan")] + q[1:], [3, 0, 0, 0]):
     assert picture(0, 0, at=bad)[0] == 400, bad
-assert picture(5, 0)[0] == 400 and picture(0, 0, scale=7)[0] == 400 and picture(0, 0, still=2)[0] == 400
+assert picture(8, 0)[0] == 400 and picture(0, 0, scale=7)[0] == 400 and picture(0, 0, still=2)[0] == 400
 assert page("picture")[0] == 400
 assert page("picture?kind=0&view=99999&scale=1&still=1&qw=1&qx=0&qy=0&qz=0&tx=0&ty=0&tz=0")[0] == 503
 

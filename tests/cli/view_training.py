@@ -45,6 +45,10 @@ assert scene["training"] and scene["model"] and len(scene["views"]) > 4
 paused = state()
 assert 1 <= paused["iteration"] < 600 and paused["gaussians"] > 0 and paused["loss"] > 0 and paused["memory"] > 1 << 20, paused
 first = picture(0, 0)
+assert scene["scores"] and scene["next"]
+for kind in (5, 6, 7):
+    scores = picture(kind, 0)
+    assert scores[:4] == b"\x89PNG" and scores != first and scores == picture(kind, 0), "scores of kind %d" % kind
 assert first[:4] == b"\x89PNG" and first == picture(0, 0), "the model moves while it is paused"
 time.sleep(0.5)
 assert state()["iteration"] == paused["iteration"]
@@ -64,7 +68,7 @@ try:
         now = state()
         assert not now["paused"] or now["iteration"] == paused["iteration"]
         last = max(last, now["iteration"])
-        picture(drawn % 5, drawn % len(scene["views"]))
+        picture(drawn % 8, drawn % len(scene["views"]))
         drawn += 1
 except (urllib.error.URLError, OSError, ValueError):
     pass
