@@ -6,8 +6,9 @@
  *   STRUCT(name)                the type of a struct; small ones are passed and returned by value
  *   IN(name, x), OUT(name, x)   a large struct as a parameter: a pointer in C
  *   REF(x)                      what such a parameter holds
- *   IN_ARRAY(type, name, n),    an array as a parameter: a pointer in C, `in` or `out` in GLSL
- *   OUT_ARRAY(type, name, n)
+ *   IN_ARRAY(type, name, n),    an array as a parameter: a pointer in C; `in`, `out` or `inout` in
+ *   OUT_ARRAY(type, name, n),   GLSL
+ *   INOUT_ARRAY(type, name, n)
  *   SG_TABLE                    before a constant array
  *   NUM(x)                      a number in the precision of the arithmetic
  *   TO_INT(x), TO_FLOAT(x)      conversions
@@ -24,6 +25,7 @@
 #define REF(x) (*(x))
 #define IN_ARRAY(type, name, n) const type *name
 #define OUT_ARRAY(type, name, n) type *name
+#define INOUT_ARRAY(type, name, n) type *name
 #define SG_TABLE static const
 #define NUM(x) ((scalar) (x))
 #define TO_INT(x) ((int) (x))

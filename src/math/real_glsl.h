@@ -17,6 +17,7 @@
 #define REF(x) x
 #define IN_ARRAY(type, name, n) in type name[n]
 #define OUT_ARRAY(type, name, n) out type name[n]
+#define INOUT_ARRAY(type, name, n) inout type name[n]
 #define SG_TABLE const
 #define NUM(x) float(x)
 #define TO_INT(x) int(x)

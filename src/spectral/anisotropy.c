@@ -81,11 +81,7 @@ static size_t panel_size(const struct sg_anisotropy *a)
 static int fill_directions(struct sg_anisotropy *a)
 {
     const struct sg_spectrum_params *band = &a->params.band;
-    for (int v = 0; v < (int) SG_FFT_COLUMNS(a->w); v++)
-        for (int u = 0; u < a->h && a->columns <= v; u++)
-            if (sg_spectrum_bin(u, v, a->w, a->h, band, OUTSIDE) != OUTSIDE)
-                a->columns = v + 1;
-    a->columns = a->columns ? a->columns : 1;
+    a->columns = sg_spectrum_columns(a->w, a->h, band);
     uint8_t *to = a->direction =
         sg_alloc_raw(a->ctx, SG_MEM_FRAME, column_pieces(a) * (size_t) a->h, LANES);
     if (!to)
@@ -262,27 +258,35 @@ static void transform_columns(void *arg, size_t piece, int thread)
     }
 }
 
-/* The loss, and each bin's factor in the gradient: dL/dE_b = (ln P_b + H) / (S ln B). */
-static double loss_of_bins(struct sg_anisotropy *a)
+/* dL/dE_b = (ln P_b + H) / (S ln B). */
+double sg_anisotropy_of_bins(const struct sg_anisotropy_params *params, double values,
+                             double *energy, float *factor)
 {
-    const int bins = a->params.band.bins;
-    const bool power = a->params.energy == SG_ENERGY_POWER;
-    double energy[SG_SPECTRUM_BINS_MAX] = {0}, total = 0, entropy = 0;
-    for (size_t piece = 0; piece < (size_t) a->planes * column_pieces(a); piece++)
-        for (int b = 0; b < bins; b++)
-            energy[b] += a->energy[piece * (size_t) bins + (size_t) b];
+    const int bins = params->band.bins;
+    const bool power = params->energy == SG_ENERGY_POWER;
+    double total = 0, entropy = 0;
     for (int b = 0; b < bins; b++)
         total += energy[b] = fmax(energy[b], 0);
-    memset(a->factor, 0, sizeof(a->factor));
-    const double values = (double) a->planes * (double) a->w * (double) a->h;
     if (!(total > (power ? 1e-12 * values * values : 1e-6 * values))) /* rounding of a flat image */
         return 0;
     for (int b = 0; b < bins; b++)
         entropy -= energy[b] > 0 ? energy[b] / total * log(energy[b] / total) : 0;
-    for (int b = 0; b < bins; b++)
-        a->factor[b] = (float) ((power ? 2 : 1) * (log(fmax(energy[b] / total, 1e-12)) + entropy) /
-                                (total * log(bins)));
+    for (int b = 0; b < bins && factor; b++)
+        factor[b] = (float) ((power ? 2 : 1) * (log(fmax(energy[b] / total, 1e-12)) + entropy) /
+                             (total * log(bins)));
     return 1 - entropy / log(bins);
+}
+
+static double loss_of_bins(struct sg_anisotropy *a)
+{
+    const int bins = a->params.band.bins;
+    double energy[SG_SPECTRUM_BINS_MAX] = {0};
+    for (size_t piece = 0; piece < (size_t) a->planes * column_pieces(a); piece++)
+        for (int b = 0; b < bins; b++)
+            energy[b] += a->energy[piece * (size_t) bins + (size_t) b];
+    memset(a->factor, 0, sizeof(a->factor));
+    return sg_anisotropy_of_bins(&a->params, (double) a->planes * (double) a->w * (double) a->h,
+                                 energy, a->factor);
 }
 
 /* dL/dx is the real transform back of factor F, and of amplitudes of factor F / |F|: it brings the

@@ -25,6 +25,12 @@ void sg_anisotropy_destroy(struct sg_anisotropy **a);
 double sg_anisotropy_loss(struct sg_anisotropy *a, const float *planes, double weight,
                           float *gradient);
 
+/* The loss of the energies of a band by direction, which negative ones of rounding become 0 in.
+ * values: planes x width x height of the transform. factor: NULL, or the factor of each direction's
+ * coefficients in the gradient. */
+double sg_anisotropy_of_bins(const struct sg_anisotropy_params *params, double values,
+                             double *energy, float *factor);
+
 /* The size that is transformed. */
 int sg_anisotropy_width(int width, bool exact);
 int sg_anisotropy_height(int height, bool exact);

@@ -31,3 +31,13 @@ int sg_spectrum_bin(int u, int v, int width, int height, const struct sg_spectru
         (int) floor((atan2(lower ? -fu : fu, fv) + TAU / 2) * p->bins / TAU + 1e-9) % p->bins;
     return lower ? (b + p->bins / 2) % p->bins : b;
 }
+
+int sg_spectrum_columns(int width, int height, const struct sg_spectrum_params *p)
+{
+    int columns = 1;
+    for (int v = 1; v <= width / 2; v++)
+        for (int u = 0; u < height && columns <= v; u++)
+            if (sg_spectrum_bin(u, v, width, height, p, -1) >= 0)
+                columns = v + 1;
+    return columns;
+}

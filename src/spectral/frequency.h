@@ -12,6 +12,10 @@
 int sg_spectrum_bin(int u, int v, int width, int height, const struct sg_spectrum_params *p,
                     int outside);
 
+/* Columns of a half spectrum, the first ones, that have all coefficients of the band; at least 1.
+ */
+int sg_spectrum_columns(int width, int height, const struct sg_spectrum_params *p);
+
 /* |frequency| of that coefficient as a part of the Nyquist frequency. */
 double sg_spectrum_radius(int u, int v, int width, int height);
 

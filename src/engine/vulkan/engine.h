@@ -4,9 +4,26 @@
 #define SG_VULKAN_ENGINE_H
 
 #include "engine/host/host_model.h"
-#include "engine/host/image_losses.h"
 #include "engine/ops.h"
 #include "lists.h"
+#include "spectral/plans.h"
+
+/* The anisotropy loss. */
+struct vulkan_spectrum {
+    struct vulkan_transform { /* of the newest few image sizes */
+        int width, height;
+        unsigned used;
+        uint32_t w, h, columns; /* the transform's size; columns with coefficients in the band */
+        uint32_t longest;       /* points of a line while it is transformed */
+        struct gpu_buffer across, down; /* plans of a row and of a column */
+        struct gpu_buffer directions;
+    } sizes[SG_PLANS];
+    unsigned clock;
+    struct gpu_buffer coefficients, factors, room;
+    /* of the loss that ran */
+    struct sg_anisotropy_params params;
+    double values;
+};
 
 struct vulkan_engine {
     struct sg_engine base;
@@ -27,10 +44,10 @@ struct vulkan_engine {
     struct gpu_buffer gradient, slots, band_sums;
     /* of losses */
     struct gpu_buffer given, target, maps, sums, exposed;
-    struct sg_image_losses image_losses; /* on the host */
-    float lambda_dssim, low_pass;        /* of the photometric loss that ran */
-    bool ran[SG_LOSSES];                 /* of the kinds whose values are on the device */
-    bool exposed_ran;                    /* and the exposure's gradient */
+    struct vulkan_spectrum spectrum;
+    float lambda_dssim, low_pass; /* of the photometric loss that ran */
+    bool ran[SG_LOSSES];          /* of the kinds whose values are on the device */
+    bool exposed_ran;             /* and the exposure's gradient */
 };
 
 static inline struct vulkan_engine *vulkan_of(struct sg_engine *base)
@@ -62,7 +79,20 @@ void sg_vulkan_drop_columns(struct vulkan_engine *, unsigned bits); /* but not t
 int sg_vulkan_photo_add(struct sg_engine *, sg_photo, const struct sg_photo_entry *);
 void sg_vulkan_photo_drop(struct sg_engine *, sg_photo);
 int sg_vulkan_loss(struct sg_engine *, const struct sg_target_pixels *, const struct sg_loss *);
+/* Of the photo, or of anything where it is not read. */
+VkDeviceAddress sg_vulkan_photo_at(const struct vulkan_engine *, sg_photo);
+/* The sums of `width` floats over groups of e->sums, to the results. */
+int sg_vulkan_add_up(struct vulkan_engine *, uint64_t groups, uint32_t width, uint32_t result);
 /* Values of the losses from the results. */
 void sg_vulkan_read_losses(struct vulkan_engine *, const uint32_t results[VK_RESULTS]);
+
+/* vulkan_spectrum.c */
+int sg_vulkan_anisotropy(struct vulkan_engine *, const struct sg_target_pixels *,
+                         const struct sg_loss *);
+/* The loss, from the results. */
+double sg_vulkan_anisotropy_of(const struct vulkan_engine *, const uint32_t results[VK_RESULTS]);
+void sg_vulkan_spectrum_clear(struct vulkan_engine *);
+/* Bytes on the device for a view. */
+uint64_t sg_vulkan_spectrum_bytes(uint64_t width, uint64_t height);
 
 #endif

@@ -25,13 +25,13 @@ static void destroy(struct sg_engine *base)
     for (size_t i = 0; i < e->cap_photos; i++)
         sg_gpu_release(g, &e->photos[i]);
     sg_free(e->photos);
+    sg_vulkan_spectrum_clear(e);
     sg_gpu_lists_clear(g, &e->lists);
     sg_log(base->ctx, SG_LOG_DEBUG,
            "vulkan: at most %llu bytes on the device, %llu dispatches in %llu submissions",
            (unsigned long long) sg_vram_peak(base->ctx, SG_MEM_TAGS),
            (unsigned long long) g->dispatches, (unsigned long long) g->submissions);
     sg_gpu_close(&e->gpu);
-    sg_image_losses_clear(&e->image_losses);
     sg_free(e);
 }
 
@@ -399,7 +399,7 @@ static struct sg_footprint footprint(const struct sg_work *w)
 
 /* A Gaussian's columns, what a view keeps of it, its sums over bands, and what densification reads;
  * an instance's keys and values twice, its two lists, blocks, slot and share of the checkpoints;
- * images, their gradients and targets, the maps of SSIM, alpha and depth. */
+ * images, their gradients and targets, the maps of SSIM, alpha and depth, spectra. */
 static struct sg_footprint on_device(const struct sg_work *w)
 {
     const uint64_t pixels = (uint64_t) w->width * (uint64_t) w->height,
@@ -408,7 +408,9 @@ static struct sg_footprint on_device(const struct sg_work *w)
     return (struct sg_footprint){
         .gaussian = sg_host_footprint(w, false) + 4 * (27 + VK_SLOT_ABSOLUTE + SG_P_ROT) + 1,
         .instance = 4 * (2 + 2 + 2 + 2 + 1 + VK_SLOT_ABSOLUTE) + 16 * 256 / VK_CHUNK + 1,
-        .view = pixels * 4 * (9 * 3 + 2) + tiles * (16 * 256 + 64),
+        .view = pixels * 4 * (9 * 3 + 2) + tiles * (16 * 256 + 64) +
+                (w->anisotropy ? sg_vulkan_spectrum_bytes((uint64_t) w->width, (uint64_t) w->height)
+                               : 0),
         .photo = 4 * pixels};
 }
 

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Photos on the device, and what a render is compared with. The anisotropy of its spectrum is
- * computed on the host. */
+/* Photos on the device, and what a render is compared with. */
 #include <string.h>
 
 #include "engine.h"
@@ -35,7 +34,7 @@ void sg_vulkan_photo_drop(struct sg_engine *base, sg_photo photo)
         sg_gpu_release(e->gpu, &e->photos[photo - 1]);
 }
 
-static VkDeviceAddress photo_at(const struct vulkan_engine *e, sg_photo photo)
+VkDeviceAddress sg_vulkan_photo_at(const struct vulkan_engine *e, sg_photo photo)
 {
     return photo ? sg_gpu_at(e->gpu, &e->photos[photo - 1]) : e->gpu->none.address;
 }
@@ -44,11 +43,10 @@ static VkDeviceAddress photo_at(const struct vulkan_engine *e, sg_photo photo)
 static VkDeviceAddress photo_or_given(const struct vulkan_engine *e,
                                       const struct sg_target_pixels *t)
 {
-    return t->photo ? photo_at(e, t->photo) : sg_gpu_at(e->gpu, &e->given);
+    return t->photo ? sg_vulkan_photo_at(e, t->photo) : sg_gpu_at(e->gpu, &e->given);
 }
 
-/* The sums of `width` floats over the groups, to the results. */
-static int add_up(struct vulkan_engine *e, uint64_t groups, uint32_t width, uint32_t result)
+int sg_vulkan_add_up(struct vulkan_engine *e, uint64_t groups, uint32_t width, uint32_t result)
 {
     return GPU_RUN(e->gpu, loss_sums, 0, width, .from = e->sums.address,
                    .to = e->lists.results.address + 4 * (uint64_t) result,
@@ -82,7 +80,7 @@ static int compare(struct vulkan_engine *e, const struct gpu_buffer *image,
                        .maps = e->maps.address, .sums = e->sums.address, .width = e->width,
                        .height = e->height);
     if (!code)
-        code = add_up(e, groups, 3, VK_RESULT_LOSSES);
+        code = sg_vulkan_add_up(e, groups, 3, VK_RESULT_LOSSES);
     e->lambda_dssim = p->lambda_dssim;
     e->ran[SG_LOSS_PHOTOMETRIC] = !code;
     return code ? code
@@ -108,7 +106,7 @@ static int low_pass(struct vulkan_engine *e, const struct gpu_buffer *image,
                 .sums = e->sums.address, .width = e->width, .height = e->height,
                 .planes = t->planes != NULL, .masked = t->mask != NULL, .tolerance = p->tolerance);
     if (!code)
-        code = add_up(e, groups, 1, VK_RESULT_LOSSES + 4);
+        code = sg_vulkan_add_up(e, groups, 1, VK_RESULT_LOSSES + 4);
     e->low_pass = p->low_pass;
     return code ? code
                 : GPU_RUN(g, low_pass_gradient, 0, groups, .image = image->address, .photo = photo,
@@ -146,7 +144,7 @@ static int photometric(struct vulkan_engine *e, const struct sg_target_pixels *t
                    .gradient = e->gradient.address, .sums = e->sums.address,
                    .pixels = (uint32_t) pixels, EXPOSURE_OF(t->exposure));
     e->exposed_ran = true;
-    return code ? code : add_up(e, groups, SG_EXPOSURE, VK_RESULT_EXPOSURE);
+    return code ? code : sg_vulkan_add_up(e, groups, SG_EXPOSURE, VK_RESULT_EXPOSURE);
 }
 
 static int total_variation(struct vulkan_engine *e, const struct sg_target_pixels *t,
@@ -158,7 +156,7 @@ static int total_variation(struct vulkan_engine *e, const struct sg_target_pixel
     int code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->sums, 4 * groups);
     if (!code)
         code = GPU_RUN(g, total_variation, 0, groups, .image = e->image.address,
-                       .photo = t->mask ? photo_at(e, t->photo) : e->image.address,
+                       .photo = t->mask ? sg_vulkan_photo_at(e, t->photo) : e->image.address,
                        .gradient = e->gradient.address, .sums = e->sums.address, .width = e->width,
                        .height = e->height, .masked = t->mask != NULL,
                        .norm = (uint32_t) l->total_variation,
@@ -166,26 +164,7 @@ static int total_variation(struct vulkan_engine *e, const struct sg_target_pixel
                        .down = down > 0 ? (float) (1 / down) : 0, .weight = (float) l->weight,
                        .edge = SG_TV_EDGE);
     e->ran[SG_LOSS_TOTAL_VARIATION] = !code;
-    return code ? code : add_up(e, groups, 1, VK_RESULT_LOSSES + 3);
-}
-
-static int on_host(struct vulkan_engine *e, const struct sg_target_pixels *t,
-                   const struct sg_loss *l)
-{
-    const size_t values = 3 * (size_t) e->width * (size_t) e->height, bytes = 4 * values;
-    float *image = sg_alloc_raw(e->base.ctx, SG_MEM_FRAME, values, sizeof(float));
-    float *gradient = sg_alloc_raw(e->base.ctx, SG_MEM_FRAME, values, sizeof(float));
-    int code = image && gradient ? sg_gpu_read(e->gpu, &e->image, 0, image, bytes) : SG_ERR_BUDGET;
-    if (!code)
-        code = sg_gpu_read(e->gpu, &e->gradient, 0, gradient, bytes);
-    if (!code)
-        code = sg_image_loss(e->base.ctx, &e->image_losses, l, image, (int) e->width,
-                             (int) e->height, t->mask, gradient, &e->base.step.loss[l->kind]);
-    if (!code)
-        code = sg_gpu_write(e->gpu, &e->gradient, 0, gradient, bytes);
-    sg_free(image);
-    sg_free(gradient);
-    return code;
+    return code ? code : sg_vulkan_add_up(e, groups, 1, VK_RESULT_LOSSES + 3);
 }
 
 int sg_vulkan_loss(struct sg_engine *base, const struct sg_target_pixels *target,
@@ -198,7 +177,7 @@ int sg_vulkan_loss(struct sg_engine *base, const struct sg_target_pixels *target
     case SG_LOSS_TOTAL_VARIATION:
         return total_variation(e, target, l);
     default:
-        return on_host(e, target, l);
+        return sg_vulkan_anisotropy(e, target, l);
     }
 }
 
@@ -219,6 +198,8 @@ void sg_vulkan_read_losses(struct vulkan_engine *e, const uint32_t results[VK_RE
     }
     for (int k = 0; k < SG_EXPOSURE && e->exposed_ran; k++)
         step->exposure[k] = (double) exposure[k];
+    if (e->ran[SG_LOSS_ANISOTROPY])
+        step->loss[SG_LOSS_ANISOTROPY] = sg_vulkan_anisotropy_of(e, results);
     if (e->ran[SG_LOSS_TOTAL_VARIATION])
         step->loss[SG_LOSS_TOTAL_VARIATION] = (double) sums[3];
 }

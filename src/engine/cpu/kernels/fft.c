@@ -12,123 +12,41 @@
 
 #define POINT SG_FFT_POINT
 
-struct value {
-    real re, im;
-};
+#undef SG_FN
+#define SG_FN SIMD /* no call passes vectors through memory */
+#include "math/fft_points.h"
 
-SIMD struct value load(const float *p, int re)
+SIMD struct fft_value load(const float *p, int re)
 {
-    return (struct value){r_load(p + re), r_load(p + (re ^ SG_FFT_LANES))};
+    return (struct fft_value){r_load(p + re), r_load(p + (re ^ SG_FFT_LANES))};
 }
 
-SIMD void store(float *p, int re, struct value v)
+SIMD void store(float *p, int re, struct fft_value v)
 {
     r_store(p + re, v.re);
     r_store(p + (re ^ SG_FFT_LANES), v.im);
 }
 
-SIMD struct value add(struct value a, struct value b)
-{
-    return (struct value){a.re + b.re, a.im + b.im};
-}
-
-SIMD struct value subtract(struct value a, struct value b)
-{
-    return (struct value){a.re - b.re, a.im - b.im};
-}
-
-/* a times -i */
-SIMD struct value turn(struct value a)
-{
-    return (struct value){a.im, -a.re};
-}
-
-SIMD struct value multiply(struct value a, const float *w)
-{
-    return (struct value){a.re * w[0] - a.im * w[1], a.re * w[1] + a.im * w[0]};
-}
-
 /* ---- transforms of a few points, in place ---- */
-
-SIMD void two(struct value x[2])
-{
-    const struct value a = x[0];
-    x[0] = add(a, x[1]);
-    x[1] = subtract(a, x[1]);
-}
-
-SIMD void four(struct value x[4])
-{
-    const struct value a = add(x[0], x[2]), b = subtract(x[0], x[2]), c = add(x[1], x[3]),
-                       d = subtract(x[1], x[3]);
-    x[0] = add(a, c), x[2] = subtract(a, c);
-    x[1] = (struct value){b.re + d.im, b.im - d.re};
-    x[3] = (struct value){b.re - d.im, b.im + d.re};
-}
-
-SIMD void eight(struct value x[8])
-{
-    const float half = 0.707106781f;
-    struct value even[4] = {x[0], x[2], x[4], x[6]}, odd[4] = {x[1], x[3], x[5], x[7]};
-    four(even);
-    four(odd);
-    odd[1] = (struct value){(odd[1].re + odd[1].im) * half, (odd[1].im - odd[1].re) * half};
-    odd[2] = turn(odd[2]);
-    odd[3] = (struct value){(odd[3].im - odd[3].re) * half, (odd[3].re + odd[3].im) * -half};
-#pragma GCC unroll 4
-    for (int k = 0; k < 4; k++) {
-        x[k] = add(even[k], odd[k]);
-        x[k + 4] = subtract(even[k], odd[k]);
-    }
-}
-
-SIMD void three(struct value x[3])
-{
-    const float sine = 0.866025404f;
-    const struct value a = add(x[1], x[2]), b = subtract(x[1], x[2]);
-    const struct value m = {x[0].re - 0.5f * a.re, x[0].im - 0.5f * a.im},
-                       s = {sine * b.im, sine * b.re};
-    x[0] = add(x[0], a);
-    x[1] = (struct value){m.re + s.re, m.im - s.im};
-    x[2] = (struct value){m.re - s.re, m.im + s.im};
-}
-
-SIMD void five(struct value x[5])
-{
-    const float root5 = 0.559016994f, sine1 = 0.951056516f,
-                sine2 = 0.587785252f; /* sqrt(5) / 4, of 72 and 36 degrees */
-    const struct value a = add(x[1], x[4]), b = subtract(x[1], x[4]), c = add(x[2], x[3]),
-                       d = subtract(x[2], x[3]);
-    const struct value sum = add(a, c), m = {x[0].re - 0.25f * sum.re, x[0].im - 0.25f * sum.im};
-    const struct value t = {root5 * (a.re - c.re), root5 * (a.im - c.im)}, p = add(m, t),
-                       q = subtract(m, t);
-    const struct value s1 = {sine1 * b.im + sine2 * d.im, sine1 * b.re + sine2 * d.re};
-    const struct value s2 = {sine2 * b.im - sine1 * d.im, sine2 * b.re - sine1 * d.re};
-    x[0] = add(x[0], sum);
-    x[1] = (struct value){p.re + s1.re, p.im - s1.im};
-    x[4] = (struct value){p.re - s1.re, p.im + s1.im};
-    x[2] = (struct value){q.re + s2.re, q.im - s2.im};
-    x[3] = (struct value){q.re - s2.re, q.im + s2.im};
-}
 
 /* By definition, with the conjugate symmetry of the roots of unity: for 7, 11 and 13 the loops are
  * unrolled. */
-SIMD void prime(int p, struct value *x, const float *roots)
+SIMD void prime(int p, struct fft_value *x, const float *roots)
 {
-    struct value sum[SG_FFT_PRIME_MAX / 2], difference[SG_FFT_PRIME_MAX / 2];
-    const struct value first = x[0];
+    struct fft_value sum[SG_FFT_PRIME_MAX / 2], difference[SG_FFT_PRIME_MAX / 2];
+    const struct fft_value first = x[0];
     const int half = p / 2;
-    struct value total = first;
+    struct fft_value total = first;
 #pragma GCC unroll 8
     for (int j = 0; j < half; j++) {
-        sum[j] = add(x[1 + j], x[p - 1 - j]);
-        difference[j] = subtract(x[1 + j], x[p - 1 - j]);
-        total = add(total, sum[j]);
+        sum[j] = fft_add(x[1 + j], x[p - 1 - j]);
+        difference[j] = fft_subtract(x[1 + j], x[p - 1 - j]);
+        total = fft_add(total, sum[j]);
     }
     x[0] = total;
 #pragma GCC unroll 8
     for (int k = 1; k <= half; k++) {
-        struct value c = first, s = {r_set(0), r_set(0)};
+        struct fft_value c = first, s = {r_set(0), r_set(0)};
         int at = 0;
 #pragma GCC unroll 8
         for (int j = 0; j < half; j++) {
@@ -138,31 +56,31 @@ SIMD void prime(int p, struct value *x, const float *roots)
             s.re += difference[j].im * roots[2 * at + 1];
             s.im += difference[j].re * roots[2 * at + 1];
         }
-        x[k] = (struct value){c.re - s.re, c.im + s.im};
-        x[p - k] = (struct value){c.re + s.re, c.im - s.im};
+        x[k] = (struct fft_value){c.re - s.re, c.im + s.im};
+        x[p - k] = (struct fft_value){c.re + s.re, c.im - s.im};
     }
 }
 
 /* radix is constant where this is inlined, but for large primes. */
-SIMD void transform_few(int radix, struct value *x, const float *roots)
+SIMD void transform_few(int radix, struct fft_value *x, const float *roots)
 {
     switch (radix) {
     case 1:
         break;
     case 2:
-        two(x);
+        fft_two(x);
         break;
     case 3:
-        three(x);
+        fft_three(x);
         break;
     case 4:
-        four(x);
+        fft_four(x);
         break;
     case 5:
-        five(x);
+        fft_five(x);
         break;
     case 8:
-        eight(x);
+        fft_eight(x);
         break;
     default:
         prime(radix, x, roots);
@@ -178,7 +96,7 @@ SIMD void begin(int radix, int count, const float *in, size_t step, size_t next,
 {
     for (int i = 0; i < count; i++, in += next, out += radix * POINT)
         for (int part = 0; part < SG_FFT_LANES; part += LANES) {
-            struct value x[SG_FFT_PRIME_MAX];
+            struct fft_value x[SG_FFT_PRIME_MAX];
 #pragma GCC unroll 16
             for (int j = 0; j < radix; j++)
                 x[j] = load(in + (size_t) j * step + part, re);
@@ -195,11 +113,12 @@ SIMD void join(int radix, int rest, float *data, int re, const float *twiddles, 
     const size_t step = (size_t) rest * POINT;
     for (int k = 0; k < rest; k++, data += POINT, twiddles += 2 * (radix - 1))
         for (int part = 0; part < SG_FFT_LANES; part += LANES) {
-            struct value x[SG_FFT_PRIME_MAX];
+            struct fft_value x[SG_FFT_PRIME_MAX];
             x[0] = load(data + part, re);
 #pragma GCC unroll 16
             for (int j = 1; j < radix; j++)
-                x[j] = multiply(load(data + (size_t) j * step + part, re), twiddles + 2 * (j - 1));
+                x[j] = fft_multiply(load(data + (size_t) j * step + part, re), twiddles[2 * j - 2],
+                                    twiddles[2 * j - 1]);
             transform_few(radix, x, roots);
 #pragma GCC unroll 16
             for (int j = 0; j < radix; j++)
@@ -261,9 +180,11 @@ static void scale(const float *from, int from_re, const float *factors, int n, f
 {
     for (int k = 0; k < end; k++, from += POINT, to += POINT)
         for (int part = 0; part < SG_FFT_LANES; part += LANES) {
-            const struct value zero = {r_set(0), r_set(0)};
+            const struct fft_value zero = {r_set(0), r_set(0)};
             store(to + part, to_re,
-                  k < n ? multiply(load(from + part, from_re), factors + 2 * k) : zero);
+                  k < n
+                      ? fft_multiply(load(from + part, from_re), factors[2 * k], factors[2 * k + 1])
+                      : zero);
         }
 }
 
@@ -375,7 +296,7 @@ static void gather_rows(const struct sg_fft_rows *r, const float *const *row, fl
 SIMD void split_pair(const float *at, const float *twin, struct block split[4], int k)
 {
     for (int part = 0; part < BLOCK; part += LANES) {
-        const struct value z = load(at + part, 0), t = load(twin + part, 0);
+        const struct fft_value z = load(at + part, 0), t = load(twin + part, 0);
         r_store(split[0].value[k] + part, (z.re + t.re) * 0.5f);
         r_store(split[1].value[k] + part, (z.im - t.im) * 0.5f);
         r_store(split[2].value[k] + part, (z.im + t.im) * 0.5f);
@@ -420,8 +341,8 @@ SIMD void join_pair(const struct block half[4], int k, float *at, float *twin, b
         const real re1 = r_load(half[0].value[k] + part), re2 = r_load(half[2].value[k] + part);
         const real im1 = first ? r_set(0) : r_load(half[1].value[k] + part);
         const real im2 = first ? r_set(0) : r_load(half[3].value[k] + part);
-        store(twin + part, 0, (struct value){re1 + im2, re2 - im1});
-        store(at + part, 0, (struct value){re1 - im2, re2 + im1});
+        store(twin + part, 0, (struct fft_value){re1 + im2, re2 - im1});
+        store(at + part, 0, (struct fft_value){re1 - im2, re2 + im1});
     }
 }
 

@@ -16,6 +16,9 @@
 #define VK_SORT 1024        /* keys that a workgroup sorts */
 #define VK_SORT_GROUP 64    /* invocations: each sorts VK_SORT / VK_SORT_GROUP keys in order */
 #define VK_DIGITS 256
+#define VK_LINE 2016       /* points of a Fourier transform in shared memory */
+#define VK_LINE_GROUP 128  /* invocations that transform a line */
+#define VK_LINE_GROUPS 128 /* workgroups with longer lines */
 
 /* Numbers that kernels leave for the host; pairs are low and high words. */
 #define VK_RESULT_VISIBLE 0
@@ -27,7 +30,8 @@
  * gradient of the exposure. */
 #define VK_RESULT_LOSSES 8
 #define VK_RESULT_EXPOSURE 16
-#define VK_RESULTS 28
+#define VK_RESULT_ENERGY 28 /* of the spectrum, by direction: at most 254 floats */
+#define VK_RESULTS 282
 
 #define VK_KERNELS(K)                                                                              \
     K(project)                                                                                     \
@@ -55,6 +59,11 @@
     K(low_pass_gradient)                                                                           \
     K(expose)                                                                                      \
     K(expose_backward)                                                                             \
+    K(spectrum_rows)                                                                               \
+    K(spectrum_columns)                                                                            \
+    K(spectrum_factors)                                                                            \
+    K(spectrum_columns_back)                                                                       \
+    K(spectrum_rows_back)                                                                          \
     K(total_variation)                                                                             \
     K(loss_sums)                                                                                   \
     K(move)                                                                                        \
@@ -162,6 +171,33 @@
     P(Floats, image) P(Floats, exposed) U(pixels) ARGS_exposure(F)
 #define ARGS_expose_backward(P, U, F)                                                              \
     P(Floats, image) P(Floats, gradient) P(Floats, sums) U(pixels) ARGS_exposure(F)
+/* Words of a Fourier transform's plan, and behind them, with the index of a word, its tables:
+ * points of the stages, their number, factors of Bluestein's chirp and of its filter (0: none), and
+ * for each stage its radix, the points of its parts, twiddles and roots. */
+#define VK_FFT_POINTS 0
+#define VK_FFT_STAGES 1
+#define VK_FFT_CHIRP 2
+#define VK_FFT_FILTER 3
+#define VK_FFT_HEADER 4
+/* points, rows: of the transformed image along the lines, and its height; width, height: of the
+ * image. Workgroups take line after line. room: for lines of more than VK_LINE points, the longest
+ * of which has `longest`. */
+#define ARGS_spectrum_rows(P, U, F)                                                                \
+    P(Floats, image) P(Floats, spectrum) P(Uints, plan) P(Floats, tables) P(Floats, room) U(width) \
+    U(height) U(points) U(rows) U(columns) U(planes) U(groups) U(longest)
+#define ARGS_spectrum_columns(P, U, F)                                                             \
+    P(Floats, spectrum) P(Uints, directions) P(Floats, energy) P(Uints, plan) P(Floats, tables)    \
+    P(Floats, room) U(height) U(points) U(columns) U(planes) U(bins) U(amplitude) U(groups)        \
+    U(longest)
+#define ARGS_spectrum_factors(P, U, F)                                                             \
+    P(Floats, energy) P(Floats, factors) U(bins) F(least) F(weight)
+#define ARGS_spectrum_columns_back(P, U, F)                                                        \
+    P(Floats, spectrum) P(Uints, directions) P(Floats, factors) P(Uints, plan) P(Floats, tables)   \
+    P(Floats, room) U(height) U(points) U(columns) U(planes) U(amplitude) U(groups) U(longest)
+#define ARGS_spectrum_rows_back(P, U, F)                                                           \
+    P(Floats, gradient) P(Uints, photo) P(Floats, spectrum) P(Uints, plan) P(Floats, tables)       \
+    P(Floats, room) U(width) U(height) U(points) U(rows) U(columns) U(planes) U(masked) U(groups)  \
+    U(longest)
 /* norm: enum sg_tv_penalty. Adds `across` and `down` times the slopes to the gradient. */
 #define ARGS_total_variation(P, U, F)                                                              \
     P(Floats, image) P(Uints, photo) P(Floats, gradient) P(Floats, sums) U(width) U(height)        \

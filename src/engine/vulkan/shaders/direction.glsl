@@ -1,0 +1,8 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#define OUTSIDE 255 /* of the band */
+
+/* Direction of the coefficient in row u of a column: a byte each, columns in whole words. */
+uint direction_at(uint column, uint u)
+{
+    return a.directions.v[column * ((a.points + 3) / 4) + u / 4] >> 8 * (u % 4) & 255;
+}

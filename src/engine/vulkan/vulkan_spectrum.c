@@ -1,0 +1,218 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The anisotropy loss on the device: rows of the image to half spectra, columns, energies by
+ * direction, a factor each, columns and rows back. Only the columns with coefficients in the band
+ * are kept. Plans are made on the host, with the tables of the CPU's transforms. */
+#include <string.h>
+
+#include "engine.h"
+#include "spectral/anisotropy.h"
+#include "spectral/fft.h"
+#include "spectral/frequency.h"
+
+#define OUTSIDE 255 /* of the band, as in direction.glsl */
+
+/* A buffer with these words. */
+static int put(struct vulkan_engine *e, struct gpu_buffer *b, const void *words, uint64_t bytes)
+{
+    const int code = sg_gpu_reserve(e->gpu, SG_MEM_FRAME, b, bytes);
+    return code ? code : sg_gpu_write(e->gpu, b, 0, words, bytes);
+}
+
+/* The plan of lines of n points; their points while they are transformed raise `longest`. */
+static int put_plan(struct vulkan_engine *e, int n, struct gpu_buffer *to, uint32_t *longest)
+{
+    sg_ctx *ctx = e->base.ctx;
+    struct sg_fft *fft;
+    int code = sg_fft_create(ctx, n, &fft);
+    if (code)
+        return code;
+    const struct sg_fft *of = fft->longer ? fft->longer : fft;
+    const size_t header = VK_FFT_HEADER + 4 * (size_t) of->stages;
+    size_t floats = 0;
+    for (int i = 0; i < of->stages; i++)
+        floats += 2 * (size_t) (of->stage[i].rest * (of->stage[i].radix - 1) + of->stage[i].radix);
+    const size_t chirp = fft->longer ? 2 * (size_t) (n + of->n) : 0, all = header + floats + chirp;
+    uint32_t *words = sg_alloc_raw(ctx, SG_MEM_FRAME, all, sizeof(*words));
+    if (!words) {
+        sg_fft_destroy(&fft);
+        return SG_ERR_BUDGET;
+    }
+    words[VK_FFT_POINTS] = (uint32_t) of->n, words[VK_FFT_STAGES] = (uint32_t) of->stages;
+    words[VK_FFT_CHIRP] = chirp ? (uint32_t) (header + floats) : 0;
+    words[VK_FFT_FILTER] = chirp ? (uint32_t) (header + floats + 2 * (size_t) n) : 0;
+    for (int i = 0; i < of->stages; i++) {
+        const struct sg_fft_stage *s = &of->stage[i];
+        const uint32_t values[4] = {(uint32_t) s->radix, (uint32_t) s->rest,
+                                    (uint32_t) (header + (size_t) (s->twiddles - of->tables)),
+                                    (uint32_t) (header + (size_t) (s->roots - of->tables))};
+        memcpy(words + VK_FFT_HEADER + 4 * i, values, sizeof(values));
+    }
+    memcpy(words + header, of->tables, floats * sizeof(float));
+    if (chirp)
+        memcpy(words + header + floats, fft->tables, chirp * sizeof(float));
+    *longest = (uint32_t) of->n > *longest ? (uint32_t) of->n : *longest;
+    code = put(e, to, words, all * sizeof(*words));
+    sg_free(words);
+    sg_fft_destroy(&fft);
+    return code;
+}
+
+/* A byte for each coefficient of the stored columns. */
+static int put_directions(struct vulkan_engine *e, struct vulkan_transform *t,
+                          const struct sg_spectrum_params *band)
+{
+    const size_t step = ((size_t) t->h + 3) / 4 * 4, bytes = step * t->columns;
+    uint8_t *bins = sg_alloc(e->base.ctx, SG_MEM_FRAME, bytes, 1);
+    if (!bins)
+        return SG_ERR_BUDGET;
+    for (uint32_t v = 0; v < t->columns; v++)
+        for (uint32_t u = 0; u < t->h; u++)
+            bins[v * step + u] =
+                (uint8_t) sg_spectrum_bin((int) u, (int) v, (int) t->w, (int) t->h, band, OUTSIDE);
+    const int code = put(e, &t->directions, bins, bytes);
+    sg_free(bins);
+    return code;
+}
+
+static void clear_transform(struct gpu *g, struct vulkan_transform *t)
+{
+    sg_gpu_release(g, &t->across);
+    sg_gpu_release(g, &t->down);
+    sg_gpu_release(g, &t->directions);
+    *t = (struct vulkan_transform){0};
+}
+
+void sg_vulkan_spectrum_clear(struct vulkan_engine *e)
+{
+    struct vulkan_spectrum *s = &e->spectrum;
+    for (int i = 0; i < SG_PLANS; i++)
+        clear_transform(e->gpu, &s->sizes[i]);
+    sg_gpu_release(e->gpu, &s->coefficients);
+    sg_gpu_release(e->gpu, &s->factors);
+    sg_gpu_release(e->gpu, &s->room);
+}
+
+/* The transform of the present view's size; a new one replaces the one that was not used longest.
+ * params: the same in all calls. */
+static int find_transform(struct vulkan_engine *e, const struct sg_anisotropy_params *params,
+                          struct vulkan_transform **out)
+{
+    struct vulkan_spectrum *s = &e->spectrum;
+    const int width = (int) e->width, height = (int) e->height;
+    struct vulkan_transform *oldest = s->sizes;
+    for (struct vulkan_transform *t = s->sizes; t < s->sizes + SG_PLANS; t++) {
+        if (t->width == width && t->height == height) {
+            t->used = ++s->clock;
+            *out = t;
+            return SG_OK;
+        }
+        if (t->used < oldest->used)
+            oldest = t;
+    }
+    clear_transform(e->gpu, oldest);
+    const int w = sg_anisotropy_width(width, params->exact_size),
+              h = sg_anisotropy_height(height, params->exact_size);
+    oldest->w = (uint32_t) w, oldest->h = (uint32_t) h;
+    oldest->columns = (uint32_t) sg_spectrum_columns(w, h, &params->band);
+    int code = put_plan(e, w, &oldest->across, &oldest->longest);
+    if (!code)
+        code = put_plan(e, h, &oldest->down, &oldest->longest);
+    if (!code)
+        code = put_directions(e, oldest, &params->band);
+    if (code) {
+        clear_transform(e->gpu, oldest);
+        return code;
+    }
+    oldest->width = width, oldest->height = height, oldest->used = ++s->clock;
+    *out = oldest;
+    return SG_OK;
+}
+
+/* Bytes of the room of lines that do not fit into shared memory. */
+static uint64_t room_bytes(uint64_t longest)
+{
+    return longest > VK_LINE ? VK_LINE_GROUPS * longest * 2 * 2 * sizeof(float) : 0;
+}
+
+int sg_vulkan_anisotropy(struct vulkan_engine *e, const struct sg_target_pixels *target,
+                         const struct sg_loss *loss)
+{
+    struct gpu *g = e->gpu;
+    struct vulkan_spectrum *s = &e->spectrum;
+    const struct sg_anisotropy_params *p = &loss->anisotropy;
+    const uint32_t planes = p->channels == SG_CHANNELS_LUMA ? 1 : 3, bins = (uint32_t) p->band.bins,
+                   pairs = planes * ((e->height + 1) / 2);
+    const bool power = p->energy == SG_ENERGY_POWER;
+    struct vulkan_transform *t;
+    int code = find_transform(e, p, &t);
+    if (code)
+        return code;
+    const uint64_t lines = (uint64_t) planes * t->columns;
+    const int is_far = t->longest > VK_LINE;
+    const uint32_t groups = is_far ? VK_LINE_GROUPS : (uint32_t) (pairs > lines ? pairs : lines);
+    s->params = *p;
+    s->values = (double) planes * t->w * t->h;
+    if ((code = sg_gpu_reserve(g, SG_MEM_FRAME, &s->coefficients, 8 * lines * t->h)) ||
+        (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->sums, 4 * lines * bins)) ||
+        (code = sg_gpu_reserve(g, SG_MEM_FRAME, &s->factors, 4 * VK_GROUP)) ||
+        (code = sg_gpu_reserve(g, SG_MEM_FRAME, &s->room, room_bytes(t->longest))))
+        return code;
+    const VkDeviceAddress energy = e->lists.results.address + 4 * VK_RESULT_ENERGY;
+    code = GPU_RUN(g, spectrum_rows, is_far, groups, .image = e->image.address,
+                   .spectrum = s->coefficients.address, .plan = t->across.address,
+                   .tables = t->across.address, .room = s->room.address, .width = e->width,
+                   .height = e->height, .points = t->w, .rows = t->h, .columns = t->columns,
+                   .planes = planes, .groups = groups, .longest = t->longest);
+    if (!code)
+        code = GPU_RUN(g, spectrum_columns, is_far, groups, .spectrum = s->coefficients.address,
+                       .directions = t->directions.address, .energy = e->sums.address,
+                       .plan = t->down.address, .tables = t->down.address, .room = s->room.address,
+                       .height = e->height, .points = t->h, .columns = t->columns, .planes = planes,
+                       .bins = bins, .amplitude = !power, .groups = groups, .longest = t->longest);
+    if (!code)
+        code = sg_vulkan_add_up(e, lines, bins, VK_RESULT_ENERGY);
+    if (!code)
+        code = GPU_RUN(g, spectrum_factors, 0, 1, .energy = energy, .factors = s->factors.address,
+                       .bins = bins,
+                       .least = (float) (power ? 1e-12 * s->values * s->values : 1e-6 * s->values),
+                       .weight = (float) loss->weight * (power ? 2 : 1));
+    if (!code)
+        code =
+            GPU_RUN(g, spectrum_columns_back, is_far, groups, .spectrum = s->coefficients.address,
+                    .directions = t->directions.address, .factors = s->factors.address,
+                    .plan = t->down.address, .tables = t->down.address, .room = s->room.address,
+                    .height = e->height, .points = t->h, .columns = t->columns, .planes = planes,
+                    .amplitude = !power, .groups = groups, .longest = t->longest);
+    if (!code)
+        code = GPU_RUN(g, spectrum_rows_back, is_far, groups, .gradient = e->gradient.address,
+                       .photo = sg_vulkan_photo_at(e, target->photo),
+                       .spectrum = s->coefficients.address, .plan = t->across.address,
+                       .tables = t->across.address, .room = s->room.address, .width = e->width,
+                       .height = e->height, .points = t->w, .rows = t->h, .columns = t->columns,
+                       .planes = planes, .masked = target->mask != NULL, .groups = groups,
+                       .longest = t->longest);
+    e->ran[SG_LOSS_ANISOTROPY] = !code;
+    return code;
+}
+
+double sg_vulkan_anisotropy_of(const struct vulkan_engine *e, const uint32_t results[VK_RESULTS])
+{
+    float found[SG_SPECTRUM_BINS_MAX];
+    double energy[SG_SPECTRUM_BINS_MAX];
+    _Static_assert(VK_RESULT_ENERGY + SG_SPECTRUM_BINS_MAX <= VK_RESULTS, "a float each");
+    memcpy(found, results + VK_RESULT_ENERGY, sizeof(found));
+    for (int b = 0; b < e->spectrum.params.band.bins; b++)
+        energy[b] = (double) found[b];
+    return sg_anisotropy_of_bins(&e->spectrum.params, e->spectrum.values, energy, NULL);
+}
+
+/* Half spectra of three planes, energies of their columns, directions of the newest sizes, plans,
+ * and the room of long lines. A side with a large prime factor is transformed with more than twice
+ * its points. */
+uint64_t sg_vulkan_spectrum_bytes(uint64_t width, uint64_t height)
+{
+    const uint64_t w = width + width / 8 + 16, h = height + height / 8 + 16, columns = w / 2 + 1,
+                   side = w > h ? w : h;
+    return 3 * columns * (8 * h + 4 * SG_SPECTRUM_BINS_MAX) +
+           SG_PLANS * (columns * (h + 4) + 32 * (w + h)) + room_bytes(5 * side / 2) + (64u << 10);
+}
