@@ -30,7 +30,9 @@ if(SG_PYTHON AND NOT SG_SANITIZE AND NOT SG_FUZZ) # a Python without sanitizers 
         endforeach()
         if(BUILD_TESTING)
             add_test(NAME python COMMAND ${SG_PYTHON_PROGRAM} ${PROJECT_SOURCE_DIR}/python/tests/run.py)
-            set_tests_properties(python PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 900
+            add_test(NAME python_tour COMMAND ${SG_PYTHON_PROGRAM} ${PROJECT_SOURCE_DIR}/python/tests/tour.py --check)
+            set_tests_properties(python_tour PROPERTIES LABELS slow)
+            set_tests_properties(python python_tour PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 900
                 ENVIRONMENT "PYTHONPATH=${CMAKE_CURRENT_BINARY_DIR}/python;PYTHONDONTWRITEBYTECODE=1")
         endif()
     endif()

@@ -3,16 +3,19 @@ import ast
 import gc
 import math
 import os
+import re
 import signal
 import struct
 import threading
 import time
+import types
 import zlib
 
 import numpy as np
 import pytest
 
 import splatguard as sg
+import tour
 
 SIDE = 40
 SHORT = dict(iterations=30, init_points=150, sh_degree=1, sh_interval=5, densify_from_iter=4,
@@ -253,6 +256,68 @@ def test_gradients_are_those_of_finite_differences():
         # Not value by value: a step lets pixels cross the opacity from which they are drawn.
         error = np.linalg.norm(found - expected) / np.linalg.norm(expected)
         assert error < 0.1, name
+
+
+class NumpyTorch:
+    """What the example of docs/python.md uses of torch, so that it is tested where that is absent."""
+    float32 = np.float32
+
+    class Tensor(np.ndarray):
+        detach = contiguous = lambda self: self
+        numpy = lambda self: np.asarray(self)
+
+    class autograd:
+        class Function:
+            @classmethod
+            def apply(cls, *inputs):
+                cls.ctx = types.SimpleNamespace()
+                return cls.forward(cls.ctx, *inputs)
+
+    @classmethod
+    def from_numpy(cls, array):
+        return array.view(cls.Tensor)
+
+    @classmethod
+    def frombuffer(cls, buffer, dtype):
+        return cls.from_numpy(np.frombuffer(buffer, dtype))
+
+
+@pytest.mark.parametrize("name", ["torch", "numpy"])
+def test_torch_example(name):
+    torch = pytest.importorskip("torch") if name == "torch" else NumpyTorch
+    with open(os.path.join(tour.ROOT, "docs", "python.md"), encoding="utf-8") as f:
+        code = re.search(r"```python\n(class Rasterise.*?)```", f.read(), re.S)[1]
+    names = {"torch": torch, "numpy": np, "sg": sg}
+    exec(code, names)
+    rasterise = names["Rasterise"]
+    fields = ("position", "scale", "rotation", "opacity", "sh_dc", "sh_rest")
+    model = model_of(6, 2, seed=4)
+    model["scale"] = np.full((6, 3), -0.7, np.float32) + np.float32([0, 0.1, 0.2])
+    values = [np.array(model[f]) for f in fields]
+    y, x = np.mgrid[0:SIDE, 0:SIDE]
+    weight = np.stack([np.cos(x / 9), np.sin(y / 8), np.cos((x + y) / 11)]).astype(np.float32)
+
+    def loss(arrays):
+        drawn = rasterise.apply(camera(0.3), *(torch.from_numpy(a) for a in arrays))
+        return float((np.asarray(drawn).astype(np.float64) * weight).sum())
+
+    inputs = [torch.from_numpy(v.copy()) for v in values]
+    if name == "torch":
+        for tensor in inputs:
+            tensor.requires_grad_()
+        (rasterise.apply(camera(0.3), *inputs) * torch.from_numpy(weight)).sum().backward()
+        gradients = [tensor.grad.numpy() for tensor in inputs]
+    else:
+        rasterise.apply(camera(0.3), *inputs)
+        gradients = rasterise.backward(rasterise.ctx, torch.from_numpy(weight))
+        assert gradients[0] is None  # the camera
+        gradients = gradients[1:]
+    for k, gradient in enumerate(gradients):  # along the gradient itself
+        along = np.asarray(gradient) / np.linalg.norm(gradient)
+        moved = [[v + side * 4e-3 * along if i == k else v for i, v in enumerate(values)]
+                 for side in (1, -1)]
+        found = (loss(moved[0]) - loss(moved[1])) / 8e-3
+        assert found == pytest.approx(np.linalg.norm(gradient), rel=0.03), fields[k]
 
 
 def test_render_alpha_and_depth():
