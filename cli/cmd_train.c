@@ -235,10 +235,11 @@ const struct command command_train = {
     .name = "train",
     .arguments = "SCENE -o RUN [options]",
     .summary = "Trains a model from photos with known cameras.",
-    .description =
-        "Trains a 3D Gaussian Splatting model of SCENE (Blender, COLMAP or nerfstudio layout) into "
-        "the folder RUN. Ctrl-C saves and exits; `train --resume RUN` continues. --view prints the "
-        "address of a page that shows it.",
+    .description = "Trains a 3D Gaussian Splatting model of SCENE (Blender, COLMAP or nerfstudio "
+                   "layout, a folder "
+                   "or a zip archive of it) into the folder RUN. Ctrl-C saves and exits; `train "
+                   "--resume RUN` continues. --view prints the "
+                   "address of a page that shows it.",
     .groups = "Run|Scene|Initialisation|Model and loss|Learning rates|Densification|Budgets|"
               "Defense|Rasteriser",
     .options = train_options,

@@ -97,7 +97,7 @@ static int open_viewed(struct viewed *v, const char *place, const bool *given,
 {
     struct model_options *o = &c->m;
     char path[PATH_MAX];
-    const bool folder = is_folder(place), run = folder && is_run(place),
+    const bool folder = is_folder(place) || is_archive(place), run = folder && is_run(place),
                named = (folder && !run) || o->scene_path;
     v->run = sg_run_params_default();
     int code = open_context(&v->ctx, o->threads, o->max_memory, o->quiet);

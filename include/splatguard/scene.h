@@ -86,7 +86,7 @@ struct sg_view {
 /* Thread safety: read-only after loading. */
 struct sg_scene {
     enum sg_scene_format format; /* as recognised */
-    char *path;                  /* of the folder; for a scene from memory a name for messages */
+    char *path; /* of the folder or archive; for a scene from memory a name for messages */
     /* Training views in the order of their names (COLMAP, nerfstudio), of the file (Blender), or of
      * adding (memory); test views. */
     struct sg_view *train, *test;
@@ -103,8 +103,10 @@ struct sg_scene {
 
 /* Loads cameras, points and images (decoded in parallel, undistorted, resampled). params may be
  * NULL. With a memory limit of the context, photos that do not fit are read again from their files
- * whenever they are used; the scene keeps its folder open for that. On success the caller owns
- * *out. Errors: SG_ERR_USAGE for values out of range, SG_ERR_INPUT, SG_ERR_BUDGET. */
+ * whenever they are used; the scene keeps its folder open for that. path may also name a zip
+ * archive of such a folder (where zlib was at build): its files are unpacked as they are read,
+ * never to disk. On success the caller owns *out. Errors: SG_ERR_USAGE for values out of range,
+ * SG_ERR_INPUT, SG_ERR_BUDGET. */
 SG_API int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *params,
                          struct sg_scene **out);
 SG_API void sg_scene_destroy(struct sg_scene **scene);

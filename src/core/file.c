@@ -7,6 +7,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "source.h"
+
 FILE *sg_regular_stream(int fd)
 {
     struct stat st;
@@ -124,45 +126,14 @@ int sg_file_open(sg_ctx *ctx, const char *path, FILE **out)
     return *out ? SG_OK : sg_open_failed(ctx, path);
 }
 
-int sg_stream_read(sg_ctx *ctx, FILE *f, const char *path, uint64_t max_bytes, char **data,
-                   size_t *size)
-{
-    struct stat st;
-    *data = NULL;
-    if (fstat(fileno(f), &st))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: cannot read: %s", path, strerror(errno));
-    if ((uint64_t) st.st_size > max_bytes)
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found %lld bytes, the limit is %llu", path,
-                       (long long) st.st_size, (unsigned long long) max_bytes);
-    *data = sg_alloc_raw(ctx, SG_MEM_MISC, (size_t) st.st_size + 1, 1);
-    if (!*data) {
-        if (sg_mem_limit(ctx)) { /* say which file */
-            sg_clear_error(ctx);
-            sg_fail(ctx, SG_ERR_BUDGET, "%s: memory: found %lld bytes, the limit for all is %llu",
-                    path, (long long) st.st_size, (unsigned long long) sg_mem_limit(ctx));
-        }
-        return SG_ERR_BUDGET;
-    }
-    *size = fread(*data, 1, (size_t) st.st_size, f);
-    if (*size != (size_t) st.st_size) {
-        sg_free(*data);
-        *data = NULL;
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found %zu bytes, expected %lld: cannot read on",
-                       path, *size, (long long) st.st_size);
-    }
-    (*data)[*size] = 0;
-    return SG_OK;
-}
-
 int sg_file_read(sg_ctx *ctx, const char *path, uint64_t max_bytes, char **data, size_t *size)
 {
-    FILE *f;
+    struct sg_source in;
     *data = NULL;
-    int code = sg_file_open(ctx, path, &f);
-    if (!code) {
-        code = sg_stream_read(ctx, f, path, max_bytes, data, size);
-        fclose(f);
-    }
+    int code = sg_source_open(ctx, &in, path, max_bytes);
+    if (!code)
+        code = sg_source_read(ctx, &in, data, size);
+    sg_source_close(&in);
     return code;
 }
 

@@ -37,8 +37,6 @@ int sg_open_failed(sg_ctx *ctx,
 /* Whole file into memory with a zero byte after it. Larger than max_bytes: SG_ERR_INPUT. Free with
  * sg_free. */
 int sg_file_read(sg_ctx *ctx, const char *path, uint64_t max_bytes, char **data, size_t *size);
-int sg_stream_read(sg_ctx *ctx, FILE *stream, const char *path, uint64_t max_bytes, char **data,
-                   size_t *size);
 int sg_file_write(sg_ctx *ctx, const char *path, const void *data, size_t size);
 
 bool sg_file_exists(const char *path);

@@ -12,6 +12,18 @@
 #define DEPTH_MAX 64 /* folders below each other */
 #define LINKS_MAX 40 /* on the way to one file, as in the kernel */
 
+bool sg_path_is_inside(const char *path)
+{
+    if (*path == '/')
+        return false;
+    for (const char *p = path; p; p = strchr(p, '/')) {
+        p += *p == '/';
+        if (p[0] == '.' && p[1] == '.' && (p[2] == '/' || !p[2]))
+            return false;
+    }
+    return true;
+}
+
 /* The state of a walk: all folders from the root down, each opened, and the rest of the name. ".."
  * returns to a folder on this stack, not to wherever that folder may have been moved. */
 struct walk {
@@ -124,16 +136,24 @@ static int walk_part(struct walk *w, int flags)
     return -1;
 }
 
-/* -1: see errno, EXDEV where the name leads out of the folder. */
-static int open_beneath(const struct sg_folder *folder, const char *path, int flags)
+/* The name of PATH/NAME. NULL: see errno. */
+static const char *name_of(const struct sg_folder *folder, const char *path)
 {
     const size_t n = strlen(folder->path);
     const char *name =
         !strncmp(path, folder->path, n) && path[n] == '/' ? path + n + strspn(path + n, "/") : NULL;
-    if (!name || strlen(name) >= PATH_MAX) {
-        errno = name ? ENAMETOOLONG : EXDEV;
+    if (name && strlen(name) < PATH_MAX)
+        return name;
+    errno = name ? ENAMETOOLONG : EXDEV;
+    return NULL;
+}
+
+/* -1: see errno, EXDEV where the name leads out of the folder. */
+static int open_beneath(const struct sg_folder *folder, const char *path, int flags)
+{
+    const char *name = name_of(folder, path);
+    if (!name)
         return -1;
-    }
     if (folder->follow_links)
         return openat(folder->fd, name, flags | O_CLOEXEC);
     struct walk w = {.root = folder};
@@ -149,61 +169,211 @@ static int open_beneath(const struct sg_folder *folder, const char *path, int fl
     return fd;
 }
 
+/* ---- archives ---- */
+
+#define UNPACKED_LEAST ((uint64_t) 1 << 26) /* bytes that any archive may claim, */
+#define UNPACKED_RATIO 100                  /* and for each of its own: photos hardly shrink */
+
+/* What macOS adds to its archives. */
+static bool is_extra(const char *name)
+{
+    return !strncmp(name, "__MACOSX/", 9);
+}
+
+/* The folder of all files, or "". */
+static char *find_top(sg_ctx *ctx, const struct sg_zip *zip)
+{
+    const char *first = NULL;
+    size_t n = 0;
+    for (size_t i = 0; i < zip->count; i++) {
+        const char *name = zip->entries[i].name;
+        if (is_extra(name))
+            continue;
+        if (!first) {
+            const char *slash = strchr(name, '/');
+            first = name, n = slash ? (size_t) (slash - name) + 1 : 0;
+        } else if (strncmp(name, first, n))
+            n = 0;
+    }
+    return sg_strf(ctx, "%.*s", (int) n, first ? first : "");
+}
+
+/* fd: of a regular file; *out has its path. */
+static int open_archive(sg_ctx *ctx, struct sg_folder *out, uint64_t size)
+{
+    uint64_t claimed = 0;
+    if (!(out->zip = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*out->zip))))
+        return SG_ERR_BUDGET;
+    const int code = sg_zip_open(ctx, out->path, out->fd, size, out->zip);
+    if (code)
+        return code;
+    for (size_t i = 0; i < out->zip->count; i++) {
+        const struct sg_zip_entry *e = &out->zip->entries[i];
+        if (!sg_path_is_inside(e->name) || strchr(e->name, '\\'))
+            return sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: zip: found \"%s\", expected names inside the archive", out->path,
+                           e->name);
+        claimed += e->size;
+    }
+    if (claimed > UNPACKED_LEAST && claimed / UNPACKED_RATIO > size)
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: zip: found files of %llu bytes in an archive of %llu, expected at most "
+                       "%d times as many",
+                       out->path, (unsigned long long) claimed, (unsigned long long) size,
+                       UNPACKED_RATIO);
+    out->top = find_top(ctx, out->zip);
+    return out->top ? SG_OK : SG_ERR_BUDGET;
+}
+
+/* The name of an entry for PATH/NAME, without empty parts and "."; a folder's ends with a slash.
+ * False: see errno. */
+static bool entry_name(const struct sg_folder *folder, const char *path, bool of_folder,
+                       char entry[2 * PATH_MAX])
+{
+    const char *name = name_of(folder, path);
+    if (!name || !sg_path_is_inside(name) || strlen(folder->top) >= PATH_MAX - 1) {
+        errno = name ? EXDEV : errno;
+        return false;
+    }
+    char *to = stpcpy(entry, folder->top);
+    while (*name) {
+        const size_t n = strcspn(name, "/");
+        if (n && !(n == 1 && *name == '.')) {
+            memcpy(to, name, n);
+            to += n;
+            *to++ = '/';
+        }
+        name += n + (name[n] == '/');
+    }
+    if (!of_folder && to > entry)
+        to--;
+    *to = 0;
+    return true;
+}
+
+/* The file at PATH/NAME. NULL: see errno. */
+static const struct sg_zip_entry *find_entry(const struct sg_folder *folder, const char *path)
+{
+    char name[2 * PATH_MAX];
+    if (!entry_name(folder, path, false, name))
+        return NULL;
+    errno = ENOENT;
+    return sg_zip_find(folder->zip, name);
+}
+
+static bool has_archived_folder(const struct sg_folder *folder, const char *path)
+{
+    char name[2 * PATH_MAX];
+    if (!entry_name(folder, path, true, name))
+        return errno == EXDEV;
+    const size_t at = sg_zip_from(folder->zip, name);
+    return at < folder->zip->count && !strncmp(folder->zip->entries[at].name, name, strlen(name));
+}
+
+/* ---- both ---- */
+
+/* Opens the folder or the archive. 0: see errno. */
+static int open_place(const char *path, bool *is_archive, uint64_t *size)
+{
+    struct stat st;
+    char mark[2];
+    int fd = open(path, O_PATH | O_DIRECTORY | O_CLOEXEC);
+    *is_archive = fd < 0 && errno == ENOTDIR;
+    if (!*is_archive)
+        return fd;
+    fd = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
+    if (fd >= 0 && !fstat(fd, &st) && S_ISREG(st.st_mode) && pread(fd, mark, 2, 0) == 2 &&
+        !memcmp(mark, "PK", 2)) {
+        *size = (uint64_t) st.st_size;
+        return fd;
+    }
+    if (fd >= 0)
+        close(fd);
+    errno = ENOTDIR;
+    return -1;
+}
+
 int sg_folder_open(sg_ctx *ctx, const char *path, bool follow_links, struct sg_folder *out)
 {
-    *out = (struct sg_folder){.fd = open(path, O_PATH | O_DIRECTORY | O_CLOEXEC),
+    bool is_archive;
+    uint64_t size = 0;
+    *out = (struct sg_folder){.fd = open_place(path, &is_archive, &size),
                               .follow_links = follow_links};
     char *real = out->fd >= 0 ? realpath(path, NULL) : NULL;
     if (!real) {
         const int why = errno;
         sg_folder_close(out);
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found no folder: %s", path, strerror(why));
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found no folder or zip archive: %s", path,
+                       strerror(why));
     }
     out->real = sg_strdup(ctx, strcmp(real, "/") ? real : "");
     out->path = sg_strdup(ctx, path);
     free(real);
-    if (out->real && out->path)
-        return SG_OK;
-    sg_folder_close(out);
-    return SG_ERR_BUDGET;
+    int code = out->real && out->path ? SG_OK : SG_ERR_BUDGET;
+    if (!code && is_archive)
+        code = open_archive(ctx, out, size);
+    if (code)
+        sg_folder_close(out);
+    return code;
 }
 
 void sg_folder_close(struct sg_folder *folder)
 {
     if (folder->fd >= 0)
         close(folder->fd);
+    if (folder->zip)
+        sg_zip_close(folder->zip);
+    sg_free(folder->zip);
+    sg_free(folder->top);
     sg_free(folder->real);
     sg_free(folder->path);
     *folder = (struct sg_folder){.fd = -1};
 }
 
-int sg_folder_file(sg_ctx *ctx, const struct sg_folder *folder, const char *path, FILE **out)
+static int failed(sg_ctx *ctx, const struct sg_folder *folder, const char *path)
 {
+    if (errno != EXDEV)
+        return sg_open_failed(ctx, path);
+    return sg_fail(ctx, SG_ERR_INPUT,
+                   "%s: found a link or \"..\" that leads out of %s, expected a file inside "
+                   "it; follow-links allows it",
+                   path, folder->path);
+}
+
+int sg_folder_source(sg_ctx *ctx, const struct sg_folder *folder, const char *path,
+                     uint64_t max_bytes, struct sg_source *out)
+{
+    *out = (struct sg_source){0};
+    if (folder->zip) {
+        const struct sg_zip_entry *entry = find_entry(folder, path);
+        return entry ? sg_zip_source(folder->zip, entry, path, max_bytes, out)
+                     : failed(ctx, folder, path);
+    }
     const int fd = open_beneath(folder, path, O_RDONLY | O_NONBLOCK);
-    *out = fd < 0 ? NULL : sg_regular_stream(fd);
-    if (!*out && errno == EXDEV)
-        return sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: found a link or \"..\" that leads out of %s, expected a file inside "
-                       "it; follow-links allows it",
-                       path, folder->path);
-    return *out ? SG_OK : sg_open_failed(ctx, path);
+    FILE *file = fd < 0 ? NULL : sg_regular_stream(fd);
+    if (!file)
+        return failed(ctx, folder, path);
+    const int code = sg_source_of_file(ctx, out, file, path, max_bytes);
+    out->owned = true;
+    return code;
 }
 
 int sg_folder_read(sg_ctx *ctx, const struct sg_folder *folder, const char *path,
                    uint64_t max_bytes, char **data, size_t *size)
 {
-    FILE *f;
+    struct sg_source in;
     *data = NULL;
-    int code = sg_folder_file(ctx, folder, path, &f);
-    if (!code) {
-        code = sg_stream_read(ctx, f, path, max_bytes, data, size);
-        fclose(f);
-    }
+    int code = sg_folder_source(ctx, folder, path, max_bytes, &in);
+    if (!code)
+        code = sg_source_read(ctx, &in, data, size);
+    sg_source_close(&in);
     return code;
 }
 
 bool sg_folder_leads_out(const struct sg_folder *folder, const char *path)
 {
+    if (folder->zip)
+        return !find_entry(folder, path) && errno == EXDEV;
     const int fd = open_beneath(folder, path, O_PATH);
     if (fd >= 0)
         close(fd);
@@ -223,10 +393,10 @@ static bool has(const struct sg_folder *folder, const char *path, mode_t kind)
 
 bool sg_folder_has(const struct sg_folder *folder, const char *path)
 {
-    return has(folder, path, S_IFREG);
+    return folder->zip ? find_entry(folder, path) || errno == EXDEV : has(folder, path, S_IFREG);
 }
 
 bool sg_folder_has_folder(const struct sg_folder *folder, const char *path)
 {
-    return has(folder, path, S_IFDIR);
+    return folder->zip ? has_archived_folder(folder, path) : has(folder, path, S_IFDIR);
 }

@@ -10,10 +10,19 @@
 
 #define SG_SOURCE_WINDOW ((size_t) 1 << 18) /* the most bytes that one call returns */
 
+/* What a source may read from in place of a file, from front to back. */
+struct sg_unpacker {
+    /* 1 to n bytes; 0 at the end, or after an error of the context. */
+    size_t (*read)(struct sg_unpacker *unpacker, void *to, size_t n);
+    void (*close)(struct sg_unpacker *unpacker);
+};
+
 struct sg_source {
     const char *path; /* for messages */
-    FILE *file;       /* NULL: the window holds everything */
-    bool owned;       /* the file is closed with the source */
+    FILE *file;       /* without this and the next, the window holds everything */
+    struct sg_unpacker *unpacker;
+    uint64_t unpacked; /* bytes that it has been asked for */
+    bool owned;        /* the file is closed with the source */
     uint64_t size, at;
     char *buffer;       /* NULL for memory */
     size_t room;        /* in it */
@@ -27,6 +36,9 @@ int sg_source_open(sg_ctx *ctx, struct sg_source *s, const char *path, uint64_t 
 int sg_source_of_file(sg_ctx *ctx, struct sg_source *s, FILE *file, const char *path,
                       uint64_t max_bytes);
 void sg_source_of_memory(struct sg_source *s, const char *path, const void *data, size_t size);
+/* The same of `size` bytes that an unpacker gives. Takes it, also where this fails. */
+int sg_source_of_unpacker(sg_ctx *ctx, struct sg_source *s, const char *path,
+                          struct sg_unpacker *unpacker, uint64_t size);
 void sg_source_close(struct sg_source *s);
 
 /* Bytes that are left, by the size that the file had when it was opened. */
@@ -46,6 +58,9 @@ static inline const char *sg_source_peek(struct sg_source *s, size_t n)
 
 /* Passes over bytes, at most those that are left. */
 void sg_source_skip(struct sg_source *s, uint64_t n);
+
+/* All that is left, with a zero byte after it: sg_free(*data). */
+int sg_source_read(sg_ctx *ctx, struct sg_source *s, char **data, size_t *size);
 
 /* Passes over the byte-order mark that some editors put before a text. SG_ERR_INPUT for text that
  * is UTF-16 or UTF-32, by its mark. */

@@ -4,7 +4,7 @@
 #ifdef SG_ZLIB
 #include <string.h>
 
-#include "zlib_stream.h"
+#include "core/zlib_stream.h"
 
 #define PIECE ((size_t) 1 << 16)
 #define GZIP_WRAPPER 16 /* of inflateInit2 and deflateInit2: added to the size of the window */

@@ -5,11 +5,7 @@
 
 #include <stdio.h>
 
-#include "core/source.h"
-
-/* The most that one byte of deflate can stand for: a claim beyond is refused before memory is
- * taken. */
-#define SG_DEFLATE_RATIO 1032
+#include "core/zip.h"
 
 struct sg_gunzip;
 /* in: at the first byte of a gzip stream; must outlive *out. SG_ERR_USAGE: built without zlib. */

@@ -7,9 +7,9 @@
 #include "cluster.h"
 #include "codec.h"
 #include "core/json_text.h"
+#include "core/zip.h"
 #include "image/image.h"
 #include "sog.h"
-#include "zip.h"
 
 #define META_MAX ((size_t) 1 << 18)
 #define IMAGE_MAX ((size_t) 1 << 30) /* bytes of one that is packed */
@@ -56,15 +56,33 @@ static int read_numbers(const struct file *f, const char *part, const char *name
     return SG_OK;
 }
 
+/* A file of the archive: sg_free(*data). */
+static int unpack(const struct file *f, const char *name, uint64_t max_bytes, char **data,
+                  size_t *size)
+{
+    struct sg_source in = {0};
+    const struct sg_zip_entry *entry = sg_zip_find(&f->zip, name);
+    *data = NULL;
+    if (!entry)
+        return sg_fail(f->ctx, SG_ERR_INPUT, "%s: zip: found no %s", f->in->path, name);
+    char *path = sg_strf(f->ctx, "%s/%s", f->in->path, name);
+    int code = path ? sg_zip_source(&f->zip, entry, path, max_bytes, &in) : SG_ERR_BUDGET;
+    if (!code)
+        code = sg_source_read(f->ctx, &in, data, size);
+    sg_source_close(&in);
+    sg_free(path);
+    return code;
+}
+
 static int read_meta(struct file *f)
 {
-    uint8_t *text;
+    char *text;
     size_t size;
     json_error_t error;
-    int code = sg_zip_read(&f->zip, "meta.json", META_MAX, &text, &size);
+    int code = unpack(f, "meta.json", META_MAX, &text, &size);
     if (!code)
-        code = sg_json_reserve(f->ctx, (const char *) text, size, &f->room);
-    if (!code && !(f->meta = json_loadb((const char *) text, size, JSON_REJECT_DUPLICATES, &error)))
+        code = sg_json_reserve(f->ctx, text, size, &f->room);
+    if (!code && !(f->meta = json_loadb(text, size, JSON_REJECT_DUPLICATES, &error)))
         code = sg_fail(f->ctx, SG_ERR_INPUT, "%s: meta.json: line %d, column %d: %s", f->in->path,
                        error.line, error.column, error.text);
     sg_free(text);
@@ -97,12 +115,12 @@ static int read_image(const struct file *f, const char *part, size_t index, size
 {
     const json_t *name =
         json_array_get(json_object_get(json_object_get(f->meta, part), "files"), index);
-    uint8_t *data;
+    char *data;
     size_t size;
     *out = (struct sg_image){0};
     if (!json_is_string(name))
         return wrong(f, part, name, "names of its images");
-    int code = sg_zip_read(&f->zip, json_string_value(name), IMAGE_MAX, &data, &size);
+    int code = unpack(f, json_string_value(name), IMAGE_MAX, &data, &size);
     if (code)
         return code;
     /* Images are nearly square: twice the pixels, and some for small ones, are enough. */
@@ -233,35 +251,10 @@ static int read_sh(const struct file *f)
     return code;
 }
 
-/* The archive's directory is at its end, so all of it is read at once. */
-static int take_file(struct file *f, uint8_t **data)
-{
-    const size_t size = (size_t) sg_source_left(f->in);
-    *data = NULL;
-    if (f->in->size > SG_ZIP_MAX)
-        return sg_fail(f->ctx, SG_ERR_INPUT,
-                       "%s: found %llu bytes, expected a zip archive of at most %llu", f->in->path,
-                       (unsigned long long) f->in->size, (unsigned long long) SG_ZIP_MAX);
-    *data = sg_alloc_raw(f->ctx, SG_MEM_MISC, size, 1);
-    if (!*data)
-        return SG_ERR_BUDGET;
-    for (size_t at = 0; at < size;) {
-        const size_t n = size - at < SG_SOURCE_WINDOW ? size - at : SG_SOURCE_WINDOW;
-        const char *piece = sg_source_peek(f->in, n);
-        if (!piece)
-            return sg_short_file(f->ctx, f->in);
-        memcpy(*data + at, piece, n);
-        sg_source_skip(f->in, n);
-        at += n;
-    }
-    return sg_zip_open(f->ctx, f->in->path, *data, size, &f->zip);
-}
-
 int sg_sog_read(sg_ctx *ctx, struct sg_source *in, uint64_t max_gaussians, struct sg_model **out)
 {
     struct file f = {.ctx = ctx, .in = in};
-    uint8_t *data;
-    int code = take_file(&f, &data);
+    int code = sg_zip_open(ctx, in->path, fileno(in->file), in->size, &f.zip);
     if (!code)
         code = read_meta(&f);
     if (!code)
@@ -278,7 +271,7 @@ int sg_sog_read(sg_ctx *ctx, struct sg_source *in, uint64_t max_gaussians, struc
         code = read_sh(&f);
     json_decref(f.meta);
     sg_free(f.room);
-    sg_free(data);
+    sg_zip_close(&f.zip);
     if (code)
         sg_model_destroy(&f.m);
     *out = f.m;

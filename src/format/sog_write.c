@@ -6,10 +6,10 @@
 
 #include "cluster.h"
 #include "codec.h"
+#include "core/zip.h"
 #include "engine/host/morton.h"
 #include "image/image.h"
 #include "sog.h"
-#include "zip.h"
 
 struct writer {
     sg_ctx *ctx;

@@ -267,7 +267,7 @@ int sg_image_decode(sg_ctx *ctx, const char *name, const void *data, size_t size
     return code;
 }
 
-int sg_image_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t max_pixels,
+int sg_image_read_source(sg_ctx *ctx, struct sg_source *in, uint64_t max_pixels,
                          struct sg_image *out)
 {
     char *data;
@@ -275,28 +275,29 @@ int sg_image_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t m
     *out = (struct sg_image){0};
     /* An uncompressed 16-bit RGBA file is 8 bytes a pixel; the rest is for metadata. */
     uint64_t limit = max_pixels > UINT64_MAX / 16 ? UINT64_MAX : max_pixels * 8 + (64u << 20);
-    uint8_t head[SIGNATURE_BYTES]; /* before the whole file is in memory */
-    const size_t n = fread(head, 1, sizeof(head), stream);
-    rewind(stream);
-    if (signature_of(head, n) == UNKNOWN)
-        return unknown(ctx, path);
-    int code = sg_stream_read(ctx, stream, path, limit, &data, &size);
+    /* Before the whole file is in memory. */
+    const size_t n = sg_source_fill(in, SIGNATURE_BYTES);
+    if (signature_of((const uint8_t *) in->window, n) == UNKNOWN)
+        return unknown(ctx, in->path);
+    if (in->size > limit)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found %llu bytes, the limit is %llu", in->path,
+                       (unsigned long long) in->size, (unsigned long long) limit);
+    int code = sg_source_read(ctx, in, &data, &size);
     if (code)
         return code;
-    code = sg_image_decode(ctx, path, data, size, max_pixels, out);
+    code = sg_image_decode(ctx, in->path, data, size, max_pixels, out);
     sg_free(data);
     return code;
 }
 
 int sg_image_read(sg_ctx *ctx, const char *path, uint64_t max_pixels, struct sg_image *out)
 {
-    FILE *f;
+    struct sg_source in;
     *out = (struct sg_image){0};
-    int code = sg_file_open(ctx, path, &f);
-    if (!code) {
-        code = sg_image_read_stream(ctx, f, path, max_pixels, out);
-        fclose(f);
-    }
+    int code = sg_source_open(ctx, &in, path, UINT64_MAX);
+    if (!code)
+        code = sg_image_read_source(ctx, &in, max_pixels, out);
+    sg_source_close(&in);
     return code;
 }
 

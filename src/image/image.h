@@ -3,9 +3,7 @@
 #ifndef SG_IMAGE_IMAGE_H
 #define SG_IMAGE_IMAGE_H
 
-#include <stdio.h>
-
-#include "core/internal.h"
+#include "core/source.h"
 
 #define SG_IMAGE_SIDE_MAX 65535 /* pixels; what a JPEG can hold */
 
@@ -20,7 +18,7 @@ struct sg_image {
  * before anything is allocated for them. Safe from worker threads. The caller owns out->pixels:
  * sg_image_clear. */
 int sg_image_read(sg_ctx *ctx, const char *path, uint64_t max_pixels, struct sg_image *out);
-int sg_image_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t max_pixels,
+int sg_image_read_source(sg_ctx *ctx, struct sg_source *in, uint64_t max_pixels,
                          struct sg_image *out);
 
 /* Same from memory; name stands for the file in messages. */

@@ -2,12 +2,10 @@
 #ifndef SG_MODEL_POINTS_H
 #define SG_MODEL_POINTS_H
 
-#include <stdio.h>
+#include "core/source.h"
 
-#include "core/internal.h"
-
-/* As sg_points_read_ply, from a file that is open; path stands for it in messages. */
-int sg_points_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t max_points,
-                          float **xyz, uint8_t **rgb, size_t *n);
+/* As sg_points_read_ply, from a source at the beginning of the file. */
+int sg_points_read_source(sg_ctx *ctx, struct sg_source *in, uint64_t max_points, float **xyz,
+                          uint8_t **rgb, size_t *n);
 
 #endif

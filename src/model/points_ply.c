@@ -9,23 +9,23 @@
 #include "points.h"
 #include "splatguard/model.h"
 
-int sg_points_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t max_points,
-                          float **xyz, uint8_t **rgb, size_t *n)
+int sg_points_read_source(sg_ctx *ctx, struct sg_source *in, uint64_t max_points, float **xyz,
+                          uint8_t **rgb, size_t *n)
 {
-    struct sg_source in;
     struct ply p;
     float row[PLY_MAX_PROPERTIES];
     *xyz = NULL, *rgb = NULL, *n = 0;
-    int code = sg_source_of_file(ctx, &in, stream, path, PLY_MAX_BYTES);
-    if (code || (code = sg_ply_open(ctx, &p, &in, max_points)))
+    int code = sg_ply_open(ctx, &p, in, max_points);
+    if (code)
         goto done;
     const int at[3] = {sg_ply_find(&p, "x"), sg_ply_find(&p, "y"), sg_ply_find(&p, "z")};
     const int colour[3] = {sg_ply_find(&p, "red"), sg_ply_find(&p, "green"),
                            sg_ply_find(&p, "blue")};
     const bool coloured = colour[0] >= 0 && colour[1] >= 0 && colour[2] >= 0;
     if (at[0] < 0 || at[1] < 0 || at[2] < 0) {
-        code = sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: header: found no properties x, y and z, expected a point cloud", path);
+        code =
+            sg_fail(ctx, SG_ERR_INPUT,
+                    "%s: header: found no properties x, y and z, expected a point cloud", in->path);
         goto done;
     }
     const uint64_t count = p.rows;
@@ -40,7 +40,7 @@ int sg_points_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t 
             (*xyz)[3 * i + (uint64_t) k] = row[at[k]];
             if (!isfinite(row[at[k]]) && !code)
                 code = sg_fail(ctx, SG_ERR_INPUT,
-                               "%s: row %llu: found a coordinate that is not finite", path,
+                               "%s: row %llu: found a coordinate that is not finite", in->path,
                                (unsigned long long) i);
             float c = coloured ? row[colour[k]] : 127;
             if (coloured && p.property[colour[k]].type >= PLY_F32) /* 0..1 */
@@ -53,21 +53,19 @@ int sg_points_read_stream(sg_ctx *ctx, FILE *stream, const char *path, uint64_t 
 done:
     if (code)
         sg_points_destroy(xyz, rgb);
-    sg_source_close(&in);
     return code;
 }
 
 int sg_points_read_ply(sg_ctx *ctx, const char *path, uint64_t max_points, float **xyz,
                        uint8_t **rgb, size_t *n)
 {
-    FILE *f;
+    struct sg_source in;
     sg_clear_error(ctx);
     *xyz = NULL, *rgb = NULL, *n = 0;
-    int code = sg_file_open(ctx, path, &f);
-    if (!code) {
-        code = sg_points_read_stream(ctx, f, path, max_points, xyz, rgb, n);
-        fclose(f);
-    }
+    int code = sg_source_open(ctx, &in, path, PLY_MAX_BYTES);
+    if (!code)
+        code = sg_points_read_source(ctx, &in, max_points, xyz, rgb, n);
+    sg_source_close(&in);
     return code;
 }
 

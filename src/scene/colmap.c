@@ -168,21 +168,12 @@ bool sg_is_colmap(sg_ctx *ctx, const struct sg_folder *dir)
     return folder != NULL;
 }
 
-/* Opens FOLDER/NAME; *path is set for messages and is the caller's, as is *file. */
+/* Opens FOLDER/NAME; *path is set for messages and is the caller's. */
 static int open_part(sg_ctx *ctx, const struct sg_folder *dir, const char *folder, const char *name,
-                     char **path, FILE **file, struct sg_source *in)
+                     char **path, struct sg_source *in)
 {
     *path = sg_strf(ctx, "%s/%s", folder, name);
-    const int code = *path ? sg_folder_file(ctx, dir, *path, file) : SG_ERR_BUDGET;
-    return code ? code : sg_source_of_file(ctx, in, *file, *path, MODEL_BYTES);
-}
-
-static void close_part(FILE **file, struct sg_source *in)
-{
-    sg_source_close(in);
-    if (*file)
-        fclose(*file);
-    *file = NULL;
+    return *path ? sg_folder_source(ctx, dir, *path, MODEL_BYTES, in) : SG_ERR_BUDGET;
 }
 
 /* <images>/<name>, or <images>/<base name> for photos that were moved out of their sub-folders. */
@@ -214,22 +205,21 @@ static int read_points(sg_ctx *ctx, const struct sg_folder *dir, const char *fol
                        uint64_t max_points, struct sg_points *points)
 {
     char *path = NULL;
-    FILE *file = NULL;
     struct sg_source in = {0};
     int code = SG_OK;
     if (has_part(dir, folder, "points3D.ply")) { /* first, as the reference */
         path = sg_strf(ctx, "%s/points3D.ply", folder);
         code = path ? sg_read_points(ctx, dir, path, max_points, points) : SG_ERR_BUDGET;
     } else if (has_part(dir, folder, "points3D.bin")) {
-        code = open_part(ctx, dir, folder, "points3D.bin", &path, &file, &in);
+        code = open_part(ctx, dir, folder, "points3D.bin", &path, &in);
         if (!code)
             code = sg_colmap_points_bin(ctx, &in, max_points, points);
     } else if (has_part(dir, folder, "points3D.txt")) {
-        code = open_part(ctx, dir, folder, "points3D.txt", &path, &file, &in);
+        code = open_part(ctx, dir, folder, "points3D.txt", &path, &in);
         if (!code)
             code = sg_colmap_points_txt(ctx, &in, max_points, points);
     }
-    close_part(&file, &in);
+    sg_source_close(&in);
     sg_free(path);
     return code;
 }
@@ -238,7 +228,6 @@ int sg_read_colmap(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_sce
                    struct sg_shots *shots, struct sg_points *points)
 {
     bool text = false;
-    FILE *file = NULL;
     struct sg_source in = {0};
     struct sg_colmap_cameras cameras = {0};
     char *cameras_path = NULL, *images_path = NULL;
@@ -252,24 +241,22 @@ int sg_read_colmap(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_sce
                 dir->path);
         goto done;
     }
-    code = open_part(ctx, dir, folder, text ? "cameras.txt" : "cameras.bin", &cameras_path, &file,
-                     &in);
+    code = open_part(ctx, dir, folder, text ? "cameras.txt" : "cameras.bin", &cameras_path, &in);
     if (code)
         goto done;
     code = text ? sg_colmap_cameras_txt(ctx, &in, &cameras)
                 : sg_colmap_cameras_bin(ctx, &in, &cameras);
     if (code)
         goto done;
-    close_part(&file, &in);
-    code =
-        open_part(ctx, dir, folder, text ? "images.txt" : "images.bin", &images_path, &file, &in);
+    sg_source_close(&in);
+    code = open_part(ctx, dir, folder, text ? "images.txt" : "images.bin", &images_path, &in);
     if (code)
         goto done;
     code = text ? sg_colmap_images_txt(ctx, &in, params->max_images, &cameras, shots)
                 : sg_colmap_images_bin(ctx, &in, params->max_images, &cameras, shots);
     if (code)
         goto done;
-    close_part(&file, &in);
+    sg_source_close(&in);
     code = sg_shots_check_names(ctx, shots, 0, images_path);
     if (!code)
         code = find_photos(ctx, dir, params->images ? params->images : "images", shots);
@@ -281,7 +268,7 @@ int sg_read_colmap(sg_ctx *ctx, const struct sg_folder *dir, const struct sg_sce
         goto done;
     sg_shots_sort(shots);
 done:
-    close_part(&file, &in);
+    sg_source_close(&in);
     sg_free(cameras.items);
     sg_free(cameras_path);
     sg_free(images_path);

@@ -68,7 +68,6 @@ int sg_shots_add(sg_ctx *ctx, struct sg_shots *shots, uint64_t max, const char *
                  const char *file, struct sg_shot **out);
 void sg_shots_clear(struct sg_shots *shots);
 void sg_shots_sort(struct sg_shots *shots); /* by view name, byte order */
-bool sg_path_is_inside(const char *path);   /* relative and without ".." */
 /* View names from index first on become distinct: all are made of whole paths where two base names
  * are the same. */
 int sg_shots_check_names(sg_ctx *ctx, const struct sg_shots *shots, size_t first,

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "model/ply.h"
 #include "model/points.h"
 #include "scene/reader.h"
 
@@ -35,18 +36,6 @@ int sg_find_converted(sg_ctx *ctx, const struct sg_folder *dir, const char *path
         sg_free(other);
     }
     return SG_OK;
-}
-
-bool sg_path_is_inside(const char *path)
-{
-    if (*path == '/')
-        return false;
-    for (const char *p = path; p; p = strchr(p, '/')) {
-        p += *p == '/';
-        if (p[0] == '.' && p[1] == '.' && (p[2] == '/' || !p[2]))
-            return false;
-    }
-    return true;
 }
 
 int sg_shots_add(sg_ctx *ctx, struct sg_shots *shots, uint64_t max, const char *where,
@@ -300,12 +289,11 @@ bool sg_has_file(const struct sg_folder *dir, const char *name)
 int sg_read_points(sg_ctx *ctx, const struct sg_folder *dir, const char *path, uint64_t max_points,
                    struct sg_points *points)
 {
-    FILE *f;
-    int code = sg_folder_file(ctx, dir, path, &f);
-    if (!code) {
-        code = sg_points_read_stream(ctx, f, path, max_points, &points->xyz, &points->rgb,
-                                     &points->count);
-        fclose(f);
-    }
+    struct sg_source in;
+    int code = sg_folder_source(ctx, dir, path, PLY_MAX_BYTES, &in);
+    if (!code)
+        code =
+            sg_points_read_source(ctx, &in, max_points, &points->xyz, &points->rgb, &points->count);
+    sg_source_close(&in);
     return code;
 }

@@ -11,22 +11,17 @@
 int sg_transforms_read(sg_ctx *ctx, const struct sg_folder *dir, const char *file, char **data,
                        size_t *size)
 {
-    FILE *f;
-    struct sg_source in = {0};
+    struct sg_source in;
     *data = NULL;
-    int code = sg_folder_file(ctx, dir, file, &f);
-    if (code)
-        return code;
-    code = sg_source_of_file(ctx, &in, f, file, SG_JSON_BYTES);
+    int code = sg_folder_source(ctx, dir, file, SG_JSON_BYTES, &in);
     if (!code)
         code = sg_source_skip_mark(ctx, &in);
     const size_t ready = code ? 0 : sg_source_fill(&in, SG_SOURCE_WINDOW);
     if (ready && memchr(in.window, 0, ready)) /* before the whole file is in memory */
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: found a zero byte, expected JSON", file);
-    sg_source_close(&in);
     if (!code)
-        code = sg_stream_read(ctx, f, file, SG_JSON_BYTES, data, size);
-    fclose(f);
+        code = sg_source_read(ctx, &in, data, size);
+    sg_source_close(&in);
     return code;
 }
 

@@ -101,12 +101,11 @@ static int fit_lens(sg_ctx *ctx, const struct sg_shot *shot, int width, int heig
 static int read_image(sg_ctx *ctx, const struct sg_scene_files *files, const char *path,
                       struct sg_image *out)
 {
-    FILE *f;
-    int code = sg_folder_file(ctx, &files->dir, path, &f);
-    if (!code) {
-        code = sg_image_read_stream(ctx, f, path, files->params.max_pixels, out);
-        fclose(f);
-    }
+    struct sg_source in;
+    int code = sg_folder_source(ctx, &files->dir, path, UINT64_MAX, &in);
+    if (!code)
+        code = sg_image_read_source(ctx, &in, files->params.max_pixels, out);
+    sg_source_close(&in);
     return code;
 }
 

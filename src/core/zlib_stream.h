@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#ifndef SG_FORMAT_ZLIB_STREAM_H
-#define SG_FORMAT_ZLIB_STREAM_H
+#ifndef SG_CORE_ZLIB_STREAM_H
+#define SG_CORE_ZLIB_STREAM_H
 
 #include <zlib.h>
 
-#include "core/internal.h"
+#include "internal.h"
 
 static inline void *sg_zlib_alloc(void *ctx, unsigned count, unsigned size)
 {
