@@ -268,6 +268,7 @@ static int put_view(FILE *f, struct model_views *v, size_t i, double psnr)
     double *columns = sg_mem_alloc(v->ctx, SG_MEM_FRAME, (size_t) w, sizeof(*columns));
     const uint8_t *photo = NULL;
     int error = planes && render && columns ? SG_OK : SG_ERR_BUDGET;
+    sg_renderer_set_index(v->renderer, i);
     if (!error)
         error = sg_render(v->renderer, &view->camera, planes, NULL, NULL, NULL);
     if (!error)

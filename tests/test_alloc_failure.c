@@ -116,6 +116,7 @@ static int train_by(sg_ctx *ctx, enum sg_train_strategy strategy, enum sg_train_
     p.defense.on = true, p.defense.interval = 2, p.defense.views = 2;
     p.strategy = strategy, p.model = kind;
     p.scaffold.from = 1, p.scaffold.voxel = 0.05f, p.scaffold.cells = 4;
+    p.scaffold.appearance = true;
     if (strategy == SG_STRATEGY_MCMC)
         p.defense.rho = 0;
     int code = sg_scene_load(ctx, colmap, NULL, &scene);

@@ -106,7 +106,7 @@ static struct growing make_growing(sg_ctx *ctx, size_t n)
                               .drop = 0, /* none is left out */
                               .limit = SIZE_MAX}};
     assert_int_equal(sg_model_create(ctx, n, 0, &g.m), SG_OK);
-    assert_int_equal(sg_anchors_add(ctx, g.m), SG_OK);
+    assert_int_equal(sg_anchors_add(ctx, g.m, 0), SG_OK);
     g.statistics = calloc(g.m->capacity, SG_A_STATISTICS * sizeof(float));
     assert_non_null(g.statistics);
     for (size_t i = 0; i < n; i++)
@@ -266,7 +266,7 @@ static struct sg_model *make_random(sg_ctx *ctx, size_t n, unsigned parts)
 {
     struct sg_model *m;
     assert_int_equal(sg_model_create(ctx, n, 0, &m), SG_OK);
-    assert_int_equal(sg_anchors_add(ctx, m), SG_OK);
+    assert_int_equal(sg_anchors_add(ctx, m, parts ? 4 : 0), SG_OK);
     for (size_t i = 0; i < n; i++) {
         for (int p = 0; p < SG_P_SH; p++)
             *sg_model_at(m, i, p) = draw(50, SG_P_SH * i + (size_t) p, -1, 1);
@@ -277,6 +277,9 @@ static struct sg_model *make_random(sg_ctx *ctx, size_t n, unsigned parts)
     for (size_t i = 0; i < (parts ? SG_WEIGHTS : SG_WEIGHTS_PLAIN); i++)
         w[i] = draw(52, i, -1, 1);
     m->columns->networks->parts = parts;
+    for (size_t i = 0; i < m->columns->networks->photos; i++)
+        for (size_t k = 0; k < SG_APPEARANCE; k++)
+            m->columns->networks->appearance[i].value[k] = draw(53, SG_APPEARANCE * i + k, -1, 1);
     m->columns->networks->voxel = 0.0123f;
     return m;
 }
@@ -340,35 +343,54 @@ static void test_files(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+#define ALL_PARTS (SG_PART_DISTANCE | SG_PART_BANK | SG_PART_APPEARANCE)
+
 /* Networks with optional parts come back with them, under the names of PyTorch. */
 static void test_parts(void **state)
 {
     (void) state;
     sg_ctx *ctx = make_context(1);
-    struct sg_model *m = make_random(ctx, 3, SG_PART_DISTANCE | SG_PART_BANK), *read;
+    struct sg_model *m = make_random(ctx, 3, ALL_PARTS), *read;
     size_t size;
     assert_int_equal(sg_model_write_ply(ctx, m, model_path), SG_OK);
     assert_int_equal(sg_model_read_drawable(ctx, model_path, 100, &read), SG_OK);
-    assert_int_equal(read->columns->networks->parts, SG_PART_DISTANCE | SG_PART_BANK);
+    assert_int_equal(read->columns->networks->parts, ALL_PARTS);
+    assert_int_equal(read->columns->networks->photos, 4);
+    assert_memory_equal(read->columns->networks->appearance, m->columns->networks->appearance,
+                        4 * sizeof(struct sg_appearance));
     assert_memory_equal(&read->columns->networks->value, &m->columns->networks->value,
                         sizeof(struct sg_weights));
     sg_model_destroy(&read);
     char *good = slurp(weights_path, &size);
-    static const char *const has[] = {
-        "\"parts\":\"distance feature_bank\"",
-        "\"colour.0.weight\":{\"dtype\":\"F32\",\"shape\":[32,36]",
-        "\"feature_bank.0.weight\":{\"dtype\":\"F32\",\"shape\":[32,4]",
-        "\"feature_bank.2.weight\":{\"dtype\":\"F32\",\"shape\":[3,32]",
-        "\"feature_bank.2.bias\":{\"dtype\":\"F32\",\"shape\":[3]"};
-    for (size_t i = 0; i < sizeof(has) / sizeof(has[0]); i++)
-        if (!memmem(good, size, has[i], strlen(has[i])))
-            fail_msg("the header does not have %s", has[i]);
+    static const char *const has[] = {"\"parts\":\"distance feature_bank appearance\"",
+                                      "opacity.0.weight [32,36]",
+                                      "colour.0.weight [32,68]",
+                                      "feature_bank.0.weight [32,4]",
+                                      "feature_bank.2.weight [3,32]",
+                                      "feature_bank.2.bias [3]",
+                                      "appearance.weight [4,32]"};
+    for (size_t i = 0; i < sizeof(has) / sizeof(has[0]); i++) {
+        const char *shape = strchr(has[i], ' ');
+        char entry[128];
+        if (*has[i] == '"')
+            snprintf(entry, sizeof(entry), "%s", has[i]);
+        else
+            snprintf(entry, sizeof(entry), "\"%.*s\":{\"dtype\":\"F32\",\"shape\":%s",
+                     (int) (shape - has[i]), has[i], shape + 1);
+        if (!memmem(good, size, entry, strlen(entry)))
+            fail_msg("the header does not have %s", entry);
+    }
     static const struct {
         const char *find, *replace, *says;
     } edits[] = {{"distance feature", "distance_feature", "found parts other than"},
-                 {"distance feature_bank", "distance feature_bang", "found parts other than"},
-                 {"\"distance feature_bank\"", "\"feature_bank\"         ", "opacity.0.weight"},
-                 {"\"distance feature_bank\"", "\"distance\"            !", "header"},
+                 {"feature_bank appearance", "feature_bang appearance", "found parts other than"},
+                 {"distance feature_bank", "feature_bank         ", "found parts other than"},
+                 {"\"distance feature_bank appearance\"", "\"feature_bank appearance\"         ",
+                  "opacity.0.weight"},
+                 {"[4,32]", "[5,32]", "appearance.weight"},
+                 {"[4,32]", "[0,32]", "expected 1 to 65536"},
+                 {"[4,32]", "[-1,3]", "expected 1 to 65536"},
+                 {"appearance.weight", "appearance.waight", "expected 1 to 65536"},
                  {"feature_bank.0.bias", "feature_bank.1.bias", "feature_bank.0.bias"}};
     for (size_t i = 0; i < sizeof(edits) / sizeof(edits[0]); i++) {
         char *bad = malloc(size), *at;

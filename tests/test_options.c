@@ -278,6 +278,7 @@ static void test_identity(void **state)
             p.model = SG_MODEL_SCAFFOLD;
         p.exposure = !strncmp(o->field, "exposure_", 9);
         p.scaffold.bank = !strncmp(o->field, "scaffold.bank_", 14);
+        p.scaffold.appearance = !strncmp(o->field, "scaffold.appearance_", 20);
         const struct sg_identity before = sg_train_identity(&p);
         if (is_listed(free_to_change, o->name))
             continue;

@@ -51,7 +51,7 @@ static void check_oracle(unsigned parts)
     struct one *o = calloc(1, sizeof(*o));
     struct ref_weights *sum = calloc(1, sizeof(*sum));
     struct ref_anchor d;
-    double *w = (double *) &o->w, *dw = (double *) sum;
+    double *w = (double *) &o->w, *dw = (double *) sum, appearance[SG_APPEARANCE] = {0};
     assert_non_null(o);
     assert_non_null(sum);
     for (size_t i = 0; i < SG_WEIGHTS; i++)
@@ -63,28 +63,33 @@ static void check_oracle(unsigned parts)
         o->a.reach[k] = (double) draw(33, k, -2, 0);
         o->view.centre[k] = (double) draw(34, k, 2, 4);
     }
+    for (size_t k = 0; k < SG_APPEARANCE; k++)
+        o->view.appearance[k] = (double) draw(36, k, -1, 1);
     o->view.parts = parts;
     for (size_t k = 0; k < SG_ANCHOR_GAUSSIANS; k++)
         for (size_t p = 0; p < SG_NEURAL_PLANES; p++)
             o->factor[k][p] = (double) draw(35, SG_NEURAL_PLANES * k + p, -1, 1);
     o->volume = 0.7;
-    ref_neural_backward(&o->w, &o->a, &o->view, o->factor, o->volume, &d, sum);
+    ref_neural_backward(&o->w, &o->a, &o->view, o->factor, o->volume, &d, sum, appearance);
     for (int k = 0; k < 3; k++)
         compare_change(o, &o->a.reach[k], d.reach[k], "reach", k);
     for (int p = 0; p < SG_A_PLANES; p++)
         compare_change(o, &o->a.anchor[p], d.anchor[p], "anchor", p);
     for (size_t i = 0; i < SG_WEIGHTS; i++)
         compare_change(o, &w[i], dw[i], "weight", (int) i);
+    for (int k = 0; k < SG_APPEARANCE; k++)
+        compare_change(o, &o->view.appearance[k], appearance[k], "appearance", k);
     /* Weights of a part have a gradient where it is there, else none. */
     for (size_t h = 0; h < SG_HIDDEN; h++)
         assert_true(parts & SG_PART_DISTANCE || sum->distance[h] == 0);
     for (int j = 0; j < SG_BANK_OUTPUTS; j++)
         assert_true((sum->bank_bias[j] != 0) == (bool) (parts & SG_PART_BANK));
+    assert_true((appearance[0] != 0) == (bool) (parts & SG_PART_APPEARANCE));
     free(o);
     free(sum);
 }
 
-#define ALL_PARTS (SG_PART_DISTANCE | SG_PART_BANK)
+#define ALL_PARTS (SG_PART_DISTANCE | SG_PART_BANK | SG_PART_APPEARANCE)
 
 static void test_oracle(void **state)
 {
@@ -122,12 +127,13 @@ static void test_bank(void **state)
 /* ---- an engine ---- */
 
 #define ANCHORS 3
+#define PHOTOS 3 /* of which the networks have an appearance */
 
 static struct sg_model *make_anchors(sg_ctx *ctx, size_t n, uint64_t seed)
 {
     struct sg_model *m;
     assert_int_equal(sg_model_create(ctx, n, 0, &m), SG_OK);
-    assert_int_equal(sg_anchors_add(ctx, m), SG_OK);
+    assert_int_equal(sg_anchors_add(ctx, m, PHOTOS), SG_OK);
     struct sg_networks *networks = m->columns->networks;
     float *w = (float *) &networks->value;
     for (size_t i = 0; i < n; i++) {
@@ -143,6 +149,9 @@ static struct sg_model *make_anchors(sg_ctx *ctx, size_t n, uint64_t seed)
     }
     for (size_t i = 0; i < SG_WEIGHTS; i++)
         w[i] = draw(seed + 3, i, -0.3f, 0.3f);
+    for (size_t i = 0; i < PHOTOS; i++)
+        for (size_t k = 0; k < SG_APPEARANCE; k++)
+            networks->appearance[i].value[k] = draw(seed + 4, SG_APPEARANCE * i + k, -1, 1);
     networks->voxel = 0.01f;
     return m;
 }
@@ -167,6 +176,7 @@ struct chain {
     struct ref_weights w;
     struct ref_anchor a[ANCHORS];
     unsigned parts;
+    double appearance[SG_APPEARANCE];
     struct sg_camera camera;
     double weight[3 * W * H];
     struct ref_splat splats[DRAWN];
@@ -177,7 +187,9 @@ struct chain {
 static struct ref_view view_of(const struct chain *c)
 {
     const struct pinhole view = view_make(&c->camera);
-    return (struct ref_view){{view.centre[0], view.centre[1], view.centre[2]}, c->parts};
+    struct ref_view out = {{view.centre[0], view.centre[1], view.centre[2]}, c->parts, {0}};
+    memcpy(out.appearance, c->appearance, sizeof(out.appearance));
+    return out;
 }
 
 /* *events: a number that changes where a cut-off is crossed and the loss jumps. */
@@ -229,12 +241,14 @@ static double evaluate(struct chain *c, bool backward, unsigned long *events)
 }
 
 /* The gradient by the oracle, after evaluate with backward. */
-static void pull(const struct chain *c, struct ref_anchor out[ANCHORS], struct ref_weights *sum)
+static void pull(const struct chain *c, struct ref_anchor out[ANCHORS], struct ref_weights *sum,
+                 double appearance[SG_APPEARANCE])
 {
     const struct pinhole view = view_make(&c->camera);
     const struct ref_view of = view_of(c);
     double drawn[ANCHORS][SG_ANCHOR_GAUSSIANS][SG_NEURAL_PLANES];
     memset(sum, 0, sizeof(*sum));
+    memset(appearance, 0, SG_APPEARANCE * sizeof(double));
     memset(drawn, 0, sizeof(drawn));
     for (size_t i = 0; i < c->count; i++) {
         double g[SG_PARAMS_MAX];
@@ -244,7 +258,8 @@ static void pull(const struct chain *c, struct ref_anchor out[ANCHORS], struct r
     }
     for (size_t i = 0; i < ANCHORS; i++)
         ref_neural_backward(&c->w, &c->a[i], &of, drawn[i],
-                            (double) SG_ANCHOR_VOLUME / (double) c->count, &out[i], sum);
+                            (double) SG_ANCHOR_VOLUME / (double) c->count, &out[i], sum,
+                            appearance);
 }
 
 static struct chain *make_chain(const struct sg_model *m)
@@ -264,6 +279,8 @@ static struct chain *make_chain(const struct sg_model *m)
                 (double) m->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, i, p)];
     }
     c->parts = m->columns->networks->parts;
+    for (int k = 0; k < SG_APPEARANCE; k++)
+        c->appearance[k] = (double) m->columns->networks->appearance[1].value[k];
     c->camera = make_camera(W, H, 2.2);
     for (size_t i = 0; i < 3 * W * H; i++)
         c->weight[i] = (double) draw(45, i, -1, 1);
@@ -303,11 +320,14 @@ static void check_chain(unsigned parts)
     struct ref_weights *sum = calloc(1, sizeof(*sum));
     struct ref_anchor g[ANCHORS];
     unsigned long events;
+    double appearance[SG_APPEARANCE];
     int crossed = 0;
     assert_non_null(sum);
     evaluate(c, true, &events);
     assert_in_range(c->count, 8, DRAWN - 4);
-    pull(c, g, sum);
+    pull(c, g, sum, appearance);
+    for (size_t k = 0; k < SG_APPEARANCE && parts; k++)
+        compare_chain(c, &c->appearance[k], appearance[k], "appearance", k, &crossed);
     for (size_t i = 0; i < ANCHORS; i++) {
         for (size_t k = 0; k < 3; k++)
             compare_chain(c, &c->a[i].reach[k], g[i].reach[k], "reach", k, &crossed);
@@ -359,14 +379,16 @@ static void check_engines(unsigned parts)
         struct ref_weights *sum = calloc(1, sizeof(*sum));
         struct ref_anchor g[ANCHORS];
         struct sg_engine *e = make_scaffold(ctx, cases[k], m);
-        const struct sg_render_params params = sg_render_params_default();
+        struct sg_render_params params = sg_render_params_default();
+        double appearance[SG_APPEARANCE];
+        params.appearance = 1;
         static float weights[3 * W * H];
         unsigned long events;
         assert_non_null(sum);
         for (size_t i = 0; i < 3 * W * H; i++)
             weights[i] = (float) c->weight[i];
         evaluate(c, true, &events);
-        pull(c, g, sum);
+        pull(c, g, sum, appearance);
         assert_int_equal(sg_engine_draw(e, &c->camera, 0, &params, false), SG_OK);
         assert_int_equal(sg_engine_write_image_gradient(e, weights), SG_OK);
         assert_int_equal(sg_engine_raster_backward(e), SG_OK);
@@ -384,6 +406,12 @@ static void check_engines(unsigned parts)
         compare_values(case_name(cases[k]), "weight",
                        (const float *) &found->columns->networks->value, (const double *) sum,
                        SG_WEIGHTS);
+        const struct sg_appearance *rows = found->columns->networks->appearance;
+        for (int i = 0; i < SG_APPEARANCE; i++)
+            assert_true(rows[0].value[i] == 0 && rows[2].value[i] == 0);
+        if (parts)
+            compare_values(case_name(cases[k]), "appearance", rows[1].value, appearance,
+                           SG_APPEARANCE);
         sg_engine_destroy(&e);
         free(sum);
         free(c);
@@ -398,6 +426,57 @@ static void test_engines(void **state)
     (void) state;
     check_engines(0);
     check_engines(ALL_PARTS);
+}
+
+/* Renders have the appearance of the photo that is asked for, of the view's number in a list, or
+ * the mean of all. */
+static void test_appearance(void **state)
+{
+    (void) state;
+    enum { RENDERS = 7 };
+    static float rgb[RENDERS][3 * W * H];
+    static const struct {
+        int appearance;
+        size_t index;
+    } asked[RENDERS] = {{1, SIZE_MAX},
+                        {2, 0},
+                        {SG_APPEARANCE_INDEX, 1},
+                        {SG_APPEARANCE_INDEX, SIZE_MAX},
+                        {SG_APPEARANCE_INDEX, PHOTOS},
+                        {SG_APPEARANCE_MEAN, 1},
+                        {PHOTOS, 1}};
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_anchors(ctx, ANCHORS, 40);
+    struct sg_appearance *rows = m->columns->networks->appearance;
+    const struct sg_camera camera = make_camera(W, H, 2.2);
+    m->columns->networks->parts = SG_PART_APPEARANCE;
+    for (int k = 0; k < SG_APPEARANCE; k++) /* the mean is photo 0's */
+        rows[0].value[k] = 0.5f, rows[1].value[k] = k % 2, rows[2].value[k] = 1 - k % 2;
+    for (int i = 0; i < RENDERS; i++) {
+        struct sg_render_params params = sg_render_params_default();
+        sg_renderer *r;
+        params.appearance = asked[i].appearance;
+        assert_int_equal(sg_renderer_create(ctx, NULL, NULL, m, &params, &r), SG_OK);
+        sg_renderer_set_index(r, asked[i].index);
+        assert_int_equal(sg_render(r, &camera, rgb[i], NULL, NULL, NULL), SG_OK);
+        sg_renderer_destroy(&r);
+    }
+    assert_memory_equal(rgb[2], rgb[0], sizeof(rgb[0]));
+    assert_true(memcmp(rgb[1], rgb[0], sizeof(rgb[0])) != 0);
+    for (int i = 3; i < RENDERS; i++) {
+        assert_memory_equal(rgb[i], rgb[3], sizeof(rgb[3]));
+        assert_true(memcmp(rgb[i], rgb[0], sizeof(rgb[0])) != 0);
+    }
+    struct sg_render_params params = sg_render_params_default();
+    sg_renderer *r;
+    params.appearance = 0;
+    assert_int_equal(sg_renderer_create(ctx, NULL, NULL, m, &params, &r), SG_OK);
+    assert_int_equal(sg_render(r, &camera, rgb[0], NULL, NULL, NULL), SG_OK);
+    for (int i = 0; i < 3 * W * H; i++)
+        assert_true(fabsf(rgb[0][i] - rgb[3][i]) < 1e-5f);
+    sg_renderer_destroy(&r);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
 }
 
 /* Networks that do not depend on what they read make the same Gaussians in each view: baked, they
@@ -446,8 +525,9 @@ static void test_bake(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_oracle), cmocka_unit_test(test_bank),
-                                       cmocka_unit_test(test_chain), cmocka_unit_test(test_engines),
-                                       cmocka_unit_test(test_bake)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_oracle),     cmocka_unit_test(test_bank),
+        cmocka_unit_test(test_appearance), cmocka_unit_test(test_chain),
+        cmocka_unit_test(test_engines),    cmocka_unit_test(test_bake)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

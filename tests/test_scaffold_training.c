@@ -168,7 +168,7 @@ static void test_resume(void **state)
         struct fixture f = make_points(2);
         struct course whole, part;
         struct sg_train_params p = scaffold_params();
-        p.scaffold.distance = at > 20, p.scaffold.bank = at > 10;
+        p.scaffold.distance = at > 20, p.scaffold.bank = at > 10, p.scaffold.appearance = at > 25;
         sg_trainer *t = begin(&f, &p);
         struct sg_model *expected = run(&f, t, 40, &whole), *found, *unused;
         sg_trainer_destroy(&t);
@@ -225,7 +225,7 @@ static void test_parts(void **state)
     sg_trainer *t = begin(&f, &p);
     sg_model_destroy(&(struct sg_model *){run(&f, t, 40, &plain)});
     sg_trainer_destroy(&t);
-    p.scaffold.distance = p.scaffold.bank = true;
+    p.scaffold.distance = p.scaffold.bank = p.scaffold.appearance = true;
     t = begin(&f, &p);
     struct sg_model *before, *after;
     assert_int_equal(sg_trainer_model(t, &before), SG_OK);
@@ -235,6 +235,15 @@ static void test_parts(void **state)
     assert_true(memcmp(w[0]->distance, w[1]->distance, sizeof(w[0]->distance)) != 0);
     for (int j = 0; j < SG_BANK_OUTPUTS; j++)
         assert_true(w[0]->bank_bias[j] != w[1]->bank_bias[j]);
+    assert_int_equal(after->columns->networks->photos, VIEWS);
+    for (size_t i = 0; i < VIEWS; i++) { /* as far apart as normal numbers are at the start */
+        float *start = before->columns->networks->appearance[i].value, sum = 0;
+        for (int k = 0; k < SG_APPEARANCE; k++) {
+            assert_true(start[k] != after->columns->networks->appearance[i].value[k]);
+            sum += start[k] * start[k] / SG_APPEARANCE;
+        }
+        assert_true(sum > 0.4f && sum < 2);
+    }
     assert_true(course.loss[39] < 1.1 * plain.loss[39]);
     assert_int_equal(sg_trainer_save(t, path), SG_OK);
     sg_trainer_destroy(&t);

@@ -20,11 +20,19 @@ struct sg_render_params {
      * 0.1 pixels instead of 0.3, and its opacity makes up for that. For models that were trained
      * with it. Default false. */
     bool mip_filter;
+    /* Of models of anchors that learned the appearances of photos: the photo, from 0, whose
+     * appearance renders have. SG_APPEARANCE_INDEX: view i of a list has that of photo i, as in the
+     * released code of Scaffold-GS (see sg_renderer_set_index). SG_APPEARANCE_MEAN: the mean of
+     * all, which is also taken where there is no such photo or index. Default SG_APPEARANCE_INDEX.
+     */
+    int appearance;
     /* (Gaussian, tile) pairs held at once. Views with more are processed in bands. Default 1 << 24.
      */
     uint64_t max_instances;
 };
-#define SG_RENDER_DEFAULTS .max_instances = 1u << 24
+#define SG_APPEARANCE_INDEX (-1)
+#define SG_APPEARANCE_MEAN (-2)
+#define SG_RENDER_DEFAULTS .max_instances = 1u << 24, .appearance = SG_APPEARANCE_INDEX
 SG_API struct sg_render_params sg_render_params_default(void);
 
 /* The work that a view took. */
@@ -54,6 +62,10 @@ SG_API int sg_renderer_create(sg_ctx *ctx, const char *engine, const char *cpu,
                               const struct sg_model *model, const struct sg_render_params *params,
                               sg_renderer **out);
 SG_API void sg_renderer_destroy(sg_renderer **renderer);
+
+/* Says which view of a list the next renders are, for SG_APPEARANCE_INDEX. SIZE_MAX: none, as at
+ * the beginning. */
+SG_API void sg_renderer_set_index(sg_renderer *renderer, size_t index);
 
 /* Renders one view. rgb: 3 planes of height x width floats, not clamped. alpha, depth: one plane
  * each, or NULL. depth is the alpha-weighted sum of z in camera space; divide it by alpha for the

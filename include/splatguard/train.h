@@ -72,9 +72,9 @@ struct sg_scaffold_params {
                     it for the finer ones. Default 16. */
     int from;    /* growth after this iteration, 0..1e9. Default 1500. */
     /* Optional parts: the distance from camera to anchor as an input of all networks; the feature
-     * bank, which mixes a feature with coarser copies of itself by direction and distance. Default
-     * false. */
-    bool distance, bank;
+     * bank, which mixes a feature with coarser copies of itself by direction and distance; 32
+     * numbers of each training photo as inputs of the colours' network. Default false. */
+    bool distance, bank, appearance;
     float offset_lr_init, offset_lr_final; /* x scene extent. Default 0.01 and 1e-4. */
     float feature_lr;                      /* Default 0.0075. */
     float scaling_lr;                      /* Default 0.007. */
@@ -83,6 +83,7 @@ struct sg_scaffold_params {
     float covariance_lr_init, covariance_lr_final; /* Default 0.004 and 0.004. */
     float colour_lr_init, colour_lr_final;         /* Default 0.008 and 5e-5. */
     float bank_lr_init, bank_lr_final;             /* Default 0.01 and 1e-5. */
+    float appearance_lr_init, appearance_lr_final; /* Default 0.05 and 5e-4. */
 };
 
 #define SG_SCAFFOLD_DEFAULTS                                                                       \
@@ -90,7 +91,7 @@ struct sg_scaffold_params {
     .feature_lr = 0.0075f, .scaling_lr = 0.007f, .opacity_lr_init = 0.002f,                        \
     .opacity_lr_final = 2e-5f, .covariance_lr_init = 0.004f, .covariance_lr_final = 0.004f,        \
     .colour_lr_init = 0.008f, .colour_lr_final = 5e-5f, .bank_lr_init = 0.01f,                     \
-    .bank_lr_final = 1e-5f
+    .bank_lr_final = 1e-5f, .appearance_lr_init = 0.05f, .appearance_lr_final = 5e-4f
 
 /* Defaults are those of the reference (Kerbl et al. 2023, the 2023 release). Ranges that are not
  * given below: learning rates and percent_dense 0..1e3 (those of positions from 1e-12),

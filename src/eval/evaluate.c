@@ -143,6 +143,7 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
         const struct sg_camera *c = &views[i].camera;
         struct sg_view_score *view = &out->per_view[i];
         const size_t timed = time_fps ? WARM_UP + ROUNDS * n : 0;
+        sg_renderer_set_index(r, i);
         if ((code = sg_progress(ctx, SG_STAGE_EVALUATE, i, n + timed)) ||
             (code = sg_render(r, c, rgb, NULL, NULL, NULL)))
             goto done;
@@ -164,6 +165,7 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
     if (time_fps)
         code = time_frames(ctx, r, views, n, rgb, out);
 done:
+    sg_renderer_set_index(r, SIZE_MAX);
     sg_free(rgb);
     sg_free(bytes);
     sg_free(photo);

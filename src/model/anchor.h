@@ -40,6 +40,7 @@ enum sg_network {
     SG_N_COLOUR,
     SG_NETWORKS,
     SG_N_BANK = SG_NETWORKS, /* an optional part, with inputs and outputs of its own */
+    SG_N_APPEARANCE,         /* no network, but it learns as they do */
     SG_NETWORK_RATES
 };
 #define SG_NETWORK_HIDDEN 32
@@ -69,10 +70,12 @@ static inline enum sg_network sg_output_network(int row)
 
 /* Optional parts of the networks, as in the released code. */
 enum sg_network_part {
-    SG_PART_DISTANCE = 1, /* the distance from camera to anchor is an input too */
+    SG_PART_DISTANCE = 1,   /* the distance from camera to anchor is an input too */
+    SG_PART_APPEARANCE = 4, /* the colours' network reads SG_APPEARANCE numbers of the photo too */
     SG_PART_BANK = 2 /* the networks read a mixture of the feature with coarser copies of itself,
                         in shares that one more network makes of direction and distance */
 };
+#define SG_APPEARANCE 32
 #define SG_BANK_INPUTS 4  /* direction, distance */
 #define SG_BANK_OUTPUTS 3 /* shares: of every fourth value, of every second, of all */
 
@@ -93,6 +96,8 @@ struct sg_weights {
     float bank_input[SG_BANK_INPUTS + 1][SG_NETWORK_HIDDEN];
     float bank_output[SG_BANK_OUTPUTS][SG_NETWORK_HIDDEN];
     float bank_bias[SG_BANK_OUTPUTS];
+    float appearance[SG_APPEARANCE]
+                    [SG_NETWORK_HIDDEN]; /* as rows of `input`, of the colours only */
 };
 #define SG_WEIGHTS (sizeof(struct sg_weights) / sizeof(float))
 #define SG_WEIGHTS_PLAIN (offsetof(struct sg_weights, distance) / sizeof(float)) /* of no part */
@@ -106,16 +111,24 @@ static inline enum sg_network sg_weight_network(size_t i)
         return (enum sg_network)((i < first ? i : i - SG_WEIGHTS_PLAIN) % SG_HIDDEN /
                                  SG_NETWORK_HIDDEN);
     if (i >= SG_WEIGHTS_PLAIN)
-        return SG_N_BANK;
+        return i < offsetof(struct sg_weights, appearance) / sizeof(float) ? SG_N_BANK
+                                                                           : SG_N_COLOUR;
     const size_t row = i < biases ? (i - first) / SG_NETWORK_HIDDEN : i - biases;
     return sg_output_network((int) row);
 }
+
+/* Of a photo, and Adam's moments. */
+struct sg_appearance {
+    float value[SG_APPEARANCE], moment1[SG_APPEARANCE], moment2[SG_APPEARANCE];
+};
 
 /* What all anchors of a model share. */
 struct sg_networks {
     struct sg_weights value, moment1, moment2; /* moments: of Adam */
     float voxel;                               /* cell of the finest growth, scene units */
     unsigned parts;                            /* bits of enum sg_network_part */
+    size_t photos;                             /* with appearances; 0 without SG_PART_APPEARANCE */
+    struct sg_appearance appearance[];
 };
 
 #endif

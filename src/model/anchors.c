@@ -22,14 +22,31 @@ int sg_model_refuse_anchors(sg_ctx *ctx, const struct sg_model *m)
                          "view, expected a 3D Gaussian model");
 }
 
-int sg_anchors_add(sg_ctx *ctx, struct sg_model *m)
+struct sg_networks *sg_networks_create(sg_ctx *ctx, size_t photos)
+{
+    struct sg_networks *n =
+        sg_alloc(ctx, SG_MEM_MODEL, 1, sizeof(*n) + photos * sizeof(n->appearance[0]));
+    if (n)
+        n->photos = photos;
+    return n;
+}
+
+void sg_networks_copy(struct sg_networks *to, const struct sg_networks *from)
+{
+    const size_t photos = to->photos, common = photos < from->photos ? photos : from->photos;
+    memcpy(to, from, sizeof(*to));
+    to->photos = photos;
+    memcpy(to->appearance, from->appearance, common * sizeof(to->appearance[0]));
+}
+
+int sg_anchors_add(sg_ctx *ctx, struct sg_model *m, size_t photos)
 {
     if (!m->columns && !(m->columns = sg_alloc(ctx, SG_MEM_MODEL, 1, sizeof(*m->columns))))
         return SG_ERR_BUDGET;
     m->columns->capacity = m->capacity;
     m->columns->at[SG_C_ANCHOR] =
         sg_alloc(ctx, SG_MEM_MODEL, m->capacity, SG_A_PLANES * sizeof(float));
-    m->columns->networks = sg_alloc(ctx, SG_MEM_MODEL, 1, sizeof(*m->columns->networks));
+    m->columns->networks = sg_networks_create(ctx, photos);
     return m->columns->at[SG_C_ANCHOR] && m->columns->networks ? SG_OK : SG_ERR_BUDGET;
 }
 
@@ -53,14 +70,19 @@ static int fan_in(const struct sg_networks *n, size_t i)
                  bank = offsetof(struct sg_weights, bank_input) / sizeof(float),
                  outputs = offsetof(struct sg_weights, bank_output) / sizeof(float);
     const int distance = n->parts & SG_PART_DISTANCE ? 1 : 0;
+    const bool colour = sg_weight_network(i) == SG_N_COLOUR;
+    const int inputs = SG_NETWORK_INPUTS + distance +
+                       (colour && n->parts & SG_PART_APPEARANCE ? SG_APPEARANCE : 0);
     if (i < SG_WEIGHTS_PLAIN)
-        return i < hidden ? SG_NETWORK_INPUTS + distance : SG_NETWORK_HIDDEN;
+        return i < hidden ? inputs : SG_NETWORK_HIDDEN;
     if (i < bank)
-        return distance ? SG_NETWORK_INPUTS + 1 : 0;
+        return distance ? inputs : 0;
+    if (i >= offsetof(struct sg_weights, appearance) / sizeof(float))
+        return n->parts & SG_PART_APPEARANCE ? inputs : 0;
     return !(n->parts & SG_PART_BANK) ? 0 : i < outputs ? SG_BANK_INPUTS : SG_NETWORK_HIDDEN;
 }
 
-/* Uniform, as wide as the root of the inputs' number asks for. */
+/* Uniform, as wide as the root of the inputs' number asks for. Appearances are normal. */
 static void draw_networks(struct sg_networks *n, uint64_t seed)
 {
     float *w = (float *) &n->value;
@@ -70,6 +92,10 @@ static void draw_networks(struct sg_networks *n, uint64_t seed)
                    ? (2 * sg_rng_uniform(seed, SG_RNG_NETWORKS, 0, i) - 1) / sqrtf((float) inputs)
                    : 0;
     }
+    for (size_t i = 0; i < n->photos; i++)
+        for (size_t k = 0; k < SG_APPEARANCE; k++)
+            n->appearance[i].value[k] =
+                sg_rng_normal(seed, SG_RNG_NETWORKS, 1, SG_APPEARANCE * i + k);
 }
 
 static size_t weights_of(unsigned parts)
@@ -77,9 +103,9 @@ static size_t weights_of(unsigned parts)
     return parts ? SG_WEIGHTS : SG_WEIGHTS_PLAIN;
 }
 
-size_t sg_networks_floats(unsigned parts)
+size_t sg_networks_floats(unsigned parts, size_t photos)
 {
-    return 3 * weights_of(parts) + 1;
+    return 3 * weights_of(parts) + photos * sizeof(struct sg_appearance) / sizeof(float) + 1;
 }
 
 void sg_networks_pack(const struct sg_networks *n, float *out)
@@ -88,7 +114,8 @@ void sg_networks_pack(const struct sg_networks *n, float *out)
     const struct sg_weights *const from[] = {&n->value, &n->moment1, &n->moment2};
     for (int k = 0; k < 3; k++, out += each)
         memcpy(out, from[k], each * sizeof(float));
-    *out = n->voxel;
+    memcpy(out, n->appearance, n->photos * sizeof(n->appearance[0]));
+    out[n->photos * sizeof(n->appearance[0]) / sizeof(float)] = n->voxel;
 }
 
 void sg_networks_unpack(const float *values, struct sg_networks *n)
@@ -97,7 +124,8 @@ void sg_networks_unpack(const float *values, struct sg_networks *n)
     struct sg_weights *const to[] = {&n->value, &n->moment1, &n->moment2};
     for (int k = 0; k < 3; k++, values += each)
         memcpy(to[k], values, each * sizeof(float));
-    n->voxel = *values;
+    memcpy(n->appearance, values, n->photos * sizeof(n->appearance[0]));
+    n->voxel = values[n->photos * sizeof(n->appearance[0]) / sizeof(float)];
 }
 
 bool sg_anchor_cell(float position, float size, int64_t *cell)
@@ -161,7 +189,8 @@ static int find_cells(sg_ctx *ctx, const float *xyz, size_t n, float voxel, int6
                                  unique, (double) voxel);
 }
 
-static int make_anchors(sg_ctx *ctx, const float *xyz, size_t n, struct sg_model **out)
+static int make_anchors(sg_ctx *ctx, const float *xyz, size_t n, size_t photos,
+                        struct sg_model **out)
 {
     float *d2 = sg_alloc_raw(ctx, SG_MEM_MISC, n, sizeof(*d2));
     struct sg_model *m = NULL;
@@ -169,7 +198,7 @@ static int make_anchors(sg_ctx *ctx, const float *xyz, size_t n, struct sg_model
     if (!code)
         code = sg_model_create(ctx, n, 0, &m);
     if (!code)
-        code = sg_anchors_add(ctx, m);
+        code = sg_anchors_add(ctx, m, photos);
     for (size_t i = 0; i < n && !code; i++) {
         const float scale = 0.5f * logf(fminf(fmaxf(d2[i], MIN_SQUARED_SCALE), 1e30f));
         sg_anchor_set(m, i, xyz + 3 * i, scale, scale);
@@ -202,7 +231,7 @@ int sg_anchors_init(sg_ctx *ctx, const float *xyz, size_t n, const struct sg_anc
         sg_free(cell);
         cell = NULL;
         if (!code)
-            code = make_anchors(ctx, at, kept, out);
+            code = make_anchors(ctx, at, kept, start->photos, out);
     }
     if (!code) {
         (*out)->columns->networks->voxel = voxel;

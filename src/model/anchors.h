@@ -15,9 +15,14 @@ static inline bool sg_model_has_anchors(const struct sg_model *m)
 /* SG_ERR_INPUT for a model of anchors: what works on stored Gaussians cannot take it. */
 int sg_model_refuse_anchors(sg_ctx *ctx, const struct sg_model *model);
 
-/* Gives a model of SH degree 0 the values of anchors beside its parameters and networks, all
- * zeros. SG_ERR_BUDGET. */
-int sg_anchors_add(sg_ctx *ctx, struct sg_model *model);
+/* Networks with the appearances of some photos, all zeros; NULL: SG_ERR_BUDGET. */
+struct sg_networks *sg_networks_create(sg_ctx *ctx, size_t photos);
+/* All but the appearances that the other has no room for. */
+void sg_networks_copy(struct sg_networks *to, const struct sg_networks *from);
+
+/* Gives a model of SH degree 0 the values of anchors beside its parameters, and networks with the
+ * appearances of some photos, all zeros. SG_ERR_BUDGET. */
+int sg_anchors_add(sg_ctx *ctx, struct sg_model *model, size_t photos);
 
 /* Row i of such a model becomes an anchor. log_unit: of its offsets, on all axes, natural log;
  * log_size: of its Gaussians. */
@@ -29,6 +34,7 @@ struct sg_anchor_start {
                        squared distances to the 3 nearest points, as the released code does */
     size_t limit;   /* at most so many anchors, at least 4; 0 = any number */
     unsigned parts; /* of the networks: bits of enum sg_network_part */
+    size_t photos;  /* of which appearances are learned */
     uint64_t seed;  /* of the networks */
 };
 /* Anchors in the cells that hold a point. *cells: that there are. SG_ERR_INPUT for fewer than 4
@@ -38,7 +44,7 @@ int sg_anchors_init(sg_ctx *ctx, const float *xyz, size_t n, const struct sg_anc
 
 /* Networks with their moments as numbers, which checkpoints save: weights of parts that are not
  * there are left out if none is. unpack: into networks whose `parts` are set, the rest zeroed. */
-size_t sg_networks_floats(unsigned parts);
+size_t sg_networks_floats(unsigned parts, size_t photos);
 void sg_networks_pack(const struct sg_networks *networks, float *out);
 void sg_networks_unpack(const float *values, struct sg_networks *networks);
 

@@ -82,28 +82,33 @@ static int write_anchors(sg_ctx *ctx, const struct sg_model *m, const char *path
 
 /* ---- networks ---- */
 
-static const char *const networks[SG_NETWORK_RATES] = {"opacity", "covariance", "colour",
-                                                       "feature_bank"};
+static const char *const networks[] = {"opacity", "covariance", "colour", "feature_bank"};
 
 /* As the metadata names them. */
 static const struct {
     enum sg_network_part part;
     const char *name;
-} part_names[] = {{SG_PART_DISTANCE, "distance"}, {SG_PART_BANK, "feature_bank"}};
+} part_names[] = {{SG_PART_DISTANCE, "distance"},
+                  {SG_PART_BANK, "feature_bank"},
+                  {SG_PART_APPEARANCE, "appearance"}};
 #define PARTS (sizeof(part_names) / sizeof(part_names[0]))
 
-/* A matrix or biases of a network as PyTorch has them: linear layer 0 or 2 of it. */
+/* A matrix or biases of a network as PyTorch has them: linear layer 0 or 2 of it; or the
+ * appearances, a row for each photo. */
 struct tensor {
     char name[40];
     int rows, columns; /* columns 0: biases */
     int network, layer;
 };
 #define MOST_TENSORS (4 * SG_NETWORK_RATES)
+#define APPEARANCES "appearance.weight"
 
 static int inputs_of(int network, unsigned parts)
 {
-    return network == SG_N_BANK ? SG_BANK_INPUTS
-                                : SG_NETWORK_INPUTS + (parts & SG_PART_DISTANCE ? 1 : 0);
+    return network == SG_N_BANK
+               ? SG_BANK_INPUTS
+               : SG_NETWORK_INPUTS + (parts & SG_PART_DISTANCE ? 1 : 0) +
+                     (network == SG_N_COLOUR && parts & SG_PART_APPEARANCE ? SG_APPEARANCE : 0);
 }
 
 static int outputs_of(int network)
@@ -113,9 +118,9 @@ static int outputs_of(int network)
 }
 
 /* Returns their number. */
-static int list_tensors(unsigned parts, struct tensor out[MOST_TENSORS])
+static int list_tensors(unsigned parts, size_t photos, struct tensor out[MOST_TENSORS])
 {
-    const int count = parts & SG_PART_BANK ? SG_NETWORK_RATES : SG_NETWORKS;
+    const int count = parts & SG_PART_BANK ? SG_N_BANK + 1 : SG_NETWORKS;
     int k = 0;
     for (int n = 0; n < count; n++)
         for (int layer = 0; layer <= 2; layer += 2)
@@ -128,6 +133,11 @@ static int list_tensors(unsigned parts, struct tensor out[MOST_TENSORS])
                 snprintf(out[k].name, sizeof(out[k].name), "%s.%d.%s", networks[n], layer,
                          bias ? "bias" : "weight");
             }
+    if (parts & SG_PART_APPEARANCE)
+        out[k++] = (struct tensor){.name = APPEARANCES,
+                                   .rows = (int) photos,
+                                   .columns = SG_APPEARANCE,
+                                   .network = SG_N_APPEARANCE};
     return k;
 }
 
@@ -136,19 +146,26 @@ static size_t values_of(const struct tensor *t)
     return (size_t) t->rows * (size_t) (t->columns ? t->columns : 1);
 }
 
-static float *weight_at(struct sg_weights *w, const struct tensor *t, size_t k)
+static float *weight_at(struct sg_networks *n, const struct tensor *t, size_t k)
 {
+    struct sg_weights *w = &n->value;
     const size_t columns = (size_t) (t->columns ? t->columns : 1), row = k / columns,
                  column = k % columns;
+    if (t->network == SG_N_APPEARANCE)
+        return &n->appearance[row].value[column];
     if (t->network == SG_N_BANK && !t->layer)
         return &w->bank_input[t->columns ? column : SG_BANK_INPUTS][row];
     if (t->network == SG_N_BANK)
         return t->columns ? &w->bank_output[row][column] : &w->bank_bias[row];
     const size_t hidden = (size_t) (t->network * SG_NETWORK_HIDDEN) + row;
-    if (!t->layer)
-        return t->columns && column == SG_NETWORK_INPUTS
+    if (!t->layer) {
+        const size_t distance = n->parts & SG_PART_DISTANCE ? 1 : 0,
+                     own = SG_NETWORK_INPUTS + distance;
+        return t->columns && column >= own ? &w->appearance[column - own][row]
+               : t->columns && column == SG_NETWORK_INPUTS
                    ? &w->distance[hidden]
                    : &w->input[t->columns ? column : SG_NETWORK_INPUTS][hidden];
+    }
     const size_t output = (size_t) sg_network_row(t->network) + row;
     return t->columns ? &w->output[output][column] : &w->bias[output];
 }
@@ -220,7 +237,7 @@ static int write_networks(sg_ctx *ctx, struct sg_networks *n, const char *path)
 {
     struct tensor tensors[MOST_TENSORS];
     struct sg_file_writer w = {0};
-    const int count = list_tensors(n->parts, tensors);
+    const int count = list_tensors(n->parts, n->photos, tensors);
     char *text = header_text(n, tensors, count);
     int code = text ? sg_file_create(ctx, &w, path) : sg_fail(ctx, SG_ERR_BUDGET, "out of memory");
     if (!code) {
@@ -229,7 +246,7 @@ static int write_networks(sg_ctx *ctx, struct sg_networks *n, const char *path)
         fprintf(w.stream, "%-*s", (int) size, text);
         for (int k = 0; k < count; k++)
             for (size_t i = 0; i < values_of(&tensors[k]); i++)
-                fwrite(weight_at(&n->value, &tensors[k], i), sizeof(float), 1, w.stream);
+                fwrite(weight_at(n, &tensors[k], i), sizeof(float), 1, w.stream);
         code = sg_file_commit(ctx, &w);
     }
     free(text);
@@ -237,7 +254,33 @@ static int write_networks(sg_ctx *ctx, struct sg_networks *n, const char *path)
 }
 
 #define HEADER_MAX (64 << 10)
-#define FILE_MAX (1 << 20)
+#define FILE_MAX (16 << 20)
+#define PHOTOS_MAX (64 << 10)
+
+/* Networks for what a header says: parts, and the appearances of the photos that their tensor has
+ * rows for. */
+static int create_networks(sg_ctx *ctx, const char *path, const json_t *root,
+                           struct sg_networks **out)
+{
+    unsigned parts;
+    if (!read_parts(root, &parts))
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: header: found parts other than distance, feature_bank and appearance "
+                       "in __metadata__",
+                       path);
+    const json_int_t photos = json_integer_value(
+        json_array_get(json_object_get(json_object_get(root, APPEARANCES), "shape"), 0));
+    if (parts & SG_PART_APPEARANCE && !(photos > 0 && photos <= PHOTOS_MAX))
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: header: found " APPEARANCES " of %" JSON_INTEGER_FORMAT
+                       " photos, expected 1 to %d",
+                       path, photos, PHOTOS_MAX);
+    *out = sg_networks_create(ctx, parts & SG_PART_APPEARANCE ? (size_t) photos : 0);
+    if (!*out)
+        return SG_ERR_BUDGET;
+    (*out)->parts = parts;
+    return SG_OK;
+}
 
 /* The number of a metadata entry, which safetensors keeps as text. */
 static bool read_voxel(const json_t *root, float *out)
@@ -273,9 +316,10 @@ static int find_tensor(sg_ctx *ctx, const char *path, const json_t *root, const 
 }
 
 static int parse_networks(sg_ctx *ctx, const char *path, const char *bytes, size_t size,
-                          struct sg_networks *out)
+                          struct sg_networks **out)
 {
     uint64_t length = 0;
+    float voxel;
     json_error_t error;
     struct tensor tensors[MOST_TENSORS];
     if (size >= sizeof(length))
@@ -293,15 +337,12 @@ static int parse_networks(sg_ctx *ctx, const char *path, const char *bytes, size
         code ? NULL : json_loadb(header, (size_t) length, JSON_REJECT_DUPLICATES, &error);
     if (!code && !json_is_object(root))
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no JSON object: %s", path, error.text);
-    if (!code && !read_voxel(root, &out->voxel))
+    if (!code && !read_voxel(root, &voxel))
         code =
             sg_fail(ctx, SG_ERR_INPUT, "%s: header: found no voxel above 0 in __metadata__", path);
-    if (!code && !read_parts(root, &out->parts))
-        code = sg_fail(ctx, SG_ERR_INPUT,
-                       "%s: header: found parts other than distance and feature_bank in "
-                       "__metadata__",
-                       path);
-    const int count = code ? 0 : list_tensors(out->parts, tensors);
+    if (!code && !(code = create_networks(ctx, path, root, out)))
+        (*out)->voxel = voxel;
+    const int count = code ? 0 : list_tensors((*out)->parts, (*out)->photos, tensors);
     for (int k = 0; k < count && !code; k++) {
         size_t at;
         code = find_tensor(ctx, path, root, &tensors[k], left, &at);
@@ -312,7 +353,7 @@ static int parse_networks(sg_ctx *ctx, const char *path, const char *bytes, size
                 code = sg_fail(ctx, SG_ERR_INPUT,
                                "%s: %s: found value %zu of %g, expected finite numbers", path,
                                tensors[k].name, i, (double) v);
-            *weight_at(&out->value, &tensors[k], i) = v;
+            *weight_at(*out, &tensors[k], i) = v;
         }
     }
     json_decref(root);
@@ -381,7 +422,7 @@ static int read_anchors(sg_ctx *ctx, struct sg_source *in, uint64_t max_anchors,
         code = sg_model_refused(ctx, sg_model_create(ctx, (size_t) p.rows, 0, out), in->path,
                                 p.rows, PROPERTIES * sizeof(float));
     if (!code)
-        code = sg_model_refused(ctx, sg_anchors_add(ctx, *out), in->path, p.rows,
+        code = sg_model_refused(ctx, sg_anchors_add(ctx, *out, 0), in->path, p.rows,
                                 PROPERTIES * sizeof(float));
     return code ? code : read_rows(ctx, &p, place, index, *out);
 }
@@ -390,6 +431,7 @@ int sg_anchors_read(sg_ctx *ctx, const char *path, uint64_t max_anchors, struct 
 {
     struct sg_source in;
     char *beside = networks_path(ctx, path), *bytes = NULL;
+    struct sg_networks *networks_read = NULL;
     size_t size = 0;
     *out = NULL;
     int code = beside ? sg_source_open(ctx, &in, path, PLY_MAX_BYTES) : SG_ERR_BUDGET;
@@ -400,7 +442,13 @@ int sg_anchors_read(sg_ctx *ctx, const char *path, uint64_t max_anchors, struct 
     if (!code)
         code = sg_file_read(ctx, beside, FILE_MAX, &bytes, &size);
     if (!code)
-        code = parse_networks(ctx, beside, bytes, size, (*out)->columns->networks);
+        code = parse_networks(ctx, beside, bytes, size, &networks_read);
+    if (!code) {
+        sg_free((*out)->columns->networks);
+        (*out)->columns->networks = networks_read;
+        networks_read = NULL;
+    }
+    sg_free(networks_read);
     if (code)
         sg_model_destroy(out);
     sg_free(bytes);

@@ -161,7 +161,8 @@ static uint64_t exposure_bytes(const sg_trainer *t)
 static uint64_t networks_bytes(const sg_trainer *t)
 {
     return t->params.model == SG_MODEL_SCAFFOLD
-               ? sg_networks_floats(sg_network_parts(&t->params)) * sizeof(float)
+               ? sg_networks_floats(sg_network_parts(&t->params), sg_trainer_appearances(t)) *
+                     sizeof(float)
                : 0;
 }
 
@@ -169,8 +170,7 @@ static int put_networks(const sg_trainer *t, struct hashed *sink)
 {
     if (!networks_bytes(t))
         return SG_OK;
-    struct sg_columns own = {.networks =
-                                 sg_alloc_raw(t->ctx, SG_MEM_MISC, 1, sizeof(struct sg_networks))};
+    struct sg_columns own = {.networks = sg_networks_create(t->ctx, sg_trainer_appearances(t))};
     float *numbers = sg_alloc_raw(t->ctx, SG_MEM_MISC, 1, (size_t) networks_bytes(t));
     const int code =
         own.networks && numbers ? sg_engine_download(t->engine, NULL, &own) : SG_ERR_BUDGET;
@@ -540,7 +540,7 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
         goto done;
     if (networks_bytes(t) &&
         (!(r.networks = sg_alloc_raw(ctx, SG_MEM_MISC, 1, (size_t) networks_bytes(t))) ||
-         !(r.columns.networks = sg_alloc(ctx, SG_MEM_MODEL, 1, sizeof(*r.columns.networks))))) {
+         !(r.columns.networks = sg_networks_create(ctx, sg_trainer_appearances(t))))) {
         code = SG_ERR_BUDGET;
         goto done;
     }

@@ -208,7 +208,7 @@ static int make_rows(sg_ctx *ctx, const struct new_anchor *new, size_t count,
 {
     struct sg_model *m;
     int code = sg_model_create(ctx, count, 0, &m);
-    if (!code && (code = sg_anchors_add(ctx, m)))
+    if (!code && (code = sg_anchors_add(ctx, m, 0)))
         sg_model_destroy(&m);
     for (size_t i = 0; i < count && !code; i++) {
         float *feature = m->columns->at[SG_C_ANCHOR] + sg_param_index(SG_A_PLANES, i, SG_A_FEATURE);

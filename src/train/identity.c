@@ -86,8 +86,13 @@ struct sg_identity sg_train_identity(const struct sg_train_params *p)
                                d->anchor_sigma};
     if (p->model == SG_MODEL_SCAFFOLD)
         parameters = XXH3_64bits_withSeed(scaffold, sizeof(scaffold), parameters);
-    const double parts[] = {s->distance, s->bank, (double) s->bank_lr_init,
-                            (double) s->bank_lr_final};
+    const double parts[] = {s->distance,
+                            s->bank,
+                            (double) s->bank_lr_init,
+                            (double) s->bank_lr_final,
+                            s->appearance,
+                            (double) s->appearance_lr_init,
+                            (double) s->appearance_lr_final};
     if (p->model == SG_MODEL_SCAFFOLD && sg_network_parts(p))
         parameters = XXH3_64bits_withSeed(parts, sizeof(parts), parameters);
     if (p->absgrad)

@@ -21,6 +21,7 @@ static int measure_view(sg_trainer *t, size_t view, int sh_degree, float *image,
     struct sg_render_params render = sg_trainer_render(t);
     for (int ch = 0; ch < 3; ch++)
         render.background[ch] = level;
+    render.appearance = (int) view;
     int code = sg_engine_draw(t->engine, &v->camera, sh_degree, &render, false);
     if (!code)
         code = sg_engine_read_image(t->engine, image, NULL, NULL);

@@ -127,6 +127,11 @@ static const struct sg_option train_options[] = {
         "The networks read a mixture of the anchor's feature with coarser copies of itself. One "
         "more network makes the shares, from direction and distance.",
         ANCHORS),
+    SG_FLAG(
+        "photo-appearance", scaffold.appearance,
+        "The network of colours reads 32 numbers of the photo too, which are learned. --appearance "
+        "of eval and render says whose numbers they use.",
+        ANCHORS),
     FLOAT("offset-lr-init", scaffold.offset_lr_init, 1e-12, 1000,
           "Offsets, at the start, in scene extents.", ANCHORS),
     FLOAT("offset-lr-final", scaffold.offset_lr_final, 1e-12, 1000,
@@ -147,6 +152,9 @@ static const struct sg_option train_options[] = {
     FLOAT("feature-bank-lr-init", scaffold.bank_lr_init, 1e-12, 1000,
           "Network of the feature bank, at the start.", ANCHORS),
     FLOAT("feature-bank-lr-final", scaffold.bank_lr_final, 1e-12, 1000, "At the end.", ANCHORS),
+    FLOAT("appearance-lr-init", scaffold.appearance_lr_init, 1e-12, 1000,
+          "Numbers of photos, at the start.", ANCHORS),
+    FLOAT("appearance-lr-final", scaffold.appearance_lr_final, 1e-12, 1000, "At the end.", ANCHORS),
     COUNT("max-gaussians", max_gaussians, 4, 4e9,
           "Most Gaussians; --at-limit says what happens there. 0 = no limit.", BUDGETS,
           .or_zero = true),
@@ -274,6 +282,11 @@ static const struct sg_option render_options[] = {
           .transient = true),
     SG_FLAG("mip-filter", mip_filter,
             "The 2D filter of Mip-Splatting, for models that were trained with it.", RASTERISER,
+            .transient = true),
+    INTEGER("appearance", appearance, -2, 1e6,
+            "Of which training photo, from 0, a model with --photo-appearance has the appearance. "
+            "index: view i has that of photo i, as in the released code; mean: the mean of all.",
+            RASTERISER, .words = "index|mean", .first_word = SG_APPEARANCE_INDEX,
             .transient = true),
     SG_FLAG("reference-tiles", reference_tiles,
             "Keep every tile of the 3-sigma square, for parity checks.", RASTERISER,

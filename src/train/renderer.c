@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "renderer.h"
 
+#include <limits.h>
+
 #include "engine/scaffold/scaffold.h"
 #include "model/anchors.h"
 #include "option/option.h"
@@ -10,6 +12,7 @@ struct sg_renderer {
     struct sg_engine *engine;
     bool borrowed, drawn;
     struct sg_render_params params;
+    size_t index;  /* of the view in a list */
     int degree;    /* drawn */
     int sh_degree; /* of the model */
 };
@@ -24,6 +27,7 @@ int sg_renderer_borrow(struct sg_engine *engine, int sh_degree,
                                  .engine = engine,
                                  .borrowed = true,
                                  .params = *params,
+                                 .index = SIZE_MAX,
                                  .degree = sh_degree};
     return SG_OK;
 }
@@ -72,6 +76,11 @@ void sg_renderer_destroy(sg_renderer **renderer)
     *renderer = NULL;
 }
 
+void sg_renderer_set_index(sg_renderer *r, size_t index)
+{
+    r->index = index;
+}
+
 int sg_render(sg_renderer *r, const struct sg_camera *camera, float *rgb, float *alpha,
               float *depth, struct sg_render_stats *stats)
 {
@@ -84,9 +93,12 @@ int sg_render(sg_renderer *r, const struct sg_camera *camera, float *rgb, float 
         return sg_fail(r->ctx, SG_ERR_USAGE,
                        "render: found focal lengths %g and %g, expected positive ones", camera->fx,
                        camera->fy);
+    struct sg_render_params params = r->params;
+    if (params.appearance == SG_APPEARANCE_INDEX && r->index <= INT_MAX)
+        params.appearance = (int) r->index;
     if (r->borrowed) /* renders of a borrowed engine do not count in the owner's times */
         sg_engine_stop_clocks(r->engine, true);
-    int code = sg_engine_draw(r->engine, camera, r->degree, &r->params, alpha || depth);
+    int code = sg_engine_draw(r->engine, camera, r->degree, &params, alpha || depth);
     if (!code)
         code = sg_engine_read_image(r->engine, rgb, alpha, depth);
     struct sg_step step;

@@ -31,6 +31,7 @@ static int initial(sg_trainer *t, struct sg_model **out)
     const struct sg_anchor_start start = {.voxel = p->scaffold.voxel,
                                           .limit = limit < SIZE_MAX ? limit : 0,
                                           .parts = sg_network_parts(p),
+                                          .photos = sg_trainer_appearances(t),
                                           .seed = p->seed};
     struct sg_model *points = NULL;
     float *xyz = NULL;
@@ -93,9 +94,11 @@ static int learn_networks(sg_trainer *t, int it)
     const double step = (double) t->steps + 1;
     const double unbias = 1 / (1 - pow((double) SG_ADAM_BETA1, step));
     const float first[SG_NETWORK_RATES] = {s->opacity_lr_init, s->covariance_lr_init,
-                                           s->colour_lr_init, s->bank_lr_init},
+                                           s->colour_lr_init, s->bank_lr_init,
+                                           s->appearance_lr_init},
                 last[SG_NETWORK_RATES] = {s->opacity_lr_final, s->covariance_lr_final,
-                                          s->colour_lr_final, s->bank_lr_final};
+                                          s->colour_lr_final, s->bank_lr_final,
+                                          s->appearance_lr_final};
     struct sg_network_update u = {.root =
                                       (float) (1 / sqrt(1 - pow((double) SG_ADAM_BETA2, step)))};
     for (int n = 0; n < SG_NETWORK_RATES; n++)
@@ -120,7 +123,7 @@ static int read_model(const sg_trainer *t, struct read *out)
     at[SG_C_ANCHOR] = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, SG_A_PLANES * sizeof(float));
     at[SG_C_ANCHOR_STATISTICS] =
         sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, SG_A_STATISTICS * sizeof(float));
-    out->columns.networks = sg_alloc_raw(ctx, SG_MEM_MISC, 1, sizeof(*out->columns.networks));
+    out->columns.networks = sg_networks_create(ctx, 0);
     if (!at[SG_C_ANCHOR] || !at[SG_C_ANCHOR_STATISTICS] || !out->columns.networks)
         return SG_ERR_BUDGET;
     return sg_engine_download(t->engine, out->model, &out->columns);

@@ -98,7 +98,13 @@ struct sg_render_params sg_trainer_render(const sg_trainer *t)
 {
     return (struct sg_render_params){.max_instances = t->budget.instances,
                                      .reference_tiles = t->params.reference_tiles,
-                                     .mip_filter = t->params.model == SG_MODEL_MIP};
+                                     .mip_filter = t->params.model == SG_MODEL_MIP,
+                                     .appearance = SG_APPEARANCE_INDEX};
+}
+
+size_t sg_trainer_appearances(const sg_trainer *t)
+{
+    return t->params.scaffold.appearance ? t->scene->n_train : 0;
 }
 
 int sg_trainer_renew_filter(sg_trainer *t)
@@ -393,6 +399,7 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     const size_t n_losses = list_losses(t, step.view, it, losses);
     struct sg_step result;
     background(t, it, render.background);
+    render.appearance = (int) step.view;
 
     if ((code = sg_engine_draw(t->engine, &view->camera, sg_active_degree(p, t->start_degree, it),
                                &render, false)) ||
@@ -533,7 +540,7 @@ int sg_trainer_scores(sg_trainer *t, double *score, double *hits, struct sg_filt
 static int add_columns(const sg_trainer *t, struct sg_model *m)
 {
     if (t->params.model == SG_MODEL_SCAFFOLD)
-        return sg_anchors_add(t->ctx, m);
+        return sg_anchors_add(t->ctx, m, sg_trainer_appearances(t));
     float any;
     struct sg_columns filter = {0};
     filter.at[SG_C_FILTER] = &any;

@@ -71,6 +71,8 @@ int sg_trainer_measure_noise(sg_trainer *t, int it, struct sg_noise *out);
 
 /* How its views are drawn, on black. */
 struct sg_render_params sg_trainer_render(const sg_trainer *t);
+/* Photos of which the networks of anchors learn the appearance. */
+size_t sg_trainer_appearances(const sg_trainer *t);
 
 /* Of SG_MODEL_MIP: the 3D filter, from all training views; of others nothing. */
 int sg_trainer_renew_filter(sg_trainer *t);

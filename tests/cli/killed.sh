@@ -47,5 +47,6 @@ killed() {
 killed 3dgs
 killed mcmc --strategy mcmc --cap-max 500 --mcmc-until 240 --exposure
 killed mip --model mip
-killed scaffold --model scaffold --anchors-from-iter 40 --voxel-size 0.02 --anchor-distance --feature-bank
+killed scaffold --model scaffold --anchors-from-iter 40 --voxel-size 0.02 --anchor-distance --feature-bank \
+    --photo-appearance
 [ -s scaffold-cut/point_cloud/iteration_$last/networks.safetensors ] || fail "no networks"

@@ -84,6 +84,20 @@ expect 1 train scene/blender -o none --model scaffold --strategy mcmc; says 'fou
 mv anchors/point_cloud/iteration_120/networks.safetensors .
 expect 2 eval anchors; says networks.safetensors
 mv networks.safetensors anchors/point_cloud/iteration_120
+expect 0 train scene/blender -o looks --eval $short --init-points 300 --model scaffold --voxel-size 0.02 \
+    --photo-appearance
+expect 0 eval looks --json
+psnr=$(sed 's/.*"psnr": \([0-9.]*\).*/\1/' out)
+grep -q "\"psnr\": ${psnr%??}" looks/summary.json || fail "eval says $psnr, summary.json $(grep psnr looks/summary.json)"
+expect 0 eval looks --json --appearance mean
+grep -q "\"psnr\": ${psnr%??}" out && fail "the mean of the appearances measures like the first two: $(cat out)"
+for photo in 0 1 index; do
+    expect 0 render looks -o looks-$photo --appearance $photo -q
+done
+cmp looks-0/r_0.png looks-index/r_0.png || fail "the first view does not have the appearance of photo 0"
+cmp looks-1/r_1.png looks-index/r_1.png || fail "the second view does not have the appearance of photo 1"
+cmp -s looks-0/r_0.png looks-1/r_0.png && fail "photos 0 and 1 have the same appearance"
+expect 0 export looks looks.ply --view-independent
 expect 0 train scene/blender -o anchors --force --iterations 20 --init-points 500 -q
 [ "$(find anchors -name '*.safetensors')" = "" ] || fail "--force left networks"
 

@@ -55,8 +55,8 @@ static void expect(const struct fixture *f, struct expected out[SG_LANES], struc
     const float *from = (const float *) &f->weights;
     double *to = (double *) &w;
     const float *centre = f->args.centre;
-    const struct ref_view view = {{(double) centre[0], (double) centre[1], (double) centre[2]},
-                                  f->args.parts};
+    const struct ref_view view = {
+        {(double) centre[0], (double) centre[1], (double) centre[2]}, f->args.parts, {0}};
     for (size_t i = 0; i < SG_WEIGHTS; i++)
         to[i] = (double) from[i];
     memset(sum, 0, sizeof(*sum));
@@ -74,7 +74,7 @@ static void expect(const struct fixture *f, struct expected out[SG_LANES], struc
                 gradient[k][p] = (double) f->gradient[k][p][lane];
         ref_neural_forward(&w, &a, &view, out[lane].drawn, out[lane].exists);
         ref_neural_backward(&w, &a, &view, gradient, (double) f->args.volume, &out[lane].gradient,
-                            sum);
+                            sum, NULL);
     }
 }
 

@@ -19,7 +19,10 @@ static struct ref_anchor anchor_of(const struct sg_anchor_block *b, int lane)
 
 static struct ref_view view_of(const struct sg_neural_args *args)
 {
-    return (struct ref_view){{args->centre[0], args->centre[1], args->centre[2]}, args->parts};
+    /* What an appearance makes is among the biases. */
+    return (struct ref_view){{args->centre[0], args->centre[1], args->centre[2]},
+                             args->parts & ~(unsigned) SG_PART_APPEARANCE,
+                             {0}};
 }
 
 void sg_ref_neural(const struct sg_neural_args *args, const struct sg_anchor_block *block,
@@ -54,7 +57,7 @@ void sg_ref_neural_backward(const struct sg_neural_args *args, const struct sg_a
         for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++)
             for (int p = 0; p < SG_DRAWN_PLANES; p++)
                 g[k][p] = gradient[k][p][lane];
-        ref_neural_backward(&w, &a, &view, g, args->volume, &d, &sum);
+        ref_neural_backward(&w, &a, &view, g, args->volume, &d, &sum, NULL);
         for (int k = 0; k < 3; k++)
             out->reach[k][lane] = d.reach[k];
         for (int p = 0; p < SG_A_PLANES; p++)

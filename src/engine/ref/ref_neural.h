@@ -13,13 +13,15 @@
 struct ref_weights {
     real input[SG_NETWORK_INPUTS + 1][SG_HIDDEN], output[SG_OUTPUTS][SG_NETWORK_HIDDEN],
         bias[SG_OUTPUTS], distance[SG_HIDDEN], bank_input[SG_BANK_INPUTS + 1][SG_NETWORK_HIDDEN],
-        bank_output[SG_BANK_OUTPUTS][SG_NETWORK_HIDDEN], bank_bias[SG_BANK_OUTPUTS];
+        bank_output[SG_BANK_OUTPUTS][SG_NETWORK_HIDDEN], bank_bias[SG_BANK_OUTPUTS],
+        appearance[SG_APPEARANCE][SG_NETWORK_HIDDEN];
 };
 
 /* What the networks know of a view. */
 struct ref_view {
     real centre[3]; /* of the camera */
     unsigned parts; /* of enum sg_network_part */
+    real appearance[SG_APPEARANCE];
 };
 
 struct ref_anchor {
@@ -102,6 +104,12 @@ static inline void ref_bank_backward(const struct ref_weights *w, const struct r
             sum->bank_input[i][h] += hidden[h] * n->bank_input[i];
 }
 
+/* Whether hidden value h does. */
+static inline bool ref_reads_appearance(const struct ref_view *view, int h)
+{
+    return view->parts & SG_PART_APPEARANCE && h / SG_NETWORK_HIDDEN == SG_N_COLOUR;
+}
+
 static inline void ref_networks(const struct ref_weights *w, const struct ref_anchor *a,
                                 const struct ref_view *view, struct ref_neural *n)
 {
@@ -122,6 +130,8 @@ static inline void ref_networks(const struct ref_weights *w, const struct ref_an
             sum += w->input[i][h] * n->input[i];
         if (view->parts & SG_PART_DISTANCE)
             sum += w->distance[h] * n->distance;
+        for (int i = 0; i < SG_APPEARANCE && ref_reads_appearance(view, h); i++)
+            sum += w->appearance[i][h - SG_N_COLOUR * SG_NETWORK_HIDDEN] * view->appearance[i];
         n->hidden[h] = sum > 0 ? sum : 0;
     }
     for (int o = 0; o < SG_OUTPUTS; o++) {
@@ -161,11 +171,13 @@ static inline void ref_neural_forward(const struct ref_weights *w, const struct 
     }
 }
 
-/* Adds to the gradient of the weights. out: gradients of reach and anchor. */
+/* Adds to the gradients of the weights and of the appearance. out: gradients of reach and anchor.
+ */
 static inline void ref_neural_backward(const struct ref_weights *w, const struct ref_anchor *a,
                                        const struct ref_view *view,
                                        real (*gradient)[SG_NEURAL_PLANES], real volume,
-                                       struct ref_anchor *out, struct ref_weights *sum)
+                                       struct ref_anchor *out, struct ref_weights *sum,
+                                       real appearance[SG_APPEARANCE])
 {
     struct ref_neural n, d;
     memset(&d, 0, sizeof(d));
@@ -207,6 +219,11 @@ static inline void ref_neural_backward(const struct ref_weights *w, const struct
         }
         if (view->parts & SG_PART_DISTANCE)
             sum->distance[h] += d.hidden[h] * n.distance;
+        for (int i = 0; i < SG_APPEARANCE && ref_reads_appearance(view, h); i++) {
+            const int at = h - SG_N_COLOUR * SG_NETWORK_HIDDEN;
+            sum->appearance[i][at] += d.hidden[h] * view->appearance[i];
+            appearance[i] += d.hidden[h] * w->appearance[i][at];
+        }
     }
     if (view->parts & SG_PART_BANK)
         ref_bank_backward(w, a, &n, out, sum);

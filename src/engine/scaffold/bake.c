@@ -37,10 +37,11 @@ static void add(struct mean *m, const float *params, size_t i)
     m->drawn++;
 }
 
-static int add_view(struct scaffold_engine *b, const struct sg_camera *camera, struct mean *means)
+static int add_view(struct scaffold_engine *b, const struct sg_camera *camera, int appearance,
+                    struct mean *means)
 {
     float *params = NULL;
-    int code = sg_scaffold_view(b, camera);
+    int code = sg_scaffold_view(b, camera, appearance);
     if (!code &&
         !(params = sg_alloc_raw(b->base.ctx, SG_MEM_SPLATS, sg_blocks(sg_scaffold_drawn(b)),
                                 SG_DRAWN_PLANES * SG_LANES * sizeof(float))))
@@ -88,7 +89,8 @@ static int bake(struct sg_engine *e, const struct sg_view *views, size_t n, stru
     size_t count = 0, to = 0;
     for (size_t v = 0; v < n && !code; v++)
         if (!(code = sg_progress(e->ctx, SG_STAGE_EVALUATE, v, n)))
-            code = add_view(b, &views[v].camera, means);
+            code = add_view(b, &views[v].camera,
+                            n == b->networks->photos ? (int) v : SG_APPEARANCE_MEAN, means);
     for (size_t i = 0; i < most && !code; i++)
         count += opacity_of(&means[i]) >= LEAST_OPACITY;
     if (!code && !count)

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "engine/cpu/dispatch.h"
+#include "model/anchors.h"
 #include "scaffold.h"
 #include "state.h"
 
@@ -22,9 +23,9 @@ static void destroy(struct sg_engine *base)
     struct scaffold_engine *b = of(base);
     sg_engine_destroy(&b->inner);
     sg_host_clear(&b->anchors);
-    void *owned[] = {b->networks, b->sees,   b->seen,     b->drawn,       b->pulled,
-                     b->sums,     b->counts, b->gradient, b->weight_sums, b->weight_gradient,
-                     b->place};
+    void *owned[] = {b->networks, b->sees,       b->seen,     b->drawn,       b->pulled,
+                     b->sums,     b->counts,     b->gradient, b->weight_sums, b->weight_gradient,
+                     b->place,    b->own_weights};
     for (size_t i = 0; i < sizeof(owned) / sizeof(owned[0]); i++)
         sg_free(owned[i]);
     sg_free(b);
@@ -52,9 +53,9 @@ static int upload(struct sg_engine *base, const struct sg_model *m,
     int code = refuse_plain(base->ctx, columns);
     if (code)
         return code;
-    if (!(networks = sg_alloc_raw(base->ctx, SG_MEM_MODEL, 1, sizeof(*networks))))
+    if (!(networks = sg_networks_create(base->ctx, columns->networks->photos)))
         return SG_ERR_BUDGET;
-    *networks = *columns->networks;
+    sg_networks_copy(networks, columns->networks);
     if ((code = sg_host_upload(base->ctx, &b->anchors, m, columns))) {
         sg_free(networks);
         return code;
@@ -80,7 +81,7 @@ static int download(struct sg_engine *base, struct sg_model *m, struct sg_column
 {
     const struct scaffold_engine *b = of(base);
     if (columns && columns->networks)
-        *columns->networks = *b->networks;
+        sg_networks_copy(columns->networks, b->networks);
     return sg_host_download(&b->anchors, m, columns);
 }
 
@@ -150,7 +151,7 @@ static int do_project(struct sg_engine *base, const struct sg_camera *camera, in
 {
     (void) sh_degree;
     struct scaffold_engine *b = of(base);
-    const int code = sg_scaffold_view(b, camera);
+    const int code = sg_scaffold_view(b, camera, params->appearance);
     b->inner->step = base->step;
     b->inner->width = base->width, b->inner->height = base->height;
     return code ? code : b->inner->ops->project(b->inner, camera, 0, params);
@@ -231,8 +232,13 @@ static int read_gradients(struct sg_engine *base, struct sg_model *out)
         for (int p = 0; anchor && p < SG_A_PLANES; p++)
             anchor[sg_param_index(SG_A_PLANES, i, p)] = g->anchor[p][lane];
     }
-    if (out->columns && out->columns->networks)
-        out->columns->networks->value = *b->weight_gradient;
+    struct sg_networks *networks = out->columns ? out->columns->networks : NULL;
+    if (networks)
+        networks->value = *b->weight_gradient;
+    for (size_t photo = 0; networks && photo < networks->photos; photo++)
+        for (int k = 0; k < SG_APPEARANCE; k++)
+            networks->appearance[photo].value[k] =
+                photo == b->photo ? b->appearance_gradient[k] : 0;
     return SG_OK;
 }
 
@@ -261,7 +267,7 @@ static int weigh_hits(struct sg_engine *base, const struct sg_camera *view,
 {
     struct scaffold_engine *b = of(base);
     struct sg_engine *inner = b->inner;
-    int code = sg_scaffold_view(b, view);
+    int code = sg_scaffold_view(b, view, params->appearance);
     if (code)
         return code;
     const size_t n = sg_scaffold_drawn(b);

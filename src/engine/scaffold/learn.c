@@ -121,6 +121,21 @@ static void add_weights(struct scaffold_engine *b, size_t pieces)
     }
 }
 
+/* From the gradients of the colours' biases. */
+static void pull_appearance(struct scaffold_engine *b)
+{
+    const struct sg_weights *w = &b->networks->value;
+    struct sg_weights *to = b->weight_gradient;
+    const float *bias = to->input[SG_NETWORK_INPUTS] + SG_N_COLOUR * SG_NETWORK_HIDDEN;
+    for (int k = 0; k < SG_APPEARANCE; k++) {
+        b->appearance_gradient[k] = 0;
+        for (int h = 0; h < SG_NETWORK_HIDDEN; h++) {
+            to->appearance[k][h] = b->appearance[k] * bias[h];
+            b->appearance_gradient[k] += w->appearance[k][h] * bias[h];
+        }
+    }
+}
+
 int sg_scaffold_pull(struct scaffold_engine *b, bool statistics)
 {
     sg_ctx *ctx = b->base.ctx;
@@ -139,6 +154,8 @@ int sg_scaffold_pull(struct scaffold_engine *b, bool statistics)
     struct pull_job job = {b, blocks, each, statistics};
     sg_parallel_for(ctx, pieces, pull_piece, &job);
     add_weights(b, pieces);
+    if (b->args.parts & SG_PART_APPEARANCE)
+        pull_appearance(b);
     b->learns = true;
     return SG_OK;
 }
@@ -243,6 +260,17 @@ int sg_scaffold_learn(struct scaffold_engine *b, const struct sg_network_update 
         const struct adam_state s = adam_step((struct adam_state){p[i], m[i], v[i]}, g[i],
                                               u->rate[sg_weight_network(i)], u->root);
         p[i] = s.p, m[i] = s.m, v[i] = s.v;
+    }
+    /* Of all photos: those of others move on by their momentum, as in the released code. */
+    for (size_t photo = 0; photo < b->networks->photos; photo++) {
+        struct sg_appearance *a = &b->networks->appearance[photo];
+        for (int k = 0; k < SG_APPEARANCE; k++) {
+            const struct adam_state s =
+                adam_step((struct adam_state){a->value[k], a->moment1[k], a->moment2[k]},
+                          photo == b->photo ? b->appearance_gradient[k] : 0,
+                          u->rate[SG_N_APPEARANCE], u->root);
+            a->value[k] = s.p, a->moment1[k] = s.m, a->moment2[k] = s.v;
+        }
     }
     return SG_OK;
 }

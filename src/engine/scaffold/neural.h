@@ -38,7 +38,7 @@ struct sg_weight_sums {
 struct sg_neural_args {
     const struct sg_weights *weights;
     float centre[3]; /* of the camera */
-    unsigned parts;  /* as of struct sg_networks */
+    unsigned parts;  /* as of struct sg_networks; an appearance is among the biases */
     float volume;    /* backward: dL/d (product of the scales) of each Gaussian that exists */
 };
 

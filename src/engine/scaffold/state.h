@@ -29,6 +29,9 @@ struct scaffold_engine {
     struct sg_networks *networks;
     /* of the view */
     struct sg_neural_args args;
+    size_t photo;                   /* whose appearance it has; SIZE_MAX: the mean of all */
+    struct sg_weights *own_weights; /* those that it is drawn with, where appearances are learned */
+    float appearance[SG_APPEARANCE], appearance_gradient[SG_APPEARANCE];
     uint8_t *sees; /* of each anchor */
     struct seen *seen;
     size_t seen_count, drawn_count, last_drawn;
@@ -49,8 +52,9 @@ static inline size_t sg_scaffold_drawn(const struct scaffold_engine *b)
     return b->drawn_count ? b->drawn_count : 1;
 }
 
-/* Makes the view's Gaussians, and hands them to the engine that draws. */
-int sg_scaffold_view(struct scaffold_engine *b, const struct sg_camera *camera);
+/* Makes the view's Gaussians, and hands them to the engine that draws. appearance: as of struct
+ * sg_render_params. */
+int sg_scaffold_view(struct scaffold_engine *b, const struct sg_camera *camera, int appearance);
 /* The values of a block of seen anchors. Lanes beyond the last are its copies. */
 void sg_scaffold_gather(const struct scaffold_engine *b, size_t block, struct sg_anchor_block *out);
 /* Gradients of the view's Gaussians to those of anchors and weights. */

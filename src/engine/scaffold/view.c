@@ -57,8 +57,35 @@ static int find_seen(struct scaffold_engine *b, const struct sg_camera *camera)
         if (b->sees[i])
             b->seen[b->seen_count++] = (struct seen){.anchor = (uint32_t) i};
     memcpy(b->args.centre, job.view.centre, sizeof(b->args.centre));
-    b->args.weights = &b->networks->value;
     b->args.parts = b->networks->parts;
+    return SG_OK;
+}
+
+/* An appearance is the same for all anchors of a view: what the colours' network makes of it is
+ * added to the biases. */
+static int set_appearance(struct scaffold_engine *b, int photo)
+{
+    const struct sg_networks *n = b->networks;
+    b->args.weights = &n->value;
+    if (!(n->parts & SG_PART_APPEARANCE))
+        return SG_OK;
+    if (!b->own_weights &&
+        !(b->own_weights = sg_alloc_raw(b->base.ctx, SG_MEM_SPLATS, 1, sizeof(*b->own_weights))))
+        return SG_ERR_BUDGET;
+    const bool one = photo >= 0 && (size_t) photo < n->photos;
+    b->photo = one ? (size_t) photo : SIZE_MAX;
+    for (int k = 0; k < SG_APPEARANCE; k++) {
+        float sum = 0;
+        for (size_t i = 0; i < n->photos && !one; i++)
+            sum += n->appearance[i].value[k];
+        b->appearance[k] = one ? n->appearance[photo].value[k] : sum / (float) n->photos;
+    }
+    *b->own_weights = n->value;
+    float *bias = b->own_weights->input[SG_NETWORK_INPUTS] + SG_N_COLOUR * SG_NETWORK_HIDDEN;
+    for (int k = 0; k < SG_APPEARANCE; k++)
+        for (int h = 0; h < SG_NETWORK_HIDDEN; h++)
+            bias[h] += n->value.appearance[k][h] * b->appearance[k];
+    b->args.weights = b->own_weights;
     return SG_OK;
 }
 
@@ -178,11 +205,13 @@ static void finish_params(struct scaffold_engine *b, float *params)
             params[sg_param_index(SG_DRAWN_PLANES, i, p)] = 0;
 }
 
-int sg_scaffold_view(struct scaffold_engine *b, const struct sg_camera *camera)
+int sg_scaffold_view(struct scaffold_engine *b, const struct sg_camera *camera, int appearance)
 {
     float *params = NULL;
     b->learns = false;
     int code = find_seen(b, camera);
+    if (!code)
+        code = set_appearance(b, appearance);
     if (!code)
         code = generate(b, &params);
     if (code) {
