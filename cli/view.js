@@ -89,7 +89,7 @@ async function openDrawing() {
     const began = performance.now();
     try {
         const {openDrawing} = await import('./draw.js');
-        drawing = await openDrawing(scene, () => leaveDrawing('its GPU is gone'));
+        drawing = await openDrawing(scene, () => drawnHere() && draw(false), () => leaveDrawing('its GPU is gone'));
         for (const e of document.querySelectorAll('.browser')) e.hidden = false;
         canvas.dataset.loaded = Math.round(performance.now() - began);
         draw(false);
@@ -125,7 +125,7 @@ async function work() {
                 photoView = view;
             }
             if (drawnHere()) {
-                if (!await drawing.frame(camera, scene.views[view], ...size())) wanted = true;
+                await drawing.frame(camera, scene.views[view], ...size());
                 if (drawing.any) render = drawing.canvas;
             } else if (of !== PHOTO) {
                 if (of >= SCORE && scored !== of) show('Counting hits in the training views …');

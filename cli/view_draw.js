@@ -2,22 +2,33 @@
 // The model drawn by the browser, with PlayCanvas. A camera is that of view.js.
 import * as pc from './playcanvas.js';
 
-// Where PlayCanvas measures ellipses: pixels of half the size of ours. Its own 0.3 would be the 2D filter of a quarter of the variance.
-const FILTER = 4 * .3;
-
-// Where PlayCanvas ends an ellipse at a weight of e^-4 it takes that from all weights before.
+// What PlayCanvas's shaders have otherwise than the engine: the text there, and ours.
+const CORRECTIONS = {
+    gsplatCornerVS: [
+        // The 2D filter: PlayCanvas adds it where it measures in pixels of half the size, so to a quarter of the variance.
+        ['+ 0.3;', '+ 4.0 * 0.3;'],
+        // An ellipse is as large as it is.
+        ['min(1024.0, min(viewport_size.x, viewport_size.y))', '1e6'],
+        // Beyond 1.3 half fields of view the projection is linearised there (Kerbl et al. 2023).
+        ['vec2 J2 = -J1 / vp.z * vp.xy;', `vec2 guard = 1.3 / abs(vec2(center.projMat00, center.projMat11));
+            vec2 J2 = -J1 * clamp(vp.xy / vp.z, -guard, guard);`]],
+    // So near nothing is drawn.
+    gsplatCenterVS: [['centerView.z > 0.0', 'centerView.z > -0.2']]
+};
+// PlayCanvas takes the weight where it ends an ellipse, e^-4, from all weights before.
 const WEIGHT = `void modifySplatColor(vec2 uv, inout vec4 color) {
-    color.a = mix(gaussianColor.a, color.a, 1.0 - exp(-4.0));
+    color.a = min(0.99, mix(gaussianColor.a, color.a, 1.0 - exp(-4.0)));
 }`;
 
-// PlayCanvas's parts of shaders, changed so that it draws what the engine draws.
 function correct(app, device) {
-    const parts = app.scene.gsplat.material.getShaderChunks(pc.SHADERLANGUAGE_GLSL);
-    const code = pc.ShaderChunks.get(device, pc.SHADERLANGUAGE_GLSL).get('gsplatCornerVS');
-    const wider = code.replaceAll('+ 0.3;', `+ ${FILTER.toFixed(1)};`);
-    if (wider === code) throw new Error('another PlayCanvas than this page was made for');
-    parts.set('gsplatCornerVS', wider);
-    parts.set('gsplatModifyPS', WEIGHT);
+    const all = pc.ShaderChunks.get(device, pc.SHADERLANGUAGE_GLSL);
+    const ours = app.scene.gsplat.material.getShaderChunks(pc.SHADERLANGUAGE_GLSL);
+    for (const [name, changes] of Object.entries(CORRECTIONS))
+        ours.set(name, changes.reduce((code, [theirs, text]) => {
+            if (!code.includes(theirs)) throw new Error('another PlayCanvas than this page was made for');
+            return code.replaceAll(theirs, text);
+        }, all.get(name)));
+    ours.set('gsplatModifyPS', WEIGHT);
     app.scene.gsplat.material.update();
 }
 
@@ -28,12 +39,17 @@ function project(matrix, view, near, far) {
         (far + near) / (near - far), -1, 0, 0, 2 * far * near / (near - far), 0]);
 }
 
-// Loads the model of this page. `lost` is called where the browser takes the GPU away.
-export async function openDrawing({background, extent}, lost) {
+// Loads the model of this page. `again` is called when there is a better order of the Gaussians to draw in, `lost` where the
+// browser takes the GPU away.
+export async function openDrawing({background, extent}, again, lost) {
     const canvas = document.createElement('canvas');
     const device = await pc.createGraphicsDevice(canvas,
         {deviceTypes: [pc.DEVICETYPE_WEBGL2], antialias: false, depth: false, stencil: false, preserveDrawingBuffer: true});
-    device.on('devicelost', lost);
+    let fail = () => {};
+    device.on('devicelost', () => {
+        lost();
+        fail(new Error('the GPU is gone'));
+    });
     const options = new pc.AppOptions(), app = new pc.AppBase(canvas);
     Object.assign(options, {graphicsDevice: device, componentSystems: [pc.CameraComponentSystem, pc.GSplatComponentSystem],
         resourceHandlers: [pc.GSplatHandler]});
@@ -58,14 +74,14 @@ export async function openDrawing({background, extent}, lost) {
     model.addComponent('gsplat', {asset});
     app.root.addChild(model);
 
-    let ready = false, sorting = false;
-    app.systems.gsplat.on('frame:request', () => sorting = true);
+    let ready = false;
+    app.systems.gsplat.on('frame:request', again);
     app.systems.gsplat.on('frame:ready', (camera, layer, done, loading) => ready = done && !loading);
     app.start();
     return {
         canvas,
         any: false, // whether the model is on the canvas
-        // Draws once, as well as the order of the Gaussians is known. Whether it is that of this camera.
+        // Draws once, in the order of the newest camera for which the Gaussians are sorted.
         async frame(camera, of, width, height) {
             const [right, down, forward] = camera.R;
             view = of;
@@ -73,14 +89,12 @@ export async function openDrawing({background, extent}, lost) {
             eye.setPosition(...camera.c);
             eye.setRotation(new pc.Quat().setFromMat4(new pc.Mat4().set(
                 [...right, 0, ...down.map(v => -v), 0, ...forward.map(v => -v), 0, 0, 0, 0, 1])));
-            ready = sorting = false;
             app.renderNextFrame = true;
             await new Promise((done, failed) => {
+                fail = failed;
                 app.once('frameend', done);
-                device.once('devicelost', () => failed(new Error('the GPU is gone')));
             });
             this.any ||= ready;
-            return ready && !sorting;
         }
     };
 }
