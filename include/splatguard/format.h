@@ -17,7 +17,7 @@ enum sg_model_format {
     SG_MODEL_PLY,            /* .ply: the layout of the reference, see sg_model_write_ply */
     SG_MODEL_COMPRESSED_PLY, /* .compressed.ply: of SuperSplat, 16 bytes a Gaussian and SH */
     SG_MODEL_SPLAT,          /* .splat: 32 bytes a Gaussian, without SH of degree 1 and above */
-    SG_MODEL_SPZ,            /* .spz: of Niantic, versions 2 and 3; where zlib was at build */
+    SG_MODEL_SPZ,            /* .spz: of Niantic, versions 2 to 4; where zlib, for 4 zstd, was */
     SG_MODEL_KSPLAT,         /* .ksplat: of GaussianSplats3D; is read only */
     SG_MODEL_SOG,            /* .sog: of PlayCanvas, version 2; where zlib was at build */
     SG_MODEL_GLB,            /* .glb: glTF with KHR_gaussian_splatting; is written only */
@@ -51,7 +51,7 @@ SG_API int sg_model_bake(sg_ctx *ctx, const struct sg_model *model, const struct
 
 struct sg_model_file {
     enum sg_model_format format; /* Default SG_MODEL_AUTO. */
-    int spz_version;             /* 2, or 3 with finer rotations. Default 3. */
+    int spz_version;             /* 2, 3 with finer rotations, 4 with zstd. Default 3. */
 };
 #define SG_MODEL_FILE_DEFAULTS .spz_version = 3
 SG_API struct sg_model_file sg_model_file_default(void);

@@ -66,11 +66,8 @@ static int read_from(sg_ctx *ctx, struct sg_source *in, uint64_t max_gaussians,
                      struct sg_model **out)
 {
     const enum sg_model_format named = sg_model_format_of(in->path);
-    if (starts_with(in, "\x1f\x8b", 2))
+    if (starts_with(in, "\x1f\x8b", 2) || starts_with(in, "NGSP", 4))
         return sg_spz_read(ctx, in, max_gaussians, out);
-    if (starts_with(in, "NGSP", 4))
-        return sg_fail(ctx, SG_ERR_INPUT, "%s: found .spz of version 4 or above, expected 2 or 3",
-                       in->path);
     if (starts_with(in, "PK\3\4", 4))
         return sg_sog_read(ctx, in, max_gaussians, out);
     if (starts_with(in, "glTF", 4))
@@ -122,8 +119,8 @@ static int check_file(sg_ctx *ctx, const char *path, const struct sg_model_file 
                        "%s: found no format, expected a name that ends with .ply, "
                        ".compressed.ply, .splat, .spz, .sog or .glb",
                        path);
-    if (file->spz_version != 2 && file->spz_version != 3)
-        return sg_fail(ctx, SG_ERR_USAGE, "spz_version: found %d, expected 2 or 3",
+    if (file->spz_version < 2 || file->spz_version > 4)
+        return sg_fail(ctx, SG_ERR_USAGE, "spz_version: found %d, expected 2 to 4",
                        file->spz_version);
     return SG_OK;
 }

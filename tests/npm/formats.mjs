@@ -70,13 +70,14 @@ const compare = (name) => { // both read one file
 // Our files in their readers.
 for (const name of ['ours.splat', 'ours.compressed.ply', 'ours.sog'])
     run(tool, 'convert', model, at(name), '-q');
-run(tool, 'convert', model, at('ours-2.spz'), '--spz-version', '2', '-q');
-run(tool, 'convert', model, at('ours-3.spz'), '--spz-version', '3', '-q');
-['ours.splat', 'ours.compressed.ply', 'ours.sog', 'ours-2.spz', 'ours-3.spz'].forEach(compare);
+for (const version of [2, 3, 4])
+    run(tool, 'convert', model, at(`ours-${version}.spz`), '--spz-version', `${version}`, '-q');
+['ours.splat', 'ours.compressed.ply', 'ours.sog', 'ours-2.spz', 'ours-3.spz', 'ours-4.spz'].forEach(compare);
 
-// Their files in our readers. splat-transform writes .spz of version 4, so spz itself writes the others.
+// Their files in our readers. splat-transform writes no .spz of version 2, so spz itself writes these.
 run('node', splatTransform, '-q', model, at('theirs.compressed.ply'));
 run('node', splatTransform, '-q', '-g', 'cpu', model, at('theirs.sog'));
+run('node', splatTransform, '-q', model, at('theirs-4.spz'));
 const spz = await createSpz();
 const cloud = await spz.loadSpzFromBuffer(readFileSync(at('ours-3.spz')), { to: spz.CoordinateSystem.RDF });
 for (const version of [2, 3])
@@ -89,7 +90,7 @@ for (const level of [0, 1, 2]) {
     const buffer = SplatBufferGenerator.getStandardGenerator(0, level, 0).generateFromUncompressedSplatArray(splats);
     writeFileSync(at(`theirs-${level}.ksplat`), new Uint8Array(buffer.bufferData));
 }
-['theirs.compressed.ply', 'theirs-2.spz', 'theirs-3.spz', 'theirs-0.ksplat', 'theirs-1.ksplat',
+['theirs.compressed.ply', 'theirs-2.spz', 'theirs-3.spz', 'theirs-4.spz', 'theirs-0.ksplat', 'theirs-1.ksplat',
     'theirs-2.ksplat', 'theirs.sog'].forEach(compare);
 
 // .glb: no reader there, so both write one.
