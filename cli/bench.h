@@ -109,6 +109,9 @@ double store_metric(struct store *s, const char *key, const char *name);
 /* Replaces a job's rows in one transaction. */
 int store_put(struct store *s, const struct job *job, const struct outcome *o);
 
+/* Whether a table has a column, which those of older databases can lack. */
+int store_has(struct store *s, const char *table, const char *column, bool *has);
+
 /* Calls row for each row of a query, with texts of its columns, NULL for null; a result other than
  * 0 stops. Returns an exit code. */
 int store_query(struct store *s, const char *sql,

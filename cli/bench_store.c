@@ -29,7 +29,7 @@ static const char schema[] =
     "CREATE TABLE plan(name TEXT PRIMARY KEY, text TEXT) WITHOUT ROWID;"
     "CREATE TABLE metric(key TEXT, name TEXT, value REAL, PRIMARY KEY(key, name)) WITHOUT ROWID;"
     "CREATE TABLE curve(key TEXT, iteration INT, gaussians INT, loss REAL, psnr REAL,"
-    " instances INT, seconds REAL, PRIMARY KEY(key, iteration)) WITHOUT ROWID;"
+    " instances INT, seconds REAL, ledger_bytes INT, PRIMARY KEY(key, iteration)) WITHOUT ROWID;"
     "CREATE TABLE view(key TEXT, name TEXT, psnr REAL, ssim REAL, PRIMARY KEY(key, name))"
     " WITHOUT ROWID;";
 
@@ -107,6 +107,43 @@ static int check_kind(struct store *s)
     return STATUS_DONE;
 }
 
+/* Ends a transaction: what is half done is undone. */
+static int end(struct store *s, int code)
+{
+    if (!code)
+        code = run(s, "COMMIT");
+    if (code)
+        sqlite3_exec(s->db, "ROLLBACK", NULL, NULL, NULL);
+    return code;
+}
+
+int store_has(struct store *s, const char *table, const char *column, bool *has)
+{
+    char sql[160];
+    long columns = 0;
+    snprintf(sql, sizeof(sql), "SELECT count(*) FROM pragma_table_info('%s') WHERE name='%s'",
+             table, column);
+    if (sqlite3_exec(s->db, sql, read_number, &columns, NULL))
+        return failed(s);
+    *has = columns > 0;
+    return STATUS_DONE;
+}
+
+/* Adds what an older database lacks. */
+static int upgrade(struct store *s)
+{
+    bool has = false;
+    int code = run(s, "BEGIN IMMEDIATE");
+    if (code)
+        return code;
+    code = run(s, later);
+    if (!code)
+        code = store_has(s, "curve", "ledger_bytes", &has);
+    if (!code && !has)
+        code = run(s, "ALTER TABLE curve ADD COLUMN ledger_bytes INT");
+    return end(s, code);
+}
+
 int store_open(const char *path, bool must_exist, struct store **out)
 {
     struct store *s = *out = calloc(1, sizeof(*s));
@@ -124,7 +161,7 @@ int store_open(const char *path, bool must_exist, struct store **out)
     int code = check_kind(s);
     if (!code && !must_exist)
         code = check_whole(s);
-    return code || must_exist ? code : run(s, later);
+    return code || must_exist ? code : upgrade(s);
 }
 
 void store_close(struct store **store)
@@ -171,16 +208,6 @@ static int put(struct store *s, const char *sql, const char *types, ...)
     const int result = sqlite3_step(q);
     const int code = result == SQLITE_DONE || result == SQLITE_ROW ? STATUS_DONE : failed(s);
     sqlite3_finalize(q);
-    return code;
-}
-
-/* Ends a transaction: what is half done is undone. */
-static int end(struct store *s, int code)
-{
-    if (!code)
-        code = run(s, "COMMIT");
-    if (code)
-        sqlite3_exec(s->db, "ROLLBACK", NULL, NULL, NULL);
     return code;
 }
 
@@ -267,10 +294,10 @@ static int put_curve(struct store *s, const char *key, const char *log)
         const size_t n = strcspn(line, "\n");
         json_t *o = json_loadb(line, n, 0, NULL);
         if (json_is_object(o) && json_object_get(o, "gaussians") && json_object_get(o, "loss"))
-            code = put(s, "INSERT OR REPLACE INTO curve VALUES(?,?,?,?,?,?,?)", "tirrrrr", key,
+            code = put(s, "INSERT OR REPLACE INTO curve VALUES(?,?,?,?,?,?,?,?)", "tirrrrrr", key,
                        (long long) number_of(o, "iteration"), number_of(o, "gaussians"),
                        number_of(o, "loss"), number_of(o, "psnr"), number_of(o, "instances"),
-                       number_of(o, "train_seconds"));
+                       number_of(o, "train_seconds"), number_of(o, "ledger_bytes"));
         json_decref(o);
         line += n + (line[n] == '\n');
     }
@@ -438,6 +465,13 @@ double store_metric(struct store *s, const char *key, const char *name)
 int store_put(struct store *s, const struct job *job, const struct outcome *o)
 {
     (void) s, (void) job, (void) o;
+    return STATUS_INTERNAL;
+}
+
+int store_has(struct store *s, const char *table, const char *column, bool *has)
+{
+    (void) s, (void) table, (void) column;
+    *has = false;
     return STATUS_INTERNAL;
 }
 

@@ -47,7 +47,7 @@ struct report {
     struct group *groups;
     size_t n_groups;
     json_t *plans;  /* by name */
-    json_t *curves; /* key: list of [iteration, Gaussians, PSNR, instances] */
+    json_t *curves; /* key: list of [iteration, Gaussians, PSNR, instances, bytes] */
     /* key: {photo, render: {view, png (base64), radial, angular (lists)}} */
     json_t *pictures;
 };

@@ -137,9 +137,9 @@ function series(id, title, list, low, at) {
 }
 
 // A column of the curves over the iterations, one line a run.
-function lines(id, title, column, chosen) {
+function lines(id, title, column, chosen, scale = 1) {
     series(id, title, chosen.map(r => ({name: `${r.photos}, ${r.defense}, seed ${r.seed}`, defense: r.defense,
-        dashed: r.photos === 'clean', points: r.curve.filter(p => p[column] !== null).map(p => [p[0], p[column]])})), 0, Infinity);
+        dashed: r.photos === 'clean', points: r.curve.filter(p => p[column] !== null).map(p => [p[0], p[column] * scale])})), 0, Infinity);
 }
 
 // Runs with pictures, those without a defense first: their photos are those of all.
@@ -197,12 +197,13 @@ function draw() {
     bars('quality', 'PSNR on the test views of the clean scene, dB', 'psnr', chosen);
     scatter('tradeoff', 'PSNR against Gaussians: circles on clean photos, squares on others', chosen);
     lines('growth', 'Gaussians over the iterations; dashed on clean photos', 1, chosen);
+    lines('instances', '(Gaussian, tile) pairs of the view over the iterations: what memory and time follow', 3, chosen);
+    lines('memory', 'Memory of the library over the iterations, MB; dashed on clean photos', 4, chosen, 1e-6);
     spectra('radial', 'Energy over frequency in cycles per pixel, log10 of the mean over training views; dashed on clean photos',
         'radial', chosen, (v, i) => [(i + .5) / 128, Math.log10(v)], -2, .375);
     spectra('angular', 'Share of the energy between 0.15 and 0.45 cycles per pixel by direction in degrees',
         'angular', chosen, (v, i) => [-180 + 10 * (i + .5), v], 0, 0);
     crops(chosen);
-    lines('instances', '(Gaussian, tile) pairs of the view over the iterations: what memory and time follow', 3, chosen);
 }
 
 choose('scene', scenes);

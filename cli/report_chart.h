@@ -8,7 +8,7 @@
 #include <stdio.h>
 
 /* What a line of log.jsonl has for them. */
-enum column { C_ITERATION, C_GAUSSIANS, C_LOSS, C_PSNR, C_INSTANCES, COLUMNS };
+enum column { C_ITERATION, C_GAUSSIANS, C_LOSS, C_PSNR, C_INSTANCES, C_MEMORY, COLUMNS };
 
 struct curves {
     double (*rows)[COLUMNS]; /* NAN: not known */

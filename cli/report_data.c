@@ -173,23 +173,29 @@ static int take_bin(void *arg, int columns, const char *const *v)
                                                                                      : STATUS_DONE;
 }
 
-static int count_row(void *arg, int columns, const char *const *v)
+/* Those of the first versions have no memory. */
+static int load_curves(struct keyed *k, struct store *s)
 {
-    (void) columns, (void) v;
-    ++*(int *) arg;
-    return STATUS_DONE;
+    bool has = false;
+    int code = store_has(s, "curve", "ledger_bytes", &has);
+    if (code)
+        return code;
+    return store_query(s,
+                       has ? "SELECT key, iteration, gaussians, psnr, instances, ledger_bytes"
+                             " FROM curve WHERE key IN (SELECT key FROM cell)"
+                             " ORDER BY key, iteration"
+                           : "SELECT key, iteration, gaussians, psnr, instances, NULL FROM curve"
+                             " WHERE key IN (SELECT key FROM cell) ORDER BY key, iteration",
+                       take_point, k);
 }
 
 /* Databases of the first versions have no pictures. */
 static int load_pictures(struct keyed *k, struct store *s)
 {
-    int tables = 0;
+    bool has = false;
     json_t *known = k->known;
-    int code = store_query(s,
-                           "SELECT name FROM sqlite_master WHERE type='table' AND name IN"
-                           " ('picture', 'spectrum')",
-                           count_row, &tables);
-    if (code || tables < 2)
+    int code = store_has(s, "spectrum", "value", &has);
+    if (code || !has)
         return code;
     k->known = json_copy(k->r->pictures);
     code = store_query(s,
@@ -258,10 +264,7 @@ int report_load(struct report *r, const char *path)
                            " WHERE key IN (SELECT key FROM cell)",
                            take_metric, &k);
     if (!code)
-        code = store_query(s,
-                           "SELECT key, iteration, gaussians, psnr, instances FROM curve"
-                           " WHERE key IN (SELECT key FROM cell) ORDER BY key, iteration",
-                           take_point, &k);
+        code = load_curves(&k, s);
     if (!code)
         code = load_pictures(&k, s);
     json_decref(k.index);

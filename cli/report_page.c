@@ -39,7 +39,7 @@ static void put_json(FILE *f, json_t *value)
 void put_page(FILE *f, const struct report *r)
 {
     static const char *const figures[] = {"gaussians", "quality", "tradeoff", "growth",
-                                          "instances", "radial",  "angular"};
+                                          "instances", "memory",  "radial",   "angular"};
     json_t *list = json_array();
     for (size_t i = 0; i < r->n; i++)
         if (!strcmp(r->results[i].status, "done"))

@@ -16,8 +16,8 @@
 #define LINE_MAX_BYTES (1 << 20) /* of log.jsonl */
 #define POINTS_MAX 4000 /* of a curve; of a longer log every second is left out, and so on */
 
-static const char *const column_names[COLUMNS] = {"iteration", "gaussians", "loss", "psnr",
-                                                  "instances"};
+static const char *const column_names[COLUMNS] = {"iteration", "gaussians", "loss",
+                                                  "psnr",      "instances", "ledger_bytes"};
 
 /* ---- the log ---- */
 
@@ -341,6 +341,7 @@ int put_run(FILE *f, const char *folder, const sg_run_summary *summary,
               "PSNR of the view of an iteration, dB; marks: of the test views");
     put_curve(f, &c, C_LOSS, 0, false, "Loss of the view of an iteration");
     put_curve(f, &c, C_INSTANCES, 0, false, "(Gaussian, tile) pairs of the view of an iteration");
+    put_curve(f, &c, C_MEMORY, 0, false, "Memory of the library over the iterations, bytes");
     fprintf(f, "</div>\n");
     put_budgets(f, summary);
     put_shares(f, summary);

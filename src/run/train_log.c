@@ -88,17 +88,18 @@ int sg_run_log_step(sg_run *r)
     if (r->logged == s->iteration || !s->iteration)
         return 0;
     r->logged = s->iteration;
-    json_t *line = json_pack(
-        "{s:i,s:o,s:o,s:o,s:o,s:o,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:o,s:o}", "iteration",
-        s->iteration, "loss", sg_number_json(s->loss), "l1", sg_number_json(s->l1), "ssim",
-        sg_number_json(s->ssim), "psnr", sg_number_json(s->psnr), "view",
-        sg_text_to_json(r->scene->train[s->view].name), "gaussians", (json_int_t) s->gaussians,
-        "cloned", (json_int_t) r->cloned, "split", (json_int_t) r->split, "pruned",
-        (json_int_t) r->pruned, "visible", (json_int_t) s->render.visible, "instances",
-        (json_int_t) s->render.instances, "max_tile", (json_int_t) s->render.max_tile,
-        "max_gaussians", (json_int_t) t->max_gaussians, "max_instances",
-        (json_int_t) t->max_instances, "train_seconds", sg_number_json(t->seconds), "cpu_seconds",
-        sg_number_json(t->cpu_seconds));
+    json_t *line =
+        json_pack("{s:i,s:o,s:o,s:o,s:o,s:o,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:o,s:o}",
+                  "iteration", s->iteration, "loss", sg_number_json(s->loss), "l1",
+                  sg_number_json(s->l1), "ssim", sg_number_json(s->ssim), "psnr",
+                  sg_number_json(s->psnr), "view", sg_text_to_json(r->scene->train[s->view].name),
+                  "gaussians", (json_int_t) s->gaussians, "cloned", (json_int_t) r->cloned, "split",
+                  (json_int_t) r->split, "pruned", (json_int_t) r->pruned, "visible",
+                  (json_int_t) s->render.visible, "instances", (json_int_t) s->render.instances,
+                  "max_tile", (json_int_t) s->render.max_tile, "max_gaussians",
+                  (json_int_t) t->max_gaussians, "max_instances", (json_int_t) t->max_instances,
+                  "ledger_bytes", (json_int_t) sg_mem_current(r->ctx, SG_MEM_TAGS), "train_seconds",
+                  sg_number_json(t->seconds), "cpu_seconds", sg_number_json(t->cpu_seconds));
     r->cloned = r->split = r->pruned = 0;
     if (r->train.defense.on) {
         json_object_set_new(line, "anisotropy", sg_number_json(s->defense.anisotropy));

@@ -36,10 +36,22 @@ expect 2 report no.db -o x; says 'no.db: file is not a database'
 
 # A database that an older version made, without pictures.
 sqlite3 r.db ".clone old.db" >/dev/null 2>&1
-sqlite3 old.db "pragma application_id=$(ask 'pragma application_id'); pragma user_version=1; drop table picture; drop table spectrum"
+sqlite3 old.db "pragma application_id=$(ask 'pragma application_id'); pragma user_version=1; drop table picture; drop table spectrum; alter table curve drop column ledger_bytes"
 expect 0 report old.db -o old -q
 grep -q '"pictures"' old/report.html && fail "pictures from nowhere"
 grep -q '"pictures"' page/report.html || fail "no pictures"
+# `bench` adds to it what it lacks.
+log=$(for log in r.db.work/*/run/log.jsonl; do echo "$log"; done | head -1)
+key=${log#r.db.work/} key=${key%%/*}
+held=$(sed -n 's/{"iteration": *20,.*"ledger_bytes": *\([0-9]*\).*/\1/p' "$log")
+[ "$held" -gt 0 ] || fail "the log says that the library holds '$held' bytes"
+sqlite3 old.db "delete from job where key='$key'" && ln -s r.db.work old.db.work
+expect 0 bench plan.json -o old.db -q; says ' 1 are done now, 0 failed'
+for db in r.db old.db; do
+    [ "$(sqlite3 $db "select ledger_bytes from curve where iteration=20 and key='$key'")" = "$held" ] || fail "$db has other memory than the log"
+done
+[ "$(sqlite3 old.db 'select count(distinct key) from curve where ledger_bytes is not null')" -eq 1 ] || fail "memory from nowhere"
+expect 0 report old.db -o old -q
 pictures=$(ask "select count(*) from picture")
 while [ "$pictures" -gt 0 ]; do
     pictures=$((pictures - 1))
@@ -72,6 +84,7 @@ grep -o 'class="mark" data-value="[^"]*"' dom.html | sed 's/.*="\([^"]*\)"/\1/' 
     ask "select value from metric join cell using(key) where name='eval.psnr'"
     ask "select gaussians from curve c join cell using(key) where iteration=20"
     ask "select instances from curve c join cell using(key) where iteration=20"
+    ask "select ledger_bytes / 1e6 from curve c join cell using(key) where iteration=20"
     # The photos are those of the runs without a defense.
     shown="from spectrum s join cell on of=key where (what='render' or defense<>'lg') and" # `off` has a stranger's name now
     ask "select log10(value) $shown s.kind='radial' and bin=48"

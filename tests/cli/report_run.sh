@@ -19,7 +19,21 @@ if command -v python3 >/dev/null; then
     grep -q '<th scope=row>memory<td>.*<td>1074 MB' $page || fail "no budget of memory"
     python3 "$source_dir/tests/cli/page_look.py" "file://$work/$page" || fail "the look"
 fi
-[ "$(grep -c '<svg role=img' $page)" -eq 4 ] || fail "not four curves"
+[ "$(grep -c '<svg role=img' $page)" -eq 5 ] || fail "not five curves"
+if command -v python3 >/dev/null; then # heights of the curve of the memory are those of the log
+    python3 - "$name" $page <<'END' || fail "the memory over the iterations"
+import json, re, sys
+log = [line for line in map(json.loads, open(sys.argv[1] + "/log.jsonl")) if "ledger_bytes" in line]
+most = json.load(open(sys.argv[1] + "/summary.json"))["peak_ledger_bytes"]
+held = [line["ledger_bytes"] for line in log]
+assert len(held) >= 6 and all(0 < h <= most for h in held), (held, most)
+figure = re.search('aria-label="Memory of the library.*?</figure>', open(sys.argv[2]).read(), re.S).group()
+drawn = re.search('class=curve d="M(.*?)"', figure).group(1).split("L")
+assert len(drawn) == len(held), drawn
+for point, h in zip(drawn, held): # 210 is 0 and 24 the most
+    assert abs((210 - float(point.split()[1])) / 186 - h / max(held)) < 1e-3, (point, h)
+END
+fi
 [ "$(grep -o 'class=mark data-value' $page | wc -l)" -eq 2 ] || fail "not two measurements"
 [ "$(grep -o 'data:image/png;base64' $page | wc -l)" -ge 3 ] || fail "no pictures"
 grep -q -- '--max-gaussians<td>400<td>0$' $page || fail "an option is missing"
