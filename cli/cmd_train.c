@@ -118,7 +118,11 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
     run->source = p->source ? p->source : run->source;
     run->scene.follow_links = p->scene.follow_links; /* permission is given anew for each run */
     run->scene.strict = p->scene.strict;
-    if (p->train.cpu) /* for a machine without the run's: the last digits may differ */
+    /* For a machine without the run's: the last digits may differ. A variant is one of an engine.
+     */
+    if (options_given(t, given, T(run.train.engine)))
+        run->train.engine = p->train.engine, run->train.cpu = NULL;
+    if (p->train.cpu)
         run->train.cpu = p->train.cpu;
     if (p->train.iterations > run->train.iterations &&
         options_given(t, given, T(run.train.iterations)))

@@ -55,6 +55,9 @@ expect 0 eval warm --json
 psnr=$(sed 's/.*"psnr": \([0-9.]*\).*/\1/' out)
 grep -q "\"psnr\": ${psnr%?}" warm/summary.json || fail "eval says $psnr, summary.json $(grep psnr warm/summary.json)"
 expect 0 train --resume again --iterations 50 -q
+# Another engine goes on from the checkpoint.
+expect 0 train --resume again --iterations 52 -q --engine ref
+grep -q '"engine": "ref"' again/config.json || fail "config.json has $(grep engine again/config.json)"
 
 # Another scene of the same size is another scene.
 expect 0 synth -o other --width 64 --height 48 --train-views 6 --test-views 2 --points 300 --samples 1 --seed 5
