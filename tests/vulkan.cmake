@@ -42,6 +42,20 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
     sg_vulkan_test(anisotropy test_anisotropy${suffix} 256)
     sg_vulkan_test(training test_vulkan 256)
     sg_vulkan_test(memory test_device_memory 256)
+    # Scripts of the command line with this engine instead of the default, without the layer. The others compute nothing,
+    # stop before they do (errors, usage), or take minutes on such a driver and have a short form here (defense, attack).
+    function(sg_vulkan_script name script)
+        add_test(NAME vulkan_script_${name} COMMAND sh ${script} $<TARGET_FILE:splatguard_tool> ${PROJECT_SOURCE_DIR}
+            ${PROJECT_BINARY_DIR}/vulkan-tests/${name})
+        set_tests_properties(vulkan_script_${name} PROPERTIES LABELS vulkan SKIP_RETURN_CODE 77 TIMEOUT 900
+            ENVIRONMENT "SG_TEST_ENGINE=vulkan:llvmpipe;VK_ICD_FILENAMES=${icd};VK_DRIVER_FILES=${icd}")
+    endfunction()
+    if(TARGET splatguard_tool)
+        foreach(name train resume models outputs prune report_run)
+            sg_vulkan_script(${name} ${PROJECT_SOURCE_DIR}/tests/cli/${name}.sh)
+        endforeach()
+        sg_vulkan_script(defense_attack ${CMAKE_CURRENT_SOURCE_DIR}/tests/vulkan/defense_attack.sh)
+    endif()
     sg_vulkan_test(widths sh all ${CMAKE_CURRENT_SOURCE_DIR}/tests/vulkan/widths.sh $<TARGET_FILE:test_vulkan>)
 else()
     add_test(NAME vulkan COMMAND sh -c

@@ -4,7 +4,22 @@
 set -u
 tool=$1 source_dir=$2 work=$3
 unset SG_CPU
-rm -rf "$work" && mkdir -p "$work" && cd "$work" || exit 1
+rm -rf "$work" "$work.tool" && mkdir -p "$work" && cd "$work" || exit 1
+
+# SG_TEST_ENGINE=NAME: commands that draw use that engine instead of the default, unless the script
+# names an engine or a CPU variant itself. The tool is then a script that becomes the tool.
+if [ -n "${SG_TEST_ENGINE-}" ]; then
+    mkdir "$work.tool"
+    cat >"$work.tool/splatguard" <<END
+#!/bin/sh
+case "\${1-}" in train | eval | render | attack | compare | prune | view | export)
+    case " \$* " in *' --engine '* | *' --backend '* | *' --cpu '* | *' --help '*) ;; *) set -- "\$@" --engine '$SG_TEST_ENGINE' ;; esac ;;
+esac
+exec '$tool' "\$@"
+END
+    chmod +x "$work.tool/splatguard"
+    tool=$work.tool/splatguard
+fi
 
 fail() { echo "FAILED: $*" >&2; [ -f err ] && sed 's/^/  stderr: /' err >&2; exit 1; }
 

@@ -61,46 +61,6 @@ expect 0 eval mip --json -r 2
 expect 0 eval mip/point_cloud/iteration_120/point_cloud.ply --scene scene/blender --json --mip-filter
 grep -q "\"psnr\": ${psnr%??}" out || fail "the PLY alone measures differently: $(cat out), run: $psnr"
 
-# A model of anchors: eval and render make its Gaussians with the networks beside it.
-expect 0 train scene/blender -o anchors --eval $short --init-points 500 --model scaffold --anchors-from-iter 40 \
-    --voxel-size 0.02
-expect 0 eval anchors --json
-psnr=$(sed 's/.*"psnr": \([0-9.]*\).*/\1/' out)
-grep -q "\"psnr\": ${psnr%??}" anchors/summary.json || fail "eval says $psnr, summary.json $(grep psnr anchors/summary.json)"
-gaussians=$(sed 's/.*"gaussians": \([0-9]*\).*/\1/' out)
-grep -q "\"final_gaussians\": $gaussians" anchors/summary.json || fail "eval says $gaussians Gaussians"
-expect 0 info anchors --json; grep -q "\"anchors\": ${gaussians%0}[,}]" out || fail "$(cat out)"
-anchors=anchors/point_cloud/iteration_120/point_cloud.ply
-expect 0 eval $anchors --scene scene/blender --json
-grep -q "\"psnr\": ${psnr%??}" out || fail "the files alone measure differently: $(cat out), run: $psnr"
-expect 0 export anchors baked.ply --view-independent; grep -q '^lost: ' out || fail "$(cat out)"
-expect 0 eval baked.ply --scene scene/blender --json; grep -q '"views": 2' out || fail "$(cat out)"
-expect 1 export anchors other.ply; says view-independent
-expect 1 export run other.ply --view-independent; says 'expected anchors'
-[ ! -e other.ply ] || fail "export left a file"
-expect 2 convert anchors anchors.ply; says 'found anchors of Scaffold-GS'
-expect 2 train scene/blender -o none --init $anchors; says 'found anchors of Scaffold-GS'
-expect 1 train scene/blender -o none --model scaffold --strategy mcmc; says 'found scaffold with another strategy'
-mv anchors/point_cloud/iteration_120/networks.safetensors .
-expect 2 eval anchors; says networks.safetensors
-mv networks.safetensors anchors/point_cloud/iteration_120
-expect 0 train scene/blender -o looks --eval $short --init-points 300 --model scaffold --voxel-size 0.02 \
-    --photo-appearance
-expect 0 eval looks --json
-psnr=$(sed 's/.*"psnr": \([0-9.]*\).*/\1/' out)
-grep -q "\"psnr\": ${psnr%??}" looks/summary.json || fail "eval says $psnr, summary.json $(grep psnr looks/summary.json)"
-expect 0 eval looks --json --appearance mean
-grep -q "\"psnr\": ${psnr%??}" out && fail "the mean of the appearances measures like the first two: $(cat out)"
-for photo in 0 1 index; do
-    expect 0 render looks -o looks-$photo --appearance $photo -q
-done
-cmp looks-0/r_0.png looks-index/r_0.png || fail "the first view does not have the appearance of photo 0"
-cmp looks-1/r_1.png looks-index/r_1.png || fail "the second view does not have the appearance of photo 1"
-cmp -s looks-0/r_0.png looks-1/r_0.png && fail "photos 0 and 1 have the same appearance"
-expect 0 export looks looks.ply --view-independent
-expect 0 train scene/blender -o anchors --force --iterations 20 --init-points 500 -q
-[ "$(find anchors -name '*.safetensors')" = "" ] || fail "--force left networks"
-
 expect 0 info run; grep -q 'SH degree 3' out || fail "$(cat out)"
 expect 0 info $model --json; grep -q '"nonfinite": 0' out || fail "$(cat out)"
 
@@ -112,6 +72,6 @@ expect 0 train scene/colmap -o run --force --eval --iterations 20 --quiet
 
 # Starting from a model; CPU variants and the environment.
 expect 0 train scene/blender -o from --init run/point_cloud/iteration_20/point_cloud.ply --iterations 2 -q
-SG_CPU=baseline expect 0 train scene/blender -o base --iterations 2 --init-points 100 -q
+SG_CPU=baseline expect 0 train scene/blender -o base --iterations 2 --init-points 100 -q --engine cpu
 grep -q '"cpu_variant": "baseline"' base/config.json || [ "$(uname -m)" != x86_64 ] || fail "SG_CPU is ignored"
 expect 1 train scene/blender -o none --iterations 2 --cpu abacus --init-points 100 -q
