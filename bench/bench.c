@@ -40,7 +40,7 @@ static struct sg_model *ordered(sg_ctx *ctx, struct sg_model *m)
     struct sg_model *out;
     for (size_t i = 0; i < m->count; i++)
         source[i] = (uint32_t) i;
-    if (sg_morton_order(ctx, &(struct sg_places){m->params, m->count, NULL, planes}, source,
+    if (sg_morton_order(ctx, &(struct sg_places){m->params, m->count, NULL, planes, 0}, source,
                         m->count, order) ||
         sg_model_create(ctx, m->count, m->sh_degree, &out))
         bench_fail(ctx, "order");

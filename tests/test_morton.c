@@ -30,7 +30,7 @@ static void test_order(void **state)
     uint8_t *seen = calloc(N, 1);
     for (uint32_t i = 0; i < N; i++)
         source[i] = i;
-    const struct sg_places places = {m->params, N, NULL, sg_param_count(0)};
+    const struct sg_places places = {m->params, N, NULL, sg_param_count(0), 0};
     assert_int_equal(sg_morton_order(ctx, &places, source, N, order), SG_OK);
     double before = 0, after = 0;
     for (size_t i = 0; i < N; i++) {

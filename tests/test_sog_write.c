@@ -21,7 +21,7 @@ static float highest(const struct sg_model *m, int plane, bool least)
 /* The Gaussians of m in the order of the file. */
 static uint32_t *order_of(sg_ctx *ctx, const struct sg_model *m)
 {
-    const struct sg_places places = {m->params, m->count, NULL, sg_param_count(m->sh_degree)};
+    const struct sg_places places = {m->params, m->count, NULL, sg_param_count(m->sh_degree), 0};
     uint32_t *all = malloc(m->count * sizeof(*all)), *order = malloc(m->count * sizeof(*order));
     for (size_t i = 0; i < m->count; i++)
         all[i] = (uint32_t) i;

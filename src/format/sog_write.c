@@ -265,7 +265,7 @@ static int write_sh(struct writer *w)
 static int find_order(struct writer *w)
 {
     const struct sg_model *m = w->m;
-    const struct sg_places places = {m->params, m->count, NULL, sg_param_count(m->sh_degree)};
+    const struct sg_places places = {m->params, m->count, NULL, sg_param_count(m->sh_degree), 0};
     uint32_t *all = sg_alloc_raw(w->ctx, SG_MEM_MISC, m->count, sizeof(*all));
     w->order = sg_alloc_raw(w->ctx, SG_MEM_MISC, m->count, sizeof(*w->order));
     for (size_t i = 0; i < m->count && all; i++)

@@ -156,16 +156,21 @@ static void shrink(float *p, int first, int planes)
 }
 #undef AT
 
-/* Where the rows of an edited model come from. */
-struct moves {
-    const struct sg_edit *edit;
-    const struct sg_host_model *h; /* before */
-    /* of every item, first those kept, then those appended: its index before the edit, or the old
-     * count plus its row among the edit's */
-    uint32_t *source;
-    uint32_t *order; /* of every row after the edit: its item */
-    size_t count;    /* items */
-};
+/* In the order of the table: positions are drawn before scales shrink. */
+void sg_host_make_child(float *p, const struct sg_edit *edit, size_t entry)
+{
+    for (int c = 0; sg_column_is_parameter(c); c++)
+        if (sg_columns[c].fate[SG_EDIT_CHILD] == SG_FATE_DRAW)
+            draw_position(p, edit, entry);
+        else if (sg_columns[c].fate[SG_EDIT_CHILD] == SG_FATE_SHRINK)
+            shrink(p, sg_columns[c].first, sg_columns[c].planes);
+}
+
+enum sg_edit_kind sg_moves_kind(const struct sg_moves *moves, size_t item)
+{
+    const size_t kept = moves->edit->kept;
+    return item < kept ? SG_EDIT_KEEP : (enum sg_edit_kind) moves->edit->kind[item - kept];
+}
 
 /* A column as it lies in an array. */
 struct part {
@@ -175,9 +180,11 @@ struct part {
 
 /* Rows of one array after an edit. */
 struct edit_job {
-    const struct moves *moves;
+    const struct sg_moves *moves;
+    size_t before;            /* Gaussians */
     const float *from, *rows; /* rows: of the edit, or NULL */
     float *to;
+    bool parameters;
     int planes, n_parts;
     struct part parts[SG_COLUMNS];
 };
@@ -190,30 +197,22 @@ static void copy_planes(const struct part *part, const float *from, float *to)
 
 static void edit_row(const struct edit_job *j, size_t i)
 {
-    const struct moves *m = j->moves;
-    const struct sg_edit *e = m->edit;
-    const size_t item = m->order[i], entry = item - e->kept, source = m->source[item];
-    const enum sg_edit_kind kind =
-        item < e->kept ? SG_EDIT_KEEP : (enum sg_edit_kind) e->kind[entry];
+    const struct sg_moves *m = j->moves;
+    const size_t item = m->order[i], source = m->source[item];
+    const enum sg_edit_kind kind = sg_moves_kind(m, item);
     const float *from = NULL;
     if (kind != SG_EDIT_INSERT)
         from = j->from + sg_param_index(j->planes, source, 0);
     else if (j->rows)
-        from = j->rows + sg_param_index(j->planes, source - m->h->count, 0);
+        from = j->rows + sg_param_index(j->planes, source - j->before, 0);
     float *to = j->to + sg_param_index(j->planes, i, 0);
     for (int k = 0; k < j->n_parts; k++) {
         const enum sg_fate fate = j->parts[k].fate[kind];
-        const bool zero = fate == SG_FATE_ZERO || (fate == SG_FATE_ASKED && !e->statistics);
+        const bool zero = fate == SG_FATE_ZERO || (fate == SG_FATE_ASKED && !m->edit->statistics);
         copy_planes(&j->parts[k], zero ? NULL : from, to);
     }
-    if (kind != SG_EDIT_CHILD)
-        return;
-    /* In the order of the table: positions are drawn before scales shrink. */
-    for (int k = 0; k < j->n_parts; k++)
-        if (j->parts[k].fate[kind] == SG_FATE_DRAW)
-            draw_position(to, e, entry);
-        else if (j->parts[k].fate[kind] == SG_FATE_SHRINK)
-            shrink(to, j->parts[k].first, j->parts[k].end - j->parts[k].first);
+    if (kind == SG_EDIT_CHILD && j->parameters)
+        sg_host_make_child(to, m->edit, item - m->edit->kept);
 }
 
 #define EDIT_BLOCKS 64 /* a piece of work */
@@ -227,8 +226,7 @@ static void edit_piece(void *arg, size_t piece, int thread)
         edit_row(j, i);
 }
 
-/* What inserted rows have for the array of a column; NULL: nothing. */
-static const float *rows_of(const struct sg_model *rows, int column)
+const float *sg_host_rows_of(const struct sg_model *rows, int column)
 {
     if (!rows || column == SG_C_PARAMETERS)
         return rows ? rows->params : NULL;
@@ -236,12 +234,15 @@ static const float *rows_of(const struct sg_model *rows, int column)
 }
 
 /* Replaces one array by what the edit makes of it, so that only one exists twice at any time. */
-static int edit_array(sg_ctx *ctx, struct sg_host_model *h, int column, const struct moves *moves)
+static int edit_array(sg_ctx *ctx, struct sg_host_model *h, int column,
+                      const struct sg_moves *moves)
 {
     const size_t most = sg_blocks(moves->count), block = block_bytes(h, column);
     struct edit_job job = {.moves = moves,
+                           .before = h->count,
+                           .parameters = column == SG_C_PARAMETERS,
                            .from = h->at[column],
-                           .rows = rows_of(moves->edit->rows, column),
+                           .rows = sg_host_rows_of(moves->edit->rows, column),
                            .to = sg_alloc_raw(ctx, sg_column_tag(column), most, block),
                            .planes = sg_column_array_planes(column, h->sh_degree)};
     for (int c = column; c == column || (column == SG_C_PARAMETERS && sg_column_is_parameter(c));
@@ -261,12 +262,14 @@ static int edit_array(sg_ctx *ctx, struct sg_host_model *h, int column, const st
 
 #define ORDER_FROM 4096 /* Gaussians; fewer fit the caches in any order */
 
-static int plan_moves(sg_ctx *ctx, struct moves *m)
+int sg_host_plan_edit(sg_ctx *ctx, const struct sg_host_model *h, const struct sg_edit *e,
+                      struct sg_moves *out)
 {
-    const struct sg_host_model *h = m->h;
-    const struct sg_edit *e = m->edit;
-    m->source = sg_alloc_raw(ctx, SG_MEM_MODEL, m->count, sizeof(*m->source));
-    m->order = sg_alloc_raw(ctx, SG_MEM_MODEL, m->count, sizeof(*m->order));
+    const size_t count = e->kept + e->appended;
+    struct sg_moves *m = out;
+    *m = (struct sg_moves){.edit = e, .count = count};
+    m->source = sg_alloc_raw(ctx, SG_MEM_MODEL, count, sizeof(*m->source));
+    m->order = sg_alloc_raw(ctx, SG_MEM_MODEL, count, sizeof(*m->order));
     if (!m->source || !m->order)
         return SG_ERR_BUDGET;
     size_t to = 0;
@@ -275,14 +278,21 @@ static int plan_moves(sg_ctx *ctx, struct moves *m)
             m->source[to++] = (uint32_t) i;
     for (size_t i = 0; i < e->appended; i++)
         m->source[to++] = e->source[i] + (e->kind[i] == SG_EDIT_INSERT ? (uint32_t) h->count : 0);
-    for (size_t i = 0; i < m->count; i++)
+    for (size_t i = 0; i < count; i++)
         m->order[i] = (uint32_t) i;
     const struct sg_places places = {.params = h->at[SG_C_PARAMETERS],
                                      .count = h->count,
                                      .rows = e->rows ? e->rows->params : NULL,
-                                     .planes = h->planes};
-    return m->count < ORDER_FROM ? SG_OK
-                                 : sg_morton_order(ctx, &places, m->source, m->count, m->order);
+                                     .planes = h->planes,
+                                     .row_planes =
+                                         e->rows ? sg_param_count(e->rows->sh_degree) : 0};
+    return count < ORDER_FROM ? SG_OK : sg_morton_order(ctx, &places, m->source, count, m->order);
+}
+
+void sg_moves_clear(struct sg_moves *moves)
+{
+    sg_free(moves->order);
+    sg_free(moves->source);
 }
 
 static void drop(struct sg_host_model *h, unsigned bits)
@@ -296,9 +306,9 @@ static void drop(struct sg_host_model *h, unsigned bits)
 
 int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *e)
 {
-    struct moves moves = {.edit = e, .h = h, .count = e->kept + e->appended};
+    struct sg_moves moves;
     drop(h, SG_COLUMN_LOST);
-    int code = plan_moves(ctx, &moves);
+    int code = sg_host_plan_edit(ctx, h, e, &moves);
     if (!code)
         code = edit_array(ctx, h, SG_C_PARAMETERS, &moves);
     const bool edited = !code;
@@ -309,8 +319,7 @@ int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *e)
         drop(h, ~0u);
     if (edited)
         h->count = moves.count, h->capacity = sg_blocks(moves.count) * SG_LANES;
-    sg_free(moves.order);
-    sg_free(moves.source);
+    sg_moves_clear(&moves);
     return code;
 }
 

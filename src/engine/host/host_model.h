@@ -35,6 +35,27 @@ int sg_host_alloc_saved(sg_ctx *ctx, struct sg_host_model *h);
 int sg_host_download(const struct sg_host_model *h, struct sg_model *m, struct sg_columns *columns);
 void sg_host_statistics(sg_ctx *ctx, const struct sg_host_model *h,
                         const struct sg_statistics *out);
+/* Where the rows of an edited model come from. */
+struct sg_moves {
+    const struct sg_edit *edit;
+    size_t count; /* rows: items */
+    /* of every item, first those kept, then those appended: its index before the edit, or the old
+     * count plus its row among the edit's */
+    uint32_t *source;
+    uint32_t *order; /* of every row after the edit: its item */
+};
+/* h: before the edit; of its parameters the positions are read. `out` is to be cleared, also after
+ * an error. */
+int sg_host_plan_edit(sg_ctx *ctx, const struct sg_host_model *h, const struct sg_edit *edit,
+                      struct sg_moves *out);
+void sg_moves_clear(struct sg_moves *moves);
+enum sg_edit_kind sg_moves_kind(const struct sg_moves *moves, size_t item);
+/* Makes a child of a copy of its parent. p: the planes up to the rotation, SG_LANES apart; entry:
+ * among the appended. */
+void sg_host_make_child(float *p, const struct sg_edit *edit, size_t entry);
+/* What inserted rows have for the array of a column; NULL: nothing. */
+const float *sg_host_rows_of(const struct sg_model *rows, int column);
+
 /* Where memory runs out the model is as it was, or edited and without its other columns. */
 int sg_host_edit(sg_ctx *ctx, struct sg_host_model *h, const struct sg_edit *edit);
 void sg_host_floor_scale(struct sg_host_model *h, float smallest);

@@ -18,8 +18,9 @@ struct item {
 
 static float position(const struct sg_places *p, size_t place, int axis)
 {
-    return place < p->count ? p->params[sg_param_index(p->planes, place, SG_P_XYZ + axis)]
-                            : p->rows[sg_param_index(p->planes, place - p->count, SG_P_XYZ + axis)];
+    return place < p->count
+               ? p->params[sg_param_index(p->planes, place, SG_P_XYZ + axis)]
+               : p->rows[sg_param_index(p->row_planes, place - p->count, SG_P_XYZ + axis)];
 }
 
 /* The lattice leaves out a fiftieth at each end, so that strays do not push all others into one

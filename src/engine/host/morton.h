@@ -8,8 +8,8 @@
 struct sg_places {
     const float *params; /* planes of `count` Gaussians */
     size_t count;
-    const float *rows; /* laid out as params; NULL: there are none */
-    int planes;
+    const float *rows;      /* NULL: there are none */
+    int planes, row_planes; /* of each */
 };
 
 /* Orders n items along a space-filling curve (Morton 1966): neighbours in space become neighbours

@@ -59,7 +59,6 @@ static inline struct vulkan_engine *vulkan_of(struct sg_engine *base)
 int sg_vulkan_upload(struct sg_engine *, const struct sg_model *, const struct sg_columns *);
 int sg_vulkan_download(struct sg_engine *, struct sg_model *, struct sg_columns *);
 int sg_vulkan_read_statistics(struct sg_engine *, const struct sg_statistics *);
-int sg_vulkan_edit(struct sg_engine *, const struct sg_edit *);
 int sg_vulkan_relocate(struct sg_engine *, const struct sg_relocation *);
 int sg_vulkan_explore(struct sg_engine *, const struct sg_exploration *);
 int sg_vulkan_filter(struct sg_engine *, const struct sg_camera *const *cameras, size_t n);
@@ -68,12 +67,19 @@ int sg_vulkan_floor_scale(struct sg_engine *, float smallest);
 int sg_vulkan_reset_opacity(struct sg_engine *, float limit);
 int sg_vulkan_shape(struct sg_engine *, const struct sg_shape *);
 int sg_vulkan_shape_backward(struct sg_engine *, const struct sg_shape *);
+int sg_vulkan_check_size(sg_ctx *, size_t count, int planes);
+/* The first `planes` planes of the parameters, to a host model of that many planes, which is to be
+ * cleared, also after an error. */
+int sg_vulkan_read_planes(struct vulkan_engine *, int planes, struct sg_host_model *);
 /* Makes room for a column, zeroed, unless there is some. */
 int sg_vulkan_alloc(struct vulkan_engine *, int column);
 /* For all that a checkpoint saves. */
 int sg_vulkan_alloc_saved(struct vulkan_engine *);
 uint64_t sg_vulkan_column_bytes(const struct vulkan_engine *, int column);
 void sg_vulkan_drop_columns(struct vulkan_engine *, unsigned bits); /* but not the parameters */
+
+/* vulkan_edit.c */
+int sg_vulkan_edit(struct sg_engine *, const struct sg_edit *);
 
 /* vulkan_losses.c */
 int sg_vulkan_photo_add(struct sg_engine *, sg_photo, const struct sg_photo_entry *);

@@ -397,7 +397,7 @@ static struct sg_footprint footprint(const struct sg_work *w)
                                  .view = pixels * (5 * 3 * sizeof(float) + 4)};
 }
 
-/* A Gaussian's columns, what a view keeps of it, its sums over bands, and what densification reads;
+/* A Gaussian's columns, what a view keeps of it, its sums over bands, and what edits read or make;
  * an instance's keys and values twice, its two lists, blocks, slot and share of the checkpoints;
  * images, their gradients and targets, the maps of SSIM, alpha and depth, spectra. */
 static struct sg_footprint on_device(const struct sg_work *w)
@@ -406,7 +406,7 @@ static struct sg_footprint on_device(const struct sg_work *w)
                    tiles =
                        gpu_groups((uint64_t) w->width, 16) * gpu_groups((uint64_t) w->height, 16);
     return (struct sg_footprint){
-        .gaussian = sg_host_footprint(w, false) + 4 * (27 + VK_SLOT_ABSOLUTE + SG_P_ROT) + 1,
+        .gaussian = sg_host_footprint(w, false) + 4 * (27 + VK_SLOT_ABSOLUTE + SG_P_SH) + 1,
         .instance = 4 * (2 + 2 + 2 + 2 + 1 + VK_SLOT_ABSOLUTE) + 16 * 256 / VK_CHUNK + 1,
         .view = pixels * 4 * (9 * 3 + 2) + tiles * (16 * 256 + 64) +
                 (w->anisotropy ? sg_vulkan_spectrum_bytes((uint64_t) w->width, (uint64_t) w->height)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The model and the state of its optimiser on the device. What moves whole Gaussians goes through
- * the host, where it is the code of the other engines. */
+/* The model and the state of its optimiser on the device. What moves Gaussians in place goes
+ * through the host, where it is the code of the other engines. */
 #include <math.h>
 #include <string.h>
 
@@ -59,7 +59,7 @@ static int replace(struct vulkan_engine *e, int column, const float *from, size_
     return SG_OK;
 }
 
-static int check_size(sg_ctx *ctx, size_t count, int planes)
+int sg_vulkan_check_size(sg_ctx *ctx, size_t count, int planes)
 {
     const uint64_t most = UINT32_MAX / (uint64_t) planes - SG_LANES;
     return count <= most ? SG_OK
@@ -74,7 +74,7 @@ int sg_vulkan_upload(struct sg_engine *base, const struct sg_model *m,
 {
     struct vulkan_engine *e = vulkan_of(base);
     const int planes = sg_param_count(m->sh_degree), before = base->sh_degree;
-    int code = check_size(base->ctx, m->count, planes);
+    int code = sg_vulkan_check_size(base->ctx, m->count, planes);
     if (code)
         return code;
     base->sh_degree = m->sh_degree; /* of which the columns now are */
@@ -152,23 +152,6 @@ static int adopt_mirror(struct vulkan_engine *e, const struct sg_host_model *h)
     }
     if (code)
         sg_vulkan_drop_columns(e, ~0u);
-    return code;
-}
-
-int sg_vulkan_edit(struct sg_engine *base, const struct sg_edit *edit)
-{
-    struct vulkan_engine *e = vulkan_of(base);
-    struct sg_host_model h;
-    sg_vulkan_drop_columns(e, SG_COLUMN_LOST);
-    int code = check_size(base->ctx, edit->kept + edit->appended, e->planes);
-    if (code)
-        return code;
-    code = mirror(e, &h);
-    if (!code)
-        code = sg_host_edit(base->ctx, &h, edit);
-    if (!code)
-        code = adopt_mirror(e, &h);
-    sg_host_clear(&h);
     return code;
 }
 
@@ -259,30 +242,42 @@ int sg_vulkan_shape_backward(struct sg_engine *base, const struct sg_shape *shap
 
 /* ---- small ones ---- */
 
-int sg_vulkan_read_statistics(struct sg_engine *base, const struct sg_statistics *out)
+int sg_vulkan_read_planes(struct vulkan_engine *e, int planes, struct sg_host_model *h)
 {
-    struct vulkan_engine *e = vulkan_of(base);
-    const int statistics[] = {SG_C_GRAD_SUM, SG_C_GRAD_COUNT, SG_C_GRAD_ABSOLUTE, SG_C_RADIUS};
-    const size_t capacity = sg_blocks(e->count) * SG_LANES, bytes = capacity * sizeof(float);
-    struct sg_host_model h = {.count = e->count, .capacity = capacity, .planes = SG_P_ROT};
     struct gpu_buffer some = {0};
-    int code = sg_gpu_reserve(e->gpu, SG_MEM_SPLATS, &some, SG_P_ROT * (uint64_t) bytes);
-    h.at[SG_C_PARAMETERS] = sg_alloc(base->ctx, SG_MEM_MODEL, capacity, SG_P_ROT * sizeof(float));
-    if (!h.at[SG_C_PARAMETERS])
+    *h = (struct sg_host_model){.count = e->count,
+                                .capacity = sg_blocks(e->count) * SG_LANES,
+                                .sh_degree = e->base.sh_degree,
+                                .planes = planes};
+    const uint64_t bytes = 4 * (uint64_t) h->capacity * (uint64_t) planes;
+    int code = sg_gpu_reserve(e->gpu, SG_MEM_SPLATS, &some, bytes);
+    h->at[SG_C_PARAMETERS] =
+        sg_alloc(e->base.ctx, SG_MEM_MODEL, h->capacity, (size_t) planes * sizeof(float));
+    if (!h->at[SG_C_PARAMETERS])
         code = SG_ERR_BUDGET;
     if (!code)
         code =
             GPU_RUN(e->gpu, planes, 0, FOR_EACH(e->count), .from = e->at[SG_C_PARAMETERS].address,
                     .to = some.address, .count = (uint32_t) e->count,
-                    .planes = (uint32_t) e->planes, .width = SG_P_ROT);
+                    .planes = (uint32_t) e->planes, .width = (uint32_t) planes);
     if (!code)
-        code = sg_gpu_read(e->gpu, &some, 0, h.at[SG_C_PARAMETERS], SG_P_ROT * (uint64_t) bytes);
+        code = sg_gpu_read(e->gpu, &some, 0, h->at[SG_C_PARAMETERS], bytes);
+    sg_gpu_release(e->gpu, &some);
+    return code;
+}
+
+int sg_vulkan_read_statistics(struct sg_engine *base, const struct sg_statistics *out)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    const int statistics[] = {SG_C_GRAD_SUM, SG_C_GRAD_COUNT, SG_C_GRAD_ABSOLUTE, SG_C_RADIUS};
+    struct sg_host_model h;
+    int code = sg_vulkan_read_planes(e, SG_P_ROT, &h);
     for (int k = 0; k < 4 && !code; k++)
         if (e->at[statistics[k]].buffer && !(code = sg_host_alloc(base->ctx, &h, statistics[k])))
-            code = sg_gpu_read(e->gpu, &e->at[statistics[k]], 0, h.at[statistics[k]], bytes);
+            code = sg_gpu_read(e->gpu, &e->at[statistics[k]], 0, h.at[statistics[k]],
+                               sg_vulkan_column_bytes(e, statistics[k]));
     if (!code)
         sg_host_statistics(base->ctx, &h, out);
-    sg_gpu_release(e->gpu, &some);
     sg_host_clear(&h);
     return code;
 }

@@ -67,7 +67,8 @@
     K(total_variation)                                                                             \
     K(loss_sums)                                                                                   \
     K(move)                                                                                        \
-    K(planes)
+    K(planes)                                                                                      \
+    K(edit)
 
 /* clang-format off */
 #define ARGS_project(P, U, F)                                                                      \
@@ -212,6 +213,18 @@
 /* The first `width` planes of every Gaussian on their own. */
 #define ARGS_planes(P, U, F)                                                                       \
     P(Floats, from) P(Floats, to) U(count) U(planes) U(width)
+/* moves: of every row two words: the source, an index before the edit or a row of the caller's; and
+ * the kind (enum sg_edit_kind), with a child's number above it. fates: by kind, what the planes
+ * from `first` to `end` - 1 take. children: the planes up to the rotation. */
+#define VK_FATE_ZERO 0
+#define VK_FATE_COPY 1
+#define VK_FATE_ROW 2
+#define VK_FATE_CHILD 3
+#define VK_FATE_BITS 2
+#define VK_FATE_MASK 3
+#define ARGS_edit(P, U, F)                                                                         \
+    P(Floats, from) P(Floats, rows) P(Floats, children) P(Uints, moves) P(Floats, to) U(count)     \
+    U(planes) U(first) U(end) U(fates)
 /* clang-format on */
 
 #endif

@@ -1,0 +1,140 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Edits of the model on the device. The host decides where rows come from and makes the children,
+ * for which it reads the positions, scales and rotations; the rows themselves move on the device,
+ * one array after the other. The bytes are those of an edit in host memory. */
+#include <string.h>
+
+#include "engine.h"
+
+struct edit_job {
+    const struct sg_moves *moves;
+    struct gpu_buffer words, children;
+};
+
+/* Words of the rows, and the children. h: the planes up to the rotation. */
+static int put_moves(struct vulkan_engine *e, const struct sg_host_model *h, struct edit_job *j)
+{
+    sg_ctx *ctx = e->base.ctx;
+    const struct sg_moves *m = j->moves;
+    size_t children = 0;
+    for (size_t i = 0; i < m->edit->appended; i++)
+        children += m->edit->kind[i] == SG_EDIT_CHILD;
+    const size_t blocks = sg_blocks(children), floats = (size_t) SG_P_SH * SG_LANES;
+    uint32_t *words = sg_alloc_raw(ctx, SG_MEM_MODEL, m->count, 2 * sizeof(*words));
+    float *made = sg_alloc(ctx, SG_MEM_MODEL, blocks, floats * sizeof(*made));
+    int code = (words || !m->count) && (made || !blocks) ? SG_OK : SG_ERR_BUDGET;
+    uint32_t child = 0;
+    for (size_t i = 0; i < m->count && !code; i++) {
+        const size_t item = m->order[i], source = m->source[item];
+        const enum sg_edit_kind kind = sg_moves_kind(m, item);
+        words[2 * i] = (uint32_t) (kind == SG_EDIT_INSERT ? source - h->count : source);
+        words[2 * i + 1] = kind | child << 2;
+        if (kind != SG_EDIT_CHILD)
+            continue;
+        const float *from = h->at[SG_C_PARAMETERS] + sg_param_index(SG_P_SH, source, 0);
+        float *to = made + sg_param_index(SG_P_SH, child++, 0);
+        for (int p = 0; p < SG_P_SH; p++)
+            to[p * SG_LANES] = from[p * SG_LANES];
+        sg_host_make_child(to, m->edit, item - m->edit->kept);
+    }
+    const uint64_t bytes = 8 * (uint64_t) m->count, child_bytes = 4 * (uint64_t) blocks * floats;
+    if (!code)
+        code = sg_gpu_reserve(e->gpu, SG_MEM_MODEL, &j->words, bytes);
+    if (!code)
+        code = sg_gpu_reserve(e->gpu, SG_MEM_MODEL, &j->children, child_bytes);
+    if (!code)
+        code = sg_gpu_write(e->gpu, &j->words, 0, words, bytes);
+    if (!code)
+        code = sg_gpu_write(e->gpu, &j->children, 0, made, child_bytes);
+    sg_free(words);
+    sg_free(made);
+    return code;
+}
+
+/* What the planes of a column take, by kind of row. */
+static uint32_t fates_of(int column, const struct sg_edit *edit, bool rows)
+{
+    uint32_t fates = 0;
+    for (int kind = 0; kind < SG_EDIT_KINDS; kind++) {
+        const enum sg_fate fate = sg_columns[column].fate[kind];
+        const bool zero = fate == SG_FATE_ZERO || (fate == SG_FATE_ASKED && !edit->statistics) ||
+                          (kind == SG_EDIT_INSERT && !rows);
+        const bool made = fate == SG_FATE_DRAW || fate == SG_FATE_SHRINK;
+        const uint32_t takes = zero                     ? VK_FATE_ZERO
+                               : kind == SG_EDIT_INSERT ? VK_FATE_ROW
+                               : made                   ? VK_FATE_CHILD
+                                                        : VK_FATE_COPY;
+        fates |= takes << VK_FATE_BITS * kind;
+    }
+    return fates;
+}
+
+/* Replaces one array by what the edit makes of it, so that only one exists twice at any time. Where
+ * memory runs out it is as it was. */
+static int edit_array(struct vulkan_engine *e, int column, const struct edit_job *j)
+{
+    struct gpu *g = e->gpu;
+    const struct sg_edit *edit = j->moves->edit;
+    const int degree = e->base.sh_degree, planes = sg_column_array_planes(column, degree);
+    const uint64_t block = 4 * SG_LANES * (uint64_t) planes,
+                   bytes = sg_blocks(j->moves->count) * block;
+    const float *rows = sg_host_rows_of(edit->rows, column);
+    struct gpu_buffer made = {0}, given = {0};
+    int code = sg_gpu_reserve(g, sg_column_tag(column), &made, bytes);
+    if (rows && !code) {
+        const uint64_t size = sg_blocks(edit->rows->count) * block;
+        if (!(code = sg_gpu_reserve(g, SG_MEM_MODEL, &given, size)))
+            code = sg_gpu_write(g, &given, 0, rows, size);
+    }
+    if (bytes && !code) /* lanes past the end */
+        code = sg_gpu_fill(g, &made, bytes - block, block, 0);
+    for (int c = column;
+         !code && (c == column || (column == SG_C_PARAMETERS && sg_column_is_parameter(c))); c++) {
+        const int first = sg_column_is_parameter(c) ? sg_columns[c].first : 0;
+        code = GPU_RUN(g, edit, 0, FOR_EACH(j->moves->count), .from = e->at[column].address,
+                       .rows = sg_gpu_at(g, &given), .children = sg_gpu_at(g, &j->children),
+                       .moves = j->words.address, .to = made.address,
+                       .count = (uint32_t) j->moves->count, .planes = (uint32_t) planes,
+                       .first = (uint32_t) first,
+                       .end = (uint32_t) (first + sg_column_planes(c, degree)),
+                       .fates = fates_of(c, edit, rows != NULL));
+    }
+    if (!code)
+        code = sg_gpu_flush(g);
+    sg_gpu_release(g, &given);
+    sg_gpu_release(g, code ? &made : &e->at[column]);
+    if (!code)
+        e->at[column] = made;
+    return code;
+}
+
+int sg_vulkan_edit(struct sg_engine *base, const struct sg_edit *edit)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    struct sg_host_model h = {0};
+    struct sg_moves moves = {0};
+    struct edit_job job = {.moves = &moves};
+    sg_vulkan_drop_columns(e, SG_COLUMN_LOST);
+    int code = sg_vulkan_check_size(base->ctx, edit->kept + edit->appended, e->planes);
+    if (!code)
+        code = sg_vulkan_read_planes(e, SG_P_SH, &h);
+    if (!code)
+        code = sg_host_plan_edit(base->ctx, &h, edit, &moves);
+    if (!code)
+        code = put_moves(e, &h, &job);
+    sg_host_clear(&h);
+    if (!code)
+        code = edit_array(e, SG_C_PARAMETERS, &job);
+    const bool edited = !code;
+    for (int c = 0; c < SG_COLUMNS && !code; c++)
+        if (c != SG_C_PARAMETERS && e->at[c].buffer)
+            code = edit_array(e, c, &job);
+    if (edited)
+        e->count = moves.count;
+    if (edited && code)
+        sg_vulkan_drop_columns(e, ~0u);
+    sg_gpu_release(e->gpu, &job.words);
+    sg_gpu_release(e->gpu, &job.children);
+    sg_moves_clear(&moves);
+    return code;
+}
