@@ -14,3 +14,11 @@ if(FFTW_FOUND)
     target_link_libraries(splatguard_bench_fft PRIVATE splatguard_internal sg_flags PkgConfig::FFTW Threads::Threads m)
     target_compile_options(splatguard_bench_fft PRIVATE -O3 -ffp-contract=fast)
 endif()
+
+# Registers and spills of the Vulkan engine's kernels, by a driver that compiles them.
+if(SG_HAVE_VULKAN)
+    add_executable(splatguard_registers bench/registers.c)
+    set_target_properties(splatguard_registers PROPERTIES OUTPUT_NAME registers)
+    target_include_directories(splatguard_registers PRIVATE src ${VULKAN_HEADERS})
+    target_link_libraries(splatguard_registers PRIVATE splatguard_internal sg_flags)
+endif()

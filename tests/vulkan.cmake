@@ -56,6 +56,15 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
         endforeach()
         sg_vulkan_script(defense_attack ${CMAKE_CURRENT_SOURCE_DIR}/tests/vulkan/defense_attack.sh)
     endif()
+    # Mesa's driver for AMD compiles every kernel for GPUs that are not there: none spills registers.
+    file(GLOB SG_RADV /usr/share/vulkan/icd.d/radeon_icd.*.json /usr/local/share/vulkan/icd.d/radeon_icd.*.json)
+    list(APPEND SG_RADV none)
+    foreach(family vega10 navi21 gfx1100)
+        list(GET SG_RADV 0 radv)
+        add_test(NAME vulkan_registers_${family} COMMAND splatguard_registers)
+        set_tests_properties(vulkan_registers_${family} PROPERTIES LABELS vulkan SKIP_RETURN_CODE 77
+            ENVIRONMENT "RADV_FORCE_FAMILY=${family};RADV_PERFTEST=cswave32;VK_ICD_FILENAMES=${radv};VK_DRIVER_FILES=${radv}")
+    endforeach()
     sg_vulkan_test(widths sh all ${CMAKE_CURRENT_SOURCE_DIR}/tests/vulkan/widths.sh $<TARGET_FILE:test_vulkan>)
 else()
     add_test(NAME vulkan COMMAND sh -c

@@ -172,6 +172,36 @@ static bool draws_tiles(enum gpu_kernel kernel)
     return kernel == GPU_raster || kernel == GPU_raster_backward || kernel == GPU_raster_count;
 }
 
+VkResult sg_gpu_compile(const struct vk_functions *vk, VkDevice device, VkPipelineLayout layout,
+                        enum gpu_kernel kernel, int variant, uint32_t lanes,
+                        VkPipelineCreateFlags flags, VkPipeline *out)
+{
+    const VkShaderModuleCreateInfo code = {.sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO,
+                                           .codeSize = sg_vulkan_code[kernel].bytes,
+                                           .pCode = sg_vulkan_code[kernel].words};
+    VkShaderModule module;
+    VkResult result = vk->CreateShaderModule(device, &code, NULL, &module);
+    if (result)
+        return result;
+    const uint32_t constants[3] = {VK_BLOCKS * lanes,
+                                   draws_tiles(kernel) ? lanes : (uint32_t) variant,
+                                   variant ? VK_SLOT_ABSOLUTE : VK_SLOT};
+    const VkSpecializationMapEntry entries[3] = {{0, 0, 4}, {1, 4, 4}, {2, 8, 4}};
+    const VkSpecializationInfo special = {3, entries, sizeof(constants), constants};
+    const VkComputePipelineCreateInfo info = {
+        .sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO,
+        .flags = flags,
+        .stage = {.sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
+                  .stage = VK_SHADER_STAGE_COMPUTE_BIT,
+                  .module = module,
+                  .pName = "main",
+                  .pSpecializationInfo = &special},
+        .layout = layout};
+    result = vk->CreateComputePipelines(device, VK_NULL_HANDLE, 1, &info, NULL, out);
+    vk->DestroyShaderModule(device, module, NULL);
+    return result;
+}
+
 static int make_pipeline(struct gpu *g, enum gpu_kernel kernel, int variant)
 {
     VkPipeline *pipeline = &g->pipelines[kernel][variant];
@@ -182,28 +212,8 @@ static int make_pipeline(struct gpu *g, enum gpu_kernel kernel, int variant)
         VK_KERNELS(K)
 #undef K
     };
-    const VkShaderModuleCreateInfo code = {.sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO,
-                                           .codeSize = sg_vulkan_code[kernel].bytes,
-                                           .pCode = sg_vulkan_code[kernel].words};
-    VkShaderModule module;
-    VkResult result = g->vk.CreateShaderModule(g->device, &code, NULL, &module);
-    if (result)
-        return fail_result(g, result, names[kernel]);
-    const uint32_t constants[3] = {VK_BLOCKS * g->lanes,
-                                   draws_tiles(kernel) ? g->lanes : (uint32_t) variant,
-                                   variant ? VK_SLOT_ABSOLUTE : VK_SLOT};
-    const VkSpecializationMapEntry entries[3] = {{0, 0, 4}, {1, 4, 4}, {2, 8, 4}};
-    const VkSpecializationInfo special = {3, entries, sizeof(constants), constants};
-    const VkComputePipelineCreateInfo info = {
-        .sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO,
-        .stage = {.sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
-                  .stage = VK_SHADER_STAGE_COMPUTE_BIT,
-                  .module = module,
-                  .pName = "main",
-                  .pSpecializationInfo = &special},
-        .layout = g->layout};
-    result = g->vk.CreateComputePipelines(g->device, VK_NULL_HANDLE, 1, &info, NULL, pipeline);
-    g->vk.DestroyShaderModule(g->device, module, NULL);
+    const VkResult result =
+        sg_gpu_compile(&g->vk, g->device, g->layout, kernel, variant, g->lanes, 0, pipeline);
     return result ? fail_result(g, result, names[kernel]) : SG_OK;
 }
 
@@ -379,7 +389,7 @@ int sg_gpu_open(sg_ctx *ctx, const char *selector, struct gpu **out)
     int code = sg_vk_choose_device(ctx, devices, sg_vk_devices(&g->vk, devices), selector, &chosen);
     if (!code) {
         g->chosen = *chosen;
-        g->lanes = chosen->lanes < 4 ? 4 : chosen->lanes > 32 ? 32 : chosen->lanes;
+        g->lanes = sg_gpu_lanes(chosen->lanes);
         code = open_device(g);
     }
     if (code)

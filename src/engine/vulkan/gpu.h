@@ -76,6 +76,17 @@ static inline uint64_t gpu_groups(uint64_t items, uint64_t each)
 }
 #define FOR_EACH(n) gpu_groups(n, VK_GROUP) /* of the kernels without a tile */
 
+/* Invocations of a block of pixels, on a device with subgroups of so many. */
+static inline uint32_t sg_gpu_lanes(uint32_t subgroup)
+{
+    return subgroup < 4 ? 4 : subgroup > 32 ? 32 : subgroup;
+}
+
+/* A kernel's pipeline; variant: see sg_gpu_dispatch. */
+VkResult sg_gpu_compile(const struct vk_functions *vk, VkDevice device, VkPipelineLayout layout,
+                        enum gpu_kernel kernel, int variant, uint32_t lanes,
+                        VkPipelineCreateFlags flags, VkPipeline *out);
+
 /* selector: see vk_choose_device. SG_ERR_USAGE, SG_ERR_BUDGET, SG_ERR_INTERNAL. */
 int sg_gpu_open(sg_ctx *ctx, const char *selector, struct gpu **out);
 void sg_gpu_close(struct gpu **gpu);
