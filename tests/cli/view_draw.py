@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""view_draw.py ADDRESS: the page of `splatguard view` where the browser draws the model with WebGL."""
+"""view_draw.py ADDRESS: the page of `splatguard view` where the browser draws the model with WebGL.
+view_draw.py ADDRESS VIEWS: figures instead: when it draws, and how near to the engine at so many of the photos' cameras."""
 import sys
 import time
 import urllib.error
@@ -36,6 +37,7 @@ COMPARE = """(async () => {
 })()"""
 b = browser.Browser(webgl=True)
 try:
+    psnr = []
     b.open(address, 1000, 1000)
     b.wait("document.getElementById('canvas')?.dataset.loaded", 60)
     assert b.evaluate("canvas.dataset.loaded") != "failed", b.evaluate("trouble")
@@ -54,7 +56,16 @@ try:
             assert time.monotonic() < until, "%s: %d colours, %.1f dB between WebGL and the engine" % (what, colours, psnr)
             time.sleep(0.1)
 
-    psnr = [compare("a photo's camera")]
+    if len(sys.argv) > 2:
+        photos, views = b.evaluate("scene.views.length"), int(sys.argv[2])
+        for i in range(views):
+            b.evaluate("jump(%d)" % (i * photos // views))
+            b.wait(settled)
+            time.sleep(2)  # sorting
+            psnr.append(compare("view %d" % (i * photos // views)))
+        print("%.1f s, %.2f dB on average, %.2f dB at least" % (seconds, sum(psnr) / len(psnr), min(psnr)))
+        sys.exit()
+    psnr.append(compare("a photo's camera"))
     b.evaluate("canvas.focus()")
     for key in ("ArrowLeft", "w", "m", "ArrowUp", "]"):
         before = b.evaluate("canvas.toDataURL()")
