@@ -130,6 +130,8 @@ static void draw(struct train_view *v, double wait)
     if (!view_server_next(v->server, wait, &ask))
         return;
     const double start = clock_seconds();
+    if (ask.kind < VIEW_SCORE) /* nobody looks at scores any more */
+        view_scores_clear(&v->scores);
     if (ask.kind < VIEW_SCORE && ask.kind != VIEW_PHOTO && sg_run_renderer(v->run, &renderer))
         renderer = NULL;
     view_draw(&v->pictures, v->server, &ask,
