@@ -8,10 +8,13 @@
 
 /* ---- plans ---- */
 
-enum job_kind { JOB_SCENE, JOB_PROXY, JOB_POISON, JOB_TRAIN, JOB_PRUNE, JOB_PICTURES };
+enum job_kind { JOB_SCENE, JOB_PROXY, JOB_POISON, JOB_TRAIN, JOB_PRUNE, JOB_PICTURES, JOB_AUDIT };
 extern const char *const job_kinds[]; /* "scene", ... */
 
 #define JOB_NEEDS 3
+
+#define OFF "off"     /* the defense without any */
+#define CLEAN "clean" /* photos as they are */
 
 struct job {
     enum job_kind kind;
@@ -26,7 +29,8 @@ struct job {
     int n_needs;
 };
 
-/* What a plan asks for, by its names; two can be one job. */
+/* What a plan asks for, by its names; two can be one job. An audit has no defense, model or seed.
+ */
 struct cell {
     const char *scene, *photos, *defense, *model;
     int seed, job;
@@ -53,6 +57,9 @@ void plan_clear(struct plan *plan);
 
 /* Options of "--name value" lists, of which the later win; a new array. */
 json_t *options_merge(const json_t *const *lists, int n);
+
+/* The finaliser of splitmix64 (Steele et al. 2014). */
+uint64_t splitmix(uint64_t x);
 
 /* ---- pictures ---- */
 
@@ -90,6 +97,7 @@ struct outcome {
     int beside; /* jobs at the same time, itself included */
     char *command;
     json_t *run_config, *summary, *eval; /* as their files have them, or NULL */
+    json_t *photos;                      /* of an audit, or NULL */
     char *log;                           /* log.jsonl, or NULL */
     const char *shown;                   /* key of the job that `pictures` are of, or NULL */
     struct pictures pictures;

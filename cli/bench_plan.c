@@ -9,10 +9,8 @@
 
 #include "bench.h"
 
-const char *const job_kinds[] = {"scene", "proxy", "poison", "train", "prune", "pictures"};
+const char *const job_kinds[] = {"scene", "proxy", "poison", "train", "prune", "pictures", "audit"};
 
-#define OFF "off"     /* the defense without any */
-#define CLEAN "clean" /* photos as they are */
 #define DEFENSES "defenses"
 
 struct reader {
@@ -102,8 +100,7 @@ json_t *options_merge(const json_t *const *lists, int n)
     return out;
 }
 
-/* The finaliser of splitmix64 (Steele et al. 2014). */
-static uint64_t mix(uint64_t x)
+uint64_t splitmix(uint64_t x)
 {
     x = (x ^ x >> 30) * 0xbf58476d1ce4e5b9u;
     x = (x ^ x >> 27) * 0x94d049bb133111ebu;
@@ -116,8 +113,8 @@ static void make_key(const json_t *config, char key[33])
     uint64_t a = 1, b = 2;
     char *text = json_dumps(config, JSON_SORT_KEYS | JSON_COMPACT);
     for (const char *c = text ? text : ""; *c; c++) {
-        a = mix(a + (unsigned char) *c + 0x9e3779b97f4a7c15u);
-        b = mix(b + (unsigned char) *c + 0xd1b54a32d192ed03u);
+        a = splitmix(a + (unsigned char) *c + 0x9e3779b97f4a7c15u);
+        b = splitmix(b + (unsigned char) *c + 0xd1b54a32d192ed03u);
     }
     free(text);
     snprintf(key, 33, "%016llx%016llx", (unsigned long long) a, (unsigned long long) b);
@@ -333,6 +330,14 @@ static int add_cell(struct reader *r, const struct cell *c)
     return make_job(r, JOB_TRAIN, c, MERGE(lists), needs, n);
 }
 
+/* Options of the photos for commands that only read them. */
+static json_t *photo_options(const struct reader *r, const char *scene, bool clean)
+{
+    const json_t *const lists[] = {clean ? scene_options(r, scene, "size") : NULL,
+                                   scene_options(r, scene, "options")};
+    return MERGE(lists);
+}
+
 /* Renders of the cell's model from the cameras of its photos: of the first seed. */
 static int add_pictures(struct reader *r, const struct cell *c, int job)
 {
@@ -344,9 +349,8 @@ static int add_pictures(struct reader *r, const struct cell *c, int job)
             return i;
     }
     const int at = add_scene(r, c->scene), photos = add_photos(r, c->scene, c->photos, at);
-    const json_t *const lists[] = {photos == at ? scene_options(r, c->scene, "size") : NULL,
-                                   scene_options(r, c->scene, "options")};
-    return make_job(r, JOB_PICTURES, c, MERGE(lists), (const int[]){at, job, photos}, 3);
+    return make_job(r, JOB_PICTURES, c, photo_options(r, c->scene, photos == at),
+                    (const int[]){at, job, photos}, 3);
 }
 
 /* A list of names in a block of runs: of entries of the table of the same name. */
@@ -391,8 +395,23 @@ static int add_to_cells(struct reader *r, const struct cell *c, int job)
     return 0;
 }
 
+/* An audit of the cell's photos. */
+static int add_audit(struct reader *r, const struct cell *c)
+{
+    const int at = add_scene(r, c->scene), photos = add_photos(r, c->scene, c->photos, at);
+    const struct cell audit = {c->scene, c->photos, "", "", 0, 0};
+    const int job = make_job(r, JOB_AUDIT, &audit, photo_options(r, c->scene, photos == at),
+                             (const int[]){photos}, 1);
+    return job < 0 ? -1 : add_to_cells(r, &audit, job);
+}
+
 #define EACH(i, list) for (size_t i = 0; i < json_array_size(json_object_get(block, list)); i++)
 #define NAME(i, list) json_string_value(json_array_get(json_object_get(block, list), i))
+
+static bool is_on(const struct reader *r, const char *what)
+{
+    return json_is_true(json_object_get(r->plan->root, what));
+}
 
 static int add_block(struct reader *r, const json_t *block, size_t index)
 {
@@ -427,8 +446,8 @@ static int add_block(struct reader *r, const json_t *block, size_t index)
         const int job = add_cell(r, &c);
         if (job < 0)
             return STATUS_INPUT;
-        if (add_to_cells(r, &c, job) || (json_is_true(json_object_get(r->plan->root, "pictures")) &&
-                                         add_pictures(r, &c, job) < 0))
+        if (add_to_cells(r, &c, job) || (is_on(r, "pictures") && add_pictures(r, &c, job) < 0) ||
+            (is_on(r, "audit") && add_audit(r, &c)))
             return no_memory();
     }
     return STATUS_DONE;
@@ -524,7 +543,7 @@ static int read_plan(struct reader *r)
     struct plan *p = r->plan;
     int code = check_keys(r, p->root, "plan",
                           "about|threads|timeout|memory|alone|train|proxy|scenes|photos|defenses|"
-                          "models|runs|pictures");
+                          "models|runs|pictures|audit");
     if (!code)
         code = read_limits(r);
     if (!code)
@@ -533,9 +552,12 @@ static int read_plan(struct reader *r)
         code = check_options(r, json_object_get(p->root, "proxy"), "proxy");
     if (!code)
         code = check_scenes(r);
-    const json_t *pictures = json_object_get(p->root, "pictures");
-    if (!code && pictures && !json_is_boolean(pictures))
-        code = wrong(r, "pictures: expected true or false");
+    static const char *const switches[] = {"pictures", "audit"};
+    for (int i = 0; i < 2 && !code; i++) {
+        const json_t *on = json_object_get(p->root, switches[i]);
+        if (on && !json_is_boolean(on))
+            code = wrong(r, "%s: expected true or false", switches[i]);
+    }
     static const char *const tables[] = {"photos", DEFENSES, "models"};
     for (int i = 0; i < 3 && !code; i++)
         code = check_lists(r, tables[i]);

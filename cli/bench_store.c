@@ -39,7 +39,9 @@ static const char later[] =
     "CREATE TABLE IF NOT EXISTS picture(of TEXT, what TEXT, view TEXT, png BLOB,"
     " PRIMARY KEY(of, what)) WITHOUT ROWID;"
     "CREATE TABLE IF NOT EXISTS spectrum(of TEXT, what TEXT, kind TEXT, bin INT, value REAL,"
-    " PRIMARY KEY(of, what, kind, bin)) WITHOUT ROWID;";
+    " PRIMARY KEY(of, what, kind, bin)) WITHOUT ROWID;"
+    "CREATE TABLE IF NOT EXISTS audit(key TEXT, position INT, name TEXT, score REAL, verdict TEXT,"
+    " tau REAL, tau_error REAL, PRIMARY KEY(key, position)) WITHOUT ROWID;";
 
 static int failed(const struct store *s)
 {
@@ -317,6 +319,19 @@ static int put_eval(struct store *s, const char *key, const json_t *eval)
     return code;
 }
 
+static int put_audit(struct store *s, const char *key, const json_t *photos)
+{
+    int code = STATUS_DONE;
+    for (size_t i = 0; i < json_array_size(photos) && !code; i++) {
+        const json_t *p = json_array_get(photos, i);
+        code = put(s, "INSERT INTO audit VALUES(?,?,?,?,?,?,?)", "titrtrr", key, (long long) i,
+                   json_string_value(json_object_get(p, "name")), number_of(p, "score"),
+                   json_string_value(json_object_get(p, "verdict")), number_of(p, "tau"),
+                   number_of(p, "tau_error"));
+    }
+    return code;
+}
+
 static int put_spectrum(struct store *s, const char *of, const char *what, const char *kind,
                         const double *values, int n)
 {
@@ -363,9 +378,10 @@ static int store_drop(struct store *s, const char *key)
     static const char *const sql[] = {
         "DELETE FROM metric WHERE key=?", "DELETE FROM curve WHERE key=?",
         "DELETE FROM view WHERE key=?",   "DELETE FROM job WHERE key=?",
-        "DELETE FROM picture WHERE of=?", "DELETE FROM spectrum WHERE of=?"};
+        "DELETE FROM picture WHERE of=?", "DELETE FROM spectrum WHERE of=?",
+        "DELETE FROM audit WHERE key=?"};
     int code = STATUS_DONE;
-    for (int i = 0; i < 6 && !code; i++)
+    for (size_t i = 0; i < sizeof(sql) / sizeof(sql[0]) && !code; i++)
         code = put(s, sql[i], "t", key);
     return code;
 }
@@ -401,6 +417,8 @@ int store_put(struct store *s, const struct job *j, const struct outcome *o)
         code = put_eval(s, j->key, o->eval);
     if (!code)
         code = put_curve(s, j->key, o->log);
+    if (!code)
+        code = put_audit(s, j->key, o->photos);
     if (!code && o->shown)
         code = put_pictures(s, o->shown, &o->pictures);
     return end(s, code);

@@ -226,6 +226,14 @@ static void add_render(struct scheduler *s, struct command_line *c, int index)
     add_options(s, c, j, options_of(j));
 }
 
+/* Photos as training sees them: without the test views. */
+static void add_audit(struct scheduler *s, struct command_line *c, int index)
+{
+    const struct job *j = &s->b->plan->jobs[index];
+    add(c, "audit"), add_source(s, c, j->needs[0]), add(c, "--json"), add(c, "--eval");
+    add_options(s, c, j, options_of(j));
+}
+
 /* The command of a job's phase; false: there is none left. */
 static bool make_command(struct scheduler *s, int index, struct command_line *c)
 {
@@ -245,6 +253,7 @@ static bool make_command(struct scheduler *s, int index, struct command_line *c)
         (j->kind == JOB_POISON     ? add_attack
          : j->kind == JOB_PRUNE    ? add_prune
          : j->kind == JOB_PICTURES ? add_render
+         : j->kind == JOB_AUDIT    ? add_audit
                                    : add_train)(s, c, index);
     else {
         free(c->words[0]);
@@ -389,6 +398,12 @@ static int collect(struct scheduler *s, const struct job *j, struct work *w)
             remove_folder(views);
         return code;
     }
+    if (j->kind == JOB_AUDIT) {
+        w->out.summary = load_json(below(w, "out.0"));
+        w->out.photos = json_incref(json_object_get(w->out.summary, "images"));
+        json_object_del(w->out.summary, "images");
+        return w->out.photos ? STATUS_DONE : STATUS_INPUT;
+    }
     if (j->kind == JOB_TRAIN || j->kind == JOB_PROXY) {
         w->out.summary = load_json(below(w, "run/summary.json"));
         w->out.run_config = load_json(below(w, "run/config.json"));
@@ -415,6 +430,7 @@ static void clear_outcome(struct outcome *o)
     json_decref(o->summary);
     json_decref(o->run_config);
     json_decref(o->eval);
+    json_decref(o->photos);
     free(o->log);
     free(o->command);
     pictures_clear(&o->pictures);
@@ -428,7 +444,7 @@ static int finish(struct scheduler *s, int index, const char *status)
     struct work *w = &s->work[index];
     if (!strcmp(status, "done") && collect(s, j, w)) {
         status = "failed";
-        snprintf(w->out.message, sizeof(w->out.message), "its pictures cannot be read");
+        snprintf(w->out.message, sizeof(w->out.message), "its result cannot be read");
     }
     w->out.status = status;
     const int code = store_put(s->b->store, j, &w->out);

@@ -135,6 +135,8 @@ static int run_report(const void *config, const bool *given, const char *const *
     if (!code)
         code = report_group(&r);
     if (!code)
+        code = report_audits(&r);
+    if (!code)
         code = open_context(&ctx, 1, 0, c->m.quiet);
     if (!code)
         code = report(ctx, sg_output_claim(ctx, c->output, "report", true, NULL, &output));

@@ -41,6 +41,33 @@ struct group {
     const char *why; /* a status other than done, or NULL */
 };
 
+/* An audit of a scene's photos of one kind. */
+struct audit {
+    char *plan, *scene, *photos, *key, *status, *message, *verdict;
+    double *scores; /* of single photos, those of which masks leave nothing excepted */
+    size_t n, verdicts[SG_AUDIT_VERDICTS];
+    bool fresh; /* of the database that is read now */
+};
+
+#define ROC_GRID 50 /* intervals of the horizontal axis */
+
+/* The share of photos over the share of clean ones with at least the same score. */
+struct roc {
+    size_t clean;        /* photos */
+    double (*points)[2]; /* shares of clean ones and of photos, one for each score, or NULL */
+    size_t n_points;
+    double band[ROC_GRID + 1][2]; /* 95 % of the bootstrap's samples */
+    double area, interval[2];     /* below the curve; a tie counts one half */
+};
+
+/* Photos of the kind of one audit: of its scene, or of all scenes of its plan. */
+struct audit_row {
+    const struct audit *first;
+    bool all;
+    size_t n, verdicts[SG_AUDIT_VERDICTS];
+    struct roc roc; /* without points for clean photos, and where there are none of these */
+};
+
 struct report {
     struct result *results;
     size_t n, capacity;
@@ -50,12 +77,23 @@ struct report {
     json_t *curves; /* key: list of [iteration, Gaussians, PSNR, instances, bytes] */
     /* key: {photo, render: {view, png (base64), radial, angular (lists)}} */
     json_t *pictures;
+    struct audit *audits;
+    size_t n_audits;
+    struct audit_row *audit_rows;
+    size_t n_audit_rows;
 };
 
 /* Adds a database's results. Returns an exit code. */
 int report_load(struct report *r, const char *path);
 int report_group(struct report *r);
 void report_clear(struct report *r);
+
+/* Adds a database's audits; compares those of all with the clean photos of their scenes; makes what
+ * the page needs of that. */
+int report_load_audits(struct report *r, struct store *s);
+int report_audits(struct report *r);
+void report_clear_audits(struct report *r);
+json_t *report_audits_json(const struct report *r);
 
 /* The share of the clean count that a defense is limited to by {clean*X} in its plan, or 0. */
 double report_limit(const struct report *r, const struct result *x);

@@ -2,6 +2,7 @@
 // The figures of a report: SVG drawn from the data of the page, without anything from elsewhere.
 'use strict';
 const results = JSON.parse(document.getElementById('results').textContent);
+const audits = JSON.parse(document.getElementById('audits').textContent);
 const colours = ['#4878d0', '#ee854a', '#6acc64', '#d65f5f', '#956cb4', '#8c613c', '#dc7ec0', '#797979',
     '#d5bb67', '#82c6e2', '#1f3f80', '#a34a00', '#1e7d1e', '#8f1414', '#5b2a86', '#4d3319', '#9c2f7f', '#3b3b3b',
     '#8a7a1a', '#227a99'];
@@ -14,6 +15,8 @@ const photosName = 'the photos';
 const colour = name => name === photosName ? 'currentColor' : colours[defenses.indexOf(name) % colours.length];
 const sceneOf = r => r.plan + ': ' + r.scene + (r.model === 'default' ? '' : ', ' + r.model);
 const scenes = unique(results.map(sceneOf));
+const kinds = unique(audits.map(a => a.photos));
+const colourOfKind = name => colours[kinds.indexOf(name) % colours.length];
 
 function element(parent, name, attributes, text) {
     const e = document.createElementNS('http://www.w3.org/2000/svg', name);
@@ -59,10 +62,10 @@ function plot(id, title, x, y, numbers) {
     return {svg, px, py};
 }
 
-function legend(svg, names) {
+function legend(svg, names, paint = colour) {
     const below = width < narrow, x = below ? left : width - right + 16, y = below ? height + 4 : top_;
     names.forEach((name, i) => {
-        element(svg, 'rect', {x, y: y + 20 * i, width: 12, height: 12, style: `fill: ${colour(name)}`});
+        element(svg, 'rect', {x, y: y + 20 * i, width: 12, height: 12, style: `fill: ${paint(name)}`});
         element(svg, 'text', {x: x + 18, y: y + 20 * i + 11}, name);
     });
     if (below) svg.setAttribute('viewBox', `0 0 ${width} ${y + 20 * names.length}`);
@@ -159,6 +162,28 @@ function spectra(id, title, kind, chosen, point, low, at) {
     series(id, title, list, low, at);
 }
 
+const percent = v => (100 * v).toFixed(0) + ' %';
+
+// What the audit finds of each kind of photos, with a band for chance and marks at its own thresholds.
+function rocs(id, title, list) {
+    if (!list.length) return document.getElementById(id).replaceChildren();
+    const {svg, px, py} = plot(id, title, [0, 1], [0, 1], true);
+    const path = points => points.map(p => px(p[0]).toFixed(1) + ' ' + py(p[1]).toFixed(1)).join('L');
+    for (const a of list) {
+        const at = i => i / (a.band.length - 1);
+        element(svg, 'path', {d: 'M' + path([...a.band.map((b, i) => [at(i), b[0]]), ...a.band.map((b, i) => [at(i), b[1]]).reverse()]) + 'Z',
+            fill: colourOfKind(a.photos), 'fill-opacity': .2});
+    }
+    element(svg, 'path', {class: 'axis', d: 'M' + path([[0, 0], [1, 1]])});
+    for (const a of list) {
+        element(svg, 'path', {d: 'M' + path(a.points), fill: 'none', stroke: colourOfKind(a.photos), 'stroke-width': 2});
+        a.marks.forEach((m, i) => mark(svg, 'circle', {cx: px(m[0]), cy: py(m[1]), r: 5, style: `fill: ${colourOfKind(a.photos)}`}, m[1],
+            `${a.photos}: ${percent(m[1])} of ${a.n} called poisoned${i ? ' or suspicious' : ''}, ${percent(m[0])} of ${a.clean} clean ones; `
+            + `AUC ${a.area.toFixed(3)} (${a.interval.map(v => v.toFixed(3)).join(' to ')})`));
+    }
+    legend(svg, list.map(a => a.photos), colourOfKind);
+}
+
 // The middle of one training view: the photos, and what each run made of them.
 function crops(chosen) {
     const section = document.getElementById('crops');
@@ -203,6 +228,9 @@ function draw() {
         'radial', chosen, (v, i) => [(i + .5) / 128, Math.log10(v)], -2, .375);
     spectra('angular', 'Share of the energy between 0.15 and 0.45 cycles per pixel by direction in degrees',
         'angular', chosen, (v, i) => [-180 + 10 * (i + .5), v], 0, 0);
+    rocs('roc', 'The audit: share of photos over share of clean photos with at least the same score (ROC), with a band of 95 %; '
+        + 'marks: called poisoned, and poisoned or suspicious',
+        audits.filter(a => of.some(r => r.plan === a.plan && r.scene === a.scene) && (!photos || a.photos === photos)));
     crops(chosen);
 }
 

@@ -252,7 +252,7 @@ int report_load(struct report *r, const char *path)
                            "SELECT c.plan, c.scene, c.photos, c.defense, c.model, c.seed, c.key,"
                            " j.status, j.message, j.alone, j.commit_id, j.machine, j.engine,"
                            " j.seconds FROM cell c LEFT JOIN job j USING(key)"
-                           " ORDER BY c.plan, c.position",
+                           " WHERE c.kind IS NOT 'audit' ORDER BY c.plan, c.position",
                            take_cell, r);
     for (size_t i = r->n; i-- > 0;)
         json_object_set_new(k.index, r->results[i].key, json_integer((json_int_t) i));
@@ -267,6 +267,8 @@ int report_load(struct report *r, const char *path)
         code = load_curves(&k, s);
     if (!code)
         code = load_pictures(&k, s);
+    if (!code)
+        code = report_load_audits(r, s);
     json_decref(k.index);
     json_decref(k.known);
     store_close(&s);
@@ -336,6 +338,7 @@ void report_clear(struct report *r)
         clear_result(&r->results[i]);
     free(r->results);
     free(r->groups);
+    report_clear_audits(r);
     json_decref(r->curves);
     json_decref(r->pictures);
     json_decref(r->plans);

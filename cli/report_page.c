@@ -38,8 +38,8 @@ static void put_json(FILE *f, json_t *value)
 
 void put_page(FILE *f, const struct report *r)
 {
-    static const char *const figures[] = {"gaussians", "quality", "tradeoff", "growth",
-                                          "instances", "memory",  "radial",   "angular"};
+    static const char *const figures[] = {"gaussians", "quality", "tradeoff", "growth", "instances",
+                                          "memory",    "radial",  "angular",  "roc"};
     json_t *list = json_array();
     for (size_t i = 0; i < r->n; i++)
         if (!strcmp(r->results[i].status, "done"))
@@ -58,6 +58,8 @@ void put_page(FILE *f, const struct report *r)
     if (json_array_size(list)) {
         fprintf(f, "<script type=application/json id=results>");
         put_json(f, list);
+        fprintf(f, "</script>\n<script type=application/json id=audits>");
+        put_json(f, report_audits_json(r));
         fprintf(f, "</script>\n<script>\n%s</script>\n", report_js);
     } else
         json_decref(list);

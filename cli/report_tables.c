@@ -6,9 +6,6 @@
 #include "page.h"
 #include "report.h"
 
-#define OFF "off"
-#define CLEAN "clean"
-
 static void put_text(FILE *f, enum format format, const char *text)
 {
     if (format == HTML) {
@@ -262,6 +259,66 @@ static void put_limits(FILE *f, const struct report *r, enum format format)
     }
 }
 
+static void put_share(FILE *f, enum format format, size_t part, size_t whole)
+{
+    put_number(f, format, whole ? 100 * (double) part / (double) whole : NAN, NAN, 0);
+}
+
+static void put_audit_row(FILE *f, enum format format, const struct audit_row *row)
+{
+    const struct audit *a = row->first;
+    char text[256];
+    snprintf(text, sizeof(text), "%s, %s", row->all ? "all scenes" : a->scene, a->photos);
+    begin_row(f, format, text);
+    if (!row->n) { /* an audit without a result says so */
+        put_cell(f, format, *a->status ? a->status : "not run");
+        for (int k = 0; k < 6; k++)
+            put_cell(f, format, "");
+        end_row(f, format);
+        return;
+    }
+    put_cell(f, format, row->all ? "" : a->verdict);
+    snprintf(text, sizeof(text), "%zu", row->n);
+    put_cell(f, format, text);
+    put_share(f, format, row->verdicts[SG_AUDIT_POISONED], row->n);
+    put_share(f, format, row->verdicts[SG_AUDIT_SUSPICIOUS], row->n);
+    put_share(f, format, row->verdicts[SG_AUDIT_CLEAN], row->n);
+    const struct roc *roc = &row->roc;
+    put_number(f, format, roc->points ? roc->area : NAN, NAN, 3);
+    if (roc->points)
+        snprintf(text, sizeof(text), "%.3f to %.3f", roc->interval[0], roc->interval[1]);
+    else
+        snprintf(text, sizeof(text), "%s", strcmp(a->photos, CLEAN) ? "no clean photos" : "");
+    put_cell(f, format, text);
+    end_row(f, format);
+}
+
+static void put_audits(FILE *f, const struct report *r, enum format format)
+{
+    static const char *const titles[] = {"scene, photos", "set",      "n",   "poisoned, %",
+                                         "suspicious, %", "clean, %", "AUC", "95 % interval"};
+    for (size_t i = 0; i < r->n_audit_rows; i++) {
+        const char *plan = r->audit_rows[i].first->plan;
+        bool first = true;
+        char title[256];
+        for (size_t k = 0; k < i && first; k++)
+            first = strcmp(r->audit_rows[k].first->plan, plan);
+        if (!first)
+            continue;
+        snprintf(title, sizeof(title), "%s: verdicts of the audit on single photos", plan);
+        heading(f, format, 2, title);
+        begin_table(f, format, titles, 8);
+        for (size_t k = i; k < r->n_audit_rows; k++)
+            if (!strcmp(r->audit_rows[k].first->plan, plan))
+                put_audit_row(f, format, &r->audit_rows[k]);
+        end_table(f, format);
+        fprintf(f,
+                "%sAUC: how often one of these photos scores higher than a clean one; a tie counts "
+                "one half. Interval: of 1 000 bootstrap samples of the photos.%s\n",
+                format == HTML ? "<p>" : "", format == HTML ? "</p>" : "");
+    }
+}
+
 static void put_failures(FILE *f, const struct report *r, enum format format)
 {
     static const char *const titles[] = {"run", "status", "message"};
@@ -331,6 +388,7 @@ void put_tables(FILE *f, const struct report *r, enum format format)
         put_defenses(f, r, format, i);
     }
     put_limits(f, r, format);
+    put_audits(f, r, format);
     put_failures(f, r, format);
 }
 

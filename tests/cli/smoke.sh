@@ -13,6 +13,9 @@ for defense in off ut cap-random smooth-gaussian lightgaussian pup spectral tole
     [ "$(grep -c "^| $defense | [12] | [1-9]" page/report.md)" -ge 2 ] || fail "no result of $defense"
 done
 grep -q '^| 0.50, cap-random, eps16 | 1 |' page/report.md || fail "no table of limits"
+for photos in eps16 noise16; do
+    grep -qE "^\| room, $photos \| (clean|suspicious|poisoned) \| 12 \|.* [01]\.[0-9]{3} \| [01]\.[0-9]{3} to [01]\.[0-9]{3} \|\$" page/report.md || fail "no audit of $photos"
+done
 # The other plans can be read; they need photos.
 for plan in desk evening paper; do
     expect 2 bench "$source_dir/bench/plans/$plan.json" --data . --list; says 'found no file in'
