@@ -2,6 +2,9 @@
 // The figures of a report: SVG drawn from the data of the page, without anything from elsewhere.
 'use strict';
 const results = JSON.parse(document.getElementById('results').textContent);
+const photoList = JSON.parse(document.getElementById('photo-list').textContent); // each once, by its number
+for (const r of results)
+    if (r.pictures && r.pictures.photo !== undefined) r.pictures.photo = photoList[r.pictures.photo];
 const audits = JSON.parse(document.getElementById('audits').textContent);
 const colours = ['#4878d0', '#ee854a', '#6acc64', '#d65f5f', '#956cb4', '#8c613c', '#dc7ec0', '#797979',
     '#d5bb67', '#82c6e2', '#1f3f80', '#a34a00', '#1e7d1e', '#8f1414', '#5b2a86', '#4d3319', '#9c2f7f', '#3b3b3b',

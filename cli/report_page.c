@@ -7,7 +7,19 @@
 #include "page.h"
 #include "report.h"
 
-static json_t *result_json(const struct report *r, const struct result *x)
+/* The number of a photo in the list, which it is added to where it is new: runs that differ in
+ * their defense only have the same photo. */
+static json_t *photo_number(json_t *photos, json_t *photo)
+{
+    size_t i = 0;
+    while (i < json_array_size(photos) && !json_equal(json_array_get(photos, i), photo))
+        i++;
+    if (i == json_array_size(photos))
+        json_array_append(photos, photo);
+    return json_integer((json_int_t) i);
+}
+
+static json_t *result_json(const struct report *r, const struct result *x, json_t *photos)
 {
     json_t *o = json_pack("{s:o,s:o,s:o,s:o,s:o,s:i,s:b}", "plan", text_json(x->plan), "scene",
                           text_json(x->scene), "photos", text_json(x->photos), "defense",
@@ -18,8 +30,12 @@ static json_t *result_json(const struct report *r, const struct result *x)
     json_t *curve = json_object_get(r->curves, x->key);
     json_object_set_new(o, "curve", curve ? json_incref(curve) : json_array());
     json_t *pictures = json_object_get(r->pictures, x->key);
-    if (pictures)
-        json_object_set(o, "pictures", pictures);
+    json_t *photo = json_object_get(pictures, "photo");
+    if (pictures) {
+        json_object_set_new(o, "pictures", pictures = json_copy(pictures));
+        if (photo)
+            json_object_set_new(pictures, "photo", photo_number(photos, photo));
+    }
     return o;
 }
 
@@ -40,10 +56,10 @@ void put_page(FILE *f, const struct report *r)
 {
     static const char *const figures[] = {"gaussians", "quality", "tradeoff", "growth", "instances",
                                           "memory",    "radial",  "angular",  "roc"};
-    json_t *list = json_array();
+    json_t *list = json_array(), *photos = json_array();
     for (size_t i = 0; i < r->n; i++)
         if (!strcmp(r->results[i].status, "done"))
-            json_array_append_new(list, result_json(r, &r->results[i]));
+            json_array_append_new(list, result_json(r, &r->results[i], photos));
     put_page_head(f, "Report", true);
     if (json_array_size(list)) {
         fprintf(f, "<p class=choices><label>scene <select id=scene></select></label><label>photos "
@@ -58,10 +74,13 @@ void put_page(FILE *f, const struct report *r)
     if (json_array_size(list)) {
         fprintf(f, "<script type=application/json id=results>");
         put_json(f, list);
+        fprintf(f, "</script>\n<script type=application/json id=photo-list>");
+        put_json(f, json_incref(photos));
         fprintf(f, "</script>\n<script type=application/json id=audits>");
         put_json(f, report_audits_json(r));
         fprintf(f, "</script>\n<script>\n%s</script>\n", report_js);
     } else
         json_decref(list);
+    json_decref(photos);
     fprintf(f, "</body></html>\n");
 }

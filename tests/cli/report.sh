@@ -52,6 +52,8 @@ for db in r.db old.db; do
 done
 [ "$(sqlite3 old.db 'select count(distinct key) from curve where ledger_bytes is not null')" -eq 1 ] || fail "memory from nowhere"
 expect 0 report old.db -o old -q
+embedded=$(grep -o '"png":"' page/report.html | wc -l)
+[ "$embedded" -eq "$(ask "select sum(what='render') + 2 from picture")" ] || fail "$embedded pictures on the page, expected those of each model and two photos"
 pictures=$(ask "select count(*) from picture")
 while [ "$pictures" -gt 0 ]; do
     pictures=$((pictures - 1))
