@@ -3,12 +3,13 @@
 
 #include "commands.h"
 #include "interrupt.h"
+#include "published.h"
 #include "train_view.h"
 
 struct train_config {
     struct sg_run_params run;
     bool resume, force, quiet, view;
-    int threads, port;
+    int threads, port, published;
 };
 
 #define T(field) offsetof(struct train_config, field)
@@ -27,6 +28,11 @@ static const struct sg_option train_options[] = {
              .group = "Run"),
     FLAG_ROW("force", T(force), "Replace an earlier run in the folder.", .group = "Run"),
     FLAG_ROW("quiet", T(quiet), "No progress.", .group = "Run", .letter = 'q'),
+    CHOICE_ROW("published", T(published), PUBLISHED_SETS, "DATA",
+               "The settings with which the model or strategy was published, where no option says "
+               "otherwise: for NeRF-Synthetic, outdoor or indoor scenes of Mip-NeRF 360, Tanks and "
+               "Temples, Deep Blending, or as a victim of Poison-splat.",
+               .group = "Model and loss", .expert = true),
     FLAG_ROW("view", T(view),
              "Print the address of a page that shows the training, and can pause and stop it.",
              .group = "Run", .expert = true),
@@ -106,6 +112,10 @@ static int adopt_run(struct train_config *c, const bool *given, const char *argu
     if (!p->folder || now.force) {
         say(stderr, now.force ? "splatguard train: --resume and --force exclude each other\n"
                               : "splatguard train: --resume needs the run's folder\n");
+        return STATUS_USAGE;
+    }
+    if (now.published) {
+        say(stderr, "splatguard train: --resume and --published exclude each other\n");
         return STATUS_USAGE;
     }
     sg_ctx *ctx;
@@ -222,6 +232,9 @@ static int run_train(const void *config, const bool *given, const char *const *p
         code = missing(&command_train, c.run.source ? "-o RUN" : "SCENE");
     if (!code)
         code = check_options(&c, given);
+    if (!code)
+        code = published_apply(&command_train, c.published, c.run.train.model, c.run.train.strategy,
+                               given, &c);
     c.run.train.cpu = cpu_variant(c.run.train.cpu);
     if (!code)
         code = open_engine_context(&ctx, c.threads, c.run.max_memory, c.run.max_vram, c.quiet);

@@ -219,6 +219,15 @@ bool options_given(const struct command *c, const bool *given, size_t offset)
     return false;
 }
 
+void options_preset(const struct command *c, const bool *given, void *config, const char *name,
+                    const char *text)
+{
+    struct option_place list[OPTIONS_MAX];
+    const size_t n = options_list(c, list), i = find(list, n, name, strlen(name));
+    if (i < n && !options_given(c, given, offset_of(&list[i])))
+        set(c, &list[i], config, text);
+}
+
 const char *options_name(const struct command *c, const char *message)
 {
     struct option_place list[OPTIONS_MAX];

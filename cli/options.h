@@ -88,6 +88,10 @@ json_t *number_json(double v);
 /* Whether the command line has the option of the config's member at an offset. */
 bool options_given(const struct command *c, const bool *given, size_t offset);
 
+/* Gives an option that the command line does not have a value, by its name. */
+void options_preset(const struct command *c, const bool *given, void *config, const char *name,
+                    const char *text);
+
 /* The name of the option for a field that begins a message of the library, or NULL. */
 const char *options_name(const struct command *c, const char *message);
 

@@ -61,6 +61,21 @@ expect 0 eval mip --json -r 2
 expect 0 eval mip/point_cloud/iteration_120/point_cloud.ply --scene scene/blender --json --mip-filter
 grep -q "\"psnr\": ${psnr%??}" out || fail "the PLY alone measures differently: $(cat out), run: $psnr"
 
+# Published settings, where no option says otherwise; --preset is the defense's.
+has() { grep -q "\"$1\": $2[,}]*\$" published/config.json || fail "$1 is $(grep "\"$1\"" published/config.json), expected $2"; }
+brief="--iterations 1 --init-points 40 --force -q"
+expect 0 train scene/blender -o published $brief --published ns; has white-background true; has anchor-cells 16
+expect 0 train scene/blender -o published $brief --published mip-outdoor --model mip; has resolution 4
+expect 0 train scene/blender -o published $brief --published mip-indoor -r 3; has resolution 3
+expect 0 train scene/blender -o published $brief --published db --strategy mcmc; has opacity-reg 0.001
+expect 0 train scene/blender -o published $brief --published tt --preset ns --defense spectral; has white-background false
+expect 0 train scene/blender -o published $brief --published ns --model scaffold; has anchor-cells 4; has voxel-size 0.001
+expect 0 train scene/blender -o published $brief --published tt --model scaffold; has voxel-size 0.01; has anchor-cells 16
+expect 0 train scene/blender -o published $brief --published db --model scaffold --voxel-size 0.5; has voxel-size 0.5
+expect 0 train scene/blender -o published $brief --published poison-splat --model scaffold; has photo-appearance true
+expect 1 train --resume published --published ns; says 'exclude each other'
+expect 1 train scene/blender -o none --published tt --model mip; says 'no published settings of mip for Tanks and Temples'
+
 expect 0 info run; grep -q 'SH degree 3' out || fail "$(cat out)"
 expect 0 info $model --json; grep -q '"nonfinite": 0' out || fail "$(cat out)"
 
