@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Scenes in zip archives: the same views as from a folder, and archives that are hostile. */
 #include "core/folder.h"
+#include "core/internal.h"
 #include "core/rng.h"
 #include "core/zip.h"
 #include "scene/photo.h"
@@ -149,6 +150,36 @@ static void test_limits(void **state)
     }
     assert_true(dropped && all);
     sg_scene_destroy(&whole);
+}
+
+/* Each allocation of a load fails once: an error that says so, and nothing is leaked. */
+static void test_no_memory(void **state)
+{
+    struct fixture *f = *state;
+    struct sg_scene *scene;
+    char path[512];
+    sg_ctx *ctx;
+    put_scene(f);
+    struct archive a = archive_scene(f, "lego/", true);
+    put_archive(f, &a);
+    strcpy(path, at(f, "s.zip"));
+    assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1}), SG_OK);
+    int failures = 0;
+    for (uint64_t nth = 1;; nth++) {
+        sg_fail_allocation(ctx, nth);
+        const int code = sg_scene_load(ctx, path, NULL, &scene);
+        const bool failed = sg_fail_allocation(ctx, 0);
+        failures += code != SG_OK; /* a photo that found no memory is read once more */
+        assert_true(!code == (scene != NULL) && (failed || !code));
+        if (code && code != SG_ERR_BUDGET)
+            fail_msg("allocation %d: %s", (int) nth, sg_last_error(ctx));
+        sg_scene_destroy(&scene);
+        assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+        if (!failed)
+            break;
+    }
+    assert_in_range(failures, 40, 1000);
+    sg_ctx_destroy(&ctx);
 }
 
 static void refused(struct fixture *f, struct archive *a, const char *why)
@@ -351,9 +382,9 @@ static void test_damage(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        scene_test(test_same_scene), scene_test(test_limits), scene_test(test_names),
-        scene_test(test_entries),    scene_test(test_bomb),   scene_test(test_skipping),
-        scene_test(test_damage),
+        scene_test(test_same_scene), scene_test(test_limits),  scene_test(test_no_memory),
+        scene_test(test_names),      scene_test(test_entries), scene_test(test_bomb),
+        scene_test(test_skipping),   scene_test(test_damage),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
