@@ -202,9 +202,9 @@ class Scene:
 
     @classmethod
     def load(cls, path, context=None, eval=False, untrained=False, **params):
-        """Loads a COLMAP, Blender or nerfstudio folder. eval: hold test views out of training.
-        untrained: nothing will be trained, so that all may be test views. params: see
-        options("scene"). Raises InputError for what is missing or malformed."""
+        """Loads a COLMAP, Blender or nerfstudio folder, or a zip archive of one. eval: hold test
+        views out of training. untrained: nothing will be trained, so that all may be test views.
+        params: see options("scene"). Raises InputError for what is missing or malformed."""
         context = _context(context)
         return cls(_core.scene_load(context, path, params, eval, untrained), context)
 
