@@ -32,7 +32,7 @@ static uint32_t *order_of(sg_ctx *ctx, const struct sg_model *m)
 
 static struct sg_model *write_and_read(struct fixture *f, const struct sg_model *m)
 {
-    struct sg_model *back;
+    struct sg_model *back = NULL;
     if (sg_model_write(f->ctx, m, at(f, "m.sog"), NULL) ||
         sg_model_read(f->ctx, f->path, m->count, &back))
         fail_msg("%s", sg_last_error(f->ctx));
