@@ -35,6 +35,9 @@ expect 0 train --resume cut --quiet
 expect 0 train scene/blender -o whole $(once $options --iterations $((reached + 40)))
 cmp cut/checkpoint.bin whole/checkpoint.bin || fail "the checkpoints differ after resuming at $reached"
 
+"$tool" view blender.zip --scene scene/blender 2>err && fail "a view of two scenes"
+grep -q 'found two scenes\|no HTTP server' err || fail "view says $(cat err)"
+
 head -c 3000 blender.zip >torn.zip
 expect 2 train torn.zip -o torn --quiet; says 'torn.zip: zip: found no directory at its end'
 [ ! -e torn ] || fail "a run of a torn archive"
