@@ -2,17 +2,26 @@
 /* Few Gaussians on every engine and variant: Adam against its formula, hostile parameters one by
  * one against the oracle, limits of opacity and colour, and the empty model. */
 #include "models.h"
-#include "variants.h"
+
+static struct engine_case cases[ENGINE_CASES];
+static int case_count;
+
+static int find_cases(void **state)
+{
+    (void) state;
+    case_count = engine_cases(cases);
+    return 0;
+}
 
 static const char *name_of(int v)
 {
-    return variant_names[v] ? variant_names[v] : "ref";
+    return case_name(cases[v]);
 }
 
 static struct sg_engine *engine_of(sg_ctx *ctx, int v)
 {
     struct sg_engine *b;
-    assert_int_equal(sg_engine_create(ctx, engine_name(v), variant_names[v], &b), SG_OK);
+    assert_int_equal(sg_engine_create(ctx, cases[v].engine, cases[v].variant, &b), SG_OK);
     return b;
 }
 
@@ -29,7 +38,7 @@ static void test_adam(void **state)
     uint8_t target[3 * 40 * 30];
     for (size_t i = 0; i < sizeof(target); i++)
         target[i] = (uint8_t) draw(6, i, 0, 255.9f);
-    for (int v = 0; v < variant_count; v++) {
+    for (int v = 0; v < case_count; v++) {
         sg_ctx *ctx = make_context(1);
         struct sg_engine *b = engine_of(ctx, v);
         struct sg_model *m = make_model(ctx, 21, 1, 4), *g, *after;
@@ -140,8 +149,8 @@ static void check_one(sg_ctx *ctx, struct sg_engine **engines, const struct sg_m
                       bool exact_too, const char *what)
 {
     static struct view_of_one ref, o;
-    draw_model(ctx, engines[variant_count - 1], m, &ref);
-    for (int v = 0; v < variant_count; v++) {
+    draw_model(ctx, engines[case_count - 1], m, &ref);
+    for (int v = 0; v < case_count; v++) {
         draw_model(ctx, engines[v], m, &o);
         if (exact_too && o.stats.visible != ref.stats.visible)
             fail_msg("%s: %s: %llu visible, expected %llu", name_of(v), what,
@@ -172,8 +181,8 @@ static void test_hostile_planes(void **state)
                                 -1e20f, 1e10f,    -1e10f,    1000.f, -1000.f, 88,
                                 -88,    20,       -20,       1e-40f, -0.0f,   0};
     sg_ctx *ctx = make_context(1);
-    struct sg_engine *engines[5];
-    for (int v = 0; v < variant_count; v++)
+    struct sg_engine *engines[ENGINE_CASES];
+    for (int v = 0; v < case_count; v++)
         engines[v] = engine_of(ctx, v);
     struct sg_model *good = make_model(ctx, 3, 1, 12), *m;
     assert_int_equal(sg_model_create(ctx, 3, 1, &m), SG_OK);
@@ -187,7 +196,7 @@ static void test_hostile_planes(void **state)
             const bool needle = p >= SG_P_SCALE && p < SG_P_ROT && bad[k] > 2;
             check_one(ctx, engines, m, !needle, what);
         }
-    for (int v = 0; v < variant_count; v++)
+    for (int v = 0; v < case_count; v++)
         sg_engine_destroy(&engines[v]);
     sg_model_destroy(&good);
     sg_model_destroy(&m);
@@ -201,8 +210,8 @@ static void test_needles(void **state)
 {
     (void) state;
     sg_ctx *ctx = make_context(1);
-    struct sg_engine *engines[5];
-    for (int v = 0; v < variant_count; v++)
+    struct sg_engine *engines[ENGINE_CASES];
+    for (int v = 0; v < case_count; v++)
         engines[v] = engine_of(ctx, v);
     struct sg_model *m = make_model(ctx, 1, 0, 12);
     uint64_t k = 0;
@@ -222,7 +231,7 @@ static void test_needles(void **state)
             check_one(ctx, engines, m, length < 2, what); /* longer: as above */
         }
     straight = false;
-    for (int v = 0; v < variant_count; v++)
+    for (int v = 0; v < case_count; v++)
         sg_engine_destroy(&engines[v]);
     sg_model_destroy(&m);
     sg_ctx_destroy(&ctx);
@@ -234,7 +243,7 @@ static void test_opacity_limits(void **state)
 {
     (void) state;
     static struct view_of_one o;
-    for (int v = 0; v < variant_count; v++) {
+    for (int v = 0; v < case_count; v++) {
         sg_ctx *ctx = make_context(1);
         struct sg_engine *b = engine_of(ctx, v);
         struct sg_model *m;
@@ -275,7 +284,7 @@ static void test_planes_and_kept_gradients(void **state)
             bytes[3 * i + ch] = (uint8_t) draw(13, 3 * i + ch, 0, 255.9f);
             planes[ch * SIDE * SIDE + i] = (float) bytes[3 * i + ch] * (1.0f / 255);
         }
-    for (int v = 0; v < variant_count; v++) {
+    for (int v = 0; v < case_count; v++) {
         sg_ctx *ctx = make_context(2);
         struct sg_engine *b = engine_of(ctx, v);
         struct sg_model *m = make_model(ctx, 40, 1, 6), *once, *thrice;
@@ -336,7 +345,7 @@ static void test_black(void **state)
 {
     (void) state;
     static struct view_of_one o;
-    for (int v = 0; v < variant_count; v++) {
+    for (int v = 0; v < case_count; v++) {
         sg_ctx *ctx = make_context(1);
         struct sg_engine *b = engine_of(ctx, v);
         const float corners[12] = {0, 0, 0, 0.5f, 0, 0, 0, 0.5f, 0, 0, 0, 0.5f};
@@ -368,7 +377,7 @@ static void test_view_space_gradient(void **state)
     for (size_t i = 0; i < 3 * W * H;
          i++) /* smooth: its derivative along the image is what is measured */
         weight[i] = sinf(0.21f * (float) (i % W) + 0.13f * (float) (i / W));
-    for (int v = 0; v < variant_count; v++) {
+    for (int v = 0; v < case_count; v++) {
         sg_ctx *ctx = make_context(1);
         struct sg_engine *b = engine_of(ctx, v);
         struct sg_model *m = make_model(ctx, 1, 0, 21);
@@ -416,7 +425,7 @@ static void test_empty_model(void **state)
 {
     (void) state;
     static struct view_of_one o;
-    for (int v = 0; v < variant_count; v++) {
+    for (int v = 0; v < case_count; v++) {
         sg_ctx *ctx = make_context(2);
         struct sg_engine *b = engine_of(ctx, v);
         struct sg_model *m;
@@ -451,5 +460,5 @@ int main(void)
         cmocka_unit_test(test_view_space_gradient),
         cmocka_unit_test(test_empty_model),
     };
-    return cmocka_run_group_tests(tests, find_variants, NULL);
+    return cmocka_run_group_tests(tests, find_cases, NULL);
 }
