@@ -83,6 +83,8 @@ struct report {
     size_t n_audit_rows;
 };
 
+/* A text for free(), "" for NULL. */
+char *report_copy(const char *text);
 /* Adds a database's results. Returns an exit code. */
 int report_load(struct report *r, const char *path);
 int report_group(struct report *r);

@@ -167,7 +167,7 @@ function spectra(id, title, kind, chosen, point, low, at) {
 
 const percent = v => (100 * v).toFixed(0) + ' %';
 
-// What the audit finds of each kind of photos, with a band for chance and marks at its own thresholds.
+// The ROC curve of the audit for each kind of photos, with the band of its samples and marks at its verdicts.
 function rocs(id, title, list) {
     if (!list.length) return document.getElementById(id).replaceChildren();
     const {svg, px, py} = plot(id, title, [0, 1], [0, 1], true);

@@ -18,11 +18,6 @@ static void clear_audit(struct audit *a)
     *a = (struct audit){0};
 }
 
-static char *copy(const char *text)
-{
-    return strdup(text ? text : "");
-}
-
 /* The same cell of a database before, or NULL. */
 static struct audit *find_audit(struct report *r, const char *const *v)
 {
@@ -55,13 +50,14 @@ static int take_audit(void *arg, int columns, const char *const *v)
         a = &more[r->n_audits++];
     }
     json_t *summary = v[6] ? json_loads(v[6], 0, NULL) : NULL;
-    *a = (struct audit){.plan = copy(v[0]),
-                        .scene = copy(v[1]),
-                        .photos = copy(v[2]),
-                        .key = copy(v[3]),
-                        .status = copy(v[4]),
-                        .message = copy(v[5]),
-                        .verdict = copy(json_string_value(json_object_get(summary, "verdict"))),
+    *a = (struct audit){.plan = report_copy(v[0]),
+                        .scene = report_copy(v[1]),
+                        .photos = report_copy(v[2]),
+                        .key = report_copy(v[3]),
+                        .status = report_copy(v[4]),
+                        .message = report_copy(v[5]),
+                        .verdict =
+                            report_copy(json_string_value(json_object_get(summary, "verdict"))),
                         .fresh = true};
     json_decref(summary);
     return STATUS_DONE;

@@ -17,7 +17,7 @@ const struct metric_column metric_columns[M_METRICS] = {
     [M_RSS] = {"rss_megabytes", "peak_rss_bytes", NULL, 1e-6, 0},
 };
 
-static char *copy(const char *text)
+char *report_copy(const char *text)
 {
     return strdup(text ? text : "");
 }
@@ -63,19 +63,19 @@ static int take_cell(void *arg, int columns, const char *const *v)
         r->results = more, r->capacity = capacity;
     }
     x = x ? x : &r->results[r->n++];
-    *x = (struct result){.plan = copy(v[0]),
-                         .scene = copy(v[1]),
-                         .photos = copy(v[2]),
-                         .defense = copy(v[3]),
-                         .model = copy(v[4]),
+    *x = (struct result){.plan = report_copy(v[0]),
+                         .scene = report_copy(v[1]),
+                         .photos = report_copy(v[2]),
+                         .defense = report_copy(v[3]),
+                         .model = report_copy(v[4]),
                          .seed = v[5] ? atoi(v[5]) : 0,
-                         .key = copy(v[6]),
-                         .status = copy(v[7]),
-                         .message = copy(v[8]),
+                         .key = report_copy(v[6]),
+                         .status = report_copy(v[7]),
+                         .message = report_copy(v[8]),
                          .alone = v[9] && atoi(v[9]),
-                         .commit = copy(v[10]),
-                         .machine = copy(v[11]),
-                         .engine = copy(v[12]),
+                         .commit = report_copy(v[10]),
+                         .machine = report_copy(v[11]),
+                         .engine = report_copy(v[12]),
                          .seconds = v[13] ? atof(v[13]) : NAN};
     for (int m = 0; m < M_METRICS; m++)
         x->value[m] = NAN;

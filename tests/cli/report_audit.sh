@@ -106,6 +106,13 @@ assert len(drawn) == 2
 END
 python3 naive.py r.db page || fail "other curves than the naive ones"
 
+# Parts of a plan: clean photos can be in another database than the others.
+cp r.db noise.db && sqlite3 noise.db "delete from cell where photos='clean'"
+cp r.db clean.db && sqlite3 clean.db "delete from cell where photos='noise'"
+expect 0 report noise.db clean.db -o parts -q
+for folder in page parts; do grep -E '^\| (a|b|all scenes), (clean|noise) \| ' $folder/report.md | sort >$folder.rows; done
+[ -s page.rows ] && cmp page.rows parts.rows || fail "parts of a plan have other curves: $(cat parts.rows)"
+
 # What failed says so, without clean photos there is no curve, and names are only text.
 ask "update job set status='failed' where key='$key'; delete from audit where key='$key'"
 ask "delete from audit where key in (select key from cell where photos='clean' and scene='b')"
