@@ -31,8 +31,8 @@ SG_API enum sg_model_format sg_model_format_of(const char *path);
 
 /* Reads a model in any format that can be read. It is recognised by its content; .splat, which has
  * no mark, by its ending. Memory: that of the model, and less than a megabyte; for compressed PLY
- * 72 bytes per 256 Gaussians too, and for .sog the file and two of its images. The caller owns
- * *out. Errors: as of sg_model_read_ply. */
+ * 72 bytes per 256 Gaussians too, for .sog two of its images and a packed one, for .spz of version
+ * 4 one of its arrays, also packed. The caller owns *out. Errors: as of sg_model_read_ply. */
 SG_API int sg_model_read(sg_ctx *ctx, const char *path, uint64_t max_gaussians,
                          struct sg_model **out);
 
