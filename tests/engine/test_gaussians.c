@@ -448,6 +448,69 @@ static void test_empty_model(void **state)
     }
 }
 
+/* ---- changes in place ---- */
+
+/* Noise on positions, the 3D filter, radii on the screen and relocations: the oracle's bytes. */
+static void test_in_place(void **state)
+{
+    (void) state;
+    enum { N = 70 };
+    static const uint32_t to[] = {3, 3, 69, 0}, from[] = {5, 3, 0, 69};
+    static const float opacity[] = {0.5f, -1, 2, 0}, scale[] = {0.1f, -0.2f, 0, 1};
+    static const uint8_t fresh[] = {1, 0, 1, 0};
+    const struct sg_relocation relocation = {
+        .count = 4, .to = to, .from = from, .opacity = opacity, .scale = scale, .fresh = fresh};
+    const struct sg_camera camera = make_camera(90, 70, 3), *cameras[] = {&camera};
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m = make_model(ctx, N, 1, 58), *found[ENGINE_CASES];
+    struct sg_columns columns[ENGINE_CASES];
+    for (int v = case_count - 1; v >= 0; v--) { /* the oracle is the last */
+        struct sg_engine *b = engine_of(ctx, v);
+        const struct sg_render_params params = {SG_RENDER_DEFAULTS};
+        float radius[N];
+        assert_int_equal(sg_engine_upload(b, m, NULL), SG_OK);
+        assert_int_equal(
+            sg_engine_explore(b, &(struct sg_exploration){.amount = 40, .seed = 7, .stream = 9}),
+            SG_OK);
+        assert_int_equal(sg_engine_filter(b, cameras, 1), SG_OK);
+        assert_int_equal(sg_engine_relocate(b, &relocation), SG_OK);
+        assert_int_equal(sg_engine_draw(b, &camera, 1, &params, false), SG_OK);
+        assert_int_equal(sg_engine_count_radii(b), SG_OK);
+        assert_int_equal(sg_engine_read_statistics(b, &(struct sg_statistics){.radius = radius}),
+                         SG_OK);
+        assert_int_equal(sg_model_create(ctx, N, 1, &found[v]), SG_OK);
+        assert_int_equal(sg_columns_create(ctx, N, 1,
+                                           SG_COLUMN_SAVED | SG_COLUMN_MIP | SG_COLUMN_RADII,
+                                           &columns[v]),
+                         SG_OK);
+        assert_int_equal(sg_engine_download(b, found[v], &columns[v]), SG_OK);
+        sg_engine_destroy(&b);
+        const int last = case_count - 1;
+        for (size_t i = 0; i < N; i++) {
+            for (int p = 0; p < sg_param_count(1); p++)
+                if (*sg_model_at(found[v], i, p) != *sg_model_at(found[last], i, p))
+                    fail_msg("%s: Gaussian %zu, plane %d: %g, expected %g", name_of(v), i, p,
+                             (double) *sg_model_at(found[v], i, p),
+                             (double) *sg_model_at(found[last], i, p));
+            assert_true(columns[v].at[SG_C_FILTER][i] == columns[last].at[SG_C_FILTER][i]);
+            assert_true(columns[v].at[SG_C_RADIUS][i] == columns[last].at[SG_C_RADIUS][i]);
+            assert_true(columns[v].at[SG_C_RADIUS][i] == radius[i]);
+        }
+        assert_true(*sg_model_at(found[v], 3, SG_P_OPACITY) == -1);
+        assert_memory_not_equal(found[v]->params, m->params, N * sizeof(float));
+    }
+    size_t large = 0;
+    for (size_t i = 0; i < N; i++)
+        large += columns[0].at[SG_C_RADIUS][i] > 0 && columns[0].at[SG_C_FILTER][i] > 0;
+    assert_true(large > N / 4);
+    for (int v = 0; v < case_count; v++) {
+        sg_model_destroy(&found[v]);
+        sg_columns_clear(&columns[v]);
+    }
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -459,6 +522,7 @@ int main(void)
         cmocka_unit_test(test_black),
         cmocka_unit_test(test_view_space_gradient),
         cmocka_unit_test(test_empty_model),
+        cmocka_unit_test(test_in_place),
     };
     return cmocka_run_group_tests(tests, find_cases, NULL);
 }

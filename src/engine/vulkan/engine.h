@@ -68,9 +68,10 @@ int sg_vulkan_reset_opacity(struct sg_engine *, float limit);
 int sg_vulkan_shape(struct sg_engine *, const struct sg_shape *);
 int sg_vulkan_shape_backward(struct sg_engine *, const struct sg_shape *);
 int sg_vulkan_check_size(sg_ctx *, size_t count, int planes);
-/* The first `planes` planes of the parameters, to a host model of that many planes, which is to be
- * cleared, also after an error. */
-int sg_vulkan_read_planes(struct vulkan_engine *, int planes, struct sg_host_model *);
+/* The first `planes` planes of the parameters, or of what is drawn in their place (SG_C_SHAPED), as
+ * the parameters of a host model of that many planes, which is to be cleared, also after an
+ * error. */
+int sg_vulkan_read_planes(struct vulkan_engine *, int column, int planes, struct sg_host_model *);
 /* Makes room for a column, zeroed, unless there is some. */
 int sg_vulkan_alloc(struct vulkan_engine *, int column);
 /* For all that a checkpoint saves. */

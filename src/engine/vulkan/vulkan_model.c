@@ -174,24 +174,82 @@ static int write_back(struct vulkan_engine *e, const struct sg_host_model *h, in
                         sg_vulkan_column_bytes(e, column));
 }
 
+/* Moves planes of the device's model to `some` or, back: 1, from it. */
+static int move_planes(struct vulkan_engine *e, int column, const struct gpu_buffer *some, int held,
+                       int width, bool back)
+{
+    return GPU_RUN(e->gpu, planes, 0, FOR_EACH(e->count), .from = e->at[column].address,
+                   .to = some->address, .count = (uint32_t) e->count,
+                   .planes = (uint32_t) e->planes, .held = (uint32_t) held,
+                   .width = (uint32_t) width, .back = back);
+}
+
+int sg_vulkan_read_planes(struct vulkan_engine *e, int column, int planes, struct sg_host_model *h)
+{
+    struct gpu_buffer some = {0};
+    *h = (struct sg_host_model){.count = e->count,
+                                .capacity = sg_blocks(e->count) * SG_LANES,
+                                .sh_degree = e->base.sh_degree,
+                                .planes = planes};
+    const uint64_t bytes = 4 * (uint64_t) h->capacity * (uint64_t) planes;
+    int code = sg_gpu_reserve(e->gpu, SG_MEM_SPLATS, &some, bytes);
+    h->at[SG_C_PARAMETERS] =
+        sg_alloc(e->base.ctx, SG_MEM_MODEL, h->capacity, (size_t) planes * sizeof(float));
+    if (!h->at[SG_C_PARAMETERS])
+        code = SG_ERR_BUDGET;
+    if (!code)
+        code = move_planes(e, column, &some, planes, planes, false);
+    if (!code)
+        code = sg_gpu_read(e->gpu, &some, 0, h->at[SG_C_PARAMETERS], bytes);
+    sg_gpu_release(e->gpu, &some);
+    return code;
+}
+
+/* The first `width` planes of what sg_vulkan_read_planes read, back to the parameters. */
+static int write_planes(struct vulkan_engine *e, const struct sg_host_model *h, int width)
+{
+    struct gpu_buffer some = {0};
+    const uint64_t bytes = 4 * (uint64_t) h->capacity * (uint64_t) h->planes;
+    int code = sg_gpu_reserve(e->gpu, SG_MEM_SPLATS, &some, bytes);
+    if (!code)
+        code = sg_gpu_write(e->gpu, &some, 0, h->at[SG_C_PARAMETERS], bytes);
+    if (!code)
+        code = move_planes(e, SG_C_PARAMETERS, &some, h->planes, width, true);
+    sg_gpu_release(e->gpu, &some);
+    return code;
+}
+
 int sg_vulkan_explore(struct sg_engine *base, const struct sg_exploration *x)
 {
     struct vulkan_engine *e = vulkan_of(base);
     struct sg_host_model h;
-    int code = mirror_some(e, &h, (const int[]){SG_C_PARAMETERS}, 1);
+    int code = sg_vulkan_read_planes(e, SG_C_PARAMETERS, SG_P_SH, &h);
     if (!code) {
         sg_host_explore(base->ctx, &h, x);
-        code = write_back(e, &h, SG_C_PARAMETERS);
+        code = write_planes(e, &h, SG_P_XYZ + 3);
     }
     sg_host_clear(&h);
     return code;
+}
+
+/* A column on the host too, made where there is none. */
+static int mirror_column(struct vulkan_engine *e, struct sg_host_model *h, int column)
+{
+    int code = sg_vulkan_alloc(e, column);
+    if (!code)
+        code = sg_host_alloc(e->base.ctx, h, column);
+    return code ? code
+                : sg_gpu_read(e->gpu, &e->at[column], 0, h->at[column],
+                              sg_vulkan_column_bytes(e, column));
 }
 
 int sg_vulkan_filter(struct sg_engine *base, const struct sg_camera *const *cameras, size_t n)
 {
     struct vulkan_engine *e = vulkan_of(base);
     struct sg_host_model h;
-    int code = mirror_some(e, &h, (const int[]){SG_C_PARAMETERS, SG_C_FILTER}, 2);
+    int code = sg_vulkan_read_planes(e, SG_C_PARAMETERS, SG_P_XYZ + 3, &h);
+    if (!code)
+        code = mirror_column(e, &h, SG_C_FILTER);
     if (!code)
         code = sg_host_filter(base->ctx, &h, cameras, n);
     if (!code)
@@ -203,9 +261,11 @@ int sg_vulkan_filter(struct sg_engine *base, const struct sg_camera *const *came
 int sg_vulkan_count_radii(struct sg_engine *base)
 {
     struct vulkan_engine *e = vulkan_of(base);
-    const int columns[] = {SG_C_PARAMETERS, SG_C_RADIUS, SG_C_SHAPED};
+    const int shown = e->at[SG_C_SHAPED].buffer ? SG_C_SHAPED : SG_C_PARAMETERS;
     struct sg_host_model h;
-    int code = mirror_some(e, &h, columns, e->at[SG_C_SHAPED].buffer ? 3 : 2);
+    int code = sg_vulkan_read_planes(e, shown, SG_P_SH, &h);
+    if (!code)
+        code = mirror_column(e, &h, SG_C_RADIUS);
     if (!code)
         code = sg_host_count_radii(base->ctx, &h, &e->camera, e->params.mip_filter);
     if (!code)
@@ -242,36 +302,12 @@ int sg_vulkan_shape_backward(struct sg_engine *base, const struct sg_shape *shap
 
 /* ---- small ones ---- */
 
-int sg_vulkan_read_planes(struct vulkan_engine *e, int planes, struct sg_host_model *h)
-{
-    struct gpu_buffer some = {0};
-    *h = (struct sg_host_model){.count = e->count,
-                                .capacity = sg_blocks(e->count) * SG_LANES,
-                                .sh_degree = e->base.sh_degree,
-                                .planes = planes};
-    const uint64_t bytes = 4 * (uint64_t) h->capacity * (uint64_t) planes;
-    int code = sg_gpu_reserve(e->gpu, SG_MEM_SPLATS, &some, bytes);
-    h->at[SG_C_PARAMETERS] =
-        sg_alloc(e->base.ctx, SG_MEM_MODEL, h->capacity, (size_t) planes * sizeof(float));
-    if (!h->at[SG_C_PARAMETERS])
-        code = SG_ERR_BUDGET;
-    if (!code)
-        code =
-            GPU_RUN(e->gpu, planes, 0, FOR_EACH(e->count), .from = e->at[SG_C_PARAMETERS].address,
-                    .to = some.address, .count = (uint32_t) e->count,
-                    .planes = (uint32_t) e->planes, .width = (uint32_t) planes);
-    if (!code)
-        code = sg_gpu_read(e->gpu, &some, 0, h->at[SG_C_PARAMETERS], bytes);
-    sg_gpu_release(e->gpu, &some);
-    return code;
-}
-
 int sg_vulkan_read_statistics(struct sg_engine *base, const struct sg_statistics *out)
 {
     struct vulkan_engine *e = vulkan_of(base);
     const int statistics[] = {SG_C_GRAD_SUM, SG_C_GRAD_COUNT, SG_C_GRAD_ABSOLUTE, SG_C_RADIUS};
     struct sg_host_model h;
-    int code = sg_vulkan_read_planes(e, SG_P_ROT, &h);
+    int code = sg_vulkan_read_planes(e, SG_C_PARAMETERS, SG_P_ROT, &h);
     for (int k = 0; k < 4 && !code; k++)
         if (e->at[statistics[k]].buffer && !(code = sg_host_alloc(base->ctx, &h, statistics[k])))
             code = sg_gpu_read(e->gpu, &e->at[statistics[k]], 0, h.at[statistics[k]],

@@ -210,9 +210,10 @@
  * most `limit`, as stored, and its moments to 0 where there are some. */
 #define ARGS_move(P, U, F)                                                                         \
     P(Floats, params) P(Floats, m) P(Floats, v) U(count) U(planes) U(what) U(moments) F(limit)
-/* The first `width` planes of every Gaussian on their own. */
+/* The first `width` of the `planes` planes of every Gaussian, to an array of `held` planes; back: 1
+ * = from there. */
 #define ARGS_planes(P, U, F)                                                                       \
-    P(Floats, from) P(Floats, to) U(count) U(planes) U(width)
+    P(Floats, from) P(Floats, to) U(count) U(planes) U(held) U(width) U(back)
 /* moves: of every row two words: the source, an index before the edit or a row of the caller's; and
  * the kind (enum sg_edit_kind), with a child's number above it. fates: by kind, what the planes
  * from `first` to `end` - 1 take. children: the planes up to the rotation. */
