@@ -14,7 +14,7 @@
 #include "engine/cpu/dispatch.h"
 #include "engine/host/morton.h"
 #include "core/clock.h"
-#include "core/internal.h"
+#include "core/context.h"
 #include "core/rng.h"
 #include "measure.h"
 #include "roofline.h"

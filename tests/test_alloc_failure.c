@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Every allocation of a small load, training, audit, attack and evaluation is made to fail once.
  * Each call ends with SG_ERR_BUDGET and a message, leaks nothing, and works afterwards. */
-#include "core/internal.h"
+#include "core/context.h"
 #include "splatguard/format.h"
 #include "splatguard/run.h"
 #include "synth_scene.h"

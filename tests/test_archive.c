@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Scenes in zip archives: the same views as from a folder, and archives that are hostile. */
 #include "core/folder.h"
-#include "core/internal.h"
+#include "core/context.h"
 #include "core/rng.h"
 #include "core/zip.h"
 #include "scene/photo.h"

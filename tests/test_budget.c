@@ -2,7 +2,7 @@
 /* Hard budgets: on Gaussians, on memory, on time. */
 #include <unistd.h>
 
-#include "core/internal.h"
+#include "core/context.h"
 #include "math/constants.h"
 #include "train/densify.h"
 #include "train/schedule.h"

@@ -6,7 +6,7 @@
 #include <unistd.h>
 
 #include "core/file.h"
-#include "core/internal.h"
+#include "core/context.h"
 #include "models.h"
 
 static sg_ctx *limited(int threads, uint64_t bytes)

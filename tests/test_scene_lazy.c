@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Photos that a function reads when they are needed: the same bytes as with photos in memory, for
  * any limit; what is dropped is read again, and must not have changed. */
-#include "core/internal.h"
+#include "core/context.h"
 #include "models.h"
 
 #define SIDE 64

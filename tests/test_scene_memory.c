@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Scenes from memory: the same results as from a folder, and refusals that name the field. */
-#include "core/internal.h"
+#include "core/context.h"
 #include "synth_scene.h"
 
 #define WIDTH 40

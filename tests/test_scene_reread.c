@@ -4,7 +4,7 @@
  */
 #include "scene_files.h"
 
-#include "core/internal.h"
+#include "core/context.h"
 #include "scene/photo.h"
 
 #define PHOTOS 16

@@ -3,7 +3,7 @@
 #include <sched.h>
 #include <stdatomic.h>
 
-#include "core/internal.h"
+#include "core/context.h"
 #include "models.h"
 
 struct tally {

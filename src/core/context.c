@@ -6,7 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "internal.h"
+#include "context.h"
 #include "threads.h"
 #include "vram.h"
 

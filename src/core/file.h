@@ -6,7 +6,7 @@
 #include <stdbool.h>
 #include <stdio.h>
 
-#include "internal.h"
+#include "context.h"
 
 /* The steps of the functions below, for callers without a context. NULL or false: see errno. */
 FILE *

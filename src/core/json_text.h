@@ -4,7 +4,7 @@
 
 #include <jansson.h>
 
-#include "internal.h"
+#include "context.h"
 
 /* Charges the ledger for the most memory that the parser needs for a text. *room: as of sg_reserve,
  * to be released after the values. */

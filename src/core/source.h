@@ -6,7 +6,7 @@
 
 #include <stdio.h>
 
-#include "internal.h"
+#include "context.h"
 
 #define SG_SOURCE_WINDOW ((size_t) 1 << 18) /* the most bytes that one call returns */
 

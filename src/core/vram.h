@@ -4,7 +4,7 @@
 #ifndef SG_CORE_VRAM_H
 #define SG_CORE_VRAM_H
 
-#include "internal.h"
+#include "context.h"
 
 /* What a test can make fail. */
 enum sg_device_call { SG_DEVICE_ALLOCATION, SG_DEVICE_SUBMISSION, SG_DEVICE_CALLS };

@@ -4,7 +4,7 @@
 
 #include <zlib.h>
 
-#include "internal.h"
+#include "context.h"
 
 static inline void *sg_zlib_alloc(void *ctx, unsigned count, unsigned size)
 {

@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "audit_photo.h"
-#include "core/internal.h"
+#include "core/context.h"
 #include "scene/photo.h"
 #include "scene/used.h"
 

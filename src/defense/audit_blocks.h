@@ -3,7 +3,7 @@
 #ifndef SG_DEFENSE_AUDIT_BLOCKS_H
 #define SG_DEFENSE_AUDIT_BLOCKS_H
 
-#include "core/internal.h"
+#include "core/context.h"
 #include "splatguard/audit.h"
 
 #define SG_AUDIT_BLOCK 16 /* pixels of the photo on a block's side */

@@ -7,7 +7,7 @@
 #include "audit_blocks.h"
 #include "audit_photo.h"
 #include "audit_weights.h"
-#include "core/internal.h"
+#include "core/context.h"
 #include "spectral/frequency.h"
 
 /* A block is noisy if it oscillates by more than this many grey levels per pixel, and if

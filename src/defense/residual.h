@@ -9,7 +9,7 @@
 #ifndef SG_DEFENSE_RESIDUAL_H
 #define SG_DEFENSE_RESIDUAL_H
 
-#include "core/internal.h"
+#include "core/context.h"
 
 struct sg_residual {
     size_t blocks; /* of 8 x 8 pixels that were measured, the quietest tenth; 0 = too few */

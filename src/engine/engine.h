@@ -10,7 +10,7 @@
 #ifndef SG_ENGINE_H
 #define SG_ENGINE_H
 
-#include "core/internal.h"
+#include "core/context.h"
 #include "losses.h"
 #include "math/exposure.h"
 #include "model/columns.h"

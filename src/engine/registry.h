@@ -3,7 +3,7 @@
 #ifndef SG_ENGINE_REGISTRY_H
 #define SG_ENGINE_REGISTRY_H
 
-#include "core/internal.h"
+#include "core/context.h"
 
 #define SG_ENGINE_AUTO "auto" /* a GPU where there is one, else the CPU */
 #define SG_ENGINES 4          /* the most that there are */

@@ -5,7 +5,7 @@
 
 #include "core/clock.h"
 #include "core/compare.h"
-#include "core/internal.h"
+#include "core/context.h"
 #include "scene/photo.h"
 #include "splatguard/eval.h"
 

@@ -4,7 +4,7 @@
 #ifndef SG_FORMAT_CLUSTER_H
 #define SG_FORMAT_CLUSTER_H
 
-#include "core/internal.h"
+#include "core/context.h"
 #include "splatguard/model.h"
 
 #define SG_TABLE_SIZE 256 /* numbers of a table */

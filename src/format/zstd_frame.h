@@ -3,7 +3,7 @@
 #ifndef SG_FORMAT_ZSTD_FRAME_H
 #define SG_FORMAT_ZSTD_FRAME_H
 
-#include "core/internal.h"
+#include "core/context.h"
 
 /* One frame that holds exactly n bytes. path: for messages. SG_ERR_INPUT for a damaged frame;
  * SG_ERR_USAGE: built without zstd. */

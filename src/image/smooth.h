@@ -4,7 +4,7 @@
 
 #include <splatguard/scene.h>
 
-#include "core/internal.h"
+#include "core/context.h"
 
 /* rgb, out: height x width x 3, not the same memory. mask: height x width, 0 = unused, NULL = all
  * are used; unused pixels are copied and have no influence. kind: not SG_SMOOTH_OFF. With the

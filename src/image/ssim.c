@@ -5,7 +5,7 @@
 
 #include "math/real_f64.h"
 
-#include "core/internal.h"
+#include "core/context.h"
 #include "math/photometric.h"
 #include "splatguard/eval.h"
 

@@ -2,7 +2,7 @@
 #ifndef SG_IMAGE_TOTAL_VARIATION_H
 #define SG_IMAGE_TOTAL_VARIATION_H
 
-#include "core/internal.h"
+#include "core/context.h"
 #include "splatguard/variation.h"
 
 #define SG_TV_ISO_FLOOR 1e-12f /* under the root of SG_ATTACK_TV_ISO */

@@ -11,7 +11,7 @@
 #include <stdbool.h>
 
 #include "anchor.h"
-#include "core/internal.h"
+#include "core/context.h"
 #include "splatguard/model.h"
 
 /* Learning-rate groups. Of anchors, offsets and features learn instead of positions and colours. */

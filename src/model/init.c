@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include <math.h>
 
-#include "core/internal.h"
+#include "core/context.h"
 #include "core/rng.h"
 #include "math/constants.h"
 #include "nearest.h"

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 
 #include "core/compare.h"
-#include "core/internal.h"
+#include "core/context.h"
 #include "math/constants.h"
 #include "ply.h"
 #include "splatguard/model.h"

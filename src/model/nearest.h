@@ -2,7 +2,7 @@
 #ifndef SG_NEAREST_H
 #define SG_NEAREST_H
 
-#include "core/internal.h"
+#include "core/context.h"
 
 /* out[i]: mean squared distance of point i to its 3 nearest other points, exact; points at equal
  * positions count with distance 0. xyz: n x 3 finite floats, n >= 4. */

@@ -3,7 +3,7 @@
 #ifndef SG_OPTION_OPTION_H
 #define SG_OPTION_OPTION_H
 
-#include "core/internal.h"
+#include "core/context.h"
 #include "splatguard/engine.h"
 #include "splatguard/option.h"
 

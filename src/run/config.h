@@ -5,7 +5,7 @@
 
 #include <jansson.h>
 
-#include "core/internal.h"
+#include "core/context.h"
 #include "splatguard/option.h"
 
 /* A table whose struct is at an offset of the run's params. */

@@ -6,7 +6,7 @@
 #include <jansson.h>
 #include <stdio.h>
 
-#include "core/internal.h"
+#include "core/context.h"
 
 /* RUN/NAME exists. */
 bool sg_run_has(sg_ctx *ctx, const char *run, const char *name);

@@ -2,7 +2,7 @@
 #ifndef SG_RUN_OUTPUT_H
 #define SG_RUN_OUTPUT_H
 
-#include "core/internal.h"
+#include "core/context.h"
 #include "splatguard/output.h"
 
 struct sg_output_rules {

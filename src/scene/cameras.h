@@ -2,7 +2,7 @@
 #ifndef SG_SCENE_CAMERAS_H
 #define SG_SCENE_CAMERAS_H
 
-#include "core/internal.h"
+#include "core/context.h"
 #include "splatguard/scene.h"
 
 /* The cameras of the training views, for engines. NULL without memory; sg_free. */

@@ -2,7 +2,7 @@
 #ifndef SG_SCENE_PHOTO_H
 #define SG_SCENE_PHOTO_H
 
-#include "core/internal.h"
+#include "core/context.h"
 #include "splatguard/scene.h"
 
 /* Photos of a scene that are read when they are needed, and their common state. Bytes are those

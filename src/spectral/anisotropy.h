@@ -4,7 +4,7 @@
 #ifndef SG_SPECTRAL_ANISOTROPY_H
 #define SG_SPECTRAL_ANISOTROPY_H
 
-#include "core/internal.h"
+#include "core/context.h"
 #include "splatguard/spectrum.h"
 
 /* For one size: transforms, table of directions, room. Thread safety: unsafe. */

@@ -6,7 +6,7 @@
 #ifndef SG_SPECTRAL_FFT_H
 #define SG_SPECTRAL_FFT_H
 
-#include "core/internal.h"
+#include "core/context.h"
 
 #define SG_FFT_LANES 16
 #define SG_FFT_ROWS (2 * SG_FFT_LANES) /* real rows at once */

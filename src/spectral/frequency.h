@@ -4,7 +4,7 @@
 #ifndef SG_SPECTRAL_FREQUENCY_H
 #define SG_SPECTRAL_FREQUENCY_H
 
-#include "core/internal.h"
+#include "core/context.h"
 #include "splatguard/spectrum.h"
 
 /* Direction of the coefficient in row u and column v of a half spectrum, `outside` if it is not in

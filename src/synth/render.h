@@ -6,7 +6,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "core/internal.h"
+#include "core/context.h"
 #include "scene.h"
 
 /* A pinhole; the three axes are unit vectors. */

@@ -4,7 +4,7 @@
 #ifndef SG_TRAIN_BUDGET_H
 #define SG_TRAIN_BUDGET_H
 
-#include "core/internal.h"
+#include "core/context.h"
 #include "splatguard/train.h"
 
 struct sg_budget {

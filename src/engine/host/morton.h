@@ -2,7 +2,7 @@
 #ifndef SG_MORTON_H
 #define SG_MORTON_H
 
-#include "core/internal.h"
+#include "core/context.h"
 
 /* Where items lie: item s at the position of Gaussian s, or of row s - count from count on. */
 struct sg_places {

@@ -4,7 +4,7 @@
 #ifndef SG_REF_IMAGE_LOSSES_H
 #define SG_REF_IMAGE_LOSSES_H
 
-#include "core/internal.h"
+#include "core/context.h"
 #include "engine/losses.h"
 
 /* A loss of this list without its weight, to *out. gradient: NULL, or 3 planes that get

@@ -3,7 +3,7 @@
 #ifndef SG_VULKAN_DEVICES_H
 #define SG_VULKAN_DEVICES_H
 
-#include "core/internal.h"
+#include "core/context.h"
 #include "loader.h"
 #include "splatguard/engine.h"
 

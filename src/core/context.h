@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The library's private services, all reached through a context: errors, log, tagged memory,
  * threads. */
-#ifndef SG_CORE_INTERNAL_H
-#define SG_CORE_INTERNAL_H
+#ifndef SG_CORE_CONTEXT_H
+#define SG_CORE_CONTEXT_H
 
 #include <stdarg.h>
 #include <stdbool.h>
