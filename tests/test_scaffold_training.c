@@ -132,16 +132,18 @@ static void test_engines(void **state)
         mask[i] = i % SIDE < SIDE / 2;
     for (int k = n - 1; k >= 0; k--) { /* the oracle first */
         struct sg_model *m[2];
+        struct fixture fixtures[2]; /* their contexts outlive the models */
         if (!strncmp(cases[k].engine, "vulkan", 6))
             continue;
         for (int threads = 1; threads <= 2; threads++) {
-            struct fixture f = make_points(3 * threads - 2);
+            struct fixture *f = &fixtures[threads - 1];
             struct sg_train_params p = scaffold_params();
             struct course course;
             p.engine = cases[k].engine, p.cpu = cases[k].variant;
-            f.views[1].mask = mask;
-            sg_trainer *t = begin(&f, &p);
-            m[threads - 1] = run(&f, t, 16, &course);
+            *f = make_points(3 * threads - 2);
+            f->views[1].mask = mask;
+            sg_trainer *t = begin(f, &p);
+            m[threads - 1] = run(f, t, 16, &course);
             assert_true(course.gaussians[15] > course.gaussians[0]);
             if (k == n - 1)
                 expected = course;
@@ -150,11 +152,12 @@ static void test_engines(void **state)
                     fail_msg("%s: iteration %d: loss %g, expected %g", case_name(cases[k]), i + 1,
                              course.loss[i], expected.loss[i]);
             sg_trainer_destroy(&t);
-            clear_points(&f);
         }
         assert_same_anchors(m[0], m[1]);
-        sg_model_destroy(&m[0]);
-        sg_model_destroy(&m[1]);
+        for (int i = 0; i < 2; i++) {
+            sg_model_destroy(&m[i]);
+            clear_points(&fixtures[i]);
+        }
     }
 }
 
