@@ -19,7 +19,7 @@ file(GLOB sources ${SOURCE}/src/core/*.c ${SOURCE}/src/engine/*.c ${SOURCE}/src/
 list(REMOVE_ITEM sources ${SOURCE}/src/core/json_text.c) # there is no jansson for the emulated machine
 compile(kernels -DSG_ISA=neon -O3 -ffp-contract=fast ${kernels})
 compile(fft -DSG_ISA=neon -O3 -ffp-contract=off ${fft})
-compile(library -O2 -ffp-contract=off ${sources} ${SOURCE}/src/model/store.c ${SOURCE}/src/model/init.c
+compile(library -O2 -ffp-contract=off ${sources} ${SOURCE}/src/model/store.c ${SOURCE}/src/model/init.c ${SOURCE}/src/model/anchors.c
     ${SOURCE}/src/model/nearest.c ${SOURCE}/src/model/columns.c ${SOURCE}/src/image/total_variation.c
     ${SOURCE}/src/image/ssim.c)
 file(GLOB objects ${BUILD}/*/*.o)
