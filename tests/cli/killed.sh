@@ -7,31 +7,35 @@ trap '[ -z "$pid" ] || kill -9 "$pid" 2>/dev/null' EXIT
 last=300
 options=$(once $short --init-points 300 --iterations $last --densify-until-iter 240 --save-every 50 --eval)
 
-# A moment between 0 and 0.25 seconds.
-moment() { od -An -N2 -tu2 /dev/urandom | awk '{ printf "%.3f", $1 / 262144 }'; }
-
-# killed NAME OPTIONS...: what the run is called, and what it trains.
+# killed NAME OPTIONS...: what the run is called, and what it trains. Kills count where there is something to continue from.
 killed() {
     name=$1 kills=0 moments=
     shift
+    begin=$(date +%s%N)
     expect 0 train scene/blender -o $name-whole $options "$@"
-    for round in 1 2 3; do
+    whole=$(($(date +%s%N) - begin))
+    for round in $(seq 40); do
         if [ -s $name-cut/checkpoint.bin ]; then
             "$tool" train --resume $name-cut -q 2>err &
         else
+            rm -rf $name-cut
             "$tool" train scene/blender -o $name-cut $options "$@" 2>err &
         fi
         pid=$!
-        # The first time once there is something to continue from.
-        [ $round != 1 ] || wait_for $name-cut/checkpoint.bin
-        after=$(moment)
-        moments="$moments $after"
+        after=$(od -An -N2 -tu2 /dev/urandom | awk -v whole=$whole '{ printf "%.3f", $1 / 65536 * whole / 1e9 }')
         sleep "$after"
-        kill -9 $pid 2>/dev/null && kills=$((kills + 1))
+        kill -9 $pid 2>/dev/null
         wait $pid 2>/dev/null
+        if [ $? != 137 ]; then # it was faster
+            rm -rf $name-cut
+        elif [ -s $name-cut/checkpoint.bin ]; then
+            kills=$((kills + 1))
+            moments="$moments $after"
+        fi
         pid=
+        [ $kills -lt 2 ] || break
     done
-    [ $kills -gt 0 ] || fail "$name: nothing was killed"
+    [ $kills = 2 ] || fail "$name: found $kills kills that left a checkpoint after $round trials, expected 2"
     expect 0 train --resume $name-cut -q
     for file in checkpoint.bin $(cd $name-whole && find point_cloud -type f); do
         cmp $name-cut/"$file" $name-whole/"$file" || fail "$name: $file differs after kills at$moments"
