@@ -31,13 +31,20 @@ SIMD struct rects tile_rects(const struct cpu_project_args *a, real x, real y, r
 #undef EDGE
 }
 
+/* The lowest n bits, 1 to 31, of which the highest must not overflow. */
+SIMD ireal lowest_bits(ireal n)
+{
+    const ireal one = i_set(1);
+    return (((one << (n - one)) - one) << one) + one;
+}
+
 /* Bits of the tiles that the ellipses touch, where the rectangle is small. */
 SIMD ireal tile_bits(const struct cpu_project_args *a, const struct rects *r,
                      const struct ellipse *e, real x, real y, mask small)
 {
     const ireal width = r->x1 - r->x0, height = r->y1 - r->y0, one = i_set(1);
-    if (a->reference_tiles) /* 1 to 31 bits, of which the highest must not overflow */
-        return (((one << (i_sel(small, width * height, one) - one)) - one) << one) + one;
+    if (a->reference_tiles)
+        return lowest_bits(i_sel(small, width * height, one));
     const real lo = r_from_int(r->x0), hi = r_from_int(r->x1);
     const float scale = 1.0f / SG_TILE;
     ireal bits = i_set(0);
@@ -50,7 +57,7 @@ SIMD ireal tile_bits(const struct cpu_project_args *a, const struct rects *r,
         const ireal c0 = r_to_int(r_max(r_min((x + span.x0 + 1) * scale, hi), lo)) - r->x0;
         const ireal c1 = r_to_int(r_max(r_min((x + span.x1 + SG_TILE) * scale, hi), lo)) - r->x0;
         const mask some = r_and(r_and(inside, span.hit), r_lt(r_from_int(c0), r_from_int(c1)));
-        bits |= i_sel(some, ((one << c1) - (one << c0)) << (row * width), i_set(0));
+        bits |= i_sel(some, lowest_bits(i_sel(some, c1 - c0, one)) << (c0 + row * width), i_set(0));
     }
 }
 
