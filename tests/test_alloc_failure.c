@@ -312,6 +312,10 @@ static int convert(sg_ctx *ctx)
     struct sg_model *model = NULL, *part = NULL;
     int code = sg_model_init_random(ctx, 60, 1, 1, &model);
     if (!code)
+        code = sg_model_sort(ctx, model, &part);
+    sg_model_destroy(&model);
+    model = part, part = NULL;
+    if (!code)
         code = sg_model_select(ctx, model, NULL, &part);
     for (size_t k = 0; k < sizeof(endings) / sizeof(endings[0]) && !code; k++) {
         struct sg_model *back = NULL;

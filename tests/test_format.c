@@ -459,6 +459,45 @@ static void test_select(void **state)
     sg_model_destroy(&m);
 }
 
+/* The sum of the extents of 256 Gaussians at a time. */
+static double extents(const struct sg_model *m)
+{
+    double sum = 0;
+    for (size_t first = 0; first < m->count; first += 256)
+        for (int k = 0; k < 3; k++) {
+            float low = INFINITY, high = -INFINITY;
+            for (size_t i = first; i < m->count && i < first + 256; i++) {
+                low = fminf(low, *sg_model_at(m, i, k));
+                high = fmaxf(high, *sg_model_at(m, i, k));
+            }
+            sum += (double) (high - low);
+        }
+    return sum;
+}
+
+/* Each Gaussian once, whole, and near to its neighbours. */
+static void test_sort(void **state)
+{
+    struct fixture *f = *state;
+    struct sg_model *m = make(f->ctx, 4000, 1), *sorted;
+    bool *found = calloc(m->count, 1);
+    for (size_t i = 0; i < m->count; i++)
+        *sg_model_at(m, i, SG_P_OPACITY) = (float) i;
+    assert_int_equal(sg_model_sort(f->ctx, m, &sorted), SG_OK);
+    assert_int_equal(sorted->count, m->count);
+    for (size_t i = 0; i < m->count; i++) {
+        const size_t from = (size_t) *sg_model_at(sorted, i, SG_P_OPACITY);
+        assert_true(from < m->count && !found[from]);
+        found[from] = true;
+        for (int p = 0; p < sg_param_count(1); p++)
+            assert_memory_equal(sg_model_at(sorted, i, p), sg_model_at(m, from, p), 4);
+    }
+    assert_true(extents(sorted) < 0.7 * extents(m));
+    free(found);
+    sg_model_destroy(&sorted);
+    sg_model_destroy(&m);
+}
+
 /* Gaussians seen by a camera are those of the mirrored axes seen by a mirrored camera: signs of
  * rotations and SH belong together. */
 static void test_axes(void **state)
@@ -504,7 +543,8 @@ int main(void)
         scene_test(test_splat_bytes), scene_test(test_spz_headers),
         scene_test(test_spz_4),       scene_test(test_ksplat),
         scene_test(test_damage),      scene_test(test_writing_refusals),
-        scene_test(test_select),      scene_test(test_axes),
+        scene_test(test_select),      scene_test(test_sort),
+        scene_test(test_axes),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -81,6 +81,11 @@ SG_API struct sg_model_selection sg_model_selection_default(void);
 SG_API int sg_model_select(sg_ctx *ctx, const struct sg_model *model,
                            const struct sg_model_selection *selection, struct sg_model **out);
 
+/* A copy whose Gaussians lie along a space-filling curve (Morton 1966); equal places keep their
+ * order. A compressed PLY keeps the positions of 256 Gaussians at a time: those of a model that is
+ * sorted are finer. The caller owns *out. Errors: SG_ERR_INPUT for anchors, SG_ERR_BUDGET. */
+SG_API int sg_model_sort(sg_ctx *ctx, const struct sg_model *model, struct sg_model **out);
+
 #ifdef __cplusplus
 }
 #endif

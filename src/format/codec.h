@@ -27,6 +27,9 @@ int sg_compressed_ply_write(const struct sg_model *m, FILE *f);
 int sg_sog_write(sg_ctx *ctx, const struct sg_model *m, FILE *f, const char *path);
 int sg_glb_write(sg_ctx *ctx, const struct sg_model *m, FILE *f, const char *path);
 
+/* Which Gaussian sg_model_sort puts where. sg_free(*order), also after an error. */
+int sg_model_order(sg_ctx *ctx, const struct sg_model *m, uint32_t **order);
+
 /* sg_model_create for the count that a file claims, once it has been compared with the file's
  * size. */
 int sg_claimed_model(sg_ctx *ctx, const struct sg_source *in, uint64_t count, int sh_degree,

@@ -7,7 +7,6 @@
 #include "cluster.h"
 #include "codec.h"
 #include "core/zip.h"
-#include "engine/host/morton.h"
 #include "image/image.h"
 #include "sog.h"
 
@@ -68,12 +67,11 @@ static int write_meta(struct writer *w)
 {
     char generator[64];
     snprintf(generator, sizeof(generator), "splatguard %s", sg_version());
-    json_t *asset = json_pack("{s:s}", "generator", generator);
     int code = SG_ERR_BUDGET;
     char *text = NULL;
     if (!json_object_set_new(w->meta, "version", json_integer(2)) &&
         !json_object_set_new(w->meta, "count", json_integer((json_int_t) w->m->count)) &&
-        !json_object_set_new(w->meta, "asset", asset))
+        !json_object_set_new(w->meta, "asset", json_pack("{s:s}", "generator", generator)))
         text = json_dumps(w->meta, JSON_COMPACT | JSON_REAL_PRECISION(9));
     if (text)
         code = sg_zip_add(&w->zip, "meta.json", text, strlen(text));
@@ -262,20 +260,6 @@ static int write_sh(struct writer *w)
     return code;
 }
 
-static int find_order(struct writer *w)
-{
-    const struct sg_model *m = w->m;
-    const struct sg_places places = {m->params, m->count, NULL, sg_param_count(m->sh_degree), 0};
-    uint32_t *all = sg_alloc_raw(w->ctx, SG_MEM_MISC, m->count, sizeof(*all));
-    w->order = sg_alloc_raw(w->ctx, SG_MEM_MISC, m->count, sizeof(*w->order));
-    for (size_t i = 0; i < m->count && all; i++)
-        all[i] = (uint32_t) i;
-    const int code =
-        all && w->order ? sg_morton_order(w->ctx, &places, all, m->count, w->order) : SG_ERR_BUDGET;
-    sg_free(all);
-    return code;
-}
-
 int sg_sog_write(sg_ctx *ctx, const struct sg_model *m, FILE *f, const char *path)
 {
     struct writer w = {
@@ -287,7 +271,7 @@ int sg_sog_write(sg_ctx *ctx, const struct sg_model *m, FILE *f, const char *pat
     w.width = (int) side;
     w.height = (int) (4 * ceil((double) m->count / side / 4));
     w.meta = json_object();
-    int code = w.meta ? find_order(&w) : SG_ERR_BUDGET;
+    int code = w.meta ? sg_model_order(ctx, m, &w.order) : SG_ERR_BUDGET;
     if (!code)
         code = write_means(&w);
     if (!code)

@@ -68,7 +68,8 @@ int sg_morton_order(sg_ctx *ctx, const struct sg_places *places, const uint32_t 
     for (size_t i = 0; i < n; i++) {
         uint32_t key = 0;
         for (int axis = 0; axis < 3; axis++) {
-            const float v = (position(places, source[i], axis) - low[axis]) * per_unit[axis];
+            const float v =
+                (position(places, source ? source[i] : i, axis) - low[axis]) * per_unit[axis];
             key |= spread((uint32_t) (v > 0 ? v < CELLS - 1 ? v : CELLS - 1 : 0))
                    << axis; /* NaN: 0 */
         }

@@ -13,8 +13,8 @@ struct sg_places {
 };
 
 /* Orders n items along a space-filling curve (Morton 1966): neighbours in space become neighbours
- * in memory, so that what a tile draws comes from few places. Item i lies at place source[i].
- * order[k]: the item that comes k-th; equal places keep their order. */
+ * in memory, so that what a tile draws comes from few places. Item i lies at place source[i]; NULL:
+ * at place i. order[k]: the item that comes k-th; equal places keep their order. */
 int sg_morton_order(sg_ctx *ctx, const struct sg_places *places, const uint32_t *source, size_t n,
                     uint32_t *order);
 
