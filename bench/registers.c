@@ -125,11 +125,11 @@ int main(void)
     const VkPipelineLayoutCreateInfo info = {.sType = VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO,
                                              .pushConstantRangeCount = 1,
                                              .pPushConstantRanges = &range};
-    VkPipelineLayout layout;
+    VkPipelineLayout layout = VK_NULL_HANDLE;
     bool good = get_statistics && !vk.CreatePipelineLayout(device, &info, NULL, &layout);
     printf("# %s, driver %s, subgroups of %u\n", devices[0].info.name, devices[0].info.driver,
            devices[0].lanes);
-    for (int k = 0; k < GPU_KERNELS && get_statistics; k++)
+    for (int k = 0; k < GPU_KERNELS && layout; k++)
         for (int v = 0; v < variants_of((enum gpu_kernel) k); v++)
             good = report(device, layout, sg_gpu_lanes(devices[0].lanes), (enum gpu_kernel) k, v) &&
                    good;

@@ -43,7 +43,7 @@ struct group {
 
 /* An audit of a scene's photos of one kind. */
 struct audit {
-    char *plan, *scene, *photos, *key, *status, *message, *verdict;
+    char *plan, *scene, *photos, *key, *status, *verdict;
     double *scores; /* of single photos, those of which masks leave nothing excepted */
     size_t n, verdicts[SG_AUDIT_VERDICTS];
     bool fresh; /* of the database that is read now */

@@ -11,7 +11,7 @@
 
 static void clear_audit(struct audit *a)
 {
-    char *texts[] = {a->plan, a->scene, a->photos, a->key, a->status, a->message, a->verdict};
+    char *texts[] = {a->plan, a->scene, a->photos, a->key, a->status, a->verdict};
     for (size_t i = 0; i < sizeof(texts) / sizeof(texts[0]); i++)
         free(texts[i]);
     free(a->scores);
@@ -49,13 +49,12 @@ static int take_audit(void *arg, int columns, const char *const *v)
         r->audits = more;
         a = &more[r->n_audits++];
     }
-    json_t *summary = v[6] ? json_loads(v[6], 0, NULL) : NULL;
+    json_t *summary = v[5] ? json_loads(v[5], 0, NULL) : NULL;
     *a = (struct audit){.plan = report_copy(v[0]),
                         .scene = report_copy(v[1]),
                         .photos = report_copy(v[2]),
                         .key = report_copy(v[3]),
                         .status = report_copy(v[4]),
-                        .message = report_copy(v[5]),
                         .verdict =
                             report_copy(json_string_value(json_object_get(summary, "verdict"))),
                         .fresh = true};
@@ -91,7 +90,7 @@ int report_load_audits(struct report *r, struct store *s)
     if (code || !has)
         return code;
     code = store_query(s,
-                       "SELECT c.plan, c.scene, c.photos, c.key, j.status, j.message, j.summary"
+                       "SELECT c.plan, c.scene, c.photos, c.key, j.status, j.summary"
                        " FROM cell c LEFT JOIN job j USING(key) WHERE c.kind='audit'"
                        " ORDER BY c.plan, c.position",
                        take_audit, r);
@@ -190,7 +189,8 @@ static int make_roc(double *photos, size_t n, double *clean, size_t m, struct ro
     double(*samples)[SAMPLES] = calloc(ROC_GRID + 2, sizeof(*samples)), heights[ROC_GRID + 1];
     uint64_t random = 0;
     *out = (struct roc){.clean = m, .points = calloc(n + m + 1, sizeof(*out->points))};
-    if (levels && at && samples && out->points) {
+    const bool room = levels && at && samples && out->points;
+    if (room) {
         qsort(photos, n, sizeof(*photos), highest_first);
         qsort(clean, m, sizeof(*clean), highest_first);
         const size_t count = make_levels(photos, n, clean, m, levels, at);
@@ -211,7 +211,6 @@ static int make_roc(double *photos, size_t n, double *clean, size_t m, struct ro
             interval(samples[k], out->band[k]);
         interval(samples[ROC_GRID + 1], out->interval);
     }
-    const bool room = levels && at && samples && out->points;
     free(levels);
     free(at);
     free(samples);
