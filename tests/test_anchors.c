@@ -343,6 +343,31 @@ static void test_files(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+struct edit {
+    const char *find, *replace, *says;
+};
+
+/* Each change of the file of networks is refused. */
+static void refuse_edits(sg_ctx *ctx, const char *good, size_t size, const struct edit *edits,
+                         size_t n)
+{
+    struct sg_model *read;
+    for (size_t i = 0; i < n; i++) {
+        char *bad = malloc(size), *at;
+        assert_non_null(bad);
+        memcpy(bad, good, size);
+        at = memmem(bad, size, edits[i].find, strlen(edits[i].find));
+        assert_non_null(at);
+        memcpy(at, edits[i].replace, strlen(edits[i].replace));
+        spill(weights_path, bad, size);
+        if (sg_model_read_drawable(ctx, model_path, 100, &read) != SG_ERR_INPUT ||
+            !strstr(sg_last_error(ctx), edits[i].says))
+            fail_msg("%s: found \"%s\"", edits[i].replace, sg_last_error(ctx));
+        sg_clear_error(ctx);
+        free(bad);
+    }
+}
+
 #define ALL_PARTS (SG_PART_DISTANCE | SG_PART_BANK | SG_PART_APPEARANCE)
 
 /* Networks with optional parts come back with them, under the names of PyTorch. */
@@ -380,32 +405,18 @@ static void test_parts(void **state)
         if (!memmem(good, size, entry, strlen(entry)))
             fail_msg("the header does not have %s", entry);
     }
-    static const struct {
-        const char *find, *replace, *says;
-    } edits[] = {{"distance feature", "distance_feature", "found parts other than"},
-                 {"feature_bank appearance", "feature_bang appearance", "found parts other than"},
-                 {"distance feature_bank", "feature_bank         ", "found parts other than"},
-                 {"\"distance feature_bank appearance\"", "\"feature_bank appearance\"         ",
-                  "opacity.0.weight"},
-                 {"[4,32]", "[5,32]", "appearance.weight"},
-                 {"[4,32]", "[0,32]", "expected 1 to 65536"},
-                 {"[4,32]", "[-1,3]", "expected 1 to 65536"},
-                 {"appearance.weight", "appearance.waight", "expected 1 to 65536"},
-                 {"feature_bank.0.bias", "feature_bank.1.bias", "feature_bank.0.bias"}};
-    for (size_t i = 0; i < sizeof(edits) / sizeof(edits[0]); i++) {
-        char *bad = malloc(size), *at;
-        assert_non_null(bad);
-        memcpy(bad, good, size);
-        at = memmem(bad, size, edits[i].find, strlen(edits[i].find));
-        assert_non_null(at);
-        memcpy(at, edits[i].replace, strlen(edits[i].replace));
-        spill(weights_path, bad, size);
-        if (sg_model_read_drawable(ctx, model_path, 100, &read) != SG_ERR_INPUT ||
-            !strstr(sg_last_error(ctx), edits[i].says))
-            fail_msg("%s: found \"%s\"", edits[i].replace, sg_last_error(ctx));
-        sg_clear_error(ctx);
-        free(bad);
-    }
+    static const struct edit edits[] = {
+        {"distance feature", "distance_feature", "found parts other than"},
+        {"feature_bank appearance", "feature_bang appearance", "found parts other than"},
+        {"distance feature_bank", "feature_bank         ", "found parts other than"},
+        {"\"distance feature_bank appearance\"", "\"feature_bank appearance\"         ",
+         "opacity.0.weight"},
+        {"[4,32]", "[5,32]", "appearance.weight"},
+        {"[4,32]", "[0,32]", "expected 1 to 65536"},
+        {"[4,32]", "[-1,3]", "expected 1 to 65536"},
+        {"appearance.weight", "appearance.waight", "expected 1 to 65536"},
+        {"feature_bank.0.bias", "feature_bank.1.bias", "feature_bank.0.bias"}};
+    refuse_edits(ctx, good, size, edits, sizeof(edits) / sizeof(edits[0]));
     free(good);
     sg_model_destroy(&m);
     sg_ctx_destroy(&ctx);
@@ -452,29 +463,15 @@ static void test_hostile(void **state)
     char *good = slurp(weights_path, &size), *ply = slurp(model_path, &ply_size);
     uint64_t length;
     memcpy(&length, good, sizeof(length));
-    static const struct {
-        const char *find, *replace, *says;
-    } edits[] = {{"\"F32\"", "\"F16\"", "found no tensor"},
-                 {"[32,35]", "[35,32]", "found no tensor"},
-                 {"\"data_offsets\":[0,", "\"data_offsets\":[9,", "found no tensor"},
-                 {"\"voxel\":\"0.0", "\"voxel\":\"-.0", "voxel"},
-                 {"\"voxel\":\"0.0", "\"voxel\":\"nan", "voxel"},
-                 {"opacity.0.bias", "opacity.0.bais", "opacity.0.bias"},
-                 {"{\"", "[\"", "header"}};
-    for (size_t i = 0; i < sizeof(edits) / sizeof(edits[0]); i++) {
-        char *bad = malloc(size + 1), *at;
-        assert_non_null(bad);
-        memcpy(bad, good, size + 1);
-        at = memmem(bad, size, edits[i].find, strlen(edits[i].find));
-        assert_non_null(at);
-        memcpy(at, edits[i].replace, strlen(edits[i].replace));
-        spill(weights_path, bad, size);
-        if (sg_model_read_drawable(ctx, model_path, 100, &read) != SG_ERR_INPUT ||
-            !strstr(sg_last_error(ctx), edits[i].says))
-            fail_msg("%s: found \"%s\"", edits[i].replace, sg_last_error(ctx));
-        sg_clear_error(ctx);
-        free(bad);
-    }
+    static const struct edit edits[] = {
+        {"\"F32\"", "\"F16\"", "found no tensor"},
+        {"[32,35]", "[35,32]", "found no tensor"},
+        {"\"data_offsets\":[0,", "\"data_offsets\":[9,", "found no tensor"},
+        {"\"voxel\":\"0.0", "\"voxel\":\"-.0", "voxel"},
+        {"\"voxel\":\"0.0", "\"voxel\":\"nan", "voxel"},
+        {"opacity.0.bias", "opacity.0.bais", "opacity.0.bias"},
+        {"{\"", "[\"", "header"}};
+    refuse_edits(ctx, good, size, edits, sizeof(edits) / sizeof(edits[0]));
     for (size_t cut = 0; cut < size; cut += cut < 1200 ? 37 : 1501) {
         spill(weights_path, good, cut);
         assert_int_equal(sg_model_read_drawable(ctx, model_path, 100, &read), SG_ERR_INPUT);

@@ -82,7 +82,6 @@ static void test_same_scene(void **state)
 {
     struct fixture *f = *state;
     struct sg_scene *folder, *scene;
-    char path[512];
     put_scene(f);
     assert_int_equal(sg_scene_load(f->ctx, at(f, "scene"), NULL, &folder), SG_OK);
     assert_non_null(folder->train[0].mask);
@@ -92,8 +91,7 @@ static void test_same_scene(void **state)
         if (k % 3 == 1)
             archive_add(&a, "__MACOSX/lego/._transforms.json", "x", 1, false);
         put_archive(f, &a);
-        strcpy(path, at(f, "s.zip"));
-        if (sg_scene_load(f->ctx, path, NULL, &scene))
+        if (sg_scene_load(f->ctx, at(f, "s.zip"), NULL, &scene))
             fail_msg("%s", sg_last_error(f->ctx));
         compare(folder, scene);
         sg_scene_destroy(&scene);
@@ -107,7 +105,7 @@ static void test_limits(void **state)
     struct fixture *f = *state;
     enum { PHOTOS = 12, W = 160, H = 120 };
     struct archive a = {.bytes = malloc(PHOTOS * 4 * W * H)};
-    char text[4096], name[64], path[512];
+    char text[4096], name[64];
     struct sg_scene *whole, *scene;
     bool dropped = false, all = false;
     int n = snprintf(text, sizeof(text), "{\"fl_x\":90,\"frames\":[");
@@ -123,13 +121,12 @@ static void test_limits(void **state)
     strcpy(text + n, "]}");
     archive_add(&a, "scene/transforms.json", text, strlen(text), true);
     put_archive(f, &a);
-    strcpy(path, at(f, "s.zip"));
-    assert_int_equal(sg_scene_load(f->ctx, path, NULL, &whole), SG_OK);
+    assert_int_equal(sg_scene_load(f->ctx, at(f, "s.zip"), NULL, &whole), SG_OK);
     for (uint64_t limit = 4 << 20;; limit -= limit / 16) {
         sg_ctx *ctx;
         const struct sg_ctx_params params = {.threads = 2, .max_memory = limit};
         assert_int_equal(sg_ctx_create(&ctx, &params), SG_OK);
-        int code = sg_scene_load(ctx, path, NULL, &scene);
+        int code = sg_scene_load(ctx, at(f, "s.zip"), NULL, &scene);
         for (int k = 0; k < 2 * PHOTOS && !code; k++) {
             const struct sg_view *view = &scene->train[k * 5 % PHOTOS];
             const uint8_t *rgb;
@@ -157,17 +154,15 @@ static void test_no_memory(void **state)
 {
     struct fixture *f = *state;
     struct sg_scene *scene;
-    char path[512];
     sg_ctx *ctx;
     put_scene(f);
     struct archive a = archive_scene(f, "lego/", true);
     put_archive(f, &a);
-    strcpy(path, at(f, "s.zip"));
     assert_int_equal(sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1}), SG_OK);
     int failures = 0;
     for (uint64_t nth = 1;; nth++) {
         sg_fail_allocation(ctx, nth);
-        const int code = sg_scene_load(ctx, path, NULL, &scene);
+        const int code = sg_scene_load(ctx, at(f, "s.zip"), NULL, &scene);
         const bool failed = sg_fail_allocation(ctx, 0);
         failures += code != SG_OK; /* a photo that found no memory is read once more */
         assert_true(!code == (scene != NULL) && (failed || !code));
@@ -185,12 +180,10 @@ static void test_no_memory(void **state)
 static void refused(struct fixture *f, struct archive *a, const char *why)
 {
     struct sg_scene *scene;
-    char path[512];
     if (a)
         put_archive(f, a);
-    strcpy(path, at(f, "s.zip"));
     const uint64_t held = sg_mem_current(f->ctx, SG_MEM_TAGS);
-    assert_int_equal(sg_scene_load(f->ctx, path, NULL, &scene), SG_ERR_INPUT);
+    assert_int_equal(sg_scene_load(f->ctx, at(f, "s.zip"), NULL, &scene), SG_ERR_INPUT);
     assert_null(scene);
     if (!strstr(sg_last_error(f->ctx), "s.zip") || !strstr(sg_last_error(f->ctx), why))
         fail_msg("found \"%s\", expected \"%s\"", sg_last_error(f->ctx), why);
@@ -324,11 +317,9 @@ static void test_skipping(void **state)
         struct archive a = {.bytes = malloc(2 * N)};
         struct sg_folder folder;
         struct sg_source in;
-        char path[512];
         archive_add(&a, "x/data", bytes, N, deflated);
         put_archive(f, &a);
-        strcpy(path, at(f, "s.zip"));
-        assert_int_equal(sg_folder_open(f->ctx, path, false, &folder), SG_OK);
+        assert_int_equal(sg_folder_open(f->ctx, at(f, "s.zip"), false, &folder), SG_OK);
         assert_false(sg_folder_has(&folder, at(f, "s.zip/x/data"))); /* x stands for the archive */
         assert_true(sg_folder_has(&folder, at(f, "s.zip/./data")));
         assert_false(sg_folder_has_folder(&folder, at(f, "s.zip/data")));
@@ -352,7 +343,6 @@ static void test_skipping(void **state)
 static void test_damage(void **state)
 {
     struct fixture *f = *state;
-    char path[512];
     put_scene(f);
     for (int deflated = 0; deflated < 2; deflated++) {
         struct archive a = archive_scene(f, "top/", deflated);
@@ -360,15 +350,9 @@ static void test_damage(void **state)
         int bad = 0;
         for (uint64_t k = 0; k < 300; k++) {
             const uint64_t random = sg_rng_u64(4, SG_RNG_SYNTH, (uint64_t) deflated, k);
-            const size_t place = (random & 1) ? a.size - 1 - (size_t) (random >> 8) % 400
-                                              : (size_t) (random >> 8) % a.size;
-            const uint8_t kept = a.bytes[place];
             struct sg_scene *scene;
-            a.bytes[place] = (uint8_t) (random >> 40);
-            put(f, "s.zip", a.bytes, k % 4 ? a.size : place);
-            a.bytes[place] = kept;
-            strcpy(path, at(f, "s.zip"));
-            const int code = sg_scene_load(f->ctx, path, NULL, &scene);
+            put_damaged(f, "s.zip", &a, random, k);
+            const int code = sg_scene_load(f->ctx, at(f, "s.zip"), NULL, &scene);
             assert_true(code == SG_OK || code == SG_ERR_INPUT);
             assert_true((code == SG_OK) == (scene != NULL));
             bad += code != SG_OK;

@@ -198,14 +198,8 @@ static void test_damage(void **state)
         int bad = 0;
         for (uint64_t k = 0; k < 600; k++) {
             const uint64_t random = sg_rng_u64(9, SG_RNG_SYNTH, (uint64_t) deflated, k);
-            /* The directory and the first header are where most can go wrong. */
-            const size_t place = (random & 1) ? a.size - 1 - (size_t) (random >> 8) % 400
-                                              : (size_t) (random >> 8) % a.size;
-            const uint8_t kept = a.bytes[place];
             struct sg_model *m;
-            a.bytes[place] = (uint8_t) (random >> 40);
-            put(f, "m.sog", a.bytes, k % 4 ? a.size : place);
-            a.bytes[place] = kept;
+            put_damaged(f, "m.sog", &a, random, k);
             const int code = sg_model_read(f->ctx, at(f, "m.sog"), 1000, &m);
             assert_true(code == SG_OK || code == SG_ERR_INPUT);
             assert_true((code == SG_OK) == (m != NULL));

@@ -59,8 +59,8 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
     # Mesa's driver for AMD compiles every kernel for GPUs that are not there: none spills registers.
     file(GLOB SG_RADV /usr/share/vulkan/icd.d/radeon_icd.*.json /usr/local/share/vulkan/icd.d/radeon_icd.*.json)
     list(APPEND SG_RADV none)
+    list(GET SG_RADV 0 radv)
     foreach(family vega10 navi21 gfx1100)
-        list(GET SG_RADV 0 radv)
         add_test(NAME vulkan_registers_${family} COMMAND splatguard_registers)
         set_tests_properties(vulkan_registers_${family} PROPERTIES LABELS vulkan SKIP_RETURN_CODE 77
             ENVIRONMENT "RADV_FORCE_FAMILY=${family};RADV_PERFTEST=cswave32;VK_ICD_FILENAMES=${radv};VK_DRIVER_FILES=${radv}")

@@ -78,4 +78,17 @@ static inline void archive_finish(struct archive *a, const char *comment)
     a->size += a->directory_size + 22 + strlen(comment);
 }
 
+/* A finished archive with a random byte changed, and for every fourth k cut there. The directory
+ * and the first header are where most can go wrong. */
+static inline void put_damaged(struct fixture *f, const char *name, struct archive *a,
+                               uint64_t random, uint64_t k)
+{
+    const size_t place = (random & 1) ? a->size - 1 - (size_t) (random >> 8) % 400
+                                      : (size_t) (random >> 8) % a->size;
+    const uint8_t kept = a->bytes[place];
+    a->bytes[place] = (uint8_t) (random >> 40);
+    put(f, name, a->bytes, k % 4 ? a->size : place);
+    a->bytes[place] = kept;
+}
+
 #endif

@@ -5,11 +5,9 @@ import math
 import os
 import re
 import signal
-import struct
 import threading
 import time
 import types
-import zlib
 
 import numpy as np
 import pytest
@@ -346,15 +344,6 @@ def test_evaluate():
     assert abs(10 * math.log10(255**2 / mse) - scores["views"][0]["psnr"]) < 0.05
 
 
-def png(rgb):
-    height, width, _ = rgb.shape
-    chunk = lambda kind, data: (struct.pack(">I", len(data)) + kind + data +
-                                struct.pack(">I", zlib.crc32(kind + data)))
-    rows = b"".join(b"\0" + row.tobytes() for row in rgb)
-    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)) +
-            chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
-
-
 def test_names_of_photos_need_not_be_utf8(tmp_path):
     model = tmp_path / "sparse" / "0"
     model.mkdir(parents=True)
@@ -366,7 +355,7 @@ def test_names_of_photos_need_not_be_utf8(tmp_path):
         b"%d 1 0 0 0 %d 0 0 1 %s\n\n" % (k + 1, k, name) for k, name in enumerate(names)))
     for k, name in enumerate(names):
         with open(os.path.join(os.fsencode(tmp_path / "images"), name), "wb") as f:
-            f.write(png(photo(k)))
+            f.write(tour.png(photo(k)))
     scene = sg.Scene.load(tmp_path, eval=True, test_every=2)
     scores = sg.evaluate(model_of(context=scene.context), scene)
     assert [v["name"] for v in scores["views"]] == [v.name for v in scene.test]

@@ -27,16 +27,15 @@ CELL = re.compile(r"```python\n(.*?)```\n(\n```text\n(.*?)```\n)?(\n!\[[^\n]*\n)
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
 
-def write_png(path, rows):
+def png(rows):
     """rows: height x width x 3 bytes."""
     def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(
             ">I", zlib.crc32(kind + data))
     height, width, _ = rows.shape
     lines = b"".join(b"\0" + row.tobytes() for row in rows)
-    with open(path, "wb") as f:
-        f.write(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0))
-                + chunk(b"IDAT", zlib.compress(lines, 9)) + chunk(b"IEND", b""))
+    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0))
+            + chunk(b"IDAT", zlib.compress(lines, 9)) + chunk(b"IEND", b""))
 
 
 def run(code, names):
@@ -66,7 +65,8 @@ def tour(check, folder=os.path.join(ROOT, "docs", "images")):
     def show(name, images):
         """Pictures side by side, for the page."""
         if not check:
-            write_png(os.path.join(folder, name + ".png"), numpy.concatenate(images, 1))
+            with open(os.path.join(folder, name + ".png"), "wb") as f:
+                f.write(png(numpy.concatenate(images, 1)))
         made.append(name)
 
     def fill(match):

@@ -26,7 +26,9 @@ killed() {
         sleep "$after"
         kill -9 $pid 2>/dev/null
         wait $pid 2>/dev/null
-        if [ $? != 137 ]; then # it was faster
+        code=$?
+        [ $code = 0 ] || [ $code = 137 ] || fail "$name: exit code $code after kills at$moments"
+        if [ $code = 0 ]; then # it was faster
             rm -rf $name-cut
         elif [ -s $name-cut/checkpoint.bin ]; then
             kills=$((kills + 1))

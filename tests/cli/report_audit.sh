@@ -26,6 +26,8 @@ grep -q '^8 of 8 runs are done' page/report.md || fail "audits count as runs: $(
 grep -q '^| all scenes, noise |' page/report.md || fail "no row of all scenes"
 
 # The same as the command says; an audit that failed says so.
+sed 's/"audit": true/"audit": 1/' plan.json >bad.json
+expect 2 bench bad.json -o x.db; says 'audit: expected true or false'
 command -v python3 >/dev/null || exit 0
 key=$(ask "select key from cell where kind='audit' and scene='a' and photos='noise'")
 python3 - r.db "$key" "$tool" <<'END' || fail "the database has something else than audit --json"
@@ -126,8 +128,6 @@ expect 0 report r.db -o without -q
 grep -q 'verdicts of the audit' without/report.md && fail "audits from nowhere"
 
 # The figure, in a browser.
-sed 's/"audit": true/"audit": 1/' plan.json >bad.json
-expect 2 bench bad.json -o x.db; says 'audit: expected true or false'
 browser=$(command -v chromium || command -v google-chrome) || { echo "figure not looked at: no Chromium"; exit 0; }
 timeout 60 "$browser" --headless --no-sandbox --disable-gpu --user-data-dir="$work/browser" \
     --dump-dom "file://$work/page/report.html" >dom.html 2>browser.err || fail "no page: $(tail -3 browser.err)"

@@ -28,6 +28,21 @@ static inline struct sg_engine *begin(sg_ctx *ctx, int k, const struct sg_model 
     return make_engine(ctx, cases[k].engine, cases[k].variant, m, o);
 }
 
+/* Draws and compares with a target, whose photo is dropped after that. */
+static inline struct sg_step step_against(struct sg_engine *e, const struct sg_model *m,
+                                          const struct sg_camera *camera,
+                                          const struct sg_target *target,
+                                          const struct sg_loss *losses, size_t n)
+{
+    const struct sg_render_params params = {SG_RENDER_DEFAULTS, .background = {0.3f, 0.2f, 0.6f}};
+    struct sg_step step;
+    assert_int_equal(sg_engine_draw(e, camera, m->sh_degree, &params, false), SG_OK);
+    assert_int_equal(sg_engine_losses(e, target, losses, n), SG_OK);
+    assert_int_equal(sg_engine_read_step(e, &step), SG_OK);
+    sg_engine_photo_drop(e, target->photo);
+    return step;
+}
+
 /* Draws and compares with a random photo of values below `brightest`, by the first n of three
  * losses. exposure: the photo's, or NULL. */
 static inline struct sg_step losses_against(struct sg_engine *e, const struct sg_model *m,
@@ -36,22 +51,16 @@ static inline struct sg_step losses_against(struct sg_engine *e, const struct sg
 {
     static uint8_t photo[3 * PIXELS];
     const struct sg_camera camera = make_camera(W, H, 3);
-    const struct sg_render_params params = {SG_RENDER_DEFAULTS, .background = {0.3f, 0.2f, 0.6f}};
     const struct sg_loss losses[] = {
         {SG_LOSS_PHOTOMETRIC, 1, {.photometric = {.lambda_dssim = 0.2f}}},
         {SG_LOSS_ANISOTROPY, 0.02, {.anisotropy = {SG_ANISOTROPY_DEFAULTS}}},
         {SG_LOSS_TOTAL_VARIATION, 3, {.total_variation = SG_TV_PENALTY_HUBER}},
     };
     struct sg_target target = {.exposure = exposure};
-    struct sg_step step;
     for (size_t i = 0; i < 3 * PIXELS; i++)
         photo[i] = (uint8_t) draw(14, i, 0, brightest);
     assert_int_equal(sg_engine_photo_add(e, W, H, photo, mask, &target.photo), SG_OK);
-    assert_int_equal(sg_engine_draw(e, &camera, m->sh_degree, &params, false), SG_OK);
-    assert_int_equal(sg_engine_losses(e, &target, losses, n), SG_OK);
-    assert_int_equal(sg_engine_read_step(e, &step), SG_OK);
-    sg_engine_photo_drop(e, target.photo);
-    return step;
+    return step_against(e, m, &camera, &target, losses, n);
 }
 
 /* Gradients of all parameters after losses_against. */

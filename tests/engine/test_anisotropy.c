@@ -21,13 +21,11 @@ static double anisotropy_of(struct sg_engine *e, const struct sg_model *m,
 {
     static uint8_t photo[3 * MOST], mask[MOST];
     const struct sg_camera camera = make_camera(width, height, 3);
-    const struct sg_render_params params = {SG_RENDER_DEFAULTS, .background = {0.3f, 0.2f, 0.6f}};
     const struct sg_loss losses[] = {
         {SG_LOSS_PHOTOMETRIC, 1, {.photometric = {.lambda_dssim = 0.2f}}},
         {SG_LOSS_ANISOTROPY, 40, {.anisotropy = c->params}},
     };
     struct sg_target target = {0};
-    struct sg_step step;
     assert_true(width * height <= MOST);
     for (int i = 0; i < 3 * width * height; i++) {
         photo[i] = (uint8_t) draw(14, (size_t) i, 0, 255.9f);
@@ -36,11 +34,7 @@ static double anisotropy_of(struct sg_engine *e, const struct sg_model *m,
     assert_int_equal(
         sg_engine_photo_add(e, width, height, photo, c->masked ? mask : NULL, &target.photo),
         SG_OK);
-    assert_int_equal(sg_engine_draw(e, &camera, m->sh_degree, &params, false), SG_OK);
-    assert_int_equal(sg_engine_losses(e, &target, losses, 2), SG_OK);
-    assert_int_equal(sg_engine_read_step(e, &step), SG_OK);
-    sg_engine_photo_drop(e, target.photo);
-    return step.loss[SG_LOSS_ANISOTROPY];
+    return step_against(e, m, &camera, &target, losses, 2).loss[SG_LOSS_ANISOTROPY];
 }
 
 /* The oracle's value and gradients; the same bytes the second time. */

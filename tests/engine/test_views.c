@@ -115,13 +115,11 @@ static struct sg_step low_pass_loss(struct sg_engine *e, const struct sg_model *
     static uint8_t photo[3 * PIXELS], mask[PIXELS];
     static float planes[3 * PIXELS];
     const struct sg_camera camera = make_camera(W, H, 3);
-    const struct sg_render_params params = {SG_RENDER_DEFAULTS, .background = {0.3f, 0.2f, 0.6f}};
     const struct sg_loss loss = {
         SG_LOSS_PHOTOMETRIC,
         1,
         {.photometric = {.lambda_dssim = 0.2f, .tolerance = c->tolerance, .low_pass = low_pass}}};
     struct sg_target target = {.exposure = c->exposed ? some_exposure : NULL};
-    struct sg_step step;
     for (size_t i = 0; i < 3 * PIXELS; i++) { /* many within the tolerance of black or white */
         const float side = draw(31, i, 0, 1), v = draw(30, i, 0, 1);
         planes[i] = side < 0.3f ? 0.1f * v : side < 0.5f ? 1 - 0.1f * v : v;
@@ -133,11 +131,7 @@ static struct sg_step low_pass_loss(struct sg_engine *e, const struct sg_model *
     else
         assert_int_equal(
             sg_engine_photo_add(e, W, H, photo, c->masked ? mask : NULL, &target.photo), SG_OK);
-    assert_int_equal(sg_engine_draw(e, &camera, m->sh_degree, &params, false), SG_OK);
-    assert_int_equal(sg_engine_losses(e, &target, &loss, 1), SG_OK);
-    assert_int_equal(sg_engine_read_step(e, &step), SG_OK);
-    sg_engine_photo_drop(e, target.photo);
-    return step;
+    return step_against(e, m, &camera, &target, &loss, 1);
 }
 
 /* The low-pass term has the oracle's value and gradient, which are the same bytes the second time.

@@ -10,6 +10,8 @@
 #include "splatguard/format.h"
 #include "splatguard/render.h"
 
+#include "spill.h"
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 static char folder[64], model_path[96], networks_path[96];
@@ -28,13 +30,6 @@ static void remove_folder(void)
     unlink(model_path);
     unlink(networks_path);
     rmdir(folder);
-}
-
-static void spill(const char *path, const uint8_t *data, size_t size)
-{
-    FILE *f = fopen(path, "wb");
-    if (!f || fwrite(data, 1, size, f) != size || fclose(f))
-        abort();
 }
 
 #define SIDE 32

@@ -7,6 +7,8 @@
 #include "core/folder.h"
 #include "splatguard/scene.h"
 
+#include "spill.h"
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 static void read_files(sg_ctx *ctx, const char *path)
@@ -35,9 +37,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     sg_ctx *ctx;
     if (sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = 64 << 20}))
         return 0;
-    FILE *f = fopen(path, "wb");
-    if (!f || fwrite(data, 1, size, f) != size || fclose(f))
-        abort();
+    spill(path, data, size);
     read_files(ctx, path);
     params.max_images = 8;
     params.max_points = 10000;

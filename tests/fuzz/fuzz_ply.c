@@ -8,6 +8,8 @@
 #include "core/file.h"
 #include "splatguard/model.h"
 
+#include "spill.h"
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
@@ -18,9 +20,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     sg_ctx *ctx;
     if (sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = 64 << 20}))
         return 0;
-    FILE *f = fopen(path, "wb");
-    if (!f || fwrite(data, 1, size, f) != size || fclose(f))
-        abort();
+    spill(path, data, size);
     struct sg_model *m, *back;
     if (!sg_model_read_ply(ctx, path, 1 << 16, &m)) {
         struct sg_model_info info;

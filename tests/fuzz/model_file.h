@@ -9,6 +9,8 @@
 
 #include "splatguard/format.h"
 
+#include "spill.h"
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 static inline void read_model_file(const char *ending, const uint8_t *data, size_t size)
@@ -18,9 +20,7 @@ static inline void read_model_file(const char *ending, const uint8_t *data, size
     sg_ctx *ctx;
     if (sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_memory = 64 << 20}))
         return;
-    FILE *f = fopen(path, "wb");
-    if (!f || fwrite(data, 1, size, f) != size || fclose(f))
-        abort();
+    spill(path, data, size);
     struct sg_model *m, *back = NULL;
     if (!sg_model_read(ctx, path, 1 << 16, &m)) {
         unlink(path);
