@@ -25,7 +25,7 @@ void main()
     for (uint k = 0; k < SG_EXPOSURE; k++) {
         const uint row = k / 4, c = k % 4;
         const float sum = group_sum(c < 3 ? colour[row] * shown[c] : shown[row]);
-        if (gl_LocalInvocationID.x == 0)
+        if (gl_LocalInvocationID.x == 0 && inside) /* groups beyond the last pixel have no sums */
             a.sums.v[SG_EXPOSURE * group_index() + k] = sum;
     }
 }
