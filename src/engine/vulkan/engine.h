@@ -86,7 +86,8 @@ int sg_vulkan_edit(struct sg_engine *, const struct sg_edit *);
 int sg_vulkan_photo_add(struct sg_engine *, sg_photo, const struct sg_photo_entry *);
 void sg_vulkan_photo_drop(struct sg_engine *, sg_photo);
 int sg_vulkan_loss(struct sg_engine *, const struct sg_target_pixels *, const struct sg_loss *);
-/* Of the photo, or of anything where it is not read. */
+/* Of the photo. 0: of the image, which is as large, for kernels that load words before they know
+ * that they do not need them. */
 VkDeviceAddress sg_vulkan_photo_at(const struct vulkan_engine *, sg_photo);
 /* The sums of `width` floats over groups of e->sums, to the results. */
 int sg_vulkan_add_up(struct vulkan_engine *, uint64_t groups, uint32_t width, uint32_t result);

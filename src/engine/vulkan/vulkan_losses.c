@@ -36,14 +36,7 @@ void sg_vulkan_photo_drop(struct sg_engine *base, sg_photo photo)
 
 VkDeviceAddress sg_vulkan_photo_at(const struct vulkan_engine *e, sg_photo photo)
 {
-    return photo ? sg_gpu_at(e->gpu, &e->photos[photo - 1]) : e->gpu->none.address;
-}
-
-/* Without a photo, the kernels read words of the given planes in its place. */
-static VkDeviceAddress photo_or_given(const struct vulkan_engine *e,
-                                      const struct sg_target_pixels *t)
-{
-    return t->photo ? sg_vulkan_photo_at(e, t->photo) : sg_gpu_at(e->gpu, &e->given);
+    return photo ? sg_gpu_at(e->gpu, &e->photos[photo - 1]) : e->image.address;
 }
 
 int sg_vulkan_add_up(struct vulkan_engine *e, uint64_t groups, uint32_t width, uint32_t result)
@@ -65,11 +58,10 @@ static int compare(struct vulkan_engine *e, const struct gpu_buffer *image,
     if ((code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->target, 4 * values)) ||
         (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->maps, 3 * 4 * values)) ||
         (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->sums, 3 * 4 * groups)) ||
-        ((t->planes || !t->photo) &&
-         (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->given, 4 * values))) ||
+        (t->planes && (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->given, 4 * values))) ||
         (t->planes && (code = sg_gpu_write(g, &e->given, 0, t->planes, 4 * values))))
         return code;
-    const VkDeviceAddress photo = photo_or_given(e, t);
+    const VkDeviceAddress photo = sg_vulkan_photo_at(e, t->photo);
     code =
         GPU_RUN(g, target, 0, FOR_EACH(pixels), .photo = photo,
                 .given = t->planes ? e->given.address : image->address, .image = image->address,
@@ -98,11 +90,11 @@ static int low_pass(struct vulkan_engine *e, const struct gpu_buffer *image,
     struct gpu *g = e->gpu;
     const uint64_t values = 3 * (uint64_t) e->width * e->height;
     const uint64_t groups = 3 * gpu_groups(e->width, 16) * gpu_groups(e->height, 16);
-    const VkDeviceAddress photo = photo_or_given(e, t);
+    const VkDeviceAddress photo = sg_vulkan_photo_at(e, t->photo);
     /* The maps of SSIM are not needed any more. */
     int code =
         GPU_RUN(g, low_pass, 0, groups, .image = image->address, .photo = photo,
-                .given = sg_gpu_at(g, &e->given), .passed = e->maps.address,
+                .given = t->planes ? e->given.address : image->address, .passed = e->maps.address,
                 .sums = e->sums.address, .width = e->width, .height = e->height,
                 .planes = t->planes != NULL, .masked = t->mask != NULL, .tolerance = p->tolerance);
     if (!code)
@@ -110,10 +102,11 @@ static int low_pass(struct vulkan_engine *e, const struct gpu_buffer *image,
     e->low_pass = p->low_pass;
     return code ? code
                 : GPU_RUN(g, low_pass_gradient, 0, groups, .image = image->address, .photo = photo,
-                          .given = sg_gpu_at(g, &e->given), .passed = e->maps.address,
-                          .gradient = e->gradient.address, .width = e->width, .height = e->height,
-                          .planes = t->planes != NULL, .masked = t->mask != NULL,
-                          .tolerance = p->tolerance, .scale = 2 * p->low_pass / (float) values);
+                          .given = t->planes ? e->given.address : image->address,
+                          .passed = e->maps.address, .gradient = e->gradient.address,
+                          .width = e->width, .height = e->height, .planes = t->planes != NULL,
+                          .masked = t->mask != NULL, .tolerance = p->tolerance,
+                          .scale = 2 * p->low_pass / (float) values);
 }
 
 #define EXPOSURE_OF(x)                                                                             \
@@ -156,10 +149,9 @@ static int total_variation(struct vulkan_engine *e, const struct sg_target_pixel
     int code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->sums, 4 * groups);
     if (!code)
         code = GPU_RUN(g, total_variation, 0, groups, .image = e->image.address,
-                       .photo = t->mask ? sg_vulkan_photo_at(e, t->photo) : e->image.address,
-                       .gradient = e->gradient.address, .sums = e->sums.address, .width = e->width,
-                       .height = e->height, .masked = t->mask != NULL,
-                       .norm = (uint32_t) l->total_variation,
+                       .photo = sg_vulkan_photo_at(e, t->photo), .gradient = e->gradient.address,
+                       .sums = e->sums.address, .width = e->width, .height = e->height,
+                       .masked = t->mask != NULL, .norm = (uint32_t) l->total_variation,
                        .across = across > 0 ? (float) (1 / across) : 0,
                        .down = down > 0 ? (float) (1 / down) : 0, .weight = (float) l->weight,
                        .edge = SG_TV_EDGE);
