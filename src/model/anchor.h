@@ -100,21 +100,30 @@ struct sg_weights {
                     [SG_NETWORK_HIDDEN]; /* as rows of `input`, of the colours only */
 };
 #define SG_WEIGHTS (sizeof(struct sg_weights) / sizeof(float))
-#define SG_WEIGHTS_PLAIN (offsetof(struct sg_weights, distance) / sizeof(float)) /* of no part */
+#define SG_WEIGHT_AT(member) (offsetof(struct sg_weights, member) / sizeof(float))
+#define SG_WEIGHTS_PLAIN SG_WEIGHT_AT(distance) /* of no part */
 
 /* The network that a value of struct sg_weights belongs to. */
 static inline enum sg_network sg_weight_network(size_t i)
 {
-    const size_t first = (SG_NETWORK_INPUTS + 1) * SG_HIDDEN,
-                 biases = first + SG_OUTPUTS * SG_NETWORK_HIDDEN;
-    if (i < first || (i >= SG_WEIGHTS_PLAIN && i < SG_WEIGHTS_PLAIN + SG_HIDDEN))
-        return (enum sg_network)((i < first ? i : i - SG_WEIGHTS_PLAIN) % SG_HIDDEN /
-                                 SG_NETWORK_HIDDEN);
-    if (i >= SG_WEIGHTS_PLAIN)
-        return i < offsetof(struct sg_weights, appearance) / sizeof(float) ? SG_N_BANK
-                                                                           : SG_N_COLOUR;
-    const size_t row = i < biases ? (i - first) / SG_NETWORK_HIDDEN : i - biases;
-    return sg_output_network((int) row);
+    if (i < SG_WEIGHT_AT(output))
+        return (enum sg_network)(i % SG_HIDDEN / SG_NETWORK_HIDDEN);
+    if (i < SG_WEIGHT_AT(bias))
+        return sg_output_network((int) ((i - SG_WEIGHT_AT(output)) / SG_NETWORK_HIDDEN));
+    if (i < SG_WEIGHT_AT(distance))
+        return sg_output_network((int) (i - SG_WEIGHT_AT(bias)));
+    if (i < SG_WEIGHT_AT(bank_input))
+        return (enum sg_network)((i - SG_WEIGHT_AT(distance)) / SG_NETWORK_HIDDEN);
+    return i < SG_WEIGHT_AT(appearance) ? SG_N_BANK : SG_N_COLOUR;
+}
+
+/* Of a network's first layer. */
+static inline int sg_network_inputs(enum sg_network network, unsigned parts)
+{
+    return network == SG_N_BANK
+               ? SG_BANK_INPUTS
+               : SG_NETWORK_INPUTS + (parts & SG_PART_DISTANCE ? 1 : 0) +
+                     (network == SG_N_COLOUR && parts & SG_PART_APPEARANCE ? SG_APPEARANCE : 0);
 }
 
 /* Of a photo, and Adam's moments. */

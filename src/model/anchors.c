@@ -66,20 +66,16 @@ void sg_anchor_set(struct sg_model *m, size_t i, const float position[3], float 
 /* Inputs of the layer that weight i belongs to; 0: of a part that is not there. */
 static int fan_in(const struct sg_networks *n, size_t i)
 {
-    const size_t hidden = sizeof(n->value.input) / sizeof(float),
-                 bank = offsetof(struct sg_weights, bank_input) / sizeof(float),
-                 outputs = offsetof(struct sg_weights, bank_output) / sizeof(float);
-    const int distance = n->parts & SG_PART_DISTANCE ? 1 : 0;
-    const bool colour = sg_weight_network(i) == SG_N_COLOUR;
-    const int inputs = SG_NETWORK_INPUTS + distance +
-                       (colour && n->parts & SG_PART_APPEARANCE ? SG_APPEARANCE : 0);
+    const int inputs = sg_network_inputs(sg_weight_network(i), n->parts);
     if (i < SG_WEIGHTS_PLAIN)
-        return i < hidden ? inputs : SG_NETWORK_HIDDEN;
-    if (i < bank)
-        return distance ? inputs : 0;
-    if (i >= offsetof(struct sg_weights, appearance) / sizeof(float))
+        return i < SG_WEIGHT_AT(output) ? inputs : SG_NETWORK_HIDDEN;
+    if (i < SG_WEIGHT_AT(bank_input))
+        return n->parts & SG_PART_DISTANCE ? inputs : 0;
+    if (i >= SG_WEIGHT_AT(appearance))
         return n->parts & SG_PART_APPEARANCE ? inputs : 0;
-    return !(n->parts & SG_PART_BANK) ? 0 : i < outputs ? SG_BANK_INPUTS : SG_NETWORK_HIDDEN;
+    return !(n->parts & SG_PART_BANK)      ? 0
+           : i < SG_WEIGHT_AT(bank_output) ? inputs
+                                           : SG_NETWORK_HIDDEN;
 }
 
 /* Uniform, as wide as the root of the inputs' number asks for. Appearances are normal. */

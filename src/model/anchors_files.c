@@ -103,14 +103,6 @@ struct tensor {
 #define MOST_TENSORS (4 * SG_NETWORK_RATES)
 #define APPEARANCES "appearance.weight"
 
-static int inputs_of(int network, unsigned parts)
-{
-    return network == SG_N_BANK
-               ? SG_BANK_INPUTS
-               : SG_NETWORK_INPUTS + (parts & SG_PART_DISTANCE ? 1 : 0) +
-                     (network == SG_N_COLOUR && parts & SG_PART_APPEARANCE ? SG_APPEARANCE : 0);
-}
-
 static int outputs_of(int network)
 {
     return network == SG_N_BANK ? SG_BANK_OUTPUTS
@@ -125,7 +117,8 @@ static int list_tensors(unsigned parts, size_t photos, struct tensor out[MOST_TE
     for (int n = 0; n < count; n++)
         for (int layer = 0; layer <= 2; layer += 2)
             for (int bias = 0; bias < 2; bias++, k++) {
-                const int columns = layer ? SG_NETWORK_HIDDEN : inputs_of(n, parts);
+                const int columns =
+                    layer ? SG_NETWORK_HIDDEN : sg_network_inputs((enum sg_network) n, parts);
                 out[k] = (struct tensor){.rows = layer ? outputs_of(n) : SG_NETWORK_HIDDEN,
                                          .columns = bias ? 0 : columns,
                                          .network = n,
