@@ -43,6 +43,7 @@ struct sg_fft {
     const float *chirp;    /* n: e^(-pi i j^2 / n) */
     const float *filter;   /* longer->n: transform of the chirp's conjugate, over longer->n */
     float *tables;
+    size_t floats; /* of tables */
 };
 
 /* Errors: SG_ERR_BUDGET. */

@@ -51,6 +51,7 @@ static int make_stages(sg_ctx *ctx, struct sg_fft *fft, int radix[SG_FFT_STAGES]
         s->radix = radix[fft->stages - 1 - i], s->rest = rest /= s->radix;
         floats += 2 * ((size_t) s->rest * (size_t) (s->radix - 1) + (size_t) s->radix);
     }
+    fft->floats = floats;
     float *at = fft->tables = sg_alloc_raw(ctx, SG_MEM_FRAME, floats, sizeof(float));
     if (!at)
         return SG_ERR_BUDGET;
@@ -77,7 +78,8 @@ static int make_chirp(sg_ctx *ctx, struct sg_fft *fft)
         longer++;
     if (sg_fft_create(ctx, (int) longer, &fft->longer))
         return SG_ERR_BUDGET;
-    float *at = fft->tables = sg_alloc_raw(ctx, SG_MEM_FRAME, n + longer, 2 * sizeof(float));
+    fft->floats = 2 * (n + longer);
+    float *at = fft->tables = sg_alloc_raw(ctx, SG_MEM_FRAME, fft->floats, sizeof(float));
     double *conjugate = sg_alloc(ctx, SG_MEM_FRAME, 3 * longer, 2 * sizeof(double));
     if (!at || !conjugate) {
         sg_free(conjugate);

@@ -208,8 +208,7 @@ static void edit_row(const struct edit_job *j, size_t i)
     float *to = j->to + sg_param_index(j->planes, i, 0);
     for (int k = 0; k < j->n_parts; k++) {
         const enum sg_fate fate = j->parts[k].fate[kind];
-        const bool zero = fate == SG_FATE_ZERO || (fate == SG_FATE_ASKED && !m->edit->statistics);
-        copy_planes(&j->parts[k], zero ? NULL : from, to);
+        copy_planes(&j->parts[k], sg_edit_zeroes(m->edit, fate) ? NULL : from, to);
     }
     if (kind == SG_EDIT_CHILD && j->parameters)
         sg_host_make_child(to, m->edit, item - m->edit->kept);

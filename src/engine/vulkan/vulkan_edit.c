@@ -57,8 +57,7 @@ static uint32_t fates_of(int column, const struct sg_edit *edit, bool rows)
     uint32_t fates = 0;
     for (int kind = 0; kind < SG_EDIT_KINDS; kind++) {
         const enum sg_fate fate = sg_columns[column].fate[kind];
-        const bool zero = fate == SG_FATE_ZERO || (fate == SG_FATE_ASKED && !edit->statistics) ||
-                          (kind == SG_EDIT_INSERT && !rows);
+        const bool zero = sg_edit_zeroes(edit, fate) || (kind == SG_EDIT_INSERT && !rows);
         const bool made = fate == SG_FATE_DRAW || fate == SG_FATE_SHRINK;
         const uint32_t takes = zero                     ? VK_FATE_ZERO
                                : kind == SG_EDIT_INSERT ? VK_FATE_ROW
@@ -90,7 +89,7 @@ static int edit_array(struct vulkan_engine *e, int column, const struct edit_job
         code = sg_gpu_fill(g, &made, bytes - block, block, 0);
     for (int c = column;
          !code && (c == column || (column == SG_C_PARAMETERS && sg_column_is_parameter(c))); c++) {
-        const int first = sg_column_is_parameter(c) ? sg_columns[c].first : 0;
+        const int first = sg_columns[c].first;
         code = GPU_RUN(g, edit, 0, FOR_EACH(j->moves->count), .from = e->at[column].address,
                        .rows = sg_gpu_at(g, &given), .children = sg_gpu_at(g, &j->children),
                        .moves = j->words.address, .to = made.address,

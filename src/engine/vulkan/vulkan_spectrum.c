@@ -28,10 +28,8 @@ static int put_plan(struct vulkan_engine *e, int n, struct gpu_buffer *to, uint3
         return code;
     const struct sg_fft *of = fft->longer ? fft->longer : fft;
     const size_t header = VK_FFT_HEADER + 4 * (size_t) of->stages;
-    size_t floats = 0;
-    for (int i = 0; i < of->stages; i++)
-        floats += 2 * (size_t) (of->stage[i].rest * (of->stage[i].radix - 1) + of->stage[i].radix);
-    const size_t chirp = fft->longer ? 2 * (size_t) (n + of->n) : 0, all = header + floats + chirp;
+    const size_t floats = of->floats, chirp = fft->longer ? fft->floats : 0,
+                 all = header + floats + chirp;
     uint32_t *words = sg_alloc_raw(ctx, SG_MEM_FRAME, all, sizeof(*words));
     if (!words) {
         sg_fft_destroy(&fft);
@@ -39,7 +37,8 @@ static int put_plan(struct vulkan_engine *e, int n, struct gpu_buffer *to, uint3
     }
     words[VK_FFT_POINTS] = (uint32_t) of->n, words[VK_FFT_STAGES] = (uint32_t) of->stages;
     words[VK_FFT_CHIRP] = chirp ? (uint32_t) (header + floats) : 0;
-    words[VK_FFT_FILTER] = chirp ? (uint32_t) (header + floats + 2 * (size_t) n) : 0;
+    words[VK_FFT_FILTER] =
+        chirp ? (uint32_t) (header + floats + (size_t) (fft->filter - fft->tables)) : 0;
     for (int i = 0; i < of->stages; i++) {
         const struct sg_fft_stage *s = &of->stage[i];
         const uint32_t values[4] = {(uint32_t) s->radix, (uint32_t) s->rest,
