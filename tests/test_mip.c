@@ -100,103 +100,6 @@ static void read_filter(sg_ctx *ctx, struct sg_engine *e, int degree, struct sg_
     assert_int_equal(sg_engine_download(e, NULL, out), SG_OK);
 }
 
-/* It follows from the nearest camera that sees a Gaussian; what none sees gets the largest. */
-static void test_filter(void **state)
-{
-    (void) state;
-    static const char *const engines[] = {"cpu", "ref"};
-    sg_ctx *ctx = make_context(2);
-    struct sg_model *m;
-    struct sg_camera close_by = {.width = 800,
-                                 .height = 600,
-                                 .fx = 1000,
-                                 .fy = 1000,
-                                 .cx = 400,
-                                 .cy = 300,
-                                 .R = {1, 0, 0, 0, 1, 0, 0, 0, 1}},
-                     far = close_by;
-    const struct sg_camera *both[] = {&close_by, &far};
-    far.t[2] = 3;
-    assert_int_equal(sg_model_create(ctx, 5, 0, &m), SG_OK);
-    const float at[5][3] = {{0, 0, 2}, {0, 0, 0.2f}, {0, 0, -9}, {0, 0, 4}, {0, 0.779f, 2}};
-    for (size_t i = 0; i < 5; i++) {
-        for (int k = 0; k < 3; k++)
-            *sg_model_at(m, i, SG_P_XYZ + k) = at[i][k];
-        *sg_model_at(m, i, SG_P_ROT) = 1;
-    }
-    for (int k = 0; k < 2; k++) {
-        struct sg_engine *e = make_engine(ctx, engines[k], NULL, m, NULL);
-        struct sg_columns o;
-        const double unit = 0.4472136 / 1000;
-        assert_int_equal(sg_engine_filter(e, both, 2), SG_OK);
-        read_filter(ctx, e, 0, &o);
-        /* 0.2 is too near for the first, and 3.2 from the second; -9 is behind both. The last lies
-         * 14.9 % below the edge. */
-        const double depth[5] = {2, 3.2, 4, 4, 2};
-        for (size_t i = 0; i < 5; i++) {
-            const double expected = unit * depth[i];
-            if (fabs((double) o.at[SG_C_FILTER][i] / expected - 1) > 1e-5)
-                fail_msg("%s: Gaussian %zu: filter %g, expected %g", engines[k], i,
-                         (double) o.at[SG_C_FILTER][i], expected);
-        }
-        sg_columns_clear(&o);
-        /* further away, the far camera changes nothing that the near one sees; larger focal lengths
-         * make all smaller */
-        far.t[2] = 60, far.fx = 2000;
-        assert_int_equal(sg_engine_filter(e, both, 2), SG_OK);
-        read_filter(ctx, e, 0, &o);
-        assert_true(fabs((double) o.at[SG_C_FILTER][0] / (2 * unit / 2) - 1) < 1e-5);
-        assert_true(fabs((double) o.at[SG_C_FILTER][1] / (60.2 * unit / 2) - 1) < 1e-5);
-        /* none is seen at all: the filter stays */
-        const float kept = o.at[SG_C_FILTER][1];
-        sg_columns_clear(&o);
-        close_by.t[2] = far.t[2] = -100;
-        assert_int_equal(sg_engine_filter(e, both, 2), SG_OK);
-        read_filter(ctx, e, 0, &o);
-        assert_true(o.at[SG_C_FILTER][1] == kept);
-        sg_columns_clear(&o);
-        close_by.t[2] = 0, far.t[2] = 3, far.fx = 1000;
-        sg_engine_destroy(&e);
-    }
-    sg_model_destroy(&m);
-    sg_ctx_destroy(&ctx);
-}
-
-static const struct sg_shape mip = {
-    .name = "mip", .column = SG_C_FILTER, .forward = sg_mip_forward, .backward = sg_mip_backward};
-
-/* A reset limits what is drawn, not what is stored. */
-static void test_reset(void **state)
-{
-    (void) state;
-    sg_ctx *ctx = make_context(1);
-    struct sg_model *m = make_model(ctx, 40, 0, 82), *after;
-    struct sg_columns o;
-    assert_int_equal(sg_columns_create(ctx, 40, 0, SG_COLUMN_SAVED | SG_COLUMN_MIP, &o), SG_OK);
-    for (size_t i = 0; i < 40; i++)
-        o.at[SG_C_FILTER][i] = 0.1f * (float) (i % 5);
-    struct sg_engine *e = make_engine(ctx, "cpu", NULL, m, &o);
-    assert_int_equal(sg_engine_set_shape(e, &mip), SG_OK);
-    assert_int_equal(sg_engine_reset_opacity(e, 0.01f), SG_OK);
-    assert_int_equal(sg_model_create(ctx, 40, 0, &after), SG_OK);
-    assert_int_equal(sg_engine_download(e, after, NULL), SG_OK);
-    const size_t stride = (size_t) sg_param_count(0) * SG_LANES;
-    for (size_t i = 0; i < 40; i++) {
-        double drawn[2];
-        for (int k = 0; k < 2; k++) {
-            sg_mip_forward(NULL, (k ? after : m)->params + i / SG_LANES * stride,
-                           o.at[SG_C_FILTER] + i / SG_LANES * SG_LANES, sg_param_count(0), shaped);
-            drawn[k] = opacity(AT(shaped, SG_P_OPACITY, i % SG_LANES));
-        }
-        assert_true(fabs(drawn[1] - fmin(drawn[0], 0.01)) < 1e-5);
-    }
-    sg_engine_destroy(&e);
-    sg_columns_clear(&o);
-    sg_model_destroy(&m);
-    sg_model_destroy(&after);
-    sg_ctx_destroy(&ctx);
-}
-
 /* As many grow by the absolute statistic as by the norm, and at least one. */
 static void test_growth(void **state)
 {
@@ -330,7 +233,6 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_values), cmocka_unit_test(test_gradient),
-        cmocka_unit_test(test_filter), cmocka_unit_test(test_reset),
         cmocka_unit_test(test_growth), cmocka_unit_test(test_schedule),
         cmocka_unit_test(test_model),  cmocka_unit_test(test_files),
     };

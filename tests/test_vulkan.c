@@ -53,7 +53,7 @@ static void test_training(void **state)
 }
 
 /* Mip-Splatting, growth by absolute gradients, and a limit that looks at radii on the screen: the
- * same losses as the CPU's as long as both make the same decisions. */
+ * same losses as the CPU's as long as both make the same decisions. Prints hashes, as above. */
 static void test_variants(void **state)
 {
     (void) state;
@@ -68,6 +68,7 @@ static void test_variants(void **state)
         struct sg_model *cpu = train(&f, &p, 15, NULL, NULL, expected);
         p.engine = main_engine();
         struct sg_model *device = train(&f, &p, 15, NULL, NULL, found);
+        printf("model %d %016llx\n", k, (unsigned long long) hash_of(device));
         for (int i = 0; i < 15; i++)
             if (!(fabs(found[i] - expected[i]) < (i < 8 ? 1e-3 : 2e-2) * expected[i]))
                 fail_msg("variant %d, loss %d: found %.9f, expected %.9f", k, i + 1, found[i],

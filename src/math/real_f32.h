@@ -33,6 +33,10 @@ static inline real r_log(real a)
 {
     return logf(a);
 }
+static inline real r_log1p(real a)
+{
+    return log1pf(a);
+}
 static inline real r_set(scalar a)
 {
     return a;

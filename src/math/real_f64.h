@@ -33,6 +33,10 @@ static inline real r_log(real a)
 {
     return log(a);
 }
+static inline real r_log1p(real a)
+{
+    return log1p(a);
+}
 static inline real r_set(scalar a)
 {
     return a;

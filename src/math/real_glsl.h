@@ -28,6 +28,7 @@
 #define r_root(a) sqrt(a)
 #define r_exp(a) exp(a)
 #define r_log(a) log(a)
+#define r_log1p(a) log(1.0 + (a)) /* within 1e-6, which is much of a small result */
 #define r_set(a) float(a)
 #define r_reciprocal(a) (1.0 / (a))
 #define r_lt(a, b) ((a) < (b))

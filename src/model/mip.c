@@ -5,20 +5,19 @@
 #include <string.h>
 
 #include "columns.h"
+#include "math/real_f32.h"
 
-/* ln of the standard deviation of the sum, from both logarithms: no square overflows. */
-static float widened(float log_scale, float log_filter)
-{
-    const float most = fmaxf(log_scale, log_filter);
-    return most + 0.5f * log1pf(expf(-2 * fabsf(log_scale - log_filter)));
-}
-
-static float log_sigmoid(float x)
-{
-    return x < 0 ? x - log1pf(expf(x)) : -log1pf(expf(-x));
-}
+#include "math/mip.h"
 
 #define AT(p) ((p) *SG_LANES + lane)
+
+/* Of the Gaussian in a lane of a block: ln of the filter's standard deviation, and its scales. */
+static float load(const float *params, const float *filter, int lane, float scales[3])
+{
+    for (int k = 0; k < 3; k++)
+        scales[k] = params[AT(SG_P_SCALE + k)];
+    return logf(filter[lane]);
+}
 
 void sg_mip_forward(const void *unused, const float *params, const float *filter, int planes,
                     float *shaped)
@@ -26,16 +25,13 @@ void sg_mip_forward(const void *unused, const float *params, const float *filter
     (void) unused;
     memcpy(shaped, params, (size_t) planes * SG_LANES * sizeof(float));
     for (int lane = 0; lane < SG_LANES; lane++) {
+        float scales[3], drawn[3];
         if (!(filter[lane] > 0))
             continue;
-        float coefficient = 0; /* its logarithm */
-        for (int p = SG_P_SCALE; p < SG_P_SCALE + 3; p++) {
-            shaped[AT(p)] = widened(params[AT(p)], logf(filter[lane]));
-            coefficient += params[AT(p)] - shaped[AT(p)];
-        }
-        const float log_opacity = log_sigmoid(params[AT(SG_P_OPACITY)]) + coefficient,
-                    opacity = fminf(expf(log_opacity), 1 - 0x1p-24f);
-        shaped[AT(SG_P_OPACITY)] = log_opacity - log1pf(-opacity);
+        const float log_filter = load(params, filter, lane, scales);
+        shaped[AT(SG_P_OPACITY)] = mip_draw(scales, params[AT(SG_P_OPACITY)], log_filter, drawn);
+        for (int k = 0; k < 3; k++)
+            shaped[AT(SG_P_SCALE + k)] = drawn[k];
     }
 }
 
@@ -44,22 +40,16 @@ void sg_mip_backward(const void *unused, const float *params, const float *filte
 {
     (void) unused, (void) planes;
     for (int lane = 0; lane < SG_LANES; lane++) {
+        float scales[3], of_scales[3];
         if (!(filter[lane] > 0))
             continue;
-        float kept[3], coefficient = 0; /* kept: s^2 / (s^2 + f^2) */
-        for (int k = 0; k < 3; k++) {
-            const float s = params[AT(SG_P_SCALE + k)], wide = widened(s, logf(filter[lane]));
-            kept[k] = expf(2 * (s - wide));
-            coefficient += s - wide;
-        }
-        const float own = log_sigmoid(params[AT(SG_P_OPACITY)]);
-        const float transparent = 1 - fminf(expf(own + coefficient), 1 - 0x1p-24f);
-        /* of the logarithm of the drawn opacity */
-        const float gradient = gradients[AT(SG_P_OPACITY)] / transparent;
-        gradients[AT(SG_P_OPACITY)] = gradient * (1 - expf(own));
+        const float log_filter = load(params, filter, lane, scales);
         for (int k = 0; k < 3; k++)
-            gradients[AT(SG_P_SCALE + k)] =
-                gradients[AT(SG_P_SCALE + k)] * kept[k] + gradient * (1 - kept[k]);
+            of_scales[k] = gradients[AT(SG_P_SCALE + k)];
+        gradients[AT(SG_P_OPACITY)] = mip_draw_backward(
+            scales, params[AT(SG_P_OPACITY)], log_filter, of_scales, gradients[AT(SG_P_OPACITY)]);
+        for (int k = 0; k < 3; k++)
+            gradients[AT(SG_P_SCALE + k)] = of_scales[k];
     }
 }
 

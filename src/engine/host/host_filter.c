@@ -5,29 +5,18 @@
 #include <string.h>
 
 #include "host_model.h"
-#include "math/constants.h"
+#include "math/real_f64.h"
+
+#include "math/mip.h"
 
 #define CHUNK 4096
-#define MARGIN 0.15 /* of an image's sides, beyond its edges */
-#define FACTOR 0.2f /* variance, squared pixels of the largest focal length */
 
 struct filter_job {
     const struct sg_host_model *h;
-    const struct sg_camera *const *cameras;
+    const double (*cameras)[SG_MIP_CAMERA];
     size_t n;
-    float *filter; /* the least depth; INFINITY where no camera sees it */
+    float *nearest; /* the least depth */
 };
-
-static bool sees(const struct sg_camera *c, const float *p, float *depth)
-{
-    const double x = (double) p[0], y = (double) p[SG_LANES], z = (double) p[2 * SG_LANES];
-    const double cz = c->R[6] * x + c->R[7] * y + c->R[8] * z + c->t[2], iz = 1 / fmax(cz, 0.001);
-    const double u = c->fx * (c->R[0] * x + c->R[1] * y + c->R[2] * z + c->t[0]) * iz + c->cx,
-                 v = c->fy * (c->R[3] * x + c->R[4] * y + c->R[5] * z + c->t[1]) * iz + c->cy;
-    *depth = (float) cz;
-    return cz > (double) SG_Z_MIN && u >= -MARGIN * c->width && u <= (1 + MARGIN) * c->width &&
-           v >= -MARGIN * c->height && v <= (1 + MARGIN) * c->height;
-}
 
 static void filter_chunk(void *arg, size_t chunk, int thread)
 {
@@ -37,32 +26,50 @@ static void filter_chunk(void *arg, size_t chunk, int thread)
     const size_t end = (chunk + 1) * CHUNK < h->count ? (chunk + 1) * CHUNK : h->count;
     for (size_t i = chunk * CHUNK; i < end; i++) {
         const float *p = h->at[SG_C_PARAMETERS] + sg_param_index(h->planes, i, SG_P_XYZ);
-        float least = INFINITY, depth;
-        for (size_t k = 0; k < j->n; k++)
-            if (sees(j->cameras[k], p, &depth))
-                least = fminf(least, depth);
-        j->filter[i] = least;
+        const double xyz[3] = {(double) p[0], (double) p[SG_LANES], (double) p[2 * SG_LANES]};
+        float least = MIP_UNSEEN;
+        for (size_t k = 0; k < j->n; k++) {
+            const float depth = (float) mip_depth(j->cameras[k], xyz);
+            if (depth > 0 && depth < least)
+                least = depth;
+        }
+        j->nearest[i] = least;
     }
+}
+
+float sg_host_filter_cameras(const struct sg_camera *const *cameras, size_t n,
+                             double (*out)[SG_MIP_CAMERA])
+{
+    float focal = 0;
+    for (size_t k = 0; k < n; k++) {
+        const struct sg_camera *c = cameras[k];
+        const double lens[6] = {c->fx, c->fy, c->cx, c->cy, c->width, c->height};
+        memcpy(out[k], c->R, sizeof(c->R));
+        memcpy(out[k] + 9, c->t, sizeof(c->t));
+        memcpy(out[k] + 12, lens, sizeof(lens));
+        focal = fmaxf(focal, (float) c->fx);
+    }
+    return focal;
 }
 
 int sg_host_filter(sg_ctx *ctx, struct sg_host_model *h, const struct sg_camera *const *cameras,
                    size_t n)
 {
-    struct filter_job job = {h, cameras, n, NULL};
-    float most = 0, focal = 0;
-    job.filter = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, h->count, sizeof(float));
-    if (!job.filter || sg_host_alloc(ctx, h, SG_C_FILTER)) {
-        sg_free(job.filter);
+    double(*numbers)[SG_MIP_CAMERA] = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*numbers));
+    float *nearest = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, h->count, sizeof(*nearest)), most = 0;
+    if ((n && !numbers) || !nearest || sg_host_alloc(ctx, h, SG_C_FILTER)) {
+        sg_free(numbers);
+        sg_free(nearest);
         return SG_ERR_BUDGET;
     }
-    sg_parallel_for(ctx, (h->count + CHUNK - 1) / CHUNK, filter_chunk, &job);
-    for (size_t k = 0; k < n; k++)
-        focal = fmaxf(focal, (float) cameras[k]->fx);
+    const float focal = sg_host_filter_cameras(cameras, n, numbers);
+    sg_parallel_for(ctx, (h->count + CHUNK - 1) / CHUNK, filter_chunk,
+                    &(struct filter_job){h, numbers, n, nearest});
     for (size_t i = 0; i < h->count; i++)
-        most = isfinite(job.filter[i]) ? fmaxf(most, job.filter[i]) : most;
+        most = nearest[i] < MIP_UNSEEN ? fmaxf(most, nearest[i]) : most;
     for (size_t i = 0; i < h->count && most > 0; i++) /* none is seen: as before */
-        h->at[SG_C_FILTER][i] =
-            (isfinite(job.filter[i]) ? job.filter[i] : most) / focal * sqrtf(FACTOR);
-    sg_free(job.filter);
+        h->at[SG_C_FILTER][i] = mip_filter(fminf(nearest[i], most), focal);
+    sg_free(numbers);
+    sg_free(nearest);
     return SG_OK;
 }

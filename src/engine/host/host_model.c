@@ -5,8 +5,10 @@
 #include <string.h>
 
 #include "core/rng.h"
-#include "math/constants.h"
+#include "math/real_f32.h"
 #include "morton.h"
+
+#include "math/mip.h"
 
 /* Of a column's array. */
 static size_t block_bytes(const struct sg_host_model *h, int column)
@@ -350,14 +352,8 @@ void sg_host_reset_opacity(struct sg_host_model *h, float limit, const struct sg
                            column_of(h, shape, i / SG_LANES), h->planes, shaped);
         if (m && v)
             m[at] = v[at] = 0;
-        if (!shape) {
-            params[at] = fminf(params[at], logit);
-            continue;
-        }
-        const float drawn = 1 / (1 + expf(-shaped[SG_P_OPACITY * SG_LANES + lane])),
-                    own = 1 / (1 + expf(-params[at])), less = limit * own / drawn;
-        if (drawn > limit)
-            params[at] = logf(less / (1 - less));
+        params[at] = shape ? mip_limited(params[at], shaped[SG_P_OPACITY * SG_LANES + lane], limit)
+                           : fminf(params[at], logit);
     }
 }
 

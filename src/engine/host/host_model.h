@@ -5,6 +5,7 @@
 #define SG_HOST_MODEL_H
 
 #include "engine/engine.h"
+#include "math/constants.h"
 
 struct sg_host_model {
     size_t count, capacity; /* Gaussians; capacity is a multiple of SG_LANES */
@@ -69,6 +70,9 @@ void sg_host_floor_scale(struct sg_host_model *h, float smallest);
 void sg_host_reset_opacity(struct sg_host_model *h, float limit, const struct sg_shape *shape);
 int sg_host_filter(sg_ctx *ctx, struct sg_host_model *h, const struct sg_camera *const *cameras,
                    size_t n);
+/* Numbers of the cameras for math/mip.h. Returns the largest focal length. */
+float sg_host_filter_cameras(const struct sg_camera *const *cameras, size_t n,
+                             double (*out)[SG_MIP_CAMERA]);
 void sg_host_relocate(struct sg_host_model *h, const struct sg_relocation *r);
 void sg_host_explore(sg_ctx *ctx, struct sg_host_model *h, const struct sg_exploration *x);
 /* Raises the largest radii to those in this view. mip: see sg_render_params. */

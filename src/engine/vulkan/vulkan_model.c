@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "engine.h"
+#include "model/mip.h"
 
 static uint64_t bytes_of(const struct vulkan_engine *e, int column, size_t count)
 {
@@ -246,15 +247,38 @@ static int mirror_column(struct vulkan_engine *e, struct sg_host_model *h, int c
 int sg_vulkan_filter(struct sg_engine *base, const struct sg_camera *const *cameras, size_t n)
 {
     struct vulkan_engine *e = vulkan_of(base);
-    struct sg_host_model h;
-    int code = sg_vulkan_read_planes(e, SG_C_PARAMETERS, SG_P_XYZ + 3, &h);
+    struct gpu *g = e->gpu;
+    const uint64_t count = e->count, bytes = 4 * n * SG_MIP_CAMERA;
+    struct gpu_buffer seen_from = {0}, depths = {0};
+    double(*exact)[SG_MIP_CAMERA] = sg_alloc_raw(base->ctx, SG_MEM_MISC, n, sizeof(*exact));
+    float *numbers = sg_alloc_raw(base->ctx, SG_MEM_MISC, n, SG_MIP_CAMERA * sizeof(*numbers)),
+          focal = 0;
+    int code = n && !(exact && numbers) ? SG_ERR_BUDGET : sg_vulkan_alloc(e, SG_C_FILTER);
+    if (!code) {
+        focal = sg_host_filter_cameras(cameras, n, exact);
+        for (size_t k = 0; k < n * SG_MIP_CAMERA; k++)
+            numbers[k] = (float) exact[k / SG_MIP_CAMERA][k % SG_MIP_CAMERA];
+        code = sg_gpu_reserve(g, SG_MEM_MISC, &seen_from, bytes);
+    }
     if (!code)
-        code = mirror_column(e, &h, SG_C_FILTER);
+        code = sg_gpu_reserve(g, SG_MEM_SPLATS, &depths, 4 * (count + 1));
     if (!code)
-        code = sg_host_filter(base->ctx, &h, cameras, n);
+        code = sg_gpu_write(g, &seen_from, 0, numbers, bytes);
     if (!code)
-        code = write_back(e, &h, SG_C_FILTER);
-    sg_host_clear(&h);
+        code = sg_gpu_fill(g, &depths, 4 * count, 4, 0);
+    if (!code)
+        code = GPU_RUN(g, mip_depth, 0, FOR_EACH(count), .params = e->at[SG_C_PARAMETERS].address,
+                       .cameras = seen_from.address, .depths = depths.address,
+                       .most = depths.address + 4 * count, .count = (uint32_t) count,
+                       .planes = (uint32_t) e->planes, .views = (uint32_t) n);
+    if (!code)
+        code = GPU_RUN(g, mip_filter, 0, FOR_EACH(count), .depths = depths.address,
+                       .filters = e->at[SG_C_FILTER].address, .count = (uint32_t) count,
+                       .focal = focal);
+    sg_gpu_release(g, &seen_from);
+    sg_gpu_release(g, &depths);
+    sg_free(exact);
+    sg_free(numbers);
     return code;
 }
 
@@ -274,10 +298,12 @@ int sg_vulkan_count_radii(struct sg_engine *base)
     return code;
 }
 
-/* The parameters, what the shape reads, and one more column: the stage in host memory changes it.
- */
-static int run_shape(struct vulkan_engine *e, const struct sg_shape *shape, int column,
-                     int (*stage)(sg_ctx *, struct sg_host_model *, const struct sg_shape *))
+/* ---- the shape ---- */
+
+/* A stage in host memory: on copies of the parameters, of what the shape reads, and of the column
+ * that it changes. */
+static int shape_on_host(struct vulkan_engine *e, const struct sg_shape *shape, int column,
+                         int (*stage)(sg_ctx *, struct sg_host_model *, const struct sg_shape *))
 {
     const int columns[] = {SG_C_PARAMETERS, column, shape->column};
     struct sg_host_model h;
@@ -290,14 +316,41 @@ static int run_shape(struct vulkan_engine *e, const struct sg_shape *shape, int 
     return code;
 }
 
+/* The stages of the only shape that has a kernel. */
+static bool is_mip(const struct sg_shape *shape)
+{
+    return shape->forward == sg_mip_forward && shape->backward == sg_mip_backward &&
+           shape->column == SG_C_FILTER;
+}
+
+static int run_mip(struct vulkan_engine *e, int column, bool back)
+{
+    const int code = sg_vulkan_alloc(e, SG_C_FILTER);
+    return code ? code
+                : GPU_RUN(e->gpu, mip_shape, 0, FOR_EACH(e->count),
+                          .params = e->at[SG_C_PARAMETERS].address,
+                          .filters = e->at[SG_C_FILTER].address, .to = e->at[column].address,
+                          .count = (uint32_t) e->count, .planes = (uint32_t) e->planes,
+                          .back = back);
+}
+
 int sg_vulkan_shape(struct sg_engine *base, const struct sg_shape *shape)
 {
-    return run_shape(vulkan_of(base), shape, SG_C_SHAPED, sg_host_shape);
+    struct vulkan_engine *e = vulkan_of(base);
+    if (!is_mip(shape))
+        return shape_on_host(e, shape, SG_C_SHAPED, sg_host_shape);
+    const uint64_t bytes = sg_vulkan_column_bytes(e, SG_C_PARAMETERS);
+    int code = sg_vulkan_alloc(e, SG_C_SHAPED);
+    if (!code)
+        code = sg_gpu_copy(e->gpu, &e->at[SG_C_PARAMETERS], 0, &e->at[SG_C_SHAPED], 0, bytes);
+    return code ? code : run_mip(e, SG_C_SHAPED, false);
 }
 
 int sg_vulkan_shape_backward(struct sg_engine *base, const struct sg_shape *shape)
 {
-    return run_shape(vulkan_of(base), shape, SG_C_GRADIENT, sg_host_shape_backward);
+    struct vulkan_engine *e = vulkan_of(base);
+    return is_mip(shape) ? run_mip(e, SG_C_GRADIENT, true)
+                         : shape_on_host(e, shape, SG_C_GRADIENT, sg_host_shape_backward);
 }
 
 /* ---- small ones ---- */
@@ -322,6 +375,7 @@ static int move(struct vulkan_engine *e, uint32_t what, float limit)
 {
     const bool moments = e->at[SG_C_MOMENT1].buffer && e->at[SG_C_MOMENT2].buffer;
     return GPU_RUN(e->gpu, move, 0, FOR_EACH(e->count), .params = e->at[SG_C_PARAMETERS].address,
+                   .shaped = sg_gpu_at(e->gpu, &e->at[SG_C_SHAPED]),
                    .m = sg_gpu_at(e->gpu, &e->at[SG_C_MOMENT1]),
                    .v = sg_gpu_at(e->gpu, &e->at[SG_C_MOMENT2]), .count = (uint32_t) e->count,
                    .planes = (uint32_t) e->planes, .what = what, .moments = moments,
@@ -336,14 +390,8 @@ int sg_vulkan_floor_scale(struct sg_engine *base, float smallest)
 int sg_vulkan_reset_opacity(struct sg_engine *base, float limit)
 {
     struct vulkan_engine *e = vulkan_of(base);
-    struct sg_host_model h;
     if (!base->shape)
         return move(e, 1, logf(limit / (1 - limit)));
-    int code = mirror(e, &h);
-    if (code)
-        return code;
-    sg_host_reset_opacity(&h, limit, base->shape);
-    code = adopt_mirror(e, &h);
-    sg_host_clear(&h);
-    return code;
+    const int code = sg_vulkan_shape(base, base->shape);
+    return code ? code : move(e, 2, limit);
 }

@@ -67,6 +67,9 @@
     K(total_variation)                                                                             \
     K(loss_sums)                                                                                   \
     K(move)                                                                                        \
+    K(mip_shape)                                                                                   \
+    K(mip_depth)                                                                                   \
+    K(mip_filter)                                                                                  \
     K(planes)                                                                                      \
     K(edit)
 
@@ -207,9 +210,22 @@
 #define ARGS_loss_sums(P, U, F)                                                                    \
     P(Floats, from) P(Floats, to) U(count) U(width)
 /* Changes of the parameters in place: 0 = scales to at least `limit`, as stored; 1 = opacity to at
- * most `limit`, as stored, and its moments to 0 where there are some. */
+ * most `limit`, as stored; 2 = the same as it is drawn, in `shaped`, both activated. With 1 and 2
+ * the moments of the opacity become 0, where there are some. */
 #define ARGS_move(P, U, F)                                                                         \
-    P(Floats, params) P(Floats, m) P(Floats, v) U(count) U(planes) U(what) U(moments) F(limit)
+    P(Floats, params) P(Floats, shaped) P(Floats, m) P(Floats, v) U(count) U(planes) U(what)       \
+    U(moments) F(limit)
+/* What Gaussians with a 3D filter are drawn as, to a copy of the parameters; back: 1 = the gradient
+ * of that to the one of the parameters. */
+#define ARGS_mip_shape(P, U, F)                                                                    \
+    P(Floats, params) P(Floats, filters) P(Floats, to) U(count) U(planes) U(back)
+/* The least depth in the cameras that see a Gaussian (math/mip.h), and behind these the largest of
+ * them, which begins as 0. */
+#define ARGS_mip_depth(P, U, F)                                                                    \
+    P(Floats, params) P(Floats, cameras) P(Floats, depths) P(Uints, most) U(count) U(planes)       \
+    U(views)
+#define ARGS_mip_filter(P, U, F)                                                                   \
+    P(Floats, depths) P(Floats, filters) U(count) F(focal)
 /* The first `width` of the `planes` planes of every Gaussian, to an array of `held` planes; back: 1
  * = from there. */
 #define ARGS_planes(P, U, F)                                                                       \

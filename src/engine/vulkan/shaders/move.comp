@@ -3,6 +3,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "math/mip.h"
 
 layout(local_size_x = VK_GROUP) in;
 ARGUMENTS(move);
@@ -20,7 +21,10 @@ void main()
         return;
     }
     const uint at = param_at(a.planes, i, P_OPACITY);
-    a.params.v[at] = r_min(a.params.v[at], a.limit);
+    if (a.what == 2)
+        a.params.v[at] = mip_limited(a.params.v[at], a.shaped.v[at], a.limit);
+    else
+        a.params.v[at] = r_min(a.params.v[at], a.limit);
     if (a.moments != 0)
         a.m.v[at] = a.v.v[at] = 0.0;
 }
