@@ -3,6 +3,9 @@
  * sweeps go to a CSV file too.
  *
  *     bench [--quick] [--threads T] [--cpu VARIANT] [--model MODEL.ply] [--csv FILE]
+ *     bench --engine ENGINE [--quick] [--threads T] [--gaussians N] [--side N] [--model MODEL.ply]
+ *
+ * The second form measures one size on another engine, and what its calling thread works.
  *
  * Without --model the Gaussians lie on the surfaces of our own making: flat, overlapping discs of
  * the size that training leaves, seen whole in a square image. */
@@ -10,6 +13,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "engine/cpu/dispatch.h"
 #include "engine/host/morton.h"
@@ -29,6 +33,7 @@ struct result {
     size_t gaussians;
     int side, threads;
     double total, stage[TIMES]; /* median seconds */
+    double caller;              /* of the calling thread's processor time */
     struct sg_render_stats stats;
 };
 
@@ -93,12 +98,20 @@ static struct sg_model *surface_model(sg_ctx *ctx, size_t n)
     return ordered(ctx, m);
 }
 
+static double thread_seconds(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+    return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
+}
+
 #define VIEWS 8 /* all alike */
 
 /* Median times of whole training iterations (degree 3, no densification). With a filter it counts
  * in each, in VIEWS views, and removes nothing. */
-static struct result measure(const struct sg_model *model, int side, int threads, const char *cpu,
-                             int rounds, const struct sg_defense_params *defense)
+static struct result measure(const struct sg_model *model, int side, int threads,
+                             const char *engine, const char *cpu, int rounds,
+                             const struct sg_defense_params *defense)
 {
     sg_ctx *ctx;
     sg_trainer *t;
@@ -121,20 +134,21 @@ static struct result measure(const struct sg_model *model, int side, int threads
         views[i] = view;
     struct sg_scene scene = {
         .path = (char *) "bench", .train = views, .n_train = VIEWS, .extent = 4};
-    struct sg_train_params params = {SG_TRAIN_DEFAULTS, .cpu = cpu, .sh_interval = 1,
-                                     .densify_until_iter = 0};
+    struct sg_train_params params = {SG_TRAIN_DEFAULTS, .engine = engine, .cpu = cpu,
+                                     .sh_interval = 1, .densify_until_iter = 0};
     params.defense = *defense;
     if (sg_trainer_create(ctx, &scene, model, &params, &t))
         bench_fail(ctx, "trainer");
     struct result r = {.gaussians = model->count, .side = side, .threads = threads};
     double *total = malloc((size_t) rounds * sizeof(double)), *stage[TIMES];
+    double *caller = malloc((size_t) rounds * sizeof(double));
     for (int k = 0; k < TIMES; k++)
         stage[k] = malloc((size_t) rounds * sizeof(double));
     for (int i = -5; i < rounds; i++) { /* five to warm up, with rising degree */
         struct sg_train_times before, after;
         struct sg_train_step step;
         sg_trainer_times(t, &before);
-        const double start = sg_seconds();
+        const double start = sg_seconds(), worked = thread_seconds();
         if (sg_trainer_step(t, &step))
             bench_fail(ctx, "step");
         const double spent = sg_seconds() - start;
@@ -143,6 +157,7 @@ static struct result measure(const struct sg_model *model, int side, int threads
         if (i < 0)
             continue;
         total[i] = spent;
+        caller[i] = thread_seconds() - worked;
         stage[0][i] = after.project - before.project;
         stage[1][i] = after.bin - before.bin;
         stage[2][i] = after.raster - before.raster;
@@ -154,11 +169,13 @@ static struct result measure(const struct sg_model *model, int side, int threads
         stage[COUNT][i] = after.count - before.count;
     }
     r.total = median(total, rounds);
+    r.caller = median(caller, rounds);
     for (int k = 0; k < TIMES; k++) {
         r.stage[k] = median(stage[k], rounds);
         free(stage[k]);
     }
     free(total);
+    free(caller);
     free(view.rgb);
     sg_trainer_destroy(&t);
     sg_ctx_destroy(&ctx);
@@ -214,6 +231,18 @@ static void print_stages(const struct result *r, const struct roofline *m)
     }
 }
 
+/* Of an engine with a device of its own, which no roofline here is about. */
+static void print_engine(const struct result *r)
+{
+    printf("%zu Gaussians, %dx%d: **%.2f ms** an iteration, of which the calling thread works "
+           "%.2f ms (%.1f %%).\n\n| stage | ms | share |\n|---|---|---|\n",
+           r->gaussians, r->side, r->side, 1e3 * r->total, 1e3 * r->caller,
+           100 * r->caller / r->total);
+    for (int k = 0; k < STAGES; k++)
+        printf("| %s | %.3f | %.1f %% |\n", stage_names[k], 1e3 * r->stage[k],
+               100 * r->stage[k] / r->total);
+}
+
 /* Parts of the defense as it is by default: losses in every iteration, 48 counting passes in
  * 100. */
 static void print_defense(const struct result *plain, const struct result *smooth,
@@ -262,8 +291,8 @@ static void table_head(void)
 
 int main(int argc, char **argv)
 {
-    int threads = 2, quick = 0;
-    const char *cpu = NULL, *path = NULL, *csv_path = NULL;
+    int threads = 2, quick = 0, gaussians = 300000, side = 800;
+    const char *cpu = NULL, *path = NULL, *csv_path = NULL, *engine = NULL;
     for (int i = 1; i < argc; i++) {
         if (!strcmp(argv[i], "--quick"))
             quick = 1;
@@ -275,9 +304,16 @@ int main(int argc, char **argv)
             path = argv[++i];
         else if (!strcmp(argv[i], "--csv") && i + 1 < argc)
             csv_path = argv[++i];
+        else if (!strcmp(argv[i], "--engine") && i + 1 < argc)
+            engine = argv[++i];
+        else if (!strcmp(argv[i], "--gaussians") && i + 1 < argc)
+            gaussians = atoi(argv[++i]);
+        else if (!strcmp(argv[i], "--side") && i + 1 < argc)
+            side = atoi(argv[++i]);
         else {
             fprintf(stderr, "usage: bench [--quick] [--threads T] [--cpu VARIANT] [--model "
-                            "MODEL.ply] [--csv FILE]\n");
+                            "MODEL.ply] [--csv FILE]\n       bench --engine ENGINE [--quick] "
+                            "[--threads T] [--gaussians N] [--side N] [--model MODEL.ply]\n");
             return 1;
         }
     }
@@ -285,6 +321,20 @@ int main(int argc, char **argv)
     const struct cpu_kernels *kernels;
     if (sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = threads}))
         bench_fail(NULL, "context");
+    const int rounds = quick ? 9 : 31;
+    const struct sg_defense_params off = {SG_DEFENSE_DEFAULTS};
+    struct sg_model *m;
+    if (path && sg_model_read_ply(ctx, path, UINT32_MAX, &m))
+        bench_fail(ctx, "model");
+    if (!path)
+        m = surface_model(ctx, engine ? (size_t) gaussians : 300000);
+    if (engine) {
+        const struct result of_engine = measure(m, side, threads, engine, cpu, rounds, &off);
+        print_engine(&of_engine);
+        sg_model_destroy(&m);
+        sg_ctx_destroy(&ctx);
+        return 0;
+    }
     if (sg_cpu_select(ctx, cpu, &kernels))
         bench_fail(ctx, "kernels");
     FILE *csv = csv_path ? fopen(csv_path, "w") : NULL;
@@ -298,13 +348,8 @@ int main(int argc, char **argv)
            sg_version(), kernels->name, 1e-9 * machine.bandwidth, threads, 1e-9 * machine.flops,
            1e-9 * machine.forward, 1e-9 * machine.backward);
 
-    const int rounds = quick ? 9 : 31;
-    struct sg_model *m;
-    if (path ? sg_model_read_ply(ctx, path, UINT32_MAX, &m) : (m = surface_model(ctx, 300000), 0))
-        bench_fail(ctx, "model");
     /* The speed of memory that is shared with others drifts: one thread and all take turns, and of
      * each the middle one of three counts. */
-    const struct sg_defense_params off = {SG_DEFENSE_DEFAULTS};
     struct sg_defense_params smooth_only = off, count_only = off;
     smooth_only.on = count_only.on = true;
     smooth_only.rho = count_only.lambda = 0;
@@ -312,11 +357,11 @@ int main(int argc, char **argv)
     count_only.interval = 1, count_only.from = 0, count_only.until = 1000000;
     struct result all[3], single[3], smooth[3], counting[3];
     for (int i = 0; i < 3; i++) {
-        all[i] = measure(m, 800, threads, cpu, rounds, &off);
-        smooth[i] = measure(m, 800, threads, cpu, rounds, &smooth_only);
-        counting[i] = measure(m, 800, threads, cpu, rounds / 2, &count_only);
+        all[i] = measure(m, 800, threads, NULL, cpu, rounds, &off);
+        smooth[i] = measure(m, 800, threads, NULL, cpu, rounds, &smooth_only);
+        counting[i] = measure(m, 800, threads, NULL, cpu, rounds / 2, &count_only);
         if (threads > 1)
-            single[i] = measure(m, 800, 1, cpu, rounds / 2, &off);
+            single[i] = measure(m, 800, 1, NULL, cpu, rounds / 2, &off);
     }
     struct result r = middle(all);
     print_stages(&r, &machine);
@@ -339,7 +384,7 @@ int main(int argc, char **argv)
         table_head();
         for (int i = 0; i < (quick ? 3 : 5); i++) {
             m = surface_model(ctx, counts[i]);
-            r = measure(m, 800, threads, cpu, rounds / 2, &off);
+            r = measure(m, 800, threads, NULL, cpu, rounds / 2, &off);
             sg_model_destroy(&m);
             print_row(&r);
             csv_row(csv, "gaussians", &r);
@@ -349,7 +394,7 @@ int main(int argc, char **argv)
         table_head();
         for (int i = 0; i < (quick ? 2 : 4); i++) {
             m = surface_model(ctx, 100000);
-            r = measure(m, sides[i], threads, cpu, rounds / 2, &off);
+            r = measure(m, sides[i], threads, NULL, cpu, rounds / 2, &off);
             sg_model_destroy(&m);
             print_row(&r);
             csv_row(csv, "pixels", &r);

@@ -2,6 +2,7 @@
 /* Training on a Vulkan device against the CPU engine: SG_TEST_ENGINE names the device. */
 #include <unistd.h>
 
+#include "core/vram.h"
 #include "training.h"
 
 static double mean(const double *v, int first, int end)
@@ -109,6 +110,40 @@ static void test_resume(void **state)
     clear_fixture(&f);
 }
 
+/* Stages are timed by the device: known once somebody has waited, and not while clocks are stopped.
+ * Without timestamps they are timed by the host, at once; the bytes are the same. */
+static void test_clocks(void **state)
+{
+    (void) state;
+    const struct sg_render_params render = {SG_RENDER_DEFAULTS};
+    const struct sg_camera camera = make_camera(SIDE, SIDE, 3);
+    float images[2][3 * SIDE * SIDE];
+    for (int host = 0; host < 2; host++) {
+        sg_ctx *ctx = make_context(1);
+        struct sg_model *m = make_model(ctx, 500, 1, 3);
+        struct sg_engine *e;
+        sg_fail_device(ctx, SG_DEVICE_TIMESTAMPS, (uint64_t) host);
+        assert_int_equal(sg_engine_create(ctx, main_engine(), NULL, &e), SG_OK);
+        assert_true(sg_fail_device(ctx, SG_DEVICE_TIMESTAMPS, 0)); /* it was asked for */
+        assert_int_equal(sg_engine_upload(e, m, NULL), SG_OK);
+        assert_int_equal(sg_engine_draw(e, &camera, 1, &render, false), SG_OK);
+        assert_int_equal(sg_engine_times(e).raster > 0, host);
+        assert_int_equal(sg_engine_read_image(e, images[host], NULL, NULL), SG_OK);
+        const struct sg_engine_times t = sg_engine_times(e);
+        assert_true(t.project > 0 && t.bin > 0 && t.raster > 0);
+        assert_true(t.optimise == 0 && t.shape == 0 && t.count == 0);
+        sg_engine_stop_clocks(e, true);
+        assert_int_equal(sg_engine_draw(e, &camera, 1, &render, false), SG_OK);
+        assert_int_equal(sg_engine_read_image(e, images[host], NULL, NULL), SG_OK);
+        assert_true(sg_engine_times(e).project == t.project);
+        assert_true(sg_engine_times(e).raster == t.raster);
+        sg_engine_destroy(&e);
+        sg_model_destroy(&m);
+        sg_ctx_destroy(&ctx);
+    }
+    assert_memory_equal(images[0], images[1], sizeof(images[0]));
+}
+
 /* Names and numbers that no device has are refused, with what there is to do. */
 static void test_choice(void **state)
 {
@@ -141,9 +176,8 @@ int main(void)
         return 77;
     }
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_choice),
-        cmocka_unit_test(test_training),
-        cmocka_unit_test(test_variants),
+        cmocka_unit_test(test_choice),   cmocka_unit_test(test_clocks),
+        cmocka_unit_test(test_training), cmocka_unit_test(test_variants),
         cmocka_unit_test(test_resume),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -7,7 +7,12 @@
 #include "context.h"
 
 /* What a test can make fail. */
-enum sg_device_call { SG_DEVICE_ALLOCATION, SG_DEVICE_SUBMISSION, SG_DEVICE_CALLS };
+enum sg_device_call {
+    SG_DEVICE_ALLOCATION,
+    SG_DEVICE_SUBMISSION,
+    SG_DEVICE_TIMESTAMPS, /* asked for when a device is opened: it has none */
+    SG_DEVICE_CALLS
+};
 
 struct sg_vram {
     uint64_t given; /* sg_ctx_params.max_vram */

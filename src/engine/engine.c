@@ -37,9 +37,19 @@ static int leave(struct sg_engine *e, int code, unsigned kept, unsigned made)
     return code;
 }
 
-static void lap(const struct sg_engine *e, double start, double *sum)
+/* Between these two a stage's time is counted in *sum. */
+static double begin(struct sg_engine *e, double *sum)
 {
-    if (!e->clocks_stopped)
+    if (e->clock)
+        e->clock(e, e->clocks_stopped ? NULL : sum);
+    return sg_seconds();
+}
+
+static void lap(struct sg_engine *e, double start, double *sum)
+{
+    if (e->clock)
+        e->clock(e, NULL);
+    else if (!e->clocks_stopped)
         *sum += sg_seconds() - start;
 }
 
@@ -309,7 +319,7 @@ static int run_shape(struct sg_engine *e)
 {
     if (!e->shape)
         return SG_OK;
-    const double start = sg_seconds();
+    const double start = begin(e, &e->times.shape);
     const int code = e->ops->shape(e, e->shape);
     lap(e, start, &e->times.shape);
     return code;
@@ -341,7 +351,7 @@ int sg_engine_project(struct sg_engine *e, const struct sg_camera *camera, int s
         code = run_shape(e);
     if (code)
         return leave(e, code, 0, 0);
-    const double start = sg_seconds();
+    const double start = begin(e, &e->times.project);
     code = e->ops->project(e, camera, sh_degree, params);
     lap(e, start, &e->times.project);
     return leave(e, code, 0, SPLATS);
@@ -352,7 +362,7 @@ int sg_engine_bin(struct sg_engine *e)
     int code = need(e, SPLATS, "bin", "projection");
     if (code)
         return code;
-    const double start = sg_seconds();
+    const double start = begin(e, &e->times.bin);
     code = e->ops->bin(e);
     lap(e, start, &e->times.bin);
     return leave(e, code, SPLATS, LISTS);
@@ -363,7 +373,7 @@ int sg_engine_raster(struct sg_engine *e, bool auxiliary)
     int code = need(e, LISTS, "raster", "tile lists");
     if (code)
         return code;
-    const double start = sg_seconds();
+    const double start = begin(e, &e->times.raster);
     code = e->ops->raster(e, auxiliary);
     lap(e, start, &e->times.raster);
     return leave(e, code, SPLATS | LISTS, IMAGE);
@@ -426,7 +436,7 @@ int sg_engine_losses(struct sg_engine *e, const struct sg_target *target,
     if (code || !n)
         return code;
     for (size_t i = 0; i < n && !code; i++) {
-        const double start = sg_seconds();
+        const double start = begin(e, &e->times.loss[losses[i].kind]);
         code = e->ops->loss(e, &pixels, &losses[i]);
         lap(e, start, &e->times.loss[losses[i].kind]);
     }
@@ -447,7 +457,7 @@ int sg_engine_raster_backward(struct sg_engine *e)
     int code = need(e, LISTS | IMAGE | IMAGE_GRADIENT, "raster_backward", "gradient of the image");
     if (code)
         return code;
-    const double start = sg_seconds();
+    const double start = begin(e, &e->times.raster_backward);
     code = e->ops->raster_backward(e);
     lap(e, start, &e->times.raster_backward);
     return leave(e, code, ~(unsigned) SPLAT_GRADIENTS, SPLAT_GRADIENTS);
@@ -455,12 +465,12 @@ int sg_engine_raster_backward(struct sg_engine *e)
 
 static int run_project_backward(struct sg_engine *e, bool statistics)
 {
-    const double start = sg_seconds();
+    const double start = begin(e, &e->times.project_backward);
     int code = e->ops->project_backward(e, statistics);
     lap(e, start, &e->times.project_backward);
     if (code || !e->shape)
         return code;
-    const double between = sg_seconds();
+    const double between = begin(e, &e->times.shape);
     code = e->ops->shape_backward(e, e->shape);
     lap(e, between, &e->times.shape);
     return code;
@@ -493,7 +503,7 @@ int sg_engine_optimise(struct sg_engine *e, const struct sg_update *update)
     if (!ready && !fused)
         code = run_project_backward(e, update->statistics);
     if (!code) {
-        const double start = sg_seconds();
+        const double start = begin(e, &e->times.optimise);
         code = (fused ? e->ops->project_backward_optimise : e->ops->optimise)(e, update);
         lap(e, start, &e->times.optimise);
     }
@@ -524,7 +534,7 @@ int sg_engine_count_hits(struct sg_engine *e, const struct sg_camera *const *vie
     int code = check_filter(e, params);
     if (!code)
         code = run_shape(e);
-    const double start = sg_seconds();
+    const double start = begin(e, &e->times.count);
     memset(hits, 0, sg_engine_count(e) * sizeof(*hits));
     for (size_t v = 0; v < n && !code; v++)
         if (!(code = sg_progress(e->ctx, SG_STAGE_COUNT, v, n)))
@@ -540,7 +550,7 @@ int sg_engine_weigh_hits(struct sg_engine *e, const struct sg_camera *const *vie
 {
     if (!e->ops->weigh_hits)
         return lacks(e, "weigh_hits");
-    const double start = sg_seconds();
+    const double start = begin(e, &e->times.count);
     int code = SG_OK;
     memset(hits, 0, sg_engine_count(e) * sizeof(*hits));
     for (size_t v = 0; v < n && !code; v++)

@@ -38,7 +38,9 @@ struct sg_engine {
     struct sg_photo_entry *photos; /* of handle k + 1 */
     size_t photo_count, photo_capacity;
     bool clocks_stopped;
-    /* Written by the front end, and by operations that have several stages. */
+    /* NULL: the host's clock runs during each call. Else the engine adds to *sum, one of `times` or
+     * NULL, what its device takes for the work of the calls from now on. */
+    void (*clock)(struct sg_engine *, double *sum);
     struct sg_engine_times times;
     struct sg_step step; /* stages that are done when their call returns leave their results here */
 };

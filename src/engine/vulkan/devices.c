@@ -21,6 +21,7 @@ static bool find_queue(const struct vk_functions *vk, struct vk_device_choice *d
             (best < 0 || !(families[i].queueFlags & VK_QUEUE_GRAPHICS_BIT)))
             best = (int) i;
     d->queue_family = best < 0 ? 0 : (uint32_t) best;
+    d->timestamp_bits = best < 0 ? 0 : families[best].timestampValidBits;
     return best >= 0;
 }
 
@@ -75,6 +76,7 @@ static void look_at(const struct vk_functions *vk, struct vk_device_choice *d)
     const VkPhysicalDeviceProperties *p = &properties.properties;
     d->type = p->deviceType;
     d->lanes = subgroup.subgroupSize;
+    d->tick = 1e-9 * (double) p->limits.timestampPeriod;
     d->memory_budget = has_extension(vk, d->physical, VK_EXT_MEMORY_BUDGET_EXTENSION_NAME);
     snprintf(d->info.name, sizeof(d->info.name), "%s", p->deviceName);
     snprintf(d->info.driver, sizeof(d->info.driver), "%.100s %.100s", more.driverName,

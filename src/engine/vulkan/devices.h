@@ -14,7 +14,9 @@ struct vk_device_choice {
     struct sg_device_info info;
     VkPhysicalDeviceType type;
     uint32_t queue_family;
-    uint32_t lanes; /* its subgroup size */
+    uint32_t lanes;          /* its subgroup size */
+    uint32_t timestamp_bits; /* of that queue; 0: it has no timestamps */
+    double tick;             /* seconds between two timestamps that differ by 1 */
     bool memory_budget;
 };
 

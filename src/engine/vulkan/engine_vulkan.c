@@ -305,6 +305,11 @@ static int count_view(struct vulkan_engine *e, enum sg_hit kind)
     return code;
 }
 
+static void clock_of(struct sg_engine *base, double *sum)
+{
+    sg_gpu_clock(vulkan_of(base)->gpu, sum);
+}
+
 static int count_hits(struct sg_engine *base, const struct sg_camera *view,
                       const struct sg_render_params *params, enum sg_hit kind, double *hits)
 {
@@ -367,7 +372,11 @@ static int create(sg_ctx *ctx, const char *selector, struct sg_engine **out)
         sg_free(e);
         return code;
     }
-    e->base = (struct sg_engine){.ops = &ops, .ctx = ctx};
+    e->base =
+        (struct sg_engine){.ops = &ops, .ctx = ctx, .clock = e->gpu->timestamps ? clock_of : NULL};
+    if (!e->gpu->timestamps)
+        sg_log(ctx, SG_LOG_INFO, "vulkan: %s has no timestamps: times of stages are the host's",
+               e->gpu->chosen.info.name);
     e->lists.band = -1;
     sg_log(ctx, SG_LOG_DEBUG, "vulkan: %s, driver %s, %u invocations a block of pixels",
            e->gpu->chosen.info.name, e->gpu->chosen.info.driver, e->gpu->lanes);

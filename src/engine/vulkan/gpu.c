@@ -137,10 +137,36 @@ VkDeviceAddress sg_gpu_at(const struct gpu *g, const struct gpu_buffer *b)
 
 /* ---- commands ---- */
 
+/* A timestamp after all that is recorded. */
+static void mark(struct gpu *g)
+{
+    if (!g->timestamps)
+        return;
+    g->clocks[g->marks] = g->clock;
+    g->vk.CmdWriteTimestamp(g->commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, g->timestamps,
+                            g->marks++);
+}
+
+/* Time between the marks of commands that are done, to their clocks. */
+static void read_marks(struct gpu *g)
+{
+    uint64_t ticks[GPU_MARKS];
+    const uint64_t valid = UINT64_MAX >> (64 - g->chosen.timestamp_bits);
+    if (!g->marks || g->vk.GetQueryPoolResults(g->device, g->timestamps, 0, g->marks, sizeof(ticks),
+                                               ticks, sizeof(ticks[0]), VK_QUERY_RESULT_64_BIT))
+        return;
+    for (uint32_t i = 0; i + 1 < g->marks; i++)
+        if (g->clocks[i])
+            *g->clocks[i] += (double) ((ticks[i + 1] - ticks[i]) & valid) * g->chosen.tick;
+}
+
 static int record(struct gpu *g)
 {
-    if (g->recording)
+    if (g->recording) {
+        if (g->marks && g->clocks[g->marks - 1] != g->clock && g->marks < GPU_MARKS - 1)
+            mark(g); /* the last one is of the end */
         return SG_OK;
+    }
     if (g->lost)
         return fail_result(g, VK_ERROR_DEVICE_LOST, "recording");
     const VkCommandBufferBeginInfo info = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO,
@@ -149,7 +175,16 @@ static int record(struct gpu *g)
     if (result)
         return fail_result(g, result, "recording");
     g->recording = true;
+    if (g->timestamps)
+        g->vk.CmdResetQueryPool(g->commands, g->timestamps, 0, GPU_MARKS);
+    g->marks = 0;
+    mark(g);
     return SG_OK;
+}
+
+void sg_gpu_clock(struct gpu *g, double *sum)
+{
+    g->clock = sum;
 }
 
 /* What was recorded so far is done and seen by all that follows. */
@@ -281,6 +316,7 @@ int sg_gpu_flush(struct gpu *g)
     const VkSubmitInfo info = {.sType = VK_STRUCTURE_TYPE_SUBMIT_INFO,
                                .commandBufferCount = 1,
                                .pCommandBuffers = &g->commands};
+    mark(g);
     VkResult result = g->vk.EndCommandBuffer(g->commands);
     if (!result)
         result = g->vk.ResetFences(g->device, 1, &g->fence);
@@ -291,7 +327,10 @@ int sg_gpu_flush(struct gpu *g)
     if (!result)
         result = g->vk.WaitForFences(g->device, 1, &g->fence, VK_TRUE, UINT64_MAX);
     g->submissions++;
-    return result ? fail_result(g, result, "waiting") : SG_OK;
+    if (result)
+        return fail_result(g, result, "waiting");
+    read_marks(g);
+    return SG_OK;
 }
 
 int sg_gpu_write(struct gpu *g, const struct gpu_buffer *to, uint64_t offset, const void *from,
@@ -365,6 +404,15 @@ static int open_device(struct gpu *g)
             &g->commands);
     if (!result)
         result = g->vk.CreateFence(g->device, &fence, NULL, &g->fence);
+    if (sg_device_fails(g->ctx, SG_DEVICE_TIMESTAMPS))
+        g->chosen.timestamp_bits = 0;
+    if (!result && g->chosen.timestamp_bits)
+        result = g->vk.CreateQueryPool(
+            g->device,
+            &(VkQueryPoolCreateInfo){.sType = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO,
+                                     .queryType = VK_QUERY_TYPE_TIMESTAMP,
+                                     .queryCount = GPU_MARKS},
+            NULL, &g->timestamps);
     if (result)
         return fail_result(g, result, "opening the device");
     sg_vram_limit(g->ctx, g->chosen.info.memory_free);
@@ -412,6 +460,7 @@ void sg_gpu_close(struct gpu **gpu)
             for (int v = 0; v < 4; v++)
                 g->vk.DestroyPipeline(g->device, g->pipelines[k][v], NULL);
         g->vk.DestroyFence(g->device, g->fence, NULL);
+        g->vk.DestroyQueryPool(g->device, g->timestamps, NULL);
         g->vk.DestroyCommandPool(g->device, g->pool, NULL);
         g->vk.DestroyPipelineLayout(g->device, g->layout, NULL);
         g->vk.DestroyDevice(g->device, NULL);

@@ -51,6 +51,8 @@ struct gpu_buffer {
     void *mapped; /* of one that the host sees, else NULL */
 };
 
+#define GPU_MARKS 64 /* timestamps of a submission */
+
 struct gpu {
     sg_ctx *ctx;
     struct vk_functions vk;
@@ -63,6 +65,10 @@ struct gpu {
     VkCommandBuffer commands;
     VkFence fence;
     bool recording, lost;
+    VkQueryPool timestamps;    /* 0: the device has none */
+    uint32_t marks;            /* of what is recorded */
+    double *clock;             /* of what is recorded next, or NULL */
+    double *clocks[GPU_MARKS]; /* of what follows each mark */
     struct gpu_buffer staging; /* the host's window on device memory */
     struct gpu_buffer none;    /* what unused arguments point to */
     uint32_t lanes;            /* invocations of a block of pixels */
@@ -115,6 +121,10 @@ int sg_gpu_update(struct gpu *g, const struct gpu_buffer *b, uint64_t offset, co
                   uint64_t bytes);
 int sg_gpu_copy(struct gpu *g, const struct gpu_buffer *from, uint64_t from_offset,
                 const struct gpu_buffer *to, uint64_t to_offset, uint64_t bytes);
+
+/* What the device takes for the commands from here on is added to *sum (NULL: to nothing) once it
+ * is known. Without timestamps nothing is. */
+void sg_gpu_clock(struct gpu *g, double *sum);
 
 /* Submits what is recorded and waits for it. SG_ERR_INTERNAL: the device is lost. */
 int sg_gpu_flush(struct gpu *g);

@@ -49,6 +49,11 @@
     F(CmdCopyBuffer)                                                                               \
     F(CmdFillBuffer)                                                                               \
     F(CmdUpdateBuffer)                                                                             \
+    F(CmdResetQueryPool)                                                                           \
+    F(CmdWriteTimestamp)                                                                           \
+    F(CreateQueryPool)                                                                             \
+    F(DestroyQueryPool)                                                                            \
+    F(GetQueryPoolResults)                                                                         \
     F(QueueSubmit)                                                                                 \
     F(CreateFence)                                                                                 \
     F(DestroyFence)                                                                                \
