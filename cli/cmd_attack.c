@@ -79,7 +79,9 @@ static unsigned methods_of(const struct sg_option *o, bool unbounded, bool *refu
         *refused = true;
         return POISON_SPLAT;
     }
-    return !strcmp(o->group, "Proxy and decoy") ? POISON_SPLAT : ~0u;
+    return !strcmp(o->group, "Proxy and decoy") || !strncmp(o->group, "Anchors", strlen("Anchors"))
+               ? POISON_SPLAT
+               : ~0u;
 }
 
 /* Refuses options without an effect on the method, or warns of them. */

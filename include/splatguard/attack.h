@@ -5,11 +5,18 @@
 #include "context.h"
 #include "model.h"
 #include "scene.h"
+#include "train.h"
 #include "variation.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
+
+/* What the decoy is. */
+enum sg_attack_model {
+    SG_ATTACK_3DGS,
+    SG_ATTACK_SCAFFOLD /* Scaffold-GS, see SG_MODEL_SCAFFOLD: not in the paper */
+};
 
 /* Poison-splat (Lu et al. 2025, "Poison-splat: Computation Cost Attack on 3D Gaussian Splatting").
  * Ranges that are not given below are 0..1. */
@@ -51,8 +58,17 @@ struct sg_attack_params {
      * through it, and the poison lies beyond the decoy's render, as far as the bound allows and at
      * most the tolerance beyond the ascended image. 0..255 grey levels. Default 0. */
     float victim_tolerance;
+    /* The proxy has to be of this model. Default SG_ATTACK_3DGS. */
+    enum sg_attack_model model;
+    /* With SG_ATTACK_SCAFFOLD: rates of the decoy are the first ones of each pair, its voxels those
+     * of the proxy, whose networks have the optional parts named here. Its offsets learn, since all
+     * Gaussians of a new anchor begin in one place. Anchors do not move, have no least scale, and
+     * learn from one view at a time: move_positions and scale_floor have to be 0, update_interval
+     * 1. The rates above and percent_dense have no effect. */
+    struct sg_scaffold_params scaffold;
     uint64_t seed;          /* Default 42. */
-    uint64_t max_gaussians; /* of the decoy; 0 = no limit, else at least 4. Default 0. */
+    uint64_t max_gaussians; /* of the decoy; 0 = no limit, else at least 4. An anchor counts as its
+                               10 Gaussians. Default 0. */
     uint64_t max_instances; /* see sg_render_params. Default 1 << 24. */
     const char *engine;     /* "cpu" or "ref"; NULL = "cpu". Default "cpu". */
     const char *cpu;        /* CPU variant; NULL = best. Default NULL. */
@@ -63,12 +79,12 @@ struct sg_attack_params {
     .update_interval = 1, .lambda_dssim = 0.2f, .feature_lr = 0.0025f, .opacity_lr = 0.05f,        \
     .scaling_lr = 0.005f, .rotation_lr = 0.001f, .percent_dense = 0.01f,                           \
     .densification_interval = 100, .densify_grad_threshold = 0.0002f, .seed = 42,                  \
-    .max_instances = 1u << 24, .engine = "cpu"
+    .max_instances = 1u << 24, .engine = "cpu", .scaffold = {SG_SCAFFOLD_DEFAULTS}
 SG_API struct sg_attack_params sg_attack_params_default(void);
 
 /* The published schedules by data set and epsilon: "ns" (NeRF-Synthetic), "mip" (Mip-NeRF 360),
  * "tt" (Tanks and Temples), or "auto": ns for Blender scenes, else mip. Sets iterations, inner and
- * update_interval of `params` by its epsilon. Returns false for any other name. */
+ * update_interval of `params` by its epsilon and model. Returns false for any other name. */
 SG_API bool sg_attack_preset(const char *name, enum sg_scene_format format,
                              struct sg_attack_params *params);
 
@@ -94,10 +110,10 @@ SG_API int sg_attack_check(sg_ctx *ctx, const struct sg_attack_params *params);
 typedef struct sg_attack sg_attack;
 
 /* Poisons all training views of the scene: load it with eval = false. proxy: a model trained on the
- * scene, which is copied. With a memory limit, destroy `proxy` before the first step. Renders are
- * on black, whatever the scene's background is. params may be NULL. Errors: SG_ERR_USAGE for values
- * out of range, SG_ERR_INPUT if the scene has no training views or the proxy has a value that is
- * not finite, SG_ERR_BUDGET. */
+ * scene, which is copied. Errors for one that is not of params->model: SG_ERR_INPUT. With a memory
+ * limit, destroy `proxy` before the first step. Renders are on black, whatever the scene's
+ * background is. params may be NULL. Errors: SG_ERR_USAGE for values out of range, SG_ERR_INPUT if
+ * the scene has no training views or the proxy has a value that is not finite, SG_ERR_BUDGET. */
 SG_API int sg_attack_create(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *proxy,
                             const struct sg_attack_params *params, sg_attack **out);
 /* Continues from a file of sg_attack_save. With the same scene and params the result has the same

@@ -38,7 +38,8 @@ SG_API int sg_model_read(sg_ctx *ctx, const char *path, uint64_t max_gaussians,
 
 /* The same, and anchors of Scaffold-GS (SG_MODEL_SCAFFOLD) as a training writes them: a PLY file,
  * and networks.safetensors beside it. A renderer draws such a model; sg_model_write_ply,
- * sg_model_gaussians and sg_model_destroy take it too, and nothing else does. */
+ * sg_model_gaussians, sg_model_destroy, and sg_attack_create with SG_ATTACK_SCAFFOLD take it too,
+ * and nothing else does. */
 SG_API int sg_model_read_drawable(sg_ctx *ctx, const char *path, uint64_t max_gaussians,
                                   struct sg_model **out);
 

@@ -35,6 +35,49 @@ struct sg_attack_params sg_attack_params_default(void)
     return (struct sg_attack_params){SG_ATTACK_DEFAULTS};
 }
 
+/* Rates do not fall. */
+static struct sg_train_params decoy_params(const struct sg_attack_params *p)
+{
+    struct sg_train_params d = sg_train_params_default();
+    struct sg_scaffold_params *s = &d.scaffold;
+    d.iterations = p->iterations, d.seed = p->seed, d.lambda_dssim = p->lambda_dssim;
+    d.max_gaussians = p->max_gaussians, d.max_instances = p->max_instances;
+    d.engine = p->engine, d.cpu = p->cpu;
+    d.percent_dense = p->percent_dense;
+    d.densification_interval = p->densification_interval;
+    d.densify_grad_threshold = fminf(p->densify_grad_threshold, 1e9f); /* the option's largest */
+    if (p->model == SG_ATTACK_3DGS)
+        return d;
+    d.model = SG_MODEL_SCAFFOLD;
+    *s = p->scaffold;
+    s->offset_lr_final = s->offset_lr_init;
+    s->opacity_lr_final = s->opacity_lr_init;
+    s->covariance_lr_final = s->covariance_lr_init;
+    s->colour_lr_final = s->colour_lr_init;
+    s->bank_lr_final = s->bank_lr_init;
+    s->appearance_lr_final = s->appearance_lr_init;
+    return d;
+}
+
+/* What a decoy of anchors cannot have. */
+static int check_scaffold(sg_ctx *ctx, const struct sg_attack_params *p)
+{
+    if (p->move_positions)
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "move_positions: found with the model scaffold, whose anchors do not move");
+    if (p->scale_floor > 0)
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "scale_floor: found %g with the model scaffold, whose scales networks make, "
+                       "expected 0",
+                       (double) p->scale_floor);
+    if (p->update_interval > 1)
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "update_interval: found %d with the model scaffold, expected 1",
+                       p->update_interval);
+    const struct sg_train_params decoy = decoy_params(p);
+    return sg_train_check(ctx, &decoy);
+}
+
 int sg_attack_check(sg_ctx *ctx, const struct sg_attack_params *p)
 {
     sg_clear_error(ctx);
@@ -43,10 +86,13 @@ int sg_attack_check(sg_ctx *ctx, const struct sg_attack_params *p)
         code = sg_fail(ctx, SG_ERR_USAGE,
                        "texture: found %g and an epsilon of %g, expected a finite epsilon",
                        (double) p->texture, (double) p->epsilon);
+    if (!code && p->model == SG_ATTACK_SCAFFOLD)
+        code = check_scaffold(ctx, p);
     return code ? code : sg_engine_check(ctx, p->engine, p->cpu);
 }
 
-static struct sg_identity identity_of(const struct sg_attack_params *p)
+static struct sg_identity identity_of(const struct sg_attack_params *p,
+                                      const struct sg_train_params *decoy)
 {
     const double numbers[] = {
         (double) p->epsilon,
@@ -68,9 +114,8 @@ static struct sg_identity identity_of(const struct sg_attack_params *p)
         p->densification_interval,
         (double) p->densify_grad_threshold,
     };
-    return (struct sg_identity){.kind = SG_RUN_ATTACK,
-                                .parameters =
-                                    sg_hash_numbers(numbers, sizeof(numbers) / sizeof(numbers[0]))};
+    const uint64_t own = sg_hash_numbers(numbers, sizeof(numbers) / sizeof(numbers[0]));
+    return (struct sg_identity){.kind = SG_RUN_ATTACK, .parameters = sg_hash_anchors(decoy, own)};
 }
 
 static int allocate(sg_attack *a, const struct sg_scene *scene)
@@ -113,17 +158,12 @@ static int open_attack(sg_ctx *ctx, const struct sg_scene *scene, struct sg_trai
         return SG_ERR_BUDGET;
     a->params = p;
     a->ctx = ctx;
-    const struct sg_identity identity = identity_of(&p);
+    const struct sg_train_params decoy = decoy_params(&p);
+    const struct sg_identity identity = identity_of(&p, &decoy);
     start.identity = &identity;
     start.sums = p.update_interval > 1;
-    start.strategy = &sg_strategy_decoy;
-    struct sg_train_params decoy = sg_train_params_default();
-    decoy.iterations = p.iterations, decoy.seed = p.seed, decoy.lambda_dssim = p.lambda_dssim;
-    decoy.max_gaussians = p.max_gaussians, decoy.max_instances = p.max_instances;
-    decoy.engine = p.engine, decoy.cpu = p.cpu;
-    decoy.percent_dense = p.percent_dense;
-    decoy.densification_interval = p.densification_interval;
-    decoy.densify_grad_threshold = fminf(p.densify_grad_threshold, 1e9f); /* the option's largest */
+    start.strategy =
+        p.model == SG_ATTACK_SCAFFOLD ? &sg_strategy_decoy_anchors : &sg_strategy_decoy;
     code = allocate(a, scene); /* first: the trainer plans with what is left */
     if (!code)
         code = sg_trainer_open(ctx, scene, &start, &decoy, &a->trainer);
@@ -172,7 +212,8 @@ static int render(sg_attack *a, size_t index)
     const sg_trainer *t = a->trainer;
     const struct sg_view *view = &t->scene->train[index];
     const size_t n = (size_t) view->camera.width * (size_t) view->camera.height;
-    const struct sg_render_params params = {.max_instances = t->budget.instances}; /* black */
+    const struct sg_render_params params = {.max_instances = t->budget.instances, /* on black */
+                                            .appearance = (int) index};
     int code;
     if ((code = sg_engine_draw(t->engine, &view->camera, t->start_degree, &params, false)) ||
         (code = sg_engine_read_image(t->engine, a->image, NULL, NULL)))
@@ -247,7 +288,7 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
     const struct sg_update update = {.statistics = plan.statistics,
                                      .accumulate = p->update_interval > 1};
     struct sg_train_step edits = {0};
-    const double lr[SG_GROUPS] = {
+    double lr[SG_GROUPS] = {
         [SG_G_XYZ] = p->move_positions ? POSITION_LR * t->extent : 0,
         [SG_G_OPACITY] = (double) p->opacity_lr,
         [SG_G_SCALE] = (double) p->scaling_lr,
@@ -255,6 +296,8 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
         [SG_G_DC] = (double) p->feature_lr,
         [SG_G_REST] = (double) p->feature_lr / 20,
     };
+    if (t->strategy->rates)
+        t->strategy->rates(t, t->iteration, it, lr);
     if ((code = sg_trainer_update(t, moves ? lr : NULL, false, update)) ||
         (code = t->strategy->after_step(t, &plan, t->iteration, it, NULL, &edits)))
         return code;
@@ -267,10 +310,11 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
         return code;
     const struct sg_photometric_value value = result.photometric;
     t->iteration = it;
+    t->steps++;
     step.loss = value.total, step.l1 = value.l1, step.ssim = value.ssim;
     step.psnr = -10 * log10(value.mse > 1e-10 ? value.mse : 1e-10);
     step.tv = sg_tv_planes(t->ctx, a->image, w, h, p->tv, a->rows) / (double) values;
-    step.gaussians = sg_engine_count(t->engine);
+    step.gaussians = sg_trainer_gaussians(t);
     if (out)
         *out = step;
     return SG_OK;

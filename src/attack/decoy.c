@@ -38,3 +38,20 @@ static int after_step(sg_trainer *t, const struct sg_strategy_plan *planned, int
 
 const struct sg_strategy sg_strategy_decoy = {
     .name = "decoy", .plan = plan, .after_step = after_step};
+
+static void anchor_rates(const sg_trainer *t, int before, int it, double rates[SG_GROUPS])
+{
+    sg_strategy_scaffold.rates(t, before, it, rates);
+}
+
+static int anchors_after_step(sg_trainer *t, const struct sg_strategy_plan *planned, int before,
+                              int it, const struct sg_render_params *render,
+                              struct sg_train_step *out)
+{
+    (void) before, (void) render;
+    const int code = sg_trainer_learn_networks(t, it);
+    return code || !planned->rests ? code : sg_trainer_grow_anchors(t, it, out);
+}
+
+const struct sg_strategy sg_strategy_decoy_anchors = {
+    .name = "decoy-anchors", .rates = anchor_rates, .plan = plan, .after_step = anchors_after_step};

@@ -8,4 +8,8 @@
  * with no reset of opacities: the decoy grows during the whole attack. */
 extern const struct sg_strategy sg_strategy_decoy;
 
+/* The same of anchors (Scaffold-GS): they grow and go as in training, and their networks learn in
+ * each iteration. */
+extern const struct sg_strategy sg_strategy_decoy_anchors;
+
 #endif

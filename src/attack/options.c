@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The parameters of an attack: names, ranges and help. */
+#include "option/anchors.h"
 #include "option/option.h"
 #include "splatguard/attack.h"
 
@@ -26,6 +27,7 @@
 /* Choices are indices of enums. */
 _Static_assert(SG_ATTACK_TV_VERTICAL2 == 0 && SG_ATTACK_TV_ANISO == 1 && SG_ATTACK_TV_ISO == 2,
                "the order of the attack's choices");
+_Static_assert(SG_ATTACK_SCAFFOLD == 1, "the order of the models");
 
 static const struct sg_option attack_options[] = {
     SG_NUMBER(SG_OPTION_U64, "seed", seed, 0, 9e15, "S", "Seed of every random draw.", RUN,
@@ -69,6 +71,9 @@ static const struct sg_option attack_options[] = {
           "LEVELS on average (within 3 pixels), the bound shrinks in proportion, to 0 in flat "
           "parts; 0 = epsilon everywhere.",
           ATTACK, EXPERT),
+    SG_CHOICE("model", model, "3dgs|scaffold", "NAME",
+              "Model of the proxy and the decoy, best that of the victim. scaffold: Scaffold-GS.",
+              DECOY),
     SG_FLAG("move-positions", move_positions,
             "Let the decoy's positions learn; the published attack freezes them.", DECOY, EXPERT),
     FLOAT("lambda-dssim", lambda_dssim, 0, 1, "X", "Weight of 1 - SSIM against L1.", DECOY, EXPERT),
@@ -88,6 +93,7 @@ static const struct sg_option attack_options[] = {
           "(Gaussian, tile) pairs held at once; views with more are processed in bands, with the "
           "same result.",
           DECOY, EXPERT),
+    SG_ANCHOR_OPTIONS,
     {0},
 };
 

@@ -23,6 +23,8 @@ bool sg_attack_preset(const char *name, enum sg_scene_format format, struct sg_a
         s = bounded ? (struct schedule){36000, 25, 1} : (struct schedule){6000, 25, 10};
     else
         return false;
+    if (p->model == SG_ATTACK_SCAFFOLD)
+        s.update_interval = 1;
     p->iterations = s.iterations, p->inner = s.inner, p->update_interval = s.update_interval;
     return true;
 }

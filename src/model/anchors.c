@@ -39,6 +39,15 @@ void sg_networks_copy(struct sg_networks *to, const struct sg_networks *from)
     memcpy(to->appearance, from->appearance, common * sizeof(to->appearance[0]));
 }
 
+void sg_networks_forget(struct sg_networks *n)
+{
+    n->moment1 = n->moment2 = (struct sg_weights){0};
+    for (size_t i = 0; i < n->photos; i++) {
+        memset(n->appearance[i].moment1, 0, sizeof(n->appearance[i].moment1));
+        memset(n->appearance[i].moment2, 0, sizeof(n->appearance[i].moment2));
+    }
+}
+
 int sg_anchors_add(sg_ctx *ctx, struct sg_model *m, size_t photos)
 {
     if (!m->columns && !(m->columns = sg_alloc(ctx, SG_MEM_MODEL, 1, sizeof(*m->columns))))

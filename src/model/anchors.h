@@ -19,6 +19,8 @@ int sg_model_refuse_anchors(sg_ctx *ctx, const struct sg_model *model);
 struct sg_networks *sg_networks_create(sg_ctx *ctx, size_t photos);
 /* All but the appearances that the other has no room for. */
 void sg_networks_copy(struct sg_networks *to, const struct sg_networks *from);
+/* Moments of Adam become 0: a model that learns anew begins without. */
+void sg_networks_forget(struct sg_networks *networks);
 
 /* Gives a model of SH degree 0 the values of anchors beside its parameters, and networks with the
  * appearances of some photos, all zeros. SG_ERR_BUDGET. */

@@ -76,7 +76,14 @@ int sg_model_create_like(sg_ctx *ctx, const struct sg_model *like, size_t count,
         return code;
     if (like->active_sh_degree < degree)
         (*out)->active_sh_degree = like->active_sh_degree;
-    if (like->columns && (code = sg_model_add_columns(ctx, *out, like)))
+    if (like->columns)
+        code = sg_model_add_columns(ctx, *out, like);
+    if (!code && sg_model_has_anchors(like)) {
+        const struct sg_networks *networks = like->columns->networks;
+        if (!(code = sg_anchors_add(ctx, *out, networks->photos)))
+            sg_networks_copy((*out)->columns->networks, networks);
+    }
+    if (code)
         sg_model_destroy(out);
     return code;
 }

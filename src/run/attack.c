@@ -107,6 +107,8 @@ static struct sg_run_params proxy_params(const struct sg_attack_run_params *p, c
     t.train.max_instances = p->attack.max_instances;
     t.train.engine = p->attack.engine;
     t.train.cpu = p->attack.cpu;
+    t.train.scaffold = p->attack.scaffold;
+    t.train.model = p->attack.model == SG_ATTACK_SCAFFOLD ? SG_MODEL_SCAFFOLD : SG_MODEL_3DGS;
     t.scene = p->scene;
     t.scene.eval = p->views == SG_ATTACK_TRAIN_VIEWS;
     t.eval_every = 0;
@@ -209,11 +211,11 @@ static int start_decoy(struct attack_run *r)
     struct sg_model *model = NULL;
     char *state = sg_strf(r->ctx, "%s/attack", r->params->folder);
     char *saved = state ? sg_strf(r->ctx, "%s/checkpoint.bin", state) : NULL;
-    int code = saved ? sg_model_read(r->ctx, r->proxy, UINT32_MAX, &model) : SG_ERR_BUDGET;
+    int code = saved ? sg_model_read_drawable(r->ctx, r->proxy, UINT32_MAX, &model) : SG_ERR_BUDGET;
     if (!code)
         code = sg_model_check(r->ctx, model, r->proxy);
     if (!code)
-        r->proxy_gaussians = model->count;
+        r->proxy_gaussians = sg_model_gaussians(model);
     if (!code && r->resume && !access(saved, F_OK)) {
         sg_run_remove_temporary(state);
         sg_model_destroy(&model);
@@ -263,9 +265,13 @@ static void remove_file(sg_ctx *ctx, const char *folder, const char *name)
 /* Makes FOLDER/attack with its config.json. Removes what an earlier attack left. */
 static int begin_files(struct attack_run *r)
 {
-    static const char *const files[] = {
-        "poison.json",      "attack/checkpoint.bin",     "attack/log.jsonl",
-        "attack/decoy.ply", "attack/proxy/summary.json", "attack/proxy/checkpoint.bin"};
+    static const char *const files[] = {"poison.json",
+                                        "attack/checkpoint.bin",
+                                        "attack/log.jsonl",
+                                        "attack/decoy.ply",
+                                        "attack/networks.safetensors",
+                                        "attack/proxy/summary.json",
+                                        "attack/proxy/checkpoint.bin"};
     const struct sg_attack_run_params *p = r->params;
     char *state = sg_strf(r->ctx, "%s/attack", p->folder);
     const int code = state ? sg_dir_create(r->ctx, state) : SG_ERR_BUDGET;

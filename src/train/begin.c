@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "model/anchors.h"
+#include "schedule.h"
 
 size_t sg_evenly(size_t n, size_t k, size_t limit)
 {
@@ -59,7 +60,7 @@ static int thinned_copy(sg_ctx *ctx, const struct sg_model *m, uint64_t limit,
     const int code = sg_model_create_like(ctx, m, limit, m->sh_degree, out);
     if (code)
         return code;
-    say_thinned(ctx, m->count, limit);
+    say_thinned(ctx, sg_model_gaussians(m), sg_model_gaussians(*out));
     for (size_t k = 0; k < limit; k++)
         sg_model_copy_row(m, sg_evenly(m->count, k, limit), *out, k);
     return SG_OK;
@@ -85,8 +86,38 @@ size_t sg_trainer_fit_count(sg_trainer *t, size_t n)
     return limit;
 }
 
+/* Whether a model is of the kind that is trained, and its networks have the parts that learn. */
+static int check_kind(const sg_trainer *t, const struct sg_model *m)
+{
+    static const char *const parts[] = {"no optional part",
+                                        "distances",
+                                        "the feature bank",
+                                        "distances and the feature bank",
+                                        "appearances of photos",
+                                        "distances and appearances of photos",
+                                        "the feature bank and appearances of photos",
+                                        "all optional parts"};
+    if (t->params.model != SG_MODEL_SCAFFOLD)
+        return sg_model_refuse_anchors(t->ctx, m);
+    if (!sg_model_has_anchors(m))
+        return sg_fail(t->ctx, SG_ERR_INPUT,
+                       "model: found Gaussians, expected anchors of Scaffold-GS");
+    const struct sg_networks *n = m->columns->networks;
+    const unsigned asked = sg_network_parts(&t->params);
+    if (n->parts != asked)
+        return sg_fail(t->ctx, SG_ERR_INPUT, "model: found networks with %s, expected %s",
+                       parts[n->parts & 7], parts[asked & 7]);
+    if (n->photos != sg_trainer_appearances(t))
+        return sg_fail(t->ctx, SG_ERR_INPUT,
+                       "model: found the appearances of %zu photos, expected those of the %zu "
+                       "training views",
+                       n->photos, sg_trainer_appearances(t));
+    return SG_OK;
+}
+
 int sg_trainer_init_model(sg_trainer *t, const struct sg_model *initial)
 {
+    const size_t each = sg_engine_each(t->engine);
     const uint64_t limit = t->budget.gaussians;
     struct sg_model *made = NULL;
     if (initial && t->strategy->initial)
@@ -94,10 +125,10 @@ int sg_trainer_init_model(sg_trainer *t, const struct sg_model *initial)
                        "init: found an initial model, expected none with the strategy %s, which "
                        "makes its own",
                        t->strategy->name);
-    const size_t n = initial ? initial->count : initial_count(t->scene, &t->params);
+    const size_t n = initial ? initial->count * each : initial_count(t->scene, &t->params);
     int code = initial ? sg_model_check(t->ctx, initial, "initial model") : SG_OK;
     if (!code && initial)
-        code = sg_model_refuse_anchors(t->ctx, initial);
+        code = check_kind(t, initial);
     if (code)
         return code;
     t->gaussians_bound = limit && n > limit && !t->strategy->initial;
@@ -107,7 +138,7 @@ int sg_trainer_init_model(sg_trainer *t, const struct sg_model *initial)
     else if (!initial)
         code = initial_model(t->ctx, t->scene, &t->params, limit, &made);
     else if (t->gaussians_bound)
-        code = thinned_copy(t->ctx, initial, limit, &made);
+        code = thinned_copy(t->ctx, initial, limit / each, &made);
     if (!code) {
         t->start_degree = (made ? made : initial)->active_sh_degree;
         code = made ? sg_engine_adopt(t->engine, made,

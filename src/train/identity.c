@@ -12,6 +12,38 @@ uint64_t sg_hash_numbers(const double *numbers, size_t n)
     return XXH3_64bits(numbers, n * sizeof(*numbers));
 }
 
+uint64_t sg_hash_anchors(const struct sg_train_params *p, uint64_t hash)
+{
+    const struct sg_scaffold_params *s = &p->scaffold;
+    const double scaffold[] = {(double) s->voxel,
+                               s->cells,
+                               s->from,
+                               (double) s->offset_lr_init,
+                               (double) s->offset_lr_final,
+                               (double) s->feature_lr,
+                               (double) s->scaling_lr,
+                               (double) s->opacity_lr_init,
+                               (double) s->opacity_lr_final,
+                               (double) s->covariance_lr_init,
+                               (double) s->covariance_lr_final,
+                               (double) s->colour_lr_init,
+                               (double) s->colour_lr_final,
+                               p->defense.anchor_sigma};
+    if (p->model != SG_MODEL_SCAFFOLD)
+        return hash;
+    hash = XXH3_64bits_withSeed(scaffold, sizeof(scaffold), hash);
+    const double parts[] = {s->distance,
+                            s->bank,
+                            (double) s->bank_lr_init,
+                            (double) s->bank_lr_final,
+                            s->appearance,
+                            (double) s->appearance_lr_init,
+                            (double) s->appearance_lr_final};
+    if (sg_network_parts(p))
+        hash = XXH3_64bits_withSeed(parts, sizeof(parts), hash);
+    return hash;
+}
+
 struct sg_identity sg_train_identity(const struct sg_train_params *p)
 {
     const struct sg_defense_params *d = &p->defense;
@@ -69,32 +101,7 @@ struct sg_identity sg_train_identity(const struct sg_train_params *p)
         parameters = XXH3_64bits_withSeed(exposure, sizeof(exposure), parameters);
     if (p->model == SG_MODEL_MIP)
         parameters = XXH3_64bits_withSeed("mip", strlen("mip"), parameters);
-    const struct sg_scaffold_params *s = &p->scaffold;
-    const double scaffold[] = {(double) s->voxel,
-                               s->cells,
-                               s->from,
-                               (double) s->offset_lr_init,
-                               (double) s->offset_lr_final,
-                               (double) s->feature_lr,
-                               (double) s->scaling_lr,
-                               (double) s->opacity_lr_init,
-                               (double) s->opacity_lr_final,
-                               (double) s->covariance_lr_init,
-                               (double) s->covariance_lr_final,
-                               (double) s->colour_lr_init,
-                               (double) s->colour_lr_final,
-                               d->anchor_sigma};
-    if (p->model == SG_MODEL_SCAFFOLD)
-        parameters = XXH3_64bits_withSeed(scaffold, sizeof(scaffold), parameters);
-    const double parts[] = {s->distance,
-                            s->bank,
-                            (double) s->bank_lr_init,
-                            (double) s->bank_lr_final,
-                            s->appearance,
-                            (double) s->appearance_lr_init,
-                            (double) s->appearance_lr_final};
-    if (p->model == SG_MODEL_SCAFFOLD && sg_network_parts(p))
-        parameters = XXH3_64bits_withSeed(parts, sizeof(parts), parameters);
+    parameters = sg_hash_anchors(p, parameters);
     if (p->absgrad)
         parameters = XXH3_64bits_withSeed("absgrad", strlen("absgrad"), parameters);
     return (struct sg_identity){

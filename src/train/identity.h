@@ -20,6 +20,9 @@ struct sg_identity {
 
 uint64_t sg_hash_numbers(const double *numbers, size_t n);
 
+/* Of parameters that have this hash, with those of anchors if the model is SG_MODEL_SCAFFOLD. */
+uint64_t sg_hash_anchors(const struct sg_train_params *params, uint64_t hash);
+
 struct sg_identity sg_train_identity(const struct sg_train_params *params);
 
 #endif

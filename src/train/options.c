@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The parameters of a training: names, ranges and help, which the check, the command line and
  * config.json are made from. */
+#include "option/anchors.h"
 #include "option/option.h"
 #include "splatguard/train.h"
 
@@ -22,7 +23,6 @@
 #define RATES GROUP("Learning rates"), EXPERT
 #define DENSIFY GROUP("Densification")
 #define MCMC GROUP("Densification by --strategy mcmc")
-#define ANCHORS GROUP("Anchors of --model scaffold"), EXPERT
 #define BUDGETS GROUP("Budgets")
 #define DEFENSE GROUP("Defense")
 #define RASTERISER GROUP("Rasteriser"), EXPERT
@@ -110,51 +110,7 @@ static const struct sg_option train_options[] = {
           EXPERT),
     FLOAT("noise-lr", mcmc.noise_lr, 0, 1e9, "Noise on positions, in learning rates of positions.",
           MCMC, EXPERT),
-    FLOAT("voxel-size", scaffold.voxel, 0, 1e6,
-          "Side of the cells that get an anchor from points, scene units; 0 = by the points' "
-          "distances.",
-          ANCHORS),
-    INTEGER("anchor-cells", scaffold.cells, 1, 4096,
-            "Cells of the coarsest grid of growth, in voxels; a quarter and a sixteenth of it for "
-            "the finer grids.",
-            ANCHORS),
-    INTEGER("anchors-from-iter", scaffold.from, 0, 1e9, "Anchors grow after this iteration.",
-            ANCHORS),
-    SG_FLAG("anchor-distance", scaffold.distance,
-            "The networks read the distance from the camera to the anchor too.", ANCHORS),
-    SG_FLAG(
-        "feature-bank", scaffold.bank,
-        "The networks read a mixture of the anchor's feature with coarser copies of itself. One "
-        "more network makes the shares, from direction and distance.",
-        ANCHORS),
-    SG_FLAG(
-        "photo-appearance", scaffold.appearance,
-        "The network of colours reads 32 numbers of the photo too, which are learned. --appearance "
-        "of eval and render says whose numbers they use.",
-        ANCHORS),
-    FLOAT("offset-lr-init", scaffold.offset_lr_init, 1e-12, 1000,
-          "Offsets, at the start, in scene extents.", ANCHORS),
-    FLOAT("offset-lr-final", scaffold.offset_lr_final, 1e-12, 1000,
-          "Offsets, at the end, in scene extents.", ANCHORS),
-    FLOAT("anchor-feature-lr", scaffold.feature_lr, 0, 1000, "Features.", ANCHORS),
-    FLOAT("anchor-scaling-lr", scaffold.scaling_lr, 0, 1000, "Scales.", ANCHORS),
-    FLOAT("opacity-network-lr-init", scaffold.opacity_lr_init, 1e-12, 1000,
-          "Network of opacities, at the start.", ANCHORS),
-    FLOAT("opacity-network-lr-final", scaffold.opacity_lr_final, 1e-12, 1000, "At the end.",
-          ANCHORS),
-    FLOAT("covariance-network-lr-init", scaffold.covariance_lr_init, 1e-12, 1000,
-          "Network of scales and rotations, at the start.", ANCHORS),
-    FLOAT("covariance-network-lr-final", scaffold.covariance_lr_final, 1e-12, 1000, "At the end.",
-          ANCHORS),
-    FLOAT("colour-network-lr-init", scaffold.colour_lr_init, 1e-12, 1000,
-          "Network of colours, at the start.", ANCHORS),
-    FLOAT("colour-network-lr-final", scaffold.colour_lr_final, 1e-12, 1000, "At the end.", ANCHORS),
-    FLOAT("feature-bank-lr-init", scaffold.bank_lr_init, 1e-12, 1000,
-          "Network of the feature bank, at the start.", ANCHORS),
-    FLOAT("feature-bank-lr-final", scaffold.bank_lr_final, 1e-12, 1000, "At the end.", ANCHORS),
-    FLOAT("appearance-lr-init", scaffold.appearance_lr_init, 1e-12, 1000,
-          "Numbers of photos, at the start.", ANCHORS),
-    FLOAT("appearance-lr-final", scaffold.appearance_lr_final, 1e-12, 1000, "At the end.", ANCHORS),
+    SG_ANCHOR_OPTIONS,
     COUNT("max-gaussians", max_gaussians, 4, 4e9,
           "Most Gaussians; --at-limit says what happens there. 0 = no limit.", BUDGETS,
           .or_zero = true),

@@ -88,7 +88,7 @@ static struct sg_strategy_plan plan(const sg_trainer *t, int before, int it)
         .statistics = it > p->densify_from_iter && it < p->densify_until_iter};
 }
 
-static int learn_networks(sg_trainer *t, int it)
+int sg_trainer_learn_networks(sg_trainer *t, int it)
 {
     const struct sg_scaffold_params *s = &t->params.scaffold;
     const double step = (double) t->steps + 1;
@@ -166,7 +166,7 @@ static int edit(sg_trainer *t, const uint8_t *keep, size_t kept, const struct sg
     return code;
 }
 
-static int grow(sg_trainer *t, int it, struct sg_train_step *step)
+int sg_trainer_grow_anchors(sg_trainer *t, int it, struct sg_train_step *step)
 {
     const struct sg_train_params *p = &t->params;
     const double start = sg_seconds();
@@ -201,8 +201,6 @@ static int grow(sg_trainer *t, int it, struct sg_train_step *step)
         code = edit(t, keep, kept, rows);
     if (!code) {
         t->gaussians_bound |= bound;
-        sg_filtering_grown(t, t->strategy_state, it,
-                           fmin((double) (rows ? rows->count : 0) / (double) n, 1));
         step->cloned = SG_ANCHOR_GAUSSIANS * (rows ? rows->count : 0);
         step->pruned = SG_ANCHOR_GAUSSIANS * (n - kept);
         sg_log(t->ctx, SG_LOG_DEBUG, "iteration %d: of %zu anchors %zu removed, %zu new", it, n,
@@ -222,9 +220,12 @@ static int after_step(sg_trainer *t, const struct sg_strategy_plan *planned, int
     (void) planned;
     const bool due = grows(t, before, it),
                filters = sg_filtering_due(t, t->strategy_state, before, it, due);
-    int code = it < t->params.iterations ? learn_networks(t, it) : SG_OK;
+    const double gaussians = (double) sg_trainer_gaussians(t);
+    int code = it < t->params.iterations ? sg_trainer_learn_networks(t, it) : SG_OK;
     if (!code && due)
-        code = grow(t, it, out);
+        code = sg_trainer_grow_anchors(t, it, out);
+    if (!code && due)
+        sg_filtering_grown(t, t->strategy_state, it, fmin((double) out->cloned / gaussians, 1));
     if (!code && filters)
         code = sg_filtering_run(t, t->strategy_state, it, render, &out->defense);
     return code;

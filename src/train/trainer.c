@@ -49,7 +49,10 @@ static double system_clock(void *unused)
 
 static uint64_t bytes_held(const struct sg_model *m)
 {
-    return m ? (uint64_t) m->capacity * (uint64_t) sg_param_count(m->sh_degree) * sizeof(float) : 0;
+    return m ? (uint64_t) m->capacity * sizeof(float) *
+                   (uint64_t) (sg_param_count(m->sh_degree) +
+                               (sg_model_has_anchors(m) ? SG_A_PLANES : 0))
+             : 0;
 }
 
 static int alloc_state(sg_trainer *t)
@@ -561,5 +564,7 @@ int sg_trainer_model(sg_trainer *t, struct sg_model **out)
         sg_model_destroy(out);
     else
         (*out)->active_sh_degree = sg_active_degree(&t->params, t->start_degree, t->iteration);
+    if (!code && sg_model_has_anchors(*out))
+        sg_networks_forget((*out)->columns->networks);
     return code;
 }

@@ -77,6 +77,12 @@ size_t sg_trainer_appearances(const sg_trainer *t);
 /* Of SG_MODEL_MIP: the 3D filter, from all training views; of others nothing. */
 int sg_trainer_renew_filter(sg_trainer *t);
 
+/* Of SG_MODEL_SCAFFOLD, for its strategies, in the order of the released code: a step of the
+ * networks, with the gradients of the view that was optimised last; growth and removal of anchors.
+ */
+int sg_trainer_learn_networks(sg_trainer *t, int it);
+int sg_trainer_grow_anchors(sg_trainer *t, int it, struct sg_train_step *out);
+
 /* The engine's update, with an Adam step at these rates unless lr is NULL. The step counters
  * advance with it, and stay unchanged if it fails. hold_opacity: that group does not move. */
 int sg_trainer_update(sg_trainer *t, const double *lr, bool hold_opacity, struct sg_update u);

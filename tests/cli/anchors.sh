@@ -41,5 +41,18 @@ cmp looks-0/r_0.png looks-index/r_0.png || fail "the first view does not have th
 cmp looks-1/r_1.png looks-index/r_1.png || fail "the second view does not have the appearance of photo 1"
 cmp -s looks-0/r_0.png looks-1/r_0.png && fail "photos 0 and 1 have the same appearance"
 expect 0 export looks looks.ply --view-independent
+# A decoy of anchors: grows within the bound, and goes on to the same bytes.
+options="--model scaffold --anchors-from-iter 40 --voxel-size 0.02 --densification-interval 10 --densify-grad-threshold 1e-6
+    --iterations 60 --inner 3 --proxy-iterations 60 --save png --quiet"
+expect 0 attack scene/colmap -o poisoned $options --keep-decoy
+grep -q '"linf_max": 16.0' poisoned/poison.json && grep -q '"model": "scaffold"' poisoned/poison.json || fail "poison.json"
+proxy=$(sed -n 's/.*"proxy_gaussians": \([0-9]*\).*/\1/p' poisoned/poison.json)
+decoy=$(sed -n 's/.*"decoy_max_gaussians": \([0-9]*\).*/\1/p' poisoned/poison.json)
+[ "$decoy" -gt $((proxy * 5 / 4)) ] || fail "the decoy has $decoy Gaussians, the proxy $proxy"
+expect 0 info poisoned/attack/decoy.ply --json; grep -q "\"anchors\": ${decoy%0}[,}]" out || fail "decoy: $(cat out)"
+expect 0 train poisoned -o victim $(once $short --iterations 20 --model scaffold --voxel-size 0.02)
+expect 2 attack scene/colmap -o plain --proxy poisoned/attack/proxy -q; says 'found anchors of Scaffold-GS'
+expect 2 attack scene/colmap -o other $options --proxy poisoned/attack/proxy --feature-bank; says 'expected the feature bank'
+expect 1 attack scene/colmap -o other $options --scale-floor 0.1; says '--scale-floor: found 0.1'
 expect 0 train scene/blender -o anchors --force --iterations 20 --init-points 500 -q
 [ "$(find anchors -name '*.safetensors')" = "" ] || fail "--force left networks"
