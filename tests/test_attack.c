@@ -73,118 +73,6 @@ static void test_ramps(void **state)
     }
 }
 
-/* For every image and number of steps: the poison is within the bound and the range, has more total
- * variation, is the same for any number of threads, and agrees with the oracle. */
-static void test_ascent(void **state)
-{
-    (void) state;
-    enum { W = 37, H = 23, VALUES = 3 * W * H };
-    static float photo[VALUES], start[VALUES], x[2][VALUES], oracle[VALUES], scratch[VALUES];
-    static float bound[W * H];
-    static double rows[3 * H];
-    struct engine_case cases[ENGINE_CASES];
-    const int n = engine_cases(cases) - 1;
-    sg_ctx *ctx = make_context(2);
-    struct sg_engine *engines[ENGINE_CASES], *ref;
-    for (int v = 0; v <= n; v++)
-        assert_int_equal(sg_engine_create(ctx, cases[v].engine, cases[v].variant, &engines[v]),
-                         SG_OK);
-    ref = engines[n];
-    for (int form = SG_ATTACK_TV_VERTICAL2; form <= SG_ATTACK_TV_ISO; form++)
-        for (uint64_t seed = 0; seed < 12; seed++) {
-            const float epsilon = seed % 4 == 3 ? INFINITY : (float) (8 * (seed % 4)) / 255;
-            for (uint64_t i = 0; i < VALUES; i++) {
-                photo[i] = floorf(draw(seed, i, 0, 255.99f)) / 255;
-                start[i] = seed % 2 ? draw(seed + 100, i, 0, 1) : photo[i];
-            }
-            for (uint64_t i = 0; i < W * H; i++)
-                bound[i] = draw(seed + 200, i, 0, 12 / 255.0f);
-            struct ascent a = {.epsilon = epsilon,
-                               .step = 2 / 255.0f,
-                               .steps = (int) (seed * 3),
-                               .form = (enum sg_attack_tv) form,
-                               .bound = seed % 3 == 2 ? bound : NULL};
-            memcpy(x[0], start, sizeof(start));
-            assert_int_equal(sg_ascend(ref, &a, photo, W, H, x[0], scratch), SG_OK);
-            for (int v = 0; v < n; v++) {
-                memcpy(x[1], start, sizeof(start));
-                a.steps = form == SG_ATTACK_TV_ISO && seed
-                              ? 1
-                              : (int) (seed * 3); /* rounding decides signs of nearly 0 */
-                assert_int_equal(sg_ascend(engines[v], &a, photo, W, H, x[1], scratch), SG_OK);
-                if (form != SG_ATTACK_TV_ISO)
-                    assert_memory_equal(x[0], x[1], sizeof(start));
-                memcpy(oracle, start, sizeof(start));
-                assert_int_equal(sg_ascend(ref, &a, photo, W, H, oracle, scratch), SG_OK);
-                int differ = 0;
-                for (int i = 0; i < VALUES; i++)
-                    differ += fabsf(oracle[i] - x[1][i]) > 1e-6f;
-                if (differ > VALUES / 500)
-                    fail_msg("%s, %s, seed %llu: %d of %d values differ", case_name(cases[v]),
-                             form_names[form], (unsigned long long) seed, differ, VALUES);
-            }
-            a.steps = (int) (seed * 3);
-            for (int k = 0; k < 2; k++) {
-                sg_ctx *other = make_context(k ? 3 : 1);
-                memcpy(x[k], start, sizeof(start));
-                struct sg_engine *e;
-                assert_int_equal(sg_engine_create(other, "cpu", NULL, &e), SG_OK);
-                assert_int_equal(sg_ascend(e, &a, photo, W, H, x[k], scratch), SG_OK);
-                sg_engine_destroy(&e);
-                sg_ctx_destroy(&other);
-            }
-            assert_memory_equal(x[0], x[1], sizeof(start));
-            for (int i = 0; i < VALUES && a.steps; i++)
-                if (!(x[0][i] >= 0 && x[0][i] <= 1 &&
-                      fabsf(x[0][i] - photo[i]) <=
-                          (a.bound ? bound[i % (W * H)] : epsilon) + 1e-6f))
-                    fail_msg("%s, seed %llu: %g from %g", form_names[form],
-                             (unsigned long long) seed, (double) x[0][i], (double) photo[i]);
-            if (a.steps && epsilon > 0 && !(seed % 2))
-                assert_true(sg_tv_planes(ctx, x[0], W, H, a.form, rows) >
-                            sg_tv_planes(ctx, photo, W, H, a.form, rows));
-        }
-    for (int v = 0; v <= n; v++)
-        sg_engine_destroy(&engines[v]);
-    sg_ctx_destroy(&ctx);
-}
-
-/* An attacker who knows the defense: the same ball, with less anisotropy than without the term, for
- * any variant. */
-static void test_spectral(void **state)
-{
-    (void) state;
-    enum { W = 48, H = 40, VALUES = 3 * W * H };
-    static float photo[VALUES], x[VALUES], scratch[VALUES], extra[VALUES];
-    struct engine_case cases[ENGINE_CASES];
-    const int n = engine_cases(cases);
-    sg_ctx *ctx = make_context(2);
-    struct sg_anisotropy *loss;
-    assert_int_equal(sg_anisotropy_create(ctx, W, H, NULL, NULL, &loss), SG_OK);
-    for (uint64_t i = 0; i < VALUES; i++)
-        photo[i] = draw(11, i, 0.3f, 0.7f);
-    for (int v = 0; v < n; v++) {
-        double found[2];
-        struct sg_engine *e;
-        assert_int_equal(sg_engine_create(ctx, cases[v].engine, cases[v].variant, &e), SG_OK);
-        for (int with = 0; with < 2; with++) {
-            const struct ascent a = {16 / 255.0f, 2 / 255.0f,         10, SG_ATTACK_TV_VERTICAL2,
-                                     NULL,        with ? loss : NULL, 3,  extra};
-            memcpy(x, photo, sizeof(x));
-            assert_int_equal(sg_ascend(e, &a, photo, W, H, x, scratch), SG_OK);
-            found[with] = sg_anisotropy_loss(loss, x, 1, NULL);
-            for (int i = 0; i < VALUES; i++)
-                assert_true(fabsf(x[i] - photo[i]) <= a.epsilon + 1e-6f);
-        }
-        if (!(found[1] < 0.5 * found[0]))
-            fail_msg("%s: anisotropy %g with the term, %g without", case_name(cases[v]), found[1],
-                     found[0]);
-        sg_engine_destroy(&e);
-    }
-    sg_anisotropy_destroy(&loss);
-    sg_ctx_destroy(&ctx);
-}
-
 static void test_byte_variation(void **state)
 {
     (void) state;
@@ -628,8 +516,6 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_gradients),
         cmocka_unit_test(test_ramps),
-        cmocka_unit_test(test_ascent),
-        cmocka_unit_test(test_spectral),
         cmocka_unit_test(test_byte_variation),
         cmocka_unit_test(test_drift),
         cmocka_unit_test(test_texture),

@@ -37,6 +37,8 @@ int sg_ascend(struct sg_engine *e, const struct ascent *a, const float *photo, i
             sg_progress(sg_engine_ctx(e), SG_STAGE_ASCEND, (uint64_t) k, (uint64_t) a->steps);
         if (a->spectral && !code)
             step.extra = spectral_descent(a, step.from, values);
+        step.continues = k > 0 && !a->spectral;
+        step.continued = k + 1 < a->steps && !a->spectral;
         if (!code)
             code = sg_engine_ascend(e, &step);
         if (code)

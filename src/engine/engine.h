@@ -279,6 +279,10 @@ struct sg_ascend {
     const float *bound; /* NULL, or a plane: the epsilon of each pixel */
     const float *extra; /* NULL: zeros */
     float *to;          /* not `from` */
+    /* Of a run of steps without `extra`: this one goes on from the image of the last one, with the
+     * same photo, bounds and size; and the next one does, so that a device need not copy the image
+     * to the host. No other call comes between. */
+    bool continues, continued;
 };
 int sg_engine_ascend(struct sg_engine *e, const struct sg_ascend *a);
 

@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Total variation: the penalty on renders, and the forms that an attack raises, of planes and of
- * bytes. Scalar code; kernels/ascend.c has the gradient of the forms in vectors, and ref_losses.c
+ * bytes. Scalar code; math/ascend.h has the gradient of the forms for kernels, and ref_losses.c
  * the penalty by definition. */
 #include "total_variation.h"
 
 #include <math.h>
 
+#include "math/constants.h"
 #include "splatguard/attack.h"
 
 /* ---- the penalty ---- */

@@ -5,8 +5,6 @@
 #include "core/context.h"
 #include "splatguard/variation.h"
 
-#define SG_TV_ISO_FLOOR 1e-12f /* under the root of SG_ATTACK_TV_ISO */
-
 /* Mean over the vertical differences plus mean over the horizontal ones of the norm of d. gradient:
  * adds weight x its own. rows: scratch, 3 x height x 2. */
 double sg_tv_loss(sg_ctx *ctx, const float *planes, int width, int height, enum sg_tv_penalty norm,

@@ -27,6 +27,8 @@
 
 #define SG_PRUNE_RADIUS 20 /* pixels: larger ones go too, where radii are not cleared before */
 
+#define SG_TV_ISO_FLOOR 1e-12f /* under the root of SG_ATTACK_TV_ISO */
+
 #define SG_COLOUR_ROUNDING 1e-6f /* a black of -1e-8 is black, not clamped: its gradient passes */
 #define SG_COLOUR_MAX 1e6f /* brighter is a broken model: not drawn, so that no loss overflows */
 #define SG_SH_C0 0.28209479177387814f

@@ -48,6 +48,7 @@ struct vulkan_engine {
     float lambda_dssim, low_pass; /* of the photometric loss that ran */
     bool ran[SG_LOSSES];          /* of the kinds whose values are on the device */
     bool exposed_ran;             /* and the exposure's gradient */
+    uint32_t ascended;            /* where the last step of sg_vulkan_ascend left its image: 1, 2 */
 };
 
 static inline struct vulkan_engine *vulkan_of(struct sg_engine *base)
@@ -86,6 +87,7 @@ int sg_vulkan_edit(struct sg_engine *, const struct sg_edit *);
 int sg_vulkan_photo_add(struct sg_engine *, sg_photo, const struct sg_photo_entry *);
 void sg_vulkan_photo_drop(struct sg_engine *, sg_photo);
 int sg_vulkan_loss(struct sg_engine *, const struct sg_target_pixels *, const struct sg_loss *);
+int sg_vulkan_ascend(struct sg_engine *, const struct sg_ascend *);
 /* Of the photo. 0: of the image, which is as large, for kernels that load words before they know
  * that they do not need them. */
 VkDeviceAddress sg_vulkan_photo_at(const struct vulkan_engine *, sg_photo);

@@ -360,6 +360,7 @@ static const struct sg_engine_ops ops = {
     .read_gradients = read_gradients,
     .read_step = read_step,
     .count_hits = count_hits,
+    .ascend = sg_vulkan_ascend,
 };
 
 static int create(sg_ctx *ctx, const char *selector, struct sg_engine **out)

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Photos on the device, and what a render is compared with. */
+#include <math.h>
 #include <string.h>
 
 #include "engine.h"
@@ -171,6 +172,37 @@ int sg_vulkan_loss(struct sg_engine *base, const struct sg_target_pixels *target
     default:
         return sg_vulkan_anisotropy(e, target, l);
     }
+}
+
+/* The buffers of the losses hold what a run of steps needs: the photo and two images where the maps
+ * of SSIM are, the bounds and what is added to the gradient where the targets are. */
+int sg_vulkan_ascend(struct sg_engine *base, const struct sg_ascend *a)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    struct gpu *g = e->gpu;
+    const uint64_t pixels = (uint64_t) a->width * (uint64_t) a->height, bytes = 12 * pixels;
+    int code;
+    if ((code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->maps, 3 * bytes)) ||
+        (a->bound && (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->target, 4 * pixels))) ||
+        (a->extra && (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->given, bytes))))
+        return code;
+    e->ascended = a->continues ? 3 - e->ascended : 2;
+    const uint64_t from = (3 - e->ascended) * bytes, to = e->ascended * bytes;
+    if (!a->continues &&
+        ((code = sg_gpu_write(g, &e->maps, 0, a->photo, bytes)) ||
+         (code = sg_gpu_write(g, &e->maps, from, a->from, bytes)) ||
+         (a->bound && (code = sg_gpu_write(g, &e->target, 0, a->bound, 4 * pixels))) ||
+         (a->extra && (code = sg_gpu_write(g, &e->given, 0, a->extra, bytes)))))
+        return code;
+    code =
+        GPU_RUN(g, ascend, 0, FOR_EACH(3 * pixels), .photo = e->maps.address,
+                .from = e->maps.address + from, .bound = sg_gpu_at(g, &e->target),
+                .extra = sg_gpu_at(g, &e->given), .to = e->maps.address + to,
+                .width = (uint32_t) a->width, .height = (uint32_t) a->height,
+                .form = (uint32_t) a->form, .bounded = a->bound != NULL, .more = a->extra != NULL,
+                .epsilon = fminf(a->epsilon, 1e30f), /* kernels are promised no infinities */
+                .size = a->step);
+    return code || a->continued ? code : sg_gpu_read(g, &e->maps, to, a->to, bytes);
 }
 
 void sg_vulkan_read_losses(struct vulkan_engine *e, const uint32_t results[VK_RESULTS])

@@ -3,7 +3,7 @@
  * sg_ascend in one pass. */
 #include "kernels.h"
 
-#include "image/total_variation.h"
+#include "math/ascend.h"
 
 /* LANES pixels of a row with those to their left and right; at the ends of the row, themselves. */
 struct run {
@@ -22,28 +22,12 @@ SIMD struct run load_run(const float *row, int i, int width)
     return (struct run){r_load(copy), r_load(copy + 1), r_load(copy + 2)};
 }
 
-SIMD real sign(real v)
-{
-    return r_keep(r_lt(r_set(0), v), r_set(1)) - r_keep(r_lt(v, r_set(0)), r_set(1));
-}
-
-/* 1 / the root of the term of a pixel with these differences to the next row and column. */
-SIMD real weight(real v, real h)
-{
-    return 1 / r_sqrt(v * v + h * h + SG_TV_ISO_FLOOR);
-}
-
 SIMD real gradient(enum sg_attack_tv form, struct run above, struct run row, struct run below)
 {
-    if (form == SG_ATTACK_TV_ISO)
-        return (row.here - above.here) * weight(row.here - above.here, above.right - above.here) +
-               (row.here - row.left) * weight(below.left - row.left, row.here - row.left) -
-               ((below.here - row.here) + (row.right - row.here)) *
-                   weight(below.here - row.here, row.right - row.here);
-    const real vertical = sign(row.here - above.here) + sign(row.here - below.here);
-    return form == SG_ATTACK_TV_ANISO
-               ? vertical + sign(row.here - row.left) + sign(row.here - row.right)
-               : vertical;
+    const struct tv_pixels p = {above.here, above.right, row.left,  row.here,
+                                row.right,  below.left,  below.here};
+    return form == SG_ATTACK_TV_ISO ? tv_iso_gradient(p)
+                                    : tv_sign_gradient(p, form == SG_ATTACK_TV_ANISO);
 }
 
 SIMD void ascend(const struct sg_ascend *a, size_t r, enum sg_attack_tv form)
@@ -61,12 +45,10 @@ SIMD void ascend(const struct sg_ascend *a, size_t r, enum sg_attack_tv form)
             g += count == LANES ? r_load(a->extra + at + i) : r_load_part(a->extra + at + i, count);
         const real photo =
             count == LANES ? r_load(a->photo + at + i) : r_load_part(a->photo + at + i, count);
-        real v = x.here + a->step * sign(g);
         const real epsilon = !bound           ? r_set(a->epsilon)
                              : count == LANES ? r_load(bound + i)
                                               : r_load_part(bound + i, count);
-        v = r_min(r_max(v, photo - epsilon), photo + epsilon);
-        v = r_min(r_max(v, r_set(0)), r_set(1));
+        const real v = tv_step(x.here, g, a->step, photo, epsilon);
         if (count == LANES)
             r_store(a->to + at + i, v);
         else

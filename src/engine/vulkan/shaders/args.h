@@ -66,6 +66,7 @@
     K(spectrum_rows_back)                                                                          \
     K(total_variation)                                                                             \
     K(loss_sums)                                                                                   \
+    K(ascend)                                                                                      \
     K(move)                                                                                        \
     K(mip_shape)                                                                                   \
     K(mip_depth)                                                                                   \
@@ -206,6 +207,11 @@
 #define ARGS_total_variation(P, U, F)                                                              \
     P(Floats, image) P(Uints, photo) P(Floats, gradient) P(Floats, sums) U(width) U(height)        \
     U(masked) U(norm) F(across) F(down) F(weight) F(edge)
+/* form: enum sg_attack_tv. bounded: 1 = `bound` has each pixel's epsilon; more: 1 = `extra` is added
+ * to the gradient. */
+#define ARGS_ascend(P, U, F)                                                                       \
+    P(Floats, photo) P(Floats, from) P(Floats, bound) P(Floats, extra) P(Floats, to) U(width)      \
+    U(height) U(form) U(bounded) U(more) F(epsilon) F(size)
 /* Sums `width` floats of `count` groups, in a fixed order: a workgroup each. */
 #define ARGS_loss_sums(P, U, F)                                                                    \
     P(Floats, from) P(Floats, to) U(count) U(width)
