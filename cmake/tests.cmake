@@ -12,6 +12,7 @@ endif()
 if(NOT SG_HAVE_VULKAN)
     list(FILTER SG_TESTS EXCLUDE REGEX "test_devices")
 endif()
+add_compile_options($<$<CONFIG:Release>:-O1>) # tests take longer to compile than to run
 foreach(source ${SG_TESTS})
     get_filename_component(name ${source} NAME_WE)
     add_executable(${name} ${source})

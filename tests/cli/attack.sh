@@ -5,8 +5,9 @@ small_scene
 options="--proxy-iterations 200 --iterations 200 --inner 5 --densification-interval 20 --seed 3 --quiet"
 
 # Blender: PNG within the bound, test photos clean, the scene untouched; it loads like the clean one.
+expect 0 train scene/blender -o seed --init-points 3000 --iterations 200 -q # attacks train theirs of 100 000
 find scene -type f -exec cksum {} + | sort >before
-expect 0 attack scene/blender -o poisoned $options --keep-decoy
+expect 0 attack scene/blender -o poisoned $options --proxy seed --keep-decoy
 find scene -type f -exec cksum {} + | sort >after
 cmp before after || fail "the scene has changed"
 [ -s poisoned/attack/decoy.ply ] || fail "no decoy"
@@ -19,6 +20,7 @@ cmp victim/cameras.json clean/cameras.json || fail "the cameras differ"
 
 # Golden: the decoy grows as it did, whatever the instruction set.
 expect 0 attack scene/colmap -o golden $(once $options --iterations 400 --save png)
+[ -d golden/attack/proxy/point_cloud ] || fail "no proxy"
 curve=$(sed -n 's/.*"gaussians":\([0-9]*\).*/\1/p' golden/attack/log.jsonl | tr '\n' ' ')
 set -- $curve
 for expected in 300 5480 22800 34400 42000; do
@@ -27,8 +29,8 @@ for expected in 300 5480 22800 34400 42000; do
 done
 
 # The same bytes, also in two parts and with another number of threads.
-expect 0 attack scene/blender -o again $options --threads 1
-"$tool" attack scene/blender -o cut $(once $options --proxy poisoned/attack/proxy --iterations 20000) 2>err &
+expect 0 attack scene/blender -o again $options --proxy seed --threads 1
+"$tool" attack scene/blender -o cut $(once $options --proxy seed --iterations 20000) 2>err &
 pid=$!
 wait_for cut/attack/log.jsonl
 interrupt $pid
@@ -43,7 +45,7 @@ sed -i "s/\"iterations\": 20000/\"iterations\": $((reached + 20))/" cut/attack/c
 cksum cut/train/* cut/attack/log.jsonl >before
 expect 0 attack --resume cut --quiet; says 'finished'
 cksum cut/train/* cut/attack/log.jsonl | cmp - before || fail "a finished attack was begun anew"
-expect 0 attack scene/blender -o whole $(once $options --iterations $((reached + 20)) --proxy poisoned/attack/proxy)
+expect 0 attack scene/blender -o whole $(once $options --iterations $((reached + 20)) --proxy seed)
 for image in poisoned/train/*.png; do
     cmp "$image" "again/train/${image##*/}" || fail "another number of threads, other poisons"
     cmp "cut/train/${image##*/}" "whole/train/${image##*/}" || fail "resumed at $reached, other poisons"
@@ -61,7 +63,7 @@ says 'attack --resume early'; grep -q 'train --resume' err && fail "the proxy's 
 # What cannot be written does not cost the attack.
 expect 0 attack scene/blender -o blocked --method noise --quiet
 rm blocked/train/r_0.png; mkdir blocked/train/r_0.png
-expect 2 attack scene/blender -o blocked $options --force --save-every 0 --proxy poisoned/attack/proxy
+expect 2 attack scene/blender -o blocked $options --force --save-every 0 --proxy seed
 says 'r_0.png'; says 'attack --resume blocked'
 rmdir blocked/train/r_0.png
 expect 0 attack --resume blocked --quiet
@@ -112,7 +114,7 @@ variation() { sed -n 's/.*"tv_after_mean": \([0-9]*\).*/\1/p' "$1/poison.json"; 
 [ "$(variation textured)" -lt "$(variation noisy)" ] || fail "--texture has no effect: $(variation textured), $(variation noisy)"
 # Against a tolerance: photos lie further from the clean ones than the decoy shows, within the bound.
 for tolerance in 0 12; do
-    expect 0 attack scene/blender -o "knows-$tolerance" $options --proxy poisoned/attack/proxy --victim-tolerance $tolerance
+    expect 0 attack scene/blender -o "knows-$tolerance" $options --proxy seed --victim-tolerance $tolerance
 done
 cmp knows-0/train/r_0.png poisoned/train/r_0.png || fail "a tolerance of 0 is none"
 grep -q '"linf_max": 16.0' knows-12/poison.json && grep -q '"victim-tolerance": 12.0' knows-12/poison.json ||
@@ -162,7 +164,7 @@ expect 2 attack linked -o unlinked --method noise --save png --force; says 'lead
 expect 0 attack linked -o unlinked --method noise --save png --force --follow-links
 cmp cameras.bin unlinked/sparse/0/cameras.bin || fail "links out of the scene"
 expect 2 attack scene/blender -o x --proxy nowhere.ply; says nowhere.ply
-expect 3 attack scene/blender -o x --proxy poisoned/attack/proxy --max-memory 37M
+expect 3 attack scene/blender -o x --proxy seed --max-memory 37M
 [ -e x ] && fail "what could not begin left a folder: $(ls -R x)"
 [ ! -e scene/blender/x ] || fail "something was written into the scene"
 

@@ -12,17 +12,19 @@ expect 0 train scene/blender -o defended $short --init-points 2000 $defended
 events=$(grep -c '"filter":' defended/log.jsonl)
 [ "$events" = 4 ] || fail "$events events are logged, expected 4"
 [ "$(field defended filter_events)" = 4 ] && [ "$(field defended filter_removed)" -gt 0 ] || fail "the defense's totals"
-automatic="--defense spectral --filter-interval 20 --filter-views 4 --iterations 1500 --densify-until-iter 1400"
-expect 0 train scene/blender -o whole $(once $short --init-points 2000 $automatic)
-"$tool" train scene/blender -o parts $(once $short --init-points 2000 $automatic) 2>err &
+automatic="--defense spectral --filter-interval 20 --filter-views 4 --densify-until-iter 1400"
+"$tool" train scene/blender -o parts $(once $short --init-points 2000 $automatic --iterations 15000) 2>err &
 pid=$!
 wait_for parts/log.jsonl
 interrupt $pid
 [ $? = 130 ] || fail "interrupting a defended run"
+end=$(($(field parts iterations) + 60)) # of both runs
+sed -i "s/\"iterations\": 15000/\"iterations\": $end/" parts/config.json
 before=$(field parts count)
 expect 0 train --resume parts --quiet
 awk "BEGIN { exit !($(field parts count) > $before) }" || fail "the resumed run's counting took less than its beginning"
-cmp parts/point_cloud/iteration_1500/point_cloud.ply whole/point_cloud/iteration_1500/point_cloud.ply ||
+expect 0 train scene/blender -o whole $(once $short --init-points 2000 $automatic --iterations $end)
+cmp parts/point_cloud/iteration_$end/point_cloud.ply whole/point_cloud/iteration_$end/point_cloud.ply ||
     fail "a resumed run differs"
 for part in anisotropy total_variation count prune; do
     field parts $part | grep -q '[1-9]' || fail "no seconds of $part in the resumed run's summary"
@@ -154,7 +156,7 @@ says 'exclude each other'
 # Audit: numbers of every photo, a page; training takes the verdict into account. Photos, not thumbnails: what is fine
 # texture at 64 pixels looks like an attack.
 rm -rf scene
-expect 0 synth -o scene --train-views 4 --test-views 1 --points 300
+expect 0 synth -o scene --train-views 4 --test-views 1 --points 300 --samples 1
 brief=$(once $short --iterations 40 --init-points 400)
 expect 0 audit scene/blender --json --report page.html -q
 grep -q '"verdict": "clean"' out || fail "the clean scene is not clean: $(head -n 3 out)"
