@@ -141,6 +141,16 @@ static inline struct sg_engine *make_engine(sg_ctx *ctx, const char *name, const
     return b;
 }
 
+/* What an engine holds: its model and the columns of a checkpoint. */
+static inline void download(sg_ctx *ctx, struct sg_engine *e, int degree, struct sg_model **m,
+                            struct sg_columns *o)
+{
+    const size_t n = sg_engine_count(e);
+    assert_int_equal(sg_model_create(ctx, n, degree, m), SG_OK);
+    assert_int_equal(sg_columns_create(ctx, n, degree, SG_COLUMN_SAVED, o), SG_OK);
+    assert_int_equal(sg_engine_download(e, *m, o), SG_OK);
+}
+
 /* A photometric loss and its target. */
 struct loss_case {
     float lambda_dssim, tolerance;

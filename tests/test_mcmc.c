@@ -52,15 +52,6 @@ static void test_share_conserves(void **state)
     }
 }
 
-static void download(sg_ctx *ctx, struct sg_engine *e, int degree, struct sg_model **m,
-                     struct sg_columns *o)
-{
-    const size_t n = sg_engine_count(e);
-    assert_int_equal(sg_model_create(ctx, n, degree, m), SG_OK);
-    assert_int_equal(sg_columns_create(ctx, n, degree, SG_COLUMN_SAVED, o), SG_OK);
-    assert_int_equal(sg_engine_download(e, *m, o), SG_OK);
-}
-
 #define OPACITY_WEIGHT 0.3f
 #define SCALE_WEIGHT 0.2f
 
@@ -125,112 +116,6 @@ static void test_regularisers(void **state)
         sg_engine_destroy(&e);
     }
     sg_model_destroy(&m);
-    sg_ctx_destroy(&ctx);
-}
-
-/* The noise is covariance x normal, gated by opacity: through the matrix, on the gate's published
- * values, and nothing else moves. */
-static void test_explore(void **state)
-{
-    (void) state;
-    static const float opacity[] = {0.001f, 0.005f, 0.01f, 0.05f};
-    static const double gate[] = {0.598688, 0.5, 0.377541, 0.0109869};
-    static const char *const engines[] = {"cpu", "ref"};
-    sg_ctx *ctx = make_context(2);
-    struct sg_model *m = make_model(ctx, 5, 0, 52), *after;
-    struct sg_columns o;
-    for (size_t i = 0; i < 4; i++)
-        *sg_model_at(m, i, SG_P_OPACITY) = logf(opacity[i] / (1 - opacity[i]));
-    *sg_model_at(m, 4, SG_P_OPACITY) = 1; /* holds still */
-    for (int k = 0; k < 2; k++) {
-        struct sg_engine *e = make_engine(ctx, engines[k], NULL, m, NULL);
-        assert_int_equal(
-            sg_engine_explore(e, &(struct sg_exploration){.amount = 40, .seed = 7, .stream = 9}),
-            SG_OK);
-        download(ctx, e, 0, &after, &o);
-        for (size_t i = 0; i < 5; i++) {
-            double q[4], R[9], sigma[9] = {0}, len = 0;
-            for (int c = 0; c < 4; c++)
-                q[c] = (double) *sg_model_at(m, i, SG_P_ROT + c), len += q[c] * q[c];
-            for (int c = 0; c < 4; c++)
-                q[c] /= sqrt(len);
-            R[0] = 1 - 2 * (q[2] * q[2] + q[3] * q[3]), R[1] = 2 * (q[1] * q[2] - q[0] * q[3]);
-            R[2] = 2 * (q[1] * q[3] + q[0] * q[2]), R[3] = 2 * (q[1] * q[2] + q[0] * q[3]);
-            R[4] = 1 - 2 * (q[1] * q[1] + q[3] * q[3]), R[5] = 2 * (q[2] * q[3] - q[0] * q[1]);
-            R[6] = 2 * (q[1] * q[3] - q[0] * q[2]), R[7] = 2 * (q[2] * q[3] + q[0] * q[1]);
-            R[8] = 1 - 2 * (q[1] * q[1] + q[2] * q[2]);
-            for (int a = 0; a < 3; a++)
-                for (int b = 0; b < 3; b++)
-                    for (int c = 0; c < 3; c++)
-                        sigma[3 * a + b] += R[3 * a + c] * R[3 * b + c] *
-                                            exp(2 * (double) *sg_model_at(m, i, SG_P_SCALE + c));
-            for (int a = 0; a < 3; a++) {
-                double expected = 0;
-                for (int b = 0; b < 3 && i < 4; b++)
-                    expected += 40 * gate[i] * sigma[3 * a + b] *
-                                (double) sg_rng_normal(7, SG_RNG_EXPLORE, 9, 3 * i + (size_t) b);
-                const double found = (double) *sg_model_at(after, i, SG_P_XYZ + a) -
-                                     (double) *sg_model_at(m, i, SG_P_XYZ + a);
-                if (fabs(found - expected) > 1e-4 * fabs(expected) + 1e-6)
-                    fail_msg("%s: Gaussian %zu, axis %d: moved by %g, expected %g", engines[k], i,
-                             a, found, expected);
-            }
-            for (int p = SG_P_OPACITY; p < sg_param_count(0); p++)
-                assert_true(*sg_model_at(after, i, p) == *sg_model_at(m, i, p));
-        }
-        sg_columns_clear(&o);
-        sg_model_destroy(&after);
-        sg_engine_destroy(&e);
-    }
-    sg_model_destroy(&m);
-    sg_ctx_destroy(&ctx);
-}
-
-/* An entry copies parameters, sets the opacity, adds to the scales, and clears moments only where
- * it says so. */
-static void test_relocate(void **state)
-{
-    (void) state;
-    sg_ctx *ctx = make_context(1);
-    struct sg_model *m = make_model(ctx, 20, 1, 53), *after;
-    struct sg_columns o, found;
-    const int planes = sg_param_count(1);
-    assert_int_equal(sg_columns_create(ctx, 20, 1, SG_COLUMN_SAVED, &o), SG_OK);
-    for (size_t i = 0; i < o.capacity * (size_t) planes; i++)
-        o.at[SG_C_MOMENT1][i] = o.at[SG_C_MOMENT2][i] = 3;
-    struct sg_engine *e = make_engine(ctx, "cpu", NULL, m, &o);
-    const struct sg_relocation r = {.count = 2,
-                                    .to = (const uint32_t[]){4, 17},
-                                    .from = (const uint32_t[]){17, 17},
-                                    .opacity = (const float[]){-1, -2},
-                                    .scale = (const float[]){-0.5f, -0.25f},
-                                    .fresh = (const uint8_t[]){0, 1}};
-    assert_int_equal(sg_engine_relocate(e, &r), SG_OK);
-    download(ctx, e, 1, &after, &found);
-    for (size_t i = 0; i < 20; i++)
-        for (int p = 0; p < planes; p++) {
-            const size_t from = i == 4 ? 17 : i;
-            const bool moved = i == 4 || i == 17, scale = p >= SG_P_SCALE && p < SG_P_SCALE + 3;
-            float expected = *sg_model_at(m, from, p);
-            if (moved && p == SG_P_OPACITY)
-                expected = i == 4 ? -1 : -2;
-            if (moved && scale)
-                expected += i == 4 ? -0.5f : -0.25f;
-            assert_true(*sg_model_at(after, i, p) == expected);
-            const size_t at = sg_param_index(planes, i, p);
-            assert_true(found.at[SG_C_MOMENT1][at] == (i == 17 ? 0 : 3));
-            assert_true(found.at[SG_C_MOMENT2][at] == (i == 17 ? 0 : 3));
-        }
-    const struct sg_relocation wrong[] = {
-        {.count = 1, .to = (const uint32_t[]){20}, .from = r.from},
-        {.count = 1, .to = r.to, .from = (const uint32_t[]){20}}};
-    for (int k = 0; k < 2; k++)
-        assert_int_equal(sg_engine_relocate(e, &wrong[k]), SG_ERR_USAGE);
-    sg_engine_destroy(&e);
-    sg_columns_clear(&o);
-    sg_columns_clear(&found);
-    sg_model_destroy(&m);
-    sg_model_destroy(&after);
     sg_ctx_destroy(&ctx);
 }
 
@@ -351,8 +236,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_share),        cmocka_unit_test(test_share_conserves),
-        cmocka_unit_test(test_regularisers), cmocka_unit_test(test_explore),
-        cmocka_unit_test(test_relocate),     cmocka_unit_test(test_order),
+        cmocka_unit_test(test_regularisers), cmocka_unit_test(test_order),
         cmocka_unit_test(test_growth),       cmocka_unit_test(test_begin),
         cmocka_unit_test(test_defense),
     };

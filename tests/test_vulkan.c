@@ -53,17 +53,18 @@ static void test_training(void **state)
     clear_fixture(&f);
 }
 
-/* Mip-Splatting, growth by absolute gradients, and a limit that looks at radii on the screen: the
- * same losses as the CPU's as long as both make the same decisions. Prints hashes, as above. */
+/* Mip-Splatting, growth by absolute gradients, a limit that looks at radii on the screen, and mcmc:
+ * the same losses as the CPU's as long as both make the same decisions. Prints hashes, as above. */
 static void test_variants(void **state)
 {
     (void) state;
-    for (int k = 0; k < 3; k++) {
+    for (int k = 0; k < 4; k++) {
         struct sg_train_params p = short_params();
         p.model = k == 0 ? SG_MODEL_MIP : SG_MODEL_3DGS;
         p.absgrad = k == 1;
         p.at_limit = k == 2 ? SG_AT_LIMIT_UNIVERSAL : p.at_limit;
         p.max_gaussians = k == 2 ? 130 : 0;
+        p.strategy = k == 3 ? SG_STRATEGY_MCMC : SG_STRATEGY_DEFAULT;
         struct fixture f = make_fixture(2);
         double expected[15], found[15];
         struct sg_model *cpu = train(&f, &p, 15, NULL, NULL, expected);

@@ -34,10 +34,16 @@ static inline uint64_t sg_rng_mix(uint64_t x) /* the finaliser of splitmix64 (St
     return x ^ x >> 31;
 }
 
+/* Of all numbers of a stream. */
+static inline uint64_t sg_rng_key(uint64_t seed, enum sg_rng_use use, uint64_t stream)
+{
+    return sg_rng_mix(sg_rng_mix(seed ^ (uint64_t) use << 56) + stream);
+}
+
 static inline uint64_t sg_rng_u64(uint64_t seed, enum sg_rng_use use, uint64_t stream,
                                   uint64_t index)
 {
-    return sg_rng_mix(sg_rng_mix(sg_rng_mix(seed ^ (uint64_t) use << 56) + stream) + index);
+    return sg_rng_mix(sg_rng_key(seed, use, stream) + index);
 }
 
 /* In [0, 1). */

@@ -12,6 +12,7 @@
  *   SG_TABLE                    before a constant array
  *   NUM(x)                      a number in the precision of the arithmetic
  *   TO_INT(x), TO_FLOAT(x)      conversions
+ *   WORD                        the unsigned type of 32 bits
  *
  * There are no pointers, casts or static variables, and no names that GLSL reserves. This is the C
  * side; math/real_glsl.h is the other. */
@@ -30,5 +31,6 @@
 #define NUM(x) ((scalar) (x))
 #define TO_INT(x) ((int) (x))
 #define TO_FLOAT(x) ((float) (x))
+#define WORD uint32_t
 
 #endif

@@ -22,6 +22,7 @@
 #define NUM(x) float(x)
 #define TO_INT(x) int(x)
 #define TO_FLOAT(x) float(x)
+#define WORD uint
 
 #define r_sel(m, a, b) ((m) ? (a) : (b))
 #define r_sqrt(a) sqrt(a)

@@ -4,6 +4,10 @@
 #include "model/mip.h"
 #include "operations.h"
 
+#include "math/real_f32.h"
+
+#include "math/random.h"
+
 /* ---- the 3D filter of Mip-Splatting ---- */
 
 static const struct sg_shape mip = {
@@ -176,12 +180,205 @@ static void test_reset(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* ---- densification as Markov chain Monte Carlo ---- */
+
+/* The noise is covariance x normal, gated by opacity: through the matrix, on the gate's published
+ * values, and nothing else moves. */
+static void test_explore(void **state)
+{
+    (void) state;
+    static const float opacity[] = {0.001f, 0.005f, 0.01f, 0.05f};
+    static const double gate[] = {0.598688, 0.5, 0.377541, 0.0109869};
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_model(ctx, 5, 0, 52), *after;
+    struct sg_columns o;
+    for (size_t i = 0; i < 4; i++)
+        *sg_model_at(m, i, SG_P_OPACITY) = logf(opacity[i] / (1 - opacity[i]));
+    *sg_model_at(m, 4, SG_P_OPACITY) = 1; /* holds still */
+    for (int k = 0; k < case_count; k++) {
+        struct sg_engine *e = begin(ctx, k, m, NULL);
+        assert_int_equal(
+            sg_engine_explore(e, &(struct sg_exploration){.amount = 40, .seed = 7, .stream = 9}),
+            SG_OK);
+        download(ctx, e, 0, &after, &o);
+        for (size_t i = 0; i < 5; i++) {
+            double q[4], R[9], sigma[9] = {0}, len = 0;
+            for (int c = 0; c < 4; c++)
+                q[c] = (double) *sg_model_at(m, i, SG_P_ROT + c), len += q[c] * q[c];
+            for (int c = 0; c < 4; c++)
+                q[c] /= sqrt(len);
+            R[0] = 1 - 2 * (q[2] * q[2] + q[3] * q[3]), R[1] = 2 * (q[1] * q[2] - q[0] * q[3]);
+            R[2] = 2 * (q[1] * q[3] + q[0] * q[2]), R[3] = 2 * (q[1] * q[2] + q[0] * q[3]);
+            R[4] = 1 - 2 * (q[1] * q[1] + q[3] * q[3]), R[5] = 2 * (q[2] * q[3] - q[0] * q[1]);
+            R[6] = 2 * (q[1] * q[3] - q[0] * q[2]), R[7] = 2 * (q[2] * q[3] + q[0] * q[1]);
+            R[8] = 1 - 2 * (q[1] * q[1] + q[2] * q[2]);
+            for (int a = 0; a < 3; a++)
+                for (int b = 0; b < 3; b++)
+                    for (int c = 0; c < 3; c++)
+                        sigma[3 * a + b] += R[3 * a + c] * R[3 * b + c] *
+                                            exp(2 * (double) *sg_model_at(m, i, SG_P_SCALE + c));
+            for (int a = 0; a < 3; a++) {
+                double expected = 0;
+                for (int b = 0; b < 3 && i < 4; b++)
+                    expected += 40 * gate[i] * sigma[3 * a + b] *
+                                (double) sg_rng_normal(7, SG_RNG_EXPLORE, 9, 3 * i + (size_t) b);
+                const double found = (double) *sg_model_at(after, i, SG_P_XYZ + a) -
+                                     (double) *sg_model_at(m, i, SG_P_XYZ + a);
+                if (fabs(found - expected) > 1e-4 * fabs(expected) + 1e-6)
+                    fail_msg("%s: Gaussian %zu, axis %d: moved by %g, expected %g",
+                             case_name(cases[k]), i, a, found, expected);
+            }
+            for (int p = SG_P_OPACITY; p < sg_param_count(0); p++)
+                assert_true(*sg_model_at(after, i, p) == *sg_model_at(m, i, p));
+        }
+        sg_columns_clear(&o);
+        sg_model_destroy(&after);
+        sg_engine_destroy(&e);
+    }
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
+/* An entry copies parameters, sets the opacity, adds to the scales, and clears moments only where
+ * it says so. */
+static void test_relocate(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m = make_model(ctx, 20, 1, 53), *after;
+    struct sg_columns o, found;
+    const int planes = sg_param_count(1);
+    assert_int_equal(sg_columns_create(ctx, 20, 1, SG_COLUMN_SAVED, &o), SG_OK);
+    for (size_t i = 0; i < o.capacity * (size_t) planes; i++)
+        o.at[SG_C_MOMENT1][i] = o.at[SG_C_MOMENT2][i] = 3;
+    const struct sg_relocation r = {.count = 2,
+                                    .to = (const uint32_t[]){4, 17},
+                                    .from = (const uint32_t[]){17, 17},
+                                    .opacity = (const float[]){-1, -2},
+                                    .scale = (const float[]){-0.5f, -0.25f},
+                                    .fresh = (const uint8_t[]){0, 1}};
+    const struct sg_relocation wrong[] = {
+        {.count = 1, .to = (const uint32_t[]){20}, .from = r.from},
+        {.count = 1, .to = r.to, .from = (const uint32_t[]){20}}};
+    for (int v = 0; v < case_count; v++) {
+        struct sg_engine *e = begin(ctx, v, m, &o);
+        assert_int_equal(sg_engine_relocate(e, &r), SG_OK);
+        download(ctx, e, 1, &after, &found);
+        for (size_t i = 0; i < 20; i++)
+            for (int p = 0; p < planes; p++) {
+                const size_t from = i == 4 ? 17 : i;
+                const bool moved = i == 4 || i == 17, scale = p >= SG_P_SCALE && p < SG_P_SCALE + 3;
+                float expected = *sg_model_at(m, from, p);
+                if (moved && p == SG_P_OPACITY)
+                    expected = i == 4 ? -1 : -2;
+                if (moved && scale)
+                    expected += i == 4 ? -0.5f : -0.25f;
+                assert_true(*sg_model_at(after, i, p) == expected);
+                const size_t at = sg_param_index(planes, i, p);
+                assert_true(found.at[SG_C_MOMENT1][at] == (i == 17 ? 0 : 3));
+                assert_true(found.at[SG_C_MOMENT2][at] == (i == 17 ? 0 : 3));
+            }
+        for (int k = 0; k < 2; k++)
+            assert_int_equal(sg_engine_relocate(e, &wrong[k]), SG_ERR_USAGE);
+        sg_clear_error(ctx);
+        sg_engine_destroy(&e);
+        sg_columns_clear(&found);
+        sg_model_destroy(&after);
+    }
+    sg_columns_clear(&o);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
+/* Entries that read what earlier ones wrote, and write what they read: the oracle's bytes. */
+static void test_relocate_in_order(void **state)
+{
+    (void) state;
+    enum { N = 40, ENTRIES = 300 };
+    uint32_t to[ENTRIES], from[ENTRIES];
+    float opacity[ENTRIES], scale[ENTRIES];
+    uint8_t fresh[ENTRIES];
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *m = make_model(ctx, N, 1, 85), *expected = NULL;
+    struct sg_columns o, state_expected = {0};
+    const size_t bytes = values_of(m) * sizeof(float);
+    assert_int_equal(sg_columns_create(ctx, N, 1, SG_COLUMN_SAVED, &o), SG_OK);
+    for (size_t i = 0; i < values_of(m); i++)
+        o.at[SG_C_MOMENT1][i] = o.at[SG_C_MOMENT2][i] = 3;
+    for (uint64_t k = 0; k < ENTRIES; k++) {
+        to[k] = (uint32_t) draw(86, k, 0, N);
+        from[k] = k % 3 ? (uint32_t) draw(87, k, 0, N) : to[k];
+        opacity[k] = draw(88, k, -2, 2), scale[k] = draw(89, k, -1, 1);
+        fresh[k] = k % 7 == 0;
+    }
+    for (int v = case_count - 1; v >= 0; v--) { /* the oracle is the last */
+        struct sg_engine *e = begin(ctx, v, m, &o);
+        struct sg_model *after;
+        struct sg_columns found;
+        for (size_t n = 0; n < ENTRIES; n = n ? n * 2 : 75) {
+            const struct sg_relocation r = {n ? n : 75,  to + n,    from + n,
+                                            opacity + n, scale + n, fresh + n};
+            assert_int_equal(sg_engine_relocate(e, &r), SG_OK);
+        }
+        assert_int_equal(sg_engine_relocate(e, &(struct sg_relocation){0}), SG_OK);
+        download(ctx, e, 1, &after, &found);
+        sg_engine_destroy(&e);
+        if (!expected) {
+            expected = after, state_expected = found;
+            continue;
+        }
+        assert_memory_equal(after->params, expected->params, bytes);
+        for (int c = SG_C_MOMENT1; c <= SG_C_MOMENT2; c++)
+            assert_memory_equal(found.at[c], state_expected.at[c], bytes);
+        sg_columns_clear(&found);
+        sg_model_destroy(&after);
+    }
+    assert_memory_not_equal(expected->params, m->params, bytes);
+    sg_columns_clear(&state_expected);
+    sg_columns_clear(&o);
+    sg_model_destroy(&expected);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
+/* The kernels' random numbers, in C: the bits of the host's, and normals that are the same but for
+ * rounding. */
+static void test_random(void **state)
+{
+    (void) state;
+    double sum = 0, squares = 0;
+    enum { N = 200000 };
+    for (uint64_t i = 0; i < N; i++) {
+        const uint64_t key = sg_rng_key(i % 5, SG_RNG_EXPLORE, i / 7),
+                       at = i % 3 ? i : i * 0x123456789abcdefu;
+        const uint64_t bits = sg_rng_u64(i % 5, SG_RNG_EXPLORE, i / 7, at);
+        const struct words w =
+            random_mix(words_add(words_of((uint32_t) key, (uint32_t) (key >> 32)),
+                                 words_of((uint32_t) at, (uint32_t) (at >> 32))));
+        assert_true(w.low == (uint32_t) bits && w.high == (uint32_t) (bits >> 32));
+        const double expected = (double) sg_rng_normal(i % 5, SG_RNG_EXPLORE, i / 7, at),
+                     found = (double) random_normal(w);
+        if (!(fabs(found - expected) <= 1e-6 * fabs(expected) + 1e-9))
+            fail_msg("%llu: found %.9g, expected %.9g", (unsigned long long) i, found, expected);
+        sum += found, squares += found * found;
+    }
+    assert_float_equal(sum / N, 0, 0.01);
+    assert_float_equal(squares / N, 1, 0.02);
+    /* the ends of both ranges */
+    assert_true(random_minus_log(0xffffffffu) == 0);
+    assert_float_equal(random_minus_log(0), 32 * 0.69314718056, 1e-5);
+    assert_float_equal(random_minus_log(0x7fffffffu), 0.69314718056, 1e-6);
+    assert_true(random_cosine(0) == 1 && random_cosine(0x80000000u) == -1);
+    assert_true(random_cosine(0x40000000u) == 0 && random_cosine(0xc0000000u) == 0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_mip),
-        cmocka_unit_test(test_filter),
-        cmocka_unit_test(test_reset),
+        cmocka_unit_test(test_mip),      cmocka_unit_test(test_filter),
+        cmocka_unit_test(test_reset),    cmocka_unit_test(test_explore),
+        cmocka_unit_test(test_relocate), cmocka_unit_test(test_relocate_in_order),
+        cmocka_unit_test(test_random),
     };
     return cmocka_run_group_tests(tests, find_cases, NULL);
 }

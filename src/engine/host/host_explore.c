@@ -5,7 +5,9 @@
 
 #include "core/rng.h"
 #include "host_model.h"
-#include "math/constants.h"
+#include "math/real_f32.h"
+
+#include "math/explore.h"
 
 void sg_host_relocate(struct sg_host_model *h, const struct sg_relocation *r)
 {
@@ -30,19 +32,6 @@ struct explore_job {
 };
 
 #define CHUNK 4096
-#define LEAST_GATE 1e-12f /* less moves nothing */
-
-/* p: one Gaussian's planes. Adds covariance x n to its position. */
-#define AT(plane) p[(plane) *SG_LANES]
-static void move(float *p, const float *n)
-{
-    float R[9], along[3];
-    sg_host_rotation(p, R);
-    for (int k = 0; k < 3; k++)
-        along[k] = expf(2 * AT(SG_P_SCALE + k)) * (R[k] * n[0] + R[3 + k] * n[1] + R[6 + k] * n[2]);
-    for (int k = 0; k < 3; k++)
-        AT(SG_P_XYZ + k) += R[3 * k] * along[0] + R[3 * k + 1] * along[1] + R[3 * k + 2] * along[2];
-}
 
 static void explore_chunk(void *arg, size_t chunk, int thread)
 {
@@ -51,18 +40,20 @@ static void explore_chunk(void *arg, size_t chunk, int thread)
     const struct sg_host_model *h = j->h;
     const size_t end = (chunk + 1) * CHUNK < h->count ? (chunk + 1) * CHUNK : h->count;
     for (size_t i = chunk * CHUNK; i < end; i++) {
-        float *p = h->at[SG_C_PARAMETERS] + sg_param_index(h->planes, i, 0), n[3];
-        const float opacity = 1 / (1 + expf(-AT(SG_P_OPACITY)));
-        const float gate = 1 / (1 + expf(100 * (opacity - SG_PRUNE_OPACITY)));
-        if (!(gate > LEAST_GATE))
+        float *p = h->at[SG_C_PARAMETERS] + sg_param_index(h->planes, i, 0), planes[SG_P_SH], n[3];
+        const float gate = explore_gate(p[SG_P_OPACITY * SG_LANES]);
+        if (!(gate > 0))
             continue;
+        for (size_t k = 0; k < SG_P_SH; k++)
+            planes[k] = p[k * SG_LANES];
         for (size_t k = 0; k < 3; k++)
             n[k] = j->how.amount * gate *
                    sg_rng_normal(j->how.seed, SG_RNG_EXPLORE, j->how.stream, 3 * i + k);
-        move(p, n);
+        explore_move(planes + SG_P_ROT, planes + SG_P_SCALE, n, planes + SG_P_XYZ);
+        for (size_t k = 0; k < 3; k++)
+            p[(SG_P_XYZ + k) * SG_LANES] = planes[SG_P_XYZ + k];
     }
 }
-#undef AT
 
 void sg_host_explore(sg_ctx *ctx, struct sg_host_model *h, const struct sg_exploration *x)
 {

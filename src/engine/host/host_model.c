@@ -8,6 +8,7 @@
 #include "math/real_f32.h"
 #include "morton.h"
 
+#include "math/explore.h"
 #include "math/mip.h"
 
 /* Of a column's array. */
@@ -122,31 +123,16 @@ void sg_host_statistics(sg_ctx *ctx, const struct sg_host_model *h, const struct
 }
 
 #define AT(plane) p[(plane) *SG_LANES]
-void sg_host_rotation(const float *p, float R[9])
-{
-    float q[4], len = 0;
-    for (int k = 0; k < 4; k++)
-        len += AT(SG_P_ROT + k) * AT(SG_P_ROT + k);
-    len = fmaxf(sqrtf(len), 1e-12f);
-    for (int k = 0; k < 4; k++)
-        q[k] = AT(SG_P_ROT + k) / len;
-    const float r = q[0], x = q[1], y = q[2], z = q[3];
-    const float rows[9] = {
-        1 - 2 * (y * y + z * z), 2 * (x * y - r * z),     2 * (x * z + r * y),
-        2 * (x * y + r * z),     1 - 2 * (x * x + z * z), 2 * (y * z - r * x),
-        2 * (x * z - r * y),     2 * (y * z + r * x),     1 - 2 * (x * x + y * y)};
-    memcpy(R, rows, sizeof(rows));
-}
-
 /* A child is drawn from its parent as from a distribution, and shrunk (Kerbl et al. 2023,
  * section 5.2). */
 static void draw_position(float *p, const struct sg_edit *e, size_t entry)
 {
+    const float rot[4] = {AT(SG_P_ROT), AT(SG_P_ROT + 1), AT(SG_P_ROT + 2), AT(SG_P_ROT + 3)};
     float n[3], R[9];
     for (int k = 0; k < 3; k++)
         n[k] = expf(AT(SG_P_SCALE + k)) *
                sg_rng_normal(e->seed, SG_RNG_SPLIT, e->stream, 3 * entry + (size_t) k);
-    sg_host_rotation(p, R);
+    rotation_of(rot, R);
     for (int k = 0; k < 3; k++)
         AT(SG_P_XYZ + k) += R[3 * k] * n[0] + R[3 * k + 1] * n[1] + R[3 * k + 2] * n[2];
 }

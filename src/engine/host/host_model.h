@@ -78,8 +78,6 @@ void sg_host_explore(sg_ctx *ctx, struct sg_host_model *h, const struct sg_explo
 /* Raises the largest radii to those in this view. mip: see sg_render_params. */
 int sg_host_count_radii(sg_ctx *ctx, struct sg_host_model *h, const struct sg_camera *camera,
                         bool mip);
-/* The rotation matrix of a Gaussian, by rows. p: its planes, SG_LANES apart. */
-void sg_host_rotation(const float *p, float R[9]);
 /* The optional stage, forth and back: fills the shaped column; turns the gradient of what is drawn
  * into that of the parameters. */
 int sg_host_shape(sg_ctx *ctx, struct sg_host_model *h, const struct sg_shape *shape);

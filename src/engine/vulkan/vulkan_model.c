@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The model and the state of its optimiser on the device. What moves Gaussians in place goes
- * through the host, where it is the code of the other engines. */
+/* The model and the state of its optimiser on the device, and what changes Gaussians in place. */
 #include <math.h>
 #include <string.h>
 
+#include "core/rng.h"
 #include "engine.h"
 #include "model/mip.h"
 
@@ -110,62 +110,23 @@ int sg_vulkan_download(struct sg_engine *base, struct sg_model *m, struct sg_col
 
 /* ---- through the host ---- */
 
-/* Copies of some columns, which are made where there are none. */
-static int mirror_some(struct vulkan_engine *e, struct sg_host_model *h, const int *columns, int n)
+static struct sg_host_model host_model(const struct vulkan_engine *e, int planes)
+{
+    return (struct sg_host_model){.count = e->count,
+                                  .capacity = sg_blocks(e->count) * SG_LANES,
+                                  .sh_degree = e->base.sh_degree,
+                                  .planes = planes};
+}
+
+/* Copies of columns, which are made where there are none. */
+static int mirror(struct vulkan_engine *e, struct sg_host_model *h, const int *columns, int n)
 {
     int code = SG_OK;
-    *h = (struct sg_host_model){.count = e->count,
-                                .capacity = sg_blocks(e->count) * SG_LANES,
-                                .sh_degree = e->base.sh_degree,
-                                .planes = e->planes};
     for (int k = 0; k < n && !code; k++)
         if (!(code = sg_vulkan_alloc(e, columns[k])) &&
             !(code = sg_host_alloc(e->base.ctx, h, columns[k])))
             code = sg_gpu_read(e->gpu, &e->at[columns[k]], 0, h->at[columns[k]],
                                sg_vulkan_column_bytes(e, columns[k]));
-    return code;
-}
-
-/* Of the columns that there are, but for those that no edit keeps. */
-static int mirror(struct vulkan_engine *e, struct sg_host_model *h)
-{
-    int columns[SG_COLUMNS], n = 0;
-    for (int c = 0; c < SG_COLUMNS; c++)
-        if (e->at[c].buffer && !(sg_columns[c].bits & SG_COLUMN_LOST))
-            columns[n++] = c;
-    return mirror_some(e, h, columns, n);
-}
-
-/* What became of the copy, to the device. Where memory runs out the model is as it was, or this one
- * without any column but its parameters. */
-static int adopt_mirror(struct vulkan_engine *e, const struct sg_host_model *h)
-{
-    int code = replace(e, SG_C_PARAMETERS, h->at[SG_C_PARAMETERS], h->count);
-    if (code)
-        return code;
-    e->count = h->count;
-    for (int c = 0; c < SG_COLUMNS; c++) {
-        if (c == SG_C_PARAMETERS || !e->at[c].buffer)
-            continue;
-        sg_gpu_release(e->gpu, &e->at[c]);
-        if (h->at[c] && !code)
-            code = replace(e, c, h->at[c], h->count);
-    }
-    if (code)
-        sg_vulkan_drop_columns(e, ~0u);
-    return code;
-}
-
-int sg_vulkan_relocate(struct sg_engine *base, const struct sg_relocation *r)
-{
-    struct vulkan_engine *e = vulkan_of(base);
-    struct sg_host_model h;
-    int code = mirror(e, &h);
-    if (!code) {
-        sg_host_relocate(&h, r);
-        code = adopt_mirror(e, &h);
-    }
-    sg_host_clear(&h);
     return code;
 }
 
@@ -175,23 +136,10 @@ static int write_back(struct vulkan_engine *e, const struct sg_host_model *h, in
                         sg_vulkan_column_bytes(e, column));
 }
 
-/* Moves planes of the device's model to `some` or, back: 1, from it. */
-static int move_planes(struct vulkan_engine *e, int column, const struct gpu_buffer *some, int held,
-                       int width, bool back)
-{
-    return GPU_RUN(e->gpu, planes, 0, FOR_EACH(e->count), .from = e->at[column].address,
-                   .to = some->address, .count = (uint32_t) e->count,
-                   .planes = (uint32_t) e->planes, .held = (uint32_t) held,
-                   .width = (uint32_t) width, .back = back);
-}
-
 int sg_vulkan_read_planes(struct vulkan_engine *e, int column, int planes, struct sg_host_model *h)
 {
     struct gpu_buffer some = {0};
-    *h = (struct sg_host_model){.count = e->count,
-                                .capacity = sg_blocks(e->count) * SG_LANES,
-                                .sh_degree = e->base.sh_degree,
-                                .planes = planes};
+    *h = host_model(e, planes);
     const uint64_t bytes = 4 * (uint64_t) h->capacity * (uint64_t) planes;
     int code = sg_gpu_reserve(e->gpu, SG_MEM_SPLATS, &some, bytes);
     h->at[SG_C_PARAMETERS] =
@@ -199,49 +147,13 @@ int sg_vulkan_read_planes(struct vulkan_engine *e, int column, int planes, struc
     if (!h->at[SG_C_PARAMETERS])
         code = SG_ERR_BUDGET;
     if (!code)
-        code = move_planes(e, column, &some, planes, planes, false);
+        code = GPU_RUN(e->gpu, planes, 0, FOR_EACH(e->count), .from = e->at[column].address,
+                       .to = some.address, .count = (uint32_t) e->count,
+                       .planes = (uint32_t) e->planes, .width = (uint32_t) planes);
     if (!code)
         code = sg_gpu_read(e->gpu, &some, 0, h->at[SG_C_PARAMETERS], bytes);
     sg_gpu_release(e->gpu, &some);
     return code;
-}
-
-/* The first `width` planes of what sg_vulkan_read_planes read, back to the parameters. */
-static int write_planes(struct vulkan_engine *e, const struct sg_host_model *h, int width)
-{
-    struct gpu_buffer some = {0};
-    const uint64_t bytes = 4 * (uint64_t) h->capacity * (uint64_t) h->planes;
-    int code = sg_gpu_reserve(e->gpu, SG_MEM_SPLATS, &some, bytes);
-    if (!code)
-        code = sg_gpu_write(e->gpu, &some, 0, h->at[SG_C_PARAMETERS], bytes);
-    if (!code)
-        code = move_planes(e, SG_C_PARAMETERS, &some, h->planes, width, true);
-    sg_gpu_release(e->gpu, &some);
-    return code;
-}
-
-int sg_vulkan_explore(struct sg_engine *base, const struct sg_exploration *x)
-{
-    struct vulkan_engine *e = vulkan_of(base);
-    struct sg_host_model h;
-    int code = sg_vulkan_read_planes(e, SG_C_PARAMETERS, SG_P_SH, &h);
-    if (!code) {
-        sg_host_explore(base->ctx, &h, x);
-        code = write_planes(e, &h, SG_P_XYZ + 3);
-    }
-    sg_host_clear(&h);
-    return code;
-}
-
-/* A column on the host too, made where there is none. */
-static int mirror_column(struct vulkan_engine *e, struct sg_host_model *h, int column)
-{
-    int code = sg_vulkan_alloc(e, column);
-    if (!code)
-        code = sg_host_alloc(e->base.ctx, h, column);
-    return code ? code
-                : sg_gpu_read(e->gpu, &e->at[column], 0, h->at[column],
-                              sg_vulkan_column_bytes(e, column));
 }
 
 int sg_vulkan_filter(struct sg_engine *base, const struct sg_camera *const *cameras, size_t n)
@@ -289,13 +201,81 @@ int sg_vulkan_count_radii(struct sg_engine *base)
     struct sg_host_model h;
     int code = sg_vulkan_read_planes(e, shown, SG_P_SH, &h);
     if (!code)
-        code = mirror_column(e, &h, SG_C_RADIUS);
+        code = mirror(e, &h, (const int[]){SG_C_RADIUS}, 1);
     if (!code)
         code = sg_host_count_radii(base->ctx, &h, &e->camera, e->params.mip_filter);
     if (!code)
         code = write_back(e, &h, SG_C_RADIUS);
     sg_host_clear(&h);
     return code;
+}
+
+/* ---- densification as Markov chain Monte Carlo ---- */
+
+/* The entries, to the device. */
+static int put_entries(struct vulkan_engine *e, const struct sg_relocation *r,
+                       struct gpu_buffer *to)
+{
+    uint32_t *words =
+        sg_alloc_raw(e->base.ctx, SG_MEM_OPTIMISER, r->count, VK_ENTRY * sizeof(*words));
+    const uint64_t bytes = 4 * VK_ENTRY * (uint64_t) r->count;
+    int code = words ? sg_gpu_reserve(e->gpu, SG_MEM_OPTIMISER, to, bytes) : SG_ERR_BUDGET;
+    for (size_t k = 0; k < r->count && !code; k++) {
+        uint32_t *w = words + VK_ENTRY * k;
+        w[0] = r->to[k], w[1] = r->from[k], w[4] = r->fresh[k];
+        memcpy(w + 2, &r->opacity[k], sizeof(*w));
+        memcpy(w + 3, &r->scale[k], sizeof(*w));
+    }
+    if (!code)
+        code = sg_gpu_write(e->gpu, to, 0, words, bytes);
+    sg_free(words);
+    return code;
+}
+
+static int run_entries(struct vulkan_engine *e, const struct gpu_buffer *entries, size_t first,
+                       size_t end)
+{
+    const bool moments = e->at[SG_C_MOMENT1].buffer && e->at[SG_C_MOMENT2].buffer;
+    return GPU_RUN(
+        e->gpu, relocate, 0, FOR_EACH(end - first), .params = e->at[SG_C_PARAMETERS].address,
+        .m = sg_gpu_at(e->gpu, &e->at[SG_C_MOMENT1]), .v = sg_gpu_at(e->gpu, &e->at[SG_C_MOMENT2]),
+        .entries = entries->address, .first = (uint32_t) first, .end = (uint32_t) end,
+        .planes = (uint32_t) e->planes, .moments = moments);
+}
+
+/* Entries count one after the other. Those that do not meet run at once. */
+int sg_vulkan_relocate(struct sg_engine *base, const struct sg_relocation *r)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    struct gpu_buffer entries = {0};
+    /* Of each Gaussian, 1 + the newest entry that reads it, and that writes it. */
+    uint32_t *read = sg_alloc(base->ctx, SG_MEM_OPTIMISER, e->count, 2 * sizeof(*read)),
+             *written = read ? read + e->count : NULL;
+    size_t first = 0;
+    int code = !r->count ? SG_OK : read ? put_entries(e, r, &entries) : SG_ERR_BUDGET;
+    for (size_t k = 0; k < r->count && !code; k++) {
+        const uint32_t to = r->to[k], from = r->from[k];
+        if (written[from] > first || written[to] > first || read[to] > first) {
+            code = run_entries(e, &entries, first, k);
+            first = k;
+        }
+        read[from] = written[to] = (uint32_t) k + 1;
+    }
+    if (!code)
+        code = run_entries(e, &entries, first, r->count);
+    sg_gpu_release(e->gpu, &entries);
+    sg_free(read);
+    return code;
+}
+
+int sg_vulkan_explore(struct sg_engine *base, const struct sg_exploration *x)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    const uint64_t key = sg_rng_key(x->seed, SG_RNG_EXPLORE, x->stream);
+    return GPU_RUN(e->gpu, explore, 0, FOR_EACH(e->count), .params = e->at[SG_C_PARAMETERS].address,
+                   .count = (uint32_t) e->count, .planes = (uint32_t) e->planes,
+                   .key_low = (uint32_t) key, .key_high = (uint32_t) (key >> 32),
+                   .amount = x->amount);
 }
 
 /* ---- the shape ---- */
@@ -306,8 +286,8 @@ static int shape_on_host(struct vulkan_engine *e, const struct sg_shape *shape, 
                          int (*stage)(sg_ctx *, struct sg_host_model *, const struct sg_shape *))
 {
     const int columns[] = {SG_C_PARAMETERS, column, shape->column};
-    struct sg_host_model h;
-    int code = mirror_some(e, &h, columns, shape->column < SG_COLUMNS ? 3 : 2);
+    struct sg_host_model h = host_model(e, e->planes);
+    int code = mirror(e, &h, columns, shape->column < SG_COLUMNS ? 3 : 2);
     if (!code)
         code = stage(e->base.ctx, &h, shape);
     if (!code)
@@ -362,9 +342,8 @@ int sg_vulkan_read_statistics(struct sg_engine *base, const struct sg_statistics
     struct sg_host_model h;
     int code = sg_vulkan_read_planes(e, SG_C_PARAMETERS, SG_P_ROT, &h);
     for (int k = 0; k < 4 && !code; k++)
-        if (e->at[statistics[k]].buffer && !(code = sg_host_alloc(base->ctx, &h, statistics[k])))
-            code = sg_gpu_read(e->gpu, &e->at[statistics[k]], 0, h.at[statistics[k]],
-                               sg_vulkan_column_bytes(e, statistics[k]));
+        if (e->at[statistics[k]].buffer)
+            code = mirror(e, &h, &statistics[k], 1);
     if (!code)
         sg_host_statistics(base->ctx, &h, out);
     sg_host_clear(&h);

@@ -68,6 +68,8 @@
     K(loss_sums)                                                                                   \
     K(ascend)                                                                                      \
     K(move)                                                                                        \
+    K(relocate)                                                                                    \
+    K(explore)                                                                                     \
     K(mip_shape)                                                                                   \
     K(mip_depth)                                                                                   \
     K(mip_filter)                                                                                  \
@@ -221,6 +223,16 @@
 #define ARGS_move(P, U, F)                                                                         \
     P(Floats, params) P(Floats, shaped) P(Floats, m) P(Floats, v) U(count) U(planes) U(what)       \
     U(moments) F(limit)
+/* Entries `first` to `end` - 1 of a struct sg_relocation, none of which reads what another one
+ * writes. Words of an entry: to, from, bits of the opacity and of what is added to the scales,
+ * fresh. */
+#define VK_ENTRY 5
+#define ARGS_relocate(P, U, F)                                                                     \
+    P(Floats, params) P(Floats, m) P(Floats, v) P(Uints, entries) U(first) U(end) U(planes)        \
+    U(moments)
+/* The noise of a struct sg_exploration. key: seed and stream, mixed, in two words. */
+#define ARGS_explore(P, U, F)                                                                      \
+    P(Floats, params) U(count) U(planes) U(key_low) U(key_high) F(amount)
 /* What Gaussians with a 3D filter are drawn as, to a copy of the parameters; back: 1 = the gradient
  * of that to the one of the parameters. */
 #define ARGS_mip_shape(P, U, F)                                                                    \
@@ -232,10 +244,9 @@
     U(views)
 #define ARGS_mip_filter(P, U, F)                                                                   \
     P(Floats, depths) P(Floats, filters) U(count) F(focal)
-/* The first `width` of the `planes` planes of every Gaussian, to an array of `held` planes; back: 1
- * = from there. */
+/* The first `width` of the `planes` planes of every Gaussian, to an array of so many planes. */
 #define ARGS_planes(P, U, F)                                                                       \
-    P(Floats, from) P(Floats, to) U(count) U(planes) U(held) U(width) U(back)
+    P(Floats, from) P(Floats, to) U(count) U(planes) U(width)
 /* moves: of every row two words: the source, an index before the edit or a row of the caller's; and
  * the kind (enum sg_edit_kind), with a child's number above it. fates: by kind, what the planes
  * from `first` to `end` - 1 take. children: the planes up to the rotation. */

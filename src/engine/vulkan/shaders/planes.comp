@@ -9,11 +9,6 @@ ARGUMENTS(planes);
 void main()
 {
     const uint i = thread_index();
-    for (uint plane = 0; i < a.count && plane < a.width; plane++) {
-        const uint model = param_at(a.planes, i, plane), other = param_at(a.held, i, plane);
-        if (a.back != 0)
-            a.from.v[model] = a.to.v[other];
-        else
-            a.to.v[other] = a.from.v[model];
-    }
+    for (uint plane = 0; i < a.count && plane < a.width; plane++)
+        a.to.v[param_at(a.width, i, plane)] = a.from.v[param_at(a.planes, i, plane)];
 }
