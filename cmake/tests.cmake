@@ -1,9 +1,10 @@
 # Every tests/test_*.c is one cmocka program and one CTest entry. Tests may include the library's private headers.
 pkg_check_modules(CMOCKA REQUIRED IMPORTED_TARGET cmocka) # plain C, works under sanitizers
 # Labels select tests for the parts of ./check: `threads` for the thread sanitizer, `package` for what is installed, `slow`
-# for what sanitizers and other compilers need not repeat, `fuzz`, `memory`. A new test gets `threads`, unless it is listed
-# here.
-set(SG_SERIAL test_checkpoint test_columns test_folder test_format test_gradients test_image test_morton test_ply test_sog)
+# for what sanitizers and other compilers need not repeat, `script` for what another compiler need not repeat, `fuzz`,
+# `memory`. A new test gets `threads`, unless it is listed here.
+set(SG_SERIAL test_alloc_failure test_checkpoint test_columns test_folder test_format test_gradients test_image test_morton test_ply
+    test_sog)
 file(GLOB SG_TESTS CONFIGURE_DEPENDS tests/test_*.c tests/engine/test_*.c)
 if(NOT ZLIB_FOUND)
     message(STATUS "test_format, test_sog, test_archive: left out, zlib is missing")
@@ -26,6 +27,8 @@ foreach(source ${SG_TESTS})
         set_tests_properties(${name} PROPERTIES LABELS threads)
     endif()
 endforeach()
+
+set_property(TEST test_scene_data APPEND PROPERTY LABELS slow) # whole captures, where somebody has them
 
 # Every kernel against its oracle, one by one; `build/checkkernels --bench` times them.
 file(GLOB SG_CHECKS CONFIGURE_DEPENDS tests/kernels/*.c)

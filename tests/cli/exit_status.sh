@@ -12,7 +12,7 @@ while IFS='|' read -r status meaning; do
     done
 done <statuses
 
-expect 0 synth -o scene --width 264 --height 200 --samples 2 --train-views 5 --test-views 1 --points 300
+expect 0 synth -o scene --width 264 --height 200 --samples 1 --train-views 5 --test-views 1 --points 300
 clean=scene/blender
 expect 0 attack $clean -o poisoned --method noise --epsilon 16 -q
 expect 0 attack $clean -o doubtful --method noise --epsilon 16 -q --ratio 0.2
