@@ -19,10 +19,11 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
         target_link_libraries(vulkan_sanitized PRIVATE sg_flags)
         target_compile_options(vulkan_sanitized PRIVATE ${sanitizers} -ffp-contract=off)
         foreach(source tests/engine/test_operations.c tests/engine/test_ascend.c tests/engine/test_changes.c
-            tests/engine/test_gaussians.c tests/engine/test_views.c tests/engine/test_anisotropy.c)
+            tests/engine/test_gaussians.c tests/engine/test_views.c tests/engine/test_anisotropy.c
+            tests/test_flow.c)
             get_filename_component(name ${source} NAME_WE)
             add_executable(${name}_sanitized ${source} $<TARGET_OBJECTS:vulkan_sanitized>)
-            target_include_directories(${name}_sanitized PRIVATE src tests)
+            target_include_directories(${name}_sanitized PRIVATE src tests ${VULKAN_HEADERS})
             target_link_libraries(${name}_sanitized PRIVATE splatguard_internal sg_flags sg_overrides PkgConfig::CMOCKA)
             target_link_options(${name}_sanitized PRIVATE ${sanitizers})
         endforeach()
@@ -43,6 +44,7 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
     sg_vulkan_test(gaussians test_gaussians${suffix} 256)
     sg_vulkan_test(anisotropy test_anisotropy${suffix} 256)
     sg_vulkan_test(training test_vulkan 256)
+    sg_vulkan_test(flow test_flow${suffix} 256)
     sg_vulkan_test(memory test_device_memory 256)
     # Scripts of the command line with this engine instead of the default, without the layer. The others compute nothing,
     # stop before they do (errors, usage), or take minutes on such a driver and have a short form here (defense, attack).

@@ -46,7 +46,9 @@ struct sg_run_params {
                             context's own limit is what binds. Default 0. */
     uint64_t max_vram;   /* likewise, of the memory of its device. Default 0. */
     /* NULL, or called after each iteration, and with step NULL before the first file is written.
-     * A result other than 0 stops the run, which saves what there is. Default NULL. */
+     * A result other than 0 stops the run, which saves what there is. On a GPU most calls do not
+     * wait for it: loss to psnr, render and the losses of the defense are then of an iteration a
+     * few before. Default NULL. */
     int (*step)(void *priv, const struct sg_train_step *step);
     void *step_priv;
     void *texts; /* owns what sg_run_read_params has read; else NULL */

@@ -53,6 +53,12 @@ static void lap(struct sg_engine *e, double start, double *sum)
         *sum += sg_seconds() - start;
 }
 
+/* Before what is not a stage: see ops.h. */
+static int finish(struct sg_engine *e)
+{
+    return e->ops->finish ? e->ops->finish(e) : SG_OK;
+}
+
 /* ---- creation ---- */
 
 /* What an engine is to run on or with. */
@@ -89,13 +95,22 @@ int sg_engine_create(sg_ctx *ctx, const char *name, const char *variant, struct 
     return made;
 }
 
+static void drop_photo(struct sg_engine *e, sg_photo photo)
+{
+    if (!photo || photo > e->photo_count || !e->photos[photo - 1].rgb)
+        return;
+    if (e->ops->photo_drop)
+        e->ops->photo_drop(e, photo);
+    e->photos[photo - 1] = (struct sg_photo_entry){0};
+}
+
 void sg_engine_destroy(struct sg_engine **engine)
 {
     if (!engine || !*engine)
         return;
     struct sg_engine *e = *engine;
     for (size_t i = 0; i < e->photo_count; i++)
-        sg_engine_photo_drop(e, (sg_photo) (i + 1));
+        drop_photo(e, (sg_photo) (i + 1));
     sg_free(e->photos);
     e->ops->destroy(e);
     *engine = NULL;
@@ -144,7 +159,8 @@ static int taken(struct sg_engine *e, const struct sg_model *m, int code)
 int sg_engine_upload(struct sg_engine *e, const struct sg_model *m,
                      const struct sg_columns *columns)
 {
-    return taken(e, m, e->ops->upload(e, m, columns));
+    const int code = finish(e);
+    return code ? code : taken(e, m, e->ops->upload(e, m, columns));
 }
 
 int sg_engine_adopt(struct sg_engine *e, struct sg_model *m, struct sg_columns *columns)
@@ -162,7 +178,8 @@ int sg_engine_adopt(struct sg_engine *e, struct sg_model *m, struct sg_columns *
 
 int sg_engine_download(struct sg_engine *e, struct sg_model *m, struct sg_columns *columns)
 {
-    return e->ops->download(e, m, columns);
+    const int code = finish(e);
+    return code ? code : e->ops->download(e, m, columns);
 }
 
 size_t sg_engine_count(const struct sg_engine *e)
@@ -181,13 +198,17 @@ int sg_engine_set_statistic(struct sg_engine *e, enum sg_gradient_statistic stat
         return sg_fail(e->ctx, SG_ERR_USAGE,
                        "statistic: found absolute gradients, which engine %s does not count",
                        e->ops->name);
+    const int code = finish(e);
+    if (code)
+        return code;
     e->statistic = statistic;
     return leave(e, SG_OK, SPLATS | LISTS | IMAGE | IMAGE_GRADIENT, 0);
 }
 
 int sg_engine_read_statistics(struct sg_engine *e, const struct sg_statistics *out)
 {
-    return e->ops->read_statistics(e, out);
+    const int code = finish(e);
+    return code ? code : e->ops->read_statistics(e, out);
 }
 
 /* An index that is out of range would be read. */
@@ -211,18 +232,22 @@ static int check_appended(const struct sg_engine *e, const struct sg_edit *edit)
 
 int sg_engine_edit(struct sg_engine *e, const struct sg_edit *edit)
 {
-    const int code = check_appended(e, edit);
+    int code = check_appended(e, edit);
+    if (!code)
+        code = finish(e);
     return code ? code : leave(e, e->ops->edit(e, edit), 0, 0);
 }
 
 int sg_engine_floor_scale(struct sg_engine *e, float smallest)
 {
-    return leave(e, e->ops->floor_scale(e, smallest), IMAGE, 0);
+    const int code = finish(e);
+    return code ? code : leave(e, e->ops->floor_scale(e, smallest), IMAGE, 0);
 }
 
 int sg_engine_reset_opacity(struct sg_engine *e, float limit)
 {
-    return leave(e, e->ops->reset_opacity(e, limit), IMAGE, 0);
+    const int code = finish(e);
+    return code ? code : leave(e, e->ops->reset_opacity(e, limit), IMAGE, 0);
 }
 
 static int lacks(const struct sg_engine *e, const char *what)
@@ -241,7 +266,8 @@ int sg_engine_relocate(struct sg_engine *e, const struct sg_relocation *r)
             return sg_fail(e->ctx, SG_ERR_USAGE,
                            "relocate: entry %zu: found Gaussians %u and %u, expected two of %zu", i,
                            r->to[i], r->from[i], n);
-    return leave(e, e->ops->relocate(e, r), IMAGE, 0);
+    const int code = finish(e);
+    return code ? code : leave(e, e->ops->relocate(e, r), IMAGE, 0);
 }
 
 int sg_engine_explore(struct sg_engine *e, const struct sg_exploration *x)
@@ -255,7 +281,8 @@ int sg_engine_filter(struct sg_engine *e, const struct sg_camera *const *cameras
 {
     if (!e->ops->filter)
         return lacks(e, "filter");
-    return leave(e, e->ops->filter(e, cameras, n), IMAGE, 0);
+    const int code = finish(e);
+    return code ? code : leave(e, e->ops->filter(e, cameras, n), IMAGE, 0);
 }
 
 int sg_engine_settle(struct sg_engine *e, const struct sg_settling *s)
@@ -290,13 +317,15 @@ int sg_engine_photo_add(struct sg_engine *e, int width, int height, const uint8_
     *out = 0;
     while (at < e->photo_count && e->photos[at].rgb)
         at++;
+    int code = finish(e);
+    if (code)
+        return code;
     if (sg_grow(e->ctx, SG_MEM_MISC, &e->photos, &e->photo_capacity, at + 1, e->photo_count,
                 sizeof(*e->photos)))
         return SG_ERR_BUDGET;
     e->photos[at] = (struct sg_photo_entry){width, height, rgb, mask};
     e->photo_count = at < e->photo_count ? e->photo_count : at + 1;
-    const int code =
-        e->ops->photo_add ? e->ops->photo_add(e, (sg_photo) (at + 1), &e->photos[at]) : SG_OK;
+    code = e->ops->photo_add ? e->ops->photo_add(e, (sg_photo) (at + 1), &e->photos[at]) : SG_OK;
     if (code)
         e->photos[at] = (struct sg_photo_entry){0};
     else
@@ -304,13 +333,11 @@ int sg_engine_photo_add(struct sg_engine *e, int width, int height, const uint8_
     return code;
 }
 
-void sg_engine_photo_drop(struct sg_engine *e, sg_photo photo)
+int sg_engine_photo_drop(struct sg_engine *e, sg_photo photo)
 {
-    if (!photo || photo > e->photo_count || !e->photos[photo - 1].rgb)
-        return;
-    if (e->ops->photo_drop)
-        e->ops->photo_drop(e, photo);
-    e->photos[photo - 1] = (struct sg_photo_entry){0};
+    const int code = photo ? finish(e) : SG_OK; /* nothing asks for it again */
+    drop_photo(e, photo);
+    return code;
 }
 
 /* ---- the stages ---- */
@@ -323,6 +350,13 @@ static int run_shape(struct sg_engine *e)
     const int code = e->ops->shape(e, e->shape);
     lap(e, start, &e->times.shape);
     return code;
+}
+
+static void clear_step(struct sg_step *step)
+{
+    *step = (struct sg_step){0};
+    for (int k = 0; k < SG_LOSSES; k++)
+        step->loss[k] = NAN;
 }
 
 static int check_filter(const struct sg_engine *e, const struct sg_render_params *params)
@@ -343,9 +377,8 @@ int sg_engine_project(struct sg_engine *e, const struct sg_camera *camera, int s
                       const struct sg_render_params *params)
 {
     e->width = camera->width, e->height = camera->height;
-    e->step = (struct sg_step){0};
-    for (int k = 0; k < SG_LOSSES; k++)
-        e->step.loss[k] = NAN;
+    clear_step(&e->step);
+    e->optimised = false;
     int code = check_filter(e, params);
     if (!code)
         code = run_shape(e);
@@ -390,7 +423,9 @@ int sg_engine_draw(struct sg_engine *e, const struct sg_camera *camera, int sh_d
 
 int sg_engine_read_image(struct sg_engine *e, float *rgb, float *alpha, float *depth)
 {
-    const int code = need(e, IMAGE, "read_image", "image");
+    int code = need(e, IMAGE, "read_image", "image");
+    if (!code)
+        code = finish(e);
     return code ? code : e->ops->read_image(e, rgb, alpha, depth);
 }
 
@@ -446,7 +481,7 @@ int sg_engine_losses(struct sg_engine *e, const struct sg_target *target,
 int sg_engine_write_image_gradient(struct sg_engine *e, const float *gradient)
 {
     int code = need(e, IMAGE, "write_image_gradient", "image");
-    if (code)
+    if (code || (code = finish(e)))
         return code;
     code = e->ops->write_image_gradient(e, gradient);
     return leave(e, code, SPLATS | LISTS | IMAGE, IMAGE_GRADIENT);
@@ -487,9 +522,21 @@ int sg_engine_project_backward(struct sg_engine *e, bool statistics)
 
 int sg_engine_count_radii(struct sg_engine *e)
 {
-    const int code = e->ops->count_radii ? need(e, SPLATS, "count_radii", "a projected view")
-                                         : lacks(e, "count_radii");
+    int code = e->ops->count_radii ? need(e, SPLATS, "count_radii", "a projected view")
+                                   : lacks(e, "count_radii");
+    if (!code)
+        code = finish(e);
     return code ? code : e->ops->count_radii(e);
+}
+
+/* Of the newest view that was optimised, as far as its results are known. */
+static void note_step(struct sg_engine *e)
+{
+    if (!e->optimised)
+        return;
+    e->learned = e->step;
+    if (e->step.stats.instances > e->most_instances)
+        e->most_instances = e->step.stats.instances;
 }
 
 int sg_engine_optimise(struct sg_engine *e, const struct sg_update *update)
@@ -507,6 +554,8 @@ int sg_engine_optimise(struct sg_engine *e, const struct sg_update *update)
         code = (fused ? e->ops->project_backward_optimise : e->ops->optimise)(e, update);
         lap(e, start, &e->times.optimise);
     }
+    e->optimised = !code;
+    note_step(e);
     return leave(e, code, IMAGE, 0);
 }
 
@@ -518,14 +567,42 @@ int sg_engine_read_gradients(struct sg_engine *e, struct sg_model *out)
         if (!code)
             code = run_project_backward(e, false); /* optimise does it again, with its statistics */
     }
+    if (!code)
+        code = finish(e);
     return code ? code : e->ops->read_gradients(e, out);
 }
 
 int sg_engine_read_step(struct sg_engine *e, struct sg_step *out)
 {
-    const int code = e->ops->read_step ? e->ops->read_step(e) : SG_OK;
+    int code = finish(e);
+    if (!code && e->ops->read_step)
+        code = e->ops->read_step(e);
+    note_step(e);
     *out = e->step;
     return code;
+}
+
+int sg_engine_read_arrived(struct sg_engine *e, bool wait, struct sg_step *out)
+{
+    int code = SG_OK;
+    clear_step(out);
+    if (!e->ops->read_arrived) {
+        if (e->optimised)
+            code = sg_engine_read_step(e, out);
+        *out = e->learned;
+        return code;
+    }
+    if (wait)
+        code = finish(e);
+    return code || e->ops->read_arrived(e, out) || wait ? code
+                                                        : sg_engine_read_arrived(e, true, out);
+}
+
+int sg_engine_most_instances(struct sg_engine *e, uint64_t *out)
+{
+    const int code = finish(e);
+    *out = e->most_instances;
+    return code || !e->ops->read_most ? code : e->ops->read_most(e, out);
 }
 
 int sg_engine_count_hits(struct sg_engine *e, const struct sg_camera *const *views, size_t n,
@@ -534,6 +611,8 @@ int sg_engine_count_hits(struct sg_engine *e, const struct sg_camera *const *vie
     int code = check_filter(e, params);
     if (!code)
         code = run_shape(e);
+    if (!code)
+        code = finish(e);
     const double start = begin(e, &e->times.count);
     memset(hits, 0, sg_engine_count(e) * sizeof(*hits));
     for (size_t v = 0; v < n && !code; v++)
@@ -564,8 +643,10 @@ int sg_engine_weigh_hits(struct sg_engine *e, const struct sg_camera *const *vie
 
 int sg_engine_ascend(struct sg_engine *e, const struct sg_ascend *a)
 {
-    if (e->ops->ascend)
-        return e->ops->ascend(e, a);
+    if (e->ops->ascend) {
+        const int code = finish(e);
+        return code ? code : e->ops->ascend(e, a);
+    }
     sg_ref_ascend(e->ctx, a);
     return SG_OK;
 }

@@ -189,7 +189,8 @@ int sg_engine_set_shape(struct sg_engine *e, const struct sg_shape *shape);
 typedef uint32_t sg_photo;
 int sg_engine_photo_add(struct sg_engine *e, int width, int height, const uint8_t *rgb,
                         const uint8_t *mask, sg_photo *out);
-void sg_engine_photo_drop(struct sg_engine *e, sg_photo photo); /* 0: nothing */
+/* The photo is gone also after an error, which is that of an earlier stage. 0: nothing. */
+int sg_engine_photo_drop(struct sg_engine *e, sg_photo photo);
 
 /* ---- the stages ---- */
 
@@ -251,6 +252,11 @@ struct sg_step {
 /* Waits for all stages that were called; the only call that does, beside those that bring memory to
  * the host. */
 int sg_engine_read_step(struct sg_engine *e, struct sg_step *out);
+/* Of the newest view that was optimised. Without `wait` it is one of a few iterations ago, on a
+ * device, if the results of any are known. */
+int sg_engine_read_arrived(struct sg_engine *e, bool wait, struct sg_step *out);
+/* The largest number of instances of all views that were optimised. Waits. */
+int sg_engine_most_instances(struct sg_engine *e, uint64_t *out);
 
 /* Engine to host: hits over n views, one value per Gaussian. No colour is computed; the view that
  * was being processed is lost. */

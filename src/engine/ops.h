@@ -42,6 +42,9 @@ struct sg_engine {
      * NULL, what its device takes for the work of the calls from now on. */
     void (*clock)(struct sg_engine *, double *sum);
     struct sg_engine_times times;
+    bool optimised;          /* the newest view */
+    uint64_t most_instances; /* of such views, without ops->read_most */
+    struct sg_step learned;  /* of the newest one, without ops->read_arrived */
     struct sg_step step; /* stages that are done when their call returns leave their results here */
 };
 
@@ -98,6 +101,13 @@ struct sg_engine_ops {
     int (*project_backward_optimise)(struct sg_engine *, const struct sg_update *);
     int (*read_gradients)(struct sg_engine *, struct sg_model *); /* after project_backward */
     int (*read_step)(struct sg_engine *); /* optional: all results are in `step` already */
+    /* Optional, all three of them: stages are done when they return. finish: waits until they are,
+     * before any operation but explore and the stages from shape to project_backward_optimise.
+     * read_arrived: results of the newest optimised view that are known without waiting, or false.
+     * read_most: see sg_engine_most_instances. */
+    int (*finish)(struct sg_engine *);
+    bool (*read_arrived)(struct sg_engine *, struct sg_step *);
+    int (*read_most)(struct sg_engine *, uint64_t *);
 
     /* Adds the hits of a view. */
     int (*count_hits)(struct sg_engine *, const struct sg_camera *, const struct sg_render_params *,

@@ -11,6 +11,7 @@
 #include "scene/used.h"
 #include "splatguard/format.h"
 #include "train/schedule.h"
+#include "train/trainer.h"
 
 static double cpu_now(void)
 {
@@ -122,6 +123,20 @@ static bool due(const sg_run *r, int every)
     return every && (stride == 1 || stride < every) && sg_due(r->before, r->step.iteration, every);
 }
 
+static bool is_logged(const sg_run *r)
+{
+    const int it = r->step.iteration;
+    return it == 1 || it == r->params.train.iterations ||
+           sg_due(r->before, it, r->params.log_every);
+}
+
+/* Whether a file gets numbers of this iteration. */
+static bool is_looked_at(const sg_run *r)
+{
+    const struct sg_run_params *p = &r->params;
+    return is_logged(r) || due(r, p->save_every) || (p->scene.eval && due(r, p->eval_every));
+}
+
 /* Everything that is due after an iteration; the end has its own. */
 static void after_step(sg_run *r)
 {
@@ -140,7 +155,7 @@ static void after_step(sg_run *r)
     if (s->noise.photos)
         note_error(r, sg_run_log_noise(r));
     watch_filter(r);
-    if (sg_due(r->before, s->iteration, p->log_every) || last || s->iteration == 1)
+    if (is_logged(r))
         note_error(r, sg_run_log_step(r));
     if (due(r, p->save_every) && !last)
         note_error(r, save(r));
@@ -183,7 +198,9 @@ static int loop(sg_run *r)
     while (sg_trainer_iteration(r->trainer) < r->params.train.iterations && !r->stopped) {
         const double start = sg_seconds(), cpu = cpu_now();
         r->before = sg_trainer_iteration(r->trainer);
-        const int error = sg_trainer_step(r->trainer, &r->step);
+        int error = sg_trainer_advance(r->trainer, &r->step);
+        if (!error && is_looked_at(r))
+            error = sg_run_take_values(r);
         r->totals.seconds += sg_seconds() - start;
         r->totals.cpu_seconds += cpu_now() - cpu;
         if (error == SG_ERR_INTERRUPTED) { /* by the context's progress function */

@@ -31,6 +31,7 @@ struct sg_run {
     double begun;                        /* on the monotonic clock */
     struct sg_train_step step;           /* newest */
     int before;                          /* iteration before it */
+    int measured;                        /* iteration of which `step` has all values */
     bool stopped;                        /* by the caller */
     int ended_by;                        /* error that ended it early, or SG_OK */
     int write_error;                     /* of the first file that could not be written */
@@ -66,6 +67,8 @@ int sg_run_decide_defense(sg_run *run);
 /* Opens log.jsonl. When resuming, lines of iterations after the checkpoint go, and the totals come
  * from the last one left. */
 int sg_run_open_log(sg_run *run);
+/* What the engine has measured of the newest step, for which this waits. */
+int sg_run_take_values(sg_run *run);
 int sg_run_log_step(sg_run *run); /* once per iteration; does nothing the second time */
 int sg_run_log_filter(sg_run *run);
 int sg_run_log_noise(sg_run *run);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "core/json_text.h"
 #include "train.h"
+#include "train/trainer.h"
 
 #define PARTS 4
 
@@ -81,12 +82,31 @@ static int write_line(sg_run *r, json_t *line)
     return code;
 }
 
+int sg_run_take_values(sg_run *r)
+{
+    uint64_t most;
+    if (r->measured == r->step.iteration)
+        return SG_OK;
+    int code = sg_trainer_values(r->trainer, &r->step);
+    if (!code)
+        code = sg_trainer_most_instances(r->trainer, &most);
+    if (code)
+        return code;
+    if (most > r->totals.max_instances)
+        r->totals.max_instances = most;
+    r->measured = r->step.iteration;
+    return SG_OK;
+}
+
 int sg_run_log_step(sg_run *r)
 {
     const struct sg_train_step *s = &r->step;
     const struct run_totals *t = &r->totals;
     if (r->logged == s->iteration || !s->iteration)
         return 0;
+    const int code = sg_run_take_values(r);
+    if (code)
+        return code;
     r->logged = s->iteration;
     json_t *line =
         json_pack("{s:i,s:o,s:o,s:o,s:o,s:o,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:o,s:o}",

@@ -370,7 +370,8 @@ static int compare(sg_trainer *t, size_t index, const struct sg_loss *losses, si
         &(struct sg_target){.photo = t->photos[index], .exposure = sg_trainer_exposure(t, index)},
         losses, n);
     if (!stays) {
-        sg_engine_photo_drop(t->engine, t->photos[index]);
+        const int dropped = sg_engine_photo_drop(t->engine, t->photos[index]);
+        code = code ? code : dropped;
         t->photos[index] = 0;
         sg_view_release(&t->scene->train[index]);
     }
@@ -385,7 +386,41 @@ static void settle(const sg_trainer *t, int it, double lr[SG_GROUPS])
         lr[g] *= pow(0.02, done);
 }
 
+/* What the engine has measured of a step. */
+static void take_values(const sg_trainer *t, const struct sg_step *result,
+                        struct sg_train_step *step)
+{
+    const struct sg_photometric_value value = result->photometric;
+    step->render = result->stats;
+    if (t->params.defense.on) {
+        step->defense.anisotropy = result->loss[SG_LOSS_ANISOTROPY];
+        step->defense.total_variation = result->loss[SG_LOSS_TOTAL_VARIATION];
+    }
+    step->loss = value.total, step->l1 = value.l1, step->ssim = value.ssim;
+    step->psnr = -10 * log10(value.mse > 1e-10 ? value.mse : 1e-10);
+}
+
+int sg_trainer_values(sg_trainer *t, struct sg_train_step *step)
+{
+    struct sg_step result;
+    const int code = sg_engine_read_arrived(t->engine, true, &result);
+    if (!code)
+        take_values(t, &result, step);
+    return code;
+}
+
+int sg_trainer_most_instances(sg_trainer *t, uint64_t *out)
+{
+    return sg_engine_most_instances(t->engine, out);
+}
+
 int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
+{
+    const int code = sg_trainer_advance(t, out);
+    return code || !out ? code : sg_trainer_values(t, out);
+}
+
+int sg_trainer_advance(sg_trainer *t, struct sg_train_step *out)
 {
     sg_clear_error(t->ctx);
     const struct sg_train_params *p = &t->params;
@@ -397,7 +432,6 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     struct sg_train_step step = {.iteration = it, .view = sg_trainer_pick_view(t, t->steps + 1)};
     const struct sg_view *view = &t->scene->train[step.view];
     struct sg_render_params render = sg_trainer_render(t);
-    const struct sg_defense_params *d = &p->defense;
     struct sg_loss losses[SG_LOSSES];
     const size_t n_losses = list_losses(t, step.view, it, losses);
     struct sg_step result;
@@ -439,19 +473,15 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
 
     t->iteration = it;
     t->steps++;
-    if ((code = sg_engine_read_step(t->engine, &result)))
-        return code;
-    if (t->exposures && it < p->iterations)
+    const bool learns = t->exposures && it < p->iterations;
+    if (learns || out) {
+        if ((code = sg_engine_read_arrived(t->engine, learns, &result)))
+            return code;
+        take_values(t, &result, &step);
+    }
+    if (learns)
         sg_exposures_step(t->exposures, t->scene->n_train, step.view, result.exposure, p, it,
                           t->steps);
-    const struct sg_photometric_value value = result.photometric;
-    step.render = result.stats;
-    if (d->on) {
-        step.defense.anisotropy = result.loss[SG_LOSS_ANISOTROPY];
-        step.defense.total_variation = result.loss[SG_LOSS_TOTAL_VARIATION];
-    }
-    step.loss = value.total, step.l1 = value.l1, step.ssim = value.ssim;
-    step.psnr = -10 * log10(value.mse > 1e-10 ? value.mse : 1e-10);
     step.gaussians = sg_trainer_gaussians(t);
     const int look = p->tolerance_look < 0 ? p->densify_until_iter / 10 : p->tolerance_look;
     if (p->tolerances && before < look && it >= look &&

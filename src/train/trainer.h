@@ -56,6 +56,14 @@ struct sg_trainer_start {
 int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_trainer_start *start,
                     const struct sg_train_params *params, sg_trainer **out);
 
+/* sg_trainer_step without waiting for a device: what the engine measures (loss to psnr, render, the
+ * losses of the defense) is of a step of a few iterations ago. out: or NULL. */
+int sg_trainer_advance(sg_trainer *t, struct sg_train_step *out);
+/* Waits, and fills that in for the newest step. */
+int sg_trainer_values(sg_trainer *t, struct sg_train_step *step);
+/* The largest number of instances of all steps. Waits. */
+int sg_trainer_most_instances(sg_trainer *t, uint64_t *out);
+
 /* The view of the it-th step (from 1): every epoch visits all views in a random order. */
 size_t sg_trainer_pick_view(sg_trainer *t, uint64_t step);
 

@@ -20,14 +20,81 @@ struct vulkan_spectrum {
     } sizes[SG_PLANS];
     unsigned clock;
     struct gpu_buffer coefficients, factors, room;
-    /* of the loss that ran */
-    struct sg_anisotropy_params params;
-    double values;
+};
+
+/* What the values of a view's losses are made of, beside its results. */
+struct vulkan_terms {
+    uint32_t width, height, bands;
+    uint64_t longest;             /* list of a tile, of an image in bands */
+    float lambda_dssim, low_pass; /* of the photometric loss that ran */
+    bool ran[SG_LOSSES];          /* of the kinds whose values are on the device */
+    bool exposed;                 /* and the exposure's gradient */
+    struct sg_anisotropy_params anisotropy;
+    double coefficients; /* of its spectrum */
+};
+
+/* ---- flow: see vulkan_flow.c ---- */
+
+enum vulkan_stage {
+    STAGE_SHAPE,
+    STAGE_PROJECT,
+    STAGE_BIN,
+    STAGE_RASTER,
+    STAGE_LOSS,
+    STAGE_RASTER_BACKWARD,
+    STAGE_PROJECT_BACKWARD,
+    STAGE_SHAPE_BACKWARD,
+    STAGE_OPTIMISE,
+    STAGE_BACKWARD_OPTIMISE,
+    STAGE_EXPLORE
+};
+
+/* A call of a stage, with its arguments. */
+struct vulkan_call {
+    enum vulkan_stage stage;
+    union {
+        struct {
+            struct sg_camera camera;
+            int sh_degree;
+            struct sg_render_params params;
+        } project;
+        struct {
+            struct sg_target_pixels target;
+            struct sg_loss loss;
+            float exposure[SG_EXPOSURE];
+        } loss;
+        struct sg_update update;
+        struct sg_exploration explore;
+        const struct sg_shape *shape;
+        bool flag;
+    };
+};
+
+#define VK_CALLS 16                /* of a step */
+#define VK_STEPS (GPU_FLIGHTS + 3) /* that are remembered */
+
+struct vulkan_flow {
+    struct vulkan_step {
+        struct vulkan_call calls[VK_CALLS];
+        int count;
+        uint64_t number; /* of the submission at its end; 0: it has not ended */
+    } steps[VK_STEPS];   /* the oldest first; the last one may be open */
+    int count;
+    bool again;       /* they are run again */
+    uint64_t repeats; /* how often that was */
+    /* Results of the newest steps that have ended, in turns. */
+    struct gpu_buffer arrived;
+    struct vulkan_arrival {
+        uint64_t number;
+        struct vulkan_terms terms;
+    } arrivals[GPU_FLIGHTS + 1];
+    uint32_t turn;
 };
 
 struct vulkan_engine {
     struct sg_engine base;
     struct gpu *gpu;
+    struct vulkan_flow flow;
     size_t count;
     int planes;
     struct gpu_buffer at[SG_COLUMNS]; /* as sg_host_model.at; without a buffer: zeros */
@@ -45,10 +112,8 @@ struct vulkan_engine {
     /* of losses */
     struct gpu_buffer given, target, maps, sums, exposed;
     struct vulkan_spectrum spectrum;
-    float lambda_dssim, low_pass; /* of the photometric loss that ran */
-    bool ran[SG_LOSSES];          /* of the kinds whose values are on the device */
-    bool exposed_ran;             /* and the exposure's gradient */
-    uint32_t ascended;            /* where the last step of sg_vulkan_ascend left its image: 1, 2 */
+    struct vulkan_terms terms;
+    uint32_t ascended; /* where the last step of sg_vulkan_ascend left its image: 1, 2 */
 };
 
 static inline struct vulkan_engine *vulkan_of(struct sg_engine *base)
@@ -56,12 +121,33 @@ static inline struct vulkan_engine *vulkan_of(struct sg_engine *base)
     return (struct vulkan_engine *) base;
 }
 
+/* engine_vulkan.c: the stages themselves */
+int sg_vulkan_project(struct vulkan_engine *, const struct sg_camera *, int sh_degree,
+                      const struct sg_render_params *);
+int sg_vulkan_bin(struct vulkan_engine *);
+int sg_vulkan_raster(struct vulkan_engine *, bool auxiliary);
+int sg_vulkan_raster_backward(struct vulkan_engine *);
+int sg_vulkan_project_backward(struct vulkan_engine *, bool statistics);
+int sg_vulkan_optimise(struct vulkan_engine *, const struct sg_update *);
+int sg_vulkan_backward_optimise(struct vulkan_engine *, const struct sg_update *);
+/* Of the view with these terms and results. */
+void sg_vulkan_read_results(const struct vulkan_terms *, const uint32_t results[VK_RESULTS],
+                            struct sg_step *);
+
+/* vulkan_flow.c */
+/* Runs a stage: records it, and remembers the call until what it does is certain. */
+int sg_flow_run(struct vulkan_engine *, const struct vulkan_call *);
+/* Waits until nothing is left to do, also again. */
+int sg_flow_finish(struct sg_engine *);
+/* The newest results that have arrived, or false. */
+bool sg_flow_arrived(struct vulkan_engine *, struct sg_step *);
+
 /* vulkan_model.c */
 int sg_vulkan_upload(struct sg_engine *, const struct sg_model *, const struct sg_columns *);
 int sg_vulkan_download(struct sg_engine *, struct sg_model *, struct sg_columns *);
 int sg_vulkan_read_statistics(struct sg_engine *, const struct sg_statistics *);
 int sg_vulkan_relocate(struct sg_engine *, const struct sg_relocation *);
-int sg_vulkan_explore(struct sg_engine *, const struct sg_exploration *);
+int sg_vulkan_explore(struct vulkan_engine *, const struct sg_exploration *);
 int sg_vulkan_filter(struct sg_engine *, const struct sg_camera *const *cameras, size_t n);
 int sg_vulkan_count_radii(struct sg_engine *);
 int sg_vulkan_floor_scale(struct sg_engine *, float smallest);
@@ -94,13 +180,14 @@ VkDeviceAddress sg_vulkan_photo_at(const struct vulkan_engine *, sg_photo);
 /* The sums of `width` floats over groups of e->sums, to the results. */
 int sg_vulkan_add_up(struct vulkan_engine *, uint64_t groups, uint32_t width, uint32_t result);
 /* Values of the losses from the results. */
-void sg_vulkan_read_losses(struct vulkan_engine *, const uint32_t results[VK_RESULTS]);
+void sg_vulkan_read_losses(const struct vulkan_terms *, const uint32_t results[VK_RESULTS],
+                           struct sg_step *);
 
 /* vulkan_spectrum.c */
 int sg_vulkan_anisotropy(struct vulkan_engine *, const struct sg_target_pixels *,
                          const struct sg_loss *);
 /* The loss, from the results. */
-double sg_vulkan_anisotropy_of(const struct vulkan_engine *, const uint32_t results[VK_RESULTS]);
+double sg_vulkan_anisotropy_of(const struct vulkan_terms *, const uint32_t results[VK_RESULTS]);
 void sg_vulkan_spectrum_clear(struct vulkan_engine *);
 /* Bytes on the device for a view. */
 uint64_t sg_vulkan_spectrum_bytes(uint64_t width, uint64_t height);

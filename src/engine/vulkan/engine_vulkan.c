@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The Vulkan engine: records the kernels of each stage. The host waits where it needs a number:
- * once an iteration for the size of the lists, and where a caller asks for results. Every sum is
- * taken in a fixed order, so that one device and driver always give the same bytes. */
+/* The Vulkan engine: records the kernels of each stage, a few iterations ahead of the device. Every
+ * sum is taken in a fixed order, so that one device and driver always give the same bytes. */
 #include <string.h>
 
 #include "engine.h"
@@ -13,11 +12,10 @@ static void destroy(struct sg_engine *base)
 {
     struct vulkan_engine *e = vulkan_of(base);
     struct gpu *g = e->gpu;
-    struct gpu_buffer *owned[] = {&e->view,     &e->splats, &e->image,     &e->alpha,
-                                  &e->depth,    &e->blocks, &e->reached,   &e->checkpoints,
-                                  &e->gradient, &e->slots,  &e->band_sums, &e->given,
-                                  &e->target,   &e->maps,   &e->sums,      &e->exposed};
-    sg_gpu_flush(g);
+    struct gpu_buffer *owned[] = {
+        &e->view,    &e->splats,      &e->image,    &e->alpha,   &e->depth,       &e->blocks,
+        &e->reached, &e->checkpoints, &e->gradient, &e->slots,   &e->band_sums,   &e->given,
+        &e->target,  &e->maps,        &e->sums,     &e->exposed, &e->flow.arrived};
     for (size_t i = 0; i < sizeof(owned) / sizeof(owned[0]); i++)
         sg_gpu_release(g, owned[i]);
     for (int c = 0; c < SG_COLUMNS; c++)
@@ -47,10 +45,9 @@ static size_t count(const struct sg_engine *base)
 
 /* ---- a view ---- */
 
-static int do_project(struct sg_engine *base, const struct sg_camera *camera, int sh_degree,
+int sg_vulkan_project(struct vulkan_engine *e, const struct sg_camera *camera, int sh_degree,
                       const struct sg_render_params *params)
 {
-    struct vulkan_engine *e = vulkan_of(base);
     struct gpu *g = e->gpu;
     const struct pinhole view = params->mip_filter ? view_make_mip(camera) : view_make(camera);
     _Static_assert(sizeof(view) == VK_VIEW * sizeof(float), "as view_load reads it");
@@ -59,8 +56,7 @@ static int do_project(struct sg_engine *base, const struct sg_camera *camera, in
     e->params = *params;
     e->degree = sh_degree;
     e->width = (uint32_t) camera->width, e->height = (uint32_t) camera->height;
-    memset(e->ran, 0, sizeof(e->ran));
-    e->exposed_ran = false;
+    e->terms = (struct vulkan_terms){.width = e->width, .height = e->height};
     int code;
     if ((code = sg_gpu_reserve(g, SG_MEM_MISC, &e->view, 4 * (VK_VIEW + VK_STEP))) ||
         (code = sg_gpu_reserve(g, SG_MEM_SPLATS, &e->splats, 64 * (uint64_t) e->count)) ||
@@ -79,12 +75,18 @@ static int do_project(struct sg_engine *base, const struct sg_camera *camera, in
                    .grid_x = e->lists.grid_x, .grid_y = e->lists.grid_y);
 }
 
-static int do_bin(struct sg_engine *base)
+/* Bytes of an instance: keys and values twice, its two lists, blocks, slot and share of the
+ * checkpoints. */
+#define INSTANCE_BYTES (4 * (2 + 2 + 2 + 2 + 1 + VK_SLOT_ABSOLUTE) + 16 * 256 / VK_CHUNK + 1)
+
+int sg_vulkan_bin(struct vulkan_engine *e)
 {
-    struct vulkan_engine *e = vulkan_of(base);
-    const int code = sg_gpu_lists_make(e->gpu, &e->lists, &e->splats, e->params.max_instances,
-                                       &base->step.stats);
-    return code || e->lists.band_count > 1 ? code : sg_gpu_lists_band(e->gpu, &e->lists, 0);
+    struct gpu_lists *l = &e->lists;
+    l->known |= e->flow.again;
+    const int code = sg_gpu_lists_make(e->gpu, l, &e->splats, e->params.max_instances,
+                                       INSTANCE_BYTES, &e->terms.longest);
+    e->terms.bands = (uint32_t) l->band_count;
+    return code || l->band_count > 1 ? code : sg_gpu_lists_band(e->gpu, l, 0);
 }
 
 /* Draws the present band. */
@@ -95,26 +97,25 @@ static int raster_band(struct vulkan_engine *e, bool auxiliary)
     const struct gpu_band *band = &l->bands[l->band];
     const uint32_t tiles = band->end - band->first;
     int code;
-    if ((code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->blocks, 4 * band->instances)) ||
+    if ((code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->blocks, 4 * l->capacity)) ||
         (code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->reached, 4 * (uint64_t) tiles)) ||
         (code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->checkpoints,
                                16 * 256 * sg_gpu_lists_units(l))))
         return code;
-    return GPU_RUN(g, raster, 0, tiles, .splats = e->splats.address,
-                   .instances = l->instances.address, .tile_start = l->tile_start.address,
-                   .chunk_start = l->chunk_start.address, .blocks = e->blocks.address,
-                   .reached = e->reached.address, .checkpoints = e->checkpoints.address,
-                   .image = e->image.address, .alpha = sg_gpu_at(g, &e->alpha),
-                   .depth = sg_gpu_at(g, &e->depth), .results = l->results.address,
-                   .first_tile = band->first, .tiles = tiles, .grid_x = l->grid_x,
-                   .width = e->width, .height = e->height, .auxiliary = auxiliary,
-                   .background_r = e->params.background[0], .background_g = e->params.background[1],
-                   .background_b = e->params.background[2]);
+    return GPU_RUN_WORK(
+        g, raster, 0, &l->work, VK_WORK_TILES, .splats = e->splats.address,
+        .instances = l->instances.address, .tile_start = l->tile_start.address,
+        .chunk_start = l->chunk_start.address, .blocks = e->blocks.address,
+        .reached = e->reached.address, .checkpoints = e->checkpoints.address,
+        .image = e->image.address, .alpha = sg_gpu_at(g, &e->alpha),
+        .depth = sg_gpu_at(g, &e->depth), .results = l->results.address, .first_tile = band->first,
+        .tiles = tiles, .grid_x = l->grid_x, .width = e->width, .height = e->height,
+        .auxiliary = auxiliary, .background_r = e->params.background[0],
+        .background_g = e->params.background[1], .background_b = e->params.background[2]);
 }
 
-static int raster(struct sg_engine *base, bool auxiliary)
+int sg_vulkan_raster(struct vulkan_engine *e, bool auxiliary)
 {
-    struct vulkan_engine *e = vulkan_of(base);
     const uint64_t bytes = 4 * (uint64_t) e->width * e->height;
     int code = SG_OK;
     if (auxiliary && ((code = sg_gpu_reserve(e->gpu, SG_MEM_FRAME, &e->alpha, bytes)) ||
@@ -147,9 +148,9 @@ static int write_image_gradient(struct sg_engine *base, const float *gradient)
 /* Adds the slots of the present band, of `width` floats, to sums by Gaussian. */
 static int add_slots(struct vulkan_engine *e, const struct gpu_buffer *sums, uint32_t width)
 {
-    return GPU_RUN(e->gpu, slots_add, 0, FOR_EACH(e->count), .slots = e->slots.address,
-                   .slot_start = e->lists.slot_start.address, .sums = sums->address,
-                   .count = (uint32_t) e->count, .width = width);
+    return GPU_RUN_WORK(e->gpu, slots_add, 0, &e->lists.work, VK_WORK_MODEL,
+                        .slots = e->slots.address, .slot_start = e->lists.slot_start.address,
+                        .sums = sums->address, .count = (uint32_t) e->count, .width = width);
 }
 
 /* Room for sums of `width` floats by Gaussian, zeroed. */
@@ -160,24 +161,23 @@ static int begin_sums(struct vulkan_engine *e, uint32_t width)
     return code ? code : sg_gpu_fill(e->gpu, &e->band_sums, 0, bytes, 0);
 }
 
-static int raster_backward(struct sg_engine *base)
+int sg_vulkan_raster_backward(struct vulkan_engine *e)
 {
-    struct vulkan_engine *e = vulkan_of(base);
     struct gpu *g = e->gpu;
     struct gpu_lists *l = &e->lists;
-    const bool banded = l->band_count > 1, absolute = base->statistic != SG_GRADIENT_NORM;
+    const bool banded = l->band_count > 1, absolute = e->base.statistic != SG_GRADIENT_NORM;
     const uint32_t width = absolute ? VK_SLOT_ABSOLUTE : VK_SLOT;
     int code = banded ? begin_sums(e, width) : SG_OK;
     for (int band = 0; band < l->band_count && !code; band++) {
         const struct gpu_band *b = &l->bands[band];
         code = sg_gpu_lists_band(g, l, band);
         if (!code)
-            code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->slots, 4 * width * b->instances);
+            code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->slots, 4 * width * l->capacity);
         if (!code && banded) /* its states are not at hand any more: draw it again */
             code = raster_band(e, false);
         if (!code)
-            code = GPU_RUN(
-                g, raster_backward, absolute, sg_gpu_lists_units(l), .splats = e->splats.address,
+            code = GPU_RUN_WORK(
+                g, raster_backward, absolute, &l->work, VK_WORK_UNITS, .splats = e->splats.address,
                 .instances = l->instances.address, .tile_start = l->tile_start.address,
                 .chunk_start = l->chunk_start.address, .blocks = e->blocks.address,
                 .reached = e->reached.address, .checkpoints = e->checkpoints.address,
@@ -213,25 +213,24 @@ static int learn(struct vulkan_engine *e, const struct sg_update *u, uint32_t wh
     const int shown = e->at[SG_C_SHAPED].buffer ? SG_C_SHAPED : SG_C_PARAMETERS;
     code = sg_gpu_update(g, &e->view, sizeof(struct pinhole), step, sizeof(step));
     return code ? code
-                : GPU_RUN(g, learn, e->degree, FOR_EACH(e->count), .shaped = e->at[shown].address,
-                          .params = e->at[SG_C_PARAMETERS].address,
-                          .m = sg_gpu_at(g, &e->at[SG_C_MOMENT1]),
-                          .v = sg_gpu_at(g, &e->at[SG_C_MOMENT2]),
-                          .grad_sum = sg_gpu_at(g, &e->at[SG_C_GRAD_SUM]),
-                          .grad_count = sg_gpu_at(g, &e->at[SG_C_GRAD_COUNT]),
-                          .grad_absolute = sg_gpu_at(g, &e->at[SG_C_GRAD_ABSOLUTE]),
-                          .gradients = sg_gpu_at(g, &e->at[SG_C_GRADIENT]),
-                          .accumulated = sg_gpu_at(g, &e->at[SG_C_ACCUMULATED]),
-                          .splats = e->splats.address, .rects = e->lists.rects.address,
-                          .slots = sg_gpu_at(g, banded ? &e->band_sums : &e->slots),
-                          .slot_start = sg_gpu_at(g, &e->lists.slot_start), .view = e->view.address,
-                          .count = (uint32_t) e->count, .planes = (uint32_t) e->planes,
-                          .what = what);
+                : GPU_RUN_WORK(
+                      g, learn, e->degree, &e->lists.work, VK_WORK_MODEL,
+                      .shaped = e->at[shown].address, .params = e->at[SG_C_PARAMETERS].address,
+                      .m = sg_gpu_at(g, &e->at[SG_C_MOMENT1]),
+                      .v = sg_gpu_at(g, &e->at[SG_C_MOMENT2]),
+                      .grad_sum = sg_gpu_at(g, &e->at[SG_C_GRAD_SUM]),
+                      .grad_count = sg_gpu_at(g, &e->at[SG_C_GRAD_COUNT]),
+                      .grad_absolute = sg_gpu_at(g, &e->at[SG_C_GRAD_ABSOLUTE]),
+                      .gradients = sg_gpu_at(g, &e->at[SG_C_GRADIENT]),
+                      .accumulated = sg_gpu_at(g, &e->at[SG_C_ACCUMULATED]),
+                      .splats = e->splats.address, .rects = e->lists.rects.address,
+                      .slots = sg_gpu_at(g, banded ? &e->band_sums : &e->slots),
+                      .slot_start = sg_gpu_at(g, &e->lists.slot_start), .view = e->view.address,
+                      .count = (uint32_t) e->count, .planes = (uint32_t) e->planes, .what = what);
 }
 
-static int do_project_backward(struct sg_engine *base, bool statistics)
+int sg_vulkan_project_backward(struct vulkan_engine *e, bool statistics)
 {
-    struct vulkan_engine *e = vulkan_of(base);
     int code = sg_vulkan_alloc(e, SG_C_GRADIENT);
     if (!code)
         code = sg_gpu_fill(e->gpu, &e->at[SG_C_GRADIENT], 0,
@@ -246,15 +245,15 @@ static uint32_t bits_of(const struct sg_update *u)
     return (u->adam ? VK_LEARN_ADAM : 0) | (u->accumulate ? VK_LEARN_ACCUMULATE : 0);
 }
 
-static int optimise(struct sg_engine *base, const struct sg_update *u)
+int sg_vulkan_optimise(struct vulkan_engine *e, const struct sg_update *u)
 {
-    return bits_of(u) ? learn(vulkan_of(base), u, bits_of(u)) : SG_OK;
+    return bits_of(u) ? learn(e, u, bits_of(u)) : SG_OK;
 }
 
-static int project_backward_optimise(struct sg_engine *base, const struct sg_update *u)
+int sg_vulkan_backward_optimise(struct vulkan_engine *e, const struct sg_update *u)
 {
     const uint32_t what = bits_of(u) | (u->statistics ? VK_LEARN_STATISTICS : 0);
-    return what ? learn(vulkan_of(base), u, VK_LEARN_PULL | what) : SG_OK;
+    return what ? learn(e, u, VK_LEARN_PULL | what) : SG_OK;
 }
 
 static int read_gradients(struct sg_engine *base, struct sg_model *out)
@@ -264,6 +263,17 @@ static int read_gradients(struct sg_engine *base, struct sg_model *out)
                        sg_vulkan_column_bytes(e, SG_C_GRADIENT));
 }
 
+void sg_vulkan_read_results(const struct vulkan_terms *t, const uint32_t r[VK_RESULTS],
+                            struct sg_step *step)
+{
+    step->stats.visible = r[VK_RESULT_VISIBLE];
+    step->stats.instances = r[VK_RESULT_INSTANCES] | (uint64_t) r[VK_RESULT_INSTANCES + 1] << 32;
+    step->stats.pairs = r[VK_RESULT_PAIRS] | (uint64_t) r[VK_RESULT_PAIRS + 1] << 32;
+    step->stats.bands = t->bands;
+    step->stats.max_tile = t->bands > 1 ? t->longest : r[VK_RESULT_LONGEST];
+    sg_vulkan_read_losses(t, r, step);
+}
+
 static int read_step(struct sg_engine *base)
 {
     struct vulkan_engine *e = vulkan_of(base);
@@ -271,13 +281,24 @@ static int read_step(struct sg_engine *base)
     if (!e->lists.results.buffer)
         return SG_OK; /* no view yet */
     const int code = sg_gpu_read(e->gpu, &e->lists.results, 0, r, sizeof(r));
-    if (code)
-        return code;
-    if (e->lists.band_count == 1)
-        base->step.stats.max_tile = r[VK_RESULT_LONGEST];
-    base->step.stats.pairs = r[VK_RESULT_PAIRS] | (uint64_t) r[VK_RESULT_PAIRS + 1] << 32;
-    sg_vulkan_read_losses(e, r);
-    return SG_OK;
+    if (!code)
+        sg_vulkan_read_results(&e->terms, r, &base->step);
+    return code;
+}
+
+static bool read_arrived(struct sg_engine *base, struct sg_step *out)
+{
+    return sg_flow_arrived(vulkan_of(base), out);
+}
+
+static int read_most(struct sg_engine *base, uint64_t *out)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    uint32_t words[2] = {0, 0};
+    const int code =
+        e->lists.most.buffer ? sg_gpu_read(e->gpu, &e->lists.most, 0, words, sizeof(words)) : SG_OK;
+    *out = words[0] | (uint64_t) words[1] << 32;
+    return code;
 }
 
 /* ---- hits ---- */
@@ -292,13 +313,14 @@ static int count_view(struct vulkan_engine *e, enum sg_hit kind)
         const struct gpu_band *b = &l->bands[band];
         code = sg_gpu_lists_band(g, l, band);
         if (!code)
-            code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->slots, 4 * b->instances);
+            code = sg_gpu_reserve(g, SG_MEM_INSTANCES, &e->slots, 4 * l->capacity);
         if (!code)
-            code = GPU_RUN(g, raster_count, 0, b->end - b->first, .splats = e->splats.address,
-                           .instances = l->instances.address, .tile_start = l->tile_start.address,
-                           .slots = e->slots.address, .first_tile = b->first,
-                           .tiles = b->end - b->first, .grid_x = l->grid_x, .width = e->width,
-                           .height = e->height, .hit = (uint32_t) kind);
+            code = GPU_RUN_WORK(g, raster_count, 0, &l->work, VK_WORK_TILES,
+                                .splats = e->splats.address, .instances = l->instances.address,
+                                .tile_start = l->tile_start.address, .slots = e->slots.address,
+                                .first_tile = b->first, .tiles = b->end - b->first,
+                                .grid_x = l->grid_x, .width = e->width, .height = e->height,
+                                .hit = (uint32_t) kind);
         if (!code)
             code = add_slots(e, &e->band_sums, 1);
     }
@@ -315,14 +337,85 @@ static int count_hits(struct sg_engine *base, const struct sg_camera *view,
 {
     struct vulkan_engine *e = vulkan_of(base);
     float *of_view = sg_alloc_raw(base->ctx, SG_MEM_SPLATS, e->count, sizeof(*of_view));
-    int code = of_view || !e->count ? SG_OK : SG_ERR_BUDGET;
-    if (!code && !(code = do_project(base, view, 0, params)) && !(code = do_bin(base)) &&
-        !(code = count_view(e, kind)))
-        code = sg_gpu_read(e->gpu, &e->band_sums, 0, of_view, 4 * (uint64_t) e->count);
+    int code = of_view || !e->count ? SG_OK : SG_ERR_BUDGET, tried = SG_OK;
+    for (int times = 0; times < 2 && !code; times++) {
+        if (!(tried = sg_vulkan_project(e, view, 0, params)) && !(tried = sg_vulkan_bin(e)) &&
+            !(tried = count_view(e, kind)))
+            tried = sg_gpu_read(e->gpu, &e->band_sums, 0, of_view, 4 * (uint64_t) e->count);
+        if (tried != GPU_STOPPED)
+            break;
+        e->lists.known = true;
+        code = sg_gpu_go_on(e->gpu);
+    }
+    code = code ? code : tried;
     for (size_t i = 0; i < e->count && !code; i++)
         hits[i] += kind != SG_HIT_VIEWS ? (double) of_view[i] : of_view[i] > 0;
     sg_free(of_view);
     return code;
+}
+
+/* ---- the stages, as callers run them ---- */
+
+#define RUN(base, ...) sg_flow_run(vulkan_of(base), &(struct vulkan_call){__VA_ARGS__})
+
+static int run_shape(struct sg_engine *base, const struct sg_shape *shape)
+{
+    return RUN(base, .stage = STAGE_SHAPE, .shape = shape);
+}
+
+static int run_project(struct sg_engine *base, const struct sg_camera *camera, int sh_degree,
+                       const struct sg_render_params *params)
+{
+    return RUN(base, .stage = STAGE_PROJECT, .project = {*camera, sh_degree, *params});
+}
+
+static int run_bin(struct sg_engine *base)
+{
+    return RUN(base, .stage = STAGE_BIN);
+}
+
+static int run_raster(struct sg_engine *base, bool auxiliary)
+{
+    return RUN(base, .stage = STAGE_RASTER, .flag = auxiliary);
+}
+
+static int run_loss(struct sg_engine *base, const struct sg_target_pixels *t,
+                    const struct sg_loss *l)
+{
+    struct vulkan_call call = {.stage = STAGE_LOSS, .loss = {.target = *t, .loss = *l}};
+    if (t->exposure) /* the caller's, which may move on */
+        memcpy(call.loss.exposure, t->exposure, sizeof(call.loss.exposure));
+    return sg_flow_run(vulkan_of(base), &call);
+}
+
+static int run_raster_backward(struct sg_engine *base)
+{
+    return RUN(base, .stage = STAGE_RASTER_BACKWARD);
+}
+
+static int run_project_backward(struct sg_engine *base, bool statistics)
+{
+    return RUN(base, .stage = STAGE_PROJECT_BACKWARD, .flag = statistics);
+}
+
+static int run_shape_backward(struct sg_engine *base, const struct sg_shape *shape)
+{
+    return RUN(base, .stage = STAGE_SHAPE_BACKWARD, .shape = shape);
+}
+
+static int run_optimise(struct sg_engine *base, const struct sg_update *u)
+{
+    return RUN(base, .stage = STAGE_OPTIMISE, .update = *u);
+}
+
+static int run_backward_optimise(struct sg_engine *base, const struct sg_update *u)
+{
+    return RUN(base, .stage = STAGE_BACKWARD_OPTIMISE, .update = *u);
+}
+
+static int run_explore(struct sg_engine *base, const struct sg_exploration *x)
+{
+    return RUN(base, .stage = STAGE_EXPLORE, .explore = *x);
 }
 
 static const struct sg_engine_ops ops = {
@@ -340,25 +433,28 @@ static const struct sg_engine_ops ops = {
     .floor_scale = sg_vulkan_floor_scale,
     .reset_opacity = sg_vulkan_reset_opacity,
     .relocate = sg_vulkan_relocate,
-    .explore = sg_vulkan_explore,
+    .explore = run_explore,
     .count_radii = sg_vulkan_count_radii,
     .filter = sg_vulkan_filter,
     .photo_add = sg_vulkan_photo_add,
     .photo_drop = sg_vulkan_photo_drop,
-    .shape = sg_vulkan_shape,
-    .shape_backward = sg_vulkan_shape_backward,
-    .project = do_project,
-    .bin = do_bin,
-    .raster = raster,
+    .shape = run_shape,
+    .shape_backward = run_shape_backward,
+    .project = run_project,
+    .bin = run_bin,
+    .raster = run_raster,
     .read_image = read_image,
-    .loss = sg_vulkan_loss,
+    .loss = run_loss,
     .write_image_gradient = write_image_gradient,
-    .raster_backward = raster_backward,
-    .project_backward = do_project_backward,
-    .optimise = optimise,
-    .project_backward_optimise = project_backward_optimise,
+    .raster_backward = run_raster_backward,
+    .project_backward = run_project_backward,
+    .optimise = run_optimise,
+    .project_backward_optimise = run_backward_optimise,
     .read_gradients = read_gradients,
+    .finish = sg_flow_finish,
     .read_step = read_step,
+    .read_arrived = read_arrived,
+    .read_most = read_most,
     .count_hits = count_hits,
     .ascend = sg_vulkan_ascend,
 };
@@ -373,9 +469,9 @@ static int create(sg_ctx *ctx, const char *selector, struct sg_engine **out)
         sg_free(e);
         return code;
     }
-    e->base =
-        (struct sg_engine){.ops = &ops, .ctx = ctx, .clock = e->gpu->timestamps ? clock_of : NULL};
-    if (!e->gpu->timestamps)
+    e->base = (struct sg_engine){
+        .ops = &ops, .ctx = ctx, .clock = e->gpu->flights[0].timestamps ? clock_of : NULL};
+    if (!e->base.clock)
         sg_log(ctx, SG_LOG_INFO, "vulkan: %s has no timestamps: times of stages are the host's",
                e->gpu->chosen.info.name);
     e->lists.band = -1;
@@ -408,8 +504,7 @@ static struct sg_footprint footprint(const struct sg_work *w)
 }
 
 /* A Gaussian's columns, what a view keeps of it, its sums over bands, and what edits read or make;
- * an instance's keys and values twice, its two lists, blocks, slot and share of the checkpoints;
- * images, their gradients and targets, the maps of SSIM, alpha and depth, spectra. */
+ * instances; images, their gradients and targets, the maps of SSIM, alpha and depth, spectra. */
 static struct sg_footprint on_device(const struct sg_work *w)
 {
     const uint64_t pixels = (uint64_t) w->width * (uint64_t) w->height,
@@ -417,7 +512,7 @@ static struct sg_footprint on_device(const struct sg_work *w)
                        gpu_groups((uint64_t) w->width, 16) * gpu_groups((uint64_t) w->height, 16);
     return (struct sg_footprint){
         .gaussian = sg_host_footprint(w, false) + 4 * (27 + VK_SLOT_ABSOLUTE + SG_P_SH) + 1,
-        .instance = 4 * (2 + 2 + 2 + 2 + 1 + VK_SLOT_ABSOLUTE) + 16 * 256 / VK_CHUNK + 1,
+        .instance = INSTANCE_BYTES,
         .view = pixels * 4 * (9 * 3 + 2) + tiles * (16 * 256 + 64) +
                 (w->anisotropy ? sg_vulkan_spectrum_bytes((uint64_t) w->width, (uint64_t) w->height)
                                : 0),

@@ -6,7 +6,6 @@
 #include "core/vram.h"
 
 #define STAGING (4u << 20) /* bytes */
-#define MOST_GROUPS 65535  /* of a dimension, on every device */
 
 static int fail_result(struct gpu *g, VkResult result, const char *what)
 {
@@ -58,8 +57,9 @@ static int create_buffer(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *
     const VkBufferCreateInfo info = {
         .sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
         .size = size,
-        .usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_SRC_BIT |
-                 VK_BUFFER_USAGE_TRANSFER_DST_BIT | VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT};
+        .usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_INDIRECT_BUFFER_BIT |
+                 VK_BUFFER_USAGE_TRANSFER_SRC_BIT | VK_BUFFER_USAGE_TRANSFER_DST_BIT |
+                 VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT};
     VkResult result = g->vk.CreateBuffer(g->device, &info, NULL, &b->buffer);
     if (result)
         return fail_result(g, result, sg_mem_tag_name(tag));
@@ -102,11 +102,15 @@ static int create_buffer(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *
     return SG_OK;
 }
 
+static int wait_all(struct gpu *g);
+
 void sg_gpu_release(struct gpu *g, struct gpu_buffer *b)
 {
     if (!b->buffer)
         return;
-    sg_gpu_flush(g); /* commands may use it; a failure is met again by the next one */
+    if (!g->lost)
+        sg_gpu_submit(g);
+    wait_all(g); /* commands may use it; a failure is met again by the next one */
     destroy_buffer(g, b);
 }
 
@@ -117,6 +121,8 @@ int sg_gpu_reserve(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *b, uin
         return SG_OK;
     const uint64_t more = b->bytes + b->bytes / 2;
     const int flushed = b->buffer ? sg_gpu_flush(g) : SG_OK;
+    if (flushed == GPU_STOPPED) /* what is done again needs it */
+        return flushed;
     destroy_buffer(g, b);
     if (flushed)
         return flushed;
@@ -130,6 +136,11 @@ int sg_gpu_reserve(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *b, uin
     return create_buffer(g, tag, b, bytes, false);
 }
 
+int sg_gpu_window(struct gpu *g, struct gpu_buffer *b, uint64_t bytes)
+{
+    return b->buffer ? SG_OK : create_buffer(g, SG_MEM_MISC, b, bytes, true);
+}
+
 VkDeviceAddress sg_gpu_at(const struct gpu *g, const struct gpu_buffer *b)
 {
     return b->buffer ? b->address : g->none.address;
@@ -137,47 +148,84 @@ VkDeviceAddress sg_gpu_at(const struct gpu *g, const struct gpu_buffer *b)
 
 /* ---- commands ---- */
 
+static VkCommandBuffer commands(const struct gpu *g)
+{
+    return g->flights[g->now].commands;
+}
+
 /* A timestamp after all that is recorded. */
 static void mark(struct gpu *g)
 {
-    if (!g->timestamps)
+    struct gpu_flight *f = &g->flights[g->now];
+    if (!f->timestamps)
         return;
-    g->clocks[g->marks] = g->clock;
-    g->vk.CmdWriteTimestamp(g->commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, g->timestamps,
-                            g->marks++);
+    f->clocks[f->marks] = g->clock;
+    g->vk.CmdWriteTimestamp(f->commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, f->timestamps,
+                            f->marks++);
 }
 
 /* Time between the marks of commands that are done, to their clocks. */
-static void read_marks(struct gpu *g)
+static void read_marks(struct gpu *g, const struct gpu_flight *f)
 {
     uint64_t ticks[GPU_MARKS];
     const uint64_t valid = UINT64_MAX >> (64 - g->chosen.timestamp_bits);
-    if (!g->marks || g->vk.GetQueryPoolResults(g->device, g->timestamps, 0, g->marks, sizeof(ticks),
+    if (!f->marks || g->vk.GetQueryPoolResults(g->device, f->timestamps, 0, f->marks, sizeof(ticks),
                                                ticks, sizeof(ticks[0]), VK_QUERY_RESULT_64_BIT))
         return;
-    for (uint32_t i = 0; i + 1 < g->marks; i++)
-        if (g->clocks[i])
-            *g->clocks[i] += (double) ((ticks[i + 1] - ticks[i]) & valid) * g->chosen.tick;
+    for (uint32_t i = 0; i + 1 < f->marks; i++)
+        if (f->clocks[i])
+            *f->clocks[i] += (double) ((ticks[i + 1] - ticks[i]) & valid) * g->chosen.tick;
+}
+
+/* Waits for a submission. */
+static int retire(struct gpu *g, uint32_t flight)
+{
+    struct gpu_flight *f = &g->flights[flight];
+    if (!f->busy)
+        return SG_OK;
+    f->busy = false;
+    const VkResult result = g->vk.WaitForFences(g->device, 1, &f->fence, VK_TRUE, UINT64_MAX);
+    if (result)
+        return fail_result(g, result, "waiting");
+    read_marks(g, f);
+    g->finished = f->number > g->finished ? f->number : g->finished;
+    if (!g->stopped && ((const uint32_t *) g->told.mapped)[flight])
+        g->stopped = f->number;
+    return SG_OK;
+}
+
+static int wait_all(struct gpu *g)
+{
+    int code = SG_OK;
+    for (uint32_t i = 0; i < GPU_FLIGHTS; i++) {
+        const int one = retire(g, (g->now + i) % GPU_FLIGHTS); /* the oldest first */
+        code = code ? code : one;
+    }
+    return code;
 }
 
 static int record(struct gpu *g)
 {
+    struct gpu_flight *f = &g->flights[g->now];
     if (g->recording) {
-        if (g->marks && g->clocks[g->marks - 1] != g->clock && g->marks < GPU_MARKS - 1)
+        if (f->marks && f->clocks[f->marks - 1] != g->clock && f->marks < GPU_MARKS - 1)
             mark(g); /* the last one is of the end */
         return SG_OK;
     }
     if (g->lost)
         return fail_result(g, VK_ERROR_DEVICE_LOST, "recording");
+    const int code = retire(g, g->now);
+    if (code)
+        return code;
     const VkCommandBufferBeginInfo info = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO,
                                            .flags = VK_COMMAND_BUFFER_USAGE_ONE_TIME_SUBMIT_BIT};
-    const VkResult result = g->vk.BeginCommandBuffer(g->commands, &info);
+    const VkResult result = g->vk.BeginCommandBuffer(f->commands, &info);
     if (result)
         return fail_result(g, result, "recording");
     g->recording = true;
-    if (g->timestamps)
-        g->vk.CmdResetQueryPool(g->commands, g->timestamps, 0, GPU_MARKS);
-    g->marks = 0;
+    if (f->timestamps)
+        g->vk.CmdResetQueryPool(f->commands, f->timestamps, 0, GPU_MARKS);
+    f->marks = 0;
     mark(g);
     return SG_OK;
 }
@@ -190,16 +238,17 @@ void sg_gpu_clock(struct gpu *g, double *sum)
 /* What was recorded so far is done and seen by all that follows. */
 static void barrier(struct gpu *g)
 {
-    const VkPipelineStageFlags stages =
-        VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_TRANSFER_BIT;
+    const VkPipelineStageFlags stages = VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT |
+                                        VK_PIPELINE_STAGE_TRANSFER_BIT,
+                               readers =
+                                   VK_PIPELINE_STAGE_DRAW_INDIRECT_BIT | VK_PIPELINE_STAGE_HOST_BIT;
     const VkAccessFlags writes = VK_ACCESS_SHADER_WRITE_BIT | VK_ACCESS_TRANSFER_WRITE_BIT;
-    const VkMemoryBarrier all = {.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
-                                 .srcAccessMask = writes,
-                                 .dstAccessMask = writes | VK_ACCESS_SHADER_READ_BIT |
-                                                  VK_ACCESS_TRANSFER_READ_BIT |
-                                                  VK_ACCESS_HOST_READ_BIT};
-    g->vk.CmdPipelineBarrier(g->commands, stages, stages | VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &all,
-                             0, NULL, 0, NULL);
+    const VkMemoryBarrier all = {
+        .sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
+        .srcAccessMask = writes,
+        .dstAccessMask = writes | VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_TRANSFER_READ_BIT |
+                         VK_ACCESS_INDIRECT_COMMAND_READ_BIT | VK_ACCESS_HOST_READ_BIT};
+    g->vk.CmdPipelineBarrier(commands(g), stages, stages | readers, 0, 1, &all, 0, NULL, 0, NULL);
 }
 
 static bool draws_tiles(enum gpu_kernel kernel)
@@ -252,25 +301,46 @@ static int make_pipeline(struct gpu *g, enum gpu_kernel kernel, int variant)
     return result ? fail_result(g, result, names[kernel]) : SG_OK;
 }
 
+static int prepare(struct gpu *g, enum gpu_kernel kernel, int variant, const void *args,
+                   size_t size)
+{
+    int code = make_pipeline(g, kernel, variant);
+    if (code || (code = record(g)))
+        return code;
+    g->vk.CmdBindPipeline(commands(g), VK_PIPELINE_BIND_POINT_COMPUTE,
+                          g->pipelines[kernel][variant]);
+    g->vk.CmdPushConstants(commands(g), g->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, (uint32_t) size,
+                           args);
+    g->dispatches++;
+    return SG_OK;
+}
+
 int sg_gpu_dispatch(struct gpu *g, enum gpu_kernel kernel, int variant, const void *args,
                     size_t size, uint64_t groups)
 {
     if (!groups)
         return SG_OK;
-    int code = make_pipeline(g, kernel, variant);
-    if (code || (code = record(g)))
-        return code;
-    g->vk.CmdBindPipeline(g->commands, VK_PIPELINE_BIND_POINT_COMPUTE,
-                          g->pipelines[kernel][variant]);
-    g->vk.CmdPushConstants(g->commands, g->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, (uint32_t) size,
-                           args);
-    const uint64_t rows = (groups + MOST_GROUPS - 1) / MOST_GROUPS;
-    if (rows > MOST_GROUPS)
+    const uint64_t rows = (groups + VK_MOST_GROUPS - 1) / VK_MOST_GROUPS;
+    if (rows > VK_MOST_GROUPS)
         return sg_fail(g->ctx, SG_ERR_BUDGET, "vulkan: found %llu workgroups, which is too many",
                        (unsigned long long) groups);
-    g->vk.CmdDispatch(g->commands, (uint32_t) ((groups + rows - 1) / rows), (uint32_t) rows, 1);
+    const int code = prepare(g, kernel, variant, args, size);
+    if (code)
+        return code;
+    g->vk.CmdDispatch(commands(g), (uint32_t) ((groups + rows - 1) / rows), (uint32_t) rows, 1);
     barrier(g);
-    g->dispatches++;
+    return SG_OK;
+}
+
+int sg_gpu_dispatch_work(struct gpu *g, enum gpu_kernel kernel, int variant, const void *args,
+                         size_t size, const struct gpu_buffer *work, uint32_t item)
+{
+    const int code = prepare(g, kernel, variant, args, size);
+    if (code)
+        return code;
+    g->vk.CmdDispatchIndirect(commands(g), work->buffer,
+                              (VkDeviceSize) item * VK_WORK_WORDS * sizeof(uint32_t));
+    barrier(g);
     return SG_OK;
 }
 
@@ -280,7 +350,7 @@ int sg_gpu_fill(struct gpu *g, const struct gpu_buffer *b, uint64_t offset, uint
     const int code = record(g);
     if (code || !bytes)
         return code;
-    g->vk.CmdFillBuffer(g->commands, b->buffer, offset, bytes, value);
+    g->vk.CmdFillBuffer(commands(g), b->buffer, offset, bytes, value);
     barrier(g);
     return SG_OK;
 }
@@ -291,7 +361,7 @@ int sg_gpu_update(struct gpu *g, const struct gpu_buffer *b, uint64_t offset, co
     const int code = record(g);
     if (code)
         return code;
-    g->vk.CmdUpdateBuffer(g->commands, b->buffer, offset, bytes, from);
+    g->vk.CmdUpdateBuffer(commands(g), b->buffer, offset, bytes, from);
     barrier(g);
     return SG_OK;
 }
@@ -302,35 +372,50 @@ int sg_gpu_copy(struct gpu *g, const struct gpu_buffer *from, uint64_t from_offs
     const int code = record(g);
     if (code || !bytes)
         return code;
-    g->vk.CmdCopyBuffer(g->commands, from->buffer, to->buffer, 1,
+    g->vk.CmdCopyBuffer(commands(g), from->buffer, to->buffer, 1,
                         &(VkBufferCopy){from_offset, to_offset, bytes});
     barrier(g);
     return SG_OK;
 }
 
-int sg_gpu_flush(struct gpu *g)
+int sg_gpu_submit(struct gpu *g)
 {
     if (!g->recording)
         return SG_OK;
+    struct gpu_flight *f = &g->flights[g->now];
+    sg_gpu_copy(g, &g->stop, 0, &g->told, sizeof(uint32_t) * g->now, sizeof(uint32_t));
+    mark(g);
     g->recording = false;
     const VkSubmitInfo info = {.sType = VK_STRUCTURE_TYPE_SUBMIT_INFO,
                                .commandBufferCount = 1,
-                               .pCommandBuffers = &g->commands};
-    mark(g);
-    VkResult result = g->vk.EndCommandBuffer(g->commands);
+                               .pCommandBuffers = &f->commands};
+    VkResult result = g->vk.EndCommandBuffer(f->commands);
     if (!result)
-        result = g->vk.ResetFences(g->device, 1, &g->fence);
+        result = g->vk.ResetFences(g->device, 1, &f->fence);
     if (!result)
         result = sg_device_fails(g->ctx, SG_DEVICE_SUBMISSION)
                      ? VK_ERROR_DEVICE_LOST
-                     : g->vk.QueueSubmit(g->queue, 1, &info, g->fence);
-    if (!result)
-        result = g->vk.WaitForFences(g->device, 1, &g->fence, VK_TRUE, UINT64_MAX);
-    g->submissions++;
+                     : g->vk.QueueSubmit(g->queue, 1, &info, f->fence);
+    f->number = ++g->submissions;
     if (result)
-        return fail_result(g, result, "waiting");
-    read_marks(g);
-    return SG_OK;
+        return fail_result(g, result, "submitting");
+    f->busy = true;
+    g->now = (g->now + 1) % g->depth;
+    return g->depth > 1 ? SG_OK : retire(g, g->now);
+}
+
+int sg_gpu_flush(struct gpu *g)
+{
+    int code = g->lost ? fail_result(g, VK_ERROR_DEVICE_LOST, "waiting") : sg_gpu_submit(g);
+    const int waited = wait_all(g); /* also after an error */
+    code = code ? code : waited;
+    return !code && g->stopped ? GPU_STOPPED : code;
+}
+
+int sg_gpu_go_on(struct gpu *g)
+{
+    g->stopped = 0;
+    return sg_gpu_fill(g, &g->stop, 0, sizeof(uint32_t), 0);
 }
 
 int sg_gpu_write(struct gpu *g, const struct gpu_buffer *to, uint64_t offset, const void *from,
@@ -363,6 +448,25 @@ int sg_gpu_read(struct gpu *g, const struct gpu_buffer *from, uint64_t offset, v
 
 /* ---- creation ---- */
 
+static VkResult open_flight(struct gpu *g, struct gpu_flight *f)
+{
+    const VkCommandBufferAllocateInfo list = {.sType =
+                                                  VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO,
+                                              .commandPool = g->pool,
+                                              .level = VK_COMMAND_BUFFER_LEVEL_PRIMARY,
+                                              .commandBufferCount = 1};
+    const VkFenceCreateInfo fence = {.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO};
+    const VkQueryPoolCreateInfo timestamps = {.sType = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO,
+                                              .queryType = VK_QUERY_TYPE_TIMESTAMP,
+                                              .queryCount = GPU_MARKS};
+    VkResult result = g->vk.AllocateCommandBuffers(g->device, &list, &f->commands);
+    if (!result)
+        result = g->vk.CreateFence(g->device, &fence, NULL, &f->fence);
+    if (!result && g->chosen.timestamp_bits)
+        result = g->vk.CreateQueryPool(g->device, &timestamps, NULL, &f->timestamps);
+    return result;
+}
+
 static int open_device(struct gpu *g)
 {
     const float priority = 1;
@@ -390,34 +494,24 @@ static int open_device(struct gpu *g)
     const VkCommandPoolCreateInfo pool = {.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO,
                                           .flags = VK_COMMAND_POOL_CREATE_RESET_COMMAND_BUFFER_BIT,
                                           .queueFamilyIndex = g->chosen.queue_family};
-    const VkFenceCreateInfo fence = {.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO};
     result = g->vk.CreatePipelineLayout(g->device, &layout, NULL, &g->layout);
     if (!result)
         result = g->vk.CreateCommandPool(g->device, &pool, NULL, &g->pool);
-    if (!result)
-        result = g->vk.AllocateCommandBuffers(
-            g->device,
-            &(VkCommandBufferAllocateInfo){.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO,
-                                           .commandPool = g->pool,
-                                           .level = VK_COMMAND_BUFFER_LEVEL_PRIMARY,
-                                           .commandBufferCount = 1},
-            &g->commands);
-    if (!result)
-        result = g->vk.CreateFence(g->device, &fence, NULL, &g->fence);
     if (sg_device_fails(g->ctx, SG_DEVICE_TIMESTAMPS))
         g->chosen.timestamp_bits = 0;
-    if (!result && g->chosen.timestamp_bits)
-        result = g->vk.CreateQueryPool(
-            g->device,
-            &(VkQueryPoolCreateInfo){.sType = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO,
-                                     .queryType = VK_QUERY_TYPE_TIMESTAMP,
-                                     .queryCount = GPU_MARKS},
-            NULL, &g->timestamps);
+    for (int i = 0; i < GPU_FLIGHTS && !result; i++)
+        result = open_flight(g, &g->flights[i]);
     if (result)
         return fail_result(g, result, "opening the device");
     sg_vram_limit(g->ctx, g->chosen.info.memory_free);
-    const int code = create_buffer(g, SG_MEM_MISC, &g->staging, STAGING, true);
-    return code ? code : create_buffer(g, SG_MEM_MISC, &g->none, 256, false);
+    int code = create_buffer(g, SG_MEM_MISC, &g->staging, STAGING, true);
+    if (!code)
+        code = create_buffer(g, SG_MEM_MISC, &g->none, 256, false);
+    if (!code)
+        code = create_buffer(g, SG_MEM_MISC, &g->stop, 4, false);
+    if (!code)
+        code = create_buffer(g, SG_MEM_MISC, &g->told, 4 * GPU_FLIGHTS, true);
+    return code ? code : sg_gpu_go_on(g);
 }
 
 int sg_gpu_open(sg_ctx *ctx, const char *selector, struct gpu **out)
@@ -427,6 +521,7 @@ int sg_gpu_open(sg_ctx *ctx, const char *selector, struct gpu **out)
     if (!g)
         return SG_ERR_BUDGET;
     g->ctx = ctx;
+    g->depth = GPU_FLIGHTS;
     const char *missing = sg_vk_open(&g->vk);
     if (missing) {
         sg_free(g);
@@ -456,11 +551,15 @@ void sg_gpu_close(struct gpu **gpu)
         g->vk.DeviceWaitIdle(g->device);
         destroy_buffer(g, &g->staging);
         destroy_buffer(g, &g->none);
+        destroy_buffer(g, &g->stop);
+        destroy_buffer(g, &g->told);
         for (int k = 0; k < GPU_KERNELS; k++)
             for (int v = 0; v < 4; v++)
                 g->vk.DestroyPipeline(g->device, g->pipelines[k][v], NULL);
-        g->vk.DestroyFence(g->device, g->fence, NULL);
-        g->vk.DestroyQueryPool(g->device, g->timestamps, NULL);
+        for (int i = 0; i < GPU_FLIGHTS; i++) {
+            g->vk.DestroyFence(g->device, g->flights[i].fence, NULL);
+            g->vk.DestroyQueryPool(g->device, g->flights[i].timestamps, NULL);
+        }
         g->vk.DestroyCommandPool(g->device, g->pool, NULL);
         g->vk.DestroyPipelineLayout(g->device, g->layout, NULL);
         g->vk.DestroyDevice(g->device, NULL);

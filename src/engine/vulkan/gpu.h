@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A Vulkan device as the engine sees it: buffers with a ledger, kernels, and a list of commands
- * that is recorded until somebody waits for it. Thread safety: unsafe. */
+/* A Vulkan device as the engine sees it: buffers with a ledger, kernels, and commands that are
+ * recorded and submitted, a few submissions ahead of the device. Kernels that find out that what
+ * follows must not be done write a number other than 0 to gpu.stop, and stop what follows; who
+ * waits next is told. Thread safety: unsafe. */
 #ifndef SG_VULKAN_GPU_H
 #define SG_VULKAN_GPU_H
 
@@ -51,7 +53,19 @@ struct gpu_buffer {
     void *mapped; /* of one that the host sees, else NULL */
 };
 
-#define GPU_MARKS 64 /* timestamps of a submission */
+#define GPU_MARKS 64  /* timestamps of a submission */
+#define GPU_FLIGHTS 3 /* submissions that the device has at once */
+#define GPU_STOPPED 1 /* beside codes, which are 0 or negative: the device has stopped */
+
+struct gpu_flight {
+    VkCommandBuffer commands;
+    VkFence fence;
+    bool busy;                 /* submitted, and not waited for */
+    uint64_t number;           /* of the submission, from 1 */
+    VkQueryPool timestamps;    /* 0: the device has none */
+    uint32_t marks;            /* timestamps so far */
+    double *clocks[GPU_MARKS]; /* of what follows each mark */
+};
 
 struct gpu {
     sg_ctx *ctx;
@@ -62,13 +76,15 @@ struct gpu {
     VkPipelineLayout layout;
     VkPipeline pipelines[GPU_KERNELS][4]; /* by variant */
     VkCommandPool pool;
-    VkCommandBuffer commands;
-    VkFence fence;
+    struct gpu_flight flights[GPU_FLIGHTS]; /* in turns */
+    uint32_t depth;                         /* how many of them are used */
+    uint32_t now;                           /* the one that is recorded next, or just now */
     bool recording, lost;
-    VkQueryPool timestamps;    /* 0: the device has none */
-    uint32_t marks;            /* of what is recorded */
     double *clock;             /* of what is recorded next, or NULL */
-    double *clocks[GPU_MARKS]; /* of what follows each mark */
+    struct gpu_buffer stop;    /* a word; 0: go on */
+    struct gpu_buffer told;    /* a copy of it after each flight, for the host */
+    uint64_t finished;         /* number of the newest submission that is done */
+    uint64_t stopped;          /* number of the first submission that found it set, or 0 */
     struct gpu_buffer staging; /* the host's window on device memory */
     struct gpu_buffer none;    /* what unused arguments point to */
     uint32_t lanes;            /* invocations of a block of pixels */
@@ -101,6 +117,8 @@ void sg_gpu_close(struct gpu **gpu);
  * as it was, as long as most of the memory is free, and what it held is lost. After an error it
  * holds nothing. SG_ERR_BUDGET, or SG_ERR_INTERNAL where commands that use the buffer fail. */
 int sg_gpu_reserve(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *b, uint64_t bytes);
+/* The same of one that the host sees, which is made once. */
+int sg_gpu_window(struct gpu *g, struct gpu_buffer *b, uint64_t bytes);
 void sg_gpu_release(struct gpu *g, struct gpu_buffer *b);
 
 /* Address of a buffer, or of one that nobody uses. */
@@ -111,9 +129,16 @@ VkDeviceAddress sg_gpu_at(const struct gpu *g, const struct gpu_buffer *b);
 /* variant: the SH degree, or 1 where absolute gradients are summed; else 0. */
 int sg_gpu_dispatch(struct gpu *g, enum gpu_kernel kernel, int variant, const void *args,
                     size_t size, uint64_t groups);
+/* The workgroups are in item `item` of `work` (VK_WORK_WORDS each), written by an earlier kernel.
+ */
+int sg_gpu_dispatch_work(struct gpu *g, enum gpu_kernel kernel, int variant, const void *args,
+                         size_t size, const struct gpu_buffer *work, uint32_t item);
 #define GPU_RUN(g, kernel, variant, groups, ...)                                                   \
     sg_gpu_dispatch(g, GPU_##kernel, variant, &(struct args_##kernel){__VA_ARGS__},                \
                     sizeof(struct args_##kernel), groups)
+#define GPU_RUN_WORK(g, kernel, variant, work, item, ...)                                          \
+    sg_gpu_dispatch_work(g, GPU_##kernel, variant, &(struct args_##kernel){__VA_ARGS__},           \
+                         sizeof(struct args_##kernel), work, item)
 int sg_gpu_fill(struct gpu *g, const struct gpu_buffer *b, uint64_t offset, uint64_t bytes,
                 uint32_t value);
 /* At most 65536 bytes, in words. */
@@ -126,8 +151,19 @@ int sg_gpu_copy(struct gpu *g, const struct gpu_buffer *from, uint64_t from_offs
  * is known. Without timestamps nothing is. */
 void sg_gpu_clock(struct gpu *g, double *sum);
 
-/* Submits what is recorded and waits for it. SG_ERR_INTERNAL: the device is lost. */
+/* Submits what is recorded. Waits only where the device would have more than `depth` submissions.
+ * SG_ERR_INTERNAL: the device is lost. */
+int sg_gpu_submit(struct gpu *g);
+/* Submits what is recorded and waits for all. GPU_STOPPED where the device has stopped, until
+ * sg_gpu_go_on. */
 int sg_gpu_flush(struct gpu *g);
+/* After GPU_STOPPED. */
+int sg_gpu_go_on(struct gpu *g);
+/* Number of the submission that what is recorded next belongs to. */
+static inline uint64_t gpu_next(const struct gpu *g)
+{
+    return g->submissions + 1;
+}
 /* Waits. Offsets and sizes are multiples of 4. */
 int sg_gpu_write(struct gpu *g, const struct gpu_buffer *to, uint64_t offset, const void *from,
                  uint64_t bytes);

@@ -45,6 +45,7 @@
     F(CmdBindPipeline)                                                                             \
     F(CmdPushConstants)                                                                            \
     F(CmdDispatch)                                                                                 \
+    F(CmdDispatchIndirect)                                                                         \
     F(CmdPipelineBarrier)                                                                          \
     F(CmdCopyBuffer)                                                                               \
     F(CmdFillBuffer)                                                                               \

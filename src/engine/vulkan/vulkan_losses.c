@@ -74,8 +74,8 @@ static int compare(struct vulkan_engine *e, const struct gpu_buffer *image,
                        .height = e->height);
     if (!code)
         code = sg_vulkan_add_up(e, groups, 3, VK_RESULT_LOSSES);
-    e->lambda_dssim = p->lambda_dssim;
-    e->ran[SG_LOSS_PHOTOMETRIC] = !code;
+    e->terms.lambda_dssim = p->lambda_dssim;
+    e->terms.ran[SG_LOSS_PHOTOMETRIC] = !code;
     return code ? code
                 : GPU_RUN(g, ssim_gradient, 0, groups, .image = image->address,
                           .target = e->target.address, .maps = e->maps.address, .photo = photo,
@@ -100,7 +100,7 @@ static int low_pass(struct vulkan_engine *e, const struct gpu_buffer *image,
                 .planes = t->planes != NULL, .masked = t->mask != NULL, .tolerance = p->tolerance);
     if (!code)
         code = sg_vulkan_add_up(e, groups, 1, VK_RESULT_LOSSES + 4);
-    e->low_pass = p->low_pass;
+    e->terms.low_pass = p->low_pass;
     return code ? code
                 : GPU_RUN(g, low_pass_gradient, 0, groups, .image = image->address, .photo = photo,
                           .given = t->planes ? e->given.address : image->address,
@@ -121,8 +121,8 @@ static int photometric(struct vulkan_engine *e, const struct sg_target_pixels *t
     const uint64_t pixels = (uint64_t) e->width * e->height, groups = FOR_EACH(pixels);
     const struct gpu_buffer *shown = t->exposure ? &e->exposed : &e->image;
     int code = SG_OK;
-    e->low_pass = 0;
-    e->exposed_ran = false;
+    e->terms.low_pass = 0;
+    e->terms.exposed = false;
     if (t->exposure && !(code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->exposed, 12 * pixels)))
         code =
             GPU_RUN(g, expose, 0, groups, .image = e->image.address, .exposed = e->exposed.address,
@@ -137,7 +137,7 @@ static int photometric(struct vulkan_engine *e, const struct sg_target_pixels *t
     code = GPU_RUN(g, expose_backward, 0, groups, .image = e->image.address,
                    .gradient = e->gradient.address, .sums = e->sums.address,
                    .pixels = (uint32_t) pixels, EXPOSURE_OF(t->exposure));
-    e->exposed_ran = true;
+    e->terms.exposed = true;
     return code ? code : sg_vulkan_add_up(e, groups, SG_EXPOSURE, VK_RESULT_EXPOSURE);
 }
 
@@ -156,7 +156,7 @@ static int total_variation(struct vulkan_engine *e, const struct sg_target_pixel
                        .across = across > 0 ? (float) (1 / across) : 0,
                        .down = down > 0 ? (float) (1 / down) : 0, .weight = (float) l->weight,
                        .edge = SG_TV_EDGE);
-    e->ran[SG_LOSS_TOTAL_VARIATION] = !code;
+    e->terms.ran[SG_LOSS_TOTAL_VARIATION] = !code;
     return code ? code : sg_vulkan_add_up(e, groups, 1, VK_RESULT_LOSSES + 3);
 }
 
@@ -205,25 +205,25 @@ int sg_vulkan_ascend(struct sg_engine *base, const struct sg_ascend *a)
     return code || a->continued ? code : sg_gpu_read(g, &e->maps, to, a->to, bytes);
 }
 
-void sg_vulkan_read_losses(struct vulkan_engine *e, const uint32_t results[VK_RESULTS])
+void sg_vulkan_read_losses(const struct vulkan_terms *t, const uint32_t results[VK_RESULTS],
+                           struct sg_step *step)
 {
-    struct sg_step *step = &e->base.step;
     float sums[5], exposure[SG_EXPOSURE];
     memcpy(sums, results + VK_RESULT_LOSSES, sizeof(sums));
     memcpy(exposure, results + VK_RESULT_EXPOSURE, sizeof(exposure));
-    const double values = 3.0 * e->width * e->height;
-    if (e->ran[SG_LOSS_PHOTOMETRIC]) {
+    const double values = 3.0 * t->width * t->height;
+    if (t->ran[SG_LOSS_PHOTOMETRIC]) {
         step->photometric =
             sg_photometric_value_of((double) sums[0] / values, (double) sums[1] / values,
-                                    (double) sums[2] / values, e->lambda_dssim);
-        if (e->low_pass > 0)
-            step->photometric.total += (double) e->low_pass * (double) sums[4] / values;
+                                    (double) sums[2] / values, t->lambda_dssim);
+        if (t->low_pass > 0)
+            step->photometric.total += (double) t->low_pass * (double) sums[4] / values;
         step->loss[SG_LOSS_PHOTOMETRIC] = step->photometric.total;
     }
-    for (int k = 0; k < SG_EXPOSURE && e->exposed_ran; k++)
+    for (int k = 0; k < SG_EXPOSURE && t->exposed; k++)
         step->exposure[k] = (double) exposure[k];
-    if (e->ran[SG_LOSS_ANISOTROPY])
-        step->loss[SG_LOSS_ANISOTROPY] = sg_vulkan_anisotropy_of(e, results);
-    if (e->ran[SG_LOSS_TOTAL_VARIATION])
+    if (t->ran[SG_LOSS_ANISOTROPY])
+        step->loss[SG_LOSS_ANISOTROPY] = sg_vulkan_anisotropy_of(t, results);
+    if (t->ran[SG_LOSS_TOTAL_VARIATION])
         step->loss[SG_LOSS_TOTAL_VARIATION] = (double) sums[3];
 }

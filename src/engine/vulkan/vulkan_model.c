@@ -268,14 +268,20 @@ int sg_vulkan_relocate(struct sg_engine *base, const struct sg_relocation *r)
     return code;
 }
 
-int sg_vulkan_explore(struct sg_engine *base, const struct sg_exploration *x)
+int sg_vulkan_explore(struct vulkan_engine *e, const struct sg_exploration *x)
 {
-    struct vulkan_engine *e = vulkan_of(base);
     const uint64_t key = sg_rng_key(x->seed, SG_RNG_EXPLORE, x->stream);
-    return GPU_RUN(e->gpu, explore, 0, FOR_EACH(e->count), .params = e->at[SG_C_PARAMETERS].address,
-                   .count = (uint32_t) e->count, .planes = (uint32_t) e->planes,
-                   .key_low = (uint32_t) key, .key_high = (uint32_t) (key >> 32),
-                   .amount = x->amount);
+    const struct args_explore args = {.params = e->at[SG_C_PARAMETERS].address,
+                                      .count = (uint32_t) e->count,
+                                      .planes = (uint32_t) e->planes,
+                                      .key_low = (uint32_t) key,
+                                      .key_high = (uint32_t) (key >> 32),
+                                      .amount = x->amount};
+    /* After an edit the work is that of an earlier model, and the device has not stopped. */
+    return e->lists.work.buffer && e->lists.count == e->count
+               ? sg_gpu_dispatch_work(e->gpu, GPU_explore, 0, &args, sizeof(args), &e->lists.work,
+                                      VK_WORK_MODEL)
+               : sg_gpu_dispatch(e->gpu, GPU_explore, 0, &args, sizeof(args), FOR_EACH(e->count));
 }
 
 /* ---- the shape ---- */

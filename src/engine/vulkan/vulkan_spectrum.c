@@ -149,8 +149,9 @@ int sg_vulkan_anisotropy(struct vulkan_engine *e, const struct sg_target_pixels 
     const uint64_t lines = (uint64_t) planes * t->columns;
     const int is_far = t->longest > VK_LINE;
     const uint32_t groups = is_far ? VK_LINE_GROUPS : (uint32_t) (pairs > lines ? pairs : lines);
-    s->params = *p;
-    s->values = (double) planes * t->w * t->h;
+    const double coefficients = (double) planes * t->w * t->h;
+    e->terms.anisotropy = *p;
+    e->terms.coefficients = coefficients;
     if ((code = sg_gpu_reserve(g, SG_MEM_FRAME, &s->coefficients, 8 * lines * t->h)) ||
         (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->sums, 4 * lines * bins)) ||
         (code = sg_gpu_reserve(g, SG_MEM_FRAME, &s->factors, 4 * VK_GROUP)) ||
@@ -171,10 +172,11 @@ int sg_vulkan_anisotropy(struct vulkan_engine *e, const struct sg_target_pixels 
     if (!code)
         code = sg_vulkan_add_up(e, lines, bins, VK_RESULT_ENERGY);
     if (!code)
-        code = GPU_RUN(g, spectrum_factors, 0, 1, .energy = energy, .factors = s->factors.address,
-                       .bins = bins,
-                       .least = (float) (power ? 1e-12 * s->values * s->values : 1e-6 * s->values),
-                       .weight = (float) loss->weight * (power ? 2 : 1));
+        code = GPU_RUN(
+            g, spectrum_factors, 0, 1, .energy = energy, .factors = s->factors.address,
+            .bins = bins,
+            .least = (float) (power ? 1e-12 * coefficients * coefficients : 1e-6 * coefficients),
+            .weight = (float) loss->weight * (power ? 2 : 1));
     if (!code)
         code =
             GPU_RUN(g, spectrum_columns_back, is_far, groups, .spectrum = s->coefficients.address,
@@ -190,19 +192,19 @@ int sg_vulkan_anisotropy(struct vulkan_engine *e, const struct sg_target_pixels 
                        .height = e->height, .points = t->w, .rows = t->h, .columns = t->columns,
                        .planes = planes, .masked = target->mask != NULL, .groups = groups,
                        .longest = t->longest);
-    e->ran[SG_LOSS_ANISOTROPY] = !code;
+    e->terms.ran[SG_LOSS_ANISOTROPY] = !code;
     return code;
 }
 
-double sg_vulkan_anisotropy_of(const struct vulkan_engine *e, const uint32_t results[VK_RESULTS])
+double sg_vulkan_anisotropy_of(const struct vulkan_terms *t, const uint32_t results[VK_RESULTS])
 {
     float found[SG_SPECTRUM_BINS_MAX];
     double energy[SG_SPECTRUM_BINS_MAX];
     _Static_assert(VK_RESULT_ENERGY + SG_SPECTRUM_BINS_MAX <= VK_RESULTS, "a float each");
     memcpy(found, results + VK_RESULT_ENERGY, sizeof(found));
-    for (int b = 0; b < e->spectrum.params.band.bins; b++)
+    for (int b = 0; b < t->anisotropy.band.bins; b++)
         energy[b] = (double) found[b];
-    return sg_anisotropy_of_bins(&e->spectrum.params, e->spectrum.values, energy, NULL);
+    return sg_anisotropy_of_bins(&t->anisotropy, t->coefficients, energy, NULL);
 }
 
 /* Half spectra of three planes, energies of their columns, directions of the newest sizes, plans,

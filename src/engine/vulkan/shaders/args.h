@@ -33,9 +33,29 @@
 #define VK_RESULT_ENERGY 28 /* of the spectrum, by direction: at most 254 floats */
 #define VK_RESULTS 282
 
+/* Work of later kernels, which the device counts: of each item the workgroups in three dimensions,
+ * and what they work on. All are 0 once the device has stopped. */
+#define VK_WORK_WORDS 4
+#define VK_WORK_ITEMS 3      /* the word with the number of items */
+#define VK_WORK_MODEL 0      /* Gaussians, of kernels that change the model or count in it */
+#define VK_WORK_DRAWN 1      /* Gaussians that are drawn */
+#define VK_WORK_DRAWN_SORT 2 /* the same, in groups that are sorted or scanned, */
+#define VK_WORK_DRAWN_SCAN 3
+#define VK_WORK_DRAWN_DIGITS 4 /* and the counters of their digits */
+#define VK_WORK_EMIT 5         /* drawn Gaussians whose instances have room */
+#define VK_WORK_SORT 6         /* instances; their counters */
+#define VK_WORK_DIGITS 7
+#define VK_WORK_STARTS 8 /* one more workgroup may be needed than for the instances */
+#define VK_WORK_TILES 9
+#define VK_WORK_UNITS 10 /* of the backward pass */
+#define VK_WORK_ALL 11   /* Gaussians: a number only, from the host */
+#define VK_WORKS 12
+#define VK_MOST_GROUPS 65535 /* of a dimension, on every device */
+
 #define VK_KERNELS(K)                                                                              \
     K(project)                                                                                     \
     K(count)                                                                                       \
+    K(size)                                                                                        \
     K(tile_totals)                                                                                 \
     K(scan_sum)                                                                                    \
     K(scan_spine)                                                                                  \
@@ -89,9 +109,21 @@
     P(Floats, splats) P(Uints, rects) P(Uints, totals) U(count) U(grid_x) U(tiles)                 \
     U(reference_tiles)
 
-/* Exclusive sums of `from` to `to`; the sum of all goes to to[count]. */
+/* Sizes of the work, in one workgroup. what: of the drawn Gaussians, whose number `total` points
+ * to; of the instances of a band, where more than `capacity` stop the device; of the units of the
+ * backward pass; or nothing, but `most` becomes the largest number of instances of all views that
+ * come so far. count, tiles: of the model, of the band. whole: 1 = it is the whole image. */
+#define VK_SIZE_DRAWN 0
+#define VK_SIZE_INSTANCES 1
+#define VK_SIZE_UNITS 2
+#define VK_SIZE_MOST 3
+#define ARGS_size(P, U, F)                                                                         \
+    P(Uints, work) P(Uints, stop) P(Uints, results) P(Uints, total) P(Uints, most) U(what)         \
+    U(count) U(tiles) U(whole) U(capacity)
+
+/* Exclusive sums of `from` to `to`; the sum of all goes to to[count]. count: one number. */
 #define ARGS_scan(P, U, F)                                                                         \
-    P(Uints, from) P(Uints, to) P(Uints, sums) U(count)
+    P(Uints, from) P(Uints, to) P(Uints, sums) P(Uints, count)
 #define ARGS_scan_sum ARGS_scan
 #define ARGS_scan_spine ARGS_scan
 #define ARGS_scan_apply ARGS_scan
@@ -100,19 +132,19 @@
     P(Uints, flags) P(Uints, places) P(Uints, keys) P(Uints, to_keys) P(Uints, to_values)          \
     U(count)
 #define ARGS_gather(P, U, F)                                                                       \
-    P(Uints, from) P(Uints, index) P(Uints, to) U(count)
+    P(Uints, from) P(Uints, index) P(Uints, to) P(Uints, count)
 #define ARGS_radix_count(P, U, F)                                                                  \
-    P(Uints, keys) P(Uints, digits) U(count) U(groups) U(shift)
+    P(Uints, keys) P(Uints, digits) P(Uints, count) U(shift)
 #define ARGS_radix_scatter(P, U, F)                                                                \
     P(Uints, keys) P(Uints, values) P(Uints, digits) P(Uints, to_keys) P(Uints, to_values)         \
-    U(count) U(groups) U(shift)
+    P(Uints, count) U(shift)
 #define ARGS_emit(P, U, F)                                                                         \
     P(Floats, splats) P(Uints, rects) P(Uints, order) P(Uints, places) P(Uints, slot_start)        \
-    P(Uints, keys) P(Uints, values) P(Uints, emitted) U(count) U(grid_x) U(first) U(end)           \
+    P(Uints, keys) P(Uints, values) P(Uints, emitted) P(Uints, count) U(grid_x) U(first) U(end)    \
     U(reference_tiles)
 #define ARGS_tile_start(P, U, F)                                                                   \
     P(Uints, keys) P(Uints, values) P(Uints, emitted) P(Uints, instances) P(Uints, tile_start)     \
-    U(count) U(tiles)
+    P(Uints, count) U(tiles)
 #define ARGS_tile_chunks(P, U, F)                                                                  \
     P(Uints, tile_start) P(Uints, chunks) P(Uints, results) U(tiles)
 

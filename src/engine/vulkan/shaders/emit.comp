@@ -11,8 +11,9 @@ ARGUMENTS(emit);
 
 void main()
 {
+    const uint count = a.count.v[0];
     const uint k = thread_index();
-    if (k >= a.count)
+    if (k >= count)
         return;
     const uint i = a.order.v[k], first = a.places.v[k], end = a.places.v[k + 1];
     uint at = first;

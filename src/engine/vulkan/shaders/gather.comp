@@ -8,7 +8,8 @@ ARGUMENTS(gather);
 
 void main()
 {
+    const uint count = a.count.v[0];
     const uint i = thread_index();
-    if (i < a.count)
+    if (i < count)
         a.to.v[i] = a.from.v[a.index.v[i]];
 }

@@ -11,16 +11,17 @@ ARGUMENTS(radix_count);
 
 void main()
 {
+    const uint count = a.count.v[0], groups = (count + VK_SORT - 1) / VK_SORT;
     const uint group = group_index();
-    if (group >= a.groups)
+    if (group >= groups)
         return;
-    count_runs(a.keys, group * VK_SORT, a.count, a.shift);
+    count_runs(a.keys, group * VK_SORT, count, a.shift);
     for (uint digit = gl_LocalInvocationID.x; digit < VK_DIGITS; digit += VK_SORT_GROUP) {
         uint sum = 0;
         for (uint k = 0; k < WORDS; k++) {
             const uint four = counters[digit][k];
             sum += (four & 255) + (four >> 8 & 255) + (four >> 16 & 255) + (four >> 24);
         }
-        a.digits.v[digit * a.groups + group] = sum;
+        a.digits.v[digit * groups + group] = sum;
     }
 }

@@ -10,13 +10,14 @@ ARGUMENTS(radix_scatter);
 
 void main()
 {
+    const uint count = a.count.v[0], groups = (count + VK_SORT - 1) / VK_SORT;
     const uint group = group_index(), t = gl_LocalInvocationID.x, first = group * VK_SORT;
-    if (group >= a.groups)
+    if (group >= groups)
         return;
-    count_runs(a.keys, first, a.count, a.shift);
-    for (uint k = t * RUN; k < (t + 1) * RUN && first + k < a.count; k++) {
+    count_runs(a.keys, first, count, a.shift);
+    for (uint k = t * RUN; k < (t + 1) * RUN && first + k < count; k++) {
         const uint key = run_keys[k], digit = key_digit(key, a.shift);
-        uint place = a.digits.v[digit * a.groups + group];
+        uint place = a.digits.v[digit * groups + group];
         for (uint w = 0; w <= t / 4; w++) { /* keys of this digit in earlier runs */
             const uint four = w < t / 4 ? counters[digit][w]
                                         : counters[digit][w] & ((1u << 8 * (t % 4)) - 1);

@@ -10,7 +10,8 @@ ARGUMENTS(scan_spine);
 
 void main()
 {
-    const uint groups = (a.count + VK_SCAN - 1) / VK_SCAN;
+    const uint count = a.count.v[0];
+    const uint groups = (count + VK_SCAN - 1) / VK_SCAN;
     uint before = 0;
     for (uint first = 0; first < groups; first += VK_GROUP) {
         const uint i = first + gl_LocalInvocationID.x;
@@ -21,5 +22,5 @@ void main()
         before += all;
     }
     if (gl_LocalInvocationID.x == 0)
-        a.to.v[a.count] = before;
+        a.to.v[count] = before;
 }

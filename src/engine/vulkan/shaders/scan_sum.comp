@@ -10,12 +10,13 @@ ARGUMENTS(scan_sum);
 
 void main()
 {
+    const uint count = a.count.v[0];
     const uint group = group_index(), each = VK_SCAN / VK_GROUP;
     const uint first = group * VK_SCAN + gl_LocalInvocationID.x * each;
     uint sum = 0, all;
     for (uint i = first; i < first + each; i++)
-        sum += i < a.count ? a.from.v[i] : 0;
+        sum += i < count ? a.from.v[i] : 0;
     group_scan(sum, all);
-    if (gl_LocalInvocationID.x == 0 && group * VK_SCAN < a.count)
+    if (gl_LocalInvocationID.x == 0 && group * VK_SCAN < count)
         a.sums.v[group] = all;
 }

@@ -10,14 +10,15 @@ ARGUMENTS(tile_start);
 
 void main()
 {
+    const uint count = a.count.v[0];
     const uint j = thread_index();
-    if (j > a.count)
+    if (j > count)
         return;
     const uint first = j > 0 ? a.keys.v[j - 1] + 1 : 0;
-    const uint last = j < a.count ? min(a.keys.v[j], a.tiles) : a.tiles;
+    const uint last = j < count ? min(a.keys.v[j], a.tiles) : a.tiles;
     for (uint tile = first; tile <= last; tile++)
         a.tile_start.v[tile] = j;
-    if (j < a.count) {
+    if (j < count) {
         const uint e = a.values.v[j];
         a.instances.v[2 * j] = a.emitted.v[2 * e];
         a.instances.v[2 * j + 1] = a.emitted.v[2 * e + 1];

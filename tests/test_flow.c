@@ -1,0 +1,242 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Iterations in flight on a Vulkan device: however many there are, and whatever has no room, the
+ * bytes are the same. SG_TEST_ENGINE names the device. */
+#include <unistd.h>
+
+#include "core/vram.h"
+#include "engine/vulkan/engine.h"
+#include "train/trainer.h"
+#include "training.h"
+
+#define ITERATIONS 16
+#define TINY 5 /* instances: no view has so few */
+
+enum look { NOTHING, VALUES, SAVED, MODEL, IMAGE, RESET, LOOKS };
+
+/* A training that never waits unless it has to. */
+struct flight {
+    uint32_t depth;     /* submissions at once */
+    uint64_t room;      /* instances at first, or 0 */
+    int tight, until;   /* no instance has room when iterations tight to until - 1 begin */
+    enum look looks;    /* after such an iteration */
+    uint64_t repeats;   /* out */
+    uint64_t instances; /* out: the most */
+    int in_flight;      /* out: the most */
+    struct sg_train_step last;
+};
+
+static int busy(const struct gpu *g)
+{
+    int n = 0;
+    for (int i = 0; i < GPU_FLIGHTS; i++)
+        n += g->flights[i].busy;
+    return n;
+}
+
+/* Asks for something that waits. */
+static void look(const struct fixture *f, sg_trainer *t, enum look what)
+{
+    struct sg_train_step s;
+    struct sg_model *m;
+    sg_renderer *r;
+    float pixels[3 * SIDE * SIDE];
+    char path[] = "/tmp/sg_flow_XXXXXX";
+    switch (what) {
+    case VALUES:
+        assert_int_equal(sg_trainer_values(t, &s), SG_OK);
+        break;
+    case SAVED:
+        close(mkstemp(path));
+        assert_int_equal(sg_trainer_save(t, path), SG_OK);
+        unlink(path);
+        break;
+    case MODEL:
+        assert_int_equal(sg_trainer_model(t, &m), SG_OK);
+        sg_model_destroy(&m);
+        break;
+    case IMAGE:
+        assert_int_equal(sg_trainer_renderer(t, &r), SG_OK);
+        assert_int_equal(sg_render(r, &f->views[0].camera, pixels, NULL, NULL, NULL), SG_OK);
+        sg_renderer_destroy(&r);
+        break;
+    case RESET:
+        assert_int_equal(sg_engine_floor_scale(t->engine, 0.02f), SG_OK);
+        break;
+    default:
+        break;
+    }
+}
+
+static struct sg_model *fly(struct fixture *f, const struct sg_train_params *p, struct flight *how)
+{
+    sg_trainer *t = begin_training(f, p);
+    struct vulkan_engine *e = vulkan_of(t->engine);
+    struct sg_model *m;
+    e->gpu->depth = how->depth ? how->depth : GPU_FLIGHTS;
+    e->lists.capacity = how->room;
+    how->in_flight = 0;
+    while (sg_trainer_iteration(t) < p->iterations) {
+        const int it = sg_trainer_iteration(t) + 1;
+        if (it >= how->tight && it < how->until && !how->room)
+            e->lists.capacity = TINY;
+        if (sg_trainer_advance(t, NULL))
+            fail_msg("iteration %d: %s", it, sg_last_error(f->ctx));
+        how->in_flight = busy(e->gpu) > how->in_flight ? busy(e->gpu) : how->in_flight;
+        if (it >= how->tight && it < how->until)
+            look(f, t, how->looks);
+    }
+    assert_int_equal(sg_trainer_values(t, &how->last), SG_OK);
+    assert_int_equal(sg_trainer_most_instances(t, &how->instances), SG_OK);
+    assert_int_equal(busy(e->gpu), 0);
+    assert_int_equal(sg_trainer_model(t, &m), SG_OK);
+    how->repeats = e->flow.repeats;
+    sg_trainer_destroy(&t);
+    return m;
+}
+
+static struct sg_train_params flow_params(void)
+{
+    struct sg_train_params p = short_params();
+    p.engine = main_engine();
+    p.iterations = ITERATIONS;
+    p.densification_interval = 8, p.densify_until_iter = 15;
+    return p;
+}
+
+/* The model and all numbers of `how` are those of a training that waits after each step. */
+static void assert_as_waiting(struct fixture *f, const struct sg_train_params *p,
+                              const struct sg_model *expected, const struct flight *waited,
+                              struct flight *how)
+{
+    struct sg_model *found = fly(f, p, how);
+    assert_same(expected, found);
+    assert_int_equal(how->instances, waited->instances);
+    assert_true(how->last.loss == waited->last.loss && how->last.psnr == waited->last.psnr);
+    assert_int_equal(how->last.render.pairs, waited->last.render.pairs);
+    assert_int_equal(how->last.render.instances, waited->last.render.instances);
+    assert_int_equal(how->last.render.max_tile, waited->last.render.max_tile);
+    sg_model_destroy(&found);
+}
+
+/* One, two or three submissions at once; and steps that are asked for their values. */
+static void test_depths(void **state)
+{
+    (void) state;
+    const struct sg_train_params p = flow_params();
+    struct fixture f = make_fixture(1);
+    struct flight one = {.depth = 1};
+    struct sg_model *expected = fly(&f, &p, &one);
+    assert_int_equal(one.in_flight, 0);
+    assert_true(one.instances > one.last.render.instances);
+    for (uint32_t depth = 2; depth <= GPU_FLIGHTS; depth++) {
+        struct flight more = {.depth = depth};
+        assert_as_waiting(&f, &p, expected, &one, &more);
+        assert_int_equal(more.in_flight, depth);
+    }
+    double losses[ITERATIONS];
+    struct sg_model *asked = train(&f, &p, ITERATIONS, NULL, NULL, losses);
+    assert_same(expected, asked);
+    assert_true(losses[ITERATIONS - 1] == one.last.loss);
+    sg_model_destroy(&asked);
+    sg_model_destroy(&expected);
+    clear_fixture(&f);
+}
+
+/* Lists that have no room in one iteration, wherever it lies between two edits, in all of them, and
+ * whatever finds out. */
+static void test_overflow(void **state)
+{
+    (void) state;
+    const struct sg_train_params p = flow_params();
+    struct fixture f = make_fixture(1);
+    struct flight ample = {.room = 100000};
+    struct sg_model *expected = fly(&f, &p, &ample);
+    assert_int_equal(ample.repeats, 0);
+    for (int it = 9; it <= 13; it++) {
+        struct flight tight = {.depth = it == 13 ? 1 : GPU_FLIGHTS, .tight = it, .until = it + 1};
+        assert_as_waiting(&f, &p, expected, &ample, &tight);
+        assert_true(tight.repeats > 0);
+    }
+    struct flight always = {.tight = 2, .until = ITERATIONS + 1};
+    assert_as_waiting(&f, &p, expected, &ample, &always);
+    assert_true(always.repeats >= ITERATIONS / (GPU_FLIGHTS + 1));
+    for (enum look what = VALUES; what < LOOKS; what++) {
+        struct flight asked = {.tight = 11, .until = 12, .looks = what}, plain = asked;
+        if (what == RESET) { /* which changes the model */
+            plain.room = 100000;
+            sg_model_destroy(&expected);
+            expected = fly(&f, &p, &plain);
+        } else
+            plain = ample;
+        assert_as_waiting(&f, &p, expected, &plain, &asked);
+        assert_true(asked.repeats > plain.repeats);
+    }
+    sg_model_destroy(&expected);
+    clear_fixture(&f);
+}
+
+/* Stages beside those of the plain training: the shape of Mip-Splatting, exposures, a limit that
+ * looks at radii, the defense with its losses and hits, noise and relocations, and an image in
+ * bands. */
+static void test_variants(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(1);
+    for (int k = 0; k < 6; k++) {
+        struct sg_train_params p = flow_params();
+        p.iterations = 12;
+        p.model = k == 0 ? SG_MODEL_MIP : SG_MODEL_3DGS;
+        p.exposure = k == 1;
+        p.at_limit = k == 2 ? SG_AT_LIMIT_UNIVERSAL : p.at_limit;
+        p.max_gaussians = k == 2 || k == 4 ? 130 : 0;
+        p.defense.on = k == 3;
+        p.defense.interval = 5, p.defense.views = 2, p.defense.from = 4;
+        p.strategy = k == 4 ? SG_STRATEGY_MCMC : SG_STRATEGY_DEFAULT;
+        p.max_instances = k == 5 ? 100 : p.max_instances;
+        struct flight one = {.depth = 1}, tight = {.tight = 2, .until = 12};
+        struct sg_model *expected = fly(&f, &p, &one);
+        assert_as_waiting(&f, &p, expected, &one, &tight);
+        assert_true(k == 5 ? one.last.render.bands > 1 : tight.repeats > 2);
+        sg_model_destroy(&expected);
+    }
+    clear_fixture(&f);
+}
+
+/* A device that is lost with work in flight, at each submission of some. */
+static void test_loss(void **state)
+{
+    (void) state;
+    const struct sg_train_params p = flow_params();
+    struct fixture f = make_fixture(1);
+    for (uint64_t n = 1; n <= 12; n++) {
+        sg_trainer *t = begin_training(&f, &p);
+        int code = SG_OK;
+        sg_fail_device(f.ctx, SG_DEVICE_SUBMISSION, n);
+        for (int i = 0; i < 10 && !code; i++)
+            code = sg_trainer_advance(t, NULL);
+        assert_true(sg_fail_device(f.ctx, SG_DEVICE_SUBMISSION, 0));
+        assert_int_equal(code, SG_ERR_INTERNAL);
+        assert_non_null(strstr(sg_last_error(f.ctx), "the device is lost"));
+        struct sg_train_step s;
+        assert_int_equal(sg_trainer_values(t, &s), SG_ERR_INTERNAL);
+        assert_int_equal(sg_trainer_advance(t, NULL), SG_ERR_INTERNAL);
+        sg_trainer_destroy(&t);
+        assert_int_equal(sg_vram_current(f.ctx, SG_MEM_TAGS), 0);
+    }
+    clear_fixture(&f);
+}
+
+int main(void)
+{
+    if (!getenv("SG_TEST_ENGINE")) {
+        printf("skipped: SG_TEST_ENGINE names no device\n");
+        return 77;
+    }
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_depths),
+        cmocka_unit_test(test_overflow),
+        cmocka_unit_test(test_variants),
+        cmocka_unit_test(test_loss),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
