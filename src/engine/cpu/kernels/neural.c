@@ -257,6 +257,14 @@ SIMD void add_products(float (*rows)[SG_LANES], int count, float (*hidden)[SG_HI
         }
 }
 
+/* The same of biases, by lane. */
+SIMD void add_biases(float (*rows)[SG_LANES], int count, float (*sums)[SG_LANES])
+{
+    for (int r = 0; r < count; r++)
+        for (int i = 0; i < SG_LANES; i += LANES)
+            r_store(sums[r] + i, r_load(sums[r] + i) + r_load(rows[r] + i));
+}
+
 /* Gradients of mixtures, in out->anchor, to those of features and of the shares' arguments. */
 SIMD void pull_mixtures(const struct sg_anchor_block *b, const struct layers *l,
                         struct sg_anchor_gradient *out, float (*argument)[SG_LANES])
@@ -301,10 +309,7 @@ SIMD void pull_bank(const struct sg_weights *w, const struct sg_anchor_block *b,
     transpose(hidden, SG_NETWORK_HIDDEN, across);
     add_products(l->bank_input, SG_BANK_INPUTS + 1, across, 0, SG_NETWORK_HIDDEN,
                  sums->bank_input[0]);
-    for (int j = 0; j < SG_BANK_OUTPUTS; j++)
-        for (int i = 0; i < SG_LANES; i += LANES)
-            r_store(sums->bank_bias[j] + i,
-                    r_load(sums->bank_bias[j] + i) + r_load(argument[j] + i));
+    add_biases(argument, SG_BANK_OUTPUTS, sums->bank_bias);
 }
 
 void KERNEL(neural_backward)(const struct sg_neural_args *a, const struct sg_anchor_block *b,
@@ -332,7 +337,5 @@ void KERNEL(neural_backward)(const struct sg_neural_args *a, const struct sg_anc
         add_products(l.bank_input + 3, 1, across, 0, SG_HIDDEN, sums->distance);
     if (a->parts & SG_PART_BANK)
         pull_bank(a->weights, b, &l, out, sums);
-    for (int o = 0; o < SG_OUTPUTS; o++)
-        for (int i = 0; i < SG_LANES; i += LANES)
-            r_store(sums->bias[o] + i, r_load(sums->bias[o] + i) + r_load(output[o] + i));
+    add_biases(output, SG_OUTPUTS, sums->bias);
 }
