@@ -13,7 +13,8 @@ _Static_assert(SG_HIDDEN % (2 * LANES) == 0 && SG_NETWORK_HIDDEN % (2 * LANES) =
                "whole pairs of vectors");
 _Static_assert(SG_HIDDEN % ROWS == 0 && SG_ANCHOR_FEATURES % ROWS == 0 &&
                    SG_NETWORK_HIDDEN % ROWS == 0 && SG_O_COVARIANCE % OUTPUT_ROWS == 0 &&
-                   SG_O_COLOUR % OUTPUT_ROWS == 0 && SG_OUTPUTS % OUTPUT_ROWS == 0,
+                   SG_O_COLOUR % OUTPUT_ROWS == 0 && SG_OUTPUTS % OUTPUT_ROWS == 0 &&
+                   (SG_NETWORK_INPUTS + 1) % ROWS == 0 && SG_BANK_INPUTS + 1 <= OUTPUT_ROWS,
                "whole groups of rows");
 
 /* What the networks compute on the way. */
@@ -239,21 +240,33 @@ SIMD void transpose(float (*rows)[SG_LANES], int count, float (*out)[SG_HIDDEN])
             out[lane][h] = rows[h][lane];
 }
 
-/* sums[r][c] += the sum over the anchors of rows[r] times the c-th of their hidden values. */
-SIMD void add_products(float (*rows)[SG_LANES], int count, float (*hidden)[SG_HIDDEN], int first,
-                       int columns, float *sums)
+/* sums[r][c] += the sum over the anchors of rows[r] times the c-th of their hidden values.
+ * together: rows whose sums stay in registers; a constant, at most OUTPUT_ROWS, that divides their
+ * number. */
+SIMD void add_products(float (*rows)[SG_LANES], int count, int together, float (*hidden)[SG_HIDDEN],
+                       int first, int columns, float *sums)
 {
-    for (int r = 0; r < count; r++)
+    for (int r = 0; r < count; r += together)
         for (int c = 0; c < columns; c += 2 * LANES) {
             float *to = sums + r * columns + c;
-            real even = r_load(to), odd = r_load(to + LANES);
-            for (int lane = 0; lane < SG_LANES; lane++) {
-                const real g = r_set(rows[r][lane]);
-                even = r_fma(g, r_load(&hidden[lane][first + c]), even);
-                odd = r_fma(g, r_load(&hidden[lane][first + c + LANES]), odd);
+            real even[OUTPUT_ROWS], odd[OUTPUT_ROWS];
+            for (int k = 0; k < together; k++) {
+                even[k] = r_load(to + k * columns);
+                odd[k] = r_load(to + k * columns + LANES);
             }
-            r_store(to, even);
-            r_store(to + LANES, odd);
+            for (int lane = 0; lane < SG_LANES; lane++) {
+                const real x = r_load(&hidden[lane][first + c]),
+                           y = r_load(&hidden[lane][first + c + LANES]);
+                for (int k = 0; k < together; k++) {
+                    const real g = r_set(rows[r + k][lane]);
+                    even[k] = r_fma(g, x, even[k]);
+                    odd[k] = r_fma(g, y, odd[k]);
+                }
+            }
+            for (int k = 0; k < together; k++) {
+                r_store(to + k * columns, even[k]);
+                r_store(to + k * columns + LANES, odd[k]);
+            }
         }
 }
 
@@ -305,10 +318,11 @@ SIMD void pull_bank(const struct sg_weights *w, const struct sg_anchor_block *b,
             r_store(hidden[h] + i, r_keep(r_lt(r_set(0), r_load(l->bank_hidden[h] + i)), sum));
         }
     transpose(l->bank_hidden, SG_NETWORK_HIDDEN, across);
-    add_products(argument, SG_BANK_OUTPUTS, across, 0, SG_NETWORK_HIDDEN, sums->bank_output[0]);
+    add_products(argument, SG_BANK_OUTPUTS, SG_BANK_OUTPUTS, across, 0, SG_NETWORK_HIDDEN,
+                 sums->bank_output[0]);
     transpose(hidden, SG_NETWORK_HIDDEN, across);
-    add_products(l->bank_input, SG_BANK_INPUTS + 1, across, 0, SG_NETWORK_HIDDEN,
-                 sums->bank_input[0]);
+    add_products(l->bank_input, SG_BANK_INPUTS + 1, SG_BANK_INPUTS + 1, across, 0,
+                 SG_NETWORK_HIDDEN, sums->bank_input[0]);
     add_biases(argument, SG_BANK_OUTPUTS, sums->bank_bias);
 }
 
@@ -328,13 +342,13 @@ void KERNEL(neural_backward)(const struct sg_neural_args *a, const struct sg_anc
     transpose(l.hidden, SG_HIDDEN, across);
     for (int n = 0; n < SG_NETWORKS; n++) {
         const int first = sg_network_row(n), end = sg_network_row(n + 1);
-        add_products(output + first, end - first, across, n * SG_NETWORK_HIDDEN, SG_NETWORK_HIDDEN,
-                     sums->output[first]);
+        add_products(output + first, end - first, OUTPUT_ROWS, across, n * SG_NETWORK_HIDDEN,
+                     SG_NETWORK_HIDDEN, sums->output[first]);
     }
     transpose(hidden, SG_HIDDEN, across);
-    add_products(l.input, SG_NETWORK_INPUTS + 1, across, 0, SG_HIDDEN, sums->input[0]);
+    add_products(l.input, SG_NETWORK_INPUTS + 1, ROWS, across, 0, SG_HIDDEN, sums->input[0]);
     if (a->parts & SG_PART_DISTANCE)
-        add_products(l.bank_input + 3, 1, across, 0, SG_HIDDEN, sums->distance);
+        add_products(l.bank_input + 3, 1, 1, across, 0, SG_HIDDEN, sums->distance);
     if (a->parts & SG_PART_BANK)
         pull_bank(a->weights, b, &l, out, sums);
     add_biases(output, SG_OUTPUTS, sums->bias);
