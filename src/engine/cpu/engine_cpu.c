@@ -424,14 +424,17 @@ static void (*pull_kernel(const struct cpu_engine *b))(const struct cpu_learn_ar
 static int project_backward(struct sg_engine *base, bool statistics)
 {
     struct cpu_engine *b = (struct cpu_engine *) base;
-    if ((statistics && sg_host_alloc_saved(base->ctx, &b->model)) || alloc_absolute(b) ||
-        sg_host_alloc(base->ctx, &b->model, SG_C_GRADIENT))
+    const bool zeros = !b->model.at[SG_C_GRADIENT];
+    if ((statistics && (sg_host_alloc(base->ctx, &b->model, SG_C_GRAD_SUM) ||
+                        sg_host_alloc(base->ctx, &b->model, SG_C_GRAD_COUNT))) ||
+        alloc_absolute(b) || sg_host_alloc(base->ctx, &b->model, SG_C_GRADIENT))
         return SG_ERR_BUDGET;
     const struct sg_host_model *h = &b->model;
     const struct sg_update update = {.statistics = statistics};
     struct learn_job job = {pull_kernel(b), learn_args(b)};
     job.args.update = &update;
-    memset(h->at[SG_C_GRADIENT], 0, h->capacity * (size_t) h->planes * sizeof(float));
+    if (!zeros)
+        memset(h->at[SG_C_GRADIENT], 0, h->capacity * (size_t) h->planes * sizeof(float));
     sg_parallel_for(base->ctx, pieces(h->count), learn_piece, &job);
     return SG_OK;
 }
