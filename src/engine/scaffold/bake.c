@@ -49,7 +49,7 @@ static int add_view(struct scaffold_engine *b, const struct sg_camera *camera, i
     struct sg_model m = {.params = params};
     if (!code)
         code = b->inner->ops->download(b->inner, &m, NULL);
-    for (size_t k = 0; k < b->seen_count && !code; k++) {
+    for (size_t k = 0; k < b->drawing_count && !code; k++) {
         const struct seen *s = &b->seen[k];
         size_t from = s->first;
         for (size_t g = 0; g < SG_ANCHOR_GAUSSIANS; g++)

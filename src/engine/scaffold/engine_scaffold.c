@@ -224,7 +224,7 @@ static int read_gradients(struct sg_engine *base, struct sg_model *out)
     memset(out->params, 0, out->capacity * (size_t) planes * sizeof(float));
     if (anchor)
         memset(anchor, 0, out->capacity * SG_A_PLANES * sizeof(float));
-    for (size_t k = 0; k < b->seen_count; k++) {
+    for (size_t k = 0; k < b->drawing_count; k++) {
         const struct sg_anchor_gradient *g = &b->gradient[k / SG_LANES];
         const size_t i = b->seen[k].anchor, lane = k % SG_LANES;
         for (int axis = 0; axis < 3; axis++)
@@ -249,7 +249,7 @@ static void add_hits(const struct scaffold_engine *b, const double *own, const f
                      enum sg_hit kind, double (*weight)(const void *arg, float log_smallest),
                      const void *arg, double *hits)
 {
-    for (size_t k = 0; k < b->seen_count; k++) {
+    for (size_t k = 0; k < b->drawing_count; k++) {
         const struct seen *s = &b->seen[k];
         const size_t end = s->first + (size_t) __builtin_popcount(s->exists);
         double sum = 0;

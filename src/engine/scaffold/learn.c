@@ -71,10 +71,10 @@ static void pull_piece(void *arg, size_t piece, int thread)
         struct sg_anchor_block anchors;
         sg_drawn_block gradient;
         memset(gradient, 0, sizeof(gradient));
-        sg_scaffold_gather(b, block, &anchors);
+        sg_scaffold_gather(b, b->drawing_count, block, &anchors);
         for (size_t lane = 0; lane < SG_LANES; lane++) {
             const size_t at = block * SG_LANES + lane;
-            if (at >= b->seen_count)
+            if (at >= b->drawing_count)
                 break;
             const struct seen *s = &b->seen[at];
             size_t from = s->first;
@@ -139,7 +139,7 @@ static void pull_appearance(struct scaffold_engine *b)
 int sg_scaffold_pull(struct scaffold_engine *b, bool statistics)
 {
     sg_ctx *ctx = b->base.ctx;
-    const size_t blocks = sg_blocks(b->seen_count), each = (blocks + PIECES - 1) / PIECES;
+    const size_t blocks = sg_blocks(b->drawing_count), each = (blocks + PIECES - 1) / PIECES;
     const size_t pieces = each ? (blocks + each - 1) / each : 0;
     int code = pull_drawn(b, statistics && b->drawn_count);
     if (code)
@@ -153,6 +153,9 @@ int sg_scaffold_pull(struct scaffold_engine *b, bool statistics)
     b->args.volume = b->drawn_count ? SG_ANCHOR_VOLUME / (float) b->drawn_count : 0;
     struct pull_job job = {b, blocks, each, statistics};
     sg_parallel_for(ctx, pieces, pull_piece, &job);
+    for (size_t k = b->drawing_count; statistics && k < b->seen_count; k++)
+        b->anchors.at[SG_C_ANCHOR_STATISTICS]
+                     [sg_param_index(SG_A_STATISTICS, b->seen[k].anchor, SG_A_SEEN)] += 1;
     add_weights(b, pieces);
     if (b->args.parts & SG_PART_APPEARANCE)
         pull_appearance(b);
@@ -177,7 +180,7 @@ static void step_plane(float *p, float *m, float *v, const float *g, float rate,
     }
 }
 
-/* The gradients of a block of anchors; those that were not seen have none. */
+/* The gradients of a block of anchors; those that drew nothing have none. */
 static void spread(const struct scaffold_engine *b, size_t block, struct sg_anchor_gradient *out)
 {
     memset(out, 0, sizeof(*out));
@@ -239,7 +242,7 @@ int sg_scaffold_optimise(struct scaffold_engine *b, const struct sg_update *u)
         return SG_ERR_BUDGET;
     for (size_t i = 0; i < h->count; i++)
         b->place[i] = NOWHERE;
-    for (size_t k = 0; k < b->seen_count; k++)
+    for (size_t k = 0; k < b->drawing_count; k++)
         b->place[b->seen[k].anchor] = (uint32_t) k;
     struct learn_job job = {b, u};
     sg_parallel_for(ctx, (sg_blocks(h->count) + LEARN_BLOCKS - 1) / LEARN_BLOCKS, learn_piece,

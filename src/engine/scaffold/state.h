@@ -32,15 +32,15 @@ struct scaffold_engine {
     size_t photo;                   /* whose appearance it has; SIZE_MAX: the mean of all */
     struct sg_weights *own_weights; /* those that it is drawn with, where appearances are learned */
     float appearance[SG_APPEARANCE], appearance_gradient[SG_APPEARANCE];
-    uint8_t *sees; /* of each anchor */
-    struct seen *seen;
-    size_t seen_count, drawn_count, last_drawn;
-    sg_drawn_block *drawn;               /* of a chunk */
+    uint8_t *sees;     /* of each anchor */
+    struct seen *seen; /* first those that have a Gaussian */
+    size_t seen_count, drawing_count, drawn_count, last_drawn; /* drawing: with a Gaussian */
+    sg_drawn_block *drawn;                                     /* of a chunk */
     float *pulled, *sums, *counts;       /* of the Gaussians: gradients, statistics of growth */
-    struct sg_anchor_gradient *gradient; /* by block of seen anchors */
+    struct sg_anchor_gradient *gradient; /* by block of anchors that have a Gaussian */
     struct sg_weight_sums *weight_sums;  /* of each piece */
     struct sg_weights *weight_gradient;
-    uint32_t *place; /* of each anchor among those seen */
+    uint32_t *place; /* of each anchor among those that have a Gaussian */
     bool learns;     /* weight_gradient is that of the newest view */
     size_t cap_sees, cap_seen, cap_drawn, cap_pulled, cap_sums, cap_counts, cap_gradient, cap_place,
         cap_weight_sums;
@@ -55,8 +55,9 @@ static inline size_t sg_scaffold_drawn(const struct scaffold_engine *b)
 /* Makes the view's Gaussians, and hands them to the engine that draws. appearance: as of struct
  * sg_render_params. */
 int sg_scaffold_view(struct scaffold_engine *b, const struct sg_camera *camera, int appearance);
-/* The values of a block of seen anchors. Lanes beyond the last are its copies. */
-void sg_scaffold_gather(const struct scaffold_engine *b, size_t block, struct sg_anchor_block *out);
+/* The values of a block of the first `count` seen anchors. Lanes beyond the last are its copies. */
+void sg_scaffold_gather(const struct scaffold_engine *b, size_t count, size_t block,
+                        struct sg_anchor_block *out);
 /* Gradients of the view's Gaussians to those of anchors and weights. */
 int sg_scaffold_pull(struct scaffold_engine *b, bool statistics);
 int sg_scaffold_optimise(struct scaffold_engine *b, const struct sg_update *u);

@@ -89,11 +89,12 @@ static int set_appearance(struct scaffold_engine *b, int photo)
     return SG_OK;
 }
 
-void sg_scaffold_gather(const struct scaffold_engine *b, size_t block, struct sg_anchor_block *out)
+void sg_scaffold_gather(const struct scaffold_engine *b, size_t count, size_t block,
+                        struct sg_anchor_block *out)
 {
     const struct sg_host_model *h = &b->anchors;
     for (size_t lane = 0; lane < SG_LANES; lane++) {
-        const size_t at = block * SG_LANES + lane, last = b->seen_count - 1;
+        const size_t at = block * SG_LANES + lane, last = count - 1;
         const size_t i = b->seen[at < last ? at : last].anchor;
         const float *p = h->at[SG_C_PARAMETERS] + sg_param_index(h->planes, i, 0),
                     *a = h->at[SG_C_ANCHOR] + sg_param_index(SG_A_PLANES, i, 0);
@@ -120,7 +121,7 @@ static void generate_block(void *arg, size_t k, int thread)
     const struct generate_job *j = arg;
     struct scaffold_engine *b = j->b;
     struct sg_anchor_block block;
-    sg_scaffold_gather(b, j->first + k, &block);
+    sg_scaffold_gather(b, b->seen_count, j->first + k, &block);
     b->neural(&b->args, &block, b->drawn[k]);
     for (size_t lane = 0; lane < SG_LANES; lane++) {
         const size_t at = (j->first + k) * SG_LANES + lane;
@@ -158,6 +159,20 @@ static void place_block(void *arg, size_t k, int thread)
     }
 }
 
+/* Anchors without a Gaussian have no gradient: they come last, where the way back leaves them out.
+ * The others stay in their order. */
+static void sort_seen(struct scaffold_engine *b)
+{
+    b->drawing_count = 0;
+    for (size_t k = 0; k < b->seen_count; k++)
+        if (b->seen[k].exists) {
+            const struct seen without = b->seen[b->drawing_count];
+            b->seen[b->drawing_count++] = b->seen[k];
+            if (b->drawing_count <= k)
+                b->seen[k] = without;
+        }
+}
+
 /* The Gaussians of all seen anchors, in their order. The caller frees *params. */
 static int generate(struct scaffold_engine *b, float **params)
 {
@@ -186,6 +201,7 @@ static int generate(struct scaffold_engine *b, float **params)
         sg_parallel_for(ctx, end - first, place_block, &job);
     }
     b->drawn_count = b->last_drawn = n;
+    sort_seen(b);
     return SG_OK;
 }
 
