@@ -42,6 +42,15 @@ static struct fixture *make_fixture(unsigned parts)
     return f;
 }
 
+/* A fixture in which some Gaussians exist in no lane. */
+static struct fixture *make_sparse(unsigned parts)
+{
+    struct fixture *f = make_fixture(parts);
+    for (int k = 7; k < SG_ANCHOR_GAUSSIANS; k++)
+        f->weights.bias[SG_O_OPACITY + k] = -100;
+    return f;
+}
+
 /* What the oracle makes of a lane. */
 struct expected {
     double drawn[SG_ANCHOR_GAUSSIANS][SG_NEURAL_PLANES];
@@ -80,7 +89,7 @@ static void expect(const struct fixture *f, struct expected out[SG_LANES], struc
 
 static void check_forward_of(const struct cpu_kernels *k, unsigned parts)
 {
-    struct fixture *f = make_fixture(parts);
+    struct fixture *f = make_sparse(parts);
     static struct expected expected[SG_LANES];
     static struct ref_weights sum;
     sg_drawn_block drawn;
@@ -148,7 +157,7 @@ static void compare_parts(const char *name, const struct sg_weight_sums *found,
 
 static void check_backward_of(const struct cpu_kernels *k, unsigned parts)
 {
-    struct fixture *f = make_fixture(parts);
+    struct fixture *f = make_sparse(parts);
     static struct expected expected[SG_LANES];
     static struct ref_weights sum;
     static struct sg_weight_sums sums;

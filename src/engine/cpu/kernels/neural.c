@@ -26,6 +26,15 @@ struct layers {
     float share[SG_BANK_OUTPUTS][SG_LANES];
 };
 
+/* Which Gaussians any anchor of a block has, a bit each, and the rows of the networks' outputs: of
+ * each network first those of these Gaussians. Of others nothing is computed, but to fill up groups
+ * of OUTPUT_ROWS. */
+struct present {
+    unsigned bits;
+    int count[SG_NETWORKS]; /* of rows, in whole groups */
+    int row[SG_OUTPUTS];    /* of network n from sg_network_row(n) on */
+};
+
 /* Shares of the copies of a feature that the feature bank mixes. */
 SIMD void bank_layers(const struct sg_weights *w, struct layers *l)
 {
@@ -106,23 +115,55 @@ SIMD void hidden_layer(const struct sg_neural_args *a, struct layers *l)
         }
 }
 
-SIMD void output_layer(const struct sg_weights *w, struct layers *l)
+/* The outputs of one network, in rows of a list. */
+SIMD void output_rows(const struct sg_weights *w, int network, const int *row, int count,
+                      struct layers *l)
 {
-    for (int o = 0; o < SG_OUTPUTS; o += OUTPUT_ROWS) {
-        float(*hidden)[SG_LANES] = l->hidden + (int) sg_output_network(o) * SG_NETWORK_HIDDEN;
+    float(*hidden)[SG_LANES] = l->hidden + network * SG_NETWORK_HIDDEN;
+    for (int o = 0; o < count; o += OUTPUT_ROWS)
         for (int i = 0; i < SG_LANES; i += LANES) {
             real sum[OUTPUT_ROWS];
             for (int r = 0; r < OUTPUT_ROWS; r++)
-                sum[r] = r_set(w->bias[o + r]);
+                sum[r] = r_set(w->bias[row[o + r]]);
             for (int h = 0; h < SG_NETWORK_HIDDEN; h++) {
                 const real x = r_load(hidden[h] + i);
                 for (int r = 0; r < OUTPUT_ROWS; r++)
-                    sum[r] = r_fma(r_set(w->output[o + r][h]), x, sum[r]);
+                    sum[r] = r_fma(r_set(w->output[row[o + r]][h]), x, sum[r]);
             }
             for (int r = 0; r < OUTPUT_ROWS; r++)
-                r_store(l->output[o + r] + i, sum[r]);
+                r_store(l->output[row[o + r]] + i, sum[r]);
         }
+}
+
+/* Rows of the Gaussians that are there, then of the others. each: rows of a Gaussian. */
+SIMD void list_rows(struct present *p, int network, int each)
+{
+    const int first = sg_network_row(network);
+    int n = first;
+    for (int other = 0; other < 2; other++) {
+        for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++)
+            for (int j = 0; j < each && (p->bits >> k & 1) != (unsigned) other; j++)
+                p->row[n++] = first + each * k + j;
+        if (!other)
+            p->count[network] = (n - first + OUTPUT_ROWS - 1) / OUTPUT_ROWS * OUTPUT_ROWS;
     }
+}
+
+SIMD void output_layer(const struct sg_weights *w, struct layers *l, struct present *p)
+{
+    p->bits = (1u << SG_ANCHOR_GAUSSIANS) - 1;
+    list_rows(p, SG_N_OPACITY, 1);
+    output_rows(w, SG_N_OPACITY, p->row, p->count[SG_N_OPACITY], l);
+    p->bits = 0;
+    for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++)
+        for (int i = 0; i < SG_LANES; i += LANES)
+            if (m_any(r_lt(r_set(0), r_load(l->output[SG_O_OPACITY + k] + i))))
+                p->bits |= 1u << k;
+    list_rows(p, SG_N_OPACITY, 1);
+    list_rows(p, SG_N_COVARIANCE, 7);
+    list_rows(p, SG_N_COLOUR, 3);
+    for (int n = SG_N_COVARIANCE; n < SG_NETWORKS; n++)
+        output_rows(w, n, p->row + sg_network_row(n), p->count[n], l);
 }
 
 /* Gaussian k of the anchors from lane i on. */
@@ -145,11 +186,16 @@ void KERNEL(neural)(const struct sg_neural_args *a, const struct sg_anchor_block
                     float (*drawn)[SG_DRAWN_PLANES][SG_LANES])
 {
     struct layers l;
+    struct present present;
     fill_inputs(a, b, &l);
     hidden_layer(a, &l);
-    output_layer(a->weights, &l);
+    output_layer(a->weights, &l, &present);
     for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++)
         for (int i = 0; i < SG_LANES; i += LANES) {
+            if (!(present.bits >> k & 1)) {
+                r_store(drawn[k][SG_P_OPACITY] + i, r_set(-__builtin_inff()));
+                continue;
+            }
             const struct neural n = neural_of(b, &l, k, i);
             real planes[SG_DRAWN_PLANES];
             neural_forward(&n, planes);
@@ -162,12 +208,23 @@ void KERNEL(neural)(const struct sg_neural_args *a, const struct sg_anchor_block
 
 /* Gradients of the outputs, and of the anchors' own values. */
 SIMD void pull_outputs(const struct sg_neural_args *a, const struct sg_anchor_block *b,
-                       const struct layers *l, float (*gradient)[SG_DRAWN_PLANES][SG_LANES],
-                       float (*output)[SG_LANES], struct sg_anchor_gradient *out)
+                       const struct layers *l, unsigned present,
+                       float (*gradient)[SG_DRAWN_PLANES][SG_LANES], float (*output)[SG_LANES],
+                       struct sg_anchor_gradient *out)
 {
     for (int i = 0; i < SG_LANES; i += LANES) {
         real reach[3] = {r_set(0), r_set(0), r_set(0)}, size[3] = {r_set(0), r_set(0), r_set(0)};
         for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++) {
+            if (!(present >> k & 1)) {
+                r_store(output[SG_O_OPACITY + k] + i, r_set(0));
+                for (int j = 0; j < 7; j++)
+                    r_store(output[SG_O_COVARIANCE + 7 * k + j] + i, r_set(0));
+                for (int j = 0; j < 3; j++) {
+                    r_store(output[SG_O_COLOUR + 3 * k + j] + i, r_set(0));
+                    r_store(out->anchor[SG_A_OFFSET + 3 * k + j] + i, r_set(0));
+                }
+                continue;
+            }
             const struct neural n = neural_of(b, l, k, i);
             const mask exists = r_lt(r_set(0), n.y);
             real planes[SG_DRAWN_PLANES], g[SG_DRAWN_PLANES];
@@ -193,8 +250,8 @@ SIMD void pull_outputs(const struct sg_neural_args *a, const struct sg_anchor_bl
 }
 
 /* Gradients of the hidden values before the ReLU. */
-SIMD void pull_hidden(const struct sg_weights *w, const struct layers *l, float (*output)[SG_LANES],
-                      float (*hidden)[SG_LANES])
+SIMD void pull_hidden(const struct sg_weights *w, const struct layers *l, const struct present *p,
+                      float (*output)[SG_LANES], float (*hidden)[SG_LANES])
 {
     for (int network = 0; network < SG_NETWORKS; network++)
         for (int h = 0; h < SG_NETWORK_HIDDEN; h += ROWS) {
@@ -203,10 +260,11 @@ SIMD void pull_hidden(const struct sg_weights *w, const struct layers *l, float 
                 real sum[ROWS];
                 for (int r = 0; r < ROWS; r++)
                     sum[r] = r_set(0);
-                for (int o = sg_network_row(network); o < sg_network_row(network + 1); o++) {
-                    const real g = r_load(output[o] + i);
+                const int *row = p->row + sg_network_row(network);
+                for (int o = 0; o < p->count[network]; o++) {
+                    const real g = r_load(output[row[o]] + i);
                     for (int r = 0; r < ROWS; r++)
-                        sum[r] = r_fma(r_set(w->output[o][h + r]), g, sum[r]);
+                        sum[r] = r_fma(r_set(w->output[row[o]][h + r]), g, sum[r]);
                 }
                 for (int r = 0; r < ROWS; r++)
                     r_store(hidden[at + r] + i,
@@ -240,34 +298,37 @@ SIMD void transpose(float (*rows)[SG_LANES], int count, float (*out)[SG_HIDDEN])
             out[lane][h] = rows[h][lane];
 }
 
-/* sums[r][c] += the sum over the anchors of rows[r] times the c-th of their hidden values.
- * together: rows whose sums stay in registers; a constant, at most OUTPUT_ROWS, that divides their
- * number. */
-SIMD void add_products(float (*rows)[SG_LANES], int count, int together, float (*hidden)[SG_HIDDEN],
-                       int first, int columns, float *sums)
+/* sums[r][c] += the sum over the anchors of rows[r] times the c-th of their hidden values. row: the
+ * numbers r, NULL: 0, 1, ... together: rows whose sums stay in registers; a constant, at most
+ * OUTPUT_ROWS, that divides their number. */
+SIMD void add_products(float (*rows)[SG_LANES], const int *row, int count, int together,
+                       float (*hidden)[SG_HIDDEN], int first, int columns, float *sums)
 {
-    for (int r = 0; r < count; r += together)
+    for (int r = 0; r < count; r += together) {
+        int at[OUTPUT_ROWS];
+        for (int k = 0; k < together; k++)
+            at[k] = row ? row[r + k] : r + k;
         for (int c = 0; c < columns; c += 2 * LANES) {
-            float *to = sums + r * columns + c;
             real even[OUTPUT_ROWS], odd[OUTPUT_ROWS];
             for (int k = 0; k < together; k++) {
-                even[k] = r_load(to + k * columns);
-                odd[k] = r_load(to + k * columns + LANES);
+                even[k] = r_load(sums + at[k] * columns + c);
+                odd[k] = r_load(sums + at[k] * columns + c + LANES);
             }
             for (int lane = 0; lane < SG_LANES; lane++) {
                 const real x = r_load(&hidden[lane][first + c]),
                            y = r_load(&hidden[lane][first + c + LANES]);
                 for (int k = 0; k < together; k++) {
-                    const real g = r_set(rows[r + k][lane]);
+                    const real g = r_set(rows[at[k]][lane]);
                     even[k] = r_fma(g, x, even[k]);
                     odd[k] = r_fma(g, y, odd[k]);
                 }
             }
             for (int k = 0; k < together; k++) {
-                r_store(to + k * columns, even[k]);
-                r_store(to + k * columns + LANES, odd[k]);
+                r_store(sums + at[k] * columns + c, even[k]);
+                r_store(sums + at[k] * columns + c + LANES, odd[k]);
             }
         }
+    }
 }
 
 /* The same of biases, by lane. */
@@ -318,10 +379,10 @@ SIMD void pull_bank(const struct sg_weights *w, const struct sg_anchor_block *b,
             r_store(hidden[h] + i, r_keep(r_lt(r_set(0), r_load(l->bank_hidden[h] + i)), sum));
         }
     transpose(l->bank_hidden, SG_NETWORK_HIDDEN, across);
-    add_products(argument, SG_BANK_OUTPUTS, SG_BANK_OUTPUTS, across, 0, SG_NETWORK_HIDDEN,
+    add_products(argument, NULL, SG_BANK_OUTPUTS, SG_BANK_OUTPUTS, across, 0, SG_NETWORK_HIDDEN,
                  sums->bank_output[0]);
     transpose(hidden, SG_NETWORK_HIDDEN, across);
-    add_products(l->bank_input, SG_BANK_INPUTS + 1, SG_BANK_INPUTS + 1, across, 0,
+    add_products(l->bank_input, NULL, SG_BANK_INPUTS + 1, SG_BANK_INPUTS + 1, across, 0,
                  SG_NETWORK_HIDDEN, sums->bank_input[0]);
     add_biases(argument, SG_BANK_OUTPUTS, sums->bank_bias);
 }
@@ -331,24 +392,23 @@ void KERNEL(neural_backward)(const struct sg_neural_args *a, const struct sg_anc
                              struct sg_anchor_gradient *out, struct sg_weight_sums *sums)
 {
     struct layers l;
+    struct present present;
     float output[SG_OUTPUTS][SG_LANES], hidden[SG_HIDDEN][SG_LANES];
     float across[SG_LANES][SG_HIDDEN];
     fill_inputs(a, b, &l);
     hidden_layer(a, &l);
-    output_layer(a->weights, &l);
-    pull_outputs(a, b, &l, gradient, output, out);
-    pull_hidden(a->weights, &l, output, hidden);
+    output_layer(a->weights, &l, &present);
+    pull_outputs(a, b, &l, present.bits, gradient, output, out);
+    pull_hidden(a->weights, &l, &present, output, hidden);
     pull_features(a->weights, hidden, out);
     transpose(l.hidden, SG_HIDDEN, across);
-    for (int n = 0; n < SG_NETWORKS; n++) {
-        const int first = sg_network_row(n), end = sg_network_row(n + 1);
-        add_products(output + first, end - first, OUTPUT_ROWS, across, n * SG_NETWORK_HIDDEN,
-                     SG_NETWORK_HIDDEN, sums->output[first]);
-    }
+    for (int n = 0; n < SG_NETWORKS; n++)
+        add_products(output, present.row + sg_network_row(n), present.count[n], OUTPUT_ROWS, across,
+                     n * SG_NETWORK_HIDDEN, SG_NETWORK_HIDDEN, sums->output[0]);
     transpose(hidden, SG_HIDDEN, across);
-    add_products(l.input, SG_NETWORK_INPUTS + 1, ROWS, across, 0, SG_HIDDEN, sums->input[0]);
+    add_products(l.input, NULL, SG_NETWORK_INPUTS + 1, ROWS, across, 0, SG_HIDDEN, sums->input[0]);
     if (a->parts & SG_PART_DISTANCE)
-        add_products(l.bank_input + 3, 1, 1, across, 0, SG_HIDDEN, sums->distance);
+        add_products(l.bank_input + 3, NULL, 1, 1, across, 0, SG_HIDDEN, sums->distance);
     if (a->parts & SG_PART_BANK)
         pull_bank(a->weights, b, &l, out, sums);
     add_biases(output, SG_OUTPUTS, sums->bias);
