@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What a driver makes of the kernels of the Vulkan engine: registers, spills, shared memory and
- * instructions of each, without running one. Mesa's driver for AMD compiles for GPUs that are not
- * there: RADV_FORCE_FAMILY=navi21 build/registers. Prints one tab-separated line a pipeline:
- * kernel, variant, and the driver's statistics as NAME=VALUE. Exit status 1: a kernel spills
- * registers, or does not compile; 77: no driver tells. */
+ * instructions of each, without running one. Of the kernels that draw tiles, also the instructions
+ * of a row, which is a Gaussian in a block of 32 pixels. Mesa's driver for AMD compiles for GPUs
+ * that are not there: RADV_FORCE_FAMILY=navi21 build/registers. Prints one tab-separated line a
+ * pipeline: kernel, variant, and the driver's statistics as NAME=VALUE. Exit status 1: a kernel
+ * spills registers, or does not compile; 77: no driver tells. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,6 +15,7 @@
 
 static struct vk_functions vk;
 static PFN_vkGetPipelineExecutableStatisticsKHR get_statistics;
+static PFN_vkGetPipelineExecutableInternalRepresentationsKHR get_texts;
 
 /* Variants of a kernel, as the engine asks for them. */
 static int variants_of(enum gpu_kernel kernel)
@@ -39,6 +41,110 @@ static bool spills(const VkPipelineExecutableStatisticKHR *s)
            s->format == VK_PIPELINE_EXECUTABLE_STATISTIC_FORMAT_UINT64_KHR && s->value.u64 > 0;
 }
 
+/* ---- instructions of a row ---- */
+
+#define LINES 4096
+#define LOOPS 256
+
+/* Of an assembly text: instructions, numbered from 0, and loops, which are jumps backwards. */
+struct listing {
+    int count, rows, loops;
+    int row[LINES];               /* instructions that every row has once */
+    int begin[LOOPS], end[LOOPS]; /* first instruction of a loop, and one behind its jump */
+};
+
+/* Every row has one exponential, and nothing else has any. */
+#define OF_A_ROW "v_exp_f32"
+
+/* Instructions are lines that begin with a tab; labels are BB and a number. */
+static bool read_listing(const char *text, struct listing *l)
+{
+    static int label[LINES];
+    *l = (struct listing){0};
+    for (int i = 0; i < LINES; i++)
+        label[i] = -1;
+    for (const char *line = text, *next; *line; line = next) {
+        const size_t length = strcspn(line, "\n");
+        char words[128];
+        unsigned number;
+        next = line + length + (line[length] == '\n');
+        snprintf(words, sizeof(words), "%.*s", (int) length, line);
+        if (sscanf(words, "BB%u:", &number) == 1 && number < LINES)
+            label[number] = l->count;
+        if (words[0] != '\t')
+            continue;
+        const char *target = strstr(words, " BB");
+        if (strstr(words, "branch") && target && sscanf(target, " BB%u", &number) == 1 &&
+            number < LINES && label[number] >= 0 && l->loops < LOOPS) {
+            l->begin[l->loops] = label[number];
+            l->end[l->loops++] = l->count + 1;
+        }
+        if (strstr(words, OF_A_ROW) && l->rows < LINES)
+            l->row[l->rows++] = l->count;
+        l->count++;
+    }
+    return l->rows > 0 && l->loops > 0;
+}
+
+static bool within(const struct listing *l, int inner, int outer)
+{
+    return inner != outer && l->begin[inner] >= l->begin[outer] && l->end[inner] <= l->end[outer];
+}
+
+/* The innermost loop with a row runs over rows. It may take several in one pass, whose number of
+ * exponentials tells, and may have loops within. Those that begin after the last row sum what the
+ * rows left: raster_backward first sums over the pixels of parts of blocks, for which it has work
+ * for half of its invocations, and then over the parts, with work for an eighth. All other
+ * loops are counted once. Returns the instructions of a row, rounded up; 0: the text is not
+ * understood. */
+static int of_a_row(enum gpu_kernel kernel, const char *text)
+{
+    static struct listing l;
+    if (!read_listing(text, &l))
+        return 0;
+    int loop = -1, rows = 0, last = 0, eighths = 0, sums = 0;
+    for (int i = 0; i < l.loops; i++) {
+        int here = 0, newest = 0;
+        for (int k = 0; k < l.rows; k++)
+            if (l.row[k] >= l.begin[i] && l.row[k] < l.end[i])
+                here++, newest = l.row[k];
+        if (here > 0 && (loop < 0 || within(&l, i, loop)))
+            loop = i, rows = here, last = newest;
+    }
+    if (loop < 0)
+        return 0;
+    for (int at = l.begin[loop]; at < l.end[loop]; at++) {
+        int outermost = -1;
+        for (int i = 0; i < l.loops; i++)
+            if (within(&l, i, loop) && l.begin[i] > last && at >= l.begin[i] && at < l.end[i] &&
+                (outermost < 0 || within(&l, outermost, i)))
+                outermost = i;
+        sums += outermost >= 0 && at == l.begin[outermost];
+        eighths += outermost < 0 ? 8 : kernel == GPU_raster_backward && sums == 1 ? 4 : 1;
+    }
+    return (eighths + 8 * rows - 1) / (8 * rows);
+}
+
+/* The newest text of a pipeline, which is the assembly; to be freed. */
+static char *assembly_of(VkDevice device, const VkPipelineExecutableInfoKHR *info)
+{
+    VkPipelineExecutableInternalRepresentationKHR texts[16];
+    uint32_t n = sizeof(texts) / sizeof(texts[0]);
+    char *text = NULL;
+    for (uint32_t i = 0; i < n; i++)
+        texts[i] = (VkPipelineExecutableInternalRepresentationKHR){
+            .sType = VK_STRUCTURE_TYPE_PIPELINE_EXECUTABLE_INTERNAL_REPRESENTATION_KHR};
+    if (!get_texts || get_texts(device, info, &n, texts) < 0 || !n || !texts[n - 1].isText)
+        return NULL;
+    for (uint32_t i = 0; i < n; i++)
+        texts[i].pData = i == n - 1 ? (text = calloc(1, texts[i].dataSize + 1)) : NULL;
+    if (!text || get_texts(device, info, &n, texts) < 0) {
+        free(text);
+        return NULL;
+    }
+    return text;
+}
+
 /* Returns whether the kernel compiles and keeps all in registers. */
 static bool report(VkDevice device, VkPipelineLayout layout, uint32_t lanes, enum gpu_kernel kernel,
                    int variant)
@@ -51,7 +157,9 @@ static bool report(VkDevice device, VkPipelineLayout layout, uint32_t lanes, enu
     VkPipeline pipeline;
     const VkResult result =
         sg_gpu_compile(&vk, device, layout, kernel, variant, lanes,
-                       VK_PIPELINE_CREATE_CAPTURE_STATISTICS_BIT_KHR, &pipeline);
+                       VK_PIPELINE_CREATE_CAPTURE_STATISTICS_BIT_KHR |
+                           VK_PIPELINE_CREATE_CAPTURE_INTERNAL_REPRESENTATIONS_BIT_KHR,
+                       &pipeline);
     if (result) {
         fprintf(stderr, "%s %d: does not compile, error %d\n", names[kernel], variant,
                 (int) result);
@@ -72,6 +180,12 @@ static bool report(VkDevice device, VkPipelineLayout layout, uint32_t lanes, enu
         if (s[i].format == VK_PIPELINE_EXECUTABLE_STATISTIC_FORMAT_UINT64_KHR)
             printf("\t%s=%llu", s[i].name, (unsigned long long) s[i].value.u64);
         good = good && !spills(&s[i]);
+    }
+    if (kernel == GPU_raster || kernel == GPU_raster_backward || kernel == GPU_raster_count) {
+        char *text = assembly_of(device, &info);
+        if (text)
+            printf("\tInstructions of a row=%d", of_a_row(kernel, text));
+        free(text);
     }
     printf("\n");
     if (!good)
@@ -120,7 +234,10 @@ int main(void)
     sg_vk_open_device(&vk, device);
     const PFN_vkVoidFunction found =
         vk.GetDeviceProcAddr(device, "vkGetPipelineExecutableStatisticsKHR");
+    const PFN_vkVoidFunction found_texts =
+        vk.GetDeviceProcAddr(device, "vkGetPipelineExecutableInternalRepresentationsKHR");
     memcpy(&get_statistics, &found, sizeof(found));
+    memcpy(&get_texts, &found_texts, sizeof(found_texts));
     const VkPushConstantRange range = {VK_SHADER_STAGE_COMPUTE_BIT, 0, GPU_ARGUMENTS};
     const VkPipelineLayoutCreateInfo info = {.sType = VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO,
                                              .pushConstantRangeCount = 1,

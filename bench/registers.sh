@@ -1,7 +1,7 @@
 #!/bin/bash
 # SPDX-License-Identifier: Apache-2.0
 # What Mesa's driver for AMD makes of every kernel of the Vulkan engine, for GPUs that need not be there: vector
-# registers a lane, shared memory, instructions, spilled registers. Writes bench/results/registers.tsv, which is
+# registers a lane, shared memory, instructions (also of a row, where a kernel has rows), spilled registers. Writes bench/results/registers.tsv, which is
 # committed with the kernels that it is about.
 #     bench/registers.sh           needs build/registers and mesa-vulkan-drivers
 # vega10 has subgroups of 64; on navi21 and gfx1100 the driver compiles for 64, or for 32 where it is told to.
@@ -26,7 +26,7 @@ awk -F'\t' -v OFS='\t' '
     }
     BEGIN {
         print "kernel", "variant", "shared memory, bytes", "registers: vega10", "navi21", "navi21, 32", "gfx1100", "gfx1100, 32",
-              "instructions: vega10", "of navi21, 32", "spilled"
+              "instructions: vega10", "of navi21, 32", "of a row: vega10", "row of navi21, 32", "row of gfx1100, 32", "spilled"
     }
     /^#/ { next }
     {
@@ -37,10 +37,14 @@ awk -F'\t' -v OFS='\t' '
         registers[key] = registers[key] OFS value("VGPRs")
         spilled[key] += value("Spilled VGPRs") + value("Spilled SGPRs") + value("Scratch size")
         code[key, FILENAME] = value("Instructions")
+        row[key, FILENAME] = value("Instructions of a row")
+        if (row[key, FILENAME] == "")
+            row[key, FILENAME] = "-"
     }
     END {
         for (i = 1; i <= n; i++)
             print order[i], shared[order[i]] registers[order[i]], code[order[i], "vega10"],
-                  code[order[i], "navi21+cswave32"], spilled[order[i]]
+                  code[order[i], "navi21+cswave32"], row[order[i], "vega10"], row[order[i], "navi21+cswave32"],
+                  row[order[i], "gfx1100+cswave32"], spilled[order[i]]
     }' "${places[@]}" >registers.tsv
 mv registers.tsv "$OLDPWD/bench/results/registers.tsv"

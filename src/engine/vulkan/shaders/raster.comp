@@ -56,18 +56,21 @@ void main()
         const uint list = batch_rows[block_of()];
         bool open = false;
         [[unroll]] for (uint p = 0; p < PIXELS; p++) {
-            const uvec2 pixel = uvec2(x0, y0) + pixel_of(p);
+            const vec2 pixel = vec2(uvec2(x0, y0) + pixel_of(p));
             float c = chain[p];
-            for (uint todo = list; todo != 0 && c >= SG_T_MIN; todo &= todo - 1) {
+            /* Without branches: a pair that the pixel does not see adds zeros. */
+            for (uint todo = c >= SG_T_MIN ? list : 0; todo != 0;) {
                 const uint k = findLSB(todo);
-                const float alpha = pair_of(k, float(pixel.x), float(pixel.y)).alpha;
+                const float alpha = pair_of(k, pixel.x, pixel.y).alpha;
                 const float weight = alpha * c;
+                const vec4 colour_depth = batch_colour[k];
                 c = chain_next(c, alpha);
-                if (c >= SG_T_MIN) {
-                    left[p] = c;
-                    colour[p] += weight * batch_colour[k].xyz;
-                    depth[p] += weight * batch_light[k].z;
-                }
+                const bool sees = c >= SG_T_MIN;
+                const float seen = sees ? weight : 0.0;
+                colour[p] += seen * colour_depth.xyz;
+                depth[p] += seen * colour_depth.w;
+                left[p] = sees ? c : left[p];
+                todo = sees ? todo & todo - 1 : 0;
             }
             chain[p] = c;
             open = open || c >= SG_T_MIN;

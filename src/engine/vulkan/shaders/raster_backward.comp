@@ -119,31 +119,31 @@ void main()
         }
         barrier(); /* the batch is staged */
         const uint rounds = rounds_of();
+        uint rest = batch_rows[block];
         for (uint round = 0; round < rounds; round++) {
-            const uint list = without_first(batch_rows[block], round * ROWS);
+            const uint list = rest; /* without the rows of earlier rounds */
             [[unroll]] for (uint p = 0; p < PIXELS; p++) {
-                const uvec2 pixel = uvec2(x0, y0) + pixel_of(p);
+                const vec2 pixel = vec2(uvec2(x0, y0) + pixel_of(p));
                 const uint q = t % LANES + p * LANES;
                 const vec3 g = pull[32 * block + q];
                 uint todo = list;
+                /* Without branches, which cost more: behind the end of the list it is any splat
+                 * that was staged, and nothing of it counts. */
                 for (uint row = 0; row < ROWS; row++) {
-                    float w = 0.0, weight = 0.0;
-                    if (todo != 0 && chain[p] >= SG_T_MIN) {
-                        const uint k = findLSB(todo);
-                        const pair o = pair_of(k, float(pixel.x), float(pixel.y));
-                        const float before = chain[p];
-                        chain[p] = chain_next(before, o.alpha);
-                        if (chain[p] >= SG_T_MIN && o.alpha > 0.0) {
-                            const float light = dot(batch_colour[k].xyz, g);
-                            weight = o.alpha * before;
-                            prefix[p] += weight * light;
-                            w = o.raw * (before * light - (total[p] - prefix[p]) / (1.0 - o.alpha));
-                        }
-                    }
+                    const uint k = findLSB(todo) & VK_BATCH - 1;
+                    const pair o = pair_of(k, pixel.x, pixel.y);
+                    const float before = chain[p], next = chain_next(before, o.alpha);
+                    const bool counts = todo != 0 && next >= SG_T_MIN && o.alpha > 0.0;
+                    const float light = dot(batch_colour[k].xyz, g), weight = o.alpha * before;
+                    const float sum = prefix[p] + weight * light;
+                    const float w = o.raw * (before * light - (total[p] - sum) / (1.0 - o.alpha));
+                    chain[p] = todo != 0 ? next : before;
+                    prefix[p] = counts ? sum : prefix[p];
+                    row_w[block][row][q] = counts ? w : 0.0;
+                    row_weight[block][row][q] = counts ? weight : 0.0;
                     todo &= todo - 1;
-                    row_w[block][row][q] = w;
-                    row_weight[block][row][q] = weight;
                 }
+                rest = todo;
             }
             barrier(); /* the pixels of the round are there */
             for (uint item = t; item < VK_BLOCKS * ROWS * PARTS; item += INVOCATIONS) {

@@ -44,8 +44,9 @@ void main()
         }
         barrier(); /* the batch is staged */
         const uint rounds = rounds_of();
+        uint rest = batch_rows[block];
         for (uint round = 0; round < rounds; round++) {
-            const uint list = without_first(batch_rows[block], round * ROWS);
+            const uint list = rest; /* without the rows of earlier rounds */
             [[unroll]] for (uint p = 0; p < PIXELS; p++) {
                 const uvec2 pixel = uvec2(x0, y0) + pixel_of(p);
                 uint todo = list;
@@ -63,6 +64,7 @@ void main()
                     todo &= todo - 1;
                     rows[block][row][t % LANES + p * LANES] = hit;
                 }
+                rest = todo;
             }
             barrier(); /* the pixels of the round are there */
             for (uint item = t; item < VK_BLOCKS * ROWS; item += INVOCATIONS) {

@@ -13,8 +13,8 @@ const uint INVOCATIONS = VK_BLOCKS * LANES;
 
 /* A batch of instances. */
 shared vec4 batch_shape[VK_BATCH]; /* x, y, across, shear */
-shared vec4 batch_light[VK_BATCH]; /* down, peak, z, 0 */
-shared vec4 batch_colour[VK_BATCH];
+shared vec4 batch_light[VK_BATCH]; /* down, peak; one stride for all three */
+shared vec4 batch_colour[VK_BATCH]; /* and depth */
 shared uint batch_rows[VK_BLOCKS]; /* a bit an instance that reaches the block */
 
 uint block_of()
@@ -35,9 +35,9 @@ void batch_stage(Floats splats, uint i, uint k)
     const uint at = i * SPLAT;
     batch_shape[k] = vec4(splats.v[at + S_X], splats.v[at + S_Y], splats.v[at + S_ACROSS],
                           splats.v[at + S_SHEAR]);
-    batch_light[k] =
-        vec4(splats.v[at + S_DOWN], splats.v[at + S_PEAK], splats.v[at + S_Z], 0.0);
-    batch_colour[k] = vec4(splats.v[at + S_R], splats.v[at + S_G], splats.v[at + S_B], 0.0);
+    batch_light[k] = vec4(splats.v[at + S_DOWN], splats.v[at + S_PEAK], 0.0, 0.0);
+    batch_colour[k] = vec4(splats.v[at + S_R], splats.v[at + S_G], splats.v[at + S_B],
+                           splats.v[at + S_Z]);
 }
 
 /* Bits of the blocks that a splat can touch. x0, y0: the tile's first pixel. */
@@ -78,7 +78,7 @@ pair pair_of(uint k, float px, float py)
     precise const float along = batch_shape[k].z * dx - batch_shape[k].w * dy;
     precise const float power = batch_light[k].y - down * down - along * along;
     precise const float raw = exp2(power);
-    return pair(raw, power >= SG_LOG2_ALPHA_MIN ? r_min(raw, SG_ALPHA_MAX) : 0.0);
+    return pair(raw, power >= SG_LOG2_ALPHA_MIN ? min(raw, SG_ALPHA_MAX) : 0.0);
 }
 
 /* The chain is the product of all (1 - alpha) so far. It never rises, so "the pixel has not
