@@ -68,10 +68,14 @@ static void test_sizes(void **state)
                     expected[i] = found, right[i] = g;
                     continue;
                 }
-                if (!(fabs(found - expected[i]) < 1e-4 * expected[i]))
+                if (!(fabs(found - expected[i]) < 2e-5 * expected[i]))
                     fail_msg("%s: %d x %d: found %g, expected %g", case_name(cases[k]), width,
                              height, found, expected[i]);
-                assert_near(k, "gradient", g, right[i], 1e-3f, 0.03);
+                /* Images of 3 and 4 rows are stretched, and their Gaussians are drawn as needles,
+                 * for which the gradient of the conic cancels: on every engine it is off by more,
+                 * and also where this loss has no weight. */
+                const bool thin = width < 10 || height < 10;
+                assert_near(k, "gradient", g, right[i], thin ? 1e-3f : 1e-4f, 0.02);
                 sg_model_destroy(&g);
             }
             sg_engine_destroy(&e);
