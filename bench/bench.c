@@ -235,7 +235,7 @@ static void print_stages(const struct result *r, const struct roofline *m)
 static void print_engine(const struct result *r)
 {
     printf("%zu Gaussians, %dx%d: **%.2f ms** an iteration, of which the calling thread works "
-           "%.2f ms (%.1f %%).\n\n| stage | ms | share |\n|---|---|---|\n",
+           "%.3f ms (%.2f %%).\n\n| stage | ms | share |\n|---|---|---|\n",
            r->gaussians, r->side, r->side, 1e3 * r->total, 1e3 * r->caller,
            100 * r->caller / r->total);
     for (int k = 0; k < STAGES; k++)
