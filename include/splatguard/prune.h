@@ -78,7 +78,8 @@ struct sg_prune_params {
     const char *engine;    /* "cpu" or "ref"; NULL = "cpu". Default "cpu". */
     const char *cpu;       /* CPU variant; NULL = best. Default NULL. */
     /* NULL, or called after each iteration of fine-tuning. A result other than 0 cancels with
-     * SG_ERR_INTERRUPTED. Default NULL. */
+     * SG_ERR_INTERRUPTED. On a GPU it tells of losses and renders of an iteration a few before.
+     * Default NULL. */
     int (*step)(void *priv, const struct sg_train_step *step);
     void *step_priv;
 };

@@ -46,7 +46,7 @@ int sg_finetune(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_prune
     sg_model_destroy(model); /* its memory is promised to the trainer */
     while (!code && sg_trainer_iteration(t) < params.iterations) {
         struct sg_train_step step;
-        code = sg_trainer_step(t, &step);
+        code = sg_trainer_advance(t, p->step ? &step : NULL);
         if (!code && p->step && p->step(p->step_priv, &step))
             code = sg_fail(ctx, SG_ERR_INTERRUPTED, "interrupted at iteration %d of fine-tuning",
                            step.iteration);
