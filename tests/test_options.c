@@ -173,6 +173,13 @@ static void test_texts(void **state)
     check_text("rho", "preset", "preset");
     check_text("rho", "-1", "preset");
     check_text("rho", "-0.9", "-0.9");
+    check_text("rho", "growth:0.9", "-0.9");
+    check_text("rho", "growth:3e-1", "-0.3");
+    check_text("rho", "growth:1", "");
+    check_text("rho", "growth:0", "");
+    check_text("rho", "growth:-0.3", "");
+    check_text("rho", "growth", "");
+    check_text("rho-least", "growth:0.1", "");
     check_text("filter-frequency", "0", "preset");
     check_text("tolerance", "auto", "auto");
     check_text("tolerance", "2.5", "2.5");

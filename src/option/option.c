@@ -139,6 +139,11 @@ static void describe(const struct sg_option *o, char *text, size_t size)
                  o->low, o->high);
         break;
     default:
+        if (o->negative) {
+            snprintf(text, size, "a number from 0 to %g, %s:X with X up to %g, or %s", o->high,
+                     o->negative, -o->low, o->words);
+            break;
+        }
         snprintf(text, size,
                  !o->words               ? "a number from %g to %g%s"
                  : strchr(o->words, '|') ? "a number from %g to %g%s or one of %s"
@@ -154,8 +159,14 @@ static bool read_number(const struct sg_option *o, const char *text, double *v)
     char *end;
     if (o->type == SG_OPTION_TIME)
         return sg_quantity_seconds(text, v);
+    const size_t word = o->negative ? strlen(o->negative) : 0;
+    const bool negative = word && !strncmp(text, o->negative, word) && text[word] == ':';
+    text += negative ? word + 1 : 0;
     *v = sg_strtod(text, &end);
-    return end != text && !*end;
+    if (end == text || *end || (negative && !(*v > 0 && -*v >= o->low)))
+        return false;
+    *v = negative ? -*v : *v;
+    return true;
 }
 
 static bool set_real(const struct sg_option *o, void *value, const char *text)

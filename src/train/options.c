@@ -149,13 +149,13 @@ static const struct sg_option train_options[] = {
           "there, and no Gaussian is added or removed. 0 = off.",
           DEFENSE, EXPERT),
     DOUBLE("rho", defense.rho, -0.9, 0.5,
-           "Share of the Gaussians that the filter removes at a time, 0 to 0.5; from -0.9 to below "
-           "0: that share of recent growth; -1 = the preset's.",
-           DEFENSE, .words = "preset", .first_word = SG_PRESET_RHO),
+           "Share of the Gaussians that the filter removes at a time, 0 to 0.5; growth:X = the "
+           "share X of recent growth, up to 0.9, which -X means too; -1 = the preset's.",
+           DEFENSE, .words = "preset", .first_word = SG_PRESET_RHO, .negative = "growth"),
     DOUBLE("rho-least", defense.rho_least, 0, 0.5,
-           "Least share that the filter removes at a time while --rho is negative. It shrinks to 0 "
-           "when densification ends, and holds only while the model is larger than half of its "
-           "first size. -1 = the preset's, 0 with a --rho.",
+           "Least share that the filter removes at a time while --rho is a share of growth. It "
+           "shrinks to 0 when densification ends, and holds only while the model is larger than "
+           "half of its first size. -1 = the preset's, 0 with a --rho.",
            DEFENSE, EXPERT, .words = "preset", .first_word = SG_PRESET_RHO),
     DOUBLE("filter-frequency", defense.frequency, 1e-9, 1e9,
            "Reference frequency t, cycles per scene unit; 0 = the preset's: 8, auto: 41.6 / the "
@@ -171,7 +171,7 @@ static const struct sg_option train_options[] = {
             "Remove after this iteration; -1 = as densification.", DEFENSE, EXPERT),
     INTEGER("filter-until", defense.until, -1, 1e9,
             "Remove before this iteration; -1 = until densification ends, which always holds while "
-            "--rho is negative.",
+            "--rho is a share of growth.",
             DEFENSE, EXPERT),
     SG_CHOICE("filter-sigma", defense.sigma, "std|eigen", "NAME",
               "Size in the frequency weight: smallest scale, or its square (the smallest "

@@ -64,13 +64,13 @@ expect 1 spectrum a.png --crop 0,0,8,8; says '--crop: found without a picture'
 
 # Ranges are those of the option that a value came from.
 expect 1 train scene -o run -r 0; says '--resolution: found "0", expected a whole number from -1 to 16384, but not 0'
-expect 1 train scene -o run --rho 2; says '--rho: found "2", expected a number from -0.9 to 0.5 or "preset"'
+expect 1 train scene -o run --rho 2; says '--rho: found "2", expected a number from 0 to 0.5, growth:X with X up to 0.9, or preset'
 expect 2 train nowhere -o run --smooth gaussian; says nowhere
 expect 1 train scene -o run --preset ns --rho=-0.95; says '--rho: found "-0.95", expected'
 expect 2 train nowhere -o run --rho preset --rho-least=-1 --filter-frequency 0 --defense spectral; says nowhere
 expect 1 train scene -o run --band-low 0.9 --band-high 0.5 --defense spectral; says '--band-high: found 0.5, expected 0.9 to 1'
 expect 1 spectrum a.png --low 0.9 --high 0.1; says '--low: found 0.9, expected less than --high, 0.1'
-expect 0 train --help; tr '\n' ' ' <out | tr -s ' ' | grep -q 'at a time, 0 to 0.5; from -0.9' || fail "--rho has no range"
+expect 0 train --help; tr '\n' ' ' <out | tr -s ' ' | grep -q 'at a time, 0 to 0.5; growth:X' || fail "--rho has no range"
 
 # Sizes and times. A size that is too small for the process is said in bytes.
 for size in 1K:1024 1k:1024 1KiB:1024 1kB:1000 1.5M:1572864 2MB:2000000 2mb:2000000 2MiB:2097152 0.25MiB:262144 \
