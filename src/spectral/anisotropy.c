@@ -9,7 +9,8 @@
 #include "fft.h"
 #include "frequency.h"
 
-#define OUTSIDE 255        /* of the band; directions are fewer */
+#include "math/spectrum.h"
+
 #define ROWS SG_FFT_ROWS   /* a piece of work */
 #define LANES SG_FFT_LANES /* columns of a piece of work */
 #define APART 4            /* sums of a bin */
@@ -89,8 +90,9 @@ static int fill_directions(struct sg_anisotropy *a)
     for (int first = 0; first < a->columns; first += LANES)
         for (int u = 0; u < a->h; u++)
             for (int v = first; v < first + LANES; v++)
-                *to++ = v < a->columns ? (uint8_t) sg_spectrum_bin(u, v, a->w, a->h, band, OUTSIDE)
-                                       : OUTSIDE;
+                *to++ = v < a->columns
+                            ? (uint8_t) sg_spectrum_bin(u, v, a->w, a->h, band, SG_OUTSIDE)
+                            : SG_OUTSIDE;
     return SG_OK;
 }
 
@@ -158,7 +160,7 @@ void sg_anisotropy_destroy(struct sg_anisotropy **p)
     *p = NULL;
 }
 
-static const float luma[3] = {0.299f, 0.587f, 0.114f};
+static const float luma[3] = {SG_LUMA};
 
 static float *panel_of(const struct sg_anisotropy *a, size_t plane, size_t panel)
 {
@@ -233,7 +235,7 @@ static void transform_columns(void *arg, size_t piece, int thread)
     const int bins = a->params.band.bins;
     const uint8_t *bin = directions_of(a, piece);
     float *f = panel_of(a, 0, piece), *own = a->buffers + (size_t) thread * a->buffer;
-    double energy[APART][256] = {0}; /* OUTSIDE has sums too, which avoids a branch. Neighbours
+    double energy[APART][256] = {0}; /* SG_OUTSIDE has sums too, which avoids a branch. Neighbours
                                         often share a bin, so each lane has its own sum. */
     double whole[256] = {
         0}; /* of column 0, which has its conjugates itself; the others do not store theirs */
@@ -267,7 +269,8 @@ double sg_anisotropy_of_bins(const struct sg_anisotropy_params *params, double v
     double total = 0, entropy = 0;
     for (int b = 0; b < bins; b++)
         total += energy[b] = fmax(energy[b], 0);
-    if (!(total > (power ? 1e-12 * values * values : 1e-6 * values))) /* rounding of a flat image */
+    if (!(total > (power ? SG_FLAT_POWER * values * values
+                         : SG_FLAT_AMPLITUDE * values))) /* rounding of a flat image */
         return 0;
     for (int b = 0; b < bins; b++)
         entropy -= energy[b] > 0 ? energy[b] / total * log(energy[b] / total) : 0;
@@ -299,7 +302,7 @@ static void pull_columns(void *arg, size_t piece, int thread)
     float *f = panel_of(a, 0, piece), *own = a->buffers + (size_t) thread * a->buffer;
     float factor[256];
     memcpy(factor, a->factor, SG_SPECTRUM_BINS_MAX * sizeof(float));
-    factor[OUTSIDE] = factor[OUTSIDE - 1] = 0;
+    factor[SG_OUTSIDE] = factor[SG_OUTSIDE - 1] = 0;
     for (int u = 0; u < a->h; u++, bin += LANES) {
         const float *from = f + (size_t) u * SG_FFT_POINT;
         float *to = own + (size_t) u * SG_FFT_POINT, scale[LANES];

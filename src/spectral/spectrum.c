@@ -7,6 +7,8 @@
 #include "fft.h"
 #include "frequency.h"
 
+#include "math/spectrum.h"
+
 /* An image and its half spectrum, in panels. */
 struct transform {
     int width, height;
@@ -118,7 +120,7 @@ static void finish(struct sums *sums, double pixels, struct sg_spectrum *out)
     double band = 0, entropy = 0;
     for (int b = 0; b < out->bins; b++)
         band += out->angular[b];
-    const bool empty = !(band > 1e-12 * 9 * pixels * pixels); /* rounding of a flat image */
+    const bool empty = !(band > SG_FLAT_POWER * 9 * pixels * pixels); /* rounding of a flat image */
     out->band_share = empty ? 0 : band / sums->total;
     for (int b = 0; b < out->bins; b++) {
         out->angular[b] = empty ? 0 : out->angular[b] / band;

@@ -5,10 +5,10 @@
 #include <math.h>
 #include <string.h>
 
+#include "math/spectrum.h"
 #include "spectral/anisotropy.h"
 
 #define PI 3.14159265358979323846
-#define OUTSIDE 255 /* of the band; bins are fewer */
 
 /* Transforms of `count` lines of n values, by definition. Values are `step` apart, lines `next`.
  * sign: -1 forward, 1 back. work: 2 n values. */
@@ -37,12 +37,12 @@ static uint8_t direction(int u, int v, int w, int h, const struct sg_spectrum_pa
                  fv = (double) (2 * v < w ? v : v - w) / w;
     const double r = 2 * hypot(fu, fv);
     if (!(r > 0 && r >= band->low && r <= band->high && 2 * u != h && 2 * v != w))
-        return OUTSIDE;
+        return SG_OUTSIDE;
     return (uint8_t) ((int) floor((atan2(fu, fv) + PI) * band->bins / (2 * PI) + 1e-9) %
                       band->bins);
 }
 
-static const double luma[3] = {0.299, 0.587, 0.114};
+static const double luma[3] = {SG_LUMA};
 
 /* How much of a channel is in a transformed plane. */
 static double share(const struct sg_anisotropy_params *p, int channel, int plane)
@@ -79,15 +79,15 @@ int sg_ref_loss_anisotropy(sg_ctx *ctx, const struct sg_loss *loss, const float 
         dft(own, W, H, 1, (size_t) W, -1, work);
         dft(own, H, W, (size_t) W, 1, -1, work);
         for (size_t i = 0; i < n; i++)
-            if (bin[i] != OUTSIDE)
+            if (bin[i] != SG_OUTSIDE)
                 energy[bin[i]] +=
                     p->energy == SG_ENERGY_POWER ? creal(own[i] * conj(own[i])) : cabs(own[i]);
     }
     for (int b = 0; b < bins; b++)
         total += energy[b];
     const double values = (double) planes * (double) n;
-    const bool flat =
-        !(total > (p->energy == SG_ENERGY_POWER ? 1e-12 * values * values : 1e-6 * values));
+    const bool flat = !(total > (p->energy == SG_ENERGY_POWER ? SG_FLAT_POWER * values * values
+                                                              : SG_FLAT_AMPLITUDE * values));
     for (int b = 0; b < bins && !flat; b++)
         entropy -= energy[b] > 0 ? energy[b] / total * log(energy[b] / total) : 0;
     *out = flat ? 0 : 1 - entropy / log(bins);
@@ -97,7 +97,7 @@ int sg_ref_loss_anisotropy(sg_ctx *ctx, const struct sg_loss *loss, const float 
         double complex *own = f + (size_t) plane * n;
         for (size_t i = 0; i < n; i++) {
             const double factor =
-                bin[i] == OUTSIDE || !(energy[bin[i]] > 0)
+                bin[i] == SG_OUTSIDE || !(energy[bin[i]] > 0)
                     ? 0
                     : (log(fmax(energy[bin[i]] / total, 1e-12)) + entropy) / (total * log(bins));
             own[i] *= factor * (p->energy == SG_ENERGY_POWER ? 2

@@ -5,11 +5,10 @@
 #include <string.h>
 
 #include "engine.h"
+#include "math/spectrum.h"
 #include "spectral/anisotropy.h"
 #include "spectral/fft.h"
 #include "spectral/frequency.h"
-
-#define OUTSIDE 255 /* of the band, as in direction.glsl */
 
 /* A buffer with these words. */
 static int put(struct vulkan_engine *e, struct gpu_buffer *b, const void *words, uint64_t bytes)
@@ -66,8 +65,8 @@ static int put_directions(struct vulkan_engine *e, struct vulkan_transform *t,
         return SG_ERR_BUDGET;
     for (uint32_t v = 0; v < t->columns; v++)
         for (uint32_t u = 0; u < t->h; u++)
-            bins[v * step + u] =
-                (uint8_t) sg_spectrum_bin((int) u, (int) v, (int) t->w, (int) t->h, band, OUTSIDE);
+            bins[v * step + u] = (uint8_t) sg_spectrum_bin((int) u, (int) v, (int) t->w, (int) t->h,
+                                                           band, SG_OUTSIDE);
     const int code = put(e, &t->directions, bins, bytes);
     sg_free(bins);
     return code;
@@ -172,11 +171,11 @@ int sg_vulkan_anisotropy(struct vulkan_engine *e, const struct sg_target_pixels 
     if (!code)
         code = sg_vulkan_add_up(e, lines, bins, VK_RESULT_ENERGY);
     if (!code)
-        code = GPU_RUN(
-            g, spectrum_factors, 0, 1, .energy = energy, .factors = s->factors.address,
-            .bins = bins,
-            .least = (float) (power ? 1e-12 * coefficients * coefficients : 1e-6 * coefficients),
-            .weight = (float) loss->weight * (power ? 2 : 1));
+        code = GPU_RUN(g, spectrum_factors, 0, 1, .energy = energy, .factors = s->factors.address,
+                       .bins = bins,
+                       .least = (float) (power ? SG_FLAT_POWER * coefficients * coefficients
+                                               : SG_FLAT_AMPLITUDE * coefficients),
+                       .weight = (float) loss->weight * (power ? 2 : 1));
     if (!code)
         code =
             GPU_RUN(g, spectrum_columns_back, is_far, groups, .spectrum = s->coefficients.address,

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-#define OUTSIDE 255 /* of the band */
+#include "math/spectrum.h"
 
 /* Direction of the coefficient in row u of a column: a byte each, columns in whole words. */
 uint direction_at(uint column, uint u)

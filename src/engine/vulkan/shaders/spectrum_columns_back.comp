@@ -17,7 +17,7 @@ void main()
         for (uint u = gl_LocalInvocationID.x; u < a.points; u += VK_LINE_GROUP) {
             const uint at = first + 2 * u * a.columns, bin = direction_at(column, u);
             const vec2 f = vec2(a.spectrum.v[at], a.spectrum.v[at + 1]);
-            float factor = bin == OUTSIDE ? 0.0 : a.factors.v[bin];
+            float factor = bin == SG_OUTSIDE ? 0.0 : a.factors.v[bin];
             if (a.amplitude != 0) {
                 const float size = sqrt(f.x * f.x + f.y * f.y);
                 factor = size > 1e-15 ? factor / size : 0.0;
