@@ -4,11 +4,9 @@
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "photo.glsl"
-#include "window.glsl"
+#define WINDOWED vec3
+#include "windowed.glsl"
 ARGUMENTS(ssim_gradient);
-
-shared vec3 maps[WIDE * WIDE];
-shared vec3 along[WIDE][SIDE];
 
 void main()
 {
@@ -18,24 +16,14 @@ void main()
         return;
     for (uint k = t; k < WIDE * WIDE; k += SIDE * SIDE) {
         const int at = bordered(p, k, a.width, a.height);
-        maps[k] = at >= 0 ? vec3(a.maps.v[at], a.maps.v[3 * plane + at], a.maps.v[6 * plane + at])
-                          : vec3(0.0);
+        staged[k] = at >= 0
+                        ? vec3(a.maps.v[at], a.maps.v[3 * plane + at], a.maps.v[6 * plane + at])
+                        : vec3(0.0);
     }
-    barrier(); /* the maps are staged */
-    for (uint k = t; k < WIDE * SIDE; k += SIDE * SIDE) {
-        const uint row = k / SIDE, column = k % SIDE;
-        vec3 sum = vec3(0.0);
-        for (uint i = 0; i < SG_SSIM_TAPS; i++)
-            sum += sg_ssim_window[i] * maps[row * WIDE + column + i];
-        along[row][column] = sum;
-    }
-    barrier(); /* all rows are there */
+    const vec3 m = windowed(t);
     const uint column = t % SIDE, row = t / SIDE, x = p.x0 + column, y = p.y0 + row;
     if (x >= a.width || y >= a.height)
         return;
-    vec3 m = vec3(0.0);
-    for (uint i = 0; i < SG_SSIM_TAPS; i++)
-        m += sg_ssim_window[i] * along[row + i][column];
     const uint at = y * a.width + x;
     const float image = a.image.v[p.channel * plane + at], other = a.target.v[p.channel * plane + at];
     const float sign_of = image > other ? 1.0 : image < other ? -1.0 : 0.0;
