@@ -3,6 +3,7 @@
  * With SG_TEST_EACH every allocation and submission is made to fail, which takes minutes; else
  * those at the beginning, and every few later on, where most are repeated. */
 #include "core/vram.h"
+#include "engine/registry.h"
 #include "splatguard/run.h"
 #include "synth_scene.h"
 #include "training.h"
@@ -87,6 +88,50 @@ static void test_limits(void **state)
     printf("%d limits refused, %d with a smaller model, %d with the whole\n", refused, smaller,
            whole);
     assert_true(refused > 0 && smaller > 0 && whole > 0);
+}
+
+/* What a Gaussian takes in the memory of the host: as much as planned while a run is resumed, and
+ * no more while it edits its model and saves it. */
+static void test_host(void **state)
+{
+    (void) state;
+    enum { N = 8000, REST = 512 << 10, PLANNED = 64 };
+    struct sg_train_params p = short_params();
+    struct sg_work work = {.sh_degree = 1, .threads = 1, .width = SIDE, .height = SIDE};
+    struct fixture f = make_fixture(1);
+    struct sg_model *start = make_model(f.ctx, N, 1, 3);
+    char path[] = "/tmp/sg_checkpoint_XXXXXX";
+    uint64_t n = 0;
+    p.engine = main_engine();
+    p.iterations = 5, p.densify_from_iter = 1, p.densification_interval = 2;
+    p.densify_grad_threshold = 1e-5f;
+    close(mkstemp(path));
+    f.scene.train = f.views;
+    for (int resumed = 0; resumed < 2; resumed++) {
+        sg_ctx *ctx = make_context(1);
+        sg_trainer *t;
+        const struct sg_engine_kind *kind = sg_engine_find(ctx, p.engine);
+        const uint64_t each = sg_engine_footprint(kind, &work).gaussian;
+        if (resumed ? sg_trainer_resume(ctx, &f.scene, path, &p, &t)
+                    : sg_trainer_create(ctx, &f.scene, start, &p, &t))
+            fail_msg("%s", sg_last_error(ctx));
+        for (int i = 0; i < 2 && !resumed; i++)
+            assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+        n = sg_trainer_gaussians(t);
+        assert_int_equal(sg_trainer_save(t, path), SG_OK);
+        const uint64_t peak = sg_mem_peak(ctx, SG_MEM_TAGS);
+        if (peak > n * (each + (resumed ? 0 : PLANNED)) + REST || (resumed && peak < n * each))
+            fail_msg("%s: found %llu bytes for %llu Gaussians of %llu",
+                     resumed ? "resumed" : "trained", (unsigned long long) peak,
+                     (unsigned long long) n, (unsigned long long) each);
+        sg_trainer_destroy(&t);
+        assert_nothing_held(ctx, "run", (uint64_t) resumed);
+        sg_ctx_destroy(&ctx);
+    }
+    assert_true(n > N); /* it did edit */
+    unlink(path);
+    sg_model_destroy(&start);
+    clear_fixture(&f);
 }
 
 /* The default: nine tenths of what is free, of which each engine of a context counts its share. */
@@ -250,6 +295,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_default),
         cmocka_unit_test(test_limits),
+        cmocka_unit_test(test_host),
         cmocka_unit_test_setup_teardown(test_allocations, make_scene, NULL),
         cmocka_unit_test_setup_teardown(test_loss, NULL, remove_scene),
     };

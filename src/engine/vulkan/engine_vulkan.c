@@ -495,11 +495,17 @@ static int check(sg_ctx *ctx, const char *selector)
     return code;
 }
 
-/* Of the host: an edit holds a copy of the model, an image is read. */
+/* Of the host. The model is there once, while a run is resumed; a checkpoint copies one array, and
+ * an edit less than a model has, after that. */
 static struct sg_footprint footprint(const struct sg_work *w)
 {
     const uint64_t pixels = (uint64_t) w->width * (uint64_t) w->height;
-    return (struct sg_footprint){.gaussian = sg_host_footprint(w, false) + 36,
+    const unsigned held = SG_COLUMN_SAVED | (w->mip ? SG_COLUMN_MIP : 0);
+    uint64_t gaussian = 0;
+    for (int c = 0; c < SG_COLUMNS; c++)
+        if (sg_column_has_array(c) && sg_column_of(c, held))
+            gaussian += 4 * (uint64_t) sg_column_array_planes(c, w->sh_degree);
+    return (struct sg_footprint){.gaussian = gaussian,
                                  .view = pixels * (5 * 3 * sizeof(float) + 4)};
 }
 
