@@ -450,7 +450,14 @@ static void test_empty_model(void **state)
 
 /* ---- changes in place ---- */
 
-/* Noise on positions, the 3D filter, radii on the screen and relocations: the oracle's bytes. */
+/* Engines in host memory share the code of these changes; another one rounds differently. */
+static bool is_same(int v, float found, float expected)
+{
+    const bool shared = strncmp(cases[v].engine, "vulkan", strlen("vulkan")) != 0;
+    return fabsf(found - expected) <= (shared ? 0 : 1e-5f * fmaxf(1, fabsf(expected)));
+}
+
+/* Noise on positions, the 3D filter, radii on the screen and relocations are the oracle's. */
 static void test_in_place(void **state)
 {
     (void) state;
@@ -458,6 +465,7 @@ static void test_in_place(void **state)
     static const uint32_t to[] = {3, 3, 69, 0}, from[] = {5, 3, 0, 69};
     static const float opacity[] = {0.5f, -1, 2, 0}, scale[] = {0.1f, -0.2f, 0, 1};
     static const uint8_t fresh[] = {1, 0, 1, 0};
+    static const int own[] = {SG_C_FILTER, SG_C_RADIUS};
     const struct sg_relocation relocation = {
         .count = 4, .to = to, .from = from, .opacity = opacity, .scale = scale, .fresh = fresh};
     const struct sg_camera camera = make_camera(90, 70, 3), *cameras[] = {&camera};
@@ -488,12 +496,16 @@ static void test_in_place(void **state)
         const int last = case_count - 1;
         for (size_t i = 0; i < N; i++) {
             for (int p = 0; p < sg_param_count(1); p++)
-                if (*sg_model_at(found[v], i, p) != *sg_model_at(found[last], i, p))
+                if (!is_same(v, *sg_model_at(found[v], i, p), *sg_model_at(found[last], i, p)))
                     fail_msg("%s: Gaussian %zu, plane %d: %g, expected %g", name_of(v), i, p,
                              (double) *sg_model_at(found[v], i, p),
                              (double) *sg_model_at(found[last], i, p));
-            assert_true(columns[v].at[SG_C_FILTER][i] == columns[last].at[SG_C_FILTER][i]);
-            assert_true(columns[v].at[SG_C_RADIUS][i] == columns[last].at[SG_C_RADIUS][i]);
+            for (int k = 0; k < 2; k++) {
+                const float value = columns[v].at[own[k]][i], right = columns[last].at[own[k]][i];
+                if (!is_same(v, value, right))
+                    fail_msg("%s: Gaussian %zu, column %d: %g, expected %g", name_of(v), i, own[k],
+                             (double) value, (double) right);
+            }
             assert_true(columns[v].at[SG_C_RADIUS][i] == radius[i]);
         }
         assert_true(*sg_model_at(found[v], 3, SG_P_OPACITY) == -1);
