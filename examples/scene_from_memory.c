@@ -35,7 +35,7 @@ static int make_scene(sg_ctx *ctx, struct sg_scene **scene)
     sg_scene_builder *builder = NULL;
     int code = sg_scene_builder_create(ctx, NULL, &builder);
     for (int k = 0; k < VIEWS && !code; k++) {
-        char name[16];
+        char name[24];
         struct sg_view_desc view = {0};
         snprintf(name, sizeof(name), "view_%d", k);
         view.name = name, view.rgb = rgb, view.camera = make_camera(k * 6.2831853 / VIEWS);
