@@ -151,7 +151,7 @@ static int add_job(struct reader *r, struct job job)
 {
     struct plan *p = r->plan;
     for (int i = 0; i < job.n_needs; i++) {
-        char name[16];
+        char name[24];
         snprintf(name, sizeof(name), "needs_%d", i);
         json_object_set_new(job.config, name, json_string(p->jobs[job.needs[i]].key));
     }
