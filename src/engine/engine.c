@@ -289,14 +289,16 @@ int sg_engine_settle(struct sg_engine *e, const struct sg_settling *s)
 {
     if (!e->ops->settle)
         return lacks(e, "settle");
-    return leave(e, e->ops->settle(e, s), IMAGE, 0);
+    const int code = finish(e);
+    return code ? code : leave(e, e->ops->settle(e, s), IMAGE, 0);
 }
 
 int sg_engine_learn_networks(struct sg_engine *e, const struct sg_network_update *u)
 {
     if (!e->ops->learn_networks)
         return lacks(e, "learn_networks");
-    return leave(e, e->ops->learn_networks(e, u), IMAGE, 0);
+    const int code = finish(e);
+    return code ? code : leave(e, e->ops->learn_networks(e, u), IMAGE, 0);
 }
 
 int sg_engine_set_shape(struct sg_engine *e, const struct sg_shape *shape)
@@ -592,10 +594,12 @@ int sg_engine_read_arrived(struct sg_engine *e, bool wait, struct sg_step *out)
         *out = e->learned;
         return code;
     }
-    if (wait)
-        code = finish(e);
-    return code || e->ops->read_arrived(e, out) || wait ? code
-                                                        : sg_engine_read_arrived(e, true, out);
+    if (!wait && e->ops->read_arrived(e, out))
+        return SG_OK;
+    code = finish(e);
+    if (!code)
+        e->ops->read_arrived(e, out);
+    return code;
 }
 
 int sg_engine_most_instances(struct sg_engine *e, uint64_t *out)
@@ -629,8 +633,8 @@ int sg_engine_weigh_hits(struct sg_engine *e, const struct sg_camera *const *vie
 {
     if (!e->ops->weigh_hits)
         return lacks(e, "weigh_hits");
+    int code = finish(e);
     const double start = begin(e, &e->times.count);
-    int code = SG_OK;
     memset(hits, 0, sg_engine_count(e) * sizeof(*hits));
     for (size_t v = 0; v < n && !code; v++)
         if (!(code = sg_progress(e->ctx, SG_STAGE_COUNT, v, n)))
