@@ -10,6 +10,7 @@
 #include "core/clock.h"
 #include "core/file.h"
 #include "folder.h"
+#include "model/anchors.h"
 #include "option/option.h"
 #include "splatguard/format.h"
 #include "train.h"
@@ -211,7 +212,13 @@ static int start_decoy(struct attack_run *r)
     struct sg_model *model = NULL;
     char *state = sg_strf(r->ctx, "%s/attack", r->params->folder);
     char *saved = state ? sg_strf(r->ctx, "%s/checkpoint.bin", state) : NULL;
-    int code = saved ? sg_model_read_drawable(r->ctx, r->proxy, UINT32_MAX, &model) : SG_ERR_BUDGET;
+    const bool anchors = r->attack_params.model == SG_ATTACK_SCAFFOLD;
+    int code = !saved ? SG_ERR_BUDGET
+                      : (anchors ? sg_model_read_drawable : sg_model_read)(r->ctx, r->proxy,
+                                                                           UINT32_MAX, &model);
+    if (!code && anchors && !sg_model_has_anchors(model))
+        code = sg_fail(r->ctx, SG_ERR_INPUT, "%s: found Gaussians, expected anchors of Scaffold-GS",
+                       r->proxy);
     if (!code)
         code = sg_model_check(r->ctx, model, r->proxy);
     if (!code)
