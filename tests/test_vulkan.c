@@ -3,7 +3,7 @@
 #include <unistd.h>
 
 #include "core/vram.h"
-#include "training.h"
+#include "training_anchors.h"
 
 static double mean(const double *v, int first, int end)
 {
@@ -13,17 +13,30 @@ static double mean(const double *v, int first, int end)
     return sum / (end - first);
 }
 
-/* FNV-1a of a model's values. */
+/* FNV-1a, continued. */
+static uint64_t hash_value(uint64_t hash, const float *value)
+{
+    uint8_t bytes[sizeof(*value)];
+    memcpy(bytes, value, sizeof(bytes));
+    for (size_t k = 0; k < sizeof(bytes); k++)
+        hash = (hash ^ bytes[k]) * 0x100000001b3u;
+    return hash;
+}
+
+/* Of a model's values, and of its anchors and networks. */
 static uint64_t hash_of(const struct sg_model *m)
 {
     uint64_t hash = 0xcbf29ce484222325u;
-    for (size_t i = 0; i < m->count; i++)
-        for (int p = 0; p < sg_param_count(m->sh_degree); p++) {
-            uint8_t bytes[sizeof(float)];
-            memcpy(bytes, sg_model_at(m, i, p), sizeof(bytes));
-            for (size_t k = 0; k < sizeof(bytes); k++)
-                hash = (hash ^ bytes[k]) * 0x100000001b3u;
-        }
+    const bool anchors = sg_model_has_anchors(m);
+    for (size_t i = 0; i < m->count; i++) {
+        for (int p = 0; p < sg_param_count(m->sh_degree); p++)
+            hash = hash_value(hash, sg_model_at(m, i, p));
+        for (int p = 0; p < SG_A_PLANES && anchors; p++)
+            hash =
+                hash_value(hash, &m->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, i, p)]);
+    }
+    for (size_t i = 0; i < SG_WEIGHTS && anchors; i++)
+        hash = hash_value(hash, (const float *) &m->columns->networks->value + i);
     return hash;
 }
 
@@ -111,6 +124,71 @@ static void test_resume(void **state)
     clear_fixture(&f);
 }
 
+/* Anchors, to an iteration, from a checkpoint or anew. */
+static struct sg_model *train_anchors(struct fixture *f, const struct sg_train_params *p, int until,
+                                      const char *load, const char *save, double *losses)
+{
+    sg_trainer *t;
+    struct sg_train_step step;
+    struct sg_model *m;
+    f->scene.train = f->views;
+    if (load ? sg_trainer_resume(f->ctx, &f->scene, load, p, &t)
+             : sg_trainer_create(f->ctx, &f->scene, NULL, p, &t))
+        fail_msg("%s", sg_last_error(f->ctx));
+    while (sg_trainer_iteration(t) < until) {
+        assert_int_equal(sg_trainer_step(t, &step), SG_OK);
+        losses[step.iteration - 1] = step.loss;
+    }
+    assert_int_equal(sg_trainer_model(t, &m), SG_OK);
+    if (save)
+        assert_int_equal(sg_trainer_save(t, save), SG_OK);
+    sg_trainer_destroy(&t);
+    return m;
+}
+
+/* Scaffold-GS, with and without the optional parts of its networks: the same losses as the CPU's as
+ * long as both make the same decisions; a run that is cut and resumed has the bytes of one that is
+ * not; it goes on from the CPU's checkpoint, and back. Prints hashes, as above. */
+static void test_anchors(void **state)
+{
+    (void) state;
+    char path[] = "/tmp/sg_checkpoint_XXXXXX";
+    close(mkstemp(path));
+    for (int parts = 0; parts < 2; parts++) {
+        struct sg_train_params cpu = scaffold_params(), device;
+        struct fixture f = make_points(2);
+        double expected[40], found[40], resumed[40];
+        cpu.scaffold.distance = cpu.scaffold.bank = cpu.scaffold.appearance = parts > 0;
+        device = cpu;
+        device.engine = main_engine();
+        struct sg_model *m[5];
+        m[0] = train_anchors(&f, &cpu, 40, NULL, NULL, expected);
+        m[1] = train_anchors(&f, &device, 40, NULL, NULL, found);
+        m[2] = train_anchors(&f, &device, 14, NULL, path, resumed);
+        m[3] = train_anchors(&f, &device, 40, path, NULL, resumed);
+        m[4] = train_anchors(&f, &cpu, 16, path, path, resumed);
+        assert_same_anchors(m[1], m[3]);
+        printf("model anchors %d %016llx\n", parts, (unsigned long long) hash_of(m[1]));
+        for (int i = 0; i < 16; i++)
+            if (!(fabs(found[i] - expected[i]) < 1e-3 * expected[i]))
+                fail_msg("loss %d: found %.9f, expected %.9f", i + 1, found[i], expected[i]);
+        assert_true(m[1]->count > m[2]->count); /* it did grow */
+        assert_true(fabs((double) m[1]->count - (double) m[0]->count) <
+                    0.02 * (double) m[0]->count + 2);
+        assert_float_equal(mean(found, 30, 40), mean(expected, 30, 40),
+                           0.01 * mean(expected, 30, 40));
+        sg_model_destroy(&m[4]);
+        m[4] =
+            train_anchors(&f, &device, 40, path, NULL, resumed); /* two iterations were the CPU's */
+        assert_float_equal(mean(resumed, 30, 40), mean(expected, 30, 40),
+                           0.01 * mean(expected, 30, 40));
+        for (int i = 0; i < 5; i++)
+            sg_model_destroy(&m[i]);
+        clear_points(&f);
+    }
+    unlink(path);
+}
+
 /* Stages are timed by the device: known once somebody has waited, and not while clocks are stopped.
  * Without timestamps they are timed by the host, at once; the bytes are the same. */
 static void test_clocks(void **state)
@@ -179,7 +257,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_choice),   cmocka_unit_test(test_clocks),
         cmocka_unit_test(test_training), cmocka_unit_test(test_variants),
-        cmocka_unit_test(test_resume),
+        cmocka_unit_test(test_resume),   cmocka_unit_test(test_anchors),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -7,14 +7,13 @@ unset SG_CPU
 rm -rf "$work" "$work.tool" && mkdir -p "$work" && cd "$work" || exit 1
 
 # SG_TEST_ENGINE=NAME: commands that draw use that engine instead of the default, unless the script
-# names an engine or a CPU variant itself, or trains anchors, which few engines do. The tool is then
-# a script that becomes the tool.
+# names an engine or a CPU variant itself. The tool is then a script that becomes the tool.
 if [ -n "${SG_TEST_ENGINE-}" ]; then
     mkdir "$work.tool"
     cat >"$work.tool/splatguard" <<END
 #!/bin/sh
 case "\${1-}" in train | eval | render | attack | compare | prune | view | export)
-    case " \$* " in *' --engine '* | *' --backend '* | *' --cpu '* | *' --help '* | *' --model scaffold '*) ;; *) set -- "\$@" --engine '$SG_TEST_ENGINE' ;; esac ;;
+    case " \$* " in *' --engine '* | *' --backend '* | *' --cpu '* | *' --help '*) ;; *) set -- "\$@" --engine '$SG_TEST_ENGINE' ;; esac ;;
 esac
 exec '$tool' "\$@"
 END

@@ -159,6 +159,29 @@ static int do_project(struct sg_engine *base, const struct sg_camera *camera, in
 
 /* ---- the engine that draws ---- */
 
+static int photo_add(struct sg_engine *base, sg_photo photo, const struct sg_photo_entry *p)
+{
+    struct sg_engine *inner = of(base)->inner;
+    return inner->ops->photo_add ? inner->ops->photo_add(inner, photo, p) : SG_OK;
+}
+
+static void photo_drop(struct sg_engine *base, sg_photo photo)
+{
+    struct sg_engine *inner = of(base)->inner;
+    if (inner->ops->photo_drop)
+        inner->ops->photo_drop(inner, photo);
+}
+
+static int wait_for(struct sg_engine *base)
+{
+    return sg_scaffold_wait(of(base));
+}
+
+static void clock_of(struct sg_engine *base, double *sum)
+{
+    of(base)->inner->clock(of(base)->inner, sum);
+}
+
 static int bin(struct sg_engine *base)
 {
     return of(base)->inner->ops->bin(of(base)->inner);
@@ -202,7 +225,8 @@ static int read_step(struct sg_engine *base)
 
 static int pull(struct sg_engine *base, bool statistics)
 {
-    return sg_scaffold_pull(of(base), statistics);
+    const int code = sg_scaffold_pull(of(base), statistics);
+    return code ? code : read_step(base); /* its gradients are here, so nobody waits for them */
 }
 
 static int optimise(struct sg_engine *base, const struct sg_update *u)
@@ -307,6 +331,8 @@ static const struct sg_engine_ops ops = {
     .floor_scale = floor_scale,
     .reset_opacity = reset_opacity,
     .settle = settle,
+    .photo_add = photo_add,
+    .photo_drop = photo_drop,
     .project = do_project,
     .bin = bin,
     .raster = raster,
@@ -318,6 +344,7 @@ static const struct sg_engine_ops ops = {
     .optimise = optimise,
     .learn_networks = learn_networks,
     .read_gradients = read_gradients,
+    .finish = wait_for,
     .read_step = read_step,
     .count_hits = count_hits,
     .weigh_hits = weigh_hits,
@@ -327,16 +354,9 @@ int sg_scaffold_wrap(sg_ctx *ctx, struct sg_engine **engine)
 {
     struct sg_engine *inner = *engine;
     const struct cpu_kernels *kernels = NULL;
-    const bool ref = !strcmp(inner->ops->name, "ref");
+    const bool ref = !strcmp(inner->ops->name, "ref"), cpu = !strcmp(inner->ops->name, "cpu");
     struct scaffold_engine *b = NULL;
-    int code = SG_OK;
-    if (!ref && strcmp(inner->ops->name, "cpu") != 0)
-        code =
-            sg_fail(ctx, SG_ERR_USAGE,
-                    "engine: found %s with a model of anchors (Scaffold-GS), expected cpu or ref",
-                    inner->ops->name);
-    else if (!ref)
-        code = sg_cpu_select(ctx, sg_engine_variant(inner), &kernels);
+    int code = ref ? SG_OK : sg_cpu_select(ctx, cpu ? sg_engine_variant(inner) : NULL, &kernels);
     if (!code &&
         (!(b = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*b))) ||
          !(b->weight_gradient = sg_alloc(ctx, SG_MEM_SPLATS, 1, sizeof(*b->weight_gradient)))))
@@ -345,7 +365,10 @@ int sg_scaffold_wrap(sg_ctx *ctx, struct sg_engine **engine)
         sg_free(b);
         return code;
     }
-    b->base = (struct sg_engine){.ops = &ops, .ctx = ctx, .each = SG_ANCHOR_GAUSSIANS};
+    b->base = (struct sg_engine){.ops = &ops,
+                                 .ctx = ctx,
+                                 .clock = inner->clock ? clock_of : NULL,
+                                 .each = SG_ANCHOR_GAUSSIANS};
     b->inner = inner;
     b->neural = ref ? sg_ref_neural : kernels->neural;
     b->neural_backward = ref ? sg_ref_neural_backward : kernels->neural_backward;

@@ -28,6 +28,8 @@ static int pull_drawn(struct scaffold_engine *b, bool statistics)
         .count = sg_scaffold_drawn(b), .capacity = blocks * SG_LANES, .params = b->pulled};
     int code = inner->ops->project_backward(inner, statistics);
     if (!code)
+        code = sg_scaffold_wait(b);
+    if (!code)
         code = inner->ops->read_gradients(inner, &m);
     counted.at[SG_C_GRAD_SUM] = b->sums, counted.at[SG_C_GRAD_COUNT] = b->counts;
     if (!code && statistics)

@@ -8,8 +8,9 @@
 
 #include "engine/engine.h"
 
-/* Puts an engine that draws with *engine, and owns it, in its place. Where that fails *engine stays
- * as it was: SG_ERR_USAGE for one that computes elsewhere than in host memory; SG_ERR_BUDGET. */
+/* Puts an engine that draws with *engine, and owns it, in its place. Anchors and networks are in
+ * host memory, also where *engine draws on a device. Where that fails *engine stays as it was:
+ * SG_ERR_BUDGET. */
 int sg_scaffold_wrap(sg_ctx *ctx, struct sg_engine **engine);
 
 /* Bytes of a Gaussian that anchors are drawn as, where `drawn` is the footprint of one that is

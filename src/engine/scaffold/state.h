@@ -52,6 +52,12 @@ static inline size_t sg_scaffold_drawn(const struct scaffold_engine *b)
     return b->drawn_count ? b->drawn_count : 1;
 }
 
+/* Waits for the engine that draws, before what is not a stage of it: see ops.h. */
+static inline int sg_scaffold_wait(const struct scaffold_engine *b)
+{
+    return b->inner->ops->finish ? b->inner->ops->finish(b->inner) : SG_OK;
+}
+
 /* Makes the view's Gaussians, and hands them to the engine that draws. appearance: as of struct
  * sg_render_params. */
 int sg_scaffold_view(struct scaffold_engine *b, const struct sg_camera *camera, int appearance);

@@ -237,5 +237,8 @@ int sg_scaffold_view(struct scaffold_engine *b, const struct sg_camera *camera, 
     finish_params(b, params);
     const size_t n = sg_scaffold_drawn(b);
     struct sg_model m = {.count = n, .capacity = sg_blocks(n) * SG_LANES, .params = params};
-    return b->inner->ops->adopt(b->inner, &m, &(struct sg_columns){0});
+    code = sg_engine_adopt(b->inner, &m, &(struct sg_columns){0});
+    if (code)
+        sg_free(m.params);
+    return code;
 }
