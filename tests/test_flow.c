@@ -23,6 +23,7 @@ struct flight {
     uint64_t instances; /* out: the most */
     int in_flight;      /* out: the most */
     struct sg_train_step last;
+    float exposures[VIEWS * SG_EXPOSURE_FLOATS]; /* out */
 };
 
 static int busy(const struct gpu *g)
@@ -90,6 +91,11 @@ static struct sg_model *fly(struct fixture *f, const struct sg_train_params *p, 
     assert_int_equal(busy(e->gpu), 0);
     assert_int_equal(sg_trainer_model(t, &m), SG_OK);
     how->repeats = e->flow.repeats;
+    memset(how->exposures, 0, sizeof(how->exposures));
+    const float *exposures;
+    assert_int_equal(sg_trainer_exposures(t, &exposures), SG_OK);
+    if (exposures)
+        memcpy(how->exposures, exposures, sizeof(how->exposures));
     sg_trainer_destroy(&t);
     return m;
 }
@@ -110,6 +116,7 @@ static void assert_as_waiting(struct fixture *f, const struct sg_train_params *p
 {
     struct sg_model *found = fly(f, p, how);
     assert_same(expected, found);
+    assert_memory_equal(how->exposures, waited->exposures, sizeof(how->exposures));
     assert_int_equal(how->instances, waited->instances);
     assert_true(how->last.loss == waited->last.loss && how->last.psnr == waited->last.psnr);
     assert_int_equal(how->last.render.pairs, waited->last.render.pairs);
@@ -193,10 +200,15 @@ static void test_variants(void **state)
         p.defense.interval = 5, p.defense.views = 2, p.defense.from = 4;
         p.strategy = k == 4 ? SG_STRATEGY_MCMC : SG_STRATEGY_DEFAULT;
         p.max_instances = k == 5 ? 100 : p.max_instances;
-        struct flight one = {.depth = 1}, tight = {.tight = 2, .until = 12};
+        struct flight one = {.depth = 1}, three = {0}, tight = {.tight = 2, .until = 12};
         struct sg_model *expected = fly(&f, &p, &one);
         assert_as_waiting(&f, &p, expected, &one, &tight);
         assert_true(k == 5 ? one.last.render.bands > 1 : tight.repeats > 2);
+        assert_true((one.exposures[0] != 0) == (k == 1));
+        if (k == 1) { /* it does not wait */
+            assert_as_waiting(&f, &p, expected, &one, &three);
+            assert_int_equal(three.in_flight, GPU_FLIGHTS);
+        }
         sg_model_destroy(&expected);
     }
     clear_fixture(&f);

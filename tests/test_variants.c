@@ -3,6 +3,7 @@
  * which a run without the variant refuses. */
 #include <unistd.h>
 
+#include "engine/host/exposure.h"
 #include "train/exposure.h"
 #include "train/schedule.h"
 #include "train/trainer.h"
@@ -100,14 +101,17 @@ static void test_exposure(void **state)
         f.views[2].rgb[i] = (uint8_t) (0.7 * f.views[2].rgb[i]);
     f.scene.train = f.views;
     assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.truth, &p, &t), SG_OK);
+    const float *e;
+    assert_int_equal(sg_trainer_exposures(t, &e), SG_OK);
     for (int k = 0; k < SG_EXPOSURE; k++)
-        assert_true(sg_trainer_exposure(t, 2)[k] == (k % 5 == 0 ? 1 : 0));
+        assert_true(e[2 * SG_EXPOSURE + k] == (k % 5 == 0 ? 1 : 0));
     while (sg_trainer_iteration(t) < 120)
         assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+    assert_int_equal(sg_trainer_exposures(t, &e), SG_OK);
     for (size_t view = 0; view < VIEWS; view++)
         for (int c = 0; c < 3; c++) {
-            const float *e = sg_trainer_exposure(t, view);
-            assert_true(view == 2 ? e[5 * c] < 0.92f : e[5 * c] > 0.95f);
+            const float scale = e[view * SG_EXPOSURE + (size_t) (5 * c)];
+            assert_true(view == 2 ? scale < 0.92f : scale > 0.95f);
         }
     sg_trainer_destroy(&t);
     clear_fixture(&f);
@@ -149,7 +153,8 @@ static void test_exposure_steps(void **state)
     assert_true(fabs(sg_exposure_lr(&p, 40) - 0.001) < 1e-9);
     assert_int_equal(sg_exposures_create(ctx, 2, &e), SG_OK);
     gradient[0] = 2, gradient[7] = -3;
-    sg_exposures_step(e, 2, 1, gradient, &p, 0, 1);
+    struct sg_exposure_update update = sg_exposures_update(&p, 0, 1);
+    sg_host_learn_exposures(e, 2, 1, gradient, &update);
     for (int k = 0; k < 2 * SG_EXPOSURE; k++) {
         const double start = k % SG_EXPOSURE % 5 == 0, moved = k == SG_EXPOSURE       ? -0.01
                                                                : k == SG_EXPOSURE + 7 ? 0.01
@@ -157,7 +162,8 @@ static void test_exposure_steps(void **state)
         assert_true(fabs((double) e[k] - start - moved) < 1e-7);
     }
     memset(gradient, 0, sizeof(gradient));
-    sg_exposures_step(e, 2, 0, gradient, &p, 0, 2); /* the other photo: m 0.18, v 0.003996 */
+    update = sg_exposures_update(&p, 0, 2);
+    sg_host_learn_exposures(e, 2, 0, gradient, &update); /* the other photo: m 0.18, v 0.003996 */
     const double m = 0.9 * 0.2 / (1 - 0.81), v = 0.999 * 0.004 / (1 - 0.999 * 0.999);
     assert_true(fabs((double) e[SG_EXPOSURE] - (0.99 - 0.01 * m / sqrt(v))) < 1e-6);
     assert_true(e[0] == 1);

@@ -265,10 +265,10 @@ struct sg_train_limits {
 SG_API void sg_trainer_limits(const sg_trainer *trainer, struct sg_train_limits *out);
 /* Tolerance of the photo of a training view now, in grey levels; 0 = none. */
 SG_API float sg_trainer_tolerance(const sg_trainer *trainer, size_t view);
-/* The exposure of a training view's photo now, of a run that learns them: 3 rows of 4 numbers,
- * where channel c of the photo is the sum over k of colour[k] row[k][c], and row[c][3]. NULL
- * without. Valid until the next step. */
-SG_API const float *sg_trainer_exposure(const sg_trainer *trainer, size_t view);
+/* The exposures of the training views' photos now, of a run that learns them: of each photo 3 rows
+ * of 4 numbers, where channel c of the photo is the sum over k of colour[k] row[k][c], and
+ * row[c][3]. NULL without. Valid until the next step. Waits for a device. */
+SG_API int sg_trainer_exposures(sg_trainer *trainer, const float **out);
 SG_API size_t sg_trainer_gaussians(const sg_trainer *trainer);
 SG_API void sg_trainer_times(const sg_trainer *trainer, struct sg_train_times *out);
 

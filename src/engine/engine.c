@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "core/clock.h"
+#include "host/exposure.h"
 #include "ops.h"
 #include "scaffold/scaffold.h"
 
@@ -350,6 +351,28 @@ int sg_engine_photo_drop(struct sg_engine *e, sg_photo photo)
     return code;
 }
 
+/* ---- exposures ---- */
+
+int sg_engine_set_exposures(struct sg_engine *e, float *values, size_t n)
+{
+    if (n && !e->ops->exposure)
+        return lacks(e, "set_exposures");
+    int code = finish(e);
+    if (!code && e->ops->set_exposures)
+        code = e->ops->set_exposures(e, values, n);
+    e->exposures = code ? NULL : values;
+    e->exposure_count = code ? 0 : n;
+    return leave(e, code, SPLATS | LISTS | IMAGE, 0);
+}
+
+int sg_engine_read_exposures(struct sg_engine *e)
+{
+    const int code = finish(e);
+    return code || !e->ops->read_exposures || !e->exposure_count
+               ? code
+               : e->ops->read_exposures(e, e->exposures);
+}
+
 /* ---- the stages ---- */
 
 static int run_shape(struct sg_engine *e)
@@ -442,12 +465,15 @@ int sg_engine_read_image(struct sg_engine *e, float *rgb, float *alpha, float *d
 static int find_target(const struct sg_engine *e, const struct sg_target *t,
                        struct sg_target_pixels *out)
 {
-    *out =
-        (struct sg_target_pixels){.photo = t->photo, .planes = t->planes, .exposure = t->exposure};
-    if (t->exposure && !e->ops->exposure)
+    *out = (struct sg_target_pixels){.photo = t->photo, .planes = t->planes};
+    if (t->exposure > e->exposure_count)
         return sg_fail(e->ctx, SG_ERR_USAGE,
-                       "losses: found a photo with an exposure, which engine %s does not have",
-                       e->ops->name);
+                       "losses: found exposure %zu, expected one of the %zu that the engine has",
+                       t->exposure, e->exposure_count);
+    if (t->exposure && e->ops->learn_exposures)
+        out->device_exposure = t->exposure;
+    else if (t->exposure)
+        out->exposure = e->exposures + (t->exposure - 1) * SG_EXPOSURE;
     if (!t->photo)
         return t->planes ? SG_OK
                          : sg_fail(e->ctx, SG_ERR_USAGE,
@@ -485,6 +511,7 @@ int sg_engine_losses(struct sg_engine *e, const struct sg_target *target,
         code = e->ops->loss(e, &pixels, &losses[i]);
         lap(e, start, &e->times.loss[losses[i].kind]);
     }
+    e->exposed = target->exposure;
     return leave(e, code, SPLATS | LISTS | IMAGE, IMAGE_GRADIENT);
 }
 
@@ -494,6 +521,7 @@ int sg_engine_write_image_gradient(struct sg_engine *e, const float *gradient)
     if (code || (code = finish(e)))
         return code;
     code = e->ops->write_image_gradient(e, gradient);
+    e->exposed = 0;
     return leave(e, code, SPLATS | LISTS | IMAGE, IMAGE_GRADIENT);
 }
 
@@ -547,6 +575,24 @@ static void note_step(struct sg_engine *e)
     e->learned = e->step;
     if (e->step.stats.instances > e->most_instances)
         e->most_instances = e->step.stats.instances;
+}
+
+int sg_engine_learn_exposures(struct sg_engine *e, const struct sg_exposure_update *update)
+{
+    int code = need(e, IMAGE_GRADIENT, "learn_exposures", "losses");
+    if (!code && !e->exposed)
+        code = sg_fail(e->ctx, SG_ERR_INTERNAL,
+                       "engine: learn_exposures: found losses without an exposure");
+    if (code)
+        return code;
+    const double start = begin(e, &e->times.optimise);
+    if (e->ops->learn_exposures)
+        code = e->ops->learn_exposures(e, e->exposed - 1, update);
+    else if (!e->ops->read_step || !(code = e->ops->read_step(e)))
+        sg_host_learn_exposures(e->exposures, e->exposure_count, e->exposed - 1, e->step.exposure,
+                                update);
+    lap(e, start, &e->times.optimise);
+    return code;
 }
 
 int sg_engine_optimise(struct sg_engine *e, const struct sg_update *update)

@@ -192,6 +192,14 @@ int sg_engine_photo_add(struct sg_engine *e, int width, int height, const uint8_
 /* The photo is gone also after an error, which is that of an earlier stage. 0: nothing. */
 int sg_engine_photo_drop(struct sg_engine *e, sg_photo photo);
 
+/* The exposures of n photos (math/exposure.h), then their first moments, then their second. An
+ * engine in host memory learns them where they are; a device has a copy. They must stay until the
+ * engine is destroyed or has others. n = 0: none. SG_ERR_USAGE for an engine without exposures. */
+#define SG_EXPOSURE_FLOATS (3 * SG_EXPOSURE) /* of a photo */
+int sg_engine_set_exposures(struct sg_engine *e, float *values, size_t n);
+/* Engine to host: what they are now, to where they were given. */
+int sg_engine_read_exposures(struct sg_engine *e);
+
 /* ---- the stages ---- */
 
 /* Every Gaussian on the screen; colours of SH degree sh_degree. */
@@ -235,6 +243,12 @@ int sg_engine_project_backward(struct sg_engine *e, bool statistics);
 /* Raises the largest radius of each Gaussian to that in the view that was projected, before it
  * moves. SG_ERR_USAGE for an engine that has no such operation. */
 int sg_engine_count_radii(struct sg_engine *e);
+/* One Adam step of all exposures, after the losses and before optimise: that of the target by its
+ * gradient, the others by their momentum alone. See struct sg_update. */
+struct sg_exposure_update {
+    double rate, root;
+};
+int sg_engine_learn_exposures(struct sg_engine *e, const struct sg_exposure_update *update);
 /* A step of the optimiser. Without project_backward before, it does that too, as fast as it can:
  * gradients of the parameters need not be stored. With it, update->statistics has no effect. */
 int sg_engine_optimise(struct sg_engine *e, const struct sg_update *update);

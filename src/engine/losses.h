@@ -4,6 +4,7 @@
 #define SG_ENGINE_LOSSES_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 #include "splatguard/spectrum.h"
@@ -14,9 +15,9 @@
 struct sg_target {
     uint32_t photo;      /* a handle, or 0 with planes */
     const float *planes; /* host, 3 planes: an image instead of the photo's; or NULL */
-    /* NULL, or the photo's exposure (math/exposure.h): the photometric loss compares the photo with
-     * the exposed render. The other losses are of the render itself. */
-    const float *exposure;
+    /* 0, or 1 + the number of the photo's exposure (sg_engine_set_exposures): the photometric loss
+     * compares the photo with the exposed render. The other losses are of the render itself. */
+    size_t exposure;
 };
 
 /* Losses on the render alone: kind, name, and the type of their parameters. Each has a function for

@@ -21,7 +21,9 @@ struct sg_target_pixels {
     const uint8_t *rgb;  /* host, height x width x 3 */
     const uint8_t *mask; /* host, height x width, or NULL */
     const float *planes; /* host, 3 planes */
+    /* The photo's exposure: host memory, or 1 + its number on a device that learns them. */
     const float *exposure;
+    size_t device_exposure;
 };
 
 /* The beginning of every engine's own structure. */
@@ -37,6 +39,9 @@ struct sg_engine {
     int each;                      /* Gaussians that one of the model can be drawn as; 0: 1 */
     struct sg_photo_entry *photos; /* of handle k + 1 */
     size_t photo_count, photo_capacity;
+    float *exposures; /* host; see sg_engine_set_exposures */
+    size_t exposure_count;
+    size_t exposed; /* 1 + the number of that of the newest losses, or 0 */
     bool clocks_stopped;
     /* NULL: the host's clock runs during each call. Else the engine adds to *sum, one of `times` or
      * NULL, what its device takes for the work of the calls from now on. */
@@ -80,6 +85,13 @@ struct sg_engine_ops {
     /* Optional: an engine in host memory reads the photos where they are. */
     int (*photo_add)(struct sg_engine *, sg_photo, const struct sg_photo_entry *);
     void (*photo_drop)(struct sg_engine *, sg_photo);
+
+    /* Optional, all three of them: the front end learns exposures in host memory. n may be 0.
+     * read_exposures: the values and moments of all. learn_exposures is a stage; `number` is that
+     * of the photo in the losses. */
+    int (*set_exposures)(struct sg_engine *, const float *values, size_t n);
+    int (*read_exposures)(struct sg_engine *, float *values);
+    int (*learn_exposures)(struct sg_engine *, size_t number, const struct sg_exposure_update *);
 
     /* Optional: there is no such stage. */
     int (*shape)(struct sg_engine *, const struct sg_shape *);

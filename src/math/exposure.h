@@ -9,7 +9,8 @@
 #include "dialect.h"
 #endif
 
-#define SG_EXPOSURE 12 /* numbers */
+#define SG_EXPOSURE 12       /* numbers */
+#define SG_EXPOSURE_EPS 1e-8 /* of Adam: not that of the Gaussians */
 
 SG_FN void sg_expose(IN_ARRAY(float, e, SG_EXPOSURE), IN_ARRAY(float, colour, 3),
                      OUT_ARRAY(float, shown, 3))

@@ -217,13 +217,15 @@ int sg_run_create_files(sg_ctx *ctx, const struct sg_run_params *p, const struct
     return code;
 }
 
+#define EXPOSURE 12 /* numbers of a map */
+
 /* The maps of the training photos by name, as the reference writes them. */
 static int save_exposures(sg_ctx *ctx, const char *run, const struct sg_scene *scene,
-                          const sg_trainer *trainer)
+                          const float *exposures)
 {
     json_t *root = json_object();
     for (size_t i = 0; root && i < scene->n_train; i++) {
-        const float *e = sg_trainer_exposure(trainer, i);
+        const float *e = exposures + i * EXPOSURE;
         json_t *rows = json_array();
         for (int k = 0; k < 3; k++)
             json_array_append_new(rows,
@@ -246,6 +248,7 @@ int sg_run_save_model(sg_ctx *ctx, const char *run, const struct sg_scene *scene
     snprintf(name, sizeof(name), "point_cloud/iteration_%d/point_cloud.ply",
              sg_trainer_iteration(trainer));
     struct sg_model *m = NULL;
+    const float *exposures;
     sg_clear_error(ctx);
     int code = sg_path_below(ctx, run, name, &path);
     if (!code) {
@@ -258,8 +261,10 @@ int sg_run_save_model(sg_ctx *ctx, const char *run, const struct sg_scene *scene
         code = sg_trainer_model(trainer, &m);
     if (!code)
         code = sg_model_write_ply(ctx, m, path);
-    if (!code && sg_trainer_exposure(trainer, 0))
-        code = save_exposures(ctx, run, scene, trainer);
+    if (!code)
+        code = sg_trainer_exposures(trainer, &exposures);
+    if (!code && exposures)
+        code = save_exposures(ctx, run, scene, exposures);
     sg_model_destroy(&m);
     sg_free(path);
     return code;

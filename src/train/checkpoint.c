@@ -215,7 +215,8 @@ int sg_trainer_save(sg_trainer *t, const char *path)
     struct sg_file_writer w = {0};
     struct hashed sink;
     int code = alloc_scratch(t, &m);
-    if (code || (code = sg_file_create(ctx, &w, path)))
+    if (code || (code = sg_engine_read_exposures(t->engine)) ||
+        (code = sg_file_create(ctx, &w, path)))
         goto done;
     struct sg_checkpoint_header h = {.count = m.count,
                                      .sh_degree = m.sh_degree,

@@ -8,13 +8,10 @@
 #include "engine/engine.h"
 #include "splatguard/train.h"
 
-/* Floats of a photo: the map, and both moments. */
-#define SG_EXPOSURE_FLOATS (3 * SG_EXPOSURE)
-
-/* The maps of n photos, then their first moments, then the second. */
+/* Those of n photos before the first step, for sg_engine_set_exposures. */
 int sg_exposures_create(sg_ctx *ctx, size_t n, float **out);
-/* steps: with this one. */
-void sg_exposures_step(float *exposures, size_t n, size_t view, const double *gradient,
-                       const struct sg_train_params *params, int it, uint64_t steps);
+/* The step of iteration `it`. steps: with this one. */
+struct sg_exposure_update sg_exposures_update(const struct sg_train_params *params, int it,
+                                              uint64_t steps);
 
 #endif

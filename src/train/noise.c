@@ -13,8 +13,9 @@
 
 #define PHOTOS 32 /* most photos that are measured */
 
-static int measure_view(sg_trainer *t, size_t view, int sh_degree, float *image,
-                        struct sg_residual *out)
+/* exposures: of all training views, or NULL. */
+static int measure_view(sg_trainer *t, size_t view, const float *exposures, int sh_degree,
+                        float *image, struct sg_residual *out)
 {
     const struct sg_view *v = &t->scene->train[view];
     const float level = t->params.white_background;
@@ -25,12 +26,11 @@ static int measure_view(sg_trainer *t, size_t view, int sh_degree, float *image,
     int code = sg_engine_draw(t->engine, &v->camera, sh_degree, &render, false);
     if (!code)
         code = sg_engine_read_image(t->engine, image, NULL, NULL);
-    const float *exposure = sg_trainer_exposure(t, view);
     const size_t n = (size_t) v->camera.width * (size_t) v->camera.height;
-    for (size_t i = 0; i < n && exposure && !code; i++) {
+    for (size_t i = 0; i < n && exposures && !code; i++) {
         const float colour[3] = {image[i], image[n + i], image[2 * n + i]};
         float shown[3];
-        sg_expose(exposure, colour, shown);
+        sg_expose(exposures + view * SG_EXPOSURE, colour, shown);
         image[i] = shown[0], image[n + i] = shown[1], image[2 * n + i] = shown[2];
     }
     const uint8_t *rgb;
@@ -54,13 +54,15 @@ int sg_trainer_measure_noise(sg_trainer *t, int it, struct sg_noise *out)
     }
     const size_t wanted = tolerated < PHOTOS ? tolerated : PHOTOS;
     float *image = sg_alloc_raw(t->ctx, SG_MEM_FRAME, pixels, 3 * sizeof(*image));
-    int code = image ? SG_OK : SG_ERR_BUDGET;
+    const float *exposures = NULL;
+    int code = image ? sg_trainer_exposures(t, &exposures) : SG_ERR_BUDGET;
     for (size_t i = 0, rank = 0, taken = 0; taken < wanted && !code; i++) {
         if (!(t->params.tolerances[i] > 0) || rank++ != sg_evenly(tolerated, taken, wanted))
             continue;
         struct sg_residual r;
         taken++;
-        code = measure_view(t, i, sg_active_degree(&t->params, t->start_degree, it), image, &r);
+        code = measure_view(t, i, exposures, sg_active_degree(&t->params, t->start_degree, it),
+                            image, &r);
         if (!code && r.blocks) {
             levels[out->photos] = r.level;
             kurtosis[out->photos++] = r.kurtosis;

@@ -181,6 +181,8 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
         (code = start->checkpoint ? sg_checkpoint_read(t, &saved)
                                   : sg_trainer_init_model(t, start->initial)))
         goto fail;
+    if (t->exposures && (code = sg_engine_set_exposures(t->engine, t->exposures, scene->n_train)))
+        goto fail;
     if (!start->checkpoint && ((t->strategy->begin && (code = t->strategy->begin(t))) ||
                                (code = sg_trainer_renew_filter(t))))
         goto fail;
@@ -326,9 +328,11 @@ float sg_trainer_tolerance(const sg_trainer *t, size_t view)
     return p->tolerances[view] > 0 && t->noise > 0 ? (float) t->noise : p->tolerances[view];
 }
 
-const float *sg_trainer_exposure(const sg_trainer *t, size_t view)
+int sg_trainer_exposures(sg_trainer *t, const float **out)
 {
-    return t->exposures ? t->exposures + view * SG_EXPOSURE : NULL;
+    sg_clear_error(t->ctx);
+    *out = t->exposures;
+    return sg_engine_read_exposures(t->engine);
 }
 
 /* The losses of a view in iteration `it`; returns their number. */
@@ -367,7 +371,7 @@ static int compare(sg_trainer *t, size_t index, const struct sg_loss *losses, si
         return code;
     code = sg_engine_losses(
         t->engine,
-        &(struct sg_target){.photo = t->photos[index], .exposure = sg_trainer_exposure(t, index)},
+        &(struct sg_target){.photo = t->photos[index], .exposure = t->exposures ? index + 1 : 0},
         losses, n);
     if (!stays) {
         const int dropped = sg_engine_photo_drop(t->engine, t->photos[index]);
@@ -466,6 +470,11 @@ int sg_trainer_advance(sg_trainer *t, struct sg_train_step *out)
     const struct sg_update update = {.statistics = plan.statistics,
                                      .mean_opacity = plan.mean_opacity,
                                      .mean_scale = plan.mean_scale};
+    if (t->exposures && it < p->iterations) {
+        const struct sg_exposure_update x = sg_exposures_update(p, it, t->steps + 1);
+        if ((code = sg_engine_learn_exposures(t->engine, &x)))
+            return code;
+    }
     if ((code = sg_trainer_update(t, moves ? lr : NULL, plan.rests_opacity, update)) ||
         (!settles && t->strategy->after_step &&
          (code = t->strategy->after_step(t, &plan, before, it, &render, &step))))
@@ -473,15 +482,11 @@ int sg_trainer_advance(sg_trainer *t, struct sg_train_step *out)
 
     t->iteration = it;
     t->steps++;
-    const bool learns = t->exposures && it < p->iterations;
-    if (learns || out) {
-        if ((code = sg_engine_read_arrived(t->engine, learns, &result)))
+    if (out) {
+        if ((code = sg_engine_read_arrived(t->engine, false, &result)))
             return code;
         take_values(t, &result, &step);
     }
-    if (learns)
-        sg_exposures_step(t->exposures, t->scene->n_train, step.view, result.exposure, p, it,
-                          t->steps);
     step.gaussians = sg_trainer_gaussians(t);
     const int look = p->tolerance_look < 0 ? p->densify_until_iter / 10 : p->tolerance_look;
     if (p->tolerances && before < look && it >= look &&

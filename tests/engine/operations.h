@@ -44,10 +44,10 @@ static inline struct sg_step step_against(struct sg_engine *e, const struct sg_m
 }
 
 /* Draws and compares with a random photo of values below `brightest`, by the first n of three
- * losses. exposure: the photo's, or NULL. */
+ * losses. exposure: see struct sg_target. */
 static inline struct sg_step losses_against(struct sg_engine *e, const struct sg_model *m,
-                                            const uint8_t *mask, const float *exposure,
-                                            float brightest, size_t n)
+                                            const uint8_t *mask, size_t exposure, float brightest,
+                                            size_t n)
 {
     static uint8_t photo[3 * PIXELS];
     const struct sg_camera camera = make_camera(W, H, 3);

@@ -48,10 +48,10 @@ static void test_mip(void **state)
         struct sg_model *g, *after;
         struct sg_engine *e = begin(ctx, k, m, &o);
         assert_int_equal(sg_model_create(ctx, GAUSSIANS, DEGREE, &after), SG_OK);
-        losses_against(e, m, NULL, NULL, 255.9f, 1);
+        losses_against(e, m, NULL, 0, 255.9f, 1);
         assert_int_equal(sg_engine_read_image(e, plain, NULL, NULL), SG_OK);
         assert_int_equal(sg_engine_set_shape(e, &mip), SG_OK);
-        losses_against(e, m, NULL, NULL, 255.9f, 1);
+        losses_against(e, m, NULL, 0, 255.9f, 1);
         assert_int_equal(sg_engine_read_image(e, right ? found : expected, NULL, NULL), SG_OK);
         g = gradients_of(ctx, e, m);
         assert_int_equal(sg_engine_optimise(e, &u), SG_OK);

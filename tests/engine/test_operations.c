@@ -7,7 +7,7 @@
 static struct sg_step losses_of(struct sg_engine *e, const struct sg_model *m, const uint8_t *mask,
                                 size_t n)
 {
-    return losses_against(e, m, mask, NULL, 255.9f, n);
+    return losses_against(e, m, mask, 0, 255.9f, n);
 }
 
 static bool counts_absolute(int k)

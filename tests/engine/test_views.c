@@ -3,12 +3,23 @@
  * photo's change adds, and the 2D filter of Mip-Splatting, on every engine and variant. */
 #include "operations.h"
 
+/* Gives an engine one exposure, unless NULL; returns what a target with it says. */
+static size_t give_exposure(struct sg_engine *e, const float *exposure)
+{
+    static float values[SG_EXPOSURE_FLOATS];
+    if (!exposure)
+        return 0;
+    memcpy(values, exposure, SG_EXPOSURE * sizeof(*exposure));
+    assert_int_equal(sg_engine_set_exposures(e, values, 1), SG_OK);
+    return 1;
+}
+
 /* The loss of a dark photo on a model that is drawn anew. */
 static struct sg_step exposed_loss(struct sg_engine *e, const struct sg_model *m,
                                    const uint8_t *mask, const float *exposure)
 {
     assert_int_equal(sg_engine_upload(e, m, NULL), SG_OK);
-    return losses_against(e, m, mask, exposure, 40, 1);
+    return losses_against(e, m, mask, give_exposure(e, exposure), 40, 1);
 }
 
 /* What it makes of a render is brighter than the photo everywhere: the loss has no kink. */
@@ -103,6 +114,74 @@ static void test_exposure_values(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+#define EXPOSED 3 /* photos */
+
+/* Steps with two of the photos. */
+static void learn_exposures(struct sg_engine *e, const struct sg_model *m,
+                            float values[EXPOSED * SG_EXPOSURE_FLOATS])
+{
+    static const size_t photos[] = {2, 0, 2, 2};
+    memset(values, 0, EXPOSED * SG_EXPOSURE_FLOATS * sizeof(*values));
+    for (size_t photo = 0; photo < EXPOSED; photo++)
+        memcpy(values + photo * SG_EXPOSURE, some_exposure, sizeof(some_exposure));
+    assert_int_equal(sg_engine_set_exposures(e, values, EXPOSED), SG_OK);
+    for (int step = 0; step < 4; step++) {
+        const double beta1 = pow(0.9, step + 1), beta2 = pow(0.999, step + 1);
+        const struct sg_exposure_update update = {0.01 / (1 - beta1), 1 / sqrt(1 - beta2)};
+        assert_int_equal(sg_engine_upload(e, m, NULL), SG_OK);
+        losses_against(e, m, NULL, photos[step] + 1, 40, 1);
+        assert_int_equal(sg_engine_raster_backward(e), SG_OK);
+        assert_int_equal(sg_engine_learn_exposures(e, &update), SG_OK);
+        assert_int_equal(sg_engine_optimise(e, &(struct sg_update){0}), SG_OK);
+        assert_int_equal(sg_engine_learn_exposures(e, &update), SG_ERR_INTERNAL); /* too late */
+        sg_clear_error(sg_engine_ctx(e));
+    }
+    assert_int_equal(sg_engine_read_exposures(e), SG_OK);
+}
+
+/* Every engine learns exposures as the oracle does, and the same bytes each time. */
+static void test_exposure_steps(void **state)
+{
+    (void) state;
+    static float right[EXPOSED * SG_EXPOSURE_FLOATS], found[EXPOSED * SG_EXPOSURE_FLOATS],
+        again[EXPOSED * SG_EXPOSURE_FLOATS];
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_model(ctx, GAUSSIANS, DEGREE, 43);
+    for (int k = case_count - 1; k >= 0; k--) {
+        struct sg_engine *e = begin(ctx, k, m, NULL);
+        learn_exposures(e, m, found);
+        learn_exposures(e, m, again);
+        assert_memory_equal(found, again, sizeof(found));
+        if (k == case_count - 1)
+            memcpy(right, found, sizeof(right));
+        for (int plane = 0; plane < 3; plane++) {
+            const size_t first = (size_t) plane * EXPOSED * SG_EXPOSURE;
+            float largest = 0;
+            for (size_t i = first; i < first + EXPOSED * SG_EXPOSURE; i++)
+                largest = fmaxf(largest, fabsf(right[i]));
+            assert_true(largest > 0);
+            for (size_t i = first; i < first + EXPOSED * SG_EXPOSURE; i++)
+                if (!(fabsf(found[i] - right[i]) <= 1e-4f * largest))
+                    fail_msg("%s: number %zu of plane %d: %g, expected %g", case_name(cases[k]),
+                             i - first, plane, (double) found[i], (double) right[i]);
+        }
+        assert_memory_equal(found + SG_EXPOSURE, some_exposure, sizeof(some_exposure));
+        assert_true(fabsf(found[0] - some_exposure[0]) > 0.005f);
+        assert_true(fabsf(found[2 * SG_EXPOSURE] - some_exposure[0]) > 0.02f);
+        losses_against(e, m, NULL, 0, 40, 1);
+        assert_int_equal(sg_engine_learn_exposures(e, &(struct sg_exposure_update){0}),
+                         SG_ERR_INTERNAL);
+        sg_clear_error(ctx);
+        assert_int_equal(sg_engine_losses(e, &(struct sg_target){.exposure = EXPOSED + 1}, NULL, 0),
+                         SG_ERR_USAGE);
+        sg_clear_error(ctx);
+        assert_int_equal(sg_engine_set_exposures(e, NULL, 0), SG_OK);
+        sg_engine_destroy(&e);
+    }
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
 /* A case of the low-pass term: of a photo or of planes, with what there is beside it. */
 struct low_pass_case {
     bool planes, masked, exposed;
@@ -119,7 +198,7 @@ static struct sg_step low_pass_loss(struct sg_engine *e, const struct sg_model *
         SG_LOSS_PHOTOMETRIC,
         1,
         {.photometric = {.lambda_dssim = 0.2f, .tolerance = c->tolerance, .low_pass = low_pass}}};
-    struct sg_target target = {.exposure = c->exposed ? some_exposure : NULL};
+    struct sg_target target = {.exposure = give_exposure(e, c->exposed ? some_exposure : NULL)};
     for (size_t i = 0; i < 3 * PIXELS; i++) { /* many within the tolerance of black or white */
         const float side = draw(31, i, 0, 1), v = draw(30, i, 0, 1);
         planes[i] = side < 0.3f ? 0.1f * v : side < 0.5f ? 1 - 0.1f * v : v;
@@ -234,9 +313,8 @@ static void test_mip_filter(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_exposure_gradient),
-        cmocka_unit_test(test_exposure_values),
-        cmocka_unit_test(test_low_pass_values),
+        cmocka_unit_test(test_exposure_gradient), cmocka_unit_test(test_exposure_values),
+        cmocka_unit_test(test_exposure_steps),    cmocka_unit_test(test_low_pass_values),
         cmocka_unit_test(test_mip_filter),
     };
     return cmocka_run_group_tests(tests, find_cases, NULL);

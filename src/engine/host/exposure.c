@@ -1,7 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "exposure.h"
 
+#include <math.h>
 #include <string.h>
+
+#include "math/constants.h"
 
 struct job {
     const float *exposure, *rgb;
@@ -76,6 +79,22 @@ void sg_host_expose_backward(sg_ctx *ctx, struct sg_host_exposure *x, const floa
     for (int row = 0; row < height; row++)
         for (int k = 0; k < SG_EXPOSURE; k++)
             out[k] += x->rows[row * SG_EXPOSURE + k];
+}
+
+void sg_host_learn_exposures(float *exposures, size_t n, size_t number,
+                             const double gradient[SG_EXPOSURE],
+                             const struct sg_exposure_update *update)
+{
+    const double b1 = (double) SG_ADAM_BETA1, b2 = (double) SG_ADAM_BETA2;
+    const size_t values = n * SG_EXPOSURE;
+    float *m = exposures + values, *v = m + values;
+    for (size_t i = 0; i < values; i++) {
+        const double g = i / SG_EXPOSURE == number ? gradient[i % SG_EXPOSURE] : 0;
+        m[i] = (float) (b1 * (double) m[i] + (1 - b1) * g);
+        v[i] = (float) (b2 * (double) v[i] + (1 - b2) * g * g);
+        exposures[i] -= (float) (update->rate * (double) m[i] /
+                                 (sqrt((double) v[i]) * update->root + SG_EXPOSURE_EPS));
+    }
 }
 
 void sg_host_exposure_clear(struct sg_host_exposure *x)

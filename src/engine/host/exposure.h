@@ -18,6 +18,11 @@ int sg_host_expose(sg_ctx *ctx, struct sg_host_exposure *x, const float *exposur
 void sg_host_expose_backward(sg_ctx *ctx, struct sg_host_exposure *x, const float *exposure,
                              const float *rgb, int width, int height, float *gradient,
                              double out[SG_EXPOSURE]);
+/* One step of sg_engine_learn_exposures. exposures: as of sg_engine_set_exposures. gradient: of the
+ * one with this number. */
+void sg_host_learn_exposures(float *exposures, size_t n, size_t number,
+                             const double gradient[SG_EXPOSURE],
+                             const struct sg_exposure_update *update);
 void sg_host_exposure_clear(struct sg_host_exposure *x);
 
 #endif

@@ -41,6 +41,7 @@ enum vulkan_stage {
     STAGE_BIN,
     STAGE_RASTER,
     STAGE_LOSS,
+    STAGE_LEARN_EXPOSURES,
     STAGE_RASTER_BACKWARD,
     STAGE_PROJECT_BACKWARD,
     STAGE_SHAPE_BACKWARD,
@@ -63,6 +64,10 @@ struct vulkan_call {
             struct sg_loss loss;
             float exposure[SG_EXPOSURE];
         } loss;
+        struct {
+            size_t number;
+            struct sg_exposure_update update;
+        } exposures;
         struct sg_update update;
         struct sg_exploration explore;
         const struct sg_shape *shape;
@@ -110,7 +115,7 @@ struct vulkan_engine {
     struct gpu_buffer splats, image, alpha, depth, blocks, reached, checkpoints;
     struct gpu_buffer gradient, slots, band_sums;
     /* of losses */
-    struct gpu_buffer given, target, maps, sums, exposed;
+    struct gpu_buffer given, target, maps, sums, exposed, exposures, given_exposure;
     struct vulkan_spectrum spectrum;
     struct vulkan_terms terms;
     uint32_t ascended; /* where the last step of sg_vulkan_ascend left its image: 1, 2 */
@@ -173,6 +178,10 @@ int sg_vulkan_edit(struct sg_engine *, const struct sg_edit *);
 int sg_vulkan_photo_add(struct sg_engine *, sg_photo, const struct sg_photo_entry *);
 void sg_vulkan_photo_drop(struct sg_engine *, sg_photo);
 int sg_vulkan_loss(struct sg_engine *, const struct sg_target_pixels *, const struct sg_loss *);
+int sg_vulkan_set_exposures(struct sg_engine *, const float *values, size_t n);
+int sg_vulkan_read_exposures(struct sg_engine *, float *values);
+int sg_vulkan_learn_exposures(struct vulkan_engine *, size_t number,
+                              const struct sg_exposure_update *);
 int sg_vulkan_ascend(struct sg_engine *, const struct sg_ascend *);
 /* Of the photo. 0: of the image, which is as large, for kernels that load words before they know
  * that they do not need them. */

@@ -13,9 +13,10 @@ static void destroy(struct sg_engine *base)
     struct vulkan_engine *e = vulkan_of(base);
     struct gpu *g = e->gpu;
     struct gpu_buffer *owned[] = {
-        &e->view,    &e->splats,      &e->image,    &e->alpha,   &e->depth,       &e->blocks,
-        &e->reached, &e->checkpoints, &e->gradient, &e->slots,   &e->band_sums,   &e->given,
-        &e->target,  &e->maps,        &e->sums,     &e->exposed, &e->flow.arrived};
+        &e->view,      &e->splats,    &e->image,          &e->alpha,       &e->depth,
+        &e->blocks,    &e->reached,   &e->checkpoints,    &e->gradient,    &e->slots,
+        &e->band_sums, &e->given,     &e->target,         &e->maps,        &e->sums,
+        &e->exposed,   &e->exposures, &e->given_exposure, &e->flow.arrived};
     for (size_t i = 0; i < sizeof(owned) / sizeof(owned[0]); i++)
         sg_gpu_release(g, owned[i]);
     for (int c = 0; c < SG_COLUMNS; c++)
@@ -388,6 +389,12 @@ static int run_loss(struct sg_engine *base, const struct sg_target_pixels *t,
     return sg_flow_run(vulkan_of(base), &call);
 }
 
+static int run_learn_exposures(struct sg_engine *base, size_t number,
+                               const struct sg_exposure_update *u)
+{
+    return RUN(base, .stage = STAGE_LEARN_EXPOSURES, .exposures = {number, *u});
+}
+
 static int run_raster_backward(struct sg_engine *base)
 {
     return RUN(base, .stage = STAGE_RASTER_BACKWARD);
@@ -438,6 +445,9 @@ static const struct sg_engine_ops ops = {
     .filter = sg_vulkan_filter,
     .photo_add = sg_vulkan_photo_add,
     .photo_drop = sg_vulkan_photo_drop,
+    .set_exposures = sg_vulkan_set_exposures,
+    .read_exposures = sg_vulkan_read_exposures,
+    .learn_exposures = run_learn_exposures,
     .shape = run_shape,
     .shape_backward = run_shape_backward,
     .project = run_project,
@@ -522,7 +532,7 @@ static struct sg_footprint on_device(const struct sg_work *w)
         .view = pixels * 4 * (9 * 3 + 2) + tiles * (16 * 256 + 64) +
                 (w->anisotropy ? sg_vulkan_spectrum_bytes((uint64_t) w->width, (uint64_t) w->height)
                                : 0),
-        .photo = 4 * pixels};
+        .photo = 4 * pixels + (w->exposure ? 4 * SG_EXPOSURE_FLOATS : 0)};
 }
 
 const struct sg_engine_kind sg_engine_vulkan = {

@@ -110,33 +110,75 @@ static int low_pass(struct vulkan_engine *e, const struct gpu_buffer *image,
                           .scale = 2 * p->low_pass / (float) values);
 }
 
-#define EXPOSURE_OF(x)                                                                             \
-    .e0 = (x)[0], .e1 = (x)[1], .e2 = (x)[2], .e3 = (x)[3], .e4 = (x)[4], .e5 = (x)[5],            \
-    .e6 = (x)[6], .e7 = (x)[7], .e8 = (x)[8], .e9 = (x)[9], .e10 = (x)[10], .e11 = (x)[11]
+/* ---- exposures ---- */
+
+int sg_vulkan_set_exposures(struct sg_engine *base, const float *values, size_t n)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    const uint64_t bytes = 4 * SG_EXPOSURE_FLOATS * (uint64_t) n;
+    sg_gpu_release(e->gpu, &e->exposures);
+    if (!n)
+        return SG_OK;
+    const int code = sg_gpu_reserve(e->gpu, SG_MEM_OPTIMISER, &e->exposures, bytes);
+    return code ? code : sg_gpu_write(e->gpu, &e->exposures, 0, values, bytes);
+}
+
+int sg_vulkan_read_exposures(struct sg_engine *base, float *values)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    return sg_gpu_read(e->gpu, &e->exposures, 0, values,
+                       4 * SG_EXPOSURE_FLOATS * (uint64_t) base->exposure_count);
+}
+
+int sg_vulkan_learn_exposures(struct vulkan_engine *e, size_t number,
+                              const struct sg_exposure_update *u)
+{
+    const uint64_t count = e->base.exposure_count;
+    return GPU_RUN(e->gpu, learn_exposures, 0, FOR_EACH(count * SG_EXPOSURE),
+                   .exposures = e->exposures.address,
+                   .gradient = e->lists.results.address + 4 * VK_RESULT_EXPOSURE,
+                   .stop = e->gpu->stop.address, .count = (uint32_t) count,
+                   .number = (uint32_t) number, .rate = (float) u->rate, .root = (float) u->root);
+}
+
+/* Where the target's exposure is: on the device, or the host's, which is copied there. */
+static int find_exposure(struct vulkan_engine *e, const struct sg_target_pixels *t,
+                         VkDeviceAddress *out)
+{
+    const uint64_t bytes = 4 * SG_EXPOSURE;
+    int code = SG_OK;
+    if (t->exposure && !(code = sg_gpu_reserve(e->gpu, SG_MEM_MISC, &e->given_exposure, bytes)))
+        code = sg_gpu_update(e->gpu, &e->given_exposure, 0, t->exposure, bytes);
+    *out = t->exposure ? e->given_exposure.address
+                       : e->exposures.address + bytes * (t->device_exposure - 1);
+    return code;
+}
 
 static int photometric(struct vulkan_engine *e, const struct sg_target_pixels *t,
                        const struct sg_photometric *p)
 {
     struct gpu *g = e->gpu;
     const uint64_t pixels = (uint64_t) e->width * e->height, groups = FOR_EACH(pixels);
-    const struct gpu_buffer *shown = t->exposure ? &e->exposed : &e->image;
-    int code = SG_OK;
+    const bool exposed = t->exposure || t->device_exposure;
+    const struct gpu_buffer *shown = exposed ? &e->exposed : &e->image;
+    VkDeviceAddress exposure = 0;
+    int code = exposed ? find_exposure(e, t, &exposure) : SG_OK;
     e->terms.low_pass = 0;
     e->terms.exposed = false;
-    if (t->exposure && !(code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->exposed, 12 * pixels)))
+    if (exposed && !code && !(code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->exposed, 12 * pixels)))
         code =
             GPU_RUN(g, expose, 0, groups, .image = e->image.address, .exposed = e->exposed.address,
-                    .pixels = (uint32_t) pixels, EXPOSURE_OF(t->exposure));
+                    .exposure = exposure, .pixels = (uint32_t) pixels);
     if (!code)
         code = compare(e, shown, t, p);
     if (p->low_pass > 0 && !code)
         code = low_pass(e, shown, t, p);
-    if (!t->exposure || code ||
+    if (!exposed || code ||
         (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->sums, 4 * SG_EXPOSURE * groups)))
         return code;
     code = GPU_RUN(g, expose_backward, 0, groups, .image = e->image.address,
-                   .gradient = e->gradient.address, .sums = e->sums.address,
-                   .pixels = (uint32_t) pixels, EXPOSURE_OF(t->exposure));
+                   .gradient = e->gradient.address, .sums = e->sums.address, .exposure = exposure,
+                   .pixels = (uint32_t) pixels);
     e->terms.exposed = true;
     return code ? code : sg_vulkan_add_up(e, groups, SG_EXPOSURE, VK_RESULT_EXPOSURE);
 }

@@ -79,6 +79,7 @@
     K(low_pass_gradient)                                                                           \
     K(expose)                                                                                      \
     K(expose_backward)                                                                             \
+    K(learn_exposures)                                                                             \
     K(spectrum_rows)                                                                               \
     K(spectrum_columns)                                                                            \
     K(spectrum_factors)                                                                            \
@@ -202,14 +203,14 @@
 #define ARGS_low_pass_gradient(P, U, F)                                                            \
     P(Floats, image) P(Uints, photo) P(Floats, given) P(Floats, passed) P(Floats, gradient)        \
     U(width) U(height) U(planes) U(masked) F(tolerance) F(scale)
-#define ARGS_exposure(F)                                                                           \
-    F(e0) F(e1) F(e2) F(e3) F(e4) F(e5) F(e6) F(e7) F(e8) F(e9) F(e10) F(e11)
-#define EXPOSURE_MAP(a)                                                                            \
-    float[](a.e0, a.e1, a.e2, a.e3, a.e4, a.e5, a.e6, a.e7, a.e8, a.e9, a.e10, a.e11)
 #define ARGS_expose(P, U, F)                                                                       \
-    P(Floats, image) P(Floats, exposed) U(pixels) ARGS_exposure(F)
+    P(Floats, image) P(Floats, exposed) P(Floats, exposure) U(pixels)
 #define ARGS_expose_backward(P, U, F)                                                              \
-    P(Floats, image) P(Floats, gradient) P(Floats, sums) U(pixels) ARGS_exposure(F)
+    P(Floats, image) P(Floats, gradient) P(Floats, sums) P(Floats, exposure) U(pixels)
+/* A step of all exposures, unless the device has stopped. exposures: `count` of them, then their
+ * moments. gradient: of the one with this number. */
+#define ARGS_learn_exposures(P, U, F)                                                              \
+    P(Floats, exposures) P(Floats, gradient) P(Uints, stop) U(count) U(number) F(rate) F(root)
 /* Words of a Fourier transform's plan, and behind them, with the index of a word, its tables:
  * points of the stages, their number, factors of Bluestein's chirp and of its filter (0: none), and
  * for each stage its radix, the points of its parts, twiddles and roots. */

@@ -13,10 +13,12 @@ void main()
     const uint i = thread_index();
     if (i >= a.pixels)
         return;
-    float colour[3], shown[3];
+    float exposure[SG_EXPOSURE], colour[3], shown[3];
+    for (uint k = 0; k < SG_EXPOSURE; k++)
+        exposure[k] = a.exposure.v[k];
     for (uint c = 0; c < 3; c++)
         colour[c] = a.image.v[c * a.pixels + i];
-    sg_expose(EXPOSURE_MAP(a), colour, shown);
+    sg_expose(exposure, colour, shown);
     for (uint c = 0; c < 3; c++)
         a.exposed.v[c * a.pixels + i] = shown[c];
 }

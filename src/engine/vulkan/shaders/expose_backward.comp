@@ -14,12 +14,14 @@ void main()
 {
     const uint i = thread_index();
     const bool inside = i < a.pixels;
-    float shown[3], colour[3], moved[3];
+    float exposure[SG_EXPOSURE], shown[3], colour[3], moved[3];
+    for (uint k = 0; k < SG_EXPOSURE; k++)
+        exposure[k] = a.exposure.v[k];
     for (uint c = 0; c < 3; c++) {
         shown[c] = inside ? a.gradient.v[c * a.pixels + i] : 0.0;
         colour[c] = inside ? a.image.v[c * a.pixels + i] : 0.0;
     }
-    sg_expose_backward(EXPOSURE_MAP(a), shown, moved);
+    sg_expose_backward(exposure, shown, moved);
     for (uint c = 0; c < 3 && inside; c++)
         a.gradient.v[c * a.pixels + i] = moved[c];
     for (uint k = 0; k < SG_EXPOSURE; k++) {
