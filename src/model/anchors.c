@@ -22,6 +22,32 @@ int sg_model_refuse_anchors(sg_ctx *ctx, const struct sg_model *m)
                          "view, expected a 3D Gaussian model");
 }
 
+int sg_model_expect_anchors(sg_ctx *ctx, const struct sg_model *m, const char *name, unsigned parts,
+                            size_t photos)
+{
+    static const char *const names[] = {"no optional part",
+                                        "distances",
+                                        "the feature bank",
+                                        "distances and the feature bank",
+                                        "appearances of photos",
+                                        "distances and appearances of photos",
+                                        "the feature bank and appearances of photos",
+                                        "all optional parts"};
+    if (!sg_model_has_anchors(m))
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found Gaussians, expected anchors of Scaffold-GS",
+                       name);
+    const struct sg_networks *n = m->columns->networks;
+    if (n->parts != parts)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found networks with %s, expected %s", name,
+                       names[n->parts & 7], names[parts & 7]);
+    if (n->photos != photos)
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found the appearances of %zu photos, expected those of the %zu "
+                       "training views",
+                       name, n->photos, photos);
+    return SG_OK;
+}
+
 struct sg_networks *sg_networks_create(sg_ctx *ctx, size_t photos)
 {
     struct sg_networks *n =

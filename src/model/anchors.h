@@ -14,6 +14,10 @@ static inline bool sg_model_has_anchors(const struct sg_model *m)
 
 /* SG_ERR_INPUT for a model of anchors: what works on stored Gaussians cannot take it. */
 int sg_model_refuse_anchors(sg_ctx *ctx, const struct sg_model *model);
+/* SG_ERR_INPUT for all but anchors whose networks have these parts (enum sg_network_part), and the
+ * appearances of so many photos. name: of the model, for the message. */
+int sg_model_expect_anchors(sg_ctx *ctx, const struct sg_model *model, const char *name,
+                            unsigned parts, size_t photos);
 
 /* Networks with the appearances of some photos, all zeros; NULL: SG_ERR_BUDGET. */
 struct sg_networks *sg_networks_create(sg_ctx *ctx, size_t photos);

@@ -14,6 +14,7 @@
 #include "option/option.h"
 #include "splatguard/format.h"
 #include "train.h"
+#include "train/schedule.h"
 
 void sg_attack_run_params_clear(struct sg_attack_run_params *p)
 {
@@ -212,13 +213,14 @@ static int start_decoy(struct attack_run *r)
     struct sg_model *model = NULL;
     char *state = sg_strf(r->ctx, "%s/attack", r->params->folder);
     char *saved = state ? sg_strf(r->ctx, "%s/checkpoint.bin", state) : NULL;
+    const struct sg_scaffold_params *scaffold = &r->attack_params.scaffold;
     const bool anchors = r->attack_params.model == SG_ATTACK_SCAFFOLD;
     int code = !saved ? SG_ERR_BUDGET
                       : (anchors ? sg_model_read_drawable : sg_model_read)(r->ctx, r->proxy,
                                                                            UINT32_MAX, &model);
-    if (!code && anchors && !sg_model_has_anchors(model))
-        code = sg_fail(r->ctx, SG_ERR_INPUT, "%s: found Gaussians, expected anchors of Scaffold-GS",
-                       r->proxy);
+    if (!code && anchors)
+        code = sg_model_expect_anchors(r->ctx, model, r->proxy, sg_network_parts(scaffold),
+                                       scaffold->appearance ? r->scene->n_train : 0);
     if (!code)
         code = sg_model_check(r->ctx, model, r->proxy);
     if (!code)

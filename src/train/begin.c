@@ -89,30 +89,10 @@ size_t sg_trainer_fit_count(sg_trainer *t, size_t n)
 /* Whether a model is of the kind that is trained, and its networks have the parts that learn. */
 static int check_kind(const sg_trainer *t, const struct sg_model *m)
 {
-    static const char *const parts[] = {"no optional part",
-                                        "distances",
-                                        "the feature bank",
-                                        "distances and the feature bank",
-                                        "appearances of photos",
-                                        "distances and appearances of photos",
-                                        "the feature bank and appearances of photos",
-                                        "all optional parts"};
-    if (t->params.model != SG_MODEL_SCAFFOLD)
-        return sg_model_refuse_anchors(t->ctx, m);
-    if (!sg_model_has_anchors(m))
-        return sg_fail(t->ctx, SG_ERR_INPUT,
-                       "model: found Gaussians, expected anchors of Scaffold-GS");
-    const struct sg_networks *n = m->columns->networks;
-    const unsigned asked = sg_network_parts(&t->params);
-    if (n->parts != asked)
-        return sg_fail(t->ctx, SG_ERR_INPUT, "model: found networks with %s, expected %s",
-                       parts[n->parts & 7], parts[asked & 7]);
-    if (n->photos != sg_trainer_appearances(t))
-        return sg_fail(t->ctx, SG_ERR_INPUT,
-                       "model: found the appearances of %zu photos, expected those of the %zu "
-                       "training views",
-                       n->photos, sg_trainer_appearances(t));
-    return SG_OK;
+    return t->params.model != SG_MODEL_SCAFFOLD
+               ? sg_model_refuse_anchors(t->ctx, m)
+               : sg_model_expect_anchors(t->ctx, m, "model", sg_network_parts(&t->params.scaffold),
+                                         sg_trainer_appearances(t));
 }
 
 int sg_trainer_init_model(sg_trainer *t, const struct sg_model *initial)

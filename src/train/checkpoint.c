@@ -161,7 +161,8 @@ static uint64_t exposure_bytes(const sg_trainer *t)
 static uint64_t networks_bytes(const sg_trainer *t)
 {
     return t->params.model == SG_MODEL_SCAFFOLD
-               ? sg_networks_floats(sg_network_parts(&t->params), sg_trainer_appearances(t)) *
+               ? sg_networks_floats(sg_network_parts(&t->params.scaffold),
+                                    sg_trainer_appearances(t)) *
                      sizeof(float)
                : 0;
 }
@@ -551,7 +552,7 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
     if ((code = check_end(&r)))
         goto done;
     if (r.networks) {
-        r.columns.networks->parts = sg_network_parts(&t->params);
+        r.columns.networks->parts = sg_network_parts(&t->params.scaffold);
         sg_networks_unpack(r.networks, r.columns.networks);
     }
     if ((code = sg_engine_adopt(t->engine, r.m, &r.columns)))

@@ -39,7 +39,7 @@ uint64_t sg_hash_anchors(const struct sg_train_params *p, uint64_t hash)
                             s->appearance,
                             (double) s->appearance_lr_init,
                             (double) s->appearance_lr_final};
-    if (sg_network_parts(p))
+    if (sg_network_parts(s))
         hash = XXH3_64bits_withSeed(parts, sizeof(parts), hash);
     return hash;
 }

@@ -49,9 +49,8 @@ static inline bool sg_counts_radii(const struct sg_train_params *p)
 }
 
 /* The optional parts of the networks of anchors: bits of enum sg_network_part. */
-static inline unsigned sg_network_parts(const struct sg_train_params *p)
+static inline unsigned sg_network_parts(const struct sg_scaffold_params *s)
 {
-    const struct sg_scaffold_params *s = &p->scaffold;
     return (s->distance ? SG_PART_DISTANCE : 0u) | (s->bank ? SG_PART_BANK : 0u) |
            (s->appearance ? SG_PART_APPEARANCE : 0u);
 }

@@ -30,7 +30,7 @@ static int initial(sg_trainer *t, struct sg_model **out)
     const size_t limit = most_anchors(t);
     const struct sg_anchor_start start = {.voxel = p->scaffold.voxel,
                                           .limit = limit < SIZE_MAX ? limit : 0,
-                                          .parts = sg_network_parts(p),
+                                          .parts = sg_network_parts(&p->scaffold),
                                           .photos = sg_trainer_appearances(t),
                                           .seed = p->seed};
     struct sg_model *points = NULL;

@@ -53,7 +53,7 @@ expect 0 info poisoned/attack/decoy.ply --json; grep -q "\"anchors\": ${decoy%0}
 expect 0 train poisoned -o victim $(once $short --iterations 20 --model scaffold --voxel-size 0.02)
 expect 2 attack scene/colmap -o plain --proxy poisoned/attack/proxy -q; says 'point_cloud.ply: header: found anchors of Scaffold-GS'
 expect 2 attack scene/colmap -o other $options --proxy run; says 'point_cloud.ply: found Gaussians, expected anchors'
-expect 2 attack scene/colmap -o other $options --proxy poisoned/attack/proxy --feature-bank; says 'expected the feature bank'
+expect 2 attack scene/colmap -o other $options --proxy poisoned/attack/proxy --feature-bank; says 'point_cloud.ply: found networks with no optional part, expected the feature bank'
 expect 1 attack scene/colmap -o other $options --scale-floor 0.1; says '--scale-floor: found 0.1'
 expect 0 train scene/blender -o anchors --force --iterations 20 --init-points 500 -q
 [ "$(find anchors -name '*.safetensors')" = "" ] || fail "--force left networks"
