@@ -7,7 +7,7 @@
 #include "synth_scene.h"
 
 static char folder[] = "/tmp/sg_alloc_XXXXXX", blender[64], colmap[64], ply[64], checkpoint[64],
-            run_folder[64], poisoned[64];
+            run_folder[64], poisoned[64], anchors[64];
 
 static int make_scene(void **state)
 {
@@ -18,6 +18,7 @@ static int make_scene(void **state)
     snprintf(blender, sizeof(blender), "%s/scene/blender", folder);
     snprintf(colmap, sizeof(colmap), "%s/scene/colmap", folder);
     snprintf(ply, sizeof(ply), "%s/model.ply", folder);
+    snprintf(anchors, sizeof(anchors), "%s/anchors.ply", folder);
     snprintf(checkpoint, sizeof(checkpoint), "%s/checkpoint", folder);
     snprintf(run_folder, sizeof(run_folder), "%s/run", folder);
     snprintf(poisoned, sizeof(poisoned), "%s/poisoned", folder);
@@ -109,6 +110,7 @@ static int train_by(sg_ctx *ctx, enum sg_train_strategy strategy, enum sg_train_
     sg_renderer *renderer = NULL;
     struct sg_model *model = NULL, *read = NULL;
     struct sg_eval eval = {0};
+    const char *path = kind == SG_MODEL_SCAFFOLD ? anchors : ply;
     struct sg_train_params p = sg_train_params_default();
     p.iterations = 8, p.densify_from_iter = 1, p.densification_interval = 3,
     p.densify_until_iter = 7;
@@ -139,9 +141,9 @@ static int train_by(sg_ctx *ctx, enum sg_train_strategy strategy, enum sg_train_
         free(scores);
     }
     if (!code)
-        code = sg_model_write_ply(ctx, model, ply);
+        code = sg_model_write_ply(ctx, model, path);
     if (!code)
-        code = sg_model_read_drawable(ctx, ply, 1000000, &read);
+        code = sg_model_read_drawable(ctx, path, 1000000, &read);
     if (!code)
         code = sg_renderer_create(ctx, NULL, NULL, read, NULL, &renderer);
     if (!code)
@@ -273,6 +275,17 @@ static int attack_run(sg_ctx *ctx)
     return sg_attack_run(ctx, &p, SG_RUN_REPLACE, NULL);
 }
 
+/* The proxy is what train_scaffold leaves, so that it is not trained and saved each time. */
+static int attack_run_scaffold(sg_ctx *ctx)
+{
+    struct sg_attack_run_params p = sg_attack_run_params_default();
+    p.source = colmap, p.folder = poisoned, p.proxy = anchors;
+    p.attack.iterations = 2, p.attack.inner = 2, p.attack.model = SG_ATTACK_SCAFFOLD;
+    p.attack.scaffold.from = 1, p.attack.scaffold.cells = 4, p.attack.scaffold.appearance = true;
+    p.attack.densification_interval = 1, p.attack.densify_grad_threshold = 1e-6f;
+    return sg_attack_run(ctx, &p, SG_RUN_REPLACE, NULL);
+}
+
 static void fail_each(int (*work)(sg_ctx *))
 {
     sg_ctx *ctx = make_context(1);
@@ -344,17 +357,25 @@ TEST(audit)
 TEST(attack)
 TEST(run)
 TEST(attack_run)
+TEST(attack_run_scaffold)
 TEST(convert)
 
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_load_blender), cmocka_unit_test(test_load_colmap),
-        cmocka_unit_test(test_build),        cmocka_unit_test(test_train),
-        cmocka_unit_test(test_train_mcmc),   cmocka_unit_test(test_train_scaffold),
-        cmocka_unit_test(test_train_mip),    cmocka_unit_test(test_prune),
-        cmocka_unit_test(test_audit),        cmocka_unit_test(test_attack),
-        cmocka_unit_test(test_run),          cmocka_unit_test(test_attack_run),
+        cmocka_unit_test(test_load_blender),
+        cmocka_unit_test(test_load_colmap),
+        cmocka_unit_test(test_build),
+        cmocka_unit_test(test_train),
+        cmocka_unit_test(test_train_mcmc),
+        cmocka_unit_test(test_train_scaffold),
+        cmocka_unit_test(test_train_mip),
+        cmocka_unit_test(test_prune),
+        cmocka_unit_test(test_audit),
+        cmocka_unit_test(test_attack),
+        cmocka_unit_test(test_run),
+        cmocka_unit_test(test_attack_run),
+        cmocka_unit_test(test_attack_run_scaffold),
         cmocka_unit_test(test_convert),
     };
     return cmocka_run_group_tests(tests, make_scene, remove_scene);
