@@ -205,12 +205,46 @@ static void test_variants(void **state)
         assert_as_waiting(&f, &p, expected, &one, &tight);
         assert_true(k == 5 ? one.last.render.bands > 1 : tight.repeats > 2);
         assert_true((one.exposures[0] != 0) == (k == 1));
-        if (k == 1) { /* it does not wait */
+        if (k == 1 || k == 2) { /* they do not wait */
             assert_as_waiting(&f, &p, expected, &one, &three);
             assert_int_equal(three.in_flight, GPU_FLIGHTS);
         }
         sg_model_destroy(&expected);
     }
+    clear_fixture(&f);
+}
+
+/* A view is drawn, has no room, and is left before the optimiser: its radii count all the same. */
+static void test_left_view(void **state)
+{
+    (void) state;
+    const struct sg_train_params p = flow_params();
+    struct fixture f = make_fixture(1);
+    float expected[120], found[120];
+    for (int tight = 0; tight < 2; tight++) {
+        sg_trainer *t = begin_training(&f, &p);
+        struct vulkan_engine *e = vulkan_of(t->engine);
+        const struct sg_render_params render = sg_trainer_render(t);
+        assert_int_equal(sg_engine_count(t->engine), 120);
+        e->lists.capacity = tight ? TINY : 100000;
+        for (int view = 0; view < 2; view++) {
+            assert_int_equal(sg_engine_draw(t->engine, &f.views[view].camera, 0, &render, false),
+                             SG_OK);
+            if (view == 0)
+                assert_int_equal(sg_engine_count_radii(t->engine), SG_OK);
+        }
+        assert_int_equal(
+            sg_engine_read_statistics(t->engine,
+                                      &(struct sg_statistics){.radius = tight ? found : expected}),
+            SG_OK);
+        assert_true((e->flow.repeats > 0) == tight);
+        sg_trainer_destroy(&t);
+    }
+    assert_memory_equal(found, expected, sizeof(found));
+    float largest = 0;
+    for (size_t i = 0; i < f.start->count; i++)
+        largest = fmaxf(largest, found[i]);
+    assert_true(largest > 0);
     clear_fixture(&f);
 }
 
@@ -245,9 +279,8 @@ int main(void)
         return 77;
     }
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_depths),
-        cmocka_unit_test(test_overflow),
-        cmocka_unit_test(test_variants),
+        cmocka_unit_test(test_depths),   cmocka_unit_test(test_overflow),
+        cmocka_unit_test(test_variants), cmocka_unit_test(test_left_view),
         cmocka_unit_test(test_loss),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

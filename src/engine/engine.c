@@ -562,8 +562,6 @@ int sg_engine_count_radii(struct sg_engine *e)
 {
     int code = e->ops->count_radii ? need(e, SPLATS, "count_radii", "a projected view")
                                    : lacks(e, "count_radii");
-    if (!code)
-        code = finish(e);
     return code ? code : e->ops->count_radii(e);
 }
 
@@ -588,7 +586,7 @@ int sg_engine_learn_exposures(struct sg_engine *e, const struct sg_exposure_upda
     const double start = begin(e, &e->times.optimise);
     if (e->ops->learn_exposures)
         code = e->ops->learn_exposures(e, e->exposed - 1, update);
-    else if (!e->ops->read_step || !(code = e->ops->read_step(e)))
+    else if (!(code = finish(e)) && (!e->ops->read_step || !(code = e->ops->read_step(e))))
         sg_host_learn_exposures(e->exposures, e->exposure_count, e->exposed - 1, e->step.exposure,
                                 update);
     lap(e, start, &e->times.optimise);

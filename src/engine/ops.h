@@ -87,8 +87,7 @@ struct sg_engine_ops {
     void (*photo_drop)(struct sg_engine *, sg_photo);
 
     /* Optional, all three of them: the front end learns exposures in host memory. n may be 0.
-     * read_exposures: the values and moments of all. learn_exposures is a stage; `number` is that
-     * of the photo in the losses. */
+     * read_exposures: the values and moments of all. number: that of the target. */
     int (*set_exposures)(struct sg_engine *, const float *values, size_t n);
     int (*read_exposures)(struct sg_engine *, float *values);
     int (*learn_exposures)(struct sg_engine *, size_t number, const struct sg_exposure_update *);
@@ -114,7 +113,8 @@ struct sg_engine_ops {
     int (*read_gradients)(struct sg_engine *, struct sg_model *); /* after project_backward */
     int (*read_step)(struct sg_engine *); /* optional: all results are in `step` already */
     /* Optional, all three of them: stages are done when they return. finish: waits until they are,
-     * before any operation but explore and the stages from shape to project_backward_optimise.
+     * before any operation but explore, count_radii, learn_exposures and the stages from shape to
+     * project_backward_optimise.
      * read_arrived: results of the newest optimised view that are known without waiting, or false.
      * read_most: see sg_engine_most_instances. */
     int (*finish)(struct sg_engine *);

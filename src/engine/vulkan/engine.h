@@ -42,6 +42,7 @@ enum vulkan_stage {
     STAGE_RASTER,
     STAGE_LOSS,
     STAGE_LEARN_EXPOSURES,
+    STAGE_COUNT_RADII,
     STAGE_RASTER_BACKWARD,
     STAGE_PROJECT_BACKWARD,
     STAGE_SHAPE_BACKWARD,
@@ -154,16 +155,15 @@ int sg_vulkan_read_statistics(struct sg_engine *, const struct sg_statistics *);
 int sg_vulkan_relocate(struct sg_engine *, const struct sg_relocation *);
 int sg_vulkan_explore(struct vulkan_engine *, const struct sg_exploration *);
 int sg_vulkan_filter(struct sg_engine *, const struct sg_camera *const *cameras, size_t n);
-int sg_vulkan_count_radii(struct sg_engine *);
+int sg_vulkan_count_radii(struct vulkan_engine *);
 int sg_vulkan_floor_scale(struct sg_engine *, float smallest);
 int sg_vulkan_reset_opacity(struct sg_engine *, float limit);
 int sg_vulkan_shape(struct sg_engine *, const struct sg_shape *);
 int sg_vulkan_shape_backward(struct sg_engine *, const struct sg_shape *);
 int sg_vulkan_check_size(sg_ctx *, size_t count, int planes);
-/* The first `planes` planes of the parameters, or of what is drawn in their place (SG_C_SHAPED), as
- * the parameters of a host model of that many planes, which is to be cleared, also after an
- * error. */
-int sg_vulkan_read_planes(struct vulkan_engine *, int column, int planes, struct sg_host_model *);
+/* The first `planes` planes of the parameters, as the parameters of a host model of that many
+ * planes, which is to be cleared, also after an error. */
+int sg_vulkan_read_planes(struct vulkan_engine *, int planes, struct sg_host_model *);
 /* Makes room for a column, zeroed, unless there is some. */
 int sg_vulkan_alloc(struct vulkan_engine *, int column);
 /* For all that a checkpoint saves. */

@@ -395,6 +395,11 @@ static int run_learn_exposures(struct sg_engine *base, size_t number,
     return RUN(base, .stage = STAGE_LEARN_EXPOSURES, .exposures = {number, *u});
 }
 
+static int run_count_radii(struct sg_engine *base)
+{
+    return RUN(base, .stage = STAGE_COUNT_RADII);
+}
+
 static int run_raster_backward(struct sg_engine *base)
 {
     return RUN(base, .stage = STAGE_RASTER_BACKWARD);
@@ -441,7 +446,7 @@ static const struct sg_engine_ops ops = {
     .reset_opacity = sg_vulkan_reset_opacity,
     .relocate = sg_vulkan_relocate,
     .explore = run_explore,
-    .count_radii = sg_vulkan_count_radii,
+    .count_radii = run_count_radii,
     .filter = sg_vulkan_filter,
     .photo_add = sg_vulkan_photo_add,
     .photo_drop = sg_vulkan_photo_drop,

@@ -116,7 +116,7 @@ int sg_vulkan_edit(struct sg_engine *base, const struct sg_edit *edit)
     sg_vulkan_drop_columns(e, SG_COLUMN_LOST);
     int code = sg_vulkan_check_size(base->ctx, edit->kept + edit->appended, e->planes);
     if (!code)
-        code = sg_vulkan_read_planes(e, SG_C_PARAMETERS, SG_P_SH, &h);
+        code = sg_vulkan_read_planes(e, SG_P_SH, &h);
     if (!code)
         code = sg_host_plan_edit(base->ctx, &h, edit, &moves);
     if (!code)

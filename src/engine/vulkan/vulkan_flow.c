@@ -32,6 +32,8 @@ static int perform(struct vulkan_engine *e, const struct vulkan_call *c)
         return sg_vulkan_loss(base, &target, &c->loss.loss);
     case STAGE_LEARN_EXPOSURES:
         return sg_vulkan_learn_exposures(e, c->exposures.number, &c->exposures.update);
+    case STAGE_COUNT_RADII:
+        return sg_vulkan_count_radii(e);
     case STAGE_RASTER_BACKWARD:
         return sg_vulkan_raster_backward(e);
     case STAGE_PROJECT_BACKWARD:
@@ -72,8 +74,19 @@ static void forget_done(struct vulkan_engine *e)
     forget(f, n);
 }
 
+/* A step has changed what a later one needs, before its end. */
+static bool has_changed(const struct vulkan_step *s)
+{
+    bool changed = false;
+    for (int k = 0; s && k < s->count; k++)
+        changed |= s->calls[k].stage == STAGE_LEARN_EXPOSURES ||
+                   s->calls[k].stage == STAGE_COUNT_RADII ||
+                   (s->calls[k].stage == STAGE_PROJECT_BACKWARD && s->calls[k].flag);
+    return changed;
+}
+
 /* Makes room for a call in the open step, or opens one. A step that has another view's projection
- * is abandoned: nobody reads its results any more. */
+ * is abandoned: nobody reads its results any more. What it has changed is certain then. */
 static int begin_call(struct vulkan_engine *e, const struct vulkan_call *c)
 {
     struct vulkan_flow *f = &e->flow;
@@ -87,6 +100,8 @@ static int begin_call(struct vulkan_engine *e, const struct vulkan_call *c)
     forget_done(e);
     if (c->stage == STAGE_SHAPE || c->stage == STAGE_EXPLORE ||
         (c->stage == STAGE_PROJECT && !shaped)) {
+        if (has_changed(open_step(f)) && (code = sg_flow_finish(&e->base)))
+            return code;
         if (!open_step(f)) {
             if (f->count == VK_STEPS && (code = sg_flow_finish(&e->base)))
                 return code;

@@ -136,7 +136,7 @@ static int write_back(struct vulkan_engine *e, const struct sg_host_model *h, in
                         sg_vulkan_column_bytes(e, column));
 }
 
-int sg_vulkan_read_planes(struct vulkan_engine *e, int column, int planes, struct sg_host_model *h)
+int sg_vulkan_read_planes(struct vulkan_engine *e, int planes, struct sg_host_model *h)
 {
     struct gpu_buffer some = {0};
     *h = host_model(e, planes);
@@ -147,9 +147,10 @@ int sg_vulkan_read_planes(struct vulkan_engine *e, int column, int planes, struc
     if (!h->at[SG_C_PARAMETERS])
         code = SG_ERR_BUDGET;
     if (!code)
-        code = GPU_RUN(e->gpu, planes, 0, FOR_EACH(e->count), .from = e->at[column].address,
-                       .to = some.address, .count = (uint32_t) e->count,
-                       .planes = (uint32_t) e->planes, .width = (uint32_t) planes);
+        code =
+            GPU_RUN(e->gpu, planes, 0, FOR_EACH(e->count), .from = e->at[SG_C_PARAMETERS].address,
+                    .to = some.address, .count = (uint32_t) e->count,
+                    .planes = (uint32_t) e->planes, .width = (uint32_t) planes);
     if (!code)
         code = sg_gpu_read(e->gpu, &some, 0, h->at[SG_C_PARAMETERS], bytes);
     sg_gpu_release(e->gpu, &some);
@@ -194,20 +195,16 @@ int sg_vulkan_filter(struct sg_engine *base, const struct sg_camera *const *came
     return code;
 }
 
-int sg_vulkan_count_radii(struct sg_engine *base)
+int sg_vulkan_count_radii(struct vulkan_engine *e)
 {
-    struct vulkan_engine *e = vulkan_of(base);
     const int shown = e->at[SG_C_SHAPED].buffer ? SG_C_SHAPED : SG_C_PARAMETERS;
-    struct sg_host_model h;
-    int code = sg_vulkan_read_planes(e, shown, SG_P_SH, &h);
-    if (!code)
-        code = mirror(e, &h, (const int[]){SG_C_RADIUS}, 1);
-    if (!code)
-        code = sg_host_count_radii(base->ctx, &h, &e->camera, e->params.mip_filter);
-    if (!code)
-        code = write_back(e, &h, SG_C_RADIUS);
-    sg_host_clear(&h);
-    return code;
+    const int code = sg_vulkan_alloc(e, SG_C_RADIUS);
+    return code ? code
+                : GPU_RUN(e->gpu, radii, 0, FOR_EACH(e->count), .params = e->at[shown].address,
+                          .view = e->view.address, .radii = e->at[SG_C_RADIUS].address,
+                          .stop = e->gpu->stop.address, .count = (uint32_t) e->count,
+                          .planes = (uint32_t) e->planes, .grid_x = e->lists.grid_x,
+                          .grid_y = e->lists.grid_y);
 }
 
 /* ---- densification as Markov chain Monte Carlo ---- */
@@ -346,7 +343,7 @@ int sg_vulkan_read_statistics(struct sg_engine *base, const struct sg_statistics
     struct vulkan_engine *e = vulkan_of(base);
     const int statistics[] = {SG_C_GRAD_SUM, SG_C_GRAD_COUNT, SG_C_GRAD_ABSOLUTE, SG_C_RADIUS};
     struct sg_host_model h;
-    int code = sg_vulkan_read_planes(e, SG_C_PARAMETERS, SG_P_ROT, &h);
+    int code = sg_vulkan_read_planes(e, SG_P_ROT, &h);
     for (int k = 0; k < 4 && !code; k++)
         if (e->at[statistics[k]].buffer)
             code = mirror(e, &h, &statistics[k], 1);

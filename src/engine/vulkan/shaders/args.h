@@ -95,6 +95,7 @@
     K(mip_depth)                                                                                   \
     K(mip_filter)                                                                                  \
     K(planes)                                                                                      \
+    K(radii)                                                                                       \
     K(edit)
 
 /* clang-format off */
@@ -280,6 +281,10 @@
 /* The first `width` of the `planes` planes of every Gaussian, to an array of so many planes. */
 #define ARGS_planes(P, U, F)                                                                       \
     P(Floats, from) P(Floats, to) U(count) U(planes) U(width)
+/* Raises each Gaussian's radius to that in the view, unless the device has stopped. */
+#define ARGS_radii(P, U, F)                                                                        \
+    P(Floats, params) P(Floats, view) P(Floats, radii) P(Uints, stop) U(count) U(planes) U(grid_x) \
+    U(grid_y)
 /* moves: of every row two words: the source, an index before the edit or a row of the caller's; and
  * the kind (enum sg_edit_kind), with a child's number above it. fates: by kind, what the planes
  * from `first` to `end` - 1 take. children: the planes up to the rotation. */
