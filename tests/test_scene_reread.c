@@ -6,6 +6,7 @@
 
 #include "core/context.h"
 #include "scene/photo.h"
+#include "train/trainer.h"
 
 #define PHOTOS 16
 #define W 160
@@ -178,6 +179,105 @@ static void test_same_bytes(void **state)
     sg_scene_destroy(&plain);
 }
 
+/* The photo of the next iteration is read while an iteration runs, at each limit below that for all
+ * photos, with the same bytes. */
+static void test_read_ahead(void **state)
+{
+    struct fixture *f = *state;
+    put_scene(f);
+    struct sg_scene *plain = load_in(f->ctx, f);
+    if (train(f->ctx, plain, at(f, "plain.ply")))
+        fail_msg("%s", sg_last_error(f->ctx));
+    const uint64_t lowest = least_for_training(f, 2);
+    for (uint64_t i = 0; i < 3; i++) {
+        sg_ctx *ctx = limited(2, lowest + i * (100 << 10));
+        struct sg_scene *scene = load_in(ctx, f);
+        if (train(ctx, scene, at(f, "limited.ply")))
+            fail_msg("%s", sg_last_error(ctx));
+        same_file(f, "plain.ply", "limited.ply");
+        const struct sg_photo_bytes photos = sg_lazy_photos_bytes(scene->lazy);
+        assert_true(photos.reads > 5 && photos.held < photos.total);
+        /* All but the first one, and one that is the last of an epoch and the first of the next. */
+        assert_in_range(photos.reads - photos.reads_ahead, 0, 2);
+        sg_scene_destroy(&scene);
+        assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+        sg_ctx_destroy(&ctx);
+    }
+    sg_scene_destroy(&plain);
+}
+
+static sg_trainer *make_trainer(sg_ctx *ctx, const struct sg_scene *scene)
+{
+    const struct sg_train_params p = train_params(900);
+    sg_trainer *t;
+    if (sg_trainer_create(ctx, scene, NULL, &p, &t))
+        fail_msg("%s", sg_last_error(ctx));
+    assert_true(t->budget.read_ahead);
+    return t;
+}
+
+/* Trainings that end while their next photo is read, the reader with them or not. */
+static void test_read_ahead_ends(void **state)
+{
+    struct fixture *f = *state;
+    put_scene(f);
+    sg_ctx *ctx = limited(2, least_for_training(f, 2));
+    struct sg_scene *scene = load_in(ctx, f);
+    for (int steps = 0; steps < 8; steps++) {
+        sg_trainer *t = make_trainer(ctx, scene);
+        if (steps % 2)
+            sg_lazy_photos_start_reader(scene->lazy);
+        for (int i = 0; i < steps; i++)
+            assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+        sg_trainer_destroy(&t);
+        if (steps % 2)
+            sg_lazy_photos_stop_reader(scene->lazy);
+        const struct sg_photo_bytes photos = sg_lazy_photos_bytes(scene->lazy);
+        assert_true(photos.held + photos.largest < photos.total);
+    }
+    sg_scene_destroy(&scene);
+    assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+    sg_ctx_destroy(&ctx);
+}
+
+/* A photo that cannot be read ends the iteration that needs it, not the one before, with the same
+ * message as without a reader. The training can go on. */
+static void test_read_ahead_fails(void **state)
+{
+    struct fixture *f = *state;
+    put_scene(f);
+    char message[2][512];
+    const uint64_t limit = least_for_training(f, 2);
+    for (int ahead = 0; ahead < 2; ahead++) {
+        sg_ctx *ctx = limited(2, limit);
+        struct sg_scene *scene = load_in(ctx, f);
+        sg_trainer *t = make_trainer(ctx, scene);
+        if (!ahead)
+            sg_lazy_photos_stop_reader(scene->lazy);
+        sg_lazy_photos_keep(scene->lazy, 0);
+        const char *path = scene->train[sg_trainer_pick_view(t, 5)].path;
+        assert_int_equal(rename(path, at(f, "away.png")), 0);
+        for (int it = 1; it < 5; it++)
+            assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+        assert_int_equal(sg_trainer_step(t, NULL), SG_ERR_INPUT);
+        assert_int_equal(sg_trainer_iteration(t), 4);
+        assert_non_null(strstr(sg_last_error(ctx), path));
+        snprintf(message[ahead], sizeof(message[0]), "%s", sg_last_error(ctx));
+        assert_int_equal(rename(at(f, "away.png"), path), 0);
+        for (int it = 5; it < 10; it++)
+            assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+        const struct sg_photo_bytes photos = sg_lazy_photos_bytes(scene->lazy);
+        assert_int_equal(photos.reads_ahead, ahead ? photos.reads - 2 : 0);
+        if (!ahead)
+            sg_lazy_photos_start_reader(scene->lazy);
+        sg_trainer_destroy(&t);
+        sg_scene_destroy(&scene);
+        assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+        sg_ctx_destroy(&ctx);
+    }
+    assert_string_equal(message[0], message[1]);
+}
+
 /* A larger limit never allows fewer Gaussians, whether photos have to go or not. */
 static void test_more_memory(void **state)
 {
@@ -333,8 +433,11 @@ static void test_too_little(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        scene_test(test_same_bytes),   scene_test(test_more_memory), scene_test(test_reduced_photo),
-        scene_test(test_room_for_all), scene_test(test_changed),     scene_test(test_too_little),
+        scene_test(test_same_bytes),       scene_test(test_more_memory),
+        scene_test(test_reduced_photo),    scene_test(test_room_for_all),
+        scene_test(test_changed),          scene_test(test_too_little),
+        scene_test(test_read_ahead),       scene_test(test_read_ahead_ends),
+        scene_test(test_read_ahead_fails),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

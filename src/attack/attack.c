@@ -268,6 +268,7 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
         sg_progress(t->ctx, SG_STAGE_ATTACK, (uint64_t) t->iteration, (uint64_t) p->iterations);
     if (code || (code = render(a, step.view)))
         return code;
+    sg_trainer_read_ahead(t, (uint64_t) it, it, p->iterations);
 
     const double start = sg_seconds();
     if ((code = ascend(a, w, h)))

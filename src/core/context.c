@@ -28,8 +28,7 @@ struct sg_ctx {
     struct sg_ctx_params params;
     sg_pool *pool;
     pthread_mutex_t error_lock;
-    char error[1024];
-    int error_code;                         /* of that message */
+    struct sg_failure failure;
     struct counter memory[SG_MEM_TAGS + 1]; /* the last one is the total */
     _Atomic uint64_t to_failure;            /* allocations until one is made to fail; 0 = none */
     struct sg_vram vram;
@@ -71,14 +70,22 @@ void sg_ctx_destroy(sg_ctx **ctx)
     *ctx = NULL;
 }
 
+/* NULL: this thread's failures are those of the context. */
+static _Thread_local struct sg_failure *apart;
+
+void sg_failures_apart(struct sg_failure *failure)
+{
+    apart = failure;
+}
+
 const char *sg_last_error(const sg_ctx *ctx)
 {
-    return ctx->error;
+    return ctx->failure.text;
 }
 
 bool sg_failed(const sg_ctx *ctx)
 {
-    return ctx->error[0] != 0;
+    return (apart ? apart : &ctx->failure)->text[0] != 0;
 }
 
 void sg_make_printable(char *text)
@@ -97,15 +104,16 @@ void sg_show_bytes(const char *bytes, size_t n, char *text)
 
 int sg_fail(sg_ctx *ctx, int code, const char *format, ...)
 {
+    struct sg_failure *failure = apart ? apart : &ctx->failure;
     va_list args;
     va_start(args, format);
     pthread_mutex_lock(&ctx->error_lock);
-    if (!ctx->error[0]) {
-        vsnprintf(ctx->error, sizeof(ctx->error), format, args);
-        sg_make_printable(ctx->error);
-        ctx->error_code = code;
+    if (!failure->text[0]) {
+        vsnprintf(failure->text, sizeof(failure->text), format, args);
+        sg_make_printable(failure->text);
+        failure->code = code;
     }
-    code = ctx->error_code;
+    code = failure->code;
     pthread_mutex_unlock(&ctx->error_lock);
     va_end(args);
     return code;
@@ -114,7 +122,7 @@ int sg_fail(sg_ctx *ctx, int code, const char *format, ...)
 void sg_clear_error(sg_ctx *ctx)
 {
     pthread_mutex_lock(&ctx->error_lock);
-    ctx->error[0] = 0;
+    (apart ? apart : &ctx->failure)->text[0] = 0;
     pthread_mutex_unlock(&ctx->error_lock);
 }
 

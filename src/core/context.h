@@ -17,6 +17,14 @@ __attribute__((format(printf, 3, 4))) int sg_fail(sg_ctx *ctx, int code, const c
 void sg_clear_error(sg_ctx *ctx);
 bool sg_failed(const sg_ctx *ctx); /* Whether a call has failed since then. For functions that
                                       return yes or no, and may run out of memory. */
+/* A failure: the code, and the message, which is empty where nothing has failed. */
+struct sg_failure {
+    char text[1024];
+    int code;
+};
+/* From here on the failures of this thread are recorded in *failure, which begins with zeros, and
+ * not in a context. NULL ends that. For work that is repeated if it fails. */
+void sg_failures_apart(struct sg_failure *failure);
 
 /* Replaces control characters by "?", since messages quote file contents. */
 void sg_make_printable(char *text);

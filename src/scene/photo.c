@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Photos that are read when they are needed: by the caller's function, or again from their file. */
+/* Photos that are read when they are needed: by the caller's function, or again from their file. A
+ * thread reads the latter before that. */
 #include "scene/photo.h"
 
 #include <pthread.h>
@@ -8,7 +9,15 @@
 
 /* Every photo is used once an epoch, so keeping the same ones is as good as keeping the newest. */
 struct sg_lazy_photos {
+    sg_ctx *ctx;
     pthread_mutex_t lock;
+    pthread_cond_t changed; /* what the reader waits for, or who waits for a photo */
+    bool busy;              /* a photo is being read, or the reader will read one next */
+    pthread_t reader;
+    int trainings; /* that want the reader */
+    bool runs, quit;
+    const struct sg_view *next;  /* for the reader to read */
+    struct sg_lazy_photo *ahead; /* what it has read, until somebody uses that */
     struct sg_scene_files *files;
     struct sg_photo_bytes bytes;
     uint64_t keep; /* most bytes of photos without a user */
@@ -34,12 +43,14 @@ int sg_lazy_photos_create(sg_ctx *ctx, uint64_t most, struct sg_scene_files **fi
         sg_scene_files_destroy(files);
         return SG_ERR_BUDGET;
     }
+    all->ctx = ctx;
     all->bytes.most = all->keep = most;
     if (files) {
         all->files = *files;
         *files = NULL;
     }
     pthread_mutex_init(&all->lock, NULL);
+    pthread_cond_init(&all->changed, NULL);
     return SG_OK;
 }
 
@@ -48,6 +59,7 @@ void sg_lazy_photos_destroy(struct sg_lazy_photos **photos)
     if (!*photos)
         return;
     sg_scene_files_destroy(&(*photos)->files);
+    pthread_cond_destroy(&(*photos)->changed);
     pthread_mutex_destroy(&(*photos)->lock);
     sg_free(*photos);
     *photos = NULL;
@@ -71,6 +83,7 @@ static void drop(struct sg_lazy_photo *p)
     sg_free(p->rgb);
     p->rgb = NULL;
     p->all->bytes.held -= p->bytes;
+    p->all->ahead = p->all->ahead == p ? NULL : p->all->ahead;
 }
 
 static void hold(struct sg_lazy_photo *p, uint8_t *rgb)
@@ -79,10 +92,17 @@ static void hold(struct sg_lazy_photo *p, uint8_t *rgb)
     p->all->bytes.held += p->bytes;
 }
 
+/* The photo that was read ahead does not count: it comes and goes beside those that stay. */
+static bool too_many(const struct sg_lazy_photos *all)
+{
+    return all->bytes.held - (all->ahead ? all->ahead->bytes : 0) > all->keep;
+}
+
 static void drop_unused(struct sg_lazy_photos *all, bool test)
 {
-    for (struct sg_lazy_photo *p = all->first; p && all->bytes.held > all->keep; p = p->next)
-        if (p->rgb && !p->users && test == (p->shot && p->shot->split == SG_SPLIT_TEST))
+    for (struct sg_lazy_photo *p = all->first; p && too_many(all); p = p->next)
+        if (p->rgb && !p->users && p != all->ahead &&
+            test == (p->shot && p->shot->split == SG_SPLIT_TEST))
             drop(p);
 }
 
@@ -103,6 +123,8 @@ static void add(struct sg_lazy_photo *p, uint64_t read)
     all->first = p;
     all->bytes.total += p->bytes;
     all->bytes.read = read > all->bytes.read ? read : all->bytes.read;
+    if (p->shot && p->bytes > all->bytes.largest)
+        all->bytes.largest = p->bytes;
     keep(all, all->keep);
 }
 
@@ -190,17 +212,94 @@ static int read_file(sg_ctx *ctx, const struct sg_lazy_photo *p, const struct sg
     return code;
 }
 
+/* One photo is read at a time, without the lock: others use photos meanwhile. Call this while
+ * nothing is busy, or for what it is busy with. */
 static int read_photo(sg_ctx *ctx, struct sg_lazy_photo *p, const struct sg_view *view,
                       uint64_t *hash)
 {
+    struct sg_lazy_photos *all = p->all;
     uint8_t *rgb = NULL;
+    all->busy = true;
+    pthread_mutex_unlock(&all->lock);
     const int code =
         p->shot ? read_file(ctx, p, view, &rgb) : read_function(ctx, p, view, &rgb, hash);
     if (code)
         sg_free(rgb);
-    else
+    pthread_mutex_lock(&all->lock);
+    if (!code)
         hold(p, rgb);
+    all->bytes.reads += !code;
+    all->busy = false;
+    pthread_cond_broadcast(&all->changed);
     return code;
+}
+
+static void *reader_main(void *arg)
+{
+    struct sg_lazy_photos *all = arg;
+    pthread_mutex_lock(&all->lock);
+    while (!all->quit) {
+        struct sg_lazy_photo *p = all->next ? all->next->lazy : NULL;
+        if (!p) {
+            pthread_cond_wait(&all->changed, &all->lock);
+            continue;
+        }
+        /* Whoever needs a photo that could not be read tries again, and reports the error. */
+        struct sg_failure failure = {.code = SG_OK};
+        sg_failures_apart(&failure);
+        const int code = read_photo(all->ctx, p, all->next, NULL);
+        sg_failures_apart(NULL);
+        all->next = NULL;
+        if (!code) {
+            all->ahead = p;
+            all->bytes.reads_ahead++;
+        }
+    }
+    pthread_mutex_unlock(&all->lock);
+    return NULL;
+}
+
+void sg_lazy_photos_start_reader(struct sg_lazy_photos *all)
+{
+    pthread_mutex_lock(&all->lock);
+    if (!all->trainings++) /* without a thread, photos are read when they are needed */
+        all->runs = !pthread_create(&all->reader, NULL, reader_main, all);
+    pthread_mutex_unlock(&all->lock);
+}
+
+void sg_lazy_photos_stop_reader(struct sg_lazy_photos *all)
+{
+    pthread_mutex_lock(&all->lock);
+    const bool last = !--all->trainings && all->runs;
+    all->quit = last;
+    pthread_cond_broadcast(&all->changed);
+    pthread_mutex_unlock(&all->lock);
+    if (last)
+        pthread_join(all->reader, NULL);
+    pthread_mutex_lock(&all->lock);
+    if (last) {
+        all->quit = all->runs = false;
+        all->busy &= !all->next; /* what it was asked for and has not begun */
+        all->next = NULL;
+    }
+    if (all->ahead)
+        drop(all->ahead);
+    pthread_mutex_unlock(&all->lock);
+}
+
+void sg_photo_read_ahead(const struct sg_view *view)
+{
+    struct sg_lazy_photo *p = view->lazy;
+    if (!p || !p->shot)
+        return;
+    struct sg_lazy_photos *all = p->all;
+    pthread_mutex_lock(&all->lock);
+    if (all->runs && !all->busy && !all->ahead && !p->rgb) {
+        all->busy = true;
+        all->next = view;
+        pthread_cond_broadcast(&all->changed);
+    }
+    pthread_mutex_unlock(&all->lock);
 }
 
 int sg_view_pixels(sg_ctx *ctx, const struct sg_view *view, const uint8_t **rgb)
@@ -215,12 +314,17 @@ int sg_photo_pixels(sg_ctx *ctx, const struct sg_view *view, const uint8_t **rgb
     *rgb = view->rgb;
     if (!p)
         return SG_OK;
+    struct sg_lazy_photos *all = p->all;
     uint64_t hash;
-    pthread_mutex_lock(&p->all->lock);
+    pthread_mutex_lock(&all->lock);
+    while (!p->rgb && all->busy)
+        pthread_cond_wait(&all->changed, &all->lock);
     const int code = p->rgb ? SG_OK : read_photo(ctx, p, view, &hash);
+    if (!code && all->ahead == p)
+        all->ahead = NULL;
     p->users += !code;
     *rgb = p->rgb;
-    pthread_mutex_unlock(&p->all->lock);
+    pthread_mutex_unlock(&all->lock);
     return code;
 }
 
@@ -230,7 +334,7 @@ void sg_view_release(const struct sg_view *view)
     if (!p)
         return;
     pthread_mutex_lock(&p->all->lock);
-    if (!--p->users && p->all->bytes.held > p->all->keep)
+    if (!--p->users && too_many(p->all))
         drop(p);
     pthread_mutex_unlock(&p->all->lock);
 }
@@ -248,6 +352,8 @@ int sg_lazy_photo_create(sg_ctx *ctx, struct sg_lazy_photos *all, const struct s
                                 .size = size,
                                 .bytes = sg_mem_cost(size)};
     pthread_mutex_lock(&all->lock);
+    while (all->busy)
+        pthread_cond_wait(&all->changed, &all->lock);
     const int code = read_photo(ctx, p, view, &view->hash);
     if (!code)
         add(p, p->bytes);

@@ -20,17 +20,29 @@ void sg_lazy_photos_destroy(struct sg_lazy_photos **photos);
 
 /* Bytes of a scene's lazy photos. */
 struct sg_photo_bytes {
-    uint64_t held;  /* now */
-    uint64_t total; /* all at once */
-    uint64_t read;  /* while one of them is read, itself included */
-    uint64_t most;  /* that may stay */
-    bool dropped;   /* not all of them have always stayed */
+    uint64_t held;               /* now */
+    uint64_t total;              /* all at once */
+    uint64_t read;               /* while one of them is read, itself included */
+    uint64_t most;               /* that may stay */
+    uint64_t largest;            /* of one that can be read ahead; 0 = none can */
+    uint64_t reads, reads_ahead; /* how often a photo was read again; by the reader */
+    bool dropped;                /* not all of them have always stayed */
 };
 struct sg_photo_bytes sg_lazy_photos_bytes(struct sg_lazy_photos *photos); /* NULL: zeros */
 /* From now on at most `bytes` stay without a user. Test photos are dropped first. NULL-safe. */
 void sg_lazy_photos_keep(struct sg_lazy_photos *photos, uint64_t bytes);
 /* Halves what is held. Returns whether that dropped anything. */
 bool sg_lazy_photos_halve(struct sg_lazy_photos *photos);
+/* The reader is a thread that reads a photo from its file before it is needed. It never calls a
+ * caller's function. It runs until everybody who has started it has stopped it. Where the system
+ * has no thread for it, nothing is read ahead. */
+void sg_lazy_photos_start_reader(struct sg_lazy_photos *photos);
+void sg_lazy_photos_stop_reader(struct sg_lazy_photos *photos);
+/* Asks the reader for the photo that will be used next. It stays in memory until it has been used,
+ * beside those that may stay; until then the reader reads no other. Whoever uses the photo waits
+ * for the reader, and reads the photo where the reader could not: errors are reported there. Does
+ * nothing where no reader runs or the photo has no file. */
+void sg_photo_read_ahead(const struct sg_view *view);
 /* After all photos of a folder were added: where they do not all fit, with one that is being read,
  * half of the memory limit is left to those who use the photos. */
 void sg_lazy_photos_settle(sg_ctx *ctx, struct sg_lazy_photos *photos);

@@ -55,8 +55,10 @@ static uint64_t divide(const struct sg_photo_bytes *p, uint64_t room, uint64_t l
         out->photos = p->total;
         return all;
     }
-    out->photos = lesser(share - p->read, p->most);
-    return out->photos + p->read;
+    const uint64_t kept = lesser(share - p->read, p->most);
+    out->read_ahead = p->largest && p->largest <= kept;
+    out->photos = kept - (out->read_ahead ? p->largest : 0);
+    return kept + p->read;
 }
 
 static struct sg_work work_of(sg_ctx *ctx, const struct sg_train_params *p, int sh_degree,
@@ -124,8 +126,9 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
     if (!out->photos_stay)
         sg_log(ctx, SG_LOG_WARN,
                "%s: memory: %llu of the %llu bytes of the photos stay in memory; the other photos "
-               "are read again whenever they are used",
-               scene->path, (unsigned long long) out->photos, (unsigned long long) photos.total);
+               "are read again whenever they are used%s",
+               scene->path, (unsigned long long) out->photos, (unsigned long long) photos.total,
+               out->read_ahead ? ", each during the iteration before" : "");
     return SG_OK;
 }
 

@@ -13,6 +13,7 @@ struct sg_budget {
     bool by_memory;     /* `gaussians` comes from the limit on memory */
     uint64_t photos;    /* bytes of lazy photos that may stay in memory without a user */
     bool photos_stay;   /* all of them fit */
+    bool read_ahead;    /* if not: there is room for one that is read before it is used */
 };
 
 /* Of a run on this scene. leaving: bytes in use that will be free before the first step;

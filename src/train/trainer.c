@@ -192,6 +192,10 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
         code = SG_ERR_BUDGET;
         goto fail;
     }
+    if (t->budget.read_ahead) {
+        sg_lazy_photos_start_reader(scene->lazy);
+        t->reads_ahead = true;
+    }
     for (size_t i = 0; i < scene->n_train; i++)
         if ((t->budget.photos_stay || !scene->train[i].lazy) && (code = hold_photo(t, i)))
             goto fail;
@@ -235,6 +239,8 @@ void sg_trainer_destroy(sg_trainer **trainer)
     if (!trainer || !*trainer)
         return;
     sg_trainer *t = *trainer;
+    if (t->reads_ahead)
+        sg_lazy_photos_stop_reader(t->scene->lazy);
     sg_engine_destroy(&t->engine);
     for (size_t i = 0; t->photos && i < t->scene->n_train; i++)
         if (t->photos[i])
@@ -255,6 +261,12 @@ size_t sg_trainer_pick_view(sg_trainer *t, uint64_t step)
         t->epoch = epoch;
     }
     return t->order[(step - 1) % n];
+}
+
+void sg_trainer_read_ahead(sg_trainer *t, uint64_t step, int it, int iterations)
+{
+    if (t->reads_ahead && it < iterations)
+        sg_photo_read_ahead(&t->scene->train[sg_trainer_pick_view(t, step + 1)]);
 }
 
 static void background(const sg_trainer *t, int it, float *out)
@@ -361,14 +373,15 @@ static size_t list_losses(const sg_trainer *t, size_t view, int it, struct sg_lo
     return n;
 }
 
-/* Computes the losses against the photo. One that does not stay in memory is read and handed to the
- * engine for this call only. */
-static int compare(sg_trainer *t, size_t index, const struct sg_loss *losses, size_t n)
+/* Computes the losses of iteration `it` against the photo. One that does not stay in memory is read
+ * and handed to the engine for this call only. */
+static int compare(sg_trainer *t, size_t index, int it, const struct sg_loss *losses, size_t n)
 {
     const bool stays = t->photos[index];
     int code = stays ? SG_OK : hold_photo(t, index);
     if (code)
         return code;
+    sg_trainer_read_ahead(t, t->steps + 1, it, t->params.iterations);
     code = sg_engine_losses(
         t->engine,
         &(struct sg_target){.photo = t->photos[index], .exposure = t->exposures ? index + 1 : 0},
@@ -444,7 +457,7 @@ int sg_trainer_advance(sg_trainer *t, struct sg_train_step *out)
 
     if ((code = sg_engine_draw(t->engine, &view->camera, sg_active_degree(p, t->start_degree, it),
                                &render, false)) ||
-        (code = compare(t, step.view, losses, n_losses)) ||
+        (code = compare(t, step.view, it, losses, n_losses)) ||
         (code = sg_engine_raster_backward(t->engine)))
         return code;
 

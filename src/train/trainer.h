@@ -40,6 +40,7 @@ struct sg_trainer {
     float *exposures;                      /* that the engine learns, see exposure.h; or NULL */
     uint32_t photos_hash;                  /* of their pixels as the run began with them */
     double densify_seconds, prune_seconds; /* of the strategy */
+    bool reads_ahead;                      /* photos from their files, before they are used */
     uint64_t epoch;                        /* that `order` is for */
     uint32_t *order;
 };
@@ -66,6 +67,9 @@ int sg_trainer_most_instances(sg_trainer *t, uint64_t *out);
 
 /* The view of the it-th step (from 1): every epoch visits all views in a random order. */
 size_t sg_trainer_pick_view(sg_trainer *t, uint64_t step);
+/* Once the photo of that step is in use: has the photo of the next step read, unless iteration `it`
+ * is the last one. */
+void sg_trainer_read_ahead(sg_trainer *t, uint64_t step, int it, int iterations);
 
 /* Seconds of all steps, those before a checkpoint included. */
 double sg_trainer_elapsed(const sg_trainer *t);
