@@ -162,6 +162,7 @@ static int open_attack(sg_ctx *ctx, const struct sg_scene *scene, struct sg_trai
     const struct sg_identity identity = identity_of(&p, &decoy);
     start.identity = &identity;
     start.sums = p.update_interval > 1;
+    start.spectral = p.spectral_weight > 0;
     start.strategy =
         p.model == SG_ATTACK_SCAFFOLD ? &sg_strategy_decoy_anchors : &sg_strategy_decoy;
     code = allocate(a, scene); /* first: the trainer plans with what is left */

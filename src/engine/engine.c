@@ -9,6 +9,7 @@
 
 #include "core/clock.h"
 #include "host/exposure.h"
+#include "host/image_losses.h"
 #include "ops.h"
 #include "scaffold/scaffold.h"
 
@@ -699,6 +700,8 @@ int sg_engine_weigh_hits(struct sg_engine *e, const struct sg_camera *const *vie
 
 int sg_engine_ascend(struct sg_engine *e, const struct sg_ascend *a)
 {
+    if (a->spectral && !e->ops->ascends_spectrum)
+        sg_host_descend(a);
     if (e->ops->ascend) {
         const int code = finish(e);
         return code ? code : e->ops->ascend(e, a);

@@ -19,6 +19,7 @@
 #include "splatguard/render.h"
 
 struct sg_engine;
+struct sg_anisotropy; /* spectral/anisotropy.h */
 
 /* ---- creation ---- */
 
@@ -290,16 +291,19 @@ int sg_engine_weigh_hits(struct sg_engine *e, const struct sg_camera *const *vie
 /* One step up the total variation of an image, all in host memory, 3 planes each:
  * to = clamp(photo + clamp(from + step sgn(dTV/dfrom + extra) - photo, -epsilon, epsilon), 0,
  * 1), where dTV is half of its value in SG_ATTACK_TV_VERTICAL2: in every form a neighbour adds at
- * most 1. */
+ * most 1. extra is 0, or goes down the anisotropy: its gradient, scaled so that the mean of its
+ * absolute values is spectral_weight. */
 struct sg_ascend {
     float epsilon, step;
     enum sg_attack_tv form;
     int width, height;
     const float *photo, *from;
-    const float *bound; /* NULL, or a plane: the epsilon of each pixel */
-    const float *extra; /* NULL: zeros */
-    float *to;          /* not `from` */
-    /* Of a run of steps without `extra`: this one goes on from the image of the last one, with the
+    const float *bound;             /* NULL, or a plane: the epsilon of each pixel */
+    struct sg_anisotropy *spectral; /* NULL, or the loss, of this size */
+    float spectral_weight;
+    float *extra; /* with spectral: room for 3 planes, which an engine in host memory needs */
+    float *to;    /* not `from` */
+    /* Of a run of steps: this one goes on from the image of the last one, with the
      * same photo, bounds and size; and the next one does, so that a device need not copy the image
      * to the host. No other call comes between. */
     bool continues, continued;

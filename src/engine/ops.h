@@ -129,6 +129,7 @@ struct sg_engine_ops {
                       enum sg_hit, double (*weight)(const void *arg, float log_smallest),
                       const void *arg, double *hits);
     int (*ascend)(struct sg_engine *, const struct sg_ascend *); /* optional: the oracle's */
+    bool ascends_spectrum; /* it computes `extra` too; else the front end does before it */
 };
 
 /* An engine that this build has. */

@@ -53,6 +53,11 @@ static int quick(int n, int step, bool exact)
     }
 }
 
+const struct sg_anisotropy_params *sg_anisotropy_params_of(const struct sg_anisotropy *a)
+{
+    return &a->params;
+}
+
 int sg_anisotropy_width(int width, bool exact)
 {
     return quick(width, 2, exact);

@@ -20,6 +20,8 @@ int sg_anisotropy_create(sg_ctx *ctx, int width, int height,
                          const struct sg_fft_kernels *fft, struct sg_anisotropy **out);
 void sg_anisotropy_destroy(struct sg_anisotropy **a);
 
+const struct sg_anisotropy_params *sg_anisotropy_params_of(const struct sg_anisotropy *a);
+
 /* planes: 3 planes of height x width. gradient: NULL, or 3 planes to add weight x dL/dplanes to.
  * Flat images have loss and gradient 0. Same bytes for any number of threads. */
 double sg_anisotropy_loss(struct sg_anisotropy *a, const float *planes, double weight,

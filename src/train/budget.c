@@ -156,12 +156,13 @@ static void add_views(struct device_views *v, const struct sg_engine_kind *engin
 
 int sg_budget_plan_device(sg_ctx *ctx, const struct sg_scene *scene,
                           const struct sg_train_params *p, int sh_degree, bool accumulate,
-                          struct sg_budget *limits)
+                          bool spectral, struct sg_budget *limits)
 {
     const struct sg_engine_kind *engine = sg_engine_find(ctx, p->engine);
-    const struct sg_work work = work_of(ctx, p, sh_degree, accumulate);
+    struct sg_work work = work_of(ctx, p, sh_degree, accumulate);
     struct sg_footprint need;
     struct device_views v = {0};
+    work.anisotropy |= spectral;
     if (!engine || !sg_engine_on_device(engine, &work, &need))
         return engine ? SG_OK : SG_ERR_USAGE;
     add_views(&v, engine, work, scene->train, scene->n_train, true);

@@ -23,9 +23,9 @@ struct sg_budget {
 int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_train_params *params,
                    int sh_degree, uint64_t leaving, bool accumulate, struct sg_budget *out);
 /* Lowers the limits to what the device of the engine, which is created, has room for. SG_ERR_BUDGET
- * likewise. */
+ * likewise. spectral: see struct sg_trainer_start. */
 int sg_budget_plan_device(sg_ctx *ctx, const struct sg_scene *scene,
                           const struct sg_train_params *params, int sh_degree, bool accumulate,
-                          struct sg_budget *limits);
+                          bool spectral, struct sg_budget *limits);
 
 #endif

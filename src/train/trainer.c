@@ -176,7 +176,7 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
         (t->params.exposure && (code = sg_exposures_create(ctx, scene->n_train, &t->exposures))) ||
         (code = sg_engine_create(ctx, t->params.engine, t->params.cpu, &t->engine)) ||
         (code = sg_budget_plan_device(ctx, scene, &t->params, t->sh_degree, start->sums,
-                                      &t->budget)) ||
+                                      start->spectral, &t->budget)) ||
         (code = set_model(t)) ||
         (code = start->checkpoint ? sg_checkpoint_read(t, &saved)
                                   : sg_trainer_init_model(t, start->initial)))

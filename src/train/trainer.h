@@ -51,7 +51,8 @@ struct sg_trainer_start {
     const char *checkpoint;             /* instead, unless NULL */
     const struct sg_identity *identity; /* of the run; NULL: a training with these parameters */
     const struct sg_strategy *strategy; /* NULL: that of the parameters */
-    bool sums; /* gradients will be summed over views (struct sg_update, accumulate) */
+    bool sums;     /* gradients will be summed over views (struct sg_update, accumulate) */
+    bool spectral; /* steps will be taken up images with a spectral term (struct sg_ascend) */
 };
 
 int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_trainer_start *start,

@@ -58,3 +58,6 @@ for image in uncut/images/*.png; do
 done
 expect 0 train uncut -o victim $(once $short --iterations 20)
 expect 0 attack scene/colmap -o anisotropic --method tv-per-view --inner 3 --tv aniso --save png --quiet
+expect 0 attack $attack -o spectral --iterations 4 --spectral-weight 2 --proxy first/attack/proxy
+cmp -s spectral/images/r_0.png first/images/r_0.png && fail "the spectral term has no effect"
+grep -q '"linf_max": 16.0' spectral/poison.json || fail "the bound: $(grep linf_max spectral/poison.json)"

@@ -1,6 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "image_losses.h"
 
+#include <math.h>
+#include <string.h>
+
+#include "engine/engine.h"
 #include "image/total_variation.h"
 
 int sg_image_loss_anisotropy(sg_ctx *ctx, struct sg_image_losses *s, const struct sg_loss *loss,
@@ -46,6 +50,20 @@ int sg_image_loss(sg_ctx *ctx, struct sg_image_losses *s, const struct sg_loss *
     if (!code)
         mask_gradient(mask, (size_t) width * (size_t) height, gradient);
     return code;
+}
+
+void sg_host_descend(const struct sg_ascend *a)
+{
+    const size_t values = 3 * (size_t) a->width * (size_t) a->height;
+    double sum = 0;
+    memset(a->extra, 0, values * sizeof(float));
+    sg_anisotropy_loss(a->spectral, a->from, 1, a->extra);
+    for (size_t i = 0; i < values; i++)
+        sum += (double) fabsf(a->extra[i]);
+    const float scale =
+        sum > 0 ? (float) (-(double) a->spectral_weight * (double) values / sum) : 0;
+    for (size_t i = 0; i < values; i++)
+        a->extra[i] *= scale;
 }
 
 void sg_image_losses_clear(struct sg_image_losses *s)

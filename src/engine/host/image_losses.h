@@ -29,6 +29,9 @@ SG_IMAGE_LOSSES(L)
 int sg_image_loss(sg_ctx *ctx, struct sg_image_losses *state, const struct sg_loss *loss,
                   const float *planes, int width, int height, const uint8_t *mask, float *gradient,
                   double *out);
+/* a->extra of a step with a->spectral. */
+struct sg_ascend;
+void sg_host_descend(const struct sg_ascend *a);
 void sg_image_losses_clear(struct sg_image_losses *state);
 
 #endif

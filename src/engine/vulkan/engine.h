@@ -20,6 +20,7 @@ struct vulkan_spectrum {
     } sizes[SG_PLANS];
     unsigned clock;
     struct gpu_buffer coefficients, factors, room;
+    struct gpu_buffer energies; /* of sg_vulkan_spectral_gradient, and the magnitude */
 };
 
 /* What the values of a view's losses are made of, beside its results. */
@@ -186,7 +187,10 @@ int sg_vulkan_ascend(struct sg_engine *, const struct sg_ascend *);
 /* Of the photo. 0: of the image, which is as large, for kernels that load words before they know
  * that they do not need them. */
 VkDeviceAddress sg_vulkan_photo_at(const struct vulkan_engine *, sg_photo);
-/* The sums of `width` floats over groups of e->sums, to the results. */
+/* The sums of `width` floats over groups of e->sums. */
+int sg_vulkan_add_up_to(struct vulkan_engine *, uint64_t groups, uint32_t width,
+                        VkDeviceAddress to);
+/* The same, to the results. */
 int sg_vulkan_add_up(struct vulkan_engine *, uint64_t groups, uint32_t width, uint32_t result);
 /* Values of the losses from the results. */
 void sg_vulkan_read_losses(const struct vulkan_terms *, const uint32_t results[VK_RESULTS],
@@ -195,6 +199,11 @@ void sg_vulkan_read_losses(const struct vulkan_terms *, const uint32_t results[V
 /* vulkan_spectrum.c */
 int sg_vulkan_anisotropy(struct vulkan_engine *, const struct sg_target_pixels *,
                          const struct sg_loss *);
+/* The gradient of the loss of an image of 3 planes, to e->given, which has room for it. *magnitude:
+ * the sum of its absolute values. */
+int sg_vulkan_spectral_gradient(struct vulkan_engine *, const struct sg_anisotropy_params *,
+                                VkDeviceAddress image, uint32_t width, uint32_t height,
+                                VkDeviceAddress *magnitude);
 /* The loss, from the results. */
 double sg_vulkan_anisotropy_of(const struct vulkan_terms *, const uint32_t results[VK_RESULTS]);
 void sg_vulkan_spectrum_clear(struct vulkan_engine *);

@@ -472,6 +472,7 @@ static const struct sg_engine_ops ops = {
     .read_most = read_most,
     .count_hits = count_hits,
     .ascend = sg_vulkan_ascend,
+    .ascends_spectrum = true,
 };
 
 static int create(sg_ctx *ctx, const char *selector, struct sg_engine **out)

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "engine.h"
+#include "spectral/anisotropy.h"
 
 int sg_vulkan_photo_add(struct sg_engine *base, sg_photo photo, const struct sg_photo_entry *p)
 {
@@ -40,11 +41,16 @@ VkDeviceAddress sg_vulkan_photo_at(const struct vulkan_engine *e, sg_photo photo
     return photo ? sg_gpu_at(e->gpu, &e->photos[photo - 1]) : e->image.address;
 }
 
+int sg_vulkan_add_up_to(struct vulkan_engine *e, uint64_t groups, uint32_t width,
+                        VkDeviceAddress to)
+{
+    return GPU_RUN(e->gpu, loss_sums, 0, width, .from = e->sums.address, .to = to,
+                   .count = (uint32_t) groups, .width = width);
+}
+
 int sg_vulkan_add_up(struct vulkan_engine *e, uint64_t groups, uint32_t width, uint32_t result)
 {
-    return GPU_RUN(e->gpu, loss_sums, 0, width, .from = e->sums.address,
-                   .to = e->lists.results.address + 4 * (uint64_t) result,
-                   .count = (uint32_t) groups, .width = width);
+    return sg_vulkan_add_up_to(e, groups, width, e->lists.results.address + 4 * (uint64_t) result);
 }
 
 /* L1 and SSIM of an image and their gradient, on the device. */
@@ -217,7 +223,7 @@ int sg_vulkan_loss(struct sg_engine *base, const struct sg_target_pixels *target
 }
 
 /* The buffers of the losses hold what a run of steps needs: the photo and two images where the maps
- * of SSIM are, the bounds and what is added to the gradient where the targets are. */
+ * of SSIM are, the bounds and the gradient of the anisotropy where the targets are. */
 int sg_vulkan_ascend(struct sg_engine *base, const struct sg_ascend *a)
 {
     struct vulkan_engine *e = vulkan_of(base);
@@ -226,24 +232,28 @@ int sg_vulkan_ascend(struct sg_engine *base, const struct sg_ascend *a)
     int code;
     if ((code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->maps, 3 * bytes)) ||
         (a->bound && (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->target, 4 * pixels))) ||
-        (a->extra && (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->given, bytes))))
+        (a->spectral && (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->given, bytes))))
         return code;
     e->ascended = a->continues ? 3 - e->ascended : 2;
     const uint64_t from = (3 - e->ascended) * bytes, to = e->ascended * bytes;
     if (!a->continues &&
         ((code = sg_gpu_write(g, &e->maps, 0, a->photo, bytes)) ||
          (code = sg_gpu_write(g, &e->maps, from, a->from, bytes)) ||
-         (a->bound && (code = sg_gpu_write(g, &e->target, 0, a->bound, 4 * pixels))) ||
-         (a->extra && (code = sg_gpu_write(g, &e->given, 0, a->extra, bytes)))))
+         (a->bound && (code = sg_gpu_write(g, &e->target, 0, a->bound, 4 * pixels)))))
         return code;
-    code =
-        GPU_RUN(g, ascend, 0, FOR_EACH(3 * pixels), .photo = e->maps.address,
-                .from = e->maps.address + from, .bound = sg_gpu_at(g, &e->target),
-                .extra = sg_gpu_at(g, &e->given), .to = e->maps.address + to,
-                .width = (uint32_t) a->width, .height = (uint32_t) a->height,
-                .form = (uint32_t) a->form, .bounded = a->bound != NULL, .more = a->extra != NULL,
-                .epsilon = fminf(a->epsilon, 1e30f), /* kernels are promised no infinities */
-                .size = a->step);
+    VkDeviceAddress magnitude = g->none.address;
+    if (a->spectral && (code = sg_vulkan_spectral_gradient(
+                            e, sg_anisotropy_params_of(a->spectral), e->maps.address + from,
+                            (uint32_t) a->width, (uint32_t) a->height, &magnitude)))
+        return code;
+    code = GPU_RUN(g, ascend, 0, FOR_EACH(3 * pixels), .photo = e->maps.address,
+                   .from = e->maps.address + from, .bound = sg_gpu_at(g, &e->target),
+                   .extra = sg_gpu_at(g, &e->given), .magnitude = magnitude,
+                   .to = e->maps.address + to, .width = (uint32_t) a->width,
+                   .height = (uint32_t) a->height, .form = (uint32_t) a->form,
+                   .bounded = a->bound != NULL, .more = a->spectral != NULL,
+                   .epsilon = fminf(a->epsilon, 1e30f), /* kernels are promised no infinities */
+                   .size = a->step, .weight = a->spectral_weight * 3 * (float) pixels);
     return code || a->continued ? code : sg_gpu_read(g, &e->maps, to, a->to, bytes);
 }
 

@@ -88,15 +88,15 @@ void sg_vulkan_spectrum_clear(struct vulkan_engine *e)
     sg_gpu_release(e->gpu, &s->coefficients);
     sg_gpu_release(e->gpu, &s->factors);
     sg_gpu_release(e->gpu, &s->room);
+    sg_gpu_release(e->gpu, &s->energies);
 }
 
-/* The transform of the present view's size; a new one replaces the one that was not used longest.
- * params: the same in all calls. */
+/* The transform of images of a size; a new one replaces the one that was not used longest. params:
+ * the same in all calls. */
 static int find_transform(struct vulkan_engine *e, const struct sg_anisotropy_params *params,
-                          struct vulkan_transform **out)
+                          int width, int height, struct vulkan_transform **out)
 {
     struct vulkan_spectrum *s = &e->spectrum;
-    const int width = (int) e->width, height = (int) e->height;
     struct vulkan_transform *oldest = s->sizes;
     for (struct vulkan_transform *t = s->sizes; t < s->sizes + SG_PLANS; t++) {
         if (t->width == width && t->height == height) {
@@ -132,67 +132,121 @@ static uint64_t room_bytes(uint64_t longest)
     return longest > VK_LINE ? VK_LINE_GROUPS * longest * 2 * 2 * sizeof(float) : 0;
 }
 
-int sg_vulkan_anisotropy(struct vulkan_engine *e, const struct sg_target_pixels *target,
-                         const struct sg_loss *loss)
+/* An image whose loss is taken. */
+struct transformed {
+    VkDeviceAddress image, gradient; /* the latter is added to */
+    VkDeviceAddress photo;           /* whose mask counts, if masked */
+    VkDeviceAddress energy;          /* of the directions: what comes out */
+    uint32_t width, height;
+    bool masked;
+    float weight;
+};
+
+/* coefficients: of the spectrum; or NULL. */
+static int run(struct vulkan_engine *e, const struct sg_anisotropy_params *p,
+               const struct transformed *o, double *coefficients)
 {
     struct gpu *g = e->gpu;
     struct vulkan_spectrum *s = &e->spectrum;
-    const struct sg_anisotropy_params *p = &loss->anisotropy;
     const uint32_t planes = p->channels == SG_CHANNELS_LUMA ? 1 : 3, bins = (uint32_t) p->band.bins,
-                   pairs = planes * ((e->height + 1) / 2);
+                   pairs = planes * ((o->height + 1) / 2);
     const bool power = p->energy == SG_ENERGY_POWER;
     struct vulkan_transform *t;
-    int code = find_transform(e, p, &t);
+    int code = find_transform(e, p, (int) o->width, (int) o->height, &t);
     if (code)
         return code;
     const uint64_t lines = (uint64_t) planes * t->columns;
     const int is_far = t->longest > VK_LINE;
     const uint32_t groups = is_far ? VK_LINE_GROUPS : (uint32_t) (pairs > lines ? pairs : lines);
-    const double coefficients = (double) planes * t->w * t->h;
-    e->terms.anisotropy = *p;
-    e->terms.coefficients = coefficients;
+    const double all = (double) planes * t->w * t->h;
+    if (coefficients)
+        *coefficients = all;
     if ((code = sg_gpu_reserve(g, SG_MEM_FRAME, &s->coefficients, 8 * lines * t->h)) ||
         (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->sums, 4 * lines * bins)) ||
         (code = sg_gpu_reserve(g, SG_MEM_FRAME, &s->factors, 4 * VK_GROUP)) ||
         (code = sg_gpu_reserve(g, SG_MEM_FRAME, &s->room, room_bytes(t->longest))))
         return code;
-    const VkDeviceAddress energy = e->lists.results.address + 4 * VK_RESULT_ENERGY;
-    code = GPU_RUN(g, spectrum_rows, is_far, groups, .image = e->image.address,
+    code = GPU_RUN(g, spectrum_rows, is_far, groups, .image = o->image,
                    .spectrum = s->coefficients.address, .plan = t->across.address,
-                   .tables = t->across.address, .room = s->room.address, .width = e->width,
-                   .height = e->height, .points = t->w, .rows = t->h, .columns = t->columns,
+                   .tables = t->across.address, .room = s->room.address, .width = o->width,
+                   .height = o->height, .points = t->w, .rows = t->h, .columns = t->columns,
                    .planes = planes, .groups = groups, .longest = t->longest);
     if (!code)
         code = GPU_RUN(g, spectrum_columns, is_far, groups, .spectrum = s->coefficients.address,
                        .directions = t->directions.address, .energy = e->sums.address,
                        .plan = t->down.address, .tables = t->down.address, .room = s->room.address,
-                       .height = e->height, .points = t->h, .columns = t->columns, .planes = planes,
+                       .height = o->height, .points = t->h, .columns = t->columns, .planes = planes,
                        .bins = bins, .amplitude = !power, .groups = groups, .longest = t->longest);
     if (!code)
-        code = sg_vulkan_add_up(e, lines, bins, VK_RESULT_ENERGY);
+        code = sg_vulkan_add_up_to(e, lines, bins, o->energy);
     if (!code)
-        code = GPU_RUN(g, spectrum_factors, 0, 1, .energy = energy, .factors = s->factors.address,
-                       .bins = bins,
-                       .least = (float) (power ? SG_FLAT_POWER * coefficients * coefficients
-                                               : SG_FLAT_AMPLITUDE * coefficients),
-                       .weight = (float) loss->weight * (power ? 2 : 1));
+        code =
+            GPU_RUN(g, spectrum_factors, 0, 1, .energy = o->energy, .factors = s->factors.address,
+                    .bins = bins,
+                    .least = (float) (power ? SG_FLAT_POWER * all * all : SG_FLAT_AMPLITUDE * all),
+                    .weight = o->weight * (power ? 2 : 1));
     if (!code)
         code =
             GPU_RUN(g, spectrum_columns_back, is_far, groups, .spectrum = s->coefficients.address,
                     .directions = t->directions.address, .factors = s->factors.address,
                     .plan = t->down.address, .tables = t->down.address, .room = s->room.address,
-                    .height = e->height, .points = t->h, .columns = t->columns, .planes = planes,
+                    .height = o->height, .points = t->h, .columns = t->columns, .planes = planes,
                     .amplitude = !power, .groups = groups, .longest = t->longest);
     if (!code)
-        code = GPU_RUN(g, spectrum_rows_back, is_far, groups, .gradient = e->gradient.address,
-                       .photo = sg_vulkan_photo_at(e, target->photo),
-                       .spectrum = s->coefficients.address, .plan = t->across.address,
-                       .tables = t->across.address, .room = s->room.address, .width = e->width,
-                       .height = e->height, .points = t->w, .rows = t->h, .columns = t->columns,
-                       .planes = planes, .masked = target->mask != NULL, .groups = groups,
-                       .longest = t->longest);
+        code = GPU_RUN(g, spectrum_rows_back, is_far, groups, .gradient = o->gradient,
+                       .photo = o->photo, .spectrum = s->coefficients.address,
+                       .plan = t->across.address, .tables = t->across.address,
+                       .room = s->room.address, .width = o->width, .height = o->height,
+                       .points = t->w, .rows = t->h, .columns = t->columns, .planes = planes,
+                       .masked = o->masked, .groups = groups, .longest = t->longest);
+    return code;
+}
+
+int sg_vulkan_anisotropy(struct vulkan_engine *e, const struct sg_target_pixels *target,
+                         const struct sg_loss *loss)
+{
+    const struct transformed o = {
+        .image = e->image.address,
+        .gradient = e->gradient.address,
+        .photo = sg_vulkan_photo_at(e, target->photo),
+        .energy = e->lists.results.address + 4 * VK_RESULT_ENERGY,
+        .width = e->width,
+        .height = e->height,
+        .masked = target->mask != NULL,
+        .weight = (float) loss->weight,
+    };
+    const int code = run(e, &loss->anisotropy, &o, &e->terms.coefficients);
+    e->terms.anisotropy = loss->anisotropy;
     e->terms.ran[SG_LOSS_ANISOTROPY] = !code;
     return code;
+}
+
+int sg_vulkan_spectral_gradient(struct vulkan_engine *e, const struct sg_anisotropy_params *p,
+                                VkDeviceAddress image, uint32_t width, uint32_t height,
+                                VkDeviceAddress *magnitude)
+{
+    struct gpu *g = e->gpu;
+    struct gpu_buffer *energies = &e->spectrum.energies;
+    const uint64_t values = 3 * (uint64_t) width * height;
+    int code = sg_gpu_reserve(g, SG_MEM_FRAME, energies, 4 * (SG_SPECTRUM_BINS_MAX + 1));
+    if (!code)
+        code = sg_gpu_fill(g, &e->given, 0, 4 * values, 0);
+    if (code)
+        return code;
+    *magnitude = energies->address + 4 * SG_SPECTRUM_BINS_MAX;
+    const struct transformed o = {.image = image,
+                                  .gradient = e->given.address,
+                                  .photo = image, /* as large, and not read */
+                                  .energy = energies->address,
+                                  .width = width,
+                                  .height = height,
+                                  .weight = 1};
+    if (!(code = run(e, p, &o, NULL)))
+        code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->sums, 4 * FOR_EACH(values));
+    if (!code)
+        code = GPU_RUN(g, magnitudes, 0, FOR_EACH(values), .from = e->given.address,
+                       .sums = e->sums.address, .count = (uint32_t) values);
+    return code ? code : sg_vulkan_add_up_to(e, FOR_EACH(values), 1, *magnitude);
 }
 
 double sg_vulkan_anisotropy_of(const struct vulkan_terms *t, const uint32_t results[VK_RESULTS])

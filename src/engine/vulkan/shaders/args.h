@@ -88,6 +88,7 @@
     K(total_variation)                                                                             \
     K(loss_sums)                                                                                   \
     K(ascend)                                                                                      \
+    K(magnitudes)                                                                                  \
     K(move)                                                                                        \
     K(relocate)                                                                                    \
     K(explore)                                                                                     \
@@ -243,11 +244,14 @@
 #define ARGS_total_variation(P, U, F)                                                              \
     P(Floats, image) P(Uints, photo) P(Floats, gradient) P(Floats, sums) U(width) U(height)        \
     U(masked) U(norm) F(across) F(down) F(weight) F(edge)
-/* form: enum sg_attack_tv. bounded: 1 = `bound` has each pixel's epsilon; more: 1 = `extra` is added
- * to the gradient. */
+/* form: enum sg_attack_tv. bounded: 1 = `bound` has each pixel's epsilon; more: 1 = the step goes
+ * down `extra` too, whose absolute values have the sum `magnitude` and get the sum `weight`. */
 #define ARGS_ascend(P, U, F)                                                                       \
-    P(Floats, photo) P(Floats, from) P(Floats, bound) P(Floats, extra) P(Floats, to) U(width)      \
-    U(height) U(form) U(bounded) U(more) F(epsilon) F(size)
+    P(Floats, photo) P(Floats, from) P(Floats, bound) P(Floats, extra) P(Floats, magnitude)        \
+    P(Floats, to) U(width) U(height) U(form) U(bounded) U(more) F(epsilon) F(size) F(weight)
+/* Sums of absolute values over groups. */
+#define ARGS_magnitudes(P, U, F)                                                                   \
+    P(Floats, from) P(Floats, sums) U(count)
 /* Sums `width` floats of `count` groups, in a fixed order: a workgroup each. */
 #define ARGS_loss_sums(P, U, F)                                                                    \
     P(Floats, from) P(Floats, to) U(count) U(width)

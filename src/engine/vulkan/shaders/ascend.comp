@@ -25,8 +25,8 @@ void main()
                   a.from.v[i + right], a.from.v[i + down - left], a.from.v[i + down]);
     float gradient = a.form == FORM_ISO ? tv_iso_gradient(p)
                                         : tv_sign_gradient(p, a.form == FORM_ANISO);
-    if (a.more != 0)
-        gradient += a.extra.v[i];
+    if (a.more != 0 && a.magnitude.v[0] > 0.0) /* that of a flat image is 0 */
+        gradient -= a.extra.v[i] * (a.weight / a.magnitude.v[0]);
     const float epsilon = a.bounded != 0 ? a.bound.v[at] : a.epsilon;
     a.to.v[i] = tv_step(p.here, gradient, a.size, a.photo.v[i], epsilon);
 }
