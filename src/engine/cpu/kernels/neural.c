@@ -5,7 +5,8 @@
 
 #include "math/neural.h"
 
-#define ROWS 4 /* of a product at once: their sums stay in registers */
+#define ROWS 8 /* of a product at once: their sums stay in registers */
+#define INPUT_ROWS 4
 #define OUTPUT_ROWS 5
 
 _Static_assert(SG_HIDDEN % (2 * LANES) == 0 && SG_NETWORK_HIDDEN % (2 * LANES) == 0 &&
@@ -14,7 +15,7 @@ _Static_assert(SG_HIDDEN % (2 * LANES) == 0 && SG_NETWORK_HIDDEN % (2 * LANES) =
 _Static_assert(SG_HIDDEN % ROWS == 0 && SG_ANCHOR_FEATURES % ROWS == 0 &&
                    SG_NETWORK_HIDDEN % ROWS == 0 && SG_O_COVARIANCE % OUTPUT_ROWS == 0 &&
                    SG_O_COLOUR % OUTPUT_ROWS == 0 && SG_OUTPUTS % OUTPUT_ROWS == 0 &&
-                   (SG_NETWORK_INPUTS + 1) % ROWS == 0 && SG_BANK_INPUTS + 1 <= OUTPUT_ROWS,
+                   (SG_NETWORK_INPUTS + 1) % INPUT_ROWS == 0 && SG_BANK_INPUTS + 1 <= OUTPUT_ROWS,
                "whole groups of rows");
 
 /* What the networks compute on the way. */
@@ -406,7 +407,8 @@ void KERNEL(neural_backward)(const struct sg_neural_args *a, const struct sg_anc
         add_products(output, present.row + sg_network_row(n), present.count[n], OUTPUT_ROWS, across,
                      n * SG_NETWORK_HIDDEN, SG_NETWORK_HIDDEN, sums->output[0]);
     transpose(hidden, SG_HIDDEN, across);
-    add_products(l.input, NULL, SG_NETWORK_INPUTS + 1, ROWS, across, 0, SG_HIDDEN, sums->input[0]);
+    add_products(l.input, NULL, SG_NETWORK_INPUTS + 1, INPUT_ROWS, across, 0, SG_HIDDEN,
+                 sums->input[0]);
     if (a->parts & SG_PART_DISTANCE)
         add_products(l.bank_input + 3, NULL, 1, 1, across, 0, SG_HIDDEN, sums->distance);
     if (a->parts & SG_PART_BANK)
