@@ -229,6 +229,51 @@ static double bench_backward(const struct cpu_kernels *k)
     return timing_result(&t, 20 * SG_LANES);
 }
 
+/* Items of a column: together, apart, twice, of one block, in no order, nowhere. */
+static void check_items(const struct cpu_kernels *k)
+{
+    enum { PLANES = 7, FIRST = 2, COUNT = 4, BLOCKS = 20 };
+    static const uint32_t items[][SG_LANES] = {
+        {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15},
+        {9, 10, 12, 13, 15, 16, 17, 18, 19, 21, 22, 23, 25, 29, 30, 31},
+        {9, 10, 15, 16, 17, 19, 31, 32, 33, 40, 41, 41, 41, 41, 41, 41},
+        {0, 19, 35, 50, 70, 95, 96, 115, 130, 149, 165, 180, 200, 220, 239, 319},
+        {40, 3, 41, 2, 40, 39, 319, 0, 8, 7, 6, 5, 4, 3, 2, 1},
+        {SG_NOWHERE, 33, 34, SG_NOWHERE, 47, SG_NOWHERE, SG_NOWHERE, 48, 49, 50, 51, 52, 53, 54, 55,
+         SG_NOWHERE},
+        {SG_NOWHERE, SG_NOWHERE, SG_NOWHERE, SG_NOWHERE, SG_NOWHERE, SG_NOWHERE, SG_NOWHERE,
+         SG_NOWHERE, SG_NOWHERE, SG_NOWHERE, SG_NOWHERE, SG_NOWHERE, SG_NOWHERE, SG_NOWHERE,
+         SG_NOWHERE, SG_NOWHERE}};
+    float *column = random_floats(BLOCKS * PLANES * SG_LANES, 96, -1, 1);
+    for (size_t i = 0; i < sizeof(items) / sizeof(items[0]); i++) {
+        float found[COUNT + 1][SG_LANES], expected[COUNT + 1][SG_LANES];
+        memset(found, 3, sizeof(found)), memset(expected, 3, sizeof(expected));
+        sg_ref_pick(column, PLANES, FIRST, COUNT, items[i], expected);
+        k->pick(column, PLANES, FIRST, COUNT, items[i], found);
+        assert_memory_equal(found, expected, sizeof(found));
+    }
+    free(column);
+}
+
+static double bench_items(const struct cpu_kernels *k)
+{
+    enum { BLOCKS = 64 };
+    float *column = random_floats(BLOCKS * SG_A_PLANES * SG_LANES, 96, -1, 1);
+    static uint32_t item[BLOCKS * SG_LANES];
+    float out[SG_A_PLANES][SG_LANES];
+    size_t n = 0;
+    for (uint32_t i = 0; i < BLOCKS * SG_LANES; i++)
+        if (i % 7)
+            item[n++] = i;
+    struct timing t = {0};
+    while (timing_again(&t))
+        for (size_t i = 0; i + SG_LANES <= n; i += SG_LANES)
+            (k ? k->pick : sg_ref_pick)(column, SG_A_PLANES, 0, SG_A_PLANES, item + i, out);
+    free(column);
+    return timing_result(&t, n);
+}
+
+const struct kernel_check check_pick = {"pick", "anchor", false, check_items, bench_items};
 const struct kernel_check check_neural = {"neural", "anchor", false, check_forward, bench_forward};
 const struct kernel_check check_neural_backward = {"neural_backward", "anchor", false,
                                                    check_backward, bench_backward};

@@ -131,7 +131,11 @@ struct cpu_loss_args {
     K(neural_backward, void,                                                                       \
       (const struct sg_neural_args *, const struct sg_anchor_block *,                              \
        float(*gradient)[SG_DRAWN_PLANES][SG_LANES], struct sg_anchor_gradient *,                   \
-       struct sg_weight_sums *) )
+       struct sg_weight_sums *) )                                                                  \
+    /* Values of any Gaussians side by side: see sg_ref_pick. */                                   \
+    K(pick, void,                                                                                  \
+      (const float *column, int planes, int first, int count, const uint32_t *item,                \
+       float(*out)[SG_LANES]))
 
 struct cpu_kernels {
     const char *name;

@@ -82,3 +82,13 @@ void sg_ref_neural_backward(const struct sg_neural_args *args, const struct sg_a
             sums->bank_bias[j][lane] += sum.bank_bias[j];
     }
 }
+
+void sg_ref_pick(const float *column, int planes, int first, int count, const uint32_t *item,
+                 float (*out)[SG_LANES])
+{
+    for (int lane = 0; lane < SG_LANES; lane++)
+        for (int p = 0; p < count; p++)
+            out[p][lane] = item[lane] == SG_NOWHERE
+                               ? 0
+                               : column[sg_param_index(planes, item[lane], first + p)];
+}

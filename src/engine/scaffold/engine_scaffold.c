@@ -372,6 +372,7 @@ int sg_scaffold_wrap(sg_ctx *ctx, struct sg_engine **engine)
     b->inner = inner;
     b->neural = ref ? sg_ref_neural : kernels->neural;
     b->neural_backward = ref ? sg_ref_neural_backward : kernels->neural_backward;
+    b->pick = ref ? sg_ref_pick : kernels->pick;
     *engine = &b->base;
     return SG_OK;
 }

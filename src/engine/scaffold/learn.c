@@ -8,8 +8,6 @@
 #include "math/adam.h"
 #include "state.h"
 
-#define NOWHERE UINT32_MAX
-
 /* Gradients of the Gaussians, and their statistics if they count. */
 static int pull_drawn(struct scaffold_engine *b, bool statistics)
 {
@@ -182,24 +180,10 @@ static void step_plane(float *p, float *m, float *v, const float *g, float rate,
     }
 }
 
-/* The gradients of a block of anchors; those that drew nothing have none. */
-static void spread(const struct scaffold_engine *b, size_t block, struct sg_anchor_gradient *out)
-{
-    memset(out, 0, sizeof(*out));
-    for (size_t lane = 0; lane < SG_LANES; lane++) {
-        const size_t i = block * SG_LANES + lane;
-        if (i >= b->anchors.count || b->place[i] == NOWHERE)
-            continue;
-        const struct sg_anchor_gradient *from = &b->gradient[b->place[i] / SG_LANES];
-        const size_t at = b->place[i] % SG_LANES;
-        for (int k = 0; k < 3; k++)
-            out->reach[k][lane] = from->reach[k][at];
-        for (int p = 0; p < SG_A_PLANES; p++)
-            out->anchor[p][lane] = from->anchor[p][at];
-    }
-}
-
 #define LEARN_BLOCKS 16
+#define GRADIENT_PLANES (3 + SG_A_PLANES)
+_Static_assert(sizeof(struct sg_anchor_gradient) == GRADIENT_PLANES * SG_LANES * sizeof(float),
+               "a column");
 
 static void learn_piece(void *arg, size_t piece, int thread)
 {
@@ -212,7 +196,9 @@ static void learn_piece(void *arg, size_t piece, int thread)
         struct sg_anchor_gradient g;
         const size_t params = sg_param_index(h->planes, block * SG_LANES, SG_P_SCALE),
                      anchor = sg_param_index(SG_A_PLANES, block * SG_LANES, 0);
-        spread(j->b, block, &g);
+        /* Anchors that drew nothing have no gradient. */
+        j->b->pick((const float *) j->b->gradient, GRADIENT_PLANES, 0, GRADIENT_PLANES,
+                   j->b->place + block * SG_LANES, (float(*)[SG_LANES]) & g);
         for (size_t k = 0; k < 3; k++)
             step_plane(h->at[SG_C_PARAMETERS] + params + k * SG_LANES,
                        h->at[SG_C_MOMENT1] + params + k * SG_LANES,
@@ -234,21 +220,22 @@ int sg_scaffold_optimise(struct scaffold_engine *b, const struct sg_update *u)
 {
     struct sg_host_model *h = &b->anchors;
     sg_ctx *ctx = b->base.ctx;
+    const size_t blocks = sg_blocks(h->count);
     if (u->accumulate || u->mean_opacity != 0 || u->mean_scale != 0)
         return sg_fail(ctx, SG_ERR_USAGE, "engine: found an update that anchors do not have");
     if (!u->adam)
         return SG_OK;
     if (sg_host_alloc(ctx, h, SG_C_MOMENT1) || sg_host_alloc(ctx, h, SG_C_MOMENT2) ||
         sg_host_alloc(ctx, h, SG_C_ANCHOR_MOMENT1) || sg_host_alloc(ctx, h, SG_C_ANCHOR_MOMENT2) ||
-        sg_grow(ctx, SG_MEM_SPLATS, &b->place, &b->cap_place, h->count, 0, sizeof(*b->place)))
+        sg_grow(ctx, SG_MEM_SPLATS, &b->place, &b->cap_place, blocks, 0,
+                SG_LANES * sizeof(*b->place)))
         return SG_ERR_BUDGET;
-    for (size_t i = 0; i < h->count; i++)
-        b->place[i] = NOWHERE;
+    for (size_t i = 0; i < blocks * SG_LANES; i++)
+        b->place[i] = SG_NOWHERE;
     for (size_t k = 0; k < b->drawing_count; k++)
         b->place[b->seen[k].anchor] = (uint32_t) k;
     struct learn_job job = {b, u};
-    sg_parallel_for(ctx, (sg_blocks(h->count) + LEARN_BLOCKS - 1) / LEARN_BLOCKS, learn_piece,
-                    &job);
+    sg_parallel_for(ctx, (blocks + LEARN_BLOCKS - 1) / LEARN_BLOCKS, learn_piece, &job);
     return SG_OK;
 }
 

@@ -50,4 +50,11 @@ void sg_ref_neural_backward(const struct sg_neural_args *args, const struct sg_a
                             float (*gradient)[SG_DRAWN_PLANES][SG_LANES],
                             struct sg_anchor_gradient *out, struct sg_weight_sums *sums);
 
+#define SG_NOWHERE UINT32_MAX
+
+/* Values of SG_LANES items of a column, which has `planes` planes: `count` from plane `first` on.
+ * item: SG_NOWHERE: zeros. Quickest where items ascend and lie together. */
+void sg_ref_pick(const float *column, int planes, int first, int count, const uint32_t *item,
+                 float (*out)[SG_LANES]);
+
 #endif

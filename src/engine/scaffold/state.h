@@ -25,6 +25,7 @@ struct scaffold_engine {
     void (*neural_backward)(const struct sg_neural_args *, const struct sg_anchor_block *,
                             float (*)[SG_DRAWN_PLANES][SG_LANES], struct sg_anchor_gradient *,
                             struct sg_weight_sums *);
+    void (*pick)(const float *, int, int, int, const uint32_t *, float (*)[SG_LANES]);
     struct sg_host_model anchors;
     struct sg_networks *networks;
     /* of the view */

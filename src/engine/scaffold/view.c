@@ -93,21 +93,17 @@ void sg_scaffold_gather(const struct scaffold_engine *b, size_t count, size_t bl
                         struct sg_anchor_block *out)
 {
     const struct sg_host_model *h = &b->anchors;
+    uint32_t anchor[SG_LANES];
     for (size_t lane = 0; lane < SG_LANES; lane++) {
         const size_t at = block * SG_LANES + lane, last = count - 1;
-        const size_t i = b->seen[at < last ? at : last].anchor;
-        const float *p = h->at[SG_C_PARAMETERS] + sg_param_index(h->planes, i, 0),
-                    *a = h->at[SG_C_ANCHOR] + sg_param_index(SG_A_PLANES, i, 0);
-        for (int k = 0; k < 3; k++) {
-            out->position[k][lane] = p[(SG_P_XYZ + k) * SG_LANES];
-            out->reach[k][lane] = p[(SG_P_SCALE + k) * SG_LANES];
-        }
-        for (int k = 0; k < SG_A_PLANES; k++)
-            out->anchor[k][lane] = a[k * SG_LANES];
+        anchor[lane] = b->seen[at < last ? at : last].anchor;
     }
+    b->pick(h->at[SG_C_PARAMETERS], h->planes, SG_P_XYZ, 3, anchor, out->position);
+    b->pick(h->at[SG_C_PARAMETERS], h->planes, SG_P_SCALE, 3, anchor, out->reach);
+    b->pick(h->at[SG_C_ANCHOR], SG_A_PLANES, 0, SG_A_PLANES, anchor, out->anchor);
 }
 
-#define CHUNK_BLOCKS 256 /* that are made at once, before their Gaussians move together */
+#define CHUNK_BLOCKS 64 /* that are made at once, before their Gaussians move together */
 
 struct generate_job {
     struct scaffold_engine *b;

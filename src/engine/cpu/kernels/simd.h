@@ -161,6 +161,11 @@ SIMD real r_root(real a)
 {
     return a * (real) _mm512_rsqrt14_ps(_mm512_max_ps((__m512) a, _mm512_set1_ps(1e-35f)));
 }
+/* Lane from[i] of a where m, else b. */
+SIMD real r_move_if(mask m, real a, ireal from, real b)
+{
+    return (real) _mm512_mask_permutexvar_ps((__m512) b, m, (__m512i) from, (__m512) a);
+}
 /* The lesser where m, else 0. */
 SIMD real r_min_keep(mask m, real a, real b)
 {
