@@ -19,6 +19,7 @@ struct flight {
     uint64_t room;      /* instances at first, or 0 */
     int tight, until;   /* no instance has room when iterations tight to until - 1 begin */
     enum look looks;    /* after such an iteration */
+    bool passing;       /* photos come and go, as where the device has no room for all */
     uint64_t repeats;   /* out */
     uint64_t instances; /* out: the most */
     int in_flight;      /* out: the most */
@@ -76,6 +77,10 @@ static struct sg_model *fly(struct fixture *f, const struct sg_train_params *p, 
     e->gpu->depth = how->depth ? how->depth : GPU_FLIGHTS;
     e->lists.capacity = how->room;
     how->in_flight = 0;
+    for (size_t i = 0; i < VIEWS && how->passing; i++) {
+        assert_int_equal(sg_engine_photo_drop(t->engine, t->photos[i]), SG_OK);
+        t->photos[i] = 0;
+    }
     while (sg_trainer_iteration(t) < p->iterations) {
         const int it = sg_trainer_iteration(t) + 1;
         if (it >= how->tight && it < how->until && !how->room)
@@ -214,6 +219,32 @@ static void test_variants(void **state)
     clear_fixture(&f);
 }
 
+/* Photos that come and go: none waits for the device. Their sizes differ, so that their rooms grow
+ * on the way, also in iterations that are run again. */
+static void test_passing(void **state)
+{
+    (void) state;
+    const struct sg_train_params p = flow_params();
+    struct fixture f = make_fixture(1);
+    for (int k = 0; k < VIEWS; k++) /* upper rows only, but for the last views */
+        f.views[k].camera.height = k < VIEWS - 2 ? SIDE / 2 + k : SIDE;
+    struct flight one = {.depth = 1};
+    struct sg_model *expected = fly(&f, &p, &one);
+    for (uint32_t depth = 1; depth <= GPU_FLIGHTS; depth++) {
+        struct flight passing = {.depth = depth, .passing = true},
+                      tight = {.depth = depth, .passing = true, .tight = 2, .until = 17};
+        assert_as_waiting(&f, &p, expected, &one, &passing);
+        assert_int_equal(passing.in_flight, depth > 1 ? depth : 0);
+        assert_as_waiting(&f, &p, expected, &one, &tight);
+        assert_true(tight.repeats >= ITERATIONS / (GPU_FLIGHTS + 1));
+    }
+    struct flight once = {.passing = true, .tight = 11, .until = 12};
+    assert_as_waiting(&f, &p, expected, &one, &once);
+    assert_true(once.repeats > 0);
+    sg_model_destroy(&expected);
+    clear_fixture(&f);
+}
+
 /* A view is drawn, has no room, and is left before the optimiser: its radii count all the same. */
 static void test_left_view(void **state)
 {
@@ -281,7 +312,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_depths),   cmocka_unit_test(test_overflow),
         cmocka_unit_test(test_variants), cmocka_unit_test(test_left_view),
-        cmocka_unit_test(test_loss),
+        cmocka_unit_test(test_passing),  cmocka_unit_test(test_loss),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

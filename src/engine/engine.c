@@ -101,7 +101,7 @@ static void drop_photo(struct sg_engine *e, sg_photo photo)
 {
     if (!photo || photo > e->photo_count || !e->photos[photo - 1].rgb)
         return;
-    if (e->ops->photo_drop)
+    if (e->ops->photo_drop && !e->photos[photo - 1].passing)
         e->ops->photo_drop(e, photo);
     e->photos[photo - 1] = (struct sg_photo_entry){0};
 }
@@ -322,22 +322,24 @@ int sg_engine_set_shape(struct sg_engine *e, const struct sg_shape *shape)
 
 /* ---- photos ---- */
 
-int sg_engine_photo_add(struct sg_engine *e, int width, int height, const uint8_t *rgb,
-                        const uint8_t *mask, sg_photo *out)
+static int add_photo(struct sg_engine *e, const struct sg_photo_entry *entry, sg_photo *out)
 {
+    const struct sg_engine_ops *ops = e->ops;
     size_t at = 0;
-    *out = 0;
     while (at < e->photo_count && e->photos[at].rgb)
         at++;
-    int code = finish(e);
+    int code = entry->passing ? SG_OK : finish(e);
     if (code)
         return code;
     if (sg_grow(e->ctx, SG_MEM_MISC, &e->photos, &e->photo_capacity, at + 1, e->photo_count,
                 sizeof(*e->photos)))
         return SG_ERR_BUDGET;
-    e->photos[at] = (struct sg_photo_entry){width, height, rgb, mask};
+    e->photos[at] = *entry;
     e->photo_count = at < e->photo_count ? e->photo_count : at + 1;
-    code = e->ops->photo_add ? e->ops->photo_add(e, (sg_photo) (at + 1), &e->photos[at]) : SG_OK;
+    if (entry->passing)
+        code = ops->photo_pass(e, (sg_photo) (at + 1), entry);
+    else if (ops->photo_add)
+        code = ops->photo_add(e, (sg_photo) (at + 1), entry);
     if (code)
         e->photos[at] = (struct sg_photo_entry){0};
     else
@@ -345,9 +347,25 @@ int sg_engine_photo_add(struct sg_engine *e, int width, int height, const uint8_
     return code;
 }
 
+int sg_engine_photo_add(struct sg_engine *e, int width, int height, const uint8_t *rgb,
+                        const uint8_t *mask, sg_photo *out)
+{
+    *out = 0;
+    return add_photo(e, &(struct sg_photo_entry){width, height, rgb, mask, false}, out);
+}
+
+int sg_engine_photo_pass(struct sg_engine *e, int width, int height, const uint8_t *rgb,
+                         const uint8_t *mask, sg_photo *out)
+{
+    const bool passing = e->ops->photo_pass;
+    *out = 0;
+    return add_photo(e, &(struct sg_photo_entry){width, height, rgb, mask, passing}, out);
+}
+
 int sg_engine_photo_drop(struct sg_engine *e, sg_photo photo)
 {
-    const int code = photo ? finish(e) : SG_OK; /* nothing asks for it again */
+    const bool passing = photo && photo <= e->photo_count && e->photos[photo - 1].passing;
+    const int code = photo && !passing ? finish(e) : SG_OK; /* nothing asks for it again */
     drop_photo(e, photo);
     return code;
 }

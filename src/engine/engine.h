@@ -49,6 +49,7 @@ struct sg_footprint {
     uint64_t instance; /* one (Gaussian, tile) pair held at once */
     uint64_t view;     /* the buffers of an image of this size */
     uint64_t photo;    /* a photo of this size, beside the pixels that the scene holds */
+    uint64_t passing;  /* all photos of this size that come and go, see sg_engine_photo_pass */
 };
 struct sg_engine_kind; /* see registry.h */
 struct sg_footprint sg_engine_footprint(const struct sg_engine_kind *engine,
@@ -190,6 +191,10 @@ int sg_engine_set_shape(struct sg_engine *e, const struct sg_shape *shape);
 typedef uint32_t sg_photo;
 int sg_engine_photo_add(struct sg_engine *e, int width, int height, const uint8_t *rgb,
                         const uint8_t *mask, sg_photo *out);
+/* The same of a photo that is compared with the next view and then dropped: neither waits for a
+ * device that has room for such photos. */
+int sg_engine_photo_pass(struct sg_engine *e, int width, int height, const uint8_t *rgb,
+                         const uint8_t *mask, sg_photo *out);
 /* The photo is gone also after an error, which is that of an earlier stage. 0: nothing. */
 int sg_engine_photo_drop(struct sg_engine *e, sg_photo photo);
 

@@ -13,6 +13,7 @@
 struct sg_photo_entry {
     int width, height;
     const uint8_t *rgb, *mask; /* host; rgb NULL: the handle is free */
+    bool passing;              /* the engine got it by photo_pass */
 };
 
 /* A target with its handle looked up. Either rgb or planes. */
@@ -85,6 +86,8 @@ struct sg_engine_ops {
     /* Optional: an engine in host memory reads the photos where they are. */
     int (*photo_add)(struct sg_engine *, sg_photo, const struct sg_photo_entry *);
     void (*photo_drop)(struct sg_engine *, sg_photo);
+    /* Optional, without `finish` before it: see sg_engine_photo_pass. Not dropped by photo_drop. */
+    int (*photo_pass)(struct sg_engine *, sg_photo, const struct sg_photo_entry *);
 
     /* Optional, all three of them: the front end learns exposures in host memory. n may be 0.
      * read_exposures: the values and moments of all. number: that of the target. */

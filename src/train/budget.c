@@ -135,7 +135,7 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
 /* What views need on a device, in bytes. */
 struct device_views {
     uint64_t held, lazy; /* all photos: those that stay, and those that may come and go */
-    uint64_t passing;    /* the largest of the latter */
+    uint64_t passing;    /* room for the largest of the latter */
     uint64_t buffers;    /* of the most demanding view */
 };
 
@@ -149,8 +149,8 @@ static void add_views(struct device_views *v, const struct sg_engine_kind *engin
         v->buffers = f.view > v->buffers ? f.view : v->buffers;
         if (trained)
             *(views[i].lazy ? &v->lazy : &v->held) += f.photo;
-        if (trained && views[i].lazy && f.photo > v->passing)
-            v->passing = f.photo;
+        if (trained && views[i].lazy && f.passing > v->passing)
+            v->passing = f.passing;
     }
 }
 

@@ -121,16 +121,16 @@ int sg_trainer_renew_filter(sg_trainer *t)
     return code;
 }
 
-/* Hands the photo to the engine once, for the whole run. */
-static int hold_photo(sg_trainer *t, size_t view)
+/* Hands the photo to the engine, once for the whole run or for the next losses. */
+static int hold_photo(sg_trainer *t, size_t view, bool stays)
 {
     const struct sg_view *v = &t->scene->train[view];
     const uint8_t *rgb;
     int code = sg_photo_pixels(t->ctx, v, &rgb);
     if (code)
         return code;
-    code = sg_engine_photo_add(t->engine, v->camera.width, v->camera.height, rgb, v->mask,
-                               &t->photos[view]);
+    code = (stays ? sg_engine_photo_add : sg_engine_photo_pass)(
+        t->engine, v->camera.width, v->camera.height, rgb, v->mask, &t->photos[view]);
     if (code)
         sg_view_release(v);
     return code;
@@ -197,7 +197,7 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
         t->reads_ahead = true;
     }
     for (size_t i = 0; i < scene->n_train; i++)
-        if ((t->budget.photos_stay || !scene->train[i].lazy) && (code = hold_photo(t, i)))
+        if ((t->budget.photos_stay || !scene->train[i].lazy) && (code = hold_photo(t, i, true)))
             goto fail;
     sg_checkpoint_close(&saved);
     *out = t;
@@ -378,7 +378,7 @@ static size_t list_losses(const sg_trainer *t, size_t view, int it, struct sg_lo
 static int compare(sg_trainer *t, size_t index, int it, const struct sg_loss *losses, size_t n)
 {
     const bool stays = t->photos[index];
-    int code = stays ? SG_OK : hold_photo(t, index);
+    int code = stays ? SG_OK : hold_photo(t, index, false);
     if (code)
         return code;
     sg_trainer_read_ahead(t, t->steps + 1, it, t->params.iterations);

@@ -77,6 +77,13 @@ struct vulkan_call {
     };
 };
 
+/* Room for a photo that comes and goes, which the device copies from what the host sees. */
+struct vulkan_passing {
+    struct gpu_buffer seen, photo;
+    uint64_t used; /* number of the newest submission that needs it */
+};
+#define VK_PASSING 0x80000000u /* in the photo of a call: the number of such a room follows */
+
 #define VK_CALLS 16                /* of a step */
 #define VK_STEPS (GPU_FLIGHTS + 3) /* that are remembered */
 
@@ -107,6 +114,9 @@ struct vulkan_engine {
     struct gpu_buffer at[SG_COLUMNS]; /* as sg_host_model.at; without a buffer: zeros */
     struct gpu_buffer *photos;        /* of handle k + 1 */
     size_t cap_photos;
+    struct vulkan_passing passing[GPU_FLIGHTS]; /* in turns */
+    uint32_t turn;                              /* of the newest photo there */
+    sg_photo passed;                            /* its handle, or 0 */
     /* of a view */
     struct sg_camera camera;
     struct sg_render_params params;
@@ -178,6 +188,7 @@ int sg_vulkan_edit(struct sg_engine *, const struct sg_edit *);
 /* vulkan_losses.c */
 int sg_vulkan_photo_add(struct sg_engine *, sg_photo, const struct sg_photo_entry *);
 void sg_vulkan_photo_drop(struct sg_engine *, sg_photo);
+int sg_vulkan_photo_pass(struct sg_engine *, sg_photo, const struct sg_photo_entry *);
 int sg_vulkan_loss(struct sg_engine *, const struct sg_target_pixels *, const struct sg_loss *);
 int sg_vulkan_set_exposures(struct sg_engine *, const float *values, size_t n);
 int sg_vulkan_read_exposures(struct sg_engine *, float *values);

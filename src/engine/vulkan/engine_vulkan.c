@@ -23,6 +23,10 @@ static void destroy(struct sg_engine *base)
         sg_gpu_release(g, &e->at[c]);
     for (size_t i = 0; i < e->cap_photos; i++)
         sg_gpu_release(g, &e->photos[i]);
+    for (int i = 0; i < GPU_FLIGHTS; i++) {
+        sg_gpu_release(g, &e->passing[i].seen);
+        sg_gpu_release(g, &e->passing[i].photo);
+    }
     sg_free(e->photos);
     sg_vulkan_spectrum_clear(e);
     sg_gpu_lists_clear(g, &e->lists);
@@ -384,9 +388,12 @@ static int run_loss(struct sg_engine *base, const struct sg_target_pixels *t,
                     const struct sg_loss *l)
 {
     struct vulkan_call call = {.stage = STAGE_LOSS, .loss = {.target = *t, .loss = *l}};
+    struct vulkan_engine *e = vulkan_of(base);
     if (t->exposure) /* the caller's, which may move on */
         memcpy(call.loss.exposure, t->exposure, sizeof(call.loss.exposure));
-    return sg_flow_run(vulkan_of(base), &call);
+    if (t->photo && t->photo == e->passed)
+        call.loss.target.photo = VK_PASSING + e->turn;
+    return sg_flow_run(e, &call);
 }
 
 static int run_learn_exposures(struct sg_engine *base, size_t number,
@@ -450,6 +457,7 @@ static const struct sg_engine_ops ops = {
     .filter = sg_vulkan_filter,
     .photo_add = sg_vulkan_photo_add,
     .photo_drop = sg_vulkan_photo_drop,
+    .photo_pass = sg_vulkan_photo_pass,
     .set_exposures = sg_vulkan_set_exposures,
     .read_exposures = sg_vulkan_read_exposures,
     .learn_exposures = run_learn_exposures,
@@ -532,13 +540,15 @@ static struct sg_footprint on_device(const struct sg_work *w)
     const uint64_t pixels = (uint64_t) w->width * (uint64_t) w->height,
                    tiles =
                        gpu_groups((uint64_t) w->width, 16) * gpu_groups((uint64_t) w->height, 16);
+    const uint64_t exposure = w->exposure ? 4 * SG_EXPOSURE_FLOATS : 0;
     return (struct sg_footprint){
         .gaussian = sg_host_footprint(w, false) + 4 * (27 + VK_SLOT_ABSOLUTE + SG_P_SH) + 1,
         .instance = INSTANCE_BYTES,
         .view = pixels * 4 * (9 * 3 + 2) + tiles * (16 * 256 + 64) +
                 (w->anisotropy ? sg_vulkan_spectrum_bytes((uint64_t) w->width, (uint64_t) w->height)
                                : 0),
-        .photo = 4 * pixels + (w->exposure ? 4 * SG_EXPOSURE_FLOATS : 0)};
+        .photo = 4 * pixels + exposure,
+        .passing = GPU_FLIGHTS * 2 * 4 * pixels + exposure};
 }
 
 const struct sg_engine_kind sg_engine_vulkan = {

@@ -6,6 +6,15 @@
 #include "engine.h"
 #include "spectral/anisotropy.h"
 
+/* Red, green, blue, and whether the pixel counts. */
+static void pack(const struct sg_photo_entry *p, uint32_t *words)
+{
+    const size_t pixels = (size_t) p->width * (size_t) p->height;
+    for (size_t i = 0; i < pixels; i++)
+        words[i] = p->rgb[3 * i] | (uint32_t) p->rgb[3 * i + 1] << 8 |
+                   (uint32_t) p->rgb[3 * i + 2] << 16 | (p->mask && !p->mask[i] ? 0 : 0xff000000u);
+}
+
 int sg_vulkan_photo_add(struct sg_engine *base, sg_photo photo, const struct sg_photo_entry *p)
 {
     struct vulkan_engine *e = vulkan_of(base);
@@ -14,12 +23,11 @@ int sg_vulkan_photo_add(struct sg_engine *base, sg_photo photo, const struct sg_
                 sizeof(*e->photos)))
         return SG_ERR_BUDGET;
     memset(e->photos + before, 0, (e->cap_photos - before) * sizeof(*e->photos));
+    e->passed = e->passed == photo ? 0 : e->passed;
     uint32_t *words = sg_alloc_raw(base->ctx, SG_MEM_IMAGES, pixels, sizeof(*words));
     if (!words)
         return SG_ERR_BUDGET;
-    for (size_t i = 0; i < pixels; i++)
-        words[i] = p->rgb[3 * i] | (uint32_t) p->rgb[3 * i + 1] << 8 |
-                   (uint32_t) p->rgb[3 * i + 2] << 16 | (p->mask && !p->mask[i] ? 0 : 0xff000000u);
+    pack(p, words);
     int code = sg_gpu_reserve(e->gpu, SG_MEM_IMAGES, &e->photos[photo - 1], 4 * (uint64_t) pixels);
     if (!code)
         code = sg_gpu_write(e->gpu, &e->photos[photo - 1], 0, words, 4 * (uint64_t) pixels);
@@ -36,8 +44,38 @@ void sg_vulkan_photo_drop(struct sg_engine *base, sg_photo photo)
         sg_gpu_release(e->gpu, &e->photos[photo - 1]);
 }
 
+int sg_vulkan_photo_pass(struct sg_engine *base, sg_photo photo, const struct sg_photo_entry *p)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    struct gpu *g = e->gpu;
+    const uint64_t bytes = 4 * (uint64_t) p->width * (uint64_t) p->height;
+    e->passed = 0;
+    e->turn = (e->turn + 1) % GPU_FLIGHTS;
+    struct vulkan_passing *room = &e->passing[e->turn];
+    /* A step that may be run again needs what is there. There are as many rooms as submissions, so
+     * that the oldest one is done with its room once a step's view is drawn. */
+    int code = SG_OK;
+    if (g->stopped || room->used > g->finished || room->photo.bytes < bytes ||
+        room->seen.bytes < bytes)
+        code = sg_flow_finish(base);
+    if (!code && room->seen.bytes < bytes) {
+        sg_gpu_release(g, &room->seen);
+        code = sg_gpu_window(g, &room->seen, bytes);
+    }
+    if (code || (code = sg_gpu_reserve(g, SG_MEM_IMAGES, &room->photo, bytes)))
+        return code;
+    pack(p, room->seen.mapped);
+    if ((code = sg_gpu_copy(g, &room->seen, 0, &room->photo, 0, bytes)))
+        return code;
+    room->used = gpu_next(g);
+    e->passed = photo;
+    return SG_OK;
+}
+
 VkDeviceAddress sg_vulkan_photo_at(const struct vulkan_engine *e, sg_photo photo)
 {
+    if (photo & VK_PASSING)
+        return e->passing[photo - VK_PASSING].photo.address;
     return photo ? sg_gpu_at(e->gpu, &e->photos[photo - 1]) : e->image.address;
 }
 
@@ -212,6 +250,8 @@ int sg_vulkan_loss(struct sg_engine *base, const struct sg_target_pixels *target
                    const struct sg_loss *l)
 {
     struct vulkan_engine *e = vulkan_of(base);
+    if (target->photo & VK_PASSING)
+        e->passing[target->photo - VK_PASSING].used = gpu_next(e->gpu);
     switch (l->kind) {
     case SG_LOSS_PHOTOMETRIC:
         return photometric(e, target, &l->photometric);
