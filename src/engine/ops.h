@@ -69,6 +69,9 @@ struct sg_engine_ops {
     int (*adopt)(struct sg_engine *, struct sg_model *,
                  struct sg_columns *); /* optional: upload, and free both */
     int (*download)(struct sg_engine *, struct sg_model *, struct sg_columns *);
+    /* Optional: the model of an engine in host memory. Who fills it in for a view reads gradients
+     * and statistics there too. */
+    struct sg_host_model *(*host_model)(struct sg_engine *);
     size_t (*count)(const struct sg_engine *);
     int (*read_statistics)(struct sg_engine *, const struct sg_statistics *);
     int (*edit)(struct sg_engine *, const struct sg_edit *);

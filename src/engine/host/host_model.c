@@ -55,6 +55,24 @@ int sg_host_upload(sg_ctx *ctx, struct sg_host_model *h, const struct sg_model *
     return SG_OK;
 }
 
+int sg_host_grow(sg_ctx *ctx, struct sg_host_model *h, size_t blocks, size_t keep)
+{
+    size_t capacity = h->capacity / SG_LANES;
+    if (blocks <= capacity)
+        return SG_OK;
+    for (int c = 0; c < SG_COLUMNS; c++)
+        if (c != SG_C_PARAMETERS) {
+            sg_free(h->at[c]);
+            h->at[c] = NULL;
+        }
+    const int code = sg_grow(ctx, SG_MEM_MODEL, &h->at[SG_C_PARAMETERS], &capacity, blocks, keep,
+                             block_bytes(h, SG_C_PARAMETERS));
+    h->capacity = capacity * SG_LANES;
+    if (!capacity)
+        h->count = 0;
+    return code;
+}
+
 void sg_host_adopt(struct sg_host_model *h, struct sg_model *m, struct sg_columns *columns)
 {
     sg_host_clear(h);

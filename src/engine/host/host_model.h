@@ -28,6 +28,9 @@ static inline enum sg_mem_tag sg_column_tag(int column)
 
 int sg_host_upload(sg_ctx *ctx, struct sg_host_model *h, const struct sg_model *m,
                    const struct sg_columns *columns);
+/* Room for some blocks of parameters, of which `keep` stay. Where there was less, all other columns
+ * are dropped. After SG_ERR_BUDGET the model is valid; it is empty where nothing stays. */
+int sg_host_grow(sg_ctx *ctx, struct sg_host_model *h, size_t blocks, size_t keep);
 void sg_host_adopt(struct sg_host_model *h, struct sg_model *m, struct sg_columns *columns);
 /* Makes room for a column, zeroed, unless there is some. */
 int sg_host_alloc(sg_ctx *ctx, struct sg_host_model *h, int column);

@@ -64,6 +64,11 @@ static int download(struct sg_engine *base, struct sg_model *m, struct sg_column
     return sg_host_download(&((struct ref_engine *) base)->model, m, columns);
 }
 
+static struct sg_host_model *host_model(struct sg_engine *base)
+{
+    return &((struct ref_engine *) base)->model;
+}
+
 static size_t count(const struct sg_engine *base)
 {
     return ((const struct ref_engine *) base)->model.count;
@@ -546,6 +551,7 @@ static const struct sg_engine_ops ops = {
     .upload = upload,
     .adopt = adopt,
     .download = download,
+    .host_model = host_model,
     .count = count,
     .read_statistics = read_statistics,
     .edit = edit,

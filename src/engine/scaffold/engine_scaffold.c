@@ -23,9 +23,10 @@ static void destroy(struct sg_engine *base)
     struct scaffold_engine *b = of(base);
     sg_engine_destroy(&b->inner);
     sg_host_clear(&b->anchors);
-    void *owned[] = {b->networks, b->sees,       b->seen,     b->drawn,       b->pulled,
-                     b->sums,     b->counts,     b->gradient, b->weight_sums, b->weight_gradient,
-                     b->place,    b->own_weights};
+    sg_host_clear(&b->copy);
+    void *owned[] = {b->networks,        b->sees,     b->seen,
+                     b->drawn,           b->gradient, b->weight_sums,
+                     b->weight_gradient, b->place,    b->own_weights};
     for (size_t i = 0; i < sizeof(owned) / sizeof(owned[0]); i++)
         sg_free(owned[i]);
     sg_free(b);
@@ -383,6 +384,7 @@ uint64_t sg_scaffold_footprint(const struct sg_work *work, uint64_t drawn)
     own.sh_degree = 0;
     const uint64_t seen =
         sizeof(struct sg_anchor_gradient) / SG_LANES + sizeof(struct seen) + sizeof(uint32_t) + 1;
+    /* Gradients and statistics of what a view draws, with room for views that draw more. */
     const uint64_t pulled = (SG_DRAWN_PLANES + 2) * sizeof(float);
     /* Growth reads a copy of what it needs. */
     const uint64_t read = (SG_DRAWN_PLANES + SG_A_PLANES + SG_A_STATISTICS) * sizeof(float);

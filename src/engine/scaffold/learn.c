@@ -8,53 +8,65 @@
 #include "math/adam.h"
 #include "state.h"
 
-/* Gradients of the Gaussians, and their statistics if they count. */
-static int pull_drawn(struct scaffold_engine *b, bool statistics)
+/* To the copy of the view's Gaussians, from an engine on a device. */
+static int fetch_drawn(struct scaffold_engine *b, bool statistics)
 {
-    sg_ctx *ctx = b->base.ctx;
     struct sg_engine *inner = b->inner;
-    const size_t blocks = sg_blocks(sg_scaffold_drawn(b));
     struct sg_columns counted = {0};
-    if (sg_grow(ctx, SG_MEM_SPLATS, &b->pulled, &b->cap_pulled, blocks, 0,
-                SG_DRAWN_PLANES * SG_LANES * sizeof(float)) ||
-        (statistics && (sg_grow(ctx, SG_MEM_SPLATS, &b->sums, &b->cap_sums, blocks, 0,
-                                SG_LANES * sizeof(float)) ||
-                        sg_grow(ctx, SG_MEM_SPLATS, &b->counts, &b->cap_counts, blocks, 0,
-                                SG_LANES * sizeof(float)))))
-        return SG_ERR_BUDGET;
-    struct sg_model m = {
-        .count = sg_scaffold_drawn(b), .capacity = blocks * SG_LANES, .params = b->pulled};
     int code = inner->ops->project_backward(inner, statistics);
     if (!code)
         code = sg_scaffold_wait(b);
-    if (!code)
-        code = inner->ops->read_gradients(inner, &m);
-    counted.at[SG_C_GRAD_SUM] = b->sums, counted.at[SG_C_GRAD_COUNT] = b->counts;
-    if (!code && statistics)
-        code = inner->ops->download(inner, NULL, &counted);
-    return code;
+    if (code || (code = sg_host_alloc(b->base.ctx, &b->copy, SG_C_GRADIENT)))
+        return code;
+    struct sg_model m = {.count = b->copy.count,
+                         .capacity = sg_blocks(b->copy.count) * SG_LANES,
+                         .params = b->copy.at[SG_C_GRADIENT]};
+    code = inner->ops->read_gradients(inner, &m);
+    if (code || !statistics)
+        return code;
+    for (int k = 0; k < 2; k++) {
+        const int column = k ? SG_C_GRAD_COUNT : SG_C_GRAD_SUM;
+        if (sg_host_alloc(b->base.ctx, &b->copy, column))
+            return SG_ERR_BUDGET;
+        counted.at[column] = b->copy.at[column];
+    }
+    return inner->ops->download(inner, NULL, &counted);
+}
+
+/* Gradients of the view's Gaussians, and their statistics of this view alone. */
+static int pull_drawn(struct scaffold_engine *b, bool statistics)
+{
+    if (!b->inner->ops->host_model)
+        return fetch_drawn(b, statistics);
+    const struct sg_host_model *h = sg_scaffold_drawn_model(b);
+    float *counted[] = {h->at[SG_C_GRAD_SUM], h->at[SG_C_GRAD_COUNT]};
+    for (size_t k = 0; k < 2; k++)
+        if (statistics && counted[k])
+            memset(counted[k], 0, h->count * sizeof(float));
+    return b->inner->ops->project_backward(b->inner, statistics);
 }
 
 #define PIECES 32 /* of the sums over anchors */
 
 struct pull_job {
     struct scaffold_engine *b;
+    const struct sg_host_model *drawn;
     size_t blocks, each; /* blocks in all, and of a piece */
     bool statistics;
 };
 
-static void count_anchor(const struct scaffold_engine *b, const struct seen *s)
+static void count_anchor(const struct pull_job *j, const struct seen *s)
 {
     float *stat =
-        b->anchors.at[SG_C_ANCHOR_STATISTICS] + sg_param_index(SG_A_STATISTICS, s->anchor, 0);
+        j->b->anchors.at[SG_C_ANCHOR_STATISTICS] + sg_param_index(SG_A_STATISTICS, s->anchor, 0);
     size_t from = s->first;
     stat[SG_A_SEEN * SG_LANES] += 1;
     stat[SG_A_OPACITY * SG_LANES] += s->opacity;
     for (int g = 0; g < SG_ANCHOR_GAUSSIANS; g++) {
         if (!(s->exists >> g & 1))
             continue;
-        stat[(SG_A_GRADIENT + g) * SG_LANES] += b->sums[from];
-        stat[(SG_A_DRAWN + g) * SG_LANES] += b->counts[from];
+        stat[(SG_A_GRADIENT + g) * SG_LANES] += j->drawn->at[SG_C_GRAD_SUM][from];
+        stat[(SG_A_DRAWN + g) * SG_LANES] += j->drawn->at[SG_C_GRAD_COUNT][from];
         from++;
     }
 }
@@ -66,6 +78,7 @@ static void pull_piece(void *arg, size_t piece, int thread)
     struct scaffold_engine *b = j->b;
     const size_t end = (piece + 1) * j->each;
     struct sg_weight_sums *sums = &b->weight_sums[piece];
+    const float *pulled = j->drawn->at[SG_C_GRADIENT];
     memset(sums, 0, sizeof(*sums));
     for (size_t block = piece * j->each; block < end && block < j->blocks; block++) {
         struct sg_anchor_block anchors;
@@ -82,11 +95,11 @@ static void pull_piece(void *arg, size_t piece, int thread)
                 if (!(s->exists >> g & 1))
                     continue;
                 for (int p = 0; p < SG_DRAWN_PLANES; p++)
-                    gradient[g][p][lane] = b->pulled[sg_param_index(SG_DRAWN_PLANES, from, p)];
+                    gradient[g][p][lane] = pulled[sg_param_index(SG_DRAWN_PLANES, from, p)];
                 from++;
             }
             if (j->statistics)
-                count_anchor(b, s);
+                count_anchor(j, s);
         }
         b->neural_backward(&b->args, &anchors, gradient, &b->gradient[block], sums);
     }
@@ -151,7 +164,7 @@ int sg_scaffold_pull(struct scaffold_engine *b, bool statistics)
                 sizeof(*b->weight_sums)))
         return SG_ERR_BUDGET;
     b->args.volume = b->drawn_count ? SG_ANCHOR_VOLUME / (float) b->drawn_count : 0;
-    struct pull_job job = {b, blocks, each, statistics};
+    struct pull_job job = {b, sg_scaffold_drawn_model(b), blocks, each, statistics};
     sg_parallel_for(ctx, pieces, pull_piece, &job);
     for (size_t k = b->drawing_count; statistics && k < b->seen_count; k++)
         b->anchors.at[SG_C_ANCHOR_STATISTICS]

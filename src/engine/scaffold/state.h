@@ -27,25 +27,30 @@ struct scaffold_engine {
                             struct sg_weight_sums *);
     void (*pick)(const float *, int, int, int, const uint32_t *, float (*)[SG_LANES]);
     struct sg_host_model anchors;
+    struct sg_host_model copy; /* of the view's Gaussians, for an engine on a device */
     struct sg_networks *networks;
     /* of the view */
     struct sg_neural_args args;
     size_t photo;                   /* whose appearance it has; SIZE_MAX: the mean of all */
     struct sg_weights *own_weights; /* those that it is drawn with, where appearances are learned */
     float appearance[SG_APPEARANCE], appearance_gradient[SG_APPEARANCE];
-    uint8_t *sees;     /* of each anchor */
-    struct seen *seen; /* first those that have a Gaussian */
-    size_t seen_count, drawing_count, drawn_count, last_drawn; /* drawing: with a Gaussian */
-    sg_drawn_block *drawn;                                     /* of a chunk */
-    float *pulled, *sums, *counts;       /* of the Gaussians: gradients, statistics of growth */
-    struct sg_anchor_gradient *gradient; /* by block of anchors that have a Gaussian */
-    struct sg_weight_sums *weight_sums;  /* of each piece */
+    uint8_t *sees;                                 /* of each anchor */
+    struct seen *seen;                             /* first those that have a Gaussian */
+    size_t seen_count, drawing_count, drawn_count; /* drawing: with a Gaussian */
+    sg_drawn_block *drawn;                         /* of a chunk */
+    struct sg_anchor_gradient *gradient;           /* by block of anchors that have a Gaussian */
+    struct sg_weight_sums *weight_sums;            /* of each piece */
     struct sg_weights *weight_gradient;
     uint32_t *place; /* of each anchor among those that have a Gaussian */
     bool learns;     /* weight_gradient is that of the newest view */
-    size_t cap_sees, cap_seen, cap_drawn, cap_pulled, cap_sums, cap_counts, cap_gradient, cap_place,
-        cap_weight_sums;
+    size_t cap_sees, cap_seen, cap_drawn, cap_gradient, cap_place, cap_weight_sums;
 };
+
+/* The view's Gaussians: the model of the engine that draws, or a copy where that is on a device. */
+static inline struct sg_host_model *sg_scaffold_drawn_model(struct scaffold_engine *b)
+{
+    return b->inner->ops->host_model ? b->inner->ops->host_model(b->inner) : &b->copy;
+}
 
 /* A view without Gaussians gets one that is not drawn. */
 static inline size_t sg_scaffold_drawn(const struct scaffold_engine *b)

@@ -169,15 +169,13 @@ static void sort_seen(struct scaffold_engine *b)
         }
 }
 
-/* The Gaussians of all seen anchors, in their order. The caller frees *params. */
-static int generate(struct scaffold_engine *b, float **params)
+/* The Gaussians of all seen anchors, in their order. */
+static int generate(struct scaffold_engine *b, struct sg_host_model *drawn)
 {
     sg_ctx *ctx = b->base.ctx;
     const size_t blocks = sg_blocks(b->seen_count);
-    const size_t block_bytes = SG_DRAWN_PLANES * SG_LANES * sizeof(float);
-    size_t capacity = 0, n = 0;
-    if (sg_grow(ctx, SG_MEM_MODEL, params, &capacity, sg_blocks(b->last_drawn) + 1, 0,
-                block_bytes) ||
+    size_t n = 0;
+    if (sg_host_grow(ctx, drawn, 1, 0) ||
         sg_grow(ctx, SG_MEM_SPLATS, &b->drawn, &b->cap_drawn,
                 blocks < CHUNK_BLOCKS ? blocks : CHUNK_BLOCKS, 0, sizeof(*b->drawn)))
         return SG_ERR_BUDGET;
@@ -190,13 +188,12 @@ static int generate(struct scaffold_engine *b, float **params)
             b->seen[at].first = (uint32_t) n;
             n += (size_t) __builtin_popcount(b->seen[at].exists);
         }
-        if (sg_grow(ctx, SG_MEM_MODEL, params, &capacity, sg_blocks(n) + 1, sg_blocks(before),
-                    block_bytes))
+        if (sg_host_grow(ctx, drawn, sg_blocks(n), sg_blocks(before)))
             return SG_ERR_BUDGET;
-        job.params = *params;
+        job.params = drawn->at[SG_C_PARAMETERS];
         sg_parallel_for(ctx, end - first, place_block, &job);
     }
-    b->drawn_count = b->last_drawn = n;
+    b->drawn_count = n;
     sort_seen(b);
     return SG_OK;
 }
@@ -219,22 +216,22 @@ static void finish_params(struct scaffold_engine *b, float *params)
 
 int sg_scaffold_view(struct scaffold_engine *b, const struct sg_camera *camera, int appearance)
 {
-    float *params = NULL;
+    struct sg_host_model *drawn = sg_scaffold_drawn_model(b);
     b->learns = false;
+    drawn->planes = SG_DRAWN_PLANES;
     int code = find_seen(b, camera);
     if (!code)
         code = set_appearance(b, appearance);
     if (!code)
-        code = generate(b, &params);
-    if (code) {
-        sg_free(params);
-        return code;
-    }
-    finish_params(b, params);
-    const size_t n = sg_scaffold_drawn(b);
-    struct sg_model m = {.count = n, .capacity = sg_blocks(n) * SG_LANES, .params = params};
-    code = sg_engine_adopt(b->inner, &m, &(struct sg_columns){0});
+        code = generate(b, drawn);
     if (code)
-        sg_free(m.params);
-    return code;
+        return code;
+    finish_params(b, drawn->at[SG_C_PARAMETERS]);
+    drawn->count = sg_scaffold_drawn(b);
+    if (b->inner->ops->host_model)
+        return SG_OK;
+    const struct sg_model m = {.count = drawn->count,
+                               .capacity = sg_blocks(drawn->count) * SG_LANES,
+                               .params = drawn->at[SG_C_PARAMETERS]};
+    return sg_engine_upload(b->inner, &m, &(struct sg_columns){0});
 }
