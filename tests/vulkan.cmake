@@ -49,7 +49,7 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
     sg_vulkan_test(flow test_flow${suffix} 256)
     sg_vulkan_test(memory test_device_memory 256)
     # Scripts of the command line with this engine instead of the default, without the layer. The others compute nothing,
-    # stop before they do (errors, usage), or take minutes on such a driver and have a short form here (defense, attack).
+    # stop before they do (usage), or take minutes on such a driver and have a short form here (defense, attack).
     function(sg_vulkan_script name script)
         add_test(NAME vulkan_script_${name} COMMAND sh ${script} $<TARGET_FILE:splatguard_tool> ${PROJECT_SOURCE_DIR}
             ${PROJECT_BINARY_DIR}/vulkan-tests/${name})
@@ -57,7 +57,7 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
             ENVIRONMENT "SG_TEST_ENGINE=vulkan:llvmpipe;VK_ICD_FILENAMES=${icd};VK_DRIVER_FILES=${icd}")
     endfunction()
     if(TARGET splatguard_tool)
-        foreach(name train resume models outputs prune report_run anchors)
+        foreach(name train resume models outputs prune report_run anchors convert errors)
             sg_vulkan_script(${name} ${PROJECT_SOURCE_DIR}/tests/cli/${name}.sh)
         endforeach()
         sg_vulkan_script(defense_attack ${CMAKE_CURRENT_SOURCE_DIR}/tests/vulkan/defense_attack.sh)

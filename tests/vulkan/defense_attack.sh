@@ -34,6 +34,26 @@ expect 0 train scene/blender -o small $(once $short --iterations 40 --init-point
 [ "$(field small max_gaussians)" -le 400 ] || fail "$(field small max_gaussians) Gaussians, at most 400 are allowed"
 expect 3 train scene/blender -o none $short --max-vram 5M; says 'memory of the device'
 
+# Photos that do not fit on the device come and go. The model is the same.
+expect 0 synth -o many --width 64 --height 48 --train-views 80 --test-views 1 --samples 1
+many="many/blender --iterations 30 --init-points 300 --max-gaussians 500 --max-memory 400M --quiet"
+on_device() { tr -d ' \n' <"$1/summary.json" | sed 's/.*"peak_vram_bytes_by_tag":{[^}]*"images":\([0-9]*\).*/\1/'; }
+expect 0 train $many -o roomy
+expect 3 train $many -o tight --max-vram 5M
+need=$(sed -n 's/.*found a limit of [0-9]* bytes, expected at least \([0-9]*\):.*/\1/p' err)
+expect 0 train $many -o tight --max-vram $((need + 100000))
+[ "$(on_device tight)" -le $(($(on_device roomy) / 8)) ] || fail "$(on_device tight) bytes of photos, of $(on_device roomy)"
+cmp roomy/point_cloud/iteration_30/point_cloud.ply tight/point_cloud/iteration_30/point_cloud.ply ||
+    fail "photos that come and go change the model"
+
+# The audit decides on the tolerance, also where the run goes on. A time limit ends the schedule.
+expect 0 train scene/blender -o adaptive $(once $short --iterations 20 --init-points 500) --tolerance auto
+expect 0 train --resume adaptive --iterations 25 -q
+[ -n "$(field adaptive levels)" ] || fail "the summary lacks the tolerance"
+expect 0 train scene/blender -o brief --init-points 400 --quiet --iterations 1000000 --max-time 2s
+[ "$(field brief iterations)" = 1000000 ] || fail "the schedule did not end"
+[ -s brief/point_cloud/iteration_1000000/point_cloud.ply ] || fail "no model of a run with little time"
+
 # A run that the CPU began goes on on the device, and back.
 expect 0 train scene/blender -o moved $(once $defended --iterations 20) --engine cpu
 expect 0 train --resume moved --iterations 30 -q
@@ -55,6 +75,10 @@ expect 0 attack --resume cut --quiet
 expect 0 attack $attack -o uncut --iterations $((reached + 5)) --proxy first/attack/proxy
 for image in uncut/images/*.png; do
     cmp "$image" "cut/images/${image##*/}" || fail "resumed at $reached, other poisons"
+done
+expect 0 attack $attack -o again --iterations $((reached + 5)) --proxy first/attack/proxy --threads 1
+for image in uncut/images/*.png; do
+    cmp "$image" "again/images/${image##*/}" || fail "another number of threads, other poisons"
 done
 expect 0 train uncut -o victim $(once $short --iterations 20)
 expect 0 attack scene/colmap -o anisotropic --method tv-per-view --inner 3 --tv aniso --save png --quiet
