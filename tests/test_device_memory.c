@@ -6,7 +6,7 @@
 #include "engine/registry.h"
 #include "splatguard/run.h"
 #include "synth_scene.h"
-#include "training.h"
+#include "training_anchors.h"
 
 static char folder[] = "/tmp/sg_device_XXXXXX", scene_path[64], checkpoint[64], run_folder[64];
 
@@ -90,6 +90,48 @@ static void test_limits(void **state)
     assert_true(refused > 0 && smaller > 0 && whole > 0);
 }
 
+/* The same of anchors: refused, or trained to the end below the limit, with as many as planned. */
+static void test_anchor_limits(void **state)
+{
+    (void) state;
+    struct sg_train_params p = scaffold_params();
+    int refused = 0, smaller = 0, whole = 0;
+    p.engine = main_engine();
+    p.scaffold.from = 2, p.scaffold.voxel = 0.01f, p.densify_grad_threshold = 1e-9f;
+    p.scaffold.appearance = true;
+    for (uint64_t limit = 10 << 20; limit <= 22 << 20; limit += 1 << 20) {
+        struct fixture f = make_points(1);
+        sg_ctx *ctx;
+        sg_trainer *t = NULL;
+        struct sg_train_limits limits;
+        assert_int_equal(
+            sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 1, .max_vram = limit}), SG_OK);
+        f.scene.train = f.views;
+        const int code = sg_trainer_create(ctx, &f.scene, NULL, &p, &t);
+        if (code) {
+            assert_int_equal(code, SG_ERR_BUDGET);
+            assert_int_equal(smaller + whole, 0);
+            refused++;
+        } else {
+            while (sg_trainer_iteration(t) < 18)
+                if (sg_trainer_step(t, NULL))
+                    fail_msg("limit %llu: %s", (unsigned long long) limit, sg_last_error(ctx));
+            sg_trainer_limits(t, &limits);
+            assert_true(limits.by_memory && sg_trainer_gaussians(t) <= limits.max_gaussians);
+            *(limits.gaussians_bound ? &smaller : &whole) += 1;
+        }
+        assert_true(sg_vram_peak(ctx, SG_MEM_TAGS) <= limit);
+        printf("limit %llu: %llu used, %zu Gaussians\n", (unsigned long long) limit,
+               (unsigned long long) sg_vram_peak(ctx, SG_MEM_TAGS),
+               t ? sg_trainer_gaussians(t) : 0);
+        sg_trainer_destroy(&t);
+        assert_nothing_held(ctx, "limit", limit);
+        sg_ctx_destroy(&ctx);
+        clear_points(&f);
+    }
+    assert_true(refused > 0 && smaller > 0 && whole > 0);
+}
+
 /* What a Gaussian takes in the memory of the host: as much as planned while a run is resumed, and
  * no more while it edits its model and saves it. */
 static void test_host(void **state)
@@ -159,7 +201,7 @@ static uint64_t next(uint64_t n)
 }
 
 /* Creation, steps with densification, filter and losses, saving, resuming, model, renderer. */
-static int train_all(sg_ctx *ctx)
+static int train_all(sg_ctx *ctx, enum sg_train_model kind)
 {
     struct sg_scene *scene = NULL;
     sg_trainer *trainer = NULL, *resumed = NULL;
@@ -171,6 +213,8 @@ static int train_all(sg_ctx *ctx)
     p.iterations = 5, p.densify_from_iter = 1, p.densification_interval = 2;
     p.densify_until_iter = 5, p.sh_degree = 0, p.densify_grad_threshold = 1e-6f;
     p.defense.on = true, p.defense.interval = 2, p.defense.views = 1;
+    p.model = kind;
+    p.scaffold.from = 1, p.scaffold.voxel = 0.05f, p.scaffold.appearance = true;
     int code = sg_scene_load(ctx, scene_path, NULL, &scene);
     if (!code)
         code = sg_trainer_create(ctx, scene, NULL, &p, &trainer);
@@ -197,18 +241,17 @@ static int train_all(sg_ctx *ctx)
     return code;
 }
 
-static void test_allocations(void **state)
+static void check_allocations(enum sg_train_model kind)
 {
-    (void) state;
     sg_ctx *ctx = make_context(1);
-    assert_int_equal(train_all(ctx), SG_OK);
+    assert_int_equal(train_all(ctx, kind), SG_OK);
     uint64_t n = 0;
     int code, refused = 0, tried = 0;
     bool failed;
     do {
         n = next(n), tried++;
         sg_fail_device(ctx, SG_DEVICE_ALLOCATION, n);
-        code = train_all(ctx);
+        code = train_all(ctx, kind);
         failed = sg_fail_device(ctx, SG_DEVICE_ALLOCATION, 0);
         if (code != SG_OK && code != SG_ERR_BUDGET)
             fail_msg("allocation %llu: found code %d (%s), expected SG_ERR_BUDGET",
@@ -223,6 +266,13 @@ static void test_allocations(void **state)
            (unsigned long long) n - 1, refused);
     assert_true(refused > 30);
     sg_ctx_destroy(&ctx);
+}
+
+static void test_allocations(void **state)
+{
+    (void) state;
+    check_allocations(SG_MODEL_3DGS);
+    check_allocations(SG_MODEL_SCAFFOLD);
 }
 
 /* ---- a device that is lost ---- */
@@ -295,6 +345,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_default),
         cmocka_unit_test(test_limits),
+        cmocka_unit_test(test_anchor_limits),
         cmocka_unit_test(test_host),
         cmocka_unit_test_setup_teardown(test_allocations, make_scene, NULL),
         cmocka_unit_test_setup_teardown(test_loss, NULL, remove_scene),

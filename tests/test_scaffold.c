@@ -5,6 +5,8 @@
 
 #include "engine/ref/ref_neural.h"
 #include "engine/ref/render.h"
+#include "engine/host/host_model.h"
+#include "engine/scaffold/neural.h"
 #include "engine/scaffold/scaffold.h"
 #include "model/anchors.h"
 #include "models.h"
@@ -167,6 +169,7 @@ static struct sg_engine *make_scaffold(sg_ctx *ctx, struct engine_case c, const 
 
 #define W 37
 #define H 29
+#define PIXELS ((size_t) W * H)
 #define GRID(n) (((n) + SG_TILE - 1) / SG_TILE)
 #define DRAWN (ANCHORS * SG_ANCHOR_GAUSSIANS)
 
@@ -426,6 +429,133 @@ static void test_engines(void **state)
     check_engines(ALL_PARTS);
 }
 
+#define MANY 2200 /* some workgroups of the Vulkan engine have two blocks of them */
+
+/* Gradients, a step of Adam and the statistics of growth of several blocks of anchors. */
+struct results {
+    struct sg_model *gradient, *learned;
+    float *statistics;
+};
+
+static struct results learn(sg_ctx *ctx, struct engine_case c, const struct sg_model *m)
+{
+    static float weights[3 * W * H];
+    struct sg_engine *e = make_scaffold(ctx, c, m);
+    const struct sg_camera camera = make_camera(W, H, 2.2);
+    struct sg_render_params params = sg_render_params_default();
+    struct sg_update update = {.adam = true};
+    struct sg_network_update networks = {.rate = {1e-3f, 2e-3f, 3e-3f, 4e-3f, 5e-3f}, .root = 1};
+    struct results out;
+    params.appearance = 1;
+    for (int g = 0; g < SG_GROUPS; g++)
+        update.rate[g] = 1e-3f * (float) (g + 1), update.root[g] = 1;
+    for (size_t i = 0; i < 3 * PIXELS; i++)
+        weights[i] = draw(46, i, -1, 1);
+    out.gradient = make_anchors(ctx, m->count, 41);
+    out.learned = make_anchors(ctx, m->count, 41);
+    out.statistics =
+        sg_alloc(ctx, SG_MEM_MISC, sg_blocks(m->count), SG_A_STATISTICS * SG_LANES * sizeof(float));
+    assert_non_null(out.statistics);
+    for (int step = 0; step < 2; step++) {
+        assert_int_equal(sg_engine_draw(e, &camera, 0, &params, false), SG_OK);
+        assert_int_equal(sg_engine_write_image_gradient(e, weights), SG_OK);
+        assert_int_equal(sg_engine_raster_backward(e), SG_OK);
+        assert_int_equal(sg_engine_project_backward(e, true), SG_OK);
+        if (step == 0)
+            assert_int_equal(sg_engine_read_gradients(e, out.gradient), SG_OK);
+        assert_int_equal(sg_engine_optimise(e, &update), SG_OK);
+        assert_int_equal(sg_engine_learn_networks(e, &networks), SG_OK);
+        assert_int_equal(sg_engine_learn_networks(e, &networks), SG_ERR_INTERNAL);
+        sg_clear_error(ctx);
+        if (step == 0)
+            assert_int_equal(sg_engine_download(e, out.learned, out.learned->columns), SG_OK);
+    }
+    struct sg_columns statistics = {0};
+    statistics.at[SG_C_ANCHOR_STATISTICS] = out.statistics;
+    assert_int_equal(sg_engine_download(e, NULL, &statistics), SG_OK);
+    sg_engine_destroy(&e);
+    return out;
+}
+
+static void compare_arrays(const char *name, const char *what, const float *found,
+                           const float *expected, size_t n, float share)
+{
+    float most = 0;
+    for (size_t i = 0; i < n; i++)
+        most = fmaxf(most, fabsf(expected[i]));
+    assert_true(most > 0);
+    for (size_t i = 0; i < n; i++)
+        if (!(fabsf(found[i] - expected[i]) <= share * most))
+            fail_msg("%s: %s %zu: found %g, expected %g, the largest is %g", name, what, i,
+                     (double) found[i], (double) expected[i], (double) most);
+}
+
+static void compare_results(const char *name, const struct results *r,
+                            const struct results *expected, unsigned parts)
+{
+    const size_t anchors = sg_blocks(MANY) * SG_LANES;
+    const struct sg_columns *found = r->gradient->columns, *right = expected->gradient->columns;
+    compare_arrays(name, "reach", r->gradient->params, expected->gradient->params,
+                   anchors * SG_DRAWN_PLANES, 1e-4f);
+    compare_arrays(name, "anchor", found->at[SG_C_ANCHOR], right->at[SG_C_ANCHOR],
+                   anchors * SG_A_PLANES, 1e-4f);
+    compare_arrays(name, "weight", (const float *) &found->networks->value,
+                   (const float *) &right->networks->value, SG_WEIGHTS, 1e-4f);
+    if (parts & SG_PART_APPEARANCE)
+        compare_arrays(name, "appearance", found->networks->appearance[1].value,
+                       right->networks->appearance[1].value, SG_APPEARANCE, 1e-4f);
+    compare_arrays(name, "statistic", r->statistics, expected->statistics,
+                   anchors * SG_A_STATISTICS, 1e-3f);
+    /* Adam makes a whole step of the least gradient: only its moments can be compared. */
+    compare_arrays(name, "moment", (const float *) &r->learned->columns->networks->moment1,
+                   (const float *) &expected->learned->columns->networks->moment1, SG_WEIGHTS,
+                   1e-4f);
+}
+
+static void clear_results(struct results *r)
+{
+    sg_model_destroy(&r->gradient);
+    sg_model_destroy(&r->learned);
+    sg_free(r->statistics);
+}
+
+/* Every engine against the oracle. */
+static void test_many(void **state)
+{
+    (void) state;
+    struct engine_case cases[ENGINE_CASES];
+    const int n = engine_cases(cases);
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_anchors(ctx, MANY, 50);
+    const struct sg_camera camera = make_camera(W, H, 2.2);
+    const struct pinhole view = view_make(&camera);
+    for (size_t i = 0; i < MANY; i++) /* small; most of them behind the camera, some beside it */
+        for (int k = 0; k < 3; k++) {
+            float *position = sg_model_at(m, i, SG_P_XYZ + k);
+            *position = i % 8   ? (float) (2 * view.centre[k]) - *position
+                        : i % 5 ? *position
+                                : 20 * *position;
+            m->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, i, SG_A_SIZE + k)] -= 1.5f;
+        }
+    for (int some = 0; some < 4; some++) { /* none, each way of a part alone, all */
+        const unsigned parts = some == 3 ? ALL_PARTS : (unsigned) some;
+        struct results expected = {0};
+        m->columns->networks->parts = parts;
+        for (int k = n - 1; k >= 0; k--) { /* the oracle first */
+            struct results r = learn(ctx, cases[k], m);
+            if (k == n - 1)
+                expected = r;
+            else {
+                compare_results(case_name(cases[k]), &r, &expected, parts);
+                clear_results(&r);
+            }
+        }
+        clear_results(&expected);
+    }
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
 /* Renders have the appearance of the photo that is asked for, of the view's number in a list, or
  * the mean of all. */
 static void test_appearance(void **state)
@@ -526,6 +656,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_oracle),     cmocka_unit_test(test_bank),
         cmocka_unit_test(test_appearance), cmocka_unit_test(test_chain),
-        cmocka_unit_test(test_engines),    cmocka_unit_test(test_bake)};
+        cmocka_unit_test(test_engines),    cmocka_unit_test(test_many),
+        cmocka_unit_test(test_bake)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -157,15 +157,15 @@ static void test_anchors(void **state)
     for (int parts = 0; parts < 2; parts++) {
         struct sg_train_params cpu = scaffold_params(), device;
         struct fixture f = make_points(2);
-        double expected[40], found[40], resumed[40];
+        double expected[24], found[24], resumed[24];
         cpu.scaffold.distance = cpu.scaffold.bank = cpu.scaffold.appearance = parts > 0;
         device = cpu;
         device.engine = main_engine();
         struct sg_model *m[5];
-        m[0] = train_anchors(&f, &cpu, 40, NULL, NULL, expected);
-        m[1] = train_anchors(&f, &device, 40, NULL, NULL, found);
+        m[0] = train_anchors(&f, &cpu, 24, NULL, NULL, expected);
+        m[1] = train_anchors(&f, &device, 24, NULL, NULL, found);
         m[2] = train_anchors(&f, &device, 14, NULL, path, resumed);
-        m[3] = train_anchors(&f, &device, 40, path, NULL, resumed);
+        m[3] = train_anchors(&f, &device, 24, path, NULL, resumed);
         m[4] = train_anchors(&f, &cpu, 16, path, path, resumed);
         assert_same_anchors(m[1], m[3]);
         printf("model anchors %d %016llx\n", parts, (unsigned long long) hash_of(m[1]));
@@ -175,13 +175,13 @@ static void test_anchors(void **state)
         assert_true(m[1]->count > m[2]->count); /* it did grow */
         assert_true(fabs((double) m[1]->count - (double) m[0]->count) <
                     0.02 * (double) m[0]->count + 2);
-        assert_float_equal(mean(found, 30, 40), mean(expected, 30, 40),
-                           0.01 * mean(expected, 30, 40));
+        assert_float_equal(mean(found, 18, 24), mean(expected, 18, 24),
+                           0.01 * mean(expected, 18, 24));
         sg_model_destroy(&m[4]);
         m[4] =
-            train_anchors(&f, &device, 40, path, NULL, resumed); /* two iterations were the CPU's */
-        assert_float_equal(mean(resumed, 30, 40), mean(expected, 30, 40),
-                           0.01 * mean(expected, 30, 40));
+            train_anchors(&f, &device, 24, path, NULL, resumed); /* two iterations were the CPU's */
+        assert_float_equal(mean(resumed, 18, 24), mean(expected, 18, 24),
+                           0.01 * mean(expected, 18, 24));
         for (int i = 0; i < 5; i++)
             sg_model_destroy(&m[i]);
         clear_points(&f);

@@ -128,19 +128,12 @@ const char *sg_engine_variant(const struct sg_engine *e)
     return e->ops->variant(e);
 }
 
-/* The work of the engine that draws: what anchors are drawn as is a model of SH degree 0. */
-static struct sg_work drawn_of(const struct sg_work *work)
+struct sg_footprint sg_engine_footprint(const struct sg_engine_kind *engine,
+                                        const struct sg_work *work)
 {
     struct sg_work drawn = *work;
     drawn.sh_degree = work->anchors ? 0 : work->sh_degree;
     drawn.anchors = false;
-    return drawn;
-}
-
-struct sg_footprint sg_engine_footprint(const struct sg_engine_kind *engine,
-                                        const struct sg_work *work)
-{
-    const struct sg_work drawn = drawn_of(work);
     struct sg_footprint f = engine->footprint(&drawn);
     if (work->anchors)
         f.gaussian = sg_scaffold_footprint(work, f.gaussian);
@@ -150,9 +143,8 @@ struct sg_footprint sg_engine_footprint(const struct sg_engine_kind *engine,
 bool sg_engine_on_device(const struct sg_engine_kind *engine, const struct sg_work *work,
                          struct sg_footprint *out)
 {
-    const struct sg_work drawn = drawn_of(work);
     if (engine->on_device)
-        *out = engine->on_device(&drawn);
+        *out = engine->on_device(work);
     return engine->on_device != NULL;
 }
 

@@ -54,6 +54,23 @@ struct sg_engine {
     struct sg_step step; /* stages that are done when their call returns leave their results here */
 };
 
+/* Anchors of Scaffold-GS and their networks, where the engine that draws them is: see
+ * scaffold/scaffold.h. All of them come after `finish`. */
+struct sg_anchor_ops {
+    /* With networks; a column that is NULL is zeros. After an error the engine has none. */
+    int (*upload)(struct sg_engine *, const struct sg_model *, const struct sg_columns *);
+    /* All three have room; columns that are NULL are left out. */
+    int (*download)(struct sg_engine *, struct sg_model *, struct sg_columns *);
+    /* The view's Gaussians become the model that is drawn, SG_ANCHOR_GAUSSIANS of each anchor,
+     * without statistics. appearance: as of struct sg_render_params. */
+    int (*make_view)(struct sg_engine *, const struct sg_camera *, int appearance);
+    /* From their gradients to those of anchors and weights. */
+    int (*pull)(struct sg_engine *, bool statistics);
+    int (*optimise)(struct sg_engine *, const struct sg_update *); /* a step of Adam */
+    int (*learn)(struct sg_engine *, const struct sg_network_update *);
+    int (*read_gradients)(struct sg_engine *, struct sg_model *);
+};
+
 /* A mark "optional" means that the pointer may be NULL; the comment says what happens then. Stages
  * may return before their work is done; read_step and what brings memory to the host wait for
  * it. */
@@ -136,6 +153,7 @@ struct sg_engine_ops {
                       const void *arg, double *hits);
     int (*ascend)(struct sg_engine *, const struct sg_ascend *); /* optional: the oracle's */
     bool ascends_spectrum; /* it computes `extra` too; else the front end does before it */
+    const struct sg_anchor_ops *anchors; /* optional: anchors are in host memory */
 };
 
 /* An engine that this build has. */

@@ -42,40 +42,39 @@ SG_FN real neural_odds(real y)
                  r_set(NUM(SG_NEURAL_LEAST)));
 }
 
-SG_FN void neural_forward(IN(neural, n), OUT_ARRAY(real, out, SG_NEURAL_PLANES))
+SG_FN void neural_forward(IN(neural, n), OUT_ARRAY(real, planes, SG_NEURAL_PLANES))
 {
     for (int k = 0; k < 3; k++) {
-        out[k] = REF(n).anchor[k] + REF(n).offset[k] * r_exp(REF(n).reach[k]);
-        out[4 + k] = REF(n).size[k] + neural_log_sigmoid(REF(n).cov[k]);
-        out[11 + k] = (neural_sigmoid(REF(n).colour[k]) - NUM(0.5)) / NUM(SG_SH_C0);
+        planes[k] = REF(n).anchor[k] + REF(n).offset[k] * r_exp(REF(n).reach[k]);
+        planes[4 + k] = REF(n).size[k] + neural_log_sigmoid(REF(n).cov[k]);
+        planes[11 + k] = (neural_sigmoid(REF(n).colour[k]) - NUM(0.5)) / NUM(SG_SH_C0);
     }
-    out[3] = r_log(neural_odds(REF(n).y) * NUM(0.5));
+    planes[3] = r_log(neural_odds(REF(n).y) * NUM(0.5));
     for (int k = 0; k < 4; k++)
-        out[7 + k] = REF(n).cov[3 + k];
+        planes[7 + k] = REF(n).cov[3 + k];
 }
 
 /* planes: those of neural_forward. gradient: dL/d planes, 0 for what does not exist. volume: dL/d
- * (product of the scales). out: dL/d of the same fields; that of `anchor` is not computed, for
+ * (product of the scales). d: dL/d of the same fields; that of `anchor` is not computed, for
  * anchors do not move. */
 SG_FN void neural_backward(IN(neural, n), IN_ARRAY(real, planes, SG_NEURAL_PLANES),
-                           IN_ARRAY(real, gradient, SG_NEURAL_PLANES), real volume,
-                           OUT(neural, out))
+                           IN_ARRAY(real, gradient, SG_NEURAL_PLANES), real volume, OUT(neural, d))
 {
     const real product = volume * r_exp(planes[4] + planes[5] + planes[6]);
     const real odds = neural_odds(REF(n).y);
     const mask bounded = r_lt(r_set(NUM(SG_NEURAL_MOST)), REF(n).y);
-    REF(out).y = r_sel(bounded, r_set(0), NUM(2) * (odds + NUM(1)) * (gradient[3] / odds));
+    REF(d).y = r_sel(bounded, r_set(0), NUM(2) * (odds + NUM(1)) * (gradient[3] / odds));
     for (int k = 0; k < 3; k++) {
         const real scale = gradient[4 + k] + product, unit = r_exp(REF(n).reach[k]),
                    c = neural_sigmoid(REF(n).colour[k]);
-        REF(out).size[k] = scale;
-        REF(out).cov[k] = scale * (NUM(1) - neural_sigmoid(REF(n).cov[k]));
-        REF(out).offset[k] = gradient[k] * unit;
-        REF(out).reach[k] = gradient[k] * unit * REF(n).offset[k];
-        REF(out).colour[k] = gradient[11 + k] * c * (NUM(1) - c) / NUM(SG_SH_C0);
+        REF(d).size[k] = scale;
+        REF(d).cov[k] = scale * (NUM(1) - neural_sigmoid(REF(n).cov[k]));
+        REF(d).offset[k] = gradient[k] * unit;
+        REF(d).reach[k] = gradient[k] * unit * REF(n).offset[k];
+        REF(d).colour[k] = gradient[11 + k] * c * (NUM(1) - c) / NUM(SG_SH_C0);
     }
     for (int k = 0; k < 4; k++)
-        REF(out).cov[3 + k] = gradient[7 + k];
+        REF(d).cov[3 + k] = gradient[7 + k];
 }
 
 #endif

@@ -63,6 +63,7 @@ static int upload(struct sg_engine *base, const struct sg_model *m,
     }
     sg_free(b->networks);
     b->networks = networks;
+    b->host_newer = true, b->device_newer = false;
     return SG_OK;
 }
 
@@ -75,12 +76,16 @@ static int adopt(struct sg_engine *base, struct sg_model *m, struct sg_columns *
     sg_free(b->networks);
     b->networks = columns->networks;
     sg_host_adopt(&b->anchors, m, columns);
+    b->host_newer = true, b->device_newer = false;
     return SG_OK;
 }
 
 static int download(struct sg_engine *base, struct sg_model *m, struct sg_columns *columns)
 {
-    const struct scaffold_engine *b = of(base);
+    struct scaffold_engine *b = of(base);
+    const int code = sg_scaffold_fetch(b);
+    if (code)
+        return code;
     if (columns && columns->networks)
         sg_networks_copy(columns->networks, b->networks);
     return sg_host_download(&b->anchors, m, columns);
@@ -95,6 +100,9 @@ static size_t count(const struct sg_engine *base)
 static int read_statistics(struct sg_engine *base, const struct sg_statistics *out)
 {
     const struct sg_host_model *h = &of(base)->anchors;
+    const int code = sg_scaffold_fetch(of(base));
+    if (code)
+        return code;
     sg_host_statistics(base->ctx, h, out);
     for (size_t i = 0; i < h->count; i++) {
         const float *p = h->at[SG_C_ANCHOR] + sg_param_index(SG_A_PLANES, i, SG_A_SIZE);
@@ -109,8 +117,13 @@ static int read_statistics(struct sg_engine *base, const struct sg_statistics *o
 
 static int edit(struct sg_engine *base, const struct sg_edit *e)
 {
-    of(base)->learns = false;
-    return sg_host_edit(base->ctx, &of(base)->anchors, e);
+    struct scaffold_engine *b = of(base);
+    const int code = sg_scaffold_fetch(b);
+    b->learns = false;
+    if (code)
+        return code;
+    b->host_newer = true; /* also after an error */
+    return sg_host_edit(base->ctx, &b->anchors, e);
 }
 
 static int floor_scale(struct sg_engine *base, float smallest)
@@ -131,8 +144,10 @@ static int reset_opacity(struct sg_engine *base, float limit)
 static int settle(struct sg_engine *base, const struct sg_settling *s)
 {
     struct sg_host_model *h = &of(base)->anchors;
-    if (sg_host_alloc(base->ctx, h, SG_C_ANCHOR_STATISTICS))
-        return SG_ERR_BUDGET;
+    const int code = sg_scaffold_fetch(of(base));
+    if (code || sg_host_alloc(base->ctx, h, SG_C_ANCHOR_STATISTICS))
+        return code ? code : SG_ERR_BUDGET;
+    of(base)->host_newer = true;
     for (size_t i = 0; i < h->count; i++) {
         float *p = h->at[SG_C_ANCHOR] + sg_param_index(SG_A_PLANES, i, SG_A_SIZE),
               *stat = h->at[SG_C_ANCHOR_STATISTICS] + sg_param_index(SG_A_STATISTICS, i, 0);
@@ -226,24 +241,30 @@ static int read_step(struct sg_engine *base)
 
 static int pull(struct sg_engine *base, bool statistics)
 {
-    const int code = sg_scaffold_pull(of(base), statistics);
+    struct scaffold_engine *b = of(base);
+    const int code =
+        b->device ? sg_scaffold_device_pull(b, statistics) : sg_scaffold_pull(b, statistics);
     return code ? code : read_step(base); /* its gradients are here, so nobody waits for them */
 }
 
 static int optimise(struct sg_engine *base, const struct sg_update *u)
 {
-    return sg_scaffold_optimise(of(base), u);
+    struct scaffold_engine *b = of(base);
+    return b->device ? sg_scaffold_device_optimise(b, u) : sg_scaffold_optimise(b, u);
 }
 
 static int learn_networks(struct sg_engine *base, const struct sg_network_update *u)
 {
-    return sg_scaffold_learn(of(base), u);
+    struct scaffold_engine *b = of(base);
+    return b->device ? sg_scaffold_device_learn(b, u) : sg_scaffold_learn(b, u);
 }
 
 /* out: scales, and the anchors' own values where it has room for them. */
 static int read_gradients(struct sg_engine *base, struct sg_model *out)
 {
     const struct scaffold_engine *b = of(base);
+    if (b->device)
+        return b->device->read_gradients(b->inner, out);
     float *anchor = out->columns ? out->columns->at[SG_C_ANCHOR] : NULL;
     const int planes = b->anchors.planes;
     memset(out->params, 0, out->capacity * (size_t) planes * sizeof(float));
@@ -274,8 +295,12 @@ static void add_hits(const struct scaffold_engine *b, const double *own, const f
                      enum sg_hit kind, double (*weight)(const void *arg, float log_smallest),
                      const void *arg, double *hits)
 {
-    for (size_t k = 0; k < b->drawing_count; k++) {
-        const struct seen *s = &b->seen[k];
+    const size_t anchors = b->device ? b->anchors.count : b->drawing_count;
+    for (size_t k = 0; k < anchors; k++) {
+        const struct seen all = {.anchor = (uint32_t) k,
+                                 .first = (uint32_t) (k * SG_ANCHOR_GAUSSIANS),
+                                 .exists = (1u << SG_ANCHOR_GAUSSIANS) - 1},
+                          *s = b->device ? &all : &b->seen[k];
         const size_t end = s->first + (size_t) __builtin_popcount(s->exists);
         double sum = 0;
         for (size_t i = s->first; i < end; i++)
@@ -371,6 +396,7 @@ int sg_scaffold_wrap(sg_ctx *ctx, struct sg_engine **engine)
                                  .clock = inner->clock ? clock_of : NULL,
                                  .each = SG_ANCHOR_GAUSSIANS};
     b->inner = inner;
+    b->device = inner->ops->anchors;
     b->neural = ref ? sg_ref_neural : kernels->neural;
     b->neural_backward = ref ? sg_ref_neural_backward : kernels->neural_backward;
     b->pick = ref ? sg_ref_pick : kernels->pick;

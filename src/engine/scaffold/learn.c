@@ -229,15 +229,22 @@ static void learn_piece(void *arg, size_t piece, int thread)
     }
 }
 
+int sg_scaffold_check_update(const struct scaffold_engine *b, const struct sg_update *u)
+{
+    return !u->accumulate && u->mean_opacity == 0 && u->mean_scale == 0
+               ? SG_OK
+               : sg_fail(b->base.ctx, SG_ERR_USAGE,
+                         "engine: found an update that anchors do not have");
+}
+
 int sg_scaffold_optimise(struct scaffold_engine *b, const struct sg_update *u)
 {
     struct sg_host_model *h = &b->anchors;
     sg_ctx *ctx = b->base.ctx;
     const size_t blocks = sg_blocks(h->count);
-    if (u->accumulate || u->mean_opacity != 0 || u->mean_scale != 0)
-        return sg_fail(ctx, SG_ERR_USAGE, "engine: found an update that anchors do not have");
-    if (!u->adam)
-        return SG_OK;
+    const int code = sg_scaffold_check_update(b, u);
+    if (code || !u->adam)
+        return code;
     if (sg_host_alloc(ctx, h, SG_C_MOMENT1) || sg_host_alloc(ctx, h, SG_C_MOMENT2) ||
         sg_host_alloc(ctx, h, SG_C_ANCHOR_MOMENT1) || sg_host_alloc(ctx, h, SG_C_ANCHOR_MOMENT2) ||
         sg_grow(ctx, SG_MEM_SPLATS, &b->place, &b->cap_place, blocks, 0,
@@ -252,11 +259,18 @@ int sg_scaffold_optimise(struct scaffold_engine *b, const struct sg_update *u)
     return SG_OK;
 }
 
+int sg_scaffold_check_learns(const struct scaffold_engine *b)
+{
+    return b->learns ? SG_OK
+                     : sg_fail(b->base.ctx, SG_ERR_INTERNAL,
+                               "engine: learn_networks: found no gradients of this view and model");
+}
+
 int sg_scaffold_learn(struct scaffold_engine *b, const struct sg_network_update *u)
 {
-    if (!b->learns)
-        return sg_fail(b->base.ctx, SG_ERR_INTERNAL,
-                       "engine: learn_networks: found no gradients of this view and model");
+    const int code = sg_scaffold_check_learns(b);
+    if (code)
+        return code;
     b->learns = false;
     float *p = (float *) &b->networks->value, *m = (float *) &b->networks->moment1,
           *v = (float *) &b->networks->moment2;

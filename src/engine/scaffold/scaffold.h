@@ -9,7 +9,7 @@
 #include "engine/engine.h"
 
 /* Puts an engine that draws with *engine, and owns it, in its place. Anchors and networks are in
- * host memory, also where *engine draws on a device. Where that fails *engine stays as it was:
+ * host memory, or on the device of *engine. Where that fails *engine stays as it was:
  * SG_ERR_BUDGET. */
 int sg_scaffold_wrap(sg_ctx *ctx, struct sg_engine **engine);
 

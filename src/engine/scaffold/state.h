@@ -29,6 +29,10 @@ struct scaffold_engine {
     struct sg_host_model anchors;
     struct sg_host_model copy; /* of the view's Gaussians, for an engine on a device */
     struct sg_networks *networks;
+    /* Not NULL: they learn on the device of the engine that draws. Then the two above are a copy;
+     * at most one of both is newer. */
+    const struct sg_anchor_ops *device;
+    bool host_newer, device_newer;
     /* of the view */
     struct sg_neural_args args;
     size_t photo;                   /* whose appearance it has; SIZE_MAX: the mean of all */
@@ -52,9 +56,11 @@ static inline struct sg_host_model *sg_scaffold_drawn_model(struct scaffold_engi
     return b->inner->ops->host_model ? b->inner->ops->host_model(b->inner) : &b->copy;
 }
 
-/* A view without Gaussians gets one that is not drawn. */
+/* The Gaussians that the engine has which draws. A view without any gets one that is not drawn. */
 static inline size_t sg_scaffold_drawn(const struct scaffold_engine *b)
 {
+    if (b->device)
+        return b->anchors.count * SG_ANCHOR_GAUSSIANS;
     return b->drawn_count ? b->drawn_count : 1;
 }
 
@@ -70,8 +76,20 @@ int sg_scaffold_view(struct scaffold_engine *b, const struct sg_camera *camera, 
 /* The values of a block of the first `count` seen anchors. Lanes beyond the last are its copies. */
 void sg_scaffold_gather(const struct scaffold_engine *b, size_t count, size_t block,
                         struct sg_anchor_block *out);
+/* device.c: the same on the device. */
+int sg_scaffold_device_view(struct scaffold_engine *b, const struct sg_camera *camera,
+                            int appearance);
+int sg_scaffold_device_pull(struct scaffold_engine *b, bool statistics);
+int sg_scaffold_device_optimise(struct scaffold_engine *b, const struct sg_update *u);
+int sg_scaffold_device_learn(struct scaffold_engine *b, const struct sg_network_update *u);
+/* The copy on the host is up to date after this. */
+int sg_scaffold_fetch(struct scaffold_engine *b);
+
 /* Gradients of the view's Gaussians to those of anchors and weights. */
 int sg_scaffold_pull(struct scaffold_engine *b, bool statistics);
+/* SG_ERR_USAGE, SG_ERR_INTERNAL: what cannot be done. */
+int sg_scaffold_check_update(const struct scaffold_engine *b, const struct sg_update *u);
+int sg_scaffold_check_learns(const struct scaffold_engine *b);
 int sg_scaffold_optimise(struct scaffold_engine *b, const struct sg_update *u);
 int sg_scaffold_learn(struct scaffold_engine *b, const struct sg_network_update *u);
 

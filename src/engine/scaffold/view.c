@@ -218,6 +218,8 @@ int sg_scaffold_view(struct scaffold_engine *b, const struct sg_camera *camera, 
 {
     struct sg_host_model *drawn = sg_scaffold_drawn_model(b);
     b->learns = false;
+    if (b->device)
+        return sg_scaffold_device_view(b, camera, appearance);
     drawn->planes = SG_DRAWN_PLANES;
     int code = find_seen(b, camera);
     if (!code)

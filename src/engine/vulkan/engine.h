@@ -105,6 +105,19 @@ struct vulkan_flow {
     uint32_t turn;
 };
 
+/* Models of anchors: see vulkan_anchors.c. */
+struct vulkan_anchors {
+    size_t count;
+    unsigned parts;                                   /* as of struct sg_networks */
+    uint32_t photo, photos;                           /* photo: whose appearance the view has */
+    struct gpu_buffer at[SG_COLUMNS];                 /* of the anchors */
+    struct gpu_buffer weights, moment1, moment2;      /* as of struct sg_networks */
+    struct gpu_buffer networks;                       /* the number of its rate, of each weight */
+    struct gpu_buffer looks, look, own;               /* appearances; of a view, with its weights */
+    struct gpu_buffer view, exists, opacities, drawn; /* see ARGS_neural */
+    struct gpu_buffer gradient, sums, weight_gradient;
+};
+
 struct vulkan_engine {
     struct sg_engine base;
     struct gpu *gpu;
@@ -112,7 +125,8 @@ struct vulkan_engine {
     size_t count;
     int planes;
     struct gpu_buffer at[SG_COLUMNS]; /* as sg_host_model.at; without a buffer: zeros */
-    struct gpu_buffer *photos;        /* of handle k + 1 */
+    struct vulkan_anchors anchors;
+    struct gpu_buffer *photos; /* of handle k + 1 */
     size_t cap_photos;
     struct vulkan_passing passing[GPU_FLIGHTS]; /* in turns */
     uint32_t turn;                              /* of the newest photo there */
@@ -181,6 +195,12 @@ int sg_vulkan_alloc(struct vulkan_engine *, int column);
 int sg_vulkan_alloc_saved(struct vulkan_engine *);
 uint64_t sg_vulkan_column_bytes(const struct vulkan_engine *, int column);
 void sg_vulkan_drop_columns(struct vulkan_engine *, unsigned bits); /* but not the parameters */
+
+/* vulkan_anchors.c */
+extern const struct sg_anchor_ops sg_vulkan_anchors;
+void sg_vulkan_anchors_clear(struct vulkan_engine *);
+/* drawn: of the Gaussians, as of 3DGS. */
+struct sg_footprint sg_vulkan_anchors_footprint(const struct sg_work *, struct sg_footprint drawn);
 
 /* vulkan_edit.c */
 int sg_vulkan_edit(struct sg_engine *, const struct sg_edit *);

@@ -28,6 +28,7 @@ static void destroy(struct sg_engine *base)
         sg_gpu_release(g, &e->passing[i].photo);
     }
     sg_free(e->photos);
+    sg_vulkan_anchors_clear(e);
     sg_vulkan_spectrum_clear(e);
     sg_gpu_lists_clear(g, &e->lists);
     sg_log(base->ctx, SG_LOG_DEBUG,
@@ -208,7 +209,9 @@ static int learn(struct vulkan_engine *e, const struct sg_update *u, uint32_t wh
     what |= (banded ? VK_LEARN_BANDED : 0) |
             (statistic != SG_GRADIENT_NORM ? VK_LEARN_ABSOLUTE : 0) |
             (statistic == SG_GRADIENT_MIP ? VK_LEARN_BESIDE : 0);
-    if ((what & (VK_LEARN_ADAM | VK_LEARN_STATISTICS) && (code = sg_vulkan_alloc_saved(e))) ||
+    if ((what & VK_LEARN_ADAM && (code = sg_vulkan_alloc_saved(e))) ||
+        (what & VK_LEARN_STATISTICS && ((code = sg_vulkan_alloc(e, SG_C_GRAD_SUM)) ||
+                                        (code = sg_vulkan_alloc(e, SG_C_GRAD_COUNT)))) ||
         (what & VK_LEARN_ACCUMULATE && (code = sg_vulkan_alloc(e, SG_C_ACCUMULATED))) ||
         (what & VK_LEARN_BESIDE && (code = sg_vulkan_alloc(e, SG_C_GRAD_ABSOLUTE))))
         return code;
@@ -481,6 +484,7 @@ static const struct sg_engine_ops ops = {
     .count_hits = count_hits,
     .ascend = sg_vulkan_ascend,
     .ascends_spectrum = true,
+    .anchors = &sg_vulkan_anchors,
 };
 
 static int create(sg_ctx *ctx, const char *selector, struct sg_engine **out)
@@ -535,13 +539,17 @@ static struct sg_footprint footprint(const struct sg_work *w)
 
 /* A Gaussian's columns, what a view keeps of it, its sums over bands, and what edits read or make;
  * instances; images, their gradients and targets, the maps of SSIM, alpha and depth, spectra. */
-static struct sg_footprint on_device(const struct sg_work *w)
+static struct sg_footprint on_device(const struct sg_work *work)
 {
+    struct sg_work drawn = *work;
+    const struct sg_work *w = &drawn;
+    drawn.sh_degree = work->anchors ? 0 : work->sh_degree;
+    drawn.anchors = false;
     const uint64_t pixels = (uint64_t) w->width * (uint64_t) w->height,
                    tiles =
                        gpu_groups((uint64_t) w->width, 16) * gpu_groups((uint64_t) w->height, 16);
     const uint64_t exposure = w->exposure ? 4 * SG_EXPOSURE_FLOATS : 0;
-    return (struct sg_footprint){
+    const struct sg_footprint f = {
         .gaussian = sg_host_footprint(w, false) + 4 * (27 + VK_SLOT_ABSOLUTE + SG_P_SH) + 1,
         .instance = INSTANCE_BYTES,
         .view = pixels * 4 * (9 * 3 + 2) + tiles * (16 * 256 + 64) +
@@ -549,6 +557,7 @@ static struct sg_footprint on_device(const struct sg_work *w)
                                : 0),
         .photo = 4 * pixels + exposure,
         .passing = GPU_FLIGHTS * 2 * 4 * pixels + exposure};
+    return work->anchors ? sg_vulkan_anchors_footprint(work, f) : f;
 }
 
 const struct sg_engine_kind sg_engine_vulkan = {

@@ -97,7 +97,13 @@
     K(mip_filter)                                                                                  \
     K(planes)                                                                                      \
     K(radii)                                                                                       \
-    K(edit)
+    K(edit)                                                                                        \
+    K(neural)                                                                                      \
+    K(neural_backward)                                                                             \
+    K(neural_look)                                                                                 \
+    K(anchors_count)                                                                               \
+    K(anchors_learn)                                                                               \
+    K(networks_learn)
 
 /* clang-format off */
 #define ARGS_project(P, U, F)                                                                      \
@@ -301,6 +307,67 @@
 #define ARGS_edit(P, U, F)                                                                         \
     P(Floats, from) P(Floats, rows) P(Floats, children) P(Uints, moves) P(Floats, to) U(count)     \
     U(planes) U(first) U(end) U(fates)
+
+/* ---- anchors ---- */
+
+/* As in model/anchor.h, and places of struct sg_weights. */
+#define VK_ANCHOR 10 /* Gaussians of an anchor: number k of anchor i is Gaussian 10 i + k */
+#define VK_A_FEATURES 32
+#define VK_A_FEATURE 30
+#define VK_A_SIZE 62
+#define VK_A_PLANES 65
+#define VK_A_STATISTICS 22
+#define VK_N_INPUTS 35
+#define VK_N_HIDDEN 32
+#define VK_N_ALL 96 /* hidden values of three networks */
+#define VK_N_OUTPUTS 110
+#define VK_N_COVARIANCE 10
+#define VK_N_COLOUR 80
+#define VK_N_LOOK 32
+#define VK_N_PART_DISTANCE 1
+#define VK_N_PART_BANK 2
+#define VK_W_OUTPUT 3456
+#define VK_W_BIAS 6976
+#define VK_W_DISTANCE 7086
+#define VK_W_BANK_INPUT 7182
+#define VK_W_BANK_OUTPUT 7342
+#define VK_W_BANK_BIAS 7438
+#define VK_W_LOOK 7441
+#define VK_W_ALL 8465
+#define VK_A_VALUES 68   /* that are learned: three scales, then VK_A_PLANES */
+#define VK_A_PIECES 128  /* at most, of the weights' gradients */
+#define VK_A_SEEN 0x8000 /* of an anchor's word of `exists`, beside a bit for each Gaussian */
+
+/* Gaussians of the anchors that a view sees, to parameters of SH degree 0; those that do not exist
+ * have no number as opacity. opacities: of each anchor, their sum; drawn: their number, which begins
+ * as 0. */
+#define ARGS_neural(P, U, F)                                                                       \
+    P(Floats, params) P(Floats, anchors) P(Floats, weights) P(Floats, view) P(Floats, to)          \
+    P(Uints, exists) P(Floats, opacities) P(Uints, drawn) U(count) U(parts) U(grid_x) U(grid_y)
+/* The gradient of those to the values of their anchors, in blocks of VK_A_VALUES planes, and of the
+ * weights before VK_W_LOOK: each workgroup leaves a piece of their sums. */
+#define ARGS_neural_backward(P, U, F)                                                              \
+    P(Floats, params) P(Floats, anchors) P(Floats, weights) P(Floats, view) P(Floats, from)        \
+    P(Uints, exists) P(Uints, drawn) P(Floats, gradient) P(Floats, sums) U(count) U(parts)         \
+    U(pieces) F(volume)
+/* Appearances, of VK_N_LOOK values and their moments a photo. back 0: that of `photo`, or the mean
+ * of all if there is no such photo, to `look`, and what the colours' network makes of it is added to
+ * the biases of `to`, a copy of the weights. 1: gradients of the weights behind VK_W_LOOK, in `to`,
+ * and behind these of the appearance. */
+#define ARGS_neural_look(P, U, F)                                                                  \
+    P(Floats, looks) P(Floats, weights) P(Floats, look) P(Floats, to) U(photo) U(photos) U(back)
+/* The view, in the statistics of growth. */
+#define ARGS_anchors_count(P, U, F)                                                                \
+    P(Uints, exists) P(Floats, opacities) P(Floats, grad_sum) P(Floats, grad_count)                \
+    P(Floats, statistics) U(count)
+#define ARGS_anchors_learn(P, U, F)                                                                \
+    P(Uints, exists) P(Floats, gradient) P(Floats, params) P(Floats, m) P(Floats, v)               \
+    P(Floats, anchors) P(Floats, anchor_m) P(Floats, anchor_v) U(count) F(rate_scale)              \
+    F(rate_offset) F(rate_feature) F(root_scale) F(root_offset) F(root_feature)
+/* networks: of each weight, the number of its rate. */
+#define ARGS_networks_learn(P, U, F)                                                               \
+    P(Uints, networks) P(Floats, gradient) P(Floats, weights) P(Floats, m) P(Floats, v)            \
+    P(Floats, looks) U(photo) U(photos) F(rate0) F(rate1) F(rate2) F(rate3) F(rate4) F(root)
 /* clang-format on */
 
 #endif

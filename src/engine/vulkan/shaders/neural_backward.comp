@@ -1,0 +1,219 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Gradients of a view's Gaussians to those of their anchors and of the weights. A workgroup takes
+ * every a.pieces-th block of anchors. Sums of the weights' gradients over its blocks stay in its
+ * registers: the block is small, and so each sum has a fixed order. */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "neural.glsl"
+
+layout(local_size_x = VK_GROUP) in;
+ARGUMENTS(neural_backward);
+
+/* Gradients: of n_output, which they replace, of hidden values, of inputs that are a mixture, and
+ * of the shares. */
+shared float d_hidden[VK_N_ALL * ROW];
+shared float d_mixture[VK_A_FEATURES * ROW];
+shared float d_share[3 * ROW];
+
+#define OUTPUT_SUMS 14 /* rows of a column of the output layer, 8 apart; the last few do not exist */
+#define INPUT_SUMS 5   /* rows of three columns of the first layer, likewise */
+
+void put(uint i, uint plane, float value)
+{
+    a.gradient.v[param_at(VK_A_VALUES, i, plane)] = value;
+}
+
+/* Of the outputs, and of the anchors' own values. */
+void pull_outputs(uint i0)
+{
+    const uint lane = LANE, k = FIRST_ROW, i = i0 + lane;
+    if (k < VK_ANCHOR) {
+        const bool exists = (n_exists[lane] >> k & 1) != 0;
+        neural d;
+        d.y = 0.0;
+        for (uint j = 0; j < 7; j++)
+            d.cov[j] = 0.0;
+        for (uint j = 0; j < 3; j++)
+            d.colour[j] = d.offset[j] = d.reach[j] = d.size[j] = 0.0;
+        if (exists) {
+            float planes[SG_NEURAL_PLANES], g[SG_NEURAL_PLANES];
+            const neural n = neural_of(a.params, a.anchors, i, k);
+            neural_forward(n, planes);
+            for (uint p = 0; p < SG_NEURAL_PLANES; p++)
+                g[p] = a.from.v[param_at(14, i * VK_ANCHOR + k, p)];
+            neural_backward(n, planes, g, a.volume / float(a.drawn.v[0]), d);
+        }
+        n_output[k * ROW + lane] = d.y;
+        for (uint j = 0; j < 7; j++)
+            n_output[(VK_N_COVARIANCE + 7 * k + j) * ROW + lane] = d.cov[j];
+        for (uint j = 0; j < 3; j++) {
+            n_output[(VK_N_COLOUR + 3 * k + j) * ROW + lane] = d.colour[j];
+            if (i < a.count)
+                put(i, 3 + 3 * k + j, d.offset[j]);
+            /* until d_hidden is known */
+            d_hidden[(j * VK_ANCHOR + k) * ROW + lane] = d.reach[j];
+            d_hidden[((3 + j) * VK_ANCHOR + k) * ROW + lane] = d.size[j];
+        }
+    }
+    barrier(); /* what all have written */
+    if (FIRST_ROW < 6 && i < a.count) {
+        const uint j = FIRST_ROW;
+        float sum = 0.0;
+        for (uint g = 0; g < VK_ANCHOR; g++)
+            sum += d_hidden[(j * VK_ANCHOR + g) * ROW + lane];
+        put(i, j < 3 ? j : 3 + VK_A_SIZE + j - 3, sum);
+    }
+    barrier(); /* before d_hidden is written again */
+}
+
+/* Before the ReLU. */
+void pull_hidden()
+{
+    const uint lane = LANE;
+    for (uint h = FIRST_ROW; h < VK_N_ALL; h += 16) {
+        const uint network = h / VK_N_HIDDEN, column = h % VK_N_HIDDEN;
+        const uint first = network == 0 ? 0 : network == 1 ? VK_N_COVARIANCE : VK_N_COLOUR;
+        const uint end = network == 0 ? VK_N_COVARIANCE : network == 1 ? VK_N_COLOUR : VK_N_OUTPUTS;
+        float sum = 0.0;
+        for (uint o = first; o < end; o++)
+            sum += a.weights.v[VK_W_OUTPUT + o * VK_N_HIDDEN + column] * n_output[o * ROW + lane];
+        d_hidden[h * ROW + lane] = n_hidden[h * ROW + lane] > 0.0 ? sum : 0.0;
+    }
+    barrier(); /* d_hidden */
+}
+
+/* Of features, or of the mixtures in their place. */
+void pull_features(uint i0)
+{
+    const uint lane = LANE, i = i0 + lane;
+    const bool mixed = (a.parts & VK_N_PART_BANK) != 0;
+    for (uint f = FIRST_ROW; f < VK_A_FEATURES; f += 16) {
+        float sum = 0.0;
+        for (uint h = 0; h < VK_N_ALL; h++)
+            sum += a.weights.v[f * VK_N_ALL + h] * d_hidden[h * ROW + lane];
+        if (mixed)
+            d_mixture[f * ROW + lane] = sum;
+        else if (i < a.count)
+            put(i, 3 + VK_A_FEATURE + f, sum);
+    }
+}
+
+/* From mixtures to features, shares and hidden values of the bank, which their gradients replace
+ * after the caller's sums: d of the hidden values comes last. */
+void pull_mixtures(uint i0)
+{
+    const uint lane = LANE, j = FIRST_ROW, i = i0 + lane;
+    barrier(); /* d_mixture */
+    if (i < a.count)
+        for (uint f = FIRST_ROW; f < VK_A_FEATURES; f += 16) {
+            float sum = n_share[2 * ROW + lane] * d_mixture[f * ROW + lane];
+            if (f % 2 == 0)
+                for (uint m = f / 2; m < VK_A_FEATURES; m += 16)
+                    sum += n_share[ROW + lane] * d_mixture[m * ROW + lane];
+            if (f % 4 == 0)
+                for (uint m = f / 4; m < VK_A_FEATURES; m += 8)
+                    sum += n_share[lane] * d_mixture[m * ROW + lane];
+            put(i, 3 + VK_A_FEATURE + f, sum);
+        }
+    float sum = 0.0;
+    if (j < 3) {
+        if (n_exists[lane] != 0)
+            for (uint f = 0; f < VK_A_FEATURES; f++)
+                sum += d_mixture[f * ROW + lane] *
+                       anchor_value(a.anchors, i, VK_A_FEATURE + bank_source(j, f));
+        d_share[j * ROW + lane] = sum;
+    }
+    barrier(); /* d_share, and nobody reads d_mixture any more */
+    float mean = 0.0;
+    if (j < 3)
+        for (uint m = 0; m < 3; m++)
+            mean += n_share[m * ROW + lane] * d_share[m * ROW + lane];
+    barrier(); /* all have read d_share */
+    if (j < 3)
+        d_share[j * ROW + lane] = n_share[j * ROW + lane] * (sum - mean);
+    barrier(); /* d_share, now of the arguments of the shares */
+    for (uint h = FIRST_ROW; h < VK_N_HIDDEN; h += 16) {
+        float d = 0.0;
+        for (uint m = 0; m < 3; m++)
+            d += a.weights.v[VK_W_BANK_OUTPUT + m * VK_N_HIDDEN + h] * d_share[m * ROW + lane];
+        d_mixture[h * ROW + lane] = n_bank_hidden[h * ROW + lane] > 0.0 ? d : 0.0;
+    }
+    barrier(); /* d_mixture, now of the bank's hidden values */
+}
+
+void main()
+{
+    const uint id = gl_LocalInvocationID.x, piece = group_index();
+    if (piece >= a.pieces)
+        return;
+    const uint column = id % VK_N_HIDDEN, row = id / VK_N_HIDDEN; /* of 8 rows of sums */
+    const uint blocks = (a.count + 15) / 16;
+    float output_sum[OUTPUT_SUMS], input_sum[3 * INPUT_SUMS];
+    float bias = 0.0, distance = 0.0, bank_input = 0.0, bank_output = 0.0;
+    [[unroll]] for (uint j = 0; j < OUTPUT_SUMS; j++)
+        output_sum[j] = 0.0;
+    [[unroll]] for (uint j = 0; j < 3 * INPUT_SUMS; j++)
+        input_sum[j] = 0.0;
+    for (uint block = piece; block < blocks; block += a.pieces) {
+        const uint i0 = block * 16;
+        barrier(); /* the last block's sums are taken */
+        if (id < 16)
+            n_exists[id] = i0 + id < a.count ? a.exists.v[i0 + id] & ~VK_A_SEEN : 0;
+        barrier(); /* n_exists */
+        uint any = 0;
+        for (uint l = 0; l < 16; l++)
+            any |= n_exists[l];
+        if (any == 0) /* the same for all */
+            continue;
+        layers(a.params, a.anchors, a.weights, a.view, i0, a.parts);
+        pull_outputs(i0);
+        pull_hidden();
+        pull_features(i0);
+        if ((a.parts & VK_N_PART_BANK) != 0)
+            pull_mixtures(i0);
+        for (uint l = 0; l < 16; l++) {
+            [[unroll]] for (uint j = 0; j < OUTPUT_SUMS; j++) {
+                const uint o = min(row + 8 * j, VK_N_OUTPUTS - 1);
+                output_sum[j] += n_output[o * ROW + l] *
+                                 n_hidden[(network_of(o) * VK_N_HIDDEN + column) * ROW + l];
+            }
+            [[unroll]] for (uint n = 0; n < 3; n++) {
+                const float d = d_hidden[(n * VK_N_HIDDEN + column) * ROW + l];
+                [[unroll]] for (uint j = 0; j < INPUT_SUMS; j++)
+                    input_sum[n * INPUT_SUMS + j] +=
+                        d * n_input[min(row + 8 * j, VK_N_INPUTS) * ROW + l];
+            }
+            if (id < VK_N_OUTPUTS)
+                bias += n_output[id * ROW + l];
+            if (id < VK_N_ALL && (a.parts & VK_N_PART_DISTANCE) != 0)
+                distance += d_hidden[id * ROW + l] * n_bank_input[3 * ROW + l];
+            if ((a.parts & VK_N_PART_BANK) != 0) {
+                if (row < 5)
+                    bank_input += d_mixture[column * ROW + l] * n_bank_input[row * ROW + l];
+                if (row < 4) /* the last row: the biases */
+                    bank_output += row < 3 ? d_share[row * ROW + l] * n_bank_hidden[column * ROW + l]
+                                           : column < 3 ? d_share[column * ROW + l] : 0.0;
+            }
+        }
+    }
+    const uint to = piece * VK_W_LOOK;
+    [[unroll]] for (uint j = 0; j < OUTPUT_SUMS; j++)
+        if (row + 8 * j < VK_N_OUTPUTS)
+            a.sums.v[to + VK_W_OUTPUT + (row + 8 * j) * VK_N_HIDDEN + column] = output_sum[j];
+    [[unroll]] for (uint n = 0; n < 3; n++)
+        [[unroll]] for (uint j = 0; j < INPUT_SUMS; j++)
+            if (row + 8 * j <= VK_N_INPUTS)
+                a.sums.v[to + (row + 8 * j) * VK_N_ALL + n * VK_N_HIDDEN + column] =
+                    input_sum[n * INPUT_SUMS + j];
+    if (id < VK_N_OUTPUTS)
+        a.sums.v[to + VK_W_BIAS + id] = bias;
+    if (id < VK_N_ALL)
+        a.sums.v[to + VK_W_DISTANCE + id] = distance;
+    if (row < 5)
+        a.sums.v[to + VK_W_BANK_INPUT + id] = bank_input;
+    if (row < 3)
+        a.sums.v[to + VK_W_BANK_OUTPUT + id] = bank_output;
+    else if (row == 3 && column < 3)
+        a.sums.v[to + VK_W_BANK_BIAS + column] = bank_output;
+}
