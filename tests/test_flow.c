@@ -3,6 +3,7 @@
  * bytes are the same. SG_TEST_ENGINE names the device. */
 #include <unistd.h>
 
+#include "attack/attack.h"
 #include "core/vram.h"
 #include "engine/vulkan/engine.h"
 #include "train/trainer.h"
@@ -245,6 +246,75 @@ static void test_passing(void **state)
     clear_fixture(&f);
 }
 
+/* An attack whose decoy is `how` far ahead of the device. out: the decoy, and its last step. */
+static struct sg_model *raid(struct fixture *f, const struct sg_attack_params *p,
+                             struct flight *how, struct sg_attack_step *last)
+{
+    sg_attack *a;
+    struct sg_model *decoy;
+    assert_int_equal(sg_attack_create(f->ctx, &f->scene, f->start, p, &a), SG_OK);
+    struct vulkan_engine *e = vulkan_of(a->trainer->engine);
+    e->gpu->depth = how->depth ? how->depth : GPU_FLIGHTS;
+    how->in_flight = 0;
+    while (sg_attack_iteration(a) < p->iterations) {
+        const int it = sg_attack_iteration(a) + 1;
+        if (it >= how->tight && it < how->until)
+            e->lists.capacity = TINY;
+        if (sg_attack_advance(a, last))
+            fail_msg("iteration %d: %s", it, sg_last_error(f->ctx));
+        assert_true(a->on_device);
+        how->in_flight = busy(e->gpu) > how->in_flight ? busy(e->gpu) : how->in_flight;
+    }
+    assert_int_equal(sg_attack_values(a, last), SG_OK);
+    assert_int_equal(sg_attack_decoy(a, &decoy), SG_OK);
+    how->repeats = e->flow.repeats;
+    sg_attack_destroy(&a);
+    return decoy;
+}
+
+/* The decoy of an attack: the same bytes however far ahead and whatever has no room, and the values
+ * of the CPU's at first. */
+static void test_attack(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(1);
+    f.scene.train = f.views;
+    for (int k = 0; k < 3; k++) {
+        struct sg_attack_params p = sg_attack_params_default();
+        struct sg_attack_step one, found;
+        sg_attack *a;
+        p.engine = main_engine();
+        p.iterations = 12, p.inner = 3, p.densification_interval = 8;
+        p.spectral_weight = k == 1 ? 2 : 0;
+        p.epsilon = k == 2 ? INFINITY : p.epsilon;
+        p.update_interval = k == 2 ? 3 : 1;
+        p.tv = k == 0 ? SG_ATTACK_TV_ANISO : k == 1 ? SG_ATTACK_TV_VERTICAL2 : SG_ATTACK_TV_ISO;
+        struct flight alone = {.depth = 1}, more = {0}, tight = {.tight = 2, .until = 13};
+        struct flight *others[] = {&more, &tight};
+        struct sg_model *expected = raid(&f, &p, &alone, &one);
+        for (int i = 0; i < 2; i++) {
+            struct sg_model *decoy = raid(&f, &p, others[i], &found);
+            assert_same(expected, decoy);
+            assert_true(found.loss == one.loss && found.psnr == one.psnr && found.tv == one.tv);
+            sg_model_destroy(&decoy);
+        }
+        assert_int_equal(more.in_flight, GPU_FLIGHTS);
+        assert_true(tight.repeats > 1);
+        sg_model_destroy(&expected);
+        for (int i = 0; i < 2; i++) { /* the first step, by both engines */
+            p.engine = i ? "cpu" : main_engine();
+            assert_int_equal(sg_attack_create(f.ctx, &f.scene, f.start, &p, &a), SG_OK);
+            assert_int_equal(sg_attack_step(a, i ? &found : &one), SG_OK);
+            sg_attack_destroy(&a);
+        }
+        if (fabs(one.loss / found.loss - 1) > 1e-3 || fabs(one.tv / found.tv - 1) > 1e-3 ||
+            !(found.tv > 0))
+            fail_msg("case %d: loss %g, variation %g, expected %g and %g", k, one.loss, one.tv,
+                     found.loss, found.tv);
+    }
+    clear_fixture(&f);
+}
+
 /* A view is drawn, has no room, and is left before the optimiser: its radii count all the same. */
 static void test_left_view(void **state)
 {
@@ -311,8 +381,9 @@ int main(void)
     }
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_depths),   cmocka_unit_test(test_overflow),
-        cmocka_unit_test(test_variants), cmocka_unit_test(test_left_view),
-        cmocka_unit_test(test_passing),  cmocka_unit_test(test_loss),
+        cmocka_unit_test(test_variants), cmocka_unit_test(test_passing),
+        cmocka_unit_test(test_attack),   cmocka_unit_test(test_left_view),
+        cmocka_unit_test(test_loss),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -99,7 +99,7 @@ struct sg_attack_step {
     double loss, l1, ssim, psnr; /* of the decoy's render against the ascended image */
     double tv; /* total variation of the ascended image in the form `tv`: mean over its values */
     size_t gaussians;     /* of the decoy, after densification */
-    double inner_seconds; /* spent on ascent */
+    double inner_seconds; /* spent on ascent; of a device, as far as it was known since the last */
     uint64_t inner_bytes; /* moved by ascent: per step image read and written, photo read */
 };
 

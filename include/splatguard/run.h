@@ -171,7 +171,8 @@ struct sg_attack_run_params {
     uint64_t max_memory, max_vram; /* see sg_run_params */
     bool keep_decoy;               /* writes attack/decoy.ply. Default false. */
     /* NULL, or called after each iteration, and with step NULL where the attack can be stopped
-     * between iterations. A result other than 0 stops it, with everything saved. Default NULL. */
+     * between iterations. A result other than 0 stops it, with everything saved. On a GPU loss to
+     * psnr, tv and inner_seconds are of an iteration a few before. Default NULL. */
     int (*step)(void *priv, const struct sg_attack_step *step);
     int (*proxy_step)(void *priv, const struct sg_train_step *step); /* of the proxy's training */
     void *step_priv;

@@ -3,7 +3,7 @@
  * the poison of a view is what the decoy shows there, within epsilon of the photo, so that all
  * views agree on it. The decoy learns as the victim does, but with constant rates, frozen
  * positions, and densification all the time. */
-#include "splatguard/attack.h"
+#include "attack.h"
 
 #include <math.h>
 
@@ -13,22 +13,9 @@
 #include "image/total_variation.h"
 #include "option/option.h"
 #include "scene/photo.h"
-#include "spectral/plans.h"
 #include "splatguard/eval.h"
-#include "train/trainer.h"
 
 #define POSITION_LR 1.6e-4
-
-struct sg_attack {
-    sg_ctx *ctx;
-    struct sg_attack_params params;
-    sg_trainer *trainer;            /* the decoy: its state and strategy, not its schedule */
-    float *image, *photo, *scratch; /* 3 planes each of the largest view */
-    double *rows;                   /* 3 sums per row of the highest view */
-    float *extra;                   /* 3 more planes, with a spectral term */
-    float *bound;                   /* a plane, with texture: the bound of each pixel */
-    struct sg_plans plans;          /* of the spectral term */
-};
 
 struct sg_attack_params sg_attack_params_default(void)
 {
@@ -254,34 +241,98 @@ static int ascend(sg_attack *a, int width, int height)
     return sg_ascend(a->trainer->engine, &ascent, a->photo, width, height, a->image, a->scratch);
 }
 
+/* Both on the device, which keeps the target. */
+static int draw_and_ascend(sg_attack *a, size_t index, struct sg_attack_step *step)
+{
+    const sg_trainer *t = a->trainer;
+    const struct sg_attack_params *p = &a->params;
+    const struct sg_render_params render = {.max_instances = t->budget.instances}; /* on black */
+    const struct sg_view_ascent ascent = {.photo = t->photos[index],
+                                          .epsilon = p->epsilon,
+                                          .step = p->step,
+                                          .steps = p->inner,
+                                          .form = p->tv,
+                                          .spectral_weight = p->spectral_weight};
+    int code =
+        sg_engine_draw(t->engine, &t->scene->train[index].camera, t->start_degree, &render, false);
+    if (!code)
+        code = sg_engine_ascend_view(t->engine, &ascent);
+    const double seconds = sg_engine_times(t->engine).ascend;
+    step->inner_seconds = seconds - a->ascend_seconds;
+    a->ascend_seconds = seconds;
+    return code;
+}
+
+/* In host memory: a->image becomes the target. */
+static int render_and_ascend(sg_attack *a, size_t index, struct sg_attack_step *step)
+{
+    sg_trainer *t = a->trainer;
+    const struct sg_camera *c = &t->scene->train[index].camera;
+    int code = render(a, index);
+    if (code)
+        return code;
+    sg_trainer_read_ahead(t, (uint64_t) step->iteration, step->iteration, a->params.iterations);
+    const double start = sg_seconds();
+    if ((code = ascend(a, c->width, c->height)))
+        return code;
+    step->inner_seconds = sg_seconds() - start;
+    step->tv = sg_tv_planes(a->ctx, a->image, c->width, c->height, a->params.tv, a->rows) /
+               (3.0 * c->width * c->height);
+    return SG_OK;
+}
+
+/* What the engine has measured of a step. */
+static void take_values(const sg_attack *a, const struct sg_step *result,
+                        struct sg_attack_step *step)
+{
+    const struct sg_photometric_value value = result->photometric;
+    step->loss = value.total, step->l1 = value.l1, step->ssim = value.ssim;
+    step->psnr = -10 * log10(value.mse > 1e-10 ? value.mse : 1e-10);
+    step->tv = a->on_device ? result->variation : step->tv;
+}
+
+int sg_attack_values(sg_attack *a, struct sg_attack_step *step)
+{
+    struct sg_step result;
+    const int code = sg_engine_read_arrived(a->trainer->engine, true, &result);
+    if (!code)
+        take_values(a, &result, step);
+    return code;
+}
+
 int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
+{
+    const int code = sg_attack_advance(a, out);
+    return code || !out ? code : sg_attack_values(a, out);
+}
+
+int sg_attack_advance(sg_attack *a, struct sg_attack_step *out)
 {
     const struct sg_attack_params *p = &a->params;
     sg_trainer *t = a->trainer;
     sg_clear_error(t->ctx);
     const int it = t->iteration + 1;
     struct sg_attack_step step = {.iteration = it, .view = sg_trainer_pick_view(t, it)};
-    const struct sg_view *view = &t->scene->train[step.view];
-    const int w = view->camera.width, h = view->camera.height;
-    const size_t values = 3 * (size_t) w * (size_t) h;
-    struct sg_step result;
+    const struct sg_camera *camera = &t->scene->train[step.view].camera;
     int code =
         sg_progress(t->ctx, SG_STAGE_ATTACK, (uint64_t) t->iteration, (uint64_t) p->iterations);
-    if (code || (code = render(a, step.view)))
+    if (code)
         return code;
-    sg_trainer_read_ahead(t, (uint64_t) it, it, p->iterations);
-
-    const double start = sg_seconds();
-    if ((code = ascend(a, w, h)))
+    a->on_device =
+        sg_engine_ascends_views(t->engine) && t->photos[step.view] && !a->bound && p->inner > 0;
+    code = (a->on_device ? draw_and_ascend : render_and_ascend)(a, step.view, &step);
+    if (code)
         return code;
-    step.inner_seconds = sg_seconds() - start;
-    step.inner_bytes = (uint64_t) p->inner * values * 3 * sizeof(float);
+    step.inner_bytes = (uint64_t) p->inner * (uint64_t) camera->width * (uint64_t) camera->height *
+                       3 * 3 * sizeof(float);
 
+    const struct sg_target target = {.planes = a->on_device ? NULL : a->image,
+                                     .ascended = a->on_device};
     const struct sg_loss loss = {
         SG_LOSS_PHOTOMETRIC,
         1,
         {.photometric = {p->lambda_dssim, .tolerance = sg_loss_tolerance(p->victim_tolerance)}}};
-    if ((code = sg_engine_losses(t->engine, &(struct sg_target){.planes = a->image}, &loss, 1)) ||
+    if ((code = sg_engine_losses(t->engine, &target, &loss, 1)) ||
         (code = sg_engine_raster_backward(t->engine)))
         return code;
 
@@ -308,17 +359,16 @@ int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
         (code = sg_engine_floor_scale(t->engine, p->scale_floor)))
         return code;
 
-    if ((code = sg_engine_read_step(t->engine, &result)))
-        return code;
-    const struct sg_photometric_value value = result.photometric;
     t->iteration = it;
     t->steps++;
-    step.loss = value.total, step.l1 = value.l1, step.ssim = value.ssim;
-    step.psnr = -10 * log10(value.mse > 1e-10 ? value.mse : 1e-10);
-    step.tv = sg_tv_planes(t->ctx, a->image, w, h, p->tv, a->rows) / (double) values;
     step.gaussians = sg_trainer_gaussians(t);
-    if (out)
-        *out = step;
+    if (!out)
+        return SG_OK;
+    struct sg_step result;
+    if ((code = sg_engine_read_arrived(t->engine, false, &result)))
+        return code;
+    take_values(a, &result, &step);
+    *out = step;
     return SG_OK;
 }
 

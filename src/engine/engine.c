@@ -21,6 +21,7 @@ enum sg_ready {
     IMAGE_GRADIENT = 8,
     SPLAT_GRADIENTS = 16,
     PARAMETER_GRADIENTS = 32,
+    ASCENDED = 64,
 };
 
 static int need(const struct sg_engine *e, unsigned what, const char *stage, const char *before)
@@ -485,6 +486,9 @@ static int find_target(const struct sg_engine *e, const struct sg_target *t,
         out->device_exposure = t->exposure;
     else if (t->exposure)
         out->exposure = e->exposures + (t->exposure - 1) * SG_EXPOSURE;
+    out->ascended = t->ascended && !t->photo && !t->planes;
+    if (out->ascended)
+        return need(e, ASCENDED, "losses", "ascended image");
     if (!t->photo)
         return t->planes ? SG_OK
                          : sg_fail(e->ctx, SG_ERR_USAGE,
@@ -524,6 +528,26 @@ int sg_engine_losses(struct sg_engine *e, const struct sg_target *target,
     }
     e->exposed = target->exposure;
     return leave(e, code, SPLATS | LISTS | IMAGE, IMAGE_GRADIENT);
+}
+
+bool sg_engine_ascends_views(const struct sg_engine *e)
+{
+    return e->ops->ascend_view != NULL;
+}
+
+int sg_engine_ascend_view(struct sg_engine *e, const struct sg_view_ascent *a)
+{
+    struct sg_target_pixels pixels;
+    int code =
+        e->ops->ascend_view ? need(e, IMAGE, "ascend_view", "image") : lacks(e, "ascend_view");
+    if (!code)
+        code = find_target(e, &(struct sg_target){.photo = a->photo}, &pixels);
+    if (code)
+        return code;
+    const double start = begin(e, &e->times.ascend);
+    code = e->ops->ascend_view(e, a);
+    lap(e, start, &e->times.ascend);
+    return leave(e, code, SPLATS | LISTS | IMAGE, ASCENDED);
 }
 
 int sg_engine_write_image_gradient(struct sg_engine *e, const float *gradient)
@@ -713,7 +737,7 @@ int sg_engine_ascend(struct sg_engine *e, const struct sg_ascend *a)
     if (a->spectral && !e->ops->ascends_spectrum)
         sg_host_descend(a);
     if (e->ops->ascend) {
-        const int code = finish(e);
+        const int code = a->continues ? SG_OK : finish(e);
         return code ? code : e->ops->ascend(e, a);
     }
     sg_ref_ascend(e->ctx, a);

@@ -225,6 +225,18 @@ int sg_engine_read_image(struct sg_engine *e, float *rgb, float *alpha, float *d
  * photometric loss comes first. SG_ERR_USAGE where the list or the target is not as described. */
 int sg_engine_losses(struct sg_engine *e, const struct sg_target *target,
                      const struct sg_loss *losses, size_t n);
+/* Steps up the total variation of the image that was drawn, as sg_engine_ascend takes them, on a
+ * device. Where epsilon is finite the image is clamped to [0, 1] first. The result is a target of
+ * losses. SG_ERR_USAGE for an engine that has no such stage. */
+struct sg_view_ascent {
+    sg_photo photo;
+    float epsilon, step;
+    int steps;
+    enum sg_attack_tv form;
+    float spectral_weight; /* 0: without a spectral term; else one with the default parameters */
+};
+int sg_engine_ascend_view(struct sg_engine *e, const struct sg_view_ascent *ascent);
+bool sg_engine_ascends_views(const struct sg_engine *e);
 /* Host to engine: replaces dL/dimage (3 planes). */
 int sg_engine_write_image_gradient(struct sg_engine *e, const float *gradient);
 
@@ -268,6 +280,7 @@ struct sg_step {
     struct sg_photometric_value photometric;
     double loss[SG_LOSSES];       /* without their weights; NAN = not in the list */
     double exposure[SG_EXPOSURE]; /* dL/dexposure of the photometric loss, if the target has one */
+    double variation;             /* of the image of sg_engine_ascend_view: mean over its values */
 };
 /* Waits for all stages that were called; the only call that does, beside those that bring memory to
  * the host. */
@@ -319,8 +332,8 @@ int sg_engine_ascend(struct sg_engine *e, const struct sg_ascend *a);
 
 /* Seconds (wall clock) per stage since creation. */
 struct sg_engine_times {
-    double shape, project, bin, raster, raster_backward, project_backward, optimise,
-        count; /* shape: both ways */
+    double shape, project, bin, raster, raster_backward, project_backward, optimise, count,
+        ascend; /* shape: both ways; ascend: of views */
     double loss[SG_LOSSES];
 };
 struct sg_engine_times sg_engine_times(const struct sg_engine *e);

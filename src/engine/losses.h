@@ -15,6 +15,7 @@
 struct sg_target {
     uint32_t photo;      /* a handle, or 0 with planes */
     const float *planes; /* host, 3 planes: an image instead of the photo's; or NULL */
+    bool ascended;       /* without both: the image that sg_engine_ascend_view has left */
     /* 0, or 1 + the number of the photo's exposure (sg_engine_set_exposures): the photometric loss
      * compares the photo with the exposed render. The other losses are of the render itself. */
     size_t exposure;

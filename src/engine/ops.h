@@ -25,6 +25,7 @@ struct sg_target_pixels {
     /* The photo's exposure: host memory, or 1 + its number on a device that learns them. */
     const float *exposure;
     size_t device_exposure;
+    bool ascended; /* neither: see struct sg_target */
 };
 
 /* The beginning of every engine's own structure. */
@@ -127,6 +128,7 @@ struct sg_engine_ops {
     /* One of the list. A photometric loss replaces dL/dimage; the others add to it and leave 0
      * where the mask is 0. */
     int (*loss)(struct sg_engine *, const struct sg_target_pixels *, const struct sg_loss *);
+    int (*ascend_view)(struct sg_engine *, const struct sg_view_ascent *); /* optional: no stage */
     int (*write_image_gradient)(struct sg_engine *, const float *gradient);
     int (*raster_backward)(struct sg_engine *);
     int (*project_backward)(struct sg_engine *, bool statistics);
@@ -136,8 +138,8 @@ struct sg_engine_ops {
     int (*read_gradients)(struct sg_engine *, struct sg_model *); /* after project_backward */
     int (*read_step)(struct sg_engine *); /* optional: all results are in `step` already */
     /* Optional, all three of them: stages are done when they return. finish: waits until they are,
-     * before any operation but explore, count_radii, learn_exposures and the stages from shape to
-     * project_backward_optimise.
+     * before any operation but explore, count_radii, learn_exposures, a further step of ascend, and
+     * the stages from shape to project_backward_optimise.
      * read_arrived: results of the newest optimised view that are known without waiting, or false.
      * read_most: see sg_engine_most_instances. */
     int (*finish)(struct sg_engine *);

@@ -182,7 +182,7 @@ static int loop(struct attack_run *r)
     /* A stopped attack continues to the next iteration at which it can be saved. */
     while (!code && done < p->iterations && (!r->stopped || done % p->update_interval)) {
         const double start = sg_seconds();
-        code = sg_attack_step(r->attack, &r->step);
+        code = sg_attack_advance(r->attack, &r->step);
         r->totals.seconds += sg_seconds() - start;
         if (code)
             return code;

@@ -3,6 +3,7 @@
 #ifndef SG_RUN_ATTACK_H
 #define SG_RUN_ATTACK_H
 
+#include "attack/attack.h"
 #include "files.h"
 #include "output.h"
 #include "splatguard/run.h"

@@ -36,6 +36,9 @@ int sg_attack_log_step(struct attack_run *r)
     const struct sg_attack_step *s = &r->step;
     if (r->logged == s->iteration || !s->iteration)
         return 0;
+    const int code = sg_attack_values(r->attack, &r->step);
+    if (code)
+        return code;
     r->logged = s->iteration;
     json_t *line = json_pack(
         "{s:i,s:I,s:o,s:o,s:o,s:o,s:o,s:I,s:o,s:o,s:o}", "iteration", s->iteration, "gaussians",

@@ -30,6 +30,7 @@ struct vulkan_terms {
     float lambda_dssim, low_pass; /* of the photometric loss that ran */
     bool ran[SG_LOSSES];          /* of the kinds whose values are on the device */
     bool exposed;                 /* and the exposure's gradient */
+    bool ascended;                /* and the variation of the ascended image */
     struct sg_anisotropy_params anisotropy;
     double coefficients; /* of its spectrum */
 };
@@ -42,6 +43,7 @@ enum vulkan_stage {
     STAGE_BIN,
     STAGE_RASTER,
     STAGE_LOSS,
+    STAGE_ASCEND_VIEW,
     STAGE_LEARN_EXPOSURES,
     STAGE_COUNT_RADII,
     STAGE_RASTER_BACKWARD,
@@ -70,6 +72,7 @@ struct vulkan_call {
             size_t number;
             struct sg_exposure_update update;
         } exposures;
+        struct sg_view_ascent ascent;
         struct sg_update update;
         struct sg_exploration explore;
         const struct sg_shape *shape;
@@ -214,7 +217,6 @@ int sg_vulkan_set_exposures(struct sg_engine *, const float *values, size_t n);
 int sg_vulkan_read_exposures(struct sg_engine *, float *values);
 int sg_vulkan_learn_exposures(struct vulkan_engine *, size_t number,
                               const struct sg_exposure_update *);
-int sg_vulkan_ascend(struct sg_engine *, const struct sg_ascend *);
 /* Of the photo. 0: of the image, which is as large, for kernels that load words before they know
  * that they do not need them. */
 VkDeviceAddress sg_vulkan_photo_at(const struct vulkan_engine *, sg_photo);
@@ -226,6 +228,10 @@ int sg_vulkan_add_up(struct vulkan_engine *, uint64_t groups, uint32_t width, ui
 /* Values of the losses from the results. */
 void sg_vulkan_read_losses(const struct vulkan_terms *, const uint32_t results[VK_RESULTS],
                            struct sg_step *);
+
+/* vulkan_ascend.c */
+int sg_vulkan_ascend(struct sg_engine *, const struct sg_ascend *);
+int sg_vulkan_ascend_view(struct vulkan_engine *, const struct sg_view_ascent *);
 
 /* vulkan_spectrum.c */
 int sg_vulkan_anisotropy(struct vulkan_engine *, const struct sg_target_pixels *,

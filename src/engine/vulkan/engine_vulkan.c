@@ -399,6 +399,11 @@ static int run_loss(struct sg_engine *base, const struct sg_target_pixels *t,
     return sg_flow_run(e, &call);
 }
 
+static int run_ascend_view(struct sg_engine *base, const struct sg_view_ascent *a)
+{
+    return RUN(base, .stage = STAGE_ASCEND_VIEW, .ascent = *a);
+}
+
 static int run_learn_exposures(struct sg_engine *base, size_t number,
                                const struct sg_exposure_update *u)
 {
@@ -471,6 +476,7 @@ static const struct sg_engine_ops ops = {
     .raster = run_raster,
     .read_image = read_image,
     .loss = run_loss,
+    .ascend_view = run_ascend_view,
     .write_image_gradient = write_image_gradient,
     .raster_backward = run_raster_backward,
     .project_backward = run_project_backward,

@@ -30,6 +30,8 @@ static int perform(struct vulkan_engine *e, const struct vulkan_call *c)
         target = c->loss.target;
         target.exposure = target.exposure ? c->loss.exposure : NULL;
         return sg_vulkan_loss(base, &target, &c->loss.loss);
+    case STAGE_ASCEND_VIEW:
+        return sg_vulkan_ascend_view(e, &c->ascent);
     case STAGE_LEARN_EXPOSURES:
         return sg_vulkan_learn_exposures(e, c->exposures.number, &c->exposures.update);
     case STAGE_COUNT_RADII:

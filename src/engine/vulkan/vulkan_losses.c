@@ -4,7 +4,6 @@
 #include <string.h>
 
 #include "engine.h"
-#include "spectral/anisotropy.h"
 
 /* Red, green, blue, and whether the pixel counts. */
 static void pack(const struct sg_photo_entry *p, uint32_t *words)
@@ -107,11 +106,11 @@ static int compare(struct vulkan_engine *e, const struct gpu_buffer *image,
         (t->planes && (code = sg_gpu_write(g, &e->given, 0, t->planes, 4 * values))))
         return code;
     const VkDeviceAddress photo = sg_vulkan_photo_at(e, t->photo);
-    code =
-        GPU_RUN(g, target, 0, FOR_EACH(pixels), .photo = photo,
-                .given = t->planes ? e->given.address : image->address, .image = image->address,
-                .target = e->target.address, .pixels = (uint32_t) pixels,
-                .planes = t->planes != NULL, .masked = t->mask != NULL, .tolerance = p->tolerance);
+    code = GPU_RUN(g, target, 0, FOR_EACH(pixels), .photo = photo,
+                   .given = t->planes || t->ascended ? e->given.address : image->address,
+                   .image = image->address, .target = e->target.address,
+                   .pixels = (uint32_t) pixels, .planes = t->planes || t->ascended,
+                   .masked = t->mask != NULL, .tolerance = p->tolerance);
     if (!code)
         code = GPU_RUN(g, ssim, 0, groups, .image = image->address, .target = e->target.address,
                        .maps = e->maps.address, .sums = e->sums.address, .width = e->width,
@@ -137,21 +136,21 @@ static int low_pass(struct vulkan_engine *e, const struct gpu_buffer *image,
     const uint64_t groups = 3 * gpu_groups(e->width, 16) * gpu_groups(e->height, 16);
     const VkDeviceAddress photo = sg_vulkan_photo_at(e, t->photo);
     /* The maps of SSIM are not needed any more. */
-    int code =
-        GPU_RUN(g, low_pass, 0, groups, .image = image->address, .photo = photo,
-                .given = t->planes ? e->given.address : image->address, .passed = e->maps.address,
-                .sums = e->sums.address, .width = e->width, .height = e->height,
-                .planes = t->planes != NULL, .masked = t->mask != NULL, .tolerance = p->tolerance);
+    int code = GPU_RUN(g, low_pass, 0, groups, .image = image->address, .photo = photo,
+                       .given = t->planes || t->ascended ? e->given.address : image->address,
+                       .passed = e->maps.address, .sums = e->sums.address, .width = e->width,
+                       .height = e->height, .planes = t->planes || t->ascended,
+                       .masked = t->mask != NULL, .tolerance = p->tolerance);
     if (!code)
         code = sg_vulkan_add_up(e, groups, 1, VK_RESULT_LOSSES + 4);
     e->terms.low_pass = p->low_pass;
     return code ? code
                 : GPU_RUN(g, low_pass_gradient, 0, groups, .image = image->address, .photo = photo,
-                          .given = t->planes ? e->given.address : image->address,
+                          .given = t->planes || t->ascended ? e->given.address : image->address,
                           .passed = e->maps.address, .gradient = e->gradient.address,
-                          .width = e->width, .height = e->height, .planes = t->planes != NULL,
-                          .masked = t->mask != NULL, .tolerance = p->tolerance,
-                          .scale = 2 * p->low_pass / (float) values);
+                          .width = e->width, .height = e->height,
+                          .planes = t->planes || t->ascended, .masked = t->mask != NULL,
+                          .tolerance = p->tolerance, .scale = 2 * p->low_pass / (float) values);
 }
 
 /* ---- exposures ---- */
@@ -262,41 +261,6 @@ int sg_vulkan_loss(struct sg_engine *base, const struct sg_target_pixels *target
     }
 }
 
-/* The buffers of the losses hold what a run of steps needs: the photo and two images where the maps
- * of SSIM are, the bounds and the gradient of the anisotropy where the targets are. */
-int sg_vulkan_ascend(struct sg_engine *base, const struct sg_ascend *a)
-{
-    struct vulkan_engine *e = vulkan_of(base);
-    struct gpu *g = e->gpu;
-    const uint64_t pixels = (uint64_t) a->width * (uint64_t) a->height, bytes = 12 * pixels;
-    int code;
-    if ((code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->maps, 3 * bytes)) ||
-        (a->bound && (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->target, 4 * pixels))) ||
-        (a->spectral && (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->given, bytes))))
-        return code;
-    e->ascended = a->continues ? 3 - e->ascended : 2;
-    const uint64_t from = (3 - e->ascended) * bytes, to = e->ascended * bytes;
-    if (!a->continues &&
-        ((code = sg_gpu_write(g, &e->maps, 0, a->photo, bytes)) ||
-         (code = sg_gpu_write(g, &e->maps, from, a->from, bytes)) ||
-         (a->bound && (code = sg_gpu_write(g, &e->target, 0, a->bound, 4 * pixels)))))
-        return code;
-    VkDeviceAddress magnitude = g->none.address;
-    if (a->spectral && (code = sg_vulkan_spectral_gradient(
-                            e, sg_anisotropy_params_of(a->spectral), e->maps.address + from,
-                            (uint32_t) a->width, (uint32_t) a->height, &magnitude)))
-        return code;
-    code = GPU_RUN(g, ascend, 0, FOR_EACH(3 * pixels), .photo = e->maps.address,
-                   .from = e->maps.address + from, .bound = sg_gpu_at(g, &e->target),
-                   .extra = sg_gpu_at(g, &e->given), .magnitude = magnitude,
-                   .to = e->maps.address + to, .width = (uint32_t) a->width,
-                   .height = (uint32_t) a->height, .form = (uint32_t) a->form,
-                   .bounded = a->bound != NULL, .more = a->spectral != NULL,
-                   .epsilon = fminf(a->epsilon, 1e30f), /* kernels are promised no infinities */
-                   .size = a->step, .weight = a->spectral_weight * 3 * (float) pixels);
-    return code || a->continued ? code : sg_gpu_read(g, &e->maps, to, a->to, bytes);
-}
-
 void sg_vulkan_read_losses(const struct vulkan_terms *t, const uint32_t results[VK_RESULTS],
                            struct sg_step *step)
 {
@@ -311,6 +275,11 @@ void sg_vulkan_read_losses(const struct vulkan_terms *t, const uint32_t results[
         if (t->low_pass > 0)
             step->photometric.total += (double) t->low_pass * (double) sums[4] / values;
         step->loss[SG_LOSS_PHOTOMETRIC] = step->photometric.total;
+    }
+    if (t->ascended) {
+        float variation;
+        memcpy(&variation, results + VK_RESULT_VARIATION, sizeof(variation));
+        step->variation = (double) variation / values;
     }
     for (int k = 0; k < SG_EXPOSURE && t->exposed; k++)
         step->exposure[k] = (double) exposure[k];

@@ -29,6 +29,7 @@
 /* Floats: 3 of the photometric loss, one of the total variation, one of the low-pass term; and the
  * gradient of the exposure. */
 #define VK_RESULT_LOSSES 8
+#define VK_RESULT_VARIATION 13 /* a float: of an ascended image */
 #define VK_RESULT_EXPOSURE 16
 #define VK_RESULT_ENERGY 28 /* of the spectrum, by direction: at most 254 floats */
 #define VK_RESULTS 282
@@ -89,6 +90,8 @@
     K(loss_sums)                                                                                   \
     K(ascend)                                                                                      \
     K(magnitudes)                                                                                  \
+    K(ascent_begin)                                                                                \
+    K(variation)                                                                                   \
     K(move)                                                                                        \
     K(relocate)                                                                                    \
     K(explore)                                                                                     \
@@ -255,6 +258,12 @@
 #define ARGS_ascend(P, U, F)                                                                       \
     P(Floats, photo) P(Floats, from) P(Floats, bound) P(Floats, extra) P(Floats, magnitude)        \
     P(Floats, to) U(width) U(height) U(form) U(bounded) U(more) F(epsilon) F(size) F(weight)
+/* The photo's values, and the image, clamped to [0, 1] or as it is. */
+#define ARGS_ascent_begin(P, U, F)                                                                 \
+    P(Uints, photo) P(Floats, image) P(Floats, values) P(Floats, to) U(pixels) U(clamped)
+/* Sums of the total variation over groups. */
+#define ARGS_variation(P, U, F)                                                                    \
+    P(Floats, image) P(Floats, sums) U(width) U(height) U(form)
 /* Sums of absolute values over groups. */
 #define ARGS_magnitudes(P, U, F)                                                                   \
     P(Floats, from) P(Floats, sums) U(count)
