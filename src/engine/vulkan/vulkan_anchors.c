@@ -219,7 +219,7 @@ static int pull(struct sg_engine *base, bool statistics)
                    .count = (uint32_t) a->count, .parts = a->parts, .pieces = (uint32_t) pieces,
                    .volume = SG_ANCHOR_VOLUME);
     if (!code)
-        code = GPU_RUN(g, loss_sums, 0, VK_W_LOOK, .from = a->sums.address,
+        code = GPU_RUN(g, piece_sums, 0, FOR_EACH(VK_W_LOOK), .from = a->sums.address,
                        .to = a->weight_gradient.address, .count = (uint32_t) pieces,
                        .width = VK_W_LOOK);
     if (!code && a->parts & SG_PART_APPEARANCE)

@@ -103,6 +103,7 @@
     K(edit)                                                                                        \
     K(neural)                                                                                      \
     K(neural_backward)                                                                             \
+    K(piece_sums)                                                                                  \
     K(neural_look)                                                                                 \
     K(anchors_count)                                                                               \
     K(anchors_learn)                                                                               \
@@ -359,6 +360,9 @@
     P(Floats, params) P(Floats, anchors) P(Floats, weights) P(Floats, view) P(Floats, from)        \
     P(Uints, exists) P(Uints, drawn) P(Floats, gradient) P(Floats, sums) U(count) U(parts)         \
     U(pieces) F(volume)
+/* Sums of `width` values over `count` pieces, in a fixed order: a thread each. */
+#define ARGS_piece_sums(P, U, F)                                                                   \
+    P(Floats, from) P(Floats, to) U(count) U(width)
 /* Appearances, of VK_N_LOOK values and their moments a photo. back 0: that of `photo`, or the mean
  * of all if there is no such photo, to `look`, and what the colours' network makes of it is added to
  * the biases of `to`, a copy of the weights. 1: gradients of the weights behind VK_W_LOOK, in `to`,
