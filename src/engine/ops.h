@@ -87,8 +87,8 @@ struct sg_engine_ops {
     int (*adopt)(struct sg_engine *, struct sg_model *,
                  struct sg_columns *); /* optional: upload, and free both */
     int (*download)(struct sg_engine *, struct sg_model *, struct sg_columns *);
-    /* Optional: the model of an engine in host memory. Who fills it in for a view reads gradients
-     * and statistics there too. */
+    /* The model of an engine in host memory. Who fills it in for a view reads gradients and
+     * statistics there too. NULL for an engine that has `anchors`. */
     struct sg_host_model *(*host_model)(struct sg_engine *);
     size_t (*count)(const struct sg_engine *);
     int (*read_statistics)(struct sg_engine *, const struct sg_statistics *);
@@ -155,7 +155,7 @@ struct sg_engine_ops {
                       const void *arg, double *hits);
     int (*ascend)(struct sg_engine *, const struct sg_ascend *); /* optional: the oracle's */
     bool ascends_spectrum; /* it computes `extra` too; else the front end does before it */
-    const struct sg_anchor_ops *anchors; /* optional: anchors are in host memory */
+    const struct sg_anchor_ops *anchors; /* NULL: they are in host memory */
 };
 
 /* An engine that this build has. */

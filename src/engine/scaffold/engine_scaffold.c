@@ -23,7 +23,6 @@ static void destroy(struct sg_engine *base)
     struct scaffold_engine *b = of(base);
     sg_engine_destroy(&b->inner);
     sg_host_clear(&b->anchors);
-    sg_host_clear(&b->copy);
     void *owned[] = {b->networks,        b->sees,     b->seen,
                      b->drawn,           b->gradient, b->weight_sums,
                      b->weight_gradient, b->place,    b->own_weights};

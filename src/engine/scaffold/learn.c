@@ -8,36 +8,9 @@
 #include "math/adam.h"
 #include "state.h"
 
-/* To the copy of the view's Gaussians, from an engine on a device. */
-static int fetch_drawn(struct scaffold_engine *b, bool statistics)
-{
-    struct sg_engine *inner = b->inner;
-    struct sg_columns counted = {0};
-    int code = inner->ops->project_backward(inner, statistics);
-    if (!code)
-        code = sg_scaffold_wait(b);
-    if (code || (code = sg_host_alloc(b->base.ctx, &b->copy, SG_C_GRADIENT)))
-        return code;
-    struct sg_model m = {.count = b->copy.count,
-                         .capacity = sg_blocks(b->copy.count) * SG_LANES,
-                         .params = b->copy.at[SG_C_GRADIENT]};
-    code = inner->ops->read_gradients(inner, &m);
-    if (code || !statistics)
-        return code;
-    for (int k = 0; k < 2; k++) {
-        const int column = k ? SG_C_GRAD_COUNT : SG_C_GRAD_SUM;
-        if (sg_host_alloc(b->base.ctx, &b->copy, column))
-            return SG_ERR_BUDGET;
-        counted.at[column] = b->copy.at[column];
-    }
-    return inner->ops->download(inner, NULL, &counted);
-}
-
 /* Gradients of the view's Gaussians, and their statistics of this view alone. */
 static int pull_drawn(struct scaffold_engine *b, bool statistics)
 {
-    if (!b->inner->ops->host_model)
-        return fetch_drawn(b, statistics);
     const struct sg_host_model *h = sg_scaffold_drawn_model(b);
     float *counted[] = {h->at[SG_C_GRAD_SUM], h->at[SG_C_GRAD_COUNT]};
     for (size_t k = 0; k < 2; k++)

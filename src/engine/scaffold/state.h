@@ -27,7 +27,6 @@ struct scaffold_engine {
                             struct sg_weight_sums *);
     void (*pick)(const float *, int, int, int, const uint32_t *, float (*)[SG_LANES]);
     struct sg_host_model anchors;
-    struct sg_host_model copy; /* of the view's Gaussians, for an engine on a device */
     struct sg_networks *networks;
     /* Not NULL: they learn on the device of the engine that draws. Then the two above are a copy;
      * at most one of both is newer. */
@@ -50,10 +49,10 @@ struct scaffold_engine {
     size_t cap_sees, cap_seen, cap_drawn, cap_gradient, cap_place, cap_weight_sums;
 };
 
-/* The view's Gaussians: the model of the engine that draws, or a copy where that is on a device. */
+/* The view's Gaussians: the model of the engine that draws, which is in host memory. */
 static inline struct sg_host_model *sg_scaffold_drawn_model(struct scaffold_engine *b)
 {
-    return b->inner->ops->host_model ? b->inner->ops->host_model(b->inner) : &b->copy;
+    return b->inner->ops->host_model(b->inner);
 }
 
 /* The Gaussians that the engine has which draws. A view without any gets one that is not drawn. */

@@ -216,10 +216,10 @@ static void finish_params(struct scaffold_engine *b, float *params)
 
 int sg_scaffold_view(struct scaffold_engine *b, const struct sg_camera *camera, int appearance)
 {
-    struct sg_host_model *drawn = sg_scaffold_drawn_model(b);
     b->learns = false;
     if (b->device)
         return sg_scaffold_device_view(b, camera, appearance);
+    struct sg_host_model *drawn = sg_scaffold_drawn_model(b);
     drawn->planes = SG_DRAWN_PLANES;
     int code = find_seen(b, camera);
     if (!code)
@@ -230,10 +230,5 @@ int sg_scaffold_view(struct scaffold_engine *b, const struct sg_camera *camera, 
         return code;
     finish_params(b, drawn->at[SG_C_PARAMETERS]);
     drawn->count = sg_scaffold_drawn(b);
-    if (b->inner->ops->host_model)
-        return SG_OK;
-    const struct sg_model m = {.count = drawn->count,
-                               .capacity = sg_blocks(drawn->count) * SG_LANES,
-                               .params = drawn->at[SG_C_PARAMETERS]};
-    return sg_engine_upload(b->inner, &m, &(struct sg_columns){0});
+    return SG_OK;
 }

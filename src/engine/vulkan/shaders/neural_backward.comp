@@ -99,8 +99,8 @@ void pull_features(uint i0)
     }
 }
 
-/* From mixtures to features, shares and hidden values of the bank, which their gradients replace
- * after the caller's sums: d of the hidden values comes last. */
+/* From the gradients of the mixtures to those of the features, of the arguments of the shares
+ * (d_share), and of the bank's hidden values, which replace the mixtures' in d_mixture. */
 void pull_mixtures(uint i0)
 {
     const uint lane = LANE, j = FIRST_ROW, i = i0 + lane;
