@@ -56,25 +56,17 @@ int sg_scaffold_device_pull(struct scaffold_engine *b, bool statistics)
     if (!code)
         code = b->device->pull(inner, statistics);
     b->device_newer |= statistics;
-    b->learns = !code;
     return code;
 }
 
 int sg_scaffold_device_optimise(struct scaffold_engine *b, const struct sg_update *u)
 {
-    const int code = sg_scaffold_check_update(b, u);
-    if (code || !u->adam)
-        return code;
     b->device_newer = true;
     return b->device->optimise(b->inner, u);
 }
 
 int sg_scaffold_device_learn(struct scaffold_engine *b, const struct sg_network_update *u)
 {
-    const int code = sg_scaffold_check_learns(b);
-    if (code)
-        return code;
-    b->learns = false;
     b->device_newer = true;
     return b->device->learn(b->inner, u);
 }

@@ -243,19 +243,31 @@ static int pull(struct sg_engine *base, bool statistics)
     struct scaffold_engine *b = of(base);
     const int code =
         b->device ? sg_scaffold_device_pull(b, statistics) : sg_scaffold_pull(b, statistics);
+    b->learns = !code;
     return code ? code : read_step(base); /* its gradients are here, so nobody waits for them */
 }
 
 static int optimise(struct sg_engine *base, const struct sg_update *u)
 {
     struct scaffold_engine *b = of(base);
+    if (u->accumulate || u->mean_opacity != 0 || u->mean_scale != 0)
+        return sg_fail(base->ctx, SG_ERR_USAGE, "engine: found an update that anchors do not have");
+    if (!u->adam)
+        return SG_OK;
     return b->device ? sg_scaffold_device_optimise(b, u) : sg_scaffold_optimise(b, u);
 }
 
 static int learn_networks(struct sg_engine *base, const struct sg_network_update *u)
 {
     struct scaffold_engine *b = of(base);
-    return b->device ? sg_scaffold_device_learn(b, u) : sg_scaffold_learn(b, u);
+    if (!b->learns)
+        return sg_fail(base->ctx, SG_ERR_INTERNAL,
+                       "engine: learn_networks: found no gradients of this view and model");
+    b->learns = false;
+    if (b->device)
+        return sg_scaffold_device_learn(b, u);
+    sg_scaffold_learn(b, u);
+    return SG_OK;
 }
 
 /* out: scales, and the anchors' own values where it has room for them. */

@@ -145,7 +145,6 @@ int sg_scaffold_pull(struct scaffold_engine *b, bool statistics)
     add_weights(b, pieces);
     if (b->args.parts & SG_PART_APPEARANCE)
         pull_appearance(b);
-    b->learns = true;
     return SG_OK;
 }
 
@@ -202,22 +201,11 @@ static void learn_piece(void *arg, size_t piece, int thread)
     }
 }
 
-int sg_scaffold_check_update(const struct scaffold_engine *b, const struct sg_update *u)
-{
-    return !u->accumulate && u->mean_opacity == 0 && u->mean_scale == 0
-               ? SG_OK
-               : sg_fail(b->base.ctx, SG_ERR_USAGE,
-                         "engine: found an update that anchors do not have");
-}
-
 int sg_scaffold_optimise(struct scaffold_engine *b, const struct sg_update *u)
 {
     struct sg_host_model *h = &b->anchors;
     sg_ctx *ctx = b->base.ctx;
     const size_t blocks = sg_blocks(h->count);
-    const int code = sg_scaffold_check_update(b, u);
-    if (code || !u->adam)
-        return code;
     if (sg_host_alloc(ctx, h, SG_C_MOMENT1) || sg_host_alloc(ctx, h, SG_C_MOMENT2) ||
         sg_host_alloc(ctx, h, SG_C_ANCHOR_MOMENT1) || sg_host_alloc(ctx, h, SG_C_ANCHOR_MOMENT2) ||
         sg_grow(ctx, SG_MEM_SPLATS, &b->place, &b->cap_place, blocks, 0,
@@ -232,19 +220,8 @@ int sg_scaffold_optimise(struct scaffold_engine *b, const struct sg_update *u)
     return SG_OK;
 }
 
-int sg_scaffold_check_learns(const struct scaffold_engine *b)
+void sg_scaffold_learn(struct scaffold_engine *b, const struct sg_network_update *u)
 {
-    return b->learns ? SG_OK
-                     : sg_fail(b->base.ctx, SG_ERR_INTERNAL,
-                               "engine: learn_networks: found no gradients of this view and model");
-}
-
-int sg_scaffold_learn(struct scaffold_engine *b, const struct sg_network_update *u)
-{
-    const int code = sg_scaffold_check_learns(b);
-    if (code)
-        return code;
-    b->learns = false;
     float *p = (float *) &b->networks->value, *m = (float *) &b->networks->moment1,
           *v = (float *) &b->networks->moment2;
     const float *g = (const float *) b->weight_gradient;
@@ -264,5 +241,4 @@ int sg_scaffold_learn(struct scaffold_engine *b, const struct sg_network_update 
             a->value[k] = s.p, a->moment1[k] = s.m, a->moment2[k] = s.v;
         }
     }
-    return SG_OK;
 }

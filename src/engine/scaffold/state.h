@@ -86,10 +86,7 @@ int sg_scaffold_fetch(struct scaffold_engine *b);
 
 /* Gradients of the view's Gaussians to those of anchors and weights. */
 int sg_scaffold_pull(struct scaffold_engine *b, bool statistics);
-/* SG_ERR_USAGE, SG_ERR_INTERNAL: what cannot be done. */
-int sg_scaffold_check_update(const struct scaffold_engine *b, const struct sg_update *u);
-int sg_scaffold_check_learns(const struct scaffold_engine *b);
 int sg_scaffold_optimise(struct scaffold_engine *b, const struct sg_update *u);
-int sg_scaffold_learn(struct scaffold_engine *b, const struct sg_network_update *u);
+void sg_scaffold_learn(struct scaffold_engine *b, const struct sg_network_update *u);
 
 #endif
