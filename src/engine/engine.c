@@ -132,9 +132,7 @@ const char *sg_engine_variant(const struct sg_engine *e)
 struct sg_footprint sg_engine_footprint(const struct sg_engine_kind *engine,
                                         const struct sg_work *work)
 {
-    struct sg_work drawn = *work;
-    drawn.sh_degree = work->anchors ? 0 : work->sh_degree;
-    drawn.anchors = false;
+    const struct sg_work drawn = sg_work_drawn(work);
     struct sg_footprint f = engine->footprint(&drawn);
     if (work->anchors)
         f.gaussian = sg_scaffold_footprint(work, f.gaussian);

@@ -44,6 +44,14 @@ struct sg_work {
     bool low_pass;   /* the photometric loss has that term */
     int width, height, threads;
 };
+/* The work of the engine that draws: anchors are drawn as Gaussians of SH degree 0. */
+static inline struct sg_work sg_work_drawn(const struct sg_work *work)
+{
+    struct sg_work drawn = *work;
+    drawn.sh_degree = work->anchors ? 0 : work->sh_degree;
+    drawn.anchors = false;
+    return drawn;
+}
 struct sg_footprint {
     uint64_t gaussian; /* one of the model: parameters, optimiser, projection */
     uint64_t instance; /* one (Gaussian, tile) pair held at once */

@@ -547,10 +547,7 @@ static struct sg_footprint footprint(const struct sg_work *w)
  * instances; images, their gradients and targets, the maps of SSIM, alpha and depth, spectra. */
 static struct sg_footprint on_device(const struct sg_work *work)
 {
-    struct sg_work drawn = *work;
-    const struct sg_work *w = &drawn;
-    drawn.sh_degree = work->anchors ? 0 : work->sh_degree;
-    drawn.anchors = false;
+    const struct sg_work drawn = sg_work_drawn(work), *w = &drawn;
     const uint64_t pixels = (uint64_t) w->width * (uint64_t) w->height,
                    tiles =
                        gpu_groups((uint64_t) w->width, 16) * gpu_groups((uint64_t) w->height, 16);
