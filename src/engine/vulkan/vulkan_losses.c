@@ -90,6 +90,12 @@ int sg_vulkan_add_up(struct vulkan_engine *e, uint64_t groups, uint32_t width, u
     return sg_vulkan_add_up_to(e, groups, width, e->lists.results.address + 4 * (uint64_t) result);
 }
 
+/* Whether the target is in e->given, and not a photo. */
+static bool is_given(const struct sg_target_pixels *t)
+{
+    return t->planes || t->ascended;
+}
+
 /* L1 and SSIM of an image and their gradient, on the device. */
 static int compare(struct vulkan_engine *e, const struct gpu_buffer *image,
                    const struct sg_target_pixels *t, const struct sg_photometric *p)
@@ -98,6 +104,7 @@ static int compare(struct vulkan_engine *e, const struct gpu_buffer *image,
     const uint64_t pixels = (uint64_t) e->width * e->height, values = 3 * pixels;
     const uint64_t groups = 3 * gpu_groups(e->width, 16) * gpu_groups(e->height, 16);
     const float unit = 1 / (3 * (float) e->width * (float) e->height);
+    const bool given = is_given(t);
     int code;
     if ((code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->target, 4 * values)) ||
         (code = sg_gpu_reserve(g, SG_MEM_FRAME, &e->maps, 3 * 4 * values)) ||
@@ -107,9 +114,8 @@ static int compare(struct vulkan_engine *e, const struct gpu_buffer *image,
         return code;
     const VkDeviceAddress photo = sg_vulkan_photo_at(e, t->photo);
     code = GPU_RUN(g, target, 0, FOR_EACH(pixels), .photo = photo,
-                   .given = t->planes || t->ascended ? e->given.address : image->address,
-                   .image = image->address, .target = e->target.address,
-                   .pixels = (uint32_t) pixels, .planes = t->planes || t->ascended,
+                   .given = given ? e->given.address : image->address, .image = image->address,
+                   .target = e->target.address, .pixels = (uint32_t) pixels, .planes = given,
                    .masked = t->mask != NULL, .tolerance = p->tolerance);
     if (!code)
         code = GPU_RUN(g, ssim, 0, groups, .image = image->address, .target = e->target.address,
@@ -135,22 +141,23 @@ static int low_pass(struct vulkan_engine *e, const struct gpu_buffer *image,
     const uint64_t values = 3 * (uint64_t) e->width * e->height;
     const uint64_t groups = 3 * gpu_groups(e->width, 16) * gpu_groups(e->height, 16);
     const VkDeviceAddress photo = sg_vulkan_photo_at(e, t->photo);
+    const bool given = is_given(t);
     /* The maps of SSIM are not needed any more. */
-    int code = GPU_RUN(g, low_pass, 0, groups, .image = image->address, .photo = photo,
-                       .given = t->planes || t->ascended ? e->given.address : image->address,
-                       .passed = e->maps.address, .sums = e->sums.address, .width = e->width,
-                       .height = e->height, .planes = t->planes || t->ascended,
-                       .masked = t->mask != NULL, .tolerance = p->tolerance);
+    int code =
+        GPU_RUN(g, low_pass, 0, groups, .image = image->address, .photo = photo,
+                .given = given ? e->given.address : image->address, .passed = e->maps.address,
+                .sums = e->sums.address, .width = e->width, .height = e->height, .planes = given,
+                .masked = t->mask != NULL, .tolerance = p->tolerance);
     if (!code)
         code = sg_vulkan_add_up(e, groups, 1, VK_RESULT_LOSSES + 4);
     e->terms.low_pass = p->low_pass;
     return code ? code
                 : GPU_RUN(g, low_pass_gradient, 0, groups, .image = image->address, .photo = photo,
-                          .given = t->planes || t->ascended ? e->given.address : image->address,
+                          .given = given ? e->given.address : image->address,
                           .passed = e->maps.address, .gradient = e->gradient.address,
-                          .width = e->width, .height = e->height,
-                          .planes = t->planes || t->ascended, .masked = t->mask != NULL,
-                          .tolerance = p->tolerance, .scale = 2 * p->low_pass / (float) values);
+                          .width = e->width, .height = e->height, .planes = given,
+                          .masked = t->mask != NULL, .tolerance = p->tolerance,
+                          .scale = 2 * p->low_pass / (float) values);
 }
 
 /* ---- exposures ---- */
