@@ -7,6 +7,10 @@
 #include "engine.h"
 #include "spectral/anisotropy.h"
 
+_Static_assert(VK_TV_VERTICAL2 == (int) SG_ATTACK_TV_VERTICAL2 &&
+                   VK_TV_ANISO == (int) SG_ATTACK_TV_ANISO && VK_TV_ISO == (int) SG_ATTACK_TV_ISO,
+               "as shaders/args.h says");
+
 struct steps {
     uint32_t width, height;
     float epsilon, size;

@@ -254,7 +254,11 @@
 #define ARGS_total_variation(P, U, F)                                                              \
     P(Floats, image) P(Uints, photo) P(Floats, gradient) P(Floats, sums) U(width) U(height)        \
     U(masked) U(norm) F(across) F(down) F(weight) F(edge)
-/* form: enum sg_attack_tv. bounded: 1 = `bound` has each pixel's epsilon; more: 1 = the step goes
+/* form of a total variation, as in enum sg_attack_tv */
+#define VK_TV_VERTICAL2 0
+#define VK_TV_ANISO 1
+#define VK_TV_ISO 2
+/* form: VK_TV_. bounded: 1 = `bound` has each pixel's epsilon; more: 1 = the step goes
  * down `extra` too, whose absolute values have the sum `magnitude` and get the sum `weight`. */
 #define ARGS_ascend(P, U, F)                                                                       \
     P(Floats, photo) P(Floats, from) P(Floats, bound) P(Floats, extra) P(Floats, magnitude)        \

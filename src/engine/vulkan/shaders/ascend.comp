@@ -8,10 +8,6 @@
 layout(local_size_x = VK_GROUP) in;
 ARGUMENTS(ascend);
 
-/* enum sg_attack_tv */
-#define FORM_ANISO 1
-#define FORM_ISO 2
-
 void main()
 {
     const uint i = thread_index(), pixels = a.width * a.height;
@@ -23,8 +19,8 @@ void main()
     const tv_pixels p =
         tv_pixels(a.from.v[i - up], a.from.v[i - up + right], a.from.v[i - left], a.from.v[i],
                   a.from.v[i + right], a.from.v[i + down - left], a.from.v[i + down]);
-    float gradient = a.form == FORM_ISO ? tv_iso_gradient(p)
-                                        : tv_sign_gradient(p, a.form == FORM_ANISO);
+    float gradient = a.form == VK_TV_ISO ? tv_iso_gradient(p)
+                                         : tv_sign_gradient(p, a.form == VK_TV_ANISO);
     if (a.more != 0 && a.magnitude.v[0] > 0.0) /* that of a flat image is 0 */
         gradient -= a.extra.v[i] * (a.weight / a.magnitude.v[0]);
     const float epsilon = a.bounded != 0 ? a.bound.v[at] : a.epsilon;

@@ -8,10 +8,6 @@
 layout(local_size_x = VK_GROUP) in;
 ARGUMENTS(variation);
 
-/* enum sg_attack_tv */
-#define FORM_VERTICAL2 0
-#define FORM_ANISO 1
-
 void main()
 {
     const uint i = thread_index(), pixels = a.width * a.height;
@@ -22,9 +18,9 @@ void main()
         const float here = a.image.v[i];
         const float v = at / a.width + 1 < a.height ? a.image.v[i + a.width] - here : 0.0;
         const float h = at % a.width + 1 < a.width ? a.image.v[i + 1] - here : 0.0;
-        term = a.form == FORM_VERTICAL2 ? 2.0 * abs(v)
-               : a.form == FORM_ANISO   ? abs(v) + abs(h)
-                                        : sqrt(v * v + h * h + SG_TV_ISO_FLOOR);
+        term = a.form == VK_TV_VERTICAL2 ? 2.0 * abs(v)
+               : a.form == VK_TV_ANISO   ? abs(v) + abs(h)
+                                         : sqrt(v * v + h * h + SG_TV_ISO_FLOOR);
     }
     const float sum = group_sum(term);
     if (gl_LocalInvocationID.x == 0 && inside) /* groups beyond the last value have no sums */
