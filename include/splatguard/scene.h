@@ -150,8 +150,7 @@ struct sg_view_desc {
      * SG_ERR_INPUT. It is called once in sg_scene_builder_add_view and again when pixels are needed
      * that have been dropped, with the same result each time. It can be called on any thread, but
      * only during calls of the library and on one thread at a time for the views of a scene, and
-     * must not use the context. Must stay callable
-     * until the scene is destroyed. Default NULL. */
+     * must not use the context. Must stay callable until the scene is destroyed. Default NULL. */
     int (*read)(void *priv, uint8_t *rgb);
     void *read_priv;
 };

@@ -11,6 +11,7 @@
 #include "config.h"
 #include "core/file.h"
 #include "core/json_text.h"
+#include "math/exposure.h"
 
 /* A Python string literal. */
 static void put_quoted(FILE *out, const char *text)
@@ -217,15 +218,13 @@ int sg_run_create_files(sg_ctx *ctx, const struct sg_run_params *p, const struct
     return code;
 }
 
-#define EXPOSURE 12 /* numbers of a map */
-
 /* The maps of the training photos by name, as the reference writes them. */
 static int save_exposures(sg_ctx *ctx, const char *run, const struct sg_scene *scene,
                           const float *exposures)
 {
     json_t *root = json_object();
     for (size_t i = 0; root && i < scene->n_train; i++) {
-        const float *e = exposures + i * EXPOSURE;
+        const float *e = exposures + i * SG_EXPOSURE;
         json_t *rows = json_array();
         for (int k = 0; k < 3; k++)
             json_array_append_new(rows,
