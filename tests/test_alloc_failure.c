@@ -77,7 +77,7 @@ static int build(sg_ctx *ctx)
     if (!code)
         sg_scene_builder_keep_photos(builder, 0);
     for (int i = 0; i < 6 && !code; i++) {
-        char name[8];
+        char name[16];
         snprintf(name, sizeof(name), "%d", i);
         view.name = name;
         view.mask = i % 2 ? mask : NULL;
