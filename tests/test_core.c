@@ -192,6 +192,19 @@ static void test_file_appears_whole(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+static void test_file_with_a_long_name(void **state)
+{
+    (void) state;
+    char path[512], name[256];
+    memset(name, 'n', sizeof(name) - 1);
+    name[sizeof(name) - 1] = 0;
+    snprintf(path, sizeof(path), "%s/%s", folder, name);
+    sg_ctx *ctx = make_context(1);
+    assert_int_equal(sg_file_write(ctx, path, "content", 7), SG_OK);
+    assert_content(ctx, path, "content");
+    sg_ctx_destroy(&ctx);
+}
+
 /* A process that dies while writing leaves the old file. */
 static void test_file_survives_a_kill(void **state)
 {
@@ -357,6 +370,7 @@ int main(void)
         cmocka_unit_test(test_ledger_overflow),
         cmocka_unit_test(test_grow),
         cmocka_unit_test(test_file_appears_whole),
+        cmocka_unit_test(test_file_with_a_long_name),
         cmocka_unit_test(test_file_survives_a_kill),
         cmocka_unit_test(test_file_refusals),
         cmocka_unit_test(test_folders),

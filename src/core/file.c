@@ -53,14 +53,19 @@ bool sg_temporary_finish(FILE *stream, const char *temporary, const char *path)
     return !failed && !rename(temporary, path);
 }
 
+/* Bytes of a file's name that its temporary file has too: what is left of 255 is for the ending. */
+#define TEMPORARY_NAME 240
+
 int sg_file_create(sg_ctx *ctx, struct sg_file_writer *w, const char *path)
 {
     *w = (struct sg_file_writer){0};
     if (!sg_replaceable(path))
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: cannot write: found a folder or device, expected a file", path);
+    const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path;
     w->path = sg_strdup(ctx, path);
-    w->temporary = sg_strf(ctx, "%s.tmp%ld", path, (long) getpid());
+    w->temporary = sg_strf(ctx, "%.*s%.*s.tmp%ld", (int) (name - path), path, TEMPORARY_NAME, name,
+                           (long) getpid());
     if (!w->path || !w->temporary) {
         sg_file_abandon(w);
         return SG_ERR_BUDGET;
