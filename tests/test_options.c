@@ -201,6 +201,8 @@ static void test_texts(void **state)
     check_text("defense", "spectral", "spectral");
     check_text("sh-degree", "2.5", "");
     check_text("lambda-dssim", "nan", "");
+    check_text("position-lr-init", "1e-12", "1e-12"); /* an end of its range, rounded to a float */
+    check_text("position-lr-init", "9e-13", "");
     struct sg_attack_params a = sg_attack_params_default();
     const struct sg_option *epsilon = sg_option_find(sg_attack_options(), "epsilon");
     for (int level = 0; level <= 255; level++) {

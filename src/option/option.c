@@ -85,9 +85,17 @@ static bool is_number(const struct sg_option *o)
            o->type != SG_OPTION_CHOICE;
 }
 
-static bool in_range(const struct sg_option *o, double v)
+/* As the field has it. */
+static double rounded(const struct sg_option *o, double v)
 {
-    return (v >= o->low && v <= o->high && !(o->nonzero && v == 0)) || (o->or_zero && v == 0);
+    return o->type == SG_OPTION_FLOAT || o->type == SG_OPTION_LEVELS ? (double) (float) v : v;
+}
+
+static bool in_range(const struct sg_option *o, double value)
+{
+    const double v = rounded(o, value);
+    return (v >= rounded(o, o->low) && v <= rounded(o, o->high) && !(o->nonzero && v == 0)) ||
+           (o->or_zero && v == 0);
 }
 
 /* Exceptions of a range, for messages. */
