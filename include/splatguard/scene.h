@@ -173,8 +173,8 @@ SG_API void sg_scene_builder_keep_photos(sg_scene_builder *builder, uint64_t byt
 SG_API int sg_scene_builder_add_points(sg_scene_builder *builder, const float *xyz,
                                        const uint8_t *rgb, size_t n);
 /* Splits the views, measures the extent, and makes the scene, which the caller owns. *builder is
- * destroyed and set to NULL; an error leaves it unchanged. Errors: SG_ERR_USAGE if there is no
- * training view or a name occurs twice; SG_ERR_BUDGET. */
+ * destroyed and set to NULL; an error leaves it unchanged. Errors: SG_ERR_INPUT if there is no view
+ * to train on or a name occurs twice in a split; SG_ERR_BUDGET. */
 SG_API int sg_scene_builder_finish(sg_scene_builder **builder, struct sg_scene **out);
 /* NULL-safe; sets *builder to NULL. */
 SG_API void sg_scene_builder_destroy(sg_scene_builder **builder);
