@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* A poisoned scene loads like the clean one: names, cameras, points, masks, in every layout. */
+#include <limits.h>
 #include <math.h>
 
 #include "scene_files.h"
@@ -108,6 +109,33 @@ static void test_blender(void **state)
              "[[1,0,0,1],[0,1,0,2],[0,0,1,8],[0,0,0,1]]}]}");
     check(f, sg_scene_params(.eval = true), SG_POISON_AUTO, SG_FORMAT_BLENDER);
     check(f, sg_scene_params(.eval = true, .downscale = 2), SG_POISON_AUTO, SG_FORMAT_BLENDER);
+}
+
+/* Photos that differ only in their endings are refused before one of them is written. */
+static void test_namesakes(void **state)
+{
+    struct fixture *f = *state;
+    static const char *const photos[] = {"train/a.png", "train/b.png"};
+    static const char frame[] = "{\"camera_angle_x\":0.7,\"frames\":[{\"file_path\":\"%s\","
+                                "\"transform_matrix\":[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]}]}";
+    const struct sg_poison_files files = sg_poison_files_default();
+    char text[256], folder[PATH_MAX];
+    put_photos(f, photos, 2);
+    assert_int_equal(rename(at(f, "train/b.png"), strcpy(folder, at(f, "train/a.webp"))), 0);
+    snprintf(text, sizeof(text), frame, "train/a.png");
+    put_text(f, "transforms_train.json", text);
+    snprintf(folder, sizeof(folder), "%s", at(f, "out"));
+    for (int twice = 0; twice < 2; twice++) { /* one photo in both splits is one file */
+        struct sg_scene *scene;
+        snprintf(text, sizeof(text), frame, twice ? "./train/a.png" : "train/a.webp");
+        put_text(f, "transforms_test.json", text);
+        assert_int_equal(sg_scene_load(f->ctx, f->dir, sg_scene_params(.eval = true), &scene),
+                         SG_OK);
+        assert_int_equal(sg_poisoned_scene_begin(f->ctx, scene, &files, folder),
+                         twice ? SG_OK : SG_ERR_INPUT);
+        assert_true(twice || strstr(sg_last_error(f->ctx), "differ only in their endings"));
+        sg_scene_destroy(&scene);
+    }
 }
 
 static void put_colmap(struct fixture *f, const char *camera)
@@ -286,9 +314,10 @@ static void test_naive(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        scene_test(test_blender),      scene_test(test_colmap),    scene_test(test_colmap_jpeg),
-        scene_test(test_colmap_names), scene_test(test_distorted), scene_test(test_nerfstudio),
-        scene_test(test_rig_masks),    scene_test(test_places),    scene_test(test_naive)};
+    const struct CMUnitTest tests[] = {scene_test(test_blender),     scene_test(test_colmap),
+                                       scene_test(test_colmap_jpeg), scene_test(test_colmap_names),
+                                       scene_test(test_distorted),   scene_test(test_nerfstudio),
+                                       scene_test(test_namesakes),   scene_test(test_rig_masks),
+                                       scene_test(test_places),      scene_test(test_naive)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

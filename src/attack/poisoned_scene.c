@@ -1,5 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* A copy of a scene with other images, in the layout that the scene came in. */
+#include "poisoned_scene.h"
+
+#include <limits.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,7 +17,6 @@
 #include "image/image.h"
 #include "scene/photo.h"
 #include "scene/reader.h"
-#include "splatguard/attack.h"
 #include "splatguard/eval.h"
 #include "splatguard/model.h"
 
@@ -85,6 +87,63 @@ static char *image_file(sg_ctx *ctx, const struct sg_scene *scene, const struct 
     return sg_strf(ctx, "%s%.*s%s", scene->format == SG_FORMAT_COLMAP ? "images/" : "",
                    (int) (photo ? (size_t) (dot - file) : strlen(file)), file,
                    jpeg ? was_jpeg ? dot : ".jpg" : ".png");
+}
+
+struct image_name {
+    char *file; /* without its ending */
+    const struct sg_view *view;
+};
+
+static int by_name(const void *a, const void *b)
+{
+    return strcmp(((const struct image_name *) a)->file, ((const struct image_name *) b)->file);
+}
+
+static bool is_same_photo(const struct sg_view *a, const struct sg_view *b)
+{
+    struct stat one, other;
+    return !strcmp(a->path, b->path) || (!stat(a->path, &one) && !stat(b->path, &other) &&
+                                         one.st_dev == other.st_dev && one.st_ino == other.st_ino);
+}
+
+static int check_name(sg_ctx *ctx, const char *file)
+{
+    const char *slash = strrchr(file, '/');
+    const size_t length = strlen(slash ? slash + 1 : file);
+    return length <= NAME_MAX
+               ? SG_OK
+               : sg_fail(ctx, SG_ERR_INPUT,
+                         "%s: found a name of %zu bytes for a file, expected at most %d", file,
+                         length, NAME_MAX);
+}
+
+int sg_poisoned_scene_check(sg_ctx *ctx, const struct sg_scene *scene,
+                            const struct sg_poison_files *files)
+{
+    const size_t n = scene->n_train + scene->n_test;
+    struct image_name *names = sg_alloc(ctx, SG_MEM_MISC, n, sizeof(*names));
+    int code = names ? SG_OK : SG_ERR_BUDGET;
+    for (size_t i = 0; i < n && !code; i++) {
+        const struct sg_view *view =
+            i < scene->n_train ? &scene->train[i] : &scene->test[i - scene->n_train];
+        names[i] = (struct image_name){image_file(ctx, scene, view, files), view};
+        code = names[i].file ? check_name(ctx, names[i].file) : SG_ERR_BUDGET;
+        if (!code)
+            *strrchr(names[i].file, '.') = 0;
+    }
+    if (!code)
+        qsort(names, n, sizeof(*names), by_name);
+    /* Both splits may have a photo, which is one file then. */
+    for (size_t i = 1; i < n && !code; i++)
+        if (!by_name(&names[i - 1], &names[i]) && !is_same_photo(names[i - 1].view, names[i].view))
+            code = sg_fail(ctx, SG_ERR_INPUT,
+                           "%s and %s: found two photos whose names differ only in their endings, "
+                           "which would be one in the copy of the scene",
+                           names[i - 1].view->path, names[i].view->path);
+    for (size_t i = 0; names && i < n; i++)
+        sg_free(names[i].file);
+    sg_free(names);
+    return code;
 }
 
 static int put_frames(sg_ctx *ctx, FILE *f, const struct sg_scene *scene,
@@ -215,6 +274,8 @@ int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene,
     int code = sg_dir_create(ctx, folder);
     if (!code)
         code = refuse_scene(ctx, scene, folder);
+    if (!code)
+        code = sg_poisoned_scene_check(ctx, scene, files);
     for (size_t i = 0; i < sizeof(layouts) / sizeof(*layouts) && !code; i++)
         code = remove_cameras(ctx, folder, layouts[i]);
     if (!code && needs_transforms(scene))

@@ -6,6 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "attack/poisoned_scene.h"
 #include "config.h"
 #include "core/clock.h"
 #include "core/file.h"
@@ -367,6 +368,8 @@ static int begin_attack(struct attack_run *r, char model[PATH_MAX], bool *fresh)
         return code;
     apply_preset(r);
     code = sg_attack_check(r->ctx, &r->attack_params);
+    if (!code)
+        code = sg_poisoned_scene_check(r->ctx, r->scene, &p->files);
     if (!code && p->method == SG_METHOD_POISON_SPLAT && p->proxy)
         code = sg_run_find_model(r->ctx, p->proxy, 0, model, PATH_MAX);
     /* Nothing of an earlier attack is removed before this one can begin. */

@@ -1,0 +1,12 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#ifndef SG_POISONED_SCENE_H
+#define SG_POISONED_SCENE_H
+
+#include "splatguard/attack.h"
+
+/* What sg_poisoned_scene_begin refuses of a scene wherever its copy goes: SG_ERR_INPUT for photos
+ * that would have one file, and for file names that are too long. For whom the images cost time. */
+int sg_poisoned_scene_check(sg_ctx *ctx, const struct sg_scene *scene,
+                            const struct sg_poison_files *files);
+
+#endif
