@@ -2,11 +2,13 @@
 /* Runs as a program that embeds the library uses them. */
 #include <math.h>
 #include <setjmp.h>
+#include <signal.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include <cmocka.h>
@@ -238,13 +240,60 @@ static void test_attack(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+struct full_disk {
+    struct rlimit before;
+    int fails; /* warnings */
+};
+
+/* No file grows in iterations 2 to 4. */
+static int fill_disk(void *priv, const struct sg_attack_step *step)
+{
+    struct full_disk *d = priv;
+    struct rlimit now = d->before;
+    if (step && step->iteration >= 2 && step->iteration < 5)
+        now.rlim_cur = 0;
+    setrlimit(RLIMIT_FSIZE, &now);
+    return 0;
+}
+
+static void count_warnings(void *priv, enum sg_log_level level, const char *text)
+{
+    ((struct full_disk *) priv)->fails += level == SG_LOG_WARN && strstr(text, "File too large");
+}
+
+/* A disk that is full for a while costs an attack the log and the checkpoints of that time. */
+static void test_full_disk(void **state)
+{
+    (void) state;
+    struct full_disk disk = {0};
+    struct sg_attack_run_params p = sg_attack_run_params_default();
+    sg_ctx *ctx;
+    assert_int_equal(
+        sg_ctx_create(
+            &ctx, &(struct sg_ctx_params){.threads = 2, .log = count_warnings, .log_priv = &disk}),
+        SG_OK);
+    p.source = scene, p.folder = at("full");
+    p.attack.iterations = 6, p.attack.inner = 2, p.attack.update_interval = 2;
+    p.proxy_iterations = 8, p.save_every = 2;
+    p.step = fill_disk, p.step_priv = &disk;
+    assert_int_equal(getrlimit(RLIMIT_FSIZE, &disk.before), 0);
+    signal(SIGXFSZ, SIG_IGN);
+    const int code = sg_attack_run(ctx, &p, SG_RUN_NEW, NULL);
+    setrlimit(RLIMIT_FSIZE, &disk.before);
+    signal(SIGXFSZ, SIG_DFL);
+    assert_int_equal(code, SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(ctx), "log.jsonl: cannot write: lines are missing"));
+    assert_int_equal(disk.fails, 2);
+    assert_int_equal(access(at("full/poison.json"), F_OK), 0);
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_resume),
-        cmocka_unit_test(test_folders),
-        cmocka_unit_test(test_checks),
-        cmocka_unit_test(test_attack),
+        cmocka_unit_test(test_resume),    cmocka_unit_test(test_folders),
+        cmocka_unit_test(test_checks),    cmocka_unit_test(test_attack),
+        cmocka_unit_test(test_full_disk),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);
 }

@@ -176,6 +176,15 @@ static int save_checkpoint(struct attack_run *r)
     return code;
 }
 
+/* A log or a checkpoint that cannot be written does not end the attack: the disk may have room
+ * again. The end reports what the log lacks, see sg_run_log_close. */
+static void note_error(const struct attack_run *r, int code)
+{
+    if (code)
+        sg_log(r->ctx, SG_LOG_WARN, "%s", sg_last_error(r->ctx));
+    sg_clear_error(r->ctx);
+}
+
 static int loop(struct attack_run *r)
 {
     const struct sg_attack_params *p = &r->attack_params;
@@ -194,10 +203,10 @@ static int loop(struct attack_run *r)
             r->totals.max_gaussians = r->step.gaussians;
         sg_attack_ask(r, &r->step);
         if (done % 100 == 0 || done == 1 || done == p->iterations)
-            code = sg_attack_log_step(r);
-        if (!code && r->params->save_every && done % r->params->save_every == 0 &&
+            note_error(r, sg_attack_log_step(r));
+        if (r->params->save_every && done % r->params->save_every == 0 &&
             done % p->update_interval == 0 && done < p->iterations)
-            code = save_checkpoint(r);
+            note_error(r, save_checkpoint(r));
     }
     if (!code && done < p->iterations) {
         code = save_checkpoint(r);
@@ -346,7 +355,7 @@ static int run_attack(struct attack_run *r, char model[PATH_MAX])
         remove_file(r->ctx, p->folder, "attack/checkpoint.bin");
         return code;
     }
-    /* A log that cannot be written does not end the attack. */
+    /* What has been learned is kept, so that the images can be written later. */
     char *why = sg_strdup(r->ctx, sg_last_error(r->ctx));
     sg_clear_error(r->ctx);
     const int lost = splat ? save_checkpoint(r) : SG_OK;

@@ -133,8 +133,11 @@ int sg_run_log_line(struct sg_run_log *log, json_t *line)
 int sg_run_log_close(struct sg_run_log *log)
 {
     int code = SG_OK;
-    if (log->stream && fclose(log->stream))
-        code = sg_fail(log->ctx, SG_ERR_INPUT, "%s: cannot write: %s", log->path, strerror(errno));
+    errno = 0;
+    const bool failed = log->stream && ferror(log->stream);
+    if (log->stream && (fclose(log->stream) || failed))
+        code = sg_fail(log->ctx, SG_ERR_INPUT, "%s: cannot write: %s", log->path,
+                       errno ? strerror(errno) : "lines are missing");
     sg_free(log->path);
     *log = (struct sg_run_log){0};
     return code;
