@@ -46,7 +46,7 @@ static const char later[] =
 static int failed(const struct store *s)
 {
     say(stderr, "splatguard: %s: %s\n", s->path, sqlite3_errmsg(s->db));
-    return STATUS_INPUT;
+    return (sqlite3_errcode(s->db) & 0xff) == SQLITE_NOMEM ? STATUS_BUDGET : STATUS_INPUT;
 }
 
 static int run(struct store *s, const char *sql)
@@ -78,6 +78,27 @@ static int check_whole(struct store *s)
         say(stderr, "splatguard: %s: database disk image is malformed; it stays as it is\n",
             s->path);
     return ok ? STATUS_DONE : STATUS_INPUT;
+}
+
+/* Tables whose values are stored: a view, a trigger or a computed column of a stranger's database
+ * could run for ever, or make gigabytes of a few bytes. */
+static int check_tables(struct store *s)
+{
+    static const char *const sql[] = {
+        "SELECT count(*) FROM sqlite_master WHERE type NOT IN ('table', 'index')"
+        " OR sql LIKE 'CREATE VIRTUAL%'",
+        "SELECT count(*) FROM sqlite_master m, pragma_table_xinfo(m.name) c"
+        " WHERE m.type='table' AND c.hidden<>0"};
+    long others = 0;
+    for (size_t i = 0; i < sizeof(sql) / sizeof(sql[0]) && !others; i++)
+        if (sqlite3_exec(s->db, sql[i], read_number, &others, NULL))
+            return failed(s);
+    if (others)
+        say(stderr,
+            "splatguard: %s: found a view, a trigger or a computed column, expected tables; it "
+            "stays as it is\n",
+            s->path);
+    return others ? STATUS_INPUT : STATUS_DONE;
 }
 
 /* One of ours, or a new one. */
@@ -160,7 +181,11 @@ int store_open(const char *path, bool must_exist, struct store **out)
     /* Text of a stranger's database is data: nothing in its schema runs. */
     sqlite3_db_config(s->db, SQLITE_DBCONFIG_DEFENSIVE, 1, NULL);
     sqlite3_db_config(s->db, SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0, NULL);
-    int code = check_kind(s);
+    sqlite3_db_config(s->db, SQLITE_DBCONFIG_ENABLE_TRIGGER, 0, NULL);
+    sqlite3_db_config(s->db, SQLITE_DBCONFIG_ENABLE_VIEW, 0, NULL);
+    int code = check_tables(s);
+    if (!code)
+        code = check_kind(s);
     if (!code && !must_exist)
         code = check_whole(s);
     return code || must_exist ? code : upgrade(s);

@@ -34,6 +34,18 @@ echo 'no database at all, but long enough to look at: 01234567890123456789012345
 expect 2 report no.db -o x; says 'no.db: file is not a database'
 [ ! -e x ] || fail "a failed report left something"
 
+# Nothing in a stranger's database runs.
+for trick in "drop table view; create view view as with recursive n(i) as (select 1 union all select i from n) select i, i, i, i from n" \
+    "create trigger endless after insert on cell begin select 1; end" \
+    "alter table job add column large generated always as (hex(zeroblob(200000000)))"; do
+    cp r.db trick.db && sqlite3 trick.db "$trick" || fail "no such trick: $trick"
+    cp trick.db trick.copy
+    expect 2 report trick.db -o x; says 'trick.db: found a view, a trigger or a computed column'
+    expect 2 bench plan.json -o trick.db -q; says 'trick.db: found a view, a trigger or a computed column'
+    cmp trick.db trick.copy || fail "a refused database has changed"
+done
+[ ! -e x ] || fail "a failed report left something"
+
 # A database that an older version made, without pictures.
 sqlite3 r.db ".clone old.db" >/dev/null 2>&1
 sqlite3 old.db "pragma application_id=$(ask 'pragma application_id'); pragma user_version=1; drop table picture; drop table spectrum; alter table curve drop column ledger_bytes"
