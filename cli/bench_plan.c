@@ -433,8 +433,10 @@ static int add_block(struct reader *r, const json_t *block, size_t index)
     EACH(d, "defenses")
     {
         const json_t *seed = json_array_get(json_object_get(block, "seeds"), k);
-        if (!json_is_integer(seed))
-            return wrong(r, "%s.seeds[%zu]: expected a whole number", where, k);
+        if (!json_is_integer(seed) || json_integer_value(seed) < 0 ||
+            json_integer_value(seed) > INT_MAX)
+            return wrong(r, "%s.seeds[%zu]: expected a whole number from 0 to %d", where, k,
+                         INT_MAX);
         const struct cell c = {NAME(s, "scenes"),
                                NAME(p, "photos"),
                                NAME(d, "defenses"),
@@ -525,10 +527,11 @@ static int read_limits(struct reader *r)
                                            .offset = offsetof(struct plan, memory),
                                            .high = 9e15};
     char expected[128] = "a text";
-    p->threads = threads ? (int) json_integer_value(threads) : 1;
+    const json_int_t count = threads ? json_integer_value(threads) : 1;
     p->alone = json_is_true(json_object_get(p->root, "alone"));
-    if (p->threads < 1 || p->threads > 256)
+    if (count < 1 || count > 256)
         return wrong(r, "threads: expected a whole number from 1 to 256");
+    p->threads = (int) count;
     if (timeout && !(json_is_string(timeout) && sg_option_set(&time, p, json_string_value(timeout),
                                                               expected, sizeof(expected))))
         return wrong(r, "timeout: expected %s", expected);

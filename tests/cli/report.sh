@@ -46,6 +46,14 @@ for trick in "drop table view; create view view as with recursive n(i) as (selec
 done
 [ ! -e x ] || fail "a failed report left something"
 
+# Numbers that are too large for what they are.
+sed 's/^{/{"threads": 4294967297, /' plan.json >wide.json
+expect 2 bench wide.json --list; says 'threads: expected a whole number from 1 to 256'
+for seed in 4294967297 -1; do
+    sed "s/\\[1, 2\\]/[$seed]/" plan.json >wide.json
+    expect 2 bench wide.json --list; says 'seeds[0]: expected a whole number from 0 to 2147483647'
+done
+
 # A database that an older version made, without pictures.
 sqlite3 r.db ".clone old.db" >/dev/null 2>&1
 sqlite3 old.db "pragma application_id=$(ask 'pragma application_id'); pragma user_version=1; drop table picture; drop table spectrum; alter table curve drop column ledger_bytes"
