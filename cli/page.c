@@ -13,11 +13,15 @@ extern const char page_css[];
 
 void put_escaped(FILE *f, const char *text)
 {
-    for (const char *c = text; *c; c++)
+    char *shown = strdup(text);
+    if (shown)
+        make_printable(shown);
+    for (const char *c = shown; c && *c; c++)
         if (strchr("<>&\"'", *c))
             fprintf(f, "&#%d;", *c);
         else
-            fputc((unsigned char) *c < ' ' ? ' ' : *c, f);
+            fputc(*c, f);
+    free(shown);
 }
 
 void put_name(FILE *f, const char *text)

@@ -7,9 +7,13 @@
 
 void make_printable(char *text)
 {
-    for (unsigned char *c = (unsigned char *) text; *c; c++)
-        if (*c < ' ' || *c == 127 || (c[0] == 0xc2 && c[1] >= 0x80 && c[1] < 0xa0))
-            *c = '?';
+    unsigned char *to = (unsigned char *) text;
+    for (const unsigned char *c = to; *c; c++) {
+        const bool high = c[0] == 0xc2 && c[1] >= 0x80 && c[1] < 0xa0; /* two bytes of UTF-8 */
+        *to++ = *c < ' ' || *c == 127 || high ? '?' : *c;
+        c += high;
+    }
+    *to = 0;
 }
 
 void say(FILE *to, const char *format, ...)
@@ -79,11 +83,18 @@ json_t *numbers_json(const double *values, int n)
 
 int json_print(json_t *value, int indent)
 {
-    char *text = json_dumps(value, JSON_INDENT((size_t) indent) | JSON_REAL_PRECISION(8));
+    /* A terminal may take characters from 0x80 to 0x9f for commands, as those that JSON escapes. */
+    char *text = json_dumps(value, JSON_INDENT((size_t) indent) | JSON_REAL_PRECISION(8) |
+                                       JSON_ENSURE_ASCII);
     json_decref(value);
     if (!text)
         return no_memory();
-    printf("%s\n", text);
+    for (const char *c = text; *c; c++)
+        if (*c == 127) /* only strings can have it */
+            fputs("\\u007f", stdout);
+        else
+            putchar(*c);
+    putchar('\n');
     free(text);
     return 0;
 }

@@ -42,7 +42,7 @@ static json_t *result_json(const struct report *r, const struct result *x, json_
 /* Nothing in it can end the script element. */
 static void put_json(FILE *f, json_t *value)
 {
-    char *text = json_dumps(value, JSON_COMPACT | JSON_REAL_PRECISION(8));
+    char *text = json_dumps(value, JSON_COMPACT | JSON_ENSURE_ASCII | JSON_REAL_PRECISION(8));
     for (const char *c = text ? text : "[]"; *c; c++)
         if (*c == '<')
             fputs("\\u003c", f);

@@ -12,11 +12,15 @@ static void put_text(FILE *f, enum format format, const char *text)
         put_escaped(f, text);
         return;
     }
-    for (const char *c = text; *c; c++) {
+    char *shown = strdup(text);
+    if (shown)
+        make_printable(shown);
+    for (const char *c = shown; c && *c; c++) {
         if (strchr("|\\<>*`[]", *c))
             fputc('\\', f);
-        fputc((unsigned char) *c < ' ' ? ' ' : *c, f);
+        fputc(*c, f);
     }
+    free(shown);
 }
 
 static void heading(FILE *f, enum format format, int level, const char *text)
@@ -392,16 +396,22 @@ void put_tables(FILE *f, const struct report *r, enum format format)
     put_failures(f, r, format);
 }
 
+/* Spreadsheets compute what begins like a formula: a quote before it makes it a text. */
 static void put_csv_text(FILE *f, const char *text)
 {
     const bool quoted = strpbrk(text, ",\"\n\r");
+    char *shown = strdup(text);
+    if (shown)
+        make_printable(shown);
     fputs(quoted ? "\"" : "", f);
-    for (const char *c = text; *c; c++) {
+    fputs(*text && strchr("=+-@", *text) ? "'" : "", f);
+    for (const char *c = shown; c && *c; c++) {
         if (*c == '"')
             fputc('"', f);
         fputc(*c, f);
     }
     fputs(quoted ? "\"," : ",", f);
+    free(shown);
 }
 
 void put_csv(FILE *f, const struct report *r)

@@ -30,6 +30,9 @@ static void put_text(FILE *f, const char *name)
     for (const char *c = valid ? json_string_value(valid) : ""; *c; c++)
         if (strchr("<>&\"'", *c))
             fprintf(f, "&#%d;", *c);
+        else if ((unsigned char) *c < ' ' || *c == 127 ||
+                 ((unsigned char) c[0] == 0xc2 && (unsigned char) c[1] < 0xa0))
+            fputs((unsigned char) *c == 0xc2 ? c++, "?" : "?", f); /* a control character */
         else
             fputc(*c, f);
     json_decref(valid);

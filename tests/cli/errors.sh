@@ -35,6 +35,13 @@ printf 'ply\nformat \033[31mred 1.0\n' >colour.ply
 expect 2 info colour.ply; says 'format ?[31mred'
 grep -q "$(printf '\033')" err && fail "control characters of a file reach the terminal"
 
+first=$(cd scene/blender && ls train/*.png | head -n 1)
+cp -r scene/blender named && mv "named/$first" "$(printf 'named/train/a\302\233\177.png')"
+sed -i "s|${first%.png}|$(printf 'train/a\302\233\177')|" named/transforms_train.json
+expect 0 audit named --json --report named.html -q
+grep -qF 'a\u009B\u007f' out || fail "no such name: $(cat out)"
+LC_ALL=C grep -q "$(printf '\302\233\|\177')" out named.html && fail "control characters of a name reach the terminal or the page"
+
 mkdir hostile; mkfifo hostile/summary.json hostile/config.json hostile/report
 expect 2 compare hostile; says 'hostile/summary.json'
 expect 2 train --resume hostile; says 'hostile/config.json'

@@ -54,6 +54,14 @@ for seed in 4294967297 -1; do
     expect 2 bench wide.json --list; says 'seeds[0]: expected a whole number from 0 to 2147483647'
 done
 
+# Names are neither formulas nor commands of a terminal.
+cp r.db sheet.db && sqlite3 sheet.db "update cell set scene='=1+1' || char(155)"
+expect 0 report sheet.db -o sheet -q
+grep -q "^plan,'=1+1?," sheet/results.csv || fail "a formula in the CSV: $(cat sheet/results.csv)"
+for file in report.md results.csv report.html; do
+    LC_ALL=C grep -q "$(printf '\302\233')" sheet/$file && fail "control characters in $file"
+done
+
 # A database that an older version made, without pictures.
 sqlite3 r.db ".clone old.db" >/dev/null 2>&1
 sqlite3 old.db "pragma application_id=$(ask 'pragma application_id'); pragma user_version=1; drop table picture; drop table spectrum; alter table curve drop column ledger_bytes"
