@@ -125,6 +125,40 @@ static int refuse_photos(const struct model_views *v, const char *output)
     return 0;
 }
 
+static int by_text(const void *a, const void *b)
+{
+    return strcmp(*(char *const *) a, *(char *const *) b);
+}
+
+/* View "a" with its photo has the file of view "a_photo". */
+static int refuse_twins(const struct render_config *c, const struct model_views *v)
+{
+    const char *const endings[] = {"", c->depth ? "_depth" : NULL, c->photo ? "_photo" : NULL};
+    char **names = calloc(3 * v->n + 1, sizeof(*names));
+    size_t n = 0;
+    int code = names ? 0 : no_memory();
+    for (size_t i = 0; i < v->n && !code; i++)
+        for (int k = 0; k < 3 && !code; k++)
+            if (endings[k] && asprintf(&names[n++], "%s%s", v->views[i].name, endings[k]) < 0) {
+                names[--n] = NULL;
+                code = no_memory();
+            }
+    if (!code)
+        qsort(names, n, sizeof(*names), by_text);
+    for (size_t i = 1; i < n && !code; i++)
+        if (!strcmp(names[i - 1], names[i])) {
+            say(stderr,
+                "splatguard: %s: found two pictures of that name, expected one: render "
+                "without --depth or --photo\n",
+                names[i]);
+            code = STATUS_INPUT;
+        }
+    for (size_t i = 0; i < n; i++)
+        free(names[i]);
+    free(names);
+    return code;
+}
+
 /* An existing file with the name of a view must be a render. This is checked before the first file
  * is written. PFM files have no mark; for them the folder's mark counts. */
 static int refuse_others(const struct render_config *c, const struct model_views *v)
@@ -165,6 +199,8 @@ static int run_render(const void *config, const bool *given, const char *const *
                                              &output));
     if (!code)
         code = refuse_photos(&v, c->output);
+    if (!code)
+        code = refuse_twins(c, &v);
     if (!code)
         code = refuse_others(c, &v);
     if (!code) {

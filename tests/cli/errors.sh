@@ -30,12 +30,22 @@ expect 2 render run --split train -o scene/blender/train; says 'in the scene'
 expect 2 train scene/blender -o scene/colmap $short; says 'in the scene'
 [ "$sum" = "$(cat scene/blender/*/*.png | cksum)" ] || fail "the photos changed"
 
+# Pictures that would have one name.
+cp -r scene/blender twins
+for name in a a_photo; do
+    next=$(cd twins && find train -name '*.png' ! -name 'a*' | sort | head -n 1)
+    mv "twins/$next" twins/train/$name.png && sed -i "s|${next%.png}|train/$name|" twins/transforms_train.json
+done
+expect 2 render run --scene twins --split train -o pictures --photo; says 'a_photo: found two pictures of that name'
+[ -z "$(find pictures -name '*.png')" ] || fail "some pictures were written"
+expect 0 render run --scene twins --split train -o pictures
+
 # What a file says cannot steer the terminal.
 printf 'ply\nformat \033[31mred 1.0\n' >colour.ply
 expect 2 info colour.ply; says 'format ?[31mred'
 grep -q "$(printf '\033')" err && fail "control characters of a file reach the terminal"
 
-first=$(cd scene/blender && ls train/*.png | head -n 1)
+first=$(cd scene/blender && find train -name '*.png' | sort | head -n 1)
 cp -r scene/blender named && mv "named/$first" "$(printf 'named/train/a\302\233\177.png')"
 sed -i "s|${first%.png}|$(printf 'train/a\302\233\177')|" named/transforms_train.json
 expect 0 audit named --json --report named.html -q
