@@ -536,6 +536,14 @@ static void test_axes(void **state)
     free(images);
 }
 
+/* Files hold scales where models hold their logarithms. */
+static void test_large_scales(void **state)
+{
+    (void) state;
+    assert_true(isfinite(sg_finite_scale(1e30f)));
+    assert_true(sg_finite_scale(80) == expf(80) && sg_finite_scale(-200) == 0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -544,7 +552,7 @@ int main(void)
         scene_test(test_spz_4),       scene_test(test_ksplat),
         scene_test(test_damage),      scene_test(test_writing_refusals),
         scene_test(test_select),      scene_test(test_sort),
-        scene_test(test_axes),
+        scene_test(test_axes),        scene_test(test_large_scales),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -53,6 +53,12 @@ void sg_axes_signs(struct sg_axes axes, int quaternion[4], int sh[15]);
 /* A quaternion w x y z of length 1; one of length 0 becomes 1 0 0 0. */
 void sg_unit_quaternion(const struct sg_model *m, size_t i, float q[4]);
 
+/* A scale of its logarithm, finite as readers expect it. */
+static inline float sg_finite_scale(float log_scale)
+{
+    return fminf(expf(log_scale), 3.4e38f);
+}
+
 static inline float sg_logistic(float x)
 {
     return 1 / (1 + expf(-x));

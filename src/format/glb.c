@@ -52,7 +52,7 @@ static void get_rotation(const struct sg_model *m, size_t i, int k, void *to)
 static void get_scale(const struct sg_model *m, size_t i, int k, void *to)
 {
     for (k = 0; k < 3; k++)
-        ((float *) to)[k] = expf(*sg_model_at(m, i, SG_P_SCALE + k));
+        ((float *) to)[k] = sg_finite_scale(*sg_model_at(m, i, SG_P_SCALE + k));
 }
 
 static void get_opacity(const struct sg_model *m, size_t i, int k, void *to)

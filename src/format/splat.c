@@ -43,7 +43,7 @@ int sg_splat_write(const struct sg_model *m, FILE *f)
         sg_unit_quaternion(m, i, q);
         for (int k = 0; k < 3; k++) {
             values[k] = *sg_model_at(m, i, SG_P_XYZ + k);
-            values[3 + k] = expf(*sg_model_at(m, i, SG_P_SCALE + k));
+            values[3 + k] = sg_finite_scale(*sg_model_at(m, i, SG_P_SCALE + k));
             bytes[k] = sg_byte_of_dc(*sg_model_at(m, i, SG_P_SH + k));
         }
         bytes[3] = sg_byte(255 * sg_logistic(*sg_model_at(m, i, SG_P_OPACITY)));
