@@ -42,7 +42,9 @@ static void take_line(struct curves *c, const json_t *line, size_t stride, size_
     }
 }
 
-/* NULL where it is not there, or no file: a pipe would be waited for. */
+#define LOG_BYTES (INT64_C(1) << 32) /* as runs read them */
+
+/* NULL where it is not there, too large, or no file: a pipe would be waited for. */
 static FILE *open_log(const char *folder)
 {
     char *path = NULL;
@@ -50,7 +52,9 @@ static FILE *open_log(const char *folder)
     const int fd = asprintf(&path, "%s/log.jsonl", folder) < 0
                        ? -1
                        : open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-    FILE *f = fd < 0 || fstat(fd, &st) || !S_ISREG(st.st_mode) ? NULL : fdopen(fd, "r");
+    FILE *f = fd < 0 || fstat(fd, &st) || !S_ISREG(st.st_mode) || st.st_size > LOG_BYTES
+                  ? NULL
+                  : fdopen(fd, "r");
     if (!f && fd >= 0)
         close(fd);
     free(path);
