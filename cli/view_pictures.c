@@ -90,7 +90,7 @@ int view_place_camera(struct view_pictures *v, sg_ctx *ctx, const struct sg_mode
             some[i] = all[3 * i * step + (size_t) k];
         qsort(some, n, sizeof(*some), by_value);
         middle[k] = (double) some[n / 2];
-        far = fmax(far, (double) (some[n * 9 / 10] - some[n / 10]));
+        far = fmax(far, (double) some[n * 9 / 10] - (double) some[n / 10]);
     }
     sg_mem_free(all);
     sg_mem_free(some);
