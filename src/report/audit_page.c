@@ -31,9 +31,10 @@ static void put_text(FILE *f, const char *name)
         if (strchr("<>&\"'", *c))
             fprintf(f, "&#%d;", *c);
         else if ((unsigned char) *c < ' ' || *c == 127 ||
-                 ((unsigned char) c[0] == 0xc2 && (unsigned char) c[1] < 0xa0))
-            fputs((unsigned char) *c == 0xc2 ? c++, "?" : "?", f); /* a control character */
-        else
+                 ((unsigned char) c[0] == 0xc2 && (unsigned char) c[1] < 0xa0)) {
+            fputc('?', f); /* a control character */
+            c += (unsigned char) *c == 0xc2;
+        } else
             fputc(*c, f);
     json_decref(valid);
 }
