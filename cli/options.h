@@ -78,6 +78,8 @@ size_t name_distance(const char *word, size_t n, const char *name);
 
 /* Replaces control characters by "?". */
 void make_printable(char *text);
+/* The byte to show for the character at *text, which moves on to what follows. */
+char take_printable(const char **text);
 
 /* A JSON string; of text that is not UTF-8, what is not ASCII becomes "?". */
 json_t *text_json(const char *text);

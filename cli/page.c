@@ -13,15 +13,13 @@ extern const char page_css[];
 
 void put_escaped(FILE *f, const char *text)
 {
-    char *shown = strdup(text);
-    if (shown)
-        make_printable(shown);
-    for (const char *c = shown; c && *c; c++)
-        if (strchr("<>&\"'", *c))
-            fprintf(f, "&#%d;", *c);
+    for (const char *c = text; *c;) {
+        const char shown = take_printable(&c);
+        if (strchr("<>&\"'", shown))
+            fprintf(f, "&#%d;", shown);
         else
-            fputc(*c, f);
-    free(shown);
+            fputc(shown, f);
+    }
 }
 
 void put_name(FILE *f, const char *text)

@@ -5,14 +5,19 @@
 
 #include "commands.h"
 
+char take_printable(const char **text)
+{
+    const unsigned char *c = (const unsigned char *) *text;
+    const bool high = c[0] == 0xc2 && c[1] >= 0x80 && c[1] < 0xa0; /* two bytes of UTF-8 */
+    *text += high ? 2 : 1;
+    return (char) (*c < ' ' || *c == 127 || high ? '?' : *c);
+}
+
 void make_printable(char *text)
 {
-    unsigned char *to = (unsigned char *) text;
-    for (const unsigned char *c = to; *c; c++) {
-        const bool high = c[0] == 0xc2 && c[1] >= 0x80 && c[1] < 0xa0; /* two bytes of UTF-8 */
-        *to++ = *c < ' ' || *c == 127 || high ? '?' : *c;
-        c += high;
-    }
+    char *to = text;
+    for (const char *c = text; *c;)
+        *to++ = take_printable(&c);
     *to = 0;
 }
 

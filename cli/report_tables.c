@@ -12,15 +12,12 @@ static void put_text(FILE *f, enum format format, const char *text)
         put_escaped(f, text);
         return;
     }
-    char *shown = strdup(text);
-    if (shown)
-        make_printable(shown);
-    for (const char *c = shown; c && *c; c++) {
-        if (strchr("|\\<>*`[]", *c))
+    for (const char *c = text; *c;) {
+        const char shown = take_printable(&c);
+        if (strchr("|\\<>*`[]", shown))
             fputc('\\', f);
-        fputc(*c, f);
+        fputc(shown, f);
     }
-    free(shown);
 }
 
 static void heading(FILE *f, enum format format, int level, const char *text)
@@ -400,18 +397,15 @@ void put_tables(FILE *f, const struct report *r, enum format format)
 static void put_csv_text(FILE *f, const char *text)
 {
     const bool quoted = strpbrk(text, ",\"\n\r");
-    char *shown = strdup(text);
-    if (shown)
-        make_printable(shown);
     fputs(quoted ? "\"" : "", f);
     fputs(*text && strchr("=+-@", *text) ? "'" : "", f);
-    for (const char *c = shown; c && *c; c++) {
-        if (*c == '"')
+    for (const char *c = text; *c;) {
+        const char shown = take_printable(&c);
+        if (shown == '"')
             fputc('"', f);
-        fputc(*c, f);
+        fputc(shown, f);
     }
     fputs(quoted ? "\"," : ",", f);
-    free(shown);
 }
 
 void put_csv(FILE *f, const struct report *r)

@@ -309,6 +309,16 @@ static void test_first_error_wins(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Commands of terminals: below a space, 127, and those from 0x80 on, which UTF-8 has in two bytes.
+ */
+static void test_printable(void **state)
+{
+    (void) state;
+    char text[] = "a\033[31m\n\177 \302\233 \303\251 \302";
+    sg_make_printable(text);
+    assert_string_equal(text, "a?[31m?? ? \303\251 \302");
+}
+
 static void test_context_parameters(void **state)
 {
     (void) state;
@@ -375,6 +385,7 @@ int main(void)
         cmocka_unit_test(test_file_refusals),
         cmocka_unit_test(test_folders),
         cmocka_unit_test(test_first_error_wins),
+        cmocka_unit_test(test_printable),
         cmocka_unit_test(test_context_parameters),
         cmocka_unit_test(test_rng_moments),
         cmocka_unit_test(test_rng_streams),

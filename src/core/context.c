@@ -88,11 +88,20 @@ bool sg_failed(const sg_ctx *ctx)
     return (apart ? apart : &ctx->failure)->text[0] != 0;
 }
 
+char sg_take_printable(const char **text)
+{
+    const unsigned char *c = (const unsigned char *) *text;
+    const bool high = c[0] == 0xc2 && c[1] >= 0x80 && c[1] < 0xa0; /* two bytes of UTF-8 */
+    *text += high ? 2 : 1;
+    return (char) (*c < ' ' || *c == 127 || high ? '?' : *c);
+}
+
 void sg_make_printable(char *text)
 {
-    for (unsigned char *c = (unsigned char *) text; *c; c++)
-        if (*c < ' ' || *c == 127 || (c[0] == 0xc2 && c[1] >= 0x80 && c[1] < 0xa0))
-            *c = '?';
+    char *to = text;
+    for (const char *c = text; *c;)
+        *to++ = sg_take_printable(&c);
+    *to = 0;
 }
 
 void sg_show_bytes(const char *bytes, size_t n, char *text)

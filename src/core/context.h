@@ -28,6 +28,8 @@ void sg_failures_apart(struct sg_failure *failure);
 
 /* Replaces control characters by "?", since messages quote file contents. */
 void sg_make_printable(char *text);
+/* The byte to show for the character at *text, which moves on to what follows. */
+char sg_take_printable(const char **text);
 
 /* The beginning of any file as text: at most n bytes and a zero; bytes that are not ASCII become
  * "?". */

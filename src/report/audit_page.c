@@ -27,15 +27,13 @@ extern const char sg_page_css[]; /* page.css */
 static void put_text(FILE *f, const char *name)
 {
     json_t *valid = sg_text_to_json(name);
-    for (const char *c = valid ? json_string_value(valid) : ""; *c; c++)
-        if (strchr("<>&\"'", *c))
-            fprintf(f, "&#%d;", *c);
-        else if ((unsigned char) *c < ' ' || *c == 127 ||
-                 ((unsigned char) c[0] == 0xc2 && (unsigned char) c[1] < 0xa0)) {
-            fputc('?', f); /* a control character */
-            c += (unsigned char) *c == 0xc2;
-        } else
-            fputc(*c, f);
+    for (const char *c = valid ? json_string_value(valid) : ""; *c;) {
+        const char shown = sg_take_printable(&c);
+        if (strchr("<>&\"'", shown))
+            fprintf(f, "&#%d;", shown);
+        else
+            fputc(shown, f);
+    }
     json_decref(valid);
 }
 
