@@ -108,8 +108,7 @@ static bool is_same_photo(const struct sg_view *a, const struct sg_view *b)
 
 static int check_name(sg_ctx *ctx, const char *file)
 {
-    const char *slash = strrchr(file, '/');
-    const size_t length = strlen(slash ? slash + 1 : file);
+    const size_t length = strlen(sg_base_name(file));
     return length <= NAME_MAX
                ? SG_OK
                : sg_fail(ctx, SG_ERR_INPUT,

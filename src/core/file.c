@@ -9,6 +9,12 @@
 
 #include "source.h"
 
+const char *sg_base_name(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+    return slash ? slash + 1 : path;
+}
+
 FILE *sg_regular_stream(int fd)
 {
     struct stat st;
@@ -62,7 +68,7 @@ int sg_file_create(sg_ctx *ctx, struct sg_file_writer *w, const char *path)
     if (!sg_replaceable(path))
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: cannot write: found a folder or device, expected a file", path);
-    const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path;
+    const char *name = sg_base_name(path);
     w->path = sg_strdup(ctx, path);
     w->temporary = sg_strf(ctx, "%.*s%.*s.tmp%ld", (int) (name - path), path, TEMPORARY_NAME, name,
                            (long) getpid());

@@ -8,6 +8,9 @@
 
 #include "context.h"
 
+/* What follows the last slash. */
+const char *sg_base_name(const char *path);
+
 /* The steps of the functions below, for callers without a context. NULL or false: see errno. */
 FILE *
 sg_regular_stream(int fd); /* takes over a descriptor that was opened to read; otherwise as below */

@@ -72,7 +72,6 @@ void sg_shots_sort(struct sg_shots *shots); /* by view name, byte order */
  * are the same. */
 int sg_shots_check_names(sg_ctx *ctx, const struct sg_shots *shots, size_t first,
                          const char *where);
-const char *sg_base_name(const char *path);
 /* The same path with another suffix of photos (.JPG, .jpg, .jpeg, .png, .PNG, .webp), or one added
  * where it has none, if there is such a file: photos that were converted keep their place. *out:
  * NULL if there is none. */

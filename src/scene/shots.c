@@ -6,15 +6,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/file.h"
 #include "model/ply.h"
 #include "model/points.h"
 #include "scene/reader.h"
-
-const char *sg_base_name(const char *path)
-{
-    const char *slash = strrchr(path, '/');
-    return slash ? slash + 1 : path;
-}
 
 int sg_find_converted(sg_ctx *ctx, const struct sg_folder *dir, const char *path, char **out)
 {
