@@ -139,10 +139,10 @@ static int refuse_twins(const struct render_config *c, const struct model_views 
     int code = names ? 0 : no_memory();
     for (size_t i = 0; i < v->n && !code; i++)
         for (int k = 0; k < 3 && !code; k++)
-            if (endings[k] && asprintf(&names[n++], "%s%s", v->views[i].name, endings[k]) < 0) {
-                names[--n] = NULL;
+            if (endings[k] && asprintf(&names[n], "%s%s", v->views[i].name, endings[k]) < 0)
                 code = no_memory();
-            }
+            else if (endings[k])
+                n++;
     if (!code)
         qsort(names, n, sizeof(*names), by_text);
     for (size_t i = 1; i < n && !code; i++)
