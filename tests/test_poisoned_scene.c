@@ -121,7 +121,8 @@ static void test_namesakes(void **state)
     const struct sg_poison_files files = sg_poison_files_default();
     char text[256], folder[PATH_MAX];
     put_photos(f, photos, 2);
-    assert_int_equal(rename(at(f, "train/b.png"), strcpy(folder, at(f, "train/a.webp"))), 0);
+    snprintf(folder, sizeof(folder), "%s", at(f, "train/a.webp"));
+    assert_int_equal(rename(at(f, "train/b.png"), folder), 0);
     snprintf(text, sizeof(text), frame, "train/a.png");
     put_text(f, "transforms_train.json", text);
     snprintf(folder, sizeof(folder), "%s", at(f, "out"));
