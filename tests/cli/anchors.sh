@@ -43,7 +43,7 @@ cmp -s looks-0/r_0.png looks-1/r_0.png && fail "photos 0 and 1 have the same app
 expect 0 export looks looks.ply --view-independent
 # A decoy of anchors: grows within the bound, and goes on to the same bytes.
 options="--model scaffold --anchors-from-iter 40 --voxel-size 0.02 --densification-interval 10 --densify-grad-threshold 1e-6
-    --iterations 60 --inner 3 --proxy-iterations 60 --save png --quiet"
+    --iterations 20 --inner 3 --proxy-iterations 60 --save png --quiet"
 expect 0 attack scene/colmap -o poisoned $options --keep-decoy
 grep -q '"linf_max": 16.0' poisoned/poison.json && grep -q '"model": "scaffold"' poisoned/poison.json || fail "poison.json"
 proxy=$(sed -n 's/.*"proxy_gaussians": \([0-9]*\).*/\1/p' poisoned/poison.json)
