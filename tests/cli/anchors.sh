@@ -41,7 +41,7 @@ cmp looks-0/r_0.png looks-index/r_0.png || fail "the first view does not have th
 cmp looks-1/r_1.png looks-index/r_1.png || fail "the second view does not have the appearance of photo 1"
 cmp -s looks-0/r_0.png looks-1/r_0.png && fail "photos 0 and 1 have the same appearance"
 expect 0 export looks looks.ply --view-independent
-# A decoy of anchors: grows within the bound, and goes on to the same bytes.
+# A decoy of anchors grows, and the poison stays within the bound.
 options="--model scaffold --anchors-from-iter 40 --voxel-size 0.02 --densification-interval 10 --densify-grad-threshold 1e-6
     --iterations 20 --inner 3 --proxy-iterations 60 --save png --quiet"
 expect 0 attack scene/colmap -o poisoned $options --keep-decoy
