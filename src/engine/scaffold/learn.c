@@ -32,16 +32,19 @@ static void count_anchor(const struct pull_job *j, const struct seen *s)
 {
     float *stat =
         j->b->anchors.at[SG_C_ANCHOR_STATISTICS] + sg_param_index(SG_A_STATISTICS, s->anchor, 0);
+    const float *params = j->drawn->at[SG_C_PARAMETERS];
     size_t from = s->first;
-    stat[SG_A_SEEN * SG_LANES] += 1;
-    stat[SG_A_OPACITY * SG_LANES] += s->opacity;
+    float opacity = 0;
     for (int g = 0; g < SG_ANCHOR_GAUSSIANS; g++) {
         if (!(s->exists >> g & 1))
             continue;
         stat[(SG_A_GRADIENT + g) * SG_LANES] += j->drawn->at[SG_C_GRAD_SUM][from];
         stat[(SG_A_DRAWN + g) * SG_LANES] += j->drawn->at[SG_C_GRAD_COUNT][from];
+        opacity += 1 / (1 + expf(-params[sg_param_index(SG_DRAWN_PLANES, from, SG_P_OPACITY)]));
         from++;
     }
+    stat[SG_A_SEEN * SG_LANES] += 1;
+    stat[SG_A_OPACITY * SG_LANES] += opacity;
 }
 
 static void pull_piece(void *arg, size_t piece, int thread)

@@ -14,7 +14,6 @@ struct seen {
     uint32_t anchor;
     uint32_t first;  /* its first Gaussian */
     uint16_t exists; /* a bit for each that it has */
-    float opacity;   /* the sum of theirs */
 };
 
 struct scaffold_engine {

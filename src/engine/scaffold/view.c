@@ -125,11 +125,8 @@ static void generate_block(void *arg, size_t k, int thread)
             break;
         struct seen *s = &b->seen[at];
         for (int g = 0; g < SG_ANCHOR_GAUSSIANS; g++) {
-            const float logit = b->drawn[k][g][SG_P_OPACITY][lane];
-            if (!(logit > -INFINITY))
-                continue;
-            s->exists |= (uint16_t) (1u << g);
-            s->opacity += 1 / (1 + expf(-logit));
+            if (b->drawn[k][g][SG_P_OPACITY][lane] > -INFINITY)
+                s->exists |= (uint16_t) (1u << g);
         }
     }
 }
