@@ -55,3 +55,12 @@ file(GLOB SG_TEST_PARTS CONFIGURE_DEPENDS tests/*.cmake)
 foreach(part ${SG_TEST_PARTS})
     include(${part})
 endforeach()
+
+# The suite is for the CPU engine, whatever GPUs the machine has: the tests that have no drivers of their own see none.
+get_property(all DIRECTORY PROPERTY TESTS)
+foreach(name ${all})
+    get_property(labels TEST ${name} PROPERTY LABELS)
+    if(NOT "vulkan" IN_LIST labels)
+        set_property(TEST ${name} APPEND PROPERTY ENVIRONMENT VK_DRIVER_FILES=/dev/null VK_ICD_FILENAMES=/dev/null)
+    endif()
+endforeach()

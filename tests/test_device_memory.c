@@ -152,7 +152,7 @@ static void test_host(void **state)
     for (int resumed = 0; resumed < 2; resumed++) {
         sg_ctx *ctx = make_context(1);
         sg_trainer *t;
-        const struct sg_engine_kind *kind = sg_engine_find(ctx, p.engine);
+        const struct sg_engine_kind *kind = sg_engine_find(ctx, p.engine, NULL);
         const uint64_t each = sg_engine_footprint(kind, &work).gaussian;
         if (resumed ? sg_trainer_resume(ctx, &f.scene, path, &p, &t)
                     : sg_trainer_create(ctx, &f.scene, start, &p, &t))

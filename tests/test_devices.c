@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Which Vulkan device a name chooses, of lists that no machine at hand has. */
 #include "engine/vulkan/devices.h"
+#include "core/vram.h"
 #include "engine/engine.h"
 #include "models.h"
 
@@ -54,41 +55,186 @@ static void test_choice(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-static char said[256];
+static char said[1024];
 
 static void keep_line(void *priv, enum sg_log_level level, const char *line)
 {
     (void) priv;
-    if (level == SG_LOG_INFO)
+    if (level <= SG_LOG_INFO)
         snprintf(said, sizeof(said), "%s", line);
 }
 
-/* `auto` takes what is listed as available, and says what it has taken. */
+static sg_ctx *listening_context(void)
+{
+    const struct sg_ctx_params params = {.threads = 1, .log = keep_line, .log_level = SG_LOG_INFO};
+    sg_ctx *ctx;
+    said[0] = 0;
+    assert_int_equal(sg_ctx_create(&ctx, &params), SG_OK);
+    return ctx;
+}
+
+static const char *engine_of(sg_ctx *ctx, const char *name, const char *variant)
+{
+    return sg_engine_find(ctx, name, variant)->name;
+}
+
+/* Where drivers are hidden, as from this suite: the CPU, without a word. A variant is one of the
+ * CPU's. */
 static void test_auto(void **state)
 {
     (void) state;
-    const struct sg_ctx_params params = {.threads = 1, .log = keep_line, .log_level = SG_LOG_INFO};
     struct sg_engine_info e = {0};
-    struct sg_engine *engine;
-    sg_ctx *ctx;
+    sg_ctx *ctx = listening_context();
     for (size_t i = 0; sg_engine_list(i, &e); i++)
         if (!strcmp(e.engine, "vulkan"))
             break;
     assert_non_null(e.engine);
-    assert_int_equal(sg_ctx_create(&ctx, &params), SG_OK);
     assert_int_equal(sg_engine_check(ctx, "auto", NULL), SG_OK);
-    assert_int_equal(sg_engine_create(ctx, "auto", NULL, &engine), SG_OK);
-    assert_non_null(strstr(said, e.available ? "auto takes vulkan: " : "auto takes cpu: "));
-    assert_true(e.available || sg_engine_check(ctx, "auto", "nonsense") == SG_ERR_USAGE);
-    sg_engine_destroy(&engine);
+    assert_string_equal(engine_of(ctx, "auto", "baseline"), "cpu");
+    assert_string_equal(engine_of(ctx, NULL, "baseline"), "cpu");
+    assert_int_equal(sg_engine_check(ctx, "auto", "nonsense"), SG_ERR_USAGE);
+    sg_clear_error(ctx);
+    if (!e.available) {
+        assert_string_equal(engine_of(ctx, "auto", NULL), "cpu");
+        assert_string_equal(engine_of(ctx, NULL, NULL), "cpu");
+        assert_string_equal(said, "");
+    }
+    sg_ctx_destroy(&ctx);
+}
+
+/* Engines for machines that no machine at hand is: the CPU's, with one operation exchanged. */
+static struct sg_engine_ops cpu, changed;
+
+static int create_changed(sg_ctx *ctx, const char *variant, struct sg_engine **out)
+{
+    assert_null(variant);
+    const int code = sg_engine_cpu.create(ctx, NULL, out);
+    if (!code)
+        (*out)->ops = &changed;
+    return code;
+}
+
+static const char *name_of_gpu(const struct sg_engine *e)
+{
+    (void) e;
+    return "GPU of a test";
+}
+
+static int wrong_image(struct sg_engine *e, float *rgb, float *alpha, float *depth)
+{
+    const int code = cpu.read_image(e, rgb, alpha, depth);
+    rgb[e->width + 3] = NAN;
+    return code;
+}
+
+static int wrong_gradients(struct sg_engine *e, struct sg_model *out)
+{
+    const int code = cpu.read_gradients(e, out);
+    for (size_t i = 0; i < out->count; i++)
+        *sg_model_at(out, i, SG_P_OPACITY) *= 1.5f;
+    return code;
+}
+
+static int lost(struct sg_engine *e)
+{
+    return sg_fail(e->ctx, SG_ERR_INTERNAL, "the GPU of a test is lost");
+}
+
+static int too_small(sg_ctx *ctx, const char *variant, struct sg_engine **out)
+{
+    (void) variant;
+    *out = NULL;
+    return sg_fail(ctx, SG_ERR_BUDGET, "the GPU of a test is too small");
+}
+
+/* What is chosen, and leaves neither memory nor an error behind. */
+static const char *choice(const struct sg_engine_kind *candidate)
+{
+    static char text[64];
+    sg_ctx *ctx = listening_context();
+    snprintf(text, sizeof(text), "%s", sg_engine_choose(ctx, candidate)->name);
+    assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
+    assert_false(sg_failed(ctx));
+    sg_ctx_destroy(&ctx);
+    return text;
+}
+
+static void test_trial(void **state)
+{
+    (void) state;
+    struct sg_engine_kind gpu = {.name = "gpu", .devices = true, .create = create_changed};
+    sg_ctx *ctx = make_context(1);
+    struct sg_engine *e;
+    assert_int_equal(sg_engine_create(ctx, "cpu", NULL, &e), SG_OK);
+    changed = cpu = *e->ops;
+    sg_engine_destroy(&e);
+    sg_ctx_destroy(&ctx);
+    changed.variant = name_of_gpu;
+    assert_string_equal(choice(&gpu), "gpu");
+    assert_string_equal(said, "");
+    changed.read_image = wrong_image;
+    assert_string_equal(choice(&gpu), "cpu");
+    assert_non_null(strstr(said, "auto takes cpu: GPU of a test: found nan as value 53 of a test"));
+    changed.read_image = cpu.read_image;
+    changed.read_gradients = wrong_gradients;
+    assert_string_equal(choice(&gpu), "cpu");
+    assert_non_null(strstr(said, "as gradient of parameter 3 of Gaussian"));
+    changed.read_gradients = cpu.read_gradients;
+    changed.raster_backward = lost;
+    assert_string_equal(choice(&gpu), "cpu");
+    assert_non_null(strstr(said, "auto takes cpu: the GPU of a test is lost"));
+    gpu.create = too_small;
+    assert_string_equal(choice(&gpu), "cpu");
+    assert_non_null(strstr(said, "auto takes cpu: the GPU of a test is too small"));
+}
+
+/* A device that has no room for the work gives way once; an engine with a name never does. */
+static void test_gives_way(void **state)
+{
+    (void) state;
+    const struct sg_engine_kind gpu = {.name = "gpu", .devices = true, .create = create_changed};
+    sg_ctx *ctx = listening_context();
+    *sg_ctx_auto_engine(ctx) = &gpu;
+    assert_string_equal(engine_of(ctx, "auto", NULL), "gpu");
+    assert_string_equal(engine_of(ctx, "auto", "baseline"), "cpu");
+    sg_fail(ctx, SG_ERR_BUDGET, "memory of the device: no room");
+    assert_false(sg_engine_give_way(ctx, "vulkan", NULL, SG_ERR_BUDGET));
+    assert_false(sg_engine_give_way(ctx, "auto", "baseline", SG_ERR_BUDGET));
+    assert_false(sg_engine_give_way(ctx, "auto", NULL, SG_ERR_INPUT));
+    assert_true(sg_engine_give_way(ctx, "auto", NULL, SG_ERR_BUDGET));
+    assert_string_equal(said, "engine: auto takes cpu: memory of the device: no room");
+    assert_false(sg_failed(ctx));
+    assert_string_equal(engine_of(ctx, NULL, NULL), "cpu");
+    assert_false(sg_engine_give_way(ctx, "auto", NULL, SG_ERR_BUDGET));
+    sg_ctx_destroy(&ctx);
+}
+
+/* The engine that this suite is for passes; a device that is lost during the trial does not. */
+static void test_tried_engine(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    struct sg_engine *e;
+    assert_int_equal(sg_engine_create(ctx, main_engine(), NULL, &e), SG_OK);
+    assert_int_equal(sg_engine_try(e), SG_OK);
+    sg_engine_destroy(&e);
+    if (!strncmp(main_engine(), "vulkan", 6)) {
+        assert_int_equal(sg_engine_create(ctx, main_engine(), NULL, &e), SG_OK);
+        sg_fail_device(ctx, SG_DEVICE_SUBMISSION, 1);
+        assert_int_not_equal(sg_engine_try(e), SG_OK);
+        assert_true(sg_fail_device(ctx, SG_DEVICE_SUBMISSION, 0));
+        sg_engine_destroy(&e);
+    }
+    assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
     sg_ctx_destroy(&ctx);
 }
 
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_choice),
-        cmocka_unit_test(test_auto),
+        cmocka_unit_test(test_choice),       cmocka_unit_test(test_auto),
+        cmocka_unit_test(test_trial),        cmocka_unit_test(test_gives_way),
+        cmocka_unit_test(test_tried_engine),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

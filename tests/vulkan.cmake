@@ -48,6 +48,7 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
     sg_vulkan_test(scaffold_training test_scaffold_training 256)
     sg_vulkan_test(flow test_flow${suffix} 256)
     sg_vulkan_test(memory test_device_memory 256)
+    sg_vulkan_test(devices test_devices 256)
     # Scripts of the command line with this engine instead of the default, without the layer. The others compute nothing,
     # stop before they do (usage), or take minutes on such a driver and have a short form here (defense, attack).
     function(sg_vulkan_script name script)

@@ -32,6 +32,7 @@ struct sg_ctx {
     struct counter memory[SG_MEM_TAGS + 1]; /* the last one is the total */
     _Atomic uint64_t to_failure;            /* allocations until one is made to fail; 0 = none */
     struct sg_vram vram;
+    const struct sg_engine_kind *auto_engine;
     _Atomic uint64_t wanted; /* total bytes that the newest refused allocation would have needed */
 };
 
@@ -251,6 +252,11 @@ uint64_t sg_mem_wanted(const sg_ctx *ctx)
 struct sg_vram *sg_ctx_vram(sg_ctx *ctx)
 {
     return &ctx->vram;
+}
+
+const struct sg_engine_kind **sg_ctx_auto_engine(sg_ctx *ctx)
+{
+    return &ctx->auto_engine;
 }
 
 uint64_t sg_vram_current(const sg_ctx *ctx, enum sg_mem_tag tag)

@@ -41,6 +41,10 @@ __attribute__((format(printf, 3, 4))) void sg_log(sg_ctx *ctx, enum sg_log_level
 /* Total bytes that the newest refused allocation would have needed. */
 uint64_t sg_mem_wanted(const sg_ctx *ctx);
 
+/* What "auto" means in this context: an engine, once one is chosen. */
+struct sg_engine_kind;
+const struct sg_engine_kind **sg_ctx_auto_engine(sg_ctx *ctx);
+
 /* For tests: the nth allocation from now on fails as if the system had no memory; 0 = none. Returns
  * whether the allocation of the call before has failed. */
 bool sg_fail_allocation(sg_ctx *ctx, uint64_t nth);

@@ -76,7 +76,9 @@ static const char *choice_of(const struct sg_engine_kind *kind, const char *name
 
 int sg_engine_check(sg_ctx *ctx, const char *name, const char *variant)
 {
-    const struct sg_engine_kind *kind = sg_engine_find(ctx, name);
+    if (sg_engine_is_auto(name, variant))
+        return SG_OK;
+    const struct sg_engine_kind *kind = sg_engine_find(ctx, name, variant);
     if (!kind)
         return SG_ERR_USAGE;
     return kind->check ? kind->check(ctx, choice_of(kind, name, variant)) : SG_OK;
@@ -85,13 +87,12 @@ int sg_engine_check(sg_ctx *ctx, const char *name, const char *variant)
 int sg_engine_create(sg_ctx *ctx, const char *name, const char *variant, struct sg_engine **out)
 {
     *out = NULL;
-    const struct sg_engine_kind *kind = sg_engine_find(ctx, name);
+    const struct sg_engine_kind *kind = sg_engine_find(ctx, name, variant);
     if (!kind)
         return SG_ERR_USAGE;
     const int made = kind->create(ctx, choice_of(kind, name, variant), out);
-    if (!made && name && !strcmp(name, SG_ENGINE_AUTO))
-        sg_log(ctx, SG_LOG_INFO, "engine: auto takes %s: %s", kind->name,
-               kind->devices ? sg_engine_variant(*out) : "this machine has no GPU for vulkan");
+    if (!made && kind->devices && sg_engine_is_auto(name, variant))
+        sg_log(ctx, SG_LOG_INFO, "engine: auto takes %s: %s", kind->name, sg_engine_variant(*out));
     if (!made)
         sg_log(ctx, SG_LOG_DEBUG, "engine: %s, kernels %s, %d threads", kind->name,
                sg_engine_variant(*out), sg_ctx_threads(ctx));

@@ -23,10 +23,17 @@ struct sg_anisotropy; /* spectral/anisotropy.h */
 
 /* ---- creation ---- */
 
-/* name: of an engine ("cpu", "ref") or "auto", NULL = "cpu"; variant: of its kernels, NULL = the
- * best this machine runs. SG_ERR_USAGE for one that is not known or does not run here. */
+/* name: of an engine ("cpu", "vulkan", "ref") or "auto", NULL = "auto"; variant: of the CPU's
+ * kernels, NULL = the best this machine runs. "auto" with a variant is "cpu". SG_ERR_USAGE for one
+ * that is not known or does not run here. */
 int sg_engine_check(sg_ctx *ctx, const char *name, const char *variant);
 int sg_engine_create(sg_ctx *ctx, const char *name, const char *variant, struct sg_engine **out);
+/* Whether these two leave the choice between the CPU and a device to the library. */
+bool sg_engine_is_auto(const char *name, const char *variant);
+/* After a failure with this code: whether the library has chosen a device that has too little
+ * memory. Then "auto" means the CPU from here on, the log says so, and the error is cleared: try
+ * again. */
+bool sg_engine_give_way(sg_ctx *ctx, const char *name, const char *variant, int code);
 void sg_engine_destroy(struct sg_engine **engine);
 sg_ctx *sg_engine_ctx(const struct sg_engine *e);
 const char *

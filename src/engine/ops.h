@@ -170,6 +170,8 @@ struct sg_engine_kind {
     int (*variants)(const char *out[SG_ENGINE_VARIANTS]);
     struct sg_footprint (*footprint)(const struct sg_work *); /* in host memory */
     struct sg_footprint (*on_device)(const struct sg_work *); /* optional: it has no device */
+    /* Optional. Whether a device that nobody names is possible, without a look at drivers. */
+    bool (*may_run)(void);
     /* For sg_engine_list: fills in all but the engine's name. Returns false after the last one. out
      * NULL: only this. */
     bool (*describe)(size_t index, struct sg_engine_info *out);

@@ -16,29 +16,55 @@ static bool is(const struct sg_engine_kind *kind, const char *name)
     return !strncmp(name, kind->name, n) && (!name[n] || (kind->devices && name[n] == ':'));
 }
 
-/* "auto": an engine whose device nobody has to name, else the first. */
-static const struct sg_engine_kind *best(void)
+bool sg_engine_is_auto(const char *name, const char *variant)
+{
+    return !variant && (!name || !strcmp(name, SG_ENGINE_AUTO));
+}
+
+const struct sg_engine_kind *sg_engine_choose(sg_ctx *ctx, const struct sg_engine_kind *candidate)
+{
+    struct sg_failure failure = {0};
+    struct sg_engine *engine = NULL;
+    sg_failures_apart(&failure);
+    int code = candidate->create(ctx, NULL, &engine);
+    if (!code)
+        code = sg_engine_try(engine);
+    sg_engine_destroy(&engine);
+    sg_failures_apart(NULL);
+    if (!code)
+        return candidate;
+    sg_log(ctx, SG_LOG_WARN, "engine: auto takes %s: %s", kinds[0]->name, failure.text);
+    return kinds[0];
+}
+
+static const struct sg_engine_kind *best(sg_ctx *ctx)
 {
     for (size_t i = 0; i < KINDS; i++) {
         struct sg_engine_info info = {0};
-        if (kinds[i]->devices && kinds[i]->describe(0, &info) && info.available)
-            return kinds[i];
+        if (kinds[i]->may_run && kinds[i]->may_run() && kinds[i]->describe(0, &info) &&
+            info.available)
+            return sg_engine_choose(ctx, kinds[i]);
     }
     return kinds[0];
 }
 
 static const struct sg_engine_kind *find(const char *name)
 {
-    if (name && !strcmp(name, SG_ENGINE_AUTO))
-        return best();
     for (size_t i = 0; i < KINDS; i++)
-        if (!name || is(kinds[i], name))
+        if (is(kinds[i], name))
             return kinds[i];
     return NULL;
 }
 
-const struct sg_engine_kind *sg_engine_find(sg_ctx *ctx, const char *name)
+const struct sg_engine_kind *sg_engine_find(sg_ctx *ctx, const char *name, const char *variant)
 {
+    if (sg_engine_is_auto(name, variant)) {
+        const struct sg_engine_kind **chosen = sg_ctx_auto_engine(ctx);
+        *chosen = *chosen ? *chosen : best(ctx);
+        return *chosen;
+    }
+    if (sg_engine_is_auto(name, NULL))
+        return kinds[0];
     const struct sg_engine_kind *kind = find(name);
     char list[64] = SG_ENGINE_AUTO;
     for (size_t i = 0; !kind && i < KINDS; i++) {
@@ -48,6 +74,18 @@ const struct sg_engine_kind *sg_engine_find(sg_ctx *ctx, const char *name)
     if (!kind)
         sg_fail(ctx, SG_ERR_USAGE, "engine: found \"%s\", expected %s", name, list);
     return kind;
+}
+
+bool sg_engine_give_way(sg_ctx *ctx, const char *name, const char *variant, int code)
+{
+    const struct sg_engine_kind **chosen = sg_ctx_auto_engine(ctx);
+    if (code != SG_ERR_BUDGET || !sg_engine_is_auto(name, variant) || !*chosen ||
+        !(*chosen)->devices)
+        return false;
+    sg_log(ctx, SG_LOG_WARN, "engine: auto takes %s: %s", kinds[0]->name, sg_last_error(ctx));
+    sg_clear_error(ctx);
+    *chosen = kinds[0];
+    return true;
 }
 
 int sg_engine_names(const char *out[SG_ENGINES])

@@ -74,7 +74,8 @@ static int score_model(sg_ctx *ctx, const struct sg_scene *scene, const struct s
                    ? spectral(engine, scene, p, &render, score)
                    : sg_lightgaussian(engine, scene, m, p, &render, score);
     sg_engine_destroy(&engine);
-    return code;
+    return sg_engine_give_way(ctx, p->engine, p->cpu, code) ? score_model(ctx, scene, m, p, score)
+                                                            : code;
 }
 
 int sg_prune_scores(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *model,

@@ -9,7 +9,9 @@
 
 #include "config.h"
 #include "core/file.h"
+#include "engine/engine.h"
 #include "files.h"
+#include "splatguard/engine.h"
 #include "splatguard/run.h"
 
 #define CFG_ARGS_BYTES 65536 /* other trainers write a few hundred bytes */
@@ -18,6 +20,16 @@ void sg_run_params_clear(struct sg_run_params *p)
 {
     json_decref(p->texts);
     p->texts = NULL;
+}
+
+/* A run on a device has the name of the device there. */
+static bool is_cpu_variant(const char *name)
+{
+    struct sg_engine_info e;
+    for (size_t i = 0; sg_engine_list(i, &e); i++)
+        if (!strcmp(e.engine, "cpu") && e.variant && !strcmp(e.variant, name))
+            return true;
+    return false;
 }
 
 static int read_params(sg_ctx *ctx, const char *folder, bool strict, struct sg_run_params *out)
@@ -35,7 +47,8 @@ static int read_params(sg_ctx *ctx, const char *folder, bool strict, struct sg_r
                                       strict, path)
                 : SG_ERR_BUDGET;
     const char *variant = json_string_value(json_object_get(root, "cpu_variant"));
-    out->train.cpu = variant ? variant : out->train.cpu;
+    if (variant && (!sg_engine_is_auto(out->train.engine, NULL) || is_cpu_variant(variant)))
+        out->train.cpu = variant;
     sg_free(path);
     return code;
 }

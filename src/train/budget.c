@@ -88,7 +88,7 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
     const uint64_t limit = sg_mem_limit(ctx), held = sg_mem_current(ctx, SG_MEM_TAGS) - photos.held;
     if (!limit)
         return SG_OK;
-    const struct sg_engine_kind *engine = sg_engine_find(ctx, p->engine);
+    const struct sg_engine_kind *engine = sg_engine_find(ctx, p->engine, p->cpu);
     if (!engine)
         return SG_ERR_USAGE;
     const struct sg_work work = work_of(ctx, p, sh_degree, accumulate);
@@ -158,7 +158,7 @@ int sg_budget_plan_device(sg_ctx *ctx, const struct sg_scene *scene,
                           const struct sg_train_params *p, int sh_degree, bool accumulate,
                           bool spectral, struct sg_budget *limits)
 {
-    const struct sg_engine_kind *engine = sg_engine_find(ctx, p->engine);
+    const struct sg_engine_kind *engine = sg_engine_find(ctx, p->engine, p->cpu);
     struct sg_work work = work_of(ctx, p, sh_degree, accumulate);
     struct sg_footprint need;
     struct device_views v = {0};

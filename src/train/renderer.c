@@ -37,6 +37,19 @@ struct sg_render_params sg_render_params_default(void)
     return (struct sg_render_params){SG_RENDER_DEFAULTS};
 }
 
+static int hold_model(sg_ctx *ctx, const char *name, const char *cpu, const struct sg_model *model,
+                      struct sg_engine **out)
+{
+    int code = sg_engine_create(ctx, name, cpu, out);
+    if (!code && sg_model_has_anchors(model))
+        code = sg_scaffold_wrap(ctx, out);
+    if (!code)
+        code = sg_engine_upload(*out, model, model->columns);
+    if (code)
+        sg_engine_destroy(out);
+    return sg_engine_give_way(ctx, name, cpu, code) ? hold_model(ctx, name, cpu, model, out) : code;
+}
+
 int sg_renderer_create(sg_ctx *ctx, const char *engine, const char *cpu,
                        const struct sg_model *model, const struct sg_render_params *params,
                        sg_renderer **out)
@@ -44,21 +57,15 @@ int sg_renderer_create(sg_ctx *ctx, const char *engine, const char *cpu,
     const struct sg_render_params defaults = sg_render_params_default();
     sg_clear_error(ctx);
     *out = NULL;
-    struct sg_engine *b;
+    struct sg_engine *e = NULL;
     params = params ? params : &defaults;
     int code = sg_check_options(ctx, sg_render_options(), params);
     if (!code)
-        code = sg_engine_create(ctx, engine ? engine : "cpu", cpu, &b);
-    if (code)
-        return code;
-    if (sg_model_has_anchors(model))
-        code = sg_scaffold_wrap(ctx, &b);
+        code = hold_model(ctx, engine, cpu, model, &e);
     if (!code)
-        code = sg_engine_upload(b, model, model->columns);
-    if (!code)
-        code = sg_renderer_borrow(b, model->active_sh_degree, params, out);
+        code = sg_renderer_borrow(e, model->active_sh_degree, params, out);
     if (code)
-        sg_engine_destroy(&b);
+        sg_engine_destroy(&e);
     else {
         (*out)->borrowed = false;
         (*out)->sh_degree = model->sh_degree;

@@ -136,6 +136,25 @@ static int hold_photo(sg_trainer *t, size_t view, bool stays)
     return code;
 }
 
+/* Plans the memory and makes the engine. */
+static int open_engine(sg_trainer *t, const struct sg_trainer_start *start)
+{
+    const struct sg_train_params *p = &t->params;
+    int code = sg_budget_plan(t->ctx, t->scene, p, t->sh_degree, bytes_held(start->initial),
+                              start->sums, &t->budget);
+    if (!code) {
+        sg_lazy_photos_keep(t->scene->lazy, t->budget.photos);
+        code = sg_engine_create(t->ctx, p->engine, p->cpu, &t->engine);
+    }
+    if (!code)
+        code = sg_budget_plan_device(t->ctx, t->scene, p, t->sh_degree, start->sums,
+                                     start->spectral, &t->budget);
+    if (!sg_engine_give_way(t->ctx, p->engine, p->cpu, code))
+        return code;
+    sg_engine_destroy(&t->engine);
+    return open_engine(t, start);
+}
+
 int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_trainer_start *start,
                     const struct sg_train_params *params, sg_trainer **out)
 {
@@ -168,15 +187,8 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
                    : t->strategy->initial ? 0 /* of what is made */
                                           : t->params.sh_degree;
     t->params.sh_degree = t->params.sh_degree < t->sh_degree ? t->params.sh_degree : t->sh_degree;
-    if ((code = sg_budget_plan(ctx, scene, &t->params, t->sh_degree, bytes_held(start->initial),
-                               start->sums, &t->budget)))
-        goto fail;
-    sg_lazy_photos_keep(scene->lazy, t->budget.photos);
-    if ((code = alloc_state(t)) ||
+    if ((code = open_engine(t, start)) || (code = alloc_state(t)) ||
         (t->params.exposure && (code = sg_exposures_create(ctx, scene->n_train, &t->exposures))) ||
-        (code = sg_engine_create(ctx, t->params.engine, t->params.cpu, &t->engine)) ||
-        (code = sg_budget_plan_device(ctx, scene, &t->params, t->sh_degree, start->sums,
-                                      start->spectral, &t->budget)) ||
         (code = set_model(t)) ||
         (code = start->checkpoint ? sg_checkpoint_read(t, &saved)
                                   : sg_trainer_init_model(t, start->initial)))

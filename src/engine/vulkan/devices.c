@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "devices.h"
 
+#include <glob.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -166,6 +167,30 @@ int sg_vk_choose_device(sg_ctx *ctx, const struct vk_device_choice *devices, int
                    "vulkan: found no device \"%s\" among %d; `splatguard info --devices` lists "
                    "their names and numbers",
                    selector, n);
+}
+
+bool sg_vulkan_may_have_gpu(void)
+{
+#ifdef __linux__
+    static const char *const files[] = {
+        "/dev/dri/renderD*",          /* drivers of the kernel, for AMD, Intel, NVIDIA and others */
+        "/dev/nvidia[0-9]*",          /* NVIDIA's own driver */
+        "/proc/driver/nvidia/gpus/*", /* the same before its first use */
+        "/dev/dxg",                   /* Windows' GPU in WSL */
+        "/dev/mali*",                 /* the makers' own drivers of phones' and boards' GPUs */
+        "/dev/kgsl-3d*",
+        "/dev/pvr*",
+    };
+    bool found = false;
+    for (size_t i = 0; i < sizeof(files) / sizeof(files[0]) && !found; i++) {
+        glob_t list = {0};
+        found = !glob(files[i], GLOB_NOSORT, NULL, &list);
+        globfree(&list);
+    }
+    return found;
+#else
+    return true;
+#endif
 }
 
 /* What this process lacks to run on a GPU, once somebody has looked: engines are listed one by one,

@@ -29,6 +29,10 @@ int sg_vk_devices(const struct vk_functions *vk, struct vk_device_choice out[VK_
 int sg_vk_choose_device(sg_ctx *ctx, const struct vk_device_choice *devices, int n,
                         const char *selector, const struct vk_device_choice **out);
 
+/* Whether the system has a file that each driver of a GPU needs. To ask the drivers themselves
+ * loads them, which takes time and memory, and some print. */
+bool sg_vulkan_may_have_gpu(void);
+
 /* Of sg_engine_vulkan. */
 bool sg_vulkan_describe(size_t index, struct sg_engine_info *out);
 

@@ -570,5 +570,6 @@ const struct sg_engine_kind sg_engine_vulkan = {
     .check = check,
     .footprint = footprint,
     .on_device = on_device,
+    .may_run = sg_vulkan_may_have_gpu,
     .describe = sg_vulkan_describe,
 };
