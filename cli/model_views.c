@@ -7,7 +7,7 @@
 struct model_options model_options_default(void)
 {
     return (struct model_options){
-        .engine = "cpu", .scene = sg_scene_params_default(), .render = sg_render_params_default()};
+        .engine = "auto", .scene = sg_scene_params_default(), .render = sg_render_params_default()};
 }
 
 int adopt_run_scene(sg_ctx *ctx, const char *folder, const struct command *command,

@@ -70,7 +70,7 @@ struct sg_attack_params {
     uint64_t max_gaussians; /* of the decoy; 0 = no limit, else at least 4. An anchor counts as its
                                10 Gaussians. Default 0. */
     uint64_t max_instances; /* see sg_render_params. Default 1 << 24. */
-    const char *engine;     /* "cpu" or "ref"; NULL = "cpu". Default "cpu". */
+    const char *engine;     /* see SG_ENGINE_HELP; NULL = "auto". Default "auto". */
     const char *cpu;        /* CPU variant; NULL = best. Default NULL. */
 };
 
@@ -79,7 +79,7 @@ struct sg_attack_params {
     .update_interval = 1, .lambda_dssim = 0.2f, .feature_lr = 0.0025f, .opacity_lr = 0.05f,        \
     .scaling_lr = 0.005f, .rotation_lr = 0.001f, .percent_dense = 0.01f,                           \
     .densification_interval = 100, .densify_grad_threshold = 0.0002f, .seed = 42,                  \
-    .max_instances = 1u << 24, .engine = "cpu", .scaffold = {SG_SCAFFOLD_DEFAULTS}
+    .max_instances = 1u << 24, .engine = "auto", .scaffold = {SG_SCAFFOLD_DEFAULTS}
 SG_API struct sg_attack_params sg_attack_params_default(void);
 
 /* The published schedules by data set and epsilon: "ns" (NeRF-Synthetic), "mip" (Mip-NeRF 360),

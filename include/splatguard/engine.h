@@ -17,7 +17,8 @@ extern "C" {
 #define SG_ENGINE_CHOICES "cpu|vulkan[:DEVICE]|ref|auto"
 #define SG_ENGINE_HELP                                                                             \
     "What computes: cpu; vulkan on a GPU, or on the device with this number or part of a name "    \
-    "(see info --devices); ref, the slow scalar oracle; auto, a GPU where there is one, else cpu."
+    "(see info --devices); ref, the slow scalar oracle; auto, a GPU where there is one that "      \
+    "draws a test image as the CPU does, else (or with --cpu) cpu."
 
 /* All texts are static. */
 struct sg_engine_info {

@@ -75,7 +75,7 @@ struct sg_prune_params {
                               Default 0. */
     double exponent;       /* alpha, 0..100. Default 2. */
     bool white_background; /* Default false. */
-    const char *engine;    /* "cpu" or "ref"; NULL = "cpu". Default "cpu". */
+    const char *engine;    /* see SG_ENGINE_HELP; NULL = "auto". Default "auto". */
     const char *cpu;       /* CPU variant; NULL = best. Default NULL. */
     /* NULL, or called after each iteration of fine-tuning. A result other than 0 cancels with
      * SG_ERR_INTERRUPTED. On a GPU it tells of losses and renders of an iteration a few before.
@@ -85,7 +85,8 @@ struct sg_prune_params {
 };
 #define SG_PRUNE_DEFAULTS                                                                          \
     .ratio = SG_PRUNE_PUBLISHED, .second_ratio = SG_PRUNE_PUBLISHED, .finetune = 5000,             \
-    .trained = 30000, .seed = 42, .volume_power = 0.1, .reduce = 4, .exponent = 2, .engine = "cpu"
+    .trained = 30000, .seed = 42, .volume_power = 0.1, .reduce = 4, .exponent = 2,                 \
+    .engine = "auto"
 SG_API struct sg_prune_params sg_prune_params_default(void);
 
 /* Range checks: SG_ERR_USAGE names the value and its range. */

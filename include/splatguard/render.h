@@ -52,7 +52,7 @@ enum sg_hit {
     SG_HIT_TRANSMITTANCE /* each pixel, with the transmittance in front of the Gaussian there */
 };
 
-/* A renderer holds a copy of a model on an engine ("cpu" or "ref"). Thread safety: unsafe. */
+/* A renderer holds a copy of a model on an engine. Thread safety: unsafe. */
 typedef struct sg_renderer sg_renderer;
 
 /* cpu: NULL = the best variant that this machine has, else "baseline", "avx2", "avx512", "neon".

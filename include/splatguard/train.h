@@ -169,7 +169,7 @@ struct sg_train_params {
     uint64_t max_instances; /* see sg_render_params. Default 1 << 24. */
     bool reference_tiles;   /* see sg_render_params. Default false. */
     struct sg_defense_params defense;
-    const char *engine; /* "cpu" or "ref"; NULL = "cpu". Default "cpu". */
+    const char *engine; /* see SG_ENGINE_HELP; NULL = "auto". Default "auto". */
     const char *cpu;    /* CPU variant; NULL = best. Default NULL. */
 };
 
@@ -182,7 +182,7 @@ struct sg_train_params {
     .densification_interval = 100, .densify_from_iter = 500, .densify_until_iter = 15000,          \
     .densify_grad_threshold = 0.0002f, .opacity_reset_interval = 3000, .init_points = 100000,      \
     .mcmc = {SG_MCMC_DEFAULTS}, .scaffold = {SG_SCAFFOLD_DEFAULTS}, .max_instances = 1u << 24,     \
-    .defense = {SG_DEFENSE_DEFAULTS}, .engine = "cpu"
+    .defense = {SG_DEFENSE_DEFAULTS}, .engine = "auto"
 SG_API struct sg_train_params sg_train_params_default(void);
 
 /* Values of `tolerance` in struct sg_run_params. AUTO: the audit's estimate for each photo. PRESET:

@@ -373,7 +373,7 @@ class Render:
 class Renderer:
     """Draws a model, which is copied.
 
-    background: red, green, blue from 0 to 1. engine: "cpu" or "ref". cpu: a variant of engines().
+    background: red, green, blue from 0 to 1. engine: of engines(), or "auto". cpu: a variant of it.
     params: see options("render").
     """
 
