@@ -95,6 +95,25 @@ static inline void make_photos(sg_ctx *ctx, const struct sg_model *m, int side,
     sg_renderer_destroy(&r);
 }
 
+/* Engines share their device with those that are there already: one that is there until the end
+ * saves the others the time to open it and to compile its kernels. */
+static struct sg_engine *kept_engine;
+
+static inline void drop_kept_engine(void)
+{
+    sg_ctx *ctx = sg_engine_ctx(kept_engine);
+    sg_engine_destroy(&kept_engine);
+    sg_ctx_destroy(&ctx);
+}
+
+static inline void keep_engine(const char *name)
+{
+    if (!name || kept_engine)
+        return;
+    assert_int_equal(sg_engine_create(make_context(1), name, NULL, &kept_engine), SG_OK);
+    atexit(drop_kept_engine);
+}
+
 /* Every engine and variant in host memory that this machine runs; the oracle is the last. Where
  * SG_TEST_ENGINE names an engine ("vulkan:llvmpipe"), that one and the oracle. */
 struct engine_case {
@@ -107,6 +126,7 @@ static inline int engine_cases(struct engine_case out[ENGINE_CASES])
     const char *engines[SG_ENGINES], *variants[SG_ENGINE_VARIANTS];
     const char *only = getenv("SG_TEST_ENGINE");
     int n = 0;
+    keep_engine(only);
     if (only)
         out[n++] = (struct engine_case){only, NULL};
     for (int i = 0, count = sg_engine_names(engines); i < count; i++) {
@@ -123,6 +143,7 @@ static inline int engine_cases(struct engine_case out[ENGINE_CASES])
 static inline const char *main_engine(void)
 {
     const char *only = getenv("SG_TEST_ENGINE");
+    keep_engine(only);
     return only ? only : "cpu";
 }
 

@@ -7,6 +7,7 @@
 #include "core/vram.h"
 #include "engine/vulkan/engine.h"
 #include "train/trainer.h"
+#define SIDE 32 /* two tiles: a driver for the CPU takes a millisecond for one */
 #include "training.h"
 
 #define ITERATIONS 16
@@ -373,6 +374,74 @@ static void test_loss(void **state)
     clear_fixture(&f);
 }
 
+/* ---- engines beside each other ---- */
+
+static const struct vulkan_engine *opened(sg_ctx *ctx, struct sg_engine **e)
+{
+    assert_int_equal(sg_engine_create(ctx, main_engine(), NULL, e), SG_OK);
+    return vulkan_of(*e);
+}
+
+/* Engines share a device, whatever their contexts; one that is lost is left to those that have it.
+ */
+static void test_shared(void **state)
+{
+    (void) state;
+    sg_ctx *one = make_context(1), *two = make_context(1);
+    struct sg_engine *a, *b, *c, *d;
+    struct gpu_device *first = opened(one, &a)->gpu->shared;
+    assert_ptr_equal(opened(two, &b)->gpu->shared, first);
+    sg_gpu_lose_device(first);
+    struct gpu_device *second = opened(one, &c)->gpu->shared;
+    assert_ptr_not_equal(second, first);
+    sg_engine_destroy(&a);
+    sg_engine_destroy(&b);
+    assert_ptr_equal(opened(two, &d)->gpu->shared, second);
+    sg_engine_destroy(&c);
+    sg_engine_destroy(&d);
+    assert_int_equal(sg_vram_current(one, SG_MEM_TAGS) + sg_vram_current(two, SG_MEM_TAGS), 0);
+    sg_ctx_destroy(&one);
+    sg_ctx_destroy(&two);
+}
+
+struct painter {
+    const char *engine;
+    const struct fixture *f;
+    float pixels[3 * SIDE * SIDE];
+};
+
+static void *paint(void *arg)
+{
+    struct painter *p = arg;
+    for (int i = 0; i < 4; i++) {
+        sg_ctx *ctx = make_context(1);
+        sg_renderer *r;
+        assert_int_equal(sg_renderer_create(ctx, p->engine, NULL, p->f->truth, NULL, &r), SG_OK);
+        assert_int_equal(sg_render(r, &p->f->views[0].camera, p->pixels, NULL, NULL, NULL), SG_OK);
+        sg_renderer_destroy(&r);
+        sg_ctx_destroy(&ctx);
+    }
+    return NULL;
+}
+
+/* Contexts of several threads draw at once. */
+static void test_threads(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(1);
+    static struct painter painters[3];
+    pthread_t threads[3];
+    for (int i = 0; i < 3; i++) {
+        painters[i] = (struct painter){.engine = main_engine(), .f = &f};
+        assert_int_equal(pthread_create(&threads[i], NULL, paint, &painters[i]), 0);
+    }
+    for (int i = 0; i < 3; i++)
+        pthread_join(threads[i], NULL);
+    for (int i = 1; i < 3; i++)
+        assert_memory_equal(painters[i].pixels, painters[0].pixels, sizeof(painters[0].pixels));
+    clear_fixture(&f);
+}
+
 int main(void)
 {
     if (!getenv("SG_TEST_ENGINE")) {
@@ -383,6 +452,7 @@ int main(void)
         cmocka_unit_test(test_depths),   cmocka_unit_test(test_overflow),
         cmocka_unit_test(test_variants), cmocka_unit_test(test_passing),
         cmocka_unit_test(test_attack),   cmocka_unit_test(test_left_view),
+        cmocka_unit_test(test_threads),  cmocka_unit_test(test_shared),
         cmocka_unit_test(test_loss),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

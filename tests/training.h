@@ -5,7 +5,9 @@
 
 #include "models.h"
 
+#ifndef SIDE /* of photos, pixels */
 #define SIDE 48
+#endif
 #define VIEWS 6
 
 /* Photos of a known model, rendered by the oracle; the trainer starts from its shaken copy. */

@@ -9,14 +9,11 @@
 
 static int fail_result(struct gpu *g, VkResult result, const char *what)
 {
-    if (result == VK_ERROR_OUT_OF_HOST_MEMORY || result == VK_ERROR_OUT_OF_DEVICE_MEMORY)
-        return sg_fail(g->ctx, SG_ERR_BUDGET, "vulkan: %s: out of memory on %s", what,
-                       g->chosen.info.name);
-    if (result == VK_ERROR_DEVICE_LOST)
+    if (result == VK_ERROR_DEVICE_LOST && !g->lost) {
         g->lost = true;
-    return sg_fail(g->ctx, SG_ERR_INTERNAL, "vulkan: %s: %s (error %d of %s)", what,
-                   result == VK_ERROR_DEVICE_LOST ? "the device is lost" : "failed", (int) result,
-                   g->chosen.info.name);
+        sg_gpu_lose_device(g->shared);
+    }
+    return sg_vk_fail(g->ctx, &g->chosen, result, what);
 }
 
 /* ---- buffers ---- */
@@ -251,66 +248,16 @@ static void barrier(struct gpu *g)
     g->vk.CmdPipelineBarrier(commands(g), stages, stages | readers, 0, 1, &all, 0, NULL, 0, NULL);
 }
 
-static bool draws_tiles(enum gpu_kernel kernel)
-{
-    return kernel == GPU_raster || kernel == GPU_raster_backward || kernel == GPU_raster_count;
-}
-
-VkResult sg_gpu_compile(const struct vk_functions *vk, VkDevice device, VkPipelineLayout layout,
-                        enum gpu_kernel kernel, int variant, uint32_t lanes,
-                        VkPipelineCreateFlags flags, VkPipeline *out)
-{
-    const VkShaderModuleCreateInfo code = {.sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO,
-                                           .codeSize = sg_vulkan_code[kernel].bytes,
-                                           .pCode = sg_vulkan_code[kernel].words};
-    VkShaderModule module;
-    VkResult result = vk->CreateShaderModule(device, &code, NULL, &module);
-    if (result)
-        return result;
-    const uint32_t constants[3] = {VK_BLOCKS * lanes,
-                                   draws_tiles(kernel) ? lanes : (uint32_t) variant,
-                                   variant ? VK_SLOT_ABSOLUTE : VK_SLOT};
-    const VkSpecializationMapEntry entries[3] = {{0, 0, 4}, {1, 4, 4}, {2, 8, 4}};
-    const VkSpecializationInfo special = {3, entries, sizeof(constants), constants};
-    const VkComputePipelineCreateInfo info = {
-        .sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO,
-        .flags = flags,
-        .stage = {.sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
-                  .stage = VK_SHADER_STAGE_COMPUTE_BIT,
-                  .module = module,
-                  .pName = "main",
-                  .pSpecializationInfo = &special},
-        .layout = layout};
-    result = vk->CreateComputePipelines(device, VK_NULL_HANDLE, 1, &info, NULL, out);
-    vk->DestroyShaderModule(device, module, NULL);
-    return result;
-}
-
-static int make_pipeline(struct gpu *g, enum gpu_kernel kernel, int variant)
-{
-    VkPipeline *pipeline = &g->pipelines[kernel][variant];
-    if (*pipeline)
-        return SG_OK;
-    static const char *const names[] = {
-#define K(name) #name,
-        VK_KERNELS(K)
-#undef K
-    };
-    const VkResult result =
-        sg_gpu_compile(&g->vk, g->device, g->layout, kernel, variant, g->lanes, 0, pipeline);
-    return result ? fail_result(g, result, names[kernel]) : SG_OK;
-}
-
 static int prepare(struct gpu *g, enum gpu_kernel kernel, int variant, const void *args,
                    size_t size)
 {
-    int code = make_pipeline(g, kernel, variant);
+    VkPipeline pipeline;
+    int code = sg_gpu_pipeline(g->ctx, g->shared, kernel, variant, &pipeline);
     if (code || (code = record(g)))
         return code;
-    g->vk.CmdBindPipeline(commands(g), VK_PIPELINE_BIND_POINT_COMPUTE,
-                          g->pipelines[kernel][variant]);
-    g->vk.CmdPushConstants(commands(g), g->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, (uint32_t) size,
-                           args);
+    g->vk.CmdBindPipeline(commands(g), VK_PIPELINE_BIND_POINT_COMPUTE, pipeline);
+    g->vk.CmdPushConstants(commands(g), g->shared->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0,
+                           (uint32_t) size, args);
     g->dispatches++;
     return SG_OK;
 }
@@ -386,16 +333,13 @@ int sg_gpu_submit(struct gpu *g)
     sg_gpu_copy(g, &g->stop, 0, &g->told, sizeof(uint32_t) * g->now, sizeof(uint32_t));
     mark(g);
     g->recording = false;
-    const VkSubmitInfo info = {.sType = VK_STRUCTURE_TYPE_SUBMIT_INFO,
-                               .commandBufferCount = 1,
-                               .pCommandBuffers = &f->commands};
     VkResult result = g->vk.EndCommandBuffer(f->commands);
     if (!result)
         result = g->vk.ResetFences(g->device, 1, &f->fence);
     if (!result)
         result = sg_device_fails(g->ctx, SG_DEVICE_SUBMISSION)
                      ? VK_ERROR_DEVICE_LOST
-                     : g->vk.QueueSubmit(g->queue, 1, &info, f->fence);
+                     : sg_gpu_queue(g->shared, f->commands, f->fence);
     f->number = ++g->submissions;
     if (result)
         return fail_result(g, result, "submitting");
@@ -467,36 +411,12 @@ static VkResult open_flight(struct gpu *g, struct gpu_flight *f)
     return result;
 }
 
-static int open_device(struct gpu *g)
+static int open_flights(struct gpu *g)
 {
-    const float priority = 1;
-    const VkDeviceQueueCreateInfo queue = {.sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO,
-                                           .queueFamilyIndex = g->chosen.queue_family,
-                                           .queueCount = 1,
-                                           .pQueuePriorities = &priority};
-    VkPhysicalDeviceVulkan12Features features = {
-        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES,
-        .bufferDeviceAddress = VK_TRUE};
-    const VkDeviceCreateInfo info = {.sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO,
-                                     .pNext = &features,
-                                     .queueCreateInfoCount = 1,
-                                     .pQueueCreateInfos = &queue};
-    VkResult result = g->vk.CreateDevice(g->chosen.physical, &info, NULL, &g->device);
-    if (result)
-        return fail_result(g, result, "opening the device");
-    sg_vk_open_device(&g->vk, g->device);
-    g->vk.GetDeviceQueue(g->device, g->chosen.queue_family, 0, &g->queue);
-    const VkPushConstantRange range = {VK_SHADER_STAGE_COMPUTE_BIT, 0, GPU_ARGUMENTS};
-    const VkPipelineLayoutCreateInfo layout = {.sType =
-                                                   VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO,
-                                               .pushConstantRangeCount = 1,
-                                               .pPushConstantRanges = &range};
     const VkCommandPoolCreateInfo pool = {.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO,
                                           .flags = VK_COMMAND_POOL_CREATE_RESET_COMMAND_BUFFER_BIT,
                                           .queueFamilyIndex = g->chosen.queue_family};
-    result = g->vk.CreatePipelineLayout(g->device, &layout, NULL, &g->layout);
-    if (!result)
-        result = g->vk.CreateCommandPool(g->device, &pool, NULL, &g->pool);
+    VkResult result = g->vk.CreateCommandPool(g->device, &pool, NULL, &g->pool);
     if (sg_device_fails(g->ctx, SG_DEVICE_TIMESTAMPS))
         g->chosen.timestamp_bits = 0;
     for (int i = 0; i < GPU_FLIGHTS && !result; i++)
@@ -522,18 +442,12 @@ int sg_gpu_open(sg_ctx *ctx, const char *selector, struct gpu **out)
         return SG_ERR_BUDGET;
     g->ctx = ctx;
     g->depth = GPU_FLIGHTS;
-    const char *missing = sg_vk_open(&g->vk);
-    if (missing) {
-        sg_free(g);
-        return sg_fail(ctx, SG_ERR_USAGE, "vulkan: this machine lacks %s", missing);
-    }
-    struct vk_device_choice devices[VK_DEVICES];
-    const struct vk_device_choice *chosen;
-    int code = sg_vk_choose_device(ctx, devices, sg_vk_devices(&g->vk, devices), selector, &chosen);
+    int code = sg_gpu_take_device(ctx, selector, &g->chosen, &g->shared);
     if (!code) {
-        g->chosen = *chosen;
-        g->lanes = sg_gpu_lanes(chosen->lanes);
-        code = open_device(g);
+        g->vk = g->shared->vk;
+        g->device = g->shared->device;
+        g->lanes = sg_gpu_lanes(g->chosen.lanes);
+        code = open_flights(g);
     }
     if (code)
         sg_gpu_close(&g);
@@ -548,22 +462,19 @@ void sg_gpu_close(struct gpu **gpu)
     if (!g)
         return;
     if (g->device) {
-        g->vk.DeviceWaitIdle(g->device);
+        for (int i = 0; i < GPU_FLIGHTS; i++)
+            if (g->flights[i].busy)
+                g->vk.WaitForFences(g->device, 1, &g->flights[i].fence, VK_TRUE, UINT64_MAX);
         destroy_buffer(g, &g->staging);
         destroy_buffer(g, &g->none);
         destroy_buffer(g, &g->stop);
         destroy_buffer(g, &g->told);
-        for (int k = 0; k < GPU_KERNELS; k++)
-            for (int v = 0; v < 4; v++)
-                g->vk.DestroyPipeline(g->device, g->pipelines[k][v], NULL);
         for (int i = 0; i < GPU_FLIGHTS; i++) {
             g->vk.DestroyFence(g->device, g->flights[i].fence, NULL);
             g->vk.DestroyQueryPool(g->device, g->flights[i].timestamps, NULL);
         }
         g->vk.DestroyCommandPool(g->device, g->pool, NULL);
-        g->vk.DestroyPipelineLayout(g->device, g->layout, NULL);
-        g->vk.DestroyDevice(g->device, NULL);
     }
-    sg_vk_close(&g->vk);
+    sg_gpu_give_device(g->shared);
     sg_free(g);
 }

@@ -6,26 +6,9 @@
 #ifndef SG_VULKAN_GPU_H
 #define SG_VULKAN_GPU_H
 
-#include "devices.h"
-#include "shaders/args.h"
+#include "device.h"
 
 /* ---- kernels ---- */
-
-#define GPU_ARGUMENTS 128 /* bytes of push constants */
-
-struct gpu_code {
-    const uint32_t *words; /* SPIR-V */
-    size_t bytes;
-};
-
-enum gpu_kernel {
-#define K(name) GPU_##name,
-    VK_KERNELS(K)
-#undef K
-        GPU_KERNELS
-};
-
-extern const struct gpu_code sg_vulkan_code[GPU_KERNELS];
 
 /* Arguments of each kernel: struct args_project and so on. */
 #define ARG_POINTER(type, name) VkDeviceAddress name;
@@ -69,12 +52,10 @@ struct gpu_flight {
 
 struct gpu {
     sg_ctx *ctx;
+    struct gpu_device *shared;
     struct vk_functions vk;
     struct vk_device_choice chosen;
-    VkDevice device;
-    VkQueue queue;
-    VkPipelineLayout layout;
-    VkPipeline pipelines[GPU_KERNELS][4]; /* by variant */
+    VkDevice device; /* of `shared` */
     VkCommandPool pool;
     struct gpu_flight flights[GPU_FLIGHTS]; /* in turns */
     uint32_t depth;                         /* how many of them are used */
@@ -98,18 +79,7 @@ static inline uint64_t gpu_groups(uint64_t items, uint64_t each)
 }
 #define FOR_EACH(n) gpu_groups(n, VK_GROUP) /* of the kernels without a tile */
 
-/* Invocations of a block of pixels, on a device with subgroups of so many. */
-static inline uint32_t sg_gpu_lanes(uint32_t subgroup)
-{
-    return subgroup < 4 ? 4 : subgroup > 32 ? 32 : subgroup;
-}
-
-/* A kernel's pipeline; variant: see sg_gpu_dispatch. */
-VkResult sg_gpu_compile(const struct vk_functions *vk, VkDevice device, VkPipelineLayout layout,
-                        enum gpu_kernel kernel, int variant, uint32_t lanes,
-                        VkPipelineCreateFlags flags, VkPipeline *out);
-
-/* selector: see vk_choose_device. SG_ERR_USAGE, SG_ERR_BUDGET, SG_ERR_INTERNAL. */
+/* selector: see sg_vk_choose_device. SG_ERR_USAGE, SG_ERR_BUDGET, SG_ERR_INTERNAL. */
 int sg_gpu_open(sg_ctx *ctx, const char *selector, struct gpu **out);
 void sg_gpu_close(struct gpu **gpu);
 
