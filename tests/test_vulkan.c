@@ -41,7 +41,7 @@ static uint64_t hash_of(const struct sg_model *m)
 }
 
 /* The same losses as the CPU's as long as both make the same decisions, and nearly the same at the
- * end; the same bytes from run to run. Prints a hash, which tests/vulkan/widths.sh compares. */
+ * end; the same bytes from run to run. Prints a hash, which tests/vulkan.cmake compares. */
 static void test_training(void **state)
 {
     (void) state;
