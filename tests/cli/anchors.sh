@@ -4,7 +4,7 @@
 small_scene
 
 # Eval and render make the Gaussians with the networks beside the model.
-expect 0 train scene/blender -o anchors --eval $short --init-points 500 --model scaffold --anchors-from-iter 40 \
+expect 0 train scene/blender -o anchors --eval $short --init-points 200 --model scaffold --anchors-from-iter 40 \
     --voxel-size 0.02
 expect 0 eval anchors --json
 psnr=$(sed 's/.*"psnr": \([0-9.]*\).*/\1/' out)
@@ -12,7 +12,7 @@ grep -q "\"psnr\": ${psnr%??}" anchors/summary.json || fail "eval says $psnr, su
 gaussians=$(sed 's/.*"gaussians": \([0-9]*\).*/\1/' out)
 grep -q "\"final_gaussians\": $gaussians" anchors/summary.json || fail "eval says $gaussians Gaussians"
 expect 0 info anchors --json; grep -q "\"anchors\": ${gaussians%0}[,}]" out || fail "$(cat out)"
-anchors=anchors/point_cloud/iteration_120/point_cloud.ply
+anchors=anchors/point_cloud/iteration_$end/point_cloud.ply
 expect 0 eval $anchors --scene scene/blender --json
 grep -q "\"psnr\": ${psnr%??}" out || fail "the files alone measure differently: $(cat out), run: $psnr"
 expect 0 export anchors baked.ply --view-independent; grep -q '^lost: ' out || fail "$(cat out)"
@@ -24,9 +24,9 @@ expect 1 export run other.ply --view-independent; says 'expected anchors'
 expect 2 convert anchors anchors.ply; says 'found anchors of Scaffold-GS'
 expect 2 train scene/blender -o none --init $anchors; says 'found anchors of Scaffold-GS'
 expect 1 train scene/blender -o none --model scaffold --strategy mcmc; says 'found scaffold with another strategy'
-mv anchors/point_cloud/iteration_120/networks.safetensors .
+mv anchors/point_cloud/iteration_$end/networks.safetensors .
 expect 2 eval anchors; says networks.safetensors
-mv networks.safetensors anchors/point_cloud/iteration_120
+mv networks.safetensors anchors/point_cloud/iteration_$end
 expect 0 train scene/blender -o looks --eval $short --init-points 300 --model scaffold --voxel-size 0.02 \
     --photo-appearance
 expect 0 eval looks --json
@@ -55,5 +55,5 @@ expect 2 attack scene/colmap -o plain --proxy poisoned/attack/proxy -q; says 'po
 expect 2 attack scene/colmap -o other $options --proxy run; says 'point_cloud.ply: found Gaussians, expected anchors'
 expect 2 attack scene/colmap -o other $options --proxy poisoned/attack/proxy --feature-bank; says 'point_cloud.ply: found networks with no optional part, expected the feature bank'
 expect 1 attack scene/colmap -o other $options --scale-floor 0.1; says '--scale-floor: found 0.1'
-expect 0 train scene/blender -o anchors --force --iterations 20 --init-points 500 -q
+expect 0 train scene/blender -o anchors --force --iterations 20 --init-points 200 -q
 [ "$(find anchors -name '*.safetensors')" = "" ] || fail "--force left networks"

@@ -5,7 +5,7 @@ small_scene
 fewer=
 [ -z "${SG_TEST_ENGINE-}" ] || fewer="--init-points 2000" # a driver for the CPU is slow
 expect 0 train scene/blender -o run $short $fewer
-model=run/point_cloud/iteration_120/point_cloud.ply
+model=run/point_cloud/iteration_$end/point_cloud.ply
 number() { sed -n "s/.*\"$1\": \([-0-9.]*\).*/\1/p" out; }
 expect 0 eval $model --scene scene/blender --json -q
 reference=$(number psnr)
@@ -36,7 +36,7 @@ all=$(count $model)
 expect 0 convert run half.ply --crop=-9,-9,-9,0,9,9 -q
 expect 0 convert run other.ply --crop=0,-9,-9,9,9,9 -q
 [ $(($(count half.ply) + $(count other.ply))) -eq "$all" ] || fail "two halves have not $all Gaussians"
-expect 0 convert run opaque.ply --min-opacity 0.5 --sh-degree 0 -q
+expect 0 convert run opaque.ply --min-opacity 0.015 --sh-degree 0 -q
 [ "$(count opaque.ply)" -lt "$all" ] || fail "no Gaussian was left out"
 expect 0 info opaque.ply --json; [ "$(number sh_degree)" = 0 ] || fail "degree $(number sh_degree)"
 expect 2 convert run none.ply --crop 50,50,50,51,51,51; says 'found none of'

@@ -9,7 +9,7 @@ printf 'ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\npropert
 [ $code = 2 ] || fail "huge.ply: exit code $code"
 says huge.ply
 expect 0 train scene/blender -o run $short --init-points 300
-model=run/point_cloud/iteration_120/point_cloud.ply
+model=run/point_cloud/iteration_$end/point_cloud.ply
 head -c 5000 $model >cut.ply
 expect 2 info cut.ply; says cut.ply
 expect 2 render cut.ply --scene scene/blender -o images; [ ! -e images ] || fail "images made of a broken model"
@@ -82,8 +82,8 @@ mkdir mine
 small_disk 16 train scene/blender -o mine $short --init-points 300
 rmdir mine || fail "a folder of the user's is not as it was"
 for method in noise poison-splat; do
-    small_disk 4 attack scene/blender -o "half-$method" --method $method --proxy-iterations 30 --iterations 10 -q
-    expect 0 attack scene/blender -o "half-$method" --method $method --proxy-iterations 30 --iterations 10 -q
+    small_disk 4 attack scene/colmap -o "half-$method" --method $method --proxy-iterations 30 --iterations 10 -q
+    expect 0 attack scene/colmap -o "half-$method" --method $method --proxy-iterations 30 --iterations 10 -q
 done
 "$tool" train scene/blender -o killed -q --iterations 100000 --init-points 300 &
 pid=$!
@@ -91,12 +91,12 @@ wait_for killed/log.jsonl
 kill -9 $pid
 wait $pid
 expect 0 train scene/blender -o killed $short --init-points 300
-[ "$(ls killed/point_cloud)" = iteration_120 ] || fail "the run after a killed one: $(ls killed/point_cloud)"
+[ "$(ls killed/point_cloud)" = iteration_$end ] || fail "the run after a killed one: $(ls killed/point_cloud)"
 expect 2 train scene/blender -o killed $short --init-points 300; says 'found an earlier run'
 rm killed/checkpoint.bin
 expect 2 train scene/blender -o killed $short --init-points 300; says 'found an earlier run'
 small_disk 1 render run --scene scene/blender -o full_pictures -q
-small_scene_of="--width 64 --height 48 --train-views 4 --test-views 2 --points 300 --samples 1"
+small_scene_of="$size --train-views 4 --test-views 2 --points 300 --samples 1"
 small_disk 1 synth -o full_scene $small_scene_of
 [ ! -e full_scene ] || fail "a failed scene left $(find full_scene)"
 expect 0 synth -o full_scene $small_scene_of

@@ -5,20 +5,20 @@ small_scene
 expect 0 train scene/blender -o run $short --init-points 300 --eval
 
 gaussians() { expect 0 info "$1" --json; sed -n 's/.*"gaussians": \([0-9]*\).*/\1/p' out | head -1; }
-model=run/point_cloud/iteration_120/point_cloud.ply
+model=run/point_cloud/iteration_$end/point_cloud.ply
 before=$(gaussians $model)
 for method in lightgaussian pup spectral; do
-    expect 0 prune run --method $method --ratio 0.5 --finetune 20 --trained 120 -o $method.ply -q
+    expect 0 prune run --method $method --ratio 0.5 --finetune 20 --trained $end -o $method.ply -q
     left=$(gaussians $method.ply)
     [ "$left" -le $((before - before / 2)) ] && [ "$left" -ge 1 ] || fail "$method left $left of $before"
     expect 0 eval $method.ply --scene scene/blender -q
 done
 cmp -s lightgaussian.ply pup.ply && fail "two methods made the same model"
-expect 0 prune run --ratio 0.5 --finetune 20 --trained 120 -o same.ply -q --threads 1
+expect 0 prune run --ratio 0.5 --finetune 20 --trained $end -o same.ply -q --threads 1
 cmp lightgaussian.ply same.ply || fail "another number of threads, another model"
 
 # A PLY brings no scene options: --eval says what the run has said.
-expect 0 prune $model --scene scene/blender --ratio 0.5 --finetune 20 --trained 120 --eval -o ply.ply -q
+expect 0 prune $model --scene scene/blender --ratio 0.5 --finetune 20 --trained $end --eval -o ply.ply -q
 cmp lightgaussian.ply ply.ply || fail "the model and its run differ"
 expect 0 prune $model --scene scene/blender --finetune 0 --json -o bare.ply -q
 grep -q "\"rounds\": \[{\"before\": $before, \"removed\": " out || fail "prune --json says $(cat out)"
