@@ -56,6 +56,18 @@ foreach(part ${SG_TEST_PARTS})
     include(${part})
 endforeach()
 
+# What tests with the label `package` use.
+add_custom_target(package_tests DEPENDS splatguard)
+foreach(name ${SG_EXAMPLES})
+    add_dependencies(package_tests example_${name})
+endforeach()
+if(TARGET splatguard_tool)
+    add_dependencies(package_tests splatguard_tool)
+endif()
+if(TARGET man)
+    add_dependencies(package_tests man)
+endif()
+
 # The suite is for the CPU engine, whatever GPUs the machine has: the tests that have no drivers of their own see none.
 get_property(all DIRECTORY PROPERTY TESTS)
 foreach(name ${all})
