@@ -58,8 +58,9 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
     sg_vulkan_test(flow test_flow${suffix} 256)
     sg_vulkan_test(memory test_device_memory 256)
     sg_vulkan_test(devices test_devices 256)
-    # Scripts of the command line with this engine instead of the default, without the layer. The others compute nothing,
-    # stop before they do (usage), or take minutes on such a driver and have a short form here (defense, attack).
+    # Scripts of the command line with this engine instead of the default, without the layer. The others compute nothing or
+    # stop before they do (usage), or take minutes on such a driver: defense and attack have a short form here; view,
+    # train_view, bench, report, smoke and end_to_end differ from these in what they do with pictures and numbers.
     function(sg_vulkan_script name script)
         add_test(NAME vulkan_script_${name} COMMAND sh ${script} $<TARGET_FILE:splatguard_tool> ${PROJECT_SOURCE_DIR}
             ${PROJECT_BINARY_DIR}/vulkan-tests/${name})
@@ -67,7 +68,7 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
             ENVIRONMENT "SG_TEST_ENGINE=vulkan:llvmpipe;VK_ICD_FILENAMES=${icd};VK_DRIVER_FILES=${icd}")
     endfunction()
     if(TARGET splatguard_tool)
-        foreach(name train resume models outputs prune report_run anchors convert errors)
+        foreach(name train resume killed models outputs prune report_run anchors convert errors archive exit_status smooth race)
             sg_vulkan_script(${name} ${PROJECT_SOURCE_DIR}/tests/cli/${name}.sh)
         endforeach()
         sg_vulkan_script(defense_attack ${CMAKE_CURRENT_SOURCE_DIR}/tests/vulkan/defense_attack.sh)

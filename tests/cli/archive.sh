@@ -12,7 +12,7 @@ for kind in blender colmap; do
     for scene in scene/$kind $kind.zip; do
         expect 0 train $scene -o run-"$(basename $scene)" $short --eval --init-points 200
     done
-    for file in checkpoint.bin point_cloud/iteration_120/point_cloud.ply cameras.json input.ply; do
+    for file in checkpoint.bin point_cloud/iteration_$end/point_cloud.ply cameras.json input.ply; do
         [ ! -e run-$kind/$file ] || cmp run-$kind/$file run-$kind.zip/$file || fail "$kind: $file differs"
     done
     expect 0 eval run-$kind.zip --json -q; mv out archived

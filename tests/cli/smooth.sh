@@ -6,7 +6,7 @@ for filter in gaussian bilateral wavelet; do
     expect 0 smooth scene/blender --smooth $filter -o $filter -q
     expect 0 train scene/blender -o run_$filter $short --init-points 200 --smooth $filter
     expect 0 train $filter -o file_$filter $short --init-points 200
-    cmp run_$filter/point_cloud/iteration_120/point_cloud.ply file_$filter/point_cloud/iteration_120/point_cloud.ply ||
+    cmp run_$filter/point_cloud/iteration_$end/point_cloud.ply file_$filter/point_cloud/iteration_$end/point_cloud.ply ||
         fail "$filter: file and trainer differ"
 done
 cmp -s gaussian/train/r_0.png wavelet/train/r_0.png && fail "two filters made the same photo"
