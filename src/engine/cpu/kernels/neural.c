@@ -5,12 +5,15 @@
 
 #include "math/neural.h"
 
-#define ROWS 8 /* of a product at once: their sums stay in registers */
+/* Of a product at once, so that their sums stay in registers: rows, each of WIDE vectors, which
+ * share the broadcast of a weight. */
+#define WIDE (LANES < SG_LANES ? 2 : 1)
+#define ROWS (8 / WIDE)
 #define INPUT_ROWS 4
 #define OUTPUT_ROWS 5
 
 _Static_assert(SG_HIDDEN % (2 * LANES) == 0 && SG_NETWORK_HIDDEN % (2 * LANES) == 0 &&
-                   SG_LANES % LANES == 0,
+                   SG_LANES % (WIDE * LANES) == 0,
                "whole pairs of vectors");
 _Static_assert(SG_HIDDEN % ROWS == 0 && SG_ANCHOR_FEATURES % ROWS == 0 &&
                    SG_NETWORK_HIDDEN % ROWS == 0 && SG_O_COVARIANCE % OUTPUT_ROWS == 0 &&
@@ -96,23 +99,38 @@ SIMD void fill_inputs(const struct sg_neural_args *a, const struct sg_anchor_blo
     mix_features(b, l);
 }
 
+SIMD void zero(real sum[ROWS][WIDE])
+{
+    for (int r = 0; r < ROWS; r++)
+        for (int v = 0; v < WIDE; v++)
+            sum[r][v] = r_set(0);
+}
+
+/* sum[r] += x times weight r, of which each is `stride` behind the one before. */
+SIMD void add_rows(const float *weight, size_t stride, const float *x, real sum[ROWS][WIDE])
+{
+    real value[WIDE];
+    for (int v = 0; v < WIDE; v++)
+        value[v] = r_load(x + v * LANES);
+    for (int r = 0; r < ROWS; r++)
+        for (int v = 0; v < WIDE; v++)
+            sum[r][v] = r_fma(r_set(weight[(size_t) r * stride]), value[v], sum[r][v]);
+}
+
 SIMD void hidden_layer(const struct sg_neural_args *a, struct layers *l)
 {
     const struct sg_weights *w = a->weights;
     for (int h = 0; h < SG_HIDDEN; h += ROWS)
-        for (int i = 0; i < SG_LANES; i += LANES) {
-            real sum[ROWS];
+        for (int i = 0; i < SG_LANES; i += WIDE * LANES) {
+            real sum[ROWS][WIDE];
+            zero(sum);
+            for (int k = 0; k <= SG_NETWORK_INPUTS; k++)
+                add_rows(&w->input[k][h], 1, l->input[k] + i, sum);
+            if (a->parts & SG_PART_DISTANCE)
+                add_rows(&w->distance[h], 1, l->bank_input[3] + i, sum);
             for (int r = 0; r < ROWS; r++)
-                sum[r] = r_set(0);
-            for (int k = 0; k <= SG_NETWORK_INPUTS; k++) {
-                const real x = r_load(l->input[k] + i);
-                for (int r = 0; r < ROWS; r++)
-                    sum[r] = r_fma(r_set(w->input[k][h + r]), x, sum[r]);
-            }
-            for (int r = 0; a->parts & SG_PART_DISTANCE && r < ROWS; r++)
-                sum[r] = r_fma(r_set(w->distance[h + r]), r_load(l->bank_input[3] + i), sum[r]);
-            for (int r = 0; r < ROWS; r++)
-                r_store(l->hidden[h + r] + i, r_max(sum[r], r_set(0)));
+                for (int v = 0; v < WIDE; v++)
+                    r_store(l->hidden[h + r] + i + v * LANES, r_max(sum[r][v], r_set(0)));
         }
 }
 
@@ -122,17 +140,22 @@ SIMD void output_rows(const struct sg_weights *w, int network, const int *row, i
 {
     float(*hidden)[SG_LANES] = l->hidden + network * SG_NETWORK_HIDDEN;
     for (int o = 0; o < count; o += OUTPUT_ROWS)
-        for (int i = 0; i < SG_LANES; i += LANES) {
-            real sum[OUTPUT_ROWS];
+        for (int i = 0; i < SG_LANES; i += WIDE * LANES) {
+            real sum[OUTPUT_ROWS][WIDE];
             for (int r = 0; r < OUTPUT_ROWS; r++)
-                sum[r] = r_set(w->bias[row[o + r]]);
+                for (int v = 0; v < WIDE; v++)
+                    sum[r][v] = r_set(w->bias[row[o + r]]);
             for (int h = 0; h < SG_NETWORK_HIDDEN; h++) {
-                const real x = r_load(hidden[h] + i);
+                real x[WIDE];
+                for (int v = 0; v < WIDE; v++)
+                    x[v] = r_load(hidden[h] + i + v * LANES);
                 for (int r = 0; r < OUTPUT_ROWS; r++)
-                    sum[r] = r_fma(r_set(w->output[row[o + r]][h]), x, sum[r]);
+                    for (int v = 0; v < WIDE; v++)
+                        sum[r][v] = r_fma(r_set(w->output[row[o + r]][h]), x[v], sum[r][v]);
             }
             for (int r = 0; r < OUTPUT_ROWS; r++)
-                r_store(l->output[row[o + r]] + i, sum[r]);
+                for (int v = 0; v < WIDE; v++)
+                    r_store(l->output[row[o + r]] + i + v * LANES, sum[r][v]);
         }
 }
 
@@ -257,19 +280,18 @@ SIMD void pull_hidden(const struct sg_weights *w, const struct layers *l, const 
     for (int network = 0; network < SG_NETWORKS; network++)
         for (int h = 0; h < SG_NETWORK_HIDDEN; h += ROWS) {
             const int at = network * SG_NETWORK_HIDDEN + h;
-            for (int i = 0; i < SG_LANES; i += LANES) {
-                real sum[ROWS];
+            const int *row = p->row + sg_network_row(network);
+            for (int i = 0; i < SG_LANES; i += WIDE * LANES) {
+                real sum[ROWS][WIDE];
+                zero(sum);
+                for (int o = 0; o < p->count[network]; o++)
+                    add_rows(&w->output[row[o]][h], 1, output[row[o]] + i, sum);
                 for (int r = 0; r < ROWS; r++)
-                    sum[r] = r_set(0);
-                const int *row = p->row + sg_network_row(network);
-                for (int o = 0; o < p->count[network]; o++) {
-                    const real g = r_load(output[row[o]] + i);
-                    for (int r = 0; r < ROWS; r++)
-                        sum[r] = r_fma(r_set(w->output[row[o]][h + r]), g, sum[r]);
-                }
-                for (int r = 0; r < ROWS; r++)
-                    r_store(hidden[at + r] + i,
-                            r_keep(r_lt(r_set(0), r_load(l->hidden[at + r] + i)), sum[r]));
+                    for (int v = 0; v < WIDE; v++) {
+                        const int lane = i + v * LANES;
+                        const mask on = r_lt(r_set(0), r_load(l->hidden[at + r] + lane));
+                        r_store(hidden[at + r] + lane, r_keep(on, sum[r][v]));
+                    }
             }
         }
 }
@@ -278,17 +300,14 @@ SIMD void pull_features(const struct sg_weights *w, float (*hidden)[SG_LANES],
                         struct sg_anchor_gradient *out)
 {
     for (int f = 0; f < SG_ANCHOR_FEATURES; f += ROWS)
-        for (int i = 0; i < SG_LANES; i += LANES) {
-            real sum[ROWS];
+        for (int i = 0; i < SG_LANES; i += WIDE * LANES) {
+            real sum[ROWS][WIDE];
+            zero(sum);
+            for (int h = 0; h < SG_HIDDEN; h++)
+                add_rows(&w->input[f][h], SG_HIDDEN, hidden[h] + i, sum);
             for (int r = 0; r < ROWS; r++)
-                sum[r] = r_set(0);
-            for (int h = 0; h < SG_HIDDEN; h++) {
-                const real g = r_load(hidden[h] + i);
-                for (int r = 0; r < ROWS; r++)
-                    sum[r] = r_fma(r_set(w->input[f + r][h]), g, sum[r]);
-            }
-            for (int r = 0; r < ROWS; r++)
-                r_store(out->anchor[SG_A_FEATURE + f + r] + i, sum[r]);
+                for (int v = 0; v < WIDE; v++)
+                    r_store(out->anchor[SG_A_FEATURE + f + r] + i + v * LANES, sum[r][v]);
         }
 }
 
