@@ -7,7 +7,7 @@
 #include "core/vram.h"
 #include "engine/vulkan/engine.h"
 #include "train/trainer.h"
-#define SIDE 32 /* two tiles: a driver for the CPU takes a millisecond for one */
+#define SIDE 32 /* four tiles: a driver for the CPU takes milliseconds for one */
 #include "training.h"
 
 #define ITERATIONS 16
