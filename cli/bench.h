@@ -43,8 +43,9 @@ struct plan {
     int n;
     struct cell *cells;
     int n_cells;
-    int threads; /* of each job */
-    bool alone;  /* one job at a time, so that times can be compared */
+    int threads;        /* of each job */
+    const char *engine; /* that draws, or NULL for the default; borrowed from root */
+    bool alone;         /* one job at a time, so that times can be compared */
     double timeout;
     uint64_t memory; /* bytes resident of a job, 0 = no limit */
 };

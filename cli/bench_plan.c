@@ -223,6 +223,18 @@ static void name_preset(const struct reader *r, const char *scene, json_t *optio
             json_array_set(options, i, preset);
 }
 
+/* Of what draws, unless its options name one. */
+static void add_engine(const struct plan *p, json_t *options)
+{
+    for (size_t i = 0; i < json_array_size(options); i++)
+        if (!strcmp(json_string_value(json_array_get(options, i)), "--engine"))
+            return;
+    if (p->engine) {
+        json_array_append_new(options, json_string("--engine"));
+        json_array_append_new(options, json_string(p->engine));
+    }
+}
+
 static int make_job(struct reader *r, enum job_kind kind, const struct cell *c, json_t *options,
                     const int *needs, int n_needs)
 {
@@ -236,6 +248,8 @@ static int make_job(struct reader *r, enum job_kind kind, const struct cell *c, 
                                           "options", options),
                       .from = in(r->plan->root, "scenes", c->scene)};
     name_preset(r, c->scene, options);
+    if (kind != JOB_SCENE && kind != JOB_AUDIT)
+        add_engine(r->plan, options);
     memcpy(job.needs, needs, (size_t) n_needs * sizeof(*needs));
     job.n_needs = n_needs;
     return add_job(r, job);
@@ -512,7 +526,7 @@ static int check_lists(const struct reader *r, const char *table)
     return STATUS_DONE;
 }
 
-static int read_limits(struct reader *r)
+static int read_settings(struct reader *r)
 {
     struct plan *p = r->plan;
     const json_t *threads = json_object_get(p->root, "threads"),
@@ -528,7 +542,11 @@ static int read_limits(struct reader *r)
                                            .high = 9e15};
     char expected[128] = "a text";
     const json_int_t count = threads ? json_integer_value(threads) : 1;
+    const json_t *engine = json_object_get(p->root, "engine");
     p->alone = json_is_true(json_object_get(p->root, "alone"));
+    p->engine = json_string_value(engine);
+    if (engine && !p->engine)
+        return wrong(r, "engine: expected a text");
     if (count < 1 || count > 256)
         return wrong(r, "threads: expected a whole number from 1 to 256");
     p->threads = (int) count;
@@ -544,11 +562,12 @@ static int read_limits(struct reader *r)
 static int read_plan(struct reader *r)
 {
     struct plan *p = r->plan;
-    int code = check_keys(r, p->root, "plan",
-                          "about|threads|timeout|memory|alone|train|proxy|scenes|photos|defenses|"
-                          "models|runs|pictures|audit");
+    int code =
+        check_keys(r, p->root, "plan",
+                   "about|threads|engine|timeout|memory|alone|train|proxy|scenes|photos|defenses|"
+                   "models|runs|pictures|audit");
     if (!code)
-        code = read_limits(r);
+        code = read_settings(r);
     if (!code)
         code = check_options(r, json_object_get(p->root, "train"), "train");
     if (!code)

@@ -167,9 +167,11 @@ static void add_eval(struct scheduler *s, struct command_line *c, int index, con
     add(c, "--json"), add(c, "--per-view");
     add(c, "--quiet"), add(c, "--threads"), add(c, "%d", p->threads), add(c, "--scene");
     add_source(s, c, j->needs[0]);
-    const json_t *const lists[] = {json_object_get(j->from, "size"),
+    json_t *engine = p->engine ? json_pack("[s, s]", "--engine", p->engine) : NULL;
+    const json_t *const lists[] = {engine, json_object_get(j->from, "size"),
                                    json_object_get(j->from, "options")};
-    json_t *options = options_merge(lists, 2);
+    json_t *options = options_merge(lists, 3);
+    json_decref(engine);
     add_options(s, c, j, options);
     json_decref(options);
 }

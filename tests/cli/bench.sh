@@ -66,6 +66,13 @@ sed 's/"timeout": "60s"/"timeout": "1s"/; s/"60"/"90000"/' plan.json >slow.json
 expect 0 bench slow.json -o slow.db -q --jobs 8
 [ "$(ask slow.db "select count(*) from job where status='timeout'")" -ge 1 ] || fail "no row for a timeout"
 
+# An engine for all that draw, unless a defense has its own.
+sed 's/"timeout"/"engine": "ref", &/; s/"half", "lg"/"half"/; s/"60"/"4"/; s/\["--max-gaussians", "{clean\*0.5}"\]/["--engine", "cpu"]/' plan.json >engine.json
+expect 0 bench engine.json -o engine.db -q
+engines="select group_concat(distinct engine) from job join cell using(key) where defense"
+[ "$(ask engine.db "$engines='off'")" = ref ] && [ "$(ask engine.db "$engines='half'")" != ref ] ||
+    fail "the plan's engine is $(ask engine.db "$engines='off'"), a defense's own $(ask engine.db "$engines='half'")"
+
 # Parts of a plan are all of it; a script for a cluster.
 plan plan.json 60 ''
 for i in 1 2 3; do "$tool" bench plan.json --list --shard $i/3; done | grep -c half >parts
@@ -122,6 +129,8 @@ sed 's/"off", "half"/"off", "helf"/' plan.json >bad.json
 expect 2 bench bad.json -o x.db; says 'runs[0].defenses[1]: found helf, expected a name of defenses'
 sed 's/"timeout"/"timeuot"/' plan.json >bad.json
 expect 2 bench bad.json -o x.db; says 'found "timeuot"'
+sed 's/"timeout"/"engine": 1, &/' plan.json >bad.json
+expect 2 bench bad.json -o x.db; says 'engine: expected a text'
 sed 's/"synth".*/"path": "nowhere"}},/' plan.json >bad.json
 expect 2 bench bad.json -o x.db; says 'scenes.s: found no file in ./nowhere'
 sed 's/"clean": \[\]/"clean": [], "bad": ["--epsilon", "{clean*2}"]/' plan.json >bad.json
