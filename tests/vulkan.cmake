@@ -62,8 +62,7 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
     sg_vulkan_test(memory test_device_memory 256)
     sg_vulkan_test(devices test_devices 256)
     # Scripts of the command line with this engine instead of the default, without the layer. The others compute nothing or
-    # stop before they do (usage), or take minutes on such a driver: defense and attack have a short form here; view,
-    # train_view, bench, report, smoke and end_to_end differ from these in what they do with pictures and numbers.
+    # stop before they do (usage), or take minutes on such a driver: those have a short form here.
     function(sg_vulkan_script name script)
         add_test(NAME vulkan_script_${name} COMMAND sh ${script} $<TARGET_FILE:splatguard_tool> ${PROJECT_SOURCE_DIR}
             ${PROJECT_BINARY_DIR}/vulkan-tests/${name})
@@ -74,7 +73,9 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
         foreach(name train resume killed models outputs prune report_run anchors convert errors archive exit_status smooth race)
             sg_vulkan_script(${name} ${PROJECT_SOURCE_DIR}/tests/cli/${name}.sh)
         endforeach()
-        sg_vulkan_script(defense_attack ${CMAKE_CURRENT_SOURCE_DIR}/tests/vulkan/defense_attack.sh)
+        foreach(name defense_attack view bench end_to_end)
+            sg_vulkan_script(${name} ${CMAKE_CURRENT_SOURCE_DIR}/tests/vulkan/${name}.sh)
+        endforeach()
     endif()
     # Mesa's driver for AMD compiles every kernel for GPUs that are not there: none spills registers.
     file(GLOB SG_RADV /usr/share/vulkan/icd.d/radeon_icd.*.json /usr/local/share/vulkan/icd.d/radeon_icd.*.json)
