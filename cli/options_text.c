@@ -67,7 +67,7 @@ static bool default_of(const struct listing *l, size_t i, char *text, size_t siz
 
 static void help_row(const struct listing *l, size_t i, FILE *out)
 {
-    char left[64], value[128], help[1024];
+    char left[128], value[128], help[1024];
     const struct sg_option *o = l->list[i].row;
     const char brief[] = {'-', o->letter, ',', ' ', 0};
     snprintf(left, sizeof(left), "  %s--%s %s", o->letter ? brief : "    ", o->name,
