@@ -54,7 +54,8 @@ static int check_keys(const struct reader *r, const json_t *object, const char *
 /* {clean} or {clean*X}. */
 static bool is_limit(const json_t *option)
 {
-    return !strncmp(json_string_value(option), "{clean", 6);
+    const char *word = json_string_value(option), *equals = strchr(word, '=');
+    return !strncmp(word, "{clean", 6) || (equals && !strncmp(equals, "={clean", 7));
 }
 
 static int check_options(const struct reader *r, const json_t *list, const char *where)
@@ -77,15 +78,32 @@ static bool is_option(const char *word)
     return word[0] == '-' && !(word[1] >= '0' && word[1] <= '9') && word[1] != '.' && word[1];
 }
 
+/* "--some_name=value" as "--some-name" and its value; the name of another form stays. */
+static const char *split(const char *word, char *name, size_t size)
+{
+    snprintf(name, size, "%s", word);
+    char *equals = !strncmp(word, "--", 2) ? strchr(name, '=') : NULL;
+    if (equals)
+        *equals = 0;
+    for (char *c = name + 2; !strncmp(word, "--", 2) && *c; c++)
+        *c = *c == '_' ? '-' : *c;
+    if (!strcmp(name, "--backend"))
+        snprintf(name, size, "--engine");
+    return equals ? word + (equals - name) + 1 : NULL;
+}
+
 json_t *options_merge(const json_t *const *lists, int n)
 {
     json_t *merged = json_object(), *out = json_array();
     for (int l = 0; l < n; l++)
         for (size_t i = 0; i < json_array_size(lists[l]); i++) {
-            const char *name = json_string_value(json_array_get(lists[l], i)),
-                       *value = json_string_value(json_array_get(lists[l], i + 1));
-            const bool has = value && !is_option(value);
-            json_object_set_new(merged, name, has ? json_string(value) : json_null());
+            char name[PATH_MAX];
+            const char *own = split(json_string_value(json_array_get(lists[l], i)), name,
+                                    sizeof(name)),
+                       *next = json_string_value(json_array_get(lists[l], i + 1));
+            const bool has = !own && next && !is_option(next);
+            json_object_set_new(merged, name,
+                                own || has ? json_string(own ? own : next) : json_null());
             i += has;
         }
     const char *key;
@@ -292,11 +310,14 @@ static int add_photos(struct reader *r, const char *scene, const char *photos, i
                                    scene_options(r, scene, "options"),
                                    scene_options(r, scene, "attack"), attack};
     int needs[2] = {at};
-    const bool proxy = uses_proxy(attack);
-    if (proxy && (needs[1] = add_proxy(r, scene, at)) < 0)
+    json_t *options = MERGE(lists);
+    const bool proxy = uses_proxy(options);
+    if (proxy && (needs[1] = add_proxy(r, scene, at)) < 0) {
+        json_decref(options);
         return -1;
+    }
     const struct cell c = {scene, photos, "", "", 42, 0};
-    return make_job(r, JOB_POISON, &c, MERGE(lists), needs, 1 + proxy);
+    return make_job(r, JOB_POISON, &c, options, needs, 1 + proxy);
 }
 
 static const json_t *train_options(const json_t *defense)

@@ -73,6 +73,12 @@ engines="select group_concat(distinct engine) from job join cell using(key) wher
 [ "$(ask engine.db "$engines='off'")" = ref ] && [ "$(ask engine.db "$engines='half'")" != ref ] ||
     fail "the plan's engine is $(ask engine.db "$engines='off'"), a defense's own $(ask engine.db "$engines='half'")"
 
+# Options in other forms are the same options.
+sed 's/"--method", "noise"/"--method=noise"/; s/"--init-points", "200"/"--init_points=200"/; s/"--max-gaussians", "{clean\*0.5}"/"--max-gaussians={clean*0.5}"/' plan.json >forms.json
+expect 0 bench forms.json --list && sort out >forms
+cmp -s plan.json forms.json && fail "the plan has the forms that it had"
+expect 0 bench plan.json --list && sort out | cmp - forms || fail "other jobs: $(cat forms)"
+
 # Parts of a plan are all of it; a script for a cluster.
 plan plan.json 60 ''
 for i in 1 2 3; do "$tool" bench plan.json --list --shard $i/3; done | grep -c half >parts
