@@ -350,6 +350,38 @@ static void test_left_view(void **state)
     clear_fixture(&f);
 }
 
+/* Iterations that have no room, and for which there is no memory: nobody gets a model that lacks
+ * them, also where there is memory again. */
+static void test_no_memory(void **state)
+{
+    (void) state;
+    const struct sg_train_params p = flow_params();
+    struct fixture f = make_fixture(1);
+    sg_trainer *t = begin_training(&f, &p);
+    struct vulkan_engine *e = vulkan_of(t->engine);
+    struct sg_vram *memory = sg_ctx_vram(f.ctx);
+    struct sg_train_step s;
+    struct sg_model *m = NULL;
+    for (int it = 1; it <= 3; it++) {
+        e->lists.capacity = it == 3 ? TINY : e->lists.capacity;
+        assert_int_equal(sg_trainer_advance(t, NULL), SG_OK);
+    }
+    const uint64_t limit = memory->limit;
+    memory->limit = 1;
+    e->lists.emitted.bytes = 4 * TINY; /* it has been larger, which would do */
+    assert_int_equal(sg_trainer_values(t, &s), SG_ERR_BUDGET);
+    assert_true(e->flow.repeats > 0);
+    memory->limit = limit;
+    sg_clear_error(f.ctx);
+    assert_int_equal(sg_trainer_model(t, &m), SG_ERR_BUDGET);
+    assert_non_null(strstr(sg_last_error(f.ctx), "iterations are lost"));
+    assert_int_equal(sg_trainer_save(t, "/dev/null"), SG_ERR_BUDGET);
+    assert_int_equal(sg_trainer_advance(t, NULL), SG_ERR_BUDGET);
+    assert_null(m);
+    sg_trainer_destroy(&t);
+    clear_fixture(&f);
+}
+
 /* A device that is lost with work in flight, at each submission of some. */
 static void test_loss(void **state)
 {
@@ -449,11 +481,11 @@ int main(void)
         return 77;
     }
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_depths),   cmocka_unit_test(test_overflow),
-        cmocka_unit_test(test_variants), cmocka_unit_test(test_passing),
-        cmocka_unit_test(test_attack),   cmocka_unit_test(test_left_view),
-        cmocka_unit_test(test_threads),  cmocka_unit_test(test_shared),
-        cmocka_unit_test(test_loss),
+        cmocka_unit_test(test_depths),    cmocka_unit_test(test_overflow),
+        cmocka_unit_test(test_no_memory), cmocka_unit_test(test_variants),
+        cmocka_unit_test(test_passing),   cmocka_unit_test(test_attack),
+        cmocka_unit_test(test_left_view), cmocka_unit_test(test_threads),
+        cmocka_unit_test(test_shared),    cmocka_unit_test(test_loss),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -98,6 +98,7 @@ struct vulkan_flow {
     } steps[VK_STEPS];   /* the oldest first; the last one may be open */
     int count;
     bool again;       /* they are run again */
+    bool lost;        /* some could not be, and the model lacks what they learned */
     uint64_t repeats; /* how often that was */
     /* Results of the newest steps that have ended, in turns. */
     struct gpu_buffer arrived;

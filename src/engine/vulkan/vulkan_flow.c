@@ -164,6 +164,9 @@ static int run_again(struct vulkan_engine *e)
             f->arrivals[i].number = 0;
     sg_log(e->base.ctx, SG_LOG_DEBUG, "vulkan: instances had no room: %d steps are run again",
            f->count);
+    bool learned = false;
+    for (int i = 0; i < f->count; i++)
+        learned |= f->steps[i].number || has_changed(&f->steps[i]);
     int code = sg_gpu_go_on(g);
     f->again = true;
     f->repeats++;
@@ -175,17 +178,30 @@ static int run_again(struct vulkan_engine *e)
     }
     f->again = false;
     e->lists.known = e->lists.band_count > 1;
-    if (code)
+    if (code) {
         f->count = 0;
+        f->lost = learned;
+    }
     return code != GPU_STOPPED
                ? code
                : sg_fail(e->base.ctx, SG_ERR_INTERNAL, "vulkan: lists had no room again");
 }
 
+/* Nobody takes the model for one that has learned from all steps. */
+static int check_lost(const struct vulkan_engine *e)
+{
+    return e->flow.lost ? sg_fail(e->base.ctx, SG_ERR_BUDGET,
+                                  "vulkan: iterations are lost, since the device had no memory to "
+                                  "run them again")
+                        : SG_OK;
+}
+
 int sg_flow_run(struct vulkan_engine *e, const struct vulkan_call *c)
 {
     struct vulkan_step *s;
-    int code = begin_call(e, c);
+    int code = check_lost(e);
+    if (!code)
+        code = begin_call(e, c);
     if (code)
         return code;
     while ((code = perform(e, c)) == GPU_STOPPED)
@@ -200,7 +216,9 @@ int sg_flow_run(struct vulkan_engine *e, const struct vulkan_call *c)
 int sg_flow_finish(struct sg_engine *base)
 {
     struct vulkan_engine *e = vulkan_of(base);
-    int code;
+    int code = check_lost(e);
+    if (code)
+        return code;
     while ((code = sg_gpu_flush(e->gpu)) == GPU_STOPPED)
         if ((code = run_again(e)))
             return code;
