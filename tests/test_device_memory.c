@@ -3,8 +3,10 @@
  * With SG_TEST_EACH every allocation and submission is made to fail, which takes minutes; else
  * those at the beginning, and every few later on, where most are repeated. */
 #include "core/vram.h"
+#include "engine/vulkan/engine.h"
 #include "engine/registry.h"
 #include "splatguard/run.h"
+#include "train/budget.h"
 #include "synth_scene.h"
 #include "training_anchors.h"
 
@@ -88,6 +90,46 @@ static void test_limits(void **state)
     printf("%d limits refused, %d with a smaller model, %d with the whole\n", refused, smaller,
            whole);
     assert_true(refused > 0 && smaller > 0 && whole > 0);
+}
+
+/* A driver that gives only so much at once, and only so many times. */
+static void test_driver_limits(void **state)
+{
+    (void) state;
+    struct sg_train_params p = short_params();
+    p.engine = main_engine();
+    struct fixture f = make_fixture(1);
+    struct sg_engine *e;
+    struct sg_budget limits = {.instances = 1 << 30};
+    f.scene.train = f.views;
+    assert_int_equal(sg_engine_create(f.ctx, p.engine, NULL, &e), SG_OK);
+    struct gpu *g = vulkan_of(e)->gpu;
+    assert_true(g->chosen.largest >= 1 << 30 && g->chosen.allocations >= 4096); /* of Vulkan */
+    sg_ctx_vram(f.ctx)->largest = 1 << 20;
+    assert_int_equal(sg_budget_plan_device(f.ctx, &f.scene, &p, 3, false, false, &limits), SG_OK);
+    assert_true(limits.by_memory);
+    assert_int_equal(limits.gaussians, (1 << 20) / (4 * sg_param_count(3)));
+    assert_true(limits.instances > 1000 && limits.instances < (1 << 20) / 4);
+
+    struct gpu_buffer b = {0};
+    assert_int_equal(sg_gpu_reserve(g, SG_MEM_MISC, &b, (1 << 20) + 1), SG_ERR_BUDGET);
+    assert_non_null(strstr(sg_last_error(f.ctx), "its driver gives at most 1048576 at once"));
+    sg_clear_error(f.ctx);
+    assert_int_equal(sg_gpu_reserve(g, SG_MEM_MISC, &b, 1 << 20), SG_OK);
+    sg_gpu_release(g, &b);
+
+    const uint32_t before = g->shared->chosen.allocations;
+    g->shared->chosen.allocations = g->shared->allocations;
+    assert_int_equal(sg_gpu_reserve(g, SG_MEM_MISC, &b, 1000), SG_ERR_BUDGET);
+    assert_non_null(strstr(sg_last_error(f.ctx), "allocations at once"));
+    sg_clear_error(f.ctx);
+    g->shared->chosen.allocations = before;
+    assert_int_equal(sg_gpu_reserve(g, SG_MEM_MISC, &b, 1000), SG_OK);
+    sg_gpu_release(g, &b);
+    sg_engine_destroy(&e);
+    sg_vram_forget(f.ctx);
+    assert_int_equal(sg_vram_peak(f.ctx, SG_MEM_TAGS), 0);
+    clear_fixture(&f);
 }
 
 /* The same of anchors: refused, or trained to the end below the limit, with as many as planned. */
@@ -344,6 +386,7 @@ int main(void)
     }
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_default),
+        cmocka_unit_test(test_driver_limits),
         cmocka_unit_test(test_limits),
         cmocka_unit_test(test_anchor_limits),
         cmocka_unit_test(test_host),

@@ -1,11 +1,22 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "vram.h"
 
+#include <string.h>
+
 void sg_vram_limit(sg_ctx *ctx, uint64_t free)
 {
     struct sg_vram *v = sg_ctx_vram(ctx);
     const uint64_t most = v->current[SG_MEM_TAGS] + free / 10 * 9;
     v->limit = v->given ? v->given : most ? most : 1;
+}
+
+void sg_vram_forget(sg_ctx *ctx)
+{
+    struct sg_vram *v = sg_ctx_vram(ctx);
+    if (v->current[SG_MEM_TAGS])
+        return;
+    memset(v->peak, 0, sizeof(v->peak));
+    v->limit = v->largest = 0;
 }
 
 static void charge(struct sg_vram *v, int tag, uint64_t bytes)
@@ -24,6 +35,12 @@ int sg_vram_take(sg_ctx *ctx, enum sg_mem_tag tag, uint64_t bytes)
                        "memory of the device: %llu bytes for %s refused: %llu held, limit %llu",
                        (unsigned long long) bytes, sg_mem_tag_name(tag), (unsigned long long) held,
                        (unsigned long long) v->limit);
+    if (v->largest && bytes > v->largest)
+        return sg_fail(ctx, SG_ERR_BUDGET,
+                       "memory of the device: %llu bytes for %s refused: its driver gives at most "
+                       "%llu at once",
+                       (unsigned long long) bytes, sg_mem_tag_name(tag),
+                       (unsigned long long) v->largest);
     charge(v, (int) tag, bytes);
     charge(v, SG_MEM_TAGS, bytes);
     return SG_OK;

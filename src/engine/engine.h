@@ -62,6 +62,7 @@ static inline struct sg_work sg_work_drawn(const struct sg_work *work)
 struct sg_footprint {
     uint64_t gaussian; /* one of the model: parameters, optimiser, projection */
     uint64_t instance; /* one (Gaussian, tile) pair held at once */
+    uint64_t largest;  /* of a device: of a Gaussian in the array that has most of it */
     uint64_t view;     /* the buffers of an image of this size */
     uint64_t photo;    /* a photo of this size, beside the pixels that the scene holds */
     uint64_t passing;  /* all photos of this size that come and go, see sg_engine_photo_pass */

@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#include "core/vram.h"
 #include "ops.h"
 
 static const struct sg_engine_kind *const kinds[] = {&sg_engine_cpu, &sg_engine_vulkan,
@@ -33,6 +34,7 @@ const struct sg_engine_kind *sg_engine_choose(sg_ctx *ctx, const struct sg_engin
     sg_failures_apart(NULL);
     if (!code)
         return candidate;
+    sg_vram_forget(ctx);
     sg_log(ctx, SG_LOG_WARN, "engine: auto takes %s: %s", kinds[0]->name, failure.text);
     return kinds[0];
 }

@@ -154,6 +154,13 @@ static void add_views(struct device_views *v, const struct sg_engine_kind *engin
     }
 }
 
+/* Memory has room for so many Gaussians. */
+static void lower(struct sg_budget *limits, uint64_t gaussians)
+{
+    if (!limits->gaussians || gaussians < limits->gaussians)
+        limits->by_memory = true, limits->gaussians = gaussians;
+}
+
 int sg_budget_plan_device(sg_ctx *ctx, const struct sg_scene *scene,
                           const struct sg_train_params *p, int sh_degree, bool accumulate,
                           bool spectral, struct sg_budget *limits)
@@ -182,10 +189,13 @@ int sg_budget_plan_device(sg_ctx *ctx, const struct sg_scene *scene,
             scene->path, (unsigned long long) whole,
             (unsigned long long) ((fixed + least) / 5 * 6 + 6), (unsigned long long) photos,
             (unsigned long long) v.buffers, LEAST, (unsigned long long) least);
-    const uint64_t fit = (limit - fixed) / each;
-    if (!limits->gaussians || fit < limits->gaussians)
-        limits->by_memory = true, limits->gaussians = fit;
-    const uint64_t lists = (limit - fixed - limits->gaussians * need.gaussian) / need.instance;
+    lower(limits, (limit - fixed) / each);
+    uint64_t lists = (limit - fixed - limits->gaussians * need.gaussian) / need.instance;
+    const uint64_t largest = sg_ctx_vram(ctx)->largest;
+    if (largest && need.largest) {
+        lower(limits, largest / need.largest);
+        lists = lists < largest / need.instance ? lists : largest / need.instance;
+    }
     limits->instances = lists < limits->instances ? lists : limits->instances;
     sg_log(ctx, SG_LOG_DEBUG,
            "memory of the device: limit %llu bytes, %llu for photos and the largest view: at most "

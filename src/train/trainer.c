@@ -9,6 +9,7 @@
 #include "begin.h"
 #include "checkpoint.h"
 #include "core/clock.h"
+#include "core/vram.h"
 #include "defense/filter.h"
 #include "engine/scaffold/scaffold.h"
 #include "exposure.h"
@@ -152,6 +153,7 @@ static int open_engine(sg_trainer *t, const struct sg_trainer_start *start)
     if (!sg_engine_give_way(t->ctx, p->engine, p->cpu, code))
         return code;
     sg_engine_destroy(&t->engine);
+    sg_vram_forget(t->ctx);
     return open_engine(t, start);
 }
 

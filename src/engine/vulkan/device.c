@@ -18,9 +18,44 @@ int sg_vk_fail(sg_ctx *ctx, const struct vk_device_choice *device, VkResult resu
     if (result == VK_ERROR_OUT_OF_HOST_MEMORY || result == VK_ERROR_OUT_OF_DEVICE_MEMORY)
         return sg_fail(ctx, SG_ERR_BUDGET, "vulkan: %s: out of memory on %s", what,
                        device->info.name);
+    if (result == VK_ERROR_TOO_MANY_OBJECTS)
+        return sg_fail(ctx, SG_ERR_BUDGET, "vulkan: %s: %s allows %u allocations at once", what,
+                       device->info.name, device->allocations);
     return sg_fail(ctx, SG_ERR_INTERNAL, "vulkan: %s: %s (error %d of %s)", what,
                    result == VK_ERROR_DEVICE_LOST ? "the device is lost" : "failed", (int) result,
                    device->info.name);
+}
+
+/* ---- memory ---- */
+
+static void count_allocations(struct gpu_device *d, int more)
+{
+    pthread_mutex_lock(&d->lock);
+    d->allocations += (uint32_t) more;
+    pthread_mutex_unlock(&d->lock);
+}
+
+VkResult sg_gpu_allocate(struct gpu_device *d, const VkMemoryAllocateInfo *info,
+                         VkDeviceMemory *out)
+{
+    pthread_mutex_lock(&d->lock);
+    const bool allowed = d->allocations < d->chosen.allocations;
+    d->allocations += allowed;
+    pthread_mutex_unlock(&d->lock);
+    if (!allowed)
+        return VK_ERROR_TOO_MANY_OBJECTS;
+    const VkResult result = d->vk.AllocateMemory(d->device, info, NULL, out);
+    if (result)
+        count_allocations(d, -1);
+    return result;
+}
+
+void sg_gpu_free(struct gpu_device *d, VkDeviceMemory memory)
+{
+    if (!memory)
+        return;
+    d->vk.FreeMemory(d->device, memory, NULL);
+    count_allocations(d, -1);
 }
 
 /* ---- kernels ---- */

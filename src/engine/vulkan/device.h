@@ -36,7 +36,8 @@ struct gpu_device {
     VkPipeline pipelines[GPU_KERNELS][GPU_VARIANTS]; /* see sg_gpu_pipeline */
     /* Of device.c. */
     unsigned users;
-    bool lost; /* nobody else takes it */
+    uint32_t allocations; /* that are alive, under `lock` */
+    bool lost;            /* nobody else takes it */
     struct gpu_device *next;
 };
 
@@ -62,6 +63,11 @@ int sg_gpu_pipeline(sg_ctx *ctx, struct gpu_device *d, enum gpu_kernel kernel, i
 VkResult sg_gpu_compile(const struct vk_functions *vk, VkDevice device, VkPipelineLayout layout,
                         enum gpu_kernel kernel, int variant, uint32_t lanes,
                         VkPipelineCreateFlags flags, VkPipeline *out);
+/* vkAllocateMemory; VK_ERROR_TOO_MANY_OBJECTS where the device allows no more. */
+VkResult sg_gpu_allocate(struct gpu_device *d, const VkMemoryAllocateInfo *info,
+                         VkDeviceMemory *out);
+/* NULL: nothing. */
+void sg_gpu_free(struct gpu_device *d, VkDeviceMemory memory);
 /* vkQueueSubmit. */
 VkResult sg_gpu_queue(struct gpu_device *d, VkCommandBuffer commands, VkFence fence);
 

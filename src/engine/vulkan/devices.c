@@ -64,8 +64,10 @@ static void look_at(const struct vk_functions *vk, struct vk_device_choice *d)
 {
     VkPhysicalDeviceVulkan12Properties more = {
         .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_PROPERTIES};
+    VkPhysicalDeviceMaintenance3Properties allocation = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MAINTENANCE_3_PROPERTIES, .pNext = &more};
     VkPhysicalDeviceSubgroupProperties subgroup = {
-        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_PROPERTIES, .pNext = &more};
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_PROPERTIES, .pNext = &allocation};
     VkPhysicalDeviceProperties2 properties = {
         .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, .pNext = &subgroup};
     VkPhysicalDeviceVulkan12Features features12 = {
@@ -77,6 +79,8 @@ static void look_at(const struct vk_functions *vk, struct vk_device_choice *d)
     const VkPhysicalDeviceProperties *p = &properties.properties;
     d->type = p->deviceType;
     d->lanes = subgroup.subgroupSize;
+    d->largest = allocation.maxMemoryAllocationSize;
+    d->allocations = p->limits.maxMemoryAllocationCount;
     d->tick = 1e-9 * (double) p->limits.timestampPeriod;
     d->memory_budget = has_extension(vk, d->physical, VK_EXT_MEMORY_BUDGET_EXTENSION_NAME);
     snprintf(d->info.name, sizeof(d->info.name), "%s", p->deviceName);

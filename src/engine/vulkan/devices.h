@@ -18,6 +18,8 @@ struct vk_device_choice {
     uint32_t timestamp_bits; /* of that queue; 0: it has no timestamps */
     double tick;             /* seconds between two timestamps that differ by 1 */
     bool memory_budget;
+    uint64_t largest;     /* bytes of one allocation at most */
+    uint32_t allocations; /* at once at most */
 };
 
 /* All devices of an open loader, in its order; returns their number. */

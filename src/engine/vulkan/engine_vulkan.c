@@ -555,6 +555,7 @@ static struct sg_footprint on_device(const struct sg_work *work)
     const struct sg_footprint f = {
         .gaussian = sg_host_footprint(w, false) + 4 * (27 + VK_SLOT_ABSOLUTE + SG_P_SH) + 1,
         .instance = INSTANCE_BYTES,
+        .largest = 4 * (uint64_t) sg_column_array_planes(SG_C_PARAMETERS, w->sh_degree),
         .view = pixels * 4 * (9 * 3 + 2) + tiles * (16 * 256 + 64) +
                 (w->anisotropy ? sg_vulkan_spectrum_bytes((uint64_t) w->width, (uint64_t) w->height)
                                : 0),

@@ -40,8 +40,7 @@ static void destroy_buffer(struct gpu *g, struct gpu_buffer *b)
 {
     if (b->buffer)
         g->vk.DestroyBuffer(g->device, b->buffer, NULL);
-    if (b->memory)
-        g->vk.FreeMemory(g->device, b->memory, NULL);
+    sg_gpu_free(g->shared, b->memory);
     sg_vram_give(g->ctx, b->tag, b->charged);
     *b = (struct gpu_buffer){0};
 }
@@ -82,7 +81,7 @@ static int create_buffer(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *
                                          .memoryTypeIndex = (uint32_t) type};
     result = type < 0 || sg_device_fails(g->ctx, SG_DEVICE_ALLOCATION)
                  ? VK_ERROR_OUT_OF_DEVICE_MEMORY
-                 : g->vk.AllocateMemory(g->device, &memory, NULL, &b->memory);
+                 : sg_gpu_allocate(g->shared, &memory, &b->memory);
     if (!result) {
         b->bytes = size;
         result = g->vk.BindBufferMemory(g->device, b->buffer, b->memory, 0);
@@ -165,10 +164,10 @@ static void mark(struct gpu *g)
 static void read_marks(struct gpu *g, const struct gpu_flight *f)
 {
     uint64_t ticks[GPU_MARKS];
-    const uint64_t valid = UINT64_MAX >> (64 - g->chosen.timestamp_bits);
     if (!f->marks || g->vk.GetQueryPoolResults(g->device, f->timestamps, 0, f->marks, sizeof(ticks),
                                                ticks, sizeof(ticks[0]), VK_QUERY_RESULT_64_BIT))
         return;
+    const uint64_t valid = UINT64_MAX >> (64 - g->chosen.timestamp_bits);
     for (uint32_t i = 0; i + 1 < f->marks; i++)
         if (f->clocks[i])
             *f->clocks[i] += (double) ((ticks[i + 1] - ticks[i]) & valid) * g->chosen.tick;
@@ -424,6 +423,7 @@ static int open_flights(struct gpu *g)
     if (result)
         return fail_result(g, result, "opening the device");
     sg_vram_limit(g->ctx, g->chosen.info.memory_free);
+    sg_ctx_vram(g->ctx)->largest = g->chosen.largest;
     int code = create_buffer(g, SG_MEM_MISC, &g->staging, STAGING, true);
     if (!code)
         code = create_buffer(g, SG_MEM_MISC, &g->none, 256, false);
