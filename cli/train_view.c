@@ -62,7 +62,7 @@ static void say_state(struct train_view *v, const struct progress *p,
         (json_int_t) s.limits.max_gaussians, "loss", number_json(step ? p->loss : NAN), "psnr",
         number_json(step ? p->psnr : NAN), "memory", (json_int_t) resident_bytes(0), "max_memory",
         (json_int_t) v->params->max_memory, "seconds_left", number_json(left), "defense",
-        v->params->train.defense.on, "removed", (json_int_t) v->removed, "paused", paused);
+        s.defended, "removed", (json_int_t) v->removed, "paused", paused);
     char *text = state ? json_dumps(state, JSON_COMPACT) : NULL;
     if (text)
         view_server_set_state(v->server, text);
@@ -76,9 +76,11 @@ int train_view_begin(struct train_view *v, sg_ctx *ctx, sg_run *run,
 {
     v->run = run, v->params = params;
     const struct sg_train_params *t = &params->train;
+    struct sg_run_status s;
+    sg_run_status(run, &s);
     v->pictures.ctx = ctx, v->pictures.scene = sg_run_scene(run), v->pictures.model = true;
     v->pictures.scores = t->model != SG_MODEL_SCAFFOLD;
-    v->pictures.next = v->pictures.scores && t->defense.on && t->strategy != SG_STRATEGY_MCMC;
+    v->pictures.next = v->pictures.scores && s.defended && t->strategy != SG_STRATEGY_MCMC;
     say_state(v, NULL, NULL, false);
     return view_publish_scene(&v->pictures, v->server, params->folder, true);
 }

@@ -141,6 +141,37 @@ static void test_resume(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Cancels the first evaluation. */
+static int cancel_evaluation(void *priv, enum sg_stage stage, uint64_t done, uint64_t total)
+{
+    (void) done;
+    (void) total;
+    bool *cancelled = priv;
+    const bool now = stage == SG_STAGE_EVALUATE && !*cancelled;
+    *cancelled |= now;
+    return now;
+}
+
+/* What the context's progress function cancels in a periodic measurement is the run. */
+static void test_cancelled_evaluation(void **state)
+{
+    (void) state;
+    bool cancelled = false;
+    sg_ctx *ctx;
+    const struct sg_ctx_params params = {
+        .threads = 1, .progress = cancel_evaluation, .progress_priv = &cancelled};
+    assert_int_equal(sg_ctx_create(&ctx, &params), SG_OK);
+    struct sg_run_status s;
+    struct sg_run_params p = short_run(at("cancelled"));
+    p.eval_every = 2;
+    assert_int_equal(train(ctx, &p, SG_RUN_NEW, &s), SG_ERR_INTERRUPTED);
+    assert_string_equal(sg_last_error(ctx), "interrupted at iteration 2; saved");
+    assert_true(cancelled && s.iteration == 2 && s.saved == 2 && s.resumable);
+    assert_int_equal(train(ctx, &p, SG_RUN_RESUME, &s), SG_OK);
+    assert_int_equal(s.saved, 24);
+    sg_ctx_destroy(&ctx);
+}
+
 /* One owner at a time; nothing is replaced unasked. */
 static void test_folders(void **state)
 {
@@ -199,6 +230,12 @@ static void test_checks(void **state)
     p.log_every = 1, p.train.tolerance = -3;
     assert_int_equal(sg_run_check(ctx, &p), SG_ERR_USAGE);
     p.train.tolerance = SG_TOLERANCE_AUTO;
+    assert_int_equal(sg_run_check(ctx, &p), SG_OK);
+    p.train.seed = (uint64_t) 9e15 + 1;
+    assert_int_equal(sg_run_check(ctx, &p), SG_ERR_USAGE);
+    assert_string_equal(sg_last_error(ctx), "seed: found 9000000000000001, expected at most "
+                                            "9000000000000000, which a run's files can carry");
+    p.train.seed--;
     assert_int_equal(sg_run_check(ctx, &p), SG_OK);
     p.source = NULL;
     assert_int_equal(sg_run_open(ctx, &p, SG_RUN_NEW, &run), SG_ERR_USAGE);
@@ -291,8 +328,11 @@ static void test_full_disk(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_resume),    cmocka_unit_test(test_folders),
-        cmocka_unit_test(test_checks),    cmocka_unit_test(test_attack),
+        cmocka_unit_test(test_resume),
+        cmocka_unit_test(test_folders),
+        cmocka_unit_test(test_cancelled_evaluation),
+        cmocka_unit_test(test_checks),
+        cmocka_unit_test(test_attack),
         cmocka_unit_test(test_full_disk),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);

@@ -110,6 +110,7 @@ struct sg_run_status {
     bool finished;  /* it was done already when it was opened: nothing is left to do */
     bool resumable; /* the newest checkpoint is of the newest model */
     int ended_by;   /* error that ended it early with a model saved, or SG_OK */
+    bool defended;  /* by the spectral defense: asked for, or turned on by the audit */
     struct sg_train_limits limits;
 };
 SG_API void sg_run_status(const sg_run *run, struct sg_run_status *out);

@@ -414,6 +414,8 @@ int sg_attack_run(sg_ctx *ctx, const struct sg_attack_run_params *p, enum sg_run
     int code = p->source && p->folder
                    ? sg_check_options(ctx, sg_attack_run_options(), p)
                    : sg_fail(ctx, SG_ERR_USAGE, "attack: found no source or folder");
+    if (!code)
+        code = sg_config_check(ctx, sg_attack_run_config, p);
     if (code)
         return code;
     r.status->finished = r.resume && sg_run_has(ctx, p->folder, "poison.json") &&

@@ -66,6 +66,20 @@ json_t *sg_config_to_json(const struct sg_config_part *parts, const void *params
     return object;
 }
 
+int sg_config_check(sg_ctx *ctx, const struct sg_config_part *parts, const void *params)
+{
+    for (const struct sg_config_part *p = parts; p->rows; p++)
+        for (const struct sg_option *o = p->rows(); o->name; o++) {
+            const void *value = (const char *) params + p->at + o->offset;
+            if (o->any && o->type == SG_OPTION_U64 && *(const uint64_t *) value > o->high)
+                return sg_fail(ctx, SG_ERR_USAGE,
+                               "%s: found %llu, expected at most %.0f, which a run's files can "
+                               "carry",
+                               o->name, (unsigned long long) *(const uint64_t *) value, o->high);
+        }
+    return SG_OK;
+}
+
 static int set_value(sg_ctx *ctx, const struct sg_option *o, void *params, const json_t *v,
                      const char *path)
 {

@@ -21,6 +21,9 @@ extern const struct sg_config_part sg_run_config[], sg_attack_run_config[];
 /* All lasting options; the caller owns the object. NULL without memory. */
 json_t *sg_config_to_json(const struct sg_config_part *parts, const void *params);
 
+/* SG_ERR_USAGE for a number that the library accepts and JSON cannot carry. */
+int sg_config_check(sg_ctx *ctx, const struct sg_config_part *parts, const void *params);
+
 /* The reverse. Options that the object lacks are left unchanged. Texts live as long as the object.
  * path: of the file, for messages. SG_ERR_INPUT for values out of range and, if strict, unknown
  * options. */

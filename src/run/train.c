@@ -159,8 +159,14 @@ static void after_step(sg_run *r)
         note_error(r, sg_run_log_step(r));
     if (due(r, p->save_every) && !last)
         note_error(r, save(r));
-    if (p->scene.eval && due(r, p->eval_every) && !last)
-        note_error(r, measure(r, 0));
+    if (p->scene.eval && due(r, p->eval_every) && !last) {
+        const int code = measure(r, 0);
+        if (code == SG_ERR_INTERRUPTED) { /* as in the loop */
+            sg_clear_error(r->ctx);
+            r->stopped = true;
+        } else
+            note_error(r, code);
+    }
 }
 
 /* The training cannot continue. Saves the model so far. The checkpoint stays as it is, since this
@@ -419,7 +425,8 @@ void sg_run_status(const sg_run *r, struct sg_run_status *out)
                                   .saved = r->saved,
                                   .finished = r->finished,
                                   .resumable = r->resumable,
-                                  .ended_by = r->ended_by};
+                                  .ended_by = r->ended_by,
+                                  .defended = r->train.defense.on};
     sg_trainer_limits(r->trainer, &out->limits);
 }
 

@@ -2,6 +2,7 @@
 /* Which defense a run gets: what was asked for, and with preset auto what the photos look like. */
 #include <math.h>
 
+#include "config.h"
 #include "core/clock.h"
 #include "option/option.h"
 #include "train.h"
@@ -36,6 +37,8 @@ int sg_run_check(sg_ctx *ctx, const struct sg_run_params *params)
     int code = sg_check_options(ctx, sg_run_options(), &p);
     if (!code)
         code = sg_check_options(ctx, sg_scene_options(), &p.scene);
+    if (!code)
+        code = sg_config_check(ctx, sg_run_config, &p);
     if (code)
         return code;
     const struct sg_defense_params *d = &p.train.defense, preset = published(p.preset);
