@@ -100,7 +100,7 @@ static int open_viewed(struct viewed *v, const char *place, const bool *given,
     const bool folder = is_folder(place) || is_archive(place), run = folder && is_run(place),
                named = (folder && !run) || o->scene_path;
     v->run = sg_run_params_default();
-    int code = open_context(&v->ctx, o->threads, o->max_memory, o->quiet);
+    int code = open_engine_context(&v->ctx, o->threads, o->max_memory, o->max_vram, o->quiet);
     if (!code && folder && !run) {
         if (o->scene_path) {
             say(stderr, "splatguard view: found two scenes, %s and --scene %s, expected one\n",
@@ -178,6 +178,7 @@ static int score(struct viewed *v, const struct model_options *o, bool hits)
     p.engine = o->engine, p.cpu = cpu_variant(o->cpu);
     if (!v->scores.model) {
         p.method = SG_PRUNER_SPECTRAL;
+        v->counted = false;
         error = view_scores_copy(&v->scores, v->ctx, v->model);
         if (!error)
             error = sg_prune_scores(v->ctx, v->scene, v->model, &p, v->scores.score);
