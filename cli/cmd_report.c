@@ -17,6 +17,8 @@ static const struct sg_option report_options[] = {
              .letter = 'o'),
     TEXT_ROW("scene", offsetof(struct report_config, m.scene_path), "SCENE",
              "The photos of a run; it knows its own.", .letter = 's'),
+    NUMBER_ROW("max-memory", SG_OPTION_BYTES, offsetof(struct report_config, m.max_memory), 0, 9e15,
+               "BYTES", "Most memory of the process for the report of a run; 0 = no limit."),
     FLAG_ROW("quiet", offsetof(struct report_config, m.quiet), "Warnings only.", .letter = 'q'),
     {0},
 };
@@ -86,7 +88,7 @@ static int report_of_run(const char *folder, struct report_config *c, const bool
     struct run_page r = {.folder = folder, .params = sg_run_params_default()};
     sg_ctx *ctx = NULL;
     sg_output *output = NULL;
-    int code = open_context(&ctx, 1, 0, c->m.quiet);
+    int code = open_context(&ctx, 1, c->m.max_memory, c->m.quiet);
     if (!code)
         code = report(ctx, sg_run_summary_read(ctx, folder, &r.summary));
     if (!code)

@@ -7,6 +7,8 @@ expect 0 train scene/colmap -o "$name" --eval --iterations 60 --log-every 10 --e
     --densify-from-iter 10 --densification-interval 10
 expect 0 report "$name" -o page -q
 [ "$(ls page)" = report.html ] || fail "the folder has $(ls page)"
+expect 3 report "$name" -o none --max-memory 1M; says 'expected at least'
+[ ! -e none ] || fail "a report without memory left something"
 page=page/report.html
 grep -q '<img src=x' $page && fail "a name is an element"
 sed 's/src=x//g' $page | grep -oE '(src|href)=.{12}|@import|url\(' | grep -v 'src="data:image' && fail "the page refers to something elsewhere"
