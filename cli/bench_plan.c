@@ -54,20 +54,43 @@ static int check_keys(const struct reader *r, const json_t *object, const char *
 /* {clean} or {clean*X}. */
 static bool is_limit(const json_t *option)
 {
-    const char *word = json_string_value(option), *equals = strchr(word, '=');
-    return !strncmp(word, "{clean", 6) || (equals && !strncmp(equals, "={clean", 7));
+    return !strncmp(json_string_value(option), "{clean", 6);
 }
 
-static int check_options(const struct reader *r, const json_t *list, const char *where)
+/* Replaces an option by its only form: "--backend=ref" by "--engine" and "ref". Returns whether its
+ * value has become a word of the list. */
+static bool unify_option(json_t *list, size_t i)
+{
+    char name[128];
+    const char *word = json_string_value(json_array_get(list, i)), *equals = strchr(word, '=');
+    const size_t n = equals ? (size_t) (equals - word) : strlen(word);
+    if (n < 3 || n >= sizeof(name) || strncmp(word, "--", 2))
+        return false;
+    memcpy(name, word, n);
+    name[n] = 0;
+    const struct sg_option *known = sg_option_find(sg_train_options(), name + 2);
+    if (known)
+        snprintf(name + 2, sizeof(name) - 2, "%s", known->name);
+    for (char *c = name; *c; c++)
+        *c = *c == '_' ? '-' : *c;
+    if (equals)
+        json_array_insert_new(list, i + 1, json_string(equals + 1));
+    json_array_set_new(list, i, json_string(name));
+    return equals;
+}
+
+/* Options are in their only form from here on. */
+static int read_options(const struct reader *r, json_t *list, const char *where)
 {
     if (list && !json_is_array(list))
         return wrong(r, "%s: expected a list of options", where);
-    for (size_t i = 0; i < json_array_size(list); i++) {
+    for (size_t i = 0, at = 0; i < json_array_size(list); i++, at++) {
+        if (!json_is_string(json_array_get(list, i)))
+            return wrong(r, "%s[%zu]: expected a text", where, at);
+        i += unify_option(list, i);
         const json_t *option = json_array_get(list, i);
-        if (!json_is_string(option))
-            return wrong(r, "%s[%zu]: expected a text", where, i);
         if (is_limit(option) && strncmp(where, DEFENSES ".", strlen(DEFENSES ".")))
-            return wrong(r, "%s[%zu]: found %s, which only defenses can have", where, i,
+            return wrong(r, "%s[%zu]: found %s, which only defenses can have", where, at,
                          json_string_value(option));
     }
     return STATUS_DONE;
@@ -78,32 +101,15 @@ static bool is_option(const char *word)
     return word[0] == '-' && !(word[1] >= '0' && word[1] <= '9') && word[1] != '.' && word[1];
 }
 
-/* "--some_name=value" as "--some-name" and its value; the name of another form stays. */
-static const char *split(const char *word, char *name, size_t size)
-{
-    snprintf(name, size, "%s", word);
-    char *equals = !strncmp(word, "--", 2) ? strchr(name, '=') : NULL;
-    if (equals)
-        *equals = 0;
-    for (char *c = name + 2; !strncmp(word, "--", 2) && *c; c++)
-        *c = *c == '_' ? '-' : *c;
-    if (!strcmp(name, "--backend"))
-        snprintf(name, size, "--engine");
-    return equals ? word + (equals - name) + 1 : NULL;
-}
-
 json_t *options_merge(const json_t *const *lists, int n)
 {
     json_t *merged = json_object(), *out = json_array();
     for (int l = 0; l < n; l++)
         for (size_t i = 0; i < json_array_size(lists[l]); i++) {
-            char name[PATH_MAX];
-            const char *own = split(json_string_value(json_array_get(lists[l], i)), name,
-                                    sizeof(name)),
-                       *next = json_string_value(json_array_get(lists[l], i + 1));
-            const bool has = !own && next && !is_option(next);
-            json_object_set_new(merged, name,
-                                own || has ? json_string(own ? own : next) : json_null());
+            const char *name = json_string_value(json_array_get(lists[l], i)),
+                       *value = json_string_value(json_array_get(lists[l], i + 1));
+            const bool has = value && !is_option(value);
+            json_object_set_new(merged, name, has ? json_string(value) : json_null());
             i += has;
         }
     const char *key;
@@ -506,7 +512,7 @@ static int check_scenes(const struct reader *r)
             return code;
         static const char *const lists[] = {"synth", "size", "options", "train", "attack"};
         for (int i = 0; i < 5 && !code; i++)
-            code = check_options(r, json_object_get(scene, lists[i]), where);
+            code = read_options(r, json_object_get(scene, lists[i]), where);
         if (code)
             return code;
         if (json_object_get(scene, "preset") && !json_is_string(json_object_get(scene, "preset")))
@@ -531,16 +537,16 @@ static int check_lists(const struct reader *r, const char *table)
         if (json_is_object(value) && !strcmp(table, DEFENSES)) {
             code = check_keys(r, value, where, "train|prune|from");
             if (!code)
-                code = check_options(r, json_object_get(value, "train"), where);
+                code = read_options(r, json_object_get(value, "train"), where);
             if (!code)
-                code = check_options(r, json_object_get(value, "prune"), where);
+                code = read_options(r, json_object_get(value, "prune"), where);
             const json_t *from = json_object_get(value, "from");
             if (!code && from &&
                 (!json_is_string(from) || !in(r->plan->root, table, json_string_value(from)) ||
                  json_object_get(in(r->plan->root, table, json_string_value(from)), "prune")))
                 code = wrong(r, "%s.from: expected the name of a defense that trains", where);
         } else
-            code = check_options(r, value, where);
+            code = read_options(r, value, where);
         if (code)
             return code;
     }
@@ -590,9 +596,9 @@ static int read_plan(struct reader *r)
     if (!code)
         code = read_settings(r);
     if (!code)
-        code = check_options(r, json_object_get(p->root, "train"), "train");
+        code = read_options(r, json_object_get(p->root, "train"), "train");
     if (!code)
-        code = check_options(r, json_object_get(p->root, "proxy"), "proxy");
+        code = read_options(r, json_object_get(p->root, "proxy"), "proxy");
     if (!code)
         code = check_scenes(r);
     static const char *const switches[] = {"pictures", "audit"};
