@@ -173,9 +173,8 @@ const struct command command_info = {
         "Prints count, SH degree, bounds and percentiles of scale and opacity. A file that cannot "
         "be read is refused with the place and the reason. Exit status 2 also for a model with "
         "values that are not finite, which only convert to .ply takes too. With --devices: the "
-        "engines and "
-        "CPU variants of this build, and whether this machine runs them; and the devices that the "
-        "engine vulkan finds, by number, name, driver and memory.",
+        "engines and CPU variants of this build, and whether this machine runs them; and the "
+        "devices that the engine vulkan finds, by number, name, driver and memory.",
     .groups = "Output",
     .options = info_options,
     .config_size = sizeof(struct info_config),

@@ -3,11 +3,11 @@
  * With SG_TEST_EACH every allocation and submission is made to fail, which takes minutes; else
  * those at the beginning, and every few later on, where most are repeated. */
 #include "core/vram.h"
-#include "engine/vulkan/engine.h"
 #include "engine/registry.h"
+#include "engine/vulkan/engine.h"
 #include "splatguard/run.h"
-#include "train/budget.h"
 #include "synth_scene.h"
+#include "train/budget.h"
 #include "training_anchors.h"
 
 static char folder[] = "/tmp/sg_device_XXXXXX", scene_path[64], checkpoint[64], run_folder[64];

@@ -3,11 +3,12 @@
 
 #include <string.h>
 
-void sg_vram_limit(sg_ctx *ctx, uint64_t free)
+void sg_vram_limit(sg_ctx *ctx, uint64_t free, uint64_t largest)
 {
     struct sg_vram *v = sg_ctx_vram(ctx);
     const uint64_t most = v->current[SG_MEM_TAGS] + free / 10 * 9;
     v->limit = v->given ? v->given : most ? most : 1;
+    v->largest = largest;
 }
 
 void sg_vram_forget(sg_ctx *ctx)

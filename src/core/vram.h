@@ -24,8 +24,8 @@ struct sg_vram {
 struct sg_vram *sg_ctx_vram(sg_ctx *ctx);
 
 /* Where sg_ctx_params.max_vram gives no limit: nine tenths of what is free now, beside what is held
- * already. */
-void sg_vram_limit(sg_ctx *ctx, uint64_t free);
+ * already. largest: see struct sg_vram. */
+void sg_vram_limit(sg_ctx *ctx, uint64_t free, uint64_t largest);
 /* After an engine that was not taken: nothing was held, if nothing is. */
 void sg_vram_forget(sg_ctx *ctx);
 /* SG_ERR_BUDGET where the limit is too low; then nothing is charged. */

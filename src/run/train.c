@@ -28,6 +28,15 @@ static bool ask(sg_run *r, const struct sg_train_step *step)
     return r->stopped;
 }
 
+/* By the context's progress function: the run stops. */
+static bool was_cancelled(sg_run *r, int code)
+{
+    if (code != SG_ERR_INTERRUPTED)
+        return false;
+    sg_clear_error(r->ctx);
+    return r->stopped = true;
+}
+
 /* Measures the test views, also with matched colours where exposures are learned; fps only at the
  * end. If memory is short for that, the run continues without it. */
 static int measure(sg_run *r, int time_fps)
@@ -161,10 +170,7 @@ static void after_step(sg_run *r)
         note_error(r, save(r));
     if (p->scene.eval && due(r, p->eval_every) && !last) {
         const int code = measure(r, 0);
-        if (code == SG_ERR_INTERRUPTED) { /* as in the loop */
-            sg_clear_error(r->ctx);
-            r->stopped = true;
-        } else
+        if (!was_cancelled(r, code))
             note_error(r, code);
     }
 }
@@ -209,15 +215,12 @@ static int loop(sg_run *r)
             error = sg_run_take_values(r);
         r->totals.seconds += sg_seconds() - start;
         r->totals.cpu_seconds += cpu_now() - cpu;
-        if (error == SG_ERR_INTERRUPTED) { /* by the context's progress function */
-            sg_clear_error(r->ctx);
-            r->stopped = true;
-        } else if (error)
+        if (was_cancelled(r, error))
+            continue;
+        if (error)
             return end_early(r, error);
-        else {
-            after_step(r);
-            ask(r, &r->step);
-        }
+        after_step(r);
+        ask(r, &r->step);
     }
     return SG_OK;
 }

@@ -28,10 +28,10 @@ int sg_vk_fail(sg_ctx *ctx, const struct vk_device_choice *device, VkResult resu
 
 /* ---- memory ---- */
 
-static void count_allocations(struct gpu_device *d, int more)
+static void count_freed(struct gpu_device *d)
 {
     pthread_mutex_lock(&d->lock);
-    d->allocations += (uint32_t) more;
+    d->allocations--;
     pthread_mutex_unlock(&d->lock);
 }
 
@@ -46,7 +46,7 @@ VkResult sg_gpu_allocate(struct gpu_device *d, const VkMemoryAllocateInfo *info,
         return VK_ERROR_TOO_MANY_OBJECTS;
     const VkResult result = d->vk.AllocateMemory(d->device, info, NULL, out);
     if (result)
-        count_allocations(d, -1);
+        count_freed(d);
     return result;
 }
 
@@ -55,7 +55,7 @@ void sg_gpu_free(struct gpu_device *d, VkDeviceMemory memory)
     if (!memory)
         return;
     d->vk.FreeMemory(d->device, memory, NULL);
-    count_allocations(d, -1);
+    count_freed(d);
 }
 
 /* ---- kernels ---- */
