@@ -11,7 +11,7 @@ if(NOT ZLIB_FOUND)
     list(FILTER SG_TESTS EXCLUDE REGEX "test_(format|sog|archive)")
 endif()
 if(NOT SG_HAVE_VULKAN)
-    list(FILTER SG_TESTS EXCLUDE REGEX "test_devices|test_flow")
+    list(FILTER SG_TESTS EXCLUDE REGEX "test_devices|test_device_memory|test_flow")
 endif()
 add_compile_options($<$<CONFIG:Release>:-O1>) # tests take longer to compile than to run
 foreach(source ${SG_TESTS})
