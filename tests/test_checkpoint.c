@@ -12,7 +12,7 @@
 #include "whole_file.h"
 
 #define SIDE 20
-#define HEADER ((size_t) 144) /* bytes of the format before its sections */
+#define HEADER ((size_t) 152) /* bytes of the format before its sections */
 #define AT_COUNT 8
 #define AT_DEGREE 16
 #define AT_ITERATION 20
@@ -24,10 +24,11 @@
 #define AT_VISITED 80
 #define AT_SPENT 88
 #define AT_NOISE 96
-#define AT_KIND 116
-#define AT_PARAMETERS 120
-#define AT_STRENGTH 128
-#define AT_SECTIONS 136
+#define AT_BEYOND 104
+#define AT_KIND 124
+#define AT_PARAMETERS 128
+#define AT_STRENGTH 136
+#define AT_SECTIONS 144
 
 #define SECTION ((size_t) 40) /* bytes of a section's head */
 #define AT_PLANES 24
@@ -201,6 +202,9 @@ static void test_sealed_lies(void **state)
         {"negative noise", AT_NOISE, 0xbff0000000000000u, 8},
         {"noise above 255 levels", AT_NOISE, 0x4070000000000000u, 8},
         {"NaN noise", AT_NOISE, 0x7ff8000000000000u, 8},
+        {"a negative share", AT_BEYOND, 0xbff0000000000000u, 8},
+        {"a share above 1", AT_BEYOND, 0x4000000000000000u, 8},
+        {"a NaN share", AT_BEYOND, 0x7ff8000000000000u, 8},
         {"other parameters", AT_PARAMETERS, 1, 8},
         {"another strength of the defense", AT_STRENGTH, 1, 8},
         {"a checkpoint of an attack", AT_KIND, 1, 4},
@@ -340,7 +344,7 @@ static void test_version(void **state)
     seal(f->data, f->size);
     spill(f->path, f->data, f->size);
     expect_refusal(f, "version 7");
-    assert_non_null(strstr(sg_last_error(f->ctx), "found version 7, expected version 8"));
+    assert_non_null(strstr(sg_last_error(f->ctx), "found version 7, expected version 9"));
 }
 
 /* Parameters may be any float: training continues without harm to the process. */

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The second look at the tolerances: noise is measured during training, the tolerances follow, and
- * the result depends neither on threads nor on where a run was saved. */
+/* Looks at the tolerances: noise is measured during training, the tolerances and the threshold of
+ * growth follow, and the result depends neither on threads nor on where a run was saved. */
+#include "train/trainer.h"
 #include "training.h"
 
 #include <unistd.h>
@@ -57,15 +58,111 @@ static void tolerances_follow_the_noise(void **state)
         for (size_t v = 0; v < VIEWS; v++)
             assert_true(sg_trainer_tolerance(t, v) == estimated[v]);
         assert_int_equal(sg_trainer_step(t, &s), SG_OK);
-        assert_int_equal(s.noise.photos, it < LOOK ? 0 : VIEWS - 1);
+        assert_int_equal(s.noise.compared, it < LOOK ? 0 : VIEWS - 1);
+        assert_int_equal(s.noise.photos, s.noise.compared);
     }
     assert_true(s.noise.level > 0.75 * EPSILON && s.noise.level < 1.3 * EPSILON);
     assert_true(s.noise.kurtosis < 2.5);
+    assert_true(s.noise.beyond > 0 && s.noise.beyond < 1);
     for (size_t v = 0; v < VIEWS; v++)
         assert_true(sg_trainer_tolerance(t, v) == (v + 1 < VIEWS ? (float) s.noise.level : 0));
     assert_int_equal(sg_trainer_step(t, &s), SG_OK);
-    assert_int_equal(s.noise.photos, 0);
+    assert_int_equal(s.noise.compared, 0);
     sg_trainer_destroy(&t);
+    clear_fixture(&f);
+}
+
+/* After 1, 3, 5, 7 and 9 times as many iterations, the last ones only while Gaussians are added. */
+static void looks_are_repeated(void **state)
+{
+    (void) state;
+    struct fixture f = make_noisy(1);
+    for (int until = 11; until <= 35; until += 24) {
+        struct sg_train_params p = look_params();
+        p.tolerance_look = 2, p.densify_until_iter = until;
+        sg_trainer *t = begin_training(&f, &p);
+        double least = 0; /* what was given is far above */
+        for (int it = 1; it <= p.iterations; it++) {
+            struct sg_train_step s;
+            const bool look = it % 4 == 2 && it <= 18 && it <= until;
+            assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+            assert_int_equal(s.noise.compared, look ? VIEWS - 1 : 0);
+            if (!look)
+                continue;
+            assert_true(sg_trainer_tolerance(t, 0) == (float) s.noise.level);
+            assert_true(s.noise.level >= least);
+            least = s.noise.level;
+        }
+        sg_trainer_destroy(&t);
+    }
+    clear_fixture(&f);
+}
+
+/* A later look lowers what an early one has found, to three quarters of what was given at most. */
+static void later_looks_correct(void **state)
+{
+    (void) state;
+    static const struct {
+        float given;
+        double before, expected; /* expected 0: what is measured */
+    } cases[] = {{4, 30, 0}, {20, 30, 15}, {40, 13, 13}, {20, 0, 0}};
+    struct fixture f = make_noisy(1);
+    for (size_t i = 0; i < sizeof(cases) / sizeof(*cases); i++) {
+        const float g = cases[i].given, given[VIEWS] = {g, g, g, g, g, 0};
+        struct sg_train_params p = look_params();
+        struct sg_noise n;
+        p.tolerances = given;
+        sg_trainer *t = begin_training(&f, &p);
+        t->noise = cases[i].before;
+        assert_int_equal(sg_trainer_measure_noise(t, 1, &n), SG_OK);
+        if (cases[i].expected > 0)
+            assert_true(n.level == cases[i].expected);
+        else
+            assert_true(n.level > 0.75 * EPSILON && n.level < 1.3 * EPSILON);
+        assert_true(t->noise == n.level);
+        sg_trainer_destroy(&t);
+    }
+    clear_fixture(&f);
+}
+
+/* A tolerance that was given is compared too, and stays. */
+static void given_tolerance_stays(void **state)
+{
+    (void) state;
+    struct fixture f = make_noisy(1);
+    struct sg_train_params p = look_params();
+    struct sg_train_step s = {0};
+    p.tolerances = NULL, p.tolerance = 20;
+    sg_trainer *t = begin_training(&f, &p);
+    for (int it = 1; it <= LOOK; it++)
+        assert_int_equal(sg_trainer_step(t, &s), SG_OK);
+    assert_int_equal(s.noise.compared, VIEWS);
+    assert_true(s.noise.level > 0.75 * EPSILON && s.noise.level < 1.3 * EPSILON);
+    assert_true(sg_trainer_tolerance(t, 0) == 20);
+    sg_trainer_destroy(&t);
+    clear_fixture(&f);
+}
+
+/* The threshold falls with the share of the differences that exceeds the tolerance, to 0.6 of it.
+ */
+static void growth_follows_what_is_hidden(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(1);
+    struct sg_train_params p = short_params();
+    p.tolerance = 2, p.tolerance_look = 1, p.densify_until_iter = 16;
+    const float threshold = 0.001f;
+    struct sg_model *m[4];
+    for (int i = 0; i < 4; i++) {
+        p.tolerance_growth = (const float[]){0, 1000, 1e-3f, 0}[i];
+        p.densify_grad_threshold = i == 3 ? (float) (0.6 * (double) threshold) : threshold;
+        m[i] = train(&f, &p, 16, NULL, NULL, NULL);
+    }
+    assert_same(m[0], m[1]);
+    assert_same(m[2], m[3]);
+    assert_true(m[2]->count > m[0]->count);
+    for (int i = 0; i < 4; i++)
+        sg_model_destroy(&m[i]);
     clear_fixture(&f);
 }
 
@@ -78,16 +175,16 @@ static void no_look_is_asked_for(void **state)
         if (i == 0)
             p.tolerance_look = 0;
         else if (i == 1)
-            p.tolerances = NULL, p.tolerance = 20;
+            p.tolerances = NULL, p.tolerance_look = 2;
         else
             p.tolerance_look = -1, p.densify_until_iter = 500; /* from 50 on */
         sg_trainer *t = begin_training(&f, &p);
         for (int it = 1; it <= LOOK + 2; it++) {
             struct sg_train_step s;
             assert_int_equal(sg_trainer_step(t, &s), SG_OK);
-            assert_int_equal(s.noise.photos, 0);
+            assert_int_equal(s.noise.compared, 0);
         }
-        assert_true(sg_trainer_tolerance(t, 0) == 20);
+        assert_true(sg_trainer_tolerance(t, 0) == (i == 1 ? 0 : 20));
         sg_trainer_destroy(&t);
     }
     clear_fixture(&f);
@@ -146,6 +243,10 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(tolerances_follow_the_noise),
+        cmocka_unit_test(looks_are_repeated),
+        cmocka_unit_test(later_looks_correct),
+        cmocka_unit_test(given_tolerance_stays),
+        cmocka_unit_test(growth_follows_what_is_hidden),
         cmocka_unit_test(no_look_is_asked_for),
         cmocka_unit_test(same_bytes_for_threads_and_resume),
         cmocka_unit_test(total_variation_of_tolerated_photos),

@@ -119,10 +119,16 @@ struct sg_train_params {
      * tolerance, 0..1000. It chooses among the images that the tolerance allows. It is left out if
      * the defense's total variation has a weight for the photo. Default 0.1. */
     float tolerance_tv;
-    /* With `tolerances`: the iteration after which the noise in these photos is measured, in what
-     * photos and renders differ in. The measured level replaces every tolerance above 0. 0..1e9,
-     * 0 = never, -1 = a tenth of densify_until_iter. Default -1. */
+    /* After this iteration, and 3, 5, 7 and 9 times as many if that is at most densify_until_iter,
+     * photos with a tolerance are compared with their renders (struct sg_noise). With
+     * `tolerances` the measured level of noise replaces every one above 0. 0..1e9, 0 = never, -1 =
+     * a tenth of densify_until_iter. Default -1. */
     int tolerance_look;
+    /* A tolerance hides gradients, so that fewer Gaussians grow. SG_STRATEGY_DEFAULT multiplies
+     * densify_grad_threshold by this times the share of the differences that the tolerances do not
+     * hide, as the newest look has found it, but at least by 0.6 and at most by 1. 0..1000,
+     * 0 = off. Default 2. */
+    float tolerance_growth;
     /* The loss of photos with a tolerance, in the last tenth of the iterations: weight of the mean
      * squared difference from the photo itself after a low-pass filter. So contrast below the
      * tolerance comes back as far as many pixels of many photos agree on it. Where any photo has a
@@ -175,7 +181,7 @@ struct sg_train_params {
 
 #define SG_TRAIN_DEFAULTS                                                                          \
     .iterations = 30000, .seed = 42, .sh_degree = 3, .sh_interval = 1000, .lambda_dssim = 0.2f,    \
-    .tolerance_tv = 0.1f, .tolerance_look = -1, .tolerance_low_pass = 20,                          \
+    .tolerance_tv = 0.1f, .tolerance_look = -1, .tolerance_growth = 2, .tolerance_low_pass = 20,   \
     .exposure_lr_init = 0.01f, .exposure_lr_final = 0.001f, .position_lr_init = 1.6e-4f,           \
     .position_lr_final = 1.6e-6f, .position_lr_max_steps = 30000, .feature_lr = 0.0025f,           \
     .opacity_lr = 0.05f, .scaling_lr = 0.005f, .rotation_lr = 0.001f, .percent_dense = 0.01f,      \
@@ -194,12 +200,18 @@ SG_API struct sg_train_params sg_train_params_default(void);
  * and what depends on scene and machine. params: not NULL. */
 SG_API int sg_train_check(sg_ctx *ctx, const struct sg_train_params *params);
 
-/* Noise in the photos with a tolerance, see tolerance_look. */
+/* What photos with a tolerance and their renders differ in, see tolerance_look. */
 struct sg_noise {
-    size_t photos;   /* that were measured; 0 in iterations that measure nothing */
-    double level;    /* the new tolerance in grey levels: the 75th percentile over the photos */
+    size_t compared; /* photos; 0 in iterations without a look */
+    size_t photos;   /* those of them with enough quiet parts to measure noise */
+    /* Of the noise in grey levels: the 75th percentile over `photos`. With `tolerances` a later
+     * look finds no less than an earlier one, unless that found more than 0.75 times the median of
+     * the `tolerances`, and then no less than these. */
+    double level;
     double kurtosis; /* median. Below 2.5 for a bounded poison, 3 for normal noise, more for texture
                         that the model lacks. */
+    double beyond;   /* share of the absolute differences that exceeds the tolerances, 0..1, over
+                        all training views: one without a tolerance counts in full */
 };
 
 /* The results of one iteration. */

@@ -161,7 +161,7 @@ static void after_step(sg_run *r)
         r->totals.filter_events++, r->totals.filter_removed += s->defense.removed;
         note_error(r, sg_run_log_filter(r));
     }
-    if (s->noise.photos)
+    if (s->noise.compared)
         note_error(r, sg_run_log_noise(r));
     watch_filter(r);
     if (is_logged(r))

@@ -16,7 +16,7 @@
 #include "schedule.h"
 #include "trainer.h"
 
-#define MAGIC "SGCKPT\0\10" /* the last byte is the version */
+#define MAGIC "SGCKPT\0\11" /* the last byte is the version */
 
 /* of struct sg_train_params; counting beyond it does not overflow */
 #define MAX_ITERATION 10000000
@@ -27,7 +27,7 @@ static bool counters_sound(const struct sg_checkpoint_header *h)
     for (int g = 0; g < SG_GROUPS; g++)
         sound = sound && h->adam_steps[g] >= 0 && h->adam_steps[g] <= h->iteration;
     return sound && h->steps <= (uint64_t) h->iteration && h->spent >= 0 && h->spent < 1e12 &&
-           h->noise >= 0 && h->noise <= 255;
+           h->noise >= 0 && h->noise <= 255 && h->beyond >= 0 && h->beyond <= 1;
 }
 
 static uint32_t cameras_hash(const struct sg_scene *scene)
@@ -232,6 +232,7 @@ int sg_trainer_save(sg_trainer *t, const char *path)
                                                   ? sg_trainer_elapsed(t)
                                                   : 0, /* else the same bytes always */
                                      .noise = t->noise,
+                                     .beyond = t->beyond,
                                      .gaussians_bound = t->gaussians_bound,
                                      .time_bound = t->time_bound,
                                      .photos = t->photos_hash,
@@ -561,7 +562,7 @@ int sg_checkpoint_read(sg_trainer *t, const struct sg_checkpoint *c)
     t->iteration = h->iteration;
     t->steps = h->steps;
     t->spent += h->spent;
-    t->noise = h->noise;
+    t->noise = h->noise, t->beyond = h->beyond;
     t->gaussians_bound = h->gaussians_bound || r.kept < r.n, t->time_bound = h->time_bound;
     for (int g = 0; g < SG_GROUPS; g++)
         t->adam_steps[g] = h->adam_steps[g];

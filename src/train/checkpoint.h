@@ -17,8 +17,8 @@ struct sg_checkpoint_header {
     uint64_t seed, views;
     double extent;
     uint64_t steps;
-    double spent; /* seconds */
-    double noise; /* grey levels */
+    double spent;         /* seconds */
+    double noise, beyond; /* see struct sg_trainer */
     uint32_t gaussians_bound, time_bound;
     uint32_t photos; /* hash of the training views' pixels and masks */
     uint32_t kind;

@@ -53,6 +53,7 @@ struct sg_identity sg_train_identity(const struct sg_train_params *p)
                               (double) p->lambda_dssim,
                               (double) p->tolerance_tv,
                               p->tolerance_look,
+                              (double) p->tolerance_growth,
                               (double) p->tolerance_low_pass,
                               (double) p->position_lr_init,
                               (double) p->position_lr_final,

@@ -140,9 +140,15 @@ static const struct sg_option train_options[] = {
           DEFENSE, EXPERT),
     INTEGER(
         "tolerance-look", tolerance_look, -1, 1e9,
-        "With --tolerance auto: after this iteration the tolerance becomes the noise in the "
-        "difference between photos and renders; -1 = a tenth of --densify-until-iter, 0 = never.",
+        "After this iteration, and 3, 5, 7 and 9 times as many while Gaussians are added, photos "
+        "with a tolerance are compared with their renders. With --tolerance auto the noise in the "
+        "difference becomes the tolerance. -1 = a tenth of --densify-until-iter, 0 = never.",
         DEFENSE, EXPERT),
+    FLOAT("tolerance-growth", tolerance_growth, 0, 1000,
+          "Multiplies --densify-grad-threshold by X times the share of the difference between "
+          "photos and renders that exceeds the tolerance, 0.6 to 1. A tolerance hides gradients, "
+          "and a lower threshold makes up for them. 0 = off.",
+          DEFENSE, EXPERT),
     FLOAT("tolerance-low-pass", tolerance_low_pass, 0, 1000,
           "Weight of the squared low-pass difference from photos with a tolerance in the last "
           "tenth of the iterations, which restores contrast below the tolerance. Rates fall "

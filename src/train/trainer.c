@@ -177,6 +177,7 @@ int sg_trainer_open(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_t
         goto fail;
     t->strategy = start->strategy ? start->strategy : strategy_of(&t->params);
     t->photos_hash = sg_photos_hash(scene);
+    t->beyond = 1;
     t->settles_from = t->strategy->whole ? INT_MAX : settles_from(&t->params, scene->n_train);
     t->params.clock = t->params.clock ? t->params.clock : system_clock;
     t->identity = start->identity ? *start->identity : sg_train_identity(&t->params);
@@ -354,6 +355,19 @@ float sg_trainer_tolerance(const sg_trainer *t, size_t view)
     return p->tolerances[view] > 0 && t->noise > 0 ? (float) t->noise : p->tolerances[view];
 }
 
+/* Whether a look falls into the iterations after `before`, up to `it`. Resets of opacity, at every
+ * 3000th iteration by default, lie between the looks. */
+static bool is_look(const struct sg_train_params *p, int before, int it)
+{
+    const int first = p->tolerance_look < 0 ? p->densify_until_iter / 10 : p->tolerance_look;
+    for (int k = 1; k <= 9 && first > 0 && (p->tolerances || p->tolerance > 0); k += 2) {
+        const int64_t look = (int64_t) k * first;
+        if (before < look && it >= look && (k == 1 || look <= p->densify_until_iter))
+            return true;
+    }
+    return false;
+}
+
 int sg_trainer_exposures(sg_trainer *t, const float **out)
 {
     sg_clear_error(t->ctx);
@@ -515,9 +529,7 @@ int sg_trainer_advance(sg_trainer *t, struct sg_train_step *out)
         take_values(t, &result, &step);
     }
     step.gaussians = sg_trainer_gaussians(t);
-    const int look = p->tolerance_look < 0 ? p->densify_until_iter / 10 : p->tolerance_look;
-    if (p->tolerances && before < look && it >= look &&
-        (code = sg_trainer_measure_noise(t, it, &step.noise)))
+    if (is_look(p, before, it) && (code = sg_trainer_measure_noise(t, it, &step.noise)))
         return code;
     if (out)
         *out = step;

@@ -31,8 +31,7 @@ struct sg_trainer {
     void *strategy_state;
     struct sg_budget budget;
     bool gaussians_bound, time_bound;
-    double
-        noise; /* grey levels, measured; the tolerance of the photos that have one. 0 = not yet */
+    double noise, beyond; /* of the newest look, see struct sg_noise; 0 and 1 before it */
     int settles_from; /* the last iteration before rates fall and no Gaussian comes or goes; INT_MAX
                          = all */
     int adam_steps[SG_GROUPS];
