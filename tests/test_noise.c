@@ -125,6 +125,31 @@ static void later_looks_correct(void **state)
     clear_fixture(&f);
 }
 
+/* A look that could measure noise in few of the photos changes nothing. */
+static void few_photos_correct_nothing(void **state)
+{
+    (void) state;
+    for (int masked = 3; masked <= 4; masked++) {
+        struct fixture f = make_noisy(1);
+        uint8_t *mask = calloc(PHOTO * PHOTO, 1);
+        const struct sg_train_params p = look_params();
+        struct sg_noise n;
+        for (int v = 0; v < masked; v++)
+            f.views[v].mask = mask;
+        sg_trainer *t = begin_training(&f, &p);
+        t->noise = 30;
+        assert_int_equal(sg_trainer_measure_noise(t, 1, &n), SG_OK);
+        assert_int_equal(n.compared, VIEWS - 1);
+        assert_int_equal(n.photos, VIEWS - 1 - masked);
+        assert_true(masked == 4 ? n.level == 30 : n.level < 30);
+        sg_trainer_destroy(&t);
+        for (int v = 0; v < masked; v++)
+            f.views[v].mask = NULL;
+        free(mask);
+        clear_fixture(&f);
+    }
+}
+
 /* A tolerance that was given is compared too, and stays. */
 static void given_tolerance_stays(void **state)
 {
@@ -245,6 +270,7 @@ int main(void)
         cmocka_unit_test(tolerances_follow_the_noise),
         cmocka_unit_test(looks_are_repeated),
         cmocka_unit_test(later_looks_correct),
+        cmocka_unit_test(few_photos_correct_nothing),
         cmocka_unit_test(given_tolerance_stays),
         cmocka_unit_test(growth_follows_what_is_hidden),
         cmocka_unit_test(no_look_is_asked_for),

@@ -206,7 +206,8 @@ struct sg_noise {
     size_t photos;   /* those of them with enough quiet parts to measure noise */
     /* Of the noise in grey levels: the 75th percentile over `photos`. With `tolerances` a later
      * look finds no less than an earlier one, unless that found more than 0.75 times the median of
-     * the `tolerances`, and then no less than these. */
+     * the `tolerances`, and then no less than these. Where noise can be measured in less than a
+     * quarter of those compared, the earlier level stays. */
     double level;
     double kurtosis; /* median. Below 2.5 for a bounded poison, 3 for normal noise, more for texture
                         that the model lacks. */

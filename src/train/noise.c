@@ -63,14 +63,17 @@ static int measure_view(sg_trainer *t, size_t view, const float *exposures, int 
     return code;
 }
 
-/* The tolerance after a look; given: the one before all looks. Detail that the model lacks raises
- * the measured level, noise that it has learned lowers it. So a later look corrects an early one at
- * most down to three quarters of what was given, which is what the audit has found without the
- * error of its estimate. */
-static double corrected(const sg_trainer *t, double level, double given)
+/* The tolerance after a look that has measured `level`; given: the one before all looks. Detail
+ * that the model lacks raises the level, noise that it has learned lowers it. So a later look
+ * corrects an early one at most down to three quarters of what was given, which is what the audit
+ * has found without the error of its estimate. One in few of the photos corrects nothing. */
+static double corrected(const sg_trainer *t, const struct sg_noise *look, double level,
+                        double given)
 {
-    const double lowest = t->noise > 0 ? fmin(t->noise, 0.75 * given) : 0;
-    return fmin(fmax(level, lowest), SG_TOLERANCE_MAX);
+    if (t->noise > 0)
+        level = 4 * look->photos < look->compared ? t->noise
+                                                  : fmax(level, fmin(t->noise, 0.75 * given));
+    return fmin(level, SG_TOLERANCE_MAX);
 }
 
 int sg_trainer_measure_noise(sg_trainer *t, int it, struct sg_noise *out)
@@ -118,7 +121,7 @@ int sg_trainer_measure_noise(sg_trainer *t, int it, struct sg_noise *out)
         qsort(levels, out->photos, sizeof(*levels), sg_double_ascending);
         qsort(kurtosis, out->photos, sizeof(*kurtosis), sg_double_ascending);
         qsort(given, out->photos, sizeof(*given), sg_double_ascending);
-        out->level = corrected(t, levels[out->photos * 3 / 4], given[out->photos / 2]);
+        out->level = corrected(t, out, levels[out->photos * 3 / 4], given[out->photos / 2]);
         out->kurtosis = kurtosis[out->photos / 2];
         t->noise = out->level;
     }
