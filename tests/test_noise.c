@@ -168,8 +168,7 @@ static void given_tolerance_stays(void **state)
     clear_fixture(&f);
 }
 
-/* The threshold falls with the share of the differences that exceeds the tolerance, to 0.6 of it.
- */
+/* The threshold falls with the share of the differences that exceeds the tolerance, to 0.6. */
 static void growth_follows_what_is_hidden(void **state)
 {
     (void) state;

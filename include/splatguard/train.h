@@ -205,9 +205,9 @@ struct sg_noise {
     size_t compared; /* photos; 0 in iterations without a look */
     size_t photos;   /* those of them with enough quiet parts to measure noise */
     /* Of the noise in grey levels: the 75th percentile over `photos`. With `tolerances` a later
-     * look finds no less than an earlier one, unless that found more than 0.75 times the median of
-     * the `tolerances`, and then no less than these. Where noise can be measured in less than a
-     * quarter of those compared, the earlier level stays. */
+     * look never lowers it below 0.75 times their median, nor at all where an earlier look was
+     * lower already. Where noise can be measured in less than a quarter of those compared, the
+     * earlier level stays. */
     double level;
     double kurtosis; /* median. Below 2.5 for a bounded poison, 3 for normal noise, more for texture
                         that the model lacks. */

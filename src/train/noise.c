@@ -88,6 +88,8 @@ int sg_trainer_measure_noise(sg_trainer *t, int it, struct sg_noise *out)
         tolerated += sg_trainer_tolerance(t, i) > 0;
         pixels = n > pixels ? n : pixels;
     }
+    if (!tolerated)
+        return SG_OK;
     const size_t wanted = tolerated < PHOTOS ? tolerated : PHOTOS;
     float *image = sg_alloc_raw(t->ctx, SG_MEM_FRAME, pixels, 3 * sizeof(*image));
     const float *exposures = NULL;

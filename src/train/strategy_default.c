@@ -46,10 +46,8 @@ static int score_model(void *arg, struct sg_scores *out)
 static float growth_threshold(const sg_trainer *t)
 {
     const struct sg_train_params *p = &t->params;
-    const double share = (double) p->tolerance_growth * t->beyond;
-    return p->tolerance_growth > 0
-               ? (float) ((double) p->densify_grad_threshold * fmin(fmax(share, 0.6), 1))
-               : p->densify_grad_threshold;
+    const double share = p->tolerance_growth > 0 ? (double) p->tolerance_growth * t->beyond : 1;
+    return (float) ((double) p->densify_grad_threshold * fmin(fmax(share, 0.6), 1));
 }
 
 static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
