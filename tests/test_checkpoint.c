@@ -90,6 +90,14 @@ static int setup(void **state)
     return begin(state, sg_train_params_default(), 11);
 }
 
+static int setup_tolerances(void **state)
+{
+    static const float tolerances[2] = {3, 0};
+    struct sg_train_params p = sg_train_params_default();
+    p.tolerances = tolerances;
+    return begin(state, p, 12);
+}
+
 static int setup_anchors(void **state)
 {
     struct sg_train_params p = sg_train_params_default();
@@ -344,7 +352,7 @@ static void test_version(void **state)
     seal(f->data, f->size);
     spill(f->path, f->data, f->size);
     expect_refusal(f, "version 7");
-    assert_non_null(strstr(sg_last_error(f->ctx), "found version 7, expected version 9"));
+    assert_non_null(strstr(sg_last_error(f->ctx), "found version 7, expected version 10"));
 }
 
 /* Parameters may be any float: training continues without harm to the process. */
@@ -461,6 +469,25 @@ static void test_networks(void **state)
     }
 }
 
+/* Tolerances, the last section here, are grey levels. */
+static void test_tolerances(void **state)
+{
+    struct fixture *f = *state;
+    const size_t first = f->at[11] + SECTION;
+    static const float lies[] = {NAN, -1, 256, INFINITY};
+    for (size_t i = 0; i < 2 * sizeof(lies) / sizeof(lies[0]); i++) {
+        char *bad = malloc(f->size), message[64];
+        memcpy(bad, f->data, f->size);
+        memcpy(bad + first + i % 2 * sizeof(float), &lies[i / 2], sizeof(float));
+        seal(bad, f->size);
+        spill(f->path, bad, f->size);
+        free(bad);
+        expect_refusal(f, "a tolerance");
+        snprintf(message, sizeof(message), "section \"tolerances\": found value %zu of", i % 2);
+        assert_non_null(strstr(sg_last_error(f->ctx), message));
+    }
+}
+
 int main(void)
 {
 #define ONE(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
@@ -476,6 +503,8 @@ int main(void)
         ONE(test_section_heads),
         ONE(test_section_order),
         ONE(test_version),
+        {"test_tolerances", test_tolerances, setup_tolerances, teardown, NULL},
+        {"test_section_order (tolerances)", test_section_order, setup_tolerances, teardown, NULL},
         ONE(test_sealed_garbage),
         ONE(test_other_files),
         ONE(test_photos_hashed_once),

@@ -10,9 +10,13 @@
 #define EPSILON 10
 #define LOOK 12
 
-/* Large grey Gaussians that cover the photos, and photos of them with noise of +-EPSILON; the last
- * photo is clean. */
-static struct fixture make_noisy(int threads)
+#define BLACK (-6.0f) /* also with the SH of higher degrees */
+
+enum noisy { SOME, ALL };
+
+/* Large Gaussians of one grey that cover the photos, and photos of them with noise of +-EPSILON;
+ * with SOME the last photo is clean. */
+static struct fixture make_grey(int threads, float grey, enum noisy noisy)
 {
     struct fixture f = make_fixture(threads);
     for (int v = 0; v < VIEWS; v++)
@@ -22,18 +26,23 @@ static struct fixture make_noisy(int threads)
             struct sg_model *model = m ? f.start : f.truth;
             for (int k = 0; k < 3; k++) {
                 *sg_model_at(model, i, SG_P_SCALE + k) = 0;
-                *sg_model_at(model, i, SG_P_SH + k) = 0.1f * (float) k;
+                *sg_model_at(model, i, SG_P_SH + k) = grey + 0.1f * (float) k;
             }
             *sg_model_at(model, i, SG_P_OPACITY) = -1;
         }
     make_photos(f.ctx, f.truth, PHOTO, f.views, VIEWS);
-    for (size_t v = 0; v + 1 < VIEWS; v++)
+    for (size_t v = 0; v + (noisy == SOME) < VIEWS; v++)
         for (size_t i = 0; i < 3 * PHOTO * PHOTO; i++) {
-            const int noisy =
+            const int value =
                 f.views[v].rgb[i] + (draw(9, v * 100000 + i, -1, 1) < 0 ? -1 : 1) * EPSILON;
-            f.views[v].rgb[i] = (uint8_t) (noisy < 0 ? 0 : noisy > 255 ? 255 : noisy);
+            f.views[v].rgb[i] = (uint8_t) (value < 0 ? 0 : value > 255 ? 255 : value);
         }
     return f;
+}
+
+static struct fixture make_noisy(int threads)
+{
+    return make_grey(threads, 0, SOME);
 }
 
 static const float estimated[VIEWS] = {20, 25, 20, 20, 20, 0};
@@ -98,56 +107,83 @@ static void looks_are_repeated(void **state)
     clear_fixture(&f);
 }
 
-/* A later look lowers what an early one has found, to three quarters of what was given at most. */
-static void later_looks_correct(void **state)
+/* The first level that was measured stays. */
+static void first_level_stays(void **state)
 {
     (void) state;
-    static const struct {
-        float given;
-        double before, expected; /* expected 0: what is measured */
-    } cases[] = {{4, 30, 0}, {20, 30, 15}, {40, 13, 13}, {20, 0, 0}};
     struct fixture f = make_noisy(1);
-    for (size_t i = 0; i < sizeof(cases) / sizeof(*cases); i++) {
-        const float g = cases[i].given, given[VIEWS] = {g, g, g, g, g, 0};
-        struct sg_train_params p = look_params();
+    const struct sg_train_params p = look_params();
+    for (int before = 0; before <= 30; before += 5) {
         struct sg_noise n;
-        p.tolerances = given;
         sg_trainer *t = begin_training(&f, &p);
-        t->noise = cases[i].before;
+        t->noise = before;
         assert_int_equal(sg_trainer_measure_noise(t, 1, &n), SG_OK);
-        if (cases[i].expected > 0)
-            assert_true(n.level == cases[i].expected);
+        if (before)
+            assert_true(n.level == before);
         else
             assert_true(n.level > 0.75 * EPSILON && n.level < 1.3 * EPSILON);
-        assert_true(t->noise == n.level);
+        assert_true(t->noise == n.level && n.bounded == 0 && n.added == 0);
         sg_trainer_destroy(&t);
     }
     clear_fixture(&f);
 }
 
-/* A look that could measure noise in few of the photos changes nothing. */
-static void few_photos_correct_nothing(void **state)
+/* Photos whose render is black show the bound. It replaces what other looks have found, down to
+ * half of what was given. A photo that the audit calls clean gets a tolerance if it shows it too.
+ */
+static void bound_on_black(void **state)
 {
     (void) state;
-    for (int masked = 3; masked <= 4; masked++) {
-        struct fixture f = make_noisy(1);
+    for (int noisy = SOME; noisy <= ALL; noisy++) {
+        struct fixture f = make_grey(1, BLACK, (enum noisy) noisy);
+        for (float g = 6; g <= 40; g += 34) {
+            const float given[VIEWS] = {g, g, g, g, g, 0};
+            struct sg_train_params p = look_params();
+            struct sg_noise n;
+            p.tolerances = given;
+            sg_trainer *t = begin_training(&f, &p);
+            t->noise = 14;
+            assert_int_equal(sg_trainer_measure_noise(t, 1, &n), SG_OK);
+            assert_true(n.level == fmax(EPSILON, (double) g / 2) && n.photos == 0);
+            assert_int_equal(n.compared, VIEWS - 1);
+            assert_int_equal(n.bounded, VIEWS - 1);
+            assert_int_equal(n.added, noisy == ALL);
+            for (size_t v = 0; v < VIEWS; v++)
+                assert_true(sg_trainer_tolerance(t, v) ==
+                            (v + 1 < VIEWS || noisy == ALL ? (float) n.level : 0));
+            assert_float_equal(n.beyond, 1 - (noisy == ALL ? 1 : 5.0 / 6) * (g < EPSILON ? 0.6 : 1),
+                               1e-6);
+            assert_int_equal(sg_trainer_measure_noise(t, 1, &n), SG_OK);
+            assert_int_equal(n.added, 0);
+            sg_trainer_destroy(&t);
+        }
+        clear_fixture(&f);
+    }
+}
+
+/* One photo in five that shows a bound is too few. */
+static void bound_in_few_photos(void **state)
+{
+    (void) state;
+    struct fixture f = make_grey(1, BLACK, ALL);
+    for (int shown = 1; shown <= 2; shown++) {
         uint8_t *mask = calloc(PHOTO * PHOTO, 1);
         const struct sg_train_params p = look_params();
         struct sg_noise n;
-        for (int v = 0; v < masked; v++)
+        memset(mask, 1, 10);
+        for (int v = shown; v < VIEWS - 1; v++)
             f.views[v].mask = mask;
         sg_trainer *t = begin_training(&f, &p);
-        t->noise = 30;
+        t->noise = 14;
         assert_int_equal(sg_trainer_measure_noise(t, 1, &n), SG_OK);
-        assert_int_equal(n.compared, VIEWS - 1);
-        assert_int_equal(n.photos, VIEWS - 1 - masked);
-        assert_true(masked == 4 ? n.level == 30 : n.level < 30);
+        assert_int_equal(n.bounded, shown);
+        assert_true(n.level == (shown == 1 ? 14 : EPSILON));
         sg_trainer_destroy(&t);
-        for (int v = 0; v < masked; v++)
+        for (int v = shown; v < VIEWS - 1; v++)
             f.views[v].mask = NULL;
         free(mask);
-        clear_fixture(&f);
     }
+    clear_fixture(&f);
 }
 
 /* A tolerance that was given is compared too, and stays. */
@@ -176,7 +212,7 @@ static void growth_follows_what_is_hidden(void **state)
     struct sg_train_params p = short_params();
     p.tolerance = 2, p.tolerance_look = 1, p.densify_until_iter = 16;
     const float threshold = 0.001f;
-    struct sg_model *m[4];
+    struct sg_model *m[6];
     for (int i = 0; i < 4; i++) {
         p.tolerance_growth = (const float[]){0, 1000, 1e-3f, 0}[i];
         p.densify_grad_threshold = i == 3 ? (float) (0.6 * (double) threshold) : threshold;
@@ -185,7 +221,13 @@ static void growth_follows_what_is_hidden(void **state)
     assert_same(m[0], m[1]);
     assert_same(m[2], m[3]);
     assert_true(m[2]->count > m[0]->count);
-    for (int i = 0; i < 4; i++)
+    p.tolerance = 0, p.densify_grad_threshold = threshold; /* nothing is hidden, and nothing seen */
+    for (int i = 4; i < 6; i++) {
+        p.tolerance_growth = i == 4 ? 0 : 0.5f;
+        m[i] = train(&f, &p, 16, NULL, NULL, NULL);
+    }
+    assert_same(m[4], m[5]);
+    for (int i = 0; i < 6; i++)
         sg_model_destroy(&m[i]);
     clear_fixture(&f);
 }
@@ -268,8 +310,9 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(tolerances_follow_the_noise),
         cmocka_unit_test(looks_are_repeated),
-        cmocka_unit_test(later_looks_correct),
-        cmocka_unit_test(few_photos_correct_nothing),
+        cmocka_unit_test(first_level_stays),
+        cmocka_unit_test(bound_on_black),
+        cmocka_unit_test(bound_in_few_photos),
         cmocka_unit_test(given_tolerance_stays),
         cmocka_unit_test(growth_follows_what_is_hidden),
         cmocka_unit_test(no_look_is_asked_for),

@@ -103,6 +103,65 @@ static void pixels_that_do_not_count(void **state)
     test_free(p);
 }
 
+enum ground { BLACK, WHITE };
+
+/* A picture whose right half is black or white in the render; the photo has noise everywhere. */
+static struct picture *make_ground(enum noise noise, double amplitude, enum ground ground)
+{
+    struct picture *p = make(noise, amplitude);
+    for (int i = 0; i < W * H; i++)
+        for (int c = 0; i % W >= W / 2 && c < 3; c++) {
+            const int change = p->photo[3 * i + c] - (int) lrintf(255 * p->render[c * W * H + i]);
+            const int value = ground == BLACK ? change : 255 + change;
+            p->photo[3 * i + c] = (uint8_t) (value < 0 ? 0 : value > 255 ? 255 : value);
+            p->render[c * W * H + i] = ground == BLACK ? 0.01f : 1;
+        }
+    return p;
+}
+
+static double bound(void **state, struct picture *p)
+{
+    const double bound = measure(*state, p).bound;
+    test_free(p);
+    return bound;
+}
+
+static void bound_on_black_and_white(void **state)
+{
+    for (enum ground ground = BLACK; ground <= WHITE; ground++) {
+        for (int amplitude = 3; amplitude <= 24; amplitude += 7) {
+            assert_true(bound(state, make_ground(TWO_VALUES, amplitude, ground)) == amplitude);
+            assert_true(bound(state, make_ground(EVEN, amplitude, ground)) == amplitude);
+        }
+        assert_true(bound(state, make_ground(NONE, 0, ground)) == 0);
+        assert_true(bound(state, make_ground(TWO_VALUES, 2, ground)) == 0);
+        assert_true(bound(state, make_ground(NORMAL, 8, ground)) == 0); /* none is sharp */
+    }
+    assert_true(bound(state, make(TWO_VALUES, 16)) == 0);
+}
+
+/* Pixels next to others, what masks leave out and small areas show no bound. */
+static void bound_needs_even_ground(void **state)
+{
+    for (int which = 0; which < 5; which++) {
+        struct picture *p = make_ground(TWO_VALUES, 16, BLACK);
+        for (int i = 0; i < W * H; i++) {
+            const int x = i % W, y = i / W;
+            if (which == 0 && x >= W / 2 && x < W / 2 + 3) /* the edge of the object */
+                p->photo[3 * i] = 200;
+            else if (which == 1 && x >= 3 * W / 4)
+                p->mask[i] = 0, p->photo[3 * i] = 200;
+            else if (which == 2) /* 20 x 19 pixels */
+                p->mask[i] = x >= W - 20 && y < 19;
+            else if (which == 3 && x >= W / 2 && x % 7 == 0) /* stripes */
+                p->render[W * H + i] = 0.5f;
+            else if (which == 4 && x >= W - 10) /* detail that the model does not have yet */
+                p->photo[3 * i] = (uint8_t) (7 * (y % 30));
+        }
+        assert_true(bound(state, p) == (which < 2 ? 16 : 0));
+    }
+}
+
 static void hostile_sizes_and_values(void **state)
 {
     struct fixture *f = *state;
@@ -144,6 +203,8 @@ int main(void)
         scene_test(photos_without_noise),
         scene_test(texture_does_not_count),
         scene_test(pixels_that_do_not_count),
+        scene_test(bound_on_black_and_white),
+        scene_test(bound_needs_even_ground),
         scene_test(hostile_sizes_and_values),
         scene_test(out_of_memory),
     };

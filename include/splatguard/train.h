@@ -121,8 +121,9 @@ struct sg_train_params {
     float tolerance_tv;
     /* After this iteration, and 3, 5, 7 and 9 times as many if that is at most densify_until_iter,
      * photos with a tolerance are compared with their renders (struct sg_noise). With
-     * `tolerances` the measured level of noise replaces every one above 0. 0..1e9, 0 = never, -1 =
-     * a tenth of densify_until_iter. Default -1. */
+     * `tolerances` the measured level of noise replaces every one above 0, and photos that show the
+     * bound of a poison get it too. 0..1e9, 0 = never, -1 = a tenth of densify_until_iter. Default
+     * -1. */
     int tolerance_look;
     /* A tolerance hides gradients, so that fewer Gaussians grow. SG_STRATEGY_DEFAULT multiplies
      * densify_grad_threshold by this times the share of the differences that the tolerances do not
@@ -204,10 +205,11 @@ SG_API int sg_train_check(sg_ctx *ctx, const struct sg_train_params *params);
 struct sg_noise {
     size_t compared; /* photos; 0 in iterations without a look */
     size_t photos;   /* those of them with enough quiet parts to measure noise */
-    /* Of the noise in grey levels: the 75th percentile over `photos`. With `tolerances` a later
-     * look never lowers it below 0.75 times their median, nor at all where an earlier look was
-     * lower already. Where noise can be measured in less than a quarter of those compared, the
-     * earlier level stays. */
+    size_t bounded;  /* those that show the bound of a poison, where renders are black or white */
+    size_t added;    /* photos without a tolerance that show it too, and have one from now on */
+    /* Of the noise in grey levels. If a quarter of those compared show a bound: its 75th
+     * percentile, but at least half of the median of `tolerances`. Else that of the earlier looks,
+     * at the first one the 75th percentile over `photos`. 0 = never measured. */
     double level;
     double kurtosis; /* median. Below 2.5 for a bounded poison, 3 for normal noise, more for texture
                         that the model lacks. */

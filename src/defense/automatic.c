@@ -52,7 +52,7 @@ static double strength_of_few(float *parts, size_t n, double votes)
 void sg_defense_automatic(const struct sg_audit *audit, double extent, float *view_weights,
                           float *tolerances, struct sg_defense_params *p)
 {
-    double strength = 0, votes = 0;
+    double strength = 0, votes = 0, tolerated = 0;
     size_t certain = 0;
     for (size_t i = 0; i < audit->count; i++) {
         const struct sg_audit_image *image = &audit->images[i];
@@ -66,6 +66,7 @@ void sg_defense_automatic(const struct sg_audit *audit, double extent, float *vi
             tolerances[i] > 0 ? 0 : suspicion_of(image) * fmin(amplitude * amplitude, 1);
         strength += vote * part;
         votes += vote;
+        tolerated += tolerances[i] > 0 ? vote : 0;
         if (image->score >= SG_AUDIT_CERTAIN)
             view_weights[certain++] =
                 (float) (vote * part); /* for now the strength of the certain photos */
@@ -82,7 +83,8 @@ void sg_defense_automatic(const struct sg_audit *audit, double extent, float *vi
         view_weights[i] = (float) (suspicion_of(&audit->images[i]) * weight);
     }
     p->view_weights = view_weights;
-    p->rho = -(0.1 + 0.35 * strength);
+    const double others = votes > 0 ? 1 - tolerated / votes : 1;
+    p->rho = 0 - 0.1 * others - 0.35 * strength; /* tolerated noise causes no growth */
     p->rho_least = 0.05 * strength *
                    strength; /* against a weak poison the filter saves little and costs quality */
     p->frequency = sg_defense_frequency(extent);

@@ -13,7 +13,11 @@
 #define RENDER_MARGIN                                                                              \
     24 /* grey levels from black or white: a poison of this amplitude is not clipped */
 #define PHOTO_MARGIN 3
-#define LEAST_BLOCKS 50 /* of which a tenth is measured */
+#define LEAST_BLOCKS 50  /* of which a tenth is measured */
+#define EXTREME 6        /* grey levels from black or white: the render is that */
+#define AROUND 3         /* pixels around one on black or white that are so too */
+#define LEAST_GROUND 400 /* pixels, and at least a fiftieth of the photo */
+#define LEAST_BOUND 3    /* grey levels */
 
 struct block {
     double energy;
@@ -114,6 +118,69 @@ static void measure(const float *planes, int width, size_t pixels, const struct 
     out->kurtosis = second > 0 ? fourth * total / (second * second) : 0;
 }
 
+/* The extreme that all channels of a render are at. */
+enum ground { NEITHER, BLACK, WHITE };
+
+static enum ground ground_at(const float *render, size_t pixels, size_t i)
+{
+    float low = INFINITY, high = -INFINITY;
+    for (size_t c = 0; c < 3; c++) {
+        low = fminf(low, 255 * render[c * pixels + i]);
+        high = fmaxf(high, 255 * render[c * pixels + i]);
+    }
+    return high < EXTREME ? BLACK : low > 255 - EXTREME ? WHITE : NEITHER;
+}
+
+/* Clears what is nearer than AROUND to another value of the line. */
+static void narrow(uint8_t *ground, size_t stride, int n)
+{
+    for (int from = 0, to; from < n; from = to) {
+        const uint8_t here = ground[(size_t) from * stride];
+        for (to = from + 1; to < n && ground[(size_t) to * stride] == here;)
+            to++;
+        for (int i = from; i < to; i++)
+            if ((from > 0 && i < from + AROUND) || (to < n && i >= to - AROUND))
+                ground[(size_t) i * stride] = NEITHER;
+    }
+}
+
+/* The value that more than this share of all values reaches. */
+static int reached_by(const uint32_t counts[256], double share, double total)
+{
+    int value = 255;
+    for (double above = counts[255]; value > 0 && above <= share * total; above += counts[value])
+        value--;
+    return value;
+}
+
+/* See sg_residual.bound. A poison that pushes to its bound has many values there and none beyond;
+ * sensor noise and detail have ever fewer. ground: room for a byte a pixel. */
+static double bound_of(const uint8_t *photo, const uint8_t *mask, const float *render, int width,
+                       int height, uint8_t *ground)
+{
+    const size_t w = (size_t) width, pixels = w * (size_t) height;
+    uint32_t counts[256] = {0};
+    size_t n = 0;
+    for (size_t i = 0; i < pixels; i++)
+        ground[i] = (uint8_t) ground_at(render, pixels, i);
+    for (int y = 0; y < height; y++)
+        narrow(ground + (size_t) y * w, 1, width);
+    for (int x = 0; x < width; x++)
+        narrow(ground + x, w, height);
+    for (size_t i = 0; i < pixels; i++) {
+        if (ground[i] == NEITHER || (mask && !mask[i]))
+            continue;
+        n++;
+        for (size_t c = 0; c < 3; c++)
+            counts[ground[i] == BLACK ? photo[3 * i + c] : 255 - photo[3 * i + c]]++;
+    }
+    if (n < LEAST_GROUND || n < pixels / 50)
+        return 0;
+    const int bound = reached_by(counts, 0.001, 3 * (double) n);
+    const int often = reached_by(counts, 0.01, 3 * (double) n);
+    return bound >= LEAST_BOUND && 8 * often >= 7 * bound ? bound : 0;
+}
+
 int sg_residual_measure(sg_ctx *ctx, const uint8_t *photo, const uint8_t *mask, const float *render,
                         int width, int height, struct sg_residual *out)
 {
@@ -132,6 +199,7 @@ int sg_residual_measure(sg_ctx *ctx, const uint8_t *photo, const uint8_t *mask, 
     if (!code) {
         size_t n = 0;
         float block[VALUES];
+        out->bound = bound_of(photo, mask, render, width, height, used);
         subtract(photo, mask, render, pixels, planes, used);
         for (size_t c = 0; c < 3; c++)
             high_pass(planes + c * pixels, width, height, low, line);

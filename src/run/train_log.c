@@ -147,11 +147,12 @@ int sg_run_log_filter(sg_run *r)
 int sg_run_log_noise(sg_run *r)
 {
     const struct sg_noise *n = &r->step.noise;
-    return write_line(r,
-                      json_pack("{s:i,s:I,s:I,s:o,s:o,s:o}", "noise", r->step.iteration, "compared",
-                                (json_int_t) n->compared, "photos", (json_int_t) n->photos, "level",
-                                sg_number_json(n->level), "kurtosis", sg_number_json(n->kurtosis),
-                                "beyond", sg_number_json(n->beyond)));
+    return write_line(
+        r, json_pack("{s:i,s:I,s:I,s:I,s:I,s:o,s:o,s:o}", "noise", r->step.iteration, "compared",
+                     (json_int_t) n->compared, "photos", (json_int_t) n->photos, "bounded",
+                     (json_int_t) n->bounded, "added", (json_int_t) n->added, "level",
+                     sg_number_json(n->level), "kurtosis", sg_number_json(n->kurtosis), "beyond",
+                     sg_number_json(n->beyond)));
 }
 
 int sg_run_log_eval(sg_run *r)

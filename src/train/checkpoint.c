@@ -16,7 +16,7 @@
 #include "schedule.h"
 #include "trainer.h"
 
-#define MAGIC "SGCKPT\0\11" /* the last byte is the version */
+#define MAGIC "SGCKPT\0\12" /* the last byte is the version */
 
 /* of struct sg_train_params; counting beyond it does not overflow */
 #define MAX_ITERATION 10000000
@@ -156,6 +156,13 @@ static uint64_t exposure_bytes(const sg_trainer *t)
     return t->exposures ? t->scene->n_train * SG_EXPOSURE_FLOATS * sizeof(float) : 0;
 }
 
+#define TOLERANCES "tolerances"
+
+static uint64_t tolerances_bytes(const sg_trainer *t)
+{
+    return t->tolerances ? t->scene->n_train * sizeof(*t->tolerances) : 0;
+}
+
 #define NETWORKS "networks"
 
 static uint64_t networks_bytes(const sg_trainer *t)
@@ -192,6 +199,8 @@ static void put_state(const sg_trainer *t, struct hashed *sink)
         put_numbers(sink, title, t->strategy_state, t->strategy->state_bytes);
     if (t->exposures)
         put_numbers(sink, EXPOSURE, t->exposures, exposure_bytes(t));
+    if (t->tolerances)
+        put_numbers(sink, TOLERANCES, t->tolerances, tolerances_bytes(t));
 }
 
 /* A buffer in the form of a model, large enough for the array of any column. */
@@ -219,28 +228,28 @@ int sg_trainer_save(sg_trainer *t, const char *path)
     if (code || (code = sg_engine_read_exposures(t->engine)) ||
         (code = sg_file_create(ctx, &w, path)))
         goto done;
-    struct sg_checkpoint_header h = {.count = m.count,
-                                     .sh_degree = m.sh_degree,
-                                     .iteration = t->iteration,
-                                     .start_degree = t->start_degree,
-                                     .cameras = cameras_hash(t->scene),
-                                     .seed = t->params.seed,
-                                     .views = t->scene->n_train,
-                                     .extent = t->extent,
-                                     .steps = t->steps,
-                                     .spent = t->params.max_seconds > 0
-                                                  ? sg_trainer_elapsed(t)
-                                                  : 0, /* else the same bytes always */
-                                     .noise = t->noise,
-                                     .beyond = t->beyond,
-                                     .gaussians_bound = t->gaussians_bound,
-                                     .time_bound = t->time_bound,
-                                     .photos = t->photos_hash,
-                                     .parameters = t->identity.parameters,
-                                     .strength = t->identity.strength,
-                                     .kind = t->identity.kind,
-                                     .sections = (t->strategy->state_bytes > 0) +
-                                                 (t->exposures != NULL) + (networks_bytes(t) > 0)};
+    struct sg_checkpoint_header h = {
+        .count = m.count,
+        .sh_degree = m.sh_degree,
+        .iteration = t->iteration,
+        .start_degree = t->start_degree,
+        .cameras = cameras_hash(t->scene),
+        .seed = t->params.seed,
+        .views = t->scene->n_train,
+        .extent = t->extent,
+        .steps = t->steps,
+        .spent =
+            t->params.max_seconds > 0 ? sg_trainer_elapsed(t) : 0, /* else the same bytes always */
+        .noise = t->noise,
+        .beyond = t->beyond,
+        .gaussians_bound = t->gaussians_bound,
+        .time_bound = t->time_bound,
+        .photos = t->photos_hash,
+        .parameters = t->identity.parameters,
+        .strength = t->identity.strength,
+        .kind = t->identity.kind,
+        .sections = (t->strategy->state_bytes > 0) + (t->exposures != NULL) +
+                    (t->tolerances != NULL) + (networks_bytes(t) > 0)};
     for (int c = 0; c < SG_COLUMNS; c++)
         h.sections += is_saved(t, c);
     memcpy(h.magic, MAGIC, sizeof(h.magic));
@@ -375,7 +384,7 @@ static int torn(sg_ctx *ctx, const char *path)
 }
 
 /* Of a checkpoint: columns, then these. */
-enum { STRATEGY_STATE = SG_COLUMNS, EXPOSURES, NETWORK_WEIGHTS, SECTIONS };
+enum { STRATEGY_STATE = SG_COLUMNS, EXPOSURES, TOLERATED, NETWORK_WEIGHTS, SECTIONS };
 
 /* A checkpoint while it is read. */
 struct reading {
@@ -414,6 +423,7 @@ static uint64_t section_bytes(const struct reading *r, int c)
 {
     return c == STRATEGY_STATE    ? r->t->strategy->state_bytes
            : c == EXPOSURES       ? exposure_bytes(r->t)
+           : c == TOLERATED       ? tolerances_bytes(r->t)
            : c == NETWORK_WEIGHTS ? networks_bytes(r->t)
            : is_saved(r->t, c)    ? column_bytes(c, r->n, r->m->sh_degree)
                                   : 0;
@@ -426,6 +436,7 @@ static void section_title(const struct reading *r, int c, char title[24])
     else
         snprintf(title, 24, "%s",
                  c == EXPOSURES         ? EXPOSURE
+                 : c == TOLERATED       ? TOLERANCES
                  : c == NETWORK_WEIGHTS ? NETWORKS
                                         : sg_columns[c].name);
 }
@@ -479,6 +490,7 @@ static int get_section(struct reading *r)
             path, at, title, s.planes, (unsigned long long) s.bytes, planes,
             (unsigned long long) bytes);
     void *numbers = c == EXPOSURES         ? (void *) r->t->exposures
+                    : c == TOLERATED       ? (void *) r->t->tolerances
                     : c == NETWORK_WEIGHTS ? (void *) r->networks
                                            : r->state;
     const bool whole = c < SG_COLUMNS ? get_column(r, c) : get(&r->in, numbers, (size_t) bytes);
@@ -525,6 +537,12 @@ static int check_end(struct reading *r)
                            "%s: section \"" EXPOSURE "\": found value %zu of %g, expected finite "
                            "numbers",
                            r->c->path, i, (double) r->t->exposures[i]);
+    for (size_t i = 0; i < tolerances_bytes(r->t) / sizeof(float); i++)
+        if (!(r->t->tolerances[i] >= 0 && r->t->tolerances[i] <= 255))
+            return sg_fail(ctx, SG_ERR_INPUT,
+                           "%s: section \"" TOLERANCES
+                           "\": found value %zu of %g, expected 0 to 255",
+                           r->c->path, i, (double) r->t->tolerances[i]);
     return networks_bytes(r->t) ? check_networks(r) : SG_OK;
 }
 

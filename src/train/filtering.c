@@ -43,8 +43,8 @@ bool sg_filtering_due(const sg_trainer *t, const struct sg_filtering *s, int bef
                       bool densifies)
 {
     const struct sg_train_params *p = &t->params;
-    return sg_filters(p, before, it) &&
-           (densifies || p->defense.rho >= 0 || share_of(t, s, it) > 0);
+    return sg_filters(p, before, it) && p->defense.rho != 0 &&
+           (densifies || share_of(t, s, it) > 0);
 }
 
 double sg_filtering_next(const sg_trainer *t, int *next)

@@ -10,6 +10,7 @@
 #include "core/compare.h"
 #include "defense/residual.h"
 #include "scene/photo.h"
+#include "scene/used.h"
 #include "schedule.h"
 #include "trainer.h"
 
@@ -34,24 +35,33 @@ static void add_difference(const struct sg_view *v, const uint8_t *rgb, const fl
     }
 }
 
-/* exposures: of all training views, or NULL. */
-static int measure_view(sg_trainer *t, size_t view, const float *exposures, int sh_degree,
-                        float *image, struct difference *sum, struct sg_residual *out)
+/* What all views of a look share. */
+struct looking {
+    sg_trainer *t;
+    int sh_degree;
+    float *image;           /* room for the largest render */
+    const float *exposures; /* of all training views, or NULL */
+};
+
+static int measure_view(const struct looking *l, size_t view, struct difference *sum,
+                        struct sg_residual *out)
 {
+    sg_trainer *t = l->t;
     const struct sg_view *v = &t->scene->train[view];
     const float level = t->params.white_background;
     struct sg_render_params render = sg_trainer_render(t);
+    float *image = l->image;
     for (int ch = 0; ch < 3; ch++)
         render.background[ch] = level;
     render.appearance = (int) view;
-    int code = sg_engine_draw(t->engine, &v->camera, sh_degree, &render, false);
+    int code = sg_engine_draw(t->engine, &v->camera, l->sh_degree, &render, false);
     if (!code)
         code = sg_engine_read_image(t->engine, image, NULL, NULL);
     const size_t n = (size_t) v->camera.width * (size_t) v->camera.height;
-    for (size_t i = 0; i < n && exposures && !code; i++) {
+    for (size_t i = 0; i < n && l->exposures && !code; i++) {
         const float colour[3] = {image[i], image[n + i], image[2 * n + i]};
         float shown[3];
-        sg_expose(exposures + view * SG_EXPOSURE, colour, shown);
+        sg_expose(l->exposures + view * SG_EXPOSURE, colour, shown);
         image[i] = shown[0], image[n + i] = shown[1], image[2 * n + i] = shown[2];
     }
     const uint8_t *rgb;
@@ -63,24 +73,114 @@ static int measure_view(sg_trainer *t, size_t view, const float *exposures, int 
     return code;
 }
 
-/* The tolerance after a look that has measured `level`; given: the one before all looks. Detail
- * that the model lacks raises the level, noise that it has learned lowers it. So a later look
- * corrects an early one at most down to three quarters of what was given, which is what the audit
- * has found without the error of its estimate. One in few of the photos corrects nothing. */
-static double corrected(const sg_trainer *t, const struct sg_noise *look, double level,
-                        double given)
+/* Values of the photos of a look, and how many photos have one. */
+struct values {
+    double of[PHOTOS];
+    size_t count;
+};
+
+static void put(struct values *v, double value)
 {
-    if (t->noise > 0)
-        level = 4 * look->photos < look->compared ? t->noise
-                                                  : fmax(level, fmin(t->noise, 0.75 * given));
+    v->of[v->count++] = value;
+}
+
+static double quantile(struct values *v, size_t quarters)
+{
+    qsort(v->of, v->count, sizeof(*v->of), sg_double_ascending);
+    return v->count ? v->of[v->count * quarters / 4] : 0;
+}
+
+/* What a look has measured. given: the tolerances before all looks; bounds: see sg_residual. */
+struct look {
+    struct values levels, kurtosis, bounds, given;
+    struct difference sum;
+};
+
+static bool shows_bound(const struct look *look)
+{
+    return look->bounds.count > 0 && 4 * look->bounds.count >= look->given.count;
+}
+
+/* The tolerance after a look. The first level that is measured stays: later ones fall as the model
+ * learns noise, and a tolerance that is a little too small lets the poison in.
+ *
+ * A bound that shows in photos is exact. But a poison could be weaker there, so it counts down to
+ * half of what was given, which is the audit's estimate less its error. */
+static double corrected(const sg_trainer *t, struct look *look)
+{
+    double level = t->noise > 0 ? t->noise : quantile(&look->levels, 3);
+    if (shows_bound(look))
+        level = fmax(quantile(&look->bounds, 3), 0.5 * quantile(&look->given, 2));
     return fmin(level, SG_TOLERANCE_MAX);
+}
+
+/* Photos with a tolerance, at most PHOTOS of them. */
+static int look_at_tolerated(const struct looking *l, size_t tolerated, struct look *look)
+{
+    sg_trainer *t = l->t;
+    const size_t wanted = tolerated < PHOTOS ? tolerated : PHOTOS;
+    int code = SG_OK;
+    for (size_t i = 0, rank = 0, taken = 0; taken < wanted && !code; i++) {
+        if (!(sg_trainer_tolerance(t, i) > 0) || rank++ != sg_evenly(tolerated, taken, wanted))
+            continue;
+        struct sg_residual r;
+        taken++;
+        if ((code = measure_view(l, i, &look->sum, &r)))
+            break;
+        put(&look->given, t->params.tolerances ? (double) t->params.tolerances[i] : 0);
+        if (r.blocks)
+            put(&look->levels, r.level), put(&look->kurtosis, r.kurtosis);
+        if (r.bound > 0)
+            put(&look->bounds, r.bound);
+    }
+    return code;
+}
+
+/* Photos of one attack show its bound in one way. So where those that the audit doubts show it, the
+ * others are looked at too, and get a tolerance if they do as well. */
+static int look_at_others(const struct looking *l, float tolerance, size_t *added)
+{
+    sg_trainer *t = l->t;
+    int code = SG_OK;
+    for (size_t i = 0; i < t->scene->n_train && !code; i++) {
+        struct difference unused = {0};
+        struct sg_residual r;
+        if (t->tolerances[i] > 0 || !sg_views_used(&t->scene->train[i], 1))
+            continue;
+        code = measure_view(l, i, &unused, &r);
+        if (!code && r.bound > 0)
+            t->tolerances[i] = tolerance, ++*added;
+    }
+    return code;
+}
+
+static int measure(const struct looking *l, size_t tolerated, struct sg_noise *out)
+{
+    sg_trainer *t = l->t;
+    struct look look = {.levels = {.count = 0}};
+    int code = look_at_tolerated(l, tolerated, &look);
+    if (code)
+        return code;
+    out->compared = look.given.count;
+    out->photos = look.levels.count, out->bounded = look.bounds.count;
+    out->kurtosis = quantile(&look.kurtosis, 2);
+    out->level = corrected(t, &look);
+    for (size_t i = 0; t->tolerances && out->level > 0 && i < t->scene->n_train; i++)
+        if (t->tolerances[i] > 0)
+            t->tolerances[i] = (float) out->level;
+    if (out->level > 0)
+        t->noise = out->level;
+    if (t->tolerances && shows_bound(&look))
+        code = look_at_others(l, (float) out->level, &out->added);
+    const double share = (double) (tolerated + out->added) / (double) t->scene->n_train;
+    if (look.sum.all > 0 && isfinite(look.sum.all)) /* a broken Gaussian can draw anything */
+        t->beyond = out->beyond = 1 - (1 - look.sum.beyond / look.sum.all) * share;
+    return code;
 }
 
 int sg_trainer_measure_noise(sg_trainer *t, int it, struct sg_noise *out)
 {
     size_t tolerated = 0, pixels = 0;
-    double levels[PHOTOS], kurtosis[PHOTOS], given[PHOTOS];
-    struct difference sum = {0};
     *out = (struct sg_noise){0};
     for (size_t i = 0; i < t->scene->n_train; i++) {
         const struct sg_camera *c = &t->scene->train[i].camera;
@@ -90,42 +190,18 @@ int sg_trainer_measure_noise(sg_trainer *t, int it, struct sg_noise *out)
     }
     if (!tolerated)
         return SG_OK;
-    const size_t wanted = tolerated < PHOTOS ? tolerated : PHOTOS;
-    float *image = sg_alloc_raw(t->ctx, SG_MEM_FRAME, pixels, 3 * sizeof(*image));
-    const float *exposures = NULL;
-    int code = image ? sg_trainer_exposures(t, &exposures) : SG_ERR_BUDGET;
-    for (size_t i = 0, rank = 0, taken = 0; taken < wanted && !code; i++) {
-        if (!(sg_trainer_tolerance(t, i) > 0) || rank++ != sg_evenly(tolerated, taken, wanted))
-            continue;
-        struct sg_residual r;
-        taken++;
-        code = measure_view(t, i, exposures, sg_active_degree(&t->params, t->start_degree, it),
-                            image, &sum, &r);
-        out->compared += !code;
-        if (!code && r.blocks) {
-            given[out->photos] = t->params.tolerances ? (double) t->params.tolerances[i] : 0;
-            levels[out->photos] = r.level;
-            kurtosis[out->photos++] = r.kurtosis;
-        }
-    }
-    sg_free(image);
+    struct looking l = {.t = t, .sh_degree = sg_active_degree(&t->params, t->start_degree, it)};
+    l.image = sg_alloc_raw(t->ctx, SG_MEM_FRAME, pixels, 3 * sizeof(*l.image));
+    int code = l.image ? sg_trainer_exposures(t, &l.exposures) : SG_ERR_BUDGET;
+    if (!code)
+        code = measure(&l, tolerated, out);
+    sg_free(l.image);
     if (code == SG_ERR_BUDGET) {
         *out = (struct sg_noise){0};
         sg_log(t->ctx, SG_LOG_WARN,
-               "no memory to measure the noise in the photos: the tolerances stay");
+               "no memory to measure the noise in all photos: not all tolerances follow it");
         sg_clear_error(t->ctx);
         return SG_OK;
-    }
-    if (!code && sum.all > 0 && isfinite(sum.all)) /* a broken Gaussian can draw anything */
-        t->beyond = out->beyond =
-            1 - (1 - sum.beyond / sum.all) * (double) tolerated / (double) t->scene->n_train;
-    if (!code && out->photos) {
-        qsort(levels, out->photos, sizeof(*levels), sg_double_ascending);
-        qsort(kurtosis, out->photos, sizeof(*kurtosis), sg_double_ascending);
-        qsort(given, out->photos, sizeof(*given), sg_double_ascending);
-        out->level = corrected(t, out, levels[out->photos * 3 / 4], given[out->photos / 2]);
-        out->kurtosis = kurtosis[out->photos / 2];
-        t->noise = out->level;
     }
     return code;
 }

@@ -141,8 +141,9 @@ static const struct sg_option train_options[] = {
     INTEGER(
         "tolerance-look", tolerance_look, -1, 1e9,
         "After this iteration, and 3, 5, 7 and 9 times as many while Gaussians are added, photos "
-        "with a tolerance are compared with their renders. With --tolerance auto the noise in the "
-        "difference becomes the tolerance. -1 = a tenth of --densify-until-iter, 0 = never.",
+        "with a tolerance are compared with their renders. With --tolerance auto the first noise "
+        "in the difference becomes the tolerance, and any bound that shows on black or white. -1 = "
+        "a tenth of --densify-until-iter, 0 = never.",
         DEFENSE, EXPERT),
     FLOAT("tolerance-growth", tolerance_growth, 0, 1000,
           "Multiplies --densify-grad-threshold by X times the share of the difference between "

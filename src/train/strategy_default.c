@@ -42,11 +42,12 @@ static int score_model(void *arg, struct sg_scores *out)
                     c->it, out);
 }
 
-/* See tolerance_growth. */
+/* See tolerance_growth. The share is 1 before a look, and where tolerances hide nothing. */
 static float growth_threshold(const sg_trainer *t)
 {
     const struct sg_train_params *p = &t->params;
-    const double share = p->tolerance_growth > 0 ? (double) p->tolerance_growth * t->beyond : 1;
+    const double share =
+        p->tolerance_growth > 0 && t->beyond < 1 ? (double) p->tolerance_growth * t->beyond : 1;
     return (float) ((double) p->densify_grad_threshold * fmin(fmax(share, 0.6), 1));
 }
 

@@ -58,9 +58,13 @@ static uint64_t bytes_held(const struct sg_model *m)
 
 static int alloc_state(sg_trainer *t)
 {
-    const size_t bytes = t->strategy->state_bytes;
+    const size_t bytes = t->strategy->state_bytes, n = t->scene->n_train;
+    const float *given = t->params.tolerances;
     t->strategy_state = bytes ? sg_alloc(t->ctx, SG_MEM_MISC, 1, bytes) : NULL;
-    return bytes && !t->strategy_state ? SG_ERR_BUDGET : SG_OK;
+    t->tolerances = given ? sg_alloc(t->ctx, SG_MEM_MISC, n, sizeof(*given)) : NULL;
+    if (t->tolerances)
+        memcpy(t->tolerances, given, n * sizeof(*given));
+    return (bytes && !t->strategy_state) || (given && !t->tolerances) ? SG_ERR_BUDGET : SG_OK;
 }
 
 static const struct sg_strategy *const strategies[] = {[SG_STRATEGY_DEFAULT] = &sg_strategy_default,
@@ -261,6 +265,7 @@ void sg_trainer_destroy(sg_trainer **trainer)
         if (t->photos[i])
             sg_view_release(&t->scene->train[i]);
     sg_free(t->strategy_state);
+    sg_free(t->tolerances);
     sg_free(t->exposures);
     sg_free(t->photos);
     sg_free(t->order);
@@ -349,10 +354,7 @@ static int next_iteration(sg_trainer *t)
 
 float sg_trainer_tolerance(const sg_trainer *t, size_t view)
 {
-    const struct sg_train_params *p = &t->params;
-    if (!p->tolerances)
-        return p->tolerance;
-    return p->tolerances[view] > 0 && t->noise > 0 ? (float) t->noise : p->tolerances[view];
+    return t->tolerances ? t->tolerances[view] : t->params.tolerance;
 }
 
 /* Whether a look falls into the iterations after `before`, up to `it`. Resets of opacity, at every

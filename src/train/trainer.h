@@ -36,6 +36,7 @@ struct sg_trainer {
                          = all */
     int adam_steps[SG_GROUPS];
     sg_photo *photos;                      /* of the training views */
+    float *tolerances;                     /* in force, of each photo; NULL = params.tolerance */
     float *exposures;                      /* that the engine learns, see exposure.h; or NULL */
     uint32_t photos_hash;                  /* of their pixels as the run began with them */
     double densify_seconds, prune_seconds; /* of the strategy */
