@@ -110,6 +110,13 @@ static void test_driver_limits(void **state)
     assert_true(limits.by_memory);
     assert_int_equal(limits.gaussians, (1 << 20) / (4 * sg_param_count(3)));
     assert_true(limits.instances > 1000 && limits.instances < (1 << 20) / 4);
+    for (int room = 0; room <= 1; room++) {
+        limits.photos_stay = true;
+        sg_ctx_vram(f.ctx)->most = 1024 + VIEWS - 1 + (uint64_t) room;
+        assert_int_equal(sg_budget_plan_device(f.ctx, &f.scene, &p, 3, false, false, &limits),
+                         SG_OK);
+        assert_int_equal(limits.photos_stay, room);
+    }
 
     struct gpu_buffer b = {0};
     assert_int_equal(sg_gpu_reserve(g, SG_MEM_MISC, &b, (1 << 20) + 1), SG_ERR_BUDGET);

@@ -3,12 +3,13 @@
 
 #include <string.h>
 
-void sg_vram_limit(sg_ctx *ctx, uint64_t free, uint64_t largest)
+void sg_vram_limit(sg_ctx *ctx, uint64_t free, uint64_t largest, uint64_t most)
 {
     struct sg_vram *v = sg_ctx_vram(ctx);
-    const uint64_t most = v->current[SG_MEM_TAGS] + free / 10 * 9;
-    v->limit = v->given ? v->given : most ? most : 1;
+    const uint64_t usable = v->current[SG_MEM_TAGS] + free / 10 * 9;
+    v->limit = v->given ? v->given : usable ? usable : 1;
     v->largest = largest;
+    v->most = most;
 }
 
 void sg_vram_forget(sg_ctx *ctx)
@@ -17,7 +18,7 @@ void sg_vram_forget(sg_ctx *ctx)
     if (v->current[SG_MEM_TAGS])
         return;
     memset(v->peak, 0, sizeof(v->peak));
-    v->limit = v->largest = 0;
+    v->limit = v->largest = v->most = 0;
 }
 
 static void charge(struct sg_vram *v, int tag, uint64_t bytes)

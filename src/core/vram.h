@@ -18,14 +18,15 @@ struct sg_vram {
     uint64_t given;   /* sg_ctx_params.max_vram */
     uint64_t limit;   /* bytes that may be held at once; 0 = none is known yet */
     uint64_t largest; /* bytes of one allocation at most; 0 = any */
+    uint64_t most;    /* allocations at once at most; 0 = any number */
     uint64_t current[SG_MEM_TAGS + 1], peak[SG_MEM_TAGS + 1]; /* the last one is the total */
     uint64_t to_failure[SG_DEVICE_CALLS]; /* calls until one is made to fail; 0 = none */
 };
 struct sg_vram *sg_ctx_vram(sg_ctx *ctx);
 
 /* Where sg_ctx_params.max_vram gives no limit: nine tenths of what is free now, beside what is held
- * already. largest: see struct sg_vram. */
-void sg_vram_limit(sg_ctx *ctx, uint64_t free, uint64_t largest);
+ * already. largest, most: see struct sg_vram. */
+void sg_vram_limit(sg_ctx *ctx, uint64_t free, uint64_t largest, uint64_t most);
 /* After an engine that was not taken: nothing was held, if nothing is. */
 void sg_vram_forget(sg_ctx *ctx);
 /* SG_ERR_BUDGET where the limit is too low; then nothing is charged. */

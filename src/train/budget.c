@@ -132,10 +132,14 @@ int sg_budget_plan(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_tr
     return SG_OK;
 }
 
+/* Of a device, beside those of photos: the buffers of an engine, and of others that share it. */
+#define OTHER_ALLOCATIONS 1024
+
 /* What views need on a device, in bytes. */
 struct device_views {
     uint64_t held, lazy; /* all photos: those that stay, and those that may come and go */
     uint64_t passing;    /* room for the largest of the latter */
+    uint64_t photos;     /* of both kinds */
     uint64_t buffers;    /* of the most demanding view */
 };
 
@@ -148,7 +152,7 @@ static void add_views(struct device_views *v, const struct sg_engine_kind *engin
         sg_engine_on_device(engine, &work, &f);
         v->buffers = f.view > v->buffers ? f.view : v->buffers;
         if (trained)
-            *(views[i].lazy ? &v->lazy : &v->held) += f.photo;
+            *(views[i].lazy ? &v->lazy : &v->held) += f.photo, v->photos++;
         if (trained && views[i].lazy && f.passing > v->passing)
             v->passing = f.passing;
     }
@@ -178,7 +182,10 @@ int sg_budget_plan_device(sg_ctx *ctx, const struct sg_scene *scene,
     const uint64_t whole = sg_ctx_vram(ctx)->limit, limit = whole / 6 * 5,
                    each = need.gaussian + LISTED * need.instance, least = LEAST * each,
                    others = sg_vram_current(ctx, SG_MEM_TAGS) + v.held + v.buffers;
-    limits->photos_stay &= limit > others && v.lazy < (limit - others) / 2;
+    /* Each photo that stays is an allocation, of which a driver gives a number. */
+    const uint64_t most = sg_ctx_vram(ctx)->most;
+    limits->photos_stay &= limit > others && v.lazy < (limit - others) / 2 &&
+                           (!most || v.photos + OTHER_ALLOCATIONS <= most);
     const uint64_t photos = v.held + (limits->photos_stay ? v.lazy : v.passing),
                    fixed = others - v.held + photos;
     if (limit < fixed + least)

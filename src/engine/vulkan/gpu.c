@@ -422,7 +422,7 @@ static int open_flights(struct gpu *g)
         result = open_flight(g, &g->flights[i]);
     if (result)
         return fail_result(g, result, "opening the device");
-    sg_vram_limit(g->ctx, g->chosen.info.memory_free, g->chosen.largest);
+    sg_vram_limit(g->ctx, g->chosen.info.memory_free, g->chosen.largest, g->chosen.allocations);
     int code = create_buffer(g, SG_MEM_MISC, &g->staging, STAGING, true);
     if (!code)
         code = create_buffer(g, SG_MEM_MISC, &g->none, 256, false);
