@@ -70,7 +70,7 @@ static void tolerances_follow_the_noise(void **state)
         assert_int_equal(s.noise.compared, it < LOOK ? 0 : VIEWS - 1);
         assert_int_equal(s.noise.photos, s.noise.compared);
     }
-    assert_true(s.noise.level > 0.75 * EPSILON && s.noise.level < 1.3 * EPSILON);
+    assert_true(s.noise.level > 1.1 * EPSILON && s.noise.level < 1.9 * EPSILON); /* raised */
     assert_true(s.noise.kurtosis < 2.5);
     assert_true(s.noise.beyond > 0 && s.noise.beyond < 1);
     for (size_t v = 0; v < VIEWS; v++)
@@ -107,6 +107,28 @@ static void looks_are_repeated(void **state)
     clear_fixture(&f);
 }
 
+/* The level is half as much again as what was measured, but at most what was given, unless more was
+ * measured. */
+static void level_is_raised(void **state)
+{
+    (void) state;
+    struct fixture f = make_noisy(1);
+    double levels[3];
+    for (int i = 0; i < 3; i++) {
+        const float g = (const float[]){1, 12.5f, 40}[i], given[VIEWS] = {g, g, g, g, g, 0};
+        struct sg_train_params p = look_params();
+        struct sg_noise n;
+        p.tolerances = given;
+        sg_trainer *t = begin_training(&f, &p);
+        assert_int_equal(sg_trainer_measure_noise(t, 1, &n), SG_OK);
+        levels[i] = n.level;
+        sg_trainer_destroy(&t);
+    }
+    assert_true(levels[0] > 0.75 * EPSILON && levels[0] < 1.25 * EPSILON);
+    assert_true(levels[1] == 12.5 && levels[2] == 1.5 * levels[0]);
+    clear_fixture(&f);
+}
+
 /* The first level that was measured stays. */
 static void first_level_stays(void **state)
 {
@@ -121,7 +143,7 @@ static void first_level_stays(void **state)
         if (before)
             assert_true(n.level == before);
         else
-            assert_true(n.level > 0.75 * EPSILON && n.level < 1.3 * EPSILON);
+            assert_true(n.level > 1.1 * EPSILON && n.level < 1.9 * EPSILON);
         assert_true(t->noise == n.level && n.bounded == 0 && n.added == 0);
         sg_trainer_destroy(&t);
     }
@@ -310,6 +332,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(tolerances_follow_the_noise),
         cmocka_unit_test(looks_are_repeated),
+        cmocka_unit_test(level_is_raised),
         cmocka_unit_test(first_level_stays),
         cmocka_unit_test(bound_on_black),
         cmocka_unit_test(bound_in_few_photos),

@@ -209,7 +209,8 @@ struct sg_noise {
     size_t added;    /* photos without a tolerance that show it too, and have one from now on */
     /* Of the noise in grey levels. If a quarter of those compared show a bound: its 75th
      * percentile, but at least half of the median of `tolerances`. Else that of the earlier looks,
-     * at the first one the 75th percentile over `photos`. 0 = never measured. */
+     * at the first one the 75th percentile over `photos`, and half of it again as far as that
+     * median allows. 0 = never measured. */
     double level;
     double kurtosis; /* median. Below 2.5 for a bounded poison, 3 for normal noise, more for texture
                         that the model lacks. */

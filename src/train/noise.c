@@ -15,6 +15,7 @@
 #include "trainer.h"
 
 #define PHOTOS 32 /* most photos that are measured */
+#define RAISE 1.5
 
 /* Sums of absolute differences of photos and renders, in grey levels. */
 struct difference {
@@ -102,15 +103,17 @@ static bool shows_bound(const struct look *look)
 }
 
 /* The tolerance after a look. The first level that is measured stays: later ones fall as the model
- * learns noise, and a tolerance that is a little too small lets the poison in.
+ * learns noise, and a tolerance that is a little too small lets the poison in. It is raised by
+ * RAISE, at most to what was given, since elsewhere noise exceeds that of the quietest parts.
  *
  * A bound that shows in photos is exact. But a poison could be weaker there, so it counts down to
  * half of what was given, which is the audit's estimate less its error. */
 static double corrected(const sg_trainer *t, struct look *look)
 {
-    double level = t->noise > 0 ? t->noise : quantile(&look->levels, 3);
+    const double given = quantile(&look->given, 2), measured = quantile(&look->levels, 3);
+    double level = t->noise > 0 ? t->noise : fmax(measured, fmin(RAISE * measured, given));
     if (shows_bound(look))
-        level = fmax(quantile(&look->bounds, 3), 0.5 * quantile(&look->given, 2));
+        level = fmax(quantile(&look->bounds, 3), 0.5 * given);
     return fmin(level, SG_TOLERANCE_MAX);
 }
 
