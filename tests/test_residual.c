@@ -176,6 +176,11 @@ static void hostile_sizes_and_values(void **state)
     r = measure(f, p);
     assert_true(r.blocks > 0 && isfinite(r.level) && isfinite(r.kurtosis));
     test_free(p);
+    p = make_ground(TWO_VALUES, 16, BLACK);
+    for (int i = 0; i < 3 * W * H; i++)
+        p->render[i] = p->render[i] < 0.1f ? NAN : p->render[i];
+    assert_true(measure(f, p).bound == 0);
+    test_free(p);
 }
 
 static void out_of_memory(void **state)

@@ -123,12 +123,13 @@ enum ground { NEITHER, BLACK, WHITE };
 
 static enum ground ground_at(const float *render, size_t pixels, size_t i)
 {
-    float low = INFINITY, high = -INFINITY;
+    bool black = true, white = true; /* NaN is neither */
     for (size_t c = 0; c < 3; c++) {
-        low = fminf(low, 255 * render[c * pixels + i]);
-        high = fmaxf(high, 255 * render[c * pixels + i]);
+        const float value = 255 * render[c * pixels + i];
+        black &= value < EXTREME;
+        white &= value > 255 - EXTREME;
     }
-    return high < EXTREME ? BLACK : low > 255 - EXTREME ? WHITE : NEITHER;
+    return black ? BLACK : white ? WHITE : NEITHER;
 }
 
 /* Clears what is nearer than AROUND to another value of the line. */
