@@ -150,6 +150,38 @@ static void first_level_stays(void **state)
     clear_fixture(&f);
 }
 
+/* Noise is measured in photos with quiet parts; where none has any, nothing changes. */
+static void photos_without_quiet_parts(void **state)
+{
+    (void) state;
+    for (int masked = 3; masked <= VIEWS; masked++) {
+        struct fixture f = make_noisy(1);
+        uint8_t *mask = calloc(PHOTO * PHOTO, 1);
+        const struct sg_train_params p = look_params();
+        struct sg_noise n;
+        mask[0] = 255; /* a pixel to train with */
+        for (int v = 0; v < masked; v++)
+            f.views[v].mask = mask;
+        for (int before = 0; before <= 30; before += 30) {
+            sg_trainer *t = begin_training(&f, &p);
+            t->noise = before;
+            assert_int_equal(sg_trainer_measure_noise(t, 1, &n), SG_OK);
+            assert_int_equal(n.compared, VIEWS - 1);
+            assert_int_equal(n.photos, masked < VIEWS ? VIEWS - 1 - masked : 0);
+            assert_true(before     ? n.level == before
+                        : n.photos ? n.level > 1.1 * EPSILON && n.level < 1.9 * EPSILON
+                                   : n.level == 0);
+            assert_true(sg_trainer_tolerance(t, 1) ==
+                        (n.level > 0 ? (float) n.level : estimated[1]));
+            sg_trainer_destroy(&t);
+        }
+        for (int v = 0; v < masked; v++)
+            f.views[v].mask = NULL;
+        free(mask);
+        clear_fixture(&f);
+    }
+}
+
 /* Photos whose render is black show the bound. It replaces what other looks have found, down to
  * half of what was given. A photo that the audit calls clean gets a tolerance if it shows it too.
  */
@@ -192,7 +224,7 @@ static void bound_in_few_photos(void **state)
         uint8_t *mask = calloc(PHOTO * PHOTO, 1);
         const struct sg_train_params p = look_params();
         struct sg_noise n;
-        memset(mask, 1, 10);
+        memset(mask, 255, 10);
         for (int v = shown; v < VIEWS - 1; v++)
             f.views[v].mask = mask;
         sg_trainer *t = begin_training(&f, &p);
@@ -334,6 +366,7 @@ int main(void)
         cmocka_unit_test(looks_are_repeated),
         cmocka_unit_test(level_is_raised),
         cmocka_unit_test(first_level_stays),
+        cmocka_unit_test(photos_without_quiet_parts),
         cmocka_unit_test(bound_on_black),
         cmocka_unit_test(bound_in_few_photos),
         cmocka_unit_test(given_tolerance_stays),

@@ -154,8 +154,8 @@ static int reached_by(const uint32_t counts[256], double share, double total)
     return value;
 }
 
-/* See sg_residual.bound. A poison that pushes to its bound has many values there and none beyond;
- * sensor noise and detail have ever fewer. ground: room for a byte a pixel. */
+/* A poison that pushes to its bound has many values there and none beyond; sensor noise and detail
+ * have ever fewer. ground: room for a byte a pixel. */
 static double bound_of(const uint8_t *photo, const uint8_t *mask, const float *render, int width,
                        int height, uint8_t *ground)
 {
@@ -182,12 +182,31 @@ static double bound_of(const uint8_t *photo, const uint8_t *mask, const float *r
     return bound >= LEAST_BOUND && 8 * often >= 7 * bound ? bound : 0;
 }
 
+static size_t count_blocks(int width, int height)
+{
+    return (size_t) (width / BLOCK) * (size_t) (height / BLOCK);
+}
+
+int sg_residual_bound(sg_ctx *ctx, const uint8_t *photo, const uint8_t *mask, const float *render,
+                      int width, int height, double *out)
+{
+    *out = 0;
+    if (count_blocks(width, height) < LEAST_BLOCKS)
+        return SG_OK;
+    uint8_t *ground = sg_alloc_raw(ctx, SG_MEM_FRAME, (size_t) width, (size_t) height);
+    if (!ground)
+        return SG_ERR_BUDGET;
+    *out = bound_of(photo, mask, render, width, height, ground);
+    sg_free(ground);
+    return SG_OK;
+}
+
 int sg_residual_measure(sg_ctx *ctx, const uint8_t *photo, const uint8_t *mask, const float *render,
                         int width, int height, struct sg_residual *out)
 {
     *out = (struct sg_residual){0};
     const size_t pixels = (size_t) width * (size_t) height;
-    const size_t all = (size_t) (width / BLOCK) * (size_t) (height / BLOCK);
+    const size_t all = count_blocks(width, height);
     if (all < LEAST_BLOCKS)
         return SG_OK;
     float *planes = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(*planes));
@@ -200,7 +219,6 @@ int sg_residual_measure(sg_ctx *ctx, const uint8_t *photo, const uint8_t *mask, 
     if (!code) {
         size_t n = 0;
         float block[VALUES];
-        out->bound = bound_of(photo, mask, render, width, height, used);
         subtract(photo, mask, render, pixels, planes, used);
         for (size_t c = 0; c < 3; c++)
             high_pass(planes + c * pixels, width, height, low, line);

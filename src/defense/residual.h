@@ -20,15 +20,18 @@ struct sg_residual {
     /* Fourth moment over the squared second: 1 for +-epsilon, 1.8 for even noise up to a bound, 3
      * for normal noise, more for edges and texture. */
     double kurtosis;
-    /* Grey levels that the photo differs from black or white by, where its render is that. 0 if
-     * there is little of it, or if the differences have no sharp bound, or hardly any. */
-    double bound;
 };
 
 /* photo: height x width x 3, 0..255; mask: height x width, 0 = unused, or NULL; render: 3 planes of
- * height x width, 0..1. For level and kurtosis, pixels where either is near black or white do not
- * count, since clipping hides what the photo holds there. SG_ERR_BUDGET. */
+ * height x width, 0..1. Pixels where either is near black or white do not count, since clipping
+ * hides what the photo holds there. SG_ERR_BUDGET. */
 int sg_residual_measure(sg_ctx *ctx, const uint8_t *photo, const uint8_t *mask, const float *render,
                         int width, int height, struct sg_residual *out);
+
+/* Of the same: grey levels that the photo differs from black or white by, where its render is that.
+ * 0 if there is little of it, or if the differences have no sharp bound, or hardly any.
+ * SG_ERR_BUDGET. */
+int sg_residual_bound(sg_ctx *ctx, const uint8_t *photo, const uint8_t *mask, const float *render,
+                      int width, int height, double *out);
 
 #endif

@@ -10,7 +10,6 @@
 #include "core/compare.h"
 #include "defense/residual.h"
 #include "scene/photo.h"
-#include "scene/used.h"
 #include "schedule.h"
 #include "trainer.h"
 
@@ -36,42 +35,44 @@ static void add_difference(const struct sg_view *v, const uint8_t *rgb, const fl
     }
 }
 
-/* What all views of a look share. */
-struct looking {
+/* What draws the views of a look. */
+struct eye {
     sg_trainer *t;
     int sh_degree;
     float *image;           /* room for the largest render */
     const float *exposures; /* of all training views, or NULL */
 };
 
-static int measure_view(const struct looking *l, size_t view, struct difference *sum,
-                        struct sg_residual *out)
+/* Draws a view as its photo is compared with it, and gives that photo, which the caller releases.
+ */
+static int open_view(const struct eye *e, size_t view, const uint8_t **photo)
 {
-    sg_trainer *t = l->t;
+    sg_trainer *t = e->t;
     const struct sg_view *v = &t->scene->train[view];
     const float level = t->params.white_background;
     struct sg_render_params render = sg_trainer_render(t);
-    float *image = l->image;
+    float *image = e->image;
     for (int ch = 0; ch < 3; ch++)
         render.background[ch] = level;
     render.appearance = (int) view;
-    int code = sg_engine_draw(t->engine, &v->camera, l->sh_degree, &render, false);
+    int code = sg_engine_draw(t->engine, &v->camera, e->sh_degree, &render, false);
     if (!code)
         code = sg_engine_read_image(t->engine, image, NULL, NULL);
     const size_t n = (size_t) v->camera.width * (size_t) v->camera.height;
-    for (size_t i = 0; i < n && l->exposures && !code; i++) {
+    for (size_t i = 0; i < n && e->exposures && !code; i++) {
         const float colour[3] = {image[i], image[n + i], image[2 * n + i]};
         float shown[3];
-        sg_expose(l->exposures + view * SG_EXPOSURE, colour, shown);
+        sg_expose(e->exposures + view * SG_EXPOSURE, colour, shown);
         image[i] = shown[0], image[n + i] = shown[1], image[2 * n + i] = shown[2];
     }
-    const uint8_t *rgb;
-    if (code || (code = sg_photo_pixels(t->ctx, v, &rgb)))
-        return code;
-    add_difference(v, rgb, image, (double) sg_trainer_tolerance(t, view), sum);
-    code = sg_residual_measure(t->ctx, rgb, v->mask, image, v->camera.width, v->camera.height, out);
-    sg_view_release(v);
-    return code;
+    return code ? code : sg_photo_pixels(t->ctx, v, photo);
+}
+
+static int bound_of(const struct eye *e, size_t view, const uint8_t *photo, double *out)
+{
+    const struct sg_view *v = &e->t->scene->train[view];
+    return sg_residual_bound(e->t->ctx, photo, v->mask, e->image, v->camera.width, v->camera.height,
+                             out);
 }
 
 /* Values of the photos of a look, and how many photos have one. */
@@ -91,93 +92,112 @@ static double quantile(struct values *v, size_t quarters)
     return v->count ? v->of[v->count * quarters / 4] : 0;
 }
 
-/* What a look has measured. given: the tolerances before all looks; bounds: see sg_residual. */
-struct look {
+/* What a look has measured. given: the tolerances before all looks; bounds: see sg_residual_bound.
+ */
+struct findings {
     struct values levels, kurtosis, bounds, given;
     struct difference sum;
 };
 
-static bool shows_bound(const struct look *look)
+static bool shows_bound(const struct findings *f)
 {
-    return look->bounds.count > 0 && 4 * look->bounds.count >= look->given.count;
+    return f->bounds.count > 0 && 4 * f->bounds.count >= f->given.count;
 }
 
 /* The tolerance after a look. The first level that is measured stays: later ones fall as the model
  * learns noise, and a tolerance that is a little too small lets the poison in. It is raised by
- * RAISE, at most to what was given, since elsewhere noise exceeds that of the quietest parts.
+ * RAISE, at most to what was given, since other parts have more noise than the quietest ones.
  *
  * A bound that shows in photos is exact. But a poison could be weaker there, so it counts down to
  * half of what was given, which is the audit's estimate less its error. */
-static double corrected(const sg_trainer *t, struct look *look)
+static double level_of(const sg_trainer *t, struct findings *f)
 {
-    const double given = quantile(&look->given, 2), measured = quantile(&look->levels, 3);
+    const double given = quantile(&f->given, 2), measured = quantile(&f->levels, 3);
     double level = t->noise > 0 ? t->noise : fmax(measured, fmin(RAISE * measured, given));
-    if (shows_bound(look))
-        level = fmax(quantile(&look->bounds, 3), 0.5 * given);
+    if (shows_bound(f))
+        level = fmax(quantile(&f->bounds, 3), 0.5 * given);
     return fmin(level, SG_TOLERANCE_MAX);
 }
 
-/* Photos with a tolerance, at most PHOTOS of them. */
-static int look_at_tolerated(const struct looking *l, size_t tolerated, struct look *look)
+static int look_at(const struct eye *e, size_t view, struct findings *f)
 {
-    sg_trainer *t = l->t;
+    const sg_trainer *t = e->t;
+    const struct sg_view *v = &t->scene->train[view];
+    const uint8_t *photo;
+    struct sg_residual r;
+    double bound;
+    int code = open_view(e, view, &photo);
+    if (code)
+        return code;
+    add_difference(v, photo, e->image, (double) sg_trainer_tolerance(t, view), &f->sum);
+    code = sg_residual_measure(t->ctx, photo, v->mask, e->image, v->camera.width, v->camera.height,
+                               &r);
+    if (!code)
+        code = bound_of(e, view, photo, &bound);
+    sg_view_release(v);
+    if (code)
+        return code;
+    put(&f->given, t->params.tolerances ? (double) t->params.tolerances[view] : 0);
+    if (r.blocks)
+        put(&f->levels, r.level), put(&f->kurtosis, r.kurtosis);
+    if (bound > 0)
+        put(&f->bounds, bound);
+    return SG_OK;
+}
+
+/* Photos with a tolerance, at most PHOTOS of them. */
+static int look_at_tolerated(const struct eye *e, size_t tolerated, struct findings *f)
+{
     const size_t wanted = tolerated < PHOTOS ? tolerated : PHOTOS;
     int code = SG_OK;
-    for (size_t i = 0, rank = 0, taken = 0; taken < wanted && !code; i++) {
-        if (!(sg_trainer_tolerance(t, i) > 0) || rank++ != sg_evenly(tolerated, taken, wanted))
-            continue;
-        struct sg_residual r;
-        taken++;
-        if ((code = measure_view(l, i, &look->sum, &r)))
-            break;
-        put(&look->given, t->params.tolerances ? (double) t->params.tolerances[i] : 0);
-        if (r.blocks)
-            put(&look->levels, r.level), put(&look->kurtosis, r.kurtosis);
-        if (r.bound > 0)
-            put(&look->bounds, r.bound);
-    }
+    for (size_t i = 0, rank = 0, taken = 0; taken < wanted && !code; i++)
+        if (sg_trainer_tolerance(e->t, i) > 0 && rank++ == sg_evenly(tolerated, taken, wanted)) {
+            taken++;
+            code = look_at(e, i, f);
+        }
     return code;
 }
 
 /* Photos of one attack show its bound in one way. So where those that the audit doubts show it, the
  * others are looked at too, and get a tolerance if they do as well. */
-static int look_at_others(const struct looking *l, float tolerance, size_t *added)
+static int look_at_others(const struct eye *e, float tolerance, size_t *added)
 {
-    sg_trainer *t = l->t;
+    sg_trainer *t = e->t;
     int code = SG_OK;
     for (size_t i = 0; i < t->scene->n_train && !code; i++) {
-        struct difference unused = {0};
-        struct sg_residual r;
-        if (t->tolerances[i] > 0 || !sg_views_used(&t->scene->train[i], 1))
+        const uint8_t *photo;
+        double bound = 0;
+        if (t->tolerances[i] > 0 || (code = open_view(e, i, &photo)))
             continue;
-        code = measure_view(l, i, &unused, &r);
-        if (!code && r.bound > 0)
+        code = bound_of(e, i, photo, &bound);
+        sg_view_release(&t->scene->train[i]);
+        if (bound > 0)
             t->tolerances[i] = tolerance, ++*added;
     }
     return code;
 }
 
-static int measure(const struct looking *l, size_t tolerated, struct sg_noise *out)
+static int measure(const struct eye *e, size_t tolerated, struct sg_noise *out)
 {
-    sg_trainer *t = l->t;
-    struct look look = {.levels = {.count = 0}};
-    int code = look_at_tolerated(l, tolerated, &look);
+    sg_trainer *t = e->t;
+    struct findings f = {.levels = {.count = 0}};
+    int code = look_at_tolerated(e, tolerated, &f);
     if (code)
         return code;
-    out->compared = look.given.count;
-    out->photos = look.levels.count, out->bounded = look.bounds.count;
-    out->kurtosis = quantile(&look.kurtosis, 2);
-    out->level = corrected(t, &look);
+    out->compared = f.given.count;
+    out->photos = f.levels.count, out->bounded = f.bounds.count;
+    out->kurtosis = quantile(&f.kurtosis, 2);
+    out->level = level_of(t, &f);
     for (size_t i = 0; t->tolerances && out->level > 0 && i < t->scene->n_train; i++)
         if (t->tolerances[i] > 0)
             t->tolerances[i] = (float) out->level;
     if (out->level > 0)
         t->noise = out->level;
-    if (t->tolerances && shows_bound(&look))
-        code = look_at_others(l, (float) out->level, &out->added);
+    if (t->tolerances && shows_bound(&f))
+        code = look_at_others(e, (float) out->level, &out->added);
     const double share = (double) (tolerated + out->added) / (double) t->scene->n_train;
-    if (look.sum.all > 0 && isfinite(look.sum.all)) /* a broken Gaussian can draw anything */
-        t->beyond = out->beyond = 1 - (1 - look.sum.beyond / look.sum.all) * share;
+    if (f.sum.all > 0 && isfinite(f.sum.all)) /* a broken Gaussian can draw anything */
+        t->beyond = out->beyond = 1 - (1 - f.sum.beyond / f.sum.all) * share;
     return code;
 }
 
@@ -193,12 +213,12 @@ int sg_trainer_measure_noise(sg_trainer *t, int it, struct sg_noise *out)
     }
     if (!tolerated)
         return SG_OK;
-    struct looking l = {.t = t, .sh_degree = sg_active_degree(&t->params, t->start_degree, it)};
-    l.image = sg_alloc_raw(t->ctx, SG_MEM_FRAME, pixels, 3 * sizeof(*l.image));
-    int code = l.image ? sg_trainer_exposures(t, &l.exposures) : SG_ERR_BUDGET;
+    struct eye e = {.t = t, .sh_degree = sg_active_degree(&t->params, t->start_degree, it)};
+    e.image = sg_alloc_raw(t->ctx, SG_MEM_FRAME, pixels, 3 * sizeof(*e.image));
+    int code = e.image ? sg_trainer_exposures(t, &e.exposures) : SG_ERR_BUDGET;
     if (!code)
-        code = measure(&l, tolerated, out);
-    sg_free(l.image);
+        code = measure(&e, tolerated, out);
+    sg_free(e.image);
     if (code == SG_ERR_BUDGET) {
         *out = (struct sg_noise){0};
         sg_log(t->ctx, SG_LOG_WARN,
