@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The trainer's whole state in one file: a header, a section for each column that is saved (little
  * endian float32) and for the state of the strategy, then a checksum of everything before it. */
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -149,18 +150,32 @@ static void put_numbers(struct hashed *sink, const char *title, const void *numb
     put(sink, numbers, bytes);
 }
 
-#define EXPOSURE "exposure"
+/* Sections: columns, then these. */
+enum { EXPOSURES = SG_COLUMNS, TOLERANCES, STRATEGY_STATE, NETWORK_WEIGHTS, SECTIONS };
+#define OF_PHOTOS EXPOSURES /* up to STRATEGY_STATE: numbers of each photo */
 
-static uint64_t exposure_bytes(const sg_trainer *t)
+/* What is saved of each training photo. */
+struct photo_numbers {
+    const char *title, *expected;
+    float *at; /* NULL: this run has none */
+    size_t count;
+    float least, most; /* of each number */
+};
+
+static struct photo_numbers numbers_of_photos(const sg_trainer *t, int section)
 {
-    return t->exposures ? t->scene->n_train * SG_EXPOSURE_FLOATS * sizeof(float) : 0;
+    const size_t n = t->scene->n_train;
+    return section == EXPOSURES
+               ? (struct photo_numbers){"exposure",   "finite numbers",
+                                        t->exposures, n * SG_EXPOSURE_FLOATS,
+                                        -FLT_MAX,     FLT_MAX}
+               : (struct photo_numbers){"tolerances", "0 to 255", t->tolerances, n, 0, 255};
 }
 
-#define TOLERANCES "tolerances"
-
-static uint64_t tolerances_bytes(const sg_trainer *t)
+static uint64_t photos_bytes(const sg_trainer *t, int section)
 {
-    return t->tolerances ? t->scene->n_train * sizeof(*t->tolerances) : 0;
+    const struct photo_numbers p = numbers_of_photos(t, section);
+    return p.at ? p.count * sizeof(*p.at) : 0;
 }
 
 #define NETWORKS "networks"
@@ -197,10 +212,11 @@ static void put_state(const sg_trainer *t, struct hashed *sink)
     title_of_strategy(t->strategy, title);
     if (t->strategy->state_bytes)
         put_numbers(sink, title, t->strategy_state, t->strategy->state_bytes);
-    if (t->exposures)
-        put_numbers(sink, EXPOSURE, t->exposures, exposure_bytes(t));
-    if (t->tolerances)
-        put_numbers(sink, TOLERANCES, t->tolerances, tolerances_bytes(t));
+    for (int c = OF_PHOTOS; c < STRATEGY_STATE; c++) {
+        const struct photo_numbers p = numbers_of_photos(t, c);
+        if (p.at)
+            put_numbers(sink, p.title, p.at, photos_bytes(t, c));
+    }
 }
 
 /* A buffer in the form of a model, large enough for the array of any column. */
@@ -248,10 +264,11 @@ int sg_trainer_save(sg_trainer *t, const char *path)
         .parameters = t->identity.parameters,
         .strength = t->identity.strength,
         .kind = t->identity.kind,
-        .sections = (t->strategy->state_bytes > 0) + (t->exposures != NULL) +
-                    (t->tolerances != NULL) + (networks_bytes(t) > 0)};
+        .sections = (t->strategy->state_bytes > 0) + (networks_bytes(t) > 0)};
     for (int c = 0; c < SG_COLUMNS; c++)
         h.sections += is_saved(t, c);
+    for (int c = OF_PHOTOS; c < STRATEGY_STATE; c++)
+        h.sections += photos_bytes(t, c) > 0;
     memcpy(h.magic, MAGIC, sizeof(h.magic));
     for (int g = 0; g < SG_GROUPS; g++)
         h.adam_steps[g] = t->adam_steps[g];
@@ -383,9 +400,6 @@ static int torn(sg_ctx *ctx, const char *path)
                    path);
 }
 
-/* Of a checkpoint: columns, then these. */
-enum { STRATEGY_STATE = SG_COLUMNS, EXPOSURES, TOLERATED, NETWORK_WEIGHTS, SECTIONS };
-
 /* A checkpoint while it is read. */
 struct reading {
     const sg_trainer *t;
@@ -422,9 +436,8 @@ static bool get_column(struct reading *r, int c)
 static uint64_t section_bytes(const struct reading *r, int c)
 {
     return c == STRATEGY_STATE    ? r->t->strategy->state_bytes
-           : c == EXPOSURES       ? exposure_bytes(r->t)
-           : c == TOLERATED       ? tolerances_bytes(r->t)
            : c == NETWORK_WEIGHTS ? networks_bytes(r->t)
+           : c >= OF_PHOTOS       ? photos_bytes(r->t, c)
            : is_saved(r->t, c)    ? column_bytes(c, r->n, r->m->sh_degree)
                                   : 0;
 }
@@ -435,10 +448,9 @@ static void section_title(const struct reading *r, int c, char title[24])
         title_of_strategy(r->t->strategy, title);
     else
         snprintf(title, 24, "%s",
-                 c == EXPOSURES         ? EXPOSURE
-                 : c == TOLERATED       ? TOLERANCES
-                 : c == NETWORK_WEIGHTS ? NETWORKS
-                                        : sg_columns[c].name);
+                 c == NETWORK_WEIGHTS ? NETWORKS
+                 : c >= OF_PHOTOS     ? numbers_of_photos(r->t, c).title
+                                      : sg_columns[c].name);
 }
 
 /* A section that this run needs. sh_rest of degree 0 exists, with 0 bytes. */
@@ -489,12 +501,22 @@ static int get_section(struct reading *r)
             "%u and %llu",
             path, at, title, s.planes, (unsigned long long) s.bytes, planes,
             (unsigned long long) bytes);
-    void *numbers = c == EXPOSURES         ? (void *) r->t->exposures
-                    : c == TOLERATED       ? (void *) r->t->tolerances
-                    : c == NETWORK_WEIGHTS ? (void *) r->networks
-                                           : r->state;
+    void *numbers = c == NETWORK_WEIGHTS  ? (void *) r->networks
+                    : c == STRATEGY_STATE ? r->state
+                                          : (void *) numbers_of_photos(r->t, c).at;
     const bool whole = c < SG_COLUMNS ? get_column(r, c) : get(&r->in, numbers, (size_t) bytes);
     return whole ? SG_OK : torn(ctx, path);
+}
+
+static int check_numbers_of_photos(const struct reading *r, int section)
+{
+    const struct photo_numbers p = numbers_of_photos(r->t, section);
+    for (size_t i = 0; p.at && i < p.count; i++)
+        if (!(p.at[i] >= p.least && p.at[i] <= p.most))
+            return sg_fail(r->t->ctx, SG_ERR_INPUT,
+                           "%s: section \"%s\": found value %zu of %g, expected %s", r->c->path,
+                           p.title, i, (double) p.at[i], p.expected);
+    return SG_OK;
 }
 
 static int check_networks(const struct reading *r)
@@ -531,18 +553,11 @@ static int check_end(struct reading *r)
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: section \"%s\": found a state that iteration %d cannot have",
                        r->c->path, title, r->c->header.iteration);
-    for (size_t i = 0; i < exposure_bytes(r->t) / sizeof(float); i++)
-        if (!isfinite(r->t->exposures[i]))
-            return sg_fail(ctx, SG_ERR_INPUT,
-                           "%s: section \"" EXPOSURE "\": found value %zu of %g, expected finite "
-                           "numbers",
-                           r->c->path, i, (double) r->t->exposures[i]);
-    for (size_t i = 0; i < tolerances_bytes(r->t) / sizeof(float); i++)
-        if (!(r->t->tolerances[i] >= 0 && r->t->tolerances[i] <= 255))
-            return sg_fail(ctx, SG_ERR_INPUT,
-                           "%s: section \"" TOLERANCES
-                           "\": found value %zu of %g, expected 0 to 255",
-                           r->c->path, i, (double) r->t->tolerances[i]);
+    for (int c = OF_PHOTOS; c < STRATEGY_STATE; c++) {
+        const int code = check_numbers_of_photos(r, c);
+        if (code)
+            return code;
+    }
     return networks_bytes(r->t) ? check_networks(r) : SG_OK;
 }
 
