@@ -1,12 +1,23 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The networks of Scaffold-GS on a block of 16 anchors, by a workgroup: invocation 16 r + l has
- * anchor l, and of each layer the rows r, r + 16 and so on. Layers are in shared memory. Between
- * their rows is a float more than there are anchors: without it a column would be in one bank. */
+/* The networks of Scaffold-GS on a block of 16 anchors, by a workgroup. Layers are in shared memory.
+ * Between their rows is a float more than there are anchors: without it a column would be in one
+ * bank. Loads bound these kernels, not multiply-adds: so an invocation computes several rows or
+ * anchors of a layer from each value that it loads, and loads weights by four where they lie so. */
 #include "math/neural.h"
 
 #define ROW 17
+/* Where an invocation has one anchor and the rows FIRST_ROW, FIRST_ROW + 16 and so on. */
 #define LANE (gl_LocalInvocationID.x % 16)
 #define FIRST_ROW (gl_LocalInvocationID.x / 16)
+/* Where it has a hidden value of each network and the anchors FIRST_LANE and FIRST_LANE + 8. */
+#define COLUMN (gl_LocalInvocationID.x % VK_N_HIDDEN)
+#define FIRST_LANE (gl_LocalInvocationID.x / VK_N_HIDDEN)
+#define NETWORKS 3
+
+/* Of weights; they begin where an allocation does. */
+layout(buffer_reference, std430, buffer_reference_align = 16) buffer Fours {
+    vec4 v[];
+};
 
 shared float n_input[(VK_N_INPUTS + 1) * ROW]; /* the last row: 1 */
 shared float n_hidden[VK_N_ALL * ROW];
@@ -28,10 +39,59 @@ float anchor_value(Floats anchors, uint i, uint plane)
     return anchors.v[param_at(VK_A_PLANES, i, plane)];
 }
 
-/* Which network an output is of. */
-uint network_of(uint o)
+void hidden_layer(Floats w, uint parts)
 {
-    return o < VK_N_COVARIANCE ? 0 : o < VK_N_COLOUR ? 1 : 2;
+    float sum[2 * NETWORKS];
+    [[unroll]] for (uint j = 0; j < 2 * NETWORKS; j++)
+        sum[j] = 0.0;
+    for (uint k = 0; k <= VK_N_INPUTS; k++) {
+        const float x0 = n_input[k * ROW + FIRST_LANE], x1 = n_input[k * ROW + FIRST_LANE + 8];
+        [[unroll]] for (uint n = 0; n < NETWORKS; n++) {
+            const float weight = w.v[k * VK_N_ALL + n * VK_N_HIDDEN + COLUMN];
+            sum[2 * n] += weight * x0;
+            sum[2 * n + 1] += weight * x1;
+        }
+    }
+    [[unroll]] for (uint j = 0; j < 2 * NETWORKS; j++) {
+        const uint h = j / 2 * VK_N_HIDDEN + COLUMN, lane = FIRST_LANE + j % 2 * 8;
+        if ((parts & VK_N_PART_DISTANCE) != 0)
+            sum[j] += w.v[VK_W_DISTANCE + h] * n_bank_input[3 * ROW + lane];
+        n_hidden[h * ROW + lane] = r_max(sum[j], 0.0);
+    }
+}
+
+/* An invocation has one anchor and up to OUTPUT_ROWS rows of one network: two invocations share the
+ * opacities, ten the covariances, four the colours. */
+#define OUTPUT_ROWS 8
+
+void output_layer(Floats w)
+{
+    Fours w4 = Fours(w);
+    const uint g = FIRST_ROW, lane = LANE;
+    const uint network = g < 2 ? 0 : g < 12 ? 1 : 2;
+    const uint first = g < 2    ? 5 * g
+                       : g < 12 ? VK_N_COVARIANCE + 7 * (g - 2)
+                                : VK_N_COLOUR + OUTPUT_ROWS * (g - 12);
+    const uint end = g < 2 ? first + 5 : g < 12 ? first + 7 : min(first + OUTPUT_ROWS, VK_N_OUTPUTS);
+    float sum[OUTPUT_ROWS];
+    [[unroll]] for (uint j = 0; j < OUTPUT_ROWS; j++)
+        sum[j] = w.v[VK_W_BIAS + min(first + j, end - 1)];
+    for (uint h = 0; h < VK_N_HIDDEN; h += 4) {
+        const uint from = (network * VK_N_HIDDEN + h) * ROW + lane;
+        const float x0 = n_hidden[from], x1 = n_hidden[from + ROW], x2 = n_hidden[from + 2 * ROW],
+                    x3 = n_hidden[from + 3 * ROW];
+        [[unroll]] for (uint j = 0; j < OUTPUT_ROWS; j++) {
+            const vec4 weight =
+                w4.v[(VK_W_OUTPUT + min(first + j, end - 1) * VK_N_HIDDEN + h) / 4];
+            sum[j] += weight.x * x0;
+            sum[j] += weight.y * x1;
+            sum[j] += weight.z * x2;
+            sum[j] += weight.w * x3;
+        }
+    }
+    [[unroll]] for (uint j = 0; j < OUTPUT_ROWS; j++)
+        if (first + j < end)
+            n_output[(first + j) * ROW + lane] = sum[j];
 }
 
 /* The layers of the anchors of block i0 / 16 that have a bit in n_exists, which all have written;
@@ -94,22 +154,9 @@ void layers(Floats params, Floats anchors, Floats w, Floats view, uint i0, uint 
         n_input[f * ROW + lane] = value;
     }
     barrier(); /* n_input */
-    for (uint h = row; h < VK_N_ALL; h += 16) {
-        float sum = 0.0;
-        for (uint k = 0; k <= VK_N_INPUTS; k++)
-            sum += w.v[k * VK_N_ALL + h] * n_input[k * ROW + lane];
-        if ((parts & VK_N_PART_DISTANCE) != 0)
-            sum += w.v[VK_W_DISTANCE + h] * n_bank_input[3 * ROW + lane];
-        n_hidden[h * ROW + lane] = r_max(sum, 0.0);
-    }
+    hidden_layer(w, parts);
     barrier(); /* n_hidden */
-    for (uint o = row; o < VK_N_OUTPUTS; o += 16) {
-        const uint first = network_of(o) * VK_N_HIDDEN;
-        float sum = w.v[VK_W_BIAS + o];
-        for (uint h = 0; h < VK_N_HIDDEN; h++)
-            sum += w.v[VK_W_OUTPUT + o * VK_N_HIDDEN + h] * n_hidden[(first + h) * ROW + lane];
-        n_output[o * ROW + lane] = sum;
-    }
+    output_layer(w);
     barrier(); /* n_output */
 }
 

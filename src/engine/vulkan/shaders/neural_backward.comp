@@ -67,18 +67,22 @@ void pull_outputs(uint i0)
     barrier(); /* before d_hidden is written again */
 }
 
-/* Before the ReLU. */
+/* Before the ReLU. An invocation has one anchor and four hidden values: of the covariances' network,
+ * or of each of the other two, which together have fewer outputs. */
 void pull_hidden()
 {
-    const uint lane = LANE;
-    for (uint h = FIRST_ROW; h < VK_N_ALL; h += 16) {
-        const uint network = h / VK_N_HIDDEN, column = h % VK_N_HIDDEN;
-        const uint first = network == 0 ? 0 : network == 1 ? VK_N_COVARIANCE : VK_N_COLOUR;
-        const uint end = network == 0 ? VK_N_COVARIANCE : network == 1 ? VK_N_COLOUR : VK_N_OUTPUTS;
-        float sum = 0.0;
+    Fours w4 = Fours(a.weights);
+    const uint id = gl_LocalInvocationID.x, column = id % 8 * 4, lane = id / 8 % 16;
+    for (uint n = id < VK_GROUP / 2 ? 1 : 0; n < NETWORKS; n += 2) {
+        const uint first = n == 0 ? 0 : n == 1 ? VK_N_COVARIANCE : VK_N_COLOUR;
+        const uint end = n == 0 ? VK_N_COVARIANCE : n == 1 ? VK_N_COLOUR : VK_N_OUTPUTS;
+        vec4 sum = vec4(0.0);
         for (uint o = first; o < end; o++)
-            sum += a.weights.v[VK_W_OUTPUT + o * VK_N_HIDDEN + column] * n_output[o * ROW + lane];
-        d_hidden[h * ROW + lane] = n_hidden[h * ROW + lane] > 0.0 ? sum : 0.0;
+            sum += w4.v[(VK_W_OUTPUT + o * VK_N_HIDDEN + column) / 4] * n_output[o * ROW + lane];
+        [[unroll]] for (uint c = 0; c < 4; c++) {
+            const uint at = (n * VK_N_HIDDEN + column + c) * ROW + lane;
+            d_hidden[at] = n_hidden[at] > 0.0 ? sum[c] : 0.0;
+        }
     }
     barrier(); /* d_hidden */
 }
@@ -86,16 +90,27 @@ void pull_hidden()
 /* Of features, or of the mixtures in their place. */
 void pull_features(uint i0)
 {
+    Fours w4 = Fours(a.weights);
     const uint lane = LANE, i = i0 + lane;
-    const bool mixed = (a.parts & VK_N_PART_BANK) != 0;
-    for (uint f = FIRST_ROW; f < VK_A_FEATURES; f += 16) {
-        float sum = 0.0;
-        for (uint h = 0; h < VK_N_ALL; h++)
-            sum += a.weights.v[f * VK_N_ALL + h] * d_hidden[h * ROW + lane];
-        if (mixed)
-            d_mixture[f * ROW + lane] = sum;
+    float sum[2] = float[](0.0, 0.0);
+    for (uint h = 0; h < VK_N_ALL; h += 4) {
+        const uint from = h * ROW + lane;
+        const float d0 = d_hidden[from], d1 = d_hidden[from + ROW], d2 = d_hidden[from + 2 * ROW],
+                    d3 = d_hidden[from + 3 * ROW];
+        [[unroll]] for (uint j = 0; j < 2; j++) {
+            const vec4 weight = w4.v[((FIRST_ROW + 16 * j) * VK_N_ALL + h) / 4];
+            sum[j] += weight.x * d0;
+            sum[j] += weight.y * d1;
+            sum[j] += weight.z * d2;
+            sum[j] += weight.w * d3;
+        }
+    }
+    [[unroll]] for (uint j = 0; j < 2; j++) {
+        const uint f = FIRST_ROW + 16 * j;
+        if ((a.parts & VK_N_PART_BANK) != 0)
+            d_mixture[f * ROW + lane] = sum[j];
         else if (i < a.count)
-            put(i, 3 + VK_A_FEATURE + f, sum);
+            put(i, 3 + VK_A_FEATURE + f, sum[j]);
     }
 }
 
@@ -147,13 +162,13 @@ void main()
     const uint id = gl_LocalInvocationID.x, piece = group_index();
     if (piece >= a.pieces)
         return;
-    const uint column = id % VK_N_HIDDEN, row = id / VK_N_HIDDEN; /* of 8 rows of sums */
+    const uint column = COLUMN, row = id / VK_N_HIDDEN; /* of 8 rows of sums */
     const uint blocks = (a.count + 15) / 16;
-    float output_sum[OUTPUT_SUMS], input_sum[3 * INPUT_SUMS];
+    float output_sum[OUTPUT_SUMS], input_sum[NETWORKS * INPUT_SUMS];
     float bias = 0.0, distance = 0.0, bank_input = 0.0, bank_output = 0.0;
     [[unroll]] for (uint j = 0; j < OUTPUT_SUMS; j++)
         output_sum[j] = 0.0;
-    [[unroll]] for (uint j = 0; j < 3 * INPUT_SUMS; j++)
+    [[unroll]] for (uint j = 0; j < NETWORKS * INPUT_SUMS; j++)
         input_sum[j] = 0.0;
     for (uint block = piece; block < blocks; block += a.pieces) {
         const uint i0 = block * 16;
@@ -173,12 +188,16 @@ void main()
         if ((a.parts & VK_N_PART_BANK) != 0)
             pull_mixtures(i0);
         for (uint l = 0; l < 16; l++) {
+            float hidden[NETWORKS];
+            [[unroll]] for (uint n = 0; n < NETWORKS; n++)
+                hidden[n] = n_hidden[(n * VK_N_HIDDEN + column) * ROW + l];
             [[unroll]] for (uint j = 0; j < OUTPUT_SUMS; j++) {
                 const uint o = min(row + 8 * j, VK_N_OUTPUTS - 1);
-                output_sum[j] += n_output[o * ROW + l] *
-                                 n_hidden[(network_of(o) * VK_N_HIDDEN + column) * ROW + l];
+                output_sum[j] += n_output[o * ROW + l] * (o < VK_N_COVARIANCE ? hidden[0]
+                                                          : o < VK_N_COLOUR   ? hidden[1]
+                                                                              : hidden[2]);
             }
-            [[unroll]] for (uint n = 0; n < 3; n++) {
+            [[unroll]] for (uint n = 0; n < NETWORKS; n++) {
                 const float d = d_hidden[(n * VK_N_HIDDEN + column) * ROW + l];
                 [[unroll]] for (uint j = 0; j < INPUT_SUMS; j++)
                     input_sum[n * INPUT_SUMS + j] +=
@@ -201,7 +220,7 @@ void main()
     [[unroll]] for (uint j = 0; j < OUTPUT_SUMS; j++)
         if (row + 8 * j < VK_N_OUTPUTS)
             a.sums.v[to + VK_W_OUTPUT + (row + 8 * j) * VK_N_HIDDEN + column] = output_sum[j];
-    [[unroll]] for (uint n = 0; n < 3; n++)
+    [[unroll]] for (uint n = 0; n < NETWORKS; n++)
         [[unroll]] for (uint j = 0; j < INPUT_SUMS; j++)
             if (row + 8 * j <= VK_N_INPUTS)
                 a.sums.v[to + (row + 8 * j) * VK_N_ALL + n * VK_N_HIDDEN + column] =
