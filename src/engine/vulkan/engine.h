@@ -112,13 +112,15 @@ struct vulkan_flow {
 /* Models of anchors: see vulkan_anchors.c. */
 struct vulkan_anchors {
     size_t count;
-    unsigned parts;                                   /* as of struct sg_networks */
-    uint32_t photo, photos;                           /* photo: whose appearance the view has */
-    struct gpu_buffer at[SG_COLUMNS];                 /* of the anchors */
-    struct gpu_buffer weights, moment1, moment2;      /* as of struct sg_networks */
-    struct gpu_buffer networks;                       /* the number of its rate, of each weight */
-    struct gpu_buffer looks, look, own;               /* appearances; of a view, with its weights */
-    struct gpu_buffer view, exists, opacities, drawn; /* see ARGS_neural */
+    unsigned parts;                              /* as of struct sg_networks */
+    uint32_t photo, photos;                      /* photo: whose appearance the view has */
+    struct gpu_buffer at[SG_COLUMNS];            /* of the anchors */
+    struct gpu_buffer weights, moment1, moment2; /* as of struct sg_networks */
+    struct gpu_buffer networks;                  /* the number of its rate, of each weight */
+    struct gpu_buffer looks, look, own;          /* appearances; of a view, with its weights */
+    struct gpu_buffer view, exists, opacities;   /* see ARGS_neural */
+    struct gpu_buffer drawn;                     /* and behind it the number of anchors */
+    struct gpu_buffer places, seen, scan_sums;   /* see ARGS_anchors_list */
     struct gpu_buffer gradient, sums, weight_gradient;
 };
 

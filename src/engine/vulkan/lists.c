@@ -15,28 +15,34 @@ static VkDeviceAddress items(const struct gpu_lists *l, uint32_t item)
     return l->work.address + 4 * (item * VK_WORK_WORDS + VK_WORK_ITEMS);
 }
 
-/* Exclusive sums of words of `from`, as many as an item says, and one more to `to`. They may be the
- * same buffer. most: there are never more. groups: item with the workgroups, or VK_WORKS: there are
- * always that many words. */
+int sg_gpu_scan(struct gpu *g, struct gpu_buffer *sums, const struct gpu_buffer *from,
+                const struct gpu_buffer *to, VkDeviceAddress count, uint64_t most)
+{
+    const uint64_t groups = gpu_groups(most, VK_SCAN);
+    int code = words(g, sums, groups);
+    const struct args_scan_sum args = {
+        .from = from->address, .to = to->address, .sums = sums->address, .count = count};
+    if (code || (code = sg_gpu_dispatch(g, GPU_scan_sum, 0, &args, sizeof(args), groups)) ||
+        (code = sg_gpu_dispatch(g, GPU_scan_spine, 0, &args, sizeof(args), 1)))
+        return code;
+    return sg_gpu_dispatch(g, GPU_scan_apply, 0, &args, sizeof(args), groups);
+}
+
+/* The same, of as many words as a kind of work has items. groups: item with the workgroups, or
+ * VK_WORKS: there are always `most` words. */
 static int scan(struct gpu *g, struct gpu_lists *l, const struct gpu_buffer *from,
                 const struct gpu_buffer *to, uint64_t most, uint32_t item, uint32_t groups)
 {
-    const uint64_t all = gpu_groups(most, VK_SCAN);
-    int code = words(g, &l->sums, all);
+    if (groups == VK_WORKS)
+        return sg_gpu_scan(g, &l->sums, from, to, items(l, item), most);
+    int code = words(g, &l->sums, gpu_groups(most, VK_SCAN));
     const struct args_scan_sum args = {
         .from = from->address, .to = to->address, .sums = l->sums.address, .count = items(l, item)};
-    const bool counted = groups < VK_WORKS;
-    if (!code)
-        code = counted
-                   ? sg_gpu_dispatch_work(g, GPU_scan_sum, 0, &args, sizeof(args), &l->work, groups)
-                   : sg_gpu_dispatch(g, GPU_scan_sum, 0, &args, sizeof(args), all);
-    if (!code)
-        code = sg_gpu_dispatch(g, GPU_scan_spine, 0, &args, sizeof(args), 1);
-    if (code)
+    if (code ||
+        (code = sg_gpu_dispatch_work(g, GPU_scan_sum, 0, &args, sizeof(args), &l->work, groups)) ||
+        (code = sg_gpu_dispatch(g, GPU_scan_spine, 0, &args, sizeof(args), 1)))
         return code;
-    return counted
-               ? sg_gpu_dispatch_work(g, GPU_scan_apply, 0, &args, sizeof(args), &l->work, groups)
-               : sg_gpu_dispatch(g, GPU_scan_apply, 0, &args, sizeof(args), all);
+    return sg_gpu_dispatch_work(g, GPU_scan_apply, 0, &args, sizeof(args), &l->work, groups);
 }
 
 /* Sorts keys and their values by `bits` bits. Work: item `groups`, and `digits` of their counters;

@@ -37,6 +37,11 @@ struct gpu_lists {
     struct gpu_buffer sums, digits, totals;
 };
 
+/* Exclusive sums of words of `from` to `to`, and one more: of all. They may be the same buffer.
+ * count: where the number of words is; most: there are never more. sums: scratch. */
+int sg_gpu_scan(struct gpu *g, struct gpu_buffer *sums, const struct gpu_buffer *from,
+                const struct gpu_buffer *to, VkDeviceAddress count, uint64_t most);
+
 /* Begins a view: room for what the projection writes. */
 int sg_gpu_lists_begin(struct gpu *g, struct gpu_lists *l, size_t count, int width, int height,
                        bool reference_tiles);

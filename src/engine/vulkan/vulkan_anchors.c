@@ -63,10 +63,10 @@ static int need(struct vulkan_engine *e, int column)
 void sg_vulkan_anchors_clear(struct vulkan_engine *e)
 {
     struct vulkan_anchors *a = &e->anchors;
-    struct gpu_buffer *owned[] = {&a->weights, &a->moment1,        &a->moment2, &a->networks,
-                                  &a->looks,   &a->look,           &a->own,     &a->view,
-                                  &a->exists,  &a->opacities,      &a->drawn,   &a->gradient,
-                                  &a->sums,    &a->weight_gradient};
+    struct gpu_buffer *owned[] = {
+        &a->weights, &a->moment1,   &a->moment2,  &a->networks,  &a->looks,          &a->look,
+        &a->own,     &a->view,      &a->exists,   &a->opacities, &a->drawn,          &a->places,
+        &a->seen,    &a->scan_sums, &a->gradient, &a->sums,      &a->weight_gradient};
     for (size_t i = 0; i < sizeof(owned) / sizeof(owned[0]); i++)
         sg_gpu_release(e->gpu, owned[i]);
     for (int c = 0; c < SG_COLUMNS; c++)
@@ -118,7 +118,9 @@ static int upload(struct sg_engine *base, const struct sg_model *m,
         (code = put(g, SG_MEM_MODEL, &e->at[SG_C_PARAMETERS], NULL,
                     sg_vulkan_column_bytes(e, SG_C_PARAMETERS))) ||
         (code = sg_gpu_reserve(g, SG_MEM_MISC, &a->view, 4 * VK_VIEW)) ||
-        (code = sg_gpu_reserve(g, SG_MEM_MISC, &a->drawn, 4)) ||
+        (code = sg_gpu_reserve(g, SG_MEM_MISC, &a->drawn, 8)) ||
+        (code = sg_gpu_reserve(g, SG_MEM_SPLATS, &a->places, 4 * ((uint64_t) a->count + 1))) ||
+        (code = sg_gpu_reserve(g, SG_MEM_SPLATS, &a->seen, 4 * (uint64_t) a->count)) ||
         (code = sg_gpu_reserve(g, SG_MEM_SPLATS, &a->exists, 4 * (uint64_t) a->count)) ||
         (code = sg_gpu_reserve(g, SG_MEM_SPLATS, &a->opacities, 4 * (uint64_t) a->count)))
         return code;
@@ -165,6 +167,33 @@ static int look(struct vulkan_engine *e, const struct gpu_buffer *to, uint32_t b
                    .photo = a->photo, .photos = a->photos, .back = back);
 }
 
+/* Where the length of the list of seen anchors is. */
+static VkDeviceAddress seen_count(const struct vulkan_anchors *a)
+{
+    return a->places.address + 4 * (uint64_t) a->count;
+}
+
+/* The list of anchors that the view sees: the networks run on those alone. */
+static int list_seen(struct vulkan_engine *e, const struct sg_camera *camera)
+{
+    struct gpu *g = e->gpu;
+    struct vulkan_anchors *a = &e->anchors;
+    const uint32_t count = (uint32_t) a->count, numbers[] = {0, count};
+    int code = sg_gpu_update(g, &a->drawn, 0, numbers, sizeof(numbers));
+    if (!code)
+        code = GPU_RUN(g, anchors_see, 0, FOR_EACH(count), .params = a->at[SG_C_PARAMETERS].address,
+                       .view = a->view.address, .to = e->at[SG_C_PARAMETERS].address,
+                       .exists = a->exists.address, .opacities = a->opacities.address,
+                       .places = a->places.address, .count = count,
+                       .grid_x = ((uint32_t) camera->width + 15) / 16,
+                       .grid_y = ((uint32_t) camera->height + 15) / 16);
+    if (!code)
+        code = sg_gpu_scan(g, &a->scan_sums, &a->places, &a->places, a->drawn.address + 4, count);
+    return code ? code
+                : GPU_RUN(g, anchors_list, 0, FOR_EACH(count), .exists = a->exists.address,
+                          .places = a->places.address, .seen = a->seen.address, .count = count);
+}
+
 static int make_view(struct sg_engine *base, const struct sg_camera *camera, int appearance)
 {
     struct vulkan_engine *e = vulkan_of(base);
@@ -174,23 +203,22 @@ static int make_view(struct sg_engine *base, const struct sg_camera *camera, int
     int code = sg_gpu_update(g, &a->view, 0, &view, sizeof(view));
     a->photo =
         appearance >= 0 && (uint32_t) appearance < a->photos ? (uint32_t) appearance : UINT32_MAX;
-    if (!code)
-        code = sg_gpu_fill(g, &a->drawn, 0, 4, 0);
     for (int c = SG_C_GRAD_SUM; c <= SG_C_GRAD_COUNT && !code; c++)
         if (e->at[c].buffer)
             code = sg_gpu_fill(g, &e->at[c], 0, sg_vulkan_column_bytes(e, c), 0);
     if (!code && a->parts & SG_PART_APPEARANCE &&
         !(code = sg_gpu_copy(g, &a->weights, 0, &a->own, 0, WEIGHTS_BYTES)))
         code = look(e, &a->own, 0);
+    if (!code)
+        code = list_seen(e, camera);
     return code ? code
-                : GPU_RUN(g, neural, 0, sg_blocks(a->count),
-                          .params = a->at[SG_C_PARAMETERS].address,
-                          .anchors = a->at[SG_C_ANCHOR].address, .weights = weights_of(a)->address,
-                          .view = a->view.address, .to = e->at[SG_C_PARAMETERS].address,
-                          .exists = a->exists.address, .opacities = a->opacities.address,
-                          .drawn = a->drawn.address, .count = (uint32_t) a->count,
-                          .parts = a->parts, .grid_x = ((uint32_t) camera->width + 15) / 16,
-                          .grid_y = ((uint32_t) camera->height + 15) / 16);
+                : GPU_RUN(
+                      g, neural, 0, sg_blocks(a->count), .params = a->at[SG_C_PARAMETERS].address,
+                      .anchors = a->at[SG_C_ANCHOR].address, .weights = weights_of(a)->address,
+                      .view = a->view.address, .to = e->at[SG_C_PARAMETERS].address,
+                      .seen = a->seen.address, .seen_count = seen_count(a),
+                      .exists = a->exists.address, .opacities = a->opacities.address,
+                      .drawn = a->drawn.address, .count = (uint32_t) a->count, .parts = a->parts);
 }
 
 /* Invocations of a kernel with one for each of `values` values of an anchor. */
@@ -211,13 +239,13 @@ static int pull(struct sg_engine *base, bool statistics)
              sg_gpu_reserve(g, SG_MEM_SPLATS, &a->gradient, 4 * blocks * SG_LANES * VK_A_VALUES)) ||
         (code = sg_gpu_reserve(g, SG_MEM_SPLATS, &a->sums, 4 * pieces * VK_W_LOOK)))
         return code;
-    code = GPU_RUN(g, neural_backward, 0, pieces, .params = a->at[SG_C_PARAMETERS].address,
-                   .anchors = a->at[SG_C_ANCHOR].address, .weights = weights_of(a)->address,
-                   .view = a->view.address, .from = e->at[SG_C_GRADIENT].address,
-                   .exists = a->exists.address, .drawn = a->drawn.address,
-                   .gradient = a->gradient.address, .sums = a->sums.address,
-                   .count = (uint32_t) a->count, .parts = a->parts, .pieces = (uint32_t) pieces,
-                   .volume = SG_ANCHOR_VOLUME);
+    code = GPU_RUN(
+        g, neural_backward, 0, pieces, .params = a->at[SG_C_PARAMETERS].address,
+        .anchors = a->at[SG_C_ANCHOR].address, .weights = weights_of(a)->address,
+        .view = a->view.address, .from = e->at[SG_C_GRADIENT].address, .seen = a->seen.address,
+        .seen_count = seen_count(a), .exists = a->exists.address, .drawn = a->drawn.address,
+        .gradient = a->gradient.address, .sums = a->sums.address, .count = (uint32_t) a->count,
+        .parts = a->parts, .pieces = (uint32_t) pieces, .volume = SG_ANCHOR_VOLUME);
     if (!code)
         code = GPU_RUN(g, piece_sums, 0, FOR_EACH(VK_W_LOOK), .from = a->sums.address,
                        .to = a->weight_gradient.address, .count = (uint32_t) pieces,
@@ -327,7 +355,7 @@ struct sg_footprint sg_vulkan_anchors_footprint(const struct sg_work *w, struct 
 {
     struct sg_work own = *w;
     own.sh_degree = 0;
-    const uint64_t anchor = sg_host_footprint(&own, false) + 4 * (VK_A_VALUES + 2);
+    const uint64_t anchor = sg_host_footprint(&own, false) + 4 * (VK_A_VALUES + 4);
     drawn.gaussian += (anchor + VK_ANCHOR - 1) / VK_ANCHOR;
     drawn.view += 4 * (uint64_t) VK_A_PIECES * VK_W_LOOK + 8 * WEIGHTS_BYTES;
     return drawn;

@@ -101,6 +101,8 @@
     K(planes)                                                                                      \
     K(radii)                                                                                       \
     K(edit)                                                                                        \
+    K(anchors_see)                                                                                 \
+    K(anchors_list)                                                                                \
     K(neural)                                                                                      \
     K(neural_backward)                                                                             \
     K(piece_sums)                                                                                  \
@@ -352,18 +354,26 @@
 #define VK_A_PIECES 128  /* at most, of the weights' gradients */
 #define VK_A_SEEN 0x8000 /* of an anchor's word of `exists`, beside a bit for each Gaussian */
 
-/* Gaussians of the anchors that a view sees, to parameters of SH degree 0; those that do not exist
- * have no number as opacity. opacities: of each anchor, their sum; drawn: their number, which begins
- * as 0. */
+/* Which anchors a view sees: 1 or 0 in `places`, and VK_A_SEEN or 0 in `exists`. Of the others, the
+ * opacities in `to` become no number: their Gaussians do not exist. */
+#define ARGS_anchors_see(P, U, F)                                                                  \
+    P(Floats, params) P(Floats, view) P(Floats, to) P(Uints, exists) P(Floats, opacities)          \
+    P(Uints, places) U(count) U(grid_x) U(grid_y)
+/* The seen anchors in order; places: how many are before each. */
+#define ARGS_anchors_list(P, U, F) P(Uints, exists) P(Uints, places) P(Uints, seen) U(count)
+/* Gaussians of the anchors of a list, to parameters of SH degree 0; those that do not exist have no
+ * number as opacity. seen_count: the length of `seen`; opacities: of each anchor, their sum; drawn:
+ * their number, which begins as 0. */
 #define ARGS_neural(P, U, F)                                                                       \
     P(Floats, params) P(Floats, anchors) P(Floats, weights) P(Floats, view) P(Floats, to)          \
-    P(Uints, exists) P(Floats, opacities) P(Uints, drawn) U(count) U(parts) U(grid_x) U(grid_y)
+    P(Uints, seen) P(Uints, seen_count) P(Uints, exists) P(Floats, opacities) P(Uints, drawn)      \
+    U(count) U(parts)
 /* The gradient of those to the values of their anchors, in blocks of VK_A_VALUES planes, and of the
  * weights before VK_W_LOOK: each workgroup leaves a piece of their sums. */
 #define ARGS_neural_backward(P, U, F)                                                              \
     P(Floats, params) P(Floats, anchors) P(Floats, weights) P(Floats, view) P(Floats, from)        \
-    P(Uints, exists) P(Uints, drawn) P(Floats, gradient) P(Floats, sums) U(count) U(parts)         \
-    U(pieces) F(volume)
+    P(Uints, seen) P(Uints, seen_count) P(Uints, exists) P(Uints, drawn) P(Floats, gradient)       \
+    P(Floats, sums) U(count) U(parts) U(pieces) F(volume)
 /* Sums of `width` values over `count` pieces, in a fixed order: a thread each. */
 #define ARGS_piece_sums(P, U, F)                                                                   \
     P(Floats, from) P(Floats, to) U(count) U(width)

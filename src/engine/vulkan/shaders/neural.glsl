@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The networks of Scaffold-GS on a block of 16 anchors, by a workgroup. Layers are in shared memory.
- * Between their rows is a float more than there are anchors: without it a column would be in one
- * bank. Loads bound these kernels, not multiply-adds: so an invocation computes several rows or
- * anchors of a layer from each value that it loads, and loads weights by four where they lie so. */
+/* The networks of Scaffold-GS on 16 anchors that a view sees, by a workgroup. Layers are in shared
+ * memory. Between their rows is a float more than there are anchors: without it a column would be
+ * in one bank. Loads bound these kernels, not multiply-adds: so an invocation computes several rows
+ * or anchors of a layer from each value that it loads, and loads weights by four where they lie so.
+ */
 #include "math/neural.h"
 
 #define ROW 17
@@ -15,7 +16,8 @@
 #define NETWORKS 3
 
 /* Of weights; they begin where an allocation does. */
-layout(buffer_reference, std430, buffer_reference_align = 16) buffer Fours {
+layout(buffer_reference, std430, buffer_reference_align = 16) buffer Fours
+{
     vec4 v[];
 };
 
@@ -26,7 +28,7 @@ shared float n_output[VK_N_OUTPUTS * ROW];
 shared float n_bank_input[5 * ROW];
 shared float n_bank_hidden[VK_N_HIDDEN * ROW];
 shared float n_share[3 * ROW];
-shared uint n_exists[16]; /* of each anchor, as in the buffer */
+shared uint n_anchor[16]; /* their numbers; behind the end of the list: the number of anchors */
 
 /* See sg_bank_source. */
 uint bank_source(uint share, uint f)
@@ -42,17 +44,18 @@ float anchor_value(Floats anchors, uint i, uint plane)
 void hidden_layer(Floats w, uint parts)
 {
     float sum[2 * NETWORKS];
-    [[unroll]] for (uint j = 0; j < 2 * NETWORKS; j++)
-        sum[j] = 0.0;
+    [[unroll]] for (uint j = 0; j < 2 * NETWORKS; j++) sum[j] = 0.0;
     for (uint k = 0; k <= VK_N_INPUTS; k++) {
         const float x0 = n_input[k * ROW + FIRST_LANE], x1 = n_input[k * ROW + FIRST_LANE + 8];
-        [[unroll]] for (uint n = 0; n < NETWORKS; n++) {
+        [[unroll]] for (uint n = 0; n < NETWORKS; n++)
+        {
             const float weight = w.v[k * VK_N_ALL + n * VK_N_HIDDEN + COLUMN];
             sum[2 * n] += weight * x0;
             sum[2 * n + 1] += weight * x1;
         }
     }
-    [[unroll]] for (uint j = 0; j < 2 * NETWORKS; j++) {
+    [[unroll]] for (uint j = 0; j < 2 * NETWORKS; j++)
+    {
         const uint h = j / 2 * VK_N_HIDDEN + COLUMN, lane = FIRST_LANE + j % 2 * 8;
         if ((parts & VK_N_PART_DISTANCE) != 0)
             sum[j] += w.v[VK_W_DISTANCE + h] * n_bank_input[3 * ROW + lane];
@@ -72,34 +75,44 @@ void output_layer(Floats w)
     const uint first = g < 2    ? 5 * g
                        : g < 12 ? VK_N_COVARIANCE + 7 * (g - 2)
                                 : VK_N_COLOUR + OUTPUT_ROWS * (g - 12);
-    const uint end = g < 2 ? first + 5 : g < 12 ? first + 7 : min(first + OUTPUT_ROWS, VK_N_OUTPUTS);
+    const uint end = g < 2    ? first + 5
+                     : g < 12 ? first + 7
+                              : min(first + OUTPUT_ROWS, VK_N_OUTPUTS);
     float sum[OUTPUT_ROWS];
-    [[unroll]] for (uint j = 0; j < OUTPUT_ROWS; j++)
-        sum[j] = w.v[VK_W_BIAS + min(first + j, end - 1)];
+    [[unroll]] for (uint j = 0; j < OUTPUT_ROWS; j++) sum[j] =
+        w.v[VK_W_BIAS + min(first + j, end - 1)];
     for (uint h = 0; h < VK_N_HIDDEN; h += 4) {
         const uint from = (network * VK_N_HIDDEN + h) * ROW + lane;
         const float x0 = n_hidden[from], x1 = n_hidden[from + ROW], x2 = n_hidden[from + 2 * ROW],
                     x3 = n_hidden[from + 3 * ROW];
-        [[unroll]] for (uint j = 0; j < OUTPUT_ROWS; j++) {
-            const vec4 weight =
-                w4.v[(VK_W_OUTPUT + min(first + j, end - 1) * VK_N_HIDDEN + h) / 4];
+        [[unroll]] for (uint j = 0; j < OUTPUT_ROWS; j++)
+        {
+            const vec4 weight = w4.v[(VK_W_OUTPUT + min(first + j, end - 1) * VK_N_HIDDEN + h) / 4];
             sum[j] += weight.x * x0;
             sum[j] += weight.y * x1;
             sum[j] += weight.z * x2;
             sum[j] += weight.w * x3;
         }
     }
-    [[unroll]] for (uint j = 0; j < OUTPUT_ROWS; j++)
-        if (first + j < end)
-            n_output[(first + j) * ROW + lane] = sum[j];
+    [[unroll]] for (uint j = 0; j < OUTPUT_ROWS; j++) if (first + j < end)
+        n_output[(first + j) * ROW + lane] = sum[j];
 }
 
-/* The layers of the anchors of block i0 / 16 that have a bit in n_exists, which all have written;
- * inputs of the others are 0, so that no value is without a number. Ends with a barrier. */
-void layers(Floats params, Floats anchors, Floats w, Floats view, uint i0, uint parts)
+/* Takes 16 anchors of the list from `first` on. Ends with a barrier. */
+void anchors_begin(Uints seen, uint first, uint seen_count, uint count)
 {
-    const uint lane = LANE, row = FIRST_ROW, i = i0 + lane;
-    const bool there = n_exists[lane] != 0;
+    const uint id = gl_LocalInvocationID.x;
+    if (id < 16)
+        n_anchor[id] = first + id < seen_count ? seen.v[first + id] : count;
+    barrier(); /* n_anchor */
+}
+
+/* Their layers. Inputs of those behind the end of the list are 0, so that no value is without a
+ * number. Ends with a barrier. */
+void layers(Floats params, Floats anchors, Floats w, Floats view, uint count, uint parts)
+{
+    const uint lane = LANE, row = FIRST_ROW, i = n_anchor[lane];
+    const bool there = i < count;
     if (row == 0) {
         float d[3], length = 0.0;
         for (uint k = 0; k < 3; k++) {
@@ -130,8 +143,8 @@ void layers(Floats params, Floats anchors, Floats w, Floats view, uint i0, uint 
             for (uint j = 0; j < 3; j++) {
                 z[j] = w.v[VK_W_BANK_BIAS + j];
                 for (uint h = 0; h < VK_N_HIDDEN; h++)
-                    z[j] += w.v[VK_W_BANK_OUTPUT + j * VK_N_HIDDEN + h] *
-                            n_bank_hidden[h * ROW + lane];
+                    z[j] +=
+                        w.v[VK_W_BANK_OUTPUT + j * VK_N_HIDDEN + h] * n_bank_hidden[h * ROW + lane];
             }
             const float most = r_max(r_max(z[0], z[1]), z[2]);
             for (uint j = 0; j < 3; j++) {

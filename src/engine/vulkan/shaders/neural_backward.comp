@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Gradients of a view's Gaussians to those of their anchors and of the weights. A workgroup takes
- * every a.pieces-th block of anchors. Sums of the weights' gradients over its blocks stay in its
- * registers: the block is small, and so each sum has a fixed order. */
+ * 16 of the seen anchors at a time, every a.pieces-th of such blocks. Sums of the weights'
+ * gradients over its blocks stay in its registers: the block is small, and so each sum has a fixed
+ * order. */
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
@@ -16,8 +17,9 @@ shared float d_hidden[VK_N_ALL * ROW];
 shared float d_mixture[VK_A_FEATURES * ROW];
 shared float d_share[3 * ROW];
 
-#define OUTPUT_SUMS 14 /* rows of a column of the output layer, 8 apart; the last few do not exist */
-#define INPUT_SUMS 5   /* rows of three columns of the first layer, likewise */
+#define OUTPUT_SUMS                                                                                \
+    14               /* rows of a column of the output layer, 8 apart; the last few do not exist */
+#define INPUT_SUMS 5 /* rows of three columns of the first layer, likewise */
 
 void put(uint i, uint plane, float value)
 {
@@ -25,11 +27,11 @@ void put(uint i, uint plane, float value)
 }
 
 /* Of the outputs, and of the anchors' own values. */
-void pull_outputs(uint i0)
+void pull_outputs()
 {
-    const uint lane = LANE, k = FIRST_ROW, i = i0 + lane;
+    const uint lane = LANE, k = FIRST_ROW, i = n_anchor[lane];
     if (k < VK_ANCHOR) {
-        const bool exists = (n_exists[lane] >> k & 1) != 0;
+        const bool exists = i < a.count && (a.exists.v[i] >> k & 1) != 0;
         neural d;
         d.y = 0.0;
         for (uint j = 0; j < 7; j++)
@@ -67,8 +69,8 @@ void pull_outputs(uint i0)
     barrier(); /* before d_hidden is written again */
 }
 
-/* Before the ReLU. An invocation has one anchor and four hidden values: of the covariances' network,
- * or of each of the other two, which together have fewer outputs. */
+/* Before the ReLU. An invocation has one anchor and four hidden values: of the covariances'
+ * network, or of each of the other two, which together have fewer outputs. */
 void pull_hidden()
 {
     Fours w4 = Fours(a.weights);
@@ -79,7 +81,8 @@ void pull_hidden()
         vec4 sum = vec4(0.0);
         for (uint o = first; o < end; o++)
             sum += w4.v[(VK_W_OUTPUT + o * VK_N_HIDDEN + column) / 4] * n_output[o * ROW + lane];
-        [[unroll]] for (uint c = 0; c < 4; c++) {
+        [[unroll]] for (uint c = 0; c < 4; c++)
+        {
             const uint at = (n * VK_N_HIDDEN + column + c) * ROW + lane;
             d_hidden[at] = n_hidden[at] > 0.0 ? sum[c] : 0.0;
         }
@@ -88,16 +91,17 @@ void pull_hidden()
 }
 
 /* Of features, or of the mixtures in their place. */
-void pull_features(uint i0)
+void pull_features()
 {
     Fours w4 = Fours(a.weights);
-    const uint lane = LANE, i = i0 + lane;
+    const uint lane = LANE, i = n_anchor[lane];
     float sum[2] = float[](0.0, 0.0);
     for (uint h = 0; h < VK_N_ALL; h += 4) {
         const uint from = h * ROW + lane;
         const float d0 = d_hidden[from], d1 = d_hidden[from + ROW], d2 = d_hidden[from + 2 * ROW],
                     d3 = d_hidden[from + 3 * ROW];
-        [[unroll]] for (uint j = 0; j < 2; j++) {
+        [[unroll]] for (uint j = 0; j < 2; j++)
+        {
             const vec4 weight = w4.v[((FIRST_ROW + 16 * j) * VK_N_ALL + h) / 4];
             sum[j] += weight.x * d0;
             sum[j] += weight.y * d1;
@@ -105,7 +109,8 @@ void pull_features(uint i0)
             sum[j] += weight.w * d3;
         }
     }
-    [[unroll]] for (uint j = 0; j < 2; j++) {
+    [[unroll]] for (uint j = 0; j < 2; j++)
+    {
         const uint f = FIRST_ROW + 16 * j;
         if ((a.parts & VK_N_PART_BANK) != 0)
             d_mixture[f * ROW + lane] = sum[j];
@@ -116,9 +121,9 @@ void pull_features(uint i0)
 
 /* From the gradients of the mixtures to those of the features, of the arguments of the shares
  * (d_share), and of the bank's hidden values, which replace the mixtures' in d_mixture. */
-void pull_mixtures(uint i0)
+void pull_mixtures()
 {
-    const uint lane = LANE, j = FIRST_ROW, i = i0 + lane;
+    const uint lane = LANE, j = FIRST_ROW, i = n_anchor[lane];
     barrier(); /* d_mixture */
     if (i < a.count)
         for (uint f = FIRST_ROW; f < VK_A_FEATURES; f += 16) {
@@ -133,7 +138,7 @@ void pull_mixtures(uint i0)
         }
     float sum = 0.0;
     if (j < 3) {
-        if (n_exists[lane] != 0)
+        if (i < a.count)
             for (uint f = 0; f < VK_A_FEATURES; f++)
                 sum += d_mixture[f * ROW + lane] *
                        anchor_value(a.anchors, i, VK_A_FEATURE + bank_source(j, f));
@@ -163,45 +168,36 @@ void main()
     if (piece >= a.pieces)
         return;
     const uint column = COLUMN, row = id / VK_N_HIDDEN; /* of 8 rows of sums */
-    const uint blocks = (a.count + 15) / 16;
+    const uint seen_count = a.seen_count.v[0];
     float output_sum[OUTPUT_SUMS], input_sum[NETWORKS * INPUT_SUMS];
     float bias = 0.0, distance = 0.0, bank_input = 0.0, bank_output = 0.0;
-    [[unroll]] for (uint j = 0; j < OUTPUT_SUMS; j++)
-        output_sum[j] = 0.0;
-    [[unroll]] for (uint j = 0; j < NETWORKS * INPUT_SUMS; j++)
-        input_sum[j] = 0.0;
-    for (uint block = piece; block < blocks; block += a.pieces) {
-        const uint i0 = block * 16;
+    [[unroll]] for (uint j = 0; j < OUTPUT_SUMS; j++) output_sum[j] = 0.0;
+    [[unroll]] for (uint j = 0; j < NETWORKS * INPUT_SUMS; j++) input_sum[j] = 0.0;
+    for (uint first = piece * 16; first < seen_count; first += a.pieces * 16) {
         barrier(); /* the last block's sums are taken */
-        if (id < 16)
-            n_exists[id] = i0 + id < a.count ? a.exists.v[i0 + id] & ~VK_A_SEEN : 0;
-        barrier(); /* n_exists */
-        uint any = 0;
-        for (uint l = 0; l < 16; l++)
-            any |= n_exists[l];
-        if (any == 0) /* the same for all */
-            continue;
-        layers(a.params, a.anchors, a.weights, a.view, i0, a.parts);
-        pull_outputs(i0);
+        anchors_begin(a.seen, first, seen_count, a.count);
+        layers(a.params, a.anchors, a.weights, a.view, a.count, a.parts);
+        pull_outputs();
         pull_hidden();
-        pull_features(i0);
+        pull_features();
         if ((a.parts & VK_N_PART_BANK) != 0)
-            pull_mixtures(i0);
+            pull_mixtures();
         for (uint l = 0; l < 16; l++) {
             float hidden[NETWORKS];
-            [[unroll]] for (uint n = 0; n < NETWORKS; n++)
-                hidden[n] = n_hidden[(n * VK_N_HIDDEN + column) * ROW + l];
-            [[unroll]] for (uint j = 0; j < OUTPUT_SUMS; j++) {
+            [[unroll]] for (uint n = 0; n < NETWORKS; n++) hidden[n] =
+                n_hidden[(n * VK_N_HIDDEN + column) * ROW + l];
+            [[unroll]] for (uint j = 0; j < OUTPUT_SUMS; j++)
+            {
                 const uint o = min(row + 8 * j, VK_N_OUTPUTS - 1);
                 output_sum[j] += n_output[o * ROW + l] * (o < VK_N_COVARIANCE ? hidden[0]
                                                           : o < VK_N_COLOUR   ? hidden[1]
                                                                               : hidden[2]);
             }
-            [[unroll]] for (uint n = 0; n < NETWORKS; n++) {
+            [[unroll]] for (uint n = 0; n < NETWORKS; n++)
+            {
                 const float d = d_hidden[(n * VK_N_HIDDEN + column) * ROW + l];
-                [[unroll]] for (uint j = 0; j < INPUT_SUMS; j++)
-                    input_sum[n * INPUT_SUMS + j] +=
-                        d * n_input[min(row + 8 * j, VK_N_INPUTS) * ROW + l];
+                [[unroll]] for (uint j = 0; j < INPUT_SUMS; j++) input_sum[n * INPUT_SUMS + j] +=
+                    d * n_input[min(row + 8 * j, VK_N_INPUTS) * ROW + l];
             }
             if (id < VK_N_OUTPUTS)
                 bias += n_output[id * ROW + l];
@@ -211,20 +207,20 @@ void main()
                 if (row < 5)
                     bank_input += d_mixture[column * ROW + l] * n_bank_input[row * ROW + l];
                 if (row < 4) /* the last row: the biases */
-                    bank_output += row < 3 ? d_share[row * ROW + l] * n_bank_hidden[column * ROW + l]
-                                           : column < 3 ? d_share[column * ROW + l] : 0.0;
+                    bank_output += row < 3
+                                       ? d_share[row * ROW + l] * n_bank_hidden[column * ROW + l]
+                                   : column < 3 ? d_share[column * ROW + l]
+                                                : 0.0;
             }
         }
     }
     const uint to = piece * VK_W_LOOK;
-    [[unroll]] for (uint j = 0; j < OUTPUT_SUMS; j++)
-        if (row + 8 * j < VK_N_OUTPUTS)
-            a.sums.v[to + VK_W_OUTPUT + (row + 8 * j) * VK_N_HIDDEN + column] = output_sum[j];
+    [[unroll]] for (uint j = 0; j < OUTPUT_SUMS; j++) if (row + 8 * j < VK_N_OUTPUTS)
+        a.sums.v[to + VK_W_OUTPUT + (row + 8 * j) * VK_N_HIDDEN + column] = output_sum[j];
     [[unroll]] for (uint n = 0; n < NETWORKS; n++)
-        [[unroll]] for (uint j = 0; j < INPUT_SUMS; j++)
-            if (row + 8 * j <= VK_N_INPUTS)
-                a.sums.v[to + (row + 8 * j) * VK_N_ALL + n * VK_N_HIDDEN + column] =
-                    input_sum[n * INPUT_SUMS + j];
+        [[unroll]] for (uint j = 0; j < INPUT_SUMS; j++) if (row + 8 * j <= VK_N_INPUTS)
+            a.sums.v[to + (row + 8 * j) * VK_N_ALL + n * VK_N_HIDDEN + column] =
+        input_sum[n * INPUT_SUMS + j];
     if (id < VK_N_OUTPUTS)
         a.sums.v[to + VK_W_BIAS + id] = bias;
     if (id < VK_N_ALL)
