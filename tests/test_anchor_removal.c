@@ -1,6 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Which anchors go: those without opacity, as in the released code of Scaffold-GS, and those with
  * the lowest scores of the filter. */
+#include "math/real_f64.h"
+
+#include "anchor_models.h"
+#include "defense/filter.h"
+#include "engine/ref/ref_neural.h"
+#include "engine/ref/render.h"
 #include "training_anchors.h"
 
 /* ---- without opacity ---- */
@@ -211,8 +217,209 @@ static void test_opacity(void **state)
         check_opacity(cases[k]);
 }
 
+/* ---- by the filter's score ---- */
+
+#define W 37
+#define H 29
+#define GRID(n) (((n) + SG_TILE - 1) / SG_TILE)
+#define SCORED 24
+#define BEHIND 4 /* every so many one is behind the cameras */
+#define SHARE 0.375
+#define LOWEST ((size_t) (SHARE * SCORED))
+
+/* The Gaussians that a view draws, in the order of their anchors. */
+struct drawn {
+    struct ref_splat splats[SCORED * SG_ANCHOR_GAUSSIANS];
+    double log_smallest[SCORED * SG_ANCHOR_GAUSSIANS], hits[SCORED * SG_ANCHOR_GAUSSIANS];
+    size_t anchor[SCORED * SG_ANCHOR_GAUSSIANS], count;
+};
+
+static void generate(const struct sg_model *m, const struct sg_camera *camera, struct drawn *d)
+{
+    static struct ref_weights w;
+    const struct pinhole view = view_make(camera);
+    const float *weights = (const float *) &m->columns->networks->value;
+    for (size_t i = 0; i < SG_WEIGHTS; i++)
+        ((double *) &w)[i] = (double) weights[i];
+    d->count = 0;
+    for (size_t i = 0; i < m->count; i++) {
+        double drawn[SG_ANCHOR_GAUSSIANS][SG_NEURAL_PLANES];
+        bool exists[SG_ANCHOR_GAUSSIANS];
+        const struct ref_view from = {{view.centre[0], view.centre[1], view.centre[2]}, 0, {0}};
+        struct ref_anchor a;
+        if (i % BEHIND == BEHIND - 1)
+            continue;
+        for (int k = 0; k < 3; k++) {
+            a.position[k] = (double) *sg_model_at(m, i, SG_P_XYZ + k);
+            a.reach[k] = (double) *sg_model_at(m, i, SG_P_SCALE + k);
+        }
+        for (int p = 0; p < SG_A_PLANES; p++)
+            a.anchor[p] = (double) *value(m->columns, i, p);
+        ref_neural_forward(&w, &a, &from, drawn, exists);
+        for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++) {
+            double params[SG_PARAMS_MAX] = {0};
+            if (!exists[k])
+                continue;
+            memcpy(params, drawn[k], sizeof(drawn[k]));
+            ref_project(&view, params, 0, GRID(W), GRID(H), &d->splats[d->count]);
+            d->log_smallest[d->count] = fmin(fmin(drawn[k][SG_P_SCALE], drawn[k][SG_P_SCALE + 1]),
+                                             drawn[k][SG_P_SCALE + 2]);
+            d->hits[d->count] = 0;
+            d->anchor[d->count++] = i;
+        }
+    }
+}
+
+/* Pixels that each is blended in, or its weight there. */
+static void count_pixels(struct drawn *d, bool weighs)
+{
+    static struct ref_entry list[SCORED * SG_ANCHOR_GAUSSIANS];
+    for (int y = 0; y < H; y++)
+        for (int x = 0; x < W; x++) {
+            const size_t n = ref_tile_list(d->splats, d->count, x / SG_TILE, y / SG_TILE, list);
+            double clear = 1, dx, dy, gauss, alpha;
+            for (size_t k = 0; k < n; k++) {
+                if (!ref_pair(&d->splats[list[k].id], x, y, &dx, &dy, &gauss, &alpha))
+                    continue;
+                if (clear * (1 - alpha) < (double) SG_T_MIN)
+                    break;
+                d->hits[list[k].id] += weighs ? alpha * clear : 1;
+                clear *= 1 - alpha;
+            }
+        }
+}
+
+/* By the definition: over views and the Gaussians drawn in them the sum of hits, each with the
+ * weight of that Gaussian's size in this view, or of the anchor's. most: the weight of a pixel. */
+static void score_plainly(const struct sg_model *m, const struct sg_view *views,
+                          const struct sg_defense_params *p, double *score, double *most)
+{
+    static struct drawn d;
+    const double factor = -2 * M_PI * M_PI * p->frequency * p->frequency;
+    memset(score, 0, SCORED * sizeof(double));
+    memset(most, 0, SCORED * sizeof(double));
+    for (int v = 0; v < VIEWS; v++) {
+        double seen[SCORED] = {0}, weight[SCORED * SG_ANCHOR_GAUSSIANS];
+        generate(m, &views[v].camera, &d);
+        count_pixels(&d, p->hit == SG_HIT_WEIGHT);
+        for (size_t k = 0; k < d.count; k++) {
+            const size_t i = d.anchor[k];
+            double size = d.log_smallest[k];
+            if (p->anchor_sigma == SG_ANCHOR_SIGMA_ANCHOR)
+                size = fmin(fmin((double) *value(m->columns, i, SG_A_SIZE),
+                                 (double) *value(m->columns, i, SG_A_SIZE + 1)),
+                            (double) *value(m->columns, i, SG_A_SIZE + 2));
+            weight[k] = pow(1 - exp(factor * exp(2 * size)), p->exponent);
+            most[i] = fmax(most[i], weight[k]);
+            if (p->hit != SG_HIT_VIEWS)
+                score[i] += weight[k] * d.hits[k];
+            else if (d.hits[k] > 0 && p->anchor_sigma == SG_ANCHOR_SIGMA_NEURAL)
+                score[i] += weight[k];
+            else if (d.hits[k] > 0) /* the view counts once */
+                seen[i] = weight[k];
+        }
+        for (size_t i = 0; i < SCORED; i++)
+            score[i] += seen[i];
+    }
+}
+
+static struct sg_model *make_scored(sg_ctx *ctx)
+{
+    struct sg_model *m = make_anchors(ctx, SCORED, 70);
+    m->columns->networks->parts = 0;
+    for (size_t i = 0; i < SCORED; i++) {
+        if (i % BEHIND == BEHIND - 1)
+            *sg_model_at(m, i, SG_P_XYZ + 2) = -20;
+        for (int k = 0; k < 3; k++) /* of assorted sizes */
+            *value(m->columns, i, SG_A_SIZE + k) += draw(75, 3 * i + (size_t) k, -2, 0.5f);
+    }
+    return m;
+}
+
+/* Those that stay are those that do not have the lowest scores, in their order. */
+static void compare_filtered(const char *name, const struct sg_engine *engine,
+                             const struct sg_model *m, const struct sg_defense_step *step,
+                             const double *score)
+{
+    struct sg_model *after;
+    double lowest = INFINITY, highest = 0;
+    size_t k = 0;
+    assert_true(step->filtered);
+    assert_int_equal(step->scored, SCORED);
+    assert_int_equal(step->unseen, SCORED / BEHIND);
+    assert_int_equal(step->removed, LOWEST);
+    assert_int_equal(sg_model_create(sg_engine_ctx(engine), SCORED - LOWEST, 0, &after), SG_OK);
+    assert_int_equal(sg_engine_count(engine), after->count);
+    assert_int_equal(sg_engine_download((struct sg_engine *) engine, after, NULL), SG_OK);
+    for (size_t i = 0; i < SCORED; i++) {
+        const bool stays =
+            k < after->count && *sg_model_at(after, k, SG_P_XYZ) == *sg_model_at(m, i, SG_P_XYZ);
+        k += stays;
+        if (stays)
+            lowest = fmin(lowest, score[i]);
+        else
+            highest = fmax(highest, score[i]);
+    }
+    assert_int_equal(k, after->count);
+    if (!(highest > 0 && highest < 1.02 * lowest))
+        fail_msg("%s: found one of score %g removed, expected less than %g", name, highest, lowest);
+    sg_model_destroy(&after);
+}
+
+static void check_scores(struct engine_case c, const struct sg_defense_params *p)
+{
+    char name[64];
+    sg_ctx *ctx = make_context(2);
+    struct sg_view views[VIEWS];
+    struct sg_scene scene = {.path = (char *) "views", .train = views, .n_train = VIEWS};
+    struct sg_render_params render = sg_render_params_default();
+    struct sg_model *m = make_scored(ctx);
+    struct sg_engine *e = make_scaffold(ctx, c, m);
+    struct sg_defense_step step = {0};
+    struct sg_scores s;
+    double score[SCORED], most[SCORED];
+    for (int v = 0; v < VIEWS; v++)
+        views[v] = (struct sg_view){.name = (char *) "view",
+                                    .camera = make_camera(W, H, 2.2 + 0.3 * (double) v)};
+    snprintf(name, sizeof(name), "%s: size %d, hit %d", case_name(c), (int) p->anchor_sigma,
+             (int) p->hit);
+    score_plainly(m, views, p, score, most);
+    assert_int_equal(sg_score(e, &scene, p, &render, 1, 100, &s), SG_OK);
+    assert_int_equal(s.count, SCORED);
+    for (size_t i = 0; i < SCORED; i++) {
+        const double found = exp(s.score[i]); /* a few pixels may be on either side of a cut-off */
+        const double off = p->hit == SG_HIT_PIXELS ? 2 * most[i] : 0;
+        if (!(fabs(found - score[i]) <= 1e-3 * score[i] + off) || (score[i] > 0) != (found > 0))
+            fail_msg("%s: anchor %zu: score %g, expected %g", name, i, found, score[i]);
+        assert_true((score[i] > 0) == (i % BEHIND != BEHIND - 1));
+    }
+    sg_scores_clear(&s);
+    assert_int_equal(sg_filter(e, &scene, p, &render, SHARE, 1, 100, &step), SG_OK);
+    compare_filtered(name, e, m, &step, score);
+    sg_engine_destroy(&e);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
+/* On every engine, of either size, with each kind of hit. */
+static void test_scores(void **state)
+{
+    (void) state;
+    struct engine_case cases[ENGINE_CASES];
+    struct sg_defense_params p = sg_defense_params_default();
+    p.frequency = 1; /* sizes matter */
+    p.sample = SG_VIEWS_ALL;
+    for (int k = 0, n = engine_cases(cases); k < n; k++)
+        for (int i = 0; i < 6; i++) {
+            p.anchor_sigma = i % 2 ? SG_ANCHOR_SIGMA_ANCHOR : SG_ANCHOR_SIGMA_NEURAL;
+            p.hit = (enum sg_hit)(i / 2);
+            check_scores(cases[k], &p);
+        }
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_opacity)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_opacity),
+                                       cmocka_unit_test(test_scores)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
