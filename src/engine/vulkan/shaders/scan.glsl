@@ -10,7 +10,7 @@ uint group_scan(uint value, out uint all)
     int from = 0;
     barrier(); /* an earlier call may still be reading */
     scan_sums[0][k] = value;
-    barrier();
+    barrier(); /* all values are there */
     for (uint step = 1; step < VK_GROUP; step *= 2) {
         scan_sums[1 - from][k] =
             scan_sums[from][k] + (k >= step ? scan_sums[from][k - step] : 0);

@@ -7,7 +7,7 @@ float group_sum(float value)
     const uint k = gl_LocalInvocationID.x;
     barrier(); /* an earlier call may still be reading */
     tree[k] = value;
-    barrier();
+    barrier(); /* all values are there */
     for (uint half_way = 128; half_way > 0; half_way /= 2) {
         if (k < half_way)
             tree[k] += tree[k + half_way];
