@@ -171,6 +171,65 @@ static void test_exposure_steps(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Trains with masks on photos whose left-out half has this grey. exposures: those learned. */
+static struct sg_model *train_masked(struct fixture *f, const struct sg_train_params *p, int grey,
+                                     double losses[12], float exposures[VIEWS * SG_EXPOSURE])
+{
+    static uint8_t mask[SIDE * SIDE];
+    struct sg_train_step step;
+    struct sg_model *m;
+    const float *e;
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        mask[i] = i % SIDE < SIDE / 2 ? 255 : 0;
+        for (int v = 0; v < VIEWS && !mask[i]; v++)
+            memset(f->views[v].rgb + 3 * i, grey, 3);
+    }
+    for (int v = 0; v < VIEWS; v++)
+        f->views[v].mask = mask;
+    sg_trainer *t = begin_training(f, p);
+    for (int it = 1; it <= 12; it++) {
+        if (sg_trainer_step(t, &step))
+            fail_msg("%s", sg_last_error(f->ctx));
+        losses[it - 1] = step.loss;
+    }
+    assert_int_equal(sg_trainer_exposures(t, &e), SG_OK);
+    if (p->exposure)
+        memcpy(exposures, e, VIEWS * SG_EXPOSURE * sizeof(*e));
+    assert_int_equal(sg_trainer_model(t, &m), SG_OK);
+    sg_trainer_destroy(&t);
+    return m;
+}
+
+/* What a mask leaves out of a photo has no influence, on any engine. */
+static void test_masks(void **state)
+{
+    (void) state;
+    struct engine_case cases[ENGINE_CASES];
+    const int n = engine_cases(cases);
+    for (int variant = 0; variant < 4; variant++)
+        for (int c = 0; c < n; c++) {
+            struct fixture f = make_fixture(2);
+            struct sg_train_params p = short_params();
+            struct sg_model *m[2];
+            double losses[2][12];
+            float exposures[2][VIEWS * SG_EXPOSURE] = {0};
+            p.engine = cases[c].engine, p.cpu = cases[c].variant;
+            p.model = variant == 1 ? SG_MODEL_MIP : SG_MODEL_3DGS;
+            p.strategy = variant == 2 ? SG_STRATEGY_MCMC : SG_STRATEGY_DEFAULT;
+            p.exposure = variant == 3;
+            for (int k = 0; k < 2; k++)
+                m[k] = train_masked(&f, &p, k ? 255 : 0, losses[k], exposures[k]);
+            assert_same(m[0], m[1]);
+            assert_true(m[0]->count > f.start->count); /* it did grow */
+            assert_memory_equal(losses[0], losses[1], sizeof(losses[0]));
+            assert_memory_equal(exposures[0], exposures[1], sizeof(exposures[0]));
+            assert_true(!p.exposure || (exposures[0][1] != 0 && exposures[0][0] != 1));
+            sg_model_destroy(&m[0]);
+            sg_model_destroy(&m[1]);
+            clear_fixture(&f);
+        }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -180,6 +239,7 @@ int main(void)
         cmocka_unit_test(test_exposure),
         cmocka_unit_test(test_exposure_checkpoint),
         cmocka_unit_test(test_exposure_steps),
+        cmocka_unit_test(test_masks),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
