@@ -53,7 +53,7 @@ static void test_training(void **state)
     struct sg_model *one = train(&f, &p, 40, NULL, NULL, found);
     struct sg_model *two = train(&f, &p, 40, NULL, NULL, NULL);
     assert_same(one, two);
-    printf("model %016llx\n", (unsigned long long) hash_of(one));
+    printf("hash of model %016llx\n", (unsigned long long) hash_of(one));
     for (int i = 0; i < 20; i++)
         if (!(fabs(found[i] - expected[i]) < 1e-3 * expected[i]))
             fail_msg("loss %d: found %.9f, expected %.9f", i + 1, found[i], expected[i]);
@@ -83,7 +83,7 @@ static void test_variants(void **state)
         struct sg_model *cpu = train(&f, &p, 15, NULL, NULL, expected);
         p.engine = main_engine();
         struct sg_model *device = train(&f, &p, 15, NULL, NULL, found);
-        printf("model %d %016llx\n", k, (unsigned long long) hash_of(device));
+        printf("hash of model %d %016llx\n", k, (unsigned long long) hash_of(device));
         for (int i = 0; i < 15; i++)
             if (!(fabs(found[i] - expected[i]) < (i < 8 ? 1e-3 : 2e-2) * expected[i]))
                 fail_msg("variant %d, loss %d: found %.9f, expected %.9f", k, i + 1, found[i],
@@ -168,7 +168,7 @@ static void test_anchors(void **state)
         m[3] = train_anchors(&f, &device, 24, path, NULL, resumed);
         m[4] = train_anchors(&f, &cpu, 16, path, path, resumed);
         assert_same_anchors(m[1], m[3]);
-        printf("model anchors %d %016llx\n", parts, (unsigned long long) hash_of(m[1]));
+        printf("hash of model anchors %d %016llx\n", parts, (unsigned long long) hash_of(m[1]));
         for (int i = 0; i < 16; i++)
             if (!(fabs(found[i] - expected[i]) < 1e-3 * expected[i]))
                 fail_msg("loss %d: found %.9f, expected %.9f", i + 1, found[i], expected[i]);
