@@ -96,10 +96,15 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
     file(GLOB SG_RADV /usr/share/vulkan/icd.d/radeon_icd.*.json /usr/local/share/vulkan/icd.d/radeon_icd.*.json)
     list(APPEND SG_RADV none)
     list(GET SG_RADV 0 radv)
-    foreach(family vega10 navi21 gfx1100)
-        add_test(NAME vulkan_registers_${family} COMMAND splatguard_registers)
-        set_tests_properties(vulkan_registers_${family} PROPERTIES LABELS vulkan SKIP_RETURN_CODE 77
-            ENVIRONMENT "RADV_FORCE_FAMILY=${family};RADV_PERFTEST=cswave32;VK_ICD_FILENAMES=${radv};VK_DRIVER_FILES=${radv}")
+    foreach(place vega10_64 navi21_64 navi21_32 gfx1100_64 gfx1100_32) # GPU, subgroup
+        string(REPLACE "_" ";" parts ${place})
+        list(GET parts 0 family)
+        add_test(NAME vulkan_registers_${place} COMMAND splatguard_registers)
+        set_tests_properties(vulkan_registers_${place} PROPERTIES LABELS vulkan SKIP_RETURN_CODE 77
+            ENVIRONMENT "RADV_FORCE_FAMILY=${family};VK_ICD_FILENAMES=${radv};VK_DRIVER_FILES=${radv}")
+        if(place MATCHES "_32$")
+            set_property(TEST vulkan_registers_${place} APPEND PROPERTY ENVIRONMENT RADV_PERFTEST=cswave32)
+        endif()
     endforeach()
 else()
     add_test(NAME vulkan COMMAND sh -c
