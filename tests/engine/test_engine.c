@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Every engine and variant against the scalar oracle through the stage table, on random and on
  * nasty models. */
+#include "edges.h"
+#include "parity.h"
+
 #include "engine/engine.h"
-#include "models.h"
 
 struct outcome {
     int width, height;
@@ -20,9 +22,10 @@ static void *must(size_t n, size_t size)
     return p;
 }
 
+/* counted: the mask of the photo, or NULL. */
 static struct outcome run(sg_ctx *ctx, const char *engine, const char *cpu,
                           const struct sg_model *m, const struct sg_camera *camera,
-                          struct sg_render_params params, bool masked)
+                          struct sg_render_params params, const uint8_t *counted)
 {
     const size_t pixels = (size_t) camera->width * (size_t) camera->height;
     struct outcome o = {.width = camera->width, .height = camera->height};
@@ -30,16 +33,13 @@ static struct outcome run(sg_ctx *ctx, const char *engine, const char *cpu,
     o.rgb = must(3 * pixels, sizeof(float)), o.alpha = must(pixels, sizeof(float)),
     o.depth = must(pixels, sizeof(float));
     o.mean_gradient = must(m->count, sizeof(float));
-    uint8_t *target = must(3 * pixels, 1), *mask = must(pixels, 1);
+    uint8_t *target = must(3 * pixels, 1);
     for (size_t i = 0; i < 3 * pixels; i++)
         target[i] = (uint8_t) draw(9, i, 0, 255);
-    for (size_t i = 0; i < pixels; i++)
-        mask[i] = i % 7 < 5 ? 255 : 0;
     assert_int_equal(sg_engine_draw(b, camera, m->sh_degree, &params, true), SG_OK);
     o.stats = stats_of(b);
     assert_int_equal(sg_engine_read_image(b, o.rgb, o.alpha, o.depth), SG_OK);
-    o.loss = lose(b, &(struct loss_case){
-                         .lambda_dssim = 0.2f, .target = target, .mask = masked ? mask : NULL});
+    o.loss = lose(b, &(struct loss_case){.lambda_dssim = 0.2f, .target = target, .mask = counted});
     assert_int_equal(sg_engine_raster_backward(b), SG_OK);
     assert_int_equal(sg_model_create(ctx, m->count, m->sh_degree, &o.gradients), SG_OK);
     assert_int_equal(sg_engine_read_gradients(b, o.gradients), SG_OK);
@@ -53,7 +53,6 @@ static struct outcome run(sg_ctx *ctx, const char *engine, const char *cpu,
         sg_engine_read_statistics(b, &(struct sg_statistics){.gradient = o.mean_gradient}), SG_OK);
     sg_engine_destroy(&b);
     free(target);
-    free(mask);
     return o;
 }
 
@@ -67,53 +66,31 @@ static void clear(struct outcome *o)
     sg_model_destroy(&o->updated);
 }
 
-/* Tight, but for a bounded share of values that flipped at a cut-off. */
-static void assert_close(const char *what, const float *a, const float *b, size_t n, float absolute,
-                         float relative, double share)
+/* edges: pixels where a Gaussian may be there or not, which are masked in the loss. An image is
+ * right to 1e-5 elsewhere, and a gradient to 1e-4 of the largest of its parameter. Vulkan lets a
+ * device's exp be wrong by 3 + 2 |x| units in the last place, which is 1e-6 at the cut-off. */
+static void compare(const char *name, const struct outcome *o, const struct outcome *ref,
+                    const uint8_t *edges)
 {
-    size_t off = 0, worst = 0;
-    float most = -1;
-    for (size_t i = 0; i < n; i++) {
-        const float d = fabsf(a[i] - b[i]), excess = d - (absolute + relative * fabsf(b[i]));
-        if (!(excess <= 0)) {
-            off++;
-            if (!(d <= most))
-                most = d, worst = i;
-        }
-    }
-    if ((double) off > share * (double) n + 1e-9)
-        fail_msg("%s: %zu of %zu values are off, worst at %zu: found %.9g, expected %.9g", what,
-                 off, n, worst, (double) a[worst], (double) b[worst]);
-}
-
-static void compare(const char *name, const struct outcome *o, const struct outcome *ref)
-{
-    const size_t pixels = (size_t) o->width * (size_t) o->height;
-    char what[64];
-#define NAMED(text) (snprintf(what, sizeof(what), "%s: %s", name, text), what)
-    assert_close(NAMED("image"), o->rgb, ref->rgb, 3 * pixels, 2e-5f, 2e-5f, 0.003);
-    assert_close(NAMED("image, anywhere"), o->rgb, ref->rgb, 3 * pixels, 0.02f, 0.01f, 0);
-    assert_close(NAMED("alpha"), o->alpha, ref->alpha, pixels, 2e-5f, 0, 0.003);
-    assert_close(NAMED("depth"), o->depth, ref->depth, pixels, 1e-4f, 1e-4f, 0.003);
-    assert_int_equal(o->stats.visible, ref->stats.visible);
-    assert_float_equal(o->loss.l1, ref->loss.l1, 1e-5);
-    assert_float_equal(o->loss.ssim, ref->loss.ssim, 1e-4);
-    assert_float_equal(o->loss.mse, ref->loss.mse, 1e-5 * (1 + ref->loss.mse));
-    const int planes = sg_param_count(o->gradients->sh_degree);
-    for (int p = 0; p < planes; p++) {
-        const size_t n = o->gradients->count;
-        float *a = must(n, sizeof(float)), *b = must(n, sizeof(float)), largest = 0;
-        for (size_t i = 0; i < n; i++) {
-            a[i] = *sg_model_at(o->gradients, i, p), b[i] = *sg_model_at(ref->gradients, i, p);
-            largest = fmaxf(largest, fabsf(b[i]));
-        }
-        snprintf(what, sizeof(what), "%s: gradient of plane %d", name, p);
-        assert_close(what, a, b, n, 2e-4f * largest + 1e-9f, 5e-3f, 0.02);
-        free(a);
-        free(b);
-    }
-    assert_close(NAMED("statistics"), o->mean_gradient, ref->mean_gradient, o->gradients->count,
-                 1e-6f, 5e-3f, 0.02);
+    const size_t pixels = (size_t) o->width * (size_t) o->height, n = o->gradients->count;
+    assert_within(name, "image", difference_of(o->rgb, ref->rgb, 3 * pixels, edges, pixels), 1e-5);
+    assert_within(name, "image, with cut-offs",
+                  difference_of(o->rgb, ref->rgb, 3 * pixels, NULL, 1), 0.02);
+    assert_within(name, "alpha", difference_of(o->alpha, ref->alpha, pixels, edges, pixels), 1e-5);
+    assert_within(name, "depth",
+                  difference_of(o->depth, ref->depth, pixels, edges, pixels) /
+                      (1 + largest_of(ref->depth, pixels)),
+                  1e-5);
+    assert_within(name, "visible Gaussians",
+                  fabs((double) o->stats.visible - (double) ref->stats.visible), 0);
+    assert_within(name, "loss: L1", fabs(o->loss.l1 - ref->loss.l1), 1e-6);
+    assert_within(name, "loss: SSIM", fabs(o->loss.ssim - ref->loss.ssim), 1e-6);
+    assert_within(name, "loss: squares", fabs(o->loss.mse - ref->loss.mse), 1e-6);
+    assert_gradients(name, "gradient", o->gradients, ref->gradients, 1e-4);
+    assert_within(name, "statistic of densification",
+                  difference_of(o->mean_gradient, ref->mean_gradient, n, NULL, 1) /
+                      (1e-9 + largest_of(ref->mean_gradient, n)),
+                  1e-4);
 }
 
 /* All variants on one model; the first two render parameter sets must agree with each other too. */
@@ -121,24 +98,30 @@ static void check_model(const struct sg_model *m, const struct sg_camera *camera
 {
     sg_ctx *ctx = make_context(2);
     struct sg_render_params params = {SG_RENDER_DEFAULTS, .background = {0.1f, 0.4f, 0.8f}};
-    struct outcome ref = run(ctx, "ref", NULL, m, camera, params, masked);
+    const size_t pixels = (size_t) camera->width * (size_t) camera->height;
+    uint8_t *edges = must(pixels, 1), *counted = must(pixels, 1);
+    assert_true(find_edges(m, camera, &params, 1e-3, edges) <= pixels / 100);
+    for (size_t i = 0; i < pixels; i++)
+        counted[i] = edges[i] || (masked && i % 7 >= 5) ? 0 : 255;
+    struct outcome ref = run(ctx, "ref", NULL, m, camera, params, counted);
     struct engine_case cases[ENGINE_CASES];
     const int n = engine_cases(cases) - 1; /* the last is the oracle */
     for (int i = 0; i < n; i++) {
-        struct outcome o = run(ctx, cases[i].engine, cases[i].variant, m, camera, params, masked);
-        compare(case_name(cases[i]), &o, &ref);
+        struct outcome o = run(ctx, cases[i].engine, cases[i].variant, m, camera, params, counted);
+        compare(case_name(cases[i]), &o, &ref, edges);
         params.reference_tiles = true;
         struct outcome tiles =
-            run(ctx, cases[i].engine, cases[i].variant, m, camera, params, masked);
+            run(ctx, cases[i].engine, cases[i].variant, m, camera, params, counted);
         params.reference_tiles = false;
         assert_int_equal(tiles.stats.visible, ref.stats.visible);
         assert_true(o.stats.instances <= tiles.stats.instances);
-        assert_close("culled tiles", o.rgb, tiles.rgb, 3 * (size_t) o.width * (size_t) o.height,
-                     1e-6f, 0, 0);
+        assert_memory_equal(o.rgb, tiles.rgb, 3 * pixels * sizeof(float));
         clear(&o);
         clear(&tiles);
     }
     clear(&ref);
+    free(edges);
+    free(counted);
     sg_ctx_destroy(&ctx);
 }
 
@@ -164,16 +147,17 @@ static void test_reference_instances(void **state)
     struct sg_model *m = make_model(ctx, 500, 1, 3);
     const struct sg_camera c = make_camera(150, 110, 3);
     struct sg_render_params params = {SG_RENDER_DEFAULTS, .reference_tiles = true};
-    struct outcome ref = run(ctx, "ref", NULL, m, &c, params, false);
+    struct outcome ref = run(ctx, "ref", NULL, m, &c, params, NULL);
     struct engine_case cases[ENGINE_CASES];
     for (int i = 0, n = engine_cases(cases) - 1; i < n; i++) {
-        struct outcome o = run(ctx, cases[i].engine, cases[i].variant, m, &c, params, false);
+        struct outcome o = run(ctx, cases[i].engine, cases[i].variant, m, &c, params, NULL);
         /* The oracle lists Gaussians that are too transparent to be drawn; the kernels do not. */
         size_t faint = 0;
         for (size_t k = 0; k < m->count; k++)
             faint += *sg_model_at(m, k, SG_P_OPACITY) < -5.5f;
         assert_int_equal(faint, 0);
-        assert_int_equal(o.stats.instances, ref.stats.instances);
+        assert_within(case_name(cases[i]), "instances",
+                      fabs((double) o.stats.instances - (double) ref.stats.instances), 0);
         assert_int_equal(o.stats.max_tile, ref.stats.max_tile);
         clear(&o);
     }
@@ -211,7 +195,7 @@ static void test_nasty(void **state)
     struct engine_case cases[ENGINE_CASES];
     for (int i = 0, n = engine_cases(cases) - 1; i < n; i++) {
         struct outcome o = run(ctx, cases[i].engine, cases[i].variant, m, &c,
-                               (struct sg_render_params){SG_RENDER_DEFAULTS}, false);
+                               (struct sg_render_params){SG_RENDER_DEFAULTS}, NULL);
         for (size_t k = 0; k < 3u * 61 * 47; k++)
             assert_true(isfinite(o.rgb[k]));
         for (size_t k = SG_PARAMS_MAX * count + 10; k < m->count; k++)
@@ -246,12 +230,12 @@ static void test_bands(void **state)
         *sg_model_at(m, i, SG_P_SCALE) = *sg_model_at(m, i, SG_P_SCALE + 1) = 1;
     const struct sg_camera c = make_camera(120, 90, 3);
     struct sg_render_params params = {SG_RENDER_DEFAULTS};
-    struct outcome one = run(ctx, main_engine(), NULL, m, &c, params, false);
+    struct outcome one = run(ctx, main_engine(), NULL, m, &c, params, NULL);
     assert_int_equal(one.stats.bands, 1);
     static const uint64_t limits[] = {1, 7, 100, 500};
     for (int i = 0; i < 4; i++) {
         params.max_instances = limits[i];
-        struct outcome o = run(ctx, main_engine(), NULL, m, &c, params, false);
+        struct outcome o = run(ctx, main_engine(), NULL, m, &c, params, NULL);
         assert_true(o.stats.bands > 1);
         assert_memory_equal(o.rgb, one.rgb, 3 * 120 * 90 * sizeof(float));
         assert_memory_equal(o.gradients->params, one.gradients->params,
@@ -265,13 +249,20 @@ static void test_bands(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Against brute force in the oracle; the sum over the Gaussians is that over the pixels; bands
- * change nothing. */
+/* Against brute force in the oracle, on a model none of whose pixels hangs on rounding; the sum
+ * over the Gaussians is that over the pixels; bands change nothing. */
 static void test_hits(void **state)
 {
     (void) state;
+    static const struct {
+        const char *what;
+        double bound; /* of a share */
+    } kinds[] = {[SG_HIT_PIXELS] = {"hits: pixels", 0},
+                 [SG_HIT_VIEWS] = {"hits: views", 0},
+                 [SG_HIT_WEIGHT] = {"hits: weight", 2e-5},
+                 [SG_HIT_TRANSMITTANCE] = {"hits: transmittance", 2e-5}};
     sg_ctx *ctx = make_context(2);
-    struct sg_model *m = make_model(ctx, 700, 1, 12);
+    struct sg_model *m = make_model(ctx, 700, 1, 50);
     *sg_model_at(m, 5, SG_P_XYZ) = 1000; /* nobody sees it */
     const struct sg_camera cameras[] = {make_camera(90, 70, 3), make_camera(49, 33, 2),
                                         make_camera(64, 64, 40)};
@@ -279,6 +270,8 @@ static void test_hits(void **state)
     struct engine_case cases[ENGINE_CASES];
     double *ref = must(m->count, sizeof(double)), *hits = must(m->count, sizeof(double));
     struct sg_render_params params = {SG_RENDER_DEFAULTS};
+    for (int v = 0; v < 3; v++)
+        assert_int_equal(find_edges(m, views[v], &params, 1e-4, NULL), 0);
     for (int kind = SG_HIT_PIXELS; kind <= SG_HIT_TRANSMITTANCE; kind++) {
         double blended = 0;
         struct sg_engine *b = make_engine(ctx, "ref", NULL, m, NULL);
@@ -304,16 +297,14 @@ static void test_hits(void **state)
             assert_float_equal(sum, blended, 1e-4 * blended);
         for (int k = 0, n = engine_cases(cases) - 1; k < n; k++)
             for (uint64_t limit = 1 << 20; limit; limit = limit > 40 ? 40 : 0) {
-                size_t off = 0;
+                double most = 0;
                 params.max_instances = limit;
                 b = make_engine(ctx, cases[k].engine, cases[k].variant, m, NULL);
                 assert_int_equal(
                     sg_engine_count_hits(b, views, 3, &params, (enum sg_hit) kind, hits), SG_OK);
-                for (size_t i = 0; i < m->count; i++) {
-                    off += fabs(hits[i] - ref[i]) > 1e-3 * (1 + ref[i]);
-                    assert_true(fabs(hits[i] - ref[i]) <= 3 + 0.01 * ref[i]);
-                }
-                assert_true(off <= m->count / 100); /* pairs at a cut-off */
+                for (size_t i = 0; i < m->count; i++)
+                    most = fmax(most, fabs(hits[i] - ref[i]) / (1 + ref[i]));
+                assert_within(case_name(cases[k]), kinds[kind].what, most, kinds[kind].bound);
                 sg_engine_destroy(&b);
             }
         params.max_instances = 1 << 20;
