@@ -160,13 +160,12 @@ static bool report(VkDevice device, VkPipelineLayout layout, uint32_t lanes, enu
 #undef K
     };
     VkPipeline pipeline;
-    const VkResult result =
-        sg_gpu_compile(&vk, device, layout, kernel, variant, lanes,
-                       VK_PIPELINE_CREATE_CAPTURE_STATISTICS_BIT_KHR |
-                           (has_rows(kernel) /* with it, drivers read nothing from their cache */
-                                ? VK_PIPELINE_CREATE_CAPTURE_INTERNAL_REPRESENTATIONS_BIT_KHR
-                                : 0),
-                       &pipeline);
+    struct gpu_build build = sg_gpu_build(kernel, variant, lanes);
+    build.flags = VK_PIPELINE_CREATE_CAPTURE_STATISTICS_BIT_KHR |
+                  (has_rows(kernel) /* with it, drivers read nothing from their cache */
+                       ? VK_PIPELINE_CREATE_CAPTURE_INTERNAL_REPRESENTATIONS_BIT_KHR
+                       : 0);
+    const VkResult result = sg_gpu_compile(&vk, device, layout, &build, &pipeline);
     if (result) {
         fprintf(stderr, "%s %d: does not compile, error %d\n", names[kernel], variant,
                 (int) result);

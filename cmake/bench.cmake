@@ -1,5 +1,15 @@
-# The benchmark reaches below the public API. It is built always, so that it cannot rot, and never run by the tests.
+# The benchmark reaches below the public API. It is built always, so that it cannot rot. Tests run it for a moment.
 add_executable(splatguard_bench bench/bench.c bench/roofline.c)
+if(SG_HAVE_VULKAN) # with kernels of its own, which measure what a device does at best
+    target_sources(splatguard_bench PRIVATE bench/device.c)
+    foreach(name device_copy device_issue)
+        sg_spirv(${PROJECT_SOURCE_DIR}/bench/${name}.comp ${name})
+        target_sources(splatguard_bench PRIVATE ${spirv_dir}/${name}.h)
+    endforeach()
+    target_include_directories(splatguard_bench PRIVATE ${spirv_dir} ${VULKAN_HEADERS})
+else()
+    target_sources(splatguard_bench PRIVATE bench/device_absent.c)
+endif()
 set_target_properties(splatguard_bench PROPERTIES OUTPUT_NAME bench)
 target_include_directories(splatguard_bench PRIVATE src bench)
 target_link_libraries(splatguard_bench PRIVATE splatguard_internal sg_flags sg_overrides Threads::Threads m)

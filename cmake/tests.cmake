@@ -11,7 +11,7 @@ if(NOT ZLIB_FOUND)
     list(FILTER SG_TESTS EXCLUDE REGEX "test_(format|sog|archive)")
 endif()
 if(NOT SG_HAVE_VULKAN)
-    list(FILTER SG_TESTS EXCLUDE REGEX "test_devices|test_device_memory|test_flow")
+    list(FILTER SG_TESTS EXCLUDE REGEX "test_devices|test_device_memory|test_device_parts|test_flow")
 endif()
 add_compile_options($<$<CONFIG:Release>:-O1>) # tests take longer to compile than to run
 foreach(source ${SG_TESTS})
@@ -27,6 +27,12 @@ foreach(source ${SG_TESTS})
         set_tests_properties(${name} PROPERTIES LABELS threads)
     endif()
 endforeach()
+
+if(SG_HAVE_VULKAN)
+    target_sources(test_device_parts PRIVATE bench/device.c)
+    target_include_directories(test_device_parts PRIVATE bench ${spirv_dir})
+    add_dependencies(test_device_parts splatguard_bench) # which makes its kernels
+endif()
 
 set_property(TEST test_scene_data APPEND PROPERTY LABELS slow) # whole captures, where somebody has them
 

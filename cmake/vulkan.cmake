@@ -19,12 +19,16 @@ list(REMOVE_ITEM SG_VULKAN_SOURCES ${vulkan_dir}/absent.c)
 file(GLOB SG_SHADERS CONFIGURE_DEPENDS ${vulkan_dir}/shaders/*.comp)
 set(spirv_dir ${PROJECT_BINARY_DIR}/spirv)
 set(spirv_text "/* Made by cmake/vulkan.cmake. */\n#include \"engine/vulkan/gpu.h\"\n")
-foreach(shader ${SG_SHADERS})
-    get_filename_component(name ${shader} NAME_WE)
+# Makes ${spirv_dir}/NAME.h, with the words of a shader as sg_spirv_NAME.
+function(sg_spirv shader name)
     add_custom_command(OUTPUT ${spirv_dir}/${name}.h
         COMMAND ${GLSLANG_VALIDATOR} -V --quiet --target-env vulkan1.2 --vn sg_spirv_${name} -I${PROJECT_SOURCE_DIR}/src
             -I${vulkan_dir}/shaders --depfile ${spirv_dir}/${name}.d -o ${spirv_dir}/${name}.h ${shader}
         DEPENDS ${shader} DEPFILE ${spirv_dir}/${name}.d VERBATIM)
+endfunction()
+foreach(shader ${SG_SHADERS})
+    get_filename_component(name ${shader} NAME_WE)
+    sg_spirv(${shader} ${name})
     list(APPEND spirv_headers ${spirv_dir}/${name}.h)
     string(APPEND spirv_text "#include \"${name}.h\"\n")
 endforeach()

@@ -75,6 +75,7 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
     sg_vulkan_test(anchor_removal test_anchor_removal 256)
     sg_vulkan_test(flow test_flow${suffix} 256)
     sg_vulkan_test(memory test_device_memory 256)
+    sg_vulkan_test(parts test_device_parts 256)
     sg_vulkan_test(devices test_devices 256)
     # Scripts of the command line with this engine instead of the default, without the layer. The others compute nothing or
     # stop before they do (usage), or take minutes on such a driver: those have a short form here.

@@ -65,25 +65,32 @@ static bool draws_tiles(enum gpu_kernel kernel)
     return kernel == GPU_raster || kernel == GPU_raster_backward || kernel == GPU_raster_count;
 }
 
+struct gpu_build sg_gpu_build(enum gpu_kernel kernel, int variant, uint32_t lanes)
+{
+    return (struct gpu_build){.code = &sg_vulkan_code[kernel],
+                              .constants = {VK_BLOCKS * lanes,
+                                            draws_tiles(kernel) ? lanes : (uint32_t) variant,
+                                            variant ? VK_SLOT_ABSOLUTE : VK_SLOT}};
+}
+
 VkResult sg_gpu_compile(const struct vk_functions *vk, VkDevice device, VkPipelineLayout layout,
-                        enum gpu_kernel kernel, int variant, uint32_t lanes,
-                        VkPipelineCreateFlags flags, VkPipeline *out)
+                        const struct gpu_build *build, VkPipeline *out)
 {
     const VkShaderModuleCreateInfo code = {.sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO,
-                                           .codeSize = sg_vulkan_code[kernel].bytes,
-                                           .pCode = sg_vulkan_code[kernel].words};
+                                           .codeSize = build->code->bytes,
+                                           .pCode = build->code->words};
     VkShaderModule module;
     VkResult result = vk->CreateShaderModule(device, &code, NULL, &module);
     if (result)
         return result;
-    const uint32_t constants[3] = {VK_BLOCKS * lanes,
-                                   draws_tiles(kernel) ? lanes : (uint32_t) variant,
-                                   variant ? VK_SLOT_ABSOLUTE : VK_SLOT};
-    const VkSpecializationMapEntry entries[3] = {{0, 0, 4}, {1, 4, 4}, {2, 8, 4}};
-    const VkSpecializationInfo special = {3, entries, sizeof(constants), constants};
+    VkSpecializationMapEntry entries[GPU_CONSTANTS];
+    for (uint32_t i = 0; i < GPU_CONSTANTS; i++)
+        entries[i] = (VkSpecializationMapEntry){i, 4 * i, 4};
+    const VkSpecializationInfo special = {GPU_CONSTANTS, entries, sizeof(build->constants),
+                                          build->constants};
     const VkComputePipelineCreateInfo info = {
         .sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO,
-        .flags = flags,
+        .flags = build->flags,
         .stage = {.sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
                   .stage = VK_SHADER_STAGE_COMPUTE_BIT,
                   .module = module,
@@ -103,12 +110,11 @@ int sg_gpu_pipeline(sg_ctx *ctx, struct gpu_device *d, enum gpu_kernel kernel, i
         VK_KERNELS(K)
 #undef K
     };
+    const struct gpu_build build = sg_gpu_build(kernel, variant, sg_gpu_lanes(d->chosen.lanes));
     VkPipeline *pipeline = &d->pipelines[kernel][variant];
     pthread_mutex_lock(&d->lock);
-    const VkResult result = *pipeline
-                                ? VK_SUCCESS
-                                : sg_gpu_compile(&d->vk, d->device, d->layout, kernel, variant,
-                                                 sg_gpu_lanes(d->chosen.lanes), 0, pipeline);
+    const VkResult result =
+        *pipeline ? VK_SUCCESS : sg_gpu_compile(&d->vk, d->device, d->layout, &build, pipeline);
     *out = *pipeline;
     pthread_mutex_unlock(&d->lock);
     return result ? sg_vk_fail(ctx, &d->chosen, result, names[kernel]) : SG_OK;

@@ -26,6 +26,18 @@ enum gpu_kernel {
 
 extern const struct gpu_code sg_vulkan_code[GPU_KERNELS];
 
+/* Specialisation constants: the invocations of a workgroup that draws a tile; those of its blocks,
+ * or the variant; the floats of a slot; parts that are left out, VK_WITHOUT_. */
+#define GPU_CONSTANTS 4
+#define GPU_WITHOUT 3
+
+/* What a pipeline is made of. */
+struct gpu_build {
+    const struct gpu_code *code;
+    uint32_t constants[GPU_CONSTANTS];
+    VkPipelineCreateFlags flags;
+};
+
 struct gpu_device {
     struct vk_functions vk;
     struct vk_device_choice chosen; /* its free memory was that when the device was opened */
@@ -60,9 +72,9 @@ void sg_gpu_lose_device(struct gpu_device *d);
 int sg_gpu_pipeline(sg_ctx *ctx, struct gpu_device *d, enum gpu_kernel kernel, int variant,
                     VkPipeline *out);
 /* The same without a gpu_device. */
+struct gpu_build sg_gpu_build(enum gpu_kernel kernel, int variant, uint32_t lanes);
 VkResult sg_gpu_compile(const struct vk_functions *vk, VkDevice device, VkPipelineLayout layout,
-                        enum gpu_kernel kernel, int variant, uint32_t lanes,
-                        VkPipelineCreateFlags flags, VkPipeline *out);
+                        const struct gpu_build *build, VkPipeline *out);
 /* vkAllocateMemory; VK_ERROR_TOO_MANY_OBJECTS where the device allows no more. */
 VkResult sg_gpu_allocate(struct gpu_device *d, const VkMemoryAllocateInfo *info,
                          VkDeviceMemory *out);

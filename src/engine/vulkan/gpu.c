@@ -247,12 +247,10 @@ static void barrier(struct gpu *g)
     g->vk.CmdPipelineBarrier(commands(g), stages, stages | readers, 0, 1, &all, 0, NULL, 0, NULL);
 }
 
-static int prepare(struct gpu *g, enum gpu_kernel kernel, int variant, const void *args,
-                   size_t size)
+static int bind(struct gpu *g, VkPipeline pipeline, const void *args, size_t size)
 {
-    VkPipeline pipeline;
-    int code = sg_gpu_pipeline(g->ctx, g->shared, kernel, variant, &pipeline);
-    if (code || (code = record(g)))
+    const int code = record(g);
+    if (code)
         return code;
     g->vk.CmdBindPipeline(commands(g), VK_PIPELINE_BIND_POINT_COMPUTE, pipeline);
     g->vk.CmdPushConstants(commands(g), g->shared->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0,
@@ -261,21 +259,51 @@ static int prepare(struct gpu *g, enum gpu_kernel kernel, int variant, const voi
     return SG_OK;
 }
 
+static int prepare(struct gpu *g, enum gpu_kernel kernel, int variant, const void *args,
+                   size_t size)
+{
+    VkPipeline pipeline;
+    double *const clock = g->clock;
+    int code = sg_gpu_pipeline(g->ctx, g->shared, kernel, variant, &pipeline);
+    if (code)
+        return code;
+    if (g->profile) {
+        g->profile->dispatches[kernel]++;
+        g->clock = &g->profile->seconds[kernel];
+    }
+    code = bind(g, pipeline, args, size);
+    g->clock = clock;
+    return code;
+}
+
+static void run_groups(struct gpu *g, uint64_t groups)
+{
+    const uint64_t rows = gpu_groups(groups, VK_MOST_GROUPS);
+    g->vk.CmdDispatch(commands(g), (uint32_t) gpu_groups(groups, rows), (uint32_t) rows, 1);
+    barrier(g);
+}
+
 int sg_gpu_dispatch(struct gpu *g, enum gpu_kernel kernel, int variant, const void *args,
                     size_t size, uint64_t groups)
 {
     if (!groups)
         return SG_OK;
-    const uint64_t rows = (groups + VK_MOST_GROUPS - 1) / VK_MOST_GROUPS;
-    if (rows > VK_MOST_GROUPS)
+    if (gpu_groups(groups, VK_MOST_GROUPS) > VK_MOST_GROUPS)
         return sg_fail(g->ctx, SG_ERR_BUDGET, "vulkan: found %llu workgroups, which is too many",
                        (unsigned long long) groups);
     const int code = prepare(g, kernel, variant, args, size);
-    if (code)
-        return code;
-    g->vk.CmdDispatch(commands(g), (uint32_t) ((groups + rows - 1) / rows), (uint32_t) rows, 1);
-    barrier(g);
-    return SG_OK;
+    if (!code)
+        run_groups(g, groups);
+    return code;
+}
+
+int sg_gpu_dispatch_pipeline(struct gpu *g, VkPipeline pipeline, const void *args, size_t size,
+                             uint64_t groups)
+{
+    const int code = bind(g, pipeline, args, size);
+    if (!code)
+        run_groups(g, groups);
+    return code;
 }
 
 int sg_gpu_dispatch_work(struct gpu *g, enum gpu_kernel kernel, int variant, const void *args,

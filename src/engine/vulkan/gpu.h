@@ -36,7 +36,7 @@ struct gpu_buffer {
     void *mapped; /* of one that the host sees, else NULL */
 };
 
-#define GPU_MARKS 64  /* timestamps of a submission */
+#define GPU_MARKS 128 /* timestamps of a submission */
 #define GPU_FLIGHTS 3 /* submissions that the device has at once */
 #define GPU_STOPPED 1 /* beside codes, which are 0 or negative: the device has stopped */
 
@@ -50,6 +50,12 @@ struct gpu_flight {
     double *clocks[GPU_MARKS]; /* of what follows each mark */
 };
 
+/* What each kernel takes, in seconds, and how often it was recorded. */
+struct gpu_profile {
+    double seconds[GPU_KERNELS];
+    uint64_t dispatches[GPU_KERNELS];
+};
+
 struct gpu {
     sg_ctx *ctx;
     struct gpu_device *shared;
@@ -61,14 +67,15 @@ struct gpu {
     uint32_t depth;                         /* how many of them are used */
     uint32_t now;                           /* the one that is recorded next, or just now */
     bool recording, lost;
-    double *clock;             /* of what is recorded next, or NULL */
-    struct gpu_buffer stop;    /* a word; 0: go on */
-    struct gpu_buffer told;    /* a copy of it after each flight, for the host */
-    uint64_t finished;         /* number of the newest submission that is done */
-    uint64_t stopped;          /* number of the first submission that found it set, or 0 */
-    struct gpu_buffer staging; /* the host's window on device memory */
-    struct gpu_buffer none;    /* what unused arguments point to */
-    uint32_t lanes;            /* invocations of a block of pixels */
+    double *clock;               /* of what is recorded next, or NULL */
+    struct gpu_profile *profile; /* NULL, or in place of the clock; the benchmark's */
+    struct gpu_buffer stop;      /* a word; 0: go on */
+    struct gpu_buffer told;      /* a copy of it after each flight, for the host */
+    uint64_t finished;           /* number of the newest submission that is done */
+    uint64_t stopped;            /* number of the first submission that found it set, or 0 */
+    struct gpu_buffer staging;   /* the host's window on device memory */
+    struct gpu_buffer none;      /* what unused arguments point to */
+    uint32_t lanes;              /* invocations of a block of pixels */
     uint64_t dispatches, submissions;
 };
 
@@ -109,6 +116,9 @@ int sg_gpu_dispatch_work(struct gpu *g, enum gpu_kernel kernel, int variant, con
 #define GPU_RUN_WORK(g, kernel, variant, work, item, ...)                                          \
     sg_gpu_dispatch_work(g, GPU_##kernel, variant, &(struct args_##kernel){__VA_ARGS__},           \
                          sizeof(struct args_##kernel), work, item)
+/* A pipeline of the caller's, with the layout of all kernels. */
+int sg_gpu_dispatch_pipeline(struct gpu *g, VkPipeline pipeline, const void *args, size_t size,
+                             uint64_t groups);
 int sg_gpu_fill(struct gpu *g, const struct gpu_buffer *b, uint64_t offset, uint64_t bytes,
                 uint32_t value);
 /* At most 65536 bytes, in words. */

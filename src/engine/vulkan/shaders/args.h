@@ -53,6 +53,16 @@
 #define VK_WORKS 12
 #define VK_MOST_GROUPS 65535 /* of a dimension, on every device */
 
+/* Bits of the specialisation constant WITHOUT: parts of a kernel that the benchmark leaves out. */
+#define VK_WITHOUT_COLOURS 1    /* project: spherical harmonics */
+#define VK_WITHOUT_SPLATS 2     /* project: ellipses, and writing splats */
+#define VK_WITHOUT_PAIRS 4      /* raster, raster_backward: pairs of a Gaussian and a pixel */
+#define VK_WITHOUT_WRITES 8     /* raster: the image and what the backward pass begins with */
+#define VK_WITHOUT_SUMS 16      /* raster_backward: sums over pixels and blocks */
+#define VK_WITHOUT_SLOTS 32     /* raster_backward: writing the sums */
+#define VK_WITHOUT_GRADIENTS 64 /* learn: sums of slots, and gradients from them */
+#define VK_WITHOUT_STEPS 128    /* learn: parameters and moments */
+
 #define VK_KERNELS(K)                                                                              \
     K(project)                                                                                     \
     K(count)                                                                                       \

@@ -32,6 +32,19 @@ layout(buffer_reference, std430, buffer_reference_align = 4) buffer Uints {
 
 #include "math/constants.h"
 
+layout(constant_id = 3) const uint WITHOUT = 0;
+
+bool with_part(uint part)
+{
+    return (WITHOUT & part) == 0;
+}
+/* The same for what is done with `value`. No value is as large, but compilers do not know that, and
+ * compute it although nothing is done with it. */
+bool with_part_of(uint part, float value)
+{
+    return with_part(part) || value > 1e30;
+}
+
 /* Workgroups are folded into two dimensions: some devices have 65535 in one. */
 uint group_index()
 {

@@ -117,7 +117,7 @@ void main()
     if ((a.what & VK_LEARN_PULL) == 0)
         for (int plane = 0; plane < PLANES; plane++)
             g[plane] = a.gradients.v[param_at(a.planes, i, plane)];
-    else if ((a.rects.v[2 * i + 1] & 0xffff) > 0)
+    else if ((a.rects.v[2 * i + 1] & 0xffff) > 0 && with_part(VK_WITHOUT_GRADIENTS))
         pull(i, g);
     if ((a.what & VK_LEARN_ACCUMULATE) != 0)
         for (int plane = 0; plane < PLANES; plane++) {
@@ -129,6 +129,11 @@ void main()
         for (int plane = 0; plane < PLANES; plane++)
             a.gradients.v[param_at(a.planes, i, plane)] = g[plane];
     if ((a.what & VK_LEARN_ADAM) == 0)
+        return;
+    float all = 0.0;
+    for (int plane = 0; plane < PLANES; plane++)
+        all += g[plane];
+    if (!with_part_of(VK_WITHOUT_STEPS, all))
         return;
     const float mean_opacity = a.view.v[VK_VIEW + 12], mean_scale = a.view.v[VK_VIEW + 13];
     if (mean_opacity > 0.0) {

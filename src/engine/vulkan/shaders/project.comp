@@ -51,11 +51,13 @@ void main()
             d[k] = xyz[k] - v.centre[k];
             rgb[k] = 0.5;
         }
-        const float inv = 1.0 / sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-        sh_basis(DEGREE, d[0] * inv, d[1] * inv, d[2] * inv, basis);
-        for (int k = 0; k < (DEGREE + 1) * (DEGREE + 1); k++)
-            for (int ch = 0; ch < 3; ch++)
-                rgb[ch] += basis[k] * a.params.v[param_at(a.planes, i, P_SH + 3 * k + ch)];
+        if (with_part(VK_WITHOUT_COLOURS)) {
+            const float inv = 1.0 / sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+            sh_basis(DEGREE, d[0] * inv, d[1] * inv, d[2] * inv, basis);
+            for (int k = 0; k < (DEGREE + 1) * (DEGREE + 1); k++)
+                for (int ch = 0; ch < 3; ch++)
+                    rgb[ch] += basis[k] * a.params.v[param_at(a.planes, i, P_SH + 3 * k + ch)];
+        }
         for (int ch = 0; ch < 3; ch++) {
             good = good && finite(rgb[ch]) && rgb[ch] < SG_COLOUR_MAX && rgb[ch] > -SG_COLOUR_MAX;
             /* The backward pass knows the clamped by their 0. */
@@ -68,7 +70,8 @@ void main()
         a.keys.v[i] = drawn ? floatBitsToUint(s.z) - floatBitsToUint(SG_Z_MIN) : 0;
         a.rects.v[2 * i] = drawn ? t.x0 | t.y0 << 16 : good ? 1 : 0;
         a.rects.v[2 * i + 1] = drawn ? t.x1 | t.y1 << 16 : good ? 1 : 0;
-        if (drawn) {
+        const bool kept = with_part_of(VK_WITHOUT_SPLATS, rgb[0] + rgb[1] + rgb[2] + s.x);
+        if (drawn && kept) {
             const float var = 1.0 / s.A;
             const ellipse e =
                 ellipse_make(ellipse_border(opacity, s.a, s.c, s.det), s.b / s.c, var, s.c);
@@ -88,7 +91,7 @@ void main()
             a.splats.v[to + S_PEAK] = log2(opacity);
             a.splats.v[to + S_Z] = s.z;
         }
-        if (good) { /* colours also of those that are too faint: the backward pass reads them */
+        if (good && kept) { /* colours also of those that are too faint: the backward pass reads them */
             a.splats.v[i * SPLAT + S_R] = rgb[0];
             a.splats.v[i * SPLAT + S_G] = rgb[1];
             a.splats.v[i * SPLAT + S_B] = rgb[2];

@@ -9,6 +9,12 @@ ARGUMENTS(raster);
 
 shared uint open_pixels, rows_walked;
 
+/* Something that depends on all that a pixel has. */
+float light_of(vec3 colour, float more)
+{
+    return colour.x + colour.y + colour.z + more;
+}
+
 void main()
 {
     const uint tile = group_index(), t = gl_LocalInvocationID.x;
@@ -33,6 +39,8 @@ void main()
         if ((at - first) % VK_CHUNK == 0) {
             const uint chunk = a.chunk_start.v[tile] + (at - first) / VK_CHUNK;
             [[unroll]] for (uint p = 0; p < PIXELS; p++) {
+                if (!with_part_of(VK_WITHOUT_WRITES, light_of(colour[p], chain[p])))
+                    continue;
                 const uint to = 4 * (chunk * 256 + p * INVOCATIONS + t);
                 a.checkpoints.v[to] = colour[p].x;
                 a.checkpoints.v[to + 1] = colour[p].y;
@@ -59,7 +67,8 @@ void main()
             const vec2 pixel = vec2(uvec2(x0, y0) + pixel_of(p));
             float c = chain[p];
             /* Without branches: a pair that the pixel does not see adds zeros. */
-            for (uint todo = c >= SG_T_MIN ? list : 0; todo != 0;) {
+            const bool walks = c >= SG_T_MIN && with_part(VK_WITHOUT_PAIRS);
+            for (uint todo = walks ? list : 0; todo != 0;) {
                 const uint k = findLSB(todo);
                 const float alpha = pair_of(k, pixel.x, pixel.y).alpha;
                 const float weight = alpha * c;
@@ -89,7 +98,8 @@ void main()
         atomicAdd(rows_walked, rows);
     [[unroll]] for (uint p = 0; p < PIXELS; p++) {
         const uvec2 pixel = uvec2(x0, y0) + pixel_of(p);
-        if (pixel.x >= a.width || pixel.y >= a.height)
+        if (pixel.x >= a.width || pixel.y >= a.height ||
+            !with_part_of(VK_WITHOUT_WRITES, light_of(colour[p], left[p] + depth[p])))
             continue;
         const uint to = pixel.y * a.width + pixel.x, plane = a.width * a.height;
         a.image.v[to] = colour[p].x + left[p] * a.background_r;

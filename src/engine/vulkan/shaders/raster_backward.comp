@@ -130,6 +130,10 @@ void main()
                 /* Without branches, which cost more: behind the end of the list it is any splat
                  * that was staged, and nothing of it counts. */
                 for (uint row = 0; row < ROWS; row++) {
+                    if (!with_part(VK_WITHOUT_PAIRS)) {
+                        row_w[block][row][q] = row_weight[block][row][q] = 0.0;
+                        continue;
+                    }
                     const uint k = findLSB(todo) & VK_BATCH - 1;
                     const pair o = pair_of(k, pixel.x, pixel.y);
                     const float before = chain[p], next = chain_next(before, o.alpha);
@@ -146,6 +150,8 @@ void main()
                 rest = todo;
             }
             barrier(); /* the pixels of the round are there */
+            if (!with_part(VK_WITHOUT_SUMS))
+                continue;
             for (uint item = t; item < VK_BLOCKS * ROWS * PARTS; item += INVOCATIONS) {
                 sum_part(item);
                 if (SLOT > VK_SLOT) {
@@ -168,10 +174,17 @@ void main()
             float s[SLOT];
             for (uint j = 0; j < SLOT; j++)
                 s[j] = 0.0;
-            for (uint b = 0; b < VK_BLOCKS; b++)
+            for (uint b = 0; b < VK_BLOCKS && with_part(VK_WITHOUT_SUMS); b++)
                 if ((batch_rows[b] >> k & 1) != 0)
                     for (uint j = 0; j < SLOT; j++)
                         s[j] += sums[b][k][j];
+            if (!with_part(VK_WITHOUT_SUMS)) /* something that depends on the pixels */
+                s[0] = row_w[k % VK_BLOCKS][0][k] + row_weight[k % VK_BLOCKS][0][k];
+            float all = 0.0;
+            for (uint j = 0; j < SLOT; j++)
+                all += s[j];
+            if (!with_part_of(VK_WITHOUT_SLOTS, all))
+                continue;
             const float dx = float(x0) + CENTRE - batch_shape[k].x;
             const float dy = float(y0) + CENTRE - batch_shape[k].y;
             const uint to = a.instances.v[2 * (at + k) + 1] * SLOT;
