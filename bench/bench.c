@@ -3,9 +3,14 @@
  * sweeps go to a CSV file too.
  *
  *     bench [--quick] [--threads T] [--cpu VARIANT] [--model MODEL.ply] [--csv FILE]
- *     bench --engine ENGINE [--quick] [--threads T] [--gaussians N] [--side N] [--model MODEL.ply]
+ *     bench --engine ENGINE [--quick | --rounds N] [--threads T] [--cpu VARIANT] [--gaussians N]
+ *         [--side N] [--model MODEL.ply] [--defense] [--without PART,...] [--parts] [--kernels]
+ *         [--csv FILE]
  *
- * The second form measures one size on another engine, and what its calling thread works.
+ * The second form measures one size on any engine: what its calling thread works, and each stage
+ * next to what the engine's device could do; --defense: those of the defense too. Of an engine with
+ * a device, --without measures the stages with parts of their kernels left out, --parts does so for
+ * one part after the other, and --kernels measures each kernel.
  *
  * Without --model the Gaussians lie on the surfaces of our own making: flat, overlapping discs of
  * the size that training leaves, seen whole in a square image. */
@@ -22,6 +27,7 @@
 #include "core/rng.h"
 #include "measure.h"
 #include "roofline.h"
+#include "stages.h"
 #include "splatguard/splatguard.h"
 
 #define STAGES 6
@@ -105,18 +111,9 @@ static double thread_seconds(void)
     return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
 }
 
-#define VIEWS 8 /* all alike */
-
-/* Median times of whole training iterations (degree 3, no densification). With a filter it counts
- * in each, in VIEWS views, and removes nothing. */
-static struct result measure(const struct sg_model *model, int side, int threads,
-                             const char *engine, const char *cpu, int rounds,
-                             const struct sg_defense_params *defense)
+/* Of noise. The caller frees its pixels. */
+static struct sg_view make_view(int side)
 {
-    sg_ctx *ctx;
-    sg_trainer *t;
-    if (sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = threads}))
-        bench_fail(NULL, "context");
     struct sg_view view = {.name = (char *) "bench",
                            .camera = {.width = side,
                                       .height = side,
@@ -129,6 +126,22 @@ static struct result measure(const struct sg_model *model, int side, int threads
     view.rgb = malloc(3 * (size_t) side * (size_t) side);
     for (size_t i = 0; i < 3 * (size_t) side * (size_t) side; i++)
         view.rgb[i] = (uint8_t) (i * 2654435761u >> 13);
+    return view;
+}
+
+#define VIEWS 8 /* all alike */
+
+/* Median times of whole training iterations (degree 3, no densification). With a filter it counts
+ * in each, in VIEWS views, and removes nothing. */
+static struct result measure(const struct sg_model *model, int side, int threads,
+                             const char *engine, const char *cpu, int rounds,
+                             const struct sg_defense_params *defense)
+{
+    sg_ctx *ctx;
+    sg_trainer *t;
+    if (sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = threads}))
+        bench_fail(NULL, "context");
+    struct sg_view view = make_view(side);
     struct sg_view views[VIEWS];
     for (int i = 0; i < VIEWS; i++)
         views[i] = view;
@@ -231,16 +244,12 @@ static void print_stages(const struct result *r, const struct roofline *m)
     }
 }
 
-/* Of an engine with a device of its own, which no roofline here is about. */
-static void print_engine(const struct result *r)
+static void print_engine(const struct result *r, const char *engine)
 {
-    printf("%zu Gaussians, %dx%d: **%.2f ms** an iteration, of which the calling thread works "
-           "%.3f ms (%.2f %%).\n\n| stage | ms | share |\n|---|---|---|\n",
-           r->gaussians, r->side, r->side, 1e3 * r->total, 1e3 * r->caller,
+    printf("%zu Gaussians, %dx%d, %s: **%.2f ms** an iteration, of which the calling thread works "
+           "%.3f ms (%.2f %%).\n",
+           r->gaussians, r->side, r->side, engine, 1e3 * r->total, 1e3 * r->caller,
            100 * r->caller / r->total);
-    for (int k = 0; k < STAGES; k++)
-        printf("| %s | %.3f | %.1f %% |\n", stage_names[k], 1e3 * r->stage[k],
-               100 * r->stage[k] / r->total);
 }
 
 /* Parts of the defense as it is by default: losses in every iteration, 48 counting passes in
@@ -289,48 +298,77 @@ static void table_head(void)
     printf("\n");
 }
 
+static int usage(void)
+{
+    fprintf(stderr,
+            "usage: bench [--quick] [--threads T] [--cpu VARIANT] [--model MODEL.ply] [--csv "
+            "FILE]\n"
+            "       bench --engine ENGINE [--quick | --rounds N] [--threads T] [--cpu VARIANT] "
+            "[--gaussians N]\n"
+            "           [--side N] [--model MODEL.ply] [--defense] [--without PART,...] [--parts] "
+            "[--kernels] [--csv FILE]\n");
+    return 1;
+}
+
 int main(int argc, char **argv)
 {
     int threads = 2, quick = 0, gaussians = 300000, side = 800;
-    const char *cpu = NULL, *path = NULL, *csv_path = NULL, *engine = NULL;
+    const char *path = NULL;
+    struct stages_options o = {0};
     for (int i = 1; i < argc; i++) {
+        const char *value = i + 1 < argc ? argv[i + 1] : NULL;
         if (!strcmp(argv[i], "--quick"))
             quick = 1;
-        else if (!strcmp(argv[i], "--threads") && i + 1 < argc)
+        else if (!strcmp(argv[i], "--defense"))
+            o.defense = true;
+        else if (!strcmp(argv[i], "--parts"))
+            o.parts = true;
+        else if (!strcmp(argv[i], "--kernels"))
+            o.kernels = true;
+        else if (!value)
+            return usage();
+        else if (!strcmp(argv[i], "--threads"))
             threads = atoi(argv[++i]);
-        else if (!strcmp(argv[i], "--cpu") && i + 1 < argc)
-            cpu = argv[++i];
-        else if (!strcmp(argv[i], "--model") && i + 1 < argc)
+        else if (!strcmp(argv[i], "--rounds"))
+            o.rounds = atoi(argv[++i]);
+        else if (!strcmp(argv[i], "--cpu"))
+            o.cpu = argv[++i];
+        else if (!strcmp(argv[i], "--model"))
             path = argv[++i];
-        else if (!strcmp(argv[i], "--csv") && i + 1 < argc)
-            csv_path = argv[++i];
-        else if (!strcmp(argv[i], "--engine") && i + 1 < argc)
-            engine = argv[++i];
-        else if (!strcmp(argv[i], "--gaussians") && i + 1 < argc)
+        else if (!strcmp(argv[i], "--csv"))
+            o.csv = argv[++i];
+        else if (!strcmp(argv[i], "--engine"))
+            o.engine = argv[++i];
+        else if (!strcmp(argv[i], "--without"))
+            o.without = argv[++i];
+        else if (!strcmp(argv[i], "--gaussians"))
             gaussians = atoi(argv[++i]);
-        else if (!strcmp(argv[i], "--side") && i + 1 < argc)
+        else if (!strcmp(argv[i], "--side"))
             side = atoi(argv[++i]);
-        else {
-            fprintf(stderr, "usage: bench [--quick] [--threads T] [--cpu VARIANT] [--model "
-                            "MODEL.ply] [--csv FILE]\n       bench --engine ENGINE [--quick] "
-                            "[--threads T] [--gaussians N] [--side N] [--model MODEL.ply]\n");
-            return 1;
-        }
+        else
+            return usage();
     }
+    const char *const cpu = o.cpu, *const csv_path = o.csv;
     sg_ctx *ctx;
     const struct cpu_kernels *kernels;
     if (sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = threads}))
         bench_fail(NULL, "context");
-    const int rounds = quick ? 9 : 31;
+    const int rounds = o.rounds > 0 ? o.rounds : quick ? 9 : 31;
     const struct sg_defense_params off = {SG_DEFENSE_DEFAULTS};
     struct sg_model *m;
+    if (o.engine)
+        stages_check(ctx, &o);
     if (path && sg_model_read_ply(ctx, path, UINT32_MAX, &m))
         bench_fail(ctx, "model");
     if (!path)
-        m = surface_model(ctx, engine ? (size_t) gaussians : 300000);
-    if (engine) {
-        const struct result of_engine = measure(m, side, threads, engine, cpu, rounds, &off);
-        print_engine(&of_engine);
+        m = surface_model(ctx, o.engine ? (size_t) gaussians : 300000);
+    if (o.engine) {
+        struct sg_view view = make_view(side);
+        const struct result whole = measure(m, side, threads, o.engine, cpu, rounds, &off);
+        print_engine(&whole, o.engine);
+        o.rounds = rounds;
+        stages_print(ctx, m, &view, &o);
+        free(view.rgb);
         sg_model_destroy(&m);
         sg_ctx_destroy(&ctx);
         return 0;

@@ -17,11 +17,11 @@
 #define COPY_BYTES                                                                                 \
     ((uint64_t) 256 << 20)            /* beyond every cache; less where there is little memory */
 #define COPY_GROUP ((uint64_t) 16384) /* bytes of a workgroup */
-#define TRIES 8
+#define TRIES 5
 #define CHAINS 8
 #define ISSUE_GROUPS 4096 /* more than devices run at once */
 #define ISSUE_EACH 8      /* of a chain in a round */
-#define LONG_ENOUGH 0.02  /* seconds */
+#define LONG_ENOUGH 0.01  /* seconds */
 #define EMPTY 256         /* dispatches */
 
 static struct gpu *gpu_of(const struct sg_engine *e)

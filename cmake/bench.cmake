@@ -1,5 +1,5 @@
 # The benchmark reaches below the public API. It is built always, so that it cannot rot. Tests run it for a moment.
-add_executable(splatguard_bench bench/bench.c bench/roofline.c)
+add_executable(splatguard_bench bench/bench.c bench/roofline.c bench/stages.c)
 if(SG_HAVE_VULKAN) # with kernels of its own, which measure what a device does at best
     target_sources(splatguard_bench PRIVATE bench/device.c)
     foreach(name device_copy device_issue)

@@ -93,6 +93,9 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
             sg_vulkan_script(${name} ${CMAKE_CURRENT_SOURCE_DIR}/tests/vulkan/${name}.sh)
         endforeach()
     endif()
+    add_test(NAME vulkan_stages COMMAND sh ${CMAKE_CURRENT_SOURCE_DIR}/tests/bench/stages.sh $<TARGET_FILE:splatguard_bench>
+        vulkan:llvmpipe ${PROJECT_BINARY_DIR}/bench-tests/vulkan)
+    set_tests_properties(vulkan_stages PROPERTIES LABELS vulkan ENVIRONMENT "VK_ICD_FILENAMES=${icd};VK_DRIVER_FILES=${icd}")
     # Mesa's driver for AMD compiles every kernel for GPUs that are not there: none spills registers.
     file(GLOB SG_RADV /usr/share/vulkan/icd.d/radeon_icd.*.json /usr/local/share/vulkan/icd.d/radeon_icd.*.json)
     list(APPEND SG_RADV none)
