@@ -7,6 +7,7 @@
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
+#include "model/anchors.h"
 #include "models.h"
 #include "train/trainer.h"
 #include "whole_file.h"
@@ -64,7 +65,7 @@ static int begin(void **state, struct sg_train_params params, int sections)
     }
     f->scene =
         (struct sg_scene){.path = (char *) "memory", .train = f->views, .n_train = 2, .extent = 3};
-    if (params.model == SG_MODEL_3DGS)
+    if (params.model != SG_MODEL_SCAFFOLD)
         f->start = make_model(f->ctx, 37, 1, 2);
     assert_int_equal(sg_trainer_create(f->ctx, &f->scene, f->start, &f->params, &f->trainer),
                      SG_OK);
@@ -98,6 +99,37 @@ static int setup_tolerances(void **state)
     return begin(state, p, 12);
 }
 
+static int setup_mip(void **state)
+{
+    struct sg_train_params p = sg_train_params_default();
+    p.model = SG_MODEL_MIP;
+    p.densify_from_iter = 0; /* statistics are there */
+    return begin(state, p, 13);
+}
+
+static int setup_mcmc(void **state)
+{
+    struct sg_train_params p = sg_train_params_default();
+    p.strategy = SG_STRATEGY_MCMC;
+    return begin(state, p, 10);
+}
+
+static int setup_exposures(void **state)
+{
+    struct sg_train_params p = sg_train_params_default();
+    p.exposure = true;
+    return begin(state, p, 12);
+}
+
+static int setup_radii(void **state)
+{
+    struct sg_train_params p = sg_train_params_default();
+    p.at_limit = SG_AT_LIMIT_UNIVERSAL;
+    p.max_gaussians = 100;
+    p.densify_from_iter = 0;
+    return begin(state, p, 12);
+}
+
 static int setup_anchors(void **state)
 {
     struct sg_train_params p = sg_train_params_default();
@@ -105,6 +137,7 @@ static int setup_anchors(void **state)
     p.init_points = 40;
     p.densify_from_iter = 0;
     p.scaffold.voxel = 0.05f;
+    p.scaffold.appearance = true;
     return begin(state, p, MOST_SECTIONS);
 }
 
@@ -355,7 +388,102 @@ static void test_version(void **state)
     assert_non_null(strstr(sg_last_error(f->ctx), "found version 7, expected version 10"));
 }
 
-/* Parameters may be any float: training continues without harm to the process. */
+/* Of some sections no run can write values below 0, and of some of these all are finite. */
+static const struct {
+    const char *title;
+    bool finite;
+} bounded[] = {{"moment2", false},        {"gradient_sum", false},     {"gradient_count", true},
+               {"largest_radius", true},  {"filter_3d", true},         {"gradient_absolute", false},
+               {"anchor_moment2", false}, {"anchor_statistics", false}};
+
+/* The least that a section's top bytes can be masked with, so that its values are possible. */
+static int possible(const char *title)
+{
+    for (size_t i = 0; i < sizeof(bounded) / sizeof(bounded[0]); i++)
+        if (!strcmp(title, bounded[i].title))
+            return bounded[i].finite ? 0x3f : 0x7f;
+    return 0xff;
+}
+
+/* Of Gaussians in whole blocks and in the last one: refused, with the file, the section, what was
+ * found and what is possible. */
+static void test_impossible(void **state)
+{
+    struct fixture *f = *state;
+    static const float lies[] = {-1e-30f, -INFINITY, NAN, INFINITY};
+    int tried = 0;
+    uint64_t n;
+    memcpy(&n, f->data + AT_COUNT, sizeof(n));
+    for (int s = 0; s < f->sections; s++) {
+        const char *title = f->data + f->at[s];
+        const int mask = possible(title);
+        uint32_t planes;
+        memcpy(&planes, title + AT_PLANES, sizeof(planes));
+        for (int k = 0; k < 2 * (mask == 0xff ? 0 : mask == 0x3f ? 4 : 2); k++) {
+            const size_t last = (size_t) n - 1, first = last / SG_LANES * SG_LANES;
+            const size_t i = k % 2 ? last : 5, plane = planes / 2;
+            const size_t at = k % 2 ? first * planes + plane * (last - first + 1) + last - first
+                                    : plane * SG_LANES + 5;
+            char *bad = malloc(f->size), what[128];
+            memcpy(bad, f->data, f->size);
+            memcpy(bad + f->at[s] + SECTION + at * sizeof(float), &lies[k / 2], sizeof(float));
+            seal(bad, f->size);
+            spill(f->path, bad, f->size);
+            free(bad);
+            expect_refusal(f, title);
+            snprintf(what, sizeof(what), "section \"%s\": %s %zu: found %g, expected a %snumber of",
+                     title, f->start ? "Gaussian" : "anchor", i, (double) lies[k / 2],
+                     mask == 0x3f ? "finite " : "");
+            if (!strstr(sg_last_error(f->ctx), what))
+                fail_msg("\"%s\" does not have \"%s\"", sg_last_error(f->ctx), what);
+        }
+        tried += mask != 0xff;
+    }
+    /* second moments and both statistics, and what the variant has */
+    assert_int_equal(tried, f->params.model != SG_MODEL_3DGS
+                                ? 5
+                                : 3 + (f->params.at_limit == SG_AT_LIMIT_UNIVERSAL));
+}
+
+/* Exposures and their moments: finite, and no square below 0. */
+static void test_exposures(void **state)
+{
+    struct fixture *f = *state;
+    static const struct {
+        size_t i;
+        float value;
+    } lies[] = {{0, NAN}, {23, INFINITY}, {30, -INFINITY}, {48, -1e-30f}, {71, -1}, {60, NAN}};
+    static const float sound[] = {-1, 1e30f};
+    sg_trainer *t;
+    int s = 0;
+    while (strcmp(f->data + f->at[s], "exposure"))
+        assert_true(++s < f->sections);
+    for (size_t k = 0; k < sizeof(lies) / sizeof(lies[0]) + 2; k++) {
+        const bool lie = k >= 2;
+        const size_t i = lie ? lies[k - 2].i : 40; /* a first moment */
+        char *bad = malloc(f->size), message[96];
+        memcpy(bad, f->data, f->size);
+        memcpy(bad + f->at[s] + SECTION + i * sizeof(float), lie ? &lies[k - 2].value : &sound[k],
+               sizeof(float));
+        seal(bad, f->size);
+        spill(f->path, bad, f->size);
+        free(bad);
+        if (!lie) {
+            assert_int_equal(resume(f, f->path, &t), SG_OK);
+            sg_trainer_destroy(&t);
+            continue;
+        }
+        expect_refusal(f, "an exposure");
+        snprintf(message, sizeof(message),
+                 "section \"exposure\": found value %zu of %g, expected finite numbers, second", i,
+                 (double) lies[k - 2].value);
+        if (!strstr(sg_last_error(f->ctx), message))
+            fail_msg("\"%s\" does not have \"%s\"", sg_last_error(f->ctx), message);
+    }
+}
+
+/* Parameters may be any float, and other values any that a run can write: training continues
+ * without harm to the process. */
 static void test_sealed_garbage(void **state)
 {
     struct fixture *f = *state;
@@ -365,10 +493,14 @@ static void test_sealed_garbage(void **state)
         const char *title = f->data + f->at[s];
         /* Anchors stay where views see them. */
         const bool seen = !f->start && (!strcmp(title, "position") || !strcmp(title, "scale"));
-        if (seen || !strncmp(title, "strategy", 8) || !strcmp(title, "networks"))
+        if (seen || !strncmp(title, "strategy", 8) || !strcmp(title, "networks") ||
+            !strcmp(title, "exposure"))
             continue;
-        for (size_t i = f->at[s] + SECTION; i < f->at[s + 1]; i++)
+        for (size_t i = f->at[s] + SECTION; i < f->at[s + 1]; i++) {
             bad[i] = (char) (int) draw(5, i, -128, 127.9f);
+            if ((i - f->at[s] - SECTION) % sizeof(float) == 3) /* sign and exponent */
+                bad[i] = (char) (bad[i] & possible(title));
+        }
     }
     seal(bad, f->size);
     spill(f->path, bad, f->size);
@@ -440,7 +572,7 @@ static void test_photos_hashed_once(void **state)
     free(again);
 }
 
-/* Networks are finite numbers, and have a voxel above 0. */
+/* Networks are finite numbers, without squares below 0, and have a voxel above 0. */
 static void test_networks(void **state)
 {
     struct fixture *f = *state;
@@ -452,6 +584,9 @@ static void test_networks(void **state)
     } lies[] = {{first, NAN, "value 0 of nan"},
                 {first + 2 * 123 * sizeof(float), -INFINITY, "value 246 of -inf"},
                 {voxel - sizeof(float), INFINITY, "of inf"},
+                {voxel - sizeof(float), -1e-30f, "of -1e-30"}, /* second moments: of a photo */
+                {first + 2 * SG_WEIGHTS * sizeof(float), -1e-30f, "of -1e-30"},
+                {first + 3 * SG_WEIGHTS * sizeof(float) - sizeof(float), -1, "of -1"},
                 {voxel, 0, "of 0"},
                 {voxel, -1, "of -1"},
                 {voxel, NAN, "of nan"}};
@@ -491,10 +626,13 @@ static void test_tolerances(void **state)
 int main(void)
 {
 #define ONE(test) cmocka_unit_test_setup_teardown(test, setup, teardown)
-#define OF_ANCHORS(test)                                                                           \
+#define OF(kind, test)                                                                             \
     {                                                                                              \
-#test " (anchors)", test, setup_anchors, teardown, NULL                                    \
+#test " (" #kind ")", test, setup_##kind, teardown, NULL                                   \
     }
+#define HOSTILE(kind)                                                                              \
+    OF(kind, test_every_cut), OF(kind, test_every_flip), OF(kind, test_sections),                  \
+        OF(kind, test_section_order), OF(kind, test_sealed_garbage), OF(kind, test_impossible)
     const struct CMUnitTest tests[] = {
         ONE(test_every_cut),
         ONE(test_every_flip),
@@ -506,15 +644,17 @@ int main(void)
         {"test_tolerances", test_tolerances, setup_tolerances, teardown, NULL},
         {"test_section_order (tolerances)", test_section_order, setup_tolerances, teardown, NULL},
         ONE(test_sealed_garbage),
+        ONE(test_impossible),
         ONE(test_other_files),
         ONE(test_photos_hashed_once),
         ONE(test_other_parameters),
-        OF_ANCHORS(test_every_cut),
-        OF_ANCHORS(test_every_flip),
-        OF_ANCHORS(test_sections),
-        OF_ANCHORS(test_section_order),
-        OF_ANCHORS(test_sealed_garbage),
-        OF_ANCHORS(test_networks),
+        HOSTILE(mip),
+        HOSTILE(mcmc),
+        HOSTILE(exposures),
+        OF(exposures, test_exposures),
+        HOSTILE(radii),
+        HOSTILE(anchors),
+        OF(anchors, test_networks),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

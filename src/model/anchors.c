@@ -159,6 +159,12 @@ void sg_networks_unpack(const float *values, struct sg_networks *n)
     n->voxel = values[n->photos * sizeof(n->appearance[0]) / sizeof(float)];
 }
 
+bool sg_networks_square(unsigned parts, size_t i)
+{
+    const size_t each = weights_of(parts);
+    return i < 3 * each ? i >= 2 * each : (i - 3 * each) % (3 * SG_APPEARANCE) >= 2 * SG_APPEARANCE;
+}
+
 bool sg_anchor_cell(float position, float size, int64_t *cell)
 {
     const float at = rintf(position / size);

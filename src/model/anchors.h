@@ -53,6 +53,8 @@ int sg_anchors_init(sg_ctx *ctx, const float *xyz, size_t n, const struct sg_anc
 size_t sg_networks_floats(unsigned parts, size_t photos);
 void sg_networks_pack(const struct sg_networks *networks, float *out);
 void sg_networks_unpack(const float *values, struct sg_networks *networks);
+/* Whether one of these numbers is a second moment of Adam. */
+bool sg_networks_square(unsigned parts, size_t i);
 
 /* The cell of a position along an axis, rounded half to even; false: it is not finite or beyond
  * 2^62 cells. */

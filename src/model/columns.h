@@ -52,7 +52,11 @@ enum sg_column_bits {
     SG_COLUMN_LOST = 4,      /* no edit keeps it: it is made again when it is needed */
     SG_COLUMN_MIP = 8,       /* only models with the filters of Mip-Splatting have it */
     SG_COLUMN_RADII = 16,    /* only runs that count radii have it */
-    SG_COLUMN_ANCHORS = 32   /* only models of anchors have it */
+    SG_COLUMN_ANCHORS = 32,  /* only models of anchors have it */
+    /* Sums and squares, which a broken Gaussian may leave without a number but never below 0;
+     * measures, which are finite too. */
+    SG_COLUMN_SUM = 64,
+    SG_COLUMN_MEASURE = 128
 };
 #define SG_COLUMN_VARIANTS (SG_COLUMN_MIP | SG_COLUMN_RADII | SG_COLUMN_ANCHORS)
 
@@ -106,31 +110,36 @@ struct sg_column {
     /* Adam's moments */                                                                           \
     C(MOMENT1, .name = "moment1", .planes = SG_PLANES_PARAMETERS, .bits = SG_COLUMN_SAVED,         \
       .fate = {[SG_EDIT_KEEP] = SG_FATE_COPY})                                                     \
-    C(MOMENT2, .name = "moment2", .planes = SG_PLANES_PARAMETERS, .bits = SG_COLUMN_SAVED,         \
-      .fate = {[SG_EDIT_KEEP] = SG_FATE_COPY})                                                     \
+    C(MOMENT2, .name = "moment2", .planes = SG_PLANES_PARAMETERS,                                  \
+      .bits = SG_COLUMN_SAVED | SG_COLUMN_SUM, .fate = {[SG_EDIT_KEEP] = SG_FATE_COPY})            \
     /* Statistics: the sum of view-space gradient norms (NDC), and the views visible in */         \
-    C(GRAD_SUM, .name = "gradient_sum", .planes = 1, .bits = SG_COLUMN_SAVED,                      \
+    C(GRAD_SUM, .name = "gradient_sum", .planes = 1, .bits = SG_COLUMN_SAVED | SG_COLUMN_SUM,      \
       .fate = {[SG_EDIT_KEEP] = SG_FATE_ASKED})                                                    \
-    C(GRAD_COUNT, .name = "gradient_count", .planes = 1, .bits = SG_COLUMN_SAVED,                  \
-      .fate = {[SG_EDIT_KEEP] = SG_FATE_ASKED})                                                    \
+    C(GRAD_COUNT, .name = "gradient_count", .planes = 1,                                           \
+      .bits = SG_COLUMN_SAVED | SG_COLUMN_MEASURE, .fate = {[SG_EDIT_KEEP] = SG_FATE_ASKED})       \
     /* Of the radii on the screen, in pixels: the largest */                                       \
-    C(RADIUS, .name = "largest_radius", .planes = 1, .bits = SG_COLUMN_SAVED | SG_COLUMN_RADII,    \
+    C(RADIUS, .name = "largest_radius", .planes = 1,                                               \
+      .bits = SG_COLUMN_SAVED | SG_COLUMN_RADII | SG_COLUMN_MEASURE,                               \
       .fate = {[SG_EDIT_KEEP] = SG_FATE_ASKED})                                                    \
     /* Standard deviation of the 3D filter; sum of absolute view-space gradients along x and y */  \
-    C(FILTER, .name = "filter_3d", .planes = 1, .bits = SG_COLUMN_SAVED | SG_COLUMN_MIP,           \
+    C(FILTER, .name = "filter_3d", .planes = 1,                                                    \
+      .bits = SG_COLUMN_SAVED | SG_COLUMN_MIP | SG_COLUMN_MEASURE,                                 \
       .fate = {SG_FATE_COPY, SG_FATE_COPY, SG_FATE_ZERO, SG_FATE_COPY}, .place = 7,                \
       .property = "filter_3D")                                                                     \
     C(GRAD_ABSOLUTE, .name = "gradient_absolute", .planes = 1,                                     \
-      .bits = SG_COLUMN_SAVED | SG_COLUMN_MIP, .fate = {[SG_EDIT_KEEP] = SG_FATE_ASKED})           \
+      .bits = SG_COLUMN_SAVED | SG_COLUMN_MIP | SG_COLUMN_SUM,                                     \
+      .fate = {[SG_EDIT_KEEP] = SG_FATE_ASKED})                                                    \
     /* Of anchors: values beside the parameters, Adam's moments of these, statistics of growth */  \
     C(ANCHOR, .name = "anchor", .planes = SG_A_PLANES,                                             \
       .bits = SG_COLUMN_SAVED | SG_COLUMN_ANCHORS, .fate = SG_FATES_PARAMETER)                     \
     C(ANCHOR_MOMENT1, .name = "anchor_moment1", .planes = SG_A_PLANES,                             \
       .bits = SG_COLUMN_SAVED | SG_COLUMN_ANCHORS, .fate = {[SG_EDIT_KEEP] = SG_FATE_COPY})        \
     C(ANCHOR_MOMENT2, .name = "anchor_moment2", .planes = SG_A_PLANES,                             \
-      .bits = SG_COLUMN_SAVED | SG_COLUMN_ANCHORS, .fate = {[SG_EDIT_KEEP] = SG_FATE_COPY})        \
+      .bits = SG_COLUMN_SAVED | SG_COLUMN_ANCHORS | SG_COLUMN_SUM,                                 \
+      .fate = {[SG_EDIT_KEEP] = SG_FATE_COPY})                                                     \
     C(ANCHOR_STATISTICS, .name = "anchor_statistics", .planes = SG_A_STATISTICS,                   \
-      .bits = SG_COLUMN_SAVED | SG_COLUMN_ANCHORS, .fate = {[SG_EDIT_KEEP] = SG_FATE_ASKED})       \
+      .bits = SG_COLUMN_SAVED | SG_COLUMN_ANCHORS | SG_COLUMN_SUM,                                 \
+      .fate = {[SG_EDIT_KEEP] = SG_FATE_ASKED})                                                    \
     /* Gradients of the view, and sums over earlier views (sg_update.accumulate) */                \
     C(GRADIENT, .name = "gradient", .planes = SG_PLANES_PARAMETERS, .bits = SG_COLUMN_LOST)        \
     C(ACCUMULATED, .name = "accumulated", .planes = SG_PLANES_PARAMETERS, .bits = SG_COLUMN_LOST)  \

@@ -160,16 +160,21 @@ struct photo_numbers {
     float *at; /* NULL: this run has none */
     size_t count;
     float least, most; /* of each number */
+    size_t squares;    /* so many at the end are never below 0: Adam's second moments */
 };
 
 static struct photo_numbers numbers_of_photos(const sg_trainer *t, int section)
 {
     const size_t n = t->scene->n_train;
     return section == EXPOSURES
-               ? (struct photo_numbers){"exposure",   "finite numbers",
-                                        t->exposures, n * SG_EXPOSURE_FLOATS,
-                                        -FLT_MAX,     FLT_MAX}
-               : (struct photo_numbers){"tolerances", "0 to 255", t->tolerances, n, 0, 255};
+               ? (struct photo_numbers){"exposure",
+                                        "finite numbers, second moments of at least 0",
+                                        t->exposures,
+                                        n * SG_EXPOSURE_FLOATS,
+                                        -FLT_MAX,
+                                        FLT_MAX,
+                                        n * SG_EXPOSURE}
+               : (struct photo_numbers){"tolerances", "0 to 255", t->tolerances, n, 0, 255, 0};
 }
 
 static uint64_t photos_bytes(const sg_trainer *t, int section)
@@ -512,7 +517,7 @@ static int check_numbers_of_photos(const struct reading *r, int section)
 {
     const struct photo_numbers p = numbers_of_photos(r->t, section);
     for (size_t i = 0; p.at && i < p.count; i++)
-        if (!(p.at[i] >= p.least && p.at[i] <= p.most))
+        if (!(p.at[i] >= (i + p.squares < p.count ? p.least : 0) && p.at[i] <= p.most))
             return sg_fail(r->t->ctx, SG_ERR_INPUT,
                            "%s: section \"%s\": found value %zu of %g, expected %s", r->c->path,
                            p.title, i, (double) p.at[i], p.expected);
@@ -521,14 +526,36 @@ static int check_numbers_of_photos(const struct reading *r, int section)
 
 static int check_networks(const struct reading *r)
 {
+    const unsigned parts = sg_network_parts(&r->t->params.scaffold);
     const float *values = r->networks;
     const size_t n = (size_t) networks_bytes(r->t) / sizeof(float);
     for (size_t i = 0; i < n; i++)
-        if (!isfinite(values[i]) || (i + 1 == n && !(values[i] > 0)))
+        if (!isfinite(values[i]) || (i + 1 == n && !(values[i] > 0)) ||
+            (values[i] < 0 && sg_networks_square(parts, i)))
             return sg_fail(r->t->ctx, SG_ERR_INPUT,
                            "%s: section \"" NETWORKS "\": found value %zu of %g, expected finite "
-                           "numbers, and a voxel above 0",
+                           "numbers, second moments of at least 0, and a voxel above 0",
                            r->c->path, i, (double) values[i]);
+    return SG_OK;
+}
+
+/* Parameters and first moments may be any numbers: training goes on without such a Gaussian. */
+static int check_column(const struct reading *r, int c)
+{
+    const bool sum = sg_columns[c].bits & SG_COLUMN_SUM,
+               measure = sg_columns[c].bits & SG_COLUMN_MEASURE;
+    const int planes = sg_column_planes(c, r->m->sh_degree);
+    for (size_t k = 0; k < r->kept && (sum || measure) && is_saved(r->t, c); k++)
+        for (int p = 0; p < planes; p++) {
+            const float value = r->columns.at[c][sg_param_index(planes, k, p)];
+            if (value < 0 || (measure && !isfinite(value)))
+                return sg_fail(r->t->ctx, SG_ERR_INPUT,
+                               "%s: section \"%s\": %s %zu: found %g, expected a %snumber of at "
+                               "least 0",
+                               r->c->path, sg_columns[c].name, r->networks ? "anchor" : "Gaussian",
+                               sg_evenly(r->n, k, r->kept), (double) value,
+                               measure ? "finite " : "");
+        }
     return SG_OK;
 }
 
@@ -553,8 +580,8 @@ static int check_end(struct reading *r)
         return sg_fail(ctx, SG_ERR_INPUT,
                        "%s: section \"%s\": found a state that iteration %d cannot have",
                        r->c->path, title, r->c->header.iteration);
-    for (int c = OF_PHOTOS; c < STRATEGY_STATE; c++) {
-        const int code = check_numbers_of_photos(r, c);
+    for (int c = 0; c < STRATEGY_STATE; c++) {
+        const int code = c < OF_PHOTOS ? check_column(r, c) : check_numbers_of_photos(r, c);
         if (code)
             return code;
     }
