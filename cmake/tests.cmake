@@ -28,7 +28,14 @@ foreach(source ${SG_TESTS})
     endif()
 endforeach()
 
+# The library's calls of these functions go to __wrap_NAME of the test, which has __real_NAME too.
+function(sg_wrap program)
+    foreach(name ${ARGN})
+        target_link_options(${program} PRIVATE LINKER:--wrap=${name})
+    endforeach()
+endfunction()
 if(SG_HAVE_VULKAN)
+    sg_wrap(test_devices dlopen dlsym dlclose)
     target_sources(test_device_parts PRIVATE bench/device.c)
     target_include_directories(test_device_parts PRIVATE bench ${spirv_dir})
     add_dependencies(test_device_parts splatguard_bench) # which makes its kernels

@@ -1,8 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Which Vulkan device a name chooses, of lists that no machine at hand has. */
+/* Which Vulkan device a name chooses, of lists that no machine at hand has; and what devices and
+ * loaders that lack something are said to lack. Calls of dlopen, dlsym and dlclose by the library
+ * come here (cmake/tests.cmake). */
+#include <dlfcn.h>
+
 #include "engine/vulkan/devices.h"
 #include "core/vram.h"
-#include "engine/engine.h"
+#include "engine/vulkan/engine.h"
 #include "models.h"
 
 static struct vk_device_choice device(const char *name, VkPhysicalDeviceType type, uint64_t memory)
@@ -53,6 +57,253 @@ static void test_choice(void **state)
     assert_non_null(strstr(choose(ctx, list, 6, "6"), "no device \"6\" among 6"));
     assert_non_null(strstr(choose(ctx, list, 6, "radeon"), "no device \"radeon\" among 6"));
     sg_ctx_destroy(&ctx);
+}
+
+/* ---- devices that lack something ---- */
+
+/* A driver of devices, of which each handle is a number from 1. */
+#define FAKES 9
+struct fake {
+    VkPhysicalDeviceProperties properties;
+    bool addresses, budget;
+    VkQueueFlags queues[3]; /* of its families; 0: it has no more */
+};
+static struct fake fakes[FAKES];
+static VkResult fakes_found;
+
+static struct fake *fake_of(VkPhysicalDevice device)
+{
+    return &fakes[(uintptr_t) device - 1];
+}
+
+static VkResult VKAPI_CALL list_fakes(VkInstance instance, uint32_t *n, VkPhysicalDevice *out)
+{
+    (void) instance;
+    for (*n = 0; *n < FAKES; (*n)++)
+        out[*n] = (VkPhysicalDevice) (uintptr_t) (*n + 1);
+    return fakes_found;
+}
+
+static void VKAPI_CALL tell_properties(VkPhysicalDevice device, VkPhysicalDeviceProperties2 *out)
+{
+    out->properties = fake_of(device)->properties;
+    for (VkBaseOutStructure *more = out->pNext; more; more = more->pNext)
+        if (more->sType == VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_PROPERTIES)
+            ((VkPhysicalDeviceSubgroupProperties *) (void *) more)->subgroupSize = 32;
+}
+
+static void VKAPI_CALL tell_features(VkPhysicalDevice device, VkPhysicalDeviceFeatures2 *out)
+{
+    for (VkBaseOutStructure *more = out->pNext; more; more = more->pNext)
+        if (more->sType == VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES)
+            ((VkPhysicalDeviceVulkan12Features *) (void *) more)->bufferDeviceAddress =
+                fake_of(device)->addresses;
+}
+
+/* The host's memory, and two heaps of its own, of which the larger one is half full. */
+static void VKAPI_CALL tell_memory(VkPhysicalDevice device, VkPhysicalDeviceMemoryProperties2 *out)
+{
+    VkPhysicalDeviceMemoryProperties *m = &out->memoryProperties;
+    m->memoryHeapCount = 3;
+    m->memoryHeaps[0] = (VkMemoryHeap){64u << 20, 0};
+    m->memoryHeaps[1] = (VkMemoryHeap){1u << 20, VK_MEMORY_HEAP_DEVICE_LOCAL_BIT};
+    m->memoryHeaps[2] = (VkMemoryHeap){8u << 20, VK_MEMORY_HEAP_DEVICE_LOCAL_BIT};
+    VkPhysicalDeviceMemoryBudgetPropertiesEXT *budget = out->pNext;
+    assert_int_equal(budget != NULL, fake_of(device)->budget);
+    if (budget)
+        budget->heapBudget[2] = 6u << 20, budget->heapUsage[2] = 4u << 20;
+}
+
+static void VKAPI_CALL tell_queues(VkPhysicalDevice device, uint32_t *n,
+                                   VkQueueFamilyProperties *out)
+{
+    for (*n = 0; *n < 3 && fake_of(device)->queues[*n]; (*n)++)
+        out[*n] = (VkQueueFamilyProperties){.queueFlags = fake_of(device)->queues[*n],
+                                            .timestampValidBits = 30 + *n};
+}
+
+static VkResult VKAPI_CALL tell_extensions(VkPhysicalDevice device, const char *layer, uint32_t *n,
+                                           VkExtensionProperties *out)
+{
+    (void) layer;
+    *n = fake_of(device)->budget ? 2 : 1;
+    for (uint32_t i = 0; i < *n && out; i++)
+        snprintf(out[i].extensionName, sizeof(out[i].extensionName), "%s",
+                 i ? VK_EXT_MEMORY_BUDGET_EXTENSION_NAME : "VK_KHR_nothing");
+    return VK_SUCCESS;
+}
+
+static const struct vk_functions fake_driver = {
+    .EnumeratePhysicalDevices = list_fakes,
+    .GetPhysicalDeviceProperties2 = tell_properties,
+    .GetPhysicalDeviceFeatures2 = tell_features,
+    .GetPhysicalDeviceMemoryProperties2 = tell_memory,
+    .GetPhysicalDeviceQueueFamilyProperties = tell_queues,
+    .EnumerateDeviceExtensionProperties = tell_extensions};
+
+/* Each lacks one thing, but for the last two. They are listed with what it is, are refused by name,
+ * and nothing but the first of those two is chosen. */
+static void test_lacking(void **state)
+{
+    (void) state;
+    static const char *const missing[FAKES] = {"Vulkan 1.2",
+                                               "a queue that computes",
+                                               "a queue that computes",
+                                               "buffer device addresses",
+                                               "workgroups of 256 invocations",
+                                               "workgroups of 256 invocations",
+                                               "32 KiB of shared memory a workgroup"};
+    struct vk_device_choice found[VK_DEVICES];
+    sg_ctx *ctx = make_context(1);
+    for (int i = 0; i < FAKES; i++) {
+        fakes[i] = (struct fake){
+            .properties = {.apiVersion = VK_API_VERSION_1_2,
+                           .deviceType = VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU,
+                           .limits = {.maxComputeWorkGroupInvocations = 256,
+                                      .maxComputeWorkGroupSize = {256},
+                                      .maxComputeSharedMemorySize = 32768,
+                                      .timestampPeriod = 2}},
+            .addresses = true,
+            .queues = {VK_QUEUE_GRAPHICS_BIT | VK_QUEUE_COMPUTE_BIT, VK_QUEUE_COMPUTE_BIT}};
+        snprintf(fakes[i].properties.deviceName, sizeof(fakes[i].properties.deviceName), "card %c",
+                 'A' + i);
+    }
+    fakes[0].properties.apiVersion = VK_MAKE_API_VERSION(0, 1, 1, 300);
+    fakes[1].queues[0] = 0;
+    fakes[2].queues[0] = VK_QUEUE_GRAPHICS_BIT, fakes[2].queues[1] = VK_QUEUE_TRANSFER_BIT;
+    fakes[3].addresses = false;
+    fakes[4].properties.limits.maxComputeWorkGroupInvocations = 255;
+    fakes[5].properties.limits.maxComputeWorkGroupSize[0] = 128;
+    fakes[6].properties.limits.maxComputeSharedMemorySize = 32767;
+    fakes[7].budget = true;
+    fakes[8].queues[1] = 0;
+    fakes_found = VK_INCOMPLETE; /* there may be more */
+    assert_int_equal(sg_vk_devices(&fake_driver, found), FAKES);
+    for (int i = 0; i < FAKES; i++) {
+        char expected[100];
+        if (missing[i]) {
+            assert_non_null(found[i].info.missing);
+            assert_string_equal(found[i].info.missing, missing[i]);
+        } else {
+            assert_null(found[i].info.missing);
+        }
+        snprintf(expected, sizeof(expected), missing[i] ? "card %c lacks %s" : "card %c", 'A' + i,
+                 missing[i]);
+        assert_non_null(
+            strstr(choose(ctx, found, FAKES, fakes[i].properties.deviceName), expected));
+        assert_int_equal(found[i].info.memory, 8 << 20);
+        assert_int_equal(found[i].info.memory_free, fakes[i].budget ? 2 << 20 : 8 << 20);
+    }
+    assert_string_equal(choose(ctx, found, FAKES, NULL), "card H");
+    assert_non_null(strstr(choose(ctx, found, 7, NULL), "found no GPU among 7 devices"));
+    assert_int_equal(found[7].queue_family, 1); /* that of computations alone */
+    assert_int_equal(found[7].timestamp_bits, 31);
+    assert_int_equal(found[8].queue_family, 0);
+    assert_true(found[7].lanes == 32 && found[7].tick == 2e-9);
+    fakes_found = VK_ERROR_INITIALIZATION_FAILED;
+    assert_int_equal(sg_vk_devices(&fake_driver, found), 0);
+    sg_ctx_destroy(&ctx);
+}
+
+/* ---- loaders that lack something ---- */
+
+enum loader { REAL, NO_LIBRARY, NO_ENTRY, VERSION_1_0, VERSION_1_1, NO_DRIVER, LOADERS };
+static enum loader loader;
+static int libraries_open;
+
+void *__real_dlopen(const char *name, int flags);
+void *__real_dlsym(void *library, const char *name);
+int __real_dlclose(void *library);
+void *__wrap_dlopen(const char *name, int flags);
+void *__wrap_dlsym(void *library, const char *name);
+int __wrap_dlclose(void *library);
+
+static VkResult VKAPI_CALL tell_version(uint32_t *version)
+{
+    *version = loader == VERSION_1_1 ? VK_API_VERSION_1_1 : VK_API_VERSION_1_3;
+    return VK_SUCCESS;
+}
+
+static VkResult VKAPI_CALL find_no_driver(const VkInstanceCreateInfo *info,
+                                          const VkAllocationCallbacks *allocator,
+                                          VkInstance *instance)
+{
+    (void) info, (void) allocator, (void) instance;
+    return VK_ERROR_INCOMPATIBLE_DRIVER;
+}
+
+static PFN_vkVoidFunction VKAPI_CALL find_function(VkInstance instance, const char *name)
+{
+    assert_null(instance);
+    if (!strcmp(name, "vkCreateInstance"))
+        return (PFN_vkVoidFunction) find_no_driver;
+    if (!strcmp(name, "vkEnumerateInstanceVersion") && loader != VERSION_1_0)
+        return (PFN_vkVoidFunction) tell_version;
+    return NULL;
+}
+
+void *__wrap_dlopen(const char *name, int flags)
+{
+    if (loader == REAL)
+        return __real_dlopen(name, flags);
+    libraries_open += loader != NO_LIBRARY;
+    return loader == NO_LIBRARY ? NULL : &loader;
+}
+
+void *__wrap_dlsym(void *library, const char *name)
+{
+    if (loader == REAL)
+        return __real_dlsym(library, name);
+    const PFN_vkGetInstanceProcAddr entry = find_function;
+    void *found = NULL;
+    assert_string_equal(name, "vkGetInstanceProcAddr");
+    if (loader != NO_ENTRY)
+        memcpy(&found, &entry, sizeof(found));
+    return found;
+}
+
+int __wrap_dlclose(void *library)
+{
+    libraries_open -= loader != REAL;
+    return loader == REAL ? __real_dlclose(library) : 0;
+}
+
+/* Each is named where devices are listed, where the engine is, and where it is asked for; the
+ * library is closed. Then auto is the CPU. */
+static void test_loaders(void **state)
+{
+    (void) state;
+    static const char *const expected[LOADERS] = {
+        [NO_LIBRARY] = "the Vulkan loader (libvulkan.so.1)",
+        [NO_ENTRY] = "a working Vulkan loader",
+        [VERSION_1_0] = "a Vulkan loader of version 1.2 or newer",
+        [VERSION_1_1] = "a Vulkan loader of version 1.2 or newer",
+        [NO_DRIVER] = "a Vulkan driver"};
+    struct sg_device_info devices[VK_DEVICES];
+    const char *missing;
+    assert_null(kept_engine); /* an open device needs no loader any more */
+    for (loader = NO_LIBRARY; loader < LOADERS; loader++) {
+        sg_ctx *ctx = make_context(1);
+        struct sg_engine_info info = {0};
+        struct sg_engine *e = NULL;
+        assert_int_equal(sg_device_list(devices, VK_DEVICES, &missing), 0);
+        assert_string_equal(missing, expected[loader]);
+        for (size_t i = 0; sg_engine_list(i, &info) && strcmp(info.engine, "vulkan"); i++)
+            continue;
+        assert_false(info.available);
+        assert_string_equal(info.missing, expected[loader]);
+        assert_int_equal(sg_engine_create(ctx, "vulkan", NULL, &e), SG_ERR_USAGE);
+        assert_null(e);
+        assert_non_null(strstr(sg_last_error(ctx), "this machine lacks "));
+        assert_non_null(strstr(sg_last_error(ctx), expected[loader]));
+        sg_clear_error(ctx);
+        assert_int_equal(sg_engine_check(ctx, "auto", NULL), SG_OK);
+        assert_string_equal(sg_engine_find(ctx, "auto", NULL)->name, "cpu");
+        assert_int_equal(libraries_open, 0);
+        sg_ctx_destroy(&ctx);
+    }
+    loader = REAL;
+    sg_device_list(NULL, 0, &missing); /* what it says is remembered */
 }
 
 static char said[1024];
@@ -209,6 +460,18 @@ static void test_gives_way(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Where this suite asks the driver for a vector width, its subgroups are as wide. */
+static void test_subgroup(void **state)
+{
+    (void) state;
+    const char *width = getenv("LP_NATIVE_VECTOR_WIDTH");
+    if (!width || strncmp(main_engine(), "vulkan", 6))
+        return;
+    const struct gpu *g = vulkan_of(kept_engine)->gpu;
+    assert_int_equal(g->chosen.lanes, strtoul(width, NULL, 10) / 32);
+    assert_int_equal(g->lanes, g->chosen.lanes);
+}
+
 /* The engine that this suite is for passes; a device that is lost during the trial does not. */
 static void test_tried_engine(void **state)
 {
@@ -232,9 +495,10 @@ static void test_tried_engine(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_choice),       cmocka_unit_test(test_auto),
-        cmocka_unit_test(test_trial),        cmocka_unit_test(test_gives_way),
-        cmocka_unit_test(test_tried_engine),
+        cmocka_unit_test(test_choice),   cmocka_unit_test(test_lacking),
+        cmocka_unit_test(test_loaders),  cmocka_unit_test(test_auto),
+        cmocka_unit_test(test_trial),    cmocka_unit_test(test_gives_way),
+        cmocka_unit_test(test_subgroup), cmocka_unit_test(test_tried_engine),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

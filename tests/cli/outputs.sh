@@ -121,5 +121,25 @@ grep -q '^ref ' out && grep -q '^cpu .*; chosen$' out || fail "info --devices li
 chosen=$(sed -n 's/^cpu  *\([a-z0-9]*\) .*; chosen$/\1/p' out)
 expect 0 info --devices --json
 grep -q "\"variant\": *\"$chosen\"" out || fail "info --devices --json lacks $chosen"
+# Devices: none where no driver is found, which is said, also to who asks for one; else with driver and memory.
+(
+    export VK_ICD_FILENAMES=/dev/null VK_DRIVER_FILES=/dev/null
+    expect 0 info --devices
+    grep -q '^vulkan - .*; this machine lacks ' out || fail "info --devices does not say what is missing: $(cat out)"
+    grep -q '^vulkan:' out && fail "info --devices finds a device without a driver: $(cat out)"
+    expect 0 info --devices --json
+    tr -d ' \n' <out | grep -q '"engine":"vulkan","variant":null,[^}]*"available":false,"chosen":false,"missing":"[a-zA-Z]' ||
+        fail "info --devices --json does not say what is missing: $(cat out)"
+    expect 1 train scene/blender -o none --engine vulkan; says 'this machine lacks '
+    [ ! -e none ] || fail "a run without an engine has a folder"
+) || exit 1
+if [ -n "${SG_TEST_ENGINE-}" ]; then
+    expect 0 info --devices
+    grep -Eq '^vulkan:[0-9]+ .+, driver .+, [0-9.]+ GB, [0-9.]+ free' out || fail "info --devices lists no device: $(cat out)"
+    ! grep '^vulkan:.* llvmpipe' out | grep -qv '; on the CPU: used by name only$' || fail "llvmpipe is taken for a GPU"
+    expect 0 info --devices --json
+    tr -d ' \n' <out | grep -Eq '"number":0,"name":"[^}]+","driver":"[^}]+"available":(true|false)' ||
+        fail "info --devices --json lists no device: $(cat out)"
+fi
 expect 1 info --devices model.ply; says 'expected one of them'
 expect 1 info; says 'missing argument'
