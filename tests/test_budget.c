@@ -181,6 +181,18 @@ static void test_few_at_limit(void **state)
     clear_fixture(&f);
 }
 
+/* What a training can be beside the default, each with arrays of its own. */
+enum variant { PLAIN, MIP, MCMC, EXPOSURE, VARIANTS };
+
+static void vary(struct sg_train_params *p, enum variant variant)
+{
+    p->model = variant == MIP ? SG_MODEL_MIP : SG_MODEL_3DGS;
+    p->strategy = variant == MCMC ? SG_STRATEGY_MCMC : SG_STRATEGY_DEFAULT;
+    p->exposure = variant == EXPOSURE;
+    if (variant == MCMC) /* the filter removes, which it does not do */
+        p->defense.rho = 0;
+}
+
 /* Growth that would take all memory stops at the context's limit, without an error. */
 static void test_memory(void **state)
 {
@@ -190,9 +202,10 @@ static void test_memory(void **state)
     struct sg_train_params p = short_params();
     const uint64_t limit = 16 << 20;
     p.densify_grad_threshold = 1e-9f, p.iterations = 160, p.densify_until_iter = 150,
-    p.densification_interval = 3;
+    p.densification_interval = 3, p.mcmc.until = 150, p.mcmc.growth = 1.2;
     f.scene.train = f.views;
-    for (int bands = 0; bands < 2; bands++) {
+    for (int k = 0; k < VARIANTS + 1; k++) {
+        const bool bands = k == VARIANTS;
         struct sg_train_limits limits;
         sg_trainer *t;
         char path[] = "/tmp/sg_checkpoint_XXXXXX";
@@ -201,6 +214,7 @@ static void test_memory(void **state)
             sg_ctx_create(&ctx, &(struct sg_ctx_params){.threads = 2, .max_memory = limit}), SG_OK);
         p.max_instances = bands ? 700 : 1 << 24;
         p.defense.on = bands, p.defense.rho = 0.01, p.defense.interval = 3;
+        vary(&p, bands ? PLAIN : (enum variant) k);
         assert_int_equal(sg_trainer_create(ctx, &f.scene, f.start, &p, &t), SG_OK);
         sg_trainer_limits(t, &limits);
         assert_true(limits.by_memory && limits.max_gaussians > 1000 &&
@@ -221,7 +235,10 @@ static void test_memory(void **state)
         sg_renderer_destroy(&renderer);
         sg_trainer_limits(t, &limits);
         assert_true(limits.gaussians_bound);
-        assert_true(sg_mem_peak(ctx, SG_MEM_TAGS) <= limit);
+        if (sg_mem_peak(ctx, SG_MEM_TAGS) > limit)
+            fail_msg("variant %d: peak %llu bytes, the limit is %llu", k,
+                     (unsigned long long) sg_mem_peak(ctx, SG_MEM_TAGS),
+                     (unsigned long long) limit);
         if (!bands)
             assert_true(sg_trainer_gaussians(t) > limits.max_gaussians * 9 / 10);
         sg_trainer_destroy(&t);
@@ -240,14 +257,16 @@ static void test_memory(void **state)
 }
 
 /* The least memory that an error asks for is enough to train a defended model and to measure it,
- * whether photos to train on or to test with are the large ones; a byte less is refused. */
+ * of each variant, whether photos to train on or to test with are the large ones; a byte less is
+ * refused. */
 static void test_least(void **state)
 {
     (void) state;
     struct fixture f = make_fixture(1);
     struct sg_view large = {.name = (char *) "large", .camera = make_camera(1000, 750, 3)};
     large.rgb = calloc(3 * 1000, 750);
-    for (int k = 0; k < 2; k++) {
+    for (int i = 0; i < 2 * VARIANTS; i++) {
+        const int k = i % 2;
         const struct sg_scene scene = {.path = (char *) "fixture",
                                        .train = k ? f.views : &large,
                                        .n_train = 1,
@@ -261,6 +280,7 @@ static void test_least(void **state)
         sg_trainer *t;
         sg_ctx *ctx;
         p.init_points = 1000, p.defense.on = true;
+        vary(&p, (enum variant)(i / 2));
         for (int least = 0; least < 3; least++) {
             assert_int_equal(sg_ctx_create(&ctx, &memory), SG_OK);
             const int code = sg_trainer_create(ctx, &scene, NULL, &p, &t);
@@ -310,6 +330,73 @@ static void test_room(void **state)
     const struct sg_scene rows = {.path = (char *) "fixture", .train = &wide, .n_train = 1};
     assert_true(planned(&scene, 1, 24 << 20, true) < planned(&scene, 1, 24 << 20, false));
     assert_true(4 * planned(&rows, 16, 500 << 20, false) < 3 * planned(&rows, 1, 500 << 20, false));
+}
+
+/* What a variant needs more than the default: as planned, a Gaussian and beside, and as used by
+ * models of the same size. */
+struct need {
+    double each, fixed;
+    uint64_t peak;
+};
+
+#define FULL 6000 /* Gaussians */
+
+static struct need measure_need(struct fixture *f, enum variant variant)
+{
+    enum { LOW = 24 << 20, HIGH = 96 << 20 };
+    struct sg_train_params p = short_params();
+    struct need need;
+    struct sg_budget plan[2];
+    struct sg_train_limits limits;
+    char path[] = "/tmp/sg_checkpoint_XXXXXX";
+    sg_trainer *t;
+    sg_ctx *ctx;
+    vary(&p, variant);
+    for (int k = 0; k < 2; k++) {
+        const struct sg_ctx_params memory = {.threads = 1, .max_memory = k ? HIGH : LOW};
+        assert_int_equal(sg_ctx_create(&ctx, &memory), SG_OK);
+        assert_int_equal(sg_budget_plan(ctx, &f->scene, &p, 1, 0, false, &plan[k]), SG_OK);
+        sg_ctx_destroy(&ctx);
+    }
+    need.each = (double) (HIGH - LOW) / (double) (plan[1].gaussians - plan[0].gaussians);
+    need.fixed = (double) LOW - need.each * (double) plan[0].gaussians;
+
+    p.densify_from_iter = 1, p.densification_interval = 2, p.densify_grad_threshold = 1e-9f;
+    p.max_gaussians = FULL;
+    close(mkstemp(path));
+    ctx = make_context(1);
+    struct sg_model *start = make_model(f->ctx, FULL, 1, 3);
+    assert_int_equal(sg_trainer_create(ctx, &f->scene, start, &p, &t), SG_OK);
+    sg_model_destroy(&start);
+    for (int i = 0; i < 5; i++)
+        assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+    assert_int_equal(sg_trainer_save(t, path), SG_OK);
+    sg_trainer_limits(t, &limits);
+    assert_true(limits.gaussians_bound); /* it did edit */
+    assert_in_range(sg_trainer_gaussians(t), FULL * 9 / 10, FULL);
+    need.peak = sg_mem_peak(ctx, SG_MEM_TAGS);
+    sg_trainer_destroy(&t);
+    sg_ctx_destroy(&ctx);
+    unlink(path);
+    return need;
+}
+
+static void test_variants(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(1);
+    f.scene.train = f.views;
+    const struct need plain = measure_need(&f, PLAIN);
+    for (int k = PLAIN + 1; k < VARIANTS; k++) {
+        const struct need own = measure_need(&f, (enum variant) k);
+        const double more = FULL * (own.each - plain.each) + own.fixed - plain.fixed,
+                     used = (double) own.peak - (double) plain.peak;
+        if (used > more + 4096)
+            fail_msg("variant %d: found %g bytes more than the default's, expected %g", k, used,
+                     more);
+        assert_true(k != MIP || used > 100 * FULL);
+    }
+    clear_fixture(&f);
 }
 
 /* Gaussians so large that not all of their tile lists fit are rendered in bands. */
@@ -495,14 +582,11 @@ static void test_time(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_growth),
-                                       cmocka_unit_test(test_limit),
-                                       cmocka_unit_test(test_few_at_limit),
-                                       cmocka_unit_test(test_memory),
-                                       cmocka_unit_test(test_least),
-                                       cmocka_unit_test(test_room),
-                                       cmocka_unit_test(test_large_gaussians),
-                                       cmocka_unit_test(test_same_limit),
-                                       cmocka_unit_test(test_time)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_growth),       cmocka_unit_test(test_limit),
+        cmocka_unit_test(test_few_at_limit), cmocka_unit_test(test_memory),
+        cmocka_unit_test(test_least),        cmocka_unit_test(test_room),
+        cmocka_unit_test(test_variants),     cmocka_unit_test(test_large_gaussians),
+        cmocka_unit_test(test_same_limit),   cmocka_unit_test(test_time)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
