@@ -176,6 +176,19 @@ static void test_order(void **state)
     assert_int_equal(sg_trainer_gaussians(t), 125);
     assert_true(limits.gaussians_bound);
     sg_trainer_destroy(&t);
+
+    /* Also one that the model fills from the start, so that no edit comes about. */
+    p.max_gaussians = f.start->count;
+    t = begin_training(&f, &p);
+    for (int it = 1; it <= 10; it++) {
+        sg_trainer_limits(t, &limits);
+        assert_false(limits.gaussians_bound);
+        assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+    }
+    assert_int_equal(t->adam_steps[SG_G_XYZ], 10);
+    sg_trainer_limits(t, &limits);
+    assert_true(limits.gaussians_bound);
+    sg_trainer_destroy(&t);
     clear_fixture(&f);
 }
 

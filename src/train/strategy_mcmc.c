@@ -64,14 +64,19 @@ static bool any_dead(const sg_trainer *t)
     return code || (dead > 0 && dead < n);
 }
 
+static bool is_due(const sg_trainer *t, int before, int it)
+{
+    const struct sg_train_params *p = &t->params;
+    return it > p->densify_from_iter && it < p->mcmc.until &&
+           sg_due(before, it, p->densification_interval);
+}
+
 static struct sg_strategy_plan plan(const sg_trainer *t, int before, int it)
 {
     const struct sg_train_params *p = &t->params;
     const size_t n = sg_engine_count(t->engine);
     bool bound;
-    const bool due = it > p->densify_from_iter && it < p->mcmc.until &&
-                     sg_due(before, it, p->densification_interval);
-    const bool edits = due && (target(t, n, &bound) > n || any_dead(t));
+    const bool edits = is_due(t, before, it) && (target(t, n, &bound) > n || any_dead(t));
     /* As in the released code: tensors that are made anew have no gradient. */
     return (struct sg_strategy_plan){
         .rests = edits, .mean_opacity = p->mcmc.opacity_reg, .mean_scale = p->mcmc.scale_reg};
@@ -244,7 +249,6 @@ static int edit(sg_trainer *t, int it, struct sg_train_step *step)
         sg_log(t->ctx, SG_LOG_DEBUG, "iteration %d: of %zu Gaussians %zu relocated, %zu added", it,
                n, step->relocated, more);
     step->cloned = more;
-    t->gaussians_bound |= bound;
 done:
     sg_free(d.opacity);
     sg_free(d.below);
@@ -257,9 +261,13 @@ done:
 static int after_step(sg_trainer *t, const struct sg_strategy_plan *planned, int before, int it,
                       const struct sg_render_params *render, struct sg_train_step *out)
 {
-    (void) before, (void) render;
+    (void) render;
     const struct sg_train_params *p = &t->params;
+    bool bound = false;
+    if (is_due(t, before, it)) /* also where a full model leaves nothing to edit */
+        target(t, sg_engine_count(t->engine), &bound);
     int code = planned->rests ? edit(t, it, out) : SG_OK;
+    t->gaussians_bound |= !code && bound;
     const double amount = (double) p->mcmc.noise_lr * sg_position_lr(p, it) * t->extent;
     if (!code && it < p->iterations && amount > 0)
         code = sg_engine_explore(t->engine, &(struct sg_exploration){.amount = (float) amount,
