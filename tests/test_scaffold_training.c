@@ -376,6 +376,31 @@ static void test_filter(void **state)
     }
 }
 
+/* Where a tolerance hides gradients, anchors grow at a lower threshold. */
+static void test_hidden(void **state)
+{
+    (void) state;
+    struct fixture f = make_points(2);
+    struct sg_train_params p = scaffold_params();
+    struct course course;
+    p.tolerance = 2, p.tolerance_look = 9;
+    const float threshold = 0.004f;
+    struct sg_model *m[4];
+    for (int i = 0; i < 4; i++) {
+        p.tolerance_growth = (const float[]){0, 1000, 1e-3f, 0}[i];
+        p.densify_grad_threshold = i == 3 ? (float) (0.6 * (double) threshold) : threshold;
+        sg_trainer *t = begin(&f, &p);
+        m[i] = run(&f, t, 26, &course);
+        sg_trainer_destroy(&t);
+    }
+    assert_same_anchors(m[0], m[1]);
+    assert_same_anchors(m[2], m[3]);
+    assert_true(m[2]->count > m[0]->count);
+    for (int i = 0; i < 4; i++)
+        sg_model_destroy(&m[i]);
+    clear_points(&f);
+}
+
 static void test_refused(void **state)
 {
     (void) state;
@@ -407,6 +432,7 @@ int main(void)
         cmocka_unit_test(test_resume),  cmocka_unit_test(test_parts),
         cmocka_unit_test(test_steps),   cmocka_unit_test(test_nothing_drawn),
         cmocka_unit_test(test_limits),  cmocka_unit_test(test_memory),
-        cmocka_unit_test(test_filter),  cmocka_unit_test(test_refused)};
+        cmocka_unit_test(test_filter),  cmocka_unit_test(test_hidden),
+        cmocka_unit_test(test_refused)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

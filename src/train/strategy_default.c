@@ -10,8 +10,6 @@
 #include "strategy.h"
 #include "trainer.h"
 
-#include <math.h>
-
 /* Largest share that is replaced at a densification where a budget binds. */
 #define REPLACED 0.03f
 
@@ -42,15 +40,6 @@ static int score_model(void *arg, struct sg_scores *out)
                     c->it, out);
 }
 
-/* See tolerance_growth. The share is 1 before a look, and where tolerances hide nothing. */
-static float growth_threshold(const sg_trainer *t)
-{
-    const struct sg_train_params *p = &t->params;
-    const double share =
-        p->tolerance_growth > 0 && t->beyond < 1 ? (double) p->tolerance_growth * t->beyond : 1;
-    return (float) ((double) p->densify_grad_threshold * fmin(fmax(share, 0.6), 1));
-}
-
 static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
                    struct sg_train_step *step)
 {
@@ -63,7 +52,7 @@ static int densify(sg_trainer *t, int it, const struct sg_render_params *render,
                stops = p->at_limit >= SG_AT_LIMIT_STOP;
     const int code = sg_densify(
         t->engine,
-        &(struct sg_densify_params){.gradient = growth_threshold(t),
+        &(struct sg_densify_params){.gradient = sg_trainer_growth_threshold(t),
                                     .absolute = p->model == SG_MODEL_MIP,
                                     .split_scale = (float) ((double) p->percent_dense * t->extent),
                                     .prune_scale = it > p->opacity_reset_interval

@@ -187,7 +187,7 @@ int sg_trainer_grow_anchors(sg_trainer *t, int it, struct sg_train_step *step)
                                                      r.columns.at[SG_C_ANCHOR_STATISTICS]},
                             &(struct sg_growth_params){.voxel = r.columns.networks->voxel,
                                                        .factor = p->scaffold.cells,
-                                                       .gradient = p->densify_grad_threshold,
+                                                       .gradient = sg_trainer_growth_threshold(t),
                                                        .drawn = seen / 2,
                                                        .drop = DROP,
                                                        .limit = most > kept ? most - kept : 0,

@@ -110,6 +110,15 @@ struct sg_render_params sg_trainer_render(const sg_trainer *t)
                                      .appearance = SG_APPEARANCE_INDEX};
 }
 
+/* The share is 1 before a look, and where tolerances hide nothing. */
+float sg_trainer_growth_threshold(const sg_trainer *t)
+{
+    const struct sg_train_params *p = &t->params;
+    const double share =
+        p->tolerance_growth > 0 && t->beyond < 1 ? (double) p->tolerance_growth * t->beyond : 1;
+    return (float) ((double) p->densify_grad_threshold * fmin(fmax(share, 0.6), 1));
+}
+
 size_t sg_trainer_appearances(const sg_trainer *t)
 {
     return t->params.scaffold.appearance ? t->scene->n_train : 0;

@@ -87,6 +87,9 @@ struct sg_render_params sg_trainer_render(const sg_trainer *t);
 /* Photos of which the networks of anchors learn the appearance. */
 size_t sg_trainer_appearances(const sg_trainer *t);
 
+/* densify_grad_threshold, made lower by tolerance_growth. */
+float sg_trainer_growth_threshold(const sg_trainer *t);
+
 /* Of SG_MODEL_MIP: the 3D filter, from all training views; of others nothing. */
 int sg_trainer_renew_filter(sg_trainer *t);
 
