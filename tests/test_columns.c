@@ -48,7 +48,9 @@ static void test_rows(void **state)
         for (int kind = 0; kind < SG_EDIT_KINDS; kind++)
             assert_true(column->fate[kind] < SG_FATE_DRAW || sg_column_is_parameter(c));
         assert_true(column->fate[SG_EDIT_INSERT] ==
-                    (sg_column_is_parameter(c) || c == SG_C_ANCHOR ? SG_FATE_ROW : SG_FATE_ZERO));
+                    (sg_column_is_parameter(c) || c == SG_C_ANCHOR || c == SG_C_BORN
+                         ? SG_FATE_ROW
+                         : SG_FATE_ZERO));
         assert_true(column->fate[SG_EDIT_CHILD] != SG_FATE_ROW);
         assert_true(!(column->bits & SG_COLUMN_SAVED) != !(column->bits & SG_COLUMN_LOST));
         /* Parameters are in a PLY file, at places 1, 2, ..., and other columns may be. */

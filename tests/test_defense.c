@@ -60,7 +60,8 @@ static void test_ranks(void **state)
     uint64_t keys[N];
     uint8_t keep[N];
     struct ranked sorted[N];
-    const struct sg_scores s = {N, 0, score, thickness, keys};
+    const struct sg_scores s = {
+        .count = N, .score = score, .log_smallest = thickness, .keys = keys};
     for (int kind = 0; kind < 4; kind++) {
         size_t kept = 0, rank = 0;
         for (size_t i = 0; i < N; i++) {
@@ -145,6 +146,21 @@ static void test_filter(void **state)
     assert_int_equal(sg_filter(b, &scene, &p, &render, 0.01, 42, 600, &step), SG_OK);
     assert_int_equal(step.removed, 2);
     sg_engine_destroy(&b);
+    /* The unseen stay where another view might see them, and then the thinnest go. */
+    const struct sg_view two[2] = {view, view};
+    const struct sg_scene more = {.train = (struct sg_view *) two, .n_train = 2};
+    p.rule = SG_PRUNE_EXACT, p.unseen = SG_UNSEEN_KEEP;
+    for (p.views = 1; p.views <= 2; p.views++) {
+        b = make_engine(ctx, "cpu", NULL, m, NULL);
+        assert_int_equal(sg_filter(b, &more, &p, &render, 0.34, 42, 600, &step), SG_OK);
+        assert_int_equal(step.removed, 2);
+        assert_int_equal(step.unseen, 2);
+        assert_int_equal(sg_model_create(ctx, 4, 0, &after), SG_OK);
+        assert_int_equal(sg_engine_download(b, after, NULL), SG_OK);
+        assert_float_equal(*sg_model_at(after, 0, 0), p.views == 1 ? -0.25f : -1.25f, 0);
+        sg_model_destroy(&after);
+        sg_engine_destroy(&b);
+    }
     sg_model_destroy(&m);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
     sg_ctx_destroy(&ctx);

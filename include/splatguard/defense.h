@@ -25,6 +25,15 @@ enum sg_filter_sigma { SG_SIGMA_STD /* the smallest scale */, SG_SIGMA_EIGEN /* 
  * of the anchor, which limits them. */
 enum sg_anchor_sigma { SG_ANCHOR_SIGMA_NEURAL, SG_ANCHOR_SIGMA_ANCHOR };
 
+/* And whose hits: those of each Gaussian in each view, or of all Gaussians of its anchor there. */
+enum sg_anchor_hits { SG_ANCHOR_HITS_NEURAL, SG_ANCHOR_HITS_ANCHOR };
+
+/* Gaussians without a hit in the sampled views. */
+enum sg_filter_unseen {
+    SG_UNSEEN_FIRST, /* have score 0 and go first */
+    SG_UNSEEN_KEEP   /* stay, unless all training views are counted */
+};
+
 /* Which Gaussians are "the lowest share rho of N". */
 enum sg_prune_rule {
     SG_PRUNE_EXACT,    /* floor(rho N) of them */
@@ -53,9 +62,16 @@ struct sg_defense_params {
     int from, until;
     enum sg_filter_sigma sigma;        /* Default SG_SIGMA_STD. */
     enum sg_anchor_sigma anchor_sigma; /* Default SG_ANCHOR_SIGMA_NEURAL. */
-    enum sg_hit hit;                   /* Default SG_HIT_PIXELS. */
-    enum sg_prune_rule rule;           /* Default SG_PRUNE_EXACT. */
-    enum sg_prune_views sample;        /* Default SG_VIEWS_RANDOM. */
+    enum sg_anchor_hits anchor_hits;   /* Default SG_ANCHOR_HITS_NEURAL. */
+    /* What an anchor has of its Gaussians' scores, one for each sampled view that makes them.
+     * Default SG_COMBINE_SUM. */
+    enum sg_combine anchor_score;
+    /* Iterations in which an anchor that has grown stays, 0..1e9. Default 0. */
+    int grace;
+    enum sg_filter_unseen unseen; /* Default SG_UNSEEN_FIRST. */
+    enum sg_hit hit;              /* Default SG_HIT_PIXELS. */
+    enum sg_prune_rule rule;      /* Default SG_PRUNE_EXACT. */
+    enum sg_prune_views sample;   /* Default SG_VIEWS_RANDOM. */
     /* In the image: loss + lambda (anisotropy_scale L_ani + tv_scale L_tv) of the render. */
     double lambda; /* 0..1e6, also the range of the scales. Default 4. */
     /* NULL, or a factor of lambda per training view, 0..1e3, so that photos that look clean are not

@@ -52,6 +52,9 @@ enum sg_hit {
     SG_HIT_TRANSMITTANCE /* each pixel, with the transmittance in front of the Gaussian there */
 };
 
+/* How many values become one. */
+enum sg_combine { SG_COMBINE_SUM, SG_COMBINE_MAX, SG_COMBINE_MEAN };
+
 /* A renderer holds a copy of a model on an engine. Thread safety: unsafe. */
 typedef struct sg_renderer sg_renderer;
 

@@ -76,14 +76,19 @@ int sg_score(struct sg_engine *engine, const struct sg_scene *scene,
     sg_ctx *ctx = sg_engine_ctx(engine);
     const size_t n = sg_engine_count(engine);
     const struct sg_camera **views = sg_training_cameras(ctx, scene);
-    const bool weighed = sg_engine_each(engine) > 1 && p->anchor_sigma == SG_ANCHOR_SIGMA_NEURAL;
+    const bool anchors = sg_engine_each(engine) > 1,
+               weighed = anchors && p->anchor_sigma == SG_ANCHOR_SIGMA_NEURAL;
     int code = sg_scores_create(ctx, n, out);
     if (!views)
         code = SG_ERR_BUDGET;
     const size_t counted = code ? 0 : sample_views(scene, p, seed, it, views);
+    const struct sg_weighing how = {.kind = p->hit,
+                                    .shared = p->anchor_hits == SG_ANCHOR_HITS_ANCHOR,
+                                    .weight = weighed ? weight_of : NULL,
+                                    .arg = p,
+                                    .combine = p->anchor_score};
     if (!code)
-        code = weighed ? sg_engine_weigh_hits(engine, views, counted, render, p->hit, weight_of, p,
-                                              out->score)
+        code = anchors ? sg_engine_weigh_hits(engine, views, counted, render, &how, out->score)
                        : sg_engine_count_hits(engine, views, counted, render, p->hit, out->score);
     if (!code)
         code = sg_engine_read_statistics(
@@ -95,6 +100,7 @@ int sg_score(struct sg_engine *engine, const struct sg_scene *scene,
     }
     for (size_t i = 0; i < n; i++)
         out->unseen += !(out->score[i] > 0);
+    out->sampled = counted < scene->n_train;
     sg_parallel_for(ctx, (n + CHUNK - 1) / CHUNK, score_chunk,
                     &(struct score_job){p, out, weighed});
     return SG_OK;
@@ -144,11 +150,19 @@ static uint64_t select_key(const uint64_t *keys, size_t n, size_t k)
     return found;
 }
 
+/* The score at rank k of those that are set in `of`; NULL: of all. */
+static double rank_of(const struct sg_scores *s, const uint8_t *of, size_t k)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < s->count; i++)
+        if (!of || of[i])
+            s->keys[n++] = key_of(s->score[i]);
+    return of_key(select_key(s->keys, n, k));
+}
+
 double sg_scores_rank(const struct sg_scores *s, size_t k)
 {
-    for (size_t i = 0; i < s->count; i++)
-        s->keys[i] = key_of(s->score[i]);
-    return of_key(select_key(s->keys, s->count, k));
+    return rank_of(s, NULL, k);
 }
 
 void sg_scores_remove(const struct sg_scores *s, size_t k, uint8_t *keep)
@@ -181,6 +195,39 @@ void sg_scores_remove(const struct sg_scores *s, size_t k, uint8_t *keep)
             keep[i] = 0, k--;
 }
 
+/* What the filter does not remove, however low its score is. */
+struct spared {
+    bool unseen;
+    const float *born; /* of anchors that have grown, else 0; NULL: of no interest */
+    int since;         /* of those born later */
+};
+
+static bool is_spared(const struct spared *by, const struct sg_defense_params *p,
+                      const struct sg_scores *s, size_t i)
+{
+    /* Without thickness the score is that of the unseen. */
+    const bool unseen = by->unseen && s->score[i] == -INFINITY &&
+                        sg_filter_log_weight(p, s->log_smallest[i]) > -INFINITY;
+    return unseen || (by->born && by->born[i] > 0 && by->born[i] > (float) by->since);
+}
+
+/* The number of the lowest that go, of those set in `keep`. */
+static size_t share_of(const struct sg_scores *s, enum sg_prune_rule rule, double rho,
+                       const uint8_t *keep)
+{
+    size_t n = 0, lowest = (size_t) (rho * (double) s->count);
+    for (size_t i = 0; i < s->count; i++)
+        n += keep[i];
+    if (rule == SG_PRUNE_THRESHOLD && rho > 0 && n) {
+        const double limit = rank_of(s, keep, (size_t) (rho * (double) (n - 1)));
+        lowest = 0;
+        for (size_t i = 0; i < s->count; i++)
+            lowest += keep[i] && s->score[i] <= limit;
+    }
+    lowest = lowest < n ? lowest : n;
+    return lowest < s->count ? lowest : s->count - 1; /* a model keeps at least one Gaussian */
+}
+
 int sg_filter(struct sg_engine *engine, const struct sg_scene *scene,
               const struct sg_defense_params *p, const struct sg_render_params *render, double rho,
               uint64_t seed, int it, struct sg_defense_step *out)
@@ -191,19 +238,24 @@ int sg_filter(struct sg_engine *engine, const struct sg_scene *scene,
     if (code)
         return code;
     const size_t n = s.count, seen = n - s.unseen;
+    const bool dated = p->grace && sg_engine_each(engine) > 1;
     uint8_t *keep = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, 1);
-    code = keep ? SG_OK : SG_ERR_BUDGET;
+    float *born = dated ? sg_alloc_raw(ctx, SG_MEM_OPTIMISER,
+                                       (n + SG_LANES - 1) / SG_LANES * SG_LANES, sizeof(*born))
+                        : NULL;
+    code = keep && (born || !dated) ? SG_OK : SG_ERR_BUDGET;
+    if (!code && dated)
+        code = sg_engine_download(engine, NULL, &(struct sg_columns){.at[SG_C_BORN] = born});
     if (!code) {
-        memset(keep, 1, n);
-        size_t lowest = (size_t) (rho * (double) n);
-        if (p->rule == SG_PRUNE_THRESHOLD && rho > 0) {
-            const double limit = sg_scores_rank(&s, (size_t) (rho * (double) (n - 1)));
-            lowest = 0;
-            for (size_t i = 0; i < n; i++)
-                lowest += s.score[i] <= limit;
-        }
-        lowest = lowest < n ? lowest : n - 1; /* a model keeps at least one Gaussian */
+        const struct spared by = {.unseen = p->unseen == SG_UNSEEN_KEEP && s.sampled,
+                                  .born = born,
+                                  .since = it - p->grace};
+        for (size_t i = 0; i < n; i++)
+            keep[i] = !is_spared(&by, p, &s, i);
+        const size_t lowest = share_of(&s, p->rule, rho, keep);
         sg_scores_remove(&s, lowest, keep);
+        for (size_t i = 0; i < n; i++)
+            keep[i] |= is_spared(&by, p, &s, i);
         out->filtered = true;
         out->rho = rho;
         out->scored = n, out->removed = lowest, out->unseen = s.unseen;
@@ -215,6 +267,7 @@ int sg_filter(struct sg_engine *engine, const struct sg_scene *scene,
                 engine, &(struct sg_edit){.keep = keep, .kept = n - lowest, .statistics = true});
     }
     sg_free(keep);
+    sg_free(born);
     sg_scores_clear(&s);
     return code;
 }

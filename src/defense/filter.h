@@ -19,6 +19,7 @@ double sg_filter_log_weight(const struct sg_defense_params *p, float log_smalles
 /* Scores of all Gaussians. All arrays: one value each. */
 struct sg_scores {
     size_t count, unseen; /* unseen: without a hit, -INFINITY */
+    bool sampled;         /* not all training views were counted */
     double *score;        /* ln; NULL: there are no scores */
     float *log_smallest;  /* decides between equal scores */
     uint64_t *keys;       /* scratch */
@@ -27,7 +28,7 @@ struct sg_scores {
 /* Room for n of each. SG_ERR_BUDGET. */
 int sg_scores_create(sg_ctx *ctx, size_t n, struct sg_scores *out);
 /* Counts hits over the sampled views of the scene at iteration it. An anchor has those of its
- * Gaussians, each with a weight of its own or that of the anchor (p->anchor_sigma). */
+ * Gaussians, as p->anchor_sigma, anchor_hits and anchor_score say. */
 int sg_score(struct sg_engine *engine, const struct sg_scene *scene,
              const struct sg_defense_params *p, const struct sg_render_params *render,
              uint64_t seed, int it, struct sg_scores *out);

@@ -713,18 +713,25 @@ int sg_engine_count_hits(struct sg_engine *e, const struct sg_camera *const *vie
 }
 
 int sg_engine_weigh_hits(struct sg_engine *e, const struct sg_camera *const *views, size_t n,
-                         const struct sg_render_params *params, enum sg_hit kind,
-                         double (*weight)(const void *arg, float log_smallest), const void *arg,
+                         const struct sg_render_params *params, const struct sg_weighing *how,
                          double *hits)
 {
     if (!e->ops->weigh_hits)
         return lacks(e, "weigh_hits");
+    const size_t count = sg_engine_count(e);
+    uint32_t *made = NULL;
+    if (how->combine == SG_COMBINE_MEAN &&
+        !(made = sg_alloc(e->ctx, SG_MEM_OPTIMISER, count, sizeof(*made))))
+        return SG_ERR_BUDGET;
     int code = finish(e);
     const double start = begin(e, &e->times.count);
-    memset(hits, 0, sg_engine_count(e) * sizeof(*hits));
+    memset(hits, 0, count * sizeof(*hits));
     for (size_t v = 0; v < n && !code; v++)
         if (!(code = sg_progress(e->ctx, SG_STAGE_COUNT, v, n)))
-            code = e->ops->weigh_hits(e, views[v], params, kind, weight, arg, hits);
+            code = e->ops->weigh_hits(e, views[v], params, how, hits, made);
+    for (size_t i = 0; i < count && made; i++)
+        hits[i] /= made[i] ? made[i] : 1;
+    sg_free(made);
     lap(e, start, &e->times.count);
     return leave(e, code, 0, 0);
 }

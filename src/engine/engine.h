@@ -312,12 +312,20 @@ int sg_engine_most_instances(struct sg_engine *e, uint64_t *out);
 int sg_engine_count_hits(struct sg_engine *e, const struct sg_camera *const *views, size_t n,
                          const struct sg_render_params *params, enum sg_hit kind, double *hits);
 
-/* The same of a model of anchors, where each hit of a Gaussian counts weight(arg, ln of its
- * smallest scale), and an anchor has those of its Gaussians. SG_ERR_USAGE for an engine of other
- * models. */
+/* Hits of anchors: in each view, each Gaussian that is made has a value. */
+struct sg_weighing {
+    enum sg_hit kind;
+    bool shared; /* a Gaussian has all hits of its anchor in the view */
+    /* The value is the hits times this of the natural log of its smallest scale. NULL: the hits. */
+    double (*weight)(const void *arg, float log_smallest);
+    const void *arg;
+    /* The values of an anchor, over Gaussians and views. In a sum of SG_HIT_VIEWS without a weight
+     * a view counts once. */
+    enum sg_combine combine;
+};
+/* The same of a model of anchors. SG_ERR_USAGE for an engine of other models. */
 int sg_engine_weigh_hits(struct sg_engine *e, const struct sg_camera *const *views, size_t n,
-                         const struct sg_render_params *params, enum sg_hit kind,
-                         double (*weight)(const void *arg, float log_smallest), const void *arg,
+                         const struct sg_render_params *params, const struct sg_weighing *how,
                          double *hits);
 
 /* ---- images on their own ---- */

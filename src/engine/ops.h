@@ -65,6 +65,8 @@ struct sg_anchor_ops {
     /* The view's Gaussians become the model that is drawn, SG_ANCHOR_GAUSSIANS of each anchor,
      * without statistics. appearance: as of struct sg_render_params. */
     int (*make_view)(struct sg_engine *, const struct sg_camera *, int appearance);
+    /* Of each anchor, a bit for each of its Gaussians that the view makes. */
+    int (*read_exists)(struct sg_engine *, uint32_t *exists);
     /* From their gradients to those of anchors and weights. */
     int (*pull)(struct sg_engine *, bool statistics);
     int (*optimise)(struct sg_engine *, const struct sg_update *); /* a step of Adam */
@@ -149,10 +151,10 @@ struct sg_engine_ops {
     /* Adds the hits of a view. */
     int (*count_hits)(struct sg_engine *, const struct sg_camera *, const struct sg_render_params *,
                       enum sg_hit, double *hits);
-    /* Likewise. Optional: there is no such operation. */
+    /* Adds the values of a view, or takes the largest. made: of each anchor, the values so far;
+     * NULL: nobody asks. Optional: there is no such operation. */
     int (*weigh_hits)(struct sg_engine *, const struct sg_camera *, const struct sg_render_params *,
-                      enum sg_hit, double (*weight)(const void *arg, float log_smallest),
-                      const void *arg, double *hits);
+                      const struct sg_weighing *, double *hits, uint32_t *made);
     int (*ascend)(struct sg_engine *, const struct sg_ascend *); /* optional: the oracle's */
     bool ascends_spectrum; /* it computes `extra` too; else the front end does before it */
     const struct sg_anchor_ops *anchors; /* NULL: they are in host memory */

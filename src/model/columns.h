@@ -53,12 +53,13 @@ enum sg_column_bits {
     SG_COLUMN_MIP = 8,       /* only models with the filters of Mip-Splatting have it */
     SG_COLUMN_RADII = 16,    /* only runs that count radii have it */
     SG_COLUMN_ANCHORS = 32,  /* only models of anchors have it */
+    SG_COLUMN_GRACE = 64,    /* only runs whose filter spares new anchors have it */
     /* Sums and squares, which a broken Gaussian may leave without a number but never below 0;
      * measures, which are finite too. */
-    SG_COLUMN_SUM = 64,
-    SG_COLUMN_MEASURE = 128
+    SG_COLUMN_SUM = 128,
+    SG_COLUMN_MEASURE = 256
 };
-#define SG_COLUMN_VARIANTS (SG_COLUMN_MIP | SG_COLUMN_RADII | SG_COLUMN_ANCHORS)
+#define SG_COLUMN_VARIANTS (SG_COLUMN_MIP | SG_COLUMN_RADII | SG_COLUMN_ANCHORS | SG_COLUMN_GRACE)
 
 #define SG_COLUMN_PLANES_MAX SG_A_PLANES /* of a column that is saved */
 
@@ -140,6 +141,10 @@ struct sg_column {
     C(ANCHOR_STATISTICS, .name = "anchor_statistics", .planes = SG_A_STATISTICS,                   \
       .bits = SG_COLUMN_SAVED | SG_COLUMN_ANCHORS | SG_COLUMN_SUM,                                 \
       .fate = {[SG_EDIT_KEEP] = SG_FATE_ASKED})                                                    \
+    /* The iteration in which they grew; 0: they were there from the beginning */                  \
+    C(BORN, .name = "anchor_born", .planes = 1,                                                    \
+      .bits = SG_COLUMN_SAVED | SG_COLUMN_GRACE | SG_COLUMN_MEASURE,                               \
+      .fate = {[SG_EDIT_INSERT] = SG_FATE_ROW, [SG_EDIT_KEEP] = SG_FATE_COPY})                     \
     /* Gradients of the view, and sums over earlier views (sg_update.accumulate) */                \
     C(GRADIENT, .name = "gradient", .planes = SG_PLANES_PARAMETERS, .bits = SG_COLUMN_LOST)        \
     C(ACCUMULATED, .name = "accumulated", .planes = SG_PLANES_PARAMETERS, .bits = SG_COLUMN_LOST)  \

@@ -87,7 +87,8 @@ static unsigned saved_bits(const sg_trainer *t)
 {
     return SG_COLUMN_SAVED | (t->params.model == SG_MODEL_MIP ? SG_COLUMN_MIP : 0) |
            (t->params.model == SG_MODEL_SCAFFOLD ? SG_COLUMN_ANCHORS : 0) |
-           (sg_counts_radii(&t->params) ? SG_COLUMN_RADII : 0);
+           (sg_counts_radii(&t->params) ? SG_COLUMN_RADII : 0) |
+           (sg_spares_anchors(&t->params) ? SG_COLUMN_GRACE : 0);
 }
 
 static bool is_saved(const sg_trainer *t, int c)

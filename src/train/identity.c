@@ -41,6 +41,9 @@ uint64_t sg_hash_anchors(const struct sg_train_params *p, uint64_t hash)
                             (double) s->appearance_lr_final};
     if (sg_network_parts(s))
         hash = XXH3_64bits_withSeed(parts, sizeof(parts), hash);
+    const double readings[] = {p->defense.anchor_hits, p->defense.anchor_score, p->defense.grace};
+    if (readings[0] > 0 || readings[1] > 0 || readings[2] > 0)
+        hash = XXH3_64bits_withSeed(readings, sizeof(readings), hash);
     return hash;
 }
 
@@ -103,6 +106,8 @@ struct sg_identity sg_train_identity(const struct sg_train_params *p)
     if (p->model == SG_MODEL_MIP)
         parameters = XXH3_64bits_withSeed("mip", strlen("mip"), parameters);
     parameters = sg_hash_anchors(p, parameters);
+    if (d->unseen)
+        parameters = XXH3_64bits_withSeed("unseen", strlen("unseen"), parameters);
     if (p->absgrad)
         parameters = XXH3_64bits_withSeed("absgrad", strlen("absgrad"), parameters);
     return (struct sg_identity){

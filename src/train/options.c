@@ -30,9 +30,10 @@
 /* Choices are indices of enums. */
 _Static_assert(SG_STRATEGY_MCMC == 1, "the order of the strategies");
 _Static_assert(SG_MODEL_MIP == 1 && SG_MODEL_SCAFFOLD == 2, "the order of the models");
-_Static_assert(SG_SIGMA_EIGEN == 1 && SG_ANCHOR_SIGMA_ANCHOR == 1 && SG_HIT_VIEWS == 1 &&
-                   SG_HIT_WEIGHT == 2 && SG_PRUNE_THRESHOLD == 1 && SG_VIEWS_ALL == 1 &&
-                   SG_TV_PENALTY_L1 == 1 && SG_TV_PENALTY_HUBER == 2 &&
+_Static_assert(SG_SIGMA_EIGEN == 1 && SG_ANCHOR_SIGMA_ANCHOR == 1 && SG_ANCHOR_HITS_ANCHOR == 1 &&
+                   SG_COMBINE_MAX == 1 && SG_COMBINE_MEAN == 2 && SG_UNSEEN_KEEP == 1 &&
+                   SG_HIT_VIEWS == 1 && SG_HIT_WEIGHT == 2 && SG_PRUNE_THRESHOLD == 1 &&
+                   SG_VIEWS_ALL == 1 && SG_TV_PENALTY_L1 == 1 && SG_TV_PENALTY_HUBER == 2 &&
                    SG_STRATEGY_LIGHTGAUSSIAN == 2 && SG_AT_LIMIT_UNIVERSAL == 3 &&
                    SG_ENERGY_AMPLITUDE == 1 && SG_CHANNELS_LUMA == 1,
                "the order of the defense's choices");
@@ -188,6 +189,23 @@ static const struct sg_option train_options[] = {
               "With --model scaffold, whose size: that of each Gaussian where it is drawn, or that "
               "of its anchor.",
               DEFENSE, EXPERT),
+    SG_CHOICE("filter-anchor-hits", defense.anchor_hits, "neural|anchor", "NAME",
+              "With --model scaffold, whose hits a Gaussian has in a view: its own, or all of its "
+              "anchor's.",
+              DEFENSE, EXPERT),
+    SG_CHOICE(
+        "filter-anchor-score", defense.anchor_score, "sum|max|mean", "NAME",
+        "With --model scaffold, what an anchor has of its Gaussians' scores, over all sampled "
+        "views that make them.",
+        DEFENSE, EXPERT),
+    INTEGER("filter-grace", defense.grace, 0, 1e9,
+            "With --model scaffold, iterations in which the filter spares a new anchor.", DEFENSE,
+            EXPERT),
+    SG_CHOICE(
+        "filter-unseen", defense.unseen, "first|keep", "NAME",
+        "Gaussians without a hit in the sampled views: they go first, or they stay unless all "
+        "training views are counted.",
+        DEFENSE, EXPERT),
     SG_CHOICE("filter-hits", defense.hit, "pixels|views|weight", "NAME",
               "Hits of a Gaussian: pixels it is blended in, views, or its weight in the pixels.",
               DEFENSE, EXPERT),

@@ -48,6 +48,12 @@ static inline bool sg_counts_radii(const struct sg_train_params *p)
            p->max_gaussians > 0;
 }
 
+/* Whether the filter spares anchors that have grown lately. */
+static inline bool sg_spares_anchors(const struct sg_train_params *p)
+{
+    return p->model == SG_MODEL_SCAFFOLD && p->defense.on && p->defense.grace > 0;
+}
+
 /* The optional parts of the networks of anchors: bits of enum sg_network_part. */
 static inline unsigned sg_network_parts(const struct sg_scaffold_params *s)
 {

@@ -166,6 +166,18 @@ static int edit(sg_trainer *t, const uint8_t *keep, size_t kept, const struct sg
     return code;
 }
 
+/* New anchors know when they grew, where the filter asks for that. */
+static int date(const sg_trainer *t, int it, struct sg_model *rows)
+{
+    if (!rows || !sg_spares_anchors(&t->params))
+        return SG_OK;
+    float *born = sg_alloc_raw(t->ctx, SG_MEM_OPTIMISER, rows->capacity, sizeof(*born));
+    for (size_t i = 0; i < rows->capacity && born; i++)
+        born[i] = (float) it;
+    rows->columns->at[SG_C_BORN] = born;
+    return born ? SG_OK : SG_ERR_BUDGET;
+}
+
 int sg_trainer_grow_anchors(sg_trainer *t, int it, struct sg_train_step *step)
 {
     const struct sg_train_params *p = &t->params;
@@ -194,6 +206,8 @@ int sg_trainer_grow_anchors(sg_trainer *t, int it, struct sg_train_step *step)
                                                        .seed = p->seed,
                                                        .stream = (uint64_t) it},
                             &rows, &bound);
+    if (!code)
+        code = date(t, it, rows);
     if (!code)
         code = sg_engine_settle(t->engine,
                                 &(struct sg_settling){seen / 2, seen, SG_ANCHOR_LOG_SIZE_MAX});

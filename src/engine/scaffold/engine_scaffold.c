@@ -121,6 +121,8 @@ static int edit(struct sg_engine *base, const struct sg_edit *e)
     b->learns = false;
     if (code)
         return code;
+    if (sg_host_rows_of(e->rows, SG_C_BORN) && sg_host_alloc(base->ctx, &b->anchors, SG_C_BORN))
+        return SG_ERR_BUDGET;
     b->host_newer = true; /* also after an error */
     return sg_host_edit(base->ctx, &b->anchors, e);
 }
@@ -301,30 +303,57 @@ static int read_gradients(struct sg_engine *base, struct sg_model *out)
 
 /* ---- hits ---- */
 
-/* Those of an anchor are those of its Gaussians, added up. smallest: their scales, or NULL. */
-static void add_hits(const struct scaffold_engine *b, const double *own, const float *smallest,
-                     enum sg_hit kind, double (*weight)(const void *arg, float log_smallest),
-                     const void *arg, double *hits)
+/* The Gaussians of an anchor in the arrays of the engine that draws; returns how many. exists: on a
+ * device, of all anchors, which then have places for all of their Gaussians. */
+static int made_of(const struct scaffold_engine *b, const uint32_t *exists, size_t k,
+                   size_t at[SG_ANCHOR_GAUSSIANS], size_t *anchor)
 {
-    const size_t anchors = b->device ? b->anchors.count : b->drawing_count;
+    const uint32_t bits = exists ? exists[k] : b->seen[k].exists;
+    const size_t first = exists ? k * SG_ANCHOR_GAUSSIANS : b->seen[k].first;
+    int n = 0;
+    *anchor = exists ? k : b->seen[k].anchor;
+    for (size_t g = 0; g < SG_ANCHOR_GAUSSIANS; g++)
+        if (bits >> g & 1) {
+            at[n] = first + (exists ? g : (size_t) n);
+            n++;
+        }
+    return n;
+}
+
+/* From those of Gaussians to those of anchors. smallest: their scales, if they have a weight. */
+static void add_hits(const struct scaffold_engine *b, const struct sg_weighing *how,
+                     const double *own, const float *smallest, const uint32_t *exists, double *hits,
+                     uint32_t *made)
+{
+    const size_t anchors = exists ? b->anchors.count : b->drawing_count;
+    const bool once =
+        how->kind == SG_HIT_VIEWS && !how->weight && !how->shared && how->combine == SG_COMBINE_SUM;
     for (size_t k = 0; k < anchors; k++) {
-        const struct seen all = {.anchor = (uint32_t) k,
-                                 .first = (uint32_t) (k * SG_ANCHOR_GAUSSIANS),
-                                 .exists = (1u << SG_ANCHOR_GAUSSIANS) - 1},
-                          *s = b->device ? &all : &b->seen[k];
-        const size_t end = s->first + (size_t) __builtin_popcount(s->exists);
-        double sum = 0;
-        for (size_t i = s->first; i < end; i++)
-            if (own[i] > 0)
-                sum += own[i] * (weight ? weight(arg, smallest[i]) : 1);
-        hits[s->anchor] += kind == SG_HIT_VIEWS && !weight ? sum > 0 : sum;
+        size_t at[SG_ANCHOR_GAUSSIANS], anchor;
+        const int n = made_of(b, exists, k, at, &anchor);
+        double all = 0, sum = 0, most = 0;
+        for (int i = 0; i < n; i++)
+            all += own[at[i]];
+        if (how->kind == SG_HIT_VIEWS)
+            all = all > 0;
+        for (int i = 0; i < n; i++) {
+            const double h = how->shared ? all : own[at[i]],
+                         value =
+                             h > 0 && how->weight ? h * how->weight(how->arg, smallest[at[i]]) : h;
+            sum += value;
+            most = fmax(most, value);
+        }
+        sum = once ? all : sum;
+        hits[anchor] =
+            how->combine == SG_COMBINE_MAX ? fmax(hits[anchor], most) : hits[anchor] + sum;
+        if (made)
+            made[anchor] += (uint32_t) n;
     }
 }
 
 static int weigh_hits(struct sg_engine *base, const struct sg_camera *view,
-                      const struct sg_render_params *params, enum sg_hit kind,
-                      double (*weight)(const void *arg, float log_smallest), const void *arg,
-                      double *hits)
+                      const struct sg_render_params *params, const struct sg_weighing *how,
+                      double *hits, uint32_t *made)
 {
     struct scaffold_engine *b = of(base);
     struct sg_engine *inner = b->inner;
@@ -333,25 +362,32 @@ static int weigh_hits(struct sg_engine *base, const struct sg_camera *view,
         return code;
     const size_t n = sg_scaffold_drawn(b);
     double *own = sg_alloc(base->ctx, SG_MEM_SPLATS, n, sizeof(*own));
-    float *smallest = weight ? sg_alloc_raw(base->ctx, SG_MEM_SPLATS, n, sizeof(*smallest)) : NULL;
-    if (!own || (weight && !smallest))
+    float *smallest =
+        how->weight ? sg_alloc_raw(base->ctx, SG_MEM_SPLATS, n, sizeof(*smallest)) : NULL;
+    uint32_t *exists =
+        b->device ? sg_alloc_raw(base->ctx, SG_MEM_SPLATS, b->anchors.count, sizeof(*exists))
+                  : NULL;
+    if (!own || (how->weight && !smallest) || (b->device && !exists))
         code = SG_ERR_BUDGET;
-    if (!code && weight)
+    if (!code && smallest)
         code =
             inner->ops->read_statistics(inner, &(struct sg_statistics){.log_smallest = smallest});
     if (!code)
-        code = inner->ops->count_hits(inner, view, params, kind, own);
+        code = inner->ops->count_hits(inner, view, params, how->kind, own);
+    if (!code && exists)
+        code = b->device->read_exists(inner, exists);
     if (!code)
-        add_hits(b, own, smallest, kind, weight, arg, hits);
+        add_hits(b, how, own, smallest, exists, hits, made);
     sg_free(own);
     sg_free(smallest);
+    sg_free(exists);
     return code;
 }
 
 static int count_hits(struct sg_engine *base, const struct sg_camera *view,
                       const struct sg_render_params *params, enum sg_hit kind, double *hits)
 {
-    return weigh_hits(base, view, params, kind, NULL, NULL, hits);
+    return weigh_hits(base, view, params, &(struct sg_weighing){.kind = kind}, hits, NULL);
 }
 
 static const struct sg_engine_ops ops = {

@@ -221,6 +221,12 @@ static int make_view(struct sg_engine *base, const struct sg_camera *camera, int
                       .drawn = a->drawn.address, .count = (uint32_t) a->count, .parts = a->parts);
 }
 
+static int read_exists(struct sg_engine *base, uint32_t *exists)
+{
+    struct vulkan_engine *e = vulkan_of(base);
+    return sg_gpu_read(e->gpu, &e->anchors.exists, 0, exists, 4 * (uint64_t) e->anchors.count);
+}
+
 /* Invocations of a kernel with one for each of `values` values of an anchor. */
 static uint64_t each_value(const struct vulkan_anchors *a, uint64_t values)
 {
@@ -344,6 +350,7 @@ static int read_gradients(struct sg_engine *base, struct sg_model *out)
 const struct sg_anchor_ops sg_vulkan_anchors = {.upload = upload,
                                                 .download = download,
                                                 .make_view = make_view,
+                                                .read_exists = read_exists,
                                                 .pull = pull,
                                                 .optimise = optimise,
                                                 .learn = learn,
