@@ -36,6 +36,8 @@ function(sg_wrap program)
 endfunction()
 if(SG_HAVE_VULKAN)
     sg_wrap(test_devices dlopen dlsym dlclose)
+    set(WRAPPED_BY_CALLS sg_vk_open sg_vk_open_device) # tests/driver_calls.h
+    sg_wrap(test_device_memory ${WRAPPED_BY_CALLS})
     target_sources(test_device_parts PRIVATE bench/device.c)
     target_include_directories(test_device_parts PRIVATE bench ${spirv_dir})
     add_dependencies(test_device_parts splatguard_bench) # which makes its kernels
