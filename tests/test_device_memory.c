@@ -42,7 +42,6 @@ static void assert_nothing_held(const sg_ctx *ctx, const char *what, uint64_t n)
 
 /* ---- limits ---- */
 
-#define LIMITS 20
 #define LOWEST (6u << 20)
 #define STEP (300u << 10)
 
@@ -57,17 +56,16 @@ static void assert_below(const sg_ctx *ctx, uint64_t limit)
 }
 
 /* With rising limits: refused at first, then trained to the end below the limit, with fewer
- * Gaussians, or lists in bands, where it is near. */
-static void test_limits(void **state)
+ * Gaussians, or lists in bands, where it is near. Returns how many the last limit allows. */
+static uint64_t check_limits(struct sg_train_params p, int tried, uint64_t apart)
 {
-    (void) state;
-    struct sg_train_params p = short_params();
     p.engine = main_engine();
     p.iterations = 6, p.densify_from_iter = 2, p.densification_interval = 4;
     p.densify_grad_threshold = 1e-6f;
     int refused = 0, smaller = 0, whole = 0;
-    for (int i = 0; i < LIMITS; i++) {
-        const uint64_t limit = LOWEST + (uint64_t) i * STEP;
+    uint64_t most = 0;
+    for (int i = 0; i < tried; i++) {
+        const uint64_t limit = LOWEST + (uint64_t) i * apart;
         struct sg_ctx_params params = {.threads = 1, .max_vram = limit};
         struct fixture f = make_fixture(1);
         sg_ctx *ctx;
@@ -90,6 +88,7 @@ static void test_limits(void **state)
                     fail_msg("limit %llu: %s", (unsigned long long) limit, sg_last_error(ctx));
             sg_trainer_limits(t, &limits);
             assert_true(limits.by_memory && sg_trainer_gaussians(t) <= limits.max_gaussians);
+            most = limits.max_gaussians;
             *(limits.gaussians_bound ? &smaller : &whole) += 1;
         }
         assert_below(ctx, limit);
@@ -102,6 +101,26 @@ static void test_limits(void **state)
     printf("%d limits refused, %d with a smaller model, %d with the whole\n", refused, smaller,
            whole);
     assert_true(refused > 0 && smaller > 0 && whole > 0);
+    return most;
+}
+
+static void test_limits(void **state)
+{
+    (void) state;
+    check_limits(short_params(), 20, STEP);
+}
+
+/* The same of what has arrays of its own. */
+static void test_variant_limits(void **state)
+{
+    (void) state;
+    struct sg_train_params mip = short_params(), mcmc = mip, exposure = mip;
+    mip.model = SG_MODEL_MIP, mcmc.strategy = SG_STRATEGY_MCMC, exposure.exposure = true;
+    mcmc.mcmc.growth = 2;
+    const uint64_t filtered = check_limits(mip, 6, 2 * STEP),
+                   plain = check_limits(exposure, 6, 2 * STEP);
+    assert_true(10 * filtered < 9 * plain); /* its columns are counted */
+    check_limits(mcmc, 6, 2 * STEP);
 }
 
 /* A driver that gives only so much at once, and only so many times. */
@@ -408,6 +427,7 @@ int main(void)
         cmocka_unit_test(test_default),
         cmocka_unit_test(test_driver_limits),
         cmocka_unit_test(test_limits),
+        cmocka_unit_test(test_variant_limits),
         cmocka_unit_test(test_anchor_limits),
         cmocka_unit_test(test_host),
         cmocka_unit_test_setup_teardown(test_allocations, make_scene, NULL),
