@@ -517,8 +517,8 @@ static void test_many(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Renders have the appearance of the photo that is asked for, of the view's number in a list, or
- * the mean of all. */
+/* Renders have the appearance of the photo that is asked for, of the view's number in a list, the
+ * mean of all, or none. */
 static void test_appearance(void **state)
 {
     (void) state;
@@ -564,6 +564,16 @@ static void test_appearance(void **state)
     for (int i = 0; i < 3 * W * H; i++)
         assert_true(fabsf(rgb[0][i] - rgb[3][i]) < 1e-5f);
     sg_renderer_destroy(&r);
+    memset(&rows[2], 0, sizeof(rows[2]));
+    for (int i = 0; i < 3; i++) { /* zeros are those of photo 2, and not the mean */
+        params.appearance = (const int[]){2, SG_APPEARANCE_ZERO, SG_APPEARANCE_MEAN}[i];
+        assert_int_equal(sg_renderer_create(ctx, main_engine(), NULL, m, &params, &r), SG_OK);
+        sg_renderer_set_index(r, 1);
+        assert_int_equal(sg_render(r, &camera, rgb[i], NULL, NULL, NULL), SG_OK);
+        sg_renderer_destroy(&r);
+    }
+    assert_memory_equal(rgb[1], rgb[0], sizeof(rgb[0]));
+    assert_true(memcmp(rgb[2], rgb[0], sizeof(rgb[0])) != 0);
     sg_model_destroy(&m);
     sg_ctx_destroy(&ctx);
 }

@@ -23,8 +23,8 @@ struct sg_render_params {
     /* Of models of anchors that learned the appearances of photos: the photo, from 0, whose
      * appearance renders have. SG_APPEARANCE_INDEX: view i of a list has that of photo i, as in the
      * released code of Scaffold-GS (see sg_renderer_set_index). SG_APPEARANCE_MEAN: the mean of
-     * all, which is also taken where there is no such photo or index. Default SG_APPEARANCE_INDEX.
-     */
+     * all, which is also taken where there is no such photo or index. SG_APPEARANCE_ZERO: zeros.
+     * Default SG_APPEARANCE_INDEX. */
     int appearance;
     /* (Gaussian, tile) pairs held at once. Views with more are processed in bands. Default 1 << 24.
      */
@@ -32,6 +32,7 @@ struct sg_render_params {
 };
 #define SG_APPEARANCE_INDEX (-1)
 #define SG_APPEARANCE_MEAN (-2)
+#define SG_APPEARANCE_ZERO (-3)
 #define SG_RENDER_DEFAULTS .max_instances = 1u << 24, .appearance = SG_APPEARANCE_INDEX
 SG_API struct sg_render_params sg_render_params_default(void);
 

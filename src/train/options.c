@@ -264,10 +264,11 @@ static const struct sg_option render_options[] = {
     SG_FLAG("mip-filter", mip_filter,
             "The 2D filter of Mip-Splatting, for models that were trained with it.", RASTERISER,
             .transient = true),
-    INTEGER("appearance", appearance, -2, 1e6,
+    INTEGER("appearance", appearance, -3, 1e6,
             "Of which training photo, from 0, a model with --photo-appearance has the appearance. "
-            "index: view i has that of photo i, as in the released code; mean: the mean of all.",
-            RASTERISER, .words = "index|mean", .first_word = SG_APPEARANCE_INDEX,
+            "index: view i has that of photo i, as in the released code; mean: the mean of all; "
+            "zero: zeros.",
+            RASTERISER, .words = "index|mean|zero", .first_word = SG_APPEARANCE_INDEX,
             .transient = true),
     SG_FLAG("reference-tiles", reference_tiles,
             "Keep every tile of the 3-sigma square, for parity checks.", RASTERISER,

@@ -33,7 +33,7 @@ struct scaffold_engine {
     bool host_newer, device_newer;
     /* of the view */
     struct sg_neural_args args;
-    size_t photo;                   /* whose appearance it has; SIZE_MAX: the mean of all */
+    size_t photo;                   /* whose appearance it has; SIZE_MAX: of none */
     struct sg_weights *own_weights; /* those that it is drawn with, where appearances are learned */
     float appearance[SG_APPEARANCE], appearance_gradient[SG_APPEARANCE];
     uint8_t *sees;                                 /* of each anchor */

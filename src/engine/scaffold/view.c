@@ -76,7 +76,7 @@ static int set_appearance(struct scaffold_engine *b, int photo)
     b->photo = one ? (size_t) photo : SIZE_MAX;
     for (int k = 0; k < SG_APPEARANCE; k++) {
         float sum = 0;
-        for (size_t i = 0; i < n->photos && !one; i++)
+        for (size_t i = 0; i < n->photos && !one && photo != SG_APPEARANCE_ZERO; i++)
             sum += n->appearance[i].value[k];
         b->appearance[k] = one ? n->appearance[photo].value[k] : sum / (float) n->photos;
     }

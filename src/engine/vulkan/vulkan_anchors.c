@@ -201,8 +201,9 @@ static int make_view(struct sg_engine *base, const struct sg_camera *camera, int
     struct vulkan_anchors *a = &e->anchors;
     const struct pinhole view = view_make(camera);
     int code = sg_gpu_update(g, &a->view, 0, &view, sizeof(view));
-    a->photo =
-        appearance >= 0 && (uint32_t) appearance < a->photos ? (uint32_t) appearance : UINT32_MAX;
+    a->photo = appearance >= 0 && (uint32_t) appearance < a->photos ? (uint32_t) appearance
+               : appearance == SG_APPEARANCE_ZERO                   ? VK_NO_LOOK
+                                                                    : UINT32_MAX;
     for (int c = SG_C_GRAD_SUM; c <= SG_C_GRAD_COUNT && !code; c++)
         if (e->at[c].buffer)
             code = sg_gpu_fill(g, &e->at[c], 0, sg_vulkan_column_bytes(e, c), 0);

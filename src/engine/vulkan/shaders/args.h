@@ -350,6 +350,7 @@
 #define VK_N_COVARIANCE 10
 #define VK_N_COLOUR 80
 #define VK_N_LOOK 32
+#define VK_NO_LOOK 0xfffffffeu /* in place of a photo: zeros */
 #define VK_N_PART_DISTANCE 1
 #define VK_N_PART_BANK 2
 #define VK_W_OUTPUT 3456
@@ -387,9 +388,9 @@
 /* Sums of `width` values over `count` pieces, in a fixed order: a thread each. */
 #define ARGS_piece_sums(P, U, F)                                                                   \
     P(Floats, from) P(Floats, to) U(count) U(width)
-/* Appearances, of VK_N_LOOK values and their moments a photo. back 0: that of `photo`, or the mean
- * of all if there is no such photo, to `look`, and what the colours' network makes of it is added to
- * the biases of `to`, a copy of the weights. 1: gradients of the weights behind VK_W_LOOK, in `to`,
+/* Appearances, of VK_N_LOOK values and their moments a photo. back 0: that of `photo`, zeros for
+ * VK_NO_LOOK, or the mean of all if there is no such photo, to `look`, and what the colours' network
+ * makes of it is added to the biases of `to`, a copy of the weights. 1: gradients of the weights behind VK_W_LOOK, in `to`,
  * and behind these of the appearance. */
 #define ARGS_neural_look(P, U, F)                                                                  \
     P(Floats, looks) P(Floats, weights) P(Floats, look) P(Floats, to) U(photo) U(photos) U(back)

@@ -22,9 +22,10 @@ void main()
     const uint id = gl_LocalInvocationID.x;
     if (id < VK_N_LOOK && a.back == 0) {
         float sum = 0.0;
-        for (uint photo = 0; photo < a.photos && a.photo >= a.photos; photo++)
+        const bool mean = a.photo >= a.photos && a.photo != VK_NO_LOOK;
+        for (uint photo = 0; photo < a.photos && mean; photo++)
             sum += value(photo, id);
-        look[id] = a.photo < a.photos ? value(a.photo, id) : sum / float(a.photos);
+        look[id] = a.photo < a.photos ? value(a.photo, id) : mean ? sum / float(a.photos) : 0.0;
         a.look.v[id] = look[id];
     } else if (id < VK_N_LOOK)
         look[id] = a.look.v[id];
