@@ -9,10 +9,10 @@
 
 #include "engine/ops.h"
 
-/* Each declares the function that stands in, and the one that it stands in for. */
+/* Each declares the function that stands in, and the one that it stands in for, both of the type
+ * that the header gives. */
 #define WRAPPED(name, ...)                                                                         \
-    int __real_##name(__VA_ARGS__);                                                                \
-    int __wrap_##name(__VA_ARGS__);                                                                \
+    extern __typeof__(name) __real_##name, __wrap_##name;                                          \
     int __wrap_##name(__VA_ARGS__)
 
 static _Atomic uint64_t sum, calls;
@@ -118,10 +118,9 @@ WRAPPED(sg_engine_count_hits, struct sg_engine *e, const struct sg_camera *const
 }
 
 WRAPPED(sg_engine_weigh_hits, struct sg_engine *e, const struct sg_camera *const *views, size_t n,
-        const struct sg_render_params *params, enum sg_hit kind,
-        double (*weight)(const void *arg, float log_smallest), const void *arg, double *hits)
+        const struct sg_render_params *params, const struct sg_weighing *how, double *hits)
 {
-    const int code = __real_sg_engine_weigh_hits(e, views, n, params, kind, weight, arg, hits);
+    const int code = __real_sg_engine_weigh_hits(e, views, n, params, how, hits);
     if (!code)
         end(mix(begin("weig"), hits, sg_engine_count(e) * sizeof(*hits)));
     return code;
