@@ -20,6 +20,12 @@ expect 0 eval baked.ply --scene scene/blender --json; grep -q '"views": 2' out |
 expect 1 export anchors other.ply; says view-independent
 expect 0 train scene/blender -o run --iterations 5 --init-points 100 -q
 expect 1 export run other.ply --view-independent; says 'expected anchors'
+# Compared with another run, as measured by eval.
+expect 0 compare anchors run --scene scene/blender --json
+tr -d ' \n' <out | grep -q "^\[{\"run\":\"anchors\",\"max_gaussians\":[0-9]*,\"final_gaussians\":$gaussians,.*\"psnr\":${psnr%??}[0-9]*,.*\"run\":\"run\"" ||
+    fail "compare says $(cat out), eval $psnr dB of $gaussians"
+expect 0 compare anchors run --html both.html
+grep -q "^<tr><th scope=row>Gaussians, final<td>$gaussians<td>100 " both.html || fail "the page: $(grep -F 'Gaussians, final' both.html)"
 [ ! -e other.ply ] || fail "export left a file"
 expect 2 convert anchors anchors.ply; says 'found anchors of Scaffold-GS'
 expect 2 train scene/blender -o none --init $anchors; says 'found anchors of Scaffold-GS'

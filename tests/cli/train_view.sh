@@ -22,6 +22,19 @@ for file in point_cloud/iteration_600/point_cloud.ply checkpoint.bin; do
     cmp plain/$file seen/$file || fail "$file is another one with the view"
 done
 
+# Of anchors, which have no scores.
+rm address
+anchors="scene/blender $(once $short --iterations 900 --init-points 200 --model scaffold --anchors-from-iter 40 --voxel-size 0.02)"
+# shellcheck disable=SC2086
+"$tool" train $anchors -o anchors-seen --view >address 2>err &
+train=$!
+wait_for address
+python3 "$source_dir/tests/cli/view_training.py" "$(cat address)" look --anchors || fail "looking on anchors"
+wait $train || fail "the training of anchors ends with $?"
+# shellcheck disable=SC2086
+expect 0 train $anchors -o anchors-plain
+cmp anchors-plain/checkpoint.bin anchors-seen/checkpoint.bin || fail "another checkpoint of anchors with the view"
+
 # Stopped by the page, with everything saved.
 rm address
 # shellcheck disable=SC2086

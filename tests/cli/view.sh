@@ -79,6 +79,16 @@ end
 kill "$(cat browser.pid)"
 ls splatguard-*.html 2>/dev/null && fail "the address is left behind"
 
+# Anchors, with the mean of the photos' appearances.
+expect 0 train scene/blender -o anchors --eval $short --init-points 200 --model scaffold --anchors-from-iter 40 \
+    --voxel-size 0.02 --photo-appearance
+mkdir looks
+expect 0 render anchors -o looks/train --split train --appearance mean -q
+expect 0 render anchors -o looks/test --split test --appearance mean -q
+begin anchors
+python3 "$source_dir/tests/cli/view_requests.py" "$address" --anchors looks || fail "a run of anchors"
+end
+
 # A model alone, a scene alone, and a run whose scene has gone.
 begin run/point_cloud/iteration_30/point_cloud.ply
 python3 "$source_dir/tests/cli/view_requests.py" "$address" --draws || fail "a model alone"

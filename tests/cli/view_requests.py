@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """view_requests.py ADDRESS PID RENDERS SCENE: what the server of `splatguard view` answers, over plain sockets.
-view_requests.py ADDRESS --draws: whether the picture of the first camera has something in it."""
+view_requests.py ADDRESS --draws: whether the picture of the first camera has something in it.
+view_requests.py ADDRESS --anchors RENDERS: the pictures of anchors, which have no scores."""
 import json
 import re
 import socket
@@ -72,9 +73,26 @@ def drawn(kind, view):
     return decode(png)
 
 
+def compare_renders(renders):
+    """The pictures are those of `render`."""
+    for i, view in enumerate(scene["views"]):
+        ours, theirs = drawn(0, i), decode(open("%s/%s/%s.png" % (renders, view["split"], view["name"]), "rb").read())
+        off = [abs(a - b) for a, b in zip(ours[2], theirs[2])]
+        assert ours[:2] == theirs[:2] and max(off) <= 1 and sum(off) < 1e-3 * len(off), (view["name"], max(off), sum(off) / len(off))
+
+
 scene = json.loads(page("scene")[2])
 if sys.argv[2] == "--draws":
     assert len(set(drawn(0, 0)[2])) > 10, "an empty picture"
+    sys.exit()
+if sys.argv[2] == "--anchors":
+    assert scene["model"] and not scene["scores"] and not scene["next"], scene
+    compare_renders(sys.argv[3])
+    photo, render, difference = drawn(4, 0)[2], drawn(0, 0)[2], drawn(3, 0)[2]
+    assert all(abs(min(255, 4 * abs(a - b)) - c) <= 4 for a, b, c in zip(photo, render, difference)), "another difference"
+    assert len(set(drawn(1, 0)[2])) > 10 and len(set(drawn(2, 0)[2])) > 10, "no depth or no alpha"
+    assert [picture(kind, 0)[0] for kind in (5, 6, 7)] == [503] * 3, "scores of anchors"
+    assert picture(0, 0)[0] == 200, "nothing is drawn any more"
     sys.exit()
 pid, renders, folder = sys.argv[2:]
 
@@ -107,10 +125,7 @@ for name in ("", "view.js", "view.css", "page.css"):
     assert not re.search(rb"(src|href)=.?(https?:|//)|@import|url\(", page(name)[2]), name
 
 # The pictures are those of `render`, and the photos those of the scene.
-for i, view in enumerate(scene["views"]):
-    ours, theirs = drawn(0, i), decode(open("%s/%s/%s.png" % (renders, view["split"], view["name"]), "rb").read())
-    off = [abs(a - b) for a, b in zip(ours[2], theirs[2])]
-    assert ours[:2] == theirs[:2] and max(off) <= 1 and sum(off) < 1e-3 * len(off), (view["name"], max(off), sum(off) / len(off))
+compare_renders(renders)
 photo, render, difference = drawn(4, 0)[2], drawn(0, 0)[2], drawn(3, 0)[2]
 assert len(set(photo)) > 10
 for a, b, c in zip(photo, render, difference):

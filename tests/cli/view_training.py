@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""view_training.py ADDRESS look|stop: a page of `splatguard train --view`, without a browser."""
+"""view_training.py ADDRESS look|stop [--anchors]: a page of `splatguard train --view`, without a browser."""
 import json
 import socket
 import sys
@@ -7,7 +7,7 @@ import time
 import urllib.error
 import urllib.request
 
-address, what = sys.argv[1].strip(), sys.argv[2]
+address, what, anchors = sys.argv[1].strip(), sys.argv[2], "--anchors" in sys.argv
 
 
 def get(name, post=False):
@@ -45,8 +45,8 @@ assert scene["training"] and scene["model"] and len(scene["views"]) > 4
 paused = state()
 assert 1 <= paused["iteration"] < 600 and paused["gaussians"] > 0 and paused["loss"] > 0 and paused["memory"] > 1 << 20, paused
 first = picture(0, 0)
-assert scene["scores"] and scene["next"]
-for kind in (5, 6, 7):
+assert bool(scene["scores"]) == bool(scene["next"]) == (not anchors), scene
+for kind in () if anchors else (5, 6, 7):
     scores = picture(kind, 0)
     assert scores[:4] == b"\x89PNG" and scores != first and scores == picture(kind, 0), "scores of kind %d" % kind
 assert first[:4] == b"\x89PNG" and first == picture(0, 0), "the model moves while it is paused"
@@ -68,7 +68,7 @@ try:
         now = state()
         assert not now["paused"] or now["iteration"] == paused["iteration"]
         last = max(last, now["iteration"])
-        picture(drawn % 8, drawn % len(scene["views"]))
+        picture(drawn % (5 if anchors else 8), drawn % len(scene["views"]))
         drawn += 1
 except (urllib.error.URLError, OSError, ValueError):
     pass
