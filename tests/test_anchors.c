@@ -90,6 +90,39 @@ static void test_start(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Without a size of voxels it is the median of the points' mean squared distances to their three
+ * nearest; the released code takes element trunc(n / 2), counted from 1. */
+static void test_median(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    /* squared distances, in hundredths: 46/3, 10, 22/3, 50/3, and 146/3, with the last point 30;
+     * 250/3 of that one */
+    const float x[] = {0, 0.1f, 0.3f, 0.6f, 1, 1.5f};
+    static const int cells[2][6] = {{0, 1, 3, 6, 10}, {0, 1, 2, 4, 7, 10}};
+    const struct sg_anchor_start start = {.seed = 3};
+    struct sg_model *m;
+    float xyz[18] = {0};
+    size_t found;
+    for (int i = 0; i < 6; i++)
+        xyz[3 * i] = x[5 - i]; /* in no order */
+    for (size_t n = 5; n <= 6; n++) {
+        const double voxel = n == 5 ? 0.1 : 0.46 / 3;
+        assert_int_equal(sg_anchors_init(ctx, xyz + 3 * (6 - n), n, &start, &found, &m), SG_OK);
+        assert_near(m->columns->networks->voxel, voxel);
+        assert_int_equal(found, n);
+        assert_int_equal(m->count, n);
+        for (size_t i = 0; i < n; i++)
+            assert_near(*sg_model_at(m, i, SG_P_XYZ), cells[n - 5][i] * voxel);
+        sg_model_destroy(&m);
+    }
+    for (int i = 0; i < 18; i++) /* four of six on one place */
+        xyz[i] = i == 12 || i == 16;
+    assert_int_equal(sg_anchors_init(ctx, xyz, 6, &start, &found, &m), SG_ERR_INPUT);
+    assert_non_null(strstr(sg_last_error(ctx), "found half of them on others"));
+    sg_ctx_destroy(&ctx);
+}
+
 /* One anchor with one Gaussian that grows, as in the released code. */
 struct growing {
     struct sg_model *m;
@@ -508,9 +541,10 @@ static void test_hostile(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_cells), cmocka_unit_test(test_start),  cmocka_unit_test(test_growth),
-        cmocka_unit_test(test_drop),  cmocka_unit_test(test_files),  cmocka_unit_test(test_parts),
-        cmocka_unit_test(test_comma), cmocka_unit_test(test_hostile)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_cells),  cmocka_unit_test(test_start),
+                                       cmocka_unit_test(test_median), cmocka_unit_test(test_growth),
+                                       cmocka_unit_test(test_drop),   cmocka_unit_test(test_files),
+                                       cmocka_unit_test(test_parts),  cmocka_unit_test(test_comma),
+                                       cmocka_unit_test(test_hostile)};
     return cmocka_run_group_tests(tests, make_folder, remove_folder);
 }
