@@ -134,6 +134,8 @@ static struct growing make_growing(sg_ctx *ctx, size_t n)
 {
     struct growing g = {.p = {.voxel = 0.001f,
                               .factor = 16,
+                              .grids = 3,
+                              .finer = 4,
                               .gradient = 0.0002f,
                               .drawn = 40,
                               .drop = 0, /* none is left out */
@@ -232,6 +234,28 @@ static void test_growth(void **state)
     rows = grow(ctx, &g, &bound);
     assert_int_equal(rows->count, 2);
     sg_model_destroy(&rows);
+    /* One grid, and three of which each is twice as fine as the one before, with one threshold. */
+    g.p.grids = 1, g.p.factor = 16;
+    rows = grow(ctx, &g, &bound);
+    assert_int_equal(rows->count, 1);
+    sg_model_destroy(&rows);
+    g.p.grids = 3, g.p.finer = 2;
+    mark(&g, 0, 0, 41, 0.0003f);
+    rows = grow(ctx, &g, &bound);
+    assert_int_equal(rows->count, 3);
+    const double sizes[3] = {0.016, 0.008, 0.004}, at_y[3] = {0.016, 0.008, 0.012};
+    for (size_t i = 0; i < 3; i++) { /* y: 0.7, 1.4 and 2.8 cells */
+        assert_near(*sg_model_at(rows, i, SG_P_SCALE), log(sizes[i]));
+        assert_near(*sg_model_at(rows, i, SG_P_XYZ + 1), at_y[i]);
+    }
+    sg_model_destroy(&rows);
+    g.p.finer = 6; /* thrice the threshold, and less than a voxel on the third grid */
+    assert_int_equal((rows = grow(ctx, &g, &bound))->count, 1);
+    sg_model_destroy(&rows);
+    mark(&g, 0, 0, 41, 0.0009f);
+    assert_int_equal((rows = grow(ctx, &g, &bound))->count, 2);
+    sg_model_destroy(&rows);
+    g.p.finer = 4, g.p.factor = 4;
     *sg_model_at(g.m, 1, SG_P_XYZ) = 0.016f, *sg_model_at(g.m, 1, SG_P_XYZ + 1) = 0.012f;
     assert_null(grow(ctx, &g, &bound));
     /* A Gaussian that has gone beyond all cells is left out. */

@@ -376,6 +376,53 @@ static void test_filter(void **state)
     }
 }
 
+/* What the constants of the released code change, where they are given other values. */
+static void test_constants(void **state)
+{
+    (void) state;
+    struct fixture f = make_points(2);
+    struct course course;
+    enum { PLAIN, EVERY, GRIDS, FINER, SEEN, OPACITY, VOLUME, CASES };
+    size_t first[CASES], count[CASES];
+    double size[CASES];
+    f.scene.train = f.views;
+    for (int i = 0; i < CASES; i++) {
+        struct sg_train_params p = scaffold_params();
+        struct sg_train_step s = {0};
+        size_t removed = 0;
+        p.engine = main_engine();
+        p.scaffold.every = i == EVERY ? 3 : 1;
+        p.scaffold.grids = i == GRIDS ? 1 : 3;
+        p.scaffold.finer = i == FINER ? 2 : 4;
+        p.scaffold.seen = i == SEEN ? 1 : 0.8f;
+        p.scaffold.min_opacity = i == OPACITY ? 10 : 0.005f;
+        p.scaffold.volume = i == VOLUME ? 1000 : 0.01f;
+        sg_trainer *t = begin(&f, &p);
+        first[i] = sg_trainer_gaussians(t) / SG_ANCHOR_GAUSSIANS;
+        while (sg_trainer_iteration(t) < 12) {
+            if (sg_trainer_step(t, &s))
+                fail_msg("%s", sg_last_error(f.ctx));
+            removed += s.pruned;
+        }
+        assert_true(removed == 0 || i == OPACITY);
+        assert_true(removed > 0 || i != OPACITY);
+        struct sg_model *m = run(&f, t, 13, &course);
+        count[i] = m->count, size[i] = 0;
+        for (size_t k = 0; k < m->count; k++)
+            size[i] +=
+                (double) m->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, k, SG_A_SIZE)];
+        sg_model_destroy(&m);
+        sg_trainer_destroy(&t);
+    }
+    assert_int_equal(first[EVERY], (f.scene.n_points + 2) / 3);
+    assert_true(count[PLAIN] > first[PLAIN]);
+    assert_true(count[GRIDS] < count[PLAIN] && count[FINER] > count[PLAIN]);
+    assert_true(count[SEEN] < count[PLAIN]);
+    assert_int_equal(count[VOLUME], count[PLAIN]);
+    assert_true(size[VOLUME] < size[PLAIN]); /* it makes Gaussians small */
+    clear_points(&f);
+}
+
 /* Where a tolerance hides gradients, anchors grow at a lower threshold. */
 static void test_hidden(void **state)
 {
@@ -428,11 +475,11 @@ static void test_refused(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_threads), cmocka_unit_test(test_engines),
-        cmocka_unit_test(test_resume),  cmocka_unit_test(test_parts),
-        cmocka_unit_test(test_steps),   cmocka_unit_test(test_nothing_drawn),
-        cmocka_unit_test(test_limits),  cmocka_unit_test(test_memory),
-        cmocka_unit_test(test_filter),  cmocka_unit_test(test_hidden),
-        cmocka_unit_test(test_refused)};
+        cmocka_unit_test(test_threads),   cmocka_unit_test(test_engines),
+        cmocka_unit_test(test_resume),    cmocka_unit_test(test_parts),
+        cmocka_unit_test(test_steps),     cmocka_unit_test(test_nothing_drawn),
+        cmocka_unit_test(test_limits),    cmocka_unit_test(test_memory),
+        cmocka_unit_test(test_filter),    cmocka_unit_test(test_hidden),
+        cmocka_unit_test(test_constants), cmocka_unit_test(test_refused)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -68,9 +68,20 @@ struct sg_mcmc_params {
 struct sg_scaffold_params {
     float voxel; /* side of the cells that get an anchor from points, scene units, 0..1e6; 0 = by
                     the points' distances. Default 0.001. */
-    int cells;   /* of the coarsest grid of growth, in voxels, 1..4096; a quarter and a sixteenth of
-                    it for the finer ones. Default 16. */
-    int from;    /* growth after this iteration, 0..1e9. Default 1500. */
+    int every;   /* anchors begin at every so many-th point, 1..1 million. Default 1. */
+    /* Grids of growth: their number, 1..8; cells of the coarsest one, in voxels, 1..4096; and how
+     * many times finer each is than the one before, 2..64. Half of that, rounded down, is how many
+     * times higher its threshold is. Below one voxel there is none. Default 3, 16, 4. */
+    int grids, cells, finer;
+    int from; /* growth after this iteration, 0..1e9. Default 1500. */
+    /* Anchors that were seen in more than this share of the iterations between two growths are
+     * removed if the sum of their Gaussians' opacities has a mean below min_opacity. Gaussians
+     * that were drawn in more than half of that share can grow. 0..1 and 0..10. Default 0.8 and
+     * 0.005. */
+    float seen, min_opacity;
+    /* Weight in the loss of the mean product of the drawn Gaussians' scales, 0..1e3. Default 0.01.
+     */
+    float volume;
     /* Optional parts: the distance from camera to anchor as an input of all networks; the feature
      * bank, which mixes a feature with coarser copies of itself by direction and distance; 32
      * numbers of each training photo as inputs of the colours' network. Default false. */
@@ -87,7 +98,8 @@ struct sg_scaffold_params {
 };
 
 #define SG_SCAFFOLD_DEFAULTS                                                                       \
-    .voxel = 0.001f, .cells = 16, .from = 1500, .offset_lr_init = 0.01f, .offset_lr_final = 1e-4f, \
+    .voxel = 0.001f, .every = 1, .grids = 3, .cells = 16, .finer = 4, .from = 1500, .seen = 0.8f,  \
+    .min_opacity = 0.005f, .volume = 0.01f, .offset_lr_init = 0.01f, .offset_lr_final = 1e-4f,     \
     .feature_lr = 0.0075f, .scaling_lr = 0.007f, .opacity_lr_init = 0.002f,                        \
     .opacity_lr_final = 2e-5f, .covariance_lr_init = 0.004f, .covariance_lr_final = 0.004f,        \
     .colour_lr_init = 0.008f, .colour_lr_final = 5e-5f, .bank_lr_init = 0.01f,                     \

@@ -712,6 +712,11 @@ int sg_engine_count_hits(struct sg_engine *e, const struct sg_camera *const *vie
     return leave(e, code, 0, 0);
 }
 
+void sg_engine_set_volume(struct sg_engine *e, float weight)
+{
+    e->volume = weight;
+}
+
 int sg_engine_weigh_hits(struct sg_engine *e, const struct sg_camera *const *views, size_t n,
                          const struct sg_render_params *params, const struct sg_weighing *how,
                          double *hits)

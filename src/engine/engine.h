@@ -115,6 +115,10 @@ int sg_engine_set_statistic(struct sg_engine *e, enum sg_gradient_statistic stat
 /* Engine to host. */
 int sg_engine_read_statistics(struct sg_engine *e, const struct sg_statistics *out);
 
+/* Of a model of anchors: weight in the loss of the mean product of the drawn Gaussians' scales,
+ * SG_ANCHOR_VOLUME by default. */
+void sg_engine_set_volume(struct sg_engine *e, float weight);
+
 /* A change of the set of Gaussians: survivors in their order, then appended Gaussians in theirs.
  * The engine reorders models of a few thousand Gaussians or more; the new order depends on the
  * model and the edit only. The table of columns (model/columns.h) says what becomes of each. */

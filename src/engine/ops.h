@@ -39,6 +39,7 @@ struct sg_engine {
     const struct sg_shape *shape; /* or NULL */
     enum sg_gradient_statistic statistic;
     int each;                      /* Gaussians that one of the model can be drawn as; 0: 1 */
+    float volume;                  /* see sg_engine_set_volume */
     struct sg_photo_entry *photos; /* of handle k + 1 */
     size_t photo_count, photo_capacity;
     float *exposures; /* host; see sg_engine_set_exposures */
@@ -68,7 +69,7 @@ struct sg_anchor_ops {
     /* Of each anchor, a bit for each of its Gaussians that the view makes. */
     int (*read_exists)(struct sg_engine *, uint32_t *exists);
     /* From their gradients to those of anchors and weights. */
-    int (*pull)(struct sg_engine *, bool statistics);
+    int (*pull)(struct sg_engine *, bool statistics, float volume);
     int (*optimise)(struct sg_engine *, const struct sg_update *); /* a step of Adam */
     int (*learn)(struct sg_engine *, const struct sg_network_update *);
     int (*read_gradients)(struct sg_engine *, struct sg_model *);

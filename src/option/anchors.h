@@ -23,9 +23,22 @@
     SG_ANCHOR_FLOAT("voxel-size", scaffold.voxel, 0, 1e6,                                          \
         "Side of the cells that get an anchor from points, scene units; 0 = by the points' "       \
         "distances."),                                                                             \
+    SG_ANCHOR_INT("anchor-every", scaffold.every, 1, 1e6,                                          \
+        "Anchors begin at every Nth point."),                                                      \
     SG_ANCHOR_INT("anchor-cells", scaffold.cells, 1, 4096,                                         \
-        "Cells of the coarsest grid of growth, in voxels; a quarter and a sixteenth of it for "    \
-        "the finer grids."),                                                                       \
+        "Cells of the coarsest grid of growth, in voxels."),                                       \
+    SG_ANCHOR_INT("anchor-grids", scaffold.grids, 1, 8,                                            \
+        "Grids of growth. Below one voxel there is none."),                                        \
+    SG_ANCHOR_INT("anchor-finer", scaffold.finer, 2, 64,                                           \
+        "How many times finer each grid is than the one before. Half of that, rounded down, is "   \
+        "how many times higher its threshold is."),                                                \
+    SG_ANCHOR_FLOAT("anchor-seen", scaffold.seen, 0, 1,                                            \
+        "Share of the iterations between two growths in which an anchor has to be seen to be "     \
+        "removed for its opacity; half of it, in which a Gaussian has to be drawn to grow."),      \
+    SG_ANCHOR_FLOAT("anchor-min-opacity", scaffold.min_opacity, 0, 10,                             \
+        "Anchors go where the opacities of their Gaussians, added up, have a mean below this."),   \
+    SG_ANCHOR_FLOAT("anchor-volume", scaffold.volume, 0, 1000,                                     \
+        "Weight in the loss of the mean product of the drawn Gaussians' scales."),                 \
     SG_ANCHOR_INT("anchors-from-iter", scaffold.from, 0, 1e9,                                      \
         "Anchors grow after this iteration."),                                                     \
     SG_ANCHOR_FLAG("anchor-distance", scaffold.distance,                                           \

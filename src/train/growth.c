@@ -8,9 +8,6 @@
 #include "core/rng.h"
 #include "model/anchors.h"
 
-#define LEVELS 3
-#define FINER 4 /* times, from grid to grid */
-
 /* Cells of a grid, each once, with the new anchor that it has got: a hash table with open
  * addresses. */
 #define OLD UINT32_MAX /* it has an anchor from before */
@@ -112,9 +109,13 @@ static bool grows(const struct growing *g, size_t i, int k, int level)
 {
     const struct sg_growth_params *p = g->p;
     const float drawn = g->old->statistics[sg_param_index(SG_A_STATISTICS, i, SG_A_DRAWN + k)];
-    const uint64_t number = (uint64_t) i * SG_ANCHOR_GAUSSIANS + (uint64_t) k;
-    return drawn > p->drawn && mean_gradient(g->old, i, k) >= p->gradient * (float) (1 << level) &&
-           sg_rng_uniform(p->seed, SG_RNG_ANCHORS, p->stream, LEVELS * number + (uint64_t) level) >
+    const uint64_t number =
+        ((uint64_t) i * SG_ANCHOR_GAUSSIANS + (uint64_t) k) * (uint64_t) p->grids;
+    float gradient = p->gradient;
+    for (int finer = 0; finer < level; finer++)
+        gradient *= (float) (p->finer / 2);
+    return drawn > p->drawn && mean_gradient(g->old, i, k) >= gradient &&
+           sg_rng_uniform(p->seed, SG_RNG_ANCHORS, p->stream, number + (uint64_t) level) >
                powf(p->drop, (float) (level + 1));
 }
 
@@ -229,7 +230,7 @@ int sg_grow_anchors(sg_ctx *ctx, const struct sg_anchor_view *anchors,
     struct growing g = {.ctx = ctx, .old = anchors, .p = p};
     int code = SG_OK, factor = p->factor;
     *rows = NULL;
-    for (int level = 0; level < LEVELS && !code; level++, factor /= FINER)
+    for (int level = 0; level < p->grids && !code; level++, factor /= p->finer)
         /* As in the released code, a finer grid grows only where a coarser one has. */
         if (factor && (!level || g.count))
             code = grow_level(&g, level, p->voxel * (float) factor);

@@ -14,12 +14,15 @@ struct sg_anchor_view {
 
 struct sg_growth_params {
     float voxel;
-    int factor;     /* cells of the coarsest grid, in voxels; a quarter for each finer one */
-    float gradient; /* mean that makes a Gaussian grow; twice as much for each finer grid */
-    float drawn;    /* Gaussians that were drawn in more views count */
-    float drop;     /* of a Gaussian, on the coarsest grid, the probability to be left out; its
-                       powers on the others */
-    size_t limit;   /* the most new anchors: those of the largest gradients; the others stay out */
+    int factor; /* cells of the coarsest grid, in voxels */
+    int grids;  /* their number */
+    int finer;  /* times, from each to the next */
+    float
+        gradient; /* mean that makes a Gaussian grow; finer / 2 times as much for each finer grid */
+    float drawn;  /* Gaussians that were drawn in more views count */
+    float drop;   /* of a Gaussian, on the coarsest grid, the probability to be left out; its
+                     powers on the others */
+    size_t limit; /* the most new anchors: those of the largest gradients; the others stay out */
     uint64_t seed, stream;
 };
 

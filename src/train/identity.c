@@ -41,6 +41,21 @@ uint64_t sg_hash_anchors(const struct sg_train_params *p, uint64_t hash)
                             (double) s->appearance_lr_final};
     if (sg_network_parts(s))
         hash = XXH3_64bits_withSeed(parts, sizeof(parts), hash);
+    const struct sg_scaffold_params usual = {SG_SCAFFOLD_DEFAULTS};
+    const double constants[] = {s->every,
+                                s->grids,
+                                s->finer,
+                                (double) s->seen,
+                                (double) s->min_opacity,
+                                (double) s->volume},
+                 defaults[] = {usual.every,
+                               usual.grids,
+                               usual.finer,
+                               (double) usual.seen,
+                               (double) usual.min_opacity,
+                               (double) usual.volume};
+    if (memcmp(constants, defaults, sizeof(constants)) != 0)
+        hash = XXH3_64bits_withSeed(constants, sizeof(constants), hash);
     const double readings[] = {p->defense.anchor_hits, p->defense.anchor_score, p->defense.grace};
     if (readings[0] > 0 || readings[1] > 0 || readings[2] > 0)
         hash = XXH3_64bits_withSeed(readings, sizeof(readings), hash);

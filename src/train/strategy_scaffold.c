@@ -14,13 +14,21 @@
 #include "strategy.h"
 #include "trainer.h"
 
-#define SUCCESS 0.8f /* share of an interval's iterations in which an anchor was seen */
 #define DROP 0.5f
 
 static size_t most_anchors(const sg_trainer *t)
 {
     const uint64_t most = t->budget.gaussians / SG_ANCHOR_GAUSSIANS;
     return !t->budget.gaussians ? SIZE_MAX : most ? (size_t) most : 1;
+}
+
+/* Every so many-th point, from the first. Returns how many those are. */
+static size_t thin_out(float *xyz, size_t n, size_t every)
+{
+    const size_t left = (n + every - 1) / every;
+    for (size_t i = 1; i < left && every > 1; i++)
+        memcpy(xyz + 3 * i, xyz + 3 * i * every, 3 * sizeof(*xyz));
+    return left;
 }
 
 static int initial(sg_trainer *t, struct sg_model **out)
@@ -35,18 +43,20 @@ static int initial(sg_trainer *t, struct sg_model **out)
                                           .seed = p->seed};
     struct sg_model *points = NULL;
     float *xyz = NULL;
-    size_t cells = 0;
-    int code = SG_OK;
-    if (!scene->n_points) {
-        code = sg_model_init_random(t->ctx, p->init_points, p->seed, 0, &points);
-        if (!code && !(xyz = sg_alloc_raw(t->ctx, SG_MEM_MISC, points->count, 3 * sizeof(*xyz))))
-            code = SG_ERR_BUDGET;
-        if (!code)
-            code = sg_model_get_array(t->ctx, points, "position", xyz, 0);
-    }
+    size_t cells = 0, n = scene->n_points;
+    int code = n ? SG_OK : sg_model_init_random(t->ctx, p->init_points, p->seed, 0, &points);
+    n = points ? points->count : n;
+    if (!code && (points || p->scaffold.every > 1) &&
+        !(xyz = sg_alloc_raw(t->ctx, SG_MEM_MISC, n, 3 * sizeof(*xyz))))
+        code = SG_ERR_BUDGET;
+    if (!code && points)
+        code = sg_model_get_array(t->ctx, points, "position", xyz, 0);
+    else if (!code && xyz)
+        memcpy(xyz, scene->points, 3 * n * sizeof(*xyz));
+    if (!code && xyz)
+        n = thin_out(xyz, n, (size_t) p->scaffold.every);
     if (!code)
-        code = sg_anchors_init(t->ctx, xyz ? xyz : scene->points,
-                               points ? points->count : scene->n_points, &start, &cells, out);
+        code = sg_anchors_init(t->ctx, xyz ? xyz : scene->points, n, &start, &cells, out);
     if (!code && cells > (*out)->count) {
         t->gaussians_bound = true;
         sg_log(t->ctx, SG_LOG_WARN,
@@ -130,14 +140,14 @@ static int read_model(const sg_trainer *t, struct read *out)
 }
 
 /* Of the anchors that were seen often, those without opacity go. */
-static size_t mark_kept(const struct read *r, float seen, uint8_t *keep)
+static size_t mark_kept(const struct read *r, float seen, float opacity, uint8_t *keep)
 {
     const float *statistics = r->columns.at[SG_C_ANCHOR_STATISTICS];
     size_t kept = 0;
     for (size_t i = 0; i < r->model->count; i++) {
         const float *s = statistics + sg_param_index(SG_A_STATISTICS, i, 0);
         const float views = s[SG_A_SEEN * SG_LANES];
-        keep[i] = !(views > seen && s[SG_A_OPACITY * SG_LANES] < SG_PRUNE_OPACITY * views);
+        keep[i] = !(views > seen && s[SG_A_OPACITY * SG_LANES] < opacity * views);
         kept += keep[i];
     }
     if (!kept) /* a model keeps at least one */
@@ -182,7 +192,7 @@ int sg_trainer_grow_anchors(sg_trainer *t, int it, struct sg_train_step *step)
 {
     const struct sg_train_params *p = &t->params;
     const double start = sg_seconds();
-    const float seen = SUCCESS * (float) p->densification_interval;
+    const float seen = p->scaffold.seen * (float) p->densification_interval;
     struct read r = {0};
     struct sg_model *rows = NULL;
     bool bound = false;
@@ -191,7 +201,8 @@ int sg_trainer_grow_anchors(sg_trainer *t, int it, struct sg_train_step *step)
     uint8_t *keep = sg_alloc_raw(t->ctx, SG_MEM_OPTIMISER, n, 1);
     if (!keep)
         code = SG_ERR_BUDGET;
-    const size_t kept = code ? 0 : mark_kept(&r, seen, keep), most = most_anchors(t);
+    const size_t kept = code ? 0 : mark_kept(&r, seen, p->scaffold.min_opacity, keep),
+                 most = most_anchors(t);
     if (!code)
         code =
             sg_grow_anchors(t->ctx,
@@ -199,6 +210,8 @@ int sg_trainer_grow_anchors(sg_trainer *t, int it, struct sg_train_step *step)
                                                      r.columns.at[SG_C_ANCHOR_STATISTICS]},
                             &(struct sg_growth_params){.voxel = r.columns.networks->voxel,
                                                        .factor = p->scaffold.cells,
+                                                       .grids = p->scaffold.grids,
+                                                       .finer = p->scaffold.finer,
                                                        .gradient = sg_trainer_growth_threshold(t),
                                                        .drawn = seen / 2,
                                                        .drop = DROP,

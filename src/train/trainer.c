@@ -96,6 +96,8 @@ static int set_model(sg_trainer *t)
     const int code = mip ? sg_engine_set_shape(t->engine, &mip_shape)
                      : t->params.model == SG_MODEL_SCAFFOLD ? sg_scaffold_wrap(t->ctx, &t->engine)
                                                             : SG_OK;
+    if (!code)
+        sg_engine_set_volume(t->engine, t->params.scaffold.volume);
     return code ? code
                 : sg_engine_set_statistic(t->engine, mip                 ? SG_GRADIENT_MIP
                                                      : t->params.absgrad ? SG_GRADIENT_ABSOLUTE

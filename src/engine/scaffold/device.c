@@ -54,7 +54,7 @@ int sg_scaffold_device_pull(struct scaffold_engine *b, bool statistics)
     if (!code)
         code = sg_scaffold_wait(b);
     if (!code)
-        code = b->device->pull(inner, statistics);
+        code = b->device->pull(inner, statistics, b->base.volume);
     b->device_newer |= statistics;
     return code;
 }

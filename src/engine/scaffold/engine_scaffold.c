@@ -441,7 +441,8 @@ int sg_scaffold_wrap(sg_ctx *ctx, struct sg_engine **engine)
     b->base = (struct sg_engine){.ops = &ops,
                                  .ctx = ctx,
                                  .clock = inner->clock ? clock_of : NULL,
-                                 .each = SG_ANCHOR_GAUSSIANS};
+                                 .each = SG_ANCHOR_GAUSSIANS,
+                                 .volume = SG_ANCHOR_VOLUME};
     b->inner = inner;
     b->device = inner->ops->anchors;
     b->neural = ref ? sg_ref_neural : kernels->neural;

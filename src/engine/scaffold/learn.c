@@ -139,7 +139,7 @@ int sg_scaffold_pull(struct scaffold_engine *b, bool statistics)
         sg_grow(ctx, SG_MEM_SPLATS, &b->weight_sums, &b->cap_weight_sums, pieces, 0,
                 sizeof(*b->weight_sums)))
         return SG_ERR_BUDGET;
-    b->args.volume = b->drawn_count ? SG_ANCHOR_VOLUME / (float) b->drawn_count : 0;
+    b->args.volume = b->drawn_count ? b->base.volume / (float) b->drawn_count : 0;
     struct pull_job job = {b, sg_scaffold_drawn_model(b), blocks, each, statistics};
     sg_parallel_for(ctx, pieces, pull_piece, &job);
     for (size_t k = b->drawing_count; statistics && k < b->seen_count; k++)

@@ -234,7 +234,7 @@ static uint64_t each_value(const struct vulkan_anchors *a, uint64_t values)
     return FOR_EACH(sg_blocks(a->count) * SG_LANES * values);
 }
 
-static int pull(struct sg_engine *base, bool statistics)
+static int pull(struct sg_engine *base, bool statistics, float volume)
 {
     struct vulkan_engine *e = vulkan_of(base);
     struct gpu *g = e->gpu;
@@ -252,7 +252,7 @@ static int pull(struct sg_engine *base, bool statistics)
         .view = a->view.address, .from = e->at[SG_C_GRADIENT].address, .seen = a->seen.address,
         .seen_count = seen_count(a), .exists = a->exists.address, .drawn = a->drawn.address,
         .gradient = a->gradient.address, .sums = a->sums.address, .count = (uint32_t) a->count,
-        .parts = a->parts, .pieces = (uint32_t) pieces, .volume = SG_ANCHOR_VOLUME);
+        .parts = a->parts, .pieces = (uint32_t) pieces, .volume = volume);
     if (!code)
         code = GPU_RUN(g, piece_sums, 0, FOR_EACH(VK_W_LOOK), .from = a->sums.address,
                        .to = a->weight_gradient.address, .count = (uint32_t) pieces,
