@@ -5,13 +5,14 @@
 
 #include "exit_status.h"
 
-enum set { OFF, NS, MIP_OUTDOOR, MIP_INDOOR, TT, DB, POISON_SPLAT };
+enum set { OFF, NS, MIP_OUTDOOR, MIP_INDOOR, TT, DB, BUNGEE, POISON_SPLAT };
 
 static const char *const set_names[] = {[NS] = "NeRF-Synthetic",
                                         [MIP_OUTDOOR] = "outdoor scenes of Mip-NeRF 360",
                                         [MIP_INDOOR] = "indoor scenes of Mip-NeRF 360",
                                         [TT] = "Tanks and Temples",
                                         [DB] = "Deep Blending",
+                                        [BUNGEE] = "BungeeNeRF",
                                         [POISON_SPLAT] = "the benchmark of Poison-splat"};
 
 /* By the names of the options; option NULL: the defaults were published. */
@@ -33,11 +34,15 @@ static const struct setting {
     {"mip", MIP_OUTDOOR, "resolution", "4"},
     {"mip", MIP_INDOOR, "resolution", "2"},
     {"scaffold", NS, "anchor-cells", "4"},
+    {"scaffold", NS, "init-points", "10000"},
     {"scaffold", MIP_OUTDOOR, NULL, NULL},
     {"scaffold", MIP_INDOOR, NULL, NULL},
     {"scaffold", TT, "voxel-size", "0.01"},
     {"scaffold", DB, "voxel-size", "0.005"},
+    {"scaffold", BUNGEE, "voxel-size", "0"},
+    {"scaffold", BUNGEE, "anchor-cells", "128"},
     {"scaffold", POISON_SPLAT, "photo-appearance", "true"},
+    {"scaffold", POISON_SPLAT, "init-points", "10000"},
 };
 
 static const char *method_of(enum sg_train_model model, enum sg_train_strategy strategy)

@@ -6,7 +6,7 @@
 #include "options.h"
 #include "splatguard/train.h"
 
-#define PUBLISHED_SETS "off|ns|mip-outdoor|mip-indoor|tt|db|poison-splat"
+#define PUBLISHED_SETS "off|ns|mip-outdoor|mip-indoor|tt|db|bungee|poison-splat"
 
 /* Where they differ from the defaults, options of `c` that are not `given` get the values that were
  * published for the model or strategy and this data set, an index of PUBLISHED_SETS. Returns an

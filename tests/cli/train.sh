@@ -73,6 +73,12 @@ expect 0 train scene/blender -o published $brief --published ns --model scaffold
 expect 0 train scene/blender -o published $brief --published tt --model scaffold; has voxel-size 0.01; has anchor-cells 16
 expect 0 train scene/blender -o published $brief --published db --model scaffold --voxel-size 0.5; has voxel-size 0.5
 expect 0 train scene/blender -o published $brief --published poison-splat --model scaffold; has photo-appearance true
+expect 0 train scene/blender -o published $(once $brief --init-points 60) --published bungee --model scaffold; has voxel-size 0.0; has anchor-cells 128
+has init-points 60
+expect 1 train scene/blender -o none --published bungee; says 'no published settings of 3dgs for BungeeNeRF'
+for set in ns poison-splat; do
+    expect 0 train scene/blender -o published --iterations 1 --force -q --published $set --model scaffold; has init-points 10000
+done
 expect 1 train --resume published --published ns; says 'exclude each other'
 expect 1 train scene/blender -o none --published tt --model mip; says 'no published settings of mip for Tanks and Temples'
 
