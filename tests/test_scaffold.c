@@ -622,12 +622,122 @@ static void test_bake(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Looks at the origin from an angle about the y axis. */
+static struct sg_camera look_from(double angle)
+{
+    struct sg_camera c = make_camera(W, H, 2.2);
+    const double R[9] = {cos(angle), 0, sin(angle), 0, 1, 0, -sin(angle), 0, cos(angle)};
+    memcpy(c.R, R, sizeof(R));
+    return c;
+}
+
+/* A Gaussian that views drew: their mean, weighted by opacity, apart from that itself. */
+struct drawn_mean {
+    double sums[SG_NEURAL_PLANES], opacity;
+    int views, turned; /* turned: to the other sign of their rotation */
+};
+
+static void add_drawn(struct drawn_mean *m, const double *drawn)
+{
+    const double o = 1 / (1 + exp(-drawn[SG_P_OPACITY]));
+    double dot = 0, length = 0;
+    for (int k = 0; k < 4; k++) {
+        dot += m->sums[SG_P_ROT + k] * drawn[SG_P_ROT + k];
+        length += drawn[SG_P_ROT + k] * drawn[SG_P_ROT + k];
+    }
+    for (int p = 0; p < SG_NEURAL_PLANES; p++) { /* q and -q are the same rotation */
+        const bool rotation = p >= SG_P_ROT && p < SG_P_ROT + 4;
+        m->sums[p] += rotation ? (dot < 0 ? -o : o) * drawn[p] / sqrt(length) : o * drawn[p];
+    }
+    m->opacity += o;
+    m->turned += dot < 0;
+    m->views++;
+}
+
+/* What depends on the view is replaced by its mean over the views that drew it, and that can be
+ * seen. Photos that are as many as the views have their appearances. */
+static void check_bake(unsigned parts)
+{
+    static struct drawn_mean means[DRAWN];
+    static float rgb[2][3 * W * H];
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *m = make_anchors(ctx, ANCHORS, 40), *baked;
+    struct sg_view views[PHOTOS];
+    m->columns->networks->parts = parts;
+    for (int axis = 0; axis < 3; axis++) /* the direction of view counts a lot */
+        for (int h = 0; h < SG_HIDDEN; h++)
+            m->columns->networks->value.input[SG_ANCHOR_FEATURES + axis][h] *= 8;
+    struct chain *c = make_chain(m);
+    memset(means, 0, sizeof(means));
+    for (int v = 0; v < PHOTOS; v++) {
+        views[v] = (struct sg_view){.camera = look_from(2.1 * v)};
+        c->camera = views[v].camera;
+        for (int k = 0; k < SG_APPEARANCE; k++)
+            c->appearance[k] = (double) m->columns->networks->appearance[v].value[k];
+        const struct ref_view of = view_of(c);
+        for (size_t i = 0; i < ANCHORS; i++) {
+            double drawn[SG_ANCHOR_GAUSSIANS][SG_NEURAL_PLANES];
+            bool exists[SG_ANCHOR_GAUSSIANS];
+            ref_neural_forward(&c->w, &c->a[i], &of, drawn, exists);
+            for (size_t k = 0; k < SG_ANCHOR_GAUSSIANS; k++)
+                if (exists[k])
+                    add_drawn(&means[i * SG_ANCHOR_GAUSSIANS + k], drawn[k]);
+        }
+    }
+    assert_int_equal(sg_model_bake(ctx, m, views, PHOTOS, &baked), SG_OK);
+    size_t at = 0, some = 0, turned = 0;
+    for (size_t i = 0; i < DRAWN; i++) {
+        const struct drawn_mean *mean = &means[i];
+        const double o = mean->views ? mean->opacity / mean->views : 0;
+        some += mean->views > 0 && mean->views < PHOTOS;
+        turned += mean->turned > 0;
+        if (o < 1 / 255.0)
+            continue;
+        assert_true(at < baked->count);
+        for (int p = 0; p < SG_NEURAL_PLANES; p++) {
+            const double expected =
+                p == SG_P_OPACITY ? log(o / (1 - o)) : mean->sums[p] / mean->opacity;
+            const double found = (double) *sg_model_at(baked, at, p);
+            if (!(fabs(found - expected) < 1e-4 * fmax(fabs(expected), 1)))
+                fail_msg("Gaussian %zu, plane %d: found %g, expected %g", i, p, found, expected);
+        }
+        at++;
+    }
+    assert_int_equal(at, baked->count);
+    assert_true(some > 2 && turned > 0); /* not all views drew all of them */
+    const struct sg_model *const models[2] = {m, baked};
+    for (int k = 0; k < 2; k++) {
+        struct sg_render_params params = sg_render_params_default();
+        sg_renderer *r;
+        params.appearance = 1;
+        assert_int_equal(sg_renderer_create(ctx, NULL, NULL, models[k], &params, &r), SG_OK);
+        assert_int_equal(sg_render(r, &views[1].camera, rgb[k], NULL, NULL, NULL), SG_OK);
+        sg_renderer_destroy(&r);
+    }
+    double lost = 0;
+    for (int i = 0; i < 3 * W * H; i++)
+        lost += fabs((double) rgb[0][i] - (double) rgb[1][i]) / (3 * W * H);
+    if (!(lost > 0.005))
+        fail_msg("the mean of the views looks like view 1 but for %g", lost);
+    free(c);
+    sg_model_destroy(&baked);
+    sg_model_destroy(&m);
+    sg_ctx_destroy(&ctx);
+}
+
+static void test_bake_views(void **state)
+{
+    (void) state;
+    check_bake(0);
+    check_bake(ALL_PARTS);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_oracle),     cmocka_unit_test(test_bank),
         cmocka_unit_test(test_appearance), cmocka_unit_test(test_chain),
         cmocka_unit_test(test_engines),    cmocka_unit_test(test_many),
-        cmocka_unit_test(test_bake)};
+        cmocka_unit_test(test_bake),       cmocka_unit_test(test_bake_views)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
