@@ -11,7 +11,7 @@ if(NOT ZLIB_FOUND)
     list(FILTER SG_TESTS EXCLUDE REGEX "test_(format|sog|archive)")
 endif()
 if(NOT SG_HAVE_VULKAN)
-    list(FILTER SG_TESTS EXCLUDE REGEX "test_devices|test_device_memory|test_device_parts|test_flow")
+    list(FILTER SG_TESTS EXCLUDE REGEX "test_devices|test_device_memory|test_device_parts|test_device_faults|test_flow")
 endif()
 add_compile_options($<$<CONFIG:Release>:-O1>) # tests take longer to compile than to run
 foreach(source ${SG_TESTS})
@@ -38,6 +38,7 @@ if(SG_HAVE_VULKAN)
     sg_wrap(test_devices dlopen dlsym dlclose)
     set(WRAPPED_BY_CALLS sg_vk_open sg_vk_open_device) # tests/driver_calls.h
     sg_wrap(test_device_memory ${WRAPPED_BY_CALLS})
+    sg_wrap(test_device_faults ${WRAPPED_BY_CALLS})
     target_sources(test_device_parts PRIVATE bench/device.c)
     target_include_directories(test_device_parts PRIVATE bench ${spirv_dir})
     add_dependencies(test_device_parts splatguard_bench) # which makes its kernels

@@ -32,7 +32,6 @@
       (device, info, out))                                                                         \
     C(BeginCommandBuffer, (VkCommandBuffer commands, const VkCommandBufferBeginInfo *info),        \
       (commands, info))                                                                            \
-    C(EndCommandBuffer, (VkCommandBuffer commands), (commands))                                    \
     C(ResetFences, (VkDevice device, uint32_t n, const VkFence *fences), (device, n, fences))      \
     C(QueueSubmit, (VkQueue queue, uint32_t n, const VkSubmitInfo *info, VkFence fence),           \
       (queue, n, info, fence))
@@ -47,6 +46,7 @@ enum driver_call {
             CALL_CreateDevice,
     CALL_CreateComputePipelines,
     CALL_AllocateMemory,
+    CALL_EndCommandBuffer,
     CALL_WaitForFences,
     CALL_DeviceWaitIdle,
     CALL_GetQueryPoolResults,
@@ -58,7 +58,8 @@ enum driver_call {
 /* What there is on all devices of the process. */
 static struct {
     struct vk_functions driver;
-    long objects[CALLS]; /* by the call that makes one */
+    long objects[CALLS];  /* by the call that makes one */
+    uint64_t made[CALLS]; /* of each, since the process began */
     struct {
         VkDeviceMemory memory;
         uint64_t bytes;
@@ -92,6 +93,7 @@ static inline bool call_failed(void)
 
 static inline bool call_fails(enum driver_call call)
 {
+    calls.made[call]++;
     if (!calls.left || call != calls.call || --calls.left)
         return false;
     calls.failed = true;
@@ -212,22 +214,29 @@ static inline void VKAPI_CALL test_FreeMemory(VkDevice device, VkDeviceMemory me
     calls.driver.FreeMemory(device, memory, allocator);
 }
 
+/* Nothing is recorded any more, also after an error. */
+static inline VkResult VKAPI_CALL test_EndCommandBuffer(VkCommandBuffer commands)
+{
+    const VkResult result = calls.driver.EndCommandBuffer(commands);
+    return call_fails(CALL_EndCommandBuffer) ? calls.result : result;
+}
+
 static inline VkResult VKAPI_CALL test_DeviceWaitIdle(VkDevice device)
 {
+    const bool fails = call_fails(CALL_DeviceWaitIdle);
     const VkResult result = calls.driver.DeviceWaitIdle(device);
-    if (calls.lost)
-        return VK_ERROR_DEVICE_LOST;
-    return call_fails(CALL_DeviceWaitIdle) ? calls.result : result;
+    return calls.lost ? VK_ERROR_DEVICE_LOST : fails ? calls.result : result;
 }
 
 static inline VkResult VKAPI_CALL test_WaitForFences(VkDevice device, uint32_t n,
                                                      const VkFence *fences, VkBool32 all,
                                                      uint64_t timeout)
 {
-    if (calls.lost || call_fails(CALL_WaitForFences)) {
-        if (calls.lost) /* it does nothing more */
-            calls.driver.DeviceWaitIdle(device);
-        return calls.lost ? VK_ERROR_DEVICE_LOST : calls.result;
+    if (call_fails(CALL_WaitForFences) && !calls.lost)
+        return calls.result;
+    if (calls.lost) { /* it does nothing more */
+        calls.driver.DeviceWaitIdle(device);
+        return VK_ERROR_DEVICE_LOST;
     }
     return calls.driver.WaitForFences(device, n, fences, all, timeout);
 }
@@ -276,6 +285,7 @@ void __wrap_sg_vk_open_device(struct vk_functions *vk, VkDevice device)
     vk->DestroyPipeline = test_DestroyPipeline;
     vk->AllocateMemory = test_AllocateMemory;
     vk->FreeMemory = test_FreeMemory;
+    vk->EndCommandBuffer = test_EndCommandBuffer;
     vk->DeviceWaitIdle = test_DeviceWaitIdle;
     vk->WaitForFences = test_WaitForFences;
     vk->GetQueryPoolResults = test_GetQueryPoolResults;

@@ -101,6 +101,8 @@ static struct sg_engine *kept_engine;
 
 static inline void drop_kept_engine(void)
 {
+    if (!kept_engine)
+        return;
     sg_ctx *ctx = sg_engine_ctx(kept_engine);
     sg_engine_destroy(&kept_engine);
     sg_ctx_destroy(&ctx);

@@ -1,35 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A device whose memory is limited, runs out, or that is lost. SG_TEST_ENGINE names the device.
- * With SG_TEST_EACH every allocation and submission is made to fail, which takes minutes; else
- * those at the beginning, and every few later on, where most are repeated. */
+/* A device whose memory is limited. SG_TEST_ENGINE names the device. */
+#include <unistd.h>
+
 #include "core/vram.h"
 #include "engine/registry.h"
 #include "engine/vulkan/engine.h"
-#include "splatguard/run.h"
-#include "synth_scene.h"
 #include "train/budget.h"
 #include "training_anchors.h"
 #include "driver_calls.h"
-
-static char folder[] = "/tmp/sg_device_XXXXXX", scene_path[64], checkpoint[64], run_folder[64];
-
-static int make_scene(void **state)
-{
-    (void) state;
-    const int code =
-        make_synth_scene(folder, sg_synth_params(.width = 24, .height = 20, .train_views = 4,
-                                                 .test_views = 1, .points = 40, .samples = 1));
-    snprintf(scene_path, sizeof(scene_path), "%s/scene/colmap", folder);
-    snprintf(checkpoint, sizeof(checkpoint), "%s/checkpoint", folder);
-    snprintf(run_folder, sizeof(run_folder), "%s/run", folder);
-    return code;
-}
-
-static int remove_scene(void **state)
-{
-    (void) state;
-    return remove_synth_scene(folder);
-}
 
 static void assert_nothing_held(const sg_ctx *ctx, const char *what, uint64_t n)
 {
@@ -274,149 +252,6 @@ static void test_default(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* ---- allocations that fail ---- */
-
-static uint64_t next(uint64_t n)
-{
-    return getenv("SG_TEST_EACH") ? n + 1 : n + 1 + n / 10;
-}
-
-/* Creation, steps with densification, filter and losses, saving, resuming, model, renderer. */
-static int train_all(sg_ctx *ctx, enum sg_train_model kind)
-{
-    struct sg_scene *scene = NULL;
-    sg_trainer *trainer = NULL, *resumed = NULL;
-    sg_renderer *renderer = NULL;
-    struct sg_model *model = NULL;
-    struct sg_eval eval = {0};
-    struct sg_train_params p = sg_train_params_default();
-    p.engine = main_engine();
-    p.iterations = 5, p.densify_from_iter = 1, p.densification_interval = 2;
-    p.densify_until_iter = 5, p.sh_degree = 0, p.densify_grad_threshold = 1e-6f;
-    p.defense.on = true, p.defense.interval = 2, p.defense.views = 1;
-    p.model = kind;
-    p.scaffold.from = 1, p.scaffold.voxel = 0.05f, p.scaffold.appearance = true;
-    int code = sg_scene_load(ctx, scene_path, NULL, &scene);
-    if (!code)
-        code = sg_trainer_create(ctx, scene, NULL, &p, &trainer);
-    for (int i = 0; i < 3 && !code; i++)
-        code = sg_trainer_step(trainer, NULL);
-    if (!code)
-        code = sg_trainer_save(trainer, checkpoint);
-    if (!code)
-        code = sg_trainer_resume(ctx, scene, checkpoint, &p, &resumed);
-    sg_trainer_destroy(&trainer);
-    for (int i = 0; i < 1 && !code; i++)
-        code = sg_trainer_step(resumed, NULL);
-    if (!code)
-        code = sg_trainer_model(resumed, &model);
-    sg_trainer_destroy(&resumed);
-    if (!code)
-        code = sg_renderer_create(ctx, main_engine(), NULL, model, NULL, &renderer);
-    if (!code)
-        code = sg_evaluate(ctx, renderer, scene->train, 1, 0, &eval);
-    sg_eval_clear(&eval);
-    sg_renderer_destroy(&renderer);
-    sg_model_destroy(&model);
-    sg_scene_destroy(&scene);
-    return code;
-}
-
-static void check_allocations(enum sg_train_model kind)
-{
-    sg_ctx *ctx = make_context(1);
-    assert_int_equal(train_all(ctx, kind), SG_OK);
-    uint64_t n = 0;
-    int code, refused = 0, tried = 0;
-    bool failed;
-    do {
-        n = next(n), tried++;
-        sg_fail_device(ctx, SG_DEVICE_ALLOCATION, n);
-        code = train_all(ctx, kind);
-        failed = sg_fail_device(ctx, SG_DEVICE_ALLOCATION, 0);
-        if (code != SG_OK && code != SG_ERR_BUDGET)
-            fail_msg("allocation %llu: found code %d (%s), expected SG_ERR_BUDGET",
-                     (unsigned long long) n, code, sg_last_error(ctx));
-        refused += code == SG_ERR_BUDGET;
-        if (code)
-            assert_non_null(strstr(sg_last_error(ctx), "out of memory on "));
-        assert_nothing_held(ctx, "allocation", n);
-    } while (failed);
-    assert_int_equal(code, SG_OK);
-    printf("%d of %llu allocations failed, %d of them for good\n", tried - 1,
-           (unsigned long long) n - 1, refused);
-    assert_true(refused > 30);
-    sg_ctx_destroy(&ctx);
-}
-
-static void test_allocations(void **state)
-{
-    (void) state;
-    check_allocations(SG_MODEL_3DGS);
-    check_allocations(SG_MODEL_SCAFFOLD);
-}
-
-/* ---- a device that is lost ---- */
-
-static int train_run(sg_ctx *ctx, enum sg_run_start start)
-{
-    sg_run *r = NULL;
-    struct sg_run_params p = sg_run_params_default();
-    p.source = scene_path, p.folder = run_folder, p.save_every = 2, p.train.engine = main_engine();
-    p.train.iterations = 5, p.train.sh_degree = 0, p.train.densify_from_iter = 1;
-    p.train.densification_interval = 2, p.train.densify_until_iter = 5;
-    int code = sg_run_open(ctx, &p, start, &r);
-    if (!code)
-        code = sg_run_train(r);
-    sg_run_close(&r);
-    return code;
-}
-
-static struct sg_model *read_result(sg_ctx *ctx)
-{
-    struct sg_model *m;
-    char path[128];
-    assert_int_equal(sg_run_find_model(ctx, run_folder, 0, path, sizeof(path)), SG_OK);
-    assert_int_equal(sg_model_read(ctx, path, 100000, &m), SG_OK);
-    return m;
-}
-
-/* At each submission of a run: the error says so and names the checkpoint, if there is one yet;
- * from there the run ends with the same bytes as one without the loss. */
-static void test_loss(void **state)
-{
-    (void) state;
-    sg_ctx *ctx = make_context(1);
-    assert_int_equal(train_run(ctx, SG_RUN_REPLACE), SG_OK);
-    struct sg_model *expected = read_result(ctx);
-    uint64_t n = 0;
-    int early = 0, late = 0;
-    for (;;) {
-        n = next(n);
-        sg_fail_device(ctx, SG_DEVICE_SUBMISSION, n);
-        int code = train_run(ctx, SG_RUN_REPLACE);
-        if (!sg_fail_device(ctx, SG_DEVICE_SUBMISSION, 0))
-            break;
-        if (code != SG_ERR_INTERNAL || !strstr(sg_last_error(ctx), "the device is lost"))
-            fail_msg("submission %llu: found code %d (%s), expected a lost device",
-                     (unsigned long long) n, code, sg_last_error(ctx));
-        const bool kept = strstr(sg_last_error(ctx), "checkpoint.bin of iteration ") != NULL;
-        assert_int_equal(sg_vram_current(ctx, SG_MEM_TAGS), 0);
-        *(kept ? &late : &early) += 1;
-        if (kept && late % 4 == 1) {
-            assert_int_equal(train_run(ctx, SG_RUN_RESUME), SG_OK);
-            struct sg_model *found = read_result(ctx);
-            assert_same(expected, found);
-            sg_model_destroy(&found);
-        }
-    }
-    printf("lost at %d submissions without a checkpoint, %d with one\n", early, late);
-    assert_true(early > 10 && late > 4);
-    sg_model_destroy(&expected);
-    assert_nothing_held(ctx, "submission", n);
-    sg_ctx_destroy(&ctx);
-}
-
 int main(void)
 {
     if (!getenv("SG_TEST_ENGINE")) {
@@ -430,8 +265,6 @@ int main(void)
         cmocka_unit_test(test_variant_limits),
         cmocka_unit_test(test_anchor_limits),
         cmocka_unit_test(test_host),
-        cmocka_unit_test_setup_teardown(test_allocations, make_scene, NULL),
-        cmocka_unit_test_setup_teardown(test_loss, NULL, remove_scene),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -106,6 +106,8 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
     foreach(name ${device_programs})
         sg_vulkan_program(${name} "${suffix}" 256)
     endforeach()
+    sg_vulkan_test(device_faults test_device_faults 256)
+    set_property(TEST vulkan_device_faults_256 APPEND PROPERTY ENVIRONMENT LP_NUM_THREADS=0) # no threads to wait for: half the time
     function(sg_vulkan_script name script)
         add_test(NAME vulkan_script_${name} COMMAND sh ${script} $<TARGET_FILE:splatguard_tool> ${PROJECT_SOURCE_DIR}
             ${PROJECT_BINARY_DIR}/vulkan-tests/${name})
