@@ -256,6 +256,7 @@ static void test_short(void **state)
         FAULT(CreateShaderModule, VK_ERROR_OUT_OF_HOST_MEMORY, SG_ERR_BUDGET, says),
         FAULT(CreateComputePipelines, VK_ERROR_OUT_OF_DEVICE_MEMORY, SG_ERR_BUDGET, says),
         /* another way leads on, or nobody needs it */
+        FAULT(WaitForFences, VK_ERROR_OUT_OF_HOST_MEMORY, SG_OK, says),
         FAULT(GetQueryPoolResults, VK_ERROR_OUT_OF_HOST_MEMORY, SG_OK, says),
     };
     for (size_t i = 0; i < sizeof(faults) / sizeof(faults[0]); i++)

@@ -131,6 +131,14 @@ VkResult sg_gpu_queue(struct gpu_device *d, VkCommandBuffer commands, VkFence fe
     return result;
 }
 
+VkResult sg_gpu_idle(struct gpu_device *d)
+{
+    pthread_mutex_lock(&d->lock); /* nobody may submit meanwhile */
+    const VkResult result = d->vk.DeviceWaitIdle(d->device);
+    pthread_mutex_unlock(&d->lock);
+    return result;
+}
+
 /* ---- opening ---- */
 
 static void close_device(struct gpu_device *d)

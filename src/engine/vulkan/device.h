@@ -82,6 +82,8 @@ VkResult sg_gpu_allocate(struct gpu_device *d, const VkMemoryAllocateInfo *info,
 void sg_gpu_free(struct gpu_device *d, VkDeviceMemory memory);
 /* vkQueueSubmit. */
 VkResult sg_gpu_queue(struct gpu_device *d, VkCommandBuffer commands, VkFence fence);
+/* vkDeviceWaitIdle. */
+VkResult sg_gpu_idle(struct gpu_device *d);
 
 /* Records what a result other than VK_SUCCESS means: SG_ERR_BUDGET or SG_ERR_INTERNAL. */
 int sg_vk_fail(sg_ctx *ctx, const struct vk_device_choice *device, VkResult result,

@@ -173,14 +173,23 @@ static void read_marks(struct gpu *g, const struct gpu_flight *f)
             *f->clocks[i] += (double) ((ticks[i + 1] - ticks[i]) & valid) * g->chosen.tick;
 }
 
-/* Waits for a submission. */
+/* Waits for a submission. Where memory is too short for that, waits for the device, so that nobody
+ * frees what it uses. */
+static VkResult wait_for(struct gpu *g, struct gpu_flight *f)
+{
+    if (!f->busy)
+        return VK_SUCCESS;
+    f->busy = false;
+    const VkResult result = g->vk.WaitForFences(g->device, 1, &f->fence, VK_TRUE, UINT64_MAX);
+    return result && result != VK_ERROR_DEVICE_LOST ? sg_gpu_idle(g->shared) : result;
+}
+
 static int retire(struct gpu *g, uint32_t flight)
 {
     struct gpu_flight *f = &g->flights[flight];
     if (!f->busy)
         return SG_OK;
-    f->busy = false;
-    const VkResult result = g->vk.WaitForFences(g->device, 1, &f->fence, VK_TRUE, UINT64_MAX);
+    const VkResult result = wait_for(g, f);
     if (result)
         return fail_result(g, result, "waiting");
     read_marks(g, f);
@@ -490,8 +499,7 @@ void sg_gpu_close(struct gpu **gpu)
         return;
     if (g->device) {
         for (int i = 0; i < GPU_FLIGHTS; i++)
-            if (g->flights[i].busy)
-                g->vk.WaitForFences(g->device, 1, &g->flights[i].fence, VK_TRUE, UINT64_MAX);
+            wait_for(g, &g->flights[i]);
         destroy_buffer(g, &g->staging);
         destroy_buffer(g, &g->none);
         destroy_buffer(g, &g->stop);
