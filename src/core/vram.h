@@ -8,7 +8,6 @@
 
 /* What a test can make fail. */
 enum sg_device_call {
-    SG_DEVICE_ALLOCATION,
     SG_DEVICE_SUBMISSION,
     SG_DEVICE_TIMESTAMPS, /* asked for when a device is opened: it has none */
     SG_DEVICE_CALLS

@@ -79,9 +79,8 @@ static int create_buffer(struct gpu *g, enum sg_mem_tag tag, struct gpu_buffer *
                                          .pNext = &flags,
                                          .allocationSize = need.size,
                                          .memoryTypeIndex = (uint32_t) type};
-    result = type < 0 || sg_device_fails(g->ctx, SG_DEVICE_ALLOCATION)
-                 ? VK_ERROR_OUT_OF_DEVICE_MEMORY
-                 : sg_gpu_allocate(g->shared, &memory, &b->memory);
+    result =
+        type < 0 ? VK_ERROR_OUT_OF_DEVICE_MEMORY : sg_gpu_allocate(g->shared, &memory, &b->memory);
     if (!result) {
         b->bytes = size;
         result = g->vk.BindBufferMemory(g->device, b->buffer, b->memory, 0);
