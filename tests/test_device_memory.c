@@ -259,12 +259,9 @@ int main(void)
         return 77;
     }
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_default),
-        cmocka_unit_test(test_driver_limits),
-        cmocka_unit_test(test_limits),
-        cmocka_unit_test(test_variant_limits),
-        cmocka_unit_test(test_anchor_limits),
-        cmocka_unit_test(test_host),
+        cmocka_unit_test(test_default),       cmocka_unit_test(test_driver_limits),
+        cmocka_unit_test(test_limits),        cmocka_unit_test(test_variant_limits),
+        cmocka_unit_test(test_anchor_limits), cmocka_unit_test(test_host),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
