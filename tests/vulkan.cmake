@@ -1,7 +1,7 @@
 # What runs on a device, for bench/gpu too: programs of CTest, programs for devices alone, and scripts. A row of the list in
 # the build folder has a name, and a program in that folder or a script in the source.
 set(device_suite engine operations views scaffold devices)
-set(device_programs ascend changes gaussians anisotropy scaffold_training anchor_removal anchor_readings variants flow
+set(device_programs ascend changes gaussians crowded anisotropy scaffold_training anchor_removal anchor_readings variants flow
     device_memory device_parts)
 # Scripts of the command line with this engine instead of the default. The others compute nothing or stop before they do
 # (usage), or take minutes on a driver for the CPU: those have a short form here.
