@@ -3,10 +3,11 @@
 set(device_suite engine operations views scaffold devices)
 set(device_programs ascend changes gaussians crowded anisotropy scaffold_training anchor_removal anchor_readings variants flow
     device_memory device_parts)
-# Scripts of the command line with this engine instead of the default. The others compute nothing or stop before they do
-# (usage), or take minutes on a driver for the CPU: those have a short form here.
-set(device_scripts train resume killed models outputs prune report_run anchors convert errors archive exit_status smooth race)
-set(device_short defense_attack view bench end_to_end)
+# Scripts of the command line with this engine instead of the default, on smaller scenes where they take long. Those that
+# are left out compute nothing: options, help, completions and pages.
+file(GLOB device_scripts CONFIGURE_DEPENDS tests/cli/*.sh)
+list(FILTER device_scripts EXCLUDE REGEX "/(common|completion|docs|tables|usage)\\.sh$")
+list(TRANSFORM device_scripts REPLACE ".*/(.*)\\.sh$" "\\1")
 if(SG_HAVE_VULKAN)
     set(rows "")
     add_library(engine_bytes OBJECT tests/engine_bytes.c)
@@ -21,9 +22,6 @@ if(SG_HAVE_VULKAN)
     endforeach()
     foreach(name ${device_scripts})
         string(APPEND rows "${name}.sh\ttests/cli/${name}.sh\n")
-    endforeach()
-    foreach(name ${device_short})
-        string(APPEND rows "${name}.sh\ttests/vulkan/${name}.sh\n")
     endforeach()
     file(CONFIGURE OUTPUT ${PROJECT_BINARY_DIR}/device-tests CONTENT "${rows}" @ONLY)
 endif()
@@ -108,18 +106,15 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
     endforeach()
     sg_vulkan_test(device_faults test_device_faults 256)
     set_property(TEST vulkan_device_faults_256 APPEND PROPERTY ENVIRONMENT LP_NUM_THREADS=0) # no threads to wait for: half the time
-    function(sg_vulkan_script name script)
-        add_test(NAME vulkan_script_${name} COMMAND sh ${script} $<TARGET_FILE:splatguard_tool> ${PROJECT_SOURCE_DIR}
-            ${PROJECT_BINARY_DIR}/vulkan-tests/${name})
+    function(sg_vulkan_script name)
+        add_test(NAME vulkan_script_${name} COMMAND sh ${PROJECT_SOURCE_DIR}/tests/cli/${name}.sh
+            $<TARGET_FILE:splatguard_tool> ${PROJECT_SOURCE_DIR} ${PROJECT_BINARY_DIR}/vulkan-tests/${name})
         set_tests_properties(vulkan_script_${name} PROPERTIES LABELS vulkan SKIP_RETURN_CODE 77 TIMEOUT 900
             ENVIRONMENT "SG_TEST_ENGINE=vulkan:llvmpipe;VK_ICD_FILENAMES=${icd};VK_DRIVER_FILES=${icd}")
     endfunction()
     if(TARGET splatguard_tool)
         foreach(name ${device_scripts}) # without the layer
-            sg_vulkan_script(${name} ${PROJECT_SOURCE_DIR}/tests/cli/${name}.sh)
-        endforeach()
-        foreach(name ${device_short})
-            sg_vulkan_script(${name} ${CMAKE_CURRENT_SOURCE_DIR}/tests/vulkan/${name}.sh)
+            sg_vulkan_script(${name})
         endforeach()
     endif()
     add_test(NAME vulkan_stages COMMAND sh ${CMAKE_CURRENT_SOURCE_DIR}/tests/bench/stages.sh $<TARGET_FILE:splatguard_bench>

@@ -3,6 +3,7 @@
 # Sourced by every script: TOOL SOURCE WORK come from CTest. Each script starts in an empty folder.
 set -u
 tool=$1 source_dir=$2 work=$3
+program=$tool # where $tool becomes a script
 unset SG_CPU
 rm -rf "$work" "$work.tool" && mkdir -p "$work" && cd "$work" || exit 1
 
@@ -20,6 +21,8 @@ END
     chmod +x "$work.tool/splatguard"
     tool=$work.tool/splatguard
 fi
+# The same in a plan: its key.
+plan_engine=${SG_TEST_ENGINE:+"\"engine\": \"$SG_TEST_ENGINE\", "}
 
 fail() { echo "FAILED: $*" >&2; [ -f err ] && sed 's/^/  stderr: /' err >&2; exit 1; }
 

@@ -2,41 +2,50 @@
 # The defense and the budgets from the command line.
 . "$(dirname "$0")/common.sh"
 small_scene
+points=2000 every=20
+[ -z "${SG_TEST_ENGINE-}" ] || points=500 every=10
 settled() { grep -qF -- "\"$2\": $3" "$1/config.json" || fail "$1 has $(grep -F "\"$2\"" "$1/config.json"), expected $3"; }
 field() { tr -d ' \n' <"$1/summary.json" | grep -o "\"$2\":[^,}]*" | head -n 1 | cut -d: -f2; }
 
 # Defended: events are logged and counted; interrupted and resumed, the same bytes.
-defended="--defense spectral --preset ns --filter-interval 20 --filter-views 4"
-expect 0 train scene/blender -o plain $short --init-points 2000
-expect 0 train scene/blender -o defended $short --init-points 2000 $defended
+defended="--defense spectral --preset ns --filter-interval $every --filter-views 4"
+expect 0 train scene/blender -o plain $short --init-points $points
+expect 0 train scene/blender -o defended $short --init-points $points $defended
 events=$(grep -c '"filter":' defended/log.jsonl)
 [ "$events" = 4 ] || fail "$events events are logged, expected 4"
 [ "$(field defended filter_events)" = 4 ] && [ "$(field defended filter_removed)" -gt 0 ] || fail "the defense's totals"
-automatic="--defense spectral --filter-interval 20 --filter-views 4 --densify-until-iter 1400"
-"$tool" train scene/blender -o parts $(once $short --init-points 2000 $automatic --iterations 15000) 2>err &
+automatic="--defense spectral --filter-interval $every --filter-views 4 --densify-until-iter 1400"
+"$tool" train scene/blender -o parts $(once $short --init-points $points $automatic --iterations 15000) 2>err &
 pid=$!
 wait_for parts/log.jsonl
 interrupt $pid
 [ $? = 130 ] || fail "interrupting a defended run"
-end=$(($(field parts iterations) + 60)) # of both runs
-sed -i "s/\"iterations\": 15000/\"iterations\": $end/" parts/config.json
+last=$(($(field parts iterations) + 3 * every)) # of both runs
+sed -i "s/\"iterations\": 15000/\"iterations\": $last/" parts/config.json
 before=$(field parts count)
 expect 0 train --resume parts --quiet
 awk "BEGIN { exit !($(field parts count) > $before) }" || fail "the resumed run's counting took less than its beginning"
-expect 0 train scene/blender -o whole $(once $short --init-points 2000 $automatic --iterations $end)
-cmp parts/point_cloud/iteration_$end/point_cloud.ply whole/point_cloud/iteration_$end/point_cloud.ply ||
+expect 0 train scene/blender -o whole $(once $short --init-points $points $automatic --iterations $last)
+cmp parts/point_cloud/iteration_$last/point_cloud.ply whole/point_cloud/iteration_$last/point_cloud.ply ||
     fail "a resumed run differs"
 for part in anisotropy total_variation count prune; do
     field parts $part | grep -q '[1-9]' || fail "no seconds of $part in the resumed run's summary"
 done
+# One that the CPU engine began goes on on another, and back.
+if [ -n "${SG_TEST_ENGINE-}" ]; then
+    expect 0 train scene/blender -o moved $(once $short --init-points $points $defended --iterations $((2 * every))) --engine cpu
+    expect 0 train --resume moved --iterations $((3 * every)) -q
+    expect 0 train --resume moved --iterations $((4 * every)) -q --engine cpu
+    [ -s moved/point_cloud/iteration_$((4 * every))/point_cloud.ply ] || fail "a run that moved between engines has no model"
+fi
 expect 1 train --resume parts --rho 0.2
 says 'rho'
-expect 0 train scene/blender -o starved $short --init-points 400 --defense spectral --rho 0.2 --filter-interval 5 \
+expect 0 train scene/blender -o starved $short --init-points 400 --defense spectral --rho 0.2 --filter-interval $((every / 4)) \
     --densify-grad-threshold 1
 says 'rho is too high'
 
 # With auto, rho is never the growth itself, and the frequency is of the scene's units, also where it only ranks.
-expect 0 train scene/colmap -o auto $short --defense spectral --filter-interval 20
+expect 0 train scene/colmap -o auto $short --defense spectral --filter-interval $every
 [ "$(field auto filter_events)" = 4 ] || fail "auto does not filter"
 settled auto filter-frequency 9.82
 expect 0 train scene/colmap -o ranked $(once $short --iterations 1 --max-gaussians 100)
@@ -51,21 +60,21 @@ for preset in "ns 0.03 4.0" "tt 0.045 4.0" "mip 0.05 5.0"; do
 done
 
 # Tolerance: with and without the defense, and a model of its own.
-expect 0 train scene/blender -o tolerant $short --init-points 2000 --tolerance 16
+expect 0 train scene/blender -o tolerant $short --init-points $points --tolerance 16
 settled tolerant tolerance 16.0
 cmp -s tolerant/point_cloud/iteration_*/point_cloud.ply plain/point_cloud/iteration_*/point_cloud.ply &&
     fail "the tolerance has no effect"
 expect 1 train scene/blender -o refused --tolerance-low-pass 0; says '--tolerance-low-pass: found without a defense'
 expect 1 train scene/blender -o refused --tolerance 0 --tolerance-tv 1; says '--tolerance-tv: found without a defense'
-expect 0 train scene/blender -o tolerant-plain $short --init-points 2000 --tolerance 16 --tolerance-low-pass 0
+expect 0 train scene/blender -o tolerant-plain $short --init-points $points --tolerance 16 --tolerance-low-pass 0
 settled tolerant-plain tolerance-low-pass 0.0
 expect 1 train scene/blender -o refused --tolerance 256
 says '0 to 255 or one of auto|preset'
 # auto: the audit decides, with the defense unless told otherwise, and the same where the run is resumed.
-expect 0 train scene/blender -o adaptive $short --init-points 2000 --tolerance auto
+expect 0 train scene/blender -o adaptive $short --init-points $points --tolerance auto
 settled adaptive tolerance '"auto"'
 [ -n "$(field adaptive levels)" ] || fail "the summary lacks the tolerance"
-expect 0 train --resume adaptive --iterations 125
+expect 0 train --resume adaptive --iterations $((end + 5))
 settled adaptive tolerance '"auto"'
 expect 0 train scene/blender -o given $(once $short --iterations 1 --init-points 10 --defense spectral --tolerance 0)
 settled given tolerance 0.0
@@ -77,32 +86,49 @@ grep -q '"gaussians"' few/summary.json || fail "the summary does not say what wa
 expect 0 train scene/blender -o fewer $short --init-points 400 --max-gaussians 100
 [ "$(field fewer max_gaussians)" -le 100 ] || fail "more Gaussians than allowed from the start"
 
-# Memory: of the whole process.
-sanitized() { grep -aqE '__(asan|tsan)_init' "$tool"; } # holds memory of its own
+# Memory: of the whole process, which has the driver's and the device's too where the device is the CPU. There it is the
+# memory of the device that is binding.
+sanitized() { grep -aqE '__(asan|tsan)_init' "$program"; } # holds memory of its own
 most=62914560
+budget=max-memory peak=peak_rss_bytes poisoning="--proxy-iterations 100 --iterations 24 --inner 4"
 sanitized && most=69206016
-expect 0 train scene/blender -o lean $(once $short --init-points 400 --max-memory $most --densify-grad-threshold 0.0000001 --eval \
+[ -z "${SG_TEST_ENGINE-}" ] || most=8388608 budget=max-vram peak=peak_vram_bytes poisoning="--proxy seed --iterations 10 --inner 2"
+[ -z "${SG_TEST_ENGINE-}" ] || expect 0 train scene/blender -o seed -q --init-points 500 --iterations 50 # else of 100 000
+expect 0 train scene/blender -o lean $(once $short --init-points 400 --$budget $most --densify-grad-threshold 0.0000001 --eval \
     --densification-interval 5)
 sanitized ||
-    [ "$(field lean peak_rss_bytes)" -le $most ] || fail "peak $(field lean peak_rss_bytes) bytes, allowed $most"
+    [ "$(field lean $peak)" -le $most ] || fail "peak $(field lean $peak) bytes, allowed $most"
 grep -q '"memory"' lean/summary.json || fail "the summary does not say that memory was binding"
-grep -q '"max-memory": '$most lean/config.json || fail "a resumed run would not know its limit on memory"
-expect 0 attack scene/blender -o unbounded --epsilon inf --proxy-iterations 100 --iterations 24 --inner 4 -q
-for defense in off "spectral --filter-interval 20 --filter-views 4"; do
-    expect 0 train unbounded -o held $(once $short --force --init-points 400 --max-memory $most --densification-interval 5 \
+grep -q "\"$budget\": $most" lean/config.json || fail "a resumed run would not know its limit on memory"
+expect 0 attack scene/blender -o unbounded --epsilon inf $poisoning -q
+for defense in off "spectral --filter-interval $every --filter-views 4"; do
+    expect 0 train unbounded -o held $(once $short --force --init-points 400 --$budget $most --densification-interval 5 \
         --densify-grad-threshold 0.0000001 --defense $defense)
-    sanitized || [ "$(field held peak_rss_bytes)" -le $most ] || fail "$defense: peak $(field held peak_rss_bytes)"
+    sanitized || [ "$(field held $peak)" -le $most ] || fail "$defense: peak $(field held $peak)"
     grep -q '"memory"' held/summary.json || fail "$defense: memory was not binding"
 done
-expect 3 train scene/blender -o none $short --max-memory 1M # less than the process alone, which varies
-limit=$(($(sed -n 's/.*expected at least \([0-9]*\) for.*/\1/p' err) + 500000))
-expect 3 train scene/blender -o none $short --max-memory $limit
+expect 3 train scene/blender -o none $short --resolution 800 --max-memory 1M # less than the process alone, which varies
+limit=$(($(sed -n 's/.*expected at least \([0-9]*\) for.*/\1/p' err) + 2000000))
+expect 3 train scene/blender -o none $short --resolution 800 --max-memory $limit
 says 'expected at least'
 says "the limit is --max-memory, $limit bytes, less"
 [ ! -e none/summary.json ] || fail "a run that cannot fit has begun"
 
-# Photos that do not fit are read again. The model is the same, and one that changes ends the run.
-if ! sanitized; then
+# Photos that do not fit on the device come and go. The model is the same.
+if [ -n "${SG_TEST_ENGINE-}" ]; then
+    expect 0 synth -o many --width 64 --height 48 --train-views 80 --test-views 1 --samples 1
+    many="many/blender --iterations 30 --init-points 300 --max-gaussians 500 --max-memory 400M --quiet"
+    on_device() { tr -d ' \n' <"$1/summary.json" | sed 's/.*"peak_vram_bytes_by_tag":{[^}]*"images":\([0-9]*\).*/\1/'; }
+    expect 0 train $many -o roomy
+    expect 3 train $many -o tight --max-vram 5M; says 'memory of the device'
+    need=$(sed -n 's/.*found a limit of [0-9]* bytes, expected at least \([0-9]*\):.*/\1/p' err)
+    expect 0 train $many -o tight --max-vram $((need + 100000))
+    [ "$(on_device tight)" -le $(($(on_device roomy) / 8)) ] || fail "$(on_device tight) bytes of photos, of $(on_device roomy)"
+    cmp roomy/point_cloud/iteration_30/point_cloud.ply tight/point_cloud/iteration_30/point_cloud.ply ||
+        fail "photos that come and go change the model"
+# Those that do not fit into the memory of the host are read again. The model is the same, and one that changes ends the
+# run. What reads them is the same for all engines.
+elif ! sanitized; then
     large="--iterations 20 --resolution 800 --init-points 300 --max-gaussians 500 -q"
     expect 0 train scene/blender -o roomy $large
     expect 3 train scene/blender -o tight $large --max-memory 60M
@@ -157,7 +183,8 @@ says 'exclude each other'
 # texture at 64 pixels looks like an attack.
 rm -rf scene
 expect 0 synth -o scene --train-views 4 --test-views 1 --points 300 --samples 1
-brief=$(once $short --iterations 40 --init-points 400)
+brief=$(once $short --iterations 40 --init-points 400) longer=50
+[ -z "${SG_TEST_ENGINE-}" ] || brief=$(once $brief --iterations 2 --max-gaussians 400) longer=3
 expect 0 audit scene/blender --json --report page.html -q
 grep -q '"verdict": "clean"' out || fail "the clean scene is not clean: $(head -n 3 out)"
 [ "$(grep -c '"name"' out)" = 4 ] || fail "not every photo is listed"
@@ -180,7 +207,7 @@ grep -q 'oscillate' out || fail "no reasons"
 expect 5 train noisy -o refused --audit refuse -q
 says 'expected clean ones'
 expect 0 train scene/blender -o replaced --audit refuse $brief
-expect 5 train noisy -o replaced --resume --iterations 50 -q # photos replaced since
+expect 5 train noisy -o replaced --resume --iterations $longer -q # photos replaced since
 says 'expected clean ones'
 [ ! -e refused ] || fail "a refused run has begun"
 expect 0 train noisy -o warned $brief --audit warn
@@ -188,11 +215,11 @@ says 'the photos look poisoned'
 says 'oscillate' # a reason
 grep -q '"filter_events"' warned/summary.json && fail "a warning turned the defense on"
 settled warned lambda 4.0
-expect 0 train noisy -o guarded $brief --audit defend --filter-interval 20
+expect 0 train noisy -o guarded $brief --audit defend --filter-interval $every
 grep -q '"filter_events"' guarded/summary.json || fail "the audit did not turn the defense on"
 expect 0 train scene/blender -o trusting $brief --audit defend
 grep -q '"filter_events"' trusting/summary.json && fail "the audit turned the defense on for clean photos"
-expect 0 train noisy -o trusting --resume --iterations 50 -q
+expect 0 train noisy -o trusting --resume --iterations $longer -q
 settled trusting defense '"off"' # a run keeps what it has
 # Photo by photo: auto looks without being asked to, and clean ones have no losses.
 brief=$(once $brief --iterations 1)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # A report's tables and figures have the numbers of its database, and what is in that is only data.
 . "$(dirname "$0")/common.sh"
-cat >plan.json <<'END'
-{"pictures": true, "train": ["--iterations", "20", "--init-points", "100", "--log-every", "5"],
+cat >plan.json <<END
+{$plan_engine"pictures": true, "train": ["--iterations", "20", "--init-points", "100", "--log-every", "5"],
  "scenes": {"s": {"synth": ["--width", "48", "--height", "36", "--train-views", "4", "--test-views", "2", "--points", "100", "--samples", "1"]}},
  "photos": {"clean": [], "noise": ["--method", "noise", "--epsilon", "16"]},
  "defenses": {"off": [], "lg": {"prune": ["--finetune", "5"]}, "bad": ["--rho", "7"]}, "models": {"default": []},

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # Audits of a plan's photos are in its database; their curves have the numbers of a naive computation.
 . "$(dirname "$0")/common.sh"
-cat >plan.json <<'END'
-{"audit": true, "train": ["--iterations", "10", "--init-points", "50"],
+cat >plan.json <<END
+{$plan_engine"audit": true, "train": ["--iterations", "10", "--init-points", "50"],
  "scenes": {"a": {"synth": ["--width", "48", "--height", "36", "--train-views", "6", "--test-views", "2", "--points", "50", "--samples", "1"]},
             "b": {"synth": ["--width", "64", "--height", "48", "--train-views", "5", "--test-views", "1", "--points", "50", "--samples", "1"], "size": ["--downscale", "2"]}},
  "photos": {"clean": [], "noise": ["--method", "noise", "--epsilon", "16"]},

@@ -4,8 +4,10 @@
 train=
 trap '[ -z "$train" ] || kill "$train" 2>/dev/null' EXIT
 small_scene
-options="scene/colmap --eval --iterations 600 --sh-interval 20 --densify-from-iter 10 --densification-interval 20 \
-    --opacity-reset-interval 200 --densify-until-iter 500 --defense spectral --rho 0.1 --rho-least 0 -q"
+last=600
+[ -z "${SG_TEST_ENGINE-}" ] || last=60
+options="scene/colmap --eval --iterations $last --sh-interval 20 --densify-from-iter 10 --densification-interval 20 \
+    --opacity-reset-interval $((last / 3)) --densify-until-iter $((last * 5 / 6)) --defense spectral --rho 0.1 --rho-least 0 -q"
 expect 1 train scene/blender -o run --port 8000; says '--port'
 # shellcheck disable=SC2086
 "$tool" train $options -o seen --view >address 2>err &
@@ -18,13 +20,13 @@ wait $train || fail "the training ends with $?"
 
 # shellcheck disable=SC2086
 expect 0 train $options -o plain
-for file in point_cloud/iteration_600/point_cloud.ply checkpoint.bin; do
+for file in point_cloud/iteration_$last/point_cloud.ply checkpoint.bin; do
     cmp plain/$file seen/$file || fail "$file is another one with the view"
 done
 
 # Of anchors, which have no scores.
 rm address
-anchors="scene/blender $(once $short --iterations 900 --init-points 200 --model scaffold --anchors-from-iter 40 --voxel-size 0.02)"
+anchors="scene/blender $(once $short --iterations $((last * 3 / 2)) --init-points 200 --model scaffold --anchors-from-iter 40 --voxel-size 0.02)"
 # shellcheck disable=SC2086
 "$tool" train $anchors -o anchors-seen --view >address 2>err &
 train=$!
@@ -46,6 +48,6 @@ wait $train
 [ $? -eq 130 ] || fail "a stopped training does not end with 130"
 says 'train --resume stopped'
 expect 0 train --resume stopped -q
-for file in point_cloud/iteration_600/point_cloud.ply checkpoint.bin; do
+for file in point_cloud/iteration_$last/point_cloud.ply checkpoint.bin; do
     cmp plain/$file stopped/$file || fail "$file is another one after a stop"
 done
