@@ -84,7 +84,7 @@ static inline void assert_gradients(const char *engine, const char *quantity,
             a[i] = *sg_model_at(found, i, p), b[i] = *sg_model_at(expected, i, p);
         const double share = difference_of(a, b, n, NULL, 1) / (largest_of(b, n) + 1e-9);
         if (!(share <= bound))
-            print_error("plane %d:\n", p);
+            fprintf(stderr, "plane %d:\n", p);
         most = fmax(most, share);
     }
     assert_within(engine, quantity, most, bound);
