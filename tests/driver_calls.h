@@ -36,6 +36,25 @@
     C(QueueSubmit, (VkQueue queue, uint32_t n, const VkSubmitInfo *info, VkFence fence),           \
       (queue, n, info, fence))
 
+/* Commands that read or write memory: name, parameters, arguments. */
+#define CALLS_OF_COMMANDS(C)                                                                       \
+    C(CmdDispatch, (VkCommandBuffer commands, uint32_t x, uint32_t y, uint32_t z),                 \
+      (commands, x, y, z))                                                                         \
+    C(CmdDispatchIndirect, (VkCommandBuffer commands, VkBuffer buffer, VkDeviceSize offset),       \
+      (commands, buffer, offset))                                                                  \
+    C(CmdCopyBuffer,                                                                               \
+      (VkCommandBuffer commands, VkBuffer from, VkBuffer to, uint32_t n,                           \
+       const VkBufferCopy *regions),                                                               \
+      (commands, from, to, n, regions))                                                            \
+    C(CmdFillBuffer,                                                                               \
+      (VkCommandBuffer commands, VkBuffer buffer, VkDeviceSize offset, VkDeviceSize size,          \
+       uint32_t value),                                                                            \
+      (commands, buffer, offset, size, value))                                                     \
+    C(CmdUpdateBuffer,                                                                             \
+      (VkCommandBuffer commands, VkBuffer buffer, VkDeviceSize offset, VkDeviceSize size,          \
+       const void *data),                                                                          \
+      (commands, buffer, offset, size, data))
+
 enum driver_call {
 #define C(object) CALL_Create##object,
     CALLS_OF_OBJECTS(C)
@@ -71,6 +90,10 @@ static struct {
     uint64_t left;
     VkResult result;
     bool failed, lost;
+    /* Commands so far, and those that no barrier came after; whether the newest is one of these. */
+    uint64_t commands, unordered;
+    bool open;
+    bool no_barriers; /* leave them out */
 } calls;
 
 /* The nth such call from now on has this result. Once a device is lost, it stays so: what it has is
@@ -218,6 +241,8 @@ static inline void VKAPI_CALL test_FreeMemory(VkDevice device, VkDeviceMemory me
 static inline VkResult VKAPI_CALL test_EndCommandBuffer(VkCommandBuffer commands)
 {
     const VkResult result = calls.driver.EndCommandBuffer(commands);
+    calls.unordered += calls.open;
+    calls.open = false;
     return call_fails(CALL_EndCommandBuffer) ? calls.result : result;
 }
 
@@ -253,6 +278,44 @@ static inline VkResult VKAPI_CALL test_GetQueryPoolResults(VkDevice device, VkQu
                : calls.driver.GetQueryPoolResults(device, pool, first, n, size, out, stride, flags);
 }
 
+#define C(name, parameters, arguments)                                                             \
+    static inline void VKAPI_CALL test_##name parameters                                           \
+    {                                                                                              \
+        calls.unordered += calls.open;                                                             \
+        calls.open = true;                                                                         \
+        calls.commands++;                                                                          \
+        calls.driver.name arguments;                                                               \
+    }
+CALLS_OF_COMMANDS(C)
+#undef C
+
+/* One that orders all commands before it and after it, and shows the latter what the former wrote.
+ */
+static inline bool orders_all(VkPipelineStageFlags before, VkPipelineStageFlags after, uint32_t n,
+                              const VkMemoryBarrier *b)
+{
+    const VkPipelineStageFlags stages =
+        VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_TRANSFER_BIT;
+    const VkPipelineStageFlags readers =
+        stages | VK_PIPELINE_STAGE_DRAW_INDIRECT_BIT | VK_PIPELINE_STAGE_HOST_BIT;
+    const VkAccessFlags writes = VK_ACCESS_SHADER_WRITE_BIT | VK_ACCESS_TRANSFER_WRITE_BIT;
+    const VkAccessFlags uses = writes | VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_TRANSFER_READ_BIT |
+                               VK_ACCESS_INDIRECT_COMMAND_READ_BIT | VK_ACCESS_HOST_READ_BIT;
+    return (before & stages) == stages && (after & readers) == readers && n == 1 &&
+           (b->srcAccessMask & writes) == writes && (b->dstAccessMask & uses) == uses;
+}
+
+static inline void VKAPI_CALL test_CmdPipelineBarrier(
+    VkCommandBuffer commands, VkPipelineStageFlags before, VkPipelineStageFlags after,
+    VkDependencyFlags flags, uint32_t n, const VkMemoryBarrier *memory, uint32_t of_buffers,
+    const VkBufferMemoryBarrier *buffers, uint32_t of_images, const VkImageMemoryBarrier *images)
+{
+    calls.open = calls.open && !orders_all(before, after, n, memory);
+    if (!calls.no_barriers)
+        calls.driver.CmdPipelineBarrier(commands, before, after, flags, n, memory, of_buffers,
+                                        buffers, of_images, images);
+}
+
 const char *__real_sg_vk_open(struct vk_functions *vk);
 const char *__wrap_sg_vk_open(struct vk_functions *vk);
 void __real_sg_vk_open_device(struct vk_functions *vk, VkDevice device);
@@ -279,7 +342,9 @@ void __wrap_sg_vk_open_device(struct vk_functions *vk, VkDevice device)
 #undef C
 #define C(name, parameters, arguments) vk->name = test_##name;
     CALLS_OF_WORK(C)
+    CALLS_OF_COMMANDS(C)
 #undef C
+    vk->CmdPipelineBarrier = test_CmdPipelineBarrier;
     vk->DestroyDevice = test_DestroyDevice;
     vk->CreateComputePipelines = test_CreateComputePipelines;
     vk->DestroyPipeline = test_DestroyPipeline;

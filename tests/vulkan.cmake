@@ -106,6 +106,16 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
     endforeach()
     sg_vulkan_test(device_faults test_device_faults 256)
     set_property(TEST vulkan_device_faults_256 APPEND PROPERTY ENVIRONMENT LP_NUM_THREADS=0) # no threads to wait for: half the time
+    # The layer is there and is heard: what must be a failure is one.
+    add_executable(vulkan_canary tests/vulkan/canary.c)
+    target_include_directories(vulkan_canary PRIVATE src tests ${VULKAN_HEADERS})
+    target_link_libraries(vulkan_canary PRIVATE splatguard_internal sg_flags sg_overrides PkgConfig::CMOCKA)
+    sg_wrap(vulkan_canary ${WRAPPED_BY_CALLS})
+    set(canary sh 256 ${CMAKE_CURRENT_SOURCE_DIR}/tests/vulkan/canary.sh $<TARGET_FILE:vulkan_canary>)
+    sg_vulkan_test(canary_call ${canary} call VUID-vkCmdFillBuffer-size-00028)
+    sg_vulkan_test(canary_barriers ${canary} barriers SYNC-HAZARD-READ)
+    set_tests_properties(vulkan_canary_call_256 vulkan_canary_barriers_256 PROPERTIES WILL_FAIL TRUE)
+    sg_vulkan_test(canary_silent vulkan_canary 256 neither)
     function(sg_vulkan_script name)
         add_test(NAME vulkan_script_${name} COMMAND sh ${PROJECT_SOURCE_DIR}/tests/cli/${name}.sh
             $<TARGET_FILE:splatguard_tool> ${PROJECT_SOURCE_DIR} ${PROJECT_BINARY_DIR}/vulkan-tests/${name})
