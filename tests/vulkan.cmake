@@ -116,15 +116,20 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
     sg_vulkan_test(canary_barriers ${canary} barriers SYNC-HAZARD-READ)
     set_tests_properties(vulkan_canary_call_256 vulkan_canary_barriers_256 PROPERTIES WILL_FAIL TRUE)
     sg_vulkan_test(canary_silent vulkan_canary 256 neither)
+    # Without the layer, but for the one that tries every command.
     function(sg_vulkan_script name)
-        add_test(NAME vulkan_script_${name} COMMAND sh ${PROJECT_SOURCE_DIR}/tests/cli/${name}.sh
+        add_test(NAME vulkan_script_${name} COMMAND sh ${ARGN} ${PROJECT_SOURCE_DIR}/tests/cli/${name}.sh
             $<TARGET_FILE:splatguard_tool> ${PROJECT_SOURCE_DIR} ${PROJECT_BINARY_DIR}/vulkan-tests/${name})
         set_tests_properties(vulkan_script_${name} PROPERTIES LABELS vulkan SKIP_RETURN_CODE 77 TIMEOUT 900
             ENVIRONMENT "SG_TEST_ENGINE=vulkan:llvmpipe;VK_ICD_FILENAMES=${icd};VK_DRIVER_FILES=${icd}")
     endfunction()
     if(TARGET splatguard_tool)
-        foreach(name ${device_scripts}) # without the layer
-            sg_vulkan_script(${name})
+        foreach(name ${device_scripts})
+            if(name STREQUAL outputs)
+                sg_vulkan_script(${name} ${CMAKE_CURRENT_SOURCE_DIR}/tests/vulkan/with_layer.sh)
+            else()
+                sg_vulkan_script(${name})
+            endif()
         endforeach()
     endif()
     add_test(NAME vulkan_stages COMMAND sh ${CMAKE_CURRENT_SOURCE_DIR}/tests/bench/stages.sh $<TARGET_FILE:splatguard_bench>
