@@ -274,11 +274,13 @@ static void test_loaders(void **state)
 {
     (void) state;
     static const char *const expected[LOADERS] = {
-        [NO_LIBRARY] = "the Vulkan loader (libvulkan.so.1)",
+        [NO_LIBRARY] = "the Vulkan loader (libvulkan.so.1, package libvulkan1; see docs/gpu.md)",
         [NO_ENTRY] = "a working Vulkan loader",
         [VERSION_1_0] = "a Vulkan loader of version 1.2 or newer",
         [VERSION_1_1] = "a Vulkan loader of version 1.2 or newer",
-        [NO_DRIVER] = "a Vulkan driver"};
+        [NO_DRIVER] =
+            "a Vulkan driver that starts (mesa-vulkan-drivers; or NVIDIA's with libegl1, in a "
+            "container with the capability graphics; see docs/gpu.md)"};
     struct sg_device_info devices[VK_DEVICES];
     const char *missing;
     assert_null(kept_engine); /* an open device needs no loader any more */

@@ -165,7 +165,9 @@ int sg_vk_choose_device(sg_ctx *ctx, const struct vk_device_choice *devices, int
     if (!selector)
         return sg_fail(ctx, SG_ERR_USAGE,
                        "vulkan: found no GPU among %d devices; a driver on the CPU is used by name "
-                       "only (vulkan:NAME), `splatguard info --devices` lists all",
+                       "only (vulkan:NAME), `splatguard info --devices` lists all, docs/gpu.md "
+                       "says what a GPU "
+                       "needs",
                        n);
     return sg_fail(ctx, SG_ERR_USAGE,
                    "vulkan: found no device \"%s\" among %d; `splatguard info --devices` lists "
@@ -215,7 +217,7 @@ size_t sg_device_list(struct sg_device_info *out, size_t most, const char **miss
         const int found = sg_vk_devices(&vk, devices);
         for (int i = 0; i < found && n < most; i++)
             out[n++] = devices[i].info;
-        lacks = best_of(devices, found) ? NULL : "a GPU with Vulkan 1.2";
+        lacks = best_of(devices, found) ? NULL : "a GPU with Vulkan 1.2 (see docs/gpu.md)";
         sg_vk_close(&vk);
     }
     pthread_mutex_lock(&seen.lock);

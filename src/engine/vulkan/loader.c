@@ -18,7 +18,7 @@ const char *sg_vk_open(struct vk_functions *vk)
     for (size_t i = 0; i < sizeof(names) / sizeof(names[0]) && !vk->library; i++)
         vk->library = dlopen(names[i], RTLD_NOW | RTLD_LOCAL);
     if (!vk->library)
-        return "the Vulkan loader (libvulkan.so.1)";
+        return "the Vulkan loader (libvulkan.so.1, package libvulkan1; see docs/gpu.md)";
     LOAD(vk->GetInstanceProcAddr, dlsym(vk->library, "vkGetInstanceProcAddr"));
     const char *missing = "a working Vulkan loader";
     if (vk->GetInstanceProcAddr) {
@@ -35,7 +35,9 @@ const char *sg_vk_open(struct vk_functions *vk)
             vk->EnumerateInstanceVersion(&version) || version < VK_API_VERSION_1_2)
             missing = "a Vulkan loader of version 1.2 or newer";
         else if (vk->CreateInstance(&info, NULL, &vk->instance))
-            missing = "a Vulkan driver";
+            missing =
+                "a Vulkan driver that starts (mesa-vulkan-drivers; or NVIDIA's with libegl1, in a "
+                "container with the capability graphics; see docs/gpu.md)";
         else
             missing = NULL;
     }
