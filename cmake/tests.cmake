@@ -58,7 +58,7 @@ add_test(NAME kernels COMMAND checkkernels)
 # with it. So only tests that use none of them have this label; the target builds them alone. Tests that count hits through
 # an engine are left out too: of the three instruction sets it objects to AVX-512 alone, whose masked loads it does not
 # follow.
-set(SG_MEMORY test_operations test_views test_gaussians test_attack test_audit test_audit_photo test_begin test_checkpoint
+set(SG_MEMORY test_operations test_gaussians test_attack test_audit test_audit_photo test_begin test_checkpoint
     test_columns test_core test_densify test_eval test_fft test_gradients test_model test_morton test_noise test_ply
     test_residual test_spectrum test_strategy test_threads test_tolerance test_trainer)
 foreach(name ${SG_MEMORY})
