@@ -3,14 +3,25 @@
 
 #include <signal.h>
 #include <string.h>
+#include <time.h>
 
 static volatile sig_atomic_t caught;
+static struct timespec first; /* when; only the handler uses it */
 static bool by_steps;
 
 static void on_signal(int signal_number)
 {
-    (void) signal_number;
-    caught = 1;
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    if (!caught) {
+        first = now;
+        caught = 1;
+    } else if ((double) (now.tv_sec - first.tv_sec) +
+                   1e-9 * (double) (now.tv_nsec - first.tv_nsec) >=
+               1) {
+        signal(signal_number, SIG_DFL);
+        raise(signal_number); /* pending until the handler returns */
+    }
 }
 
 void interrupt_catch(void)
@@ -22,7 +33,9 @@ void interrupt_catch(void)
     done = true;
     memset(&action, 0, sizeof(action));
     action.sa_handler = on_signal;
-    action.sa_flags = (int) SA_RESETHAND;
+    sigaddset(&action.sa_mask, SIGINT); /* the handler is not interrupted by itself */
+    sigaddset(&action.sa_mask, SIGTERM);
+    sigaddset(&action.sa_mask, SIGHUP);
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);
     struct sigaction before;

@@ -4,8 +4,9 @@
 
 #include <stdbool.h>
 
-/* From here on SIGINT, SIGTERM and SIGHUP (unless ignored, as under nohup) only set the flag, each
- * once (a second call does nothing): a second one of its kind ends the process. */
+/* From here on SIGINT, SIGTERM and SIGHUP (unless ignored, as under nohup) only set the flag (a
+ * second call does nothing). One that comes a second or more after the first ends the process.
+ * Before that it is the same wish: timeout(1) sends its signal to the process and to its group. */
 void interrupt_catch(void);
 bool interrupted(void);
 

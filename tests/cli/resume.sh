@@ -118,6 +118,24 @@ wait_for soon/config.json
 interrupt $pid
 [ $? = 130 ] || fail "interrupted as it began: another exit code"
 expect 0 train --resume soon -q
+
+# timeout(1) sends its signal twice, to the process and to its group: that is one interruption. Another one, a second later,
+# does not wait for the iteration.
+timeout 600 "$tool" train scene/colmap -o timed -q --iterations 100000 &
+pid=$!
+wait_for timed/log.jsonl
+kill -TERM $pid
+wait $pid
+[ $? = 130 ] || fail "interrupted by timeout: another exit code"
+grep -q '"interrupted": true' timed/summary.json || fail "interrupted by timeout: not saved"
+"$tool" train scene/blender -o late -q --engine ref --init-points 400000 &
+pid=$!
+wait_for late/config.json
+kill -INT $pid
+sleep 1.2
+kill -TERM $pid
+wait $pid
+[ $? = 143 ] || fail "interrupted again after a second: another exit code"
 expect 2 train scene/colmap -o scene/colmap --force -q; says 'in the scene'
 [ "$small" = "$(ls scene/colmap)" ] || fail "the scene changed"
 
