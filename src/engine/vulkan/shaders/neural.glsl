@@ -10,9 +10,6 @@
 /* Where an invocation has one anchor and the rows FIRST_ROW, FIRST_ROW + 16 and so on. */
 #define LANE (gl_LocalInvocationID.x % 16)
 #define FIRST_ROW (gl_LocalInvocationID.x / 16)
-/* Where it has a hidden value of each network and the anchors FIRST_LANE and FIRST_LANE + 8. */
-#define COLUMN (gl_LocalInvocationID.x % VK_N_HIDDEN)
-#define FIRST_LANE (gl_LocalInvocationID.x / VK_N_HIDDEN)
 #define NETWORKS 3
 
 /* Of weights; they begin where an allocation does. */
@@ -41,61 +38,82 @@ float anchor_value(Floats anchors, uint i, uint plane)
     return anchors.v[param_at(VK_A_PLANES, i, plane)];
 }
 
+/* An invocation has four columns and two anchors. */
 void hidden_layer(Floats w, uint parts)
 {
-    float sum[2 * NETWORKS];
-    [[unroll]] for (uint j = 0; j < 2 * NETWORKS; j++) sum[j] = 0.0;
+    Fours w4 = Fours(w);
+    const uint column = gl_LocalInvocationID.x % (VK_N_ALL / 4) * 4;
+    const uint lane = gl_LocalInvocationID.x / (VK_N_ALL / 4);
+    if (lane >= 8)
+        return;
+    vec4 sum[2] = vec4[](vec4(0.0), vec4(0.0));
     for (uint k = 0; k <= VK_N_INPUTS; k++) {
-        const float x0 = n_input[k * ROW + FIRST_LANE], x1 = n_input[k * ROW + FIRST_LANE + 8];
-        [[unroll]] for (uint n = 0; n < NETWORKS; n++)
-        {
-            const float weight = w.v[k * VK_N_ALL + n * VK_N_HIDDEN + COLUMN];
-            sum[2 * n] += weight * x0;
-            sum[2 * n + 1] += weight * x1;
-        }
+        const vec4 weight = w4.v[(k * VK_N_ALL + column) / 4];
+        sum[0] += weight * n_input[k * ROW + lane];
+        sum[1] += weight * n_input[k * ROW + lane + 8];
     }
-    [[unroll]] for (uint j = 0; j < 2 * NETWORKS; j++)
+    [[unroll]] for (uint j = 0; j < 2; j++)
     {
-        const uint h = j / 2 * VK_N_HIDDEN + COLUMN, lane = FIRST_LANE + j % 2 * 8;
-        if ((parts & VK_N_PART_DISTANCE) != 0)
-            sum[j] += w.v[VK_W_DISTANCE + h] * n_bank_input[3 * ROW + lane];
-        n_hidden[h * ROW + lane] = r_max(sum[j], 0.0);
+        const uint to = lane + 8 * j;
+        [[unroll]] for (uint c = 0; c < 4; c++)
+        {
+            if ((parts & VK_N_PART_DISTANCE) != 0)
+                sum[j][c] += w.v[VK_W_DISTANCE + column + c] * n_bank_input[3 * ROW + to];
+            n_hidden[(column + c) * ROW + to] = r_max(sum[j][c], 0.0);
+        }
     }
 }
 
-/* An invocation has one anchor and up to OUTPUT_ROWS rows of one network: two invocations share the
- * opacities, ten the covariances, four the colours. */
-#define OUTPUT_ROWS 8
+/* The output layer's rows by fours, each of one network; the last one of a network can be shorter. */
+#define OPACITY_FOURS ((VK_N_COVARIANCE + 3) / 4)
+#define COVARIANCE_FOURS (OPACITY_FOURS + (VK_N_COLOUR - VK_N_COVARIANCE + 3) / 4)
+#define OUTPUT_FOURS (COVARIANCE_FOURS + (VK_N_OUTPUTS - VK_N_COLOUR + 3) / 4)
 
+struct output_rows
+{
+    uint network, first, last;
+};
+
+output_rows output_four(uint four)
+{
+    return four < OPACITY_FOURS ? output_rows(0, 4 * four, VK_N_COVARIANCE - 1)
+           : four < COVARIANCE_FOURS
+               ? output_rows(1, VK_N_COVARIANCE + 4 * (four - OPACITY_FOURS), VK_N_COLOUR - 1)
+               : output_rows(2, VK_N_COLOUR + 4 * (four - COVARIANCE_FOURS), VK_N_OUTPUTS - 1);
+}
+
+/* An invocation has four rows and two anchors. */
 void output_layer(Floats w)
 {
     Fours w4 = Fours(w);
-    const uint g = FIRST_ROW, lane = LANE;
-    const uint network = g < 2 ? 0 : g < 12 ? 1 : 2;
-    const uint first = g < 2    ? 5 * g
-                       : g < 12 ? VK_N_COVARIANCE + 7 * (g - 2)
-                                : VK_N_COLOUR + OUTPUT_ROWS * (g - 12);
-    const uint end = g < 2    ? first + 5
-                     : g < 12 ? first + 7
-                              : min(first + OUTPUT_ROWS, VK_N_OUTPUTS);
-    float sum[OUTPUT_ROWS];
-    [[unroll]] for (uint j = 0; j < OUTPUT_ROWS; j++) sum[j] =
-        w.v[VK_W_BIAS + min(first + j, end - 1)];
+    const uint lane = gl_LocalInvocationID.x % 8, four = gl_LocalInvocationID.x / 8;
+    if (four >= OUTPUT_FOURS)
+        return;
+    const output_rows rows = output_four(four);
+    float sum[8];
+    [[unroll]] for (uint j = 0; j < 4; j++) sum[j] = sum[4 + j] =
+        w.v[VK_W_BIAS + min(rows.first + j, rows.last)];
     for (uint h = 0; h < VK_N_HIDDEN; h += 4) {
-        const uint from = (network * VK_N_HIDDEN + h) * ROW + lane;
-        const float x0 = n_hidden[from], x1 = n_hidden[from + ROW], x2 = n_hidden[from + 2 * ROW],
-                    x3 = n_hidden[from + 3 * ROW];
-        [[unroll]] for (uint j = 0; j < OUTPUT_ROWS; j++)
+        vec4 x[2];
+        [[unroll]] for (uint c = 0; c < 4; c++)
         {
-            const vec4 weight = w4.v[(VK_W_OUTPUT + min(first + j, end - 1) * VK_N_HIDDEN + h) / 4];
-            sum[j] += weight.x * x0;
-            sum[j] += weight.y * x1;
-            sum[j] += weight.z * x2;
-            sum[j] += weight.w * x3;
+            const uint from = (rows.network * VK_N_HIDDEN + h + c) * ROW + lane;
+            x[0][c] = n_hidden[from];
+            x[1][c] = n_hidden[from + 8];
+        }
+        [[unroll]] for (uint j = 0; j < 4; j++)
+        {
+            const uint o = min(rows.first + j, rows.last);
+            const vec4 weight = w4.v[(VK_W_OUTPUT + o * VK_N_HIDDEN + h) / 4];
+            [[unroll]] for (uint l = 0; l < 2; l++)
+                [[unroll]] for (uint c = 0; c < 4; c++) sum[4 * l + j] += weight[c] * x[l][c];
         }
     }
-    [[unroll]] for (uint j = 0; j < OUTPUT_ROWS; j++) if (first + j < end)
-        n_output[(first + j) * ROW + lane] = sum[j];
+    [[unroll]] for (uint j = 0; j < 4; j++) if (rows.first + j <= rows.last)
+    {
+        n_output[(rows.first + j) * ROW + lane] = sum[j];
+        n_output[(rows.first + j) * ROW + lane + 8] = sum[4 + j];
+    }
 }
 
 /* Takes 16 anchors of the list from `first` on. Ends with a barrier. */

@@ -17,10 +17,6 @@ shared float d_hidden[VK_N_ALL * ROW];
 shared float d_mixture[VK_A_FEATURES * ROW];
 shared float d_share[3 * ROW];
 
-#define OUTPUT_SUMS                                                                                \
-    14               /* rows of a column of the output layer, 8 apart; the last few do not exist */
-#define INPUT_SUMS 5 /* rows of three columns of the first layer, likewise */
-
 void put(uint i, uint plane, float value)
 {
     a.gradient.v[param_at(VK_A_VALUES, i, plane)] = value;
@@ -69,53 +65,58 @@ void pull_outputs()
     barrier(); /* before d_hidden is written again */
 }
 
-/* Before the ReLU. An invocation has one anchor and four hidden values: of the covariances'
- * network, or of each of the other two, which together have fewer outputs. */
+/* Before the ReLU. An invocation has four hidden values of a network, and two anchors. */
 void pull_hidden()
 {
     Fours w4 = Fours(a.weights);
-    const uint id = gl_LocalInvocationID.x, column = id % 8 * 4, lane = id / 8 % 16;
-    for (uint n = id < VK_GROUP / 2 ? 1 : 0; n < NETWORKS; n += 2) {
+    const uint id = gl_LocalInvocationID.x, column = id % 8 * 4, lane = id / 8 % 8, n = id / 64;
+    if (n < NETWORKS) {
         const uint first = n == 0 ? 0 : n == 1 ? VK_N_COVARIANCE : VK_N_COLOUR;
         const uint end = n == 0 ? VK_N_COVARIANCE : n == 1 ? VK_N_COLOUR : VK_N_OUTPUTS;
-        vec4 sum = vec4(0.0);
-        for (uint o = first; o < end; o++)
-            sum += w4.v[(VK_W_OUTPUT + o * VK_N_HIDDEN + column) / 4] * n_output[o * ROW + lane];
-        [[unroll]] for (uint c = 0; c < 4; c++)
+        vec4 sum[2] = vec4[](vec4(0.0), vec4(0.0));
+        for (uint o = first; o < end; o++) {
+            const vec4 weight = w4.v[(VK_W_OUTPUT + o * VK_N_HIDDEN + column) / 4];
+            sum[0] += weight * n_output[o * ROW + lane];
+            sum[1] += weight * n_output[o * ROW + lane + 8];
+        }
+        [[unroll]] for (uint j = 0; j < 8; j++)
         {
-            const uint at = (n * VK_N_HIDDEN + column + c) * ROW + lane;
-            d_hidden[at] = n_hidden[at] > 0.0 ? sum[c] : 0.0;
+            const uint at = (n * VK_N_HIDDEN + column + j % 4) * ROW + lane + j / 4 * 8;
+            d_hidden[at] = n_hidden[at] > 0.0 ? sum[j / 4][j % 4] : 0.0;
         }
     }
     barrier(); /* d_hidden */
 }
 
-/* Of features, or of the mixtures in their place. */
+/* Of features, or of the mixtures in their place. An invocation has four of them, and two anchors. */
 void pull_features()
 {
     Fours w4 = Fours(a.weights);
-    const uint lane = LANE, i = n_anchor[lane];
-    float sum[2] = float[](0.0, 0.0);
+    const uint lane = gl_LocalInvocationID.x % 8, first = gl_LocalInvocationID.x / 8 * 4;
+    if (first >= VK_A_FEATURES)
+        return;
+    float sum[8];
+    [[unroll]] for (uint j = 0; j < 8; j++) sum[j] = 0.0;
     for (uint h = 0; h < VK_N_ALL; h += 4) {
-        const uint from = h * ROW + lane;
-        const float d0 = d_hidden[from], d1 = d_hidden[from + ROW], d2 = d_hidden[from + 2 * ROW],
-                    d3 = d_hidden[from + 3 * ROW];
-        [[unroll]] for (uint j = 0; j < 2; j++)
+        vec4 d[2];
+        [[unroll]] for (uint c = 0; c < 4; c++)
         {
-            const vec4 weight = w4.v[((FIRST_ROW + 16 * j) * VK_N_ALL + h) / 4];
-            sum[j] += weight.x * d0;
-            sum[j] += weight.y * d1;
-            sum[j] += weight.z * d2;
-            sum[j] += weight.w * d3;
+            d[0][c] = d_hidden[(h + c) * ROW + lane];
+            d[1][c] = d_hidden[(h + c) * ROW + lane + 8];
+        }
+        [[unroll]] for (uint j = 0; j < 4; j++)
+        {
+            const vec4 weight = w4.v[((first + j) * VK_N_ALL + h) / 4];
+            [[unroll]] for (uint l = 0; l < 2; l++)
+                [[unroll]] for (uint c = 0; c < 4; c++) sum[4 * l + j] += weight[c] * d[l][c];
         }
     }
-    [[unroll]] for (uint j = 0; j < 2; j++)
+    [[unroll]] for (uint l = 0; l < 2; l++)
     {
-        const uint f = FIRST_ROW + 16 * j;
-        if ((a.parts & VK_N_PART_BANK) != 0)
-            d_mixture[f * ROW + lane] = sum[j];
-        else if (i < a.count)
-            put(i, 3 + VK_A_FEATURE + f, sum[j]);
+        const uint i = n_anchor[lane + 8 * l];
+        [[unroll]] for (uint j = 0; j < 4; j++) if ((a.parts & VK_N_PART_BANK) != 0)
+            d_mixture[(first + j) * ROW + lane + 8 * l] = sum[4 * l + j];
+        else if (i < a.count) put(i, 3 + VK_A_FEATURE + first + j, sum[4 * l + j]);
     }
 }
 
@@ -167,12 +168,17 @@ void main()
     const uint id = gl_LocalInvocationID.x, piece = group_index();
     if (piece >= a.pieces)
         return;
-    const uint column = COLUMN, row = id / VK_N_HIDDEN; /* of 8 rows of sums */
+    const uint column = id % VK_N_HIDDEN, row = id / VK_N_HIDDEN; /* of the bank's sums */
+    /* Of either layer an invocation has sums of four rows and four columns. */
+    const uint output_column = id % 8 * 4;
+    const bool has_output = id / 8 < OUTPUT_FOURS;
+    const output_rows outputs = output_four(id / 8);
+    const uint input_row = id / (VK_N_ALL / 4) * 4, input_column = id % (VK_N_ALL / 4) * 4;
+    const bool has_input = input_row <= VK_N_INPUTS;
     const uint seen_count = a.seen_count.v[0];
-    float output_sum[OUTPUT_SUMS], input_sum[NETWORKS * INPUT_SUMS];
+    vec4 output_sum[4], input_sum[4];
     float bias = 0.0, distance = 0.0, bank_input = 0.0, bank_output = 0.0;
-    [[unroll]] for (uint j = 0; j < OUTPUT_SUMS; j++) output_sum[j] = 0.0;
-    [[unroll]] for (uint j = 0; j < NETWORKS * INPUT_SUMS; j++) input_sum[j] = 0.0;
+    [[unroll]] for (uint j = 0; j < 4; j++) output_sum[j] = input_sum[j] = vec4(0.0);
     for (uint first = piece * 16; first < seen_count; first += a.pieces * 16) {
         barrier(); /* the last block's sums are taken */
         anchors_begin(a.seen, first, seen_count, a.count);
@@ -183,21 +189,18 @@ void main()
         if ((a.parts & VK_N_PART_BANK) != 0)
             pull_mixtures();
         for (uint l = 0; l < 16; l++) {
-            float hidden[NETWORKS];
-            [[unroll]] for (uint n = 0; n < NETWORKS; n++) hidden[n] =
-                n_hidden[(n * VK_N_HIDDEN + column) * ROW + l];
-            [[unroll]] for (uint j = 0; j < OUTPUT_SUMS; j++)
-            {
-                const uint o = min(row + 8 * j, VK_N_OUTPUTS - 1);
-                output_sum[j] += n_output[o * ROW + l] * (o < VK_N_COVARIANCE ? hidden[0]
-                                                          : o < VK_N_COLOUR   ? hidden[1]
-                                                                              : hidden[2]);
+            if (has_output) {
+                vec4 hidden;
+                [[unroll]] for (uint c = 0; c < 4; c++) hidden[c] =
+                    n_hidden[(outputs.network * VK_N_HIDDEN + output_column + c) * ROW + l];
+                [[unroll]] for (uint j = 0; j < 4; j++) output_sum[j] +=
+                    hidden * n_output[min(outputs.first + j, outputs.last) * ROW + l];
             }
-            [[unroll]] for (uint n = 0; n < NETWORKS; n++)
-            {
-                const float d = d_hidden[(n * VK_N_HIDDEN + column) * ROW + l];
-                [[unroll]] for (uint j = 0; j < INPUT_SUMS; j++) input_sum[n * INPUT_SUMS + j] +=
-                    d * n_input[min(row + 8 * j, VK_N_INPUTS) * ROW + l];
+            if (has_input) {
+                vec4 d;
+                [[unroll]] for (uint c = 0; c < 4; c++) d[c] = d_hidden[(input_column + c) * ROW + l];
+                [[unroll]] for (uint j = 0; j < 4; j++) input_sum[j] +=
+                    d * n_input[(input_row + j) * ROW + l];
             }
             if (id < VK_N_OUTPUTS)
                 bias += n_output[id * ROW + l];
@@ -215,12 +218,16 @@ void main()
         }
     }
     const uint to = piece * VK_W_LOOK;
-    [[unroll]] for (uint j = 0; j < OUTPUT_SUMS; j++) if (row + 8 * j < VK_N_OUTPUTS)
-        a.sums.v[to + VK_W_OUTPUT + (row + 8 * j) * VK_N_HIDDEN + column] = output_sum[j];
-    [[unroll]] for (uint n = 0; n < NETWORKS; n++)
-        [[unroll]] for (uint j = 0; j < INPUT_SUMS; j++) if (row + 8 * j <= VK_N_INPUTS)
-            a.sums.v[to + (row + 8 * j) * VK_N_ALL + n * VK_N_HIDDEN + column] =
-        input_sum[n * INPUT_SUMS + j];
+    [[unroll]] for (uint j = 0; j < 4; j++)
+    {
+        const uint o = outputs.first + j;
+        if (has_output && o <= outputs.last)
+            [[unroll]] for (uint c = 0; c < 4; c++)
+                a.sums.v[to + VK_W_OUTPUT + o * VK_N_HIDDEN + output_column + c] = output_sum[j][c];
+        if (has_input)
+            [[unroll]] for (uint c = 0; c < 4; c++)
+                a.sums.v[to + (input_row + j) * VK_N_ALL + input_column + c] = input_sum[j][c];
+    }
     if (id < VK_N_OUTPUTS)
         a.sums.v[to + VK_W_BIAS + id] = bias;
     if (id < VK_N_ALL)
