@@ -47,18 +47,18 @@ wait_for() {
     done
 }
 
-# interrupt PID: sends Ctrl-C to a tool in the background and returns its exit code. A signal would be
-# lost that comes before the shell has become the tool, or before the tool has replaced the ignored
-# SIGINT that it has from the shell by its handler (a bit of SigCgt).
+# interrupt PID: ends a tool in the background as Ctrl-C does, which the shell makes it ignore there, and returns its exit
+# code. A signal would be lost that comes before the shell has become the tool, or before the tool has a handler for it (a bit
+# of SigCgt).
 interrupt() {
     waited=0
     until awk '/^Name:/ { name = $2 } /^SigCgt:/ { caught = $2 }
-               END { exit !(name == "splatguard" && caught ~ /[2367abef]$/) }' "/proc/$1/status"; do
+               END { exit !(name == "splatguard" && caught ~ /[4567cdef]...$/) }' "/proc/$1/status"; do
         waited=$((waited + 1))
-        [ $waited -le 600 ] || fail "process $1 does not catch SIGINT after a minute"
+        [ $waited -le 600 ] || fail "process $1 does not catch SIGTERM after a minute"
         sleep 0.1
     done
-    kill -INT "$1"
+    kill -TERM "$1"
     wait "$1"
 }
 

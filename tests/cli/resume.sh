@@ -131,7 +131,8 @@ grep -q '"interrupted": true' timed/summary.json || fail "interrupted by timeout
 "$tool" train scene/blender -o late -q --engine ref --init-points 400000 &
 pid=$!
 wait_for late/config.json
-kill -INT $pid
+kill -INT $pid # ignored: the shell asks for that in the background
+kill -TERM $pid
 sleep 1.2
 kill -TERM $pid
 wait $pid
