@@ -549,6 +549,9 @@ static void test_automatic_tolerance(void **state)
     assert_true(weights[0] == 0 && weights[1] == 0 && weights[2] == 0);
     assert_float_equal(p.rho, -0.1 / 3, 1e-12); /* for the photo without a tolerance */
     assert_true(p.rho_least == 0 && p.view_weights == weights);
+    sg_defense_automatic(&audit, 5.2, weights, NULL, &p); /* without tolerances */
+    assert_float_equal(p.lambda * (double) weights[0], 24, 1e-5);
+    assert_float_equal(p.rho, -(0.1 + 0.35 * 2 / 3), 1e-12);
     images[1].tau = 0, images[1].verdict = SG_AUDIT_UNSEEN; /* masks leave nothing of it */
     sg_defense_automatic(&audit, 5.2, weights, tolerances, &p);
     assert_true(tolerances[0] == 17 && tolerances[1] == 0);

@@ -59,14 +59,16 @@ void sg_defense_automatic(const struct sg_audit *audit, double extent, float *vi
         const double vote = sg_audit_vote(&image->features);
         const double amplitude =
             (image->features.osc_down + image->features.osc_across) / 2 / strong;
-        tolerances[i] = tolerance_of(audit, image);
+        const float tolerance = tolerances ? tolerance_of(audit, image) : 0;
         /* Growth follows the energy of the noise. Weak noise costs less than the filter does, and
          * tolerated noise causes no growth. */
         const double part =
-            tolerances[i] > 0 ? 0 : suspicion_of(image) * fmin(amplitude * amplitude, 1);
+            tolerance > 0 ? 0 : suspicion_of(image) * fmin(amplitude * amplitude, 1);
         strength += vote * part;
         votes += vote;
-        tolerated += tolerances[i] > 0 ? vote : 0;
+        tolerated += tolerance > 0 ? vote : 0;
+        if (tolerances)
+            tolerances[i] = tolerance;
         if (image->score >= SG_AUDIT_CERTAIN)
             view_weights[certain++] =
                 (float) (vote * part); /* for now the strength of the certain photos */
@@ -79,7 +81,7 @@ void sg_defense_automatic(const struct sg_audit *audit, double extent, float *vi
         const double loudness =
             fmax(f->osc_quiet / loud, fmax(f->half_osc, f->quarter_osc) / coarse);
         /* A tolerated photo has a regulariser of its own. */
-        const double weight = tolerances[i] > 0 ? 0 : fmin(fmax(loudness, 1), 4);
+        const double weight = tolerances && tolerances[i] > 0 ? 0 : fmin(fmax(loudness, 1), 4);
         view_weights[i] = (float) (suspicion_of(&audit->images[i]) * weight);
     }
     p->view_weights = view_weights;

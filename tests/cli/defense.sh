@@ -84,6 +84,14 @@ expect 0 train --resume adaptive --iterations $((end + 5))
 settled adaptive tolerance '"auto"'
 expect 0 train scene/blender -o given $(once $short --iterations 1 --init-points 10 --defense spectral --tolerance 0)
 settled given tolerance 0.0
+# Without a tolerance the filter answers what the tolerance would.
+expect 0 attack scene/blender -o grainy --method noise --epsilon 16 -q
+for tolerance in 0 auto; do
+    expect 0 train grainy -o "grainy-$tolerance" $(once $short --iterations 1 --init-points 10 --defense spectral --tolerance $tolerance)
+done
+rho() { sed -n 's/.*"rho": \([-0-9.]*\).*/\1/p' "$1/config.json"; }
+awk "BEGIN { exit !($(rho grainy-0) < $(rho grainy-auto) - 0.1) }" ||
+    fail "without a tolerance the filter removes $(rho grainy-0), with it $(rho grainy-auto) of growth"
 
 # Gaussians.
 expect 0 train scene/blender -o few $short --init-points 400 --max-gaussians 500 --densify-grad-threshold 0.00001
