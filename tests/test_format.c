@@ -498,6 +498,25 @@ static void test_sort(void **state)
     sg_model_destroy(&m);
 }
 
+/* A model without Gaussians can be made, sorted and selected from, but no format has it. */
+static void test_empty(void **state)
+{
+    struct fixture *f = *state;
+    static const char *const names[] = {"m.ply", "m.compressed.ply", "m.splat", "m.spz", "m.sog",
+                                        "m.glb"};
+    struct sg_model *m, *sorted;
+    assert_int_equal(sg_model_create(f->ctx, 0, 1, &m), SG_OK);
+    assert_int_equal(sg_model_sort(f->ctx, m, &sorted), SG_OK);
+    assert_int_equal(sorted->count, 0);
+    for (int k = 0; k < 6; k++) {
+        assert_int_equal(sg_model_write(f->ctx, m, at(f, names[k]), NULL), SG_ERR_INPUT);
+        assert_non_null(strstr(sg_last_error(f->ctx), "found no Gaussians"));
+        assert_false(sg_file_exists(f->path));
+    }
+    sg_model_destroy(&sorted);
+    sg_model_destroy(&m);
+}
+
 /* Gaussians seen by a camera are those of the mirrored axes seen by a mirrored camera: signs of
  * rotations and SH belong together. */
 static void test_axes(void **state)
@@ -547,12 +566,13 @@ static void test_large_scales(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        scene_test(test_round_trips), scene_test(test_second_trip_is_exact),
-        scene_test(test_splat_bytes), scene_test(test_spz_headers),
-        scene_test(test_spz_4),       scene_test(test_ksplat),
-        scene_test(test_damage),      scene_test(test_writing_refusals),
-        scene_test(test_select),      scene_test(test_sort),
-        scene_test(test_axes),        scene_test(test_large_scales),
+        scene_test(test_round_trips),  scene_test(test_second_trip_is_exact),
+        scene_test(test_splat_bytes),  scene_test(test_spz_headers),
+        scene_test(test_spz_4),        scene_test(test_ksplat),
+        scene_test(test_damage),       scene_test(test_writing_refusals),
+        scene_test(test_select),       scene_test(test_sort),
+        scene_test(test_empty),        scene_test(test_axes),
+        scene_test(test_large_scales),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -55,8 +55,8 @@ static inline float *sg_model_at(const struct sg_model *m, size_t i, int p)
     return &m->params[sg_param_index(sg_param_count(m->sh_degree), i, p)];
 }
 
-/* An all-zero model of `count` Gaussians; the caller owns *out. Errors: SG_ERR_USAGE,
- * SG_ERR_BUDGET. */
+/* An all-zero model of `count` Gaussians; the caller owns *out. One of 0 can be made, but neither
+ * trained nor written: see sg_model_check. Errors: SG_ERR_USAGE, SG_ERR_BUDGET. */
 SG_API int sg_model_create(sg_ctx *ctx, size_t count, int sh_degree, struct sg_model **out);
 SG_API void sg_model_destroy(struct sg_model **model);
 
@@ -114,8 +114,8 @@ SG_API void sg_points_destroy(float **xyz, uint8_t **rgb);
 /* cameras.json as the reference writes it: test cameras first, then train. */
 SG_API int sg_cameras_write_json(sg_ctx *ctx, const struct sg_scene *scene, const char *path);
 
-/* SG_ERR_INPUT, naming Gaussian and property, if a parameter is not finite. Such a model can be
- * inspected but not used. The message begins with `name`. */
+/* SG_ERR_INPUT if there is no Gaussian, or, naming Gaussian and property, if a parameter is not
+ * finite. Such a model can be inspected but not used. The message begins with `name`. */
 SG_API int sg_model_check(sg_ctx *ctx, const struct sg_model *model, const char *name);
 
 /* What `splatguard info` prints about a model. Percentiles are of the activated values, over

@@ -421,7 +421,8 @@ def test_errors_have_classes_and_names():
     with pytest.raises(ValueError, match="different contexts"):
         sg.train(scene_of(context=sg.Context()), initial=model_of())
     scene = scene_of()
-    assert sg.Trainer(scene, initial=sg.Model(0, 1, context=scene.context)).iteration == 0
+    with pytest.raises(sg.InputError, match="found no Gaussians"):  # and not taken for None
+        sg.Trainer(scene, initial=sg.Model(0, 1, context=scene.context))
     assert len(sg.train(scene, iterations=None, callback=lambda step: True)) > 0
     assert issubclass(sg.Cancelled, sg.Error) and issubclass(sg.BudgetError, MemoryError)
 

@@ -33,6 +33,8 @@ int sg_model_check(sg_ctx *ctx, const struct sg_model *m, const char *name)
     int plane;
     char property[24];
     sg_clear_error(ctx);
+    if (m->count == 0)
+        return sg_fail(ctx, SG_ERR_INPUT, "%s: found no Gaussians, expected at least one", name);
     if (!find_nonfinite(m, &i, &plane))
         return SG_OK;
     sg_plane_name(plane, m->sh_degree, property);

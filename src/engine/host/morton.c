@@ -57,6 +57,8 @@ static uint32_t spread(uint32_t v) /* two zeros before each bit of ten */
 int sg_morton_order(sg_ctx *ctx, const struct sg_places *places, const uint32_t *source, size_t n,
                     uint32_t *order)
 {
+    if (n == 0)
+        return SG_OK;
     struct item *from = sg_alloc_raw(ctx, SG_MEM_MODEL, n, sizeof(*from));
     struct item *to = sg_alloc_raw(ctx, SG_MEM_MODEL, n, sizeof(*to));
     int code = SG_ERR_BUDGET;
