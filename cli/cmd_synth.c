@@ -11,8 +11,8 @@ struct synth_config {
 
 #define S(field) offsetof(struct synth_config, field)
 static const struct sg_option synth_options[] = {
-    TEXT_ROW("output", S(output), "DIR", "Folder to make; must not exist or be empty.",
-             .letter = 'o', .group = "Output"),
+    TEXT_ROW("output", S(output), "DIR", "Folder to make: new or empty.", .letter = 'o',
+             .group = "Output"),
     NUMBER_ROW("threads", SG_OPTION_INT, S(threads), 0, 256, "T",
                "Worker threads; 0 = one per CPU.", .letter = 'j', .group = "Output"),
     FLAG_ROW("quiet", S(quiet), "Warnings only.", .letter = 'q', .group = "Output"),

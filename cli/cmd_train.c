@@ -31,7 +31,7 @@ static const struct sg_option train_options[] = {
     CHOICE_ROW("published", T(published), PUBLISHED_SETS, "DATA",
                "The settings with which the model or strategy was published, where no option says "
                "otherwise: for NeRF-Synthetic, outdoor or indoor scenes of Mip-NeRF 360, Tanks and "
-               "Temples, Deep Blending, or as a victim of Poison-splat.",
+               "Temples, Deep Blending, BungeeNeRF, or as a victim of Poison-splat.",
                .group = "Model and loss", .expert = true),
     FLAG_ROW("view", T(view),
              "Print the address of a page that shows the training, and can pause and stop it.",
