@@ -172,6 +172,44 @@ static void test_cancelled_evaluation(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Cancels the third view in which hits are counted. */
+static int cancel_counting(void *priv, enum sg_stage stage, uint64_t done, uint64_t total)
+{
+    (void) total;
+    bool *cancelled = priv;
+    const bool now = stage == SG_STAGE_COUNT && done == 2 && !*cancelled;
+    *cancelled |= now;
+    return now;
+}
+
+/* What is cancelled within an iteration ends after it: a resumed run has the bytes of one that went
+ * on. */
+static void test_cancelled_count(void **state)
+{
+    (void) state;
+    bool cancelled = true;
+    sg_ctx *ctx;
+    const struct sg_ctx_params params = {
+        .threads = 1, .progress = cancel_counting, .progress_priv = &cancelled};
+    assert_int_equal(sg_ctx_create(&ctx, &params), SG_OK);
+    struct sg_run_status s;
+    char whole[128];
+    snprintf(whole, sizeof(whole), "%s", at("uncounted"));
+    struct sg_run_params p = short_run(whole);
+    p.train.defense.on = true, p.preset = SG_RUN_PRESET_NS;
+    p.train.defense.interval = 7, p.train.defense.views = 4, p.train.defense.from = 0,
+    p.train.defense.until = 24, p.train.densify_until_iter = 24;
+    assert_int_equal(train(ctx, &p, SG_RUN_NEW, &s), SG_OK);
+    cancelled = false;
+    p.folder = at("counted");
+    assert_int_equal(train(ctx, &p, SG_RUN_NEW, &s), SG_ERR_INTERRUPTED);
+    assert_string_equal(sg_last_error(ctx), "interrupted at iteration 7; saved");
+    assert_true(cancelled && s.iteration == 7 && s.saved == 7 && s.resumable);
+    assert_int_equal(train(ctx, &p, SG_RUN_RESUME, &s), SG_OK);
+    assert_same_model(ctx, whole, p.folder);
+    sg_ctx_destroy(&ctx);
+}
+
 /* One owner at a time; nothing is replaced unasked. */
 static void test_folders(void **state)
 {
@@ -331,6 +369,7 @@ int main(void)
         cmocka_unit_test(test_resume),
         cmocka_unit_test(test_folders),
         cmocka_unit_test(test_cancelled_evaluation),
+        cmocka_unit_test(test_cancelled_count),
         cmocka_unit_test(test_checks),
         cmocka_unit_test(test_attack),
         cmocka_unit_test(test_full_disk),

@@ -23,7 +23,7 @@ struct sg_synth_params {
     .width = 400, .height = 400, .train_views = 60, .test_views = 12, .points = 20000, .samples = 3
 SG_API struct sg_synth_params sg_synth_params_default(void);
 
-/* Writes DIR/blender and DIR/colmap. DIR must not exist or be empty. params may be NULL. Errors:
+/* Writes DIR/blender and DIR/colmap. DIR is new or empty. params may be NULL. Errors:
  * SG_ERR_USAGE for values out of range, SG_ERR_INPUT if the folder is not empty or cannot be
  * written to, SG_ERR_BUDGET. */
 SG_API int sg_synth_write(sg_ctx *ctx, const char *dir, const struct sg_synth_params *params);

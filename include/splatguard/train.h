@@ -275,9 +275,9 @@ SG_API void sg_trainer_destroy(sg_trainer **trainer);
  * NULL, and then nobody waits for a GPU: its errors come with a later call. Errors: SG_ERR_BUDGET;
  * SG_ERR_INPUT if every Gaussian has become transparent, so that none is left. After an error the
  * trainer can still be saved and destroyed, with that iteration half done. A run that is resumed
- * from there has a sound model, but not that of an uninterrupted run. After a step that was
- * cancelled in SG_STAGE_TRAIN the trainer is as before the call; in SG_STAGE_COUNT it is as after
- * an error. */
+ * from there has a sound model, but not that of an uninterrupted run. SG_ERR_INTERRUPTED: a step
+ * that is cancelled in SG_STAGE_TRAIN is not begun; one that is cancelled in SG_STAGE_COUNT is
+ * completed first, and sg_trainer_iteration has risen. */
 SG_API int sg_trainer_step(sg_trainer *trainer, struct sg_train_step *step);
 
 /* Iterations so far, including those that were skipped for lack of time. */

@@ -33,6 +33,7 @@ struct sg_ctx {
     _Atomic uint64_t to_failure;            /* allocations until one is made to fail; 0 = none */
     struct sg_vram vram;
     const struct sg_engine_kind *auto_engine;
+    bool held, wanted_to_cancel; /* sg_progress_hold */
     _Atomic uint64_t wanted; /* total bytes that the newest refused allocation would have needed */
 };
 
@@ -179,9 +180,23 @@ static int cancelled(sg_ctx *ctx, enum sg_stage stage, uint64_t done, uint64_t t
 int sg_progress(sg_ctx *ctx, enum sg_stage stage, uint64_t done, uint64_t total)
 {
     const struct sg_ctx_params *p = &ctx->params;
-    if (!p->progress || !p->progress(p->progress_priv, stage, done, total))
+    if (!p->progress || ctx->wanted_to_cancel || !p->progress(p->progress_priv, stage, done, total))
         return SG_OK;
-    return cancelled(ctx, stage, done, total);
+    ctx->wanted_to_cancel = ctx->held;
+    return ctx->held ? SG_OK : cancelled(ctx, stage, done, total);
+}
+
+void sg_progress_hold(sg_ctx *ctx)
+{
+    ctx->held = true;
+    ctx->wanted_to_cancel = false;
+}
+
+int sg_progress_release(sg_ctx *ctx, int code, enum sg_stage stage, uint64_t done, uint64_t total)
+{
+    const bool wanted = ctx->wanted_to_cancel;
+    ctx->held = ctx->wanted_to_cancel = false;
+    return !code && wanted ? cancelled(ctx, stage, done, total) : code;
 }
 
 struct stage_job {

@@ -211,6 +211,8 @@ static int loop(sg_run *r)
         const double start = sg_seconds(), cpu = cpu_now();
         r->before = sg_trainer_iteration(r->trainer);
         int error = sg_trainer_advance(r->trainer, &r->step);
+        if (sg_trainer_iteration(r->trainer) > r->before && was_cancelled(r, error))
+            error = SG_OK; /* this iteration was done first */
         if (!error && is_looked_at(r))
             error = sg_run_take_values(r);
         r->totals.seconds += sg_seconds() - start;

@@ -478,14 +478,10 @@ int sg_trainer_step(sg_trainer *t, struct sg_train_step *out)
     return code || !out ? code : sg_trainer_values(t, out);
 }
 
-int sg_trainer_advance(sg_trainer *t, struct sg_train_step *out)
+static int iterate(sg_trainer *t, struct sg_train_step *out)
 {
-    sg_clear_error(t->ctx);
     const struct sg_train_params *p = &t->params;
-    int code =
-        sg_progress(t->ctx, SG_STAGE_TRAIN, (uint64_t) t->iteration, (uint64_t) p->iterations);
-    if (code)
-        return code;
+    int code;
     const int before = t->iteration, it = next_iteration(t);
     struct sg_train_step step = {.iteration = it, .view = sg_trainer_pick_view(t, t->steps + 1)};
     const struct sg_view *view = &t->scene->train[step.view];
@@ -547,6 +543,18 @@ int sg_trainer_advance(sg_trainer *t, struct sg_train_step *out)
     if (out)
         *out = step;
     return SG_OK;
+}
+
+int sg_trainer_advance(sg_trainer *t, struct sg_train_step *out)
+{
+    sg_clear_error(t->ctx);
+    const uint64_t all = (uint64_t) t->params.iterations;
+    int code = sg_progress(t->ctx, SG_STAGE_TRAIN, (uint64_t) t->iteration, all);
+    if (code)
+        return code;
+    sg_progress_hold(t->ctx); /* nobody can go on from half an iteration */
+    code = iterate(t, out);
+    return sg_progress_release(t->ctx, code, SG_STAGE_TRAIN, (uint64_t) t->iteration, all);
 }
 
 int sg_trainer_iteration(const sg_trainer *t)
