@@ -84,9 +84,9 @@ void sg_parallel_for(sg_ctx *ctx, size_t n, void (*fn)(void *arg, size_t i, int 
  * called the library. */
 int sg_progress(sg_ctx *ctx, enum sg_stage stage, uint64_t done, uint64_t total);
 
-/* Around work that has to be done whole. In between sg_progress does not fail. The second call gives
- * the work's own error `code` back; or SG_ERR_INTERRUPTED, with a message of this stage, if the
- * caller wanted to cancel meanwhile. */
+/* Around work that has to be done whole. In between sg_progress does not fail. The second call
+ * gives the work's own error `code` back; or SG_ERR_INTERRUPTED, with a message of this stage, if
+ * the caller wanted to cancel meanwhile. */
 void sg_progress_hold(sg_ctx *ctx);
 int sg_progress_release(sg_ctx *ctx, int code, enum sg_stage stage, uint64_t done, uint64_t total);
 /* sg_parallel_for that reports how many items are done. SG_ERR_INTERRUPTED: fn was not called for
