@@ -5,9 +5,9 @@
 #include <stdbool.h>
 
 /* From here on SIGINT, SIGTERM and SIGHUP only set the flag, except those that were ignored, as
- * under nohup (a second call does nothing). One that comes a second or more after the first ends the
- * process. Before that it is the same wish: timeout(1) sends its signal to the process and to its
- * group. */
+ * under nohup (a second call does nothing). One that comes a second or more after the first ends
+ * the process. Before that it is the same wish: timeout(1) sends its signal to the process and to
+ * its group. */
 void interrupt_catch(void);
 bool interrupted(void);
 

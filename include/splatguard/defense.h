@@ -115,8 +115,8 @@ SG_API double sg_defense_frequency(double extent);
  * hardly affected. Sets rho, rho_least, frequency, lambda and view_weights of `params`, not `on`.
  * extent: that of the scene. view_weights, tolerances: arrays of one float per training view, which
  * are filled. view_weights must outlive the use of `params`; tolerances (grey levels) are for
- * sg_train_params.tolerances. tolerances may be NULL: no photo gets one then, and those that are not
- * clean get the regulariser and the filter. */
+ * sg_train_params.tolerances. tolerances may be NULL: no photo gets one then, and those that are
+ * not clean get the regulariser and the filter. */
 SG_API void sg_defense_automatic(const struct sg_audit *audit, double extent, float *view_weights,
                                  float *tolerances, struct sg_defense_params *params);
 

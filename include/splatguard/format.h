@@ -60,8 +60,8 @@ SG_API struct sg_model_file sg_model_file_default(void);
 /* Writes a model; the file appears whole or not at all. file may be NULL. Errors: SG_ERR_USAGE for
  * an ending that names no format, one that is not written and a wrong version; SG_ERR_INPUT if the
  * file cannot be written, the model has no Gaussians, or the format cannot hold a value: NaN and
- * infinities in all but PLY, positions beyond 8388607 in .spz; SG_ERR_BUDGET. .sog has the Gaussians in another order; it is
- * the same for any number of threads. */
+ * infinities in all but PLY, positions beyond 8388607 in .spz; SG_ERR_BUDGET. .sog has the
+ * Gaussians in another order; it is the same for any number of threads. */
 SG_API int sg_model_write(sg_ctx *ctx, const struct sg_model *model, const char *path,
                           const struct sg_model_file *file);
 
