@@ -252,6 +252,18 @@ static void test_default(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* Kernels count floats in 32 bits: of a Gaussian its parameters, and at least its splat. */
+static void test_sizes(void **state)
+{
+    (void) state;
+    sg_ctx *ctx = make_context(1);
+    assert_int_equal(sg_vulkan_check_size(ctx, 268435000, 14), SG_OK);
+    assert_int_equal(sg_vulkan_check_size(ctx, 268435456, 14), SG_ERR_BUDGET);
+    assert_int_equal(sg_vulkan_check_size(ctx, 72796000, 59), SG_OK);
+    assert_int_equal(sg_vulkan_check_size(ctx, 72796056, 59), SG_ERR_BUDGET);
+    sg_ctx_destroy(&ctx);
+}
+
 int main(void)
 {
     if (!getenv("SG_TEST_ENGINE")) {
@@ -259,9 +271,10 @@ int main(void)
         return 77;
     }
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_default),       cmocka_unit_test(test_driver_limits),
-        cmocka_unit_test(test_limits),        cmocka_unit_test(test_variant_limits),
-        cmocka_unit_test(test_anchor_limits), cmocka_unit_test(test_host),
+        cmocka_unit_test(test_sizes),          cmocka_unit_test(test_default),
+        cmocka_unit_test(test_driver_limits),  cmocka_unit_test(test_limits),
+        cmocka_unit_test(test_variant_limits), cmocka_unit_test(test_anchor_limits),
+        cmocka_unit_test(test_host),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -198,7 +198,9 @@ int sg_gpu_lists_make(struct gpu *g, struct gpu_lists *l, const struct gpu_buffe
                       uint64_t max_instances, uint64_t each, uint64_t *longest)
 {
     const uint32_t tiles = l->grid_x * l->grid_y, n = l->count;
-    const uint64_t limit = max_instances < UINT32_MAX ? max_instances : UINT32_MAX;
+    /* Kernels count the floats of the instances' slots in 32 bits. */
+    const uint64_t most = UINT32_MAX / VK_SLOT_ABSOLUTE;
+    const uint64_t limit = max_instances < most ? max_instances : most;
     l->splats = splats;
     l->band = -1;
     l->band_count = 0;

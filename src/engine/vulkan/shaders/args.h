@@ -9,6 +9,7 @@
 #define VK_CHUNK 128        /* instances between two checkpoints: a unit of the backward pass */
 #define VK_BLOCKS 8         /* of 8 x 4 pixels in a tile */
 #define VK_BLOCK_SIZE 32    /* pixels */
+#define VK_SPLAT 16         /* floats of a projected Gaussian */
 #define VK_SLOT 9           /* floats: sum w, w dx, w dy, w dx^2, w dx dy, w dy^2, r, g, b */
 #define VK_SLOT_ABSOLUTE 11 /* and, where absolute gradients are counted, |dL/dx|, |dL/dy| */
 #define VK_GROUP 256        /* invocations of the kernels without a tile */

@@ -3,7 +3,7 @@
  * (math/tiles.h), log2 of opacity x Gaussian is peak - (across dx - shear dy)^2 - (down dy)^2. */
 #include "math/tiles.h"
 
-#define SPLAT 16 /* floats */
+#define SPLAT VK_SPLAT
 #define S_X 0
 #define S_Y 1
 #define S_SLOPE 2
