@@ -345,11 +345,28 @@ static void pictures_in_memory(void **state)
     assert_int_equal(sg_mem_current(f->ctx, SG_MEM_TAGS), held);
 }
 
+/* A float map has one or three planes, and is not begun for anything else. */
+static void float_map_refusals(void **state)
+{
+    struct fixture *f = *state;
+    const float planes[6] = {0};
+    static const int wrong[][3] = {{2, 1, 2}, {0, 1, 1}, {1, -1, 3}, {65536, 1, 1}};
+    for (int i = 0; i < 4; i++) {
+        assert_int_equal(sg_picture_write_pfm(f->ctx, at(f, "m.pfm"), planes, wrong[i][0],
+                                              wrong[i][1], wrong[i][2]),
+                         SG_ERR_USAGE);
+        assert_false(sg_file_exists(f->path));
+    }
+    assert_int_equal(sg_picture_write_pfm(f->ctx, at(f, "m.pfm"), planes, 2, 1, 3), SG_OK);
+    unlink(at(f, "m.pfm"));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         scene_test(every_kind_of_png),
         scene_test(png_round_trip),
+        scene_test(float_map_refusals),
         scene_test(jpeg_and_webp_by_content),
         scene_test(damaged_jpeg),
         scene_test(damaged_png),

@@ -193,7 +193,8 @@ SG_API int sg_poisoned_scene_image(sg_ctx *ctx, const struct sg_scene *scene,
                                    const char *folder, const uint8_t *rgb,
                                    struct sg_poison_report *report);
 
-/* Total variation of height x width x 3 bytes: mean over the values, in grey levels. */
+/* Total variation of height x width x 3 bytes: mean over the values, in grey levels. Sides of at
+ * least 1. */
 SG_API double sg_total_variation(const uint8_t *rgb, int width, int height, enum sg_attack_tv form);
 
 #ifdef __cplusplus

@@ -36,13 +36,14 @@ enum sg_mem_tag {
 enum sg_stage {
     SG_STAGE_LOAD,     /* sg_scene_load: photos */
     SG_STAGE_AUDIT,    /* sg_audit_scene: photos */
-    SG_STAGE_EVALUATE, /* sg_evaluate: renders */
+    SG_STAGE_EVALUATE, /* sg_evaluate: renders; sg_model_bake: views */
     SG_STAGE_SYNTH,    /* sg_synth_write: pictures, then groups of points */
-    SG_STAGE_INIT,     /* sg_model_init_points, also of a new trainer: groups of points */
-    SG_STAGE_TRAIN,    /* sg_trainer_step: iterations; `done` is the number before this one */
-    SG_STAGE_COUNT,    /* within an iteration of training: views in which hits are counted */
-    SG_STAGE_ATTACK,   /* sg_attack_step: iterations; `done` is the number before this one */
-    SG_STAGE_ASCEND,   /* sg_attack_step, _poison and _naive: steps of the inner ascent */
+    SG_STAGE_INIT,   /* sg_model_init_points and a new trainer, also of anchors: groups of points */
+    SG_STAGE_TRAIN,  /* sg_trainer_step: iterations; `done` is the number before this one */
+    SG_STAGE_COUNT,  /* within an iteration of training, and in sg_prune and sg_prune_scores: views
+                        that are looked at */
+    SG_STAGE_ATTACK, /* sg_attack_step: iterations; `done` is the number before this one */
+    SG_STAGE_ASCEND, /* sg_attack_step, _poison and _naive: steps of the inner ascent */
     SG_STAGES
 };
 

@@ -12,12 +12,13 @@
 extern "C" {
 #endif
 
-/* PSNR in dB of one mean squared error over width x height x 3 bytes. Equal images have +inf, which
- * reports show as 100. */
+/* PSNR in dB of one mean squared error over width x height x 3 bytes; sides of at least 1. Equal
+ * images have +inf, which reports show as 100. */
 SG_API double sg_psnr_u8(const uint8_t *a, const uint8_t *b, int width, int height);
 
 /* SSIM (Wang et al. 2004): 11-tap Gaussian window, sigma 1.5, zero padding, mean over channels and
- * pixels. a, b: height x width x 3 bytes. ctx provides the scratch memory. */
+ * pixels. a, b: height x width x 3 bytes; sides of at least 1. ctx provides the scratch memory.
+ * Errors: SG_ERR_BUDGET. */
 SG_API int sg_ssim_u8(sg_ctx *ctx, const uint8_t *a, const uint8_t *b, int width, int height,
                       double *out);
 

@@ -22,7 +22,8 @@ SG_API void sg_picture_clear(struct sg_picture *picture); /* safe on a zeroed on
 
 /* 8-bit PNG of 1, 3 or 4 channels, with a text "Software: splatguard VERSION", by which
  * sg_output_check_replaced knows it. The file appears whole or not at all. Errors: SG_ERR_INPUT
- * where it cannot be written, SG_ERR_BUDGET. */
+ * where it cannot be written, SG_ERR_USAGE for sides or channels that a PNG cannot have,
+ * SG_ERR_BUDGET. */
 SG_API int sg_picture_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, int width,
                                 int height, int channels);
 
@@ -34,8 +35,9 @@ enum sg_picture_format { SG_PICTURE_PNG, SG_PICTURE_JPEG };
 SG_API int sg_picture_encode(sg_ctx *ctx, enum sg_picture_format format, const uint8_t *pixels,
                              int width, int height, void **out, size_t *size);
 
-/* Portable float map, little endian. planes: 1 or 3 (channels) of height x width floats. Errors as
- * above. */
+/* Portable float map, little endian. planes: 1 or 3 (channels) of height x width floats. The file
+ * appears whole or not at all. Errors: SG_ERR_INPUT where it cannot be written, SG_ERR_USAGE for
+ * other numbers of channels and for sides outside 1..65535, SG_ERR_BUDGET. */
 SG_API int sg_picture_write_pfm(sg_ctx *ctx, const char *path, const float *planes, int width,
                                 int height, int channels);
 

@@ -34,15 +34,24 @@ int sg_picture_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, i
     return sg_image_write_picture(ctx, path, pixels, width, height, channels);
 }
 
+static bool has_size(int width, int height)
+{
+    return width >= 1 && height >= 1 && width <= SG_IMAGE_SIDE_MAX && height <= SG_IMAGE_SIDE_MAX;
+}
+
+static int refuse_size(sg_ctx *ctx, int width, int height)
+{
+    return sg_fail(ctx, SG_ERR_USAGE, "picture: found %d x %d pixels, expected sides of 1 to %d",
+                   width, height, SG_IMAGE_SIDE_MAX);
+}
+
 int sg_picture_encode(sg_ctx *ctx, enum sg_picture_format format, const uint8_t *pixels, int width,
                       int height, void **out, size_t *size)
 {
     sg_clear_error(ctx);
     *out = NULL;
-    if (width < 1 || height < 1 || width > SG_IMAGE_SIDE_MAX || height > SG_IMAGE_SIDE_MAX)
-        return sg_fail(ctx, SG_ERR_USAGE,
-                       "picture: found %d x %d pixels, expected sides of 1 to %d", width, height,
-                       SG_IMAGE_SIDE_MAX);
+    if (!has_size(width, height))
+        return refuse_size(ctx, width, height);
     return format == SG_PICTURE_JPEG
                ? sg_image_encode_jpeg(ctx, pixels, width, height, 90, true, out, size)
                : sg_image_encode_png(ctx, pixels, width, height, 3, out, size);
@@ -54,6 +63,10 @@ int sg_picture_write_pfm(sg_ctx *ctx, const char *path, const float *planes, int
 {
     struct sg_file_writer w;
     sg_clear_error(ctx);
+    if (!has_size(width, height))
+        return refuse_size(ctx, width, height);
+    if (channels != 1 && channels != 3)
+        return sg_fail(ctx, SG_ERR_USAGE, "picture: found %d channels, expected 1 or 3", channels);
     int code = sg_file_create(ctx, &w, path);
     if (code)
         return code;
