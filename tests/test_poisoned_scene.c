@@ -211,6 +211,72 @@ static void test_nerfstudio(void **state)
     check(f, sg_scene_params(), SG_POISON_AUTO, SG_FORMAT_NERFSTUDIO);
 }
 
+/* The names of the views that a scene trains on and of those that it is tested on. */
+static void list_names(struct fixture *f, const char *folder, char *text, size_t size)
+{
+    struct sg_scene *scene;
+    if (sg_scene_load(f->ctx, folder, sg_scene_params(.eval = true), &scene))
+        fail_msg("%s", sg_last_error(f->ctx));
+    text[0] = 0;
+    for (size_t i = 0; i < scene->n_train + scene->n_test; i++) {
+        const size_t n = strlen(text);
+        snprintf(text + n, size - n, "%s%s ", i == scene->n_train ? "| " : "",
+                 i < scene->n_train ? scene->train[i].name : scene->test[i - scene->n_train].name);
+    }
+    sg_scene_destroy(&scene);
+}
+
+/* Photos of a split that the scene's own file gives stay in it, under the names of their copies,
+ * whether the scene was split or not while it was copied. */
+static void test_nerfstudio_split(void **state)
+{
+    struct fixture *f = *state;
+    static const char *const photos[] = {"images/1.png", "images/2.png", "images/3.jpg",
+                                         "images/4.png", "images/5.png"};
+    static const struct {
+        const char *lists, *views;
+    } splits[] = {
+        {"\"train_filenames\":[\"images/1\",\"./images/3.jpg\",\"images/5.png\",\"gone.png\"],"
+         "\"test_filenames\":[\"images/2.png\"],\"val_filenames\":[\"images/4.png\"],",
+         "1 3 5 | 2 "},
+        {"\"test_filenames\":null,\"val_filenames\":[\"images/3.jpg\",\"images/4.png\"],",
+         "1 2 5 | 3 4 "},
+        {"\"train_filenames\":[\"images/2.png\",\"images/3.jpg\"],", "2 3 "},
+        {"\"test_filenames\":[],", "1 2 3 4 5 "},
+        {"", "2 3 4 5 | 1 "},
+    };
+    char folder[600], names[64], text[1500];
+    snprintf(folder, sizeof(folder), "%s/out", f->dir);
+    put_photos(f, photos, 5);
+    for (size_t k = 0; k < sizeof(splits) / sizeof(*splits); k++) {
+        size_t n = (size_t) snprintf(text, sizeof(text),
+                                     "{\"w\":24,\"h\":16,\"fl_x\":22,\"fl_y\":21,\"cx\":11,"
+                                     "\"cy\":8,%s\"frames\":[",
+                                     splits[k].lists);
+        for (int i = 0; i < 5; i++)
+            n += (size_t) snprintf(text + n, sizeof(text) - n,
+                                   "%s{\"file_path\":\"%s\",\"transform_matrix\":"
+                                   "[[1,0,0,%d],[0,1,0,2],[0,0,1,3],[0,0,0,1]]}",
+                                   i ? "," : "", i ? photos[i] : "images/1", i);
+        snprintf(text + n, sizeof(text) - n, "]}");
+        put_text(f, "transforms.json", text);
+        list_names(f, f->dir, names, sizeof(names));
+        assert_string_equal(names, splits[k].views);
+        for (int eval = 0; eval < 2; eval++) {
+            struct sg_scene *clean, *copy;
+            const struct sg_poison_files files = {SG_POISON_PNG, 75, false};
+            assert_int_equal(
+                sg_scene_load(f->ctx, f->dir, sg_scene_params(.eval = eval == 1), &clean), SG_OK);
+            copy = poison(f, clean, &files, false);
+            assert_int_equal(copy->n_train, clean->n_train + clean->n_test);
+            list_names(f, folder, names, sizeof(names));
+            assert_string_equal(names, splits[k].views);
+            sg_scene_destroy(&clean);
+            sg_scene_destroy(&copy);
+        }
+    }
+}
+
 /* Cameras of a rig share photo names; folders distinguish their masks. */
 static void test_rig_masks(void **state)
 {
@@ -315,10 +381,12 @@ static void test_naive(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {scene_test(test_blender),     scene_test(test_colmap),
-                                       scene_test(test_colmap_jpeg), scene_test(test_colmap_names),
-                                       scene_test(test_distorted),   scene_test(test_nerfstudio),
-                                       scene_test(test_namesakes),   scene_test(test_rig_masks),
-                                       scene_test(test_places),      scene_test(test_naive)};
+    const struct CMUnitTest tests[] = {
+        scene_test(test_blender),         scene_test(test_colmap),
+        scene_test(test_colmap_jpeg),     scene_test(test_colmap_names),
+        scene_test(test_distorted),       scene_test(test_nerfstudio),
+        scene_test(test_namesakes),       scene_test(test_rig_masks),
+        scene_test(test_places),          scene_test(test_naive),
+        scene_test(test_nerfstudio_split)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

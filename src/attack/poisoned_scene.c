@@ -16,7 +16,7 @@
 #include "core/numbers.h"
 #include "image/image.h"
 #include "scene/photo.h"
-#include "scene/reader.h"
+#include "scene/transforms.h"
 #include "splatguard/eval.h"
 #include "splatguard/model.h"
 
@@ -145,20 +145,87 @@ int sg_poisoned_scene_check(sg_ctx *ctx, const struct sg_scene *scene,
     return code;
 }
 
+/* The path of the view's image as JSON, to be freed. */
+static int quote_file(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_view *view,
+                      const struct sg_poison_files *files, char **quoted)
+{
+    *quoted = NULL;
+    char *file = image_file(ctx, scene, view, files);
+    if (!file)
+        return SG_ERR_BUDGET;
+    json_t *name = json_string(file);
+    *quoted = name ? json_dumps(name, JSON_ENCODE_ANY) : NULL;
+    sg_free(file);
+    json_decref(name);
+    return *quoted ? SG_OK
+                   : sg_fail(ctx, SG_ERR_INPUT, "%s: the name is not UTF-8, as JSON needs it",
+                             view->path);
+}
+
+/* The views, or those of them that the list has, as the copy names them. */
+static int put_names(sg_ctx *ctx, FILE *f, const char *key, const struct sg_scene *scene,
+                     const struct sg_poison_files *files, const struct sg_view *views, size_t n,
+                     const json_t *list)
+{
+    const char *between = "";
+    fprintf(f, "  \"%s\": [", key);
+    for (size_t i = 0; i < n; i++) {
+        char *quoted;
+        if (list && !json_object_get(list, views[i].file))
+            continue;
+        const int code = quote_file(ctx, scene, &views[i], files, &quoted);
+        if (code)
+            return code;
+        fprintf(f, "%s\n    %s", between, quoted);
+        free(quoted);
+        between = ",";
+    }
+    fprintf(f, "],\n");
+    return SG_OK;
+}
+
+/* The split of the scene, so that what was held out of it is held out of its copy. A scene of which
+ * all views were loaded to train on keeps the lists of its file. */
+static int put_split(sg_ctx *ctx, FILE *f, const struct sg_scene *scene,
+                     const struct sg_poison_files *files)
+{
+    struct sg_folder from;
+    json_t *train = NULL, *test = NULL;
+    int code = SG_OK;
+    if (scene->n_test) {
+        code =
+            put_names(ctx, f, "train_filenames", scene, files, scene->train, scene->n_train, NULL);
+        return code ? code
+                    : put_names(ctx, f, "test_filenames", scene, files, scene->test, scene->n_test,
+                                NULL);
+    }
+    if (scene->format != SG_FORMAT_NERFSTUDIO)
+        return SG_OK;
+    if ((code = sg_folder_open(ctx, scene->path, scene->follow_links, &from)))
+        return code;
+    code = sg_nerfstudio_lists(ctx, &from, &train, &test);
+    if (!code && train)
+        code =
+            put_names(ctx, f, "train_filenames", scene, files, scene->train, scene->n_train, train);
+    if (!code && test)
+        code =
+            put_names(ctx, f, "test_filenames", scene, files, scene->train, scene->n_train, test);
+    json_decref(train);
+    json_decref(test);
+    sg_folder_close(&from);
+    return code;
+}
+
 static int put_frames(sg_ctx *ctx, FILE *f, const struct sg_scene *scene,
                       const struct sg_poison_files *files, const struct sg_view *views, size_t n,
                       bool *first)
 {
     for (size_t i = 0; i < n; i++) {
         const struct sg_camera *c = &views[i].camera;
-        char *file = image_file(ctx, scene, &views[i], files);
-        json_t *name = file ? json_string(file) : NULL;
-        char *quoted = name ? json_dumps(name, JSON_ENCODE_ANY) : NULL;
-        sg_free(file);
-        json_decref(name);
-        if (!quoted)
-            return sg_fail(ctx, SG_ERR_INPUT, "%s: the name is not UTF-8, as JSON needs it",
-                           views[i].path);
+        char *quoted;
+        const int code = quote_file(ctx, scene, &views[i], files, &quoted);
+        if (code)
+            return code;
         fprintf(f,
                 "%s\n    {\"file_path\": %s, \"w\": %d, \"h\": %d,\n     \"fl_x\": %.17g, "
                 "\"fl_y\": %.17g, \"cx\": %.17g, \"cy\": %.17g,\n     \"transform_matrix\": [",
@@ -188,9 +255,12 @@ static int write_transforms(sg_ctx *ctx, const struct sg_scene *scene,
     if (!code) {
         const locale_t before = uselocale(sg_c_locale());
         bool first = true;
-        fprintf(w.stream, "{\n  \"camera_model\": \"PINHOLE\",\n%s  \"frames\": [",
+        fprintf(w.stream, "{\n  \"camera_model\": \"PINHOLE\",\n%s",
                 scene->n_points ? "  \"ply_file_path\": \"" CLOUD "\",\n" : "");
-        code = put_frames(ctx, w.stream, scene, files, scene->train, scene->n_train, &first);
+        code = put_split(ctx, w.stream, scene, files);
+        fprintf(w.stream, "  \"frames\": [");
+        if (!code)
+            code = put_frames(ctx, w.stream, scene, files, scene->train, scene->n_train, &first);
         if (!code)
             code = put_frames(ctx, w.stream, scene, files, scene->test, scene->n_test, &first);
         fprintf(w.stream, "\n  ]\n}\n");

@@ -44,15 +44,42 @@ static int get_list(sg_ctx *ctx, const json_t *root, const char *key, const char
 }
 
 /* The split of the file itself: the frames of its test list, or else of its validation list, are
- * held out. Frames in no list are left out. */
+ * held out. */
+static int get_lists(sg_ctx *ctx, const json_t *root, const char *file, json_t **train,
+                     json_t **test)
+{
+    *train = *test = NULL;
+    int code = get_list(ctx, root, "train_filenames", file, train);
+    if (!code)
+        code = get_list(ctx, root, "test_filenames", file, test);
+    if (!code && !*test)
+        code = get_list(ctx, root, "val_filenames", file, test);
+    return code;
+}
+
+int sg_nerfstudio_lists(sg_ctx *ctx, const struct sg_folder *dir, json_t **train, json_t **test)
+{
+    struct sg_transforms doc = {0};
+    char *data = NULL;
+    size_t size;
+    *train = *test = NULL;
+    char *file = sg_strf(ctx, "%s/transforms.json", dir->path);
+    int code = file ? sg_transforms_read(ctx, dir, file, &data, &size) : SG_ERR_BUDGET;
+    if (!code)
+        code = sg_transforms_load(ctx, file, data, size, UINT64_MAX, &doc);
+    if (!code)
+        code = get_lists(ctx, doc.root, file, train, test);
+    sg_transforms_clear(&doc);
+    sg_free(data);
+    sg_free(file);
+    return code;
+}
+
+/* Frames in no list are left out. */
 static int split_by_lists(sg_ctx *ctx, const json_t *root, const char *file, struct sg_shots *shots)
 {
-    json_t *train = NULL, *test = NULL;
-    int code = get_list(ctx, root, "train_filenames", file, &train);
-    if (!code)
-        code = get_list(ctx, root, "test_filenames", file, &test);
-    if (!code && !test)
-        code = get_list(ctx, root, "val_filenames", file, &test);
+    json_t *train, *test;
+    const int code = get_lists(ctx, root, file, &train, &test);
     size_t unused = 0;
     for (size_t i = 0; i < shots->count && (train || test) && !code; i++) {
         struct sg_shot *shot = &shots->items[i];

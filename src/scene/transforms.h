@@ -37,4 +37,9 @@ int sg_transforms_frame(sg_ctx *ctx, const json_t *frame, const char *where,
  * none. */
 int sg_find_photo(sg_ctx *ctx, const struct sg_folder *dir, const char *file, char **path);
 
+/* nerfstudio.c: the split that the scene's own file gives, as objects whose keys are the names of
+ * its training and of its test photos, as struct sg_shot has them; NULL for a list that it lacks.
+ * The caller releases both, also after a failure. */
+int sg_nerfstudio_lists(sg_ctx *ctx, const struct sg_folder *dir, json_t **train, json_t **test);
+
 #endif
