@@ -82,7 +82,7 @@ static int run_smooth(const void *config, const bool *given, const char *const *
     interrupt_catch();
     int error = sg_output_claim(ctx, c->output, "smooth", false, inputs, &output);
     if (!error)
-        error = sg_scene_load(ctx, positional[0], &c->scene, &scene);
+        error = sg_poisoned_scene_load(ctx, positional[0], &c->scene, &scene);
     if (!error)
         error = write_scene(ctx, scene, c);
     const int status = report_option(ctx, &command_smooth, error);

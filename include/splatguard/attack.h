@@ -177,6 +177,12 @@ struct sg_poison_report {
 };
 SG_API void sg_poison_report_clear(struct sg_poison_report *report);
 
+/* Loads a scene to make a copy of. params->eval: the test views stay as they are; params may be
+ * NULL. Without it all views of COLMAP and nerfstudio scenes are training views, but Blender scenes
+ * come with their test views in any case, if they have some, since their copies need those photos.
+ * Errors: those of sg_scene_load. */
+SG_API int sg_poisoned_scene_load(sg_ctx *ctx, const char *path,
+                                  const struct sg_scene_params *params, struct sg_scene **out);
 /* Makes the folder, with the cameras and points of the scene. The transforms and points of Blender
  * scenes and the models of COLMAP are copied. nerfstudio scenes, and photos whose lens distortion
  * was undone, get a transforms.json for the images as written, which keeps what was held out: the

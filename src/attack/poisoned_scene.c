@@ -324,6 +324,41 @@ struct sg_poison_files sg_poison_files_default(void)
     return (struct sg_poison_files){SG_POISON_FILE_DEFAULTS};
 }
 
+/* *has: the folder or archive has both files of a Blender scene. */
+static int find_test_file(sg_ctx *ctx, const char *path, bool follow_links, bool *has)
+{
+    struct sg_folder dir;
+    const int code = sg_folder_open(ctx, path, follow_links, &dir);
+    *has = !code && sg_is_blender(ctx, &dir) && sg_has_file(&dir, "transforms_test.json");
+    sg_folder_close(&dir);
+    return code;
+}
+
+int sg_poisoned_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *params,
+                           struct sg_scene **out)
+{
+    struct sg_scene_params p = params ? *params : sg_scene_params_default();
+    const bool eval = p.eval;
+    bool blender;
+    *out = NULL;
+    sg_clear_error(ctx);
+    int code = find_test_file(ctx, path, p.follow_links, &blender);
+    if (code)
+        return code;
+    p.eval = eval || blender;
+    code = sg_scene_load(ctx, path, &p, out);
+    if (code == SG_ERR_INPUT && blender) { /* it is no fault if the test photos are missing */
+        p.eval = false;
+        code = sg_scene_load(ctx, path, &p, out);
+    }
+    if (!code && p.eval && !eval && (*out)->format != SG_FORMAT_BLENDER) {
+        p.eval = false; /* the folder has another layout too, which is read instead */
+        sg_scene_destroy(out);
+        code = sg_scene_load(ctx, path, &p, out);
+    }
+    return code;
+}
+
 int sg_poisoned_scene_begin(sg_ctx *ctx, const struct sg_scene *scene,
                             const struct sg_poison_files *files, const char *folder)
 {

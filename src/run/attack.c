@@ -49,28 +49,11 @@ bool sg_attack_ask(struct attack_run *r, const struct sg_attack_step *step)
     return r->stopped;
 }
 
-/* Blender scenes have test photos of their own, which stay clean. It is no fault if there are none.
- */
 static int load_scene(struct attack_run *r)
 {
-    const struct sg_attack_run_params *p = r->params;
-    struct sg_scene_params *s = &r->scene_params;
-    const bool blender = sg_run_has(r->ctx, p->source, "transforms_test.json") &&
-                         sg_run_has(r->ctx, p->source, "transforms_train.json");
-    *s = p->scene;
-    s->eval = blender || p->views == SG_ATTACK_TRAIN_VIEWS;
-    int code = sg_scene_load(r->ctx, p->source, s, &r->scene);
-    if (code == SG_ERR_INPUT && blender) { /* or their photos are missing */
-        s->eval = false;
-        code = sg_scene_load(r->ctx, p->source, s, &r->scene);
-    }
-    if (!code && s->eval && p->views == SG_ATTACK_ALL_VIEWS &&
-        r->scene->format != SG_FORMAT_BLENDER) {
-        s->eval = false; /* the folder has another layout too, which is read instead */
-        sg_scene_destroy(&r->scene);
-        code = sg_scene_load(r->ctx, p->source, s, &r->scene);
-    }
-    return code;
+    struct sg_scene_params s = r->params->scene;
+    s.eval = r->params->views == SG_ATTACK_TRAIN_VIEWS;
+    return sg_poisoned_scene_load(r->ctx, r->params->source, &s, &r->scene);
 }
 
 /* The published schedule where the parameters leave it to the preset. */

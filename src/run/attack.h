@@ -12,7 +12,6 @@ struct attack_run {
     sg_ctx *ctx;
     const struct sg_attack_run_params *params;
     struct sg_attack_params attack_params; /* with the preset applied */
-    struct sg_scene_params scene_params;   /* with which the scene was loaded */
     bool resume;
     struct sg_scene *scene;
     sg_attack *attack;

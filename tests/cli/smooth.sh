@@ -12,6 +12,10 @@ done
 cmp -s gaussian/train/r_0.png wavelet/train/r_0.png && fail "two filters made the same photo"
 cmp -s gaussian/train/r_0.png scene/blender/train/r_0.png && fail "nothing was smoothed"
 
+# The test views of Blender scenes stay as they are, and the copy has them.
+cmp gaussian/test/r_0.png wavelet/test/r_0.png || fail "a test view is missing or smoothed"
+expect 0 train gaussian -o held_out $(once $short --eval --init-points 200 --iterations 20)
+
 # COLMAP: JPEG, and the test views as they are.
 expect 0 smooth scene/colmap --views train --save png -o colmap -q
 [ -s colmap/images/view_0001.png ] && [ -n "$(ls colmap/sparse/0)" ] || fail "no COLMAP scene"
