@@ -38,6 +38,20 @@ struct axes {
     double x[2], y[2];
 };
 
+/* The k-th number on an axis. Not by adding steps, which could be too small to change a number. */
+static double tick(const double range[2], double step, int k)
+{
+    return (ceil(range[0] / step) + k) * step;
+}
+
+/* Numbers of a log can be any. An axis needs some that differ, by more than their rounding. */
+static bool has_extent(const double range[2])
+{
+    const double extent = range[1] - range[0];
+    return extent >= 1e-300 && extent <= 1e300 &&
+           extent >= 1e-9 * fmax(fabs(range[0]), fabs(range[1]));
+}
+
 static double at_x(const struct axes *a, double v)
 {
     return LEFT + (v - a->x[0]) / (a->x[1] - a->x[0]) * (WIDE - LEFT - RIGHT);
@@ -54,13 +68,14 @@ static void put_axes(FILE *f, const struct axes *a, const char *title)
     fprintf(f,
             "<figure><svg role=img aria-label=\"%s\" viewBox=\"0 0 %d %d\" width=%d height=%d>\n",
             title, WIDE, HIGH, WIDE, HIGH);
-    for (double v = ceil(a->y[0] / step) * step; v <= a->y[1] + 1e-9 * step; v += step) {
+    double v;
+    for (int k = 0; (v = tick(a->y, step, k)) <= a->y[1] + 1e-9 * step; k++) {
         fprintf(f, "<path class=axis d=\"M%d %.1fH%d\"/><text x=%d y=%.1f text-anchor=end>", LEFT,
                 at_y(a, v), WIDE - RIGHT, LEFT - 6, at_y(a, v) + 5);
         put_count(f, v);
         fprintf(f, "</text>\n");
     }
-    for (double v = ceil(a->x[0] / along) * along; v <= a->x[1] + 1e-9 * along; v += along) {
+    for (int k = 0; (v = tick(a->x, along, k)) <= a->x[1] + 1e-9 * along; k++) {
         fprintf(f, "<text x=%.1f y=%d text-anchor=middle>", at_x(a, v), HIGH - 8);
         put_count(f, v);
         fprintf(f, "</text>\n");
@@ -92,6 +107,8 @@ void put_curve(FILE *f, const struct curves *c, enum column k, double limit, boo
         include(a.y, limit);
     if (!(a.y[1] > a.y[0]))
         a.y[1] = a.y[0] + 1;
+    if (!has_extent(a.x) || !has_extent(a.y))
+        return;
     put_axes(f, &a, title);
     if (limit > 0)
         fprintf(f, "<path class=limit d=\"M%d %.1fH%d\"/>\n", LEFT, at_y(&a, limit), WIDE - RIGHT);

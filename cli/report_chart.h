@@ -17,8 +17,9 @@ struct curves {
     size_t n_tests;
 };
 
-/* A column over the iterations, or nothing where the log has none of it. limit: a line across, or
- * 0. tests: with a mark for each PSNR of the test views. title: for HTML. */
+/* A column over the iterations, or nothing where the log has none of it or no numbers that can be
+ * drawn. limit: a line across, or 0. tests: with a mark for each PSNR of the test views. title: for
+ * HTML. */
 void put_curve(FILE *f, const struct curves *c, enum column column, double limit, bool tests,
                const char *title);
 

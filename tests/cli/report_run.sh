@@ -69,6 +69,14 @@ expect 0 report "$name" -o page -q --scene gone/colmap
 grep -q 'data:image' $page || fail "no pictures of --scene"
 printf '{"iteration": 1e999}\n\377\376\n[]\n{"iteration": "x"}\n{"iteration": 5, "gaussians": 1e300, "loss": null}\n{"itera' >"$name/log.jsonl"
 expect 0 report "$name" -o page -q
+# Numbers that no axis can have; the size is limited so that an axis without end does not fill the disk.
+for psnr in '1e16 10000000000000002' '1e17 1e17' '-1e308 1e308' '5e-324 0'; do
+    for number in $psnr; do
+        echo "{\"iteration\": 5, \"psnr\": $number, \"loss\": $number}"
+    done >"$name/log.jsonl"
+    (ulimit -f 20000; timeout 60 "$tool" report "$name" -o page -q) || fail "a PSNR of $psnr"
+    grep -qE '[ "=]-?(nan|inf)' $page && fail "PSNR of $psnr: coordinates that are no numbers"
+done
 rm "$name/log.jsonl"
 truncate -s 500M "$name/log.jsonl" # one line, which is not held
 if command -v python3 >/dev/null; then
