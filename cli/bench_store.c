@@ -19,29 +19,35 @@ struct store {
     char *path;
 };
 
-static const char schema[] =
-    "CREATE TABLE job(key TEXT PRIMARY KEY, kind TEXT NOT NULL, status TEXT NOT NULL,"
+/* No value of ours is as long: of pictures, texts of plans and summaries of runs. */
+#define VALUE_BYTES (64 << 20)
+
+#define CURVE(later)                                                                               \
+    "curve(key TEXT, iteration INT, gaussians INT, loss REAL, psnr REAL, instances INT,"           \
+    " seconds REAL" later ", PRIMARY KEY(key, iteration)) WITHOUT ROWID"
+
+/* As SQLite keeps them after CREATE TABLE; what is in a database is compared with them. Of picture,
+ * spectrum and audit: "of" is the key of the job whose model is shown, "what" photo or render,
+ * "kind" radial or angular. */
+static const char *const tables[] = {
+    "job(key TEXT PRIMARY KEY, kind TEXT NOT NULL, status TEXT NOT NULL,"
     " exit_status INT, signal INT, message TEXT, started TEXT, seconds REAL, cpu_seconds REAL,"
     " peak_rss INT, beside INT, alone INT, version TEXT, commit_id TEXT, machine TEXT, cores INT,"
-    " engine TEXT, config TEXT, command TEXT, run_config TEXT, summary TEXT) WITHOUT ROWID;"
-    "CREATE TABLE cell(plan TEXT, position INT, key TEXT, kind TEXT, scene TEXT, photos TEXT,"
-    " defense TEXT, model TEXT, seed INT, PRIMARY KEY(plan, position)) WITHOUT ROWID;"
-    "CREATE TABLE plan(name TEXT PRIMARY KEY, text TEXT) WITHOUT ROWID;"
-    "CREATE TABLE metric(key TEXT, name TEXT, value REAL, PRIMARY KEY(key, name)) WITHOUT ROWID;"
-    "CREATE TABLE curve(key TEXT, iteration INT, gaussians INT, loss REAL, psnr REAL,"
-    " instances INT, seconds REAL, ledger_bytes INT, PRIMARY KEY(key, iteration)) WITHOUT ROWID;"
-    "CREATE TABLE view(key TEXT, name TEXT, psnr REAL, ssim REAL, PRIMARY KEY(key, name))"
-    " WITHOUT ROWID;";
-
-/* Later than the tables above. of: the key of the job whose model is shown. what: photo or render.
- * kind: radial or angular. */
-static const char later[] =
-    "CREATE TABLE IF NOT EXISTS picture(of TEXT, what TEXT, view TEXT, png BLOB,"
-    " PRIMARY KEY(of, what)) WITHOUT ROWID;"
-    "CREATE TABLE IF NOT EXISTS spectrum(of TEXT, what TEXT, kind TEXT, bin INT, value REAL,"
-    " PRIMARY KEY(of, what, kind, bin)) WITHOUT ROWID;"
-    "CREATE TABLE IF NOT EXISTS audit(key TEXT, position INT, name TEXT, score REAL, verdict TEXT,"
-    " tau REAL, tau_error REAL, PRIMARY KEY(key, position)) WITHOUT ROWID;";
+    " engine TEXT, config TEXT, command TEXT, run_config TEXT, summary TEXT) WITHOUT ROWID",
+    "cell(plan TEXT, position INT, key TEXT, kind TEXT, scene TEXT, photos TEXT,"
+    " defense TEXT, model TEXT, seed INT, PRIMARY KEY(plan, position)) WITHOUT ROWID",
+    "plan(name TEXT PRIMARY KEY, text TEXT) WITHOUT ROWID",
+    "metric(key TEXT, name TEXT, value REAL, PRIMARY KEY(key, name)) WITHOUT ROWID",
+    CURVE(", ledger_bytes INT"),
+    "view(key TEXT, name TEXT, psnr REAL, ssim REAL, PRIMARY KEY(key, name)) WITHOUT ROWID",
+    "picture(of TEXT, what TEXT, view TEXT, png BLOB, PRIMARY KEY(of, what)) WITHOUT ROWID",
+    "spectrum(of TEXT, what TEXT, kind TEXT, bin INT, value REAL,"
+    " PRIMARY KEY(of, what, kind, bin)) WITHOUT ROWID",
+    "audit(key TEXT, position INT, name TEXT, score REAL, verdict TEXT,"
+    " tau REAL, tau_error REAL, PRIMARY KEY(key, position)) WITHOUT ROWID",
+};
+#define TABLES (sizeof(tables) / sizeof(tables[0]))
+static const char curve_before[] = CURVE(""); /* to which "upgrade" adds a column */
 
 static int failed(const struct store *s)
 {
@@ -80,42 +86,70 @@ static int check_whole(struct store *s)
     return ok ? STATUS_DONE : STATUS_INPUT;
 }
 
-/* Tables whose values are stored: a view, a trigger or a computed column of a stranger's database
- * could run for ever, or make gigabytes of a few bytes. */
+static bool is_ours(const char *sql)
+{
+    static const char create[] = "CREATE TABLE ";
+    const size_t n = sizeof(create) - 1;
+    bool ours = false;
+    if (!sql || strncmp(sql, create, n))
+        return false;
+    for (size_t i = 0; i < TABLES; i++)
+        ours |= !strcmp(sql + n, tables[i]);
+    return ours || !strcmp(sql + n, curve_before);
+}
+
+/* Our tables alone, to the letter: a view, a trigger, a computed column, a check or an index of a
+ * stranger's database could run for ever, or make gigabytes of a few bytes. */
 static int check_tables(struct store *s)
 {
-    static const char *const sql[] = {
-        "SELECT count(*) FROM sqlite_master WHERE type NOT IN ('table', 'index')"
-        " OR sql LIKE 'CREATE VIRTUAL%'",
-        "SELECT count(*) FROM sqlite_master m, pragma_table_xinfo(m.name) c"
-        " WHERE m.type='table' AND c.hidden<>0"};
-    long others = 0;
-    for (size_t i = 0; i < sizeof(sql) / sizeof(sql[0]) && !others; i++)
-        if (sqlite3_exec(s->db, sql[i], read_number, &others, NULL))
-            return failed(s);
-    if (others)
-        say(stderr,
-            "splatguard: %s: found a view, a trigger or a computed column, expected tables; it "
-            "stays as it is\n",
-            s->path);
-    return others ? STATUS_INPUT : STATUS_DONE;
+    sqlite3_stmt *q = NULL;
+    int result, code = STATUS_DONE;
+    if (sqlite3_prepare_v2(s->db, "SELECT type, name, sql FROM sqlite_master", -1, &q, NULL))
+        return failed(s);
+    while (!code && (result = sqlite3_step(q)) != SQLITE_DONE) {
+        const char *text[3];
+        for (int i = 0; i < 3; i++)
+            text[i] = result == SQLITE_ROW ? (const char *) sqlite3_column_text(q, i) : NULL;
+        if (result != SQLITE_ROW)
+            code = failed(s);
+        else if (!is_ours(text[2])) {
+            say(stderr,
+                "splatguard: %s: found the %.20s \"%.60s\", expected only tables as splatguard "
+                "bench makes them; it stays as it is\n",
+                s->path, text[0] ? text[0] : "thing", text[1] ? text[1] : "");
+            code = STATUS_INPUT;
+        }
+    }
+    sqlite3_finalize(q);
+    return code;
+}
+
+static int make_tables(struct store *s)
+{
+    char sql[1024];
+    int code = STATUS_DONE;
+    for (size_t i = 0; i < TABLES && !code; i++) {
+        snprintf(sql, sizeof(sql), "CREATE TABLE IF NOT EXISTS %s", tables[i]);
+        code = run(s, sql);
+    }
+    return code;
 }
 
 /* One of ours, or a new one. */
 static int check_kind(struct store *s)
 {
-    long application = 0, version = 0, tables = 0;
+    long application = 0, version = 0, things = 0;
     char text[64];
     if (sqlite3_exec(s->db, "PRAGMA application_id", read_number, &application, NULL) ||
         sqlite3_exec(s->db, "PRAGMA user_version", read_number, &version, NULL) ||
-        sqlite3_exec(s->db, "SELECT count(*) FROM sqlite_master", read_number, &tables, NULL))
+        sqlite3_exec(s->db, "SELECT count(*) FROM sqlite_master", read_number, &things, NULL))
         return failed(s);
-    if (!tables && !application) {
+    if (!things && !application) {
         snprintf(text, sizeof(text), "PRAGMA application_id=%d; PRAGMA user_version=%d;",
                  APPLICATION, VERSION);
         int code = run(s, "BEGIN IMMEDIATE");
         if (!code)
-            code = run(s, schema);
+            code = make_tables(s);
         if (!code)
             code = run(s, text);
         return code ? code : run(s, "COMMIT");
@@ -127,7 +161,7 @@ static int check_kind(struct store *s)
             s->path);
         return STATUS_INPUT;
     }
-    return STATUS_DONE;
+    return check_tables(s);
 }
 
 /* Ends a transaction: what is half done is undone. */
@@ -159,7 +193,7 @@ static int upgrade(struct store *s)
     int code = run(s, "BEGIN IMMEDIATE");
     if (code)
         return code;
-    code = run(s, later);
+    code = make_tables(s);
     if (!code)
         code = store_has(s, "curve", "ledger_bytes", &has);
     if (!code && !has)
@@ -183,9 +217,8 @@ int store_open(const char *path, bool must_exist, struct store **out)
     sqlite3_db_config(s->db, SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0, NULL);
     sqlite3_db_config(s->db, SQLITE_DBCONFIG_ENABLE_TRIGGER, 0, NULL);
     sqlite3_db_config(s->db, SQLITE_DBCONFIG_ENABLE_VIEW, 0, NULL);
-    int code = check_tables(s);
-    if (!code)
-        code = check_kind(s);
+    sqlite3_limit(s->db, SQLITE_LIMIT_LENGTH, VALUE_BYTES);
+    int code = check_kind(s);
     if (!code && !must_exist)
         code = check_whole(s);
     return code || must_exist ? code : upgrade(s);
@@ -266,8 +299,9 @@ int store_status(struct store *s, const char *key, char status[16])
         return failed(s);
     sqlite3_bind_text(q, 1, key, -1, SQLITE_TRANSIENT);
     const int result = sqlite3_step(q);
-    if (result == SQLITE_ROW)
-        snprintf(status, 16, "%s", (const char *) sqlite3_column_text(q, 0));
+    const char *text = result == SQLITE_ROW ? (const char *) sqlite3_column_text(q, 0) : NULL;
+    if (text)
+        snprintf(status, 16, "%s", text);
     const int code = result == SQLITE_ROW || result == SQLITE_DONE ? STATUS_DONE : failed(s);
     sqlite3_finalize(q);
     return code;

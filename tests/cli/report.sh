@@ -37,14 +37,19 @@ expect 2 report no.db -o x; says 'no.db: file is not a database'
 # Nothing in a stranger's database runs.
 for trick in "drop table view; create view view as with recursive n(i) as (select 1 union all select i from n) select i, i, i, i from n" \
     "create trigger endless after insert on cell begin select 1; end" \
-    "alter table job add column large generated always as (hex(zeroblob(200000000)))"; do
+    "alter table job add column large generated always as (hex(zeroblob(200000000)))" \
+    "create index large on cell(length(hex(zeroblob(1000))))" \
+    "pragma writable_schema=on; update sqlite_master set sql=replace(sql, 'signal INT', 'signal INT CHECK(length(hex(zeroblob(1000)))>0)') where name='job'" \
+    "pragma writable_schema=on; insert into sqlite_master values('table', 'v', 'v', 0, 'CREATE/**/VIRTUAL TABLE v USING fts5(x)')"; do
     cp r.db trick.db && sqlite3 trick.db "$trick" || fail "no such trick: $trick"
     cp trick.db trick.copy
-    expect 2 report trick.db -o x; says 'trick.db: found a view, a trigger or a computed column'
-    expect 2 bench plan.json -o trick.db -q; says 'trick.db: found a view, a trigger or a computed column'
+    expect 2 report trick.db -o x; says 'trick.db: found the '
+    expect 2 bench plan.json -o trick.db -q; says 'trick.db: found the '
     cmp trick.db trick.copy || fail "a refused database has changed"
 done
 [ ! -e x ] || fail "a failed report left something"
+cp r.db trick.db && sqlite3 trick.db "update cell set scene=zeroblob(70000000) where position=0"
+expect 2 report trick.db -o x; says 'trick.db: string or blob too big'
 
 # Numbers that are too large for what they are.
 sed 's/^{/{"threads": 4294967297, /' plan.json >wide.json
