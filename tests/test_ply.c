@@ -313,12 +313,41 @@ static void test_endless_headers(void **state)
     free(t.bytes);
 }
 
+/* A number has at most 512 bytes. The rest of a longer one is not a number of its own. */
+static void test_long_numbers(void **state)
+{
+    struct fixture *f = *state;
+    const char *header = "ply\nformat ascii 1.0\nelement vertex 1\n" GOOD "end_header\n";
+    for (int last = 0; last < 2; last++)
+        for (int length = 512; length <= 513; length++) {
+            struct text t = {0};
+            struct sg_model *m;
+            append(&t, header, strlen(header));
+            for (int i = 0; i < (length == 512 ? 13 : 12) && last; i++)
+                append(&t, "7 ", 2);
+            append(&t, "1.", 2);
+            for (int i = 2; i < length; i++)
+                append(&t, "5", 1);
+            /* Cut in two the longer one would fill the row. */
+            for (int i = 0; i < (length == 512 ? 13 : 12) && !last; i++)
+                append(&t, " 7", 2);
+            put(f, "l.ply", t.bytes, t.size);
+            const int code = sg_model_read_ply(f->ctx, at(f, "l.ply"), 2, &m);
+            assert_int_equal(code, length == 512 ? SG_OK : SG_ERR_INPUT);
+            assert_true(!code || (strstr(sg_last_error(f->ctx), "l.ply: byte ") &&
+                                  strstr(sg_last_error(f->ctx), "at most 512 bytes")));
+            sg_model_destroy(&m);
+            free(t.bytes);
+        }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         scene_test(test_encodings),       scene_test(test_every_cut),
         scene_test(test_hostile_headers), scene_test(test_endless_headers),
         scene_test(test_marks),           scene_test(test_long_files),
+        scene_test(test_long_numbers),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

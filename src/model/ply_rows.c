@@ -80,12 +80,18 @@ static int text_value(sg_ctx *ctx, struct ply *p, uint64_t row, enum ply_type ty
     size_t n = 0;
     skip_space(in);
     const uint64_t at = in->at;
-    const size_t ready = sg_source_fill(in, WORD_BYTES);
+    const size_t ready = sg_source_fill(in, WORD_BYTES + 1);
     if (!ready)
         return short_file(ctx, p, row);
     for (; n < ready && n < WORD_BYTES && !is_space(in->window[n]); n++)
         word[n] = in->window[n];
     word[n] = 0;
+    if (n < ready && !is_space(in->window[n])) /* the rest would be read as another number */
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: byte %llu, row %llu: found \"%.20s...\", expected a number of at most "
+                       "%d bytes",
+                       in->path, (unsigned long long) at, (unsigned long long) row, word,
+                       WORD_BYTES);
     /* strtof where the file says float: rounding once, a printed float returns to its bits. */
     *out = type == PLY_F32 ? (double) sg_strtof(word, &end) : sg_strtod(word, &end);
     if (end != word + n)
