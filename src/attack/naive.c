@@ -50,22 +50,20 @@ static int naive(sg_ctx *ctx, const struct sg_view *view, const uint8_t *photo_r
     const struct sg_attack_params p = *params;
     const int w = view->camera.width, h = view->camera.height;
     const size_t n = (size_t) w * (size_t) h;
-    int code;
-    struct sg_engine *engine;
-    if ((code = sg_engine_create(ctx, p.engine, p.cpu, &engine)))
-        return code;
+    int code = SG_OK;
+    struct sg_engine *engine = NULL;
+    struct ascent a = {.epsilon = p.epsilon,
+                       .step = p.step,
+                       .steps = p.inner,
+                       .form = p.tv,
+                       .spectral_weight = p.spectral_weight};
     float *photo = sg_alloc_raw(ctx, SG_MEM_FRAME, (p.texture > 0 ? 13 : 12) * n, sizeof(float));
-    if (!photo) {
-        sg_engine_destroy(&engine);
+    if (!photo)
         return SG_ERR_BUDGET;
-    }
     float *x = photo + 3 * n, *scratch = photo + 6 * n;
     float *bound = p.texture > 0 && method != SG_NAIVE_DRIFT ? photo + 12 * n : NULL;
-    if (bound && (code = sg_texture_bound(ctx, photo_rgb, w, h, p.epsilon, p.texture, bound))) {
-        sg_free(photo);
-        sg_engine_destroy(&engine);
-        return code;
-    }
+    if (bound && (code = sg_texture_bound(ctx, photo_rgb, w, h, p.epsilon, p.texture, bound)))
+        goto done;
     const struct wave wave = draw_wave(&p, index, w, h);
     for (size_t ch = 0; ch < 3; ch++)
         for (size_t i = 0; i < n; i++) {
@@ -78,20 +76,19 @@ static int naive(sg_ctx *ctx, const struct sg_view *view, const uint8_t *photo_r
             photo[ch * n + i] = v;
             x[ch * n + i] = within(0, v + within(-e, change, e), 1);
         }
-    struct ascent a = {.epsilon = p.epsilon,
-                       .step = p.step,
-                       .steps = p.inner,
-                       .form = p.tv,
-                       .bound = bound,
-                       .spectral_weight = p.spectral_weight,
-                       .extra = photo + 9 * n};
-    if (method == SG_NAIVE_TV && p.spectral_weight > 0)
-        code = sg_anisotropy_create(ctx, w, h, NULL, NULL, &a.spectral);
-    if (method == SG_NAIVE_TV && !code)
-        code = sg_ascend(engine, &a, photo, w, h, x, scratch);
+    a.bound = bound, a.extra = photo + 9 * n;
+    if (method == SG_NAIVE_TV) { /* the others need no engine */
+        code = sg_engine_create(ctx, p.engine, p.cpu, &engine);
+        if (!code && p.spectral_weight > 0)
+            code = sg_anisotropy_create(ctx, w, h, NULL, NULL, &a.spectral);
+        if (!code)
+            code = sg_ascend(engine, &a, photo, w, h, x, scratch);
+    }
+    if (!code)
+        sg_quantise(x, w, h, rgb);
+done:
     sg_anisotropy_destroy(&a.spectral);
     sg_engine_destroy(&engine);
-    sg_quantise(x, w, h, rgb);
     sg_free(photo);
     return code;
 }
