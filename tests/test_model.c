@@ -39,6 +39,15 @@ static void check_nearest(sg_ctx *ctx, const float *xyz, size_t n)
     free(out);
 }
 
+/* More points than an index can tell apart, which are refused before one is read. */
+static void test_too_many(void **state)
+{
+    struct fixture *f = *state;
+    float out;
+    if (SIZE_MAX > UINT32_MAX)
+        assert_int_equal(sg_nearest3(f->ctx, NULL, (size_t) UINT32_MAX + 1, &out), SG_ERR_INPUT);
+}
+
 /* Clouds, lines, heaps of equal points, an order that defeats a middle pivot's choice, and a grid
  * whose searches have a line of as many points in reach of every plane that splits it. */
 static void test_nearest(void **state)
@@ -369,12 +378,12 @@ static void test_array_layout(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        scene_test(test_arrays),        scene_test(test_array_layout),
-        scene_test(test_nearest),       scene_test(test_init_points),
-        scene_test(test_init_refusals), scene_test(test_init_random),
-        scene_test(test_inspect),       scene_test(test_round_trip),
-        scene_test(test_layout),        scene_test(test_write_refusals),
-        scene_test(test_points),
+        scene_test(test_arrays),         scene_test(test_array_layout),
+        scene_test(test_nearest),        scene_test(test_too_many),
+        scene_test(test_init_points),    scene_test(test_init_refusals),
+        scene_test(test_init_random),    scene_test(test_inspect),
+        scene_test(test_round_trip),     scene_test(test_layout),
+        scene_test(test_write_refusals), scene_test(test_points),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

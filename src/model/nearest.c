@@ -178,6 +178,9 @@ static void query_piece(void *arg, size_t piece, int thread)
 int sg_nearest3(sg_ctx *ctx, const float *xyz, size_t n, float *out)
 {
     struct tree t = {.xyz = xyz, .out = out, .n = n};
+    if ((uint64_t) n > UINT32_MAX) /* what an index holds */
+        return sg_fail(ctx, SG_ERR_INPUT, "found %zu points, expected at most %llu", n,
+                       (unsigned long long) UINT32_MAX);
     t.index = sg_alloc_raw(ctx, SG_MEM_MISC, n, sizeof(*t.index));
     t.axis = sg_alloc_raw(ctx, SG_MEM_MISC, n, sizeof(*t.axis));
     t.box = sg_alloc_raw(ctx, SG_MEM_MISC, n / APART + 1, sizeof(*t.box));
