@@ -32,6 +32,7 @@ struct work {
     enum state state;
     int phase; /* of its commands */
     pid_t pid;
+    int lock;           /* see "hold"; while it is running, else HELD */
     double start, told; /* seconds; when it was told to end, 0 = not */
     const char *why;    /* "timeout" or "memory", then */
     struct outcome out;
@@ -306,13 +307,14 @@ static int open_output(const struct work *w, const char *name, bool append)
 #define HELD (-1)
 #define NO_LOCK (-2)
 
-/* The lock of a job's folder, beside it. HELD: by a process of an earlier bench, which was killed
- * and still saves what it has. NO_LOCK: the file cannot be opened, which errno explains. */
+/* The lock of a job's folder, beside it, which is kept until the job ends. HELD: by a process of an
+ * earlier bench, which was killed and still saves what it has. NO_LOCK: the file cannot be opened,
+ * which errno explains. */
 static int hold(const struct work *w)
 {
     char path[PATH_MAX + 8];
     snprintf(path, sizeof(path), "%s.lock", w->folder);
-    const int lock = open(path, O_RDWR | O_CREAT | O_NOFOLLOW, 0666);
+    const int lock = open(path, O_RDWR | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0666);
     if (lock < 0)
         return NO_LOCK;
     if (flock(lock, LOCK_EX | LOCK_NB)) {
@@ -320,6 +322,13 @@ static int hold(const struct work *w)
         return HELD;
     }
     return lock;
+}
+
+static void let_go(struct work *w)
+{
+    if (w->lock >= 0)
+        close(w->lock);
+    w->lock = HELD;
 }
 
 /* Starts the phase, in a process group that a terminal's Ctrl-C does not reach: this process tells
@@ -333,7 +342,6 @@ static bool start_phase(struct scheduler *s, int index)
     const bool whole = c.n < ARGUMENTS - 1;
     note_command(w, &c);
     const int out = open_output(w, "out", false), err = open_output(w, "err", true);
-    const int lock = hold(w); /* the process has it until it ends */
     const pid_t parent = getpid();
     w->pid = out < 0 || err < 0 || !whole ? -1 : fork();
     if (!w->pid) {
@@ -343,11 +351,10 @@ static bool start_phase(struct scheduler *s, int index)
             _exit(STATUS_INTERRUPTED);
         dup2(out, STDOUT_FILENO);
         dup2(err, STDERR_FILENO);
+        fcntl(w->lock, F_SETFD, 0); /* the process has it too, until it ends */
         execv(s->program, c.words);
         _exit(STATUS_INTERNAL);
     }
-    if (lock >= 0)
-        close(lock);
     if (out >= 0)
         close(out);
     if (err >= 0)
@@ -458,6 +465,7 @@ static int finish(struct scheduler *s, int index, const char *status)
         remove(below(w, "run/checkpoint.bin"));
         remove(below(w, "scene/attack/checkpoint.bin"));
     }
+    let_go(w);
     if (!s->b->quiet || w->state == FAILED)
         say(stderr, "%-7s %-6s %s %s %s seed %d, %.1f s%s%s\n", status, job_kinds[j->kind],
             j->scene, j->photos, j->defense, j->seed, w->out.seconds,
@@ -500,6 +508,7 @@ static int reap(struct scheduler *s, int index, int status, const struct rusage 
     s->running--;
     if (!w->why && interrupted()) { /* it goes on the next time */
         w->state = WAITING;
+        let_go(w);
         clear_outcome(o);
         return STATUS_DONE;
     }
@@ -571,15 +580,13 @@ static int start_ready(struct scheduler *s)
             w->state = FAILED; /* no row: it has not run */
             s->left++;
         } else if (ready && has_room(s)) {
-            const int lock = hold(w);
-            s->held += lock == HELD;
-            if (lock == NO_LOCK) {
+            w->lock = hold(w);
+            s->held += w->lock == HELD;
+            if (w->lock == NO_LOCK) {
                 say(stderr, "splatguard bench: %s.lock: %s\n", w->folder, strerror(errno));
                 code = STATUS_INPUT;
-            } else if (lock >= 0) {
-                close(lock);
+            } else if (w->lock >= 0)
                 code = begin(s, i);
-            }
         }
     }
     return code;
@@ -634,8 +641,8 @@ static void stop_all(struct scheduler *s)
         if (s->work[i].pid > 0)
             kill(s->work[i].pid, SIGTERM);
     for (int i = 0; i < s->b->plan->n; i++)
-        if (s->work[i].pid > 0)
-            waitpid(s->work[i].pid, NULL, 0);
+        while (s->work[i].pid > 0 && waitpid(s->work[i].pid, NULL, 0) < 0 && errno == EINTR)
+            ;
 }
 
 int bench_run(const struct bench *b)
@@ -643,6 +650,8 @@ int bench_run(const struct bench *b)
     struct scheduler s = {.b = b, .work = calloc((size_t) b->plan->n + 1, sizeof(struct work))};
     if (!s.work)
         return no_memory();
+    for (int i = 0; i < b->plan->n; i++)
+        s.work[i].lock = HELD;
     int code = own_program(&command_bench, s.program, sizeof(s.program));
     if (!code)
         code = recall(&s);
@@ -657,6 +666,7 @@ int bench_run(const struct bench *b)
     int waiting = 0;
     for (int i = 0; i < b->plan->n; i++) {
         waiting += s.work[i].state == WAITING;
+        let_go(&s.work[i]);
         clear_outcome(&s.work[i].out);
     }
     if (!code)
