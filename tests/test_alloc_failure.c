@@ -1,7 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Every allocation of a small load, training, audit, attack and evaluation is made to fail once.
  * Each call ends with SG_ERR_BUDGET and a message, leaks nothing, and works afterwards. */
+#include <jansson.h>
+
 #include "core/context.h"
+#include "core/file.h"
 #include "splatguard/format.h"
 #include "splatguard/run.h"
 #include "synth_scene.h"
@@ -345,6 +348,73 @@ static int convert(sg_ctx *ctx)
     return code;
 }
 
+static uint64_t json_allocations, json_fails_at;
+
+/* Values. The text that they become has sizes that are powers of two; where it lacks memory for a
+ * key, Jansson leaves the key out and goes on. */
+static void *json_allocate(size_t size)
+{
+    const bool fails = (size & (size - 1)) && ++json_allocations == json_fails_at;
+    return fails ? NULL : malloc(size);
+}
+
+/* Jansson allocates on its own. What it makes is whole or not written. */
+static void fail_each_of_json(int (*write)(sg_ctx *, const char *path))
+{
+    sg_ctx *ctx = make_context(1);
+    char path[96], *whole, *text;
+    size_t n, size;
+    snprintf(path, sizeof(path), "%s/json.glb", folder);
+    assert_int_equal(write(ctx, path), SG_OK);
+    assert_int_equal(sg_file_read(ctx, path, 1 << 20, &whole, &n), SG_OK);
+    json_set_alloc_funcs(json_allocate, free);
+    for (json_fails_at = 1;; json_fails_at++) {
+        remove(path);
+        json_allocations = 0;
+        const int code = write(ctx, path);
+        assert_true(code == SG_OK || code == SG_ERR_BUDGET);
+        assert_true(code ? sg_last_error(ctx)[0] && !sg_file_exists(path)
+                         : !sg_file_read(ctx, path, 1 << 20, &text, &size));
+        if (!code) {
+            assert_int_equal(size, n);
+            assert_memory_equal(text, whole, n);
+            sg_free(text);
+        }
+        if (json_allocations < json_fails_at)
+            break;
+    }
+    json_set_alloc_funcs(malloc, free);
+    assert_true(json_fails_at > 50);
+    sg_free(whole);
+    sg_ctx_destroy(&ctx);
+}
+
+static struct sg_scene *json_scene;
+static struct sg_model *json_model;
+
+static int write_cameras(sg_ctx *ctx, const char *path)
+{
+    return sg_cameras_write_json(ctx, json_scene, path);
+}
+
+static int write_glb(sg_ctx *ctx, const char *path)
+{
+    return sg_model_write(ctx, json_model, path, NULL);
+}
+
+static void test_json(void **state)
+{
+    sg_ctx *ctx = make_context(1);
+    (void) state;
+    assert_int_equal(sg_scene_load(ctx, colmap, NULL, &json_scene), SG_OK);
+    assert_int_equal(sg_model_init_random(ctx, 5, 1, 1, &json_model), SG_OK);
+    fail_each_of_json(write_cameras);
+    fail_each_of_json(write_glb);
+    sg_model_destroy(&json_model);
+    sg_scene_destroy(&json_scene);
+    sg_ctx_destroy(&ctx);
+}
+
 TEST(load_blender)
 TEST(load_colmap)
 TEST(build)
@@ -377,6 +447,7 @@ int main(void)
         cmocka_unit_test(test_attack_run),
         cmocka_unit_test(test_attack_run_scaffold),
         cmocka_unit_test(test_convert),
+        cmocka_unit_test(test_json),
     };
     return cmocka_run_group_tests(tests, make_scene, remove_scene);
 }

@@ -118,24 +118,31 @@ static json_t *describe(const struct sg_model *m, const struct attribute *a, int
     char generator[64];
     double low[3] = {0}, high[3] = {0};
     uint64_t at = 0;
+    bool whole = true;
     for (int k = 0; k < n; k++) {
         const uint64_t bytes = attribute_bytes(m, &a[k]);
-        json_array_append_new(views, json_pack("{s:i,s:I,s:I,s:i}", "buffer", 0, "byteOffset",
-                                               (json_int_t) at, "byteLength", (json_int_t) bytes,
-                                               "target", ARRAY_BUFFER));
+        whole &= !json_array_append_new(
+            views, json_pack("{s:i,s:I,s:I,s:i}", "buffer", 0, "byteOffset", (json_int_t) at,
+                             "byteLength", (json_int_t) bytes, "target", ARRAY_BUFFER));
         json_t *accessor =
             json_pack("{s:i,s:i,s:I,s:s}", "bufferView", k, "componentType", a[k].type, "count",
                       (json_int_t) m->count, "type", types[a[k].width]);
         if (a[k].type != FLOAT)
-            json_object_set_new(accessor, "normalized", json_true());
+            whole &= !json_object_set_new(accessor, "normalized", json_true());
         if (k == 0) {
             find_bounds(m, low, high);
-            json_object_set_new(accessor, "min", vector(low));
-            json_object_set_new(accessor, "max", vector(high));
+            whole &= !json_object_set_new(accessor, "min", vector(low)) &&
+                     !json_object_set_new(accessor, "max", vector(high));
         }
-        json_array_append_new(accessors, accessor);
-        json_object_set_new(attributes, a[k].name, json_integer(k));
+        whole &= !json_array_append_new(accessors, accessor) &&
+                 !json_object_set_new(attributes, a[k].name, json_integer(k));
         at += bytes;
+    }
+    if (!whole) {
+        json_decref(views);
+        json_decref(accessors);
+        json_decref(attributes);
+        return NULL;
     }
     snprintf(generator, sizeof(generator), "splatguard %s", sg_version());
     return json_pack("{s:{s:s,s:s},s:[s],s:i,s:[{s:[i]}],s:[{s:i}],s:[{s:I}],s:o,s:o,"

@@ -7,15 +7,23 @@
 #include "core/json_text.h"
 #include "splatguard/model.h"
 
-/* Camera to world, focal lengths for the size of the photo's file. */
+/* Camera to world, focal lengths for the size of the photo's file. NULL without memory. */
 static json_t *camera_json(const struct sg_view *v, int id)
 {
     const struct sg_camera *c = &v->camera;
     json_t *rotation = json_array(), *position = json_array();
+    bool whole = true;
     for (int i = 0; i < 3; i++) {
-        json_array_append_new(rotation, json_pack("[f,f,f]", c->R[i], c->R[3 + i], c->R[6 + i]));
-        json_array_append_new(position, json_real(-(c->R[i] * c->t[0] + c->R[3 + i] * c->t[1] +
-                                                    c->R[6 + i] * c->t[2])));
+        whole &= !json_array_append_new(rotation,
+                                        json_pack("[f,f,f]", c->R[i], c->R[3 + i], c->R[6 + i]));
+        whole &= !json_array_append_new(
+            position,
+            json_real(-(c->R[i] * c->t[0] + c->R[3 + i] * c->t[1] + c->R[6 + i] * c->t[2])));
+    }
+    if (!whole) {
+        json_decref(rotation);
+        json_decref(position);
+        return NULL;
     }
     return json_pack("{s:i,s:o,s:i,s:i,s:o,s:o,s:f,s:f}", "id", id, "img_name",
                      sg_text_to_json(v->name), "width", v->file_width, "height", v->file_height,

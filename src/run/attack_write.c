@@ -50,7 +50,7 @@ int sg_attack_log_step(struct attack_run *r)
     return sg_run_log_line(&r->log, line);
 }
 
-/* [iteration, Gaussians] of a line of the log. */
+/* [iteration, Gaussians] of a line of the log. Without memory the curve has a gap. */
 static bool add_growth(void *curve, const json_t *line)
 {
     json_array_append_new(curve, json_pack("[O,O]", json_object_get(line, "iteration"),
@@ -137,14 +137,15 @@ static int write_views(struct attack_run *r, const bool *chosen, json_t *images,
                 sg_view_release(view);
         }
         sg_free(rgb);
-        if (!error)
+        if (!error &&
             json_array_append_new(
                 images,
                 json_pack("{s:o,s:o,s:b,s:o,s:o,s:o,s:o}", "name", sg_text_to_json(view->name),
                           "file", sg_text_to_json(report.file), "poisoned", train && chosen[i],
                           "linf", sg_number_json(report.linf), "psnr", sg_number_json(report.psnr),
                           "tv_before", sg_number_json(report.tv_before), "tv_after",
-                          sg_number_json(report.tv_after)));
+                          sg_number_json(report.tv_after))))
+            error = sg_no_memory(r->ctx);
         if (!error && train && chosen[i]) {
             t->poisoned++;
             t->linf = report.linf > t->linf ? report.linf : t->linf;
@@ -177,7 +178,8 @@ int sg_attack_write(struct attack_run *r)
     json_t *root =
         json_pack("{s:s,s:o,s:o,s:o}", "version", sg_version(), "options",
                   sg_config_to_json(sg_attack_run_config, p), "images", images, "growth", growth);
-#define PUT(key, value) json_object_set_new(root, key, value)
+    bool whole = true;
+#define PUT(key, value) (whole &= !json_object_set_new(root, key, value))
     PUT("epsilon_levels", sg_number_json(round(255 * (double) a->epsilon))); /* null: no bound */
     PUT("poisoned_images", json_integer((json_int_t) t.poisoned));
     PUT("clean_images",
@@ -204,6 +206,10 @@ int sg_attack_write(struct attack_run *r)
     PUT("peak_rss_bytes", json_integer((json_int_t) usage.ru_maxrss * 1024));
     PUT("threads", json_integer(sg_ctx_threads(r->ctx)));
 #undef PUT
+    if (!whole) {
+        json_decref(root);
+        return sg_no_memory(r->ctx);
+    }
     sg_log(r->ctx, SG_LOG_INFO,
            "%zu poisoned images in %s: largest change %.0f grey levels, PSNR %.2f dB, total "
            "variation %.2f to %.2f",
