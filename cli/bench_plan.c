@@ -73,10 +73,11 @@ static bool unify_option(json_t *list, size_t i)
         snprintf(name + 2, sizeof(name) - 2, "%s", known->name);
     for (char *c = name; *c; c++)
         *c = *c == '_' ? '-' : *c;
+    const bool has_value = equals != NULL;
     if (equals)
         json_array_insert_new(list, i + 1, json_string(equals + 1));
-    json_array_set_new(list, i, json_string(name));
-    return equals;
+    json_array_set_new(list, i, json_string(name)); /* which frees the word */
+    return has_value;
 }
 
 /* Options are in their only form from here on. */
