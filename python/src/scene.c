@@ -242,8 +242,8 @@ static PyObject *scene_pixels(PyObject *module, PyObject *args)
         array_write(&rgb, objects[0], 'B', 3 * pixels, "image", true) &&
         array_write(&mask, objects[1], 'B', pixels, "mask", true) &&
         (!rgb.data || CALL(h->context, copy_pixels(h->context->ctx, v, (void *) rgb.data)));
-    if (good && mask.data)
-        memcpy((void *) mask.data, v->mask, v->mask ? pixels : 0);
+    if (good && mask.data && v->mask)
+        memcpy((void *) mask.data, v->mask, pixels);
     array_release(&rgb);
     array_release(&mask);
     return good ? Py_BuildValue("") : NULL;
