@@ -348,6 +348,8 @@ int main(int argc, char **argv)
         else
             return usage();
     }
+    if (gaussians < 1 || side < 1)
+        return usage();
     const char *const cpu = o.cpu, *const csv_path = o.csv;
     sg_ctx *ctx;
     const struct cpu_kernels *kernels;
@@ -375,7 +377,7 @@ int main(int argc, char **argv)
     }
     if (sg_cpu_select(ctx, cpu, &kernels))
         bench_fail(ctx, "kernels");
-    FILE *csv = csv_path ? fopen(csv_path, "w") : NULL;
+    FILE *csv = csv_open(csv_path);
     if (csv)
         fprintf(csv, "sweep,gaussians,side,threads,ms,project,bin,raster,loss,raster_backward,"
                      "update,pairs_per_pixel,"
@@ -438,8 +440,7 @@ int main(int argc, char **argv)
             csv_row(csv, "pixels", &r);
         }
     }
-    if (csv)
-        fclose(csv);
+    csv_close(csv, csv_path);
     sg_ctx_destroy(&ctx);
     return 0;
 }

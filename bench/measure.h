@@ -26,4 +26,25 @@ static inline void bench_fail(const sg_ctx *ctx, const char *what)
     exit(4);
 }
 
+/* NULL where no file is asked for. */
+static inline FILE *csv_open(const char *path)
+{
+    FILE *csv = path ? fopen(path, "w") : NULL;
+    if (path && !csv) {
+        perror(path);
+        exit(1);
+    }
+    return csv;
+}
+
+/* A full disk shows at the end. csv: may be NULL. */
+static inline void csv_close(FILE *csv, const char *path)
+{
+    const bool failed = csv && ferror(csv);
+    if (csv && (fclose(csv) || failed)) {
+        perror(path);
+        exit(1);
+    }
+}
+
 #endif

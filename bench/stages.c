@@ -448,11 +448,7 @@ void stages_print(sg_ctx *ctx, const struct sg_model *model, const struct sg_vie
     check(&b, sg_engine_create(ctx, o->engine, o->cpu, &b.engine), "engine");
     b.device = device_has(b.engine);
     const unsigned without = find_parts(o->without);
-    FILE *csv = o->csv ? fopen(o->csv, "w") : NULL;
-    if (o->csv && !csv) {
-        perror(o->csv);
-        exit(1);
-    }
+    FILE *csv = csv_open(o->csv);
     find_rates(&b, o->cpu);
     check(&b, sg_engine_upload(b.engine, model, NULL), "model");
     check(&b,
@@ -475,8 +471,7 @@ void stages_print(sg_ctx *ctx, const struct sg_model *model, const struct sg_vie
         print_parts(&b);
     if (o->kernels)
         print_kernels(&b);
-    if (csv)
-        fclose(csv);
+    csv_close(csv, o->csv);
     for (int k = 0; k < STAGES; k++)
         free(b.samples[k]);
     free(b.hits);

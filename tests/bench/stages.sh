@@ -21,6 +21,20 @@ for stage in project bin raster loss 'raster backward' update statistics anisotr
 done
 [ "$(wc -l <stages.csv)" = 12 ] || fail "$(wc -l <stages.csv) lines of CSV, expected 12"
 
+run --csv no/stages.csv && fail "a CSV file in no folder"
+grep -q 'no/stages.csv: ' err || fail "no word about a CSV file in no folder"
+if [ -w /dev/full ]; then
+    run --csv /dev/full && fail "a CSV file on a full disk"
+    grep -q '/dev/full: ' err || fail "no word about a full disk"
+fi
+timeout 60 "$bench" --quick --csv no/all.csv >out 2>err && fail "a CSV file in no folder"
+grep -q 'no/all.csv: ' err || fail "no word about a CSV file in no folder"
+for none in "--gaussians 0" "--gaussians -1" "--side 0"; do
+    # shellcheck disable=SC2086 # two words
+    run $none && fail "$none"
+    grep -q '^usage: ' err || fail "no word about $none"
+done
+
 if [ "${engine%%:*}" != vulkan ]; then
     run || fail "exit status $?"
     ! grep -q '^| hits' out || fail "the defense was not asked for"
