@@ -43,11 +43,6 @@ static const struct {
 };
 enum { MODELS = sizeof(models) / sizeof(*models) };
 
-const char *sg_colmap_model_name(int model)
-{
-    return model >= 0 && model < MODELS ? models[model].name : NULL;
-}
-
 int sg_colmap_model_params(int model)
 {
     return model >= 0 && model < MODELS ? models[model].params : -1;

@@ -21,8 +21,7 @@ struct sg_colmap_cameras {
 
 /* colmap.c: shared by both encodings, and all checks with it. */
 
-/* Name and parameter count of a model number, or of a model name; NULL or -1 if there is none. */
-const char *sg_colmap_model_name(int model);
+/* Parameter count of a model number, and the number of a model name; -1 if there is none. */
 int sg_colmap_model_params(int model);
 int sg_colmap_model_find(const char *name);
 int sg_colmap_add_camera(sg_ctx *ctx, struct sg_colmap_cameras *cameras, const char *where,
