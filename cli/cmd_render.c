@@ -119,7 +119,7 @@ static int refuse_photos(const struct model_views *v, const char *output)
         if (same) {
             say(stderr, "splatguard: %s: found the photo %s there, expected another folder\n",
                 output, view->path);
-            return 2;
+            return STATUS_INPUT;
         }
     }
     return 0;
@@ -190,7 +190,7 @@ static int run_render(const void *config, const bool *given, const char *const *
     sg_output *output = NULL;
     if (!c->output) {
         say(stderr, "splatguard render: missing -o DIR\n");
-        return 1;
+        return STATUS_USAGE;
     }
     int code = model_views_open(&v, positional[0], &command_render, given, c, &c->m);
     if (!code)

@@ -114,7 +114,7 @@ static int parse_crop(const char *text, const struct sg_spectrum_image *images, 
                 "splatguard spectrum: --crop: found \"%s\", expected X,Y,W,H within %d x %d "
                 "pixels\n",
                 text, images[k].picture.width, images[k].picture.height);
-            return 1;
+            return STATUS_USAGE;
         }
     return 0;
 }
@@ -141,19 +141,19 @@ static int run_spectrum(const void *config, const bool *given, const char *const
     if (c->p.bins % 4) {
         say(stderr, "splatguard spectrum: --bins: found %d, expected a number divisible by 4\n",
             c->p.bins);
-        return 1;
+        return STATUS_USAGE;
     }
     if (c->output && count > SG_SPECTRUM_IMAGES_MAX) {
         say(stderr, "splatguard spectrum: found %d images, expected at most %d in a picture\n",
             count, SG_SPECTRUM_IMAGES_MAX);
-        return 1;
+        return STATUS_USAGE;
     }
     for (int k = 0; c->output && k < count; k++)
         if (is_same(c->output, positional[k])) {
             say(stderr,
                 "splatguard spectrum: -o %s: found one of the images, expected another file\n",
                 c->output);
-            return 1;
+            return STATUS_USAGE;
         }
     int code = open_context(&ctx, 0, c->max_memory, false);
     if (code)

@@ -35,7 +35,7 @@ static int run_synth(const void *config, const bool *given, const char *const *p
     sg_output *output = NULL;
     if (!c->output) {
         say(stderr, "splatguard synth: missing -o DIR\n");
-        return 1;
+        return STATUS_USAGE;
     }
     int code = open_context(&ctx, c->threads, 0, c->quiet);
     if (code)

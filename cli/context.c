@@ -115,7 +115,7 @@ int open_engine_context(sg_ctx **ctx, int threads, uint64_t max_memory, uint64_t
                 "splatguard: --max-memory: found %llu bytes, expected at least %llu for the "
                 "process itself\n",
                 (unsigned long long) max_memory, (unsigned long long) least);
-            return 3;
+            return STATUS_BUDGET;
         }
         memory.whole = max_memory, memory.outside = outside;
         max_memory -= outside;

@@ -159,7 +159,7 @@ static int flushed(int code)
     if (!fflush(stdout) && !ferror(stdout))
         return code;
     say(stderr, "splatguard: standard output: cannot write: %s\n", strerror(errno ? errno : EIO));
-    return code ? code : 2;
+    return code ? code : STATUS_INPUT;
 }
 
 /* If the caller closed a standard stream, no file may get its number. Writing to standard output
@@ -176,7 +176,7 @@ int main(int argc, char **argv)
 {
     const char *name = argc > 1 ? argv[1] : "--help";
     if (!hold_standard_streams())
-        return 4;
+        return STATUS_INTERNAL;
     /* `| head` or a full disk must not end a training: failed writes are noticed at the end. */
     signal(SIGPIPE, SIG_IGN);
     signal(SIGXFSZ, SIG_IGN);
@@ -204,7 +204,7 @@ int main(int argc, char **argv)
             return unknown(argv[2]);
         else
             usage(argc > 1 ? stdout : stderr);
-        return argc > 1 ? flushed(0) : 1;
+        return argc > 1 ? flushed(0) : STATUS_USAGE;
     }
     if (find(name))
         return flushed(run(find(name), argc - 2, argv + 2));

@@ -3,6 +3,8 @@
 
 #include <string.h>
 
+#include "exit_status.h"
+
 /* Where a name is in "one|two|three", or their number. */
 static size_t place_of(const char *list, const char *name)
 {
@@ -96,7 +98,7 @@ static int unknown(const struct command *c, const struct option_place *list, siz
     if (near)
         say(stderr, "; did you mean --%s?", near);
     say(stderr, "\n");
-    return 1;
+    return STATUS_USAGE;
 }
 
 /* Index of the option with that name, older name or letter, or count. */
@@ -140,7 +142,7 @@ static int set(const struct command *c, const struct option_place *p, void *conf
         return 0;
     say(stderr, "splatguard %s: --%s: found \"%s\", expected %s\n", c->name, p->row->name, text,
         expected);
-    return 1;
+    return STATUS_USAGE;
 }
 
 int options_parse(const struct command *c, int argc, char **argv, void *config,
@@ -156,12 +158,12 @@ int options_parse(const struct command *c, int argc, char **argv, void *config,
         const char *a = argv[i];
         if (!a[0]) {
             say(stderr, "splatguard %s: found an empty argument\n", c->name);
-            return 1;
+            return STATUS_USAGE;
         }
         if (only_positional || a[0] != '-' || !a[1]) {
             if (*count >= c->max_positional) {
                 say(stderr, "splatguard %s: unexpected argument \"%s\"\n", c->name, a);
-                return 1;
+                return STATUS_USAGE;
             }
             positional[(*count)++] = a;
             continue;
@@ -187,7 +189,7 @@ int options_parse(const struct command *c, int argc, char **argv, void *config,
         if (o->type == SG_OPTION_FLAG) {
             if (text) {
                 say(stderr, "splatguard %s: --%s takes no value\n", c->name, o->name);
-                return 1;
+                return STATUS_USAGE;
             }
             text = "true";
         }
@@ -195,10 +197,10 @@ int options_parse(const struct command *c, int argc, char **argv, void *config,
         if (!text) {
             say(stderr, "splatguard %s: --%s: found no value, expected %s\n", c->name, o->name,
                 o->unit);
-            return 1;
+            return STATUS_USAGE;
         }
         if (is_repeated(c, list, options, found, given) || set(c, &list[found], config, text))
-            return 1;
+            return STATUS_USAGE;
         given[found] = true;
     }
     return 0;
@@ -262,7 +264,7 @@ int options_conflict(const struct command *c, const bool *given, const void *con
             flag  ? "off"
             : set ? then
                   : "not set");
-        return 1;
+        return STATUS_USAGE;
     }
     return 0;
 }

@@ -67,8 +67,8 @@ struct option_place {
 /* All options of a command by groups; returns their number, at most OPTIONS_MAX. */
 size_t options_list(const struct command *c, struct option_place list[OPTIONS_MAX]);
 
-/* Fills config (defaults first) and positional. Returns 0, or 1 after printing what is wrong, or -1
- * if --help was printed. */
+/* Fills config (defaults first) and positional. Returns 0, or STATUS_USAGE after printing what is
+ * wrong, or -1 if --help was printed. */
 int options_parse(const struct command *c, int argc, char **argv, void *config,
                   const char **positional, int *count, bool given[OPTIONS_MAX]);
 
