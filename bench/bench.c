@@ -21,7 +21,7 @@
 #include <time.h>
 
 #include "engine/cpu/dispatch.h"
-#include "engine/host/morton.h"
+#include "model/morton.h"
 #include "core/clock.h"
 #include "core/context.h"
 #include "core/rng.h"

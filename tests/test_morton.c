@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The order along a space-filling curve, and edits large enough to use it. */
-#include "engine/host/morton.h"
+#include "model/morton.h"
 
 #include "engine/host/host_model.h"
 #include "models.h"

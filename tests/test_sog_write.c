@@ -2,7 +2,7 @@
 /* .sog files that are written: what a round trip keeps, the tables and palettes behind it. */
 #include "scene_files.h"
 
-#include "engine/host/morton.h"
+#include "model/morton.h"
 #include "format/cluster.h"
 #include "format/codec.h"
 #include "models.h"

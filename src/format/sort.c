@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "codec.h"
-#include "engine/host/morton.h"
+#include "model/morton.h"
 #include "model/anchors.h"
 #include "model/columns.h"
 

@@ -20,7 +20,7 @@ list(REMOVE_ITEM sources ${SOURCE}/src/core/json_text.c) # there is no jansson f
 compile(kernels -DSG_ISA=neon -O3 -ffp-contract=fast ${kernels})
 compile(fft -DSG_ISA=neon -O3 -ffp-contract=off ${fft})
 compile(library -O2 -ffp-contract=off ${sources} ${SOURCE}/src/model/store.c ${SOURCE}/src/model/init.c ${SOURCE}/src/model/anchors.c
-    ${SOURCE}/src/model/nearest.c ${SOURCE}/src/model/columns.c ${SOURCE}/src/image/total_variation.c
+    ${SOURCE}/src/model/nearest.c ${SOURCE}/src/model/columns.c ${SOURCE}/src/model/morton.c ${SOURCE}/src/image/total_variation.c
     ${SOURCE}/src/image/ssim.c)
 file(GLOB objects ${BUILD}/*/*.o)
 

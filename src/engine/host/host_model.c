@@ -6,7 +6,7 @@
 
 #include "core/rng.h"
 #include "math/real_f32.h"
-#include "morton.h"
+#include "model/morton.h"
 
 #include "math/explore.h"
 #include "math/mip.h"
