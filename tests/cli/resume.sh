@@ -128,7 +128,7 @@ kill -TERM $pid
 wait $pid
 [ $? = 130 ] || fail "interrupted by timeout: another exit code"
 grep -q '"interrupted": true' timed/summary.json || fail "interrupted by timeout: not saved"
-"$tool" train scene/blender -o late -q --engine ref --init-points 400000 &
+"$tool" train scene/blender -o late -q --engine ref --threads 1 --init-points 400000 &
 pid=$!
 wait_for late/config.json
 kill -INT $pid # ignored: the shell asks for that in the background
