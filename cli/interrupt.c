@@ -16,7 +16,7 @@ static void on_signal(int signal_number)
 {
     struct timespec time;
     clock_gettime(CLOCK_MONOTONIC, &time);
-    const int64_t now = (int64_t) time.tv_sec * 1000000000 + time.tv_nsec + 1;
+    const int64_t now = (int64_t) time.tv_sec * 1000000000 + time.tv_nsec + 1; /* never 0 */
     int64_t before = 0;
     if (!atomic_compare_exchange_strong(&first, &before, now) && now - before >= 1000000000) {
         signal(signal_number, SIG_DFL);

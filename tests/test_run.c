@@ -141,45 +141,45 @@ static void test_resume(void **state)
     sg_ctx_destroy(&ctx);
 }
 
-/* Cancels the first evaluation. */
-static int cancel_evaluation(void *priv, enum sg_stage stage, uint64_t done, uint64_t total)
+/* Cancels once, where a stage has done so much. */
+struct cancel {
+    enum sg_stage stage;
+    uint64_t done;
+    bool over;
+};
+
+static int cancel_once(void *priv, enum sg_stage stage, uint64_t done, uint64_t total)
 {
-    (void) done;
     (void) total;
-    bool *cancelled = priv;
-    const bool now = stage == SG_STAGE_EVALUATE && !*cancelled;
-    *cancelled |= now;
+    struct cancel *c = priv;
+    const bool now = stage == c->stage && done == c->done && !c->over;
+    c->over |= now;
     return now;
+}
+
+static sg_ctx *cancelled_context(struct cancel *c)
+{
+    sg_ctx *ctx;
+    const struct sg_ctx_params params = {.threads = 1, .progress = cancel_once, .progress_priv = c};
+    assert_int_equal(sg_ctx_create(&ctx, &params), SG_OK);
+    return ctx;
 }
 
 /* What the context's progress function cancels in a periodic measurement is the run. */
 static void test_cancelled_evaluation(void **state)
 {
     (void) state;
-    bool cancelled = false;
-    sg_ctx *ctx;
-    const struct sg_ctx_params params = {
-        .threads = 1, .progress = cancel_evaluation, .progress_priv = &cancelled};
-    assert_int_equal(sg_ctx_create(&ctx, &params), SG_OK);
+    struct cancel cancel = {SG_STAGE_EVALUATE, 0, false};
+    sg_ctx *ctx = cancelled_context(&cancel);
     struct sg_run_status s;
     struct sg_run_params p = short_run(at("cancelled"));
     p.eval_every = 2;
     assert_int_equal(train(ctx, &p, SG_RUN_NEW, &s), SG_ERR_INTERRUPTED);
     assert_string_equal(sg_last_error(ctx), "interrupted at iteration 2; saved");
-    assert_true(cancelled && s.iteration == 2 && s.saved == 2 && s.resumable);
+    assert_true(cancel.over && s.iteration == 2 && s.saved == 2 && s.resumable);
     assert_int_equal(train(ctx, &p, SG_RUN_RESUME, &s), SG_OK);
     assert_int_equal(s.saved, 24);
     sg_ctx_destroy(&ctx);
-}
-
-/* Cancels the third view in which hits are counted. */
-static int cancel_counting(void *priv, enum sg_stage stage, uint64_t done, uint64_t total)
-{
-    (void) total;
-    bool *cancelled = priv;
-    const bool now = stage == SG_STAGE_COUNT && done == 2 && !*cancelled;
-    *cancelled |= now;
-    return now;
 }
 
 /* What is cancelled within an iteration ends after it: a resumed run has the bytes of one that went
@@ -187,11 +187,8 @@ static int cancel_counting(void *priv, enum sg_stage stage, uint64_t done, uint6
 static void test_cancelled_count(void **state)
 {
     (void) state;
-    bool cancelled = true;
-    sg_ctx *ctx;
-    const struct sg_ctx_params params = {
-        .threads = 1, .progress = cancel_counting, .progress_priv = &cancelled};
-    assert_int_equal(sg_ctx_create(&ctx, &params), SG_OK);
+    struct cancel cancel = {SG_STAGE_COUNT, 2, true}; /* not in the first run */
+    sg_ctx *ctx = cancelled_context(&cancel);
     struct sg_run_status s;
     char whole[128];
     snprintf(whole, sizeof(whole), "%s", at("uncounted"));
@@ -200,11 +197,11 @@ static void test_cancelled_count(void **state)
     p.train.defense.interval = 7, p.train.defense.views = 4, p.train.defense.from = 0,
     p.train.defense.until = 24, p.train.densify_until_iter = 24;
     assert_int_equal(train(ctx, &p, SG_RUN_NEW, &s), SG_OK);
-    cancelled = false;
+    cancel.over = false;
     p.folder = at("counted");
     assert_int_equal(train(ctx, &p, SG_RUN_NEW, &s), SG_ERR_INTERRUPTED);
     assert_string_equal(sg_last_error(ctx), "interrupted at iteration 7; saved");
-    assert_true(cancelled && s.iteration == 7 && s.saved == 7 && s.resumable);
+    assert_true(cancel.over && s.iteration == 7 && s.saved == 7 && s.resumable);
     assert_int_equal(train(ctx, &p, SG_RUN_RESUME, &s), SG_OK);
     assert_same_model(ctx, whole, p.folder);
     sg_ctx_destroy(&ctx);

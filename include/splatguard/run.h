@@ -98,9 +98,9 @@ SG_API int sg_run_open(sg_ctx *ctx, const struct sg_run_params *params, enum sg_
 
 /* Runs the remaining iterations, saving and evaluating on schedule, then writes model, checkpoint
  * and summary.json. Errors on the way that leave the training whole (a full disk) are logged as
- * warnings; the first of them is returned at the end. SG_ERR_INTERRUPTED: `step` stopped the run,
- * and everything is saved. Where memory runs out, the model so far is saved, the error is logged,
- * and the result is SG_OK: see struct sg_run_status. */
+ * warnings; the first of them is returned at the end. SG_ERR_INTERRUPTED: `step` or the context's
+ * progress function stopped the run, and everything is saved. Where memory runs out, the model so
+ * far is saved, the error is logged, and the result is SG_OK: see struct sg_run_status. */
 SG_API int sg_run_train(sg_run *run);
 
 struct sg_run_status {

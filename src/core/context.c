@@ -189,7 +189,6 @@ int sg_progress(sg_ctx *ctx, enum sg_stage stage, uint64_t done, uint64_t total)
 void sg_progress_hold(sg_ctx *ctx)
 {
     ctx->held = true;
-    ctx->wanted_to_cancel = false;
 }
 
 int sg_progress_release(sg_ctx *ctx, int code, enum sg_stage stage, uint64_t done, uint64_t total)

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "codec.h"
-#include "model/morton.h"
 #include "model/anchors.h"
 #include "model/columns.h"
+#include "model/morton.h"
 
 int sg_model_order(sg_ctx *ctx, const struct sg_model *m, uint32_t **order)
 {

@@ -34,13 +34,10 @@ int sg_picture_write_png(sg_ctx *ctx, const char *path, const uint8_t *pixels, i
     return sg_image_write_picture(ctx, path, pixels, width, height, channels);
 }
 
-static bool has_size(int width, int height)
+static int check_size(sg_ctx *ctx, int width, int height)
 {
-    return width >= 1 && height >= 1 && width <= SG_IMAGE_SIDE_MAX && height <= SG_IMAGE_SIDE_MAX;
-}
-
-static int refuse_size(sg_ctx *ctx, int width, int height)
-{
+    if (width >= 1 && height >= 1 && width <= SG_IMAGE_SIDE_MAX && height <= SG_IMAGE_SIDE_MAX)
+        return SG_OK;
     return sg_fail(ctx, SG_ERR_USAGE, "picture: found %d x %d pixels, expected sides of 1 to %d",
                    width, height, SG_IMAGE_SIDE_MAX);
 }
@@ -50,8 +47,9 @@ int sg_picture_encode(sg_ctx *ctx, enum sg_picture_format format, const uint8_t 
 {
     sg_clear_error(ctx);
     *out = NULL;
-    if (!has_size(width, height))
-        return refuse_size(ctx, width, height);
+    const int code = check_size(ctx, width, height);
+    if (code)
+        return code;
     return format == SG_PICTURE_JPEG
                ? sg_image_encode_jpeg(ctx, pixels, width, height, 90, true, out, size)
                : sg_image_encode_png(ctx, pixels, width, height, 3, out, size);
@@ -63,12 +61,12 @@ int sg_picture_write_pfm(sg_ctx *ctx, const char *path, const float *planes, int
 {
     struct sg_file_writer w;
     sg_clear_error(ctx);
-    if (!has_size(width, height))
-        return refuse_size(ctx, width, height);
+    int code = check_size(ctx, width, height);
+    if (code)
+        return code;
     if (channels != 1 && channels != 3)
         return sg_fail(ctx, SG_ERR_USAGE, "picture: found %d channels, expected 1 or 3", channels);
-    int code = sg_file_create(ctx, &w, path);
-    if (code)
+    if ((code = sg_file_create(ctx, &w, path)))
         return code;
     fprintf(w.stream, "%s\n%d %d\n-1.0\n", channels == 3 ? "PF" : "Pf", width, height);
     const size_t plane = (size_t) width * (size_t) height;

@@ -10,7 +10,6 @@
 /* Where an invocation has one anchor and the rows FIRST_ROW, FIRST_ROW + 16 and so on. */
 #define LANE (gl_LocalInvocationID.x % 16)
 #define FIRST_ROW (gl_LocalInvocationID.x / 16)
-#define NETWORKS 3
 
 /* Of weights; they begin where an allocation does. */
 layout(buffer_reference, std430, buffer_reference_align = 16) buffer Fours

@@ -70,7 +70,7 @@ void pull_hidden()
 {
     Fours w4 = Fours(a.weights);
     const uint id = gl_LocalInvocationID.x, column = id % 8 * 4, lane = id / 8 % 8, n = id / 64;
-    if (n < NETWORKS) {
+    if (n < VK_N_ALL / VK_N_HIDDEN) {
         const uint first = n == 0 ? 0 : n == 1 ? VK_N_COVARIANCE : VK_N_COLOUR;
         const uint end = n == 0 ? VK_N_COVARIANCE : n == 1 ? VK_N_COLOUR : VK_N_OUTPUTS;
         vec4 sum[2] = vec4[](vec4(0.0), vec4(0.0));
