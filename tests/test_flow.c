@@ -5,10 +5,11 @@
 
 #include "attack/attack.h"
 #include "core/vram.h"
+#include "engine/scaffold/state.h"
 #include "engine/vulkan/engine.h"
 #include "train/trainer.h"
 #define SIDE 32 /* four tiles: a driver for the CPU takes milliseconds for one */
-#include "training.h"
+#include "training_anchors.h"
 
 #define ITERATIONS 16
 #define TINY 5 /* instances: no view has so few */
@@ -21,13 +22,33 @@ struct flight {
     uint64_t room;      /* instances at first, or 0 */
     int tight, until;   /* no instance has room when iterations tight to until - 1 begin */
     enum look looks;    /* after such an iteration */
+    bool settles;       /* the last half of the iterations, as where time is short */
     bool passing;       /* photos come and go, as where the device has no room for all */
     uint64_t repeats;   /* out */
     uint64_t instances; /* out: the most */
     int in_flight;      /* out: the most */
+    double seen;        /* out: how often views have seen anchors, since they grew */
     struct sg_train_step last;
     float exposures[VIEWS * SG_EXPOSURE_FLOATS]; /* out */
 };
+
+/* Of anchors, the engine that draws them. */
+static struct vulkan_engine *device_of(sg_trainer *t)
+{
+    struct sg_engine *e = t->engine;
+    return vulkan_of(sg_engine_each(e) > 1 ? ((struct scaffold_engine *) e)->inner : e);
+}
+
+/* Of all anchors of a training whose model has been asked for. */
+static double sum_seen(const sg_trainer *t)
+{
+    const struct sg_host_model *h = &((const struct scaffold_engine *) t->engine)->anchors;
+    double sum = 0;
+    for (size_t i = 0; i < h->count; i++)
+        sum +=
+            (double) h->at[SG_C_ANCHOR_STATISTICS][sg_param_index(SG_A_STATISTICS, i, SG_A_SEEN)];
+    return sum;
+}
 
 static int busy(const struct gpu *g)
 {
@@ -74,11 +95,13 @@ static void look(const struct fixture *f, sg_trainer *t, enum look what)
 static struct sg_model *fly(struct fixture *f, const struct sg_train_params *p, struct flight *how)
 {
     sg_trainer *t = begin_training(f, p);
-    struct vulkan_engine *e = vulkan_of(t->engine);
+    struct vulkan_engine *e = device_of(t);
     struct sg_model *m;
     e->gpu->depth = how->depth ? how->depth : GPU_FLIGHTS;
     e->lists.capacity = how->room;
     how->in_flight = 0;
+    if (how->settles)
+        t->settles_from = p->iterations / 2;
     for (size_t i = 0; i < VIEWS && how->passing; i++) {
         assert_int_equal(sg_engine_photo_drop(t->engine, t->photos[i]), SG_OK);
         t->photos[i] = 0;
@@ -97,6 +120,7 @@ static struct sg_model *fly(struct fixture *f, const struct sg_train_params *p, 
     assert_int_equal(sg_trainer_most_instances(t, &how->instances), SG_OK);
     assert_int_equal(busy(e->gpu), 0);
     assert_int_equal(sg_trainer_model(t, &m), SG_OK);
+    how->seen = p->model == SG_MODEL_SCAFFOLD ? sum_seen(t) : 0;
     how->repeats = e->flow.repeats;
     memset(how->exposures, 0, sizeof(how->exposures));
     const float *exposures;
@@ -116,15 +140,21 @@ static struct sg_train_params flow_params(void)
     return p;
 }
 
+static void assert_same_models(const struct sg_model *a, const struct sg_model *b)
+{
+    (a->columns && a->columns->networks ? assert_same_anchors : assert_same)(a, b);
+}
+
 /* The model and all numbers of `how` are those of a training that waits after each step. */
 static void assert_as_waiting(struct fixture *f, const struct sg_train_params *p,
                               const struct sg_model *expected, const struct flight *waited,
                               struct flight *how)
 {
     struct sg_model *found = fly(f, p, how);
-    assert_same(expected, found);
+    assert_same_models(expected, found);
     assert_memory_equal(how->exposures, waited->exposures, sizeof(how->exposures));
     assert_int_equal(how->instances, waited->instances);
+    assert_true(how->seen == waited->seen);
     assert_true(how->last.loss == waited->last.loss && how->last.psnr == waited->last.psnr);
     assert_int_equal(how->last.render.pairs, waited->last.render.pairs);
     assert_int_equal(how->last.render.instances, waited->last.render.instances);
@@ -221,6 +251,39 @@ static void test_variants(void **state)
     clear_fixture(&f);
 }
 
+/* Anchors and their networks: nobody waits between two iterations that grow, also with exposures
+ * and appearances, photos that come and go, and the defense. The last case settles. */
+static void test_anchors(void **state)
+{
+    (void) state;
+    struct fixture f = make_points(1);
+    sg_model_destroy(&f.start); /* they begin with the points */
+    for (int k = 0; k < 4; k++) {
+        struct sg_train_params p = scaffold_params();
+        p.engine = main_engine();
+        p.iterations = ITERATIONS;
+        p.scaffold.from = 4, p.densification_interval = 8, p.densify_until_iter = 15;
+        p.exposure = p.scaffold.appearance = k == 1;
+        p.defense.on = k == 2;
+        p.defense.interval = 5, p.defense.views = 2, p.defense.from = 4;
+        struct flight one = {.depth = 1, .room = 100000, .settles = k == 3},
+                      three = {.passing = k == 1, .settles = k == 3}, tight = three, once = three;
+        tight.tight = 2, tight.until = ITERATIONS + 1;
+        once.tight = 12, once.until = 13;
+        struct sg_model *expected = fly(&f, &p, &one);
+        assert_int_equal(one.repeats, 0);
+        assert_true((one.exposures[0] != 0) == (k == 1) && one.seen > 0);
+        assert_as_waiting(&f, &p, expected, &one, &three);
+        assert_int_equal(three.in_flight, GPU_FLIGHTS);
+        assert_as_waiting(&f, &p, expected, &one, &tight);
+        assert_true(tight.repeats >= ITERATIONS / (GPU_FLIGHTS + 1));
+        assert_as_waiting(&f, &p, expected, &one, &once);
+        assert_true(once.repeats > 0);
+        sg_model_destroy(&expected);
+    }
+    clear_points(&f);
+}
+
 /* Photos that come and go: none waits for the device. Their sizes differ, so that their rooms grow
  * on the way, also in iterations that are run again. */
 static void test_passing(void **state)
@@ -254,7 +317,7 @@ static struct sg_model *raid(struct fixture *f, const struct sg_attack_params *p
     sg_attack *a;
     struct sg_model *decoy;
     assert_int_equal(sg_attack_create(f->ctx, &f->scene, f->start, p, &a), SG_OK);
-    struct vulkan_engine *e = vulkan_of(a->trainer->engine);
+    struct vulkan_engine *e = device_of(a->trainer);
     e->gpu->depth = how->depth ? how->depth : GPU_FLIGHTS;
     how->in_flight = 0;
     while (sg_attack_iteration(a) < p->iterations) {
@@ -273,14 +336,28 @@ static struct sg_model *raid(struct fixture *f, const struct sg_attack_params *p
     return decoy;
 }
 
+/* Anchors to begin an attack with, in place of the fixture's Gaussians. */
+static void make_anchor_proxy(struct fixture *f)
+{
+    struct sg_train_params p = scaffold_params();
+    sg_trainer *t;
+    p.engine = "cpu";
+    sg_model_destroy(&f->start);
+    t = begin_training(f, &p);
+    for (int it = 0; it < 8; it++)
+        assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+    assert_int_equal(sg_trainer_model(t, &f->start), SG_OK);
+    sg_trainer_destroy(&t);
+}
+
 /* The decoy of an attack: the same bytes however far ahead and whatever has no room, and the values
  * of the CPU's at first. */
 static void test_attack(void **state)
 {
     (void) state;
-    struct fixture f = make_fixture(1);
+    struct fixture f = make_points(1);
     f.scene.train = f.views;
-    for (int k = 0; k < 3; k++) {
+    for (int k = 0; k < 4; k++) {
         struct sg_attack_params p = sg_attack_params_default();
         struct sg_attack_step one, found;
         sg_attack *a;
@@ -288,6 +365,11 @@ static void test_attack(void **state)
         p.iterations = 12, p.inner = 3, p.densification_interval = 8;
         p.spectral_weight = k == 1 ? 2 : 0;
         p.epsilon = k == 2 ? INFINITY : p.epsilon;
+        if (k == 3) {
+            make_anchor_proxy(&f);
+            p.model = SG_ATTACK_SCAFFOLD;
+            p.scaffold = scaffold_params().scaffold;
+        }
         p.update_interval = k == 2 ? 3 : 1;
         p.tv = k == 0 ? SG_ATTACK_TV_ANISO : k == 1 ? SG_ATTACK_TV_VERTICAL2 : SG_ATTACK_TV_ISO;
         struct flight alone = {.depth = 1}, more = {0}, tight = {.tight = 2, .until = 13};
@@ -295,7 +377,7 @@ static void test_attack(void **state)
         struct sg_model *expected = raid(&f, &p, &alone, &one);
         for (int i = 0; i < 2; i++) {
             struct sg_model *decoy = raid(&f, &p, others[i], &found);
-            assert_same(expected, decoy);
+            assert_same_models(expected, decoy);
             assert_true(found.loss == one.loss && found.psnr == one.psnr && found.tv == one.tv);
             sg_model_destroy(&decoy);
         }
@@ -313,7 +395,7 @@ static void test_attack(void **state)
             fail_msg("case %d: loss %g, variation %g, expected %g and %g", k, one.loss, one.tv,
                      found.loss, found.tv);
     }
-    clear_fixture(&f);
+    clear_points(&f);
 }
 
 /* A view is drawn, has no room, and is left before the optimiser: its radii count all the same. */
@@ -484,8 +566,9 @@ int main(void)
         cmocka_unit_test(test_depths),    cmocka_unit_test(test_overflow),
         cmocka_unit_test(test_no_memory), cmocka_unit_test(test_variants),
         cmocka_unit_test(test_passing),   cmocka_unit_test(test_attack),
-        cmocka_unit_test(test_left_view), cmocka_unit_test(test_threads),
-        cmocka_unit_test(test_shared),    cmocka_unit_test(test_loss),
+        cmocka_unit_test(test_anchors),   cmocka_unit_test(test_left_view),
+        cmocka_unit_test(test_threads),   cmocka_unit_test(test_shared),
+        cmocka_unit_test(test_loss),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -299,8 +299,7 @@ int sg_engine_learn_networks(struct sg_engine *e, const struct sg_network_update
 {
     if (!e->ops->learn_networks)
         return lacks(e, "learn_networks");
-    const int code = finish(e);
-    return code ? code : leave(e, e->ops->learn_networks(e, u), IMAGE, 0);
+    return leave(e, e->ops->learn_networks(e, u), IMAGE, 0);
 }
 
 int sg_engine_set_shape(struct sg_engine *e, const struct sg_shape *shape)

@@ -57,7 +57,8 @@ struct sg_engine {
 };
 
 /* Anchors of Scaffold-GS and their networks, where the engine that draws them is: see
- * scaffold/scaffold.h. All of them come after `finish`. */
+ * scaffold/scaffold.h. make_view, pull, optimise and learn are stages; the others come after
+ * `finish`. */
 struct sg_anchor_ops {
     /* With networks; a column that is NULL is zeros. After an error the engine has none. */
     int (*upload)(struct sg_engine *, const struct sg_model *, const struct sg_columns *);
@@ -141,8 +142,8 @@ struct sg_engine_ops {
     int (*read_gradients)(struct sg_engine *, struct sg_model *); /* after project_backward */
     int (*read_step)(struct sg_engine *); /* optional: all results are in `step` already */
     /* Optional, all three of them: stages are done when they return. finish: waits until they are,
-     * before any operation but explore, count_radii, learn_exposures, a further step of ascend, and
-     * the stages from shape to project_backward_optimise.
+     * before any operation but explore, count_radii, learn_exposures, learn_networks, a further
+     * step of ascend, and the stages from shape to project_backward_optimise.
      * read_arrived: results of the newest optimised view that are known without waiting, or false.
      * read_most: see sg_engine_most_instances. */
     int (*finish)(struct sg_engine *);

@@ -38,7 +38,7 @@ int sg_scaffold_device_view(struct scaffold_engine *b, const struct sg_camera *c
                             int appearance)
 {
     struct sg_model m;
-    int code = sg_scaffold_wait(b);
+    int code = b->host_newer ? sg_scaffold_wait(b) : SG_OK;
     if (!code && b->host_newer) {
         const struct sg_columns c = columns_of(b, &m);
         code = b->device->upload(b->inner, &m, &c);
@@ -52,8 +52,6 @@ int sg_scaffold_device_pull(struct scaffold_engine *b, bool statistics)
     struct sg_engine *inner = b->inner;
     int code = inner->ops->project_backward(inner, statistics);
     if (!code)
-        code = sg_scaffold_wait(b);
-    if (!code)
         code = b->device->pull(inner, statistics, b->base.volume);
     b->device_newer |= statistics;
     return code;
@@ -61,7 +59,7 @@ int sg_scaffold_device_pull(struct scaffold_engine *b, bool statistics)
 
 int sg_scaffold_device_optimise(struct scaffold_engine *b, const struct sg_update *u)
 {
-    b->device_newer = true;
+    b->device_newer |= u->adam;
     return b->device->optimise(b->inner, u);
 }
 

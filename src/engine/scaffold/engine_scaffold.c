@@ -230,12 +230,56 @@ static int raster_backward(struct sg_engine *base)
     return of(base)->inner->ops->raster_backward(of(base)->inner);
 }
 
+static int photo_pass(struct sg_engine *base, sg_photo photo, const struct sg_photo_entry *p)
+{
+    return of(base)->inner->ops->photo_pass(of(base)->inner, photo, p);
+}
+
+static int set_exposures(struct sg_engine *base, const float *values, size_t n)
+{
+    struct sg_engine *inner = of(base)->inner;
+    const int code = inner->ops->set_exposures(inner, values, n);
+    inner->exposure_count = code ? 0 : n;
+    return code;
+}
+
+static int read_exposures(struct sg_engine *base, float *values)
+{
+    return of(base)->inner->ops->read_exposures(of(base)->inner, values);
+}
+
+static int learn_exposures(struct sg_engine *base, size_t number,
+                           const struct sg_exposure_update *u)
+{
+    return of(base)->inner->ops->learn_exposures(of(base)->inner, number, u);
+}
+
+static int ascend_view(struct sg_engine *base, const struct sg_view_ascent *a)
+{
+    return of(base)->inner->ops->ascend_view(of(base)->inner, a);
+}
+
+static int ascend(struct sg_engine *base, const struct sg_ascend *a)
+{
+    return of(base)->inner->ops->ascend(of(base)->inner, a);
+}
+
 static int read_step(struct sg_engine *base)
 {
     struct sg_engine *inner = of(base)->inner;
     const int code = inner->ops->read_step ? inner->ops->read_step(inner) : SG_OK;
     base->step = inner->step;
     return code;
+}
+
+static bool read_arrived(struct sg_engine *base, struct sg_step *out)
+{
+    return of(base)->inner->ops->read_arrived(of(base)->inner, out);
+}
+
+static int read_most(struct sg_engine *base, uint64_t *out)
+{
+    return of(base)->inner->ops->read_most(of(base)->inner, out);
 }
 
 /* ---- anchors and networks ---- */
@@ -246,7 +290,9 @@ static int pull(struct sg_engine *base, bool statistics)
     const int code =
         b->device ? sg_scaffold_device_pull(b, statistics) : sg_scaffold_pull(b, statistics);
     b->learns = !code;
-    return code ? code : read_step(base); /* its gradients are here, so nobody waits for them */
+    if (!b->device) /* its stages are done */
+        base->step = b->inner->step;
+    return code;
 }
 
 static int optimise(struct sg_engine *base, const struct sg_update *u)
@@ -254,9 +300,9 @@ static int optimise(struct sg_engine *base, const struct sg_update *u)
     struct scaffold_engine *b = of(base);
     if (u->accumulate || u->mean_opacity != 0 || u->mean_scale != 0)
         return sg_fail(base->ctx, SG_ERR_USAGE, "engine: found an update that anchors do not have");
-    if (!u->adam)
-        return SG_OK;
-    return b->device ? sg_scaffold_device_optimise(b, u) : sg_scaffold_optimise(b, u);
+    if (b->device)
+        return sg_scaffold_device_optimise(b, u);
+    return u->adam ? sg_scaffold_optimise(b, u) : SG_OK;
 }
 
 static int learn_networks(struct sg_engine *base, const struct sg_network_update *u)
@@ -358,6 +404,8 @@ static int weigh_hits(struct sg_engine *base, const struct sg_camera *view,
     struct scaffold_engine *b = of(base);
     struct sg_engine *inner = b->inner;
     int code = sg_scaffold_view(b, view, params->appearance);
+    if (!code)
+        code = sg_scaffold_wait(b);
     if (code)
         return code;
     const size_t n = sg_scaffold_drawn(b);
@@ -390,7 +438,7 @@ static int count_hits(struct sg_engine *base, const struct sg_camera *view,
     return weigh_hits(base, view, params, &(struct sg_weighing){.kind = kind}, hits, NULL);
 }
 
-static const struct sg_engine_ops ops = {
+static const struct sg_engine_ops common = {
     .name = "scaffold",
     .exposure = true,
     .destroy = destroy,
@@ -417,11 +465,28 @@ static const struct sg_engine_ops ops = {
     .optimise = optimise,
     .learn_networks = learn_networks,
     .read_gradients = read_gradients,
-    .finish = wait_for,
     .read_step = read_step,
     .count_hits = count_hits,
     .weigh_hits = weigh_hits,
 };
+
+/* The optional ones are those that the engine that draws has. */
+static struct sg_engine_ops ops_over(const struct sg_engine_ops *inner)
+{
+    struct sg_engine_ops ops = common;
+    if (inner->photo_pass)
+        ops.photo_pass = photo_pass;
+    if (inner->set_exposures)
+        ops.set_exposures = set_exposures, ops.read_exposures = read_exposures,
+        ops.learn_exposures = learn_exposures;
+    if (inner->ascend_view)
+        ops.ascend_view = ascend_view;
+    if (inner->ascend)
+        ops.ascend = ascend, ops.ascends_spectrum = inner->ascends_spectrum;
+    if (inner->finish)
+        ops.finish = wait_for, ops.read_arrived = read_arrived, ops.read_most = read_most;
+    return ops;
+}
 
 int sg_scaffold_wrap(sg_ctx *ctx, struct sg_engine **engine)
 {
@@ -438,7 +503,8 @@ int sg_scaffold_wrap(sg_ctx *ctx, struct sg_engine **engine)
         sg_free(b);
         return code;
     }
-    b->base = (struct sg_engine){.ops = &ops,
+    b->ops = ops_over(inner->ops);
+    b->base = (struct sg_engine){.ops = &b->ops,
                                  .ctx = ctx,
                                  .clock = inner->clock ? clock_of : NULL,
                                  .each = SG_ANCHOR_GAUSSIANS,

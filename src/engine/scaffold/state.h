@@ -18,6 +18,7 @@ struct seen {
 
 struct scaffold_engine {
     struct sg_engine base;
+    struct sg_engine_ops ops; /* its own, as far as `inner` has what they need */
     struct sg_engine *inner;
     void (*neural)(const struct sg_neural_args *, const struct sg_anchor_block *,
                    float (*)[SG_DRAWN_PLANES][SG_LANES]);

@@ -39,6 +39,7 @@ struct vulkan_terms {
 
 enum vulkan_stage {
     STAGE_SHAPE,
+    STAGE_ANCHORS,
     STAGE_PROJECT,
     STAGE_BIN,
     STAGE_RASTER,
@@ -51,6 +52,9 @@ enum vulkan_stage {
     STAGE_SHAPE_BACKWARD,
     STAGE_OPTIMISE,
     STAGE_BACKWARD_OPTIMISE,
+    STAGE_ANCHORS_PULL,
+    STAGE_ANCHORS_OPTIMISE,
+    STAGE_NETWORKS_LEARN,
     STAGE_EXPLORE
 };
 
@@ -72,8 +76,17 @@ struct vulkan_call {
             size_t number;
             struct sg_exposure_update update;
         } exposures;
+        struct {
+            struct sg_camera camera;
+            int appearance;
+        } anchors;
+        struct {
+            bool statistics;
+            float volume;
+        } pull;
         struct sg_view_ascent ascent;
         struct sg_update update;
+        struct sg_network_update networks;
         struct sg_exploration explore;
         const struct sg_shape *shape;
         bool flag;
@@ -204,6 +217,10 @@ void sg_vulkan_drop_columns(struct vulkan_engine *, unsigned bits); /* but not t
 
 /* vulkan_anchors.c */
 extern const struct sg_anchor_ops sg_vulkan_anchors;
+int sg_vulkan_make_view(struct vulkan_engine *, const struct sg_camera *, int appearance);
+int sg_vulkan_anchors_pull(struct vulkan_engine *, bool statistics, float volume);
+int sg_vulkan_anchors_optimise(struct vulkan_engine *, const struct sg_update *);
+int sg_vulkan_networks_learn(struct vulkan_engine *, const struct sg_network_update *);
 void sg_vulkan_anchors_clear(struct vulkan_engine *);
 /* drawn: of the Gaussians, as of 3DGS. */
 struct sg_footprint sg_vulkan_anchors_footprint(const struct sg_work *, struct sg_footprint drawn);

@@ -2,7 +2,7 @@
 /* Anchors and networks of Scaffold-GS on the device (engine/scaffold has the rest). Gaussian k of
  * anchor i is number 10 i + k of the model that is drawn, whether a view makes it or not: so the
  * host knows how many there are. Those that do not exist are left out by the projection, like any
- * that no pixel sees. All of it runs while no stage is in flight. */
+ * that no pixel sees. */
 #include <string.h>
 
 #include "engine.h"
@@ -194,9 +194,8 @@ static int list_seen(struct vulkan_engine *e, const struct sg_camera *camera)
                           .places = a->places.address, .seen = a->seen.address, .count = count);
 }
 
-static int make_view(struct sg_engine *base, const struct sg_camera *camera, int appearance)
+int sg_vulkan_make_view(struct vulkan_engine *e, const struct sg_camera *camera, int appearance)
 {
-    struct vulkan_engine *e = vulkan_of(base);
     struct gpu *g = e->gpu;
     struct vulkan_anchors *a = &e->anchors;
     const struct pinhole view = view_make(camera);
@@ -234,9 +233,8 @@ static uint64_t each_value(const struct vulkan_anchors *a, uint64_t values)
     return FOR_EACH(sg_blocks(a->count) * SG_LANES * values);
 }
 
-static int pull(struct sg_engine *base, bool statistics, float volume)
+int sg_vulkan_anchors_pull(struct vulkan_engine *e, bool statistics, float volume)
 {
-    struct vulkan_engine *e = vulkan_of(base);
     struct gpu *g = e->gpu;
     struct vulkan_anchors *a = &e->anchors;
     const uint64_t blocks = sg_blocks(a->count),
@@ -260,19 +258,21 @@ static int pull(struct sg_engine *base, bool statistics, float volume)
     if (!code && a->parts & SG_PART_APPEARANCE)
         code = look(e, &a->weight_gradient, 1);
     if (!code && statistics && !(code = need(e, SG_C_ANCHOR_STATISTICS)))
-        code = GPU_RUN(
-            g, anchors_count, 0, each_value(a, VK_A_STATISTICS), .exists = a->exists.address,
-            .opacities = a->opacities.address, .grad_sum = e->at[SG_C_GRAD_SUM].address,
-            .grad_count = e->at[SG_C_GRAD_COUNT].address,
-            .statistics = a->at[SG_C_ANCHOR_STATISTICS].address, .count = (uint32_t) a->count);
+        code = GPU_RUN(g, anchors_count, 0, each_value(a, VK_A_STATISTICS),
+                       .exists = a->exists.address, .opacities = a->opacities.address,
+                       .grad_sum = e->at[SG_C_GRAD_SUM].address,
+                       .grad_count = e->at[SG_C_GRAD_COUNT].address,
+                       .statistics = a->at[SG_C_ANCHOR_STATISTICS].address, .stop = g->stop.address,
+                       .count = (uint32_t) a->count);
     return code;
 }
 
-static int optimise(struct sg_engine *base, const struct sg_update *u)
+int sg_vulkan_anchors_optimise(struct vulkan_engine *e, const struct sg_update *u)
 {
-    struct vulkan_engine *e = vulkan_of(base);
     const struct vulkan_anchors *a = &e->anchors;
     int code;
+    if (!u->adam)
+        return SG_OK;
     if ((code = need(e, SG_C_MOMENT1)) || (code = need(e, SG_C_MOMENT2)) ||
         (code = need(e, SG_C_ANCHOR_MOMENT1)) || (code = need(e, SG_C_ANCHOR_MOMENT2)))
         return code;
@@ -281,23 +281,23 @@ static int optimise(struct sg_engine *base, const struct sg_update *u)
                    .params = a->at[SG_C_PARAMETERS].address, .m = a->at[SG_C_MOMENT1].address,
                    .v = a->at[SG_C_MOMENT2].address, .anchors = a->at[SG_C_ANCHOR].address,
                    .anchor_m = a->at[SG_C_ANCHOR_MOMENT1].address,
-                   .anchor_v = a->at[SG_C_ANCHOR_MOMENT2].address, .count = (uint32_t) a->count,
-                   .rate_scale = u->rate[SG_G_SCALE], .rate_offset = u->rate[SG_G_OFFSET],
-                   .rate_feature = u->rate[SG_G_FEATURE], .root_scale = u->root[SG_G_SCALE],
-                   .root_offset = u->root[SG_G_OFFSET], .root_feature = u->root[SG_G_FEATURE]);
+                   .anchor_v = a->at[SG_C_ANCHOR_MOMENT2].address, .stop = e->gpu->stop.address,
+                   .count = (uint32_t) a->count, .rate_scale = u->rate[SG_G_SCALE],
+                   .rate_offset = u->rate[SG_G_OFFSET], .rate_feature = u->rate[SG_G_FEATURE],
+                   .root_scale = u->root[SG_G_SCALE], .root_offset = u->root[SG_G_OFFSET],
+                   .root_feature = u->root[SG_G_FEATURE]);
 }
 
-static int learn(struct sg_engine *base, const struct sg_network_update *u)
+int sg_vulkan_networks_learn(struct vulkan_engine *e, const struct sg_network_update *u)
 {
-    struct vulkan_engine *e = vulkan_of(base);
     const struct vulkan_anchors *a = &e->anchors;
     return GPU_RUN(e->gpu, networks_learn, 0, FOR_EACH(VK_W_ALL + (uint64_t) a->photos * VK_N_LOOK),
                    .networks = a->networks.address, .gradient = a->weight_gradient.address,
                    .weights = a->weights.address, .m = a->moment1.address, .v = a->moment2.address,
-                   .looks = sg_gpu_at(e->gpu, &a->looks), .photo = a->photo, .photos = a->photos,
-                   .rate0 = u->rate[SG_N_OPACITY], .rate1 = u->rate[SG_N_COVARIANCE],
-                   .rate2 = u->rate[SG_N_COLOUR], .rate3 = u->rate[SG_N_BANK],
-                   .rate4 = u->rate[SG_N_APPEARANCE], .root = u->root);
+                   .looks = sg_gpu_at(e->gpu, &a->looks), .stop = e->gpu->stop.address,
+                   .photo = a->photo, .photos = a->photos, .rate0 = u->rate[SG_N_OPACITY],
+                   .rate1 = u->rate[SG_N_COVARIANCE], .rate2 = u->rate[SG_N_COLOUR],
+                   .rate3 = u->rate[SG_N_BANK], .rate4 = u->rate[SG_N_APPEARANCE], .root = u->root);
 }
 
 /* Of the anchors that have a Gaussian, from blocks of VK_A_VALUES planes. */
@@ -346,6 +346,32 @@ static int read_gradients(struct sg_engine *base, struct sg_model *out)
     sg_free(exists);
     sg_free(values);
     return code;
+}
+
+/* ---- the stages, as callers run them ---- */
+
+static int make_view(struct sg_engine *base, const struct sg_camera *camera, int appearance)
+{
+    return sg_flow_run(vulkan_of(base), &(struct vulkan_call){.stage = STAGE_ANCHORS,
+                                                              .anchors = {*camera, appearance}});
+}
+
+static int pull(struct sg_engine *base, bool statistics, float volume)
+{
+    return sg_flow_run(vulkan_of(base), &(struct vulkan_call){.stage = STAGE_ANCHORS_PULL,
+                                                              .pull = {statistics, volume}});
+}
+
+static int optimise(struct sg_engine *base, const struct sg_update *u)
+{
+    return sg_flow_run(vulkan_of(base),
+                       &(struct vulkan_call){.stage = STAGE_ANCHORS_OPTIMISE, .update = *u});
+}
+
+static int learn(struct sg_engine *base, const struct sg_network_update *u)
+{
+    return sg_flow_run(vulkan_of(base),
+                       &(struct vulkan_call){.stage = STAGE_NETWORKS_LEARN, .networks = *u});
 }
 
 const struct sg_anchor_ops sg_vulkan_anchors = {.upload = upload,

@@ -6,7 +6,7 @@
  * of that iteration and of all later ones again, waiting for each number and making room. So the
  * bytes are those of a run that had the room from the beginning.
  *
- * A step is the calls of one view, from its shape or projection to its optimiser, or an
+ * A step is the calls of one view, from what makes its Gaussians to its optimiser, or an
  * exploration. It ends with a submission: what a later step finds out does not concern what it has
  * changed. */
 #include <string.h>
@@ -20,6 +20,8 @@ static int perform(struct vulkan_engine *e, const struct vulkan_call *c)
     switch (c->stage) {
     case STAGE_SHAPE:
         return sg_vulkan_shape(base, c->shape);
+    case STAGE_ANCHORS:
+        return sg_vulkan_make_view(e, &c->anchors.camera, c->anchors.appearance);
     case STAGE_PROJECT:
         return sg_vulkan_project(e, &c->project.camera, c->project.sh_degree, &c->project.params);
     case STAGE_BIN:
@@ -44,6 +46,12 @@ static int perform(struct vulkan_engine *e, const struct vulkan_call *c)
         return sg_vulkan_shape_backward(base, c->shape);
     case STAGE_OPTIMISE:
         return sg_vulkan_optimise(e, &c->update);
+    case STAGE_ANCHORS_PULL:
+        return sg_vulkan_anchors_pull(e, c->pull.statistics, c->pull.volume);
+    case STAGE_ANCHORS_OPTIMISE:
+        return sg_vulkan_anchors_optimise(e, &c->update);
+    case STAGE_NETWORKS_LEARN:
+        return sg_vulkan_networks_learn(e, &c->networks);
     case STAGE_EXPLORE:
         return sg_vulkan_explore(e, &c->explore);
     default:
@@ -76,33 +84,49 @@ static void forget_done(struct vulkan_engine *e)
     forget(f, n);
 }
 
+/* It makes the Gaussians that its view's projection draws. */
+static bool makes_view(enum vulkan_stage stage)
+{
+    return stage == STAGE_SHAPE || stage == STAGE_ANCHORS;
+}
+
 /* A step has changed what a later one needs, before its end. */
 static bool has_changed(const struct vulkan_step *s)
 {
     bool changed = false;
-    for (int k = 0; s && k < s->count; k++)
-        changed |= s->calls[k].stage == STAGE_LEARN_EXPOSURES ||
-                   s->calls[k].stage == STAGE_COUNT_RADII ||
-                   (s->calls[k].stage == STAGE_PROJECT_BACKWARD && s->calls[k].flag);
+    for (int k = 0; s && k < s->count; k++) {
+        const struct vulkan_call *c = &s->calls[k];
+        changed |= c->stage == STAGE_LEARN_EXPOSURES || c->stage == STAGE_COUNT_RADII ||
+                   c->stage == STAGE_ANCHORS_OPTIMISE ||
+                   (c->stage == STAGE_PROJECT_BACKWARD && c->flag) ||
+                   (c->stage == STAGE_ANCHORS_PULL && c->pull.statistics);
+    }
     return changed;
 }
 
+/* Ends a step: the device goes on with it. */
+static int end_step(struct vulkan_engine *e, struct vulkan_step *s)
+{
+    struct gpu *g = e->gpu;
+    s->number = g->recording ? gpu_next(g) : g->submissions;
+    return sg_gpu_submit(g);
+}
+
 /* Makes room for a call in the open step, or opens one. A step that has another view's projection
- * is abandoned: nobody reads its results any more. What it has changed is certain then. */
+ * is abandoned, since nobody reads its results any more, or ended if it has changed something. */
 static int begin_call(struct vulkan_engine *e, const struct vulkan_call *c)
 {
     struct vulkan_flow *f = &e->flow;
     struct vulkan_step *s = open_step(f);
-    const bool shaped = s && s->count == 1 && s->calls[0].stage == STAGE_SHAPE;
+    const bool made = s && s->count == 1 && makes_view(s->calls[0].stage);
     int code = SG_OK;
     if (e->gpu->stopped && (code = sg_flow_finish(&e->base)))
         return code;
     if (c->stage == STAGE_EXPLORE && s && s->count > 0 && (code = sg_flow_finish(&e->base)))
         return code; /* what was drawn may still be asked for */
     forget_done(e);
-    if (c->stage == STAGE_SHAPE || c->stage == STAGE_EXPLORE ||
-        (c->stage == STAGE_PROJECT && !shaped)) {
-        if (has_changed(open_step(f)) && (code = sg_flow_finish(&e->base)))
+    if (makes_view(c->stage) || c->stage == STAGE_EXPLORE || (c->stage == STAGE_PROJECT && !made)) {
+        if (has_changed(open_step(f)) && (code = end_step(e, open_step(f))))
             return code;
         if (!open_step(f)) {
             if (f->count == VK_STEPS && (code = sg_flow_finish(&e->base)))
@@ -137,15 +161,18 @@ static int keep_results(struct vulkan_engine *e)
     return code;
 }
 
-/* Ends a step after its last call: the device goes on with it. */
-static int end_step(struct vulkan_engine *e, struct vulkan_step *s, enum vulkan_stage stage)
+/* The optimiser of a view, after which its results are complete. */
+static bool optimises(enum vulkan_stage stage)
 {
-    const bool learned = stage == STAGE_OPTIMISE || stage == STAGE_BACKWARD_OPTIMISE;
-    const int code = learned ? keep_results(e) : SG_OK;
-    if (code || (!learned && stage != STAGE_EXPLORE))
-        return code;
-    s->number = gpu_next(e->gpu);
-    return sg_gpu_submit(e->gpu);
+    return stage == STAGE_OPTIMISE || stage == STAGE_BACKWARD_OPTIMISE ||
+           stage == STAGE_ANCHORS_OPTIMISE;
+}
+
+/* The last call of a step. After the optimiser of anchors that of their networks follows. */
+static bool ends(enum vulkan_stage stage)
+{
+    return stage == STAGE_OPTIMISE || stage == STAGE_BACKWARD_OPTIMISE ||
+           stage == STAGE_NETWORKS_LEARN || stage == STAGE_EXPLORE;
 }
 
 /* After the device has stopped, and all is waited for: runs the steps again from the one that had
@@ -173,8 +200,10 @@ static int run_again(struct vulkan_engine *e)
     for (int i = 0; i < f->count && !code; i++) {
         struct vulkan_step *s = &f->steps[i];
         for (int k = 0; k < s->count && !code; k++)
-            if (!(code = perform(e, &s->calls[k])))
-                code = end_step(e, s, s->calls[k].stage);
+            if (!(code = perform(e, &s->calls[k])) && optimises(s->calls[k].stage))
+                code = keep_results(e);
+        if (!code && s->number)
+            code = end_step(e, s);
     }
     f->again = false;
     e->lists.known = e->lists.band_count > 1;
@@ -210,7 +239,9 @@ int sg_flow_run(struct vulkan_engine *e, const struct vulkan_call *c)
     if (code || !(s = open_step(&e->flow)))
         return code;
     s->calls[s->count++] = *c;
-    return end_step(e, s, c->stage);
+    if (optimises(c->stage))
+        code = keep_results(e);
+    return code || !ends(c->stage) ? code : end_step(e, s);
 }
 
 int sg_flow_finish(struct sg_engine *base)

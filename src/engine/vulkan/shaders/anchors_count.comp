@@ -11,7 +11,7 @@ void main()
 {
     const uint at = thread_index(), plane = at / 16 % VK_A_STATISTICS;
     const uint i = at / 16 / VK_A_STATISTICS * 16 + at % 16;
-    if (i >= a.count)
+    if (i >= a.count || a.stop.v[0] != 0)
         return;
     const uint exists = a.exists.v[i], k = plane % VK_ANCHOR;
     if (exists == 0)

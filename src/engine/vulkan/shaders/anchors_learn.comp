@@ -13,7 +13,7 @@ void main()
 {
     const uint at = thread_index(), value = at / 16 % VK_A_VALUES;
     const uint i = at / 16 / VK_A_VALUES * 16 + at % 16;
-    if (i >= a.count)
+    if (i >= a.count || a.stop.v[0] != 0)
         return;
     const float g = (a.exists.v[i] & ~VK_A_SEEN) != 0 ? a.gradient.v[at] : 0.0;
     if (value < 3) {

@@ -395,18 +395,20 @@
  * and behind these of the appearance. */
 #define ARGS_neural_look(P, U, F)                                                                  \
     P(Floats, looks) P(Floats, weights) P(Floats, look) P(Floats, to) U(photo) U(photos) U(back)
-/* The view, in the statistics of growth. */
+/* The view, in the statistics of growth. This and the steps of Adam change nothing once the device
+ * has stopped. */
 #define ARGS_anchors_count(P, U, F)                                                                \
     P(Uints, exists) P(Floats, opacities) P(Floats, grad_sum) P(Floats, grad_count)                \
-    P(Floats, statistics) U(count)
+    P(Floats, statistics) P(Uints, stop) U(count)
 #define ARGS_anchors_learn(P, U, F)                                                                \
     P(Uints, exists) P(Floats, gradient) P(Floats, params) P(Floats, m) P(Floats, v)               \
-    P(Floats, anchors) P(Floats, anchor_m) P(Floats, anchor_v) U(count) F(rate_scale)              \
-    F(rate_offset) F(rate_feature) F(root_scale) F(root_offset) F(root_feature)
+    P(Floats, anchors) P(Floats, anchor_m) P(Floats, anchor_v) P(Uints, stop) U(count)             \
+    F(rate_scale) F(rate_offset) F(rate_feature) F(root_scale) F(root_offset) F(root_feature)
 /* networks: of each weight, the number of its rate. */
 #define ARGS_networks_learn(P, U, F)                                                               \
     P(Uints, networks) P(Floats, gradient) P(Floats, weights) P(Floats, m) P(Floats, v)            \
-    P(Floats, looks) U(photo) U(photos) F(rate0) F(rate1) F(rate2) F(rate3) F(rate4) F(root)
+    P(Floats, looks) P(Uints, stop) U(photo) U(photos) F(rate0) F(rate1) F(rate2) F(rate3)         \
+    F(rate4) F(root)
 /* clang-format on */
 
 #endif

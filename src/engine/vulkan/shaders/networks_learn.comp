@@ -12,6 +12,8 @@ ARGUMENTS(networks_learn);
 void main()
 {
     const uint i = thread_index();
+    if (a.stop.v[0] != 0)
+        return;
     if (i < VK_W_ALL) {
         const uint network = a.networks.v[i];
         const float rate = network == 0   ? a.rate0
