@@ -4,10 +4,9 @@ set(device_suite engine operations views scaffold devices)
 set(device_programs ascend changes gaussians crowded anisotropy scaffold_training anchor_removal anchor_readings variants flow
     device_memory device_parts)
 # Scripts of the command line with this engine instead of the default, on smaller scenes where they take long. Those that
-# are left out compute nothing: options, help, completions and pages. The filter of defense_anchors has nothing to do in so
-# short a run: the program anchor_readings is about it.
+# are left out compute nothing: options, help, completions and pages.
 file(GLOB device_scripts CONFIGURE_DEPENDS tests/cli/*.sh)
-list(FILTER device_scripts EXCLUDE REGEX "/(common|completion|defense_anchors|docs|tables|usage)\\.sh$")
+list(FILTER device_scripts EXCLUDE REGEX "/(common|completion|docs|tables|usage)\\.sh$")
 list(TRANSFORM device_scripts REPLACE ".*/(.*)\\.sh$" "\\1")
 if(SG_HAVE_VULKAN)
     set(rows "")

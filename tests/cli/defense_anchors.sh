@@ -4,8 +4,8 @@
 small_scene
 expect 0 attack scene/blender -o noisy --method noise -q
 cp noisy/train/r_0.png scene/blender/train
-defended="$(once $short --init-points 200 --model scaffold --anchors-from-iter 40 --voxel-size 0.02 --log-every 1) \
-    --audit warn --defense spectral --filter-interval 20 --filter-views 4"
+defended="$(once $short --init-points 200 --model scaffold --anchors-from-iter $((end / 3)) --voxel-size 0.02 --log-every 1) \
+    --audit warn --defense spectral --filter-interval $((end / 6)) --filter-views 4"
 number() { tr -d ' \n' <"$1/summary.json" | grep -o "\"$2\":[^,}]*" | head -n 1 | cut -d: -f2; }
 for size in neural anchor; do
     expect 0 train scene/blender -o $size $defended --filter-anchors $size
