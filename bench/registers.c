@@ -23,7 +23,10 @@ static int variants_of(enum gpu_kernel kernel)
     switch (kernel) {
     case GPU_project:
     case GPU_learn:
-        return 4;             /* SH degrees */
+        return 4; /* SH degrees */
+    case GPU_neural:
+    case GPU_neural_backward:
+        return 4;             /* parts of networks */
     case GPU_raster_backward: /* with absolute gradients */
     case GPU_spectrum_rows:   /* these four: with lines in device memory */
     case GPU_spectrum_columns:

@@ -167,6 +167,12 @@ static int look(struct vulkan_engine *e, const struct gpu_buffer *to, uint32_t b
                    .photo = a->photo, .photos = a->photos, .back = back);
 }
 
+/* Of the kernels with networks: the parts that they know. The appearance is among the weights. */
+static int networks_variant(const struct vulkan_anchors *a)
+{
+    return (int) (a->parts & (VK_N_PART_DISTANCE | VK_N_PART_BANK));
+}
+
 /* Where the length of the list of seen anchors is. */
 static VkDeviceAddress seen_count(const struct vulkan_anchors *a)
 {
@@ -212,13 +218,13 @@ int sg_vulkan_make_view(struct vulkan_engine *e, const struct sg_camera *camera,
     if (!code)
         code = list_seen(e, camera);
     return code ? code
-                : GPU_RUN(
-                      g, neural, 0, sg_blocks(a->count), .params = a->at[SG_C_PARAMETERS].address,
-                      .anchors = a->at[SG_C_ANCHOR].address, .weights = weights_of(a)->address,
-                      .view = a->view.address, .to = e->at[SG_C_PARAMETERS].address,
-                      .seen = a->seen.address, .seen_count = seen_count(a),
-                      .exists = a->exists.address, .opacities = a->opacities.address,
-                      .drawn = a->drawn.address, .count = (uint32_t) a->count, .parts = a->parts);
+                : GPU_RUN(g, neural, networks_variant(a), sg_blocks(a->count),
+                          .params = a->at[SG_C_PARAMETERS].address,
+                          .anchors = a->at[SG_C_ANCHOR].address, .weights = weights_of(a)->address,
+                          .view = a->view.address, .to = e->at[SG_C_PARAMETERS].address,
+                          .seen = a->seen.address, .seen_count = seen_count(a),
+                          .exists = a->exists.address, .opacities = a->opacities.address,
+                          .drawn = a->drawn.address, .count = (uint32_t) a->count);
 }
 
 static int read_exists(struct sg_engine *base, uint32_t *exists)
@@ -245,12 +251,12 @@ int sg_vulkan_anchors_pull(struct vulkan_engine *e, bool statistics, float volum
         (code = sg_gpu_reserve(g, SG_MEM_SPLATS, &a->sums, 4 * pieces * VK_W_LOOK)))
         return code;
     code = GPU_RUN(
-        g, neural_backward, 0, pieces, .params = a->at[SG_C_PARAMETERS].address,
+        g, neural_backward, networks_variant(a), pieces, .params = a->at[SG_C_PARAMETERS].address,
         .anchors = a->at[SG_C_ANCHOR].address, .weights = weights_of(a)->address,
         .view = a->view.address, .from = e->at[SG_C_GRADIENT].address, .seen = a->seen.address,
         .seen_count = seen_count(a), .exists = a->exists.address, .drawn = a->drawn.address,
         .gradient = a->gradient.address, .sums = a->sums.address, .count = (uint32_t) a->count,
-        .parts = a->parts, .pieces = (uint32_t) pieces, .volume = volume);
+        .pieces = (uint32_t) pieces, .volume = volume);
     if (!code)
         code = GPU_RUN(g, piece_sums, 0, FOR_EACH(VK_W_LOOK), .from = a->sums.address,
                        .to = a->weight_gradient.address, .count = (uint32_t) pieces,

@@ -5,7 +5,7 @@
 #include "common.glsl"
 #include "neural.glsl"
 
-layout(local_size_x = VK_GROUP) in;
+layout(local_size_x = GROUP) in;
 ARGUMENTS(neural);
 
 #define NO_NUMBER uintBitsToFloat(0x7fc00000)
@@ -14,17 +14,16 @@ shared float opacity_of[VK_ANCHOR * ROW];
 
 void main()
 {
-    const uint id = gl_LocalInvocationID.x, lane = LANE, k = FIRST_ROW;
+    const uint id = gl_LocalInvocationID.x, lane = LANE;
     const uint first = group_index() * 16;
     if (first >= a.seen_count.v[0])
         return;
-    anchors_begin(a.seen, first, a.seen_count.v[0], a.count);
-    layers(a.params, a.anchors, a.weights, a.view, a.count, a.parts);
+    layers(a.seen, first, a.seen_count.v[0], a.params, a.anchors, a.weights, a.view, a.count);
     const uint i = n_anchor[lane];
-    if (k < VK_ANCHOR && i < a.count) {
+    for (uint k = FIRST_ROW; k < VK_ANCHOR && i < a.count; k += ROWS) {
         const uint to = i * VK_ANCHOR + k;
         float opacity = 0.0;
-        if (n_output[k * ROW + lane] > 0.0) {
+        if (VALUE(OUTPUT, k, lane) > 0.0) {
             float planes[SG_NEURAL_PLANES];
             neural_forward(neural_of(a.params, a.anchors, i, k), planes);
             for (uint p = 0; p < SG_NEURAL_PLANES; p++)
@@ -40,7 +39,7 @@ void main()
         float sum = 0.0;
         for (uint j = 0; j < VK_ANCHOR; j++) {
             sum += opacity_of[j * ROW + id];
-            exists |= n_output[j * ROW + id] > 0.0 ? 1u << j : 0;
+            exists |= VALUE(OUTPUT, j, id) > 0.0 ? 1u << j : 0;
         }
         a.exists.v[i] = exists;
         a.opacities.v[i] = sum;

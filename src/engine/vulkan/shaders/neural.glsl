@@ -1,13 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The networks of Scaffold-GS on 16 anchors that a view sees, by a workgroup. Layers are in shared
- * memory. Between their rows is a float more than there are anchors: without it a column would be
- * in one bank. Loads bound these kernels, not multiply-adds: so an invocation computes several rows
- * or anchors of a layer from each value that it loads, and loads weights by four where they lie so.
- */
+ * memory, four rows of an anchor in a vector. Loads bound these kernels, not multiply-adds: so an
+ * invocation computes four rows of EACH anchors, and uses a value that it loads in several of
+ * them. That some invocations rest costs less. */
 #include "math/neural.h"
 
-#define ROW 17
-/* Where an invocation has one anchor and the rows FIRST_ROW, FIRST_ROW + 16 and so on. */
+layout(constant_id = 1) const uint PARTS = 0; /* VK_N_PART_ */
+
+#define GROUP 128 /* invocations */
+/* Where an invocation has one anchor and the rows FIRST_ROW, FIRST_ROW + ROWS and so on. */
+#define ROWS (GROUP / 16)
 #define LANE (gl_LocalInvocationID.x % 16)
 #define FIRST_ROW (gl_LocalInvocationID.x / 16)
 
@@ -17,9 +19,35 @@ layout(buffer_reference, std430, buffer_reference_align = 16) buffer Fours
     vec4 v[];
 };
 
-shared float n_input[(VK_N_INPUTS + 1) * ROW]; /* the last row: 1 */
-shared float n_hidden[VK_N_ALL * ROW];
-shared float n_output[VK_N_OUTPUTS * ROW];
+/* The rows of the output layer by network, each network from a new vector on. Where the rows of a
+ * network end within a vector, the rest is not read, and gradients there are 0. */
+#define OPACITY_FOURS ((VK_N_COVARIANCE + 3) / 4)
+#define COVARIANCE_FOURS (OPACITY_FOURS + (VK_N_COLOUR - VK_N_COVARIANCE + 3) / 4)
+#define OUTPUT_FOURS (COVARIANCE_FOURS + (VK_N_OUTPUTS - VK_N_COLOUR + 3) / 4)
+#define COVARIANCE_ROW (4 * OPACITY_FOURS)
+#define COLOUR_ROW (4 * COVARIANCE_FOURS)
+
+/* The layers in `n_fours`. Between vectors of two rows is one more than there are anchors: without
+ * it a column would be in few banks. */
+#define PITCH 17
+#define INPUT 0 /* the last row: 1 */
+#define HIDDEN ((VK_N_INPUTS + 1) / 4)
+#define OUTPUT (HIDDEN + VK_N_ALL / 4)
+#define FORWARD_FOURS (OUTPUT + OUTPUT_FOURS)
+#ifndef N_FOURS
+#define N_FOURS FORWARD_FOURS
+#endif
+#define FOUR_AT(layer, four, lane) (((layer) + (four)) * PITCH + (lane))
+#define FOUR(layer, four, lane) n_fours[FOUR_AT(layer, four, lane)]
+#define VALUE(layer, row, lane) FOUR(layer, (row) / 4, lane)[(row) % 4]
+
+#define ROW 17 /* the same of rows of single values */
+
+#ifndef EACH
+#define EACH 8
+#endif
+
+shared vec4 n_fours[N_FOURS * PITCH];
 /* Of the feature bank: direction, distance, 1. The distance is there without it too. */
 shared float n_bank_input[5 * ROW];
 shared float n_bank_hidden[VK_N_HIDDEN * ROW];
@@ -37,37 +65,7 @@ float anchor_value(Floats anchors, uint i, uint plane)
     return anchors.v[param_at(VK_A_PLANES, i, plane)];
 }
 
-/* An invocation has four columns and two anchors. */
-void hidden_layer(Floats w, uint parts)
-{
-    Fours w4 = Fours(w);
-    const uint column = gl_LocalInvocationID.x % (VK_N_ALL / 4) * 4;
-    const uint lane = gl_LocalInvocationID.x / (VK_N_ALL / 4);
-    if (lane >= 8)
-        return;
-    vec4 sum[2] = vec4[](vec4(0.0), vec4(0.0));
-    for (uint k = 0; k <= VK_N_INPUTS; k++) {
-        const vec4 weight = w4.v[(k * VK_N_ALL + column) / 4];
-        sum[0] += weight * n_input[k * ROW + lane];
-        sum[1] += weight * n_input[k * ROW + lane + 8];
-    }
-    [[unroll]] for (uint j = 0; j < 2; j++)
-    {
-        const uint to = lane + 8 * j;
-        [[unroll]] for (uint c = 0; c < 4; c++)
-        {
-            if ((parts & VK_N_PART_DISTANCE) != 0)
-                sum[j][c] += w.v[VK_W_DISTANCE + column + c] * n_bank_input[3 * ROW + to];
-            n_hidden[(column + c) * ROW + to] = r_max(sum[j][c], 0.0);
-        }
-    }
-}
-
-/* The output layer's rows by fours, each of one network; the last one of a network can be shorter. */
-#define OPACITY_FOURS ((VK_N_COVARIANCE + 3) / 4)
-#define COVARIANCE_FOURS (OPACITY_FOURS + (VK_N_COLOUR - VK_N_COVARIANCE + 3) / 4)
-#define OUTPUT_FOURS (COVARIANCE_FOURS + (VK_N_OUTPUTS - VK_N_COLOUR + 3) / 4)
-
+/* The rows of a vector of the output layer, and their network. */
 struct output_rows
 {
     uint network, first, last;
@@ -81,57 +79,78 @@ output_rows output_four(uint four)
                : output_rows(2, VK_N_COLOUR + 4 * (four - COVARIANCE_FOURS), VK_N_OUTPUTS - 1);
 }
 
-/* An invocation has four rows and two anchors. */
+/* Weights of hidden values h to h + 3 for the four rows. */
+void output_weights(Fours w4, output_rows rows, uint h, out vec4 weight[4])
+{
+    [[unroll]] for (uint j = 0; j < 4; j++) weight[j] =
+        w4.v[(VK_W_OUTPUT + min(rows.first + j, rows.last) * VK_N_HIDDEN + h) / 4];
+}
+
+void hidden_layer(Floats w)
+{
+    Fours w4 = Fours(w);
+    const uint column = gl_LocalInvocationID.x % (VK_N_ALL / 4);
+    const uint first = gl_LocalInvocationID.x / (VK_N_ALL / 4) * EACH;
+    if (first >= 16)
+        return;
+    vec4 sum[EACH];
+    [[unroll]] for (uint l = 0; l < EACH; l++) sum[l] = vec4(0.0);
+    for (uint four = 0; four < HIDDEN - INPUT; four++) {
+        vec4 weight[4];
+        [[unroll]] for (uint j = 0; j < 4; j++) weight[j] =
+            w4.v[(4 * four + j) * (VK_N_ALL / 4) + column];
+        [[unroll]] for (uint l = 0; l < EACH; l++)
+        {
+            const vec4 x = FOUR(INPUT, four, first + l);
+            [[unroll]] for (uint j = 0; j < 4; j++) sum[l] += weight[j] * x[j];
+        }
+    }
+    [[unroll]] for (uint l = 0; l < EACH; l++)
+    {
+        if ((PARTS & VK_N_PART_DISTANCE) != 0)
+            [[unroll]] for (uint c = 0; c < 4; c++) sum[l][c] +=
+                w.v[VK_W_DISTANCE + 4 * column + c] * n_bank_input[3 * ROW + first + l];
+        [[unroll]] for (uint c = 0; c < 4; c++) sum[l][c] = r_max(sum[l][c], 0.0);
+        FOUR(HIDDEN, column, first + l) = sum[l];
+    }
+}
+
 void output_layer(Floats w)
 {
     Fours w4 = Fours(w);
-    const uint lane = gl_LocalInvocationID.x % 8, four = gl_LocalInvocationID.x / 8;
+    const uint four = gl_LocalInvocationID.x / (16 / EACH);
+    const uint first = gl_LocalInvocationID.x % (16 / EACH) * EACH;
     if (four >= OUTPUT_FOURS)
         return;
     const output_rows rows = output_four(four);
-    float sum[8];
-    [[unroll]] for (uint j = 0; j < 4; j++) sum[j] = sum[4 + j] =
+    vec4 bias, sum[EACH];
+    [[unroll]] for (uint j = 0; j < 4; j++) bias[j] =
         w.v[VK_W_BIAS + min(rows.first + j, rows.last)];
+    [[unroll]] for (uint l = 0; l < EACH; l++) sum[l] = bias;
     for (uint h = 0; h < VK_N_HIDDEN; h += 4) {
-        vec4 x[2];
-        [[unroll]] for (uint c = 0; c < 4; c++)
+        vec4 weight[4];
+        output_weights(w4, rows, h, weight);
+        [[unroll]] for (uint l = 0; l < EACH; l++)
         {
-            const uint from = (rows.network * VK_N_HIDDEN + h + c) * ROW + lane;
-            x[0][c] = n_hidden[from];
-            x[1][c] = n_hidden[from + 8];
-        }
-        [[unroll]] for (uint j = 0; j < 4; j++)
-        {
-            const uint o = min(rows.first + j, rows.last);
-            const vec4 weight = w4.v[(VK_W_OUTPUT + o * VK_N_HIDDEN + h) / 4];
-            [[unroll]] for (uint l = 0; l < 2; l++)
-                [[unroll]] for (uint c = 0; c < 4; c++) sum[4 * l + j] += weight[c] * x[l][c];
+            const vec4 x = FOUR(HIDDEN, (rows.network * VK_N_HIDDEN + h) / 4, first + l);
+            [[unroll]] for (uint j = 0; j < 4; j++)
+                [[unroll]] for (uint c = 0; c < 4; c++) sum[l][j] += weight[j][c] * x[c];
         }
     }
-    [[unroll]] for (uint j = 0; j < 4; j++) if (rows.first + j <= rows.last)
-    {
-        n_output[(rows.first + j) * ROW + lane] = sum[j];
-        n_output[(rows.first + j) * ROW + lane + 8] = sum[4 + j];
-    }
+    [[unroll]] for (uint l = 0; l < EACH; l++) FOUR(OUTPUT, four, first + l) = sum[l];
 }
 
-/* Takes 16 anchors of the list from `first` on. Ends with a barrier. */
-void anchors_begin(Uints seen, uint first, uint seen_count, uint count)
+/* The layers of 16 anchors of the list from `first` on. Inputs of those behind its end are 0, so
+ * that no value is without a number. Ends with a barrier. */
+void layers(Uints seen, uint first, uint seen_count, Floats params, Floats anchors, Floats w,
+            Floats view, uint count)
 {
-    const uint id = gl_LocalInvocationID.x;
-    if (id < 16)
-        n_anchor[id] = first + id < seen_count ? seen.v[first + id] : count;
-    barrier(); /* n_anchor */
-}
-
-/* Their layers. Inputs of those behind the end of the list are 0, so that no value is without a
- * number. Ends with a barrier. */
-void layers(Floats params, Floats anchors, Floats w, Floats view, uint count, uint parts)
-{
-    const uint lane = LANE, row = FIRST_ROW, i = n_anchor[lane];
+    const uint lane = LANE, row = FIRST_ROW;
+    const uint i = first + lane < seen_count ? seen.v[first + lane] : count;
     const bool there = i < count;
     if (row == 0) {
         float d[3], length = 0.0;
+        n_anchor[lane] = i;
         for (uint k = 0; k < 3; k++) {
             d[k] = there ? params.v[param_at(14, i, k)] - view.v[12 + k] : 0.0;
             length += d[k] * d[k];
@@ -139,16 +158,16 @@ void layers(Floats params, Floats anchors, Floats w, Floats view, uint count, ui
         length = sqrt(length);
         for (uint k = 0; k < 3; k++) {
             const float along = there ? d[k] / length : 0.0;
-            n_input[(VK_A_FEATURES + k) * ROW + lane] = along;
+            VALUE(INPUT, VK_A_FEATURES + k, lane) = along;
             n_bank_input[k * ROW + lane] = along;
         }
-        n_input[VK_N_INPUTS * ROW + lane] = 1.0;
+        VALUE(INPUT, VK_N_INPUTS, lane) = 1.0;
         n_bank_input[3 * ROW + lane] = length;
         n_bank_input[4 * ROW + lane] = 1.0;
     }
-    if ((parts & VK_N_PART_BANK) != 0) {
+    if ((PARTS & VK_N_PART_BANK) != 0) {
         barrier(); /* n_bank_input */
-        for (uint h = row; h < VK_N_HIDDEN; h += 16) {
+        for (uint h = row; h < VK_N_HIDDEN; h += ROWS) {
             float sum = 0.0;
             for (uint k = 0; k < 5; k++)
                 sum += w.v[VK_W_BANK_INPUT + k * VK_N_HIDDEN + h] * n_bank_input[k * ROW + lane];
@@ -173,32 +192,32 @@ void layers(Floats params, Floats anchors, Floats w, Floats view, uint count, ui
         }
         barrier(); /* n_share */
     }
-    for (uint f = row; f < VK_A_FEATURES; f += 16) {
+    for (uint f = row; f < VK_A_FEATURES; f += ROWS) {
         float value = 0.0;
-        if (there && (parts & VK_N_PART_BANK) == 0)
+        if (there && (PARTS & VK_N_PART_BANK) == 0)
             value = anchor_value(anchors, i, VK_A_FEATURE + f);
         else if (there)
             for (uint j = 0; j < 3; j++)
                 value += n_share[j * ROW + lane] *
                          anchor_value(anchors, i, VK_A_FEATURE + bank_source(j, f));
-        n_input[f * ROW + lane] = value;
+        VALUE(INPUT, f, lane) = value;
     }
-    barrier(); /* n_input */
-    hidden_layer(w, parts);
-    barrier(); /* n_hidden */
+    barrier(); /* INPUT */
+    hidden_layer(w);
+    barrier(); /* HIDDEN */
     output_layer(w);
-    barrier(); /* n_output */
+    barrier(); /* OUTPUT */
 }
 
 /* Gaussian k of the anchor of this invocation. */
 neural neural_of(Floats params, Floats anchors, uint i, uint k)
 {
     neural n;
-    n.y = n_output[k * ROW + LANE];
+    n.y = VALUE(OUTPUT, k, LANE);
     for (uint j = 0; j < 7; j++)
-        n.cov[j] = n_output[(VK_N_COVARIANCE + 7 * k + j) * ROW + LANE];
+        n.cov[j] = VALUE(OUTPUT, COVARIANCE_ROW + 7 * k + j, LANE);
     for (uint j = 0; j < 3; j++) {
-        n.colour[j] = n_output[(VK_N_COLOUR + 3 * k + j) * ROW + LANE];
+        n.colour[j] = VALUE(OUTPUT, COLOUR_ROW + 3 * k + j, LANE);
         n.offset[j] = anchor_value(anchors, i, 3 * k + j);
         n.anchor[j] = params.v[param_at(14, i, j)];
         n.reach[j] = params.v[param_at(14, i, P_SCALE + j)];

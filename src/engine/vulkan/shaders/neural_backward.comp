@@ -6,14 +6,16 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#define D_HIDDEN FORWARD_FOURS
+#define N_FOURS (D_HIDDEN + VK_N_ALL / 4)
+#define EACH 4 /* since the sums of the weights' gradients take registers too */
 #include "neural.glsl"
 
-layout(local_size_x = VK_GROUP) in;
+layout(local_size_x = GROUP) in;
 ARGUMENTS(neural_backward);
 
-/* Gradients: of n_output, which they replace, of hidden values, of inputs that are a mixture, and
- * of the shares. */
-shared float d_hidden[VK_N_ALL * ROW];
+/* Gradients: those of outputs replace them, those of hidden values are the layer D_HIDDEN; here are
+ * those of inputs that are a mixture, and of the shares. */
 shared float d_mixture[VK_A_FEATURES * ROW];
 shared float d_share[3 * ROW];
 
@@ -25,8 +27,8 @@ void put(uint i, uint plane, float value)
 /* Of the outputs, and of the anchors' own values. */
 void pull_outputs()
 {
-    const uint lane = LANE, k = FIRST_ROW, i = n_anchor[lane];
-    if (k < VK_ANCHOR) {
+    const uint lane = LANE, i = n_anchor[lane];
+    for (uint k = FIRST_ROW; k < VK_ANCHOR; k += ROWS) {
         const bool exists = i < a.count && (a.exists.v[i] >> k & 1) != 0;
         neural d;
         d.y = 0.0;
@@ -42,81 +44,96 @@ void pull_outputs()
                 g[p] = a.from.v[param_at(14, i * VK_ANCHOR + k, p)];
             neural_backward(n, planes, g, a.volume / float(a.drawn.v[0]), d);
         }
-        n_output[k * ROW + lane] = d.y;
+        VALUE(OUTPUT, k, lane) = d.y;
         for (uint j = 0; j < 7; j++)
-            n_output[(VK_N_COVARIANCE + 7 * k + j) * ROW + lane] = d.cov[j];
+            VALUE(OUTPUT, COVARIANCE_ROW + 7 * k + j, lane) = d.cov[j];
         for (uint j = 0; j < 3; j++) {
-            n_output[(VK_N_COLOUR + 3 * k + j) * ROW + lane] = d.colour[j];
+            VALUE(OUTPUT, COLOUR_ROW + 3 * k + j, lane) = d.colour[j];
             if (i < a.count)
                 put(i, 3 + 3 * k + j, d.offset[j]);
-            /* until d_hidden is known */
-            d_hidden[(j * VK_ANCHOR + k) * ROW + lane] = d.reach[j];
-            d_hidden[((3 + j) * VK_ANCHOR + k) * ROW + lane] = d.size[j];
+            /* until D_HIDDEN is known */
+            VALUE(D_HIDDEN, j * VK_ANCHOR + k, lane) = d.reach[j];
+            VALUE(D_HIDDEN, (3 + j) * VK_ANCHOR + k, lane) = d.size[j];
         }
+    }
+    if (FIRST_ROW < 3) { /* behind the last row of a network */
+        const uint end = FIRST_ROW == 0   ? VK_N_COVARIANCE
+                         : FIRST_ROW == 1 ? COVARIANCE_ROW + VK_N_COLOUR - VK_N_COVARIANCE
+                                          : COLOUR_ROW + VK_N_OUTPUTS - VK_N_COLOUR;
+        for (uint o = end; o % 4 != 0; o++)
+            VALUE(OUTPUT, o, lane) = 0.0;
     }
     barrier(); /* what all have written */
     if (FIRST_ROW < 6 && i < a.count) {
         const uint j = FIRST_ROW;
         float sum = 0.0;
         for (uint g = 0; g < VK_ANCHOR; g++)
-            sum += d_hidden[(j * VK_ANCHOR + g) * ROW + lane];
+            sum += VALUE(D_HIDDEN, j * VK_ANCHOR + g, lane);
         put(i, j < 3 ? j : 3 + VK_A_SIZE + j - 3, sum);
     }
-    barrier(); /* before d_hidden is written again */
+    barrier(); /* before D_HIDDEN is written again */
 }
 
-/* Before the ReLU. An invocation has four hidden values of a network, and two anchors. */
+/* Before the ReLU. */
 void pull_hidden()
 {
     Fours w4 = Fours(a.weights);
-    const uint id = gl_LocalInvocationID.x, column = id % 8 * 4, lane = id / 8 % 8, n = id / 64;
-    if (n < VK_N_ALL / VK_N_HIDDEN) {
-        const uint first = n == 0 ? 0 : n == 1 ? VK_N_COVARIANCE : VK_N_COLOUR;
-        const uint end = n == 0 ? VK_N_COVARIANCE : n == 1 ? VK_N_COLOUR : VK_N_OUTPUTS;
-        vec4 sum[2] = vec4[](vec4(0.0), vec4(0.0));
-        for (uint o = first; o < end; o++) {
-            const vec4 weight = w4.v[(VK_W_OUTPUT + o * VK_N_HIDDEN + column) / 4];
-            sum[0] += weight * n_output[o * ROW + lane];
-            sum[1] += weight * n_output[o * ROW + lane + 8];
+    const uint column = gl_LocalInvocationID.x % (VK_N_ALL / 4);
+    const uint first = gl_LocalInvocationID.x / (VK_N_ALL / 4) * EACH;
+    const uint network = column / (VK_N_HIDDEN / 4);
+    const uint begin = network == 0 ? 0 : network == 1 ? OPACITY_FOURS : COVARIANCE_FOURS;
+    const uint end = network == 0   ? OPACITY_FOURS
+                     : network == 1 ? COVARIANCE_FOURS
+                                    : OUTPUT_FOURS;
+    if (first < 16) {
+        vec4 sum[EACH];
+        [[unroll]] for (uint l = 0; l < EACH; l++) sum[l] = vec4(0.0);
+        for (uint four = begin; four < end; four++) {
+            vec4 weight[4];
+            output_weights(w4, output_four(four), 4 * column % VK_N_HIDDEN, weight);
+            [[unroll]] for (uint l = 0; l < EACH; l++)
+            {
+                const vec4 d = FOUR(OUTPUT, four, first + l);
+                [[unroll]] for (uint j = 0; j < 4; j++) sum[l] += weight[j] * d[j];
+            }
         }
-        [[unroll]] for (uint j = 0; j < 8; j++)
+        [[unroll]] for (uint l = 0; l < EACH; l++)
         {
-            const uint at = (n * VK_N_HIDDEN + column + j % 4) * ROW + lane + j / 4 * 8;
-            d_hidden[at] = n_hidden[at] > 0.0 ? sum[j / 4][j % 4] : 0.0;
+            const vec4 hidden = FOUR(HIDDEN, column, first + l);
+            FOUR(D_HIDDEN, column, first + l) =
+                mix(vec4(0.0), sum[l], greaterThan(hidden, vec4(0.0)));
         }
     }
-    barrier(); /* d_hidden */
+    barrier(); /* D_HIDDEN */
 }
 
-/* Of features, or of the mixtures in their place. An invocation has four of them, and two anchors. */
-void pull_features()
+/* Of features, or of the mixtures in their place: invocation `id` of some has four of them and four
+ * anchors. */
+void pull_features(uint id)
 {
     Fours w4 = Fours(a.weights);
-    const uint lane = gl_LocalInvocationID.x % 8, first = gl_LocalInvocationID.x / 8 * 4;
-    if (first >= VK_A_FEATURES)
+    const uint first = id / (VK_A_FEATURES / 4) * 4, feature = id % (VK_A_FEATURES / 4) * 4;
+    if (first >= 16)
         return;
-    float sum[8];
-    [[unroll]] for (uint j = 0; j < 8; j++) sum[j] = 0.0;
-    for (uint h = 0; h < VK_N_ALL; h += 4) {
-        vec4 d[2];
-        [[unroll]] for (uint c = 0; c < 4; c++)
+    vec4 sum[4];
+    [[unroll]] for (uint l = 0; l < 4; l++) sum[l] = vec4(0.0);
+    for (uint four = 0; four < VK_N_ALL / 4; four++) {
+        vec4 weight[4];
+        [[unroll]] for (uint j = 0; j < 4; j++) weight[j] =
+            w4.v[(feature + j) * (VK_N_ALL / 4) + four];
+        [[unroll]] for (uint l = 0; l < 4; l++)
         {
-            d[0][c] = d_hidden[(h + c) * ROW + lane];
-            d[1][c] = d_hidden[(h + c) * ROW + lane + 8];
-        }
-        [[unroll]] for (uint j = 0; j < 4; j++)
-        {
-            const vec4 weight = w4.v[((first + j) * VK_N_ALL + h) / 4];
-            [[unroll]] for (uint l = 0; l < 2; l++)
-                [[unroll]] for (uint c = 0; c < 4; c++) sum[4 * l + j] += weight[c] * d[l][c];
+            const vec4 d = FOUR(D_HIDDEN, four, first + l);
+            [[unroll]] for (uint j = 0; j < 4; j++)
+                [[unroll]] for (uint c = 0; c < 4; c++) sum[l][j] += weight[j][c] * d[c];
         }
     }
-    [[unroll]] for (uint l = 0; l < 2; l++)
+    [[unroll]] for (uint l = 0; l < 4; l++)
     {
-        const uint i = n_anchor[lane + 8 * l];
-        [[unroll]] for (uint j = 0; j < 4; j++) if ((a.parts & VK_N_PART_BANK) != 0)
-            d_mixture[(first + j) * ROW + lane + 8 * l] = sum[4 * l + j];
-        else if (i < a.count) put(i, 3 + VK_A_FEATURE + first + j, sum[4 * l + j]);
+        const uint i = n_anchor[first + l];
+        [[unroll]] for (uint j = 0; j < 4; j++) if ((PARTS & VK_N_PART_BANK) != 0)
+            d_mixture[(feature + j) * ROW + first + l] = sum[l][j];
+        else if (i < a.count) put(i, 3 + VK_A_FEATURE + feature + j, sum[l][j]);
     }
 }
 
@@ -127,7 +144,7 @@ void pull_mixtures()
     const uint lane = LANE, j = FIRST_ROW, i = n_anchor[lane];
     barrier(); /* d_mixture */
     if (i < a.count)
-        for (uint f = FIRST_ROW; f < VK_A_FEATURES; f += 16) {
+        for (uint f = FIRST_ROW; f < VK_A_FEATURES; f += ROWS) {
             float sum = n_share[2 * ROW + lane] * d_mixture[f * ROW + lane];
             if (f % 2 == 0)
                 for (uint m = f / 2; m < VK_A_FEATURES; m += 16)
@@ -154,7 +171,7 @@ void pull_mixtures()
     if (j < 3)
         d_share[j * ROW + lane] = n_share[j * ROW + lane] * (sum - mean);
     barrier(); /* d_share, now of the arguments of the shares */
-    for (uint h = FIRST_ROW; h < VK_N_HIDDEN; h += 16) {
+    for (uint h = FIRST_ROW; h < VK_N_HIDDEN; h += ROWS) {
         float d = 0.0;
         for (uint m = 0; m < 3; m++)
             d += a.weights.v[VK_W_BANK_OUTPUT + m * VK_N_HIDDEN + h] * d_share[m * ROW + lane];
@@ -163,77 +180,126 @@ void pull_mixtures()
     barrier(); /* d_mixture, now of the bank's hidden values */
 }
 
+/* Eight rows and eight columns of a layer's weights: two vectors of the layer behind it, whose
+ * gradients they hold, and two of the layer before it. Where a network ends within the rows, the
+ * second vector is of something else, and its sums are left out. */
+struct weights_tile
+{
+    bool output_; /* which layer */
+    uint network, four, end; /* the first vector of rows, and where the network ends */
+    uint column;             /* the first vector of columns, in the network of an output */
+};
+
+#define PAIRS(fours) (((fours) + 1) / 2)
+#define COVARIANCE_PAIRS PAIRS(OPACITY_FOURS) /* the first one */
+#define COLOUR_PAIRS (COVARIANCE_PAIRS + PAIRS(COVARIANCE_FOURS - OPACITY_FOURS))
+#define OUTPUT_TILES ((COLOUR_PAIRS + PAIRS(OUTPUT_FOURS - COVARIANCE_FOURS)) * (VK_N_HIDDEN / 8))
+#define TILES (OUTPUT_TILES + PAIRS(HIDDEN) * (VK_N_ALL / 8))
+
+weights_tile tile_of(uint id)
+{
+    weights_tile t;
+    t.output_ = id < OUTPUT_TILES;
+    const uint across = t.output_ ? VK_N_HIDDEN / 8 : VK_N_ALL / 8;
+    const uint number = t.output_ ? id : id - OUTPUT_TILES, pair = number / across;
+    t.column = number % across * 2;
+    t.network = pair < COVARIANCE_PAIRS ? 0 : pair < COLOUR_PAIRS ? 1 : 2;
+    t.four = !t.output_ || t.network == 0 ? 2 * pair
+             : t.network == 1             ? OPACITY_FOURS + 2 * (pair - COVARIANCE_PAIRS)
+                                          : COVARIANCE_FOURS + 2 * (pair - COLOUR_PAIRS);
+    t.end = !t.output_       ? HIDDEN
+            : t.network == 0 ? OPACITY_FOURS
+            : t.network == 1 ? COVARIANCE_FOURS
+                             : OUTPUT_FOURS;
+    return t;
+}
+
+/* The sums of row k of the tile's eight, in two vectors. */
+void put_row(weights_tile t, uint k, uint to, vec4 sum[2])
+{
+    const uint four = t.four + k / 4;
+    const output_rows rows = output_four(four);
+    if (four >= t.end || (t.output_ && rows.first + k % 4 > rows.last))
+        return;
+    const uint first = t.output_ ? VK_W_OUTPUT + (rows.first + k % 4) * VK_N_HIDDEN
+                                 : (4 * four + k % 4) * VK_N_ALL;
+    [[unroll]] for (uint c = 0; c < 8; c++) a.sums.v[to + first + 4 * t.column + c] =
+        sum[c / 4][c % 4];
+}
+
+/* Which invocations have what: a vector of biases, or of the weights of distances; four features of
+ * four anchors. The tiles are those of the first ones. */
+#define FIRST_FEATURE 96
+#define FIRST_BIAS 32
+#define FIRST_DISTANCE 64
+
 void main()
 {
     const uint id = gl_LocalInvocationID.x, piece = group_index();
     if (piece >= a.pieces)
         return;
     const uint column = id % VK_N_HIDDEN, row = id / VK_N_HIDDEN; /* of the bank's sums */
-    /* Of either layer an invocation has sums of four rows and four columns. */
-    const uint output_column = id % 8 * 4;
-    const bool has_output = id / 8 < OUTPUT_FOURS;
-    const output_rows outputs = output_four(id / 8);
-    const uint input_row = id / (VK_N_ALL / 4) * 4, input_column = id % (VK_N_ALL / 4) * 4;
-    const bool has_input = input_row <= VK_N_INPUTS;
+    const bool has_bias = id >= FIRST_BIAS && id < FIRST_BIAS + OUTPUT_FOURS;
+    const bool has_distance = id >= FIRST_DISTANCE && id < FIRST_DISTANCE + VK_N_ALL / 4;
     const uint seen_count = a.seen_count.v[0];
-    vec4 output_sum[4], input_sum[4];
-    float bias = 0.0, distance = 0.0, bank_input = 0.0, bank_output = 0.0;
-    [[unroll]] for (uint j = 0; j < 4; j++) output_sum[j] = input_sum[j] = vec4(0.0);
+    vec4 sum[16], beside = vec4(0.0); /* of the tile; of biases or distances */
+    float bank_input[2] = float[](0.0, 0.0), bank_output = 0.0;
+    [[unroll]] for (uint j = 0; j < 16; j++) sum[j] = vec4(0.0);
     for (uint first = piece * 16; first < seen_count; first += a.pieces * 16) {
         barrier(); /* the last block's sums are taken */
-        anchors_begin(a.seen, first, seen_count, a.count);
-        layers(a.params, a.anchors, a.weights, a.view, a.count, a.parts);
+        layers(a.seen, first, seen_count, a.params, a.anchors, a.weights, a.view, a.count);
         pull_outputs();
         pull_hidden();
-        pull_features();
-        if ((a.parts & VK_N_PART_BANK) != 0)
+        if (id >= FIRST_FEATURE)
+            pull_features(id - FIRST_FEATURE);
+        if ((PARTS & VK_N_PART_BANK) != 0)
             pull_mixtures();
-        for (uint l = 0; l < 16; l++) {
-            if (has_output) {
-                vec4 hidden;
-                [[unroll]] for (uint c = 0; c < 4; c++) hidden[c] =
-                    n_hidden[(outputs.network * VK_N_HIDDEN + output_column + c) * ROW + l];
-                [[unroll]] for (uint j = 0; j < 4; j++) output_sum[j] +=
-                    hidden * n_output[min(outputs.first + j, outputs.last) * ROW + l];
+        if (id < TILES) {
+            const weights_tile t = tile_of(id);
+            const uint after = FOUR_AT(t.output_ ? OUTPUT : INPUT, t.four, 0);
+            const uint before =
+                FOUR_AT(t.output_ ? HIDDEN + t.network * (VK_N_HIDDEN / 4) : D_HIDDEN, t.column, 0);
+            for (uint l = 0; l < 16; l++) {
+                const vec4 y[2] = vec4[](n_fours[before + l], n_fours[before + PITCH + l]);
+                [[unroll]] for (uint k = 0; k < 2; k++)
+                {
+                    const vec4 x = n_fours[after + k * PITCH + l];
+                    [[unroll]] for (uint j = 0; j < 8; j++) sum[8 * k + j] += x[j / 2] * y[j % 2];
+                }
             }
-            if (has_input) {
-                vec4 d;
-                [[unroll]] for (uint c = 0; c < 4; c++) d[c] = d_hidden[(input_column + c) * ROW + l];
-                [[unroll]] for (uint j = 0; j < 4; j++) input_sum[j] +=
-                    d * n_input[(input_row + j) * ROW + l];
-            }
-            if (id < VK_N_OUTPUTS)
-                bias += n_output[id * ROW + l];
-            if (id < VK_N_ALL && (a.parts & VK_N_PART_DISTANCE) != 0)
-                distance += d_hidden[id * ROW + l] * n_bank_input[3 * ROW + l];
-            if ((a.parts & VK_N_PART_BANK) != 0) {
-                if (row < 5)
-                    bank_input += d_mixture[column * ROW + l] * n_bank_input[row * ROW + l];
-                if (row < 4) /* the last row: the biases */
-                    bank_output += row < 3
-                                       ? d_share[row * ROW + l] * n_bank_hidden[column * ROW + l]
-                                   : column < 3 ? d_share[column * ROW + l]
-                                                : 0.0;
-            }
+        }
+        if (has_bias)
+            for (uint l = 0; l < 16; l++)
+                beside += FOUR(OUTPUT, id - FIRST_BIAS, l);
+        if (has_distance && (PARTS & VK_N_PART_DISTANCE) != 0)
+            for (uint l = 0; l < 16; l++)
+                beside += FOUR(D_HIDDEN, id - FIRST_DISTANCE, l) * n_bank_input[3 * ROW + l];
+        for (uint l = 0; l < 16 && (PARTS & VK_N_PART_BANK) != 0; l++) {
+            const float d = d_mixture[column * ROW + l];
+            bank_input[0] += d * n_bank_input[row * ROW + l];
+            if (row == 0)
+                bank_input[1] += d * n_bank_input[4 * ROW + l];
+            /* The last row: the biases. */
+            bank_output += row < 3      ? d_share[row * ROW + l] * n_bank_hidden[column * ROW + l]
+                           : column < 3 ? d_share[column * ROW + l]
+                                        : 0.0;
         }
     }
     const uint to = piece * VK_W_LOOK;
-    [[unroll]] for (uint j = 0; j < 4; j++)
+    if (id < TILES)
+        [[unroll]] for (uint k = 0; k < 8; k++)
+            put_row(tile_of(id), k, to, vec4[](sum[2 * k], sum[2 * k + 1]));
+    [[unroll]] for (uint c = 0; c < 4; c++)
     {
-        const uint o = outputs.first + j;
-        if (has_output && o <= outputs.last)
-            [[unroll]] for (uint c = 0; c < 4; c++)
-                a.sums.v[to + VK_W_OUTPUT + o * VK_N_HIDDEN + output_column + c] = output_sum[j][c];
-        if (has_input)
-            [[unroll]] for (uint c = 0; c < 4; c++)
-                a.sums.v[to + (input_row + j) * VK_N_ALL + input_column + c] = input_sum[j][c];
+        const output_rows rows = output_four(id - FIRST_BIAS);
+        if (has_bias && rows.first + c <= rows.last)
+            a.sums.v[to + VK_W_BIAS + rows.first + c] = beside[c];
+        if (has_distance)
+            a.sums.v[to + VK_W_DISTANCE + (id - FIRST_DISTANCE) * 4 + c] = beside[c];
     }
-    if (id < VK_N_OUTPUTS)
-        a.sums.v[to + VK_W_BIAS + id] = bias;
-    if (id < VK_N_ALL)
-        a.sums.v[to + VK_W_DISTANCE + id] = distance;
-    if (row < 5)
-        a.sums.v[to + VK_W_BANK_INPUT + id] = bank_input;
+    a.sums.v[to + VK_W_BANK_INPUT + id] = bank_input[0];
+    if (row == 0)
+        a.sums.v[to + VK_W_BANK_INPUT + 4 * VK_N_HIDDEN + column] = bank_input[1];
     if (row < 3)
         a.sums.v[to + VK_W_BANK_OUTPUT + id] = bank_output;
     else if (row == 3 && column < 3)
