@@ -8,8 +8,9 @@
 #include "constants.h"
 
 #define SG_NEURAL_PLANES 14
-#define SG_NEURAL_LEAST 1e-30 /* of exp(2 y) - 1, whose logarithm is taken */
-#define SG_NEURAL_MOST 8.0    /* of y: tanh is 1 in float behind it */
+#define SG_NEURAL_LEAST 1e-30   /* of exp(2 y) - 1, whose logarithm is taken */
+#define SG_NEURAL_MOST 8.0      /* of y: tanh is 1 in float behind it */
+#define SG_NEURAL_BOUND 8.886e6 /* of exp(2 y) - 1 there, less what rounding takes */
 
 /* What it is made of. */
 struct neural {
@@ -54,6 +55,21 @@ SG_FN void neural_forward(IN(neural, n), OUT_ARRAY(real, planes, SG_NEURAL_PLANE
         planes[7 + k] = REF(n).cov[3 + k];
 }
 
+/* What neural_backward needs of what the networks say: the odds of y and whether it is at its
+ * bound, and the sigmoids. With SG_NEURAL_DRAWN they come from the planes, but for rounding, so
+ * that the last layer need not be computed again. */
+#ifdef SG_NEURAL_DRAWN
+#define NEURAL_ODDS(n, planes) (NUM(2) * r_exp((planes)[3]))
+#define NEURAL_BOUNDED(n, odds) r_lt(r_set(NUM(SG_NEURAL_BOUND)), odds)
+#define NEURAL_COLOUR(n, planes, k) ((planes)[11 + (k)] * NUM(SG_SH_C0) + NUM(0.5))
+#define NEURAL_SCALE(n, planes, k) r_exp((planes)[4 + (k)] - REF(n).size[k])
+#else
+#define NEURAL_ODDS(n, planes) neural_odds(REF(n).y)
+#define NEURAL_BOUNDED(n, odds) r_lt(r_set(NUM(SG_NEURAL_MOST)), REF(n).y)
+#define NEURAL_COLOUR(n, planes, k) neural_sigmoid(REF(n).colour[k])
+#define NEURAL_SCALE(n, planes, k) neural_sigmoid(REF(n).cov[k])
+#endif
+
 /* planes: those of neural_forward. gradient: dL/d planes, 0 for what does not exist. volume: dL/d
  * (product of the scales). d: dL/d of the same fields; that of `anchor` is not computed, for
  * anchors do not move. */
@@ -61,14 +77,14 @@ SG_FN void neural_backward(IN(neural, n), IN_ARRAY(real, planes, SG_NEURAL_PLANE
                            IN_ARRAY(real, gradient, SG_NEURAL_PLANES), real volume, OUT(neural, d))
 {
     const real product = volume * r_exp(planes[4] + planes[5] + planes[6]);
-    const real odds = neural_odds(REF(n).y);
-    const mask bounded = r_lt(r_set(NUM(SG_NEURAL_MOST)), REF(n).y);
+    const real odds = NEURAL_ODDS(n, planes);
+    const mask bounded = NEURAL_BOUNDED(n, odds);
     REF(d).y = r_sel(bounded, r_set(0), NUM(2) * (odds + NUM(1)) * (gradient[3] / odds));
     for (int k = 0; k < 3; k++) {
         const real scale = gradient[4 + k] + product, unit = r_exp(REF(n).reach[k]),
-                   c = neural_sigmoid(REF(n).colour[k]);
+                   c = NEURAL_COLOUR(n, planes, k);
         REF(d).size[k] = scale;
-        REF(d).cov[k] = scale * (NUM(1) - neural_sigmoid(REF(n).cov[k]));
+        REF(d).cov[k] = scale * (NUM(1) - NEURAL_SCALE(n, planes, k));
         REF(d).offset[k] = gradient[k] * unit;
         REF(d).reach[k] = gradient[k] * unit * REF(n).offset[k];
         REF(d).colour[k] = gradient[11 + k] * c * (NUM(1) - c) / NUM(SG_SH_C0);

@@ -250,13 +250,14 @@ int sg_vulkan_anchors_pull(struct vulkan_engine *e, bool statistics, float volum
              sg_gpu_reserve(g, SG_MEM_SPLATS, &a->gradient, 4 * blocks * SG_LANES * VK_A_VALUES)) ||
         (code = sg_gpu_reserve(g, SG_MEM_SPLATS, &a->sums, 4 * pieces * VK_W_LOOK)))
         return code;
-    code = GPU_RUN(
-        g, neural_backward, networks_variant(a), pieces, .params = a->at[SG_C_PARAMETERS].address,
-        .anchors = a->at[SG_C_ANCHOR].address, .weights = weights_of(a)->address,
-        .view = a->view.address, .from = e->at[SG_C_GRADIENT].address, .seen = a->seen.address,
-        .seen_count = seen_count(a), .exists = a->exists.address, .drawn = a->drawn.address,
-        .gradient = a->gradient.address, .sums = a->sums.address, .count = (uint32_t) a->count,
-        .pieces = (uint32_t) pieces, .volume = volume);
+    code =
+        GPU_RUN(g, neural_backward, networks_variant(a), pieces,
+                .params = a->at[SG_C_PARAMETERS].address, .anchors = a->at[SG_C_ANCHOR].address,
+                .weights = weights_of(a)->address, .view = a->view.address,
+                .made = e->at[SG_C_PARAMETERS].address, .from = e->at[SG_C_GRADIENT].address,
+                .seen = a->seen.address, .seen_count = seen_count(a), .exists = a->exists.address,
+                .drawn = a->drawn.address, .gradient = a->gradient.address, .sums = a->sums.address,
+                .count = (uint32_t) a->count, .pieces = (uint32_t) pieces, .volume = volume);
     if (!code)
         code = GPU_RUN(g, piece_sums, 0, FOR_EACH(VK_W_LOOK), .from = a->sums.address,
                        .to = a->weight_gradient.address, .count = (uint32_t) pieces,

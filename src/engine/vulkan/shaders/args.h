@@ -380,12 +380,12 @@
     P(Floats, params) P(Floats, anchors) P(Floats, weights) P(Floats, view) P(Floats, to)          \
     P(Uints, seen) P(Uints, seen_count) P(Uints, exists) P(Floats, opacities) P(Uints, drawn)      \
     U(count)
-/* The gradient of those to the values of their anchors, in blocks of VK_A_VALUES planes, and of the
- * weights before VK_W_LOOK: each workgroup leaves a piece of their sums. */
+/* The gradient of those Gaussians, `made`, to the values of their anchors, in blocks of VK_A_VALUES
+ * planes, and of the weights before VK_W_LOOK: each workgroup leaves a piece of their sums. */
 #define ARGS_neural_backward(P, U, F)                                                              \
-    P(Floats, params) P(Floats, anchors) P(Floats, weights) P(Floats, view) P(Floats, from)        \
-    P(Uints, seen) P(Uints, seen_count) P(Uints, exists) P(Uints, drawn) P(Floats, gradient)       \
-    P(Floats, sums) U(count) U(pieces) F(volume)
+    P(Floats, params) P(Floats, anchors) P(Floats, weights) P(Floats, view) P(Floats, made)        \
+    P(Floats, from) P(Uints, seen) P(Uints, seen_count) P(Uints, exists) P(Uints, drawn)           \
+    P(Floats, gradient) P(Floats, sums) U(count) U(pieces) F(volume)
 /* Sums of `width` values over `count` pieces, in a fixed order: a thread each. */
 #define ARGS_piece_sums(P, U, F)                                                                   \
     P(Floats, from) P(Floats, to) U(count) U(width)

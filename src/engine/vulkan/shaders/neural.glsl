@@ -44,7 +44,7 @@ layout(buffer_reference, std430, buffer_reference_align = 16) buffer Fours
 #define ROW 17 /* the same of rows of single values */
 
 #ifndef EACH
-#define EACH 8
+#define EACH 8 /* anchors of an invocation */
 #endif
 
 shared vec4 n_fours[N_FOURS * PITCH];
@@ -115,35 +115,10 @@ void hidden_layer(Floats w)
     }
 }
 
-void output_layer(Floats w)
-{
-    Fours w4 = Fours(w);
-    const uint four = gl_LocalInvocationID.x / (16 / EACH);
-    const uint first = gl_LocalInvocationID.x % (16 / EACH) * EACH;
-    if (four >= OUTPUT_FOURS)
-        return;
-    const output_rows rows = output_four(four);
-    vec4 bias, sum[EACH];
-    [[unroll]] for (uint j = 0; j < 4; j++) bias[j] =
-        w.v[VK_W_BIAS + min(rows.first + j, rows.last)];
-    [[unroll]] for (uint l = 0; l < EACH; l++) sum[l] = bias;
-    for (uint h = 0; h < VK_N_HIDDEN; h += 4) {
-        vec4 weight[4];
-        output_weights(w4, rows, h, weight);
-        [[unroll]] for (uint l = 0; l < EACH; l++)
-        {
-            const vec4 x = FOUR(HIDDEN, (rows.network * VK_N_HIDDEN + h) / 4, first + l);
-            [[unroll]] for (uint j = 0; j < 4; j++)
-                [[unroll]] for (uint c = 0; c < 4; c++) sum[l][j] += weight[j][c] * x[c];
-        }
-    }
-    [[unroll]] for (uint l = 0; l < EACH; l++) FOUR(OUTPUT, four, first + l) = sum[l];
-}
-
-/* The layers of 16 anchors of the list from `first` on. Inputs of those behind its end are 0, so
- * that no value is without a number. Ends with a barrier. */
-void layers(Uints seen, uint first, uint seen_count, Floats params, Floats anchors, Floats w,
-            Floats view, uint count)
+/* The inputs and hidden values of 16 anchors of the list from `first` on. Inputs of those behind
+ * its end are 0, so that no value is without a number. A barrier has to follow. */
+void hidden_layers(Uints seen, uint first, uint seen_count, Floats params, Floats anchors,
+                   Floats w, Floats view, uint count)
 {
     const uint lane = LANE, row = FIRST_ROW;
     const uint i = first + lane < seen_count ? seen.v[first + lane] : count;
@@ -204,20 +179,17 @@ void layers(Uints seen, uint first, uint seen_count, Floats params, Floats ancho
     }
     barrier(); /* INPUT */
     hidden_layer(w);
-    barrier(); /* HIDDEN */
-    output_layer(w);
-    barrier(); /* OUTPUT */
 }
 
-/* Gaussian k of the anchor of this invocation. */
+/* Gaussian k of anchor i, but for what the networks say of it. */
 neural neural_of(Floats params, Floats anchors, uint i, uint k)
 {
     neural n;
-    n.y = VALUE(OUTPUT, k, LANE);
+    n.y = 0.0;
     for (uint j = 0; j < 7; j++)
-        n.cov[j] = VALUE(OUTPUT, COVARIANCE_ROW + 7 * k + j, LANE);
+        n.cov[j] = 0.0;
     for (uint j = 0; j < 3; j++) {
-        n.colour[j] = VALUE(OUTPUT, COLOUR_ROW + 3 * k + j, LANE);
+        n.colour[j] = 0.0;
         n.offset[j] = anchor_value(anchors, i, 3 * k + j);
         n.anchor[j] = params.v[param_at(14, i, j)];
         n.reach[j] = params.v[param_at(14, i, P_SCALE + j)];

@@ -6,6 +6,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#define SG_NEURAL_DRAWN
 #define D_HIDDEN FORWARD_FOURS
 #define N_FOURS (D_HIDDEN + VK_N_ALL / 4)
 #define EACH 4 /* since the sums of the weights' gradients take registers too */
@@ -39,9 +40,10 @@ void pull_outputs()
         if (exists) {
             float planes[SG_NEURAL_PLANES], g[SG_NEURAL_PLANES];
             const neural n = neural_of(a.params, a.anchors, i, k);
-            neural_forward(n, planes);
-            for (uint p = 0; p < SG_NEURAL_PLANES; p++)
+            for (uint p = 0; p < SG_NEURAL_PLANES; p++) {
+                planes[p] = a.made.v[param_at(14, i * VK_ANCHOR + k, p)];
                 g[p] = a.from.v[param_at(14, i * VK_ANCHOR + k, p)];
+            }
             neural_backward(n, planes, g, a.volume / float(a.drawn.v[0]), d);
         }
         VALUE(OUTPUT, k, lane) = d.y;
@@ -247,7 +249,7 @@ void main()
     [[unroll]] for (uint j = 0; j < 16; j++) sum[j] = vec4(0.0);
     for (uint first = piece * 16; first < seen_count; first += a.pieces * 16) {
         barrier(); /* the last block's sums are taken */
-        layers(a.seen, first, seen_count, a.params, a.anchors, a.weights, a.view, a.count);
+        hidden_layers(a.seen, first, seen_count, a.params, a.anchors, a.weights, a.view, a.count);
         pull_outputs();
         pull_hidden();
         if (id >= FIRST_FEATURE)
