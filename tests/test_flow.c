@@ -342,6 +342,7 @@ static void make_anchor_proxy(struct fixture *f)
     struct sg_train_params p = scaffold_params();
     sg_trainer *t;
     p.engine = "cpu";
+    p.scaffold.appearance = true;
     sg_model_destroy(&f->start);
     t = begin_training(f, &p);
     for (int it = 0; it < 8; it++)
@@ -369,6 +370,7 @@ static void test_attack(void **state)
             make_anchor_proxy(&f);
             p.model = SG_ATTACK_SCAFFOLD;
             p.scaffold = scaffold_params().scaffold;
+            p.scaffold.appearance = true;
         }
         p.update_interval = k == 2 ? 3 : 1;
         p.tv = k == 0 ? SG_ATTACK_TV_ANISO : k == 1 ? SG_ATTACK_TV_VERTICAL2 : SG_ATTACK_TV_ISO;

@@ -49,7 +49,8 @@ static inline void assert_same_anchors(const struct sg_model *a, const struct sg
             assert_memory_equal(&a->columns->at[SG_C_ANCHOR][at], &b->columns->at[SG_C_ANCHOR][at],
                                 sizeof(float));
         }
-    assert_memory_equal(a->columns->networks, b->columns->networks, sizeof(struct sg_networks));
+    const struct sg_networks *n = a->columns->networks;
+    assert_memory_equal(n, b->columns->networks, sizeof(*n) + n->photos * sizeof(n->appearance[0]));
 }
 
 #endif

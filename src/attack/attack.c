@@ -192,6 +192,13 @@ void sg_attack_destroy(sg_attack **attack)
     *attack = NULL;
 }
 
+/* How the decoy is drawn: on black. */
+static struct sg_render_params params_of(const sg_attack *a, size_t index)
+{
+    return (struct sg_render_params){.max_instances = a->trainer->budget.instances,
+                                     .appearance = (int) index};
+}
+
 /* The decoy's render of a view into a->image, the photo into a->photo, its bound into a->bound.
  * With a finite epsilon the render is clamped to [0, 1], but not yet to epsilon around the photo.
  */
@@ -200,8 +207,7 @@ static int render(sg_attack *a, size_t index)
     const sg_trainer *t = a->trainer;
     const struct sg_view *view = &t->scene->train[index];
     const size_t n = (size_t) view->camera.width * (size_t) view->camera.height;
-    const struct sg_render_params params = {.max_instances = t->budget.instances, /* on black */
-                                            .appearance = (int) index};
+    const struct sg_render_params params = params_of(a, index);
     int code;
     if ((code = sg_engine_draw(t->engine, &view->camera, t->start_degree, &params, false)) ||
         (code = sg_engine_read_image(t->engine, a->image, NULL, NULL)))
@@ -246,7 +252,7 @@ static int draw_and_ascend(sg_attack *a, size_t index, struct sg_attack_step *st
 {
     const sg_trainer *t = a->trainer;
     const struct sg_attack_params *p = &a->params;
-    const struct sg_render_params render = {.max_instances = t->budget.instances}; /* on black */
+    const struct sg_render_params params = params_of(a, index);
     const struct sg_view_ascent ascent = {.photo = t->photos[index],
                                           .epsilon = p->epsilon,
                                           .step = p->step,
@@ -254,7 +260,7 @@ static int draw_and_ascend(sg_attack *a, size_t index, struct sg_attack_step *st
                                           .form = p->tv,
                                           .spectral_weight = p->spectral_weight};
     int code =
-        sg_engine_draw(t->engine, &t->scene->train[index].camera, t->start_degree, &render, false);
+        sg_engine_draw(t->engine, &t->scene->train[index].camera, t->start_degree, &params, false);
     if (!code)
         code = sg_engine_ascend_view(t->engine, &ascent);
     const double seconds = sg_engine_times(t->engine).ascend;

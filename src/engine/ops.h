@@ -71,7 +71,8 @@ struct sg_anchor_ops {
     int (*read_exists)(struct sg_engine *, uint32_t *exists);
     /* From their gradients to those of anchors and weights. */
     int (*pull)(struct sg_engine *, bool statistics, float volume);
-    int (*optimise)(struct sg_engine *, const struct sg_update *); /* a step of Adam */
+    /* Ends the view of the engine that draws, with a step of Adam if there is one. */
+    int (*optimise)(struct sg_engine *, const struct sg_update *);
     int (*learn)(struct sg_engine *, const struct sg_network_update *);
     int (*read_gradients)(struct sg_engine *, struct sg_model *);
 };

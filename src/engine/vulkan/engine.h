@@ -113,7 +113,7 @@ struct vulkan_flow {
     bool again;       /* they are run again */
     bool lost;        /* some could not be, and the model lacks what they learned */
     uint64_t repeats; /* how often that was */
-    /* Results of the newest steps that have ended, in turns. */
+    /* Results of the newest views that were optimised, in turns. */
     struct gpu_buffer arrived;
     struct vulkan_arrival {
         uint64_t number;

@@ -6,9 +6,9 @@
  * of that iteration and of all later ones again, waiting for each number and making room. So the
  * bytes are those of a run that had the room from the beginning.
  *
- * A step is the calls of one view, from what makes its Gaussians to its optimiser, or an
- * exploration. It ends with a submission: what a later step finds out does not concern what it has
- * changed. */
+ * A step is the calls of one view, from what makes its Gaussians to its optimiser (of anchors: to
+ * that of the networks), or an exploration. It ends with a submission: what a later step finds out
+ * does not concern what it has changed. */
 #include <string.h>
 
 #include "engine.h"
@@ -112,8 +112,8 @@ static int end_step(struct vulkan_engine *e, struct vulkan_step *s)
     return sg_gpu_submit(g);
 }
 
-/* Makes room for a call in the open step, or opens one. A step that has another view's projection
- * is abandoned, since nobody reads its results any more, or ended if it has changed something. */
+/* Makes room for a call in the open step, or opens one. When another view begins, the open step is
+ * ended if it has changed something; else it is abandoned, for nobody reads its results. */
 static int begin_call(struct vulkan_engine *e, const struct vulkan_call *c)
 {
     struct vulkan_flow *f = &e->flow;

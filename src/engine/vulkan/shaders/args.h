@@ -391,8 +391,8 @@
     P(Floats, from) P(Floats, to) U(count) U(width)
 /* Appearances, of VK_N_LOOK values and their moments a photo. back 0: that of `photo`, zeros for
  * VK_NO_LOOK, or the mean of all if there is no such photo, to `look`, and what the colours' network
- * makes of it is added to the biases of `to`, a copy of the weights. 1: gradients of the weights behind VK_W_LOOK, in `to`,
- * and behind these of the appearance. */
+ * makes of it is added to the biases of `to`, a copy of the weights. 1: gradients of the weights
+ * behind VK_W_LOOK, in `to`, and behind these of the appearance. */
 #define ARGS_neural_look(P, U, F)                                                                  \
     P(Floats, looks) P(Floats, weights) P(Floats, look) P(Floats, to) U(photo) U(photos) U(back)
 /* The view, in the statistics of growth. This and the steps of Adam change nothing once the device

@@ -27,8 +27,8 @@ layout(buffer_reference, std430, buffer_reference_align = 16) buffer Fours
 #define COVARIANCE_ROW (4 * OPACITY_FOURS)
 #define COLOUR_ROW (4 * COVARIANCE_FOURS)
 
-/* The layers in `n_fours`. Between vectors of two rows is one more than there are anchors: without
- * it a column would be in few banks. */
+/* The layers in `n_fours`. The pitch is one vector more than there are anchors: without it a column
+ * would be in few banks. */
 #define PITCH 17
 #define INPUT 0 /* the last row: 1 */
 #define HIDDEN ((VK_N_INPUTS + 1) / 4)
@@ -115,8 +115,8 @@ void hidden_layer(Floats w)
     }
 }
 
-/* The inputs and hidden values of 16 anchors of the list from `first` on. Inputs of those behind
- * its end are 0, so that no value is without a number. A barrier has to follow. */
+/* The inputs and hidden values of 16 anchors of the list from `first` on. Features and directions
+ * of those behind its end are 0, so that no value is without a number. A barrier has to follow. */
 void hidden_layers(Uints seen, uint first, uint seen_count, Floats params, Floats anchors,
                    Floats w, Floats view, uint count)
 {

@@ -182,9 +182,10 @@ void pull_mixtures()
     barrier(); /* d_mixture, now of the bank's hidden values */
 }
 
-/* Eight rows and eight columns of a layer's weights: two vectors of the layer behind it, whose
- * gradients they hold, and two of the layer before it. Where a network ends within the rows, the
- * second vector is of something else, and its sums are left out. */
+/* Eight rows and eight columns of a layer's weights. Of outputs the rows are their gradients, the
+ * columns hidden values; of inputs the rows are inputs, the columns gradients of hidden values.
+ * Where a network ends within the rows, the second vector is of something else, and its sums are
+ * left out. */
 struct weights_tile
 {
     bool output_; /* which layer */
@@ -258,14 +259,14 @@ void main()
             pull_mixtures();
         if (id < TILES) {
             const weights_tile t = tile_of(id);
-            const uint after = FOUR_AT(t.output_ ? OUTPUT : INPUT, t.four, 0);
-            const uint before =
+            const uint rows = FOUR_AT(t.output_ ? OUTPUT : INPUT, t.four, 0);
+            const uint columns =
                 FOUR_AT(t.output_ ? HIDDEN + t.network * (VK_N_HIDDEN / 4) : D_HIDDEN, t.column, 0);
             for (uint l = 0; l < 16; l++) {
-                const vec4 y[2] = vec4[](n_fours[before + l], n_fours[before + PITCH + l]);
+                const vec4 y[2] = vec4[](n_fours[columns + l], n_fours[columns + PITCH + l]);
                 [[unroll]] for (uint k = 0; k < 2; k++)
                 {
-                    const vec4 x = n_fours[after + k * PITCH + l];
+                    const vec4 x = n_fours[rows + k * PITCH + l];
                     [[unroll]] for (uint j = 0; j < 8; j++) sum[8 * k + j] += x[j / 2] * y[j % 2];
                 }
             }
