@@ -399,5 +399,6 @@ struct sg_footprint sg_vulkan_anchors_footprint(const struct sg_work *w, struct 
     const uint64_t anchor = sg_host_footprint(&own, false) + 4 * (VK_A_VALUES + 4);
     drawn.gaussian += (anchor + VK_ANCHOR - 1) / VK_ANCHOR;
     drawn.view += 4 * (uint64_t) VK_A_PIECES * VK_W_LOOK + 8 * WEIGHTS_BYTES;
+    drawn.photo += sizeof(struct sg_appearance); /* also where none is learned */
     return drawn;
 }
