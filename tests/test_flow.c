@@ -18,16 +18,18 @@ enum look { NOTHING, VALUES, SAVED, MODEL, IMAGE, RESET, LOOKS };
 
 /* A training that never waits unless it has to. */
 struct flight {
-    uint32_t depth;     /* submissions at once */
-    uint64_t room;      /* instances at first, or 0 */
-    int tight, until;   /* no instance has room when iterations tight to until - 1 begin */
-    enum look looks;    /* after such an iteration */
-    bool settles;       /* the last half of the iterations, as where time is short */
-    bool passing;       /* photos come and go, as where the device has no room for all */
-    uint64_t repeats;   /* out */
-    uint64_t instances; /* out: the most */
-    int in_flight;      /* out: the most */
-    double seen;        /* out: how often views have seen anchors, since they grew */
+    uint32_t depth;            /* submissions at once */
+    uint64_t room;             /* instances at first, or 0 */
+    int tight, until;          /* no instance has room when iterations tight to until - 1 begin */
+    enum look looks;           /* after such an iteration */
+    bool settles;              /* the last half of the iterations, as where time is short */
+    bool passing;              /* photos come and go, as where the device has no room for all */
+    uint64_t repeats;          /* out */
+    uint64_t instances;        /* out: the most */
+    int in_flight;             /* out: the most */
+    double losses[ITERATIONS]; /* out: of each step, as they arrive */
+    uint64_t most[ITERATIONS]; /* out: instances up to it */
+    double seen;               /* out: how often views have seen anchors, since they grew */
     struct sg_train_step last;
     float exposures[VIEWS * SG_EXPOSURE_FLOATS]; /* out */
 };
@@ -92,6 +94,22 @@ static void look(const struct fixture *f, sg_trainer *t, enum look what)
     }
 }
 
+/* Takes the values of the steps after the first `n` that have arrived, in order: returns how many
+ * steps have. Those of a step stay until the fourth one after it. */
+static uint64_t take_arrived(sg_trainer *t, struct flight *how, uint64_t n, bool wait)
+{
+    const uint64_t steps = sg_trainer_view(t);
+    assert_in_range(steps - n, 0, GPU_FLIGHTS + 1);
+    for (bool known = true; n < steps && known;) {
+        struct sg_train_step s;
+        uint64_t most;
+        assert_int_equal(sg_trainer_arrived(t, n + 1, wait, &s, &most, &known), SG_OK);
+        if (known)
+            how->losses[n] = s.loss, how->most[n++] = most;
+    }
+    return n;
+}
+
 static struct sg_model *fly(struct fixture *f, const struct sg_train_params *p, struct flight *how)
 {
     sg_trainer *t = begin_training(f, p);
@@ -100,6 +118,7 @@ static struct sg_model *fly(struct fixture *f, const struct sg_train_params *p, 
     e->gpu->depth = how->depth ? how->depth : GPU_FLIGHTS;
     e->lists.capacity = how->room;
     how->in_flight = 0;
+    uint64_t arrived = 0;
     if (how->settles)
         t->settles_from = p->iterations / 2;
     for (size_t i = 0; i < VIEWS && how->passing; i++) {
@@ -113,9 +132,11 @@ static struct sg_model *fly(struct fixture *f, const struct sg_train_params *p, 
         if (sg_trainer_advance(t, NULL))
             fail_msg("iteration %d: %s", it, sg_last_error(f->ctx));
         how->in_flight = busy(e->gpu) > how->in_flight ? busy(e->gpu) : how->in_flight;
+        arrived = take_arrived(t, how, arrived, false);
         if (it >= how->tight && it < how->until)
             look(f, t, how->looks);
     }
+    assert_int_equal(take_arrived(t, how, arrived, true), p->iterations);
     assert_int_equal(sg_trainer_values(t, &how->last), SG_OK);
     assert_int_equal(sg_trainer_most_instances(t, &how->instances), SG_OK);
     assert_int_equal(busy(e->gpu), 0);
@@ -155,6 +176,8 @@ static void assert_as_waiting(struct fixture *f, const struct sg_train_params *p
     assert_memory_equal(how->exposures, waited->exposures, sizeof(how->exposures));
     assert_int_equal(how->instances, waited->instances);
     assert_true(how->seen == waited->seen);
+    assert_memory_equal(how->losses, waited->losses, sizeof(how->losses));
+    assert_memory_equal(how->most, waited->most, sizeof(how->most));
     assert_true(how->last.loss == waited->last.loss && how->last.psnr == waited->last.psnr);
     assert_int_equal(how->last.render.pairs, waited->last.render.pairs);
     assert_int_equal(how->last.render.instances, waited->last.render.instances);
@@ -181,6 +204,8 @@ static void test_depths(void **state)
     struct sg_model *asked = train(&f, &p, ITERATIONS, NULL, NULL, losses);
     assert_same(expected, asked);
     assert_true(losses[ITERATIONS - 1] == one.last.loss);
+    assert_memory_equal(losses, one.losses, sizeof(losses));
+    assert_int_equal(one.most[ITERATIONS - 1], one.instances);
     sg_model_destroy(&asked);
     sg_model_destroy(&expected);
     clear_fixture(&f);

@@ -306,6 +306,20 @@ int sg_attack_values(sg_attack *a, struct sg_attack_step *step)
     return code;
 }
 
+uint64_t sg_attack_view(const sg_attack *a)
+{
+    return sg_engine_views(a->trainer->engine);
+}
+
+int sg_attack_arrived(sg_attack *a, uint64_t view, bool wait, struct sg_attack_step *step,
+                      bool *known)
+{
+    struct sg_step result;
+    const int code = sg_engine_read_view(a->trainer->engine, view, wait, &result, known);
+    take_values(a, &result, step);
+    return code;
+}
+
 int sg_attack_step(sg_attack *a, struct sg_attack_step *out)
 {
     const int code = sg_attack_advance(a, out);

@@ -24,5 +24,10 @@ struct sg_attack {
 int sg_attack_advance(sg_attack *attack, struct sg_attack_step *out);
 /* Waits, and fills these in for the newest step, whose sg_attack_advance has filled in *step. */
 int sg_attack_values(sg_attack *attack, struct sg_attack_step *step);
+/* The same of a step whose number sg_attack_view has said after it: see sg_engine_read_view. `tv`
+ * stays where the host knew it. */
+uint64_t sg_attack_view(const sg_attack *attack);
+int sg_attack_arrived(sg_attack *attack, uint64_t view, bool wait, struct sg_attack_step *step,
+                      bool *known);
 
 #endif

@@ -603,9 +603,11 @@ static void note_step(struct sg_engine *e)
 {
     if (!e->optimised)
         return;
-    e->learned = e->step;
     if (e->step.stats.instances > e->most_instances)
         e->most_instances = e->step.stats.instances;
+    e->learned = e->step;
+    e->learned.number = e->views;
+    e->learned.most = e->most_instances;
 }
 
 int sg_engine_learn_exposures(struct sg_engine *e, const struct sg_exposure_update *update)
@@ -642,6 +644,7 @@ int sg_engine_optimise(struct sg_engine *e, const struct sg_update *update)
         lap(e, start, &e->times.optimise);
     }
     e->optimised = !code;
+    e->views += e->optimised;
     note_step(e);
     return leave(e, code, IMAGE, 0);
 }
@@ -679,11 +682,34 @@ int sg_engine_read_arrived(struct sg_engine *e, bool wait, struct sg_step *out)
         *out = e->learned;
         return code;
     }
-    if (!wait && e->ops->read_arrived(e, out))
+    if (!wait && e->ops->read_arrived(e, 0, out))
         return SG_OK;
     code = finish(e);
     if (!code)
-        e->ops->read_arrived(e, out);
+        e->ops->read_arrived(e, 0, out);
+    return code;
+}
+
+uint64_t sg_engine_views(const struct sg_engine *e)
+{
+    return e->views;
+}
+
+int sg_engine_read_view(struct sg_engine *e, uint64_t number, bool wait, struct sg_step *out,
+                        bool *known)
+{
+    int code = SG_OK;
+    if (!e->ops->read_arrived) {
+        code = sg_engine_read_arrived(e, wait, out);
+        *known = !code && out->number == number;
+        return code;
+    }
+    clear_step(out);
+    *known = e->ops->read_arrived(e, number, out);
+    if (*known || !wait)
+        return SG_OK;
+    code = finish(e);
+    *known = !code && e->ops->read_arrived(e, number, out);
     return code;
 }
 

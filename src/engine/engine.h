@@ -301,6 +301,8 @@ struct sg_step {
     double loss[SG_LOSSES];       /* without their weights; NAN = not in the list */
     double exposure[SG_EXPOSURE]; /* dL/dexposure of the photometric loss, if the target has one */
     double variation;             /* of the image of sg_engine_ascend_view: mean over its values */
+    uint64_t number;              /* of a view that was optimised: which one, from 1; else 0 */
+    uint64_t most;                /* and the largest number of instances up to it */
 };
 /* Waits for all stages that were called; the only call that does, beside those that bring memory to
  * the host. */
@@ -308,6 +310,12 @@ int sg_engine_read_step(struct sg_engine *e, struct sg_step *out);
 /* Of the newest view that was optimised. Without `wait` it is one of a few iterations ago, on a
  * device, if the results of any are known. */
 int sg_engine_read_arrived(struct sg_engine *e, bool wait, struct sg_step *out);
+/* The number of the newest view that was optimised; what the engine knows of one of the newest four
+ * after the call that optimised it, and may forget after the fourth. Without `wait` *known may be
+ * false on a device. */
+uint64_t sg_engine_views(const struct sg_engine *e);
+int sg_engine_read_view(struct sg_engine *e, uint64_t number, bool wait, struct sg_step *out,
+                        bool *known);
 /* The largest number of instances of all views that were optimised. Waits. */
 int sg_engine_most_instances(struct sg_engine *e, uint64_t *out);
 

@@ -51,6 +51,7 @@ struct sg_engine {
     void (*clock)(struct sg_engine *, double *sum);
     struct sg_engine_times times;
     bool optimised;          /* the newest view */
+    uint64_t views;          /* that were optimised */
     uint64_t most_instances; /* of such views, without ops->read_most */
     struct sg_step learned;  /* of the newest one, without ops->read_arrived */
     struct sg_step step; /* stages that are done when their call returns leave their results here */
@@ -145,10 +146,11 @@ struct sg_engine_ops {
     /* Optional, all three of them: stages are done when they return. finish: waits until they are,
      * before any operation but explore, count_radii, learn_exposures, learn_networks, a further
      * step of ascend, and the stages from shape to project_backward_optimise.
-     * read_arrived: results of the newest optimised view that are known without waiting, or false.
+     * read_arrived: results that are known without waiting, of the optimised view with that number
+     * or, for 0, of the newest one there is; or false.
      * read_most: see sg_engine_most_instances. */
     int (*finish)(struct sg_engine *);
-    bool (*read_arrived)(struct sg_engine *, struct sg_step *);
+    bool (*read_arrived)(struct sg_engine *, uint64_t number, struct sg_step *);
     int (*read_most)(struct sg_engine *, uint64_t *);
 
     /* Adds the hits of a view. */

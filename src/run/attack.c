@@ -154,6 +154,8 @@ static int save_checkpoint(struct attack_run *r)
     char *path = sg_strf(r->ctx, "%s/attack/checkpoint.bin", r->params->folder);
     int code = path ? sg_attack_log_step(r) : SG_ERR_BUDGET;
     if (!code)
+        code = sg_run_log_settle(&r->log, true);
+    if (!code)
         code = sg_attack_save(r->attack, path);
     sg_free(path);
     return code;
@@ -187,6 +189,7 @@ static int loop(struct attack_run *r)
         sg_attack_ask(r, &r->step);
         if (done % 100 == 0 || done == 1 || done == p->iterations)
             note_error(r, sg_attack_log_step(r));
+        note_error(r, sg_run_log_settle(&r->log, done == p->iterations));
         if (r->params->save_every && done % r->params->save_every == 0 &&
             done % p->update_interval == 0 && done < p->iterations)
             note_error(r, save_checkpoint(r));

@@ -25,10 +25,27 @@ static bool take(void *arg, const json_t *line)
     return true;
 }
 
+/* Sets the values of a view in a line. */
+static int fill(void *arg, json_t *line, uint64_t view, bool wait, bool *known)
+{
+    const struct attack_run *r = arg;
+    struct sg_attack_step s = {.tv = json_number_value(json_object_get(line, "tv"))};
+    const int code = sg_attack_arrived(r->attack, view, wait, &s, known);
+    if (code || !*known)
+        return code;
+    return json_object_set_new(line, "loss", sg_number_json(s.loss)) ||
+                   json_object_set_new(line, "l1", sg_number_json(s.l1)) ||
+                   json_object_set_new(line, "ssim", sg_number_json(s.ssim)) ||
+                   json_object_set_new(line, "psnr", sg_number_json(s.psnr)) ||
+                   json_object_set_new(line, "tv", sg_number_json(s.tv))
+               ? sg_fail(r->ctx, SG_ERR_BUDGET, "%s: no memory for a line", r->log.path)
+               : SG_OK;
+}
+
 int sg_attack_open_log(struct attack_run *r)
 {
     return sg_run_log_open(r->ctx, r->params->folder, "attack/log.jsonl", r->resume ? take : NULL,
-                           r, &r->log);
+                           fill, r, &r->log);
 }
 
 int sg_attack_log_step(struct attack_run *r)
@@ -36,18 +53,14 @@ int sg_attack_log_step(struct attack_run *r)
     const struct sg_attack_step *s = &r->step;
     if (r->logged == s->iteration || !s->iteration)
         return 0;
-    const int code = sg_attack_values(r->attack, &r->step);
-    if (code)
-        return code;
     r->logged = s->iteration;
     json_t *line = json_pack(
-        "{s:i,s:I,s:o,s:o,s:o,s:o,s:o,s:I,s:o,s:o,s:o}", "iteration", s->iteration, "gaussians",
-        (json_int_t) s->gaussians, "loss", sg_number_json(s->loss), "l1", sg_number_json(s->l1),
-        "ssim", sg_number_json(s->ssim), "psnr", sg_number_json(s->psnr), "tv",
-        sg_number_json(s->tv), "max_gaussians", (json_int_t) r->totals.max_gaussians, "seconds",
+        "{s:i,s:I,s:n,s:n,s:n,s:n,s:o,s:I,s:o,s:o,s:o}", "iteration", s->iteration, "gaussians",
+        (json_int_t) s->gaussians, "loss", "l1", "ssim", "psnr", "tv", sg_number_json(s->tv),
+        "max_gaussians", (json_int_t) r->totals.max_gaussians, "seconds",
         sg_number_json(r->totals.seconds), "inner_seconds", sg_number_json(r->totals.inner_seconds),
         "inner_bytes", sg_number_json(r->totals.inner_bytes));
-    return sg_run_log_line(&r->log, line);
+    return sg_run_log_later(&r->log, line, sg_attack_view(r->attack));
 }
 
 /* [iteration, Gaussians] of a line of the log. Without memory the curve has a gap. */

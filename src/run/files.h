@@ -35,17 +35,35 @@ bool sg_run_has_option(sg_ctx *ctx, const char *run, const char *name, const cha
 /* log.jsonl of a run or an attack. Gets every line that is JSON; whether to keep it. */
 typedef bool (*sg_run_log_take)(void *arg, const json_t *line);
 
+/* Sets what a line has of a view, see sg_engine_read_view, once that is known. wait: until it is.
+ */
+typedef int (*sg_run_log_fill)(void *arg, json_t *line, uint64_t view, bool wait, bool *known);
+
+#define SG_RUN_LATE 4 /* lines */
+
 struct sg_run_log {
     sg_ctx *ctx;
     FILE *stream;
     char *path;
+    sg_run_log_fill fill;
+    void *arg;
+    struct sg_run_late {
+        json_t *line;
+        uint64_t view;
+    } late[SG_RUN_LATE]; /* in order: their views are on their way */
+    int late_count;
 };
 
-/* To append; take and its arg decide which lines of an earlier log stay. take NULL: a new log. */
-int sg_run_log_open(sg_ctx *ctx, const char *run, const char *name, sg_run_log_take take, void *arg,
-                    struct sg_run_log *log);
-/* Writes and releases a line. */
+/* To append; take decides which lines of an earlier log stay. take NULL: a new log. arg: of both.
+ */
+int sg_run_log_open(sg_ctx *ctx, const char *run, const char *name, sg_run_log_take take,
+                    sg_run_log_fill fill, void *arg, struct sg_run_log *log);
+/* Writes and releases a line, after those that are late, for which it waits. */
 int sg_run_log_line(struct sg_run_log *log, json_t *line);
+/* A line with values of the newest view: written, and released, when they have arrived. */
+int sg_run_log_later(struct sg_run_log *log, json_t *line, uint64_t view);
+/* Writes the lines whose values have arrived. wait: all. After an error none are left. */
+int sg_run_log_settle(struct sg_run_log *log, bool wait);
 /* SG_ERR_INPUT if an earlier write failed. Safe on a zeroed log. */
 int sg_run_log_close(struct sg_run_log *log);
 /* Passes every line to take and ignores its result. Without a log there are no lines. */

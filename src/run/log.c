@@ -108,17 +108,18 @@ static FILE *open_to_write(const char *path, bool append)
     return f;
 }
 
-int sg_run_log_open(sg_ctx *ctx, const char *run, const char *name, sg_run_log_take take, void *arg,
-                    struct sg_run_log *log)
+int sg_run_log_open(sg_ctx *ctx, const char *run, const char *name, sg_run_log_take take,
+                    sg_run_log_fill fill, void *arg, struct sg_run_log *log)
 {
-    *log = (struct sg_run_log){.ctx = ctx, .path = sg_strf(ctx, "%s/%s", run, name)};
+    *log = (struct sg_run_log){
+        .ctx = ctx, .path = sg_strf(ctx, "%s/%s", run, name), .fill = fill, .arg = arg};
     int code = !log->path ? SG_ERR_BUDGET : take ? trim(ctx, log->path, take, arg) : SG_OK;
     if (!code && !(log->stream = open_to_write(log->path, take)))
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write: %s", log->path, strerror(errno));
     return code;
 }
 
-int sg_run_log_line(struct sg_run_log *log, json_t *line)
+static int write_line(struct sg_run_log *log, json_t *line)
 {
     char *text = line ? json_dumps(line, JSON_COMPACT | JSON_REAL_PRECISION(8)) : NULL;
     errno = 0;
@@ -130,9 +131,53 @@ int sg_run_log_line(struct sg_run_log *log, json_t *line)
                : SG_OK;
 }
 
+int sg_run_log_settle(struct sg_run_log *log, bool wait)
+{
+    int code = SG_OK, n = 0;
+    for (bool known = true; n < log->late_count && known && !code;) {
+        const struct sg_run_late *late = &log->late[n];
+        code = log->fill(log->arg, late->line, late->view, wait, &known);
+        if (!code && !known && wait)
+            code =
+                sg_fail(log->ctx, SG_ERR_INTERNAL, "%s: the values of a line are lost", log->path);
+        if (!code && known) {
+            code = write_line(log, late->line);
+            n++;
+        }
+    }
+    for (int k = n; k < log->late_count && code; k++)
+        json_decref(log->late[k].line);
+    log->late_count = code ? 0 : log->late_count - n;
+    memmove(log->late, log->late + n, (size_t) log->late_count * sizeof(log->late[0]));
+    return code;
+}
+
+int sg_run_log_line(struct sg_run_log *log, json_t *line)
+{
+    const int code = sg_run_log_settle(log, true);
+    if (code)
+        json_decref(line);
+    return code ? code : write_line(log, line);
+}
+
+int sg_run_log_later(struct sg_run_log *log, json_t *line, uint64_t view)
+{
+    int code = line ? SG_OK : write_line(log, line); /* no memory, which that reports */
+    if (!code)
+        code = sg_run_log_settle(log, log->late_count == SG_RUN_LATE);
+    if (code) {
+        json_decref(line);
+        return code;
+    }
+    log->late[log->late_count++] = (struct sg_run_late){line, view};
+    return sg_run_log_settle(log, false);
+}
+
 int sg_run_log_close(struct sg_run_log *log)
 {
     int code = SG_OK;
+    for (int k = 0; k < log->late_count; k++) /* of a run that failed */
+        json_decref(log->late[k].line);
     errno = 0;
     const bool failed = log->stream && ferror(log->stream);
     if (log->stream && (fclose(log->stream) || failed))

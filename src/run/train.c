@@ -81,6 +81,7 @@ static int save(sg_run *r)
 {
     /* The log's line at a checkpoint carries the totals that a resumed run starts from. */
     note_error(r, sg_run_log_step(r));
+    note_error(r, sg_run_settle_log(r, true));
     int code = sg_run_save_model(r->ctx, r->params.folder, r->scene, r->trainer);
     if (code)
         return code;
@@ -139,11 +140,12 @@ static bool is_logged(const sg_run *r)
            sg_due(r->before, it, r->params.log_every);
 }
 
-/* Whether a file gets numbers of this iteration. */
+/* Whether a file gets numbers of this iteration, and nothing goes on before it has. */
 static bool is_looked_at(const sg_run *r)
 {
     const struct sg_run_params *p = &r->params;
-    return is_logged(r) || due(r, p->save_every) || (p->scene.eval && due(r, p->eval_every));
+    return r->step.iteration == p->train.iterations || due(r, p->save_every) ||
+           (p->scene.eval && due(r, p->eval_every));
 }
 
 /* Everything that is due after an iteration; the end has its own. */
@@ -166,6 +168,7 @@ static void after_step(sg_run *r)
     watch_filter(r);
     if (is_logged(r))
         note_error(r, sg_run_log_step(r));
+    note_error(r, sg_run_settle_log(r, false));
     if (due(r, p->save_every) && !last)
         note_error(r, save(r));
     if (p->scene.eval && due(r, p->eval_every) && !last) {
@@ -181,6 +184,7 @@ static int end_early(sg_run *r, int error)
 {
     char *why = sg_strdup(r->ctx, sg_last_error(r->ctx));
     const int done = sg_trainer_iteration(r->trainer);
+    sg_run_settle_log(r, true);                                /* as far as it is known */
     const size_t gaussians = sg_trainer_gaussians(r->trainer); /* may have grown before it failed */
     if (gaussians > r->totals.max_gaussians)
         r->totals.max_gaussians = gaussians;

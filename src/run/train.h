@@ -38,6 +38,7 @@ struct sg_run {
     char *write_message;                 /* what that said */
     bool log_lost;                       /* log.jsonl is one of them */
     int logged;                          /* iteration of the newest line */
+    uint64_t log_instances;              /* the most in it */
     uint64_t cloned, split, pruned;      /* since then */
     size_t first_gaussians;              /* of the run, or of its log */
     size_t window_grown, window_removed; /* over the newest removals */
@@ -69,7 +70,9 @@ int sg_run_decide_defense(sg_run *run);
 int sg_run_open_log(sg_run *run);
 /* What the engine has measured of the newest step, for which this waits. */
 int sg_run_take_values(sg_run *run);
-int sg_run_log_step(sg_run *run); /* once per iteration; does nothing the second time */
+/* Once per iteration; does nothing the second time. The line is written when its values arrive. */
+int sg_run_log_step(sg_run *run);
+int sg_run_settle_log(sg_run *run, bool wait); /* as sg_run_log_settle, until a write fails */
 int sg_run_log_filter(sg_run *run);
 int sg_run_log_noise(sg_run *run);
 int sg_run_log_eval(sg_run *run);

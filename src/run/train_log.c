@@ -57,6 +57,7 @@ static bool take(void *arg, const json_t *line)
         json_integer_value(iteration) > sg_trainer_iteration(r->trainer))
         return false;
     take_totals(&r->totals, line);
+    r->log_instances = r->totals.max_instances;
     if (!r->first_gaussians)
         r->first_gaussians = (size_t) json_integer_value(json_object_get(line, "gaussians"));
     if (json_object_get(line, "train_seconds"))
@@ -64,9 +65,44 @@ static bool take(void *arg, const json_t *line)
     return true;
 }
 
+/* Sets the values of a view in a line. */
+static int fill(void *arg, json_t *line, uint64_t view, bool wait, bool *known)
+{
+    sg_run *r = arg;
+    struct sg_train_step s;
+    uint64_t most;
+    const int code = sg_trainer_arrived(r->trainer, view, wait, &s, &most, known);
+    if (code || !*known)
+        return code;
+    if (most > r->log_instances)
+        r->log_instances = most;
+    if (most > r->totals.max_instances)
+        r->totals.max_instances = most;
+    const struct {
+        const char *name;
+        json_t *value;
+    } values[] = {
+        {"loss", sg_number_json(s.loss)},
+        {"l1", sg_number_json(s.l1)},
+        {"ssim", sg_number_json(s.ssim)},
+        {"psnr", sg_number_json(s.psnr)},
+        {"visible", json_integer((json_int_t) s.render.visible)},
+        {"instances", json_integer((json_int_t) s.render.instances)},
+        {"max_tile", json_integer((json_int_t) s.render.max_tile)},
+        {"max_instances", json_integer((json_int_t) r->log_instances)},
+        {"anisotropy", r->train.defense.on ? sg_number_json(s.defense.anisotropy) : NULL},
+        {"total_variation", r->train.defense.on ? sg_number_json(s.defense.total_variation) : NULL},
+    };
+    bool bad = false;
+    for (size_t k = 0; k < sizeof(values) / sizeof(values[0]); k++)
+        if (k < 8 || r->train.defense.on)
+            bad |= json_object_set_new(line, values[k].name, values[k].value) != 0;
+    return bad ? sg_fail(r->ctx, SG_ERR_BUDGET, "%s: no memory for a line", r->log.path) : SG_OK;
+}
+
 int sg_run_open_log(sg_run *r)
 {
-    return sg_run_log_open(r->ctx, r->params.folder, "log.jsonl", r->resume ? take : NULL, r,
+    return sg_run_log_open(r->ctx, r->params.folder, "log.jsonl", r->resume ? take : NULL, fill, r,
                            &r->log);
 }
 
@@ -104,31 +140,38 @@ int sg_run_log_step(sg_run *r)
     const struct run_totals *t = &r->totals;
     if (r->logged == s->iteration || !s->iteration)
         return 0;
-    const int code = sg_run_take_values(r);
-    if (code)
-        return code;
     r->logged = s->iteration;
     json_t *line =
-        json_pack("{s:i,s:o,s:o,s:o,s:o,s:o,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:o,s:o}",
-                  "iteration", s->iteration, "loss", sg_number_json(s->loss), "l1",
-                  sg_number_json(s->l1), "ssim", sg_number_json(s->ssim), "psnr",
-                  sg_number_json(s->psnr), "view", sg_text_to_json(r->scene->train[s->view].name),
-                  "gaussians", (json_int_t) s->gaussians, "cloned", (json_int_t) r->cloned, "split",
-                  (json_int_t) r->split, "pruned", (json_int_t) r->pruned, "visible",
-                  (json_int_t) s->render.visible, "instances", (json_int_t) s->render.instances,
-                  "max_tile", (json_int_t) s->render.max_tile, "max_gaussians",
-                  (json_int_t) t->max_gaussians, "max_instances", (json_int_t) t->max_instances,
+        json_pack("{s:i,s:n,s:n,s:n,s:n,s:o,s:I,s:I,s:I,s:I,s:n,s:n,s:n,s:I,s:n,s:I,s:o,s:o}",
+                  "iteration", s->iteration, "loss", "l1", "ssim", "psnr", "view",
+                  sg_text_to_json(r->scene->train[s->view].name), "gaussians",
+                  (json_int_t) s->gaussians, "cloned", (json_int_t) r->cloned, "split",
+                  (json_int_t) r->split, "pruned", (json_int_t) r->pruned, "visible", "instances",
+                  "max_tile", "max_gaussians", (json_int_t) t->max_gaussians, "max_instances",
                   "ledger_bytes", (json_int_t) sg_mem_current(r->ctx, SG_MEM_TAGS), "train_seconds",
                   sg_number_json(t->seconds), "cpu_seconds", sg_number_json(t->cpu_seconds));
     r->cloned = r->split = r->pruned = 0;
     if (r->train.defense.on) {
-        json_object_set_new(line, "anisotropy", sg_number_json(s->defense.anisotropy));
-        json_object_set_new(line, "total_variation", sg_number_json(s->defense.total_variation));
+        json_object_set_new(line, "anisotropy", json_null());
+        json_object_set_new(line, "total_variation", json_null());
         json_object_set_new(line, "filter_events", json_integer((json_int_t) t->filter_events));
         json_object_set_new(line, "filter_removed", json_integer((json_int_t) t->filter_removed));
         json_object_set_new(line, "defense_seconds", sg_run_defense_seconds(r));
     }
-    return write_line(r, line);
+    if (r->log_lost) {
+        json_decref(line);
+        return 0;
+    }
+    const int code = sg_run_log_later(&r->log, line, sg_trainer_view(r->trainer));
+    r->log_lost = code != 0;
+    return code;
+}
+
+int sg_run_settle_log(sg_run *r, bool wait)
+{
+    const int code = r->log_lost ? SG_OK : sg_run_log_settle(&r->log, wait);
+    r->log_lost |= code != 0;
+    return code;
 }
 
 int sg_run_log_filter(sg_run *r)

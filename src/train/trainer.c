@@ -467,6 +467,21 @@ int sg_trainer_values(sg_trainer *t, struct sg_train_step *step)
     return code;
 }
 
+uint64_t sg_trainer_view(const sg_trainer *t)
+{
+    return sg_engine_views(t->engine);
+}
+
+int sg_trainer_arrived(sg_trainer *t, uint64_t view, bool wait, struct sg_train_step *step,
+                       uint64_t *most, bool *known)
+{
+    struct sg_step result;
+    const int code = sg_engine_read_view(t->engine, view, wait, &result, known);
+    take_values(t, &result, step);
+    *most = result.most;
+    return code;
+}
+
 int sg_trainer_most_instances(sg_trainer *t, uint64_t *out)
 {
     return sg_engine_most_instances(t->engine, out);

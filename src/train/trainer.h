@@ -65,6 +65,11 @@ int sg_trainer_advance(sg_trainer *t, struct sg_train_step *out);
 int sg_trainer_values(sg_trainer *t, struct sg_train_step *step);
 /* The largest number of instances of all steps. Waits. */
 int sg_trainer_most_instances(sg_trainer *t, uint64_t *out);
+/* The same of a step whose number sg_trainer_view has said after it: see sg_engine_read_view.
+ * *most: the largest number of instances up to it. */
+uint64_t sg_trainer_view(const sg_trainer *t);
+int sg_trainer_arrived(sg_trainer *t, uint64_t view, bool wait, struct sg_train_step *step,
+                       uint64_t *most, bool *known);
 
 /* The view of the it-th step (from 1): every epoch visits all views in a random order. */
 size_t sg_trainer_pick_view(sg_trainer *t, uint64_t step);

@@ -272,9 +272,9 @@ static int read_step(struct sg_engine *base)
     return code;
 }
 
-static bool read_arrived(struct sg_engine *base, struct sg_step *out)
+static bool read_arrived(struct sg_engine *base, uint64_t number, struct sg_step *out)
 {
-    return of(base)->inner->ops->read_arrived(of(base)->inner, out);
+    return of(base)->inner->ops->read_arrived(of(base)->inner, number, out);
 }
 
 static int read_most(struct sg_engine *base, uint64_t *out)
@@ -300,6 +300,7 @@ static int optimise(struct sg_engine *base, const struct sg_update *u)
     struct scaffold_engine *b = of(base);
     if (u->accumulate || u->mean_opacity != 0 || u->mean_scale != 0)
         return sg_fail(base->ctx, SG_ERR_USAGE, "engine: found an update that anchors do not have");
+    b->inner->views = base->views;
     if (b->device)
         return sg_scaffold_device_optimise(b, u);
     return u->adam ? sg_scaffold_optimise(b, u) : SG_OK;

@@ -61,6 +61,7 @@ enum vulkan_stage {
 /* A call of a stage, with its arguments. */
 struct vulkan_call {
     enum vulkan_stage stage;
+    uint64_t view; /* the number of the view that is optimised */
     union {
         struct {
             struct sg_camera camera;
@@ -113,13 +114,12 @@ struct vulkan_flow {
     bool again;       /* they are run again */
     bool lost;        /* some could not be, and the model lacks what they learned */
     uint64_t repeats; /* how often that was */
-    /* Results of the newest views that were optimised, in turns. */
+    /* Results of the newest views that were optimised, at their number's place. */
     struct gpu_buffer arrived;
     struct vulkan_arrival {
-        uint64_t number;
+        uint64_t number, view; /* of the submission, and of the view */
         struct vulkan_terms terms;
     } arrivals[GPU_FLIGHTS + 1];
-    uint32_t turn;
 };
 
 /* Models of anchors: see vulkan_anchors.c. */
@@ -189,8 +189,8 @@ void sg_vulkan_read_results(const struct vulkan_terms *, const uint32_t results[
 int sg_flow_run(struct vulkan_engine *, const struct vulkan_call *);
 /* Waits until nothing is left to do, also again. */
 int sg_flow_finish(struct sg_engine *);
-/* The newest results that have arrived, or false. */
-bool sg_flow_arrived(struct vulkan_engine *, struct sg_step *);
+/* Results that have arrived, of the view with that number or, for 0, of the newest; or false. */
+bool sg_flow_arrived(struct vulkan_engine *, uint64_t view, struct sg_step *);
 
 /* vulkan_model.c */
 int sg_vulkan_upload(struct sg_engine *, const struct sg_model *, const struct sg_columns *);

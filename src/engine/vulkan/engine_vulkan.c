@@ -294,9 +294,9 @@ static int read_step(struct sg_engine *base)
     return code;
 }
 
-static bool read_arrived(struct sg_engine *base, struct sg_step *out)
+static bool read_arrived(struct sg_engine *base, uint64_t number, struct sg_step *out)
 {
-    return sg_flow_arrived(vulkan_of(base), out);
+    return sg_flow_arrived(vulkan_of(base), number, out);
 }
 
 static int read_most(struct sg_engine *base, uint64_t *out)
@@ -432,12 +432,12 @@ static int run_shape_backward(struct sg_engine *base, const struct sg_shape *sha
 
 static int run_optimise(struct sg_engine *base, const struct sg_update *u)
 {
-    return RUN(base, .stage = STAGE_OPTIMISE, .update = *u);
+    return RUN(base, .stage = STAGE_OPTIMISE, .view = base->views + 1, .update = *u);
 }
 
 static int run_backward_optimise(struct sg_engine *base, const struct sg_update *u)
 {
-    return RUN(base, .stage = STAGE_BACKWARD_OPTIMISE, .update = *u);
+    return RUN(base, .stage = STAGE_BACKWARD_OPTIMISE, .view = base->views + 1, .update = *u);
 }
 
 static int run_explore(struct sg_engine *base, const struct sg_exploration *x)

@@ -144,20 +144,26 @@ static int begin_call(struct vulkan_engine *e, const struct vulkan_call *c)
     return SG_OK;
 }
 
+#define RESULT_BYTES (VK_RESULTS * sizeof(uint32_t))
+#define ARRIVAL_BYTES (RESULT_BYTES + 2 * sizeof(uint32_t)) /* and the most instances so far */
+
 /* Keeps the results of the view for the host. */
-static int keep_results(struct vulkan_engine *e)
+static int keep_results(struct vulkan_engine *e, uint64_t view)
 {
     struct gpu *g = e->gpu;
     struct vulkan_flow *f = &e->flow;
-    const uint32_t turn = f->turn++ % (GPU_FLIGHTS + 1);
-    const uint64_t bytes = VK_RESULTS * sizeof(uint32_t);
-    int code = sg_gpu_window(g, &f->arrived, (GPU_FLIGHTS + 1) * bytes);
+    const uint64_t turn = view % (GPU_FLIGHTS + 1); /* the same when it is run again */
+    const uint64_t at = turn * ARRIVAL_BYTES;
+    int code = sg_gpu_window(g, &f->arrived, (GPU_FLIGHTS + 1) * ARRIVAL_BYTES);
     if (!code)
         code = sg_gpu_lists_learned(g, &e->lists);
     if (!code)
-        code = sg_gpu_copy(g, &e->lists.results, 0, &f->arrived, turn * bytes, bytes);
+        code = sg_gpu_copy(g, &e->lists.results, 0, &f->arrived, at, RESULT_BYTES);
     if (!code)
-        f->arrivals[turn] = (struct vulkan_arrival){gpu_next(g), e->terms};
+        code = sg_gpu_copy(g, &e->lists.most, 0, &f->arrived, at + RESULT_BYTES,
+                           ARRIVAL_BYTES - RESULT_BYTES);
+    if (!code)
+        f->arrivals[turn] = (struct vulkan_arrival){gpu_next(g), view, e->terms};
     return code;
 }
 
@@ -201,7 +207,7 @@ static int run_again(struct vulkan_engine *e)
         struct vulkan_step *s = &f->steps[i];
         for (int k = 0; k < s->count && !code; k++)
             if (!(code = perform(e, &s->calls[k])) && optimises(s->calls[k].stage))
-                code = keep_results(e);
+                code = keep_results(e, s->calls[k].view);
         if (!code && s->number)
             code = end_step(e, s);
     }
@@ -240,7 +246,7 @@ int sg_flow_run(struct vulkan_engine *e, const struct vulkan_call *c)
         return code;
     s->calls[s->count++] = *c;
     if (optimises(c->stage))
-        code = keep_results(e);
+        code = keep_results(e, c->view);
     return code || !ends(c->stage) ? code : end_step(e, s);
 }
 
@@ -257,20 +263,23 @@ int sg_flow_finish(struct sg_engine *base)
     return code;
 }
 
-bool sg_flow_arrived(struct vulkan_engine *e, struct sg_step *out)
+bool sg_flow_arrived(struct vulkan_engine *e, uint64_t view, struct sg_step *out)
 {
     const struct vulkan_flow *f = &e->flow;
     const struct vulkan_arrival *newest = NULL;
     for (uint32_t i = 0; i < GPU_FLIGHTS + 1; i++) {
         const struct vulkan_arrival *a = &f->arrivals[i];
         if (a->number && a->number <= e->gpu->finished &&
-            (!e->gpu->stopped || a->number < e->gpu->stopped) &&
+            (!e->gpu->stopped || a->number < e->gpu->stopped) && (!view || a->view == view) &&
             (!newest || a->number > newest->number))
             newest = a;
     }
-    if (newest)
-        sg_vulkan_read_results(
-            &newest->terms,
-            (const uint32_t *) f->arrived.mapped + (newest - f->arrivals) * VK_RESULTS, out);
-    return newest != NULL;
+    if (!newest)
+        return false;
+    const uint32_t *r = (const uint32_t *) ((const char *) f->arrived.mapped +
+                                            (size_t) (newest - f->arrivals) * ARRIVAL_BYTES);
+    sg_vulkan_read_results(&newest->terms, r, out);
+    out->number = newest->view;
+    out->most = r[VK_RESULTS] | (uint64_t) r[VK_RESULTS + 1] << 32;
+    return true;
 }
