@@ -56,7 +56,6 @@ killed 3dgs
 [ -z "${SG_TEST_ENGINE-}" ] || wanted=1
 killed mcmc --strategy mcmc --cap-max 500 --mcmc-until $((end * 4 / 3)) --exposure
 killed mip --model mip
-[ -z "${SG_TEST_ENGINE-}" ] || exit 0
 killed scaffold --model scaffold --anchors-from-iter 40 --voxel-size 0.02 --anchor-distance --feature-bank \
     --photo-appearance
 [ -s scaffold-cut/point_cloud/iteration_$last/networks.safetensors ] || fail "no networks"
