@@ -8,7 +8,7 @@ const struct exit_meaning exit_meanings[] = {
     {STATUS_USAGE, "wrong command line; the message names the option"},
     {STATUS_INPUT, "a file or folder is missing, malformed or not writable; the message names it "
                    "and the place; or every Gaussian became transparent"},
-    {STATUS_BUDGET, "out of memory, or --max-memory is too little"},
+    {STATUS_BUDGET, "out of memory, or --max-memory or --max-vram is too little"},
     {STATUS_INTERNAL, "internal error"},
     {STATUS_POISONED, "the photos look poisoned (train --audit refuse, audit --exit-code)"},
     {STATUS_SUSPICIOUS, "the photos look suspicious (audit --exit-code)"},
