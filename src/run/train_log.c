@@ -90,13 +90,14 @@ static int fill(void *arg, json_t *line, uint64_t view, bool wait, bool *known)
         {"instances", json_integer((json_int_t) s.render.instances)},
         {"max_tile", json_integer((json_int_t) s.render.max_tile)},
         {"max_instances", json_integer((json_int_t) r->log_instances)},
-        {"anisotropy", r->train.defense.on ? sg_number_json(s.defense.anisotropy) : NULL},
-        {"total_variation", r->train.defense.on ? sg_number_json(s.defense.total_variation) : NULL},
     };
     bool bad = false;
     for (size_t k = 0; k < sizeof(values) / sizeof(values[0]); k++)
-        if (k < 8 || r->train.defense.on)
-            bad |= json_object_set_new(line, values[k].name, values[k].value) != 0;
+        bad |= json_object_set_new(line, values[k].name, values[k].value) != 0;
+    if (r->train.defense.on)
+        bad |=
+            json_object_set_new(line, "anisotropy", sg_number_json(s.defense.anisotropy)) ||
+            json_object_set_new(line, "total_variation", sg_number_json(s.defense.total_variation));
     return bad ? sg_fail(r->ctx, SG_ERR_BUDGET, "%s: no memory for a line", r->log.path) : SG_OK;
 }
 
