@@ -33,13 +33,10 @@ static int fill(void *arg, json_t *line, uint64_t view, bool wait, bool *known)
     const int code = sg_attack_arrived(r->attack, view, wait, &s, known);
     if (code || !*known)
         return code;
-    return json_object_set_new(line, "loss", sg_number_json(s.loss)) ||
-                   json_object_set_new(line, "l1", sg_number_json(s.l1)) ||
-                   json_object_set_new(line, "ssim", sg_number_json(s.ssim)) ||
-                   json_object_set_new(line, "psnr", sg_number_json(s.psnr)) ||
-                   json_object_set_new(line, "tv", sg_number_json(s.tv))
-               ? sg_fail(r->ctx, SG_ERR_BUDGET, "%s: no memory for a line", r->log.path)
-               : SG_OK;
+    return sg_run_log_set(&r->log, line,
+                          json_pack("{s:o,s:o,s:o,s:o,s:o}", "loss", sg_number_json(s.loss), "l1",
+                                    sg_number_json(s.l1), "ssim", sg_number_json(s.ssim), "psnr",
+                                    sg_number_json(s.psnr), "tv", sg_number_json(s.tv)));
 }
 
 int sg_attack_open_log(struct attack_run *r)

@@ -60,8 +60,10 @@ int sg_run_log_open(sg_ctx *ctx, const char *run, const char *name, sg_run_log_t
                     sg_run_log_fill fill, void *arg, struct sg_run_log *log);
 /* Writes and releases a line, after those that are late, for which it waits. */
 int sg_run_log_line(struct sg_run_log *log, json_t *line);
-/* A line with values of the newest view: written, and released, when they have arrived. */
+/* A line with values of the newest view: sg_run_log_settle writes it when they have arrived. */
 int sg_run_log_later(struct sg_run_log *log, json_t *line, uint64_t view);
+/* For a sg_run_log_fill: sets the values, an object that it releases. NULL: there was no memory. */
+int sg_run_log_set(const struct sg_run_log *log, json_t *line, json_t *values);
 /* Writes the lines whose values have arrived. wait: all. After an error none are left. */
 int sg_run_log_settle(struct sg_run_log *log, bool wait);
 /* SG_ERR_INPUT if an earlier write failed. Safe on a zeroed log. */

@@ -131,6 +131,13 @@ static int write_line(struct sg_run_log *log, json_t *line)
                : SG_OK;
 }
 
+int sg_run_log_set(const struct sg_run_log *log, json_t *line, json_t *values)
+{
+    const bool bad = !values || json_object_update(line, values);
+    json_decref(values);
+    return bad ? sg_fail(log->ctx, SG_ERR_BUDGET, "%s: no memory for a line", log->path) : SG_OK;
+}
+
 int sg_run_log_settle(struct sg_run_log *log, bool wait)
 {
     int code = SG_OK, n = 0;
@@ -170,7 +177,7 @@ int sg_run_log_later(struct sg_run_log *log, json_t *line, uint64_t view)
         return code;
     }
     log->late[log->late_count++] = (struct sg_run_late){line, view};
-    return sg_run_log_settle(log, false);
+    return SG_OK;
 }
 
 int sg_run_log_close(struct sg_run_log *log)

@@ -78,27 +78,19 @@ static int fill(void *arg, json_t *line, uint64_t view, bool wait, bool *known)
         r->log_instances = most;
     if (most > r->totals.max_instances)
         r->totals.max_instances = most;
-    const struct {
-        const char *name;
-        json_t *value;
-    } values[] = {
-        {"loss", sg_number_json(s.loss)},
-        {"l1", sg_number_json(s.l1)},
-        {"ssim", sg_number_json(s.ssim)},
-        {"psnr", sg_number_json(s.psnr)},
-        {"visible", json_integer((json_int_t) s.render.visible)},
-        {"instances", json_integer((json_int_t) s.render.instances)},
-        {"max_tile", json_integer((json_int_t) s.render.max_tile)},
-        {"max_instances", json_integer((json_int_t) r->log_instances)},
-    };
-    bool bad = false;
-    for (size_t k = 0; k < sizeof(values) / sizeof(values[0]); k++)
-        bad |= json_object_set_new(line, values[k].name, values[k].value) != 0;
-    if (r->train.defense.on)
-        bad |=
-            json_object_set_new(line, "anisotropy", sg_number_json(s.defense.anisotropy)) ||
-            json_object_set_new(line, "total_variation", sg_number_json(s.defense.total_variation));
-    return bad ? sg_fail(r->ctx, SG_ERR_BUDGET, "%s: no memory for a line", r->log.path) : SG_OK;
+    json_t *values = json_pack(
+        "{s:o,s:o,s:o,s:o,s:I,s:I,s:I,s:I}", "loss", sg_number_json(s.loss), "l1",
+        sg_number_json(s.l1), "ssim", sg_number_json(s.ssim), "psnr", sg_number_json(s.psnr),
+        "visible", (json_int_t) s.render.visible, "instances", (json_int_t) s.render.instances,
+        "max_tile", (json_int_t) s.render.max_tile, "max_instances", (json_int_t) r->log_instances);
+    if (r->train.defense.on &&
+        (json_object_set_new(values, "anisotropy", sg_number_json(s.defense.anisotropy)) ||
+         json_object_set_new(values, "total_variation",
+                             sg_number_json(s.defense.total_variation)))) {
+        json_decref(values);
+        values = NULL;
+    }
+    return sg_run_log_set(&r->log, line, values);
 }
 
 int sg_run_open_log(sg_run *r)
@@ -107,14 +99,15 @@ int sg_run_open_log(sg_run *r)
                            &r->log);
 }
 
-/* After a failure nothing more is logged; the training continues. */
-static int write_line(sg_run *r, json_t *line)
+/* After a failure nothing more is logged; the training continues. view: of which the line has
+ * values, or 0. */
+static int write_line(sg_run *r, json_t *line, uint64_t view)
 {
     if (r->log_lost) {
         json_decref(line);
         return 0;
     }
-    const int code = sg_run_log_line(&r->log, line);
+    const int code = view ? sg_run_log_later(&r->log, line, view) : sg_run_log_line(&r->log, line);
     r->log_lost = code != 0;
     return code;
 }
@@ -159,13 +152,7 @@ int sg_run_log_step(sg_run *r)
         json_object_set_new(line, "filter_removed", json_integer((json_int_t) t->filter_removed));
         json_object_set_new(line, "defense_seconds", sg_run_defense_seconds(r));
     }
-    if (r->log_lost) {
-        json_decref(line);
-        return 0;
-    }
-    const int code = sg_run_log_later(&r->log, line, sg_trainer_view(r->trainer));
-    r->log_lost = code != 0;
-    return code;
+    return write_line(r, line, sg_trainer_view(r->trainer));
 }
 
 int sg_run_settle_log(sg_run *r, bool wait)
@@ -185,18 +172,21 @@ int sg_run_log_filter(sg_run *r)
                   (json_int_t) d->removed, "unseen_share",
                   sg_number_json(d->scored ? (double) d->unseen / (double) d->scored : 0),
                   "log_score_percentiles", sg_number_json(d->score[0]), sg_number_json(d->score[1]),
-                  sg_number_json(d->score[2]), "gaussians", (json_int_t) r->step.gaussians));
+                  sg_number_json(d->score[2]), "gaussians", (json_int_t) r->step.gaussians),
+        0);
 }
 
 int sg_run_log_noise(sg_run *r)
 {
     const struct sg_noise *n = &r->step.noise;
-    return write_line(
-        r, json_pack("{s:i,s:I,s:I,s:I,s:I,s:o,s:o,s:o}", "noise", r->step.iteration, "compared",
-                     (json_int_t) n->compared, "photos", (json_int_t) n->photos, "bounded",
-                     (json_int_t) n->bounded, "added", (json_int_t) n->added, "level",
-                     sg_number_json(n->level), "kurtosis", sg_number_json(n->kurtosis), "beyond",
-                     sg_number_json(n->beyond)));
+    return write_line(r,
+                      json_pack("{s:i,s:I,s:I,s:I,s:I,s:o,s:o,s:o}", "noise", r->step.iteration,
+                                "compared", (json_int_t) n->compared, "photos",
+                                (json_int_t) n->photos, "bounded", (json_int_t) n->bounded, "added",
+                                (json_int_t) n->added, "level", sg_number_json(n->level),
+                                "kurtosis", sg_number_json(n->kurtosis), "beyond",
+                                sg_number_json(n->beyond)),
+                      0);
 }
 
 int sg_run_log_eval(sg_run *r)
@@ -208,5 +198,5 @@ int sg_run_log_eval(sg_run *r)
         json_object_set_new(line, "corrected_psnr", sg_number_json(r->eval.corrected_psnr));
         json_object_set_new(line, "corrected_ssim", sg_number_json(r->eval.corrected_ssim));
     }
-    return write_line(r, line);
+    return write_line(r, line, 0);
 }

@@ -37,14 +37,17 @@ int sg_scaffold_fetch(struct scaffold_engine *b)
 int sg_scaffold_device_view(struct scaffold_engine *b, const struct sg_camera *camera,
                             int appearance)
 {
-    struct sg_model m;
-    int code = b->host_newer ? sg_scaffold_wait(b) : SG_OK;
-    if (!code && b->host_newer) {
+    if (b->host_newer) {
+        struct sg_model m;
         const struct sg_columns c = columns_of(b, &m);
-        code = b->device->upload(b->inner, &m, &c);
-        b->host_newer = code != SG_OK;
+        int code = sg_scaffold_wait(b);
+        if (!code)
+            code = b->device->upload(b->inner, &m, &c);
+        if (code)
+            return code;
+        b->host_newer = false;
     }
-    return code ? code : b->device->make_view(b->inner, camera, appearance);
+    return b->device->make_view(b->inner, camera, appearance);
 }
 
 int sg_scaffold_device_pull(struct scaffold_engine *b, bool statistics)

@@ -61,7 +61,6 @@ enum vulkan_stage {
 /* A call of a stage, with its arguments. */
 struct vulkan_call {
     enum vulkan_stage stage;
-    uint64_t view; /* the number of the view that is optimised */
     union {
         struct {
             struct sg_camera camera;
@@ -108,6 +107,7 @@ struct vulkan_flow {
     struct vulkan_step {
         struct vulkan_call calls[VK_CALLS];
         int count;
+        uint64_t view;   /* the number of its view, once that is optimised */
         uint64_t number; /* of the submission at its end; 0: it has not ended */
     } steps[VK_STEPS];   /* the oldest first; the last one may be open */
     int count;

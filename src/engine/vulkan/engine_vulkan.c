@@ -432,12 +432,12 @@ static int run_shape_backward(struct sg_engine *base, const struct sg_shape *sha
 
 static int run_optimise(struct sg_engine *base, const struct sg_update *u)
 {
-    return RUN(base, .stage = STAGE_OPTIMISE, .view = base->views + 1, .update = *u);
+    return RUN(base, .stage = STAGE_OPTIMISE, .update = *u);
 }
 
 static int run_backward_optimise(struct sg_engine *base, const struct sg_update *u)
 {
-    return RUN(base, .stage = STAGE_BACKWARD_OPTIMISE, .view = base->views + 1, .update = *u);
+    return RUN(base, .stage = STAGE_BACKWARD_OPTIMISE, .update = *u);
 }
 
 static int run_explore(struct sg_engine *base, const struct sg_exploration *x)

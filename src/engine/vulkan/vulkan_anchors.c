@@ -371,9 +371,8 @@ static int pull(struct sg_engine *base, bool statistics, float volume)
 
 static int optimise(struct sg_engine *base, const struct sg_update *u)
 {
-    return sg_flow_run(vulkan_of(base), &(struct vulkan_call){.stage = STAGE_ANCHORS_OPTIMISE,
-                                                              .view = base->views + 1,
-                                                              .update = *u});
+    return sg_flow_run(vulkan_of(base),
+                       &(struct vulkan_call){.stage = STAGE_ANCHORS_OPTIMISE, .update = *u});
 }
 
 static int learn(struct sg_engine *base, const struct sg_network_update *u)

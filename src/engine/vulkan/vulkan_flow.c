@@ -207,7 +207,7 @@ static int run_again(struct vulkan_engine *e)
         struct vulkan_step *s = &f->steps[i];
         for (int k = 0; k < s->count && !code; k++)
             if (!(code = perform(e, &s->calls[k])) && optimises(s->calls[k].stage))
-                code = keep_results(e, s->calls[k].view);
+                code = keep_results(e, s->view);
         if (!code && s->number)
             code = end_step(e, s);
     }
@@ -245,8 +245,10 @@ int sg_flow_run(struct vulkan_engine *e, const struct vulkan_call *c)
     if (code || !(s = open_step(&e->flow)))
         return code;
     s->calls[s->count++] = *c;
-    if (optimises(c->stage))
-        code = keep_results(e, c->view);
+    if (optimises(c->stage)) {
+        s->view = e->base.views + 1;
+        code = keep_results(e, s->view);
+    }
     return code || !ends(c->stage) ? code : end_step(e, s);
 }
 

@@ -65,6 +65,15 @@ float anchor_value(Floats anchors, uint i, uint plane)
     return anchors.v[param_at(VK_A_PLANES, i, plane)];
 }
 
+/* The first vector of a network's rows; of network 3: behind the last one. */
+uint first_four(uint network)
+{
+    return network == 0   ? 0
+           : network == 1 ? OPACITY_FOURS
+           : network == 2 ? COVARIANCE_FOURS
+                          : OUTPUT_FOURS;
+}
+
 /* The rows of a vector of the output layer, and their network. */
 struct output_rows
 {

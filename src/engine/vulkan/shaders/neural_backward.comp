@@ -83,14 +83,11 @@ void pull_hidden()
     const uint column = gl_LocalInvocationID.x % (VK_N_ALL / 4);
     const uint first = gl_LocalInvocationID.x / (VK_N_ALL / 4) * EACH;
     const uint network = column / (VK_N_HIDDEN / 4);
-    const uint begin = network == 0 ? 0 : network == 1 ? OPACITY_FOURS : COVARIANCE_FOURS;
-    const uint end = network == 0   ? OPACITY_FOURS
-                     : network == 1 ? COVARIANCE_FOURS
-                                    : OUTPUT_FOURS;
+    const uint end = first_four(network + 1);
     if (first < 16) {
         vec4 sum[EACH];
         [[unroll]] for (uint l = 0; l < EACH; l++) sum[l] = vec4(0.0);
-        for (uint four = begin; four < end; four++) {
+        for (uint four = first_four(network); four < end; four++) {
             vec4 weight[4];
             output_weights(w4, output_four(four), 4 * column % VK_N_HIDDEN, weight);
             [[unroll]] for (uint l = 0; l < EACH; l++)
@@ -207,13 +204,9 @@ weights_tile tile_of(uint id)
     const uint number = t.output_ ? id : id - OUTPUT_TILES, pair = number / across;
     t.column = number % across * 2;
     t.network = pair < COVARIANCE_PAIRS ? 0 : pair < COLOUR_PAIRS ? 1 : 2;
-    t.four = !t.output_ || t.network == 0 ? 2 * pair
-             : t.network == 1             ? OPACITY_FOURS + 2 * (pair - COVARIANCE_PAIRS)
-                                          : COVARIANCE_FOURS + 2 * (pair - COLOUR_PAIRS);
-    t.end = !t.output_       ? HIDDEN
-            : t.network == 0 ? OPACITY_FOURS
-            : t.network == 1 ? COVARIANCE_FOURS
-                             : OUTPUT_FOURS;
+    const uint pairs = t.network == 0 ? 0 : t.network == 1 ? COVARIANCE_PAIRS : COLOUR_PAIRS;
+    t.four = t.output_ ? first_four(t.network) + 2 * (pair - pairs) : 2 * pair;
+    t.end = t.output_ ? first_four(t.network + 1) : HIDDEN;
     return t;
 }
 
