@@ -1,15 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Total variation: the penalty on renders, and the forms that an attack raises, of planes and of
- * bytes. Scalar code; math/ascend.h has the gradient of the forms for kernels, and ref_losses.c
- * the penalty by definition. */
+/* Total variation: the penalty on renders. ref_losses.c has it by definition. */
 #include "total_variation.h"
 
-#include <math.h>
+#include "math/real_f32.h"
+#include "math/total_variation.h"
 
-#include "math/constants.h"
-#include "splatguard/attack.h"
-
-/* ---- the penalty ---- */
+_Static_assert(SG_TV_NORM_L2 == (int) SG_TV_PENALTY_L2 && SG_TV_NORM_L1 == (int) SG_TV_PENALTY_L1 &&
+                   SG_TV_NORM_HUBER == (int) SG_TV_PENALTY_HUBER,
+               "kernels name the penalties so");
 
 struct tv_job {
     const float *planes;
@@ -22,24 +20,14 @@ struct tv_job {
 
 #define LANES 16 /* pixels side by side, so that compilers may vectorise them */
 
-/* d clamped to the edge. Without branches, so that compilers can vectorise the loops. */
-static inline float cut(float d)
-{
-    return 0.5f * (fabsf(d + SG_TV_EDGE) - fabsf(d - SG_TV_EDGE));
-}
-
 static inline float norm_of(float d, enum sg_tv_penalty norm)
 {
-    return norm == SG_TV_PENALTY_L2   ? d * d
-           : norm == SG_TV_PENALTY_L1 ? fabsf(d)
-                                      : cut(d) * (2 * d - cut(d));
+    return tv_norm(d, (int) norm, SG_TV_EDGE);
 }
 
 static inline float slope_of(float d, enum sg_tv_penalty norm)
 {
-    return norm == SG_TV_PENALTY_L2   ? 2 * d
-           : norm == SG_TV_PENALTY_L1 ? (float) ((d > 0) - (d < 0))
-                                      : 2 * cut(d);
+    return tv_slope(d, (int) norm, SG_TV_EDGE);
 }
 
 /* Sum over x of the norm of b - a. */
@@ -124,99 +112,4 @@ double sg_tv_loss(sg_ctx *ctx, const float *planes, int width, int height, enum 
     for (size_t r = 0; r < n; r++)
         sums[0] += rows[2 * r], sums[1] += rows[2 * r + 1];
     return (vertical > 0 ? sums[0] / vertical : 0) + (horizontal > 0 ? sums[1] / horizontal : 0);
-}
-
-/* ---- the forms that an attack raises ---- */
-
-static float sign(float v)
-{
-    return (float) ((v > 0) - (v < 0));
-}
-
-/* The difference to the next column, 0 where there is none. */
-static float across(const float *row, int width, int i)
-{
-    return i + 1 < width ? row[i + 1] - row[i] : 0;
-}
-
-/* 1 / the root of pixel i's term. */
-static float iso_weight(const float *row, const float *below, int width, int i)
-{
-    const float v = below[i] - row[i], h = across(row, width, i);
-    return 1 / sqrtf(v * v + h * h + SG_TV_ISO_FLOOR);
-}
-
-void sg_tv_gradient_row(const float *plane, int width, int height, int y, enum sg_attack_tv form,
-                        float *out)
-{
-    const float *row = plane + (size_t) y * (size_t) width;
-    const float *above = y > 0 ? row - width : row,
-                *below = y + 1 < height ? row + width : row; /* none: no difference */
-    if (form == SG_ATTACK_TV_ISO) {
-        for (int i = 0; i < width; i++) {
-            const float own =
-                -((below[i] - row[i]) + across(row, width, i)) * iso_weight(row, below, width, i);
-            const float up = (row[i] - above[i]) * iso_weight(above, row, width, i);
-            out[i] = own + up +
-                     (i > 0 ? (row[i] - row[i - 1]) * iso_weight(row, below, width, i - 1) : 0);
-        }
-        return;
-    }
-    const float weight = form == SG_ATTACK_TV_VERTICAL2 ? 2 : 1;
-    for (int i = 0; i < width; i++)
-        out[i] = weight * (sign(row[i] - above[i]) + sign(row[i] - below[i]));
-    if (form == SG_ATTACK_TV_ANISO)
-        for (int i = 0; i < width; i++)
-            out[i] += (i > 0 ? sign(row[i] - row[i - 1]) : 0) - sign(across(row, width, i));
-}
-
-struct variation {
-    const float *planes;
-    int width, height;
-    enum sg_attack_tv form;
-    double *rows;
-};
-
-static void variation_row(void *arg, size_t r, int thread)
-{
-    (void) thread;
-    const struct variation *j = arg;
-    const int w = j->width;
-    const float *row = j->planes + r * (size_t) w,
-                *below = (r + 1) % (size_t) j->height ? row + w : row;
-    double sum = 0;
-    for (int i = 0; i < w; i++) {
-        const double v = (double) (below[i] - row[i]), h = (double) across(row, w, i);
-        sum += j->form == SG_ATTACK_TV_VERTICAL2 ? 2 * fabs(v)
-               : j->form == SG_ATTACK_TV_ANISO   ? fabs(v) + fabs(h)
-                                                 : sqrt(v * v + h * h + (double) SG_TV_ISO_FLOOR);
-    }
-    j->rows[r] = sum;
-}
-
-double sg_tv_planes(sg_ctx *ctx, const float *planes, int width, int height, enum sg_attack_tv form,
-                    double *rows)
-{
-    sg_parallel_for(ctx, 3 * (size_t) height, variation_row,
-                    &(struct variation){planes, width, height, form, rows});
-    double sum = 0;
-    for (int r = 0; r < 3 * height; r++)
-        sum += rows[r];
-    return sum;
-}
-
-double sg_total_variation(const uint8_t *rgb, int width, int height, enum sg_attack_tv form)
-{
-    const size_t stride = 3 * (size_t) width;
-    double sum = 0;
-    for (int y = 0; y < height; y++)
-        for (size_t i = 0; i < stride; i++) {
-            const uint8_t *p = rgb + (size_t) y * stride + i;
-            const double v = y + 1 < height ? p[stride] - p[0] : 0,
-                         h = i + 3 < stride ? p[3] - p[0] : 0;
-            sum += form == SG_ATTACK_TV_VERTICAL2 ? 2 * fabs(v)
-                   : form == SG_ATTACK_TV_ANISO   ? fabs(v) + fabs(h)
-                                                  : sqrt(v * v + h * h);
-        }
-    return sum / (double) (stride * (size_t) height);
 }

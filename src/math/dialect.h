@@ -13,6 +13,7 @@
  *   NUM(x)                      a number in the precision of the arithmetic
  *   TO_INT(x), TO_FLOAT(x)      conversions
  *   WORD                        the unsigned type of 32 bits
+ *   PRECISE                     before a variable that is rounded as it is written in every use
  *
  * There are no pointers, casts or static variables, and no names that GLSL reserves. This is the C
  * side; math/real_glsl.h is the other. */
@@ -32,5 +33,6 @@
 #define TO_INT(x) ((int) (x))
 #define TO_FLOAT(x) ((float) (x))
 #define WORD uint32_t
+#define PRECISE
 
 #endif

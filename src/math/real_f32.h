@@ -37,6 +37,10 @@ static inline real r_log1p(real a)
 {
     return log1pf(a);
 }
+static inline real r_abs(real a)
+{
+    return fabsf(a);
+}
 static inline real r_set(scalar a)
 {
     return a;
@@ -55,6 +59,10 @@ static inline real r_max(real a, real b)
 static inline real r_min(real a, real b)
 {
     return a < b ? a : b;
+}
+static inline real r_min_keep(mask m, real a, real b)
+{
+    return m ? r_min(a, b) : 0;
 }
 
 #endif

@@ -23,6 +23,7 @@
 #define TO_INT(x) int(x)
 #define TO_FLOAT(x) float(x)
 #define WORD uint
+#define PRECISE precise
 
 #define r_sel(m, a, b) ((m) ? (a) : (b))
 #define r_sqrt(a) sqrt(a)
@@ -30,11 +31,13 @@
 #define r_exp(a) exp(a)
 #define r_log(a) log(a)
 #define r_log1p(a) log(1.0 + (a)) /* within 1e-6, which is much of a small result */
+#define r_abs(a) abs(a)
 #define r_set(a) float(a)
 #define r_reciprocal(a) (1.0 / (a))
 #define r_lt(a, b) ((a) < (b))
 #define r_le(a, b) ((a) <= (b))
 #define r_and(a, b) ((a) && (b))
+#define r_min_keep(m, a, b) ((m) ? min(a, b) : 0.0) /* where m, neither is NaN */
 
 /* GLSL does not promise which operand max and min return where one is NaN. */
 float r_max(float a, float b)

@@ -21,7 +21,7 @@ compile(kernels -DSG_ISA=neon -O3 -ffp-contract=fast ${kernels})
 compile(fft -DSG_ISA=neon -O3 -ffp-contract=off ${fft})
 compile(library -O2 -ffp-contract=off ${sources} ${SOURCE}/src/model/store.c ${SOURCE}/src/model/init.c ${SOURCE}/src/model/anchors.c
     ${SOURCE}/src/model/nearest.c ${SOURCE}/src/model/columns.c ${SOURCE}/src/model/morton.c ${SOURCE}/src/image/total_variation.c
-    ${SOURCE}/src/image/ssim.c)
+    ${SOURCE}/src/image/variation.c ${SOURCE}/src/image/ssim.c)
 file(GLOB objects ${BUILD}/*/*.o)
 
 # run(SOURCES...): a test program.

@@ -3,7 +3,7 @@
  * sg_ascend in one pass. */
 #include "kernels.h"
 
-#include "math/ascend.h"
+#include "math/total_variation.h"
 
 /* LANES pixels of a row with those to their left and right; at the ends of the row, themselves. */
 struct run {

@@ -2,9 +2,8 @@
 /* One tile, front to back: Kerbl et al. 2023, algorithm 2. */
 #include "tile.h"
 
-/* chain is the product of all (1 - alpha) so far. It never rises, so "the pixel has not stopped" is
- * chain >= SG_T_MIN, and the loop's only dependency from pair to pair is one multiplication. t is
- * its last value before the stop. */
+/* With the chain of math/pair.h the loop's only dependency from pair to pair is one multiplication.
+ * t is its last value before the stop. */
 struct part_state {
     real chain, t, r, g, b, depth;
 };
@@ -55,7 +54,7 @@ SIMD uint64_t draw(const struct cpu_raster_args *a, int tile, bool depth)
         for (int block = 0; block < BLOCKS; block++)
             for (int part = 0; part < PARTS; part++) {
                 struct part_state s = states[block][part];
-                if (!m_any(r_le(r_set(SG_T_MIN), s.chain)))
+                if (!m_any(chain_open(s.chain)))
                     continue;
                 const real px = part_x(part) + (float) (x0 + block % 4 * BLOCK);
                 const real py = part_y(part) + (float) (y0 + block / 4 * BLOCK);
@@ -69,8 +68,8 @@ SIMD uint64_t draw(const struct cpu_raster_args *a, int tile, bool depth)
                     real weight[GROUP];
                     for (int u = 0; u < GROUP; u++) {
                         weight[u] = p.alpha[u] * s.chain;
-                        s.chain = s.chain - s.chain * p.alpha[u];
-                        last[u] = r_le(r_set(SG_T_MIN), s.chain);
+                        s.chain = chain_next(s.chain, p.alpha[u]);
+                        last[u] = chain_open(s.chain);
                         s.t = r_sel(last[u], s.chain, s.t);
                     }
                     for (int u = 0; u < GROUP; u++) {
@@ -86,7 +85,7 @@ SIMD uint64_t draw(const struct cpu_raster_args *a, int tile, bool depth)
                 }
                 pairs += (uint64_t) (i < n ? i : n) * LANES;
                 states[block][part] = s;
-                anyone |= m_any(r_le(r_set(SG_T_MIN), s.chain));
+                anyone |= m_any(chain_open(s.chain));
             }
     }
 

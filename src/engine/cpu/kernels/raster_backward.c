@@ -38,28 +38,21 @@ SIMD real load_part(const struct cpu_raster_args *a, const float *plane, int x0,
 SIMD void store_slot(float *slot, const float *sums, const struct cpu_splat *s, float x, float y)
 {
     const float dx = x - s->x, dy = y - s->y;
-    slot[0] = sums[0];
-    slot[1] = sums[3] + dx * sums[0];
-    slot[2] = sums[1] + dy * sums[0];
-    slot[3] = sums[5] + dx * (sums[3] + slot[1]);
-    slot[4] = sums[4] + dx * sums[1] + dy * slot[1];
-    slot[5] = sums[2] + dy * (sums[1] + slot[2]);
+    moments_move(sums, dx, dy, slot);
     slot[6] = sums[6];
     slot[7] = sums[7];
     slot[8] = sums[8];
 }
 
-/* Adds to the sums of a group's splats those of |w across X| and |w (down^2 dy - shear X)|, where X
- * = across dx - shear dy: half of the gradient of the logarithm to the base 2. */
+/* Adds to the sums of a group's splats those of the absolute slopes. */
 SIMD void add_absolute(const struct pairs *p, const real *w, real px, real py, float (*sums)[SUMS],
                        const uint8_t *list)
 {
     for (int u = 0; u < GROUP; u++) {
         const struct cpu_splat *s = p->splat[u];
-        const real dy = py - s->y, x = s->across * (px - s->x) - s->shear * dy;
-        const real gx = w[u] * (s->across * x), gy = w[u] * (s->down * s->down * dy - s->shear * x);
-        sums[list[u]][9] += r_sum(r_max(gx, -gx));
-        sums[list[u]][10] += r_sum(r_max(gy, -gy));
+        const real dy = py - s->y, along = pair_along(px - s->x, dy, s->across, s->shear);
+        sums[list[u]][9] += r_sum(r_abs(pair_slope_x(w[u], along, s->across)));
+        sums[list[u]][10] += r_sum(r_abs(pair_slope_y(w[u], along, dy, s->shear, s->down)));
     }
 }
 
@@ -101,7 +94,7 @@ SIMD uint64_t backward(const struct cpu_raster_args *a, int tile, const bool abs
         for (int block = 0; block < BLOCKS; block++)
             for (int part = 0; part < PARTS; part++) {
                 struct part_state s = states[block][part];
-                if (!m_any(r_le(r_set(SG_T_MIN), s.chain)))
+                if (!m_any(chain_open(s.chain)))
                     continue;
                 const real px = part_x(part) + (float) (x0 + block % 4 * BLOCK);
                 const real py = part_y(part) + (float) (y0 + block / 4 * BLOCK);
@@ -119,22 +112,21 @@ SIMD uint64_t backward(const struct cpu_raster_args *a, int tile, const bool abs
                     real t[GROUP], weight[GROUP], q[GROUP], behind[GROUP], w[GROUP];
                     for (int u = 0; u < GROUP; u++) {
                         t[u] = s.chain;
-                        s.chain = t[u] - t[u] * p.alpha[u];
-                        last[u] = r_le(r_set(SG_T_MIN), s.chain);
+                        s.chain = chain_next(t[u], p.alpha[u]);
+                        last[u] = chain_open(s.chain);
                     }
                     for (int u = 0; u < GROUP; u++) {
                         const struct cpu_splat *splat = p.splat[u];
                         weight[u] = r_keep(last[u], p.alpha[u] * t[u]);
-                        q[u] = splat->r * s.g[0] + splat->g * s.g[1] + splat->b * s.g[2];
+                        q[u] = pair_light(splat->r, splat->g, splat->b, s.g[0], s.g[1], s.g[2]);
                     }
                     for (int u = 0; u < GROUP; u++) {
                         s.prefix = s.prefix + weight[u] * q[u];
                         behind[u] = s.total - s.prefix;
                     }
-                    for (int u = 0; u < GROUP; u++) {
-                        const real dalpha = t[u] * q[u] - behind[u] * r_reciprocal(1 - p.alpha[u]);
-                        w[u] = r_keep(r_and(last[u], p.drawn[u]), p.raw[u] * dalpha);
-                    }
+                    for (int u = 0; u < GROUP; u++)
+                        w[u] = r_keep(r_and(last[u], p.drawn[u]),
+                                      pair_gradient(p.raw[u], p.alpha[u], t[u], q[u], behind[u]));
                     window_add(&window, w, weight, sums, list + i);
                     if (absolute)
                         add_absolute(&p, w, px, py, sums, list + i);
@@ -144,7 +136,7 @@ SIMD uint64_t backward(const struct cpu_raster_args *a, int tile, const bool abs
                 }
                 pairs += (uint64_t) (i < n ? i : n) * LANES;
                 states[block][part] = s;
-                anyone |= m_any(r_le(r_set(SG_T_MIN), s.chain));
+                anyone |= m_any(chain_open(s.chain));
             }
         for (int i = 0; i < count; i++) {
             float *slot = a->slots + (size_t) a->instances[at + (size_t) i].slot * CPU_SLOT_FLOATS;

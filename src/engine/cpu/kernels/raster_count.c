@@ -8,8 +8,7 @@ SIMD uint64_t tally(const struct cpu_raster_args *a, int tile, enum sg_hit hit)
     const int x0 = tile % a->grid_x * SG_TILE, y0 = tile / a->grid_x * SG_TILE;
     const size_t first = a->tile_start[tile - a->first_tile],
                  end = a->tile_start[tile - a->first_tile + 1];
-    real chains[BLOCKS][PARTS]; /* see raster.c: the product of all (1 - alpha) so far; 0 outside
-                                   the image */
+    real chains[BLOCKS][PARTS]; /* of math/pair.h; 0 outside the image */
     struct batch batch;
     float weights[BATCH + 1];
     int32_t pixels[BATCH + 1];
@@ -34,7 +33,7 @@ SIMD uint64_t tally(const struct cpu_raster_args *a, int tile, enum sg_hit hit)
             for (int block = 0; block < BLOCKS; block++)
                 for (int part = 0; part < PARTS; part++) {
                     real chain = chains[block][part];
-                    if (!m_any(r_le(r_set(SG_T_MIN), chain)))
+                    if (!m_any(chain_open(chain)))
                         continue;
                     const real px = part_x(part) + (float) (x0 + block % 4 * BLOCK);
                     const real py = part_y(part) + (float) (y0 + block / 4 * BLOCK);
@@ -48,8 +47,8 @@ SIMD uint64_t tally(const struct cpu_raster_args *a, int tile, enum sg_hit hit)
                         pairs_eval(&p, &batch, list + i, px, py);
                         for (int u = 0; u < GROUP; u++) {
                             weight[u] = hit == SG_HIT_TRANSMITTANCE ? chain : p.alpha[u] * chain;
-                            chain = chain - chain * p.alpha[u];
-                            open = r_le(r_set(SG_T_MIN), chain);
+                            chain = chain_next(chain, p.alpha[u]);
+                            open = chain_open(chain);
                             blended[u] = r_and(p.drawn[u], open);
                         }
                         for (int u = 0; u < GROUP;
@@ -64,7 +63,7 @@ SIMD uint64_t tally(const struct cpu_raster_args *a, int tile, enum sg_hit hit)
                     }
                     pairs += (uint64_t) (i < n ? i : n) * LANES;
                     chains[block][part] = chain;
-                    anyone |= m_any(r_le(r_set(SG_T_MIN), chain));
+                    anyone |= m_any(chain_open(chain));
                 }
         }
         for (int i = 0; i < count; i++)

@@ -298,6 +298,11 @@ SIMD real r_fma_if(mask m, real a, real b, real c)
 }
 #endif
 
+SIMD real r_abs(real a)
+{
+    return r_max(a, -a);
+}
+
 /* 2^y for -126 <= y < 127: minimax polynomial of degree 4, relative error 2.6e-6. The integer part
  * moves by additions and shifts, which run beside the multiplications; the dedicated AVX-512
  * instructions do not. */

@@ -8,6 +8,7 @@
 
 #include "kernels.h"
 
+#include "math/pair.h"
 #include "math/tiles.h"
 
 #define BATCH 128
@@ -147,8 +148,8 @@ SIMD void batch_list(struct batch *b, const uint16_t *block_mask, int n)
 }
 
 /* GROUP splats of a list against the pixels of a part, a step of all before the next step of any.
- * raw is the opacity before the 0.99 clamp; where a skip test of Kerbl et al. applies, a pixel is
- * not drawn and its alpha is 0. */
+ * raw is the opacity before its bound; where a skip test of Kerbl et al. applies, a pixel is not
+ * drawn and its alpha is 0. */
 struct pairs {
     const struct cpu_splat *splat[GROUP];
     mask drawn[GROUP];
@@ -157,21 +158,19 @@ struct pairs {
 
 SIMD void pairs_eval(struct pairs *p, const struct batch *b, const uint8_t *list, real px, real py)
 {
-    real dx[GROUP], dy[GROUP], power[GROUP], shifted[GROUP], x[GROUP], e[GROUP];
+    real dx[GROUP], dy[GROUP], power[GROUP], shifted[GROUP], x[GROUP], below[GROUP];
 #define EACH for (int u = 0; u < GROUP; u++)
     EACH p->splat[u] = &b->splats[list[u]];
     EACH dx[u] = px - p->splat[u]->x;
     EACH dy[u] = py - p->splat[u]->y;
-    EACH x[u] = p->splat[u]->shear * dy[u];
-    EACH e[u] = p->splat[u]->down * dy[u];
-    EACH x[u] = p->splat[u]->across * dx[u] - x[u];
-    EACH e[u] = p->splat[u]->peak - e[u] * e[u];
-    EACH power[u] = e[u] - x[u] * x[u];
+    EACH x[u] = pair_along(dx[u], dy[u], p->splat[u]->across, p->splat[u]->shear);
+    EACH below[u] = pair_below(dy[u], p->splat[u]->down, p->splat[u]->peak);
+    EACH power[u] = pair_power(x[u], below[u]);
     EACH shifted[u] = r_exp2_split(power[u], &x[u]);
     EACH p->raw[u] =
         r_exp2_join(x[u], shifted[u]); /* lists hold splats whose ellipse is near: no underflow */
-    EACH p->drawn[u] = r_le(r_set(SG_LOG2_ALPHA_MIN), power[u]);
-    EACH p->alpha[u] = r_min_keep(p->drawn[u], p->raw[u], r_set(SG_ALPHA_MAX));
+    EACH p->drawn[u] = pair_drawn(power[u]);
+    EACH p->alpha[u] = pair_alpha(p->drawn[u], p->raw[u]);
 #undef EACH
 }
 

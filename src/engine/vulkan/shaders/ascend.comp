@@ -3,7 +3,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
-#include "math/ascend.h"
+#include "math/total_variation.h"
 
 layout(local_size_x = VK_GROUP) in;
 ARGUMENTS(ascend);

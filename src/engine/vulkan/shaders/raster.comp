@@ -67,14 +67,14 @@ void main()
             const vec2 pixel = vec2(uvec2(x0, y0) + pixel_of(p));
             float c = chain[p];
             /* Without branches: a pair that the pixel does not see adds zeros. */
-            const bool walks = c >= SG_T_MIN && with_part(VK_WITHOUT_PAIRS);
+            const bool walks = chain_open(c) && with_part(VK_WITHOUT_PAIRS);
             for (uint todo = walks ? list : 0; todo != 0;) {
                 const uint k = findLSB(todo);
                 const float alpha = pair_of(k, pixel.x, pixel.y).alpha;
                 const float weight = alpha * c;
                 const vec4 colour_depth = batch_colour[k];
                 c = chain_next(c, alpha);
-                const bool sees = c >= SG_T_MIN;
+                const bool sees = chain_open(c);
                 const float seen = sees ? weight : 0.0;
                 colour[p] += seen * colour_depth.xyz;
                 depth[p] += seen * colour_depth.w;
@@ -82,7 +82,7 @@ void main()
                 todo = sees ? todo & todo - 1 : 0;
             }
             chain[p] = c;
-            open = open || c >= SG_T_MIN;
+            open = open || chain_open(c);
         }
         if (t % LANES == 0)
             rows += bitCount(list);

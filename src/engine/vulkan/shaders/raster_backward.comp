@@ -24,8 +24,7 @@ shared float parts[VK_BLOCKS * ROWS * PARTS][SLOT];
 shared float sums[VK_BLOCKS][VK_BATCH][SLOT];
 shared vec3 pull[256]; /* dL/dimage of block b, pixel q at 32 b + q */
 
-/* Of the row-th instance in the round of a block: the gradient of the logarithm to the base 2 is
- * twice w (across X, down^2 dy - shear X), where X = across dx - shear dy. */
+/* Of the row-th instance in the round of a block, over the 8 pixels of a row. */
 void sum_absolute(uint item, uint k, vec2 corner)
 {
     const uint part = item % PARTS, row = item / PARTS % ROWS, block = item / (PARTS * ROWS);
@@ -36,9 +35,9 @@ void sum_absolute(uint item, uint k, vec2 corner)
         for (uint p = 0; p < 8; p++) {
             const float w = row_w[block][row][8 * part + p];
             const float dx = corner.x + float(block % 2 * 8 + p) - shape.x;
-            const float along = shape.z * dx - shape.w * dy;
-            sx += abs(w * (shape.z * along));
-            sy += abs(w * (down * down * dy - shape.w * along));
+            const float along = pair_along(dx, dy, shape.z, shape.w);
+            sx += abs(pair_slope_x(w, along, shape.z));
+            sy += abs(pair_slope_y(w, along, dy, shape.w, down));
         }
     }
     parts[item][SLOT - 2] = 2.0 * LN2 * sx;
@@ -137,10 +136,11 @@ void main()
                     const uint k = findLSB(todo) & VK_BATCH - 1;
                     const pair o = pair_of(k, pixel.x, pixel.y);
                     const float before = chain[p], next = chain_next(before, o.alpha);
-                    const bool counts = todo != 0 && next >= SG_T_MIN && o.alpha > 0.0;
-                    const float light = dot(batch_colour[k].xyz, g), weight = o.alpha * before;
-                    const float sum = prefix[p] + weight * light;
-                    const float w = o.raw * (before * light - (total[p] - sum) / (1.0 - o.alpha));
+                    const bool counts = todo != 0 && chain_open(next) && o.alpha > 0.0;
+                    const vec4 c = batch_colour[k];
+                    const float light = pair_light(c.r, c.g, c.b, g.r, g.g, g.b);
+                    const float weight = o.alpha * before, sum = prefix[p] + weight * light;
+                    const float w = pair_gradient(o.raw, o.alpha, before, light, total[p] - sum);
                     chain[p] = todo != 0 ? next : before;
                     prefix[p] = counts ? sum : prefix[p];
                     row_w[block][row][q] = counts ? w : 0.0;
@@ -188,17 +188,12 @@ void main()
             const float dx = float(x0) + CENTRE - batch_shape[k].x;
             const float dy = float(y0) + CENTRE - batch_shape[k].y;
             const uint to = a.instances.v[2 * (at + k) + 1] * SLOT;
-            const float wx = s[3] + dx * s[0], wy = s[1] + dy * s[0];
-            a.slots.v[to] = s[0];
-            a.slots.v[to + 1] = wx;
-            a.slots.v[to + 2] = wy;
-            a.slots.v[to + 3] = s[5] + dx * (s[3] + wx);
-            a.slots.v[to + 4] = s[4] + dx * s[1] + dy * wx;
-            a.slots.v[to + 5] = s[2] + dy * (s[1] + wy);
-            a.slots.v[to + 6] = s[6];
-            a.slots.v[to + 7] = s[7];
-            a.slots.v[to + 8] = s[8];
-            for (uint j = VK_SLOT; j < SLOT; j++)
+            const float about[6] = float[6](s[0], s[1], s[2], s[3], s[4], s[5]);
+            float moved[6];
+            moments_move(about, dx, dy, moved);
+            for (uint j = 0; j < 6; j++)
+                a.slots.v[to + j] = moved[j];
+            for (uint j = 6; j < SLOT; j++)
                 a.slots.v[to + j] = s[j];
         }
     }

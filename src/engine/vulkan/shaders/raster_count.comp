@@ -52,11 +52,11 @@ void main()
                 uint todo = list;
                 for (uint row = 0; row < ROWS; row++) {
                     float hit = 0.0;
-                    if (todo != 0 && chain[p] >= SG_T_MIN) {
+                    if (todo != 0 && chain_open(chain[p])) {
                         const pair o = pair_of(findLSB(todo), float(pixel.x), float(pixel.y));
                         const float before = chain[p];
                         chain[p] = chain_next(before, o.alpha);
-                        if (chain[p] >= SG_T_MIN && o.alpha > 0.0)
+                        if (chain_open(chain[p]) && o.alpha > 0.0)
                             hit = a.hit == HIT_WEIGHT          ? o.alpha * before
                                   : a.hit == HIT_TRANSMITTANCE ? before
                                                                : 1.0;
@@ -87,7 +87,7 @@ void main()
         }
         bool open = false;
         [[unroll]] for (uint p = 0; p < PIXELS; p++)
-            open = open || chain[p] >= SG_T_MIN;
+            open = open || chain_open(chain[p]);
         if (open)
             atomicOr(open_pixels, 1);
         barrier(); /* all have told whether they are open */

@@ -3,6 +3,7 @@
  * walks only the instances whose ellipse reaches it. A block belongs to LANES neighbouring
  * invocations with PIXELS pixels each; LANES is the device's subgroup size, at most 32, and no
  * result depends on it: no kernel uses subgroup operations. */
+#include "math/pair.h"
 #include "splat.glsl"
 
 layout(local_size_x_id = 0) in; /* VK_BLOCKS x LANES */
@@ -66,25 +67,16 @@ void batch_mark(uint bits, uint k)
             atomicOr(batch_rows[block], 1u << k);
 }
 
-/* Opacity of a pair before its bound, and the alpha that is drawn: 0 where a skip test of Kerbl et
- * al. applies. Forward and backward pass must round it alike. */
+/* Opacity of a pair before its bound, and the alpha that is drawn. */
 struct pair {
     float raw, alpha;
 };
 pair pair_of(uint k, float px, float py)
 {
-    precise const float dx = px - batch_shape[k].x, dy = py - batch_shape[k].y;
-    precise const float down = batch_light[k].x * dy;
-    precise const float along = batch_shape[k].z * dx - batch_shape[k].w * dy;
-    precise const float power = batch_light[k].y - down * down - along * along;
+    const vec4 shape = batch_shape[k];
+    precise const float dx = px - shape.x, dy = py - shape.y;
+    precise const float below = pair_below(dy, batch_light[k].x, batch_light[k].y);
+    precise const float power = pair_power(pair_along(dx, dy, shape.z, shape.w), below);
     precise const float raw = exp2(power);
-    return pair(raw, power >= SG_LOG2_ALPHA_MIN ? min(raw, SG_ALPHA_MAX) : 0.0);
-}
-
-/* The chain is the product of all (1 - alpha) so far. It never rises, so "the pixel has not
- * stopped" is chain >= SG_T_MIN. */
-float chain_next(float chain, float alpha)
-{
-    precise const float next = chain - chain * alpha;
-    return next;
+    return pair(raw, pair_alpha(pair_drawn(power), raw));
 }

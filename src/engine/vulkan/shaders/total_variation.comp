@@ -5,28 +5,15 @@
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "photo.glsl"
+#include "math/total_variation.h"
 #include "sums.glsl"
 
 layout(local_size_x = VK_GROUP) in;
 ARGUMENTS(total_variation);
 
-/* enum sg_tv_penalty */
-#define NORM_L2 0
-#define NORM_L1 1
-
-float norm_of(float d)
-{
-    const float size = abs(d);
-    if (a.norm == NORM_L1)
-        return size;
-    return a.norm == NORM_L2 || size < a.edge ? d * d : a.edge * (2.0 * size - a.edge);
-}
-
 float slope_of(float d)
 {
-    if (a.norm == NORM_L1)
-        return d > 0.0 ? 1.0 : d < 0.0 ? -1.0 : 0.0;
-    return a.norm == NORM_L2 || abs(d) < a.edge ? 2.0 * d : d > 0.0 ? 2.0 * a.edge : -2.0 * a.edge;
+    return tv_slope(d, int(a.norm), a.edge);
 }
 
 void main()
@@ -40,7 +27,8 @@ void main()
         const float below = a.image.v[y + 1 < a.height ? i + a.width : i] - here;
         const float before = here - a.image.v[x > 0 ? i - 1 : i];
         const float after = a.image.v[x + 1 < a.width ? i + 1 : i] - here;
-        value = a.down * norm_of(below) + a.across * norm_of(after);
+        value = a.down * tv_norm(below, int(a.norm), a.edge) +
+                a.across * tv_norm(after, int(a.norm), a.edge);
         const float g = a.gradient.v[i] +
                         a.weight * (a.down * (slope_of(above) - slope_of(below)) +
                                     a.across * (slope_of(before) - slope_of(after)));
