@@ -50,7 +50,8 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
     o->scene.eval = o->scene.untrained = true;
     for (int ch = 0; ch < 3; ch++)
         o->render.background[ch] = o->scene.white_background ? 1 : 0;
-    o->render.mip_filter |= v->run.train.model == SG_MODEL_MIP;
+    if (v->run.train.model == SG_MODEL_MIP && o->render.mip_kernel == 0)
+        o->render.mip_kernel = v->run.train.mip.kernel;
     int error = sg_model_read_drawable(v->ctx, path, UINT32_MAX, &v->model);
     if (!error)
         error = sg_model_check(v->ctx, v->model, path);

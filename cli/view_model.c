@@ -14,7 +14,7 @@ bool view_model_fits(const struct sg_model *model, const struct sg_render_params
 {
     /* Columns are of variants of 3DGS, which a viewer of 3DGS would draw otherwise. */
     return model && model->count <= VIEW_BROWSER_GAUSSIANS && !model->columns &&
-           !render->mip_filter;
+           render->mip_kernel == 0;
 }
 
 int view_model_write(sg_ctx *ctx, const struct sg_model *model)

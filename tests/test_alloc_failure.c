@@ -190,7 +190,7 @@ static int prune(sg_ctx *ctx)
     p.finetune = 2, p.ratio = 0.3;
     int code = sg_scene_load(ctx, colmap, NULL, &scene);
     if (!code)
-        code = sg_model_init_random(ctx, 60, 1, 1, &model);
+        code = sg_model_init_random(ctx, 60, 1.3f, 1, 1, &model);
     for (int method = SG_PRUNER_LIGHTGAUSSIAN; method <= SG_PRUNER_SPECTRAL && !code; method++) {
         struct sg_model *pruned = NULL;
         p.method = (enum sg_pruner) method;
@@ -230,7 +230,7 @@ static int attack(sg_ctx *ctx)
     p.iterations = 6, p.inner = 2, p.densification_interval = 3, p.spectral_weight = 1;
     int code = sg_scene_load(ctx, blender, NULL, &scene);
     if (!code)
-        code = sg_model_init_random(ctx, 50, 1, 1, &proxy);
+        code = sg_model_init_random(ctx, 50, 1.3f, 1, 1, &proxy);
     if (!code)
         code = sg_attack_create(ctx, scene, proxy, &p, &a);
     for (int i = 0; i < 4 && !code; i++)
@@ -326,7 +326,7 @@ static int convert(sg_ctx *ctx)
 {
     static const char *const endings[] = {"ply", "compressed.ply", "splat", "spz", "sog", "glb"};
     struct sg_model *model = NULL, *part = NULL;
-    int code = sg_model_init_random(ctx, 60, 1, 1, &model);
+    int code = sg_model_init_random(ctx, 60, 1.3f, 1, 1, &model);
     if (!code)
         code = sg_model_sort(ctx, model, &part);
     sg_model_destroy(&model);
@@ -407,7 +407,7 @@ static void test_json(void **state)
     sg_ctx *ctx = make_context(1);
     (void) state;
     assert_int_equal(sg_scene_load(ctx, colmap, NULL, &json_scene), SG_OK);
-    assert_int_equal(sg_model_init_random(ctx, 5, 1, 1, &json_model), SG_OK);
+    assert_int_equal(sg_model_init_random(ctx, 5, 1.3f, 1, 1, &json_model), SG_OK);
     fail_each_of_json(write_cameras);
     fail_each_of_json(write_glb);
     sg_model_destroy(&json_model);

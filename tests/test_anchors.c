@@ -139,6 +139,7 @@ static struct growing make_growing(sg_ctx *ctx, size_t n)
                               .gradient = 0.0002f,
                               .drawn = 40,
                               .drop = 0, /* none is left out */
+                              .log_size_max = 0.05f,
                               .limit = SIZE_MAX}};
     assert_int_equal(sg_model_create(ctx, n, 0, &g.m), SG_OK);
     assert_int_equal(sg_anchors_add(ctx, g.m, 0), SG_OK);
@@ -285,6 +286,10 @@ static void test_drop(void **state)
     assert_int_equal(rows->count, again->count);
     assert_memory_equal(rows->params, again->params,
                         rows->capacity * (size_t) sg_param_count(0) * sizeof(float));
+    sg_model_destroy(&again);
+    g.p.log_size_max = -9; /* of a cell it is -6.2 */
+    again = grow(ctx, &g, &bound);
+    assert_true(*anchor_at(rows, 0, SG_A_SIZE) > -7 && *anchor_at(again, 0, SG_A_SIZE) == -9);
     sg_model_destroy(&again);
     g.p.stream = 1;
     again = grow(ctx, &g, &bound);

@@ -48,7 +48,7 @@ static struct ref_image image = {WIDTH, HEIGHT, rgb, transmittance, depth, last}
 
 static struct pinhole view_of(const struct setup *s)
 {
-    return s->mip ? view_make_mip(&s->camera) : view_make(&s->camera);
+    return view_make_mip(&s->camera, s->mip ? 0.1f : 0);
 }
 
 /* Loss; with backward, the splats hold their gradients afterwards. Counts the blended pairs in

@@ -5,6 +5,8 @@
 #include "train/trainer.h"
 #include "training.h"
 
+static const struct sg_mcmc_params released = {SG_MCMC_DEFAULTS};
+
 /* Values of the double sum of the paper. */
 static void test_share(void **state)
 {
@@ -23,13 +25,17 @@ static void test_share(void **state)
                  {0.999, 70, 0.12903641, 0.584918253}}; /* more count as 50 */
     for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
         double scale;
-        const double own = sg_mcmc_share(cases[i].opacity, cases[i].count, &scale);
+        const double own = sg_mcmc_share(&released, cases[i].opacity, cases[i].count, &scale);
         if (fabs(own - cases[i].own) > 1e-8 || fabs(scale - cases[i].scale) > 1e-8)
             fail_msg("%g, %u: found %.9g and %.9g", cases[i].opacity, cases[i].count, own, scale);
     }
-    double scale;
-    assert_true(sg_mcmc_share(0.006, 50, &scale) == (double) 0.005f); /* never dead */
-    assert_true(sg_mcmc_share(1, 1, &scale) < 1 && scale > 0.9);
+    double scale, least;
+    const struct sg_mcmc_params other = {.dead = 0.25f, .copies = 2};
+    assert_true(fabs(sg_mcmc_share(&other, 0.9, 7, &scale) - cases[2].own) < 1e-8);
+    assert_true(fabs(scale - cases[2].scale) < 1e-8);
+    assert_true(sg_mcmc_share(&other, 0.3, 2, &least) == 0.25);
+    assert_true(sg_mcmc_share(&released, 0.006, 50, &scale) == (double) 0.005f); /* never dead */
+    assert_true(sg_mcmc_share(&released, 1, 1, &scale) < 1 && scale > 0.9);
 }
 
 /* N coincident copies look in their centre as the one did, and so does the integral along a line
@@ -41,7 +47,7 @@ static void test_share_conserves(void **state)
     static const unsigned count[] = {2, 2, 5, 10};
     for (int i = 0; i < 4; i++) {
         double scale, before = 0, after = 0;
-        const double own = sg_mcmc_share(opacity[i], count[i], &scale);
+        const double own = sg_mcmc_share(&released, opacity[i], count[i], &scale);
         for (int x = -4000; x <= 4000; x++) {
             const double d = x * 0.002;
             before += opacity[i] * exp(-d * d / 2);
@@ -204,17 +210,20 @@ static void test_growth(void **state)
     }
 }
 
-/* Points begin at half the opacity and a tenth of the size. */
+/* Points begin at half the opacity and a tenth of the size, or as the parameters say. */
 static void test_begin(void **state)
 {
     (void) state;
     struct fixture f = make_fixture(1);
     struct sg_train_params p = mcmc_params();
-    struct sg_model *m[2];
+    struct sg_model *m[3];
     p.init_points = 50;
-    for (int mcmc = 0; mcmc < 2; mcmc++) {
+    f.scene.format = SG_FORMAT_BLENDER; /* the same cube for both */
+    for (int mcmc = 0; mcmc < 3; mcmc++) {
         sg_trainer *t;
         p.strategy = mcmc ? SG_STRATEGY_MCMC : SG_STRATEGY_DEFAULT;
+        if (mcmc == 2)
+            p.mcmc.init_opacity = 0.2f, p.mcmc.init_scale = 3;
         f.scene.train = f.views;
         assert_int_equal(sg_trainer_create(f.ctx, &f.scene, NULL, &p, &t), SG_OK);
         assert_int_equal(sg_trainer_model(t, &m[mcmc]), SG_OK);
@@ -225,9 +234,56 @@ static void test_begin(void **state)
         assert_true(fabsf(*sg_model_at(m[0], i, SG_P_SCALE) + logf(0.1f) -
                           *sg_model_at(m[1], i, SG_P_SCALE)) < 1e-6f);
         assert_true(*sg_model_at(m[1], i, SG_P_XYZ) == *sg_model_at(m[0], i, SG_P_XYZ));
+        assert_true(fabsf(*sg_model_at(m[2], i, SG_P_OPACITY) + logf(4)) < 1e-6f);
+        assert_true(fabsf(*sg_model_at(m[0], i, SG_P_SCALE) + logf(3) -
+                          *sg_model_at(m[2], i, SG_P_SCALE)) < 1e-6f);
     }
-    sg_model_destroy(&m[0]);
-    sg_model_destroy(&m[1]);
+    for (int k = 0; k < 3; k++)
+        sg_model_destroy(&m[k]);
+    clear_fixture(&f);
+}
+
+/* Where positions begin: the farthest coordinate of a run of these parameters. */
+static float farthest(struct fixture *f, const struct sg_train_params *p)
+{
+    struct sg_model *m;
+    sg_trainer *t;
+    float most = 0;
+    assert_int_equal(sg_trainer_create(f->ctx, &f->scene, NULL, p, &t), SG_OK);
+    assert_int_equal(sg_trainer_model(t, &m), SG_OK);
+    for (size_t i = 0; i < m->count; i++)
+        for (int k = 0; k < 3; k++)
+            most = fmaxf(most, fabsf(*sg_model_at(m, i, SG_P_XYZ + k)));
+    sg_model_destroy(&m);
+    sg_trainer_destroy(&t);
+    return most;
+}
+
+/* Random points fill the cube of NeRF-Synthetic, elsewhere 3 extents to each side or as many as
+ * the parameters say, also in place of the scene's points. */
+static void test_random_points(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(1);
+    struct sg_train_params p = mcmc_params();
+    float points[3 * 5] = {0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0.5f, 0.5f, 0.5f};
+    uint8_t colours[3 * 5] = {0};
+    p.init_points = 2000;
+    f.scene.train = f.views;
+    f.scene.extent = 0.2;
+    f.scene.format = SG_FORMAT_BLENDER;
+    assert_in_range(1000 * farthest(&f, &p), 1295, 1300);
+    f.scene.format = SG_FORMAT_COLMAP;
+    assert_in_range(1000 * farthest(&f, &p), 597, 600);
+    f.scene.points = points, f.scene.point_colors = colours, f.scene.n_points = 5;
+    assert_true(farthest(&f, &p) == 1);
+    p.random_points = true;
+    assert_in_range(1000 * farthest(&f, &p), 597, 600);
+    p.random_extent = 7;
+    assert_in_range(1000 * farthest(&f, &p), 1394, 1400);
+    p.strategy = SG_STRATEGY_DEFAULT, p.random_extent = 0;
+    assert_in_range(1000 * farthest(&f, &p), 1295, 1300);
+    f.scene.points = NULL, f.scene.point_colors = NULL, f.scene.n_points = 0;
     clear_fixture(&f);
 }
 
@@ -251,7 +307,7 @@ int main(void)
         cmocka_unit_test(test_share),        cmocka_unit_test(test_share_conserves),
         cmocka_unit_test(test_regularisers), cmocka_unit_test(test_order),
         cmocka_unit_test(test_growth),       cmocka_unit_test(test_begin),
-        cmocka_unit_test(test_defense),
+        cmocka_unit_test(test_defense),      cmocka_unit_test(test_random_points),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -145,6 +145,8 @@ static void test_schedule(void **state)
             count++;
         }
     assert_int_equal(count, 148);
+    p.mip.interval = 5000;
+    assert_true(sg_renews_filter(&p, 19999, 20000) && !sg_renews_filter(&p, 24999, 25000));
     p.model = SG_MODEL_3DGS;
     assert_false(sg_renews_filter(&p, 15099, 15100));
 }
@@ -172,7 +174,7 @@ static void test_model(void **state)
     assert_int_equal(sg_render(r, &f.views[0].camera, rgb[0], NULL, NULL, NULL), SG_OK);
     sg_renderer_destroy(&r);
     assert_int_equal(sg_trainer_model(t, &m), SG_OK);
-    const struct sg_render_params params = {SG_RENDER_DEFAULTS, .mip_filter = true};
+    const struct sg_render_params params = {SG_RENDER_DEFAULTS, .mip_kernel = 0.1f};
     assert_int_equal(sg_renderer_create(f.ctx, NULL, NULL, m, &params, &r), SG_OK);
     assert_int_equal(sg_render(r, &f.views[0].camera, rgb[1], NULL, NULL, NULL), SG_OK);
     for (size_t i = 0; i < 3 * SIDE * SIDE; i++)

@@ -147,9 +147,9 @@ static void test_init_random(void **state)
 {
     struct fixture *f = *state;
     struct sg_model *a, *b, *other;
-    assert_int_equal(sg_model_init_random(f->ctx, 5000, 3, 3, &a), SG_OK);
-    assert_int_equal(sg_model_init_random(f->ctx, 5000, 3, 3, &b), SG_OK);
-    assert_int_equal(sg_model_init_random(f->ctx, 5000, 4, 3, &other), SG_OK);
+    assert_int_equal(sg_model_init_random(f->ctx, 5000, 1.3f, 3, 3, &a), SG_OK);
+    assert_int_equal(sg_model_init_random(f->ctx, 5000, 1.3f, 3, 3, &b), SG_OK);
+    assert_int_equal(sg_model_init_random(f->ctx, 5000, 1.3f, 4, 3, &other), SG_OK);
     const size_t bytes = a->capacity * (size_t) sg_param_count(3) * sizeof(float);
     assert_memory_equal(a->params, b->params, bytes);
     assert_memory_not_equal(a->params, other->params, bytes);

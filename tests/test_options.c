@@ -275,7 +275,7 @@ static void test_identity(void **state)
         /* where and how long it runs, and limits, which the run says when they bind */
         "iterations|engine|cpu|max-gaussians|max-time|max-instances|at-limit|"
         /* what has no effect after the beginning, or on the training */
-        "init-points|keep-filter|"
+        "init-points|random-points|random-extent|keep-filter|"
         /* what the checkpoint has in fields and sections of its own */
         "seed|sh-degree|strategy";
     int checked = 0;
@@ -285,6 +285,8 @@ static void test_identity(void **state)
             p.strategy = SG_STRATEGY_MCMC;
         if (!strncmp(o->field, "scaffold.", 9) || strstr(o->help, "With --model scaffold"))
             p.model = SG_MODEL_SCAFFOLD;
+        if (!strncmp(o->field, "mip.", 4))
+            p.model = SG_MODEL_MIP;
         p.exposure = !strncmp(o->field, "exposure_", 9);
         p.scaffold.bank = !strncmp(o->field, "scaffold.bank_", 14);
         p.scaffold.appearance = !strncmp(o->field, "scaffold.appearance_", 20);

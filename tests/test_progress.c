@@ -137,7 +137,7 @@ static int attack(sg_ctx *ctx)
     p.victim_tolerance = 2;
     int code = sg_scene_load(ctx, colmap, NULL, &scene);
     if (!code)
-        code = sg_model_init_random(ctx, 50, 1, 1, &proxy);
+        code = sg_model_init_random(ctx, 50, 1.3f, 1, 1, &proxy);
     if (!code)
         code = sg_attack_create(ctx, scene, proxy, &p, &a);
     while (!code && sg_attack_iteration(a) < p.iterations)

@@ -87,7 +87,7 @@ static struct sg_model *train(sg_ctx *ctx, const struct sg_scene *scene, int ite
     p.max_gaussians = 900;
     static const float tolerances[VIEWS] = {[4] = 6, [7] = 6};
     p.tolerances = tolerances, p.tolerance_look = 12; /* which reads both photos once more */
-    assert_int_equal(sg_model_init_random(ctx, 300, 7, 1, &start), SG_OK);
+    assert_int_equal(sg_model_init_random(ctx, 300, 1.3f, 7, 1, &start), SG_OK);
     assert_int_equal(sg_trainer_create(ctx, scene, start, &p, &t), SG_OK);
     sg_model_destroy(&start);
     for (int i = 0; i < iterations; i++)
@@ -208,7 +208,7 @@ static void test_users(void **state)
         struct sg_eval eval;
         struct sg_attack_params p = sg_attack_params_default();
         p.iterations = 4, p.inner = 2, p.texture = 3;
-        assert_int_equal(sg_model_init_random(ctx, 200, 1, 1, &proxy), SG_OK);
+        assert_int_equal(sg_model_init_random(ctx, 200, 1.3f, 1, 1, &proxy), SG_OK);
         assert_int_equal(sg_attack_create(ctx, scene, proxy, &p, &a), SG_OK);
         for (int k = 0; k < 4; k++)
             assert_int_equal(sg_attack_step(a, NULL), SG_OK);

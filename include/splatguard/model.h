@@ -86,10 +86,10 @@ SG_API int sg_model_set_array(sg_ctx *ctx, struct sg_model *model, const char *f
 SG_API int sg_model_init_points(sg_ctx *ctx, const float *xyz, const uint8_t *rgb, size_t n,
                                 int sh_degree, struct sg_model **out);
 
-/* Initial Gaussians at n >= 4 grey points drawn uniformly from [-1.3, 1.3]^3, as the reference does
- * for scenes without points. Errors and ownership as above. */
-SG_API int sg_model_init_random(sg_ctx *ctx, size_t n, uint64_t seed, int sh_degree,
-                                struct sg_model **out);
+/* Initial Gaussians at n >= 4 grey points drawn uniformly from the cube about the origin with this
+ * half side, as the reference does for NeRF-Synthetic, with 1.3. Errors and ownership as above. */
+SG_API int sg_model_init_random(sg_ctx *ctx, size_t n, float half_side, uint64_t seed,
+                                int sh_degree, struct sg_model **out);
 
 /* Reads a 3DGS PLY: binary or ASCII, any property order, SH degree 0..3 (all of it active). The
  * file is read in pieces that take less than a megabyte beside the model. Values that are not

@@ -16,10 +16,10 @@ struct sg_render_params {
     float background[3]; /* 0..1. Default black. */
     /* Keep every tile of the 3-sigma square, as the reference does. Default false. */
     bool reference_tiles;
-    /* The 2D filter of Mip-Splatting (Yu et al. 2024): each Gaussian is widened by a variance of
-     * 0.1 pixels instead of 0.3, and its opacity makes up for that. For models that were trained
-     * with it. Default false. */
-    bool mip_filter;
+    /* The 2D filter of Mip-Splatting (Yu et al. 2024): each Gaussian is widened by this variance,
+     * in squared pixels, instead of 0.3, and its opacity makes up for that. For models that were
+     * trained with it, usually 0.1. 0..100, 0 = no such filter. Default 0. */
+    float mip_kernel;
     /* Of models of anchors that learned the appearances of photos: the photo, from 0, whose
      * appearance renders have. SG_APPEARANCE_INDEX: view i of a list has that of photo i, as in the
      * released code of Scaffold-GS (see sg_renderer_set_index). SG_APPEARANCE_MEAN: the mean of

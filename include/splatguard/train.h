@@ -55,11 +55,37 @@ struct sg_mcmc_params {
     float opacity_reg; /* weight of the mean opacity in the loss, 0..1e3. Default 0.01. */
     float scale_reg;   /* weight of the mean scale in the loss, 0..1e3. Default 0.01. */
     float noise_lr;    /* of positions, in learning rates of positions, 0..1e9. Default 5e5. */
+    /* Opacity up to which a Gaussian is dead, 0..0.5, and what a copy has at least. The noise on
+     * positions is multiplied by 1 / (1 + exp(noise_gate (opacity - dead))); noise_gate: 0..1e6.
+     * Default 0.005 and 100. */
+    float dead, noise_gate;
+    int copies; /* a Gaussian shares its opacity among at most so many, 1..1000. Default 50. */
+    /* What points begin with: opacity, 0.001..0.999, and scale in distances to their neighbours,
+     * 1e-6..1e3. Default 0.5 and 0.1. */
+    float init_opacity, init_scale;
 };
 
 #define SG_MCMC_DEFAULTS                                                                           \
     .cap_max = 1000000, .growth = 1.05, .until = 25000, .opacity_reg = 0.01f, .scale_reg = 0.01f,  \
-    .noise_lr = 5e5f
+    .noise_lr = 5e5f, .dead = 0.005f, .noise_gate = 100, .copies = 50, .init_opacity = 0.5f,       \
+    .init_scale = 0.1f
+
+/* Of SG_MODEL_MIP. */
+struct sg_mip_params {
+    float kernel; /* variance of the 2D filter, squared pixels, 1e-3..100. Default 0.1. */
+    /* The 3D filter of a Gaussian has this variance, in squared pixels of the camera that sees it
+     * from nearest. 0..100. Default 0.2. */
+    double variance;
+    /* A camera also sees what is beyond its image by at most this share of the sides. 0..10.
+     * Default 0.15. */
+    double margin;
+    /* Iterations between two computations of the 3D filter once nothing densifies any more, and
+     * from the last one to the end. Before, each densification computes it. 1..10 million. Default
+     * 100. */
+    int interval;
+};
+
+#define SG_MIP_DEFAULTS .kernel = 0.1f, .variance = 0.2, .margin = 0.15, .interval = 100
 
 /* Of SG_MODEL_SCAFFOLD. Rates that have two values fall from the first to the last as those of
  * positions do, over position_lr_max_steps. Growth is as often as densification_interval says and
@@ -73,6 +99,12 @@ struct sg_scaffold_params {
      * many times finer each is than the one before, 2..64. Half of that, rounded down, is how many
      * times higher its threshold is. Below one voxel there is none. Default 3, 16, 4. */
     int grids, cells, finer;
+    /* Of the Gaussians that would grow, this share is left out by chance on the coarsest grid; its
+     * square on the next, and so on. 0..1. Default 0.5. */
+    float drop;
+    /* After growth the logarithm of the factor of an anchor's Gaussians' scales is at most this,
+     * -100..100. Default 0.05. */
+    float log_size_max;
     int from; /* growth after this iteration, 0..1e9. Default 1500. */
     /* Anchors that were seen in more than this share of the iterations between two growths are
      * removed if the sum of their Gaussians' opacities has a mean below min_opacity. Gaussians
@@ -98,12 +130,13 @@ struct sg_scaffold_params {
 };
 
 #define SG_SCAFFOLD_DEFAULTS                                                                       \
-    .voxel = 0.001f, .every = 1, .grids = 3, .cells = 16, .finer = 4, .from = 1500, .seen = 0.8f,  \
-    .min_opacity = 0.005f, .volume = 0.01f, .offset_lr_init = 0.01f, .offset_lr_final = 1e-4f,     \
-    .feature_lr = 0.0075f, .scaling_lr = 0.007f, .opacity_lr_init = 0.002f,                        \
-    .opacity_lr_final = 2e-5f, .covariance_lr_init = 0.004f, .covariance_lr_final = 0.004f,        \
-    .colour_lr_init = 0.008f, .colour_lr_final = 5e-5f, .bank_lr_init = 0.01f,                     \
-    .bank_lr_final = 1e-5f, .appearance_lr_init = 0.05f, .appearance_lr_final = 5e-4f
+    .voxel = 0.001f, .every = 1, .grids = 3, .cells = 16, .finer = 4, .drop = 0.5f,                \
+    .log_size_max = 0.05f, .from = 1500, .seen = 0.8f, .min_opacity = 0.005f, .volume = 0.01f,     \
+    .offset_lr_init = 0.01f, .offset_lr_final = 1e-4f, .feature_lr = 0.0075f,                      \
+    .scaling_lr = 0.007f, .opacity_lr_init = 0.002f, .opacity_lr_final = 2e-5f,                    \
+    .covariance_lr_init = 0.004f, .covariance_lr_final = 0.004f, .colour_lr_init = 0.008f,         \
+    .colour_lr_final = 5e-5f, .bank_lr_init = 0.01f, .bank_lr_final = 1e-5f,                       \
+    .appearance_lr_init = 0.05f, .appearance_lr_final = 5e-4f
 
 /* Defaults are those of the reference (Kerbl et al. 2023, the 2023 release). Ranges that are not
  * given below: learning rates and percent_dense 0..1e3 (those of positions from 1e-12),
@@ -171,8 +204,14 @@ struct sg_train_params {
     int opacity_reset_interval;      /* Default 3000. */
     enum sg_train_strategy strategy; /* Default SG_STRATEGY_DEFAULT. */
     struct sg_mcmc_params mcmc;
+    struct sg_mip_params mip;
     struct sg_scaffold_params scaffold;
-    uint64_t init_points; /* random points when the scene has none, 4..1e8. Default 100000. */
+    uint64_t init_points; /* random points where the scene has none, 4..1e8. Default 100000. */
+    bool random_points;   /* begin with random points although the scene has some. Default false. */
+    /* Half of the side of the cube of random points, in scene extents, 0..1000. 0: 1.3 scene units,
+     * as for NeRF-Synthetic; with SG_STRATEGY_MCMC and a scene of another layout 3 extents. Default
+     * 0. */
+    float random_extent;
     /* Budgets; 0 = none. If the context limits memory, the trainer also keeps within that. */
     uint64_t max_gaussians;    /* at least 4. Default 0. */
     enum sg_at_limit at_limit; /* Default SG_AT_LIMIT_SCORE. */
@@ -200,8 +239,8 @@ struct sg_train_params {
     .opacity_lr = 0.05f, .scaling_lr = 0.005f, .rotation_lr = 0.001f, .percent_dense = 0.01f,      \
     .densification_interval = 100, .densify_from_iter = 500, .densify_until_iter = 15000,          \
     .densify_grad_threshold = 0.0002f, .opacity_reset_interval = 3000, .init_points = 100000,      \
-    .mcmc = {SG_MCMC_DEFAULTS}, .scaffold = {SG_SCAFFOLD_DEFAULTS}, .max_instances = 1u << 24,     \
-    .defense = {SG_DEFENSE_DEFAULTS}, .engine = "auto"
+    .mcmc = {SG_MCMC_DEFAULTS}, .mip = {SG_MIP_DEFAULTS}, .scaffold = {SG_SCAFFOLD_DEFAULTS},      \
+    .max_instances = 1u << 24, .defense = {SG_DEFENSE_DEFAULTS}, .engine = "auto"
 SG_API struct sg_train_params sg_train_params_default(void);
 
 /* Values of `tolerance` in struct sg_run_params. AUTO: the audit's estimate for each photo. PRESET:
@@ -304,7 +343,7 @@ SG_API void sg_trainer_times(const sg_trainer *trainer, struct sg_train_times *o
 SG_API const char *sg_trainer_variant(const sg_trainer *trainer);
 
 /* Copies the current model; the caller owns *out. With SG_MODEL_MIP the 3D filter is in its scales
- * and opacities, unless keep_filter; it is to be drawn with sg_render_params.mip_filter. With
+ * and opacities, unless keep_filter; it is to be drawn with sg_render_params.mip_kernel. With
  * SG_MODEL_SCAFFOLD it is one of anchors, see sg_model_read_drawable. */
 SG_API int sg_trainer_model(sg_trainer *trainer, struct sg_model **out);
 

@@ -279,12 +279,13 @@ int sg_engine_explore(struct sg_engine *e, const struct sg_exploration *x)
     return leave(e, e->ops->explore(e, x), IMAGE, 0);
 }
 
-int sg_engine_filter(struct sg_engine *e, const struct sg_camera *const *cameras, size_t n)
+int sg_engine_filter(struct sg_engine *e, const struct sg_camera *const *cameras, size_t n,
+                     const struct sg_mip_filter *filter)
 {
     if (!e->ops->filter)
         return lacks(e, "filter");
     const int code = finish(e);
-    return code ? code : leave(e, e->ops->filter(e, cameras, n), IMAGE, 0);
+    return code ? code : leave(e, e->ops->filter(e, cameras, n, filter), IMAGE, 0);
 }
 
 int sg_engine_settle(struct sg_engine *e, const struct sg_settling *s)
@@ -404,11 +405,11 @@ static void clear_step(struct sg_step *step)
 
 static int check_filter(const struct sg_engine *e, const struct sg_render_params *params)
 {
-    if (e->statistic == SG_GRADIENT_MIP && !params->mip_filter)
+    if (e->statistic == SG_GRADIENT_MIP && !params->mip_kernel)
         return sg_fail(e->ctx, SG_ERR_USAGE,
                        "render: found no 2D filter, expected that of Mip-Splatting, which the "
                        "statistic needs");
-    return !params->mip_filter || e->ops->mip_filter
+    return !params->mip_kernel || e->ops->mip_kernel
                ? SG_OK
                : sg_fail(e->ctx, SG_ERR_USAGE,
                          "render: found the 2D filter of Mip-Splatting, which engine %s does not "

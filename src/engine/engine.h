@@ -106,7 +106,7 @@ enum sg_gradient_statistic {
     SG_GRADIENT_NORM,
     SG_GRADIENT_ABSOLUTE,
     /* The norm, and beside it the sums of absolute gradients along x and y, added. Only for views
-     * with mip_filter. */
+     * with mip_kernel. */
     SG_GRADIENT_MIP
 };
 /* From the next raster_backward on; SG_GRADIENT_NORM by default. SG_ERR_USAGE for an engine that
@@ -155,10 +155,10 @@ struct sg_relocation {
 int sg_engine_relocate(struct sg_engine *e, const struct sg_relocation *relocation);
 
 /* Noise on the positions that explores where a Gaussian is nearly transparent (Kheradmand et al.
- * 2024): position += amount / (1 + exp(100 (opacity - 0.005))) covariance n, with n normal (seed,
+ * 2024): position += amount / (1 + exp(gate (opacity - dead))) covariance n, with n normal (seed,
  * SG_RNG_EXPLORE, stream, 3 index + axis). */
 struct sg_exploration {
-    float amount;
+    float amount, gate, dead;
     uint64_t seed, stream;
 };
 /* SG_ERR_USAGE for an engine that has no such operation. */
@@ -167,7 +167,11 @@ int sg_engine_explore(struct sg_engine *e, const struct sg_exploration *explorat
 /* The 3D filter of Mip-Splatting (Yu et al. 2024, section 5.1), in SG_C_FILTER: no Gaussian is
  * drawn with details that none of these cameras could see. SG_ERR_USAGE for an engine that has
  * none. */
-int sg_engine_filter(struct sg_engine *e, const struct sg_camera *const *cameras, size_t n);
+struct sg_mip_filter {
+    double variance, margin; /* of struct sg_mip_params */
+};
+int sg_engine_filter(struct sg_engine *e, const struct sg_camera *const *cameras, size_t n,
+                     const struct sg_mip_filter *filter);
 
 /* Of a model of anchors (Scaffold-GS, Lu et al. 2024), after its growth: statistics of Gaussians
  * that were drawn in more than `drawn` views begin anew, and those of anchors that were seen in

@@ -85,7 +85,7 @@ struct sg_engine_ops {
     const char *name;
     bool absolute;   /* it counts SG_GRADIENT_ABSOLUTE */
     bool exposure;   /* its photometric loss knows exposures */
-    bool mip_filter; /* of struct sg_render_params */
+    bool mip_kernel; /* of struct sg_render_params */
     void (*destroy)(struct sg_engine *);
     const char *(*variant)(const struct sg_engine *);
 
@@ -105,7 +105,8 @@ struct sg_engine_ops {
     /* Optional: there are no such operations. */
     int (*count_radii)(struct sg_engine *);
     int (*relocate)(struct sg_engine *, const struct sg_relocation *);
-    int (*filter)(struct sg_engine *, const struct sg_camera *const *, size_t n);
+    int (*filter)(struct sg_engine *, const struct sg_camera *const *, size_t n,
+                  const struct sg_mip_filter *);
     int (*explore)(struct sg_engine *, const struct sg_exploration *);
     int (*settle)(struct sg_engine *, const struct sg_settling *);
     int (*learn_networks)(struct sg_engine *, const struct sg_network_update *);

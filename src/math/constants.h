@@ -10,8 +10,7 @@
 #define SG_T_MIN 1e-4f    /* transmittance at which a pixel stops */
 #define SG_Z_MIN 0.2f     /* cull in front of it */
 #define SG_BLUR 0.3f      /* added to the diagonal of the 2D covariance, pixels squared */
-#define SG_MIP_BLUR 0.1f  /* the same of Mip-Splatting (Yu et al. 2024), with compensation */
-#define SG_MIP_LEAST 1e-6 /* in its formulas, as the released code has it */
+#define SG_MIP_LEAST 1e-6 /* in the formulas of Mip-Splatting, as the released code has it */
 #define SG_MIP_CAMERA 18  /* numbers of a camera for its 3D filter */
 #define SG_GUARD 1.3f     /* tangent clamp, in half fields of view */
 

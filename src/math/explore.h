@@ -18,10 +18,10 @@ SG_FN void rotation_of(IN_ARRAY(real, rot, 4), OUT_ARRAY(real, R, 9))
 }
 
 /* How much of the noise a Gaussian gets: little where it is opaque; 0 where that moves nothing. */
-SG_FN real explore_gate(real logit)
+SG_FN real explore_gate(real logit, real steepness, real dead)
 {
     const real opacity = NUM(1) / (NUM(1) + r_exp(-logit));
-    const real gate = NUM(1) / (NUM(1) + r_exp(NUM(100) * (opacity - NUM(SG_PRUNE_OPACITY))));
+    const real gate = NUM(1) / (NUM(1) + r_exp(steepness * (opacity - dead)));
     return gate > NUM(1e-12) ? gate : NUM(0);
 }
 

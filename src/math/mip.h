@@ -70,11 +70,11 @@ SG_FN real mip_limited(real logit, real drawn_logit, real limit)
 
 #define MIP_UNSEEN 3e38f /* the depth of what no camera sees */
 
-/* Depth of a position in a camera that sees it, also somewhat beyond its image's edges; else 0. In
- * the order of operations of the released code. c: R by rows, t, fx, fy, cx, cy, width, height. */
-SG_FN real mip_depth(IN_ARRAY(real, c, SG_MIP_CAMERA), IN_ARRAY(real, p, 3))
+/* Depth of a position in a camera that sees it; else 0. In the order of operations of the released
+ * code. c: R by rows, t, fx, fy, cx, cy, width, height. margin: of the image's sides, beyond
+ * which a camera sees nothing. */
+SG_FN real mip_depth(IN_ARRAY(real, c, SG_MIP_CAMERA), IN_ARRAY(real, p, 3), real margin)
 {
-    const real margin = NUM(0.15); /* of an image's sides */
     const real z = c[6] * p[0] + c[7] * p[1] + c[8] * p[2] + c[11];
     const real inverse = NUM(1) / r_max(z, NUM(0.001));
     const real u = c[12] * (c[0] * p[0] + c[1] * p[1] + c[2] * p[2] + c[9]) * inverse + c[14];
@@ -85,11 +85,11 @@ SG_FN real mip_depth(IN_ARRAY(real, c, SG_MIP_CAMERA), IN_ARRAY(real, p, 3))
                : NUM(0);
 }
 
-/* The filter's standard deviation at a depth; focal: the largest focal length. Its variance is 0.2
- * squared pixels there. */
-SG_FN float mip_filter(float depth, float focal)
+/* The filter's standard deviation at a depth; focal: the largest focal length. pixels: the standard
+ * deviation there. */
+SG_FN float mip_filter(float depth, float focal, float pixels)
 {
-    return depth / focal * 0.44721359550f;
+    return depth / focal * pixels;
 }
 
 #endif

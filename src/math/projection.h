@@ -50,11 +50,13 @@ static inline struct pinhole view_make(const struct sg_camera *c)
     return v;
 }
 
-/* With the 2D filter of Mip-Splatting (Yu et al. 2024, section 5.2). */
-static inline struct pinhole view_make_mip(const struct sg_camera *c)
+/* With the 2D filter of Mip-Splatting (Yu et al. 2024, section 5.2). kernel: its variance; 0: no
+ * such filter. */
+static inline struct pinhole view_make_mip(const struct sg_camera *c, float kernel)
 {
     struct pinhole v = view_make(c);
-    v.blur = (scalar) SG_MIP_BLUR, v.compensated = 1;
+    if (kernel > 0)
+        v.blur = (scalar) kernel, v.compensated = 1;
     return v;
 }
 #endif

@@ -10,7 +10,6 @@
 
 #define SG_ANCHOR_GAUSSIANS 10 /* of an anchor, of which a view draws those that are opaque */
 #define SG_ANCHOR_FEATURES 32
-#define SG_ANCHOR_LOG_SIZE_MAX 0.05f /* SG_A_SIZE is at most this after growth */
 #define SG_ANCHOR_VOLUME 0.01f /* weight in the loss of the mean product of the drawn scales */
 
 /* An anchor is a Gaussian of SH degree 0 to the library: its position is fixed, its scales

@@ -48,7 +48,8 @@ done:
     return code;
 }
 
-int sg_model_init_random(sg_ctx *ctx, size_t n, uint64_t seed, int sh_degree, struct sg_model **out)
+int sg_model_init_random(sg_ctx *ctx, size_t n, float half_side, uint64_t seed, int sh_degree,
+                         struct sg_model **out)
 {
     sg_clear_error(ctx);
     *out = NULL;
@@ -57,7 +58,7 @@ int sg_model_init_random(sg_ctx *ctx, size_t n, uint64_t seed, int sh_degree, st
     int code = SG_ERR_BUDGET;
     if (xyz && rgb) {
         for (size_t i = 0; i < 3 * n; i++) {
-            xyz[i] = 2.6f * sg_rng_uniform(seed, SG_RNG_INIT, 0, i) - 1.3f;
+            xyz[i] = 2 * half_side * sg_rng_uniform(seed, SG_RNG_INIT, 0, i) - half_side;
             rgb[i] = 127; /* what the reference's random colours become once stored as bytes */
         }
         code = sg_model_init_points(ctx, xyz, rgb, n, sh_degree, out);

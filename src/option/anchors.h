@@ -32,6 +32,11 @@
     SG_ANCHOR_INT("anchor-finer", scaffold.finer, 2, 64,                                           \
         "How many times finer each grid is than the one before. Half of that, rounded down, is "   \
         "how many times higher its threshold is."),                                                \
+    SG_ANCHOR_FLOAT("anchor-drop", scaffold.drop, 0, 1,                                            \
+        "Share of the candidates for growth that chance leaves out on the coarsest grid; its "     \
+        "square on the next, and so on."),                                                         \
+    SG_ANCHOR_FLOAT("anchor-log-size-max", scaffold.log_size_max, -100, 100,                       \
+        "After growth, largest logarithm of the factor of an anchor's Gaussians' scales."),        \
     SG_ANCHOR_FLOAT("anchor-seen", scaffold.seen, 0, 1,                                            \
         "Share of the iterations between two growths in which an anchor has to be seen to be "     \
         "removed for its opacity; half of it, in which a Gaussian has to be drawn to grow."),      \

@@ -14,6 +14,20 @@ size_t sg_evenly(size_t n, size_t k, size_t limit)
     return (size_t) ((uint64_t) n * k / limit);
 }
 
+bool sg_begins_random(const struct sg_scene *scene, const struct sg_train_params *p)
+{
+    return p->random_points || !scene->n_points;
+}
+
+float sg_random_half_side(const struct sg_scene *scene, const struct sg_train_params *p)
+{
+    const bool cube = p->strategy != SG_STRATEGY_MCMC || scene->format == SG_FORMAT_BLENDER;
+    const double extent = scene->extent > 0 ? scene->extent : 1;
+    return p->random_extent > 0 ? (float) ((double) p->random_extent * extent)
+           : cube               ? 1.3f
+                                : (float) (3 * extent);
+}
+
 static void say_thinned(sg_ctx *ctx, size_t n, size_t limit)
 {
     sg_log(ctx, SG_LOG_WARN,
@@ -23,7 +37,7 @@ static void say_thinned(sg_ctx *ctx, size_t n, size_t limit)
 /* The number of Gaussians that a run without an initial model begins with. */
 static size_t initial_count(const struct sg_scene *scene, const struct sg_train_params *p)
 {
-    return scene->n_points ? scene->n_points : p->init_points;
+    return sg_begins_random(scene, p) ? p->init_points : scene->n_points;
 }
 
 /* Of at most `limit` Gaussians, 0 = any number: thinned out before they cost more than their
@@ -34,9 +48,9 @@ static int initial_model(sg_ctx *ctx, const struct sg_scene *scene, const struct
     const size_t n = initial_count(scene, p);
     if (limit && n > limit)
         say_thinned(ctx, n, limit);
-    if (!scene->n_points)
-        return sg_model_init_random(ctx, limit && n > limit ? limit : n, p->seed, p->sh_degree,
-                                    out);
+    if (sg_begins_random(scene, p))
+        return sg_model_init_random(ctx, limit && n > limit ? limit : n,
+                                    sg_random_half_side(scene, p), p->seed, p->sh_degree, out);
     if (!limit || n <= limit)
         return sg_model_init_points(ctx, scene->points, scene->point_colors, n, p->sh_degree, out);
     float *points = sg_alloc_raw(ctx, SG_MEM_MISC, limit, 3 * sizeof(*points));

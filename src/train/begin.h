@@ -7,6 +7,11 @@
 /* The k-th of `limit` items taken evenly out of n. */
 size_t sg_evenly(size_t n, size_t k, size_t limit);
 
+/* Whether a run without an initial model begins with random points, and half of the side of the
+ * cube that they are drawn from. */
+bool sg_begins_random(const struct sg_scene *scene, const struct sg_train_params *p);
+float sg_random_half_side(const struct sg_scene *scene, const struct sg_train_params *p);
+
 /* Gives the engine its Gaussians: those of `initial`, or the scene's points or random ones where it
  * is NULL. */
 int sg_trainer_init_model(sg_trainer *t, const struct sg_model *initial);

@@ -204,7 +204,7 @@ static int steepest_first(const void *a, const void *b)
     return compare_cells(x, y);
 }
 
-static int make_rows(sg_ctx *ctx, const struct new_anchor *new, size_t count,
+static int make_rows(sg_ctx *ctx, const struct new_anchor *new, size_t count, float log_size_max,
                      struct sg_model **rows)
 {
     struct sg_model *m;
@@ -216,7 +216,7 @@ static int make_rows(sg_ctx *ctx, const struct new_anchor *new, size_t count,
         const float log_size = logf(new[i].size);
         float position[3];
         centre_of(&new[i], position);
-        sg_anchor_set(m, i, position, log_size, fminf(log_size, SG_ANCHOR_LOG_SIZE_MAX));
+        sg_anchor_set(m, i, position, log_size, fminf(log_size, log_size_max));
         for (int f = 0; f < SG_ANCHOR_FEATURES; f++)
             feature[f * SG_LANES] = new[i].feature[f];
     }
@@ -241,7 +241,7 @@ int sg_grow_anchors(sg_ctx *ctx, const struct sg_anchor_view *anchors,
     }
     if (g.count && !code) {
         qsort(g.new, g.count, sizeof(*g.new), in_order);
-        code = make_rows(ctx, g.new, g.count, rows);
+        code = make_rows(ctx, g.new, g.count, p->log_size_max, rows);
     }
     sg_free(g.new);
     return code;

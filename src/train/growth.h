@@ -22,6 +22,7 @@ struct sg_growth_params {
     float drawn;  /* Gaussians that were drawn in more views count */
     float drop;   /* of a Gaussian, on the coarsest grid, the probability to be left out; its
                      powers on the others */
+    float log_size_max; /* of new anchors */
     size_t limit; /* the most new anchors: those of the largest gradients; the others stay out */
     uint64_t seed, stream;
 };

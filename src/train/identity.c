@@ -12,6 +12,14 @@ uint64_t sg_hash_numbers(const double *numbers, size_t n)
     return XXH3_64bits(numbers, n * sizeof(*numbers));
 }
 
+/* Numbers of released programs became parameters later: they count where they are others. */
+static uint64_t hash_unusual(const double *numbers, const double *usual, size_t n, uint64_t hash)
+{
+    return memcmp(numbers, usual, n * sizeof(*numbers)) != 0
+               ? XXH3_64bits_withSeed(numbers, n * sizeof(*numbers), hash)
+               : hash;
+}
+
 uint64_t sg_hash_anchors(const struct sg_train_params *p, uint64_t hash)
 {
     const struct sg_scaffold_params *s = &p->scaffold;
@@ -54,12 +62,22 @@ uint64_t sg_hash_anchors(const struct sg_train_params *p, uint64_t hash)
                                (double) usual.seen,
                                (double) usual.min_opacity,
                                (double) usual.volume};
-    if (memcmp(constants, defaults, sizeof(constants)) != 0)
-        hash = XXH3_64bits_withSeed(constants, sizeof(constants), hash);
+    hash = hash_unusual(constants, defaults, sizeof(constants) / sizeof(constants[0]), hash);
+    const double growth[] = {(double) s->drop, (double) s->log_size_max},
+                 usually[] = {(double) usual.drop, (double) usual.log_size_max};
+    hash = hash_unusual(growth, usually, 2, hash);
     const double readings[] = {p->defense.anchor_hits, p->defense.anchor_score, p->defense.grace};
     if (readings[0] > 0 || readings[1] > 0 || readings[2] > 0)
         hash = XXH3_64bits_withSeed(readings, sizeof(readings), hash);
     return hash;
+}
+
+static uint64_t hash_mip(const struct sg_mip_params *m, uint64_t hash)
+{
+    const struct sg_mip_params u = {SG_MIP_DEFAULTS};
+    const double numbers[] = {(double) m->kernel, m->variance, m->margin, m->interval},
+                 usual[] = {(double) u.kernel, u.variance, u.margin, u.interval};
+    return hash_unusual(numbers, usual, 4, XXH3_64bits_withSeed("mip", strlen("mip"), hash));
 }
 
 struct sg_identity sg_train_identity(const struct sg_train_params *p)
@@ -110,16 +128,22 @@ struct sg_identity sg_train_identity(const struct sg_train_params *p)
     const double mcmc[] = {
         (double) m->cap_max,   m->growth,           m->until, (double) m->opacity_reg,
         (double) m->scale_reg, (double) m->noise_lr};
+    const struct sg_mcmc_params usual = {SG_MCMC_DEFAULTS};
+    const double later[] = {(double) m->dead, (double) m->noise_gate, m->copies,
+                            (double) m->init_opacity, (double) m->init_scale},
+                 usually[] = {(double) usual.dead, (double) usual.noise_gate, usual.copies,
+                              (double) usual.init_opacity, (double) usual.init_scale};
     const double strength[] = {(double) p->tolerance, d->rho, d->rho_least, d->frequency,
                                d->lambda};
     uint64_t parameters = sg_hash_numbers(numbers, sizeof(numbers) / sizeof(numbers[0]));
     if (p->strategy == SG_STRATEGY_MCMC)
-        parameters = XXH3_64bits_withSeed(mcmc, sizeof(mcmc), parameters);
+        parameters =
+            hash_unusual(later, usually, 5, XXH3_64bits_withSeed(mcmc, sizeof(mcmc), parameters));
     const double exposure[] = {(double) p->exposure_lr_init, (double) p->exposure_lr_final};
     if (p->exposure)
         parameters = XXH3_64bits_withSeed(exposure, sizeof(exposure), parameters);
     if (p->model == SG_MODEL_MIP)
-        parameters = XXH3_64bits_withSeed("mip", strlen("mip"), parameters);
+        parameters = hash_mip(&p->mip, parameters);
     parameters = sg_hash_anchors(p, parameters);
     if (d->unseen)
         parameters = XXH3_64bits_withSeed("unseen", strlen("unseen"), parameters);

@@ -23,6 +23,7 @@
 #define RATES GROUP("Learning rates"), EXPERT
 #define DENSIFY GROUP("Densification")
 #define MCMC GROUP("Densification by --strategy mcmc")
+#define MIP GROUP("Filters of --model mip"), EXPERT
 #define BUDGETS GROUP("Budgets")
 #define DEFENSE GROUP("Defense")
 #define RASTERISER GROUP("Rasteriser"), EXPERT
@@ -46,6 +47,15 @@ static const struct sg_option train_options[] = {
     SG_OPTION_CPU(RUN, EXPERT),
     COUNT("init-points", init_points, 4, 1e8, "Random points where the scene has none.",
           GROUP("Initialisation"), EXPERT),
+    SG_FLAG("random-points", random_points,
+            "Begin with random points although the scene has some, as the released code of MCMC "
+            "can.",
+            GROUP("Initialisation"), EXPERT),
+    FLOAT(
+        "random-extent", random_extent, 0, 1000,
+        "Half of the side of the cube of random points, in scene extents. 0 = 1.3 scene units, as "
+        "for NeRF-Synthetic; with --strategy mcmc and a scene of another layout 3 extents.",
+        GROUP("Initialisation"), EXPERT),
     SG_CHOICE("model", model, "3dgs|mip|scaffold", "NAME",
               "mip: Mip-Splatting, with filters against aliasing at other distances and sizes. "
               "scaffold: Scaffold-GS, anchors of which networks make Gaussians for each view.",
@@ -111,6 +121,25 @@ static const struct sg_option train_options[] = {
           EXPERT),
     FLOAT("noise-lr", mcmc.noise_lr, 0, 1e9, "Noise on positions, in learning rates of positions.",
           MCMC, EXPERT),
+    FLOAT("noise-gate", mcmc.noise_gate, 0, 1e6,
+          "How sharply the noise ends at the opacity of --mcmc-dead.", MCMC, EXPERT),
+    FLOAT("mcmc-dead", mcmc.dead, 0, 0.5, "Opacity up to which a Gaussian is dead.", MCMC, EXPERT),
+    INTEGER("mcmc-copies", mcmc.copies, 1, 1000,
+            "A Gaussian shares its opacity among at most so many copies.", MCMC, EXPERT),
+    FLOAT("mcmc-init-opacity", mcmc.init_opacity, 0.001, 0.999, "Opacity of initial points.", MCMC,
+          EXPERT),
+    FLOAT("mcmc-init-scale", mcmc.init_scale, 1e-6, 1000,
+          "Scale of initial points, in distances to their neighbours.", MCMC, EXPERT),
+    FLOAT("mip-kernel", mip.kernel, 1e-3, 100, "Variance of the 2D filter, squared pixels.", MIP),
+    DOUBLE("mip-variance", mip.variance, 0, 100,
+           "Variance of a Gaussian's 3D filter, in squared pixels of the camera that sees it from "
+           "nearest.",
+           MIP),
+    DOUBLE("mip-margin", mip.margin, 0, 10,
+           "A camera also sees what is beyond its image by at most this share of the sides.", MIP),
+    INTEGER("mip-interval", mip.interval, 1, 1e7,
+            "Iterations between two computations of the 3D filter once nothing densifies any more.",
+            MIP),
     SG_ANCHOR_OPTIONS,
     COUNT("max-gaussians", max_gaussians, 4, 4e9,
           "Most Gaussians; --at-limit says what happens there. 0 = no limit.", BUDGETS,
@@ -261,9 +290,11 @@ static const struct sg_option render_options[] = {
     COUNT("max-instances", max_instances, 1, 4e9,
           "(Gaussian, tile) pairs held at once; more are processed in bands.", RASTERISER,
           .transient = true),
-    SG_FLAG("mip-filter", mip_filter,
-            "The 2D filter of Mip-Splatting, for models that were trained with it.", RASTERISER,
-            .transient = true),
+    FLOAT(
+        "mip-kernel", mip_kernel, 0, 100,
+        "Variance of the 2D filter of Mip-Splatting, squared pixels, for models that were trained "
+        "with it: usually 0.1. 0 = that of the run, or no such filter.",
+        RASTERISER, .transient = true),
     INTEGER("appearance", appearance, -3, 1e6,
             "Of which training photo, from 0, a model with --photo-appearance has the appearance. "
             "index: view i has that of photo i, as in the released code; mean: the mean of all; "

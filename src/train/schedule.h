@@ -31,14 +31,12 @@ static inline bool sg_resets_opacity(const struct sg_train_params *p, int before
             (p->white_background && before < p->densify_from_iter && it >= p->densify_from_iter));
 }
 
-#define SG_FILTER_EVERY 100
-
 /* Where nothing densifies any more the 3D filter of Mip-Splatting follows the positions on a
  * schedule of its own; after a densification it is always made anew. */
 static inline bool sg_renews_filter(const struct sg_train_params *p, int before, int it)
 {
     return p->model == SG_MODEL_MIP && it > p->densify_until_iter &&
-           it < p->iterations - SG_FILTER_EVERY && sg_due(before, it, SG_FILTER_EVERY);
+           it < p->iterations - p->mip.interval && sg_due(before, it, p->mip.interval);
 }
 
 /* Whether the largest radii on the screen count: for what the universal threshold removes. */

@@ -63,6 +63,6 @@ extern const struct sg_strategy sg_strategy_scaffold;
 
 /* What `count` Gaussians in one place need each to look like one of this opacity: the opacity, and
  * *scale, the factor of its scales. */
-double sg_mcmc_share(double opacity, unsigned count, double *scale);
+double sg_mcmc_share(const struct sg_mcmc_params *p, double opacity, unsigned count, double *scale);
 
 #endif

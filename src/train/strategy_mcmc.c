@@ -10,13 +10,13 @@
 #include "strategy.h"
 #include "trainer.h"
 
-#define MOST_SHARE 50 /* as one Gaussian: more copies are made, but count no more */
 #define SHARE_OPACITY_MAX (1 - 0x1p-23)
 
 /* Its integral along a line through the centre stays the same. */
-double sg_mcmc_share(double opacity, unsigned count, double *scale)
+double sg_mcmc_share(const struct sg_mcmc_params *p, double opacity, unsigned count, double *scale)
 {
-    const unsigned n = count < MOST_SHARE ? count : MOST_SHARE;
+    /* More copies are made, but count no more. */
+    const unsigned n = count < (unsigned) p->copies ? count : (unsigned) p->copies;
     const double own = 1 - pow(1 - opacity, 1.0 / n);
     double sum = 0, term = 1; /* C(n, j) own^j */
     for (unsigned j = 1; j <= n; j++) {
@@ -24,13 +24,13 @@ double sg_mcmc_share(double opacity, unsigned count, double *scale)
         sum += (j % 2 ? term : -term) / sqrt(j);
     }
     *scale = opacity / sum;
-    return fmin(fmax(own, (double) SG_PRUNE_OPACITY), SHARE_OPACITY_MAX);
+    return fmin(fmax(own, (double) p->dead), SHARE_OPACITY_MAX);
 }
 
 /* NaN is dead too. */
-static bool is_dead(float opacity)
+static bool is_dead(const struct sg_mcmc_params *p, float opacity)
 {
-    return !(opacity > SG_PRUNE_OPACITY);
+    return !(opacity > p->dead);
 }
 
 static size_t target(const sg_trainer *t, size_t n, bool *bound)
@@ -59,7 +59,7 @@ static bool any_dead(const sg_trainer *t)
     const int code = read_opacities(t, &opacity);
     size_t dead = 0;
     for (size_t i = 0; i < n && !code; i++)
-        dead += is_dead(opacity[i]);
+        dead += is_dead(&t->params.mcmc, opacity[i]);
     sg_free(opacity);
     return code || (dead > 0 && dead < n);
 }
@@ -84,6 +84,7 @@ static struct sg_strategy_plan plan(const sg_trainer *t, int before, int it)
 
 /* Draws with replacement, each with the probability of its opacity. */
 struct draws {
+    const struct sg_mcmc_params *params;
     size_t n;
     float *opacity;
     double *below;   /* sum of the opacities up to each, itself included */
@@ -94,7 +95,7 @@ static void sum_opacities(struct draws *d, bool alive_only)
 {
     double sum = 0;
     for (size_t i = 0; i < d->n; i++) {
-        const bool counts = alive_only ? !is_dead(d->opacity[i]) : d->opacity[i] > 0;
+        const bool counts = alive_only ? !is_dead(d->params, d->opacity[i]) : d->opacity[i] > 0;
         sum += counts ? (double) d->opacity[i] : 0;
         d->below[i] = sum;
         d->times[i] = 0;
@@ -147,7 +148,8 @@ static void clear_entries(struct entries *e)
 static void add_entry(struct entries *e, const struct draws *d, size_t to, size_t from, bool fresh)
 {
     double scale;
-    const double own = sg_mcmc_share((double) d->opacity[from], d->times[from] + 1, &scale);
+    const double own =
+        sg_mcmc_share(d->params, (double) d->opacity[from], d->times[from] + 1, &scale);
     e->to[e->count] = (uint32_t) to, e->from[e->count] = (uint32_t) from;
     e->opacity[e->count] = (float) log(own / (1 - own));
     e->scale[e->count] = (float) log(scale);
@@ -182,14 +184,14 @@ static int relocate(sg_trainer *t, int it, struct draws *d, struct entries *e, s
 {
     *dead = 0;
     for (size_t i = 0; i < d->n; i++)
-        *dead += is_dead(d->opacity[i]);
+        *dead += is_dead(d->params, d->opacity[i]);
     if (!*dead || *dead == d->n)
         return SG_OK;
     sum_opacities(d, true);
     for (size_t k = 0; k < *dead; k++)
         e->from[k] = draw(d, t->params.seed, SG_RNG_RELOCATE, it, k);
     for (size_t i = 0; i < d->n; i++)
-        if (is_dead(d->opacity[i]))
+        if (is_dead(d->params, d->opacity[i]))
             add_entry(e, d, i, e->from[e->count], false);
     for (size_t k = 0; k < *dead; k++) /* before the sources have other opacities */
         d->opacity[e->to[k]] = 1 / (1 + expf(-e->opacity[k]));
@@ -230,7 +232,7 @@ static int grow(sg_trainer *t, int it, struct draws *d, struct entries *e, size_
 static int edit(sg_trainer *t, int it, struct sg_train_step *step)
 {
     const size_t n = sg_engine_count(t->engine);
-    struct draws d = {.n = n};
+    struct draws d = {.params = &t->params.mcmc, .n = n};
     struct entries e = {0};
     bool bound;
     const double start = sg_seconds();
@@ -271,21 +273,24 @@ static int after_step(sg_trainer *t, const struct sg_strategy_plan *planned, int
     const double amount = (double) p->mcmc.noise_lr * sg_position_lr(p, it) * t->extent;
     if (!code && it < p->iterations && amount > 0)
         code = sg_engine_explore(t->engine, &(struct sg_exploration){.amount = (float) amount,
+                                                                     .gate = p->mcmc.noise_gate,
+                                                                     .dead = p->mcmc.dead,
                                                                      .seed = p->seed,
                                                                      .stream = (uint64_t) it});
     return code;
 }
 
-/* Points begin smaller and more opaque than those of the default strategy. */
+/* Points begin with a scale and an opacity of their own. */
 static int begin(sg_trainer *t)
 {
     const size_t n = sg_engine_count(t->engine);
+    const struct sg_mcmc_params *p = &t->params.mcmc;
     struct entries e = {0};
     int code = t->from_points ? create_entries(t->ctx, n, &e) : SG_OK;
     for (; t->from_points && !code && e.count < n; e.count++) {
         e.to[e.count] = e.from[e.count] = (uint32_t) e.count;
-        e.opacity[e.count] = 0; /* a half */
-        e.scale[e.count] = logf(0.1f);
+        e.opacity[e.count] = logf(p->init_opacity / (1 - p->init_opacity));
+        e.scale[e.count] = logf(p->init_scale);
         e.fresh[e.count] = 0;
     }
     if (!code)

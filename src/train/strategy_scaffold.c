@@ -4,6 +4,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "begin.h"
 #include "core/clock.h"
 #include "core/rng.h"
 #include "filtering.h"
@@ -13,8 +14,6 @@
 #include "schedule.h"
 #include "strategy.h"
 #include "trainer.h"
-
-#define DROP 0.5f
 
 static size_t most_anchors(const sg_trainer *t)
 {
@@ -44,7 +43,10 @@ static int initial(sg_trainer *t, struct sg_model **out)
     struct sg_model *points = NULL;
     float *xyz = NULL;
     size_t cells = 0, n = scene->n_points;
-    int code = n ? SG_OK : sg_model_init_random(t->ctx, p->init_points, p->seed, 0, &points);
+    int code = sg_begins_random(scene, p)
+                   ? sg_model_init_random(t->ctx, p->init_points, sg_random_half_side(scene, p),
+                                          p->seed, 0, &points)
+                   : SG_OK;
     n = points ? points->count : n;
     if (!code && (points || p->scaffold.every > 1) &&
         !(xyz = sg_alloc_raw(t->ctx, SG_MEM_MISC, n, 3 * sizeof(*xyz))))
@@ -214,7 +216,8 @@ int sg_trainer_grow_anchors(sg_trainer *t, int it, struct sg_train_step *step)
                                                        .finer = p->scaffold.finer,
                                                        .gradient = sg_trainer_growth_threshold(t),
                                                        .drawn = seen / 2,
-                                                       .drop = DROP,
+                                                       .drop = p->scaffold.drop,
+                                                       .log_size_max = p->scaffold.log_size_max,
                                                        .limit = most > kept ? most - kept : 0,
                                                        .seed = p->seed,
                                                        .stream = (uint64_t) it},
@@ -223,7 +226,7 @@ int sg_trainer_grow_anchors(sg_trainer *t, int it, struct sg_train_step *step)
         code = date(t, it, rows);
     if (!code)
         code = sg_engine_settle(t->engine,
-                                &(struct sg_settling){seen / 2, seen, SG_ANCHOR_LOG_SIZE_MAX});
+                                &(struct sg_settling){seen / 2, seen, p->scaffold.log_size_max});
     if (!code)
         code = edit(t, keep, kept, rows);
     if (!code) {

@@ -108,7 +108,8 @@ struct sg_render_params sg_trainer_render(const sg_trainer *t)
 {
     return (struct sg_render_params){.max_instances = t->budget.instances,
                                      .reference_tiles = t->params.reference_tiles,
-                                     .mip_filter = t->params.model == SG_MODEL_MIP,
+                                     .mip_kernel =
+                                         t->params.model == SG_MODEL_MIP ? t->params.mip.kernel : 0,
                                      .appearance = SG_APPEARANCE_INDEX};
 }
 
@@ -131,8 +132,9 @@ int sg_trainer_renew_filter(sg_trainer *t)
     if (t->params.model != SG_MODEL_MIP)
         return SG_OK;
     const struct sg_camera **cameras = sg_training_cameras(t->ctx, t->scene);
+    const struct sg_mip_filter filter = {t->params.mip.variance, t->params.mip.margin};
     const int code =
-        cameras ? sg_engine_filter(t->engine, cameras, t->scene->n_train) : SG_ERR_BUDGET;
+        cameras ? sg_engine_filter(t->engine, cameras, t->scene->n_train, &filter) : SG_ERR_BUDGET;
     sg_free(cameras);
     return code;
 }

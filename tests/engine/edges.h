@@ -16,7 +16,7 @@
 static inline size_t find_edges(const struct sg_model *m, const struct sg_camera *camera,
                                 const struct sg_render_params *params, double share, uint8_t *edges)
 {
-    const struct pinhole view = params->mip_filter ? view_make_mip(camera) : view_make(camera);
+    const struct pinhole view = view_make_mip(camera, params->mip_kernel);
     const int grid_x = (camera->width + SG_TILE - 1) / SG_TILE,
               grid_y = (camera->height + SG_TILE - 1) / SG_TILE;
     const double alpha_min = (double) SG_ALPHA_MIN, t_min = (double) SG_T_MIN;

@@ -115,7 +115,7 @@ static void draw_views(sg_ctx *ctx)
             for (int banded = 0; banded < 2; banded++) {
                 const struct sg_camera camera = make_camera(W - 3 * view, H, 3 - view);
                 const struct sg_render_params params = {.background = {0.1f, 0.4f, 0.8f},
-                                                        .mip_filter = mip > 0,
+                                                        .mip_kernel = mip > 0 ? 0.1f : 0,
                                                         .max_instances = banded ? 90 : 1 << 20};
                 assert_int_equal(sg_engine_draw(e, &camera, DEGREE, &params, true), SG_OK);
                 assert_int_equal(sg_engine_read_image(e, rgb[banded], alpha[banded], depth[banded]),
@@ -158,7 +158,7 @@ static void count_hits(sg_ctx *ctx)
     for (int kind = SG_HIT_PIXELS; kind <= SG_HIT_TRANSMITTANCE; kind++)
         for (int mip = 0; mip < 2; mip++) {
             for (int banded = 0; banded < 2; banded++) {
-                const struct sg_render_params params = {.mip_filter = mip > 0,
+                const struct sg_render_params params = {.mip_kernel = mip > 0 ? 0.1f : 0,
                                                         .max_instances = banded ? 150 : 1 << 20};
                 assert_int_equal(
                     sg_engine_count_hits(e, views, 2, &params, (enum sg_hit) kind, hits[banded]),
@@ -305,7 +305,7 @@ static void count(sg_ctx *ctx)
         weight[i] = draw(19, i, -1, 1);
     for (int kind = SG_GRADIENT_NORM; kind <= SG_GRADIENT_MIP; kind++) {
         const bool mip = kind == SG_GRADIENT_MIP;
-        const struct sg_render_params params = {SG_RENDER_DEFAULTS, .mip_filter = mip};
+        const struct sg_render_params params = {SG_RENDER_DEFAULTS, .mip_kernel = mip ? 0.1f : 0};
         float gradient[GAUSSIANS], absolute[GAUSSIANS], radius[GAUSSIANS];
         struct sg_engine *e = opened(ctx, m);
         assert_int_equal(sg_engine_set_statistic(e, (enum sg_gradient_statistic) kind), SG_OK);
@@ -359,7 +359,8 @@ static void learn(sg_ctx *ctx)
             exposures[i] = i % SG_EXPOSURE % 5 ? 0.1f * (float) i / SG_EXPOSURE : 1;
         assert_int_equal(sg_engine_set_exposures(e, exposures, 2), SG_OK);
         if (shaped) {
-            assert_int_equal(sg_engine_filter(e, views, 1), SG_OK);
+            assert_int_equal(sg_engine_filter(e, views, 1, &(struct sg_mip_filter){0.2, 0.15}),
+                             SG_OK);
             assert_int_equal(sg_engine_set_shape(e, &mip), SG_OK);
         }
         for (int step = 0; step < 3; step++) {
@@ -412,9 +413,7 @@ static void change(sg_ctx *ctx)
     assert_int_equal(sg_engine_raster_backward(e), SG_OK);
     assert_int_equal(sg_engine_optimise(e, &(struct sg_update){.adam = true, .statistics = true}),
                      SG_OK); /* it has moments and statistics */
-    assert_int_equal(
-        sg_engine_explore(e, &(struct sg_exploration){.amount = 40, .seed = 7, .stream = 9}),
-        SG_OK);
+    assert_int_equal(sg_engine_explore(e, &(struct sg_exploration){40, 100, 0.005f, 7, 9}), SG_OK);
     note_held("explored", 0, 0, e, 1);
     assert_int_equal(
         sg_engine_relocate(e, &(struct sg_relocation){ENTRIES, to, from, opacity, scale, fresh}),

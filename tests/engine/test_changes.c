@@ -106,7 +106,13 @@ static void test_filter(void **state)
         struct sg_engine *e = begin(ctx, k, m, NULL);
         struct sg_columns o;
         const double unit = 0.4472136 / 1000;
-        assert_int_equal(sg_engine_filter(e, both, 2), SG_OK);
+        const struct sg_mip_filter released = {0.2, 0.15}, wider = {0.8, 0.14};
+        assert_int_equal(sg_engine_filter(e, both, 2, &wider), SG_OK);
+        o = filter_of(ctx, e);
+        assert_true(fabs((double) o.at[SG_C_FILTER][0] / (2 * unit * 2) - 1) < 1e-5);
+        assert_true(fabs((double) o.at[SG_C_FILTER][4] / (2 * unit * 5) - 1) < 1e-5);
+        sg_columns_clear(&o);
+        assert_int_equal(sg_engine_filter(e, both, 2, &released), SG_OK);
         o = filter_of(ctx, e);
         /* 0.2 is too near for the first, and 3.2 from the second; -9 is behind both. The last lies
          * 14.9 % below the edge. */
@@ -121,7 +127,7 @@ static void test_filter(void **state)
         /* further away, the far camera changes nothing that the near one sees; larger focal lengths
          * make all smaller */
         far.t[2] = 60, far.fx = 2000;
-        assert_int_equal(sg_engine_filter(e, both, 2), SG_OK);
+        assert_int_equal(sg_engine_filter(e, both, 2, &released), SG_OK);
         o = filter_of(ctx, e);
         assert_true(fabs((double) o.at[SG_C_FILTER][0] / (2 * unit / 2) - 1) < 1e-5);
         assert_true(fabs((double) o.at[SG_C_FILTER][1] / (60.2 * unit / 2) - 1) < 1e-5);
@@ -129,7 +135,7 @@ static void test_filter(void **state)
         const float kept = o.at[SG_C_FILTER][1];
         sg_columns_clear(&o);
         close_by.t[2] = far.t[2] = -100;
-        assert_int_equal(sg_engine_filter(e, both, 2), SG_OK);
+        assert_int_equal(sg_engine_filter(e, both, 2, &released), SG_OK);
         o = filter_of(ctx, e);
         assert_true(o.at[SG_C_FILTER][1] == kept);
         sg_columns_clear(&o);
@@ -181,55 +187,63 @@ static void test_reset(void **state)
 
 /* ---- densification as Markov chain Monte Carlo ---- */
 
-/* The noise is covariance x normal, gated by opacity: through the matrix, on the gate's published
- * values, and nothing else moves. */
+/* The noise is covariance x normal, gated by opacity: through the matrix, and nothing else moves.
+ * The last Gaussian holds still. */
+static void check_explored(const char *name, const struct sg_model *m, const struct sg_model *after,
+                           const struct sg_exploration *x, const double gate[4])
+{
+    for (size_t i = 0; i < 5; i++) {
+        double q[4], R[9], sigma[9] = {0}, len = 0;
+        for (int c = 0; c < 4; c++)
+            q[c] = (double) *sg_model_at(m, i, SG_P_ROT + c), len += q[c] * q[c];
+        for (int c = 0; c < 4; c++)
+            q[c] /= sqrt(len);
+        R[0] = 1 - 2 * (q[2] * q[2] + q[3] * q[3]), R[1] = 2 * (q[1] * q[2] - q[0] * q[3]);
+        R[2] = 2 * (q[1] * q[3] + q[0] * q[2]), R[3] = 2 * (q[1] * q[2] + q[0] * q[3]);
+        R[4] = 1 - 2 * (q[1] * q[1] + q[3] * q[3]), R[5] = 2 * (q[2] * q[3] - q[0] * q[1]);
+        R[6] = 2 * (q[1] * q[3] - q[0] * q[2]), R[7] = 2 * (q[2] * q[3] + q[0] * q[1]);
+        R[8] = 1 - 2 * (q[1] * q[1] + q[2] * q[2]);
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++)
+                for (int c = 0; c < 3; c++)
+                    sigma[3 * a + b] += R[3 * a + c] * R[3 * b + c] *
+                                        exp(2 * (double) *sg_model_at(m, i, SG_P_SCALE + c));
+        for (int a = 0; a < 3; a++) {
+            double expected = 0;
+            for (int b = 0; b < 3 && i < 4; b++)
+                expected +=
+                    (double) x->amount * gate[i] * sigma[3 * a + b] *
+                    (double) sg_rng_normal(x->seed, SG_RNG_EXPLORE, x->stream, 3 * i + (size_t) b);
+            const double found = (double) *sg_model_at(after, i, SG_P_XYZ + a) -
+                                 (double) *sg_model_at(m, i, SG_P_XYZ + a);
+            if (fabs(found - expected) > 1e-4 * fabs(expected) + 1e-6)
+                fail_msg("%s: Gaussian %zu, axis %d: moved by %g, expected %g", name, i, a, found,
+                         expected);
+        }
+        for (int p = SG_P_OPACITY; p < sg_param_count(0); p++)
+            assert_true(*sg_model_at(after, i, p) == *sg_model_at(m, i, p));
+    }
+}
+
+/* On the gate's published values, and with another gate. */
 static void test_explore(void **state)
 {
     (void) state;
     static const float opacity[] = {0.001f, 0.005f, 0.01f, 0.05f};
-    static const double gate[] = {0.598688, 0.5, 0.377541, 0.0109869};
+    static const double gate[2][4] = {{0.598688, 0.5, 0.377541, 0.0109869},
+                                      {0.638763, 0.610639, 0.574443, 0.289050}};
+    static const struct sg_exploration how[] = {{40, 100, 0.005f, 7, 9}, {40, 30, 0.02f, 7, 10}};
     sg_ctx *ctx = make_context(2);
     struct sg_model *m = make_model(ctx, 5, 0, 52), *after;
     struct sg_columns o;
     for (size_t i = 0; i < 4; i++)
         *sg_model_at(m, i, SG_P_OPACITY) = logf(opacity[i] / (1 - opacity[i]));
-    *sg_model_at(m, 4, SG_P_OPACITY) = 1; /* holds still */
-    for (int k = 0; k < case_count; k++) {
-        struct sg_engine *e = begin(ctx, k, m, NULL);
-        assert_int_equal(
-            sg_engine_explore(e, &(struct sg_exploration){.amount = 40, .seed = 7, .stream = 9}),
-            SG_OK);
+    *sg_model_at(m, 4, SG_P_OPACITY) = 1;
+    for (int k = 0; k < 2 * case_count; k++) {
+        struct sg_engine *e = begin(ctx, k / 2, m, NULL);
+        assert_int_equal(sg_engine_explore(e, &how[k % 2]), SG_OK);
         download(ctx, e, 0, &after, &o);
-        for (size_t i = 0; i < 5; i++) {
-            double q[4], R[9], sigma[9] = {0}, len = 0;
-            for (int c = 0; c < 4; c++)
-                q[c] = (double) *sg_model_at(m, i, SG_P_ROT + c), len += q[c] * q[c];
-            for (int c = 0; c < 4; c++)
-                q[c] /= sqrt(len);
-            R[0] = 1 - 2 * (q[2] * q[2] + q[3] * q[3]), R[1] = 2 * (q[1] * q[2] - q[0] * q[3]);
-            R[2] = 2 * (q[1] * q[3] + q[0] * q[2]), R[3] = 2 * (q[1] * q[2] + q[0] * q[3]);
-            R[4] = 1 - 2 * (q[1] * q[1] + q[3] * q[3]), R[5] = 2 * (q[2] * q[3] - q[0] * q[1]);
-            R[6] = 2 * (q[1] * q[3] - q[0] * q[2]), R[7] = 2 * (q[2] * q[3] + q[0] * q[1]);
-            R[8] = 1 - 2 * (q[1] * q[1] + q[2] * q[2]);
-            for (int a = 0; a < 3; a++)
-                for (int b = 0; b < 3; b++)
-                    for (int c = 0; c < 3; c++)
-                        sigma[3 * a + b] += R[3 * a + c] * R[3 * b + c] *
-                                            exp(2 * (double) *sg_model_at(m, i, SG_P_SCALE + c));
-            for (int a = 0; a < 3; a++) {
-                double expected = 0;
-                for (int b = 0; b < 3 && i < 4; b++)
-                    expected += 40 * gate[i] * sigma[3 * a + b] *
-                                (double) sg_rng_normal(7, SG_RNG_EXPLORE, 9, 3 * i + (size_t) b);
-                const double found = (double) *sg_model_at(after, i, SG_P_XYZ + a) -
-                                     (double) *sg_model_at(m, i, SG_P_XYZ + a);
-                if (fabs(found - expected) > 1e-4 * fabs(expected) + 1e-6)
-                    fail_msg("%s: Gaussian %zu, axis %d: moved by %g, expected %g",
-                             case_name(cases[k]), i, a, found, expected);
-            }
-            for (int p = SG_P_OPACITY; p < sg_param_count(0); p++)
-                assert_true(*sg_model_at(after, i, p) == *sg_model_at(m, i, p));
-        }
+        check_explored(case_name(cases[k / 2]), m, after, &how[k % 2], gate[k % 2]);
         sg_columns_clear(&o);
         sg_model_destroy(&after);
         sg_engine_destroy(&e);

@@ -477,10 +477,10 @@ static void test_in_place(void **state)
         const struct sg_render_params params = {SG_RENDER_DEFAULTS};
         float radius[N];
         assert_int_equal(sg_engine_upload(b, m, NULL), SG_OK);
-        assert_int_equal(
-            sg_engine_explore(b, &(struct sg_exploration){.amount = 40, .seed = 7, .stream = 9}),
-            SG_OK);
-        assert_int_equal(sg_engine_filter(b, cameras, 1), SG_OK);
+        assert_int_equal(sg_engine_explore(b, &(struct sg_exploration){40, 100, 0.005f, 7, 9}),
+                         SG_OK);
+        assert_int_equal(sg_engine_filter(b, cameras, 1, &(struct sg_mip_filter){0.2, 0.15}),
+                         SG_OK);
         assert_int_equal(sg_engine_relocate(b, &relocation), SG_OK);
         assert_int_equal(sg_engine_draw(b, &camera, 1, &params, false), SG_OK);
         assert_int_equal(sg_engine_count_radii(b), SG_OK);

@@ -271,29 +271,28 @@ static void test_low_pass_values(void **state)
 
 /* With the 2D filter of Mip-Splatting images, gradients and hits are the oracle's, and others than
  * without. */
-static void test_mip_filter(void **state)
+static void check_mip_filter(float kernel, uint64_t seed)
 {
-    (void) state;
     static float weight[3 * PIXELS], rgb[3 * PIXELS], right[3 * PIXELS], plain[3 * PIXELS];
     static double hits[GAUSSIANS], right_hits[GAUSSIANS];
     sg_ctx *ctx = make_context(2);
     const struct sg_camera camera = make_camera(W, H, 3), *views[] = {&camera};
-    struct sg_model *m = make_model(ctx, GAUSSIANS, DEGREE, 42), *expected = NULL;
+    struct sg_model *m = make_model(ctx, GAUSSIANS, DEGREE, seed), *expected = NULL;
     for (size_t i = 0; i < 3 * PIXELS; i++)
         weight[i] = draw(20, i, -1, 1);
     for (size_t i = 0; i < GAUSSIANS; i += 2) /* of about a pixel */
         for (int axis = 0; axis < 3; axis++)
             *sg_model_at(m, i, SG_P_SCALE + axis) = draw(21, i, -5, -3);
-    assert_int_equal(find_edges(m, &camera,
-                                &(struct sg_render_params){SG_RENDER_DEFAULTS, .mip_filter = true},
-                                1e-3, NULL),
-                     0);
+    assert_int_equal(
+        find_edges(m, &camera, &(struct sg_render_params){SG_RENDER_DEFAULTS, .mip_kernel = kernel},
+                   1e-3, NULL),
+        0);
     for (int k = case_count - 1; k >= 0; k--) { /* the oracle is the last */
         struct sg_render_params params = {SG_RENDER_DEFAULTS};
         struct sg_engine *e = begin(ctx, k, m, NULL);
         assert_int_equal(sg_engine_draw(e, &camera, DEGREE, &params, false), SG_OK);
         assert_int_equal(sg_engine_read_image(e, plain, NULL, NULL), SG_OK);
-        params.mip_filter = true;
+        params.mip_kernel = kernel;
         assert_int_equal(sg_engine_draw(e, &camera, DEGREE, &params, false), SG_OK);
         assert_int_equal(sg_engine_read_image(e, rgb, NULL, NULL), SG_OK);
         assert_int_equal(sg_engine_write_image_gradient(e, weight), SG_OK);
@@ -323,6 +322,13 @@ static void test_mip_filter(void **state)
     sg_model_destroy(&expected);
     sg_model_destroy(&m);
     sg_ctx_destroy(&ctx);
+}
+
+static void test_mip_filter(void **state)
+{
+    (void) state;
+    check_mip_filter(0.1f, 42);
+    check_mip_filter(0.45f, 3);
 }
 
 int main(void)

@@ -15,7 +15,7 @@ int main(void)
     struct sg_model *model = NULL;
     int rc = sg_ctx_create(&ctx, NULL);
     if (rc == SG_OK)
-        rc = sg_model_init_random(ctx, 1000, 1, 3, &model);
+        rc = sg_model_init_random(ctx, 1000, 1.3f, 1, 3, &model);
     printf("splatguard %s: %zu Gaussians\n", sg_version(), model ? model->count : (size_t) 0);
     sg_model_destroy(&model);
     sg_ctx_destroy(&ctx);

@@ -92,6 +92,7 @@ static void clear_state(struct state *o)
 static struct cpu_learn_args args_of(const struct state *o, const struct sg_update *u)
 {
     return (struct cpu_learn_args){.camera = &o->s.camera,
+                                   .mip_kernel = o->s.mip ? 0.1f : 0,
                                    .shaped = o->params,
                                    .params = o->params,
                                    .m = o->m,

@@ -55,7 +55,7 @@ static inline struct screen make_filtered_screen(sg_ctx *ctx, struct sg_model *m
                                                  struct sg_camera camera, int degree, bool mip)
 {
     struct screen s = {.ctx = ctx, .model = model, .camera = camera, .degree = degree, .mip = mip};
-    s.view = mip ? view_make_mip(&s.camera) : view_make(&s.camera);
+    s.view = view_make_mip(&s.camera, mip ? 0.1f : 0);
     s.planes = sg_param_count(model->sh_degree);
     s.grid_x = (camera.width + SG_TILE - 1) / SG_TILE;
     s.grid_y = (camera.height + SG_TILE - 1) / SG_TILE;

@@ -135,12 +135,14 @@ static int do_project(struct sg_engine *base, const struct sg_camera *camera, in
             return SG_ERR_BUDGET;
         b->pixels = pixels;
     }
-    struct project_job job = {params->mip_filter ? b->kernels->project_mip : b->kernels->project,
+    struct project_job job = {params->mip_kernel > 0 ? b->kernels->project_mip
+                                                     : b->kernels->project,
                               {.params = sg_host_effective(&b->model),
                                .count = n,
                                .planes = b->model.planes,
                                .degree = sh_degree,
                                .camera = &b->camera,
+                               .mip_kernel = params->mip_kernel,
                                .grid_x = b->bins.grid_x,
                                .grid_y = b->bins.grid_y,
                                .reference_tiles = params->reference_tiles,
@@ -394,6 +396,7 @@ static struct cpu_learn_args learn_args(const struct cpu_engine *b)
     const struct sg_host_model *h = &b->model;
     const bool banded = b->bins.band_count > 1;
     return (struct cpu_learn_args){.camera = &b->camera,
+                                   .mip_kernel = b->params.mip_kernel,
                                    .shaped = sg_host_effective(h),
                                    .params = h->at[SG_C_PARAMETERS],
                                    .m = h->at[SG_C_MOMENT1],
@@ -422,8 +425,8 @@ static int alloc_absolute(struct cpu_engine *b)
 static void (*pull_kernel(const struct cpu_engine *b))(const struct cpu_learn_args *, size_t,
                                                        size_t)
 {
-    return b->params.mip_filter ? b->kernels->project_backward_optimise_mip
-                                : b->kernels->project_backward_optimise;
+    return b->params.mip_kernel > 0 ? b->kernels->project_backward_optimise_mip
+                                    : b->kernels->project_backward_optimise;
 }
 
 static int project_backward(struct sg_engine *base, bool statistics)
@@ -571,7 +574,7 @@ static int reset_opacity(struct sg_engine *base, float limit)
 static int count_radii(struct sg_engine *base)
 {
     struct cpu_engine *b = (struct cpu_engine *) base;
-    return sg_host_count_radii(base->ctx, &b->model, &b->camera, b->params.mip_filter);
+    return sg_host_count_radii(base->ctx, &b->model, &b->camera, b->params.mip_kernel);
 }
 
 static int relocate(struct sg_engine *base, const struct sg_relocation *r)
@@ -580,9 +583,10 @@ static int relocate(struct sg_engine *base, const struct sg_relocation *r)
     return SG_OK;
 }
 
-static int filter(struct sg_engine *base, const struct sg_camera *const *cameras, size_t n)
+static int filter(struct sg_engine *base, const struct sg_camera *const *cameras, size_t n,
+                  const struct sg_mip_filter *how)
 {
-    return sg_host_filter(base->ctx, &((struct cpu_engine *) base)->model, cameras, n);
+    return sg_host_filter(base->ctx, &((struct cpu_engine *) base)->model, cameras, n, how);
 }
 
 static int explore(struct sg_engine *base, const struct sg_exploration *x)
@@ -619,7 +623,7 @@ static const struct sg_engine_ops ops = {
     .name = "cpu",
     .absolute = true,
     .exposure = true,
-    .mip_filter = true,
+    .mip_kernel = true,
     .destroy = destroy,
     .variant = variant,
     .upload = upload,

@@ -45,6 +45,7 @@ struct cpu_project_args {
     size_t count;
     int planes, degree;
     const struct sg_camera *camera;
+    float mip_kernel; /* of struct sg_render_params */
     int grid_x, grid_y;
     bool reference_tiles;
     struct cpu_splat *splats;
@@ -72,6 +73,7 @@ struct cpu_raster_args {
 
 struct cpu_learn_args {
     const struct sg_camera *camera;
+    float mip_kernel;    /* of struct sg_render_params */
     const float *shaped; /* what was projected: params, or the output of a shape */
     float *params, *m, *v;
     float *grad_sum, *grad_count;

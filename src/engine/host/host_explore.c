@@ -41,7 +41,7 @@ static void explore_chunk(void *arg, size_t chunk, int thread)
     const size_t end = (chunk + 1) * CHUNK < h->count ? (chunk + 1) * CHUNK : h->count;
     for (size_t i = chunk * CHUNK; i < end; i++) {
         float *p = h->at[SG_C_PARAMETERS] + sg_param_index(h->planes, i, 0), planes[SG_P_SH], n[3];
-        const float gate = explore_gate(p[SG_P_OPACITY * SG_LANES]);
+        const float gate = explore_gate(p[SG_P_OPACITY * SG_LANES], j->how.gate, j->how.dead);
         if (!(gate > 0))
             continue;
         for (size_t k = 0; k < SG_P_SH; k++)

@@ -15,6 +15,7 @@ struct filter_job {
     const struct sg_host_model *h;
     const double (*cameras)[SG_MIP_CAMERA];
     size_t n;
+    double margin;
     float *nearest; /* the least depth */
 };
 
@@ -29,7 +30,7 @@ static void filter_chunk(void *arg, size_t chunk, int thread)
         const double xyz[3] = {(double) p[0], (double) p[SG_LANES], (double) p[2 * SG_LANES]};
         float least = MIP_UNSEEN;
         for (size_t k = 0; k < j->n; k++) {
-            const float depth = (float) mip_depth(j->cameras[k], xyz);
+            const float depth = (float) mip_depth(j->cameras[k], xyz, j->margin);
             if (depth > 0 && depth < least)
                 least = depth;
         }
@@ -53,7 +54,7 @@ float sg_host_filter_cameras(const struct sg_camera *const *cameras, size_t n,
 }
 
 int sg_host_filter(sg_ctx *ctx, struct sg_host_model *h, const struct sg_camera *const *cameras,
-                   size_t n)
+                   size_t n, const struct sg_mip_filter *filter)
 {
     double(*numbers)[SG_MIP_CAMERA] = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, sizeof(*numbers));
     float *nearest = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, h->count, sizeof(*nearest)), most = 0;
@@ -64,11 +65,12 @@ int sg_host_filter(sg_ctx *ctx, struct sg_host_model *h, const struct sg_camera 
     }
     const float focal = sg_host_filter_cameras(cameras, n, numbers);
     sg_parallel_for(ctx, (h->count + CHUNK - 1) / CHUNK, filter_chunk,
-                    &(struct filter_job){h, numbers, n, nearest});
+                    &(struct filter_job){h, numbers, n, filter->margin, nearest});
+    const float pixels = (float) sqrt(filter->variance);
     for (size_t i = 0; i < h->count; i++)
         most = nearest[i] < MIP_UNSEEN ? fmaxf(most, nearest[i]) : most;
     for (size_t i = 0; i < h->count && most > 0; i++) /* none is seen: as before */
-        h->at[SG_C_FILTER][i] = mip_filter(fminf(nearest[i], most), focal);
+        h->at[SG_C_FILTER][i] = mip_filter(fminf(nearest[i], most), focal, pixels);
     sg_free(numbers);
     sg_free(nearest);
     return SG_OK;

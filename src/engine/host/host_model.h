@@ -72,15 +72,15 @@ void sg_host_floor_scale(struct sg_host_model *h, float smallest);
 /* shape: through which it is drawn, or NULL. */
 void sg_host_reset_opacity(struct sg_host_model *h, float limit, const struct sg_shape *shape);
 int sg_host_filter(sg_ctx *ctx, struct sg_host_model *h, const struct sg_camera *const *cameras,
-                   size_t n);
+                   size_t n, const struct sg_mip_filter *filter);
 /* Numbers of the cameras for math/mip.h. Returns the largest focal length. */
 float sg_host_filter_cameras(const struct sg_camera *const *cameras, size_t n,
                              double (*out)[SG_MIP_CAMERA]);
 void sg_host_relocate(struct sg_host_model *h, const struct sg_relocation *r);
 void sg_host_explore(sg_ctx *ctx, struct sg_host_model *h, const struct sg_exploration *x);
-/* Raises the largest radii to those in this view. mip: see sg_render_params. */
+/* Raises the largest radii to those in this view. mip_kernel: see sg_render_params. */
 int sg_host_count_radii(sg_ctx *ctx, struct sg_host_model *h, const struct sg_camera *camera,
-                        bool mip);
+                        float mip_kernel);
 /* The optional stage, forth and back: fills the shaped column; turns the gradient of what is drawn
  * into that of the parameters. */
 int sg_host_shape(sg_ctx *ctx, struct sg_host_model *h, const struct sg_shape *shape);

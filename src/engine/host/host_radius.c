@@ -36,9 +36,9 @@ static void radius_chunk(void *arg, size_t chunk, int thread)
 }
 
 int sg_host_count_radii(sg_ctx *ctx, struct sg_host_model *h, const struct sg_camera *camera,
-                        bool mip)
+                        float mip_kernel)
 {
-    const struct radius_job job = {h, mip ? view_make_mip(camera) : view_make(camera),
+    const struct radius_job job = {h, view_make_mip(camera, mip_kernel),
                                    (camera->width + SG_TILE - 1) / SG_TILE,
                                    (camera->height + SG_TILE - 1) / SG_TILE};
     if (sg_host_alloc(ctx, h, SG_C_RADIUS))

@@ -117,7 +117,7 @@ static int do_project(struct sg_engine *base, const struct sg_camera *camera, in
         sg_grow(base->ctx, SG_MEM_INSTANCES, &b->list, &b->list_capacity, n, 0, sizeof(*b->list)) ||
         reserve_frame(b, (size_t) camera->width * (size_t) camera->height))
         return SG_ERR_BUDGET;
-    b->view = params->mip_filter ? view_make_mip(camera) : view_make(camera);
+    b->view = view_make_mip(camera, params->mip_kernel);
     b->params = *params;
     b->degree = sh_degree;
     b->image.width = camera->width, b->image.height = camera->height;
@@ -530,9 +530,10 @@ static int relocate(struct sg_engine *base, const struct sg_relocation *r)
     return SG_OK;
 }
 
-static int filter(struct sg_engine *base, const struct sg_camera *const *cameras, size_t n)
+static int filter(struct sg_engine *base, const struct sg_camera *const *cameras, size_t n,
+                  const struct sg_mip_filter *how)
 {
-    return sg_host_filter(base->ctx, &((struct ref_engine *) base)->model, cameras, n);
+    return sg_host_filter(base->ctx, &((struct ref_engine *) base)->model, cameras, n, how);
 }
 
 static int explore(struct sg_engine *base, const struct sg_exploration *x)
@@ -545,7 +546,7 @@ static const struct sg_engine_ops ops = {
     .name = "ref",
     .absolute = true,
     .exposure = true,
-    .mip_filter = true,
+    .mip_kernel = true,
     .destroy = destroy,
     .variant = variant,
     .upload = upload,

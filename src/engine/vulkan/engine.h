@@ -198,7 +198,8 @@ int sg_vulkan_download(struct sg_engine *, struct sg_model *, struct sg_columns 
 int sg_vulkan_read_statistics(struct sg_engine *, const struct sg_statistics *);
 int sg_vulkan_relocate(struct sg_engine *, const struct sg_relocation *);
 int sg_vulkan_explore(struct vulkan_engine *, const struct sg_exploration *);
-int sg_vulkan_filter(struct sg_engine *, const struct sg_camera *const *cameras, size_t n);
+int sg_vulkan_filter(struct sg_engine *, const struct sg_camera *const *cameras, size_t n,
+                     const struct sg_mip_filter *filter);
 int sg_vulkan_count_radii(struct vulkan_engine *);
 int sg_vulkan_floor_scale(struct sg_engine *, float smallest);
 int sg_vulkan_reset_opacity(struct sg_engine *, float limit);

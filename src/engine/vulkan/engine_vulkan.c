@@ -55,7 +55,7 @@ int sg_vulkan_project(struct vulkan_engine *e, const struct sg_camera *camera, i
                       const struct sg_render_params *params)
 {
     struct gpu *g = e->gpu;
-    const struct pinhole view = params->mip_filter ? view_make_mip(camera) : view_make(camera);
+    const struct pinhole view = view_make_mip(camera, params->mip_kernel);
     _Static_assert(sizeof(view) == VK_VIEW * sizeof(float), "as view_load reads it");
     const uint64_t values = 3 * (uint64_t) camera->width * (uint64_t) camera->height;
     e->camera = *camera;
@@ -449,7 +449,7 @@ static const struct sg_engine_ops ops = {
     .name = "vulkan",
     .absolute = true,
     .exposure = true,
-    .mip_filter = true,
+    .mip_kernel = true,
     .destroy = destroy,
     .variant = variant,
     .upload = sg_vulkan_upload,

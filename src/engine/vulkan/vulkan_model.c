@@ -158,7 +158,8 @@ int sg_vulkan_read_planes(struct vulkan_engine *e, int planes, struct sg_host_mo
     return code;
 }
 
-int sg_vulkan_filter(struct sg_engine *base, const struct sg_camera *const *cameras, size_t n)
+int sg_vulkan_filter(struct sg_engine *base, const struct sg_camera *const *cameras, size_t n,
+                     const struct sg_mip_filter *filter)
 {
     struct vulkan_engine *e = vulkan_of(base);
     struct gpu *g = e->gpu;
@@ -184,11 +185,12 @@ int sg_vulkan_filter(struct sg_engine *base, const struct sg_camera *const *came
         code = GPU_RUN(g, mip_depth, 0, FOR_EACH(count), .params = e->at[SG_C_PARAMETERS].address,
                        .cameras = seen_from.address, .depths = depths.address,
                        .most = depths.address + 4 * count, .count = (uint32_t) count,
-                       .planes = (uint32_t) e->planes, .views = (uint32_t) n);
+                       .planes = (uint32_t) e->planes, .views = (uint32_t) n,
+                       .margin = (float) filter->margin);
     if (!code)
         code = GPU_RUN(g, mip_filter, 0, FOR_EACH(count), .depths = depths.address,
                        .filters = e->at[SG_C_FILTER].address, .count = (uint32_t) count,
-                       .focal = focal);
+                       .focal = focal, .pixels = (float) sqrt(filter->variance));
     sg_gpu_release(g, &seen_from);
     sg_gpu_release(g, &depths);
     sg_free(exact);
@@ -274,7 +276,9 @@ int sg_vulkan_explore(struct vulkan_engine *e, const struct sg_exploration *x)
                                       .planes = (uint32_t) e->planes,
                                       .key_low = (uint32_t) key,
                                       .key_high = (uint32_t) (key >> 32),
-                                      .amount = x->amount};
+                                      .amount = x->amount,
+                                      .gate = x->gate,
+                                      .dead = x->dead};
     /* After an edit the work is that of an earlier model, and the device has not stopped. */
     return e->lists.work.buffer && e->lists.count == e->count
                ? sg_gpu_dispatch_work(e->gpu, GPU_explore, 0, &args, sizeof(args), &e->lists.work,

@@ -7,12 +7,12 @@
 
 #ifdef SG_MIP
 #define SG_COMPENSATED(v) true
-#define VIEW(camera) view_make_mip(camera)
+#define VIEW(a) view_make_mip((a)->camera, (a)->mip_kernel)
 #define GAIN(s) (s).gain
 #define FILTERED(name) SG_PASTE(sg_cpu_##name##_mip, SG_ISA)
 #else
 #define SG_COMPENSATED(v) false
-#define VIEW(camera) view_make(camera)
+#define VIEW(a) view_make((a)->camera)
 #define GAIN(s) 1
 #define FILTERED(name) KERNEL(name)
 #endif

@@ -175,7 +175,7 @@ SIMD void regularise(const struct cpu_learn_args *a, size_t base, const float *p
 
 void FILTERED(project_backward_optimise)(const struct cpu_learn_args *a, size_t first, size_t end)
 {
-    const struct pinhole view = VIEW(a->camera);
+    const struct pinhole view = VIEW(a);
     const int planes = active_planes(a);
     for (size_t block = first; block < end; block++)
         for (int half = 0; half < SG_LANES; half += LANES) {

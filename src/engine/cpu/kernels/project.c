@@ -82,7 +82,7 @@ SIMD void store_extents(const struct cpu_project_args *a, size_t base, const str
 
 void FILTERED(project)(const struct cpu_project_args *a, size_t first, size_t end)
 {
-    const struct pinhole v = VIEW(a->camera);
+    const struct pinhole v = VIEW(a);
     const int coefficients = (a->degree + 1) * (a->degree + 1);
     for (size_t block = first; block < end; block++)
         for (int half = 0; half < SG_LANES; half += LANES) {

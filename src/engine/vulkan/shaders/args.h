@@ -303,7 +303,8 @@
     U(moments)
 /* The noise of a struct sg_exploration. key: seed and stream, mixed, in two words. */
 #define ARGS_explore(P, U, F)                                                                      \
-    P(Floats, params) U(count) U(planes) U(key_low) U(key_high) F(amount)
+    P(Floats, params) U(count) U(planes) U(key_low) U(key_high) F(amount) F(gate)     \
+    F(dead)
 /* What Gaussians with a 3D filter are drawn as, to a copy of the parameters; back: 1 = the gradient
  * of that to the one of the parameters. */
 #define ARGS_mip_shape(P, U, F)                                                                    \
@@ -312,9 +313,9 @@
  * them, which begins as 0. */
 #define ARGS_mip_depth(P, U, F)                                                                    \
     P(Floats, params) P(Floats, cameras) P(Floats, depths) P(Uints, most) U(count) U(planes)       \
-    U(views)
+    U(views) F(margin)
 #define ARGS_mip_filter(P, U, F)                                                                   \
-    P(Floats, depths) P(Floats, filters) U(count) F(focal)
+    P(Floats, depths) P(Floats, filters) U(count) F(focal) F(pixels)
 /* The first `width` of the `planes` planes of every Gaussian, to an array of so many planes. */
 #define ARGS_planes(P, U, F)                                                                       \
     P(Floats, from) P(Floats, to) U(count) U(planes) U(width)

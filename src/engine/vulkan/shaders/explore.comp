@@ -14,7 +14,7 @@ void main()
     const uint i = thread_index();
     if (i >= a.count)
         return;
-    const float gate = explore_gate(a.params.v[param_at(a.planes, i, P_OPACITY)]);
+    const float gate = explore_gate(a.params.v[param_at(a.planes, i, P_OPACITY)], a.gate, a.dead);
     if (!(gate > 0.0))
         return;
     const words key = words_of(a.key_low, a.key_high);

@@ -19,7 +19,7 @@ void main()
     for (uint c = 0; c < a.views; c++) {
         for (uint k = 0; k < SG_MIP_CAMERA; k++)
             camera[k] = a.cameras.v[c * SG_MIP_CAMERA + k];
-        const float depth = mip_depth(camera, xyz);
+        const float depth = mip_depth(camera, xyz, a.margin);
         if (depth > 0.0 && depth < least)
             least = depth;
     }

@@ -14,5 +14,5 @@ void main()
     const uint i = thread_index();
     const float most = a.depths.v[a.count];
     if (i < a.count && most > 0.0)
-        a.filters.v[i] = mip_filter(r_min(a.depths.v[i], most), a.focal);
+        a.filters.v[i] = mip_filter(r_min(a.depths.v[i], most), a.focal, a.pixels);
 }
