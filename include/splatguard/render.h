@@ -24,7 +24,7 @@ struct sg_render_params {
      * appearance renders have. SG_APPEARANCE_INDEX: view i of a list has that of photo i, as in the
      * released code of Scaffold-GS (see sg_renderer_set_index). SG_APPEARANCE_MEAN: the mean of
      * all, which is also taken where there is no such photo or index. SG_APPEARANCE_ZERO: zeros.
-     * Default SG_APPEARANCE_INDEX. */
+     * Default SG_APPEARANCE_MEAN. */
     int appearance;
     /* (Gaussian, tile) pairs held at once. Views with more are processed in bands. Default 1 << 24.
      */
@@ -33,7 +33,7 @@ struct sg_render_params {
 #define SG_APPEARANCE_INDEX (-1)
 #define SG_APPEARANCE_MEAN (-2)
 #define SG_APPEARANCE_ZERO (-3)
-#define SG_RENDER_DEFAULTS .max_instances = 1u << 24, .appearance = SG_APPEARANCE_INDEX
+#define SG_RENDER_DEFAULTS .max_instances = 1u << 24, .appearance = SG_APPEARANCE_MEAN
 SG_API struct sg_render_params sg_render_params_default(void);
 
 /* The work that a view took. */

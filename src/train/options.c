@@ -297,7 +297,7 @@ static const struct sg_option render_options[] = {
         RASTERISER, .transient = true),
     INTEGER("appearance", appearance, -3, 1e6,
             "Of which training photo, from 0, a model with --photo-appearance has the appearance. "
-            "index: view i has that of photo i, as in the released code; mean: the mean of all; "
+            "mean: the mean of all; index: view i has that of photo i, as in the released code; "
             "zero: zeros.",
             RASTERISER, .words = "index|mean|zero", .first_word = SG_APPEARANCE_INDEX,
             .transient = true),

@@ -110,7 +110,7 @@ struct sg_render_params sg_trainer_render(const sg_trainer *t)
                                      .reference_tiles = t->params.reference_tiles,
                                      .mip_kernel =
                                          t->params.model == SG_MODEL_MIP ? t->params.mip.kernel : 0,
-                                     .appearance = SG_APPEARANCE_INDEX};
+                                     .appearance = SG_APPEARANCE_MEAN};
 }
 
 /* The share is 1 before a look, and where tolerances hide nothing. */

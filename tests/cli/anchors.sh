@@ -43,6 +43,8 @@ expect 0 eval looks --json
 psnr=$(sed 's/.*"psnr": \([0-9.]*\).*/\1/' out)
 grep -q "\"psnr\": ${psnr%??}" looks/summary.json || fail "eval says $psnr, summary.json $(grep psnr looks/summary.json)"
 expect 0 eval looks --json --appearance mean
+grep -q "\"psnr\": ${psnr%??}" out || fail "the default is not the mean of the appearances: $(cat out)"
+expect 0 eval looks --json --appearance index
 grep -q "\"psnr\": ${psnr%??}" out && fail "the mean of the appearances measures like the first two: $(cat out)"
 for photo in 0 1 index; do
     expect 0 render looks -o looks-$photo --appearance $photo -q
