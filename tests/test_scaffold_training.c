@@ -82,7 +82,7 @@ static void test_engines(void **state)
     static uint8_t mask[SIDE * SIDE];
     const int n = engine_cases(cases);
     for (int i = 0; i < SIDE * SIDE; i++)
-        mask[i] = i % SIDE < SIDE / 2;
+        mask[i] = i % SIDE < SIDE / 2 ? 255 : 0;
     for (int k = n - 1; k >= 0; k--) { /* the oracle first */
         struct sg_model *m[2];
         struct fixture fixtures[2]; /* their contexts outlive the models */
@@ -472,6 +472,38 @@ static void test_refused(void **state)
     clear_points(&f);
 }
 
+/* What a mask leaves out of a photo has no influence on anchors and networks. */
+static void test_masks(void **state)
+{
+    (void) state;
+    struct fixture fixtures[2]; /* their contexts outlive the models */
+    struct sg_model *m[2];
+    static uint8_t mask[SIDE * SIDE];
+    for (int i = 0; i < SIDE * SIDE; i++)
+        mask[i] = i % SIDE < SIDE / 2 ? 255 : 0;
+    for (int k = 0; k < 2; k++) {
+        struct sg_train_params p = scaffold_params();
+        struct course course;
+        fixtures[k] = make_points(1);
+        for (int v = 0; v < VIEWS; v++) {
+            fixtures[k].views[v].mask = mask;
+            for (int i = 0; i < SIDE * SIDE; i++)
+                if (!mask[i])
+                    memset(fixtures[k].views[v].rgb + 3 * i, k ? 255 : 0, 3);
+        }
+        p.scaffold.bank = p.scaffold.appearance = true;
+        sg_trainer *t = begin(&fixtures[k], &p);
+        m[k] = run(&fixtures[k], t, 16, &course);
+        assert_true(course.gaussians[15] > course.gaussians[0]);
+        sg_trainer_destroy(&t);
+    }
+    assert_same_anchors(m[0], m[1]);
+    for (int k = 0; k < 2; k++) {
+        sg_model_destroy(&m[k]);
+        clear_points(&fixtures[k]);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -480,6 +512,7 @@ int main(void)
         cmocka_unit_test(test_steps),     cmocka_unit_test(test_nothing_drawn),
         cmocka_unit_test(test_limits),    cmocka_unit_test(test_memory),
         cmocka_unit_test(test_filter),    cmocka_unit_test(test_hidden),
-        cmocka_unit_test(test_constants), cmocka_unit_test(test_refused)};
+        cmocka_unit_test(test_constants), cmocka_unit_test(test_masks),
+        cmocka_unit_test(test_refused)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

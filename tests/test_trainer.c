@@ -264,15 +264,11 @@ static void test_background(void **state)
     clear_fixture(&f);
 }
 
-/* What a mask leaves out of a photo has no influence; photos of which nothing is left are none. */
-static void test_masks(void **state)
+/* Two trainings on photos that differ where a mask leaves them out. */
+static void train_masked(const struct sg_train_params *p, struct sg_model *trained[2])
 {
-    (void) state;
     struct fixture f = make_fixture(1);
-    const struct sg_train_params p = short_params();
-    struct sg_model *trained[2];
     uint8_t mask[SIDE * SIDE];
-    sg_trainer *t;
     for (int k = 0; k < 2; k++) {
         for (int i = 0; i < SIDE * SIDE; i++) {
             mask[i] = i % SIDE < SIDE / 2 ? 255 : 0;
@@ -281,12 +277,34 @@ static void test_masks(void **state)
         }
         for (int v = 0; v < VIEWS; v++)
             f.views[v].mask = mask;
-        trained[k] = train(&f, &p, 12, NULL, NULL, NULL);
+        trained[k] = train(&f, p, 12, NULL, NULL, NULL);
     }
-    assert_same(trained[0], trained[1]);
-    for (int k = 0; k < 2; k++)
-        sg_model_destroy(&trained[k]);
-    memset(mask, 0, sizeof(mask));
+    clear_fixture(&f);
+}
+
+/* What a mask leaves out of a photo has no influence, whatever is trained; photos of which nothing
+ * is left are none. */
+static void test_masks(void **state)
+{
+    (void) state;
+    for (int variant = 0; variant < 5; variant++) {
+        struct sg_train_params p = short_params();
+        struct sg_model *trained[2];
+        p.model = variant == 1 ? SG_MODEL_MIP : SG_MODEL_3DGS;
+        p.strategy = variant == 2 ? SG_STRATEGY_MCMC : SG_STRATEGY_DEFAULT;
+        p.absgrad = variant == 3, p.exposure = variant == 4;
+        train_masked(&p, trained);
+        assert_same(trained[0], trained[1]);
+        for (int k = 0; k < 2; k++)
+            sg_model_destroy(&trained[k]);
+    }
+    struct fixture f = make_fixture(1);
+    const struct sg_train_params p = short_params();
+    uint8_t mask[SIDE * SIDE] = {0};
+    sg_trainer *t;
+    f.scene.train = f.views;
+    for (int v = 0; v < VIEWS; v++)
+        f.views[v].mask = mask;
     assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_ERR_INPUT);
     assert_non_null(strstr(sg_last_error(f.ctx), "masks leave nothing"));
     clear_fixture(&f);
