@@ -1,7 +1,7 @@
 #!/bin/bash
 # SPDX-License-Identifier: Apache-2.0
 # How far every variant of the CPU engine, and the Vulkan engine on Mesa's driver for the CPU at its three vector widths,
-# are from the oracle in the tests of tests/engine that compare them, in millionths: the largest differences, and what the
+# are from the oracle in the tests that compare them, in millionths: the largest differences, and what the
 # tests allow. Writes bench/results/vulkan-parity.tsv.
 #     bench/parity.sh MACHINE      needs the tests in build/ and mesa-vulkan-drivers
 set -eu
@@ -11,7 +11,7 @@ icd=$(ls /usr/share/vulkan/icd.d/lvp_icd.*.json)
 commit=$(git rev-parse --short HEAD)
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-tests=(test_engine test_operations test_changes test_views test_anisotropy)
+tests=(test_engine test_operations test_changes test_views test_anisotropy test_scaffold)
 for test in "${tests[@]}"; do
     SG_PARITY=$work/cpu "build/$test" >&2
 done

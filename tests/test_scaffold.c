@@ -4,6 +4,7 @@
 #include "math/real_f64.h"
 
 #include "anchor_models.h"
+#include "engine/parity.h"
 #include "engine/ref/ref_neural.h"
 #include "engine/ref/render.h"
 #include "engine/host/host_model.h"
@@ -438,17 +439,13 @@ static struct results learn(sg_ctx *ctx, struct engine_case c, const struct sg_m
     return out;
 }
 
+/* The largest difference as a share of the largest value. */
 static void compare_arrays(const char *name, const char *what, const float *found,
-                           const float *expected, size_t n, float share)
+                           const float *expected, size_t n, double bound)
 {
-    float most = 0;
-    for (size_t i = 0; i < n; i++)
-        most = fmaxf(most, fabsf(expected[i]));
+    const double most = largest_of(expected, n);
     assert_true(most > 0);
-    for (size_t i = 0; i < n; i++)
-        if (!(fabsf(found[i] - expected[i]) <= share * most))
-            fail_msg("%s: %s %zu: found %g, expected %g, the largest is %g", name, what, i,
-                     (double) found[i], (double) expected[i], (double) most);
+    assert_within(name, what, difference_of(found, expected, n, NULL, 1) / most, bound);
 }
 
 static void compare_results(const char *name, const struct results *r,
@@ -456,21 +453,23 @@ static void compare_results(const char *name, const struct results *r,
 {
     const size_t anchors = sg_blocks(MANY) * SG_LANES;
     const struct sg_columns *found = r->gradient->columns, *right = expected->gradient->columns;
-    compare_arrays(name, "reach", r->gradient->params, expected->gradient->params,
-                   anchors * SG_DRAWN_PLANES, 1e-4f);
-    compare_arrays(name, "anchor", found->at[SG_C_ANCHOR], right->at[SG_C_ANCHOR],
-                   anchors * SG_A_PLANES, 1e-4f);
-    compare_arrays(name, "weight", (const float *) &found->networks->value,
-                   (const float *) &right->networks->value, SG_WEIGHTS, 1e-4f);
+    compare_arrays(name, "anchors: gradient of reach", r->gradient->params,
+                   expected->gradient->params, anchors * SG_DRAWN_PLANES, 1e-4);
+    compare_arrays(name, "anchors: gradient of features and offsets", found->at[SG_C_ANCHOR],
+                   right->at[SG_C_ANCHOR], anchors * SG_A_PLANES, 1e-4);
+    compare_arrays(name, "anchors: gradient of weights", (const float *) &found->networks->value,
+                   (const float *) &right->networks->value, SG_WEIGHTS, 1e-4);
     if (parts & SG_PART_APPEARANCE)
-        compare_arrays(name, "appearance", found->networks->appearance[1].value,
-                       right->networks->appearance[1].value, SG_APPEARANCE, 1e-4f);
-    compare_arrays(name, "statistic", r->statistics, expected->statistics,
-                   anchors * SG_A_STATISTICS, 1e-3f);
+        compare_arrays(name, "anchors: gradient of appearances",
+                       found->networks->appearance[1].value, right->networks->appearance[1].value,
+                       SG_APPEARANCE, 1e-4);
+    compare_arrays(name, "anchors: statistics", r->statistics, expected->statistics,
+                   anchors * SG_A_STATISTICS, 1e-4);
     /* Adam makes a whole step of the least gradient: only its moments can be compared. */
-    compare_arrays(name, "moment", (const float *) &r->learned->columns->networks->moment1,
+    compare_arrays(name, "anchors: moments of weights",
+                   (const float *) &r->learned->columns->networks->moment1,
                    (const float *) &expected->learned->columns->networks->moment1, SG_WEIGHTS,
-                   1e-4f);
+                   1e-4);
 }
 
 static void clear_results(struct results *r)
