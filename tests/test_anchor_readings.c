@@ -4,6 +4,7 @@
 
 #include "defense/filter.h"
 #include "engine/scaffold/scaffold.h"
+#include "math/constants.h"
 #include "training_anchors.h"
 
 #define ANCHORS 5
@@ -212,6 +213,104 @@ static void test_spared(void **state)
     sg_ctx_destroy(&ctx);
 }
 
+/* With a unit of single Gaussians the lowest of these are hidden: views do not make them any more,
+ * they have no gradient, and do not count in the next pass. An anchor without any goes. */
+static void check_single(struct engine_case c)
+{
+    sg_ctx *ctx = make_context(2);
+    struct sg_model *gaussians, *m = make_anchors(ctx, &gaussians), *after;
+    struct sg_view views[SEES] = {{.camera = make_camera(64, 48, 3)},
+                                  {.camera = make_camera(64, 48, 3)}};
+    const struct sg_scene scene = {.train = views, .n_train = SEES};
+    const struct sg_camera *seen[SEES] = {&views[0].camera, &views[1].camera};
+    const struct sg_render_params render = sg_render_params_default();
+    const struct sg_defense_params p = {SG_DEFENSE_DEFAULTS, .unit = SG_UNIT_GAUSSIAN};
+    const struct sg_weighing single = {.kind = SG_HIT_PIXELS, .single = true};
+    double before[ANCHORS * SG_ANCHOR_GAUSSIANS], hits[ANCHORS * SG_ANCHOR_GAUSSIANS];
+    struct sg_defense_step step = {0};
+    struct sg_engine *e;
+    assert_int_equal(sg_engine_create(ctx, c.engine, c.variant, &e), SG_OK);
+    assert_int_equal(sg_scaffold_wrap(ctx, &e), SG_OK);
+    assert_int_equal(sg_engine_upload(e, m, m->columns), SG_OK);
+    assert_int_equal(sg_engine_weigh_hits(e, seen, SEES, &render, &single, before), SG_OK);
+    /* Of 50 only numbers 1 and 4 of the first four anchors are seen; number 4 is the thinner one.
+     * 43 go: the 42 unseen, with them the last anchor, and number 4 of the first. */
+    assert_int_equal(sg_filter(e, &scene, &p, &render, 43. / 50, 42, 600, &step), SG_OK);
+    assert_int_equal(step.scored, 50);
+    assert_int_equal(step.unseen, 42);
+    assert_int_equal(step.removed, 43);
+    assert_int_equal(sg_engine_count(e), ANCHORS - 1);
+    assert_int_equal(sg_engine_weigh_hits(e, seen, SEES, &render, &single, hits), SG_OK);
+    for (size_t i = 0; i < (ANCHORS - 1) * SG_ANCHOR_GAUSSIANS; i++) {
+        const size_t number = i % SG_ANCHOR_GAUSSIANS;
+        if ((hits[i] > 0) != (number == 1 || (number == 4 && i != 4)))
+            fail_msg("%s: Gaussian %zu of anchor %zu has %g hits, before %g", case_name(c), number,
+                     i / SG_ANCHOR_GAUSSIANS, hits[i], before[i]);
+    }
+    /* The next pass: none is unseen, and number 4 of the second anchor is the lowest. */
+    assert_int_equal(sg_filter(e, &scene, &p, &render, 1.5 / 7, 42, 700, &step), SG_OK);
+    assert_int_equal(step.scored, 7);
+    assert_int_equal(step.unseen, 0);
+    assert_int_equal(step.removed, 1);
+    assert_int_equal(sg_engine_weigh_hits(e, seen, SEES, &render, &single, hits), SG_OK);
+    assert_true(hits[14] == 0 && hits[11] > 0);
+    /* What is hidden learns nothing. */
+    assert_int_equal(sg_model_create(ctx, ANCHORS - 1, 0, &after), SG_OK);
+    assert_int_equal(sg_anchors_add(ctx, after, 0), SG_OK);
+    assert_int_equal(sg_engine_download(e, after, after->columns), SG_OK);
+    const float *anchor = after->columns->at[SG_C_ANCHOR];
+    for (size_t i = 0; i < ANCHORS - 1; i++)
+        for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++) {
+            const float offset = anchor[sg_param_index(SG_A_PLANES, i, SG_A_OFFSET + 3 * k)];
+            assert_true((offset == SG_OFFSET_HIDDEN) != (k == 1 || (k == 4 && i > 1)));
+        }
+    assert_int_equal(sg_model_check(ctx, after, "after"), SG_OK);
+    sg_engine_destroy(&e);
+    sg_model_destroy(&after);
+    sg_model_destroy(&m);
+    sg_model_destroy(&gaussians);
+    sg_ctx_destroy(&ctx);
+}
+
+static void test_single(void **state)
+{
+    (void) state;
+    struct engine_case cases[ENGINE_CASES];
+    const int n = engine_cases(cases);
+    for (int k = 0; k < n; k++)
+        check_single(cases[k]);
+}
+
+/* In a training: fewer and fewer are drawn, and what is hidden stays so. */
+static void test_single_training(void **state)
+{
+    (void) state;
+    struct fixture f = make_points(2);
+    struct sg_train_params p = scaffold_params();
+    struct sg_train_step s;
+    uint64_t first = 0, last = 0;
+    sg_trainer *t;
+    p.engine = main_engine();
+    p.defense.on = true;
+    p.defense.rho = 0.3, p.defense.interval = 4, p.defense.views = 3;
+    p.defense.unit = SG_UNIT_GAUSSIAN;
+    p.densify_grad_threshold = 1e9f; /* none grows */
+    f.scene.train = f.views;
+    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, NULL, &p, &t), SG_OK);
+    const size_t anchors = sg_engine_count(t->engine);
+    for (int it = 1; it <= 36; it++) {
+        if (sg_trainer_step(t, &s))
+            fail_msg("%s", sg_last_error(f.ctx));
+        assert_true(isfinite(s.loss));
+        first = it == 6 ? s.render.visible : first;
+        last = s.render.visible;
+    }
+    assert_true(last < first);
+    assert_in_range(sg_engine_count(t->engine), 1, anchors);
+    sg_trainer_destroy(&t);
+    clear_points(&f);
+}
+
 /* Anchors that have grown, by the iteration in which they did. */
 static size_t count_born(sg_trainer *t, int since)
 {
@@ -274,7 +373,8 @@ static void test_grace(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_scores), cmocka_unit_test(test_spared),
-                                       cmocka_unit_test(test_grace)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_scores), cmocka_unit_test(test_spared), cmocka_unit_test(test_single),
+        cmocka_unit_test(test_single_training), cmocka_unit_test(test_grace)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

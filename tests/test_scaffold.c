@@ -497,6 +497,11 @@ static void test_many(void **state)
                                 : 20 * *position;
             m->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, i, SG_A_SIZE + k)] -= 1.5f;
         }
+    for (size_t i = 0; i < MANY; i += 3) /* of some anchors a Gaussian is hidden */
+        for (int k = 0; k < 3; k++) {
+            const int plane = SG_A_OFFSET + 3 * (int) (i % SG_ANCHOR_GAUSSIANS) + k;
+            m->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, i, plane)] = SG_OFFSET_HIDDEN;
+        }
     for (int some = 0; some < 4; some++) { /* none, each way of a part alone, all */
         const unsigned parts = some == 3 ? ALL_PARTS : (unsigned) some;
         struct results expected = {0};

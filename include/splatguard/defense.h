@@ -25,6 +25,10 @@ enum sg_filter_sigma { SG_SIGMA_STD /* the smallest scale */, SG_SIGMA_EIGEN /* 
  * of the anchor, which limits them. */
 enum sg_anchor_sigma { SG_ANCHOR_SIGMA_NEURAL, SG_ANCHOR_SIGMA_ANCHOR };
 
+/* And what goes: whole anchors, or single Gaussians of anchors, which are hidden from then on. An
+ * anchor whose Gaussians are all hidden goes too. */
+enum sg_filter_unit { SG_UNIT_ANCHOR, SG_UNIT_GAUSSIAN };
+
 /* And whose hits: those of each Gaussian in each view, or of all Gaussians of its anchor there. */
 enum sg_anchor_hits { SG_ANCHOR_HITS_NEURAL, SG_ANCHOR_HITS_ANCHOR };
 
@@ -63,6 +67,7 @@ struct sg_defense_params {
     enum sg_filter_sigma sigma;        /* Default SG_SIGMA_STD. */
     enum sg_anchor_sigma anchor_sigma; /* Default SG_ANCHOR_SIGMA_NEURAL. */
     enum sg_anchor_hits anchor_hits;   /* Default SG_ANCHOR_HITS_NEURAL. */
+    enum sg_filter_unit unit;          /* Default SG_UNIT_ANCHOR. */
     /* What an anchor has of its Gaussians' scores, one for each sampled view that makes them.
      * Default SG_COMBINE_SUM. */
     enum sg_combine anchor_score;

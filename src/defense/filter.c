@@ -5,7 +5,10 @@
 #include <string.h>
 
 #include "core/rng.h"
+#include "math/real_f32.h"
 #include "scene/cameras.h"
+
+#include "math/neural.h"
 
 double sg_filter_log_weight(const struct sg_defense_params *p, float log_smallest)
 {
@@ -69,12 +72,17 @@ int sg_scores_create(sg_ctx *ctx, size_t n, struct sg_scores *out)
     return SG_ERR_BUDGET;
 }
 
+size_t sg_filter_each(const struct sg_engine *engine, const struct sg_defense_params *p)
+{
+    return p->unit == SG_UNIT_GAUSSIAN ? sg_engine_each(engine) : 1;
+}
+
 int sg_score(struct sg_engine *engine, const struct sg_scene *scene,
              const struct sg_defense_params *p, const struct sg_render_params *render,
              uint64_t seed, int it, struct sg_scores *out)
 {
     sg_ctx *ctx = sg_engine_ctx(engine);
-    const size_t n = sg_engine_count(engine);
+    const size_t each = sg_filter_each(engine, p), rows = sg_engine_count(engine), n = each * rows;
     const struct sg_camera **views = sg_training_cameras(ctx, scene);
     const bool anchors = sg_engine_each(engine) > 1,
                weighed = anchors && p->anchor_sigma == SG_ANCHOR_SIGMA_NEURAL;
@@ -86,7 +94,8 @@ int sg_score(struct sg_engine *engine, const struct sg_scene *scene,
                                     .shared = p->anchor_hits == SG_ANCHOR_HITS_ANCHOR,
                                     .weight = weighed ? weight_of : NULL,
                                     .arg = p,
-                                    .combine = p->anchor_score};
+                                    .combine = p->anchor_score,
+                                    .single = each > 1};
     if (!code)
         code = anchors ? sg_engine_weigh_hits(engine, views, counted, render, &how, out->score)
                        : sg_engine_count_hits(engine, views, counted, render, p->hit, out->score);
@@ -98,6 +107,8 @@ int sg_score(struct sg_engine *engine, const struct sg_scene *scene,
         sg_scores_clear(out);
         return code;
     }
+    for (size_t i = n; i-- > 0 && each > 1;) /* from anchors to their Gaussians, in place */
+        out->log_smallest[i] = out->log_smallest[i / each];
     for (size_t i = 0; i < n; i++)
         out->unseen += !(out->score[i] > 0);
     out->sampled = counted < scene->n_train;
@@ -200,6 +211,7 @@ struct spared {
     bool unseen;
     const float *born; /* of anchors that have grown, else 0; NULL: of no interest */
     int since;         /* of those born later */
+    size_t each;       /* entries of an anchor */
 };
 
 static bool is_spared(const struct spared *by, const struct sg_defense_params *p,
@@ -208,14 +220,15 @@ static bool is_spared(const struct spared *by, const struct sg_defense_params *p
     /* Without thickness the score is that of the unseen. */
     const bool unseen = by->unseen && s->score[i] == -INFINITY &&
                         sg_filter_log_weight(p, s->log_smallest[i]) > -INFINITY;
-    return unseen || (by->born && by->born[i] > 0 && by->born[i] > (float) by->since);
+    const float born = by->born ? by->born[i / by->each] : 0;
+    return unseen || (born > 0 && born > (float) by->since);
 }
 
-/* The number of the lowest that go, of those set in `keep`. */
-static size_t share_of(const struct sg_scores *s, enum sg_prune_rule rule, double rho,
+/* The number of the lowest of `all` that go, of those set in `keep`. */
+static size_t share_of(const struct sg_scores *s, size_t all, enum sg_prune_rule rule, double rho,
                        const uint8_t *keep)
 {
-    size_t n = 0, lowest = (size_t) (rho * (double) s->count);
+    size_t n = 0, lowest = (size_t) (rho * (double) all);
     for (size_t i = 0; i < s->count; i++)
         n += keep[i];
     if (rule == SG_PRUNE_THRESHOLD && rho > 0 && n) {
@@ -225,49 +238,129 @@ static size_t share_of(const struct sg_scores *s, enum sg_prune_rule rule, doubl
             lowest += keep[i] && s->score[i] <= limit;
     }
     lowest = lowest < n ? lowest : n;
-    return lowest < s->count ? lowest : s->count - 1; /* a model keeps at least one Gaussian */
+    return lowest < all ? lowest : all - 1; /* a model keeps at least one Gaussian */
+}
+
+/* Of every entry, whether it has been hidden before; adds how many have. */
+static int find_hidden(struct sg_engine *engine, uint8_t *hidden, size_t *count)
+{
+    const size_t n = sg_engine_count(engine), each = sg_engine_each(engine),
+                 blocks = (n + SG_LANES - 1) / SG_LANES;
+    float *anchor = sg_alloc_raw(sg_engine_ctx(engine), SG_MEM_OPTIMISER, blocks * SG_LANES,
+                                 SG_A_PLANES * sizeof(*anchor));
+    const int code =
+        anchor ? sg_engine_download(engine, NULL, &(struct sg_columns){.at[SG_C_ANCHOR] = anchor})
+               : SG_ERR_BUDGET;
+    for (size_t i = 0; i < n * each && !code; i++) {
+        const int plane = SG_A_OFFSET + 3 * (int) (i % each);
+        hidden[i] = !neural_shown(anchor[sg_param_index(SG_A_PLANES, i / each, plane)]);
+        *count += hidden[i];
+    }
+    sg_free(anchor);
+    return code;
+}
+
+/* Hides the entries that are not kept, and removes the anchors that have no other. */
+static int remove_single(struct sg_engine *engine, const uint8_t *keep)
+{
+    sg_ctx *ctx = sg_engine_ctx(engine);
+    const size_t n = sg_engine_count(engine), each = sg_engine_each(engine);
+    uint32_t *bits = sg_alloc(ctx, SG_MEM_OPTIMISER, n, sizeof(*bits));
+    uint8_t *stays = sg_alloc(ctx, SG_MEM_OPTIMISER, n, 1);
+    int code = bits && stays ? SG_OK : SG_ERR_BUDGET;
+    size_t kept = 0;
+    for (size_t i = 0; i < n * each && !code; i++) {
+        bits[i / each] |= (uint32_t) !keep[i] << i % each;
+        stays[i / each] |= keep[i];
+    }
+    for (size_t i = 0; i < n && !code; i++)
+        kept += stays[i];
+    if (!code)
+        code = sg_engine_hide(engine, bits);
+    if (!code && kept < n)
+        code = sg_engine_edit(engine,
+                              &(struct sg_edit){.keep = stays, .kept = kept, .statistics = true});
+    sg_free(bits);
+    sg_free(stays);
+    return code;
+}
+
+/* What a pass knows of every entry beside its score. */
+struct pass {
+    struct spared by;
+    float *born;
+    uint8_t *keep, *gone; /* gone: NULL: none has been hidden before */
+    size_t hidden;        /* the number of those */
+};
+
+static int begin_pass(struct sg_engine *engine, const struct sg_defense_params *p,
+                      const struct sg_scores *s, int it, struct pass *out)
+{
+    sg_ctx *ctx = sg_engine_ctx(engine);
+    const size_t blocks = (sg_engine_count(engine) + SG_LANES - 1) / SG_LANES,
+                 each = sg_filter_each(engine, p);
+    const bool dated = p->grace && sg_engine_each(engine) > 1;
+    *out = (struct pass){.keep = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, s->count, 1)};
+    if (dated)
+        out->born = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, blocks * SG_LANES, sizeof(*out->born));
+    if (each > 1)
+        out->gone = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, s->count, 1);
+    if (!out->keep || (dated && !out->born) || (each > 1 && !out->gone))
+        return SG_ERR_BUDGET;
+    int code = SG_OK;
+    if (dated)
+        code = sg_engine_download(engine, NULL, &(struct sg_columns){.at[SG_C_BORN] = out->born});
+    if (!code && out->gone)
+        code = find_hidden(engine, out->gone, &out->hidden);
+    out->by = (struct spared){.unseen = p->unseen == SG_UNSEEN_KEEP && s->sampled,
+                              .born = out->born,
+                              .since = it - p->grace,
+                              .each = each};
+    return code;
+}
+
+/* Marks what stays. Returns how many go. */
+static size_t choose(const struct pass *pass, const struct sg_defense_params *p, double rho,
+                     const struct sg_scores *s)
+{
+    const size_t n = s->count;
+    for (size_t i = 0; i < n; i++)
+        pass->keep[i] = !(pass->gone && pass->gone[i]) && !is_spared(&pass->by, p, s, i);
+    const size_t lowest = share_of(s, n - pass->hidden, p->rule, rho, pass->keep);
+    sg_scores_remove(s, lowest, pass->keep);
+    for (size_t i = 0; i < n; i++)
+        pass->keep[i] |= !(pass->gone && pass->gone[i]) && is_spared(&pass->by, p, s, i);
+    return lowest;
 }
 
 int sg_filter(struct sg_engine *engine, const struct sg_scene *scene,
               const struct sg_defense_params *p, const struct sg_render_params *render, double rho,
               uint64_t seed, int it, struct sg_defense_step *out)
 {
-    sg_ctx *ctx = sg_engine_ctx(engine);
     struct sg_scores s;
     int code = sg_score(engine, scene, p, render, seed, it, &s);
     if (code)
         return code;
     const size_t n = s.count, seen = n - s.unseen;
-    const bool dated = p->grace && sg_engine_each(engine) > 1;
-    uint8_t *keep = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, n, 1);
-    float *born = dated ? sg_alloc_raw(ctx, SG_MEM_OPTIMISER,
-                                       (n + SG_LANES - 1) / SG_LANES * SG_LANES, sizeof(*born))
-                        : NULL;
-    code = keep && (born || !dated) ? SG_OK : SG_ERR_BUDGET;
-    if (!code && dated)
-        code = sg_engine_download(engine, NULL, &(struct sg_columns){.at[SG_C_BORN] = born});
-    if (!code) {
-        const struct spared by = {.unseen = p->unseen == SG_UNSEEN_KEEP && s.sampled,
-                                  .born = born,
-                                  .since = it - p->grace};
-        for (size_t i = 0; i < n; i++)
-            keep[i] = !is_spared(&by, p, &s, i);
-        const size_t lowest = share_of(&s, p->rule, rho, keep);
-        sg_scores_remove(&s, lowest, keep);
-        for (size_t i = 0; i < n; i++)
-            keep[i] |= is_spared(&by, p, &s, i);
+    struct pass pass;
+    if (!(code = begin_pass(engine, p, &s, it, &pass))) {
+        const size_t lowest = choose(&pass, p, rho, &s);
         out->filtered = true;
         out->rho = rho;
-        out->scored = n, out->removed = lowest, out->unseen = s.unseen;
+        out->scored = n - pass.hidden, out->removed = lowest, out->unseen = s.unseen - pass.hidden;
         for (int k = 0; k < 3 && seen; k++)
             out->score[k] = sg_scores_rank(
                 &s, s.unseen + (size_t) ((double) (seen - 1) * (double[]){0.1, 0.5, 0.9}[k]));
-        if (lowest)
+        if (lowest && pass.gone)
+            code = remove_single(engine, pass.keep);
+        else if (lowest)
             code = sg_engine_edit(
-                engine, &(struct sg_edit){.keep = keep, .kept = n - lowest, .statistics = true});
+                engine,
+                &(struct sg_edit){.keep = pass.keep, .kept = n - lowest, .statistics = true});
     }
-    sg_free(keep);
-    sg_free(born);
+    sg_free(pass.keep);
+    sg_free(pass.gone);
+    sg_free(pass.born);
     sg_scores_clear(&s);
     return code;
 }

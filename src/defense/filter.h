@@ -16,7 +16,7 @@
 /* ln of a Gaussian's weight; -INFINITY for one that has no thickness or no number for it. */
 double sg_filter_log_weight(const struct sg_defense_params *p, float log_smallest);
 
-/* Scores of all Gaussians. All arrays: one value each. */
+/* Scores of all Gaussians, or of what the filter removes of anchors. All arrays: one value each. */
 struct sg_scores {
     size_t count, unseen; /* unseen: without a hit, -INFINITY */
     bool sampled;         /* not all training views were counted */
@@ -27,8 +27,11 @@ struct sg_scores {
 
 /* Room for n of each. SG_ERR_BUDGET. */
 int sg_scores_create(sg_ctx *ctx, size_t n, struct sg_scores *out);
+/* Entries of a row of the model: those of an anchor are its Gaussians with SG_UNIT_GAUSSIAN. */
+size_t sg_filter_each(const struct sg_engine *engine, const struct sg_defense_params *p);
+
 /* Counts hits over the sampled views of the scene at iteration it. An anchor has those of its
- * Gaussians, as p->anchor_sigma, anchor_hits and anchor_score say. */
+ * Gaussians, as p->anchor_sigma, anchor_hits, anchor_score and unit say. */
 int sg_score(struct sg_engine *engine, const struct sg_scene *scene,
              const struct sg_defense_params *p, const struct sg_render_params *render,
              uint64_t seed, int it, struct sg_scores *out);
@@ -41,7 +44,7 @@ double sg_scores_rank(const struct sg_scores *s, size_t k);
  * index. k: at most the number of those set. */
 void sg_scores_remove(const struct sg_scores *s, size_t k, uint8_t *keep);
 
-/* Removes the share rho. out: all but the losses. */
+/* Removes the share rho. out: all but the losses, in entries. */
 int sg_filter(struct sg_engine *engine, const struct sg_scene *scene,
               const struct sg_defense_params *p, const struct sg_render_params *render, double rho,
               uint64_t seed, int it, struct sg_defense_step *out);

@@ -296,6 +296,14 @@ int sg_engine_settle(struct sg_engine *e, const struct sg_settling *s)
     return code ? code : leave(e, e->ops->settle(e, s), IMAGE, 0);
 }
 
+int sg_engine_hide(struct sg_engine *e, const uint32_t *hidden)
+{
+    if (!e->ops->hide)
+        return lacks(e, "hide");
+    const int code = finish(e);
+    return code ? code : leave(e, e->ops->hide(e, hidden), IMAGE, 0);
+}
+
 int sg_engine_learn_networks(struct sg_engine *e, const struct sg_network_update *u)
 {
     if (!e->ops->learn_networks)
@@ -749,7 +757,7 @@ int sg_engine_weigh_hits(struct sg_engine *e, const struct sg_camera *const *vie
 {
     if (!e->ops->weigh_hits)
         return lacks(e, "weigh_hits");
-    const size_t count = sg_engine_count(e);
+    const size_t count = sg_engine_count(e) * (how->single ? sg_engine_each(e) : 1);
     uint32_t *made = NULL;
     if (how->combine == SG_COMBINE_MEAN &&
         !(made = sg_alloc(e->ctx, SG_MEM_OPTIMISER, count, sizeof(*made))))

@@ -182,6 +182,10 @@ struct sg_settling {
 };
 int sg_engine_settle(struct sg_engine *e, const struct sg_settling *settling);
 
+/* Hides Gaussians of anchors for good: no view makes them any more. hidden: of each anchor a bit
+ * for each of its Gaussians. SG_ERR_USAGE for an engine that has none. */
+int sg_engine_hide(struct sg_engine *e, const uint32_t *hidden);
+
 /* One Adam step of the weights of each network, by the gradients of the view that was optimised
  * last, before the model is edited: see struct sg_update. SG_ERR_USAGE for an engine without
  * networks. */
@@ -338,6 +342,8 @@ struct sg_weighing {
     /* The values of an anchor, over Gaussians and views. In a sum of SG_HIT_VIEWS without a weight
      * a view counts once. */
     enum sg_combine combine;
+    /* Values stay with the Gaussians: `hits` has SG_ANCHOR_GAUSSIANS of each anchor. */
+    bool single;
 };
 /* The same of a model of anchors. SG_ERR_USAGE for an engine of other models. */
 int sg_engine_weigh_hits(struct sg_engine *e, const struct sg_camera *const *views, size_t n,

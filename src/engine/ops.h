@@ -109,6 +109,7 @@ struct sg_engine_ops {
                   const struct sg_mip_filter *);
     int (*explore)(struct sg_engine *, const struct sg_exploration *);
     int (*settle)(struct sg_engine *, const struct sg_settling *);
+    int (*hide)(struct sg_engine *, const uint32_t *hidden);
     int (*learn_networks)(struct sg_engine *, const struct sg_network_update *);
 
     /* Optional: an engine in host memory reads the photos where they are. */

@@ -24,6 +24,8 @@
 #define SG_SPLIT_SHRINK 1.6f /* 0.8 x children */
 #define SG_PRUNE_EXTENT 0.1f /* largest scale kept after the first reset, in scene extents */
 
+#define SG_OFFSET_HIDDEN 1e30f /* of a Gaussian of an anchor: it is hidden */
+
 #define SG_PRUNE_RADIUS 20 /* pixels: larger ones go too, where radii are not cleared before */
 
 #define SG_TV_ISO_FLOOR 1e-12f /* under the root of SG_ATTACK_TV_ISO */

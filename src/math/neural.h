@@ -43,6 +43,13 @@ SG_FN real neural_odds(real y)
                  r_set(NUM(SG_NEURAL_LEAST)));
 }
 
+/* Whether a Gaussian can exist: an offset of SG_OFFSET_HIDDEN hides it, whatever the networks
+ * say. */
+SG_FN mask neural_shown(real offset)
+{
+    return r_lt(offset, r_set(NUM(SG_OFFSET_HIDDEN * 0.1f)));
+}
+
 SG_FN void neural_forward(IN(neural, n), OUT_ARRAY(real, planes, SG_NEURAL_PLANES))
 {
     for (int k = 0; k < 3; k++) {

@@ -65,7 +65,7 @@ int sg_filtering_run(sg_trainer *t, struct sg_filtering *s, int it,
                      const struct sg_render_params *render, struct sg_defense_step *step)
 {
     const struct sg_train_params *p = &t->params;
-    const size_t each = sg_engine_each(t->engine);
+    const size_t each = sg_engine_each(t->engine) / sg_filter_each(t->engine, &p->defense);
     const double start = sg_trainer_seconds_not_counting(t);
     if (!s->filter_first)
         s->filter_first = sg_engine_count(t->engine);

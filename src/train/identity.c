@@ -69,6 +69,8 @@ uint64_t sg_hash_anchors(const struct sg_train_params *p, uint64_t hash)
     const double readings[] = {p->defense.anchor_hits, p->defense.anchor_score, p->defense.grace};
     if (readings[0] > 0 || readings[1] > 0 || readings[2] > 0)
         hash = XXH3_64bits_withSeed(readings, sizeof(readings), hash);
+    if (p->defense.unit)
+        hash = XXH3_64bits_withSeed("unit", strlen("unit"), hash);
     return hash;
 }
 

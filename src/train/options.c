@@ -32,11 +32,11 @@
 _Static_assert(SG_STRATEGY_MCMC == 1, "the order of the strategies");
 _Static_assert(SG_MODEL_MIP == 1 && SG_MODEL_SCAFFOLD == 2, "the order of the models");
 _Static_assert(SG_SIGMA_EIGEN == 1 && SG_ANCHOR_SIGMA_ANCHOR == 1 && SG_ANCHOR_HITS_ANCHOR == 1 &&
-                   SG_COMBINE_MAX == 1 && SG_COMBINE_MEAN == 2 && SG_UNSEEN_KEEP == 1 &&
-                   SG_HIT_VIEWS == 1 && SG_HIT_WEIGHT == 2 && SG_PRUNE_THRESHOLD == 1 &&
-                   SG_VIEWS_ALL == 1 && SG_TV_PENALTY_L1 == 1 && SG_TV_PENALTY_HUBER == 2 &&
-                   SG_STRATEGY_LIGHTGAUSSIAN == 2 && SG_AT_LIMIT_UNIVERSAL == 3 &&
-                   SG_ENERGY_AMPLITUDE == 1 && SG_CHANNELS_LUMA == 1,
+                   SG_UNIT_GAUSSIAN == 1 && SG_COMBINE_MAX == 1 && SG_COMBINE_MEAN == 2 &&
+                   SG_UNSEEN_KEEP == 1 && SG_HIT_VIEWS == 1 && SG_HIT_WEIGHT == 2 &&
+                   SG_PRUNE_THRESHOLD == 1 && SG_VIEWS_ALL == 1 && SG_TV_PENALTY_L1 == 1 &&
+                   SG_TV_PENALTY_HUBER == 2 && SG_STRATEGY_LIGHTGAUSSIAN == 2 &&
+                   SG_AT_LIMIT_UNIVERSAL == 3 && SG_ENERGY_AMPLITUDE == 1 && SG_CHANNELS_LUMA == 1,
                "the order of the defense's choices");
 
 static const struct sg_option train_options[] = {
@@ -213,6 +213,10 @@ static const struct sg_option train_options[] = {
     SG_CHOICE("filter-sigma", defense.sigma, "std|eigen", "NAME",
               "Size in the frequency weight: smallest scale, or its square (the smallest "
               "eigenvalue).",
+              DEFENSE, EXPERT),
+    SG_CHOICE("filter-unit", defense.unit, "anchor|gaussian", "NAME",
+              "With --model scaffold, what the filter removes: anchors, or single Gaussians of "
+              "them, which leaves nearly as many anchors.",
               DEFENSE, EXPERT),
     SG_CHOICE("filter-anchors", defense.anchor_sigma, "neural|anchor", "NAME",
               "With --model scaffold, whose size: that of each Gaussian where it is drawn, or that "

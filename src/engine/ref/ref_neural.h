@@ -145,7 +145,8 @@ static inline void ref_networks(const struct ref_weights *w, const struct ref_an
 static inline struct neural ref_neural_of(const struct ref_anchor *a, const struct ref_neural *n,
                                           int k)
 {
-    struct neural out = {.y = n->output[SG_O_OPACITY + k]};
+    const bool shown = neural_shown(a->anchor[SG_A_OFFSET + 3 * k]);
+    struct neural out = {.y = shown ? n->output[SG_O_OPACITY + k] : 0};
     for (int i = 0; i < 7; i++)
         out.cov[i] = n->output[SG_O_COVARIANCE + 7 * k + i];
     for (int i = 0; i < 3; i++) {

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "engine/cpu/dispatch.h"
+#include "math/constants.h"
 #include "model/anchors.h"
 #include "scaffold.h"
 #include "state.h"
@@ -160,6 +161,27 @@ static int settle(struct sg_engine *base, const struct sg_settling *s)
         if (stat[SG_A_SEEN * SG_LANES] > s->seen)
             stat[SG_A_SEEN * SG_LANES] = stat[SG_A_OPACITY * SG_LANES] = 0;
     }
+    return SG_OK;
+}
+
+static int hide(struct sg_engine *base, const uint32_t *hidden)
+{
+    static const int learned[] = {SG_C_ANCHOR_MOMENT1, SG_C_ANCHOR_MOMENT2};
+    struct sg_host_model *h = &of(base)->anchors;
+    const int code = sg_scaffold_fetch(of(base));
+    if (code)
+        return code;
+    of(base)->host_newer = true;
+    for (size_t i = 0; i < h->count; i++)
+        for (int k = 0; k < 3 * SG_ANCHOR_GAUSSIANS; k++) {
+            const size_t at = sg_param_index(SG_A_PLANES, i, SG_A_OFFSET + k);
+            if (!(hidden[i] >> k / 3 & 1))
+                continue;
+            h->at[SG_C_ANCHOR][at] = SG_OFFSET_HIDDEN;
+            for (int m = 0; m < 2; m++)
+                if (h->at[learned[m]])
+                    h->at[learned[m]][at] = 0;
+        }
     return SG_OK;
 }
 
@@ -350,10 +372,11 @@ static int read_gradients(struct sg_engine *base, struct sg_model *out)
 
 /* ---- hits ---- */
 
-/* The Gaussians of an anchor in the arrays of the engine that draws; returns how many. exists: on a
- * device, of all anchors, which then have places for all of their Gaussians. */
+/* The Gaussians of an anchor in the arrays of the engine that draws, and their numbers; returns how
+ * many. exists: on a device, of all anchors, which then have places for all of their Gaussians. */
 static int made_of(const struct scaffold_engine *b, const uint32_t *exists, size_t k,
-                   size_t at[SG_ANCHOR_GAUSSIANS], size_t *anchor)
+                   size_t at[SG_ANCHOR_GAUSSIANS], size_t number[SG_ANCHOR_GAUSSIANS],
+                   size_t *anchor)
 {
     const uint32_t bits = exists ? exists[k] : b->seen[k].exists;
     const size_t first = exists ? k * SG_ANCHOR_GAUSSIANS : b->seen[k].first;
@@ -362,9 +385,14 @@ static int made_of(const struct scaffold_engine *b, const uint32_t *exists, size
     for (size_t g = 0; g < SG_ANCHOR_GAUSSIANS; g++)
         if (bits >> g & 1) {
             at[n] = first + (exists ? g : (size_t) n);
-            n++;
+            number[n++] = g;
         }
     return n;
+}
+
+static double combined(const struct sg_weighing *how, double before, double value)
+{
+    return how->combine == SG_COMBINE_MAX ? fmax(before, value) : before + value;
 }
 
 /* From those of Gaussians to those of anchors. smallest: their scales, if they have a weight. */
@@ -376,8 +404,8 @@ static void add_hits(const struct scaffold_engine *b, const struct sg_weighing *
     const bool once =
         how->kind == SG_HIT_VIEWS && !how->weight && !how->shared && how->combine == SG_COMBINE_SUM;
     for (size_t k = 0; k < anchors; k++) {
-        size_t at[SG_ANCHOR_GAUSSIANS], anchor;
-        const int n = made_of(b, exists, k, at, &anchor);
+        size_t at[SG_ANCHOR_GAUSSIANS], number[SG_ANCHOR_GAUSSIANS], anchor;
+        const int n = made_of(b, exists, k, at, number, &anchor);
         double all = 0, sum = 0, most = 0;
         for (int i = 0; i < n; i++)
             all += own[at[i]];
@@ -387,12 +415,18 @@ static void add_hits(const struct scaffold_engine *b, const struct sg_weighing *
             const double h = how->shared ? all : own[at[i]],
                          value =
                              h > 0 && how->weight ? h * how->weight(how->arg, smallest[at[i]]) : h;
+            const size_t own_place = anchor * SG_ANCHOR_GAUSSIANS + number[i];
             sum += value;
             most = fmax(most, value);
+            if (how->single)
+                hits[own_place] = combined(how, hits[own_place], value);
+            if (how->single && made)
+                made[own_place]++;
         }
+        if (how->single)
+            continue;
         sum = once ? all : sum;
-        hits[anchor] =
-            how->combine == SG_COMBINE_MAX ? fmax(hits[anchor], most) : hits[anchor] + sum;
+        hits[anchor] = combined(how, hits[anchor], how->combine == SG_COMBINE_MAX ? most : sum);
         if (made)
             made[anchor] += (uint32_t) n;
     }
@@ -453,6 +487,7 @@ static const struct sg_engine_ops common = {
     .floor_scale = floor_scale,
     .reset_opacity = reset_opacity,
     .settle = settle,
+    .hide = hide,
     .photo_add = photo_add,
     .photo_drop = photo_drop,
     .project = do_project,

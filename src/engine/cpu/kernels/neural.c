@@ -173,11 +173,24 @@ SIMD void list_rows(struct present *p, int network, int each)
     }
 }
 
-SIMD void output_layer(const struct sg_weights *w, struct layers *l, struct present *p)
+/* Those that are hidden do not exist. */
+SIMD void hide(const struct sg_anchor_block *b, struct layers *l)
+{
+    for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++)
+        for (int i = 0; i < SG_LANES; i += LANES) {
+            const mask shown = neural_shown(r_load(b->anchor[SG_A_OFFSET + 3 * k] + i));
+            float *y = l->output[SG_O_OPACITY + k] + i;
+            r_store(y, r_keep(shown, r_load(y)));
+        }
+}
+
+SIMD void output_layer(const struct sg_weights *w, const struct sg_anchor_block *b,
+                       struct layers *l, struct present *p)
 {
     p->bits = (1u << SG_ANCHOR_GAUSSIANS) - 1;
     list_rows(p, SG_N_OPACITY, 1);
     output_rows(w, SG_N_OPACITY, p->row, p->count[SG_N_OPACITY], l);
+    hide(b, l);
     p->bits = 0;
     for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++)
         for (int i = 0; i < SG_LANES; i += LANES)
@@ -213,7 +226,7 @@ void KERNEL(neural)(const struct sg_neural_args *a, const struct sg_anchor_block
     struct present present;
     fill_inputs(a, b, &l);
     hidden_layer(a, &l);
-    output_layer(a->weights, &l, &present);
+    output_layer(a->weights, b, &l, &present);
     for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++)
         for (int i = 0; i < SG_LANES; i += LANES) {
             if (!(present.bits >> k & 1)) {
@@ -417,7 +430,7 @@ void KERNEL(neural_backward)(const struct sg_neural_args *a, const struct sg_anc
     float across[SG_LANES][SG_HIDDEN];
     fill_inputs(a, b, &l);
     hidden_layer(a, &l);
-    output_layer(a->weights, &l, &present);
+    output_layer(a->weights, b, &l, &present);
     pull_outputs(a, b, &l, present.bits, gradient, output, out);
     pull_hidden(a->weights, &l, &present, output, hidden);
     pull_features(a->weights, hidden, out);

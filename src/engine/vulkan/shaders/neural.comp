@@ -30,8 +30,8 @@ void output_layer()
         [[unroll]] for (uint l = 0; l < EACH; l++)
         {
             const vec4 x = FOUR(HIDDEN, (rows.network * VK_N_HIDDEN + h) / 4, first + l);
-            [[unroll]] for (uint j = 0; j < 4; j++)
-                [[unroll]] for (uint c = 0; c < 4; c++) sum[l][j] += weight[j][c] * x[c];
+            [[unroll]] for (uint j = 0; j < 4; j++) [[unroll]] for (uint c = 0; c < 4; c++)
+                sum[l][j] += weight[j][c] * x[c];
         }
     }
     [[unroll]] for (uint l = 0; l < EACH; l++) FOUR(OUTPUT, four, first + l) = sum[l];
@@ -52,6 +52,8 @@ void main()
     for (uint k = FIRST_ROW; k < VK_ANCHOR && i < a.count; k += ROWS) {
         const uint to = i * VK_ANCHOR + k;
         float opacity = 0.0;
+        if (!neural_shown(anchor_value(a.anchors, i, 3 * k)))
+            VALUE(OUTPUT, k, lane) = 0.0;
         if (VALUE(OUTPUT, k, lane) > 0.0) {
             float planes[SG_NEURAL_PLANES];
             neural n = neural_of(a.params, a.anchors, i, k);
@@ -68,7 +70,7 @@ void main()
             a.to.v[param_at(14, to, P_OPACITY)] = NO_NUMBER;
         opacity_of[k * ROW + lane] = opacity;
     }
-    barrier(); /* opacity_of */
+    barrier(); /* opacity_of, and OUTPUT again */
     if (id < 16 && i < a.count) {
         uint exists = VK_A_SEEN;
         float sum = 0.0;
