@@ -10,7 +10,8 @@
 #include "synth_scene.h"
 #include "training_anchors.h"
 
-static char folder[] = "/tmp/sg_device_XXXXXX", scene_path[64], checkpoint[64], run_folder[64];
+static char folder[] = "/tmp/sg_device_XXXXXX", scene_path[64], checkpoint[64], run_folder[64],
+            proxy_path[64];
 static const char *device;
 
 /* One tile: a driver for the CPU takes milliseconds for each. */
@@ -23,6 +24,7 @@ static int make_scene(void **state)
     snprintf(scene_path, sizeof(scene_path), "%s/scene/colmap", folder);
     snprintf(checkpoint, sizeof(checkpoint), "%s/checkpoint", folder);
     snprintf(run_folder, sizeof(run_folder), "%s/run", folder);
+    snprintf(proxy_path, sizeof(proxy_path), "%s/proxy.ply", folder);
     return code;
 }
 
@@ -95,7 +97,8 @@ static int train_all(sg_ctx *ctx, enum work work)
 static int attack(sg_ctx *ctx, const struct sg_scene *scene, bool given)
 {
     struct sg_attack_params p = sg_attack_params_default();
-    struct sg_model *proxy = make_model(ctx, 60, 0, 3), *decoy = NULL;
+    sg_ctx *own = make_context(1); /* whose allocations do not fail */
+    struct sg_model *proxy = make_model(own, 60, 0, 3), *decoy = NULL;
     sg_attack *a = NULL, *resumed = NULL;
     uint8_t poison[3 * 16 * 16];
     p.engine = device;
@@ -104,6 +107,7 @@ static int attack(sg_ctx *ctx, const struct sg_scene *scene, bool given)
     p.texture = given ? 4 : 0;
     int code = sg_attack_create(ctx, scene, proxy, &p, &a);
     sg_model_destroy(&proxy);
+    sg_ctx_destroy(&own);
     for (int i = 0; i < (given ? 1 : 2) && !code; i++)
         code = sg_attack_step(a, NULL);
     if (!code && !given)
@@ -264,6 +268,37 @@ static void test_short(void **state)
     share_device(true);
 }
 
+/* Each allocation in host memory, likewise. */
+static void test_host_memory(void **state)
+{
+    (void) state;
+    share_device(true);
+    for (enum work work = 0; work < WORKS; work++) {
+        sg_ctx *ctx = make_context(1);
+        int tried = 0, refused = 0;
+        uint64_t n = 0;
+        bool failed;
+        do {
+            n = next(n, SOME);
+            sg_fail_allocation(ctx, n);
+            const int code = do_work(ctx, work);
+            failed = sg_fail_allocation(ctx, 0);
+            tried += failed;
+            refused += code != SG_OK;
+            if (code && (code != SG_ERR_BUDGET || !failed || !sg_last_error(ctx)[0]))
+                fail_msg("%s: allocation %llu: found code %d (%s), expected %d", work_names[work],
+                         (unsigned long long) n, code, sg_last_error(ctx), SG_ERR_BUDGET);
+            if (sg_vram_current(ctx, SG_MEM_TAGS) || sg_mem_current(ctx, SG_MEM_TAGS))
+                fail_msg("%s: allocation %llu: something is left", work_names[work],
+                         (unsigned long long) n);
+        } while (failed);
+        printf("%s: %d of %llu allocations in host memory failed, %d of them for good\n",
+               work_names[work], tried, (unsigned long long) n, refused);
+        assert_true(refused > 10);
+        sg_ctx_destroy(&ctx);
+    }
+}
+
 /* What fails otherwise. Before a device is lost, work is in flight. */
 static void test_failures(void **state)
 {
@@ -306,10 +341,13 @@ static void test_barriers(void **state)
 
 /* ---- runs ---- */
 
+static enum sg_train_model trained; /* by the runs */
+
 static int train_run(sg_ctx *ctx, enum sg_run_start start)
 {
     sg_run *r = NULL;
     struct sg_run_params p = sg_run_params_default();
+    p.train.model = trained, p.train.scaffold.voxel = 0.05f, p.train.scaffold.from = 1;
     p.source = scene_path, p.folder = run_folder, p.save_every = 2, p.train.engine = device;
     p.train.iterations = 5, p.train.sh_degree = 0, p.train.densify_from_iter = 1;
     p.train.densification_interval = 2, p.train.densify_until_iter = 5;
@@ -327,34 +365,52 @@ static void remove_run(void)
     assert_int_equal(system(command), 0);
 }
 
-static struct sg_model *read_result(sg_ctx *ctx)
+/* The newest model of a training's run, or the file of this name in the folder. */
+static struct sg_model *read_model(sg_ctx *ctx, const char *name)
 {
     struct sg_model *m;
     char path[128];
-    assert_int_equal(sg_run_find_model(ctx, run_folder, 0, path, sizeof(path)), SG_OK);
-    assert_int_equal(sg_model_read(ctx, path, 100000, &m), SG_OK);
+    snprintf(path, sizeof(path), "%s/%s", run_folder, name ? name : "");
+    if (!name)
+        assert_int_equal(sg_run_find_model(ctx, run_folder, 0, path, sizeof(path)), SG_OK);
+    assert_int_equal(sg_model_read_drawable(ctx, path, 100000, &m), SG_OK);
     return m;
 }
 
-static void assert_result(sg_ctx *ctx, const struct sg_model *expected)
+static void assert_model(sg_ctx *ctx, const char *name, const struct sg_model *expected)
 {
-    struct sg_model *found = read_result(ctx);
-    assert_same(expected, found);
+    struct sg_model *found = read_model(ctx, name);
+    if (trained == SG_MODEL_SCAFFOLD)
+        assert_same_anchors(expected, found);
+    else
+        assert_same(expected, found);
     sg_model_destroy(&found);
+}
+
+/* With a proxy that is a file, and a decoy that is kept, as read_model reads it. */
+static int attack_run(sg_ctx *ctx, enum sg_run_start start)
+{
+    struct sg_attack_run_params p = sg_attack_run_params_default();
+    p.source = scene_path, p.folder = run_folder, p.proxy = proxy_path, p.save_every = 1;
+    p.keep_decoy = true;
+    p.attack.engine = device;
+    p.attack.iterations = 4, p.attack.inner = 2, p.attack.update_interval = 1;
+    p.attack.densification_interval = 2, p.attack.densify_grad_threshold = 1e-6f;
+    return sg_attack_run(ctx, &p, start, NULL);
 }
 
 /* At submissions of a run, and where it waits for them: the error says so and names the checkpoint,
  * if there is one yet; from there the run ends with the same bytes as one without the loss. */
-static void test_loss(void **state)
+static void check_loss(int (*run)(sg_ctx *, enum sg_run_start), const char *result)
 {
-    (void) state;
     sg_ctx *ctx = make_context(1);
-    assert_int_equal(train_run(ctx, SG_RUN_REPLACE), SG_OK);
-    struct sg_model *expected = read_result(ctx);
+    remove_run();
+    assert_int_equal(run(ctx, SG_RUN_NEW), SG_OK);
+    struct sg_model *expected = read_model(ctx, result);
     int early = 0, late = 0;
     for (uint64_t n = 1;; n = next(n, SOME)) {
         fail_call(n % 2 ? CALL_QueueSubmit : CALL_WaitForFences, n, VK_ERROR_DEVICE_LOST);
-        int code = train_run(ctx, SG_RUN_REPLACE);
+        int code = run(ctx, SG_RUN_REPLACE);
         if (!call_failed())
             break;
         if (code != SG_ERR_INTERNAL || !strstr(sg_last_error(ctx), "the device is lost"))
@@ -364,15 +420,31 @@ static void test_loss(void **state)
         assert_int_equal(sg_vram_current(ctx, SG_MEM_TAGS), 0);
         *(kept ? &late : &early) += 1;
         if (kept && late % 4 == 1) {
-            assert_int_equal(train_run(ctx, SG_RUN_RESUME), SG_OK);
-            assert_result(ctx, expected);
+            assert_int_equal(run(ctx, SG_RUN_RESUME), SG_OK);
+            assert_model(ctx, result, expected);
         }
     }
     printf("lost at %d submissions without a checkpoint, %d with one\n", early, late);
-    assert_true(early > 10 && late > 4);
+    assert_true(early > 8 && late > 4);
     sg_model_destroy(&expected);
     assert_int_equal(sg_mem_current(ctx, SG_MEM_TAGS), 0);
     sg_ctx_destroy(&ctx);
+}
+
+static void test_loss(void **state)
+{
+    (void) state;
+    check_loss(train_run, NULL);
+    trained = SG_MODEL_SCAFFOLD;
+    check_loss(train_run, NULL);
+    trained = SG_MODEL_3DGS;
+    sg_ctx *ctx = make_context(1);
+    struct sg_model *proxy = make_model(ctx, 60, 0, 3);
+    assert_int_equal(sg_model_write_ply(ctx, proxy, proxy_path), SG_OK);
+    sg_model_destroy(&proxy);
+    sg_ctx_destroy(&ctx);
+    check_loss(attack_run, "attack/decoy.ply");
+    remove_run();
 }
 
 /* A submission that is refused, for lack of memory: the run ends early, with what it has, or goes
@@ -386,7 +458,7 @@ static void test_refused(void **state)
     share_device(false); /* it was lost */
     share_device(true);
     assert_int_equal(train_run(ctx, SG_RUN_REPLACE), SG_OK);
-    struct sg_model *expected = read_result(ctx);
+    struct sg_model *expected = read_model(ctx, NULL);
     int ended = 0, whole = 0, none = 0;
     for (uint64_t n = 1;; n++) {
         fail_call(n % 2 ? CALL_QueueSubmit : CALL_EndCommandBuffer, n,
@@ -412,7 +484,7 @@ static void test_refused(void **state)
             none++;
             continue;
         }
-        assert_result(ctx, expected);
+        assert_model(ctx, NULL, expected);
     }
     printf("refused: %d ended early with a checkpoint, %d without, %d did not\n", ended, none,
            whole);
@@ -430,9 +502,10 @@ int main(void)
         return 77;
     }
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_barriers), cmocka_unit_test(test_allocations),
-        cmocka_unit_test(test_short),    cmocka_unit_test(test_failures),
-        cmocka_unit_test(test_loss),     cmocka_unit_test(test_refused),
+        cmocka_unit_test(test_barriers),    cmocka_unit_test(test_allocations),
+        cmocka_unit_test(test_short),       cmocka_unit_test(test_failures),
+        cmocka_unit_test(test_host_memory), cmocka_unit_test(test_loss),
+        cmocka_unit_test(test_refused),
     };
     return cmocka_run_group_tests(tests, make_scene, remove_scene);
 }

@@ -157,6 +157,8 @@ static int save_checkpoint(struct attack_run *r)
         code = sg_run_log_settle(&r->log, true);
     if (!code)
         code = sg_attack_save(r->attack, path);
+    if (!code)
+        r->checkpoint = sg_attack_iteration(r->attack);
     sg_free(path);
     return code;
 }
@@ -225,6 +227,7 @@ static int start_decoy(struct attack_run *r)
         sg_run_remove_temporary(state);
         sg_model_destroy(&model);
         code = sg_attack_resume(r->ctx, r->scene, saved, &r->attack_params, &r->attack);
+        r->checkpoint = code ? 0 : sg_attack_iteration(r->attack);
     } else if (!code)
         code = sg_attack_create(r->ctx, r->scene, model, &r->attack_params, &r->attack);
     sg_model_destroy(&model);
@@ -330,6 +333,11 @@ static int run_attack(struct attack_run *r, char model[PATH_MAX])
             r->status->first = sg_attack_iteration(r->attack);
         if (!code)
             code = loop(r);
+        if (code && code != SG_ERR_INTERRUPTED && r->checkpoint) {
+            r->status->resumable = true;
+            code = sg_run_name_checkpoint(r->ctx, code, p->folder, "attack/checkpoint.bin",
+                                          r->checkpoint);
+        }
         if (code)
             return code;
     }

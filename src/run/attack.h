@@ -20,6 +20,7 @@ struct attack_run {
     struct sg_run_log log;
     struct sg_attack_step step; /* newest */
     int logged;                 /* iteration of the newest line */
+    int checkpoint;             /* iteration of the newest one, 0: none */
     bool stopped;               /* by the caller */
     struct {
         double seconds, inner_seconds, inner_bytes;

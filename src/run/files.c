@@ -96,3 +96,14 @@ bool sg_run_has_option(sg_ctx *ctx, const char *run, const char *name, const cha
     json_decref(root);
     return ours;
 }
+
+int sg_run_name_checkpoint(sg_ctx *ctx, int code, const char *folder, const char *name,
+                           int iteration)
+{
+    char *why = sg_strdup(ctx, sg_last_error(ctx));
+    sg_clear_error(ctx);
+    code = sg_fail(ctx, code, "%s; %s/%s of iteration %d is kept: a resumed run goes on from it",
+                   why ? why : "internal error", folder, name, iteration);
+    sg_free(why);
+    return code;
+}

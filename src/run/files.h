@@ -71,4 +71,9 @@ int sg_run_log_close(struct sg_run_log *log);
 /* Passes every line to take and ignores its result. Without a log there are no lines. */
 int sg_run_log_read(sg_ctx *ctx, const char *path, sg_run_log_take take, void *arg);
 
+/* After an error that says nothing of a run's state, such as the loss of a device: adds the name of
+ * the checkpoint, and of its iteration, to the message. Returns the code. */
+int sg_run_name_checkpoint(sg_ctx *ctx, int code, const char *folder, const char *name,
+                           int iteration);
+
 #endif

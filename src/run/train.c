@@ -250,18 +250,6 @@ static int finish(sg_run *r)
     return code;
 }
 
-/* After what ends a run without a word on its state, such as the loss of a device. */
-static int name_checkpoint(sg_run *r, int code)
-{
-    char *why = sg_strdup(r->ctx, sg_last_error(r->ctx));
-    sg_clear_error(r->ctx);
-    code = sg_fail(r->ctx, code,
-                   "%s; %s/checkpoint.bin of iteration %d is kept: a resumed run goes on from it",
-                   why ? why : "internal error", r->params.folder, r->checkpoint);
-    sg_free(why);
-    return code;
-}
-
 int sg_run_train(sg_run *r)
 {
     sg_clear_error(r->ctx);
@@ -287,7 +275,8 @@ int sg_run_train(sg_run *r)
         code = sg_fail(r->ctx, r->write_error, "%s",
                        r->write_message ? r->write_message : "a file could not be written");
     if (code == SG_ERR_INTERNAL && r->checkpoint)
-        code = name_checkpoint(r, code);
+        code =
+            sg_run_name_checkpoint(r->ctx, code, r->params.folder, "checkpoint.bin", r->checkpoint);
     const int closed = sg_run_log_close(&r->log);
     code = code ? code : closed;
     r->failed = code && code != SG_ERR_INTERRUPTED;

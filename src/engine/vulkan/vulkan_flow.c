@@ -225,10 +225,13 @@ static int run_again(struct vulkan_engine *e)
 /* Nobody takes the model for one that has learned from all steps. */
 static int check_lost(const struct vulkan_engine *e)
 {
-    return e->flow.lost ? sg_fail(e->base.ctx, SG_ERR_BUDGET,
-                                  "vulkan: iterations are lost, since the device had no memory to "
-                                  "run them again")
-                        : SG_OK;
+    if (!e->flow.lost)
+        return SG_OK;
+    return e->gpu->lost
+               ? sg_gpu_flush(e->gpu) /* says so */
+               : sg_fail(e->base.ctx, SG_ERR_BUDGET,
+                         "vulkan: iterations are lost, since the device had no memory to run them "
+                         "again");
 }
 
 int sg_flow_run(struct vulkan_engine *e, const struct vulkan_call *c)
