@@ -92,13 +92,15 @@ static void test_limits(void **state)
 static void test_variant_limits(void **state)
 {
     (void) state;
-    struct sg_train_params mip = short_params(), mcmc = mip, exposure = mip;
+    struct sg_train_params mip = short_params(), mcmc = mip, exposure = mip, defended = mip;
     mip.model = SG_MODEL_MIP, mcmc.strategy = SG_STRATEGY_MCMC, exposure.exposure = true;
     mcmc.mcmc.growth = 2;
     const uint64_t filtered = check_limits(mip, 6, 2 * STEP),
                    plain = check_limits(exposure, 6, 2 * STEP);
     assert_true(10 * filtered < 9 * plain); /* its columns are counted */
     check_limits(mcmc, 6, 2 * STEP);
+    defended.defense.on = true, defended.defense.interval = 5, defended.tolerance = 8;
+    check_limits(defended, 20, STEP);
 }
 
 /* A driver that gives only so much at once, and only so many times. */

@@ -1,6 +1,6 @@
 # What runs on a device, for bench/gpu too: programs of CTest, programs for devices alone, and scripts. A row of the list in
 # the build folder has a name, and a program in that folder or a script in the source.
-set(device_suite engine operations views ascend changes gaussians anisotropy scaffold devices)
+set(device_suite engine operations views ascend changes gaussians anisotropy scaffold devices render_backward densify)
 # With vectors of 128 bits lavapipe ends the loops of `crowded` too early: see docs/hacking.md.
 set(device_programs crowded scaffold_training anchor_removal anchor_readings variants flow device_memory device_parts)
 # Scripts of the command line with this engine instead of the default, on smaller scenes where they take long. Those that
@@ -101,6 +101,19 @@ if(SG_LAVAPIPE AND SG_VALIDATION)
         sg_vulkan_same(bytes_256 bytes_${width})
     endforeach()
     sg_vulkan_same(bytes_256 bytes_one_thread_256)
+    # As with subgroups of 32, which GPUs have and lavapipe has not.
+    foreach(name vulkan bytes)
+        get_target_property(source test_${name} SOURCES)
+        list(GET source 0 source)
+        add_executable(${name}_wide ${source} tests/vulkan/wide.c)
+        target_include_directories(${name}_wide PRIVATE src tests ${VULKAN_HEADERS})
+        target_link_libraries(${name}_wide PRIVATE splatguard_internal sg_flags sg_overrides PkgConfig::CMOCKA)
+        sg_wrap(${name}_wide sg_gpu_take_device)
+    endforeach()
+    sg_vulkan_hashes(training_wide vulkan_wide 256)
+    sg_vulkan_hashes(bytes_wide bytes_wide 256)
+    sg_vulkan_same(training_256 training_wide_256)
+    sg_vulkan_same(bytes_256 bytes_wide_256)
     foreach(name ${device_programs})
         sg_vulkan_program(${name} "${suffix}" 256)
     endforeach()
