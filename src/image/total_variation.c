@@ -25,11 +25,6 @@ static inline float norm_of(float d, enum sg_tv_penalty norm)
     return tv_norm(d, (int) norm, SG_TV_EDGE);
 }
 
-static inline float slope_of(float d, enum sg_tv_penalty norm)
-{
-    return tv_slope(d, (int) norm, SG_TV_EDGE);
-}
-
 /* Sum over x of the norm of b - a. */
 static inline double row_sum(const float *a, const float *b, int n, enum sg_tv_penalty norm)
 {
@@ -53,9 +48,8 @@ static inline void add_pull(const struct tv_job *j, const float *here, const flo
 {
     const float vertical = j->vertical, horizontal = j->horizontal;
     for (int x = 0; x < n; x++)
-        to[x] +=
-            vertical * (slope_of(here[x] - above[x], norm) - slope_of(below[x] - here[x], norm)) +
-            horizontal * (slope_of(here[x] - left[x], norm) - slope_of(right[x] - here[x], norm));
+        to[x] += tv_gradient(here[x] - above[x], below[x] - here[x], here[x] - left[x],
+                             right[x] - here[x], (int) norm, SG_TV_EDGE, vertical, horizontal);
 }
 
 /* Beyond the border the image repeats its last row or column, so differences and gradients are 0

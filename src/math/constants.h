@@ -7,6 +7,7 @@
 #define SG_ALPHA_MIN (1.0f / 255.0f)   /* below it a pair is skipped */
 #define SG_LOG2_ALPHA_MIN -7.99435344f /* log2 of it */
 #define SG_ALPHA_MAX 0.99f
+#define SG_LOG2E 1.4426950408889634f
 #define SG_T_MIN 1e-4f    /* transmittance at which a pixel stops */
 #define SG_Z_MIN 0.2f     /* cull in front of it */
 #define SG_BLUR 0.3f      /* added to the diagonal of the 2D covariance, pixels squared */

@@ -22,6 +22,17 @@ struct neural {
     real reach[3], size[3]; /* the anchor's scales, natural log */
 };
 
+/* Shares from what the network of the feature bank says: the softmax. */
+SG_FN void neural_shares(INOUT_ARRAY(real, z, 3))
+{
+    const real most = r_max(r_max(z[0], z[1]), z[2]);
+    real sum = r_set(0);
+    for (int j = 0; j < 3; j++)
+        sum = sum + (z[j] = r_exp(z[j] - most));
+    for (int j = 0; j < 3; j++)
+        z[j] = z[j] / sum;
+}
+
 /* ln of a sigmoid, and the sigmoid. */
 SG_FN real neural_log_sigmoid(real x)
 {

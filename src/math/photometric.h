@@ -49,4 +49,22 @@ SG_FN mask low_pass_counts(real d, real photo, scalar tolerance)
     return r_lt(r_sel(below, one, none) + r_sel(above, one, none), one);
 }
 
+/* The nearest value to the render x within the tolerance of the photo's. */
+SG_FN real photometric_target(real x, real photo, real tolerance)
+{
+    return r_min(r_max(x, photo - tolerance), photo + tolerance);
+}
+
+/* dL/dx from the windowed derivatives of SSIM. l1, dssim: weights of both terms. tolerant: there is
+ * no gradient where the target is the render itself. */
+SG_FN real photometric_gradient(real x, real target, real d_m, real d_xx, real d_xy, scalar l1,
+                                scalar dssim, bool tolerant)
+{
+    const real ds = d_m + NUM(2) * x * d_xx + target * d_xy;
+    const real one = r_set(NUM(1)), none = r_set(NUM(0));
+    const real sign_ = r_sel(r_lt(target, x), one, none) - r_sel(r_lt(x, target), one, none);
+    const real g = l1 * sign_ + dssim * ds;
+    return tolerant ? g * (sign_ * sign_) : g;
+}
+
 #endif

@@ -186,6 +186,32 @@ struct splat_grad {
     real opacity;  /* drawn opacity, times that opacity; read where the view is compensated */
 };
 
+/* From moments of w = opacity G dL/dalpha about the centre. */
+SG_FN STRUCT(splat_grad)
+    splat_pull(IN(splat, o), real w, real wx, real wy, real wxx, real wxy, real wyy)
+{
+    STRUCT(splat_grad) g;
+    g.x = REF(o).A * wx + REF(o).B * wy;
+    g.y = REF(o).C * wy + REF(o).B * wx;
+    g.A = NUM(-0.5) * wxx;
+    g.Bh = NUM(-0.5) * wxy;
+    g.C = NUM(-0.5) * wyy;
+    g.opacity = w;
+    return g;
+}
+
+/* The opacity that is drawn; gain: of struct splat. */
+SG_FN real opacity_drawn(real logit, real gain)
+{
+    return gain / (NUM(1) + r_exp(-logit));
+}
+
+/* dL/dlogit: d opacity = sum w / o, d logit = o (1 - o) d opacity. */
+SG_FN real logit_pull(real w, real logit)
+{
+    return w * (NUM(1) - NUM(1) / (NUM(1) + r_exp(-logit)));
+}
+
 /* Backward of project(). out_*: dL/d stored parameters. den^2 + 1e-7 as the reference. */
 SG_FN void project_backward(IN(pinhole, v), IN(projection, p), IN(splat, o), IN(splat_grad, g),
                             OUT_ARRAY(real, out_xyz, 3), OUT_ARRAY(real, out_scale, 3),

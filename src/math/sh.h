@@ -69,4 +69,44 @@ SG_FN void sh_direction_gradient(int degree, real x, real y, real z, IN_ARRAY(re
             g * eight * xz * w[13] + i * (xx - yy) * w[14];
 }
 
+/* The direction from a centre to a position. Returns 1 / the distance. */
+SG_FN real sh_direction(IN_ARRAY(real, xyz, 3), IN_ARRAY(scalar, centre, 3),
+                        OUT_ARRAY(real, dir, 3))
+{
+    for (int i = 0; i < 3; i++)
+        dir[i] = xyz[i] - centre[i];
+    const real inv = NUM(1) / r_sqrt(dir[0] * dir[0] + dir[1] * dir[1] + dir[2] * dir[2]);
+    for (int i = 0; i < 3; i++)
+        dir[i] *= inv;
+    return inv;
+}
+
+/* Adds to dL/dposition what comes of dL/ddirection, d. */
+SG_FN void sh_direction_pull(IN_ARRAY(real, d, 3), IN_ARRAY(real, dir, 3), real inv,
+                             INOUT_ARRAY(real, xyz, 3))
+{
+    const real dot_ = d[0] * dir[0] + d[1] * dir[1] + d[2] * dir[2];
+    for (int i = 0; i < 3; i++)
+        xyz[i] += (d[i] - dir[i] * dot_) * inv;
+}
+
+/* Whether a colour is one; NaN is not. */
+SG_FN mask colour_sound(real c)
+{
+    return r_and(r_lt(c, r_set(NUM(SG_COLOUR_MAX))), r_lt(r_set(NUM(-SG_COLOUR_MAX)), c));
+}
+
+/* As it is drawn. The backward pass knows the clamped by their 0. */
+SG_FN real colour_drawn(real c)
+{
+    return r_sel(r_lt(c, r_set(NUM(-SG_COLOUR_ROUNDING))), r_set(NUM(0)),
+                 r_max(c, r_set(NUM(1e-30f))));
+}
+
+/* A colour that is clamped passes no gradient. */
+SG_FN real colour_pull(real drawn, real g)
+{
+    return r_sel(r_lt(r_set(NUM(0)), drawn), g, r_set(NUM(0)));
+}
+
 #endif

@@ -53,4 +53,35 @@ SG_FN STRUCT(row_span) ellipse_row_span(STRUCT(ellipse) e, real y0, real y1)
     return o;
 }
 
+/* The cells from `low` to `high` that a span meets with a pixel's centre, as whole numbers but for
+ * a conversion to integers. Pixel centres of cell c are side c .. side c + side - 1. x: of the
+ * ellipse's centre. Clamped, any float converts. */
+struct cell_range {
+    real first, end;
+};
+
+SG_FN STRUCT(cell_range)
+    row_span_cells(STRUCT(row_span) span, real x, scalar side, real low, real high)
+{
+    const scalar scale = NUM(1) / side;
+    PRECISE const real left = (x + span.x0 + NUM(1)) * scale;
+    PRECISE const real right = (x + span.x1 + side) * scale;
+    STRUCT(cell_range) o;
+    o.first = r_max(r_min(left, high), low);
+    o.end = r_max(r_min(right, high), low);
+    return o;
+}
+
+/* The conic as a sum of squares (math/pair.h) from its A and the variance c: across and down; the
+ * shear is across x slope. */
+SG_FN real conic_across(real A)
+{
+    return r_sqrt(A * NUM(0.5f * SG_LOG2E));
+}
+
+SG_FN real conic_down(real c)
+{
+    return r_sqrt(NUM(0.5f * SG_LOG2E) / c);
+}
+
 #endif

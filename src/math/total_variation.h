@@ -38,6 +38,15 @@ SG_FN real tv_slope(real d, int norm, scalar edge)
                                    : NUM(2) * tv_cut(d, edge);
 }
 
+/* The gradient of a pixel, from the differences to the row above, from it to the row below, and the
+ * same of columns; down, across: their weights. */
+SG_FN real tv_gradient(real above, real below, real before, real after, int norm, scalar edge,
+                       scalar down, scalar across)
+{
+    return down * (tv_slope(above, norm, edge) - tv_slope(below, norm, edge)) +
+           across * (tv_slope(before, norm, edge) - tv_slope(after, norm, edge));
+}
+
 /* The term of SG_ATTACK_TV_ISO of a pixel with these differences to the next row and column. */
 SG_FN real tv_iso_term(real v, real h)
 {

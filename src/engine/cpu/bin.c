@@ -30,9 +30,8 @@ row_tiles(const struct bins *b, const struct cpu_splat *s, const struct ellipse 
         *end = x0;
         return;
     }
-    const float scale = 1.0f / SG_TILE, lo = (float) x0, hi = (float) x1;
-    const int c0 = (int) r_max(r_min((s->x + span.x0 + 1) * scale, hi), lo);
-    const int c1 = (int) r_max(r_min((s->x + span.x1 + SG_TILE) * scale, hi), lo);
+    const struct cell_range cells = row_span_cells(span, s->x, SG_TILE, (float) x0, (float) x1);
+    const int c0 = (int) cells.first, c1 = (int) cells.end;
     *first = c0, *end = c1 > c0 ? c1 : c0;
 }
 

@@ -13,7 +13,7 @@
 #else
 #define SG_COMPENSATED(v) false
 #define VIEW(a) view_make((a)->camera)
-#define GAIN(s) 1
+#define GAIN(s) r_set(1)
 #define FILTERED(name) KERNEL(name)
 #endif
 

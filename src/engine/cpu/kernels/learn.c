@@ -61,14 +61,8 @@ SIMD void pull(const struct cpu_learn_args *a, const struct pinhole *view, size_
     struct splat s;
     struct projection pr;
     project(view, planes + SG_P_XYZ, planes + SG_P_SCALE, planes + SG_P_ROT, &s, &pr);
-    const struct splat_grad g = {
-        .x = s.A * sums[1] + s.B * sums[2],
-        .y = s.C * sums[2] + s.B * sums[1],
-        .A = -0.5f * sums[3],
-        .Bh = -0.5f * sums[4],
-        .C = -0.5f * sums[5],
-        .opacity = sums[0],
-    };
+    const struct splat_grad g =
+        splat_pull(&s, sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]);
     if (a->update->statistics) {
 #ifdef SG_MIP
         const bool absolute = a->absolute && !a->grad_absolute;
@@ -95,19 +89,13 @@ SIMD void pull(const struct cpu_learn_args *a, const struct pinhole *view, size_
         return;
 
     project_backward(view, &pr, &s, &g, out + SG_P_XYZ, out + SG_P_SCALE, out + SG_P_ROT);
-    /* d opacity = sum w / o, d logit = o (1 - o) d opacity */
-    out[SG_P_OPACITY] = sums[0] * (1 - 1 / (1 + r_exp(-planes[SG_P_OPACITY])));
+    out[SG_P_OPACITY] = logit_pull(sums[0], planes[SG_P_OPACITY]);
     real dir[3], basis[16], weight[16], d[3], rgb[3];
-    for (int i = 0; i < 3; i++)
-        dir[i] = planes[i] - view->centre[i];
-    const real inv = 1 / r_sqrt(dir[0] * dir[0] + dir[1] * dir[1] + dir[2] * dir[2]);
-    for (int i = 0; i < 3; i++)
-        dir[i] *= inv;
+    const real inv = sh_direction(planes, view->centre, dir);
     sh_basis(a->degree, dir[0], dir[1], dir[2], basis);
-    /* A colour clamped at 0 passes nothing. */
-    rgb[0] = r_keep(r_lt(r_set(0), r_load(l->r)), sums[6]);
-    rgb[1] = r_keep(r_lt(r_set(0), r_load(l->g)), sums[7]);
-    rgb[2] = r_keep(r_lt(r_set(0), r_load(l->b)), sums[8]);
+    rgb[0] = colour_pull(r_load(l->r), sums[6]);
+    rgb[1] = colour_pull(r_load(l->g), sums[7]);
+    rgb[2] = colour_pull(r_load(l->b), sums[8]);
     for (int k = 0; k < coefficients; k++) {
         weight[k] = r_set(0);
         for (int ch = 0; ch < 3; ch++) {
@@ -116,9 +104,7 @@ SIMD void pull(const struct cpu_learn_args *a, const struct pinhole *view, size_
         }
     }
     sh_direction_gradient(a->degree, dir[0], dir[1], dir[2], weight, d);
-    const real dot = d[0] * dir[0] + d[1] * dir[1] + d[2] * dir[2];
-    for (int i = 0; i < 3; i++)
-        out[SG_P_XYZ + i] += (d[i] - dir[i] * dot) * inv;
+    sh_direction_pull(d, dir, inv, out + SG_P_XYZ);
     for (int plane = 0; plane < SG_P_SH + 3 * coefficients; plane++)
         out[plane] = r_keep(visible, out[plane]); /* culled lanes hold garbage */
 }

@@ -152,12 +152,8 @@ static __attribute__((noinline)) void gradient_row(const float *x, const float *
 {
     for (int i = 0; i < width; i += LANES) {
         const real vx = row_load(x, i, width), vt = row_load(t, i, width);
-        const real ds = along(derivatives[0] + i) + 2 * vx * along(derivatives[1] + i) +
-                        vt * along(derivatives[2] + i);
-        const real sign = r_keep(r_lt(vt, vx), r_set(1)) - r_keep(r_lt(vx, vt), r_set(1));
-        real g = l1 * sign + dssim * ds;
-        if (tolerant) /* no gradient where the target is the render itself */
-            g *= sign * sign;
+        real g = photometric_gradient(vx, vt, along(derivatives[0] + i), along(derivatives[1] + i),
+                                      along(derivatives[2] + i), l1, dssim, tolerant);
         if (used) {
             real keep = r_set(0);
             for (int k = 0; k < LANES && i + k < width; k++)
@@ -273,8 +269,7 @@ SIMD void next_target(const struct cpu_loss_args *a, int channel, struct band *t
     const real tolerance = r_set(a->params->tolerance);
     for (int i = 0; a->params->tolerance > 0 && i < a->width; i += LANES) {
         const real photo = row_load(out, i, a->width);
-        row_store(out, i, a->width,
-                  r_min(r_max(row_load(x, i, a->width), photo - tolerance), photo + tolerance));
+        row_store(out, i, a->width, photometric_target(row_load(x, i, a->width), photo, tolerance));
     }
 }
 

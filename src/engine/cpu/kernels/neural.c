@@ -50,17 +50,15 @@ SIMD void bank_layers(const struct sg_weights *w, struct layers *l)
             r_store(l->bank_hidden[h] + i, r_max(sum, r_set(0)));
         }
     for (int i = 0; i < SG_LANES; i += LANES) {
-        real z[SG_BANK_OUTPUTS], sum = r_set(0);
+        real z[SG_BANK_OUTPUTS];
         for (int j = 0; j < SG_BANK_OUTPUTS; j++) {
             z[j] = r_set(w->bank_bias[j]);
             for (int h = 0; h < SG_NETWORK_HIDDEN; h++)
                 z[j] = r_fma(r_set(w->bank_output[j][h]), r_load(l->bank_hidden[h] + i), z[j]);
         }
-        const real most = r_max(r_max(z[0], z[1]), z[2]);
+        neural_shares(z);
         for (int j = 0; j < SG_BANK_OUTPUTS; j++)
-            sum = sum + (z[j] = r_exp(z[j] - most));
-        for (int j = 0; j < SG_BANK_OUTPUTS; j++)
-            r_store(l->share[j] + i, z[j] / sum);
+            r_store(l->share[j] + i, z[j]);
     }
 }
 

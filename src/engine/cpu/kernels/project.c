@@ -11,8 +11,6 @@
 #include "math/sh.h"
 #include "math/tiles.h"
 
-#define LOG2E 1.4426950408889634f
-
 /* The reference's tile rectangle, as tile_rect_make. */
 struct rects {
     ireal x0, y0, x1, y1;
@@ -46,7 +44,6 @@ SIMD ireal tile_bits(const struct cpu_project_args *a, const struct rects *r,
     if (a->reference_tiles)
         return lowest_bits(i_sel(small, width * height, one));
     const real lo = r_from_int(r->x0), hi = r_from_int(r->x1);
-    const float scale = 1.0f / SG_TILE;
     ireal bits = i_set(0);
     for (int row = 0;; row++) {
         const mask inside = r_and(small, r_lt(r_set((float) row), r_from_int(height)));
@@ -54,8 +51,8 @@ SIMD ireal tile_bits(const struct cpu_project_args *a, const struct rects *r,
             return bits;
         const real top = r_from_int(r->y0 + row) * (float) SG_TILE - y;
         const struct row_span span = ellipse_row_span(*e, top, top + (float) (SG_TILE - 1));
-        const ireal c0 = r_to_int(r_max(r_min((x + span.x0 + 1) * scale, hi), lo)) - r->x0;
-        const ireal c1 = r_to_int(r_max(r_min((x + span.x1 + SG_TILE) * scale, hi), lo)) - r->x0;
+        const struct cell_range cells = row_span_cells(span, x, SG_TILE, lo, hi);
+        const ireal c0 = r_to_int(cells.first) - r->x0, c1 = r_to_int(cells.end) - r->x0;
         const mask some = r_and(r_and(inside, span.hit), r_lt(r_from_int(c0), r_from_int(c1)));
         bits |= i_sel(some, lowest_bits(i_sel(some, c1 - c0, one)) << (c0 + row * width), i_set(0));
     }
@@ -107,24 +104,19 @@ void FILTERED(project)(const struct cpu_project_args *a, size_t first, size_t en
                 memset(a->extents + base, 0, n * sizeof(*a->extents));
                 continue;
             }
-            const real opacity = GAIN(s) / (1 + r_exp(-planes[SG_P_OPACITY]));
+            const real opacity = opacity_drawn(planes[SG_P_OPACITY], GAIN(s));
 
-            real d[3], basis[16], rgb[3];
-            for (int i = 0; i < 3; i++)
-                d[i] = planes[i] - v.centre[i];
-            const real inv = 1 / r_sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-            sh_basis(a->degree, d[0] * inv, d[1] * inv, d[2] * inv, basis);
+            real dir[3], basis[16], rgb[3];
+            sh_direction(planes, v.centre, dir);
+            sh_basis(a->degree, dir[0], dir[1], dir[2], basis);
             for (int ch = 0; ch < 3; ch++)
                 rgb[ch] = r_set(0.5f);
             for (int k = 0; k < coefficients; k++)
                 for (int ch = 0; ch < 3; ch++)
                     rgb[ch] += basis[k] * r_load(p + (SG_P_SH + 3 * k + ch) * SG_LANES);
             for (int ch = 0; ch < 3; ch++) {
-                good = r_and(good, r_and(r_lt(rgb[ch], r_set(SG_COLOUR_MAX)),
-                                         r_lt(r_set(-SG_COLOUR_MAX), rgb[ch])));
-                /* The backward pass recognises a clamped colour by its 0. */
-                rgb[ch] = r_sel(r_lt(rgb[ch], r_set(-SG_COLOUR_ROUNDING)), r_set(0),
-                                r_max(rgb[ch], r_set(1e-30f)));
+                good = r_and(good, colour_sound(rgb[ch]));
+                rgb[ch] = colour_drawn(rgb[ch]);
             }
             const real area = r_from_int((rect.x1 - rect.x0) * (rect.y1 - rect.y0));
             const mask drawn = r_and(good, r_le(r_set(SG_ALPHA_MIN), opacity));
@@ -135,23 +127,11 @@ void FILTERED(project)(const struct cpu_project_args *a, size_t first, size_t en
             store_extents(a, base, &rect, tile_bits(a, &rect, &e, s.x, s.y, small), good, drawn,
                           small);
 
-            const real across = r_sqrt(s.A * (0.5f * LOG2E));
-            const real fields[16] = {s.x,
-                                     s.y,
-                                     e.slope,
-                                     e.reach,
-                                     e.taper,
-                                     e.ymax,
-                                     e.yright,
-                                     r_set(0),
-                                     across,
-                                     across * e.slope,
-                                     r_sqrt(0.5f * LOG2E / s.c),
-                                     safe,
-                                     rgb[0],
-                                     rgb[1],
-                                     rgb[2],
-                                     s.z};
+            const real across = conic_across(s.A);
+            const real fields[16] = {
+                s.x,      s.y,    e.slope,          e.reach,         e.taper, e.ymax, e.yright,
+                r_set(0), across, across * e.slope, conic_down(s.c), safe,    rgb[0], rgb[1],
+                rgb[2],   s.z};
             float out[16][LANES];
             for (int i = 0; i < 16; i++)
                 r_store(out[i], fields[i]);

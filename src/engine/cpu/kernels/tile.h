@@ -103,10 +103,8 @@ SIMD void batch_find(const struct batch *b, int n, int x0, int y0, uint16_t *blo
         for (int row = 0; row < 4; row++) {
             const real top = (float) (y0 + row * BLOCK) - y;
             const struct row_span span = ellipse_row_span(e, top, top + (float) (BLOCK - 1));
-            /* Blocks whose pixel centres 4c .. 4c + 3 meet [x + left, x + right]; clamped, any
-             * float converts. */
-            const ireal c0 = r_to_int(r_max(r_min((x + span.x0 + 1) * 0.25f, r_set(4)), r_set(0)));
-            const ireal c1 = r_to_int(r_max(r_min((x + span.x1 + 4) * 0.25f, r_set(4)), r_set(0)));
+            const struct cell_range cells = row_span_cells(span, x, BLOCK, r_set(0), r_set(4));
+            const ireal c0 = r_to_int(cells.first), c1 = r_to_int(cells.end);
             const ireal columns = (i_set(1) << c1) - (i_set(1) << c0); /* bits c0 .. c1 - 1 */
             bits |= i_sel(r_and(span.hit, r_le(span.x0, span.x1)), (columns & 15) << (4 * row),
                           i_set(0));

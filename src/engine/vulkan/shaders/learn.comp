@@ -25,10 +25,10 @@ float shaped(uint i, int plane)
 /* enum sg_group of a plane */
 int group_of(int plane)
 {
-    return plane < P_OPACITY ? 0
-           : plane < P_SCALE ? 1
-           : plane < P_ROT   ? 2
-           : plane < P_SH    ? 3
+    return plane < P_OPACITY  ? 0
+           : plane < P_SCALE  ? 1
+           : plane < P_ROT    ? 2
+           : plane < P_SH     ? 3
            : plane < P_SH + 3 ? 4
                               : 5;
 }
@@ -60,13 +60,7 @@ void pull(uint i, out float g[PARAMS_MAX])
     splat s;
     projection p;
     project(v, xyz, scales, rot, s, p);
-    splat_grad o;
-    o.x = s.A * sums[1] + s.B * sums[2];
-    o.y = s.C * sums[2] + s.B * sums[1];
-    o.A = -0.5 * sums[3];
-    o.Bh = -0.5 * sums[4];
-    o.C = -0.5 * sums[5];
-    o.opacity = sums[0];
+    const splat_grad o = splat_pull(s, sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]);
     if ((a.what & VK_LEARN_STATISTICS) != 0) {
         const bool beside = (a.what & VK_LEARN_BESIDE) != 0;
         const float gx = (absolute && !beside ? sums[9] : o.x) * v.half_w;
@@ -77,22 +71,11 @@ void pull(uint i, out float g[PARAMS_MAX])
         a.grad_count.v[i] += 1.0;
     }
     project_backward(v, p, s, o, at_xyz, at_scale, at_rot);
-    for (int k = 0; k < 3; k++) {
-        g[k] = at_xyz[k];
-        g[P_SCALE + k] = at_scale[k];
-    }
-    for (int k = 0; k < 4; k++)
-        g[P_ROT + k] = at_rot[k];
-    /* d opacity = sum w / o, d logit = o (1 - o) d opacity */
-    g[P_OPACITY] = sums[0] * (1.0 - 1.0 / (1.0 + exp(-shaped(i, P_OPACITY))));
-    for (int k = 0; k < 3; k++)
-        dir[k] = xyz[k] - v.centre[k];
-    const float inv = 1.0 / sqrt(dir[0] * dir[0] + dir[1] * dir[1] + dir[2] * dir[2]);
-    for (int k = 0; k < 3; k++)
-        dir[k] *= inv;
+    g[P_OPACITY] = logit_pull(sums[0], shaped(i, P_OPACITY));
+    const float inv = sh_direction(xyz, v.centre, dir);
     sh_basis(DEGREE, dir[0], dir[1], dir[2], basis);
-    for (int ch = 0; ch < 3; ch++) /* a colour clamped at 0 passes nothing */
-        rgb[ch] = a.splats.v[i * SPLAT + S_R + ch] > 0.0 ? sums[6 + ch] : 0.0;
+    for (int ch = 0; ch < 3; ch++)
+        rgb[ch] = colour_pull(a.splats.v[i * SPLAT + S_R + ch], sums[6 + ch]);
     for (int k = 0; k < 16; k++)
         weight[k] = 0.0;
     for (int k = 0; k < COEFFICIENTS; k++)
@@ -101,9 +84,13 @@ void pull(uint i, out float g[PARAMS_MAX])
             g[P_SH + 3 * k + ch] = basis[k] * rgb[ch];
         }
     sh_direction_gradient(DEGREE, dir[0], dir[1], dir[2], weight, d);
-    const float along = d[0] * dir[0] + d[1] * dir[1] + d[2] * dir[2];
-    for (int k = 0; k < 3; k++)
-        g[k] += (d[k] - dir[k] * along) * inv;
+    sh_direction_pull(d, dir, inv, at_xyz);
+    for (int k = 0; k < 3; k++) {
+        g[k] = at_xyz[k];
+        g[P_SCALE + k] = at_scale[k];
+    }
+    for (int k = 0; k < 4; k++)
+        g[P_ROT + k] = at_rot[k];
 }
 
 void main()
@@ -142,8 +129,8 @@ void main()
     }
     if (mean_scale > 0.0)
         for (int plane = P_SCALE; plane < P_SCALE + 3; plane++)
-            g[plane] += mean_scale / (3.0 * float(a.count)) *
-                        exp(a.params.v[param_at(a.planes, i, plane)]);
+            g[plane] +=
+                mean_scale / (3.0 * float(a.count)) * exp(a.params.v[param_at(a.planes, i, plane)]);
     for (int plane = 0; plane < PLANES; plane++) {
         const int group = group_of(plane);
         const float rate = a.view.v[VK_VIEW + group], root = a.view.v[VK_VIEW + 6 + group];

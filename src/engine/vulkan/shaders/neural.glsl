@@ -75,8 +75,7 @@ uint first_four(uint network)
 }
 
 /* The rows of a vector of the output layer, and their network. */
-struct output_rows
-{
+struct output_rows {
     uint network, first, last;
 };
 
@@ -116,9 +115,10 @@ void hidden_layer(Floats w)
     }
     [[unroll]] for (uint l = 0; l < EACH; l++)
     {
-        if ((PARTS & VK_N_PART_DISTANCE) != 0)
-            [[unroll]] for (uint c = 0; c < 4; c++) sum[l][c] +=
-                w.v[VK_W_DISTANCE + 4 * column + c] * n_bank_input[3 * ROW + first + l];
+        if ((PARTS & VK_N_PART_DISTANCE) != 0) [[unroll]]
+            for (uint c = 0; c < 4; c++)
+                sum[l][c] +=
+                    w.v[VK_W_DISTANCE + 4 * column + c] * n_bank_input[3 * ROW + first + l];
         [[unroll]] for (uint c = 0; c < 4; c++) sum[l][c] = r_max(sum[l][c], 0.0);
         FOUR(HIDDEN, column, first + l) = sum[l];
     }
@@ -126,8 +126,8 @@ void hidden_layer(Floats w)
 
 /* The inputs and hidden values of 16 anchors of the list from `first` on. Features and directions
  * of those behind its end are 0, so that no value is without a number. A barrier has to follow. */
-void hidden_layers(Uints seen, uint first, uint seen_count, Floats params, Floats anchors,
-                   Floats w, Floats view, uint count)
+void hidden_layers(Uints seen, uint first, uint seen_count, Floats params, Floats anchors, Floats w,
+                   Floats view, uint count)
 {
     const uint lane = LANE, row = FIRST_ROW;
     const uint i = first + lane < seen_count ? seen.v[first + lane] : count;
@@ -159,20 +159,16 @@ void hidden_layers(Uints seen, uint first, uint seen_count, Floats params, Float
         }
         barrier(); /* n_bank_hidden */
         if (row == 0) {
-            float z[3], sum = 0.0;
+            float z[3];
             for (uint j = 0; j < 3; j++) {
                 z[j] = w.v[VK_W_BANK_BIAS + j];
                 for (uint h = 0; h < VK_N_HIDDEN; h++)
                     z[j] +=
                         w.v[VK_W_BANK_OUTPUT + j * VK_N_HIDDEN + h] * n_bank_hidden[h * ROW + lane];
             }
-            const float most = r_max(r_max(z[0], z[1]), z[2]);
-            for (uint j = 0; j < 3; j++) {
-                z[j] = exp(z[j] - most);
-                sum += z[j];
-            }
+            neural_shares(z);
             for (uint j = 0; j < 3; j++)
-                n_share[j * ROW + lane] = z[j] / sum;
+                n_share[j * ROW + lane] = z[j];
         }
         barrier(); /* n_share */
     }

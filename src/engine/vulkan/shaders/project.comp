@@ -12,8 +12,6 @@ layout(local_size_x = VK_GROUP) in;
 layout(constant_id = 1) const int DEGREE = 3;
 ARGUMENTS(project);
 
-#define LOG2E 1.4426950408889634
-
 shared uint visible_here;
 
 /* NaN and infinities, by their bits: comparisons of NaN are not promised. */
@@ -29,7 +27,7 @@ void main()
         visible_here = 0;
     barrier(); /* before anybody adds to it */
     if (i < a.count) {
-        float xyz[3], scales[3], rot[4], d[3], basis[16], rgb[3];
+        float xyz[3], scales[3], rot[4], dir[3], basis[16], rgb[3];
         for (uint k = 0; k < 3; k++) {
             xyz[k] = a.params.v[param_at(a.planes, i, k)];
             scales[k] = a.params.v[param_at(a.planes, i, P_SCALE + k)];
@@ -42,26 +40,23 @@ void main()
         projection p;
         project(v, xyz, scales, rot, s, p);
         bool good = s.visible && finite(s.x) && finite(s.y) && finite(s.z) && finite(s.det) &&
-                    finite(s.sigma) && finite(s.gain) && finite(s.A) && finite(s.B) && finite(s.C) &&
-                    (floatBitsToUint(logit) & 0x7fffffff) <= 0x7f800000;
+                    finite(s.sigma) && finite(s.gain) && finite(s.A) && finite(s.B) &&
+                    finite(s.C) && (floatBitsToUint(logit) & 0x7fffffff) <= 0x7f800000;
         const tile_rect t = tile_rect_make(s.x, s.y, s.sigma, int(a.grid_x), int(a.grid_y));
         good = good && t.x0 < t.x1 && t.y0 < t.y1;
-        const float opacity = s.gain / (1.0 + exp(-logit));
-        for (int k = 0; k < 3; k++) {
-            d[k] = xyz[k] - v.centre[k];
+        const float opacity = opacity_drawn(logit, s.gain);
+        for (int k = 0; k < 3; k++)
             rgb[k] = 0.5;
-        }
         if (with_part(VK_WITHOUT_COLOURS)) {
-            const float inv = 1.0 / sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-            sh_basis(DEGREE, d[0] * inv, d[1] * inv, d[2] * inv, basis);
+            sh_direction(xyz, v.centre, dir);
+            sh_basis(DEGREE, dir[0], dir[1], dir[2], basis);
             for (int k = 0; k < (DEGREE + 1) * (DEGREE + 1); k++)
                 for (int ch = 0; ch < 3; ch++)
                     rgb[ch] += basis[k] * a.params.v[param_at(a.planes, i, P_SH + 3 * k + ch)];
         }
         for (int ch = 0; ch < 3; ch++) {
-            good = good && finite(rgb[ch]) && rgb[ch] < SG_COLOUR_MAX && rgb[ch] > -SG_COLOUR_MAX;
-            /* The backward pass knows the clamped by their 0. */
-            rgb[ch] = rgb[ch] < -SG_COLOUR_ROUNDING ? 0.0 : r_max(rgb[ch], 1e-30);
+            good = good && finite(rgb[ch]) && colour_sound(rgb[ch]);
+            rgb[ch] = colour_drawn(rgb[ch]);
         }
         const bool drawn = good && opacity >= SG_ALPHA_MIN;
         if (good)
@@ -75,7 +70,7 @@ void main()
             const float var = 1.0 / s.A;
             const ellipse e =
                 ellipse_make(ellipse_border(opacity, s.a, s.c, s.det), s.b / s.c, var, s.c);
-            const float across = sqrt(s.A * (0.5 * LOG2E));
+            const float across = conic_across(s.A);
             const uint to = i * SPLAT;
             a.splats.v[to + S_X] = s.x;
             a.splats.v[to + S_Y] = s.y;
@@ -87,11 +82,12 @@ void main()
             a.splats.v[to + 7] = 0.0;
             a.splats.v[to + S_ACROSS] = across;
             a.splats.v[to + S_SHEAR] = across * e.slope;
-            a.splats.v[to + S_DOWN] = sqrt(0.5 * LOG2E / s.c);
+            a.splats.v[to + S_DOWN] = conic_down(s.c);
             a.splats.v[to + S_PEAK] = log2(opacity);
             a.splats.v[to + S_Z] = s.z;
         }
-        if (good && kept) { /* colours also of those that are too faint: the backward pass reads them */
+        if (good &&
+            kept) { /* colours also of those that are too faint: the backward pass reads them */
             a.splats.v[i * SPLAT + S_R] = rgb[0];
             a.splats.v[i * SPLAT + S_G] = rgb[1];
             a.splats.v[i * SPLAT + S_B] = rgb[2];

@@ -47,10 +47,8 @@ uvec2 row_tiles(ellipse e, float x, float y, rect r, uint ty, bool reference_til
     precise const row_span span = ellipse_row_span(e, top, top + float(SG_TILE - 1));
     if (!span.hit)
         return uvec2(r.x0, r.x0);
-    const float side = 1.0 / SG_TILE, lo = float(r.x0), hi = float(r.x1);
-    precise const float left = (x + span.x0 + 1.0) * side;
-    precise const float right = (x + span.x1 + float(SG_TILE)) * side;
-    const uint c0 = uint(r_max(r_min(left, hi), lo)), c1 = uint(r_max(r_min(right, hi), lo));
+    const cell_range cells = row_span_cells(span, x, SG_TILE, float(r.x0), float(r.x1));
+    const uint c0 = uint(cells.first), c1 = uint(cells.end);
     return uvec2(c0, max(c0, c1));
 }
 

@@ -16,20 +16,17 @@ void main()
         return;
     for (uint k = t; k < WIDE * WIDE; k += SIDE * SIDE) {
         const int at = bordered(p, k, a.width, a.height);
-        staged[k] = at >= 0
-                        ? vec3(a.maps.v[at], a.maps.v[3 * plane + at], a.maps.v[6 * plane + at])
-                        : vec3(0.0);
+        staged[k] = at >= 0 ? vec3(a.maps.v[at], a.maps.v[3 * plane + at], a.maps.v[6 * plane + at])
+                            : vec3(0.0);
     }
     const vec3 m = windowed(t);
     const uint column = t % SIDE, row = t / SIDE, x = p.x0 + column, y = p.y0 + row;
     if (x >= a.width || y >= a.height)
         return;
     const uint at = y * a.width + x;
-    const float image = a.image.v[p.channel * plane + at], other = a.target.v[p.channel * plane + at];
-    const float sign_of = image > other ? 1.0 : image < other ? -1.0 : 0.0;
-    float g = a.l1 * sign_of + a.dssim * (m.x + 2.0 * image * m.y + other * m.z);
-    if (a.tolerant != 0 && sign_of == 0.0) /* no gradient where the target is the render itself */
-        g = 0.0;
+    const float image = a.image.v[p.channel * plane + at],
+                other = a.target.v[p.channel * plane + at];
+    float g = photometric_gradient(image, other, m.x, m.y, m.z, a.l1, a.dssim, a.tolerant != 0);
     if (a.masked != 0 && !photo_counts(a.photo.v[at]))
         g = 0.0;
     a.gradient.v[p.channel * plane + at] = g;

@@ -4,6 +4,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "math/photometric.h"
 #include "photo.glsl"
 
 layout(local_size_x = VK_GROUP) in;
@@ -22,7 +23,7 @@ void main()
         if (a.masked != 0 && !photo_counts(photo))
             t = x;
         if (a.tolerance > 0.0)
-            t = r_min(r_max(x, t - a.tolerance), t + a.tolerance);
+            t = photometric_target(x, t, a.tolerance);
         a.target.v[at] = t;
     }
 }

@@ -13,10 +13,10 @@ const uint PIXELS = VK_BLOCK_SIZE / LANES;
 const uint INVOCATIONS = VK_BLOCKS * LANES;
 
 /* A batch of instances. */
-shared vec4 batch_shape[VK_BATCH]; /* x, y, across, shear */
-shared vec4 batch_light[VK_BATCH]; /* down, peak; one stride for all three */
+shared vec4 batch_shape[VK_BATCH];  /* x, y, across, shear */
+shared vec4 batch_light[VK_BATCH];  /* down, peak; one stride for all three */
 shared vec4 batch_colour[VK_BATCH]; /* and depth */
-shared uint batch_rows[VK_BLOCKS]; /* a bit an instance that reaches the block */
+shared uint batch_rows[VK_BLOCKS];  /* a bit an instance that reaches the block */
 
 uint block_of()
 {
@@ -37,8 +37,8 @@ void batch_stage(Floats splats, uint i, uint k)
     batch_shape[k] = vec4(splats.v[at + S_X], splats.v[at + S_Y], splats.v[at + S_ACROSS],
                           splats.v[at + S_SHEAR]);
     batch_light[k] = vec4(splats.v[at + S_DOWN], splats.v[at + S_PEAK], 0.0, 0.0);
-    batch_colour[k] = vec4(splats.v[at + S_R], splats.v[at + S_G], splats.v[at + S_B],
-                           splats.v[at + S_Z]);
+    batch_colour[k] =
+        vec4(splats.v[at + S_R], splats.v[at + S_G], splats.v[at + S_B], splats.v[at + S_Z]);
 }
 
 /* Bits of the blocks that a splat can touch. x0, y0: the tile's first pixel. */
@@ -50,9 +50,8 @@ uint blocks_of(Floats splats, uint i, uint x0, uint y0)
     for (uint row = 0; row < 4; row++) {
         const float top = float(y0 + row * 4) - y;
         const row_span span = ellipse_row_span(e, top, top + 3.0);
-        /* Blocks whose pixel centres 8c .. 8c + 7 meet the span; clamped, any float converts. */
-        const uint c0 = uint(r_max(r_min((x + span.x0 + 1.0) * 0.125, 2.0), 0.0));
-        const uint c1 = uint(r_max(r_min((x + span.x1 + 8.0) * 0.125, 2.0), 0.0));
+        const cell_range cells = row_span_cells(span, x, 8.0, 0.0, 2.0);
+        const uint c0 = uint(cells.first), c1 = uint(cells.end);
         if (span.hit && span.x0 <= span.x1 && c0 < c1)
             bits |= ((1u << c1) - (1u << c0)) << 2 * row;
     }

@@ -11,11 +11,6 @@
 layout(local_size_x = VK_GROUP) in;
 ARGUMENTS(total_variation);
 
-float slope_of(float d)
-{
-    return tv_slope(d, int(a.norm), a.edge);
-}
-
 void main()
 {
     const uint i = thread_index(), pixels = a.width * a.height;
@@ -29,9 +24,9 @@ void main()
         const float after = a.image.v[x + 1 < a.width ? i + 1 : i] - here;
         value = a.down * tv_norm(below, int(a.norm), a.edge) +
                 a.across * tv_norm(after, int(a.norm), a.edge);
-        const float g = a.gradient.v[i] +
-                        a.weight * (a.down * (slope_of(above) - slope_of(below)) +
-                                    a.across * (slope_of(before) - slope_of(after)));
+        const float g =
+            a.gradient.v[i] + a.weight * tv_gradient(above, below, before, after, int(a.norm),
+                                                     a.edge, a.down, a.across);
         a.gradient.v[i] = a.masked != 0 && !photo_counts(a.photo.v[at]) ? 0.0 : g;
     }
     const float sum = group_sum(value);
