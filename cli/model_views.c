@@ -52,6 +52,10 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
         o->render.background[ch] = o->scene.white_background ? 1 : 0;
     if (v->run.train.model == SG_MODEL_MIP && o->render.mip_kernel == 0)
         o->render.mip_kernel = v->run.train.mip.kernel;
+    /* Training views are the photos whose appearances there are. */
+    const size_t appearance = (size_t) ((const char *) &o->render.appearance - (char *) config);
+    if (o->split != 0 && !options_given(command, given, appearance))
+        o->render.appearance = SG_APPEARANCE_INDEX;
     int error = sg_model_read_drawable(v->ctx, path, UINT32_MAX, &v->model);
     if (!error)
         error = sg_model_check(v->ctx, v->model, path);

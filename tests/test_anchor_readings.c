@@ -254,7 +254,7 @@ static void check_single(struct engine_case c)
     assert_int_equal(step.removed, 1);
     assert_int_equal(sg_engine_weigh_hits(e, seen, SEES, &render, &single, hits), SG_OK);
     assert_true(hits[14] == 0 && hits[11] > 0);
-    /* What is hidden learns nothing. */
+    /* A file of it is a model like any other. */
     assert_int_equal(sg_model_create(ctx, ANCHORS - 1, 0, &after), SG_OK);
     assert_int_equal(sg_anchors_add(ctx, after, 0), SG_OK);
     assert_int_equal(sg_engine_download(e, after, after->columns), SG_OK);
@@ -281,9 +281,39 @@ static void test_single(void **state)
         check_single(cases[k]);
 }
 
-/* In a training: fewer and fewer are drawn, and what is hidden stays so. */
+/* Of all anchors, by their positions: their Gaussians that are hidden, as bits. */
+struct hidden {
+    float at[256][3];
+    unsigned bits[256];
+    size_t count;
+};
+
+static struct hidden hidden_of(sg_trainer *t)
+{
+    struct hidden h = {.count = sg_engine_count(t->engine)};
+    sg_ctx *ctx = sg_engine_ctx(t->engine);
+    struct sg_model *m;
+    assert_in_range(h.count, 1, 256);
+    assert_int_equal(sg_model_create(ctx, h.count, 0, &m), SG_OK);
+    assert_int_equal(sg_anchors_add(ctx, m, 0), SG_OK);
+    assert_int_equal(sg_engine_download(t->engine, m, m->columns), SG_OK);
+    for (size_t i = 0; i < h.count; i++) {
+        for (int k = 0; k < 3; k++)
+            h.at[i][k] = *sg_model_at(m, i, SG_P_XYZ + k);
+        for (int k = 0; k < SG_ANCHOR_GAUSSIANS; k++)
+            h.bits[i] |= (unsigned) (m->columns->at[SG_C_ANCHOR][sg_param_index(
+                                         SG_A_PLANES, i, SG_A_OFFSET + 3 * k)] == SG_OFFSET_HIDDEN)
+                         << k;
+    }
+    sg_model_destroy(&m);
+    return h;
+}
+
+/* In a training: what is hidden stays so, also after a checkpoint, and fewer are drawn. */
 static void test_single_training(void **state)
 {
+    char path[] = "/tmp/sg_single_XXXXXX";
+    close(mkstemp(path));
     (void) state;
     struct fixture f = make_points(2);
     struct sg_train_params p = scaffold_params();
@@ -298,16 +328,35 @@ static void test_single_training(void **state)
     f.scene.train = f.views;
     assert_int_equal(sg_trainer_create(f.ctx, &f.scene, NULL, &p, &t), SG_OK);
     const size_t anchors = sg_engine_count(t->engine);
+    struct hidden before = hidden_of(t);
     for (int it = 1; it <= 36; it++) {
         if (sg_trainer_step(t, &s))
             fail_msg("%s", sg_last_error(f.ctx));
         assert_true(isfinite(s.loss));
         first = it == 6 ? s.render.visible : first;
         last = s.render.visible;
+        const struct hidden now = hidden_of(t);
+        for (size_t i = 0; i < now.count; i++)
+            for (size_t k = 0; k < before.count; k++)
+                assert_true(memcmp(now.at[i], before.at[k], sizeof(now.at[i])) != 0 ||
+                            !(before.bits[k] & ~now.bits[i]));
+        before = now;
+        if (it == 20) {
+            assert_int_equal(sg_trainer_save(t, path), SG_OK);
+            sg_trainer_destroy(&t);
+            t = resume_training(&f, &p, path);
+        }
     }
+    unsigned hidden = 0;
+    for (size_t i = 0; i < before.count; i++)
+        hidden += before.bits[i] > 0;
+    assert_true(hidden > 10);
     assert_true(last < first);
     assert_in_range(sg_engine_count(t->engine), 1, anchors);
     sg_trainer_destroy(&t);
+    p.defense.rho = -0.5;
+    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, NULL, &p, &t), SG_ERR_USAGE);
+    unlink(path);
     clear_points(&f);
 }
 

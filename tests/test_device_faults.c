@@ -418,6 +418,9 @@ static void check_loss(int (*run)(sg_ctx *, enum sg_run_start), const char *resu
                      (unsigned long long) n, code, sg_last_error(ctx));
         const bool kept = strstr(sg_last_error(ctx), "checkpoint.bin of iteration ") != NULL;
         assert_int_equal(sg_vram_current(ctx, SG_MEM_TAGS), 0);
+        if (late && !kept)
+            fail_msg("submission %llu: \"%s\" names no checkpoint, but an earlier one did",
+                     (unsigned long long) n, sg_last_error(ctx));
         *(kept ? &late : &early) += 1;
         if (kept && late % 4 == 1) {
             assert_int_equal(run(ctx, SG_RUN_RESUME), SG_OK);

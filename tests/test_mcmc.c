@@ -34,6 +34,12 @@ static void test_share(void **state)
     assert_true(fabs(sg_mcmc_share(&other, 0.9, 7, &scale) - cases[2].own) < 1e-8);
     assert_true(fabs(scale - cases[2].scale) < 1e-8);
     assert_true(sg_mcmc_share(&other, 0.3, 2, &least) == 0.25);
+    const struct sg_mcmc_params many = {.copies = 1000};
+    for (unsigned n = 1; n <= 1000; n++)
+        for (int k = 0; k < 3; k++) {
+            const double own = sg_mcmc_share(&many, (const double[]){0, 0.7, 1}[k], n, &scale);
+            assert_true(own >= 0 && own < 1 && scale >= 0 && scale < 1.0001);
+        }
     assert_true(sg_mcmc_share(&released, 0.006, 50, &scale) == (double) 0.005f); /* never dead */
     assert_true(sg_mcmc_share(&released, 1, 1, &scale) < 1 && scale > 0.9);
 }
@@ -279,6 +285,8 @@ static void test_random_points(void **state)
     assert_true(farthest(&f, &p) == 1);
     p.random_points = true;
     assert_in_range(1000 * farthest(&f, &p), 597, 600);
+    sg_trainer *t;
+    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, f.start, &p, &t), SG_ERR_USAGE);
     p.random_extent = 7;
     assert_in_range(1000 * farthest(&f, &p), 1394, 1400);
     p.strategy = SG_STRATEGY_DEFAULT, p.random_extent = 0;

@@ -275,7 +275,8 @@ static void test_identity(void **state)
         /* where and how long it runs, and limits, which the run says when they bind */
         "iterations|engine|cpu|max-gaussians|max-time|max-instances|at-limit|"
         /* what has no effect after the beginning, or on the training */
-        "init-points|random-points|random-extent|keep-filter|"
+        "init-points|random-points|random-extent|mcmc-init-opacity|mcmc-init-scale|"
+        "keep-filter|"
         /* what the checkpoint has in fields and sections of its own */
         "seed|sh-degree|strategy";
     int checked = 0;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Total variation in the forms that an attack raises, of planes and of bytes. The gradient here is
- * scalar code; kernels have that of math/total_variation.h. */
+ * the oracle's; kernels have that of math/total_variation.h. */
 #include "total_variation.h"
 
 #include "math/real_f64.h"

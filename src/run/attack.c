@@ -310,6 +310,12 @@ static void remove_begun(sg_ctx *ctx, const char *folder)
     sg_free(state);
 }
 
+static int name_checkpoint(const struct attack_run *r, int code)
+{
+    return sg_run_name_checkpoint(r->ctx, code, r->params->folder, "attack/checkpoint.bin",
+                                  r->checkpoint);
+}
+
 /* Proxy, decoy, poisons. */
 static int run_attack(struct attack_run *r, char model[PATH_MAX])
 {
@@ -335,8 +341,7 @@ static int run_attack(struct attack_run *r, char model[PATH_MAX])
             code = loop(r);
         if (code && code != SG_ERR_INTERRUPTED && r->checkpoint) {
             r->status->resumable = true;
-            code = sg_run_name_checkpoint(r->ctx, code, p->folder, "attack/checkpoint.bin",
-                                          r->checkpoint);
+            code = name_checkpoint(r, code);
         }
         if (code)
             return code;
@@ -355,11 +360,11 @@ static int run_attack(struct attack_run *r, char model[PATH_MAX])
     const int lost = splat ? save_checkpoint(r) : SG_OK;
     if (lost)
         sg_log(r->ctx, SG_LOG_WARN, "%s", sg_last_error(r->ctx));
-    r->status->resumable = !lost;
+    r->status->resumable = !lost || r->checkpoint;
     sg_clear_error(r->ctx);
     sg_fail(r->ctx, code, "%s", why ? why : "out of memory");
     sg_free(why);
-    return code;
+    return lost && r->checkpoint ? name_checkpoint(r, code) : code;
 }
 
 /* In a folder that is claimed. *fresh: it was new or empty. */

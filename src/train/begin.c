@@ -114,6 +114,9 @@ int sg_trainer_init_model(sg_trainer *t, const struct sg_model *initial)
     const size_t each = sg_engine_each(t->engine);
     const uint64_t limit = t->budget.gaussians;
     struct sg_model *made = NULL;
+    if (initial && t->params.random_points)
+        return sg_fail(t->ctx, SG_ERR_USAGE,
+                       "init: found an initial model and random_points, expected one of them");
     if (initial && t->strategy->initial)
         return sg_fail(t->ctx, SG_ERR_USAGE,
                        "init: found an initial model, expected none with the strategy %s, which "

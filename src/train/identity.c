@@ -131,16 +131,14 @@ struct sg_identity sg_train_identity(const struct sg_train_params *p)
         (double) m->cap_max,   m->growth,           m->until, (double) m->opacity_reg,
         (double) m->scale_reg, (double) m->noise_lr};
     const struct sg_mcmc_params usual = {SG_MCMC_DEFAULTS};
-    const double later[] = {(double) m->dead, (double) m->noise_gate, m->copies,
-                            (double) m->init_opacity, (double) m->init_scale},
-                 usually[] = {(double) usual.dead, (double) usual.noise_gate, usual.copies,
-                              (double) usual.init_opacity, (double) usual.init_scale};
+    const double later[] = {(double) m->dead, (double) m->noise_gate, m->copies},
+                 usually[] = {(double) usual.dead, (double) usual.noise_gate, usual.copies};
     const double strength[] = {(double) p->tolerance, d->rho, d->rho_least, d->frequency,
                                d->lambda};
     uint64_t parameters = sg_hash_numbers(numbers, sizeof(numbers) / sizeof(numbers[0]));
     if (p->strategy == SG_STRATEGY_MCMC)
         parameters =
-            hash_unusual(later, usually, 5, XXH3_64bits_withSeed(mcmc, sizeof(mcmc), parameters));
+            hash_unusual(later, usually, 3, XXH3_64bits_withSeed(mcmc, sizeof(mcmc), parameters));
     const double exposure[] = {(double) p->exposure_lr_init, (double) p->exposure_lr_final};
     if (p->exposure)
         parameters = XXH3_64bits_withSeed(exposure, sizeof(exposure), parameters);

@@ -50,6 +50,11 @@ int sg_train_check(sg_ctx *ctx, const struct sg_train_params *p)
                        "defense.rho: found %g with the strategy mcmc, which moves Gaussians where "
                        "the default removes them, expected 0",
                        p->defense.rho);
+    if (p->model == SG_MODEL_SCAFFOLD && p->defense.on && p->defense.unit == SG_UNIT_GAUSSIAN &&
+        p->defense.rho < 0)
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "defense.rho: found a share of growth with the unit gaussian, whose growth "
+                       "is not known, expected 0 to 0.5");
     if (!(p->seconds_before >= 0 && p->seconds_before <= 1e9))
         return sg_fail(ctx, SG_ERR_USAGE, "seconds_before: found %g, expected 0 to 1e9",
                        p->seconds_before);

@@ -17,7 +17,9 @@ double sg_mcmc_share(const struct sg_mcmc_params *p, double opacity, unsigned co
 {
     /* More copies are made, but count no more. */
     const unsigned n = count < (unsigned) p->copies ? count : (unsigned) p->copies;
-    const double own = 1 - pow(1 - opacity, 1.0 / n);
+    /* Beyond 50 terms the sum cancels for an opacity of 1. At an opacity of 0 there is none. */
+    const double o = n > 50 ? fmin(opacity, SHARE_OPACITY_MAX) : opacity;
+    const double own = fmax(1 - pow(1 - o, 1.0 / n), 1e-12);
     double sum = 0, term = 1; /* C(n, j) own^j */
     for (unsigned j = 1; j <= n; j++) {
         term *= own * (n - j + 1) / j;

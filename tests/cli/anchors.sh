@@ -46,6 +46,10 @@ expect 0 eval looks --json --appearance mean
 grep -q "\"psnr\": ${psnr%??}" out || fail "the default is not the mean of the appearances: $(cat out)"
 expect 0 eval looks --json --appearance index
 grep -q "\"psnr\": ${psnr%??}" out && fail "the mean of the appearances measures like the first two: $(cat out)"
+expect 0 eval looks --json --split train
+own=$(sed 's/.*"psnr": \([0-9.]*\).*/\1/' out)
+expect 0 eval looks --json --split train --appearance index
+grep -q "\"psnr\": $own" out || fail "training views do not have their own appearances: $own, $(cat out)"
 for photo in 0 1 index; do
     expect 0 render looks -o looks-$photo --appearance $photo -q
 done

@@ -172,12 +172,16 @@ static int hide(struct sg_engine *base, const uint32_t *hidden)
     if (code)
         return code;
     of(base)->host_newer = true;
+    float *statistics = h->at[SG_C_ANCHOR_STATISTICS];
     for (size_t i = 0; i < h->count; i++)
         for (int k = 0; k < 3 * SG_ANCHOR_GAUSSIANS; k++) {
             const size_t at = sg_param_index(SG_A_PLANES, i, SG_A_OFFSET + k);
             if (!(hidden[i] >> k / 3 & 1))
                 continue;
             h->at[SG_C_ANCHOR][at] = SG_OFFSET_HIDDEN;
+            if (statistics) /* of a candidate for growth */
+                statistics[sg_param_index(SG_A_STATISTICS, i, SG_A_GRADIENT + k / 3)] =
+                    statistics[sg_param_index(SG_A_STATISTICS, i, SG_A_DRAWN + k / 3)] = 0;
             for (int m = 0; m < 2; m++)
                 if (h->at[learned[m]])
                     h->at[learned[m]][at] = 0;

@@ -274,7 +274,8 @@ SIMD void pull_outputs(const struct sg_neural_args *a, const struct sg_anchor_bl
             for (int j = 0; j < 3; j++) {
                 r_store(output[SG_O_COLOUR + 3 * k + j] + i, d.colour[j]);
                 r_store(out->anchor[SG_A_OFFSET + 3 * k + j] + i, d.offset[j]);
-                reach[j] += d.reach[j], size[j] += r_keep(exists, d.size[j]);
+                reach[j] += r_keep(exists, d.reach[j]);
+                size[j] += r_keep(exists, d.size[j]);
             }
         }
         for (int j = 0; j < 3; j++) {

@@ -303,8 +303,7 @@
     U(moments)
 /* The noise of a struct sg_exploration. key: seed and stream, mixed, in two words. */
 #define ARGS_explore(P, U, F)                                                                      \
-    P(Floats, params) U(count) U(planes) U(key_low) U(key_high) F(amount) F(gate)     \
-    F(dead)
+    P(Floats, params) U(count) U(planes) U(key_low) U(key_high) F(amount) F(gate) F(dead)
 /* What Gaussians with a 3D filter are drawn as, to a copy of the parameters; back: 1 = the gradient
  * of that to the one of the parameters. */
 #define ARGS_mip_shape(P, U, F)                                                                    \

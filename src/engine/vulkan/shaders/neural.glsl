@@ -115,10 +115,8 @@ void hidden_layer(Floats w)
     }
     [[unroll]] for (uint l = 0; l < EACH; l++)
     {
-        if ((PARTS & VK_N_PART_DISTANCE) != 0) [[unroll]]
-            for (uint c = 0; c < 4; c++)
-                sum[l][c] +=
-                    w.v[VK_W_DISTANCE + 4 * column + c] * n_bank_input[3 * ROW + first + l];
+        for (uint c = 0; c < 4 && (PARTS & VK_N_PART_DISTANCE) != 0; c++)
+            sum[l][c] += w.v[VK_W_DISTANCE + 4 * column + c] * n_bank_input[3 * ROW + first + l];
         [[unroll]] for (uint c = 0; c < 4; c++) sum[l][c] = r_max(sum[l][c], 0.0);
         FOUR(HIDDEN, column, first + l) = sum[l];
     }

@@ -86,8 +86,7 @@ void main()
             a.splats.v[to + S_PEAK] = log2(opacity);
             a.splats.v[to + S_Z] = s.z;
         }
-        if (good &&
-            kept) { /* colours also of those that are too faint: the backward pass reads them */
+        if (good && kept) { /* colours of faint ones too: the backward pass reads them */
             a.splats.v[i * SPLAT + S_R] = rgb[0];
             a.splats.v[i * SPLAT + S_G] = rgb[1];
             a.splats.v[i * SPLAT + S_B] = rgb[2];
