@@ -18,6 +18,7 @@ awk -F'\t' 'NR > 1 { n[$2]++; bad += $4 != 0; bytes[$2] = $5 }
                  bytes["changes"] ~ /^[0-9a-f]+$/ && length(bytes["changes"]) == 16) }' dry/tests.tsv || fail "$(cat dry/tests.tsv)"
 [ "$(cut -f 1 dry/runs.tsv | tr '\n' ' ')" = 'run short-1 short-2 dry dry-defended dry-device dry-cpu ' ] || fail "$(cat dry/runs.tsv)"
 grep -q '^| raster backward |' dry/stages.md && [ -s dry/stages.csv ] || fail "no stages"
+grep -Eq '^dry-defended: [0-9.]+ times the seconds of dry$' dry/summary.txt || fail "no time of a defense: $(cat dry/summary.txt)"
 grep -Eq '^nothing: [0-9.]+ s, [0-9.]+ times dry, exit status 0' dry/summary.txt || fail "no ratio: $(cat dry/summary.txt)"
 grep -Eq '^PSNR after 12 iterations, device less CPU: -?0\.0[0-9]+ dB' dry/summary.txt || fail "no difference: $(cat dry/summary.txt)"
 grep -q '^all equal, nothing failed' dry/summary.txt && [ -s dry/beside-nothing.log ] || fail "$(cat dry/summary.txt)"
