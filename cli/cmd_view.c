@@ -117,8 +117,7 @@ static int open_viewed(struct viewed *v, const char *place, const bool *given,
         code = check_iteration(&command_view, place, o->iteration);
     for (int ch = 0; ch < 3; ch++)
         o->render.background[ch] = o->scene.white_background ? 1 : 0;
-    if (v->run.train.model == SG_MODEL_MIP && o->render.mip_kernel == 0)
-        o->render.mip_kernel = v->run.train.mip.kernel;
+    render_as_trained(&o->render, &v->run.train);
     if (!code)
         code = load_scene(v, o, named);
     if (!code)

@@ -27,6 +27,12 @@ int adopt_run_scene(sg_ctx *ctx, const char *folder, const struct command *comma
     return STATUS_DONE;
 }
 
+void render_as_trained(struct sg_render_params *render, const struct sg_train_params *train)
+{
+    if (train->model == SG_MODEL_MIP && render->mip_kernel == 0)
+        render->mip_kernel = train->mip.kernel;
+}
+
 int model_views_open(struct model_views *v, const char *model, const struct command *command,
                      const bool *given, void *config, struct model_options *o)
 {
@@ -50,8 +56,7 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
     o->scene.eval = o->scene.untrained = true;
     for (int ch = 0; ch < 3; ch++)
         o->render.background[ch] = o->scene.white_background ? 1 : 0;
-    if (v->run.train.model == SG_MODEL_MIP && o->render.mip_kernel == 0)
-        o->render.mip_kernel = v->run.train.mip.kernel;
+    render_as_trained(&o->render, &v->run.train);
     /* Training views are the photos whose appearances there are. */
     const size_t appearance = (size_t) ((const char *) &o->render.appearance - (char *) config);
     if (o->split != 0 && !options_given(command, given, appearance))

@@ -65,6 +65,9 @@ struct model_views {
     size_t n;
 };
 
+/* Draws the models of a run as it does, unless the command line says how. */
+void render_as_trained(struct sg_render_params *render, const struct sg_train_params *train);
+
 /* MODEL is a PLY or a run's folder, whose scene and scene options apply where the command line has
  * none. config is the command's, options its `struct model_options`. Returns an exit code; close in
  * any case. */

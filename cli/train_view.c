@@ -6,6 +6,7 @@
 
 #include "commands.h"
 #include "interrupt.h"
+#include "model_views.h"
 #include "view_pictures.h"
 #include "view_scores.h"
 
@@ -109,7 +110,7 @@ static sg_renderer *scores_renderer(struct train_view *v, enum view_kind kind)
     struct sg_run_status s;
     int error = SG_OK;
     sg_run_status(v->run, &s);
-    render.mip_kernel = t->model == SG_MODEL_MIP ? t->mip.kernel : 0;
+    render_as_trained(&render, t);
     render.max_instances = INSTANCES;
     for (int ch = 0; ch < 3; ch++)
         render.background[ch] = t->white_background ? 1 : 0;

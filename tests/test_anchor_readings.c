@@ -2,8 +2,8 @@
 /* What the defense's filter makes of anchors: scores by every reading, and what it spares. */
 #include <unistd.h>
 
+#include "anchor_models.h"
 #include "defense/filter.h"
-#include "engine/scaffold/scaffold.h"
 #include "math/constants.h"
 #include "training_anchors.h"
 
@@ -14,7 +14,7 @@
 
 /* Networks that do not depend on what they read: each anchor is drawn as the same Gaussians. The
  * last of them is outside all views, the second is thinner, and the last anchor is never seen. */
-static struct sg_model *make_anchors(sg_ctx *ctx, struct sg_model **gaussians)
+static struct sg_model *make_known_anchors(sg_ctx *ctx, struct sg_model **gaussians)
 {
     const int numbers[MADE] = {1, 4, 8};
     struct sg_model *m;
@@ -87,16 +87,14 @@ static double score_of(const struct sg_defense_params *p, double hits[SEES][ANCH
 static void check_scores(struct engine_case c)
 {
     sg_ctx *ctx = make_context(2);
-    struct sg_model *gaussians, *m = make_anchors(ctx, &gaussians);
+    struct sg_model *gaussians, *m = make_known_anchors(ctx, &gaussians);
     struct sg_engine *e, *plain = make_engine(ctx, c.engine, c.variant, gaussians, NULL);
     struct sg_view views[SEES] = {{.camera = make_camera(64, 48, 3)},
                                   {.camera = make_camera(90, 60, 4)}};
     const struct sg_scene scene = {.train = views, .n_train = SEES};
     const struct sg_render_params render = sg_render_params_default();
     double found[2][3][ANCHORS];
-    assert_int_equal(sg_engine_create(ctx, c.engine, c.variant, &e), SG_OK);
-    assert_int_equal(sg_scaffold_wrap(ctx, &e), SG_OK);
-    assert_int_equal(sg_engine_upload(e, m, m->columns), SG_OK);
+    e = make_scaffold(ctx, c, m);
     for (int kind = 0; kind < 3; kind++) {
         double hits[SEES][ANCHORS * MADE];
         for (int v = 0; v < SEES; v++) {
@@ -155,7 +153,7 @@ static void test_spared(void **state)
 {
     (void) state;
     sg_ctx *ctx = make_context(1);
-    struct sg_model *gaussians, *m = make_anchors(ctx, &gaussians);
+    struct sg_model *gaussians, *m = make_known_anchors(ctx, &gaussians);
     struct sg_view views[SEES] = {{.camera = make_camera(64, 48, 3)},
                                   {.camera = make_camera(64, 48, 3)}};
     const struct sg_scene scene = {.train = views, .n_train = SEES};
@@ -189,10 +187,8 @@ static void test_spared(void **state)
         struct sg_engine *e;
         struct sg_model *after;
         unsigned left = 0;
-        assert_int_equal(sg_engine_create(ctx, main_engine(), NULL, &e), SG_OK);
-        assert_int_equal(sg_scaffold_wrap(ctx, &e), SG_OK);
         m->columns->at[SG_C_BORN] = born;
-        assert_int_equal(sg_engine_upload(e, m, m->columns), SG_OK);
+        e = make_scaffold(ctx, (struct engine_case){main_engine(), NULL}, m);
         m->columns->at[SG_C_BORN] = NULL;
         assert_int_equal(sg_filter(e, &scene, &p, &render, cases[k].rho, 42, 600, &step), SG_OK);
         assert_int_equal(step.unseen, 1);
@@ -218,7 +214,7 @@ static void test_spared(void **state)
 static void check_single(struct engine_case c)
 {
     sg_ctx *ctx = make_context(2);
-    struct sg_model *gaussians, *m = make_anchors(ctx, &gaussians), *after;
+    struct sg_model *gaussians, *m = make_known_anchors(ctx, &gaussians), *after;
     struct sg_view views[SEES] = {{.camera = make_camera(64, 48, 3)},
                                   {.camera = make_camera(64, 48, 3)}};
     const struct sg_scene scene = {.train = views, .n_train = SEES};
@@ -228,10 +224,7 @@ static void check_single(struct engine_case c)
     const struct sg_weighing single = {.kind = SG_HIT_PIXELS, .single = true};
     double before[ANCHORS * SG_ANCHOR_GAUSSIANS], hits[ANCHORS * SG_ANCHOR_GAUSSIANS];
     struct sg_defense_step step = {0};
-    struct sg_engine *e;
-    assert_int_equal(sg_engine_create(ctx, c.engine, c.variant, &e), SG_OK);
-    assert_int_equal(sg_scaffold_wrap(ctx, &e), SG_OK);
-    assert_int_equal(sg_engine_upload(e, m, m->columns), SG_OK);
+    struct sg_engine *e = make_scaffold(ctx, c, m);
     assert_int_equal(sg_engine_weigh_hits(e, seen, SEES, &render, &single, before), SG_OK);
     /* Of 50 only numbers 1 and 4 of the first four anchors are seen; number 4 is the thinner one.
      * 43 go: the 42 unseen, with them the last anchor, and number 4 of the first. */

@@ -206,22 +206,31 @@ void sg_scores_remove(const struct sg_scores *s, size_t k, uint8_t *keep)
             keep[i] = 0, k--;
 }
 
-/* What the filter does not remove, however low its score is. */
-struct spared {
-    bool unseen;
-    const float *born; /* of anchors that have grown, else 0; NULL: of no interest */
-    int since;         /* of those born later */
-    size_t each;       /* entries of an anchor */
+/* What a pass knows of every entry beside its score. */
+struct pass {
+    bool spares_unseen;
+    size_t each;   /* entries of a row of the model */
+    float *born;   /* of anchors that have grown, else 0; NULL: of no interest */
+    int since;     /* those born later stay */
+    uint8_t *gone; /* has been hidden before; NULL: there are no such */
+    size_t hidden; /* the number of those */
+    uint8_t *keep; /* what stays */
 };
 
-static bool is_spared(const struct spared *by, const struct sg_defense_params *p,
+static bool is_gone(const struct pass *pass, size_t i)
+{
+    return pass->gone && pass->gone[i];
+}
+
+/* Whether it stays, however low its score is. */
+static bool is_spared(const struct pass *pass, const struct sg_defense_params *p,
                       const struct sg_scores *s, size_t i)
 {
     /* Without thickness the score is that of the unseen. */
-    const bool unseen = by->unseen && s->score[i] == -INFINITY &&
+    const bool unseen = pass->spares_unseen && s->score[i] == -INFINITY &&
                         sg_filter_log_weight(p, s->log_smallest[i]) > -INFINITY;
-    const float born = by->born ? by->born[i / by->each] : 0;
-    return unseen || (born > 0 && born > (float) by->since);
+    const float born = pass->born ? pass->born[i / pass->each] : 0;
+    return unseen || (born > 0 && born > (float) pass->since);
 }
 
 /* The number of the lowest of `all` that go, of those set in `keep`. */
@@ -241,12 +250,17 @@ static size_t share_of(const struct sg_scores *s, size_t all, enum sg_prune_rule
     return lowest < all ? lowest : all - 1; /* a model keeps at least one Gaussian */
 }
 
+/* Places of a column of the model. */
+static size_t whole_blocks(const struct sg_engine *engine)
+{
+    return (sg_engine_count(engine) + SG_LANES - 1) / SG_LANES * SG_LANES;
+}
+
 /* Of every entry, whether it has been hidden before; adds how many have. */
 static int find_hidden(struct sg_engine *engine, uint8_t *hidden, size_t *count)
 {
-    const size_t n = sg_engine_count(engine), each = sg_engine_each(engine),
-                 blocks = (n + SG_LANES - 1) / SG_LANES;
-    float *anchor = sg_alloc_raw(sg_engine_ctx(engine), SG_MEM_OPTIMISER, blocks * SG_LANES,
+    const size_t n = sg_engine_count(engine), each = sg_engine_each(engine);
+    float *anchor = sg_alloc_raw(sg_engine_ctx(engine), SG_MEM_OPTIMISER, whole_blocks(engine),
                                  SG_A_PLANES * sizeof(*anchor));
     const int code =
         anchor ? sg_engine_download(engine, NULL, &(struct sg_columns){.at[SG_C_ANCHOR] = anchor})
@@ -285,37 +299,27 @@ static int remove_single(struct sg_engine *engine, const uint8_t *keep)
     return code;
 }
 
-/* What a pass knows of every entry beside its score. */
-struct pass {
-    struct spared by;
-    float *born;
-    uint8_t *keep, *gone; /* gone: NULL: none has been hidden before */
-    size_t hidden;        /* the number of those */
-};
-
 static int begin_pass(struct sg_engine *engine, const struct sg_defense_params *p,
                       const struct sg_scores *s, int it, struct pass *out)
 {
     sg_ctx *ctx = sg_engine_ctx(engine);
-    const size_t blocks = (sg_engine_count(engine) + SG_LANES - 1) / SG_LANES,
-                 each = sg_filter_each(engine, p);
     const bool dated = p->grace && sg_engine_each(engine) > 1;
-    *out = (struct pass){.keep = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, s->count, 1)};
+    *out = (struct pass){.spares_unseen = p->unseen == SG_UNSEEN_KEEP && s->sampled,
+                         .each = sg_filter_each(engine, p),
+                         .since = it - p->grace,
+                         .keep = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, s->count, 1)};
+    const bool single = out->each > 1;
     if (dated)
-        out->born = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, blocks * SG_LANES, sizeof(*out->born));
-    if (each > 1)
+        out->born = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, whole_blocks(engine), sizeof(*out->born));
+    if (single)
         out->gone = sg_alloc_raw(ctx, SG_MEM_OPTIMISER, s->count, 1);
-    if (!out->keep || (dated && !out->born) || (each > 1 && !out->gone))
+    if (!out->keep || (dated && !out->born) || (single && !out->gone))
         return SG_ERR_BUDGET;
     int code = SG_OK;
     if (dated)
         code = sg_engine_download(engine, NULL, &(struct sg_columns){.at[SG_C_BORN] = out->born});
-    if (!code && out->gone)
+    if (!code && single)
         code = find_hidden(engine, out->gone, &out->hidden);
-    out->by = (struct spared){.unseen = p->unseen == SG_UNSEEN_KEEP && s->sampled,
-                              .born = out->born,
-                              .since = it - p->grace,
-                              .each = each};
     return code;
 }
 
@@ -325,11 +329,11 @@ static size_t choose(const struct pass *pass, const struct sg_defense_params *p,
 {
     const size_t n = s->count;
     for (size_t i = 0; i < n; i++)
-        pass->keep[i] = !(pass->gone && pass->gone[i]) && !is_spared(&pass->by, p, s, i);
+        pass->keep[i] = !is_gone(pass, i) && !is_spared(pass, p, s, i);
     const size_t lowest = share_of(s, n - pass->hidden, p->rule, rho, pass->keep);
     sg_scores_remove(s, lowest, pass->keep);
     for (size_t i = 0; i < n; i++)
-        pass->keep[i] |= !(pass->gone && pass->gone[i]) && is_spared(&pass->by, p, s, i);
+        pass->keep[i] |= !is_gone(pass, i) && is_spared(pass, p, s, i);
     return lowest;
 }
 

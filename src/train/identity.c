@@ -74,6 +74,20 @@ uint64_t sg_hash_anchors(const struct sg_train_params *p, uint64_t hash)
     return hash;
 }
 
+static uint64_t hash_mcmc(const struct sg_mcmc_params *m, uint64_t hash)
+{
+    const struct sg_mcmc_params u = {SG_MCMC_DEFAULTS};
+    const double numbers[] = {(double) m->cap_max,
+                              m->growth,
+                              m->until,
+                              (double) m->opacity_reg,
+                              (double) m->scale_reg,
+                              (double) m->noise_lr},
+                 later[] = {(double) m->dead, (double) m->noise_gate, m->copies},
+                 usual[] = {(double) u.dead, (double) u.noise_gate, u.copies};
+    return hash_unusual(later, usual, 3, XXH3_64bits_withSeed(numbers, sizeof(numbers), hash));
+}
+
 static uint64_t hash_mip(const struct sg_mip_params *m, uint64_t hash)
 {
     const struct sg_mip_params u = {SG_MIP_DEFAULTS};
@@ -126,19 +140,11 @@ struct sg_identity sg_train_identity(const struct sg_train_params *p)
                               d->spectrum.energy,
                               d->spectrum.channels,
                               d->spectrum.exact_size};
-    const struct sg_mcmc_params *m = &p->mcmc;
-    const double mcmc[] = {
-        (double) m->cap_max,   m->growth,           m->until, (double) m->opacity_reg,
-        (double) m->scale_reg, (double) m->noise_lr};
-    const struct sg_mcmc_params usual = {SG_MCMC_DEFAULTS};
-    const double later[] = {(double) m->dead, (double) m->noise_gate, m->copies},
-                 usually[] = {(double) usual.dead, (double) usual.noise_gate, usual.copies};
     const double strength[] = {(double) p->tolerance, d->rho, d->rho_least, d->frequency,
                                d->lambda};
     uint64_t parameters = sg_hash_numbers(numbers, sizeof(numbers) / sizeof(numbers[0]));
     if (p->strategy == SG_STRATEGY_MCMC)
-        parameters =
-            hash_unusual(later, usually, 3, XXH3_64bits_withSeed(mcmc, sizeof(mcmc), parameters));
+        parameters = hash_mcmc(&p->mcmc, parameters);
     const double exposure[] = {(double) p->exposure_lr_init, (double) p->exposure_lr_final};
     if (p->exposure)
         parameters = XXH3_64bits_withSeed(exposure, sizeof(exposure), parameters);

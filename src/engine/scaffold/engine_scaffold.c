@@ -394,12 +394,17 @@ static int made_of(const struct scaffold_engine *b, const uint32_t *exists, size
     return n;
 }
 
-static double combined(const struct sg_weighing *how, double before, double value)
+/* What `n` Gaussians of a view add to an entry. */
+static void add_value(const struct sg_weighing *how, size_t at, double value, int n, double *hits,
+                      uint32_t *made)
 {
-    return how->combine == SG_COMBINE_MAX ? fmax(before, value) : before + value;
+    hits[at] = how->combine == SG_COMBINE_MAX ? fmax(hits[at], value) : hits[at] + value;
+    if (made)
+        made[at] += (uint32_t) n;
 }
 
-/* From those of Gaussians to those of anchors. smallest: their scales, if they have a weight. */
+/* From those of Gaussians to those of entries: of anchors, or single ones. smallest: their scales,
+ * if they have a weight. */
 static void add_hits(const struct scaffold_engine *b, const struct sg_weighing *how,
                      const double *own, const float *smallest, const uint32_t *exists, double *hits,
                      uint32_t *made)
@@ -419,20 +424,14 @@ static void add_hits(const struct scaffold_engine *b, const struct sg_weighing *
             const double h = how->shared ? all : own[at[i]],
                          value =
                              h > 0 && how->weight ? h * how->weight(how->arg, smallest[at[i]]) : h;
-            const size_t own_place = anchor * SG_ANCHOR_GAUSSIANS + number[i];
             sum += value;
             most = fmax(most, value);
             if (how->single)
-                hits[own_place] = combined(how, hits[own_place], value);
-            if (how->single && made)
-                made[own_place]++;
+                add_value(how, anchor * SG_ANCHOR_GAUSSIANS + number[i], value, 1, hits, made);
         }
-        if (how->single)
-            continue;
         sum = once ? all : sum;
-        hits[anchor] = combined(how, hits[anchor], how->combine == SG_COMBINE_MAX ? most : sum);
-        if (made)
-            made[anchor] += (uint32_t) n;
+        if (!how->single)
+            add_value(how, anchor, how->combine == SG_COMBINE_MAX ? most : sum, n, hits, made);
     }
 }
 
