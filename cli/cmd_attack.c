@@ -32,7 +32,8 @@ static const struct sg_option attack_options[] = {
 
 static const struct option_part attack_parts[] = {
     {sg_attack_run_options, A(run), NULL},
-    {sg_scene_options, A(run.scene), "white-background|smooth"}, /* renders are on black */
+    {sg_scene_options, A(run.scene),
+     "white-background|smooth|test-halves"}, /* renders are on black */
     {sg_attack_options, A(run.attack), NULL},
     {0}};
 

@@ -30,7 +30,8 @@ static const struct sg_option audit_options[] = {
     {0},
 };
 
-static const struct option_part audit_parts[] = {{sg_scene_options, A(scene), "smooth"}, {0}};
+static const struct option_part audit_parts[] = {{sg_scene_options, A(scene), "smooth|test-halves"},
+                                                 {0}};
 
 static void defaults(void *config)
 {

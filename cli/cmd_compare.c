@@ -104,7 +104,8 @@ static int measure(struct run *r, const struct compare_config *config, const boo
     struct sg_eval e = {0};
     int code = model_views_open(&v, r->path, &command_compare, given, &c, &c.m);
     if (!code) {
-        const int error = sg_evaluate(v.ctx, v.renderer, v.views, v.n, 1, &e);
+        v.eval.fps = true;
+        const int error = sg_evaluate(v.ctx, v.renderer, v.views, v.n, &v.eval, &e);
         code = error ? report(v.ctx, error) : 0;
         r->value[FPS] = e.fps, r->value[PSNR] = e.psnr, r->value[SSIM] = e.ssim;
         sg_eval_clear(&e);

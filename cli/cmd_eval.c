@@ -7,7 +7,7 @@
 
 struct eval_config {
     struct model_options m;
-    bool json, per_view, corrected;
+    bool json, per_view, match_colours, exposure;
 };
 
 static const struct sg_option eval_options[] = {
@@ -16,9 +16,13 @@ static const struct sg_option eval_options[] = {
              .group = "Output"),
     FLAG_ROW("per-view", offsetof(struct eval_config, per_view), "Print each view's values too.",
              .group = "Output"),
-    FLAG_ROW("match-colours", offsetof(struct eval_config, corrected),
+    FLAG_ROW("match-colours", offsetof(struct eval_config, match_colours),
              "Measure also after matching the colours of each render to its photo's, as usual "
              "where exposures differ: each channel by a factor and an offset.",
+             .group = "Output"),
+    FLAG_ROW("exposure", offsetof(struct eval_config, exposure),
+             "Measure also with the exposure that the run has learned of each photo: of training "
+             "photos, and with --test-halves of test photos.",
              .group = "Output"),
     {0},
 };
@@ -36,7 +40,9 @@ static int print_json(const struct eval_config *c, const struct model_views *v,
     json_t *root =
         json_pack("{s:f,s:f,s:f,s:i,s:I}", "psnr", e->psnr, "ssim", e->ssim, "fps", e->fps, "views",
                   (int) e->views, "gaussians", (json_int_t) sg_model_gaussians(v->model));
-    if (c->corrected) {
+    if (v->eval.match_colours || v->eval.exposures) {
+        json_object_set_new(root, "corrected_by",
+                            json_string(v->eval.exposures ? "exposure" : "matching"));
         json_object_set_new(root, "corrected_psnr", number_json(e->corrected_psnr));
         json_object_set_new(root, "corrected_ssim", number_json(e->corrected_ssim));
     }
@@ -45,7 +51,7 @@ static int print_json(const struct eval_config *c, const struct model_views *v,
         const struct sg_view_score *score = &e->per_view[i];
         json_t *view = json_pack("{s:o,s:o,s:o}", "name", text_json(v->views[i].name), "psnr",
                                  number_json(score->psnr), "ssim", number_json(score->ssim));
-        if (c->corrected) {
+        if (v->eval.match_colours || v->eval.exposures) {
             json_object_set_new(view, "corrected_psnr", number_json(score->corrected_psnr));
             json_object_set_new(view, "corrected_ssim", number_json(score->corrected_ssim));
         }
@@ -56,17 +62,42 @@ static int print_json(const struct eval_config *c, const struct model_views *v,
     return json_print(root, 0);
 }
 
+/* Of the views' photos, for whom exposure.json is in the run's folder. */
+static int read_exposures(struct model_views *v, const char *run)
+{
+    v->eval.exposures = v->exposures = malloc(v->n * 12 * sizeof(*v->exposures));
+    if (!v->exposures)
+        return no_memory();
+    for (size_t i = 0; i < v->n; i++)
+        if (sg_scene_photo(v->scene, &v->views[i]) == SIZE_MAX) {
+            make_printable(v->views[i].name);
+            say(stderr,
+                "splatguard: --exposure: found test photo %s, whose exposure is not learned, "
+                "expected --split train or a run with --test-halves\n",
+                v->views[i].name);
+            return 1;
+        }
+    return report(v->ctx, sg_run_read_exposures(v->ctx, run, v->views, v->n, v->exposures));
+}
+
 static int run_eval(const void *config, const bool *given, const char *const *positional, int count)
 {
     (void) count;
     struct eval_config copy = *(const struct eval_config *) config, *c = &copy;
     struct model_views v;
     struct sg_eval e = {0};
+    if (c->match_colours && c->exposure) {
+        say(stderr,
+            "splatguard eval: found --match-colours and --exposure, expected one of them\n");
+        return 1;
+    }
     interrupt_catch();
     int code = model_views_open(&v, positional[0], &command_eval, given, c, &c->m);
+    if (!code && c->exposure)
+        code = read_exposures(&v, positional[0]);
     if (!code) {
-        const int error = sg_evaluate(v.ctx, v.renderer, v.views, v.n,
-                                      SG_EVAL_FPS | (c->corrected ? SG_EVAL_CORRECTED : 0), &e);
+        v.eval.fps = true, v.eval.match_colours = c->match_colours;
+        const int error = sg_evaluate(v.ctx, v.renderer, v.views, v.n, &v.eval, &e);
         if (error)
             code = report(v.ctx, error);
         else if (c->json)
@@ -79,12 +110,12 @@ static int run_eval(const void *config, const bool *given, const char *const *po
             }
             printf("PSNR %.3f  SSIM %.4f  FPS %.1f (mean %.1f)  %zu views  %zu Gaussians\n", e.psnr,
                    e.ssim, e.fps, e.fps_mean, e.views, (size_t) sg_model_gaussians(v.model));
-            if (c->corrected)
-                printf("with matched colours: PSNR %.3f  SSIM %.4f\n", e.corrected_psnr,
+            if (v.eval.match_colours || v.eval.exposures)
+                printf("with %s: PSNR %.3f  SSIM %.4f\n",
+                       v.eval.exposures ? "exposures" : "matched colours", e.corrected_psnr,
                        e.corrected_ssim);
         }
-        if (v.ctx)
-            sg_eval_clear(&e);
+        sg_eval_clear(&e);
     }
     model_views_close(&v);
     return code;

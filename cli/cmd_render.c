@@ -69,7 +69,7 @@ static int render_view(const struct render_config *c, struct model_views *v,
 {
     const int w = view->camera.width, h = view->camera.height;
     const size_t n = (size_t) w * (size_t) h;
-    sg_renderer_set_index(v->renderer, (size_t) (view - v->views));
+    model_views_choose(v, (size_t) (view - v->views));
     int error = sg_render(v->renderer, &view->camera, b->rgb, b->alpha, b->depth, NULL);
     const char *ending = c->pfm ? "pfm" : "png";
     char *path = NULL, *depth_path = NULL, *photo_path = NULL;

@@ -32,7 +32,7 @@ static const struct sg_option smooth_options[] = {
     {0},
 };
 
-static const struct option_part smooth_parts[] = {{sg_scene_options, M(scene), NULL}, {0}};
+static const struct option_part smooth_parts[] = {{sg_scene_options, M(scene), "test-halves"}, {0}};
 
 static void defaults(void *config)
 {

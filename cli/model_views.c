@@ -2,6 +2,7 @@
 #include "model_views.h"
 
 #include <limits.h>
+#include <stdlib.h>
 #include <string.h>
 
 struct model_options model_options_default(void)
@@ -25,6 +26,20 @@ int adopt_run_scene(sg_ctx *ctx, const char *folder, const struct command *comma
     if (!*scene_path)
         *scene_path = run->source;
     return STATUS_DONE;
+}
+
+/* Training views, and test views of a run with test halves, show photos whose appearances there
+ * are.
+ */
+static int find_photos(struct model_views *v)
+{
+    v->photos = malloc(v->n * sizeof(*v->photos));
+    if (!v->photos)
+        return no_memory();
+    for (size_t i = 0; i < v->n; i++)
+        v->photos[i] = sg_scene_photo(v->scene, &v->views[i]);
+    v->eval.photos = v->photos;
+    return 0;
 }
 
 void render_as_trained(struct sg_render_params *render, const struct sg_train_params *train)
@@ -57,10 +72,6 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
     for (int ch = 0; ch < 3; ch++)
         o->render.background[ch] = o->scene.white_background ? 1 : 0;
     render_as_trained(&o->render, &v->run.train);
-    /* Training views are the photos whose appearances there are. */
-    const size_t appearance = (size_t) ((const char *) &o->render.appearance - (char *) config);
-    if (o->split != 0 && !options_given(command, given, appearance))
-        o->render.appearance = SG_APPEARANCE_INDEX;
     int error = sg_model_read_drawable(v->ctx, path, UINT32_MAX, &v->model);
     if (!error)
         error = sg_model_check(v->ctx, v->model, path);
@@ -83,12 +94,24 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
                 o->split == 0 ? "test" : "train");
             code = 2;
         }
+        const size_t appearance = (size_t) ((const char *) &o->render.appearance - (char *) config);
+        if (!code && !options_given(command, given, appearance))
+            code = find_photos(v);
     }
     return code;
 }
 
+void model_views_choose(struct model_views *v, size_t i)
+{
+    sg_renderer_set_index(v->renderer, i);
+    if (v->photos)
+        sg_renderer_set_photo(v->renderer, v->photos[i]);
+}
+
 void model_views_close(struct model_views *v)
 {
+    free(v->photos);
+    free(v->exposures);
     sg_renderer_destroy(&v->renderer);
     if (v->ctx) {
         sg_model_destroy(&v->model);

@@ -63,6 +63,9 @@ struct model_views {
     const struct sg_view *views;
     struct sg_run_params run; /* owns texts of the options */
     size_t n;
+    struct sg_eval_params eval; /* for sg_evaluate */
+    size_t *photos;             /* of it, or NULL */
+    float *exposures;
 };
 
 /* Draws the models of a run as it does, unless the command line says how. */
@@ -73,6 +76,8 @@ void render_as_trained(struct sg_render_params *render, const struct sg_train_pa
  * any case. */
 int model_views_open(struct model_views *v, const char *model, const struct command *command,
                      const bool *given, void *config, struct model_options *options);
+/* The next renders are of view i. */
+void model_views_choose(struct model_views *v, size_t i);
 void model_views_close(struct model_views *v);
 
 #endif

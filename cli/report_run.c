@@ -272,7 +272,7 @@ static int put_view(FILE *f, struct model_views *v, size_t i, double psnr)
     double *columns = sg_mem_alloc(v->ctx, SG_MEM_FRAME, (size_t) w, sizeof(*columns));
     const uint8_t *photo = NULL;
     int error = planes && render && columns ? SG_OK : SG_ERR_BUDGET;
-    sg_renderer_set_index(v->renderer, i);
+    model_views_choose(v, i);
     if (!error)
         error = sg_render(v->renderer, &view->camera, planes, NULL, NULL, NULL);
     if (!error)
@@ -307,7 +307,8 @@ static int put_pictures(FILE *f, struct model_views *v, const char *split)
 {
     struct sg_eval e = {0};
     size_t *order = sg_mem_alloc(v->ctx, SG_MEM_MISC, v->n, sizeof(*order)), n = 0;
-    int error = order ? sg_evaluate(v->ctx, v->renderer, v->views, v->n, 0, &e) : SG_ERR_BUDGET;
+    int error =
+        order ? sg_evaluate(v->ctx, v->renderer, v->views, v->n, &v->eval, &e) : SG_ERR_BUDGET;
     for (size_t i = 0; i < v->n && !error; i++)
         if (!isnan(e.per_view[i].psnr))
             order[n++] = i;

@@ -150,7 +150,7 @@ static int train_by(sg_ctx *ctx, enum sg_train_strategy strategy, enum sg_train_
     if (!code)
         code = sg_renderer_create(ctx, NULL, NULL, read, NULL, &renderer);
     if (!code)
-        code = sg_evaluate(ctx, renderer, scene->train, 2, 0, &eval);
+        code = sg_evaluate(ctx, renderer, scene->train, 2, NULL, &eval);
     sg_eval_clear(&eval);
     sg_renderer_destroy(&renderer);
     sg_model_destroy(&read);

@@ -230,7 +230,7 @@ static void test_memory(void **state)
         sg_renderer *renderer;
         struct sg_eval eval;
         assert_int_equal(sg_trainer_renderer(t, &renderer), SG_OK);
-        assert_int_equal(sg_evaluate(ctx, renderer, f.views, 1, 0, &eval), SG_OK);
+        assert_int_equal(sg_evaluate(ctx, renderer, f.views, 1, NULL, &eval), SG_OK);
         sg_eval_clear(&eval);
         sg_renderer_destroy(&renderer);
         sg_trainer_limits(t, &limits);
@@ -296,7 +296,7 @@ static void test_least(void **state)
             if (sg_trainer_step(t, NULL))
                 fail_msg("%s", sg_last_error(ctx));
         assert_int_equal(sg_trainer_renderer(t, &r), SG_OK);
-        if (sg_evaluate(ctx, r, scene.test, 1, 0, &eval))
+        if (sg_evaluate(ctx, r, scene.test, 1, NULL, &eval))
             fail_msg("%s", sg_last_error(ctx));
         sg_eval_clear(&eval);
         sg_renderer_destroy(&r);

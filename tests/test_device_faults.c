@@ -85,7 +85,7 @@ static int train_all(sg_ctx *ctx, enum work work)
     if (!code)
         code = sg_renderer_create(ctx, device, NULL, model, NULL, &renderer);
     if (!code)
-        code = sg_evaluate(ctx, renderer, scene->train, 1, 0, &eval);
+        code = sg_evaluate(ctx, renderer, scene->train, 1, NULL, &eval);
     sg_eval_clear(&eval);
     sg_renderer_destroy(&renderer);
     sg_model_destroy(&model);

@@ -14,6 +14,9 @@
 
 #include "params.h"
 
+#define EVAL_FPS (&(struct sg_eval_params){.fps = true})
+#define EVAL_MATCHED (&(struct sg_eval_params){.match_colours = true})
+
 static sg_ctx *context(int threads)
 {
     sg_ctx *ctx;
@@ -81,7 +84,7 @@ static void evaluation_measures_a_flat_view(void **state)
         SG_OK);
 
     struct sg_eval e;
-    assert_int_equal(sg_evaluate(ctx, r, views, 2, 1, &e), SG_OK);
+    assert_int_equal(sg_evaluate(ctx, r, views, 2, EVAL_FPS, &e), SG_OK);
     const double off = 20 * log10(255.0 / 16);
     assert_int_equal(e.views, 2);
     assert_true(fabs(e.per_view[0].psnr - off) < 1e-9);
@@ -98,22 +101,37 @@ static void evaluation_measures_a_flat_view(void **state)
         mask[i] = i < 100 ? 0 : 255;
     memset(views[0].rgb, 0, 300);
     views[0].mask = mask;
-    assert_int_equal(sg_evaluate(ctx, r, views, 1, 0, &e), SG_OK);
+    assert_int_equal(sg_evaluate(ctx, r, views, 1, NULL, &e), SG_OK);
     assert_true(fabs(e.psnr - off) < 1e-9);
     sg_eval_clear(&e);
+    /* SSIM is that of the rectangle that is used: here the right half of the image. */
+    double ssim;
+    uint8_t white[12 * 20 * 3], half[12 * 20 * 3];
+    memset(white, 255, sizeof(white));
+    for (int i = 0; i < 24 * 20; i++) {
+        mask[i] = i % 24 < 12 ? 0 : 255;
+        for (int k = 0; k < 3 && i % 24 >= 12; k++)
+            half[(i / 24 * 12 + i % 24 - 12) * 3 + k] = views[0].rgb[3 * i + k] =
+                (uint8_t) (200 + (i * 7 + k) % 50);
+    }
+    assert_int_equal(sg_ssim_u8(ctx, white, half, 12, 20, &ssim), SG_OK);
+    assert_int_equal(sg_evaluate(ctx, r, views, 1, NULL, &e), SG_OK);
+    assert_true(fabs(e.ssim - ssim) < 1e-12);
+    assert_true(fabs(e.psnr - sg_psnr_u8(white, half, 12, 20)) < 1e-9);
+    sg_eval_clear(&e);
     memset(mask, 0, sizeof(mask));
-    assert_int_equal(sg_evaluate(ctx, r, views, 1, 0, &e), SG_ERR_INPUT);
-    assert_int_equal(sg_evaluate(ctx, r, views, 2, 0, &e), SG_OK);
+    assert_int_equal(sg_evaluate(ctx, r, views, 1, NULL, &e), SG_ERR_INPUT);
+    assert_int_equal(sg_evaluate(ctx, r, views, 2, NULL, &e), SG_OK);
     assert_true(isnan(e.per_view[0].psnr) && isnan(e.per_view[0].ssim));
     assert_true(e.psnr == e.per_view[1].psnr &&
                 e.ssim == e.per_view[1].ssim); /* of those that are left */
     sg_eval_clear(&e);
     views[0].mask = NULL;
 
-    assert_int_equal(sg_evaluate(ctx, r, views, 1, 0, &e), SG_OK);
+    assert_int_equal(sg_evaluate(ctx, r, views, 1, NULL, &e), SG_OK);
     assert_true(e.fps == 0 && e.fps_mean == 0); /* not timed */
     sg_eval_clear(&e);
-    assert_int_equal(sg_evaluate(ctx, r, views, 0, 0, &e), SG_ERR_INPUT);
+    assert_int_equal(sg_evaluate(ctx, r, views, 0, NULL, &e), SG_ERR_INPUT);
     assert_null(e.per_view);
 
     sg_renderer_destroy(&r);
@@ -131,7 +149,7 @@ static void matched_colours_undo_an_exposure(void **state)
     enum { SIDE = 40 };
     sg_ctx *ctx = context(2);
     static float rgb[3 * SIDE * SIDE];
-    static uint8_t photo[3 * SIDE * SIDE], mask[SIDE * SIDE];
+    static uint8_t photo[3 * SIDE * SIDE], other[3 * SIDE * SIDE], mask[SIDE * SIDE];
     struct sg_view view = {.camera = {.width = SIDE,
                                       .height = SIDE,
                                       .fx = SIDE,
@@ -162,27 +180,45 @@ static void matched_colours_undo_an_exposure(void **state)
                 (uint8_t) (255 * ((0.5 + 0.1 * ch) * fmin((double) rgb[ch * SIDE * SIDE + i], 1) +
                                   0.2) +
                            0.5);
-    assert_int_equal(sg_evaluate(ctx, r, &view, 1, 0, &e), SG_OK);
+    assert_int_equal(sg_evaluate(ctx, r, &view, 1, NULL, &e), SG_OK);
     assert_true(e.psnr < 20 && e.corrected_psnr == 0); /* not asked for */
     sg_eval_clear(&e);
-    assert_int_equal(sg_evaluate(ctx, r, &view, 1, SG_EVAL_CORRECTED, &e), SG_OK);
+    assert_int_equal(sg_evaluate(ctx, r, &view, 1, EVAL_MATCHED, &e), SG_OK);
     assert_true(e.psnr < 20 && e.corrected_psnr > 48 && e.corrected_ssim > 0.99);
     assert_true(e.per_view[0].corrected_psnr == e.corrected_psnr);
     sg_eval_clear(&e);
+
+    /* a photo's own map does not need the photo: here two channels mix */
+    const float exposure[12] = {0.5f, 0.2f, 0, 0.1f, 0.25f, 0.5f, 0, 0, 0, 0, 1, 0};
+    for (int i = 0; i < SIDE * SIDE; i++) {
+        const double red = (double) rgb[i], green = (double) rgb[SIDE * SIDE + i],
+                     blue = (double) rgb[2 * SIDE * SIDE + i];
+        const double shown[3] = {0.5 * red + 0.25 * green + 0.1, 0.2 * red + 0.5 * green, blue};
+        for (int ch = 0; ch < 3; ch++)
+            other[3 * i + ch] = (uint8_t) (255 * fmin(shown[ch], 1) + 0.5);
+    }
+    view.rgb = other;
+    struct sg_eval_params exposed = {.exposures = exposure};
+    assert_int_equal(sg_evaluate(ctx, r, &view, 1, &exposed, &e), SG_OK);
+    assert_true(e.psnr < 30 && e.corrected_psnr > 60 && e.corrected_ssim > 0.999);
+    sg_eval_clear(&e);
+    exposed.match_colours = true;
+    assert_int_equal(sg_evaluate(ctx, r, &view, 1, &exposed, &e), SG_ERR_USAGE);
+    view.rgb = photo;
 
     /* what a mask leaves out is not matched to */
     for (int i = 0; i < SIDE * SIDE; i++)
         mask[i] = i < SIDE * SIDE / 2;
     memset(photo + sizeof(photo) / 2, 255, sizeof(photo) / 2);
     view.mask = mask;
-    assert_int_equal(sg_evaluate(ctx, r, &view, 1, SG_EVAL_CORRECTED, &e), SG_OK);
+    assert_int_equal(sg_evaluate(ctx, r, &view, 1, EVAL_MATCHED, &e), SG_OK);
     assert_true(e.psnr < 20 && e.corrected_psnr > 48);
     sg_eval_clear(&e);
     view.mask = NULL;
 
     /* a flat photo says nothing: the render stays */
     memset(photo, 100, sizeof(photo));
-    assert_int_equal(sg_evaluate(ctx, r, &view, 1, SG_EVAL_CORRECTED, &e), SG_OK);
+    assert_int_equal(sg_evaluate(ctx, r, &view, 1, EVAL_MATCHED, &e), SG_OK);
     assert_true(e.psnr == e.corrected_psnr && e.ssim == e.corrected_ssim);
     sg_eval_clear(&e);
     sg_renderer_destroy(&r);

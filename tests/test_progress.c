@@ -107,7 +107,8 @@ static int train_model(sg_ctx *ctx, enum sg_train_model model)
     if (!code)
         code = sg_trainer_renderer(trainer, &renderer);
     if (!code)
-        code = sg_evaluate(ctx, renderer, scene->train, 2, 1, &eval);
+        code = sg_evaluate(ctx, renderer, scene->train, 2, &(struct sg_eval_params){.fps = true},
+                           &eval);
     assert_true(!code == (eval.per_view != NULL));
     sg_eval_clear(&eval);
     sg_renderer_destroy(&renderer);

@@ -282,7 +282,7 @@ static double mean_psnr(struct fixture *f, const struct sg_model *m)
     struct sg_eval e;
     sg_renderer *r;
     assert_int_equal(sg_renderer_create(f->ctx, "cpu", NULL, m, NULL, &r), SG_OK);
-    assert_int_equal(sg_evaluate(f->ctx, r, f->views, VIEWS, 0, &e), SG_OK);
+    assert_int_equal(sg_evaluate(f->ctx, r, f->views, VIEWS, NULL, &e), SG_OK);
     const double psnr = e.psnr;
     sg_eval_clear(&e);
     sg_renderer_destroy(&r);

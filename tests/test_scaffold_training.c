@@ -332,7 +332,7 @@ static void test_memory(void **state)
             assert_int_equal(sg_trainer_save(t, path), SG_OK);
     }
     assert_int_equal(sg_trainer_renderer(t, &renderer), SG_OK);
-    assert_int_equal(sg_evaluate(ctx, renderer, f.views, 1, 0, &eval), SG_OK);
+    assert_int_equal(sg_evaluate(ctx, renderer, f.views, 1, NULL, &eval), SG_OK);
     sg_eval_clear(&eval);
     sg_renderer_destroy(&renderer);
     sg_trainer_limits(t, &limits);

@@ -320,6 +320,68 @@ static void nerfstudio_own_split(void **state)
     sg_scene_destroy(&s);
 }
 
+/* Each test photo is there twice: its left half to train on, its right half to measure. */
+static void test_halves(void **state)
+{
+    struct fixture *f = *state;
+    put_colmap(f, true);
+    const struct sg_scene_params *params =
+        sg_scene_params(.eval = true, .test_every = 4, .test_halves = true, .downscale = 20.0 / 7);
+    struct sg_scene *s = load(f, params);
+    assert_int_equal(s->n_train, 9);
+    assert_int_equal(s->n_test, 3);
+    for (size_t i = 0; i < 9; i++) {
+        assert_int_equal(s->train[i].name[3], '0' + (char) i); /* in order of names */
+        assert_true(!s->train[i].mask == (i % 4 != 0));
+        assert_int_equal(sg_scene_photo(s, &s->train[i]), i);
+    }
+    for (size_t i = 0; i < 3; i++) {
+        const struct sg_view *right = &s->test[i], *left = &s->train[4 * i];
+        assert_string_equal(left->name, right->name);
+        assert_int_equal(sg_scene_photo(s, right), 4 * i);
+        assert_int_equal(right->camera.width, 7);
+        for (int k = 0; k < 7 * right->camera.height; k++) {
+            assert_int_equal(left->mask[k], k % 7 < 3 ? 255 : 0);
+            assert_int_equal(right->mask[k], k % 7 < 3 ? 0 : 255);
+        }
+        assert_memory_equal(left->rgb, right->rgb, (size_t) (7 * 3 * right->camera.height));
+    }
+    sg_scene_destroy(&s);
+
+    s = load(f, sg_scene_params(.test_halves = true)); /* nothing is held out */
+    assert_int_equal(s->n_train, 9);
+    assert_null(s->train[0].mask);
+    sg_scene_destroy(&s);
+
+    uint8_t grey[20 * 10];
+    for (int i = 0; i < 20 * 10; i++)
+        grey[i] = i % 20 < 15 && i % 20 > 4 ? 255 : 0;
+    put(f, "masks/x", "", 0);
+    assert_int_equal(sg_image_write_png(f->ctx, at(f, "masks/im 4.x.png"), grey, 20, 10, 1), SG_OK);
+    s = load(f, sg_scene_params(.eval = true, .test_every = 4, .test_halves = true));
+    for (int k = 0; k < 20 * 10; k++) { /* the photo's own mask counts too */
+        assert_int_equal(s->train[4].mask[k], k % 20 > 4 && k % 20 < 10 ? 255 : 0);
+        assert_int_equal(s->test[1].mask[k], k % 20 >= 10 && k % 20 < 15 ? 255 : 0);
+    }
+    sg_scene_destroy(&s);
+
+    expect_failure(
+        f, sg_scene_params(.eval = true, .test_every = 4, .test_halves = true, .max_images = 11),
+        SG_ERR_INPUT, "9 images and 3 left halves", NULL);
+}
+
+/* Photos of NeRF-Synthetic's layout have the same name in both splits. */
+static void test_halves_need_names(void **state)
+{
+    struct fixture *f = *state;
+    put_blender(f);
+    expect_failure(f, sg_scene_params(.eval = true, .test_halves = true), SG_ERR_INPUT,
+                   "test halves", "same names", NULL);
+    struct sg_scene *s = load(f, sg_scene_params(.eval = true));
+    assert_true(sg_scene_photo(s, &s->test[0]) == SIZE_MAX); /* although there is a name "b" */
+    sg_scene_destroy(&s);
+}
+
 static void masks(void **state)
 {
     struct fixture *f = *state;
@@ -377,6 +439,8 @@ int main(void)
         scene_test(nerfstudio),
         scene_test(nerfstudio_own_split),
         scene_test(masks),
+        scene_test(test_halves),
+        scene_test(test_halves_need_names),
         scene_test(threads_do_not_matter),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -216,7 +216,7 @@ static void test_users(void **state)
         assert_int_equal(sg_attack_naive(ctx, &scene->train[1], 1, &p, SG_NAIVE_NOISE, noise[i]),
                          SG_OK);
         assert_int_equal(sg_renderer_create(ctx, NULL, NULL, proxy, NULL, &r), SG_OK);
-        assert_int_equal(sg_evaluate(ctx, r, scene->train, VIEWS, 0, &eval), SG_OK);
+        assert_int_equal(sg_evaluate(ctx, r, scene->train, VIEWS, NULL, &eval), SG_OK);
         psnr[i] = eval.psnr;
         sg_eval_clear(&eval);
         sg_renderer_destroy(&r);

@@ -2,6 +2,8 @@
 #ifndef SPLATGUARD_EVAL_H
 #define SPLATGUARD_EVAL_H
 
+#include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 #include "context.h"
@@ -28,7 +30,7 @@ SG_API void sg_quantise(const float *planar, int width, int height, uint8_t *rgb
 
 struct sg_view_score {
     double psnr, ssim;                     /* NAN if the mask leaves no pixel */
-    double corrected_psnr, corrected_ssim; /* with SG_EVAL_CORRECTED, else 0 */
+    double corrected_psnr, corrected_ssim; /* with match_colours or exposures, else 0 */
 };
 
 struct sg_eval {
@@ -39,19 +41,27 @@ struct sg_eval {
     struct sg_view_score *per_view; /* views entries; owned by the eval: sg_eval_clear */
 };
 
-enum sg_eval_what {
-    SG_EVAL_FPS = 1, /* also renders all views 3 times after 10 warm-up frames */
+/* How views are compared. Start from zeros. */
+struct sg_eval_params {
+    bool fps; /* also renders all views 3 times after 10 warm-up frames */
     /* Also compares after matching the colours of each render to its photo's, for photos whose
-     * exposure the model does not know: the least-squares fit of each channel of the render by a x
-     * photo + b is undone. */
-    SG_EVAL_CORRECTED = 2
+     * exposure is not known: the least-squares fit of each channel of the render by a x photo + b
+     * is undone. */
+    bool match_colours;
+    /* n x 12 numbers, or NULL: also compares after the map of each view's photo, laid out as those
+     * of sg_trainer_exposures, has been applied to the render. Not with match_colours. */
+    const float *exposures;
+    /* n numbers, or NULL: the training photo that each view shows, whose appearance its render has
+     * instead of that of the renderer's parameters. SIZE_MAX: none. */
+    const size_t *photos;
 };
 
-/* Renders n views and compares them with their photos, without masked pixels. what: SG_EVAL_* or 0.
- * After an error *out is empty. Errors: SG_ERR_INPUT if there is no view or no used pixel,
- * SG_ERR_BUDGET. */
+/* Renders n views and compares them with their photos, in the smallest rectangle that holds the
+ * used pixels of the mask. Masked pixels in it do not count for PSNR, and count as equal for SSIM.
+ * params may be NULL. After an error *out is empty. Errors: SG_ERR_USAGE; SG_ERR_INPUT if there is
+ * no view or no used pixel; SG_ERR_BUDGET. */
 SG_API int sg_evaluate(sg_ctx *ctx, sg_renderer *renderer, const struct sg_view *views, size_t n,
-                       int what, struct sg_eval *out);
+                       const struct sg_eval_params *params, struct sg_eval *out);
 SG_API void sg_eval_clear(struct sg_eval *eval);
 
 #ifdef __cplusplus

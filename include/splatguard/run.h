@@ -68,6 +68,11 @@ SG_API int sg_run_read_params(sg_ctx *ctx, const char *folder, struct sg_run_par
 SG_API int sg_run_read_scene(sg_ctx *ctx, const char *folder, struct sg_run_params *out);
 SG_API void sg_run_params_clear(struct sg_run_params *params);
 
+/* The exposures of views' photos, by the names of the views, from exposure.json of a run: n x 12
+ * numbers, see sg_trainer_exposures. Errors: SG_ERR_INPUT, also where one is not there. */
+SG_API int sg_run_read_exposures(sg_ctx *ctx, const char *folder, const struct sg_view *views,
+                                 size_t n, float *out);
+
 /* Whether a run could be opened with these parameters, as far as can be known before anything is
  * read. SG_ERR_USAGE; a message about a field begins with it ("defense.rho: ..."). */
 SG_API int sg_run_check(sg_ctx *ctx, const struct sg_run_params *params);

@@ -483,7 +483,7 @@ def evaluate(model, scene, split="test", match_colors=False, fps=False, **params
     if split not in ("train", "test"):
         raise UsageError(f'split: found {split!r}, expected "train" or "test"')
     return _core.evaluate(scene._handle, renderer._handle, split == "test",
-                          (1 if fps else 0) | (2 if match_colors else 0))
+                          match_colors, fps)
 
 
 def audit(scene):

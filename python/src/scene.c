@@ -348,23 +348,25 @@ static PyObject *audit(PyObject *module, PyObject *args)
     return dict;
 }
 
-static int score(sg_ctx *ctx, sg_renderer *r, const struct sg_scene *s, int test, int what,
-                 struct sg_eval *out)
+static int score(sg_ctx *ctx, sg_renderer *r, const struct sg_scene *s, int test,
+                 const struct sg_eval_params *how, struct sg_eval *out)
 {
-    return sg_evaluate(ctx, r, test ? s->test : s->train, test ? s->n_test : s->n_train, what, out);
+    return sg_evaluate(ctx, r, test ? s->test : s->train, test ? s->n_test : s->n_train, how, out);
 }
 
 static PyObject *evaluate(PyObject *module, PyObject *args)
 {
     (void) module;
     struct handle *h, *r;
-    int test, what;
+    struct sg_eval_params how = {0};
+    int test, match, fps;
     struct sg_eval e = {0};
-    if (!PyArg_ParseTuple(args, "O&O&pi", to_scene, &h, to_renderer, &r, &test, &what))
+    if (!PyArg_ParseTuple(args, "O&O&ppp", to_scene, &h, to_renderer, &r, &test, &match, &fps))
         return NULL;
+    how.match_colours = match, how.fps = fps;
     if (!same_context(h, r))
         return NULL;
-    if (!CALL(h->context, score(h->context->ctx, r->renderer, h->scene, test, what, &e)))
+    if (!CALL(h->context, score(h->context->ctx, r->renderer, h->scene, test, &how, &e)))
         return NULL;
     PyObject *views = PyList_New(0);
     for (size_t i = 0; i < e.views && views; i++) {
@@ -372,7 +374,7 @@ static PyObject *evaluate(PyObject *module, PyObject *args)
         const struct sg_view_score *s = &e.per_view[i];
         PyObject *dict = Py_BuildValue("{s:N,s:d,s:d}", "name", PyUnicode_DecodeFSDefault(v->name),
                                        "psnr", s->psnr, "ssim", s->ssim);
-        if (dict && what & SG_EVAL_CORRECTED) {
+        if (dict && match) {
             PyObject *more = Py_BuildValue("(dd)", s->corrected_psnr, s->corrected_ssim);
             if (!more || PyDict_SetItemString(dict, "corrected", more))
                 Py_CLEAR(dict);

@@ -6,6 +6,7 @@
 #include "core/clock.h"
 #include "core/compare.h"
 #include "core/context.h"
+#include "math/exposure.h"
 #include "scene/photo.h"
 #include "splatguard/eval.h"
 
@@ -38,35 +39,56 @@ static int time_frames(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views,
     return code;
 }
 
-/* Unused pixels are copied from the render, as in the loss. PSNR is then taken over the used
- * pixels. */
-static double used_share(const uint8_t *mask, const uint8_t *render, size_t pixels, uint8_t *photo)
-{
-    size_t used = 0;
-    for (size_t i = 0; i < pixels; i++)
-        if (mask[i])
-            used++;
-        else
-            memcpy(photo + 3 * i, render + 3 * i, 3);
-    return (double) used / (double) pixels;
-}
-
-/* The pixels that a score compares. */
-struct scored {
-    const struct sg_view *view;
-    uint8_t *photo, *render; /* bytes; the photo's masked pixels are the render's */
-    double share;            /* used pixels */
+/* The smallest rectangle that holds the used pixels of a view. */
+struct used {
+    int x, y, width, height;
+    double share; /* of it that is used */
 };
 
-static int score(sg_ctx *ctx, const struct scored *s, double *psnr, double *ssim)
+static struct used find_used(const struct sg_view *v)
 {
-    const int w = s->view->camera.width, h = s->view->camera.height;
-    const int code = sg_ssim_u8(ctx, s->render, s->photo, w, h, ssim);
-    *psnr = s->share > 0
-                ? fmin(sg_psnr_u8(s->render, s->photo, w, h) + 10 * log10(s->share), EQUAL_PSNR)
-                : NAN;
-    *ssim = s->share > 0 ? *ssim : NAN;
-    return code;
+    const int w = v->camera.width, h = v->camera.height;
+    if (!v->mask)
+        return (struct used){0, 0, w, h, 1};
+    int x0 = w, x1 = 0, y0 = h, y1 = 0;
+    size_t count = 0;
+    for (int y = 0; y < h; y++)
+        for (int x = 0; x < w; x++) {
+            if (!v->mask[(size_t) y * (size_t) w + (size_t) x])
+                continue;
+            count++;
+            x0 = x < x0 ? x : x0, x1 = x + 1 > x1 ? x + 1 : x1;
+            y0 = y < y0 ? y : y0, y1 = y + 1;
+        }
+    if (!count)
+        return (struct used){0};
+    return (struct used){x0, y0, x1 - x0, y1 - y0,
+                         (double) count / ((double) (x1 - x0) * (y1 - y0))};
+}
+
+/* Compares in the rectangle of the used pixels. Others in it are the render's in both, as in the
+ * loss; PSNR is then taken over the used ones. target: room for the photo's part of the rectangle.
+ * The render is cut to it in place. */
+static int score(sg_ctx *ctx, const struct sg_view *v, const struct used *u, const uint8_t *photo,
+                 uint8_t *render, uint8_t *target, double *psnr, double *ssim)
+{
+    *psnr = *ssim = NAN;
+    if (!(u->share > 0))
+        return SG_OK;
+    const size_t width = (size_t) u->width;
+    for (size_t y = 0; y < (size_t) u->height; y++) {
+        const size_t from = ((size_t) u->y + y) * (size_t) v->camera.width + (size_t) u->x;
+        const uint8_t *mask = v->mask ? v->mask + from : NULL;
+        uint8_t *row = render + 3 * y * width, *to = target + 3 * y * width;
+        memmove(row, render + 3 * from, 3 * width);
+        memcpy(to, photo + 3 * from, 3 * width);
+        for (size_t x = 0; mask && x < width; x++)
+            if (!mask[x])
+                memcpy(to + 3 * x, row + 3 * x, 3);
+    }
+    *psnr =
+        fmin(sg_psnr_u8(render, target, u->width, u->height) + 10 * log10(u->share), EQUAL_PSNR);
+    return sg_ssim_u8(ctx, render, target, u->width, u->height, ssim);
 }
 
 /* Undoes, in each channel, the best fit render = a photo + b over the used pixels. A render without
@@ -91,41 +113,57 @@ static void match_colours(const struct sg_view *v, const uint8_t *photo, float *
     }
 }
 
-/* rgb: the render, which is lost. */
-static int score_view(sg_ctx *ctx, const struct sg_view *v, float *rgb, uint8_t *render,
-                      uint8_t *photo, int what, struct sg_view_score *out)
+/* What the map of a photo makes of a render. */
+static void expose(const float *exposure, const struct sg_camera *c, float *rgb)
 {
-    const int w = v->camera.width, h = v->camera.height;
-    const size_t pixels = (size_t) w * (size_t) h;
-    struct scored s = {v, photo, render, 1};
-    const uint8_t *bytes;
-    int code = sg_photo_pixels(ctx, v, &bytes);
-    if (code)
-        return code;
-    memcpy(photo, bytes, 3 * pixels);
-    sg_view_release(v);
-    sg_quantise(rgb, w, h, render);
-    if (what & SG_EVAL_CORRECTED)
-        match_colours(v, photo, rgb);
-    if (v->mask)
-        s.share = used_share(v->mask, render, pixels, photo);
-    code = score(ctx, &s, &out->psnr, &out->ssim);
-    if (code || !(what & SG_EVAL_CORRECTED))
-        return code;
-    sg_quantise(rgb, w, h, render);
-    if (v->mask)
-        used_share(v->mask, render, pixels, photo);
-    return score(ctx, &s, &out->corrected_psnr, &out->corrected_ssim);
+    const size_t pixels = (size_t) c->width * (size_t) c->height;
+    for (size_t i = 0; i < pixels; i++) {
+        const float colour[3] = {rgb[i], rgb[pixels + i], rgb[2 * pixels + i]};
+        float shown[3];
+        sg_expose(exposure, colour, shown);
+        for (size_t ch = 0; ch < 3; ch++)
+            rgb[ch * pixels + i] = shown[ch];
+    }
 }
 
-int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t n, int what,
-                struct sg_eval *out)
+/* Of the view at an index. rgb: the render, which is lost. render, target: room for its bytes. */
+static int score_view(sg_ctx *ctx, const struct sg_view *v, size_t index,
+                      const struct sg_eval_params *params, float *rgb, uint8_t *render,
+                      uint8_t *target, struct sg_view_score *out)
 {
-    const int time_fps = what & SG_EVAL_FPS;
+    const int w = v->camera.width, h = v->camera.height;
+    const struct used used = find_used(v);
+    const uint8_t *photo;
+    int code = sg_photo_pixels(ctx, v, &photo);
+    if (code)
+        return code;
+    sg_quantise(rgb, w, h, render);
+    code = score(ctx, v, &used, photo, render, target, &out->psnr, &out->ssim);
+    if (!code && (params->match_colours || params->exposures)) {
+        if (params->exposures)
+            expose(params->exposures + index * SG_EXPOSURE, &v->camera, rgb);
+        else
+            match_colours(v, photo, rgb);
+        sg_quantise(rgb, w, h, render);
+        code =
+            score(ctx, v, &used, photo, render, target, &out->corrected_psnr, &out->corrected_ssim);
+    }
+    sg_view_release(v);
+    return code;
+}
+
+int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t n,
+                const struct sg_eval_params *params, struct sg_eval *out)
+{
+    const struct sg_eval_params none = {0};
+    params = params ? params : &none;
     sg_clear_error(ctx);
     *out = (struct sg_eval){.views = n};
     if (!n)
         return sg_fail(ctx, SG_ERR_INPUT, "evaluation: found no views, expected at least one");
+    if (params->match_colours && params->exposures)
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "evaluation: found match_colours and exposures, expected one of them");
     size_t pixels = 0;
     double measured = 0;
     for (size_t i = 0; i < n; i++) {
@@ -135,19 +173,21 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
     int code = SG_ERR_BUDGET;
     float *rgb = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3 * sizeof(float));
     uint8_t *bytes = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3);
-    uint8_t *photo = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3);
+    uint8_t *target = sg_alloc_raw(ctx, SG_MEM_FRAME, pixels, 3);
     out->per_view = sg_alloc(ctx, SG_MEM_MISC, n, sizeof(*out->per_view));
-    if (!rgb || !bytes || !photo || !out->per_view)
+    if (!rgb || !bytes || !target || !out->per_view)
         goto done;
     for (size_t i = 0; i < n; i++) {
         const struct sg_camera *c = &views[i].camera;
         struct sg_view_score *view = &out->per_view[i];
-        const size_t timed = time_fps ? WARM_UP + ROUNDS * n : 0;
+        const size_t timed = params->fps ? WARM_UP + ROUNDS * n : 0;
         sg_renderer_set_index(r, i);
+        if (params->photos)
+            sg_renderer_set_photo(r, params->photos[i]);
         if ((code = sg_progress(ctx, SG_STAGE_EVALUATE, i, n + timed)) ||
             (code = sg_render(r, c, rgb, NULL, NULL, NULL)))
             goto done;
-        if ((code = score_view(ctx, &views[i], rgb, bytes, photo, what, view)))
+        if ((code = score_view(ctx, &views[i], i, params, rgb, bytes, target, view)))
             goto done;
         if (isnan(view->psnr))
             continue;
@@ -162,13 +202,14 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
     }
     out->psnr /= measured, out->ssim /= measured;
     out->corrected_psnr /= measured, out->corrected_ssim /= measured;
-    if (time_fps)
+    if (params->fps)
         code = time_frames(ctx, r, views, n, rgb, out);
 done:
     sg_renderer_set_index(r, SIZE_MAX);
+    sg_renderer_set_photo(r, SIZE_MAX);
     sg_free(rgb);
     sg_free(bytes);
-    sg_free(photo);
+    sg_free(target);
     if (code)
         sg_eval_clear(out);
     return code;

@@ -18,7 +18,8 @@ const struct sg_config_part sg_run_config[] = {
 /* An attack renders on black, regardless of the background of the scene's photos. */
 const struct sg_config_part sg_attack_run_config[] = {
     {sg_attack_run_options, 0, NULL},
-    {sg_scene_options, offsetof(struct sg_attack_run_params, scene), "white-background|smooth"},
+    {sg_scene_options, offsetof(struct sg_attack_run_params, scene),
+     "white-background|smooth|test-halves"},
     {sg_attack_options, offsetof(struct sg_attack_run_params, attack), NULL},
     {0}};
 

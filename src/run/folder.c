@@ -40,7 +40,9 @@ static int write_cfg_args(sg_ctx *ctx, const struct sg_run_params *p)
         fprintf(w.stream, ", resolution=%d, sh_degree=%d, source_path=", p->scene.resolution,
                 p->train.sh_degree);
         put_quoted(w.stream, absolute ? absolute : p->source);
-        fprintf(w.stream, ", white_background=%s)", p->scene.white_background ? "True" : "False");
+        fprintf(w.stream, ", train_test_exp=%s, white_background=%s)",
+                p->scene.test_halves && p->train.exposure ? "True" : "False",
+                p->scene.white_background ? "True" : "False");
         code = sg_file_commit(ctx, &w);
     }
     sg_free(path);

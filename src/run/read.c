@@ -9,8 +9,10 @@
 
 #include "config.h"
 #include "core/file.h"
+#include "core/json_text.h"
 #include "engine/engine.h"
 #include "files.h"
+#include "math/exposure.h"
 #include "splatguard/engine.h"
 #include "splatguard/run.h"
 
@@ -87,6 +89,43 @@ int sg_run_read_scene(sg_ctx *ctx, const char *folder, struct sg_run_params *out
     out->scene.eval = true;
     read_cfg_args(ctx, folder, &out->scene);
     return SG_OK;
+}
+
+/* Three rows of four numbers. */
+static bool read_exposure(const json_t *map, float out[SG_EXPOSURE])
+{
+    for (size_t k = 0; k < SG_EXPOSURE; k++) {
+        const json_t *number = json_array_get(json_array_get(map, k / 4), k % 4);
+        out[k] = (float) json_number_value(number);
+        if (!json_is_number(number) || !isfinite(out[k]))
+            return false;
+    }
+    return json_array_size(map) == 3;
+}
+
+int sg_run_read_exposures(sg_ctx *ctx, const char *folder, const struct sg_view *views, size_t n,
+                          float *out)
+{
+    json_t *root;
+    sg_clear_error(ctx);
+    int code = sg_run_read_json(ctx, folder, "exposure.json", "exposure.json of a run", &root);
+    for (size_t i = 0; i < n && !code; i++) {
+        json_t *name = sg_text_to_json(views[i].name);
+        const json_t *map = name ? json_object_get(root, json_string_value(name)) : NULL;
+        if (!name)
+            code = sg_no_memory(ctx);
+        else if (!map)
+            code = sg_fail(ctx, SG_ERR_INPUT,
+                           "%s/exposure.json: found nothing of photo \"%s\", expected its map",
+                           folder, views[i].name);
+        else if (!read_exposure(map, out + i * SG_EXPOSURE))
+            code = sg_fail(ctx, SG_ERR_INPUT,
+                           "%s/exposure.json: \"%s\": expected 3 rows of 4 finite numbers", folder,
+                           views[i].name);
+        json_decref(name);
+    }
+    json_decref(root);
+    return code;
 }
 
 /* The newest iteration with a model, or 0. */

@@ -8,6 +8,7 @@
 
 #include "core/clock.h"
 #include "core/file.h"
+#include "math/exposure.h"
 #include "scene/used.h"
 #include "splatguard/format.h"
 #include "train/schedule.h"
@@ -37,18 +38,55 @@ static bool was_cancelled(sg_run *r, int code)
     return r->stopped = true;
 }
 
-/* Measures the test views, also with matched colours where exposures are learned; fps only at the
- * end. If memory is short for that, the run continues without it. */
-static int measure(sg_run *r, int time_fps)
+/* The exposures of the test views, whose left halves are training views. out: 12 floats a view. */
+static int test_exposures(sg_run *r, float *out)
+{
+    const float *trained;
+    const int code = sg_trainer_exposures(r->trainer, &trained);
+    for (size_t i = 0; i < r->scene->n_test && !code; i++)
+        memcpy(out + i * SG_EXPOSURE,
+               trained + sg_scene_photo(r->scene, &r->scene->test[i]) * SG_EXPOSURE,
+               SG_EXPOSURE * sizeof(*out));
+    return code;
+}
+
+/* Measures the test views; fps only at the end. Where exposures are learned, also with those of the
+ * test photos, or without such with matched colours. */
+static int measure_views(sg_run *r, sg_renderer *renderer, bool time_fps)
+{
+    const bool halves = r->params.scene.test_halves;
+    struct sg_eval_params how = {.fps = time_fps, .match_colours = r->train.exposure && !halves};
+    const size_t n = r->scene->n_test;
+    float *exposures = NULL;
+    size_t *photos = NULL;
+    int code = SG_OK;
+    if (halves) {
+        how.photos = photos = sg_alloc_raw(r->ctx, SG_MEM_MISC, n, sizeof(*photos));
+        code = photos ? SG_OK : SG_ERR_BUDGET;
+        for (size_t i = 0; i < n && !code; i++)
+            photos[i] = sg_scene_photo(r->scene, &r->scene->test[i]);
+    }
+    if (halves && r->train.exposure && !code) {
+        how.exposures = exposures =
+            sg_alloc_raw(r->ctx, SG_MEM_MISC, n, SG_EXPOSURE * sizeof(*exposures));
+        code = exposures ? test_exposures(r, exposures) : SG_ERR_BUDGET;
+    }
+    if (!code)
+        code = sg_evaluate(r->ctx, renderer, r->scene->test, n, &how, &r->eval);
+    sg_free(exposures);
+    sg_free(photos);
+    return code;
+}
+
+/* If memory is short for that, the run continues without it. */
+static int measure(sg_run *r, bool time_fps)
 {
     sg_renderer *renderer = NULL;
     sg_clear_error(r->ctx);
     int code = sg_trainer_renderer(r->trainer, &renderer);
-    if (!code) {
-        sg_eval_clear(&r->eval);
-        const int what = (time_fps ? SG_EVAL_FPS : 0) | (r->train.exposure ? SG_EVAL_CORRECTED : 0);
-        code = sg_evaluate(r->ctx, renderer, r->scene->test, r->scene->n_test, what, &r->eval);
-    }
+    sg_eval_clear(&r->eval);
+    if (!code)
+        code = measure_views(r, renderer, time_fps);
     sg_renderer_destroy(&renderer);
     if (code == SG_ERR_BUDGET) {
         sg_log(r->ctx, SG_LOG_WARN, "%s; the test views are not measured", sg_last_error(r->ctx));
@@ -172,7 +210,7 @@ static void after_step(sg_run *r)
     if (due(r, p->save_every) && !last)
         note_error(r, save(r));
     if (p->scene.eval && due(r, p->eval_every) && !last) {
-        const int code = measure(r, 0);
+        const int code = measure(r, false);
         if (!was_cancelled(r, code))
             note_error(r, code);
     }
@@ -241,7 +279,7 @@ static int finish(sg_run *r)
     int code = stepped ? save(r) : SG_OK;
     r->resumable |= !stepped;
     if (!code && r->params.scene.eval && !cut)
-        code = measure(r, 1);
+        code = measure(r, true);
     if (!code)
         code = sg_run_write_summary(r);
     if (!code && cut)

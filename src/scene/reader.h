@@ -36,6 +36,9 @@ struct sg_lens {
     double omega;                  /* of SG_LENS_FOV: its field of view in radians */
 };
 
+/* The columns of a photo that a view uses: of `width` columns the left half is width / 2. */
+enum sg_half { SG_HALF_BOTH, SG_HALF_LEFT, SG_HALF_RIGHT };
+
 struct sg_shot {
     char *file;   /* as the scene file names the photo */
     char *name;   /* base name up to the first dot */
@@ -46,6 +49,7 @@ struct sg_shot {
     double R[9], t[3]; /* world to camera, as struct sg_camera */
     bool drop_alpha;   /* instead of compositing it */
     enum sg_view_split split;
+    enum sg_half half;
     bool unused; /* in neither half of the scene's own split */
 };
 
@@ -80,6 +84,10 @@ int sg_find_converted(sg_ctx *ctx, const struct sg_folder *dir, const char *path
  * strict. */
 int sg_shots_drop_missing(sg_ctx *ctx, const struct sg_scene_params *params, struct sg_shots *shots,
                           const char *where);
+/* Test shots become right halves, each followed by its left half as a training shot. All shots are
+ * split. where: as above. */
+int sg_shots_halve_tests(sg_ctx *ctx, const struct sg_scene_params *params, struct sg_shots *shots,
+                         const char *where);
 /* Every coefficient finite, focal lengths or angles usable. */
 int sg_lens_check(sg_ctx *ctx, const struct sg_lens *lens, const char *where);
 /* From a camera-to-world matrix with OpenGL axes (y up, z backward), row-major 4x4. */

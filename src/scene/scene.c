@@ -127,6 +127,18 @@ void sg_scene_files_destroy(struct sg_scene_files **files)
     *files = NULL;
 }
 
+/* What is learned of photos is filed by their names. */
+static int halve_tests(sg_ctx *ctx, const char *path, const struct sg_scene_params *params,
+                       enum sg_scene_format format, struct sg_shots *shots)
+{
+    if (format == SG_FORMAT_BLENDER)
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: test halves: found the layout of NeRF-Synthetic, whose training and "
+                       "test photos have the same names, expected another",
+                       path);
+    return sg_shots_halve_tests(ctx, params, shots, path);
+}
+
 /* The shots and points of the folder. */
 static int read_files(sg_ctx *ctx, const char *path, const struct sg_scene_params *params,
                       sg_scene_builder *builder, struct sg_scene_files *files)
@@ -150,6 +162,8 @@ static int read_files(sg_ctx *ctx, const char *path, const struct sg_scene_param
     for (size_t i = 0, rank = 0; i < shots->count;
          i++) /* readers sort the shots that they do not split */
         shots->items[i].split = sg_split(params, shots->items[i].split, &rank);
+    if (!code && params->eval && params->test_halves)
+        code = halve_tests(ctx, path, params, format, shots);
     return code;
 }
 
@@ -195,6 +209,14 @@ done:
     sg_scene_files_destroy(&own);
     sg_scene_builder_destroy(&builder);
     return code;
+}
+
+size_t sg_scene_photo(const struct sg_scene *scene, const struct sg_view *view)
+{
+    for (size_t i = 0; i < scene->n_train; i++)
+        if (!strcmp(scene->train[i].path, view->path))
+            return i;
+    return SIZE_MAX;
 }
 
 void sg_scene_destroy(struct sg_scene **scene)

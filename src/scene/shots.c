@@ -292,3 +292,53 @@ int sg_read_points(sg_ctx *ctx, const struct sg_folder *dir, const char *path, u
     sg_source_close(&in);
     return code;
 }
+
+/* A copy of the shot. *to is cleared with its list, also after an error. */
+static int copy_shot(sg_ctx *ctx, const struct sg_shot *from, struct sg_shot *to)
+{
+    *to = *from;
+    to->file = sg_strdup(ctx, from->file);
+    to->name = sg_strdup(ctx, from->name);
+    to->path = sg_strdup(ctx, from->path);
+    to->mask = from->mask ? sg_strdup(ctx, from->mask) : NULL;
+    to->camera = from->camera ? sg_strdup(ctx, from->camera) : NULL;
+    return to->file && to->name && to->path && !to->mask == !from->mask &&
+                   !to->camera == !from->camera
+               ? SG_OK
+               : SG_ERR_BUDGET;
+}
+
+int sg_shots_halve_tests(sg_ctx *ctx, const struct sg_scene_params *params, struct sg_shots *shots,
+                         const char *where)
+{
+    struct sg_shots all = {0};
+    size_t tests = 0;
+    for (size_t i = 0; i < shots->count; i++)
+        tests += shots->items[i].split == SG_SPLIT_TEST;
+    if (shots->count + tests > params->max_images)
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found %zu images and %zu left halves of them, expected at most %llu",
+                       where, shots->count, tests, (unsigned long long) params->max_images);
+    if (!tests)
+        return SG_OK;
+    all.capacity = shots->count + tests;
+    all.items = sg_alloc(ctx, SG_MEM_MISC, all.capacity, sizeof(*all.items));
+    if (!all.items)
+        return SG_ERR_BUDGET;
+    int code = SG_OK;
+    for (size_t i = 0; i < shots->count; i++) {
+        struct sg_shot *shot = &all.items[all.count++];
+        *shot = shots->items[i];
+        shots->items[i] = (struct sg_shot){0}; /* the copy owns its texts */
+        if (shot->split != SG_SPLIT_TEST)
+            continue;
+        struct sg_shot *left = &all.items[all.count++];
+        if (!code)
+            code = copy_shot(ctx, shot, left);
+        shot->half = SG_HALF_RIGHT;
+        left->half = SG_HALF_LEFT, left->split = SG_SPLIT_TRAIN;
+    }
+    sg_shots_clear(shots);
+    *shots = all;
+    return code;
+}

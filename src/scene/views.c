@@ -143,6 +143,28 @@ static int load_mask(sg_ctx *ctx, const struct sg_scene_files *files, const stru
     return code;
 }
 
+/* Masks the columns that are not of the half. */
+static int mask_half(sg_ctx *ctx, enum sg_half half, struct sg_view *view, int w, int h)
+{
+    const size_t width = (size_t) w, left = width / 2;
+    if (half == SG_HALF_BOTH)
+        return SG_OK;
+    if (!view->mask) {
+        view->mask = sg_alloc_raw(ctx, SG_MEM_IMAGES, width * (size_t) h, 1);
+        if (!view->mask)
+            return SG_ERR_BUDGET;
+        memset(view->mask, 255, width * (size_t) h);
+    }
+    for (size_t y = 0; y < (size_t) h; y++) {
+        uint8_t *row = view->mask + y * width;
+        if (half == SG_HALF_LEFT)
+            memset(row + left, 0, width - left);
+        else
+            memset(row, 0, left);
+    }
+    return SG_OK;
+}
+
 /* Resamples *plane in place of itself if the size differs. */
 static int resize(sg_ctx *ctx, uint8_t **plane, int width, int height, int channels, int w, int h)
 {
@@ -264,6 +286,8 @@ int sg_view_load(sg_ctx *ctx, const struct sg_scene_files *files, const struct s
     }
     if (params->smooth && shot->split != SG_SPLIT_TEST &&
         (code = smooth(ctx, params->smooth, view, w, h)))
+        goto done;
+    if ((code = mask_half(ctx, shot->half, view, w, h)))
         goto done;
     double sx = (double) w / width, sy = (double) h / height;
     view->camera =

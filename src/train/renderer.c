@@ -13,6 +13,7 @@ struct sg_renderer {
     bool borrowed, drawn;
     struct sg_render_params params;
     size_t index;  /* of the view in a list */
+    size_t photo;  /* whose appearance it has; SIZE_MAX: by params */
     int degree;    /* drawn */
     int sh_degree; /* of the model */
 };
@@ -28,6 +29,7 @@ int sg_renderer_borrow(struct sg_engine *engine, int sh_degree,
                                  .borrowed = true,
                                  .params = *params,
                                  .index = SIZE_MAX,
+                                 .photo = SIZE_MAX,
                                  .degree = sh_degree};
     return SG_OK;
 }
@@ -88,6 +90,11 @@ void sg_renderer_set_index(sg_renderer *r, size_t index)
     r->index = index;
 }
 
+void sg_renderer_set_photo(sg_renderer *r, size_t photo)
+{
+    r->photo = photo;
+}
+
 int sg_render(sg_renderer *r, const struct sg_camera *camera, float *rgb, float *alpha,
               float *depth, struct sg_render_stats *stats)
 {
@@ -103,6 +110,8 @@ int sg_render(sg_renderer *r, const struct sg_camera *camera, float *rgb, float 
     struct sg_render_params params = r->params;
     if (params.appearance == SG_APPEARANCE_INDEX && r->index <= INT_MAX)
         params.appearance = (int) r->index;
+    if (r->photo <= INT_MAX)
+        params.appearance = (int) r->photo;
     if (r->borrowed) /* renders of a borrowed engine do not count in the owner's times */
         sg_engine_stop_clocks(r->engine, true);
     int code = sg_engine_draw(r->engine, camera, r->degree, &params, alpha || depth);

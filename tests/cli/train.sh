@@ -50,7 +50,30 @@ expect 0 train scene/blender -o exposed --eval $short --init-points 500 --exposu
 grep -q '"corrected_psnr":' exposed/summary.json || fail "summary.json has no corrected_psnr"
 expect 0 eval exposed --json --match-colours --per-view
 [ "$(grep -o corrected_psnr out | wc -l)" = 3 ] || fail "$(cat out)"
+expect 0 eval exposed --split train --exposure --json
+grep -q '"corrected_by": "exposure"' out || fail "$(cat out)"
+expect 1 eval exposed --exposure; says 'test photo r_0, whose exposure is not learned'
+expect 1 eval exposed --exposure --match-colours; says 'expected one of them'
+expect 2 eval run --split train --exposure; says 'exposure.json'
 grep -q corrected run/summary.json && fail "a run without exposures has matched colours"
+
+# Halves of test photos: their exposures are learned on one half and measured on the other. What
+# training says, eval says too.
+expect 1 train scene/colmap -o halves --test-halves --exposure $short; says 'test_halves: found no eval'
+expect 2 train scene/blender -o halves --eval --test-halves --exposure $short; says 'test halves: found the layout'
+expect 0 train scene/colmap -o halves --eval --test-halves --exposure $short
+[ "$(grep -c '": \[$' halves/exposure.json)" = "$(find scene/colmap/images -type f | wc -l)" ] || fail "exposure.json: $(cat halves/exposure.json)"
+grep -q '"corrected_by": "exposure"' halves/summary.json || fail "$(cat halves/summary.json)"
+grep -q 'train_test_exp=True' halves/cfg_args || fail "$(cat halves/cfg_args)"
+expect 0 eval halves --json --exposure
+for key in psnr corrected_psnr; do
+    value=$(sed "s/.*\"$key\": \([0-9.]*\).*/\1/" out)
+    grep -q "\"$key\": ${value%??}" halves/summary.json || fail "eval says $key $value, summary.json $(grep $key halves/summary.json)"
+done
+expect 0 eval halves --json --match-colours
+grep -q '"corrected_by": "matching"' out || fail "$(cat out)"
+sed 's/\[$/"x",[/' halves/exposure.json >broken && cp broken halves/exposure.json
+expect 2 eval halves --exposure; says exposure.json
 
 # A model with filters against aliasing: eval draws it as training did, also at other sizes.
 expect 0 train scene/blender -o mip --eval $short --init-points 500 --model mip
