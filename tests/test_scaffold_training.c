@@ -423,6 +423,55 @@ static void test_constants(void **state)
     clear_points(&f);
 }
 
+/* With smaller sizes, what is not in use neither acts nor learns. */
+static void test_sizes(void **state)
+{
+    (void) state;
+    enum { OFFSETS = 3, FEATURES = 5, HIDDEN = 7, NUMBERS = 4 };
+    struct fixture f = make_points(2);
+    struct sg_train_params p = scaffold_params();
+    struct course course;
+    f.scene.train = f.views;
+    p.engine = main_engine();
+    p.scaffold.offsets = OFFSETS, p.scaffold.features = FEATURES;
+    p.scaffold.hidden = HIDDEN, p.scaffold.numbers = NUMBERS;
+    p.scaffold.distance = p.scaffold.appearance = true;
+    sg_trainer *t = begin(&f, &p);
+    const size_t before = sg_trainer_gaussians(t);
+    struct sg_model *m = run(&f, t, 40, &course);
+    assert_true(m->count > before / SG_ANCHOR_GAUSSIANS);
+    for (size_t i = 0; i < m->count; i++)
+        for (int k = 0; k < SG_A_SIZE; k++) {
+            const bool used = k < SG_A_FEATURE ? k < 3 * OFFSETS : k < SG_A_FEATURE + FEATURES;
+            assert_true(used ||
+                        m->columns->at[SG_C_ANCHOR][sg_param_index(SG_A_PLANES, i, k)] == 0);
+        }
+    const struct sg_networks *n = m->columns->networks;
+    const struct sg_weights *w = &n->value;
+    for (int h = 0; h < SG_HIDDEN; h++) {
+        const bool used = h % SG_NETWORK_HIDDEN < HIDDEN;
+        for (int i = 0; i <= SG_NETWORK_INPUTS; i++)
+            assert_true((w->input[i][h] != 0) ==
+                        (used && (i < FEATURES || i >= SG_ANCHOR_FEATURES)));
+        assert_true((w->distance[h] != 0) == used);
+    }
+    for (int o = 0; o < SG_OUTPUTS; o++)
+        for (int h = 0; h < SG_NETWORK_HIDDEN; h++)
+            assert_true((w->output[o][h] != 0) ==
+                        (h < HIDDEN && (o >= SG_ANCHOR_GAUSSIANS || o < OFFSETS)));
+    for (int o = OFFSETS; o < SG_ANCHOR_GAUSSIANS; o++)
+        assert_true(w->bias[o] == -1);
+    for (int k = 0; k < SG_APPEARANCE; k++)
+        for (int h = 0; h < SG_NETWORK_HIDDEN; h++)
+            assert_true((w->appearance[k][h] != 0) == (k < NUMBERS && h < HIDDEN));
+    for (size_t i = 0; i < n->photos; i++)
+        for (int k = 0; k < SG_APPEARANCE; k++)
+            assert_true((n->appearance[i].value[k] != 0) == (k < NUMBERS));
+    sg_model_destroy(&m);
+    sg_trainer_destroy(&t);
+    clear_points(&f);
+}
+
 /* Where a tolerance hides gradients, anchors grow at a lower threshold. */
 static void test_hidden(void **state)
 {
@@ -459,6 +508,12 @@ static void test_refused(void **state)
     assert_int_equal(sg_trainer_create(f.ctx, &f.scene, NULL, &p, &t), SG_ERR_USAGE);
     p = scaffold_params();
     p.strategy = SG_STRATEGY_MCMC;
+    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, NULL, &p, &t), SG_ERR_USAGE);
+    p = scaffold_params();
+    p.scaffold.bank = true, p.scaffold.features = 31;
+    assert_int_equal(sg_trainer_create(f.ctx, &f.scene, NULL, &p, &t), SG_ERR_USAGE);
+    p = scaffold_params();
+    p.defense.on = true, p.defense.unit = SG_UNIT_GAUSSIAN, p.scaffold.offsets = 9;
     assert_int_equal(sg_trainer_create(f.ctx, &f.scene, NULL, &p, &t), SG_ERR_USAGE);
     p = scaffold_params();
     p.absgrad = true;
@@ -512,7 +567,7 @@ int main(void)
         cmocka_unit_test(test_steps),     cmocka_unit_test(test_nothing_drawn),
         cmocka_unit_test(test_limits),    cmocka_unit_test(test_memory),
         cmocka_unit_test(test_filter),    cmocka_unit_test(test_hidden),
-        cmocka_unit_test(test_constants), cmocka_unit_test(test_masks),
-        cmocka_unit_test(test_refused)};
+        cmocka_unit_test(test_constants), cmocka_unit_test(test_sizes),
+        cmocka_unit_test(test_masks),     cmocka_unit_test(test_refused)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

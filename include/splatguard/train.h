@@ -118,6 +118,10 @@ struct sg_scaffold_params {
      * bank, which mixes a feature with coarser copies of itself by direction and distance; 32
      * numbers of each training photo as inputs of the colours' network. Default false. */
     bool distance, bank, appearance;
+    /* How many there are: Gaussians of an anchor, 1..10; numbers of a feature, 1..32, 32 with the
+     * feature bank; hidden values of a network, 1..32; numbers of a photo, 1..32. Files, memory and
+     * counts have room for all. Default 10, 32, 32, 32. */
+    int offsets, features, hidden, numbers;
     float offset_lr_init, offset_lr_final; /* x scene extent. Default 0.01 and 1e-4. */
     float feature_lr;                      /* Default 0.0075. */
     float scaling_lr;                      /* Default 0.007. */
@@ -132,11 +136,12 @@ struct sg_scaffold_params {
 #define SG_SCAFFOLD_DEFAULTS                                                                       \
     .voxel = 0.001f, .every = 1, .grids = 3, .cells = 16, .finer = 4, .drop = 0.5f,                \
     .log_size_max = 0.05f, .from = 1500, .seen = 0.8f, .min_opacity = 0.005f, .volume = 0.01f,     \
-    .offset_lr_init = 0.01f, .offset_lr_final = 1e-4f, .feature_lr = 0.0075f,                      \
-    .scaling_lr = 0.007f, .opacity_lr_init = 0.002f, .opacity_lr_final = 2e-5f,                    \
-    .covariance_lr_init = 0.004f, .covariance_lr_final = 0.004f, .colour_lr_init = 0.008f,         \
-    .colour_lr_final = 5e-5f, .bank_lr_init = 0.01f, .bank_lr_final = 1e-5f,                       \
-    .appearance_lr_init = 0.05f, .appearance_lr_final = 5e-4f
+    .offsets = 10, .features = 32, .hidden = 32, .numbers = 32, .offset_lr_init = 0.01f,           \
+    .offset_lr_final = 1e-4f, .feature_lr = 0.0075f, .scaling_lr = 0.007f,                         \
+    .opacity_lr_init = 0.002f, .opacity_lr_final = 2e-5f, .covariance_lr_init = 0.004f,            \
+    .covariance_lr_final = 0.004f, .colour_lr_init = 0.008f, .colour_lr_final = 5e-5f,             \
+    .bank_lr_init = 0.01f, .bank_lr_final = 1e-5f, .appearance_lr_init = 0.05f,                    \
+    .appearance_lr_final = 5e-4f
 
 /* Defaults are those of the reference (Kerbl et al. 2023, the 2023 release). Ranges that are not
  * given below: learning rates and percent_dense 0..1e3 (those of positions from 1e-12),

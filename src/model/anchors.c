@@ -99,34 +99,74 @@ void sg_anchor_set(struct sg_model *m, size_t i, const float position[3], float 
 }
 
 /* Inputs of the layer that weight i belongs to; 0: of a part that is not there. */
-static int fan_in(const struct sg_networks *n, size_t i)
+static int fan_in(const struct sg_networks *n, const struct sg_anchor_sizes *sizes, size_t i)
 {
-    const int inputs = sg_network_inputs(sg_weight_network(i), n->parts);
+    const enum sg_network network = sg_weight_network(i);
+    int inputs = sg_network_inputs(network, n->parts);
+    if (network != SG_N_BANK)
+        inputs -= SG_ANCHOR_FEATURES - sizes->features;
+    if (network == SG_N_COLOUR && n->parts & SG_PART_APPEARANCE)
+        inputs -= SG_APPEARANCE - sizes->appearance;
     if (i < SG_WEIGHTS_PLAIN)
-        return i < SG_WEIGHT_AT(output) ? inputs : SG_NETWORK_HIDDEN;
+        return i < SG_WEIGHT_AT(output) ? inputs : sizes->hidden;
     if (i < SG_WEIGHT_AT(bank_input))
         return n->parts & SG_PART_DISTANCE ? inputs : 0;
     if (i >= SG_WEIGHT_AT(appearance))
         return n->parts & SG_PART_APPEARANCE ? inputs : 0;
-    return !(n->parts & SG_PART_BANK)      ? 0
-           : i < SG_WEIGHT_AT(bank_output) ? inputs
-                                           : SG_NETWORK_HIDDEN;
+    return !(n->parts & SG_PART_BANK) ? 0 : i < SG_WEIGHT_AT(bank_output) ? inputs : sizes->hidden;
+}
+
+/* Takes the weights out that lead to or from what is not in use. */
+static void cut_weights(const struct sg_anchor_sizes *sizes, struct sg_weights *w)
+{
+    for (int f = sizes->features; f < SG_ANCHOR_FEATURES; f++)
+        memset(w->input[f], 0, sizeof(w->input[f]));
+    for (int k = sizes->appearance; k < SG_APPEARANCE; k++)
+        memset(w->appearance[k], 0, sizeof(w->appearance[k]));
+    for (int h = sizes->hidden; h < SG_NETWORK_HIDDEN; h++) {
+        for (int i = 0; i <= SG_NETWORK_INPUTS; i++)
+            for (int n = 0; n < SG_NETWORKS; n++)
+                w->input[i][n * SG_NETWORK_HIDDEN + h] = 0;
+        for (int n = 0; n < SG_NETWORKS; n++)
+            w->distance[n * SG_NETWORK_HIDDEN + h] = 0;
+        for (int i = 0; i <= SG_BANK_INPUTS; i++)
+            w->bank_input[i][h] = 0;
+        for (int k = 0; k < SG_APPEARANCE; k++)
+            w->appearance[k][h] = 0;
+        for (int o = 0; o < SG_OUTPUTS; o++)
+            w->output[o][h] = 0;
+        for (int o = 0; o < SG_BANK_OUTPUTS; o++)
+            w->bank_output[o][h] = 0;
+    }
+    for (int k = sizes->offsets; k < SG_ANCHOR_GAUSSIANS; k++) {
+        memset(w->output[SG_O_OPACITY + k], 0, sizeof(w->output[0]));
+        w->bias[SG_O_OPACITY + k] = -1; /* no view makes a Gaussian of negative opacity */
+    }
 }
 
 /* Uniform, as wide as the root of the inputs' number asks for. Appearances are normal. */
-static void draw_networks(struct sg_networks *n, uint64_t seed)
+static void draw_networks(struct sg_networks *n, const struct sg_anchor_sizes *sizes, uint64_t seed)
 {
     float *w = (float *) &n->value;
     for (size_t i = 0; i < SG_WEIGHTS; i++) {
-        const int inputs = fan_in(n, i);
+        const int inputs = fan_in(n, sizes, i);
         w[i] = inputs
                    ? (2 * sg_rng_uniform(seed, SG_RNG_NETWORKS, 0, i) - 1) / sqrtf((float) inputs)
                    : 0;
     }
+    cut_weights(sizes, &n->value);
     for (size_t i = 0; i < n->photos; i++)
-        for (size_t k = 0; k < SG_APPEARANCE; k++)
+        for (size_t k = 0; k < (size_t) sizes->appearance; k++)
             n->appearance[i].value[k] =
                 sg_rng_normal(seed, SG_RNG_NETWORKS, 1, SG_APPEARANCE * i + k);
+}
+
+static struct sg_anchor_sizes sizes_in_use(const struct sg_anchor_sizes *asked)
+{
+    return (struct sg_anchor_sizes){asked->offsets ? asked->offsets : SG_ANCHOR_GAUSSIANS,
+                                    asked->features ? asked->features : SG_ANCHOR_FEATURES,
+                                    asked->hidden ? asked->hidden : SG_NETWORK_HIDDEN,
+                                    asked->appearance ? asked->appearance : SG_APPEARANCE};
 }
 
 static size_t weights_of(unsigned parts)
@@ -273,7 +313,8 @@ int sg_anchors_init(sg_ctx *ctx, const float *xyz, size_t n, const struct sg_anc
     if (!code) {
         (*out)->columns->networks->voxel = voxel;
         (*out)->columns->networks->parts = start->parts;
-        draw_networks((*out)->columns->networks, start->seed);
+        const struct sg_anchor_sizes sizes = sizes_in_use(&start->sizes);
+        draw_networks((*out)->columns->networks, &sizes, start->seed);
     }
     sg_free(cell);
     sg_free(at);

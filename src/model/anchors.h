@@ -35,13 +35,20 @@ int sg_anchors_add(sg_ctx *ctx, struct sg_model *model, size_t photos);
 void sg_anchor_set(struct sg_model *model, size_t i, const float position[3], float log_unit,
                    float log_size);
 
+/* How much of an anchor and its networks is in use. The rest is zeros and stays so: a feature
+ * beyond these has no weight, a hidden value neither, and a Gaussian no opacity. 0 = all. */
+struct sg_anchor_sizes {
+    int offsets, features, hidden, appearance;
+};
+
 struct sg_anchor_start {
     float voxel;    /* side of the cells that get an anchor, scene units; 0: the median of the mean
                        squared distances to the 3 nearest points, as the released code does */
     size_t limit;   /* at most so many anchors, at least 4; 0 = any number */
     unsigned parts; /* of the networks: bits of enum sg_network_part */
     size_t photos;  /* of which appearances are learned */
-    uint64_t seed;  /* of the networks */
+    struct sg_anchor_sizes sizes;
+    uint64_t seed; /* of the networks */
 };
 /* Anchors in the cells that hold a point. *cells: that there are. SG_ERR_INPUT for fewer than 4
  * cells and points that are not finite or beyond all cells; SG_ERR_BUDGET. */

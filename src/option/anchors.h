@@ -52,8 +52,15 @@
         "The networks read a mixture of the anchor's feature with coarser copies of itself. One "  \
         "more network makes the shares, from direction and distance."),                            \
     SG_ANCHOR_FLAG("photo-appearance", scaffold.appearance,                                        \
-        "The network of colours reads 32 numbers of the photo too, which are learned. "            \
+        "The network of colours reads numbers of the photo too, which are learned. "              \
         "--appearance of eval and render says whose numbers they use."),                           \
+    SG_ANCHOR_INT("anchor-offsets", scaffold.offsets, 1, 10,                                       \
+        "Gaussians of an anchor. Files, memory and counts have room for 10."),                     \
+    SG_ANCHOR_INT("anchor-features", scaffold.features, 1, 32,                                     \
+        "Numbers of an anchor's feature; 32 with --feature-bank."),                                \
+    SG_ANCHOR_INT("anchor-hidden", scaffold.hidden, 1, 32, "Hidden neurons of each network."),     \
+    SG_ANCHOR_INT("appearance-numbers", scaffold.numbers, 1, 32,                                   \
+        "Numbers of a photo with --photo-appearance."),                                            \
     SG_ANCHOR_RATES("offset", offset, "Offsets, at the start, in scene extents.",                  \
         "Offsets, at the end, in scene extents."),                                                 \
     SG_ANCHOR_FLOAT("anchor-feature-lr", scaffold.feature_lr, 0, 1000, "Features."),               \

@@ -66,6 +66,9 @@ uint64_t sg_hash_anchors(const struct sg_train_params *p, uint64_t hash)
     const double growth[] = {(double) s->drop, (double) s->log_size_max},
                  usually[] = {(double) usual.drop, (double) usual.log_size_max};
     hash = hash_unusual(growth, usually, 2, hash);
+    const double sizes[] = {s->offsets, s->features, s->hidden, s->numbers},
+                 whole[] = {usual.offsets, usual.features, usual.hidden, usual.numbers};
+    hash = hash_unusual(sizes, whole, 4, hash);
     const double readings[] = {p->defense.anchor_hits, p->defense.anchor_score, p->defense.grace};
     if (readings[0] > 0 || readings[1] > 0 || readings[2] > 0)
         hash = XXH3_64bits_withSeed(readings, sizeof(readings), hash);

@@ -55,6 +55,16 @@ int sg_train_check(sg_ctx *ctx, const struct sg_train_params *p)
         return sg_fail(ctx, SG_ERR_USAGE,
                        "defense.rho: found a share of growth with the unit gaussian, whose growth "
                        "is not known, expected 0 to 0.5");
+    if (p->model == SG_MODEL_SCAFFOLD && p->defense.on && p->defense.unit == SG_UNIT_GAUSSIAN &&
+        p->scaffold.offsets < SG_ANCHOR_GAUSSIANS)
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "defense.unit: found gaussian with %d offsets of an anchor, expected %d",
+                       p->scaffold.offsets, SG_ANCHOR_GAUSSIANS);
+    if (p->model == SG_MODEL_SCAFFOLD && p->scaffold.bank &&
+        p->scaffold.features < SG_ANCHOR_FEATURES)
+        return sg_fail(ctx, SG_ERR_USAGE,
+                       "scaffold.features: found %d with the feature bank, expected %d",
+                       p->scaffold.features, SG_ANCHOR_FEATURES);
     if (!(p->seconds_before >= 0 && p->seconds_before <= 1e9))
         return sg_fail(ctx, SG_ERR_USAGE, "seconds_before: found %g, expected 0 to 1e9",
                        p->seconds_before);

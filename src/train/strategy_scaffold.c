@@ -39,6 +39,8 @@ static int initial(sg_trainer *t, struct sg_model **out)
                                           .limit = limit < SIZE_MAX ? limit : 0,
                                           .parts = sg_network_parts(&p->scaffold),
                                           .photos = sg_trainer_appearances(t),
+                                          .sizes = {p->scaffold.offsets, p->scaffold.features,
+                                                    p->scaffold.hidden, p->scaffold.numbers},
                                           .seed = p->seed};
     struct sg_model *points = NULL;
     float *xyz = NULL;
