@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
+#include <limits.h>
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "interrupt.h"
 #include "model_views.h"
@@ -40,9 +42,9 @@ static int print_json(const struct eval_config *c, const struct model_views *v,
     json_t *root =
         json_pack("{s:f,s:f,s:f,s:i,s:I}", "psnr", e->psnr, "ssim", e->ssim, "fps", e->fps, "views",
                   (int) e->views, "gaussians", (json_int_t) sg_model_gaussians(v->model));
-    if (v->eval.match_colours || v->eval.exposures) {
-        json_object_set_new(root, "corrected_by",
-                            json_string(v->eval.exposures ? "exposure" : "matching"));
+    const char *corrected_by = sg_eval_corrected_by(&v->eval);
+    if (corrected_by) {
+        json_object_set_new(root, "corrected_by", json_string(corrected_by));
         json_object_set_new(root, "corrected_psnr", number_json(e->corrected_psnr));
         json_object_set_new(root, "corrected_ssim", number_json(e->corrected_ssim));
     }
@@ -51,7 +53,7 @@ static int print_json(const struct eval_config *c, const struct model_views *v,
         const struct sg_view_score *score = &e->per_view[i];
         json_t *view = json_pack("{s:o,s:o,s:o}", "name", text_json(v->views[i].name), "psnr",
                                  number_json(score->psnr), "ssim", number_json(score->ssim));
-        if (v->eval.match_colours || v->eval.exposures) {
+        if (corrected_by) {
             json_object_set_new(view, "corrected_psnr", number_json(score->corrected_psnr));
             json_object_set_new(view, "corrected_ssim", number_json(score->corrected_ssim));
         }
@@ -62,22 +64,30 @@ static int print_json(const struct eval_config *c, const struct model_views *v,
     return json_print(root, 0);
 }
 
-/* Of the views' photos, for whom exposure.json is in the run's folder. */
-static int read_exposures(struct model_views *v, const char *run)
+/* The exposures of the training photos, from the run's exposure.json, which is of its newest model.
+ */
+static int read_exposures(struct model_views *v, const char *run, int iteration)
 {
-    v->eval.exposures = v->exposures = malloc(v->n * 12 * sizeof(*v->exposures));
+    char asked[PATH_MAX], newest[PATH_MAX];
+    const size_t n = v->scene->n_train;
+    int error = sg_run_find_model(v->ctx, run, iteration, asked, sizeof(asked));
+    if (!error)
+        error = sg_run_find_model(v->ctx, run, 0, newest, sizeof(newest));
+    if (!error && strcmp(asked, newest) != 0) {
+        say(stderr,
+            "splatguard eval: --exposure: found --iteration %d, expected the newest model, "
+            "whose exposures are in exposure.json\n",
+            iteration);
+        return STATUS_USAGE;
+    }
+    v->exposures = malloc((n + 1) * 12 * sizeof(*v->exposures));
     if (!v->exposures)
         return no_memory();
-    for (size_t i = 0; i < v->n; i++)
-        if (sg_scene_photo(v->scene, &v->views[i]) == SIZE_MAX) {
-            make_printable(v->views[i].name);
-            say(stderr,
-                "splatguard: --exposure: found test photo %s, whose exposure is not learned, "
-                "expected --split train or a run with --test-halves\n",
-                v->views[i].name);
-            return 1;
-        }
-    return report(v->ctx, sg_run_read_exposures(v->ctx, run, v->views, v->n, v->exposures));
+    v->eval.photos = v->photos;
+    v->eval.exposures = v->exposures;
+    return report(v->ctx,
+                  error ? error
+                        : sg_run_read_exposures(v->ctx, run, v->scene->train, n, v->exposures));
 }
 
 static int run_eval(const void *config, const bool *given, const char *const *positional, int count)
@@ -89,12 +99,12 @@ static int run_eval(const void *config, const bool *given, const char *const *po
     if (c->match_colours && c->exposure) {
         say(stderr,
             "splatguard eval: found --match-colours and --exposure, expected one of them\n");
-        return 1;
+        return STATUS_USAGE;
     }
     interrupt_catch();
     int code = model_views_open(&v, positional[0], &command_eval, given, c, &c->m);
     if (!code && c->exposure)
-        code = read_exposures(&v, positional[0]);
+        code = read_exposures(&v, positional[0], c->m.iteration);
     if (!code) {
         v.eval.fps = true, v.eval.match_colours = c->match_colours;
         const int error = sg_evaluate(v.ctx, v.renderer, v.views, v.n, &v.eval, &e);
@@ -110,7 +120,7 @@ static int run_eval(const void *config, const bool *given, const char *const *po
             }
             printf("PSNR %.3f  SSIM %.4f  FPS %.1f (mean %.1f)  %zu views  %zu Gaussians\n", e.psnr,
                    e.ssim, e.fps, e.fps_mean, e.views, (size_t) sg_model_gaussians(v.model));
-            if (v.eval.match_colours || v.eval.exposures)
+            if (sg_eval_corrected_by(&v.eval))
                 printf("with %s: PSNR %.3f  SSIM %.4f\n",
                        v.eval.exposures ? "exposures" : "matched colours", e.corrected_psnr,
                        e.corrected_ssim);

@@ -28,17 +28,23 @@ int adopt_run_scene(sg_ctx *ctx, const char *folder, const struct command *comma
     return STATUS_DONE;
 }
 
-/* Training views, and test views of a run with test halves, show photos whose appearances there
- * are.
- */
-static int find_photos(struct model_views *v)
+/* The photos that views show. Renders have their appearances, where the model has them and the
+ * command line asks for no other. */
+static int find_photos(struct model_views *v, bool asked)
 {
+    const size_t learned = sg_model_appearances(v->model);
     v->photos = malloc(v->n * sizeof(*v->photos));
     if (!v->photos)
         return no_memory();
     for (size_t i = 0; i < v->n; i++)
         v->photos[i] = sg_scene_photo(v->scene, &v->views[i]);
-    v->eval.photos = v->photos;
+    v->looks = learned == v->scene->n_train && !asked;
+    if (learned && !v->looks && !asked)
+        say(stderr,
+            "warning: the model has the appearances of %zu photos, the scene has %zu training "
+            "views: renders have the mean of all\n",
+            learned, v->scene->n_train);
+    v->eval.photos = v->looks ? v->photos : NULL;
     return 0;
 }
 
@@ -68,7 +74,9 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
     }
     if (code)
         return code;
-    o->scene.eval = o->scene.untrained = true;
+    /* Training views are those of the run. */
+    o->scene.eval = o->split == 0 || !is_run || v->run.scene.eval;
+    o->scene.untrained = true;
     for (int ch = 0; ch < 3; ch++)
         o->render.background[ch] = o->scene.white_background ? 1 : 0;
     render_as_trained(&o->render, &v->run.train);
@@ -95,8 +103,8 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
             code = 2;
         }
         const size_t appearance = (size_t) ((const char *) &o->render.appearance - (char *) config);
-        if (!code && !options_given(command, given, appearance))
-            code = find_photos(v);
+        if (!code)
+            code = find_photos(v, options_given(command, given, appearance));
     }
     return code;
 }
@@ -104,7 +112,7 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
 void model_views_choose(struct model_views *v, size_t i)
 {
     sg_renderer_set_index(v->renderer, i);
-    if (v->photos)
+    if (v->looks)
         sg_renderer_set_photo(v->renderer, v->photos[i]);
 }
 

@@ -64,8 +64,9 @@ struct model_views {
     struct sg_run_params run; /* owns texts of the options */
     size_t n;
     struct sg_eval_params eval; /* for sg_evaluate */
-    size_t *photos;             /* of it, or NULL */
-    float *exposures;
+    size_t *photos;             /* that the views show, for eval.photos */
+    bool looks;                 /* their appearances are those of renders */
+    float *exposures;           /* of the training views, for eval.exposures; or NULL */
 };
 
 /* Draws the models of a run as it does, unless the command line says how. */

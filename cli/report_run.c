@@ -211,8 +211,10 @@ struct crop {
     int x, y, w, h;
 };
 
-/* Where the render is farthest from the photo. columns: w numbers of scratch. */
-static struct crop worst_crop(const uint8_t *a, const uint8_t *b, int w, int h, double *columns)
+/* Where the render is farthest from the photo, over the used pixels. columns: w numbers of scratch.
+ */
+static struct crop worst_crop(const uint8_t *a, const uint8_t *b, const uint8_t *mask, int w, int h,
+                              double *columns)
 {
     struct crop best = {.w = w < CROP_WIDE ? w : CROP_WIDE, .h = h < CROP_HIGH ? h : CROP_HIGH};
     double most = -1;
@@ -221,6 +223,8 @@ static struct crop worst_crop(const uint8_t *a, const uint8_t *b, int w, int h, 
         for (int v = y; v < y + best.h; v++)
             for (int u = 0; u < 3 * w; u++) {
                 const size_t at = 3 * (size_t) v * (size_t) w + (size_t) u;
+                if (mask && !mask[at / 3])
+                    continue;
                 columns[u / 3] += (a[at] - b[at]) * (a[at] - b[at]);
             }
         for (int x = 0; x + best.w <= w; x += CROP_STEP) {
@@ -279,7 +283,7 @@ static int put_view(FILE *f, struct model_views *v, size_t i, double psnr)
         error = sg_view_pixels(v->ctx, view, &photo);
     if (!error) {
         sg_quantise(planes, w, h, render);
-        const struct crop c = worst_crop(photo, render, w, h, columns);
+        const struct crop c = worst_crop(photo, render, view->mask, w, h, columns);
         fprintf(f, "<h3>");
         put_name(f, view->name);
         fprintf(f, ": %.2f dB, %d x %d pixels from %d, %d</h3>\n<div class=row>\n", psnr, c.w, c.h,

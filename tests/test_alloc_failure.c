@@ -7,6 +7,7 @@
 #include "core/file.h"
 #include "splatguard/format.h"
 #include "splatguard/run.h"
+#include "params.h"
 #include "synth_scene.h"
 
 static char folder[] = "/tmp/sg_alloc_XXXXXX", blender[64], colmap[64], ply[64], checkpoint[64],
@@ -38,7 +39,9 @@ static int load(sg_ctx *ctx, const char *path)
 {
     struct sg_scene *scene;
     static size_t points[2];
-    const int code = sg_scene_load(ctx, path, NULL, &scene);
+    const bool halves = path == colmap;
+    const int code =
+        sg_scene_load(ctx, path, sg_scene_params(.eval = halves, .test_halves = halves), &scene);
     assert_true(!code == (scene != NULL));
     if (scene) { /* an event that was skipped for lack of memory would be missing */
         size_t *expected = &points[path == colmap];

@@ -189,7 +189,6 @@ static void matched_colours_undo_an_exposure(void **state)
     sg_eval_clear(&e);
 
     /* a photo's own map does not need the photo: here two channels mix */
-    const float exposure[12] = {0.5f, 0.2f, 0, 0.1f, 0.25f, 0.5f, 0, 0, 0, 0, 1, 0};
     for (int i = 0; i < SIDE * SIDE; i++) {
         const double red = (double) rgb[i], green = (double) rgb[SIDE * SIDE + i],
                      blue = (double) rgb[2 * SIDE * SIDE + i];
@@ -198,11 +197,19 @@ static void matched_colours_undo_an_exposure(void **state)
             other[3 * i + ch] = (uint8_t) (255 * fmin(shown[ch], 1) + 0.5);
     }
     view.rgb = other;
-    struct sg_eval_params exposed = {.exposures = exposure};
+    const float exposures[24] = {
+        [0] = 1, [12 + 0] = 0.5f, 0.2f, 0, 0.1f, 0.25f, 0.5f, 0, 0, 0, 0, 1, 0};
+    size_t shown_photo = 1; /* whose map is the second */
+    struct sg_eval_params exposed = {.exposures = exposures, .photos = &shown_photo};
     assert_int_equal(sg_evaluate(ctx, r, &view, 1, &exposed, &e), SG_OK);
     assert_true(e.psnr < 30 && e.corrected_psnr > 60 && e.corrected_ssim > 0.999);
     sg_eval_clear(&e);
+    assert_string_equal(sg_eval_corrected_by(&exposed), "exposure");
     exposed.match_colours = true;
+    assert_int_equal(sg_evaluate(ctx, r, &view, 1, &exposed, &e), SG_ERR_USAGE);
+    exposed.match_colours = false, shown_photo = SIZE_MAX;
+    assert_int_equal(sg_evaluate(ctx, r, &view, 1, &exposed, &e), SG_ERR_USAGE);
+    exposed.photos = NULL;
     assert_int_equal(sg_evaluate(ctx, r, &view, 1, &exposed, &e), SG_ERR_USAGE);
     view.rgb = photo;
 

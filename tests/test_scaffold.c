@@ -564,7 +564,15 @@ static void test_appearance(void **state)
     sg_renderer *r;
     params.appearance = 0;
     assert_int_equal(sg_renderer_create(ctx, NULL, NULL, m, &params, &r), SG_OK);
+    const size_t photos[] = {2, PHOTOS, SIZE_MAX}; /* they win over the parameters */
+    for (int i = 0; i < 3; i++) {
+        sg_renderer_set_photo(r, photos[i]);
+        assert_int_equal(sg_render(r, &camera, rgb[4], NULL, NULL, NULL), SG_OK);
+        if (i < 2)
+            assert_memory_equal(rgb[4], rgb[i ? 3 : 1], sizeof(rgb[0]));
+    }
     assert_int_equal(sg_render(r, &camera, rgb[0], NULL, NULL, NULL), SG_OK);
+    assert_memory_equal(rgb[4], rgb[0], sizeof(rgb[0]));
     for (int i = 0; i < 3 * W * H; i++)
         assert_true(fabsf(rgb[0][i] - rgb[3][i]) < 1e-5f);
     sg_renderer_destroy(&r);

@@ -455,10 +455,13 @@ static void test_sizes(void **state)
                         (used && (i < FEATURES || i >= SG_ANCHOR_FEATURES)));
         assert_true((w->distance[h] != 0) == used);
     }
-    for (int o = 0; o < SG_OUTPUTS; o++)
+    for (int o = 0; o < SG_OUTPUTS; o++) {
+        const int gaussian = o < SG_O_COVARIANCE ? o
+                             : o < SG_O_COLOUR   ? (o - SG_O_COVARIANCE) / 7
+                                                 : (o - SG_O_COLOUR) / 3;
         for (int h = 0; h < SG_NETWORK_HIDDEN; h++)
-            assert_true((w->output[o][h] != 0) ==
-                        (h < HIDDEN && (o >= SG_ANCHOR_GAUSSIANS || o < OFFSETS)));
+            assert_true((w->output[o][h] != 0) == (h < HIDDEN && gaussian < OFFSETS));
+    }
     for (int o = OFFSETS; o < SG_ANCHOR_GAUSSIANS; o++)
         assert_true(w->bias[o] == -1);
     for (int k = 0; k < SG_APPEARANCE; k++)

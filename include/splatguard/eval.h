@@ -35,8 +35,8 @@ struct sg_view_score {
 
 struct sg_eval {
     size_t views;
-    double psnr, ssim; /* means over the views that have a used pixel */
-    double corrected_psnr, corrected_ssim;
+    double psnr, ssim;                     /* means over the views that have a used pixel */
+    double corrected_psnr, corrected_ssim; /* likewise */
     double fps, fps_mean;           /* from the median and the mean frame time; 0 unless timed */
     struct sg_view_score *per_view; /* views entries; owned by the eval: sg_eval_clear */
 };
@@ -48,12 +48,13 @@ struct sg_eval_params {
      * exposure is not known: the least-squares fit of each channel of the render by a x photo + b
      * is undone. */
     bool match_colours;
-    /* n x 12 numbers, or NULL: also compares after the map of each view's photo, laid out as those
-     * of sg_trainer_exposures, has been applied to the render. Not with match_colours. */
-    const float *exposures;
-    /* n numbers, or NULL: the training photo that each view shows, whose appearance its render has
-     * instead of that of the renderer's parameters. SIZE_MAX: none. */
+    /* n numbers, or NULL: the training photo that each view shows. Its render has the appearance of
+     * that photo, see sg_renderer_set_photo. SIZE_MAX: none. */
     const size_t *photos;
+    /* The exposures of the training photos, as from sg_trainer_exposures, or NULL: also compares
+     * after the map of each view's photo has been applied to its render. With `photos`, of which
+     * none is SIZE_MAX, and without match_colours. */
+    const float *exposures;
 };
 
 /* Renders n views and compares them with their photos, in the smallest rectangle that holds the
@@ -62,6 +63,8 @@ struct sg_eval_params {
  * no view or no used pixel; SG_ERR_BUDGET. */
 SG_API int sg_evaluate(sg_ctx *ctx, sg_renderer *renderer, const struct sg_view *views, size_t n,
                        const struct sg_eval_params *params, struct sg_eval *out);
+/* What the corrected values come from: "exposure", "matching", or NULL where there are none. */
+SG_API const char *sg_eval_corrected_by(const struct sg_eval_params *params);
 SG_API void sg_eval_clear(struct sg_eval *eval);
 
 #ifdef __cplusplus

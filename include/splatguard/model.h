@@ -62,6 +62,8 @@ SG_API void sg_model_destroy(struct sg_model **model);
 
 /* Gaussians that a model can be drawn as: its count, or for one of anchors 10 times that. */
 SG_API uint64_t sg_model_gaussians(const struct sg_model *model);
+/* Of models of anchors: the photos whose appearances it has learned; 0 for others. */
+SG_API size_t sg_model_appearances(const struct sg_model *model);
 
 /* Parameters as plain arrays, one row per Gaussian, values as stored (before activation):
  * "position" 3, "scale" 3, "rotation" 4, "opacity" 1, "sh_dc" 3 floats per row; "sh_rest" 3 (d+1)^2

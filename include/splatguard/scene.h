@@ -41,9 +41,11 @@ struct sg_scene_params {
     bool eval;
     /* Every N-th view by sorted name is a test view (COLMAP, nerfstudio). Default 8. */
     int test_every;
-    /* With eval, of folders: the left half of each test photo is a training view too, and its test
-     * view is the right half: half the width, rounded down. What a photo has of its own, its
-     * exposure or its appearance, can so be learned. Default false. */
+    /* For folders, with eval: each test photo is a training view too, masked to its left half of
+     * width / 2 columns, rounded down. Its test view is masked to the rest. So what a photo has of
+     * its own is learned, its exposure or its appearance. Both views have the same name and path,
+     * and both count for max_images. SG_ERR_INPUT for the layout of NeRF-Synthetic, whose training
+     * and test photos have the same names. Default false. */
     bool test_halves;
     bool centred_principal; /* ignore cx and cy, as the reference does. Default false. */
     /* Folder of masks (white = use) with the names of the images; NULL = "masks" if it exists. */
@@ -122,8 +124,8 @@ SG_API void sg_scene_destroy(struct sg_scene **scene);
 SG_API int sg_view_pixels(sg_ctx *ctx, const struct sg_view *view, const uint8_t **rgb);
 SG_API void sg_view_release(const struct sg_view *view);
 
-/* The index of the training view with the photo of `view`, a training view itself or, with
- * test_halves, a test view. SIZE_MAX: none. */
+/* The index of the training view that shows the photo of `view`, which is a view of the scene: its
+ * own index, or with test_halves that of a test view's left half. SIZE_MAX: none. */
 SG_API size_t sg_scene_photo(const struct sg_scene *scene, const struct sg_view *view);
 
 SG_API const char *sg_scene_format_name(enum sg_scene_format format);

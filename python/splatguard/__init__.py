@@ -477,7 +477,8 @@ def train(scene, callback=None, save=None, **params):
 def evaluate(model, scene, split="test", match_colors=False, fps=False, **params):
     """PSNR (dB) and SSIM of a Model, or of a Renderer, on the views of a split, without masked
     pixels: {psnr, ssim, fps, corrected_psnr, corrected_ssim, views: [{name, psnr, ssim}]}.
-    match_colors: also after matching the colours of renders and photos. fps: measures frames per
+    match_colors: also after matching the colours of renders and photos. Renders have the appearance
+    that params ask for, also where a test photo has one of its own. fps: measures frames per
     second. params: of Renderer."""
     renderer = model if isinstance(model, Renderer) else Renderer(model, **params)
     if split not in ("train", "test"):

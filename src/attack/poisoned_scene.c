@@ -339,6 +339,7 @@ int sg_poisoned_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_
 {
     struct sg_scene_params p = params ? *params : sg_scene_params_default();
     const bool eval = p.eval;
+    p.test_halves = false;
     bool blender;
     *out = NULL;
     sg_clear_error(ctx);

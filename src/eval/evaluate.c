@@ -139,9 +139,9 @@ static int score_view(sg_ctx *ctx, const struct sg_view *v, size_t index,
         return code;
     sg_quantise(rgb, w, h, render);
     code = score(ctx, v, &used, photo, render, target, &out->psnr, &out->ssim);
-    if (!code && (params->match_colours || params->exposures)) {
+    if (!code && sg_eval_corrected_by(params)) {
         if (params->exposures)
-            expose(params->exposures + index * SG_EXPOSURE, &v->camera, rgb);
+            expose(params->exposures + params->photos[index] * SG_EXPOSURE, &v->camera, rgb);
         else
             match_colours(v, photo, rgb);
         sg_quantise(rgb, w, h, render);
@@ -161,9 +161,17 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
     *out = (struct sg_eval){.views = n};
     if (!n)
         return sg_fail(ctx, SG_ERR_INPUT, "evaluation: found no views, expected at least one");
-    if (params->match_colours && params->exposures)
-        return sg_fail(ctx, SG_ERR_USAGE,
-                       "evaluation: found match_colours and exposures, expected one of them");
+    if (params->exposures && (params->match_colours || !params->photos))
+        return sg_fail(ctx, SG_ERR_USAGE, "evaluation: found exposures %s, expected them %s",
+                       params->match_colours ? "and match_colours" : "without photos",
+                       params->match_colours ? "alone" : "with photos");
+    for (size_t i = 0; i < n && params->exposures; i++)
+        if (params->photos[i] == SIZE_MAX)
+            return sg_fail(
+                ctx, SG_ERR_USAGE,
+                "evaluation: view %s: found no training photo of it, expected one, whose "
+                "exposure is known",
+                views[i].name);
     size_t pixels = 0;
     double measured = 0;
     for (size_t i = 0; i < n; i++) {
@@ -206,13 +214,19 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
         code = time_frames(ctx, r, views, n, rgb, out);
 done:
     sg_renderer_set_index(r, SIZE_MAX);
-    sg_renderer_set_photo(r, SIZE_MAX);
+    if (params->photos)
+        sg_renderer_set_photo(r, SIZE_MAX);
     sg_free(rgb);
     sg_free(bytes);
     sg_free(target);
     if (code)
         sg_eval_clear(out);
     return code;
+}
+
+const char *sg_eval_corrected_by(const struct sg_eval_params *params)
+{
+    return params->exposures ? "exposure" : params->match_colours ? "matching" : NULL;
 }
 
 void sg_eval_clear(struct sg_eval *eval)

@@ -138,9 +138,14 @@ static void cut_weights(const struct sg_anchor_sizes *sizes, struct sg_weights *
         for (int o = 0; o < SG_BANK_OUTPUTS; o++)
             w->bank_output[o][h] = 0;
     }
-    for (int k = sizes->offsets; k < SG_ANCHOR_GAUSSIANS; k++) {
-        memset(w->output[SG_O_OPACITY + k], 0, sizeof(w->output[0]));
-        w->bias[SG_O_OPACITY + k] = -1; /* no view makes a Gaussian of negative opacity */
+    for (int o = 0; o < SG_OUTPUTS; o++) {
+        const int gaussian = o < SG_O_COVARIANCE ? o
+                             : o < SG_O_COLOUR   ? (o - SG_O_COVARIANCE) / 7
+                                                 : (o - SG_O_COLOUR) / 3;
+        if (gaussian < sizes->offsets)
+            continue;
+        memset(w->output[o], 0, sizeof(w->output[o]));
+        w->bias[o] = o < SG_O_COVARIANCE ? -1 : 0; /* below 0: no view makes the Gaussian */
     }
 }
 

@@ -35,8 +35,9 @@ int sg_anchors_add(sg_ctx *ctx, struct sg_model *model, size_t photos);
 void sg_anchor_set(struct sg_model *model, size_t i, const float position[3], float log_unit,
                    float log_size);
 
-/* How much of an anchor and its networks is in use. The rest is zeros and stays so: a feature
- * beyond these has no weight, a hidden value neither, and a Gaussian no opacity. 0 = all. */
+/* How much of an anchor and its networks is in use. The rest has no effect and does not learn:
+ * weights that lead to or from it are 0, and a Gaussian beyond has an opacity of -1, so that no
+ * view makes it. 0 = all. */
 struct sg_anchor_sizes {
     int offsets, features, hidden, appearance;
 };

@@ -39,6 +39,11 @@ void sg_model_destroy(struct sg_model **model)
     *model = NULL;
 }
 
+size_t sg_model_appearances(const struct sg_model *m)
+{
+    return m->columns && m->columns->networks ? m->columns->networks->photos : 0;
+}
+
 uint64_t sg_model_gaussians(const struct sg_model *m)
 {
     return (uint64_t) m->count * (sg_model_has_anchors(m) ? SG_ANCHOR_GAUSSIANS : 1);

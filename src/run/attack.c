@@ -97,6 +97,7 @@ static struct sg_run_params proxy_params(const struct sg_attack_run_params *p, c
     t.train.model = p->attack.model == SG_ATTACK_SCAFFOLD ? SG_MODEL_SCAFFOLD : SG_MODEL_3DGS;
     t.scene = p->scene;
     t.scene.eval = p->views == SG_ATTACK_TRAIN_VIEWS;
+    t.scene.test_halves = false;
     t.eval_every = 0;
     t.max_memory = p->max_memory, t.max_vram = p->max_vram;
     t.step = p->proxy_step;

@@ -9,9 +9,6 @@
 #include "core/file.h"
 #include "core/json_text.h"
 
-/* A config or summary has a few thousand bytes. Parsing needs a hundred times as many. */
-#define JSON_BYTES (256 << 10)
-
 bool sg_run_has(sg_ctx *ctx, const char *run, const char *name)
 {
     char *path = sg_strf(ctx, "%s/%s", run, name);
@@ -43,18 +40,28 @@ json_t *sg_number_json(double v)
 
 int sg_run_read_json(sg_ctx *ctx, const char *run, const char *name, const char *what, json_t **out)
 {
+    return sg_run_read_json_of(ctx, run, name, what, SG_RUN_JSON_BYTES, out);
+}
+
+int sg_run_read_json_of(sg_ctx *ctx, const char *run, const char *name, const char *what,
+                        size_t bytes, json_t **out)
+{
     json_error_t error = {0};
     char *path = sg_strf(ctx, "%s/%s", run, name), *text = NULL;
     size_t size = 0;
+    void *room = NULL;
     *out = NULL;
-    int code = path ? sg_file_read(ctx, path, JSON_BYTES, &text, &size) : SG_ERR_BUDGET;
+    int code = path ? sg_file_read(ctx, path, bytes, &text, &size) : SG_ERR_BUDGET;
     /* the byte-order mark of some editors */
     const size_t skip = !code && size >= 3 && !memcmp(text, "\xef\xbb\xbf", 3) ? 3 : 0;
+    if (!code && size > SG_RUN_JSON_BYTES)
+        code = sg_json_reserve(ctx, text, size, &room);
     if (!code && !(*out = json_loadb(text + skip, size - skip, JSON_REJECT_DUPLICATES, &error)))
         code = sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: %s; expected the %s", path, error.line,
                        error.text, what);
     if (!code)
         sg_bytes_from_json(json_object_get(*out, "options"));
+    sg_free(room);
     sg_free(text);
     sg_free(path);
     return code;
@@ -74,6 +81,18 @@ int sg_run_write_json(sg_ctx *ctx, const char *run, const char *name, json_t *va
     sg_free(path);
     json_decref(value);
     return code;
+}
+
+char *sg_run_exposure_key(sg_ctx *ctx, const char *name)
+{
+    json_t *value = sg_bytes_to_json(name);
+    const char *text =
+        json_string_value(json_is_string(value) ? value : json_object_get(value, "percent"));
+    char *key = text ? sg_strdup(ctx, text) : NULL;
+    if (!text)
+        sg_no_memory(ctx);
+    json_decref(value);
+    return key;
 }
 
 json_t *sg_place_json(const char *folder)

@@ -232,12 +232,12 @@ static int save_exposures(sg_ctx *ctx, const char *run, const struct sg_scene *s
             json_array_append_new(rows,
                                   json_pack("[f,f,f,f]", (double) e[4 * k], (double) e[4 * k + 1],
                                             (double) e[4 * k + 2], (double) e[4 * k + 3]));
-        json_t *name = sg_text_to_json(scene->train[i].name);
-        if (name)
-            json_object_set_new(root, json_string_value(name), rows);
-        else
-            json_decref(rows);
-        json_decref(name);
+        char *key = sg_run_exposure_key(ctx, scene->train[i].name);
+        if (!key || json_object_set_new(root, key, rows)) {
+            json_decref(root);
+            root = NULL; /* which is reported as a lack of memory */
+        }
+        sg_free(key);
     }
     return sg_run_write_json(ctx, run, "exposure.json", root);
 }

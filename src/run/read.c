@@ -9,14 +9,14 @@
 
 #include "config.h"
 #include "core/file.h"
-#include "core/json_text.h"
 #include "engine/engine.h"
 #include "files.h"
 #include "math/exposure.h"
 #include "splatguard/engine.h"
 #include "splatguard/run.h"
 
-#define CFG_ARGS_BYTES 65536 /* other trainers write a few hundred bytes */
+#define CFG_ARGS_BYTES 65536      /* other trainers write a few hundred bytes */
+#define EXPOSURE_BYTES (64 << 20) /* a photo takes 400 */
 
 void sg_run_params_clear(struct sg_run_params *p)
 {
@@ -70,6 +70,7 @@ static void read_cfg_args(sg_ctx *ctx, const char *run, struct sg_scene_params *
     if (path && !sg_file_read(ctx, path, CFG_ARGS_BYTES, &text, &size)) {
         const char *resolution = strstr(text, "resolution=");
         scene->white_background = strstr(text, "white_background=True");
+        scene->test_halves = strstr(text, "train_test_exp=True");
         if (resolution && sscanf(resolution, "resolution=%d", &n) == 1 && n >= -1 && n &&
             n <= 16384)
             scene->resolution = n;
@@ -94,13 +95,13 @@ int sg_run_read_scene(sg_ctx *ctx, const char *folder, struct sg_run_params *out
 /* Three rows of four numbers. */
 static bool read_exposure(const json_t *map, float out[SG_EXPOSURE])
 {
+    bool sound = json_array_size(map) == 3;
     for (size_t k = 0; k < SG_EXPOSURE; k++) {
-        const json_t *number = json_array_get(json_array_get(map, k / 4), k % 4);
+        const json_t *row = json_array_get(map, k / 4), *number = json_array_get(row, k % 4);
         out[k] = (float) json_number_value(number);
-        if (!json_is_number(number) || !isfinite(out[k]))
-            return false;
+        sound = sound && json_array_size(row) == 4 && json_is_number(number) && isfinite(out[k]);
     }
-    return json_array_size(map) == 3;
+    return sound;
 }
 
 int sg_run_read_exposures(sg_ctx *ctx, const char *folder, const struct sg_view *views, size_t n,
@@ -108,21 +109,23 @@ int sg_run_read_exposures(sg_ctx *ctx, const char *folder, const struct sg_view 
 {
     json_t *root;
     sg_clear_error(ctx);
-    int code = sg_run_read_json(ctx, folder, "exposure.json", "exposure.json of a run", &root);
+    int code = sg_run_read_json_of(ctx, folder, "exposure.json", "exposure.json of a run",
+                                   EXPOSURE_BYTES, &root);
     for (size_t i = 0; i < n && !code; i++) {
-        json_t *name = sg_text_to_json(views[i].name);
-        const json_t *map = name ? json_object_get(root, json_string_value(name)) : NULL;
-        if (!name)
-            code = sg_no_memory(ctx);
+        char *key = sg_run_exposure_key(ctx, views[i].name);
+        const json_t *map = key ? json_object_get(root, key) : NULL;
+        if (!key)
+            code = SG_ERR_BUDGET;
         else if (!map)
             code = sg_fail(ctx, SG_ERR_INPUT,
                            "%s/exposure.json: found nothing of photo \"%s\", expected its map",
                            folder, views[i].name);
         else if (!read_exposure(map, out + i * SG_EXPOSURE))
             code = sg_fail(ctx, SG_ERR_INPUT,
-                           "%s/exposure.json: \"%s\": expected 3 rows of 4 finite numbers", folder,
-                           views[i].name);
-        json_decref(name);
+                           "%s/exposure.json: \"%s\": found another value, expected 3 rows of 4 "
+                           "finite numbers",
+                           folder, views[i].name);
+        sg_free(key);
     }
     json_decref(root);
     return code;

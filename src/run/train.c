@@ -8,7 +8,6 @@
 
 #include "core/clock.h"
 #include "core/file.h"
-#include "math/exposure.h"
 #include "scene/used.h"
 #include "splatguard/format.h"
 #include "train/schedule.h"
@@ -38,42 +37,24 @@ static bool was_cancelled(sg_run *r, int code)
     return r->stopped = true;
 }
 
-/* The exposures of the test views, whose left halves are training views. out: 12 floats a view. */
-static int test_exposures(sg_run *r, float *out)
-{
-    const float *trained;
-    const int code = sg_trainer_exposures(r->trainer, &trained);
-    for (size_t i = 0; i < r->scene->n_test && !code; i++)
-        memcpy(out + i * SG_EXPOSURE,
-               trained + sg_scene_photo(r->scene, &r->scene->test[i]) * SG_EXPOSURE,
-               SG_EXPOSURE * sizeof(*out));
-    return code;
-}
-
 /* Measures the test views; fps only at the end. Where exposures are learned, also with those of the
- * test photos, or without such with matched colours. */
+ * test photos, or, where these are not known, after matching colours. */
 static int measure_views(sg_run *r, sg_renderer *renderer, bool time_fps)
 {
-    const bool halves = r->params.scene.test_halves;
-    struct sg_eval_params how = {.fps = time_fps, .match_colours = r->train.exposure && !halves};
-    const size_t n = r->scene->n_test;
-    float *exposures = NULL;
+    const struct sg_scene *scene = r->scene;
+    struct sg_eval_params how = {.fps = time_fps};
     size_t *photos = NULL;
     int code = SG_OK;
-    if (halves) {
-        how.photos = photos = sg_alloc_raw(r->ctx, SG_MEM_MISC, n, sizeof(*photos));
-        code = photos ? SG_OK : SG_ERR_BUDGET;
-        for (size_t i = 0; i < n && !code; i++)
-            photos[i] = sg_scene_photo(r->scene, &r->scene->test[i]);
-    }
-    if (halves && r->train.exposure && !code) {
-        how.exposures = exposures =
-            sg_alloc_raw(r->ctx, SG_MEM_MISC, n, SG_EXPOSURE * sizeof(*exposures));
-        code = exposures ? test_exposures(r, exposures) : SG_ERR_BUDGET;
-    }
+    if (r->params.scene.test_halves) {
+        how.photos = photos = sg_alloc_raw(r->ctx, SG_MEM_MISC, scene->n_test, sizeof(*photos));
+        code = photos ? sg_trainer_exposures(r->trainer, &how.exposures) : SG_ERR_BUDGET;
+        for (size_t i = 0; i < scene->n_test && !code; i++)
+            photos[i] = sg_scene_photo(scene, &scene->test[i]);
+    } else
+        how.match_colours = r->train.exposure;
+    r->corrected_by = sg_eval_corrected_by(&how);
     if (!code)
-        code = sg_evaluate(r->ctx, renderer, r->scene->test, n, &how, &r->eval);
-    sg_free(exposures);
+        code = sg_evaluate(r->ctx, renderer, scene->test, scene->n_test, &how, &r->eval);
     sg_free(photos);
     return code;
 }

@@ -43,15 +43,16 @@ struct sg_run {
     size_t first_gaussians;              /* of the run, or of its log */
     size_t window_grown, window_removed; /* over the newest removals */
     int window_from, window_events;
-    bool starves;        /* a warning about that was given */
-    bool created;        /* its folder has files of this process */
-    bool failed;         /* when opened or run */
-    bool resumable;      /* the newest checkpoint is of the newest model */
-    bool finished;       /* resumed, with nothing left to do */
-    int saved;           /* iteration of the newest model that is saved, 0 = none */
-    int checkpoint;      /* and of the newest checkpoint */
-    struct sg_eval eval; /* newest measurement */
-    int evaluated;       /* its iteration, 0 = none */
+    bool starves;             /* a warning about that was given */
+    bool created;             /* its folder has files of this process */
+    bool failed;              /* when opened or run */
+    bool resumable;           /* the newest checkpoint is of the newest model */
+    bool finished;            /* resumed, with nothing left to do */
+    int saved;                /* iteration of the newest model that is saved, 0 = none */
+    int checkpoint;           /* and of the newest checkpoint */
+    struct sg_eval eval;      /* newest measurement */
+    const char *corrected_by; /* its corrected values, or NULL: it has none */
+    int evaluated;            /* its iteration, 0 = none */
 };
 
 /* In the folder of an attack that is claimed already, if nested. */

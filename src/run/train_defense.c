@@ -41,9 +41,6 @@ int sg_run_check(sg_ctx *ctx, const struct sg_run_params *params)
         code = sg_config_check(ctx, sg_run_config, &p);
     if (code)
         return code;
-    if (p.scene.test_halves && !p.scene.eval)
-        return sg_fail(ctx, SG_ERR_USAGE,
-                       "scene.test_halves: found no eval, expected test views to be held out");
     const struct sg_defense_params *d = &p.train.defense, preset = published(p.preset);
     if (d->rho_least > 0 &&
         (d->rho == SG_PRESET_RHO ? p.preset != SG_RUN_PRESET_AUTO : d->rho >= 0))

@@ -194,7 +194,7 @@ int sg_run_log_eval(sg_run *r)
     json_t *line =
         json_pack("{s:i,s:o,s:o}", "iteration", r->evaluated, "test_psnr",
                   sg_number_json(r->eval.psnr), "test_ssim", sg_number_json(r->eval.ssim));
-    if (line && r->train.exposure) {
+    if (line && r->corrected_by) {
         json_object_set_new(line, "corrected_psnr", sg_number_json(r->eval.corrected_psnr));
         json_object_set_new(line, "corrected_ssim", sg_number_json(r->eval.corrected_ssim));
     }

@@ -127,8 +127,8 @@ int sg_run_write_summary(sg_run *r)
     if (r->eval.views && r->evaluated == done) {
         PUT("psnr", sg_number_json(r->eval.psnr));
         PUT("ssim", sg_number_json(r->eval.ssim));
-        if (r->train.exposure) {
-            PUT("corrected_by", json_string(r->params.scene.test_halves ? "exposure" : "matching"));
+        if (r->corrected_by) {
+            PUT("corrected_by", json_string(r->corrected_by));
             PUT("corrected_psnr", sg_number_json(r->eval.corrected_psnr));
             PUT("corrected_ssim", sg_number_json(r->eval.corrected_ssim));
         }

@@ -40,8 +40,8 @@ static const struct sg_option scene_options[] = {
     SG_NUMBER(SG_OPTION_INT, "test-every", test_every, 1, 1000000, "N",
               "COLMAP, nerfstudio: every N-th view by name is a test view.", SCENE),
     SG_FLAG("test-halves", test_halves,
-            "The left halves of test photos are trained on too, and their right halves measured: "
-            "with that, a test photo has a learned exposure or appearance. With --eval.",
+            "Train on the left half of each test photo too, and measure the right half, so that "
+            "the photo's exposure or appearance is learned. Needs --eval.",
             SCENE, EXPERT),
     SG_FLAG("centred-principal", centred_principal, "Ignore cx and cy, as the reference does.",
             SCENE, EXPERT),

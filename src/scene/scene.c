@@ -162,7 +162,7 @@ static int read_files(sg_ctx *ctx, const char *path, const struct sg_scene_param
     for (size_t i = 0, rank = 0; i < shots->count;
          i++) /* readers sort the shots that they do not split */
         shots->items[i].split = sg_split(params, shots->items[i].split, &rank);
-    if (!code && params->eval && params->test_halves)
+    if (!code && params->test_halves)
         code = halve_tests(ctx, path, params, format, shots);
     return code;
 }
@@ -176,6 +176,11 @@ int sg_scene_load(sg_ctx *ctx, const char *path, const struct sg_scene_params *p
     if (!params)
         params = &defaults;
     int code = sg_scene_builder_create(ctx, params, &builder);
+    if (!code && params->test_halves && !params->eval) {
+        sg_scene_builder_destroy(&builder);
+        code = sg_fail(ctx, SG_ERR_USAGE,
+                       "test_halves: found no eval, expected it: there have to be test views");
+    }
     if (code)
         return code;
     struct sg_scene_files *own = sg_alloc(ctx, SG_MEM_MISC, 1, sizeof(*own));
@@ -213,6 +218,10 @@ done:
 
 size_t sg_scene_photo(const struct sg_scene *scene, const struct sg_view *view)
 {
+    if (view >= scene->train && view < scene->train + scene->n_train)
+        return (size_t) (view - scene->train);
+    if (scene->format == SG_FORMAT_MEMORY)
+        return SIZE_MAX;
     for (size_t i = 0; i < scene->n_train; i++)
         if (!strcmp(scene->train[i].path, view->path))
             return i;

@@ -293,7 +293,7 @@ int sg_read_points(sg_ctx *ctx, const struct sg_folder *dir, const char *path, u
     return code;
 }
 
-/* A copy of the shot. *to is cleared with its list, also after an error. */
+/* A copy of the shot, which sg_shots_clear frees, also after an error. */
 static int copy_shot(sg_ctx *ctx, const struct sg_shot *from, struct sg_shot *to)
 {
     *to = *from;

@@ -284,10 +284,10 @@ int sg_view_load(sg_ctx *ctx, const struct sg_scene_files *files, const struct s
         view->mask = valid;
         valid = NULL;
     }
+    if ((code = mask_half(ctx, shot->half, view, w, h)))
+        goto done;
     if (params->smooth && shot->split != SG_SPLIT_TEST &&
         (code = smooth(ctx, params->smooth, view, w, h)))
-        goto done;
-    if ((code = mask_half(ctx, shot->half, view, w, h)))
         goto done;
     double sx = (double) w / width, sy = (double) h / height;
     view->camera =
@@ -364,9 +364,12 @@ static int load_rest(struct job *job, size_t n)
 static int check_scale(sg_ctx *ctx, const struct sg_scene_params *params,
                        const struct sg_shots *shots, const struct sg_view *views)
 {
-    size_t scaled = 0, first = 0;
+    size_t scaled = 0, first = 0, photos = 0;
     for (size_t i = 0; i < shots->count && !params->images; i++) {
         const struct sg_lens *lens = &shots->items[i].lens;
+        if (shots->items[i].half == SG_HALF_LEFT)
+            continue; /* its right half counts */
+        photos++;
         if (((lens->width && lens->width != views[i].file_width) ||
              (lens->height && lens->height != views[i].file_height)) &&
             !scaled++)
@@ -383,7 +386,7 @@ static int check_scale(sg_ctx *ctx, const struct sg_scene_params *params,
     sg_log(ctx, SG_LOG_WARN,
            "%zu of %zu photos have another size than their camera, whose focal lengths are scaled; "
            "the first is %s: %d x %d pixels, camera %d x %d (%s)",
-           scaled, shots->count, shot->path, views[first].file_width, views[first].file_height,
+           scaled, photos, shot->path, views[first].file_width, views[first].file_height,
            shot->lens.width, shot->lens.height, shot->camera);
     return SG_OK;
 }

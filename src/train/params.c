@@ -57,9 +57,11 @@ int sg_train_check(sg_ctx *ctx, const struct sg_train_params *p)
                        "is not known, expected 0 to 0.5");
     if (p->model == SG_MODEL_SCAFFOLD && p->defense.on && p->defense.unit == SG_UNIT_GAUSSIAN &&
         p->scaffold.offsets < SG_ANCHOR_GAUSSIANS)
-        return sg_fail(ctx, SG_ERR_USAGE,
-                       "defense.unit: found gaussian with %d offsets of an anchor, expected %d",
-                       p->scaffold.offsets, SG_ANCHOR_GAUSSIANS);
+        return sg_fail(
+            ctx, SG_ERR_USAGE,
+            "defense.unit: found gaussian with %d offsets of an anchor, expected anchor, or "
+            "%d offsets",
+            p->scaffold.offsets, SG_ANCHOR_GAUSSIANS);
     if (p->model == SG_MODEL_SCAFFOLD && p->scaffold.bank &&
         p->scaffold.features < SG_ANCHOR_FEATURES)
         return sg_fail(ctx, SG_ERR_USAGE,

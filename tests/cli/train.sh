@@ -45,23 +45,24 @@ expect 0 render run -o floats --float --split train --quiet
 [ "$(wc -c <floats/r_0.pfm)" = $((14 + width * height * 12)) ] || fail "PFM of $(wc -c <floats/r_0.pfm) bytes"
 
 # Exposures: a map for each training photo; test views are measured with and without matched colours.
-expect 0 train scene/blender -o exposed --eval $short --init-points 500 --exposure
+expect 0 train scene/blender -o exposed --eval $short --init-points 500 --exposure --save-every $half
 [ "$(grep -c '"r_' exposed/exposure.json)" = 6 ] || fail "exposure.json: $(cat exposed/exposure.json)"
 grep -q '"corrected_psnr":' exposed/summary.json || fail "summary.json has no corrected_psnr"
 expect 0 eval exposed --json --match-colours --per-view
 [ "$(grep -o corrected_psnr out | wc -l)" = 3 ] || fail "$(cat out)"
 expect 0 eval exposed --split train --exposure --json
 grep -q '"corrected_by": "exposure"' out || fail "$(cat out)"
-expect 1 eval exposed --exposure; says 'test photo r_0, whose exposure is not learned'
+expect 1 eval exposed --exposure; says 'view r_0: found no training photo of it'
+expect 1 eval exposed --split train --exposure --iteration $half; says 'expected the newest model'
 expect 1 eval exposed --exposure --match-colours; says 'expected one of them'
 expect 2 eval run --split train --exposure; says 'exposure.json'
 grep -q corrected run/summary.json && fail "a run without exposures has matched colours"
 
 # Halves of test photos: their exposures are learned on one half and measured on the other. What
 # training says, eval says too.
-expect 1 train scene/colmap -o halves --test-halves --exposure $short; says 'test_halves: found no eval'
+expect 1 train scene/colmap -o halves --test-halves --exposure $short; says 'train: --test-halves: found no eval'
 expect 2 train scene/blender -o halves --eval --test-halves --exposure $short; says 'test halves: found the layout'
-expect 0 train scene/colmap -o halves --eval --test-halves --exposure $short
+expect 0 train scene/colmap -o halves --eval --test-every 3 --test-halves --exposure $short
 [ "$(grep -c '": \[$' halves/exposure.json)" = "$(find scene/colmap/images -type f | wc -l)" ] || fail "exposure.json: $(cat halves/exposure.json)"
 grep -q '"corrected_by": "exposure"' halves/summary.json || fail "$(cat halves/summary.json)"
 grep -q 'train_test_exp=True' halves/cfg_args || fail "$(cat halves/cfg_args)"
@@ -72,8 +73,35 @@ for key in psnr corrected_psnr; do
 done
 expect 0 eval halves --json --match-colours
 grep -q '"corrected_by": "matching"' out || fail "$(cat out)"
-sed 's/\[$/"x",[/' halves/exposure.json >broken && cp broken halves/exposure.json
-expect 2 eval halves --exposure; says exposure.json
+expect 0 eval halves --exposure --split train --json
+python3 - halves/exposure.json <<'EOF' || fail "cannot write maps"
+import json, sys
+maps = json.load(open(sys.argv[1]))
+name = sorted(maps)[0]
+def write(case, value):
+    changed = dict(maps, **{name: value} if value is not None else {})
+    if value is None:
+        del changed[name]
+    json.dump(changed, open("maps-" + case, "w"))
+write("rows", maps[name][:2])
+write("row", [row + [0] for row in maps[name]])
+write("huge", [[1e300] * 4] * 3)
+write("none", None)
+write("many", maps[name])
+large = json.load(open("maps-many"))
+large.update({"photo %d" % i: maps[name] for i in range(5000)})
+json.dump(large, open("maps-many", "w"))
+EOF
+for case in rows row huge none; do
+    cp maps-$case halves/exposure.json
+    expect 2 eval halves --exposure; says 'exposure.json'
+done
+cp maps-many halves/exposure.json # more bytes than other files of a run may have
+expect 0 eval halves --exposure --json
+# The cfg_args alone, which other trainers write too, say that halves were held out.
+whole=$(sed 's/.*"psnr": \([0-9.]*\).*/\1/' out)
+mv halves/config.json . && expect 0 eval halves --scene scene/colmap --test-every 3 --json
+grep -q "\"psnr\": $whole" out || fail "cfg_args: $(cat out), expected $whole"
 
 # A model with filters against aliasing: eval draws it as training did, also at other sizes.
 expect 0 train scene/blender -o mip --eval $short --init-points 500 --model mip
