@@ -22,10 +22,11 @@ static const struct sg_option eval_options[] = {
              "Measure also after matching the colours of each render to its photo's, as usual "
              "where exposures differ: each channel by a factor and an offset.",
              .group = "Output"),
-    FLAG_ROW("exposure", offsetof(struct eval_config, exposure),
-             "Measure also with the exposure that the run has learned of each photo: of training "
-             "photos, and with --test-halves of test photos.",
-             .group = "Output"),
+    FLAG_ROW(
+        "exposure", offsetof(struct eval_config, exposure),
+        "Measure also with the exposure that the run has learned of each photo, for its newest "
+        "model: of training photos, and with --test-halves of test photos.",
+        .group = "Output"),
     {0},
 };
 
@@ -64,26 +65,32 @@ static int print_json(const struct eval_config *c, const struct model_views *v,
     return json_print(root, 0);
 }
 
+static int refuse(const char *found, const char *expected)
+{
+    say(stderr, "splatguard eval: --exposure: found %s, expected %s\n", found, expected);
+    return STATUS_USAGE;
+}
+
 /* The exposures of the training photos, from the run's exposure.json, which is of its newest model.
  */
 static int read_exposures(struct model_views *v, const char *run, int iteration)
 {
     char asked[PATH_MAX], newest[PATH_MAX];
     const size_t n = v->scene->n_train;
+    if (!is_folder(run))
+        return refuse("the file of a model", "a run's folder");
     int error = sg_run_find_model(v->ctx, run, iteration, asked, sizeof(asked));
     if (!error)
         error = sg_run_find_model(v->ctx, run, 0, newest, sizeof(newest));
-    if (!error && strcmp(asked, newest) != 0) {
-        say(stderr,
-            "splatguard eval: --exposure: found --iteration %d, expected the newest model, "
-            "whose exposures are in exposure.json\n",
-            iteration);
-        return STATUS_USAGE;
-    }
+    if (!error && strcmp(asked, newest) != 0)
+        return refuse("--iteration", "the newest model, whose exposures are in exposure.json");
+    for (size_t i = 0; i < v->n; i++)
+        if (v->photos[i] == SIZE_MAX)
+            return refuse("test photos whose exposures are not learned",
+                          "--split train, or a run with --test-halves");
     v->exposures = malloc((n + 1) * 12 * sizeof(*v->exposures));
     if (!v->exposures)
         return no_memory();
-    v->eval.photos = v->photos;
     v->eval.exposures = v->exposures;
     return report(v->ctx,
                   error ? error

@@ -33,19 +33,36 @@ int adopt_run_scene(sg_ctx *ctx, const char *folder, const struct command *comma
 static int find_photos(struct model_views *v, bool asked)
 {
     const size_t learned = sg_model_appearances(v->model);
-    v->photos = malloc(v->n * sizeof(*v->photos));
+    bool any = false;
+    v->eval.photos = v->photos = malloc(v->n * sizeof(*v->photos));
     if (!v->photos)
         return no_memory();
-    for (size_t i = 0; i < v->n; i++)
+    for (size_t i = 0; i < v->n; i++) {
         v->photos[i] = sg_scene_photo(v->scene, &v->views[i]);
-    v->looks = learned == v->scene->n_train && !asked;
-    if (learned && !v->looks && !asked)
+        any |= v->photos[i] != SIZE_MAX;
+    }
+    v->eval.appearances = learned == v->scene->n_train && !asked;
+    if (any && learned && !v->eval.appearances && !asked)
         say(stderr,
             "warning: the model has the appearances of %zu photos, the scene has %zu training "
             "views: renders have the mean of all\n",
             learned, v->scene->n_train);
-    v->eval.photos = v->looks ? v->photos : NULL;
     return 0;
+}
+
+/* Other trainers hold halves out of scenes in the layout of NeRF-Synthetic too. */
+static int load_scene(struct model_views *v, const struct model_options *o)
+{
+    struct sg_scene_params p = o->scene;
+    int error = sg_scene_load(v->ctx, o->scene_path, &p, &v->scene);
+    if (error != SG_ERR_INPUT || !p.test_halves || !v->run.folder || v->run.source)
+        return error;
+    p.test_halves = false;
+    error = sg_scene_load(v->ctx, o->scene_path, &p, &v->scene);
+    if (!error)
+        say(stderr, "warning: the run has trained on the left halves of the test photos, and "
+                    "they are measured too\n");
+    return error;
 }
 
 void render_as_trained(struct sg_render_params *render, const struct sg_train_params *train)
@@ -75,7 +92,7 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
     if (code)
         return code;
     /* Training views are those of the run. */
-    o->scene.eval = o->split == 0 || !is_run || v->run.scene.eval;
+    o->scene.eval = o->split == 0 || !is_run || v->run.scene.eval || o->scene.test_halves;
     o->scene.untrained = true;
     for (int ch = 0; ch < 3; ch++)
         o->render.background[ch] = o->scene.white_background ? 1 : 0;
@@ -84,7 +101,7 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
     if (!error)
         error = sg_model_check(v->ctx, v->model, path);
     if (!error)
-        error = sg_scene_load(v->ctx, o->scene_path, &o->scene, &v->scene);
+        error = load_scene(v, o);
     if (!error)
         error = sg_renderer_create(v->ctx, o->engine, cpu_variant(o->cpu), v->model, &o->render,
                                    &v->renderer);
@@ -112,7 +129,7 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
 void model_views_choose(struct model_views *v, size_t i)
 {
     sg_renderer_set_index(v->renderer, i);
-    if (v->looks)
+    if (v->eval.appearances)
         sg_renderer_set_photo(v->renderer, v->photos[i]);
 }
 

@@ -65,7 +65,6 @@ struct model_views {
     size_t n;
     struct sg_eval_params eval; /* for sg_evaluate */
     size_t *photos;             /* that the views show, for eval.photos */
-    bool looks;                 /* their appearances are those of renders */
     float *exposures;           /* of the training views, for eval.exposures; or NULL */
 };
 

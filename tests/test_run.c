@@ -15,6 +15,7 @@
 
 #include "core/file.h"
 #include "params.h"
+#include "run/files.h"
 #include "splatguard/splatguard.h"
 #include "synth_scene.h"
 
@@ -328,6 +329,27 @@ static int fill_disk(void *priv, const struct sg_attack_step *step)
     return 0;
 }
 
+/* Each name of a photo has a key of its own, which is UTF-8. */
+static void test_exposure_keys(void **state)
+{
+    (void) state;
+    static const struct {
+        const char *name, *key;
+    } photos[] = {{"view 1", "view 1"},
+                  {"caf\xc3\xa9", "caf\xc3\xa9"},
+                  {"caf%E9", "caf%E9"},
+                  {"caf\xe9", "/caf%E9"},
+                  {"100%\xff", "/100%25%FF"}};
+    sg_ctx *ctx;
+    assert_int_equal(sg_ctx_create(&ctx, NULL), SG_OK);
+    for (size_t i = 0; i < sizeof(photos) / sizeof(photos[0]); i++) {
+        char *key = sg_run_exposure_key(ctx, photos[i].name);
+        assert_string_equal(key, photos[i].key);
+        sg_free(key);
+    }
+    sg_ctx_destroy(&ctx);
+}
+
 static void count_warnings(void *priv, enum sg_log_level level, const char *text)
 {
     ((struct full_disk *) priv)->fails += level == SG_LOG_WARN && strstr(text, "File too large");
@@ -369,6 +391,7 @@ int main(void)
         cmocka_unit_test(test_cancelled_count),
         cmocka_unit_test(test_checks),
         cmocka_unit_test(test_attack),
+        cmocka_unit_test(test_exposure_keys),
         cmocka_unit_test(test_full_disk),
     };
     return cmocka_run_group_tests(tests, set_up, tear_down);

@@ -331,6 +331,9 @@ static void test_split(void **state)
     for (int i = 0; i < 3; i++)
         assert_string_equal(scene->test[i].name, test_names[i]);
     assert_true(scene->white_background);
+    for (size_t i = 0; i < 4; i++)
+        assert_int_equal(sg_scene_photo(scene, &scene->train[i]), i);
+    assert_true(sg_scene_photo(scene, &scene->test[0]) == SIZE_MAX);
     const uint8_t *kept = scene->train[1].mask;
     assert_true(kept[3] == 255 && kept[2] == 0 && kept[4] == 0);
     assert_null(scene->train[0].mask);

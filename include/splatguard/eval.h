@@ -48,9 +48,10 @@ struct sg_eval_params {
      * exposure is not known: the least-squares fit of each channel of the render by a x photo + b
      * is undone. */
     bool match_colours;
-    /* n numbers, or NULL: the training photo that each view shows. Its render has the appearance of
-     * that photo, see sg_renderer_set_photo. SIZE_MAX: none. */
+    /* n numbers, or NULL: the training photo that each view shows. SIZE_MAX: none. */
     const size_t *photos;
+    /* Each render has the appearance of its photo, see sg_renderer_set_photo. With `photos`. */
+    bool appearances;
     /* The exposures of the training photos, as from sg_trainer_exposures, or NULL: also compares
      * after the map of each view's photo has been applied to its render. With `photos`, of which
      * none is SIZE_MAX, and without match_colours. */

@@ -71,7 +71,8 @@ SG_API void sg_renderer_destroy(sg_renderer **renderer);
  * the beginning. */
 SG_API void sg_renderer_set_index(sg_renderer *renderer, size_t index);
 /* The next renders have the appearance of this training photo, whatever params.appearance says; the
- * mean of all if the model has no such photo. SIZE_MAX: params.appearance counts, as at first. */
+ * mean of all if the model has no such photo. SIZE_MAX: params.appearance counts, as at the
+ * beginning. */
 SG_API void sg_renderer_set_photo(sg_renderer *renderer, size_t photo);
 
 /* Renders one view. rgb: 3 planes of height x width floats, not clamped. alpha, depth: one plane

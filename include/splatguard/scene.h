@@ -42,8 +42,8 @@ struct sg_scene_params {
     /* Every N-th view by sorted name is a test view (COLMAP, nerfstudio). Default 8. */
     int test_every;
     /* For folders, with eval: each test photo is a training view too, masked to its left half of
-     * width / 2 columns, rounded down. Its test view is masked to the rest. So what a photo has of
-     * its own is learned, its exposure or its appearance. Both views have the same name and path,
+     * width / 2 columns, rounded down. Its test view is masked to the rest. This lets a
+     * photo's own exposure or appearance be learned. Both views have the same name and path,
      * and both count for max_images. SG_ERR_INPUT for the layout of NeRF-Synthetic, whose training
      * and test photos have the same names. Default false. */
     bool test_halves;

@@ -190,7 +190,7 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
         struct sg_view_score *view = &out->per_view[i];
         const size_t timed = params->fps ? WARM_UP + ROUNDS * n : 0;
         sg_renderer_set_index(r, i);
-        if (params->photos)
+        if (params->photos && params->appearances)
             sg_renderer_set_photo(r, params->photos[i]);
         if ((code = sg_progress(ctx, SG_STAGE_EVALUATE, i, n + timed)) ||
             (code = sg_render(r, c, rgb, NULL, NULL, NULL)))
@@ -214,7 +214,7 @@ int sg_evaluate(sg_ctx *ctx, sg_renderer *r, const struct sg_view *views, size_t
         code = time_frames(ctx, r, views, n, rgb, out);
 done:
     sg_renderer_set_index(r, SIZE_MAX);
-    if (params->photos)
+    if (params->photos && params->appearances)
         sg_renderer_set_photo(r, SIZE_MAX);
     sg_free(rgb);
     sg_free(bytes);

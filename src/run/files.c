@@ -9,6 +9,9 @@
 #include "core/file.h"
 #include "core/json_text.h"
 
+/* A config or summary has a few thousand bytes. Parsing needs a hundred times as many. */
+#define JSON_BYTES (256 << 10)
+
 bool sg_run_has(sg_ctx *ctx, const char *run, const char *name)
 {
     char *path = sg_strf(ctx, "%s/%s", run, name);
@@ -38,30 +41,44 @@ json_t *sg_number_json(double v)
     return v - v == 0 ? json_real(v) : json_null();
 }
 
-int sg_run_read_json(sg_ctx *ctx, const char *run, const char *name, const char *what, json_t **out)
-{
-    return sg_run_read_json_of(ctx, run, name, what, SG_RUN_JSON_BYTES, out);
-}
-
-int sg_run_read_json_of(sg_ctx *ctx, const char *run, const char *name, const char *what,
-                        size_t bytes, json_t **out)
+static int parse(sg_ctx *ctx, const char *path, const char *what, const char *text, size_t size,
+                 json_t **out)
 {
     json_error_t error = {0};
+    /* the byte-order mark of some editors */
+    const size_t skip = size >= 3 && !memcmp(text, "\xef\xbb\xbf", 3) ? 3 : 0;
+    *out = json_loadb(text + skip, size - skip, JSON_REJECT_DUPLICATES, &error);
+    return *out ? SG_OK
+                : sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: %s; expected the %s", path, error.line,
+                          error.text, what);
+}
+
+int sg_run_read_json(sg_ctx *ctx, const char *run, const char *name, const char *what, json_t **out)
+{
     char *path = sg_strf(ctx, "%s/%s", run, name), *text = NULL;
     size_t size = 0;
-    void *room = NULL;
     *out = NULL;
-    int code = path ? sg_file_read(ctx, path, bytes, &text, &size) : SG_ERR_BUDGET;
-    /* the byte-order mark of some editors */
-    const size_t skip = !code && size >= 3 && !memcmp(text, "\xef\xbb\xbf", 3) ? 3 : 0;
-    if (!code && size > SG_RUN_JSON_BYTES)
-        code = sg_json_reserve(ctx, text, size, &room);
-    if (!code && !(*out = json_loadb(text + skip, size - skip, JSON_REJECT_DUPLICATES, &error)))
-        code = sg_fail(ctx, SG_ERR_INPUT, "%s: line %d: %s; expected the %s", path, error.line,
-                       error.text, what);
+    int code = path ? sg_file_read(ctx, path, JSON_BYTES, &text, &size) : SG_ERR_BUDGET;
+    if (!code)
+        code = parse(ctx, path, what, text, size, out);
     if (!code)
         sg_bytes_from_json(json_object_get(*out, "options"));
-    sg_free(room);
+    sg_free(text);
+    sg_free(path);
+    return code;
+}
+
+int sg_run_read_large_json(sg_ctx *ctx, const char *run, const char *name, const char *what,
+                           size_t bytes, void **room, json_t **out)
+{
+    char *path = sg_strf(ctx, "%s/%s", run, name), *text = NULL;
+    size_t size = 0;
+    *out = NULL, *room = NULL;
+    int code = path ? sg_file_read(ctx, path, bytes, &text, &size) : SG_ERR_BUDGET;
+    if (!code)
+        code = sg_json_reserve(ctx, text, size, room);
+    if (!code)
+        code = parse(ctx, path, what, text, size, out);
     sg_free(text);
     sg_free(path);
     return code;
@@ -86,10 +103,9 @@ int sg_run_write_json(sg_ctx *ctx, const char *run, const char *name, json_t *va
 char *sg_run_exposure_key(sg_ctx *ctx, const char *name)
 {
     json_t *value = sg_bytes_to_json(name);
-    const char *text =
-        json_string_value(json_is_string(value) ? value : json_object_get(value, "percent"));
-    char *key = text ? sg_strdup(ctx, text) : NULL;
-    if (!text)
+    const char *coded = json_string_value(json_object_get(value, "percent"));
+    char *key = !value ? NULL : coded ? sg_strf(ctx, "/%s", coded) : sg_strdup(ctx, name);
+    if (!value)
         sg_no_memory(ctx);
     json_decref(value);
     return key;

@@ -20,20 +20,18 @@ int sg_no_memory(sg_ctx *ctx);
 /* A number as JSON; null if it is not finite. */
 json_t *sg_number_json(double v);
 
-/* A config or summary has a few thousand bytes. Parsing needs a hundred times as many. */
-#define SG_RUN_JSON_BYTES (256 << 10)
-/* RUN/NAME as JSON, of at most so many bytes; json_decref(*out). what: "config.json of a run", for
- * messages. */
-int sg_run_read_json_of(sg_ctx *ctx, const char *run, const char *name, const char *what,
-                        size_t bytes, json_t **out);
-/* Of at most SG_RUN_JSON_BYTES. */
+/* RUN/NAME as JSON; json_decref(*out). what: "config.json of a run", for messages. */
 int sg_run_read_json(sg_ctx *ctx, const char *run, const char *name, const char *what,
                      json_t **out);
+/* The same for a file of up to so many bytes. *room: what the values take, for the ledger; sg_free
+ * after json_decref. */
+int sg_run_read_large_json(sg_ctx *ctx, const char *run, const char *name, const char *what,
+                           size_t bytes, void **room, json_t **out);
 /* Indented. Releases the value. */
 int sg_run_write_json(sg_ctx *ctx, const char *run, const char *name, json_t *value);
 
-/* The key of a photo's map in exposure.json: its name, or %XX for the bytes of a name that is not
- * UTF-8. NULL: SG_ERR_BUDGET. */
+/* The key of a photo's map in exposure.json: its name, or for one that is not UTF-8 "/" and the
+ * name with %XX for bytes; no name of a photo has a "/". NULL: SG_ERR_BUDGET. */
 char *sg_run_exposure_key(sg_ctx *ctx, const char *name);
 
 /* An absolute path, byte for byte. */

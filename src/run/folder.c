@@ -233,6 +233,8 @@ static int save_exposures(sg_ctx *ctx, const char *run, const struct sg_scene *s
                                   json_pack("[f,f,f,f]", (double) e[4 * k], (double) e[4 * k + 1],
                                             (double) e[4 * k + 2], (double) e[4 * k + 3]));
         char *key = sg_run_exposure_key(ctx, scene->train[i].name);
+        if (!key)
+            json_decref(rows);
         if (!key || json_object_set_new(root, key, rows)) {
             json_decref(root);
             root = NULL; /* which is reported as a lack of memory */

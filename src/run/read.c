@@ -70,7 +70,8 @@ static void read_cfg_args(sg_ctx *ctx, const char *run, struct sg_scene_params *
     if (path && !sg_file_read(ctx, path, CFG_ARGS_BYTES, &text, &size)) {
         const char *resolution = strstr(text, "resolution=");
         scene->white_background = strstr(text, "white_background=True");
-        scene->test_halves = strstr(text, "train_test_exp=True");
+        scene->eval = !strstr(text, "eval=False");
+        scene->test_halves = scene->eval && strstr(text, "train_test_exp=True");
         if (resolution && sscanf(resolution, "resolution=%d", &n) == 1 && n >= -1 && n &&
             n <= 16384)
             scene->resolution = n;
@@ -108,9 +109,10 @@ int sg_run_read_exposures(sg_ctx *ctx, const char *folder, const struct sg_view 
                           float *out)
 {
     json_t *root;
+    void *room;
     sg_clear_error(ctx);
-    int code = sg_run_read_json_of(ctx, folder, "exposure.json", "exposure.json of a run",
-                                   EXPOSURE_BYTES, &root);
+    int code = sg_run_read_large_json(ctx, folder, "exposure.json", "exposure.json of a run",
+                                      EXPOSURE_BYTES, &room, &root);
     for (size_t i = 0; i < n && !code; i++) {
         char *key = sg_run_exposure_key(ctx, views[i].name);
         const json_t *map = key ? json_object_get(root, key) : NULL;
@@ -128,6 +130,7 @@ int sg_run_read_exposures(sg_ctx *ctx, const char *folder, const struct sg_view 
         sg_free(key);
     }
     json_decref(root);
+    sg_free(room);
     return code;
 }
 

@@ -46,6 +46,7 @@ static int measure_views(sg_run *r, sg_renderer *renderer, bool time_fps)
     size_t *photos = NULL;
     int code = SG_OK;
     if (r->params.scene.test_halves) {
+        how.appearances = true;
         how.photos = photos = sg_alloc_raw(r->ctx, SG_MEM_MISC, scene->n_test, sizeof(*photos));
         code = photos ? sg_trainer_exposures(r->trainer, &how.exposures) : SG_ERR_BUDGET;
         for (size_t i = 0; i < scene->n_test && !code; i++)

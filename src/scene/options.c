@@ -41,7 +41,7 @@ static const struct sg_option scene_options[] = {
               "COLMAP, nerfstudio: every N-th view by name is a test view.", SCENE),
     SG_FLAG("test-halves", test_halves,
             "Train on the left half of each test photo too, and measure the right half, so that "
-            "the photo's exposure or appearance is learned. Needs --eval.",
+            "the photo's exposure or appearance is learned. For train with --eval.",
             SCENE, EXPERT),
     SG_FLAG("centred-principal", centred_principal, "Ignore cx and cy, as the reference does.",
             SCENE, EXPERT),

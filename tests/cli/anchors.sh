@@ -57,6 +57,7 @@ cmp looks-0/r_0.png looks-index/r_0.png || fail "the first view does not have th
 cmp looks-1/r_1.png looks-index/r_1.png || fail "the second view does not have the appearance of photo 1"
 cmp -s looks-0/r_0.png looks-1/r_0.png && fail "photos 0 and 1 have the same appearance"
 expect 0 export looks looks.ply --view-independent
+expect 0 eval looks --scene scene/colmap --split train --test-every 2; says 'the model has the appearances of 6 photos'
 # Training views have their own appearances also in a run that held nothing out, and so have test
 # views whose left halves were trained on.
 expect 0 train scene/colmap -o all $short --model scaffold --voxel-size 0.02 --photo-appearance
@@ -64,13 +65,21 @@ expect 0 eval all --split train --per-view --json; cp out own
 expect 0 eval all --split train --per-view --json --appearance 1
 second() { tr -d ' \n' <"$1" | grep -o '"name":"view_0001","psnr":[0-9.]*'; }
 [ -n "$(second out)" ] && [ "$(second out)" = "$(second own)" ] || fail "view 1: $(second own), with appearance 1 $(second out)"
-expect 0 eval all; says 'the model has the appearances of'
 expect 0 train scene/colmap -o halves --eval --test-halves $short --model scaffold --voxel-size 0.02 --photo-appearance
 expect 0 eval halves --json
 psnr=$(sed 's/.*"psnr": \([0-9.]*\).*/\1/' out)
 grep -q "\"psnr\": ${psnr%??}" halves/summary.json || fail "eval says $psnr, summary.json $(grep psnr halves/summary.json)"
 expect 0 eval halves --json --appearance mean
 grep -q "\"psnr\": ${psnr%??}" out && fail "test views have the mean of the appearances, not their own"
+# An appearance that is asked for is the one of renders, also where exposures are applied.
+mean=$(sed 's/.*{"psnr": \([0-9.]*\).*/\1/' out)
+python3 - scene/colmap/images halves/exposure.json <<'EOF' || fail "cannot write maps"
+import json, os, sys
+one = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]
+json.dump({name.split(".")[0]: one for name in os.listdir(sys.argv[1])}, open(sys.argv[2], "w"))
+EOF
+expect 0 eval halves --json --appearance mean --exposure
+grep -q "{\"psnr\": $mean" out || fail "--exposure changes the appearance: $(cat out), expected $mean"
 # A decoy of anchors grows, and the poison stays within the bound.
 options="--model scaffold --anchors-from-iter 40 --voxel-size 0.02 --densification-interval 10 --densify-grad-threshold 1e-6
     --iterations 20 --inner 3 --proxy-iterations 60 --save png --quiet"
