@@ -190,6 +190,40 @@ static void test_model(void **state)
     clear_fixture(&f);
 }
 
+/* Whether the filter is that of the positions as they are. */
+static bool follows(const struct fixture *f, sg_trainer *t)
+{
+    struct sg_columns before, now;
+    read_filter(f->ctx, t->engine, t->sh_degree, &before);
+    assert_int_equal(sg_trainer_renew_filter(t), SG_OK);
+    read_filter(f->ctx, t->engine, t->sh_degree, &now);
+    const bool same = !memcmp(before.at[SG_C_FILTER], now.at[SG_C_FILTER],
+                              sg_trainer_gaussians(t) * sizeof(float));
+    sg_columns_clear(&before);
+    sg_columns_clear(&now);
+    return same;
+}
+
+/* A training renews it after growth has ended too, also while a tolerance settles. */
+static void test_renewal(void **state)
+{
+    (void) state;
+    struct fixture f = make_fixture(2);
+    for (int tolerance = 0; tolerance < 2; tolerance++) {
+        struct sg_train_params p = short_params();
+        p.model = SG_MODEL_MIP;
+        p.densify_until_iter = 20, p.mip.interval = 6, p.tolerance = 8 * (float) tolerance;
+        for (int last = 30; last <= 39; last += 3) {
+            sg_trainer *t = begin_training(&f, &p);
+            for (int it = 1; it <= last; it++)
+                assert_int_equal(sg_trainer_step(t, NULL), SG_OK);
+            assert_int_equal(follows(&f, t), last == 30);
+            sg_trainer_destroy(&t);
+        }
+    }
+    clear_fixture(&f);
+}
+
 /* A file with the filter beside the parameters has it as its last property, and is read as the
  * folded model; a filter that is no number is refused. */
 static void test_files(void **state)
@@ -236,7 +270,8 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_values), cmocka_unit_test(test_gradient),
         cmocka_unit_test(test_growth), cmocka_unit_test(test_schedule),
-        cmocka_unit_test(test_model),  cmocka_unit_test(test_files),
+        cmocka_unit_test(test_model),  cmocka_unit_test(test_renewal),
+        cmocka_unit_test(test_files),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -544,7 +544,8 @@ static int iterate(sg_trainer *t, struct sg_train_step *out)
     }
     if ((code = sg_trainer_update(t, moves ? lr : NULL, plan.rests_opacity, update)) ||
         (!settles && t->strategy->after_step &&
-         (code = t->strategy->after_step(t, &plan, before, it, &render, &step))))
+         (code = t->strategy->after_step(t, &plan, before, it, &render, &step))) ||
+        (sg_renews_filter(p, before, it) && (code = sg_trainer_renew_filter(t))))
         return code;
 
     t->iteration = it;
