@@ -23,10 +23,11 @@ static inline bool sg_densifies(const struct sg_train_params *p, int before, int
            sg_due(before, it, p->densification_interval);
 }
 
-/* The extra reset on white keeps the background from being explained by opaque white Gaussians. */
+/* The extra reset on white keeps the background from being explained by opaque white Gaussians.
+ * After the last iteration nothing could learn the opacities again. */
 static inline bool sg_resets_opacity(const struct sg_train_params *p, int before, int it)
 {
-    return it < p->densify_until_iter &&
+    return it < p->densify_until_iter && it < p->iterations &&
            (sg_due(before, it, p->opacity_reset_interval) ||
             (p->white_background && before < p->densify_from_iter && it >= p->densify_from_iter));
 }
