@@ -48,8 +48,8 @@ static void defaults(void *config)
 static int on_step(void *priv, const struct sg_train_step *step)
 {
     struct progress *p = priv;
-    if (step->iteration == 1) /* of each round */
-        progress_begin(p, p->quiet, 0, p->iterations);
+    if (step->iteration == 1) /* of each round; its time is that of the scores too */
+        progress_begin(p, p->quiet, 1, p->iterations);
     progress_step(p, step);
     return interrupted();
 }

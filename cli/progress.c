@@ -22,15 +22,14 @@ void progress_step(struct progress *p, const struct sg_train_step *s)
     p->any = true;
     const double now = clock_seconds();
     const bool last = s->iteration == p->iterations;
-    if (p->quiet ||
+    if (p->quiet || s->iteration <= p->first ||
         !(last || (p->terminal ? now - p->shown > 0.1 : s->iteration % p->line_every == 0)))
         return;
     p->shown = now;
     const double rate = (s->iteration - p->first) / (now > p->start ? now - p->start : 1e-9);
     const double left = (p->iterations - s->iteration) / rate;
     const int eta = left < 3.6e6 ? (int) (left + 0.5) : 3600000;
-    fprintf(stderr,
-            "%s%6d/%d  %6.1f it/s  ETA %d:%02d:%02d  %8zu Gaussians  loss %.4f  PSNR %.2f%s",
+    fprintf(stderr, "%s%6d/%d %6.1f it/s, ETA %d:%02d:%02d %8zu Gaussians, loss %.4f, PSNR %.2f%s",
             p->terminal ? "\r" : "", s->iteration, p->iterations, rate, eta / 3600, eta / 60 % 60,
             eta % 60, s->gaussians, p->loss, p->psnr, p->terminal ? " \033[K" : "\n");
     if (last)

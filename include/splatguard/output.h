@@ -29,7 +29,8 @@ SG_API int sg_output_claim(sg_ctx *ctx, const char *folder, const char *maker, b
 /* Unlocks. Where nothing was written, what was made goes too. NULL-safe; sets *output to NULL. */
 SG_API void sg_output_release(sg_output **output);
 
-/* SG_ERR_INPUT where no file may be written: in a scene, or in place of another's file. */
+/* SG_ERR_INPUT where no file can or may be written: without its folder, in a scene, or in place of
+ * another's file. */
 SG_API int sg_output_check_file(sg_ctx *ctx, const char *path);
 
 /* In a folder that is claimed: SG_ERR_INPUT unless a PNG or page there carries the library's mark.

@@ -365,6 +365,9 @@ int sg_output_check_file(sg_ctx *ctx, const char *path)
                    : slash       ? sg_strf(ctx, "%.*s", (int) (slash - path), path)
                                  : sg_strdup(ctx, ".");
     int code = folder ? sg_output_check_replaced(ctx, path) : SG_ERR_BUDGET;
+    if (!code && access(folder, W_OK | X_OK))
+        code = sg_fail(ctx, SG_ERR_INPUT, "%s: cannot write to the folder %s: %s", path, folder,
+                       strerror(errno));
     if (!code)
         code = refuse_scene_around(ctx, folder, NULL);
     sg_free(folder);
