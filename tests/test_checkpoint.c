@@ -419,7 +419,8 @@ static void test_impossible(void **state)
         const int mask = possible(title);
         uint32_t planes;
         memcpy(&planes, title + AT_PLANES, sizeof(planes));
-        for (int k = 0; k < 2 * (mask == 0xff ? 0 : mask == 0x3f ? 4 : 2); k++) {
+        const bool finite = mask == 0x3f || (!f->start && mask != 0xff);
+        for (int k = 0; k < 2 * (mask == 0xff ? 0 : finite ? 4 : 2); k++) {
             const size_t last = (size_t) n - 1, first = last / SG_LANES * SG_LANES;
             const size_t i = k % 2 ? last : 5, plane = planes / 2;
             const size_t at = k % 2 ? first * planes + plane * (last - first + 1) + last - first
@@ -433,7 +434,7 @@ static void test_impossible(void **state)
             expect_refusal(f, title);
             snprintf(what, sizeof(what), "section \"%s\": %s %zu: found %g, expected a %snumber of",
                      title, f->start ? "Gaussian" : "anchor", i, (double) lies[k / 2],
-                     mask == 0x3f ? "finite " : "");
+                     finite ? "finite " : "");
             if (!strstr(sg_last_error(f->ctx), what))
                 fail_msg("\"%s\" does not have \"%s\"", sg_last_error(f->ctx), what);
         }
@@ -498,8 +499,13 @@ static void test_sealed_garbage(void **state)
             continue;
         for (size_t i = f->at[s] + SECTION; i < f->at[s + 1]; i++) {
             bad[i] = (char) (int) draw(5, i, -128, 127.9f);
-            if ((i - f->at[s] - SECTION) % sizeof(float) == 3) /* sign and exponent */
+            if ((i - f->at[s] - SECTION) % sizeof(float) == 3) { /* sign and exponent */
+                float value;
                 bad[i] = (char) (bad[i] & possible(title));
+                memcpy(&value, bad + i - 3, sizeof(value));
+                if (!f->start && !isfinite(value)) /* anchors are finite */
+                    bad[i] = (char) (bad[i] & 0xbf);
+            }
         }
     }
     seal(bad, f->size);
@@ -604,6 +610,32 @@ static void test_networks(void **state)
     }
 }
 
+/* One anchor that is no number would make all networks so. */
+static void test_anchors(void **state)
+{
+    struct fixture *f = *state;
+    static const char *const titles[] = {"position", "scale", "anchor", "anchor_moment1"};
+    for (size_t k = 0; k < sizeof(titles) / sizeof(titles[0]); k++) {
+        int s = 0;
+        while (s < f->sections && strcmp(f->data + f->at[s], titles[k]))
+            s++;
+        assert_true(s < f->sections);
+        const float lies[] = {NAN, INFINITY};
+        for (int i = 0; i < 2; i++) {
+            char *bad = malloc(f->size), message[64];
+            memcpy(bad, f->data, f->size);
+            memcpy(bad + f->at[s] + SECTION, &lies[i], sizeof(float));
+            seal(bad, f->size);
+            spill(f->path, bad, f->size);
+            free(bad);
+            expect_refusal(f, titles[k]);
+            snprintf(message, sizeof(message), "section \"%s\": anchor 0: found", titles[k]);
+            if (!strstr(sg_last_error(f->ctx), message))
+                fail_msg("\"%s\" does not have \"%s\"", sg_last_error(f->ctx), message);
+        }
+    }
+}
+
 /* Tolerances, the last section here, are grey levels. */
 static void test_tolerances(void **state)
 {
@@ -655,6 +687,7 @@ int main(void)
         HOSTILE(radii),
         HOSTILE(anchors),
         OF(anchors, test_networks),
+        OF(anchors, test_anchors),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -10,6 +10,7 @@
 #include "core/clock.h"
 #include "host/exposure.h"
 #include "host/image_losses.h"
+#include "model/anchors.h"
 #include "ops.h"
 #include "scaffold/scaffold.h"
 
@@ -180,8 +181,13 @@ int sg_engine_adopt(struct sg_engine *e, struct sg_model *m, struct sg_columns *
 
 int sg_engine_download(struct sg_engine *e, struct sg_model *m, struct sg_columns *columns)
 {
-    const int code = finish(e);
-    return code ? code : e->ops->download(e, m, columns);
+    int code = finish(e);
+    if (!code)
+        code = e->ops->download(e, m, columns);
+    if (!code && columns && columns->networks && !sg_networks_finite(columns->networks))
+        code = sg_fail(e->ctx, SG_ERR_INPUT,
+                       "networks: found weights that are not finite: the training has diverged");
+    return code;
 }
 
 size_t sg_engine_count(const struct sg_engine *e)

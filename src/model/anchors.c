@@ -210,6 +210,20 @@ bool sg_networks_square(unsigned parts, size_t i)
     return i < 3 * each ? i >= 2 * each : (i - 3 * each) % (3 * SG_APPEARANCE) >= 2 * SG_APPEARANCE;
 }
 
+static bool all_finite(const float *values, size_t n)
+{
+    size_t i = 0;
+    while (i < n && isfinite(values[i]))
+        i++;
+    return i == n;
+}
+
+bool sg_networks_finite(const struct sg_networks *n)
+{
+    return all_finite(n->value.input[0], 3 * SG_WEIGHTS) &&
+           all_finite(n->appearance[0].value, n->photos * sizeof(n->appearance[0]) / sizeof(float));
+}
+
 bool sg_anchor_cell(float position, float size, int64_t *cell)
 {
     const float at = rintf(position / size);

@@ -63,6 +63,8 @@ void sg_networks_pack(const struct sg_networks *networks, float *out);
 void sg_networks_unpack(const float *values, struct sg_networks *networks);
 /* Whether one of these numbers is a second moment of Adam. */
 bool sg_networks_square(unsigned parts, size_t i);
+/* Whether all values are. One anchor that is not makes them so: they learn from all. */
+bool sg_networks_finite(const struct sg_networks *networks);
 
 /* The cell of a position along an axis, rounded half to even; false: it is not finite or beyond
  * 2^62 cells. */

@@ -540,22 +540,25 @@ static int check_networks(const struct reading *r)
     return SG_OK;
 }
 
-/* Parameters and first moments may be any numbers: training goes on without such a Gaussian. */
+/* Parameters and first moments of Gaussians may be any numbers: training goes on without such a
+ * Gaussian. Those of anchors may not, since the networks learn from all. */
 static int check_column(const struct reading *r, int c)
 {
     const bool sum = sg_columns[c].bits & SG_COLUMN_SUM,
                measure = sg_columns[c].bits & SG_COLUMN_MEASURE;
-    const int planes = sg_column_planes(c, r->m->sh_degree);
-    for (size_t k = 0; k < r->kept && (sum || measure) && is_saved(r->t, c); k++)
+    const int planes = sg_column_planes(c, r->m->sh_degree),
+              stride = sg_column_array_planes(c, r->m->sh_degree);
+    const float *from = sg_column_is_parameter(c) ? r->m->params : r->columns.at[c];
+    for (size_t k = 0; k < r->kept && (sum || measure || r->networks) && is_saved(r->t, c); k++)
         for (int p = 0; p < planes; p++) {
-            const float value = r->columns.at[c][sg_param_index(planes, k, p)];
-            if (value < 0 || (measure && !isfinite(value)))
+            const float value = from[sg_param_index(stride, k, sg_columns[c].first + p)];
+            if (((sum || measure) && value < 0) || ((measure || r->networks) && !isfinite(value)))
                 return sg_fail(r->t->ctx, SG_ERR_INPUT,
-                               "%s: section \"%s\": %s %zu: found %g, expected a %snumber of at "
-                               "least 0",
+                               "%s: section \"%s\": %s %zu: found %g, expected a %snumber%s",
                                r->c->path, sg_columns[c].name, r->networks ? "anchor" : "Gaussian",
                                sg_evenly(r->n, k, r->kept), (double) value,
-                               measure ? "finite " : "");
+                               measure || r->networks ? "finite " : "",
+                               sum || measure ? " of at least 0" : "");
         }
     return SG_OK;
 }
