@@ -36,7 +36,9 @@ static int run_export(const void *config, const bool *given, const char *const *
     if (!code) {
         int error = sg_output_check_file(v.ctx, out);
         if (!error)
-            error = sg_model_bake(v.ctx, v.model, v.views, v.n, &baked);
+            error =
+                sg_model_bake(v.ctx, v.model, v.views, v.n, v.eval.appearances ? v.photos : NULL,
+                              c->m.render.appearance, &baked);
         if (!error)
             error = sg_model_write(v.ctx, baked, out, NULL);
         code = report(v.ctx, error);

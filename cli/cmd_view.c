@@ -220,6 +220,9 @@ static int serve(struct viewed *v, const struct view_config *c, const char *plac
     int code = exit_code(sg_ctx_create(
         &v->pictures.own, &(struct sg_ctx_params){.threads = 1, .max_memory = VIEW_MEMORY}));
     v->pictures.ctx = v->ctx, v->pictures.scene = v->scene, v->pictures.model = v->renderer;
+    v->pictures.appearances = v->scene && v->model &&
+                              sg_model_appearances(v->model) == v->scene->n_train &&
+                              c->m.render.appearance == SG_APPEARANCE_MEAN;
     v->pictures.scores = v->pictures.next =
         v->trained && v->scene && v->scene->n_train && !v->model->columns;
     if (!code && !v->scene)

@@ -30,10 +30,19 @@ int adopt_run_scene(sg_ctx *ctx, const char *folder, const struct command *comma
 
 /* The photos that views show. Renders have their appearances, where the model has them and the
  * command line asks for no other. */
-static int find_photos(struct model_views *v, bool asked)
+static int find_photos(struct model_views *v, const struct command *command, bool asked,
+                       int appearance)
 {
     const size_t learned = sg_model_appearances(v->model);
     bool any = false;
+    if (asked && (appearance >= 0 ? (size_t) appearance >= learned : !learned)) {
+        say(stderr, "splatguard %s: --appearance: found %d, expected ", command->name, appearance);
+        if (learned)
+            say(stderr, "a photo from 0 to %zu, or index, mean or zero\n", learned - 1);
+        else
+            say(stderr, "none: the model has no appearances of photos\n");
+        return STATUS_USAGE;
+    }
     v->eval.photos = v->photos = malloc(v->n * sizeof(*v->photos));
     if (!v->photos)
         return no_memory();
@@ -121,7 +130,8 @@ int model_views_open(struct model_views *v, const char *model, const struct comm
         }
         const size_t appearance = (size_t) ((const char *) &o->render.appearance - (char *) config);
         if (!code)
-            code = find_photos(v, options_given(command, given, appearance));
+            code = find_photos(v, command, options_given(command, given, appearance),
+                               o->render.appearance);
     }
     return code;
 }

@@ -80,6 +80,7 @@ int train_view_begin(struct train_view *v, sg_ctx *ctx, sg_run *run,
     struct sg_run_status s;
     sg_run_status(run, &s);
     v->pictures.ctx = ctx, v->pictures.scene = sg_run_scene(run), v->pictures.model = true;
+    v->pictures.appearances = t->scaffold.appearance;
     v->pictures.scores = t->model != SG_MODEL_SCAFFOLD;
     v->pictures.next = v->pictures.scores && s.defended && t->strategy != SG_STRATEGY_MCMC;
     say_state(v, NULL, NULL, false);

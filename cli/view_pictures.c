@@ -203,6 +203,8 @@ static bool draw(struct view_pictures *v, const struct view_ask *ask, sg_rendere
         return false;
     float *rgb = v->planes, *alpha = rgb + 3 * n, *depth = alpha + n;
     const bool more = ask->kind == VIEW_DEPTH || ask->kind == VIEW_ALPHA;
+    if (v->appearances)
+        sg_renderer_set_photo(renderer, sg_scene_photo(v->scene, view_at(v, ask->view)));
     if (sg_render(renderer, camera, rgb, more ? alpha : NULL, more ? depth : NULL, NULL))
         return false;
     if (ask->kind == VIEW_COLOUR || ask->kind >= VIEW_SCORE)

@@ -16,6 +16,7 @@ struct view_pictures {
     bool model;                   /* there is one to draw */
     bool browser;                 /* which the page can have, to draw it itself */
     float background[3];          /* then: behind it */
+    bool appearances;             /* of the training photos: renders of their views have them */
     bool scores, next;            /* pictures of view_scores.h can be had */
     float *planes;                /* colour, alpha, depth of a picture */
     size_t pixels;                /* that they have room for */

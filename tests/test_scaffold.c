@@ -605,9 +605,10 @@ static void test_bake(void **state)
     for (size_t o = 0; o < SG_OUTPUTS; o++)
         bias[o] = draw(60, o, -1, 1);
     bias[SG_O_OPACITY + 4] = -1, bias[SG_O_OPACITY + 5] = 0.5f;
-    assert_int_equal(sg_model_bake(ctx, m, views, 3, &baked), SG_OK);
+    assert_int_equal(sg_model_bake(ctx, m, views, 3, NULL, SG_APPEARANCE_MEAN, &baked), SG_OK);
     assert_true(baked->count % ANCHORS == 0 && baked->count < DRAWN);
-    assert_int_equal(sg_model_bake(ctx, baked, views, 3, &again), SG_ERR_USAGE);
+    assert_int_equal(sg_model_bake(ctx, baked, views, 3, NULL, SG_APPEARANCE_MEAN, &again),
+                     SG_ERR_USAGE);
     sg_clear_error(ctx);
     static float rgb[2][3 * W * H];
     const struct sg_model *const models[2] = {m, baked};
@@ -624,12 +625,21 @@ static void test_bake(void **state)
             fail_msg("value %d: %g, baked %g", i, (double) rgb[0][i], (double) rgb[1][i]);
     }
     assert_true(most > 0.2f);
+    /* None that is no number */
+    sg_model_destroy(&baked);
+    const float turn = bias[SG_O_COVARIANCE + 3];
+    bias[SG_O_COVARIANCE + 3] = NAN;
+    assert_int_equal(sg_model_bake(ctx, m, views, 3, NULL, SG_APPEARANCE_MEAN, &baked),
+                     SG_ERR_INPUT);
+    assert_null(baked);
+    bias[SG_O_COVARIANCE + 3] = turn;
     /* None that no view draws */
     for (int o = 0; o < SG_ANCHOR_GAUSSIANS; o++)
         bias[SG_O_OPACITY + o] = -1;
     memset(m->columns->networks->value.output, 0, sizeof(m->columns->networks->value.output));
     sg_model_destroy(&baked);
-    assert_int_equal(sg_model_bake(ctx, m, views, 3, &baked), SG_ERR_INPUT);
+    assert_int_equal(sg_model_bake(ctx, m, views, 3, NULL, SG_APPEARANCE_MEAN, &baked),
+                     SG_ERR_INPUT);
     sg_model_destroy(&m);
     sg_ctx_destroy(&ctx);
 }
@@ -667,14 +677,15 @@ static void add_drawn(struct drawn_mean *m, const double *drawn)
 }
 
 /* What depends on the view is replaced by its mean over the views that drew it, and that can be
- * seen. Photos that are as many as the views have their appearances. */
-static void check_bake(unsigned parts)
+ * seen. Views have the appearances of their photos, or of those of their index. */
+static void check_bake(unsigned parts, bool by_photo)
 {
     static struct drawn_mean means[DRAWN];
     static float rgb[2][3 * W * H];
     sg_ctx *ctx = make_context(2);
     struct sg_model *m = make_anchors(ctx, ANCHORS, 40), *baked;
     struct sg_view views[PHOTOS];
+    size_t photos[PHOTOS];
     m->columns->networks->parts = parts;
     for (int axis = 0; axis < 3; axis++) /* the direction of view counts a lot */
         for (int h = 0; h < SG_HIDDEN; h++)
@@ -683,9 +694,10 @@ static void check_bake(unsigned parts)
     memset(means, 0, sizeof(means));
     for (int v = 0; v < PHOTOS; v++) {
         views[v] = (struct sg_view){.camera = look_from(2.1 * v)};
+        photos[v] = (size_t) (by_photo ? PHOTOS - 1 - v : v);
         c->camera = views[v].camera;
         for (int k = 0; k < SG_APPEARANCE; k++)
-            c->appearance[k] = (double) m->columns->networks->appearance[v].value[k];
+            c->appearance[k] = (double) m->columns->networks->appearance[photos[v]].value[k];
         const struct ref_view of = view_of(c);
         for (size_t i = 0; i < ANCHORS; i++) {
             double drawn[SG_ANCHOR_GAUSSIANS][SG_NEURAL_PLANES];
@@ -696,7 +708,9 @@ static void check_bake(unsigned parts)
                     add_drawn(&means[i * SG_ANCHOR_GAUSSIANS + k], drawn[k]);
         }
     }
-    assert_int_equal(sg_model_bake(ctx, m, views, PHOTOS, &baked), SG_OK);
+    assert_int_equal(
+        sg_model_bake(ctx, m, views, PHOTOS, by_photo ? photos : NULL, SG_APPEARANCE_INDEX, &baked),
+        SG_OK);
     size_t at = 0, some = 0, turned = 0;
     for (size_t i = 0; i < DRAWN; i++) {
         const struct drawn_mean *mean = &means[i];
@@ -740,8 +754,9 @@ static void check_bake(unsigned parts)
 static void test_bake_views(void **state)
 {
     (void) state;
-    check_bake(0);
-    check_bake(ALL_PARTS);
+    check_bake(0, false);
+    check_bake(ALL_PARTS, false);
+    check_bake(ALL_PARTS, true);
 }
 
 int main(void)

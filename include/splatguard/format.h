@@ -45,10 +45,12 @@ SG_API int sg_model_read_drawable(sg_ctx *ctx, const char *path, uint64_t max_ga
 
 /* Gaussians of SH degree 0 from a model of anchors: one for each that any of the n views draws,
  * with the means, weighted by opacity, of what the views draw. What depends on the direction of
- * view is lost. The caller owns *out. Errors: SG_ERR_USAGE for a model without anchors,
- * SG_ERR_INPUT where no view draws a Gaussian, SG_ERR_BUDGET, SG_ERR_INTERRUPTED. */
+ * view is lost. photos: of each view, the training photo whose appearance it has, SIZE_MAX for
+ * none; or NULL. appearance: of views without one, as in struct sg_render_params. The caller owns
+ * *out. Errors: SG_ERR_USAGE for a model without anchors, SG_ERR_INPUT where no view draws a
+ * Gaussian or one that is drawn is not finite, SG_ERR_BUDGET, SG_ERR_INTERRUPTED. */
 SG_API int sg_model_bake(sg_ctx *ctx, const struct sg_model *model, const struct sg_view *views,
-                         size_t n, struct sg_model **out);
+                         size_t n, const size_t *photos, int appearance, struct sg_model **out);
 
 struct sg_model_file {
     enum sg_model_format format; /* Default SG_MODEL_AUTO. */

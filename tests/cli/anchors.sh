@@ -34,6 +34,14 @@ grep -q "^<tr><th scope=row>Gaussians, final<td>$gaussians<td>100 " both.html ||
 expect 2 convert anchors anchors.ply; says 'found anchors of Scaffold-GS'
 expect 2 train scene/blender -o none --init $anchors; says 'found anchors of Scaffold-GS'
 expect 1 train scene/blender -o none --model scaffold --strategy mcmc; says 'found scaffold with another strategy'
+# Options of another model or strategy, and what an audit may turn on, are refused before work begins.
+expect 1 train scene/blender -o none --anchor-offsets 5; says '--anchor-offsets: found without effect, expected --model scaffold'
+expect 1 train scene/blender -o none --mip-kernel 0.2; says 'expected --model mip'
+expect 1 train scene/blender -o none --cap-max 90; says 'expected --strategy mcmc'
+expect 1 train scene/blender -o none --strategy mcmc --cap-max 90 --absgrad; says 'expected another strategy'
+expect 1 train scene/blender -o none --strategy mcmc --cap-max 90 --audit defend; says '--rho: found'
+expect 1 train scene/blender -o none --model scaffold --filter-unit gaussian --audit defend; says '--rho: found'
+[ ! -e none ] || fail "a refused run left something"
 mv anchors/point_cloud/iteration_$end/networks.safetensors .
 expect 2 eval anchors; says networks.safetensors
 mv networks.safetensors anchors/point_cloud/iteration_$end
@@ -57,6 +65,13 @@ cmp looks-0/r_0.png looks-index/r_0.png || fail "the first view does not have th
 cmp looks-1/r_1.png looks-index/r_1.png || fail "the second view does not have the appearance of photo 1"
 cmp -s looks-0/r_0.png looks-1/r_0.png && fail "photos 0 and 1 have the same appearance"
 expect 0 export looks looks.ply --view-independent
+for look in index zero 1; do
+    expect 0 export looks look-$look.ply --view-independent --appearance $look -q
+    cmp -s looks.ply look-$look.ply && [ $look != index ] && fail "--appearance $look exports what the views' own do"
+done
+cmp looks.ply look-index.ply || fail "the training views do not have their own appearances"
+expect 1 export looks none.ply --view-independent --appearance 6; says '--appearance: found 6, expected a photo from 0 to 5'
+expect 1 eval anchors --appearance 0; says '--appearance: found 0, expected none'
 expect 0 eval looks --scene scene/colmap --split train --test-every 2; says 'the model has the appearances of 6 photos'
 # Training views have their own appearances also in a run that held nothing out, and so have test
 # views whose left halves were trained on.

@@ -84,11 +84,11 @@ end
 kill "$(cat browser.pid)"
 ls splatguard-*.html 2>/dev/null && fail "the address is left behind"
 
-# Anchors, with the mean of the photos' appearances.
+# Anchors, with the appearances of the photos.
 expect 0 train scene/blender -o anchors --eval $short --init-points 200 --model scaffold --anchors-from-iter 40 \
     --voxel-size 0.02 --photo-appearance
 mkdir looks
-expect 0 render anchors -o looks/train --split train --appearance mean -q
+expect 0 render anchors -o looks/train --split train -q
 expect 0 render anchors -o looks/test --split test --appearance mean -q
 begin anchors
 python3 "$source_dir/tests/cli/view_requests.py" "$address" --anchors looks || fail "a run of anchors"

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Gaussians that look from everywhere like the mean of those that views make of anchors. */
+#include <limits.h>
 #include <math.h>
 #include <string.h>
 
@@ -80,7 +81,16 @@ static void put(const struct mean *m, struct sg_model *out, size_t i)
 
 #define LEAST_OPACITY (1 / 255.0f) /* with less it is never drawn */
 
-static int bake(struct sg_engine *e, const struct sg_view *views, size_t n, struct sg_model **out)
+/* What a view looks like: of its photo, else as asked. */
+static int look_of(const size_t *photos, int appearance, size_t v)
+{
+    if (photos && photos[v] <= INT_MAX)
+        return (int) photos[v];
+    return appearance == SG_APPEARANCE_INDEX ? (int) v : appearance;
+}
+
+static int bake(struct sg_engine *e, const struct sg_view *views, size_t n, const size_t *photos,
+                int appearance, struct sg_model **out)
 {
     struct scaffold_engine *b = (struct scaffold_engine *) e;
     const size_t most = b->anchors.count * SG_ANCHOR_GAUSSIANS;
@@ -89,8 +99,7 @@ static int bake(struct sg_engine *e, const struct sg_view *views, size_t n, stru
     size_t count = 0, to = 0;
     for (size_t v = 0; v < n && !code; v++)
         if (!(code = sg_progress(e->ctx, SG_STAGE_EVALUATE, v, n)))
-            code = add_view(b, &views[v].camera,
-                            n == b->networks->photos ? (int) v : SG_APPEARANCE_MEAN, means);
+            code = add_view(b, &views[v].camera, look_of(photos, appearance, v), means);
     for (size_t i = 0; i < most && !code; i++)
         count += opacity_of(&means[i]) >= LEAST_OPACITY;
     if (!code && !count)
@@ -101,11 +110,13 @@ static int bake(struct sg_engine *e, const struct sg_view *views, size_t n, stru
         if (opacity_of(&means[i]) >= LEAST_OPACITY)
             put(&means[i], *out, to++);
     sg_free(means);
+    if (!code && (code = sg_model_check(e->ctx, *out, "what the views draw")))
+        sg_model_destroy(out);
     return code;
 }
 
 int sg_model_bake(sg_ctx *ctx, const struct sg_model *model, const struct sg_view *views, size_t n,
-                  struct sg_model **out)
+                  const size_t *photos, int appearance, struct sg_model **out)
 {
     struct sg_engine *e = NULL;
     sg_clear_error(ctx);
@@ -118,7 +129,7 @@ int sg_model_bake(sg_ctx *ctx, const struct sg_model *model, const struct sg_vie
     if (!code)
         code = sg_engine_upload(e, model, model->columns);
     if (!code)
-        code = bake(e, views, n, out);
+        code = bake(e, views, n, photos, appearance, out);
     sg_engine_destroy(&e);
     return code;
 }
