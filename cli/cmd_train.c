@@ -77,13 +77,50 @@ static const char *unused_option(const struct train_config *c, const bool *given
     return NULL;
 }
 
+/* An option of another model or strategy than the run's, which has no effect, or NULL. expected:
+ * what it is for. */
+static const char *foreign_option(const struct train_config *c, const bool *given,
+                                  const char **expected)
+{
+    const struct sg_train_params *t = &c->run.train;
+    const struct {
+        const char *group, *name; /* one of them */
+        bool unused;
+        const char *expected;
+    } kinds[] = {
+        {"Filters of --model mip", NULL, t->model != SG_MODEL_MIP, "--model mip"},
+        {NULL, "keep-filter", t->model != SG_MODEL_MIP, "--model mip"},
+        {"Anchors of --model scaffold", NULL, t->model != SG_MODEL_SCAFFOLD, "--model scaffold"},
+        {"Densification by --strategy mcmc", NULL, t->strategy != SG_STRATEGY_MCMC,
+         "--strategy mcmc"},
+        {NULL, "absgrad", t->strategy == SG_STRATEGY_MCMC, "another strategy than mcmc"},
+    };
+    struct option_place list[OPTIONS_MAX];
+    const size_t n = options_list(&command_train, list);
+    for (size_t i = 0; i < n; i++)
+        for (size_t k = 0; k < sizeof(kinds) / sizeof(kinds[0]); k++)
+            if (given[i] && kinds[k].unused &&
+                !strcmp(kinds[k].group ? list[i].row->group : list[i].row->name,
+                        kinds[k].group ? kinds[k].group : kinds[k].name)) {
+                *expected = kinds[k].expected;
+                return list[i].row->name;
+            }
+    return NULL;
+}
+
 static int check_options(const struct train_config *c, const bool *given)
 {
     if (!c->view && options_given(&command_train, given, T(port))) {
         say(stderr, "splatguard train: --port: found without --view, expected with it\n");
         return STATUS_USAGE;
     }
-    const char *unused = c->resume ? NULL : unused_option(c, given);
+    const char *expected = "", *foreign = c->resume ? NULL : foreign_option(c, given, &expected),
+               *unused = c->resume ? NULL : unused_option(c, given);
+    if (foreign) {
+        say(stderr, "splatguard train: --%s: found without effect, expected %s with it\n", foreign,
+            expected);
+        return STATUS_USAGE;
+    }
     if (unused) {
         say(stderr,
             "splatguard train: --%s: found without a defense, expected --defense spectral or "

@@ -41,6 +41,7 @@ int sg_run_check(sg_ctx *ctx, const struct sg_run_params *params)
         code = sg_config_check(ctx, sg_run_config, &p);
     if (code)
         return code;
+    p.train.defense.on |= p.audit == SG_RUN_AUDIT_DEFEND; /* which the photos decide */
     const struct sg_defense_params *d = &p.train.defense, preset = published(p.preset);
     if (d->rho_least > 0 &&
         (d->rho == SG_PRESET_RHO ? p.preset != SG_RUN_PRESET_AUTO : d->rho >= 0))
