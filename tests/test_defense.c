@@ -464,28 +464,29 @@ static void test_automatic(void **state)
     const struct sg_audit audit = {.count = 2, .images = images};
     struct sg_defense_params p = {SG_DEFENSE_DEFAULTS};
     float shares[2], tolerances[60];
-    sg_defense_automatic(&audit, 5.2, shares, tolerances, &p);
+    sg_defense_automatic(&audit, 5.2, (double) SG_TOLERANCE_AUTO, shares, tolerances, &p);
     assert_true(shares[0] == 0 && shares[1] == 0 && p.view_weights == shares && p.lambda == 6);
     assert_true(p.rho == -0.1 && p.rho_least == 0);
     assert_float_equal(p.frequency, 8, 1e-12);
     images[0].score = images[1].score = 0.95;
     images[0].features =
         (struct sg_audit_features){.content = 1e5, .osc_down = 1.5, .osc_across = 0.8};
-    sg_defense_automatic(&audit, 5.2, shares, tolerances, &p);
+    sg_defense_automatic(&audit, 5.2, (double) SG_TOLERANCE_AUTO, shares, tolerances, &p);
     assert_float_equal(p.lambda * (double) shares[0], 6, 1e-6); /* weak */
     assert_float_equal(p.lambda * (double) shares[1], 6, 1e-6); /* what oscillates is texture */
     images[1].features.osc_quiet = 3.6;
-    sg_defense_automatic(&audit, 5.2, shares, tolerances, &p);
+    sg_defense_automatic(&audit, 5.2, (double) SG_TOLERANCE_AUTO, shares, tolerances, &p);
     assert_float_equal(p.lambda * (double) shares[1], 12, 1e-5);
     assert_float_equal(p.rho, -(0.1 + 0.35 * (0.25 + 1) / 2), 1e-12);
     assert_float_equal(p.rho_least, 0.05 * 0.625 * 0.625, 1e-12);
     images[0].features.half_osc = 10.5, images[1].features.quarter_osc = 42;
-    sg_defense_automatic(&audit, 5.2, shares, tolerances, &p);
+    sg_defense_automatic(&audit, 5.2, (double) SG_TOLERANCE_AUTO, shares, tolerances, &p);
     assert_float_equal(p.lambda * (double) shares[0], 9, 1e-5);  /* coarse noise */
     assert_float_equal(p.lambda * (double) shares[1], 24, 1e-5); /* no photo gets more */
     const double weight = sg_filter_log_weight(&p, -4);
     for (double units = 1e-3; units <= 1e3; units *= 1e3) {
-        sg_defense_automatic(&audit, 5.2 * units, shares, tolerances, &p);
+        sg_defense_automatic(&audit, 5.2 * units, (double) SG_TOLERANCE_AUTO, shares, tolerances,
+                             &p);
         assert_float_equal(sg_filter_log_weight(&p, (float) (-4 + log(units))), weight, 1e-5);
     }
     /* Certain photos form a set of their own; blank ones are not judged. */
@@ -496,20 +497,24 @@ static void test_automatic(void **state)
     for (int i = 0; i < 3; i++)
         many[i] =
             (struct sg_audit_image){.score = 0.995, .features = {.content = 1e4, .osc_down = 5}};
-    sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, tolerances, &p);
+    sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1,
+                         (double) SG_TOLERANCE_AUTO, more, tolerances, &p);
     assert_float_equal(p.rho, -0.45, 1e-9);
     many[3] = many[4] = (struct sg_audit_image){
         .score = 1, .features = {.content = 1e4}}; /* which take nothing away */
-    sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, tolerances, &p);
+    sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1,
+                         (double) SG_TOLERANCE_AUTO, more, tolerances, &p);
     assert_float_equal(p.rho, -0.45, 1e-9);
     many[3] = many[4] = many[5];
     many[0].score = many[1].score = 0.98;
-    sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, tolerances, &p);
+    sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1,
+                         (double) SG_TOLERANCE_AUTO, more, tolerances, &p);
     assert_float_equal(p.rho, -(0.1 + 0.35 / 3), 1e-9);
     many[2].score = 0.98;
     for (int i = 3; i < 57; i++)
         many[i].features.content = 0;
-    sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1, more, tolerances, &p);
+    sg_defense_automatic(&(struct sg_audit){.count = 60, .images = many}, 1,
+                         (double) SG_TOLERANCE_AUTO, more, tolerances, &p);
     assert_float_equal(p.rho, -(0.1 + 0.35 / 2), 1e-9);
     assert_float_equal(sg_defense_frequency(0), sg_defense_frequency(1),
                        0); /* one place of cameras */
@@ -519,13 +524,14 @@ static void test_automatic(void **state)
         .score = 0.6, .features = {.content = 1e4, .osc_down = 9, .osc_across = 9}};
     images[1] = (struct sg_audit_image){
         .score = 0.9, .features = {.content = 1e3, .osc_down = 9, .osc_across = 9}};
-    sg_defense_automatic(&audit, 1, shares, tolerances, &p);
+    sg_defense_automatic(&audit, 1, (double) SG_TOLERANCE_AUTO, shares, tolerances, &p);
     assert_float_equal((double) shares[0], 0.5, 1e-6);
     assert_float_equal(p.rho, -(0.1 + 0.35 * (0.5 + 0.1) / 1.1), 1e-9);
     images[0].score = 0.3, images[1].score = 0.995; /* also without doubt */
-    sg_defense_automatic(&audit, 1, shares, tolerances, &p);
+    sg_defense_automatic(&audit, 1, (double) SG_TOLERANCE_AUTO, shares, tolerances, &p);
     assert_float_equal(p.rho, -(0.1 + 0.35 * 0.1), 1e-6);
-    sg_defense_automatic(&(struct sg_audit){0}, 1, shares, tolerances, &p);
+    sg_defense_automatic(&(struct sg_audit){0}, 1, (double) SG_TOLERANCE_AUTO, shares, tolerances,
+                         &p);
     assert_float_equal(p.rho, -0.1, 1e-12);
 }
 
@@ -544,23 +550,40 @@ static void test_automatic_tolerance(void **state)
     struct sg_audit audit = {.count = 3, .images = images, .tau = 15, .tau_error = 2};
     struct sg_defense_params p = {SG_DEFENSE_DEFAULTS};
     float weights[3], tolerances[3];
-    sg_defense_automatic(&audit, 5.2, weights, tolerances, &p);
+    sg_defense_automatic(&audit, 5.2, (double) SG_TOLERANCE_AUTO, weights, tolerances, &p);
     assert_true(tolerances[0] == 17 && tolerances[1] == 18 && tolerances[2] == 0);
     assert_true(weights[0] == 0 && weights[1] == 0 && weights[2] == 0);
     assert_float_equal(p.rho, -0.1 / 3, 1e-12); /* for the photo without a tolerance */
     assert_true(p.rho_least == 0 && p.view_weights == weights);
-    sg_defense_automatic(&audit, 5.2, weights, NULL, &p); /* without tolerances */
+    sg_defense_automatic(&audit, 5.2, 0, weights, tolerances, &p); /* without tolerances */
     assert_float_equal(p.lambda * (double) weights[0], 24, 1e-5);
     assert_float_equal(p.rho, -(0.1 + 0.35 * 2 / 3), 1e-12);
     images[1].tau = 0, images[1].verdict = SG_AUDIT_UNSEEN; /* masks leave nothing of it */
-    sg_defense_automatic(&audit, 5.2, weights, tolerances, &p);
+    sg_defense_automatic(&audit, 5.2, (double) SG_TOLERANCE_AUTO, weights, tolerances, &p);
     assert_true(tolerances[0] == 17 && tolerances[1] == 0);
     images[1].verdict = SG_AUDIT_POISONED;
-    audit.tau = 60, images[0].tau = 50, images[1].tau = 70; /* beyond it */
-    sg_defense_automatic(&audit, 5.2, weights, tolerances, &p);
-    assert_true(tolerances[0] == 0 && tolerances[1] == 0 && tolerances[2] == 0);
-    assert_float_equal(p.lambda * (double) weights[0], 24, 1e-5);
-    assert_float_equal(p.rho, -(0.1 + 0.35 * 2 / 3), 1e-12);
+    /* A fixed tolerance covers clean photos and weaker noise, but not stronger one. */
+    images[0].tau = 12, images[1].tau = 18;
+    sg_defense_automatic(&audit, 5.2, 20, weights, tolerances, &p);
+    assert_true(tolerances[0] == 20 && tolerances[1] == 20 && tolerances[2] == 20 && p.rho == 0);
+    assert_true(weights[0] == 0 && weights[1] == 0 && weights[2] == 0);
+    sg_defense_automatic(&audit, 5.2, 14, weights, tolerances, &p);
+    assert_true(tolerances[0] == 14 && tolerances[1] == 0 && tolerances[2] == 14);
+    assert_true(p.lambda * (double) weights[1] > 20 && p.rho < -0.1);
+    /* None is larger than the largest. */
+    audit.tau = 30, audit.tau_error = 9;
+    sg_defense_automatic(&audit, 5.2, (double) SG_TOLERANCE_AUTO, weights, tolerances, &p);
+    assert_true((double) tolerances[0] == SG_TOLERANCE_MAX);
+    /* Photos that are changed by more than that oscillate more than a bounded poison makes them. */
+    images[0].features.half_osc = images[1].features.half_osc = 20;
+    for (int fixed = 0; fixed < 2; fixed++) {
+        sg_defense_automatic(&audit, 5.2, fixed ? 20 : (double) SG_TOLERANCE_AUTO, weights,
+                             tolerances, &p);
+        assert_true(tolerances[0] == 0 && tolerances[1] == 0);
+        assert_true(tolerances[2] == (fixed ? 20 : 0));
+        assert_float_equal(p.lambda * (double) weights[0], 24, 1e-5);
+        assert_float_equal(p.rho, fixed ? -(0.2 / 3 + 0.35 * 2 / 3) : -(0.1 + 0.35 * 2 / 3), 1e-12);
+    }
 }
 
 /* Another way to compute the expected model. */

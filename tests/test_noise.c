@@ -89,6 +89,8 @@ static void looks_are_repeated(void **state)
     for (int until = 11; until <= 35; until += 24) {
         struct sg_train_params p = look_params();
         p.tolerance_look = 2, p.densify_until_iter = until;
+        if (until > 11) /* growth that goes on for longer than a short run */
+            p.tolerance_look = -1, p.iterations = 20, p.densify_until_iter = 15000;
         sg_trainer *t = begin_training(&f, &p);
         double least = 0; /* what was given is far above */
         for (int it = 1; it <= p.iterations; it++) {
@@ -215,6 +217,46 @@ static void bound_on_black(void **state)
     }
 }
 
+/* What the audit gave the photos that it doubts limits a bound from below, also when others have
+ * been added that are more. */
+static void added_photos_do_not_vote(void **state)
+{
+    (void) state;
+    struct fixture f = make_grey(1, BLACK, ALL);
+    static const float given[VIEWS] = {40, 0, 0, 0, 0, 0};
+    struct sg_train_params p = look_params();
+    struct sg_noise n;
+    p.tolerances = given;
+    sg_trainer *t = begin_training(&f, &p);
+    for (int look = 0; look < 2; look++) {
+        assert_int_equal(sg_trainer_measure_noise(t, 1, &n), SG_OK);
+        assert_true(n.level == 20 && n.compared == (look ? VIEWS : 1));
+        assert_int_equal(n.added, look ? 0 : VIEWS - 1);
+    }
+    sg_trainer_destroy(&t);
+    clear_fixture(&f);
+}
+
+/* Nor does a photo get a tolerance whose black is a little grey, or that has much weaker noise. */
+static void other_blacks_are_clean(void **state)
+{
+    (void) state;
+    struct fixture f = make_grey(1, BLACK, SOME);
+    static const float given[VIEWS] = {20, 20, 20, 20, 20, 0};
+    for (int noise = 0; noise < 2; noise++) {
+        struct sg_train_params p = look_params();
+        struct sg_noise n;
+        for (size_t i = 0; i < 3 * PHOTO * PHOTO; i++)
+            f.views[VIEWS - 1].rgb[i] = noise && draw(9, i, -1, 1) < 0 ? 0 : 4;
+        p.tolerances = given;
+        sg_trainer *t = begin_training(&f, &p);
+        assert_int_equal(sg_trainer_measure_noise(t, 1, &n), SG_OK);
+        assert_true(n.level >= EPSILON && n.added == 0);
+        sg_trainer_destroy(&t);
+    }
+    clear_fixture(&f);
+}
+
 /* One photo in five that shows a bound is too few. */
 static void bound_in_few_photos(void **state)
 {
@@ -297,7 +339,7 @@ static void no_look_is_asked_for(void **state)
         else if (i == 1)
             p.tolerances = NULL, p.tolerance_look = 2;
         else
-            p.tolerance_look = -1, p.densify_until_iter = 500; /* from 50 on */
+            p.tolerance_look = -1, p.densify_until_iter = p.iterations = 500; /* from 50 on */
         sg_trainer *t = begin_training(&f, &p);
         for (int it = 1; it <= LOOK + 2; it++) {
             struct sg_train_step s;
@@ -368,6 +410,8 @@ int main(void)
         cmocka_unit_test(first_level_stays),
         cmocka_unit_test(photos_without_quiet_parts),
         cmocka_unit_test(bound_on_black),
+        cmocka_unit_test(added_photos_do_not_vote),
+        cmocka_unit_test(other_blacks_are_clean),
         cmocka_unit_test(bound_in_few_photos),
         cmocka_unit_test(given_tolerance_stays),
         cmocka_unit_test(growth_follows_what_is_hidden),

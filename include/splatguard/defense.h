@@ -118,12 +118,14 @@ SG_API double sg_defense_frequency(double extent);
  * length. Photos that are not clean get the tolerance that the audit estimates. Photos that are
  * changed by more than a tolerance can cover get a strong regulariser and filter. Clean photos are
  * hardly affected. Sets rho, rho_least, frequency, lambda and view_weights of `params`, not `on`.
- * extent: that of the scene. view_weights, tolerances: arrays of one float per training view, which
- * are filled. view_weights must outlive the use of `params`; tolerances (grey levels) are for
- * sg_train_params.tolerances. tolerances may be NULL: no photo gets one then, and those that are
- * not clean get the regulariser and the filter. */
-SG_API void sg_defense_automatic(const struct sg_audit *audit, double extent, float *view_weights,
-                                 float *tolerances, struct sg_defense_params *params);
+ * extent: that of the scene. tolerance: that of training, in grey levels, or SG_TOLERANCE_AUTO.
+ * With a number photos that are changed by more than that get the regulariser and the filter.
+ * view_weights, tolerances: arrays of one float per training view, which are filled. view_weights
+ * must outlive the use of `params`; tolerances (grey levels) are for sg_train_params.tolerances
+ * with SG_TOLERANCE_AUTO, else they say which photos the tolerance covers. */
+SG_API void sg_defense_automatic(const struct sg_audit *audit, double extent, double tolerance,
+                                 float *view_weights, float *tolerances,
+                                 struct sg_defense_params *params);
 
 /* What the defense did in one iteration. */
 struct sg_defense_step {

@@ -172,8 +172,8 @@ struct sg_train_params {
     /* After this iteration, and 3, 5, 7 and 9 times as many if that is at most densify_until_iter,
      * photos with a tolerance are compared with their renders (struct sg_noise). With
      * `tolerances` the measured level of noise replaces every one above 0, and photos that show the
-     * bound of a poison get it too. 0..1e9, 0 = never, -1 = a tenth of densify_until_iter. Default
-     * -1. */
+     * bound of a poison get it too. 0..1e9, 0 = never, -1 = a tenth of densify_until_iter, or of
+     * iterations if there are fewer. Default -1. */
     int tolerance_look;
     /* A tolerance hides gradients, so that fewer Gaussians grow. SG_STRATEGY_DEFAULT multiplies
      * densify_grad_threshold by this times the share of the differences that the tolerances do not

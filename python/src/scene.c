@@ -301,7 +301,8 @@ static PyObject *automatic_dict(const struct sg_audit *audit, const struct sg_sc
              *tolerances = weights ? PyByteArray_FromStringAndSize(NULL, bytes) : NULL,
              *dict = NULL;
     if (tolerances) {
-        sg_defense_automatic(audit, scene->extent, (float *) (void *) PyByteArray_AsString(weights),
+        sg_defense_automatic(audit, scene->extent, (double) SG_TOLERANCE_AUTO,
+                             (float *) (void *) PyByteArray_AsString(weights),
                              (float *) (void *) PyByteArray_AsString(tolerances), &p);
         dict = Py_BuildValue("{s:d,s:d,s:d,s:d,s:O,s:O}", "rho", p.rho, "rho_least", p.rho_least,
                              "filter_frequency", p.frequency, "lambda", p.lambda, "view_weights",

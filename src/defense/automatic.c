@@ -13,6 +13,15 @@
  * times. The texture of a scene contributes to the first, not to the second, and stays below the
  * third. */
 static const double strong = 2.3, loud = 1.8, coarse = 7;
+/* The oscillation at half the size of photos that are changed by more than SG_TOLERANCE_MAX, which
+ * the audit's amplitudes do not tell: they end there. A bounded poison has a third of its bound
+ * there at most, and the texture's. */
+static const double beyond = 18;
+
+static double oscillation_of(const struct sg_audit_image *image)
+{
+    return (image->features.osc_down + image->features.osc_across) / 2;
+}
 
 static double suspicion_of(const struct sg_audit_image *image)
 {
@@ -24,9 +33,20 @@ static double suspicion_of(const struct sg_audit_image *image)
  * costs some detail. */
 static float tolerance_of(const struct sg_audit *audit, const struct sg_audit_image *image)
 {
-    if (image->tau == 0 || fmax(image->tau, audit->tau) > SG_TOLERANCE_MAX)
-        return 0;
-    return (float) fmax(image->tau, audit->tau + audit->tau_error);
+    const double most = fmax(image->tau, audit->tau + audit->tau_error);
+    return image->tau > 0 ? (float) fmin(most, SG_TOLERANCE_MAX) : 0;
+}
+
+/* Whether most photos that are not clean are changed by more than a tolerance can cover. room: for
+ * a value of each photo. */
+static bool is_beyond(const struct sg_audit *audit, float *room)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < audit->count; i++)
+        if (audit->images[i].tau > 0)
+            room[n++] = (float) audit->images[i].features.half_osc;
+    qsort(room, n, sizeof(*room), sg_float_descending);
+    return n > 0 && (double) room[n / 2] > beyond;
 }
 
 double sg_defense_frequency(double extent)
@@ -49,26 +69,28 @@ static double strength_of_few(float *parts, size_t n, double votes)
     return most;
 }
 
-void sg_defense_automatic(const struct sg_audit *audit, double extent, float *view_weights,
-                          float *tolerances, struct sg_defense_params *p)
+void sg_defense_automatic(const struct sg_audit *audit, double extent, double tolerance,
+                          float *view_weights, float *tolerances, struct sg_defense_params *p)
 {
     double strength = 0, votes = 0, tolerated = 0;
     size_t certain = 0;
+    const bool hopeless = is_beyond(audit, view_weights);
     for (size_t i = 0; i < audit->count; i++) {
         const struct sg_audit_image *image = &audit->images[i];
         const double vote = sg_audit_vote(&image->features);
-        const double amplitude =
-            (image->features.osc_down + image->features.osc_across) / 2 / strong;
-        const float tolerance = tolerances ? tolerance_of(audit, image) : 0;
+        const double amplitude = oscillation_of(image) / strong;
+        const bool covered = image->tau <= tolerance + image->tau_error;
         /* Growth follows the energy of the noise. Weak noise costs less than the filter does, and
          * tolerated noise causes no growth. */
+        tolerances[i] = (hopeless && image->tau > 0) || tolerance == 0 ? 0
+                        : tolerance < 0                                ? tolerance_of(audit, image)
+                        : covered                                      ? (float) tolerance
+                                                                       : 0;
         const double part =
-            tolerance > 0 ? 0 : suspicion_of(image) * fmin(amplitude * amplitude, 1);
+            tolerances[i] > 0 ? 0 : suspicion_of(image) * fmin(amplitude * amplitude, 1);
         strength += vote * part;
         votes += vote;
-        tolerated += tolerance > 0 ? vote : 0;
-        if (tolerances)
-            tolerances[i] = tolerance;
+        tolerated += tolerances[i] > 0 ? vote : 0;
         if (image->score >= SG_AUDIT_CERTAIN)
             view_weights[certain++] =
                 (float) (vote * part); /* for now the strength of the certain photos */
@@ -81,7 +103,7 @@ void sg_defense_automatic(const struct sg_audit *audit, double extent, float *vi
         const double loudness =
             fmax(f->osc_quiet / loud, fmax(f->half_osc, f->quarter_osc) / coarse);
         /* A tolerated photo has a regulariser of its own. */
-        const double weight = tolerances && tolerances[i] > 0 ? 0 : fmin(fmax(loudness, 1), 4);
+        const double weight = tolerances[i] > 0 ? 0 : fmin(fmax(loudness, 1), 4);
         view_weights[i] = (float) (suspicion_of(&audit->images[i]) * weight);
     }
     p->view_weights = view_weights;

@@ -177,6 +177,9 @@ static double bound_of(const uint8_t *photo, const uint8_t *mask, const float *r
     }
     if (n < LEAST_GROUND || n < pixels / 50)
         return 0;
+    /* What a poison takes away ends there; a black that is a little grey does not. */
+    if (counts[0] < 0.05 * 3 * (double) n)
+        return 0;
     const int bound = reached_by(counts, 0.001, 3 * (double) n);
     const int often = reached_by(counts, 0.01, 3 * (double) n);
     return bound >= LEAST_BOUND && 8 * often >= 7 * bound ? bound : 0;

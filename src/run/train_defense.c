@@ -92,8 +92,8 @@ static int audit(sg_run *r, struct sg_defense_params *preset)
         if (!r->view_weights || !r->tolerances)
             code = SG_ERR_BUDGET;
         else
-            sg_defense_automatic(found, r->scene->extent, r->view_weights,
-                                 p->train.tolerance == 0 ? NULL : r->tolerances, &d);
+            sg_defense_automatic(found, r->scene->extent, (double) p->train.tolerance,
+                                 r->view_weights, r->tolerances, &d);
         *preset = automatic ? d : *preset;
     }
     sg_audit_destroy(&found);

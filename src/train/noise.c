@@ -92,16 +92,17 @@ static double quantile(struct values *v, size_t quarters)
     return v->count ? v->of[v->count * quarters / 4] : 0;
 }
 
-/* What a look has measured. given: the tolerances before all looks; bounds: see sg_residual_bound.
- */
+/* What a look has measured. given: the tolerances before all looks, of those photos that had one;
+ * bounds: see sg_residual_bound. */
 struct findings {
     struct values levels, kurtosis, bounds, given;
     struct difference sum;
+    size_t photos;
 };
 
 static bool shows_bound(const struct findings *f)
 {
-    return f->bounds.count > 0 && 4 * f->bounds.count >= f->given.count;
+    return f->bounds.count > 0 && 4 * f->bounds.count >= f->photos;
 }
 
 /* The tolerance after a look. The first level that is measured stays: later ones fall as the model
@@ -137,7 +138,9 @@ static int look_at(const struct eye *e, size_t view, struct findings *f)
     sg_view_release(v);
     if (code)
         return code;
-    put(&f->given, t->params.tolerances ? (double) t->params.tolerances[view] : 0);
+    f->photos++;
+    if (t->params.tolerances && t->params.tolerances[view] > 0) /* no look has added it */
+        put(&f->given, (double) t->params.tolerances[view]);
     if (r.blocks)
         put(&f->levels, r.level), put(&f->kurtosis, r.kurtosis);
     if (bound > 0)
@@ -159,7 +162,7 @@ static int look_at_tolerated(const struct eye *e, size_t tolerated, struct findi
 }
 
 /* Photos of one attack show its bound in one way. So where those that the audit doubts show it, the
- * others are looked at too, and get a tolerance if they do as well. */
+ * others are looked at too, and get a tolerance if they show about the same. */
 static int look_at_others(const struct eye *e, float tolerance, size_t *added)
 {
     sg_trainer *t = e->t;
@@ -171,7 +174,7 @@ static int look_at_others(const struct eye *e, float tolerance, size_t *added)
             continue;
         code = bound_of(e, i, photo, &bound);
         sg_view_release(&t->scene->train[i]);
-        if (bound > 0)
+        if (bound >= 0.5 * (double) tolerance && bound <= 2 * (double) tolerance)
             t->tolerances[i] = tolerance, ++*added;
     }
     return code;
@@ -184,7 +187,7 @@ static int measure(const struct eye *e, size_t tolerated, struct sg_noise *out)
     int code = look_at_tolerated(e, tolerated, &f);
     if (code)
         return code;
-    out->compared = f.given.count;
+    out->compared = f.photos;
     out->photos = f.levels.count, out->bounded = f.bounds.count;
     out->kurtosis = quantile(&f.kurtosis, 2);
     out->level = level_of(t, &f);

@@ -173,7 +173,7 @@ static const struct sg_option train_options[] = {
         "After this iteration, and 3, 5, 7 and 9 times as many while Gaussians are added, photos "
         "with a tolerance are compared with their renders. With --tolerance auto the first noise "
         "in the difference becomes the tolerance, and any bound that shows on black or white. -1 = "
-        "a tenth of --densify-until-iter, 0 = never.",
+        "a tenth of --densify-until-iter, or of --iterations if that is less; 0 = never.",
         DEFENSE, EXPERT),
     FLOAT("tolerance-growth", tolerance_growth, 0, 1000,
           "Multiplies --densify-grad-threshold by X times the share of the difference between "

@@ -374,7 +374,8 @@ float sg_trainer_tolerance(const sg_trainer *t, size_t view)
  * 3000th iteration by default, lie between the looks. */
 static bool is_look(const struct sg_train_params *p, int before, int it)
 {
-    const int first = p->tolerance_look < 0 ? p->densify_until_iter / 10 : p->tolerance_look;
+    const int grows = p->densify_until_iter < p->iterations ? p->densify_until_iter : p->iterations,
+              first = p->tolerance_look < 0 ? grows / 10 : p->tolerance_look;
     for (int k = 1; k <= 9 && first > 0; k += 2) {
         const int64_t look = (int64_t) k * first;
         if (before < look && it >= look && (k == 1 || look <= p->densify_until_iter))
