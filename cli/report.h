@@ -41,6 +41,18 @@ struct group {
     const char *why; /* a status other than done, or NULL */
 };
 
+/* A run as the paper prints it; 0: not printed. */
+struct paper_row {
+    const char *scene, *photos, *defense, *model;
+    double gaussians; /* most, millions */
+    double megabytes, minutes, fps, psnr, ssim;
+};
+
+/* A job that runs need, and that has no result. */
+struct obstacle {
+    char *kind, *status, *message, *command;
+};
+
 /* An audit of a scene's photos of one kind. */
 struct audit {
     char *plan, *scene, *photos, *key, *status, *verdict;
@@ -77,6 +89,8 @@ struct report {
     json_t *curves; /* key: list of [iteration, Gaussians, PSNR, instances, bytes] */
     /* key: {photo, render: {view, png (base64), radial, angular (lists)}} */
     json_t *pictures;
+    struct obstacle *obstacles;
+    size_t n_obstacles;
     struct audit *audits;
     size_t n_audits;
     struct audit_row *audit_rows;
@@ -100,13 +114,49 @@ json_t *report_audits_json(const struct report *r);
 /* The share of the clean count that a defense is limited to by {clean*X} in its plan, or 0. */
 double report_limit(const struct report *r, const struct result *x);
 
+bool same_scene(const struct result *a, const struct result *b); /* and plan and model */
+
 /* The group with other photos or another defense, or NULL. */
 const struct group *report_find(const struct report *r, const struct group *like,
                                 const char *photos, const char *defense);
 
+/* Over the seeds of a group. */
+struct spread {
+    double mean, deviation; /* NAN: of none, of one */
+};
+/* A metric of those of a group that are done in another group too, there and as a share of it. */
+struct spread report_pairs(const struct report *r, const struct group *of, const struct group *to,
+                           enum report_metric m);
+struct spread report_shares(const struct report *r, const struct group *of, const struct group *to,
+                            enum report_metric m);
+
+/* What the paper prints of a run, or NULL. */
+const struct paper_row *report_paper(const char *scene, const char *photos, const char *defense,
+                                     const char *model);
+/* The same of a run here. A scene that a plan makes is none of the paper's. */
+const struct paper_row *report_paper_of(const struct report *r, const struct result *x);
+/* Most Gaussians as a share of its clean run without a defense. NAN: not printed. */
+double report_paper_growth(const struct paper_row *p);
+
 /* ---- tables ---- */
 
 enum format { MARKDOWN, HTML };
+
+void put_text(FILE *f, enum format format, const char *text);
+void put_heading(FILE *f, enum format format, int level, const char *text);
+void begin_table(FILE *f, enum format format, const char *const *titles, int n);
+void begin_row(FILE *f, enum format format, const char *name);
+void put_cell(FILE *f, enum format format, const char *text);
+void put_number(FILE *f, enum format format, double mean, double deviation, int digits);
+void end_row(FILE *f, enum format format);
+void end_table(FILE *f, enum format format);
+
+/* Next to the paper; defenses and photos side by side, of scenes and means over scenes; at equal
+ * count; what the plans say. */
+void put_papers(FILE *f, const struct report *r, enum format format);
+void put_sides(FILE *f, const struct report *r, enum format format);
+void put_limits(FILE *f, const struct report *r, enum format format);
+void put_plans(FILE *f, const struct report *r, enum format format);
 
 void put_tables(FILE *f, const struct report *r, enum format format);
 void put_csv(FILE *f, const struct report *r);

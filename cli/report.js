@@ -6,12 +6,13 @@ const photoList = JSON.parse(document.getElementById('photo-list').textContent);
 for (const r of results)
     if (r.pictures && r.pictures.photo !== undefined) r.pictures.photo = photoList[r.pictures.photo];
 const audits = JSON.parse(document.getElementById('audits').textContent);
-const colours = ['#4878d0', '#ee854a', '#6acc64', '#d65f5f', '#956cb4', '#8c613c', '#dc7ec0', '#797979',
-    '#d5bb67', '#82c6e2', '#1f3f80', '#a34a00', '#1e7d1e', '#8f1414', '#5b2a86', '#4d3319', '#9c2f7f', '#3b3b3b',
-    '#8a7a1a', '#227a99'];
+// On light and on dark paper with a contrast of 3 at least.
+const colours = ['#4678d2', '#f06414', '#28960a', '#b4328c', '#8c5a0a', '#8c968c', '#c86ee6', '#00786e', '#826482', '#c83232',
+    '#e65a8c', '#a09600', '#8c50c8', '#00a0c8', '#b46e5a', '#9682be', '#00a082', '#6e8246', '#8c78fa', '#00781e'];
 // A figure is as wide as its place, so that its letters are as large as the text's. Where that is narrow its legend is below.
 const height = 340, left = 62, top_ = 16, narrow = 640;
 let width = 900, bottom = 40, right = 180;
+const rows = Math.floor((height - top_) / 20); // of a legend beside a figure
 const unique = list => [...new Set(list)];
 const defenses = unique(results.map(r => r.defense));
 const photosName = 'the photos';
@@ -65,13 +66,16 @@ function plot(id, title, x, y, numbers) {
     return {svg, px, py};
 }
 
+// Beside the figure, or below it where there is no room.
 function legend(svg, names, paint = colour) {
-    const below = width < narrow, x = below ? left : width - right + 16, y = below ? height + 4 : top_;
+    const below = width < narrow || names.length > rows, columns = below ? Math.max(1, Math.floor((width - left) / 190)) : 1,
+        x = below ? left : width - right + 16, y = below ? height + 4 : top_;
     names.forEach((name, i) => {
-        element(svg, 'rect', {x, y: y + 20 * i, width: 12, height: 12, style: `fill: ${paint(name)}`});
-        element(svg, 'text', {x: x + 18, y: y + 20 * i + 11}, name);
+        const at = [x + 190 * (i % columns), y + 20 * Math.floor(i / columns)];
+        element(svg, 'rect', {x: at[0], y: at[1], width: 12, height: 12, style: `fill: ${paint(name)}`});
+        element(svg, 'text', {x: at[0] + 18, y: at[1] + 11}, name);
     });
-    if (below) svg.setAttribute('viewBox', `0 0 ${width} ${y + 20 * names.length}`);
+    if (below) svg.setAttribute('viewBox', `0 0 ${width} ${y + 20 * Math.ceil(names.length / columns)}`);
 }
 
 function mark(svg, name, attributes, value, title) {
@@ -82,12 +86,13 @@ function mark(svg, name, attributes, value, title) {
 
 const mean = list => list.reduce((a, b) => a + b, 0) / list.length;
 
-// Bars of the mean over seeds, photos side by side.
-function bars(id, title, key, chosen) {
+// Bars of the mean over seeds, photos side by side. published: what the paper has of a run, or NaN; an outlined diamond.
+function bars(id, title, key, chosen, published) {
     const photos = unique(chosen.map(r => r.photos)), shown = defenses.filter(d => chosen.some(r => r.defense === d));
     const cells = shown.flatMap(d => photos.map(p => ({d, p,
-        v: chosen.filter(r => r.defense === d && r.photos === p && r[key] !== null).map(r => r[key])})));
-    const most = Math.max(0, ...cells.filter(c => c.v.length).map(c => mean(c.v)));
+        v: chosen.filter(r => r.defense === d && r.photos === p && r[key] !== null).map(r => r[key]),
+        paper: chosen.filter(r => r.defense === d && r.photos === p && r.paper).map(published).find(v => v > 0)})));
+    const most = Math.max(0, ...cells.filter(c => c.v.length).map(c => mean(c.v)), ...cells.map(c => c.paper || 0));
     const {svg, py} = plot(id, title, [0, 1], [0, most * 1.05 || 1], false);
     const group = (width - left - right) / photos.length, bar = group / (shown.length + 1);
     photos.forEach((p, i) => {
@@ -95,7 +100,11 @@ function bars(id, title, key, chosen) {
         element(svg, 'text', width < narrow ? {x, y, 'text-anchor': 'end', transform: `rotate(-35 ${x} ${y})`}
             : {x, y, 'text-anchor': 'middle'}, p);
         shown.forEach((d, k) => {
-            const v = cells.find(c => c.d === d && c.p === p).v;
+            const {v, paper} = cells.find(c => c.d === d && c.p === p), middle = left + group * i + bar * (k + .95);
+            if (paper) {
+                const e = element(svg, 'path', {class: 'paper', d: `M${middle} ${py(paper) - 6}l6 6l-6 6l-6 -6z`});
+                element(e, 'title', {}, `${p}, ${d}: ${short(paper)} in the paper`);
+            }
             if (!v.length) return;
             const m = mean(v), y = py(m);
             mark(svg, 'rect', {x: left + group * i + bar * (k + .5), y, width: bar * .9, height: height - bottom - y,
@@ -221,8 +230,12 @@ function draw() {
         defense = document.getElementById('defense').value;
     const of = results.filter(r => sceneOf(r) === scene && (!defense || r.defense === defense || r.defense === 'off'));
     const chosen = of.filter(r => !photos || r.photos === photos);
-    bars('gaussians', 'Most Gaussians of a training', 'max_gaussians', chosen);
-    bars('quality', 'PSNR on the test views of the clean scene, dB', 'psnr', chosen);
+    const clean = of.filter(r => r.photos === 'clean' && r.defense === 'off' && r.max_gaussians).map(r => r.max_gaussians),
+        diamonds = chosen.some(r => r.paper) ? '; diamonds: the paper\'s, ' : '';
+    bars('gaussians', 'Most Gaussians of a training' + (diamonds && diamonds + 'its ratio times the clean run here'), 'max_gaussians',
+        chosen, r => r.paper.growth * mean(clean));
+    bars('quality', 'PSNR on the test views of the clean scene, dB' + (diamonds && diamonds + 'at full size'), 'psnr', chosen,
+        r => r.paper.psnr);
     scatter('tradeoff', 'PSNR against Gaussians: circles on clean photos, squares on others', chosen);
     lines('growth', 'Gaussians over the iterations; dashed on clean photos', 1, chosen);
     lines('instances', '(Gaussian, tile) pairs of the view over the iterations: what memory and time follow', 3, chosen);

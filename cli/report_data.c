@@ -213,13 +213,42 @@ static int load_pictures(struct keyed *k, struct store *s)
     return code;
 }
 
+/* Parts of one plan have the same text. */
+struct reading_plans {
+    struct report *r;
+    const char *path;
+};
+
 static int take_plan(void *arg, int columns, const char *const *v)
+{
+    struct reading_plans *p = arg;
+    struct report *r = p->r;
+    (void) columns;
+    json_t *plan = v[0] && v[1] ? json_loads(v[1], 0, NULL) : NULL;
+    const json_t *before = plan ? json_object_get(r->plans, v[0]) : NULL;
+    if (before && !json_equal(before, plan)) {
+        say(stderr,
+            "splatguard report: %s: found another plan \"%s\" than in the databases before, "
+            "expected parts of one plan\n",
+            p->path, v[0]);
+        json_decref(plan);
+        return STATUS_INPUT;
+    }
+    if (plan)
+        json_object_set_new(r->plans, v[0], plan);
+    return STATUS_DONE;
+}
+
+static int take_obstacle(void *arg, int columns, const char *const *v)
 {
     struct report *r = arg;
     (void) columns;
-    json_t *plan = v[0] && v[1] ? json_loads(v[1], 0, NULL) : NULL;
-    if (plan)
-        json_object_set_new(r->plans, v[0], plan);
+    struct obstacle *more = realloc(r->obstacles, (r->n_obstacles + 1) * sizeof(*more));
+    if (!more)
+        return no_memory();
+    r->obstacles = more;
+    r->obstacles[r->n_obstacles++] = (struct obstacle){report_copy(v[0]), report_copy(v[1]),
+                                                       report_copy(v[2]), report_copy(v[3])};
     return STATUS_DONE;
 }
 
@@ -227,7 +256,10 @@ double report_limit(const struct report *r, const struct result *x)
 {
     const json_t *defense = json_object_get(
         json_object_get(json_object_get(r->plans, x->plan), "defenses"), x->defense);
-    const json_t *options = json_is_array(defense) ? defense : json_object_get(defense, "train");
+    const json_t *prune = json_object_get(defense, "prune"),
+                 *options = json_is_array(defense) ? defense
+                            : prune                ? prune
+                                                   : json_object_get(defense, "train");
     for (size_t i = 0; i < json_array_size(options); i++) {
         const char *text = json_string_value(json_array_get(options, i));
         double share;
@@ -257,7 +289,13 @@ int report_load(struct report *r, const char *path)
     for (size_t i = r->n; i-- > 0;)
         json_object_set_new(k.index, r->results[i].key, json_integer((json_int_t) i));
     if (!code)
-        code = store_query(s, "SELECT name, text FROM plan", take_plan, r);
+        code = store_query(s, "SELECT name, text FROM plan", take_plan,
+                           &(struct reading_plans){r, path});
+    if (!code)
+        code = store_query(s,
+                           "SELECT kind, status, message, command FROM job WHERE status <> 'done'"
+                           " AND key NOT IN (SELECT key FROM cell) ORDER BY kind, key",
+                           take_obstacle, r);
     if (!code)
         code = store_query(s,
                            "SELECT key, name, value FROM metric"
@@ -273,6 +311,11 @@ int report_load(struct report *r, const char *path)
     json_decref(k.known);
     store_close(&s);
     return code;
+}
+
+bool same_scene(const struct result *a, const struct result *b)
+{
+    return !strcmp(a->plan, b->plan) && !strcmp(a->scene, b->scene) && !strcmp(a->model, b->model);
 }
 
 static bool is_alike(const struct result *a, const struct result *b)
@@ -332,8 +375,50 @@ const struct group *report_find(const struct report *r, const struct group *like
     return NULL;
 }
 
+/* Of each run of a group the value of the run with its seed in another group, or its own value as a
+ * share of that. */
+static struct spread pair(const struct report *r, const struct group *of, const struct group *to,
+                          enum report_metric m, bool share)
+{
+    double sum = 0, squares = 0;
+    int n = 0;
+    for (size_t i = 0; i < r->n && of && to; i++) {
+        const struct result *a = &r->results[i];
+        if (!is_alike(a, of->first) || strcmp(a->status, "done"))
+            continue;
+        for (size_t k = 0; k < r->n; k++) {
+            const struct result *b = &r->results[k];
+            if (b->seed != a->seed || !is_alike(b, to->first) || strcmp(b->status, "done"))
+                continue;
+            const double v = share ? a->value[m] / b->value[m] : b->value[m],
+                         d = v - sum / (n + !n);
+            n++;
+            squares += n > 1 ? d * d * (n - 1) / n : 0;
+            sum += v;
+        }
+    }
+    return (struct spread){n ? sum / n : NAN, n > 1 ? sqrt(squares / (n - 1)) : NAN};
+}
+
+struct spread report_pairs(const struct report *r, const struct group *of, const struct group *to,
+                           enum report_metric m)
+{
+    return pair(r, of, to, m, false);
+}
+
+struct spread report_shares(const struct report *r, const struct group *of, const struct group *to,
+                            enum report_metric m)
+{
+    return pair(r, of, to, m, true);
+}
+
 void report_clear(struct report *r)
 {
+    for (size_t i = 0; i < r->n_obstacles; i++) {
+        struct obstacle *o = &r->obstacles[i];
+        free(o->kind), free(o->status), free(o->message), free(o->command);
+    }
+    free(r->obstacles);
     for (size_t i = 0; i < r->n; i++)
         clear_result(&r->results[i]);
     free(r->results);

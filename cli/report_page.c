@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The report as one page without any other file. Names come from a database: all text is escaped.
  */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -27,6 +28,12 @@ static json_t *result_json(const struct report *r, const struct result *x, json_
                           "alone", x->alone);
     for (int m = 0; m < M_METRICS; m++)
         json_object_set_new(o, metric_columns[m].name, number_json(x->value[m]));
+    const struct paper_row *paper = report_paper_of(r, x);
+    if (paper)
+        json_object_set_new(o, "paper",
+                            json_pack("{s:o,s:o}", "psnr",
+                                      number_json(paper->psnr > 0 ? paper->psnr : NAN), "growth",
+                                      number_json(report_paper_growth(paper))));
     json_t *curve = json_object_get(r->curves, x->key);
     json_object_set_new(o, "curve", curve ? json_incref(curve) : json_array());
     json_t *pictures = json_object_get(r->pictures, x->key);

@@ -6,7 +6,7 @@
 #include "page.h"
 #include "report.h"
 
-static void put_text(FILE *f, enum format format, const char *text)
+void put_text(FILE *f, enum format format, const char *text)
 {
     if (format == HTML) {
         put_escaped(f, text);
@@ -20,49 +20,52 @@ static void put_text(FILE *f, enum format format, const char *text)
     }
 }
 
-static void heading(FILE *f, enum format format, int level, const char *text)
+void put_heading(FILE *f, enum format format, int level, const char *text)
 {
     fprintf(f, format == HTML ? "<h%d>" : "\n%.*s ", level, "######");
     put_text(f, format, text);
     fprintf(f, format == HTML ? "</h%d>\n" : "\n\n", level);
 }
 
-static void begin_table(FILE *f, enum format format, const char *const *titles, int n)
+void begin_table(FILE *f, enum format format, const char *const *titles, int n)
 {
     fprintf(f, format == HTML ? "<table><thead><tr>" : "|");
-    for (int i = 0; i < n; i++)
-        fprintf(f, format == HTML ? "<th>%s</th>" : " %s |", titles[i]);
+    for (int i = 0; i < n; i++) {
+        fprintf(f, format == HTML ? "<th>" : " ");
+        put_text(f, format, titles[i]);
+        fprintf(f, format == HTML ? "</th>" : " |");
+    }
     fprintf(f, format == HTML ? "</tr></thead><tbody>\n" : "\n|");
     for (int i = 0; i < n && format == MARKDOWN; i++)
         fprintf(f, i ? "---:|" : "---|");
     fprintf(f, format == HTML ? "" : "\n");
 }
 
-static void begin_row(FILE *f, enum format format, const char *name)
+void begin_row(FILE *f, enum format format, const char *name)
 {
     fprintf(f, format == HTML ? "<tr><th>" : "| ");
     put_text(f, format, name);
     fprintf(f, format == HTML ? "</th>" : " |");
 }
 
-static void end_row(FILE *f, enum format format)
+void end_row(FILE *f, enum format format)
 {
     fprintf(f, format == HTML ? "</tr>\n" : "\n");
 }
 
-static void end_table(FILE *f, enum format format)
+void end_table(FILE *f, enum format format)
 {
     fprintf(f, format == HTML ? "</tbody></table>\n" : "\n");
 }
 
-static void put_cell(FILE *f, enum format format, const char *text)
+void put_cell(FILE *f, enum format format, const char *text)
 {
     fprintf(f, format == HTML ? "<td>" : " ");
     put_text(f, format, text);
     fprintf(f, format == HTML ? "</td>" : " |");
 }
 
-static void put_number(FILE *f, enum format format, double mean, double deviation, int digits)
+void put_number(FILE *f, enum format format, double mean, double deviation, int digits)
 {
     char text[96] = "";
     if (isfinite(mean))
@@ -71,16 +74,6 @@ static void put_number(FILE *f, enum format format, double mean, double deviatio
         snprintf(text + strlen(text), sizeof(text) - strlen(text), " \u00b1 %.*f", digits,
                  deviation);
     put_cell(f, format, text);
-}
-
-static void put_ratio(FILE *f, enum format format, const struct group *g, const struct group *to)
-{
-    put_number(f, format, to ? g->mean[M_MAX_GAUSSIANS] / to->mean[M_MAX_GAUSSIANS] : NAN, NAN, 2);
-}
-
-static bool same_scene(const struct result *a, const struct result *b)
-{
-    return !strcmp(a->plan, b->plan) && !strcmp(a->scene, b->scene) && !strcmp(a->model, b->model);
 }
 
 static bool same_block(const struct result *a, const struct result *b)
@@ -107,7 +100,8 @@ static void put_defenses(FILE *f, const struct report *r, enum format format, si
         put_cell(f, format, n);
         if (g->runs) {
             put_number(f, format, g->mean[M_MAX_GAUSSIANS], g->deviation[M_MAX_GAUSSIANS], 0);
-            put_ratio(f, format, g, clean);
+            const struct spread of = report_shares(r, g, clean, M_MAX_GAUSSIANS);
+            put_number(f, format, of.mean, of.deviation, 2);
             for (int m = M_GAUSSIANS; m <= M_MEMORY; m++)
                 put_number(f, format, g->mean[m], g->deviation[m], metric_columns[m].digits);
         } else
@@ -125,139 +119,6 @@ static bool begins_block(const struct report *r, size_t i)
         if (same_block(r->groups[k].first, r->groups[i].first))
             return false;
     return true;
-}
-
-/* Ratios of Gaussians, Lu et al.'s attack and the spectral defense as their paper prints them, at
- * epsilon 16 and full size. */
-static const struct {
-    const char *scene;
-    double poison, defense;
-} published[] = {{"lego", 2.35, 2.89},  {"bonsai", 4.82, 5.92}, {"garden", 1.36, 4.57},
-                 {"train", 1.19, 2.67}, {"chair", 1.96, 3.46},  {"hotdog", 6.14, 3.71}};
-/* Quality on poisoned photos, measured on clean ones. */
-static const struct {
-    const char *scene, *defense;
-    double psnr, ssim;
-} quality[] = {{"bonsai", "off", 27.14, 0.64},
-               {"bonsai", "ut", 22.68, 0.75},
-               {"bonsai", "lightgaussian", 27.05, 0.67},
-               {"bonsai", "pup", 26.81, 0.69},
-               {"bonsai", "spectral", 29.07, 0.84},
-               {"garden", "off", 24.63, 0.65},
-               {"garden", "ut", 18.99, 0.47},
-               {"garden", "lightgaussian", 24.05, 0.64},
-               {"garden", "pup", 23.77, 0.64},
-               {"garden", "spectral", 25.13, 0.73},
-               {"chair", "off", 24.60, 0.22},
-               {"chair", "spectral", 25.00, 0.23}};
-#define COUNT(list) (sizeof(list) / sizeof(list[0]))
-
-static void put_published(FILE *f, const struct report *r, enum format format)
-{
-    static const char *const titles[] = {"scene", "poison of clean", "paper", "poison of spectral",
-                                         "paper"};
-    bool any = false;
-    for (size_t i = 0; i < r->n_groups; i++) {
-        const struct group *g = &r->groups[i], *poison = report_find(r, g, "eps16", OFF),
-                           *defense = report_find(r, g, "eps16", "spectral");
-        size_t k = 0;
-        while (k < COUNT(published) && strcmp(published[k].scene, g->first->scene))
-            k++;
-        if (k == COUNT(published) || strcmp(g->first->photos, CLEAN) ||
-            strcmp(g->first->defense, OFF) || !poison)
-            continue;
-        if (!any) {
-            heading(f, format, 2, "Next to the paper: most Gaussians, epsilon 16");
-            begin_table(f, format, titles, 5);
-        }
-        any = true;
-        begin_row(f, format, g->first->scene);
-        put_ratio(f, format, poison, g);
-        put_number(f, format, published[k].poison, NAN, 2);
-        if (defense)
-            put_ratio(f, format, poison, defense);
-        else
-            put_cell(f, format, "");
-        put_number(f, format, published[k].defense, NAN, 2);
-        end_row(f, format);
-    }
-    if (any)
-        end_table(f, format);
-}
-
-static void put_quality(FILE *f, const struct report *r, enum format format)
-{
-    static const char *const titles[] = {"scene, defense", "PSNR", "paper", "SSIM", "paper"};
-    bool any = false;
-    for (size_t i = 0; i < r->n_groups; i++) {
-        const struct group *g = &r->groups[i];
-        char name[128];
-        for (size_t k = 0; k < COUNT(quality); k++) {
-            if (strcmp(quality[k].scene, g->first->scene) ||
-                strcmp(quality[k].defense, g->first->defense) || strcmp(g->first->photos, "eps16"))
-                continue;
-            if (!any) {
-                heading(f, format, 2, "Next to the paper: quality on poisoned photos");
-                begin_table(f, format, titles, 5);
-            }
-            any = true;
-            snprintf(name, sizeof(name), "%s, %s", g->first->scene, g->first->defense);
-            begin_row(f, format, name);
-            put_number(f, format, g->mean[M_PSNR], g->deviation[M_PSNR], 2);
-            put_number(f, format, quality[k].psnr, NAN, 2);
-            put_number(f, format, g->mean[M_SSIM], g->deviation[M_SSIM], 4);
-            put_number(f, format, quality[k].ssim, NAN, 2);
-            end_row(f, format);
-        }
-    }
-    if (any)
-        end_table(f, format);
-}
-
-static bool is_limited(const struct report *r, const struct group *g)
-{
-    return g->runs && report_limit(r, g->first) > 0;
-}
-
-/* Those of one scene, from its first one on: who is better with as many Gaussians. */
-static void put_limited(FILE *f, const struct report *r, enum format format, size_t from)
-{
-    static const char *const titles[] = {"limit, defense, photos", "n", "Gaussians", "PSNR", "SSIM",
-                                         "PSNR without a limit"};
-    const struct result *scene = r->groups[from].first;
-    char name[256], n[16];
-    snprintf(name, sizeof(name), "%s: %s, limits in shares of the clean count", scene->plan,
-             scene->scene);
-    heading(f, format, 2, name);
-    begin_table(f, format, titles, 6);
-    for (size_t i = from; i < r->n_groups; i++) {
-        const struct group *g = &r->groups[i], *off = report_find(r, g, g->first->photos, OFF);
-        if (!is_limited(r, g) || !same_scene(g->first, scene))
-            continue;
-        snprintf(name, sizeof(name), "%.2f, %s, %s", report_limit(r, g->first), g->first->defense,
-                 g->first->photos);
-        begin_row(f, format, name);
-        snprintf(n, sizeof(n), "%d", g->runs);
-        put_cell(f, format, n);
-        put_number(f, format, g->mean[M_GAUSSIANS], g->deviation[M_GAUSSIANS], 0);
-        put_number(f, format, g->mean[M_PSNR], g->deviation[M_PSNR], 2);
-        put_number(f, format, g->mean[M_SSIM], g->deviation[M_SSIM], 4);
-        put_number(f, format, off ? off->mean[M_PSNR] : NAN, NAN, 2);
-        end_row(f, format);
-    }
-    end_table(f, format);
-}
-
-static void put_limits(FILE *f, const struct report *r, enum format format)
-{
-    for (size_t i = 0; i < r->n_groups; i++) {
-        bool first = is_limited(r, &r->groups[i]);
-        for (size_t k = 0; k < i && first; k++)
-            first = !is_limited(r, &r->groups[k]) ||
-                    !same_scene(r->groups[k].first, r->groups[i].first);
-        if (first)
-            put_limited(f, r, format, i);
-    }
 }
 
 static void put_share(FILE *f, enum format format, size_t part, size_t whole)
@@ -307,7 +168,7 @@ static void put_audits(FILE *f, const struct report *r, enum format format)
         if (!first)
             continue;
         snprintf(title, sizeof(title), "%s: verdicts of the audit on single photos", plan);
-        heading(f, format, 2, title);
+        put_heading(f, format, 2, title);
         begin_table(f, format, titles, 8);
         for (size_t k = i; k < r->n_audit_rows; k++)
             if (!strcmp(r->audit_rows[k].first->plan, plan))
@@ -322,7 +183,9 @@ static void put_audits(FILE *f, const struct report *r, enum format format)
 
 static void put_failures(FILE *f, const struct report *r, enum format format)
 {
-    static const char *const titles[] = {"run", "status", "message"};
+    static const char *const titles[] = {"run", "status", "message"}, *const obstacles[] = {
+                                                                          "job", "status",
+                                                                          "message", "command"};
     bool any = false;
     for (size_t i = 0; i < r->n; i++) {
         const struct result *x = &r->results[i];
@@ -330,7 +193,7 @@ static void put_failures(FILE *f, const struct report *r, enum format format)
         if (!strcmp(x->status, "done"))
             continue;
         if (!any) {
-            heading(f, format, 2, "Runs without a result");
+            put_heading(f, format, 2, "Runs without a result");
             begin_table(f, format, titles, 3);
         }
         any = true;
@@ -343,40 +206,68 @@ static void put_failures(FILE *f, const struct report *r, enum format format)
     }
     if (any)
         end_table(f, format);
+    for (size_t i = 0; i < r->n_obstacles; i++) {
+        const struct obstacle *o = &r->obstacles[i];
+        if (!i) {
+            put_heading(f, format, 2, "Jobs that runs need, without a result");
+            begin_table(f, format, obstacles, 4);
+        }
+        begin_row(f, format, o->kind);
+        put_cell(f, format, o->status), put_cell(f, format, o->message);
+        put_cell(f, format, o->command);
+        end_row(f, format);
+    }
+    if (r->n_obstacles)
+        end_table(f, format);
+}
+
+/* The commits and machines of the runs, each once. */
+static void put_each(FILE *f, const struct report *r, enum format format, const char *what,
+                     bool machine)
+{
+    int n = 0;
+    fputs(what, f);
+    for (size_t i = 0; i < r->n; i++) {
+        const char *name = machine ? r->results[i].machine : r->results[i].commit;
+        bool first = *name;
+        for (size_t k = 0; k < i && first; k++)
+            first = strcmp(machine ? r->results[k].machine : r->results[k].commit, name);
+        if (!first)
+            continue;
+        fputs(n++ ? "; " : "", f);
+        put_text(f, format, name);
+    }
 }
 
 static void put_about(FILE *f, const struct report *r, enum format format)
 {
     size_t done = 0, beside = 0;
-    const struct result *last = NULL;
     for (size_t i = 0; i < r->n; i++)
-        if (!strcmp(r->results[i].status, "done")) {
-            last = &r->results[i];
-            done++, beside += !last->alone;
-        }
-    fprintf(f, "%s%zu of %zu runs are done.", format == HTML ? "<p>" : "", done, r->n);
-    if (last) {
-        fprintf(f, " The last one is of commit ");
-        put_text(f, format, last->commit);
-        fprintf(f, ", on ");
-        put_text(f, format, last->machine);
-        fprintf(f, ".");
+        if (!strcmp(r->results[i].status, "done"))
+            done++, beside += !r->results[i].alone;
+    fprintf(f, "%s%zu of %zu runs are done", format == HTML ? "<p>" : "", done, r->n);
+    if (done) {
+        put_each(f, r, format, ": commits ", false);
+        put_each(f, r, format, ", on ", true);
     }
     fprintf(f,
-            "%sn: seeds; after \u00b1: standard deviation over them. PSNR and SSIM are means "
-            "over the test views of the clean scene.%s%s",
+            ".%sn: seeds of the training, after \u00b1 the standard deviation over them; proxies "
+            "and poisons have one seed. PSNR and SSIM are means over the test views of the clean "
+            "scene. Ratios are to runs with the same seed. Memory is what the library holds.%s%s",
             format == HTML ? " " : "\n",
-            beside ? " Times and frames per second of runs that shared "
-                     "the machine are not comparable."
-                   : "",
+            !done    ? ""
+            : beside ? " Times and frames per second of runs that shared the machine are not "
+                       "comparable."
+                     : " The runs had the machine for themselves, one after the other.",
             format == HTML ? "</p>\n" : "\n");
 }
 
 void put_tables(FILE *f, const struct report *r, enum format format)
 {
     put_about(f, r, format);
-    put_published(f, r, format);
-    put_quality(f, r, format);
+    put_sides(f, r, format);
+    put_limits(f, r, format);
+    put_papers(f, r, format);
     for (size_t i = 0; i < r->n_groups; i++) {
         const struct result *x = r->groups[i].first;
         char title[256];
@@ -385,12 +276,12 @@ void put_tables(FILE *f, const struct report *r, enum format format)
         snprintf(title, sizeof(title), "%s: %s, photos %s%s%s", x->plan, x->scene, x->photos,
                  strcmp(x->model, "default") ? ", model " : "",
                  strcmp(x->model, "default") ? x->model : "");
-        heading(f, format, 2, title);
+        put_heading(f, format, 2, title);
         put_defenses(f, r, format, i);
     }
-    put_limits(f, r, format);
     put_audits(f, r, format);
     put_failures(f, r, format);
+    put_plans(f, r, format);
 }
 
 /* Spreadsheets compute what begins like a formula: a quote before it makes it a text. */

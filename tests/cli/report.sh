@@ -23,6 +23,22 @@ grep -q '^| bad | 0 of 2 | failed |' page/report.md || fail "a cell without a ru
 grep -q 's, clean, bad, default, seed 1 | failed | splatguard train: --rho' page/report.md || fail "no reason for a failure"
 grep -qE '(src|href)=|@import|fetch\(' page/report.html && fail "the page refers to something elsewhere"
 
+# Ratios are to the clean run of the same seed.
+ratio=$(ask "select printf('%.2f', avg(1.0 * a.value / b.value)) from metric a join cell c using(key) join metric b on b.name=a.name
+    join cell d on d.key=b.key and d.seed=c.seed where a.name='max_gaussians' and c.photos='noise' and c.defense='off' and d.photos='clean' and d.defense='off'")
+grep -q "^| off | 2 | [0-9]* ± [0-9]* | $ratio ± " page/report.md || fail "not $ratio of the clean runs: $(cat page/report.md)"
+grep -qF '| off | 1.00 | '"$ratio"' |' page/report.md || fail "no photos side by side: $(cat page/report.md)"
+grep -qF '| bad | --rho 7 |' page/report.md || fail "the page lacks the plan's options"
+grep -q 'Next to the paper' page/report.md && fail "a scene that is made is none of the paper's"
+cp r.db other.db && sqlite3 other.db "update plan set text=replace(text, '20', '21')"
+expect 2 report r.db other.db -o x; says 'other.db: found another plan "plan"'
+sqlite3 other.db "update job set status='failed', message='no luck' where kind='poison'; update plan set text=json_set(text, '\$.scenes.s', json('{\"path\": \"s\"}'));
+    update cell set scene='lego', photos='eps16' where photos='noise'; update cell set scene='lego' where scene='s'; update plan set text=replace(text, '{\"s\":', '{\"lego\":')"
+expect 0 report other.db -o other -q
+grep -q '^| poison | failed | no luck | splatguard attack' other/report.md || fail "no word about a poison that failed: $(cat other/report.md)"
+grep -q '^| lego, eps16, off | 2 | .* | 2.35 | 1.00 ± 0.00 | 1.00 | ' other/report.md || fail "not next to the paper: $(cat other/report.md)"
+grep -q '"paper":{"psnr":null,"growth":2.348' other/report.html || fail "no diamond"
+
 # Other reports may be replaced, other files not.
 expect 0 report r.db r.db -o page -q
 mkdir mine && echo mine >mine/report.md

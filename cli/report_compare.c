@@ -1,0 +1,334 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Tables of a report that compare: with the paper, photos side by side, at equal count. */
+#include <math.h>
+#include <string.h>
+
+#include "report.h"
+
+/* Ratios are to runs with the same seeds. */
+static void put_spread(FILE *f, enum format format, struct spread s, int digits)
+{
+    put_number(f, format, s.mean, s.deviation, digits);
+}
+
+/* ---- next to the paper ---- */
+
+static double ratio(double a, double b)
+{
+    return a > 0 && b > 0 ? a / b : NAN;
+}
+
+static void put_paper_row(FILE *f, const struct report *r, enum format format,
+                          const struct group *g, const struct paper_row *p)
+{
+    const struct group *clean = report_find(r, g, CLEAN, OFF),
+                       *off = report_find(r, g, g->first->photos, OFF);
+    const struct paper_row *paper_clean = report_paper(p->scene, CLEAN, OFF, p->model),
+                           *paper_off = report_paper(p->scene, p->photos, OFF, p->model);
+    char name[256];
+    snprintf(name, sizeof(name), "%s, %s, %s%s%s", p->scene, p->photos, p->defense,
+             strcmp(p->model, "default") ? ", " : "", strcmp(p->model, "default") ? p->model : "");
+    begin_row(f, format, name);
+    snprintf(name, sizeof(name), "%d", g->runs);
+    put_cell(f, format, name);
+    put_spread(f, format, report_shares(r, g, clean, M_MAX_GAUSSIANS), 2);
+    put_number(f, format, report_paper_growth(p), NAN, 2);
+    put_spread(f, format, report_shares(r, g, off, M_MAX_GAUSSIANS), 2);
+    put_number(f, format, paper_off ? ratio(p->gaussians, paper_off->gaussians) : NAN, NAN, 2);
+    put_number(f, format, g->mean[M_PSNR], g->deviation[M_PSNR], 2);
+    put_number(f, format, ratio(p->psnr, 1), NAN, 2);
+    put_number(f, format, g->mean[M_SSIM], g->deviation[M_SSIM], 3);
+    put_number(f, format, ratio(p->ssim, 1), NAN, 2);
+    put_spread(f, format, report_shares(r, g, off, M_FPS), 2);
+    put_number(f, format, paper_off ? ratio(p->fps, paper_off->fps) : NAN, NAN, 2);
+    put_spread(f, format, report_shares(r, g, clean, M_MEMORY), 2);
+    put_number(f, format, paper_clean ? ratio(p->megabytes, paper_clean->megabytes) : NAN, NAN, 2);
+    end_row(f, format);
+}
+
+void put_papers(FILE *f, const struct report *r, enum format format)
+{
+    static const char *const titles[] = {
+        "run",  "n",     "of clean",          "paper", "of undefended",   "paper", "PSNR", "paper",
+        "SSIM", "paper", "FPS of undefended", "paper", "memory of clean", "paper"};
+    bool any = false;
+    for (size_t i = 0; i < r->n_groups; i++) {
+        const struct group *g = &r->groups[i];
+        const struct result *x = g->first;
+        const struct paper_row *p = report_paper_of(r, x);
+        if (!p || !g->runs)
+            continue;
+        if (!any) {
+            put_heading(f, format, 2, "Next to the paper");
+            begin_table(f, format, titles, 14);
+        }
+        any = true;
+        put_paper_row(f, r, format, g, p);
+    }
+    if (!any)
+        return;
+    end_table(f, format);
+    fprintf(f,
+            "%sPaper: Chen et al. 2026, at full size, on another machine. Most Gaussians, frames "
+            "per second and memory are ratios, since sizes and machines differ. A cell is empty "
+            "where the paper has no number, or a run that it is a share of is missing.%s\n",
+            format == HTML ? "<p>" : "", format == HTML ? "</p>" : "");
+}
+
+/* ---- photos side by side ---- */
+
+#define SIDES 32 /* most kinds of photos */
+
+/* What a table is of: a scene, or all scenes with one preset. */
+struct side {
+    const struct result *first;
+    const char *preset; /* or NULL */
+};
+
+static const char *preset_of(const struct report *r, const struct result *x)
+{
+    const char *name = json_string_value(json_object_get(
+        json_object_get(json_object_get(json_object_get(r->plans, x->plan), "scenes"), x->scene),
+        "preset"));
+    return name ? name : "";
+}
+
+static bool is_of(const struct report *r, const struct side *s, const struct result *x)
+{
+    return s->preset ? !strcmp(x->plan, s->first->plan) && !strcmp(x->model, s->first->model) &&
+                           !strcmp(preset_of(r, x), s->preset)
+                     : same_scene(x, s->first);
+}
+
+static double value_of(const struct report *r, const struct group *g, enum report_metric m)
+{
+    return m == M_MAX_GAUSSIANS ? report_shares(r, g, report_find(r, g, CLEAN, OFF), m).mean
+                                : g->mean[m];
+}
+
+/* Of a scene, or the mean over scenes: NAN unless all of them have a result. */
+static double mean_of(const struct report *r, const struct side *s, const struct group *like,
+                      const char *photos, const char *defense, enum report_metric m)
+{
+    double sum = 0;
+    int n = 0;
+    if (!s->preset) {
+        const struct group *g = report_find(r, like, photos, defense);
+        return g ? value_of(r, g, m) : NAN;
+    }
+    for (size_t i = 0; i < r->n_groups; i++) {
+        const struct group *g = &r->groups[i], *one;
+        if (!is_of(r, s, g->first) || strcmp(g->first->photos, CLEAN) ||
+            strcmp(g->first->defense, OFF))
+            continue;
+        one = report_find(r, g, photos, defense);
+        sum += one ? value_of(r, one, m) : NAN;
+        n++;
+    }
+    return n ? sum / n : NAN;
+}
+
+static bool begins(const struct report *r, const struct side *s, size_t i, bool by_defense)
+{
+    for (size_t k = 0; k < i; k++) {
+        const struct result *a = r->groups[k].first, *b = r->groups[i].first;
+        if (is_of(r, s, a) &&
+            (by_defense ? !strcmp(a->defense, b->defense) : !strcmp(a->photos, b->photos)))
+            return false;
+    }
+    return is_of(r, s, r->groups[i].first);
+}
+
+static void put_side(FILE *f, const struct report *r, enum format format, const struct side *s,
+                     const char *title)
+{
+    static const struct {
+        enum report_metric metric;
+        const char *name;
+        int digits;
+    } parts[] = {{M_PSNR, "PSNR, dB", 2}, {M_SSIM, "SSIM", 3}, {M_MAX_GAUSSIANS, "of clean", 2}};
+    const char *titles[SIDES + 1] = {"defense"}, **photos = titles + 1;
+    int n = 0;
+    for (size_t i = 0; i < r->n_groups && n < SIDES; i++)
+        if (begins(r, s, i, false))
+            photos[n++] = r->groups[i].first->photos;
+    if (n < 2)
+        return;
+    put_heading(f, format, 2, title);
+    for (size_t k = 0; k < sizeof(parts) / sizeof(parts[0]); k++) {
+        put_heading(f, format, 3,
+                    parts[k].metric == M_MAX_GAUSSIANS
+                        ? "Most Gaussians, of the clean undefended run"
+                        : parts[k].name);
+        begin_table(f, format, titles, n + 1);
+        for (size_t i = 0; i < r->n_groups; i++) {
+            if (!begins(r, s, i, true))
+                continue;
+            begin_row(f, format, r->groups[i].first->defense);
+            for (int c = 0; c < n; c++)
+                put_number(f, format,
+                           mean_of(r, s, &r->groups[i], photos[c], r->groups[i].first->defense,
+                                   parts[k].metric),
+                           NAN, parts[k].digits);
+            end_row(f, format);
+        }
+        end_table(f, format);
+    }
+}
+
+/* How many scenes with that preset have a clean run. */
+static int scenes_of(const struct report *r, const struct side *s)
+{
+    int n = 0;
+    for (size_t i = 0; i < r->n_groups; i++) {
+        const struct result *x = r->groups[i].first;
+        n += is_of(r, s, x) && !strcmp(x->photos, CLEAN) && !strcmp(x->defense, OFF);
+    }
+    return n;
+}
+
+void put_sides(FILE *f, const struct report *r, enum format format)
+{
+    char title[320];
+    for (size_t i = 0; i < r->n_groups; i++) { /* means first */
+        const struct result *x = r->groups[i].first;
+        const struct side s = {x, preset_of(r, x)};
+        bool first = *s.preset;
+        for (size_t k = 0; k < i && first; k++)
+            first = !is_of(r, &s, r->groups[k].first);
+        const int n = first ? scenes_of(r, &s) : 0;
+        if (n < 2)
+            continue;
+        snprintf(title, sizeof(title), "%s: means over %d scenes of the preset %s%s%s", x->plan, n,
+                 s.preset, strcmp(x->model, "default") ? ", model " : "",
+                 strcmp(x->model, "default") ? x->model : "");
+        put_side(f, r, format, &s, title);
+    }
+    for (size_t i = 0; i < r->n_groups; i++) {
+        const struct result *x = r->groups[i].first;
+        const struct side s = {x, NULL};
+        bool first = true;
+        for (size_t k = 0; k < i && first; k++)
+            first = !is_of(r, &s, r->groups[k].first);
+        if (!first)
+            continue;
+        snprintf(title, sizeof(title), "%s: %s, photos side by side%s%s", x->plan, x->scene,
+                 strcmp(x->model, "default") ? ", model " : "",
+                 strcmp(x->model, "default") ? x->model : "");
+        put_side(f, r, format, &s, title);
+    }
+}
+
+/* ---- at equal count ---- */
+
+static bool is_limited(const struct report *r, const struct group *g)
+{
+    return g->runs && report_limit(r, g->first) > 0;
+}
+
+/* Those of one scene, from its first one on: who is better with as many Gaussians. */
+static void put_limited(FILE *f, const struct report *r, enum format format, size_t from)
+{
+    static const char *const titles[] = {"limit, defense, photos", "n", "Gaussians", "PSNR", "SSIM",
+                                         "PSNR without a defense"};
+    const struct result *scene = r->groups[from].first;
+    char name[256], n[16];
+    snprintf(name, sizeof(name), "%s: %s, limits in shares of the clean count", scene->plan,
+             scene->scene);
+    put_heading(f, format, 2, name);
+    begin_table(f, format, titles, 6);
+    for (size_t i = from; i < r->n_groups; i++) {
+        const struct group *g = &r->groups[i], *off = report_find(r, g, g->first->photos, OFF);
+        if (!is_limited(r, g) || !same_scene(g->first, scene))
+            continue;
+        snprintf(name, sizeof(name), "%.2f, %s, %s", report_limit(r, g->first), g->first->defense,
+                 g->first->photos);
+        begin_row(f, format, name);
+        snprintf(n, sizeof(n), "%d", g->runs);
+        put_cell(f, format, n);
+        put_number(f, format, g->mean[M_GAUSSIANS], g->deviation[M_GAUSSIANS], 0);
+        put_number(f, format, g->mean[M_PSNR], g->deviation[M_PSNR], 2);
+        put_number(f, format, g->mean[M_SSIM], g->deviation[M_SSIM], 4);
+        put_spread(f, format, report_pairs(r, g, off, M_PSNR), 2);
+        end_row(f, format);
+    }
+    end_table(f, format);
+    fprintf(f, "%sThe universal threshold can exceed its limit: growth stops after it is met.%s\n",
+            format == HTML ? "<p>" : "", format == HTML ? "</p>" : "");
+}
+
+void put_limits(FILE *f, const struct report *r, enum format format)
+{
+    for (size_t i = 0; i < r->n_groups; i++) {
+        bool first = is_limited(r, &r->groups[i]);
+        for (size_t k = 0; k < i && first; k++)
+            first = !is_limited(r, &r->groups[k]) ||
+                    !same_scene(r->groups[k].first, r->groups[i].first);
+        if (first)
+            put_limited(f, r, format, i);
+    }
+}
+
+/* ---- the plans ---- */
+
+static void put_options(FILE *f, enum format format, const json_t *options)
+{
+    char text[1024] = "";
+    for (size_t i = 0; i < json_array_size(options); i++) {
+        const char *word = json_string_value(json_array_get(options, i));
+        const size_t n = strlen(text);
+        snprintf(text + n, sizeof(text) - n, "%s%s", n ? " " : "", word ? word : "");
+    }
+    put_cell(f, format, text);
+}
+
+/* A table of names and their options. */
+static void put_list(FILE *f, enum format format, const char *title, const json_t *object,
+                     const char *const *members)
+{
+    const char *name, *titles[] = {title, "options", "", ""};
+    json_t *value;
+    int n = 1;
+    for (; members && members[n - 1]; n++)
+        titles[n] = members[n - 1];
+    if (!json_object_size(object))
+        return;
+    begin_table(f, format, titles, members ? n : 2);
+    json_object_foreach((json_t *) object, name, value)
+    {
+        begin_row(f, format, name);
+        if (!members)
+            put_options(f, format,
+                        json_is_array(value)              ? value
+                        : json_object_get(value, "prune") ? json_object_get(value, "prune")
+                                                          : json_object_get(value, "train"));
+        for (int i = 1; members && i < n; i++)
+            put_options(f, format, json_object_get(value, members[i - 1]));
+        end_row(f, format);
+    }
+    end_table(f, format);
+}
+
+void put_plans(FILE *f, const struct report *r, enum format format)
+{
+    static const char *const of_scenes[] = {"size", "train", "attack", NULL};
+    const char *name;
+    json_t *plan;
+    json_object_foreach(r->plans, name, plan)
+    {
+        const char *about = json_string_value(json_object_get(plan, "about"));
+        char title[256];
+        snprintf(title, sizeof(title), "The plan %s", name);
+        put_heading(f, format, 2, title);
+        fputs(format == HTML ? "<p>" : "", f);
+        put_text(f, format, about ? about : "");
+        fputs(format == HTML ? "</p>\n" : "\n\n", f);
+        json_t *all = json_pack("{s:O*}", "all trainings", json_object_get(plan, "train"));
+        put_list(f, format, "trainings", all, NULL);
+        json_decref(all);
+        put_list(f, format, "scene", json_object_get(plan, "scenes"), of_scenes);
+        put_list(f, format, "photos", json_object_get(plan, "photos"), NULL);
+        put_list(f, format, "defense", json_object_get(plan, "defenses"), NULL);
+        put_list(f, format, "model", json_object_get(plan, "models"), NULL);
+    }
+}
