@@ -56,6 +56,9 @@ struct plan {
 int plan_read(struct plan *plan, const char *path, const char *data, int shard, int shards);
 void plan_clear(struct plan *plan);
 
+/* Whether an option stands for so many times the Gaussians of the clean run: {clean}, {clean*X}. */
+bool plan_limit(const char *text, double *factor);
+
 /* Options of "--name value" lists, of which the later win; a new array. */
 json_t *options_merge(const json_t *const *lists, int n);
 

@@ -17,6 +17,7 @@ struct reader {
     struct plan *plan;
     const char *path, *data;
     int shard, shards, capacity;
+    json_t *parts; /* scenes and photos: the shard of each */
 };
 
 __attribute__((format(printf, 2, 3))) static int wrong(const struct reader *r, const char *format,
@@ -51,10 +52,21 @@ static int check_keys(const struct reader *r, const json_t *object, const char *
     return STATUS_DONE;
 }
 
-/* {clean} or {clean*X}. */
+/* {clean} or {clean*X}, X above 0. */
 static bool is_limit(const json_t *option)
 {
-    return !strncmp(json_string_value(option), "{clean", 6);
+    double factor;
+    return plan_limit(json_string_value(option), &factor);
+}
+
+bool plan_limit(const char *text, double *factor)
+{
+    int end = 0;
+    *factor = 1;
+    if (!strcmp(text, "{clean}"))
+        return true;
+    return sscanf(text, "{clean*%lf}%n", factor, &end) == 1 && end && !text[end] && *factor > 0 &&
+           *factor <= 1000;
 }
 
 /* Replaces an option by its only form: "--backend=ref" by "--engine" and "ref". Returns whether its
@@ -90,6 +102,12 @@ static int read_options(const struct reader *r, json_t *list, const char *where)
             return wrong(r, "%s[%zu]: expected a text", where, at);
         i += unify_option(list, i);
         const json_t *option = json_array_get(list, i);
+        if (!strncmp(json_string_value(option), "{", 1) && !is_limit(option) &&
+            strcmp(json_string_value(option), "{preset}") != 0)
+            return wrong(
+                r,
+                "%s[%zu]: found %s, expected {clean}, {clean*X} with X from 0 to 1000, or {preset}",
+                where, at, json_string_value(option));
         if (is_limit(option) && strncmp(where, DEFENSES ".", strlen(DEFENSES ".")))
             return wrong(r, "%s[%zu]: found %s, which only defenses can have", where, at,
                          json_string_value(option));
@@ -410,15 +428,19 @@ static int check_names(const struct reader *r, const json_t *block, size_t index
     return STATUS_DONE;
 }
 
-/* Cells of one poison are of one shard. */
+/* Cells of one poison are of one shard; shards take turns in the order of the plan. */
 static bool in_shard(const struct reader *r, const struct cell *c)
 {
     char key[33];
     json_t *name = json_pack("[s,s]", c->scene, c->photos);
     make_key(name, key);
     json_decref(name);
-    key[8] = 0;
-    return (int) (strtoul(key, NULL, 16) % (unsigned) r->shards) == r->shard;
+    const json_t *part = json_object_get(r->parts, key);
+    if (part)
+        return json_integer_value(part) == r->shard;
+    const int turn = (int) (json_object_size(r->parts) % (size_t) r->shards);
+    json_object_set_new(r->parts, key, json_integer(turn));
+    return turn == r->shard;
 }
 
 static int add_to_cells(struct reader *r, const struct cell *c, int job)
@@ -542,6 +564,9 @@ static int check_lists(const struct reader *r, const char *table)
             if (!code)
                 code = read_options(r, json_object_get(value, "prune"), where);
             const json_t *from = json_object_get(value, "from");
+            if (!code && !json_object_get(value, "train") == !json_object_get(value, "prune"))
+                code = wrong(r, "%s: expected either train or prune; prune has the run of `from`",
+                             where);
             if (!code && from &&
                 (!json_is_string(from) || !in(r->plan->root, table, json_string_value(from)) ||
                  json_object_get(in(r->plan->root, table, json_string_value(from)), "prune")))
@@ -638,13 +663,22 @@ int plan_read(struct plan *p, const char *path, const char *data, int shard, int
         return STATUS_INPUT;
     }
     const char *slash = strrchr(path, '/'), *base = slash ? slash + 1 : path;
-    p->name = strndup(base, strcspn(base, "."));
+    const size_t length = strlen(base), ending = strlen(".json");
+    p->name =
+        strndup(base, length > ending && !strcmp(base + length - ending, ".json") ? length - ending
+                                                                                  : length);
     p->folder = slash ? strndup(path, (size_t) (slash - path)) : strdup(".");
     if (!p->name || !p->folder)
         return no_memory();
-    struct reader r = {
-        .plan = p, .path = path, .data = data ? data : p->folder, .shard = shard, .shards = shards};
-    return read_plan(&r);
+    struct reader r = {.plan = p,
+                       .path = path,
+                       .data = data ? data : p->folder,
+                       .shard = shard,
+                       .shards = shards,
+                       .parts = json_object()};
+    const int code = read_plan(&r);
+    json_decref(r.parts);
+    return code;
 }
 
 void plan_clear(struct plan *p)

@@ -118,8 +118,8 @@ __attribute__((format(printf, 2, 3))) static void add(struct command_line *c, co
 static void add_option(struct scheduler *s, struct command_line *c, const struct job *j,
                        const char *text)
 {
-    double factor = 1;
-    if (strncmp(text, "{clean", 6) || (text[6] != '}' && sscanf(text + 6, "*%lf}", &factor) != 1)) {
+    double factor;
+    if (!plan_limit(text, &factor)) {
         add(c, "%s", text);
         return;
     }
@@ -540,7 +540,11 @@ static int begin(struct scheduler *s, int index)
     w->state = RUNNING, w->phase = 0, w->why = NULL, w->pid = 0;
     w->start = clock_seconds();
     s->running++;
-    w->out.beside = s->b->jobs;
+    for (int i = 0; i < s->b->plan->n; i++) {
+        struct work *other = &s->work[i];
+        if (other->state == RUNNING && other->out.beside < s->running)
+            other->out.beside = s->running;
+    }
     return advance(s, index);
 }
 
@@ -612,7 +616,32 @@ static int wait_some(struct scheduler *s)
     return code;
 }
 
-/* What is there already. A run's folder may be gone; then it runs again for those that need it. */
+/* Whether what a job has made is there. Synthetic scenes, trainings and poisons leave something
+ * that others need. */
+static bool has_folder(const struct scheduler *s, int index)
+{
+    const struct job *j = &s->b->plan->jobs[index];
+    return (j->kind == JOB_SCENE && !json_object_get(j->config, "synth")) ||
+           exists(s->work[index].folder);
+}
+
+/* Results stay when the folders of their jobs are gone. These jobs run again where others need what
+ * they made: those that have no result, or have to run again themselves. */
+static void repeat_needed(struct scheduler *s)
+{
+    const struct plan *p = s->b->plan;
+    for (int i = p->n; i-- > 0;) { /* needs come before */
+        if (s->work[i].state == DONE)
+            continue;
+        for (int k = 0; k < p->jobs[i].n_needs && s->work[i].state == WAITING; k++) {
+            const int need = p->jobs[i].needs[k];
+            if (s->work[need].state == DONE && !has_folder(s, need))
+                s->work[need].state = WAITING;
+        }
+    }
+}
+
+/* What is there already. */
 static int recall(struct scheduler *s)
 {
     const struct plan *p = s->b->plan;
@@ -627,11 +656,12 @@ static int recall(struct scheduler *s)
         const int code = store_status(s->b->store, p->jobs[i].key, status);
         if (code)
             return code;
-        if (!strcmp(status, "done") && exists(w->folder))
+        if (!strcmp(status, "done"))
             w->state = DONE;
         else if (*status && strcmp(status, "done") && !s->b->retry)
             w->state = FAILED;
     }
+    repeat_needed(s);
     return STATUS_DONE;
 }
 

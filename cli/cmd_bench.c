@@ -2,6 +2,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
+#include <sched.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
@@ -61,13 +62,14 @@ static void put_argument(const char *before, const char *word)
     put_word(stdout, word);
 }
 
-static int print_slurm(const struct bench_config *c, const char *plan)
+static int print_slurm(const struct bench_config *c, const char *plan, int threads)
 {
     char program[PATH_MAX];
     const int code = own_program(&command_bench, program, sizeof(program));
     if (code)
         return code;
     printf("#!/bin/sh\n#SBATCH --job-name=splatguard\n#SBATCH --array=1-%d\n", c->slurm);
+    printf("#SBATCH --cpus-per-task=%d\n", threads * (c->jobs ? c->jobs : 1));
     printf("# Each job writes a database of its own; splatguard report reads them together.\n");
     put_argument("exec ", program);
     put_argument(" bench ", plan);
@@ -126,9 +128,15 @@ static int run_plan(const struct bench_config *c, struct plan *p)
                       .quiet = c->quiet};
     char work[PATH_MAX], whole[PATH_MAX];
     int lock = -1;
-    const long cpus = sysconf(_SC_NPROCESSORS_ONLN);
+    cpu_set_t set;
+    const int cpus = sched_getaffinity(0, sizeof(set), &set) ? 1 : CPU_COUNT(&set);
+    if (b.memory && !p->memory) {
+        say(stderr, "splatguard bench: --max-memory: found a plan without `memory`, expected one "
+                    "that says what a job takes\n");
+        return STATUS_USAGE;
+    }
     if (!b.jobs)
-        b.jobs = cpus / p->threads > 1 ? (int) (cpus / p->threads) : 1;
+        b.jobs = cpus / p->threads > 1 ? cpus / p->threads : 1;
     if (p->alone)
         b.jobs = 1;
     snprintf(work, sizeof(work), "%s%s", c->work ? c->work : c->output, c->work ? "" : ".work");
@@ -163,13 +171,18 @@ static int run_bench(const void *config, const bool *given, const char *const *p
     if (c->shard && (sscanf(c->shard, "%d/%d%c", &shard, &shards, &rest) != 2 || shard < 1 ||
                      shards < 1 || shard > shards))
         return wrong_shard(c->shard);
+    if (c->shard && c->slurm) {
+        say(stderr, "splatguard bench: --slurm and --shard exclude each other: the script has the "
+                    "parts\n");
+        return STATUS_USAGE;
+    }
     if (!c->output && !c->list)
         return missing(&command_bench, "-o DB");
     int code = plan_read(&plan, positional[0], c->data, shard - 1, shards);
     if (!code && c->list)
         print_jobs(&plan);
     else if (!code && c->slurm)
-        code = print_slurm(c, positional[0]);
+        code = print_slurm(c, positional[0], plan.threads);
     else if (!code)
         code = run_plan(c, &plan);
     plan_clear(&plan);

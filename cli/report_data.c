@@ -263,9 +263,7 @@ double report_limit(const struct report *r, const struct result *x)
     for (size_t i = 0; i < json_array_size(options); i++) {
         const char *text = json_string_value(json_array_get(options, i));
         double share;
-        if (text && !strcmp(text, "{clean}"))
-            return 1;
-        if (text && sscanf(text, "{clean*%lf}", &share) == 1)
+        if (text && plan_limit(text, &share))
             return share;
     }
     return 0;

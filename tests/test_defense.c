@@ -581,6 +581,9 @@ static void test_automatic_tolerance(void **state)
                              tolerances, &p);
         assert_true(tolerances[0] == 0 && tolerances[1] == 0);
         assert_true(tolerances[2] == (fixed ? 20 : 0));
+        float alone[3]; /* without a filter a tolerance is better than none */
+        sg_defense_tolerances(&audit, alone);
+        assert_true((double) alone[0] == SG_TOLERANCE_MAX && alone[2] == 0);
         assert_float_equal(p.lambda * (double) weights[0], 24, 1e-5);
         assert_float_equal(p.rho, fixed ? -(0.2 / 3 + 0.35 * 2 / 3) : -(0.1 + 0.35 * 2 / 3), 1e-12);
     }

@@ -326,6 +326,19 @@ static void pruning_removes_and_repairs(void **state)
         sg_model_destroy(&one);
         sg_model_destroy(&tuned);
     }
+    /* To a number: in one round, with PUP in two; none where there are no more. */
+    for (int method = SG_PRUNER_LIGHTGAUSSIAN; method <= SG_PRUNER_SPECTRAL; method++)
+        for (uint64_t most = 7; most <= n; most += n - 7) {
+            struct sg_prune_params p = params_of((enum sg_pruner) method);
+            struct sg_prune_result r;
+            struct sg_model *m;
+            p.max_gaussians = most, p.finetune = 0, p.reduce = 1;
+            assert_int_equal(sg_prune(f.ctx, &f.scene, f.truth, &p, &m, &r), SG_OK);
+            assert_true(m->count <= most && (m->count == most || method != SG_PRUNER_PUP));
+            assert_int_equal(r.rounds, most == n ? 0 : method == SG_PRUNER_PUP ? 2 : 1);
+            assert_true(r.rounds < 2 || r.before[1] == 14);
+            sg_model_destroy(&m);
+        }
     /* Two rounds, and stopped in the second. */
     struct sg_prune_params p = params_of(SG_PRUNER_PUP);
     struct sg_prune_result r;

@@ -127,6 +127,10 @@ SG_API void sg_defense_automatic(const struct sg_audit *audit, double extent, do
                                  float *view_weights, float *tolerances,
                                  struct sg_defense_params *params);
 
+/* The tolerances of photos that training uses without preset auto: what the audit estimates, of
+ * those that are not clean. tolerances: one float per training view, grey levels. */
+SG_API void sg_defense_tolerances(const struct sg_audit *audit, float *tolerances);
+
 /* What the defense did in one iteration. */
 struct sg_defense_step {
     /* L_ani and L_tv of the render; NAN if its weight is 0, since it is not measured then; 0

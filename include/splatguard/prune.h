@@ -54,6 +54,9 @@ struct sg_prune_params {
     /* Of what a first round has left, after its fine-tuning. Published: 0.5 for PUP 3D-GS with its
      * published ratio, else 0, which is no second round. Default SG_PRUNE_PUBLISHED. */
     double second_ratio;
+    /* Most Gaussians that are left, in place of both ratios; PUP 3D-GS keeps twice as many in a
+     * first round, as its published ratios do. 0 = the ratios count. 0..4e9. Default 0. */
+    uint64_t max_gaussians;
     /* Iterations of training after each round, without densification, 0..10 million. The rates of
      * all groups but the positions shrink by 5 % every 400. Default 5000. */
     int finetune;

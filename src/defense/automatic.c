@@ -37,6 +37,12 @@ static float tolerance_of(const struct sg_audit *audit, const struct sg_audit_im
     return image->tau > 0 ? (float) fmin(most, SG_TOLERANCE_MAX) : 0;
 }
 
+void sg_defense_tolerances(const struct sg_audit *audit, float *tolerances)
+{
+    for (size_t i = 0; i < audit->count; i++)
+        tolerances[i] = tolerance_of(audit, &audit->images[i]);
+}
+
 /* Whether most photos that are not clean are changed by more than a tolerance can cover. room: for
  * a value of each photo. */
 static bool is_beyond(const struct sg_audit *audit, float *room)

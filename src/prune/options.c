@@ -31,6 +31,10 @@ static const struct sg_option prune_options[] = {
            "Share to remove in a second round, after the fine-tuning of the first; 0 = one round "
            "only; published: 0.5 for pup with its published --ratio, else 0.",
            PRUNING, .words = "published", .first_word = SG_PRUNE_PUBLISHED),
+    SG_NUMBER(SG_OPTION_U64, "max-gaussians", max_gaussians, 0, 4e9, "N",
+              "Most Gaussians that are left, in place of the ratios; with pup a first round keeps "
+              "twice as many. 0 = the ratios count.",
+              PRUNING),
     INTEGER("finetune", finetune, 0, 1e7,
             "Iterations of training after each round, without densification; 0 = none.", PRUNING),
     INTEGER("trained", trained, 0, 1e7,

@@ -140,6 +140,12 @@ static int copy_model(sg_ctx *ctx, const struct sg_model *m, struct sg_model **o
     return code;
 }
 
+/* The ratio that removes at least n - most of n Gaussians, and no more where scores differ. */
+static double ratio_to(size_t n, uint64_t most)
+{
+    return n > most ? ((double) (n - most) - 0.5) / (double) (n - 1) : 0;
+}
+
 int sg_prune(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *model,
              const struct sg_prune_params *params, struct sg_model **out,
              struct sg_prune_result *result)
@@ -157,10 +163,12 @@ int sg_prune(sg_ctx *ctx, const struct sg_scene *scene, const struct sg_model *m
                              p.second_ratio != SG_PRUNE_PUBLISHED ? p.second_ratio
                              : pup && published                   ? 0.5
                                                                   : 0};
+    const uint64_t most[2] = {pup ? 2 * p.max_gaussians : p.max_gaussians, p.max_gaussians};
     for (int round = 0; round < 2 && !code; round++) {
-        if (!(ratio[round] > 0))
+        const double share = p.max_gaussians ? ratio_to((*out)->count, most[round]) : ratio[round];
+        if (!(share > 0))
             continue;
-        code = remove_lowest(ctx, scene, &p, ratio[round], out, &r);
+        code = remove_lowest(ctx, scene, &p, share, out, &r);
         if (!code)
             sg_log(ctx, SG_LOG_INFO, "of %zu Gaussians %zu removed, %zu of which no view shows",
                    r.before[r.rounds - 1], r.removed[r.rounds - 1], r.unseen[r.rounds - 1]);

@@ -91,6 +91,8 @@ static int audit(sg_run *r, struct sg_defense_params *preset)
         r->tolerances = sg_alloc(r->ctx, SG_MEM_MISC, n, sizeof(*r->tolerances));
         if (!r->view_weights || !r->tolerances)
             code = SG_ERR_BUDGET;
+        else if (!automatic)
+            sg_defense_tolerances(found, r->tolerances);
         else
             sg_defense_automatic(found, r->scene->extent, (double) p->train.tolerance,
                                  r->view_weights, r->tolerances, &d);

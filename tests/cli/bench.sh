@@ -30,6 +30,15 @@ half="select m.value from metric m join cell c using(key) where c.defense='half'
 expect 0 bench plan.json -o once.db -q
 says '8 jobs were done before, 0 are done now'
 
+# Results stay without the folders of their jobs, which are made again for those that need them.
+cp once.db gone.db
+expect 0 bench plan.json -o gone.db -q
+says '8 jobs were done before, 0 are done now'
+ask gone.db "delete from job where key in (select key from cell where defense='lg' and photos='noise')"
+expect 0 bench plan.json -o gone.db -q
+says ' 4 are done now, 0 failed' # the scene, its poison, the run, and what is pruned of it
+[ "$(ask gone.db "select count(*) from job where status='done'")" -eq 8 ] || fail "not all jobs have a result"
+
 # Killed at any time: nothing is lost, nothing is done twice.
 for delay in 0.1 0.3 0.5 0.8 1.2; do
     "$tool" bench plan.json -o killed.db -q 2>/dev/null &
@@ -91,10 +100,14 @@ for i in 1 2 3; do "$tool" bench plan.json --list --shard $i/3; done | grep -c h
 expect 0 bench plan.json -o cluster.db --slurm 3
 grep -q 'array=1-3' out && grep -q -- '--shard ..\?SLURM_ARRAY_TASK_ID/3\|--shard .SLURM_ARRAY_TASK_ID/3' out || fail "the script is $(cat out)"
 [ ! -e cluster.db ] || fail "a script made a database"
+[ "$("$tool" bench plan.json --list --shard 1/2 | grep -c train)" -eq 2 ] || fail "the parts are not alike"
 expect 1 bench plan.json -o x.db --shard 4/3; says '--shard'
+expect 1 bench plan.json -o x.db --shard 1/3 --slurm 2; says 'exclude each other'
+expect 1 bench plan.json -o x.db --max-memory 1G; says 'found a plan without `memory`'
 expect 0 bench plan.json -o "it's.db" --slurm 2
 grep -qF "'it'\\''s.db'" out && sh -n out || fail "a quote in a name breaks the script: $(cat out)"
 
+grep -q '^#SBATCH --cpus-per-task=1$' out || fail "the script asks for no CPUs: $(cat out)"
 expect 0 bench plan.json -o c.db --slurm 2 --jobs 3 --max-memory 4G --retry --keep -q
 grep -q -- '--jobs 3 --max-memory 4[0-9]* --retry --keep --quiet$' out || fail "the script lacks options: $(cat out)"
 
@@ -146,6 +159,12 @@ sed 's/"synth".*/"path": "nowhere"}},/' plan.json >bad.json
 expect 2 bench bad.json -o x.db; says 'scenes.s: found no file in ./nowhere'
 sed 's/"clean": \[\]/"clean": [], "bad": ["--epsilon", "{clean*2}"]/' plan.json >bad.json
 expect 2 bench bad.json -o x.db; says 'photos.bad[1]: found {clean*2}, which only defenses can have'
+for limit in '{clean*-1}' '{clean*nan}' '{clean*0.5' '{claen}'; do
+    sed "s/{clean\*0.5}/$limit/" plan.json >bad.json
+    expect 2 bench bad.json -o x.db; says "found $limit, expected {clean}"
+done
+sed 's/"lg": {/"lg": {"train": [], /' plan.json >bad.json
+expect 2 bench bad.json -o x.db; says 'defenses.lg: expected either train or prune'
 sed 's/"off": \[\]/"off": ["--max-gaussians", "{clean}"]/' plan.json >bad.json
 expect 2 bench bad.json -o x.db; says 'defenses.off: expected []'
 sed 's/\["--method", "noise", "--epsilon", "16"\]/["--method"]/' plan.json >bad.json
