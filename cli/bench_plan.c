@@ -658,8 +658,11 @@ int plan_read(struct plan *p, const char *path, const char *data, int shard, int
     json_error_t error;
     *p = (struct plan){.root = json_load_file(path, JSON_REJECT_DUPLICATES, &error)};
     if (!p->root) {
-        say(stderr, "splatguard bench: %s: line %d, column %d: %s\n", path, error.line,
-            error.column, error.text);
+        if (error.line > 0)
+            say(stderr, "splatguard bench: %s: line %d, column %d: %s\n", path, error.line,
+                error.column, error.text);
+        else
+            say(stderr, "splatguard bench: %s\n", error.text);
         return STATUS_INPUT;
     }
     const char *slash = strrchr(path, '/'), *base = slash ? slash + 1 : path;

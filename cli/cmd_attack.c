@@ -102,8 +102,10 @@ static int check_method(const struct sg_attack_run_params *p, const bool *given)
             if (methods >> m & 1)
                 snprintf(expected + strlen(expected), sizeof(expected) - strlen(expected), "%s%s",
                          *expected ? " or " : "", names[m]);
-        say(stderr, "%s--%s has no effect with --method %s; it belongs to --method %s\n",
-            refused ? "splatguard attack: " : "warning: ", o->name, names[p->method], expected);
+        const bool bound = !strcmp(o->name, "epsilon"); /* which others have, but not without end */
+        say(stderr, "%s--%s %s with --method %s; it belongs to --method %s\n",
+            refused ? "splatguard attack: " : "warning: ", o->name,
+            bound ? "inf: found" : "has no effect", names[p->method], expected);
         if (refused)
             return STATUS_USAGE;
     }

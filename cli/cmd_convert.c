@@ -107,7 +107,8 @@ static int run_convert(const void *config, const bool *given, const char *const 
         error = sg_model_write(ctx, kept, out, &c->file);
     if (!error && !c->quiet)
         say(stdout, "%s: %zu of %zu Gaussians, SH degree %d, %s\n", out, kept->count, before,
-            kept->sh_degree, sg_model_format_name(c->file.format));
+            c->file.format == SG_MODEL_SPLAT ? 0 : kept->sh_degree, /* it has colours only */
+            sg_model_format_name(c->file.format));
     const int status = report(ctx, error);
     sg_model_destroy(&kept);
     sg_ctx_destroy(&ctx);

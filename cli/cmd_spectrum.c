@@ -2,6 +2,7 @@
 /* splatguard spectrum: where the energy of images is, as numbers and as a picture. */
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include "commands.h"
 
@@ -160,6 +161,11 @@ static int run_spectrum(const void *config, const bool *given, const char *const
         return code;
     if (c->output)
         code = report(ctx, sg_output_check_file(ctx, c->output));
+    const size_t length = c->output ? strlen(c->output) : 0;
+    if (!code && c->output && (length < 4 || strcasecmp(c->output + length - 4, ".png") != 0)) {
+        say(stderr, "splatguard spectrum: -o %s: expected a name that ends in .png\n", c->output);
+        code = STATUS_USAGE;
+    }
     for (int k = 0; k < count && !code; k++) {
         const int error = load(ctx, positional[k], c, &images[k]);
         code = error ? report(ctx, error) : 0;

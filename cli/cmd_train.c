@@ -123,9 +123,9 @@ static int check_options(const struct train_config *c, const bool *given)
     }
     if (unused) {
         say(stderr,
-            "splatguard train: --%s: found without a defense, expected --defense spectral or "
+            "splatguard train: --%s: found without a defense, expected --defense spectral%s or "
             "--audit defend with it\n",
-            unused);
+            unused, strncmp(unused, "tolerance-", 10) ? "" : ", --tolerance");
         return STATUS_USAGE;
     }
     if (c->run.audit == SG_RUN_AUDIT_DEFEND && !c->run.train.defense.on &&
@@ -228,8 +228,12 @@ static int train(sg_ctx *ctx, struct train_config *c, struct train_view *view)
                                                : SG_RUN_NEW;
     interrupt_catch();
     int error = sg_run_open(ctx, &c->run, start, &run);
-    if (error)
-        return report_option(ctx, &command_train, error);
+    if (error) {
+        const int code = report_option(ctx, &command_train, error);
+        if (start == SG_RUN_NEW && strstr(sg_last_error(ctx), "found an earlier run"))
+            say(stderr, "--resume continues it, --force replaces it\n");
+        return code;
+    }
     sg_run_status(run, &s);
     if (s.finished) {
         say(stderr, "%s: all %d iterations are done; --iterations asks for more\n", c->run.folder,

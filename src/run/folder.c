@@ -54,9 +54,10 @@ int sg_run_write_config(sg_ctx *ctx, const struct sg_run_params *p, const char *
 {
     json_t *options = sg_config_to_json(sg_run_config, p);
     json_object_set_new(options, "source-path", sg_place_json(p->source));
-    return sg_run_write_json(ctx, p->folder, "config.json",
-                             json_pack("{s:s,s:s,s:o}", "version", sg_version(), "cpu_variant",
-                                       variant, "options", options));
+    const int code = sg_run_write_json(ctx, p->folder, "config.json",
+                                       json_pack("{s:s,s:s,s:o}", "version", sg_version(),
+                                                 "cpu_variant", variant, "options", options));
+    return code ? code : write_cfg_args(ctx, p);
 }
 
 static int write_input(sg_ctx *ctx, const char *run, const struct sg_model *m)
@@ -214,8 +215,6 @@ int sg_run_create_files(sg_ctx *ctx, const struct sg_run_params *p, const struct
         code = sg_cameras_write_json(ctx, scene, cameras);
     if (!code)
         code = write_input(ctx, p->folder, initial);
-    if (!code)
-        code = write_cfg_args(ctx, p);
     sg_free(cameras);
     return code;
 }

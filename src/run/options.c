@@ -29,7 +29,8 @@ static const struct sg_option run_options[] = {
             GROUP("Run")),
     INTEGER("log-every", log_every, 1, 1e7, "Write a line to log.jsonl every N iterations.",
             GROUP("Run"), EXPERT),
-    SG_TEXT("init", init, "MODEL.ply", "Start from this model.", GROUP("Initialisation")),
+    SG_TEXT("init", init, "RUN|MODEL", "Start from this model, or the newest of a run.",
+            GROUP("Initialisation")),
     SG_NUMBER(SG_OPTION_BYTES, "max-memory", max_memory, 0, 9e15, "BYTES",
               "Most memory of the whole process, e.g. 1500M, 1.5G or 500MB: limits Gaussians and "
               "tile lists to what fits, and reads photos again that do not fit. 0 = no limit.",

@@ -2,6 +2,7 @@
 /* A run from its parameters to its last file. */
 #include "train.h"
 
+#include <limits.h>
 #include <string.h>
 #include <time.h>
 #include <unistd.h>
@@ -322,7 +323,9 @@ static int restore(sg_run *r)
     const char *folder = r->params.folder;
     if (!sg_run_has(r->ctx, folder, "checkpoint.bin"))
         return sg_fail(r->ctx, SG_ERR_INPUT,
-                       "%s: found no checkpoint to continue from; replace the run", folder);
+                       "%s: found no checkpoint to continue from, expected one, or to replace the "
+                       "run",
+                       folder);
     json_t *config = NULL;
     char *path = sg_strf(r->ctx, "%s/checkpoint.bin", folder);
     int code =
@@ -361,7 +364,10 @@ static int create(sg_run *r)
 {
     const struct sg_run_params *p = &r->params;
     struct sg_model *initial = NULL;
-    int code = p->init ? sg_model_read(r->ctx, p->init, UINT32_MAX, &initial) : SG_OK;
+    char path[PATH_MAX];
+    int code = p->init ? sg_run_find_model(r->ctx, p->init, 0, path, sizeof(path)) : SG_OK;
+    if (!code && p->init)
+        code = sg_model_read(r->ctx, path, UINT32_MAX, &initial);
     if (!code && initial)
         code = sg_model_check(r->ctx, initial, p->init);
     r->train.seconds_before = sg_seconds() - r->begun; /* reading photos and model */

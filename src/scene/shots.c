@@ -101,10 +101,11 @@ int sg_shots_drop_missing(sg_ctx *ctx, const struct sg_scene_params *params, str
         wanted += !shot->unused;
     }
     if (missing && (missing == wanted || params->strict))
-        return sg_fail(
-            ctx, SG_ERR_INPUT,
-            "%s: found %zu of %zu photos, the first that is missing is %s, also with other endings",
-            where, wanted - missing, wanted, shots->items[first].file);
+        return sg_fail(ctx, SG_ERR_INPUT,
+                       "%s: found %zu of %zu photos, the first that is missing is %s, also with "
+                       "other endings%s%s",
+                       where, wanted - missing, wanted, shots->items[first].file,
+                       params->images ? ", in " : "", params->images ? params->images : "");
     if (missing)
         sg_log(ctx, SG_LOG_WARN,
                "%s: %zu of %zu photos are missing and are skipped, the first is %s", where, missing,

@@ -103,7 +103,7 @@ grep -q 'array=1-3' out && grep -q -- '--shard ..\?SLURM_ARRAY_TASK_ID/3\|--shar
 [ "$("$tool" bench plan.json --list --shard 1/2 | grep -c train)" -eq 2 ] || fail "the parts are not alike"
 expect 1 bench plan.json -o x.db --shard 4/3; says '--shard'
 expect 1 bench plan.json -o x.db --shard 1/3 --slurm 2; says 'exclude each other'
-expect 1 bench plan.json -o x.db --max-memory 1G; says 'found a plan without `memory`'
+expect 1 bench plan.json -o x.db --max-memory 1G; says 'found a plan without'
 expect 0 bench plan.json -o "it's.db" --slurm 2
 grep -qF "'it'\\''s.db'" out && sh -n out || fail "a quote in a name breaks the script: $(cat out)"
 

@@ -52,6 +52,6 @@ expect 2 convert missing.ply m.ply; says 'missing.ply'
 head -c 40 m.splat >cut.splat
 expect 2 convert cut.splat c.ply; says 'cut.splat: found 40 bytes, expected a multiple of 32'
 echo precious >kept.splat
-expect 2 convert run kept.splat; says 'kept.splat: found a file that splatguard did not make'
+expect 2 convert run kept.splat; says 'kept.splat: found a file that is no picture or page of splatguard'
 [ "$(cat kept.splat)" = precious ] || fail "a file of others was replaced"
 expect 2 convert run scene/blender/m.splat; says 'in the scene'

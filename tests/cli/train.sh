@@ -145,13 +145,16 @@ expect 0 info run; grep -q 'SH degree 3' out || fail "$(cat out)"
 expect 0 info $model --json; grep -q '"nonfinite": 0' out || fail "$(cat out)"
 
 # An earlier run is never overwritten by accident; --force removes what it left.
-expect 2 train scene/blender -o run $short; says 'found an earlier run'
+expect 2 train scene/blender -o run $short; says 'found an earlier run'; says '--resume continues it'
 expect 0 train scene/colmap -o run --force --eval --iterations 20 --quiet
 [ "$(ls run/point_cloud)" = iteration_20 ] || fail "--force left $(ls run/point_cloud)"
 [ "$(grep -c '"loss"' run/log.jsonl)" = 2 ] || fail "--force left the log"
 
 # Starting from a model; CPU variants and the environment.
 expect 0 train scene/blender -o from --init run/point_cloud/iteration_20/point_cloud.ply --iterations 2 -q
+cp from/point_cloud/iteration_2/point_cloud.ply by-file.ply
+expect 0 train scene/blender -o from --init run --iterations 2 -q --force
+cmp by-file.ply from/point_cloud/iteration_2/point_cloud.ply || fail "a run begins another one differently than its file"
 SG_CPU=baseline expect 0 train scene/blender -o base --iterations 2 --init-points 100 -q --engine cpu
 grep -q '"cpu_variant": "baseline"' base/config.json || [ "$(uname -m)" != x86_64 ] || fail "SG_CPU is ignored"
 expect 1 train scene/blender -o none --iterations 2 --cpu abacus --init-points 100 -q
