@@ -255,10 +255,12 @@ static void put_about(FILE *f, const struct report *r, enum format format)
             "and poisons have one seed. PSNR and SSIM are means over the test views of the clean "
             "scene. Ratios are to runs with the same seed. Memory is what the library holds.%s%s",
             format == HTML ? " " : "\n",
-            !done    ? ""
-            : beside ? " Times and frames per second of runs that shared the machine are not "
-                       "comparable."
-                     : " The runs had the machine for themselves, one after the other.",
+            !done ? ""
+            : beside
+                ? " Times and frames per second of runs that shared the machine are not "
+                  "comparable."
+                : " One of these runs ran at a time: times can be compared if nothing else used "
+                  "the machine.",
             format == HTML ? "</p>\n" : "\n");
 }
 

@@ -405,7 +405,9 @@ class Trainer:
 
     scene: a Scene. initial: a Model to start from, or None for the scene's points. resume: a file of
     save, from which the same scene and parameters go on to the same bytes. audit: the result of
-    audit(scene): turns the defense on as preset auto would, each photo by what was found in it.
+    audit(scene): turns the defense on as preset auto would, each photo by what was found in it; or
+    "defend": audits first, and does that unless the photos look clean; or "refuse": raises
+    PoisonedError if they look poisoned. tolerance="auto": as much of each photo as an audit finds.
     tolerances, view_weights: float32 per training view. defense: turns the spectral defense on.
     params: see options("train"), and defense_preset.
     """
@@ -413,6 +415,18 @@ class Trainer:
     def __init__(self, scene, initial=None, resume=None, audit=None, tolerances=None,
                  view_weights=None, defense=False, **params):
         self.scene, self.context = scene, scene.context
+        if audit not in (None, "defend", "refuse") and not isinstance(audit, dict):
+            raise UsageError(f'audit: found {audit!r}, expected a result of audit(scene), "defend" or "refuse"')
+        if isinstance(audit, str) or params.get("tolerance") == "auto":
+            found = audit if isinstance(audit, dict) else _core.audit(scene._handle)
+            if audit == "refuse" and found["verdict"] == "poisoned":
+                raise PoisonedError(f"found poisoned photos (score {found['score']:.3f}), expected clean ones")
+            if params.get("tolerance") == "auto":
+                del params["tolerance"]
+                if tolerances is None and audit in (None, "refuse"):
+                    tolerances = memoryview(found["defense"]["tolerances"]).cast("f")
+            audit = found if audit == "defend" and found["verdict"] != "clean" else \
+                audit if isinstance(audit, dict) else None
         if audit is not None:
             found = dict(audit["defense"])
             own = {name: memoryview(found.pop(name)).cast("f")
@@ -476,15 +490,17 @@ def train(scene, callback=None, save=None, **params):
 
 def evaluate(model, scene, split="test", match_colors=False, fps=False, **params):
     """PSNR (dB) and SSIM of a Model, or of a Renderer, on the views of a split, without masked
-    pixels: {psnr, ssim, fps, corrected_psnr, corrected_ssim, views: [{name, psnr, ssim}]}.
-    match_colors: also after matching the colours of renders and photos. Renders have the appearance
+    pixels: {psnr, ssim, views: [{name, psnr, ssim}]}, and what is asked for: fps, corrected_psnr,
+    corrected_ssim. match_colors: also after matching the colours of renders and photos. Renders have the appearance
     that params ask for, also where a test photo has one of its own. fps: measures frames per
     second. params: of Renderer."""
     renderer = model if isinstance(model, Renderer) else Renderer(model, **params)
     if split not in ("train", "test"):
         raise UsageError(f'split: found {split!r}, expected "train" or "test"')
-    return _core.evaluate(scene._handle, renderer._handle, split == "test",
-                          match_colors, fps)
+    result = _core.evaluate(scene._handle, renderer._handle, split == "test",
+                            match_colors, fps)
+    unasked = ([] if fps else ["fps"]) + ([] if match_colors else ["corrected_psnr", "corrected_ssim"])
+    return {name: value for name, value in result.items() if name not in unasked}
 
 
 def audit(scene):

@@ -110,7 +110,7 @@ class Trainer:
     scene: Scene
     context: Context
     def __init__(self, scene: Scene, initial: Optional[Model] = ..., resume: Optional[Path] = ...,
-                 audit: Optional[Dict[str, Any]] = ..., tolerances: Optional[Array] = ...,
+                 audit: Union[Dict[str, Any], str, None] = ..., tolerances: Optional[Array] = ...,
                  view_weights: Optional[Array] = ..., defense: bool = ...,
                  **params: Any) -> None: ...
     def step(self) -> Step: ...

@@ -389,6 +389,29 @@ def test_audit_of_100_arrays_without_a_file(monkeypatch):
     assert bad["score"] > good["score"]
 
 
+@pytest.mark.parametrize("noise", [0, 16])
+def test_what_an_audit_decides(noise):
+    y, x = np.mgrid[0:96, 0:96]
+    r = np.random.default_rng(1)
+
+    def views():
+        for k in range(4):
+            rgb = np.stack([128 + 60 * np.sin((x + 9 * k) / 23), 128 + 60 * np.cos((y - k) / 19),
+                            100 + (x + y) / 3], -1) + noise * np.sign(r.normal(size=(96, 96, 3)))
+            yield sg.View(f"p{k}", camera(k, 96), np.clip(rgb, 0, 255).astype(np.uint8))
+
+    scene = sg.Scene.build(views())
+    few = dict(iterations=2, init_points=50)
+    if noise:
+        with pytest.raises(sg.PoisonedError):
+            sg.train(scene, audit="refuse", **few)
+    else:
+        assert len(sg.train(scene, audit="refuse", **few)) > 0
+    plain, defended = (bytes(np.asarray(sg.train(scene, **few, **how)["position"]).tobytes())
+                       for how in ({}, {"audit": "defend"}))
+    assert (plain == defended) == (not noise)
+
+
 def test_attack_keeps_its_bound_and_audit_defends():
     scene, visits = scene_of(), []
     model = sg.train(scene, **SHORT)
@@ -399,6 +422,9 @@ def test_attack_keeps_its_bound_and_audit_defends():
         difference = np.asarray(poison[view.name]).astype(int) - np.asarray(view.image)
         assert 0 < np.abs(difference).max() <= 8
     assert len(sg.train(scene, audit=sg.audit(scene), **SHORT)) > 0
+    with pytest.raises(sg.UsageError):
+        sg.train(scene, audit="refused", **SHORT)
+    assert len(sg.train(scene, tolerance="auto", **SHORT)) > 0
     preset = sg.defense_preset("mip")
     trainer = sg.Trainer(scene, defense=True, filter_interval=5, **{**SHORT, **preset})
     assert any([trainer.step()["filtered"] for _ in range(20)])
